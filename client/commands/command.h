@@ -1,0 +1,19 @@
+// The subcommands of `itn`. Each adds itself with its flags; its callback does the work and throws
+// Error for anything the user can act on.
+//
+// stdout carries results (JSON with --json), stderr progress and logs.
+#pragma once
+
+#include <CLI/CLI.hpp>
+
+namespace itn {
+
+void add_render_command(CLI::App& app);
+void add_shapes_command(CLI::App& app);
+void add_probe_command(CLI::App& app);
+void add_dataset_command(CLI::App& app);
+void add_train_command(CLI::App& app);
+void add_evaluate_command(CLI::App& app);
+void add_predict_command(CLI::App& app);
+
+}  // namespace itn

@@ -1,0 +1,39 @@
+# How our own targets are compiled, in one place.
+add_library(itn_options INTERFACE)
+target_include_directories(itn_options INTERFACE ${PROJECT_SOURCE_DIR})
+target_compile_options(itn_options INTERFACE -Wall -Wextra -Wpedantic -Wshadow -Wconversion
+                                             -Wno-sign-conversion)
+if(ITN_WERROR)
+  target_compile_options(itn_options INTERFACE -Werror)
+endif()
+if(ITN_SANITIZE)
+  target_compile_options(itn_options INTERFACE -fsanitize=${ITN_SANITIZE}
+                                               -fno-sanitize-recover=all -fno-omit-frame-pointer)
+  target_link_options(itn_options INTERFACE -fsanitize=${ITN_SANITIZE})
+endif()
+
+# itn_library(name SOURCES a.cpp ... LINK lib ...): a static library of ours.
+function(itn_library name)
+  cmake_parse_arguments(ARG "" "" "SOURCES;LINK" ${ARGN})
+  add_library(${name} STATIC ${ARG_SOURCES})
+  target_link_libraries(${name} PUBLIC itn_options ${ARG_LINK})
+endfunction()
+
+# itn_program(name SOURCES a.cpp ... LINK lib ...): a program of ours, called `name`.
+function(itn_program name)
+  cmake_parse_arguments(ARG "" "" "SOURCES;LINK" ${ARGN})
+  add_executable(${name} ${ARG_SOURCES})
+  target_link_libraries(${name} PRIVATE itn_options ${ARG_LINK})
+endfunction()
+
+# itn_test(name LABEL unit|physics|service|e2e SOURCES a.cpp ... LINK lib ...): a GoogleTest program,
+# each of its tests one CTest test with this label.
+function(itn_test name)
+  cmake_parse_arguments(ARG "" "LABEL;TIMEOUT" "SOURCES;LINK" ${ARGN})
+  if(NOT ARG_TIMEOUT)
+    set(ARG_TIMEOUT 300)
+  endif()
+  itn_program(${name} SOURCES ${ARG_SOURCES} LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
+  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60
+                       PROPERTIES LABELS ${ARG_LABEL} TIMEOUT ${ARG_TIMEOUT})
+endfunction()

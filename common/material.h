@@ -1,0 +1,29 @@
+// Optical parameters of a homogeneous scattering medium.
+#pragma once
+
+namespace itn {
+
+// The coordinates (sigma_t, albedo, g) that everything in itn computes in.
+struct Material {
+  double sigma_t = 1;  // extinction coefficient in 1/mm
+  double albedo = 0;   // single-scattering albedo
+  double g = 0;        // mean cosine of the Henyey-Greenstein phase function
+
+  double sigma_a() const { return sigma_t * (1 - albedo); }
+  double sigma_s() const { return sigma_t * albedo; }
+  double sigma_s_reduced() const { return sigma_s() * (1 - g); }
+
+  bool operator==(const Material&) const = default;
+};
+
+// What the tracer accepts. Below kMinSigmaT the derivative in sigma_t, estimated from scatterings
+// that hardly ever happen, would have an unbounded variance; beyond kMaxAbsG a float direction
+// cannot resolve the peak of the phase function (its width is about 1 - |g| radians).
+inline constexpr double kMinSigmaT = 1e-6;
+inline constexpr double kMaxSigmaT = 1e6;
+inline constexpr double kMaxAbsG = 0.99;
+
+// Throws Error (invalid input) that names the parameter and its range.
+void validate(const Material& material);
+
+}  // namespace itn

@@ -1,0 +1,54 @@
+// Triangle meshes: loading, and the checks that make one usable as the boundary of a medium.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+#include "common/vec.h"
+
+namespace itn {
+
+struct Mesh {
+  std::vector<Vec3f> vertices;                     // in mm
+  std::vector<std::array<uint32_t, 3>> triangles;  // vertex indices, counter-clockwise from outside
+};
+
+struct Bounds {
+  Vec3f min, max;
+};
+
+// Of a mesh with at least one vertex.
+Bounds bounds(const Mesh& mesh);
+
+// A 3x4 affine map, row by row: the last column is the translation.
+using Affine = std::array<double, 12>;
+
+Mesh transformed(const Mesh& mesh, const Affine& affine);
+
+// Centred over the origin (x and z), lowest point at y = 0, longest side 1 mm.
+Mesh normalized(const Mesh& mesh);
+
+// Merges vertices at exactly the same position (formats like STL repeat them) and drops triangles
+// that repeat a vertex.
+Mesh welded(const Mesh& mesh);
+
+// Reads PLY, OBJ or STL, welded. Throws Error: kIo (missing, unreadable), kInvalidInput (no
+// triangles, non-finite vertices, an index out of range).
+Mesh load_mesh(const std::filesystem::path& path);
+
+// Throws Error (invalid input) unless every index is in range, every coordinate finite, and the
+// mesh has a triangle. `what` names the mesh in the message.
+void validate_triangles(const Mesh& mesh, const std::string& what);
+
+// Throws Error (invalid input) unless the (welded) mesh bounds a volume: every edge is shared by
+// triangles that run along it in opposite directions, the same number each way; the volume enclosed
+// by every connected part is positive, or negative only where the part is a cavity inside another.
+// The message says how many edges are open and where the first is, or that the mesh is inside out.
+void validate_closed(const Mesh& mesh, const std::string& what);
+
+// Signed volume enclosed, in mm^3; positive for an outward oriented mesh.
+double signed_volume(const Mesh& mesh);
+
+}  // namespace itn

@@ -1,0 +1,89 @@
+// The renderer: an image of a scene and its derivatives with respect to the material, by path
+// integration with score functions (Che et al., ICCP 2020, Eqs. 4-7).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <stop_token>
+#include <vector>
+
+#include "common/material.h"
+#include "server/tracer/scene.h"
+
+namespace itn::tracer {
+
+// The coordinates that derivatives are accumulated in; others follow by the chain rule.
+enum Coordinate { kSigmaT, kAlbedo, kG, kCoordinates };
+
+struct RenderSettings {
+  Material material;
+  // Samples per pixel are numbered 0 .. spp-1; those in [first_sample, first_sample + sample_count)
+  // are rendered.
+  uint32_t first_sample = 0;
+  uint32_t sample_count = 16;
+  uint64_t seed = 0;
+  bool derivatives = false;
+  // Sample i contributes to estimate i mod `estimates`, in [1, 16].
+  uint32_t estimates = 1;
+  // Switches off one of the two direction sampling techniques that multiple importance sampling
+  // combines, for tests. Phase sampling alone cannot see a DirectionalBeam.
+  enum class Techniques { kBoth, kLightsOnly, kPhaseOnly } techniques = Techniques::kBoth;
+  // Threads; 0: all.
+  int threads = 0;
+};
+
+// What happened. `invalid_samples` and `leaks` are dropped (they count as 0 radiance).
+struct Counters {
+  uint64_t paths = 0;
+  uint64_t steps = 0;  // free flights inside the medium
+  uint64_t invalid_samples = 0;
+  uint64_t leaks = 0;
+  double cpu_seconds = 0;
+};
+
+// Sums over samples in fixed point: value = integer * quantum. Integer sums have no order, so they
+// do not depend on threads or tiles, and the sums of parts are the sums of the whole.
+struct FilmSums {
+  int width = 0;
+  int height = 0;
+  uint32_t first_sample = 0;
+  uint32_t sample_count = 0;
+  double quantum = 0;
+  double squares_quantum = 0;
+
+  struct EstimateSums {
+    std::vector<int64_t> radiance;
+    std::array<std::vector<int64_t>, kCoordinates> derivatives;  // empty if not asked
+  };
+  std::vector<EstimateSums> estimates;
+  std::vector<int64_t> squares;  // of radiance, over all estimates
+  std::vector<int64_t> hits;     // camera rays that meet the object
+  Counters counters;
+};
+
+// Adds the sums of an adjacent or disjoint range of samples of the same render. Throws Error
+// (internal) if the sizes, quanta or estimates differ.
+void merge(FilmSums& into, const FilmSums& part);
+
+// Number of the samples in [first, first + count) that belong to estimate k of K.
+uint64_t samples_of_estimate(uint32_t first, uint32_t count, uint32_t k, uint32_t estimates);
+
+// Means over the samples; all arrays width * height, top row first.
+struct RenderedImages {
+  struct Estimate {
+    std::vector<float> radiance;
+    std::array<std::vector<float>, kCoordinates> derivatives;  // empty if not asked
+  };
+  std::vector<Estimate> estimates;
+  std::vector<float> mask;            // fraction of camera rays that meet the object
+  std::vector<float> standard_error;  // of the mean radiance over all samples; 0 for one sample
+};
+
+RenderedImages means(const FilmSums& sums);
+
+// Renders. The result depends on the scene and the settings but for `threads`, bit for bit; the
+// random numbers of a sample depend on (seed, pixel, sample) alone. Returns within a few
+// milliseconds after a stop is requested, by throwing Error (cancelled).
+FilmSums render_grad(const Scene& scene, const RenderSettings& settings, std::stop_token stop = {});
+
+}  // namespace itn::tracer
