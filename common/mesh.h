@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "common/vec.h"
@@ -31,7 +32,7 @@ Mesh transformed(const Mesh& mesh, const Affine& affine);
 Mesh normalized(const Mesh& mesh);
 
 // Merges vertices at exactly the same position (formats like STL repeat them) and drops triangles
-// that repeat a vertex.
+// that repeat a vertex, then vertices that no triangle uses. Indices must be in range.
 Mesh welded(const Mesh& mesh);
 
 // Reads PLY, OBJ or STL, welded. Throws Error: kIo (missing, unreadable), kInvalidInput (no
@@ -44,11 +45,16 @@ void validate_triangles(const Mesh& mesh, const std::string& what);
 
 // Throws Error (invalid input) unless the (welded) mesh bounds a volume: every edge is shared by
 // triangles that run along it in opposite directions, the same number each way; the volume enclosed
-// by every connected part is positive, or negative only where the part is a cavity inside another.
-// The message says how many edges are open and where the first is, or that the mesh is inside out.
+// by every connected part is positive, or negative where the part is a cavity inside another; no
+// solid part is inside another. The message says how many edges are open and where the first is, or
+// that the mesh is inside out.
 void validate_closed(const Mesh& mesh, const std::string& what);
 
 // Signed volume enclosed, in mm^3; positive for an outward oriented mesh.
 double signed_volume(const Mesh& mesh);
+
+// How often a closed mesh winds around a point: 1 inside of an outward oriented one, 0 outside, a
+// fraction next to an open one. Takes time linear in the number of triangles.
+double winding_number(const Mesh& mesh, Vec3d p);
 
 }  // namespace itn

@@ -17,6 +17,9 @@ struct ShapeInfo {
 // In a fixed order.
 std::span<const ShapeInfo> builtin_shapes();
 
+// Throws Error (invalid input) that lists the names there are.
+void check_shape_name(std::string_view name);
+
 // Longest side 1 mm, standing on y = 0, centred over the origin; closed and outward oriented.
 // Deterministic. Throws Error (invalid input) that lists the names there are.
 Mesh make_shape(std::string_view name);
