@@ -1,0 +1,201 @@
+#include "common/learning/parameterization.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "common/error.h"
+
+namespace itn {
+namespace {
+
+Triple as_triple(const Material& m) {
+  return {m.sigma_t, m.albedo, m.g};
+}
+Material as_material(const Triple& t) {
+  return {t[0], t[1], t[2]};
+}
+
+Triple clamp(const Triple& value, const Box& box) {
+  Triple result;
+  for (size_t i = 0; i < 3; ++i) {
+    result[i] = std::clamp(value[i], box.min[i], box.max[i]);
+  }
+  return result;
+}
+
+// Drops what would push a clamped value further out: descent moves along minus the gradient.
+Triple clamp_gradient(const Triple& value, const Box& box, Triple gradient) {
+  for (size_t i = 0; i < 3; ++i) {
+    const bool outward =
+        (value[i] < box.min[i] && gradient[i] > 0) || (value[i] > box.max[i] && gradient[i] < 0);
+    if (outward) {
+      gradient[i] = 0;
+    }
+  }
+  return gradient;
+}
+
+// The smallest box of coordinates around a box of materials. Every coordinate is monotone in each
+// of sigma_t, albedo and g while the others are held, so the corners bound it.
+Box coordinate_box(v1::Parameterization parameterization, const Box& materials) {
+  Box box;
+  box.min.fill(HUGE_VAL);
+  box.max.fill(-HUGE_VAL);
+  for (unsigned corner = 0; corner < 8; ++corner) {
+    Triple at;
+    for (size_t i = 0; i < 3; ++i) {
+      at[i] = (corner >> i & 1U) != 0 ? materials.max[i] : materials.min[i];
+    }
+    const Triple c = to_coordinates(parameterization, as_material(at));
+    for (size_t i = 0; i < 3; ++i) {
+      box.min[i] = std::min(box.min[i], c[i]);
+      box.max[i] = std::max(box.max[i], c[i]);
+    }
+  }
+  return box;
+}
+
+void require_three(const char* what, int count) {
+  if (count != 3) {
+    throw invalid_input(fmt::format("model.{} has {} numbers; it must have 3", what, count));
+  }
+}
+
+}  // namespace
+
+// SIMILARITY. Two media look nearly the same deep inside when sigma_a and sigma_s (1 - g) agree
+// (the similarity relation, Wyman et al. 1989). Of all of these media take the one with g* = 0:
+//   sigma_a* = sigma_a = sigma_t (1 - albedo)
+//   sigma_s* = sigma_s (1 - g) = sigma_t albedo (1 - g)
+// so that
+//   sigma_t* = sigma_a* + sigma_s* = sigma_t (1 - albedo g)
+//   albedo*  = sigma_s* / sigma_t* = albedo (1 - g) / (1 - albedo g).
+// An image tells (sigma_t*, albedo*) well and g badly; in these coordinates the three are apart.
+Triple to_coordinates(v1::Parameterization parameterization, const Material& m) {
+  if (parameterization == v1::NAIVE) {
+    return as_triple(m);
+  }
+  const double reduction = 1 - m.albedo * m.g;
+  return {m.sigma_t * reduction, m.albedo * (1 - m.g) / reduction, m.g};
+}
+
+// With q = 1 - g and D = 1 - g (1 - albedo*):
+//   sigma_t = sigma_a + sigma_s = sigma_t* (1 - albedo*) + sigma_t* albedo* / q = sigma_t* D / q
+//   albedo  = sigma_s / sigma_t = albedo* / D.
+Material from_coordinates(v1::Parameterization parameterization, const Triple& c) {
+  if (parameterization == v1::NAIVE) {
+    return as_material(c);
+  }
+  const auto [reduced_sigma_t, reduced_albedo, g] = c;
+  const double q = 1 - g;
+  const double d = 1 - g * (1 - reduced_albedo);
+  return {reduced_sigma_t * d / q, reduced_albedo / d, g};
+}
+
+// By dD/d albedo* = g, dD/dg = -(1 - albedo*), dq/dg = -1, and
+// d(D/q)/dg = (-(1 - albedo*) q + D) / q^2 = albedo* / q^2.
+Jacobian jacobian(v1::Parameterization parameterization, const Triple& c) {
+  if (parameterization == v1::NAIVE) {
+    return {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+  }
+  const auto [reduced_sigma_t, reduced_albedo, g] = c;
+  const double q = 1 - g;
+  const double d = 1 - g * (1 - reduced_albedo);
+  return {{{d / q, reduced_sigma_t * g / q, reduced_sigma_t * reduced_albedo / (q * q)},
+           {0, q / (d * d), reduced_albedo * (1 - reduced_albedo) / (d * d)},
+           {0, 0, 1}}};
+}
+
+Box to_box(const v1::MaterialRange& range) {
+  return {{range.sigma_t().min(), range.albedo().min(), range.g().min()},
+          {range.sigma_t().max(), range.albedo().max(), range.g().max()}};
+}
+
+v1::MaterialRange prediction_bounds(const v1::MaterialRange& training_range) {
+  // Chosen so that the paper's ranges (30..276, .39..95, 0...8) become the paper's clamps.
+  constexpr double kSigmaTBelow = 20.0 / 30.0, kSigmaTAbove = 300.0 / 276.0;
+  constexpr double kAlbedoBelow = 0.04, kAlbedoAbove = 0.02, kG = 0.1;
+  // An albedo of 1 has paths that do not end by absorption; of 0, no derivative in g.
+  constexpr double kMinAlbedo = 0.001, kMaxAlbedo = 0.999, kMaxG = 0.95;
+  v1::MaterialRange bounds;
+  const auto set = [](v1::Interval* interval, double min, double max) {
+    interval->set_min(min);
+    interval->set_max(max);
+  };
+  const v1::MaterialRange& r = training_range;
+  set(bounds.mutable_sigma_t(), r.sigma_t().min() * kSigmaTBelow, r.sigma_t().max() * kSigmaTAbove);
+  set(bounds.mutable_albedo(), std::max(r.albedo().min() - kAlbedoBelow, kMinAlbedo),
+      std::min(r.albedo().max() + kAlbedoAbove, kMaxAlbedo));
+  set(bounds.mutable_g(), std::max(r.g().min() - kG, -kMaxG), std::min(r.g().max() + kG, kMaxG));
+  return bounds;
+}
+
+OutputSpace::OutputSpace(const v1::Model& model)
+    : parameterization_(model.parameterization()), material_box_(to_box(model.bounds())) {
+  if (parameterization_ != v1::NAIVE && parameterization_ != v1::SIMILARITY) {
+    throw invalid_input("model.parameterization must be NAIVE or SIMILARITY");
+  }
+  require_three("mean", model.mean_size());
+  require_three("standard_deviation", model.standard_deviation_size());
+  for (int i = 0; i < 3; ++i) {
+    mean_[i] = model.mean(i);
+    standard_deviation_[i] = model.standard_deviation(i);
+    if (!std::isfinite(mean_[i]) || !(standard_deviation_[i] > 0) ||
+        !std::isfinite(standard_deviation_[i])) {
+      throw invalid_input("model.mean must be finite and model.standard_deviation positive");
+    }
+    if (!(material_box_.min[i] <= material_box_.max[i])) {
+      throw invalid_input("model.bounds: min must not exceed max");
+    }
+  }
+  validate(as_material(material_box_.min));
+  validate(as_material(material_box_.max));
+  coordinate_box_ = coordinate_box(parameterization_, material_box_);
+}
+
+Triple OutputSpace::standardized(const Material& material) const {
+  Triple c = to_coordinates(parameterization_, material);
+  for (size_t i = 0; i < 3; ++i) {
+    c[i] = (c[i] - mean_[i]) / standard_deviation_[i];
+  }
+  return c;
+}
+
+Triple OutputSpace::coordinates(const Triple& output) const {
+  Triple c;
+  for (size_t i = 0; i < 3; ++i) {
+    if (!std::isfinite(output[i])) {
+      throw invalid_input("the network's prediction is not finite");
+    }
+    c[i] = mean_[i] + standard_deviation_[i] * output[i];
+  }
+  return c;
+}
+
+Material OutputSpace::material(const Triple& output) const {
+  const Triple inside = clamp(coordinates(output), coordinate_box_);
+  return as_material(clamp(as_triple(from_coordinates(parameterization_, inside)), material_box_));
+}
+
+Triple OutputSpace::output_gradient(const Triple& output, const Triple& material_gradient) const {
+  const Triple raw = coordinates(output);
+  const Triple inside = clamp(raw, coordinate_box_);
+  const Triple by_material = clamp_gradient(as_triple(from_coordinates(parameterization_, inside)),
+                                            material_box_, material_gradient);
+  const Jacobian j = jacobian(parameterization_, inside);
+  Triple by_coordinate{};
+  for (size_t i = 0; i < 3; ++i) {
+    for (size_t k = 0; k < 3; ++k) {
+      by_coordinate[i] += j[k][i] * by_material[k];
+    }
+  }
+  Triple gradient = clamp_gradient(raw, coordinate_box_, by_coordinate);
+  for (size_t i = 0; i < 3; ++i) {
+    gradient[i] *= standard_deviation_[i];
+  }
+  return gradient;
+}
+
+}  // namespace itn

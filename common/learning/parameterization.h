@@ -1,0 +1,66 @@
+// The coordinates that a network predicts materials in, and the way from its raw outputs to a
+// material that can be rendered.
+#pragma once
+
+#include <array>
+
+#include "common/material.h"
+#include "itn/v1/experiment.pb.h"
+
+namespace itn {
+
+// (sigma_t, albedo, g), or coordinates that stand for them.
+using Triple = std::array<double, 3>;
+
+// jacobian[i][j] = d (sigma_t, albedo, g)_i / d coordinate_j.
+using Jacobian = std::array<Triple, 3>;
+
+// Requires albedo * g < 1.
+Triple to_coordinates(v1::Parameterization parameterization, const Material& material);
+
+// The exact inverse. Requires g < 1 and, for SIMILARITY, a reduced albedo in (0, 1].
+Material from_coordinates(v1::Parameterization parameterization, const Triple& coordinates);
+
+// Of from_coordinates, under the same requirements.
+Jacobian jacobian(v1::Parameterization parameterization, const Triple& coordinates);
+
+struct Box {
+  Triple min{}, max{};
+};
+
+Box to_box(const v1::MaterialRange& range);
+
+// Where predictions are kept for rendering: the range of the training materials and a margin. For
+// the ranges of Che et al. 2020 it is the box that they use: sigma_t [20, 300], albedo [.35, .97],
+// g [-.1, .9].
+v1::MaterialRange prediction_bounds(const v1::MaterialRange& training_range);
+
+// What the raw outputs of a network mean: standardised coordinates, clamped to a box of materials.
+class OutputSpace {
+ public:
+  // Throws Error (invalid input) if the model's numbers are missing or do not make sense.
+  explicit OutputSpace(const v1::Model& model);
+
+  // What the network should answer for this material.
+  Triple standardized(const Material& material) const;
+
+  // The material that an output stands for, clamped. Throws Error (invalid input) if it is not
+  // finite.
+  Material material(const Triple& output) const;
+
+  // The gradient of a loss in the output, from its gradient in (sigma_t, albedo, g) at
+  // material(output). Where the output is clamped, the part of the gradient whose descent would
+  // push it further out is dropped; the part that pulls it back passes.
+  Triple output_gradient(const Triple& output, const Triple& material_gradient) const;
+
+ private:
+  Triple coordinates(const Triple& output) const;
+
+  v1::Parameterization parameterization_;
+  Triple mean_{}, standard_deviation_{};
+  Box material_box_;    // predictions end here
+  Box coordinate_box_;  // the smallest that contains the material box; from_coordinates is safe in
+                        // it
+};
+
+}  // namespace itn

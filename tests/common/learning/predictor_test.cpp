@@ -1,0 +1,124 @@
+#include "common/learning/predictor.h"
+
+#include <cmath>
+#include <random>
+
+#include <gmock/gmock.h>
+
+#include "common/error.h"
+#include "tests/common/learning/model_for_tests.h"
+
+namespace itn {
+namespace {
+
+using testing::HasSubstr;
+
+struct Pixels {
+  int width, height, channels;
+  std::vector<float> values, mask;
+  Photograph photograph() const { return {width, height, channels, values, mask}; }
+};
+
+// A disc with a smooth pattern that is the same at every resolution.
+Pixels disc(int width, int height, int channels, double centre_x, double centre_y, double radius) {
+  Pixels p{width, height, channels, {}, {}};
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const double u = (x + 0.5 - centre_x) / radius, v = (y + 0.5 - centre_y) / radius;
+      p.mask.push_back(u * u + v * v < 1 ? 1.0F : 0.0F);
+      for (int c = 0; c < channels; ++c) {
+        p.values.push_back(static_cast<float>(1.5 + std::sin(2 * u + c) + v * 0.3));
+      }
+    }
+  }
+  return p;
+}
+
+TEST(Predictor, AnswersInsideItsBoundsOneMaterialPerChannel) {
+  Predictor predictor(small_model());
+  const std::vector<Material> gray = predictor.predict(disc(16, 16, 1, 8, 8, 5.4).photograph());
+  ASSERT_EQ(gray.size(), 1);
+  EXPECT_NO_THROW(validate(gray[0]));
+  EXPECT_EQ(predictor.predict(disc(16, 16, 3, 8, 8, 5.4).photograph()).size(), 3);
+}
+
+TEST(Predictor, TakesEachChannelByItself) {
+  Predictor predictor(small_model());
+  const Pixels colour = disc(16, 16, 3, 8, 8, 5.4);
+  const std::vector<Material> all = predictor.predict(colour.photograph());
+  for (size_t c = 0; c < 3; ++c) {
+    Pixels one{16, 16, 1, {}, colour.mask};
+    for (size_t i = c; i < colour.values.size(); i += 3) {
+      one.values.push_back(colour.values[i]);
+    }
+    const Material alone = predictor.predict(one.photograph())[0];
+    EXPECT_NEAR(alone.sigma_t, all[c].sigma_t, 1e-3);
+    EXPECT_NEAR(alone.albedo, all[c].albedo, 1e-5);
+  }
+}
+
+TEST(Predictor, AveragesALargerImageDown) {
+  Predictor predictor(small_model());
+  const Pixels small = disc(16, 16, 1, 8, 8, 5.4);
+  // Each pixel four times.
+  Pixels large{32, 32, 1, {}, {}};
+  for (int y = 0; y < 32; ++y) {
+    for (int x = 0; x < 32; ++x) {
+      large.values.push_back(small.values[(y / 2) * 16 + x / 2]);
+      large.mask.push_back(small.mask[(y / 2) * 16 + x / 2]);
+    }
+  }
+  EXPECT_NEAR(predictor.predict(large.photograph())[0].sigma_t,
+              predictor.predict(small.photograph())[0].sigma_t, 1e-3);
+}
+
+TEST(Predictor, DoesNotDependOnWhereInAWideImageTheObjectIs) {
+  Predictor predictor(small_model());
+  const double a = predictor.predict(disc(96, 64, 1, 40, 32, 16).photograph())[0].sigma_t;
+  const double b = predictor.predict(disc(96, 64, 1, 70, 20, 16).photograph())[0].sigma_t;
+  EXPECT_NEAR(a, b, 1e-3);
+  // At the border of the image too, where the cut-out reaches beyond it.
+  const double c = predictor.predict(disc(96, 64, 1, 80, 48, 16).photograph())[0].sigma_t;
+  EXPECT_NEAR(a, c, 1e-3);
+}
+
+TEST(Predictor, SaysWhatIsWrongWithAnImage) {
+  Predictor predictor(small_model());
+  const Pixels good = disc(16, 16, 1, 8, 8, 5.4);
+  struct Row {
+    const char* message;
+    std::function<void(Pixels&)> spoil;
+  };
+  const Row rows[] = {
+      {"image is nan at pixel (3, 2)", [](Pixels& p) { p.values[2 * 16 + 3] = NAN; }},
+      {"image is inf at pixel", [](Pixels& p) { p.values[0] = INFINITY; }},
+      {"image is -1 at pixel (0, 0)", [](Pixels& p) { p.values[0] = -1; }},
+      {"mask is 2 at pixel (1, 0)", [](Pixels& p) { p.mask[1] = 2; }},
+      {"mask is empty", [](Pixels& p) { p.mask.assign(p.mask.size(), 0); }},
+      {"mask has 5 values", [](Pixels& p) { p.mask.resize(5); }},
+      {"image has 255 values", [](Pixels& p) { p.values.pop_back(); }},
+      {"has 2 channels", [](Pixels& p) { p.channels = 2; }},
+      {"0 x 16 pixels", [](Pixels& p) { p.width = 0; }},
+      {"16 x 100000 pixels", [](Pixels& p) { p.height = 100000; }},
+  };
+  for (const Row& row : rows) {
+    Pixels bad = good;
+    row.spoil(bad);
+    try {
+      predictor.predict(bad.photograph());
+      ADD_FAILURE() << row.message;
+    } catch (const Error& error) {
+      EXPECT_EQ(error.kind(), ErrorKind::kInvalidInput);
+      EXPECT_THAT(error.what(), HasSubstr(row.message));
+    }
+  }
+}
+
+TEST(Predictor, NamesItselfByModelAndStep) {
+  v1::Model model = small_model();
+  model.set_step(12);
+  EXPECT_EQ(Predictor(model).name(), "test, step 12");
+}
+
+}  // namespace
+}  // namespace itn
