@@ -48,15 +48,16 @@ struct FilmSums {
   int height = 0;
   uint32_t first_sample = 0;
   uint32_t sample_count = 0;
-  double quantum = 0;
-  double squares_quantum = 0;
+  double quantum = 0;          // of radiance; a power of two
+  double squares_quantum = 0;  // of squares
+  std::array<double, kCoordinates> derivative_quanta{};
 
   struct EstimateSums {
     std::vector<int64_t> radiance;
     std::array<std::vector<int64_t>, kCoordinates> derivatives;  // empty if not asked
   };
   std::vector<EstimateSums> estimates;
-  std::vector<int64_t> squares;  // of radiance, over all estimates
+  std::vector<int64_t> squares;  // of radiance, over all estimates; each at most 2^42 quanta
   std::vector<int64_t> hits;     // camera rays that meet the object
   Counters counters;
 };

@@ -1,0 +1,35 @@
+#include "server/tracer/camera.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "common/error.h"
+
+namespace itn::tracer {
+
+Camera::Camera(const CameraDescription& camera, const FilmDescription& film)
+    : origin_(camera.origin) {
+  if (!is_finite(camera.origin) || !is_finite(camera.target) || !is_finite(camera.up)) {
+    throw invalid_input("camera: origin, target and up must be finite");
+  }
+  if (!(camera.fov > 0 && camera.fov < std::numbers::pi)) {
+    throw invalid_input(
+        fmt::format("camera: the field of view is {} radians; it must be in (0, pi)", camera.fov));
+  }
+  const Vec3d view = camera.target - camera.origin;
+  const Vec3d sideways = cross(view, camera.up);
+  if (!(length(sideways) > 1e-9 * length(view) * length(camera.up))) {
+    throw invalid_input(
+        "camera: target must differ from origin, and up not be parallel to the view");
+  }
+  forward_ = itn::normalize(view);
+  right_ = itn::normalize(sideways);
+  down_ = cross(forward_, right_);
+  half_width_ = std::tan(camera.fov / 2);
+  scale_ = 2 * half_width_ / film.width;
+  half_height_ = scale_ * film.height / 2;
+}
+
+}  // namespace itn::tracer

@@ -1,0 +1,27 @@
+// Pinhole camera. Image x grows along cross(target - origin, up), image y downwards.
+#pragma once
+
+#include "common/vec.h"
+#include "server/tracer/scene.h"
+
+namespace itn::tracer {
+
+class Camera {
+ public:
+  // Throws Error (invalid input) if the view is degenerate.
+  Camera(const CameraDescription& camera, const FilmDescription& film);
+
+  // Unit direction through film position (x, y) in pixels; pixel (i, j) covers [i, i+1) x [j, j+1).
+  // In double: seen from 33 mm away, a float would move the point by micrometres.
+  Vec3d direction(double x, double y) const {
+    return itn::normalize(forward_ + right_ * (x * scale_ - half_width_) +
+                          down_ * (y * scale_ - half_height_));
+  }
+  Vec3d origin() const { return origin_; }
+
+ private:
+  Vec3d origin_, forward_, right_, down_;
+  double half_width_, half_height_, scale_;  // of the film at unit distance
+};
+
+}  // namespace itn::tracer

@@ -1,0 +1,94 @@
+// Where a straight line crosses the boundary of the medium and meets surfaces.
+//
+// Rounding makes a point near the boundary lie on either side of it, and the order of crossings
+// that nearly coincide uncertain. Three rules keep a line consistent:
+//   1. Inside the medium only exits count (normal . direction > 0), outside only entries.
+//   2. A line has one origin; crossings are found at growing distance along it: an exit no earlier
+//      than the entry before it less `slack`, an entry after every earlier entry and no earlier
+//      than the exit before it less `slack`. Entries grow strictly, so every line ends.
+//   3. `slack`, a few units in the last place of the coordinates, also reaches behind the origin,
+//   so
+//      that a point that rounding has put just beyond the boundary still finds its crossing there.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "common/mesh.h"
+#include "common/vec.h"
+#include "server/tracer/scene.h"
+
+namespace itn::tracer {
+
+// A triangle of one of the opaque surfaces.
+struct SurfaceTriangle {
+  static constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
+  uint32_t surface = kNone;
+  uint32_t triangle = kNone;
+};
+
+// What a point that light starts from knows of where it is.
+struct Place {
+  Vec3f position;
+  bool inside = false;  // the medium
+  SurfaceTriangle on;   // the triangle it lies on, which a line from it cannot meet again
+};
+
+// How a straight line through the scene ended.
+struct Travel {
+  enum class End {
+    kSpent,    // the path length in the medium reached the budget
+    kSurface,  // met an opaque surface
+    kEscaped,  // left the scene
+    kLeaked,   // no exit in front though believed inside: rounding has misplaced the point
+  } end = End::kEscaped;
+  Place place;           // where it ended; not set if escaped or leaked
+  float in_medium = 0;   // length travelled inside the medium, in mm
+  bool entered = false;  // the medium was entered or started in
+};
+
+class Geometry {
+ public:
+  // The object bounds a volume (validate_closed).
+  Geometry(Mesh object, const std::vector<DiffuseSurface>& surfaces);
+  ~Geometry();
+  Geometry(const Geometry&) = delete;
+  Geometry& operator=(const Geometry&) = delete;
+
+  // Follows a straight line until `budget` mm of it lie in the medium, or to a surface, or out of
+  // the scene. `direction` is of unit length.
+  Travel travel(const Place& from, Vec3f direction, float budget) const;
+
+  // The first surface on the line from `origin` (outside the medium) within `length` mm, as
+  // End::kSurface; else End::kSpent. Ignores the boundary of the medium.
+  Travel travel_to_surface(Vec3f origin, Vec3f direction, float length) const;
+
+  const Bounds& object_bounds() const { return bounds_; }
+  // Whether a point that is far from the boundary, compared to rounding, lies in the medium.
+  bool contains(Vec3d point) const;
+
+  // Unit normal of a surface's triangle, on the side that `direction` arrives at.
+  Vec3f facing_normal(SurfaceTriangle at, Vec3f direction) const;
+
+  size_t memory() const;
+
+ private:
+  struct Line;
+  struct Hit;
+  class Embree;
+
+  // False if a point certainly lies outside the medium.
+  bool may_contain(Vec3f point) const;
+  Place surface_place(const Line& line, const Hit& hit, bool inside) const;
+
+  std::unique_ptr<Embree> embree_;
+  Mesh object_;
+  std::vector<Mesh> surfaces_;
+  std::vector<std::vector<Vec3f>> surface_normals_;  // of every triangle
+  Bounds bounds_;
+  float extent_;  // largest absolute coordinate of the object
+};
+
+}  // namespace itn::tracer

@@ -1,0 +1,279 @@
+// The radiance is an integral over paths x,
+//
+//   T(pi) = integral of f(x; pi) dx,    f = L_e * product of the factors along the path,
+//
+// and its derivative that of f S with the score S = d log f / d pi, estimated with the same paths
+// (Che et al., ICCP 2020, Eqs. 4-7). As paths are drawn with the current pi, the factors cancel
+// against the densities, up to a weight, and the scores are running sums over the path:
+//
+//   free flight: density sigma_t exp(-sigma_t l) if it ends in a scattering, probability
+//     exp(-sigma_t l) if it leaves the medium first, l being the length inside. So
+//     S_sigma_t += 1/sigma_t - l, or -l;
+//   scattering: factor albedo p(cos_theta; g). The weight W takes the albedo; S_g += d log p / dg;
+//   albedo: W is a power of it, and dW/d albedo is carried along instead of a score, which would
+//     divide by an albedo of 0;
+//   a connection to the light has a segment and a scattering angle of its own, which add to the
+//     scores of its contribution.
+//
+// Sampling densities, roulette and the weights of multiple importance sampling are functions of the
+// current pi that are not differentiated: they only choose how the integral of f S is estimated.
+#include "server/tracer/path.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "common/error.h"
+#include "server/tracer/phase.h"
+
+namespace itn::tracer {
+namespace {
+
+constexpr float kPi = std::numbers::pi_v<float>;
+
+// A connection through more than this many mean free paths carries less than exp(-50) of its light,
+// which is below the rounding of any sum it could be added to.
+constexpr float kMaxOpticalDepth = 50;
+
+// Roulette begins when the weight falls below this ...
+constexpr float kRouletteWeight = 0.1F;
+// ... where dW/d albedo counts with this factor: in thick media of high albedo the derivative comes
+// from long paths, whose W is small but whose dW/d albedo is not.
+constexpr float kRouletteDerivative = 0.05F;
+
+// How many vertices are visited between two looks at the stop token: well under a millisecond.
+constexpr uint32_t kStopInterval = 512;
+
+// Purposes of random numbers at a vertex.
+enum Purpose : uint32_t { kFilm, kWalk, kConnection };
+
+class Walk {
+ public:
+  Walk(const Scene::Compiled& scene, const RenderSettings& settings, const SampleRandom& random)
+      : scene_(scene),
+        settings_(settings),
+        random_(random),
+        sigma_t_(static_cast<float>(settings.material.sigma_t)),
+        albedo_(static_cast<float>(settings.material.albedo)),
+        g_(static_cast<float>(settings.material.g)) {}
+
+  PathEstimate run(int x, int y, const std::stop_token& stop) {
+    if (!start_at_camera(x, y)) {
+      return result_;
+    }
+    for (vertex_ = 1;; ++vertex_) {
+      if (vertex_ % kStopInterval == 0 && stop.stop_requested()) {
+        throw Error(ErrorKind::kCancelled, "the render was stopped");
+      }
+      const Uniforms u = random_.at(vertex_, kWalk);
+      const Travel travel = fly(u[0]);
+      switch (travel.end) {
+        case Travel::End::kLeaked: result_.leaked = true; return result_;
+        case Travel::End::kEscaped: add_escape(); return result_;
+        case Travel::End::kSurface: reflect(travel.place, u[1], u[2]); break;
+        case Travel::End::kSpent: scatter(travel.place, u[1], u[2]); break;
+      }
+      if (result_.leaked || !survive(u[3])) {
+        return result_;
+      }
+    }
+  }
+
+ private:
+  // Camera rays start where they reach the box of the object, so that their entry is as precise as
+  // the object's coordinates, unless a surface stands in between. False if the path ended there.
+  bool start_at_camera(int x, int y) {
+    const Uniforms u = random_.at(0, kFilm);
+    const Vec3d direction = scene_.camera.direction(x + double{u[0]}, y + double{u[1]});
+    const Vec3d origin = scene_.camera.origin();
+    direction_ = static_cast<Vec3f>(direction);
+    place_ = {static_cast<Vec3f>(origin), scene_.camera_inside, {}};
+    const double distance = scene_.camera_inside ? 0 : distance_to_object_box(origin, direction);
+    if (distance > 0) {
+      const Travel to_box = scene_.geometry.travel_to_surface(place_.position, direction_,
+                                                              static_cast<float>(distance));
+      if (to_box.end == Travel::End::kSurface) {
+        const Uniforms v = random_.at(0, kWalk);
+        reflect(to_box.place, v[1], v[2]);
+        return !result_.leaked && survive(v[3]);
+      }
+      place_.position = static_cast<Vec3f>(origin + direction * distance);
+    }
+    return true;
+  }
+
+  // Distance along the ray to the object's bounding box, a little enlarged; 0 if the ray misses it
+  // or starts in it.
+  double distance_to_object_box(Vec3d o, Vec3d d) const {
+    const Bounds& box = scene_.geometry.object_bounds();
+    const auto low = static_cast<Vec3d>(box.min), high = static_cast<Vec3d>(box.max);
+    const double margin = 1e-3 * length(high - low);
+    double near = 0, far = std::numeric_limits<double>::infinity();
+    const auto clip = [&](double origin, double slope, double from, double to) {
+      const double a = (from - margin - origin) / slope, b = (to + margin - origin) / slope;
+      near = std::max(near, std::min(a, b));
+      far = std::min(far, std::max(a, b));
+    };
+    clip(o.x, d.x, low.x, high.x);
+    clip(o.y, d.y, low.y, high.y);
+    clip(o.z, d.z, low.z, high.z);
+    return near <= far ? near : 0;
+  }
+
+  // One free flight. As flights are memoryless, one path length serves for all the parts of the
+  // line that lie inside the medium.
+  Travel fly(float u) {
+    const Travel travel = scene_.geometry.travel(place_, direction_, -std::log(1 - u) / sigma_t_);
+    if (travel.entered) {
+      ++result_.steps;
+      score_sigma_t_ -= travel.in_medium;
+    }
+    if (travel.end == Travel::End::kSpent) {
+      score_sigma_t_ += 1 / sigma_t_;
+    }
+    if (vertex_ == 1 && on_camera_ray_) {
+      result_.hit = travel.entered;
+    }
+    return travel;
+  }
+
+  // Light that the walk meets by itself, after leaving the scene.
+  void add_escape() {
+    float mis_weight = 1;
+    if (!on_camera_ray_) {
+      switch (settings_.techniques) {
+        case RenderSettings::Techniques::kLightsOnly: return;
+        case RenderSettings::Techniques::kPhaseOnly: break;
+        case RenderSettings::Techniques::kBoth:
+          mis_weight = density_ / (density_ + scene_.lights.pdf(direction_));
+          break;
+      }
+    }
+    add(scene_.lights.radiance(direction_) * mis_weight, score_sigma_t_, score_g_);
+  }
+
+  // A scattering in the medium: connects to the light, then draws the next direction.
+  void scatter(const Place& place, float u0, float u1) {
+    weight_derivative_ = weight_derivative_ * albedo_ + weight_;
+    weight_ *= albedo_;
+    place_ = place;
+    connect([&](Vec3f to_light) {
+      const float cosine = dot(direction_, to_light);
+      return Response{hg_phase(cosine, g_), hg_phase(cosine, g_), hg_score(cosine, g_)};
+    });
+
+    const float cosine = sample_hg(u0, g_);
+    const float sine = std::sqrt(std::max(0.0F, 1 - cosine * cosine));
+    const float phi = 2 * kPi * u1;
+    direction_ = itn::normalize(
+        Basis<float>(direction_).to_world(sine * std::cos(phi), sine * std::sin(phi), cosine));
+    density_ = hg_phase(cosine, g_);
+    score_g_ += hg_score(cosine, g_);
+    on_camera_ray_ = false;
+  }
+
+  // A diffuse reflection: likewise, with the cosine law.
+  void reflect(const Place& place, float u0, float u1) {
+    const float reflectance = scene_.reflectances[place.on.surface];
+    weight_ *= reflectance;
+    weight_derivative_ *= reflectance;
+    const Vec3f normal = scene_.geometry.facing_normal(place.on, direction_);
+    place_ = place;
+    connect([&](Vec3f to_light) {
+      const float density = std::max(0.0F, dot(normal, to_light)) / kPi;
+      return Response{density, density, 0};
+    });
+
+    const float cosine = std::sqrt(1 - u0);  // density cosine / pi: cosine^2 is uniform
+    const float sine = std::sqrt(u0);
+    const float phi = 2 * kPi * u1;
+    direction_ = itn::normalize(
+        Basis<float>(normal).to_world(sine * std::cos(phi), sine * std::sin(phi), cosine));
+    density_ = cosine / kPi;
+    on_camera_ray_ = false;
+  }
+
+  // What a vertex does with light from a direction.
+  struct Response {
+    float value;    // fraction scattered per steradian, the weight apart
+    float density;  // with which the walk would go there by itself, per steradian
+    float score_g;  // d log value / dg
+  };
+
+  // Next-event estimation: light along one direction drawn from the lights, dimmed by the medium.
+  template <typename RespondTo>
+  void connect(const RespondTo& respond_to) {
+    if (settings_.techniques == RenderSettings::Techniques::kPhaseOnly) {
+      return;
+    }
+    const Uniforms u = random_.at(vertex_, kConnection);
+    const LightSample light = scene_.lights.sample(u[0], u[1], u[2]);
+    const Response response = respond_to(light.direction);
+    if (!(light.weight * response.value > 0)) {
+      return;
+    }
+    const Travel travel =
+        scene_.geometry.travel(place_, light.direction, kMaxOpticalDepth / sigma_t_);
+    if (travel.end == Travel::End::kLeaked) {
+      result_.leaked = true;
+    }
+    if (travel.end != Travel::End::kEscaped) {
+      return;
+    }
+    const bool competes =
+        light.pdf > 0 && settings_.techniques == RenderSettings::Techniques::kBoth;
+    const float mis_weight = competes ? light.pdf / (light.pdf + response.density) : 1;
+    const float transmittance = std::exp(-sigma_t_ * travel.in_medium);
+    add(light.weight * response.value * transmittance * mis_weight,
+        score_sigma_t_ - travel.in_medium, score_g_ + response.score_g);
+  }
+
+  // Adds light that arrives along the path with the given scores.
+  void add(float light, float score_sigma_t, float score_g) {
+    const double contribution = double{weight_} * double{light};
+    result_.radiance += contribution;
+    result_.derivatives[kSigmaT] += contribution * double{score_sigma_t};
+    result_.derivatives[kAlbedo] += double{weight_derivative_} * double{light};
+    result_.derivatives[kG] += contribution * double{score_g};
+  }
+
+  // Russian roulette: a path of low weight ends, or goes on with the weight of those that ended.
+  bool survive(float u) {
+    const float importance = std::max(weight_, kRouletteDerivative * weight_derivative_);
+    if (importance >= kRouletteWeight) {
+      return true;
+    }
+    const float probability = importance / kRouletteWeight;
+    if (u >= probability) {
+      return false;
+    }
+    weight_ /= probability;
+    weight_derivative_ /= probability;
+    return true;
+  }
+
+  const Scene::Compiled& scene_;
+  const RenderSettings& settings_;
+  const SampleRandom& random_;
+  const float sigma_t_, albedo_, g_;
+
+  PathEstimate result_;
+  uint32_t vertex_ = 0;
+  Place place_;
+  Vec3f direction_;
+  bool on_camera_ray_ = true;
+  float density_ = 0;  // per steradian, with which direction_ was drawn
+  float weight_ = 1;
+  float weight_derivative_ = 0;  // d weight / d albedo
+  float score_sigma_t_ = 0;      // d log f / d sigma_t, in mm
+  float score_g_ = 0;            // d log f / d g
+};
+
+}  // namespace
+
+PathEstimate trace_path(const Scene::Compiled& scene, const RenderSettings& settings, int x, int y,
+                        const SampleRandom& random, const std::stop_token& stop) {
+  return Walk(scene, settings, random).run(x, y, stop);
+}
+
+}  // namespace itn::tracer

@@ -1,0 +1,51 @@
+// Counter-based random numbers: a function of (seed, pixel, sample, dimension), so that nothing
+// depends on the order in which samples are computed.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+namespace itn::tracer {
+
+// Philox4x32-10: Salmon, Moraes, Dror, Shaw, "Parallel Random Numbers: As Easy as 1, 2, 3", SC
+// 2011.
+inline std::array<uint32_t, 4> philox(std::array<uint32_t, 4> counter,
+                                      std::array<uint32_t, 2> key) {
+  for (int round = 0; round < 10; ++round) {
+    const uint64_t a = uint64_t{0xD2511F53} * counter[0];
+    const uint64_t b = uint64_t{0xCD9E8D57} * counter[2];
+    counter = {static_cast<uint32_t>(b >> 32) ^ counter[1] ^ key[0], static_cast<uint32_t>(b),
+               static_cast<uint32_t>(a >> 32) ^ counter[3] ^ key[1], static_cast<uint32_t>(a)};
+    key[0] += 0x9E3779B9;
+    key[1] += 0xBB67AE85;
+  }
+  return counter;
+}
+
+// Four numbers in [0, 1), multiples of 2^-24, so that 1 - u is in (0, 1] exactly.
+using Uniforms = std::array<float, 4>;
+
+// The random numbers of one sample of one pixel.
+class SampleRandom {
+ public:
+  SampleRandom(uint64_t seed, uint32_t pixel, uint32_t sample)
+      : key_{static_cast<uint32_t>(seed), static_cast<uint32_t>(seed >> 32)},
+        pixel_(pixel),
+        sample_(sample) {}
+
+  // Every (vertex of the path, purpose) has four numbers of its own.
+  Uniforms at(uint32_t vertex, uint32_t purpose) const {
+    const auto bits = philox({vertex, purpose, sample_, pixel_}, key_);
+    Uniforms u;
+    for (size_t i = 0; i < 4; ++i) {
+      u[i] = static_cast<float>(bits[i] >> 8) * 0x1p-24F;
+    }
+    return u;
+  }
+
+ private:
+  std::array<uint32_t, 2> key_;
+  uint32_t pixel_, sample_;
+};
+
+}  // namespace itn::tracer

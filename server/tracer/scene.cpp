@@ -1,0 +1,70 @@
+#include "server/tracer/scene.h"
+
+#include <fmt/format.h>
+
+#include <limits>
+
+#include "common/error.h"
+#include "server/tracer/compiled_scene.h"
+
+namespace itn::tracer {
+namespace {
+
+void check(const SceneDescription& scene) {
+  if (scene.film.width < 1 || scene.film.height < 1 ||
+      static_cast<int64_t>(scene.film.width) * scene.film.height >
+          std::numeric_limits<int32_t>::max()) {
+    throw invalid_input(
+        fmt::format("film: {} x {} pixels; each must be at least 1, both below 2^31",
+                    scene.film.width, scene.film.height));
+  }
+  validate_triangles(scene.object, "object");
+  validate_closed(scene.object, "object");
+  for (size_t i = 0; i < scene.surfaces.size(); ++i) {
+    const DiffuseSurface& surface = scene.surfaces[i];
+    validate_triangles(surface.mesh, fmt::format("surfaces[{}]", i));
+    if (!(surface.reflectance >= 0 && surface.reflectance <= 1)) {
+      throw invalid_input(fmt::format("surfaces[{}]: reflectance is {}; it must be in [0, 1]", i,
+                                      surface.reflectance));
+    }
+  }
+}
+
+std::vector<float> reflectances(const SceneDescription& scene) {
+  std::vector<float> result;
+  for (const DiffuseSurface& surface : scene.surfaces) {
+    result.push_back(surface.reflectance);
+  }
+  return result;
+}
+
+std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene) {
+  check(scene);
+  auto compiled = std::unique_ptr<Scene::Compiled>(
+      new Scene::Compiled{.geometry = Geometry(std::move(scene.object), scene.surfaces),
+                          .reflectances = reflectances(scene),
+                          .lights = Lights(scene.lights, scene.film.channel),
+                          .camera = Camera(scene.camera, scene.film),
+                          .film = scene.film,
+                          .camera_inside = false});
+  compiled->camera_inside = compiled->geometry.contains(compiled->camera.origin());
+  return compiled;
+}
+
+}  // namespace
+
+Scene::Scene(SceneDescription description) : compiled_(compile(std::move(description))) {}
+Scene::~Scene() = default;
+
+int Scene::width() const {
+  return compiled_->film.width;
+}
+int Scene::height() const {
+  return compiled_->film.height;
+}
+
+size_t Scene::memory() const {
+  return sizeof(Compiled) + compiled_->geometry.memory() + compiled_->lights.memory();
+}
+
+}  // namespace itn::tracer
