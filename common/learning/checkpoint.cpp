@@ -1,11 +1,10 @@
 #include "common/learning/checkpoint.h"
 
-#include <array>
 #include <bit>
 #include <cstring>
 #include <fstream>
+#include <iterator>
 #include <limits>
-#include <sstream>
 
 #include <fmt/format.h>
 
@@ -24,16 +23,11 @@ static_assert(std::endian::native == std::endian::little, "the file's size field
 
 std::string read_file(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
-  std::ostringstream content;
-  if (file) {
-    content << file.rdbuf();
+  std::string content(std::istreambuf_iterator<char>(file), {});
+  if (!file.is_open() || file.bad()) {
+    throw Error(ErrorKind::kIo, fmt::format("cannot read {}", path.string()));
   }
-  if (!file || !content) {
-    throw Error(ErrorKind::kIo,
-                fmt::format("cannot read {}: {}", path.string(),
-                            std::strerror(errno)));  // NOLINT(concurrency-mt-unsafe)
-  }
-  return std::move(content).str();
+  return content;
 }
 
 // The content, once the header has been found to fit.

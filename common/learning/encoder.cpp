@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <mutex>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -58,7 +59,9 @@ torch::Tensor encoder_input(int resolution, std::span<const float> luminance,
 
 void set_torch_threads(int threads) {
   at::set_num_threads(threads);
-  at::set_num_interop_threads(1);
+  // Torch accepts this once in a process.
+  static std::once_flag once;
+  std::call_once(once, [] { at::set_num_interop_threads(1); });
 }
 
 std::string serialize_weights(const Encoder& encoder) {

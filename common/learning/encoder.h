@@ -2,6 +2,7 @@
 #pragma once
 
 #include <span>
+#include <string>
 
 #include <torch/torch.h>
 
@@ -31,8 +32,8 @@ TORCH_MODULE(Encoder);
 torch::Tensor encoder_input(int resolution, std::span<const float> luminance,
                             std::span<const float> mask, double image_scale);
 
-// How many threads torch computes with; to be called once, before any torch operation. The results
-// depend on it in the last bits (sums are split over the threads).
+// How many threads torch computes with; to be called before any torch operation. Results depend on
+// it in the last bits (sums are split over the threads).
 void set_torch_threads(int threads);
 
 // The weights as a LibTorch archive, and back. load_encoder throws Error: kDataLoss if the archive

@@ -12,7 +12,7 @@ namespace {
 
 const v1::Parameterization kBoth[] = {v1::NAIVE, v1::SIMILARITY};
 const Material kMaterials[] = {
-    {30, 0.39, 0}, {100, 0.87, 0.4}, {276, 0.95, 0.8}, {50, 0.6, -0.1}, {200, 0.74, 0.2}};
+    {30, 0.39, 0}, {100, 0.87, 0.4}, {276, 0.95, 0.8}, {50, 0.6, -0.05}, {200, 0.74, 0.2}};
 
 Triple as_triple(const Material& m) {
   return {m.sigma_t, m.albedo, m.g};

@@ -27,7 +27,7 @@ Pixels disc(int width, int height, int channels, double centre_x, double centre_
       const double u = (x + 0.5 - centre_x) / radius, v = (y + 0.5 - centre_y) / radius;
       p.mask.push_back(u * u + v * v < 1 ? 1.0F : 0.0F);
       for (int c = 0; c < channels; ++c) {
-        p.values.push_back(static_cast<float>(1.5 + std::sin(2 * u + c) + v * 0.3));
+        p.values.push_back(static_cast<float>(1.5 + std::sin(2 * u + c) + 0.3 * std::cos(v)));
       }
     }
   }
