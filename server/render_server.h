@@ -1,0 +1,48 @@
+// A render worker: the render service with health service and reflection, behind a port, an
+// in-process channel, or both.
+//
+// Connections are neither encrypted nor authenticated: for private networks only.
+#pragma once
+
+#include <grpcpp/channel.h>
+#include <grpcpp/server.h>
+
+#include <memory>
+#include <string>
+
+#include "server/render_service.h"
+
+namespace itn {
+
+struct RenderServerOptions {
+  // HOST:PORT; port 0 takes any that is free. Empty: only in_process_channel() leads here.
+  std::string listen;
+  bool reflection = true;
+  RenderServiceOptions service;
+};
+
+class RenderServer {
+ public:
+  // Throws Error (kIo) if it cannot listen.
+  explicit RenderServer(const RenderServerOptions& options);
+  // Cancels what is under way.
+  ~RenderServer();
+  RenderServer(const RenderServer&) = delete;
+  RenderServer& operator=(const RenderServer&) = delete;
+
+  // HOST:PORT, with the port that was taken.
+  const std::string& address() const { return address_; }
+
+  std::shared_ptr<grpc::Channel> in_process_channel();
+
+  // Reports NOT_SERVING, answers new requests UNAVAILABLE, returns when those accepted before are
+  // answered.
+  void drain();
+
+ private:
+  RenderService service_;
+  std::string address_;
+  std::unique_ptr<grpc::Server> server_;
+};
+
+}  // namespace itn

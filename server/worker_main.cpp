@@ -1,0 +1,109 @@
+// itn-worker: a render worker. Serves until SIGTERM or SIGINT, then finishes what is under way.
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <string>
+
+#include "common/error.h"
+#include "common/logging.h"
+#include "server/render_server.h"
+#include "server/shutdown_signal.h"
+
+namespace itn {
+namespace {
+
+struct WorkerOptions {
+  RenderServerOptions server{.listen = "127.0.0.1:50051", .reflection = true, .service = {}};
+  uint64_t max_message_mb = 256;
+  uint64_t cache_mb = 1024;
+  std::string log_level = "info";
+};
+
+void add_flags(CLI::App& app, WorkerOptions& options) {
+  RenderServiceOptions& service = options.server.service;
+  app.add_option("--listen", options.server.listen,
+                 "HOST:PORT to listen on; port 0 takes any that is free. The connection is not "
+                 "encrypted: private networks only")
+      ->capture_default_str();
+  app.add_option("--threads", service.threads, "Threads of each render; 0: one per processor")
+      ->check(CLI::Range(0, 4096))
+      ->capture_default_str();
+  app.add_option("--renders", service.renders, "Renders at a time")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str();
+  app.add_option("--queue", service.queue_capacity,
+                 "Requests that may wait; more are answered UNAVAILABLE")
+      ->check(CLI::Range(0, 1'000'000))
+      ->capture_default_str();
+  app.add_option("--cache-mb", options.cache_mb, "Memory for scenes, in MiB")
+      ->check(CLI::Range(0, 1 << 20))
+      ->capture_default_str();
+  app.add_option("--max-pixels", service.limits.max_pixels, "Most pixels of an image")
+      ->check(CLI::Range(1U, 1U << 31))
+      ->capture_default_str();
+  app.add_option("--max-spp", service.limits.max_spp, "Most samples per pixel")
+      ->check(CLI::Range(1, 1 << 20))
+      ->capture_default_str();
+  app.add_option("--max-triangles", service.limits.max_triangles,
+                 "Most triangles of all meshes of a scene together")
+      ->check(CLI::Range(1U, 1U << 31))
+      ->capture_default_str();
+  app.add_option("--max-message-mb", options.max_message_mb,
+                 "Largest request and largest reply, in MiB")
+      ->check(CLI::Range(1, 2047))
+      ->capture_default_str();
+  app.add_flag("--reflection,!--no-reflection", options.server.reflection,
+               "gRPC server reflection (on by default)");
+  app.add_option("--log-level", options.log_level, "What to log on stderr")
+      ->check(CLI::IsMember({"debug", "info", "warn", "error", "off"}))
+      ->capture_default_str();
+  app.set_version_flag("--version", "itn-worker " ITN_VERSION);
+}
+
+void serve(WorkerOptions& options, ShutdownSignal& signal) {
+  options.server.service.limits.max_message_bytes = options.max_message_mb << 20;
+  options.server.service.cache_bytes = options.cache_mb << 20;
+  RenderServer server(options.server);
+  std::printf("%s\n", server.address().c_str());
+  std::fflush(stdout);
+  spdlog::info("render worker " ITN_VERSION " listens on {}", server.address());
+  signal.wait();
+  spdlog::info("stopping: finishing what is under way; a second signal stops at once");
+  signal.exit_on_next();
+  server.drain();
+  spdlog::info("stopped");
+}
+
+int run(int argc, char** argv) {
+  ShutdownSignal signal;
+  WorkerOptions options;
+  CLI::App app(
+      "Render worker of itn: images of translucent objects and their derivatives, over gRPC.");
+  add_flags(app, options);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : exit_code(ErrorKind::kUsage);
+  }
+  try {
+    init_logging(options.log_level);
+    serve(options, signal);
+    return 0;
+  } catch (const Error& error) {
+    std::fprintf(stderr, "itn-worker: %s\n", error.what());
+    return exit_code(error.kind());
+  }
+}
+
+}  // namespace
+}  // namespace itn
+
+int main(int argc, char** argv) {
+  try {
+    return itn::run(argc, argv);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "itn-worker: %s\n", error.what());
+    return itn::exit_code(itn::ErrorKind::kInternal);
+  }
+}
