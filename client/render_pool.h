@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <future>
 #include <memory>
 #include <string>
@@ -26,8 +27,10 @@ struct RenderPoolOptions {
   int embedded_threads = 0;
   // Of one attempt.
   std::chrono::milliseconds deadline = std::chrono::minutes(10);
+  // How long the constructor waits for the first worker to answer.
+  std::chrono::milliseconds connect_within = std::chrono::seconds(5);
   // A job that no worker could answer is tried again, on whichever worker is free, until this much
-  // time has passed without any job having succeeded.
+  // time has passed since it first failed without any job having succeeded.
   std::chrono::milliseconds give_up_after = std::chrono::seconds(30);
 };
 
@@ -45,15 +48,19 @@ class RenderPool {
   // kCancelled.
   std::future<v1::RenderGradReply> submit(RenderJob job);
 
+  // Called on the caller's thread some ten times a second, with the fraction done, in [0, 1]. May
+  // throw to give up; what was handed out to workers by then is still rendered.
+  using Progress = std::function<void(double fraction)>;
+
   // Renders one job split by sample range over all workers and puts the parts together: the same
-  // images as one worker gives, bit for bit.
-  v1::RenderGradReply render_split(const RenderJob& job);
+  // images as one worker gives, bit for bit. Throws what the futures of `submit` throw.
+  v1::RenderGradReply render_split(const RenderJob& job, const Progress& progress = {});
 
   // Jobs that can be under way at once; keep somewhat more submitted.
   int parallelism() const;
 
   struct Statistics {
-    uint64_t jobs = 0;
+    uint64_t jobs = 0;         // that succeeded
     uint64_t retries = 0;      // attempts beyond the first
     uint64_t scenes_sent = 0;  // scenes that a worker did not hold
     double cpu_seconds = 0;    // spent by the workers
