@@ -1,0 +1,44 @@
+// The image term of the ITN loss and its gradient, from independent estimates of a render.
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+namespace itn {
+
+// One estimate of the image T of a material, and of its derivatives with respect to
+// (sigma_t, albedo, g); all per pixel.
+struct RenderEstimate {
+  std::vector<float> radiance;
+  std::array<std::vector<float>, 3> derivatives;
+};
+
+struct RenderingLoss {
+  double value = 0;
+  std::array<double, 3> gradient{};  // d value / d (sigma_t, albedo, g)
+};
+
+// Che et al., ICCP 2020, Eq. 10, over the input's weighted energy, so that it is a relative squared
+// error that does not depend on exposure or on how large the object is:
+//
+//   L = sum_p w_p^2 (I_p - T_p)^2 / sum_p w_p^2 I_p^2
+//   dL/dpi = 2 sum_p w_p^2 (T_p - I_p) dT_p/dpi / sum_p w_p^2 I_p^2
+//
+// The renders are noisy. A product of two quantities estimated from the same samples is biased by
+// their covariance; a product of independent ones is not. So every product is averaged over the
+// pairs of different estimates (a U-statistic): with K estimates T_k and D_k of dT/dpi,
+//
+//   (T - I)^2     ~  [(sum_k (T_k - I))^2 - sum_k (T_k - I)^2] / K (K - 1)
+//   (T - I) dT    ~  [(sum T_k) (sum D_k) - sum T_k D_k - (K - 1) I sum D_k] / K (K - 1).
+//
+// For K = 2 the latter is [(T_A - I) D_B + (T_B - I) D_A] / 2. Value and gradient are unbiased; the
+// value may be negative.
+//
+// Sums in double, in the order of the pixels: the result does not depend on where the estimates
+// come from. Throws Error (invalid input) unless there are two estimates at least, all arrays have
+// the size of the image, and some weighted pixel of the image is not 0.
+RenderingLoss rendering_loss(std::span<const float> image, std::span<const float> weight,
+                             std::span<const RenderEstimate> estimates);
+
+}  // namespace itn
