@@ -30,7 +30,8 @@ uint64_t SplitMix::below(uint64_t count) {
 uint64_t derive_seed(uint64_t seed, std::initializer_list<uint64_t> path) {
   uint64_t state = SplitMix(seed).next();
   for (const uint64_t branch : path) {
-    state = SplitMix(state ^ SplitMix(branch).next()).next();
+    // The complement keeps seed and branch from changing places.
+    state = SplitMix(state ^ SplitMix(~branch).next()).next();
   }
   return state;
 }

@@ -10,7 +10,7 @@
 
 #include "common/atomic_file.h"
 #include "common/error.h"
-#include "common/scene_file.h"
+#include "common/scene_bytes.h"
 
 namespace itn {
 namespace {

@@ -1,0 +1,181 @@
+#include "client/dataset_render.h"
+
+#include <deque>
+#include <fstream>
+#include <iterator>
+
+#include <fmt/format.h>
+#include <google/protobuf/util/message_differencer.h>
+#include <spdlog/spdlog.h>
+
+#include "client/render_wait.h"
+#include "common/atomic_file.h"
+#include "common/error.h"
+#include "common/image.h"
+
+namespace itn {
+namespace fs = std::filesystem;
+
+namespace {
+
+using google::protobuf::util::MessageDifferencer;
+
+// The first lines of what differs, e.g. "modified: config.spp: 64 -> 256".
+std::string difference(const v1::Dataset& there, const v1::Dataset& wanted) {
+  const auto report = [](const auto& a, const auto& b) {
+    std::string text;
+    MessageDifferencer differencer;
+    differencer.ReportDifferencesToString(&text);
+    differencer.Compare(a, b);
+    return text;
+  };
+  // Items follow from the configuration and the shapes, so these say it best.
+  std::string text = report(there.config(), wanted.config());
+  if (text.empty()) {
+    text = report(there, wanted);
+  }
+  constexpr size_t kMaxLines = 4;
+  size_t end = 0;
+  for (size_t line = 0; line < kMaxLines && end != std::string::npos; ++line) {
+    end = text.find('\n', end + 1);
+  }
+  return text.substr(0, end);
+}
+
+// Writes the manifest and the shapes, or finds them there.
+void set_up_folder(const DatasetPlan& plan, const fs::path& folder) {
+  const fs::path manifest = folder / kManifestName;
+  if (fs::exists(manifest)) {
+    const v1::Dataset there = read_manifest(manifest);
+    if (!MessageDifferencer::Equals(there, plan.manifest)) {
+      throw invalid_input(fmt::format(
+          "{} holds a dataset of another configuration; choose another folder, or the same "
+          "configuration to continue it. Differences:\n{}",
+          folder.string(), difference(there, plan.manifest)));
+    }
+  } else if (fs::exists(folder) && !fs::is_empty(folder) && !fs::exists(folder / "shapes")) {
+    throw invalid_input(fmt::format("{} is not empty and holds no dataset; choose another folder",
+                                    folder.string()));
+  }
+  std::error_code error;
+  for (const char* name : {"images", "shapes"}) {
+    fs::create_directories(folder / name, error);
+    if (error) {
+      throw Error(ErrorKind::kIo,
+                  fmt::format("cannot create {}: {}", (folder / name).string(), error.message()));
+    }
+  }
+  for (const auto& [file, bytes] : plan.shape_files) {
+    write_file_atomically(folder / file, bytes);
+  }
+  write_file_atomically(manifest, to_text(plan.manifest));
+}
+
+// A process that was killed leaves the file that it was writing.
+void remove_temporary_files(const fs::path& folder) {
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    if (entry.path().extension() == ".tmp") {
+      fs::remove(entry.path());
+    }
+  }
+}
+
+bool is_rendered(const DatasetReader& dataset, const v1::DatasetItem& item, const fs::path& file) {
+  if (!fs::exists(file)) {
+    return false;
+  }
+  try {
+    dataset.image(item);
+    return true;
+  } catch (const Error& error) {
+    spdlog::warn("rendering again: {}", error.what());
+    return false;
+  }
+}
+
+RenderJob render_job(DatasetReader& dataset, const v1::DatasetItem& item) {
+  RenderJob job;
+  job.scene = dataset.scene(item);
+  *job.request.mutable_material() = item.material();
+  job.request.set_spp(dataset.manifest().config().spp());
+  job.request.set_seed(item.seed());
+  return job;
+}
+
+Image image_of(const DatasetReader& dataset, const v1::DatasetItem& item,
+               const v1::RenderGradReply& reply) {
+  Image image;
+  image.width = static_cast<int>(reply.width());
+  image.height = static_cast<int>(reply.height());
+  const size_t pixels = static_cast<size_t>(image.width) * image.height;
+  image.channels["Y"] = plane(reply.estimates(0).radiance(), pixels);
+  image.channels["mask.Y"] = plane(reply.mask(), pixels);
+  image.channels["stderr.Y"] = plane(reply.standard_error(), pixels);
+  image.attributes = {
+      {"sigma_t", fmt::format("{}", item.material().sigma_t())},
+      {"albedo", fmt::format("{}", item.material().albedo())},
+      {"g", fmt::format("{}", item.material().g())},
+      {"shape", item.shape()},
+      {"rotate_y_degrees", fmt::format("{}", item.rotate_y_degrees())},
+      {"sun_azimuth_degrees", fmt::format("{}", item.sun_azimuth_degrees())},
+      {"split", v1::Split_Name(item.split())},
+      {"seed", fmt::format("{}", item.seed())},
+      {"spp", fmt::format("{}", dataset.manifest().config().spp())},
+      {kItemDigestAttribute, item_digest(dataset.manifest(), item)},
+  };
+  return image;
+}
+
+void warn_of_dropped_samples(const v1::DatasetItem& item, const v1::Counters& counters) {
+  if (counters.invalid_samples() + counters.leaks() > 0) {
+    spdlog::warn("{}: {} invalid samples and {} leaks of {} paths were dropped", item.file(),
+                 counters.invalid_samples(), counters.leaks(), counters.paths());
+  }
+}
+
+struct PendingImage {
+  const v1::DatasetItem* item;
+  std::future<v1::RenderGradReply> reply;
+};
+
+}  // namespace
+
+DatasetProgress render_dataset(const DatasetPlan& plan, const fs::path& folder, RenderPool& pool,
+                               const std::function<void(const DatasetProgress&)>& report,
+                               std::stop_token stop) {
+  set_up_folder(plan, folder);
+  remove_temporary_files(folder / "images");
+  DatasetReader dataset(folder);
+  // Keep what is there.
+  DatasetProgress progress{
+      .done = 0, .total = static_cast<size_t>(plan.manifest.items_size()), .kept = 0};
+  std::deque<const v1::DatasetItem*> missing;
+  for (const v1::DatasetItem& item : dataset.manifest().items()) {
+    if (is_rendered(dataset, item, folder / item.file())) {
+      ++progress.kept;
+    } else {
+      missing.push_back(&item);
+    }
+  }
+  progress.done = progress.kept;
+  report(progress);
+  // Render the rest, with enough jobs waiting that no worker is ever idle.
+  const size_t ahead = 2 * static_cast<size_t>(pool.parallelism()) + 1;
+  std::deque<PendingImage> pending;
+  while (!missing.empty() || !pending.empty()) {
+    while (!missing.empty() && pending.size() < ahead) {
+      pending.push_back({missing.front(), pool.submit(render_job(dataset, *missing.front()))});
+      missing.pop_front();
+    }
+    const v1::DatasetItem& item = *pending.front().item;
+    const v1::RenderGradReply reply = wait_for_render(pending.front().reply, stop);
+    warn_of_dropped_samples(item, reply.counters());
+    write_exr(folder / item.file(), image_of(dataset, item, reply));
+    pending.pop_front();
+    ++progress.done;
+    report(progress);
+  }
+  return progress;
+}
+
+}  // namespace itn

@@ -1,0 +1,33 @@
+#include "client/render_wait.h"
+
+#include <chrono>
+#include <cstring>
+
+#include <fmt/format.h>
+
+#include "common/error.h"
+
+namespace itn {
+
+v1::RenderGradReply wait_for_render(std::future<v1::RenderGradReply>& future,
+                                    std::stop_token stop) {
+  do {
+    if (stop.stop_requested()) {
+      throw Error(ErrorKind::kCancelled, "interrupted");
+    }
+  } while (future.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready);
+  return future.get();
+}
+
+std::vector<float> plane(const std::string& bytes, size_t count) {
+  if (bytes.size() != count * sizeof(float)) {
+    throw Error(ErrorKind::kInternal,
+                fmt::format("a worker sent an image of {} bytes rather than {}", bytes.size(),
+                            count * sizeof(float)));
+  }
+  std::vector<float> values(count);
+  std::memcpy(values.data(), bytes.data(), bytes.size());
+  return values;
+}
+
+}  // namespace itn
