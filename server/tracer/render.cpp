@@ -184,7 +184,7 @@ FilmSums render_grad(const Scene& scene, const RenderSettings& settings, std::st
     }
     mine.cpu_seconds += thread_cpu_seconds() - start;
   };
-  constexpr size_t kTile = 8;
+  constexpr size_t kTile = 4;  // pixels: small, so that small films keep all threads busy
   tbb::task_arena arena(settings.threads > 0 ? settings.threads : tbb::info::default_concurrency());
   arena.execute([&] {
     tbb::parallel_for(tbb::blocked_range2d<int>(0, sums.height, kTile, 0, sums.width, kTile),

@@ -1,0 +1,107 @@
+// The two ways to sample light agree, and gradients of a loss are unbiased.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "tests/server/tracer/scenes.h"
+
+namespace itn::testing {
+namespace {
+
+using namespace tracer;
+using Techniques = RenderSettings::Techniques;
+
+// Images and derivatives from light sampling alone, phase sampling alone, and both combined.
+TEST(MultipleImportanceSamplingTest, TechniquesAgree) {
+  constexpr int kComparisons = 2 * 2 * 4;
+  for (const char* shape : {"sphere", "mug"}) {
+    const Scene scene(studio(shape, {paper_sun_sky()}, 0.5F));
+    RenderSettings settings{.material = {20, 0.8, 0.5}, .sample_count = 256, .derivatives = true};
+    const FilmEstimate both = estimate_film(scene, settings, 48, 1);
+    const auto expect_same = [&](Techniques techniques, uint64_t seed, const char* name) {
+      settings.techniques = techniques;
+      const FilmEstimate other = estimate_film(scene, settings, 48, seed);
+      const std::string what = std::string(shape) + ", " + name;
+      expect_equal(both.radiance, other.radiance, kComparisons, what);
+      expect_resolution(other.radiance, both.radiance.mean, 0.02, what);
+      for (size_t i = 0; i < kCoordinates; ++i) {
+        expect_equal(both.derivatives[i], other.derivatives[i], kComparisons,
+                     what + ", derivative " + std::to_string(i));
+      }
+    };
+    expect_same(Techniques::kLightsOnly, 101, "lights only");
+    expect_same(Techniques::kPhaseOnly, 201, "phase only");
+  }
+}
+
+// The loss L = sum over pixels of (T - I)^2 has the gradient sum of 2 (T - I) dT. With independent
+// estimates A and B of T and dT, (T_A - I) dT_B + (T_B - I) dT_A is unbiased; with the same samples
+// in both factors it is not, and the test must see that.
+class LossGradientTest : public ::testing::Test {
+ protected:
+  LossGradientTest() : scene_(studio("cube", {paper_sun_sky()}, 0.5F)) {
+    const FilmSums target =
+        render_grad(scene_, {.material = {40, 0.9, 0.2}, .sample_count = 1024, .seed = 77});
+    target_ = means(target).estimates[0].radiance;
+  }
+
+  RenderedImages render(double sigma_t, uint32_t spp, uint64_t seed, bool derivatives) const {
+    return means(render_grad(scene_, {.material = {sigma_t, 0.8, 0.2},
+                                      .sample_count = spp,
+                                      .seed = seed,
+                                      .derivatives = derivatives,
+                                      .estimates = 2}));
+  }
+
+  // Unbiased for the loss itself, in the same way: (T_A - I)(T_B - I).
+  double loss(double sigma_t, uint64_t seed) const {
+    const RenderedImages images = render(sigma_t, 1024, seed, false);
+    double sum = 0;
+    for (size_t p = 0; p < target_.size(); ++p) {
+      sum += residual(images, 0, p) * residual(images, 1, p);
+    }
+    return sum;
+  }
+
+  double residual(const RenderedImages& images, size_t k, size_t p) const {
+    return static_cast<double>(images.estimates[k].radiance[p]) - static_cast<double>(target_[p]);
+  }
+
+  Scene scene_;
+  std::vector<float> target_;
+};
+
+TEST_F(LossGradientTest, TwoEstimatesAreUnbiasedAndOneIsNot) {
+  constexpr double kSigmaT0 = 30, kStep = 3;
+  std::vector<double> slopes;
+  for (uint64_t seed = 0; seed < 48; ++seed) {
+    slopes.push_back((loss(kSigmaT0 + kStep, seed) - loss(kSigmaT0 - kStep, seed)) / (2 * kStep));
+  }
+  const Estimated finite_difference = over_batches(slopes);
+
+  std::vector<double> independent, same;
+  for (uint64_t seed = 1000; seed < 5000; ++seed) {
+    const RenderedImages images = render(kSigmaT0, 4, seed, true);
+    double cross_terms = 0, same_terms = 0;
+    for (size_t p = 0; p < target_.size(); ++p) {
+      const auto derivative = [&](size_t k) {
+        return static_cast<double>(images.estimates[k].derivatives[kSigmaT][p]);
+      };
+      cross_terms +=
+          residual(images, 0, p) * derivative(1) + residual(images, 1, p) * derivative(0);
+      same_terms += residual(images, 0, p) * derivative(0) + residual(images, 1, p) * derivative(1);
+    }
+    independent.push_back(cross_terms);
+    same.push_back(same_terms);
+  }
+  expect_equal(over_batches(independent), finite_difference, 1, "independent estimates");
+  const Estimated biased = over_batches(same);
+  const double z = (biased.mean - finite_difference.mean) /
+                   std::hypot(biased.standard_error, finite_difference.standard_error);
+  std::printf("  the same samples twice: %.4g +- %.2g, z = %+.1f\n", biased.mean,
+              biased.standard_error, z);
+  EXPECT_GT(std::abs(z), 2 * z_threshold(1)) << "the test could not tell a biased gradient";
+}
+
+}  // namespace
+}  // namespace itn::testing

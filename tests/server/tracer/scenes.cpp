@@ -1,0 +1,104 @@
+#include "tests/server/tracer/scenes.h"
+
+namespace itn::testing {
+
+using namespace tracer;
+
+Mesh box(Vec3f a, Vec3f b) {
+  return {{{a.x, a.y, a.z},
+           {b.x, a.y, a.z},
+           {b.x, b.y, a.z},
+           {a.x, b.y, a.z},
+           {a.x, a.y, b.z},
+           {b.x, a.y, b.z},
+           {b.x, b.y, b.z},
+           {a.x, b.y, b.z}},
+          {{0, 2, 1},
+           {0, 3, 2},
+           {4, 5, 6},
+           {4, 6, 7},
+           {0, 1, 5},
+           {0, 5, 4},
+           {3, 6, 2},
+           {3, 7, 6},
+           {0, 4, 7},
+           {0, 7, 3},
+           {1, 2, 6},
+           {1, 6, 5}}};
+}
+
+Mesh horizontal_square(float y, float half_size) {
+  const float s = half_size;
+  return {{{-s, y, -s}, {-s, y, s}, {s, y, s}, {s, y, -s}}, {{0, 1, 2}, {0, 2, 3}}};
+}
+
+SceneDescription studio(const std::string& shape, std::vector<LightDescription> lights,
+                        float ground, int resolution) {
+  SceneDescription scene;
+  scene.object = make_shape(shape);
+  const Bounds box = bounds(scene.object);
+  if (ground >= 0) {
+    scene.surfaces.push_back({horizontal_square(0, 20), ground});
+  }
+  scene.lights = std::move(lights);
+  const double middle = static_cast<double>(box.max.y) / 2;
+  scene.camera.origin = {0, middle + 8.78, -32.8};
+  scene.camera.target = {0, middle, 0};
+  scene.camera.fov = 0.9 / 34;  // 0.9 mm at the object
+  scene.film = {resolution, resolution, Channel::kLuminance};
+  return scene;
+}
+
+SunSkyLight paper_sun_sky(double azimuth) {
+  SunSkyLight light;
+  light.sun_azimuth = azimuth;
+  light.sun_angular_radius = 18.75 * 0.017453292519943295;
+  return light;
+}
+
+double film_mean(const FilmSums& sums, int layer, size_t k) {
+  const auto& estimate = sums.estimates[k];
+  const auto& values =
+      layer < 0 ? estimate.radiance : estimate.derivatives[static_cast<size_t>(layer)];
+  const double quantum =
+      layer < 0 ? sums.quantum : sums.derivative_quanta[static_cast<size_t>(layer)];
+  double sum = 0;
+  for (const int64_t v : values) {
+    sum += static_cast<double>(v);
+  }
+  const auto n = static_cast<double>(
+      samples_of_estimate(sums.first_sample, sums.sample_count, static_cast<uint32_t>(k),
+                          static_cast<uint32_t>(sums.estimates.size())));
+  return sum * quantum / n / static_cast<double>(values.size());
+}
+
+FilmEstimate estimate_film(const Scene& scene, RenderSettings settings, int batches,
+                           uint64_t first_seed) {
+  std::vector<double> radiance;
+  std::array<std::vector<double>, kCoordinates> derivatives;
+  FilmEstimate result;
+  for (int b = 0; b < batches; ++b) {
+    settings.seed = first_seed + static_cast<uint64_t>(b);
+    const FilmSums sums = render_grad(scene, settings);
+    radiance.push_back(film_mean(sums, -1));
+    if (settings.derivatives) {
+      for (int i = 0; i < kCoordinates; ++i) {
+        derivatives[static_cast<size_t>(i)].push_back(film_mean(sums, i));
+      }
+    }
+    result.counters.paths += sums.counters.paths;
+    result.counters.steps += sums.counters.steps;
+    result.counters.invalid_samples += sums.counters.invalid_samples;
+    result.counters.leaks += sums.counters.leaks;
+    result.counters.cpu_seconds += sums.counters.cpu_seconds;
+  }
+  result.radiance = over_batches(radiance);
+  if (settings.derivatives) {
+    for (size_t i = 0; i < kCoordinates; ++i) {
+      result.derivatives[i] = over_batches(derivatives[i]);
+    }
+  }
+  return result;
+}
+
+}  // namespace itn::testing

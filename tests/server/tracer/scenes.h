@@ -1,0 +1,40 @@
+// Scenes that the tests of the tracer share.
+#pragma once
+
+#include <string>
+
+#include "common/shapes.h"
+#include "server/tracer/render.h"
+#include "server/tracer/scene.h"
+#include "tests/support/statistics.h"
+
+namespace itn::testing {
+
+// An axis-aligned box of 12 triangles.
+Mesh box(Vec3f low, Vec3f high);
+
+// A horizontal square, facing up.
+Mesh horizontal_square(float y, float half_size);
+
+// A shape in the middle of a small film, lit by `lights`; a view from 15 degrees above the horizon
+// that the shape fills. With a ground if `ground` is >= 0, its reflectance.
+tracer::SceneDescription studio(const std::string& shape,
+                                std::vector<tracer::LightDescription> lights, float ground = -1,
+                                int resolution = 8);
+
+// The sun and sky of the paper's set-up: turbidity 3, elevation 60 degrees, a sun of 18.75 degrees.
+tracer::SunSkyLight paper_sun_sky(double azimuth = 0.5);
+
+// Mean over the film of one layer: -1 radiance, else a tracer::Coordinate; of estimate `k`.
+double film_mean(const tracer::FilmSums& sums, int layer, size_t k = 0);
+
+// Mean over the film and its standard error, over renders with `batches` different seeds.
+struct FilmEstimate {
+  Estimated radiance;
+  std::array<Estimated, tracer::kCoordinates> derivatives;
+  tracer::Counters counters;
+};
+FilmEstimate estimate_film(const tracer::Scene& scene, tracer::RenderSettings settings, int batches,
+                           uint64_t first_seed = 1);
+
+}  // namespace itn::testing
