@@ -32,7 +32,12 @@ EncoderImpl::EncoderImpl(int resolution, int base_channels) {
   int channels = 2;
   int next = base_channels;
   for (int size = resolution; size > 1; size /= 2) {
-    convolutions_->push_back(nn::Conv2d(nn::Conv2dOptions(channels, next, 3).padding(1)));
+    nn::Conv2d convolution(nn::Conv2dOptions(channels, next, 3).padding(1));
+    // He et al., ICCV 2015: keeps the signal's size through the ReLUs. (The default lets it decay
+    // so far over seven blocks that training starts with the biases alone.)
+    nn::init::kaiming_normal_(convolution->weight, 0, torch::kFanIn, torch::kReLU);
+    nn::init::zeros_(convolution->bias);
+    convolutions_->push_back(convolution);
     convolutions_->push_back(nn::ReLU());
     convolutions_->push_back(nn::MaxPool2d(nn::MaxPool2dOptions(2)));
     channels = next;
