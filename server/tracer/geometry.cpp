@@ -191,11 +191,14 @@ Travel Geometry::travel(const Place& from, Vec3f direction, float budget) const 
   bool inside = from.inside;
   travel.entered = inside;
   float t = line.start;
-  float last_entry = 0;  // no entry is closer than this
+  float last_exit = 0, last_entry = 0;  // distances; crossings of a kind lie beyond the last one
+  const auto from_distance = [&](float last) {
+    return std::max(t - line.slack, std::nextafter(last, kInfinity));
+  };
   for (int crossings = 0; crossings < kMaxCrossings; ++crossings) {
     if (inside) {
       const float end = t + (budget - travel.in_medium);
-      const Hit hit = embree_->closest(line, t - line.slack, end, Wanted::kExit);
+      const Hit hit = embree_->closest(line, from_distance(last_exit), end, Wanted::kExit);
       if (!hit) {
         travel.in_medium = budget;
         travel.place = {line.at(end), true, {}};
@@ -211,10 +214,10 @@ Travel Geometry::travel(const Place& from, Vec3f direction, float budget) const 
         travel.end = Travel::End::kSurface;
         return travel;
       }
+      last_exit = hit.t;
       inside = false;
     } else {
-      const float t_min = std::max(t - line.slack, std::nextafter(last_entry, kInfinity));
-      const Hit hit = embree_->closest(line, t_min, kInfinity, Wanted::kEntry);
+      const Hit hit = embree_->closest(line, from_distance(last_entry), kInfinity, Wanted::kEntry);
       if (!hit) {
         travel.end = Travel::End::kEscaped;
         return travel;

@@ -4,8 +4,8 @@
 // that nearly coincide uncertain. Three rules keep a line consistent:
 //   1. Inside the medium only exits count (normal . direction > 0), outside only entries.
 //   2. A line has one origin; crossings are found at growing distance along it: an exit no earlier
-//      than the entry before it less `slack`, an entry after every earlier entry and no earlier
-//      than the exit before it less `slack`. Entries grow strictly, so every line ends.
+//      than the entry before it less `slack` and after every earlier exit, an entry likewise. So
+//      coincident faces are met in order, and as both strictly grow, every line ends.
 //   3. `slack`, a few units in the last place of the coordinates, also reaches behind the origin,
 //   so
 //      that a point that rounding has put just beyond the boundary still finds its crossing there.

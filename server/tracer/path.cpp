@@ -41,7 +41,8 @@ constexpr float kRouletteWeight = 0.1F;
 // from long paths, whose W is small but whose dW/d albedo is not.
 constexpr float kRouletteDerivative = 0.05F;
 
-// How many vertices are visited between two looks at the stop token: well under a millisecond.
+// How many vertices of a path are visited between two looks at the stop token, the first look being
+// at its start: well under a millisecond.
 constexpr uint32_t kStopInterval = 512;
 
 // Purposes of random numbers at a vertex.
@@ -62,7 +63,7 @@ class Walk {
       return result_;
     }
     for (vertex_ = 1;; ++vertex_) {
-      if (vertex_ % kStopInterval == 0 && stop.stop_requested()) {
+      if (vertex_ % kStopInterval == 1 && stop.stop_requested()) {
         throw Error(ErrorKind::kCancelled, "the render was stopped");
       }
       const Uniforms u = random_.at(vertex_, kWalk);

@@ -1,0 +1,189 @@
+// What a render promises: the same bits in every arrangement, sums of parts, cancellation, errors.
+#include "server/tracer/render.h"
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <thread>
+
+#include "common/error.h"
+#include "tests/server/tracer/scenes.h"
+
+namespace itn::testing {
+namespace {
+
+using namespace tracer;
+
+const Scene& mug_in_the_sun() {
+  static const Scene scene(studio("mug", {paper_sun_sky()}, 0.5F, 24));
+  return scene;
+}
+
+RenderSettings settings() {
+  return {.material = {60, 0.9, 0.4},
+          .sample_count = 12,
+          .seed = 42,
+          .derivatives = true,
+          .estimates = 3};
+}
+
+void expect_same(const FilmSums& a, const FilmSums& b) {
+  ASSERT_EQ(a.estimates.size(), b.estimates.size());
+  for (size_t k = 0; k < a.estimates.size(); ++k) {
+    EXPECT_EQ(a.estimates[k].radiance, b.estimates[k].radiance);
+    EXPECT_EQ(a.estimates[k].derivatives, b.estimates[k].derivatives);
+  }
+  EXPECT_EQ(a.squares, b.squares);
+  EXPECT_EQ(a.hits, b.hits);
+  EXPECT_EQ(a.counters.paths, b.counters.paths);
+  EXPECT_EQ(a.counters.steps, b.counters.steps);
+}
+
+TEST(RenderTest, ThreadsDoNotMatter) {
+  RenderSettings one = settings(), two = settings();
+  one.threads = 1;
+  two.threads = 2;
+  expect_same(render_grad(mug_in_the_sun(), one), render_grad(mug_in_the_sun(), two));
+}
+
+TEST(RenderTest, PartsAddUpToTheWhole) {
+  RenderSettings first = settings(), second = settings();
+  first.sample_count = 5;
+  second.first_sample = 5;
+  second.sample_count = 7;
+  FilmSums parts = render_grad(mug_in_the_sun(), second);
+  merge(parts, render_grad(mug_in_the_sun(), first));
+  const FilmSums whole = render_grad(mug_in_the_sun(), settings());
+  expect_same(parts, whole);
+  EXPECT_EQ(means(parts).standard_error, means(whole).standard_error);
+}
+
+TEST(RenderTest, DerivativesDoNotChangeTheImage) {
+  RenderSettings image = settings();
+  image.derivatives = false;
+  EXPECT_EQ(render_grad(mug_in_the_sun(), image).estimates[1].radiance,
+            render_grad(mug_in_the_sun(), settings()).estimates[1].radiance);
+}
+
+TEST(RenderTest, EstimatesShareTheSamples) {
+  RenderSettings single = settings();
+  single.estimates = 1;
+  const FilmSums whole = render_grad(mug_in_the_sun(), single);
+  FilmSums shared = render_grad(mug_in_the_sun(), settings());
+  for (size_t k = 1; k < shared.estimates.size(); ++k) {
+    for (size_t p = 0; p < whole.squares.size(); ++p) {
+      shared.estimates[0].radiance[p] += shared.estimates[k].radiance[p];
+    }
+  }
+  EXPECT_EQ(shared.estimates[0].radiance, whole.estimates[0].radiance);
+}
+
+TEST(RenderTest, SamplesOfEstimate) {
+  for (uint32_t first = 0; first < 5; ++first) {
+    for (uint32_t k = 0; k < 3; ++k) {
+      uint64_t expected = 0;
+      for (uint32_t i = first; i < first + 7; ++i) {
+        expected += i % 3 == k ? 1 : 0;
+      }
+      EXPECT_EQ(samples_of_estimate(first, 7, k, 3), expected) << first << " " << k;
+    }
+  }
+}
+
+TEST(RenderTest, SeedsAreIndependent) {
+  RenderSettings other = settings();
+  other.seed = 43;
+  EXPECT_NE(render_grad(mug_in_the_sun(), other).estimates[0].radiance,
+            render_grad(mug_in_the_sun(), settings()).estimates[0].radiance);
+}
+
+// The standard error is that of the mean: over many seeds, the mean of its square is the variance.
+TEST(RenderTest, StandardErrorIsCalibrated) {
+  const Scene scene(studio("cube", {paper_sun_sky()}, 0.5F, 8));
+  RenderSettings s{.material = {30, 0.8, 0}, .sample_count = 32};
+  constexpr int kSeeds = 200;
+  std::vector<double> sum(64), squares(64), claimed(64);
+  for (int seed = 0; seed < kSeeds; ++seed) {
+    s.seed = static_cast<uint64_t>(seed);
+    const RenderedImages images = means(render_grad(scene, s));
+    for (size_t p = 0; p < 64; ++p) {
+      const double v = images.estimates[0].radiance[p], e = images.standard_error[p];
+      sum[p] += v;
+      squares[p] += v * v;
+      claimed[p] += e * e;
+    }
+  }
+  double measured_variance = 0, claimed_variance = 0;
+  for (size_t p = 0; p < 64; ++p) {
+    measured_variance += (squares[p] - sum[p] * sum[p] / kSeeds) / (kSeeds - 1);
+    claimed_variance += claimed[p] / kSeeds;
+  }
+  EXPECT_NEAR(claimed_variance / measured_variance, 1, 0.05);
+}
+
+TEST(RenderTest, MaskIsTheObject) {
+  const RenderedImages images = means(render_grad(mug_in_the_sun(), settings()));
+  EXPECT_EQ(images.mask[0], 0);             // a corner of the film
+  EXPECT_EQ(images.mask[24 * 14 + 12], 1);  // its middle
+}
+
+// A surface in front of the object hides it: the camera ray starts at the object's box, but what
+// stands before the box counts.
+TEST(RenderTest, ASurfaceMayStandInFront) {
+  SceneDescription description = studio("cube", {ConstantEnvironment{1}}, -1, 4);
+  Mesh screen = box({-2, -2, -10}, {2, 6, -9.9F});
+  description.surfaces.push_back({screen, 0});
+  const Scene scene(std::move(description));
+  const FilmSums sums = render_grad(scene, {.material = {10, 0.9, 0}, .sample_count = 4});
+  EXPECT_EQ(film_mean(sums, -1), 0);
+}
+
+TEST(RenderTest, StopsSoon) {
+  std::stop_source stop;
+  RenderSettings endless = settings();
+  endless.sample_count = 1U << 19;
+  std::jthread stopper([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    stop.request_stop();
+  });
+  const auto start = std::chrono::steady_clock::now();
+  try {
+    render_grad(mug_in_the_sun(), endless, stop.get_token());
+    FAIL() << "was not stopped";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.kind(), ErrorKind::kCancelled);
+  }
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(5));
+}
+
+TEST(RenderTest, RefusesBadSettings) {
+  std::vector<RenderSettings> bad(6, settings());
+  bad[0].material.albedo = 1.2;
+  bad[1].material.g = 1;
+  bad[2].material.sigma_t = 0;
+  bad[3].material.sigma_t = std::nan("");
+  bad[4].estimates = 17;
+  bad[5].sample_count = 2;  // fewer than estimates
+  for (size_t i = 0; i < bad.size(); ++i) {
+    EXPECT_THROW(render_grad(mug_in_the_sun(), bad[i]), Error) << "row " << i;
+  }
+}
+
+TEST(SceneTest, RefusesOpenAndInsideOutMeshes) {
+  SceneDescription open = studio("cube", {ConstantEnvironment{1}});
+  open.object.triangles.pop_back();
+  try {
+    const Scene scene(open);
+    FAIL() << "an open mesh was accepted";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("open edge"), std::string::npos) << error.what();
+  }
+  SceneDescription inverted = studio("cube", {ConstantEnvironment{1}});
+  for (auto& triangle : inverted.object.triangles) {
+    std::swap(triangle[0], triangle[1]);
+  }
+  EXPECT_THROW(Scene{inverted}, Error);
+}
+
+}  // namespace
+}  // namespace itn::testing

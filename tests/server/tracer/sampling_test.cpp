@@ -1,0 +1,297 @@
+// Random numbers, the phase function and the lights: each density integrates to 1 and is the one
+// that is sampled from.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <fstream>
+#include <numbers>
+#include <sstream>
+
+#include "common/error.h"
+#include "server/tracer/lights.h"
+#include "server/tracer/phase.h"
+#include "server/tracer/random.h"
+#include "server/tracer/sky.h"
+#include "tests/server/tracer/scenes.h"
+
+namespace itn::testing {
+namespace {
+
+using namespace tracer;
+constexpr double kPi = std::numbers::pi;
+
+// The known answers that the authors publish with Philox.
+TEST(PhiloxTest, KnownAnswers) {
+  using Counter = std::array<uint32_t, 4>;
+  EXPECT_EQ(philox({0, 0, 0, 0}, {0, 0}),
+            (Counter{0x6627e8d5, 0xe169c58d, 0xbc57ac4c, 0x9b00dbd8}));
+  EXPECT_EQ(philox({0xffffffff, 0xffffffff, 0xffffffff, 0xffffffff}, {0xffffffff, 0xffffffff}),
+            (Counter{0x408f276d, 0x41c83b0e, 0xa20bc7c6, 0x6d5451fd}));
+  EXPECT_EQ(philox({0x243f6a88, 0x85a308d3, 0x13198a2e, 0x03707344}, {0xa4093822, 0x299f31d0}),
+            (Counter{0xd16cfe09, 0x94fdcceb, 0x5001e420, 0x24126ea1}));
+}
+
+TEST(SampleRandomTest, EveryCoordinateOfTheCounterMatters) {
+  const Uniforms u = SampleRandom(1, 2, 3).at(4, 5);
+  EXPECT_NE(u, SampleRandom(9, 2, 3).at(4, 5));
+  EXPECT_NE(u, SampleRandom(uint64_t{1} << 32 | 1, 2, 3).at(4, 5));
+  EXPECT_NE(u, SampleRandom(1, 9, 3).at(4, 5));
+  EXPECT_NE(u, SampleRandom(1, 2, 9).at(4, 5));
+  EXPECT_NE(u, SampleRandom(1, 2, 3).at(9, 5));
+  EXPECT_NE(u, SampleRandom(1, 2, 3).at(4, 9));
+  for (const float v : u) {
+    EXPECT_GE(v, 0.0F);
+    EXPECT_LT(v, 1.0F);
+  }
+}
+
+class PhaseTest : public ::testing::TestWithParam<double> {};
+
+// By the midpoint rule in cos_theta, fine enough for the peak at |g| = 0.99.
+TEST_P(PhaseTest, IsNormalisedAndHasMeanCosineG) {
+  const auto g = static_cast<float>(GetParam());
+  constexpr int kSteps = 2'000'000;
+  double norm = 0, mean = 0;
+  for (int i = 0; i < kSteps; ++i) {
+    const double cosine = -1 + 2 * (i + 0.5) / kSteps;
+    const double p = hg_phase(static_cast<float>(cosine), g);
+    norm += 2 * kPi * p * 2 / kSteps;
+    mean += 2 * kPi * p * cosine * 2 / kSteps;
+  }
+  EXPECT_NEAR(norm, 1, 2e-3);
+  EXPECT_NEAR(mean, GetParam(), 2e-3);
+}
+
+// The first two moments of the samples: E cos = g, E P2(cos) = g^2 (Legendre moments of the phase
+// function). The score has expectation 0 and, by parts, E(score cos) = d E cos / dg = 1.
+TEST_P(PhaseTest, SamplesFollowTheDensity) {
+  const auto g = static_cast<float>(GetParam());
+  std::vector<double> cosine, legendre, score, score_cosine;
+  for (uint32_t i = 0; i < 100'000; ++i) {
+    for (const float u : SampleRandom(1, 0, 0).at(i, 0)) {
+      const double c = sample_hg(u, g);
+      const double s = hg_score(static_cast<float>(c), g);
+      cosine.push_back(c);
+      legendre.push_back(1.5 * c * c - 0.5);
+      score.push_back(s);
+      score_cosine.push_back(s * c);
+    }
+  }
+  constexpr int kComparisons = 4 * 8;
+  expect_equal(over_batches(cosine), {GetParam(), 0}, kComparisons, "cos");
+  expect_equal(over_batches(legendre), {GetParam() * GetParam(), 0}, kComparisons, "P2");
+  expect_equal(over_batches(score), {0, 0}, kComparisons, "score");
+  expect_equal(over_batches(score_cosine), {1, 0}, kComparisons, "score cos");
+}
+
+TEST_P(PhaseTest, ScoreIsTheDerivativeOfTheLogarithm) {
+  constexpr double kStep = 1e-3;
+  for (const float cosine : {-1.0F, -0.3F, 0.0F, 0.5F, 0.9F}) {
+    const auto log_p = [&](double g) {
+      const double q = 1 + g * g - 2 * g * static_cast<double>(cosine);
+      return std::log((1 - g * g) / std::pow(q, 1.5));
+    };
+    const double slope = (log_p(GetParam() + kStep) - log_p(GetParam() - kStep)) / (2 * kStep);
+    const double score = hg_score(cosine, static_cast<float>(GetParam()));
+    EXPECT_NEAR(score, slope, 0.01 * std::max(1.0, std::abs(slope))) << "cos_theta " << cosine;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(MeanCosines, PhaseTest,
+                         ::testing::Values(-0.9, -0.5, 0.0, 1e-6, 0.01, 0.4, 0.8, 0.98));
+
+// Evaluated cases of the published model: turbidity, ground albedo, sun elevation, theta, gamma,
+// RGB.
+struct SkyCase {
+  double turbidity, ground_albedo, elevation, theta, gamma;
+  Rgb rgb;
+};
+
+void expect_sky(const SkyCase& c) {
+  const Rgb rgb =
+      Sky(c.turbidity, c.ground_albedo, c.elevation).radiance(std::cos(c.theta), c.gamma);
+  for (size_t i = 0; i < 3; ++i) {
+    EXPECT_NEAR(rgb[i] / c.rgb[i], 1, 2e-6) << "turbidity " << c.turbidity << ", channel " << i;
+  }
+}
+
+TEST(SkyTest, EqualsThePublishedModel) {
+  expect_sky({3,
+              0.569203875,
+              1.22119374,
+              0.0978155739,
+              0.260739602,
+              {8.95712236, 11.8170925, 17.8378512}});
+  expect_sky({7.848662,
+              0.472245244,
+              0.625257465,
+              0.32542995,
+              0.971002413,
+              {5.28522091, 7.11761842, 10.1789664}});
+  expect_sky({9.03985338,
+              0.389808807,
+              0.946487575,
+              1.18909433,
+              1.58164428,
+              {10.3024681, 12.9571583, 17.6647288}});
+}
+
+TEST(SkyTest, EqualsTheCheckFile) {
+  const char* folder = std::getenv("ITN_VALIDATION_DATA");
+  const std::string path =
+      std::string(folder != nullptr ? folder : ITN_SOURCE_DIR "/../shared/data") +
+      "/hosek_wilkie_rgb_check.csv";
+  std::ifstream file(path);
+  if (!file) {
+    GTEST_SKIP() << "no validation data at " << path << " (set ITN_VALIDATION_DATA)";
+  }
+  std::string line;
+  std::getline(file, line);
+  int cases = 0;
+  while (std::getline(file, line)) {
+    std::replace(line.begin(), line.end(), ',', ' ');
+    std::istringstream in(line);
+    SkyCase c{};
+    in >> c.turbidity >> c.ground_albedo >> c.elevation >> c.theta >> c.gamma >> c.rgb[0] >>
+        c.rgb[1] >> c.rgb[2];
+    expect_sky(c);
+    ++cases;
+  }
+  EXPECT_EQ(cases, 100);
+}
+
+// On a clear day with a high sun, direct light outweighs the sky some four to eight times; it is
+// reddened by the air, the more the lower it stands.
+TEST(SunTest, IsPlausible) {
+  const Rgb high = sun_irradiance(3, kPi / 3), low = sun_irradiance(3, 0.1);
+  EXPECT_NEAR(luminance(high), 130, 30);  // about 90 klx / (683 lm/W)
+  EXPECT_GT(low[0] / low[2], 2 * high[0] / high[2]);
+  EXPECT_LT(luminance(low), luminance(high) / 2);
+}
+
+EnvironmentMapLight checkered_map() {
+  EnvironmentMapLight map;
+  map.width = 6;
+  map.height = 4;
+  for (int i = 0; i < map.width * map.height; ++i) {
+    const float v = (i * 7 % 5) == 0 ? 0.0F : static_cast<float>(i % 7);
+    map.rgb.insert(map.rgb.end(), {v, v, v});
+  }
+  map.rotate_y = 0.7;
+  return map;
+}
+
+struct LightRow {
+  const char* name;
+  LightDescription light;
+};
+
+void PrintTo(const LightRow& row, std::ostream* out) {
+  *out << row.name;
+}
+
+class LightTest : public ::testing::TestWithParam<LightRow> {};
+
+Vec3f uniform_direction(const Uniforms& u) {
+  const float y = 1 - 2 * u[0], r = std::sqrt(std::max(0.0F, 1 - y * y));
+  const float phi = 2 * static_cast<float>(kPi) * u[1];
+  return {r * std::sin(phi), y, -r * std::cos(phi)};
+}
+
+// Over uniform directions, the density integrates to 1 and the radiance to the power; over sampled
+// ones, the weight (radiance over density) has the power as its mean, and weighting a smooth
+// function gives its integral against the radiance.
+TEST_P(LightTest, SamplesFollowTheDensity) {
+  const Lights lights({GetParam().light}, Channel::kLuminance);
+  const auto smooth = [](Vec3f d) {
+    return 1 + 0.5 * double{d.x} + 0.3 * double{d.y} * double{d.z};
+  };
+  std::vector<double> density, power, moment, sampled_power, sampled_moment;
+  for (uint32_t i = 0; i < 400'000; ++i) {
+    const Uniforms u = SampleRandom(3, 0, 0).at(i, 0);
+    const Vec3f d = uniform_direction(u);
+    density.push_back(4 * kPi * double{lights.pdf(d)});
+    power.push_back(4 * kPi * double{lights.radiance(d)});
+    moment.push_back(power.back() * smooth(d));
+    const Uniforms v = SampleRandom(3, 0, 0).at(i, 1);
+    const LightSample sample = lights.sample(v[0], v[1], v[2]);
+    EXPECT_NEAR(length(sample.direction), 1, 1e-5);
+    sampled_power.push_back(sample.weight);
+    sampled_moment.push_back(double{sample.weight} * smooth(sample.direction));
+  }
+  constexpr int kComparisons = 4 * 4;
+  const std::string name = GetParam().name;
+  if (std::string(name) != "constant") {  // whose density has no noise
+    expect_equal(over_batches(density), {1, 0}, kComparisons, name + ", density");
+    expect_equal(over_batches(sampled_power), over_batches(power), kComparisons, name + ", power");
+  } else {
+    EXPECT_NEAR(over_batches(density).mean, 1, 1e-6);
+    EXPECT_NEAR(over_batches(sampled_power).mean, over_batches(power).mean, 1e-4);
+  }
+  expect_equal(over_batches(sampled_moment), over_batches(moment), kComparisons, name + ", moment");
+  EXPECT_NEAR(over_batches(power).mean, lights.power(), 0.03 * lights.power());
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, LightTest,
+                         ::testing::Values(LightRow{"sun and sky", paper_sun_sky(1.0)},
+                                           LightRow{"sky", SunSkyLight{.sun_elevation = 0.3,
+                                                                       .sun_scale = 0}},
+                                           LightRow{"map", checkered_map()},
+                                           LightRow{"constant", ConstantEnvironment{2}}));
+
+// The sun's power does not depend on its angle, and its disc has the radiance that makes it so.
+TEST(LightsTest, AWiderSunIsDimmer) {
+  const auto sun = [](double radius) {
+    return Lights({SunSkyLight{.sun_angular_radius = radius, .sky_scale = 0}}, Channel::kLuminance);
+  };
+  const double expected = luminance(sun_irradiance(3, SunSkyLight{}.sun_elevation));
+  for (const double radius : {0.00465, 0.05, 0.327}) {
+    EXPECT_NEAR(sun(radius).power(), expected, 1e-9 * expected);
+    const double elevation = SunSkyLight{}.sun_elevation;
+    const Vec3f centre{0, static_cast<float>(std::sin(elevation)),
+                       static_cast<float>(-std::cos(elevation))};
+    EXPECT_NEAR(sun(radius).radiance(centre), expected / (2 * kPi * (1 - std::cos(radius))),
+                1e-3 * expected / (kPi * radius * radius));
+  }
+}
+
+// Azimuth 0 is -z and 90 degrees +x; maps have +y on top, -z at the left edge, +x at a quarter.
+TEST(LightsTest, OrientationIsMitsubas) {
+  SunSkyLight east{.sun_elevation = 0.5, .sun_azimuth = kPi / 2, .sky_scale = 0};
+  const Lights sun({east}, Channel::kLuminance);
+  EXPECT_GT(sun.radiance(Vec3f{std::cos(0.5F), std::sin(0.5F), 0}), 0);
+  EXPECT_EQ(sun.radiance(Vec3f{0, std::sin(0.5F), -std::cos(0.5F)}), 0);
+
+  EnvironmentMapLight map;
+  map.width = 4;
+  map.height = 2;
+  map.rgb.assign(3 * 8, 0);
+  map.rgb[3 * 0] = 1;  // red in the top row, first quarter of the turn: azimuth 45 degrees
+  const Vec3f there = itn::normalize(Vec3f{1, std::sqrt(2.0F), -1});
+  EXPECT_NEAR(Lights({map}, Channel::kRed).radiance(there), 1, 1e-3);
+  map.rotate_y = kPi / 2;  // counter-clockwise seen from above: from +x towards -z, and on to -x
+  const Vec3f turned = itn::normalize(Vec3f{-1, std::sqrt(2.0F), -1});
+  EXPECT_NEAR(Lights({map}, Channel::kRed).radiance(turned), 1, 1e-3);
+}
+
+TEST(LightsTest, RefusesBadNumbers) {
+  EnvironmentMapLight negative = checkered_map();
+  negative.rgb[5] = -1;
+  EnvironmentMapLight short_map = checkered_map();
+  short_map.rgb.pop_back();
+  const std::vector<LightDescription> bad = {SunSkyLight{.turbidity = 11},
+                                             SunSkyLight{.sun_elevation = -0.1},
+                                             ConstantEnvironment{-1},
+                                             ConstantEnvironment{std::nan("")},
+                                             DirectionalBeam{{0, 0, 0}, 1},
+                                             negative,
+                                             short_map,
+                                             ConstantEnvironment{0}};
+  for (size_t i = 0; i < bad.size(); ++i) {
+    EXPECT_THROW(Lights({bad[i]}, Channel::kLuminance), Error) << "row " << i;
+  }
+}
+
+}  // namespace
+}  // namespace itn::testing
