@@ -161,7 +161,7 @@ TEST_F(TrainingTest, RenderGradientReachesTheWeights) {
     {  // predictions well inside the bounds, where the loss is smooth
       const torch::NoGradGuard no_gradient;
       for (torch::Tensor& head : encoder->named_children()["head"]->parameters()) {
-        head *= 0.05;
+        head *= 0.01;
       }
     }
     const torch::Tensor inputs = encoder_inputs(images_, model.image_scale());
