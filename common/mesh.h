@@ -36,7 +36,8 @@ Mesh normalized(const Mesh& mesh);
 Mesh welded(const Mesh& mesh);
 
 // Reads PLY, OBJ or STL, welded. Throws Error: kIo (missing, unreadable), kInvalidInput (no
-// triangles, non-finite vertices, an index out of range).
+// triangles, non-finite vertices, an index out of range), kDataLoss (a PLY file that was cut
+// short).
 Mesh load_mesh(const std::filesystem::path& path);
 
 // Throws Error (invalid input) unless every index is in range, every coordinate finite, and the

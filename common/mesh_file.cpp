@@ -4,7 +4,8 @@
 #include <assimp/Importer.hpp>
 #include <cctype>
 #include <fstream>
-#include <set>
+#include <sstream>
+#include <string>
 
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
@@ -17,21 +18,49 @@ namespace fs = std::filesystem;
 
 namespace {
 
-void check_kind(const fs::path& path) {
+std::string lower_case_extension(const fs::path& path) {
   std::string extension = path.extension().string();
   for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  if (!std::set<std::string>{".ply", ".obj", ".stl"}.contains(extension)) {
-    throw invalid_input(fmt::format("{}: a mesh must be a .ply, .obj or .stl file, not \"{}\"",
-                                    path.string(), extension));
-  }
+  return extension;
 }
 
-// Assimp splits polygons without checking their indices, so that has to come first.
-void check_indices(const aiScene& scene, const fs::path& path) {
+Error cut_short(const fs::path& path, const std::string& reason) {
+  return Error(ErrorKind::kDataLoss, fmt::format("{} was cut short: {}", path.string(), reason));
+}
+
+// The number of faces that the header of a PLY file promises. Assimp does not see that a text file
+// ends before its last face, and does not return at all where the header has no end.
+size_t promised_faces(const fs::path& path) {
+  constexpr int kMaxHeaderLines = 10'000;
+  std::ifstream in(path, std::ios::binary);
+  size_t faces = 0;
+  std::string line;
+  for (int i = 0; i < kMaxHeaderLines && std::getline(in, line); ++i) {
+    if (i == 0 && !line.starts_with("ply")) {
+      throw invalid_input(path.string() + " is not a PLY file: it does not begin with \"ply\"");
+    }
+    if (line.starts_with("end_header")) return faces;
+    std::istringstream words(line);
+    std::string element, face;
+    size_t count = 0;
+    if (words >> element >> face >> count && element == "element" && face == "face") faces = count;
+  }
+  throw cut_short(path, "its header has no end_header");
+}
+
+// Assimp splits polygons without checking their indices, and aborts at a face without any (which it
+// makes up where a text file ends early), so that has to come first.
+// Returns the number of faces.
+size_t check_faces(const aiScene& scene, const fs::path& path) {
+  size_t faces = 0;
   for (unsigned m = 0; m < scene.mNumMeshes; ++m) {
     const aiMesh& part = *scene.mMeshes[m];
+    faces += part.mNumFaces;
     for (unsigned f = 0; f < part.mNumFaces; ++f) {
       const aiFace& face = part.mFaces[f];
+      if (face.mNumIndices == 0) {
+        throw cut_short(path, fmt::format("face {} of {} has no vertices", f, part.mNumFaces));
+      }
       for (unsigned i = 0; i < face.mNumIndices; ++i) {
         if (face.mIndices[i] < part.mNumVertices) continue;
         throw invalid_input(fmt::format("{}: face {} refers to vertex {}, but there are {}",
@@ -39,6 +68,7 @@ void check_indices(const aiScene& scene, const fs::path& path) {
       }
     }
   }
+  return faces;
 }
 
 void append(Mesh& mesh, const aiMesh& part) {
@@ -58,17 +88,25 @@ void append(Mesh& mesh, const aiMesh& part) {
 }  // namespace
 
 Mesh load_mesh(const fs::path& path) {
-  check_kind(path);
+  const std::string extension = lower_case_extension(path);
+  if (extension != ".ply" && extension != ".obj" && extension != ".stl") {
+    throw invalid_input(fmt::format("{}: a mesh must be a .ply, .obj or .stl file, not \"{}\"",
+                                    path.string(), extension));
+  }
   if (!fs::is_regular_file(path) || !std::ifstream(path).good()) {
     throw Error(ErrorKind::kIo, fmt::format("cannot open the mesh {}", path.string()));
   }
+  const size_t promised = extension == ".ply" ? promised_faces(path) : 0;
   Assimp::Importer importer;
   const aiScene* scene = importer.ReadFile(path.string(), 0);
   if (scene == nullptr) {
     throw invalid_input(
         fmt::format("cannot read the mesh {}: {}", path.string(), importer.GetErrorString()));
   }
-  check_indices(*scene, path);
+  const size_t faces = check_faces(*scene, path);
+  if (faces < promised) {
+    throw cut_short(path, fmt::format("{} of {} faces are there", faces, promised));
+  }
   scene = importer.ApplyPostProcessing(aiProcess_Triangulate);
 
   Mesh mesh;

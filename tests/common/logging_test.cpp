@@ -1,0 +1,34 @@
+#include "common/logging.h"
+
+#include <gtest/gtest.h>
+#include <spdlog/spdlog.h>
+
+#include "common/error.h"
+#include "tests/support/expect_error.h"
+
+namespace itn {
+namespace {
+
+std::string logged(const char* level) {
+  ::testing::internal::CaptureStderr();
+  set_up_logging(level);
+  spdlog::info("an info");
+  spdlog::warn("a warning");
+  return ::testing::internal::GetCapturedStderr();
+}
+
+TEST(Logging, GoesToStderrFromTheLevelOnWithoutColourOffATerminal) {
+  const std::string info = logged("info");
+  EXPECT_THAT(info, ::testing::ContainsRegex("info an info\n.*warning a warning\n"));
+  EXPECT_THAT(info, ::testing::Not(::testing::HasSubstr("\x1b")));
+  EXPECT_THAT(logged("warning"), ::testing::Not(::testing::HasSubstr("an info")));
+  EXPECT_EQ(logged("off"), "");
+}
+
+TEST(Logging, UnknownLevelIsAUsageError) {
+  testing::expect_error(ErrorKind::kUsage, {"\"loud\"", "trace, debug, info"},
+                        [] { set_up_logging("loud"); });
+}
+
+}  // namespace
+}  // namespace itn
