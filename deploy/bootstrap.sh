@@ -1,0 +1,59 @@
+#!/usr/bin/env bash
+# Installs what itn is built with and tested with, where it is missing. Debian 12 (or a later Debian
+# or Ubuntu that has these packages). Uses sudo when not run by root; does nothing, and takes no
+# time, when everything is there.
+set -euo pipefail
+
+packages=(
+  # Compiler and build
+  g++ cmake ninja-build ccache git ca-certificates pkg-config
+  # Services
+  libgrpc++-dev protobuf-compiler protobuf-compiler-grpc libprotobuf-dev libssl-dev
+  # Rendering
+  libembree-dev libtbb-dev libassimp-dev
+  # Learning; without an optimised BLAS, LibTorch is some thirty times slower
+  libtorch-dev libopenblas0-pthread libopencv-imgproc-dev
+  # Images
+  libopenexr-dev libpng-dev zlib1g-dev
+  # Command line and logs
+  libcli11-dev libfmt-dev libspdlog-dev
+  # Tests and benchmarks
+  libgtest-dev libgmock-dev libbenchmark-dev
+  # The client in another language that the tests run
+  python3 python3-grpcio python3-protobuf python3-numpy
+)
+
+missing() {
+  local package
+  for package in "${packages[@]}"; do
+    [[ $(dpkg-query -W -f='${db:Status-Status}' "$package" 2>/dev/null) == installed ]] ||
+      echo "$package"
+  done
+}
+
+if ! command -v apt-get dpkg-query >/dev/null; then
+  cat >&2 <<EOF
+bootstrap.sh: this is not Debian or Ubuntu. Install the equivalents of these packages, then run
+deploy/build.sh:
+  ${packages[*]}
+EOF
+  exit 1
+fi
+
+mapfile -t wanted < <(missing)
+if ((${#wanted[@]} == 0)); then
+  exit 0
+fi
+
+as_root=()
+if ((EUID != 0)); then
+  if ! command -v sudo >/dev/null; then
+    echo "bootstrap.sh: run this as root, or install sudo: packages are missing: ${wanted[*]}" >&2
+    exit 1
+  fi
+  as_root=(sudo)
+fi
+echo "Installing: ${wanted[*]}"
+"${as_root[@]}" apt-get update -qq
+"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+  apt-get install -qq -y --no-install-recommends "${wanted[@]}"
