@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "common/scene_file.h"
+#include "common/scene_bytes.h"
 #include "itn/v1/render.pb.h"
 
 namespace itn {

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "common/error.h"
-#include "common/scene_file.h"
+#include "common/scene_bytes.h"
 #include "server/render_reply.h"
 #include "server/status.h"
 

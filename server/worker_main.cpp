@@ -56,7 +56,7 @@ void add_flags(CLI::App& app, WorkerOptions& options) {
   app.add_flag("--reflection,!--no-reflection", options.server.reflection,
                "gRPC server reflection (on by default)");
   app.add_option("--log-level", options.log_level, "What to log on stderr")
-      ->check(CLI::IsMember({"debug", "info", "warn", "error", "off"}))
+      ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
       ->capture_default_str();
   app.set_version_flag("--version", "itn-worker " ITN_VERSION);
 }
@@ -87,7 +87,7 @@ int run(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : exit_code(ErrorKind::kUsage);
   }
   try {
-    init_logging(options.log_level);
+    set_up_logging(options.log_level);
     serve(options, signal);
     return 0;
   } catch (const Error& error) {

@@ -1,0 +1,181 @@
+// itn dataset: renders images of shapes under skies, with known materials.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <spdlog/spdlog.h>
+
+#include <chrono>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "client/commands/command.h"
+#include "client/commands/options.h"
+#include "client/dataset_render.h"
+#include "client/interrupt.h"
+#include "client/json.h"
+#include "common/error.h"
+#include "common/progress.h"
+
+namespace itn {
+namespace {
+
+struct DatasetOptions {
+  std::string folder;
+  std::string shapes;  // folder; empty: the built-in ones
+  std::vector<std::string> test_shapes;
+  uint32_t count = 400;
+  bool grid = false;
+  bool random = false;
+  bool rotate = false;
+  uint32_t resolution = 128;
+  uint32_t spp = 256;
+  uint64_t seed = 0;
+  double test_fraction = 0.25;
+  std::vector<double> train_azimuths, test_azimuths;
+  std::pair<double, double> sigma_t{30, 276}, albedo{0.39, 0.95}, g{0, 0.8};
+  WorkerFlags workers;
+  bool json = false;
+};
+
+template <typename Values>
+void replace(google::protobuf::RepeatedField<double>& field, const Values& values) {
+  if (!values.empty()) {
+    field.Assign(values.begin(), values.end());
+  }
+}
+
+void set(v1::Interval* interval, const std::pair<double, double>& range) {
+  interval->set_min(range.first);
+  interval->set_max(range.second);
+}
+
+v1::DatasetConfig config_of(const DatasetOptions& options) {
+  v1::DatasetConfig config = paper_config(options.resolution);
+  config.set_spp(options.spp);
+  config.set_seed(options.seed);
+  config.set_rotate(options.rotate);
+  config.set_test_fraction(options.test_fraction);
+  replace(*config.mutable_train_azimuths_degrees(), options.train_azimuths);
+  replace(*config.mutable_test_azimuths_degrees(), options.test_azimuths);
+  set(config.mutable_materials()->mutable_sigma_t(), options.sigma_t);
+  set(config.mutable_materials()->mutable_albedo(), options.albedo);
+  set(config.mutable_materials()->mutable_g(), options.g);
+  if (options.grid) {
+    config.set_sampling(v1::DatasetConfig::GRID);
+  } else {
+    config.set_sampling(options.random ? v1::DatasetConfig::RANDOM : v1::DatasetConfig::STRATIFIED);
+    config.set_count(options.count);
+  }
+  return config;
+}
+
+DatasetProgress render(const DatasetOptions& options, const DatasetPlan& plan, RenderPool& pool) {
+  std::optional<Progress> progress;
+  const DatasetProgress result = render_dataset(
+      plan, options.folder, pool,
+      [&](const DatasetProgress& now) {
+        if (!progress) {
+          progress.emplace("dataset", "images", now.total, now.done);
+        }
+        progress->update(now.done);
+      },
+      interruption());
+  progress->finish();
+  return result;
+}
+
+v1::DatasetSummary summary_of(const DatasetOptions& options, const v1::Dataset& manifest,
+                              const ShapeSet& shapes) {
+  v1::DatasetSummary summary;
+  summary.set_folder(options.folder);
+  for (const v1::DatasetShape& shape : manifest.shapes()) {
+    shape.split() == v1::SPLIT_TRAIN ? summary.add_train_shapes(shape.name())
+                                     : summary.add_test_shapes(shape.name());
+  }
+  uint32_t train = 0;
+  for (const v1::DatasetItem& item : manifest.items()) {
+    train += item.split() == v1::SPLIT_TRAIN ? 1 : 0;
+  }
+  summary.set_train_images(train);
+  summary.set_test_images(static_cast<uint32_t>(manifest.items_size()) - train);
+  for (const std::string& message : shapes.refused) {
+    summary.add_refused_shapes(message);
+  }
+  return summary;
+}
+
+void print(const v1::DatasetSummary& summary) {
+  fmt::print("{}: {} training images of {}; {} test images of {}\n", summary.folder(),
+             summary.train_images(), fmt::join(summary.train_shapes(), ", "), summary.test_images(),
+             fmt::join(summary.test_shapes(), ", "));
+}
+
+void run(const DatasetOptions& options) {
+  const auto start = std::chrono::steady_clock::now();
+  const ShapeSet shapes =
+      options.shapes.empty() ? builtin_shape_set() : load_shape_set(options.shapes);
+  for (const std::string& message : shapes.refused) {
+    spdlog::warn("not used: {}", message);
+  }
+  const DatasetPlan plan = plan_dataset(config_of(options), shapes.shapes, options.test_shapes);
+  RenderPool pool(options.workers.pool_options());
+  v1::DatasetSummary summary = summary_of(options, plan.manifest, shapes);
+  summary.set_kept(static_cast<uint32_t>(render(options, plan, pool).kept));
+  const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
+  summary.set_seconds(elapsed.count());
+  summary.set_render_cpu_seconds(pool.statistics().cpu_seconds);
+  options.json ? fmt::print("{}\n", to_json(summary)) : print(summary);
+}
+
+}  // namespace
+
+void add_dataset_command(CLI::App& app) {
+  const auto options = std::make_shared<DatasetOptions>();
+  CLI::App* command = app.add_subcommand(
+      "dataset", "Render images with known materials; the same command continues what was stopped");
+  command->add_option("folder", options->folder, "Folder to write")->required();
+  command->add_option("--shapes", options->shapes,
+                      "Folder of closed PLY, OBJ or STL meshes; without: the built-in shapes");
+  command
+      ->add_option(
+          "--test-shapes", options->test_shapes,
+          "Names of the shapes to test with, separated by commas; without: a random choice")
+      ->delimiter(',');
+  CLI::Option* count =
+      command->add_option("--count", options->count, "Images, training and test together")
+          ->capture_default_str();
+  command
+      ->add_flag("--grid", options->grid,
+                 "All 300 materials of Che et al. 2020 for every shape and azimuth")
+      ->excludes(count);
+  command->add_flag("--random", options->random,
+                    "Independent materials rather than a Latin hypercube");
+  command->add_flag("--rotate", options->rotate, "Turn each object about +y by a random angle");
+  command->add_option("--resolution", options->resolution, "Pixels a side")
+      ->check(CLI::IsMember({16, 32, 64, 128, 256}))
+      ->capture_default_str();
+  command->add_option("--spp", options->spp, "Samples per pixel")
+      ->check(CLI::Range(1, 1 << 20))
+      ->capture_default_str();
+  command->add_option("--seed", options->seed, "Of all choices")->capture_default_str();
+  command->add_option("--test-fraction", options->test_fraction, "Of shapes and images, in (0, 1)")
+      ->capture_default_str();
+  command
+      ->add_option("--train-azimuths", options->train_azimuths,
+                   "Of the sun, in degrees, separated by commas; default 0,30,60,90")
+      ->delimiter(',');
+  command
+      ->add_option("--test-azimuths", options->test_azimuths, "Likewise; default 10,20,40,50,70,80")
+      ->delimiter(',');
+  command->add_option("--sigma-t", options->sigma_t, "MIN MAX, in 1/mm, log-uniform")
+      ->capture_default_str();
+  command->add_option("--albedo", options->albedo, "MIN MAX, uniform")->capture_default_str();
+  command->add_option("--g", options->g, "MIN MAX, uniform")->capture_default_str();
+  command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.DatasetSummary)");
+  add_worker_flags(*command, options->workers);
+  command->callback([options] { run(*options); });
+}
+
+}  // namespace itn

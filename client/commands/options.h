@@ -1,0 +1,35 @@
+// Flags that several commands share.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+#include <vector>
+
+#include "client/render_pool.h"
+
+namespace itn {
+
+struct WorkerFlags {
+  std::vector<std::string> workers;
+  int threads = 0;
+
+  RenderPoolOptions pool_options() const {
+    RenderPoolOptions options;
+    options.workers = workers;
+    options.embedded_threads = threads;
+    return options;
+  }
+};
+
+// --workers HOST:PORT,... and --threads.
+inline void add_worker_flags(CLI::App& app, WorkerFlags& flags) {
+  app.add_option("--workers", flags.workers,
+                 "Render workers, HOST:PORT, separated by commas; none: render in this process")
+      ->delimiter(',');
+  app.add_option("--threads", flags.threads,
+                 "Threads to render with in this process; 0: one per processor")
+      ->check(CLI::Range(0, 4096))
+      ->capture_default_str();
+}
+
+}  // namespace itn

@@ -1,0 +1,197 @@
+// itn predict: optical parameters from one image.
+#include <fmt/format.h>
+#include <grpcpp/create_channel.h>
+
+#include <chrono>
+#include <cstring>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "client/commands/command.h"
+#include "client/json.h"
+#include "common/error.h"
+#include "common/image.h"
+#include "common/learning/predictor.h"
+#include "itn/v1/predict.grpc.pb.h"
+#include "server/status.h"
+
+namespace itn {
+namespace {
+
+struct PredictOptions {
+  std::string image;
+  std::string mask;
+  std::string model;
+  std::string predictor;
+  double timeout = 60;  // in seconds
+  bool json = false;
+};
+
+// An image and its mask, with their own storage.
+struct LoadedPhotograph {
+  int width = 0, height = 0;
+  std::vector<std::string> channels;
+  std::vector<float> pixels, mask;
+
+  Photograph view() const {
+    return {width, height, static_cast<int>(channels.size()), pixels, mask};
+  }
+};
+
+std::vector<std::string> channels_of(const Image& image, const std::string& path) {
+  if (image.has("R") && image.has("G") && image.has("B")) {
+    return {"R", "G", "B"};
+  }
+  if (image.has("Y")) {
+    return {"Y"};
+  }
+  std::string names;
+  for (const auto& [name, values] : image.channels) {
+    names += (names.empty() ? "" : ", ") + name;
+  }
+  throw invalid_input(
+      fmt::format("{} has the channels {}; it must have Y, or R, G and B", path, names));
+}
+
+std::vector<float> mask_of(const PredictOptions& options, const Image& image) {
+  if (options.mask.empty()) {
+    if (!image.has("mask.Y")) {
+      throw invalid_input(fmt::format(
+          "{} has no channel mask.Y that says where the object is; give a mask with --mask",
+          options.image));
+    }
+    return image.channel("mask.Y");
+  }
+  const Image file = read_exr(options.mask);
+  if (file.width != image.width || file.height != image.height) {
+    throw invalid_input(fmt::format("{} is {} x {} pixels, {} is {} x {}; they must be the same",
+                                    options.mask, file.width, file.height, options.image,
+                                    image.width, image.height));
+  }
+  for (const char* name : {"mask.Y", "Y", "R"}) {
+    if (file.has(name)) {
+      return file.channel(name);
+    }
+  }
+  throw invalid_input(fmt::format("{} has none of the channels mask.Y, Y, R", options.mask));
+}
+
+LoadedPhotograph load(const PredictOptions& options) {
+  const Image image = read_exr(options.image);
+  LoadedPhotograph photograph{image.width, image.height, channels_of(image, options.image), {}, {}};
+  const size_t pixels = static_cast<size_t>(image.width) * image.height;
+  photograph.pixels.reserve(pixels * photograph.channels.size());
+  for (size_t p = 0; p < pixels; ++p) {
+    for (const std::string& name : photograph.channels) {
+      photograph.pixels.push_back(image.channels.at(name)[p]);
+    }
+  }
+  photograph.mask = mask_of(options, image);
+  validate(photograph.view());
+  return photograph;
+}
+
+void set_bytes(std::string& bytes, const std::vector<float>& values) {
+  bytes.assign(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float));
+}
+
+v1::PredictReply ask(const PredictOptions& options, const LoadedPhotograph& photograph) {
+  v1::PredictRequest request;
+  request.set_width(static_cast<uint32_t>(photograph.width));
+  request.set_height(static_cast<uint32_t>(photograph.height));
+  request.set_channels(static_cast<uint32_t>(photograph.channels.size()));
+  set_bytes(*request.mutable_image(), photograph.pixels);
+  set_bytes(*request.mutable_mask(), photograph.mask);
+  grpc::ChannelArguments arguments;
+  arguments.SetMaxSendMessageSize(-1);
+  const auto stub = v1::PredictService::NewStub(
+      grpc::CreateCustomChannel(options.predictor, grpc::InsecureChannelCredentials(), arguments));
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() +
+                       std::chrono::milliseconds(static_cast<int64_t>(options.timeout * 1000)));
+  v1::PredictReply reply;
+  const grpc::Status status = stub->Predict(&context, request, &reply);
+  if (!status.ok()) {
+    throw to_error(status, "predictor " + options.predictor);
+  }
+  return reply;
+}
+
+v1::PredictReply predict_here(const PredictOptions& options, const LoadedPhotograph& photograph) {
+  set_torch_threads(1);
+  Predictor predictor = Predictor::load(options.model);
+  v1::PredictReply reply;
+  for (const Material& material : predictor.predict(photograph.view())) {
+    v1::Material& proto = *reply.add_materials();
+    proto.set_sigma_t(material.sigma_t);
+    proto.set_albedo(material.albedo);
+    proto.set_g(material.g);
+  }
+  reply.set_model(predictor.name());
+  return reply;
+}
+
+v1::Prediction prediction_of(const v1::PredictReply& reply, const LoadedPhotograph& photograph) {
+  if (reply.materials_size() != static_cast<int>(photograph.channels.size())) {
+    throw Error(ErrorKind::kInternal,
+                fmt::format("the predictor answered {} materials for {} channels",
+                            reply.materials_size(), photograph.channels.size()));
+  }
+  v1::Prediction prediction;
+  prediction.set_model(reply.model());
+  for (int i = 0; i < reply.materials_size(); ++i) {
+    const v1::Material& m = reply.materials(i);
+    const Material material{m.sigma_t(), m.albedo(), m.g()};
+    v1::Prediction::Channel& channel = *prediction.add_channels();
+    channel.set_channel(photograph.channels[static_cast<size_t>(i)]);
+    channel.set_sigma_t(material.sigma_t);
+    channel.set_albedo(material.albedo);
+    channel.set_g(material.g);
+    channel.set_sigma_a(material.sigma_a());
+    channel.set_sigma_s(material.sigma_s());
+  }
+  return prediction;
+}
+
+void print(const v1::Prediction& prediction) {
+  fmt::print("{:7}  {:>10}  {:>7}  {:>7}  {:>10}  {:>10}\n", "channel", "sigma_t/mm", "albedo", "g",
+             "sigma_a/mm", "sigma_s/mm");
+  for (const v1::Prediction::Channel& c : prediction.channels()) {
+    fmt::print("{:7}  {:10.3f}  {:7.4f}  {:7.4f}  {:10.3f}  {:10.3f}\n", c.channel(), c.sigma_t(),
+               c.albedo(), c.g(), c.sigma_a(), c.sigma_s());
+  }
+}
+
+void run(const PredictOptions& options) {
+  if (options.model.empty() == options.predictor.empty()) {
+    throw Error(ErrorKind::kUsage, "give either --model FILE or --predictor HOST:PORT");
+  }
+  const LoadedPhotograph photograph = load(options);
+  const v1::PredictReply reply =
+      options.model.empty() ? ask(options, photograph) : predict_here(options, photograph);
+  const v1::Prediction prediction = prediction_of(reply, photograph);
+  options.json ? fmt::print("{}\n", to_json(prediction)) : print(prediction);
+}
+
+}  // namespace
+
+void add_predict_command(CLI::App& app) {
+  const auto options = std::make_shared<PredictOptions>();
+  CLI::App* command = app.add_subcommand("predict", "Optical parameters of the object in an image");
+  command->add_option("image", options->image, "EXR with channel Y, or R, G, B: linear radiance")
+      ->required();
+  command->add_option(
+      "--mask", options->mask,
+      "EXR that is 1 on the object (channel mask.Y, Y or R); default: the image's own "
+      "channel mask.Y");
+  command->add_option("--model", options->model, "Checkpoint (or run): predict in this process");
+  command->add_option("--predictor", options->predictor, "HOST:PORT of an itn-predictor to ask");
+  command->add_option("--timeout", options->timeout, "Of the call, in seconds")
+      ->check(CLI::Range(0.01, 3600.0))
+      ->capture_default_str();
+  command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.Prediction)");
+  command->callback([options] { run(*options); });
+}
+
+}  // namespace itn

@@ -1,0 +1,279 @@
+// itn render: an image of a scene and its derivatives, as layers of an EXR file.
+#include <fmt/format.h>
+#include <google/protobuf/struct.pb.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "client/commands/command.h"
+#include "client/commands/options.h"
+#include "client/interrupt.h"
+#include "client/json.h"
+#include "client/render_pool.h"
+#include "common/error.h"
+#include "common/image.h"
+#include "common/progress.h"
+#include "common/scene_file.h"
+
+namespace itn {
+namespace {
+
+struct RenderOptions {
+  std::string scene;
+  std::string output;
+  std::string png;
+  std::string film;
+  double sigma_t = 0, albedo = 0, g = 0;
+  uint32_t spp = 64;
+  uint64_t seed = 0;
+  std::vector<std::string> derivatives;
+  uint32_t estimates = 1;
+  WorkerFlags workers;
+  bool json = false;
+};
+
+// ---- The request -----------------------------------------------------------------------------
+
+std::string upper(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return std::toupper(c); });
+  return text;
+}
+
+std::string lower(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
+  return text;
+}
+
+v1::Parameter parameter(const std::string& name) {
+  v1::Parameter value = v1::PARAMETER_UNSPECIFIED;
+  if (name == lower(name) && v1::Parameter_Parse(upper(name), &value) &&
+      value != v1::PARAMETER_UNSPECIFIED) {
+    return value;
+  }
+  throw Error(ErrorKind::kUsage,
+              fmt::format("--derivatives: {} is not one of sigma_t, albedo, g, sigma_a, sigma_s, "
+                          "sigma_s_reduced",
+                          name));
+}
+
+void set_film(v1::Film& film, const std::string& size) {
+  unsigned width = 0;
+  unsigned height = 0;
+  int used = 0;
+  if (std::sscanf(size.c_str(), "%5ux%5u%n", &width, &height, &used) != 2 ||
+      used != static_cast<int>(size.size())) {
+    throw Error(ErrorKind::kUsage,
+                fmt::format("--film: {} is not WIDTHxHEIGHT in pixels, e.g. 128x128", size));
+  }
+  film.set_width(width);
+  film.set_height(height);
+}
+
+RenderJob make_job(const RenderOptions& options) {
+  v1::Scene scene = load_scene(options.scene);
+  if (!options.film.empty()) set_film(*scene.mutable_film(), options.film);
+  RenderJob job;
+  job.scene = serialize(scene);
+  job.request.mutable_material()->set_sigma_t(options.sigma_t);
+  job.request.mutable_material()->set_albedo(options.albedo);
+  job.request.mutable_material()->set_g(options.g);
+  job.request.set_spp(options.spp);
+  job.request.set_seed(options.seed);
+  job.request.set_estimates(options.estimates);
+  for (const std::string& name : options.derivatives) job.request.add_derivatives(parameter(name));
+  return job;
+}
+
+v1::RenderGradReply render(const RenderOptions& options, const RenderJob& job) {
+  RenderPool pool(options.workers.pool_options());
+  Progress progress("rendering", "samples per pixel", options.spp);
+  auto reply = pool.render_split(job, [&](double fraction) {
+    throw_if_interrupted();
+    progress.update(static_cast<uint64_t>(fraction * options.spp));
+  });
+  progress.finish();
+  return reply;
+}
+
+// ---- The file --------------------------------------------------------------------------------
+
+std::vector<float> floats(const std::string& bytes) {
+  std::vector<float> values(bytes.size() / sizeof(float));
+  std::memcpy(values.data(), bytes.data(), bytes.size());
+  return values;
+}
+
+// The mean over all samples, of the means of the estimates: estimate k has the samples
+// k, k + K, k + 2 K, ... below spp.
+std::vector<float> mean_of_estimates(const v1::RenderGradReply& reply, uint32_t spp,
+                                     const auto& image_of) {
+  if (reply.estimates_size() == 1) return floats(image_of(reply.estimates(0)));
+  const uint32_t estimates = static_cast<uint32_t>(reply.estimates_size());
+  std::vector<double> sum(size_t{reply.width()} * reply.height());
+  for (uint32_t k = 0; k < estimates; ++k) {
+    const double samples = (spp - k + estimates - 1) / estimates;
+    const std::vector<float> image = floats(image_of(reply.estimates(static_cast<int>(k))));
+    for (size_t i = 0; i < sum.size(); ++i) sum[i] += samples / spp * image[i];
+  }
+  return {sum.begin(), sum.end()};
+}
+
+void add_channels(const v1::RenderGradReply& reply, const RenderOptions& options, Image& image) {
+  image.channels["Y"] = mean_of_estimates(
+      reply, options.spp, [](const v1::Estimate& e) -> const std::string& { return e.radiance(); });
+  for (size_t d = 0; d < options.derivatives.size(); ++d) {
+    image.channels[options.derivatives[d] + ".Y"] =
+        mean_of_estimates(reply, options.spp, [d](const v1::Estimate& e) -> const std::string& {
+          return e.derivatives(static_cast<int>(d));
+        });
+  }
+  image.channels["mask.Y"] = floats(reply.mask());
+  image.channels["stderr.Y"] = floats(reply.standard_error());
+  if (reply.estimates_size() == 1) return;
+  for (int k = 0; k < reply.estimates_size(); ++k) {
+    const v1::Estimate& estimate = reply.estimates(k);
+    image.channels[fmt::format("estimate{}.Y", k)] = floats(estimate.radiance());
+    for (size_t d = 0; d < options.derivatives.size(); ++d) {
+      image.channels[fmt::format("estimate{}.{}.Y", k, options.derivatives[d])] =
+          floats(estimate.derivatives(static_cast<int>(d)));
+    }
+  }
+}
+
+Image make_image(const v1::RenderGradReply& reply, const RenderOptions& options,
+                 const RenderJob& job) {
+  Image image;
+  image.width = static_cast<int>(reply.width());
+  image.height = static_cast<int>(reply.height());
+  add_channels(reply, options, image);
+  const v1::Counters& counters = reply.counters();
+  image.attributes = {
+      {"itn.version", ITN_VERSION},
+      {"itn.scene_sha256", to_hex(job.scene->digest)},
+      {"itn.sigma_t", fmt::format("{}", options.sigma_t)},
+      {"itn.albedo", fmt::format("{}", options.albedo)},
+      {"itn.g", fmt::format("{}", options.g)},
+      {"itn.spp", fmt::format("{}", options.spp)},
+      {"itn.seed", fmt::format("{}", options.seed)},
+      {"itn.estimates", fmt::format("{}", options.estimates)},
+      {"itn.paths", fmt::format("{}", counters.paths())},
+      {"itn.steps", fmt::format("{}", counters.steps())},
+      {"itn.invalid_samples", fmt::format("{}", counters.invalid_samples())},
+      {"itn.leaks", fmt::format("{}", counters.leaks())},
+  };
+  return image;
+}
+
+// Linear radiance to sRGB, the 99th percentile white, for people to look at.
+void write_preview(const std::filesystem::path& path, const Image& image) {
+  std::vector<float> sorted = image.channel("Y");
+  const auto white = sorted.begin() + static_cast<ptrdiff_t>((sorted.size() - 1) * 99 / 100);
+  std::nth_element(sorted.begin(), white, sorted.end());
+  const float scale = *white > 0 ? 1 / *white : 1;
+  std::vector<unsigned char> rgb;
+  for (const float value : image.channel("Y")) {
+    const float linear = std::clamp(value * scale, 0.0F, 1.0F);
+    const float srgb =
+        linear <= 0.0031308F ? 12.92F * linear : 1.055F * std::pow(linear, 1 / 2.4F) - 0.055F;
+    rgb.insert(rgb.end(), 3, static_cast<unsigned char>(std::lround(255 * srgb)));
+  }
+  write_png(path, image.width, image.height, rgb);
+}
+
+// ---- The result on stdout --------------------------------------------------------------------
+
+double mean_over_object(const Image& image) {
+  const std::vector<float>& radiance = image.channel("Y");
+  const std::vector<float>& mask = image.channel("mask.Y");
+  double sum = 0;
+  double weight = 0;
+  for (size_t i = 0; i < radiance.size(); ++i) {
+    sum += mask[i] * radiance[i];
+    weight += mask[i];
+  }
+  return weight > 0 ? sum / weight : 0;
+}
+
+void print_json(const v1::RenderGradReply& reply, const RenderOptions& options, const Image& image,
+                double seconds) {
+  const v1::Counters& counters = reply.counters();
+  google::protobuf::Struct result;
+  auto& fields = *result.mutable_fields();
+  const auto number = [&](const char* name, auto value) {
+    fields[name].set_number_value(static_cast<double>(value));
+  };
+  fields["output"].set_string_value(options.output);
+  number("width", reply.width());
+  number("height", reply.height());
+  number("spp", options.spp);
+  number("mean_radiance_on_object", mean_over_object(image));
+  number("paths", counters.paths());
+  number("steps", counters.steps());
+  number("invalid_samples", counters.invalid_samples());
+  number("leaks", counters.leaks());
+  number("cpu_seconds", counters.cpu_seconds());
+  number("seconds", seconds);
+  fmt::print("{}\n", to_json(result));
+}
+
+void print_text(const v1::RenderGradReply& reply, const RenderOptions& options, const Image& image,
+                double seconds) {
+  const v1::Counters& counters = reply.counters();
+  fmt::print("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n", options.output, reply.width(),
+             reply.height(), options.spp, seconds);
+  fmt::print("mean radiance on the object: {:.6g}\n", mean_over_object(image));
+  if (counters.invalid_samples() > 0 || counters.leaks() > 0) {
+    fmt::print("dropped: {} invalid samples, {} leaks of {} paths\n", counters.invalid_samples(),
+               counters.leaks(), counters.paths());
+  }
+}
+
+void run(const RenderOptions& options) {
+  const auto start = std::chrono::steady_clock::now();
+  const RenderJob job = make_job(options);
+  const v1::RenderGradReply reply = render(options, job);
+  const Image image = make_image(reply, options, job);
+  write_exr(options.output, image);
+  if (!options.png.empty()) write_preview(options.png, image);
+  const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
+  options.json ? print_json(reply, options, image, elapsed.count())
+               : print_text(reply, options, image, elapsed.count());
+}
+
+}  // namespace
+
+void add_render_command(CLI::App& app) {
+  const auto options = std::make_shared<RenderOptions>();
+  CLI::App* command = app.add_subcommand("render", "Render a scene and its derivatives to an EXR");
+  command->add_option("scene", options->scene, "Scene file (text format of itn.v1.Scene)")
+      ->required();
+  command->add_option("-o,--output", options->output, "EXR file to write")->required();
+  command->add_option("--sigma-t", options->sigma_t, "Extinction coefficient, in 1/mm")->required();
+  command->add_option("--albedo", options->albedo, "Single-scattering albedo")->required();
+  command->add_option("--g", options->g, "Mean cosine of scattering")->capture_default_str();
+  command->add_option("--spp", options->spp, "Samples per pixel")->capture_default_str();
+  command->add_option("--seed", options->seed, "Of the random numbers")->capture_default_str();
+  command
+      ->add_option("--derivatives", options->derivatives,
+                   "Layers to add, separated by commas: sigma_t, albedo, g, sigma_a, sigma_s, "
+                   "sigma_s_reduced")
+      ->delimiter(',');
+  command->add_option("--estimates", options->estimates, "Independent estimates, as further layers")
+      ->capture_default_str();
+  command->add_option("--film", options->film, "WIDTHxHEIGHT in pixels, instead of the scene's");
+  command->add_option("--png", options->png, "Also write a picture to look at");
+  command->add_flag("--json", options->json, "Print the result as JSON");
+  add_worker_flags(*command, options->workers);
+  command->callback([options] { run(*options); });
+}
+
+}  // namespace itn
