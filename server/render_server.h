@@ -4,12 +4,10 @@
 // Connections are neither encrypted nor authenticated: for private networks only.
 #pragma once
 
-#include <grpcpp/channel.h>
-#include <grpcpp/server.h>
-
 #include <memory>
 #include <string>
 
+#include "server/grpc_server.h"
 #include "server/render_service.h"
 
 namespace itn {
@@ -25,24 +23,19 @@ class RenderServer {
  public:
   // Throws Error (kIo) if it cannot listen.
   explicit RenderServer(const RenderServerOptions& options);
-  // Cancels what is under way.
-  ~RenderServer();
-  RenderServer(const RenderServer&) = delete;
-  RenderServer& operator=(const RenderServer&) = delete;
 
   // HOST:PORT, with the port that was taken.
-  const std::string& address() const { return address_; }
+  const std::string& address() const { return server_.address(); }
 
-  std::shared_ptr<grpc::Channel> in_process_channel();
+  std::shared_ptr<grpc::Channel> in_process_channel() { return server_.in_process_channel(); }
 
   // Reports NOT_SERVING, answers new requests UNAVAILABLE, returns when those accepted before are
-  // answered.
+  // answered. Without it, the destructor cancels what is under way.
   void drain();
 
  private:
   RenderService service_;
-  std::string address_;
-  std::unique_ptr<grpc::Server> server_;
+  GrpcServer server_;  // last: it calls the service
 };
 
 }  // namespace itn

@@ -1,14 +1,10 @@
 // itn-worker: a render worker. Serves until SIGTERM or SIGINT, then finishes what is under way.
-#include <spdlog/spdlog.h>
-
 #include <CLI/CLI.hpp>
-#include <cstdio>
+#include <memory>
 #include <string>
 
-#include "common/error.h"
-#include "common/logging.h"
 #include "server/render_server.h"
-#include "server/shutdown_signal.h"
+#include "server/server_main.h"
 
 namespace itn {
 namespace {
@@ -61,49 +57,21 @@ void add_flags(CLI::App& app, WorkerOptions& options) {
   app.set_version_flag("--version", "itn-worker " ITN_VERSION);
 }
 
-void serve(WorkerOptions& options, ShutdownSignal& signal) {
-  options.server.service.limits.max_message_bytes = options.max_message_mb << 20;
-  options.server.service.cache_bytes = options.cache_mb << 20;
-  RenderServer server(options.server);
-  std::printf("%s\n", server.address().c_str());
-  std::fflush(stdout);
-  spdlog::info("render worker " ITN_VERSION " listens on {}", server.address());
-  signal.wait();
-  spdlog::info("stopping: finishing what is under way; a second signal stops at once");
-  signal.exit_on_next();
-  server.drain();
-  spdlog::info("stopped");
-}
-
 int run(int argc, char** argv) {
-  ShutdownSignal signal;
   WorkerOptions options;
   CLI::App app(
       "Render worker of itn: images of translucent objects and their derivatives, over gRPC.");
   add_flags(app, options);
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : exit_code(ErrorKind::kUsage);
-  }
-  try {
-    set_up_logging(options.log_level);
-    serve(options, signal);
-    return 0;
-  } catch (const Error& error) {
-    std::fprintf(stderr, "itn-worker: %s\n", error.what());
-    return exit_code(error.kind());
-  }
+  return server_main(app, "itn-worker", argc, argv, options.log_level, [&] {
+    options.server.service.limits.max_message_bytes = options.max_message_mb << 20;
+    options.server.service.cache_bytes = options.cache_mb << 20;
+    return std::make_unique<RenderServer>(options.server);
+  });
 }
 
 }  // namespace
 }  // namespace itn
 
 int main(int argc, char** argv) {
-  try {
-    return itn::run(argc, argv);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "itn-worker: %s\n", error.what());
-    return itn::exit_code(itn::ErrorKind::kInternal);
-  }
+  return itn::run(argc, argv);
 }

@@ -1,0 +1,64 @@
+// itn-predictor: answers optical parameters for images, by a trained network. Serves until SIGTERM
+// or SIGINT, then finishes what is under way.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <thread>
+
+#include "common/learning/encoder.h"
+#include "server/predict_server.h"
+#include "server/server_main.h"
+
+namespace itn {
+namespace {
+
+struct PredictorOptions {
+  std::string model;
+  PredictServerOptions server{.listen = "127.0.0.1:50052", .reflection = true, .service = {}};
+  int threads = 0;
+  std::string log_level = "info";
+};
+
+void add_flags(CLI::App& app, PredictorOptions& options) {
+  app.add_option("--model", options.model, "Checkpoint of itn train, or the folder of a run")
+      ->required();
+  app.add_option("--listen", options.server.listen,
+                 "HOST:PORT to listen on; port 0 takes any that is free. The connection is not "
+                 "encrypted: private networks only")
+      ->capture_default_str();
+  app.add_option("--threads", options.threads, "Threads of each prediction; 0: one per processor")
+      ->check(CLI::Range(0, 4096))
+      ->capture_default_str();
+  app.add_option("--max-pixels", options.server.service.max_pixels, "Most pixels of an image")
+      ->check(CLI::Range(1, 1 << 26))
+      ->capture_default_str();
+  app.add_option("--queue", options.server.service.queue_capacity,
+                 "Requests that may wait; more are answered UNAVAILABLE")
+      ->check(CLI::Range(0, 1'000'000))
+      ->capture_default_str();
+  app.add_flag("--reflection,!--no-reflection", options.server.reflection,
+               "gRPC server reflection (on by default)");
+  app.add_option("--log-level", options.log_level, "What to log on stderr")
+      ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
+      ->capture_default_str();
+  app.set_version_flag("--version", "itn-predictor " ITN_VERSION);
+}
+
+int run(int argc, char** argv) {
+  PredictorOptions options;
+  CLI::App app("Predictor of itn: optical parameters of the object in an image, over gRPC.");
+  add_flags(app, options);
+  return server_main(app, "itn-predictor", argc, argv, options.log_level, [&] {
+    const int processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+    set_torch_threads(options.threads > 0 ? options.threads : processors);
+    return std::make_unique<PredictServer>(Predictor::load(options.model), options.server);
+  });
+}
+
+}  // namespace
+}  // namespace itn
+
+int main(int argc, char** argv) {
+  return itn::run(argc, argv);
+}
