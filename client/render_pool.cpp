@@ -188,8 +188,9 @@ class RenderPool::Impl {
     std::unique_lock lock(mutex_);
     if (changed_.wait_for(lock, options_.connect_within, [this] { return any_up(); })) return;
     lock.unlock();
+    const std::string failures = last_failures();  // before stop() adds its own
     stop();
-    throw Error(ErrorKind::kUnavailable, "no render worker answers (" + last_failures() + ")");
+    throw Error(ErrorKind::kUnavailable, "no render worker answers (" + failures + ")");
   }
 
   // Requires the lock.
@@ -208,7 +209,8 @@ class RenderPool::Impl {
       } else if (may_retry(status)) {
         retry(worker, std::move(task), status);
       } else {
-        task->promise.set_exception(std::make_exception_ptr(to_error(status, worker.name)));
+        const std::string who = embedded_ ? "" : worker.name;
+        task->promise.set_exception(std::make_exception_ptr(to_error(status, who)));
       }
     }
   }

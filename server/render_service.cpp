@@ -93,16 +93,16 @@ class RenderService::RenderCall final : public grpc::ServerUnaryReactor {
 
   void log(const tracer::FilmSums& sums) const {
     const Material& m = settings_.material;
-    spdlog::debug("rendered {}x{}, samples [{}, {}), sigma_t {} albedo {} g {}: {:.2f} CPU-seconds",
-                  sums.width, sums.height, settings_.first_sample,
-                  settings_.first_sample + settings_.sample_count, m.sigma_t, m.albedo, m.g,
-                  sums.counters.cpu_seconds);
-    if (sums.counters.invalid_samples > 0 || sums.counters.leaks > 0) {
-      spdlog::warn(
-          "dropped {} invalid samples and {} leaks of {} paths (seed {}, sigma_t {}, "
-          "albedo {}, g {})",
-          sums.counters.invalid_samples, sums.counters.leaks, sums.counters.paths, settings_.seed,
-          m.sigma_t, m.albedo, m.g);
+    const tracer::Counters& counters = sums.counters;
+    spdlog::debug(
+        "rendered {}x{}, samples [{}, {}), sigma_t {} albedo {} g {}: {:.2f} CPU-seconds, {} leaks",
+        sums.width, sums.height, settings_.first_sample,
+        settings_.first_sample + settings_.sample_count, m.sigma_t, m.albedo, m.g,
+        counters.cpu_seconds, counters.leaks);
+    if (counters.invalid_samples > 0) {
+      spdlog::warn("dropped {} invalid samples of {} paths (seed {}, sigma_t {}, albedo {}, g {})",
+                   counters.invalid_samples, counters.paths, settings_.seed, m.sigma_t, m.albedo,
+                   m.g);
     }
   }
 

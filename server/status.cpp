@@ -1,7 +1,5 @@
 #include "server/status.h"
 
-#include <fmt/format.h>
-
 #include <new>
 
 namespace itn {
@@ -55,7 +53,8 @@ grpc::Status status_of_current_exception() {
 }
 
 Error to_error(const grpc::Status& status, const std::string& who) {
-  return Error(kind_of(status.error_code()), fmt::format("{}: {}", who, status.error_message()));
+  const std::string prefix = who.empty() ? "" : who + ": ";
+  return Error(kind_of(status.error_code()), prefix + status.error_message());
 }
 
 }  // namespace itn

@@ -23,7 +23,8 @@ grpc::Status to_status(const Error& error);
 // RESOURCE_EXHAUSTED; an exception that is not an Error is INTERNAL.
 grpc::Status status_of_current_exception();
 
-// Of a call that failed; `who` answered it (e.g. "worker 10.0.0.1:50051") and begins the message.
+// Of a call that failed; `who` answered it (e.g. "worker 10.0.0.1:50051") and begins the message,
+// unless it is empty.
 Error to_error(const grpc::Status& status, const std::string& who);
 
 }  // namespace itn

@@ -11,23 +11,15 @@
 //      that a point that rounding has put just beyond the boundary still finds its crossing there.
 #pragma once
 
-#include <cstdint>
-#include <limits>
 #include <memory>
 #include <vector>
 
 #include "common/mesh.h"
 #include "common/vec.h"
+#include "server/tracer/intersector.h"
 #include "server/tracer/scene.h"
 
 namespace itn::tracer {
-
-// A triangle of one of the opaque surfaces.
-struct SurfaceTriangle {
-  static constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
-  uint32_t surface = kNone;
-  uint32_t triangle = kNone;
-};
 
 // What a point that light starts from knows of where it is.
 struct Place {
@@ -52,7 +44,8 @@ struct Travel {
 class Geometry {
  public:
   // The object bounds a volume (validate_closed).
-  Geometry(Mesh object, const std::vector<DiffuseSurface>& surfaces);
+  Geometry(Mesh object, const std::vector<DiffuseSurface>& surfaces,
+           IntersectorKind kind = IntersectorKind::kGrid);
   ~Geometry();
   Geometry(const Geometry&) = delete;
   Geometry& operator=(const Geometry&) = delete;
@@ -75,15 +68,11 @@ class Geometry {
   size_t memory() const;
 
  private:
-  struct Line;
-  struct Hit;
-  class Embree;
-
   // False if a point certainly lies outside the medium.
   bool may_contain(Vec3f point) const;
   Place surface_place(const Line& line, const Hit& hit, bool inside) const;
 
-  std::unique_ptr<Embree> embree_;
+  std::unique_ptr<Intersector> intersector_;
   Mesh object_;
   std::vector<Mesh> surfaces_;
   std::vector<std::vector<Vec3f>> surface_normals_;  // of every triangle

@@ -25,7 +25,9 @@ class LightSource {
   virtual ~LightSource() = default;
   virtual double radiance(Vec3f direction) const = 0;
   virtual double pdf(Vec3f direction) const = 0;  // per steradian, of `sample`
-  virtual Vec3f sample(float u0, float u1) const = 0;
+  // From uniform numbers in [0, 1): u chooses among cells, of which there may be millions; u0 and u1
+  // a direction within.
+  virtual Vec3f sample(double u, float u0, float u1) const = 0;
   virtual double power() const = 0;  // radiance integrated over all directions
   virtual size_t memory() const = 0;
 };
@@ -40,8 +42,8 @@ class Lights {
   float radiance(Vec3f direction) const;
   // Density per steradian with which `sample` draws a unit direction.
   float pdf(Vec3f direction) const;
-  // u: three uniform numbers in [0, 1).
-  LightSample sample(float u0, float u1, float u2) const;
+  // From uniform numbers in [0, 1), u of more than 40 bits.
+  LightSample sample(double u, float u0, float u1) const;
 
   // Radiance integrated over all directions, plus the beams' irradiances; in W/m^2.
   double power() const { return power_; }

@@ -208,7 +208,7 @@ class Walk {
       return;
     }
     const Uniforms u = random_.at(vertex_, kConnection);
-    const LightSample light = scene_.lights.sample(u[0], u[1], u[2]);
+    const LightSample light = scene_.lights.sample(fine(u[0], u[1]), u[2], u[3]);
     const Response response = respond_to(light.direction);
     if (!(light.weight * response.value > 0)) {
       return;

@@ -25,6 +25,9 @@ inline std::array<uint32_t, 4> philox(std::array<uint32_t, 4> counter,
 // Four numbers in [0, 1), multiples of 2^-24, so that 1 - u is in (0, 1] exactly.
 using Uniforms = std::array<float, 4>;
 
+// One number of 48 bits from two of 24.
+inline double fine(float high, float low) { return double{high} + double{low} * 0x1p-24; }
+
 // The random numbers of one sample of one pixel.
 class SampleRandom {
  public:

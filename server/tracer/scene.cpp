@@ -40,13 +40,13 @@ std::vector<float> reflectances(const SceneDescription& scene) {
 
 std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene) {
   check(scene);
-  auto compiled = std::unique_ptr<Scene::Compiled>(
-      new Scene::Compiled{.geometry = Geometry(std::move(scene.object), scene.surfaces),
-                          .reflectances = reflectances(scene),
-                          .lights = Lights(scene.lights, scene.film.channel),
-                          .camera = Camera(scene.camera, scene.film),
-                          .film = scene.film,
-                          .camera_inside = false});
+  auto compiled = std::unique_ptr<Scene::Compiled>(new Scene::Compiled{
+      .geometry = Geometry(std::move(scene.object), scene.surfaces, scene.intersector),
+      .reflectances = reflectances(scene),
+      .lights = Lights(scene.lights, scene.film.channel),
+      .camera = Camera(scene.camera, scene.film),
+      .film = scene.film,
+      .camera_inside = false});
   compiled->camera_inside = compiled->geometry.contains(compiled->camera.origin());
   return compiled;
 }

@@ -69,12 +69,17 @@ struct FilmDescription {
   Channel channel = Channel::kLuminance;
 };
 
+// How rays are traced: by a uniform grid made for short flights, or by Embree. Both give the same
+// images but for rounding; the second is the reference that the first is tested against.
+enum class IntersectorKind { kGrid, kEmbree };
+
 struct SceneDescription {
   Mesh object;  // closed, outward oriented
   std::vector<DiffuseSurface> surfaces;
   std::vector<LightDescription> lights;
   CameraDescription camera;
   FilmDescription film;
+  IntersectorKind intersector = IntersectorKind::kGrid;
 };
 
 // Compiled and immutable; may be shared by any number of renders.
