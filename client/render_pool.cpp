@@ -288,26 +288,32 @@ class RenderPool::Impl {
 
   // Rests and asks until the worker answers; meanwhile, its other threads wait.
   void bring_up(Worker& worker) {
+    bool patient = false;  // impatient at first: that tells why there is no connection
     while (!stopping()) {
       rest(worker);
-      const grpc::Status status = probe(worker);
-      if (status.ok()) {
-        const std::lock_guard lock(mutex_);
-        worker.up = true;
-        changed_.notify_all();
-        return;
-      }
-      {
-        const std::lock_guard lock(mutex_);
-        note_failure(worker, status);
-      }
-      give_up_if_failing_for_long();
+      grpc::Status status;
+      do {
+        status = probe(worker, std::exchange(patient, true));
+        note_probe(worker, status);
+        give_up_if_failing_for_long();
+      } while (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED && !stopping());
+      if (status.ok()) return;
     }
+  }
+
+  void note_probe(Worker& worker, const grpc::Status& status) {
+    const std::lock_guard lock(mutex_);
+    if (!status.ok()) return note_failure(worker, status);
+    worker.up = true;
+    changed_.notify_all();
   }
 
   // Requires the lock.
   void note_failure(Worker& worker, const grpc::Status& status) {
-    worker.last_failure = describe(status);
+    // That it took too long says less than what was noted before.
+    if (status.error_code() != grpc::StatusCode::DEADLINE_EXCEEDED) {
+      worker.last_failure = describe(status);
+    }
     if (!any_up() && !failing_since_) failing_since_ = Clock::now();
   }
 
@@ -344,8 +350,11 @@ class RenderPool::Impl {
     changed_.wait_for(lock, duration, [this] { return stopping(); });
   }
 
-  grpc::Status probe(Worker& worker) {
+  // Asks for anything. A patient call waits for a connection: gRPC 1.51 attends to a connection
+  // that is being made only while a call waits for it.
+  grpc::Status probe(Worker& worker, bool patient) {
     grpc::ClientContext context;
+    context.set_wait_for_ready(patient);
     context.set_deadline(std::chrono::system_clock::now() + kProbeDeadline);
     const std::stop_callback cancel(stop_.get_token(), [&] { context.TryCancel(); });
     v1::Capabilities capabilities;
