@@ -45,7 +45,7 @@ class Geometry {
  public:
   // The object bounds a volume (validate_closed).
   Geometry(Mesh object, const std::vector<DiffuseSurface>& surfaces,
-           IntersectorKind kind = IntersectorKind::kGrid);
+           IntersectorKind kind = IntersectorKind::kEmbree);
   ~Geometry();
   Geometry(const Geometry&) = delete;
   Geometry& operator=(const Geometry&) = delete;

@@ -154,13 +154,7 @@ double azimuth01(Vec3f d) {
 class SkySource final : public LightSource {
  public:
   SkySource(const SunSkyLight& light, Vec3d sun, Channel channel)
-      : values_(tabulate(light, sun, channel)), cells_(cell_weights(values_)) {
-    for (int row = 0; row < kRows; ++row) {
-      for (int column = 0; column < kColumns; ++column) {
-        power_ += cell_mean(values_, column, row) * cell_solid_angle(column, row);
-      }
-    }
-  }
+      : values_(tabulate(light, sun, channel)), cells_(weights_or_uniform()) {}
 
   double radiance(Vec3f d) const override {
     if (d.y < 0) {
@@ -171,21 +165,23 @@ class SkySource final : public LightSource {
     return std::lerp(std::lerp(at(p.column, p.row), at(p.column + 1, p.row), p.x),
                      std::lerp(at(p.column, p.row + 1), at(p.column + 1, p.row + 1), p.x), p.y);
   }
-  // Within a cell uniform in a and s. With d omega = dy d phi, dy = 2 s ds, and
+  // Within a cell uniform in a and s. With d omega = dy d phi, dy = 2 (1 - s) ds, and
   // d phi / da = 1 / (f^2 + (1 - f)^2) where f is the fraction of a.
   double pdf(Vec3f d) const override {
     if (d.y < 0) {
       return 0;
     }
     const Position p = locate(d);
-    const float f = p.fraction, s = std::sqrt(d.y);
-    return cells_.probability(static_cast<size_t>(p.row) * kColumns + p.column) *
-           (kColumns / 4.0F) * kRows * (f * f + (1 - f) * (1 - f)) / std::max(2 * s, 1e-12F);
+    const float f = p.fraction;
+    const float probability = cells_.probability(
+        static_cast<size_t>(p.row / kMerged) * kCellColumns + p.column / kMerged);
+    return probability * (kCellColumns / 4.0F) * kCellRows * (f * f + (1 - f) * (1 - f)) /
+           std::max(2 * std::sqrt(1 - std::min(1.0F, d.y)), 1e-12F);
   }
   Vec3f sample([[maybe_unused]] double u, float u0, float u1) const override {
     const uint32_t cell = cells_.sample(u);
-    const float a = (static_cast<float>(cell % kColumns) + u0) * (4.0F / kColumns);
-    const float s = (static_cast<float>(cell / kColumns) + u1) / kRows;
+    const float a = (static_cast<float>(cell % kCellColumns) + u0) * (4.0F / kCellColumns);
+    const float s = (static_cast<float>(cell / kCellColumns) + u1) / kCellRows;
     return direction(a, s);
   }
   double power() const override { return power_; }
@@ -194,7 +190,9 @@ class SkySource final : public LightSource {
   }
 
  private:
-  static constexpr int kColumns = 256, kRows = 64;
+  static constexpr int kColumns = 256, kRows = 256;
+  // Directions are drawn from larger cells, whose weights fit into the nearest cache.
+  static constexpr int kMerged = 4, kCellColumns = kColumns / kMerged, kCellRows = kRows / kMerged;
 
   struct Position {
     int column, row;
@@ -210,7 +208,7 @@ class SkySource final : public LightSource {
     const int side = d.x >= 0 ? (d.z < 0 ? 0 : 1) : (d.z >= 0 ? 2 : 3);
     const float fraction = (side % 2 == 0 ? ax : az) / sum;
     const float x = (static_cast<float>(side) + fraction) * (kColumns / 4.0F);
-    const float y = std::sqrt(d.y) * kRows;
+    const float y = (1 - std::sqrt(1 - std::min(1.0F, d.y))) * kRows;
     const int column = std::min(static_cast<int>(x), kColumns - 1);
     const int row = std::min(static_cast<int>(y), kRows - 1);
     return {column, row, x - static_cast<float>(column), y - static_cast<float>(row), fraction};
@@ -218,8 +216,9 @@ class SkySource final : public LightSource {
   static Vec3f direction(float a, float s) {
     const int side = std::min(static_cast<int>(a), 3);
     const float f = a - static_cast<float>(side);
-    const float y = std::min(1.0F, s * s);
-    const float r = std::sqrt((1 - y * y) / (f * f + (1 - f) * (1 - f)));
+    const float y = std::min(1.0F, s * (2 - s));
+    // 1 - y^2 = (1 - s)^2 (1 + y).
+    const float r = (1 - s) * std::sqrt((1 + y) / (f * f + (1 - f) * (1 - f)));
     switch (side) {
       case 0: return {r * f, y, -r * (1 - f)};
       case 1: return {r * (1 - f), y, r * f};
@@ -244,34 +243,36 @@ class SkySource final : public LightSource {
     }
     return values;
   }
-  static double cell_mean(const std::vector<float>& values, int column, int row) {
-    const auto at = [&](int c, int r) { return static_cast<double>(values[index(c, r)]); };
-    return (at(column, row) + at(column + 1, row) + at(column, row + 1) + at(column + 1, row + 1)) /
-           4;
-  }
-  static double cell_solid_angle(int column, int row) {
+  static double solid_angle(int column, int row) {
     const auto azimuth = [](int c) {
       const double a = 4.0 * c / kColumns, f = a - std::floor(a);
       return (std::floor(a) + std::atan2(f, 1 - f) / (kPi / 2)) * (kPi / 2);
     };
-    const auto y = [](int r) { return std::pow(static_cast<double>(r) / kRows, 2); };
+    const auto y = [](int r) {
+      const double s = static_cast<double>(r) / kRows;
+      return s * (2 - s);
+    };
     return (azimuth(column + 1) - azimuth(column)) * (y(row + 1) - y(row));
   }
-  static AliasTable cell_weights(const std::vector<float>& values) {
-    std::vector<double> weights;
+  // Power of every cell; where there is no light at all (a scale of 0), any distribution will do.
+  std::vector<double> weights_or_uniform() {
+    std::vector<double> weights(static_cast<size_t>(kCellColumns) * kCellRows);
     for (int row = 0; row < kRows; ++row) {
       for (int column = 0; column < kColumns; ++column) {
-        weights.push_back(cell_mean(values, column, row) * cell_solid_angle(column, row));
+        const auto at = [&](int c, int r) { return static_cast<double>(values_[index(c, r)]); };
+        const double power = (at(column, row) + at(column + 1, row) + at(column, row + 1) +
+                              at(column + 1, row + 1)) /
+                             4 * solid_angle(column, row);
+        weights[static_cast<size_t>(row / kMerged) * kCellColumns + column / kMerged] += power;
+        power_ += power;
       }
     }
-    // No light at all (a scale of 0): any distribution will do.
-    const bool dark = std::all_of(weights.begin(), weights.end(), [](double w) { return w == 0; });
-    return AliasTable(dark ? std::vector<double>(weights.size(), 1.0) : weights);
+    return power_ > 0 ? weights : std::vector<double>(weights.size(), 1.0);
   }
 
+  double power_ = 0;
   std::vector<float> values_;
   AliasTable cells_;
-  double power_ = 0;
 };
 
 class MapSource final : public LightSource {

@@ -56,7 +56,9 @@ class Walk {
         random_(random),
         sigma_t_(static_cast<float>(settings.material.sigma_t)),
         albedo_(static_cast<float>(settings.material.albedo)),
-        g_(static_cast<float>(settings.material.g)) {}
+        g_(static_cast<float>(settings.material.g)),
+        threshold_(static_cast<float>(settings.connection_roulette * scene.lights.power() /
+                                      (4 * std::numbers::pi))) {}
 
   PathEstimate run(int x, int y, const std::stop_token& stop) {
     if (!start_at_camera(x, y)) {
@@ -213,20 +215,32 @@ class Walk {
     if (!(light.weight * response.value > 0)) {
       return;
     }
-    const Travel travel =
-        scene_.geometry.travel(place_, light.direction, kMaxOpticalDepth / sigma_t_);
+    const bool competes =
+        light.pdf > 0 && settings_.techniques == RenderSettings::Techniques::kBoth;
+    const float mis_weight = competes ? light.pdf / (light.pdf + response.density) : 1;
+    const float undimmed = light.weight * response.value * mis_weight;
+
+    // Roulette before anything is traced. A connection through optical depth x carries v exp(-x).
+    // Let it survive with probability min(1, v exp(-x) / tau), carrying at least tau then: with one
+    // uniform number u that means x <= log(v / (u tau)), a limit on the depth that is known
+    // beforehand.
+    const float v = importance() * undimmed;
+    const float limit = std::log(v / ((1 - u[4]) * threshold_));
+    if (!(limit > 0)) {
+      return;
+    }
+    const Travel travel = scene_.geometry.travel(place_, light.direction,
+                                                 std::min(limit, kMaxOpticalDepth) / sigma_t_);
     if (travel.end == Travel::End::kLeaked) {
       result_.leaked = true;
     }
     if (travel.end != Travel::End::kEscaped) {
       return;
     }
-    const bool competes =
-        light.pdf > 0 && settings_.techniques == RenderSettings::Techniques::kBoth;
-    const float mis_weight = competes ? light.pdf / (light.pdf + response.density) : 1;
-    const float transmittance = std::exp(-sigma_t_ * travel.in_medium);
-    add(light.weight * response.value * transmittance * mis_weight,
-        score_sigma_t_ - travel.in_medium, score_g_ + response.score_g);
+    const float dimmed = std::exp(-sigma_t_ * travel.in_medium);
+    const float survival = std::min(1.0F, v * dimmed / threshold_);
+    add(undimmed * dimmed / survival, score_sigma_t_ - travel.in_medium,
+        score_g_ + response.score_g);
   }
 
   // Adds light that arrives along the path with the given scores.
@@ -238,13 +252,15 @@ class Walk {
     result_.derivatives[kG] += contribution * double{score_g};
   }
 
+  // What the path is worth following for.
+  float importance() const { return std::max(weight_, kRouletteDerivative * weight_derivative_); }
+
   // Russian roulette: a path of low weight ends, or goes on with the weight of those that ended.
   bool survive(float u) {
-    const float importance = std::max(weight_, kRouletteDerivative * weight_derivative_);
-    if (importance >= kRouletteWeight) {
+    if (importance() >= kRouletteWeight) {
       return true;
     }
-    const float probability = importance / kRouletteWeight;
+    const float probability = importance() / kRouletteWeight;
     if (u >= probability) {
       return false;
     }
@@ -257,6 +273,7 @@ class Walk {
   const RenderSettings& settings_;
   const SampleRandom& random_;
   const float sigma_t_, albedo_, g_;
+  const float threshold_;  // of the connections' roulette, as a radiance
 
   PathEstimate result_;
   uint32_t vertex_ = 0;

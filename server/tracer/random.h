@@ -22,11 +22,13 @@ inline std::array<uint32_t, 4> philox(std::array<uint32_t, 4> counter,
   return counter;
 }
 
-// Four numbers in [0, 1), multiples of 2^-24, so that 1 - u is in (0, 1] exactly.
-using Uniforms = std::array<float, 4>;
+// Numbers in [0, 1), multiples of 2^-24, so that 1 - u is in (0, 1] exactly.
+using Uniforms = std::array<float, 5>;
 
 // One number of 48 bits from two of 24.
-inline double fine(float high, float low) { return double{high} + double{low} * 0x1p-24; }
+inline double fine(float high, float low) {
+  return double{high} + double{low} * 0x1p-24;
+}
 
 // The random numbers of one sample of one pixel.
 class SampleRandom {
@@ -36,13 +38,16 @@ class SampleRandom {
         pixel_(pixel),
         sample_(sample) {}
 
-  // Every (vertex of the path, purpose) has four numbers of its own.
+  // Every (vertex of the path, purpose) has five numbers of its own: the upper 24 bits of four
+  // words, and the lower 8 bits of three.
   Uniforms at(uint32_t vertex, uint32_t purpose) const {
     const auto bits = philox({vertex, purpose, sample_, pixel_}, key_);
     Uniforms u;
     for (size_t i = 0; i < 4; ++i) {
       u[i] = static_cast<float>(bits[i] >> 8) * 0x1p-24F;
     }
+    u[4] = static_cast<float>((bits[0] & 255) << 16 | (bits[1] & 255) << 8 | (bits[2] & 255)) *
+           0x1p-24F;
     return u;
   }
 

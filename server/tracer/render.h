@@ -28,6 +28,10 @@ struct RenderSettings {
   // Switches off one of the two direction sampling techniques that multiple importance sampling
   // combines, for tests. Phase sampling alone cannot see a DirectionalBeam.
   enum class Techniques { kBoth, kLightsOnly, kPhaseOnly } techniques = Techniques::kBoth;
+  // Connections to the light that carry less than this fraction of the lights' mean radiance are
+  // decided by roulette before they are traced. More is faster and noisier; 0 traces them all. In
+  // variance times time 0.1 gains 1.4 (sigma_t 30) to 2.4 (276), and hardly costs d/d albedo.
+  double connection_roulette = 0.1;
   // Threads; 0: all.
   int threads = 0;
 };

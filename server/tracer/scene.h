@@ -69,9 +69,9 @@ struct FilmDescription {
   Channel channel = Channel::kLuminance;
 };
 
-// How rays are traced: by a uniform grid made for short flights, or by Embree. Both give the same
-// images but for rounding; the second is the reference that the first is tested against.
-enum class IntersectorKind { kGrid, kEmbree };
+// How rays are traced: by Embree, or by a uniform grid of our own. The two share nothing, and give
+// the same images but for rounding: each is the other's test. About equally fast today.
+enum class IntersectorKind { kEmbree, kGrid };
 
 struct SceneDescription {
   Mesh object;  // closed, outward oriented
@@ -79,7 +79,7 @@ struct SceneDescription {
   std::vector<LightDescription> lights;
   CameraDescription camera;
   FilmDescription film;
-  IntersectorKind intersector = IntersectorKind::kGrid;
+  IntersectorKind intersector = IntersectorKind::kEmbree;
 };
 
 // Compiled and immutable; may be shared by any number of renders.

@@ -34,6 +34,36 @@ TEST(MultipleImportanceSamplingTest, TechniquesAgree) {
   }
 }
 
+// Every way to trace and every roulette gives the same image and derivatives.
+TEST(VariantsTest, Agree) {
+  struct Variant {
+    const char* name;
+    IntersectorKind intersector;
+    double connection_roulette;
+  };
+  constexpr Variant kVariants[] = {{"grid", IntersectorKind::kGrid, 0.1},
+                                   {"no connection roulette", IntersectorKind::kEmbree, 0},
+                                   {"much connection roulette", IntersectorKind::kEmbree, 0.5}};
+  constexpr int kComparisons = 2 * 3 * 4;
+  for (const char* shape : {"smooth_star", "mug"}) {
+    SceneDescription description = studio(shape, {paper_sun_sky()}, 0.5F);
+    RenderSettings settings{.material = {60, 0.87, 0.4}, .sample_count = 256, .derivatives = true};
+    const FilmEstimate standard = estimate_film(Scene(description), settings, 48, 1);
+    for (const Variant& variant : kVariants) {
+      description.intersector = variant.intersector;
+      settings.connection_roulette = variant.connection_roulette;
+      const FilmEstimate other = estimate_film(Scene(description), settings, 48, 301);
+      const std::string what = std::string(shape) + ", " + variant.name;
+      expect_equal(other.radiance, standard.radiance, kComparisons, what);
+      expect_resolution(other.radiance, standard.radiance.mean, 0.01, what);
+      for (size_t i = 0; i < kCoordinates; ++i) {
+        expect_equal(other.derivatives[i], standard.derivatives[i], kComparisons,
+                     what + ", derivative " + std::to_string(i));
+      }
+    }
+  }
+}
+
 // The loss L = sum over pixels of (T - I)^2 has the gradient sum of 2 (T - I) dT. With independent
 // estimates A and B of T and dT, (T_A - I) dT_B + (T_B - I) dT_A is unbiased; with the same samples
 // in both factors it is not, and the test must see that.
