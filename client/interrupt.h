@@ -6,7 +6,7 @@
 
 namespace itn {
 
-// Once, first thing in main, before any thread is started.
+// Once, first thing in main.
 void watch_interrupts();
 
 // Its stop is requested by the first signal.

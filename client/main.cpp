@@ -14,7 +14,7 @@ namespace {
 int run(int argc, char** argv) {
   watch_interrupts();
   CLI::App app("Optical parameters of a translucent material from a single photograph.");
-  app.require_subcommand(1);
+  app.require_subcommand(0, 1);
   app.set_version_flag("--version", "itn " ITN_VERSION);
   add_render_command(app);
   add_shapes_command(app);
@@ -26,7 +26,9 @@ int run(int argc, char** argv) {
   try {
     set_up_logging();
     app.parse(argc, argv);
-    return 0;
+    if (!app.get_subcommands().empty()) return 0;
+    std::fprintf(stderr, "%s", app.help().c_str());
+    return exit_code(ErrorKind::kUsage);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : exit_code(ErrorKind::kUsage);
   } catch (const Error& error) {

@@ -16,7 +16,7 @@ namespace itn {
 
 // Parses the flags, calls `start`, which returns a pointer to a server with address() and drain(),
 // prints the address as one line on stdout, and waits for SIGTERM or SIGINT; then lets the server
-// finish what is under way. Returns the exit code. To be called before any thread is started.
+// finish what is under way. Returns the exit code.
 template <typename Start>
 int server_main(CLI::App& app, const std::string& program, int argc, char** argv,
                 const std::string& log_level, const Start& start) {

@@ -1,15 +1,15 @@
-// SIGTERM and SIGINT as something that a main function waits for.
+// SIGTERM and SIGINT as something that a thread waits for.
 #pragma once
 
 namespace itn {
 
-// Construct first thing in main: it blocks both signals in this thread and in those started later,
-// so that only the calls below receive them.
+// Catches both signals from its construction on, whichever thread they are delivered to: libraries
+// start threads of their own before main, which could not be told to block them. One at a time.
 class ShutdownSignal {
  public:
   ShutdownSignal();
 
-  // Blocks until one of the signals arrives.
+  // Blocks until a signal arrives that no earlier call has returned for.
   void wait();
 
   // From now on a further signal ends the process at once, with exit code 130.

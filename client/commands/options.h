@@ -25,7 +25,8 @@ struct WorkerFlags {
 inline void add_worker_flags(CLI::App& app, WorkerFlags& flags) {
   app.add_option("--workers", flags.workers,
                  "Render workers, HOST:PORT, separated by commas; none: render in this process")
-      ->delimiter(',');
+      ->delimiter(',')
+      ->allow_extra_args(false);
   app.add_option("--threads", flags.threads,
                  "Threads to render with in this process; 0: one per processor")
       ->check(CLI::Range(0, 4096))

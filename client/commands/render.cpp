@@ -266,7 +266,8 @@ void add_render_command(CLI::App& app) {
       ->add_option("--derivatives", options->derivatives,
                    "Layers to add, separated by commas: sigma_t, albedo, g, sigma_a, sigma_s, "
                    "sigma_s_reduced")
-      ->delimiter(',');
+      ->delimiter(',')
+      ->allow_extra_args(false);
   command->add_option("--estimates", options->estimates, "Independent estimates, as further layers")
       ->capture_default_str();
   command->add_option("--film", options->film, "WIDTHxHEIGHT in pixels, instead of the scene's");

@@ -14,6 +14,7 @@
 #include <future>
 #include <limits>
 #include <memory>
+#include <ostream>
 #include <string>
 #include <thread>
 #include <utility>
@@ -294,6 +295,10 @@ const BadRequest kBadRequests[] = {
     {"OpenMesh", open_mesh, "open"},
     {"InsideOut", inside_out, "inside out"},
 };
+
+void PrintTo(const BadRequest& row, std::ostream* out) {
+  *out << row.name;
+}
 
 class RefusedRequest : public ::testing::TestWithParam<BadRequest> {};
 

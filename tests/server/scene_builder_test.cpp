@@ -7,6 +7,7 @@
 #include <functional>
 #include <limits>
 #include <numbers>
+#include <ostream>
 #include <string>
 #include <variant>
 #include <vector>
@@ -159,6 +160,10 @@ const BadScene kBadScenes[] = {
      "the number of pixels of scene.film is 1000000000; this worker accepts at most 16777216",
      ErrorKind::kLimit},
 };
+
+void PrintTo(const BadScene& row, std::ostream* out) {
+  *out << row.name;
+}
 
 class RefusedScene : public ::testing::TestWithParam<BadScene> {};
 
