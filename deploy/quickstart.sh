@@ -1,0 +1,68 @@
+#!/usr/bin/env bash
+# The main job of itn, from nothing: installs what is missing, builds, renders a small dataset,
+# trains an RN and an ITN, compares them on unseen shapes and lights with the constant predictor,
+# and asks a predictor for the material in one image. About ten minutes on two processors; what is
+# done already is not done again.
+#
+#   deploy/quickstart.sh [FOLDER]      default: out/quickstart
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+out=${1:-out/quickstart}
+bin=build/release/bin
+dataset=$out/dataset
+predictor=
+
+step() { printf '\n== %s\n' "$*"; }
+
+stop_predictor() {
+  [[ -z $predictor ]] || kill "$predictor" 2>/dev/null || true
+}
+trap stop_predictor EXIT
+
+step "Install and build"
+deploy/bootstrap.sh
+deploy/build.sh itn itn-predictor
+mkdir -p "$out"
+
+step "Render a dataset: 300 images of 64 x 64 pixels; shapes and lights of the test are apart"
+"$bin/itn" dataset "$dataset" --count 300 --resolution 64 --spp 64 \
+  --test-shapes figure,mug,knot,leaf,rounded_cube
+
+step "Train a regressor network (RN)"
+"$bin/itn" train "$dataset" -o "$out/rn" --loss rn --steps 60 --batch 32 --lr 1e-3 --resume
+
+step "Train an inverse transport network (ITN) from there, with renders in the loss"
+"$bin/itn" train "$dataset" -o "$out/itn" --loss itn --init "$out/rn" --steps 20 --batch 16 \
+  --lr 2e-4 --spp 32 --resume
+
+step "Errors on shapes and lights that neither has seen"
+"$bin/itn" evaluate "$out/itn" "$out/rn" --dataset "$dataset" --rerender 10 --spp 64 \
+  --picture "$out/comparison.png"
+
+step "Ask a predictor for the material in one of these images"
+# The first image of the test, and the material it was rendered with.
+read -r image sigma_t albedo g < <(awk '
+  /^items/ { item = 1 }
+  item { if ($1 == "split:") split_ = $2; else value[$1] = $2 }
+  /^}/ && item {
+    item = 0
+    if (split_ == "SPLIT_TEST") {
+      gsub(/"/, "", value["file:"])
+      print value["file:"], value["sigma_t:"], value["albedo:"], value["g:"]
+      exit
+    }
+  }' "$dataset/manifest.textproto")
+
+"$bin/itn-predictor" --model "$out/itn" --listen 127.0.0.1:0 --log-level warning \
+  >"$out/predictor.address" &
+predictor=$!
+# Its one line of output is the address, once it serves.
+until [[ -s $out/predictor.address ]]; do
+  kill -0 "$predictor"
+  sleep 0.1
+done
+"$bin/itn" predict "$dataset/$image" --predictor "$(<"$out/predictor.address")"
+printf 'truth    %10.3f  %7.4f  %7.4f\n' "$sigma_t" "$albedo" "$g"
+
+printf '\nInput, re-rendering with the prediction, and difference: %s\n' "$out/comparison.png"
