@@ -4,6 +4,7 @@
 #include <assimp/Importer.hpp>
 #include <cctype>
 #include <fstream>
+#include <iterator>
 #include <sstream>
 #include <string>
 
@@ -46,6 +47,23 @@ size_t promised_faces(const fs::path& path) {
     if (words >> element >> face >> count && element == "element" && face == "face") faces = count;
   }
   throw cut_short(path, "its header has no end_header");
+}
+
+// The content of a PLY file, such that Assimp reads it right. Assimp skips every line end after the
+// header, even where the header of a binary file is over and a byte of the first number happens to
+// look like one. An element of one byte that is not a line end, put in front, keeps it from that.
+std::string guarded_ply(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::string content{std::istreambuf_iterator<char>(in), {}};
+  const size_t element = content.find("\nelement ");
+  const size_t end = content.find("\nend_header");
+  const size_t data = content.find('\n', end + 1) + 1;
+  const bool binary = content.substr(0, end).find("\nformat binary") != std::string::npos;
+  if (binary && element < end && end != std::string::npos && data != 0) {
+    content.insert(data, 1, '\0');
+    content.insert(element, "\nelement guard 1\nproperty uchar zero");
+  }
+  return content;
 }
 
 // Assimp splits polygons without checking their indices, and aborts at a face without any (which it
@@ -98,7 +116,13 @@ Mesh load_mesh(const fs::path& path) {
   }
   const size_t promised = extension == ".ply" ? promised_faces(path) : 0;
   Assimp::Importer importer;
-  const aiScene* scene = importer.ReadFile(path.string(), 0);
+  const aiScene* scene = nullptr;
+  if (extension == ".ply") {
+    const std::string content = guarded_ply(path);
+    scene = importer.ReadFileFromMemory(content.data(), content.size(), 0, "ply");
+  } else {
+    scene = importer.ReadFile(path.string(), 0);
+  }
   if (scene == nullptr) {
     throw invalid_input(
         fmt::format("cannot read the mesh {}: {}", path.string(), importer.GetErrorString()));

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <bit>
 #include <chrono>
 #include <cmath>
 #include <functional>
@@ -233,9 +235,9 @@ struct MeshFile {
   double volume;
 };
 
-class MeshFileTest : public ::testing::TestWithParam<MeshFile> {};
+class MeshFormatTest : public ::testing::TestWithParam<MeshFile> {};
 
-TEST_P(MeshFileTest, IsReadAndWelded) {
+TEST_P(MeshFormatTest, IsReadAndWelded) {
   const TemporaryFolder folder;
   const Mesh mesh = load_mesh(folder.write(GetParam().file, GetParam().text));
   EXPECT_EQ(mesh.vertices.size(), GetParam().vertices);
@@ -244,13 +246,39 @@ TEST_P(MeshFileTest, IsReadAndWelded) {
   validate_closed(mesh, "mesh");
 }
 
-INSTANTIATE_TEST_SUITE_P(Formats, MeshFileTest,
+INSTANTIATE_TEST_SUITE_P(Formats, MeshFormatTest,
                          ::testing::Values(MeshFile{"ply", "a.ply", kPly, 4, 4, 1.0 / 6},
                                            MeshFile{"obj", "a.obj", kObj, 4, 4, 1.0 / 6},
                                            MeshFile{"stl", "a.stl", kStl, 4, 4, 1.0 / 6},
                                            MeshFile{"upper_case", "A.PLY", kPly, 4, 4, 1.0 / 6},
                                            MeshFile{"quads", "quads.obj", kQuads, 8, 12, 1}),
                          [](const auto& row) { return std::string(row.param.name); });
+
+// The first number of a binary file may begin with a byte that looks like a line end.
+TEST(MeshFileTest, BinaryPlyWhoseDataBeginWithALineEnd) {
+  std::string ply =
+      "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\n"
+      "property float y\nproperty float z\nelement face 4\n"
+      "property list uchar int vertex_indices\nend_header\n";
+  const auto put = [&](auto value) {
+    ply.append(reinterpret_cast<const char*>(&value), sizeof value);
+  };
+  const float first = std::bit_cast<float>(0x3F000A0AU);  // 0.5 and a bit: bytes 0a 0a 00 3f
+  for (const float v : {first, 0.0F, 0.0F, 1.0F, 0.0F, 0.0F, 1.0F, 1.0F, 0.0F, 1.0F, 0.0F, 1.0F}) {
+    put(v);
+  }
+  for (const auto& [a, b, c] : {std::array{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}}) {
+    put(uint8_t{3});
+    put(a);
+    put(b);
+    put(c);
+  }
+  const TemporaryFolder folder;
+  const Mesh mesh = load_mesh(folder.write("a.ply", ply));
+  ASSERT_EQ(mesh.vertices.size(), 4U);
+  ASSERT_EQ(mesh.triangles.size(), 4U);
+  EXPECT_EQ(mesh.vertices[0].x, first);
+}
 
 std::string replaced(std::string text, const std::string& from, const std::string& to) {
   return text.replace(text.find(from), from.size(), to);
