@@ -102,6 +102,10 @@ RenderJob render_job(DatasetReader& dataset, const v1::DatasetItem& item) {
   return job;
 }
 
+uint64_t dropped(const v1::Counters& counters) {
+  return counters.invalid_samples() + counters.leaks();
+}
+
 Image image_of(const DatasetReader& dataset, const v1::DatasetItem& item,
                const v1::RenderGradReply& reply) {
   Image image;
@@ -121,16 +125,10 @@ Image image_of(const DatasetReader& dataset, const v1::DatasetItem& item,
       {"split", v1::Split_Name(item.split())},
       {"seed", fmt::format("{}", item.seed())},
       {"spp", fmt::format("{}", dataset.manifest().config().spp())},
+      {"dropped_samples", fmt::format("{}", dropped(reply.counters()))},
       {kItemDigestAttribute, item_digest(dataset.manifest(), item)},
   };
   return image;
-}
-
-void warn_of_dropped_samples(const v1::DatasetItem& item, const v1::Counters& counters) {
-  if (counters.invalid_samples() + counters.leaks() > 0) {
-    spdlog::warn("{}: {} invalid samples and {} leaks of {} paths were dropped", item.file(),
-                 counters.invalid_samples(), counters.leaks(), counters.paths());
-  }
 }
 
 struct PendingImage {
@@ -147,8 +145,8 @@ DatasetProgress render_dataset(const DatasetPlan& plan, const fs::path& folder, 
   remove_temporary_files(folder / "images");
   DatasetReader dataset(folder);
   // Keep what is there.
-  DatasetProgress progress{
-      .done = 0, .total = static_cast<size_t>(plan.manifest.items_size()), .kept = 0};
+  DatasetProgress progress;
+  progress.total = static_cast<size_t>(plan.manifest.items_size());
   std::deque<const v1::DatasetItem*> missing;
   for (const v1::DatasetItem& item : dataset.manifest().items()) {
     if (is_rendered(dataset, item, folder / item.file())) {
@@ -169,7 +167,8 @@ DatasetProgress render_dataset(const DatasetPlan& plan, const fs::path& folder, 
     }
     const v1::DatasetItem& item = *pending.front().item;
     const v1::RenderGradReply reply = wait_for_render(pending.front().reply, stop);
-    warn_of_dropped_samples(item, reply.counters());
+    progress.paths += reply.counters().paths();
+    progress.dropped += dropped(reply.counters());
     write_exr(folder / item.file(), image_of(dataset, item, reply));
     pending.pop_front();
     ++progress.done;

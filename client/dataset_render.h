@@ -14,6 +14,9 @@ struct DatasetProgress {
   size_t done = 0;  // images in the folder
   size_t total = 0;
   size_t kept = 0;  // of `done`, those that were there before
+  // By the renders of this call.
+  uint64_t paths = 0;
+  uint64_t dropped = 0;  // of them: invalid samples and leaks
 };
 
 // Writes shapes and manifest, then renders what is missing. An image that is there and whole is

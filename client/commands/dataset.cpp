@@ -122,7 +122,11 @@ void run(const DatasetOptions& options) {
   const DatasetPlan plan = plan_dataset(config_of(options), shapes.shapes, options.test_shapes);
   RenderPool pool(options.workers.pool_options());
   v1::DatasetSummary summary = summary_of(options, plan.manifest, shapes);
-  summary.set_kept(static_cast<uint32_t>(render(options, plan, pool).kept));
+  const DatasetProgress rendered = render(options, plan, pool);
+  summary.set_kept(static_cast<uint32_t>(rendered.kept));
+  summary.set_dropped_fraction(rendered.paths == 0 ? 0
+                                                   : static_cast<double>(rendered.dropped) /
+                                                         static_cast<double>(rendered.paths));
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   summary.set_seconds(elapsed.count());
   summary.set_render_cpu_seconds(pool.statistics().cpu_seconds);
