@@ -60,8 +60,8 @@ std::string guarded_ply(const fs::path& path) {
   const size_t data = content.find('\n', end + 1) + 1;
   const bool binary = content.substr(0, end).find("\nformat binary") != std::string::npos;
   if (binary && element < end && end != std::string::npos && data != 0) {
-    content.insert(data, 1, '\0');
-    content.insert(element, "\nelement guard 1\nproperty uchar zero");
+    content.insert(data, 1, '\1');
+    content.insert(element, "\nelement guard 1\nproperty uchar one");
   }
   return content;
 }
