@@ -49,19 +49,19 @@ size_t promised_faces(const fs::path& path) {
   throw cut_short(path, "its header has no end_header");
 }
 
-// The content of a PLY file, such that Assimp reads it right. Assimp skips every line end after the
-// header, even where the header of a binary file is over and a byte of the first number happens to
-// look like one. An element of one byte that is not a line end, put in front, keeps it from that.
-std::string guarded_ply(const fs::path& path) {
+// The content of a PLY file, such that Assimp reads it right. Assimp takes a first byte of binary
+// data that looks like a line feed for a remainder of the header, and drops it: it is given one to
+// drop.
+std::string ply_content(const fs::path& path) {
   std::ifstream in(path, std::ios::binary);
   std::string content{std::istreambuf_iterator<char>(in), {}};
-  const size_t element = content.find("\nelement ");
-  const size_t end = content.find("\nend_header");
-  const size_t data = content.find('\n', end + 1) + 1;
-  const bool binary = content.substr(0, end).find("\nformat binary") != std::string::npos;
-  if (binary && element < end && end != std::string::npos && data != 0) {
-    content.insert(data, 1, '\1');
-    content.insert(element, "\nelement guard 1\nproperty uchar one");
+  const size_t end = content.find("\nend_header\n");
+  if (end != std::string::npos &&
+      content.substr(0, end).find("\nformat binary") != std::string::npos) {
+    const size_t data = content.find('\n', end + 1) + 1;
+    if (data < content.size() && content[data] == '\n') {
+      content.insert(data, 1, '\n');
+    }
   }
   return content;
 }
@@ -118,7 +118,7 @@ Mesh load_mesh(const fs::path& path) {
   Assimp::Importer importer;
   const aiScene* scene = nullptr;
   if (extension == ".ply") {
-    const std::string content = guarded_ply(path);
+    const std::string content = ply_content(path);
     scene = importer.ReadFileFromMemory(content.data(), content.size(), 0, "ply");
   } else {
     scene = importer.ReadFile(path.string(), 0);
