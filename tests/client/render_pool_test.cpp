@@ -75,6 +75,14 @@ std::vector<std::string> render_all(RenderPool& pool, const std::vector<RenderJo
   return replies;
 }
 
+// The pool is ready when its first worker is; a test of both needs the other one, too.
+void wait_until_both_render(RenderPool& pool) {
+  const auto start = Clock::now();
+  const RenderJob job = jobs(1, 4)[0];
+  while (pool.statistics().scenes_sent < 2 && Clock::now() - start < 20s) pool.submit(job).get();
+  ASSERT_EQ(pool.statistics().scenes_sent, 2U);
+}
+
 ErrorKind kind_of_failure(std::future<v1::RenderGradReply> future) {
   try {
     future.get();
@@ -164,8 +172,10 @@ TEST(RenderPool, SurvivesAWorkerThatIsKilled) {
   RenderPool embedded(pool_of({}));
   const auto expected = render_all(embedded, all);
   RenderPool pool(pool_of({doomed->address(), other.address()}));
+  wait_until_both_render(pool);
+  const uint64_t before = pool.statistics().jobs;
   std::thread killer([&] {
-    while (pool.statistics().jobs < 4) std::this_thread::sleep_for(1ms);
+    while (pool.statistics().jobs < before + 4) std::this_thread::sleep_for(1ms);
     doomed->send(SIGKILL);
   });
   EXPECT_EQ(render_all(pool, all), expected);
@@ -179,8 +189,10 @@ TEST(RenderPool, SurvivesAWorkerThatDrains) {
   RenderPool embedded(pool_of({}));
   const auto expected = render_all(embedded, all);
   RenderPool pool(pool_of({doomed.address(), other.address()}));
+  wait_until_both_render(pool);
+  const uint64_t before = pool.statistics().jobs;
   std::thread stopper([&] {
-    while (pool.statistics().jobs < 4) std::this_thread::sleep_for(1ms);
+    while (pool.statistics().jobs < before + 4) std::this_thread::sleep_for(1ms);
     doomed.send(SIGTERM);
     EXPECT_EQ(doomed.wait(), 0);
   });
@@ -191,6 +203,7 @@ TEST(RenderPool, SurvivesAWorkerThatDrains) {
 TEST(RenderPool, SurvivesAWorkerThatHangs) {
   WorkerProcess hanging, other;
   RenderPool pool(pool_of({hanging.address(), other.address()}));
+  wait_until_both_render(pool);
   hanging.send(SIGSTOP);
   const auto start = Clock::now();
   RenderPool embedded(pool_of({}));
