@@ -131,6 +131,16 @@ Image image_of(const DatasetReader& dataset, const v1::DatasetItem& item,
   return image;
 }
 
+v1::RenderGradReply wait_or_say_how_far(std::future<v1::RenderGradReply>& reply,
+                                        const DatasetProgress& progress, std::stop_token stop) {
+  try {
+    return wait_for_render(reply, stop);
+  } catch (const Error& error) {
+    throw Error(error.kind(), fmt::format("{} after {} of {} images; the same command continues",
+                                          error.what(), progress.done, progress.total));
+  }
+}
+
 struct PendingImage {
   const v1::DatasetItem* item;
   std::future<v1::RenderGradReply> reply;
@@ -166,7 +176,7 @@ DatasetProgress render_dataset(const DatasetPlan& plan, const fs::path& folder, 
       missing.pop_front();
     }
     const v1::DatasetItem& item = *pending.front().item;
-    const v1::RenderGradReply reply = wait_for_render(pending.front().reply, stop);
+    const v1::RenderGradReply reply = wait_or_say_how_far(pending.front().reply, progress, stop);
     progress.paths += reply.counters().paths();
     progress.dropped += dropped(reply.counters());
     write_exr(folder / item.file(), image_of(dataset, item, reply));
