@@ -16,7 +16,9 @@ predictor=
 step() { printf '\n== %s\n' "$*"; }
 
 stop_predictor() {
-  [[ -z $predictor ]] || kill "$predictor" 2>/dev/null || true
+  [[ -n $predictor ]] || return 0
+  kill "$predictor" 2>/dev/null || true
+  wait "$predictor" || true
 }
 trap stop_predictor EXIT
 
@@ -54,12 +56,13 @@ read -r image sigma_t albedo g < <(awk '
     }
   }' "$dataset/manifest.textproto")
 
+rm -f "$out/predictor.address"
 "$bin/itn-predictor" --model "$out/itn" --listen 127.0.0.1:0 --log-level warning \
   >"$out/predictor.address" &
 predictor=$!
 # Its one line of output is the address, once it serves.
 until [[ -s $out/predictor.address ]]; do
-  kill -0 "$predictor"
+  kill -0 "$predictor"  # or it has ended with an error
   sleep 0.1
 done
 "$bin/itn" predict "$dataset/$image" --predictor "$(<"$out/predictor.address")"
