@@ -27,19 +27,19 @@ deploy/bootstrap.sh
 deploy/build.sh itn itn-predictor
 mkdir -p "$out"
 
-step "Render a dataset: 300 images of 64 x 64 pixels; shapes and lights of the test are apart"
-"$bin/itn" dataset "$dataset" --count 300 --resolution 64 --spp 64 \
+step "Render a dataset: 1200 images of 64 x 64 pixels; shapes and lights of the test are apart"
+"$bin/itn" dataset "$dataset" --count 1200 --resolution 64 --spp 16 --rotate \
   --test-shapes figure,mug,knot,leaf,rounded_cube
 
 step "Train a regressor network (RN)"
-"$bin/itn" train "$dataset" -o "$out/rn" --loss rn --steps 60 --batch 32 --lr 1e-3 --resume
+"$bin/itn" train "$dataset" -o "$out/rn" --loss rn --steps 150 --batch 32 --lr 3e-4 --resume
 
 step "Train an inverse transport network (ITN) from there, with renders in the loss"
-"$bin/itn" train "$dataset" -o "$out/itn" --loss itn --init "$out/rn" --steps 20 --batch 16 \
-  --lr 2e-4 --spp 32 --resume
+"$bin/itn" train "$dataset" -o "$out/itn" --loss itn --init "$out/rn" --steps 20 --batch 8 \
+  --lr 3e-4 --spp 64 --resume
 
 step "Errors on shapes and lights that neither has seen"
-"$bin/itn" evaluate "$out/itn" "$out/rn" --dataset "$dataset" --rerender 10 --spp 64 \
+"$bin/itn" evaluate "$out/itn" "$out/rn" --dataset "$dataset" --rerender 10 --spp 128 \
   --picture "$out/comparison.png"
 
 step "Ask a predictor for the material in one of these images"
