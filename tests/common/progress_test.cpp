@@ -59,7 +59,9 @@ TEST(Progress, WhatWasDoneBeforeIsNotInTheRate) {
 
 TEST(Progress, OnATerminalRedrawsOneLineAtMostTenTimesASecond) {
   int controller = -1, terminal = -1;
-  ASSERT_EQ(::openpty(&controller, &terminal, nullptr, nullptr, nullptr), 0);
+  if (::openpty(&controller, &terminal, nullptr, nullptr, nullptr) != 0) {
+    GTEST_SKIP() << "no pseudo-terminal can be opened here (is /dev/pts mounted?)";
+  }
   std::FILE* file = ::fdopen(terminal, "w");
   const auto start = std::chrono::steady_clock::now();
   {
