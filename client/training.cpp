@@ -353,7 +353,10 @@ void train(const v1::TrainingConfig& config, const LabelledImages& images, const
       }
     }
   } catch (const Error& error) {
-    // Whatever stopped it, what was learned is kept.
+    // Whatever stopped it, what was learned is kept; where that is nothing, the folder stays free.
+    if (trainer.steps_taken() == 0) {
+      throw;
+    }
     write_checkpoint(checkpoint, trainer.checkpoint());
     throw Error(error.kind(), fmt::format("{}; stopped after step {}, --resume continues",
                                           error.what(), trainer.steps_taken()));

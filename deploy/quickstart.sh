@@ -66,6 +66,6 @@ until [[ -s $out/predictor.address ]]; do
   sleep 0.1
 done
 "$bin/itn" predict "$dataset/$image" --predictor "$(<"$out/predictor.address")"
-printf 'truth    %10.3f  %7.4f  %7.4f\n' "$sigma_t" "$albedo" "$g"
+printf 'truth    %14.3f  %7.4f  %7.4f\n' "$sigma_t" "$albedo" "$g"
 
 printf '\nInput, re-rendering with the prediction, and difference: %s\n' "$out/comparison.png"

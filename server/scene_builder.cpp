@@ -339,7 +339,7 @@ tracer::SunSkyLight build_sun_sky(const std::string& field, const v1::SunSky& pr
           : 60;
   const double radius = proto.has_sun_angular_radius_degrees()
                             ? in_closed(field + ".sun_angular_radius_degrees",
-                                        proto.sun_angular_radius_degrees(), 0.01F, 45)
+                                        proto.sun_angular_radius_degrees(), 0.1F, 45)
                             : 0.2665;
   light.sun_elevation = elevation * kRadiansPerDegree;
   light.sun_angular_radius = radius * kRadiansPerDegree;

@@ -44,7 +44,7 @@ grpc::Status status_of_current_exception() {
   } catch (const Error& error) {
     return to_status(error);
   } catch (const std::bad_alloc&) {
-    return {grpc::StatusCode::RESOURCE_EXHAUSTED, "out of memory"};
+    return {grpc::StatusCode::UNAVAILABLE, "out of memory"};
   } catch (const std::exception& error) {
     return {grpc::StatusCode::INTERNAL, error.what()};
   } catch (...) {

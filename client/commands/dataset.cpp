@@ -150,12 +150,14 @@ void add_dataset_command(CLI::App& app) {
   CLI::Option* count =
       command->add_option("--count", options->count, "Images, training and test together")
           ->capture_default_str();
+  CLI::Option* grid =
+      command
+          ->add_flag("--grid", options->grid,
+                     "All 300 materials of Che et al. 2020 for every shape and azimuth")
+          ->excludes(count);
   command
-      ->add_flag("--grid", options->grid,
-                 "All 300 materials of Che et al. 2020 for every shape and azimuth")
-      ->excludes(count);
-  command->add_flag("--random", options->random,
-                    "Independent materials rather than a Latin hypercube");
+      ->add_flag("--random", options->random, "Independent materials rather than a Latin hypercube")
+      ->excludes(grid);
   command->add_flag("--rotate", options->rotate, "Turn each object about +y by a random angle");
   command->add_option("--resolution", options->resolution, "Pixels a side")
       ->check(CLI::IsMember({16, 32, 64, 128, 256}))
@@ -174,9 +176,12 @@ void add_dataset_command(CLI::App& app) {
       ->add_option("--test-azimuths", options->test_azimuths, "Likewise; default 10,20,40,50,70,80")
       ->delimiter(',');
   command->add_option("--sigma-t", options->sigma_t, "MIN MAX, in 1/mm, log-uniform")
+      ->excludes(grid)
       ->capture_default_str();
-  command->add_option("--albedo", options->albedo, "MIN MAX, uniform")->capture_default_str();
-  command->add_option("--g", options->g, "MIN MAX, uniform")->capture_default_str();
+  command->add_option("--albedo", options->albedo, "MIN MAX, uniform")
+      ->excludes(grid)
+      ->capture_default_str();
+  command->add_option("--g", options->g, "MIN MAX, uniform")->excludes(grid)->capture_default_str();
   command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.DatasetSummary)");
   add_worker_flags(*command, options->workers);
   command->callback([options] { run(*options); });

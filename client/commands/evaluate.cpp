@@ -94,10 +94,10 @@ void print(const v1::Evaluation& evaluation) {
   for (const v1::Evaluation::Row& row : evaluation.rows()) {
     width = std::max(width, row.name().size());
   }
-  fmt::print("{:{}}  {:>10}  {:>7}  {:>7}{}\n", "", width, "sigma_t/mm", "albedo", "g",
+  fmt::print("{:{}}  {:>14}  {:>7}  {:>7}{}\n", "", width, "sigma_t [1/mm]", "albedo", "g",
              evaluation.rerendered() > 0 ? "    image" : "");
   for (const v1::Evaluation::Row& row : evaluation.rows()) {
-    fmt::print("{:{}}  {:10.2f}  {:7.4f}  {:7.4f}", row.name(), width, row.sigma_t(), row.albedo(),
+    fmt::print("{:{}}  {:14.2f}  {:7.4f}  {:7.4f}", row.name(), width, row.sigma_t(), row.albedo(),
                row.g());
     if (row.has_image()) {
       fmt::print("  {:7.4f}", row.image());

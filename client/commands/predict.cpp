@@ -155,10 +155,10 @@ v1::Prediction prediction_of(const v1::PredictReply& reply, const LoadedPhotogra
 }
 
 void print(const v1::Prediction& prediction) {
-  fmt::print("{:7}  {:>10}  {:>7}  {:>7}  {:>10}  {:>10}\n", "channel", "sigma_t/mm", "albedo", "g",
-             "sigma_a/mm", "sigma_s/mm");
+  fmt::print("{:7}  {:>14}  {:>7}  {:>7}  {:>14}  {:>14}\n", "channel", "sigma_t [1/mm]", "albedo",
+             "g", "sigma_a [1/mm]", "sigma_s [1/mm]");
   for (const v1::Prediction::Channel& c : prediction.channels()) {
-    fmt::print("{:7}  {:10.3f}  {:7.4f}  {:7.4f}  {:10.3f}  {:10.3f}\n", c.channel(), c.sigma_t(),
+    fmt::print("{:7}  {:14.3f}  {:7.4f}  {:7.4f}  {:14.3f}  {:14.3f}\n", c.channel(), c.sigma_t(),
                c.albedo(), c.g(), c.sigma_a(), c.sigma_s());
   }
 }

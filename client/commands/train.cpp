@@ -115,6 +115,10 @@ std::string note_of(const v1::TrainingMetrics& metrics) {
 }
 
 void print(const v1::TrainingSummary& summary) {
+  if (!summary.has_last()) {
+    fmt::print("{}: {}, was finished already\n", summary.checkpoint(), summary.model());
+    return;
+  }
   fmt::print("{}: {}, step {}, regression loss {:.4f}", summary.checkpoint(), summary.model(),
              summary.last().step(), summary.last().regression_loss());
   if (summary.last().has_image_loss()) {
@@ -187,8 +191,11 @@ void add_train_command(CLI::App& app) {
       ->capture_default_str();
   command->add_option("--init", options->init,
                       "Checkpoint (or run) to start from, e.g. of an RN for an ITN");
-  CLI::Option* steps = command->add_option("--steps", options->steps, "Steps to take");
-  command->add_option("--epochs", options->epochs, "Instead of steps; default 50")->excludes(steps);
+  CLI::Option* steps =
+      command->add_option("--steps", options->steps, "Steps to take")->check(CLI::PositiveNumber);
+  command->add_option("--epochs", options->epochs, "Instead of steps; default 50")
+      ->check(CLI::Range(0.0, 1e6))
+      ->excludes(steps);
   command->add_option("--batch", options->batch, "Images per step")
       ->check(CLI::Range(1, 65536))
       ->capture_default_str();
@@ -198,6 +205,7 @@ void add_train_command(CLI::App& app) {
       ->check(CLI::Range(1, 64))
       ->capture_default_str();
   command->add_option("--spp", options->spp, "Samples per pixel of each render (itn)")
+      ->check(CLI::Range(1, 1 << 20))
       ->capture_default_str();
   command
       ->add_option("--estimates", options->estimates,

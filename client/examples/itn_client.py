@@ -18,9 +18,12 @@ import grpc
 import numpy as np
 
 
+folder_of_modules = tempfile.TemporaryDirectory(prefix="itn-proto-")
+
+
 def compile_protos(folder):
     """Turns the .proto files into Python modules."""
-    target = tempfile.mkdtemp(prefix="itn-proto-")
+    target = folder_of_modules.name
     plugin = subprocess.check_output(["which", "grpc_python_plugin"], text=True).strip()
     protos = [f"itn/v1/{name}.proto" for name in ("scene", "render", "predict")]
     subprocess.check_call(

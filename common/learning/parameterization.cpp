@@ -114,21 +114,24 @@ Box to_box(const v1::MaterialRange& range) {
 }
 
 v1::MaterialRange prediction_bounds(const v1::MaterialRange& training_range) {
-  // Chosen so that the paper's ranges (30..276, .39..95, 0...8) become the paper's clamps.
+  // Chosen so that the paper's ranges (30 to 276, 0.39 to 0.95, 0 to 0.8) become the paper's
+  // clamps.
   constexpr double kSigmaTBelow = 20.0 / 30.0, kSigmaTAbove = 300.0 / 276.0;
   constexpr double kAlbedoBelow = 0.04, kAlbedoAbove = 0.02, kG = 0.1;
   // An albedo of 1 has paths that do not end by absorption; of 0, no derivative in g.
-  constexpr double kMinAlbedo = 0.001, kMaxAlbedo = 0.999, kMaxG = 0.95;
+  constexpr double kMinAlbedo = 0.001, kMaxAlbedo = 0.999;
   v1::MaterialRange bounds;
   const auto set = [](v1::Interval* interval, double min, double max) {
     interval->set_min(min);
     interval->set_max(max);
   };
   const v1::MaterialRange& r = training_range;
-  set(bounds.mutable_sigma_t(), r.sigma_t().min() * kSigmaTBelow, r.sigma_t().max() * kSigmaTAbove);
+  set(bounds.mutable_sigma_t(), std::max(r.sigma_t().min() * kSigmaTBelow, kMinSigmaT),
+      std::min(r.sigma_t().max() * kSigmaTAbove, kMaxSigmaT));
   set(bounds.mutable_albedo(), std::max(r.albedo().min() - kAlbedoBelow, kMinAlbedo),
       std::min(r.albedo().max() + kAlbedoAbove, kMaxAlbedo));
-  set(bounds.mutable_g(), std::max(r.g().min() - kG, -kMaxG), std::min(r.g().max() + kG, kMaxG));
+  set(bounds.mutable_g(), std::max(r.g().min() - kG, -kMaxAbsG),
+      std::min(r.g().max() + kG, kMaxAbsG));
   return bounds;
 }
 

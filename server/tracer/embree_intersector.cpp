@@ -14,16 +14,30 @@ namespace {
 
 constexpr uint32_t kObject = 0;  // Embree's number of the object; surface i has number i + 1
 
+// Owns an object of Embree's.
+template <typename T, void (*release)(T)>
+struct Release {
+  using pointer = T;
+  void operator()(T object) const { release(object); }
+};
+using Device = std::unique_ptr<RTCDevice, Release<RTCDevice, rtcReleaseDevice>>;
+using EmbreeScene = std::unique_ptr<RTCScene, Release<RTCScene, rtcReleaseScene>>;
+using Geometry = std::unique_ptr<RTCGeometry, Release<RTCGeometry, rtcReleaseGeometry>>;
+
 // The ray queries, by Embree 3 or 4, which differ in how a filter is passed.
 class EmbreeIntersector final : public Intersector {
  public:
   EmbreeIntersector(const Mesh& object, const std::vector<Mesh>& surfaces)
-      : device_(rtcNewDevice(nullptr)), scene_(rtcNewScene(device_)) {
-    rtcSetSceneBuildQuality(scene_, RTC_BUILD_QUALITY_HIGH);
+      : device_(rtcNewDevice(nullptr)), scene_(device_ ? rtcNewScene(device_.get()) : nullptr) {
+    if (!scene_) {
+      throw std::runtime_error("Embree could not start");
+    }
+    rtcSetSceneBuildQuality(scene_.get(), RTC_BUILD_QUALITY_HIGH);
 #if RTC_VERSION_MAJOR >= 4
-    rtcSetSceneFlags(scene_, RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS);
+    rtcSetSceneFlags(scene_.get(),
+                     RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS);
 #else
-    rtcSetSceneFlags(scene_, RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION);
+    rtcSetSceneFlags(scene_.get(), RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION);
 #endif
     if (!object.triangles.empty()) {
       attach(object, kObject);
@@ -31,17 +45,11 @@ class EmbreeIntersector final : public Intersector {
     for (size_t i = 0; i < surfaces.size(); ++i) {
       attach(surfaces[i], static_cast<uint32_t>(i) + 1);
     }
-    rtcCommitScene(scene_);
-    if (rtcGetDeviceError(device_) != RTC_ERROR_NONE) {
+    rtcCommitScene(scene_.get());
+    if (rtcGetDeviceError(device_.get()) != RTC_ERROR_NONE) {
       throw std::runtime_error("Embree could not build the scene (out of memory?)");
     }
   }
-  ~EmbreeIntersector() override {
-    rtcReleaseScene(scene_);
-    rtcReleaseDevice(device_);
-  }
-  EmbreeIntersector(const EmbreeIntersector&) = delete;
-  EmbreeIntersector& operator=(const EmbreeIntersector&) = delete;
 
   Hit closest(const Line& line, float t_min, float t_max, Wanted wanted) const override {
     RTCRayHit query{};
@@ -65,11 +73,11 @@ class EmbreeIntersector final : public Intersector {
     arguments.context = &context;
     arguments.filter = filter;
     arguments.flags = RTC_RAY_QUERY_FLAG_INVOKE_ARGUMENT_FILTER;
-    rtcIntersect1(scene_, &query, &arguments);
+    rtcIntersect1(scene_.get(), &query, &arguments);
 #else
     rtcInitIntersectContext(&context);
     context.filter = filter;
-    rtcIntersect1(scene_, &context, &query);
+    rtcIntersect1(scene_.get(), &context, &query);
 #endif
     Hit hit;
     hit.found = query.hit.geomID != RTC_INVALID_GEOMETRY_ID;
@@ -117,12 +125,12 @@ class EmbreeIntersector final : public Intersector {
   }
 
   void attach(const Mesh& mesh, uint32_t number) {
-    RTCGeometry geometry = rtcNewGeometry(device_, RTC_GEOMETRY_TYPE_TRIANGLE);
+    const Geometry geometry(rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE));
     auto* vertices = static_cast<Vec3f*>(
-        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+        rtcSetNewGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
                                 sizeof(Vec3f), std::max<size_t>(1, mesh.vertices.size())));
     auto* triangles = static_cast<std::array<uint32_t, 3>*>(rtcSetNewGeometryBuffer(
-        geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, sizeof(std::array<uint32_t, 3>),
+        geometry.get(), RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, sizeof(std::array<uint32_t, 3>),
         std::max<size_t>(1, mesh.triangles.size())));
     if (vertices == nullptr || triangles == nullptr) {
       throw std::bad_alloc();
@@ -130,13 +138,12 @@ class EmbreeIntersector final : public Intersector {
     std::copy(mesh.vertices.begin(), mesh.vertices.end(), vertices);
     std::copy(mesh.triangles.begin(), mesh.triangles.end(), triangles);
     triangles_ += mesh.triangles.size();
-    rtcCommitGeometry(geometry);
-    rtcAttachGeometryByID(scene_, geometry, number);
-    rtcReleaseGeometry(geometry);
+    rtcCommitGeometry(geometry.get());
+    rtcAttachGeometryByID(scene_.get(), geometry.get(), number);
   }
 
-  RTCDevice device_;
-  RTCScene scene_;
+  Device device_;
+  EmbreeScene scene_;
   size_t triangles_ = 0;
 };
 

@@ -292,6 +292,11 @@ class MapSource final : public LightSource {
         }
       }
       values_[i] = static_cast<float>(light.scale * select(c, channel));
+      if (!std::isfinite(values_[i])) {
+        throw invalid_input(fmt::format(
+            "environment map: pixel ({}, {}) times scale is beyond the range of a float",
+            i % width_, i / width_));
+      }
     }
     weigh_pixels();
   }
@@ -385,7 +390,7 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channe
     check("sun_sky.turbidity", light.turbidity, 1, 10);
     check("sun_sky.ground_albedo", light.ground_albedo, 0, 1);
     check("sun_sky.sun_elevation (radians)", light.sun_elevation, 0, kPi / 2 + 1e-6);
-    check("sun_sky.sun_angular_radius (radians)", light.sun_angular_radius, 1e-4, kPi / 4 + 1e-6);
+    check("sun_sky.sun_angular_radius (radians)", light.sun_angular_radius, 1.7e-3, kPi / 4 + 1e-6);
     check("sun_sky.sun_scale", light.sun_scale, 0, 1e6);
     check("sun_sky.sky_scale", light.sky_scale, 0, 1e6);
     const double cos_elevation = std::cos(light.sun_elevation);

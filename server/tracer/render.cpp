@@ -8,7 +8,6 @@
 #include <tbb/task_arena.h>
 #include <time.h>
 
-#include <atomic>
 #include <cmath>
 #include <numbers>
 
@@ -19,10 +18,10 @@
 namespace itn::tracer {
 namespace {
 
-// Radiance is counted in 2^-24 of a power of two near the lights' mean radiance, a float's
-// precision where it matters. A sample may be 2^18 times that mean, as when the camera looks into
-// the sun, and 2^20 of them do not overflow 63 bits.
-constexpr int kQuantumBits = 24;
+// Radiance is counted in 2^-20 of a power of two near the lights' mean radiance: far below what a
+// sample is worth. A sample may be 2^22 times that mean, as when the camera looks into the smallest
+// sun, and 2^20 of them do not overflow 63 bits.
+constexpr int kQuantumBits = 20;
 constexpr double kMaxQuanta = 0x1p42;
 
 // Squares are counted in 2^-30 of the mean's square, so that dark pixels have a standard error too,
@@ -58,9 +57,13 @@ FilmSums empty_sums(const Scene::Compiled& scene, const RenderSettings& settings
   const double mean = power_of_two_near(scene.lights.power() / (4 * std::numbers::pi));
   sums.quantum = std::ldexp(mean, -kQuantumBits);
   sums.squares_quantum = std::ldexp(mean * mean, -kSquaresQuantumBits);
-  // The derivative in sigma_t is of the order of radiance / sigma_t.
-  sums.derivative_quanta = {sums.quantum / power_of_two_near(settings.material.sigma_t),
-                            sums.quantum, sums.quantum};
+  // The derivative in sigma_t is of the order of radiance times a free path, or times the size of
+  // the object where that is shorter.
+  const Bounds& box = scene.geometry.object_bounds();
+  const double size = static_cast<double>(length(box.max - box.min));
+  sums.derivative_quanta = {
+      sums.quantum * power_of_two_near(std::min(1 / settings.material.sigma_t, size)), sums.quantum,
+      sums.quantum};
   const auto pixels = static_cast<size_t>(sums.width) * static_cast<size_t>(sums.height);
   sums.squares.resize(pixels);
   sums.hits.resize(pixels);
@@ -169,7 +172,6 @@ FilmSums render_grad(const Scene& scene, const RenderSettings& settings, std::st
   check(settings);
   const Scene::Compiled& compiled = scene.compiled();
   FilmSums sums = empty_sums(compiled, settings);
-  std::atomic<bool> stopped = false;
   tbb::enumerable_thread_specific<Counters> counters;
   const auto render_tile = [&](const tbb::blocked_range2d<int>& tile) {
     const double start = thread_cpu_seconds();

@@ -131,7 +131,7 @@ const BadScene kBadScenes[] = {
      "scene.lights[1].sun_sky.turbidity is 12; it must be in [1, 10]"},
     {"GroundAlbedo", [](auto& s) { sun_sky(s).set_ground_albedo(-1); }, "ground_albedo is -1"},
     {"SunElevation", [](auto& s) { sun_sky(s).set_sun_elevation_degrees(91); }, "[0, 90]"},
-    {"SunRadius", [](auto& s) { sun_sky(s).set_sun_angular_radius_degrees(50); }, "[0.01, 45]"},
+    {"SunRadius", [](auto& s) { sun_sky(s).set_sun_angular_radius_degrees(50); }, "[0.1, 45]"},
     {"SunScale", [](auto& s) { sun_sky(s).set_sun_scale(-1); }, "sun_scale is -1"},
     {"SkyScale", [](auto& s) { sun_sky(s).set_sky_scale(2e6F); }, "sky_scale is 2000000"},
     {"MapPath", [](auto& s) { s.mutable_lights(0)->mutable_environment_map()->set_path("a.exr"); },

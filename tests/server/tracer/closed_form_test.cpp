@@ -40,6 +40,20 @@ TEST(BeerLambertTest, LightIsDimmedAlongTheChord) {
   }
 }
 
+// Where hardly anything happens: T = 1 - sigma_t d + ..., and the derivative is the chord, -d.
+TEST(BeerLambertTest, DerivativeOfAThinMedium) {
+  SceneDescription description;
+  description.object = box({-0.5F, 0, -0.5F}, {0.5F, 0.01F, 0.5F});
+  description.lights = {ConstantEnvironment{1}};
+  description.camera = looking_down(5);
+  description.film = {4, 4};
+  const FilmSums sums =
+      render_grad(Scene(std::move(description)),
+                  {.material = {1e-6, 0, 0}, .sample_count = 64, .derivatives = true});
+  EXPECT_NEAR(film_mean(sums, -1), 1, 1e-5);
+  EXPECT_NEAR(film_mean(sums, kSigmaT), -0.01, 1e-5);
+}
+
 // A beam from the zenith on a slab of thickness D with the camera above it, to first order in the
 // albedo: light goes down sigma_t y, is scattered back (cos_theta = -1), and comes up again:
 //   d T / d albedo at albedo 0 = E p(-1; g) (1 - exp(-2 sigma_t D)) / 2.
@@ -51,8 +65,8 @@ TEST(SingleScatteringTest, DerivativeAtAlbedoZero) {
   description.film = {4, 4};
   const Scene scene(std::move(description));
   for (const double g : {-0.4, 0.0, 0.6}) {
-    const FilmEstimate film =
-        estimate_film(scene, {.material = {2, 0, g}, .sample_count = 8192, .derivatives = true}, 64);
+    const FilmEstimate film = estimate_film(
+        scene, {.material = {2, 0, g}, .sample_count = 8192, .derivatives = true}, 64);
     const double phase = (1 - g * g) / (4 * std::numbers::pi * std::pow(1 + g, 3));
     const double expected = 3 * phase * (1 - std::exp(-2 * 2 * 0.5)) / 2;
     EXPECT_EQ(film.radiance.mean, 0);

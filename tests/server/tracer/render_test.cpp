@@ -127,6 +127,18 @@ TEST(RenderTest, MaskIsTheObject) {
   EXPECT_EQ(images.mask[24 * 14 + 12], 1);  // its middle
 }
 
+// The camera looks into the smallest sun, far brighter than anything else: still counted.
+TEST(RenderTest, TheSunItselfIsNotDropped) {
+  SceneDescription description = studio(
+      "cube", {SunSkyLight{.sun_elevation = 0.5, .sun_angular_radius = 1.75e-3, .sky_scale = 0}});
+  description.camera = {
+      .origin = {0, 5, 0}, .target = {0, 5 + std::sin(0.5), -std::cos(0.5)}, .fov = 1e-4};
+  const FilmSums sums =
+      render_grad(Scene(std::move(description)), {.material = {10, 0.5, 0}, .sample_count = 4});
+  EXPECT_EQ(sums.counters.invalid_samples, 0U);
+  EXPECT_GT(film_mean(sums, -1), 1e6);
+}
+
 // A surface in front of the object hides it: the camera ray starts at the object's box, but what
 // stands before the box counts.
 TEST(RenderTest, ASurfaceMayStandInFront) {
