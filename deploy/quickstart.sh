@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The main job of itn, from nothing: installs what is missing, builds, renders a small dataset,
 # trains an RN and an ITN, compares them on unseen shapes and lights with the constant predictor,
-# and asks a predictor for the material in one image. About ten minutes on two processors; what is
+# and asks a predictor for the material in one image. Under ten minutes on two processors; what is
 # done already is not done again.
 #
 #   deploy/quickstart.sh [FOLDER]      default: out/quickstart
