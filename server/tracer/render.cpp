@@ -13,6 +13,7 @@
 
 #include "common/error.h"
 #include "server/tracer/compiled_scene.h"
+#include "server/tracer/fork_join.h"
 #include "server/tracer/path.h"
 
 namespace itn::tracer {
@@ -173,7 +174,9 @@ FilmSums render_grad(const Scene& scene, const RenderSettings& settings, std::st
   const Scene::Compiled& compiled = scene.compiled();
   FilmSums sums = empty_sums(compiled, settings);
   tbb::enumerable_thread_specific<Counters> counters;
+  ForkJoin order;
   const auto render_tile = [&](const tbb::blocked_range2d<int>& tile) {
+    order.begin_iteration();
     const double start = thread_cpu_seconds();
     Counters& mine = counters.local();
     for (int y = tile.rows().begin(); y < tile.rows().end(); ++y) {
@@ -185,13 +188,16 @@ FilmSums render_grad(const Scene& scene, const RenderSettings& settings, std::st
       }
     }
     mine.cpu_seconds += thread_cpu_seconds() - start;
+    order.end_iteration();
   };
   constexpr size_t kTile = 4;  // pixels: small, so that small films keep all threads busy
   tbb::task_arena arena(settings.threads > 0 ? settings.threads : tbb::info::default_concurrency());
+  order.before_loop();
   arena.execute([&] {
     tbb::parallel_for(tbb::blocked_range2d<int>(0, sums.height, kTile, 0, sums.width, kTile),
                       render_tile, tbb::simple_partitioner());
   });
+  order.after_loop();
   for (const Counters& part : counters) {
     add(sums.counters, part);
   }
