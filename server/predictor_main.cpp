@@ -37,12 +37,7 @@ void add_flags(CLI::App& app, PredictorOptions& options) {
                  "Requests that may wait; more are answered UNAVAILABLE")
       ->check(CLI::Range(0, 1'000'000))
       ->capture_default_str();
-  app.add_flag("--reflection,!--no-reflection", options.server.reflection,
-               "gRPC server reflection (on by default)");
-  app.add_option("--log-level", options.log_level, "What to log on stderr")
-      ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
-      ->capture_default_str();
-  app.set_version_flag("--version", "itn-predictor " ITN_VERSION);
+  add_server_flags(app, "itn-predictor", options.server.reflection, options.log_level);
 }
 
 int run(int argc, char** argv) {

@@ -14,6 +14,17 @@
 
 namespace itn {
 
+// The flags that every server has.
+inline void add_server_flags(CLI::App& app, const std::string& program, bool& reflection,
+                             std::string& log_level) {
+  app.add_flag("--reflection,!--no-reflection", reflection,
+               "gRPC server reflection (on by default)");
+  app.add_option("--log-level", log_level, "What to log on stderr")
+      ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
+      ->capture_default_str();
+  app.set_version_flag("--version", program + " " ITN_VERSION);
+}
+
 // Parses the flags, calls `start`, which returns a pointer to a server with address() and drain(),
 // prints the address as one line on stdout, and waits for SIGTERM or SIGINT; then lets the server
 // finish what is under way. Returns the exit code.

@@ -49,12 +49,7 @@ void add_flags(CLI::App& app, WorkerOptions& options) {
                  "Largest request and largest reply, in MiB")
       ->check(CLI::Range(1, 2047))
       ->capture_default_str();
-  app.add_flag("--reflection,!--no-reflection", options.server.reflection,
-               "gRPC server reflection (on by default)");
-  app.add_option("--log-level", options.log_level, "What to log on stderr")
-      ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
-      ->capture_default_str();
-  app.set_version_flag("--version", "itn-worker " ITN_VERSION);
+  add_server_flags(app, "itn-worker", options.server.reflection, options.log_level);
 }
 
 int run(int argc, char** argv) {
