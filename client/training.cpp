@@ -27,33 +27,28 @@ enum Choice : uint64_t { kInitialWeights, kOrder, kRenders };
 // is minimised is one and the same.
 constexpr uint64_t kBalanceSteps = 10;
 
-std::vector<RenderEstimate> estimates_of(const v1::RenderGradReply& reply) {
-  const size_t pixels = static_cast<size_t>(reply.width()) * reply.height();
-  std::vector<RenderEstimate> estimates;
-  for (const v1::Estimate& proto : reply.estimates()) {
-    RenderEstimate& estimate = estimates.emplace_back();
-    estimate.radiance = plane(proto.radiance(), pixels);
-    for (int i = 0; i < 3; ++i) {
-      estimate.derivatives[static_cast<size_t>(i)] = plane(proto.derivatives(i), pixels);
-    }
-  }
-  return estimates;
+std::string bytes_of(std::span<const float> values) {
+  return {reinterpret_cast<const char*>(values.data()), values.size_bytes()};
 }
 
-RenderJob render_job(DatasetReader& dataset, const RenderQuery& query, uint32_t spp,
-                     uint32_t estimates) {
+RenderJob render_job(DatasetReader& dataset, const RenderQuery& query,
+                     const v1::TrainingConfig& config) {
   RenderJob job;
   job.scene = dataset.scene(*query.item);
   v1::Material& material = *job.request.mutable_material();
   material.set_sigma_t(query.material.sigma_t);
   material.set_albedo(query.material.albedo);
   material.set_g(query.material.g);
-  job.request.set_spp(spp);
+  job.request.set_spp(config.spp());
   job.request.set_seed(query.seed);
-  job.request.set_estimates(estimates);
+  job.request.set_estimates(config.estimates());
+  job.request.set_pilot_spp(config.pilot_spp());
+  job.request.set_pixels(v1::OBJECT_PIXELS);
   for (const v1::Parameter parameter : {v1::SIGMA_T, v1::ALBEDO, v1::G}) {
     job.request.add_derivatives(parameter);
   }
+  job.request.mutable_loss()->set_image(bytes_of(query.image));
+  job.request.mutable_loss()->set_weight(bytes_of(query.weight));
   return job;
 }
 
@@ -105,16 +100,18 @@ v1::Model named(v1::Model model, const v1::TrainingConfig& config) {
 
 }  // namespace
 
-RenderBatch render_with(DatasetReader& dataset, RenderPool& pool, uint32_t spp, uint32_t estimates,
+RenderBatch render_with(DatasetReader& dataset, RenderPool& pool, const v1::TrainingConfig& config,
                         std::stop_token stop) {
-  return [&dataset, &pool, spp, estimates, stop](std::span<const RenderQuery> queries) {
+  return [&dataset, &pool, config, stop](std::span<const RenderQuery> queries) {
     std::vector<std::future<v1::RenderGradReply>> replies;
     for (const RenderQuery& query : queries) {
-      replies.push_back(pool.submit(render_job(dataset, query, spp, estimates)));
+      replies.push_back(pool.submit(render_job(dataset, query, config)));
     }
-    std::vector<std::vector<RenderEstimate>> results;
-    for (auto& reply : replies) {
-      results.push_back(estimates_of(wait_for_render(reply, stop)));
+    std::vector<RenderingLoss> results;
+    for (auto& future : replies) {
+      const v1::RenderGradReply reply = wait_for_render(future, stop);
+      results.push_back({reply.loss(),
+                         {reply.loss_gradient(0), reply.loss_gradient(1), reply.loss_gradient(2)}});
     }
     return results;
   };
@@ -142,6 +139,7 @@ void validate(const v1::TrainingConfig& config) {
     require(config.estimates() >= 2 && config.estimates() <= 16,
             "estimates must be in [2, 16]: products of one estimate with itself are biased");
     require(config.spp() >= config.estimates(), "spp must be as large as estimates at least");
+    require(config.pilot_spp() <= 64, "pilot_spp must be in [0, 64]");
     require(!config.has_lambda() || (config.lambda() >= 0 && std::isfinite(config.lambda())),
             "lambda must be >= 0");
   }
@@ -219,29 +217,29 @@ v1::TrainingMetrics Trainer::step() {
 
 Trainer::ImageTerm Trainer::image_term(std::span<const uint32_t> batch,
                                        const torch::Tensor& outputs, const torch::Tensor& targets) {
-  // Render every prediction.
+  // Render every prediction, and compare it with its input.
   const torch::Tensor predictions = outputs.to(torch::kFloat64);
   std::vector<RenderQuery> queries;
   for (size_t i = 0; i < batch.size(); ++i) {
+    const std::vector<float>& image = images_.radiance[batch[i]];
     queries.push_back({images_.items[batch[i]],
                        space_.material(row(predictions, static_cast<int64_t>(i))),
+                       image,
+                       {inputs_[batch[i]][1].data_ptr<float>(), image.size()},
                        derive_seed(state_.config().seed(), {kRenders, state_.step(), i})});
   }
-  const std::vector<std::vector<RenderEstimate>> renders = render_(queries);
-  // Compare with the inputs, and carry the gradients back to the outputs.
+  const std::vector<RenderingLoss> losses = render_(queries);
+  // Carry the gradients back to the outputs.
   ImageTerm term;
   term.gradient = torch::empty({static_cast<int64_t>(batch.size()), 3});
   auto gradient = term.gradient.accessor<float, 2>();
   for (size_t i = 0; i < batch.size(); ++i) {
     const auto r = static_cast<int64_t>(i);
-    const std::span<const float> weight(inputs_[batch[i]][1].data_ptr<float>(),
-                                        images_.radiance[batch[i]].size());
-    const RenderingLoss loss = rendering_loss(images_.radiance[batch[i]], weight, renders[i]);
-    const Triple by_output = space_.output_gradient(row(predictions, r), loss.gradient);
+    const Triple by_output = space_.output_gradient(row(predictions, r), losses[i].gradient);
     for (size_t k = 0; k < 3; ++k) {
       gradient[r][static_cast<int64_t>(k)] = static_cast<float>(by_output[k]);
     }
-    term.loss += loss.value / static_cast<double>(batch.size());
+    term.loss += losses[i].value / static_cast<double>(batch.size());
   }
   term.lambda = state_.config().has_lambda() ? state_.config().lambda()
                                              : balance(2 * (outputs - targets), term.gradient);

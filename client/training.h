@@ -11,29 +11,30 @@
 
 #include <torch/torch.h>
 
-#include "client/rendering_loss.h"
 #include "client/sampler.h"
 #include "client/training_set.h"
 #include "common/learning/encoder.h"
 #include "common/learning/parameterization.h"
+#include "server/rendering_loss.h"
 
 namespace itn {
 
 class RenderPool;
 
-// One render for the image term: the scene of an item with a predicted material.
+// One render for the image term: the scene of an item with a predicted material, compared with the
+// item's image.
 struct RenderQuery {
   const v1::DatasetItem* item;
   Material material;
+  std::span<const float> image, weight;  // by pixel
   uint64_t seed;
 };
 
-// For each query the independent estimates of image and derivatives. May throw Error.
-using RenderBatch =
-    std::function<std::vector<std::vector<RenderEstimate>>(std::span<const RenderQuery>)>;
+// For each query an unbiased estimate of the loss and its gradient. May throw Error.
+using RenderBatch = std::function<std::vector<RenderingLoss>(std::span<const RenderQuery>)>;
 
 // Renders all queries at the same time by a pool. Both must outlive the function.
-RenderBatch render_with(DatasetReader& dataset, RenderPool& pool, uint32_t spp, uint32_t estimates,
+RenderBatch render_with(DatasetReader& dataset, RenderPool& pool, const v1::TrainingConfig& config,
                         std::stop_token stop);
 
 // A stand-in for a loss that torch cannot differentiate: its value means nothing; its gradient in

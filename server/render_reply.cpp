@@ -9,6 +9,7 @@
 
 #include "common/error.h"
 #include "server/chain_rule.h"
+#include "server/rendering_loss.h"
 
 namespace itn {
 namespace {
@@ -28,9 +29,10 @@ void check_size(const char* what, size_t size, size_t expected) {
   }
 }
 
-std::vector<int64_t> sums_from_bytes(const char* what, const std::string& bytes, size_t pixels) {
-  check_size(what, bytes.size(), pixels * sizeof(int64_t));
-  std::vector<int64_t> values(pixels);
+template <typename T = int64_t>
+std::vector<T> sums_from_bytes(const char* what, const std::string& bytes, size_t pixels) {
+  check_size(what, bytes.size(), pixels * sizeof(T));
+  std::vector<T> values(pixels);
   std::memcpy(values.data(), bytes.data(), bytes.size());
   return values;
 }
@@ -54,17 +56,48 @@ std::vector<float> combine(const tracer::RenderedImages::Estimate& estimate,
   return image;
 }
 
+Material material_of(const v1::RenderGradRequest& request) {
+  return {request.material().sigma_t(), request.material().albedo(), request.material().g()};
+}
+
+std::vector<float> floats(const std::string& bytes) {
+  std::vector<float> values(bytes.size() / sizeof(float));
+  std::memcpy(values.data(), bytes.data(), values.size() * sizeof(float));
+  return values;
+}
+
+// Over the pixels of which every estimate has samples.
+void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
+               v1::RenderGradReply& reply) {
+  std::vector<float> weight = floats(request.loss().weight());
+  for (const auto& estimate : sums.estimates) {
+    for (size_t p = 0; p < weight.size(); ++p) {
+      if (estimate.counts[p] == 0) weight[p] = 0;
+    }
+  }
+  const RenderingLoss loss = rendering_loss(floats(request.loss().image()), weight,
+                                            tracer::means(sums).estimates);
+  reply.set_loss(loss.value);
+  for (const int parameter : request.derivatives()) {
+    const auto weights = chain_rule(static_cast<v1::Parameter>(parameter), material_of(request));
+    double sum = 0;
+    for (size_t c = 0; c < weights.size(); ++c) sum += weights[c] * loss.gradient[c];
+    reply.add_loss_gradient(sum);
+  }
+}
+
 void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
                  v1::RenderGradReply& reply) {
-  const Material material{request.material().sigma_t(), request.material().albedo(),
-                          request.material().g()};
   const tracer::RenderedImages images = tracer::means(sums);
   for (const auto& estimate : images.estimates) {
     v1::Estimate& proto = *reply.add_estimates();
     proto.set_radiance(to_bytes(estimate.radiance));
     for (const int parameter : request.derivatives()) {
-      const auto weights = chain_rule(static_cast<v1::Parameter>(parameter), material);
+      const auto weights = chain_rule(static_cast<v1::Parameter>(parameter), material_of(request));
       proto.add_derivatives(to_bytes(combine(estimate, weights)));
+    }
+    for (const std::vector<float>& radiance : estimate.at_albedos) {
+      proto.add_at_albedos(to_bytes(radiance));
     }
   }
   reply.set_mask(to_bytes(images.mask));
@@ -81,6 +114,10 @@ void fill_sums(const tracer::FilmSums& sums, v1::ExactSums& proto) {
     for (const auto& derivative : estimate.derivatives) {
       if (!derivative.empty()) estimate_proto.add_derivatives(to_bytes(derivative));
     }
+    for (const std::vector<int64_t>& radiance : estimate.at_albedos) {
+      estimate_proto.add_at_albedos(to_bytes(radiance));
+    }
+    estimate_proto.set_counts(to_bytes(estimate.counts));
   }
   proto.set_squares(to_bytes(sums.squares));
   proto.set_hits(to_bytes(sums.hits));
@@ -94,7 +131,9 @@ v1::RenderGradReply make_reply(const tracer::FilmSums& sums, const v1::RenderGra
   v1::RenderGradReply reply;
   reply.set_width(static_cast<uint32_t>(sums.width));
   reply.set_height(static_cast<uint32_t>(sums.height));
-  if (request.exact_sums()) {
+  if (request.has_loss()) {
+    fill_loss(sums, request, reply);
+  } else if (request.exact_sums()) {
     fill_sums(sums, *reply.mutable_sums());
   } else {
     fill_images(sums, request, reply);
@@ -124,6 +163,10 @@ tracer::FilmSums film_sums(const v1::RenderGradReply& reply) {
   for (const v1::EstimateSums& estimate : proto.estimates()) {
     auto& into = sums.estimates.emplace_back();
     into.radiance = sums_from_bytes("sums.estimates.radiance", estimate.radiance(), pixels);
+    into.counts = sums_from_bytes<uint32_t>("sums.estimates.counts", estimate.counts(), pixels);
+    for (const std::string& radiance : estimate.at_albedos()) {
+      into.at_albedos.push_back(sums_from_bytes("sums.estimates.at_albedos", radiance, pixels));
+    }
     if (estimate.derivatives().empty()) continue;
     check_size("sums.estimates.derivatives", estimate.derivatives_size(), tracer::kCoordinates);
     for (int c = 0; c < tracer::kCoordinates; ++c) {
@@ -140,6 +183,10 @@ tracer::FilmSums film_sums(const v1::RenderGradReply& reply) {
 }
 
 void check_reply(const v1::RenderGradReply& reply, const v1::RenderGradRequest& request) {
+  if (request.has_loss()) {
+    check_size("loss_gradient", reply.loss_gradient_size(), request.derivatives_size());
+    return;
+  }
   const int estimates = static_cast<int>(std::max(request.estimates(), 1U));
   if (request.exact_sums()) {
     check_size("sums.estimates", reply.sums().estimates_size(), estimates);
@@ -152,6 +199,10 @@ void check_reply(const v1::RenderGradReply& reply, const v1::RenderGradRequest& 
     check_size("estimates.derivatives", estimate.derivatives_size(), request.derivatives_size());
     for (const std::string& derivative : estimate.derivatives()) {
       check_size("estimates.derivatives", derivative.size(), bytes);
+    }
+    check_size("estimates.at_albedos", estimate.at_albedos_size(), request.albedos_size());
+    for (const std::string& radiance : estimate.at_albedos()) {
+      check_size("estimates.at_albedos", radiance.size(), bytes);
     }
   }
   check_size("mask", reply.mask().size(), bytes);

@@ -7,7 +7,8 @@
 
 namespace itn {
 
-// The reply to `request`: images, or exact sums if it asks for them.
+// The reply to `request`: images, or exact sums or a loss if it asks for them. A loss needs the
+// derivatives, throws Error (invalid input) where its image is black.
 v1::RenderGradReply make_reply(const tracer::FilmSums& sums, const v1::RenderGradRequest& request);
 
 // Of a reply with exact sums. Throws Error (kInternal) if its arrays do not have the sizes that

@@ -493,6 +493,54 @@ void build_sample_range(const v1::RenderGradRequest& request, tracer::RenderSett
   settings.sample_count = range.count();
 }
 
+void check_loss(const v1::RenderGradRequest& request) {
+  if (!request.has_loss()) return;
+  if (request.estimates() < 2) {
+    throw invalid_input(fmt::format(
+        "estimates is {}; a loss needs at least 2, as products of an estimate with itself are "
+        "biased",
+        request.estimates()));
+  }
+  if (request.exact_sums()) {
+    throw invalid_input("loss and exact_sums cannot both be asked for");
+  }
+  if (!request.albedos().empty()) {
+    throw invalid_input("loss and albedos cannot both be asked for");
+  }
+}
+
+void build_albedos(const v1::RenderGradRequest& request, tracer::RenderSettings& settings) {
+  integer_in("the number of albedos", request.albedos_size(), 0, int{tracer::kMaxAlbedos});
+  for (int i = 0; i < request.albedos_size(); ++i) {
+    if (!(request.albedos(i) >= 0 && request.albedos(i) <= settings.material.albedo)) {
+      throw invalid_input(
+          fmt::format("albedos[{}] is {}; it must be in [0, {}], the albedo of the material", i,
+                      request.albedos(i), settings.material.albedo));
+    }
+    settings.albedos.push_back(request.albedos(i));
+  }
+}
+
+void build_tracer(const v1::RenderGradRequest& request, tracer::RenderSettings& settings) {
+  if (!v1::RenderedPixels_IsValid(request.pixels())) {
+    throw invalid_input(
+        fmt::format("pixels has the unknown value {}", static_cast<int>(request.pixels())));
+  }
+  if (!v1::Tracer_IsValid(request.tracer())) {
+    throw invalid_input(
+        fmt::format("tracer has the unknown value {}", static_cast<int>(request.tracer())));
+  }
+  settings.pixels =
+      request.pixels() == v1::OBJECT_PIXELS ? tracer::Pixels::kObject : tracer::Pixels::kAll;
+  settings.pilot_spp = integer_in("pilot_spp", request.pilot_spp(), 0, 64);
+  if (request.tracer() == v1::REFERENCE) {
+    settings.tracer = tracer::Tracer::kReference;
+    if (!request.albedos().empty() || request.pilot_spp() > 0) {
+      throw invalid_input("the REFERENCE tracer knows neither albedos nor pilot_spp");
+    }
+  }
+}
+
 void check_derivatives(const v1::RenderGradRequest& request) {
   std::set<int> seen;
   for (int i = 0; i < request.derivatives_size(); ++i) {
@@ -565,7 +613,11 @@ tracer::RenderSettings build_settings(const v1::RenderGradRequest& request,
   settings.seed = request.seed();
   build_sample_range(request, settings);
   check_derivatives(request);
-  settings.derivatives = !request.derivatives().empty();
+  settings.derivatives = !request.derivatives().empty() || request.has_loss();
+  check_loss(request);
+  build_albedos(request, settings);
+  build_tracer(request, settings);
+  settings.spp = request.spp();
   const uint32_t most = std::min(kMaxEstimates, settings.sample_count);
   settings.estimates =
       request.estimates() == 0 ? 1 : integer_in("estimates", request.estimates(), 1, most);
@@ -576,12 +628,24 @@ void check_reply_size(int width, int height, const v1::RenderGradRequest& reques
                       const RenderLimits& limits) {
   const uint64_t estimates = std::max(request.estimates(), 1U);
   const uint64_t derivatives = request.derivatives_size();
-  // Estimates, mask and standard error; or sums, squares and hits.
+  const uint64_t albedos = request.albedos_size();
+  const uint64_t pixels = static_cast<uint64_t>(width) * height;
+  if (request.has_loss()) {
+    for (const auto& [name, size] : {std::pair{"loss.image", request.loss().image().size()},
+                                     std::pair{"loss.weight", request.loss().weight().size()}}) {
+      if (size != pixels * sizeof(float)) {
+        throw invalid_input(fmt::format("{} has {} bytes; {} x {} float32 have {}", name, size,
+                                        width, height, pixels * sizeof(float)));
+      }
+    }
+  }
+  // Estimates, mask and standard error; or sums and counts, squares and hits.
+  const uint64_t sums = derivatives > 0 ? 1 + tracer::kCoordinates : 1;
   const uint64_t bytes_per_pixel =
       request.exact_sums()
-          ? sizeof(int64_t) * (estimates * (derivatives > 0 ? 1 + tracer::kCoordinates : 1) + 2)
-          : sizeof(float) * (estimates * (1 + derivatives) + 2);
-  const uint64_t bytes = bytes_per_pixel * width * height;
+          ? sizeof(int64_t) * (estimates * (sums + albedos) + 2) + sizeof(uint32_t) * estimates
+          : sizeof(float) * (estimates * (1 + derivatives + albedos) + 2);
+  const uint64_t bytes = bytes_per_pixel * pixels;
   if (bytes > limits.max_message_bytes) {
     throw Error(ErrorKind::kLimit,
                 fmt::format("the images of the reply would take {} bytes; this worker sends at "

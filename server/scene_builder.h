@@ -40,7 +40,8 @@ tracer::RenderSettings build_settings(const v1::RenderGradRequest& request,
 
 Material build_material(const v1::Material& material);
 
-// Throws kLimit if the reply to this (checked) request would not fit into a message. As the images
+// Checks the request against its scene: throws kInvalidInput if the loss's image has another size,
+// kLimit if the reply to this (checked) request would not fit into a message. As the images
 // are what a render allocates, this bounds its memory too.
 void check_reply_size(int width, int height, const v1::RenderGradRequest& request,
                       const RenderLimits& limits);

@@ -37,7 +37,8 @@ struct TrainOptions {
   double learning_rate = 1e-4;
   uint32_t base_channels = 16;
   uint32_t spp = 256;
-  uint32_t estimates = 2;
+  uint32_t estimates = 4;
+  uint32_t pilot_spp = 4;
   std::optional<double> lambda;
   uint64_t seed = 0;
   uint64_t checkpoint_every = 100;
@@ -69,6 +70,7 @@ v1::TrainingConfig config_of(const TrainOptions& options, const DatasetReader& d
   if (config.loss() == v1::TrainingConfig::ITN) {
     config.set_spp(options.spp);
     config.set_estimates(options.estimates);
+    config.set_pilot_spp(options.pilot_spp);
     if (options.lambda) {
       config.set_lambda(*options.lambda);
     }
@@ -144,7 +146,7 @@ void run(TrainOptions options) {
   RenderBatch render;
   if (config.loss() == v1::TrainingConfig::ITN) {
     pool.emplace(options.workers.pool_options());
-    render = render_with(dataset, *pool, config.spp(), config.estimates(), interruption());
+    render = render_with(dataset, *pool, config, interruption());
   }
   v1::TrainingSummary summary;
   std::optional<Progress> progress;
@@ -211,6 +213,11 @@ void add_train_command(CLI::App& app) {
       ->add_option("--estimates", options->estimates,
                    "Independent estimates that the samples are shared out to (itn)")
       ->check(CLI::Range(2, 16))
+      ->capture_default_str();
+  command
+      ->add_option("--pilot-spp", options->pilot_spp,
+                   "Samples per pixel of each render's pilot, which makes it quieter (itn); 0: none")
+      ->check(CLI::Range(0, 64))
       ->capture_default_str();
   command->add_option("--lambda", options->lambda,
                       "Weight of the image term (itn); default: balanced on the first ten steps");

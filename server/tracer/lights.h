@@ -49,7 +49,7 @@ class Lights {
   double power() const { return power_; }
   size_t memory() const;
 
- private:
+  // The lights, each drawn with its probability.
   struct Choice {
     double cumulative;   // of the choice probabilities, up to and including this one
     double probability;  // proportional to power
@@ -57,6 +57,9 @@ class Lights {
     Vec3f direction{};                              // of a beam
     double irradiance = 0;
   };
+  const std::vector<Choice>& choices() const { return choices_; }
+
+ private:
   std::vector<Choice> choices_;
   double power_ = 0;
 };

@@ -1,20 +1,22 @@
 #include "server/tracer/render.h"
 
 #include <fmt/format.h>
-#include <tbb/blocked_range2d.h>
-#include <tbb/enumerable_thread_specific.h>
 #include <tbb/info.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 #include <time.h>
 
+#include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <numbers>
 
 #include "common/error.h"
 #include "server/tracer/compiled_scene.h"
 #include "server/tracer/fork_join.h"
-#include "server/tracer/path.h"
+#include "server/tracer/plan.h"
+#include "server/tracer/reference/path.h"
+#include "server/tracer/wavefront/wavefront.h"
 
 namespace itn::tracer {
 namespace {
@@ -47,9 +49,29 @@ void check(const RenderSettings& settings) {
         fmt::format("estimates is {}; it must be in [1, 16] and at most the number of samples, {}",
                     settings.estimates, settings.sample_count));
   }
+  if (settings.albedos.size() > kMaxAlbedos) {
+    throw invalid_input(fmt::format("{} albedos; there may be {} at most", settings.albedos.size(),
+                                    kMaxAlbedos));
+  }
+  for (const double albedo : settings.albedos) {
+    if (!(albedo >= 0 && albedo <= settings.material.albedo)) {
+      throw invalid_input(
+          fmt::format("albedos: {}; each must be in [0, {}], the albedo of the material", albedo,
+                      settings.material.albedo));
+    }
+  }
+  if (settings.pilot_spp > 64) {
+    throw invalid_input(
+        fmt::format("pilot_spp is {}; it must be at most 64", settings.pilot_spp));
+  }
+  if (settings.tracer == Tracer::kReference &&
+      (!settings.albedos.empty() || settings.pilot_spp > 0)) {
+    throw invalid_input("the reference tracer knows neither several albedos nor a pilot");
+  }
 }
 
-FilmSums empty_sums(const Scene::Compiled& scene, const RenderSettings& settings) {
+FilmSums empty_sums(const Scene::Compiled& scene, const RenderSettings& settings,
+                    const Plan& plan) {
   FilmSums sums;
   sums.width = scene.film.width;
   sums.height = scene.film.height;
@@ -60,7 +82,7 @@ FilmSums empty_sums(const Scene::Compiled& scene, const RenderSettings& settings
   sums.squares_quantum = std::ldexp(mean * mean, -kSquaresQuantumBits);
   // The derivative in sigma_t is of the order of radiance times a free path, or times the size of
   // the object where that is shorter.
-  const Bounds& box = scene.geometry.object_bounds();
+  const Bounds& box = scene.boundary.bounds;
   const double size = static_cast<double>(length(box.max - box.min));
   sums.derivative_quanta = {
       sums.quantum * power_of_two_near(std::min(1 / settings.material.sigma_t, size)), sums.quantum,
@@ -69,7 +91,14 @@ FilmSums empty_sums(const Scene::Compiled& scene, const RenderSettings& settings
   sums.squares.resize(pixels);
   sums.hits.resize(pixels);
   sums.estimates.resize(settings.estimates);
-  for (auto& estimate : sums.estimates) {
+  for (uint32_t k = 0; k < settings.estimates; ++k) {
+    auto& estimate = sums.estimates[k];
+    estimate.counts.resize(pixels);
+    for (const PlannedPixel& p : plan.pixels) {
+      estimate.counts[p.pixel] = static_cast<uint32_t>(
+          samples_of_estimate(p.first_sample, p.sample_count, k, settings.estimates));
+    }
+    estimate.at_albedos.assign(settings.albedos.size(), std::vector<int64_t>(pixels));
     estimate.radiance.resize(pixels);
     if (settings.derivatives) {
       for (auto& derivative : estimate.derivatives) {
@@ -80,52 +109,106 @@ FilmSums empty_sums(const Scene::Compiled& scene, const RenderSettings& settings
   return sums;
 }
 
-// The one door for NaN, infinities and values beyond the range of the sums.
-bool representable(const FilmSums& sums, const PathEstimate& path) {
-  bool result = std::abs(path.radiance) < kMaxQuanta * sums.quantum;  // false for NaN
-  for (size_t i = 0; i < kCoordinates; ++i) {
-    result = result && std::abs(path.derivatives[i]) < kMaxQuanta * sums.derivative_quanta[i];
-  }
-  return result;
-}
-
-int64_t quanta(double value, double quantum) {
-  return std::llrint(value / quantum);
-}
-
-void add(FilmSums& sums, size_t pixel, size_t estimate_index, const PathEstimate& path) {
-  auto& estimate = sums.estimates[estimate_index];
-  estimate.radiance[pixel] += quanta(path.radiance, sums.quantum);
-  for (size_t i = 0; i < kCoordinates; ++i) {
-    if (!estimate.derivatives[i].empty()) {
-      estimate.derivatives[i][pixel] += quanta(path.derivatives[i], sums.derivative_quanta[i]);
+// Hands out the samples of a plan to threads, in its order, and takes what becomes of them.
+class Distribution {
+ public:
+  Distribution(const Plan& plan, const RenderSettings& settings, FilmSums& sums)
+      : plan_(plan), settings_(settings), sums_(sums), per_radiance_(1 / sums.quantum) {
+    for (size_t i = 0; i < kCoordinates; ++i) {
+      per_derivative_[i] = 1 / sums.derivative_quanta[i];
     }
   }
-  sums.squares[pixel] +=
-      quanta(std::min(path.radiance * path.radiance, kMaxQuanta * sums.squares_quantum),
-             sums.squares_quantum);
-}
 
-void render_pixel(const Scene::Compiled& scene, const RenderSettings& settings, int x, int y,
-                  const std::stop_token& stop, FilmSums& sums, Counters& counters) {
-  const auto pixel =
-      static_cast<size_t>(y) * static_cast<size_t>(sums.width) + static_cast<size_t>(x);
-  for (uint32_t i = 0; i < settings.sample_count; ++i) {
-    const uint32_t sample = settings.first_sample + i;
-    const SampleRandom random(settings.seed, static_cast<uint32_t>(pixel), sample);
-    const PathEstimate path = trace_path(scene, settings, x, y, random, stop);
+  // One thread's part.
+  class Desk final : public PathDesk {
+   public:
+    explicit Desk(Distribution& all) : all_(all) {}
+    size_t take(std::span<PathOrder> orders) override { return all_.take(orders); }
+    void deliver(const PathOrder& order, const PathEstimate& path) override {
+      all_.deliver(order, path, counters);
+    }
+    Counters counters;
+
+   private:
+    Distribution& all_;
+  };
+
+ private:
+  size_t take(std::span<PathOrder> orders) {
+    const uint64_t first = next_.fetch_add(orders.size(), std::memory_order_relaxed);
+    if (first >= plan_.paths) {
+      return 0;
+    }
+    const auto count = static_cast<size_t>(std::min<uint64_t>(orders.size(), plan_.paths - first));
+    auto at = std::upper_bound(plan_.pixels.begin(), plan_.pixels.end(), first,
+                               [](uint64_t path, const PlannedPixel& p) { return path < p.first_path; }) -
+              1;
+    for (size_t i = 0; i < count; ++i) {
+      while (first + i >= at->first_path + at->sample_count) {
+        ++at;
+      }
+      orders[i] = {at->pixel, at->first_sample + static_cast<uint32_t>(first + i - at->first_path),
+                   at->baseline};
+    }
+    return count;
+  }
+
+  void deliver(const PathOrder& order, const PathEstimate& path, Counters& counters) {
     ++counters.paths;
     counters.steps += path.steps;
-    sums.hits[pixel] += path.hit ? 1 : 0;
+    if (path.hit) {
+      add(sums_.hits[order.pixel], 1);
+    }
     if (path.leaked) {
       ++counters.leaks;
-    } else if (!representable(sums, path)) {
+    } else if (!representable(path)) {
       ++counters.invalid_samples;
     } else {
-      add(sums, pixel, sample % settings.estimates, path);
+      add(order, path);
     }
   }
-}
+
+  // The one door for NaN, infinities and values beyond the range of the sums.
+  bool representable(const PathEstimate& path) const {
+    bool result = std::abs(path.radiance * per_radiance_) < kMaxQuanta;  // false for NaN
+    for (size_t i = 0; i < kCoordinates; ++i) {
+      result = result && std::abs(path.derivatives[i] * per_derivative_[i]) < kMaxQuanta;
+    }
+    for (size_t a = 0; a < settings_.albedos.size(); ++a) {
+      result = result && std::abs(path.at_albedos[a] * per_radiance_) < kMaxQuanta;
+    }
+    return result;
+  }
+
+  void add(const PathOrder& order, const PathEstimate& path) {
+    auto& estimate = sums_.estimates[order.sample % settings_.estimates];
+    const uint32_t pixel = order.pixel;
+    add(estimate.radiance[pixel], std::llrint(path.radiance * per_radiance_));
+    if (settings_.derivatives) {
+      for (size_t i = 0; i < kCoordinates; ++i) {
+        add(estimate.derivatives[i][pixel],
+            std::llrint(path.derivatives[i] * per_derivative_[i]));
+      }
+    }
+    for (size_t a = 0; a < settings_.albedos.size(); ++a) {
+      add(estimate.at_albedos[a][pixel], std::llrint(path.at_albedos[a] * per_radiance_));
+    }
+    add(sums_.squares[pixel],
+        std::llrint(std::min(path.radiance * path.radiance / sums_.squares_quantum, kMaxQuanta)));
+  }
+
+  // Paths of a pixel may be with several threads; integers add up to the same in any order.
+  static void add(int64_t& sum, int64_t by) {
+    std::atomic_ref(sum).fetch_add(by, std::memory_order_relaxed);
+  }
+
+  const Plan& plan_;
+  const RenderSettings& settings_;
+  FilmSums& sums_;
+  double per_radiance_;
+  std::array<double, kCoordinates> per_derivative_{};
+  std::atomic<uint64_t> next_ = 0;
+};
 
 void add(Counters& into, const Counters& part) {
   into.paths += part.paths;
@@ -135,36 +218,80 @@ void add(Counters& into, const Counters& part) {
   into.cpu_seconds += part.cpu_seconds;
 }
 
-void add(std::vector<int64_t>& into, const std::vector<int64_t>& part) {
+template <typename T>
+void add(std::vector<T>& into, const std::vector<T>& part) {
   for (size_t i = 0; i < into.size(); ++i) {
     into[i] += part[i];
   }
 }
 
-std::vector<float> scaled(const std::vector<int64_t>& sums, double factor) {
+// Sums by the numbers of their samples.
+std::vector<float> averages(const std::vector<int64_t>& sums, double quantum,
+                            const std::vector<uint32_t>& counts) {
   std::vector<float> result(sums.size());
   for (size_t i = 0; i < sums.size(); ++i) {
-    result[i] = static_cast<float>(static_cast<double>(sums[i]) * factor);
+    result[i] = counts[i] == 0 ? 0.0F
+                               : static_cast<float>(static_cast<double>(sums[i]) * quantum /
+                                                    static_cast<double>(counts[i]));
   }
   return result;
 }
 
-std::vector<float> standard_errors(const FilmSums& sums) {
-  std::vector<float> result(sums.squares.size());
-  const double n = sums.sample_count;
-  if (n < 2) {
-    return result;
+std::vector<uint32_t> all_counts(const FilmSums& sums) {
+  std::vector<uint32_t> result(sums.squares.size());
+  for (const auto& estimate : sums.estimates) {
+    add(result, estimate.counts);
   }
+  return result;
+}
+
+std::vector<float> standard_errors(const FilmSums& sums, const std::vector<uint32_t>& counts) {
+  std::vector<float> result(sums.squares.size());
   for (size_t i = 0; i < result.size(); ++i) {
+    if (counts[i] < 2) {
+      continue;
+    }
     double total = 0;
     for (const auto& estimate : sums.estimates) {
       total += static_cast<double>(estimate.radiance[i]) * sums.quantum;
     }
-    const double mean = total / n;
+    const double n = counts[i], mean = total / n;
     const double mean_square = static_cast<double>(sums.squares[i]) * sums.squares_quantum / n;
     result[i] = static_cast<float>(std::sqrt(std::max(0.0, mean_square - mean * mean) / (n - 1)));
   }
   return result;
+}
+
+FilmSums render(const Scene::Compiled& scene, const RenderSettings& settings, const Plan& plan,
+                const std::stop_token& stop) {
+  FilmSums sums = empty_sums(scene, settings, plan);
+  Distribution distribution(plan, settings, sums);
+  const int threads =
+      settings.threads > 0 ? settings.threads : tbb::info::default_concurrency();
+  std::vector<Distribution::Desk> desks(static_cast<size_t>(threads),
+                                        Distribution::Desk(distribution));
+  ForkJoin order;
+  const auto work_at = [&](size_t desk) {
+    order.begin_iteration();
+    const double start = thread_cpu_seconds();
+    if (settings.tracer == Tracer::kWavefront) {
+      trace_wavefront(scene, settings, desks[desk], stop);
+    } else {
+      trace_reference(scene, settings, desks[desk], stop);
+    }
+    desks[desk].counters.cpu_seconds += thread_cpu_seconds() - start;
+    order.end_iteration();
+  };
+  tbb::task_arena arena(threads);
+  order.before_loop();
+  arena.execute([&] {
+    tbb::parallel_for(size_t{0}, desks.size(), work_at, tbb::simple_partitioner());
+  });
+  order.after_loop();
+  for (const Distribution::Desk& desk : desks) {
+    add(sums.counters, desk.counters);
+  }
+  return sums;
 }
 
 }  // namespace
@@ -172,35 +299,13 @@ std::vector<float> standard_errors(const FilmSums& sums) {
 FilmSums render_grad(const Scene& scene, const RenderSettings& settings, std::stop_token stop) {
   check(settings);
   const Scene::Compiled& compiled = scene.compiled();
-  FilmSums sums = empty_sums(compiled, settings);
-  tbb::enumerable_thread_specific<Counters> counters;
-  ForkJoin order;
-  const auto render_tile = [&](const tbb::blocked_range2d<int>& tile) {
-    order.begin_iteration();
-    const double start = thread_cpu_seconds();
-    Counters& mine = counters.local();
-    for (int y = tile.rows().begin(); y < tile.rows().end(); ++y) {
-      for (int x = tile.cols().begin(); x < tile.cols().end(); ++x) {
-        if (stop.stop_requested()) {
-          throw Error(ErrorKind::kCancelled, "the render was stopped");
-        }
-        render_pixel(compiled, settings, x, y, stop, sums, mine);
-      }
-    }
-    mine.cpu_seconds += thread_cpu_seconds() - start;
-    order.end_iteration();
-  };
-  constexpr size_t kTile = 4;  // pixels: small, so that small films keep all threads busy
-  tbb::task_arena arena(settings.threads > 0 ? settings.threads : tbb::info::default_concurrency());
-  order.before_loop();
-  arena.execute([&] {
-    tbb::parallel_for(tbb::blocked_range2d<int>(0, sums.height, kTile, 0, sums.width, kTile),
-                      render_tile, tbb::simple_partitioner());
-  });
-  order.after_loop();
-  for (const Counters& part : counters) {
-    add(sums.counters, part);
+  if (settings.pilot_spp == 0) {
+    return render(compiled, settings, even_plan(compiled, settings), stop);
   }
+  const RenderSettings pilot = pilot_settings(settings);
+  const FilmSums coarse = render(compiled, pilot, even_plan(compiled, pilot), stop);
+  FilmSums sums = render(compiled, settings, plan_from_pilot(compiled, settings, coarse), stop);
+  add(sums.counters, coarse.counters);
   return sums;
 }
 
@@ -215,8 +320,12 @@ void merge(FilmSums& into, const FilmSums& part) {
   into.sample_count += part.sample_count;
   for (size_t k = 0; k < into.estimates.size(); ++k) {
     add(into.estimates[k].radiance, part.estimates[k].radiance);
+    add(into.estimates[k].counts, part.estimates[k].counts);
     for (size_t i = 0; i < kCoordinates; ++i) {
       add(into.estimates[k].derivatives[i], part.estimates[k].derivatives[i]);
+    }
+    for (size_t a = 0; a < into.estimates[k].at_albedos.size(); ++a) {
+      add(into.estimates[k].at_albedos[a], part.estimates[k].at_albedos[a]);
     }
   }
   add(into.squares, part.squares);
@@ -232,19 +341,20 @@ uint64_t samples_of_estimate(uint32_t first, uint32_t count, uint32_t k, uint32_
 
 RenderedImages means(const FilmSums& sums) {
   RenderedImages images;
-  const auto estimates = static_cast<uint32_t>(sums.estimates.size());
-  for (uint32_t k = 0; k < estimates; ++k) {
-    const auto n = static_cast<double>(
-        samples_of_estimate(sums.first_sample, sums.sample_count, k, estimates));
-    const auto& estimate = sums.estimates[k];
+  for (const auto& estimate : sums.estimates) {
     auto& image = images.estimates.emplace_back();
-    image.radiance = scaled(estimate.radiance, sums.quantum / n);
+    image.radiance = averages(estimate.radiance, sums.quantum, estimate.counts);
     for (size_t i = 0; i < kCoordinates; ++i) {
-      image.derivatives[i] = scaled(estimate.derivatives[i], sums.derivative_quanta[i] / n);
+      image.derivatives[i] =
+          averages(estimate.derivatives[i], sums.derivative_quanta[i], estimate.counts);
+    }
+    for (const std::vector<int64_t>& radiance : estimate.at_albedos) {
+      image.at_albedos.push_back(averages(radiance, sums.quantum, estimate.counts));
     }
   }
-  images.mask = scaled(sums.hits, 1.0 / sums.sample_count);
-  images.standard_error = standard_errors(sums);
+  const std::vector<uint32_t> counts = all_counts(sums);
+  images.mask = averages(sums.hits, 1, counts);
+  images.standard_error = standard_errors(sums, counts);
   return images;
 }
 

@@ -15,23 +15,59 @@ namespace itn::tracer {
 // The coordinates that derivatives are accumulated in; others follow by the chain rule.
 enum Coordinate { kSigmaT, kAlbedo, kG, kCoordinates };
 
+// How paths are traced: many at a time in stages, or one after the other through Embree. The second
+// is plain path tracing, and the first is tested against it: the same integrals, other estimators,
+// no shared code but the random numbers and the tables of the lights.
+enum class Tracer { kWavefront, kReference };
+
+// Which pixels are rendered. Those of the object are the ones that one of 4 x 4 camera rays, spread
+// evenly over the pixel, shows to see it; all others stay 0.
+enum class Pixels { kAll, kObject };
+
+// More radiances of one render (RenderSettings::albedos).
+constexpr size_t kMaxAlbedos = 16;
+
 struct RenderSettings {
   Material material;
   // Samples per pixel are numbered 0 .. spp-1; those in [first_sample, first_sample + sample_count)
   // are rendered.
   uint32_t first_sample = 0;
   uint32_t sample_count = 16;
+  // The number spp of the whole, which a part is a part of; it matters with a pilot only. 0:
+  // first_sample + sample_count.
+  uint32_t spp = 0;
   uint64_t seed = 0;
   bool derivatives = false;
   // Sample i contributes to estimate i mod `estimates`, in [1, 16].
   uint32_t estimates = 1;
+  Tracer tracer = Tracer::kWavefront;
+  Pixels pixels = Pixels::kAll;
+  // Albedos, at most that of the material, whose images are estimated from the same paths: where a
+  // path of albedo a has weight a^n, it has weight b^n for b. At most kMaxAlbedos; not by the
+  // reference.
+  std::vector<double> albedos = {};
+  // Samples per pixel of a pilot: an independent, coarse render of the same seed, whose samples are
+  // not used in the image, but say where samples are needed and what baseline to subtract
+  // (plan.h). 0: none. At most 64; not by the reference.
+  uint32_t pilot_spp = 0;
+
   // Switches off one of the two direction sampling techniques that multiple importance sampling
   // combines, for tests. Phase sampling alone cannot see a DirectionalBeam.
   enum class Techniques { kBoth, kLightsOnly, kPhaseOnly } techniques = Techniques::kBoth;
+  // What makes the wavefront quicker or quieter, each to be switched off for tests and benchmarks.
   // Connections to the light that carry less than this fraction of the lights' mean radiance are
-  // decided by roulette before they are traced. More is faster and noisier; 0 traces them all. In
-  // variance times time 0.1 gains 1.4 (sigma_t 30) to 2.4 (276), and hardly costs d/d albedo.
+  // decided by roulette before they are traced. More is faster and noisier; 0 traces them all.
   double connection_roulette = 0.1;
+  // Paths of less weight than this play roulette at every vertex. Below 0: by the extinction
+  // coefficient.
+  double walk_roulette = -1;
+  // Low-discrepancy points for film position and first flight.
+  bool stratified = true;
+  // Fraction of the pilot's radiance that is the baseline of the derivatives; 0: no baseline.
+  double baseline = 0.85;
+  // Samples where the pilot finds the noise; else as many in every pixel.
+  bool adaptive = true;
+
   // Threads; 0: all.
   int threads = 0;
 };
@@ -57,8 +93,10 @@ struct FilmSums {
   std::array<double, kCoordinates> derivative_quanta{};
 
   struct EstimateSums {
+    std::vector<uint32_t> counts;  // of samples
     std::vector<int64_t> radiance;
     std::array<std::vector<int64_t>, kCoordinates> derivatives;  // empty if not asked
+    std::vector<std::vector<int64_t>> at_albedos;  // radiance for RenderSettings::albedos
   };
   std::vector<EstimateSums> estimates;
   std::vector<int64_t> squares;  // of radiance, over all estimates; each at most 2^42 quanta
@@ -73,11 +111,12 @@ void merge(FilmSums& into, const FilmSums& part);
 // Number of the samples in [first, first + count) that belong to estimate k of K.
 uint64_t samples_of_estimate(uint32_t first, uint32_t count, uint32_t k, uint32_t estimates);
 
-// Means over the samples; all arrays width * height, top row first.
+// Means over the samples, 0 where there are none; all arrays width * height, top row first.
 struct RenderedImages {
   struct Estimate {
     std::vector<float> radiance;
     std::array<std::vector<float>, kCoordinates> derivatives;  // empty if not asked
+    std::vector<std::vector<float>> at_albedos;
   };
   std::vector<Estimate> estimates;
   std::vector<float> mask;            // fraction of camera rays that meet the object

@@ -30,25 +30,9 @@ void check(const SceneDescription& scene) {
   }
 }
 
-std::vector<float> reflectances(const SceneDescription& scene) {
-  std::vector<float> result;
-  for (const DiffuseSurface& surface : scene.surfaces) {
-    result.push_back(surface.reflectance);
-  }
-  return result;
-}
-
 std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene) {
   check(scene);
-  auto compiled = std::unique_ptr<Scene::Compiled>(new Scene::Compiled{
-      .geometry = Geometry(std::move(scene.object), scene.surfaces, scene.intersector),
-      .reflectances = reflectances(scene),
-      .lights = Lights(scene.lights, scene.film.channel),
-      .camera = Camera(scene.camera, scene.film),
-      .film = scene.film,
-      .camera_inside = false});
-  compiled->camera_inside = compiled->geometry.contains(compiled->camera.origin());
-  return compiled;
+  return std::make_unique<const Scene::Compiled>(std::move(scene));
 }
 
 }  // namespace
@@ -64,7 +48,7 @@ int Scene::height() const {
 }
 
 size_t Scene::memory() const {
-  return sizeof(Compiled) + compiled_->geometry.memory() + compiled_->lights.memory();
+  return compiled_->memory();
 }
 
 }  // namespace itn::tracer

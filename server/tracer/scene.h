@@ -69,17 +69,12 @@ struct FilmDescription {
   Channel channel = Channel::kLuminance;
 };
 
-// How rays are traced: by Embree, or by a uniform grid of our own. The two share nothing, and give
-// the same images but for rounding: each is the other's test. About equally fast today.
-enum class IntersectorKind { kEmbree, kGrid };
-
 struct SceneDescription {
   Mesh object;  // closed, outward oriented
   std::vector<DiffuseSurface> surfaces;
   std::vector<LightDescription> lights;
   CameraDescription camera;
   FilmDescription film;
-  IntersectorKind intersector = IntersectorKind::kEmbree;
 };
 
 // Compiled and immutable; may be shared by any number of renders.

@@ -47,11 +47,12 @@ RenderEstimate render(const Material& m, double noise, uint64_t seed) {
   return estimate;
 }
 
-std::vector<std::vector<RenderEstimate>> render_batch(std::span<const RenderQuery> queries) {
-  std::vector<std::vector<RenderEstimate>> result;
+std::vector<RenderingLoss> render_batch(std::span<const RenderQuery> queries) {
+  std::vector<RenderingLoss> result;
   for (const RenderQuery& q : queries) {
-    result.push_back({render(q.material, 0.2, derive_seed(q.seed, {0})),
-                      render(q.material, 0.2, derive_seed(q.seed, {1}))});
+    const std::vector<RenderEstimate> estimates{render(q.material, 0.2, derive_seed(q.seed, {0})),
+                                                render(q.material, 0.2, derive_seed(q.seed, {1}))};
+    result.push_back(rendering_loss(q.image, q.weight, estimates));
   }
   return result;
 }

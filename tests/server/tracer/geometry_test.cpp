@@ -1,11 +1,12 @@
 // Straight lines through the boundary: lengths inside, order, and the places where rounding bites.
-#include "server/tracer/geometry.h"
+#include "server/tracer/reference/geometry.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
 #include "server/tracer/random.h"
+#include "server/tracer/wavefront/wavefront.h"
 #include "tests/server/tracer/scenes.h"
 
 namespace itn::testing {
@@ -27,13 +28,62 @@ Mesh merged(const std::vector<Mesh>& parts) {
   return all;
 }
 
-class GeometryTest : public ::testing::TestWithParam<IntersectorKind> {};
+// Either way to follow a line, one at a time.
+class Lines {
+ public:
+  Lines(Tracer tracer, const Mesh& object, const std::vector<DiffuseSurface>& surfaces) {
+    if (tracer == Tracer::kReference) {
+      geometry_ = std::make_unique<Geometry>(object, surfaces);
+    } else {
+      boundary_ = std::make_unique<Boundary>(object, surfaces);
+      rays_ = std::make_unique<Rays>();
+    }
+  }
 
-INSTANTIATE_TEST_SUITE_P(Intersectors, GeometryTest,
-                         ::testing::Values(IntersectorKind::kEmbree, IntersectorKind::kGrid));
+  Travel travel(const Place& from, Vec3f direction, float budget) const {
+    if (geometry_) {
+      return geometry_->travel(from, direction, budget);
+    }
+    rays_->position.set(0, from.position);
+    rays_->direction.set(0, direction);
+    rays_->inside[0] = from.inside ? 1 : 0;
+    rays_->budget[0] = budget;
+    rays_->behind[0] = 0;
+    rays_->surface[0] = from.on.surface == SurfaceTriangle::kNone
+                            ? Surfaces::kNone
+                            : boundary_->surfaces.first_triangle_of_mesh[from.on.surface] +
+                                  from.on.triangle;
+    follow(*boundary_, *rays_, 1);
+    Travel travel;
+    travel.end = static_cast<End>(rays_->end[0]);
+    travel.in_medium = rays_->in_medium[0];
+    travel.entered = rays_->entered[0] != 0;
+    travel.place.position = rays_->position.at(0);
+    travel.place.inside = rays_->inside[0] != 0;
+    if (travel.end == End::kSurface) {
+      const auto& first = boundary_->surfaces.first_triangle_of_mesh;
+      const auto mesh = std::upper_bound(first.begin(), first.end(), rays_->surface[0]) - 1;
+      travel.place.on = {static_cast<uint32_t>(mesh - first.begin()), rays_->surface[0] - *mesh};
+    }
+    return travel;
+  }
+
+ private:
+  std::unique_ptr<Geometry> geometry_;
+  std::unique_ptr<Boundary> boundary_;
+  std::unique_ptr<Rays> rays_;
+};
+
+class GeometryTest : public ::testing::TestWithParam<Tracer> {};
+
+INSTANTIATE_TEST_SUITE_P(Tracers, GeometryTest,
+                         ::testing::Values(Tracer::kReference, Tracer::kWavefront),
+                         [](const auto& row) {
+                           return row.param == Tracer::kReference ? "Reference" : "Wavefront";
+                         });
 
 TEST_P(GeometryTest, LengthInsideABox) {
-  const Geometry geometry(box({-1, 0, -1}, {1, 2, 1}), {}, GetParam());
+  const Lines geometry(GetParam(), box({-1, 0, -1}, {1, 2, 1}), {});
   const Travel across = geometry.travel({{-5, 1, 0.1F}, false, {}}, {1, 0, 0}, kInfinity);
   EXPECT_EQ(across.end, End::kEscaped);
   EXPECT_TRUE(across.entered);
@@ -47,8 +97,7 @@ TEST_P(GeometryTest, LengthInsideABox) {
 }
 
 TEST_P(GeometryTest, BudgetIsSpentInTheMediumOnly) {
-  const Geometry geometry(merged({box({0, 0, 0}, {1, 1, 1}), box({3, 0, 0}, {4, 1, 1})}), {},
-                          GetParam());
+  const Lines geometry(GetParam(), merged({box({0, 0, 0}, {1, 1, 1}), box({3, 0, 0}, {4, 1, 1})}), {});
   const Travel travel = geometry.travel({{-1, 0.4F, 0.5F}, false, {}}, {1, 0, 0}, 1.5F);
   EXPECT_EQ(travel.end, End::kSpent);
   EXPECT_NEAR(travel.place.position.x, 3.5, 1e-5);
@@ -57,8 +106,7 @@ TEST_P(GeometryTest, BudgetIsSpentInTheMediumOnly) {
 
 // Two boxes that share a face: the exit of one and the entry of the other coincide.
 TEST_P(GeometryTest, TouchingParts) {
-  const Geometry geometry(merged({box({0, 0, 0}, {1, 1, 1}), box({1, 0, 0}, {2, 1, 1})}), {},
-                          GetParam());
+  const Lines geometry(GetParam(), merged({box({0, 0, 0}, {1, 1, 1}), box({1, 0, 0}, {2, 1, 1})}), {});
   for (const float y : {0.1F, 0.3F, 0.77F}) {
     const Travel travel = geometry.travel({{-1, y, 0.4F}, false, {}}, {1, 0, 0}, kInfinity);
     EXPECT_NEAR(travel.in_medium, 2, 1e-5);
@@ -67,8 +115,7 @@ TEST_P(GeometryTest, TouchingParts) {
 
 // A box that stands on the floor: its bottom and the floor are in one plane.
 TEST_P(GeometryTest, StandingOnTheFloor) {
-  const Geometry geometry(box({-1, 0, -1}, {1, 2, 1}), {{horizontal_square(0, 20), 0.5F}},
-                          GetParam());
+  const Lines geometry(GetParam(), box({-1, 0, -1}, {1, 2, 1}), {{horizontal_square(0, 20), 0.5F}});
   const Vec3f down = itn::normalize(Vec3f{0.1F, -1, 0.2F});
   const Travel to_floor = geometry.travel({{0, 1, 0}, true, {}}, down, kInfinity);
   ASSERT_EQ(to_floor.end, End::kSurface);
@@ -85,9 +132,7 @@ TEST_P(GeometryTest, CavityIsOutside) {
   for (auto& triangle : cavity.triangles) {
     std::swap(triangle[1], triangle[2]);
   }
-  const Geometry geometry(merged({box({0, 0, 0}, {1, 1, 1}), cavity}), {}, GetParam());
-  EXPECT_TRUE(geometry.contains({0.1, 0.1, 0.1}));
-  EXPECT_FALSE(geometry.contains({0.5, 0.5, 0.5}));
+  const Lines geometry(GetParam(), merged({box({0, 0, 0}, {1, 1, 1}), cavity}), {});
   const Travel travel = geometry.travel({{-1, 0.51F, 0.49F}, false, {}}, {1, 0, 0}, kInfinity);
   EXPECT_NEAR(travel.in_medium, 0.5, 1e-5);
 }
@@ -97,7 +142,7 @@ TEST_P(GeometryTest, CavityIsOutside) {
 TEST_P(GeometryTest, LeaksAreRare) {
   uint64_t lines = 0, leaks = 0;
   for (const ShapeInfo& shape : builtin_shapes()) {
-    const Geometry geometry(make_shape(shape.name), {{horizontal_square(0, 20), 0.5F}}, GetParam());
+    const Lines geometry(GetParam(), make_shape(shape.name), {{horizontal_square(0, 20), 0.5F}});
     Place place;
     for (uint32_t i = 0; i < 40'000; ++i) {
       const Uniforms u = SampleRandom(5, 0, 0).at(i, 0);
@@ -120,12 +165,12 @@ TEST_P(GeometryTest, LeaksAreRare) {
   EXPECT_LE(leaks, 3U) << "of " << lines << " lines";
 }
 
-// The two intersectors share no code: the same lines must give the same lengths and ends.
-TEST(IntersectorsTest, AgreeLineByLine) {
+// The two tracers share no code here: the same lines must give the same lengths and ends.
+TEST(TracersTest, AgreeLineByLine) {
   for (const char* shape : {"cube", "smooth_star", "gear", "mug", "leaf"}) {
     const std::vector<DiffuseSurface> floor = {{horizontal_square(0, 20), 0.5F}};
-    const Geometry embree(make_shape(shape), floor, IntersectorKind::kEmbree);
-    const Geometry grid(make_shape(shape), floor, IntersectorKind::kGrid);
+    const Lines embree(Tracer::kReference, make_shape(shape), floor);
+    const Lines grid(Tracer::kWavefront, make_shape(shape), floor);
     int different = 0, lines = 0;
     for (uint32_t i = 0; i < 40'000; ++i) {
       const Uniforms u = SampleRandom(6, 0, 0).at(i, 0), v = SampleRandom(6, 0, 0).at(i, 1);

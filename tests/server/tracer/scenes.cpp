@@ -63,13 +63,12 @@ double film_mean(const FilmSums& sums, int layer, size_t k) {
   const double quantum =
       layer < 0 ? sums.quantum : sums.derivative_quanta[static_cast<size_t>(layer)];
   double sum = 0;
-  for (const int64_t v : values) {
-    sum += static_cast<double>(v);
+  for (size_t p = 0; p < values.size(); ++p) {
+    if (estimate.counts[p] > 0) {
+      sum += static_cast<double>(values[p]) / estimate.counts[p];
+    }
   }
-  const auto n = static_cast<double>(
-      samples_of_estimate(sums.first_sample, sums.sample_count, static_cast<uint32_t>(k),
-                          static_cast<uint32_t>(sums.estimates.size())));
-  return sum * quantum / n / static_cast<double>(values.size());
+  return sum * quantum / static_cast<double>(values.size());
 }
 
 FilmEstimate estimate_film(const Scene& scene, RenderSettings settings, int batches,

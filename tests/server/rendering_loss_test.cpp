@@ -1,4 +1,4 @@
-#include "client/rendering_loss.h"
+#include "server/rendering_loss.h"
 
 #include <cmath>
 #include <random>
@@ -138,7 +138,7 @@ TEST(RenderingLoss, IsExactWithoutNoise) {
 
 TEST(RenderingLoss, OfTwoEstimatesIsTheCrossedProduct) {
   const std::vector<float> image{2}, weight{0.5F};
-  const std::vector<RenderEstimate> estimates{{{3}, {{{1}, {2}, {3}}}}, {{5}, {{{4}, {5}, {6}}}}};
+  const std::vector<RenderEstimate> estimates{{{3}, {{{1}, {2}, {3}}}, {}}, {{5}, {{{4}, {5}, {6}}}, {}}};
   const RenderingLoss loss = rendering_loss(image, weight, estimates);
   EXPECT_DOUBLE_EQ(loss.value, 1.0 * 3 / 4);
   // [(T_A - I) D_B + (T_B - I) D_A] / I^2.
@@ -173,8 +173,8 @@ TEST(RenderingLoss, DoesNotDependOnExposure) {
 
 TEST(RenderingLoss, RefusesWhatItCannotUse) {
   const std::vector<float> image{2}, weight{1}, black{0};
-  const RenderEstimate good{{3}, {{{1}, {2}, {3}}}};
-  const RenderEstimate no_derivative{{3}, {{{1}, {2}, {}}}};
+  const RenderEstimate good{{3}, {{{1}, {2}, {3}}}, {}};
+  const RenderEstimate no_derivative{{3}, {{{1}, {2}, {}}}, {}};
   const std::vector<RenderEstimate> one{good}, two{good, good}, lacking{good, no_derivative};
   EXPECT_THROW(rendering_loss(image, weight, one), Error);
   EXPECT_THROW(rendering_loss(image, weight, lacking), Error);

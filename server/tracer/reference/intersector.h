@@ -1,5 +1,4 @@
-// Ray queries against the boundary of the medium and the opaque surfaces. Two independent
-// implementations: Embree, and a uniform grid that is made for the short flights of a walk.
+// Ray queries against the boundary of the medium and the opaque surfaces, by Embree.
 #pragma once
 
 #include <cstdint>
@@ -39,7 +38,6 @@ struct Hit {
   float t = std::numeric_limits<float>::infinity();
   bool found = false;
   SurfaceTriangle surface;  // kNone: a crossing of the boundary
-  bool leaked = false;      // nothing found, and looking for an exit began outside
 
   bool on_surface() const { return surface.surface != SurfaceTriangle::kNone; }
 };
@@ -55,7 +53,5 @@ class Intersector {
 // `object` may be empty.
 std::unique_ptr<Intersector> make_embree_intersector(const Mesh& object,
                                                      const std::vector<Mesh>& surfaces);
-std::unique_ptr<Intersector> make_grid_intersector(const Mesh& object,
-                                                   const std::vector<Mesh>& surfaces);
 
 }  // namespace itn::tracer

@@ -1,18 +1,18 @@
-// The image term of the ITN loss and its gradient, from independent estimates of a render.
+// The loss of a render against an image and its gradient, from independent estimates: the image term
+// of inverse transport networks.
 #pragma once
 
 #include <array>
 #include <span>
 #include <vector>
 
+#include "server/tracer/render.h"
+
 namespace itn {
 
 // One estimate of the image T of a material, and of its derivatives with respect to
 // (sigma_t, albedo, g); all per pixel.
-struct RenderEstimate {
-  std::vector<float> radiance;
-  std::array<std::vector<float>, 3> derivatives;
-};
+using RenderEstimate = tracer::RenderedImages::Estimate;
 
 struct RenderingLoss {
   double value = 0;

@@ -17,7 +17,7 @@
 //
 // Sampling densities, roulette and the weights of multiple importance sampling are functions of the
 // current pi that are not differentiated: they only choose how the integral of f S is estimated.
-#include "server/tracer/path.h"
+#include "server/tracer/reference/path.h"
 
 #include <algorithm>
 #include <cmath>
@@ -25,6 +25,7 @@
 
 #include "common/error.h"
 #include "server/tracer/phase.h"
+#include "server/tracer/random.h"
 
 namespace itn::tracer {
 namespace {
@@ -57,8 +58,7 @@ class Walk {
         sigma_t_(static_cast<float>(settings.material.sigma_t)),
         albedo_(static_cast<float>(settings.material.albedo)),
         g_(static_cast<float>(settings.material.g)),
-        threshold_(static_cast<float>(settings.connection_roulette * scene.lights.power() /
-                                      (4 * std::numbers::pi))) {}
+        geometry_(scene.geometry()) {}
 
   PathEstimate run(int x, int y, const std::stop_token& stop) {
     if (!start_at_camera(x, y)) {
@@ -83,50 +83,29 @@ class Walk {
   }
 
  private:
-  // Camera rays start where they reach the box of the object, so that their entry is as precise as
-  // the object's coordinates, unless a surface stands in between. False if the path ended there.
+  // Camera rays start where they reach the box of the object, unless a surface stands in between.
+  // False if the path ended there.
   bool start_at_camera(int x, int y) {
     const Uniforms u = random_.at(0, kFilm);
-    const Vec3d direction = scene_.camera.direction(x + double{u[0]}, y + double{u[1]});
-    const Vec3d origin = scene_.camera.origin();
-    direction_ = static_cast<Vec3f>(direction);
-    place_ = {static_cast<Vec3f>(origin), scene_.camera_inside, {}};
-    const double distance = scene_.camera_inside ? 0 : distance_to_object_box(origin, direction);
-    if (distance > 0) {
-      const Travel to_box = scene_.geometry.travel_to_surface(place_.position, direction_,
-                                                              static_cast<float>(distance));
+    const CameraRay ray = scene_.camera_ray(x + double{u[0]}, y + double{u[1]});
+    direction_ = ray.direction;
+    place_ = {ray.origin, scene_.camera_inside, {}};
+    if (ray.behind > 0) {
+      const Travel to_box = geometry_.travel_to_surface(
+          static_cast<Vec3f>(scene_.camera.origin()), direction_, ray.behind);
       if (to_box.end == Travel::End::kSurface) {
         const Uniforms v = random_.at(0, kWalk);
         reflect(to_box.place, v[1], v[2]);
         return !result_.leaked && survive(v[3]);
       }
-      place_.position = static_cast<Vec3f>(origin + direction * distance);
     }
     return true;
-  }
-
-  // Distance along the ray to the object's bounding box, a little enlarged; 0 if the ray misses it
-  // or starts in it.
-  double distance_to_object_box(Vec3d o, Vec3d d) const {
-    const Bounds& box = scene_.geometry.object_bounds();
-    const auto low = static_cast<Vec3d>(box.min), high = static_cast<Vec3d>(box.max);
-    const double margin = 1e-3 * length(high - low);
-    double near = 0, far = std::numeric_limits<double>::infinity();
-    const auto clip = [&](double origin, double slope, double from, double to) {
-      const double a = (from - margin - origin) / slope, b = (to + margin - origin) / slope;
-      near = std::max(near, std::min(a, b));
-      far = std::min(far, std::max(a, b));
-    };
-    clip(o.x, d.x, low.x, high.x);
-    clip(o.y, d.y, low.y, high.y);
-    clip(o.z, d.z, low.z, high.z);
-    return near <= far ? near : 0;
   }
 
   // One free flight. As flights are memoryless, one path length serves for all the parts of the
   // line that lie inside the medium.
   Travel fly(float u) {
-    const Travel travel = scene_.geometry.travel(place_, direction_, -std::log(1 - u) / sigma_t_);
+    const Travel travel = geometry_.travel(place_, direction_, -std::log(1 - u) / sigma_t_);
     if (travel.entered) {
       ++result_.steps;
       score_sigma_t_ -= travel.in_medium;
@@ -177,10 +156,10 @@ class Walk {
 
   // A diffuse reflection: likewise, with the cosine law.
   void reflect(const Place& place, float u0, float u1) {
-    const float reflectance = scene_.reflectances[place.on.surface];
+    const float reflectance = scene_.surfaces[place.on.surface].reflectance;
     weight_ *= reflectance;
     weight_derivative_ *= reflectance;
-    const Vec3f normal = scene_.geometry.facing_normal(place.on, direction_);
+    const Vec3f normal = geometry_.facing_normal(place.on, direction_);
     place_ = place;
     connect([&](Vec3f to_light) {
       const float density = std::max(0.0F, dot(normal, to_light)) / kPi;
@@ -220,26 +199,15 @@ class Walk {
     const float mis_weight = competes ? light.pdf / (light.pdf + response.density) : 1;
     const float undimmed = light.weight * response.value * mis_weight;
 
-    // Roulette before anything is traced. A connection through optical depth x carries v exp(-x).
-    // Let it survive with probability min(1, v exp(-x) / tau), carrying at least tau then: with one
-    // uniform number u that means x <= log(v / (u tau)), a limit on the depth that is known
-    // beforehand.
-    const float v = importance() * undimmed;
-    const float limit = std::log(v / ((1 - u[4]) * threshold_));
-    if (!(limit > 0)) {
-      return;
-    }
-    const Travel travel = scene_.geometry.travel(place_, light.direction,
-                                                 std::min(limit, kMaxOpticalDepth) / sigma_t_);
+    const Travel travel =
+        geometry_.travel(place_, light.direction, kMaxOpticalDepth / sigma_t_);
     if (travel.end == Travel::End::kLeaked) {
       result_.leaked = true;
     }
     if (travel.end != Travel::End::kEscaped) {
       return;
     }
-    const float dimmed = std::exp(-sigma_t_ * travel.in_medium);
-    const float survival = std::min(1.0F, v * dimmed / threshold_);
-    add(undimmed * dimmed / survival, score_sigma_t_ - travel.in_medium,
+    add(undimmed * std::exp(-sigma_t_ * travel.in_medium), score_sigma_t_ - travel.in_medium,
         score_g_ + response.score_g);
   }
 
@@ -273,7 +241,7 @@ class Walk {
   const RenderSettings& settings_;
   const SampleRandom& random_;
   const float sigma_t_, albedo_, g_;
-  const float threshold_;  // of the connections' roulette, as a radiance
+  const Geometry& geometry_;
 
   PathEstimate result_;
   uint32_t vertex_ = 0;
@@ -287,11 +255,24 @@ class Walk {
   float score_g_ = 0;            // d log f / d g
 };
 
-}  // namespace
-
 PathEstimate trace_path(const Scene::Compiled& scene, const RenderSettings& settings, int x, int y,
                         const SampleRandom& random, const std::stop_token& stop) {
   return Walk(scene, settings, random).run(x, y, stop);
+}
+
+}  // namespace
+
+void trace_reference(const Scene::Compiled& scene, const RenderSettings& settings, PathDesk& desk,
+                     const std::stop_token& stop) {
+  std::vector<PathOrder> orders(64);
+  while (const size_t count = desk.take(orders)) {
+    for (size_t i = 0; i < count; ++i) {
+      const auto width = static_cast<uint32_t>(scene.film.width);
+      const SampleRandom random(settings.seed, orders[i].pixel, orders[i].sample);
+      desk.deliver(orders[i], trace_path(scene, settings, static_cast<int>(orders[i].pixel % width),
+                                         static_cast<int>(orders[i].pixel / width), random, stop));
+    }
+  }
 }
 
 }  // namespace itn::tracer

@@ -10,18 +10,15 @@
 #include <vector>
 
 #include "common/mesh.h"
-#include "server/tracer/intersector.h"
 
 namespace itn::tracer {
 
-// Sixteen triangles, in the form that they are tested in: a corner, two edges and their cross
-// product, which points outward. `reach` is the longer edge: the scale of the tolerance at the
-// edges. Places that are not used have a normal of 0, which nothing hits.
+// Sixteen triangles, in the form that they are tested in: the corners, and the cross product of two
+// edges, which points outward. Places that are not used have a normal of 0, which nothing hits.
 struct alignas(64) TriangleBlock {
   static constexpr int kSize = 16;
   using Lane = std::array<float, kSize>;
   Lane corners[3][3]{}, normal[3]{};  // [corner][axis], [axis]
-  std::array<uint32_t, kSize> surface{}, triangle{};
 };
 
 // Appends triangles to blocks, opening new ones as needed.
@@ -30,7 +27,7 @@ class BlockWriter {
   explicit BlockWriter(std::vector<TriangleBlock>& blocks) : blocks_(blocks) {}
   // The next triangle begins a new block.
   void begin() { used_ = TriangleBlock::kSize; }
-  void add(const Mesh& mesh, uint32_t triangle, uint32_t surface);
+  void add(const Mesh& mesh, uint32_t triangle);
 
  private:
   std::vector<TriangleBlock>& blocks_;
@@ -59,15 +56,8 @@ class Grid {
   void choose_cells(const Mesh& mesh);
   void fill(const Mesh& mesh);
   void measure_distances();
+  bool lies_inside(int x, int y, int z) const;
   void mark_inside();
 };
-
-// The closest crossing that is wanted at a distance in [t_min, t_max]. Vectorised for the widest
-// instructions that the processor has; the results do not depend on the width.
-Hit closest_in_grid(const Grid& grid, const Line& line, float t_min, float t_max, Wanted wanted);
-
-// The closest triangle of the blocks, hit from either side, but for the excluded one.
-Hit closest_in_blocks(const std::vector<TriangleBlock>& blocks, const Line& line, float t_min,
-                      float t_max);
 
 }  // namespace itn::tracer

@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <stdexcept>
 
-#include "server/tracer/intersector.h"
+#include "server/tracer/reference/intersector.h"
 
 namespace itn::tracer {
 namespace {

@@ -16,7 +16,7 @@
 
 #include "common/mesh.h"
 #include "common/vec.h"
-#include "server/tracer/intersector.h"
+#include "server/tracer/reference/intersector.h"
 #include "server/tracer/scene.h"
 
 namespace itn::tracer {
@@ -44,8 +44,7 @@ struct Travel {
 class Geometry {
  public:
   // The object bounds a volume (validate_closed).
-  Geometry(Mesh object, const std::vector<DiffuseSurface>& surfaces,
-           IntersectorKind kind = IntersectorKind::kEmbree);
+  Geometry(const Mesh& object, const std::vector<DiffuseSurface>& surfaces);
   ~Geometry();
   Geometry(const Geometry&) = delete;
   Geometry& operator=(const Geometry&) = delete;
@@ -58,14 +57,8 @@ class Geometry {
   // End::kSurface; else End::kSpent. Ignores the boundary of the medium.
   Travel travel_to_surface(Vec3f origin, Vec3f direction, float length) const;
 
-  const Bounds& object_bounds() const { return bounds_; }
-  // Whether a point that is far from the boundary, compared to rounding, lies in the medium.
-  bool contains(Vec3d point) const;
-
   // Unit normal of a surface's triangle, on the side that `direction` arrives at.
   Vec3f facing_normal(SurfaceTriangle at, Vec3f direction) const;
-
-  size_t memory() const;
 
  private:
   // False if a point certainly lies outside the medium.
@@ -73,7 +66,6 @@ class Geometry {
   Place surface_place(const Line& line, const Hit& hit, bool inside) const;
 
   std::unique_ptr<Intersector> intersector_;
-  Mesh object_;
   std::vector<Mesh> surfaces_;
   std::vector<std::vector<Vec3f>> surface_normals_;  // of every triangle
   Bounds bounds_;

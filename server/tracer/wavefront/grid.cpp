@@ -1,4 +1,4 @@
-#include "server/tracer/grid.h"
+#include "server/tracer/wavefront/grid.h"
 
 #include <algorithm>
 #include <cfloat>
@@ -59,7 +59,7 @@ struct Placed {
 
 }  // namespace
 
-void BlockWriter::add(const Mesh& mesh, uint32_t triangle, uint32_t surface) {
+void BlockWriter::add(const Mesh& mesh, uint32_t triangle) {
   if (used_ == TriangleBlock::kSize) {
     blocks_.emplace_back();
     used_ = 0;
@@ -76,8 +76,6 @@ void BlockWriter::add(const Mesh& mesh, uint32_t triangle, uint32_t surface) {
   put(block.corners[2], mesh.vertices[c]);
   put(block.normal,
       cross(mesh.vertices[b] - mesh.vertices[a], mesh.vertices[c] - mesh.vertices[a]));
-  block.surface[used_] = surface;
-  block.triangle[used_] = triangle;
   ++used_;
 }
 
@@ -160,7 +158,7 @@ void Grid::fill(const Mesh& mesh) {
     first_block.push_back(static_cast<uint32_t>(blocks.size()));
     writer.begin();
     for (uint32_t i = begin[n]; i < begin[n + 1]; ++i) {
-      writer.add(mesh, list[i], SurfaceTriangle::kNone);
+      writer.add(mesh, list[i]);
     }
   }
   first_block.push_back(static_cast<uint32_t>(blocks.size()));
@@ -197,25 +195,51 @@ void Grid::measure_distances() {
   sweep(-1);
 }
 
-// Empty cells that hang together lie on the same side of the boundary. Which one, the first
-// crossing in some directions tells: an exit means inside. Three directions vote, against rounding.
-void Grid::mark_inside() {
-  const auto lies_inside = [&](int x, int y, int z) {
-    const Vec3f centre = low + Vec3f{static_cast<float>(x) + 0.5F, static_cast<float>(y) + 0.5F,
-                                     static_cast<float>(z) + 0.5F} *
-                                   edge;
-    int votes = 0;
-    for (const Vec3f direction :
-         {Vec3f{0.9F, 0.3F, 0.1F}, Vec3f{-0.2F, 0.8F, 0.5F}, Vec3f{0.3F, -0.4F, -0.85F}}) {
-      const Line line(centre, itn::normalize(direction), {}, 0);
-      const float infinity = std::numeric_limits<float>::infinity();
-      const Hit exit = closest_in_grid(*this, line, 0, infinity, Wanted::kExit);
-      const Hit entry = closest_in_grid(*this, line, 0, infinity, Wanted::kEntry);
-      votes += exit.found && !(entry.found && entry.t < exit.t) ? 1 : 0;
+// Whether the first crossing on a line from an empty cell along x leaves the medium. As the cell is
+// empty, any point of it will do: one off the middle, which no edge of a mesh with round coordinates
+// is likely to be seen through.
+bool Grid::lies_inside(int x, int y, int z) const {
+  const Vec3d from{low.x + (x + 0.5) * edge, low.y + (y + 0.6371) * edge,
+                   low.z + (z + 0.2823) * edge};
+  for (; x < size[0]; ++x) {
+    const uint32_t word = cells[(static_cast<size_t>(z) * size[1] + y) * size[0] + x];
+    if (!(word & kOccupied)) {
+      continue;
     }
-    return votes >= 2;
-  };
+    const uint32_t n = word & kPayload;
+    double nearest = low.x + (x + 1.0) * edge - from.x;  // crossings beyond belong to later cells
+    bool found = false, leaves = false;
+    for (uint32_t b = first_block[n]; b < first_block[n + 1]; ++b) {
+      for (size_t i = 0; i < TriangleBlock::kSize; ++i) {
+        const double slope = blocks[b].normal[0][i];
+        const auto corner = [&](size_t k) {
+          return Vec3d{blocks[b].corners[k][0][i], blocks[b].corners[k][1][i],
+                       blocks[b].corners[k][2][i]} -
+                 from;
+        };
+        const Vec3d a = corner(0), c = corner(1), e = corner(2);
+        // As in nearest_in_block, for the direction (1, 0, 0).
+        const auto passes = [&](Vec3d p, Vec3d q) { return (p.y * q.z - p.z * q.y) * slope >= 0; };
+        if (slope == 0 || !passes(a, c) || !passes(c, e) || !passes(e, a)) {
+          continue;
+        }
+        const double t = dot(cross(c - a, e - a), a) / cross(c - a, e - a).x;
+        if (t >= 0 && t < nearest) {
+          nearest = t;
+          found = true;
+          leaves = slope > 0;
+        }
+      }
+    }
+    if (found) {
+      return leaves;
+    }
+  }
+  return false;
+}
 
+// Empty cells that hang together lie on the same side of the boundary.
+void Grid::mark_inside() {
   std::vector<bool> visited(cells.size());
   std::vector<size_t> pending, component;
   for (size_t seed = 0; seed < cells.size(); ++seed) {
@@ -256,60 +280,6 @@ void Grid::mark_inside() {
 size_t Grid::memory() const {
   return (cells.size() + first_block.size()) * sizeof(uint32_t) +
          blocks.size() * sizeof(TriangleBlock);
-}
-
-namespace {
-
-// Surfaces of at most this many triangles are tested one after the other.
-constexpr size_t kFewTriangles = 64;
-
-class GridIntersector final : public Intersector {
- public:
-  GridIntersector(const Mesh& object, const std::vector<Mesh>& surfaces) : grid_(object) {
-    size_t triangles = 0;
-    for (const Mesh& mesh : surfaces) {
-      triangles += mesh.triangles.size();
-    }
-    if (triangles > kFewTriangles) {
-      many_surfaces_ = make_embree_intersector({}, surfaces);
-      return;
-    }
-    BlockWriter writer(few_surfaces_);
-    for (uint32_t s = 0; s < surfaces.size(); ++s) {
-      for (uint32_t t = 0; t < surfaces[s].triangles.size(); ++t) {
-        writer.add(surfaces[s], t, s);
-      }
-    }
-  }
-
-  Hit closest(const Line& line, float t_min, float t_max, Wanted wanted) const override {
-    Hit crossing;
-    if (wanted != Wanted::kSurfaceOnly) {
-      crossing = closest_in_grid(grid_, line, t_min, t_max, wanted);
-      t_max = std::min(t_max, crossing.t);
-    }
-    const Hit surface = many_surfaces_
-                            ? many_surfaces_->closest(line, t_min, t_max, Wanted::kSurfaceOnly)
-                            : closest_in_blocks(few_surfaces_, line, t_min, t_max);
-    return surface.found ? surface : crossing;
-  }
-
-  size_t memory() const override {
-    return sizeof(*this) + grid_.memory() + few_surfaces_.size() * sizeof(TriangleBlock) +
-           (many_surfaces_ ? many_surfaces_->memory() : 0);
-  }
-
- private:
-  Grid grid_;
-  std::vector<TriangleBlock> few_surfaces_;
-  std::unique_ptr<Intersector> many_surfaces_;
-};
-
-}  // namespace
-
-std::unique_ptr<Intersector> make_grid_intersector(const Mesh& object,
-                                                   const std::vector<Mesh>& surfaces) {
-  return std::make_unique<GridIntersector>(object, surfaces);
 }
 
 }  // namespace itn::tracer

@@ -1,4 +1,4 @@
-#include "client/rendering_loss.h"
+#include "server/rendering_loss.h"
 
 #include <fmt/format.h>
 

@@ -1,4 +1,4 @@
-#include "server/tracer/geometry.h"
+#include "server/tracer/reference/geometry.h"
 
 #include <algorithm>
 #include <cfloat>
@@ -24,8 +24,8 @@ Line::Line(Vec3f position, Vec3f unit, SurfaceTriangle on, float extent)
   origin = position - unit * start;
 }
 
-Geometry::Geometry(Mesh object, const std::vector<DiffuseSurface>& surfaces, IntersectorKind kind)
-    : object_(std::move(object)), bounds_(bounds(object_)) {
+Geometry::Geometry(const Mesh& object, const std::vector<DiffuseSurface>& surfaces)
+    : bounds_(bounds(object)) {
   for (const DiffuseSurface& surface : surfaces) {
     surfaces_.push_back(surface.mesh);
     std::vector<Vec3f>& normals = surface_normals_.emplace_back();
@@ -36,8 +36,7 @@ Geometry::Geometry(Mesh object, const std::vector<DiffuseSurface>& surfaces, Int
     }
   }
   extent_ = std::max(max_abs(bounds_.min), max_abs(bounds_.max));
-  intersector_ = kind == IntersectorKind::kEmbree ? make_embree_intersector(object_, surfaces_)
-                                                  : make_grid_intersector(object_, surfaces_);
+  intersector_ = make_embree_intersector(object, surfaces_);
 }
 
 Geometry::~Geometry() = default;
@@ -59,8 +58,7 @@ Travel Geometry::travel(const Place& from, Vec3f direction, float budget) const 
       if (!hit.found) {
         travel.in_medium = budget;
         travel.place = {line.at(end), true, {}};
-        travel.end = !hit.leaked && may_contain(travel.place.position) ? Travel::End::kSpent
-                                                                       : Travel::End::kLeaked;
+        travel.end = may_contain(travel.place.position) ? Travel::End::kSpent : Travel::End::kLeaked;
         return travel;
       }
       const float exit = std::max(t, hit.t);
@@ -117,10 +115,6 @@ bool Geometry::may_contain(Vec3f p) const {
          within(p.z, bounds_.min.z, bounds_.max.z);
 }
 
-bool Geometry::contains(Vec3d point) const {
-  return winding_number(object_, point) > 0.5;
-}
-
 // The point is put into the plane of its triangle, so that a level floor stays level.
 Place Geometry::surface_place(const Line& line, const Hit& hit, bool inside) const {
   const SurfaceTriangle on = hit.surface;
@@ -135,18 +129,6 @@ Place Geometry::surface_place(const Line& line, const Hit& hit, bool inside) con
 Vec3f Geometry::facing_normal(SurfaceTriangle at, Vec3f direction) const {
   const Vec3f normal = surface_normals_[at.surface][at.triangle];
   return dot(normal, direction) < 0 ? normal : -normal;
-}
-
-size_t Geometry::memory() const {
-  const auto of = [](const Mesh& mesh) {
-    return mesh.vertices.size() * sizeof(Vec3f) +
-           mesh.triangles.size() * sizeof(std::array<uint32_t, 3>);
-  };
-  size_t sum = of(object_) + intersector_->memory();
-  for (const Mesh& mesh : surfaces_) {
-    sum += of(mesh) + mesh.triangles.size() * sizeof(Vec3f);
-  }
-  return sum;
 }
 
 }  // namespace itn::tracer

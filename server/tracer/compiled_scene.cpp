@@ -1,0 +1,113 @@
+#include "server/tracer/compiled_scene.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "server/tracer/wavefront/wavefront.h"
+
+namespace itn::tracer {
+namespace {
+
+// Distance along a ray to a box, a little enlarged; 0 if the ray misses it or starts in it.
+double distance_to_box(const Bounds& box, Vec3d o, Vec3d d) {
+  const auto low = static_cast<Vec3d>(box.min), high = static_cast<Vec3d>(box.max);
+  const double margin = 1e-3 * length(high - low);
+  double near = 0, far = std::numeric_limits<double>::infinity();
+  const auto clip = [&](double origin, double slope, double from, double to) {
+    const double a = (from - margin - origin) / slope, b = (to + margin - origin) / slope;
+    near = std::max(near, std::min(a, b));
+    far = std::min(far, std::max(a, b));
+  };
+  clip(o.x, d.x, low.x, high.x);
+  clip(o.y, d.y, low.y, high.y);
+  clip(o.z, d.z, low.z, high.z);
+  return near <= far ? near : 0;
+}
+
+}  // namespace
+
+Scene::Compiled::Compiled(SceneDescription&& scene)
+    : object(std::move(scene.object)),
+      surfaces(std::move(scene.surfaces)),
+      boundary(object, surfaces),
+      lights(scene.lights, scene.film.channel),
+      light_tables(lights),
+      camera(scene.camera, scene.film),
+      film(scene.film),
+      camera_inside(winding_number(object, camera.origin()) > 0.5) {}
+
+CameraRay Scene::Compiled::camera_ray(double x, double y) const {
+  const Vec3d direction = camera.direction(x, y), origin = camera.origin();
+  const double distance = camera_inside ? 0 : distance_to_box(boundary.bounds, origin, direction);
+  return {static_cast<Vec3f>(origin + direction * distance), static_cast<Vec3f>(direction),
+          static_cast<float>(distance)};
+}
+
+const Geometry& Scene::Compiled::geometry() const {
+  std::call_once(geometry_once_, [&] { geometry_ = std::make_unique<Geometry>(object, surfaces); });
+  return *geometry_;
+}
+
+const std::vector<uint32_t>& Scene::Compiled::object_pixels() const {
+  std::call_once(object_pixels_once_, [&] { object_pixels_ = find_object_pixels(); });
+  return object_pixels_;
+}
+
+std::vector<uint32_t> Scene::Compiled::find_object_pixels() const {
+  constexpr uint32_t kRaysPerPixel = kMaskRays * kMaskRays;
+  const auto pixels = static_cast<uint32_t>(film.width) * static_cast<uint32_t>(film.height);
+  std::vector<bool> sees(pixels, camera_inside);
+  const auto rays = std::make_unique<Rays>();
+  std::vector<uint32_t> pixel_of_ray;
+  const auto follow_all = [&] {
+    follow(boundary, *rays, pixel_of_ray.size());
+    for (size_t i = 0; i < pixel_of_ray.size(); ++i) {
+      if (rays->entered[i] != 0) {
+        sees[pixel_of_ray[i]] = true;
+      }
+    }
+    pixel_of_ray.clear();
+  };
+  for (uint32_t ray = 0; !camera_inside && ray < pixels * uint64_t{kRaysPerPixel}; ++ray) {
+    const uint32_t pixel = ray / kRaysPerPixel, place = ray % kRaysPerPixel;
+    const auto width = static_cast<uint32_t>(film.width);
+    const CameraRay from = camera_ray(pixel % width + (place % kMaskRays + 0.5) / kMaskRays,
+                                      pixel / width + (place / kMaskRays + 0.5) / kMaskRays);
+    if (from.behind == 0) {
+      continue;  // misses the object's box
+    }
+    const size_t i = pixel_of_ray.size();
+    rays->position.set(i, from.origin);
+    rays->direction.set(i, from.direction);
+    rays->behind[i] = from.behind;
+    rays->inside[i] = 0;
+    rays->surface[i] = Surfaces::kNone;
+    rays->budget[i] = 0;
+    pixel_of_ray.push_back(pixel);
+    if (pixel_of_ray.size() == kSlots) {
+      follow_all();
+    }
+  }
+  follow_all();
+  std::vector<uint32_t> result;
+  for (uint32_t pixel = 0; pixel < pixels; ++pixel) {
+    if (sees[pixel]) {
+      result.push_back(pixel);
+    }
+  }
+  return result;
+}
+
+size_t Scene::Compiled::memory() const {
+  const auto of = [](const Mesh& mesh) {
+    return mesh.vertices.size() * sizeof(Vec3f) +
+           mesh.triangles.size() * sizeof(std::array<uint32_t, 3>);
+  };
+  size_t sum = sizeof(*this) + of(object) + boundary.memory() + lights.memory();
+  for (const DiffuseSurface& surface : surfaces) {
+    sum += of(surface.mesh);
+  }
+  return sum;
+}
+
+}  // namespace itn::tracer

@@ -1,0 +1,123 @@
+#include "server/tracer/plan.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+namespace itn::tracer {
+namespace {
+
+// Half the side of the square of pixels that are averaged.
+constexpr int kBlur = 2;
+
+// Least share of samples, of the mean.
+constexpr double kLeastShare = 0.25;
+
+std::vector<uint32_t> rendered_pixels(const Scene::Compiled& scene, const RenderSettings& settings) {
+  if (settings.pixels == Pixels::kObject) {
+    return scene.object_pixels();
+  }
+  std::vector<uint32_t> all(static_cast<size_t>(scene.film.width) *
+                            static_cast<size_t>(scene.film.height));
+  std::iota(all.begin(), all.end(), 0U);
+  return all;
+}
+
+void number_paths(Plan& plan) {
+  for (PlannedPixel& p : plan.pixels) {
+    p.first_path = plan.paths;
+    plan.paths += p.sample_count;
+  }
+}
+
+// Averages over the square of pixels around each, of those that are rendered.
+std::vector<double> blurred(const std::vector<double>& image, const std::vector<bool>& rendered,
+                            int width, int height) {
+  std::vector<double> result(image.size());
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      double sum = 0;
+      int count = 0;
+      for (int v = std::max(0, y - kBlur); v <= std::min(height - 1, y + kBlur); ++v) {
+        for (int u = std::max(0, x - kBlur); u <= std::min(width - 1, x + kBlur); ++u) {
+          const auto p = static_cast<size_t>(v) * static_cast<size_t>(width) + static_cast<size_t>(u);
+          if (rendered[p]) {
+            sum += image[p];
+            ++count;
+          }
+        }
+      }
+      result[static_cast<size_t>(y) * static_cast<size_t>(width) + static_cast<size_t>(x)] =
+          count > 0 ? sum / count : 0;
+    }
+  }
+  return result;
+}
+
+}  // namespace
+
+Plan even_plan(const Scene::Compiled& scene, const RenderSettings& settings) {
+  Plan plan;
+  for (const uint32_t pixel : rendered_pixels(scene, settings)) {
+    plan.pixels.push_back({pixel, settings.first_sample, settings.sample_count, 0, 0});
+  }
+  number_paths(plan);
+  return plan;
+}
+
+RenderSettings pilot_settings(const RenderSettings& settings) {
+  RenderSettings pilot = settings;
+  pilot.first_sample = 0;
+  pilot.sample_count = settings.pilot_spp;
+  pilot.pilot_spp = 0;
+  pilot.estimates = 1;
+  pilot.derivatives = false;
+  pilot.albedos.clear();
+  pilot.seed = settings.seed ^ 0x9E3779B97F4A7C15;  // another stream
+  return pilot;
+}
+
+Plan plan_from_pilot(const Scene::Compiled& scene, const RenderSettings& settings,
+                     const FilmSums& pilot) {
+  const std::vector<uint32_t> pixels = rendered_pixels(scene, settings);
+  const auto& estimate = pilot.estimates[0];
+  std::vector<bool> rendered(estimate.radiance.size());
+  std::vector<double> mean(rendered.size()), deviation(rendered.size());
+  for (const uint32_t p : pixels) {
+    const double n = estimate.counts[p];
+    rendered[p] = true;
+    mean[p] = static_cast<double>(estimate.radiance[p]) * pilot.quantum / n;
+    deviation[p] = static_cast<double>(pilot.squares[p]) * pilot.squares_quantum / n;
+  }
+  mean = blurred(mean, rendered, pilot.width, pilot.height);
+  deviation = blurred(deviation, rendered, pilot.width, pilot.height);
+  double total = 0;
+  for (const uint32_t p : pixels) {
+    deviation[p] = std::sqrt(std::max(0.0, deviation[p] - mean[p] * mean[p]));
+    total += deviation[p];
+  }
+
+  const double average = total / static_cast<double>(pixels.size());
+  const double spp =
+      settings.spp > 0 ? settings.spp : settings.first_sample + settings.sample_count;
+  Plan plan;
+  for (const uint32_t p : pixels) {
+    double share = 1;
+    if (settings.adaptive && average > 0) {
+      share = kLeastShare + (1 - kLeastShare) * deviation[p] / average;
+    }
+    // Every estimate gets as many, so that all are as good. A part takes its part of every pixel.
+    const double each = std::max(1.0, std::round(share * spp / settings.estimates));
+    const auto number = [&](double sample) {
+      return static_cast<uint32_t>(std::floor(each * settings.estimates * sample / spp));
+    };
+    const uint32_t first = number(static_cast<double>(settings.first_sample));
+    const uint32_t last = number(static_cast<double>(settings.first_sample) + settings.sample_count);
+    plan.pixels.push_back({p, first, last - first,
+                           static_cast<float>(settings.baseline * mean[p]), 0});
+  }
+  number_paths(plan);
+  return plan;
+}
+
+}  // namespace itn::tracer

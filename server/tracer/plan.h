@@ -1,0 +1,40 @@
+// Which samples of which pixels a render takes. Internal to the tracer.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "server/tracer/compiled_scene.h"
+#include "server/tracer/render.h"
+
+namespace itn::tracer {
+
+struct PlannedPixel {
+  uint32_t pixel = 0;
+  uint32_t first_sample = 0;
+  uint32_t sample_count = 0;
+  float baseline = 0;       // radiance to expect
+  uint64_t first_path = 0;  // number of its first sample among all those of the plan
+};
+
+struct Plan {
+  std::vector<PlannedPixel> pixels;  // in the order of their paths
+  uint64_t paths = 0;
+};
+
+// As many samples in every pixel that is rendered.
+Plan even_plan(const Scene::Compiled& scene, const RenderSettings& settings);
+
+// How the pilot of a render is rendered: few samples, of other random numbers.
+RenderSettings pilot_settings(const RenderSettings& settings);
+
+// Samples and baselines after a pilot.
+//
+// The sum over pixels of variance / samples is least, for a given number of samples, if each pixel
+// gets samples in proportion to its standard deviation. The pilot's is noisy, so that of its
+// neighbours counts as well, and no pixel gets less than a quarter of the mean. The samples of the
+// render do not depend on the pilot's, so nothing is biased by what the pilot found.
+Plan plan_from_pilot(const Scene::Compiled& scene, const RenderSettings& settings,
+                     const FilmSums& pilot);
+
+}  // namespace itn::tracer

@@ -1,0 +1,43 @@
+// The opaque surfaces of a scene, their triangles numbered through. Internal to the tracer.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "server/tracer/reference/intersector.h"
+#include "server/tracer/scene.h"
+
+namespace itn::tracer {
+
+struct Surfaces {
+  static constexpr uint32_t kNone = SurfaceTriangle::kNone;
+  // Up to this many triangles are tested one after the other against many lines; beyond, Embree
+  // looks for them, line by line.
+  static constexpr size_t kFew = 64;
+
+  explicit Surfaces(const std::vector<DiffuseSurface>& surfaces);
+
+  size_t memory() const;
+  bool empty() const { return triangles == 0; }
+
+  size_t triangles = 0;
+  // By triangle; with one unused entry at least, so that there is something to load. The normal has
+  // unit length.
+  struct Vectors {
+    std::vector<float> x, y, z;
+    void push_back(Vec3f v) {
+      x.push_back(v.x);
+      y.push_back(v.y);
+      z.push_back(v.z);
+    }
+    Vec3f at(size_t i) const { return {x[i], y[i], z[i]}; }
+  };
+  Vectors corners[3], normals;
+  std::vector<float> reflectances;
+  Bounds bounds{};  // of all of them
+  std::unique_ptr<Intersector> many;             // null for a few
+  std::vector<uint32_t> first_triangle_of_mesh;  // the number of a mesh's triangle 0
+};
+
+}  // namespace itn::tracer

@@ -1,0 +1,544 @@
+// Paths in stages: every path of the wavefront flies, then all interact, then all connections to
+// the light are traced, and so on. The algorithm is that of reference/path.cpp, where the estimators
+// are derived; what is added here to make it quicker or quieter is derived where it stands.
+#if defined(ITN_TRACER_WAVEFRONT_WALK_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_WAVEFRONT_WALK_INL_H_
+#undef ITN_TRACER_WAVEFRONT_WALK_INL_H_
+#else
+#define ITN_TRACER_WAVEFRONT_WALK_INL_H_
+#endif
+
+#include "common/error.h"
+#include "server/tracer/wavefront/lights-inl.h"
+#include "server/tracer/wavefront/travel-inl.h"
+#include "server/tracer/wavefront/wavefront.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+HWY_INLINE Floats load(const FloatColumn& column, size_t i) {
+  return hn::Load(FloatTag(), column.data() + i);
+}
+HWY_INLINE Uints load(const UintColumn& column, size_t i) {
+  return hn::Load(UintTag(), column.data() + i);
+}
+HWY_INLINE Vectors load(const VectorColumn& column, size_t i) {
+  return {load(column.x, i), load(column.y, i), load(column.z, i)};
+}
+HWY_INLINE void store(Floats v, FloatColumn& column, size_t i) {
+  hn::Store(v, FloatTag(), column.data() + i);
+}
+HWY_INLINE void store(Uints v, UintColumn& column, size_t i) {
+  hn::Store(v, UintTag(), column.data() + i);
+}
+HWY_INLINE void store(Vectors v, VectorColumn& column, size_t i) {
+  store(v.x, column.x, i);
+  store(v.y, column.y, i);
+  store(v.z, column.z, i);
+}
+HWY_INLINE Mask is(Uints v, uint32_t constant) {
+  return hn::RebindMask(FloatTag(), hn::Eq(v, set(constant)));
+}
+
+// The paths under way, a slot each.
+struct Walks {
+  Rays rays;
+  UintColumn pixel{}, sample{}, vertex{};
+  UintColumn on_camera_ray{}, hit{}, leaked{}, alive{}, steps{};
+  FloatColumn baseline{};
+  FloatColumn weight{}, weight_derivative{};     // and d weight / d albedo
+  FloatColumn score_sigma_t{}, score_g{};        // d log f / d sigma_t in mm, d log f / dg
+  FloatColumn density{};                         // per steradian, of the last direction
+  FloatColumn u1{}, u2{}, u3{};                  // random numbers of the vertex
+  FloatColumn first_flight{};                    // the random number of the first flight
+  FloatColumn radiance{}, d_sigma_t{}, d_albedo{}, d_g{};  // collected so far
+  FloatColumn zero_sigma_t{}, zero_g{};          // see the baselines in fly and interact
+  std::vector<FloatColumn> weights, radiances;   // for RenderSettings::albedos
+
+  // Moves a path to another slot.
+  void move(size_t from, size_t to) {
+    const auto vectors = {&rays.position, &rays.direction};
+    for (VectorColumn* column : vectors) {
+      column->set(to, column->at(from));
+    }
+    for (UintColumn* column : {&rays.inside, &rays.surface, &pixel, &sample, &vertex,
+                               &on_camera_ray, &hit, &leaked, &alive, &steps}) {
+      (*column)[to] = (*column)[from];
+    }
+    for (FloatColumn* column :
+         {&rays.behind, &baseline, &weight, &weight_derivative, &score_sigma_t, &score_g, &density,
+          &first_flight, &radiance, &d_sigma_t, &d_albedo, &d_g, &zero_sigma_t, &zero_g}) {
+      (*column)[to] = (*column)[from];
+    }
+    for (auto* columns : {&weights, &radiances}) {
+      for (FloatColumn& column : *columns) {
+        column[to] = column[from];
+      }
+    }
+  }
+};
+
+// The connections to the light that survived their roulette.
+struct Connections {
+  Rays rays;
+  UintColumn slot{};       // of the walk
+  FloatColumn light{};     // that would arrive undimmed, scattered and weighted, the walk's weight apart
+  FloatColumn worth{};     // the same, with what the walk is worth following for
+  FloatColumn score_g{};
+  size_t count = 0;
+};
+
+// Below which weight paths play roulette. In an optically thick object paths are long, and stopping
+// them earlier costs less than it saves: measured best are .1 at 30 mean free paths across, .15 at
+// 100 and .2 at 276.
+HWY_INLINE float walk_roulette(const Scene::Compiled& scene, const RenderSettings& settings) {
+  if (settings.walk_roulette >= 0) {
+    return static_cast<float>(settings.walk_roulette);
+  }
+  const Vec3f size = scene.boundary.bounds.max - scene.boundary.bounds.min;
+  const double across = settings.material.sigma_t * double{std::max({size.x, size.y, size.z})};
+  return static_cast<float>(std::clamp(0.1 + 0.1 * std::log10(across / 30), 0.1, 0.3));
+}
+
+class Wavefront {
+ public:
+  Wavefront(const Scene::Compiled& scene, const RenderSettings& settings, PathDesk& desk)
+      : scene_(scene),
+        settings_(settings),
+        desk_(desk),
+        sigma_t_(static_cast<float>(settings.material.sigma_t)),
+        albedo_(static_cast<float>(settings.material.albedo)),
+        g_(static_cast<float>(settings.material.g)),
+        threshold_(static_cast<float>(settings.connection_roulette * scene.lights.power() /
+                                      (4 * std::numbers::pi))),
+        survival_(walk_roulette(scene, settings)) {
+    walks_.weights.resize(settings.albedos.size());
+    walks_.radiances.resize(settings.albedos.size());
+  }
+
+  void run(const std::stop_token& stop) {
+    fill();
+    while (count_ > 0) {
+      if (stop.stop_requested()) {
+        throw Error(ErrorKind::kCancelled, "the render was stopped");
+      }
+      fly();
+      interact();
+      connect();
+      survive();
+      finish();
+    }
+  }
+
+ private:
+  using Techniques = RenderSettings::Techniques;
+  static constexpr float kPi = std::numbers::pi_v<float>;
+
+  // Purposes of random numbers at a vertex; those of the reference, and one more for maps.
+  enum Purpose : uint32_t { kFilm, kWalk, kConnection, kMap };
+
+  Words random(size_t i, Uints vertex, Purpose purpose) const {
+    return philox(vertex, set(uint32_t{purpose}), load(walks_.sample, i), load(walks_.pixel, i),
+                  settings_.seed);
+  }
+
+  // Free flights of all paths. As flights are memoryless, one path length serves for all the parts
+  // of the line that lie inside the medium.
+  void fly() {
+    const Floats zero = hn::Zero(FloatTag());
+    for (size_t i = 0; i < count_; i += lanes()) {
+      const Uints vertex = load(walks_.vertex, i);
+      const Words words = random(i, vertex, kWalk);
+      const Floats u0 = hn::IfThenElse(is(vertex, 1), load(walks_.first_flight, i),
+                                       uniform(words.w[0]));
+      const Floats depth = hn::Sub(zero, log(hn::Sub(set(1.0F), u0)));
+      store(hn::Mul(depth, set(1 / sigma_t_)), walks_.rays.budget, i);
+      store(uniform(words.w[1]), walks_.u1, i);
+      store(uniform(words.w[2]), walks_.u2, i);
+      store(uniform(words.w[3]), walks_.u3, i);
+    }
+    travel(scene_.boundary, walks_.rays, count_);
+  }
+
+  // What happens at the ends of the flights: light is met, or the path is scattered or reflected.
+  void interact() {
+    connections_.count = 0;
+    for (size_t i = 0; i < count_; i += lanes()) {
+      const Mask live = hn::FirstN(FloatTag(), count_ - i);
+      const Uints end = load(walks_.rays.end, i);
+      const Mask spent = is(end, Rays::kSpent), surface = is(end, Rays::kSurface);
+      book_flight(i, spent);
+      const Mask escaped = hn::And(live, is(end, Rays::kEscaped));
+      if (!hn::AllFalse(FloatTag(), escaped)) {
+        meet_light(i, escaped);
+      }
+      const Uints one = set(uint32_t{1}), none = hn::Zero(UintTag());
+      store(hn::IfThenElse(for_uints(is(end, Rays::kLeaked)), one, none), walks_.leaked, i);
+      const Mask goes_on = hn::Or(spent, surface);
+      store(hn::IfThenElse(for_uints(goes_on), one, none), walks_.alive, i);
+      const Mask vertices = hn::And(live, goes_on);
+      if (!hn::AllFalse(FloatTag(), vertices)) {
+        scatter(i, vertices, spent);
+      }
+    }
+  }
+
+  // The score of a free flight, s = [1/sigma_t if it ended in a scattering] - length inside, has the
+  // expectation 0 whatever came before. So has the sum of s W over the flights, W being the weight
+  // before each: subtracting any multiple of it from the derivative keeps it unbiased. As the light
+  // that a path finds after a flight is about W times what it finds from the camera, the pixel's
+  // value is the multiple that takes away most of the noise (a baseline: Williams, "Simple
+  // statistical gradient-following algorithms", 1992). Likewise for g, in scatter.
+  void book_flight(size_t i, Mask spent) {
+    const Floats length = load(walks_.rays.in_medium, i);
+    const Floats score =
+        hn::Sub(hn::IfThenElseZero(spent, set(1 / sigma_t_)), length);
+    store(hn::Add(load(walks_.score_sigma_t, i), score), walks_.score_sigma_t, i);
+    store(plus_product(load(walks_.zero_sigma_t, i), score, load(walks_.weight, i)),
+          walks_.zero_sigma_t, i);
+    const Uints entered = load(walks_.rays.entered, i);
+    store(hn::Add(load(walks_.steps, i), entered), walks_.steps, i);
+    const auto first = for_uints(is(load(walks_.vertex, i), 1));
+    store(hn::IfThenElse(first, entered, load(walks_.hit, i)), walks_.hit, i);
+  }
+
+  // Light that walks meet by themselves, after leaving the scene.
+  void meet_light(size_t i, Mask escaped) {
+    const Arrival light = arrival(scene_.light_tables, load(walks_.rays.direction, i));
+    const Mask on_camera_ray = not_zero(load(walks_.on_camera_ray, i));
+    const Floats density = load(walks_.density, i);
+    Floats mis_weight = set(1.0F);
+    switch (settings_.techniques) {
+      case Techniques::kLightsOnly: mis_weight = hn::Zero(FloatTag()); break;
+      case Techniques::kPhaseOnly: break;
+      case Techniques::kBoth:
+        mis_weight = hn::Div(density, hn::Add(density, light.density));
+        break;
+    }
+    mis_weight = hn::IfThenElse(on_camera_ray, set(1.0F), mis_weight);
+    const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));
+    const auto add = [&](Floats by, FloatColumn& column) {
+      store(hn::Add(load(column, i), by), column, i);
+    };
+    const Floats contribution = hn::Mul(load(walks_.weight, i), radiance);
+    add(contribution, walks_.radiance);
+    add(hn::Mul(contribution, load(walks_.score_sigma_t, i)), walks_.d_sigma_t);
+    add(hn::Mul(load(walks_.weight_derivative, i), radiance), walks_.d_albedo);
+    add(hn::Mul(contribution, load(walks_.score_g, i)), walks_.d_g);
+    for (size_t a = 0; a < walks_.weights.size(); ++a) {
+      add(hn::Mul(load(walks_.weights[a], i), radiance), walks_.radiances[a]);
+    }
+  }
+
+  // A scattering in the medium (`spent`) or a diffuse reflection: connects to the light, then draws
+  // the next direction.
+  void scatter(size_t i, Mask vertices, Mask spent) {
+    const FloatTag d;
+    const Floats zero = hn::Zero(d), one = set(1.0F);
+    const Vectors before = load(walks_.rays.direction, i);
+    const bool all_in_medium = hn::AllTrue(d, hn::Or(spent, hn::Not(vertices)));
+    Floats factor = set(albedo_);
+    Vectors axis = before;
+    if (!all_in_medium) {
+      const Ints triangle = hn::BitCast(
+          IntTag(), hn::IfThenZeroElse(for_uints(spent), load(walks_.rays.surface, i)));
+      const Ints at = hn::IfThenElseZero(hn::RebindMask(IntTag(), vertices), triangle);
+      const Surfaces& surfaces = scene_.boundary.surfaces;
+      factor = hn::IfThenElse(spent, factor, gather(surfaces.reflectances.data(), at));
+      const Vectors normal{gather(surfaces.normals.x.data(), at),
+                           gather(surfaces.normals.y.data(), at),
+                           gather(surfaces.normals.z.data(), at)};
+      const Mask flip = hn::Ge(dot(normal, before), zero);
+      const Vectors facing = if_then_else(flip, Vectors{zero, zero, zero} - normal, normal);
+      axis = if_then_else(spent, before, facing);
+    }
+
+    // W takes the factor; dW/d albedo takes W too, where the factor is the albedo.
+    const Floats old_weight = load(walks_.weight, i);
+    const Floats weight = hn::Mul(old_weight, factor);
+    const Floats weight_derivative =
+        hn::Add(hn::Mul(load(walks_.weight_derivative, i), factor),
+                hn::IfThenElseZero(spent, old_weight));
+    store(weight, walks_.weight, i);
+    store(weight_derivative, walks_.weight_derivative, i);
+    for (size_t a = 0; a < walks_.weights.size(); ++a) {
+      const Floats other = set(static_cast<float>(settings_.albedos[a]));
+      store(hn::Mul(load(walks_.weights[a], i), hn::IfThenElse(spent, other, factor)),
+            walks_.weights[a], i);
+    }
+
+    const Floats score_g = load(walks_.score_g, i);
+    if (settings_.techniques != Techniques::kPhaseOnly) {
+      order_connections(i, vertices, spent, all_in_medium, axis, score_g);
+    }
+
+    // The next direction: Henyey-Greenstein around the last one, or the cosine law around the
+    // normal (density cosine / pi: cosine^2 is uniform).
+    const Floats u1 = load(walks_.u1, i);
+    Floats cosine = sample_hg(u1, g_);
+    Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
+    Floats density = hg_phase(cosine, g_);
+    const Floats score = hn::IfThenElseZero(spent, hg_score(cosine, g_));
+    if (!all_in_medium) {
+      const Floats diffuse = hn::Sqrt(hn::Sub(one, u1));
+      cosine = hn::IfThenElse(spent, cosine, diffuse);
+      sine = hn::IfThenElse(spent, sine, hn::Sqrt(u1));
+      density = hn::IfThenElse(spent, density, hn::Mul(diffuse, set(1 / kPi)));
+    }
+    const SinCos phi = sin_cos_of_turn(load(walks_.u2, i));
+    const Vectors direction = normalize(
+        around(axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
+    // Paths that have ended keep their direction: NaN would slow the lanes down.
+    store(if_then_else(vertices, direction, before), walks_.rays.direction, i);
+    store(density, walks_.density, i);
+    store(hn::Add(score_g, score), walks_.score_g, i);
+    store(plus_product(load(walks_.zero_g, i), score, weight), walks_.zero_g, i);
+    store(hn::IfThenZeroElse(for_uints(vertices), load(walks_.on_camera_ray, i)),
+          walks_.on_camera_ray, i);
+    store(zero, walks_.rays.behind, i);
+  }
+
+  // Next-event estimation: light along one direction drawn from the lights.
+  //
+  // Roulette before anything is traced: a connection through optical depth x carries v exp(-x). Let
+  // it survive with probability min(1, v exp(-x) / tau), carrying at least tau then: with one
+  // uniform number u that means x <= log(v / (u tau)), a limit on the depth that is known
+  // beforehand.
+  void order_connections(size_t i, Mask vertices, Mask spent, bool all_in_medium, Vectors axis,
+                         Floats score_g) {
+    const FloatTag d;
+    const Floats zero = hn::Zero(d);
+    const Uints vertex = load(walks_.vertex, i);
+    const Words words = random(i, vertex, kConnection);
+    const Words more =
+        scene_.light_tables.maps.empty() ? Words{} : random(i, vertex, kMap);
+    const LightDraw light = sample(scene_.light_tables, words, more);
+    const Floats cosine = dot(axis, light.direction);
+    Floats value = hg_phase(cosine, g_);
+    Floats score = hg_score(cosine, g_);
+    if (!all_in_medium) {
+      const Floats diffuse = hn::Mul(hn::Max(zero, cosine), set(1 / kPi));
+      value = hn::IfThenElse(spent, value, diffuse);
+      score = hn::IfThenElseZero(spent, score);
+    }
+    // `value` is also the density with which the walk would go there by itself.
+    const Mask competes = settings_.techniques == Techniques::kBoth
+                              ? hn::Gt(light.density, zero)
+                              : hn::MaskFromVec(zero);
+    const Floats mis_weight = hn::IfThenElse(
+        competes, hn::Div(light.density, hn::Add(light.density, value)), set(1.0F));
+    const Floats undimmed = hn::Mul(hn::Mul(light.weight, value), mis_weight);
+    const Floats worth = hn::Mul(importance(i), undimmed);
+    Floats limit = set(kMaxOpticalDepth);
+    Mask ordered = hn::And(vertices, hn::Gt(undimmed, zero));
+    if (threshold_ > 0) {
+      const Floats u = hn::Sub(set(1.0F), fifth_uniform(words));
+      limit = hn::Min(limit, log(hn::Div(worth, hn::Mul(u, set(threshold_)))));
+      ordered = hn::And(ordered, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
+    }
+
+    const size_t at = connections_.count;
+    const auto append = [&](Floats v, FloatColumn& column) {
+      hn::CompressStore(v, ordered, d, column.data() + at);
+    };
+    const auto append_vectors = [&](Vectors v, VectorColumn& column) {
+      append(v.x, column.x);
+      append(v.y, column.y);
+      append(v.z, column.z);
+    };
+    const auto append_uints = [&](Uints v, UintColumn& column) {
+      hn::CompressStore(v, for_uints(ordered), UintTag(), column.data() + at);
+    };
+    append_vectors(load(walks_.rays.position, i), connections_.rays.position);
+    append_vectors(light.direction, connections_.rays.direction);
+    append_uints(load(walks_.rays.inside, i), connections_.rays.inside);
+    append_uints(load(walks_.rays.surface, i), connections_.rays.surface);
+    append(hn::Mul(limit, set(1 / sigma_t_)), connections_.rays.budget);
+    append(undimmed, connections_.light);
+    append(worth, connections_.worth);
+    append(hn::Add(score_g, score), connections_.score_g);
+    append_uints(hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i))),
+                 connections_.slot);
+    connections_.count += hn::CountTrue(d, ordered);
+  }
+
+  // Traces the connections, and adds the light that they bring, dimmed by the medium.
+  void connect() {
+    travel(scene_.boundary, connections_.rays, connections_.count);
+    const FloatTag d;
+    for (size_t i = 0; i < connections_.count; i += lanes()) {
+      const Mask live = hn::FirstN(d, connections_.count - i);
+      const Uints end = load(connections_.rays.end, i);
+      // Lanes beyond the last connection add nothing, in the spare slot.
+      const Ints slot = hn::BitCast(
+          IntTag(), hn::IfThenElse(for_uints(live), load(connections_.slot, i),
+                                   set(static_cast<uint32_t>(kSlots))));
+      const Mask leaked = hn::And(live, is(end, Rays::kLeaked));
+      if (!hn::AllFalse(d, leaked)) {
+        const Uints before = hn::GatherIndex(UintTag(), walks_.leaked.data(), slot);
+        hn::ScatterIndex(hn::IfThenElse(for_uints(leaked), set(uint32_t{1}), before), UintTag(),
+                         walks_.leaked.data(), slot);
+      }
+      const Mask arrived = hn::And(live, is(end, Rays::kEscaped));
+      if (hn::AllFalse(d, arrived)) {
+        continue;
+      }
+      const Floats length = load(connections_.rays.in_medium, i);
+      const Floats dimming = exp(hn::Mul(length, set(-sigma_t_)));
+      Floats light = hn::Mul(load(connections_.light, i), dimming);
+      if (threshold_ > 0) {
+        const Floats survival = hn::Min(
+            set(1.0F), hn::Mul(hn::Mul(load(connections_.worth, i), dimming), set(1 / threshold_)));
+        light = hn::Div(light, survival);
+      }
+      light = hn::IfThenElseZero(arrived, light);
+      const auto gathered = [&](const FloatColumn& column) { return gather(column.data(), slot); };
+      const auto add = [&](Floats by, FloatColumn& column) {
+        hn::ScatterIndex(hn::Add(gathered(column), by), d, column.data(), slot);
+      };
+      const Floats contribution = hn::Mul(gathered(walks_.weight), light);
+      add(contribution, walks_.radiance);
+      if (settings_.derivatives) {
+        add(hn::Mul(contribution, hn::Sub(gathered(walks_.score_sigma_t), length)),
+            walks_.d_sigma_t);
+        add(hn::Mul(gathered(walks_.weight_derivative), light), walks_.d_albedo);
+        add(hn::Mul(contribution, load(connections_.score_g, i)), walks_.d_g);
+      }
+      for (size_t a = 0; a < walks_.weights.size(); ++a) {
+        add(hn::Mul(gathered(walks_.weights[a]), light), walks_.radiances[a]);
+      }
+    }
+  }
+
+  // What paths are worth following for. In thick media of high albedo the derivative comes from
+  // long paths, whose W is small but whose dW/d albedo is not.
+  Floats importance(size_t i) const {
+    return hn::Max(load(walks_.weight, i),
+                   hn::Mul(set(kRouletteDerivative), load(walks_.weight_derivative, i)));
+  }
+
+  // Russian roulette: a path of low weight ends, or goes on with the weight of those that ended.
+  void survive() {
+    const Floats one = set(1.0F);
+    for (size_t i = 0; i < count_; i += lanes()) {
+      const Floats probability = hn::Min(one, hn::Mul(importance(i), set(1 / std::max(survival_, 1e-20F))));
+      const Mask survives = hn::And(hn::Lt(load(walks_.u3, i), probability),
+                                    hn::Not(not_zero(load(walks_.leaked, i))));
+      const Floats factor = hn::Div(one, hn::Max(probability, set(1e-30F)));
+      store(hn::Mul(load(walks_.weight, i), factor), walks_.weight, i);
+      store(hn::Mul(load(walks_.weight_derivative, i), factor), walks_.weight_derivative, i);
+      for (FloatColumn& weight : walks_.weights) {
+        store(hn::Mul(load(weight, i), factor), weight, i);
+      }
+      store(hn::IfThenElseZero(for_uints(survives), load(walks_.alive, i)), walks_.alive, i);
+      store(hn::Add(load(walks_.vertex, i), set(uint32_t{1})), walks_.vertex, i);
+    }
+  }
+
+  // Delivers paths that have ended, and puts new ones in their place; where there are no more, the
+  // last path moves there.
+  void finish() {
+    for (size_t slot = count_; slot-- > 0;) {
+      if (walks_.alive[slot] != 0) {
+        continue;
+      }
+      deliver(slot);
+      if (begin_path(slot)) {
+        continue;
+      }
+      --count_;
+      if (slot != count_) {
+        walks_.move(count_, slot);
+      }
+    }
+  }
+
+  void fill() {
+    while (count_ < kSlots && begin_path(count_)) {
+      ++count_;
+    }
+  }
+
+  void deliver(size_t slot) {
+    PathEstimate estimate;
+    estimate.hit = walks_.hit[slot] != 0;
+    estimate.leaked = walks_.leaked[slot] != 0;
+    estimate.steps = walks_.steps[slot];
+    estimate.radiance = walks_.radiance[slot];
+    const float baseline = walks_.baseline[slot];
+    estimate.derivatives = {walks_.d_sigma_t[slot] - baseline * walks_.zero_sigma_t[slot],
+                            walks_.d_albedo[slot],
+                            walks_.d_g[slot] - baseline * walks_.zero_g[slot]};
+    for (size_t a = 0; a < walks_.radiances.size(); ++a) {
+      estimate.at_albedos[a] = walks_.radiances[a][slot];
+    }
+    desk_.deliver({walks_.pixel[slot], walks_.sample[slot], baseline}, estimate);
+  }
+
+  // Puts the next path that is ordered into a slot, with the camera's ray. False if there is none.
+  bool begin_path(size_t slot) {
+    if (next_order_ == orders_.size()) {
+      orders_.resize(kOrders);
+      orders_.resize(desk_.take(orders_));
+      next_order_ = 0;
+      if (orders_.empty()) {
+        return false;
+      }
+    }
+    const PathOrder& order = orders_[next_order_++];
+    const SampleRandom random(settings_.seed, order.pixel, order.sample);
+    const Uniforms u = random.at(0, kFilm);
+    const auto width = static_cast<uint32_t>(scene_.film.width);
+    const CameraRay ray = scene_.camera_ray(order.pixel % width + double{u[0]},
+                                            order.pixel / width + double{u[1]});
+    walks_.pixel[slot] = order.pixel;
+    walks_.sample[slot] = order.sample;
+    walks_.baseline[slot] = order.baseline;
+    walks_.rays.position.set(slot, ray.origin);
+    walks_.rays.direction.set(slot, ray.direction);
+    walks_.rays.behind[slot] = ray.behind;
+    walks_.rays.inside[slot] = scene_.camera_inside ? 1 : 0;
+    walks_.rays.surface[slot] = Surfaces::kNone;
+    walks_.first_flight[slot] = u[2];
+    walks_.weight[slot] = 1;
+    walks_.vertex[slot] = walks_.on_camera_ray[slot] = walks_.alive[slot] = 1;
+    walks_.hit[slot] = walks_.leaked[slot] = walks_.steps[slot] = 0;
+    for (FloatColumn* column :
+         {&walks_.weight_derivative, &walks_.score_sigma_t, &walks_.score_g, &walks_.density,
+          &walks_.radiance, &walks_.d_sigma_t, &walks_.d_albedo, &walks_.d_g,
+          &walks_.zero_sigma_t, &walks_.zero_g}) {
+      (*column)[slot] = 0;
+    }
+    for (FloatColumn& weight : walks_.weights) {
+      weight[slot] = 1;
+    }
+    for (FloatColumn& radiance : walks_.radiances) {
+      radiance[slot] = 0;
+    }
+    return true;
+  }
+
+  // A connection through more than this many mean free paths carries less than exp(-50) of its
+  // light, which is below the rounding of any sum it could be added to.
+  static constexpr float kMaxOpticalDepth = 50;
+  static constexpr float kRouletteDerivative = 0.05F;
+  static constexpr size_t kOrders = 64;
+
+  const Scene::Compiled& scene_;
+  const RenderSettings& settings_;
+  PathDesk& desk_;
+  const float sigma_t_, albedo_, g_;
+  const float threshold_;  // of the connections' roulette, as a radiance; 0: all are traced
+  const float survival_;   // paths worth less than this play roulette
+
+  Walks walks_;
+  size_t count_ = 0;  // paths under way, in slots 0 .. count_ - 1
+  Connections connections_;
+  std::vector<PathOrder> orders_;
+  size_t next_order_ = 0;
+};
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

@@ -1,0 +1,76 @@
+// The wavefront, compiled once for every instruction set that Highway knows and chosen at run time.
+// Multiplications and additions are not contracted (-ffp-contract=off), so that every width computes
+// the same bits.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "server/tracer/wavefront/wavefront.cpp"
+#include <hwy/foreach_target.h>
+// After foreach_target.h:
+#include <hwy/highway.h>
+
+#include "server/tracer/random.h"
+#include "server/tracer/wavefront/walk-inl.h"
+#include "server/tracer/wavefront/wavefront.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+void run_wavefront(const Scene::Compiled& scene, const RenderSettings& settings, PathDesk& desk,
+                   const std::stop_token& stop) {
+  const auto wavefront = std::make_unique<Wavefront>(scene, settings, desk);
+  wavefront->run(stop);
+}
+
+void follow_rays(const Boundary& boundary, Rays& rays, size_t count) {
+  travel(boundary, rays, count);
+}
+
+void evaluate_all(const LightTables& lights, LightProbe& probe, size_t count) {
+  for (size_t i = 0; i < count; i += lanes()) {
+    const Arrival light = arrival(lights, load(probe.direction, i));
+    store(light.radiance, probe.radiance, i);
+    store(light.density, probe.density, i);
+  }
+}
+
+void draw_all(const LightTables& lights, uint64_t seed, LightProbe& probe, size_t count) {
+  for (size_t i = 0; i < count; i += lanes()) {
+    const Uints number = hn::Iota(UintTag(), static_cast<uint32_t>(i)), zero = hn::Zero(UintTag());
+    const Words words = philox(zero, zero, number, zero, seed);
+    const Words more = philox(zero, set(uint32_t{1}), number, zero, seed);
+    const LightDraw light = sample(lights, words, more);
+    store(light.direction, probe.direction, i);
+    store(light.weight, probe.weight, i);
+    store(light.density, probe.density, i);
+  }
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace itn::tracer {
+
+HWY_EXPORT(run_wavefront);
+HWY_EXPORT(follow_rays);
+HWY_EXPORT(evaluate_all);
+HWY_EXPORT(draw_all);
+
+void trace_wavefront(const Scene::Compiled& scene, const RenderSettings& settings, PathDesk& desk,
+                     const std::stop_token& stop) {
+  HWY_DYNAMIC_DISPATCH(run_wavefront)(scene, settings, desk, stop);
+}
+
+void follow(const Boundary& boundary, Rays& rays, size_t count) {
+  HWY_DYNAMIC_DISPATCH(follow_rays)(boundary, rays, count);
+}
+
+void evaluate_lights(const LightTables& lights, LightProbe& probe, size_t count) {
+  HWY_DYNAMIC_DISPATCH(evaluate_all)(lights, probe, count);
+}
+
+void draw_lights(const LightTables& lights, uint64_t seed, LightProbe& probe, size_t count) {
+  HWY_DYNAMIC_DISPATCH(draw_all)(lights, seed, probe, count);
+}
+
+}  // namespace itn::tracer
+#endif

@@ -1,0 +1,32 @@
+// The fast renderer: many paths at a time, in stages. Internal to the tracer.
+//
+// It estimates what reference/path.h estimates, from the same integrals, and is tested against it.
+#pragma once
+
+#include <stop_token>
+
+#include "server/tracer/compiled_scene.h"
+#include "server/tracer/path_desk.h"
+#include "server/tracer/render.h"
+#include "server/tracer/wavefront/rays.h"
+
+namespace itn::tracer {
+
+// Traces all the paths that the desk orders. Throws Error (cancelled) if stopped.
+void trace_wavefront(const Scene::Compiled& scene, const RenderSettings& settings, PathDesk& desk,
+                     const std::stop_token& stop);
+
+// Follows the first `count` rays, for tests and for masks.
+void follow(const Boundary& boundary, Rays& rays, size_t count);
+
+// Evaluates and draws lights as the wavefront does, for tests.
+struct LightProbe {
+  FloatColumn radiance{}, density{}, weight{};
+  VectorColumn direction{};
+};
+// Radiance and density of `probe.direction`.
+void evaluate_lights(const LightTables& lights, LightProbe& probe, size_t count);
+// Draws `count` directions with the random numbers of samples 0 .. count-1 of pixel 0.
+void draw_lights(const LightTables& lights, uint64_t seed, LightProbe& probe, size_t count);
+
+}  // namespace itn::tracer
