@@ -39,8 +39,9 @@ Scene::Compiled::Compiled(SceneDescription&& scene)
 CameraRay Scene::Compiled::camera_ray(double x, double y) const {
   const Vec3d direction = camera.direction(x, y), origin = camera.origin();
   const double distance = camera_inside ? 0 : distance_to_box(boundary.bounds, origin, direction);
-  return {static_cast<Vec3f>(origin + direction * distance), static_cast<Vec3f>(direction),
-          static_cast<float>(distance)};
+  const bool at_box = distance > 0 && !boundary.surfaces.in_front(origin, direction, distance);
+  return {static_cast<Vec3f>(at_box ? origin + direction * distance : origin),
+          static_cast<Vec3f>(direction), at_box};
 }
 
 const Geometry& Scene::Compiled::geometry() const {
@@ -62,7 +63,7 @@ std::vector<uint32_t> Scene::Compiled::find_object_pixels() const {
   const auto follow_all = [&] {
     follow(boundary, *rays, pixel_of_ray.size());
     for (size_t i = 0; i < pixel_of_ray.size(); ++i) {
-      if (rays->entered[i] != 0) {
+      if (rays->outcome[i] & Rays::kEntered) {
         sees[pixel_of_ray[i]] = true;
       }
     }
@@ -73,15 +74,13 @@ std::vector<uint32_t> Scene::Compiled::find_object_pixels() const {
     const auto width = static_cast<uint32_t>(film.width);
     const CameraRay from = camera_ray(pixel % width + (place % kMaskRays + 0.5) / kMaskRays,
                                       pixel / width + (place / kMaskRays + 0.5) / kMaskRays);
-    if (from.behind == 0) {
-      continue;  // misses the object's box
+    if (!from.at_box) {
+      continue;
     }
     const size_t i = pixel_of_ray.size();
     rays->position.set(i, from.origin);
     rays->direction.set(i, from.direction);
-    rays->behind[i] = from.behind;
-    rays->inside[i] = 0;
-    rays->surface[i] = Surfaces::kNone;
+    rays->place[i] = 0;
     rays->budget[i] = 0;
     pixel_of_ray.push_back(pixel);
     if (pixel_of_ray.size() == kSlots) {

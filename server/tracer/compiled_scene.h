@@ -15,10 +15,10 @@
 namespace itn::tracer {
 
 // Where a camera's ray is followed from: the box of the object, so that its entry is as precise as
-// the object's coordinates, or the camera where it misses the box.
+// the object's coordinates, or the camera where it misses the box or meets a surface before.
 struct CameraRay {
   Vec3f origin, direction;
-  float behind;  // how far behind `origin` the camera is, in mm
+  bool at_box;
 };
 
 struct Scene::Compiled {

@@ -70,7 +70,7 @@ def parse_arguments():
     parser.add_argument("--size", type=int, default=128,
                         help="width and height of the image, in pixels (default: 128)")
     parser.add_argument("--threads", type=int, default=2, help="of each renderer (default: 2)")
-    parser.add_argument("--scenes", type=re.compile, default=re.compile(""), metavar="REGEX",
+    parser.add_argument("--scenes", type=re.compile, default="", metavar="REGEX",
                         help="only scenes whose name matches, e.g. 'cube' or '100,' (default: all)")
     parser.add_argument("--validation-data", type=pathlib.Path, metavar="DIR",
                         default=os.environ.get("ITN_VALIDATION_DATA"),
@@ -99,9 +99,9 @@ def enter_virtual_environment(folder):
     """Continues this program in a virtual environment that has Mitsuba."""
     if pathlib.Path(sys.prefix) == folder.resolve():
         return
-    python = folder.resolve() / "bin/python"
+    python = str(folder.resolve() / "bin/python")
     try:
-        if not python.exists():
+        if not os.path.exists(python):
             subprocess.run([sys.executable, "-m", "venv", "--system-site-packages", folder],
                            check=True, stdout=sys.stderr)
         subprocess.run([python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check",
@@ -122,8 +122,9 @@ def find_llvm():
     """Makes sure that Dr.Jit finds a libLLVM that it can use."""
     if os.path.exists(os.environ.get("DRJIT_LIBLLVM_PATH", "")):
         return
-    newest = max(glob.glob("/usr/lib/**/libLLVM*.so*", recursive=True), key=version_of_llvm,
-                 default="")
+    folders = ("/usr/lib", "/usr/lib/*", "/usr/lib/llvm-*/lib", "/usr/lib64")
+    newest = max((path for folder in folders for path in glob.glob(f"{folder}/libLLVM*.so*")),
+                 key=version_of_llvm, default="")
     if version_of_llvm(newest) < OLDEST_LLVM:
         skip(f"no libLLVM {OLDEST_LLVM} or later below /usr/lib: install Debian's libllvm19, or "
              "set DRJIT_LIBLLVM_PATH")
@@ -295,6 +296,8 @@ class Worker:
             [binary, "--listen", "127.0.0.1:0", "--threads", str(threads),
              "--log-level", "warning"], stdout=subprocess.PIPE, text=True)
         address = self.process.stdout.readline().strip()
+        if not address:
+            sys.exit(f"{binary} did not start")
         self.service = render_pb2_grpc.RenderServiceStub(grpc.insecure_channel(
             address, options=[("grpc.max_receive_message_length", -1)]))
 
@@ -680,6 +683,9 @@ def main():
         for scene in all_scenes():
             print(f"{scene.name} ...", file=sys.stderr)
             scenes[scene.name] = compare(worker, scene)
+    if not scenes:
+        print(f"--scenes: none matches {ARGUMENTS.scenes.pattern}", file=sys.stderr)
+        sys.exit(2)
     result = {
         "light": f"the same environment map, {LIGHT.shape[1]} x {LIGHT.shape[0]}",
         "mitsuba": mi.__version__,

@@ -93,19 +93,6 @@ Travel Geometry::travel(const Place& from, Vec3f direction, float budget) const 
   return travel;
 }
 
-Travel Geometry::travel_to_surface(Vec3f origin, Vec3f direction, float length) const {
-  const Line line(origin, direction, {}, extent_);
-  Travel travel;
-  travel.end = Travel::End::kSpent;
-  if (const Hit hit =
-          intersector_->closest(line, line.start, line.start + length, Wanted::kSurfaceOnly);
-      hit.found) {
-    travel.place = surface_place(line, hit, false);
-    travel.end = Travel::End::kSurface;
-  }
-  return travel;
-}
-
 bool Geometry::may_contain(Vec3f p) const {
   const float margin = 16 * FLT_EPSILON * extent_;
   const auto within = [&](float v, float low, float high) {

@@ -53,10 +53,6 @@ class Geometry {
   // the scene. `direction` is of unit length.
   Travel travel(const Place& from, Vec3f direction, float budget) const;
 
-  // The first surface on the line from `origin` (outside the medium) within `length` mm, as
-  // End::kSurface; else End::kSpent. Ignores the boundary of the medium.
-  Travel travel_to_surface(Vec3f origin, Vec3f direction, float length) const;
-
   // Unit normal of a surface's triangle, on the side that `direction` arrives at.
   Vec3f facing_normal(SurfaceTriangle at, Vec3f direction) const;
 

@@ -61,9 +61,7 @@ class Walk {
         geometry_(scene.geometry()) {}
 
   PathEstimate run(int x, int y, const std::stop_token& stop) {
-    if (!start_at_camera(x, y)) {
-      return result_;
-    }
+    start_at_camera(x, y);
     for (vertex_ = 1;; ++vertex_) {
       if (vertex_ % kStopInterval == 1 && stop.stop_requested()) {
         throw Error(ErrorKind::kCancelled, "the render was stopped");
@@ -83,23 +81,11 @@ class Walk {
   }
 
  private:
-  // Camera rays start where they reach the box of the object, unless a surface stands in between.
-  // False if the path ended there.
-  bool start_at_camera(int x, int y) {
+  void start_at_camera(int x, int y) {
     const Uniforms u = random_.at(0, kFilm);
     const CameraRay ray = scene_.camera_ray(x + double{u[0]}, y + double{u[1]});
     direction_ = ray.direction;
     place_ = {ray.origin, scene_.camera_inside, {}};
-    if (ray.behind > 0) {
-      const Travel to_box = geometry_.travel_to_surface(
-          static_cast<Vec3f>(scene_.camera.origin()), direction_, ray.behind);
-      if (to_box.end == Travel::End::kSurface) {
-        const Uniforms v = random_.at(0, kWalk);
-        reflect(to_box.place, v[1], v[2]);
-        return !result_.leaked && survive(v[3]);
-      }
-    }
-    return true;
   }
 
   // One free flight. As flights are memoryless, one path length serves for all the parts of the

@@ -4,6 +4,8 @@
 #include <cfloat>
 #include <cmath>
 
+#include <tbb/parallel_for.h>
+
 namespace itn::tracer {
 namespace {
 
@@ -12,7 +14,6 @@ namespace {
 // test.
 constexpr double kCellEdge = 1.6;
 constexpr int64_t kMaxCells = int64_t{1} << 24;
-constexpr uint32_t kMaxDistance = 255;
 
 double area(const Mesh& mesh) {
   double sum = 0;
@@ -59,30 +60,46 @@ struct Placed {
 
 }  // namespace
 
-void BlockWriter::add(const Mesh& mesh, uint32_t triangle) {
-  if (used_ == TriangleBlock::kSize) {
-    blocks_.emplace_back();
-    used_ = 0;
+namespace {
+
+// See OccupiedCell::normals.
+uint32_t cone_of(const std::vector<Vec3d>& normals) {
+  constexpr uint32_t kNone = 255U << 24;
+  Vec3d sum{};
+  for (const Vec3d& n : normals) {
+    sum = sum + n;
   }
-  TriangleBlock& block = blocks_.back();
-  const auto& [a, b, c] = mesh.triangles[triangle];
-  const auto put = [&](TriangleBlock::Lane(&lanes)[3], Vec3f v) {
-    lanes[0][used_] = v.x;
-    lanes[1][used_] = v.y;
-    lanes[2][used_] = v.z;
-  };
-  put(block.corners[0], mesh.vertices[a]);
-  put(block.corners[1], mesh.vertices[b]);
-  put(block.corners[2], mesh.vertices[c]);
-  put(block.normal,
-      cross(mesh.vertices[b] - mesh.vertices[a], mesh.vertices[c] - mesh.vertices[a]));
-  ++used_;
+  if (!(length(sum) > 0.1)) {
+    return kNone;
+  }
+  const Vec3d scaled = itn::normalize(sum) * 127;
+  const Vec3d axis{std::round(scaled.x), std::round(scaled.y), std::round(scaled.z)};
+  // n . d > 0 for all d within 90 degrees less the cone's half angle of the axis, that is, where
+  // d . axis > |axis| sin(half angle).
+  double least = 1;
+  for (const Vec3d& n : normals) {
+    least = std::min(least, dot(n, axis) / length(axis));
+  }
+  if (least <= 0) {
+    return kNone;
+  }
+  constexpr double kMargin = 1.5;  // against rounding, of a direction and of slivers' normals
+  const double threshold =
+      std::ceil(length(axis) * std::sqrt(std::max(0.0, 1 - least * least)) + kMargin);
+  if (threshold >= 255) {
+    return kNone;
+  }
+  const auto byte = [](double v) { return static_cast<uint32_t>(static_cast<int>(v)) & 255U; };
+  return byte(axis.x) | byte(axis.y) << 8 | byte(axis.z) << 16 |
+         static_cast<uint32_t>(threshold) << 24;
 }
+
+}  // namespace
 
 Grid::Grid(const Mesh& mesh) {
   choose_cells(mesh);
   fill(mesh);
-  measure_distances();
+  measure_reaches();
   mark_inside();
 }
 
@@ -153,46 +170,96 @@ void Grid::fill(const Mesh& mesh) {
   for (uint32_t t = 0; t < triangles; ++t) {
     for_cells(t, [&](size_t cell_index) { list[next[cells[cell_index] & kPayload]++] = t; });
   }
-  BlockWriter writer(blocks);
-  for (size_t n = 0; n + 1 < begin.size(); ++n) {
-    first_block.push_back(static_cast<uint32_t>(blocks.size()));
-    writer.begin();
-    for (uint32_t i = begin[n]; i < begin[n + 1]; ++i) {
-      writer.add(mesh, list[i]);
+  for (size_t i = 0; i < cells.size(); ++i) {
+    if (cells[i] & kOccupied) {
+      const uint32_t n = cells[i] & kPayload;
+      add_cell(mesh, i, list.data() + begin[n], begin[n + 1] - begin[n]);
     }
   }
-  first_block.push_back(static_cast<uint32_t>(blocks.size()));
 }
 
-// Chebyshev distances, by one sweep forward and one backward over the neighbours that a sweep has
-// already passed (exact for this metric: Rosenfeld, Pfaltz, "Distance functions on digital
-// pictures", 1968).
-void Grid::measure_distances() {
-  const auto sweep = [&](int direction) {
-    const auto count = static_cast<int64_t>(cells.size());
-    for (int64_t i = 0; i < count; ++i) {
-      const int64_t at = direction > 0 ? i : count - 1 - i;
-      if (cells[at] & kOccupied) {
-        continue;
-      }
-      const int x = static_cast<int>(at % size[0]);
-      const int y = static_cast<int>(at / size[0] % size[1]);
-      const int z = static_cast<int>(at / size[0] / size[1]);
-      uint32_t nearest = direction > 0 ? kMaxDistance : cells[at];
-      for (int n = 0; n < 13; ++n) {  // the 13 of 26 neighbours that come before, in this direction
-        const int dx = n % 3 - 1, dy = n / 3 % 3 - 1, dz = n / 9 - 1;
-        const int nx = x + direction * dx, ny = y + direction * dy, nz = z + direction * dz;
-        if (nx < 0 || ny < 0 || nz < 0 || nx >= size[0] || ny >= size[1] || nz >= size[2]) {
-          continue;
-        }
-        const uint32_t word = cells[(static_cast<size_t>(nz) * size[1] + ny) * size[0] + nx];
-        nearest = std::min(nearest, word & kOccupied ? 1 : word + 1);
-      }
-      cells[at] = std::min(nearest, kMaxDistance);
-    }
+// The occupied cells come in the order of their numbers.
+void Grid::add_cell(const Mesh& mesh, size_t cell_index, const uint32_t* triangles,
+                    uint32_t count) {
+  const auto middle_of = [&](float from, size_t cell) {
+    return from + (static_cast<float>(cell) + 0.5F) * edge;
   };
-  sweep(+1);
-  sweep(-1);
+  const size_t row = size[0], layer = row * size[1];
+  const Vec3f middle{middle_of(low.x, cell_index % row),
+                     middle_of(low.y, cell_index / row % size[1]),
+                     middle_of(low.z, cell_index / layer)};
+  const auto first = static_cast<uint32_t>(blocks.size());
+  std::vector<Vec3d> normals;
+  for (uint32_t i = 0; i < count; ++i) {
+    const size_t place = i % TriangleBlock::kSize;
+    if (place == 0) {
+      blocks.emplace_back();
+      corners.emplace_back();
+    }
+    const auto& triangle = mesh.triangles[triangles[i]];
+    Vec3f corner[3];
+    for (size_t k = 0; k < 3; ++k) {
+      corner[k] = mesh.vertices[triangle[k]] - middle;
+      corners.back().corners[place][k] = corner[k];
+    }
+    const auto put = [&](TriangleBlock::Lane(&lanes)[3], Vec3f v) {
+      lanes[0][place] = v.x;
+      lanes[1][place] = v.y;
+      lanes[2][place] = v.z;
+    };
+    for (size_t k = 0; k < 3; ++k) {
+      const Vec3f from = corner[(k + 1) % 3], to = corner[(k + 2) % 3];
+      put(blocks.back().directions[k], from - to);
+      put(blocks.back().moments[k], cross(from, to));
+    }
+    const auto exact = [&](size_t k) { return static_cast<Vec3d>(mesh.vertices[triangle[k]]); };
+    const Vec3d normal = cross(exact(1) - exact(0), exact(2) - exact(0));
+    if (length(normal) > 0) {
+      normals.push_back(itn::normalize(normal));
+    }
+  }
+  occupied.push_back(
+      {first, static_cast<uint32_t>(blocks.size()) - first, middle, cone_of(normals)});
+}
+
+// The largest empty cube ahead of a cell is one larger than the smallest of those of its seven
+// neighbours ahead, as it is their union with the cell.
+void Grid::measure_reaches() {
+  // A spare byte at the end: bytes are read four at a time.
+  reaches.assign(cells.size() * 8 + 4, 1);
+  const std::array<int64_t, 3> stride{1, size[0], int64_t{size[0]} * size[1]};
+  tbb::parallel_for(0, 8, [&](int octant) {
+    // Goes against the octant's direction, so that what is ahead is known.
+    const auto range = [&](int axis, int i) {
+      return octant >> axis & 1 ? i : size[axis] - 1 - i;
+    };
+    std::array<int64_t, 3> ahead{};
+    for (size_t axis = 0; axis < 3; ++axis) {
+      ahead[axis] = octant >> axis & 1 ? -stride[axis] : stride[axis];
+    }
+    for (int k = 0; k < size[2]; ++k) {
+      for (int j = 0; j < size[1]; ++j) {
+        for (int i = 0; i < size[0]; ++i) {
+          const int64_t at = range(0, i) * stride[0] + range(1, j) * stride[1] +
+                             range(2, k) * stride[2];
+          if (cells[at] & kOccupied) {
+            continue;
+          }
+          int least = kMaxReach - 1;
+          for (int n = 1; n < 8; ++n) {
+            if ((n & 1 && i == 0) || (n & 2 && j == 0) || (n & 4 && k == 0)) {
+              continue;  // outside the grid
+            }
+            const int64_t neighbour =
+                at + (n & 1 ? ahead[0] : 0) + (n & 2 ? ahead[1] : 0) + (n & 4 ? ahead[2] : 0);
+            const int reach = cells[neighbour] & kOccupied ? 0 : reaches[neighbour * 8 + octant];
+            least = std::min(least, reach);
+          }
+          reaches[at * 8 + octant] = static_cast<uint8_t>(least + 1);
+        }
+      }
+    }
+  });
 }
 
 // Whether the first crossing on a line from an empty cell along x leaves the medium. As the cell is
@@ -206,24 +273,23 @@ bool Grid::lies_inside(int x, int y, int z) const {
     if (!(word & kOccupied)) {
       continue;
     }
-    const uint32_t n = word & kPayload;
+    const OccupiedCell& cell = occupied[word & kPayload];
     double nearest = low.x + (x + 1.0) * edge - from.x;  // crossings beyond belong to later cells
     bool found = false, leaves = false;
-    for (uint32_t b = first_block[n]; b < first_block[n + 1]; ++b) {
-      for (size_t i = 0; i < TriangleBlock::kSize; ++i) {
-        const double slope = blocks[b].normal[0][i];
+    for (uint32_t b = cell.first_block; b < cell.first_block + cell.block_count; ++b) {
+      for (const Vec3f(&triangle)[3] : corners[b].corners) {
         const auto corner = [&](size_t k) {
-          return Vec3d{blocks[b].corners[k][0][i], blocks[b].corners[k][1][i],
-                       blocks[b].corners[k][2][i]} -
-                 from;
+          return static_cast<Vec3d>(triangle[k]) + static_cast<Vec3d>(cell.middle) - from;
         };
         const Vec3d a = corner(0), c = corner(1), e = corner(2);
-        // As in nearest_in_block, for the direction (1, 0, 0).
+        // The line passes within if it has the same side of all edges (see test_cells), here for
+        // the direction (1, 0, 0).
+        const double slope = cross(c - a, e - a).x;
         const auto passes = [&](Vec3d p, Vec3d q) { return (p.y * q.z - p.z * q.y) * slope >= 0; };
         if (slope == 0 || !passes(a, c) || !passes(c, e) || !passes(e, a)) {
           continue;
         }
-        const double t = dot(cross(c - a, e - a), a) / cross(c - a, e - a).x;
+        const double t = dot(cross(c - a, e - a), a) / slope;
         if (t >= 0 && t < nearest) {
           nearest = t;
           found = true;
@@ -278,8 +344,8 @@ void Grid::mark_inside() {
 }
 
 size_t Grid::memory() const {
-  return (cells.size() + first_block.size()) * sizeof(uint32_t) +
-         blocks.size() * sizeof(TriangleBlock);
+  return cells.size() * sizeof(uint32_t) + reaches.size() + occupied.size() * sizeof(OccupiedCell) +
+         blocks.size() * (sizeof(TriangleBlock) + sizeof(BlockCorners));
 }
 
 }  // namespace itn::tracer

@@ -2,7 +2,7 @@
 //
 // Walks in a scattering medium make short flights: a query from the root of a tree spends most of
 // its time on the way down. In a grid whose cells hold about ten triangles a flight visits one or
-// two cells; empty cells say how far the next triangle is, and are crossed in one step.
+// two cells; empty cells say how far it is to the next triangle, and are crossed in one step.
 #pragma once
 
 #include <array>
@@ -13,49 +13,61 @@
 
 namespace itn::tracer {
 
-// Sixteen triangles, in the form that they are tested in: the corners, and the cross product of two
-// edges, which points outward. Places that are not used have a normal of 0, which nothing hits.
+// Sixteen triangles, in the form that they are tested in: the Pluecker coordinates of their edges,
+// relative to the middle of the cell that they are tested for, so that they are small numbers. Edge
+// k runs from corner k + 1 to corner k + 2, counter-clockwise seen from outside. Places that are not
+// used have edges of 0, which nothing passes.
 struct alignas(64) TriangleBlock {
   static constexpr int kSize = 16;
   using Lane = std::array<float, kSize>;
-  Lane corners[3][3]{}, normal[3]{};  // [corner][axis], [axis]
+  Lane directions[3][3]{};  // [edge][axis]: the difference of its ends
+  Lane moments[3][3]{};     // [edge][axis]: the cross product of its ends
 };
 
-// Appends triangles to blocks, opening new ones as needed.
-class BlockWriter {
- public:
-  explicit BlockWriter(std::vector<TriangleBlock>& blocks) : blocks_(blocks) {}
-  // The next triangle begins a new block.
-  void begin() { used_ = TriangleBlock::kSize; }
-  void add(const Mesh& mesh, uint32_t triangle);
+// The corners of the same triangles, relative to the same point: needed for those that are hit.
+struct BlockCorners {
+  Vec3f corners[TriangleBlock::kSize][3]{};
+};
 
- private:
-  std::vector<TriangleBlock>& blocks_;
-  int used_ = TriangleBlock::kSize;
+// An occupied cell.
+struct OccupiedCell {
+  uint32_t first_block, block_count;
+  Vec3f middle;
+  // A cone around the normals n of its triangles: the signed bytes a_x, a_y, a_z of its axis, and
+  // above them a threshold T, such that |d . a| >= T means that n . d has the sign of a . d for all
+  // of them; 255 if there is no such cone.
+  uint32_t normals;
 };
 
 class Grid {
  public:
   explicit Grid(const Mesh& mesh);
 
-  // A cell's word. Occupied: kOccupied | number n of the cell, whose triangles are in the blocks
-  // first_block[n] .. first_block[n + 1] - 1. Empty: Chebyshev distance in cells to the nearest
-  // occupied one (at least 1), | kInside if it lies in the medium.
+  // A cell's word. Occupied: kOccupied | its number among them. Empty: kInside if it lies in the
+  // medium.
   static constexpr uint32_t kOccupied = 1U << 31, kInside = 1U << 30, kPayload = kInside - 1;
 
   Vec3f low{};  // corner of the grid
   float edge = 1, inverse_edge = 1;
   std::array<int, 3> size{1, 1, 1};  // in cells
   std::vector<uint32_t> cells;       // x fastest
-  std::vector<uint32_t> first_block;
+  // For every cell and octant of directions, the edge in cells of the largest empty cube that has
+  // the cell in its corner and reaches ahead, at most kMaxReach; what lies outside the grid is
+  // empty. Eight bytes a cell, by octant: bit 0 set if x falls, 1 if y, 2 if z. 1 for occupied
+  // cells. A line that leaves the object is out of the grid in a step or two.
+  std::vector<uint8_t> reaches;
+  static constexpr int kMaxReach = 255;
+  std::vector<OccupiedCell> occupied;
   std::vector<TriangleBlock> blocks;
+  std::vector<BlockCorners> corners;  // of the same number
 
   size_t memory() const;
 
  private:
   void choose_cells(const Mesh& mesh);
   void fill(const Mesh& mesh);
-  void measure_distances();
+  void add_cell(const Mesh& mesh, size_t cell_index, const uint32_t* triangles, uint32_t count);
+  void measure_reaches();
   bool lies_inside(int x, int y, int z) const;
   void mark_inside();
 };

@@ -1,6 +1,7 @@
-// Elementary functions for many numbers at a time. Of multiplications, additions, divisions and
-// square roots alone, never fused, so that every instruction set computes the same bits; libraries
-// fuse where the processor can. Errors are relative, against the exact result.
+// Elementary functions for many numbers at a time. Of additions, multiplications, divisions, square
+// roots and fused multiply-adds, each rounded once and fused where it says so, so that every
+// instruction set computes the same bits; libraries fuse where the processor can. Errors are
+// relative, against the exact result.
 #if defined(ITN_TRACER_WAVEFRONT_MATH_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef ITN_TRACER_WAVEFRONT_MATH_INL_H_
 #undef ITN_TRACER_WAVEFRONT_MATH_INL_H_
@@ -10,6 +11,7 @@
 
 #include <hwy/highway.h>
 
+#include <cmath>
 #include <numbers>
 
 #include "server/tracer/wavefront/columns.h"
@@ -37,10 +39,14 @@ HWY_INLINE Uints set(uint32_t v) {
   return hn::Set(UintTag(), v);
 }
 
-// a + b c, rounded twice.
-template <class V>
-HWY_INLINE V plus_product(V a, V b, V c) {
-  return hn::Add(a, hn::Mul(b, c));
+// a + b c, rounded once.
+HWY_INLINE Floats plus_product(Floats a, Floats b, Floats c) {
+#if HWY_NATIVE_FMA
+  return hn::MulAdd(b, c, a);
+#else
+  static_assert(HWY_TARGET == HWY_SCALAR);
+  return set(std::fma(hn::GetLane(b), hn::GetLane(c), hn::GetLane(a)));
+#endif
 }
 
 // ln x for positive normal x, to 2e-7 of the result or of 1e-7 near x = 1. With x = m 2^e, m in
@@ -156,7 +162,11 @@ HWY_INLINE Vectors operator*(Vectors a, Floats s) {
   return {hn::Mul(a.x, s), hn::Mul(a.y, s), hn::Mul(a.z, s)};
 }
 HWY_INLINE Floats dot(Vectors a, Vectors b) {
-  return hn::Add(hn::Add(hn::Mul(a.x, b.x), hn::Mul(a.y, b.y)), hn::Mul(a.z, b.z));
+  return plus_product(plus_product(hn::Mul(a.x, b.x), a.y, b.y), a.z, b.z);
+}
+// a . b + c . d
+HWY_INLINE Floats dot(Vectors a, Vectors b, Vectors c, Vectors d) {
+  return plus_product(plus_product(plus_product(dot(a, b), c.x, d.x), c.y, d.y), c.z, d.z);
 }
 HWY_INLINE Vectors cross(Vectors a, Vectors b) {
   return {hn::Sub(hn::Mul(a.y, b.z), hn::Mul(a.z, b.y)),
@@ -180,7 +190,10 @@ HWY_INLINE Vectors around(Vectors n, Floats x, Floats y, Floats z) {
   const Vectors s{plus_product(set(1.0F), hn::Mul(sign, n.x), n_xa), hn::Mul(sign, b),
                   hn::Neg(hn::Mul(sign, n.x))};
   const Vectors t{b, plus_product(sign, n.y, n_ya), hn::Neg(n.y)};
-  return s * x + t * y + n * z;
+  const auto sum = [&](Floats sx, Floats tx, Floats nx) {
+    return plus_product(plus_product(hn::Mul(sx, x), tx, y), nx, z);
+  };
+  return {sum(s.x, t.x, n.x), sum(s.y, t.y, n.y), sum(s.z, t.z, n.z)};
 }
 
 // Henyey-Greenstein, as in server/tracer/phase.h.

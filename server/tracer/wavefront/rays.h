@@ -6,18 +6,25 @@
 namespace itn::tracer {
 
 struct Rays {
-  enum End : uint32_t { kSpent, kSurface, kEscaped, kLeaked };
-
-  // In, and where it ended out (unless it escaped or leaked). A `surface` is the number of the
-  // triangle that the point lies on, or Surfaces::kNone; `inside` is 0 or 1.
+  // In, and where it ended out (unless it escaped or leaked).
   VectorColumn position, direction;
-  UintColumn inside{}, surface{};
-  // In: the length in the medium to travel at most, in mm; and how far behind its position a line
-  // begins to meet surfaces, 0 but for lines that were moved up to the object.
-  FloatColumn budget{}, behind{};
-  // Out.
-  UintColumn end{}, entered{};  // the medium, or started in it: 0 or 1
-  FloatColumn in_medium{};      // length travelled inside the medium, in mm
+  // In: what is known of the position, see below; out: of the end.
+  UintColumn place{};
+  // In: the length in the medium to travel at most, in mm.
+  FloatColumn budget{};
+  // Out: the length travelled inside the medium, in mm; and how the line ended, an End, with
+  // kEntered set if it entered the medium, or started in it.
+  FloatColumn in_medium{};
+  UintColumn outcome{};
+
+  enum End : uint32_t { kSpent, kSurface, kEscaped, kLeaked };
+  static constexpr uint32_t kEndMask = 3, kEntered = 4;
+
+  // A place: bit 0 set inside the medium; above it the number of the surface's triangle that it lies
+  // on, plus 1, or 0.
+  static constexpr uint32_t kInside = 1;
+  static constexpr uint32_t on_surface(uint32_t triangle) { return (triangle + 1) << 1; }
+  static constexpr uint32_t surface_of(uint32_t place) { return (place >> 1) - 1; }
 };
 
 }  // namespace itn::tracer

@@ -38,6 +38,29 @@ Surfaces::Surfaces(const std::vector<DiffuseSurface>& surfaces) {
   }
 }
 
+bool Surfaces::in_front(Vec3d origin, Vec3d direction, double length) const {
+  const Vec3d end = origin + direction * length;
+  const auto apart = [](double a, double b, float low, float high) {
+    return std::max(a, b) < double{low} || std::min(a, b) > double{high};
+  };
+  if (empty() || apart(origin.x, end.x, bounds.min.x, bounds.max.x) ||
+      apart(origin.y, end.y, bounds.min.y, bounds.max.y) ||
+      apart(origin.z, end.z, bounds.min.z, bounds.max.z)) {
+    return false;
+  }
+  for (size_t i = 0; i < triangles; ++i) {
+    const auto corner = [&](size_t k) { return static_cast<Vec3d>(corners[k].at(i)) - origin; };
+    const Vec3d a = corner(0), b = corner(1), c = corner(2), n = cross(b - a, c - a);
+    const double slope = dot(n, direction), t = dot(n, a) / slope;
+    const auto same_side = [&](Vec3d p, Vec3d q) { return dot(direction, cross(p, q)) * slope >= 0; };
+    if (slope != 0 && t >= 0 && t <= length && same_side(a, b) && same_side(b, c) &&
+        same_side(c, a)) {
+      return true;
+    }
+  }
+  return false;
+}
+
 size_t Surfaces::memory() const {
   return sizeof(*this) + reflectances.size() * 13 * sizeof(float) + (many ? many->memory() : 0);
 }

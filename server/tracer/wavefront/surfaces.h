@@ -18,6 +18,9 @@ struct Surfaces {
 
   explicit Surfaces(const std::vector<DiffuseSurface>& surfaces);
 
+  // Whether a surface lies within `length` mm on the line from `origin` in the unit `direction`.
+  bool in_front(Vec3d origin, Vec3d direction, double length) const;
+
   size_t memory() const;
   bool empty() const { return triangles == 0; }
 

@@ -2,10 +2,11 @@
 // rules are those of Geometry::travel (reference/geometry.h), line by line.
 //
 // A line is a sequence of queries: inside the medium for its next exit, outside for its next entry.
-// A query steps from cell to cell of the grid. Lines take steps in lanes; a lane whose query has
-// ended waits until half of them have, then all that wait take their turn: the crossing is booked,
-// and the next query of the line or a new line begins. Triangles are tested for one line at a time,
-// a block of sixteen at once, as neighbouring lines do not look at the same cells.
+// A query steps from cell to cell of the grid. kLines of them step at a time, several vectors full,
+// so that the processor has other work while one waits for memory. A line whose query has ended
+// waits until half of them have, then all that wait take their turn: the crossing is booked, and the
+// next query of the line or a new line begins. Triangles are tested for one line at a time, a block
+// of sixteen at once, as neighbouring lines do not look at the same cells.
 #if defined(ITN_TRACER_WAVEFRONT_TRAVEL_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef ITN_TRACER_WAVEFRONT_TRAVEL_INL_H_
 #undef ITN_TRACER_WAVEFRONT_TRAVEL_INL_H_
@@ -13,7 +14,10 @@
 #define ITN_TRACER_WAVEFRONT_TRAVEL_INL_H_
 #endif
 
+#include <algorithm>
+#include <array>
 #include <bit>
+#include <cstddef>
 #include <cfloat>
 #include <limits>
 
@@ -24,17 +28,26 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// A set of lanes, a bit each.
-using LaneBits = uint32_t;
+// Lines that are followed at a time.
+constexpr size_t kLines = 64;
 
-HWY_INLINE Mask mask_of(LaneBits bits) {
+// A set of lines, a bit each.
+using LineBits = uint64_t;
+
+// Of the lines of the vector that begins with line v.
+HWY_INLINE Mask mask_of(LineBits bits, size_t v) {
+  bits >>= v;
   const uint8_t bytes[8] = {static_cast<uint8_t>(bits), static_cast<uint8_t>(bits >> 8)};
   return hn::LoadMaskBits(FloatTag(), bytes);
 }
-HWY_INLINE LaneBits bits_of(Mask mask) {
+HWY_INLINE LineBits bits_of(Mask mask, size_t v = 0) {
   uint8_t bytes[8] = {};
   hn::StoreMaskBits(FloatTag(), mask, bytes);
-  return bytes[0] | static_cast<LaneBits>(bytes[1]) << 8;
+  return (bytes[0] | static_cast<LineBits>(bytes[1]) << 8) << v;
+}
+// Whether any of the vector's lines is in the set.
+HWY_INLINE bool any(LineBits bits, size_t v) {
+  return (bits >> v & ((LineBits{1} << lanes()) - 1)) != 0;
 }
 HWY_INLINE Mask not_zero(Uints v) {
   return hn::RebindMask(FloatTag(), hn::Ne(v, hn::Zero(UintTag())));
@@ -44,130 +57,93 @@ HWY_INLINE hn::Mask<UintTag> for_uints(Mask mask) {
 }
 
 template <typename T>
-using PerLane = T[kMaxLanes];
+struct alignas(64) PerLine : std::array<T, kLines> {};
 
-HWY_INLINE Floats load(const PerLane<float>& v) {
-  return hn::Load(FloatTag(), v);
+HWY_INLINE Floats load(const PerLine<float>& values, size_t v) {
+  return hn::Load(FloatTag(), values.data() + v);
 }
-HWY_INLINE Uints load(const PerLane<uint32_t>& v) {
-  return hn::Load(UintTag(), v);
+HWY_INLINE Uints load(const PerLine<uint32_t>& values, size_t v) {
+  return hn::Load(UintTag(), values.data() + v);
 }
-HWY_INLINE void store(Floats v, PerLane<float>& to) {
-  hn::Store(v, FloatTag(), to);
+HWY_INLINE void store(Floats from, PerLine<float>& to, size_t v) {
+  hn::Store(from, FloatTag(), to.data() + v);
 }
-HWY_INLINE void store(Uints v, PerLane<uint32_t>& to) {
-  hn::Store(v, UintTag(), to);
+HWY_INLINE void store(Uints from, PerLine<uint32_t>& to, size_t v) {
+  hn::Store(from, UintTag(), to.data() + v);
 }
-HWY_INLINE void store(Mask where, Floats v, PerLane<float>& to) {
-  store(hn::IfThenElse(where, v, load(to)), to);
+HWY_INLINE void store(Mask where, Floats from, PerLine<float>& to, size_t v) {
+  store(hn::IfThenElse(where, from, load(to, v)), to, v);
 }
-HWY_INLINE void store(Mask where, Uints v, PerLane<uint32_t>& to) {
-  store(hn::IfThenElse(for_uints(where), v, load(to)), to);
+HWY_INLINE void store(Mask where, Uints from, PerLine<uint32_t>& to, size_t v) {
+  store(hn::IfThenElse(for_uints(where), from, load(to, v)), to, v);
 }
 
-struct PerLaneVectors {
-  alignas(64) PerLane<float> x, y, z;
-  Vectors load() const {
-    return {HWY_NAMESPACE::load(x), HWY_NAMESPACE::load(y), HWY_NAMESPACE::load(z)};
+struct PerLineVectors {
+  PerLine<float> x, y, z;
+  Vectors load(size_t v) const {
+    return {HWY_NAMESPACE::load(x, v), HWY_NAMESPACE::load(y, v), HWY_NAMESPACE::load(z, v)};
   }
-  void store(Mask where, Vectors v) {
-    HWY_NAMESPACE::store(where, v.x, x);
-    HWY_NAMESPACE::store(where, v.y, y);
-    HWY_NAMESPACE::store(where, v.z, z);
+  void store(Mask where, Vectors from, size_t v) {
+    HWY_NAMESPACE::store(where, from.x, x, v);
+    HWY_NAMESPACE::store(where, from.y, y, v);
+    HWY_NAMESPACE::store(where, from.z, z, v);
   }
-  Vec3f at(size_t lane) const { return {x[lane], y[lane], z[lane]}; }
+  Vec3f at(size_t line) const { return {x[line], y[line], z[line]}; }
 };
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-
-// The nearest crossing of a block's triangles at a distance in [t_min, t_max], or infinity. `side`
-// is +1 to find exits, -1 to find entries.
-//
-// Seen from the origin, with corners A, B, C relative to it and n = (B - A) x (C - A), the line
-// meets the triangle if
-//   d . (B x C),  d . (C x A),  d . (A x B),
-// whose sum is D = n . d, all have the sign of D; D > 0 where the line leaves. The distance is
-// n . A / D. Each of the three belongs to an edge, and swapping the edge's ends negates it exactly:
-// two triangles that share an edge agree on which side of it the line passes, and none slips
-// between (the signs are those of the Pluecker coordinates of the line and the edges).
-HWY_INLINE float nearest_in_block(const TriangleBlock& block, Vec3f origin, Vec3f direction,
-                                  float side, float t_min, float t_max) {
-  const FloatTag d;
-  const Vectors o = set(origin), w = set(direction);
-  const Floats sign = set(side), zero = hn::Zero(d);
-  float nearest = kInfinity;
-  for (size_t i = 0; i < TriangleBlock::kSize; i += lanes()) {
-    const auto vectors = [&](const TriangleBlock::Lane(&lane)[3]) {
-      return Vectors{hn::Load(d, lane[0].data() + i), hn::Load(d, lane[1].data() + i),
-                     hn::Load(d, lane[2].data() + i)};
-    };
-    const Vectors n = vectors(block.normal);
-    const Vectors a = vectors(block.corners[0]) - o, b = vectors(block.corners[1]) - o,
-                  c = vectors(block.corners[2]) - o;
-    const Floats size = hn::Mul(dot(n, w), sign);
-    const Floats least =
-        hn::Min(hn::Mul(sign, dot(w, cross(b, c))),
-                hn::Min(hn::Mul(sign, dot(w, cross(c, a))), hn::Mul(sign, dot(w, cross(a, b)))));
-    const Mask within = hn::And(hn::Gt(size, zero), hn::Ge(least, zero));
-    if (HWY_LIKELY(hn::AllFalse(d, within))) {
-      continue;
-    }
-    const Floats t = hn::Div(hn::Mul(sign, dot(n, a)), size);
-    const Mask hits = hn::And(within, hn::And(hn::Ge(t, set(t_min)), hn::Le(t, set(t_max))));
-    const Floats masked = hn::IfThenElse(hits, t, set(kInfinity));
-    nearest = std::min(nearest, hn::GetLane(hn::MinOfLanes(d, masked)));
-  }
-  return nearest;
-}
 
 // The lines under way, and what their queries know. Distances are along the line, in mm, from an
 // origin that lies a little behind its start.
 class Traveller {
  public:
-  Traveller(const Boundary& boundary, Rays& rays, size_t count)
-      : boundary_(boundary), grid_(boundary.grid), rays_(rays), count_(count) {}
+  // Without `places`, where lines end is not said.
+  Traveller(const Boundary& boundary, Rays& rays, size_t count, bool places)
+      : boundary_(boundary), grid_(boundary.grid), rays_(rays), count_(count), places_(places) {}
 
   void run() {
-    const LaneBits all = (LaneBits{1} << lanes()) - 1;
     for (;;) {
-      const LaneBits waiting = busy_ & ~stepping_;
-      if (waiting != 0) {
-        conclude(waiting);
+      const LineBits waiting = busy_ & ~stepping_;
+      for (size_t v = 0; v < kLines; v += lanes()) {
+        if (any(waiting, v)) {
+          conclude(mask_of(waiting, v), v);
+        }
       }
-      LaneBits fresh = all & ~busy_;
-      if (fresh != 0 && next_ray_ < count_) {
-        fresh = take_rays(fresh);
-        begin_lines(mask_of(fresh));
-      } else {
-        fresh = 0;
-      }
+      const LineBits fresh = take_rays();
       if (busy_ == 0) {
         return;
       }
-      begin_queries(fresh | (waiting & busy_));
-      const int enough = next_ray_ < count_ ? static_cast<int>(lanes()) / 2 : 0;
+      for (size_t v = 0; v < kLines; v += lanes()) {
+        if (any(fresh, v)) {
+          begin_lines(mask_of(fresh, v), v);
+        }
+        if (any(fresh | (waiting & busy_), v)) {
+          begin_queries(mask_of(fresh | (waiting & busy_), v), v);
+        }
+      }
+      const int enough = next_ray_ < count_ ? kLines / 2 : 0;
       while (std::popcount(stepping_) > enough) {
-        step(enough);
+        step();
       }
     }
   }
 
  private:
-  // Gives the next rays to lanes that have none; returns the lanes that got one.
-  LaneBits take_rays(LaneBits free) {
-    LaneBits taken = 0;
-    for (; free != 0 && next_ray_ < count_; free &= free - 1) {
-      const int lane = std::countr_zero(free);
-      ray_[lane] = static_cast<uint32_t>(next_ray_++);
-      taken |= LaneBits{1} << lane;
+  // Gives the next rays to lines that are free; returns the lines that got one.
+  LineBits take_rays() {
+    LineBits taken = 0;
+    for (LineBits free = ~busy_; free != 0 && next_ray_ < count_; free &= free - 1) {
+      const int line = std::countr_zero(free);
+      ray_[line] = static_cast<uint32_t>(next_ray_++);
+      taken |= LineBits{1} << line;
     }
     busy_ |= taken;
     return taken;
   }
 
   // Lines start a little behind their origin (rule 3).
-  void begin_lines(Mask fresh) {
-    const Ints ray = hn::BitCast(IntTag(), load(ray_));
+  void begin_lines(Mask fresh, size_t v) {
+    const Ints ray = hn::BitCast(IntTag(), load(ray_, v));
     const auto gather = [&](const FloatColumn& column) {
       return hn::GatherIndex(FloatTag(), column.data(), ray);
     };
@@ -176,95 +152,98 @@ class Traveller {
     };
     const Vectors position = gather_vectors(rays_.position);
     const Vectors direction = gather_vectors(rays_.direction);
-    const Floats reach = hn::Max(hn::Abs(position.x),
-                                 hn::Max(hn::Abs(position.y), hn::Abs(position.z)));
-    const Floats slack =
-        hn::Mul(set(4 * FLT_EPSILON), hn::Max(set(boundary_.extent), reach));
+    const Floats reach =
+        hn::Max(hn::Abs(position.x), hn::Max(hn::Abs(position.y), hn::Abs(position.z)));
+    const Floats slack = hn::Mul(set(4 * FLT_EPSILON), hn::Max(set(boundary_.extent), reach));
     const Floats start = hn::Add(slack, slack);
     const Vectors origin = position - direction * start;
-    origin_.store(fresh, origin);
-    direction_.store(fresh, direction);
-    store(fresh, slack, slack_);
-    store(fresh, start, t_);
+    origin_.store(fresh, origin, v);
+    direction_.store(fresh, direction, v);
+    store(fresh, slack, slack_, v);
+    store(fresh, start, t_, v);
     const Floats zero = hn::Zero(FloatTag());
-    store(fresh, zero, in_medium_);
-    store(fresh, zero, last_exit_);
-    store(fresh, zero, last_entry_);
+    store(fresh, zero, in_medium_, v);
+    store(fresh, zero, last_exit_, v);
+    store(fresh, zero, last_entry_, v);
     const Floats budget = gather(rays_.budget);
-    store(fresh, budget, budget_);
-    const Uints inside = hn::GatherIndex(UintTag(), rays_.inside.data(), ray);
-    store(fresh, inside, inside_);
-    store(fresh, inside, entered_);
-    store(fresh, hn::Zero(UintTag()), crossings_);
+    store(fresh, budget, budget_, v);
+    const Uints place = hn::GatherIndex(UintTag(), rays_.place.data(), ray);
+    const Uints inside = hn::And(place, set(Rays::kInside));
+    store(fresh, inside, inside_, v);
+    store(fresh, inside, entered_, v);
+    store(fresh, hn::Zero(UintTag()), crossings_, v);
 
     // The same in the grid's coordinates, in cells. A component of 0 is taken as so small that the
     // faces it would cross are never met first.
     const Floats per_edge = set(grid_.inverse_edge), edge = set(grid_.edge);
     const Floats tiny = set(1e-20F);
-    const Vectors in_cells = (origin - set(grid_.low)) * per_edge;
-    cells_origin_.store(fresh, in_cells);
-    cells_direction_.store(fresh, direction * per_edge);
+    cells_origin_.store(fresh, (origin - set(grid_.low)) * per_edge, v);
+    cells_direction_.store(fresh, direction * per_edge, v);
     const auto mm_per_cell = [&](Floats component) {
       const Floats safe = hn::IfThenElse(hn::Lt(hn::Abs(component), tiny),
                                          hn::CopySign(tiny, component), component);
       return hn::Div(edge, safe);
     };
-    mm_per_cell_.store(fresh, {mm_per_cell(direction.x), mm_per_cell(direction.y),
-                               mm_per_cell(direction.z)});
+    mm_per_cell_.store(
+        fresh, {mm_per_cell(direction.x), mm_per_cell(direction.y), mm_per_cell(direction.z)}, v);
 
-    begin_surfaces(fresh, position, direction, budget, inside, start);
+    const auto falls = [&](Floats component, uint32_t bit) {
+      return hn::IfThenElseZero(for_uints(hn::Lt(component, zero)), set(bit));
+    };
+    store(fresh, hn::Or(falls(direction.x, 1), hn::Or(falls(direction.y, 2), falls(direction.z, 4))),
+          octant_, v);
+
+    store(fresh, set(kInfinity), surface_t_, v);
+    store(fresh, set(Surfaces::kNone), surface_, v);
+    if (!boundary_.surfaces.empty()) {
+      begin_surfaces(fresh, v, position, direction, budget, place);
+    }
   }
 
-  // Surfaces are looked for once for every line, when it is outside or may reach their box.
-  void begin_surfaces(Mask fresh, Vectors position, Vectors direction, Floats budget, Uints inside,
-                      Floats start) {
-    store(fresh, set(kInfinity), surface_t_);
-    store(fresh, set(Surfaces::kNone), surface_);
-    if (boundary_.surfaces.empty()) {
-      store(fresh, set(uint32_t{1}), surface_known_);
-      return;
-    }
-    const Ints ray = hn::BitCast(IntTag(), load(ray_));
-    store(fresh, hn::GatherIndex(UintTag(), rays_.surface.data(), ray), excluded_);
-    const Floats behind = hn::GatherIndex(FloatTag(), rays_.behind.data(), ray);
-    const Floats from = hn::Sub(hn::Sub(start, load(slack_)), behind);
-    store(fresh, from, surface_from_);
+  // Surfaces are looked for once for every line whose direction leads to their box: as soon as it
+  // is outside, or may reach the box inside.
+  void begin_surfaces(Mask fresh, size_t v, Vectors position, Vectors direction, Floats budget,
+                      Uints place) {
+    const Mask inside = not_zero(hn::And(place, set(Rays::kInside)));
+    store(fresh, hn::Sub(hn::ShiftRight<1>(place), set(uint32_t{1})), excluded_, v);
+    const Floats slack = load(slack_, v);
 
-    const Vectors end = position + direction * budget;
-    const Floats slack = load(slack_);
+    const Bounds& box = boundary_.surfaces.bounds;
     const auto overlaps = [&](Floats p, Floats q, float low, float high) {
       return hn::And(hn::Ge(hn::Add(hn::Max(p, q), slack), set(low)),
                      hn::Le(hn::Sub(hn::Min(p, q), slack), set(high)));
     };
-    const Bounds& box = boundary_.surfaces.bounds;
-    const Mask near = hn::And(overlaps(position.x, end.x, box.min.x, box.max.x),
-                              hn::And(overlaps(position.y, end.y, box.min.y, box.max.y),
-                                      overlaps(position.z, end.z, box.min.z, box.max.z)));
-    const Mask outside = hn::Not(not_zero(inside));
-    const Mask known = hn::Not(hn::Or(near, outside));
-    // Not known yet: the others look when they leave.
-    store(fresh, hn::Zero(UintTag()), surface_known_);
-    find_surfaces(hn::AndNot(known, fresh));
+    const auto reaches_box = [&](Floats length) {
+      const Vectors to = position + direction * length;
+      return hn::And(overlaps(position.x, to.x, box.min.x, box.max.x),
+                     hn::And(overlaps(position.y, to.y, box.min.y, box.max.y),
+                             overlaps(position.z, to.z, box.min.z, box.max.z)));
+    };
+    constexpr float kFar = 1e30F;  // not infinite: it may be multiplied by 0
+    const Mask ever = reaches_box(set(kFar));
+    const Mask soon = hn::Or(reaches_box(hn::Min(budget, set(kFar))), hn::Not(inside));
+    store(fresh, hn::IfThenElseZero(for_uints(ever), set(uint32_t{1})), surface_unknown_, v);
+    find_surfaces(hn::And(fresh, soon), v);
   }
 
-  // The first surface on the lines.
-  void find_surfaces(Mask where) {
-    where = hn::AndNot(not_zero(load(surface_known_)), where);
+  // The first surface on lines that have not looked for it yet.
+  void find_surfaces(Mask where, size_t v) {
+    where = hn::And(where, not_zero(load(surface_unknown_, v)));
     const FloatTag d;
     if (hn::AllFalse(d, where)) {
       return;
     }
-    store(where, set(uint32_t{1}), surface_known_);
+    store(where, hn::Zero(UintTag()), surface_unknown_, v);
     const Surfaces& surfaces = boundary_.surfaces;
     if (surfaces.many) {
-      find_many_surfaces(bits_of(where));
+      find_many_surfaces(bits_of(where, v));
       return;
     }
-    const Vectors o = origin_.load(), w = direction_.load();
-    const Floats from = load(surface_from_), zero = hn::Zero(d);
-    const Uints excluded = load(excluded_);
-    Floats nearest = load(surface_t_);
-    Uints found = load(surface_);
+    const Vectors o = origin_.load(v), w = direction_.load(v);
+    const Floats from = load(slack_, v), zero = hn::Zero(d);
+    const Uints excluded = load(excluded_, v);
+    Floats nearest = load(surface_t_, v);
+    Uints found = load(surface_, v);
     for (size_t i = 0; i < surfaces.triangles; ++i) {
       const Vectors n = set(surfaces.normals.at(i));
       const Floats cosine = dot(n, w);
@@ -282,60 +261,55 @@ class Traveller {
       nearest = hn::IfThenElse(hits, t, nearest);
       found = hn::IfThenElse(for_uints(hits), number, found);
     }
-    store(where, nearest, surface_t_);
-    store(where, found, surface_);
+    store(where, nearest, surface_t_, v);
+    store(where, found, surface_, v);
   }
 
-  void find_many_surfaces(LaneBits where) {
+  void find_many_surfaces(LineBits where) {
     const Surfaces& surfaces = boundary_.surfaces;
+    const auto& first = surfaces.first_triangle_of_mesh;
     for (; where != 0; where &= where - 1) {
-      const int lane = std::countr_zero(where);
-      Line line(origin_.at(lane), direction_.at(lane), {}, 0);
-      line.origin = origin_.at(lane);
-      if (excluded_[lane] != Surfaces::kNone) {
-        const auto& first = surfaces.first_triangle_of_mesh;
-        const auto mesh = std::upper_bound(first.begin(), first.end(), excluded_[lane]) - 1;
-        line.excluded = {static_cast<uint32_t>(mesh - first.begin()), excluded_[lane] - *mesh};
+      const int i = std::countr_zero(where);
+      Line line(origin_.at(i), direction_.at(i), {}, 0);
+      if (excluded_[i] != Surfaces::kNone) {
+        const auto mesh = std::upper_bound(first.begin(), first.end(), excluded_[i]) - 1;
+        line.excluded = {static_cast<uint32_t>(mesh - first.begin()), excluded_[i] - *mesh};
       }
-      // Embree knows no negative distances: what lies behind is reached from there.
-      const float shift = std::min(0.0F, surface_from_[lane]);
-      line.origin = line.origin + line.direction * shift;
-      const Hit hit = surfaces.many->closest(line, surface_from_[lane] - shift, kInfinity,
-                                             Wanted::kSurfaceOnly);
+      line.origin = origin_.at(i);
+      const Hit hit = surfaces.many->closest(line, slack_[i], kInfinity, Wanted::kSurfaceOnly);
       if (hit.found) {
-        surface_t_[lane] = hit.t + shift;
-        surface_[lane] =
-            surfaces.first_triangle_of_mesh[hit.surface.surface] + hit.surface.triangle;
+        surface_t_[i] = hit.t;
+        surface_[i] = first[hit.surface.surface] + hit.surface.triangle;
       }
     }
   }
 
   // The next query of lines: inside for an exit within the rest of the budget, outside for an
   // entry, both up to the surface.
-  void begin_queries(LaneBits which) {
+  void begin_queries(Mask where, size_t v) {
     const FloatTag d;
-    const Mask where = mask_of(which);
-    const Mask inside = not_zero(load(inside_));
+    const Mask inside = not_zero(load(inside_, v));
     if (!boundary_.surfaces.empty()) {
-      find_surfaces(hn::AndNot(inside, where));
+      find_surfaces(hn::AndNot(inside, where), v);
     }
-    const Floats t = load(t_);
-    const Floats last = hn::IfThenElse(inside, load(last_exit_), load(last_entry_));
+    const Floats t = load(t_, v);
+    const Floats last = hn::IfThenElse(inside, load(last_exit_, v), load(last_entry_, v));
     // The next larger float: these are not negative.
     const Floats beyond = hn::BitCast(d, hn::Add(hn::BitCast(UintTag(), last), set(uint32_t{1})));
-    const Floats t_min = hn::Max(hn::Sub(t, load(slack_)), beyond);
-    const Floats rest = hn::Add(t, hn::Sub(load(budget_), load(in_medium_)));
+    const Floats t_min = hn::Max(hn::Sub(t, load(slack_, v)), beyond);
+    const Floats rest = hn::Add(t, hn::Sub(load(budget_, v), load(in_medium_, v)));
     const Floats end =
-        hn::Min(load(surface_t_), hn::IfThenElse(inside, rest, set(kInfinity)));
-    store(where, t_min, t_min_);
-    store(where, end, end_);
-    store(where, set(kInfinity), hit_);
-    store(where, hn::IfThenElse(inside, set(1.0F), set(-1.0F)), side_);
+        hn::Min(load(surface_t_, v), hn::IfThenElse(inside, rest, set(kInfinity)));
+    store(where, t_min, t_min_, v);
+    store(where, end, end_, v);
+    store(where, set(kInfinity), hit_, v);
+    store(where, hn::IfThenElse(inside, set(1.0F), set(-1.0F)), side_, v);
     // Counts as inside until a cell says otherwise.
-    store(where, set(Grid::kInside), word_);
+    store(where, set(Grid::kInside), word_, v);
 
     // Clip to the grid.
-    const Vectors x0 = cells_origin_.load(), dx = cells_direction_.load(), mm = mm_per_cell_.load();
+    const Vectors x0 = cells_origin_.load(v), dx = cells_direction_.load(v);
+    const Vectors mm = mm_per_cell_.load(v);
     Floats near = t_min, far = end;
     const auto clip = [&](Floats from, Floats scale, int size) {
       const Floats a = hn::Mul(hn::Neg(from), scale);
@@ -350,199 +324,287 @@ class Traveller {
       return hn::Clamp(hn::Floor(plus_product(from, slope, near)), hn::Zero(d),
                        set(static_cast<float>(size - 1)));
     };
-    cell_.store(where, {cell(x0.x, dx.x, grid_.size[0]), cell(x0.y, dx.y, grid_.size[1]),
-                        cell(x0.z, dx.z, grid_.size[2])});
-    store(where, far, grid_end_);
-    stepping_ = (stepping_ & ~which) | bits_of(hn::And(where, hn::Le(near, far)));
+    cell_.store(where,
+                {cell(x0.x, dx.x, grid_.size[0]), cell(x0.y, dx.y, grid_.size[1]),
+                 cell(x0.z, dx.z, grid_.size[2])},
+                v);
+    store(where, far, grid_end_, v);
+    stepping_ |= bits_of(hn::And(where, hn::Le(near, far)), v);
   }
 
-  // Steps from cell to cell, until all lanes but `enough` have ended their queries. A step leaves
-  // the cube of empty cells around the current one, whose half edge is the distance that the cell
-  // holds (1 for an occupied cell: the cell itself), through the face that the line meets first.
-  // The index along that axis is set from the cube, so every step makes progress however the
-  // distance is rounded; the others follow from the position.
-  HWY_INLINE void step(int enough) {
-    const FloatTag d;
+  // All lines under way look at the cell that they are in, and take a step.
+  HWY_INLINE void step() {
+    LineBits to_test = 0;
+    for (size_t v = 0; v < kLines; v += lanes()) {
+      if (any(stepping_, v)) {
+        to_test |= look(v);
+      }
+    }
+    test_cells(to_test);
+    LineBits stepping = 0;
+    for (size_t v = 0; v < kLines; v += lanes()) {
+      if (any(stepping_, v)) {
+        stepping |= advance(v);
+      }
+    }
+    stepping_ = stepping;
+  }
+
+  // Reads the words of the cells; returns the lines that have triangles to test there.
+  HWY_INLINE LineBits look(size_t v) {
     const UintTag du;
-    const Vectors x0 = cells_origin_.load(), dx = cells_direction_.load(), mm = mm_per_cell_.load();
-    const Floats one = set(1.0F), zero = hn::Zero(d);
-    const Vectors sign{hn::CopySign(one, dx.x), hn::CopySign(one, dx.y), hn::CopySign(one, dx.z)};
-    // Of the faces of a cell, relative to it: that the line leaves through, for a reach of 0.
-    const auto ahead = [&](Floats slope) { return hn::IfThenElseZero(hn::Lt(slope, zero), one); };
-    const Vectors faces{hn::Sub(ahead(dx.x), x0.x), hn::Sub(ahead(dx.y), x0.y),
-                        hn::Sub(ahead(dx.z), x0.z)};
-    const Vectors top{set(static_cast<float>(grid_.size[0] - 1)),
-                      set(static_cast<float>(grid_.size[1] - 1)),
-                      set(static_cast<float>(grid_.size[2] - 1))};
+    const Mask stepping = mask_of(stepping_, v);
     const Floats row = set(static_cast<float>(grid_.size[0]));
     const Floats layer = set(static_cast<float>(grid_.size[0]) * static_cast<float>(grid_.size[1]));
-    const Floats grid_end = load(grid_end_);
+    const Vectors cell = cell_.load(v);
+    const Floats index = plus_product(plus_product(cell.x, cell.y, row), cell.z, layer);
     const auto* const cells = reinterpret_cast<const int32_t*>(grid_.cells.data());
-    Vectors cell = cell_.load();
-    Uints word = load(word_);
-    Mask stepping = mask_of(stepping_);
-
-    do {
-      const Floats index = plus_product(plus_product(cell.x, cell.y, row), cell.z, layer);
-      const Uints here = hn::BitCast(
-          du, hn::GatherIndex(IntTag(), cells, hn::ConvertTo(IntTag(), index)));
-      word = hn::IfThenElse(for_uints(stepping), here, word);
-      const Mask occupied =
-          hn::RebindMask(d, hn::Ne(hn::And(here, set(Grid::kOccupied)), hn::Zero(du)));
-      const LaneBits to_test = bits_of(hn::And(occupied, stepping));
-      if (to_test != 0) {
-        alignas(64) PerLane<uint32_t> words;
-        store(here, words);
-        test_cells(to_test, words);
-      }
-      const Uints payload = hn::And(here, set(Grid::kPayload));
-      const Floats distance = hn::ConvertTo(d, hn::BitCast(IntTag(), payload));
-      const Floats reach = hn::IfThenElse(occupied, one, distance);
-      const Vectors leave{
-          hn::Mul(plus_product(hn::Add(cell.x, faces.x), sign.x, reach), mm.x),
-          hn::Mul(plus_product(hn::Add(cell.y, faces.y), sign.y, reach), mm.y),
-          hn::Mul(plus_product(hn::Add(cell.z, faces.z), sign.z, reach), mm.z)};
-      const Floats t = hn::Min(leave.x, hn::Min(leave.y, leave.z));
-      const Mask ended = hn::Ge(t, hn::Min(load(hit_), grid_end));
-
-      const Mask along_x = hn::Eq(t, leave.x);
-      const Mask along_y = hn::AndNot(along_x, hn::Eq(t, leave.y));
-      const Mask along_z = hn::Not(hn::Or(along_x, along_y));
-      const Floats before = hn::Sub(reach, one);
-      const auto advance = [&](Mask along, Floats c, Floats from, Floats slope, Floats direction,
-                               Floats last) {
-        const Floats low = hn::Max(zero, hn::Sub(c, before));
-        const Floats high = hn::Min(last, hn::Add(c, before));
-        const Floats follow = hn::Clamp(hn::Floor(plus_product(from, slope, t)), low, high);
-        return hn::IfThenElse(along, plus_product(c, direction, reach), follow);
-      };
-      const Vectors next{advance(along_x, cell.x, x0.x, dx.x, sign.x, top.x),
-                         advance(along_y, cell.y, x0.y, dx.y, sign.y, top.y),
-                         advance(along_z, cell.z, x0.z, dx.z, sign.z, top.z)};
-      const auto within = [&](Floats c, Floats last) {
-        return hn::And(hn::Ge(c, zero), hn::Le(c, last));
-      };
-      const Mask inside_grid = hn::And(
-          within(next.x, top.x), hn::And(within(next.y, top.y), within(next.z, top.z)));
-      stepping = hn::And(stepping, hn::AndNot(ended, inside_grid));
-      cell = if_then_else(stepping, next, cell);
-      stepping_ = bits_of(stepping);
-    } while (std::popcount(stepping_) > enough);
-    cell_.store(hn::FirstN(d, lanes()), cell);
-    store(word, word_);
+    const Uints word = hn::BitCast(
+        du, hn::GatherIndex(IntTag(), cells, hn::ConvertTo(IntTag(), index)));
+    store(stepping, word, word_, v);
+    const Ints reach = hn::And(
+        hn::GatherOffset(IntTag(), reinterpret_cast<const int32_t*>(grid_.reaches.data()),
+                         hn::Add(hn::ShiftLeft<3>(hn::ConvertTo(IntTag(), index)),
+                                 hn::BitCast(IntTag(), load(octant_, v)))),
+        hn::Set(IntTag(), Grid::kMaxReach));
+    store(hn::ConvertTo(FloatTag(), reach), reach_, v);
+    const Mask occupied = hn::And(stepping, not_zero(hn::And(word, set(Grid::kOccupied))));
+    return hn::AllFalse(FloatTag(), occupied) ? 0 : bits_of(may_cross(word, occupied, v), v);
   }
 
-  // Tests the triangles of the cells that lanes have reached.
-  HWY_INLINE void test_cells(LaneBits which, const PerLane<uint32_t>& words) {
+  // A step leaves the cube of empty cells ahead (an occupied cell alone) through the face that the
+  // line meets first. The index along that axis is set from the cube, so every step makes progress
+  // however the distance is rounded; the others follow from the position. Returns the lines whose
+  // query goes on.
+  HWY_INLINE LineBits advance(size_t v) {
+    const FloatTag d;
+    const Vectors x0 = cells_origin_.load(v), dx = cells_direction_.load(v);
+    const Vectors mm = mm_per_cell_.load(v), cell = cell_.load(v);
+    const Floats one = set(1.0F), zero = hn::Zero(d), reach = load(reach_, v);
+    // Cells from here to the face that the line leaves through.
+    const auto to_face = [&](Floats slope) {
+      return hn::IfThenElse(hn::Lt(slope, zero), hn::Sub(one, reach), reach);
+    };
+    const auto leave = [&](Floats c, Floats from, Floats slope, Floats scale) {
+      return hn::Mul(hn::Add(hn::Sub(c, from), to_face(slope)), scale);
+    };
+    const Floats leave_x = leave(cell.x, x0.x, dx.x, mm.x);
+    const Floats leave_y = leave(cell.y, x0.y, dx.y, mm.y);
+    const Floats leave_z = leave(cell.z, x0.z, dx.z, mm.z);
+    const Floats t = hn::Min(leave_x, hn::Min(leave_y, leave_z));
+    const Mask ended = hn::Ge(t, hn::Min(load(hit_, v), load(grid_end_, v)));
+
+    const Mask along_x = hn::Eq(t, leave_x);
+    const Mask along_y = hn::AndNot(along_x, hn::Eq(t, leave_y));
+    const Mask along_z = hn::Not(hn::Or(along_x, along_y));
+    const Floats before = hn::Sub(reach, one);
+    const auto move = [&](Mask along, Floats c, Floats from, Floats slope, int size) {
+      // The cells of the cube ahead, within the grid.
+      const Floats far = hn::Clamp(hn::Add(c, hn::CopySign(before, slope)), zero,
+                                   set(static_cast<float>(size - 1)));
+      const Floats low = hn::Min(c, far), high = hn::Max(c, far);
+      const Floats follow = hn::Clamp(hn::Floor(plus_product(from, slope, t)), low, high);
+      return hn::IfThenElse(along, hn::Add(c, hn::CopySign(reach, slope)), follow);
+    };
+    const Vectors next{move(along_x, cell.x, x0.x, dx.x, grid_.size[0]),
+                       move(along_y, cell.y, x0.y, dx.y, grid_.size[1]),
+                       move(along_z, cell.z, x0.z, dx.z, grid_.size[2])};
+    const auto within = [&](Floats c, int size) {
+      return hn::And(hn::Ge(c, zero), hn::Lt(c, set(static_cast<float>(size))));
+    };
+    const Mask in_grid =
+        hn::And(within(next.x, grid_.size[0]),
+                hn::And(within(next.y, grid_.size[1]), within(next.z, grid_.size[2])));
+    const Mask goes_on = hn::And(mask_of(stepping_, v), hn::AndNot(ended, in_grid));
+    cell_.store(goes_on, next, v);
+    return bits_of(goes_on, v);
+  }
+
+  // Which of the lines in occupied cells may cross a triangle there in the direction that they look
+  // for: not where the cone of the normals shows that all face the other way.
+  HWY_INLINE Mask may_cross(Uints words, Mask where, size_t v) const {
+    const FloatTag d;
+    const IntTag di;
+    constexpr int kStride = sizeof(OccupiedCell) / sizeof(int32_t);
+    constexpr size_t kAt = offsetof(OccupiedCell, normals) / sizeof(int32_t);
+    const auto* const cones = reinterpret_cast<const int32_t*>(grid_.occupied.data()) + kAt;
+    const Ints number = hn::BitCast(
+        di, hn::IfThenElseZero(for_uints(where), hn::And(words, set(Grid::kPayload))));
+    const Ints cone = hn::GatherIndex(di, cones, hn::Mul(number, hn::Set(di, kStride)));
+    const auto component = [&](Ints shifted) {
+      return hn::ConvertTo(d, hn::ShiftRight<24>(shifted));
+    };
+    const Vectors axis{component(hn::ShiftLeft<24>(cone)), component(hn::ShiftLeft<16>(cone)),
+                       component(hn::ShiftLeft<8>(cone))};
+    const Floats threshold =
+        hn::ConvertTo(d, hn::BitCast(di, hn::ShiftRight<24>(hn::BitCast(UintTag(), cone))));
+    const Floats along = hn::Mul(dot(direction_.load(v), axis), load(side_, v));
+    return hn::And(where, hn::Lt(hn::Neg(along), threshold));
+  }
+
+  // Tests the triangles of the cells that lines have reached, for the nearest crossing between t_min_
+  // and the end of the query or an earlier hit. First all are tested without a branch, as the
+  // processor would guess it wrong half of the time; then the distances of those that are hit are
+  // computed.
+  //
+  // A line through o, relative to the middle of the cell, in direction d passes the edge from A to B
+  // on the side that the sign of
+  //   d . (A x B) + (d x o) . (A - B)
+  // tells, the product of the Pluecker coordinates of both: positive for all three edges if it
+  // crosses the triangle from inside out. Swapping the ends of an edge negates this exactly: two
+  // triangles that share an edge agree on which side of it the line passes, and none slips between.
+  // To find entries, d is turned around, and so are all signs.
+  HWY_INLINE void test_cells(LineBits which) {
+    const FloatTag tag;
+    size_t passed = 0;
     for (; which != 0; which &= which - 1) {
-      const int lane = std::countr_zero(which);
-      const uint32_t n = words[lane] & Grid::kPayload;
-      const TriangleBlock* const blocks = grid_.blocks.data();
-      const Vec3f origin = origin_.at(lane), direction = direction_.at(lane);
-      for (uint32_t b = grid_.first_block[n]; b < grid_.first_block[n + 1]; ++b) {
-        const float t = nearest_in_block(blocks[b], origin, direction, side_[lane], t_min_[lane],
-                                         std::min(end_[lane], hit_[lane]));
-        hit_[lane] = std::min(hit_[lane], t);
+      const int line = std::countr_zero(which);
+      const OccupiedCell& cell = grid_.occupied[word_[line] & Grid::kPayload];
+      const Vec3f o = origin_.at(line) - cell.middle, d = direction_.at(line) * side_[line];
+      const Vectors w = set(d), m = set(itn::cross(d, o));
+      for (uint32_t b = cell.first_block; b < cell.first_block + cell.block_count; ++b) {
+        const TriangleBlock& block = grid_.blocks[b];
+        for (size_t i = 0; i < TriangleBlock::kSize; i += lanes()) {
+          const auto vectors = [&](const TriangleBlock::Lane(&v)[3]) {
+            return Vectors{hn::Load(tag, v[0].data() + i), hn::Load(tag, v[1].data() + i),
+                           hn::Load(tag, v[2].data() + i)};
+          };
+          const auto side = [&](size_t k) {
+            return dot(w, vectors(block.moments[k]), m, vectors(block.directions[k]));
+          };
+          const Floats x = side(0), y = side(1), z = side(2), zero = hn::Zero(tag);
+          const Mask within = hn::And(hn::Ge(hn::Min(x, hn::Min(y, z)), zero),
+                                      hn::Gt(hn::Max(x, hn::Max(y, z)), zero));
+          Passed& entry = passed_[passed];
+          entry.line = line;
+          entry.triangles = &grid_.corners[b].corners[i];
+          entry.middle = cell.middle;
+          hn::Store(x, tag, entry.sides[0].data());
+          hn::Store(y, tag, entry.sides[1].data());
+          hn::Store(z, tag, entry.sides[2].data());
+          entry.hits = bits_of(within);
+          passed += entry.hits != 0 ? 1 : 0;
+          if (passed == kPassed) {
+            measure_hits(passed);
+            passed = 0;
+          }
+        }
+      }
+    }
+    measure_hits(passed);
+  }
+
+  // The three sides of a triangle that is hit are the barycentric coordinates of the crossing, times
+  // a common factor.
+  HWY_INLINE void measure_hits(size_t count) {
+    for (const Passed* entry = passed_; entry < passed_ + count; ++entry) {
+      const int line = entry->line;
+      const Vec3f o = origin_.at(line) - entry->middle, d = direction_.at(line);
+      for (LineBits bits = entry->hits; bits != 0; bits &= bits - 1) {
+        const int i = std::countr_zero(bits);
+        const Vec3f(&corner)[3] = entry->triangles[i];
+        const float x = entry->sides[0][i], y = entry->sides[1][i], z = entry->sides[2][i];
+        const Vec3f point = (corner[0] * x + corner[1] * y + corner[2] * z) * (1 / (x + y + z));
+        const float t = itn::dot(point - o, d);
+        const float end = std::min(end_[line], hit_[line]);
+        hit_[line] = t >= t_min_[line] && t <= end ? t : hit_[line];
       }
     }
   }
 
   // Books what queries have found: goes on to the next query of the line, or ends it.
-  void conclude(LaneBits which) {
+  void conclude(Mask where, size_t v) {
     const FloatTag d;
-    const Mask where = mask_of(which);
-    const Mask inside = not_zero(load(inside_));
-    const Floats hit = load(hit_), surface_t = load(surface_t_), t = load(t_);
+    const Mask inside = not_zero(load(inside_, v));
+    const Floats hit = load(hit_, v), surface_t = load(surface_t_, v), t = load(t_, v);
     const Mask crossed = hn::And(where, hn::Lt(hit, hn::Min(surface_t, set(kInfinity))));
     const Mask missed = hn::AndNot(crossed, where);
 
     const Mask exits = hn::And(crossed, inside), entries = hn::AndNot(inside, crossed);
-    const Floats end = load(end_);
-    // Where the line met the surface, if it did.
+    const Floats end = load(end_, v);
     const Mask at_surface =
         hn::And(missed, hn::And(hn::Eq(end, surface_t), hn::Lt(surface_t, set(kInfinity))));
     const Floats stop = hn::Max(t, hn::IfThenElse(crossed, hit, end));
     const Floats travelled = hn::IfThenElseZero(inside, hn::Sub(stop, t));
     const Mask spent = hn::AndNot(at_surface, hn::And(missed, inside));
-    const Floats in_medium =
-        hn::IfThenElse(spent, load(budget_), hn::Add(load(in_medium_), travelled));
-    store(where, in_medium, in_medium_);
-    store(crossed, stop, t_);
-    store(exits, hit, last_exit_);
-    store(entries, hit, last_entry_);
+    const Floats in_medium = hn::IfThenElse(spent, load(budget_, v),
+                                            hn::Add(load(in_medium_, v), travelled));
+    store(where, in_medium, in_medium_, v);
+    store(crossed, stop, t_, v);
+    store(exits, hit, last_exit_, v);
+    store(entries, hit, last_entry_, v);
     const Uints one = set(uint32_t{1});
-    store(exits, hn::Zero(UintTag()), inside_);
-    store(entries, one, inside_);
-    store(entries, one, entered_);
-    const Uints crossings = hn::Add(load(crossings_), one);
-    store(crossed, crossings, crossings_);
+    store(exits, hn::Zero(UintTag()), inside_, v);
+    store(entries, one, inside_, v);
+    store(entries, one, entered_, v);
+    const Uints crossings = hn::Add(load(crossings_, v), one);
+    store(crossed, crossings, crossings_, v);
 
-    // Surfaces that a line met before its start end it there.
-    const Vectors place = origin_.load() + direction_.load() * end;
+    const Vectors place = origin_.load(v) + direction_.load(v) * end;
     const Mask lost =
-        hn::Or(hn::AndNot(may_be_inside(place), spent),
+        hn::Or(hn::AndNot(may_be_inside(place, v), spent),
                hn::And(crossed, hn::RebindMask(d, hn::Gt(crossings, set(kMaxCrossings)))));
     Uints how = set(uint32_t{Rays::kEscaped});
     how = hn::IfThenElse(for_uints(at_surface), set(uint32_t{Rays::kSurface}), how);
     how = hn::IfThenElse(for_uints(spent), set(uint32_t{Rays::kSpent}), how);
     how = hn::IfThenElse(for_uints(lost), set(uint32_t{Rays::kLeaked}), how);
-    const LaneBits ended = bits_of(hn::Or(missed, lost));
-    if (ended != 0) {
-      end_lines(ended, how, at_surface, place);
+    const Mask ended = hn::Or(missed, lost);
+    if (!hn::AllFalse(d, ended)) {
+      end_lines(ended, v, how, at_surface, place);
+      busy_ &= ~bits_of(ended, v);
     }
-    busy_ &= ~ended;
   }
 
   // Whether what the grid knows allows that points lie in the medium.
-  Mask may_be_inside(Vectors p) const {
-    const Uints word = load(word_);
-    const Mask denied = hn::Not(not_zero(hn::And(word, set(Grid::kOccupied | Grid::kInside))));
+  Mask may_be_inside(Vectors p, size_t v) const {
+    const Mask allowed =
+        not_zero(hn::And(load(word_, v), set(Grid::kOccupied | Grid::kInside)));
     const float margin = 16 * FLT_EPSILON * boundary_.extent;
-    const auto within = [&](Floats v, float low, float high) {
-      return hn::And(hn::Ge(v, set(low - margin)), hn::Le(v, set(high + margin)));
+    const auto within = [&](Floats x, float low, float high) {
+      return hn::And(hn::Ge(x, set(low - margin)), hn::Le(x, set(high + margin)));
     };
     const Bounds& box = boundary_.bounds;
-    return hn::AndNot(denied, hn::And(within(p.x, box.min.x, box.max.x),
-                                      hn::And(within(p.y, box.min.y, box.max.y),
-                                              within(p.z, box.min.z, box.max.z))));
+    return hn::And(allowed, hn::And(within(p.x, box.min.x, box.max.x),
+                                    hn::And(within(p.y, box.min.y, box.max.y),
+                                            within(p.z, box.min.z, box.max.z))));
   }
 
   // Writes results. A point on a surface is put into the plane of its triangle, so that a level
   // floor stays level.
-  void end_lines(LaneBits ended, Uints how, Mask at_surface, Vectors place) {
-    const Uints surface =
-        hn::IfThenElse(for_uints(at_surface), load(surface_), set(Surfaces::kNone));
+  void end_lines(Mask ended, size_t v, Uints how, Mask at_surface, Vectors place) {
+    // Lines that have not ended write to the spare place behind the last slot.
+    const Ints ray = hn::BitCast(
+        IntTag(),
+        hn::IfThenElse(for_uints(ended), load(ray_, v), set(static_cast<uint32_t>(kSlots))));
+    const auto write = [&](Floats from, FloatColumn& column) {
+      hn::ScatterIndex(from, FloatTag(), column.data(), ray);
+    };
+    write(load(in_medium_, v), rays_.in_medium);
+    const Uints entered = hn::ShiftLeft<2>(load(entered_, v));
+    hn::ScatterIndex(hn::Or(how, entered), UintTag(), rays_.outcome.data(), ray);
+    if (!places_) {
+      return;
+    }
+    Uints what = load(inside_, v);
     if (!hn::AllFalse(FloatTag(), at_surface)) {
       const Surfaces& surfaces = boundary_.surfaces;
-      const Ints index = hn::BitCast(
-          IntTag(), hn::IfThenElseZero(for_uints(at_surface), load(surface_)));
-      const auto gather = [&](const Surfaces::Vectors& v) {
-        return Vectors{hn::GatherIndex(FloatTag(), v.x.data(), index),
-                       hn::GatherIndex(FloatTag(), v.y.data(), index),
-                       hn::GatherIndex(FloatTag(), v.z.data(), index)};
+      const Uints triangle = hn::IfThenElseZero(for_uints(at_surface), load(surface_, v));
+      const Ints index = hn::BitCast(IntTag(), triangle);
+      const auto gather = [&](const Surfaces::Vectors& from) {
+        return Vectors{hn::GatherIndex(FloatTag(), from.x.data(), index),
+                       hn::GatherIndex(FloatTag(), from.y.data(), index),
+                       hn::GatherIndex(FloatTag(), from.z.data(), index)};
       };
       const Vectors normal = gather(surfaces.normals);
       const Floats off = dot(place - gather(surfaces.corners[0]), normal);
       place = if_then_else(at_surface, place - normal * off, place);
+      const Uints number = hn::ShiftLeft<1>(hn::Add(triangle, set(uint32_t{1})));
+      what = hn::Or(what, hn::IfThenElseZero(for_uints(at_surface), number));
     }
-    // Lanes that have not ended write to the spare place behind the last slot.
-    const Mask mask = mask_of(ended);
-    const Ints ray = hn::BitCast(
-        IntTag(), hn::IfThenElse(for_uints(mask), load(ray_), set(static_cast<uint32_t>(kSlots))));
-    const auto write = [&](Floats v, FloatColumn& column) {
-      hn::ScatterIndex(v, FloatTag(), column.data(), ray);
-    };
-    const auto write_bits = [&](Uints v, UintColumn& column) {
-      hn::ScatterIndex(v, UintTag(), column.data(), ray);
-    };
     write(place.x, rays_.position.x);
     write(place.y, rays_.position.y);
     write(place.z, rays_.position.z);
-    write(load(in_medium_), rays_.in_medium);
-    write_bits(how, rays_.end);
-    write_bits(load(entered_), rays_.entered);
-    write_bits(load(inside_), rays_.inside);
-    write_bits(surface, rays_.surface);
+    hn::ScatterIndex(what, UintTag(), rays_.place.data(), ray);
   }
 
   // More crossings than this on one line mean that rounding has trapped it.
@@ -552,26 +614,39 @@ class Traveller {
   const Grid& grid_;
   Rays& rays_;
   const size_t count_;
+  const bool places_;
   size_t next_ray_ = 0;
-  LaneBits busy_ = 0;      // lanes that have a line
-  LaneBits stepping_ = 0;  // lanes whose query is under way
+  LineBits busy_ = 0;      // lines that have a ray
+  LineBits stepping_ = 0;  // lines whose query is under way
 
-  // By lane; values of lanes without a line are never used, but are loaded.
-  PerLaneVectors origin_{}, direction_{};
-  PerLaneVectors cells_origin_{};     // in cells from the grid's corner
-  PerLaneVectors cells_direction_{};  // in cells per mm
-  PerLaneVectors mm_per_cell_{};
-  PerLaneVectors cell_{};
-  alignas(64) PerLane<float> slack_{}, t_{}, in_medium_{}, budget_{};
-  alignas(64) PerLane<float> last_exit_{}, last_entry_{};
-  alignas(64) PerLane<float> t_min_{}, end_{}, grid_end_{}, hit_{}, side_{};
-  alignas(64) PerLane<float> surface_t_{}, surface_from_{};
-  alignas(64) PerLane<uint32_t> inside_{}, entered_{}, crossings_{}, word_{}, ray_{};
-  alignas(64) PerLane<uint32_t> surface_{}, surface_known_{}, excluded_{};
+  // By line; values of free lines are never used, but are loaded.
+  PerLineVectors origin_{}, direction_{};
+  PerLineVectors cells_origin_{};     // in cells from the grid's corner
+  PerLineVectors cells_direction_{};  // in cells per mm
+  PerLineVectors mm_per_cell_{};
+  PerLineVectors cell_{};
+  PerLine<float> slack_{}, t_{}, in_medium_{}, budget_{};
+  PerLine<float> last_exit_{}, last_entry_{};
+  PerLine<float> t_min_{}, end_{}, grid_end_{}, hit_{}, side_{};
+  PerLine<float> surface_t_{}, reach_{};
+  PerLine<uint32_t> inside_{}, entered_{}, crossings_{}, word_{}, ray_{};
+  PerLine<uint32_t> surface_{}, surface_unknown_{}, excluded_{}, octant_{};
+
+  // Parts of blocks with triangles that a line passes within.
+  struct Passed {
+    alignas(64) std::array<float, kMaxLanes> sides[3];
+    int line;
+    LineBits hits;
+    const Vec3f (*triangles)[3];
+    Vec3f middle;
+  };
+  static constexpr size_t kPassed = 32;
+  Passed passed_[kPassed];
 };
 
-HWY_INLINE void travel(const Boundary& boundary, Rays& rays, size_t count) {
-  Traveller(boundary, rays, count).run();
+// Follows the first `count` rays; without `places`, does not say where they end.
+HWY_INLINE void travel(const Boundary& boundary, Rays& rays, size_t count, bool places) {
+  Traveller(boundary, rays, count, places).run();
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

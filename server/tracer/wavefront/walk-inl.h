@@ -61,12 +61,12 @@ struct Walks {
     for (VectorColumn* column : vectors) {
       column->set(to, column->at(from));
     }
-    for (UintColumn* column : {&rays.inside, &rays.surface, &pixel, &sample, &vertex,
+    for (UintColumn* column : {&rays.place, &pixel, &sample, &vertex,
                                &on_camera_ray, &hit, &leaked, &alive, &steps}) {
       (*column)[to] = (*column)[from];
     }
     for (FloatColumn* column :
-         {&rays.behind, &baseline, &weight, &weight_derivative, &score_sigma_t, &score_g, &density,
+         {&baseline, &weight, &weight_derivative, &score_sigma_t, &score_g, &density,
           &first_flight, &radiance, &d_sigma_t, &d_albedo, &d_g, &zero_sigma_t, &zero_g}) {
       (*column)[to] = (*column)[from];
     }
@@ -157,7 +157,7 @@ class Wavefront {
       store(uniform(words.w[2]), walks_.u2, i);
       store(uniform(words.w[3]), walks_.u3, i);
     }
-    travel(scene_.boundary, walks_.rays, count_);
+    travel(scene_.boundary, walks_.rays, count_, true);
   }
 
   // What happens at the ends of the flights: light is met, or the path is scattered or reflected.
@@ -165,7 +165,7 @@ class Wavefront {
     connections_.count = 0;
     for (size_t i = 0; i < count_; i += lanes()) {
       const Mask live = hn::FirstN(FloatTag(), count_ - i);
-      const Uints end = load(walks_.rays.end, i);
+      const Uints end = hn::And(load(walks_.rays.outcome, i), set(Rays::kEndMask));
       const Mask spent = is(end, Rays::kSpent), surface = is(end, Rays::kSurface);
       book_flight(i, spent);
       const Mask escaped = hn::And(live, is(end, Rays::kEscaped));
@@ -196,7 +196,7 @@ class Wavefront {
     store(hn::Add(load(walks_.score_sigma_t, i), score), walks_.score_sigma_t, i);
     store(plus_product(load(walks_.zero_sigma_t, i), score, load(walks_.weight, i)),
           walks_.zero_sigma_t, i);
-    const Uints entered = load(walks_.rays.entered, i);
+    const Uints entered = hn::And(hn::ShiftRight<2>(load(walks_.rays.outcome, i)), set(uint32_t{1}));
     store(hn::Add(load(walks_.steps, i), entered), walks_.steps, i);
     const auto first = for_uints(is(load(walks_.vertex, i), 1));
     store(hn::IfThenElse(first, entered, load(walks_.hit, i)), walks_.hit, i);
@@ -240,9 +240,9 @@ class Wavefront {
     Floats factor = set(albedo_);
     Vectors axis = before;
     if (!all_in_medium) {
-      const Ints triangle = hn::BitCast(
-          IntTag(), hn::IfThenZeroElse(for_uints(spent), load(walks_.rays.surface, i)));
-      const Ints at = hn::IfThenElseZero(hn::RebindMask(IntTag(), vertices), triangle);
+      const Mask on_surface = hn::AndNot(spent, vertices);
+      const Uints triangle = hn::Sub(hn::ShiftRight<1>(load(walks_.rays.place, i)), set(uint32_t{1}));
+      const Ints at = hn::BitCast(IntTag(), hn::IfThenElseZero(for_uints(on_surface), triangle));
       const Surfaces& surfaces = scene_.boundary.surfaces;
       factor = hn::IfThenElse(spent, factor, gather(surfaces.reflectances.data(), at));
       const Vectors normal{gather(surfaces.normals.x.data(), at),
@@ -295,7 +295,6 @@ class Wavefront {
     store(plus_product(load(walks_.zero_g, i), score, weight), walks_.zero_g, i);
     store(hn::IfThenZeroElse(for_uints(vertices), load(walks_.on_camera_ray, i)),
           walks_.on_camera_ray, i);
-    store(zero, walks_.rays.behind, i);
   }
 
   // Next-event estimation: light along one direction drawn from the lights.
@@ -351,8 +350,7 @@ class Wavefront {
     };
     append_vectors(load(walks_.rays.position, i), connections_.rays.position);
     append_vectors(light.direction, connections_.rays.direction);
-    append_uints(load(walks_.rays.inside, i), connections_.rays.inside);
-    append_uints(load(walks_.rays.surface, i), connections_.rays.surface);
+    append_uints(load(walks_.rays.place, i), connections_.rays.place);
     append(hn::Mul(limit, set(1 / sigma_t_)), connections_.rays.budget);
     append(undimmed, connections_.light);
     append(worth, connections_.worth);
@@ -364,11 +362,11 @@ class Wavefront {
 
   // Traces the connections, and adds the light that they bring, dimmed by the medium.
   void connect() {
-    travel(scene_.boundary, connections_.rays, connections_.count);
+    travel(scene_.boundary, connections_.rays, connections_.count, false);
     const FloatTag d;
     for (size_t i = 0; i < connections_.count; i += lanes()) {
       const Mask live = hn::FirstN(d, connections_.count - i);
-      const Uints end = load(connections_.rays.end, i);
+      const Uints end = hn::And(load(connections_.rays.outcome, i), set(Rays::kEndMask));
       // Lanes beyond the last connection add nothing, in the spare slot.
       const Ints slot = hn::BitCast(
           IntTag(), hn::IfThenElse(for_uints(live), load(connections_.slot, i),
@@ -496,9 +494,7 @@ class Wavefront {
     walks_.baseline[slot] = order.baseline;
     walks_.rays.position.set(slot, ray.origin);
     walks_.rays.direction.set(slot, ray.direction);
-    walks_.rays.behind[slot] = ray.behind;
-    walks_.rays.inside[slot] = scene_.camera_inside ? 1 : 0;
-    walks_.rays.surface[slot] = Surfaces::kNone;
+    walks_.rays.place[slot] = scene_.camera_inside ? Rays::kInside : 0;
     walks_.first_flight[slot] = u[2];
     walks_.weight[slot] = 1;
     walks_.vertex[slot] = walks_.on_camera_ray[slot] = walks_.alive[slot] = 1;

@@ -1,6 +1,8 @@
-// The wavefront, compiled once for every instruction set that Highway knows and chosen at run time.
-// Multiplications and additions are not contracted (-ffp-contract=off), so that every width computes
-// the same bits.
+// The wavefront, compiled for every instruction set with fused multiply-add that Highway knows, and
+// for none at all, and chosen at run time. Multiplications and additions are fused where the code
+// says so, not where the compiler likes (-ffp-contract=off), so that every width computes the same
+// bits.
+#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "server/tracer/wavefront/wavefront.cpp"
 #include <hwy/foreach_target.h>
@@ -21,7 +23,7 @@ void run_wavefront(const Scene::Compiled& scene, const RenderSettings& settings,
 }
 
 void follow_rays(const Boundary& boundary, Rays& rays, size_t count) {
-  travel(boundary, rays, count);
+  travel(boundary, rays, count, true);
 }
 
 void evaluate_all(const LightTables& lights, LightProbe& probe, size_t count) {

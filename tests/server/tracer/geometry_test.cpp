@@ -46,24 +46,23 @@ class Lines {
     }
     rays_->position.set(0, from.position);
     rays_->direction.set(0, direction);
-    rays_->inside[0] = from.inside ? 1 : 0;
     rays_->budget[0] = budget;
-    rays_->behind[0] = 0;
-    rays_->surface[0] = from.on.surface == SurfaceTriangle::kNone
-                            ? Surfaces::kNone
-                            : boundary_->surfaces.first_triangle_of_mesh[from.on.surface] +
-                                  from.on.triangle;
+    rays_->place[0] = from.inside ? Rays::kInside : 0;
+    const auto& first = boundary_->surfaces.first_triangle_of_mesh;
+    if (from.on.surface != SurfaceTriangle::kNone) {
+      rays_->place[0] |= Rays::on_surface(first[from.on.surface] + from.on.triangle);
+    }
     follow(*boundary_, *rays_, 1);
     Travel travel;
-    travel.end = static_cast<End>(rays_->end[0]);
+    travel.end = static_cast<End>(rays_->outcome[0] & Rays::kEndMask);
     travel.in_medium = rays_->in_medium[0];
-    travel.entered = rays_->entered[0] != 0;
+    travel.entered = (rays_->outcome[0] & Rays::kEntered) != 0;
     travel.place.position = rays_->position.at(0);
-    travel.place.inside = rays_->inside[0] != 0;
+    travel.place.inside = (rays_->place[0] & Rays::kInside) != 0;
     if (travel.end == End::kSurface) {
-      const auto& first = boundary_->surfaces.first_triangle_of_mesh;
-      const auto mesh = std::upper_bound(first.begin(), first.end(), rays_->surface[0]) - 1;
-      travel.place.on = {static_cast<uint32_t>(mesh - first.begin()), rays_->surface[0] - *mesh};
+      const uint32_t triangle = Rays::surface_of(rays_->place[0]);
+      const auto mesh = std::upper_bound(first.begin(), first.end(), triangle) - 1;
+      travel.place.on = {static_cast<uint32_t>(mesh - first.begin()), triangle - *mesh};
     }
     return travel;
   }
