@@ -12,7 +12,8 @@ Installs Mitsuba from the package index that pip is configured for into a virtua
 (Debian: python3-venv). Mitsuba needs libLLVM 16 or later (Debian: libllvm19), found by
 DRJIT_LIBLLVM_PATH or below /usr/lib. Beyond that: what client/examples/itn_client.py needs.
 
-Exit codes: 0 both agree, 1 they do not, 2 command line, 77 skipped since something is missing.
+Exit codes: 0 both agree, 1 they do not, or an error, 2 command line, 77 skipped since something is
+missing.
 """
 import argparse
 import dataclasses
@@ -45,7 +46,7 @@ SCENES = [("armadillo", (30, .39, 0)), ("armadillo", (100, .87, .4)), ("armadill
 STAND_INS = {"armadillo": "spiky ball", "bunny": "bumpy ball"}
 
 ESTIMATES = 4           # K of the U-statistic in itn's loss gradient
-PILOT_SPP = 4           # of those samples, how many find out where the noise is
+PILOT_SPP = 4           # of the coarse render that tells itn where the noise is; in its CPU time
 TARGET_SPP = 256
 TARGET_SEED = 2 ** 40   # apart from the repetitions' seeds
 ON_OBJECT = 0.99        # a pixel counts if at least so much of it shows the object
@@ -61,6 +62,13 @@ def skip(message):
 # What must be there: arguments, Mitsuba, libLLVM.
 
 
+def regular_expression(text):
+    try:
+        return re.compile(text)
+    except re.error as error:
+        raise argparse.ArgumentTypeError(f"{error}") from error
+
+
 def parse_arguments():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -70,7 +78,7 @@ def parse_arguments():
     parser.add_argument("--size", type=int, default=128,
                         help="width and height of the image, in pixels (default: 128)")
     parser.add_argument("--threads", type=int, default=2, help="of each renderer (default: 2)")
-    parser.add_argument("--scenes", type=re.compile, default="", metavar="REGEX",
+    parser.add_argument("--scenes", type=regular_expression, default="", metavar="REGEX",
                         help="only scenes whose name matches, e.g. 'cube' or '100,' (default: all)")
     parser.add_argument("--validation-data", type=pathlib.Path, metavar="DIR",
                         default=os.environ.get("ITN_VALIDATION_DATA"),
@@ -293,7 +301,7 @@ class Worker:
 
     def __init__(self, binary, threads):
         self.process = subprocess.Popen(
-            [binary, "--listen", "127.0.0.1:0", "--threads", str(threads),
+            [binary.resolve(), "--listen", "127.0.0.1:0", "--threads", str(threads),
              "--log-level", "warning"], stdout=subprocess.PIPE, text=True)
         address = self.process.stdout.readline().strip()
         if not address:
@@ -571,14 +579,16 @@ def z_of_sum(terms):
 
 
 def tiles(target):
-    """Averages over TILE x TILE squares, those at least a quarter full, as a matrix on the pixels.
+    """Averages over TILE x TILE squares, those at least a quarter full, as a matrix on the pixels;
+    and the squares' names.
 
     A tile's mean is nearly normal, as a pixel is not, and shows smaller differences."""
-    rows, columns = np.nonzero(target.on_object)
-    tile = rows // TILE * ARGUMENTS.size + columns // TILE
-    names, index, count = np.unique(tile, return_inverse=True, return_counts=True)
-    members = index == np.arange(len(names))[:, None]
-    return (members / count[:, None])[count >= TILE ** 2 / 4]
+    corners = np.argwhere(target.on_object) // TILE * TILE
+    tile, index, count = np.unique(corners, axis=0, return_inverse=True, return_counts=True)
+    full = count >= TILE ** 2 / 4
+    members = index == np.arange(len(tile))[:, None]
+    return ((members / count[:, None])[full],
+            [f"tile at row {row}, column {column}" for row, column in tile[full]])
 
 
 def z_scores(scene, target, measurements):
@@ -591,13 +601,14 @@ def z_scores(scene, target, measurements):
               for name in ("itn", "fine", "coarse")}
         return z_of_sum([(1, of["itn"]), (-1 - weight, of["fine"]), (weight, of["coarse"])])
 
-    averages = tiles(target)
+    averages, names = tiles(target)
     of_tiles = z("image", lambda values: values @ averages.T)
     scores = {"mean radiance": float(z("image", lambda values: values.mean(axis=1)))}
-    scores |= {f"tile {i}": float(score) for i, score in enumerate(of_tiles)}
-    # Many small differences: the sum of n squares has mean n and variance 2 n.
-    n = len(of_tiles)
-    scores["spread of the tiles"] = float(((of_tiles ** 2).sum() - n) / math.sqrt(2 * n))
+    scores |= dict(zip(names, of_tiles.tolist()))
+    # Many small differences: their squares add up to chi-square; to z after Wilson, Hilferty 1931.
+    spread = 2 / (9 * len(of_tiles))
+    scores["spread of the tiles"] = float(
+        (np.cbrt((of_tiles ** 2).mean()) - (1 - spread)) / math.sqrt(spread))
     for quantity, name in (("mean_derivative", "d mean radiance"), ("loss_gradient", "d loss")):
         scores |= {f"{name} / d {p}": float(score) for p, score in zip(PARAMETERS, z(quantity))}
     return scores
@@ -661,7 +672,7 @@ def print_table(result):
     print(f"{'geometric mean':73}" + ratios(result["geometric_mean"]))
     # The variance of a variance of n normal values is 2 / (n - 1), relatively; a ratio has two.
     error = math.sqrt(4 / (ARGUMENTS.repetitions - 1))
-    print(f"a ratio of the gradient's is known to {100 * error:.0f} %, its geometric mean to "
+    print(f"ratios of the gradient are known to {100 * error:.0f} %, their geometric means to "
           f"{100 * error / math.sqrt(len(result['scenes'])):.0f} % "
           f"({ARGUMENTS.repetitions} repetitions)")
     agreement = result["agreement"]

@@ -36,11 +36,10 @@ constexpr float kPi = std::numbers::pi_v<float>;
 // which is below the rounding of any sum it could be added to.
 constexpr float kMaxOpticalDepth = 50;
 
-// Roulette begins when the weight falls below this ...
-constexpr float kRouletteWeight = 0.1F;
-// ... where dW/d albedo counts with this factor: in thick media of high albedo the derivative comes
-// from long paths, whose W is small but whose dW/d albedo is not.
-constexpr float kRouletteDerivative = 0.05F;
+// Roulette as path tracers usually play it: from this vertex on, paths survive with the probability
+// of their weight, at most 0.95.
+constexpr uint32_t kRouletteVertex = 20;
+constexpr float kMostSurvival = 0.95F;
 
 // How many vertices of a path are visited between two looks at the stop token, the first look being
 // at its start: well under a millisecond.
@@ -206,15 +205,12 @@ class Walk {
     result_.derivatives[kG] += contribution * double{score_g};
   }
 
-  // What the path is worth following for.
-  float importance() const { return std::max(weight_, kRouletteDerivative * weight_derivative_); }
-
   // Russian roulette: a path of low weight ends, or goes on with the weight of those that ended.
   bool survive(float u) {
-    if (importance() >= kRouletteWeight) {
-      return true;
+    if (vertex_ < kRouletteVertex) {
+      return weight_ > 0 || weight_derivative_ > 0;
     }
-    const float probability = importance() / kRouletteWeight;
+    const float probability = std::min(kMostSurvival, weight_);
     if (u >= probability) {
       return false;
     }

@@ -4,7 +4,7 @@
 // A line is a sequence of queries: inside the medium for its next exit, outside for its next entry.
 // A query steps from cell to cell of the grid. kLines of them step at a time, several vectors full,
 // so that the processor has other work while one waits for memory. A line whose query has ended
-// waits until half of them have, then all that wait take their turn: the crossing is booked, and the
+// waits until most of them have, then all that wait take their turn: the crossing is booked, and the
 // next query of the line or a new line begins. Triangles are tested for one line at a time, a block
 // of sixteen at once, as neighbouring lines do not look at the same cells.
 #if defined(ITN_TRACER_WAVEFRONT_TRAVEL_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -33,6 +33,7 @@ constexpr size_t kLines = 64;
 
 // A set of lines, a bit each.
 using LineBits = uint64_t;
+constexpr LineBits kAllLines = ~LineBits{0} >> (64 - kLines);
 
 // Of the lines of the vector that begins with line v.
 HWY_INLINE Mask mask_of(LineBits bits, size_t v) {
@@ -121,7 +122,7 @@ class Traveller {
           begin_queries(mask_of(fresh | (waiting & busy_), v), v);
         }
       }
-      const int enough = next_ray_ < count_ ? kLines / 2 : 0;
+      const int enough = next_ray_ < count_ ? kLines / 4 : 0;
       while (std::popcount(stepping_) > enough) {
         step();
       }
@@ -132,7 +133,7 @@ class Traveller {
   // Gives the next rays to lines that are free; returns the lines that got one.
   LineBits take_rays() {
     LineBits taken = 0;
-    for (LineBits free = ~busy_; free != 0 && next_ray_ < count_; free &= free - 1) {
+    for (LineBits free = kAllLines & ~busy_; free != 0 && next_ray_ < count_; free &= free - 1) {
       const int line = std::countr_zero(free);
       ray_[line] = static_cast<uint32_t>(next_ray_++);
       taken |= LineBits{1} << line;

@@ -101,6 +101,34 @@ INSTANTIATE_TEST_SUITE_P(
                 }},
         Variant{"a pilot for baseline and samples", [](RenderSettings& s) { s.pilot_spp = 4; }}));
 
+// Images at other albedos from the same walks are those of their own walks.
+TEST(AlbedosTest, FromOneWalkAreThoseOfTheirOwn) {
+  const Scene scene(studio("smooth_star", {paper_sun_sky()}, 0.5F));
+  RenderSettings together{.material = {60, 0.95, 0.4}, .sample_count = 256};
+  together.albedos = {0.87, 0.59, 0};
+  std::vector<std::vector<double>> means_at(together.albedos.size());
+  for (uint64_t seed = 0; seed < 96; ++seed) {
+    together.seed = seed;
+    const RenderedImages images = means(render_grad(scene, together));
+    for (size_t a = 0; a < means_at.size(); ++a) {
+      double sum = 0;
+      for (const float v : images.estimates[0].at_albedos[a]) {
+        sum += v;
+      }
+      means_at[a].push_back(sum / static_cast<double>(images.mask.size()));
+    }
+  }
+  for (size_t a = 0; a < means_at.size(); ++a) {
+    RenderSettings alone = together;
+    alone.albedos.clear();
+    alone.material.albedo = together.albedos[a];
+    const FilmEstimate own = estimate_film(scene, alone, 96, 501);
+    expect_equal(over_batches(means_at[a]), own.radiance, 3,
+                 "albedo " + std::to_string(together.albedos[a]));
+    expect_resolution(over_batches(means_at[a]), own.radiance.mean, 0.01, "at albedo");
+  }
+}
+
 // The loss L = sum over pixels of (T - I)^2 has the gradient sum of 2 (T - I) dT. With independent
 // estimates A and B of T and dT, (T_A - I) dT_B + (T_B - I) dT_A is unbiased; with the same samples
 // in both factors it is not, and the test must see that.
@@ -132,6 +160,28 @@ class LossGradientTest : public ::testing::Test {
 
   double residual(const RenderedImages& images, size_t k, size_t p) const {
     return static_cast<double>(images.estimates[k].radiance[p]) - static_cast<double>(target_[p]);
+  }
+
+  // Gradient of the loss, and the loss, from all pairs of different estimates.
+  std::array<double, kCoordinates + 1> pair_loss(const RenderedImages& images) const {
+    std::array<double, kCoordinates + 1> result{};
+    const size_t count = images.estimates.size();
+    const double pairs = static_cast<double>(count * (count - 1));
+    for (size_t p = 0; p < target_.size(); ++p) {
+      for (size_t i = 0; i < count; ++i) {
+        for (size_t j = 0; j < count; ++j) {
+          if (i == j || images.mask[p] == 0) {
+            continue;
+          }
+          for (size_t c = 0; c < kCoordinates && !images.estimates[j].derivatives[c].empty(); ++c) {
+            result[c] += 2 * residual(images, i, p) *
+                         static_cast<double>(images.estimates[j].derivatives[c][p]) / pairs;
+          }
+          result[kCoordinates] += residual(images, i, p) * residual(images, j, p) / pairs;
+        }
+      }
+    }
+    return result;
   }
 
   Scene scene_;
@@ -168,6 +218,42 @@ TEST_F(LossGradientTest, TwoEstimatesAreUnbiasedAndOneIsNot) {
   std::printf("  the same samples twice: %.4g +- %.2g, z = %+.1f\n", biased.mean,
               biased.standard_error, z);
   EXPECT_GT(std::abs(z), 2 * z_threshold(1)) << "the test could not tell a biased gradient";
+}
+
+// The gradient as training asks for it, few samples and everything that makes it quieter, against
+// finite differences of the loss.
+TEST_F(LossGradientTest, WithPilotAndFourEstimatesIsUnbiased) {
+  const Material material{30, 0.8, 0.2};
+  constexpr std::array<double, kCoordinates> kSteps{3, 0.02, 0.05};
+  const std::vector<float> weight(target_.size(), 1);
+  RenderSettings settings{.material = material, .sample_count = 256, .estimates = 4};
+  settings.pilot_spp = 4;
+  settings.pixels = Pixels::kObject;
+  const auto loss_of = [&](const RenderSettings& s) {
+    return pair_loss(means(render_grad(scene_, s)));
+  };
+  for (size_t c = 0; c < kCoordinates; ++c) {
+    std::vector<double> slopes, gradients;
+    for (uint64_t seed = 0; seed < 96; ++seed) {
+      RenderSettings s = settings;
+      s.sample_count = 1024;
+      s.seed = seed;
+      const auto moved = [&](double by) {
+        s.material = material;
+        (c == kSigmaT ? s.material.sigma_t : c == kAlbedo ? s.material.albedo : s.material.g) += by;
+        return loss_of(s)[kCoordinates];
+      };
+      slopes.push_back((moved(kSteps[c]) - moved(-kSteps[c])) / (2 * kSteps[c]));
+    }
+    settings.derivatives = true;
+    settings.sample_count = 16;
+    for (uint64_t seed = 1000; seed < 5000; ++seed) {
+      settings.seed = seed;
+      gradients.push_back(loss_of(settings)[c]);
+    }
+    expect_equal(over_batches(gradients), over_batches(slopes), kCoordinates,
+                 "coordinate " + std::to_string(c));
+  }
 }
 
 }  // namespace

@@ -1,10 +1,16 @@
 // What a render promises: the same bits in every arrangement, sums of parts, cancellation, errors.
+// Those that the tracer is compiled for.
+#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4)
+
 #include "server/tracer/render.h"
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
 #include <thread>
+
+#include <hwy/targets.h>
 
 #include "common/error.h"
 #include "tests/server/tracer/scenes.h"
@@ -27,11 +33,23 @@ RenderSettings settings() {
           .estimates = 3};
 }
 
+EnvironmentMapLight small_map() {
+  EnvironmentMapLight map;
+  map.width = 16;
+  map.height = 8;
+  for (int i = 0; i < 3 * map.width * map.height; ++i) {
+    map.rgb.push_back(static_cast<float>(i * 13 % 31) / 10);
+  }
+  return map;
+}
+
 void expect_same(const FilmSums& a, const FilmSums& b) {
   ASSERT_EQ(a.estimates.size(), b.estimates.size());
   for (size_t k = 0; k < a.estimates.size(); ++k) {
     EXPECT_EQ(a.estimates[k].radiance, b.estimates[k].radiance);
     EXPECT_EQ(a.estimates[k].derivatives, b.estimates[k].derivatives);
+    EXPECT_EQ(a.estimates[k].at_albedos, b.estimates[k].at_albedos);
+    EXPECT_EQ(a.estimates[k].counts, b.estimates[k].counts);
   }
   EXPECT_EQ(a.squares, b.squares);
   EXPECT_EQ(a.hits, b.hits);
@@ -58,18 +76,106 @@ TEST(RenderTest, PartsAddUpToTheWhole) {
   EXPECT_EQ(means(parts).standard_error, means(whole).standard_error);
 }
 
+// The same bits from vectors of every width, and from none.
+TEST(RenderTest, InstructionSetsDoNotMatter) {
+  RenderSettings s = settings();
+  s.pilot_spp = 4;
+  s.albedos = {0.5};
+  const Scene map_lit(studio("twist", {ConstantEnvironment{0.2}, small_map()}, 0.5F, 16));
+  for (const Scene* scene : {&mug_in_the_sun(), &map_lit}) {
+    const FilmSums best = render_grad(*scene, s);
+    int sets = 0;
+    for (const int64_t target : hwy::SupportedAndGeneratedTargets()) {
+      hwy::SetSupportedTargetsForTest(target);
+      expect_same(render_grad(*scene, s), best);
+      hwy::SetSupportedTargetsForTest(0);
+      ++sets;
+    }
+    EXPECT_GE(sets, 1);
+    std::printf("  %d instruction sets\n", sets);
+  }
+}
+
+// Parts of a render with a pilot take their part of every pixel's samples.
+TEST(RenderTest, PartsWithAPilotAddUpToTheWhole) {
+  RenderSettings whole = settings();
+  whole.pilot_spp = 4;
+  whole.spp = whole.sample_count;
+  RenderSettings first = whole, second = whole;
+  first.sample_count = 5;
+  second.first_sample = 5;
+  second.sample_count = 7;
+  FilmSums parts = render_grad(mug_in_the_sun(), second);
+  merge(parts, render_grad(mug_in_the_sun(), first));
+  const FilmSums all = render_grad(mug_in_the_sun(), whole);
+  for (size_t k = 0; k < all.estimates.size(); ++k) {
+    EXPECT_EQ(parts.estimates[k].counts, all.estimates[k].counts);
+    EXPECT_EQ(parts.estimates[k].radiance, all.estimates[k].radiance);
+    EXPECT_EQ(parts.estimates[k].derivatives, all.estimates[k].derivatives);
+  }
+}
+
+TEST(RenderTest, APilotMovesSamplesToTheNoise) {
+  RenderSettings s = settings();
+  s.sample_count = 64;
+  s.pilot_spp = 8;
+  const FilmSums sums = render_grad(mug_in_the_sun(), s);
+  uint64_t total = 0;
+  uint32_t least = UINT32_MAX, most = 0;
+  for (size_t p = 0; p < sums.squares.size(); ++p) {
+    uint32_t n = 0;
+    for (const auto& estimate : sums.estimates) {
+      n += estimate.counts[p];
+    }
+    total += n;
+    least = std::min(least, n);
+    most = std::max(most, n);
+  }
+  const auto pixels = static_cast<double>(sums.squares.size());
+  EXPECT_NEAR(static_cast<double>(total) / pixels, 64, 2);
+  EXPECT_GE(least, 15U);
+  EXPECT_GT(10 * most, 13 * least);
+}
+
+TEST(RenderTest, ObjectPixelsAreThoseOfTheWhole) {
+  RenderSettings object = settings();
+  object.pixels = Pixels::kObject;
+  const FilmSums part = render_grad(mug_in_the_sun(), object);
+  const FilmSums whole = render_grad(mug_in_the_sun(), settings());
+  int rendered = 0, missed = 0;
+  for (size_t p = 0; p < whole.squares.size(); ++p) {
+    const bool sees = part.estimates[0].counts[p] > 0;
+    rendered += sees ? 1 : 0;
+    EXPECT_EQ(part.estimates[0].radiance[p], sees ? whole.estimates[0].radiance[p] : 0);
+    missed += !sees && whole.hits[p] > 2 ? 1 : 0;  // of 12 camera rays
+  }
+  EXPECT_GT(rendered, 100);
+  EXPECT_LT(rendered, 24 * 24 - 50);
+  EXPECT_EQ(missed, 0);
+}
+
+TEST(RenderTest, TheMaterialsOwnAlbedoIsTheImage) {
+  RenderSettings s = settings();
+  s.albedos = {s.material.albedo, 0};
+  const FilmSums sums = render_grad(mug_in_the_sun(), s);
+  EXPECT_EQ(sums.estimates[1].at_albedos[0], sums.estimates[1].radiance);
+  EXPECT_NE(sums.estimates[1].at_albedos[1], sums.estimates[1].radiance);
+}
+
 TEST(RenderTest, DerivativesDoNotChangeTheImage) {
-  RenderSettings image = settings();
+  RenderSettings both = settings(), image = settings();
+  both.walk_roulette = image.walk_roulette = 0.3;  // the default differs
   image.derivatives = false;
   EXPECT_EQ(render_grad(mug_in_the_sun(), image).estimates[1].radiance,
-            render_grad(mug_in_the_sun(), settings()).estimates[1].radiance);
+            render_grad(mug_in_the_sun(), both).estimates[1].radiance);
 }
 
 TEST(RenderTest, EstimatesShareTheSamples) {
-  RenderSettings single = settings();
+  RenderSettings several = settings(), single = settings();
+  several.stratified = single.stratified = false;  // sequences belong to estimates
   single.estimates = 1;
   const FilmSums whole = render_grad(mug_in_the_sun(), single);
-  FilmSums shared = render_grad(mug_in_the_sun(), settings());
+  FilmSums shared = render_grad(mug_in_the_sun(), several);
   for (size_t k = 1; k < shared.estimates.size(); ++k) {
     for (size_t p = 0; p < whole.squares.size(); ++p) {
       shared.estimates[0].radiance[p] += shared.estimates[k].radiance[p];
@@ -97,10 +203,12 @@ TEST(RenderTest, SeedsAreIndependent) {
             render_grad(mug_in_the_sun(), settings()).estimates[0].radiance);
 }
 
-// The standard error is that of the mean: over many seeds, the mean of its square is the variance.
-TEST(RenderTest, StandardErrorIsCalibrated) {
+// The standard error is that of the mean of independent samples: over many seeds, the mean of its
+// square is the variance. Stratified samples do better than it claims.
+double claimed_over_measured_variance(bool stratified) {
   const Scene scene(studio("cube", {paper_sun_sky()}, 0.5F, 8));
   RenderSettings s{.material = {30, 0.8, 0}, .sample_count = 32};
+  s.stratified = stratified;
   constexpr int kSeeds = 200;
   std::vector<double> sum(64), squares(64), claimed(64);
   for (int seed = 0; seed < kSeeds; ++seed) {
@@ -118,7 +226,12 @@ TEST(RenderTest, StandardErrorIsCalibrated) {
     measured_variance += (squares[p] - sum[p] * sum[p] / kSeeds) / (kSeeds - 1);
     claimed_variance += claimed[p] / kSeeds;
   }
-  EXPECT_NEAR(claimed_variance / measured_variance, 1, 0.05);
+  return claimed_variance / measured_variance;
+}
+
+TEST(RenderTest, StandardErrorIsCalibrated) {
+  EXPECT_NEAR(claimed_over_measured_variance(false), 1, 0.05);
+  EXPECT_GT(claimed_over_measured_variance(true), 1.1);
 }
 
 TEST(RenderTest, MaskIsTheObject) {
@@ -169,13 +282,18 @@ TEST(RenderTest, StopsSoon) {
 }
 
 TEST(RenderTest, RefusesBadSettings) {
-  std::vector<RenderSettings> bad(6, settings());
+  std::vector<RenderSettings> bad(10, settings());
   bad[0].material.albedo = 1.2;
   bad[1].material.g = 1;
   bad[2].material.sigma_t = 0;
   bad[3].material.sigma_t = std::nan("");
   bad[4].estimates = 17;
   bad[5].sample_count = 2;  // fewer than estimates
+  bad[6].albedos = {0.95};  // above that of the material
+  bad[7].albedos.assign(kMaxAlbedos + 1, 0.1);
+  bad[8].pilot_spp = 65;
+  bad[9].tracer = Tracer::kReference;
+  bad[9].pilot_spp = 1;
   for (size_t i = 0; i < bad.size(); ++i) {
     EXPECT_THROW(render_grad(mug_in_the_sun(), bad[i]), Error) << "row " << i;
   }

@@ -13,6 +13,8 @@
 #include "server/tracer/phase.h"
 #include "server/tracer/random.h"
 #include "server/tracer/sky.h"
+#include "server/tracer/wavefront/low_discrepancy.h"
+#include "server/tracer/wavefront/wavefront.h"
 #include "tests/server/tracer/scenes.h"
 
 namespace itn::testing {
@@ -266,6 +268,80 @@ INSTANTIATE_TEST_SUITE_P(Kinds, LightTest,
                                                                        .sun_scale = 0}},
                                            LightRow{"map", checkered_map()},
                                            LightRow{"constant", ConstantEnvironment{2}}));
+
+// The wavefront evaluates the same tables, many directions at a time.
+TEST_P(LightTest, TheWavefrontHasTheSameLights) {
+  const Lights lights({GetParam().light}, Channel::kLuminance);
+  const LightTables tables(lights);
+  const auto probe = std::make_unique<LightProbe>();
+  int different = 0;
+  std::vector<double> scalar, wavefront;
+  for (uint32_t batch = 0; batch < 200; ++batch) {
+    for (uint32_t i = 0; i < kSlots; ++i) {
+      probe->direction.set(i, uniform_direction(SampleRandom(4, 0, batch).at(i, 0)));
+    }
+    evaluate_lights(tables, *probe, kSlots);
+    for (uint32_t i = 0; i < kSlots; ++i) {
+      const Vec3f d = probe->direction.at(i);
+      const auto differ = [](float a, float b) { return std::abs(a - b) > 1e-3F * (b + 1e-3F); };
+      // At the rim of the sun and at the edges of cells rounding decides.
+      different += differ(probe->radiance[i], lights.radiance(d)) ||
+                           differ(probe->density[i], lights.pdf(d))
+                       ? 1
+                       : 0;
+    }
+    draw_lights(tables, 100 + batch, *probe, kSlots);
+    for (uint32_t i = 0; i < kSlots; ++i) {
+      const Vec3f d = probe->direction.at(i);
+      EXPECT_NEAR(length(d), 1, 1e-5);
+      EXPECT_NEAR(probe->density[i] / lights.pdf(d), 1, 0.3) << "direction of density 0";
+      wavefront.push_back(probe->weight[i] * (1 + 0.5F * d.x + 0.3F * d.y * d.z));
+      const Uniforms v = SampleRandom(5, 0, batch).at(i, 1);
+      const LightSample sample = lights.sample(fine(v[0], v[1]), v[2], v[3]);
+      scalar.push_back(sample.weight * (1 + 0.5F * sample.direction.x +
+                                        0.3F * sample.direction.y * sample.direction.z));
+    }
+  }
+  EXPECT_LT(different, 200 * kSlots / 1000);
+  expect_equal(over_batches(wavefront), over_batches(scalar), 4, GetParam().name);
+}
+
+// Every prefix of a power of two has one point in each of as many equal intervals, in each
+// dimension, whatever the scrambles.
+TEST(LowDiscrepancyTest, PrefixesAreStratified) {
+  for (uint32_t seed = 0; seed < 20; ++seed) {
+    for (const uint32_t n : {4U, 64U, 1024U}) {
+      std::array<std::vector<int>, 3> count;
+      count.fill(std::vector<int>(n));
+      for (uint32_t i = 0; i < n; ++i) {
+        const auto point = low_discrepancy_point(i, {seed, seed * 0x9E3779B9, ~seed});
+        for (size_t dimension = 0; dimension < 3; ++dimension) {
+          ++count[dimension][static_cast<size_t>(point[dimension] * static_cast<float>(n))];
+        }
+      }
+      for (const auto& intervals : count) {
+        EXPECT_EQ(intervals, std::vector<int>(n, 1));
+      }
+    }
+  }
+}
+
+// The mean of one point over many scrambles is that of a uniform number, as is its square.
+TEST(LowDiscrepancyTest, PointsAreUniform) {
+  std::array<std::vector<double>, 3> values, squares;
+  for (uint32_t i = 0; i < 40'000; ++i) {
+    const auto key = philox({i, 0, 0, 0}, {1, 2});
+    const auto point = low_discrepancy_point(5, {key[0], key[1], key[2]});
+    for (size_t dimension = 0; dimension < 3; ++dimension) {
+      values[dimension].push_back(point[dimension]);
+      squares[dimension].push_back(double{point[dimension]} * point[dimension]);
+    }
+  }
+  for (size_t dimension = 0; dimension < 3; ++dimension) {
+    expect_equal(over_batches(values[dimension]), {0.5, 0}, 6, "mean");
+    expect_equal(over_batches(squares[dimension]), {1.0 / 3, 0}, 6, "mean square");
+  }
+}
 
 // The sun's power does not depend on its angle, and its disc has the radiance that makes it so.
 TEST(LightsTest, AWiderSunIsDimmer) {
