@@ -14,7 +14,8 @@ double distance_to_box(const Bounds& box, Vec3d o, Vec3d d) {
   const double margin = 1e-3 * length(high - low);
   double near = 0, far = std::numeric_limits<double>::infinity();
   const auto clip = [&](double origin, double slope, double from, double to) {
-    const double a = (from - margin - origin) / slope, b = (to + margin - origin) / slope;
+    const double inverse = 1 / slope;
+    const double a = (from - margin - origin) * inverse, b = (to + margin - origin) * inverse;
     near = std::max(near, std::min(a, b));
     far = std::min(far, std::max(a, b));
   };

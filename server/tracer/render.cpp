@@ -113,24 +113,60 @@ FilmSums empty_sums(const Scene::Compiled& scene, const RenderSettings& settings
 class Distribution {
  public:
   Distribution(const Plan& plan, const RenderSettings& settings, FilmSums& sums)
-      : plan_(plan), settings_(settings), sums_(sums), per_radiance_(1 / sums.quantum) {
+      : plan_(plan),
+        settings_(settings),
+        sums_(sums),
+        per_radiance_(1 / sums.quantum),
+        per_square_(1 / sums.squares_quantum) {
     for (size_t i = 0; i < kCoordinates; ++i) {
       per_derivative_[i] = 1 / sums.derivative_quanta[i];
     }
   }
 
-  // One thread's part.
+  // Sums over some samples of an estimate of a pixel.
+  struct PixelSums {
+    static constexpr uint32_t kNone = ~0U;
+    uint32_t pixel = kNone, estimate = 0;
+    int64_t hits = 0, radiance = 0, squares = 0;
+    std::array<int64_t, kCoordinates> derivatives{};
+    std::array<int64_t, kMaxAlbedos> at_albedos{};
+  };
+
+  // One thread's part. Paths of a pixel come one soon after the other, so their sums are collected
+  // here before they go to the film, where other threads may be adding to the same pixels.
   class Desk final : public PathDesk {
    public:
     explicit Desk(Distribution& all) : all_(all) {}
     size_t take(std::span<PathOrder> orders) override { return all_.take(orders); }
     void deliver(const PathOrder& order, const PathEstimate& path) override {
-      all_.deliver(order, path, counters);
+      ++counters.paths;
+      counters.steps += path.steps;
+      const uint32_t estimate = order.sample % all_.settings_.estimates;
+      PixelSums& sums = collected_[(order.pixel + estimate) % kCollected];
+      if (sums.pixel != order.pixel || sums.estimate != estimate) {
+        all_.add(sums);
+        sums = {.pixel = order.pixel, .estimate = estimate};
+      }
+      sums.hits += path.hit ? 1 : 0;
+      if (path.leaked) {
+        ++counters.leaks;
+      } else if (!all_.collect(path, sums)) {
+        ++counters.invalid_samples;
+      }
+    }
+    // To be called when all is delivered.
+    void close() {
+      for (PixelSums& sums : collected_) {
+        all_.add(sums);
+        sums = {};
+      }
     }
     Counters counters;
 
    private:
+    static constexpr size_t kCollected = 64;
     Distribution& all_;
+    std::array<PixelSums, kCollected> collected_{};
   };
 
  private:
@@ -140,9 +176,10 @@ class Distribution {
       return 0;
     }
     const auto count = static_cast<size_t>(std::min<uint64_t>(orders.size(), plan_.paths - first));
-    auto at = std::upper_bound(plan_.pixels.begin(), plan_.pixels.end(), first,
-                               [](uint64_t path, const PlannedPixel& p) { return path < p.first_path; }) -
-              1;
+    const auto begins_after = [](uint64_t path, const PlannedPixel& p) {
+      return path < p.first_path;
+    };
+    auto at = std::upper_bound(plan_.pixels.begin(), plan_.pixels.end(), first, begins_after) - 1;
     for (size_t i = 0; i < count; ++i) {
       while (first + i >= at->first_path + at->sample_count) {
         ++at;
@@ -153,59 +190,55 @@ class Distribution {
     return count;
   }
 
-  void deliver(const PathOrder& order, const PathEstimate& path, Counters& counters) {
-    ++counters.paths;
-    counters.steps += path.steps;
-    if (path.hit) {
-      add(sums_.hits[order.pixel], 1);
-    }
-    if (path.leaked) {
-      ++counters.leaks;
-    } else if (!representable(path)) {
-      ++counters.invalid_samples;
-    } else {
-      add(order, path);
-    }
-  }
-
-  // The one door for NaN, infinities and values beyond the range of the sums.
-  bool representable(const PathEstimate& path) const {
-    bool result = std::abs(path.radiance * per_radiance_) < kMaxQuanta;  // false for NaN
+  // Adds a path to sums, unless it is NaN, infinite or beyond their range: the one door for these.
+  bool collect(const PathEstimate& path, PixelSums& sums) const {
+    const double radiance = path.radiance * per_radiance_;
+    bool representable = std::abs(radiance) < kMaxQuanta;  // false for NaN
     for (size_t i = 0; i < kCoordinates; ++i) {
-      result = result && std::abs(path.derivatives[i] * per_derivative_[i]) < kMaxQuanta;
+      representable =
+          representable && std::abs(path.derivatives[i] * per_derivative_[i]) < kMaxQuanta;
     }
     for (size_t a = 0; a < settings_.albedos.size(); ++a) {
-      result = result && std::abs(path.at_albedos[a] * per_radiance_) < kMaxQuanta;
+      representable = representable && std::abs(path.at_albedos[a] * per_radiance_) < kMaxQuanta;
     }
-    return result;
-  }
-
-  void add(const PathOrder& order, const PathEstimate& path) {
-    auto& estimate = sums_.estimates[order.sample % settings_.estimates];
-    const uint32_t pixel = order.pixel;
-    add(estimate.radiance[pixel], std::llrint(path.radiance * per_radiance_));
-    if (settings_.derivatives) {
-      for (size_t i = 0; i < kCoordinates; ++i) {
-        add(estimate.derivatives[i][pixel],
-            std::llrint(path.derivatives[i] * per_derivative_[i]));
-      }
+    if (!representable) {
+      return false;
+    }
+    sums.radiance += std::llrint(radiance);
+    sums.squares += std::llrint(std::min(path.radiance * path.radiance * per_square_, kMaxQuanta));
+    for (size_t i = 0; i < kCoordinates; ++i) {
+      sums.derivatives[i] += std::llrint(path.derivatives[i] * per_derivative_[i]);
     }
     for (size_t a = 0; a < settings_.albedos.size(); ++a) {
-      add(estimate.at_albedos[a][pixel], std::llrint(path.at_albedos[a] * per_radiance_));
+      sums.at_albedos[a] += std::llrint(path.at_albedos[a] * per_radiance_);
     }
-    add(sums_.squares[pixel],
-        std::llrint(std::min(path.radiance * path.radiance / sums_.squares_quantum, kMaxQuanta)));
+    return true;
   }
 
-  // Paths of a pixel may be with several threads; integers add up to the same in any order.
-  static void add(int64_t& sum, int64_t by) {
-    std::atomic_ref(sum).fetch_add(by, std::memory_order_relaxed);
+  void add(const PixelSums& part) {
+    if (part.pixel == PixelSums::kNone) {
+      return;
+    }
+    // Integers add up to the same in any order.
+    const auto add_to = [](int64_t& sum, int64_t by) {
+      std::atomic_ref(sum).fetch_add(by, std::memory_order_relaxed);
+    };
+    auto& estimate = sums_.estimates[part.estimate];
+    add_to(estimate.radiance[part.pixel], part.radiance);
+    for (size_t i = 0; i < kCoordinates && settings_.derivatives; ++i) {
+      add_to(estimate.derivatives[i][part.pixel], part.derivatives[i]);
+    }
+    for (size_t a = 0; a < settings_.albedos.size(); ++a) {
+      add_to(estimate.at_albedos[a][part.pixel], part.at_albedos[a]);
+    }
+    add_to(sums_.squares[part.pixel], part.squares);
+    add_to(sums_.hits[part.pixel], part.hits);
   }
 
   const Plan& plan_;
   const RenderSettings& settings_;
   FilmSums& sums_;
-  double per_radiance_;
+  double per_radiance_, per_square_;
   std::array<double, kCoordinates> per_derivative_{};
   std::atomic<uint64_t> next_ = 0;
 };
@@ -279,6 +312,7 @@ FilmSums render(const Scene::Compiled& scene, const RenderSettings& settings, co
     } else {
       trace_reference(scene, settings, desks[desk], stop);
     }
+    desks[desk].close();
     desks[desk].counters.cpu_seconds += thread_cpu_seconds() - start;
     order.end_iteration();
   };

@@ -16,6 +16,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -231,6 +232,7 @@ struct Options {
   int repetitions = 4;
   int resolution = 128;
   bool each = false;
+  double paths = 1e9;
 };
 
 // Every scene and material: {"scene": ..., "material": [...], "variants": {...}} lines.
@@ -270,6 +272,215 @@ void compare_scenes(const Options& options) {
   }
 }
 
+// The cube that the paper's own renderer was timed with, all pixels, the same samples in each.
+void time_paper_scene(const Options& options) {
+  const Material material{100, 0.8, 0.2};
+  const Scene scene(paper_scene(make_shape("cube"), 128));
+  std::vector<Variant> variants = {reference(material, 256), wavefront(material, 256)};
+  variants[1].settings.pilot_spp = 0;
+  for (Variant& variant : variants) {
+    std::vector<double> seconds;
+    for (int i = 0; i < options.repetitions; ++i) {
+      variant.settings.seed = static_cast<uint64_t>(i);
+      variant.settings.threads = 1;
+      seconds.push_back(render_grad(scene, variant.settings).counters.cpu_seconds);
+    }
+    fmt::print("{{\"paper_scene\": \"{}\", \"cpu_seconds\": {:.4g}}}\n", variant.name,
+               median(seconds));
+  }
+}
+
+double wall_seconds(const std::function<void()>& work) {
+  const auto start = std::chrono::steady_clock::now();
+  work();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+// Most memory that the process ever had, in MB.
+double peak_memory() {
+  std::FILE* file = std::fopen("/proc/self/status", "r");
+  char line[256];
+  double kilobytes = 0;
+  while (file != nullptr && std::fgets(line, sizeof line, file) != nullptr) {
+    std::sscanf(line, "VmHWM: %lf", &kilobytes);
+  }
+  if (file != nullptr) {
+    std::fclose(file);
+  }
+  return kilobytes / 1024;
+}
+
+// A ball of 4 n^2 triangles, with bumps.
+Mesh bumpy_ball(int n) {
+  Mesh mesh;
+  const auto place = [&](int i, int j) {
+    const double theta = M_PI * i / n, phi = M_PI * j / n;
+    const double r = 0.45 * (1 + 0.05 * std::sin(9 * theta) * std::cos(7 * phi));
+    return Vec3f{static_cast<float>(r * std::sin(theta) * std::cos(phi)),
+                 static_cast<float>(r * std::cos(theta) + 0.5),
+                 static_cast<float>(-r * std::sin(theta) * std::sin(phi))};
+  };
+  const auto number = [&](int i, int j) {
+    return i == 0   ? 0U
+           : i == n ? 1U
+                    : static_cast<uint32_t>(2 + (i - 1) * 2 * n + j % (2 * n));
+  };
+  mesh.vertices = {place(0, 0), place(n, 0)};
+  for (int i = 1; i < n; ++i) {
+    for (int j = 0; j < 2 * n; ++j) {
+      mesh.vertices.push_back(place(i, j));
+    }
+  }
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < 2 * n; ++j) {
+      const uint32_t a = number(i, j), b = number(i + 1, j), c = number(i + 1, j + 1),
+                     d = number(i, j + 1);
+      if (i + 1 < n) {
+        mesh.triangles.push_back({a, b, c});
+      }
+      if (i > 0) {
+        mesh.triangles.push_back({a, c, d});
+      }
+    }
+  }
+  return mesh;
+}
+
+// How time and memory grow with pixels, samples and triangles: image and three derivatives, all
+// threads. From small to large, as the peak of memory never falls.
+void measure_scaling(const Options&) {
+  const auto row = [](const std::string& what, int resolution, uint32_t spp, int n) {
+    const Mesh mesh = bumpy_ball(n);
+    std::unique_ptr<Scene> scene;
+    const double set_up =
+        wall_seconds([&] { scene = std::make_unique<Scene>(paper_scene(mesh, resolution)); });
+    RenderSettings settings{
+        .material = {100, 0.87, 0.4}, .sample_count = spp, .derivatives = true};
+    double cpu = 0;
+    const double wall =
+        wall_seconds([&] { cpu = render_grad(*scene, settings).counters.cpu_seconds; });
+    fmt::print("{{\"scaling\": \"{}\", \"resolution\": {}, \"spp\": {}, \"triangles\": {}, "
+               "\"set_up_seconds\": {:.4g}, \"wall_seconds\": {:.4g}, \"cpu_seconds\": {:.4g}, "
+               "\"peak_mb\": {:.0f}}}\n",
+               what, resolution, spp, mesh.triangles.size(), set_up, wall, cpu, peak_memory());
+    std::fflush(stdout);
+  };
+  for (const uint32_t spp : {1U, 16U, 64U, 256U, 1024U}) {
+    row("spp", 128, spp, 64);
+  }
+  for (const int resolution : {32, 64, 128, 256, 512, 1024}) {
+    row("pixels", resolution, resolution > 512 ? 16 : 64, 64);
+  }
+  for (const int n : {16, 50, 158, 500}) {
+    row("triangles", 128, 64, n);
+  }
+}
+
+// What datasets cost: images of 2 % error (root mean square over the object's pixels, relative to
+// their mean) per CPU-hour. `albedos` share the paths of one walk.
+void measure_dataset(const Options& options) {
+  struct Kind {
+    const char* name;
+    std::vector<double> albedos;  // below that of the material
+  };
+  const Kind kinds[] = {{"grid of the paper", {0.87, 0.74, 0.59, 0.39}}, {"random materials", {}}};
+  constexpr std::array kGridSigmaT = {30., 36., 44., 54., 67., 82., 100., 122., 150., 184., 225.,
+                                      276.};
+  for (const Kind& kind : kinds) {
+    double cpu_for_target = 0, images = 0;
+    int renders = 0;
+    for (const char* shape : {"cube", "smooth_star", "figure", "bunny", "armadillo", "dragon_40k"}) {
+      const Mesh mesh = find_mesh(shape, options.data);
+      if (mesh.triangles.empty()) {
+        continue;
+      }
+      const Scene scene(paper_scene(mesh, options.resolution));
+      for (size_t i = 0; i < kGridSigmaT.size(); ++i, ++renders) {
+        // A Latin square over the grid; random materials: golden ratio points of the same ranges.
+        const double golden = std::fmod(0.5 + 0.6180339887 * (renders + 1), 1.0);
+        const bool grid = !kind.albedos.empty();
+        const double g = grid ? 0.2 * static_cast<double>((i + static_cast<size_t>(renders / 12)) % 5)
+                              : 0.8 * golden;
+        const double albedo = grid ? 0.95 : 0.39 + 0.56 * std::fmod(golden * 7, 1.0);
+        RenderSettings settings{.material = {kGridSigmaT[i], albedo, g}, .sample_count = 64};
+        settings.pixels = Pixels::kObject;
+        settings.albedos = kind.albedos;
+        settings.threads = 1;
+        std::vector<RenderedImages> pair;
+        double cpu = 0;
+        for (uint64_t seed : {1U, 2U}) {
+          settings.seed = seed;
+          const FilmSums sums = render_grad(scene, settings);
+          cpu += sums.counters.cpu_seconds / 2;
+          pair.push_back(means(sums));
+        }
+        const auto share = [&](const auto& image_of) {
+          double squares = 0, sum = 0;
+          int pixels = 0;
+          for (size_t p = 0; p < pair[0].mask.size(); ++p) {
+            if (pair[0].mask[p] > 0.99F) {
+              const double a = image_of(pair[0])[p], b = image_of(pair[1])[p];
+              squares += (a - b) * (a - b) / 2;
+              sum += (a + b) / 2;
+              ++pixels;
+            }
+          }
+          return squares / pixels / std::pow(sum / pixels, 2) / (0.02 * 0.02);
+        };
+        // All images of a walk get the samples that the noisiest needs.
+        double worst = share([](const RenderedImages& r) { return r.estimates[0].radiance; });
+        for (size_t a = 0; a < kind.albedos.size(); ++a) {
+          worst = std::max(
+              worst, share([a](const RenderedImages& r) { return r.estimates[0].at_albedos[a]; }));
+        }
+        cpu_for_target += cpu * worst;
+        images += 1 + static_cast<double>(kind.albedos.size());
+      }
+    }
+    const double per_hour = images / cpu_for_target * 3600;
+    fmt::print("{{\"dataset\": \"{}\", \"images\": {}, \"images_per_cpu_hour\": {:.4g}, "
+               "\"hours_for_14400_on_2_cores\": {:.4g}}}\n",
+               kind.name, images, per_hour, 14400 / per_hour / 2);
+  }
+}
+
+// Renders until so many paths are traced, across shapes, materials and views, and counts what went
+// wrong.
+void soak(const Options& options) {
+  Counters total;
+  const auto& shapes = builtin_shapes();
+  std::vector<std::string> names;
+  for (const auto& shape : shapes) {
+    names.emplace_back(shape.name);
+  }
+  for (const char* name : {"bunny", "armadillo", "dragon_40k"}) {
+    names.emplace_back(name);
+  }
+  for (uint64_t round = 0; static_cast<double>(total.paths) < options.paths; ++round) {
+    for (const std::string& name : names) {
+      const Mesh mesh = find_mesh(name, options.data);
+      if (mesh.triangles.empty()) {
+        continue;
+      }
+      const Scene scene(paper_scene(mesh, options.resolution));
+      for (const Material& material : kMaterials) {
+        RenderSettings settings{
+            .material = material, .sample_count = 32, .seed = round, .derivatives = true};
+        const Counters counters = render_grad(scene, settings).counters;
+        total.paths += counters.paths;
+        total.steps += counters.steps;
+        total.leaks += counters.leaks;
+        total.invalid_samples += counters.invalid_samples;
+      }
+    }
+    fmt::print(stderr, "{:.3g} paths, {:.3g} steps, {} leaks, {} invalid\n",
+               static_cast<double>(total.paths), static_cast<double>(total.steps), total.leaks,
+               total.invalid_samples);
+  }
+  fmt::print("{{\"soak_paths\": {}, \"steps\": {}, \"leaks\": {}, \"invalid_samples\": {}}}\n",
+             total.paths, total.steps, total.leaks, total.invalid_samples);
+}
+
 }  // namespace
 }  // namespace itn
 
@@ -277,16 +488,29 @@ int main(int argc, char** argv) {
   itn::Options options;
   const char* data = std::getenv("ITN_VALIDATION_DATA");
   options.data = data != nullptr ? data : "../shared/data";
-  CLI::App app("Speed and noise of the tracer against its reference; JSON, a line per row.");
+  CLI::App app("Speed and noise of the tracer; JSON, a line per row.");
+  app.require_subcommand(1);
+  app.fallthrough();
   app.add_option("--data", options.data, "Folder with meshes/NAME.ply; what is missing is left out")
       ->capture_default_str();
-  app.add_option("--only", options.only, "Scenes whose name contains this");
-  app.add_option("--spp", options.spp, "Samples per pixel")->capture_default_str();
+  app.add_option("--resolution", options.resolution, "Of the square film")->capture_default_str();
   app.add_option("--repetitions", options.repetitions, "Renders of each variant, at least 2")
       ->check(CLI::Range(2, 1000))
       ->capture_default_str();
-  app.add_option("--resolution", options.resolution, "Of the square film")->capture_default_str();
-  app.add_flag("--each", options.each, "Also the wavefront without each of its techniques");
+  const auto add = [&](const char* name, const char* what, void (*run)(const itn::Options&)) {
+    CLI::App* command = app.add_subcommand(name, what);
+    command->callback([&options, run] { run(options); });
+    return command;
+  };
+  CLI::App* compare = add("compare", "Wavefront against reference", itn::compare_scenes);
+  compare->add_option("--only", options.only, "Scenes whose name contains this");
+  compare->add_option("--spp", options.spp, "Samples per pixel")->capture_default_str();
+  compare->add_flag("--each", options.each, "Also the wavefront without each of its techniques");
+  add("paper", "The cube that the paper's renderer was timed with", itn::time_paper_scene);
+  add("scaling", "Time and memory by pixels, samples and triangles", itn::measure_scaling);
+  add("dataset", "Images of 2 % error per CPU-hour", itn::measure_dataset);
+  add("soak", "Counts leaks and invalid samples", itn::soak)
+      ->add_option("--paths", options.paths, "To trace at least")
+      ->capture_default_str();
   CLI11_PARSE(app, argc, argv);
-  itn::compare_scenes(options);
 }

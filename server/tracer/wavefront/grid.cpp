@@ -223,41 +223,43 @@ void Grid::add_cell(const Mesh& mesh, size_t cell_index, const uint32_t* triangl
 }
 
 // The largest empty cube ahead of a cell is one larger than the smallest of those of its seven
-// neighbours ahead, as it is their union with the cell.
+// neighbours ahead, as it is their union with the cell. Cells are visited against the octant's
+// direction, so that what is ahead is known: the layer before in z, and the row before in y. Rows
+// have a spare place in front, for what is outside the grid.
 void Grid::measure_reaches() {
-  // A spare byte at the end: bytes are read four at a time.
-  reaches.assign(cells.size() * 8 + 4, 1);
-  const std::array<int64_t, 3> stride{1, size[0], int64_t{size[0]} * size[1]};
+  reaches.assign(cells.size() * 8 + 3, 1);  // spare bytes, as they are read four at a time
+  const auto along = [&](int octant, int axis, int i) {
+    return octant >> axis & 1 ? i : size[axis] - 1 - i;
+  };
   tbb::parallel_for(0, 8, [&](int octant) {
-    // Goes against the octant's direction, so that what is ahead is known.
-    const auto range = [&](int axis, int i) {
-      return octant >> axis & 1 ? i : size[axis] - 1 - i;
-    };
-    std::array<int64_t, 3> ahead{};
-    for (size_t axis = 0; axis < 3; ++axis) {
-      ahead[axis] = octant >> axis & 1 ? -stride[axis] : stride[axis];
-    }
+    constexpr uint8_t kOutside = kMaxReach - 1;
+    const size_t row = static_cast<size_t>(size[0]) + 1;
+    std::vector<uint8_t> ahead((size[1] + 1) * row, kOutside), layer = ahead, least(row);
     for (int k = 0; k < size[2]; ++k) {
       for (int j = 0; j < size[1]; ++j) {
-        for (int i = 0; i < size[0]; ++i) {
-          const int64_t at = range(0, i) * stride[0] + range(1, j) * stride[1] +
-                             range(2, k) * stride[2];
-          if (cells[at] & kOccupied) {
-            continue;
+        // Rows of the four neighbours at the same place in x, but for this one.
+        const uint8_t* const in_z = &ahead[(j + 1) * row];
+        const uint8_t* const in_yz = &ahead[j * row];
+        const uint8_t* const in_y = &layer[j * row];
+        uint8_t* const here = &layer[(j + 1) * row];
+        for (size_t i = 0; i < row; ++i) {
+          least[i] = std::min({in_z[i], in_yz[i], in_y[i]});
+        }
+        const size_t first = (static_cast<size_t>(along(octant, 2, k)) * size[1] +
+                              static_cast<size_t>(along(octant, 1, j))) *
+                             size[0];
+        for (size_t i = 1; i < row; ++i) {
+          const size_t cell = first + along(octant, 0, static_cast<int>(i) - 1);
+          if (cells[cell] & kOccupied) {
+            here[i] = 0;
+          } else {
+            const int reach = std::min({least[i], least[i - 1], here[i - 1]}) + 1;
+            reaches[cell * 8 + octant] = static_cast<uint8_t>(reach);
+            here[i] = static_cast<uint8_t>(std::min<int>(reach, kOutside));
           }
-          int least = kMaxReach - 1;
-          for (int n = 1; n < 8; ++n) {
-            if ((n & 1 && i == 0) || (n & 2 && j == 0) || (n & 4 && k == 0)) {
-              continue;  // outside the grid
-            }
-            const int64_t neighbour =
-                at + (n & 1 ? ahead[0] : 0) + (n & 2 ? ahead[1] : 0) + (n & 4 ? ahead[2] : 0);
-            const int reach = cells[neighbour] & kOccupied ? 0 : reaches[neighbour * 8 + octant];
-            least = std::min(least, reach);
-          }
-          reaches[at * 8 + octant] = static_cast<uint8_t>(least + 1);
         }
       }
+      std::swap(ahead, layer);
     }
   });
 }

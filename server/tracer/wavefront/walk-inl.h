@@ -537,7 +537,7 @@ class Wavefront {
   // light, which is below the rounding of any sum it could be added to.
   static constexpr float kMaxOpticalDepth = 50;
   static constexpr float kRouletteDerivative = 0.05F;
-  static constexpr size_t kOrders = 64;
+  static constexpr size_t kOrders = 128;
 
   const Scene::Compiled& scene_;
   const RenderSettings& settings_;
