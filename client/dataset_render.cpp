@@ -1,8 +1,14 @@
 #include "client/dataset_render.h"
 
+#include <algorithm>
 #include <deque>
 #include <fstream>
+#include <functional>
 #include <iterator>
+#include <map>
+#include <set>
+#include <tuple>
+#include <utility>
 
 #include <fmt/format.h>
 #include <google/protobuf/util/message_differencer.h>
@@ -12,6 +18,7 @@
 #include "common/atomic_file.h"
 #include "common/error.h"
 #include "common/image.h"
+#include "server/tracer/render.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -93,12 +100,45 @@ bool is_rendered(const DatasetReader& dataset, const v1::DatasetItem& item, cons
   }
 }
 
-RenderJob render_job(DatasetReader& dataset, const v1::DatasetItem& item) {
+// Items whose scenes are the same and whose materials differ in the albedo alone: one walk renders
+// them all. The first has the largest albedo. A group follows from the manifest, not from what is
+// missing, so that images do not depend on what was rendered when.
+using Group = std::vector<const v1::DatasetItem*>;
+
+std::vector<Group> groups_of(const v1::Dataset& manifest) {
+  std::map<std::tuple<std::string, float, float, double, double>, size_t> open;  // by scene
+  std::vector<Group> groups;
+  for (const v1::DatasetItem& item : manifest.items()) {
+    const auto [place, is_new] =
+        open.try_emplace({item.shape(), item.rotate_y_degrees(), item.sun_azimuth_degrees(),
+                          item.material().sigma_t(), item.material().g()},
+                         groups.size());
+    if (is_new || groups[place->second].size() == 1 + tracer::kMaxAlbedos) {
+      place->second = groups.size();
+      groups.emplace_back();
+    }
+    groups[place->second].push_back(&item);
+  }
+  for (Group& group : groups) {
+    std::ranges::stable_sort(
+        group, std::ranges::greater(),
+        [](const v1::DatasetItem* item) { return item->material().albedo(); });
+  }
+  return groups;
+}
+
+// The floor is not rendered: a network sees the object alone.
+RenderJob render_job(DatasetReader& dataset, const Group& group) {
+  const v1::DatasetItem& first = *group.front();
   RenderJob job;
-  job.scene = dataset.scene(item);
-  *job.request.mutable_material() = item.material();
+  job.scene = dataset.scene(first);
+  *job.request.mutable_material() = first.material();
   job.request.set_spp(dataset.manifest().config().spp());
-  job.request.set_seed(item.seed());
+  job.request.set_seed(first.seed());
+  job.request.set_pixels(v1::OBJECT_PIXELS);
+  for (size_t i = 1; i < group.size(); ++i) {
+    job.request.add_albedos(group[i]->material().albedo());
+  }
   return job;
 }
 
@@ -106,13 +146,19 @@ uint64_t dropped(const v1::Counters& counters) {
   return counters.invalid_samples() + counters.leaks();
 }
 
-Image image_of(const DatasetReader& dataset, const v1::DatasetItem& item,
+// The image of the group's item number `member`. The noise is that of the first one's; those of
+// lower albedos have less.
+Image image_of(const DatasetReader& dataset, const Group& group, size_t member,
                const v1::RenderGradReply& reply) {
+  const v1::DatasetItem& item = *group[member];
+  const v1::Estimate& estimate = reply.estimates(0);
   Image image;
   image.width = static_cast<int>(reply.width());
   image.height = static_cast<int>(reply.height());
   const size_t pixels = static_cast<size_t>(image.width) * image.height;
-  image.channels["Y"] = plane(reply.estimates(0).radiance(), pixels);
+  image.channels["Y"] =
+      plane(member == 0 ? estimate.radiance() : estimate.at_albedos(static_cast<int>(member) - 1),
+            pixels);
   image.channels["mask.Y"] = plane(reply.mask(), pixels);
   image.channels["stderr.Y"] = plane(reply.standard_error(), pixels);
   image.attributes = {
@@ -123,7 +169,7 @@ Image image_of(const DatasetReader& dataset, const v1::DatasetItem& item,
       {"rotate_y_degrees", fmt::format("{}", item.rotate_y_degrees())},
       {"sun_azimuth_degrees", fmt::format("{}", item.sun_azimuth_degrees())},
       {"split", v1::Split_Name(item.split())},
-      {"seed", fmt::format("{}", item.seed())},
+      {"seed", fmt::format("{}", group.front()->seed())},
       {"spp", fmt::format("{}", dataset.manifest().config().spp())},
       {"dropped_samples", fmt::format("{}", dropped(reply.counters()))},
       {kItemDigestAttribute, item_digest(dataset.manifest(), item)},
@@ -141,8 +187,8 @@ v1::RenderGradReply wait_or_say_how_far(std::future<v1::RenderGradReply>& reply,
   }
 }
 
-struct PendingImage {
-  const v1::DatasetItem* item;
+struct PendingGroup {
+  const Group* group;
   std::future<v1::RenderGradReply> reply;
 };
 
@@ -157,32 +203,45 @@ DatasetProgress render_dataset(const DatasetPlan& plan, const fs::path& folder, 
   // Keep what is there.
   DatasetProgress progress;
   progress.total = static_cast<size_t>(plan.manifest.items_size());
-  std::deque<const v1::DatasetItem*> missing;
-  for (const v1::DatasetItem& item : dataset.manifest().items()) {
-    if (is_rendered(dataset, item, folder / item.file())) {
-      ++progress.kept;
-    } else {
-      missing.push_back(&item);
+  const std::vector<Group> groups = groups_of(dataset.manifest());
+  std::set<const v1::DatasetItem*> missing;
+  std::deque<const Group*> waiting;
+  for (const Group& group : groups) {
+    bool complete = true;
+    for (const v1::DatasetItem* item : group) {
+      if (is_rendered(dataset, *item, folder / item->file())) {
+        ++progress.kept;
+      } else {
+        missing.insert(item);
+        complete = false;
+      }
+    }
+    if (!complete) {
+      waiting.push_back(&group);
     }
   }
   progress.done = progress.kept;
   report(progress);
   // Render the rest, with enough jobs waiting that no worker is ever idle.
   const size_t ahead = 2 * static_cast<size_t>(pool.parallelism()) + 1;
-  std::deque<PendingImage> pending;
-  while (!missing.empty() || !pending.empty()) {
-    while (!missing.empty() && pending.size() < ahead) {
-      pending.push_back({missing.front(), pool.submit(render_job(dataset, *missing.front()))});
-      missing.pop_front();
+  std::deque<PendingGroup> pending;
+  while (!waiting.empty() || !pending.empty()) {
+    while (!waiting.empty() && pending.size() < ahead) {
+      pending.push_back({waiting.front(), pool.submit(render_job(dataset, *waiting.front()))});
+      waiting.pop_front();
     }
-    const v1::DatasetItem& item = *pending.front().item;
+    const Group& group = *pending.front().group;
     const v1::RenderGradReply reply = wait_or_say_how_far(pending.front().reply, progress, stop);
     progress.paths += reply.counters().paths();
     progress.dropped += dropped(reply.counters());
-    write_exr(folder / item.file(), image_of(dataset, item, reply));
+    for (size_t member = 0; member < group.size(); ++member) {
+      if (missing.contains(group[member])) {
+        write_exr(folder / group[member]->file(), image_of(dataset, group, member, reply));
+        ++progress.done;
+        report(progress);
+      }
+    }
     pending.pop_front();
-    ++progress.done;
-    report(progress);
   }
   return progress;
 }

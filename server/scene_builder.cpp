@@ -509,6 +509,33 @@ void check_loss(const v1::RenderGradRequest& request) {
   }
 }
 
+// Values of an image of the target; `positive`: none may be negative.
+std::vector<float> target_values(const char* name, const std::string& bytes, int width, int height,
+                                 bool positive) {
+  std::vector<float> values(static_cast<size_t>(width) * static_cast<size_t>(height));
+  if (bytes.size() != values.size() * sizeof(float)) {
+    throw invalid_input(fmt::format("{} has {} bytes; {} x {} float32 have {}", name, bytes.size(),
+                                    width, height, values.size() * sizeof(float)));
+  }
+  std::memcpy(values.data(), bytes.data(), bytes.size());
+  for (size_t i = 0; i < values.size(); ++i) {
+    if (!std::isfinite(values[i]) || (positive && values[i] < 0)) {
+      throw invalid_input(fmt::format("{}: value {} is {}; it must be finite{}", name, i, values[i],
+                                      positive ? " and not negative" : ""));
+    }
+  }
+  return values;
+}
+
+void check_target(const v1::LossTarget& loss, int width, int height) {
+  const auto image = target_values("loss.image", loss.image(), width, height, false);
+  const auto weight = target_values("loss.weight", loss.weight(), width, height, true);
+  for (size_t i = 0; i < image.size(); ++i) {
+    if (image[i] * weight[i] != 0) return;
+  }
+  throw invalid_input("loss: the image is black where its weight is not 0");
+}
+
 void build_albedos(const v1::RenderGradRequest& request, tracer::RenderSettings& settings) {
   integer_in("the number of albedos", request.albedos_size(), 0, int{tracer::kMaxAlbedos});
   for (int i = 0; i < request.albedos_size(); ++i) {
@@ -630,15 +657,7 @@ void check_reply_size(int width, int height, const v1::RenderGradRequest& reques
   const uint64_t derivatives = request.derivatives_size();
   const uint64_t albedos = request.albedos_size();
   const uint64_t pixels = static_cast<uint64_t>(width) * height;
-  if (request.has_loss()) {
-    for (const auto& [name, size] : {std::pair{"loss.image", request.loss().image().size()},
-                                     std::pair{"loss.weight", request.loss().weight().size()}}) {
-      if (size != pixels * sizeof(float)) {
-        throw invalid_input(fmt::format("{} has {} bytes; {} x {} float32 have {}", name, size,
-                                        width, height, pixels * sizeof(float)));
-      }
-    }
-  }
+  if (request.has_loss()) check_target(request.loss(), width, height);
   // Estimates, mask and standard error; or sums and counts, squares and hits.
   const uint64_t sums = derivatives > 0 ? 1 + tracer::kCoordinates : 1;
   const uint64_t bytes_per_pixel =

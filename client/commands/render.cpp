@@ -35,6 +35,9 @@ struct RenderOptions {
   uint64_t seed = 0;
   std::vector<std::string> derivatives;
   uint32_t estimates = 1;
+  uint32_t pilot_spp = 0;
+  std::string pixels = "all";
+  std::string tracer = "wavefront";
   WorkerFlags workers;
   bool json = false;
 };
@@ -89,6 +92,9 @@ RenderJob make_job(const RenderOptions& options) {
   job.request.set_spp(options.spp);
   job.request.set_seed(options.seed);
   job.request.set_estimates(options.estimates);
+  job.request.set_pilot_spp(options.pilot_spp);
+  job.request.set_pixels(options.pixels == "object" ? v1::OBJECT_PIXELS : v1::ALL_PIXELS);
+  job.request.set_tracer(options.tracer == "reference" ? v1::REFERENCE : v1::WAVEFRONT);
   for (const std::string& name : options.derivatives) job.request.add_derivatives(parameter(name));
   return job;
 }
@@ -269,6 +275,19 @@ void add_render_command(CLI::App& app) {
       ->delimiter(',')
       ->allow_extra_args(false);
   command->add_option("--estimates", options->estimates, "Independent estimates, as further layers")
+      ->capture_default_str();
+  command
+      ->add_option("--pilot-spp", options->pilot_spp,
+                   "Samples per pixel of a pilot, which spreads the others and quietens derivatives")
+      ->check(CLI::Range(0, 64))
+      ->capture_default_str();
+  command->add_option("--pixels", options->pixels, "Render all pixels, or those that see the object")
+      ->check(CLI::IsMember({"all", "object"}))
+      ->capture_default_str();
+  command
+      ->add_option("--tracer", options->tracer,
+                   "wavefront: the fast one; reference: plain path tracing, to check it against")
+      ->check(CLI::IsMember({"wavefront", "reference"}))
       ->capture_default_str();
   command->add_option("--film", options->film, "WIDTHxHEIGHT in pixels, instead of the scene's");
   command->add_option("--png", options->png, "Also write a picture to look at");

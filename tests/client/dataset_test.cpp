@@ -1,3 +1,4 @@
+#include <numeric>
 #include "client/dataset.h"
 
 #include <cmath>
@@ -224,6 +225,7 @@ TEST_F(DatasetFolder, ReadsBackWithTruthAndScene) {
   *job.request.mutable_material() = item.material();
   job.request.set_spp(2);
   job.request.set_seed(item.seed());
+  job.request.set_pixels(v1::OBJECT_PIXELS);
   const v1::RenderGradReply reply = pool.submit(job).get();
   std::vector<float> again(256);
   std::memcpy(again.data(), reply.estimates(0).radiance().data(), 1024);
@@ -242,6 +244,41 @@ TEST_F(DatasetFolder, ContinuesWhereItWasStopped) {
   EXPECT_EQ(progress.done, 8);
   EXPECT_EQ(files(), whole);
   EXPECT_EQ(render(plan_).kept, 8);
+}
+
+// Materials of a grid that differ in the albedo alone come from one walk, whichever is missing.
+TEST_F(DatasetFolder, AlbedosOfAGridShareTheirWalk) {
+  v1::DatasetConfig config = small_config();
+  config.set_sampling(v1::DatasetConfig::GRID);
+  config.set_count(0);
+  config.set_rotate(false);
+  for (auto* grid : {config.mutable_grid_sigma_t(), config.mutable_grid_albedo(),
+                     config.mutable_grid_g()}) {
+    grid->Clear();
+  }
+  config.add_grid_sigma_t(60);
+  config.add_grid_g(0.2);
+  for (const double albedo : {0.4, 0.95, 0.8}) config.add_grid_albedo(albedo);
+  std::vector<Shape> shapes = few_shapes();
+  shapes.resize(2);
+  const std::vector<std::string> test{shapes[0].name};
+  const DatasetPlan plan = plan_dataset(config, shapes, test);
+  const DatasetProgress progress = render(plan);
+  EXPECT_EQ(progress.done, static_cast<size_t>(plan.manifest.items_size()));
+  // Object pixels times spp, once for three images.
+  EXPECT_LT(progress.paths, uint64_t{256} * config.spp() * progress.done / 3);
+  const auto whole = files();
+  DatasetReader reader(folder_);
+  const auto mean = [&](const v1::DatasetItem& item) {
+    const DatasetImage image = reader.image(item);
+    return std::accumulate(image.radiance.begin(), image.radiance.end(), 0.0);
+  };
+  const auto& items = plan.manifest.items();
+  EXPECT_LT(mean(items[0]), mean(items[2]));
+  EXPECT_LT(mean(items[2]), mean(items[1]));
+  fs::remove(folder_ / items[2].file());
+  EXPECT_EQ(render(plan).kept, progress.done - 1);
+  EXPECT_EQ(files(), whole);
 }
 
 TEST_F(DatasetFolder, RendersADamagedImageAgain) {

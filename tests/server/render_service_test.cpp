@@ -25,6 +25,7 @@
 #include "itn/v1/render.grpc.pb.h"
 #include "server/render_reply.h"
 #include "server/render_server.h"
+#include "server/rendering_loss.h"
 #include "tests/support/scenes.h"
 
 namespace itn {
@@ -32,6 +33,7 @@ namespace {
 
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
+using testing::bytes_of;
 using testing::cube_scene;
 using testing::deterministic_bytes;
 using testing::endless_request;
@@ -158,6 +160,69 @@ TEST(RenderService, AppliesTheChainRule) {
   EXPECT_GT(total, 0);
 }
 
+// The loss that a worker answers with is that of the images that it would have sent, and its
+// gradient follows the chain rule.
+TEST(RenderService, AnswersWithLossAndGradient) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::RenderGradRequest request = with_scene(small_request());
+  request.set_spp(32);
+  request.set_estimates(4);
+  request.set_pilot_spp(4);
+  request.set_pixels(v1::OBJECT_PIXELS);
+  request.clear_derivatives();
+  for (const v1::Parameter p : {v1::SIGMA_T, v1::ALBEDO, v1::G}) request.add_derivatives(p);
+  const v1::RenderGradReply images = client.call(request).reply;
+  const size_t pixels = size_t{images.width()} * images.height();
+  ASSERT_GT(pixels, 0U);
+  const std::vector<float> image(pixels, 5);
+  const std::vector<float> mask = floats(images.mask());
+  std::vector<float> weight(pixels);
+  for (size_t p = 0; p < pixels; ++p) weight[p] = static_cast<float>(p % 3) * (mask[p] > 0 ? 1 : 0);
+  std::vector<RenderEstimate> estimates;
+  for (const v1::Estimate& e : images.estimates()) {
+    estimates.push_back({floats(e.radiance()),
+                         {floats(e.derivatives(0)), floats(e.derivatives(1)),
+                          floats(e.derivatives(2))},
+                         {}});
+  }
+  const RenderingLoss expected = rendering_loss(image, weight, estimates);
+
+  request.mutable_loss()->set_image(bytes_of(image));
+  request.mutable_loss()->set_weight(bytes_of(weight));
+  const Answer answer = client.call(request);
+  ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+  EXPECT_DOUBLE_EQ(answer.reply.loss(), expected.value);
+  ASSERT_EQ(answer.reply.loss_gradient_size(), 3);
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_DOUBLE_EQ(answer.reply.loss_gradient(i), expected.gradient[static_cast<size_t>(i)]);
+  }
+  EXPECT_TRUE(answer.reply.estimates().empty());
+
+  request.clear_derivatives();
+  request.add_derivatives(v1::SIGMA_S_REDUCED);
+  const Answer reduced = client.call(request);
+  const auto& m = request.material();
+  const double by_sigma_s =
+      expected.gradient[0] + expected.gradient[1] * (1 - m.albedo()) / m.sigma_t();
+  ASSERT_EQ(reduced.reply.loss_gradient_size(), 1);
+  EXPECT_NEAR(reduced.reply.loss_gradient(0), by_sigma_s / (1 - m.g()),
+              1e-9 * std::abs(by_sigma_s));
+}
+
+TEST(RenderService, GivesSeveralAlbedosInTheOrderAsked) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::RenderGradRequest request = with_scene(small_request());
+  request.add_albedos(0);
+  request.add_albedos(request.material().albedo());
+  const Answer answer = client.call(request);
+  ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+  ASSERT_EQ(answer.reply.estimates(0).at_albedos_size(), 2);
+  EXPECT_EQ(answer.reply.estimates(0).at_albedos(1), answer.reply.estimates(0).radiance());
+  EXPECT_NE(answer.reply.estimates(0).at_albedos(0), answer.reply.estimates(0).radiance());
+}
+
 TEST(RenderService, SumsOfPartsAreTheSumsOfTheWhole) {
   RenderServer server(one_thread());
   Client client(server.in_process_channel());
@@ -250,6 +315,12 @@ void inside_out(v1::RenderGradRequest& request) {
   request.set_scene(scene.SerializeAsString());
 }
 
+// A loss over the 16 x 12 pixels of cube_scene().
+void add_loss(v1::RenderGradRequest& request, float image = 1, float weight = 1) {
+  request.mutable_loss()->set_image(bytes_of(std::vector<float>(16 * 12, image)));
+  request.mutable_loss()->set_weight(bytes_of(std::vector<float>(16 * 12, weight)));
+}
+
 const BadRequest kBadRequests[] = {
     {"NoScene", [](auto& r) { r.clear_scene(); }, "scene or scene_digest is missing"},
     {"ShortDigest", [](auto& r) { r.set_scene_digest("abc"); },
@@ -288,6 +359,42 @@ const BadRequest kBadRequests[] = {
     {"TooManyEstimates", [](auto& r) { r.set_estimates(17); }, "estimates is 17"},
     {"MoreEstimatesThanSamples", [](auto& r) { r.set_estimates(9); },
      "estimates is 9; it must be in [1, 8]"},
+    {"LossOfOneEstimate",
+     [](auto& r) {
+       r.set_estimates(1);
+       add_loss(r);
+     },
+     "a loss needs at least 2"},
+    {"LossAndSums",
+     [](auto& r) {
+       r.set_exact_sums(true);
+       add_loss(r);
+     },
+     "loss and exact_sums"},
+    {"LossOfAnotherSize",
+     [](auto& r) {
+       add_loss(r);
+       r.mutable_loss()->mutable_weight()->resize(8);
+     },
+     "loss.weight has 8 bytes"},
+    {"LossNotFinite", [](auto& r) { add_loss(r, std::nanf("")); }, "loss.image: value 0 is nan"},
+    {"LossNegativeWeight", [](auto& r) { add_loss(r, 1, -1); }, "loss.weight: value 0 is -1"},
+    {"LossOfBlack", [](auto& r) { add_loss(r, 0); }, "black"},
+    {"AlbedoAboveTheMaterials", [](auto& r) { r.add_albedos(0.999); }, "albedos[0] is 0.999"},
+    {"TooManyAlbedos",
+     [](auto& r) {
+       for (int i = 0; i < 17; ++i) r.add_albedos(0.1);
+     },
+     "number of albedos is 17"},
+    {"LongPilot", [](auto& r) { r.set_pilot_spp(65); }, "pilot_spp is 65"},
+    {"UnknownPixels", [](auto& r) { r.set_pixels(v1::RenderedPixels(9)); }, "pixels has the unknown"},
+    {"UnknownTracer", [](auto& r) { r.set_tracer(v1::Tracer(9)); }, "tracer has the unknown"},
+    {"ReferenceWithPilot",
+     [](auto& r) {
+       r.set_tracer(v1::REFERENCE);
+       r.set_pilot_spp(4);
+     },
+     "neither albedos nor pilot_spp"},
     {"BillionPixels", [](auto& r) { film(r, 40000, 25000); }, "is 1000000000; this worker accepts",
      grpc::RESOURCE_EXHAUSTED},
     {"LargeReply", [](auto& r) { film(r, 200, 200); }, "ask for fewer pixels",

@@ -13,6 +13,9 @@ namespace {
 // surface passes: measured to be the fastest between more cells to visit and more triangles to
 // test.
 constexpr double kCellEdge = 1.6;
+// Cells along the longest side, at least: in a mesh of few large triangles most flights then stay
+// among empty cells.
+constexpr double kLeastCells = 16;
 constexpr int64_t kMaxCells = int64_t{1} << 24;
 
 double area(const Mesh& mesh) {
@@ -108,7 +111,7 @@ void Grid::choose_cells(const Mesh& mesh) {
   const Vec3d extent = static_cast<Vec3d>(box.max) - static_cast<Vec3d>(box.min);
   const double longest = std::max({extent.x, extent.y, extent.z});
   double cell = kCellEdge * std::sqrt(2 * area(mesh) / static_cast<double>(mesh.triangles.size()));
-  cell = std::min(cell, longest);
+  cell = std::min(cell, longest / kLeastCells);
   // A margin of a quarter cell all around, so that the outermost layer touches nothing by rounding.
   const auto cells_along = [&](double length) {
     return static_cast<int>(std::ceil(length / cell + 0.5));
