@@ -1,22 +1,36 @@
 #!/usr/bin/env bash
-# Measures the tracer and the service: runs interleaved, medians of several repetitions, ratios.
+# Measures the tracer against its reference, and how its cost grows: runs in turn, medians, ratios.
 #
-#   tests/bench/run.sh [--json] [REPETITIONS]      default: 7 repetitions, a table
+#   tests/bench/run.sh [--json] [--each] [--quick]
+#
+#   --json   for machines, instead of tables
+#   --each   also what every technique is worth (takes three times as long)
+#   --quick  fewer samples, for a first look: two minutes instead of fifteen
+#
+# Meshes of $ITN_VALIDATION_DATA/meshes (bunny, armadillo, dragon_40k) are measured too if they are
+# there.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
 format=table
-if [[ ${1:-} == --json ]]; then
-  format=json
-  shift
-fi
-repetitions=${1:-7}
+compare=(--spp 64)
+repetitions=3
+for argument in "$@"; do
+  case $argument in
+    --json) format=json ;;
+    --each) compare+=(--each) ;;
+    --quick) compare+=(--spp 8) && repetitions=2 ;;
+    *) sed -n '2,11p' "$0" >&2 && exit 2 ;;
+  esac
+done
 
 deploy/bootstrap.sh >&2
 deploy/build.sh tracer_bench >&2
 result=$(mktemp)
 trap 'rm -f "$result"' EXIT
-build/release/bin/tracer_bench --benchmark_enable_random_interleaving=true \
-  --benchmark_repetitions="$repetitions" --benchmark_min_time=0.1 \
-  --benchmark_out="$result" --benchmark_out_format=json >/dev/null
+bench=build/release/bin/tracer_bench
+for part in "compare ${compare[*]}" paper scaling dataset; do
+  # shellcheck disable=SC2086
+  $bench --repetitions $repetitions $part >>"$result"
+done
 python3 tests/bench/summarise.py "$format" "$result"

@@ -61,14 +61,41 @@ def print_table(rows, scenes):
                 f"{geometric_mean([t[name][q] for t in techniques]):10.2f}x" for q in QUANTITIES))
 
 
+def print_others(rows):
+    """The parts that need no ratios."""
+    paper = {r["paper_scene"]: r["cpu_seconds"] for r in rows if "paper_scene" in r}
+    if paper:
+        print("\nA cube on the ground, sigma_t 100, albedo 0.8, g 0.2, 128 x 128, 256 spp, image and "
+              "three derivatives:")
+        print("  " + ", ".join(f"{name} {seconds:.2f} CPU-seconds" for name, seconds in paper.items()))
+    scaling = [r for r in rows if "scaling" in r]
+    if scaling:
+        print("\nImage and three derivatives of a bumpy ball, all threads:")
+        print(f"{'pixels':>12}{'spp':>7}{'triangles':>11}{'set-up':>9}{'wall':>9}{'CPU':>9}"
+              f"{'peak':>9}")
+    for r in scaling:
+        print(f"{r['resolution']:>5} x {r['resolution']:<4}{r['spp']:>7}{r['triangles']:>11}"
+              f"{r['set_up_seconds']:>7.2f} s{r['wall_seconds']:>7.2f} s{r['cpu_seconds']:>7.2f} s"
+              f"{r['peak_mb']:>6} MB")
+    datasets = [r for r in rows if "dataset" in r]
+    if datasets:
+        print("\nImages of 2 % error on the object per CPU-hour, extrapolated from renders of 64 spp:")
+    for r in datasets:
+        print(f"  {r['dataset']}: {r['images_per_cpu_hour']:.0f} ({r['images']} images); 14,400 take "
+              f"{r['hours_for_14400_on_2_cores']:.1f} hours on two cores")
+
+
 def main():
     form, path = sys.argv[1:]
     rows = [json.loads(line) for line in open(path)]
-    scenes = {name_of(row): ratios(row) for row in rows}
+    compared = [row for row in rows if "scene" in row]
+    scenes = {name_of(row): ratios(row) for row in compared}
     if form == "json":
         print(json.dumps({"scenes": scenes, "runs": rows}, indent=2))
-    else:
-        print_table(rows, scenes)
+        return
+    if compared:
+        print_table(compared, scenes)
+    print_others(rows)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@
 // independent: so a few renders of thousands of pixels measure it well.
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
+#include <hwy/targets.h>
 
 #include <algorithm>
 #include <array>
@@ -233,7 +234,17 @@ struct Options {
   int resolution = 128;
   bool each = false;
   double paths = 1e9;
+  std::string instructions = "best";
 };
+
+// Restricts the wavefront to some of the instruction sets that it is compiled for.
+void use_instructions(const std::string& name) {
+  if (name == "avx2") {
+    hwy::SetSupportedTargetsForTest(HWY_AVX2);
+  } else if (name == "none") {
+    hwy::SetSupportedTargetsForTest(HWY_SCALAR);
+  }
+}
 
 // Every scene and material: {"scene": ..., "material": [...], "variants": {...}} lines.
 void compare_scenes(const Options& options) {
@@ -493,13 +504,20 @@ int main(int argc, char** argv) {
   app.fallthrough();
   app.add_option("--data", options.data, "Folder with meshes/NAME.ply; what is missing is left out")
       ->capture_default_str();
+  app.add_option("--instructions", options.instructions,
+                 "That the wavefront may use; best: all that the processor has")
+      ->check(CLI::IsMember({"best", "avx2", "none"}))
+      ->capture_default_str();
   app.add_option("--resolution", options.resolution, "Of the square film")->capture_default_str();
   app.add_option("--repetitions", options.repetitions, "Renders of each variant, at least 2")
       ->check(CLI::Range(2, 1000))
       ->capture_default_str();
   const auto add = [&](const char* name, const char* what, void (*run)(const itn::Options&)) {
     CLI::App* command = app.add_subcommand(name, what);
-    command->callback([&options, run] { run(options); });
+    command->callback([&options, run] {
+      itn::use_instructions(options.instructions);
+      run(options);
+    });
     return command;
   };
   CLI::App* compare = add("compare", "Wavefront against reference", itn::compare_scenes);

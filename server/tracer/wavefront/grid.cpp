@@ -65,36 +65,47 @@ struct Placed {
 
 namespace {
 
-// See OccupiedCell::normals.
-uint32_t cone_of(const std::vector<Vec3d>& normals) {
-  constexpr uint32_t kNone = 255U << 24;
+// The length of the axes of cells, before they are rounded to integers.
+constexpr double kAxisLength = 127;
+
+Vec3d axis_of(const std::vector<Vec3d>& normals) {
   Vec3d sum{};
   for (const Vec3d& n : normals) {
     sum = sum + n;
   }
-  if (!(length(sum) > 0.1)) {
-    return kNone;
-  }
-  const Vec3d scaled = itn::normalize(sum) * 127;
-  const Vec3d axis{std::round(scaled.x), std::round(scaled.y), std::round(scaled.z)};
-  // n . d > 0 for all d within 90 degrees less the cone's half angle of the axis, that is, where
-  // d . axis > |axis| sin(half angle).
+  // The two sides of a thin sheet cancel: either will do.
+  const Vec3d direction = length(sum) > 0.1   ? itn::normalize(sum)
+                          : normals.empty() ? Vec3d{0, 1, 0}
+                                            : normals.front();
+  return {std::round(direction.x * kAxisLength), std::round(direction.y * kAxisLength),
+          std::round(direction.z * kAxisLength)};
+}
+
+// See OccupiedCell::normals: n . d > 0 for all d within 90 degrees less the half angle of the cone
+// around the axis that holds all n, that is, where d . axis > |axis| sin(half angle).
+uint32_t cone_of(const std::vector<Vec3d>& normals, Vec3d axis) {
+  constexpr double kNone = 255;
   double least = 1;
   for (const Vec3d& n : normals) {
     least = std::min(least, dot(n, axis) / length(axis));
   }
-  if (least <= 0) {
-    return kNone;
-  }
   constexpr double kMargin = 1.5;  // against rounding, of a direction and of slivers' normals
   const double threshold =
-      std::ceil(length(axis) * std::sqrt(std::max(0.0, 1 - least * least)) + kMargin);
-  if (threshold >= 255) {
-    return kNone;
-  }
+      least > 0 ? std::ceil(length(axis) * std::sqrt(std::max(0.0, 1 - least * least)) + kMargin)
+                : kNone;
   const auto byte = [](double v) { return static_cast<uint32_t>(static_cast<int>(v)) & 255U; };
   return byte(axis.x) | byte(axis.y) << 8 | byte(axis.z) << 16 |
-         static_cast<uint32_t>(threshold) << 24;
+         static_cast<uint32_t>(std::min(threshold, kNone)) << 24;
+}
+
+// See OccupiedCell::slab; `low` and `high` as fractions of its scale, with a margin.
+uint32_t slab_of(double low, double high) {
+  const auto number = [](double v, auto round) {
+    return static_cast<uint32_t>(std::clamp(round((v + 1) / 2 * 65535), 0.0, 65535.0));
+  };
+  constexpr double kMargin = 2e-3;
+  return number(low - kMargin, [](double v) { return std::floor(v); }) |
+         number(high + kMargin, [](double v) { return std::ceil(v); }) << 16;
 }
 
 }  // namespace
@@ -124,6 +135,7 @@ void Grid::choose_cells(const Mesh& mesh) {
   }
   edge = static_cast<float>(cell);
   inverse_edge = 1 / edge;
+  slab_scale = static_cast<float>(1.01 * (kAxisLength + 1) * std::sqrt(3.0) / 2 * cell);
   low = box.min - Vec3f{edge, edge, edge} * 0.25F;
   size = {cells_along(extent.x), cells_along(extent.y), cells_along(extent.z)};
 }
@@ -221,8 +233,18 @@ void Grid::add_cell(const Mesh& mesh, size_t cell_index, const uint32_t* triangl
       normals.push_back(itn::normalize(normal));
     }
   }
-  occupied.push_back(
-      {first, static_cast<uint32_t>(blocks.size()) - first, middle, cone_of(normals)});
+  const Vec3d axis = axis_of(normals);
+  double lowest = 1, highest = -1;
+  for (uint32_t i = 0; i < count; ++i) {
+    for (const uint32_t vertex : mesh.triangles[triangles[i]]) {
+      const Vec3d x = static_cast<Vec3d>(mesh.vertices[vertex]) - static_cast<Vec3d>(middle);
+      const double along = dot(axis, x) / double{slab_scale};
+      lowest = std::min(lowest, along);
+      highest = std::max(highest, along);
+    }
+  }
+  occupied.push_back({first, static_cast<uint32_t>(blocks.size()) - first, middle,
+                      cone_of(normals, axis), slab_of(lowest, highest)});
 }
 
 // The largest empty cube ahead of a cell is one larger than the smallest of those of its seven

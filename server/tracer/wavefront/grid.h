@@ -33,10 +33,13 @@ struct BlockCorners {
 struct OccupiedCell {
   uint32_t first_block, block_count;
   Vec3f middle;
-  // A cone around the normals n of its triangles: the signed bytes a_x, a_y, a_z of its axis, and
-  // above them a threshold T, such that |d . a| >= T means that n . d has the sign of a . d for all
-  // of them; 255 if there is no such cone.
+  // Where lines need not look for crossings. The signed bytes a_x, a_y, a_z are an axis, about the
+  // mean of the normals n of its triangles, and the byte above them a threshold T, such that
+  // |d . a| >= T means that n . d has the sign of a . d for all of them; 255 if there is none.
   uint32_t normals;
+  // All of its triangles lie in the slab low <= a . (x - middle) <= high: two numbers of 16 bits, low
+  // in the lower half, that stand for -1 .. 1 times Grid::slab_scale.
+  uint32_t slab;
 };
 
 class Grid {
@@ -50,6 +53,7 @@ class Grid {
   Vec3f low{};  // corner of the grid
   float edge = 1, inverse_edge = 1;
   std::array<int, 3> size{1, 1, 1};  // in cells
+  float slab_scale = 1;              // above all a . (x - middle) of a cell
   std::vector<uint32_t> cells;       // x fastest
   // For every cell and octant of directions, the edge in cells of the largest empty cube that has
   // the cell in its corner and reaches ahead, at most kMaxReach; what lies outside the grid is

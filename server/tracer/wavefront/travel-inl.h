@@ -329,6 +329,7 @@ class Traveller {
                 {cell(x0.x, dx.x, grid_.size[0]), cell(x0.y, dx.y, grid_.size[1]),
                  cell(x0.z, dx.z, grid_.size[2])},
                 v);
+    store(where, near, entered_cell_, v);
     store(where, far, grid_end_, v);
     stepping_ |= bits_of(hn::And(where, hn::Le(near, far)), v);
   }
@@ -370,7 +371,7 @@ class Traveller {
         hn::Set(IntTag(), Grid::kMaxReach));
     store(hn::ConvertTo(FloatTag(), reach), reach_, v);
     const Mask occupied = hn::And(stepping, not_zero(hn::And(word, set(Grid::kOccupied))));
-    return hn::AllFalse(FloatTag(), occupied) ? 0 : bits_of(may_cross(word, occupied, v), v);
+    return hn::AllFalse(FloatTag(), occupied) ? 0 : bits_of(may_cross(word, occupied, cell, v), v);
   }
 
   // A step leaves the cube of empty cells ahead (an occupied cell alone) through the face that the
@@ -418,29 +419,65 @@ class Traveller {
                 hn::And(within(next.y, grid_.size[1]), within(next.z, grid_.size[2])));
     const Mask goes_on = hn::And(mask_of(stepping_, v), hn::AndNot(ended, in_grid));
     cell_.store(goes_on, next, v);
+    store(t, entered_cell_, v);
     return bits_of(goes_on, v);
   }
 
   // Which of the lines in occupied cells may cross a triangle there in the direction that they look
-  // for: not where the cone of the normals shows that all face the other way.
-  HWY_INLINE Mask may_cross(Uints words, Mask where, size_t v) const {
+  // for: not where the cone of the normals shows that all face the other way, nor where the line
+  // passes the cell on one side of the slab that they lie in.
+  HWY_INLINE Mask may_cross(Uints words, Mask where, Vectors cell, size_t v) const {
     const FloatTag d;
     const IntTag di;
     constexpr int kStride = sizeof(OccupiedCell) / sizeof(int32_t);
-    constexpr size_t kAt = offsetof(OccupiedCell, normals) / sizeof(int32_t);
-    const auto* const cones = reinterpret_cast<const int32_t*>(grid_.occupied.data()) + kAt;
+    constexpr size_t kNormals = offsetof(OccupiedCell, normals) / sizeof(int32_t);
+    constexpr size_t kSlab = offsetof(OccupiedCell, slab) / sizeof(int32_t);
+    const auto* const occupied = reinterpret_cast<const int32_t*>(grid_.occupied.data());
     const Ints number = hn::BitCast(
         di, hn::IfThenElseZero(for_uints(where), hn::And(words, set(Grid::kPayload))));
-    const Ints cone = hn::GatherIndex(di, cones, hn::Mul(number, hn::Set(di, kStride)));
+    const Ints at = hn::Mul(number, hn::Set(di, kStride));
+    const Ints cone = hn::GatherIndex(di, occupied + kNormals, at);
     const auto component = [&](Ints shifted) {
       return hn::ConvertTo(d, hn::ShiftRight<24>(shifted));
     };
     const Vectors axis{component(hn::ShiftLeft<24>(cone)), component(hn::ShiftLeft<16>(cone)),
                        component(hn::ShiftLeft<8>(cone))};
-    const Floats threshold =
-        hn::ConvertTo(d, hn::BitCast(di, hn::ShiftRight<24>(hn::BitCast(UintTag(), cone))));
-    const Floats along = hn::Mul(dot(direction_.load(v), axis), load(side_, v));
-    return hn::And(where, hn::Lt(hn::Neg(along), threshold));
+    const auto upper = [&](Ints bits, auto shift) {
+      return hn::ConvertTo(d, hn::BitCast(di, shift(hn::BitCast(UintTag(), bits))));
+    };
+    const Floats threshold = upper(cone, [](Uints bits) { return hn::ShiftRight<24>(bits); });
+    const Vectors direction = direction_.load(v);
+    const Floats slope = dot(direction, axis);
+    const Mask faces =
+        hn::And(where, hn::Lt(hn::Neg(hn::Mul(slope, load(side_, v))), threshold));
+
+    // a . (x - middle) where the line enters the cell and where it leaves it or ends.
+    const Floats half = set(0.5F), edge = set(grid_.edge);
+    const Vectors middle{plus_product(set(grid_.low.x), hn::Add(cell.x, half), edge),
+                         plus_product(set(grid_.low.y), hn::Add(cell.y, half), edge),
+                         plus_product(set(grid_.low.z), hn::Add(cell.z, half), edge)};
+    const Floats at_origin = dot(origin_.load(v) - middle, axis);
+    const Vectors x0 = cells_origin_.load(v), dx = cells_direction_.load(v);
+    const Vectors mm = mm_per_cell_.load(v);
+    const auto leave = [&](Floats c, Floats from, Floats rate, Floats scale) {
+      const Floats face = hn::IfThenElseZero(hn::Ge(rate, hn::Zero(d)), set(1.0F));
+      return hn::Mul(hn::Add(hn::Sub(c, from), face), scale);
+    };
+    const Floats out = hn::Min(hn::Min(leave(cell.x, x0.x, dx.x, mm.x), load(grid_end_, v)),
+                               hn::Min(leave(cell.y, x0.y, dx.y, mm.y),
+                                       leave(cell.z, x0.z, dx.z, mm.z)));
+    const Floats first = plus_product(at_origin, slope, load(entered_cell_, v));
+    const Floats last = plus_product(at_origin, slope, out);
+    const Ints slab = hn::GatherIndex(di, occupied + kSlab, at);
+    const Floats scale = set(grid_.slab_scale), per_unit = set(2.0F / 65535 * grid_.slab_scale);
+    const Floats high = hn::Sub(
+        hn::Mul(upper(slab, [](Uints bits) { return hn::ShiftRight<16>(bits); }), per_unit), scale);
+    const Floats low = hn::Sub(
+        hn::Mul(upper(slab, [](Uints bits) { return hn::And(bits, set(uint32_t{0xFFFF})); }),
+                per_unit),
+        scale);
+    const Mask reaches = hn::And(hn::Ge(hn::Max(first, last), low), hn::Le(hn::Min(first, last), high));
+    return hn::And(faces, reaches);
   }
 
   // Tests the triangles of the cells that lines have reached, for the nearest crossing between t_min_
@@ -629,7 +666,7 @@ class Traveller {
   PerLine<float> slack_{}, t_{}, in_medium_{}, budget_{};
   PerLine<float> last_exit_{}, last_entry_{};
   PerLine<float> t_min_{}, end_{}, grid_end_{}, hit_{}, side_{};
-  PerLine<float> surface_t_{}, reach_{};
+  PerLine<float> surface_t_{}, reach_{}, entered_cell_{};
   PerLine<uint32_t> inside_{}, entered_{}, crossings_{}, word_{}, ray_{};
   PerLine<uint32_t> surface_{}, surface_unknown_{}, excluded_{}, octant_{};
 
