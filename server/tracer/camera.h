@@ -19,6 +19,15 @@ class Camera {
   }
   Vec3d origin() const { return origin_; }
 
+  struct FilmBox {
+    double left, top, right, bottom;  // in pixels
+    bool contains(double x, double y) const {
+      return x >= left && x <= right && y >= top && y <= bottom;
+    }
+  };
+  // Outside of which no ray meets a box; everything, if a part of it is not in front of the camera.
+  FilmBox film_box(Vec3d low, Vec3d high) const;
+
  private:
   Vec3d origin_, forward_, right_, down_;
   double half_width_, half_height_, scale_;  // of the film at unit distance

@@ -8,20 +8,24 @@
 namespace itn::tracer {
 namespace {
 
-// Distance along a ray to a box, a little enlarged; 0 if the ray misses it or starts in it.
+Bounds enlarged(const Bounds& box) {
+  const float margin = 1e-3F * length(box.max - box.min);
+  const Vec3f by{margin, margin, margin};
+  return {box.min - by, box.max + by};
+}
+
+// Distance along a ray to a box; 0 if the ray misses it or starts in it.
 double distance_to_box(const Bounds& box, Vec3d o, Vec3d d) {
-  const auto low = static_cast<Vec3d>(box.min), high = static_cast<Vec3d>(box.max);
-  const double margin = 1e-3 * length(high - low);
   double near = 0, far = std::numeric_limits<double>::infinity();
   const auto clip = [&](double origin, double slope, double from, double to) {
     const double inverse = 1 / slope;
-    const double a = (from - margin - origin) * inverse, b = (to + margin - origin) * inverse;
+    const double a = (from - origin) * inverse, b = (to - origin) * inverse;
     near = std::max(near, std::min(a, b));
     far = std::min(far, std::max(a, b));
   };
-  clip(o.x, d.x, low.x, high.x);
-  clip(o.y, d.y, low.y, high.y);
-  clip(o.z, d.z, low.z, high.z);
+  clip(o.x, d.x, double{box.min.x}, double{box.max.x});
+  clip(o.y, d.y, double{box.min.y}, double{box.max.y});
+  clip(o.z, d.z, double{box.min.z}, double{box.max.z});
   return near <= far ? near : 0;
 }
 
@@ -35,11 +39,15 @@ Scene::Compiled::Compiled(SceneDescription&& scene)
       light_tables(lights),
       camera(scene.camera, scene.film),
       film(scene.film),
-      camera_inside(winding_number(object, camera.origin()) > 0.5) {}
+      camera_inside(winding_number(object, camera.origin()) > 0.5),
+      box(enlarged(boundary.bounds)),
+      film_box(camera.film_box(static_cast<Vec3d>(box.min), static_cast<Vec3d>(box.max))) {}
 
 CameraRay Scene::Compiled::camera_ray(double x, double y) const {
   const Vec3d direction = camera.direction(x, y), origin = camera.origin();
-  const double distance = camera_inside ? 0 : distance_to_box(boundary.bounds, origin, direction);
+  const double distance = !camera_inside && film_box.contains(x, y)
+                              ? distance_to_box(box, origin, direction)
+                              : 0;
   const bool at_box = distance > 0 && !boundary.surfaces.in_front(origin, direction, distance);
   return {static_cast<Vec3f>(at_box ? origin + direction * distance : origin),
           static_cast<Vec3f>(direction), at_box};

@@ -44,7 +44,9 @@ struct Scene::Compiled {
   LightTables light_tables;
   Camera camera;
   FilmDescription film;
-  bool camera_inside;  // the medium
+  bool camera_inside;        // the medium
+  Bounds box;                // of the object, a little enlarged
+  Camera::FilmBox film_box;  // of that box
 
  private:
   std::vector<uint32_t> find_object_pixels() const;

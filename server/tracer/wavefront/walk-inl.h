@@ -480,17 +480,21 @@ class Wavefront {
 
   // Where on the film a path begins, and how far it flies first. The samples of an estimate share a
   // sequence; estimates, pixels and seeds have sequences of their own.
-  std::array<float, 3> camera_sample(const PathOrder& order) const {
+  std::array<float, 3> camera_sample(const PathOrder& order) {
     if (!settings_.stratified) {
       const Uniforms u = SampleRandom(settings_.seed, order.pixel, order.sample).at(0, kFilm);
       return {u[0], u[1], u[2]};
     }
     const uint32_t estimate = order.sample % settings_.estimates;
-    const std::array<uint32_t, 2> seed{static_cast<uint32_t>(settings_.seed),
-                                       static_cast<uint32_t>(settings_.seed >> 32)};
-    const std::array<uint32_t, 4> key =
-        tracer::philox(std::array<uint32_t, 4>{estimate, kSequence, 0, order.pixel}, seed);
-    return low_discrepancy_point(order.sample / settings_.estimates, {key[0], key[1], key[2]});
+    Sequence& sequence = sequences_[estimate];
+    if (sequence.pixel != order.pixel) {
+      const std::array<uint32_t, 2> seed{static_cast<uint32_t>(settings_.seed),
+                                         static_cast<uint32_t>(settings_.seed >> 32)};
+      const std::array<uint32_t, 4> key =
+          tracer::philox(std::array<uint32_t, 4>{estimate, kSequence, 0, order.pixel}, seed);
+      sequence = {order.pixel, {key[0], key[1], key[2]}};
+    }
+    return low_discrepancy_point(order.sample / settings_.estimates, sequence.scrambles);
   }
 
   // Puts the next path that is ordered into a slot, with the camera's ray. False if there is none.
@@ -551,6 +555,13 @@ class Wavefront {
   Connections connections_;
   std::vector<PathOrder> orders_;
   size_t next_order_ = 0;
+
+  // The last sequence of each estimate: paths of a pixel come one after the other.
+  struct Sequence {
+    uint32_t pixel = ~0U;
+    std::array<uint32_t, 3> scrambles{};
+  };
+  std::array<Sequence, 16> sequences_;
 };
 
 }  // namespace itn::tracer::HWY_NAMESPACE
