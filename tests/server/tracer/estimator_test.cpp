@@ -224,8 +224,8 @@ TEST_F(LossGradientTest, TwoEstimatesAreUnbiasedAndOneIsNot) {
 // finite differences of the loss.
 TEST_F(LossGradientTest, WithPilotAndFourEstimatesIsUnbiased) {
   const Material material{30, 0.8, 0.2};
-  constexpr std::array<double, kCoordinates> kSteps{3, 0.02, 0.05};
-  const std::vector<float> weight(target_.size(), 1);
+  // Small in the albedo, whose third derivative grows as (1 - albedo)^-2.
+  constexpr std::array<double, kCoordinates> kSteps{2, 0.005, 0.05};
   RenderSettings settings{.material = material, .sample_count = 256, .estimates = 4};
   settings.pilot_spp = 4;
   settings.pixels = Pixels::kObject;
@@ -234,7 +234,7 @@ TEST_F(LossGradientTest, WithPilotAndFourEstimatesIsUnbiased) {
   };
   for (size_t c = 0; c < kCoordinates; ++c) {
     std::vector<double> slopes, gradients;
-    for (uint64_t seed = 0; seed < 96; ++seed) {
+    for (uint64_t seed = 0; seed < 32; ++seed) {
       RenderSettings s = settings;
       s.sample_count = 1024;
       s.seed = seed;
@@ -247,7 +247,7 @@ TEST_F(LossGradientTest, WithPilotAndFourEstimatesIsUnbiased) {
     }
     settings.derivatives = true;
     settings.sample_count = 16;
-    for (uint64_t seed = 1000; seed < 5000; ++seed) {
+    for (uint64_t seed = 1000; seed < 4000; ++seed) {
       settings.seed = seed;
       gradients.push_back(loss_of(settings)[c]);
     }
