@@ -120,9 +120,8 @@ std::vector<Group> groups_of(const v1::Dataset& manifest) {
     groups[place->second].push_back(&item);
   }
   for (Group& group : groups) {
-    std::ranges::stable_sort(
-        group, std::ranges::greater(),
-        [](const v1::DatasetItem* item) { return item->material().albedo(); });
+    std::ranges::stable_sort(group, std::ranges::greater(),
+                             [](const v1::DatasetItem* item) { return item->material().albedo(); });
   }
   return groups;
 }

@@ -110,8 +110,8 @@ RenderBatch render_with(DatasetReader& dataset, RenderPool& pool, const v1::Trai
     std::vector<RenderingLoss> results;
     for (auto& future : replies) {
       const v1::RenderGradReply reply = wait_for_render(future, stop);
-      results.push_back({reply.loss(),
-                         {reply.loss_gradient(0), reply.loss_gradient(1), reply.loss_gradient(2)}});
+      results.push_back(
+          {reply.loss(), {reply.loss_gradient(0), reply.loss_gradient(1), reply.loss_gradient(2)}});
     }
     return results;
   };

@@ -17,8 +17,8 @@ packages=(
   libopenexr-dev libpng-dev zlib1g-dev
   # Command line and logs
   libcli11-dev libfmt-dev libspdlog-dev
-  # Tests and benchmarks
-  libgtest-dev libgmock-dev libbenchmark-dev
+  # Tests
+  libgtest-dev libgmock-dev
   # The client in another language that the tests run
   python3 python3-grpcio python3-protobuf python3-numpy
 )

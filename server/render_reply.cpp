@@ -75,8 +75,8 @@ void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& reques
       if (estimate.counts[p] == 0) weight[p] = 0;
     }
   }
-  const RenderingLoss loss = rendering_loss(floats(request.loss().image()), weight,
-                                            tracer::means(sums).estimates);
+  const RenderingLoss loss =
+      rendering_loss(floats(request.loss().image()), weight, tracer::means(sums).estimates);
   reply.set_loss(loss.value);
   for (const int parameter : request.derivatives()) {
     const auto weights = chain_rule(static_cast<v1::Parameter>(parameter), material_of(request));

@@ -1,5 +1,5 @@
-// The loss of a render against an image and its gradient, from independent estimates: the image term
-// of inverse transport networks.
+// The loss of a render against an image and its gradient, from independent estimates: the image
+// term of inverse transport networks.
 #pragma once
 
 #include <array>

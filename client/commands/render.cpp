@@ -277,11 +277,13 @@ void add_render_command(CLI::App& app) {
   command->add_option("--estimates", options->estimates, "Independent estimates, as further layers")
       ->capture_default_str();
   command
-      ->add_option("--pilot-spp", options->pilot_spp,
-                   "Samples per pixel of a pilot, which spreads the others and quietens derivatives")
+      ->add_option(
+          "--pilot-spp", options->pilot_spp,
+          "Samples per pixel of a pilot, which spreads the others and quietens derivatives")
       ->check(CLI::Range(0, 64))
       ->capture_default_str();
-  command->add_option("--pixels", options->pixels, "Render all pixels, or those that see the object")
+  command
+      ->add_option("--pixels", options->pixels, "Render all pixels, or those that see the object")
       ->check(CLI::IsMember({"all", "object"}))
       ->capture_default_str();
   command

@@ -215,8 +215,9 @@ void add_train_command(CLI::App& app) {
       ->check(CLI::Range(2, 16))
       ->capture_default_str();
   command
-      ->add_option("--pilot-spp", options->pilot_spp,
-                   "Samples per pixel of each render's pilot, which makes it quieter (itn); 0: none")
+      ->add_option(
+          "--pilot-spp", options->pilot_spp,
+          "Samples per pixel of each render's pilot, which makes it quieter (itn); 0: none")
       ->check(CLI::Range(0, 64))
       ->capture_default_str();
   command->add_option("--lambda", options->lambda,

@@ -45,9 +45,8 @@ Scene::Compiled::Compiled(SceneDescription&& scene)
 
 CameraRay Scene::Compiled::camera_ray(double x, double y) const {
   const Vec3d direction = camera.direction(x, y), origin = camera.origin();
-  const double distance = !camera_inside && film_box.contains(x, y)
-                              ? distance_to_box(box, origin, direction)
-                              : 0;
+  const double distance =
+      !camera_inside && film_box.contains(x, y) ? distance_to_box(box, origin, direction) : 0;
   const bool at_box = distance > 0 && !boundary.surfaces.in_front(origin, direction, distance);
   return {static_cast<Vec3f>(at_box ? origin + direction * distance : origin),
           static_cast<Vec3f>(direction), at_box};

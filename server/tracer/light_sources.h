@@ -138,7 +138,8 @@ class AliasTable {
 
 // u = atan2(x, -z) / 2 pi wrapped to [0, 1).
 inline double azimuth01(Vec3f d) {
-  const double u = std::atan2(static_cast<double>(d.x), static_cast<double>(-d.z)) / (2 * std::numbers::pi);
+  const double u =
+      std::atan2(static_cast<double>(d.x), static_cast<double>(-d.z)) / (2 * std::numbers::pi);
   return u < 0 ? u + 1 : u;
 }
 
@@ -248,7 +249,8 @@ class SkySource final : public LightSource {
   static double solid_angle(int column, int row) {
     const auto azimuth = [](int c) {
       const double a = 4.0 * c / kColumns, f = a - std::floor(a);
-      return (std::floor(a) + std::atan2(f, 1 - f) / (std::numbers::pi / 2)) * (std::numbers::pi / 2);
+      return (std::floor(a) + std::atan2(f, 1 - f) / (std::numbers::pi / 2)) *
+             (std::numbers::pi / 2);
     };
     const auto y = [](int r) {
       const double s = static_cast<double>(r) / kRows;
@@ -323,8 +325,8 @@ class MapSource final : public LightSource {
     const double azimuth = (cell % width_ + double{u0}) / width_ - rotation01_;
     const double y = std::lerp(edges_[row], edges_[row + 1], double{u1});
     const double r = std::sqrt(std::max(0.0, 1 - y * y));
-    return static_cast<Vec3f>(
-        Vec3d{r * std::sin(2 * std::numbers::pi * azimuth), y, -r * std::cos(2 * std::numbers::pi * azimuth)});
+    return static_cast<Vec3f>(Vec3d{r * std::sin(2 * std::numbers::pi * azimuth), y,
+                                    -r * std::cos(2 * std::numbers::pi * azimuth)});
   }
   double power() const override { return power_; }
   size_t memory() const override {
@@ -354,7 +356,9 @@ class MapSource final : public LightSource {
     return static_cast<double>(values_[static_cast<size_t>(row) * width_ + column]);
   }
 
-  double solid_angle(int row) const { return 2 * std::numbers::pi / width_ * (edges_[row] - edges_[row + 1]); }
+  double solid_angle(int row) const {
+    return 2 * std::numbers::pi / width_ * (edges_[row] - edges_[row + 1]);
+  }
 
   // A pixel's weight is the average of the 3 x 3 values that bilinear interpolation reaches from
   // it, so that no direction with light has density 0.

@@ -25,8 +25,8 @@ class LightSource {
   virtual ~LightSource() = default;
   virtual double radiance(Vec3f direction) const = 0;
   virtual double pdf(Vec3f direction) const = 0;  // per steradian, of `sample`
-  // From uniform numbers in [0, 1): u chooses among cells, of which there may be millions; u0 and u1
-  // a direction within.
+  // From uniform numbers in [0, 1): u chooses among cells, of which there may be millions; u0 and
+  // u1 a direction within.
   virtual Vec3f sample(double u, float u0, float u1) const = 0;
   virtual double power() const = 0;  // radiance integrated over all directions
   virtual size_t memory() const = 0;

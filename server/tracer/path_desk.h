@@ -21,9 +21,9 @@ struct PathEstimate {
   double radiance = 0;
   std::array<double, kCoordinates> derivatives{};
   std::array<double, kMaxAlbedos> at_albedos{};  // radiance for RenderSettings::albedos
-  bool hit = false;     // the camera ray meets the object
-  bool leaked = false;  // to be dropped
-  uint32_t steps = 0;   // free flights inside the medium
+  bool hit = false;                              // the camera ray meets the object
+  bool leaked = false;                           // to be dropped
+  uint32_t steps = 0;                            // free flights inside the medium
 };
 
 // Used by one thread.

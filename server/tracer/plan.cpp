@@ -13,7 +13,8 @@ constexpr int kBlur = 2;
 // Least share of samples, of the mean.
 constexpr double kLeastShare = 0.25;
 
-std::vector<uint32_t> rendered_pixels(const Scene::Compiled& scene, const RenderSettings& settings) {
+std::vector<uint32_t> rendered_pixels(const Scene::Compiled& scene,
+                                      const RenderSettings& settings) {
   if (settings.pixels == Pixels::kObject) {
     return scene.object_pixels();
   }
@@ -40,7 +41,8 @@ std::vector<double> blurred(const std::vector<double>& image, const std::vector<
       int count = 0;
       for (int v = std::max(0, y - kBlur); v <= std::min(height - 1, y + kBlur); ++v) {
         for (int u = std::max(0, x - kBlur); u <= std::min(width - 1, x + kBlur); ++u) {
-          const auto p = static_cast<size_t>(v) * static_cast<size_t>(width) + static_cast<size_t>(u);
+          const auto p =
+              static_cast<size_t>(v) * static_cast<size_t>(width) + static_cast<size_t>(u);
           if (rendered[p]) {
             sum += image[p];
             ++count;
@@ -112,9 +114,10 @@ Plan plan_from_pilot(const Scene::Compiled& scene, const RenderSettings& setting
       return static_cast<uint32_t>(std::floor(each * settings.estimates * sample / spp));
     };
     const uint32_t first = number(static_cast<double>(settings.first_sample));
-    const uint32_t last = number(static_cast<double>(settings.first_sample) + settings.sample_count);
-    plan.pixels.push_back({p, first, last - first,
-                           static_cast<float>(settings.baseline * mean[p]), 0});
+    const uint32_t last =
+        number(static_cast<double>(settings.first_sample) + settings.sample_count);
+    plan.pixels.push_back(
+        {p, first, last - first, static_cast<float>(settings.baseline * mean[p]), 0});
   }
   number_paths(plan);
   return plan;

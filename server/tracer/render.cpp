@@ -50,8 +50,8 @@ void check(const RenderSettings& settings) {
                     settings.estimates, settings.sample_count));
   }
   if (settings.albedos.size() > kMaxAlbedos) {
-    throw invalid_input(fmt::format("{} albedos; there may be {} at most", settings.albedos.size(),
-                                    kMaxAlbedos));
+    throw invalid_input(
+        fmt::format("{} albedos; there may be {} at most", settings.albedos.size(), kMaxAlbedos));
   }
   for (const double albedo : settings.albedos) {
     if (!(albedo >= 0 && albedo <= settings.material.albedo)) {
@@ -61,8 +61,7 @@ void check(const RenderSettings& settings) {
     }
   }
   if (settings.pilot_spp > 64) {
-    throw invalid_input(
-        fmt::format("pilot_spp is {}; it must be at most 64", settings.pilot_spp));
+    throw invalid_input(fmt::format("pilot_spp is {}; it must be at most 64", settings.pilot_spp));
   }
   if (settings.tracer == Tracer::kReference &&
       (!settings.albedos.empty() || settings.pilot_spp > 0)) {
@@ -299,8 +298,7 @@ FilmSums render(const Scene::Compiled& scene, const RenderSettings& settings, co
                 const std::stop_token& stop) {
   FilmSums sums = empty_sums(scene, settings, plan);
   Distribution distribution(plan, settings, sums);
-  const int threads =
-      settings.threads > 0 ? settings.threads : tbb::info::default_concurrency();
+  const int threads = settings.threads > 0 ? settings.threads : tbb::info::default_concurrency();
   std::vector<Distribution::Desk> desks(static_cast<size_t>(threads),
                                         Distribution::Desk(distribution));
   ForkJoin order;
@@ -318,9 +316,8 @@ FilmSums render(const Scene::Compiled& scene, const RenderSettings& settings, co
   };
   tbb::task_arena arena(threads);
   order.before_loop();
-  arena.execute([&] {
-    tbb::parallel_for(size_t{0}, desks.size(), work_at, tbb::simple_partitioner());
-  });
+  arena.execute(
+      [&] { tbb::parallel_for(size_t{0}, desks.size(), work_at, tbb::simple_partitioner()); });
   order.after_loop();
   for (const Distribution::Desk& desk : desks) {
     add(sums.counters, desk.counters);

@@ -5,9 +5,9 @@
 // noise of a pixel is its variance over renders with different seeds. That of the gradient of the
 // loss sum_p (T_p - I_p)^2 is the sum over pixels of the variances of its terms, as pixels are
 // independent: so a few renders of thousands of pixels measure it well.
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <hwy/targets.h>
+#include <CLI/CLI.hpp>
 
 #include <algorithm>
 #include <array>
@@ -142,8 +142,8 @@ std::vector<double> image_terms(const RenderedImages& images) {
   std::vector<double> terms(images.mask.size());
   for (const auto& estimate : images.estimates) {
     for (size_t p = 0; p < terms.size(); ++p) {
-      terms[p] += static_cast<double>(estimate.radiance[p]) /
-                  static_cast<double>(images.estimates.size());
+      terms[p] +=
+          static_cast<double>(estimate.radiance[p]) / static_cast<double>(images.estimates.size());
     }
   }
   return terms;
@@ -151,10 +151,10 @@ std::vector<double> image_terms(const RenderedImages& images) {
 
 // The image that the loss compares with: of a somewhat different material.
 std::vector<float> target_image(const Scene& scene, const Material& material) {
-  RenderSettings settings{.material = {material.sigma_t * 1.2, material.albedo - 0.03,
-                                       std::min(0.9, material.g + 0.1)},
-                          .sample_count = 256,
-                          .seed = 99};
+  RenderSettings settings{
+      .material = {material.sigma_t * 1.2, material.albedo - 0.03, std::min(0.9, material.g + 0.1)},
+      .sample_count = 256,
+      .seed = 99};
   settings.pixels = Pixels::kObject;
   return means(render_grad(scene, settings)).estimates[0].radiance;
 }
@@ -332,9 +332,7 @@ Mesh bumpy_ball(int n) {
                  static_cast<float>(-r * std::sin(theta) * std::sin(phi))};
   };
   const auto number = [&](int i, int j) {
-    return i == 0   ? 0U
-           : i == n ? 1U
-                    : static_cast<uint32_t>(2 + (i - 1) * 2 * n + j % (2 * n));
+    return i == 0 ? 0U : i == n ? 1U : static_cast<uint32_t>(2 + (i - 1) * 2 * n + j % (2 * n));
   };
   mesh.vertices = {place(0, 0), place(n, 0)};
   for (int i = 1; i < n; ++i) {
@@ -365,15 +363,15 @@ void measure_scaling(const Options&) {
     std::unique_ptr<Scene> scene;
     const double set_up =
         wall_seconds([&] { scene = std::make_unique<Scene>(paper_scene(mesh, resolution)); });
-    RenderSettings settings{
-        .material = {100, 0.87, 0.4}, .sample_count = spp, .derivatives = true};
+    RenderSettings settings{.material = {100, 0.87, 0.4}, .sample_count = spp, .derivatives = true};
     double cpu = 0;
     const double wall =
         wall_seconds([&] { cpu = render_grad(*scene, settings).counters.cpu_seconds; });
-    fmt::print("{{\"scaling\": \"{}\", \"resolution\": {}, \"spp\": {}, \"triangles\": {}, "
-               "\"set_up_seconds\": {:.4g}, \"wall_seconds\": {:.4g}, \"cpu_seconds\": {:.4g}, "
-               "\"peak_mb\": {:.0f}}}\n",
-               what, resolution, spp, mesh.triangles.size(), set_up, wall, cpu, peak_memory());
+    fmt::print(
+        "{{\"scaling\": \"{}\", \"resolution\": {}, \"spp\": {}, \"triangles\": {}, "
+        "\"set_up_seconds\": {:.4g}, \"wall_seconds\": {:.4g}, \"cpu_seconds\": {:.4g}, "
+        "\"peak_mb\": {:.0f}}}\n",
+        what, resolution, spp, mesh.triangles.size(), set_up, wall, cpu, peak_memory());
     std::fflush(stdout);
   };
   for (const uint32_t spp : {1U, 16U, 64U, 256U, 1024U}) {
@@ -395,12 +393,13 @@ void measure_dataset(const Options& options) {
     std::vector<double> albedos;  // below that of the material
   };
   const Kind kinds[] = {{"grid of the paper", {0.87, 0.74, 0.59, 0.39}}, {"random materials", {}}};
-  constexpr std::array kGridSigmaT = {30., 36., 44., 54., 67., 82., 100., 122., 150., 184., 225.,
-                                      276.};
+  constexpr std::array kGridSigmaT = {30.,  36.,  44.,  54.,  67.,  82.,
+                                      100., 122., 150., 184., 225., 276.};
   for (const Kind& kind : kinds) {
     double cpu_for_target = 0, images = 0;
     int renders = 0;
-    for (const char* shape : {"cube", "smooth_star", "figure", "bunny", "armadillo", "dragon_40k"}) {
+    for (const char* shape :
+         {"cube", "smooth_star", "figure", "bunny", "armadillo", "dragon_40k"}) {
       const Mesh mesh = find_mesh(shape, options.data);
       if (mesh.triangles.empty()) {
         continue;
@@ -410,8 +409,9 @@ void measure_dataset(const Options& options) {
         // A Latin square over the grid; random materials: golden ratio points of the same ranges.
         const double golden = std::fmod(0.5 + 0.6180339887 * (renders + 1), 1.0);
         const bool grid = !kind.albedos.empty();
-        const double g = grid ? 0.2 * static_cast<double>((i + static_cast<size_t>(renders / 12)) % 5)
-                              : 0.8 * golden;
+        const double g =
+            grid ? 0.2 * static_cast<double>((i + static_cast<size_t>(renders / 12)) % 5)
+                 : 0.8 * golden;
         const double albedo = grid ? 0.95 : 0.39 + 0.56 * std::fmod(golden * 7, 1.0);
         RenderSettings settings{.material = {kGridSigmaT[i], albedo, g}, .sample_count = 64};
         settings.pixels = Pixels::kObject;
@@ -449,9 +449,10 @@ void measure_dataset(const Options& options) {
       }
     }
     const double per_hour = images / cpu_for_target * 3600;
-    fmt::print("{{\"dataset\": \"{}\", \"images\": {}, \"images_per_cpu_hour\": {:.4g}, "
-               "\"hours_for_14400_on_2_cores\": {:.4g}}}\n",
-               kind.name, images, per_hour, 14400 / per_hour / 2);
+    fmt::print(
+        "{{\"dataset\": \"{}\", \"images\": {}, \"images_per_cpu_hour\": {:.4g}, "
+        "\"hours_for_14400_on_2_cores\": {:.4g}}}\n",
+        kind.name, images, per_hour, 14400 / per_hour / 2);
   }
 }
 

@@ -1,5 +1,5 @@
-#include <numeric>
 #include "client/dataset.h"
+#include <numeric>
 
 #include <cmath>
 #include <fstream>
@@ -252,8 +252,8 @@ TEST_F(DatasetFolder, AlbedosOfAGridShareTheirWalk) {
   config.set_sampling(v1::DatasetConfig::GRID);
   config.set_count(0);
   config.set_rotate(false);
-  for (auto* grid : {config.mutable_grid_sigma_t(), config.mutable_grid_albedo(),
-                     config.mutable_grid_g()}) {
+  for (auto* grid :
+       {config.mutable_grid_sigma_t(), config.mutable_grid_albedo(), config.mutable_grid_g()}) {
     grid->Clear();
   }
   config.add_grid_sigma_t(60);

@@ -181,10 +181,10 @@ TEST(RenderService, AnswersWithLossAndGradient) {
   for (size_t p = 0; p < pixels; ++p) weight[p] = static_cast<float>(p % 3) * (mask[p] > 0 ? 1 : 0);
   std::vector<RenderEstimate> estimates;
   for (const v1::Estimate& e : images.estimates()) {
-    estimates.push_back({floats(e.radiance()),
-                         {floats(e.derivatives(0)), floats(e.derivatives(1)),
-                          floats(e.derivatives(2))},
-                         {}});
+    estimates.push_back(
+        {floats(e.radiance()),
+         {floats(e.derivatives(0)), floats(e.derivatives(1)), floats(e.derivatives(2))},
+         {}});
   }
   const RenderingLoss expected = rendering_loss(image, weight, estimates);
 
@@ -387,7 +387,8 @@ const BadRequest kBadRequests[] = {
      },
      "number of albedos is 17"},
     {"LongPilot", [](auto& r) { r.set_pilot_spp(65); }, "pilot_spp is 65"},
-    {"UnknownPixels", [](auto& r) { r.set_pixels(v1::RenderedPixels(9)); }, "pixels has the unknown"},
+    {"UnknownPixels", [](auto& r) { r.set_pixels(v1::RenderedPixels(9)); },
+     "pixels has the unknown"},
     {"UnknownTracer", [](auto& r) { r.set_tracer(v1::Tracer(9)); }, "tracer has the unknown"},
     {"ReferenceWithPilot",
      [](auto& r) {

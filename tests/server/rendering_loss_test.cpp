@@ -138,7 +138,8 @@ TEST(RenderingLoss, IsExactWithoutNoise) {
 
 TEST(RenderingLoss, OfTwoEstimatesIsTheCrossedProduct) {
   const std::vector<float> image{2}, weight{0.5F};
-  const std::vector<RenderEstimate> estimates{{{3}, {{{1}, {2}, {3}}}, {}}, {{5}, {{{4}, {5}, {6}}}, {}}};
+  const std::vector<RenderEstimate> estimates{{{3}, {{{1}, {2}, {3}}}, {}},
+                                              {{5}, {{{4}, {5}, {6}}}, {}}};
   const RenderingLoss loss = rendering_loss(image, weight, estimates);
   EXPECT_DOUBLE_EQ(loss.value, 1.0 * 3 / 4);
   // [(T_A - I) D_B + (T_B - I) D_A] / I^2.

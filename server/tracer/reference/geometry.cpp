@@ -58,7 +58,8 @@ Travel Geometry::travel(const Place& from, Vec3f direction, float budget) const 
       if (!hit.found) {
         travel.in_medium = budget;
         travel.place = {line.at(end), true, {}};
-        travel.end = may_contain(travel.place.position) ? Travel::End::kSpent : Travel::End::kLeaked;
+        travel.end =
+            may_contain(travel.place.position) ? Travel::End::kSpent : Travel::End::kLeaked;
         return travel;
       }
       const float exit = std::max(t, hit.t);

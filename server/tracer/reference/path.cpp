@@ -184,8 +184,7 @@ class Walk {
     const float mis_weight = competes ? light.pdf / (light.pdf + response.density) : 1;
     const float undimmed = light.weight * response.value * mis_weight;
 
-    const Travel travel =
-        geometry_.travel(place_, light.direction, kMaxOpticalDepth / sigma_t_);
+    const Travel travel = geometry_.travel(place_, light.direction, kMaxOpticalDepth / sigma_t_);
     if (travel.end == Travel::End::kLeaked) {
       result_.leaked = true;
     }

@@ -20,7 +20,7 @@ struct Boundary {
 
   Grid grid;
   Surfaces surfaces;
-  Bounds bounds;  // of the object
+  Bounds bounds;     // of the object
   float extent = 0;  // largest absolute coordinate of the object
 };
 

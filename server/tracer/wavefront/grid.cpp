@@ -74,7 +74,7 @@ Vec3d axis_of(const std::vector<Vec3d>& normals) {
     sum = sum + n;
   }
   // The two sides of a thin sheet cancel: either will do.
-  const Vec3d direction = length(sum) > 0.1   ? itn::normalize(sum)
+  const Vec3d direction = length(sum) > 0.1 ? itn::normalize(sum)
                           : normals.empty() ? Vec3d{0, 1, 0}
                                             : normals.front();
   return {std::round(direction.x * kAxisLength), std::round(direction.y * kAxisLength),
@@ -290,8 +290,8 @@ void Grid::measure_reaches() {
 }
 
 // Whether the first crossing on a line from an empty cell along x leaves the medium. As the cell is
-// empty, any point of it will do: one off the middle, which no edge of a mesh with round coordinates
-// is likely to be seen through.
+// empty, any point of it will do: one off the middle, which no edge of a mesh with round
+// coordinates is likely to be seen through.
 bool Grid::lies_inside(int x, int y, int z) const {
   const Vec3d from{low.x + (x + 0.5) * edge, low.y + (y + 0.6371) * edge,
                    low.z + (z + 0.2823) * edge};

@@ -15,8 +15,8 @@ namespace itn::tracer {
 
 // Sixteen triangles, in the form that they are tested in: the Pluecker coordinates of their edges,
 // relative to the middle of the cell that they are tested for, so that they are small numbers. Edge
-// k runs from corner k + 1 to corner k + 2, counter-clockwise seen from outside. Places that are not
-// used have edges of 0, which nothing passes.
+// k runs from corner k + 1 to corner k + 2, counter-clockwise seen from outside. Places that are
+// not used have edges of 0, which nothing passes.
 struct alignas(64) TriangleBlock {
   static constexpr int kSize = 16;
   using Lane = std::array<float, kSize>;
@@ -37,8 +37,8 @@ struct OccupiedCell {
   // mean of the normals n of its triangles, and the byte above them a threshold T, such that
   // |d . a| >= T means that n . d has the sign of a . d for all of them; 255 if there is none.
   uint32_t normals;
-  // All of its triangles lie in the slab low <= a . (x - middle) <= high: two numbers of 16 bits, low
-  // in the lower half, that stand for -1 .. 1 times Grid::slab_scale.
+  // All of its triangles lie in the slab low <= a . (x - middle) <= high: two numbers of 16 bits,
+  // low in the lower half, that stand for -1 .. 1 times Grid::slab_scale.
   uint32_t slab;
 };
 

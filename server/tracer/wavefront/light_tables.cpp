@@ -22,10 +22,15 @@ LightTables::LightTables(const Lights& all) {
                        sky->cells().probabilities().data(), probability});
     } else if (const auto* map = dynamic_cast<const MapSource*>(choice.source.get())) {
       lights.push_back({Kind::kMap, maps.size(), cumulative});
-      Map& table = maps.emplace_back(
-          Map{map->width(), map->height(), static_cast<float>(map->rotation01()),
-              map->values().data(), map->cells().entries().data(),
-              map->cells().probabilities().data(), probability, {}, {}});
+      Map& table = maps.emplace_back(Map{map->width(),
+                                         map->height(),
+                                         static_cast<float>(map->rotation01()),
+                                         map->values().data(),
+                                         map->cells().entries().data(),
+                                         map->cells().probabilities().data(),
+                                         probability,
+                                         {},
+                                         {}});
       const std::vector<double>& edges = map->edges();
       for (size_t row = 0; row < edges.size(); ++row) {
         table.edges.push_back(static_cast<float>(edges[row]));

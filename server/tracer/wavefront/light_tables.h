@@ -36,8 +36,8 @@ struct LightTables {
     const AliasTable::Entry* entries;
     const float* probabilities;
     float probability;
-    std::vector<float> edges;            // y at the edges of the rows, falling
-    std::vector<float> inverse_angles;   // of a pixel, by row: 1 / solid angle
+    std::vector<float> edges;           // y at the edges of the rows, falling
+    std::vector<float> inverse_angles;  // of a pixel, by row: 1 / solid angle
   };
   struct Beam {
     Vec3f direction;

@@ -57,8 +57,8 @@ HWY_INLINE Arrival arrival(const LightTables::Sky& sky, Vectors d) {
   const Floats y = hn::Mul(hn::Sub(one, below), set(static_cast<float>(kRows)));
   const Floats column = hn::Min(hn::Floor(x), set(kColumns - 1.0F));
   const Floats row = hn::Min(hn::Floor(y), set(kRows - 1.0F));
-  const Floats next = hn::IfThenElseZero(hn::Lt(column, set(kColumns - 1.0F)),
-                                         hn::Add(column, one));
+  const Floats next =
+      hn::IfThenElseZero(hn::Lt(column, set(kColumns - 1.0F)), hn::Add(column, one));
   const Floats start = hn::Mul(row, set(static_cast<float>(kColumns)));
   const Ints here = to_int(hn::Add(start, column)), beside = to_int(hn::Add(start, next));
   const Floats fx = hn::Sub(x, column), fy = hn::Sub(y, row);
@@ -66,10 +66,9 @@ HWY_INLINE Arrival arrival(const LightTables::Sky& sky, Vectors d) {
       mix(mix(gather(sky.values, here), gather(sky.values, beside), fx),
           mix(gather(sky.values + kColumns, here), gather(sky.values + kColumns, beside), fx), fy);
 
-  const Floats cell =
-      plus_product(hn::Floor(hn::Mul(column, set(1.0F / SkySource::kMerged))),
-                   hn::Floor(hn::Mul(row, set(1.0F / SkySource::kMerged))),
-                   set(static_cast<float>(SkySource::kCellColumns)));
+  const Floats cell = plus_product(hn::Floor(hn::Mul(column, set(1.0F / SkySource::kMerged))),
+                                   hn::Floor(hn::Mul(row, set(1.0F / SkySource::kMerged))),
+                                   set(static_cast<float>(SkySource::kCellColumns)));
   const Floats probability = gather(sky.probabilities, to_int(cell));
   const Floats rest = hn::Sub(one, fraction);
   const Floats stretch = plus_product(hn::Mul(fraction, fraction), rest, rest);
@@ -85,8 +84,8 @@ HWY_INLINE Vectors sample(const LightTables::Sky& sky, Floats cell01, Floats coi
                           Floats u1) {
   constexpr float kColumns = SkySource::kCellColumns, kRows = SkySource::kCellRows;
   const Floats one = set(1.0F), zero = hn::Zero(FloatTag());
-  const Floats cell = to_float(
-      draw(sky.entries, to_int(hn::Mul(cell01, set(kColumns * kRows))), coin));
+  const Floats cell =
+      to_float(draw(sky.entries, to_int(hn::Mul(cell01, set(kColumns * kRows))), coin));
   const Floats row = hn::Floor(hn::Mul(cell, set(1 / kColumns)));
   const Floats column = hn::Sub(cell, hn::Mul(row, set(kColumns)));
   const Floats a = hn::Mul(hn::Add(column, u0), set(4 / kColumns));
@@ -95,16 +94,14 @@ HWY_INLINE Vectors sample(const LightTables::Sky& sky, Floats cell01, Floats coi
   const Floats f = hn::Sub(a, side), rest = hn::Sub(one, f);
   const Floats y = hn::Min(one, hn::Mul(s, hn::Sub(set(2.0F), s)));
   const Floats r = hn::Mul(
-      hn::Sub(one, s),
-      hn::Sqrt(hn::Div(hn::Add(one, y), plus_product(hn::Mul(f, f), rest, rest))));
+      hn::Sub(one, s), hn::Sqrt(hn::Div(hn::Add(one, y), plus_product(hn::Mul(f, f), rest, rest))));
   const Floats rf = hn::Mul(r, f), rr = hn::Mul(r, rest);
   // Quarter turns of (r f, -r (1 - f)).
   const Mask odd = hn::Or(hn::Eq(side, one), hn::Eq(side, set(3.0F)));
   const Mask left = hn::Ge(side, set(2.0F));
   const Mask back = hn::And(hn::Ge(side, one), hn::Lt(side, set(3.0F)));  // z >= 0
   const Floats x = hn::IfThenElse(odd, rr, rf), z = hn::IfThenElse(odd, rf, rr);
-  return {hn::IfThenElse(left, hn::Sub(zero, x), x), y,
-          hn::IfThenElse(back, z, hn::Sub(zero, z))};
+  return {hn::IfThenElse(left, hn::Sub(zero, x), x), y, hn::IfThenElse(back, z, hn::Sub(zero, z))};
 }
 
 // ConeSource.
@@ -134,7 +131,8 @@ HWY_INLINE Arrival arrival(const LightTables::Map& map, Vectors d) {
   const Floats across = hn::Sqrt(plus_product(hn::Mul(d.x, d.x), d.z, d.z));
   const Floats v = hn::Mul(set(2.0F), turn_of(across, d.y));
 
-  const Floats x = hn::Sub(hn::Mul(u, width), set(0.5F)), y = hn::Sub(hn::Mul(v, height), set(0.5F));
+  const Floats x = hn::Sub(hn::Mul(u, width), set(0.5F)),
+               y = hn::Sub(hn::Mul(v, height), set(0.5F));
   const Floats column = hn::Floor(x), row = hn::Floor(y);
   const Floats fx = hn::Sub(x, column), fy = hn::Sub(y, row);
   const auto wrapped = [&](Floats c) {
@@ -142,8 +140,7 @@ HWY_INLINE Arrival arrival(const LightTables::Map& map, Vectors d) {
     return to_int(hn::IfThenElse(hn::Ge(c, width), hn::Sub(c, width), c));
   };
   const auto start = [&](Floats r) {
-    return hn::Mul(to_int(hn::Clamp(r, zero, hn::Sub(height, one))),
-                   hn::Set(IntTag(), map.width));
+    return hn::Mul(to_int(hn::Clamp(r, zero, hn::Sub(height, one))), hn::Set(IntTag(), map.width));
   };
   const Ints c0 = wrapped(column), c1 = wrapped(hn::Add(column, one));
   const Ints r0 = start(row), r1 = start(hn::Add(row, one));
@@ -152,10 +149,8 @@ HWY_INLINE Arrival arrival(const LightTables::Map& map, Vectors d) {
       mix(mix(value(r0, c0), value(r0, c1), fx), mix(value(r1, c0), value(r1, c1), fx), fy);
 
   const Floats pixel_row = hn::Clamp(hn::Floor(hn::Mul(v, height)), zero, hn::Sub(height, one));
-  const Ints pixel_column =
-      to_int(hn::Min(hn::Floor(hn::Mul(u, width)), hn::Sub(width, one)));
-  const Floats probability =
-      gather(map.probabilities, hn::Add(start(pixel_row), pixel_column));
+  const Ints pixel_column = to_int(hn::Min(hn::Floor(hn::Mul(u, width)), hn::Sub(width, one)));
+  const Floats probability = gather(map.probabilities, hn::Add(start(pixel_row), pixel_column));
   const Floats density = hn::Mul(hn::Mul(probability, set(map.probability)),
                                  gather(map.inverse_angles.data(), to_int(pixel_row)));
   return {radiance, density};
@@ -180,9 +175,9 @@ HWY_INLINE Vectors sample(const LightTables::Map& map, const Words& words, Float
   row = hn::IfThenElse(over, hn::Add(row, one), row);
   column = hn::IfThenElse(over, hn::Sub(column, width), column);
 
-  Floats turn = hn::Sub(
-      hn::Mul(hn::Add(to_float(column), u0), set(1.0F / static_cast<float>(map.width))),
-      set(map.rotation01));
+  Floats turn =
+      hn::Sub(hn::Mul(hn::Add(to_float(column), u0), set(1.0F / static_cast<float>(map.width))),
+              set(map.rotation01));
   turn = hn::Sub(turn, hn::Floor(turn));
   const Floats y = mix(gather(map.edges.data(), row), gather(map.edges.data() + 1, row), u1);
   const Floats r = hn::Sqrt(
@@ -262,8 +257,8 @@ HWY_INLINE LightDraw sample(const LightTables& lights, const Words& words, const
   const Mask possible = hn::AndNot(beam, hn::Gt(light.density, zero));
   draw.density = hn::IfThenElseZero(possible, light.density);
   // A direction on the very rim of the sun may fall outside it by rounding.
-  draw.weight = hn::IfThenElse(beam, beam_weight,
-                               hn::IfThenElseZero(possible, hn::Div(light.radiance, light.density)));
+  draw.weight = hn::IfThenElse(
+      beam, beam_weight, hn::IfThenElseZero(possible, hn::Div(light.radiance, light.density)));
   return draw;
 }
 

@@ -1,8 +1,8 @@
 // Three numbers for every sample of a pixel that fill the cube more evenly than independent ones:
 // Sobol's points, scrambled by Owen's nested permutations so that each is uniform by itself and
 // estimates stay unbiased. Sobol, "On the distribution of points in a cube", 1967; Owen, "Randomly
-// permuted (t,m,s)-nets and (t,s)-sequences", 1995; the permutations by hashing are those of Burley,
-// "Practical hash-based Owen scrambling", JCGT 2020.
+// permuted (t,m,s)-nets and (t,s)-sequences", 1995; the permutations by hashing are those of
+// Burley, "Practical hash-based Owen scrambling", JCGT 2020.
 #pragma once
 
 #include <array>

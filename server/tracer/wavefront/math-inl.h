@@ -58,8 +58,8 @@ HWY_INLINE Floats log(Floats x) {
   constexpr int32_t kSqrtHalf = 0x3F3504F3, kMantissa = 0x007FFFFF;
   const Ints bits = hn::Sub(hn::BitCast(di, x), hn::Set(di, kSqrtHalf));
   const Floats exponent = hn::ConvertTo(d, hn::ShiftRight<23>(bits));
-  const Floats m = hn::BitCast(
-      d, hn::Add(hn::And(bits, hn::Set(di, kMantissa)), hn::Set(di, kSqrtHalf)));
+  const Floats m =
+      hn::BitCast(d, hn::Add(hn::And(bits, hn::Set(di, kMantissa)), hn::Set(di, kSqrtHalf)));
   const Floats one = set(1.0F);
   const Floats s = hn::Div(hn::Sub(m, one), hn::Add(m, one));
   const Floats s2 = hn::Mul(s, s);
@@ -103,8 +103,8 @@ HWY_INLINE SinCos sin_cos_of_turn(Floats u) {
   const IntTag di;
   const FloatTag d;
   const Floats quarter = hn::Round(hn::Mul(u, set(4.0F)));
-  const Floats r = hn::Mul(hn::Sub(hn::Mul(u, set(4.0F)), quarter),
-                           set(std::numbers::pi_v<float> / 2));
+  const Floats r =
+      hn::Mul(hn::Sub(hn::Mul(u, set(4.0F)), quarter), set(std::numbers::pi_v<float> / 2));
   const Floats r2 = hn::Mul(r, r);
   Floats sine = plus_product(set(-1.0F / 5040), r2, set(1.0F / 362880));
   sine = plus_product(set(1.0F / 120), r2, sine);
@@ -120,8 +120,7 @@ HWY_INLINE SinCos sin_cos_of_turn(Floats u) {
   const Floats s = hn::IfThenElse(swap, cosine, sine);
   const Floats c = hn::IfThenElse(swap, sine, cosine);
   const Ints sign_of_s = hn::ShiftLeft<30>(hn::And(q, hn::Set(di, 2)));
-  const Ints sign_of_c =
-      hn::ShiftLeft<30>(hn::And(hn::Add(q, hn::Set(di, 1)), hn::Set(di, 2)));
+  const Ints sign_of_c = hn::ShiftLeft<30>(hn::And(hn::Add(q, hn::Set(di, 1)), hn::Set(di, 2)));
   return {hn::Xor(s, hn::BitCast(d, sign_of_s)), hn::Xor(c, hn::BitCast(d, sign_of_c))};
 }
 

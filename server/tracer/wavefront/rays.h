@@ -20,8 +20,8 @@ struct Rays {
   enum End : uint32_t { kSpent, kSurface, kEscaped, kLeaked };
   static constexpr uint32_t kEndMask = 3, kEntered = 4;
 
-  // A place: bit 0 set inside the medium; above it the number of the surface's triangle that it lies
-  // on, plus 1, or 0.
+  // A place: bit 0 set inside the medium; above it the number of the surface's triangle that it
+  // lies on, plus 1, or 0.
   static constexpr uint32_t kInside = 1;
   static constexpr uint32_t on_surface(uint32_t triangle) { return (triangle + 1) << 1; }
   static constexpr uint32_t surface_of(uint32_t place) { return (place >> 1) - 1; }

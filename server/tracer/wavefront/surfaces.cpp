@@ -23,8 +23,8 @@ Surfaces::Surfaces(const std::vector<DiffuseSurface>& surfaces) {
         bounds.max = {std::max(bounds.max.x, v.x), std::max(bounds.max.y, v.y),
                       std::max(bounds.max.z, v.z)};
       }
-      normals.push_back(static_cast<Vec3f>(
-          itn::normalize(cross(corner[1] - corner[0], corner[2] - corner[0]))));
+      normals.push_back(
+          static_cast<Vec3f>(itn::normalize(cross(corner[1] - corner[0], corner[2] - corner[0]))));
       reflectances.push_back(surface.reflectance);
       ++triangles;
     }
@@ -52,7 +52,9 @@ bool Surfaces::in_front(Vec3d origin, Vec3d direction, double length) const {
     const auto corner = [&](size_t k) { return static_cast<Vec3d>(corners[k].at(i)) - origin; };
     const Vec3d a = corner(0), b = corner(1), c = corner(2), n = cross(b - a, c - a);
     const double slope = dot(n, direction), t = dot(n, a) / slope;
-    const auto same_side = [&](Vec3d p, Vec3d q) { return dot(direction, cross(p, q)) * slope >= 0; };
+    const auto same_side = [&](Vec3d p, Vec3d q) {
+      return dot(direction, cross(p, q)) * slope >= 0;
+    };
     if (slope != 0 && t >= 0 && t <= length && same_side(a, b) && same_side(b, c) &&
         same_side(c, a)) {
       return true;

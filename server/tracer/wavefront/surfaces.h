@@ -38,7 +38,7 @@ struct Surfaces {
   };
   Vectors corners[3], normals;
   std::vector<float> reflectances;
-  Bounds bounds{};  // of all of them
+  Bounds bounds{};                               // of all of them
   std::unique_ptr<Intersector> many;             // null for a few
   std::vector<uint32_t> first_triangle_of_mesh;  // the number of a mesh's triangle 0
 };

@@ -4,9 +4,9 @@
 // A line is a sequence of queries: inside the medium for its next exit, outside for its next entry.
 // A query steps from cell to cell of the grid. kLines of them step at a time, several vectors full,
 // so that the processor has other work while one waits for memory. A line whose query has ended
-// waits until most of them have, then all that wait take their turn: the crossing is booked, and the
-// next query of the line or a new line begins. Triangles are tested for one line at a time, a block
-// of sixteen at once, as neighbouring lines do not look at the same cells.
+// waits until most of them have, then all that wait take their turn: the crossing is booked, and
+// the next query of the line or a new line begins. Triangles are tested for one line at a time, a
+// block of sixteen at once, as neighbouring lines do not look at the same cells.
 #if defined(ITN_TRACER_WAVEFRONT_TRAVEL_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef ITN_TRACER_WAVEFRONT_TRAVEL_INL_H_
 #undef ITN_TRACER_WAVEFRONT_TRAVEL_INL_H_
@@ -17,8 +17,8 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cstddef>
 #include <cfloat>
+#include <cstddef>
 #include <limits>
 
 #include "server/tracer/wavefront/boundary.h"
@@ -191,7 +191,8 @@ class Traveller {
     const auto falls = [&](Floats component, uint32_t bit) {
       return hn::IfThenElseZero(for_uints(hn::Lt(component, zero)), set(bit));
     };
-    store(fresh, hn::Or(falls(direction.x, 1), hn::Or(falls(direction.y, 2), falls(direction.z, 4))),
+    store(fresh,
+          hn::Or(falls(direction.x, 1), hn::Or(falls(direction.y, 2), falls(direction.z, 4))),
           octant_, v);
 
     store(fresh, set(kInfinity), surface_t_, v);
@@ -299,8 +300,7 @@ class Traveller {
     const Floats beyond = hn::BitCast(d, hn::Add(hn::BitCast(UintTag(), last), set(uint32_t{1})));
     const Floats t_min = hn::Max(hn::Sub(t, load(slack_, v)), beyond);
     const Floats rest = hn::Add(t, hn::Sub(load(budget_, v), load(in_medium_, v)));
-    const Floats end =
-        hn::Min(load(surface_t_, v), hn::IfThenElse(inside, rest, set(kInfinity)));
+    const Floats end = hn::Min(load(surface_t_, v), hn::IfThenElse(inside, rest, set(kInfinity)));
     store(where, t_min, t_min_, v);
     store(where, end, end_, v);
     store(where, set(kInfinity), hit_, v);
@@ -361,14 +361,14 @@ class Traveller {
     const Vectors cell = cell_.load(v);
     const Floats index = plus_product(plus_product(cell.x, cell.y, row), cell.z, layer);
     const auto* const cells = reinterpret_cast<const int32_t*>(grid_.cells.data());
-    const Uints word = hn::BitCast(
-        du, hn::GatherIndex(IntTag(), cells, hn::ConvertTo(IntTag(), index)));
+    const Uints word =
+        hn::BitCast(du, hn::GatherIndex(IntTag(), cells, hn::ConvertTo(IntTag(), index)));
     store(stepping, word, word_, v);
-    const Ints reach = hn::And(
-        hn::GatherOffset(IntTag(), reinterpret_cast<const int32_t*>(grid_.reaches.data()),
-                         hn::Add(hn::ShiftLeft<3>(hn::ConvertTo(IntTag(), index)),
-                                 hn::BitCast(IntTag(), load(octant_, v)))),
-        hn::Set(IntTag(), Grid::kMaxReach));
+    const Ints reach =
+        hn::And(hn::GatherOffset(IntTag(), reinterpret_cast<const int32_t*>(grid_.reaches.data()),
+                                 hn::Add(hn::ShiftLeft<3>(hn::ConvertTo(IntTag(), index)),
+                                         hn::BitCast(IntTag(), load(octant_, v)))),
+                hn::Set(IntTag(), Grid::kMaxReach));
     store(hn::ConvertTo(FloatTag(), reach), reach_, v);
     const Mask occupied = hn::And(stepping, not_zero(hn::And(word, set(Grid::kOccupied))));
     return hn::AllFalse(FloatTag(), occupied) ? 0 : bits_of(may_cross(word, occupied, cell, v), v);
@@ -433,8 +433,8 @@ class Traveller {
     constexpr size_t kNormals = offsetof(OccupiedCell, normals) / sizeof(int32_t);
     constexpr size_t kSlab = offsetof(OccupiedCell, slab) / sizeof(int32_t);
     const auto* const occupied = reinterpret_cast<const int32_t*>(grid_.occupied.data());
-    const Ints number = hn::BitCast(
-        di, hn::IfThenElseZero(for_uints(where), hn::And(words, set(Grid::kPayload))));
+    const Ints number =
+        hn::BitCast(di, hn::IfThenElseZero(for_uints(where), hn::And(words, set(Grid::kPayload))));
     const Ints at = hn::Mul(number, hn::Set(di, kStride));
     const Ints cone = hn::GatherIndex(di, occupied + kNormals, at);
     const auto component = [&](Ints shifted) {
@@ -448,8 +448,7 @@ class Traveller {
     const Floats threshold = upper(cone, [](Uints bits) { return hn::ShiftRight<24>(bits); });
     const Vectors direction = direction_.load(v);
     const Floats slope = dot(direction, axis);
-    const Mask faces =
-        hn::And(where, hn::Lt(hn::Neg(hn::Mul(slope, load(side_, v))), threshold));
+    const Mask faces = hn::And(where, hn::Lt(hn::Neg(hn::Mul(slope, load(side_, v))), threshold));
 
     // a . (x - middle) where the line enters the cell and where it leaves it or ends.
     const Floats half = set(0.5F), edge = set(grid_.edge);
@@ -463,9 +462,9 @@ class Traveller {
       const Floats face = hn::IfThenElseZero(hn::Ge(rate, hn::Zero(d)), set(1.0F));
       return hn::Mul(hn::Add(hn::Sub(c, from), face), scale);
     };
-    const Floats out = hn::Min(hn::Min(leave(cell.x, x0.x, dx.x, mm.x), load(grid_end_, v)),
-                               hn::Min(leave(cell.y, x0.y, dx.y, mm.y),
-                                       leave(cell.z, x0.z, dx.z, mm.z)));
+    const Floats out =
+        hn::Min(hn::Min(leave(cell.x, x0.x, dx.x, mm.x), load(grid_end_, v)),
+                hn::Min(leave(cell.y, x0.y, dx.y, mm.y), leave(cell.z, x0.z, dx.z, mm.z)));
     const Floats first = plus_product(at_origin, slope, load(entered_cell_, v));
     const Floats last = plus_product(at_origin, slope, out);
     const Ints slab = hn::GatherIndex(di, occupied + kSlab, at);
@@ -476,17 +475,18 @@ class Traveller {
         hn::Mul(upper(slab, [](Uints bits) { return hn::And(bits, set(uint32_t{0xFFFF})); }),
                 per_unit),
         scale);
-    const Mask reaches = hn::And(hn::Ge(hn::Max(first, last), low), hn::Le(hn::Min(first, last), high));
+    const Mask reaches =
+        hn::And(hn::Ge(hn::Max(first, last), low), hn::Le(hn::Min(first, last), high));
     return hn::And(faces, reaches);
   }
 
-  // Tests the triangles of the cells that lines have reached, for the nearest crossing between t_min_
-  // and the end of the query or an earlier hit. First all are tested without a branch, as the
-  // processor would guess it wrong half of the time; then the distances of those that are hit are
-  // computed.
+  // Tests the triangles of the cells that lines have reached, for the nearest crossing between
+  // t_min_ and the end of the query or an earlier hit. First all are tested without a branch, as
+  // the processor would guess it wrong half of the time; then the distances of those that are hit
+  // are computed.
   //
-  // A line through o, relative to the middle of the cell, in direction d passes the edge from A to B
-  // on the side that the sign of
+  // A line through o, relative to the middle of the cell, in direction d passes the edge from A to
+  // B on the side that the sign of
   //   d . (A x B) + (d x o) . (A - B)
   // tells, the product of the Pluecker coordinates of both: positive for all three edges if it
   // crosses the triangle from inside out. Swapping the ends of an edge negates this exactly: two
@@ -532,8 +532,8 @@ class Traveller {
     measure_hits(passed);
   }
 
-  // The three sides of a triangle that is hit are the barycentric coordinates of the crossing, times
-  // a common factor.
+  // The three sides of a triangle that is hit are the barycentric coordinates of the crossing,
+  // times a common factor.
   HWY_INLINE void measure_hits(size_t count) {
     for (const Passed* entry = passed_; entry < passed_ + count; ++entry) {
       const int line = entry->line;
@@ -565,8 +565,8 @@ class Traveller {
     const Floats stop = hn::Max(t, hn::IfThenElse(crossed, hit, end));
     const Floats travelled = hn::IfThenElseZero(inside, hn::Sub(stop, t));
     const Mask spent = hn::AndNot(at_surface, hn::And(missed, inside));
-    const Floats in_medium = hn::IfThenElse(spent, load(budget_, v),
-                                            hn::Add(load(in_medium_, v), travelled));
+    const Floats in_medium =
+        hn::IfThenElse(spent, load(budget_, v), hn::Add(load(in_medium_, v), travelled));
     store(where, in_medium, in_medium_, v);
     store(crossed, stop, t_, v);
     store(exits, hit, last_exit_, v);
@@ -595,8 +595,7 @@ class Traveller {
 
   // Whether what the grid knows allows that points lie in the medium.
   Mask may_be_inside(Vectors p, size_t v) const {
-    const Mask allowed =
-        not_zero(hn::And(load(word_, v), set(Grid::kOccupied | Grid::kInside)));
+    const Mask allowed = not_zero(hn::And(load(word_, v), set(Grid::kOccupied | Grid::kInside)));
     const float margin = 16 * FLT_EPSILON * boundary_.extent;
     const auto within = [&](Floats x, float low, float high) {
       return hn::And(hn::Ge(x, set(low - margin)), hn::Le(x, set(high + margin)));
@@ -611,9 +610,8 @@ class Traveller {
   // floor stays level.
   void end_lines(Mask ended, size_t v, Uints how, Mask at_surface, Vectors place) {
     // Lines that have not ended write to the spare place behind the last slot.
-    const Ints ray = hn::BitCast(
-        IntTag(),
-        hn::IfThenElse(for_uints(ended), load(ray_, v), set(static_cast<uint32_t>(kSlots))));
+    const Ints ray = hn::BitCast(IntTag(), hn::IfThenElse(for_uints(ended), load(ray_, v),
+                                                          set(static_cast<uint32_t>(kSlots))));
     const auto write = [&](Floats from, FloatColumn& column) {
       hn::ScatterIndex(from, FloatTag(), column.data(), ray);
     };

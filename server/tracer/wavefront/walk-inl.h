@@ -1,6 +1,7 @@
 // Paths in stages: every path of the wavefront flies, then all interact, then all connections to
-// the light are traced, and so on. The algorithm is that of reference/path.cpp, where the estimators
-// are derived; what is added here to make it quicker or quieter is derived where it stands.
+// the light are traced, and so on. The algorithm is that of reference/path.cpp, where the
+// estimators are derived; what is added here to make it quicker or quieter is derived where it
+// stands.
 #if defined(ITN_TRACER_WAVEFRONT_WALK_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef ITN_TRACER_WAVEFRONT_WALK_INL_H_
 #undef ITN_TRACER_WAVEFRONT_WALK_INL_H_
@@ -47,14 +48,14 @@ struct Walks {
   UintColumn pixel{}, sample{}, vertex{};
   UintColumn on_camera_ray{}, hit{}, leaked{}, alive{}, steps{};
   FloatColumn baseline{};
-  FloatColumn weight{}, weight_derivative{};     // and d weight / d albedo
-  FloatColumn score_sigma_t{}, score_g{};        // d log f / d sigma_t in mm, d log f / dg
-  FloatColumn density{};                         // per steradian, of the last direction
-  FloatColumn u1{}, u2{}, u3{};                  // random numbers of the vertex
-  FloatColumn first_flight{};                    // the random number of the first flight
+  FloatColumn weight{}, weight_derivative{};  // and d weight / d albedo
+  FloatColumn score_sigma_t{}, score_g{};     // d log f / d sigma_t in mm, d log f / dg
+  FloatColumn density{};                      // per steradian, of the last direction
+  FloatColumn u1{}, u2{}, u3{};               // random numbers of the vertex
+  FloatColumn first_flight{};                 // the random number of the first flight
   FloatColumn radiance{}, d_sigma_t{}, d_albedo{}, d_g{};  // collected so far
-  FloatColumn zero_sigma_t{}, zero_g{};          // see the baselines in fly and interact
-  std::vector<FloatColumn> weights, radiances;   // for RenderSettings::albedos
+  FloatColumn zero_sigma_t{}, zero_g{};                    // see the baselines in fly and interact
+  std::vector<FloatColumn> weights, radiances;             // for RenderSettings::albedos
 
   // Moves a path to another slot.
   void move(size_t from, size_t to) {
@@ -62,13 +63,13 @@ struct Walks {
     for (VectorColumn* column : vectors) {
       column->set(to, column->at(from));
     }
-    for (UintColumn* column : {&rays.place, &pixel, &sample, &vertex,
-                               &on_camera_ray, &hit, &leaked, &alive, &steps}) {
+    for (UintColumn* column :
+         {&rays.place, &pixel, &sample, &vertex, &on_camera_ray, &hit, &leaked, &alive, &steps}) {
       (*column)[to] = (*column)[from];
     }
     for (FloatColumn* column :
-         {&baseline, &weight, &weight_derivative, &score_sigma_t, &score_g, &density,
-          &first_flight, &radiance, &d_sigma_t, &d_albedo, &d_g, &zero_sigma_t, &zero_g}) {
+         {&baseline, &weight, &weight_derivative, &score_sigma_t, &score_g, &density, &first_flight,
+          &radiance, &d_sigma_t, &d_albedo, &d_g, &zero_sigma_t, &zero_g}) {
       (*column)[to] = (*column)[from];
     }
     for (auto* columns : {&weights, &radiances}) {
@@ -82,9 +83,10 @@ struct Walks {
 // The connections to the light that survived their roulette.
 struct Connections {
   Rays rays;
-  UintColumn slot{};       // of the walk
-  FloatColumn light{};     // that would arrive undimmed, scattered and weighted, the walk's weight apart
-  FloatColumn worth{};     // the same, with what the walk is worth following for
+  UintColumn slot{};  // of the walk
+  FloatColumn
+      light{};  // that would arrive undimmed, scattered and weighted, the walk's weight apart
+  FloatColumn worth{};  // the same, with what the walk is worth following for
   FloatColumn score_g{};
   size_t count = 0;
 };
@@ -154,8 +156,8 @@ class Wavefront {
     for (size_t i = 0; i < count_; i += lanes()) {
       const Uints vertex = load(walks_.vertex, i);
       const Words words = random(i, vertex, kWalk);
-      const Floats u0 = hn::IfThenElse(is(vertex, 1), load(walks_.first_flight, i),
-                                       uniform(words.w[0]));
+      const Floats u0 =
+          hn::IfThenElse(is(vertex, 1), load(walks_.first_flight, i), uniform(words.w[0]));
       const Floats depth = hn::Sub(zero, log(hn::Sub(set(1.0F), u0)));
       store(hn::Mul(depth, set(1 / sigma_t_)), walks_.rays.budget, i);
       store(uniform(words.w[1]), walks_.u1, i);
@@ -188,20 +190,20 @@ class Wavefront {
     }
   }
 
-  // The score of a free flight, s = [1/sigma_t if it ended in a scattering] - length inside, has the
-  // expectation 0 whatever came before. So has the sum of s W over the flights, W being the weight
-  // before each: subtracting any multiple of it from the derivative keeps it unbiased. As the light
-  // that a path finds after a flight is about W times what it finds from the camera, the pixel's
-  // value is the multiple that takes away most of the noise (a baseline: Williams, "Simple
+  // The score of a free flight, s = [1/sigma_t if it ended in a scattering] - length inside, has
+  // the expectation 0 whatever came before. So has the sum of s W over the flights, W being the
+  // weight before each: subtracting any multiple of it from the derivative keeps it unbiased. As
+  // the light that a path finds after a flight is about W times what it finds from the camera, the
+  // pixel's value is the multiple that takes away most of the noise (a baseline: Williams, "Simple
   // statistical gradient-following algorithms", 1992). Likewise for g, in scatter.
   void book_flight(size_t i, Mask spent) {
     const Floats length = load(walks_.rays.in_medium, i);
-    const Floats score =
-        hn::Sub(hn::IfThenElseZero(spent, set(1 / sigma_t_)), length);
+    const Floats score = hn::Sub(hn::IfThenElseZero(spent, set(1 / sigma_t_)), length);
     store(hn::Add(load(walks_.score_sigma_t, i), score), walks_.score_sigma_t, i);
     store(plus_product(load(walks_.zero_sigma_t, i), score, load(walks_.weight, i)),
           walks_.zero_sigma_t, i);
-    const Uints entered = hn::And(hn::ShiftRight<2>(load(walks_.rays.outcome, i)), set(uint32_t{1}));
+    const Uints entered =
+        hn::And(hn::ShiftRight<2>(load(walks_.rays.outcome, i)), set(uint32_t{1}));
     store(hn::Add(load(walks_.steps, i), entered), walks_.steps, i);
     const auto first = for_uints(is(load(walks_.vertex, i), 1));
     store(hn::IfThenElse(first, entered, load(walks_.hit, i)), walks_.hit, i);
@@ -216,9 +218,7 @@ class Wavefront {
     switch (settings_.techniques) {
       case Techniques::kLightsOnly: mis_weight = hn::Zero(FloatTag()); break;
       case Techniques::kPhaseOnly: break;
-      case Techniques::kBoth:
-        mis_weight = hn::Div(density, hn::Add(density, light.density));
-        break;
+      case Techniques::kBoth: mis_weight = hn::Div(density, hn::Add(density, light.density)); break;
     }
     mis_weight = hn::IfThenElse(on_camera_ray, set(1.0F), mis_weight);
     const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));
@@ -246,7 +246,8 @@ class Wavefront {
     Vectors axis = before;
     if (!all_in_medium) {
       const Mask on_surface = hn::AndNot(spent, vertices);
-      const Uints triangle = hn::Sub(hn::ShiftRight<1>(load(walks_.rays.place, i)), set(uint32_t{1}));
+      const Uints triangle =
+          hn::Sub(hn::ShiftRight<1>(load(walks_.rays.place, i)), set(uint32_t{1}));
       const Ints at = hn::BitCast(IntTag(), hn::IfThenElseZero(for_uints(on_surface), triangle));
       const Surfaces& surfaces = scene_.boundary.surfaces;
       factor = hn::IfThenElse(spent, factor, gather(surfaces.reflectances.data(), at));
@@ -261,9 +262,8 @@ class Wavefront {
     // W takes the factor; dW/d albedo takes W too, where the factor is the albedo.
     const Floats old_weight = load(walks_.weight, i);
     const Floats weight = hn::Mul(old_weight, factor);
-    const Floats weight_derivative =
-        hn::Add(hn::Mul(load(walks_.weight_derivative, i), factor),
-                hn::IfThenElseZero(spent, old_weight));
+    const Floats weight_derivative = hn::Add(hn::Mul(load(walks_.weight_derivative, i), factor),
+                                             hn::IfThenElseZero(spent, old_weight));
     store(weight, walks_.weight, i);
     store(weight_derivative, walks_.weight_derivative, i);
     for (size_t a = 0; a < walks_.weights.size(); ++a) {
@@ -291,8 +291,8 @@ class Wavefront {
       density = hn::IfThenElse(spent, density, hn::Mul(diffuse, set(1 / kPi)));
     }
     const SinCos phi = sin_cos_of_turn(load(walks_.u2, i));
-    const Vectors direction = normalize(
-        around(axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
+    const Vectors direction =
+        normalize(around(axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
     // Paths that have ended keep their direction: NaN would slow the lanes down.
     store(if_then_else(vertices, direction, before), walks_.rays.direction, i);
     store(density, walks_.density, i);
@@ -314,8 +314,7 @@ class Wavefront {
     const Floats zero = hn::Zero(d);
     const Uints vertex = load(walks_.vertex, i);
     const Words words = random(i, vertex, kConnection);
-    const Words more =
-        scene_.light_tables.maps.empty() ? Words{} : random(i, vertex, kMap);
+    const Words more = scene_.light_tables.maps.empty() ? Words{} : random(i, vertex, kMap);
     const LightDraw light = sample(scene_.light_tables, words, more);
     const Floats cosine = dot(axis, light.direction);
     Floats value = hg_phase(cosine, g_);
@@ -326,11 +325,10 @@ class Wavefront {
       score = hn::IfThenElseZero(spent, score);
     }
     // `value` is also the density with which the walk would go there by itself.
-    const Mask competes = settings_.techniques == Techniques::kBoth
-                              ? hn::Gt(light.density, zero)
-                              : hn::MaskFromVec(zero);
-    const Floats mis_weight = hn::IfThenElse(
-        competes, hn::Div(light.density, hn::Add(light.density, value)), set(1.0F));
+    const Mask competes = settings_.techniques == Techniques::kBoth ? hn::Gt(light.density, zero)
+                                                                    : hn::MaskFromVec(zero);
+    const Floats mis_weight =
+        hn::IfThenElse(competes, hn::Div(light.density, hn::Add(light.density, value)), set(1.0F));
     const Floats undimmed = hn::Mul(hn::Mul(light.weight, value), mis_weight);
     const Floats worth = hn::Mul(importance(i), undimmed);
     Floats limit = set(kMaxOpticalDepth);
@@ -360,8 +358,7 @@ class Wavefront {
     append(undimmed, connections_.light);
     append(worth, connections_.worth);
     append(hn::Add(score_g, score), connections_.score_g);
-    append_uints(hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i))),
-                 connections_.slot);
+    append_uints(hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i))), connections_.slot);
     connections_.count += hn::CountTrue(d, ordered);
   }
 
@@ -373,9 +370,9 @@ class Wavefront {
       const Mask live = hn::FirstN(d, connections_.count - i);
       const Uints end = hn::And(load(connections_.rays.outcome, i), set(Rays::kEndMask));
       // Lanes beyond the last connection add nothing, in the spare slot.
-      const Ints slot = hn::BitCast(
-          IntTag(), hn::IfThenElse(for_uints(live), load(connections_.slot, i),
-                                   set(static_cast<uint32_t>(kSlots))));
+      const Ints slot =
+          hn::BitCast(IntTag(), hn::IfThenElse(for_uints(live), load(connections_.slot, i),
+                                               set(static_cast<uint32_t>(kSlots))));
       const Mask leaked = hn::And(live, is(end, Rays::kLeaked));
       if (!hn::AllFalse(d, leaked)) {
         const Uints before = hn::GatherIndex(UintTag(), walks_.leaked.data(), slot);
@@ -424,7 +421,8 @@ class Wavefront {
   void survive() {
     const Floats one = set(1.0F);
     for (size_t i = 0; i < count_; i += lanes()) {
-      const Floats probability = hn::Min(one, hn::Mul(importance(i), set(1 / std::max(survival_, 1e-20F))));
+      const Floats probability =
+          hn::Min(one, hn::Mul(importance(i), set(1 / std::max(survival_, 1e-20F))));
       const Mask survives = hn::And(hn::Lt(load(walks_.u3, i), probability),
                                     hn::Not(not_zero(load(walks_.leaked, i))));
       const Floats factor = hn::Div(one, hn::Max(probability, set(1e-30F)));
@@ -510,8 +508,8 @@ class Wavefront {
     const PathOrder& order = orders_[next_order_++];
     const std::array<float, 3> u = camera_sample(order);
     const auto width = static_cast<uint32_t>(scene_.film.width);
-    const CameraRay ray = scene_.camera_ray(order.pixel % width + double{u[0]},
-                                            order.pixel / width + double{u[1]});
+    const CameraRay ray =
+        scene_.camera_ray(order.pixel % width + double{u[0]}, order.pixel / width + double{u[1]});
     walks_.pixel[slot] = order.pixel;
     walks_.sample[slot] = order.sample;
     walks_.baseline[slot] = order.baseline;
@@ -524,8 +522,8 @@ class Wavefront {
     walks_.hit[slot] = walks_.leaked[slot] = walks_.steps[slot] = 0;
     for (FloatColumn* column :
          {&walks_.weight_derivative, &walks_.score_sigma_t, &walks_.score_g, &walks_.density,
-          &walks_.radiance, &walks_.d_sigma_t, &walks_.d_albedo, &walks_.d_g,
-          &walks_.zero_sigma_t, &walks_.zero_g}) {
+          &walks_.radiance, &walks_.d_sigma_t, &walks_.d_albedo, &walks_.d_g, &walks_.zero_sigma_t,
+          &walks_.zero_g}) {
       (*column)[slot] = 0;
     }
     for (FloatColumn& weight : walks_.weights) {

@@ -96,7 +96,8 @@ TEST_P(GeometryTest, LengthInsideABox) {
 }
 
 TEST_P(GeometryTest, BudgetIsSpentInTheMediumOnly) {
-  const Lines geometry(GetParam(), merged({box({0, 0, 0}, {1, 1, 1}), box({3, 0, 0}, {4, 1, 1})}), {});
+  const Lines geometry(GetParam(), merged({box({0, 0, 0}, {1, 1, 1}), box({3, 0, 0}, {4, 1, 1})}),
+                       {});
   const Travel travel = geometry.travel({{-1, 0.4F, 0.5F}, false, {}}, {1, 0, 0}, 1.5F);
   EXPECT_EQ(travel.end, End::kSpent);
   EXPECT_NEAR(travel.place.position.x, 3.5, 1e-5);
@@ -105,7 +106,8 @@ TEST_P(GeometryTest, BudgetIsSpentInTheMediumOnly) {
 
 // Two boxes that share a face: the exit of one and the entry of the other coincide.
 TEST_P(GeometryTest, TouchingParts) {
-  const Lines geometry(GetParam(), merged({box({0, 0, 0}, {1, 1, 1}), box({1, 0, 0}, {2, 1, 1})}), {});
+  const Lines geometry(GetParam(), merged({box({0, 0, 0}, {1, 1, 1}), box({1, 0, 0}, {2, 1, 1})}),
+                       {});
   for (const float y : {0.1F, 0.3F, 0.77F}) {
     const Travel travel = geometry.travel({{-1, y, 0.4F}, false, {}}, {1, 0, 0}, kInfinity);
     EXPECT_NEAR(travel.in_medium, 2, 1e-5);

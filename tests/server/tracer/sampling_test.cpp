@@ -285,10 +285,10 @@ TEST_P(LightTest, TheWavefrontHasTheSameLights) {
       const Vec3f d = probe->direction.at(i);
       const auto differ = [](float a, float b) { return std::abs(a - b) > 1e-3F * (b + 1e-3F); };
       // At the rim of the sun and at the edges of cells rounding decides.
-      different += differ(probe->radiance[i], lights.radiance(d)) ||
-                           differ(probe->density[i], lights.pdf(d))
-                       ? 1
-                       : 0;
+      different +=
+          differ(probe->radiance[i], lights.radiance(d)) || differ(probe->density[i], lights.pdf(d))
+              ? 1
+              : 0;
     }
     draw_lights(tables, 100 + batch, *probe, kSlots);
     for (uint32_t i = 0; i < kSlots; ++i) {
