@@ -1,9 +1,6 @@
 #include "server/tracer/render.h"
 
 #include <fmt/format.h>
-#include <tbb/info.h>
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
 #include <time.h>
 
 #include <algorithm>
@@ -13,9 +10,9 @@
 
 #include "common/error.h"
 #include "server/tracer/compiled_scene.h"
-#include "server/tracer/fork_join.h"
 #include "server/tracer/plan.h"
 #include "server/tracer/reference/path.h"
+#include "server/tracer/threads.h"
 #include "server/tracer/wavefront/wavefront.h"
 
 namespace itn::tracer {
@@ -298,27 +295,22 @@ FilmSums render(const Scene::Compiled& scene, const RenderSettings& settings, co
                 const std::stop_token& stop) {
   FilmSums sums = empty_sums(scene, settings, plan);
   Distribution distribution(plan, settings, sums);
-  const int threads = settings.threads > 0 ? settings.threads : tbb::info::default_concurrency();
-  std::vector<Distribution::Desk> desks(static_cast<size_t>(threads),
+  // Not more than have something to do.
+  constexpr uint64_t kPathsPerThread = 256;
+  const uint64_t busy = 1 + plan.paths / kPathsPerThread;
+  std::vector<Distribution::Desk> desks(std::min<uint64_t>(thread_count(settings.threads), busy),
                                         Distribution::Desk(distribution));
-  ForkJoin order;
-  const auto work_at = [&](size_t desk) {
-    order.begin_iteration();
+  on_threads(desks.size(), [&](size_t i) {
+    Distribution::Desk& desk = desks[i];
     const double start = thread_cpu_seconds();
     if (settings.tracer == Tracer::kWavefront) {
-      trace_wavefront(scene, settings, desks[desk], stop);
+      trace_wavefront(scene, settings, desk, stop);
     } else {
-      trace_reference(scene, settings, desks[desk], stop);
+      trace_reference(scene, settings, desk, stop);
     }
-    desks[desk].close();
-    desks[desk].counters.cpu_seconds += thread_cpu_seconds() - start;
-    order.end_iteration();
-  };
-  tbb::task_arena arena(threads);
-  order.before_loop();
-  arena.execute(
-      [&] { tbb::parallel_for(size_t{0}, desks.size(), work_at, tbb::simple_partitioner()); });
-  order.after_loop();
+    desk.close();
+    desk.counters.cpu_seconds += thread_cpu_seconds() - start;
+  });
   for (const Distribution::Desk& desk : desks) {
     add(sums.counters, desk.counters);
   }

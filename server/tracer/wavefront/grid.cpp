@@ -4,7 +4,7 @@
 #include <cfloat>
 #include <cmath>
 
-#include <tbb/parallel_for.h>
+#include "server/tracer/threads.h"
 
 namespace itn::tracer {
 namespace {
@@ -256,7 +256,7 @@ void Grid::measure_reaches() {
   const auto along = [&](int octant, int axis, int i) {
     return octant >> axis & 1 ? i : size[axis] - 1 - i;
   };
-  tbb::parallel_for(0, 8, [&](int octant) {
+  const auto measure = [&](int octant) {
     constexpr uint8_t kOutside = kMaxReach - 1;
     const size_t row = static_cast<size_t>(size[0]) + 1;
     std::vector<uint8_t> ahead((size[1] + 1) * row, kOutside), layer = ahead, least(row);
@@ -285,6 +285,12 @@ void Grid::measure_reaches() {
         }
       }
       std::swap(ahead, layer);
+    }
+  };
+  const size_t threads = std::min<size_t>(8, thread_count(0));
+  on_threads(threads, [&](size_t thread) {
+    for (size_t octant = thread; octant < 8; octant += threads) {
+      measure(static_cast<int>(octant));
     }
   });
 }
