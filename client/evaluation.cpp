@@ -66,6 +66,7 @@ std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::
   proto.set_albedo(material.albedo);
   proto.set_g(material.g);
   job.request.set_spp(spp);
+  job.request.set_pixels(v1::OBJECT_PIXELS);  // as the images of a dataset
   // Not the random numbers of the image that it is compared with.
   job.request.set_seed(derive_seed(item.seed(), {1}));
   std::future<v1::RenderGradReply> future = pool.submit(std::move(job));
