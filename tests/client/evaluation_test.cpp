@@ -5,7 +5,9 @@
 
 #include <gmock/gmock.h>
 
+#include "client/dataset_render.h"
 #include "client/picture.h"
+#include "common/shapes.h"
 
 namespace itn {
 namespace {
@@ -22,6 +24,34 @@ TEST(Evaluation, ErrorsAreRootMeanSquare) {
   EXPECT_DOUBLE_EQ(row.sigma_t(), std::sqrt(200.0 / 3));
   EXPECT_DOUBLE_EQ(row.albedo(), std::sqrt(0.01 / 3));
   EXPECT_DOUBLE_EQ(row.g(), std::sqrt(0.09 / 3));
+}
+
+// A re-rendering shows what the dataset's image shows: the object, and nothing where that is dark.
+TEST(Evaluation, RerendersTheSamePixels) {
+  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "rerender";
+  std::filesystem::remove_all(folder);
+  v1::DatasetConfig config = paper_config(16);
+  config.set_spp(4);
+  config.set_count(4);
+  std::vector<Shape> shapes;
+  for (const char* name : {"cube", "torus", "sphere"}) {
+    shapes.push_back({name, make_shape(name)});
+  }
+  RenderPool pool({});
+  render_dataset(plan_dataset(config, shapes), folder, pool, [](const DatasetProgress&) {});
+  DatasetReader dataset(folder);
+  const v1::DatasetItem& item = *dataset.items(v1::SPLIT_TEST)[0];
+  const Material truth{item.material().sigma_t(), item.material().albedo(), item.material().g()};
+  const std::vector<float> image = dataset.image(item).radiance;
+  const std::vector<float> again = rerender(dataset, pool, item, truth, 4, {});
+  int lit = 0;
+  for (size_t p = 0; p < image.size(); ++p) {
+    EXPECT_EQ(again[p] > 0, image[p] > 0) << p;
+    lit += image[p] > 0 ? 1 : 0;
+  }
+  EXPECT_GT(lit, 10);
+  EXPECT_LT(lit, 250);
+  std::filesystem::remove_all(folder);
 }
 
 TEST(Evaluation, NoConstantBeatsTheMeanOfTheTruth) {
