@@ -13,13 +13,14 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
 format=table
-compare=(--spp 64)
+spp=64
+each=
 repetitions=3
 for argument in "$@"; do
   case $argument in
     --json) format=json ;;
-    --each) compare+=(--each) ;;
-    --quick) compare+=(--spp 8) && repetitions=2 ;;
+    --each) each=--each ;;
+    --quick) spp=8 && repetitions=2 ;;
     *) sed -n '2,11p' "$0" >&2 && exit 2 ;;
   esac
 done
@@ -29,7 +30,7 @@ deploy/build.sh tracer_bench >&2
 result=$(mktemp)
 trap 'rm -f "$result"' EXIT
 bench=build/release/bin/tracer_bench
-for part in "compare ${compare[*]}" paper scaling dataset; do
+for part in "compare --spp $spp $each" paper scaling dataset; do
   # shellcheck disable=SC2086
   $bench --repetitions $repetitions $part >>"$result"
 done
