@@ -1,11 +1,11 @@
 #include "client/render_wait.h"
 
 #include <chrono>
-#include <cstring>
 
 #include <fmt/format.h>
 
 #include "common/error.h"
+#include "common/wire_array.h"
 
 namespace itn {
 
@@ -25,9 +25,7 @@ std::vector<float> plane(const std::string& bytes, size_t count) {
                 fmt::format("a worker sent an image of {} bytes rather than {}", bytes.size(),
                             count * sizeof(float)));
   }
-  std::vector<float> values(count);
-  std::memcpy(values.data(), bytes.data(), bytes.size());
-  return values;
+  return from_bytes<float>(bytes);
 }
 
 }  // namespace itn

@@ -14,6 +14,7 @@
 #include "common/atomic_file.h"
 #include "common/error.h"
 #include "common/learning/checkpoint.h"
+#include "common/wire_array.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -26,10 +27,6 @@ enum Choice : uint64_t { kInitialWeights, kOrder, kRenders };
 // The two terms are balanced over the first steps and then left alone: from there on the loss that
 // is minimised is one and the same.
 constexpr uint64_t kBalanceSteps = 10;
-
-std::string bytes_of(std::span<const float> values) {
-  return {reinterpret_cast<const char*>(values.data()), values.size_bytes()};
-}
 
 RenderJob render_job(DatasetReader& dataset, const RenderQuery& query,
                      const v1::TrainingConfig& config) {
@@ -47,8 +44,8 @@ RenderJob render_job(DatasetReader& dataset, const RenderQuery& query,
   for (const v1::Parameter parameter : {v1::SIGMA_T, v1::ALBEDO, v1::G}) {
     job.request.add_derivatives(parameter);
   }
-  job.request.mutable_loss()->set_image(bytes_of(query.image));
-  job.request.mutable_loss()->set_weight(bytes_of(query.weight));
+  job.request.mutable_loss()->set_image(to_bytes(query.image));
+  job.request.mutable_loss()->set_weight(to_bytes(query.weight));
   return job;
 }
 

@@ -2,12 +2,12 @@
 
 #include <fmt/format.h>
 
-#include <cstring>
 #include <stop_token>
 #include <utility>
 #include <vector>
 
 #include "common/error.h"
+#include "common/wire_array.h"
 #include "server/status.h"
 
 namespace itn {
@@ -42,15 +42,9 @@ void check_sizes(const v1::PredictRequest& request, uint64_t max_pixels) {
   check_bytes("mask", request.mask(), pixels);
 }
 
-std::vector<float> floats(const std::string& bytes) {
-  std::vector<float> values(bytes.size() / sizeof(float));
-  std::memcpy(values.data(), bytes.data(), bytes.size());
-  return values;
-}
-
 v1::PredictReply predict(Predictor& predictor, const v1::PredictRequest& request) {
-  const std::vector<float> pixels = floats(request.image());
-  const std::vector<float> mask = floats(request.mask());
+  const std::vector<float> pixels = from_bytes<float>(request.image());
+  const std::vector<float> mask = from_bytes<float>(request.mask());
   const std::vector<Material> materials =
       predictor.predict({.width = static_cast<int>(request.width()),
                          .height = static_cast<int>(request.height()),

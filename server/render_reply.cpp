@@ -3,23 +3,16 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <bit>
-#include <cstring>
 #include <string>
 
 #include "common/error.h"
+#include "common/wire_array.h"
 #include "server/chain_rule.h"
 #include "server/rendering_loss.h"
+#include "server/scene_builder.h"
 
 namespace itn {
 namespace {
-
-static_assert(std::endian::native == std::endian::little, "the wire's arrays are little-endian");
-
-template <typename T>
-std::string to_bytes(const std::vector<T>& values) {
-  return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
-}
 
 void check_size(const char* what, size_t size, size_t expected) {
   if (size != expected) {
@@ -32,9 +25,7 @@ void check_size(const char* what, size_t size, size_t expected) {
 template <typename T = int64_t>
 std::vector<T> sums_from_bytes(const char* what, const std::string& bytes, size_t pixels) {
   check_size(what, bytes.size(), pixels * sizeof(T));
-  std::vector<T> values(pixels);
-  std::memcpy(values.data(), bytes.data(), bytes.size());
-  return values;
+  return from_bytes<T>(bytes);
 }
 
 size_t pixel_count(const v1::RenderGradReply& reply) {
@@ -56,30 +47,21 @@ std::vector<float> combine(const tracer::RenderedImages::Estimate& estimate,
   return image;
 }
 
-Material material_of(const v1::RenderGradRequest& request) {
-  return {request.material().sigma_t(), request.material().albedo(), request.material().g()};
-}
-
-std::vector<float> floats(const std::string& bytes) {
-  std::vector<float> values(bytes.size() / sizeof(float));
-  std::memcpy(values.data(), bytes.data(), values.size() * sizeof(float));
-  return values;
-}
-
 // Over the pixels of which every estimate has samples.
 void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
                v1::RenderGradReply& reply) {
-  std::vector<float> weight = floats(request.loss().weight());
+  std::vector<float> weight = from_bytes<float>(request.loss().weight());
   for (const auto& estimate : sums.estimates) {
     for (size_t p = 0; p < weight.size(); ++p) {
       if (estimate.counts[p] == 0) weight[p] = 0;
     }
   }
-  const RenderingLoss loss =
-      rendering_loss(floats(request.loss().image()), weight, tracer::means(sums).estimates);
+  const RenderingLoss loss = rendering_loss(from_bytes<float>(request.loss().image()), weight,
+                                            tracer::means(sums).estimates);
   reply.set_loss(loss.value);
+  const Material material = build_material(request.material());
   for (const int parameter : request.derivatives()) {
-    const auto weights = chain_rule(static_cast<v1::Parameter>(parameter), material_of(request));
+    const auto weights = chain_rule(static_cast<v1::Parameter>(parameter), material);
     double sum = 0;
     for (size_t c = 0; c < weights.size(); ++c) sum += weights[c] * loss.gradient[c];
     reply.add_loss_gradient(sum);
@@ -88,12 +70,13 @@ void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& reques
 
 void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
                  v1::RenderGradReply& reply) {
+  const Material material = build_material(request.material());
   const tracer::RenderedImages images = tracer::means(sums);
   for (const auto& estimate : images.estimates) {
     v1::Estimate& proto = *reply.add_estimates();
     proto.set_radiance(to_bytes(estimate.radiance));
     for (const int parameter : request.derivatives()) {
-      const auto weights = chain_rule(static_cast<v1::Parameter>(parameter), material_of(request));
+      const auto weights = chain_rule(static_cast<v1::Parameter>(parameter), material);
       proto.add_derivatives(to_bytes(combine(estimate, weights)));
     }
     for (const std::vector<float>& radiance : estimate.at_albedos) {

@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <cstring>
 #include <numbers>
 #include <set>
 #include <vector>
@@ -15,6 +14,7 @@
 #include "common/error.h"
 #include "common/mesh.h"
 #include "common/shapes.h"
+#include "common/wire_array.h"
 
 namespace itn {
 namespace {
@@ -145,9 +145,7 @@ std::vector<T> array_of(const std::string& field, const std::string& bytes) {
     throw invalid_input(fmt::format("{} has {} bytes; it must be a multiple of {}", field,
                                     bytes.size(), sizeof(T)));
   }
-  std::vector<T> values(bytes.size() / sizeof(T));
-  std::memcpy(values.data(), bytes.data(), bytes.size());
-  return values;
+  return from_bytes<T>(bytes);
 }
 
 constexpr Affine kIdentity = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
@@ -512,12 +510,12 @@ void check_loss(const v1::RenderGradRequest& request) {
 // Values of an image of the target; `positive`: none may be negative.
 std::vector<float> target_values(const char* name, const std::string& bytes, int width, int height,
                                  bool positive) {
-  std::vector<float> values(static_cast<size_t>(width) * static_cast<size_t>(height));
-  if (bytes.size() != values.size() * sizeof(float)) {
+  const size_t expected = static_cast<size_t>(width) * static_cast<size_t>(height) * sizeof(float);
+  if (bytes.size() != expected) {
     throw invalid_input(fmt::format("{} has {} bytes; {} x {} float32 have {}", name, bytes.size(),
-                                    width, height, values.size() * sizeof(float)));
+                                    width, height, expected));
   }
-  std::memcpy(values.data(), bytes.data(), bytes.size());
+  std::vector<float> values = from_bytes<float>(bytes);
   for (size_t i = 0; i < values.size(); ++i) {
     if (!std::isfinite(values[i]) || (positive && values[i] < 0)) {
       throw invalid_input(fmt::format("{}: value {} is {}; it must be finite{}", name, i, values[i],

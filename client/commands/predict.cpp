@@ -3,7 +3,6 @@
 #include <grpcpp/create_channel.h>
 
 #include <chrono>
-#include <cstring>
 #include <memory>
 #include <string>
 #include <vector>
@@ -13,6 +12,7 @@
 #include "common/error.h"
 #include "common/image.h"
 #include "common/learning/predictor.h"
+#include "common/wire_array.h"
 #include "itn/v1/predict.grpc.pb.h"
 #include "server/status.h"
 
@@ -92,17 +92,13 @@ LoadedPhotograph load(const PredictOptions& options) {
   return photograph;
 }
 
-void set_bytes(std::string& bytes, const std::vector<float>& values) {
-  bytes.assign(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float));
-}
-
 v1::PredictReply ask(const PredictOptions& options, const LoadedPhotograph& photograph) {
   v1::PredictRequest request;
   request.set_width(static_cast<uint32_t>(photograph.width));
   request.set_height(static_cast<uint32_t>(photograph.height));
   request.set_channels(static_cast<uint32_t>(photograph.channels.size()));
-  set_bytes(*request.mutable_image(), photograph.pixels);
-  set_bytes(*request.mutable_mask(), photograph.mask);
+  request.set_image(to_bytes(photograph.pixels));
+  request.set_mask(to_bytes(photograph.mask));
   grpc::ChannelArguments arguments;
   arguments.SetMaxSendMessageSize(-1);
   const auto stub = v1::PredictService::NewStub(

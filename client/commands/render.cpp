@@ -6,7 +6,6 @@
 #include <array>
 #include <chrono>
 #include <cmath>
-#include <cstring>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -21,6 +20,7 @@
 #include "common/image.h"
 #include "common/progress.h"
 #include "common/scene_file.h"
+#include "common/wire_array.h"
 
 namespace itn {
 namespace {
@@ -112,22 +112,17 @@ v1::RenderGradReply render(const RenderOptions& options, const RenderJob& job) {
 
 // ---- The file --------------------------------------------------------------------------------
 
-std::vector<float> floats(const std::string& bytes) {
-  std::vector<float> values(bytes.size() / sizeof(float));
-  std::memcpy(values.data(), bytes.data(), bytes.size());
-  return values;
-}
-
 // The mean over all samples, of the means of the estimates: estimate k has the samples
 // k, k + K, k + 2 K, ... below spp.
 std::vector<float> mean_of_estimates(const v1::RenderGradReply& reply, uint32_t spp,
                                      const auto& image_of) {
-  if (reply.estimates_size() == 1) return floats(image_of(reply.estimates(0)));
+  if (reply.estimates_size() == 1) return from_bytes<float>(image_of(reply.estimates(0)));
   const uint32_t estimates = static_cast<uint32_t>(reply.estimates_size());
   std::vector<double> sum(size_t{reply.width()} * reply.height());
   for (uint32_t k = 0; k < estimates; ++k) {
     const double samples = (spp - k + estimates - 1) / estimates;
-    const std::vector<float> image = floats(image_of(reply.estimates(static_cast<int>(k))));
+    const std::vector<float> image =
+        from_bytes<float>(image_of(reply.estimates(static_cast<int>(k))));
     for (size_t i = 0; i < sum.size(); ++i) sum[i] += samples / spp * image[i];
   }
   return {sum.begin(), sum.end()};
@@ -142,15 +137,15 @@ void add_channels(const v1::RenderGradReply& reply, const RenderOptions& options
           return e.derivatives(static_cast<int>(d));
         });
   }
-  image.channels["mask.Y"] = floats(reply.mask());
-  image.channels["stderr.Y"] = floats(reply.standard_error());
+  image.channels["mask.Y"] = from_bytes<float>(reply.mask());
+  image.channels["stderr.Y"] = from_bytes<float>(reply.standard_error());
   if (reply.estimates_size() == 1) return;
   for (int k = 0; k < reply.estimates_size(); ++k) {
     const v1::Estimate& estimate = reply.estimates(k);
-    image.channels[fmt::format("estimate{}.Y", k)] = floats(estimate.radiance());
+    image.channels[fmt::format("estimate{}.Y", k)] = from_bytes<float>(estimate.radiance());
     for (size_t d = 0; d < options.derivatives.size(); ++d) {
       image.channels[fmt::format("estimate{}.{}.Y", k, options.derivatives[d])] =
-          floats(estimate.derivatives(static_cast<int>(d)));
+          from_bytes<float>(estimate.derivatives(static_cast<int>(d)));
     }
   }
 }

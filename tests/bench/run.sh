@@ -5,7 +5,7 @@
 #
 #   --json   for machines, instead of tables
 #   --each   also what every technique is worth (takes three times as long)
-#   --quick  fewer samples, for a first look: two minutes instead of fifteen
+#   --quick  fewer samples, for a first look: some four minutes instead of fifteen
 #
 # Meshes of $ITN_VALIDATION_DATA/meshes (bunny, armadillo, dragon_40k) are measured too if they are
 # there.

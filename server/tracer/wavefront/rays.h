@@ -18,7 +18,8 @@ struct Rays {
   UintColumn outcome{};
 
   enum End : uint32_t { kSpent, kSurface, kEscaped, kLeaked };
-  static constexpr uint32_t kEndMask = 3, kEntered = 4;
+  static constexpr int kEnteredBit = 2;
+  static constexpr uint32_t kEndMask = 3, kEntered = 1 << kEnteredBit;
 
   // A place: bit 0 set inside the medium; above it the number of the surface's triangle that it
   // lies on, plus 1, or 0.

@@ -57,6 +57,11 @@ HWY_INLINE hn::Mask<UintTag> for_uints(Mask mask) {
   return hn::RebindMask(UintTag(), mask);
 }
 
+// Rays::surface_of, Surfaces::kNone where there is none.
+HWY_INLINE Uints surface_of(Uints place) {
+  return hn::Sub(hn::ShiftRight<1>(place), set(uint32_t{1}));
+}
+
 template <typename T>
 struct alignas(64) PerLine : std::array<T, kLines> {};
 
@@ -114,12 +119,13 @@ class Traveller {
       if (busy_ == 0) {
         return;
       }
+      const LineBits turning = fresh | (waiting & busy_);
       for (size_t v = 0; v < kLines; v += lanes()) {
         if (any(fresh, v)) {
           begin_lines(mask_of(fresh, v), v);
         }
-        if (any(fresh | (waiting & busy_), v)) {
-          begin_queries(mask_of(fresh | (waiting & busy_), v), v);
+        if (any(turning, v)) {
+          begin_queries(mask_of(turning, v), v);
         }
       }
       const int enough = next_ray_ < count_ ? kLines / 4 : 0;
@@ -207,7 +213,7 @@ class Traveller {
   void begin_surfaces(Mask fresh, size_t v, Vectors position, Vectors direction, Floats budget,
                       Uints place) {
     const Mask inside = not_zero(hn::And(place, set(Rays::kInside)));
-    store(fresh, hn::Sub(hn::ShiftRight<1>(place), set(uint32_t{1})), excluded_, v);
+    store(fresh, surface_of(place), excluded_, v);
     const Floats slack = load(slack_, v);
 
     const Bounds& box = boundary_.surfaces.bounds;
@@ -616,7 +622,7 @@ class Traveller {
       hn::ScatterIndex(from, FloatTag(), column.data(), ray);
     };
     write(load(in_medium_, v), rays_.in_medium);
-    const Uints entered = hn::ShiftLeft<2>(load(entered_, v));
+    const Uints entered = hn::ShiftLeft<Rays::kEnteredBit>(load(entered_, v));
     hn::ScatterIndex(hn::Or(how, entered), UintTag(), rays_.outcome.data(), ray);
     if (!places_) {
       return;

@@ -203,7 +203,7 @@ class Wavefront {
     store(plus_product(load(walks_.zero_sigma_t, i), score, load(walks_.weight, i)),
           walks_.zero_sigma_t, i);
     const Uints entered =
-        hn::And(hn::ShiftRight<2>(load(walks_.rays.outcome, i)), set(uint32_t{1}));
+        hn::And(hn::ShiftRight<Rays::kEnteredBit>(load(walks_.rays.outcome, i)), set(uint32_t{1}));
     store(hn::Add(load(walks_.steps, i), entered), walks_.steps, i);
     const auto first = for_uints(is(load(walks_.vertex, i), 1));
     store(hn::IfThenElse(first, entered, load(walks_.hit, i)), walks_.hit, i);
@@ -246,8 +246,7 @@ class Wavefront {
     Vectors axis = before;
     if (!all_in_medium) {
       const Mask on_surface = hn::AndNot(spent, vertices);
-      const Uints triangle =
-          hn::Sub(hn::ShiftRight<1>(load(walks_.rays.place, i)), set(uint32_t{1}));
+      const Uints triangle = surface_of(load(walks_.rays.place, i));
       const Ints at = hn::BitCast(IntTag(), hn::IfThenElseZero(for_uints(on_surface), triangle));
       const Surfaces& surfaces = scene_.boundary.surfaces;
       factor = hn::IfThenElse(spent, factor, gather(surfaces.reflectances.data(), at));
