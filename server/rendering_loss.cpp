@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "common/error.h"
 
 namespace itn {
@@ -85,6 +87,23 @@ RenderingLoss rendering_loss(std::span<const float> image, std::span<const float
     }
   }
   return loss;
+}
+
+std::vector<float> loss_importance(std::span<const float> image, std::span<const float> weight) {
+  constexpr double kFloor = 0.25;  // of the mean
+  double sum = 0;
+  size_t weighted = 0;
+  for (size_t p = 0; p < image.size(); ++p) {
+    if (weight[p] != 0) {
+      sum += image[p];
+      ++weighted;
+    }
+  }
+  const double floor = weighted > 0 ? kFloor * sum / static_cast<double>(weighted) : 0;
+  std::vector<float> importance(image.size());
+  std::transform(image.begin(), image.end(), weight.begin(), importance.begin(),
+                 [&](float i, float w) { return static_cast<float>(double{w} * w * (i + floor)); });
+  return importance;
 }
 
 }  // namespace itn

@@ -10,8 +10,8 @@ namespace {
 // Half the side of the square of pixels that are averaged.
 constexpr int kBlur = 2;
 
-// Least share of samples, of the mean.
-constexpr double kLeastShare = 0.25;
+// Least standard deviation that a pixel is thought to have, of the mean.
+constexpr double kLeastDeviation = 0.25;
 
 std::vector<uint32_t> rendered_pixels(const Scene::Compiled& scene,
                                       const RenderSettings& settings) {
@@ -56,6 +56,35 @@ std::vector<double> blurred(const std::vector<double>& image, const std::vector<
   return result;
 }
 
+// Of the pixels, of which 1 is the mean.
+std::vector<double> sample_shares(const std::vector<uint32_t>& pixels,
+                                  const std::vector<double>& deviation,
+                                  const RenderSettings& settings) {
+  std::vector<double> shares(pixels.size(), 1);
+  if (!settings.adaptive) {
+    return shares;
+  }
+  double total = 0;
+  for (const uint32_t p : pixels) {
+    total += deviation[p];
+  }
+  const double least = kLeastDeviation * total / static_cast<double>(pixels.size());
+  double sum = 0;
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const uint32_t p = pixels[i];
+    const double importance = settings.importance.empty() ? 1 : double{settings.importance[p]};
+    shares[i] = importance * (least + (1 - kLeastDeviation) * deviation[p]);
+    sum += shares[i];
+  }
+  if (!(sum > 0)) {
+    return std::vector<double>(pixels.size(), 1);
+  }
+  for (double& share : shares) {
+    share *= static_cast<double>(pixels.size()) / sum;
+  }
+  return shares;
+}
+
 }  // namespace
 
 Plan even_plan(const Scene::Compiled& scene, const RenderSettings& settings) {
@@ -93,23 +122,21 @@ Plan plan_from_pilot(const Scene::Compiled& scene, const RenderSettings& setting
   }
   mean = blurred(mean, rendered, pilot.width, pilot.height);
   deviation = blurred(deviation, rendered, pilot.width, pilot.height);
-  double total = 0;
   for (const uint32_t p : pixels) {
     deviation[p] = std::sqrt(std::max(0.0, deviation[p] - mean[p] * mean[p]));
-    total += deviation[p];
   }
 
-  const double average = total / static_cast<double>(pixels.size());
+  const std::vector<double> shares = sample_shares(pixels, deviation, settings);
   const double spp =
       settings.spp > 0 ? settings.spp : settings.first_sample + settings.sample_count;
   Plan plan;
-  for (const uint32_t p : pixels) {
-    double share = 1;
-    if (settings.adaptive && average > 0) {
-      share = kLeastShare + (1 - kLeastShare) * deviation[p] / average;
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const uint32_t p = pixels[i];
+    if (shares[i] == 0) {
+      continue;
     }
     // Every estimate gets as many, so that all are as good. A part takes its part of every pixel.
-    const double each = std::max(1.0, std::round(share * spp / settings.estimates));
+    const double each = std::max(1.0, std::round(shares[i] * spp / settings.estimates));
     const auto number = [&](double sample) {
       return static_cast<uint32_t>(std::floor(each * settings.estimates * sample / spp));
     };

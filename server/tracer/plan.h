@@ -30,10 +30,11 @@ RenderSettings pilot_settings(const RenderSettings& settings);
 
 // Samples and baselines after a pilot.
 //
-// The sum over pixels of variance / samples is least, for a given number of samples, if each pixel
-// gets samples in proportion to its standard deviation. The pilot's is noisy, so that of its
-// neighbours counts as well, and no pixel gets less than a quarter of the mean. The samples of the
-// render do not depend on the pilot's, so nothing is biased by what the pilot found.
+// The sum over pixels of importance^2 variance / samples is least, for a given number of samples,
+// if each pixel gets samples in proportion to its importance times its standard deviation. The
+// pilot's deviation is noisy, so that of its neighbours counts as well, and a quarter of the mean
+// deviation is certain. The samples of the render do not depend on the pilot's, so nothing is
+// biased by what the pilot found.
 Plan plan_from_pilot(const Scene::Compiled& scene, const RenderSettings& settings,
                      const FilmSums& pilot);
 

@@ -24,6 +24,13 @@ enum class Tracer { kWavefront, kReference };
 // evenly over the pixel, shows to see it; all others stay 0.
 enum class Pixels { kAll, kObject };
 
+// Roulette as path tracers usually play it, and the reference always: from this vertex on, paths
+// survive with the probability of their weight, at most this.
+struct UsualRoulette {
+  static constexpr uint32_t kFirstVertex = 20;
+  static constexpr float kMostSurvival = 0.95F;
+};
+
 // More radiances of one render (RenderSettings::albedos).
 constexpr size_t kMaxAlbedos = 16;
 
@@ -50,6 +57,9 @@ struct RenderSettings {
   // not used in the image, but say where samples are needed and what baseline to subtract
   // (plan.h). 0: none. At most 64; not by the reference.
   uint32_t pilot_spp = 0;
+  // By pixel, how much its noise matters, on any scale, >= 0: with a pilot, a pixel gets samples in
+  // proportion to that times its standard deviation, and none for 0. Empty: all matter the same.
+  std::vector<float> importance = {};
 
   // Switches off one of the two direction sampling techniques that multiple importance sampling
   // combines, for tests. Phase sampling alone cannot see a DirectionalBeam.
@@ -58,9 +68,15 @@ struct RenderSettings {
   // Connections to the light that carry less than this fraction of the lights' mean radiance are
   // decided by roulette before they are traced. More is faster and noisier; 0 traces them all.
   double connection_roulette = 0.25;
-  // Paths of less weight than this play roulette at every vertex. Below 0: 0.2 to 0.45, by what is
+  // Paths of less weight than this play roulette at every vertex. Below 0: 0.2 to 0.35, by what is
   // rendered.
   double walk_roulette = -1;
+  // Paths deep in the medium count as of less weight there: the fraction of diffusion theory's
+  // exponent for the fall-off of light with depth that is believed. 0: depth does not matter. Below
+  // 0: 0.5 or 0.8, by what is rendered.
+  double depth_roulette = -1;
+  // Instead of these two, UsualRoulette: walks as long as those of the reference.
+  bool usual_roulette = false;
   // Low-discrepancy points for film position and first flight.
   bool stratified = true;
   // Fraction of the pilot's radiance that is the baseline of the derivatives; 0: no baseline.

@@ -21,8 +21,10 @@
 #include <string>
 #include <vector>
 
+#include "common/learning/weight_map.h"
 #include "common/mesh.h"
 #include "common/shapes.h"
+#include "server/rendering_loss.h"
 #include "server/tracer/render.h"
 
 namespace itn {
@@ -92,9 +94,21 @@ double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
+struct Options {
+  std::string data;
+  std::string only;
+  uint32_t spp = 64;
+  int repetitions = 4;
+  int resolution = 128;
+  bool each = false;
+  double paths = 1e9;
+  std::string instructions = "best";
+};
+
 struct Variant {
   std::string name;
   RenderSettings settings;
+  bool knows_loss = false;  // and puts samples where it needs them
 };
 
 // What is known of a variant after its renders.
@@ -119,21 +133,27 @@ struct Tally {
   }
 };
 
+// The image that a loss compares with, and its weights, as in training.
+struct Target {
+  std::vector<float> image, weight, importance;
+};
+
 // The terms of the loss gradient, by pixel (see server/rendering_loss.h).
-std::vector<double> gradient_terms(const RenderedImages& images, const std::vector<float>& target,
+std::vector<double> gradient_terms(const RenderedImages& images, const Target& target,
                                    size_t coordinate) {
   const auto count = static_cast<double>(images.estimates.size());
-  std::vector<double> terms(target.size());
-  for (size_t p = 0; p < target.size(); ++p) {
+  std::vector<double> terms(target.image.size());
+  for (size_t p = 0; p < terms.size(); ++p) {
     double sum = 0, derivative_sum = 0, products = 0;
     for (const auto& estimate : images.estimates) {
-      const double difference = static_cast<double>(estimate.radiance[p]) - target[p];
+      const double difference = static_cast<double>(estimate.radiance[p]) - target.image[p];
       const double derivative = estimate.derivatives[coordinate][p];
       sum += difference;
       derivative_sum += derivative;
       products += difference * derivative;
     }
-    terms[p] = 2 * (sum * derivative_sum - products) / (count * (count - 1));
+    const double w2 = double{target.weight[p]} * target.weight[p];
+    terms[p] = w2 * 2 * (sum * derivative_sum - products) / (count * (count - 1));
   }
   return terms;
 }
@@ -149,25 +169,34 @@ std::vector<double> image_terms(const RenderedImages& images) {
   return terms;
 }
 
-// The image that the loss compares with: of a somewhat different material.
-std::vector<float> target_image(const Scene& scene, const Material& material) {
+// Of a somewhat different material.
+Target make_target(const Scene& scene, const Material& material, int resolution) {
   RenderSettings settings{
       .material = {material.sigma_t * 1.2, material.albedo - 0.03, std::min(0.9, material.g + 0.1)},
       .sample_count = 256,
       .seed = 99};
   settings.pixels = Pixels::kObject;
-  return means(render_grad(scene, settings)).estimates[0].radiance;
+  const RenderedImages images = means(render_grad(scene, settings));
+  Target target{images.estimates[0].radiance, {}, {}};
+  target.weight = weight_map(resolution, resolution, target.image, images.mask);
+  target.importance = loss_importance(target.image, target.weight);
+  return target;
 }
 
-std::vector<Tally> compare(const Scene& scene, std::vector<Variant> variants, int repetitions) {
-  const std::vector<float> target = target_image(scene, variants[0].settings.material);
+std::vector<Tally> compare(const Scene& scene, std::vector<Variant> variants,
+                           const Options& options) {
+  const Target target =
+      make_target(scene, variants[0].settings.material, options.resolution);
   std::vector<Tally> tallies(variants.size());
-  for (int repetition = 0; repetition < repetitions; ++repetition) {
+  for (int repetition = 0; repetition < options.repetitions; ++repetition) {
     for (size_t v = 0; v < variants.size(); ++v) {
       RenderSettings& settings = variants[v].settings;
       settings.seed = static_cast<uint64_t>(1 + repetition);
       settings.threads = 1;
       settings.pixels = Pixels::kObject;
+      if (variants[v].knows_loss) {
+        settings.importance = target.importance;
+      }
       const FilmSums sums = render_grad(scene, settings);
       const RenderedImages images = means(sums);
       Tally& tally = tallies[v];
@@ -196,19 +225,19 @@ Variant reference(const Material& material, uint32_t spp) {
   RenderSettings settings{
       .material = material, .sample_count = spp, .derivatives = true, .estimates = 2};
   settings.tracer = Tracer::kReference;
-  return {"reference", settings};
+  return {"reference", settings, false};
 }
 
 Variant wavefront(const Material& material, uint32_t spp) {
   RenderSettings settings{
       .material = material, .sample_count = spp, .derivatives = true, .estimates = 4};
   settings.pilot_spp = 4;
-  return {"wavefront", settings};
+  return {"wavefront", settings, true};
 }
 
 Variant changed(Variant variant, std::string name,
-                const std::function<void(RenderSettings&)>& change) {
-  change(variant.settings);
+                const std::function<void(Variant&)>& change) {
+  change(variant);
   variant.name = std::move(name);
   return variant;
 }
@@ -216,26 +245,17 @@ Variant changed(Variant variant, std::string name,
 // What every technique is worth: the wavefront without it.
 std::vector<Variant> without_each(const Variant& full) {
   return {
-      changed(full, "no connection roulette", [](auto& s) { s.connection_roulette = 0; }),
-      changed(full, "usual walk roulette", [](auto& s) { s.walk_roulette = 0.05; }),
-      changed(full, "no stratification", [](auto& s) { s.stratified = false; }),
-      changed(full, "no baseline", [](auto& s) { s.baseline = 0; }),
-      changed(full, "even samples", [](auto& s) { s.adaptive = false; }),
-      changed(full, "no pilot", [](auto& s) { s.pilot_spp = 0; }),
-      changed(full, "two estimates", [](auto& s) { s.estimates = 2; }),
+      changed(full, "no connection roulette", [](Variant& v) { v.settings.connection_roulette = 0; }),
+      changed(full, "usual walk roulette", [](Variant& v) { v.settings.usual_roulette = true; }),
+      changed(full, "no roulette by depth", [](Variant& v) { v.settings.depth_roulette = 0; }),
+      changed(full, "no stratification", [](Variant& v) { v.settings.stratified = false; }),
+      changed(full, "no baseline", [](Variant& v) { v.settings.baseline = 0; }),
+      changed(full, "even samples", [](Variant& v) { v.settings.adaptive = false; }),
+      changed(full, "samples for the image", [](Variant& v) { v.knows_loss = false; }),
+      changed(full, "no pilot", [](Variant& v) { v.settings.pilot_spp = 0; }),
+      changed(full, "two estimates", [](Variant& v) { v.settings.estimates = 2; }),
   };
 }
-
-struct Options {
-  std::string data;
-  std::string only;
-  uint32_t spp = 64;
-  int repetitions = 4;
-  int resolution = 128;
-  bool each = false;
-  double paths = 1e9;
-  std::string instructions = "best";
-};
 
 // Restricts the wavefront to some of the instruction sets that it is compiled for.
 void use_instructions(const std::string& name) {
@@ -262,16 +282,21 @@ void compare_scenes(const Options& options) {
     for (const Material& material : kMaterials) {
       std::vector<Variant> variants = {reference(material, options.spp),
                                        wavefront(material, options.spp)};
-      variants.push_back(changed(variants[1], "image only", [](RenderSettings& s) {
-        s.derivatives = false;
-        s.estimates = 1;
+      variants.push_back(changed(variants[1], "image only", [](Variant& v) {
+        v.settings.derivatives = false;
+        v.settings.estimates = 1;
+        v.knows_loss = false;
+      }));
+      variants.push_back(changed(variants[0], "same walks", [](Variant& v) {
+        v.settings.tracer = Tracer::kWavefront;
+        v.settings.usual_roulette = true;
       }));
       if (options.each) {
         for (Variant& variant : without_each(variants[1])) {
           variants.push_back(std::move(variant));
         }
       }
-      const std::vector<Tally> tallies = compare(scene, variants, options.repetitions);
+      const std::vector<Tally> tallies = compare(scene, variants, options);
       std::string text;
       for (size_t v = 0; v < variants.size(); ++v) {
         text += (v > 0 ? ", " : "") + tallies[v].json(variants[v].name);

@@ -36,11 +36,6 @@ constexpr float kPi = std::numbers::pi_v<float>;
 // which is below the rounding of any sum it could be added to.
 constexpr float kMaxOpticalDepth = 50;
 
-// Roulette as path tracers usually play it: from this vertex on, paths survive with the probability
-// of their weight, at most 0.95.
-constexpr uint32_t kRouletteVertex = 20;
-constexpr float kMostSurvival = 0.95F;
-
 // How many vertices of a path are visited between two looks at the stop token, the first look being
 // at its start: well under a millisecond.
 constexpr uint32_t kStopInterval = 512;
@@ -206,10 +201,10 @@ class Walk {
 
   // Russian roulette: a path of low weight ends, or goes on with the weight of those that ended.
   bool survive(float u) {
-    if (vertex_ < kRouletteVertex) {
+    if (vertex_ < UsualRoulette::kFirstVertex) {
       return weight_ > 0 || weight_derivative_ > 0;
     }
-    const float probability = std::min(kMostSurvival, weight_);
+    const float probability = std::min(UsualRoulette::kMostSurvival, weight_);
     if (u >= probability) {
       return false;
     }

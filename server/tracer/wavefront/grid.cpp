@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "server/tracer/threads.h"
+#include "server/tracer/wavefront/cubic_cells.h"
 
 namespace itn::tracer {
 namespace {
@@ -28,42 +29,6 @@ double area(const Mesh& mesh) {
   }
   return sum;
 }
-
-std::array<double, 3> components(Vec3f v) {
-  return {v.x, v.y, v.z};
-}
-
-// A triangle as it is put into cells: a little enlarged, so that rounding never makes a line miss
-// the cell in which it meets the triangle.
-struct Placed {
-  std::array<double, 3> low, high;  // bounding box
-  Vec3d normal;
-  double offset;  // normal . x = offset in its plane
-
-  Placed(const Mesh& mesh, const std::array<uint32_t, 3>& triangle, double margin) {
-    const auto a = components(mesh.vertices[triangle[0]]);
-    const auto b = components(mesh.vertices[triangle[1]]);
-    const auto c = components(mesh.vertices[triangle[2]]);
-    for (size_t i = 0; i < 3; ++i) {
-      low[i] = std::min({a[i], b[i], c[i]}) - margin;
-      high[i] = std::max({a[i], b[i], c[i]}) + margin;
-    }
-    const auto corner = static_cast<Vec3d>(mesh.vertices[triangle[0]]);
-    normal = cross(static_cast<Vec3d>(mesh.vertices[triangle[1]]) - corner,
-                   static_cast<Vec3d>(mesh.vertices[triangle[2]]) - corner);
-    offset = dot(normal, corner);
-  }
-
-  // Whether the plane passes through a cube given by its centre and half its edge.
-  bool plane_meets(Vec3d centre, double half) const {
-    const double reach = half * (std::abs(normal.x) + std::abs(normal.y) + std::abs(normal.z));
-    return std::abs(dot(normal, centre) - offset) <= reach;
-  }
-};
-
-}  // namespace
-
-namespace {
 
 // The length of the axes of cells, before they are rounded to integers.
 constexpr double kAxisLength = 127;
@@ -144,35 +109,13 @@ void Grid::fill(const Mesh& mesh) {
   const Bounds box = bounds(mesh);
   const double largest = std::max({std::abs(box.min.x), std::abs(box.min.y), std::abs(box.min.z),
                                    std::abs(box.max.x), std::abs(box.max.y), std::abs(box.max.z)});
-  const double cell = edge, margin = 1e-3 * cell + 16 * FLT_EPSILON * largest;
-  const auto origin = components(low);
-
-  // Visits the cells that a triangle may touch.
-  const auto for_cells = [&](uint32_t triangle, const auto& visit) {
-    const Placed placed(mesh, mesh.triangles[triangle], margin);
-    std::array<int, 3> first{}, last{};
-    for (size_t i = 0; i < 3; ++i) {
-      first[i] = std::clamp(static_cast<int>((placed.low[i] - origin[i]) / cell), 0, size[i] - 1);
-      last[i] = std::clamp(static_cast<int>((placed.high[i] - origin[i]) / cell), 0, size[i] - 1);
-    }
-    for (int z = first[2]; z <= last[2]; ++z) {
-      for (int y = first[1]; y <= last[1]; ++y) {
-        for (int x = first[0]; x <= last[0]; ++x) {
-          const Vec3d centre{origin[0] + (x + 0.5) * cell, origin[1] + (y + 0.5) * cell,
-                             origin[2] + (z + 0.5) * cell};
-          if (placed.plane_meets(centre, cell / 2 + margin)) {
-            visit((static_cast<size_t>(z) * size[1] + y) * size[0] + x);
-          }
-        }
-      }
-    }
-  };
-
+  const CubicCells placed{static_cast<Vec3d>(low), edge, size};
+  const double margin = 1e-3 * double{edge} + 16 * FLT_EPSILON * largest;
   // Count, number the occupied cells, then list their triangles cell by cell.
   cells.assign(static_cast<size_t>(size[0]) * size[1] * size[2], 0);
   const auto triangles = static_cast<uint32_t>(mesh.triangles.size());
   for (uint32_t t = 0; t < triangles; ++t) {
-    for_cells(t, [&](size_t cell_index) { ++cells[cell_index]; });
+    for_touched_cells(placed, mesh, mesh.triangles[t], margin, [&](size_t cell_index) { ++cells[cell_index]; });
   }
   std::vector<uint32_t> begin{0};
   for (uint32_t& word : cells) {
@@ -183,7 +126,7 @@ void Grid::fill(const Mesh& mesh) {
   }
   std::vector<uint32_t> next = begin, list(begin.back());
   for (uint32_t t = 0; t < triangles; ++t) {
-    for_cells(t, [&](size_t cell_index) { list[next[cells[cell_index] & kPayload]++] = t; });
+    for_touched_cells(placed, mesh, mesh.triangles[t], margin, [&](size_t cell_index) { list[next[cells[cell_index] & kPayload]++] = t; });
   }
   for (size_t i = 0; i < cells.size(); ++i) {
     if (cells[i] & kOccupied) {

@@ -91,20 +91,31 @@ struct Connections {
   size_t count = 0;
 };
 
-// Below which weight paths play roulette. The more there is to gain, the shorter the paths that are
-// stopped: derivatives depend on longer paths than the image, and thin objects on shorter ones than
-// thick. Measured best, in variance times time, on a cube, a thin leaf and a figure.
-HWY_INLINE float walk_roulette(const Scene::Compiled& scene, const RenderSettings& settings) {
-  if (settings.walk_roulette >= 0) {
-    return static_cast<float>(settings.walk_roulette);
+// How the roulette of walks judges them (Wavefront::survive). The more there is to gain, the
+// shorter the paths that are stopped: derivatives depend on longer paths than the image, and thin
+// objects on shorter ones than thick. Measured best, in variance times time, on a cube, a thin leaf
+// and a figure.
+struct WalkRoulette {
+  float per_threshold;  // 1 / that below which paths play
+  float fall_off;       // of the light with depth, in a third of a cell of the depths
+
+  WalkRoulette(const Scene::Compiled& scene, const RenderSettings& settings) {
+    const Vec3f size = scene.boundary.bounds.max - scene.boundary.bounds.min;
+    const auto& [sigma_t, albedo, g] = settings.material;
+    const bool thin = sigma_t * double{std::max({size.x, size.y, size.z})} < 50;
+    const double threshold = settings.walk_roulette >= 0 ? settings.walk_roulette
+                             : !settings.derivatives     ? 0.35
+                             : thin                      ? 0.2
+                                                         : 0.25;
+    per_threshold = static_cast<float>(1 / std::max(threshold, 1e-20));
+    // See Wavefront::light_left.
+    const double kappa = sigma_t * std::min(1.0, std::sqrt(3 * (1 - albedo) * (1 - albedo * g)));
+    const double part = settings.depth_roulette >= 0 ? settings.depth_roulette
+                        : !settings.derivatives      ? 0.8
+                                                     : 0.5;
+    fall_off = static_cast<float>(part * kappa * scene.boundary.depths.cells.edge / 3);
   }
-  if (!settings.derivatives) {
-    return 0.45F;
-  }
-  const Vec3f size = scene.boundary.bounds.max - scene.boundary.bounds.min;
-  const double across = settings.material.sigma_t * double{std::max({size.x, size.y, size.z})};
-  return across < 50 ? 0.2F : 0.3F;
-}
+};
 
 class Wavefront {
  public:
@@ -117,7 +128,7 @@ class Wavefront {
         g_(static_cast<float>(settings.material.g)),
         threshold_(static_cast<float>(settings.connection_roulette * scene.lights.power() /
                                       (4 * std::numbers::pi))),
-        survival_(walk_roulette(scene, settings)) {
+        walk_roulette_(scene, settings) {
     walks_.weights.resize(settings.albedos.size());
     walks_.radiances.resize(settings.albedos.size());
   }
@@ -416,12 +427,42 @@ class Wavefront {
                    hn::Mul(set(kRouletteDerivative), load(walks_.weight_derivative, i)));
   }
 
-  // Russian roulette: a path of low weight ends, or goes on with the weight of those that ended.
+  // How much light is left where the path is, of that below the boundary: it falls off as
+  // exp(-kappa z) with the depth z, by diffusion theory with
+  //   kappa = sqrt(3 (1 - albedo) (1 - albedo g)) sigma_t,
+  // which is too steep where it exceeds sigma_t. As this knows nothing of where the light comes
+  // from, nor of paths that bring it back, only a part of it is believed.
+  Floats light_left(size_t i) const {
+    const Depths& depths = scene_.boundary.depths;
+    const Vectors x = load(walks_.rays.position, i);
+    const IntTag di;
+    const auto cell = [&](Floats x_i, double low, int size) {
+      const Floats place = hn::Mul(hn::Sub(x_i, set(static_cast<float>(low))),
+                                   set(static_cast<float>(1 / depths.cells.edge)));
+      return hn::ConvertTo(
+          di, hn::Clamp(place, hn::Zero(FloatTag()), set(static_cast<float>(size - 1))));
+    };
+    const auto [nx, ny, nz] = depths.cells.size;
+    const Ints row = hn::Add(
+        hn::Mul(cell(x.z, depths.cells.low.z, nz), hn::Set(di, ny)), cell(x.y, depths.cells.low.y, ny));
+    const Ints index = hn::Add(hn::Mul(row, hn::Set(di, nx)), cell(x.x, depths.cells.low.x, nx));
+    const auto* const words = reinterpret_cast<const int32_t*>(depths.thirds.data());
+    const Ints word = hn::GatherIndex(di, words, hn::ShiftRight<2>(index));
+    const Ints shift = hn::ShiftLeft<3>(hn::And(index, hn::Set(di, 3)));
+    const Ints thirds = hn::And(hn::Shr(word, shift), hn::Set(di, 255));
+    const Mask inside = not_zero(hn::And(load(walks_.rays.place, i), set(Rays::kInside)));
+    const Floats depth = hn::IfThenElseZero(inside, hn::ConvertTo(FloatTag(), thirds));
+    return exp(hn::Mul(depth, set(-walk_roulette_.fall_off)));
+  }
+
+  // Russian roulette: a path that is worth little ends, or goes on for those that ended.
   void survive() {
     const Floats one = set(1.0F);
     for (size_t i = 0; i < count_; i += lanes()) {
       const Floats probability =
-          hn::Min(one, hn::Mul(importance(i), set(1 / std::max(survival_, 1e-20F))));
+          settings_.usual_roulette ? usual_survival(i)
+                                   : hn::Min(one, hn::Mul(hn::Mul(importance(i), light_left(i)),
+                                                          set(walk_roulette_.per_threshold)));
       const Mask survives = hn::And(hn::Lt(load(walks_.u3, i), probability),
                                     hn::Not(not_zero(load(walks_.leaked, i))));
       const Floats factor = hn::Div(one, hn::Max(probability, set(1e-30F)));
@@ -433,6 +474,14 @@ class Wavefront {
       store(hn::IfThenElseZero(for_uints(survives), load(walks_.alive, i)), walks_.alive, i);
       store(hn::Add(load(walks_.vertex, i), set(uint32_t{1})), walks_.vertex, i);
     }
+  }
+
+  Floats usual_survival(size_t i) const {
+    const Mask begun =
+        hn::RebindMask(FloatTag(), hn::Gt(hn::BitCast(IntTag(), load(walks_.vertex, i)),
+                                          hn::Set(IntTag(), int{UsualRoulette::kFirstVertex} - 1)));
+    return hn::IfThenElse(
+        begun, hn::Min(set(UsualRoulette::kMostSurvival), load(walks_.weight, i)), set(1.0F));
   }
 
   // Delivers paths that have ended, and puts new ones in their place; where there are no more, the
@@ -545,7 +594,7 @@ class Wavefront {
   PathDesk& desk_;
   const float sigma_t_, albedo_, g_;
   const float threshold_;  // of the connections' roulette, as a radiance; 0: all are traced
-  const float survival_;   // paths worth less than this play roulette
+  const WalkRoulette walk_roulette_;
 
   Walks walks_;
   size_t count_ = 0;  // paths under way, in slots 0 .. count_ - 1

@@ -1,0 +1,26 @@
+// How deep below the boundary points of the medium lie, roughly. Internal to the tracer.
+//
+// Walks that have strayed deep into the medium bring little light home. This tells roulette so; as
+// roulette is fair at any odds, the depth need not be exact.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "server/tracer/wavefront/cubic_cells.h"
+
+namespace itn::tracer {
+
+struct Depths {
+  explicit Depths(const Mesh& mesh);
+
+  CubicCells cells;
+  // By cell: the distance to the nearest cell that the boundary passes through, from middle to
+  // middle, in thirds of an edge, at most 255. By steps to neighbouring cells, so up to a tenth too
+  // long. (Three spare bytes, as they are read four at a time.)
+  std::vector<uint8_t> thirds;
+
+  size_t memory() const { return thirds.size(); }
+};
+
+}  // namespace itn::tracer
