@@ -118,12 +118,13 @@ Plan plan_from_pilot(const Scene::Compiled& scene, const RenderSettings& setting
     const double n = estimate.counts[p];
     rendered[p] = true;
     mean[p] = static_cast<double>(estimate.radiance[p]) * pilot.quantum / n;
-    deviation[p] = static_cast<double>(pilot.squares[p]) * pilot.squares_quantum / n;
+    const double square = static_cast<double>(pilot.squares[p]) * pilot.squares_quantum / n;
+    deviation[p] = std::max(0.0, square - mean[p] * mean[p]);
   }
   mean = blurred(mean, rendered, pilot.width, pilot.height);
   deviation = blurred(deviation, rendered, pilot.width, pilot.height);
   for (const uint32_t p : pixels) {
-    deviation[p] = std::sqrt(std::max(0.0, deviation[p] - mean[p] * mean[p]));
+    deviation[p] = std::sqrt(deviation[p]);
   }
 
   const std::vector<double> shares = sample_shares(pixels, deviation, settings);
