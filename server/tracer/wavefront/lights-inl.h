@@ -46,14 +46,18 @@ HWY_INLINE Arrival arrival(const LightTables::Sky& sky, Vectors d) {
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   // Sides 0..3 begin at -z, +x, +z, -x.
   const Floats ax = hn::Abs(d.x), az = hn::Abs(d.z);
-  const Floats sum = hn::Max(hn::Add(ax, az), set(1e-30F));
+  const Floats sum = hn::Max(hn::Add(ax, az), set(1e-12F));
   const Mask right = hn::Ge(d.x, zero), front = hn::Lt(d.z, zero);
   const Mask even = hn::Not(hn::Xor(right, front));  // sides 0 and 2
   const Floats side = hn::IfThenElse(right, hn::IfThenElse(front, zero, one),
                                      hn::IfThenElse(front, set(3.0F), set(2.0F)));
-  const Floats fraction = hn::Div(hn::IfThenElse(even, ax, az), sum);
-  const Floats x = hn::Mul(hn::Add(side, fraction), set(kColumns / 4.0F));
   const Floats below = hn::Sqrt(hn::Sub(one, hn::Clamp(d.y, zero, one)));
+  const Floats twice_below = hn::Max(hn::Add(below, below), set(1e-12F));
+  // Of both by one division, which is slow.
+  const Floats per_both = hn::Div(one, hn::Mul(sum, twice_below));
+  const Floats per_sum = hn::Mul(twice_below, per_both), per_below = hn::Mul(sum, per_both);
+  const Floats fraction = hn::Min(one, hn::Mul(hn::IfThenElse(even, ax, az), per_sum));
+  const Floats x = hn::Mul(hn::Add(side, fraction), set(kColumns / 4.0F));
   const Floats y = hn::Mul(hn::Sub(one, below), set(static_cast<float>(kRows)));
   const Floats column = hn::Min(hn::Floor(x), set(kColumns - 1.0F));
   const Floats row = hn::Min(hn::Floor(y), set(kRows - 1.0F));
@@ -72,10 +76,10 @@ HWY_INLINE Arrival arrival(const LightTables::Sky& sky, Vectors d) {
   const Floats probability = gather(sky.probabilities, to_int(cell));
   const Floats rest = hn::Sub(one, fraction);
   const Floats stretch = plus_product(hn::Mul(fraction, fraction), rest, rest);
-  const Floats density = hn::Div(
+  const Floats density = hn::Mul(
       hn::Mul(hn::Mul(probability, stretch),
               set(sky.probability * (SkySource::kCellColumns / 4.0F) * SkySource::kCellRows)),
-      hn::Max(hn::Add(below, below), set(1e-12F)));
+      per_below);
   const Mask up = hn::Ge(d.y, zero);
   return {hn::IfThenElseZero(up, radiance), hn::IfThenElseZero(up, density)};
 }
@@ -117,7 +121,7 @@ HWY_INLINE Vectors sample(const LightTables::Cone& cone, Floats u0, Floats u1) {
   const Floats sin_theta = hn::Sqrt(hn::Mul(z, hn::Sub(set(2.0F), z)));
   const SinCos phi = sin_cos_of_turn(u1);
   const Floats x = hn::Mul(sin_theta, phi.cos), y = hn::Mul(sin_theta, phi.sin);
-  return normalize(set(cone.basis.s) * x + set(cone.basis.t) * y +
+  return renormalize(set(cone.basis.s) * x + set(cone.basis.t) * y +
                    set(cone.basis.n) * hn::Sub(set(1.0F), z));
 }
 
@@ -183,7 +187,7 @@ HWY_INLINE Vectors sample(const LightTables::Map& map, const Words& words, Float
   const Floats r = hn::Sqrt(
       hn::Max(hn::Zero(FloatTag()), hn::Mul(hn::Sub(set(1.0F), y), hn::Add(set(1.0F), y))));
   const SinCos azimuth = sin_cos_of_turn(turn);
-  return normalize({hn::Mul(r, azimuth.sin), y, hn::Neg(hn::Mul(r, azimuth.cos))});
+  return renormalize({hn::Mul(r, azimuth.sin), y, hn::Neg(hn::Mul(r, azimuth.cos))});
 }
 
 // All lights but beams.
@@ -205,11 +209,11 @@ HWY_INLINE Arrival arrival(const LightTables& lights, Vectors d) {
   return all;
 }
 
-// Directions towards the light. For beams, `density` is 0 and `weight` is irradiance / probability;
-// else `weight` is radiance / density.
+// Directions towards the light. For beams, `density` is 0 and `radiance` is irradiance /
+// probability, the weight of the draw; else the weight is radiance / density.
 struct LightDraw {
   Vectors direction;
-  Floats weight, density;
+  Floats radiance, density;
 };
 
 // From the words of one counter, and of another one where there is a map. The lower bytes of the
@@ -254,11 +258,11 @@ HWY_INLINE LightDraw sample(const LightTables& lights, const Words& words, const
   }
   const Mask beam = hn::Gt(beam_weight, zero);
   const Arrival light = arrival(lights, draw.direction);
+  // A direction on the very rim of the sun may fall outside it by rounding.
   const Mask possible = hn::AndNot(beam, hn::Gt(light.density, zero));
   draw.density = hn::IfThenElseZero(possible, light.density);
-  // A direction on the very rim of the sun may fall outside it by rounding.
-  draw.weight = hn::IfThenElse(
-      beam, beam_weight, hn::IfThenElseZero(possible, hn::Div(light.radiance, light.density)));
+  draw.radiance =
+      hn::IfThenElse(beam, beam_weight, hn::IfThenElseZero(possible, light.radiance));
   return draw;
 }
 

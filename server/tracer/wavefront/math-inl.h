@@ -172,8 +172,9 @@ HWY_INLINE Vectors cross(Vectors a, Vectors b) {
           hn::Sub(hn::Mul(a.z, b.x), hn::Mul(a.x, b.z)),
           hn::Sub(hn::Mul(a.x, b.y), hn::Mul(a.y, b.x))};
 }
-HWY_INLINE Vectors normalize(Vectors a) {
-  return a * hn::Div(set(1.0F), hn::Sqrt(dot(a, a)));
+// Of vectors whose length is 1 but for rounding: a step of Newton's method for 1 / length.
+HWY_INLINE Vectors renormalize(Vectors a) {
+  return a * plus_product(set(1.5F), set(-0.5F), dot(a, a));
 }
 HWY_INLINE Vectors if_then_else(Mask mask, Vectors a, Vectors b) {
   return {hn::IfThenElse(mask, a.x, b.x), hn::IfThenElse(mask, a.y, b.y),
@@ -196,15 +197,16 @@ HWY_INLINE Vectors around(Vectors n, Floats x, Floats y, Floats z) {
 }
 
 // Henyey-Greenstein, as in server/tracer/phase.h.
-HWY_INLINE Floats hg_phase(Floats cos_theta, float g) {
+struct Phase {
+  Floats value, score;
+};
+HWY_INLINE Phase hg_phase(Floats cos_theta, float g) {
   const Floats q = hn::Sub(set(1 + g * g), hn::Mul(set(2 * g), cos_theta));
-  return hn::Div(set((1 - g * g) * (0.25F * std::numbers::inv_pi_v<float>)),
-                 hn::Mul(q, hn::Sqrt(q)));
-}
-HWY_INLINE Floats hg_score(Floats cos_theta, float g) {
-  const Floats q = hn::Sub(set(1 + g * g), hn::Mul(set(2 * g), cos_theta));
-  return hn::Sub(set(-2 * g / (1 - g * g)),
-                 hn::Div(hn::Mul(set(3.0F), hn::Sub(set(g), cos_theta)), q));
+  const Floats per_q = hn::Div(set(1.0F), q);
+  const Floats norm = set((1 - g * g) * (0.25F * std::numbers::inv_pi_v<float>));
+  return {hn::Mul(hn::Mul(norm, per_q), hn::Sqrt(per_q)),
+          hn::Sub(set(-2 * g / (1 - g * g)),
+                  hn::Mul(hn::Mul(set(3.0F), hn::Sub(set(g), cos_theta)), per_q))};
 }
 HWY_INLINE Floats sample_hg(Floats u, float g) {
   const Floats x = hn::Sub(hn::Add(u, u), set(1.0F));

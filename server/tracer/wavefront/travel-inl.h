@@ -62,6 +62,27 @@ HWY_INLINE Uints surface_of(Uints place) {
   return hn::Sub(hn::ShiftRight<1>(place), set(uint32_t{1}));
 }
 
+HWY_INLINE Floats load(const FloatColumn& column, size_t i) {
+  return hn::Load(FloatTag(), column.data() + i);
+}
+HWY_INLINE Uints load(const UintColumn& column, size_t i) {
+  return hn::Load(UintTag(), column.data() + i);
+}
+HWY_INLINE Vectors load(const VectorColumn& column, size_t i) {
+  return {load(column.x, i), load(column.y, i), load(column.z, i)};
+}
+HWY_INLINE void store(Floats v, FloatColumn& column, size_t i) {
+  hn::Store(v, FloatTag(), column.data() + i);
+}
+HWY_INLINE void store(Uints v, UintColumn& column, size_t i) {
+  hn::Store(v, UintTag(), column.data() + i);
+}
+HWY_INLINE void store(Vectors v, VectorColumn& column, size_t i) {
+  store(v.x, column.x, i);
+  store(v.y, column.y, i);
+  store(v.z, column.z, i);
+}
+
 template <typename T>
 struct alignas(64) PerLine : std::array<T, kLines> {};
 
@@ -108,6 +129,7 @@ class Traveller {
       : boundary_(boundary), grid_(boundary.grid), rays_(rays), count_(count), places_(places) {}
 
   void run() {
+    glance();
     for (;;) {
       const LineBits waiting = busy_ & ~stepping_;
       for (size_t v = 0; v < kLines; v += lanes()) {
@@ -128,7 +150,7 @@ class Traveller {
           begin_queries(mask_of(turning, v), v);
         }
       }
-      const int enough = next_ray_ < count_ ? kLines / 4 : 0;
+      const int enough = next_ < pending_count_ ? kLines / 4 : 0;
       while (std::popcount(stepping_) > enough) {
         step();
       }
@@ -136,12 +158,79 @@ class Traveller {
   }
 
  private:
+  // Most flights in a thick medium, and many connections, end where they have begun: in the same
+  // empty cube, or in an occupied cell without coming near its triangles. These are found out in
+  // the order of the rays, a vector at a time, and are done; the others are left to be followed.
+  void glance() {
+    const FloatTag d;
+    for (size_t i = 0; i < count_; i += lanes()) {
+      const Mask live = hn::FirstN(d, count_ - i);
+      const Mask inside = not_zero(hn::And(load(rays_.place, i), set(Rays::kInside)));
+      Mask done = hn::And(live, inside);
+      if (!hn::AllFalse(d, done)) {
+        done = end_at_a_glance(i, done);
+      }
+      const Uints number = hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i)));
+      hn::CompressStore(number, for_uints(hn::AndNot(done, live)), UintTag(),
+                        pending_.data() + pending_count_);
+      pending_count_ += hn::CountTrue(d, hn::AndNot(done, live));
+    }
+  }
+
+  // Of the rays i, i + 1 ... that are asked for and start inside: those that are spent without
+  // leaving their first cell or cube.
+  Mask end_at_a_glance(size_t i, Mask asked) {
+    const FloatTag d;
+    const Vectors position = load(rays_.position, i), direction = load(rays_.direction, i);
+    const Floats budget = load(rays_.budget, i);
+    const auto [slack, start, origin] = start_of(position, direction);
+    const Floats end = hn::Add(start, budget);
+    const Vectors place = origin + direction * end;
+
+    const Vectors x0 = in_cells(origin), dx = direction * set(grid_.inverse_edge);
+    const Vectors cell{cell_at(x0.x, dx.x, slack, grid_.size[0]),
+                       cell_at(x0.y, dx.y, slack, grid_.size[1]),
+                       cell_at(x0.z, dx.z, slack, grid_.size[2])};
+    const auto [word, reach] = read_cell(cell, octant_of(direction));
+    // The end lies in the cube ahead.
+    const auto within = [&](Floats c, Floats from, Floats slope) {
+      const Floats to = hn::Sub(plus_product(from, slope, end), c);
+      const Mask falls = hn::Lt(slope, hn::Zero(d));
+      const Floats ahead = hn::IfThenElse(falls, hn::Sub(set(1.0F), to), to);
+      return hn::And(hn::Ge(ahead, hn::Zero(d)), hn::Le(ahead, reach));
+    };
+    Mask done = hn::And(asked, hn::And(within(cell.x, x0.x, dx.x),
+                                       hn::And(within(cell.y, x0.y, dx.y),
+                                               within(cell.z, x0.z, dx.z))));
+    const Mask occupied = hn::And(done, not_zero(hn::And(word, set(Grid::kOccupied))));
+    if (!hn::AllFalse(d, occupied)) {
+      const Passage passage{origin, direction, set(1.0F), slack, end};
+      done = hn::AndNot(may_cross(word, occupied, cell, passage), done);
+    }
+    done = hn::And(done, may_be_inside(place, word));
+    if (!boundary_.surfaces.empty()) {
+      done = hn::AndNot(reaches_surfaces(position, direction, budget, slack), done);
+    }
+    if (hn::AllFalse(d, done)) {
+      return done;
+    }
+    store(hn::IfThenElse(done, budget, load(rays_.in_medium, i)), rays_.in_medium, i);
+    const Uints outcome = set(Rays::kSpent | Rays::kEntered), inside = set(Rays::kInside);
+    store(hn::IfThenElse(for_uints(done), outcome, load(rays_.outcome, i)), rays_.outcome, i);
+    if (places_) {
+      store(if_then_else(done, place, position), rays_.position, i);
+      store(hn::IfThenElse(for_uints(done), inside, load(rays_.place, i)), rays_.place, i);
+    }
+    return done;
+  }
+
   // Gives the next rays to lines that are free; returns the lines that got one.
   LineBits take_rays() {
     LineBits taken = 0;
-    for (LineBits free = kAllLines & ~busy_; free != 0 && next_ray_ < count_; free &= free - 1) {
+    for (LineBits free = kAllLines & ~busy_; free != 0 && next_ < pending_count_;
+         free &= free - 1) {
       const int line = std::countr_zero(free);
-      ray_[line] = static_cast<uint32_t>(next_ray_++);
+      ray_[line] = pending_[next_++];
       taken |= LineBits{1} << line;
     }
     busy_ |= taken;
@@ -149,6 +238,34 @@ class Traveller {
   }
 
   // Lines start a little behind their origin (rule 3).
+  struct Start {
+    Floats slack, distance;
+    Vectors origin;
+  };
+  Start start_of(Vectors position, Vectors direction) const {
+    const Floats reach =
+        hn::Max(hn::Abs(position.x), hn::Max(hn::Abs(position.y), hn::Abs(position.z)));
+    const Floats slack = hn::Mul(set(4 * FLT_EPSILON), hn::Max(set(boundary_.extent), reach));
+    const Floats distance = hn::Add(slack, slack);
+    return {slack, distance, position - direction * distance};
+  }
+
+  // In the grid's coordinates.
+  Vectors in_cells(Vectors x) const { return (x - set(grid_.low)) * set(grid_.inverse_edge); }
+
+  // Number along an axis of the cell at a distance.
+  Floats cell_at(Floats from, Floats slope, Floats distance, int size) const {
+    return hn::Clamp(hn::Floor(plus_product(from, slope, distance)), hn::Zero(FloatTag()),
+                     set(static_cast<float>(size - 1)));
+  }
+
+  static Uints octant_of(Vectors direction) {
+    const auto falls = [&](Floats component, uint32_t bit) {
+      return hn::IfThenElseZero(for_uints(hn::Lt(component, hn::Zero(FloatTag()))), set(bit));
+    };
+    return hn::Or(falls(direction.x, 1), hn::Or(falls(direction.y, 2), falls(direction.z, 4)));
+  }
+
   void begin_lines(Mask fresh, size_t v) {
     const Ints ray = hn::BitCast(IntTag(), load(ray_, v));
     const auto gather = [&](const FloatColumn& column) {
@@ -159,11 +276,7 @@ class Traveller {
     };
     const Vectors position = gather_vectors(rays_.position);
     const Vectors direction = gather_vectors(rays_.direction);
-    const Floats reach =
-        hn::Max(hn::Abs(position.x), hn::Max(hn::Abs(position.y), hn::Abs(position.z)));
-    const Floats slack = hn::Mul(set(4 * FLT_EPSILON), hn::Max(set(boundary_.extent), reach));
-    const Floats start = hn::Add(slack, slack);
-    const Vectors origin = position - direction * start;
+    const auto [slack, start, origin] = start_of(position, direction);
     origin_.store(fresh, origin, v);
     direction_.store(fresh, direction, v);
     store(fresh, slack, slack_, v);
@@ -182,10 +295,9 @@ class Traveller {
 
     // The same in the grid's coordinates, in cells. A component of 0 is taken as so small that the
     // faces it would cross are never met first.
-    const Floats per_edge = set(grid_.inverse_edge), edge = set(grid_.edge);
-    const Floats tiny = set(1e-20F);
-    cells_origin_.store(fresh, (origin - set(grid_.low)) * per_edge, v);
-    cells_direction_.store(fresh, direction * per_edge, v);
+    const Floats edge = set(grid_.edge), tiny = set(1e-20F);
+    cells_origin_.store(fresh, in_cells(origin), v);
+    cells_direction_.store(fresh, direction * set(grid_.inverse_edge), v);
     const auto mm_per_cell = [&](Floats component) {
       const Floats safe = hn::IfThenElse(hn::Lt(hn::Abs(component), tiny),
                                          hn::CopySign(tiny, component), component);
@@ -194,18 +306,26 @@ class Traveller {
     mm_per_cell_.store(
         fresh, {mm_per_cell(direction.x), mm_per_cell(direction.y), mm_per_cell(direction.z)}, v);
 
-    const auto falls = [&](Floats component, uint32_t bit) {
-      return hn::IfThenElseZero(for_uints(hn::Lt(component, zero)), set(bit));
-    };
-    store(fresh,
-          hn::Or(falls(direction.x, 1), hn::Or(falls(direction.y, 2), falls(direction.z, 4))),
-          octant_, v);
+    store(fresh, octant_of(direction), octant_, v);
 
     store(fresh, set(kInfinity), surface_t_, v);
     store(fresh, set(Surfaces::kNone), surface_, v);
     if (!boundary_.surfaces.empty()) {
       begin_surfaces(fresh, v, position, direction, budget, place);
     }
+  }
+
+  // Whether lines of this length may meet the box of the surfaces.
+  Mask reaches_surfaces(Vectors position, Vectors direction, Floats length, Floats slack) const {
+    const Bounds& box = boundary_.surfaces.bounds;
+    const auto overlaps = [&](Floats p, Floats q, float low, float high) {
+      return hn::And(hn::Ge(hn::Add(hn::Max(p, q), slack), set(low)),
+                     hn::Le(hn::Sub(hn::Min(p, q), slack), set(high)));
+    };
+    const Vectors to = position + direction * hn::Min(length, set(kFar));
+    return hn::And(overlaps(position.x, to.x, box.min.x, box.max.x),
+                   hn::And(overlaps(position.y, to.y, box.min.y, box.max.y),
+                           overlaps(position.z, to.z, box.min.z, box.max.z)));
   }
 
   // Surfaces are looked for once for every line whose direction leads to their box: as soon as it
@@ -216,20 +336,9 @@ class Traveller {
     store(fresh, surface_of(place), excluded_, v);
     const Floats slack = load(slack_, v);
 
-    const Bounds& box = boundary_.surfaces.bounds;
-    const auto overlaps = [&](Floats p, Floats q, float low, float high) {
-      return hn::And(hn::Ge(hn::Add(hn::Max(p, q), slack), set(low)),
-                     hn::Le(hn::Sub(hn::Min(p, q), slack), set(high)));
-    };
-    const auto reaches_box = [&](Floats length) {
-      const Vectors to = position + direction * length;
-      return hn::And(overlaps(position.x, to.x, box.min.x, box.max.x),
-                     hn::And(overlaps(position.y, to.y, box.min.y, box.max.y),
-                             overlaps(position.z, to.z, box.min.z, box.max.z)));
-    };
-    constexpr float kFar = 1e30F;  // not infinite: it may be multiplied by 0
-    const Mask ever = reaches_box(set(kFar));
-    const Mask soon = hn::Or(reaches_box(hn::Min(budget, set(kFar))), hn::Not(inside));
+    const Mask ever = reaches_surfaces(position, direction, set(kFar), slack);
+    const Mask soon =
+        hn::Or(reaches_surfaces(position, direction, budget, slack), hn::Not(inside));
     store(fresh, hn::IfThenElseZero(for_uints(ever), set(uint32_t{1})), surface_unknown_, v);
     find_surfaces(hn::And(fresh, soon), v);
   }
@@ -327,13 +436,9 @@ class Traveller {
     clip(x0.x, mm.x, grid_.size[0]);
     clip(x0.y, mm.y, grid_.size[1]);
     clip(x0.z, mm.z, grid_.size[2]);
-    const auto cell = [&](Floats from, Floats slope, int size) {
-      return hn::Clamp(hn::Floor(plus_product(from, slope, near)), hn::Zero(d),
-                       set(static_cast<float>(size - 1)));
-    };
     cell_.store(where,
-                {cell(x0.x, dx.x, grid_.size[0]), cell(x0.y, dx.y, grid_.size[1]),
-                 cell(x0.z, dx.z, grid_.size[2])},
+                {cell_at(x0.x, dx.x, near, grid_.size[0]), cell_at(x0.y, dx.y, near, grid_.size[1]),
+                 cell_at(x0.z, dx.z, near, grid_.size[2])},
                 v);
     store(where, near, entered_cell_, v);
     store(where, far, grid_end_, v);
@@ -358,26 +463,50 @@ class Traveller {
     stepping_ = stepping;
   }
 
-  // Reads the words of the cells; returns the lines that have triangles to test there.
-  HWY_INLINE LineBits look(size_t v) {
-    const UintTag du;
-    const Mask stepping = mask_of(stepping_, v);
+  // A cell's word, and the edge of the empty cube ahead of it.
+  struct CellWords {
+    Uints word;
+    Floats reach;
+  };
+  HWY_INLINE CellWords read_cell(Vectors cell, Uints octant) const {
+    const IntTag di;
     const Floats row = set(static_cast<float>(grid_.size[0]));
     const Floats layer = set(static_cast<float>(grid_.size[0]) * static_cast<float>(grid_.size[1]));
-    const Vectors cell = cell_.load(v);
-    const Floats index = plus_product(plus_product(cell.x, cell.y, row), cell.z, layer);
+    const Ints index =
+        hn::ConvertTo(di, plus_product(plus_product(cell.x, cell.y, row), cell.z, layer));
     const auto* const cells = reinterpret_cast<const int32_t*>(grid_.cells.data());
-    const Uints word =
-        hn::BitCast(du, hn::GatherIndex(IntTag(), cells, hn::ConvertTo(IntTag(), index)));
-    store(stepping, word, word_, v);
+    const auto* const reaches = reinterpret_cast<const int32_t*>(grid_.reaches.data());
+    const Ints byte = hn::Add(hn::ShiftLeft<3>(index), hn::BitCast(di, octant));
     const Ints reach =
-        hn::And(hn::GatherOffset(IntTag(), reinterpret_cast<const int32_t*>(grid_.reaches.data()),
-                                 hn::Add(hn::ShiftLeft<3>(hn::ConvertTo(IntTag(), index)),
-                                         hn::BitCast(IntTag(), load(octant_, v)))),
-                hn::Set(IntTag(), Grid::kMaxReach));
-    store(hn::ConvertTo(FloatTag(), reach), reach_, v);
+        hn::And(hn::GatherOffset(di, reaches, byte), hn::Set(di, Grid::kMaxReach));
+    return {hn::BitCast(UintTag(), hn::GatherIndex(di, cells, index)),
+            hn::ConvertTo(FloatTag(), reach)};
+  }
+
+  // Reads the words of the cells; returns the lines that have triangles to test there.
+  HWY_INLINE LineBits look(size_t v) {
+    const Mask stepping = mask_of(stepping_, v);
+    const Vectors cell = cell_.load(v);
+    const auto [word, reach] = read_cell(cell, load(octant_, v));
+    store(stepping, word, word_, v);
+    store(reach, reach_, v);
     const Mask occupied = hn::And(stepping, not_zero(hn::And(word, set(Grid::kOccupied))));
-    return hn::AllFalse(FloatTag(), occupied) ? 0 : bits_of(may_cross(word, occupied, cell, v), v);
+    if (hn::AllFalse(FloatTag(), occupied)) {
+      return 0;
+    }
+    // Where the lines leave the cell, or end.
+    const Vectors x0 = cells_origin_.load(v), dx = cells_direction_.load(v);
+    const Vectors mm = mm_per_cell_.load(v);
+    const auto leave = [&](Floats c, Floats from, Floats rate, Floats scale) {
+      const Floats face = hn::IfThenElseZero(hn::Ge(rate, hn::Zero(FloatTag())), set(1.0F));
+      return hn::Mul(hn::Add(hn::Sub(c, from), face), scale);
+    };
+    const Floats out =
+        hn::Min(hn::Min(leave(cell.x, x0.x, dx.x, mm.x), load(grid_end_, v)),
+                hn::Min(leave(cell.y, x0.y, dx.y, mm.y), leave(cell.z, x0.z, dx.z, mm.z)));
+    const Passage passage{origin_.load(v), direction_.load(v), load(side_, v),
+                          load(entered_cell_, v), out};
+    return bits_of(may_cross(word, occupied, cell, passage), v);
   }
 
   // A step leaves the cube of empty cells ahead (an occupied cell alone) through the face that the
@@ -429,10 +558,16 @@ class Traveller {
     return bits_of(goes_on, v);
   }
 
+  // Lines between two distances, where they pass through a cell; for crossings of which side (side_).
+  struct Passage {
+    Vectors origin, direction;
+    Floats side, from, to;
+  };
+
   // Which of the lines in occupied cells may cross a triangle there in the direction that they look
   // for: not where the cone of the normals shows that all face the other way, nor where the line
   // passes the cell on one side of the slab that they lie in.
-  HWY_INLINE Mask may_cross(Uints words, Mask where, Vectors cell, size_t v) const {
+  HWY_INLINE Mask may_cross(Uints words, Mask where, Vectors cell, const Passage& line) const {
     const FloatTag d;
     const IntTag di;
     constexpr int kStride = sizeof(OccupiedCell) / sizeof(int32_t);
@@ -452,27 +587,17 @@ class Traveller {
       return hn::ConvertTo(d, hn::BitCast(di, shift(hn::BitCast(UintTag(), bits))));
     };
     const Floats threshold = upper(cone, [](Uints bits) { return hn::ShiftRight<24>(bits); });
-    const Vectors direction = direction_.load(v);
-    const Floats slope = dot(direction, axis);
-    const Mask faces = hn::And(where, hn::Lt(hn::Neg(hn::Mul(slope, load(side_, v))), threshold));
+    const Floats slope = dot(line.direction, axis);
+    const Mask faces = hn::And(where, hn::Lt(hn::Neg(hn::Mul(slope, line.side)), threshold));
 
-    // a . (x - middle) where the line enters the cell and where it leaves it or ends.
+    // a . (x - middle) at both ends.
     const Floats half = set(0.5F), edge = set(grid_.edge);
     const Vectors middle{plus_product(set(grid_.low.x), hn::Add(cell.x, half), edge),
                          plus_product(set(grid_.low.y), hn::Add(cell.y, half), edge),
                          plus_product(set(grid_.low.z), hn::Add(cell.z, half), edge)};
-    const Floats at_origin = dot(origin_.load(v) - middle, axis);
-    const Vectors x0 = cells_origin_.load(v), dx = cells_direction_.load(v);
-    const Vectors mm = mm_per_cell_.load(v);
-    const auto leave = [&](Floats c, Floats from, Floats rate, Floats scale) {
-      const Floats face = hn::IfThenElseZero(hn::Ge(rate, hn::Zero(d)), set(1.0F));
-      return hn::Mul(hn::Add(hn::Sub(c, from), face), scale);
-    };
-    const Floats out =
-        hn::Min(hn::Min(leave(cell.x, x0.x, dx.x, mm.x), load(grid_end_, v)),
-                hn::Min(leave(cell.y, x0.y, dx.y, mm.y), leave(cell.z, x0.z, dx.z, mm.z)));
-    const Floats first = plus_product(at_origin, slope, load(entered_cell_, v));
-    const Floats last = plus_product(at_origin, slope, out);
+    const Floats at_origin = dot(line.origin - middle, axis);
+    const Floats first = plus_product(at_origin, slope, line.from);
+    const Floats last = plus_product(at_origin, slope, line.to);
     const Ints slab = hn::GatherIndex(di, occupied + kSlab, at);
     const Floats scale = set(grid_.slab_scale), per_unit = set(2.0F / 65535 * grid_.slab_scale);
     const Floats high = hn::Sub(
@@ -586,7 +711,7 @@ class Traveller {
 
     const Vectors place = origin_.load(v) + direction_.load(v) * end;
     const Mask lost =
-        hn::Or(hn::AndNot(may_be_inside(place, v), spent),
+        hn::Or(hn::AndNot(may_be_inside(place, load(word_, v)), spent),
                hn::And(crossed, hn::RebindMask(d, hn::Gt(crossings, set(kMaxCrossings)))));
     Uints how = set(uint32_t{Rays::kEscaped});
     how = hn::IfThenElse(for_uints(at_surface), set(uint32_t{Rays::kSurface}), how);
@@ -599,9 +724,9 @@ class Traveller {
     }
   }
 
-  // Whether what the grid knows allows that points lie in the medium.
-  Mask may_be_inside(Vectors p, size_t v) const {
-    const Mask allowed = not_zero(hn::And(load(word_, v), set(Grid::kOccupied | Grid::kInside)));
+  // Whether what the grid knows allows that points lie in the medium, given the cell's word.
+  Mask may_be_inside(Vectors p, Uints word) const {
+    const Mask allowed = not_zero(hn::And(word, set(Grid::kOccupied | Grid::kInside)));
     const float margin = 16 * FLT_EPSILON * boundary_.extent;
     const auto within = [&](Floats x, float low, float high) {
       return hn::And(hn::Ge(x, set(low - margin)), hn::Le(x, set(high + margin)));
@@ -649,6 +774,8 @@ class Traveller {
     hn::ScatterIndex(what, UintTag(), rays_.place.data(), ray);
   }
 
+  // As long as any line, but not infinite: it may be multiplied by 0.
+  static constexpr float kFar = 1e30F;
   // More crossings than this on one line mean that rounding has trapped it.
   static constexpr uint32_t kMaxCrossings = 100000;
 
@@ -657,7 +784,9 @@ class Traveller {
   Rays& rays_;
   const size_t count_;
   const bool places_;
-  size_t next_ray_ = 0;
+  UintColumn pending_;  // rays to be followed
+  size_t pending_count_ = 0;
+  size_t next_ = 0;        // of the pending rays
   LineBits busy_ = 0;      // lines that have a ray
   LineBits stepping_ = 0;  // lines whose query is under way
 

@@ -18,26 +18,6 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Floats load(const FloatColumn& column, size_t i) {
-  return hn::Load(FloatTag(), column.data() + i);
-}
-HWY_INLINE Uints load(const UintColumn& column, size_t i) {
-  return hn::Load(UintTag(), column.data() + i);
-}
-HWY_INLINE Vectors load(const VectorColumn& column, size_t i) {
-  return {load(column.x, i), load(column.y, i), load(column.z, i)};
-}
-HWY_INLINE void store(Floats v, FloatColumn& column, size_t i) {
-  hn::Store(v, FloatTag(), column.data() + i);
-}
-HWY_INLINE void store(Uints v, UintColumn& column, size_t i) {
-  hn::Store(v, UintTag(), column.data() + i);
-}
-HWY_INLINE void store(Vectors v, VectorColumn& column, size_t i) {
-  store(v.x, column.x, i);
-  store(v.y, column.y, i);
-  store(v.z, column.z, i);
-}
 HWY_INLINE Mask is(Uints v, uint32_t constant) {
   return hn::RebindMask(FloatTag(), hn::Eq(v, set(constant)));
 }
@@ -292,8 +272,9 @@ class Wavefront {
     const Floats u1 = load(walks_.u1, i);
     Floats cosine = sample_hg(u1, g_);
     Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
-    Floats density = hg_phase(cosine, g_);
-    const Floats score = hn::IfThenElseZero(spent, hg_score(cosine, g_));
+    const Phase phase = hg_phase(cosine, g_);
+    const Floats score = hn::IfThenElseZero(spent, phase.score);
+    Floats density = phase.value;
     if (!all_in_medium) {
       const Floats diffuse = hn::Sqrt(hn::Sub(one, u1));
       cosine = hn::IfThenElse(spent, cosine, diffuse);
@@ -302,7 +283,7 @@ class Wavefront {
     }
     const SinCos phi = sin_cos_of_turn(load(walks_.u2, i));
     const Vectors direction =
-        normalize(around(axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
+        renormalize(around(axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
     // Paths that have ended keep their direction: NaN would slow the lanes down.
     store(if_then_else(vertices, direction, before), walks_.rays.direction, i);
     store(density, walks_.density, i);
@@ -327,19 +308,19 @@ class Wavefront {
     const Words more = scene_.light_tables.maps.empty() ? Words{} : random(i, vertex, kMap);
     const LightDraw light = sample(scene_.light_tables, words, more);
     const Floats cosine = dot(axis, light.direction);
-    Floats value = hg_phase(cosine, g_);
-    Floats score = hg_score(cosine, g_);
+    auto [value, score] = hg_phase(cosine, g_);
     if (!all_in_medium) {
       const Floats diffuse = hn::Mul(hn::Max(zero, cosine), set(1 / kPi));
       value = hn::IfThenElse(spent, value, diffuse);
       score = hn::IfThenElseZero(spent, score);
     }
-    // `value` is also the density with which the walk would go there by itself.
-    const Mask competes = settings_.techniques == Techniques::kBoth ? hn::Gt(light.density, zero)
-                                                                    : hn::MaskFromVec(zero);
-    const Floats mis_weight =
-        hn::IfThenElse(competes, hn::Div(light.density, hn::Add(light.density, value)), set(1.0F));
-    const Floats undimmed = hn::Mul(hn::Mul(light.weight, value), mis_weight);
+    // The weight of the draw, radiance / density, times that of multiple importance sampling,
+    // density / (density + value): `value` is also the density with which the walk would go there
+    // by itself. Beams have no density: what they bring is as it is.
+    const Floats competing = settings_.techniques == Techniques::kBoth ? value : zero;
+    const Floats densities = hn::IfThenElse(hn::Gt(light.density, zero),
+                                            hn::Add(light.density, competing), set(1.0F));
+    const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), densities);
     const Floats worth = hn::Mul(importance(i), undimmed);
     Floats limit = set(kMaxOpticalDepth);
     Mask ordered = hn::And(vertices, hn::Gt(undimmed, zero));

@@ -41,7 +41,7 @@ void draw_all(const LightTables& lights, uint64_t seed, LightProbe& probe, size_
     const Words more = philox(zero, set(uint32_t{1}), number, zero, seed);
     const LightDraw light = sample(lights, words, more);
     store(light.direction, probe.direction, i);
-    store(light.weight, probe.weight, i);
+    store(light.radiance, probe.radiance, i);
     store(light.density, probe.density, i);
   }
 }

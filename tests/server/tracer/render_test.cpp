@@ -164,7 +164,8 @@ TEST(RenderTest, TheMaterialsOwnAlbedoIsTheImage) {
 
 TEST(RenderTest, DerivativesDoNotChangeTheImage) {
   RenderSettings both = settings(), image = settings();
-  both.walk_roulette = image.walk_roulette = 0.3;  // the default differs
+  both.walk_roulette = image.walk_roulette = 0.3;  // the defaults differ
+  both.depth_roulette = image.depth_roulette = 0.5;
   image.derivatives = false;
   EXPECT_EQ(render_grad(mug_in_the_sun(), image).estimates[1].radiance,
             render_grad(mug_in_the_sun(), both).estimates[1].radiance);
