@@ -16,7 +16,7 @@ namespace {
 constexpr double kCellEdge = 1.6;
 // Cells along the longest side, at least: in a mesh of few large triangles most flights then stay
 // among empty cells.
-constexpr double kLeastCells = 16;
+constexpr double kLeastCells = 24;
 constexpr int64_t kMaxCells = int64_t{1} << 24;
 
 double area(const Mesh& mesh) {
@@ -152,23 +152,13 @@ void Grid::add_cell(const Mesh& mesh, size_t cell_index, const uint32_t* triangl
     const size_t place = i % TriangleBlock::kSize;
     if (place == 0) {
       blocks.emplace_back();
-      corners.emplace_back();
     }
     const auto& triangle = mesh.triangles[triangles[i]];
-    Vec3f corner[3];
     for (size_t k = 0; k < 3; ++k) {
-      corner[k] = mesh.vertices[triangle[k]] - middle;
-      corners.back().corners[place][k] = corner[k];
-    }
-    const auto put = [&](TriangleBlock::Lane(&lanes)[3], Vec3f v) {
-      lanes[0][place] = v.x;
-      lanes[1][place] = v.y;
-      lanes[2][place] = v.z;
-    };
-    for (size_t k = 0; k < 3; ++k) {
-      const Vec3f from = corner[(k + 1) % 3], to = corner[(k + 2) % 3];
-      put(blocks.back().directions[k], from - to);
-      put(blocks.back().moments[k], cross(from, to));
+      const Vec3f corner = mesh.vertices[triangle[k]] - middle;
+      blocks.back().corners[k][0][place] = corner.x;
+      blocks.back().corners[k][1][place] = corner.y;
+      blocks.back().corners[k][2][place] = corner.z;
     }
     const auto exact = [&](size_t k) { return static_cast<Vec3d>(mesh.vertices[triangle[k]]); };
     const Vec3d normal = cross(exact(1) - exact(0), exact(2) - exact(0));
@@ -253,9 +243,11 @@ bool Grid::lies_inside(int x, int y, int z) const {
     double nearest = low.x + (x + 1.0) * edge - from.x;  // crossings beyond belong to later cells
     bool found = false, leaves = false;
     for (uint32_t b = cell.first_block; b < cell.first_block + cell.block_count; ++b) {
-      for (const Vec3f(&triangle)[3] : corners[b].corners) {
+      for (size_t i = 0; i < TriangleBlock::kSize; ++i) {
         const auto corner = [&](size_t k) {
-          return static_cast<Vec3d>(triangle[k]) + static_cast<Vec3d>(cell.middle) - from;
+          const auto& lanes = blocks[b].corners[k];
+          return Vec3d{lanes[0][i], lanes[1][i], lanes[2][i]} + static_cast<Vec3d>(cell.middle) -
+                 from;
         };
         const Vec3d a = corner(0), c = corner(1), e = corner(2);
         // The line passes within if it has the same side of all edges (see test_cells), here for
@@ -321,7 +313,7 @@ void Grid::mark_inside() {
 
 size_t Grid::memory() const {
   return cells.size() * sizeof(uint32_t) + reaches.size() + occupied.size() * sizeof(OccupiedCell) +
-         blocks.size() * (sizeof(TriangleBlock) + sizeof(BlockCorners));
+         blocks.size() * sizeof(TriangleBlock);
 }
 
 }  // namespace itn::tracer

@@ -13,20 +13,13 @@
 
 namespace itn::tracer {
 
-// Sixteen triangles, in the form that they are tested in: the Pluecker coordinates of their edges,
-// relative to the middle of the cell that they are tested for, so that they are small numbers. Edge
-// k runs from corner k + 1 to corner k + 2, counter-clockwise seen from outside. Places that are
-// not used have edges of 0, which nothing passes.
+// Sixteen triangles: their corners, counter-clockwise seen from outside, relative to the middle of
+// the cell that they are tested for, so that they are small numbers. Places that are not used have
+// all corners at 0, and are never hit.
 struct alignas(64) TriangleBlock {
   static constexpr int kSize = 16;
   using Lane = std::array<float, kSize>;
-  Lane directions[3][3]{};  // [edge][axis]: the difference of its ends
-  Lane moments[3][3]{};     // [edge][axis]: the cross product of its ends
-};
-
-// The corners of the same triangles, relative to the same point: needed for those that are hit.
-struct BlockCorners {
-  Vec3f corners[TriangleBlock::kSize][3]{};
+  Lane corners[3][3]{};  // [corner][axis]
 };
 
 // An occupied cell.
@@ -63,7 +56,6 @@ class Grid {
   static constexpr int kMaxReach = 255;
   std::vector<OccupiedCell> occupied;
   std::vector<TriangleBlock> blocks;
-  std::vector<BlockCorners> corners;  // of the same number
 
   size_t memory() const;
 

@@ -307,6 +307,11 @@ class Traveller {
         fresh, {mm_per_cell(direction.x), mm_per_cell(direction.y), mm_per_cell(direction.z)}, v);
 
     store(fresh, octant_of(direction), octant_, v);
+    const Floats x = hn::Abs(direction.x), y = hn::Abs(direction.y), z = hn::Abs(direction.z);
+    const Uints zero_or_one = hn::IfThenElseZero(for_uints(hn::Gt(y, x)), set(uint32_t{1}));
+    store(fresh,
+          hn::IfThenElse(for_uints(hn::Gt(z, hn::Max(x, y))), set(uint32_t{2}), zero_or_one),
+          steepest_, v);
 
     store(fresh, set(kInfinity), surface_t_, v);
     store(fresh, set(Surfaces::kNone), surface_, v);
@@ -616,42 +621,63 @@ class Traveller {
   // the processor would guess it wrong half of the time; then the distances of those that are hit
   // are computed.
   //
-  // A line through o, relative to the middle of the cell, in direction d passes the edge from A to
-  // B on the side that the sign of
-  //   d . (A x B) + (d x o) . (A - B)
-  // tells, the product of the Pluecker coordinates of both: positive for all three edges if it
-  // crosses the triangle from inside out. Swapping the ends of an edge negates this exactly: two
-  // triangles that share an edge agree on which side of it the line passes, and none slips between.
-  // To find entries, d is turned around, and so are all signs.
+  // The test is that of Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2013:
+  // space is sheared along the line so that the line becomes the axis that it is nearest to. Then
+  // the line passes an edge PQ on the side that the sign of P_x Q_y - P_y Q_x tells, and crosses the
+  // triangle from inside out if it is positive for all three. Swapping the ends of an edge negates
+  // this exactly: two triangles that share an edge agree on which side of it the line passes, and
+  // none slips between. To find entries, the line is turned around, which swaps x and y. All is
+  // relative to the point c of the line next to the middle of the cell, so that numbers are small.
   HWY_INLINE void test_cells(LineBits which) {
     const FloatTag tag;
     size_t passed = 0;
     for (; which != 0; which &= which - 1) {
       const int line = std::countr_zero(which);
       const OccupiedCell& cell = grid_.occupied[word_[line] & Grid::kPayload];
-      const Vec3f o = origin_.at(line) - cell.middle, d = direction_.at(line) * side_[line];
-      const Vectors w = set(d), m = set(itn::cross(d, o));
+      const Vec3f o = origin_.at(line) - cell.middle, d = direction_.at(line);
+      const float to_c = -itn::dot(o, d);
+      const Vec3f c = o + d * to_c;
+      const float slopes[] = {d.x, d.y, d.z}, from[] = {c.x, c.y, c.z};
+      const uint32_t z = steepest_[line];
+      const bool swap = (slopes[z] < 0) != (side_[line] < 0);
+      const uint32_t x = (z + (swap ? 2 : 1)) % 3, y = (z + (swap ? 1 : 2)) % 3;
+      const float per_z = 1 / slopes[z];
+      const float shear_x = slopes[x] * per_z, shear_y = slopes[y] * per_z;
+      const Floats minus_x = set(-shear_x), minus_y = set(-shear_y);
+      const Floats c_x = set(from[x] - shear_x * from[z]), c_y = set(from[y] - shear_y * from[z]);
       for (uint32_t b = cell.first_block; b < cell.first_block + cell.block_count; ++b) {
         const TriangleBlock& block = grid_.blocks[b];
         for (size_t i = 0; i < TriangleBlock::kSize; i += lanes()) {
-          const auto vectors = [&](const TriangleBlock::Lane(&v)[3]) {
-            return Vectors{hn::Load(tag, v[0].data() + i), hn::Load(tag, v[1].data() + i),
-                           hn::Load(tag, v[2].data() + i)};
+          struct Point {
+            Floats x, y;
           };
-          const auto side = [&](size_t k) {
-            return dot(w, vectors(block.moments[k]), m, vectors(block.directions[k]));
+          const auto sheared = [&](const TriangleBlock::Lane(&corner)[3]) {
+            const Floats p_z = hn::Load(tag, corner[z].data() + i);
+            return Point{
+                hn::Sub(plus_product(hn::Load(tag, corner[x].data() + i), minus_x, p_z), c_x),
+                hn::Sub(plus_product(hn::Load(tag, corner[y].data() + i), minus_y, p_z), c_y)};
           };
-          const Floats x = side(0), y = side(1), z = side(2), zero = hn::Zero(tag);
-          const Mask within = hn::And(hn::Ge(hn::Min(x, hn::Min(y, z)), zero),
-                                      hn::Gt(hn::Max(x, hn::Max(y, z)), zero));
+          const Point p[] = {sheared(block.corners[0]), sheared(block.corners[1]),
+                             sheared(block.corners[2])};
+          const auto side = [](Point from_p, Point to_q) {
+            return hn::Sub(hn::Mul(from_p.x, to_q.y), hn::Mul(from_p.y, to_q.x));
+          };
+          const Floats u = side(p[1], p[2]), v = side(p[2], p[0]), w = side(p[0], p[1]);
+          const Floats zero = hn::Zero(tag);
+          const Mask within = hn::And(hn::Ge(hn::Min(u, hn::Min(v, w)), zero),
+                                      hn::Gt(hn::Max(u, hn::Max(v, w)), zero));
           Passed& entry = passed_[passed];
           entry.line = line;
-          entry.triangles = &grid_.corners[b].corners[i];
-          entry.middle = cell.middle;
-          hn::Store(x, tag, entry.sides[0].data());
-          hn::Store(y, tag, entry.sides[1].data());
-          hn::Store(z, tag, entry.sides[2].data());
           entry.hits = bits_of(within);
+          hn::Store(u, tag, entry.sides[0].data());
+          hn::Store(v, tag, entry.sides[1].data());
+          hn::Store(w, tag, entry.sides[2].data());
+          for (size_t k = 0; k < 3; ++k) {
+            entry.depths[k] = block.corners[k][z].data() + i;
+          }
+          entry.c_z = from[z];
+          entry.per_z = per_z;
+          entry.to_c = to_c;
           passed += entry.hits != 0 ? 1 : 0;
           if (passed == kPassed) {
             measure_hits(passed);
@@ -668,13 +694,12 @@ class Traveller {
   HWY_INLINE void measure_hits(size_t count) {
     for (const Passed* entry = passed_; entry < passed_ + count; ++entry) {
       const int line = entry->line;
-      const Vec3f o = origin_.at(line) - entry->middle, d = direction_.at(line);
       for (LineBits bits = entry->hits; bits != 0; bits &= bits - 1) {
         const int i = std::countr_zero(bits);
-        const Vec3f(&corner)[3] = entry->triangles[i];
-        const float x = entry->sides[0][i], y = entry->sides[1][i], z = entry->sides[2][i];
-        const Vec3f point = (corner[0] * x + corner[1] * y + corner[2] * z) * (1 / (x + y + z));
-        const float t = itn::dot(point - o, d);
+        const float u = entry->sides[0][i], v = entry->sides[1][i], w = entry->sides[2][i];
+        const float z = (u * entry->depths[0][i] + v * entry->depths[1][i] +
+                         w * entry->depths[2][i]) / (u + v + w);
+        const float t = entry->to_c + (z - entry->c_z) * entry->per_z;
         const float end = std::min(end_[line], hit_[line]);
         hit_[line] = t >= t_min_[line] && t <= end ? t : hit_[line];
       }
@@ -802,14 +827,15 @@ class Traveller {
   PerLine<float> surface_t_{}, reach_{}, entered_cell_{};
   PerLine<uint32_t> inside_{}, entered_{}, crossings_{}, word_{}, ray_{};
   PerLine<uint32_t> surface_{}, surface_unknown_{}, excluded_{}, octant_{};
+  PerLine<uint32_t> steepest_{};  // axis that the line is nearest to
 
   // Parts of blocks with triangles that a line passes within.
   struct Passed {
     alignas(64) std::array<float, kMaxLanes> sides[3];
-    int line;
     LineBits hits;
-    const Vec3f (*triangles)[3];
-    Vec3f middle;
+    int line;
+    std::array<const float*, 3> depths;  // of the corners, along the axis nearest to the line
+    float c_z, per_z, to_c;              // t = to_c + (z - c_z) per_z
   };
   static constexpr size_t kPassed = 32;
   Passed passed_[kPassed];
