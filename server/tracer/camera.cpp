@@ -36,19 +36,19 @@ Camera::Camera(const CameraDescription& camera, const FilmDescription& film)
 
 Camera::FilmBox Camera::film_box(Vec3d low, Vec3d high) const {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
-  FilmBox box{kInfinity, kInfinity, -kInfinity, -kInfinity};
+  FilmBox box{kInfinity, kInfinity, -kInfinity, -kInfinity, kInfinity};
   for (int corner = 0; corner < 8; ++corner) {
     const Vec3d v = Vec3d{corner & 1 ? high.x : low.x, corner & 2 ? high.y : low.y,
                           corner & 4 ? high.z : low.z} -
                     origin_;
     const double depth = dot(v, forward_);
     if (!(depth > 1e-6 * length(v))) {
-      return {-kInfinity, -kInfinity, kInfinity, kInfinity};
+      return {-kInfinity, -kInfinity, kInfinity, kInfinity, 0};
     }
     const double x = (dot(v, right_) / depth + half_width_) / scale_;
     const double y = (dot(v, down_) / depth + half_height_) / scale_;
     box = {std::min(box.left, x), std::min(box.top, y), std::max(box.right, x),
-           std::max(box.bottom, y)};
+           std::max(box.bottom, y), std::min(box.depth, depth)};
   }
   return box;
 }

@@ -11,21 +11,23 @@ class Camera {
   // Throws Error (invalid input) if the view is degenerate.
   Camera(const CameraDescription& camera, const FilmDescription& film);
 
-  // Unit direction through film position (x, y) in pixels; pixel (i, j) covers [i, i+1) x [j, j+1).
-  // In double: seen from 33 mm away, a float would move the point by micrometres.
-  Vec3d direction(double x, double y) const {
-    return itn::normalize(forward_ + right_ * (x * scale_ - half_width_) +
-                          down_ * (y * scale_ - half_height_));
+  // The way to film position (x, y) in pixels, as long as it advances by 1 along the view; pixel
+  // (i, j) covers [i, i+1) x [j, j+1). In double: seen from 33 mm away, a float would move the point
+  // by micrometres.
+  Vec3d toward(double x, double y) const {
+    return forward_ + right_ * (x * scale_ - half_width_) + down_ * (y * scale_ - half_height_);
   }
   Vec3d origin() const { return origin_; }
 
   struct FilmBox {
     double left, top, right, bottom;  // in pixels
+    double depth;                     // of the nearest point of the box, along the view
     bool contains(double x, double y) const {
       return x >= left && x <= right && y >= top && y <= bottom;
     }
   };
-  // Outside of which no ray meets a box; everything, if a part of it is not in front of the camera.
+  // Outside of which no ray meets a box; everything, with a depth of 0, if a part of it is not in
+  // front of the camera.
   FilmBox film_box(Vec3d low, Vec3d high) const;
 
  private:

@@ -1,7 +1,6 @@
 #include "server/tracer/compiled_scene.h"
 
 #include <algorithm>
-#include <limits>
 
 #include "server/tracer/wavefront/wavefront.h"
 
@@ -12,21 +11,6 @@ Bounds enlarged(const Bounds& box) {
   const float margin = 1e-3F * length(box.max - box.min);
   const Vec3f by{margin, margin, margin};
   return {box.min - by, box.max + by};
-}
-
-// Distance along a ray to a box; 0 if the ray misses it or starts in it.
-double distance_to_box(const Bounds& box, Vec3d o, Vec3d d) {
-  double near = 0, far = std::numeric_limits<double>::infinity();
-  const auto clip = [&](double origin, double slope, double from, double to) {
-    const double inverse = 1 / slope;
-    const double a = (from - origin) * inverse, b = (to - origin) * inverse;
-    near = std::max(near, std::min(a, b));
-    far = std::min(far, std::max(a, b));
-  };
-  clip(o.x, d.x, double{box.min.x}, double{box.max.x});
-  clip(o.y, d.y, double{box.min.y}, double{box.max.y});
-  clip(o.z, d.z, double{box.min.z}, double{box.max.z});
-  return near <= far ? near : 0;
 }
 
 }  // namespace
@@ -44,12 +28,12 @@ Scene::Compiled::Compiled(SceneDescription&& scene)
       film_box(camera.film_box(static_cast<Vec3d>(box.min), static_cast<Vec3d>(box.max))) {}
 
 CameraRay Scene::Compiled::camera_ray(double x, double y) const {
-  const Vec3d direction = camera.direction(x, y), origin = camera.origin();
-  const double distance =
-      !camera_inside && film_box.contains(x, y) ? distance_to_box(box, origin, direction) : 0;
-  const bool at_box = distance > 0 && !boundary.surfaces.in_front(origin, direction, distance);
-  return {static_cast<Vec3f>(at_box ? origin + direction * distance : origin),
-          static_cast<Vec3f>(direction), at_box};
+  const Vec3d origin = camera.origin(), toward = camera.toward(x, y);
+  const auto direction = static_cast<Vec3f>(itn::normalize(toward));
+  const bool at_box = !camera_inside && film_box.depth > 0 && film_box.contains(x, y) &&
+                      !boundary.surfaces.in_front(origin, toward, film_box.depth);
+  return {static_cast<Vec3f>(at_box ? origin + toward * film_box.depth : origin), direction,
+          at_box};
 }
 
 const Geometry& Scene::Compiled::geometry() const {

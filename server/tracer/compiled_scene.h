@@ -14,8 +14,9 @@
 
 namespace itn::tracer {
 
-// Where a camera's ray is followed from: the box of the object, so that its entry is as precise as
-// the object's coordinates, or the camera where it misses the box or meets a surface before.
+// Where a camera's ray is followed from: the depth at which the box of the object begins, so that
+// its entry is as precise as the object's coordinates, or the camera where the ray misses the box's
+// image or meets a surface before.
 struct CameraRay {
   Vec3f origin, direction;
   bool at_box;
