@@ -137,8 +137,8 @@ class Distribution {
     void deliver(const PathOrder& order, const PathEstimate& path) override {
       ++counters.paths;
       counters.steps += path.steps;
-      const uint32_t estimate = order.sample % all_.settings_.estimates;
-      PixelSums& sums = collected_[(order.pixel + estimate) % kCollected];
+      const uint32_t estimates = all_.settings_.estimates, estimate = order.sample % estimates;
+      PixelSums& sums = collected_[(order.pixel * estimates + estimate) % kCollected];
       if (sums.pixel != order.pixel || sums.estimate != estimate) {
         all_.add(sums);
         sums = {.pixel = order.pixel, .estimate = estimate};

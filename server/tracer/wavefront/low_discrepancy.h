@@ -45,22 +45,22 @@ constexpr uint32_t owen_scrambled(uint32_t x, uint32_t seed) {
   return reversed_bits(x);
 }
 
-// Point `index` of the sequence that the three scrambles select; multiples of 2^-24 in [0, 1).
-inline std::array<float, 3> low_discrepancy_point(uint32_t index,
-                                                  const std::array<uint32_t, 3>& scrambles) {
-  static constexpr SobolDirections kDirections = sobol_directions();
+// Sobol's point `index`, in units of 2^-32.
+constexpr std::array<uint32_t, 3> sobol_point(uint32_t index) {
+  constexpr SobolDirections kDirections = sobol_directions();
   std::array<uint32_t, 3> point{reversed_bits(index), 0, 0};
   for (size_t i = 0; index != 0; ++i, index >>= 1) {
-    if (index & 1) {
-      point[1] ^= kDirections[0][i];
-      point[2] ^= kDirections[1][i];
-    }
+    const uint32_t if_set = 0U - (index & 1);
+    point[1] ^= kDirections[0][i] & if_set;
+    point[2] ^= kDirections[1][i] & if_set;
   }
-  std::array<float, 3> result{};
-  for (size_t i = 0; i < 3; ++i) {
-    result[i] = static_cast<float>(owen_scrambled(point[i], scrambles[i]) >> 8) * 0x1p-24F;
-  }
-  return result;
+  return point;
+}
+
+// A coordinate of a point of the sequence that a scramble selects: a multiple of 2^-24 in [0, 1).
+constexpr float scrambled_coordinate(uint32_t coordinate, uint32_t scramble) {
+  return static_cast<float>(static_cast<int32_t>(owen_scrambled(coordinate, scramble) >> 8)) *
+         0x1p-24F;
 }
 
 }  // namespace itn::tracer

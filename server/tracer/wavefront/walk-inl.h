@@ -505,47 +505,74 @@ class Wavefront {
     desk_.deliver({walks_.pixel[slot], walks_.sample[slot], baseline}, estimate);
   }
 
-  // Where on the film a path begins, and how far it flies first. The samples of an estimate share a
-  // sequence; estimates, pixels and seeds have sequences of their own.
-  std::array<float, 3> camera_sample(const PathOrder& order) {
-    if (!settings_.stratified) {
-      const Uniforms u = SampleRandom(settings_.seed, order.pixel, order.sample).at(0, kFilm);
-      return {u[0], u[1], u[2]};
+  // Takes the next orders, and finds out with which rays their paths begin. False if there are
+  // none.
+  bool take_orders() {
+    next_order_ = 0;
+    order_count_ = desk_.take(orders_);
+    if (settings_.stratified) {
+      sample_sequences();
+    } else {
+      for (size_t i = 0; i < order_count_; ++i) {
+        const Uniforms u =
+            SampleRandom(settings_.seed, orders_[i].pixel, orders_[i].sample).at(0, kFilm);
+        for (size_t k = 0; k < 3; ++k) {
+          film_[k][i] = u[k];
+        }
+      }
     }
-    const uint32_t estimate = order.sample % settings_.estimates;
-    Sequence& sequence = sequences_[estimate];
-    if (sequence.pixel != order.pixel) {
-      const std::array<uint32_t, 2> seed{static_cast<uint32_t>(settings_.seed),
-                                         static_cast<uint32_t>(settings_.seed >> 32)};
-      const std::array<uint32_t, 4> key =
-          tracer::philox(std::array<uint32_t, 4>{estimate, kSequence, 0, order.pixel}, seed);
-      sequence = {order.pixel, {key[0], key[1], key[2]}};
+    const auto width = static_cast<uint32_t>(scene_.film.width);
+    for (size_t i = 0; i < order_count_; ++i) {
+      const uint32_t pixel = orders_[i].pixel;
+      camera_rays_[i] =
+          scene_.camera_ray(pixel % width + double{film_[0][i]}, pixel / width + double{film_[1][i]});
     }
-    return low_discrepancy_point(order.sample / settings_.estimates, sequence.scrambles);
+    return order_count_ > 0;
+  }
+
+  // Where on the film the paths of the orders begin, and how far they fly first. The samples of an
+  // estimate share a sequence; estimates, pixels and seeds have sequences of their own.
+  void sample_sequences() {
+    PerOrder<std::array<uint32_t, 3>> points;
+    std::array<PerOrder<uint32_t>, 3> scrambles;
+    for (size_t i = 0; i < order_count_; ++i) {
+      const PathOrder& order = orders_[i];
+      const uint32_t estimate = order.sample % settings_.estimates;
+      Sequence& sequence = sequences_[estimate];
+      if (sequence.pixel != order.pixel) {
+        const std::array<uint32_t, 2> seed{static_cast<uint32_t>(settings_.seed),
+                                           static_cast<uint32_t>(settings_.seed >> 32)};
+        const std::array<uint32_t, 4> key =
+            tracer::philox(std::array<uint32_t, 4>{estimate, kSequence, 0, order.pixel}, seed);
+        sequence = {order.pixel, {key[0], key[1], key[2]}};
+      }
+      points[i] = sobol_point(order.sample / settings_.estimates);
+      for (size_t k = 0; k < 3; ++k) {
+        scrambles[k][i] = sequence.scrambles[k];
+      }
+    }
+    for (size_t k = 0; k < 3; ++k) {
+      for (size_t i = 0; i < order_count_; ++i) {
+        film_[k][i] = scrambled_coordinate(points[i][k], scrambles[k][i]);
+      }
+    }
   }
 
   // Puts the next path that is ordered into a slot, with the camera's ray. False if there is none.
   bool begin_path(size_t slot) {
-    if (next_order_ == orders_.size()) {
-      orders_.resize(kOrders);
-      orders_.resize(desk_.take(orders_));
-      next_order_ = 0;
-      if (orders_.empty()) {
-        return false;
-      }
+    if (next_order_ == order_count_ && !take_orders()) {
+      return false;
     }
-    const PathOrder& order = orders_[next_order_++];
-    const std::array<float, 3> u = camera_sample(order);
-    const auto width = static_cast<uint32_t>(scene_.film.width);
-    const CameraRay ray =
-        scene_.camera_ray(order.pixel % width + double{u[0]}, order.pixel / width + double{u[1]});
+    const PathOrder& order = orders_[next_order_];
+    const CameraRay& ray = camera_rays_[next_order_];
+    walks_.first_flight[slot] = film_[2][next_order_];
+    ++next_order_;
     walks_.pixel[slot] = order.pixel;
     walks_.sample[slot] = order.sample;
     walks_.baseline[slot] = order.baseline;
     walks_.rays.position.set(slot, ray.origin);
     walks_.rays.direction.set(slot, ray.direction);
     walks_.rays.place[slot] = scene_.camera_inside ? Rays::kInside : 0;
-    walks_.first_flight[slot] = u[2];
     walks_.weight[slot] = 1;
     walks_.vertex[slot] = walks_.on_camera_ray[slot] = walks_.alive[slot] = 1;
     walks_.hit[slot] = walks_.leaked[slot] = walks_.steps[slot] = 0;
@@ -580,8 +607,13 @@ class Wavefront {
   Walks walks_;
   size_t count_ = 0;  // paths under way, in slots 0 .. count_ - 1
   Connections connections_;
-  std::vector<PathOrder> orders_;
-  size_t next_order_ = 0;
+  // Paths that have not begun, with the random numbers of film position and first flight.
+  template <typename T>
+  using PerOrder = std::array<T, kOrders>;
+  PerOrder<PathOrder> orders_;
+  PerOrder<CameraRay> camera_rays_;
+  std::array<PerOrder<float>, 3> film_;
+  size_t order_count_ = 0, next_order_ = 0;
 
   // The last sequence of each estimate: paths of a pixel come one after the other.
   struct Sequence {

@@ -315,6 +315,16 @@ TEST_P(LightTest, TheWavefrontHasTheSameLights) {
   expect_equal(over_batches(wavefront), over_batches(scalar), 4, GetParam().name);
 }
 
+// Point `index` of the sequence of three scrambles.
+std::array<float, 3> scrambled_point(uint32_t index, const std::array<uint32_t, 3>& scrambles) {
+  const std::array<uint32_t, 3> point = sobol_point(index);
+  std::array<float, 3> result{};
+  for (size_t i = 0; i < result.size(); ++i) {
+    result[i] = scrambled_coordinate(point[i], scrambles[i]);
+  }
+  return result;
+}
+
 // Every prefix of a power of two has one point in each of as many equal intervals, in each
 // dimension, whatever the scrambles.
 TEST(LowDiscrepancyTest, PrefixesAreStratified) {
@@ -323,7 +333,7 @@ TEST(LowDiscrepancyTest, PrefixesAreStratified) {
       std::array<std::vector<int>, 3> count;
       count.fill(std::vector<int>(n));
       for (uint32_t i = 0; i < n; ++i) {
-        const auto point = low_discrepancy_point(i, {seed, seed * 0x9E3779B9, ~seed});
+        const auto point = scrambled_point(i, {seed, seed * 0x9E3779B9, ~seed});
         for (size_t dimension = 0; dimension < 3; ++dimension) {
           ++count[dimension][static_cast<size_t>(point[dimension] * static_cast<float>(n))];
         }
@@ -340,7 +350,7 @@ TEST(LowDiscrepancyTest, PointsAreUniform) {
   std::array<std::vector<double>, 3> values, squares;
   for (uint32_t i = 0; i < 40'000; ++i) {
     const auto key = philox({i, 0, 0, 0}, {1, 2});
-    const auto point = low_discrepancy_point(5, {key[0], key[1], key[2]});
+    const auto point = scrambled_point(5, {key[0], key[1], key[2]});
     for (size_t dimension = 0; dimension < 3; ++dimension) {
       values[dimension].push_back(point[dimension]);
       squares[dimension].push_back(double{point[dimension]} * point[dimension]);
