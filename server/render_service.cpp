@@ -10,7 +10,9 @@
 
 #include "common/error.h"
 #include "common/scene_bytes.h"
+#include "common/wire_array.h"
 #include "server/render_reply.h"
+#include "server/rendering_loss.h"
 #include "server/status.h"
 
 namespace itn {
@@ -86,6 +88,10 @@ class RenderService::RenderCall final : public grpc::ServerUnaryReactor {
   void render() {
     if (!scene_) scene_ = service_.scene_of(request_);
     check_reply_size(scene_->width(), scene_->height(), request_, service_.options_.limits);
+    if (request_.has_loss()) {
+      settings_.importance = loss_importance(from_bytes<float>(request_.loss().image()),
+                                             from_bytes<float>(request_.loss().weight()));
+    }
     const tracer::FilmSums sums = tracer::render_grad(*scene_, settings_, stop_.get_token());
     reply_ = make_reply(sums, request_);
     log(sums);

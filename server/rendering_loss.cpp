@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "common/error.h"
 
@@ -95,14 +96,14 @@ std::vector<float> loss_importance(std::span<const float> image, std::span<const
   size_t weighted = 0;
   for (size_t p = 0; p < image.size(); ++p) {
     if (weight[p] != 0) {
-      sum += image[p];
+      sum += std::abs(double{image[p]});
       ++weighted;
     }
   }
   const double floor = weighted > 0 ? kFloor * sum / static_cast<double>(weighted) : 0;
   std::vector<float> importance(image.size());
   std::transform(image.begin(), image.end(), weight.begin(), importance.begin(),
-                 [&](float i, float w) { return static_cast<float>(double{w} * w * (i + floor)); });
+                 [&](float i, float w) { return static_cast<float>(double{w} * w * (std::abs(i) + floor)); });
   return importance;
 }
 

@@ -45,9 +45,10 @@ RenderingLoss rendering_loss(std::span<const float> image, std::span<const float
 // term of pixel p, w_p^2 (T_p - I_p) dT_p, is that of T_p or dT_p times w_p^2 and dT_p or
 // T_p - I_p, and these are in proportion to T_p, more or less, which is about I_p:
 //
-//   importance_p = w_p^2 (I_p + mean of I / 4).
+//   importance_p = w_p^2 (|I_p| + mean of |I| / 4).
 //
 // The mean is over the weighted pixels, and sees to it that none of them goes without samples.
+// Image and weight have the same size.
 std::vector<float> loss_importance(std::span<const float> image, std::span<const float> weight);
 
 }  // namespace itn

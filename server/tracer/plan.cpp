@@ -104,6 +104,7 @@ RenderSettings pilot_settings(const RenderSettings& settings) {
   pilot.estimates = 1;
   pilot.derivatives = false;
   pilot.albedos.clear();
+  pilot.importance.clear();
   pilot.seed = settings.seed ^ 0x9E3779B97F4A7C15;  // another stream
   return pilot;
 }

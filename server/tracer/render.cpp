@@ -38,7 +38,7 @@ double thread_cpu_seconds() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-void check(const RenderSettings& settings) {
+void check(const RenderSettings& settings, size_t pixels) {
   validate(settings.material);
   if (settings.estimates < 1 || settings.estimates > 16 ||
       settings.sample_count < settings.estimates) {
@@ -59,6 +59,14 @@ void check(const RenderSettings& settings) {
   }
   if (settings.pilot_spp > 64) {
     throw invalid_input(fmt::format("pilot_spp is {}; it must be at most 64", settings.pilot_spp));
+  }
+  const bool important = std::all_of(settings.importance.begin(), settings.importance.end(),
+                                     [](float i) { return i >= 0 && std::isfinite(i); });
+  if ((!settings.importance.empty() && settings.importance.size() != pixels) || !important) {
+    throw invalid_input(
+        fmt::format("importance has {} values; it must have none, or one for each of the {} "
+                    "pixels, finite and not negative",
+                    settings.importance.size(), pixels));
   }
   if (settings.tracer == Tracer::kReference &&
       (!settings.albedos.empty() || settings.pilot_spp > 0)) {
@@ -320,7 +328,7 @@ FilmSums render(const Scene::Compiled& scene, const RenderSettings& settings, co
 }  // namespace
 
 FilmSums render_grad(const Scene& scene, const RenderSettings& settings, std::stop_token stop) {
-  check(settings);
+  check(settings, static_cast<size_t>(scene.width()) * static_cast<size_t>(scene.height()));
   const Scene::Compiled& compiled = scene.compiled();
   if (settings.pilot_spp == 0) {
     return render(compiled, settings, even_plan(compiled, settings), stop);

@@ -3,16 +3,17 @@ import json
 import math
 import sys
 
+VARIANTS = ("reference", "wavefront", "images", "image only", "same walks")
 QUANTITIES = ("image", "sigma_t", "albedo", "g")
 
 
 def ratios(row):
     """Of the wavefront to the reference: walk steps per second, and error at equal CPU time."""
-    reference, wavefront, image = (row[v] for v in ("reference", "wavefront", "image only"))
+    reference, wavefront, images, image, same_walks = (row[v] for v in VARIANTS)
     result = {"reference_steps_per_second": reference["steps_per_second"],
-              "wavefront_steps_per_second": wavefront["steps_per_second"],
-              "speed": wavefront["steps_per_second"] / reference["steps_per_second"],
-              "grad_over_image": wavefront["cpu_seconds"] / image["cpu_seconds"]}
+              "wavefront_steps_per_second": same_walks["steps_per_second"],
+              "speed": same_walks["steps_per_second"] / reference["steps_per_second"],
+              "grad_over_image": images["cpu_seconds"] / image["cpu_seconds"]}
     for quantity in QUANTITIES:
         fast = image if quantity == "image" else wavefront
         result[quantity] = (reference[quantity][1] * reference["cpu_seconds"]
@@ -26,10 +27,10 @@ def geometric_mean(values):
 
 def each_technique(row):
     """How much worse variance x CPU time is without a technique."""
-    known = ("scene", "sigma_t", "albedo", "g", "reference", "wavefront", "image only")
+    known = ("scene", "sigma_t", "albedo", "g", *VARIANTS)
     full = row["wavefront"]
     return {name: {q: v[q][1] * v["cpu_seconds"] / (full[q][1] * full["cpu_seconds"])
-                   for q in QUANTITIES}
+                   for q in QUANTITIES[1:]}
             for name, v in row.items() if name not in known}
 
 
@@ -38,7 +39,8 @@ def name_of(row):
 
 
 def print_table(rows, scenes):
-    print("Wavefront against reference: M walk steps per second and core, and their ratio;")
+    print("Wavefront against reference: M walk steps per second and core of the same walks, and")
+    print("their ratio;")
     print("variance x CPU time of the image and of the loss gradient, reference / wavefront;")
     print("CPU time with three derivatives / of the image alone.")
     header = ["scene", "reference", "wavefront", "speed", "image", "sigma_t", "albedo", "g",
@@ -55,10 +57,12 @@ def print_table(rows, scenes):
               + f"{values[-1]:10.2f}x")
     techniques = [each_technique(row) for row in rows]
     if techniques and techniques[0]:
-        print("\nVariance x CPU time without a technique / with all, geometric means:")
+        print("\nVariance x CPU time of the loss gradient without a technique / with all, geometric "
+              "means:")
         for name in techniques[0]:
-            print(f"{name:48}{'':11}" + "".join(
-                f"{geometric_mean([t[name][q] for t in techniques]):10.2f}x" for q in QUANTITIES))
+            print(f"{name:59}{'':11}" + "".join(
+                f"{geometric_mean([t[name][q] for t in techniques]):10.2f}x"
+                for q in QUANTITIES[1:]))
 
 
 def print_others(rows):

@@ -108,7 +108,7 @@ struct Options {
 struct Variant {
   std::string name;
   RenderSettings settings;
-  bool knows_loss = false;  // and puts samples where it needs them
+  bool knows_loss = false;  // and puts its samples where that needs them
 };
 
 // What is known of a variant after its renders.
@@ -231,7 +231,7 @@ Variant reference(const Material& material, uint32_t spp) {
 Variant wavefront(const Material& material, uint32_t spp) {
   RenderSettings settings{
       .material = material, .sample_count = spp, .derivatives = true, .estimates = 4};
-  settings.pilot_spp = 4;
+  settings.pilot_spp = 2;
   return {"wavefront", settings, true};
 }
 
@@ -282,10 +282,11 @@ void compare_scenes(const Options& options) {
     for (const Material& material : kMaterials) {
       std::vector<Variant> variants = {reference(material, options.spp),
                                        wavefront(material, options.spp)};
-      variants.push_back(changed(variants[1], "image only", [](Variant& v) {
+      variants.push_back(changed(variants[1], "images", [](Variant& v) { v.knows_loss = false; }));
+      variants.push_back(changed(variants[2], "image only", [](Variant& v) {
         v.settings.derivatives = false;
         v.settings.estimates = 1;
-        v.knows_loss = false;
+        v.settings.pilot_spp = 0;
       }));
       variants.push_back(changed(variants[0], "same walks", [](Variant& v) {
         v.settings.tracer = Tracer::kWavefront;

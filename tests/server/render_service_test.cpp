@@ -168,7 +168,6 @@ TEST(RenderService, AnswersWithLossAndGradient) {
   v1::RenderGradRequest request = with_scene(small_request());
   request.set_spp(32);
   request.set_estimates(4);
-  request.set_pilot_spp(4);
   request.set_pixels(v1::OBJECT_PIXELS);
   request.clear_derivatives();
   for (const v1::Parameter p : {v1::SIGMA_T, v1::ALBEDO, v1::G}) request.add_derivatives(p);
@@ -208,6 +207,36 @@ TEST(RenderService, AnswersWithLossAndGradient) {
   ASSERT_EQ(reduced.reply.loss_gradient_size(), 1);
   EXPECT_NEAR(reduced.reply.loss_gradient(0), by_sigma_s / (1 - m.g()),
               1e-9 * std::abs(by_sigma_s));
+}
+
+// With a pilot, the samples of a loss go where its weight and image say.
+TEST(RenderService, PutsTheSamplesOfALossWhereItNeedsThem) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::RenderGradRequest request = with_scene(small_request());
+  request.set_spp(32);
+  request.set_estimates(2);
+  request.set_pilot_spp(4);
+  request.clear_derivatives();
+  request.add_derivatives(v1::ALBEDO);
+  const tracer::Scene scene(build_scene(parse_scene(request.scene()), {}));
+  const size_t pixels = static_cast<size_t>(scene.width()) * static_cast<size_t>(scene.height());
+  std::vector<float> image(pixels), weight(pixels);
+  for (size_t p = 0; p < pixels; ++p) {
+    image[p] = 1 + static_cast<float>(p % 7);
+    weight[p] = static_cast<float>(p % 3);
+  }
+  request.mutable_loss()->set_image(bytes_of(image));
+  request.mutable_loss()->set_weight(bytes_of(weight));
+  const Answer answer = client.call(request);
+  ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+
+  tracer::RenderSettings settings = build_settings(request, {});
+  settings.importance = loss_importance(image, weight);
+  const tracer::FilmSums sums = render_grad(scene, settings);
+  const RenderingLoss expected = rendering_loss(image, weight, means(sums).estimates);
+  EXPECT_DOUBLE_EQ(answer.reply.loss(), expected.value);
+  EXPECT_DOUBLE_EQ(answer.reply.loss_gradient(0), expected.gradient[tracer::kAlbedo]);
 }
 
 TEST(RenderService, GivesSeveralAlbedosInTheOrderAsked) {

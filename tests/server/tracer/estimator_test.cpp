@@ -64,7 +64,7 @@ struct Subject {
 
 TEST_P(VariantsTest, AgreeWithTheReference) {
   static const Subject star("smooth_star", {60, 0.87, 0.4}), mug("mug", {30, 0.39, 0});
-  constexpr int kComparisons = 2 * 8 * 4;
+  constexpr int kComparisons = 2 * 10 * 4;
   for (const Subject* subject : {&star, &mug}) {
     RenderSettings settings = subject->settings;
     GetParam().change(settings);
@@ -93,6 +93,8 @@ INSTANTIATE_TEST_SUITE_P(
         Variant{"much connection roulette", [](RenderSettings& s) { s.connection_roulette = 0.5; }},
         Variant{"much walk roulette", [](RenderSettings& s) { s.walk_roulette = 0.6; }},
         Variant{"no walk roulette to speak of", [](RenderSettings& s) { s.walk_roulette = 1e-3; }},
+        Variant{"the usual walk roulette", [](RenderSettings& s) { s.usual_roulette = true; }},
+        Variant{"much roulette by depth", [](RenderSettings& s) { s.depth_roulette = 1.5; }},
         Variant{"no stratification", [](RenderSettings& s) { s.stratified = false; }},
         Variant{"a pilot for the baseline",
                 [](RenderSettings& s) {
@@ -138,6 +140,9 @@ class LossGradientTest : public ::testing::Test {
     const FilmSums target =
         render_grad(scene_, {.material = {40, 0.9, 0.2}, .sample_count = 1024, .seed = 77});
     target_ = means(target).estimates[0].radiance;
+    for (size_t p = 0; p < target_.size(); ++p) {
+      weight_.push_back(static_cast<float>(p % 4) / 3);
+    }
   }
 
   RenderedImages render(double sigma_t, uint32_t spp, uint64_t seed, bool derivatives) const {
@@ -162,7 +167,7 @@ class LossGradientTest : public ::testing::Test {
     return static_cast<double>(images.estimates[k].radiance[p]) - static_cast<double>(target_[p]);
   }
 
-  // Gradient of the loss, and the loss, from all pairs of different estimates.
+  // Gradient of the weighted loss, and the loss, from all pairs of different estimates.
   std::array<double, kCoordinates + 1> pair_loss(const RenderedImages& images) const {
     std::array<double, kCoordinates + 1> result{};
     const size_t count = images.estimates.size();
@@ -173,11 +178,12 @@ class LossGradientTest : public ::testing::Test {
           if (i == j || images.mask[p] == 0) {
             continue;
           }
+          const double w = weight_[p];
           for (size_t c = 0; c < kCoordinates && !images.estimates[j].derivatives[c].empty(); ++c) {
-            result[c] += 2 * residual(images, i, p) *
+            result[c] += 2 * w * residual(images, i, p) *
                          static_cast<double>(images.estimates[j].derivatives[c][p]) / pairs;
           }
-          result[kCoordinates] += residual(images, i, p) * residual(images, j, p) / pairs;
+          result[kCoordinates] += w * residual(images, i, p) * residual(images, j, p) / pairs;
         }
       }
     }
@@ -186,6 +192,7 @@ class LossGradientTest : public ::testing::Test {
 
   Scene scene_;
   std::vector<float> target_;
+  std::vector<float> weight_;  // a pixel in four has none
 };
 
 TEST_F(LossGradientTest, TwoEstimatesAreUnbiasedAndOneIsNot) {
@@ -229,6 +236,9 @@ TEST_F(LossGradientTest, WithPilotAndFourEstimatesIsUnbiased) {
   RenderSettings settings{.material = material, .sample_count = 256, .estimates = 4};
   settings.pilot_spp = 4;
   settings.pixels = Pixels::kObject;
+  for (size_t p = 0; p < target_.size(); ++p) {
+    settings.importance.push_back(weight_[p] * (target_[p] + 0.1F));
+  }
   const auto loss_of = [&](const RenderSettings& s) {
     return pair_loss(means(render_grad(scene_, s)));
   };

@@ -115,6 +115,42 @@ TEST(RenderTest, PartsWithAPilotAddUpToTheWhole) {
   }
 }
 
+// With the same roulette, walks are as long as those of the reference.
+TEST(RenderTest, TheUsualRouletteWalksAsFarAsTheReference) {
+  RenderSettings s = settings();
+  s.usual_roulette = true;
+  std::vector<double> ratios;
+  for (s.seed = 0; s.seed < 64; ++s.seed) {
+    RenderSettings reference = s;
+    reference.tracer = Tracer::kReference;
+    reference.seed = s.seed + 1000;
+    const Counters ours = render_grad(mug_in_the_sun(), s).counters;
+    const Counters theirs = render_grad(mug_in_the_sun(), reference).counters;
+    ratios.push_back(static_cast<double>(ours.steps) / static_cast<double>(theirs.steps));
+  }
+  expect_equal(over_batches(ratios), {1, 0}, 1, "steps");
+  expect_resolution(over_batches(ratios), 1, 0.01, "steps");
+}
+
+TEST(RenderTest, SamplesGoToImportantPixels) {
+  RenderSettings s = settings();
+  s.sample_count = 60;
+  s.pilot_spp = 4;
+  const size_t pixels = render_grad(mug_in_the_sun(), s).squares.size();
+  s.importance.assign(pixels, 1);
+  const FilmSums even = render_grad(mug_in_the_sun(), s);
+  for (size_t p = 0; p < pixels; ++p) {
+    s.importance[p] = static_cast<float>(p % 3);
+  }
+  const FilmSums sums = render_grad(mug_in_the_sun(), s);
+  std::array<double, 3> ratio{};
+  for (size_t p = 0; p < pixels; ++p) {
+    ratio[p % 3] += sums.estimates[0].counts[p] / static_cast<double>(even.estimates[0].counts[p]);
+  }
+  EXPECT_EQ(ratio[0], 0);
+  EXPECT_NEAR(ratio[2] / ratio[1], 2, 0.1);
+}
+
 TEST(RenderTest, APilotMovesSamplesToTheNoise) {
   RenderSettings s = settings();
   s.sample_count = 64;
@@ -283,7 +319,7 @@ TEST(RenderTest, StopsSoon) {
 }
 
 TEST(RenderTest, RefusesBadSettings) {
-  std::vector<RenderSettings> bad(10, settings());
+  std::vector<RenderSettings> bad(12, settings());
   bad[0].material.albedo = 1.2;
   bad[1].material.g = 1;
   bad[2].material.sigma_t = 0;
@@ -295,6 +331,8 @@ TEST(RenderTest, RefusesBadSettings) {
   bad[8].pilot_spp = 65;
   bad[9].tracer = Tracer::kReference;
   bad[9].pilot_spp = 1;
+  bad[10].importance = {1, 1};  // not one for each pixel
+  bad[11].importance.assign(render_grad(mug_in_the_sun(), settings()).squares.size(), -1);
   for (size_t i = 0; i < bad.size(); ++i) {
     EXPECT_THROW(render_grad(mug_in_the_sun(), bad[i]), Error) << "row " << i;
   }
