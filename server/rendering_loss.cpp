@@ -102,8 +102,9 @@ std::vector<float> loss_importance(std::span<const float> image, std::span<const
   }
   const double floor = weighted > 0 ? kFloor * sum / static_cast<double>(weighted) : 0;
   std::vector<float> importance(image.size());
-  std::transform(image.begin(), image.end(), weight.begin(), importance.begin(),
-                 [&](float i, float w) { return static_cast<float>(double{w} * w * (std::abs(i) + floor)); });
+  std::transform(
+      image.begin(), image.end(), weight.begin(), importance.begin(),
+      [&](float i, float w) { return static_cast<float>(double{w} * w * (std::abs(i) + floor)); });
   return importance;
 }
 

@@ -12,8 +12,8 @@ class Camera {
   Camera(const CameraDescription& camera, const FilmDescription& film);
 
   // The way to film position (x, y) in pixels, as long as it advances by 1 along the view; pixel
-  // (i, j) covers [i, i+1) x [j, j+1). In double: seen from 33 mm away, a float would move the point
-  // by micrometres.
+  // (i, j) covers [i, i+1) x [j, j+1). In double: seen from 33 mm away, a float would move the
+  // point by micrometres.
   Vec3d toward(double x, double y) const {
     return forward_ + right_ * (x * scale_ - half_width_) + down_ * (y * scale_ - half_height_);
   }

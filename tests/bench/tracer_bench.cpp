@@ -185,8 +185,7 @@ Target make_target(const Scene& scene, const Material& material, int resolution)
 
 std::vector<Tally> compare(const Scene& scene, std::vector<Variant> variants,
                            const Options& options) {
-  const Target target =
-      make_target(scene, variants[0].settings.material, options.resolution);
+  const Target target = make_target(scene, variants[0].settings.material, options.resolution);
   std::vector<Tally> tallies(variants.size());
   for (int repetition = 0; repetition < options.repetitions; ++repetition) {
     for (size_t v = 0; v < variants.size(); ++v) {
@@ -235,8 +234,7 @@ Variant wavefront(const Material& material, uint32_t spp) {
   return {"wavefront", settings, true};
 }
 
-Variant changed(Variant variant, std::string name,
-                const std::function<void(Variant&)>& change) {
+Variant changed(Variant variant, std::string name, const std::function<void(Variant&)>& change) {
   change(variant);
   variant.name = std::move(name);
   return variant;
@@ -245,7 +243,8 @@ Variant changed(Variant variant, std::string name,
 // What every technique is worth: the wavefront without it.
 std::vector<Variant> without_each(const Variant& full) {
   return {
-      changed(full, "no connection roulette", [](Variant& v) { v.settings.connection_roulette = 0; }),
+      changed(full, "no connection roulette",
+              [](Variant& v) { v.settings.connection_roulette = 0; }),
       changed(full, "usual walk roulette", [](Variant& v) { v.settings.usual_roulette = true; }),
       changed(full, "no roulette by depth", [](Variant& v) { v.settings.depth_roulette = 0; }),
       changed(full, "no stratification", [](Variant& v) { v.settings.stratified = false; }),

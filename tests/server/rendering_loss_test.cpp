@@ -188,9 +188,8 @@ TEST(LossImportanceTest, FollowsWeightAndImage) {
   const std::vector<float> image{0, 2, 4, 8, -2}, weight{1, 2, 1, 0, 1};
   const std::vector<float> importance = loss_importance(image, weight);
   const float floor = 0.25F * (0 + 2 + 4 + 2) / 4;
-  EXPECT_THAT(importance,
-              ::testing::Pointwise(::testing::FloatEq(),
-                                   {floor, 4 * (2 + floor), 4 + floor, 0.0F, 2 + floor}));
+  EXPECT_THAT(importance, ::testing::Pointwise(::testing::FloatEq(), {floor, 4 * (2 + floor),
+                                                                      4 + floor, 0.0F, 2 + floor}));
   EXPECT_THAT(loss_importance({}, {}), ::testing::IsEmpty());
 }
 

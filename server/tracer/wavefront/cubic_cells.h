@@ -34,8 +34,8 @@ void for_touched_cells(const CubicCells& cells, const Mesh& mesh,
   }
   const Vec3d normal = cross(corners[1] - corners[0], corners[2] - corners[0]);
   const double offset = dot(normal, corners[0]);
-  const double reach = (cells.edge / 2 + margin) *
-                       (std::abs(normal.x) + std::abs(normal.y) + std::abs(normal.z));
+  const double reach =
+      (cells.edge / 2 + margin) * (std::abs(normal.x) + std::abs(normal.y) + std::abs(normal.z));
   const auto range = [&](double a, double b, double c, int size) {
     const auto cell = [&](double x) {
       return std::clamp(static_cast<int>(x / cells.edge), 0, size - 1);

@@ -115,7 +115,8 @@ void Grid::fill(const Mesh& mesh) {
   cells.assign(static_cast<size_t>(size[0]) * size[1] * size[2], 0);
   const auto triangles = static_cast<uint32_t>(mesh.triangles.size());
   for (uint32_t t = 0; t < triangles; ++t) {
-    for_touched_cells(placed, mesh, mesh.triangles[t], margin, [&](size_t cell_index) { ++cells[cell_index]; });
+    for_touched_cells(placed, mesh, mesh.triangles[t], margin,
+                      [&](size_t cell_index) { ++cells[cell_index]; });
   }
   std::vector<uint32_t> begin{0};
   for (uint32_t& word : cells) {
@@ -126,7 +127,8 @@ void Grid::fill(const Mesh& mesh) {
   }
   std::vector<uint32_t> next = begin, list(begin.back());
   for (uint32_t t = 0; t < triangles; ++t) {
-    for_touched_cells(placed, mesh, mesh.triangles[t], margin, [&](size_t cell_index) { list[next[cells[cell_index] & kPayload]++] = t; });
+    for_touched_cells(placed, mesh, mesh.triangles[t], margin,
+                      [&](size_t cell_index) { list[next[cells[cell_index] & kPayload]++] = t; });
   }
   for (size_t i = 0; i < cells.size(); ++i) {
     if (cells[i] & kOccupied) {

@@ -122,7 +122,7 @@ HWY_INLINE Vectors sample(const LightTables::Cone& cone, Floats u0, Floats u1) {
   const SinCos phi = sin_cos_of_turn(u1);
   const Floats x = hn::Mul(sin_theta, phi.cos), y = hn::Mul(sin_theta, phi.sin);
   return renormalize(set(cone.basis.s) * x + set(cone.basis.t) * y +
-                   set(cone.basis.n) * hn::Sub(set(1.0F), z));
+                     set(cone.basis.n) * hn::Sub(set(1.0F), z));
 }
 
 // MapSource.
@@ -261,8 +261,7 @@ HWY_INLINE LightDraw sample(const LightTables& lights, const Words& words, const
   // A direction on the very rim of the sun may fall outside it by rounding.
   const Mask possible = hn::AndNot(beam, hn::Gt(light.density, zero));
   draw.density = hn::IfThenElseZero(possible, light.density);
-  draw.radiance =
-      hn::IfThenElse(beam, beam_weight, hn::IfThenElseZero(possible, light.radiance));
+  draw.radiance = hn::IfThenElse(beam, beam_weight, hn::IfThenElseZero(possible, light.radiance));
   return draw;
 }
 

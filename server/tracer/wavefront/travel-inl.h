@@ -199,9 +199,9 @@ class Traveller {
       const Floats ahead = hn::IfThenElse(falls, hn::Sub(set(1.0F), to), to);
       return hn::And(hn::Ge(ahead, hn::Zero(d)), hn::Le(ahead, reach));
     };
-    Mask done = hn::And(asked, hn::And(within(cell.x, x0.x, dx.x),
-                                       hn::And(within(cell.y, x0.y, dx.y),
-                                               within(cell.z, x0.z, dx.z))));
+    Mask done =
+        hn::And(asked, hn::And(within(cell.x, x0.x, dx.x),
+                               hn::And(within(cell.y, x0.y, dx.y), within(cell.z, x0.z, dx.z))));
     const Mask occupied = hn::And(done, not_zero(hn::And(word, set(Grid::kOccupied))));
     if (!hn::AllFalse(d, occupied)) {
       const Passage passage{origin, direction, set(1.0F), slack, end};
@@ -309,8 +309,7 @@ class Traveller {
     store(fresh, octant_of(direction), octant_, v);
     const Floats x = hn::Abs(direction.x), y = hn::Abs(direction.y), z = hn::Abs(direction.z);
     const Uints zero_or_one = hn::IfThenElseZero(for_uints(hn::Gt(y, x)), set(uint32_t{1}));
-    store(fresh,
-          hn::IfThenElse(for_uints(hn::Gt(z, hn::Max(x, y))), set(uint32_t{2}), zero_or_one),
+    store(fresh, hn::IfThenElse(for_uints(hn::Gt(z, hn::Max(x, y))), set(uint32_t{2}), zero_or_one),
           steepest_, v);
 
     store(fresh, set(kInfinity), surface_t_, v);
@@ -342,8 +341,7 @@ class Traveller {
     const Floats slack = load(slack_, v);
 
     const Mask ever = reaches_surfaces(position, direction, set(kFar), slack);
-    const Mask soon =
-        hn::Or(reaches_surfaces(position, direction, budget, slack), hn::Not(inside));
+    const Mask soon = hn::Or(reaches_surfaces(position, direction, budget, slack), hn::Not(inside));
     store(fresh, hn::IfThenElseZero(for_uints(ever), set(uint32_t{1})), surface_unknown_, v);
     find_surfaces(hn::And(fresh, soon), v);
   }
@@ -482,8 +480,7 @@ class Traveller {
     const auto* const cells = reinterpret_cast<const int32_t*>(grid_.cells.data());
     const auto* const reaches = reinterpret_cast<const int32_t*>(grid_.reaches.data());
     const Ints byte = hn::Add(hn::ShiftLeft<3>(index), hn::BitCast(di, octant));
-    const Ints reach =
-        hn::And(hn::GatherOffset(di, reaches, byte), hn::Set(di, Grid::kMaxReach));
+    const Ints reach = hn::And(hn::GatherOffset(di, reaches, byte), hn::Set(di, Grid::kMaxReach));
     return {hn::BitCast(UintTag(), hn::GatherIndex(di, cells, index)),
             hn::ConvertTo(FloatTag(), reach)};
   }
@@ -563,7 +560,8 @@ class Traveller {
     return bits_of(goes_on, v);
   }
 
-  // Lines between two distances, where they pass through a cell; for crossings of which side (side_).
+  // Lines between two distances, where they pass through a cell; for crossings of which side
+  // (side_).
   struct Passage {
     Vectors origin, direction;
     Floats side, from, to;
@@ -620,49 +618,17 @@ class Traveller {
   // t_min_ and the end of the query or an earlier hit. First all are tested without a branch, as
   // the processor would guess it wrong half of the time; then the distances of those that are hit
   // are computed.
-  //
-  // The test is that of Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2013:
-  // space is sheared along the line so that the line becomes the axis that it is nearest to. Then
-  // the line passes an edge PQ on the side that the sign of P_x Q_y - P_y Q_x tells, and crosses the
-  // triangle from inside out if it is positive for all three. Swapping the ends of an edge negates
-  // this exactly: two triangles that share an edge agree on which side of it the line passes, and
-  // none slips between. To find entries, the line is turned around, which swaps x and y. All is
-  // relative to the point c of the line next to the middle of the cell, so that numbers are small.
   HWY_INLINE void test_cells(LineBits which) {
     const FloatTag tag;
     size_t passed = 0;
     for (; which != 0; which &= which - 1) {
       const int line = std::countr_zero(which);
       const OccupiedCell& cell = grid_.occupied[word_[line] & Grid::kPayload];
-      const Vec3f o = origin_.at(line) - cell.middle, d = direction_.at(line);
-      const float to_c = -itn::dot(o, d);
-      const Vec3f c = o + d * to_c;
-      const float slopes[] = {d.x, d.y, d.z}, from[] = {c.x, c.y, c.z};
-      const uint32_t z = steepest_[line];
-      const bool swap = (slopes[z] < 0) != (side_[line] < 0);
-      const uint32_t x = (z + (swap ? 2 : 1)) % 3, y = (z + (swap ? 1 : 2)) % 3;
-      const float per_z = 1 / slopes[z];
-      const float shear_x = slopes[x] * per_z, shear_y = slopes[y] * per_z;
-      const Floats minus_x = set(-shear_x), minus_y = set(-shear_y);
-      const Floats c_x = set(from[x] - shear_x * from[z]), c_y = set(from[y] - shear_y * from[z]);
+      const Shear shear = shear_along(line, cell.middle);
       for (uint32_t b = cell.first_block; b < cell.first_block + cell.block_count; ++b) {
         const TriangleBlock& block = grid_.blocks[b];
         for (size_t i = 0; i < TriangleBlock::kSize; i += lanes()) {
-          struct Point {
-            Floats x, y;
-          };
-          const auto sheared = [&](const TriangleBlock::Lane(&corner)[3]) {
-            const Floats p_z = hn::Load(tag, corner[z].data() + i);
-            return Point{
-                hn::Sub(plus_product(hn::Load(tag, corner[x].data() + i), minus_x, p_z), c_x),
-                hn::Sub(plus_product(hn::Load(tag, corner[y].data() + i), minus_y, p_z), c_y)};
-          };
-          const Point p[] = {sheared(block.corners[0]), sheared(block.corners[1]),
-                             sheared(block.corners[2])};
-          const auto side = [](Point from_p, Point to_q) {
-            return hn::Sub(hn::Mul(from_p.x, to_q.y), hn::Mul(from_p.y, to_q.x));
-          };
-          const Floats u = side(p[1], p[2]), v = side(p[2], p[0]), w = side(p[0], p[1]);
+          const auto [u, v, w] = sides(block, i, shear);
           const Floats zero = hn::Zero(tag);
           const Mask within = hn::And(hn::Ge(hn::Min(u, hn::Min(v, w)), zero),
                                       hn::Gt(hn::Max(u, hn::Max(v, w)), zero));
@@ -673,11 +639,11 @@ class Traveller {
           hn::Store(v, tag, entry.sides[1].data());
           hn::Store(w, tag, entry.sides[2].data());
           for (size_t k = 0; k < 3; ++k) {
-            entry.depths[k] = block.corners[k][z].data() + i;
+            entry.depths[k] = block.corners[k][shear.z].data() + i;
           }
-          entry.c_z = from[z];
-          entry.per_z = per_z;
-          entry.to_c = to_c;
+          entry.c_z = shear.c_z;
+          entry.per_z = shear.per_z;
+          entry.to_c = shear.to_c;
           passed += entry.hits != 0 ? 1 : 0;
           if (passed == kPassed) {
             measure_hits(passed);
@@ -689,6 +655,55 @@ class Traveller {
     measure_hits(passed);
   }
 
+  // The test is that of Woop, Benthin and Wald, "Watertight ray/triangle intersection", JCGT 2013:
+  // space is sheared along the line, so that the line becomes parallel to the axis z that it is
+  // nearest to. All is relative to the point c of the line next to the middle of the cell, so that
+  // numbers are small. To find entries, the line is turned around, which swaps x and y.
+  struct Shear {
+    uint32_t x, y, z;     // axes
+    float by_x, by_y;     // how far the line goes along x and y while it advances by 1 along z
+    float c_x, c_y, c_z;  // c, the first two sheared
+    float to_c, per_z;    // distance of c; of points beyond it, by their z
+  };
+  HWY_INLINE Shear shear_along(int line, Vec3f middle) const {
+    const Vec3f o = origin_.at(line) - middle, d = direction_.at(line);
+    const float to_c = -itn::dot(o, d);
+    const Vec3f c = o + d * to_c;
+    const float slopes[] = {d.x, d.y, d.z}, from[] = {c.x, c.y, c.z};
+    const uint32_t z = steepest_[line];
+    const bool swap = (slopes[z] < 0) != (side_[line] < 0);
+    const uint32_t x = (z + (swap ? 2 : 1)) % 3, y = (z + (swap ? 1 : 2)) % 3;
+    const float per_z = 1 / slopes[z], by_x = slopes[x] * per_z, by_y = slopes[y] * per_z;
+    return {x,       y,    z,    by_x, by_y, from[x] - by_x * from[z], from[y] - by_y * from[z],
+            from[z], to_c, per_z};
+  }
+
+  // On which side of the edges of triangles i, i + 1 ... of a block the line passes: of an edge PQ,
+  // by the sign of P_x Q_y - P_y Q_x. It crosses a triangle from inside out if all three are
+  // positive. Swapping the ends of an edge negates this exactly: two triangles that share an edge
+  // agree on which side of it the line passes, and none slips between.
+  struct Sides {
+    Floats u, v, w;
+  };
+  static HWY_INLINE Sides sides(const TriangleBlock& block, size_t i, const Shear& shear) {
+    struct Point {
+      Floats x, y;
+    };
+    const auto corner = [&](size_t k) {
+      const auto along = [&](uint32_t axis) {
+        return hn::Load(FloatTag(), block.corners[k][axis].data() + i);
+      };
+      const Floats z = along(shear.z);
+      return Point{hn::Sub(plus_product(along(shear.x), set(-shear.by_x), z), set(shear.c_x)),
+                   hn::Sub(plus_product(along(shear.y), set(-shear.by_y), z), set(shear.c_y))};
+    };
+    const auto side = [](Point from, Point to) {
+      return hn::Sub(hn::Mul(from.x, to.y), hn::Mul(from.y, to.x));
+    };
+    const Point p = corner(0), q = corner(1), r = corner(2);
+    return {side(q, r), side(r, p), side(p, q)};
+  }
+
   // The three sides of a triangle that is hit are the barycentric coordinates of the crossing,
   // times a common factor.
   HWY_INLINE void measure_hits(size_t count) {
@@ -697,8 +712,9 @@ class Traveller {
       for (LineBits bits = entry->hits; bits != 0; bits &= bits - 1) {
         const int i = std::countr_zero(bits);
         const float u = entry->sides[0][i], v = entry->sides[1][i], w = entry->sides[2][i];
-        const float z = (u * entry->depths[0][i] + v * entry->depths[1][i] +
-                         w * entry->depths[2][i]) / (u + v + w);
+        const float z =
+            (u * entry->depths[0][i] + v * entry->depths[1][i] + w * entry->depths[2][i]) /
+            (u + v + w);
         const float t = entry->to_c + (z - entry->c_z) * entry->per_z;
         const float end = std::min(end_[line], hit_[line]);
         hit_[line] = t >= t_min_[line] && t <= end ? t : hit_[line];

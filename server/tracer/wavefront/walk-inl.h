@@ -318,8 +318,8 @@ class Wavefront {
     // density / (density + value): `value` is also the density with which the walk would go there
     // by itself. Beams have no density: what they bring is as it is.
     const Floats competing = settings_.techniques == Techniques::kBoth ? value : zero;
-    const Floats densities = hn::IfThenElse(hn::Gt(light.density, zero),
-                                            hn::Add(light.density, competing), set(1.0F));
+    const Floats densities =
+        hn::IfThenElse(hn::Gt(light.density, zero), hn::Add(light.density, competing), set(1.0F));
     const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), densities);
     const Floats worth = hn::Mul(importance(i), undimmed);
     Floats limit = set(kMaxOpticalDepth);
@@ -424,8 +424,8 @@ class Wavefront {
           di, hn::Clamp(place, hn::Zero(FloatTag()), set(static_cast<float>(size - 1))));
     };
     const auto [nx, ny, nz] = depths.cells.size;
-    const Ints row = hn::Add(
-        hn::Mul(cell(x.z, depths.cells.low.z, nz), hn::Set(di, ny)), cell(x.y, depths.cells.low.y, ny));
+    const Ints row = hn::Add(hn::Mul(cell(x.z, depths.cells.low.z, nz), hn::Set(di, ny)),
+                             cell(x.y, depths.cells.low.y, ny));
     const Ints index = hn::Add(hn::Mul(row, hn::Set(di, nx)), cell(x.x, depths.cells.low.x, nx));
     const auto* const words = reinterpret_cast<const int32_t*>(depths.thirds.data());
     const Ints word = hn::GatherIndex(di, words, hn::ShiftRight<2>(index));
@@ -440,10 +440,10 @@ class Wavefront {
   void survive() {
     const Floats one = set(1.0F);
     for (size_t i = 0; i < count_; i += lanes()) {
-      const Floats probability =
-          settings_.usual_roulette ? usual_survival(i)
-                                   : hn::Min(one, hn::Mul(hn::Mul(importance(i), light_left(i)),
-                                                          set(walk_roulette_.per_threshold)));
+      const Floats probability = settings_.usual_roulette
+                                     ? usual_survival(i)
+                                     : hn::Min(one, hn::Mul(hn::Mul(importance(i), light_left(i)),
+                                                            set(walk_roulette_.per_threshold)));
       const Mask survives = hn::And(hn::Lt(load(walks_.u3, i), probability),
                                     hn::Not(not_zero(load(walks_.leaked, i))));
       const Floats factor = hn::Div(one, hn::Max(probability, set(1e-30F)));
@@ -461,8 +461,8 @@ class Wavefront {
     const Mask begun =
         hn::RebindMask(FloatTag(), hn::Gt(hn::BitCast(IntTag(), load(walks_.vertex, i)),
                                           hn::Set(IntTag(), int{UsualRoulette::kFirstVertex} - 1)));
-    return hn::IfThenElse(
-        begun, hn::Min(set(UsualRoulette::kMostSurvival), load(walks_.weight, i)), set(1.0F));
+    return hn::IfThenElse(begun, hn::Min(set(UsualRoulette::kMostSurvival), load(walks_.weight, i)),
+                          set(1.0F));
   }
 
   // Delivers paths that have ended, and puts new ones in their place; where there are no more, the
@@ -524,8 +524,8 @@ class Wavefront {
     const auto width = static_cast<uint32_t>(scene_.film.width);
     for (size_t i = 0; i < order_count_; ++i) {
       const uint32_t pixel = orders_[i].pixel;
-      camera_rays_[i] =
-          scene_.camera_ray(pixel % width + double{film_[0][i]}, pixel / width + double{film_[1][i]});
+      camera_rays_[i] = scene_.camera_ray(pixel % width + double{film_[0][i]},
+                                          pixel / width + double{film_[1][i]});
     }
     return order_count_ > 0;
   }

@@ -26,7 +26,8 @@ struct LightProbe {
 };
 // Radiance and density of `probe.direction`.
 void evaluate_lights(const LightTables& lights, LightProbe& probe, size_t count);
-// Draws `count` directions (see LightDraw in lights-inl.h) with the random numbers of samples 0 .. count-1 of pixel 0.
+// Draws `count` directions (see LightDraw in lights-inl.h) with the random numbers of samples 0 ..
+// count-1 of pixel 0.
 void draw_lights(const LightTables& lights, uint64_t seed, LightProbe& probe, size_t count);
 
 }  // namespace itn::tracer

@@ -206,9 +206,8 @@ TEST(DepthsTest, TellTheDistanceToTheBoundary) {
     for (int y = 0; y < ny; ++y) {
       for (int x = 0; x < nx; ++x) {
         const Vec3d p = depths.cells.low + Vec3d{x + 0.5, y + 0.5, z + 0.5} * edge;
-        const double depth =
-            std::min({p.x - sides.min.x, sides.max.x - p.x, p.y - sides.min.y, sides.max.y - p.y,
-                      p.z - sides.min.z, sides.max.z - p.z});
+        const double depth = std::min({p.x - sides.min.x, sides.max.x - p.x, p.y - sides.min.y,
+                                       sides.max.y - p.y, p.z - sides.min.z, sides.max.z - p.z});
         const double told = depths.thirds[depths.cells.index(x, y, z)] * edge / 3;
         EXPECT_NEAR(told, depth, 1.01 * edge) << x << " " << y << " " << z;
         deepest = std::max(deepest, told);
