@@ -137,12 +137,16 @@ TEST(AlbedosTest, FromOneWalkAreThoseOfTheirOwn) {
 class LossGradientTest : public ::testing::Test {
  protected:
   LossGradientTest() : scene_(studio("cube", {paper_sun_sky()}, 0.5F)) {
-    const FilmSums target =
-        render_grad(scene_, {.material = {40, 0.9, 0.2}, .sample_count = 1024, .seed = 77});
-    target_ = means(target).estimates[0].radiance;
+    compare_with({40, 0.9, 0.2});
     for (size_t p = 0; p < target_.size(); ++p) {
       weight_.push_back(static_cast<float>(p % 4) / 3);
     }
+  }
+
+  void compare_with(const Material& material) {
+    const FilmSums target =
+        render_grad(scene_, {.material = material, .sample_count = 1024, .seed = 77});
+    target_ = means(target).estimates[0].radiance;
   }
 
   RenderedImages render(double sigma_t, uint32_t spp, uint64_t seed, bool derivatives) const {
@@ -228,41 +232,67 @@ TEST_F(LossGradientTest, TwoEstimatesAreUnbiasedAndOneIsNot) {
 }
 
 // The gradient as training asks for it, few samples and everything that makes it quieter, against
-// finite differences of the loss.
+// finite differences of the loss, and against the gradient from two halves of many samples with
+// nothing of all that.
 TEST_F(LossGradientTest, WithPilotAndFourEstimatesIsUnbiased) {
-  const Material material{30, 0.8, 0.2};
-  // Small in the albedo, whose third derivative grows as (1 - albedo)^-2.
-  constexpr std::array<double, kCoordinates> kSteps{2, 0.005, 0.05};
-  RenderSettings settings{.material = material, .sample_count = 256, .estimates = 4};
-  settings.pilot_spp = 4;
-  settings.pixels = Pixels::kObject;
-  for (size_t p = 0; p < target_.size(); ++p) {
-    settings.importance.push_back(weight_[p] * (target_[p] + 0.1F));
-  }
-  const auto loss_of = [&](const RenderSettings& s) {
-    return pair_loss(means(render_grad(scene_, s)));
+  // Materials whose images differ by much in the coordinate. Steps are small: the third derivative
+  // grows as sigma_t^-2 and as (1 - albedo)^-2. Counts are such that an error of 1 % would show, of
+  // 2 % for slopes in sigma_t.
+  struct Case {
+    Coordinate coordinate;
+    Material target, material;
+    double step, slope_resolution;
+    uint64_t slopes, plain, gradients;
   };
-  for (size_t c = 0; c < kCoordinates; ++c) {
-    std::vector<double> slopes, gradients;
-    for (uint64_t seed = 0; seed < 32; ++seed) {
+  const Material brighter{40, 0.9, 0.2}, darker{30, 0.8, 0.2};
+  for (const Case& c : {Case{kSigmaT, {20, 0.8, 0.2}, {6, 0.8, 0.2}, 0.3, 0.02, 288, 360, 18000},
+                        Case{kAlbedo, brighter, darker, 0.005, 0.01, 192, 24, 3000},
+                        Case{kG, brighter, darker, 0.05, 0.01, 144, 72, 3000}}) {
+    compare_with(c.target);
+    RenderSettings settings{.material = c.material, .sample_count = 1024, .estimates = 4};
+    settings.pixels = Pixels::kObject;
+    const auto loss_of = [&](const RenderSettings& s) {
+      return pair_loss(means(render_grad(scene_, s)));
+    };
+    std::vector<double> slopes, plain, gradients;
+    for (uint64_t seed = 0; seed < c.slopes; ++seed) {
       RenderSettings s = settings;
-      s.sample_count = 1024;
       s.seed = seed;
       const auto moved = [&](double by) {
-        s.material = material;
-        (c == kSigmaT ? s.material.sigma_t : c == kAlbedo ? s.material.albedo : s.material.g) += by;
+        s.material = c.material;
+        (c.coordinate == kSigmaT   ? s.material.sigma_t
+         : c.coordinate == kAlbedo ? s.material.albedo
+                                   : s.material.g) += by;
         return loss_of(s)[kCoordinates];
       };
-      slopes.push_back((moved(kSteps[c]) - moved(-kSteps[c])) / (2 * kSteps[c]));
+      slopes.push_back((moved(c.step) - moved(-c.step)) / (2 * c.step));
     }
     settings.derivatives = true;
-    settings.sample_count = 16;
-    for (uint64_t seed = 1000; seed < 4000; ++seed) {
-      settings.seed = seed;
-      gradients.push_back(loss_of(settings)[c]);
+    for (uint64_t seed = 1000; seed < 1000 + c.plain; ++seed) {
+      RenderSettings s = settings;
+      s.seed = seed;
+      s.estimates = 2;
+      s.connection_roulette = 0;
+      s.usual_roulette = true;
+      s.stratified = false;
+      plain.push_back(loss_of(s)[c.coordinate]);
     }
-    expect_equal(over_batches(gradients), over_batches(slopes), kCoordinates,
-                 "coordinate " + std::to_string(c));
+    settings.sample_count = 16;
+    settings.pilot_spp = 4;
+    for (size_t p = 0; p < target_.size(); ++p) {
+      settings.importance.push_back(weight_[p] * (target_[p] + 0.1F));
+    }
+    for (uint64_t seed = 2000; seed < 2000 + c.gradients; ++seed) {
+      settings.seed = seed;
+      gradients.push_back(loss_of(settings)[c.coordinate]);
+    }
+    const std::string what = "coordinate " + std::to_string(c.coordinate);
+    const Estimated gradient = over_batches(gradients);
+    expect_equal(gradient, over_batches(slopes), 2 * kCoordinates, what + ", slope");
+    expect_equal(gradient, over_batches(plain), 2 * kCoordinates, what + ", plain");
+    expect_resolution(gradient, gradient.mean, 0.01, what);
+    expect_resolution(over_batches(slopes), gradient.mean, c.slope_resolution, what + ", slope");
+    expect_resolution(over_batches(plain), gradient.mean, 0.01, what + ", plain");
   }
 }
 
