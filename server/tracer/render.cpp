@@ -198,7 +198,7 @@ class Distribution {
   bool collect(const PathEstimate& path, PixelSums& sums) const {
     const double radiance = path.radiance * per_radiance_;
     bool representable = std::abs(radiance) < kMaxQuanta;  // false for NaN
-    for (size_t i = 0; i < kCoordinates; ++i) {
+    for (size_t i = 0; i < kCoordinates && settings_.derivatives; ++i) {
       representable =
           representable && std::abs(path.derivatives[i] * per_derivative_[i]) < kMaxQuanta;
     }
@@ -210,7 +210,7 @@ class Distribution {
     }
     sums.radiance += std::llrint(radiance);
     sums.squares += std::llrint(std::min(path.radiance * path.radiance * per_square_, kMaxQuanta));
-    for (size_t i = 0; i < kCoordinates; ++i) {
+    for (size_t i = 0; i < kCoordinates && settings_.derivatives; ++i) {
       sums.derivatives[i] += std::llrint(path.derivatives[i] * per_derivative_[i]);
     }
     for (size_t a = 0; a < settings_.albedos.size(); ++a) {

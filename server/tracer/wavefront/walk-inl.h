@@ -188,11 +188,13 @@ class Wavefront {
   // pixel's value is the multiple that takes away most of the noise (a baseline: Williams, "Simple
   // statistical gradient-following algorithms", 1992). Likewise for g, in scatter.
   void book_flight(size_t i, Mask spent) {
-    const Floats length = load(walks_.rays.in_medium, i);
-    const Floats score = hn::Sub(hn::IfThenElseZero(spent, set(1 / sigma_t_)), length);
-    store(hn::Add(load(walks_.score_sigma_t, i), score), walks_.score_sigma_t, i);
-    store(plus_product(load(walks_.zero_sigma_t, i), score, load(walks_.weight, i)),
-          walks_.zero_sigma_t, i);
+    if (settings_.derivatives) {
+      const Floats length = load(walks_.rays.in_medium, i);
+      const Floats score = hn::Sub(hn::IfThenElseZero(spent, set(1 / sigma_t_)), length);
+      store(hn::Add(load(walks_.score_sigma_t, i), score), walks_.score_sigma_t, i);
+      store(plus_product(load(walks_.zero_sigma_t, i), score, load(walks_.weight, i)),
+            walks_.zero_sigma_t, i);
+    }
     const Uints entered =
         hn::And(hn::ShiftRight<Rays::kEnteredBit>(load(walks_.rays.outcome, i)), set(uint32_t{1}));
     store(hn::Add(load(walks_.steps, i), entered), walks_.steps, i);
@@ -218,9 +220,11 @@ class Wavefront {
     };
     const Floats contribution = hn::Mul(load(walks_.weight, i), radiance);
     add(contribution, walks_.radiance);
-    add(hn::Mul(contribution, load(walks_.score_sigma_t, i)), walks_.d_sigma_t);
-    add(hn::Mul(load(walks_.weight_derivative, i), radiance), walks_.d_albedo);
-    add(hn::Mul(contribution, load(walks_.score_g, i)), walks_.d_g);
+    if (settings_.derivatives) {
+      add(hn::Mul(contribution, load(walks_.score_sigma_t, i)), walks_.d_sigma_t);
+      add(hn::Mul(load(walks_.weight_derivative, i), radiance), walks_.d_albedo);
+      add(hn::Mul(contribution, load(walks_.score_g, i)), walks_.d_g);
+    }
     for (size_t a = 0; a < walks_.weights.size(); ++a) {
       add(hn::Mul(load(walks_.weights[a], i), radiance), walks_.radiances[a]);
     }
@@ -287,8 +291,10 @@ class Wavefront {
     // Paths that have ended keep their direction: NaN would slow the lanes down.
     store(if_then_else(vertices, direction, before), walks_.rays.direction, i);
     store(density, walks_.density, i);
-    store(hn::Add(score_g, score), walks_.score_g, i);
-    store(plus_product(load(walks_.zero_g, i), score, weight), walks_.zero_g, i);
+    if (settings_.derivatives) {
+      store(hn::Add(score_g, score), walks_.score_g, i);
+      store(plus_product(load(walks_.zero_g, i), score, weight), walks_.zero_g, i);
+    }
     store(hn::IfThenZeroElse(for_uints(vertices), load(walks_.on_camera_ray, i)),
           walks_.on_camera_ray, i);
   }
@@ -348,7 +354,9 @@ class Wavefront {
     append(hn::Mul(limit, set(1 / sigma_t_)), connections_.rays.budget);
     append(undimmed, connections_.light);
     append(worth, connections_.worth);
-    append(hn::Add(score_g, score), connections_.score_g);
+    if (settings_.derivatives) {
+      append(hn::Add(score_g, score), connections_.score_g);
+    }
     append_uints(hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i))), connections_.slot);
     connections_.count += hn::CountTrue(d, ordered);
   }

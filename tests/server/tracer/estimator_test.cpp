@@ -245,9 +245,9 @@ TEST_F(LossGradientTest, WithPilotAndFourEstimatesIsUnbiased) {
     uint64_t slopes, plain, gradients;
   };
   const Material brighter{40, 0.9, 0.2}, darker{30, 0.8, 0.2};
-  for (const Case& c : {Case{kSigmaT, {20, 0.8, 0.2}, {6, 0.8, 0.2}, 0.3, 0.02, 288, 360, 18000},
-                        Case{kAlbedo, brighter, darker, 0.005, 0.01, 192, 24, 3000},
-                        Case{kG, brighter, darker, 0.05, 0.01, 144, 72, 3000}}) {
+  for (const Case& c : {Case{kSigmaT, {20, 0.8, 0.2}, {6, 0.8, 0.2}, 0.3, 0.02, 336, 360, 18000},
+                        Case{kAlbedo, brighter, darker, 0.005, 0.01, 240, 24, 3000},
+                        Case{kG, brighter, darker, 0.05, 0.01, 228, 72, 3000}}) {
     compare_with(c.target);
     RenderSettings settings{.material = c.material, .sample_count = 1024, .estimates = 4};
     settings.pixels = Pixels::kObject;
