@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "common/error.h"
 
@@ -101,10 +102,14 @@ std::vector<float> loss_importance(std::span<const float> image, std::span<const
     }
   }
   const double floor = weighted > 0 ? kFloor * sum / static_cast<double>(weighted) : 0;
-  std::vector<float> importance(image.size());
-  std::transform(
-      image.begin(), image.end(), weight.begin(), importance.begin(),
-      [&](float i, float w) { return static_cast<float>(double{w} * w * (std::abs(i) + floor)); });
+  std::vector<double> exact(image.size());
+  std::transform(image.begin(), image.end(), weight.begin(), exact.begin(),
+                 [&](float i, float w) { return double{w} * w * (std::abs(double{i}) + floor); });
+  const double most = exact.empty() ? 0 : *std::max_element(exact.begin(), exact.end());
+  std::vector<float> importance(exact.size());
+  std::transform(exact.begin(), exact.end(), importance.begin(), [&](double e) {
+    return e > 0 ? std::max(static_cast<float>(e / most), std::numeric_limits<float>::min()) : 0;
+  });
   return importance;
 }
 

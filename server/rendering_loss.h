@@ -47,8 +47,8 @@ RenderingLoss rendering_loss(std::span<const float> image, std::span<const float
 //
 //   importance_p = w_p^2 (|I_p| + mean of |I| / 4).
 //
-// The mean is over the weighted pixels, and sees to it that none of them goes without samples.
-// Image and weight have the same size.
+// scaled to a maximum of 1. The mean is over the weighted pixels, and sees to it that none of them
+// goes without samples. Image and weight have the same size.
 std::vector<float> loss_importance(std::span<const float> image, std::span<const float> weight);
 
 }  // namespace itn

@@ -32,8 +32,7 @@ CameraRay Scene::Compiled::camera_ray(double x, double y) const {
   const auto direction = static_cast<Vec3f>(itn::normalize(toward));
   const bool at_box = !camera_inside && film_box.depth > 0 && film_box.contains(x, y) &&
                       !boundary.surfaces.in_front(origin, toward, film_box.depth);
-  return {static_cast<Vec3f>(at_box ? origin + toward * film_box.depth : origin), direction,
-          at_box};
+  return {static_cast<Vec3f>(at_box ? origin + toward * film_box.depth : origin), direction};
 }
 
 const Geometry& Scene::Compiled::geometry() const {
@@ -64,11 +63,12 @@ std::vector<uint32_t> Scene::Compiled::find_object_pixels() const {
   for (uint32_t ray = 0; !camera_inside && ray < pixels * uint64_t{kRaysPerPixel}; ++ray) {
     const uint32_t pixel = ray / kRaysPerPixel, place = ray % kRaysPerPixel;
     const auto width = static_cast<uint32_t>(film.width);
-    const CameraRay from = camera_ray(pixel % width + (place % kMaskRays + 0.5) / kMaskRays,
-                                      pixel / width + (place / kMaskRays + 0.5) / kMaskRays);
-    if (!from.at_box) {
+    const double x = pixel % width + (place % kMaskRays + 0.5) / kMaskRays;
+    const double y = pixel / width + (place / kMaskRays + 0.5) / kMaskRays;
+    if (!film_box.contains(x, y)) {
       continue;
     }
+    const CameraRay from = camera_ray(x, y);
     const size_t i = pixel_of_ray.size();
     rays->position.set(i, from.origin);
     rays->direction.set(i, from.direction);

@@ -19,7 +19,6 @@ namespace itn::tracer {
 // image or meets a surface before.
 struct CameraRay {
   Vec3f origin, direction;
-  bool at_box;
 };
 
 struct Scene::Compiled {

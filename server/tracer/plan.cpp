@@ -10,6 +10,9 @@ namespace {
 // Half the side of the square of pixels that are averaged.
 constexpr int kBlur = 2;
 
+// In a pixel, however important: as many as may be asked for.
+constexpr double kMostSamples = 1 << 20;
+
 // Least standard deviation that a pixel is thought to have, of the mean.
 constexpr double kLeastDeviation = 0.25;
 
@@ -56,7 +59,7 @@ std::vector<double> blurred(const std::vector<double>& image, const std::vector<
   return result;
 }
 
-// Of the pixels, of which 1 is the mean.
+// Share of the samples by pixel; the mean is 1.
 std::vector<double> sample_shares(const std::vector<uint32_t>& pixels,
                                   const std::vector<double>& deviation,
                                   const RenderSettings& settings) {
@@ -120,7 +123,8 @@ Plan plan_from_pilot(const Scene::Compiled& scene, const RenderSettings& setting
     rendered[p] = true;
     mean[p] = static_cast<double>(estimate.radiance[p]) * pilot.quantum / n;
     const double square = static_cast<double>(pilot.squares[p]) * pilot.squares_quantum / n;
-    deviation[p] = std::max(0.0, square - mean[p] * mean[p]);
+    // One sample tells no deviation: that of a path is about its mean.
+    deviation[p] = n > 1 ? std::max(0.0, square - mean[p] * mean[p]) : mean[p] * mean[p];
   }
   mean = blurred(mean, rendered, pilot.width, pilot.height);
   deviation = blurred(deviation, rendered, pilot.width, pilot.height);
@@ -138,7 +142,8 @@ Plan plan_from_pilot(const Scene::Compiled& scene, const RenderSettings& setting
       continue;
     }
     // Every estimate gets as many, so that all are as good. A part takes its part of every pixel.
-    const double each = std::max(1.0, std::round(shares[i] * spp / settings.estimates));
+    const double each = std::clamp(std::round(shares[i] * spp / settings.estimates), 1.0,
+                                   std::max(1.0, std::floor(kMostSamples / settings.estimates)));
     const auto number = [&](double sample) {
       return static_cast<uint32_t>(std::floor(each * settings.estimates * sample / spp));
     };

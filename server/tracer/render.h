@@ -58,7 +58,8 @@ struct RenderSettings {
   // (plan.h). 0: none. At most 64; not by the reference.
   uint32_t pilot_spp = 0;
   // By pixel, how much its noise matters, on any scale, >= 0: with a pilot, a pixel gets samples in
-  // proportion to that times its standard deviation, and none for 0. Empty: all matter the same.
+  // proportion to that times its standard deviation, and none for 0, if they are adaptive. Empty:
+  // all matter the same.
   std::vector<float> importance = {};
 
   // Switches off one of the two direction sampling techniques that multiple importance sampling
@@ -136,7 +137,7 @@ struct RenderedImages {
   };
   std::vector<Estimate> estimates;
   std::vector<float> mask;            // fraction of camera rays that meet the object
-  std::vector<float> standard_error;  // of the mean radiance over all samples; 0 for one sample
+  std::vector<float> standard_error;  // of the mean radiance over all samples; 0 for less than two
 };
 
 RenderedImages means(const FilmSums& sums);

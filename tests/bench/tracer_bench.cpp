@@ -3,8 +3,8 @@
 //
 // Everything is measured on the pixels that see the object, on one thread, the tracers in turn. The
 // noise of a pixel is its variance over renders with different seeds. That of the gradient of the
-// loss sum_p (T_p - I_p)^2 is the sum over pixels of the variances of its terms, as pixels are
-// independent: so a few renders of thousands of pixels measure it well.
+// loss sum_p w_p^2 (T_p - I_p)^2 is the sum over pixels of the variances of its terms, as pixels
+// are independent: so a few renders of thousands of pixels measure it well.
 #include <fmt/format.h>
 #include <hwy/targets.h>
 #include <CLI/CLI.hpp>

@@ -187,9 +187,16 @@ TEST(RenderingLoss, RefusesWhatItCannotUse) {
 TEST(LossImportanceTest, FollowsWeightAndImage) {
   const std::vector<float> image{0, 2, 4, 8, -2}, weight{1, 2, 1, 0, 1};
   const std::vector<float> importance = loss_importance(image, weight);
-  const float floor = 0.25F * (0 + 2 + 4 + 2) / 4;
-  EXPECT_THAT(importance, ::testing::Pointwise(::testing::FloatEq(), {floor, 4 * (2 + floor),
-                                                                      4 + floor, 0.0F, 2 + floor}));
+  const float floor = 0.25F * (0 + 2 + 4 + 2) / 4, most = 4 * (2 + floor);
+  EXPECT_THAT(importance,
+              ::testing::Pointwise(::testing::FloatEq(), {floor / most, 1.0F, (4 + floor) / most,
+                                                          0.0F, (2 + floor) / most}));
+  // Far beyond what the square of a float can hold.
+  const std::vector<float> wide{1e30F, 1e-30F, 0};
+  const std::vector<float> extreme = loss_importance(std::vector<float>{1, 1, 1}, wide);
+  EXPECT_EQ(extreme[0], 1);
+  EXPECT_GT(extreme[1], 0);
+  EXPECT_EQ(extreme[2], 0);
   EXPECT_THAT(loss_importance({}, {}), ::testing::IsEmpty());
 }
 

@@ -3,8 +3,8 @@
 namespace itn::tracer {
 namespace {
 
-// Along the longest side of the mesh: fine enough that light falls off little within a cell, yet
-// all of them fit into a processor's second cache.
+// Along the longest side of the mesh: about as fine as light falls off in the paper's materials,
+// yet all of them fit into a processor's second cache.
 constexpr int kCells = 64;
 
 CubicCells cells_around(const Mesh& mesh) {
@@ -26,7 +26,8 @@ CubicCells cells_around(const Mesh& mesh) {
 Depths::Depths(const Mesh& mesh) : cells(cells_around(mesh)) {
   thirds.assign(cells.count() + 3, 255);
   for (const auto& triangle : mesh.triangles) {
-    for_touched_cells(cells, mesh, triangle, 0, [&](size_t cell) { thirds[cell] = 0; });
+    for_touched_cells(cells, mesh, triangle, 1e-3 * cells.edge,
+                      [&](size_t cell) { thirds[cell] = 0; });
   }
   const auto [nx, ny, nz] = cells.size;
   const auto pass = [&](int direction) {

@@ -17,7 +17,7 @@ struct Depths {
   CubicCells cells;
   // By cell: the distance to the nearest cell that the boundary passes through, from middle to
   // middle, in thirds of an edge, at most 255. By steps to neighbouring cells, so up to a tenth too
-  // long. (Three spare bytes, as they are read four at a time.)
+  // long or a twentieth too short. (Three spare bytes, as they are read four at a time.)
   std::vector<uint8_t> thirds;
 
   size_t memory() const { return thirds.size(); }

@@ -163,10 +163,6 @@ HWY_INLINE Vectors operator*(Vectors a, Floats s) {
 HWY_INLINE Floats dot(Vectors a, Vectors b) {
   return plus_product(plus_product(hn::Mul(a.x, b.x), a.y, b.y), a.z, b.z);
 }
-// a . b + c . d
-HWY_INLINE Floats dot(Vectors a, Vectors b, Vectors c, Vectors d) {
-  return plus_product(plus_product(plus_product(dot(a, b), c.x, d.x), c.y, d.y), c.z, d.z);
-}
 HWY_INLINE Vectors cross(Vectors a, Vectors b) {
   return {hn::Sub(hn::Mul(a.y, b.z), hn::Mul(a.z, b.y)),
           hn::Sub(hn::Mul(a.z, b.x), hn::Mul(a.x, b.z)),

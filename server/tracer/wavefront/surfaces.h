@@ -18,7 +18,7 @@ struct Surfaces {
 
   explicit Surfaces(const std::vector<DiffuseSurface>& surfaces);
 
-  // Whether a surface lies within `length` mm on the line from `origin` in the unit `direction`.
+  // Whether a surface lies between `origin` and `origin` + `length` * `direction`.
   bool in_front(Vec3d origin, Vec3d direction, double length) const;
 
   size_t memory() const;

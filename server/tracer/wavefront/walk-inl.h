@@ -71,6 +71,25 @@ struct Connections {
   size_t count = 0;
 };
 
+// Depths::thirds where points are.
+HWY_INLINE Floats depth_in_thirds(const Depths& depths, Vectors x) {
+  const IntTag di;
+  const auto per_edge = static_cast<float>(1 / depths.cells.edge);
+  const auto cell = [&](Floats position, double low, int size) {
+    const Floats place = hn::Mul(hn::Sub(position, set(static_cast<float>(low))), set(per_edge));
+    return hn::ConvertTo(di,
+                         hn::Clamp(place, hn::Zero(FloatTag()), set(static_cast<float>(size - 1))));
+  };
+  const auto [nx, ny, nz] = depths.cells.size;
+  const Vec3d& low = depths.cells.low;
+  const Ints row = hn::Add(hn::Mul(cell(x.z, low.z, nz), hn::Set(di, ny)), cell(x.y, low.y, ny));
+  const Ints index = hn::Add(hn::Mul(row, hn::Set(di, nx)), cell(x.x, low.x, nx));
+  const auto* const words = reinterpret_cast<const int32_t*>(depths.thirds.data());
+  const Ints word = hn::GatherIndex(di, words, hn::ShiftRight<2>(index));
+  const Ints shift = hn::ShiftLeft<3>(hn::And(index, hn::Set(di, 3)));
+  return hn::ConvertTo(FloatTag(), hn::And(hn::Shr(word, shift), hn::Set(di, 255)));
+}
+
 // How the roulette of walks judges them (Wavefront::survive). The more there is to gain, the
 // shorter the paths that are stopped: derivatives depend on longer paths than the image, and thin
 // objects on shorter ones than thick. Measured best, in variance times time, on a cube, a thin leaf
@@ -93,7 +112,10 @@ struct WalkRoulette {
     const double part = settings.depth_roulette >= 0 ? settings.depth_roulette
                         : !settings.derivatives      ? 0.8
                                                      : 0.5;
-    fall_off = static_cast<float>(part * kappa * scene.boundary.depths.cells.edge / 3);
+    // In media so thick that light falls off within a cell, depths are too coarse to be believed.
+    constexpr double kMostByCell = 0.7;
+    const double by_cell = part * kappa * scene.boundary.depths.cells.edge;
+    fall_off = static_cast<float>(std::min(by_cell, kMostByCell) / 3);
   }
 };
 
@@ -327,7 +349,7 @@ class Wavefront {
     const Floats densities =
         hn::IfThenElse(hn::Gt(light.density, zero), hn::Add(light.density, competing), set(1.0F));
     const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), densities);
-    const Floats worth = hn::Mul(importance(i), undimmed);
+    const Floats worth = hn::Mul(worth_following(i), undimmed);
     Floats limit = set(kMaxOpticalDepth);
     Mask ordered = hn::And(vertices, hn::Gt(undimmed, zero));
     if (threshold_ > 0) {
@@ -409,9 +431,9 @@ class Wavefront {
     }
   }
 
-  // What paths are worth following for. In thick media of high albedo the derivative comes from
+  // What a path is worth following for. In thick media of high albedo the derivative comes from
   // long paths, whose W is small but whose dW/d albedo is not.
-  Floats importance(size_t i) const {
+  Floats worth_following(size_t i) const {
     return hn::Max(load(walks_.weight, i),
                    hn::Mul(set(kRouletteDerivative), load(walks_.weight_derivative, i)));
   }
@@ -422,36 +444,22 @@ class Wavefront {
   // which is too steep where it exceeds sigma_t. As this knows nothing of where the light comes
   // from, nor of paths that bring it back, only a part of it is believed.
   Floats light_left(size_t i) const {
-    const Depths& depths = scene_.boundary.depths;
-    const Vectors x = load(walks_.rays.position, i);
-    const IntTag di;
-    const auto cell = [&](Floats x_i, double low, int size) {
-      const Floats place = hn::Mul(hn::Sub(x_i, set(static_cast<float>(low))),
-                                   set(static_cast<float>(1 / depths.cells.edge)));
-      return hn::ConvertTo(
-          di, hn::Clamp(place, hn::Zero(FloatTag()), set(static_cast<float>(size - 1))));
-    };
-    const auto [nx, ny, nz] = depths.cells.size;
-    const Ints row = hn::Add(hn::Mul(cell(x.z, depths.cells.low.z, nz), hn::Set(di, ny)),
-                             cell(x.y, depths.cells.low.y, ny));
-    const Ints index = hn::Add(hn::Mul(row, hn::Set(di, nx)), cell(x.x, depths.cells.low.x, nx));
-    const auto* const words = reinterpret_cast<const int32_t*>(depths.thirds.data());
-    const Ints word = hn::GatherIndex(di, words, hn::ShiftRight<2>(index));
-    const Ints shift = hn::ShiftLeft<3>(hn::And(index, hn::Set(di, 3)));
-    const Ints thirds = hn::And(hn::Shr(word, shift), hn::Set(di, 255));
     const Mask inside = not_zero(hn::And(load(walks_.rays.place, i), set(Rays::kInside)));
-    const Floats depth = hn::IfThenElseZero(inside, hn::ConvertTo(FloatTag(), thirds));
-    return exp(hn::Mul(depth, set(-walk_roulette_.fall_off)));
+    const Floats thirds = hn::IfThenElseZero(
+        inside, depth_in_thirds(scene_.boundary.depths, load(walks_.rays.position, i)));
+    const Floats exponent = hn::Mul(thirds, set(-walk_roulette_.fall_off));
+    return exp(hn::Max(exponent, set(kLeastExponent)));
   }
 
   // Russian roulette: a path that is worth little ends, or goes on for those that ended.
   void survive() {
     const Floats one = set(1.0F);
     for (size_t i = 0; i < count_; i += lanes()) {
-      const Floats probability = settings_.usual_roulette
-                                     ? usual_survival(i)
-                                     : hn::Min(one, hn::Mul(hn::Mul(importance(i), light_left(i)),
-                                                            set(walk_roulette_.per_threshold)));
+      const Floats probability =
+          settings_.usual_roulette
+              ? usual_survival(i)
+              : hn::Min(one, hn::Mul(hn::Mul(worth_following(i), light_left(i)),
+                                     set(walk_roulette_.per_threshold)));
       const Mask survives = hn::And(hn::Lt(load(walks_.u3, i), probability),
                                     hn::Not(not_zero(load(walks_.leaked, i))));
       const Floats factor = hn::Div(one, hn::Max(probability, set(1e-30F)));
@@ -603,6 +611,8 @@ class Wavefront {
   // light, which is below the rounding of any sum it could be added to.
   static constexpr float kMaxOpticalDepth = 50;
   static constexpr float kRouletteDerivative = 0.05F;
+  // Survivors of the roulette by depth gain at most exp(4) in weight: more would be fireflies.
+  static constexpr float kLeastExponent = -4;
   static constexpr size_t kOrders = 128;
 
   const Scene::Compiled& scene_;

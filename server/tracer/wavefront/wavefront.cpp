@@ -46,6 +46,13 @@ void draw_all(const LightTables& lights, uint64_t seed, LightProbe& probe, size_
   }
 }
 
+void look_up_all(const Depths& depths, const VectorColumn& points, FloatColumn& thirds,
+                 size_t count) {
+  for (size_t i = 0; i < count; i += lanes()) {
+    store(depth_in_thirds(depths, load(points, i)), thirds, i);
+  }
+}
+
 }  // namespace itn::tracer::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -56,6 +63,7 @@ HWY_EXPORT(run_wavefront);
 HWY_EXPORT(follow_rays);
 HWY_EXPORT(evaluate_all);
 HWY_EXPORT(draw_all);
+HWY_EXPORT(look_up_all);
 
 void trace_wavefront(const Scene::Compiled& scene, const RenderSettings& settings, PathDesk& desk,
                      const std::stop_token& stop) {
@@ -72,6 +80,11 @@ void evaluate_lights(const LightTables& lights, LightProbe& probe, size_t count)
 
 void draw_lights(const LightTables& lights, uint64_t seed, LightProbe& probe, size_t count) {
   HWY_DYNAMIC_DISPATCH(draw_all)(lights, seed, probe, count);
+}
+
+void look_up_depths(const Depths& depths, const VectorColumn& points, FloatColumn& thirds,
+                    size_t count) {
+  HWY_DYNAMIC_DISPATCH(look_up_all)(depths, points, thirds, count);
 }
 
 }  // namespace itn::tracer

@@ -30,4 +30,8 @@ void evaluate_lights(const LightTables& lights, LightProbe& probe, size_t count)
 // count-1 of pixel 0.
 void draw_lights(const LightTables& lights, uint64_t seed, LightProbe& probe, size_t count);
 
+// Looks up Depths::thirds at `count` points, for tests.
+void look_up_depths(const Depths& depths, const VectorColumn& points, FloatColumn& thirds,
+                    size_t count);
+
 }  // namespace itn::tracer

@@ -63,9 +63,10 @@ struct Subject {
 };
 
 TEST_P(VariantsTest, AgreeWithTheReference) {
-  static const Subject star("smooth_star", {60, 0.87, 0.4}), mug("mug", {30, 0.39, 0});
-  constexpr int kComparisons = 2 * 10 * 4;
-  for (const Subject* subject : {&star, &mug}) {
+  static const Subject star("smooth_star", {60, 0.87, 0.4}), mug("mug", {30, 0.39, 0}),
+      thick("smooth_star", {3000, 0.87, 0.4});
+  constexpr int kComparisons = 3 * 10 * 4;
+  for (const Subject* subject : {&star, &mug, &thick}) {
     RenderSettings settings = subject->settings;
     GetParam().change(settings);
     const FilmEstimate& reference = subject->reference;

@@ -217,5 +217,37 @@ TEST(DepthsTest, TellTheDistanceToTheBoundary) {
   EXPECT_NEAR(deepest, 0.5, 2 * edge);
 }
 
+// Many points at a time, of a body of three different sides, and beside it.
+TEST(DepthsTest, AreLookedUpWhereThePointsAre) {
+  const Depths depths(make_shape("leaf"));
+  const auto [nx, ny, nz] = depths.cells.size;
+  EXPECT_TRUE(nx != ny && ny != nz && nz != nx);
+  const auto points = std::make_unique<VectorColumn>();
+  const auto thirds = std::make_unique<FloatColumn>();
+  for (uint32_t batch = 0; batch < 200; ++batch) {
+    std::vector<float> expected;
+    for (uint32_t i = 0; i < kSlots; ++i) {
+      const Uniforms u = SampleRandom(8, 0, batch).at(i, 0);
+      // In cells; a tenth of the range outside at either end. The first is in the last cell.
+      const auto place = [&](float v, int size) {
+        return i == 0 ? size - 0.5 : (1.2 * double{v} - 0.1) * size;
+      };
+      const double x = place(u[0], nx), y = place(u[1], ny), z = place(u[2], nz);
+      points->set(i, static_cast<Vec3f>(depths.cells.low + Vec3d{x, y, z} * depths.cells.edge));
+      const auto cell = [](double c, int size) {
+        return std::clamp(static_cast<int>(std::floor(c)), 0, size - 1);
+      };
+      expected.push_back(depths.thirds[depths.cells.index(cell(x, nx), cell(y, ny), cell(z, nz))]);
+    }
+    look_up_depths(depths, *points, *thirds, kSlots);
+    int different = 0;  // rounding decides at the faces of cells
+    for (uint32_t i = 0; i < kSlots; ++i) {
+      different += (*thirds)[i] != expected[i] ? 1 : 0;
+    }
+    EXPECT_LE(different, 2) << "batch " << batch;
+    EXPECT_EQ((*thirds)[0], expected[0]);
+  }
+}
+
 }  // namespace
 }  // namespace itn::testing

@@ -151,6 +151,40 @@ TEST(RenderTest, SamplesGoToImportantPixels) {
   EXPECT_NEAR(ratio[2] / ratio[1], 2, 0.1);
 }
 
+// However important, and where nothing that is rendered is.
+TEST(RenderTest, ExtremesOfImportance) {
+  RenderSettings s = settings();
+  s.pilot_spp = 1;
+  const size_t pixels = render_grad(mug_in_the_sun(), s).squares.size();
+  s.importance.assign(pixels, 0);
+  const FilmSums none = render_grad(mug_in_the_sun(), s);
+  EXPECT_EQ(none.estimates[0].counts[pixels / 2], s.sample_count / s.estimates);
+  s.importance[pixels / 2] = 1e30F;
+  const FilmSums one = render_grad(mug_in_the_sun(), s);
+  EXPECT_EQ(one.estimates[0].counts[pixels / 2], pixels * s.sample_count / s.estimates);
+  EXPECT_EQ(one.counters.paths, pixels * (s.sample_count + 1));
+}
+
+// A camera in the mug: parts of the object's box lie behind it.
+TEST(RenderTest, ObjectPixelsOfANearCamera) {
+  SceneDescription near = studio("mug", {ConstantEnvironment{1}}, 0.5F, 24);
+  near.camera.origin = {0, 0.9, 0};
+  near.camera.target = {0, 0.5, 0.4};
+  near.camera.fov = 1.9;
+  const Scene scene(std::move(near));
+  RenderSettings s = settings();
+  const FilmSums all = render_grad(scene, s);
+  s.pixels = Pixels::kObject;
+  const FilmSums object = render_grad(scene, s);
+  int seen = 0, missed = 0;
+  for (size_t p = 0; p < all.hits.size(); ++p) {
+    seen += all.hits[p] > 0 ? 1 : 0;
+    missed += all.hits[p] > 2 && object.hits[p] == 0 ? 1 : 0;
+  }
+  EXPECT_GT(seen, 50);
+  EXPECT_EQ(missed, 0);
+}
+
 TEST(RenderTest, APilotMovesSamplesToTheNoise) {
   RenderSettings s = settings();
   s.sample_count = 64;
