@@ -86,7 +86,7 @@ INSTANTIATE_TEST_SUITE_P(
         Row{"convex, thick", "cube", false, {30, 0.9, 0}, {1, 0.002, 0.02}, 512},
         Row{"not convex, thin", "torus", false, {6, 0.6, -0.4}, {0.2, 0.005, 0.02}, 1024},
         Row{"not convex, thick", "smooth_star", true, {40, 0.87, 0.4}, {1, 0.002, 0.02}, 256},
-        Row{"thin features, high g", "knot", true, {60, 0.9, 0.8}, {2, 0.002, 0.01}, 512},
+        Row{"thin features, high g", "knot", true, {60, 0.9, 0.8}, {2, 0.002, 0.01}, 768},
         Row{"sun and sky", "mug", true, {30, 0.39, 0}, {1, 0.005, 0.02}, 1024},
         Row{"standing on the floor", "cube", true, {10, 0.8, 0.2}, {0.5, 0.003, 0.02}, 512}));
 
