@@ -88,7 +88,7 @@ class RenderService::RenderCall final : public grpc::ServerUnaryReactor {
   void render() {
     if (!scene_) scene_ = service_.scene_of(request_);
     check_reply_size(scene_->width(), scene_->height(), request_, service_.options_.limits);
-    if (request_.has_loss()) {
+    if (request_.has_loss() && settings_.pilot_spp > 0) {
       settings_.importance = loss_importance(from_bytes<float>(request_.loss().image()),
                                              from_bytes<float>(request_.loss().weight()));
     }

@@ -9,7 +9,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstring>
 #include <functional>
 #include <future>
 #include <limits>
@@ -33,7 +32,6 @@ namespace {
 
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
-using testing::bytes_of;
 using testing::cube_scene;
 using testing::deterministic_bytes;
 using testing::endless_request;
@@ -97,10 +95,10 @@ std::shared_ptr<grpc::Channel> connect(const RenderServer& server) {
   return grpc::CreateCustomChannel(server.address(), grpc::InsecureChannelCredentials(), arguments);
 }
 
-std::vector<float> floats(const std::string& bytes) {
-  std::vector<float> values(bytes.size() / sizeof(float));
-  std::memcpy(values.data(), bytes.data(), bytes.size());
-  return values;
+void set_loss(v1::RenderGradRequest& request, const std::vector<float>& image,
+              const std::vector<float>& weight) {
+  request.mutable_loss()->set_image(to_bytes(image));
+  request.mutable_loss()->set_weight(to_bytes(weight));
 }
 
 // ---- Answers ---------------------------------------------------------------------------------
@@ -146,9 +144,11 @@ TEST(RenderService, AppliesTheChainRule) {
   const Answer answer = Client(server.in_process_channel()).call(with_scene(small_request()));
   ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
   const auto& estimate = answer.reply.estimates(0);
-  const auto d_t = floats(estimate.derivatives(0)), d_albedo = floats(estimate.derivatives(1));
-  const auto d_a = floats(estimate.derivatives(3)), d_s = floats(estimate.derivatives(4));
-  const auto d_reduced = floats(estimate.derivatives(5));
+  const auto d_t = from_bytes<float>(estimate.derivatives(0)),
+             d_albedo = from_bytes<float>(estimate.derivatives(1));
+  const auto d_a = from_bytes<float>(estimate.derivatives(3)),
+             d_s = from_bytes<float>(estimate.derivatives(4));
+  const auto d_reduced = from_bytes<float>(estimate.derivatives(5));
   double total = 0;
   for (size_t i = 0; i < d_t.size(); ++i) {
     const double scale = 1e-5 * (1 + std::abs(d_t[i]) + std::abs(d_albedo[i]));
@@ -175,20 +175,19 @@ TEST(RenderService, AnswersWithLossAndGradient) {
   const size_t pixels = size_t{images.width()} * images.height();
   ASSERT_GT(pixels, 0U);
   const std::vector<float> image(pixels, 5);
-  const std::vector<float> mask = floats(images.mask());
+  const std::vector<float> mask = from_bytes<float>(images.mask());
   std::vector<float> weight(pixels);
   for (size_t p = 0; p < pixels; ++p) weight[p] = static_cast<float>(p % 3) * (mask[p] > 0 ? 1 : 0);
   std::vector<RenderEstimate> estimates;
   for (const v1::Estimate& e : images.estimates()) {
-    estimates.push_back(
-        {floats(e.radiance()),
-         {floats(e.derivatives(0)), floats(e.derivatives(1)), floats(e.derivatives(2))},
-         {}});
+    estimates.push_back({from_bytes<float>(e.radiance()),
+                         {from_bytes<float>(e.derivatives(0)), from_bytes<float>(e.derivatives(1)),
+                          from_bytes<float>(e.derivatives(2))},
+                         {}});
   }
   const RenderingLoss expected = rendering_loss(image, weight, estimates);
 
-  request.mutable_loss()->set_image(bytes_of(image));
-  request.mutable_loss()->set_weight(bytes_of(weight));
+  set_loss(request, image, weight);
   const Answer answer = client.call(request);
   ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
   EXPECT_DOUBLE_EQ(answer.reply.loss(), expected.value);
@@ -226,8 +225,7 @@ TEST(RenderService, PutsTheSamplesOfALossWhereItNeedsThem) {
     image[p] = 1 + static_cast<float>(p % 7);
     weight[p] = static_cast<float>(p % 3);
   }
-  request.mutable_loss()->set_image(bytes_of(image));
-  request.mutable_loss()->set_weight(bytes_of(weight));
+  set_loss(request, image, weight);
   const Answer answer = client.call(request);
   ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
 
@@ -346,8 +344,7 @@ void inside_out(v1::RenderGradRequest& request) {
 
 // A loss over the 16 x 12 pixels of cube_scene().
 void add_loss(v1::RenderGradRequest& request, float image = 1, float weight = 1) {
-  request.mutable_loss()->set_image(bytes_of(std::vector<float>(16 * 12, image)));
-  request.mutable_loss()->set_weight(bytes_of(std::vector<float>(16 * 12, weight)));
+  set_loss(request, std::vector<float>(16 * 12, image), std::vector<float>(16 * 12, weight));
 }
 
 const BadRequest kBadRequests[] = {

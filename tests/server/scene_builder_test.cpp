@@ -18,7 +18,6 @@
 namespace itn {
 namespace {
 
-using testing::bytes_of;
 using testing::cube_scene;
 using ::testing::HasSubstr;
 using testing::parse_text;
@@ -85,7 +84,7 @@ const BadScene kBadScenes[] = {
      "scene.object.mesh.triangles"},
     {"PositionNan",
      [](auto& s) {
-       mesh(s).mutable_triangles()->mutable_positions()->replace(0, 4, bytes_of<float>({kNan}));
+       mesh(s).mutable_triangles()->mutable_positions()->replace(0, 4, to_bytes<float>({kNan}));
      },
      "scene.object.mesh.triangles"},
     {"NoTransformKind", [](auto& s) { mesh(s).add_transforms(); },
@@ -140,7 +139,7 @@ const BadScene kBadScenes[] = {
      "pixels.width is 0; it must be in [1, 16384]"},
     {"MapShort", [](auto& s) { pixels(s, 2, 2, 11); }, "rgb has 44 bytes; 2 x 2 pixels take 48"},
     {"MapNegative",
-     [](auto& s) { pixels(s, 2, 1, 6).mutable_rgb()->replace(20, 4, bytes_of<float>({-1})); },
+     [](auto& s) { pixels(s, 2, 1, 6).mutable_rgb()->replace(20, 4, to_bytes<float>({-1})); },
      "rgb is -1 at x = 1, y = 0"},
     {"Radiance", [](auto& s) { s.mutable_lights(0)->mutable_constant()->set_radiance(-1); },
      "scene.lights[0].constant.radiance is -1"},
@@ -241,8 +240,8 @@ TEST(SceneBuilder, NormalizesBeforeTheTransforms) {
   std::vector<uint32_t> indices;
   for (const auto& t : moved.triangles) indices.insert(indices.end(), t.begin(), t.end());
   auto& proto = *scene.mutable_object()->mutable_mesh();
-  proto.mutable_triangles()->set_positions(bytes_of(positions));
-  proto.mutable_triangles()->set_indices(bytes_of(indices));
+  proto.mutable_triangles()->set_positions(to_bytes(positions));
+  proto.mutable_triangles()->set_indices(to_bytes(indices));
   proto.set_normalize(true);
   proto.add_transforms()->mutable_translate()->set_x(1);
   const Bounds box = bounds(build_scene(scene, RenderLimits()).object);
@@ -263,8 +262,8 @@ TEST(SceneBuilder, WeldsTriangleSoup) {
     }
   }
   auto& triangles = *scene.mutable_object()->mutable_mesh()->mutable_triangles();
-  triangles.set_positions(bytes_of(positions));
-  triangles.set_indices(bytes_of(indices));
+  triangles.set_positions(to_bytes(positions));
+  triangles.set_indices(to_bytes(indices));
   EXPECT_EQ(build_scene(scene, RenderLimits()).object.vertices.size(), 8U);
 }
 

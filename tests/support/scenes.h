@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "common/wire_array.h"
 #include "itn/v1/render.pb.h"
 #include "itn/v1/scene.pb.h"
 
@@ -23,11 +24,6 @@ Message parse_text(const std::string& text) {
   return message;
 }
 
-template <typename T>
-std::string bytes_of(const std::vector<T>& values) {
-  return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
-}
-
 // A cube of 1 mm that stands on y = 0.
 inline v1::Triangles cube() {
   std::vector<float> positions;
@@ -39,8 +35,8 @@ inline v1::Triangles cube() {
   const std::vector<uint32_t> indices = {0, 4, 6, 0, 6, 2, 1, 3, 7, 1, 7, 5, 0, 1, 5, 0, 5, 4,
                                          2, 6, 7, 2, 7, 3, 0, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6};
   v1::Triangles triangles;
-  triangles.set_positions(bytes_of(positions));
-  triangles.set_indices(bytes_of(indices));
+  triangles.set_positions(to_bytes(positions));
+  triangles.set_indices(to_bytes(indices));
   return triangles;
 }
 

@@ -112,7 +112,7 @@ void Grid::fill(const Mesh& mesh) {
   const CubicCells placed{static_cast<Vec3d>(low), edge, size};
   const double margin = 1e-3 * double{edge} + 16 * FLT_EPSILON * largest;
   // Count, number the occupied cells, then list their triangles cell by cell.
-  cells.assign(static_cast<size_t>(size[0]) * size[1] * size[2], 0);
+  cells.assign(placed.count(), 0);
   const auto triangles = static_cast<uint32_t>(mesh.triangles.size());
   for (uint32_t t = 0; t < triangles; ++t) {
     for_touched_cells(placed, mesh, mesh.triangles[t], margin,

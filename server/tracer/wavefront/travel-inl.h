@@ -674,8 +674,16 @@ class Traveller {
     const bool swap = (slopes[z] < 0) != (side_[line] < 0);
     const uint32_t x = (z + (swap ? 2 : 1)) % 3, y = (z + (swap ? 1 : 2)) % 3;
     const float per_z = 1 / slopes[z], by_x = slopes[x] * per_z, by_y = slopes[y] * per_z;
-    return {x,       y,    z,    by_x, by_y, from[x] - by_x * from[z], from[y] - by_y * from[z],
-            from[z], to_c, per_z};
+    return {.x = x,
+            .y = y,
+            .z = z,
+            .by_x = by_x,
+            .by_y = by_y,
+            .c_x = from[x] - by_x * from[z],
+            .c_y = from[y] - by_y * from[z],
+            .c_z = from[z],
+            .to_c = to_c,
+            .per_z = per_z};
   }
 
   // On which side of the edges of triangles i, i + 1 ... of a block the line passes: of an edge PQ,

@@ -34,7 +34,7 @@ struct Walks {
   FloatColumn u1{}, u2{}, u3{};               // random numbers of the vertex
   FloatColumn first_flight{};                 // the random number of the first flight
   FloatColumn radiance{}, d_sigma_t{}, d_albedo{}, d_g{};  // collected so far
-  FloatColumn zero_sigma_t{}, zero_g{};                    // see the baselines in fly and interact
+  FloatColumn zero_sigma_t{}, zero_g{};                    // see book_flight and scatter
   std::vector<FloatColumn> weights, radiances;             // for RenderSettings::albedos
 
   // Moves a path to another slot.
@@ -64,9 +64,9 @@ struct Walks {
 struct Connections {
   Rays rays;
   UintColumn slot{};  // of the walk
-  FloatColumn
-      light{};  // that would arrive undimmed, scattered and weighted, the walk's weight apart
-  FloatColumn worth{};  // the same, with what the walk is worth following for
+  // Light that would arrive undimmed, scattered and weighted: without the walk's weight, and with
+  // what the walk is worth following for.
+  FloatColumn light{}, worth{};
   FloatColumn score_g{};
   size_t count = 0;
 };
