@@ -166,6 +166,9 @@ Image make_image(const v1::RenderGradReply& reply, const RenderOptions& options,
       {"itn.spp", fmt::format("{}", options.spp)},
       {"itn.seed", fmt::format("{}", options.seed)},
       {"itn.estimates", fmt::format("{}", options.estimates)},
+      {"itn.pilot_spp", fmt::format("{}", options.pilot_spp)},
+      {"itn.pixels", options.pixels},
+      {"itn.tracer", options.tracer},
       {"itn.paths", fmt::format("{}", counters.paths())},
       {"itn.steps", fmt::format("{}", counters.steps())},
       {"itn.invalid_samples", fmt::format("{}", counters.invalid_samples())},
@@ -274,7 +277,8 @@ void add_render_command(CLI::App& app) {
   command
       ->add_option(
           "--pilot-spp", options->pilot_spp,
-          "Samples per pixel of a pilot, which spreads the others and quietens derivatives")
+          "Samples per pixel, beyond --spp, of a pilot, which spreads the others and quietens "
+          "derivatives in sigma_t and g; not with --tracer reference")
       ->check(CLI::Range(0, 64))
       ->capture_default_str();
   command

@@ -69,6 +69,9 @@ TEST(RenderCommand, WritesLayersAndHeader) {
   EXPECT_EQ(image.attributes.at("itn.g"), "0.3");
   EXPECT_EQ(image.attributes.at("itn.spp"), "9");
   EXPECT_EQ(image.attributes.at("itn.seed"), "3");
+  EXPECT_EQ(image.attributes.at("itn.pilot_spp"), "0");
+  EXPECT_EQ(image.attributes.at("itn.pixels"), "all");
+  EXPECT_EQ(image.attributes.at("itn.tracer"), "wavefront");
   EXPECT_EQ(image.attributes.at("itn.paths"), "432");
   // Of the 9 samples, 5 are of estimate 0 and 4 of estimate 1.
   const auto& mean = image.channel("Y");
