@@ -3,7 +3,7 @@
 #include <thread>
 
 #include "common/error.h"
-#include "server/shutdown_signal.h"
+#include "common/rpc/shutdown_signal.h"
 
 namespace itn {
 namespace {

@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-#include "common/image.h"
+#include "common/image/image.h"
 
 namespace itn {
 namespace {

@@ -7,7 +7,7 @@
 #include <thread>
 
 #include "common/learning/encoder.h"
-#include "server/predict_server.h"
+#include "server/predict/predict_server.h"
 #include "server/server_main.h"
 
 namespace itn {

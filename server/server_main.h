@@ -10,7 +10,7 @@
 
 #include "common/error.h"
 #include "common/logging.h"
-#include "server/shutdown_signal.h"
+#include "common/rpc/shutdown_signal.h"
 
 namespace itn {
 

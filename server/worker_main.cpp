@@ -3,7 +3,7 @@
 #include <memory>
 #include <string>
 
-#include "server/render_server.h"
+#include "server/render/render_server.h"
 #include "server/server_main.h"
 
 namespace itn {

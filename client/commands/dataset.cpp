@@ -12,7 +12,7 @@
 
 #include "client/commands/command.h"
 #include "client/commands/options.h"
-#include "client/dataset_render.h"
+#include "client/dataset/dataset_render.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "common/error.h"

@@ -10,10 +10,10 @@
 
 #include "client/commands/command.h"
 #include "client/commands/options.h"
-#include "client/evaluation.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/picture.h"
+#include "client/training/evaluation.h"
 #include "common/error.h"
 #include "common/progress.h"
 

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "client/render_pool.h"
+#include "client/render_pool/render_pool.h"
 
 namespace itn {
 

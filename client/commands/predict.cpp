@@ -10,11 +10,11 @@
 #include "client/commands/command.h"
 #include "client/json.h"
 #include "common/error.h"
-#include "common/image.h"
+#include "common/image/image.h"
 #include "common/learning/predictor.h"
-#include "common/wire_array.h"
+#include "common/rpc/status.h"
+#include "common/rpc/wire_array.h"
 #include "itn/v1/predict.grpc.pb.h"
-#include "server/status.h"
 
 namespace itn {
 namespace {

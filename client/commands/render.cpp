@@ -15,12 +15,12 @@
 #include "client/commands/options.h"
 #include "client/interrupt.h"
 #include "client/json.h"
-#include "client/render_pool.h"
+#include "client/render_pool/render_pool.h"
 #include "common/error.h"
-#include "common/image.h"
+#include "common/image/image.h"
 #include "common/progress.h"
-#include "common/scene_file.h"
-#include "common/wire_array.h"
+#include "common/rpc/wire_array.h"
+#include "common/scene/scene_file.h"
 
 namespace itn {
 namespace {

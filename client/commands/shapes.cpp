@@ -2,7 +2,7 @@
 #include <fmt/format.h>
 
 #include "client/commands/command.h"
-#include "common/shapes.h"
+#include "common/geometry/shapes.h"
 
 namespace itn {
 

@@ -8,9 +8,9 @@
 
 #include <fmt/format.h>
 
-#include "common/atomic_file.h"
 #include "common/error.h"
-#include "common/scene_bytes.h"
+#include "common/files/atomic_file.h"
+#include "common/scene/scene_bytes.h"
 
 namespace itn {
 namespace {

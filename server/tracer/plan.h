@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "server/tracer/compiled_scene.h"
 #include "server/tracer/render.h"
+#include "server/tracer/scene/compiled_scene.h"
 
 namespace itn::tracer {
 

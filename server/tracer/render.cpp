@@ -9,9 +9,9 @@
 #include <numbers>
 
 #include "common/error.h"
-#include "server/tracer/compiled_scene.h"
 #include "server/tracer/plan.h"
 #include "server/tracer/reference/path.h"
+#include "server/tracer/scene/compiled_scene.h"
 #include "server/tracer/threads.h"
 #include "server/tracer/wavefront/wavefront.h"
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "common/material.h"
-#include "server/tracer/scene.h"
+#include "server/tracer/scene/scene.h"
 
 namespace itn::tracer {
 

@@ -21,10 +21,11 @@
 #include <string>
 #include <vector>
 
+#include "common/geometry/mesh.h"
+#include "common/geometry/mesh_file.h"
+#include "common/geometry/shapes.h"
 #include "common/learning/weight_map.h"
-#include "common/mesh.h"
-#include "common/shapes.h"
-#include "server/rendering_loss.h"
+#include "server/render/rendering_loss.h"
 #include "server/tracer/render.h"
 
 namespace itn {
@@ -138,7 +139,7 @@ struct Target {
   std::vector<float> image, weight, importance;
 };
 
-// The terms of the loss gradient, by pixel (see server/rendering_loss.h).
+// The terms of the loss gradient, by pixel (see server/render/rendering_loss.h).
 std::vector<double> gradient_terms(const RenderedImages& images, const Target& target,
                                    size_t coordinate) {
   const auto count = static_cast<double>(images.estimates.size());

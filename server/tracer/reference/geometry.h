@@ -14,10 +14,10 @@
 #include <memory>
 #include <vector>
 
-#include "common/mesh.h"
+#include "common/geometry/mesh.h"
 #include "common/vec.h"
 #include "server/tracer/reference/intersector.h"
-#include "server/tracer/scene.h"
+#include "server/tracer/scene/scene.h"
 
 namespace itn::tracer {
 

@@ -6,7 +6,7 @@
 #include <memory>
 #include <vector>
 
-#include "common/mesh.h"
+#include "common/geometry/mesh.h"
 #include "common/vec.h"
 
 namespace itn::tracer {

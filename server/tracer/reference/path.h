@@ -4,8 +4,8 @@
 
 #include <stop_token>
 
-#include "server/tracer/compiled_scene.h"
 #include "server/tracer/path_desk.h"
+#include "server/tracer/scene/compiled_scene.h"
 
 namespace itn::tracer {
 

@@ -7,7 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "common/mesh.h"
+#include "common/geometry/mesh.h"
 
 namespace itn::tracer {
 

@@ -9,7 +9,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "common/mesh.h"
+#include "common/geometry/mesh.h"
 
 namespace itn::tracer {
 

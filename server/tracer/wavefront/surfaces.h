@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "server/tracer/reference/intersector.h"
-#include "server/tracer/scene.h"
+#include "server/tracer/scene/scene.h"
 
 namespace itn::tracer {
 

@@ -10,7 +10,7 @@
 #endif
 
 #include "common/error.h"
-#include "server/tracer/wavefront/lights-inl.h"
+#include "server/tracer/lights/lights-inl.h"
 #include "server/tracer/wavefront/low_discrepancy.h"
 #include "server/tracer/wavefront/travel-inl.h"
 #include "server/tracer/wavefront/wavefront.h"

@@ -5,9 +5,9 @@
 
 #include <stop_token>
 
-#include "server/tracer/compiled_scene.h"
 #include "server/tracer/path_desk.h"
 #include "server/tracer/render.h"
+#include "server/tracer/scene/compiled_scene.h"
 #include "server/tracer/wavefront/rays.h"
 
 namespace itn::tracer {

@@ -9,10 +9,10 @@
 #include <sstream>
 
 #include "common/error.h"
-#include "server/tracer/lights.h"
+#include "server/tracer/lights/lights.h"
+#include "server/tracer/lights/sky.h"
 #include "server/tracer/phase.h"
 #include "server/tracer/random.h"
-#include "server/tracer/sky.h"
 #include "server/tracer/wavefront/low_discrepancy.h"
 #include "server/tracer/wavefront/wavefront.h"
 #include "tests/server/tracer/scenes.h"

@@ -3,9 +3,9 @@
 
 #include <string>
 
-#include "common/shapes.h"
+#include "common/geometry/shapes.h"
 #include "server/tracer/render.h"
-#include "server/tracer/scene.h"
+#include "server/tracer/scene/scene.h"
 #include "tests/support/statistics.h"
 
 namespace itn::testing {

@@ -1,0 +1,38 @@
+// How well trained networks do on a split of a dataset, beside the strongest constant answer.
+#pragma once
+
+#include <span>
+#include <stop_token>
+#include <vector>
+
+#include "client/render_pool/render_pool.h"
+#include "client/training/training_set.h"
+#include "common/learning/predictor.h"
+
+namespace itn {
+
+// One prediction for each image.
+std::vector<Material> predict_all(Predictor& predictor, const LabelledImages& images,
+                                  std::stop_token stop = {});
+
+// The mean of the truth of these very images, for each of them: of all constant answers the one
+// with the smallest RMSE. A network that does not beat it has learned nothing of the parameter.
+std::vector<Material> constant_predictions(const LabelledImages& images);
+
+// Sets sigma_t, albedo and g of the row: root-mean-square errors.
+void set_errors(std::span<const Material> predictions, const LabelledImages& images,
+                v1::Evaluation::Row& row);
+
+// `count` of the images, evenly spread over the split.
+std::vector<size_t> spread(size_t count, size_t total);
+
+// One image rendered with a material, at the scene of an item.
+std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::DatasetItem& item,
+                            const Material& material, uint32_t spp, std::stop_token stop = {});
+
+// sqrt(sum (I - T)^2 / sum I^2) over the object (pixels weighted by the mask). Contains the noise
+// of both images.
+double relative_image_error(std::span<const float> image, std::span<const float> rendered,
+                            std::span<const float> mask);
+
+}  // namespace itn

@@ -1,0 +1,53 @@
+#include "common/rpc/shutdown_signal.h"
+
+#include <semaphore.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <csignal>
+#include <thread>
+
+#include "common/error.h"
+
+namespace itn {
+namespace {
+
+// Counts the signals that nobody has waited for yet. Never destroyed: the handler may run until the
+// process ends. sem_post is one of the few functions that a handler may call.
+sem_t arrived;
+
+extern "C" void count_signal(int /*signal*/) {
+  const int saved = errno;
+  sem_post(&arrived);
+  errno = saved;
+}
+
+void wait_for_signal() {
+  while (sem_wait(&arrived) == -1 && errno == EINTR) {
+  }
+}
+
+}  // namespace
+
+ShutdownSignal::ShutdownSignal() {
+  sem_init(&arrived, 0, 0);
+  struct sigaction action = {};
+  action.sa_handler = count_signal;
+  action.sa_flags = SA_RESTART;
+  sigemptyset(&action.sa_mask);
+  sigaction(SIGTERM, &action, nullptr);
+  sigaction(SIGINT, &action, nullptr);
+}
+
+void ShutdownSignal::wait() {
+  wait_for_signal();
+}
+
+void ShutdownSignal::exit_on_next() {
+  std::thread([] {
+    wait_for_signal();
+    _exit(exit_code(ErrorKind::kCancelled));
+  }).detach();
+}
+
+}  // namespace itn

@@ -1,0 +1,64 @@
+#include "common/scene/scene_bytes.h"
+
+#include <fmt/format.h>
+#include <google/protobuf/io/coded_stream.h>
+#include <google/protobuf/io/zero_copy_stream_impl_lite.h>
+#include <openssl/evp.h>
+
+#include <limits>
+#include <utility>
+
+#include "common/error.h"
+
+namespace itn {
+
+void set_triangles(v1::Mesh& proto, const Mesh& mesh) {
+  std::string positions, indices;
+  positions.reserve(12 * mesh.vertices.size());
+  indices.reserve(12 * mesh.triangles.size());
+  for (const Vec3f& p : mesh.vertices) {
+    for (const float coordinate : {p.x, p.y, p.z}) append_little_endian(positions, coordinate);
+  }
+  for (const auto& triangle : mesh.triangles) {
+    for (const uint32_t vertex : triangle) append_little_endian(indices, vertex);
+  }
+  proto.mutable_triangles()->set_positions(std::move(positions));
+  proto.mutable_triangles()->set_indices(std::move(indices));
+}
+
+std::shared_ptr<const SerializedScene> serialize(const v1::Scene& scene) {
+  const size_t size = scene.ByteSizeLong();
+  if (size > static_cast<size_t>(std::numeric_limits<int>::max())) {
+    throw Error(ErrorKind::kLimit,
+                fmt::format("the scene takes {} bytes; it must be less than 2 GiB", size));
+  }
+  auto result = std::make_shared<SerializedScene>();
+  result->bytes.reserve(size);
+  {
+    google::protobuf::io::StringOutputStream stream(&result->bytes);
+    google::protobuf::io::CodedOutputStream coded(&stream);
+    coded.SetSerializationDeterministic(true);
+    scene.SerializeWithCachedSizes(&coded);
+  }
+  result->digest = sha256(result->bytes);
+  return result;
+}
+
+std::string sha256(const std::string& bytes) {
+  std::string digest(32, '\0');
+  unsigned int length = 0;
+  if (EVP_Digest(bytes.data(), bytes.size(), reinterpret_cast<unsigned char*>(digest.data()),
+                 &length, EVP_sha256(), nullptr) != 1 ||
+      length != digest.size()) {
+    throw Error(ErrorKind::kInternal, "OpenSSL cannot compute SHA-256");
+  }
+  return digest;
+}
+
+std::string to_hex(const std::string& bytes) {
+  std::string hex;
+  for (const char c : bytes) hex += fmt::format("{:02x}", static_cast<unsigned char>(c));
+  return hex;
+}
+
+}  // namespace itn

@@ -1,0 +1,41 @@
+// The form in which a scene travels: bytes and their digest.
+#pragma once
+
+#include <bit>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "common/geometry/mesh.h"
+#include "itn/v1/scene.pb.h"
+
+namespace itn {
+
+// Puts the triangles in the place of the mesh's source.
+void set_triangles(v1::Mesh& proto, const Mesh& mesh);
+
+// A scene as the bytes that are sent, with their SHA-256 digest (32 bytes).
+struct SerializedScene {
+  std::string bytes;
+  std::string digest;
+};
+
+// Deterministic: the same scene gives the same bytes within one program. Throws Error (kLimit) if
+// they would be 2 GiB or more.
+std::shared_ptr<const SerializedScene> serialize(const v1::Scene& scene);
+
+// Of any bytes; 32 bytes.
+std::string sha256(const std::string& bytes);
+
+// As two lower-case digits a byte.
+std::string to_hex(const std::string& bytes);
+
+// The number's four bytes, lowest first, as the protos want arrays.
+inline void append_little_endian(std::string& bytes, uint32_t value) {
+  for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>(value >> shift));
+}
+inline void append_little_endian(std::string& bytes, float value) {
+  append_little_endian(bytes, std::bit_cast<uint32_t>(value));
+}
+
+}  // namespace itn

@@ -1,0 +1,18 @@
+// Scene files (protobuf text format of itn.v1.Scene).
+#pragma once
+
+#include <filesystem>
+
+#include "common/scene/scene_bytes.h"
+#include "itn/v1/scene.pb.h"
+
+namespace itn {
+
+// Reads a scene file and replaces every mesh and image path (relative to the file) by its contents,
+// so that the scene stands alone; built-in shapes stay names, which are checked. Throws Error: kIo;
+// kInvalidInput with file, line and column (unknown field, syntax), or with the name of the mesh or
+// image that cannot be used; kDataLoss (damaged image). Ranges are checked where the scene is
+// built.
+v1::Scene load_scene(const std::filesystem::path& path);
+
+}  // namespace itn

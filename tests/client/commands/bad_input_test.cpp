@@ -1,0 +1,238 @@
+// Bad input to the programs: each gives a clear message and the documented exit code.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <limits>
+#include <map>
+#include <ostream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "common/image/image.h"
+#include "tests/support/process.h"
+#include "tests/support/scene_files.h"
+
+namespace itn {
+namespace {
+
+using ::testing::HasSubstr;
+using testing::kSceneFile;
+using testing::replaced;
+using testing::TemporaryFolder;
+
+using Arguments = std::vector<std::string>;
+
+struct BadInput {
+  const char* name;
+  std::function<Arguments(const TemporaryFolder&)> command;
+  int exit_code;
+  std::vector<std::string> message;  // pieces of it
+};
+
+// ---- Commands ----------------------------------------------------------------------------------
+
+// `changes` are flags with their values; they take the place of the usual ones.
+Arguments render(const TemporaryFolder& folder, const std::string& scene_file,
+                 const std::vector<std::pair<std::string, std::string>>& changes = {}) {
+  std::map<std::string, std::string> flags = {{"--output", folder.path("out.exr")},
+                                              {"--sigma-t", "5"},
+                                              {"--albedo", "0.9"},
+                                              {"--spp", "2"},
+                                              {"--threads", "1"}};
+  for (const auto& [flag, value] : changes) flags[flag] = value;
+  Arguments command = {ITN, "render", scene_file};
+  for (const auto& [flag, value] : flags) command.push_back(flag + "=" + value);
+  return command;
+}
+
+// Renders the usual scene with a part of it replaced.
+auto scene_with(const std::string& from, const std::string& to) {
+  return [=](const TemporaryFolder& folder) {
+    return render(folder, folder.write("scene.textproto", replaced(kSceneFile, from, to)));
+  };
+}
+
+// Renders the usual scene with another flag.
+auto flag(const std::string& name, const std::string& value) {
+  return [=](const TemporaryFolder& folder) {
+    return render(folder, folder.write("scene.textproto", kSceneFile), {{name, value}});
+  };
+}
+
+// The usual scene with a mesh file.
+Arguments render_mesh(const TemporaryFolder& folder, const std::string& name,
+                      const std::string& content) {
+  folder.write(name, content);
+  return render(folder, folder.write("scene.textproto", replaced(kSceneFile, "builtin: \"cube\"",
+                                                                 "path: \"" + name + "\"")));
+}
+
+// A tetrahedron without its last face.
+const char* const kOpenMesh = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n";
+const char* const kInsideOut =
+    "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 1 3 4\n";
+
+std::string exr_with(const TemporaryFolder& folder, float value) {
+  Image image;
+  image.width = 4;
+  image.height = 4;
+  image.channels["Y"] = std::vector<float>(16, 1);
+  image.channels["mask.Y"] = std::vector<float>(16, 1);
+  image.channels["Y"][6] = value;
+  write_exr(folder.path("image.exr"), image);
+  return folder.path("image.exr");
+}
+
+const BadInput kBadInputs[] = {
+    {"NoCommand", [](auto&) { return Arguments{ITN}; }, 2, {"Usage", "render"}},
+    {"UnknownCommand",
+     [](auto&) {
+       return Arguments{ITN, "rendre"};
+     },
+     2,
+     {"rendre"}},
+    {"NoScene",
+     [](auto&) {
+       return Arguments{ITN, "render"};
+     },
+     2,
+     {"scene is required"}},
+    {"UnknownFlag", flag("--frobnicate", "1"), 2, {"--frobnicate"}},
+    {"NotANumber", flag("--spp", "many"), 2, {"--spp"}},
+    {"NegativeSpp", flag("--spp", "-1"), 2, {"--spp"}},
+    {"UnknownDerivative", flag("--derivatives", "sigma_t,ior"), 2, {"ior", "sigma_s_reduced"}},
+    {"BadFilm", flag("--film", "128"), 2, {"--film: 128", "128x128"}},
+    {"Albedo", flag("--albedo", "1.2"), 3, {"material.albedo is 1.2", "[0, 1]"}},
+    {"AlbedoNan", flag("--albedo", "nan"), 3, {"material.albedo is nan"}},
+    {"G", flag("--g", "1"), 3, {"material.g is 1", "[-0.99, 0.99]"}},
+    {"SigmaT", flag("--sigma-t", "-3"), 3, {"material.sigma_t is -3"}},
+    {"NoSamples", flag("--spp", "0"), 3, {"spp is 0"}},
+    {"RepeatedDerivative", flag("--derivatives", "g,g"), 3, {"G again"}},
+    {"TooManyEstimates", flag("--estimates", "3"), 3, {"estimates is 3", "[1, 2]"}},
+    {"BillionPixels", flag("--film", "40000x25000"), 7, {"1000000000", "at most"}},
+    {"NoWorker", flag("--workers", "127.0.0.1:1"), 5, {"no render worker answers", "127.0.0.1:1"}},
+    {"NoSuchScene",
+     [](auto& folder) { return render(folder, folder.path("missing.textproto")); },
+     4,
+     {"missing.textproto"}},
+    {"NoSuchFolder",
+     [](auto& folder) {
+       return render(folder, folder.write("scene.textproto", kSceneFile),
+                     {{"--output", folder.path("no/such/folder/out.exr")}});
+     },
+     4,
+     {"no/such/folder"}},
+    {"UnknownField",
+     scene_with("fov_degrees", "fow_degrees"),
+     3,
+     {"scene.textproto:5:", "fow_degrees"}},
+    {"Syntax", scene_with("film {", "film {{"), 3, {"scene.textproto:6:"}},
+    {"NoLight", scene_with("lights { constant { radiance: 1 } }", ""), 3, {"scene.lights"}},
+    {"UnknownShape", scene_with("cube\"", "teapot\""), 3, {"teapot", "cube"}},
+    {"SceneValue",
+     scene_with("fov_degrees: 22", "fov_degrees: 200"),
+     3,
+     {"scene.camera.fov_degrees is 200", "(0, 179)"}},
+    {"NoSuchMesh", scene_with("builtin: \"cube\"", "path: \"missing.ply\""), 4, {"missing.ply"}},
+    {"OpenMesh",
+     [](auto& folder) { return render_mesh(folder, "open.obj", kOpenMesh); },
+     3,
+     {"3 open edges"}},
+    {"InsideOut",
+     [](auto& folder) { return render_mesh(folder, "inside.obj", kInsideOut); },
+     3,
+     {"inside out"}},
+    {"NotAMesh",
+     [](auto& folder) { return render_mesh(folder, "bad.ply", "not a mesh"); },
+     3,
+     {"bad.ply"}},
+    {"DamagedMap",
+     [](auto& folder) {
+       folder.write("map.exr", "not an image");
+       return render(folder, folder.write("scene.textproto",
+                                          replaced(kSceneFile, "constant { radiance: 1 }",
+                                                   "environment_map { path: \"map.exr\" }")));
+     },
+     6,
+     {"map.exr"}},
+    {"ProbeNobody",
+     [](auto&) {
+       return Arguments{ITN, "probe", "127.0.0.1:1"};
+     },
+     5,
+     {"127.0.0.1:1 does not serve"}},
+    {"PredictNan",
+     [](auto& folder) {
+       return Arguments{ITN, "predict", exr_with(folder, std::numeric_limits<float>::quiet_NaN()),
+                        "--predictor", "127.0.0.1:1"};
+     },
+     3,
+     {"image.exr", "nan"}},
+    {"PredictNoModel",
+     [](auto& folder) {
+       return Arguments{ITN, "predict", exr_with(folder, 1), "--model",
+                        folder.write("model.itn", "not a model")};
+     },
+     3,
+     {"model.itn is not a checkpoint"}},
+    {"PredictTruncatedModel",
+     [](auto& folder) {
+       return Arguments{ITN, "predict", exr_with(folder, 1), "--model",
+                        folder.write("model.itn", "ITNCKPT1")};
+     },
+     6,
+     {"model.itn is damaged"}},
+    {"NobodyPredicts",
+     [](auto& folder) {
+       return Arguments{ITN, "predict", exr_with(folder, 1), "--predictor", "127.0.0.1:1"};
+     },
+     5,
+     {"127.0.0.1:1"}},
+    {"TrainOnNothing",
+     [](auto& folder) {
+       return Arguments{ITN, "train", folder.path("missing"), "-o", folder.path("run")};
+     },
+     4,
+     {"missing"}},
+    {"WorkerFlag",
+     [](auto&) {
+       return Arguments{ITN_WORKER, "--renders", "0"};
+     },
+     2,
+     {"--renders"}},
+    {"WorkerAddress",
+     [](auto&) {
+       return Arguments{ITN_WORKER, "--listen", "nowhere"};
+     },
+     4,
+     {"cannot listen on nowhere"}},
+};
+
+void PrintTo(const BadInput& row, std::ostream* out) {
+  *out << row.name;
+}
+
+class RefusedInput : public ::testing::TestWithParam<BadInput> {};
+
+TEST_P(RefusedInput, HasAMessageAndAnExitCode) {
+  const TemporaryFolder folder;
+  const auto start = std::chrono::steady_clock::now();
+  const testing::Finished finished = testing::run(GetParam().command(folder));
+  EXPECT_EQ(finished.exit_code, GetParam().exit_code) << finished.errors;
+  for (const std::string& piece : GetParam().message) {
+    EXPECT_THAT(finished.errors, HasSubstr(piece));
+  }
+  EXPECT_EQ(finished.output, "");
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(20));
+  EXPECT_FALSE(std::filesystem::exists(folder.path("out.exr")));
+}
+
+INSTANTIATE_TEST_SUITE_P(Table, RefusedInput, ::testing::ValuesIn(kBadInputs),
+                         [](const auto& row) { return row.param.name; });
+
+}  // namespace
+}  // namespace itn

@@ -1,0 +1,180 @@
+// itn render, probe and shapes, and itn-worker, as processes.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <fstream>
+#include <iterator>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "common/image/image.h"
+#include "tests/support/process.h"
+#include "tests/support/scene_files.h"
+
+namespace itn {
+namespace {
+
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+using ::testing::ElementsAre;
+using testing::Finished;
+using ::testing::HasSubstr;
+using ::testing::Key;
+using testing::kSceneFile;
+using testing::Process;
+using testing::run;
+using testing::TemporaryFolder;
+
+std::vector<std::string> render(const std::string& scene, const std::string& output,
+                                const std::vector<std::string>& more = {}) {
+  std::vector<std::string> command = {ITN, "render",   scene, "-o",  output, "--sigma-t",
+                                      "5", "--albedo", "0.9", "--g", "0.3"};
+  command.insert(command.end(), more.begin(), more.end());
+  return command;
+}
+
+std::vector<std::string> worker(const std::vector<std::string>& more = {}) {
+  std::vector<std::string> command = {ITN_WORKER, "--listen", "127.0.0.1:0", "--log-level",
+                                      "error"};
+  command.insert(command.end(), more.begin(), more.end());
+  return command;
+}
+
+std::string content(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+TEST(RenderCommand, WritesLayersAndHeader) {
+  const TemporaryFolder folder;
+  const Finished finished =
+      run(render(folder.write("scene.textproto", kSceneFile), folder.path("out.exr"),
+                 {"--spp", "9", "--seed", "3", "--estimates", "2", "--film", "8x6", "--derivatives",
+                  "g,sigma_s_reduced", "--png", folder.path("out.png"), "--json"}));
+  ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  EXPECT_THAT(finished.output, HasSubstr("\"invalid_samples\":0"));
+  EXPECT_EQ(content(folder.path("out.png")).substr(1, 3), "PNG");
+  const Image image = read_exr(folder.path("out.exr"));
+  EXPECT_EQ(image.width, 8);
+  EXPECT_EQ(image.height, 6);
+  EXPECT_THAT(image.channels,
+              ElementsAre(Key("Y"), Key("estimate0.Y"), Key("estimate0.g.Y"),
+                          Key("estimate0.sigma_s_reduced.Y"), Key("estimate1.Y"),
+                          Key("estimate1.g.Y"), Key("estimate1.sigma_s_reduced.Y"), Key("g.Y"),
+                          Key("mask.Y"), Key("sigma_s_reduced.Y"), Key("stderr.Y")));
+  EXPECT_EQ(image.attributes.at("itn.sigma_t"), "5");
+  EXPECT_EQ(image.attributes.at("itn.albedo"), "0.9");
+  EXPECT_EQ(image.attributes.at("itn.g"), "0.3");
+  EXPECT_EQ(image.attributes.at("itn.spp"), "9");
+  EXPECT_EQ(image.attributes.at("itn.seed"), "3");
+  EXPECT_EQ(image.attributes.at("itn.pilot_spp"), "0");
+  EXPECT_EQ(image.attributes.at("itn.pixels"), "all");
+  EXPECT_EQ(image.attributes.at("itn.tracer"), "wavefront");
+  EXPECT_EQ(image.attributes.at("itn.paths"), "432");
+  // Of the 9 samples, 5 are of estimate 0 and 4 of estimate 1.
+  const auto& mean = image.channel("Y");
+  for (size_t i = 0; i < mean.size(); ++i) {
+    const float expected =
+        (5 * image.channel("estimate0.Y")[i] + 4 * image.channel("estimate1.Y")[i]) / 9;
+    EXPECT_NEAR(mean[i], expected, 1e-6F * expected);
+  }
+}
+
+TEST(RenderCommand, WritesTheSameFileInEveryArrangement) {
+  const TemporaryFolder folder;
+  Process a(worker({"--threads", "1"})), b(worker({"--threads", "2"}));
+  const std::string workers = a.read_line() + "," + b.read_line();
+  const std::string scene = folder.write("scene.textproto", kSceneFile);
+  const std::vector<std::vector<std::string>> arrangements = {
+      {"--threads", "1"}, {"--threads", "2"}, {"--workers", workers}};
+  for (size_t i = 0; i < arrangements.size(); ++i) {
+    std::vector<std::string> flags = arrangements[i];
+    flags.insert(flags.end(), {"--derivatives", "sigma_t,albedo,g"});
+    const Finished finished = run(render(scene, folder.path(std::to_string(i)), flags));
+    ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+    EXPECT_EQ(content(folder.path(std::to_string(i))), content(folder.path("0")));
+  }
+}
+
+TEST(RenderCommand, TakesTheSceneAfterItsListFlags) {
+  const TemporaryFolder folder;
+  const std::string scene = folder.write("scene.textproto", kSceneFile);
+  const Finished finished = run({ITN, "render", "--sigma-t", "5", "--albedo", "0.9",
+                                 "--derivatives", "g", scene, "-o", folder.path("out.exr")});
+  EXPECT_EQ(finished.exit_code, 0) << finished.errors;
+}
+
+TEST(RenderCommand, EndsByCtrlC) {
+  const TemporaryFolder folder;
+  Process command(render(folder.write("scene.textproto", kSceneFile), folder.path("out.exr"),
+                         {"--film", "512x512", "--spp", "1000000", "--threads", "1"}),
+                  true);
+  std::this_thread::sleep_for(1s);
+  const auto start = Clock::now();
+  command.send(SIGINT);
+  EXPECT_THAT(command.read_stderr(), HasSubstr("itn: interrupted"));
+  EXPECT_EQ(command.wait(), 130);
+  EXPECT_LT(Clock::now() - start, 3s);
+  EXPECT_FALSE(std::filesystem::exists(folder.path("out.exr")));
+}
+
+TEST(ProbeCommand, TellsWhetherAWorkerServes) {
+  Process process(worker());
+  const std::string address = process.read_line();
+  for (const char* service : {"", "itn.v1.RenderService"}) {
+    const Finished finished = run({ITN, "probe", address, "--service", service});
+    EXPECT_EQ(finished.exit_code, 0) << finished.errors;
+    EXPECT_EQ(finished.output, "SERVING\n");
+  }
+  EXPECT_EQ(run({ITN, "probe", address, "--service", "no.such.Service"}).exit_code, 5);
+  process.send(SIGTERM);
+  EXPECT_EQ(process.wait(), 0);
+  EXPECT_EQ(run({ITN, "probe", address}).exit_code, 5);
+}
+
+TEST(Worker, DrainsOnSigterm) {
+  const TemporaryFolder folder;
+  Process process(worker({"--threads", "1"}));
+  const std::string address = process.read_line();
+  // One part of a second or so.
+  Process command(render(folder.write("scene.textproto", kSceneFile), folder.path("out.exr"),
+                         {"--film", "64x64", "--spp", "250", "--workers", address}),
+                  true);
+  std::this_thread::sleep_for(1s);
+  process.send(SIGTERM);
+  EXPECT_EQ(process.wait(), 0);
+  command.read_stderr();
+  EXPECT_EQ(command.wait(), 0);
+}
+
+TEST(Worker, StopsAtOnceOnASecondSignal) {
+  const TemporaryFolder folder;
+  Process process(worker({"--threads", "1"}));
+  const std::string address = process.read_line();
+  Process command(render(folder.write("scene.textproto", kSceneFile), folder.path("out.exr"),
+                         {"--film", "512x512", "--spp", "1000000", "--workers", address}),
+                  true);
+  std::this_thread::sleep_for(1s);
+  process.send(SIGTERM);
+  std::this_thread::sleep_for(200ms);
+  process.send(SIGTERM);
+  const auto start = Clock::now();
+  EXPECT_EQ(process.wait(), 130);
+  EXPECT_LT(Clock::now() - start, 1s);
+}
+
+TEST(ShapesCommand, ListsThem) {
+  const Finished finished = run({ITN, "shapes"});
+  EXPECT_EQ(finished.exit_code, 0);
+  EXPECT_THAT(finished.output, HasSubstr("sphere"));
+}
+
+TEST(Programs, TellTheirVersion) {
+  EXPECT_EQ(run({ITN, "--version"}).output, "itn " ITN_VERSION "\n");
+  EXPECT_EQ(run({ITN_WORKER, "--version"}).output, "itn-worker " ITN_VERSION "\n");
+}
+
+}  // namespace
+}  // namespace itn

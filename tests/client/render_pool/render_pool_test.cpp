@@ -1,0 +1,310 @@
+// The render pool with real worker processes.
+#include "client/render_pool/render_pool.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <future>
+#include <list>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "common/error.h"
+#include "tests/support/process.h"
+#include "tests/support/scenes.h"
+
+namespace itn {
+namespace {
+
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+using testing::cube_scene;
+using testing::deterministic_bytes;
+using testing::endless_request;
+using ::testing::HasSubstr;
+using testing::small_request;
+
+class WorkerProcess : public testing::Process {
+ public:
+  explicit WorkerProcess(const std::string& listen = "127.0.0.1:0",
+                         const std::vector<std::string>& flags = {})
+      : Process(command(listen, flags)), address_(read_line()) {}
+
+  const std::string& address() const { return address_; }
+
+ private:
+  static std::vector<std::string> command(const std::string& listen,
+                                          const std::vector<std::string>& flags) {
+    std::vector<std::string> command = {ITN_WORKER, "--listen",    listen, "--threads",
+                                        "1",        "--log-level", "error"};
+    command.insert(command.end(), flags.begin(), flags.end());
+    return command;
+  }
+
+  std::string address_;
+};
+
+RenderPoolOptions pool_of(const std::vector<std::string>& workers) {
+  RenderPoolOptions options;
+  options.workers = workers;
+  options.embedded_threads = 1;
+  return options;
+}
+
+// Different scenes and seeds, of unequal cost.
+std::vector<RenderJob> jobs(int count, uint32_t spp = 16) {
+  std::vector<RenderJob> jobs;
+  for (int i = 0; i < count; ++i) {
+    RenderJob job;
+    job.scene = serialize(cube_scene(16 + i % 3, 12));
+    job.request = small_request(spp + static_cast<uint32_t>(i) % 5);
+    job.request.set_seed(static_cast<uint64_t>(i));
+    jobs.push_back(job);
+  }
+  return jobs;
+}
+
+std::vector<std::string> render_all(RenderPool& pool, const std::vector<RenderJob>& jobs) {
+  std::vector<std::future<v1::RenderGradReply>> futures;
+  for (const RenderJob& job : jobs) futures.push_back(pool.submit(job));
+  std::vector<std::string> replies;
+  for (auto& future : futures) replies.push_back(deterministic_bytes(future.get()));
+  return replies;
+}
+
+// The pool is ready when its first worker is; a test of both needs the other one, too.
+void wait_until_both_render(RenderPool& pool) {
+  const auto start = Clock::now();
+  const RenderJob job = jobs(1, 4)[0];
+  while (pool.statistics().scenes_sent < 2 && Clock::now() - start < 20s) pool.submit(job).get();
+  ASSERT_EQ(pool.statistics().scenes_sent, 2U);
+}
+
+ErrorKind kind_of_failure(std::future<v1::RenderGradReply> future) {
+  try {
+    future.get();
+  } catch (const Error& error) {
+    return error.kind();
+  }
+  ADD_FAILURE() << "no error";
+  return ErrorKind::kInternal;
+}
+
+TEST(RenderPool, GivesTheSameBytesInEveryArrangement) {
+  WorkerProcess a, b;
+  RenderPool embedded(pool_of({}));
+  RenderPool one(pool_of({a.address()}));
+  RenderPool two(pool_of({a.address(), b.address()}));
+  const auto all = jobs(12);
+  const auto expected = render_all(embedded, all);
+  EXPECT_EQ(render_all(one, all), expected);
+  EXPECT_EQ(render_all(two, all), expected);
+  EXPECT_EQ(two.statistics().jobs, 12U);
+  EXPECT_EQ(two.statistics().retries, 0U);
+  EXPECT_GT(two.statistics().cpu_seconds, 0);
+  EXPECT_EQ(two.parallelism(), 2 * one.parallelism());
+}
+
+TEST(RenderPool, PutsASplitRenderTogetherBitForBit) {
+  WorkerProcess a, b;
+  RenderPool embedded(pool_of({}));
+  RenderPool two(pool_of({a.address(), b.address()}));
+  for (const uint32_t first : {0U, 3U}) {
+    RenderJob job = jobs(1, 50)[0];
+    if (first > 0) {
+      job.request.mutable_sample_range()->set_first(first);
+      job.request.mutable_sample_range()->set_count(31);
+    }
+    const std::string whole = deterministic_bytes(embedded.submit(job).get());
+    EXPECT_EQ(deterministic_bytes(embedded.render_split(job)), whole);
+    std::vector<double> fractions;
+    EXPECT_EQ(deterministic_bytes(two.render_split(job, [&](double f) { fractions.push_back(f); })),
+              whole);
+    EXPECT_EQ(fractions.back(), 1);
+    job.request.set_exact_sums(true);
+    EXPECT_EQ(deterministic_bytes(two.render_split(job)),
+              deterministic_bytes(embedded.submit(job).get()));
+  }
+}
+
+TEST(RenderPool, SplitsALargeRenderIntoSeveralParts) {
+  RenderPool pool(pool_of({}));
+  RenderJob job;
+  job.scene = serialize(cube_scene(256, 256));
+  job.request = small_request(40);  // 2.6 million samples
+  job.request.mutable_material()->set_albedo(0);
+  job.request.clear_derivatives();
+  pool.render_split(job);
+  EXPECT_EQ(pool.statistics().jobs, 2U);
+}
+
+TEST(RenderPool, SendsASceneOnlyToAWorkerThatDoesNotHoldIt) {
+  WorkerProcess a, b;
+  RenderPool pool_a(pool_of({a.address()}));
+  const RenderJob job = jobs(1)[0];
+  for (int i = 0; i < 3; ++i) pool_a.submit(job).get();
+  EXPECT_EQ(pool_a.statistics().scenes_sent, 1U);
+  RenderPool pool_b(pool_of({b.address()}));
+  pool_b.submit(job).get();
+  EXPECT_EQ(pool_b.statistics().scenes_sent, 1U);
+  RenderPool again(pool_of({a.address()}));
+  again.submit(job).get();
+  EXPECT_EQ(again.statistics().scenes_sent, 0U);
+}
+
+TEST(RenderPool, SendsTheSceneAgainToAWorkerThatForgotIt) {
+  WorkerProcess worker("127.0.0.1:0", {"--cache-mb", "0"});
+  RenderPool pool(pool_of({worker.address()}));
+  const auto two_scenes = jobs(2);
+  for (int i = 0; i < 2; ++i) {
+    for (const RenderJob& job : two_scenes) pool.submit(job).get();
+  }
+  EXPECT_EQ(pool.statistics().scenes_sent, 4U);
+}
+
+TEST(RenderPool, SurvivesAWorkerThatIsKilled) {
+  auto doomed = std::make_unique<WorkerProcess>();
+  WorkerProcess other;
+  const auto all = jobs(16, 150);
+  RenderPool embedded(pool_of({}));
+  const auto expected = render_all(embedded, all);
+  RenderPool pool(pool_of({doomed->address(), other.address()}));
+  wait_until_both_render(pool);
+  const uint64_t before = pool.statistics().jobs;
+  std::thread killer([&] {
+    while (pool.statistics().jobs < before + 4) std::this_thread::sleep_for(1ms);
+    doomed->send(SIGKILL);
+  });
+  EXPECT_EQ(render_all(pool, all), expected);
+  killer.join();
+  EXPECT_GT(pool.statistics().retries, 0U);
+}
+
+TEST(RenderPool, SurvivesAWorkerThatDrains) {
+  WorkerProcess doomed, other;
+  const auto all = jobs(16, 150);
+  RenderPool embedded(pool_of({}));
+  const auto expected = render_all(embedded, all);
+  RenderPool pool(pool_of({doomed.address(), other.address()}));
+  wait_until_both_render(pool);
+  const uint64_t before = pool.statistics().jobs;
+  std::thread stopper([&] {
+    while (pool.statistics().jobs < before + 4) std::this_thread::sleep_for(1ms);
+    doomed.send(SIGTERM);
+    EXPECT_EQ(doomed.wait(), 0);
+  });
+  EXPECT_EQ(render_all(pool, all), expected);
+  stopper.join();
+}
+
+TEST(RenderPool, SurvivesAWorkerThatHangs) {
+  WorkerProcess hanging, other;
+  RenderPool pool(pool_of({hanging.address(), other.address()}));
+  wait_until_both_render(pool);
+  hanging.send(SIGSTOP);
+  const auto start = Clock::now();
+  RenderPool embedded(pool_of({}));
+  const auto all = jobs(6);
+  EXPECT_EQ(render_all(pool, all), render_all(embedded, all));
+  EXPECT_GT(pool.statistics().retries, 0U);
+  EXPECT_LT(Clock::now() - start, 15s);  // 4 s by keepalive
+  hanging.send(SIGCONT);
+}
+
+TEST(RenderPool, FindsAWorkerThatIsStartedAgain) {
+  auto worker = std::make_unique<WorkerProcess>();
+  const std::string address = worker->address();
+  RenderPool pool(pool_of({address}));
+  const auto all = jobs(2);
+  const auto expected = render_all(pool, all);
+  worker.reset();  // kills it
+  const auto start = Clock::now();
+  auto replies = std::async(std::launch::async, [&] { return render_all(pool, all); });
+  std::this_thread::sleep_for(500ms);
+  worker = std::make_unique<WorkerProcess>(address);
+  EXPECT_EQ(replies.get(), expected);
+  EXPECT_LT(Clock::now() - start, 4s);
+}
+
+TEST(RenderPool, WaitsForPlaceInABusyWorker) {
+  WorkerProcess worker("127.0.0.1:0", {"--queue", "0"});
+  RenderPool pool(pool_of({worker.address()}));
+  RenderPool embedded(pool_of({}));
+  const auto all = jobs(5, 50);
+  EXPECT_EQ(render_all(pool, all), render_all(embedded, all));
+}
+
+TEST(RenderPool, GivesUpWhenAllWorkersStayAway) {
+  auto worker = std::make_unique<WorkerProcess>();
+  auto options = pool_of({worker->address()});
+  options.give_up_after = 700ms;
+  RenderPool pool(options);
+  worker.reset();
+  const auto start = Clock::now();
+  EXPECT_EQ(kind_of_failure(pool.submit(jobs(1)[0])), ErrorKind::kUnavailable);
+  EXPECT_LT(Clock::now() - start, 10s);
+}
+
+TEST(RenderPool, GivesUpARenderThatTakesTooLong) {
+  auto options = pool_of({});
+  options.deadline = 100ms;
+  RenderPool pool(options);
+  RenderJob job = jobs(1)[0];
+  job.request = endless_request();
+  try {
+    pool.submit(job).get();
+    FAIL() << "rendered";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.kind(), ErrorKind::kUnavailable);
+    EXPECT_THAT(error.what(), HasSubstr("longer than 0.1 s in each of 3 attempts"));
+  }
+}
+
+TEST(RenderPool, NamesTheWorkersIfNoneAnswers) {
+  auto options = pool_of({"127.0.0.1:1", "127.0.0.1:2"});
+  options.connect_within = 500ms;
+  try {
+    const RenderPool pool(options);
+    FAIL() << "connected";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.kind(), ErrorKind::kUnavailable);
+    EXPECT_THAT(error.what(), HasSubstr("127.0.0.1:1"));
+    EXPECT_THAT(error.what(), HasSubstr("127.0.0.1:2"));
+  }
+}
+
+TEST(RenderPool, DoesNotRetryWhatIsWrong) {
+  RenderPool pool(pool_of({}));
+  RenderJob bad = jobs(1)[0];
+  bad.request.mutable_material()->set_albedo(1.2);
+  EXPECT_EQ(kind_of_failure(pool.submit(bad)), ErrorKind::kInvalidInput);
+  bad = jobs(1)[0];
+  bad.scene = serialize(cube_scene(40000, 25000));
+  EXPECT_EQ(kind_of_failure(pool.submit(bad)), ErrorKind::kLimit);
+  EXPECT_THROW(pool.render_split(bad), Error);
+  EXPECT_EQ(pool.statistics().retries, 0U);
+}
+
+TEST(RenderPool, CancelsWhatIsUnderWayWhenItGoesAway) {
+  WorkerProcess worker;
+  for (const auto& workers : {std::vector<std::string>{}, {worker.address()}}) {
+    auto pool = std::make_unique<RenderPool>(pool_of(workers));
+    RenderJob job = jobs(1)[0];
+    job.request = endless_request();
+    std::list<std::future<v1::RenderGradReply>> futures;
+    for (int i = 0; i < 4; ++i) futures.push_back(pool->submit(job));
+    std::this_thread::sleep_for(200ms);
+    const auto start = Clock::now();
+    pool.reset();
+    EXPECT_LT(Clock::now() - start, 1s);
+    for (auto& future : futures) {
+      EXPECT_EQ(kind_of_failure(std::move(future)), ErrorKind::kCancelled);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace itn

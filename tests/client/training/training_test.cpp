@@ -1,0 +1,393 @@
+#include "client/training/training.h"
+
+#include <cmath>
+#include <csignal>
+#include <fstream>
+#include <sstream>
+
+#include <gmock/gmock.h>
+
+#include "client/json.h"
+#include "common/error.h"
+#include "common/learning/checkpoint.h"
+#include "common/scene/scene_bytes.h"
+
+namespace itn {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+constexpr int kSize = 16;
+constexpr size_t kPixels = kSize * kSize;
+constexpr int kItems = 12;
+
+// A renderer that is a smooth function of the material, pixel by pixel.
+double radiance(const Material& m, size_t p) {
+  const double u = static_cast<double>(p % kSize) / kSize;
+  const double v = static_cast<double>(p / kSize) / kSize;
+  return 0.2 + 2 * m.albedo * u + 3 * m.g * v * v + m.sigma_t / 100 * u * v;
+}
+Triple derivatives(size_t p) {
+  const double u = static_cast<double>(p % kSize) / kSize;
+  const double v = static_cast<double>(p / kSize) / kSize;
+  return {u * v / 100, 2 * u, 3 * v * v};
+}
+
+RenderEstimate render(const Material& m, double noise, uint64_t seed) {
+  SplitMix random(seed);
+  RenderEstimate estimate;
+  for (size_t p = 0; p < kPixels; ++p) {
+    const double error = noise * (random.uniform() - 0.5);
+    estimate.radiance.push_back(static_cast<float>(radiance(m, p) + error));
+    for (size_t i = 0; i < 3; ++i) {
+      estimate.derivatives[i].push_back(static_cast<float>(derivatives(p)[i] * (1 + error)));
+    }
+  }
+  return estimate;
+}
+
+std::vector<RenderingLoss> render_batch(std::span<const RenderQuery> queries) {
+  std::vector<RenderingLoss> result;
+  for (const RenderQuery& q : queries) {
+    const std::vector<RenderEstimate> estimates{render(q.material, 0.2, derive_seed(q.seed, {0})),
+                                                render(q.material, 0.2, derive_seed(q.seed, {1}))};
+    result.push_back(rendering_loss(q.image, q.weight, estimates));
+  }
+  return result;
+}
+
+class TrainingTest : public testing::Test {
+ protected:
+  TrainingTest() {
+    torch::set_num_threads(1);
+    fs::remove_all(folder_);
+    images_.resolution = kSize;
+    items_.resize(kItems);
+    SplitMix random(1);
+    for (v1::DatasetItem& item : items_) {
+      const Material m{30 + 240 * random.uniform(), 0.4 + 0.5 * random.uniform(),
+                       0.8 * random.uniform()};
+      images_.items.push_back(&item);
+      images_.truth.push_back(m);
+      images_.radiance.push_back(render(m, 0, 0).radiance);
+      images_.mask.emplace_back(kPixels, 1.0F);
+      for (size_t p = 0; p < kPixels; ++p) {  // a silhouette for the weight map
+        images_.mask.back()[p] = p % kSize < 2 ? 0.0F : 1.0F;
+      }
+    }
+    range_.mutable_sigma_t()->set_min(30);
+    range_.mutable_sigma_t()->set_max(276);
+    range_.mutable_albedo()->set_min(0.39);
+    range_.mutable_albedo()->set_max(0.95);
+    range_.mutable_g()->set_max(0.8);
+  }
+  ~TrainingTest() override { fs::remove_all(folder_); }
+
+  static v1::TrainingConfig config(v1::TrainingConfig::Loss loss, uint64_t steps = 20) {
+    v1::TrainingConfig config;
+    config.set_loss(loss);
+    config.set_parameterization(v1::SIMILARITY);
+    config.set_base_channels(8);
+    config.set_steps(steps);
+    config.set_batch(5);
+    config.set_learning_rate(1e-3);
+    config.set_seed(7);
+    config.set_spp(8);
+    config.set_estimates(2);
+    return config;
+  }
+
+  v1::Model start(v1::Parameterization parameterization = v1::SIMILARITY) const {
+    return fit_model(images_, range_, parameterization, 8);
+  }
+
+  TrainingRun run(bool resume = false) const {
+    TrainingRun result;
+    result.folder = folder_;
+    result.resume = resume;
+    result.checkpoint_every = 4;
+    return result;
+  }
+
+  v1::Checkpoint checkpoint() const { return read_checkpoint(folder_); }
+
+  // In hexadecimal: the bytes themselves are no help in a failure's message.
+  std::string digest() const { return to_hex(sha256(checkpoint().SerializeAsString())); }
+
+  std::vector<std::string> metrics() const {
+    std::ifstream file(folder_ / "metrics.jsonl");
+    std::vector<std::string> lines;
+    for (std::string line; std::getline(file, line);) {
+      // Time is the one thing that differs.
+      lines.push_back(line.substr(0, line.find("\"seconds\"")));
+    }
+    return lines;
+  }
+
+  fs::path folder_ =
+      fs::path(testing::TempDir()) /
+      (std::string("run-") + testing::UnitTest::GetInstance()->current_test_info()->name());
+  std::vector<v1::DatasetItem> items_;
+  LabelledImages images_;
+  v1::MaterialRange range_;
+};
+
+TEST_F(TrainingTest, FitsCoordinatesAndScaleToTheTruth) {
+  for (const auto parameterization : {v1::NAIVE, v1::SIMILARITY}) {
+    const OutputSpace space(start(parameterization));
+    Triple sum{}, squares{};
+    for (const Material& truth : images_.truth) {
+      const Triple z = space.standardized(truth);
+      for (size_t i = 0; i < 3; ++i) {
+        sum[i] += z[i] / kItems;
+        squares[i] += z[i] * z[i] / kItems;
+      }
+    }
+    for (size_t i = 0; i < 3; ++i) {
+      EXPECT_NEAR(sum[i], 0, 1e-9);
+      EXPECT_NEAR(squares[i], 1, 1e-9);
+    }
+  }
+}
+
+// The mean image loss as a function of the weights, against the gradient that reaches them.
+TEST_F(TrainingTest, RenderGradientReachesTheWeights) {
+  for (const auto parameterization : {v1::NAIVE, v1::SIMILARITY}) {
+    const v1::Model model = start(parameterization);
+    const OutputSpace space(model);
+    torch::manual_seed(3);
+    Encoder encoder(kSize, 2);
+    encoder->to(torch::kFloat64);
+    {  // predictions well inside the bounds, where the loss is smooth
+      const torch::NoGradGuard no_gradient;
+      for (torch::Tensor& head : encoder->named_children()["head"]->parameters()) {
+        head *= 0.01;
+      }
+    }
+    const torch::Tensor inputs = encoder_inputs(images_, model.image_scale());
+    const torch::Tensor wide = inputs.to(torch::kFloat64);
+    const auto losses = [&](const torch::Tensor& outputs, torch::Tensor* gradients) {
+      double mean = 0;
+      for (int64_t i = 0; i < kItems; ++i) {
+        const double* z = outputs[i].data_ptr<double>();
+        const Triple output{z[0], z[1], z[2]};
+        const std::vector<RenderEstimate> estimates(2, render(space.material(output), 0, 0));
+        const std::span<const float> weight(inputs[i][1].data_ptr<float>(), kPixels);
+        const auto item = static_cast<size_t>(i);
+        const RenderingLoss loss = rendering_loss(images_.radiance[item], weight, estimates);
+        mean += loss.value / kItems;
+        if (gradients != nullptr) {
+          const Triple g = space.output_gradient(output, loss.gradient);
+          for (int64_t k = 0; k < 3; ++k) {
+            (*gradients)[i][k] = g[static_cast<size_t>(k)];
+          }
+        }
+      }
+      return mean;
+    };
+    const torch::Tensor outputs = encoder->forward(wide);
+    torch::Tensor gradients = torch::empty({kItems, 3}, torch::kFloat64);
+    losses(outputs.detach(), &gradients);
+    stand_in(outputs, gradients).backward();
+    const torch::NoGradGuard no_gradient;
+    for (torch::Tensor& weights : encoder->parameters()) {
+      const torch::Tensor direction = torch::randn_like(weights);
+      const double expected = (weights.grad() * direction).sum().item<double>();
+      constexpr double kStep = 1e-4;
+      weights += kStep * direction;
+      const double up = losses(encoder->forward(wide), nullptr);
+      weights -= 2 * kStep * direction;
+      const double down = losses(encoder->forward(wide), nullptr);
+      weights += kStep * direction;
+      const double measured = (up - down) / (2 * kStep);
+      EXPECT_NEAR(measured, expected, 0.01 * std::abs(expected) + 2e-5);
+    }
+  }
+}
+
+double mean_of_20(const std::vector<double>& values, size_t first) {
+  double sum = 0;
+  for (size_t i = first; i < first + 20; ++i) {
+    sum += values.at(i) / 20;
+  }
+  return sum;
+}
+
+TEST_F(TrainingTest, RegressionLearnsTheTruth) {
+  std::vector<double> losses;
+  TrainingRun r = run();
+  r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.regression_loss()); };
+  train(config(v1::TrainingConfig::RN, 300), images_, start(), {}, r);
+  EXPECT_LT(mean_of_20(losses, 280), 0.3 * mean_of_20(losses, 0));
+}
+
+// With the image term alone the network finds materials that reproduce the images.
+TEST_F(TrainingTest, ImageTermAloneLowersTheImageLoss) {
+  v1::TrainingConfig c = config(v1::TrainingConfig::ITN, 300);
+  c.set_lambda(1e6);
+  std::vector<double> losses;
+  TrainingRun r = run();
+  r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.image_loss()); };
+  train(c, images_, start(), render_batch, r);
+  EXPECT_LT(mean_of_20(losses, 280), 0.3 * mean_of_20(losses, 0));
+}
+
+TEST_F(TrainingTest, BothTermsPullAboutEquallyHard) {
+  std::vector<double> lambdas;
+  TrainingRun r = run();
+  r.report = [&](const v1::TrainingMetrics& m) { lambdas.push_back(m.lambda()); };
+  train(config(v1::TrainingConfig::ITN), images_, start(), render_batch, r);
+  const v1::TrainingState state = checkpoint().training();
+  EXPECT_EQ(state.balance_steps(), 10);
+  EXPECT_DOUBLE_EQ(lambdas[9] * state.image_gradient(), state.regression_gradient());
+  for (size_t i = 10; i < lambdas.size(); ++i) {
+    EXPECT_EQ(lambdas[i], lambdas[9]);
+  }
+}
+
+class ResumeTest : public TrainingTest,
+                   public testing::WithParamInterface<v1::TrainingConfig::Loss> {};
+
+// Stops in the middle, in steps 1 (nothing saved but by the stop), 6 (while lambda is measured) and
+// 13.
+TEST_P(ResumeTest, AfterAStopEndsWithTheSameWeights) {
+  train(config(GetParam()), images_, start(), render_batch, run());
+  const std::string straight = digest();
+  const std::vector<std::string> straight_metrics = metrics();
+  fs::remove_all(folder_);
+  for (const uint64_t stop_at : {1, 6, 13}) {
+    std::stop_source stop;
+    TrainingRun r = run(true);
+    r.stop = stop.get_token();
+    r.report = [&](const v1::TrainingMetrics& m) {
+      if (m.step() >= stop_at) {
+        stop.request_stop();
+      }
+    };
+    EXPECT_THROW(train(config(GetParam()), images_, start(), render_batch, r), Error);
+    EXPECT_EQ(checkpoint().training().step(), stop_at);
+  }
+  train(config(GetParam()), images_, start(), render_batch, run(true));
+  EXPECT_EQ(digest(), straight);
+  EXPECT_EQ(metrics(), straight_metrics);
+}
+
+// Killed without warning: the process ends between two checkpoints.
+TEST_P(ResumeTest, AfterAKillEndsWithTheSameWeights) {
+  testing::GTEST_FLAG(death_test_style) = "threadsafe";
+  train(config(GetParam()), images_, start(), render_batch, run());
+  const std::string straight = digest();
+  const std::vector<std::string> straight_metrics = metrics();
+  fs::remove_all(folder_);
+  TrainingRun r = run(true);
+  r.report = [&](const v1::TrainingMetrics& m) {
+    if (m.step() == 11) {
+      std::raise(SIGKILL);
+    }
+  };
+  EXPECT_EXIT(train(config(GetParam()), images_, start(), render_batch, r),
+              testing::KilledBySignal(SIGKILL), "");
+  EXPECT_EQ(checkpoint().training().step(), 8);
+  EXPECT_EQ(metrics().size(), 11);
+  train(config(GetParam()), images_, start(), render_batch, run(true));
+  EXPECT_EQ(digest(), straight);
+  EXPECT_EQ(metrics(), straight_metrics);
+}
+
+INSTANTIATE_TEST_SUITE_P(Losses, ResumeTest,
+                         testing::Values(v1::TrainingConfig::RN, v1::TrainingConfig::ITN),
+                         [](const auto& test) {
+                           return v1::TrainingConfig::Loss_Name(test.param);
+                         });
+
+TEST_F(TrainingTest, AFailedStepChangesNothing) {
+  const v1::TrainingConfig c = config(v1::TrainingConfig::ITN);
+  bool fail = false;
+  Trainer trainer(c, images_, start(), [&](std::span<const RenderQuery> queries) {
+    if (fail) {
+      throw Error(ErrorKind::kUnavailable, "no worker answers");
+    }
+    return render_batch(queries);
+  });
+  trainer.step();
+  const std::string before = sha256(trainer.checkpoint().SerializeAsString());
+  fail = true;
+  EXPECT_THROW(trainer.step(), Error);
+  EXPECT_EQ(sha256(trainer.checkpoint().SerializeAsString()), before);
+}
+
+TEST_F(TrainingTest, WarmStartKeepsWeightsAndCoordinates) {
+  train(config(v1::TrainingConfig::RN), images_, start(), {}, run());
+  const v1::Model trained = checkpoint().model();
+  Trainer trainer(config(v1::TrainingConfig::ITN), images_, trained, render_batch);
+  EXPECT_TRUE(trainer.checkpoint().model().weights() == trained.weights());
+  EXPECT_EQ(trainer.checkpoint().model().mean(0), trained.mean(0));
+  EXPECT_EQ(trainer.checkpoint().model().name(), "itn-similarity");
+  EXPECT_EQ(trainer.steps_taken(), 0);
+}
+
+TEST_F(TrainingTest, SaysWhyItDoesNotContinue) {
+  train(config(v1::TrainingConfig::RN), images_, start(), {}, run());
+  const auto expect = [&](const v1::TrainingConfig& c, bool resume, const std::string& message) {
+    try {
+      train(c, images_, start(), {}, run(resume));
+      ADD_FAILURE() << message;
+    } catch (const Error& error) {
+      EXPECT_EQ(error.kind(), ErrorKind::kInvalidInput);
+      EXPECT_THAT(error.what(), HasSubstr(message));
+    }
+  };
+  expect(config(v1::TrainingConfig::RN), false, "--resume continues it");
+  v1::TrainingConfig other = config(v1::TrainingConfig::RN);
+  other.set_batch(6);
+  expect(other, true, "batch: 5 -> 6");
+}
+
+TEST_F(TrainingTest, ContinuesForMoreSteps) {
+  train(config(v1::TrainingConfig::RN, 20), images_, start(), {}, run());
+  train(config(v1::TrainingConfig::RN, 30), images_, start(), {}, run(true));
+  const std::string continued = digest();
+  fs::remove_all(folder_);
+  train(config(v1::TrainingConfig::RN, 30), images_, start(), {}, run());
+  EXPECT_EQ(digest(), continued);
+}
+
+TEST(TrainingConfig, RefusesWhatCannotWork) {
+  struct Row {
+    const char* message;
+    std::function<void(v1::TrainingConfig&)> spoil;
+  };
+  const Row rows[] = {
+      {"loss", [](auto& c) { c.set_loss(v1::TrainingConfig::LOSS_UNSPECIFIED); }},
+      {"parameterization", [](auto& c) { c.clear_parameterization(); }},
+      {"steps", [](auto& c) { c.set_steps(0); }},
+      {"batch", [](auto& c) { c.set_batch(0); }},
+      {"learning rate", [](auto& c) { c.set_learning_rate(-1); }},
+      {"learning rate", [](auto& c) { c.set_learning_rate(NAN); }},
+      {"estimates", [](auto& c) { c.set_estimates(1); }},
+      {"spp", [](auto& c) { c.set_spp(1); }},
+      {"lambda", [](auto& c) { c.set_lambda(-1); }},
+  };
+  for (const Row& row : rows) {
+    v1::TrainingConfig c;
+    c.set_loss(v1::TrainingConfig::ITN);
+    c.set_parameterization(v1::NAIVE);
+    c.set_steps(1);
+    c.set_batch(1);
+    c.set_learning_rate(1e-4);
+    c.set_spp(2);
+    c.set_estimates(2);
+    EXPECT_NO_THROW(validate(c));
+    row.spoil(c);
+    try {
+      validate(c);
+      ADD_FAILURE() << row.message;
+    } catch (const Error& error) {
+      EXPECT_THAT(error.what(), HasSubstr(row.message));
+    }
+  }
+}
+
+}  // namespace
+}  // namespace itn

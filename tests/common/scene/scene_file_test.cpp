@@ -1,0 +1,195 @@
+#include "common/scene/scene_file.h"
+
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <cstring>
+#include <string>
+
+#include "common/error.h"
+#include "common/image/image.h"
+#include "tests/support/expect_error.h"
+#include "tests/support/temporary_folder.h"
+
+namespace itn {
+namespace {
+
+using testing::expect_error;
+using testing::TemporaryFolder;
+
+constexpr const char* kObj =
+    "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+
+template <typename T>
+T element(const std::string& bytes, size_t i) {
+  T value;
+  std::memcpy(&value, bytes.data() + i * sizeof(T), sizeof(T));
+  return value;
+}
+
+TEST(SceneFile, ReadsTextWithComments) {
+  const TemporaryFolder folder;
+  const v1::Scene scene = load_scene(folder.write("scene.txt", R"(
+    # A ball under a clear sky.
+    object { mesh { builtin: "sphere" normalize: true } }
+    lights { sun_sky { turbidity: 4 } }
+    camera { origin { y: 8.78 z: -32.8 } fov_degrees: 2.5 }
+    film { width: 64 height: 32 channel: RED }
+  )"));
+  EXPECT_EQ(scene.object().mesh().builtin(), "sphere");
+  EXPECT_TRUE(scene.object().mesh().normalize());
+  EXPECT_EQ(scene.lights(0).sun_sky().turbidity(), 4);
+  EXPECT_FALSE(scene.lights(0).sun_sky().has_ground_albedo());
+  EXPECT_EQ(scene.camera().fov_degrees(), 2.5F);
+  EXPECT_EQ(scene.film().width(), 64U);
+  EXPECT_EQ(scene.film().channel(), v1::Film::RED);
+}
+
+TEST(SceneFile, PutsMeshesInThePlaceOfPathsBesideIt) {
+  const TemporaryFolder folder;
+  std::filesystem::create_directory(folder.path() / "meshes");
+  folder.write("meshes/t.obj", kObj);
+  const v1::Scene scene = load_scene(folder.write("scene.txt", R"(
+    object { mesh { path: "meshes/t.obj" transforms { translate { y: 1 } } } }
+    surfaces { mesh { path: "meshes/t.obj" } }
+    surfaces { rectangle { half_u { x: 1 } half_v { z: 1 } } }
+  )"));
+  for (const v1::Mesh& mesh : {scene.object().mesh(), scene.surfaces(0).mesh()}) {
+    ASSERT_TRUE(mesh.has_triangles());
+    EXPECT_EQ(mesh.triangles().positions().size(), 4U * 12);
+    EXPECT_EQ(mesh.triangles().indices().size(), 4U * 12);
+    EXPECT_LT(element<uint32_t>(mesh.triangles().indices(), 11), 4U);
+  }
+  EXPECT_EQ(scene.object().mesh().transforms_size(), 1);
+  EXPECT_TRUE(scene.surfaces(1).has_rectangle());
+}
+
+TEST(SceneFile, PutsPixelsInThePlaceOfPanoramas) {
+  const TemporaryFolder folder;
+  Image gray{.width = 2, .height = 1, .channels = {{"Y", {0.5F, 7}}}, .attributes = {}};
+  write_exr(folder.path() / "gray.exr", gray);
+  Image coloured = gray;
+  coloured.channels = {{"R", {1, 2}}, {"G", {3, 4}}, {"B", {5, 6}}, {"A", {9, 9}}};
+  write_exr(folder.path() / "coloured.exr", coloured);
+  const v1::Scene scene = load_scene(folder.write("scene.txt", R"(
+    lights { environment_map { path: "gray.exr" scale: 2 } }
+    lights { environment_map { path: "coloured.exr" } }
+  )"));
+  const auto rgb = [&](int light) {
+    const v1::Pixels& pixels = scene.lights(light).environment_map().pixels();
+    EXPECT_EQ(pixels.width(), 2U);
+    EXPECT_EQ(pixels.height(), 1U);
+    std::vector<float> values;
+    for (size_t i = 0; i < pixels.rgb().size() / sizeof(float); ++i) {
+      values.push_back(element<float>(pixels.rgb(), i));
+    }
+    return values;
+  };
+  EXPECT_EQ(rgb(0), (std::vector<float>{0.5F, 0.5F, 0.5F, 7, 7, 7}));
+  EXPECT_EQ(rgb(1), (std::vector<float>{1, 3, 5, 2, 4, 6}));
+  EXPECT_EQ(scene.lights(0).environment_map().scale(), 2);
+}
+
+// --- Bad scene files: a row each
+// ------------------------------------------------------------------------
+
+struct BadScene {
+  const char* name;
+  const char* text;
+  ErrorKind kind;
+  std::vector<std::string> message;
+};
+
+const std::vector<BadScene> kBadScenes{
+    {"unknown_field",
+     "film { width: 64 }\ncamera {\n  focus: 3\n}\n",
+     ErrorKind::kInvalidInput,
+     {"scene.txt:3:", "focus", "itn.v1.Camera"}},
+    {"unknown_enum",
+     "film { channel: INFRARED }",
+     ErrorKind::kInvalidInput,
+     {"scene.txt:1:", "INFRARED"}},
+    {"wrong_type", "film {\n  width: \"wide\"\n}", ErrorKind::kInvalidInput, {"scene.txt:2:10: "}},
+    {"negative_width", "film { width: -1 }", ErrorKind::kInvalidInput, {"scene.txt:1:15: "}},
+    {"unclosed", "film { width: 1", ErrorKind::kInvalidInput, {"scene.txt:1:"}},
+    {"twice",
+     "film { width: 1 }\nfilm { width: 2 }",
+     ErrorKind::kInvalidInput,
+     {"scene.txt:2:", "film"}},
+    {"two_sources",
+     "object { mesh { builtin: \"cube\"\n path: \"a.ply\" } }",
+     ErrorKind::kInvalidInput,
+     {"scene.txt:2:", "path"}},
+    {"unknown_shape",
+     "object { mesh { builtin: \"teapot\" } }",
+     ErrorKind::kInvalidInput,
+     {"teapot", "sphere, cube"}},
+    {"missing_mesh", "object { mesh { path: \"gone.ply\" } }", ErrorKind::kIo, {"gone.ply"}},
+    {"missing_panorama",
+     "lights { environment_map { path: \"gone.exr\" } }",
+     ErrorKind::kIo,
+     {"gone.exr"}},
+    {"panorama_without_colour",
+     "lights { environment_map { path: \"depth.exr\" } }",
+     ErrorKind::kInvalidInput,
+     {"depth.exr", "R, G, B, or Y"}},
+    {"panorama_with_nan",
+     "lights { environment_map { path: \"nan.exr\" } }",
+     ErrorKind::kInvalidInput,
+     {"nan.exr", "channel Y", "x = 1, y = 0"}},
+};
+
+class BadSceneTest : public ::testing::TestWithParam<BadScene> {};
+
+TEST_P(BadSceneTest, IsRefused) {
+  const TemporaryFolder folder;
+  write_exr(folder.path() / "depth.exr",
+            {.width = 1, .height = 1, .channels = {{"Z", {1}}}, .attributes = {}});
+  write_exr(folder.path() / "nan.exr",
+            {.width = 2, .height = 1, .channels = {{"Y", {1, NAN}}}, .attributes = {}});
+  const auto path = folder.write("scene.txt", GetParam().text);
+  expect_error(GetParam().kind, GetParam().message, [&] { load_scene(path); });
+}
+
+INSTANTIATE_TEST_SUITE_P(Table, BadSceneTest, ::testing::ValuesIn(kBadScenes),
+                         [](const auto& row) { return std::string(row.param.name); });
+
+TEST(SceneFile, MissingFileIsAnIoError) {
+  expect_error(ErrorKind::kIo, {"cannot open the scene", "gone.txt"},
+               [] { load_scene("gone.txt"); });
+}
+
+// --- Bytes and digests
+// -------------------------------------------------------------------------------------
+
+// FIPS 180-4 examples.
+TEST(SceneBytes, Sha256) {
+  EXPECT_EQ(to_hex(sha256("")), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+  EXPECT_EQ(to_hex(sha256("abc")),
+            "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+}
+
+TEST(SceneBytes, SerializeKeepsTheSceneAndItsDigest) {
+  v1::Scene scene;
+  scene.mutable_object()->mutable_mesh()->set_builtin("cube");
+  scene.mutable_film()->set_width(12);
+  const auto serialized = serialize(scene);
+  v1::Scene read;
+  ASSERT_TRUE(read.ParseFromString(serialized->bytes));
+  EXPECT_EQ(read.object().mesh().builtin(), "cube");
+  EXPECT_EQ(read.film().width(), 12U);
+  EXPECT_EQ(serialized->digest, sha256(serialized->bytes));
+  EXPECT_EQ(serialized->bytes, serialize(v1::Scene(scene))->bytes);
+  scene.mutable_film()->set_width(13);
+  EXPECT_NE(serialized->digest, serialize(scene)->digest);
+}
+
+TEST(SceneBytes, ArraysAreLittleEndian) {
+  std::string bytes;
+  append_little_endian(bytes, uint32_t{0x01020304});
+  append_little_endian(bytes, 1.0F);
+  EXPECT_EQ(bytes, std::string("\x04\x03\x02\x01\x00\x00\x80\x3f", 8));
+}
+
+}  // namespace
+}  // namespace itn

@@ -1,0 +1,650 @@
+// The render service behind real channels.
+#include <gmock/gmock.h>
+#include <google/protobuf/wrappers.pb.h>
+#include <grpcpp/create_channel.h>
+#include <grpcpp/generic/generic_stub.h>
+#include <grpcpp/impl/codegen/proto_utils.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <functional>
+#include <future>
+#include <limits>
+#include <memory>
+#include <ostream>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "common/error.h"
+#include "common/scene/scene_bytes.h"
+#include "itn/v1/render.grpc.pb.h"
+#include "server/render/render_reply.h"
+#include "server/render/render_server.h"
+#include "server/render/rendering_loss.h"
+#include "tests/support/scenes.h"
+
+namespace itn {
+namespace {
+
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+using testing::cube_scene;
+using testing::deterministic_bytes;
+using testing::endless_request;
+using ::testing::HasSubstr;
+using testing::small_request;
+
+struct Answer {
+  grpc::Status status;
+  v1::RenderGradReply reply;
+};
+
+class Client {
+ public:
+  explicit Client(const std::shared_ptr<grpc::Channel>& channel)
+      : stub_(v1::RenderService::NewStub(channel)) {}
+
+  Answer call(const v1::RenderGradRequest& request, std::chrono::milliseconds deadline = 60s) {
+    grpc::ClientContext context;
+    return call(context, request, deadline);
+  }
+
+  Answer call(grpc::ClientContext& context, const v1::RenderGradRequest& request,
+              std::chrono::milliseconds deadline = 60s) {
+    context.set_deadline(std::chrono::system_clock::now() + deadline);
+    Answer answer;
+    answer.status = stub_->RenderGrad(&context, request, &answer.reply);
+    return answer;
+  }
+
+  v1::Capabilities capabilities() {
+    grpc::ClientContext context;
+    v1::Capabilities reply;
+    EXPECT_TRUE(stub_->GetCapabilities(&context, {}, &reply).ok());
+    return reply;
+  }
+
+ private:
+  std::unique_ptr<v1::RenderService::Stub> stub_;
+};
+
+v1::RenderGradRequest with_scene(v1::RenderGradRequest request,
+                                 const v1::Scene& scene = cube_scene()) {
+  request.set_scene(serialize(scene)->bytes);
+  return request;
+}
+
+RenderServerOptions options_with(const std::function<void(RenderServiceOptions&)>& change) {
+  RenderServerOptions options;
+  options.service.threads = 1;
+  change(options.service);
+  return options;
+}
+
+RenderServerOptions one_thread() {
+  return options_with([](RenderServiceOptions&) {});
+}
+
+std::shared_ptr<grpc::Channel> connect(const RenderServer& server) {
+  grpc::ChannelArguments arguments;
+  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
+  return grpc::CreateCustomChannel(server.address(), grpc::InsecureChannelCredentials(), arguments);
+}
+
+void set_loss(v1::RenderGradRequest& request, const std::vector<float>& image,
+              const std::vector<float>& weight) {
+  request.mutable_loss()->set_image(to_bytes(image));
+  request.mutable_loss()->set_weight(to_bytes(weight));
+}
+
+// ---- Answers ---------------------------------------------------------------------------------
+
+TEST(RenderService, GivesTheSameBytesWhereverAndWithHoweverManyThreads) {
+  RenderServer one(one_thread());
+  auto options = options_with([](auto& o) { o.threads = 2; });
+  options.listen = "127.0.0.1:0";
+  RenderServer two(options);
+  const auto request = with_scene(small_request());
+  const Answer a = Client(one.in_process_channel()).call(request);
+  const Answer b = Client(two.in_process_channel()).call(request);
+  const Answer c = Client(connect(two)).call(request);
+  ASSERT_TRUE(a.status.ok()) << a.status.error_message();
+  EXPECT_EQ(deterministic_bytes(a.reply), deterministic_bytes(b.reply));
+  EXPECT_EQ(deterministic_bytes(a.reply), deterministic_bytes(c.reply));
+  EXPECT_EQ(a.reply.counters().invalid_samples(), 0U);
+  EXPECT_EQ(a.reply.counters().paths(), 16U * 12 * 8);
+}
+
+TEST(RenderService, ReturnsTheImagesInTheOrderAsked) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  auto request = with_scene(small_request());
+  const Answer all = client.call(request);
+  ASSERT_TRUE(all.status.ok()) << all.status.error_message();
+  EXPECT_EQ(all.reply.width(), 16U);
+  EXPECT_EQ(all.reply.height(), 12U);
+  EXPECT_NO_THROW(check_reply(all.reply, request));
+  request.clear_derivatives();
+  request.add_derivatives(v1::SIGMA_S);
+  request.add_derivatives(v1::G);
+  const Answer two = client.call(request);
+  ASSERT_TRUE(two.status.ok()) << two.status.error_message();
+  for (int k = 0; k < 2; ++k) {
+    EXPECT_EQ(two.reply.estimates(k).derivatives(0), all.reply.estimates(k).derivatives(4));
+    EXPECT_EQ(two.reply.estimates(k).derivatives(1), all.reply.estimates(k).derivatives(2));
+  }
+}
+
+TEST(RenderService, AppliesTheChainRule) {
+  RenderServer server(one_thread());
+  const Answer answer = Client(server.in_process_channel()).call(with_scene(small_request()));
+  ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+  const auto& estimate = answer.reply.estimates(0);
+  const auto d_t = from_bytes<float>(estimate.derivatives(0)),
+             d_albedo = from_bytes<float>(estimate.derivatives(1));
+  const auto d_a = from_bytes<float>(estimate.derivatives(3)),
+             d_s = from_bytes<float>(estimate.derivatives(4));
+  const auto d_reduced = from_bytes<float>(estimate.derivatives(5));
+  double total = 0;
+  for (size_t i = 0; i < d_t.size(); ++i) {
+    const double scale = 1e-5 * (1 + std::abs(d_t[i]) + std::abs(d_albedo[i]));
+    EXPECT_NEAR(d_a[i], d_t[i] - 0.9 / 8 * d_albedo[i], scale);
+    EXPECT_NEAR(d_s[i], d_t[i] + 0.1 / 8 * d_albedo[i], scale);
+    EXPECT_NEAR(d_reduced[i], d_s[i] / 0.7, scale);
+    total += std::abs(d_t[i]);
+  }
+  EXPECT_GT(total, 0);
+}
+
+// The loss that a worker answers with is that of the images that it would have sent, and its
+// gradient follows the chain rule.
+TEST(RenderService, AnswersWithLossAndGradient) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::RenderGradRequest request = with_scene(small_request());
+  request.set_spp(32);
+  request.set_estimates(4);
+  request.set_pixels(v1::OBJECT_PIXELS);
+  request.clear_derivatives();
+  for (const v1::Parameter p : {v1::SIGMA_T, v1::ALBEDO, v1::G}) request.add_derivatives(p);
+  const v1::RenderGradReply images = client.call(request).reply;
+  const size_t pixels = size_t{images.width()} * images.height();
+  ASSERT_GT(pixels, 0U);
+  const std::vector<float> image(pixels, 5);
+  const std::vector<float> mask = from_bytes<float>(images.mask());
+  std::vector<float> weight(pixels);
+  for (size_t p = 0; p < pixels; ++p) weight[p] = static_cast<float>(p % 3) * (mask[p] > 0 ? 1 : 0);
+  std::vector<RenderEstimate> estimates;
+  for (const v1::Estimate& e : images.estimates()) {
+    estimates.push_back({from_bytes<float>(e.radiance()),
+                         {from_bytes<float>(e.derivatives(0)), from_bytes<float>(e.derivatives(1)),
+                          from_bytes<float>(e.derivatives(2))},
+                         {}});
+  }
+  const RenderingLoss expected = rendering_loss(image, weight, estimates);
+
+  set_loss(request, image, weight);
+  const Answer answer = client.call(request);
+  ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+  EXPECT_DOUBLE_EQ(answer.reply.loss(), expected.value);
+  ASSERT_EQ(answer.reply.loss_gradient_size(), 3);
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_DOUBLE_EQ(answer.reply.loss_gradient(i), expected.gradient[static_cast<size_t>(i)]);
+  }
+  EXPECT_TRUE(answer.reply.estimates().empty());
+
+  request.clear_derivatives();
+  request.add_derivatives(v1::SIGMA_S_REDUCED);
+  const Answer reduced = client.call(request);
+  const auto& m = request.material();
+  const double by_sigma_s =
+      expected.gradient[0] + expected.gradient[1] * (1 - m.albedo()) / m.sigma_t();
+  ASSERT_EQ(reduced.reply.loss_gradient_size(), 1);
+  EXPECT_NEAR(reduced.reply.loss_gradient(0), by_sigma_s / (1 - m.g()),
+              1e-9 * std::abs(by_sigma_s));
+}
+
+// With a pilot, the samples of a loss go where its weight and image say.
+TEST(RenderService, PutsTheSamplesOfALossWhereItNeedsThem) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::RenderGradRequest request = with_scene(small_request());
+  request.set_spp(32);
+  request.set_estimates(2);
+  request.set_pilot_spp(4);
+  request.clear_derivatives();
+  request.add_derivatives(v1::ALBEDO);
+  const tracer::Scene scene(build_scene(parse_scene(request.scene()), {}));
+  const size_t pixels = static_cast<size_t>(scene.width()) * static_cast<size_t>(scene.height());
+  std::vector<float> image(pixels), weight(pixels);
+  for (size_t p = 0; p < pixels; ++p) {
+    image[p] = 1 + static_cast<float>(p % 7);
+    weight[p] = static_cast<float>(p % 3);
+  }
+  set_loss(request, image, weight);
+  const Answer answer = client.call(request);
+  ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+
+  tracer::RenderSettings settings = build_settings(request, {});
+  settings.importance = loss_importance(image, weight);
+  const tracer::FilmSums sums = render_grad(scene, settings);
+  const RenderingLoss expected = rendering_loss(image, weight, means(sums).estimates);
+  EXPECT_DOUBLE_EQ(answer.reply.loss(), expected.value);
+  EXPECT_DOUBLE_EQ(answer.reply.loss_gradient(0), expected.gradient[tracer::kAlbedo]);
+}
+
+TEST(RenderService, GivesSeveralAlbedosInTheOrderAsked) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::RenderGradRequest request = with_scene(small_request());
+  request.add_albedos(0);
+  request.add_albedos(request.material().albedo());
+  const Answer answer = client.call(request);
+  ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+  ASSERT_EQ(answer.reply.estimates(0).at_albedos_size(), 2);
+  EXPECT_EQ(answer.reply.estimates(0).at_albedos(1), answer.reply.estimates(0).radiance());
+  EXPECT_NE(answer.reply.estimates(0).at_albedos(0), answer.reply.estimates(0).radiance());
+}
+
+TEST(RenderService, SumsOfPartsAreTheSumsOfTheWhole) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  const auto request = with_scene(small_request(11));
+  auto part = request;
+  part.set_exact_sums(true);
+  part.mutable_sample_range()->set_count(4);
+  const Answer first = client.call(part);
+  part.mutable_sample_range()->set_first(4);
+  part.mutable_sample_range()->set_count(7);
+  const Answer second = client.call(part);
+  const Answer whole = client.call(request);
+  ASSERT_TRUE(first.status.ok() && second.status.ok() && whole.status.ok());
+  EXPECT_EQ(first.reply.estimates_size(), 0);
+  tracer::FilmSums sums = film_sums(first.reply);
+  tracer::merge(sums, film_sums(second.reply));
+  EXPECT_EQ(deterministic_bytes(make_reply(sums, request)), deterministic_bytes(whole.reply));
+}
+
+TEST(RenderService, ReportsItsLimits) {
+  RenderServer server(options_with([](auto& o) {
+    o.threads = 3;
+    o.queue_capacity = 4;
+    o.limits = {100, 200, 300, 400'000};
+  }));
+  const v1::Capabilities c = Client(server.in_process_channel()).capabilities();
+  EXPECT_EQ(c.threads(), 3U);
+  EXPECT_EQ(c.queue_capacity(), 4U);
+  EXPECT_EQ(c.max_pixels(), 100U);
+  EXPECT_EQ(c.max_spp(), 200U);
+  EXPECT_EQ(c.max_triangles(), 300U);
+  EXPECT_EQ(c.max_message_bytes(), 400'000U);
+  EXPECT_EQ(c.version(), ITN_VERSION);
+}
+
+// ---- Digests ---------------------------------------------------------------------------------
+
+TEST(RenderService, SaysByDigestThatItDoesNotHoldAScene) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  const auto scene = serialize(cube_scene());
+  auto by_digest = small_request();
+  by_digest.set_scene_digest(scene->digest);
+
+  const Answer unknown = client.call(by_digest);
+  EXPECT_EQ(unknown.status.error_code(), grpc::FAILED_PRECONDITION);
+  v1::SceneNotHeld details;
+  ASSERT_TRUE(details.ParseFromString(unknown.status.error_details()));
+  EXPECT_EQ(details.scene_digest(), scene->digest);
+
+  auto with_both = by_digest;
+  with_both.set_scene(scene->bytes);
+  const Answer sent = client.call(with_both);
+  ASSERT_TRUE(sent.status.ok()) << sent.status.error_message();
+  const Answer known = client.call(by_digest);
+  ASSERT_TRUE(known.status.ok()) << known.status.error_message();
+  EXPECT_EQ(deterministic_bytes(sent.reply), deterministic_bytes(known.reply));
+}
+
+// ---- Refusals --------------------------------------------------------------------------------
+
+struct BadRequest {
+  const char* name;
+  std::function<void(v1::RenderGradRequest&)> spoil;
+  const char* message;  // a piece of it
+  grpc::StatusCode code = grpc::INVALID_ARGUMENT;
+};
+
+void film(v1::RenderGradRequest& request, uint32_t width, uint32_t height) {
+  v1::Scene scene = cube_scene();
+  scene.mutable_film()->set_width(width);
+  scene.mutable_film()->set_height(height);
+  request.set_scene(scene.SerializeAsString());
+}
+
+void open_mesh(v1::RenderGradRequest& request) {
+  v1::Scene scene = cube_scene();
+  std::string& indices =
+      *scene.mutable_object()->mutable_mesh()->mutable_triangles()->mutable_indices();
+  indices.resize(indices.size() - 12);
+  request.set_scene(scene.SerializeAsString());
+}
+
+void inside_out(v1::RenderGradRequest& request) {
+  v1::Scene scene = cube_scene();
+  std::string& indices =
+      *scene.mutable_object()->mutable_mesh()->mutable_triangles()->mutable_indices();
+  for (size_t i = 0; i < indices.size(); i += 12)
+    std::swap_ranges(&indices[i], &indices[i] + 4, &indices[i] + 4);
+  request.set_scene(scene.SerializeAsString());
+}
+
+// A loss over the 16 x 12 pixels of cube_scene().
+void add_loss(v1::RenderGradRequest& request, float image = 1, float weight = 1) {
+  set_loss(request, std::vector<float>(16 * 12, image), std::vector<float>(16 * 12, weight));
+}
+
+const BadRequest kBadRequests[] = {
+    {"NoScene", [](auto& r) { r.clear_scene(); }, "scene or scene_digest is missing"},
+    {"ShortDigest", [](auto& r) { r.set_scene_digest("abc"); },
+     "scene_digest has 3 bytes; a SHA-256 has 32"},
+    {"WrongDigest", [](auto& r) { r.set_scene_digest(std::string(32, 'x')); },
+     "scene_digest is not the SHA-256 of scene"},
+    {"NotAScene", [](auto& r) { r.set_scene("\xff\xff"); }, "not a serialized itn.v1.Scene"},
+    {"EmptyishScene", [](auto& r) { r.set_scene(std::string("\x1a\x00", 2)); },
+     "scene.object is missing"},
+    {"NoMaterial", [](auto& r) { r.clear_material(); }, "material is missing"},
+    {"SigmaTZero", [](auto& r) { r.mutable_material()->set_sigma_t(0); }, "material.sigma_t is 0"},
+    {"SigmaTNan", [](auto& r) { r.mutable_material()->set_sigma_t(std::nan("")); },
+     "material.sigma_t is nan"},
+    {"SigmaTHuge", [](auto& r) { r.mutable_material()->set_sigma_t(2e6); }, "material.sigma_t is"},
+    {"Albedo", [](auto& r) { r.mutable_material()->set_albedo(1.2); },
+     "material.albedo is 1.2; it must be in [0, 1]"},
+    {"G", [](auto& r) { r.mutable_material()->set_g(1); },
+     "material.g is 1; it must be in [-0.99, 0.99]"},
+    {"NoSpp", [](auto& r) { r.clear_spp(); }, "spp is 0; it must be in [1, 1048576]"},
+    {"HugeSpp", [](auto& r) { r.set_spp(1U << 21); }, "spp is 2097152"},
+    {"SppLimit", [](auto& r) { r.set_spp(1001); }, "spp is 1001; this worker accepts at most 1000",
+     grpc::RESOURCE_EXHAUSTED},
+    {"EmptyRange", [](auto& r) { r.mutable_sample_range(); }, "sample_range is [0, 0)"},
+    {"LongRange", [](auto& r) { r.mutable_sample_range()->set_count(9); }, "at most at spp = 8"},
+    {"OverflowingRange",
+     [](auto& r) {
+       r.mutable_sample_range()->set_first(4294967295U);
+       r.mutable_sample_range()->set_count(2);
+     },
+     "sample_range is [4294967295, 4294967297)"},
+    {"UnspecifiedDerivative", [](auto& r) { r.add_derivatives(v1::PARAMETER_UNSPECIFIED); },
+     "derivatives[6] is 0"},
+    {"UnknownDerivative", [](auto& r) { r.add_derivatives(v1::Parameter(40)); },
+     "derivatives[6] is 40"},
+    {"RepeatedDerivative", [](auto& r) { r.add_derivatives(v1::G); }, "derivatives[6] is G again"},
+    {"TooManyEstimates", [](auto& r) { r.set_estimates(17); }, "estimates is 17"},
+    {"MoreEstimatesThanSamples", [](auto& r) { r.set_estimates(9); },
+     "estimates is 9; it must be in [1, 8]"},
+    {"LossOfOneEstimate",
+     [](auto& r) {
+       r.set_estimates(1);
+       add_loss(r);
+     },
+     "a loss needs at least 2"},
+    {"LossAndSums",
+     [](auto& r) {
+       r.set_exact_sums(true);
+       add_loss(r);
+     },
+     "loss and exact_sums"},
+    {"LossOfAnotherSize",
+     [](auto& r) {
+       add_loss(r);
+       r.mutable_loss()->mutable_weight()->resize(8);
+     },
+     "loss.weight has 8 bytes"},
+    {"LossNotFinite", [](auto& r) { add_loss(r, std::nanf("")); }, "loss.image: value 0 is nan"},
+    {"LossNegativeWeight", [](auto& r) { add_loss(r, 1, -1); }, "loss.weight: value 0 is -1"},
+    {"LossOfBlack", [](auto& r) { add_loss(r, 0); }, "black"},
+    {"AlbedoAboveTheMaterials", [](auto& r) { r.add_albedos(0.999); }, "albedos[0] is 0.999"},
+    {"TooManyAlbedos",
+     [](auto& r) {
+       for (int i = 0; i < 17; ++i) r.add_albedos(0.1);
+     },
+     "number of albedos is 17"},
+    {"LongPilot", [](auto& r) { r.set_pilot_spp(65); }, "pilot_spp is 65"},
+    {"UnknownPixels", [](auto& r) { r.set_pixels(v1::RenderedPixels(9)); },
+     "pixels has the unknown"},
+    {"UnknownTracer", [](auto& r) { r.set_tracer(v1::Tracer(9)); }, "tracer has the unknown"},
+    {"ReferenceWithPilot",
+     [](auto& r) {
+       r.set_tracer(v1::REFERENCE);
+       r.set_pilot_spp(4);
+     },
+     "neither albedos nor pilot_spp"},
+    {"BillionPixels", [](auto& r) { film(r, 40000, 25000); }, "is 1000000000; this worker accepts",
+     grpc::RESOURCE_EXHAUSTED},
+    {"LargeReply", [](auto& r) { film(r, 200, 200); }, "ask for fewer pixels",
+     grpc::RESOURCE_EXHAUSTED},
+    {"OpenMesh", open_mesh, "open"},
+    {"InsideOut", inside_out, "inside out"},
+};
+
+void PrintTo(const BadRequest& row, std::ostream* out) {
+  *out << row.name;
+}
+
+class RefusedRequest : public ::testing::TestWithParam<BadRequest> {};
+
+TEST_P(RefusedRequest, QuicklyWithAMessage) {
+  static RenderServer server(options_with([](auto& o) {
+    o.limits.max_spp = 1000;
+    o.limits.max_message_bytes = 1'000'000;
+  }));
+  auto request = with_scene(small_request());
+  GetParam().spoil(request);
+  const auto start = Clock::now();
+  const Answer answer = Client(server.in_process_channel()).call(request);
+  EXPECT_EQ(answer.status.error_code(), GetParam().code) << answer.status.error_message();
+  EXPECT_THAT(answer.status.error_message(), HasSubstr(GetParam().message));
+  EXPECT_LT(Clock::now() - start, 1s);
+}
+
+INSTANTIATE_TEST_SUITE_P(Table, RefusedRequest, ::testing::ValuesIn(kBadRequests),
+                         [](const auto& row) { return row.param.name; });
+
+TEST(RenderService, RefusesMessagesThatAreTooLarge) {
+  auto options = options_with([](auto& o) { o.limits.max_message_bytes = 100'000; });
+  options.listen = "127.0.0.1:0";
+  RenderServer server(options);
+  auto request = with_scene(small_request());
+  request.mutable_scene()->append(200'000, ' ');
+  EXPECT_EQ(Client(connect(server)).call(request).status.error_code(), grpc::RESOURCE_EXHAUSTED);
+}
+
+// ---- Stopping ----------------------------------------------------------------------------------
+
+// A server whose only thread is busy for days.
+class BusyServer {
+ public:
+  explicit BusyServer(size_t queue_capacity, const std::string& listen = "")
+      : server_(options(queue_capacity, listen)), client_(channel()) {
+    busy_ = std::async(std::launch::async, [this] {
+      return client_.call(context_, with_scene(endless_request())).status;
+    });
+    std::this_thread::sleep_for(100ms);
+  }
+  ~BusyServer() {
+    context_.TryCancel();
+    if (busy_.valid()) busy_.wait();
+  }
+
+  RenderServer& server() { return server_; }
+  Client& client() { return client_; }
+  grpc::ClientContext& context() { return context_; }
+  grpc::Status end() { return busy_.get(); }
+
+ private:
+  static RenderServerOptions options(size_t queue_capacity, const std::string& listen) {
+    auto options = options_with([&](auto& o) { o.queue_capacity = queue_capacity; });
+    options.listen = listen;
+    return options;
+  }
+  std::shared_ptr<grpc::Channel> channel() {
+    return server_.address().empty() ? server_.in_process_channel() : connect(server_);
+  }
+
+  RenderServer server_;
+  Client client_;
+  grpc::ClientContext context_;
+  std::future<grpc::Status> busy_;
+};
+
+TEST(RenderService, AnswersUnavailableWhenItsQueueIsFull) {
+  BusyServer busy(0);
+  const Answer answer = busy.client().call(with_scene(small_request()));
+  EXPECT_EQ(answer.status.error_code(), grpc::UNAVAILABLE);
+  EXPECT_THAT(answer.status.error_message(), HasSubstr("busy: 1 renders run, 0 wait"));
+}
+
+class Stops : public ::testing::TestWithParam<const char*> {};
+
+TEST_P(Stops, ARenderThatIsCancelled) {
+  BusyServer busy(0, GetParam());
+  const auto start = Clock::now();
+  busy.context().TryCancel();
+  EXPECT_EQ(busy.end().error_code(), grpc::CANCELLED);
+  // The thread is free again.
+  Answer next;
+  do {
+    next = busy.client().call(with_scene(small_request()));
+  } while (next.status.error_code() == grpc::UNAVAILABLE && Clock::now() - start < 1s);
+  EXPECT_TRUE(next.status.ok()) << next.status.error_message();
+  EXPECT_LT(Clock::now() - start, 1s);
+}
+
+TEST_P(Stops, ARenderWhoseDeadlinePasses) {
+  auto options = options_with([](auto& o) { o.queue_capacity = 0; });
+  options.listen = GetParam();
+  RenderServer server(options);
+  Client client(server.address().empty() ? server.in_process_channel() : connect(server));
+  const auto start = Clock::now();
+  EXPECT_EQ(client.call(with_scene(endless_request()), 200ms).status.error_code(),
+            grpc::DEADLINE_EXCEEDED);
+  Answer next;
+  do {
+    next = client.call(with_scene(small_request()));
+  } while (next.status.error_code() == grpc::UNAVAILABLE && Clock::now() - start < 2s);
+  EXPECT_TRUE(next.status.ok()) << next.status.error_message();
+  EXPECT_LT(Clock::now() - start, 2s);
+}
+
+TEST_P(Stops, ARenderThatWaits) {
+  BusyServer busy(1, GetParam());
+  const auto start = Clock::now();
+  EXPECT_EQ(busy.client().call(with_scene(endless_request()), 200ms).status.error_code(),
+            grpc::DEADLINE_EXCEEDED);
+  // Its place is free: this one waits, too, instead of being turned away.
+  grpc::StatusCode next = grpc::UNAVAILABLE;
+  while (next == grpc::UNAVAILABLE && Clock::now() - start < 2s) {
+    next = busy.client().call(with_scene(endless_request()), 200ms).status.error_code();
+  }
+  EXPECT_EQ(next, grpc::DEADLINE_EXCEEDED);
+}
+
+INSTANTIATE_TEST_SUITE_P(Transport, Stops, ::testing::Values("", "127.0.0.1:0"),
+                         [](const auto& row) { return *row.param ? "Remote" : "Embedded"; });
+
+TEST(RenderService, ServerThatGoesAwayCancelsWhatRuns) {
+  auto server = std::make_unique<RenderServer>(one_thread());
+  Client client(server->in_process_channel());
+  auto busy = std::async(std::launch::async,
+                         [&] { return client.call(with_scene(endless_request())).status; });
+  std::this_thread::sleep_for(100ms);
+  const auto start = Clock::now();
+  server.reset();
+  EXPECT_FALSE(busy.get().ok());
+  EXPECT_LT(Clock::now() - start, 1s);
+}
+
+// ---- Health and reflection ---------------------------------------------------------------------
+
+// The messages of grpc.health.v1 by what they are on the wire.
+std::pair<grpc::Status, uint32_t> health(const std::shared_ptr<grpc::Channel>& channel,
+                                         const std::string& service) {
+  grpc::TemplatedGenericStub<google::protobuf::StringValue, google::protobuf::UInt32Value> stub(
+      channel);
+  grpc::ClientContext context;
+  google::protobuf::StringValue request;
+  request.set_value(service);
+  google::protobuf::UInt32Value response;
+  std::promise<grpc::Status> done;
+  stub.UnaryCall(&context, "/grpc.health.v1.Health/Check", grpc::StubOptions(), &request, &response,
+                 [&](grpc::Status status) { done.set_value(std::move(status)); });
+  return {done.get_future().get(), response.value()};
+}
+
+TEST(RenderServer, TellsItsHealth) {
+  auto options = one_thread();
+  options.listen = "127.0.0.1:0";
+  RenderServer server(options);
+  for (const char* service : {"", "itn.v1.RenderService"}) {
+    const auto [status, serving] = health(connect(server), service);
+    EXPECT_TRUE(status.ok()) << status.error_message();
+    EXPECT_EQ(serving, 1U) << service;
+  }
+  EXPECT_EQ(health(connect(server), "no.such.Service").first.error_code(), grpc::NOT_FOUND);
+}
+
+// Asks the reflection service for anything.
+grpc::StatusCode reflection_answer(const RenderServer& server) {
+  grpc::TemplatedGenericStub<google::protobuf::StringValue, google::protobuf::StringValue> stub(
+      connect(server));
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + 5s);
+  google::protobuf::StringValue request, response;
+  std::promise<grpc::Status> done;
+  stub.UnaryCall(&context, "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
+                 grpc::StubOptions(), &request, &response,
+                 [&](grpc::Status status) { done.set_value(std::move(status)); });
+  return done.get_future().get().error_code();
+}
+
+TEST(RenderServer, HasReflectionIfAsked) {
+  for (const bool enabled : {true, false}) {
+    auto options = one_thread();
+    options.listen = "127.0.0.1:0";
+    options.reflection = enabled;
+    RenderServer server(options);
+    if (enabled) {
+      EXPECT_NE(reflection_answer(server), grpc::UNIMPLEMENTED);
+    } else {
+      EXPECT_EQ(reflection_answer(server), grpc::UNIMPLEMENTED);
+    }
+  }
+}
+
+TEST(RenderServer, DoesNotShareAPort) {
+  auto options = one_thread();
+  options.listen = "127.0.0.1:0";
+  RenderServer server(options);
+  options.listen = server.address();
+  EXPECT_THROW(RenderServer{options}, Error);
+}
+
+TEST(RenderServer, DrainsWhatItHasAccepted) {
+  auto options = one_thread();
+  options.listen = "127.0.0.1:0";
+  RenderServer server(options);
+  Client client(connect(server));
+  auto accepted =
+      std::async(std::launch::async, [&] { return client.call(with_scene(small_request(4000))); });
+  std::this_thread::sleep_for(50ms);
+  ASSERT_EQ(accepted.wait_for(0s), std::future_status::timeout);
+  server.drain();
+  EXPECT_TRUE(accepted.get().status.ok());
+  EXPECT_EQ(client.call(with_scene(small_request())).status.error_code(), grpc::UNAVAILABLE);
+}
+
+}  // namespace
+}  // namespace itn

@@ -1,0 +1,346 @@
+#include "server/render/scene_builder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <numbers>
+#include <ostream>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "common/error.h"
+#include "tests/support/scenes.h"
+
+namespace itn {
+namespace {
+
+using testing::cube_scene;
+using ::testing::HasSubstr;
+using testing::parse_text;
+using testing::small_request;
+
+// ---- Refusals --------------------------------------------------------------------------------
+
+struct BadScene {
+  const char* name;
+  std::function<void(v1::Scene&)> spoil;
+  const char* message;  // a piece of it
+  ErrorKind kind = ErrorKind::kInvalidInput;
+};
+
+v1::Mesh& mesh(v1::Scene& scene) {
+  return *scene.mutable_object()->mutable_mesh();
+}
+
+v1::SunSky& sun_sky(v1::Scene& scene) {
+  return *scene.mutable_lights(1)->mutable_sun_sky();
+}
+
+v1::Pixels& pixels(v1::Scene& scene, uint32_t width, uint32_t height, size_t floats) {
+  v1::Pixels& p = *scene.mutable_lights(0)->mutable_environment_map()->mutable_pixels();
+  p.set_width(width);
+  p.set_height(height);
+  p.set_rgb(std::string(floats * 4, '\0'));
+  return p;
+}
+
+const float kNan = std::numeric_limits<float>::quiet_NaN();
+const BadScene kBadScenes[] = {
+    {"NoObject", [](auto& s) { s.clear_object(); }, "scene.object is missing"},
+    {"NoMesh", [](auto& s) { s.mutable_object()->clear_mesh(); }, "scene.object.mesh is missing"},
+    {"NoMeshSource", [](auto& s) { mesh(s).clear_source(); }, "one of triangles, path and builtin"},
+    {"NoLights", [](auto& s) { s.clear_lights(); }, "scene.lights: at least one"},
+    {"TooManyLights",
+     [](auto& s) {
+       while (s.lights_size() < 65) s.add_lights();
+     },
+     "[1, 64]"},
+    {"NoCamera", [](auto& s) { s.clear_camera(); }, "scene.camera is missing"},
+    {"NoFilm", [](auto& s) { s.clear_film(); }, "scene.film is missing"},
+    {"UnknownBoundary", [](auto& s) { s.mutable_object()->set_boundary(v1::Object::Boundary(7)); },
+     "scene.object.boundary has the unknown value 7"},
+    {"UnknownChannel", [](auto& s) { s.mutable_film()->set_channel(v1::Film::Channel(9)); },
+     "scene.film.channel has the unknown value 9"},
+    {"UnknownField",
+     [](auto& s) {
+       auto* camera = s.mutable_camera();
+       camera->GetReflection()->MutableUnknownFields(camera)->AddVarint(77, 1);
+     },
+     "scene.camera has a field with the unknown number 77"},
+    {"MeshPath", [](auto& s) { mesh(s).set_path("/etc/passwd"); }, "a worker opens no files"},
+    {"UnknownShape", [](auto& s) { mesh(s).set_builtin("teapot-of-utah"); }, "teapot-of-utah"},
+    {"NoPositions", [](auto& s) { mesh(s).mutable_triangles()->clear_positions(); },
+     "scene.object.mesh.triangles.positions is missing"},
+    {"OddPositions", [](auto& s) { mesh(s).mutable_triangles()->mutable_positions()->pop_back(); },
+     "it must be a multiple of 12"},
+    {"OddIndices", [](auto& s) { mesh(s).mutable_triangles()->mutable_indices()->pop_back(); },
+     "it must be a multiple of 12"},
+    {"IndexOutOfRange",
+     [](auto& s) { (*mesh(s).mutable_triangles()->mutable_indices())[0] = char(200); },
+     "scene.object.mesh.triangles"},
+    {"PositionNan",
+     [](auto& s) {
+       mesh(s).mutable_triangles()->mutable_positions()->replace(0, 4, to_bytes<float>({kNan}));
+     },
+     "scene.object.mesh.triangles"},
+    {"NoTransformKind", [](auto& s) { mesh(s).add_transforms(); },
+     "scene.object.mesh.transforms[0]: one of translate, rotate, scale and matrix"},
+    {"TranslateInfinite",
+     [](auto& s) { mesh(s).add_transforms()->mutable_translate()->set_y(INFINITY); },
+     "scene.object.mesh.transforms[0].translate.y is inf; it must be finite"},
+    {"TranslateFar", [](auto& s) { mesh(s).add_transforms()->mutable_translate()->set_y(1e7F); },
+     "after its transforms"},
+    {"RotateAboutNothing", [](auto& s) { mesh(s).add_transforms()->mutable_rotate(); },
+     "transforms[0].rotate.axis is (0, 0, 0)"},
+    {"Mirrored",
+     [](auto& s) {
+       *mesh(s).add_transforms()->mutable_scale() = parse_text<v1::Vec3>("x: -1 y: 1 z: 1");
+     },
+     "no mirror image"},
+    {"ScaleZero",
+     [](auto& s) {
+       *mesh(s).add_transforms()->mutable_scale() = parse_text<v1::Vec3>("x: 1 y: 1");
+     },
+     "must be positive"},
+    {"ShortMatrix", [](auto& s) { mesh(s).add_transforms()->mutable_matrix()->add_m(1); },
+     "has 1 numbers; it must have 16"},
+    {"MatrixLastRow",
+     [](auto& s) {
+       auto& matrix = *mesh(s).add_transforms()->mutable_matrix();
+       for (int i = 0; i < 16; ++i) matrix.add_m(1);
+     },
+     "must be 0 0 0 1"},
+    {"NoSurfaceShape", [](auto& s) { s.add_surfaces(); }, "scene.surfaces[1]: one of rectangle"},
+    {"Reflectance", [](auto& s) { s.mutable_surfaces(0)->set_reflectance(1.5F); },
+     "scene.surfaces[0].reflectance is 1.5; it must be in [0, 1]"},
+    {"ReflectanceNan", [](auto& s) { s.mutable_surfaces(0)->set_reflectance(kNan); },
+     "scene.surfaces[0].reflectance is nan"},
+    {"FlatRectangle",
+     [](auto& s) {
+       auto* r = s.mutable_surfaces(0)->mutable_rectangle();
+       *r->mutable_half_v() = r->half_u();
+     },
+     "must not be parallel"},
+    {"NoLightKind", [](auto& s) { s.add_lights(); }, "scene.lights[2]: one of sun_sky"},
+    {"Turbidity", [](auto& s) { sun_sky(s).set_turbidity(12); },
+     "scene.lights[1].sun_sky.turbidity is 12; it must be in [1, 10]"},
+    {"GroundAlbedo", [](auto& s) { sun_sky(s).set_ground_albedo(-1); }, "ground_albedo is -1"},
+    {"SunElevation", [](auto& s) { sun_sky(s).set_sun_elevation_degrees(91); }, "[0, 90]"},
+    {"SunRadius", [](auto& s) { sun_sky(s).set_sun_angular_radius_degrees(50); }, "[0.1, 45]"},
+    {"SunScale", [](auto& s) { sun_sky(s).set_sun_scale(-1); }, "sun_scale is -1"},
+    {"SkyScale", [](auto& s) { sun_sky(s).set_sky_scale(2e6F); }, "sky_scale is 2000000"},
+    {"MapPath", [](auto& s) { s.mutable_lights(0)->mutable_environment_map()->set_path("a.exr"); },
+     "scene.lights[0].environment_map.path is set"},
+    {"MapEmpty", [](auto& s) { pixels(s, 0, 1, 0); },
+     "pixels.width is 0; it must be in [1, 16384]"},
+    {"MapShort", [](auto& s) { pixels(s, 2, 2, 11); }, "rgb has 44 bytes; 2 x 2 pixels take 48"},
+    {"MapNegative",
+     [](auto& s) { pixels(s, 2, 1, 6).mutable_rgb()->replace(20, 4, to_bytes<float>({-1})); },
+     "rgb is -1 at x = 1, y = 0"},
+    {"Radiance", [](auto& s) { s.mutable_lights(0)->mutable_constant()->set_radiance(-1); },
+     "scene.lights[0].constant.radiance is -1"},
+    {"NoDirection", [](auto& s) { s.mutable_lights(1)->mutable_directional()->clear_direction(); },
+     "directional.direction is (0, 0, 0)"},
+    {"Fov", [](auto& s) { s.mutable_camera()->set_fov_degrees(179); },
+     "scene.camera.fov_degrees is 179; it must be in (0, 179)"},
+    {"CameraOnTarget", [](auto& s) { *s.mutable_camera()->mutable_origin() = s.camera().target(); },
+     "scene.camera.target is the origin"},
+    {"UpAlongView",
+     [](auto& s) { *s.mutable_camera()->mutable_up() = parse_text<v1::Vec3>("y: -1 z: 4"); },
+     "scene.camera.up is parallel"},
+    {"NoWidth", [](auto& s) { s.mutable_film()->set_width(0); }, "scene.film.width is 0"},
+    {"WidthOverflow", [](auto& s) { s.mutable_film()->set_width(4'000'000'000U); }, "[1, 65536]"},
+    {"BillionPixels",
+     [](auto& s) { s.mutable_film()->set_width(40000), s.mutable_film()->set_height(25000); },
+     "the number of pixels of scene.film is 1000000000; this worker accepts at most 16777216",
+     ErrorKind::kLimit},
+};
+
+void PrintTo(const BadScene& row, std::ostream* out) {
+  *out << row.name;
+}
+
+class RefusedScene : public ::testing::TestWithParam<BadScene> {};
+
+TEST_P(RefusedScene, NamesTheFieldAndItsRange) {
+  v1::Scene scene = cube_scene();
+  GetParam().spoil(scene);
+  try {
+    build_scene(scene, RenderLimits());
+    FAIL() << "accepted";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr(GetParam().message));
+    EXPECT_EQ(error.kind(), GetParam().kind);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Table, RefusedScene, ::testing::ValuesIn(kBadScenes),
+                         [](const auto& row) { return row.param.name; });
+
+TEST(SceneBuilder, CountsTheTrianglesOfAllMeshes) {
+  v1::Scene scene = cube_scene();  // 12 of the cube, 2 of the ground
+  RenderLimits limits;
+  limits.max_triangles = 14;
+  EXPECT_NO_THROW(build_scene(scene, limits));
+  limits.max_triangles = 13;
+  EXPECT_THROW(build_scene(scene, limits), Error);
+}
+
+TEST(SceneBuilder, RefusesBytesThatAreNoScene) {
+  EXPECT_THROW(parse_scene("\xff\xff\xff"), Error);
+}
+
+// ---- Conversions -----------------------------------------------------------------------------
+
+Vec3f first_vertex_after(const std::string& transforms) {
+  v1::Scene scene = cube_scene();
+  scene.mutable_object()->mutable_mesh()->MergeFrom(parse_text<v1::Mesh>(transforms));
+  return build_scene(scene, RenderLimits()).object.vertices.at(0);  // (-0.5, 0, -0.5) before
+}
+
+void expect_near(Vec3f a, Vec3f b) {
+  EXPECT_NEAR(a.x, b.x, 1e-6);
+  EXPECT_NEAR(a.y, b.y, 1e-6);
+  EXPECT_NEAR(a.z, b.z, 1e-6);
+}
+
+TEST(SceneBuilder, AppliesTransformsInTheOrderWritten) {
+  expect_near(first_vertex_after(
+                  "transforms { translate { x: 1 } } transforms { scale { x: 2 y: 2 z: 2 } }"),
+              {1, 0, -1});
+  expect_near(first_vertex_after(
+                  "transforms { scale { x: 2 y: 2 z: 2 } } transforms { translate { x: 1 } }"),
+              {0, 0, -1});
+}
+
+TEST(SceneBuilder, RotatesCounterClockwiseSeenAgainstTheAxis) {
+  // About y, from +z to +x: (x, z) = (-0.5, -0.5) goes to (-0.5, 0.5).
+  expect_near(first_vertex_after("transforms { rotate { axis { y: 3 } angle_degrees: 90 } }"),
+              {-0.5F, 0, 0.5F});
+}
+
+TEST(SceneBuilder, TakesMatricesRowByRow) {
+  expect_near(
+      first_vertex_after("transforms { matrix { m: [1,0,0,7, 0,1,0,8, 0,0,1,9, 0,0,0,1] } }"),
+      {6.5F, 8, 8.5F});
+}
+
+TEST(SceneBuilder, NormalizesBeforeTheTransforms) {
+  // A cube of 1 mm that was moved and scaled beforehand comes back; then it is moved by 1.
+  v1::Scene scene = cube_scene();
+  auto moved = build_scene(scene, RenderLimits()).object;
+  std::vector<float> positions;
+  for (const Vec3f v : moved.vertices) {
+    for (const float c : {v.x * 4 + 1, v.y * 4 - 3, v.z * 4 + 2}) positions.push_back(c);
+  }
+  std::vector<uint32_t> indices;
+  for (const auto& t : moved.triangles) indices.insert(indices.end(), t.begin(), t.end());
+  auto& proto = *scene.mutable_object()->mutable_mesh();
+  proto.mutable_triangles()->set_positions(to_bytes(positions));
+  proto.mutable_triangles()->set_indices(to_bytes(indices));
+  proto.set_normalize(true);
+  proto.add_transforms()->mutable_translate()->set_x(1);
+  const Bounds box = bounds(build_scene(scene, RenderLimits()).object);
+  expect_near(box.min, {0.5F, 0, -0.5F});
+  expect_near(box.max, {1.5F, 1, 0.5F});
+}
+
+TEST(SceneBuilder, WeldsTriangleSoup) {
+  v1::Scene scene = cube_scene();
+  const Mesh mesh = build_scene(scene, RenderLimits()).object;
+  std::vector<float> positions;
+  std::vector<uint32_t> indices;
+  for (const auto& triangle : mesh.triangles) {
+    for (const uint32_t vertex : triangle) {
+      const Vec3f v = mesh.vertices[vertex];
+      indices.push_back(static_cast<uint32_t>(indices.size()));
+      positions.insert(positions.end(), {v.x, v.y, v.z});
+    }
+  }
+  auto& triangles = *scene.mutable_object()->mutable_mesh()->mutable_triangles();
+  triangles.set_positions(to_bytes(positions));
+  triangles.set_indices(to_bytes(indices));
+  EXPECT_EQ(build_scene(scene, RenderLimits()).object.vertices.size(), 8U);
+}
+
+TEST(SceneBuilder, FillsInTheDocumentedDefaults) {
+  v1::Scene scene = cube_scene();
+  scene.clear_lights();
+  scene.add_lights()->mutable_sun_sky();
+  scene.mutable_camera()->clear_fov_degrees();
+  const auto built = build_scene(scene, RenderLimits());
+  const auto& sky = std::get<tracer::SunSkyLight>(built.lights.at(0));
+  const double degree = std::numbers::pi / 180;
+  EXPECT_DOUBLE_EQ(sky.turbidity, 3);
+  EXPECT_DOUBLE_EQ(sky.ground_albedo, 0.15);
+  EXPECT_DOUBLE_EQ(sky.sun_elevation, 60 * degree);
+  EXPECT_DOUBLE_EQ(sky.sun_azimuth, 0);
+  EXPECT_DOUBLE_EQ(sky.sun_angular_radius, 0.2665 * degree);
+  EXPECT_DOUBLE_EQ(sky.sun_scale, 1);
+  EXPECT_DOUBLE_EQ(sky.sky_scale, 1);
+  EXPECT_DOUBLE_EQ(built.camera.fov, 40 * degree);
+  EXPECT_EQ(built.camera.up, (Vec3d{0, 1, 0}));
+  EXPECT_FLOAT_EQ(built.surfaces.at(0).reflectance, 0.5F);
+  EXPECT_EQ(built.film.channel, tracer::Channel::kLuminance);
+}
+
+TEST(SceneBuilder, ZeroIsNotAbsent) {
+  v1::Scene scene = cube_scene();
+  scene.mutable_surfaces(0)->set_reflectance(0);
+  auto& sky = *scene.mutable_lights(0)->mutable_sun_sky();
+  sky.set_sun_scale(0);
+  sky.set_sun_elevation_degrees(0);
+  const auto built = build_scene(scene, RenderLimits());
+  EXPECT_EQ(built.surfaces.at(0).reflectance, 0);
+  EXPECT_EQ(std::get<tracer::SunSkyLight>(built.lights.at(0)).sun_scale, 0);
+  EXPECT_EQ(std::get<tracer::SunSkyLight>(built.lights.at(0)).sun_elevation, 0);
+}
+
+// ---- Settings --------------------------------------------------------------------------------
+
+v1::RenderGradRequest request_of_any_scene() {
+  v1::RenderGradRequest request = small_request();
+  request.set_scene("any");
+  return request;
+}
+
+TEST(SettingsBuilder, TakesWhatTheRequestSays) {
+  v1::RenderGradRequest request = request_of_any_scene();
+  request.mutable_sample_range()->set_first(2);
+  request.mutable_sample_range()->set_count(5);
+  const auto settings = build_settings(request, RenderLimits());
+  EXPECT_EQ(settings.material, (Material{8, 0.9, 0.3}));
+  EXPECT_EQ(settings.first_sample, 2U);
+  EXPECT_EQ(settings.sample_count, 5U);
+  EXPECT_EQ(settings.seed, 5U);
+  EXPECT_EQ(settings.estimates, 2U);
+  EXPECT_TRUE(settings.derivatives);
+}
+
+TEST(SettingsBuilder, HasTheDocumentedDefaults) {
+  v1::RenderGradRequest request = request_of_any_scene();
+  request.clear_derivatives();
+  request.clear_estimates();
+  request.clear_seed();
+  const auto settings = build_settings(request, RenderLimits());
+  EXPECT_EQ(settings.first_sample, 0U);
+  EXPECT_EQ(settings.sample_count, 8U);
+  EXPECT_EQ(settings.seed, 0U);
+  EXPECT_EQ(settings.estimates, 1U);
+  EXPECT_FALSE(settings.derivatives);
+}
+
+TEST(ReplySize, IsBounded) {
+  const v1::RenderGradRequest request = small_request();  // 2 estimates of 1 + 6 images, 2 others
+  RenderLimits limits;
+  limits.max_message_bytes = 16 * 10 * 10 * sizeof(float);
+  EXPECT_NO_THROW(check_reply_size(10, 10, request, limits));
+  EXPECT_THROW(check_reply_size(10, 11, request, limits), Error);
+}
+
+}  // namespace
+}  // namespace itn
