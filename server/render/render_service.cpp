@@ -92,6 +92,8 @@ class RenderService::RenderCall final : public grpc::ServerUnaryReactor {
       settings_.importance = loss_importance(from_bytes<float>(request_.loss().image()),
                                              from_bytes<float>(request_.loss().weight()));
     }
+    spdlog::debug("rendering {}x{}, samples [{}, {})", scene_->width(), scene_->height(),
+                  settings_.first_sample, settings_.first_sample + settings_.sample_count);
     const tracer::FilmSums sums = tracer::render_grad(*scene_, settings_, stop_.get_token());
     reply_ = make_reply(sums, request_);
     log(sums);

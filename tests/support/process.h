@@ -1,19 +1,38 @@
-// A child process of a test: its output, its exit code, signals to it.
+// A child process of a test: its output, its exit code, signals to it, and what it has come to.
 #pragma once
 
+#include <poll.h>
 #include <signal.h>
 #include <spawn.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <array>
+#include <chrono>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <vector>
 
 extern char** environ;
 
 namespace itn::testing {
+
+// How long a test waits for what must happen before it fails: long enough for a machine that has
+// much else to do.
+inline constexpr std::chrono::seconds kPatience{120};
+
+// Waits until `condition()` holds. False if it did not in kPatience.
+template <typename F>
+bool eventually(const F& condition) {
+  const auto deadline = std::chrono::steady_clock::now() + kPatience;
+  while (!condition()) {
+    if (std::chrono::steady_clock::now() > deadline) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
+  return true;
+}
 
 // stdout goes to a pipe, and stderr to another or to that of the test. Killed when it goes out of
 // scope.
@@ -63,6 +82,32 @@ class Process {
   // All that is left, until the process closes it.
   std::string read_stdout() const { return read_all(stdout_); }
   std::string read_stderr() const { return read_all(stderr_); }
+
+  // stderr up to where it says `text`; all that there was if it ends, or kPatience does, before.
+  std::string read_stderr_until(const std::string& text) const {
+    const auto deadline = std::chrono::steady_clock::now() + kPatience;
+    std::string said;
+    while (said.find(text) == std::string::npos) {
+      pollfd waiting{stderr_, POLLIN, 0};
+      const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(
+          deadline - std::chrono::steady_clock::now());
+      char c = 0;
+      if (left.count() <= 0 || ::poll(&waiting, 1, static_cast<int>(left.count())) != 1 ||
+          ::read(stderr_, &c, 1) != 1) {
+        break;
+      }
+      said += c;
+    }
+    return said;
+  }
+
+  // Processor time that it has used, in seconds: what it has done, however busy the machine is.
+  double cpu_seconds() const {
+    clockid_t clock{};
+    timespec used{};
+    if (::clock_getcpuclockid(pid_, &clock) != 0 || ::clock_gettime(clock, &used) != 0) return 0;
+    return static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec);
+  }
 
   void send(int signal) const { ::kill(pid_, signal); }
 

@@ -229,7 +229,7 @@ TEST_F(LossGradientTest, TwoEstimatesAreUnbiasedAndOneIsNot) {
                    std::hypot(biased.standard_error, finite_difference.standard_error);
   std::printf("  the same samples twice: %.4g +- %.2g, z = %+.1f\n", biased.mean,
               biased.standard_error, z);
-  EXPECT_GT(std::abs(z), 2 * z_threshold(1)) << "the test could not tell a biased gradient";
+  EXPECT_GT(std::abs(z), 2 * t_threshold(1, biased.degrees_of_freedom)) << "the test could not tell a biased gradient";
 }
 
 // The gradient as training asks for it, few samples and everything that makes it quieter, against
