@@ -1,6 +1,5 @@
 // itn predict: optical parameters from one image.
 #include <fmt/format.h>
-#include <grpcpp/create_channel.h>
 
 #include <chrono>
 #include <memory>
@@ -12,6 +11,7 @@
 #include "common/error.h"
 #include "common/image/image.h"
 #include "common/learning/predictor.h"
+#include "common/rpc/channel.h"
 #include "common/rpc/status.h"
 #include "common/rpc/wire_array.h"
 #include "itn/v1/predict.grpc.pb.h"
@@ -99,10 +99,7 @@ v1::PredictReply ask(const PredictOptions& options, const LoadedPhotograph& phot
   request.set_channels(static_cast<uint32_t>(photograph.channels.size()));
   request.set_image(to_bytes(photograph.pixels));
   request.set_mask(to_bytes(photograph.mask));
-  grpc::ChannelArguments arguments;
-  arguments.SetMaxSendMessageSize(-1);
-  const auto stub = v1::PredictService::NewStub(
-      grpc::CreateCustomChannel(options.predictor, grpc::InsecureChannelCredentials(), arguments));
+  const auto stub = v1::PredictService::NewStub(connect_to(options.predictor));
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() +
                        std::chrono::milliseconds(static_cast<int64_t>(options.timeout * 1000)));

@@ -1,7 +1,6 @@
 // itn probe: asks a server whether it serves, for health checks of containers and clusters.
 #include <fmt/format.h>
 #include <google/protobuf/wrappers.pb.h>
-#include <grpcpp/create_channel.h>
 #include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/impl/codegen/proto_utils.h>
 
@@ -12,6 +11,7 @@
 
 #include "client/commands/command.h"
 #include "common/error.h"
+#include "common/rpc/channel.h"
 
 namespace itn {
 namespace {
@@ -31,7 +31,7 @@ struct ProbeOptions {
 };
 
 bool serves(const ProbeOptions& options) {
-  HealthStub stub(grpc::CreateChannel(options.address, grpc::InsecureChannelCredentials()));
+  HealthStub stub(connect_to(options.address));
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() +
                        std::chrono::milliseconds(static_cast<int>(options.timeout * 1000)));

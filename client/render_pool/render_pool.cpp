@@ -1,7 +1,6 @@
 #include "client/render_pool/render_pool.h"
 
 #include <fmt/format.h>
-#include <grpcpp/create_channel.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -15,6 +14,7 @@
 #include <utility>
 
 #include "common/error.h"
+#include "common/rpc/channel.h"
 #include "common/rpc/status.h"
 #include "itn/v1/render.grpc.pb.h"
 #include "server/render/render_reply.h"
@@ -44,22 +44,6 @@ constexpr int kMaxTimeouts = 3;
 // most so many parts.
 constexpr uint64_t kSamplesPerPart = uint64_t{1} << 20;
 constexpr uint64_t kMaxParts = 1024;
-
-std::shared_ptr<grpc::Channel> connect(const std::string& address) {
-  grpc::ChannelArguments arguments;
-  arguments.SetMaxReceiveMessageSize(-1);  // what a reply may take is the worker's limit
-  arguments.SetMaxSendMessageSize(-1);
-  // A worker that hangs without closing its connection is noticed within 4 s.
-  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 2000);
-  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 2000);
-  arguments.SetInt(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);
-  // One that is started again is found again within 2 s (gRPC's default is 120 s).
-  arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 200);
-  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 1000);
-  arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2000);
-  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-  return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
-}
 
 double in_seconds(milliseconds duration) {
   return std::chrono::duration<double>(duration).count();
@@ -138,7 +122,7 @@ class RenderPool::Impl {
           std::make_unique<Worker>("the embedded worker", embedded_->in_process_channel()));
     }
     for (const std::string& address : options_.workers) {
-      workers_.push_back(std::make_unique<Worker>("worker " + address, connect(address)));
+      workers_.push_back(std::make_unique<Worker>("worker " + address, connect_to(address)));
     }
     for (const auto& worker : workers_) {
       threads_.emplace_back([this, &w = *worker] {

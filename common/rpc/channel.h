@@ -1,0 +1,20 @@
+// Channels to workers and predictors: the one place that says how a connection is made, watched and
+// secured.
+#pragma once
+
+#include <grpcpp/channel.h>
+
+#include <memory>
+#include <string>
+
+namespace itn {
+
+// To HOST:PORT, connected when first used; no other channel shares its connection. Messages have no
+// limit here: what a request or a reply may take is the server's to say. A server that hangs
+// without closing its connection is noticed within 4 s, and one that is started again is found
+// again within 2 s.
+//
+// Neither encrypted nor authenticated: private networks only.
+std::shared_ptr<grpc::Channel> connect_to(const std::string& address);
+
+}  // namespace itn
