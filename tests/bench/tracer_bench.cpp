@@ -7,6 +7,7 @@
 // are independent: so a few renders of thousands of pixels measure it well.
 #include <fmt/format.h>
 #include <hwy/targets.h>
+#include <time.h>
 #include <CLI/CLI.hpp>
 
 #include <algorithm>
@@ -25,8 +26,13 @@
 #include "common/geometry/mesh_file.h"
 #include "common/geometry/shapes.h"
 #include "common/learning/weight_map.h"
+#include "common/scene/scene_bytes.h"
+#include "server/render/render_reply.h"
 #include "server/render/rendering_loss.h"
+#include "server/render/scene_builder.h"
+#include "server/render/scene_cache.h"
 #include "server/tracer/render.h"
+#include "server/tracer/scene/compiled_scene.h"
 
 namespace itn {
 namespace {
@@ -411,6 +417,184 @@ void measure_scaling(const Options&) {
   }
 }
 
+// ---- Where the time of a small render goes --------------------------------------------------
+
+double process_cpu_seconds() {
+  timespec now{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+// CPU time by step, in milliseconds, in the order of the steps' first appearance; of all threads.
+class Steps {
+ public:
+  template <typename Work>
+  auto time(const std::string& step, const Work& work) {
+    const double start = process_cpu_seconds();
+    auto result = work();
+    entry(step).push_back(1e3 * (process_cpu_seconds() - start));
+    return result;
+  }
+  void print(const std::string& head) const {
+    std::string text = head;
+    double sum = 0;
+    for (const auto& [step, values] : steps_) {
+      text += fmt::format(", \"{}\": {:.3g}", step, median(values));
+      sum += median(values);
+    }
+    fmt::print("{}, \"all\": {:.3g}}}\n", text, sum);
+    std::fflush(stdout);
+  }
+
+ private:
+  std::vector<double>& entry(const std::string& step) {
+    for (auto& [name, values] : steps_) {
+      if (name == step) {
+        return values;
+      }
+    }
+    return steps_.emplace_back(step, std::vector<double>()).second;
+  }
+  std::vector<std::pair<std::string, std::vector<double>>> steps_;
+};
+
+// The paper's set-up as it comes over the wire.
+v1::Scene wire_scene(const Mesh& mesh, int resolution) {
+  v1::Scene scene;
+  set_triangles(*scene.mutable_object()->mutable_mesh(), mesh);
+  v1::Rectangle& ground = *scene.add_surfaces()->mutable_rectangle();
+  ground.mutable_center();
+  ground.mutable_half_u()->set_x(20);
+  ground.mutable_half_v()->set_z(-20);
+  v1::SunSky& sky = *scene.add_lights()->mutable_sun_sky();
+  sky.set_turbidity(3);
+  sky.set_sun_elevation_degrees(60);
+  sky.set_sun_angular_radius_degrees(18.75F);
+  v1::Camera& camera = *scene.mutable_camera();
+  camera.mutable_origin()->set_y(8.78F);
+  camera.mutable_origin()->set_z(-32.8F);
+  camera.mutable_target()->set_y(0.5F);
+  camera.set_fov_degrees(2.5F);
+  scene.mutable_film()->set_width(static_cast<uint32_t>(resolution));
+  scene.mutable_film()->set_height(static_cast<uint32_t>(resolution));
+  return scene;
+}
+
+// What a worker does for a request, step by step. `digest`: of a scene that is held.
+void answer(const std::string& bytes, const v1::RenderGradRequest& request, SceneCache& cache,
+            Steps& steps) {
+  const std::string digest = steps.time("hash", [&] { return sha256(bytes); });
+  const auto scene = steps.time("scene", [&] {
+    return cache.get_or_build(digest, [&] {
+      return std::make_shared<const Scene>(build_scene(parse_scene(bytes), RenderLimits()));
+    });
+  });
+  RenderSettings settings = build_settings(request, RenderLimits());
+  steps.time("object pixels", [&] { return scene->compiled().object_pixels().size(); });
+  const FilmSums sums = steps.time("paths", [&] { return render_grad(*scene, settings); });
+  steps.time("reply", [&] { return make_reply(sums, request).SerializeAsString().size(); });
+}
+
+// What of a scene is new to the worker.
+enum class New { kNothing, kPose, kSunAzimuth, kCameraHeight, kMesh };
+
+void set_up_row(New what, const char* name, int resolution, uint32_t spp, int repetitions) {
+  constexpr int kRings = 71;  // 20 k triangles
+  v1::RenderGradRequest request;
+  *request.mutable_scene() = "as it comes";
+  request.mutable_material()->set_sigma_t(100);
+  request.mutable_material()->set_albedo(0.87);
+  request.mutable_material()->set_g(0.4);
+  request.set_spp(spp);
+  request.set_pixels(v1::OBJECT_PIXELS);
+  SceneCache cache(size_t{1} << 30);
+  const Mesh mesh = bumpy_ball(kRings);
+  Steps ignored, steps;
+  answer(wire_scene(mesh, resolution).SerializeAsString(), request, cache, ignored);
+  for (int i = 1; i <= repetitions; ++i) {
+    Mesh other = mesh;
+    if (what == New::kMesh) {
+      other.vertices[0].y += 1e-4F * static_cast<float>(i);
+    }
+    v1::Scene scene = wire_scene(other, resolution);
+    if (what == New::kPose) {
+      v1::Rotation& turn =
+          *scene.mutable_object()->mutable_mesh()->add_transforms()->mutable_rotate();
+      turn.mutable_axis()->set_y(1);
+      turn.set_angle_degrees(10.0F * static_cast<float>(i));
+    } else if (what == New::kSunAzimuth) {
+      scene.mutable_lights(0)->mutable_sun_sky()->set_sun_azimuth_degrees(10.0F *
+                                                                          static_cast<float>(i));
+    } else if (what == New::kCameraHeight) {
+      scene.mutable_camera()->mutable_origin()->set_y(8.78F + 0.1F * static_cast<float>(i));
+    }
+    answer(scene.SerializeAsString(), request, cache, steps);
+  }
+  steps.print(
+      fmt::format("{{\"set_up\": \"{}\", \"resolution\": {}, \"spp\": {}", name, resolution, spp));
+}
+
+// What compiling a new mesh and a new sky consists of.
+void parts_row(int repetitions) {
+  const Mesh mesh = bumpy_ball(71);
+  const std::string bytes = wire_scene(mesh, 64).SerializeAsString();
+  Steps steps;
+  for (int i = 0; i < repetitions; ++i) {
+    const v1::Scene scene = steps.time("parse", [&] { return parse_scene(bytes); });
+    const SceneDescription description =
+        steps.time("weld and check", [&] { return build_scene(scene, RenderLimits()); });
+    steps.time("validate closed", [&] {
+      validate_closed(description.object, "object");
+      return 0;
+    });
+    steps.time("grid", [&] { return Grid(description.object).memory(); });
+    steps.time("depths", [&] { return Depths(description.object).memory(); });
+    steps.time("camera inside",
+               [&] { return winding_number(description.object, description.camera.origin); });
+    steps.time("lights",
+               [&] { return Lights(description.lights, description.film.channel).memory(); });
+  }
+  steps.print(fmt::format("{{\"parts_of\": {}", mesh.triangles.size()));
+}
+
+// Where the CPU time of a small render goes, in milliseconds: medians over renders of the pixels
+// of an object of 20 k triangles, of which more and more is known to the worker.
+void measure_set_up(const Options& options) {
+  parts_row(options.repetitions);
+  for (const int resolution : {64, 128}) {
+    for (const uint32_t spp : {4U, 16U, 64U}) {
+      const auto row = [&](New what, const char* name) {
+        set_up_row(what, name, resolution, spp, options.repetitions);
+      };
+      row(New::kNothing, "held");
+      row(New::kPose, "new pose");
+      row(New::kSunAzimuth, "new sun azimuth");
+      row(New::kCameraHeight, "new camera height");
+      row(New::kMesh, "new mesh");
+    }
+  }
+}
+
+// Training renders (three derivatives, a loss, a pilot) a second of the held scene, on all threads.
+void measure_training(const Options& options) {
+  constexpr int kResolution = 128;
+  const Scene scene(paper_scene(bumpy_ball(71), kResolution));
+  const Target target = make_target(scene, kMaterials[1], kResolution);
+  for (const uint32_t spp : {4U, 16U, 64U}) {
+    Variant variant = wavefront(kMaterials[1], spp);
+    variant.settings.pixels = Pixels::kObject;
+    variant.settings.importance = target.importance;
+    const double wall = wall_seconds([&] {
+      for (int i = 0; i < options.repetitions; ++i) {
+        variant.settings.seed = static_cast<uint64_t>(i);
+        render_grad(scene, variant.settings);
+      }
+    });
+    fmt::print("{{\"training\": {}, \"spp\": {}, \"renders_per_second\": {:.4g}}}\n", kResolution,
+               spp, options.repetitions / wall);
+  }
+}
+
 // What datasets cost: images of 2 % error (root mean square over the object's pixels, relative to
 // their mean) per CPU-hour. `albedos` share the paths of one walk.
 void measure_dataset(const Options& options) {
@@ -554,6 +738,8 @@ int main(int argc, char** argv) {
   add("paper", "The cube that the paper's renderer was timed with", itn::time_paper_scene);
   add("scaling", "Time and memory by pixels, samples and triangles", itn::measure_scaling);
   add("dataset", "Images of 2 % error per CPU-hour", itn::measure_dataset);
+  add("setup", "Where the time of a small render goes", itn::measure_set_up);
+  add("training", "Renders with a loss a second", itn::measure_training);
   add("soak", "Counts leaks and invalid samples", itn::soak)
       ->add_option("--paths", options.paths, "To trace at least")
       ->capture_default_str();
