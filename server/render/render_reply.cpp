@@ -9,7 +9,7 @@
 #include "common/rpc/wire_array.h"
 #include "server/render/chain_rule.h"
 #include "server/render/rendering_loss.h"
-#include "server/render/scene_builder.h"
+#include "server/render/request_check.h"
 
 namespace itn {
 namespace {

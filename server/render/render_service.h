@@ -5,7 +5,7 @@
 
 #include "common/rpc/job_queue.h"
 #include "itn/v1/render.grpc.pb.h"
-#include "server/render/scene_builder.h"
+#include "server/render/request_check.h"
 #include "server/render/scene_cache.h"
 
 namespace itn {

@@ -1,16 +1,12 @@
-// From what came over the wire to what the tracer takes: every field is checked against the range
-// that its comment in scene.proto or render.proto states, before anything is allocated for it.
-//
-// All functions throw Error: kInvalidInput with the path of the field, its value and its range
-// ("scene.lights[1].sun_sky.turbidity is 12; it must be in [1, 10]"), or kLimit.
+// From the scene that came over the wire to what the tracer takes: every field is checked against
+// the range that its comment in scene.proto states, before anything is allocated for it. All
+// functions throw Error as in field_check.h.
 #pragma once
 
 #include <cstdint>
 #include <string>
 
-#include "itn/v1/render.pb.h"
 #include "itn/v1/scene.pb.h"
-#include "server/tracer/render.h"
 #include "server/tracer/scene/scene.h"
 
 namespace itn {
@@ -24,7 +20,6 @@ struct RenderLimits {
   uint64_t max_message_bytes = uint64_t{2047} << 20;
 };
 
-inline constexpr uint32_t kMaxEstimates = 16;
 inline constexpr int kMaxLights = 64;
 
 // Parses a serialized itn.v1.Scene. A field that this program does not know is refused: it would
@@ -33,17 +28,5 @@ v1::Scene parse_scene(const std::string& bytes);
 
 // Meshes with a `path` are refused, as are environment maps.
 tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits& limits);
-
-// Checks the request but for its scene. `threads` is left at its default.
-tracer::RenderSettings build_settings(const v1::RenderGradRequest& request,
-                                      const RenderLimits& limits);
-
-Material build_material(const v1::Material& material);
-
-// Checks the request against its scene: throws kInvalidInput if the loss's image has another size,
-// kLimit if the reply to this (checked) request would not fit into a message. As the images
-// are what a render allocates, this bounds its memory too.
-void check_reply_size(int width, int height, const v1::RenderGradRequest& request,
-                      const RenderLimits& limits);
 
 }  // namespace itn

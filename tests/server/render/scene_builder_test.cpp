@@ -1,5 +1,7 @@
 #include "server/render/scene_builder.h"
 
+#include "server/render/request_check.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

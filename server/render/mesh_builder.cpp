@@ -1,0 +1,178 @@
+#include "server/render/mesh_builder.h"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <cmath>
+
+#include "common/error.h"
+#include "common/geometry/shapes.h"
+#include "server/render/field_check.h"
+
+namespace itn {
+namespace {
+
+constexpr Affine kIdentity = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+
+// First b, then a.
+Affine compose(const Affine& a, const Affine& b) {
+  Affine product{};
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 4; ++column) {
+      double sum = column == 3 ? a[4 * row + 3] : 0;
+      for (int k = 0; k < 3; ++k) sum += a[4 * row + k] * b[4 * k + column];
+      product[4 * row + column] = sum;
+    }
+  }
+  return product;
+}
+
+double determinant(const Affine& m) {
+  return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
+         m[2] * (m[4] * m[9] - m[5] * m[8]);
+}
+
+// Rodrigues' formula, R = cos I + sin [k]x + (1 - cos) k k^T.
+Affine rotation(Vec3d axis, double angle) {
+  const Vec3d k = normalize(axis);
+  const double c = std::cos(angle);
+  const double s = std::sin(angle);
+  const double t = 1 - c;
+  return {c + t * k.x * k.x,       t * k.x * k.y - s * k.z, t * k.x * k.z + s * k.y, 0,
+          t * k.x * k.y + s * k.z, c + t * k.y * k.y,       t * k.y * k.z - s * k.x, 0,
+          t * k.x * k.z - s * k.y, t * k.y * k.z + s * k.x, c + t * k.z * k.z,       0};
+}
+
+Affine build_scale(const std::string& field, const v1::Vec3& proto) {
+  const Vec3d s = to_vec(proto);
+  if (!(s.x * s.y * s.z > 0)) {
+    throw invalid_input(fmt::format(
+        "{} is ({}, {}, {}); the product of the factors must be positive (no mirror image)", field,
+        s.x, s.y, s.z));
+  }
+  return {s.x, 0, 0, 0, 0, s.y, 0, 0, 0, 0, s.z, 0};
+}
+
+Affine build_matrix(const std::string& field, const v1::Matrix& proto) {
+  if (proto.m_size() != 16) {
+    throw invalid_input(fmt::format("{}.m has {} numbers; it must have 16", field, proto.m_size()));
+  }
+  if (proto.m(12) != 0 || proto.m(13) != 0 || proto.m(14) != 0 || proto.m(15) != 1) {
+    throw invalid_input(fmt::format("the last row of {}.m must be 0 0 0 1", field));
+  }
+  Affine affine{};
+  for (int i = 0; i < 12; ++i) affine[i] = proto.m(i);
+  if (!(determinant(affine) > 0)) {
+    throw invalid_input(fmt::format("the determinant of {}.m is {}; it must be positive", field,
+                                    determinant(affine)));
+  }
+  return affine;
+}
+
+Affine build_transform(const std::string& field, const v1::Transform& proto) {
+  switch (proto.kind_case()) {
+    case v1::Transform::kTranslate: {
+      const Vec3d t = to_vec(proto.translate());
+      return {1, 0, 0, t.x, 0, 1, 0, t.y, 0, 0, 1, t.z};
+    }
+    case v1::Transform::kRotate:
+      return rotation(non_zero(field + ".rotate.axis", proto.rotate().axis()),
+                      proto.rotate().angle_degrees() * kRadiansPerDegree);
+    case v1::Transform::kScale: return build_scale(field + ".scale", proto.scale());
+    case v1::Transform::kMatrix: return build_matrix(field + ".matrix", proto.matrix());
+    case v1::Transform::KIND_NOT_SET: break;
+  }
+  throw missing(field + ": one of translate, rotate, scale and matrix");
+}
+
+Mesh place(const std::string& field, const Mesh& mesh, const v1::Mesh& proto) {
+  Affine affine = kIdentity;
+  for (int i = 0; i < proto.transforms_size(); ++i) {
+    affine = compose(
+        build_transform(fmt::format("{}.transforms[{}]", field, i), proto.transforms(i)), affine);
+  }
+  return transformed(mesh, affine);
+}
+
+void check_extent(const std::string& field, const Mesh& mesh) {
+  if (mesh.triangles.empty()) {
+    throw invalid_input(fmt::format("{} has only triangles that repeat a vertex", field));
+  }
+  for (const Vec3f v : mesh.vertices) {
+    check_position(field + ", after its transforms,", static_cast<Vec3d>(v));
+  }
+}
+
+Mesh build_rectangle(const std::string& field, const v1::Rectangle& proto) {
+  const Vec3d center = to_vec(proto.center());
+  const Vec3d u = non_zero(field + ".half_u", proto.half_u());
+  const Vec3d v = non_zero(field + ".half_v", proto.half_v());
+  if (!(length(cross(u, v)) > 1e-6 * length(u) * length(v))) {
+    throw invalid_input(fmt::format("{}: half_u and half_v must not be parallel", field));
+  }
+  Mesh mesh;
+  for (const Vec3d corner : {center - u - v, center + u - v, center + u + v, center - u + v}) {
+    mesh.vertices.push_back(static_cast<Vec3f>(check_position(field, corner)));
+  }
+  mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+  return mesh;
+}
+
+}  // namespace
+
+Mesh MeshBuilder::build(const std::string& field, const v1::Mesh& proto) {
+  Mesh mesh = source(field, proto);
+  if (proto.normalize()) mesh = normalized(mesh);
+  if (proto.transforms_size() > 0) mesh = place(field, mesh, proto);
+  check_extent(field, mesh);
+  return mesh;
+}
+
+tracer::DiffuseSurface MeshBuilder::build_surface(const std::string& field,
+                                                  const v1::Surface& proto) {
+  tracer::DiffuseSurface surface;
+  if (proto.has_reflectance()) {
+    surface.reflectance =
+        static_cast<float>(in_closed(field + ".reflectance", proto.reflectance(), 0, 1));
+  }
+  switch (proto.shape_case()) {
+    case v1::Surface::kRectangle:
+      count(2);
+      surface.mesh = build_rectangle(field + ".rectangle", proto.rectangle());
+      return surface;
+    case v1::Surface::kMesh: surface.mesh = build(field + ".mesh", proto.mesh()); return surface;
+    case v1::Surface::SHAPE_NOT_SET: break;
+  }
+  throw missing(field + ": one of rectangle and mesh");
+}
+
+void MeshBuilder::count(uint64_t triangles) {
+  triangles_ += triangles;
+  within_limit("the number of triangles of the scene", triangles_, max_triangles_);
+}
+
+Mesh MeshBuilder::source(const std::string& field, const v1::Mesh& proto) {
+  switch (proto.source_case()) {
+    case v1::Mesh::kTriangles: return from_triangles(field + ".triangles", proto.triangles());
+    case v1::Mesh::kBuiltin: {
+      Mesh mesh = make_shape(proto.builtin());
+      count(mesh.triangles.size());
+      return mesh;
+    }
+    case v1::Mesh::kPath:
+      throw invalid_input(
+          fmt::format("{}.path is set; a worker opens no files: send the triangles", field));
+    case v1::Mesh::SOURCE_NOT_SET: break;
+  }
+  throw missing(field + ": one of triangles, path and builtin");
+}
+
+Mesh MeshBuilder::from_triangles(const std::string& field, const v1::Triangles& proto) {
+  count(proto.indices().size() / sizeof(std::array<uint32_t, 3>));
+  Mesh mesh{array_of<Vec3f>(field + ".positions", proto.positions()),
+            array_of<std::array<uint32_t, 3>>(field + ".indices", proto.indices())};
+  validate_triangles(mesh, field);
+  return welded(mesh);
+}
+
+}  // namespace itn

@@ -1,0 +1,31 @@
+// Meshes of a scene off the wire.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "common/geometry/mesh.h"
+#include "itn/v1/scene.pb.h"
+#include "server/tracer/scene/scene.h"
+
+namespace itn {
+
+// Builds meshes as long as all of them together stay within the limit of triangles. All functions
+// throw Error as in field_check.h.
+class MeshBuilder {
+ public:
+  explicit MeshBuilder(uint64_t max_triangles) : max_triangles_(max_triangles) {}
+
+  Mesh build(const std::string& field, const v1::Mesh& proto);
+  tracer::DiffuseSurface build_surface(const std::string& field, const v1::Surface& proto);
+
+ private:
+  void count(uint64_t triangles);
+  Mesh source(const std::string& field, const v1::Mesh& proto);
+  Mesh from_triangles(const std::string& field, const v1::Triangles& proto);
+
+  uint64_t max_triangles_;
+  uint64_t triangles_ = 0;
+};
+
+}  // namespace itn
