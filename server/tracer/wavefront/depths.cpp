@@ -6,12 +6,20 @@ namespace {
 // Along the longest side of the mesh: about as fine as light falls off in the paper's materials,
 // yet all of them fit into a processor's second cache.
 constexpr int kCells = 64;
+constexpr uint8_t kFarthest = 255;
 
-CubicCells cells_around(const Mesh& mesh) {
+// Coarser where large triangles are so many that finding the cells of each would take long.
+double most_touches(size_t triangles) {
+  return 64 * static_cast<double>(triangles) + (1 << 20);
+}
+
+CubicCells cells_around(const Mesh& mesh, Cancellation& cancellation) {
   const Bounds box = bounds(mesh);
   const auto low = static_cast<Vec3d>(box.min);
   const Vec3d extent = static_cast<Vec3d>(box.max) - low;
-  const double edge = std::max({extent.x, extent.y, extent.z}) / kCells;
+  const double edge =
+      std::max(std::max({extent.x, extent.y, extent.z}) / kCells,
+               ExpectedTouches(mesh, cancellation).edge_for(most_touches(mesh.triangles.size())));
   const auto count = [&](double length) {
     return std::clamp(static_cast<int>(std::ceil(length / edge)), 1, kCells);
   };
@@ -22,39 +30,51 @@ CubicCells cells_around(const Mesh& mesh) {
 
 // The chamfer distance of Borgefors ("Distance transformations in arbitrary dimensions", 1984): a
 // step to a neighbour costs 3, 4 or 5, by whether they share a face, an edge or a corner. One pass
-// forth, looking at the neighbours behind, and one back.
-Depths::Depths(const Mesh& mesh) : cells(cells_around(mesh)) {
-  thirds.assign(cells.count() + 3, 255);
+// forth, looking at the neighbours behind, and one back. A row looks at its neighbouring rows, all
+// of its cells at once, then along itself.
+Depths::Depths(const Mesh& mesh, const std::stop_token& stop) {
+  Cancellation cancellation(stop);
+  cells = cells_around(mesh, cancellation);
+  thirds.assign(cells.count() + 3, kFarthest);
   for (const auto& triangle : mesh.triangles) {
-    for_touched_cells(cells, mesh, triangle, 1e-3 * cells.edge,
-                      [&](size_t cell) { thirds[cell] = 0; });
+    cancellation.turn();
+    TriangleAmongCells(cells, mesh, triangle, 1e-3 * cells.edge).for_each([&](size_t cell) {
+      thirds[cell] = 0;
+    });
   }
   const auto [nx, ny, nz] = cells.size;
-  const auto pass = [&](int direction) {
-    const auto place = [&](int i, int n) { return direction > 0 ? i : n - 1 - i; };
+  // With a cell more at either end, that each has neighbours.
+  using Row = std::vector<uint8_t>;
+  const Row outside(nx + 2, kFarthest);
+  Row here = outside, near = outside;
+  const auto look_at = [&](int y, int z, int cost) {
+    if (y < 0 || y >= ny || z < 0 || z >= nz) {
+      return;
+    }
+    std::copy_n(&thirds[cells.index(0, y, z)], nx, near.begin() + 1);
+    for (int i = 1; i <= nx; ++i) {
+      const int across = std::min(near[i - 1], near[i + 1]);
+      const int least = std::min(near[i] + cost, across + cost + 1);
+      here[i] = static_cast<uint8_t>(std::min<int>(here[i], least));
+    }
+  };
+  const auto pass = [&](int forth) {
+    const auto place = [&](int i, int n) { return forth > 0 ? i : n - 1 - i; };
     for (int k = 0; k < nz; ++k) {
+      check_cancelled(stop);
       for (int j = 0; j < ny; ++j) {
+        const int y = place(j, ny), z = place(k, nz);
+        uint8_t* const row = &thirds[cells.index(0, y, z)];
+        std::copy_n(row, nx, here.begin() + 1);
+        look_at(y - 1, z - forth, 4);
+        look_at(y, z - forth, 3);
+        look_at(y + 1, z - forth, 4);
+        look_at(y - forth, z, 3);
         for (int i = 0; i < nx; ++i) {
-          const int x = place(i, nx), y = place(j, ny), z = place(k, nz);
-          int least = thirds[cells.index(x, y, z)];
-          const auto look = [&](int dx, int dy, int dz) {
-            const int u = x - dx * direction, v = y - dy * direction, w = z - dz * direction;
-            if (u >= 0 && u < nx && v >= 0 && v < ny && w >= 0 && w < nz) {
-              const int cost = 2 + std::abs(dx) + std::abs(dy) + std::abs(dz);
-              least = std::min(least, thirds[cells.index(u, v, w)] + cost);
-            }
-          };
-          for (int dy = -1; dy <= 1; ++dy) {
-            for (int dx = -1; dx <= 1; ++dx) {
-              look(dx, dy, 1);
-            }
-          }
-          for (int dx = -1; dx <= 1; ++dx) {
-            look(dx, 1, 0);
-          }
-          look(1, 0, 0);
-          thirds[cells.index(x, y, z)] = static_cast<uint8_t>(least);
+          const int x = place(i, nx) + 1;
+          here[x] = static_cast<uint8_t>(std::min<int>(here[x], here[x - forth] + 3));
         }
+        std::copy_n(here.begin() + 1, nx, row);
       }
     }
   };

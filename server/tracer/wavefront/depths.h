@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <stop_token>
 #include <vector>
 
 #include "server/tracer/wavefront/cubic_cells.h"
@@ -12,7 +13,8 @@
 namespace itn::tracer {
 
 struct Depths {
-  explicit Depths(const Mesh& mesh);
+  // Throws Error (cancelled) soon after a stop is asked for.
+  explicit Depths(const Mesh& mesh, const std::stop_token& stop = {});
 
   CubicCells cells;
   // By cell: the distance to the nearest cell that the boundary passes through, from middle to

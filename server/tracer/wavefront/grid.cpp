@@ -3,7 +3,11 @@
 #include <algorithm>
 #include <cfloat>
 #include <cmath>
+#include <optional>
 
+#include <fmt/format.h>
+
+#include "common/error.h"
 #include "server/tracer/threads.h"
 #include "server/tracer/wavefront/cubic_cells.h"
 
@@ -17,11 +21,25 @@ constexpr double kCellEdge = 1.6;
 // Cells along the longest side, at least: in a mesh of few large triangles most flights then stay
 // among empty cells.
 constexpr double kLeastCells = 24;
-constexpr int64_t kMaxCells = int64_t{1} << 24;
 
-double area(const Mesh& mesh) {
+// What a grid may cost: the same of every mesh by the number of its triangles, however thin, large
+// or often repeated they are. Scans take a fifth to a half of it; where a mesh would take more, its
+// cells are made larger. The constants are for small meshes.
+size_t most_cells(size_t triangles) {
+  return std::min(16 * triangles + (size_t{1} << 20), size_t{1} << 24);
+}
+size_t most_blocks(size_t triangles) {
+  return triangles + (size_t{1} << 14);
+}
+// Of triangles in cells.
+size_t most_references(size_t triangles) {
+  return 8 * triangles + (size_t{1} << 16);
+}
+
+double area(const Mesh& mesh, Cancellation& cancellation) {
   double sum = 0;
   for (const auto& [a, b, c] : mesh.triangles) {
+    cancellation.turn();
     const auto corner = static_cast<Vec3d>(mesh.vertices[a]);
     sum += length(cross(static_cast<Vec3d>(mesh.vertices[b]) - corner,
                         static_cast<Vec3d>(mesh.vertices[c]) - corner)) /
@@ -75,72 +93,137 @@ uint32_t slab_of(double low, double high) {
 
 }  // namespace
 
-Grid::Grid(const Mesh& mesh) {
-  choose_cells(mesh);
-  fill(mesh);
-  measure_reaches();
-  mark_inside();
+Grid::Grid(const Mesh& mesh, const std::stop_token& stop) {
+  if (mesh.triangles.size() > kMaxTriangles) {
+    throw Error(ErrorKind::kLimit,
+                fmt::format("the object has {} triangles; at most {} are possible",
+                            mesh.triangles.size(), kMaxTriangles));
+  }
+  Cancellation cancellation(stop);
+  choose_cells(mesh, cancellation);
+  fill(mesh, cancellation);
+  measure_reaches(stop);
+  mark_inside(cancellation);
 }
 
-void Grid::choose_cells(const Mesh& mesh) {
+size_t Grid::most_memory(size_t triangles) {
+  const size_t cells = most_cells(triangles), blocks = most_blocks(triangles);
+  const size_t kept = cells * (sizeof(uint32_t) + 8) + blocks * sizeof(TriangleBlock) +
+                      blocks * sizeof(OccupiedCell);
+  const size_t listing = (most_references(triangles) * 2 + blocks + triangles) * sizeof(uint32_t);
+  const size_t marking = cells * 2 * sizeof(uint32_t) + cells / 8;
+  return kept + std::max(listing, marking);
+}
+
+void Grid::choose_cells(const Mesh& mesh, Cancellation& cancellation) {
+  const size_t triangles = mesh.triangles.size();
   const Bounds box = bounds(mesh);
   const Vec3d extent = static_cast<Vec3d>(box.max) - static_cast<Vec3d>(box.min);
   const double longest = std::max({extent.x, extent.y, extent.z});
-  double cell = kCellEdge * std::sqrt(2 * area(mesh) / static_cast<double>(mesh.triangles.size()));
+  double cell =
+      kCellEdge * std::sqrt(2 * area(mesh, cancellation) / static_cast<double>(triangles));
   cell = std::min(cell, longest / kLeastCells);
+  const ExpectedTouches expected(mesh, cancellation);
+  cell = std::max(cell, expected.edge_for(static_cast<double>(most_references(triangles))));
   // A margin of a quarter cell all around, so that the outermost layer touches nothing by rounding.
-  const auto cells_along = [&](double length) {
-    return static_cast<int>(std::ceil(length / cell + 0.5));
+  const auto cells_along = [&](double length) { return std::ceil(length / cell + 0.5); };
+  const auto too_many = [&] {
+    return cells_along(extent.x) * cells_along(extent.y) * cells_along(extent.z) >
+           static_cast<double>(most_cells(triangles));
   };
-  const auto count = [&] {
-    return int64_t{cells_along(extent.x)} * cells_along(extent.y) * cells_along(extent.z);
-  };
-  while (count() > kMaxCells) {
+  while (too_many()) {
     cell *= 1.05;
   }
+  place_cells(box, cell);
+}
+
+void Grid::place_cells(const Bounds& box, double cell) {
+  const auto cells_along = [&](float from, float to) {
+    return static_cast<int>(std::ceil((double{to} - double{from}) / cell + 0.5));
+  };
   edge = static_cast<float>(cell);
   inverse_edge = 1 / edge;
   slab_scale = static_cast<float>(1.01 * (kAxisLength + 1) * std::sqrt(3.0) / 2 * cell);
   low = box.min - Vec3f{edge, edge, edge} * 0.25F;
-  size = {cells_along(extent.x), cells_along(extent.y), cells_along(extent.z)};
+  size = {cells_along(box.min.x, box.max.x), cells_along(box.min.y, box.max.y),
+          cells_along(box.min.z, box.max.z)};
 }
 
-void Grid::fill(const Mesh& mesh) {
+// The cells that triangles touch, triangle by triangle, and how many blocks they need there.
+struct Grid::Touched {
+  std::vector<uint32_t> cells, count_of_triangle;
+  size_t blocks = 0;
+};
+
+// Leaves the number of its triangles in every cell. Nothing if the grid would cost more than it
+// may.
+std::optional<Grid::Touched> Grid::touched_cells(const Mesh& mesh, Cancellation& cancellation) {
   const Bounds box = bounds(mesh);
   const double largest = std::max({std::abs(box.min.x), std::abs(box.min.y), std::abs(box.min.z),
                                    std::abs(box.max.x), std::abs(box.max.y), std::abs(box.max.z)});
   const CubicCells placed{static_cast<Vec3d>(low), edge, size};
   const double margin = 1e-3 * double{edge} + 16 * FLT_EPSILON * largest;
-  // Count, number the occupied cells, then list their triangles cell by cell.
+  const size_t triangles = mesh.triangles.size();
+  Touched touched;
+  touched.cells.reserve(most_references(triangles));
+  touched.count_of_triangle.reserve(triangles);
   cells.assign(placed.count(), 0);
-  const auto triangles = static_cast<uint32_t>(mesh.triangles.size());
-  for (uint32_t t = 0; t < triangles; ++t) {
-    for_touched_cells(placed, mesh, mesh.triangles[t], margin,
-                      [&](size_t cell_index) { ++cells[cell_index]; });
-  }
-  std::vector<uint32_t> begin{0};
-  for (uint32_t& word : cells) {
-    if (word > 0) {
-      begin.push_back(begin.back() + word);
-      word = kOccupied | static_cast<uint32_t>(begin.size() - 2);
+  for (const auto& triangle : mesh.triangles) {
+    cancellation.turn();
+    const size_t before = touched.cells.size();
+    TriangleAmongCells(placed, mesh, triangle, margin).for_each([&](size_t cell_index) {
+      touched.blocks += cells[cell_index]++ % TriangleBlock::kSize == 0 ? 1 : 0;
+      touched.cells.push_back(static_cast<uint32_t>(cell_index));
+    });
+    touched.count_of_triangle.push_back(static_cast<uint32_t>(touched.cells.size() - before));
+    if (touched.cells.size() > most_references(triangles) ||
+        touched.blocks > most_blocks(triangles)) {
+      return {};
     }
   }
-  std::vector<uint32_t> next = begin, list(begin.back());
-  for (uint32_t t = 0; t < triangles; ++t) {
-    for_touched_cells(placed, mesh, mesh.triangles[t], margin,
-                      [&](size_t cell_index) { list[next[cells[cell_index] & kPayload]++] = t; });
+  return touched;
+}
+
+void Grid::fill(const Mesh& mesh, Cancellation& cancellation) {
+  // What was expected is exceeded where triangles lie on faces of cells more often than by chance,
+  // or many cells hold one each. A cell that holds the whole mesh is never too much.
+  std::optional<Touched> touched = touched_cells(mesh, cancellation);
+  while (!touched) {
+    place_cells(bounds(mesh), 1.25 * double{edge});
+    touched = touched_cells(mesh, cancellation);
   }
+  // Number the occupied cells, then list their triangles cell by cell.
+  std::vector<uint32_t> next{0};
+  for (uint32_t& word : cells) {
+    if (word > 0) {
+      next.push_back(next.back() + word);
+      word = kOccupied | static_cast<uint32_t>(next.size() - 2);
+    }
+  }
+  std::vector<uint32_t> list(touched->cells.size());
+  const uint32_t* cell_index = touched->cells.data();
+  for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    cancellation.turn();
+    for (uint32_t i = 0; i < touched->count_of_triangle[t]; ++i) {
+      list[next[cells[*cell_index++] & kPayload]++] = t;
+    }
+  }
+  blocks.reserve(touched->blocks);
+  occupied.reserve(next.size() - 1);
+  touched.reset();
+  size_t begin = 0;
   for (size_t i = 0; i < cells.size(); ++i) {
     if (cells[i] & kOccupied) {
-      const uint32_t n = cells[i] & kPayload;
-      add_cell(mesh, i, list.data() + begin[n], begin[n + 1] - begin[n]);
+      const size_t end = next[cells[i] & kPayload];  // where the next list begins, by now
+      add_cell(mesh, i, {list.data() + begin, end - begin}, cancellation);
+      begin = end;
     }
   }
 }
 
 // The occupied cells come in the order of their numbers.
-void Grid::add_cell(const Mesh& mesh, size_t cell_index, const uint32_t* triangles,
-                    uint32_t count) {
+void Grid::add_cell(const Mesh& mesh, size_t cell_index, std::span<const uint32_t> triangles,
+                    Cancellation& cancellation) {
   const auto middle_of = [&](float from, size_t cell) {
     return from + (static_cast<float>(cell) + 0.5F) * edge;
   };
@@ -150,7 +233,8 @@ void Grid::add_cell(const Mesh& mesh, size_t cell_index, const uint32_t* triangl
                      middle_of(low.z, cell_index / layer)};
   const auto first = static_cast<uint32_t>(blocks.size());
   std::vector<Vec3d> normals;
-  for (uint32_t i = 0; i < count; ++i) {
+  for (size_t i = 0; i < triangles.size(); ++i) {
+    cancellation.turn();
     const size_t place = i % TriangleBlock::kSize;
     if (place == 0) {
       blocks.emplace_back();
@@ -170,8 +254,9 @@ void Grid::add_cell(const Mesh& mesh, size_t cell_index, const uint32_t* triangl
   }
   const Vec3d axis = axis_of(normals);
   double lowest = 1, highest = -1;
-  for (uint32_t i = 0; i < count; ++i) {
-    for (const uint32_t vertex : mesh.triangles[triangles[i]]) {
+  for (const uint32_t t : triangles) {
+    cancellation.turn();
+    for (const uint32_t vertex : mesh.triangles[t]) {
       const Vec3d x = static_cast<Vec3d>(mesh.vertices[vertex]) - static_cast<Vec3d>(middle);
       const double along = dot(axis, x) / double{slab_scale};
       lowest = std::min(lowest, along);
@@ -186,7 +271,7 @@ void Grid::add_cell(const Mesh& mesh, size_t cell_index, const uint32_t* triangl
 // neighbours ahead, as it is their union with the cell. Cells are visited against the octant's
 // direction, so that what is ahead is known: the layer before in z, and the row before in y. Rows
 // have a spare place in front, for what is outside the grid.
-void Grid::measure_reaches() {
+void Grid::measure_reaches(const std::stop_token& stop) {
   reaches.assign(cells.size() * 8 + 3, 1);  // spare bytes, as they are read four at a time
   const auto along = [&](int octant, int axis, int i) {
     return octant >> axis & 1 ? i : size[axis] - 1 - i;
@@ -197,6 +282,7 @@ void Grid::measure_reaches() {
     std::vector<uint8_t> ahead((size[1] + 1) * row, kOutside), layer = ahead, least(row);
     for (int k = 0; k < size[2]; ++k) {
       for (int j = 0; j < size[1]; ++j) {
+        check_cancelled(stop);
         // Rows of the four neighbours at the same place in x, but for this one.
         const uint8_t* const in_z = &ahead[(j + 1) * row];
         const uint8_t* const in_yz = &ahead[j * row];
@@ -233,7 +319,7 @@ void Grid::measure_reaches() {
 // Whether the first crossing on a line from an empty cell along x leaves the medium. As the cell is
 // empty, any point of it will do: one off the middle, which no edge of a mesh with round
 // coordinates is likely to be seen through.
-bool Grid::lies_inside(int x, int y, int z) const {
+bool Grid::lies_inside(int x, int y, int z, Cancellation& cancellation) const {
   const Vec3d from{low.x + (x + 0.5) * edge, low.y + (y + 0.6371) * edge,
                    low.z + (z + 0.2823) * edge};
   for (; x < size[0]; ++x) {
@@ -245,6 +331,7 @@ bool Grid::lies_inside(int x, int y, int z) const {
     double nearest = low.x + (x + 1.0) * edge - from.x;  // crossings beyond belong to later cells
     bool found = false, leaves = false;
     for (uint32_t b = cell.first_block; b < cell.first_block + cell.block_count; ++b) {
+      cancellation.turn();
       for (size_t i = 0; i < TriangleBlock::kSize; ++i) {
         const auto corner = [&](size_t k) {
           const auto& lanes = blocks[b].corners[k];
@@ -275,10 +362,10 @@ bool Grid::lies_inside(int x, int y, int z) const {
 }
 
 // Empty cells that hang together lie on the same side of the boundary.
-void Grid::mark_inside() {
+void Grid::mark_inside(Cancellation& cancellation) {
   std::vector<bool> visited(cells.size());
-  std::vector<size_t> pending, component;
-  for (size_t seed = 0; seed < cells.size(); ++seed) {
+  std::vector<uint32_t> pending, component;
+  for (uint32_t seed = 0; seed < cells.size(); ++seed) {
     if (visited[seed] || (cells[seed] & kOccupied)) {
       continue;
     }
@@ -286,12 +373,13 @@ void Grid::mark_inside() {
     pending = {seed};
     visited[seed] = true;
     while (!pending.empty()) {
-      const size_t at = pending.back();
+      cancellation.turn();
+      const uint32_t at = pending.back();
       pending.pop_back();
       component.push_back(at);
-      const size_t row = size[0], layer = row * size[1];
-      const size_t x = at % row, y = at / row % size[1], z = at / layer;
-      const auto visit = [&](bool exists, size_t neighbour) {
+      const uint32_t row = size[0], layer = row * size[1];
+      const uint32_t x = at % row, y = at / row % size[1], z = at / layer;
+      const auto visit = [&](bool exists, uint32_t neighbour) {
         if (exists && !visited[neighbour] && !(cells[neighbour] & kOccupied)) {
           visited[neighbour] = true;
           pending.push_back(neighbour);
@@ -300,13 +388,13 @@ void Grid::mark_inside() {
       visit(x > 0, at - 1);
       visit(x + 1 < row, at + 1);
       visit(y > 0, at - row);
-      visit(y + 1 < static_cast<size_t>(size[1]), at + row);
+      visit(y + 1 < static_cast<uint32_t>(size[1]), at + row);
       visit(z > 0, at - layer);
-      visit(z + 1 < static_cast<size_t>(size[2]), at + layer);
+      visit(z + 1 < static_cast<uint32_t>(size[2]), at + layer);
     }
     if (lies_inside(static_cast<int>(seed % size[0]), static_cast<int>(seed / size[0] % size[1]),
-                    static_cast<int>(seed / size[0] / size[1]))) {
-      for (const size_t at : component) {
+                    static_cast<int>(seed / size[0] / size[1]), cancellation)) {
+      for (const uint32_t at : component) {
         cells[at] |= kInside;
       }
     }

@@ -6,9 +6,14 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
+#include <optional>
+#include <span>
+#include <stop_token>
 #include <vector>
 
+#include "common/cancellation.h"
 #include "common/geometry/mesh.h"
 
 namespace itn::tracer {
@@ -37,7 +42,14 @@ struct OccupiedCell {
 
 class Grid {
  public:
-  explicit Grid(const Mesh& mesh);
+  // The mesh has a triangle. Throws Error: kCancelled soon after a stop is asked for; kLimit for
+  // more than kMaxTriangles.
+  explicit Grid(const Mesh& mesh, const std::stop_token& stop = {});
+
+  static constexpr size_t kMaxTriangles = size_t{1} << 28;
+  // What a grid of this many triangles takes at most while it is built, in bytes, of whatever shape
+  // they are; built, it takes no more either.
+  static size_t most_memory(size_t triangles);
 
   // A cell's word. Occupied: kOccupied | its number among them. Empty: kInside if it lies in the
   // medium.
@@ -60,12 +72,16 @@ class Grid {
   size_t memory() const;
 
  private:
-  void choose_cells(const Mesh& mesh);
-  void fill(const Mesh& mesh);
-  void add_cell(const Mesh& mesh, size_t cell_index, const uint32_t* triangles, uint32_t count);
-  void measure_reaches();
-  bool lies_inside(int x, int y, int z) const;
-  void mark_inside();
+  struct Touched;
+  void choose_cells(const Mesh& mesh, Cancellation& cancellation);
+  void place_cells(const Bounds& box, double cell);
+  std::optional<Touched> touched_cells(const Mesh& mesh, Cancellation& cancellation);
+  void fill(const Mesh& mesh, Cancellation& cancellation);
+  void add_cell(const Mesh& mesh, size_t cell_index, std::span<const uint32_t> triangles,
+                Cancellation& cancellation);
+  void measure_reaches(const std::stop_token& stop);
+  bool lies_inside(int x, int y, int z, Cancellation& cancellation) const;
+  void mark_inside(Cancellation& cancellation);
 };
 
 }  // namespace itn::tracer
