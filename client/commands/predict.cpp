@@ -7,9 +7,11 @@
 #include <vector>
 
 #include "client/commands/command.h"
+#include "client/interrupt.h"
 #include "client/json.h"
 #include "common/error.h"
 #include "common/image/image.h"
+#include "common/image/photograph.h"
 #include "common/learning/predictor.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/status.h"
@@ -28,15 +30,11 @@ struct PredictOptions {
   bool json = false;
 };
 
-// An image and its mask, with their own storage.
+// What the network sees of an image, and the names of its channels. It is framed here, so that an
+// image of any size can be sent; the predictor would do just the same.
 struct LoadedPhotograph {
-  int width = 0, height = 0;
   std::vector<std::string> channels;
-  std::vector<float> pixels, mask;
-
-  Photograph view() const {
-    return {width, height, static_cast<int>(channels.size()), pixels, mask};
-  }
+  FramedPhotograph framed;
 };
 
 std::vector<std::string> channels_of(const Image& image, const std::string& path) {
@@ -79,26 +77,29 @@ std::vector<float> mask_of(const PredictOptions& options, const Image& image) {
 
 LoadedPhotograph load(const PredictOptions& options) {
   const Image image = read_exr(options.image);
-  LoadedPhotograph photograph{image.width, image.height, channels_of(image, options.image), {}, {}};
-  const size_t pixels = static_cast<size_t>(image.width) * image.height;
-  photograph.pixels.reserve(pixels * photograph.channels.size());
-  for (size_t p = 0; p < pixels; ++p) {
-    for (const std::string& name : photograph.channels) {
-      photograph.pixels.push_back(image.channels.at(name)[p]);
+  const std::vector<std::string> channels = channels_of(image, options.image);
+  const size_t count = static_cast<size_t>(image.width) * image.height;
+  std::vector<float> pixels;
+  pixels.reserve(count * channels.size());
+  for (size_t p = 0; p < count; ++p) {
+    for (const std::string& name : channels) {
+      pixels.push_back(image.channels.at(name)[p]);
     }
   }
-  photograph.mask = mask_of(options, image);
-  validate(photograph.view());
-  return photograph;
+  const std::vector<float> mask = mask_of(options, image);
+  const Photograph photograph{image.width, image.height, static_cast<int>(channels.size()), pixels,
+                              mask};
+  validate(photograph, interruption());
+  return {channels, framed(photograph, interruption())};
 }
 
 v1::PredictReply ask(const PredictOptions& options, const LoadedPhotograph& photograph) {
   v1::PredictRequest request;
-  request.set_width(static_cast<uint32_t>(photograph.width));
-  request.set_height(static_cast<uint32_t>(photograph.height));
-  request.set_channels(static_cast<uint32_t>(photograph.channels.size()));
-  request.set_image(to_bytes(photograph.pixels));
-  request.set_mask(to_bytes(photograph.mask));
+  request.set_width(static_cast<uint32_t>(photograph.framed.side));
+  request.set_height(static_cast<uint32_t>(photograph.framed.side));
+  request.set_channels(static_cast<uint32_t>(photograph.framed.channels));
+  request.set_image(to_bytes(photograph.framed.pixels));
+  request.set_mask(to_bytes(photograph.framed.mask));
   const auto stub = v1::PredictService::NewStub(connect_to(options.predictor));
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() +
@@ -115,7 +116,7 @@ v1::PredictReply predict_here(const PredictOptions& options, const LoadedPhotogr
   set_torch_threads(1);
   Predictor predictor = Predictor::load(options.model);
   v1::PredictReply reply;
-  for (const Material& material : predictor.predict(photograph.view())) {
+  for (const Material& material : predictor.predict(photograph.framed.view())) {
     v1::Material& proto = *reply.add_materials();
     proto.set_sigma_t(material.sigma_t);
     proto.set_albedo(material.albedo);

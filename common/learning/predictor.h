@@ -2,28 +2,16 @@
 #pragma once
 
 #include <filesystem>
-#include <span>
+#include <stop_token>
 #include <string>
 #include <vector>
 
+#include "common/image/photograph.h"
 #include "common/learning/encoder.h"
 #include "common/learning/parameterization.h"
 #include "common/material.h"
 
 namespace itn {
-
-// A photograph with the object marked.
-struct Photograph {
-  int width = 0;
-  int height = 0;
-  int channels = 1;               // 1 or 3
-  std::span<const float> pixels;  // linear radiance, >= 0, channels interleaved, top row first
-  std::span<const float> mask;    // width * height in [0, 1], 1 on the object
-};
-
-// Throws Error (invalid input) that names what is wrong: sizes that do not fit, channels, NaN, a
-// negative or infinite value (with its pixel), a mask without a pixel above 0.5.
-void validate(const Photograph& photograph);
 
 // Not thread-safe: torch computes in the caller's thread.
 class Predictor {
@@ -32,12 +20,11 @@ class Predictor {
   static Predictor load(const std::filesystem::path& checkpoint);
   explicit Predictor(const v1::Model& model);
 
-  // One material for each channel. The image is brought to the network's resolution by averaging
-  // over areas. A square image is taken as framed like those that the network was trained with; of
-  // any other, a square about the mask is cut out in which the object's longer side takes the same
-  // part as there, as sigma_t is relative to the object's longest side of 1 mm. Throws as
-  // validate().
-  std::vector<Material> predict(const Photograph& photograph);
+  // One material for each channel. What the network sees is framed() (common/image/photograph.h)
+  // and brought to its resolution: by averaging over areas, or by interpolation if it is smaller.
+  // Takes little memory whatever the photograph's size. Throws as validate(), and Error (cancelled)
+  // within milliseconds of a stop: it waits for nothing but the network, which is quick.
+  std::vector<Material> predict(const Photograph& photograph, const std::stop_token& stop = {});
 
   // Name and training step, e.g. "itn-similarity, step 1200".
   std::string name() const;

@@ -42,7 +42,8 @@ void check_sizes(const v1::PredictRequest& request, uint64_t max_pixels) {
   check_bytes("mask", request.mask(), pixels);
 }
 
-v1::PredictReply predict(Predictor& predictor, const v1::PredictRequest& request) {
+v1::PredictReply predict(Predictor& predictor, const v1::PredictRequest& request,
+                         const std::stop_token& stop) {
   const std::vector<float> pixels = from_bytes<float>(request.image());
   const std::vector<float> mask = from_bytes<float>(request.mask());
   const std::vector<Material> materials =
@@ -50,7 +51,8 @@ v1::PredictReply predict(Predictor& predictor, const v1::PredictRequest& request
                          .height = static_cast<int>(request.height()),
                          .channels = static_cast<int>(std::max(1U, request.channels())),
                          .pixels = pixels,
-                         .mask = mask});
+                         .mask = mask},
+                        stop);
   v1::PredictReply reply;
   for (const Material& material : materials) {
     v1::Material& proto = *reply.add_materials();
@@ -91,7 +93,7 @@ class PredictService::PredictCall final : public grpc::ServerUnaryReactor {
   void run() {
     grpc::Status status;
     try {
-      reply_ = predict(service_.predictor_, request_);
+      reply_ = predict(service_.predictor_, request_, stop_.get_token());
     } catch (...) {
       status = status_of_current_exception();
     }

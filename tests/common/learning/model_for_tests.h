@@ -17,10 +17,11 @@ inline v1::MaterialRange paper_range() {
   return range;
 }
 
-inline v1::Model small_model(v1::Parameterization parameterization = v1::SIMILARITY) {
+inline v1::Model small_model(v1::Parameterization parameterization = v1::SIMILARITY,
+                             int resolution = 16) {
   v1::Model model;
   model.set_name("test");
-  model.set_resolution(16);
+  model.set_resolution(static_cast<uint32_t>(resolution));
   model.set_base_channels(2);
   model.set_parameterization(parameterization);
   const Triple mean = to_coordinates(parameterization, {100, 0.7, 0.4});
@@ -31,7 +32,7 @@ inline v1::Model small_model(v1::Parameterization parameterization = v1::SIMILAR
   model.set_image_scale(1);
   *model.mutable_bounds() = prediction_bounds(paper_range());
   torch::manual_seed(1);
-  model.set_weights(serialize_weights(Encoder(16, 2)));
+  model.set_weights(serialize_weights(Encoder(resolution, 2)));
   return model;
 }
 

@@ -82,6 +82,37 @@ TEST(Predictor, DoesNotDependOnWhereInAWideImageTheObjectIs) {
   EXPECT_NEAR(a, c, 1e-3);
 }
 
+// So that a client may frame a photograph that is too large to be sent.
+TEST(Predictor, AnswersTheSameForAPhotographThatIsFramed) {
+  for (const uint32_t resolution : {16U, 64U}) {
+    Predictor predictor(small_model(v1::SIMILARITY, static_cast<int>(resolution)));
+    for (const Pixels& p : {disc(900, 700, 3, 400, 300, 150),  // framed by 444 pixels, reduced
+                            disc(900, 700, 1, 850, 300, 150),  // at the border
+                            disc(96, 64, 1, 40, 32, 16), disc(600, 600, 1, 300, 300, 200)}) {
+      const std::vector<Material> whole = predictor.predict(p.photograph());
+      const std::vector<Material> sent = predictor.predict(framed(p.photograph()).view());
+      ASSERT_EQ(sent.size(), whole.size());
+      for (size_t c = 0; c < whole.size(); ++c) {
+        EXPECT_EQ(sent[c].sigma_t, whole[c].sigma_t);
+        EXPECT_EQ(sent[c].albedo, whole[c].albedo);
+        EXPECT_EQ(sent[c].g, whole[c].g);
+      }
+    }
+  }
+}
+
+TEST(Predictor, CanBeCancelled) {
+  Predictor predictor(small_model());
+  std::stop_source stop;
+  stop.request_stop();
+  try {
+    predictor.predict(disc(16, 16, 1, 8, 8, 5.4).photograph(), stop.get_token());
+    FAIL() << "predicted";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.kind(), ErrorKind::kCancelled);
+  }
+}
+
 TEST(Predictor, SaysWhatIsWrongWithAnImage) {
   Predictor predictor(small_model());
   const Pixels good = disc(16, 16, 1, 8, 8, 5.4);
