@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "common/image/image.h"
+#include "common/image/preview.h"
 
 namespace itn {
 namespace {
@@ -16,18 +17,8 @@ constexpr int kGap = 8;        // in pixels, between panels
 constexpr float kFullColour =
     0.5F;  // of the white level: the difference that is shown in full colour
 
-unsigned char to_byte(float value) {
-  return static_cast<unsigned char>(std::lround(255 * std::clamp(value, 0.0F, 1.0F)));
-}
-
-// IEC 61966-2-1.
-float to_srgb(float linear) {
-  const float v = std::clamp(linear, 0.0F, 1.0F);
-  return v <= 0.0031308F ? 12.92F * v : 1.055F * std::pow(v, 1 / 2.4F) - 0.055F;
-}
-
 Rgb gray(float linear) {
-  const unsigned char value = to_byte(to_srgb(linear));
+  const unsigned char value = to_srgb_byte(linear);
   return {value, value, value};
 }
 
@@ -36,12 +27,6 @@ Rgb diverging(float difference) {
   const float fade = 1 - std::min(std::abs(difference) / kFullColour, 1.0F);
   return difference > 0 ? Rgb{255, to_byte(fade), to_byte(fade)}
                         : Rgb{to_byte(fade), to_byte(fade), 255};
-}
-
-float white_level(std::vector<float> values) {
-  const auto nth = values.begin() + static_cast<ptrdiff_t>((values.size() - 1) * 99 / 100);
-  std::nth_element(values.begin(), nth, values.end());
-  return *nth > 0 ? *nth : 1;
 }
 
 // An 8-bit image that panels are put into.

@@ -17,7 +17,9 @@
 #include "client/json.h"
 #include "client/render_pool/render_pool.h"
 #include "common/error.h"
+#include "common/image/attributes.h"
 #include "common/image/image.h"
+#include "common/image/preview.h"
 #include "common/progress.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/scene_file.h"
@@ -157,39 +159,33 @@ Image make_image(const v1::RenderGradReply& reply, const RenderOptions& options,
   image.height = static_cast<int>(reply.height());
   add_channels(reply, options, image);
   const v1::Counters& counters = reply.counters();
+  const auto count = [](uint64_t value) { return static_cast<double>(value); };
   image.attributes = {
-      {"itn.version", ITN_VERSION},
-      {"itn.scene_sha256", to_hex(job.scene->digest)},
-      {"itn.sigma_t", fmt::format("{}", options.sigma_t)},
-      {"itn.albedo", fmt::format("{}", options.albedo)},
-      {"itn.g", fmt::format("{}", options.g)},
-      {"itn.spp", fmt::format("{}", options.spp)},
-      {"itn.seed", fmt::format("{}", options.seed)},
-      {"itn.estimates", fmt::format("{}", options.estimates)},
-      {"itn.pilot_spp", fmt::format("{}", options.pilot_spp)},
-      {"itn.pixels", options.pixels},
-      {"itn.tracer", options.tracer},
-      {"itn.paths", fmt::format("{}", counters.paths())},
-      {"itn.steps", fmt::format("{}", counters.steps())},
-      {"itn.invalid_samples", fmt::format("{}", counters.invalid_samples())},
-      {"itn.leaks", fmt::format("{}", counters.leaks())},
+      {attribute::kVersion, ITN_VERSION},
+      {attribute::kSceneSha256, to_hex(job.scene->digest)},
+      {attribute::kSigmaT, options.sigma_t},
+      {attribute::kAlbedo, options.albedo},
+      {attribute::kG, options.g},
+      {attribute::kSpp, static_cast<int>(options.spp)},
+      {attribute::kSeed, std::to_string(options.seed)},
+      {attribute::kEstimates, static_cast<int>(options.estimates)},
+      {attribute::kPilotSpp, static_cast<int>(options.pilot_spp)},
+      {attribute::kPixels, options.pixels},
+      {attribute::kTracer, options.tracer},
+      {attribute::kPaths, count(counters.paths())},
+      {attribute::kSteps, count(counters.steps())},
+      {attribute::kInvalidSamples, count(counters.invalid_samples())},
+      {attribute::kLeaks, count(counters.leaks())},
   };
   return image;
 }
 
-// Linear radiance to sRGB, the 99th percentile white, for people to look at.
+// For people to look at.
 void write_preview(const std::filesystem::path& path, const Image& image) {
-  std::vector<float> sorted = image.channel("Y");
-  const auto white = sorted.begin() + static_cast<ptrdiff_t>((sorted.size() - 1) * 99 / 100);
-  std::nth_element(sorted.begin(), white, sorted.end());
-  const float scale = *white > 0 ? 1 / *white : 1;
+  const std::vector<float>& radiance = image.channel("Y");
+  const float white = white_level(radiance);
   std::vector<unsigned char> rgb;
-  for (const float value : image.channel("Y")) {
-    const float linear = std::clamp(value * scale, 0.0F, 1.0F);
-    const float srgb =
-        linear <= 0.0031308F ? 12.92F * linear : 1.055F * std::pow(linear, 1 / 2.4F) - 0.055F;
-    rgb.insert(rgb.end(), 3, static_cast<unsigned char>(std::lround(255 * srgb)));
-  }
+  for (const float value : radiance) rgb.insert(rgb.end(), 3, to_srgb_byte(value / white));
   write_png(path, image.width, image.height, rgb);
 }
 

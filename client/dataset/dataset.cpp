@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <iterator>
 #include <set>
 
@@ -11,8 +10,10 @@
 
 #include "client/dataset/sampler.h"
 #include "common/error.h"
+#include "common/files/read_file.h"
 #include "common/geometry/mesh_file.h"
 #include "common/geometry/shapes.h"
+#include "common/image/attributes.h"
 #include "common/image/image.h"
 #include "common/scene/text_proto.h"
 
@@ -23,15 +24,6 @@ namespace {
 
 // Branches of the tree of random choices below a dataset's seed.
 enum Choice : uint64_t { kSplitChoice, kMaterialChoice, kRotationChoice, kRenderSeed };
-
-std::string read_file(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::string content(std::istreambuf_iterator<char>(file), {});
-  if (!file.is_open() || file.bad()) {
-    throw Error(ErrorKind::kIo, fmt::format("cannot read {}", path.string()));
-  }
-  return content;
-}
 
 // --- Shapes ---
 
@@ -384,7 +376,7 @@ std::string to_text(const v1::Dataset& manifest) {
 
 v1::Dataset read_manifest(const fs::path& path) {
   v1::Dataset manifest;
-  parse_text_proto(read_file(path), path.string(), manifest);
+  parse_text_proto(read_file(path, "manifest"), path.string(), manifest);
   return manifest;
 }
 
@@ -426,8 +418,9 @@ DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
                             path.string()));
   }
   const Image image = read_exr(path);
-  const auto digest = image.attributes.find(kItemDigestAttribute);
-  require(digest != image.attributes.end() && digest->second == item_digest(manifest_, item) &&
+  const auto digest = image.attributes.find(attribute::kItem);
+  require(digest != image.attributes.end() &&
+              digest->second == Attribute(item_digest(manifest_, item)) &&
               image.width == resolution() && image.height == resolution(),
           fmt::format("{} is not the image that the manifest describes", path.string()));
   return {image.channel("Y"), image.channel("mask.Y")};
@@ -437,7 +430,7 @@ const v1::Triangles& DatasetReader::triangles(const v1::DatasetShape& shape) {
   const auto [entry, is_new] = triangles_.try_emplace(shape.name());
   if (is_new) {
     const fs::path path = folder_ / shape.file();
-    const std::string bytes = read_file(path);
+    const std::string bytes = read_file(path, "shape");
     if (to_hex(sha256(bytes)) != shape.sha256() || !entry->second.ParseFromString(bytes)) {
       triangles_.erase(entry);
       throw Error(

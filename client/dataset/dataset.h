@@ -58,7 +58,6 @@ std::string item_digest(const v1::Dataset& manifest, const v1::DatasetItem& item
 Material material_of(const v1::DatasetItem& item);
 
 inline constexpr const char* kManifestName = "manifest.textproto";
-inline constexpr const char* kItemDigestAttribute = "itn.item";
 
 // The manifest as text; reads back equal.
 std::string to_text(const v1::Dataset& manifest);

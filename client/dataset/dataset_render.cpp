@@ -17,6 +17,7 @@
 #include "client/render_pool/render_wait.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
+#include "common/image/attributes.h"
 #include "common/image/image.h"
 #include "server/tracer/render.h"
 
@@ -161,17 +162,19 @@ Image image_of(const DatasetReader& dataset, const Group& group, size_t member,
   image.channels["mask.Y"] = plane(reply.mask(), pixels);
   image.channels["stderr.Y"] = plane(reply.standard_error(), pixels);
   image.attributes = {
-      {"sigma_t", fmt::format("{}", item.material().sigma_t())},
-      {"albedo", fmt::format("{}", item.material().albedo())},
-      {"g", fmt::format("{}", item.material().g())},
-      {"shape", item.shape()},
-      {"rotate_y_degrees", fmt::format("{}", item.rotate_y_degrees())},
-      {"sun_azimuth_degrees", fmt::format("{}", item.sun_azimuth_degrees())},
-      {"split", v1::Split_Name(item.split())},
-      {"seed", fmt::format("{}", group.front()->seed())},
-      {"spp", fmt::format("{}", dataset.manifest().config().spp())},
-      {"dropped_samples", fmt::format("{}", dropped(reply.counters()))},
-      {kItemDigestAttribute, item_digest(dataset.manifest(), item)},
+      {attribute::kVersion, ITN_VERSION},
+      {attribute::kSigmaT, item.material().sigma_t()},
+      {attribute::kAlbedo, item.material().albedo()},
+      {attribute::kG, item.material().g()},
+      {attribute::kShape, item.shape()},
+      {attribute::kRotateY, item.rotate_y_degrees()},
+      {attribute::kSunAzimuth, item.sun_azimuth_degrees()},
+      {attribute::kSplit, v1::Split_Name(item.split())},
+      {attribute::kSeed, std::to_string(group.front()->seed())},
+      {attribute::kSpp, static_cast<int>(dataset.manifest().config().spp())},
+      {attribute::kInvalidSamples, static_cast<double>(reply.counters().invalid_samples())},
+      {attribute::kLeaks, static_cast<double>(reply.counters().leaks())},
+      {attribute::kItem, item_digest(dataset.manifest(), item)},
   };
   return image;
 }

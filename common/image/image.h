@@ -5,34 +5,44 @@
 #include <map>
 #include <span>
 #include <string>
+#include <string_view>
+#include <variant>
 #include <vector>
 
 namespace itn {
 
-// Named planes of one size, with text attributes that travel in the file's header.
+// An entry of a file's header. The names of ours: common/image/attributes.h.
+using Attribute = std::variant<std::string, int, double>;
+
+// Named planes of one size, with attributes that travel in the file's header.
 // Names of ours: "Y" radiance (or "R", "G", "B"), "sigma_t.Y", "albedo.Y", "g.Y" derivatives,
 // "mask.Y", "stderr.Y".
 struct Image {
   int width = 0;
   int height = 0;
   std::map<std::string, std::vector<float>> channels;  // each width * height, top row first
-  std::map<std::string, std::string> attributes;
+  std::map<std::string, Attribute> attributes;
 
   bool has(const std::string& channel) const { return channels.contains(channel); }
   // Throws Error (invalid input) that names the channels that there are.
   const std::vector<float>& channel(const std::string& name) const;
 };
 
-// Throws Error: kIo (cannot be opened), kDataLoss (not an EXR, or cut short), kInvalidInput (NaN or
-// infinite values, with channel and pixel; more than 2^28 pixels).
+// An OpenEXR file of one part, in scan lines or tiles (of these the full resolution). Nothing is
+// allocated that the file is too small to fill. Header entries other than text, integers and
+// floating-point numbers are left out. Throws Error: kIo (cannot be read, not a regular file),
+// kDataLoss (not an EXR, cut short, claims more than it can hold), kInvalidInput (several parts or
+// deep data; a subsampled channel; more than 2^28 pixels or 2^30 values; NaN or infinite values,
+// with channel and pixel).
 Image read_exr(const std::filesystem::path& path);
+// Likewise of a file in memory; `name` is for messages.
+Image decode_exr(std::string_view bytes, const std::string& name);
 
-// 32-bit float, ZIP-compressed. Written to a temporary name beside `path` and renamed. Throws Error
-// (kIo).
+// 32-bit float, ZIP-compressed; the target is written as by write_file_atomically(), whose errors
+// it throws.
 void write_exr(const std::filesystem::path& path, const Image& image);
 
-// 8-bit RGB, 3 bytes a pixel, top row first. Written to a temporary name and renamed. Throws Error
-// (kIo).
+// 8-bit RGB, 3 bytes a pixel, top row first. Written likewise.
 void write_png(const std::filesystem::path& path, int width, int height,
                std::span<const unsigned char> rgb);
 

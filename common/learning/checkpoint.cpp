@@ -2,14 +2,13 @@
 
 #include <bit>
 #include <cstring>
-#include <fstream>
-#include <iterator>
 #include <limits>
 
 #include <fmt/format.h>
 
 #include "common/error.h"
 #include "common/files/atomic_file.h"
+#include "common/files/read_file.h"
 #include "common/scene/scene_bytes.h"
 
 namespace itn {
@@ -20,15 +19,6 @@ constexpr size_t kDigestSize = 32;
 constexpr size_t kHeaderSize = kMagic.size() + sizeof(uint64_t) + kDigestSize;
 
 static_assert(std::endian::native == std::endian::little, "the file's size field is little-endian");
-
-std::string read_file(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::string content(std::istreambuf_iterator<char>(file), {});
-  if (!file.is_open() || file.bad()) {
-    throw Error(ErrorKind::kIo, fmt::format("cannot read {}", path.string()));
-  }
-  return content;
-}
 
 // The content, once the header has been found to fit.
 std::string_view checked_content(const std::filesystem::path& path, std::string_view file) {
@@ -70,7 +60,7 @@ void write_checkpoint(const std::filesystem::path& path, const v1::Checkpoint& c
 
 v1::Checkpoint read_checkpoint(const std::filesystem::path& path) {
   const auto file_path = std::filesystem::is_directory(path) ? path / kCheckpointName : path;
-  const std::string file = read_file(file_path);
+  const std::string file = read_file(file_path, "checkpoint");
   const std::string_view content = checked_content(file_path, file);
   v1::Checkpoint checkpoint;
   if (!checkpoint.ParseFromArray(content.data(), static_cast<int>(content.size()))) {

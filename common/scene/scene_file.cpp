@@ -1,62 +1,38 @@
 #include "common/scene/scene_file.h"
 
 #include <fmt/format.h>
-#include <google/protobuf/io/tokenizer.h>
-#include <google/protobuf/io/zero_copy_stream_impl.h>
-#include <google/protobuf/text_format.h>
 
-#include <fstream>
+#include <cstdint>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "common/error.h"
+#include "common/files/read_file.h"
 #include "common/geometry/mesh.h"
 #include "common/geometry/mesh_file.h"
 #include "common/geometry/shapes.h"
+#include "common/image/channels.h"
 #include "common/image/image.h"
 #include "common/scene/scene_bytes.h"
+#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace fs = std::filesystem;
 
 namespace {
 
-// Keeps the first error, with its position. Warnings are errors: a scene file has none that are
-// harmless.
-class FirstError : public google::protobuf::io::ErrorCollector {
- public:
-  explicit FirstError(std::string file) : file_(std::move(file)) {}
-
-  void AddError(int line, google::protobuf::io::ColumnNumber column,
-                const std::string& message) override {
-    if (!message_.empty()) return;
-    // Both are counted from 0; a missing field has no position.
-    message_ = line < 0 ? fmt::format("{}: {}", file_, message)
-                        : fmt::format("{}:{}:{}: {}", file_, line + 1, column + 1, message);
-  }
-  void AddWarning(int line, google::protobuf::io::ColumnNumber column,
-                  const std::string& message) override {
-    AddError(line, column, message);
-  }
-
-  const std::string& message() const { return message_; }
-
- private:
-  std::string file_;
-  std::string message_;
-};
+constexpr uint64_t kMaxSceneFileBytes = uint64_t{256} << 20;
 
 v1::Scene parse(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!fs::is_regular_file(path) || !in) {
-    throw Error(ErrorKind::kIo, fmt::format("cannot open the scene {}", path.string()));
-  }
-  FirstError errors(path.string());
-  google::protobuf::TextFormat::Parser parser;
-  parser.RecordErrorsTo(&errors);
-  google::protobuf::io::IstreamInputStream stream(&in);
+  const std::string text = read_file_or_stdin(path, "scene", kMaxSceneFileBytes);
+  const std::string name = path == "-" ? "standard input" : path.string();
   v1::Scene scene;
-  const bool parsed = parser.Parse(&stream, &scene);
-  if (!parsed || !errors.message().empty()) throw invalid_input(errors.message());
+  parse_text_proto(text, name, scene);
+  if (scene.ByteSizeLong() == 0) {
+    throw invalid_input(fmt::format(
+        "{}: the scene file is empty; it needs an object, lights, a camera and a film", name));
+  }
   return scene;
 }
 
@@ -72,15 +48,11 @@ void resolve(v1::EnvironmentMap& map, const fs::path& folder) {
   if (!map.has_path()) return;
   const fs::path path = folder / map.path();
   const Image image = read_exr(path);
-  const bool coloured = image.has("R") && image.has("G") && image.has("B");
-  if (!coloured && !image.has("Y")) {
-    throw invalid_input(
-        fmt::format("{}: an environment map needs channels R, G, B, or Y", path.string()));
-  }
-  const auto plane = [&](const char* name) -> const std::vector<float>& {
-    return image.channel(coloured ? name : "Y");
+  const std::vector<std::string> channels = radiance_channels(image, path.string());
+  const auto plane = [&](size_t colour) -> const std::vector<float>& {
+    return image.channel(channels[channels.size() == 1 ? 0 : colour]);
   };
-  const auto &r = plane("R"), &g = plane("G"), &b = plane("B");
+  const auto &r = plane(0), &g = plane(1), &b = plane(2);
   std::string rgb;
   rgb.reserve(3 * sizeof(float) * r.size());
   for (size_t i = 0; i < r.size(); ++i) {

@@ -8,11 +8,12 @@
 
 namespace itn {
 
-// Reads a scene file and replaces every mesh and image path (relative to the file) by its contents,
-// so that the scene stands alone; built-in shapes stay names, which are checked. Throws Error: kIo;
-// kInvalidInput with file, line and column (unknown field, syntax), or with the name of the mesh or
-// image that cannot be used; kDataLoss (damaged image). Ranges are checked where the scene is
-// built.
+// Reads a scene file ("-": standard input) and replaces every mesh and image path by its contents,
+// so that the scene stands alone; built-in shapes stay names, which are checked. A scene file is as
+// trusted as a command line: its paths are relative to its folder, and may be absolute or leave it.
+// What they name must be regular files of bounded size. Throws Error: kIo; kInvalidInput with file,
+// line and column (unknown field, syntax), or with the name of the mesh or image that cannot be
+// used; kDataLoss (damaged image). Ranges are checked where the scene is built.
 v1::Scene load_scene(const std::filesystem::path& path);
 
 }  // namespace itn

@@ -4,23 +4,36 @@
 #include <google/protobuf/io/tokenizer.h>
 #include <google/protobuf/text_format.h>
 
+#include <utility>
+
 #include "common/error.h"
 
 namespace itn {
 namespace {
 
-// Keeps the first error.
+// Keeps the first error, with its position.
 class FirstError final : public google::protobuf::io::ErrorCollector {
  public:
-  void AddError(int line, int column, const std::string& message) override {
-    if (text_.empty()) {
-      text_ = fmt::format("{}:{}: {}", line + 1, column + 1, message);
-    }
+  explicit FirstError(std::string name) : name_(std::move(name)) {}
+
+  void AddError(int line, google::protobuf::io::ColumnNumber column,
+                const std::string& message) override {
+    if (!message_.empty()) return;
+    // Both are counted from 0; what is missing has no position.
+    message_ = line < 0 ? fmt::format("{}: {}", name_, message)
+                        : fmt::format("{}:{}:{}: {}", name_, line + 1, column + 1, message);
   }
-  const std::string& text() const { return text_; }
+  // Our files have none that is harmless.
+  void AddWarning(int line, google::protobuf::io::ColumnNumber column,
+                  const std::string& message) override {
+    AddError(line, column, message);
+  }
+
+  const std::string& message() const { return message_; }
 
  private:
-  std::string text_;
+  std::string name_;
+  std::string message_;
 };
 
 }  // namespace
@@ -33,12 +46,11 @@ std::string to_text_proto(const google::protobuf::Message& message) {
 
 void parse_text_proto(const std::string& text, const std::string& name,
                       google::protobuf::Message& message) {
-  FirstError error;
+  FirstError error(name);
   google::protobuf::TextFormat::Parser parser;
   parser.RecordErrorsTo(&error);
-  if (!parser.ParseFromString(text, &message)) {
-    throw invalid_input(fmt::format("{}:{}", name, error.text()));
-  }
+  const bool parsed = parser.ParseFromString(text, &message);
+  if (!parsed || !error.message().empty()) throw invalid_input(error.message());
 }
 
 }  // namespace itn

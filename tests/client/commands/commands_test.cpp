@@ -62,15 +62,15 @@ TEST(RenderCommand, WritesLayersAndHeader) {
                           Key("estimate0.sigma_s_reduced.Y"), Key("estimate1.Y"),
                           Key("estimate1.g.Y"), Key("estimate1.sigma_s_reduced.Y"), Key("g.Y"),
                           Key("mask.Y"), Key("sigma_s_reduced.Y"), Key("stderr.Y")));
-  EXPECT_EQ(image.attributes.at("itn.sigma_t"), "5");
-  EXPECT_EQ(image.attributes.at("itn.albedo"), "0.9");
-  EXPECT_EQ(image.attributes.at("itn.g"), "0.3");
-  EXPECT_EQ(image.attributes.at("itn.spp"), "9");
-  EXPECT_EQ(image.attributes.at("itn.seed"), "3");
-  EXPECT_EQ(image.attributes.at("itn.pilot_spp"), "0");
-  EXPECT_EQ(image.attributes.at("itn.pixels"), "all");
-  EXPECT_EQ(image.attributes.at("itn.tracer"), "wavefront");
-  EXPECT_EQ(image.attributes.at("itn.paths"), "432");
+  EXPECT_EQ(image.attributes.at("itn.sigma_t"), Attribute(5.0));
+  EXPECT_EQ(image.attributes.at("itn.albedo"), Attribute(0.9));
+  EXPECT_EQ(image.attributes.at("itn.g"), Attribute(0.3));
+  EXPECT_EQ(image.attributes.at("itn.spp"), Attribute(9));
+  EXPECT_EQ(image.attributes.at("itn.seed"), Attribute("3"));
+  EXPECT_EQ(image.attributes.at("itn.pilot_spp"), Attribute(0));
+  EXPECT_EQ(image.attributes.at("itn.pixels"), Attribute("all"));
+  EXPECT_EQ(image.attributes.at("itn.tracer"), Attribute("wavefront"));
+  EXPECT_EQ(image.attributes.at("itn.paths"), Attribute(432.0));
   // Of the 9 samples, 5 are of estimate 0 and 4 of estimate 1.
   const auto& mean = image.channel("Y");
   for (size_t i = 0; i < mean.size(); ++i) {

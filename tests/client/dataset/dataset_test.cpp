@@ -216,9 +216,9 @@ TEST_F(DatasetFolder, ReadsBackWithTruthAndScene) {
   EXPECT_EQ(image.radiance.size(), 256);
   EXPECT_GT(*std::ranges::max_element(image.mask), 0.5F);
   const Image file = read_exr(folder_ / item.file());
-  EXPECT_EQ(std::stod(file.attributes.at("sigma_t")), item.material().sigma_t());
-  EXPECT_EQ(file.attributes.at("shape"), item.shape());
-  EXPECT_EQ(file.attributes.at("spp"), "2");
+  EXPECT_EQ(file.attributes.at("itn.sigma_t"), Attribute(item.material().sigma_t()));
+  EXPECT_EQ(file.attributes.at("itn.shape"), Attribute(item.shape()));
+  EXPECT_EQ(file.attributes.at("itn.spp"), Attribute(2));
   // The scene renders to the same image.
   RenderPool pool({});
   RenderJob job{reader.scene(item), {}};

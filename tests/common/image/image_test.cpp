@@ -1,9 +1,17 @@
 #include "common/image/image.h"
 
 #include <ImfChannelList.h>
+#include <ImfDoubleAttribute.h>
+#include <ImfFloatAttribute.h>
 #include <ImfFrameBuffer.h>
 #include <ImfHeader.h>
+#include <ImfInputFile.h>
+#include <ImfIntAttribute.h>
+#include <ImfMultiPartOutputFile.h>
 #include <ImfOutputFile.h>
+#include <ImfPartType.h>
+#include <ImfStringAttribute.h>
+#include <ImfTiledOutputFile.h>
 #include <gtest/gtest.h>
 #include <half.h>
 #include <png.h>
@@ -16,12 +24,15 @@
 #include <numeric>
 
 #include "common/error.h"
+#include "common/files/atomic_file.h"
+#include "common/files/read_file.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_folder.h"
 
 namespace itn {
 namespace {
 
+using namespace std::string_literals;
 using testing::expect_error;
 using testing::TemporaryFolder;
 
@@ -35,8 +46,23 @@ Image sample_image() {
     plane.resize(7 * 37);
     std::iota(plane.begin(), plane.end(), static_cast<float>(image.channels.size()) / 3);
   }
-  image.attributes = {{"itn:material", "sigma_t: 100 albedo: 0.9"}, {"note", ""}};
+  image.attributes = {{"note", "of a test"}, {"empty", ""}, {"count", -3}, {"exact", 0.1}};
   return image;
+}
+
+// A tiled image of values 0, 1, 2, ...
+void write_tiled(const std::filesystem::path& path, int side, unsigned tile) {
+  std::vector<float> plane(static_cast<size_t>(side) * static_cast<size_t>(side));
+  std::iota(plane.begin(), plane.end(), 0.0F);
+  Imf::Header header(side, side);
+  header.setTileDescription({tile, tile, Imf::ONE_LEVEL});
+  header.channels().insert("Y", Imf::Channel(Imf::FLOAT));
+  Imf::FrameBuffer buffer;
+  buffer.insert("Y", Imf::Slice(Imf::FLOAT, reinterpret_cast<char*>(plane.data()), sizeof(float),
+                                sizeof(float) * static_cast<size_t>(side)));
+  Imf::TiledOutputFile file(path.c_str(), header);
+  file.setFrameBuffer(buffer);
+  file.writeTiles(0, file.numXTiles() - 1, 0, file.numYTiles() - 1);
 }
 
 TEST(Exr, ReadsBackWhatWasWritten) {
@@ -94,6 +120,51 @@ TEST(Exr, ReadsHalfAndIntegerChannelsOfAnyDataWindow) {
   EXPECT_EQ(image.channel("U"), (std::vector<float>{0, 10, 20, 30, 40, 50}));
 }
 
+TEST(Exr, ReadsTiles) {
+  const TemporaryFolder folder;
+  write_tiled(folder.path() / "tiled.exr", 50, 16);
+  const Image image = read_exr(folder.path() / "tiled.exr");
+  std::vector<float> expected(50 * 50);
+  std::iota(expected.begin(), expected.end(), 0.0F);
+  EXPECT_EQ(image.channel("Y"), expected);
+}
+
+// Compressed as far as it goes: nothing that is really there is refused.
+TEST(Exr, ReadsLargeConstantImages) {
+  const TemporaryFolder folder;
+  const Image image{.width = 8192,
+                    .height = 4096,
+                    .channels = {{"Y", std::vector<float>(8192 * 4096, 1)}},
+                    .attributes = {}};
+  write_exr(folder.path() / "constant.exr", image);
+  EXPECT_EQ(read_exr(folder.path() / "constant.exr").channels, image.channels);
+}
+
+TEST(Exr, NumbersOfTheHeaderAreNumbers) {
+  const TemporaryFolder folder;
+  write_exr(folder.path() / "a.exr", sample_image());
+  const Imf::InputFile file((folder.path() / "a.exr").c_str());
+  EXPECT_EQ(file.header().typedAttribute<Imf::IntAttribute>("count").value(), -3);
+  EXPECT_EQ(file.header().typedAttribute<Imf::DoubleAttribute>("exact").value(), 0.1);
+  EXPECT_EQ(file.header().typedAttribute<Imf::StringAttribute>("note").value(), "of a test");
+}
+
+TEST(Exr, ReadsFloatAttributesOfOthers) {
+  const TemporaryFolder folder;
+  {
+    Imf::Header header(1, 1);
+    header.insert("exposure", Imf::FloatAttribute(0.5F));
+    header.channels().insert("Y", Imf::Channel(Imf::FLOAT));
+    float value = 1;
+    Imf::FrameBuffer buffer;
+    buffer.insert("Y", Imf::Slice(Imf::FLOAT, reinterpret_cast<char*>(&value), 4, 4));
+    Imf::OutputFile file((folder.path() / "a.exr").c_str(), header);
+    file.setFrameBuffer(buffer);
+    file.writePixels(1);
+  }
+  EXPECT_EQ(read_exr(folder.path() / "a.exr").attributes.at("exposure"), Attribute(0.5));
+}
+
 TEST(Exr, NamesTheChannelsThatThereAre) {
   expect_error(ErrorKind::kInvalidInput, {"no channel R", "Y, mask.Y, sigma_t.Y"},
                [] { sample_image().channel("R"); });
@@ -125,12 +196,31 @@ void write_cut(const std::filesystem::path& path, double fraction) {
   std::filesystem::resize_file(path, static_cast<uintmax_t>(size * fraction));
 }
 
+void write_header(const std::filesystem::path& path, int width, int height) {
+  Imf::Header header(width, height);
+  header.channels().insert("Y", Imf::Channel(Imf::FLOAT));
+  Imf::OutputFile(path.c_str(), header);
+}
+
+// Puts `replacement` behind the first occurrence of `key`.
+void write_patched(const std::filesystem::path& path, const std::string& key,
+                   const std::string& replacement) {
+  write_exr(path, sample_image());
+  std::string bytes = read_file(path, "image");
+  const size_t at = bytes.find(key);
+  ASSERT_NE(at, std::string::npos);
+  write_file_atomically(path, bytes.replace(at + key.size(), replacement.size(), replacement));
+}
+
 const std::vector<BadExr> kBadExrs{
-    {"missing", [](auto&, auto&) {}, ErrorKind::kIo, {"cannot open the image", "bad.exr"}},
+    {"missing",
+     [](auto&, auto&) {},
+     ErrorKind::kIo,
+     {"cannot read the image", "bad.exr", "No such file"}},
     {"folder",
      [](auto&, auto& path) { std::filesystem::create_directory(path); },
      ErrorKind::kIo,
-     {"cannot open the image"}},
+     {"it is a folder"}},
     {"empty",
      [](auto& folder, auto&) { folder.write("bad.exr", ""); },
      ErrorKind::kDataLoss,
@@ -159,15 +249,51 @@ const std::vector<BadExr> kBadExrs{
      write_not_finite<1>,
      ErrorKind::kInvalidInput,
      {"bad.exr", "channel sigma_t.Y is -inf", "x = 3, y = 20"}},
-    // The header alone, of an image that would take 4 TiB: refused before anything is allocated.
-    {"promises_more_than_it_holds",
+    // Headers alone: refused before anything is allocated.
+    {"of_terabytes",
+     [](auto&, auto& path) { write_header(path, 1 << 20, 1 << 20); },
+     ErrorKind::kInvalidInput,
+     {"1048576 x 1048576 pixels", "2^28"}},
+    {"of_gigabytes",
+     [](auto&, auto& path) { write_header(path, 1 << 14, 1 << 14); },
+     ErrorKind::kDataLoss,
+     {"its header claims 16384 x 16384 pixels of 1 channels"}},
+    {"of_long_lines",
+     [](auto&, auto& path) { write_header(path, 1 << 27, 1); },
+     ErrorKind::kInvalidInput,
+     {"lines of 536870912 bytes"}},
+    {"entry_of_gigabytes",
+     [](auto&, auto& path) { write_patched(path, "note\0string\0"s, "\xff\xff\xff\x7f"); },
+     ErrorKind::kDataLoss,
+     {"its header claims an entry of 2147483647 bytes"}},
+    {"header_without_end",
+     [](auto& folder, auto&) { folder.write("bad.exr", "\x76\x2f\x31\x01\x02\0\0\0name"s); },
+     ErrorKind::kDataLoss,
+     {"its header has no end"}},
+    {"of_huge_tiles",
+     [](auto&, auto& path) { write_tiled(path, 1, 4096); },
+     ErrorKind::kInvalidInput,
+     {"tiles of 4096 x 4096"}},
+    {"of_several_parts",
      [](auto&, auto& path) {
-       Imf::Header header(1 << 20, 1 << 20);
-       header.channels().insert("Y", Imf::Channel(Imf::FLOAT));
+       std::vector<Imf::Header> parts(2, Imf::Header(4, 4));
+       for (Imf::Header& part : parts) {
+         part.setName(&part == &parts.front() ? "a" : "b");
+         part.setType(Imf::SCANLINEIMAGE);
+         part.channels().insert("Y", Imf::Channel(Imf::FLOAT));
+       }
+       Imf::MultiPartOutputFile(path.c_str(), parts.data(), 2);
+     },
+     ErrorKind::kInvalidInput,
+     {"several parts", "one part"}},
+    {"subsampled",
+     [](auto&, auto& path) {
+       Imf::Header header(4, 4);
+       header.channels().insert("RY", Imf::Channel(Imf::HALF, 2, 2));
        Imf::OutputFile(path.c_str(), header);
      },
-     ErrorKind::kDataLoss,
-     {"cut short"}},
+     ErrorKind::kInvalidInput,
+     {"channel RY", "subsampled"}},
 };
 
 class BadExrTest : public ::testing::TestWithParam<BadExr> {};

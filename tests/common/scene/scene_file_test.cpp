@@ -1,8 +1,11 @@
 #include "common/scene/scene_file.h"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <bit>
+#include <cstdio>
 #include <cstring>
 #include <string>
 
@@ -90,6 +93,17 @@ TEST(SceneFile, PutsPixelsInThePlaceOfPanoramas) {
   EXPECT_EQ(scene.lights(0).environment_map().scale(), 2);
 }
 
+TEST(SceneFile, ReadsStandardInput) {
+  const TemporaryFolder folder;
+  const int saved = ::dup(STDIN_FILENO);
+  const auto file = folder.write("scene.txt", "film { width: 64 }");
+  ASSERT_NE(std::freopen(file.c_str(), "r", stdin), nullptr);
+  const v1::Scene scene = load_scene("-");
+  ::dup2(saved, STDIN_FILENO);
+  ::close(saved);
+  EXPECT_EQ(scene.film().width(), 64U);
+}
+
 // --- Bad scene files: a row each
 // ------------------------------------------------------------------------
 
@@ -124,6 +138,8 @@ const std::vector<BadScene> kBadScenes{
      "object { mesh { builtin: \"teapot\" } }",
      ErrorKind::kInvalidInput,
      {"teapot", "sphere, cube"}},
+    {"empty", "", ErrorKind::kInvalidInput, {"scene.txt: the scene file is empty"}},
+    {"comments_alone", "# nothing\n", ErrorKind::kInvalidInput, {"the scene file is empty"}},
     {"missing_mesh", "object { mesh { path: \"gone.ply\" } }", ErrorKind::kIo, {"gone.ply"}},
     {"missing_panorama",
      "lights { environment_map { path: \"gone.exr\" } }",
@@ -132,7 +148,7 @@ const std::vector<BadScene> kBadScenes{
     {"panorama_without_colour",
      "lights { environment_map { path: \"depth.exr\" } }",
      ErrorKind::kInvalidInput,
-     {"depth.exr", "R, G, B, or Y"}},
+     {"depth.exr has the channels Z, confidence", "R, G and B, or Y"}},
     {"panorama_with_nan",
      "lights { environment_map { path: \"nan.exr\" } }",
      ErrorKind::kInvalidInput,
@@ -143,8 +159,9 @@ class BadSceneTest : public ::testing::TestWithParam<BadScene> {};
 
 TEST_P(BadSceneTest, IsRefused) {
   const TemporaryFolder folder;
-  write_exr(folder.path() / "depth.exr",
-            {.width = 1, .height = 1, .channels = {{"Z", {1}}}, .attributes = {}});
+  write_exr(
+      folder.path() / "depth.exr",
+      {.width = 1, .height = 1, .channels = {{"Z", {1}}, {"confidence", {1}}}, .attributes = {}});
   write_exr(folder.path() / "nan.exr",
             {.width = 2, .height = 1, .channels = {{"Y", {1, NAN}}}, .attributes = {}});
   const auto path = folder.write("scene.txt", GetParam().text);
@@ -154,8 +171,35 @@ TEST_P(BadSceneTest, IsRefused) {
 INSTANTIATE_TEST_SUITE_P(Table, BadSceneTest, ::testing::ValuesIn(kBadScenes),
                          [](const auto& row) { return std::string(row.param.name); });
 
+TEST(SceneFile, DoesNotWaitForAFifo) {
+  const TemporaryFolder folder;
+  ASSERT_EQ(::mkfifo(folder.path("fifo").c_str(), 0600), 0);
+  expect_error(ErrorKind::kIo, {"the scene", "fifo", "it is a FIFO"},
+               [&] { load_scene(folder.path("fifo")); });
+  ASSERT_EQ(::mkfifo(folder.path("env.exr").c_str(), 0600), 0);
+  const auto scene = folder.write("s", "lights { environment_map { path: \"env.exr\" } }");
+  expect_error(ErrorKind::kIo, {"the image", "env.exr", "it is a FIFO"},
+               [&] { load_scene(scene); });
+}
+
+TEST(SceneFile, DoesNotReadWithoutEnd) {
+  expect_error(ErrorKind::kIo, {"/dev/zero", "it is a device"}, [] { load_scene("/dev/zero"); });
+}
+
+// A scene file is the user's own: it may name files anywhere.
+TEST(SceneFile, TakesPathsThatLeaveItsFolder) {
+  const TemporaryFolder folder;
+  std::filesystem::create_directory(folder.path() / "scenes");
+  const auto mesh = folder.write("t.obj", kObj);
+  for (const std::string& path : {std::string("../t.obj"), mesh.string()}) {
+    const auto scene =
+        folder.write("scenes/scene.txt", "object { mesh { path: \"" + path + "\" } }");
+    EXPECT_TRUE(load_scene(scene).object().mesh().has_triangles()) << path;
+  }
+}
+
 TEST(SceneFile, MissingFileIsAnIoError) {
-  expect_error(ErrorKind::kIo, {"cannot open the scene", "gone.txt"},
+  expect_error(ErrorKind::kIo, {"cannot read the scene", "gone.txt"},
                [] { load_scene("gone.txt"); });
 }
 

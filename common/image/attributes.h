@@ -1,0 +1,29 @@
+// Names of the entries that our EXR files have in their headers, the same in renders and datasets.
+// Numbers are numbers (int or double); 64-bit seeds, which neither holds exactly, are text.
+#pragma once
+
+namespace itn::attribute {
+
+inline constexpr const char* kVersion = "itn.version";           // of the program that wrote it
+inline constexpr const char* kSceneSha256 = "itn.scene_sha256";  // of the scene's bytes
+inline constexpr const char* kSigmaT = "itn.sigma_t";            // in 1/mm
+inline constexpr const char* kAlbedo = "itn.albedo";
+inline constexpr const char* kG = "itn.g";
+inline constexpr const char* kSpp = "itn.spp";
+inline constexpr const char* kSeed = "itn.seed";
+inline constexpr const char* kEstimates = "itn.estimates";
+inline constexpr const char* kPilotSpp = "itn.pilot_spp";
+inline constexpr const char* kPixels = "itn.pixels";  // all or object
+inline constexpr const char* kTracer = "itn.tracer";  // wavefront or reference
+inline constexpr const char* kPaths = "itn.paths";
+inline constexpr const char* kSteps = "itn.steps";
+inline constexpr const char* kInvalidSamples = "itn.invalid_samples";
+inline constexpr const char* kLeaks = "itn.leaks";
+// Of datasets.
+inline constexpr const char* kShape = "itn.shape";
+inline constexpr const char* kSplit = "itn.split";
+inline constexpr const char* kRotateY = "itn.rotate_y_degrees";
+inline constexpr const char* kSunAzimuth = "itn.sun_azimuth_degrees";
+inline constexpr const char* kItem = "itn.item";  // which item of the manifest, a digest
+
+}  // namespace itn::attribute

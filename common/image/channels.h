@@ -1,0 +1,20 @@
+// Which channels of an image are meant, whatever program wrote it.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "common/image/image.h"
+
+namespace itn {
+
+// The names of the channels that hold radiance: red, green and blue, or a single one. Looked for in
+// this order: R, G, B; Y or L; the same in the only layer that has them ("env.R", ...); the only
+// channel that there is, beside alpha and mask. Throws Error (invalid input) that names the
+// channels found and wanted; `name` is the file's.
+std::vector<std::string> radiance_channels(const Image& image, const std::string& name);
+
+// The channel of a mask file: mask.Y, mask, Y, L, R, A, or the only one. Throws likewise.
+std::string mask_channel(const Image& image, const std::string& name);
+
+}  // namespace itn
