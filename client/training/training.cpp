@@ -232,7 +232,9 @@ Trainer::ImageTerm Trainer::image_term(std::span<const uint32_t> batch,
   auto gradient = term.gradient.accessor<float, 2>();
   for (size_t i = 0; i < batch.size(); ++i) {
     const auto r = static_cast<int64_t>(i);
-    const Triple by_output = space_.output_gradient(row(predictions, r), losses[i].gradient);
+    const std::vector<double>& g = losses[i].gradient;  // by sigma_t, albedo and g
+    const Triple by_output =
+        space_.output_gradient(row(predictions, r), {g.at(0), g.at(1), g.at(2)});
     for (size_t k = 0; k < 3; ++k) {
       gradient[r][static_cast<int64_t>(k)] = static_cast<float>(by_output[k]);
     }

@@ -7,7 +7,7 @@
 
 #include "common/error.h"
 #include "common/rpc/wire_array.h"
-#include "server/render/chain_rule.h"
+#include "server/render/derivatives.h"
 #include "server/render/rendering_loss.h"
 #include "server/render/request_check.h"
 
@@ -32,12 +32,20 @@ size_t pixel_count(const v1::RenderGradReply& reply) {
   return size_t{reply.width()} * reply.height();
 }
 
+// What was asked, of sums that have all that it is made of.
+Derivatives derivatives_in(const tracer::FilmSums& sums, const v1::RenderGradRequest& request) {
+  Derivatives derivatives = derivatives_of(request, build_material(request.material()));
+  check_size("sums.derivative_quanta", sums.derivative_quanta.size(),
+             derivatives.parameters.size());
+  return derivatives;
+}
+
 // In double, as the terms may cancel; a zero weight leaves its image out, so that an asked
 // coordinate is returned as it is.
 std::vector<float> combine(const tracer::RenderedImages::Estimate& estimate,
-                           const std::array<double, 3>& weights) {
+                           const std::vector<double>& weights) {
   std::vector<double> sum(estimate.radiance.size());
-  for (int c = 0; c < tracer::kCoordinates; ++c) {
+  for (size_t c = 0; c < weights.size(); ++c) {
     if (weights[c] == 0) continue;
     for (size_t i = 0; i < sum.size(); ++i) sum[i] += weights[c] * estimate.derivatives[c][i];
   }
@@ -59,9 +67,7 @@ void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& reques
   const RenderingLoss loss = rendering_loss(from_bytes<float>(request.loss().image()), weight,
                                             tracer::means(sums).estimates);
   reply.set_loss(loss.value);
-  const Material material = build_material(request.material());
-  for (const int parameter : request.derivatives()) {
-    const auto weights = chain_rule(static_cast<v1::Parameter>(parameter), material);
+  for (const std::vector<double>& weights : derivatives_in(sums, request).weights) {
     double sum = 0;
     for (size_t c = 0; c < weights.size(); ++c) sum += weights[c] * loss.gradient[c];
     reply.add_loss_gradient(sum);
@@ -70,13 +76,12 @@ void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& reques
 
 void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
                  v1::RenderGradReply& reply) {
-  const Material material = build_material(request.material());
+  const Derivatives derivatives = derivatives_in(sums, request);
   const tracer::RenderedImages images = tracer::means(sums);
   for (const auto& estimate : images.estimates) {
     v1::Estimate& proto = *reply.add_estimates();
     proto.set_radiance(to_bytes(estimate.radiance));
-    for (const int parameter : request.derivatives()) {
-      const auto weights = chain_rule(static_cast<v1::Parameter>(parameter), material);
+    for (const std::vector<double>& weights : derivatives.weights) {
       proto.add_derivatives(to_bytes(combine(estimate, weights)));
     }
     for (const std::vector<float>& radiance : estimate.at_albedos) {
@@ -95,7 +100,7 @@ void fill_sums(const tracer::FilmSums& sums, v1::ExactSums& proto) {
     v1::EstimateSums& estimate_proto = *proto.add_estimates();
     estimate_proto.set_radiance(to_bytes(estimate.radiance));
     for (const auto& derivative : estimate.derivatives) {
-      if (!derivative.empty()) estimate_proto.add_derivatives(to_bytes(derivative));
+      estimate_proto.add_derivatives(to_bytes(derivative));
     }
     for (const std::vector<int64_t>& radiance : estimate.at_albedos) {
       estimate_proto.add_at_albedos(to_bytes(radiance));
@@ -140,9 +145,7 @@ tracer::FilmSums film_sums(const v1::RenderGradReply& reply) {
   sums.sample_count = proto.sample_count();
   sums.quantum = proto.quantum();
   sums.squares_quantum = proto.squares_quantum();
-  check_size("sums.derivative_quanta", proto.derivative_quanta_size(), tracer::kCoordinates);
-  std::copy(proto.derivative_quanta().begin(), proto.derivative_quanta().end(),
-            sums.derivative_quanta.begin());
+  sums.derivative_quanta.assign(proto.derivative_quanta().begin(), proto.derivative_quanta().end());
   for (const v1::EstimateSums& estimate : proto.estimates()) {
     auto& into = sums.estimates.emplace_back();
     into.radiance = sums_from_bytes("sums.estimates.radiance", estimate.radiance(), pixels);
@@ -150,11 +153,10 @@ tracer::FilmSums film_sums(const v1::RenderGradReply& reply) {
     for (const std::string& radiance : estimate.at_albedos()) {
       into.at_albedos.push_back(sums_from_bytes("sums.estimates.at_albedos", radiance, pixels));
     }
-    if (estimate.derivatives().empty()) continue;
-    check_size("sums.estimates.derivatives", estimate.derivatives_size(), tracer::kCoordinates);
-    for (int c = 0; c < tracer::kCoordinates; ++c) {
-      into.derivatives[c] =
-          sums_from_bytes("sums.estimates.derivatives", estimate.derivatives(c), pixels);
+    check_size("sums.estimates.derivatives", estimate.derivatives_size(),
+               proto.derivative_quanta_size());
+    for (const std::string& derivative : estimate.derivatives()) {
+      into.derivatives.push_back(sums_from_bytes("sums.estimates.derivatives", derivative, pixels));
     }
   }
   sums.squares = sums_from_bytes("sums.squares", proto.squares(), pixels);

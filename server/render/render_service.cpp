@@ -60,8 +60,7 @@ class RenderService::RenderCall final : public grpc::ServerUnaryReactor {
  private:
   // On a thread of gRPC: checks what is quickly checked and enqueues the rest.
   void start() {
-    settings_ = build_settings(request_, service_.options_.limits);
-    settings_.threads = service_.options_.threads;
+    asked_ = build_request(request_, service_.options_.limits);
     if (request_.scene().empty()) {
       scene_ = service_.cache_.find(request_.scene_digest());
       if (!scene_) {
@@ -88,36 +87,35 @@ class RenderService::RenderCall final : public grpc::ServerUnaryReactor {
   void render() {
     if (!scene_) scene_ = service_.scene_of(request_);
     check_reply_size(scene_->width(), scene_->height(), request_, service_.options_.limits);
-    if (request_.has_loss() && settings_.pilot_spp > 0) {
-      settings_.importance = loss_importance(from_bytes<float>(request_.loss().image()),
-                                             from_bytes<float>(request_.loss().weight()));
+    if (request_.has_loss() && asked_.pilot_spp > 0) {
+      asked_.sampling_weights = loss_sampling_weights(from_bytes<float>(request_.loss().image()),
+                                                      from_bytes<float>(request_.loss().weight()));
     }
     spdlog::debug("rendering {}x{}, samples [{}, {})", scene_->width(), scene_->height(),
-                  settings_.first_sample, settings_.first_sample + settings_.sample_count);
-    const tracer::FilmSums sums = tracer::render_grad(*scene_, settings_, stop_.get_token());
+                  asked_.first_sample, asked_.first_sample + asked_.sample_count);
+    const tracer::FilmSums sums = tracer::render_grad(
+        *scene_, asked_, {.threads = service_.options_.threads}, stop_.get_token());
     reply_ = make_reply(sums, request_);
     log(sums);
   }
 
   void log(const tracer::FilmSums& sums) const {
-    const Material& m = settings_.material;
+    const Material& m = asked_.material;
     const tracer::Counters& counters = sums.counters;
     spdlog::debug(
         "rendered {}x{}, samples [{}, {}), sigma_t {} albedo {} g {}: {:.2f} CPU-seconds, {} leaks",
-        sums.width, sums.height, settings_.first_sample,
-        settings_.first_sample + settings_.sample_count, m.sigma_t, m.albedo, m.g,
-        counters.cpu_seconds, counters.leaks);
+        sums.width, sums.height, asked_.first_sample, asked_.first_sample + asked_.sample_count,
+        m.sigma_t, m.albedo, m.g, counters.cpu_seconds, counters.leaks);
     if (counters.invalid_samples > 0) {
       spdlog::warn("dropped {} invalid samples of {} paths (seed {}, sigma_t {}, albedo {}, g {})",
-                   counters.invalid_samples, counters.paths, settings_.seed, m.sigma_t, m.albedo,
-                   m.g);
+                   counters.invalid_samples, counters.paths, asked_.seed, m.sigma_t, m.albedo, m.g);
     }
   }
 
   RenderService& service_;
   const v1::RenderGradRequest& request_;
   v1::RenderGradReply& reply_;
-  tracer::RenderSettings settings_;
+  tracer::RenderRequest asked_;
   SceneCache::ScenePtr scene_;
   std::stop_source stop_;
 };

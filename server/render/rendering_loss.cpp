@@ -19,13 +19,14 @@ void check_sizes(std::span<const float> image, std::span<const float> weight,
   }
   bool fits = weight.size() == image.size();
   for (const RenderEstimate& estimate : estimates) {
-    fits = fits && estimate.radiance.size() == image.size();
+    fits = fits && estimate.radiance.size() == image.size() &&
+           estimate.derivatives.size() == estimates[0].derivatives.size();
     for (const std::vector<float>& derivative : estimate.derivatives) {
       fits = fits && derivative.size() == image.size();
     }
   }
   if (!fits) {
-    throw invalid_input("the render does not have the size of the image");
+    throw invalid_input("the estimates differ, or do not have the size of the image");
   }
 }
 
@@ -41,31 +42,19 @@ double weighted_energy(std::span<const float> image, std::span<const float> weig
   return energy;
 }
 
-// Sums over the pairs of different estimates at one pixel, before division by K (K - 1).
-struct PairSums {
-  double squares = 0;
-  std::array<double, 3> products{};
-};
-
-PairSums pair_sums(double intended, std::span<const RenderEstimate> estimates, size_t pixel) {
-  double sum = 0, sum_of_squares = 0;
-  std::array<double, 3> derivative_sum{}, sum_of_products{};
+// Of a quantity by estimate k, f_k, with the differences T_k - I at one pixel: the sum over the
+// pairs of different estimates of (T_j - I) f_k, before division by K (K - 1).
+double pair_sum(double intended, std::span<const RenderEstimate> estimates, size_t pixel,
+                const auto& quantity) {
+  double differences = 0, quantities = 0, products = 0;
   for (const RenderEstimate& estimate : estimates) {
     const double difference = estimate.radiance[pixel] - intended;
-    sum += difference;
-    sum_of_squares += difference * difference;
-    for (size_t i = 0; i < 3; ++i) {
-      const double derivative = estimate.derivatives[i][pixel];
-      derivative_sum[i] += derivative;
-      sum_of_products[i] += difference * derivative;
-    }
+    const double f = quantity(estimate, difference);
+    differences += difference;
+    quantities += f;
+    products += difference * f;
   }
-  PairSums result;
-  result.squares = sum * sum - sum_of_squares;
-  for (size_t i = 0; i < 3; ++i) {
-    result.products[i] = sum * derivative_sum[i] - sum_of_products[i];
-  }
-  return result;
+  return differences * quantities - products;
 }
 
 }  // namespace
@@ -77,21 +66,26 @@ RenderingLoss rendering_loss(std::span<const float> image, std::span<const float
   const auto count = static_cast<double>(estimates.size());
   const double scale = 1 / (energy * count * (count - 1));
   RenderingLoss loss;
+  loss.gradient.resize(estimates[0].derivatives.size());
   for (size_t p = 0; p < image.size(); ++p) {
     const double w2 = static_cast<double>(weight[p]) * weight[p];
     if (w2 == 0) {
       continue;
     }
-    const PairSums pairs = pair_sums(image[p], estimates, p);
-    loss.value += w2 * scale * pairs.squares;
-    for (size_t i = 0; i < 3; ++i) {
-      loss.gradient[i] += 2 * w2 * scale * pairs.products[i];
+    const auto difference = [](const RenderEstimate&, double d) { return d; };
+    loss.value += w2 * scale * pair_sum(image[p], estimates, p, difference);
+    for (size_t i = 0; i < loss.gradient.size(); ++i) {
+      const auto derivative = [&](const RenderEstimate& estimate, double) {
+        return static_cast<double>(estimate.derivatives[i][p]);
+      };
+      loss.gradient[i] += 2 * w2 * scale * pair_sum(image[p], estimates, p, derivative);
     }
   }
   return loss;
 }
 
-std::vector<float> loss_importance(std::span<const float> image, std::span<const float> weight) {
+std::vector<float> loss_sampling_weights(std::span<const float> image,
+                                         std::span<const float> weight) {
   constexpr double kFloor = 0.25;  // of the mean
   double sum = 0;
   size_t weighted = 0;
@@ -106,11 +100,11 @@ std::vector<float> loss_importance(std::span<const float> image, std::span<const
   std::transform(image.begin(), image.end(), weight.begin(), exact.begin(),
                  [&](float i, float w) { return double{w} * w * (std::abs(double{i}) + floor); });
   const double most = exact.empty() ? 0 : *std::max_element(exact.begin(), exact.end());
-  std::vector<float> importance(exact.size());
-  std::transform(exact.begin(), exact.end(), importance.begin(), [&](double e) {
+  std::vector<float> result(exact.size());
+  std::transform(exact.begin(), exact.end(), result.begin(), [&](double e) {
     return e > 0 ? std::max(static_cast<float>(e / most), std::numeric_limits<float>::min()) : 0;
   });
-  return importance;
+  return result;
 }
 
 }  // namespace itn

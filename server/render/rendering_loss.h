@@ -2,7 +2,6 @@
 // term of inverse transport networks.
 #pragma once
 
-#include <array>
 #include <span>
 #include <vector>
 
@@ -10,13 +9,13 @@
 
 namespace itn {
 
-// One estimate of the image T of a material, and of its derivatives with respect to
-// (sigma_t, albedo, g); all per pixel.
+// One estimate of the image T, and of its derivatives with respect to any parameters; all per
+// pixel.
 using RenderEstimate = tracer::RenderedImages::Estimate;
 
 struct RenderingLoss {
   double value = 0;
-  std::array<double, 3> gradient{};  // d value / d (sigma_t, albedo, g)
+  std::vector<double> gradient;  // in the order of the estimates' derivatives
 };
 
 // Che et al., ICCP 2020, Eq. 10, over the input's weighted energy, so that it is a relative squared
@@ -36,19 +35,21 @@ struct RenderingLoss {
 // value may be negative.
 //
 // Sums in double, in the order of the pixels: the result does not depend on where the estimates
-// come from. Throws Error (invalid input) unless there are two estimates at least, all arrays have
-// the size of the image, and some weighted pixel of the image is not 0.
+// come from. Throws Error (invalid input) unless there are two estimates at least, all with as many
+// derivatives, all arrays have the size of the image, and some weighted pixel of the image is not
+// 0.
 RenderingLoss rendering_loss(std::span<const float> image, std::span<const float> weight,
                              std::span<const RenderEstimate> estimates);
 
-// Where samples are needed for the gradient (tracer::RenderSettings::importance). The noise of the
-// term of pixel p, w_p^2 (T_p - I_p) dT_p, is that of T_p or dT_p times w_p^2 and dT_p or
-// T_p - I_p, and these are in proportion to T_p, more or less, which is about I_p:
+// Where samples are needed for the gradient (tracer::RenderRequest::sampling_weights). The noise of
+// the term of pixel p, w_p^2 (T_p - I_p) dT_p, is that of T_p or dT_p times w_p^2 and dT_p or T_p -
+// I_p, and these are in proportion to T_p, more or less, which is about I_p:
 //
-//   importance_p = w_p^2 (|I_p| + mean of |I| / 4).
+//   sampling weight_p = w_p^2 (|I_p| + mean of |I| / 4).
 //
 // scaled to a maximum of 1. The mean is over the weighted pixels, and sees to it that none of them
 // goes without samples. Image and weight have the same size.
-std::vector<float> loss_importance(std::span<const float> image, std::span<const float> weight);
+std::vector<float> loss_sampling_weights(std::span<const float> image,
+                                         std::span<const float> weight);
 
 }  // namespace itn

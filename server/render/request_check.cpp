@@ -4,19 +4,19 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
 #include <vector>
 
 #include "common/error.h"
 #include "common/rpc/wire_array.h"
+#include "server/render/derivatives.h"
 #include "server/render/field_check.h"
 
 namespace itn {
 namespace {
 
-void build_sample_range(const v1::RenderGradRequest& request, tracer::RenderSettings& settings) {
-  settings.first_sample = 0;
-  settings.sample_count = request.spp();
+void build_sample_range(const v1::RenderGradRequest& request, tracer::RenderRequest& built) {
+  built.first_sample = 0;
+  built.sample_count = request.spp();
   if (!request.has_sample_range()) return;
   const v1::SampleRange& range = request.sample_range();
   if (range.count() < 1 || uint64_t{range.first()} + range.count() > request.spp()) {
@@ -24,8 +24,8 @@ void build_sample_range(const v1::RenderGradRequest& request, tracer::RenderSett
         "sample_range is [{}, {}); it must hold at least one sample and end at most at spp = {}",
         range.first(), uint64_t{range.first()} + range.count(), request.spp()));
   }
-  settings.first_sample = range.first();
-  settings.sample_count = range.count();
+  built.first_sample = range.first();
+  built.sample_count = range.count();
 }
 
 void check_loss(const v1::RenderGradRequest& request) {
@@ -71,19 +71,7 @@ void check_target(const v1::LossTarget& loss, int width, int height) {
   throw invalid_input("loss: the image is black where its weight is not 0");
 }
 
-void build_albedos(const v1::RenderGradRequest& request, tracer::RenderSettings& settings) {
-  integer_in("the number of albedos", request.albedos_size(), 0, int{tracer::kMaxAlbedos});
-  for (int i = 0; i < request.albedos_size(); ++i) {
-    if (!(request.albedos(i) >= 0 && request.albedos(i) <= settings.material.albedo)) {
-      throw invalid_input(
-          fmt::format("albedos[{}] is {}; it must be in [0, {}], the albedo of the material", i,
-                      request.albedos(i), settings.material.albedo));
-    }
-    settings.albedos.push_back(request.albedos(i));
-  }
-}
-
-void build_tracer(const v1::RenderGradRequest& request, tracer::RenderSettings& settings) {
+void build_tracer(const v1::RenderGradRequest& request, tracer::RenderRequest& built) {
   if (!v1::RenderedPixels_IsValid(request.pixels())) {
     throw invalid_input(
         fmt::format("pixels has the unknown value {}", static_cast<int>(request.pixels())));
@@ -92,31 +80,10 @@ void build_tracer(const v1::RenderGradRequest& request, tracer::RenderSettings& 
     throw invalid_input(
         fmt::format("tracer has the unknown value {}", static_cast<int>(request.tracer())));
   }
-  settings.pixels =
+  built.pixels =
       request.pixels() == v1::OBJECT_PIXELS ? tracer::Pixels::kObject : tracer::Pixels::kAll;
-  settings.pilot_spp = integer_in("pilot_spp", request.pilot_spp(), 0, 64);
-  if (request.tracer() == v1::REFERENCE) {
-    settings.tracer = tracer::Tracer::kReference;
-    if (!request.albedos().empty() || request.pilot_spp() > 0) {
-      throw invalid_input("the REFERENCE tracer knows neither albedos nor pilot_spp");
-    }
-  }
-}
-
-void check_derivatives(const v1::RenderGradRequest& request) {
-  std::set<int> seen;
-  for (int i = 0; i < request.derivatives_size(); ++i) {
-    const v1::Parameter parameter = request.derivatives(i);
-    if (parameter == v1::PARAMETER_UNSPECIFIED || !v1::Parameter_IsValid(parameter)) {
-      throw invalid_input(fmt::format("derivatives[{}] is {}; it must be in [{}, {}]", i,
-                                      static_cast<int>(parameter), v1::Parameter_MIN + 1,
-                                      static_cast<int>(v1::Parameter_MAX)));
-    }
-    if (!seen.insert(parameter).second) {
-      throw invalid_input(
-          fmt::format("derivatives[{}] is {} again", i, v1::Parameter_Name(parameter)));
-    }
-  }
+  built.tracer = request.tracer() == v1::REFERENCE ? tracer::Tracer::kReference
+                                                   : tracer::Tracer::kWavefront;
 }
 
 void check_scene_fields(const v1::RenderGradRequest& request) {
@@ -136,27 +103,27 @@ Material build_material(const v1::Material& proto) {
   return material;
 }
 
-tracer::RenderSettings build_settings(const v1::RenderGradRequest& request,
-                                      const RenderLimits& limits) {
+// The ranges of what goes to the tracer as it is are checked there.
+tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
+                                    const RenderLimits& limits) {
   check_message(request, "request");
   check_scene_fields(request);
   if (!request.has_material()) throw missing("material");
   integer_in("spp", request.spp(), 1, 1U << 20);
   within_limit("spp", request.spp(), limits.max_spp);
-  tracer::RenderSettings settings;
-  settings.material = build_material(request.material());
-  settings.seed = request.seed();
-  build_sample_range(request, settings);
-  check_derivatives(request);
-  settings.derivatives = !request.derivatives().empty() || request.has_loss();
+  tracer::RenderRequest built;
+  built.material = build_material(request.material());
+  built.seed = request.seed();
+  built.spp = request.spp();
+  build_sample_range(request, built);
+  built.derivatives = derivatives_of(request, built.material).parameters;
   check_loss(request);
-  build_albedos(request, settings);
-  build_tracer(request, settings);
-  settings.spp = request.spp();
-  const uint32_t most = std::min(kMaxEstimates, settings.sample_count);
-  settings.estimates =
-      request.estimates() == 0 ? 1 : integer_in("estimates", request.estimates(), 1, most);
-  return settings;
+  built.albedos.assign(request.albedos().begin(), request.albedos().end());
+  built.pilot_spp = request.pilot_spp();
+  build_tracer(request, built);
+  built.estimates = std::max(request.estimates(), 1U);
+  tracer::validate(built);
+  return built;
 }
 
 void check_reply_size(int width, int height, const v1::RenderGradRequest& request,
@@ -167,7 +134,8 @@ void check_reply_size(int width, int height, const v1::RenderGradRequest& reques
   const uint64_t pixels = static_cast<uint64_t>(width) * height;
   if (request.has_loss()) check_target(request.loss(), width, height);
   // Estimates, mask and standard error; or sums and counts, squares and hits.
-  const uint64_t sums = derivatives > 0 ? 1 + tracer::kCoordinates : 1;
+  const uint64_t sums =
+      1 + derivatives_of(request, build_material(request.material())).parameters.size();
   const uint64_t bytes_per_pixel =
       request.exact_sums()
           ? sizeof(int64_t) * (estimates * (sums + albedos) + 2) + sizeof(uint32_t) * estimates

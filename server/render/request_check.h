@@ -3,16 +3,13 @@
 
 #include "itn/v1/render.pb.h"
 #include "server/render/scene_builder.h"
-#include "server/tracer/render.h"
+#include "server/tracer/request.h"
 
 namespace itn {
 
-inline constexpr uint32_t kMaxEstimates = 16;
-
-// Checks the request but for its scene. `threads` is left at its default. This and the following
-// throw Error as in field_check.h.
-tracer::RenderSettings build_settings(const v1::RenderGradRequest& request,
-                                      const RenderLimits& limits);
+// Checks the request but for its scene. This and the following throw Error as in field_check.h.
+tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
+                                    const RenderLimits& limits);
 
 Material build_material(const v1::Material& material);
 

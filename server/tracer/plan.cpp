@@ -10,15 +10,14 @@ namespace {
 // Half the side of the square of pixels that are averaged.
 constexpr int kBlur = 2;
 
-// In a pixel, however important: as many as may be asked for.
+// In a pixel, whatever its weight: as many as may be asked for.
 constexpr double kMostSamples = 1 << 20;
 
 // Least standard deviation that a pixel is thought to have, of the mean.
 constexpr double kLeastDeviation = 0.25;
 
-std::vector<uint32_t> rendered_pixels(const Scene::Compiled& scene,
-                                      const RenderSettings& settings) {
-  if (settings.pixels == Pixels::kObject) {
+std::vector<uint32_t> rendered_pixels(const Scene::Compiled& scene, const RenderRequest& request) {
+  if (request.pixels == Pixels::kObject) {
     return scene.object_pixels();
   }
   std::vector<uint32_t> all(static_cast<size_t>(scene.film.width) *
@@ -62,9 +61,9 @@ std::vector<double> blurred(const std::vector<double>& image, const std::vector<
 // Share of the samples by pixel; the mean is 1.
 std::vector<double> sample_shares(const std::vector<uint32_t>& pixels,
                                   const std::vector<double>& deviation,
-                                  const RenderSettings& settings) {
+                                  const RenderRequest& request, bool adaptive) {
   std::vector<double> shares(pixels.size(), 1);
-  if (!settings.adaptive) {
+  if (!adaptive) {
     return shares;
   }
   double total = 0;
@@ -75,8 +74,9 @@ std::vector<double> sample_shares(const std::vector<uint32_t>& pixels,
   double sum = 0;
   for (size_t i = 0; i < pixels.size(); ++i) {
     const uint32_t p = pixels[i];
-    const double importance = settings.importance.empty() ? 1 : double{settings.importance[p]};
-    shares[i] = importance * (least + (1 - kLeastDeviation) * deviation[p]);
+    const double weight =
+        request.sampling_weights.empty() ? 1 : double{request.sampling_weights[p]};
+    shares[i] = weight * (least + (1 - kLeastDeviation) * deviation[p]);
     sum += shares[i];
   }
   if (!(sum > 0)) {
@@ -90,31 +90,31 @@ std::vector<double> sample_shares(const std::vector<uint32_t>& pixels,
 
 }  // namespace
 
-Plan even_plan(const Scene::Compiled& scene, const RenderSettings& settings) {
+Plan even_plan(const Scene::Compiled& scene, const RenderRequest& request) {
   Plan plan;
-  for (const uint32_t pixel : rendered_pixels(scene, settings)) {
-    plan.pixels.push_back({pixel, settings.first_sample, settings.sample_count, 0, 0});
+  for (const uint32_t pixel : rendered_pixels(scene, request)) {
+    plan.pixels.push_back({pixel, request.first_sample, request.sample_count, 0, 0});
   }
   number_paths(plan);
   return plan;
 }
 
-RenderSettings pilot_settings(const RenderSettings& settings) {
-  RenderSettings pilot = settings;
+RenderRequest pilot_request(const RenderRequest& request) {
+  RenderRequest pilot = request;
   pilot.first_sample = 0;
-  pilot.sample_count = settings.pilot_spp;
+  pilot.sample_count = request.pilot_spp;
   pilot.pilot_spp = 0;
   pilot.estimates = 1;
-  pilot.derivatives = false;
+  pilot.derivatives.clear();
   pilot.albedos.clear();
-  pilot.importance.clear();
-  pilot.seed = settings.seed ^ 0x9E3779B97F4A7C15;  // another stream
+  pilot.sampling_weights.clear();
+  pilot.seed = request.seed ^ 0x9E3779B97F4A7C15;  // another stream
   return pilot;
 }
 
-Plan plan_from_pilot(const Scene::Compiled& scene, const RenderSettings& settings,
-                     const FilmSums& pilot) {
-  const std::vector<uint32_t> pixels = rendered_pixels(scene, settings);
+Plan plan_from_pilot(const Scene::Compiled& scene, const RenderRequest& request,
+                     const RenderOptions& options, const FilmSums& pilot) {
+  const std::vector<uint32_t> pixels = rendered_pixels(scene, request);
   const auto& estimate = pilot.estimates[0];
   std::vector<bool> rendered(estimate.radiance.size());
   std::vector<double> mean(rendered.size()), deviation(rendered.size());
@@ -132,9 +132,9 @@ Plan plan_from_pilot(const Scene::Compiled& scene, const RenderSettings& setting
     deviation[p] = std::sqrt(deviation[p]);
   }
 
-  const std::vector<double> shares = sample_shares(pixels, deviation, settings);
-  const double spp =
-      settings.spp > 0 ? settings.spp : settings.first_sample + settings.sample_count;
+  const std::vector<double> shares =
+      sample_shares(pixels, deviation, request, options.switches.adaptive);
+  const double spp = request.spp > 0 ? request.spp : request.first_sample + request.sample_count;
   Plan plan;
   for (size_t i = 0; i < pixels.size(); ++i) {
     const uint32_t p = pixels[i];
@@ -142,16 +142,15 @@ Plan plan_from_pilot(const Scene::Compiled& scene, const RenderSettings& setting
       continue;
     }
     // Every estimate gets as many, so that all are as good. A part takes its part of every pixel.
-    const double each = std::clamp(std::round(shares[i] * spp / settings.estimates), 1.0,
-                                   std::max(1.0, std::floor(kMostSamples / settings.estimates)));
+    const double each = std::clamp(std::round(shares[i] * spp / request.estimates), 1.0,
+                                   std::max(1.0, std::floor(kMostSamples / request.estimates)));
     const auto number = [&](double sample) {
-      return static_cast<uint32_t>(std::floor(each * settings.estimates * sample / spp));
+      return static_cast<uint32_t>(std::floor(each * request.estimates * sample / spp));
     };
-    const uint32_t first = number(static_cast<double>(settings.first_sample));
-    const uint32_t last =
-        number(static_cast<double>(settings.first_sample) + settings.sample_count);
+    const uint32_t first = number(static_cast<double>(request.first_sample));
+    const uint32_t last = number(static_cast<double>(request.first_sample) + request.sample_count);
     plan.pixels.push_back(
-        {p, first, last - first, static_cast<float>(settings.baseline * mean[p]), 0});
+        {p, first, last - first, static_cast<float>(options.tuning.control_variate * mean[p]), 0});
   }
   number_paths(plan);
   return plan;

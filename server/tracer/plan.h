@@ -4,7 +4,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "server/tracer/render.h"
+#include "server/tracer/film.h"
+#include "server/tracer/request.h"
 #include "server/tracer/scene/compiled_scene.h"
 
 namespace itn::tracer {
@@ -13,7 +14,7 @@ struct PlannedPixel {
   uint32_t pixel = 0;
   uint32_t first_sample = 0;
   uint32_t sample_count = 0;
-  float baseline = 0;       // radiance to expect
+  float expected = 0;       // radiance, times Tuning::control_variate
   uint64_t first_path = 0;  // number of its first sample among all those of the plan
 };
 
@@ -23,19 +24,19 @@ struct Plan {
 };
 
 // As many samples in every pixel that is rendered.
-Plan even_plan(const Scene::Compiled& scene, const RenderSettings& settings);
+Plan even_plan(const Scene::Compiled& scene, const RenderRequest& request);
 
 // How the pilot of a render is rendered: few samples, of other random numbers.
-RenderSettings pilot_settings(const RenderSettings& settings);
+RenderRequest pilot_request(const RenderRequest& request);
 
-// Samples and baselines after a pilot.
+// Samples and control variates after a pilot.
 //
-// The sum over pixels of importance^2 variance / samples is least, for a given number of samples,
-// if each pixel gets samples in proportion to its importance times its standard deviation. The
+// The sum over pixels of weight^2 variance / samples is least, for a given number of samples,
+// if each pixel gets samples in proportion to its weight times its standard deviation. The
 // pilot's deviation is noisy, so that of its neighbours counts as well, and a quarter of the mean
 // deviation is certain. The samples of the render do not depend on the pilot's, so nothing is
 // biased by what the pilot found.
-Plan plan_from_pilot(const Scene::Compiled& scene, const RenderSettings& settings,
-                     const FilmSums& pilot);
+Plan plan_from_pilot(const Scene::Compiled& scene, const RenderRequest& request,
+                     const RenderOptions& options, const FilmSums& pilot);
 
 }  // namespace itn::tracer

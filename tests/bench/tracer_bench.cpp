@@ -29,6 +29,7 @@
 #include "common/scene/scene_bytes.h"
 #include "server/render/render_reply.h"
 #include "server/render/rendering_loss.h"
+#include "server/render/request_check.h"
 #include "server/render/scene_builder.h"
 #include "server/render/scene_cache.h"
 #include "server/tracer/render.h"
@@ -114,7 +115,8 @@ struct Options {
 
 struct Variant {
   std::string name;
-  RenderSettings settings;
+  RenderRequest request;
+  RenderOptions options{.threads = 1};
   bool knows_loss = false;  // and puts its samples where that needs them
 };
 
@@ -122,7 +124,7 @@ struct Variant {
 struct Tally {
   std::vector<double> cpu_seconds, steps_per_second;
   Moments image;
-  std::array<Moments, kCoordinates> gradient;
+  std::array<Moments, 3> gradient;  // in sigma_t, albedo, g
   Counters counters;
 
   std::string json(const std::string& name) const {
@@ -132,7 +134,7 @@ struct Tally {
         name, median(cpu_seconds), median(steps_per_second), counters.steps, counters.paths,
         counters.leaks, counters.invalid_samples, image.total_mean(), image.total_variance());
     constexpr std::array kNames = {"sigma_t", "albedo", "g"};
-    for (size_t c = 0; c < kCoordinates; ++c) {
+    for (size_t c = 0; c < gradient.size(); ++c) {
       text += fmt::format(", \"{}\": [{:.6g}, {:.6g}]", kNames[c], gradient[c].total_mean(),
                           gradient[c].total_variance());
     }
@@ -142,7 +144,7 @@ struct Tally {
 
 // The image that a loss compares with, and its weights, as in training.
 struct Target {
-  std::vector<float> image, weight, importance;
+  std::vector<float> image, weight, sampling_weights;
 };
 
 // The terms of the loss gradient, by pixel (see server/render/rendering_loss.h).
@@ -178,40 +180,39 @@ std::vector<double> image_terms(const RenderedImages& images) {
 
 // Of a somewhat different material.
 Target make_target(const Scene& scene, const Material& material, int resolution) {
-  RenderSettings settings{
+  RenderRequest request{
       .material = {material.sigma_t * 1.2, material.albedo - 0.03, std::min(0.9, material.g + 0.1)},
       .sample_count = 256,
       .seed = 99};
-  settings.pixels = Pixels::kObject;
-  const RenderedImages images = means(render_grad(scene, settings));
+  request.pixels = Pixels::kObject;
+  const RenderedImages images = means(render_grad(scene, request));
   Target target{images.estimates[0].radiance, {}, {}};
   target.weight = weight_map(resolution, resolution, target.image, images.mask);
-  target.importance = loss_importance(target.image, target.weight);
+  target.sampling_weights = loss_sampling_weights(target.image, target.weight);
   return target;
 }
 
 std::vector<Tally> compare(const Scene& scene, std::vector<Variant> variants,
                            const Options& options) {
-  const Target target = make_target(scene, variants[0].settings.material, options.resolution);
+  const Target target = make_target(scene, variants[0].request.material, options.resolution);
   std::vector<Tally> tallies(variants.size());
   for (int repetition = 0; repetition < options.repetitions; ++repetition) {
     for (size_t v = 0; v < variants.size(); ++v) {
-      RenderSettings& settings = variants[v].settings;
-      settings.seed = static_cast<uint64_t>(1 + repetition);
-      settings.threads = 1;
-      settings.pixels = Pixels::kObject;
+      RenderRequest& request = variants[v].request;
+      request.seed = static_cast<uint64_t>(1 + repetition);
+      request.pixels = Pixels::kObject;
       if (variants[v].knows_loss) {
-        settings.importance = target.importance;
+        request.sampling_weights = target.sampling_weights;
       }
-      const FilmSums sums = render_grad(scene, settings);
+      const FilmSums sums = render_grad(scene, request, variants[v].options);
       const RenderedImages images = means(sums);
       Tally& tally = tallies[v];
       tally.cpu_seconds.push_back(sums.counters.cpu_seconds);
       tally.steps_per_second.push_back(static_cast<double>(sums.counters.steps) /
                                        sums.counters.cpu_seconds);
       tally.image.add(image_terms(images));
-      if (settings.derivatives && settings.estimates > 1) {
-        for (size_t c = 0; c < kCoordinates; ++c) {
+      if (!request.derivatives.empty() && request.estimates > 1) {
+        for (size_t c = 0; c < tally.gradient.size(); ++c) {
           tally.gradient[c].add(gradient_terms(images, target, c));
         }
       }
@@ -228,17 +229,21 @@ constexpr std::array kMaterials = {Material{30, 0.39, 0}, Material{100, 0.87, 0.
                                    Material{100, 0.95, 0.5}, Material{276, 0.95, 0.8}};
 
 Variant reference(const Material& material, uint32_t spp) {
-  RenderSettings settings{
-      .material = material, .sample_count = spp, .derivatives = true, .estimates = 2};
-  settings.tracer = Tracer::kReference;
-  return {"reference", settings, false};
+  RenderRequest request{.material = material,
+                        .sample_count = spp,
+                        .derivatives = medium_parameters(),
+                        .estimates = 2};
+  request.tracer = Tracer::kReference;
+  return {.name = "reference", .request = request};
 }
 
 Variant wavefront(const Material& material, uint32_t spp) {
-  RenderSettings settings{
-      .material = material, .sample_count = spp, .derivatives = true, .estimates = 4};
-  settings.pilot_spp = 2;
-  return {"wavefront", settings, true};
+  RenderRequest request{.material = material,
+                        .sample_count = spp,
+                        .derivatives = medium_parameters(),
+                        .estimates = 4};
+  request.pilot_spp = 2;
+  return {.name = "wavefront", .request = request, .knows_loss = true};
 }
 
 Variant changed(Variant variant, std::string name, const std::function<void(Variant&)>& change) {
@@ -250,16 +255,19 @@ Variant changed(Variant variant, std::string name, const std::function<void(Vari
 // What every technique is worth: the wavefront without it.
 std::vector<Variant> without_each(const Variant& full) {
   return {
-      changed(full, "no connection roulette",
-              [](Variant& v) { v.settings.connection_roulette = 0; }),
-      changed(full, "usual walk roulette", [](Variant& v) { v.settings.usual_roulette = true; }),
-      changed(full, "no roulette by depth", [](Variant& v) { v.settings.depth_roulette = 0; }),
-      changed(full, "no stratification", [](Variant& v) { v.settings.stratified = false; }),
-      changed(full, "no baseline", [](Variant& v) { v.settings.baseline = 0; }),
-      changed(full, "even samples", [](Variant& v) { v.settings.adaptive = false; }),
+      changed(full, "no shadow ray roulette",
+              [](Variant& v) { v.options.tuning.shadow_ray_roulette = 0; }),
+      changed(full, "usual walk roulette",
+              [](Variant& v) { v.options.switches.usual_roulette = true; }),
+      changed(full, "no roulette by depth",
+              [](Variant& v) { v.options.tuning.depth_roulette = 0; }),
+      changed(full, "no stratification", [](Variant& v) { v.options.switches.stratified = false; }),
+      changed(full, "no control variates",
+              [](Variant& v) { v.options.tuning.control_variate = 0; }),
+      changed(full, "even samples", [](Variant& v) { v.options.switches.adaptive = false; }),
       changed(full, "samples for the image", [](Variant& v) { v.knows_loss = false; }),
-      changed(full, "no pilot", [](Variant& v) { v.settings.pilot_spp = 0; }),
-      changed(full, "two estimates", [](Variant& v) { v.settings.estimates = 2; }),
+      changed(full, "no pilot", [](Variant& v) { v.request.pilot_spp = 0; }),
+      changed(full, "two estimates", [](Variant& v) { v.request.estimates = 2; }),
   };
 }
 
@@ -290,13 +298,13 @@ void compare_scenes(const Options& options) {
                                        wavefront(material, options.spp)};
       variants.push_back(changed(variants[1], "images", [](Variant& v) { v.knows_loss = false; }));
       variants.push_back(changed(variants[2], "image only", [](Variant& v) {
-        v.settings.derivatives = false;
-        v.settings.estimates = 1;
-        v.settings.pilot_spp = 0;
+        v.request.derivatives.clear();
+        v.request.estimates = 1;
+        v.request.pilot_spp = 0;
       }));
       variants.push_back(changed(variants[0], "same walks", [](Variant& v) {
-        v.settings.tracer = Tracer::kWavefront;
-        v.settings.usual_roulette = true;
+        v.request.tracer = Tracer::kWavefront;
+        v.options.switches.usual_roulette = true;
       }));
       if (options.each) {
         for (Variant& variant : without_each(variants[1])) {
@@ -320,13 +328,12 @@ void time_paper_scene(const Options& options) {
   const Material material{100, 0.8, 0.2};
   const Scene scene(paper_scene(make_shape("cube"), 128));
   std::vector<Variant> variants = {reference(material, 256), wavefront(material, 256)};
-  variants[1].settings.pilot_spp = 0;
+  variants[1].request.pilot_spp = 0;
   for (Variant& variant : variants) {
     std::vector<double> seconds;
     for (int i = 0; i < options.repetitions; ++i) {
-      variant.settings.seed = static_cast<uint64_t>(i);
-      variant.settings.threads = 1;
-      seconds.push_back(render_grad(scene, variant.settings).counters.cpu_seconds);
+      variant.request.seed = static_cast<uint64_t>(i);
+      seconds.push_back(render_grad(scene, variant.request, variant.options).counters.cpu_seconds);
     }
     fmt::print("{{\"paper_scene\": \"{}\", \"cpu_seconds\": {:.4g}}}\n", variant.name,
                median(seconds));
@@ -395,10 +402,11 @@ void measure_scaling(const Options&) {
     std::unique_ptr<Scene> scene;
     const double set_up =
         wall_seconds([&] { scene = std::make_unique<Scene>(paper_scene(mesh, resolution)); });
-    RenderSettings settings{.material = {100, 0.87, 0.4}, .sample_count = spp, .derivatives = true};
+    RenderRequest request{
+        .material = {100, 0.87, 0.4}, .sample_count = spp, .derivatives = medium_parameters()};
     double cpu = 0;
     const double wall =
-        wall_seconds([&] { cpu = render_grad(*scene, settings).counters.cpu_seconds; });
+        wall_seconds([&] { cpu = render_grad(*scene, request).counters.cpu_seconds; });
     fmt::print(
         "{{\"scaling\": \"{}\", \"resolution\": {}, \"spp\": {}, \"triangles\": {}, "
         "\"set_up_seconds\": {:.4g}, \"wall_seconds\": {:.4g}, \"cpu_seconds\": {:.4g}, "
@@ -489,9 +497,9 @@ void answer(const std::string& bytes, const v1::RenderGradRequest& request, Scen
       return std::make_shared<const Scene>(build_scene(parse_scene(bytes), RenderLimits()));
     });
   });
-  RenderSettings settings = build_settings(request, RenderLimits());
+  const RenderRequest asked = build_request(request, RenderLimits());
   steps.time("object pixels", [&] { return scene->compiled().object_pixels().size(); });
-  const FilmSums sums = steps.time("paths", [&] { return render_grad(*scene, settings); });
+  const FilmSums sums = steps.time("paths", [&] { return render_grad(*scene, asked); });
   steps.time("reply", [&] { return make_reply(sums, request).SerializeAsString().size(); });
 }
 
@@ -582,12 +590,12 @@ void measure_training(const Options& options) {
   const Target target = make_target(scene, kMaterials[1], kResolution);
   for (const uint32_t spp : {4U, 16U, 64U}) {
     Variant variant = wavefront(kMaterials[1], spp);
-    variant.settings.pixels = Pixels::kObject;
-    variant.settings.importance = target.importance;
+    variant.request.pixels = Pixels::kObject;
+    variant.request.sampling_weights = target.sampling_weights;
     const double wall = wall_seconds([&] {
       for (int i = 0; i < options.repetitions; ++i) {
-        variant.settings.seed = static_cast<uint64_t>(i);
-        render_grad(scene, variant.settings);
+        variant.request.seed = static_cast<uint64_t>(i);
+        render_grad(scene, variant.request, variant.options);
       }
     });
     fmt::print("{{\"training\": {}, \"spp\": {}, \"renders_per_second\": {:.4g}}}\n", kResolution,
@@ -623,15 +631,14 @@ void measure_dataset(const Options& options) {
             grid ? 0.2 * static_cast<double>((i + static_cast<size_t>(renders / 12)) % 5)
                  : 0.8 * golden;
         const double albedo = grid ? 0.95 : 0.39 + 0.56 * std::fmod(golden * 7, 1.0);
-        RenderSettings settings{.material = {kGridSigmaT[i], albedo, g}, .sample_count = 64};
-        settings.pixels = Pixels::kObject;
-        settings.albedos = kind.albedos;
-        settings.threads = 1;
+        RenderRequest request{.material = {kGridSigmaT[i], albedo, g}, .sample_count = 64};
+        request.pixels = Pixels::kObject;
+        request.albedos = kind.albedos;
         std::vector<RenderedImages> pair;
         double cpu = 0;
         for (uint64_t seed : {1U, 2U}) {
-          settings.seed = seed;
-          const FilmSums sums = render_grad(scene, settings);
+          request.seed = seed;
+          const FilmSums sums = render_grad(scene, request, {.threads = 1});
           cpu += sums.counters.cpu_seconds / 2;
           pair.push_back(means(sums));
         }
@@ -686,9 +693,11 @@ void soak(const Options& options) {
       }
       const Scene scene(paper_scene(mesh, options.resolution));
       for (const Material& material : kMaterials) {
-        RenderSettings settings{
-            .material = material, .sample_count = 32, .seed = round, .derivatives = true};
-        const Counters counters = render_grad(scene, settings).counters;
+        RenderRequest request{.material = material,
+                              .sample_count = 32,
+                              .seed = round,
+                              .derivatives = medium_parameters()};
+        const Counters counters = render_grad(scene, request).counters;
         total.paths += counters.paths;
         total.steps += counters.steps;
         total.leaks += counters.leaks;

@@ -24,7 +24,8 @@ void check(const char* name, double value, double low, double high) {
 
 }  // namespace
 
-Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channel) {
+Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channel)
+    : count_(descriptions.size()) {
   const auto add = [&](std::unique_ptr<LightSource> source) {
     const double power = source->power();
     if (power > 0) {

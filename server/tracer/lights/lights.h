@@ -49,6 +49,9 @@ class Lights {
   double power() const { return power_; }
   size_t memory() const;
 
+  // As many as there are descriptions, those that do not shine too.
+  size_t count() const { return count_; }
+
   // The lights, each drawn with its probability.
   struct Choice {
     double cumulative;   // of the choice probabilities, up to and including this one
@@ -60,6 +63,7 @@ class Lights {
   const std::vector<Choice>& choices() const { return choices_; }
 
  private:
+  size_t count_;
   std::vector<Choice> choices_;
   double power_ = 0;
 };

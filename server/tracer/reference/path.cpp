@@ -25,7 +25,7 @@
 
 #include "common/error.h"
 #include "server/tracer/phase.h"
-#include "server/tracer/random.h"
+#include "server/tracer/sampler.h"
 
 namespace itn::tracer {
 namespace {
@@ -40,18 +40,17 @@ constexpr float kMaxOpticalDepth = 50;
 // at its start: well under a millisecond.
 constexpr uint32_t kStopInterval = 512;
 
-// Purposes of random numbers at a vertex.
-enum Purpose : uint32_t { kFilm, kWalk, kConnection };
-
 class Walk {
  public:
-  Walk(const Scene::Compiled& scene, const RenderSettings& settings, const SampleRandom& random)
+  Walk(const Scene::Compiled& scene, const RenderRequest& request, const Switches& switches,
+       const Sampler& sampler)
       : scene_(scene),
-        settings_(settings),
-        random_(random),
-        sigma_t_(static_cast<float>(settings.material.sigma_t)),
-        albedo_(static_cast<float>(settings.material.albedo)),
-        g_(static_cast<float>(settings.material.g)),
+        request_(request),
+        switches_(switches),
+        sampler_(sampler),
+        sigma_t_(static_cast<float>(request.material.sigma_t)),
+        albedo_(static_cast<float>(request.material.albedo)),
+        g_(static_cast<float>(request.material.g)),
         geometry_(scene.geometry()) {}
 
   PathEstimate run(int x, int y, const std::stop_token& stop) {
@@ -60,7 +59,7 @@ class Walk {
       if (vertex_ % kStopInterval == 1 && stop.stop_requested()) {
         throw Error(ErrorKind::kCancelled, "the render was stopped");
       }
-      const Uniforms u = random_.at(vertex_, kWalk);
+      const Uniforms u = sampler_.at(vertex_, Sampler::kWalk);
       const Travel travel = fly(u[0]);
       switch (travel.end) {
         case Travel::End::kLeaked: result_.leaked = true; return result_;
@@ -76,7 +75,7 @@ class Walk {
 
  private:
   void start_at_camera(int x, int y) {
-    const Uniforms u = random_.at(0, kFilm);
+    const Uniforms u = sampler_.at(0, Sampler::kFilm);
     const CameraRay ray = scene_.camera_ray(x + double{u[0]}, y + double{u[1]});
     direction_ = ray.direction;
     place_ = {ray.origin, scene_.camera_inside, {}};
@@ -103,10 +102,10 @@ class Walk {
   void add_escape() {
     float mis_weight = 1;
     if (!on_camera_ray_) {
-      switch (settings_.techniques) {
-        case RenderSettings::Techniques::kLightsOnly: return;
-        case RenderSettings::Techniques::kPhaseOnly: break;
-        case RenderSettings::Techniques::kBoth:
+      switch (switches_.techniques) {
+        case Switches::Techniques::kLightsOnly: return;
+        case Switches::Techniques::kPhaseOnly: break;
+        case Switches::Techniques::kBoth:
           mis_weight = density_ / (density_ + scene_.lights.pdf(direction_));
           break;
       }
@@ -165,17 +164,16 @@ class Walk {
   // Next-event estimation: light along one direction drawn from the lights, dimmed by the medium.
   template <typename RespondTo>
   void connect(const RespondTo& respond_to) {
-    if (settings_.techniques == RenderSettings::Techniques::kPhaseOnly) {
+    if (switches_.techniques == Switches::Techniques::kPhaseOnly) {
       return;
     }
-    const Uniforms u = random_.at(vertex_, kConnection);
+    const Uniforms u = sampler_.at(vertex_, Sampler::kShadowRay);
     const LightSample light = scene_.lights.sample(fine(u[0], u[1]), u[2], u[3]);
     const Response response = respond_to(light.direction);
     if (!(light.weight * response.value > 0)) {
       return;
     }
-    const bool competes =
-        light.pdf > 0 && settings_.techniques == RenderSettings::Techniques::kBoth;
+    const bool competes = light.pdf > 0 && switches_.techniques == Switches::Techniques::kBoth;
     const float mis_weight = competes ? light.pdf / (light.pdf + response.density) : 1;
     const float undimmed = light.weight * response.value * mis_weight;
 
@@ -194,9 +192,15 @@ class Walk {
   void add(float light, float score_sigma_t, float score_g) {
     const double contribution = double{weight_} * double{light};
     result_.radiance += contribution;
-    result_.derivatives[kSigmaT] += contribution * double{score_sigma_t};
-    result_.derivatives[kAlbedo] += double{weight_derivative_} * double{light};
-    result_.derivatives[kG] += contribution * double{score_g};
+    for (size_t i = 0; i < request_.derivatives.size(); ++i) {
+      double& derivative = result_.derivatives[i];
+      switch (request_.derivatives[i].kind) {
+        case Parameter::kSigmaT: derivative += contribution * double{score_sigma_t}; break;
+        case Parameter::kAlbedo: derivative += double{weight_derivative_} * double{light}; break;
+        case Parameter::kG: derivative += contribution * double{score_g}; break;
+        default: break;
+      }
+    }
   }
 
   // Russian roulette: a path of low weight ends, or goes on with the weight of those that ended.
@@ -214,8 +218,9 @@ class Walk {
   }
 
   const Scene::Compiled& scene_;
-  const RenderSettings& settings_;
-  const SampleRandom& random_;
+  const RenderRequest& request_;
+  const Switches& switches_;
+  const Sampler& sampler_;
   const float sigma_t_, albedo_, g_;
   const Geometry& geometry_;
 
@@ -231,22 +236,19 @@ class Walk {
   float score_g_ = 0;            // d log f / d g
 };
 
-PathEstimate trace_path(const Scene::Compiled& scene, const RenderSettings& settings, int x, int y,
-                        const SampleRandom& random, const std::stop_token& stop) {
-  return Walk(scene, settings, random).run(x, y, stop);
-}
-
 }  // namespace
 
-void trace_reference(const Scene::Compiled& scene, const RenderSettings& settings, PathDesk& desk,
+void trace_reference(const Scene::Compiled& scene, const RenderRequest& request,
+                     const Switches& switches, WorkQueue& queue, FilmWriter& film,
                      const std::stop_token& stop) {
-  std::vector<PathOrder> orders(64);
-  while (const size_t count = desk.take(orders)) {
-    for (size_t i = 0; i < count; ++i) {
-      const auto width = static_cast<uint32_t>(scene.film.width);
-      const SampleRandom random(settings.seed, orders[i].pixel, orders[i].sample);
-      desk.deliver(orders[i], trace_path(scene, settings, static_cast<int>(orders[i].pixel % width),
-                                         static_cast<int>(orders[i].pixel / width), random, stop));
+  const auto width = static_cast<uint32_t>(scene.film.width);
+  std::array<PathSample, 64> samples;
+  while (const size_t count = queue.take(samples)) {
+    for (const PathSample& sample : std::span(samples).first(count)) {
+      const Sampler sampler(request.seed, sample.pixel, sample.sample);
+      Walk walk(scene, request, switches, sampler);
+      film.add(sample, walk.run(static_cast<int>(sample.pixel % width),
+                                static_cast<int>(sample.pixel / width), stop));
     }
   }
 }

@@ -4,13 +4,16 @@
 
 #include <stop_token>
 
-#include "server/tracer/path_desk.h"
+#include "server/tracer/film_writer.h"
+#include "server/tracer/request.h"
 #include "server/tracer/scene/compiled_scene.h"
+#include "server/tracer/work_queue.h"
 
 namespace itn::tracer {
 
-// Traces all the paths that the desk orders. Throws Error (cancelled) if stopped.
-void trace_reference(const Scene::Compiled& scene, const RenderSettings& settings, PathDesk& desk,
+// Traces paths until the queue is empty. Throws Error (cancelled) if stopped.
+void trace_reference(const Scene::Compiled& scene, const RenderRequest& request,
+                     const Switches& switches, WorkQueue& queue, FilmWriter& film,
                      const std::stop_token& stop);
 
 }  // namespace itn::tracer

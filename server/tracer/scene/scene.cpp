@@ -47,6 +47,13 @@ int Scene::height() const {
   return compiled_->film.height;
 }
 
+size_t Scene::surface_count() const {
+  return compiled_->surfaces.size();
+}
+size_t Scene::light_count() const {
+  return compiled_->lights.count();
+}
+
 size_t Scene::memory() const {
   return compiled_->memory();
 }

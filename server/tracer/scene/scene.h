@@ -89,6 +89,8 @@ class Scene {
 
   int width() const;
   int height() const;
+  size_t surface_count() const;
+  size_t light_count() const;
   // Rough size in memory, in bytes, for caches.
   size_t memory() const;
 

@@ -1,4 +1,4 @@
-// The random numbers of server/tracer/random.h, many at a time and with the same bits.
+// The random numbers of server/tracer/sampler.h, many at a time and with the same bits.
 #if defined(ITN_TRACER_WAVEFRONT_RANDOM_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef ITN_TRACER_WAVEFRONT_RANDOM_INL_H_
 #undef ITN_TRACER_WAVEFRONT_RANDOM_INL_H_
@@ -6,7 +6,7 @@
 #define ITN_TRACER_WAVEFRONT_RANDOM_INL_H_
 #endif
 
-#include "server/tracer/random.h"
+#include "server/tracer/sampler.h"
 #include "server/tracer/wavefront/math-inl.h"
 
 HWY_BEFORE_NAMESPACE();

@@ -1,5 +1,5 @@
-// Paths in stages: every path of the wavefront flies, then all interact, then all connections to
-// the light are traced, and so on. The algorithm is that of reference/path.cpp, where the
+// Paths in stages: every path of the wavefront flies, then all interact, then all shadow rays
+// are traced, and so on. The algorithm is that of reference/path.cpp, where the
 // estimators are derived; what is added here to make it quicker or quieter is derived where it
 // stands.
 #if defined(ITN_TRACER_WAVEFRONT_WALK_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -8,6 +8,12 @@
 #else
 #define ITN_TRACER_WAVEFRONT_WALK_INL_H_
 #endif
+
+#include <algorithm>
+#include <array>
+#include <span>
+#include <stop_token>
+#include <vector>
 
 #include "common/error.h"
 #include "server/tracer/lights/lights-inl.h"
@@ -22,20 +28,26 @@ HWY_INLINE Mask is(Uints v, uint32_t constant) {
   return hn::RebindMask(FloatTag(), hn::Eq(v, set(constant)));
 }
 
+// Whether derivatives in the medium are asked for; all three are computed then.
+inline bool asks_for_medium(const RenderRequest& request) {
+  return std::any_of(request.derivatives.begin(), request.derivatives.end(),
+                     [](const Parameter& p) { return p.of_medium(); });
+}
+
 // The paths under way, a slot each.
 struct Walks {
   Rays rays;
   UintColumn pixel{}, sample{}, vertex{};
   UintColumn on_camera_ray{}, hit{}, leaked{}, alive{}, steps{};
-  FloatColumn baseline{};
+  FloatColumn expected{};                     // radiance, see PathSample
   FloatColumn weight{}, weight_derivative{};  // and d weight / d albedo
   FloatColumn score_sigma_t{}, score_g{};     // d log f / d sigma_t in mm, d log f / dg
-  FloatColumn density{};                      // per steradian, of the last direction
+  FloatColumn pdf{};                          // per steradian, of the last direction
   FloatColumn u1{}, u2{}, u3{};               // random numbers of the vertex
   FloatColumn first_flight{};                 // the random number of the first flight
   FloatColumn radiance{}, d_sigma_t{}, d_albedo{}, d_g{};  // collected so far
   FloatColumn zero_sigma_t{}, zero_g{};                    // see book_flight and scatter
-  std::vector<FloatColumn> weights, radiances;             // for RenderSettings::albedos
+  std::vector<FloatColumn> weights, radiances;             // for RenderRequest::albedos
 
   // Moves a path to another slot.
   void move(size_t from, size_t to) {
@@ -48,7 +60,7 @@ struct Walks {
       (*column)[to] = (*column)[from];
     }
     for (FloatColumn* column :
-         {&baseline, &weight, &weight_derivative, &score_sigma_t, &score_g, &density, &first_flight,
+         {&expected, &weight, &weight_derivative, &score_sigma_t, &score_g, &pdf, &first_flight,
           &radiance, &d_sigma_t, &d_albedo, &d_g, &zero_sigma_t, &zero_g}) {
       (*column)[to] = (*column)[from];
     }
@@ -60,8 +72,8 @@ struct Walks {
   }
 };
 
-// The connections to the light that survived their roulette.
-struct Connections {
+// The rays to the light that survived their roulette.
+struct ShadowRays {
   Rays rays;
   UintColumn slot{};  // of the walk
   // Light that would arrive undimmed, scattered and weighted: without the walk's weight, and with
@@ -98,20 +110,21 @@ struct WalkRoulette {
   float per_threshold;  // 1 / that below which paths play
   float fall_off;       // of the light with depth, in a third of a cell of the depths
 
-  WalkRoulette(const Scene::Compiled& scene, const RenderSettings& settings) {
+  WalkRoulette(const Scene::Compiled& scene, const RenderRequest& request, const Tuning& tuning) {
     const Vec3f size = scene.boundary.bounds.max - scene.boundary.bounds.min;
-    const auto& [sigma_t, albedo, g] = settings.material;
+    const auto& [sigma_t, albedo, g] = request.material;
+    const bool derivatives = asks_for_medium(request);
     const bool thin = sigma_t * double{std::max({size.x, size.y, size.z})} < 50;
-    const double threshold = settings.walk_roulette >= 0 ? settings.walk_roulette
-                             : !settings.derivatives     ? 0.35
-                             : thin                      ? 0.2
-                                                         : 0.25;
+    const double threshold = tuning.walk_roulette >= 0 ? tuning.walk_roulette
+                             : !derivatives            ? 0.35
+                             : thin                    ? 0.2
+                                                       : 0.25;
     per_threshold = static_cast<float>(1 / std::max(threshold, 1e-20));
     // See Wavefront::light_left.
     const double kappa = sigma_t * std::min(1.0, std::sqrt(3 * (1 - albedo) * (1 - albedo * g)));
-    const double part = settings.depth_roulette >= 0 ? settings.depth_roulette
-                        : !settings.derivatives      ? 0.8
-                                                     : 0.5;
+    const double part = tuning.depth_roulette >= 0 ? tuning.depth_roulette
+                        : !derivatives             ? 0.8
+                                                   : 0.5;
     // In media so thick that light falls off within a cell, depths are too coarse to be believed.
     constexpr double kMostByCell = 0.7;
     const double by_cell = part * kappa * scene.boundary.depths.cells.edge;
@@ -121,18 +134,26 @@ struct WalkRoulette {
 
 class Wavefront {
  public:
-  Wavefront(const Scene::Compiled& scene, const RenderSettings& settings, PathDesk& desk)
+  Wavefront(const Scene::Compiled& scene, const RenderRequest& request,
+            const RenderOptions& options, WorkQueue& queue, FilmWriter& film)
       : scene_(scene),
-        settings_(settings),
-        desk_(desk),
-        sigma_t_(static_cast<float>(settings.material.sigma_t)),
-        albedo_(static_cast<float>(settings.material.albedo)),
-        g_(static_cast<float>(settings.material.g)),
-        threshold_(static_cast<float>(settings.connection_roulette * scene.lights.power() /
+        request_(request),
+        switches_(options.switches),
+        queue_(queue),
+        film_(film),
+        sigma_t_(static_cast<float>(request.material.sigma_t)),
+        albedo_(static_cast<float>(request.material.albedo)),
+        g_(static_cast<float>(request.material.g)),
+        medium_derivatives_(asks_for_medium(request)),
+        threshold_(static_cast<float>(options.tuning.shadow_ray_roulette * scene.lights.power() /
                                       (4 * std::numbers::pi))),
-        walk_roulette_(scene, settings) {
-    walks_.weights.resize(settings.albedos.size());
-    walks_.radiances.resize(settings.albedos.size());
+        walk_roulette_(scene, request, options.tuning),
+        sequences_(request.seed, request.estimates) {
+    walks_.weights.resize(request.albedos.size());
+    walks_.radiances.resize(request.albedos.size());
+    for (const Parameter& parameter : request.derivatives) {
+      derivatives_.push_back(derivative_columns(parameter));
+    }
   }
 
   void run(const std::stop_token& stop) {
@@ -143,23 +164,19 @@ class Wavefront {
       }
       fly();
       interact();
-      connect();
+      trace_shadow_rays();
       survive();
       finish();
     }
   }
 
  private:
-  using Techniques = RenderSettings::Techniques;
+  using Techniques = Switches::Techniques;
   static constexpr float kPi = std::numbers::pi_v<float>;
 
-  // Purposes of random numbers at a vertex: those of the reference, one more for maps, and one for
-  // the sequences of a pixel.
-  enum Purpose : uint32_t { kFilm, kWalk, kConnection, kMap, kSequence };
-
-  Words random(size_t i, Uints vertex, Purpose purpose) const {
+  Words random(size_t i, Uints vertex, Sampler::Purpose purpose) const {
     return philox(vertex, set(uint32_t{purpose}), load(walks_.sample, i), load(walks_.pixel, i),
-                  settings_.seed);
+                  request_.seed);
   }
 
   // Free flights of all paths. As flights are memoryless, one path length serves for all the parts
@@ -168,7 +185,7 @@ class Wavefront {
     const Floats zero = hn::Zero(FloatTag());
     for (size_t i = 0; i < count_; i += lanes()) {
       const Uints vertex = load(walks_.vertex, i);
-      const Words words = random(i, vertex, kWalk);
+      const Words words = random(i, vertex, Sampler::kWalk);
       const Floats u0 =
           hn::IfThenElse(is(vertex, 1), load(walks_.first_flight, i), uniform(words.w[0]));
       const Floats depth = hn::Sub(zero, log(hn::Sub(set(1.0F), u0)));
@@ -182,7 +199,7 @@ class Wavefront {
 
   // What happens at the ends of the flights: light is met, or the path is scattered or reflected.
   void interact() {
-    connections_.count = 0;
+    shadow_rays_.count = 0;
     for (size_t i = 0; i < count_; i += lanes()) {
       const Mask live = hn::FirstN(FloatTag(), count_ - i);
       const Uints end = hn::And(load(walks_.rays.outcome, i), set(Rays::kEndMask));
@@ -207,10 +224,10 @@ class Wavefront {
   // the expectation 0 whatever came before. So has the sum of s W over the flights, W being the
   // weight before each: subtracting any multiple of it from the derivative keeps it unbiased. As
   // the light that a path finds after a flight is about W times what it finds from the camera, the
-  // pixel's value is the multiple that takes away most of the noise (a baseline: Williams, "Simple
-  // statistical gradient-following algorithms", 1992). Likewise for g, in scatter.
+  // pixel's value is the multiple that takes away most of the noise (a control variate: Williams,
+  // "Simple statistical gradient-following algorithms", 1992). Likewise for g, in scatter.
   void book_flight(size_t i, Mask spent) {
-    if (settings_.derivatives) {
+    if (medium_derivatives_) {
       const Floats length = load(walks_.rays.in_medium, i);
       const Floats score = hn::Sub(hn::IfThenElseZero(spent, set(1 / sigma_t_)), length);
       store(hn::Add(load(walks_.score_sigma_t, i), score), walks_.score_sigma_t, i);
@@ -228,12 +245,12 @@ class Wavefront {
   void meet_light(size_t i, Mask escaped) {
     const Arrival light = arrival(scene_.light_tables, load(walks_.rays.direction, i));
     const Mask on_camera_ray = not_zero(load(walks_.on_camera_ray, i));
-    const Floats density = load(walks_.density, i);
+    const Floats pdf = load(walks_.pdf, i);
     Floats mis_weight = set(1.0F);
-    switch (settings_.techniques) {
+    switch (switches_.techniques) {
       case Techniques::kLightsOnly: mis_weight = hn::Zero(FloatTag()); break;
       case Techniques::kPhaseOnly: break;
-      case Techniques::kBoth: mis_weight = hn::Div(density, hn::Add(density, light.density)); break;
+      case Techniques::kBoth: mis_weight = hn::Div(pdf, hn::Add(pdf, light.density)); break;
     }
     mis_weight = hn::IfThenElse(on_camera_ray, set(1.0F), mis_weight);
     const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));
@@ -242,7 +259,7 @@ class Wavefront {
     };
     const Floats contribution = hn::Mul(load(walks_.weight, i), radiance);
     add(contribution, walks_.radiance);
-    if (settings_.derivatives) {
+    if (medium_derivatives_) {
       add(hn::Mul(contribution, load(walks_.score_sigma_t, i)), walks_.d_sigma_t);
       add(hn::Mul(load(walks_.weight_derivative, i), radiance), walks_.d_albedo);
       add(hn::Mul(contribution, load(walks_.score_g, i)), walks_.d_g);
@@ -252,8 +269,8 @@ class Wavefront {
     }
   }
 
-  // A scattering in the medium (`spent`) or a diffuse reflection: connects to the light, then draws
-  // the next direction.
+  // A scattering in the medium (`spent`) or a diffuse reflection: sends a ray to the light, then
+  // draws the next direction.
   void scatter(size_t i, Mask vertices, Mask spent) {
     const FloatTag d;
     const Floats zero = hn::Zero(d), one = set(1.0F);
@@ -283,37 +300,37 @@ class Wavefront {
     store(weight, walks_.weight, i);
     store(weight_derivative, walks_.weight_derivative, i);
     for (size_t a = 0; a < walks_.weights.size(); ++a) {
-      const Floats other = set(static_cast<float>(settings_.albedos[a]));
+      const Floats other = set(static_cast<float>(request_.albedos[a]));
       store(hn::Mul(load(walks_.weights[a], i), hn::IfThenElse(spent, other, factor)),
             walks_.weights[a], i);
     }
 
     const Floats score_g = load(walks_.score_g, i);
-    if (settings_.techniques != Techniques::kPhaseOnly) {
-      order_connections(i, vertices, spent, all_in_medium, axis, score_g);
+    if (switches_.techniques != Techniques::kPhaseOnly) {
+      send_shadow_rays(i, vertices, spent, all_in_medium, axis, score_g);
     }
 
     // The next direction: Henyey-Greenstein around the last one, or the cosine law around the
-    // normal (density cosine / pi: cosine^2 is uniform).
+    // normal (its pdf is cosine / pi: cosine^2 is uniform).
     const Floats u1 = load(walks_.u1, i);
     Floats cosine = sample_hg(u1, g_);
     Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
     const Phase phase = hg_phase(cosine, g_);
     const Floats score = hn::IfThenElseZero(spent, phase.score);
-    Floats density = phase.value;
+    Floats pdf = phase.value;
     if (!all_in_medium) {
       const Floats diffuse = hn::Sqrt(hn::Sub(one, u1));
       cosine = hn::IfThenElse(spent, cosine, diffuse);
       sine = hn::IfThenElse(spent, sine, hn::Sqrt(u1));
-      density = hn::IfThenElse(spent, density, hn::Mul(diffuse, set(1 / kPi)));
+      pdf = hn::IfThenElse(spent, pdf, hn::Mul(diffuse, set(1 / kPi)));
     }
     const SinCos phi = sin_cos_of_turn(load(walks_.u2, i));
     const Vectors direction =
         renormalize(around(axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
     // Paths that have ended keep their direction: NaN would slow the lanes down.
     store(if_then_else(vertices, direction, before), walks_.rays.direction, i);
-    store(density, walks_.density, i);
-    if (settings_.derivatives) {
+    store(pdf, walks_.pdf, i);
+    if (medium_derivatives_) {
       store(hn::Add(score_g, score), walks_.score_g, i);
       store(plus_product(load(walks_.zero_g, i), score, weight), walks_.zero_g, i);
     }
@@ -323,17 +340,18 @@ class Wavefront {
 
   // Next-event estimation: light along one direction drawn from the lights.
   //
-  // Roulette before anything is traced: a connection through optical depth x carries v exp(-x). Let
+  // Roulette before anything is traced: a shadow ray through optical depth x carries v exp(-x). Let
   // it survive with probability min(1, v exp(-x) / tau), carrying at least tau then: with one
   // uniform number u that means x <= log(v / (u tau)), a limit on the depth that is known
   // beforehand.
-  void order_connections(size_t i, Mask vertices, Mask spent, bool all_in_medium, Vectors axis,
-                         Floats score_g) {
+  void send_shadow_rays(size_t i, Mask vertices, Mask spent, bool all_in_medium, Vectors axis,
+                        Floats score_g) {
     const FloatTag d;
     const Floats zero = hn::Zero(d);
     const Uints vertex = load(walks_.vertex, i);
-    const Words words = random(i, vertex, kConnection);
-    const Words more = scene_.light_tables.maps.empty() ? Words{} : random(i, vertex, kMap);
+    const Words words = random(i, vertex, Sampler::kShadowRay);
+    const Words more =
+        scene_.light_tables.maps.empty() ? Words{} : random(i, vertex, Sampler::kMap);
     const LightDraw light = sample(scene_.light_tables, words, more);
     const Floats cosine = dot(axis, light.direction);
     auto [value, score] = hg_phase(cosine, g_);
@@ -342,25 +360,25 @@ class Wavefront {
       value = hn::IfThenElse(spent, value, diffuse);
       score = hn::IfThenElseZero(spent, score);
     }
-    // The weight of the draw, radiance / density, times that of multiple importance sampling,
-    // density / (density + value): `value` is also the density with which the walk would go there
-    // by itself. Beams have no density: what they bring is as it is.
-    const Floats competing = settings_.techniques == Techniques::kBoth ? value : zero;
-    const Floats densities =
+    // The weight of the draw, radiance / pdf, times that of multiple importance sampling,
+    // pdf / (pdf + value): `value` is also the pdf with which the walk would go there
+    // by itself. Beams have no pdf: what they bring is as it is.
+    const Floats competing = switches_.techniques == Techniques::kBoth ? value : zero;
+    const Floats pdf_sum =
         hn::IfThenElse(hn::Gt(light.density, zero), hn::Add(light.density, competing), set(1.0F));
-    const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), densities);
+    const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), pdf_sum);
     const Floats worth = hn::Mul(worth_following(i), undimmed);
     Floats limit = set(kMaxOpticalDepth);
-    Mask ordered = hn::And(vertices, hn::Gt(undimmed, zero));
+    Mask sent = hn::And(vertices, hn::Gt(undimmed, zero));
     if (threshold_ > 0) {
       const Floats u = hn::Sub(set(1.0F), fifth_uniform(words));
       limit = hn::Min(limit, log(hn::Div(worth, hn::Mul(u, set(threshold_)))));
-      ordered = hn::And(ordered, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
+      sent = hn::And(sent, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
     }
 
-    const size_t at = connections_.count;
+    const size_t at = shadow_rays_.count;
     const auto append = [&](Floats v, FloatColumn& column) {
-      hn::CompressStore(v, ordered, d, column.data() + at);
+      hn::CompressStore(v, sent, d, column.data() + at);
     };
     const auto append_vectors = [&](Vectors v, VectorColumn& column) {
       append(v.x, column.x);
@@ -368,31 +386,31 @@ class Wavefront {
       append(v.z, column.z);
     };
     const auto append_uints = [&](Uints v, UintColumn& column) {
-      hn::CompressStore(v, for_uints(ordered), UintTag(), column.data() + at);
+      hn::CompressStore(v, for_uints(sent), UintTag(), column.data() + at);
     };
-    append_vectors(load(walks_.rays.position, i), connections_.rays.position);
-    append_vectors(light.direction, connections_.rays.direction);
-    append_uints(load(walks_.rays.place, i), connections_.rays.place);
-    append(hn::Mul(limit, set(1 / sigma_t_)), connections_.rays.budget);
-    append(undimmed, connections_.light);
-    append(worth, connections_.worth);
-    if (settings_.derivatives) {
-      append(hn::Add(score_g, score), connections_.score_g);
+    append_vectors(load(walks_.rays.position, i), shadow_rays_.rays.position);
+    append_vectors(light.direction, shadow_rays_.rays.direction);
+    append_uints(load(walks_.rays.place, i), shadow_rays_.rays.place);
+    append(hn::Mul(limit, set(1 / sigma_t_)), shadow_rays_.rays.budget);
+    append(undimmed, shadow_rays_.light);
+    append(worth, shadow_rays_.worth);
+    if (medium_derivatives_) {
+      append(hn::Add(score_g, score), shadow_rays_.score_g);
     }
-    append_uints(hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i))), connections_.slot);
-    connections_.count += hn::CountTrue(d, ordered);
+    append_uints(hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i))), shadow_rays_.slot);
+    shadow_rays_.count += hn::CountTrue(d, sent);
   }
 
-  // Traces the connections, and adds the light that they bring, dimmed by the medium.
-  void connect() {
-    travel(scene_.boundary, connections_.rays, connections_.count, false);
+  // Traces the shadow rays, and adds the light that they bring, dimmed by the medium.
+  void trace_shadow_rays() {
+    travel(scene_.boundary, shadow_rays_.rays, shadow_rays_.count, false);
     const FloatTag d;
-    for (size_t i = 0; i < connections_.count; i += lanes()) {
-      const Mask live = hn::FirstN(d, connections_.count - i);
-      const Uints end = hn::And(load(connections_.rays.outcome, i), set(Rays::kEndMask));
-      // Lanes beyond the last connection add nothing, in the spare slot.
+    for (size_t i = 0; i < shadow_rays_.count; i += lanes()) {
+      const Mask live = hn::FirstN(d, shadow_rays_.count - i);
+      const Uints end = hn::And(load(shadow_rays_.rays.outcome, i), set(Rays::kEndMask));
+      // Lanes beyond the last ray add nothing, in the spare slot.
       const Ints slot =
-          hn::BitCast(IntTag(), hn::IfThenElse(for_uints(live), load(connections_.slot, i),
+          hn::BitCast(IntTag(), hn::IfThenElse(for_uints(live), load(shadow_rays_.slot, i),
                                                set(static_cast<uint32_t>(kSlots))));
       const Mask leaked = hn::And(live, is(end, Rays::kLeaked));
       if (!hn::AllFalse(d, leaked)) {
@@ -404,12 +422,12 @@ class Wavefront {
       if (hn::AllFalse(d, arrived)) {
         continue;
       }
-      const Floats length = load(connections_.rays.in_medium, i);
+      const Floats length = load(shadow_rays_.rays.in_medium, i);
       const Floats dimming = exp(hn::Mul(length, set(-sigma_t_)));
-      Floats light = hn::Mul(load(connections_.light, i), dimming);
+      Floats light = hn::Mul(load(shadow_rays_.light, i), dimming);
       if (threshold_ > 0) {
         const Floats survival = hn::Min(
-            set(1.0F), hn::Mul(hn::Mul(load(connections_.worth, i), dimming), set(1 / threshold_)));
+            set(1.0F), hn::Mul(hn::Mul(load(shadow_rays_.worth, i), dimming), set(1 / threshold_)));
         light = hn::Div(light, survival);
       }
       light = hn::IfThenElseZero(arrived, light);
@@ -419,11 +437,11 @@ class Wavefront {
       };
       const Floats contribution = hn::Mul(gathered(walks_.weight), light);
       add(contribution, walks_.radiance);
-      if (settings_.derivatives) {
+      if (medium_derivatives_) {
         add(hn::Mul(contribution, hn::Sub(gathered(walks_.score_sigma_t), length)),
             walks_.d_sigma_t);
         add(hn::Mul(gathered(walks_.weight_derivative), light), walks_.d_albedo);
-        add(hn::Mul(contribution, load(connections_.score_g, i)), walks_.d_g);
+        add(hn::Mul(contribution, load(shadow_rays_.score_g, i)), walks_.d_g);
       }
       for (size_t a = 0; a < walks_.weights.size(); ++a) {
         add(hn::Mul(gathered(walks_.weights[a]), light), walks_.radiances[a]);
@@ -456,7 +474,7 @@ class Wavefront {
     const Floats one = set(1.0F);
     for (size_t i = 0; i < count_; i += lanes()) {
       const Floats probability =
-          settings_.usual_roulette
+          switches_.usual_roulette
               ? usual_survival(i)
               : hn::Min(one, hn::Mul(hn::Mul(worth_following(i), light_left(i)),
                                      set(walk_roulette_.per_threshold)));
@@ -506,96 +524,85 @@ class Wavefront {
   }
 
   void deliver(size_t slot) {
-    PathEstimate estimate;
-    estimate.hit = walks_.hit[slot] != 0;
-    estimate.leaked = walks_.leaked[slot] != 0;
-    estimate.steps = walks_.steps[slot];
-    estimate.radiance = walks_.radiance[slot];
-    const float baseline = walks_.baseline[slot];
-    estimate.derivatives = {walks_.d_sigma_t[slot] - baseline * walks_.zero_sigma_t[slot],
-                            walks_.d_albedo[slot],
-                            walks_.d_g[slot] - baseline * walks_.zero_g[slot]};
-    for (size_t a = 0; a < walks_.radiances.size(); ++a) {
-      estimate.at_albedos[a] = walks_.radiances[a][slot];
+    estimate_.hit = walks_.hit[slot] != 0;
+    estimate_.leaked = walks_.leaked[slot] != 0;
+    estimate_.steps = walks_.steps[slot];
+    estimate_.radiance = walks_.radiance[slot];
+    const float expected = walks_.expected[slot];
+    for (size_t i = 0; i < derivatives_.size(); ++i) {
+      const auto [collected, control_variate] = derivatives_[i];
+      estimate_.derivatives[i] = control_variate != nullptr
+                                     ? (*collected)[slot] - expected * (*control_variate)[slot]
+                                     : (*collected)[slot];
     }
-    desk_.deliver({walks_.pixel[slot], walks_.sample[slot], baseline}, estimate);
+    for (size_t a = 0; a < walks_.radiances.size(); ++a) {
+      estimate_.at_albedos[a] = walks_.radiances[a][slot];
+    }
+    film_.add({walks_.pixel[slot], walks_.sample[slot], expected}, estimate_);
   }
 
-  // Takes the next orders, and finds out with which rays their paths begin. False if there are
-  // none.
-  bool take_orders() {
-    next_order_ = 0;
-    order_count_ = desk_.take(orders_);
-    if (settings_.stratified) {
-      sample_sequences();
+  // Where a derivative is collected, and its control variate, if it has one.
+  struct DerivativeColumns {
+    const FloatColumn* collected;
+    const FloatColumn* control_variate = nullptr;
+  };
+  DerivativeColumns derivative_columns(const Parameter& parameter) const {
+    switch (parameter.kind) {
+      case Parameter::kSigmaT: return {&walks_.d_sigma_t, &walks_.zero_sigma_t};
+      case Parameter::kAlbedo: return {&walks_.d_albedo};
+      case Parameter::kG: return {&walks_.d_g, &walks_.zero_g};
+      default: break;
+    }
+    throw Error(ErrorKind::kInternal, "no derivative in " + name_of(parameter));
+  }
+
+  // Takes the next samples from the queue, and finds out with which rays their paths begin. False
+  // if there are none.
+  bool take_samples() {
+    next_sample_ = 0;
+    sample_count_ = queue_.take(samples_);
+    const std::span<const PathSample> taken = std::span(samples_).first(sample_count_);
+    if (switches_.stratified) {
+      sequences_.draw(taken, film_points_);
     } else {
-      for (size_t i = 0; i < order_count_; ++i) {
+      for (size_t i = 0; i < sample_count_; ++i) {
         const Uniforms u =
-            SampleRandom(settings_.seed, orders_[i].pixel, orders_[i].sample).at(0, kFilm);
+            Sampler(request_.seed, taken[i].pixel, taken[i].sample).at(0, Sampler::kFilm);
         for (size_t k = 0; k < 3; ++k) {
-          film_[k][i] = u[k];
+          film_points_[k][i] = u[k];
         }
       }
     }
     const auto width = static_cast<uint32_t>(scene_.film.width);
-    for (size_t i = 0; i < order_count_; ++i) {
-      const uint32_t pixel = orders_[i].pixel;
-      camera_rays_[i] = scene_.camera_ray(pixel % width + double{film_[0][i]},
-                                          pixel / width + double{film_[1][i]});
+    for (size_t i = 0; i < sample_count_; ++i) {
+      const uint32_t pixel = taken[i].pixel;
+      camera_rays_[i] = scene_.camera_ray(pixel % width + double{film_points_[0][i]},
+                                          pixel / width + double{film_points_[1][i]});
     }
-    return order_count_ > 0;
+    return sample_count_ > 0;
   }
 
-  // Where on the film the paths of the orders begin, and how far they fly first. The samples of an
-  // estimate share a sequence; estimates, pixels and seeds have sequences of their own.
-  void sample_sequences() {
-    PerOrder<std::array<uint32_t, 3>> points;
-    std::array<PerOrder<uint32_t>, 3> scrambles;
-    for (size_t i = 0; i < order_count_; ++i) {
-      const PathOrder& order = orders_[i];
-      const uint32_t estimate = order.sample % settings_.estimates;
-      Sequence& sequence = sequences_[estimate];
-      if (sequence.pixel != order.pixel) {
-        const std::array<uint32_t, 2> seed{static_cast<uint32_t>(settings_.seed),
-                                           static_cast<uint32_t>(settings_.seed >> 32)};
-        const std::array<uint32_t, 4> key =
-            tracer::philox(std::array<uint32_t, 4>{estimate, kSequence, 0, order.pixel}, seed);
-        sequence = {order.pixel, {key[0], key[1], key[2]}};
-      }
-      points[i] = sobol_point(order.sample / settings_.estimates);
-      for (size_t k = 0; k < 3; ++k) {
-        scrambles[k][i] = sequence.scrambles[k];
-      }
-    }
-    for (size_t k = 0; k < 3; ++k) {
-      for (size_t i = 0; i < order_count_; ++i) {
-        film_[k][i] = scrambled_coordinate(points[i][k], scrambles[k][i]);
-      }
-    }
-  }
-
-  // Puts the next path that is ordered into a slot, with the camera's ray. False if there is none.
+  // Puts the next path into a slot, with the camera's ray. False if there is none.
   bool begin_path(size_t slot) {
-    if (next_order_ == order_count_ && !take_orders()) {
+    if (next_sample_ == sample_count_ && !take_samples()) {
       return false;
     }
-    const PathOrder& order = orders_[next_order_];
-    const CameraRay& ray = camera_rays_[next_order_];
-    walks_.first_flight[slot] = film_[2][next_order_];
-    ++next_order_;
-    walks_.pixel[slot] = order.pixel;
-    walks_.sample[slot] = order.sample;
-    walks_.baseline[slot] = order.baseline;
+    const PathSample& sample = samples_[next_sample_];
+    const CameraRay& ray = camera_rays_[next_sample_];
+    walks_.first_flight[slot] = film_points_[2][next_sample_];
+    ++next_sample_;
+    walks_.pixel[slot] = sample.pixel;
+    walks_.sample[slot] = sample.sample;
+    walks_.expected[slot] = sample.expected;
     walks_.rays.position.set(slot, ray.origin);
     walks_.rays.direction.set(slot, ray.direction);
     walks_.rays.place[slot] = scene_.camera_inside ? Rays::kInside : 0;
     walks_.weight[slot] = 1;
     walks_.vertex[slot] = walks_.on_camera_ray[slot] = walks_.alive[slot] = 1;
     walks_.hit[slot] = walks_.leaked[slot] = walks_.steps[slot] = 0;
-    for (FloatColumn* column :
-         {&walks_.weight_derivative, &walks_.score_sigma_t, &walks_.score_g, &walks_.density,
-          &walks_.radiance, &walks_.d_sigma_t, &walks_.d_albedo, &walks_.d_g, &walks_.zero_sigma_t,
-          &walks_.zero_g}) {
+    for (FloatColumn* column : {&walks_.weight_derivative, &walks_.score_sigma_t, &walks_.score_g,
+                                &walks_.pdf, &walks_.radiance, &walks_.d_sigma_t, &walks_.d_albedo,
+                                &walks_.d_g, &walks_.zero_sigma_t, &walks_.zero_g}) {
       (*column)[slot] = 0;
     }
     for (FloatColumn& weight : walks_.weights) {
@@ -607,38 +614,34 @@ class Wavefront {
     return true;
   }
 
-  // A connection through more than this many mean free paths carries less than exp(-50) of its
+  // A shadow ray through more than this many mean free paths carries less than exp(-50) of its
   // light, which is below the rounding of any sum it could be added to.
   static constexpr float kMaxOpticalDepth = 50;
   static constexpr float kRouletteDerivative = 0.05F;
   // Survivors of the roulette by depth gain at most exp(4) in weight: more would be fireflies.
   static constexpr float kLeastExponent = -4;
-  static constexpr size_t kOrders = 128;
 
   const Scene::Compiled& scene_;
-  const RenderSettings& settings_;
-  PathDesk& desk_;
+  const RenderRequest& request_;
+  const Switches& switches_;
+  WorkQueue& queue_;
+  FilmWriter& film_;
   const float sigma_t_, albedo_, g_;
-  const float threshold_;  // of the connections' roulette, as a radiance; 0: all are traced
+  const bool medium_derivatives_;
+  const float threshold_;  // of the shadow rays' roulette, as a radiance; 0: all are traced
   const WalkRoulette walk_roulette_;
 
   Walks walks_;
   size_t count_ = 0;  // paths under way, in slots 0 .. count_ - 1
-  Connections connections_;
+  ShadowRays shadow_rays_;
+  PathEstimate estimate_;                       // of the path that is delivered
+  std::vector<DerivativeColumns> derivatives_;  // in the order of the request
   // Paths that have not begun, with the random numbers of film position and first flight.
-  template <typename T>
-  using PerOrder = std::array<T, kOrders>;
-  PerOrder<PathOrder> orders_;
-  PerOrder<CameraRay> camera_rays_;
-  std::array<PerOrder<float>, 3> film_;
-  size_t order_count_ = 0, next_order_ = 0;
-
-  // The last sequence of each estimate: paths of a pixel come one after the other.
-  struct Sequence {
-    uint32_t pixel = ~0U;
-    std::array<uint32_t, 3> scrambles{};
-  };
-  std::array<Sequence, 16> sequences_;
+  PixelSequences sequences_;
+  std::array<PathSample, PixelSequences::kMost> samples_;
+  std::array<CameraRay, PixelSequences::kMost> camera_rays_;
+  PixelSequences::Points film_points_;
+  size_t sample_count_ = 0, next_sample_ = 0;
 };
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -9,16 +9,17 @@
 // After foreach_target.h:
 #include <hwy/highway.h>
 
-#include "server/tracer/random.h"
+#include "server/tracer/sampler.h"
 #include "server/tracer/wavefront/walk-inl.h"
 #include "server/tracer/wavefront/wavefront.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-void run_wavefront(const Scene::Compiled& scene, const RenderSettings& settings, PathDesk& desk,
+void run_wavefront(const Scene::Compiled& scene, const RenderRequest& request,
+                   const RenderOptions& options, WorkQueue& queue, FilmWriter& film,
                    const std::stop_token& stop) {
-  const auto wavefront = std::make_unique<Wavefront>(scene, settings, desk);
+  const auto wavefront = std::make_unique<Wavefront>(scene, request, options, queue, film);
   wavefront->run(stop);
 }
 
@@ -65,9 +66,10 @@ HWY_EXPORT(evaluate_all);
 HWY_EXPORT(draw_all);
 HWY_EXPORT(look_up_all);
 
-void trace_wavefront(const Scene::Compiled& scene, const RenderSettings& settings, PathDesk& desk,
+void trace_wavefront(const Scene::Compiled& scene, const RenderRequest& request,
+                     const RenderOptions& options, WorkQueue& queue, FilmWriter& film,
                      const std::stop_token& stop) {
-  HWY_DYNAMIC_DISPATCH(run_wavefront)(scene, settings, desk, stop);
+  HWY_DYNAMIC_DISPATCH(run_wavefront)(scene, request, options, queue, film, stop);
 }
 
 void follow(const Boundary& boundary, Rays& rays, size_t count) {

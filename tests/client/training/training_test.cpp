@@ -37,6 +37,7 @@ Triple derivatives(size_t p) {
 RenderEstimate render(const Material& m, double noise, uint64_t seed) {
   SplitMix random(seed);
   RenderEstimate estimate;
+  estimate.derivatives.resize(3);
   for (size_t p = 0; p < kPixels; ++p) {
     const double error = noise * (random.uniform() - 0.5);
     estimate.radiance.push_back(static_cast<float>(radiance(m, p) + error));
@@ -178,7 +179,8 @@ TEST_F(TrainingTest, RenderGradientReachesTheWeights) {
         const RenderingLoss loss = rendering_loss(images_.radiance[item], weight, estimates);
         mean += loss.value / kItems;
         if (gradients != nullptr) {
-          const Triple g = space.output_gradient(output, loss.gradient);
+          const std::vector<double>& d = loss.gradient;
+          const Triple g = space.output_gradient(output, {d.at(0), d.at(1), d.at(2)});
           for (int64_t k = 0; k < 3; ++k) {
             (*gradients)[i][k] = g[static_cast<size_t>(k)];
           }

@@ -229,12 +229,12 @@ TEST(RenderService, PutsTheSamplesOfALossWhereItNeedsThem) {
   const Answer answer = client.call(request);
   ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
 
-  tracer::RenderSettings settings = build_settings(request, {});
-  settings.importance = loss_importance(image, weight);
-  const tracer::FilmSums sums = render_grad(scene, settings);
+  tracer::RenderRequest asked = build_request(request, {});
+  asked.sampling_weights = loss_sampling_weights(image, weight);
+  const tracer::FilmSums sums = render_grad(scene, asked);
   const RenderingLoss expected = rendering_loss(image, weight, means(sums).estimates);
   EXPECT_DOUBLE_EQ(answer.reply.loss(), expected.value);
-  EXPECT_DOUBLE_EQ(answer.reply.loss_gradient(0), expected.gradient[tracer::kAlbedo]);
+  EXPECT_DOUBLE_EQ(answer.reply.loss_gradient(0), expected.gradient.at(0));
 }
 
 TEST(RenderService, GivesSeveralAlbedosInTheOrderAsked) {

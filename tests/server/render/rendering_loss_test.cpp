@@ -28,6 +28,7 @@ struct SyntheticRenderer {
 
   static RenderEstimate estimate(const Parameters& pi, double noise, std::mt19937_64& random) {
     RenderEstimate result;
+    result.derivatives.resize(3);
     std::normal_distribution<double> normal(0, noise);
     for (size_t p = 0; p < kPixels; ++p) {
       const double common = normal(random);
@@ -138,8 +139,8 @@ TEST(RenderingLoss, IsExactWithoutNoise) {
 
 TEST(RenderingLoss, OfTwoEstimatesIsTheCrossedProduct) {
   const std::vector<float> image{2}, weight{0.5F};
-  const std::vector<RenderEstimate> estimates{{{3}, {{{1}, {2}, {3}}}, {}},
-                                              {{5}, {{{4}, {5}, {6}}}, {}}};
+  const std::vector<RenderEstimate> estimates{{{3}, {{1}, {2}, {3}}, {}},
+                                              {{5}, {{4}, {5}, {6}}, {}}};
   const RenderingLoss loss = rendering_loss(image, weight, estimates);
   EXPECT_DOUBLE_EQ(loss.value, 1.0 * 3 / 4);
   // [(T_A - I) D_B + (T_B - I) D_A] / I^2.
@@ -174,8 +175,8 @@ TEST(RenderingLoss, DoesNotDependOnExposure) {
 
 TEST(RenderingLoss, RefusesWhatItCannotUse) {
   const std::vector<float> image{2}, weight{1}, black{0};
-  const RenderEstimate good{{3}, {{{1}, {2}, {3}}}, {}};
-  const RenderEstimate no_derivative{{3}, {{{1}, {2}, {}}}, {}};
+  const RenderEstimate good{{3}, {{1}, {2}, {3}}, {}};
+  const RenderEstimate no_derivative{{3}, {{1}, {2}, {}}, {}};
   const std::vector<RenderEstimate> one{good}, two{good, good}, lacking{good, no_derivative};
   EXPECT_THROW(rendering_loss(image, weight, one), Error);
   EXPECT_THROW(rendering_loss(image, weight, lacking), Error);
@@ -186,18 +187,18 @@ TEST(RenderingLoss, RefusesWhatItCannotUse) {
 // Every weighted pixel is worth samples, however black, and no other is.
 TEST(LossImportanceTest, FollowsWeightAndImage) {
   const std::vector<float> image{0, 2, 4, 8, -2}, weight{1, 2, 1, 0, 1};
-  const std::vector<float> importance = loss_importance(image, weight);
+  const std::vector<float> weights = loss_sampling_weights(image, weight);
   const float floor = 0.25F * (0 + 2 + 4 + 2) / 4, most = 4 * (2 + floor);
-  EXPECT_THAT(importance,
+  EXPECT_THAT(weights,
               ::testing::Pointwise(::testing::FloatEq(), {floor / most, 1.0F, (4 + floor) / most,
                                                           0.0F, (2 + floor) / most}));
   // Far beyond what the square of a float can hold.
   const std::vector<float> wide{1e30F, 1e-30F, 0};
-  const std::vector<float> extreme = loss_importance(std::vector<float>{1, 1, 1}, wide);
+  const std::vector<float> extreme = loss_sampling_weights(std::vector<float>{1, 1, 1}, wide);
   EXPECT_EQ(extreme[0], 1);
   EXPECT_GT(extreme[1], 0);
   EXPECT_EQ(extreme[2], 0);
-  EXPECT_THAT(loss_importance({}, {}), ::testing::IsEmpty());
+  EXPECT_THAT(loss_sampling_weights({}, {}), ::testing::IsEmpty());
 }
 
 }  // namespace

@@ -302,7 +302,7 @@ TEST(SceneBuilder, ZeroIsNotAbsent) {
   EXPECT_EQ(std::get<tracer::SunSkyLight>(built.lights.at(0)).sun_elevation, 0);
 }
 
-// ---- Settings --------------------------------------------------------------------------------
+// ---- Requests --------------------------------------------------------------------------------
 
 v1::RenderGradRequest request_of_any_scene() {
   v1::RenderGradRequest request = small_request();
@@ -310,30 +310,30 @@ v1::RenderGradRequest request_of_any_scene() {
   return request;
 }
 
-TEST(SettingsBuilder, TakesWhatTheRequestSays) {
+TEST(RequestBuilder, TakesWhatTheRequestSays) {
   v1::RenderGradRequest request = request_of_any_scene();
   request.mutable_sample_range()->set_first(2);
   request.mutable_sample_range()->set_count(5);
-  const auto settings = build_settings(request, RenderLimits());
-  EXPECT_EQ(settings.material, (Material{8, 0.9, 0.3}));
-  EXPECT_EQ(settings.first_sample, 2U);
-  EXPECT_EQ(settings.sample_count, 5U);
-  EXPECT_EQ(settings.seed, 5U);
-  EXPECT_EQ(settings.estimates, 2U);
-  EXPECT_TRUE(settings.derivatives);
+  const auto built = build_request(request, RenderLimits());
+  EXPECT_EQ(built.material, (Material{8, 0.9, 0.3}));
+  EXPECT_EQ(built.first_sample, 2U);
+  EXPECT_EQ(built.sample_count, 5U);
+  EXPECT_EQ(built.seed, 5U);
+  EXPECT_EQ(built.estimates, 2U);
+  EXPECT_EQ(built.derivatives, tracer::medium_parameters());
 }
 
-TEST(SettingsBuilder, HasTheDocumentedDefaults) {
+TEST(RequestBuilder, HasTheDocumentedDefaults) {
   v1::RenderGradRequest request = request_of_any_scene();
   request.clear_derivatives();
   request.clear_estimates();
   request.clear_seed();
-  const auto settings = build_settings(request, RenderLimits());
-  EXPECT_EQ(settings.first_sample, 0U);
-  EXPECT_EQ(settings.sample_count, 8U);
-  EXPECT_EQ(settings.seed, 0U);
-  EXPECT_EQ(settings.estimates, 1U);
-  EXPECT_FALSE(settings.derivatives);
+  const auto built = build_request(request, RenderLimits());
+  EXPECT_EQ(built.first_sample, 0U);
+  EXPECT_EQ(built.sample_count, 8U);
+  EXPECT_EQ(built.seed, 0U);
+  EXPECT_EQ(built.estimates, 1U);
+  EXPECT_TRUE(built.derivatives.empty());
 }
 
 TEST(ReplySize, IsBounded) {

@@ -31,7 +31,9 @@ TEST(BeerLambertTest, LightIsDimmedAlongTheChord) {
   const Scene scene(std::move(description));
   for (const double sigma_t : {0.5, 2.0, 4.0}) {
     const FilmEstimate film = estimate_film(
-        scene, {.material = {sigma_t, 0, 0.3}, .sample_count = 4096, .derivatives = true}, 64);
+        scene,
+        {.material = {sigma_t, 0, 0.3}, .sample_count = 4096, .derivatives = medium_parameters()},
+        64);
     const double expected = std::exp(-sigma_t * 0.7);
     expect_equal(film.radiance, {expected, 0}, 6, "transmittance");
     expect_resolution(film.radiance, expected, 0.01, "transmittance");
@@ -47,9 +49,9 @@ TEST(BeerLambertTest, DerivativeOfAThinMedium) {
   description.lights = {ConstantEnvironment{1}};
   description.camera = looking_down(5);
   description.film = {4, 4};
-  const FilmSums sums =
-      render_grad(Scene(std::move(description)),
-                  {.material = {1e-6, 0, 0}, .sample_count = 64, .derivatives = true});
+  const FilmSums sums = render_grad(
+      Scene(std::move(description)),
+      {.material = {1e-6, 0, 0}, .sample_count = 64, .derivatives = medium_parameters()});
   EXPECT_NEAR(film_mean(sums, -1), 1, 1e-5);
   EXPECT_NEAR(film_mean(sums, kSigmaT), -0.01, 1e-5);
 }
@@ -65,9 +67,11 @@ TEST(SingleScatteringTest, DerivativeAtAlbedoZero) {
   description.film = {4, 4};
   const Scene scene(std::move(description));
   for (const double g : {-0.4, 0.0, 0.6}) {
-    RenderSettings settings{.material = {2, 0, g}, .sample_count = 1024, .derivatives = true};
-    settings.connection_roulette = 0;  // it goes by the image, which is black
-    const FilmEstimate film = estimate_film(scene, settings, 64);
+    RenderRequest settings{
+        .material = {2, 0, g}, .sample_count = 1024, .derivatives = medium_parameters()};
+    // The roulette of shadow rays goes by the image, which is black.
+    const RenderOptions all{.tuning = {.shadow_ray_roulette = 0}};
+    const FilmEstimate film = estimate_film(scene, settings, 64, 1, all);
     const double phase = (1 - g * g) / (4 * std::numbers::pi * std::pow(1 + g, 3));
     const double expected = 3 * phase * (1 - std::exp(-2 * 2 * 0.5)) / 2;
     EXPECT_EQ(film.radiance.mean, 0);

@@ -35,10 +35,10 @@ Material moved(Material material, int coordinate, double by) {
 }
 
 // The same seeds on both sides: what the noise of the two has in common goes away.
-Estimated finite_difference(const Scene& scene, RenderSettings settings, int coordinate,
-                            double step, int batches) {
+Estimated finite_difference(const Scene& scene, RenderRequest settings, int coordinate, double step,
+                            int batches) {
   const Material middle = settings.material;
-  settings.derivatives = false;
+  settings.derivatives = {};
   std::vector<double> slopes;
   for (int b = 0; b < batches; ++b) {
     settings.seed = 1000 + static_cast<uint64_t>(b);
@@ -63,8 +63,8 @@ TEST_P(DerivativeTest, EqualsFiniteDifference) {
     lights = {ConstantEnvironment{1}};
   }
   const Scene scene(studio(row.shape, lights, row.sun_sky ? 0.5F : -1));
-  const RenderSettings settings{
-      .material = row.material, .sample_count = row.spp, .derivatives = true};
+  const RenderRequest settings{
+      .material = row.material, .sample_count = row.spp, .derivatives = medium_parameters()};
   const FilmEstimate film = estimate_film(scene, settings, kBatches);
   for (int i = 0; i < kCoordinates; ++i) {
     const Estimated slope =

@@ -9,18 +9,19 @@ namespace itn::testing {
 namespace {
 
 using namespace tracer;
-using Techniques = RenderSettings::Techniques;
+using Techniques = Switches::Techniques;
 
 // Images and derivatives from light sampling alone, phase sampling alone, and both combined.
 TEST(MultipleImportanceSamplingTest, TechniquesAgree) {
   constexpr int kComparisons = 2 * 2 * 4;
   for (const char* shape : {"sphere", "mug"}) {
     const Scene scene(studio(shape, {paper_sun_sky()}, 0.5F));
-    RenderSettings settings{.material = {20, 0.8, 0.5}, .sample_count = 256, .derivatives = true};
+    RenderRequest settings{
+        .material = {20, 0.8, 0.5}, .sample_count = 256, .derivatives = medium_parameters()};
     const FilmEstimate both = estimate_film(scene, settings, 48, 1);
     const auto expect_same = [&](Techniques techniques, uint64_t seed, const char* name) {
-      settings.techniques = techniques;
-      const FilmEstimate other = estimate_film(scene, settings, 48, seed);
+      const RenderOptions options{.switches = {.techniques = techniques}};
+      const FilmEstimate other = estimate_film(scene, settings, 48, seed, options);
       const std::string what = std::string(shape) + ", " + name;
       expect_equal(both.radiance, other.radiance, kComparisons, what);
       expect_resolution(other.radiance, both.radiance.mean, 0.02, what);
@@ -37,7 +38,7 @@ TEST(MultipleImportanceSamplingTest, TechniquesAgree) {
 // Every estimator that is quicker or quieter gives the image and derivatives of the reference.
 struct Variant {
   const char* name;
-  void (*change)(RenderSettings&);
+  void (*change)(RenderRequest&, RenderOptions&);
 };
 
 void PrintTo(const Variant& variant, std::ostream* out) {
@@ -51,14 +52,14 @@ struct Subject {
       : shape(name), scene(studio(name, {paper_sun_sky()}, 0.5F)) {
     settings.material = material;
     settings.sample_count = 256;
-    settings.derivatives = true;
-    RenderSettings slow = settings;
+    settings.derivatives = medium_parameters();
+    RenderRequest slow = settings;
     slow.tracer = Tracer::kReference;
     reference = estimate_film(scene, slow, 48, 1);
   }
   std::string shape;
   Scene scene;
-  RenderSettings settings{.material = {}};
+  RenderRequest settings{.material = {}};
   FilmEstimate reference;
 };
 
@@ -67,10 +68,11 @@ TEST_P(VariantsTest, AgreeWithTheReference) {
       thick("smooth_star", {3000, 0.87, 0.4});
   constexpr int kComparisons = 3 * 10 * 4;
   for (const Subject* subject : {&star, &mug, &thick}) {
-    RenderSettings settings = subject->settings;
-    GetParam().change(settings);
+    RenderRequest settings = subject->settings;
+    RenderOptions options;
+    GetParam().change(settings, options);
     const FilmEstimate& reference = subject->reference;
-    const FilmEstimate other = estimate_film(subject->scene, settings, 96, 301);
+    const FilmEstimate other = estimate_film(subject->scene, settings, 96, 301, options);
     const std::string what = subject->shape + ", " + GetParam().name;
     expect_equal(other.radiance, reference.radiance, kComparisons, what);
     expect_resolution(other.radiance, reference.radiance.mean, 0.01, what);
@@ -84,30 +86,37 @@ TEST_P(VariantsTest, AgreeWithTheReference) {
 INSTANTIATE_TEST_SUITE_P(
     Estimators, VariantsTest,
     ::testing::Values(
-        Variant{"standard", [](RenderSettings&) {}},
+        Variant{"standard", [](RenderRequest&, RenderOptions&) {}},
         Variant{"plain",
-                [](RenderSettings& s) {
-                  s.connection_roulette = 0;
-                  s.walk_roulette = 0.1;
-                  s.stratified = false;
+                [](RenderRequest&, RenderOptions& o) {
+                  o.tuning.shadow_ray_roulette = 0;
+                  o.tuning.walk_roulette = 0.1;
+                  o.switches.stratified = false;
                 }},
-        Variant{"much connection roulette", [](RenderSettings& s) { s.connection_roulette = 0.5; }},
-        Variant{"much walk roulette", [](RenderSettings& s) { s.walk_roulette = 0.6; }},
-        Variant{"no walk roulette to speak of", [](RenderSettings& s) { s.walk_roulette = 1e-3; }},
-        Variant{"the usual walk roulette", [](RenderSettings& s) { s.usual_roulette = true; }},
-        Variant{"much roulette by depth", [](RenderSettings& s) { s.depth_roulette = 1.5; }},
-        Variant{"no stratification", [](RenderSettings& s) { s.stratified = false; }},
-        Variant{"a pilot for the baseline",
-                [](RenderSettings& s) {
-                  s.pilot_spp = 4;
-                  s.adaptive = false;
+        Variant{"much shadow ray roulette",
+                [](RenderRequest&, RenderOptions& o) { o.tuning.shadow_ray_roulette = 0.5; }},
+        Variant{"much walk roulette",
+                [](RenderRequest&, RenderOptions& o) { o.tuning.walk_roulette = 0.6; }},
+        Variant{"no walk roulette to speak of",
+                [](RenderRequest&, RenderOptions& o) { o.tuning.walk_roulette = 1e-3; }},
+        Variant{"the usual walk roulette",
+                [](RenderRequest&, RenderOptions& o) { o.switches.usual_roulette = true; }},
+        Variant{"much roulette by depth",
+                [](RenderRequest&, RenderOptions& o) { o.tuning.depth_roulette = 1.5; }},
+        Variant{"no stratification",
+                [](RenderRequest&, RenderOptions& o) { o.switches.stratified = false; }},
+        Variant{"a pilot for the control variates",
+                [](RenderRequest& r, RenderOptions& o) {
+                  r.pilot_spp = 4;
+                  o.switches.adaptive = false;
                 }},
-        Variant{"a pilot for baseline and samples", [](RenderSettings& s) { s.pilot_spp = 4; }}));
+        Variant{"a pilot for control variates and samples",
+                [](RenderRequest& r, RenderOptions&) { r.pilot_spp = 4; }}));
 
 // Images at other albedos from the same walks are those of their own walks.
 TEST(AlbedosTest, FromOneWalkAreThoseOfTheirOwn) {
   const Scene scene(studio("smooth_star", {paper_sun_sky()}, 0.5F));
-  RenderSettings together{.material = {60, 0.95, 0.4}, .sample_count = 256};
+  RenderRequest together{.material = {60, 0.95, 0.4}, .sample_count = 256};
   together.albedos = {0.87, 0.59, 0};
   std::vector<std::vector<double>> means_at(together.albedos.size());
   for (uint64_t seed = 0; seed < 96; ++seed) {
@@ -122,7 +131,7 @@ TEST(AlbedosTest, FromOneWalkAreThoseOfTheirOwn) {
     }
   }
   for (size_t a = 0; a < means_at.size(); ++a) {
-    RenderSettings alone = together;
+    RenderRequest alone = together;
     alone.albedos.clear();
     alone.material.albedo = together.albedos[a];
     const FilmEstimate own = estimate_film(scene, alone, 96, 501);
@@ -150,17 +159,18 @@ class LossGradientTest : public ::testing::Test {
     target_ = means(target).estimates[0].radiance;
   }
 
-  RenderedImages render(double sigma_t, uint32_t spp, uint64_t seed, bool derivatives) const {
+  RenderedImages render(double sigma_t, uint32_t spp, uint64_t seed,
+                        std::vector<Parameter> derivatives) const {
     return means(render_grad(scene_, {.material = {sigma_t, 0.8, 0.2},
                                       .sample_count = spp,
                                       .seed = seed,
-                                      .derivatives = derivatives,
+                                      .derivatives = std::move(derivatives),
                                       .estimates = 2}));
   }
 
   // Unbiased for the loss itself, in the same way: (T_A - I)(T_B - I).
   double loss(double sigma_t, uint64_t seed) const {
-    const RenderedImages images = render(sigma_t, 1024, seed, false);
+    const RenderedImages images = render(sigma_t, 1024, seed, {});
     double sum = 0;
     for (size_t p = 0; p < target_.size(); ++p) {
       sum += residual(images, 0, p) * residual(images, 1, p);
@@ -184,7 +194,7 @@ class LossGradientTest : public ::testing::Test {
             continue;
           }
           const double w = weight_[p];
-          for (size_t c = 0; c < kCoordinates && !images.estimates[j].derivatives[c].empty(); ++c) {
+          for (size_t c = 0; c < images.estimates[j].derivatives.size(); ++c) {
             result[c] += 2 * w * residual(images, i, p) *
                          static_cast<double>(images.estimates[j].derivatives[c][p]) / pairs;
           }
@@ -210,7 +220,7 @@ TEST_F(LossGradientTest, TwoEstimatesAreUnbiasedAndOneIsNot) {
 
   std::vector<double> independent, same;
   for (uint64_t seed = 1000; seed < 5000; ++seed) {
-    const RenderedImages images = render(kSigmaT0, 4, seed, true);
+    const RenderedImages images = render(kSigmaT0, 4, seed, medium_parameters());
     double cross_terms = 0, same_terms = 0;
     for (size_t p = 0; p < target_.size(); ++p) {
       const auto derivative = [&](size_t k) {
@@ -229,7 +239,8 @@ TEST_F(LossGradientTest, TwoEstimatesAreUnbiasedAndOneIsNot) {
                    std::hypot(biased.standard_error, finite_difference.standard_error);
   std::printf("  the same samples twice: %.4g +- %.2g, z = %+.1f\n", biased.mean,
               biased.standard_error, z);
-  EXPECT_GT(std::abs(z), 2 * t_threshold(1, biased.degrees_of_freedom)) << "the test could not tell a biased gradient";
+  EXPECT_GT(std::abs(z), 2 * t_threshold(1, biased.degrees_of_freedom))
+      << "the test could not tell a biased gradient";
 }
 
 // The gradient as training asks for it, few samples and everything that makes it quieter, against
@@ -250,14 +261,14 @@ TEST_F(LossGradientTest, WithPilotAndFourEstimatesIsUnbiased) {
                         Case{kAlbedo, brighter, darker, 0.005, 0.01, 240, 24, 3000},
                         Case{kG, brighter, darker, 0.05, 0.01, 228, 72, 3000}}) {
     compare_with(c.target);
-    RenderSettings settings{.material = c.material, .sample_count = 1024, .estimates = 4};
+    RenderRequest settings{.material = c.material, .sample_count = 1024, .estimates = 4};
     settings.pixels = Pixels::kObject;
-    const auto loss_of = [&](const RenderSettings& s) {
-      return pair_loss(means(render_grad(scene_, s)));
+    const auto loss_of = [&](const RenderRequest& s, const RenderOptions& options = {}) {
+      return pair_loss(means(render_grad(scene_, s, options)));
     };
     std::vector<double> slopes, plain, gradients;
     for (uint64_t seed = 0; seed < c.slopes; ++seed) {
-      RenderSettings s = settings;
+      RenderRequest s = settings;
       s.seed = seed;
       const auto moved = [&](double by) {
         s.material = c.material;
@@ -268,20 +279,19 @@ TEST_F(LossGradientTest, WithPilotAndFourEstimatesIsUnbiased) {
       };
       slopes.push_back((moved(c.step) - moved(-c.step)) / (2 * c.step));
     }
-    settings.derivatives = true;
+    settings.derivatives = medium_parameters();
     for (uint64_t seed = 1000; seed < 1000 + c.plain; ++seed) {
-      RenderSettings s = settings;
+      RenderRequest s = settings;
       s.seed = seed;
       s.estimates = 2;
-      s.connection_roulette = 0;
-      s.usual_roulette = true;
-      s.stratified = false;
-      plain.push_back(loss_of(s)[c.coordinate]);
+      const RenderOptions simple{.tuning = {.shadow_ray_roulette = 0},
+                                 .switches = {.usual_roulette = true, .stratified = false}};
+      plain.push_back(loss_of(s, simple)[c.coordinate]);
     }
     settings.sample_count = 16;
     settings.pilot_spp = 4;
     for (size_t p = 0; p < target_.size(); ++p) {
-      settings.importance.push_back(weight_[p] * (target_[p] + 0.1F));
+      settings.sampling_weights.push_back(weight_[p] * (target_[p] + 0.1F));
     }
     for (uint64_t seed = 2000; seed < 2000 + c.gradients; ++seed) {
       settings.seed = seed;

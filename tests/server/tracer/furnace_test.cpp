@@ -25,8 +25,8 @@ constexpr int kComparisons = 6 * 4;
 
 TEST_P(FurnaceTest, RadianceIsOneAndDerivativesVanish) {
   const Scene scene(studio(GetParam().shape, {ConstantEnvironment{1}}));
-  const RenderSettings settings{
-      .material = {5, 1, GetParam().g}, .sample_count = 64, .derivatives = true};
+  const RenderRequest settings{
+      .material = {5, 1, GetParam().g}, .sample_count = 64, .derivatives = medium_parameters()};
   const FilmEstimate film = estimate_film(scene, settings, 64);
   expect_equal(film.radiance, {1, 0}, kComparisons, "radiance");
   expect_resolution(film.radiance, 1, 0.01, "radiance");

@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "server/tracer/random.h"
+#include "server/tracer/sampler.h"
 #include "server/tracer/wavefront/wavefront.h"
 #include "tests/server/tracer/scenes.h"
 
@@ -146,7 +146,7 @@ TEST_P(GeometryTest, LeaksAreRare) {
     const Lines geometry(GetParam(), make_shape(shape.name), {{horizontal_square(0, 20), 0.5F}});
     Place place;
     for (uint32_t i = 0; i < 40'000; ++i) {
-      const Uniforms u = SampleRandom(5, 0, 0).at(i, 0);
+      const Uniforms u = Sampler(5, 0, 0).at(i, 0);
       const float y = 1 - 2 * u[0], r = std::sqrt(std::max(0.0F, 1 - y * y));
       const float phi = 6.2831853F * u[1];
       const Vec3f direction = itn::normalize(Vec3f{r * std::cos(phi), y, r * std::sin(phi)});
@@ -174,7 +174,7 @@ TEST(TracersTest, AgreeLineByLine) {
     const Lines grid(Tracer::kWavefront, make_shape(shape), floor);
     int different = 0, lines = 0;
     for (uint32_t i = 0; i < 40'000; ++i) {
-      const Uniforms u = SampleRandom(6, 0, 0).at(i, 0), v = SampleRandom(6, 0, 0).at(i, 1);
+      const Uniforms u = Sampler(6, 0, 0).at(i, 0), v = Sampler(6, 0, 0).at(i, 1);
       const float y = 1 - 2 * u[0], r = std::sqrt(std::max(0.0F, 1 - y * y));
       const float phi = 6.2831853F * u[1];
       const Vec3f direction{r * std::cos(phi), y, r * std::sin(phi)};
@@ -227,7 +227,7 @@ TEST(DepthsTest, AreLookedUpWhereThePointsAre) {
   for (uint32_t batch = 0; batch < 200; ++batch) {
     std::vector<float> expected;
     for (uint32_t i = 0; i < kSlots; ++i) {
-      const Uniforms u = SampleRandom(8, 0, batch).at(i, 0);
+      const Uniforms u = Sampler(8, 0, batch).at(i, 0);
       // In cells; a tenth of the range outside at either end. The first is in the last cell.
       const auto place = [&](float v, int size) {
         return i == 0 ? size - 0.5 : (1.2 * double{v} - 0.1) * size;

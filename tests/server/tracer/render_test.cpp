@@ -25,11 +25,11 @@ const Scene& mug_in_the_sun() {
   return scene;
 }
 
-RenderSettings settings() {
+RenderRequest request() {
   return {.material = {60, 0.9, 0.4},
           .sample_count = 12,
           .seed = 42,
-          .derivatives = true,
+          .derivatives = medium_parameters(),
           .estimates = 3};
 }
 
@@ -58,27 +58,25 @@ void expect_same(const FilmSums& a, const FilmSums& b) {
 }
 
 TEST(RenderTest, ThreadsDoNotMatter) {
-  RenderSettings one = settings(), two = settings();
-  one.threads = 1;
-  two.threads = 2;
-  expect_same(render_grad(mug_in_the_sun(), one), render_grad(mug_in_the_sun(), two));
+  expect_same(render_grad(mug_in_the_sun(), request(), {.threads = 1}),
+              render_grad(mug_in_the_sun(), request(), {.threads = 2}));
 }
 
 TEST(RenderTest, PartsAddUpToTheWhole) {
-  RenderSettings first = settings(), second = settings();
+  RenderRequest first = request(), second = request();
   first.sample_count = 5;
   second.first_sample = 5;
   second.sample_count = 7;
   FilmSums parts = render_grad(mug_in_the_sun(), second);
   merge(parts, render_grad(mug_in_the_sun(), first));
-  const FilmSums whole = render_grad(mug_in_the_sun(), settings());
+  const FilmSums whole = render_grad(mug_in_the_sun(), request());
   expect_same(parts, whole);
   EXPECT_EQ(means(parts).standard_error, means(whole).standard_error);
 }
 
 // The same bits from vectors of every width, and from none.
 TEST(RenderTest, InstructionSetsDoNotMatter) {
-  RenderSettings s = settings();
+  RenderRequest s = request();
   s.pilot_spp = 4;
   s.albedos = {0.5};
   const Scene map_lit(studio("twist", {ConstantEnvironment{0.2}, small_map()}, 0.5F, 16));
@@ -98,10 +96,10 @@ TEST(RenderTest, InstructionSetsDoNotMatter) {
 
 // Parts of a render with a pilot take their part of every pixel's samples.
 TEST(RenderTest, PartsWithAPilotAddUpToTheWhole) {
-  RenderSettings whole = settings();
+  RenderRequest whole = request();
   whole.pilot_spp = 4;
   whole.spp = whole.sample_count;
-  RenderSettings first = whole, second = whole;
+  RenderRequest first = whole, second = whole;
   first.sample_count = 5;
   second.first_sample = 5;
   second.sample_count = 7;
@@ -117,15 +115,15 @@ TEST(RenderTest, PartsWithAPilotAddUpToTheWhole) {
 
 // With the same roulette, walks are as long as those of the reference.
 TEST(RenderTest, TheUsualRouletteWalksAsFarAsTheReference) {
-  RenderSettings s = settings();
-  s.usual_roulette = true;
+  RenderRequest s = request();
+  const RenderOptions usual{.switches = {.usual_roulette = true}};
   std::vector<double> ratios;
   for (s.seed = 0; s.seed < 64; ++s.seed) {
-    RenderSettings reference = s;
+    RenderRequest reference = s;
     reference.tracer = Tracer::kReference;
     reference.seed = s.seed + 1000;
-    const Counters ours = render_grad(mug_in_the_sun(), s).counters;
-    const Counters theirs = render_grad(mug_in_the_sun(), reference).counters;
+    const Counters ours = render_grad(mug_in_the_sun(), s, usual).counters;
+    const Counters theirs = render_grad(mug_in_the_sun(), reference, usual).counters;
     ratios.push_back(static_cast<double>(ours.steps) / static_cast<double>(theirs.steps));
   }
   expect_equal(over_batches(ratios), {1, 0}, 1, "steps");
@@ -133,14 +131,14 @@ TEST(RenderTest, TheUsualRouletteWalksAsFarAsTheReference) {
 }
 
 TEST(RenderTest, SamplesGoToImportantPixels) {
-  RenderSettings s = settings();
+  RenderRequest s = request();
   s.sample_count = 60;
   s.pilot_spp = 4;
   const size_t pixels = render_grad(mug_in_the_sun(), s).squares.size();
-  s.importance.assign(pixels, 1);
+  s.sampling_weights.assign(pixels, 1);
   const FilmSums even = render_grad(mug_in_the_sun(), s);
   for (size_t p = 0; p < pixels; ++p) {
-    s.importance[p] = static_cast<float>(p % 3);
+    s.sampling_weights[p] = static_cast<float>(p % 3);
   }
   const FilmSums sums = render_grad(mug_in_the_sun(), s);
   std::array<double, 3> ratio{};
@@ -153,13 +151,13 @@ TEST(RenderTest, SamplesGoToImportantPixels) {
 
 // However important, and where nothing that is rendered is.
 TEST(RenderTest, ExtremesOfImportance) {
-  RenderSettings s = settings();
+  RenderRequest s = request();
   s.pilot_spp = 1;
   const size_t pixels = render_grad(mug_in_the_sun(), s).squares.size();
-  s.importance.assign(pixels, 0);
+  s.sampling_weights.assign(pixels, 0);
   const FilmSums none = render_grad(mug_in_the_sun(), s);
   EXPECT_EQ(none.estimates[0].counts[pixels / 2], s.sample_count / s.estimates);
-  s.importance[pixels / 2] = 1e30F;
+  s.sampling_weights[pixels / 2] = 1e30F;
   const FilmSums one = render_grad(mug_in_the_sun(), s);
   EXPECT_EQ(one.estimates[0].counts[pixels / 2], pixels * s.sample_count / s.estimates);
   EXPECT_EQ(one.counters.paths, pixels * (s.sample_count + 1));
@@ -172,7 +170,7 @@ TEST(RenderTest, ObjectPixelsOfANearCamera) {
   near.camera.target = {0, 0.5, 0.4};
   near.camera.fov = 1.9;
   const Scene scene(std::move(near));
-  RenderSettings s = settings();
+  RenderRequest s = request();
   const FilmSums all = render_grad(scene, s);
   s.pixels = Pixels::kObject;
   const FilmSums object = render_grad(scene, s);
@@ -186,7 +184,7 @@ TEST(RenderTest, ObjectPixelsOfANearCamera) {
 }
 
 TEST(RenderTest, APilotMovesSamplesToTheNoise) {
-  RenderSettings s = settings();
+  RenderRequest s = request();
   s.sample_count = 64;
   s.pilot_spp = 8;
   const FilmSums sums = render_grad(mug_in_the_sun(), s);
@@ -208,10 +206,10 @@ TEST(RenderTest, APilotMovesSamplesToTheNoise) {
 }
 
 TEST(RenderTest, ObjectPixelsAreThoseOfTheWhole) {
-  RenderSettings object = settings();
+  RenderRequest object = request();
   object.pixels = Pixels::kObject;
   const FilmSums part = render_grad(mug_in_the_sun(), object);
-  const FilmSums whole = render_grad(mug_in_the_sun(), settings());
+  const FilmSums whole = render_grad(mug_in_the_sun(), request());
   int rendered = 0, missed = 0;
   for (size_t p = 0; p < whole.squares.size(); ++p) {
     const bool sees = part.estimates[0].counts[p] > 0;
@@ -225,7 +223,7 @@ TEST(RenderTest, ObjectPixelsAreThoseOfTheWhole) {
 }
 
 TEST(RenderTest, TheMaterialsOwnAlbedoIsTheImage) {
-  RenderSettings s = settings();
+  RenderRequest s = request();
   s.albedos = {s.material.albedo, 0};
   const FilmSums sums = render_grad(mug_in_the_sun(), s);
   EXPECT_EQ(sums.estimates[1].at_albedos[0], sums.estimates[1].radiance);
@@ -233,20 +231,20 @@ TEST(RenderTest, TheMaterialsOwnAlbedoIsTheImage) {
 }
 
 TEST(RenderTest, DerivativesDoNotChangeTheImage) {
-  RenderSettings both = settings(), image = settings();
-  both.walk_roulette = image.walk_roulette = 0.3;  // the defaults differ
-  both.depth_roulette = image.depth_roulette = 0.5;
-  image.derivatives = false;
-  EXPECT_EQ(render_grad(mug_in_the_sun(), image).estimates[1].radiance,
-            render_grad(mug_in_the_sun(), both).estimates[1].radiance);
+  RenderRequest both = request(), image = request();
+  const RenderOptions same{.tuning = {.walk_roulette = 0.3, .depth_roulette = 0.5}};
+  image.derivatives = {};
+  EXPECT_EQ(render_grad(mug_in_the_sun(), image, same).estimates[1].radiance,
+            render_grad(mug_in_the_sun(), both, same).estimates[1].radiance);
 }
 
 TEST(RenderTest, EstimatesShareTheSamples) {
-  RenderSettings several = settings(), single = settings();
-  several.stratified = single.stratified = false;  // sequences belong to estimates
+  RenderRequest several = request(), single = request();
+  // Sequences belong to estimates.
+  const RenderOptions independent{.switches = {.stratified = false}};
   single.estimates = 1;
-  const FilmSums whole = render_grad(mug_in_the_sun(), single);
-  FilmSums shared = render_grad(mug_in_the_sun(), several);
+  const FilmSums whole = render_grad(mug_in_the_sun(), single, independent);
+  FilmSums shared = render_grad(mug_in_the_sun(), several, independent);
   for (size_t k = 1; k < shared.estimates.size(); ++k) {
     for (size_t p = 0; p < whole.squares.size(); ++p) {
       shared.estimates[0].radiance[p] += shared.estimates[k].radiance[p];
@@ -268,23 +266,23 @@ TEST(RenderTest, SamplesOfEstimate) {
 }
 
 TEST(RenderTest, SeedsAreIndependent) {
-  RenderSettings other = settings();
+  RenderRequest other = request();
   other.seed = 43;
   EXPECT_NE(render_grad(mug_in_the_sun(), other).estimates[0].radiance,
-            render_grad(mug_in_the_sun(), settings()).estimates[0].radiance);
+            render_grad(mug_in_the_sun(), request()).estimates[0].radiance);
 }
 
 // The standard error is that of the mean of independent samples: over many seeds, the mean of its
 // square is the variance. Stratified samples do better than it claims.
 double claimed_over_measured_variance(bool stratified) {
   const Scene scene(studio("cube", {paper_sun_sky()}, 0.5F, 8));
-  RenderSettings s{.material = {30, 0.8, 0}, .sample_count = 32};
-  s.stratified = stratified;
+  RenderRequest s{.material = {30, 0.8, 0}, .sample_count = 32};
+  const RenderOptions options{.switches = {.stratified = stratified}};
   constexpr int kSeeds = 200;
   std::vector<double> sum(64), squares(64), claimed(64);
   for (int seed = 0; seed < kSeeds; ++seed) {
     s.seed = static_cast<uint64_t>(seed);
-    const RenderedImages images = means(render_grad(scene, s));
+    const RenderedImages images = means(render_grad(scene, s, options));
     for (size_t p = 0; p < 64; ++p) {
       const double v = images.estimates[0].radiance[p], e = images.standard_error[p];
       sum[p] += v;
@@ -306,7 +304,7 @@ TEST(RenderTest, StandardErrorIsCalibrated) {
 }
 
 TEST(RenderTest, MaskIsTheObject) {
-  const RenderedImages images = means(render_grad(mug_in_the_sun(), settings()));
+  const RenderedImages images = means(render_grad(mug_in_the_sun(), request()));
   EXPECT_EQ(images.mask[0], 0);             // a corner of the film
   EXPECT_EQ(images.mask[24 * 14 + 12], 1);  // its middle
 }
@@ -336,7 +334,7 @@ TEST(RenderTest, ASurfaceMayStandInFront) {
 
 TEST(RenderTest, StopsSoon) {
   std::stop_source stop;
-  RenderSettings endless = settings();
+  RenderRequest endless = request();
   endless.sample_count = 1U << 19;
   std::jthread stopper([&] {
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
@@ -344,7 +342,7 @@ TEST(RenderTest, StopsSoon) {
   });
   const auto start = std::chrono::steady_clock::now();
   try {
-    render_grad(mug_in_the_sun(), endless, stop.get_token());
+    render_grad(mug_in_the_sun(), endless, {}, stop.get_token());
     FAIL() << "was not stopped";
   } catch (const Error& error) {
     EXPECT_EQ(error.kind(), ErrorKind::kCancelled);
@@ -353,7 +351,7 @@ TEST(RenderTest, StopsSoon) {
 }
 
 TEST(RenderTest, RefusesBadSettings) {
-  std::vector<RenderSettings> bad(12, settings());
+  std::vector<RenderRequest> bad(12, request());
   bad[0].material.albedo = 1.2;
   bad[1].material.g = 1;
   bad[2].material.sigma_t = 0;
@@ -365,8 +363,8 @@ TEST(RenderTest, RefusesBadSettings) {
   bad[8].pilot_spp = 65;
   bad[9].tracer = Tracer::kReference;
   bad[9].pilot_spp = 1;
-  bad[10].importance = {1, 1};  // not one for each pixel
-  bad[11].importance.assign(render_grad(mug_in_the_sun(), settings()).squares.size(), -1);
+  bad[10].sampling_weights = {1, 1};  // not one for each pixel
+  bad[11].sampling_weights.assign(render_grad(mug_in_the_sun(), request()).squares.size(), -1);
   for (size_t i = 0; i < bad.size(); ++i) {
     EXPECT_THROW(render_grad(mug_in_the_sun(), bad[i]), Error) << "row " << i;
   }

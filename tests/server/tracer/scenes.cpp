@@ -71,31 +71,23 @@ double film_mean(const FilmSums& sums, int layer, size_t k) {
   return sum * quantum / static_cast<double>(values.size());
 }
 
-FilmEstimate estimate_film(const Scene& scene, RenderSettings settings, int batches,
-                           uint64_t first_seed) {
+FilmEstimate estimate_film(const Scene& scene, RenderRequest request, int batches,
+                           uint64_t first_seed, const RenderOptions& options) {
   std::vector<double> radiance;
-  std::array<std::vector<double>, kCoordinates> derivatives;
+  std::vector<std::vector<double>> derivatives(request.derivatives.size());
   FilmEstimate result;
   for (int b = 0; b < batches; ++b) {
-    settings.seed = first_seed + static_cast<uint64_t>(b);
-    const FilmSums sums = render_grad(scene, settings);
+    request.seed = first_seed + static_cast<uint64_t>(b);
+    const FilmSums sums = render_grad(scene, request, options);
     radiance.push_back(film_mean(sums, -1));
-    if (settings.derivatives) {
-      for (int i = 0; i < kCoordinates; ++i) {
-        derivatives[static_cast<size_t>(i)].push_back(film_mean(sums, i));
-      }
+    for (size_t i = 0; i < derivatives.size(); ++i) {
+      derivatives[i].push_back(film_mean(sums, static_cast<int>(i)));
     }
-    result.counters.paths += sums.counters.paths;
-    result.counters.steps += sums.counters.steps;
-    result.counters.invalid_samples += sums.counters.invalid_samples;
-    result.counters.leaks += sums.counters.leaks;
-    result.counters.cpu_seconds += sums.counters.cpu_seconds;
+    add(result.counters, sums.counters);
   }
   result.radiance = over_batches(radiance);
-  if (settings.derivatives) {
-    for (size_t i = 0; i < kCoordinates; ++i) {
-      result.derivatives[i] = over_batches(derivatives[i]);
-    }
+  for (const std::vector<double>& derivative : derivatives) {
+    result.derivatives.push_back(over_batches(derivative));
   }
   return result;
 }

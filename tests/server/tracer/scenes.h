@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "common/geometry/shapes.h"
 #include "server/tracer/render.h"
@@ -25,16 +26,19 @@ tracer::SceneDescription studio(const std::string& shape,
 // The sun and sky of the paper's set-up: turbidity 3, elevation 60 degrees, a sun of 18.75 degrees.
 tracer::SunSkyLight paper_sun_sky(double azimuth = 0.5);
 
-// Mean over the film of one layer: -1 radiance, else a tracer::Coordinate; of estimate `k`.
+// The places of the medium's parameters in tracer::medium_parameters().
+enum Coordinate { kSigmaT, kAlbedo, kG, kCoordinates };
+
+// Mean over the film of one layer: -1 radiance, else the number of a derivative; of estimate `k`.
 double film_mean(const tracer::FilmSums& sums, int layer, size_t k = 0);
 
 // Mean over the film and its standard error, over renders with `batches` different seeds.
 struct FilmEstimate {
   Estimated radiance;
-  std::array<Estimated, tracer::kCoordinates> derivatives;
+  std::vector<Estimated> derivatives;  // those of the request
   tracer::Counters counters;
 };
-FilmEstimate estimate_film(const tracer::Scene& scene, tracer::RenderSettings settings, int batches,
-                           uint64_t first_seed = 1);
+FilmEstimate estimate_film(const tracer::Scene& scene, tracer::RenderRequest request, int batches,
+                           uint64_t first_seed = 1, const tracer::RenderOptions& options = {});
 
 }  // namespace itn::testing

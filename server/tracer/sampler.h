@@ -1,5 +1,18 @@
 // Counter-based random numbers: a function of (seed, pixel, sample, dimension), so that nothing
 // depends on the order in which samples are computed.
+//
+// A dimension is a vertex of the path (0 the camera, 1 the end of the first flight, ...) and a
+// purpose there; it has five uniform numbers, u0 .. u4. Who uses which, so that none is used twice:
+//
+//   vertex  purpose     u0, u1            u2        u3              u4
+//   0       kFilm       film position     flight 1  -               -
+//   n       kWalk       flight, angle     azimuth   roulette        -
+//   n       kShadowRay  light and cell    reference: a direction in the cell; wavefront: a coin, a
+//                                         direction in the cell, and u4 for the roulette
+//   n       kMap        wavefront, in an environment map: a pixel (u0, u1), a coin (u2)
+//
+// In the wavefront, film position and first flight are rather the three coordinates of a scrambled
+// Sobol sequence (wavefront/low_discrepancy.h), whose scrambles are drawn by kSequence.
 #pragma once
 
 #include <array>
@@ -32,15 +45,16 @@ inline double fine(float high, float low) {
 }
 
 // The random numbers of one sample of one pixel.
-class SampleRandom {
+class Sampler {
  public:
-  SampleRandom(uint64_t seed, uint32_t pixel, uint32_t sample)
+  enum Purpose : uint32_t { kFilm, kWalk, kShadowRay, kMap, kSequence };
+
+  Sampler(uint64_t seed, uint32_t pixel, uint32_t sample)
       : key_{static_cast<uint32_t>(seed), static_cast<uint32_t>(seed >> 32)},
         pixel_(pixel),
         sample_(sample) {}
 
-  // Every (vertex of the path, purpose) has five numbers of its own: the upper 24 bits of four
-  // words, and the lower 8 bits of three.
+  // The upper 24 bits of four words, and the lower 8 bits of three.
   Uniforms at(uint32_t vertex, uint32_t purpose) const {
     const auto bits = philox({vertex, purpose, sample_, pixel_}, key_);
     Uniforms u;

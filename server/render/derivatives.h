@@ -1,0 +1,22 @@
+// The derivatives that a request asks for, in terms of those that the tracer accumulates.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "common/material.h"
+#include "itn/v1/render.pb.h"
+#include "server/tracer/parameter.h"
+
+namespace itn {
+
+// Derivative i of the reply is sum_j weights[i][j] d/d parameters[j].
+struct Derivatives {
+  std::vector<tracer::Parameter> parameters;  // no more than are needed
+  std::vector<std::vector<double>> weights;   // by derivative asked for, then by parameter
+};
+
+// Throws Error (invalid input) where a derivative is unknown, or asked for twice.
+Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material& material);
+
+}  // namespace itn

@@ -1,0 +1,66 @@
+// What a render leaves behind: sums over samples, by pixel, and the images that they make.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "server/tracer/parameter.h"
+
+namespace itn::tracer {
+
+// What happened. `invalid_samples` and `leaks` are dropped (they count as 0 radiance).
+struct Counters {
+  uint64_t paths = 0;
+  uint64_t steps = 0;  // free flights inside the medium
+  uint64_t invalid_samples = 0;
+  uint64_t leaks = 0;
+  double cpu_seconds = 0;
+};
+void add(Counters& into, const Counters& part);
+
+// Sums over samples in fixed point: value = integer * quantum. Integer sums have no order, so they
+// do not depend on threads or tiles, and the sums of parts are the sums of the whole.
+struct FilmSums {
+  int width = 0;
+  int height = 0;
+  uint32_t first_sample = 0;
+  uint32_t sample_count = 0;
+  double quantum = 0;          // of radiance; a power of two
+  double squares_quantum = 0;  // of squares
+  // Of derivatives, in the order of RenderRequest::derivatives.
+  std::vector<double> derivative_quanta;
+
+  struct EstimateSums {
+    std::vector<uint32_t> counts;  // of samples
+    std::vector<int64_t> radiance;
+    std::vector<std::vector<int64_t>> derivatives;  // in the order of RenderRequest::derivatives
+    std::vector<std::vector<int64_t>> at_albedos;   // radiance for RenderRequest::albedos
+  };
+  std::vector<EstimateSums> estimates;
+  std::vector<int64_t> squares;  // of radiance, over all estimates; each at most 2^42 quanta
+  std::vector<int64_t> hits;     // camera rays that meet the object
+  Counters counters;
+};
+
+// Adds the sums of an adjacent or disjoint range of samples of the same render. Throws Error
+// (internal) if the sizes, quanta or estimates differ.
+void merge(FilmSums& into, const FilmSums& part);
+
+// Number of the samples in [first, first + count) that belong to estimate k of K.
+uint64_t samples_of_estimate(uint32_t first, uint32_t count, uint32_t k, uint32_t estimates);
+
+// Means over the samples, 0 where there are none; all arrays width * height, top row first.
+struct RenderedImages {
+  struct Estimate {
+    std::vector<float> radiance;
+    std::vector<std::vector<float>> derivatives;  // in the order of RenderRequest::derivatives
+    std::vector<std::vector<float>> at_albedos;   // for RenderRequest::albedos
+  };
+  std::vector<Estimate> estimates;
+  std::vector<float> mask;            // fraction of camera rays that meet the object
+  std::vector<float> standard_error;  // of the mean radiance over all samples; 0 for less than two
+};
+
+RenderedImages means(const FilmSums& sums);
+
+}  // namespace itn::tracer

@@ -1,0 +1,37 @@
+// What a render may be differentiated with respect to, by name.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace itn::tracer {
+
+struct Parameter {
+  enum Kind : uint8_t {
+    kSigmaT,  // of the medium, in 1/mm; so is the derivative's unit, radiance * mm
+    kAlbedo,
+    kG,
+    kReflectance,  // of surfaces[index]
+    // A factor on all that lights[index] sends out, which is 1 in every scene: the derivative is
+    // the part of the radiance that comes from this light.
+    kLightScale,
+  } kind = kSigmaT;
+  uint32_t index = 0;  // of the surface or light; 0 for the medium
+
+  bool operator==(const Parameter&) const = default;
+  bool of_medium() const { return kind <= kG; }
+};
+
+// sigma_t, albedo and g: the coordinates that derivatives of the medium are accumulated in; others
+// follow by the chain rule.
+const std::vector<Parameter>& medium_parameters();
+
+// "sigma_t", "albedo", "g", "surface[0].reflectance", "light[1].scale".
+std::string name_of(const Parameter& parameter);
+
+// Throws Error (invalid input), which says what names there are.
+Parameter parameter_named(std::string_view name);
+
+}  // namespace itn::tracer
