@@ -106,6 +106,10 @@ v1::PredictReply ask(const PredictOptions& options, const LoadedPhotograph& phot
                        std::chrono::milliseconds(static_cast<int64_t>(options.timeout * 1000)));
   v1::PredictReply reply;
   const grpc::Status status = stub->Predict(&context, request, &reply);
+  if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) {
+    throw Error(ErrorKind::kUnavailable,
+                fmt::format("{} is not a predictor; itn-predictor is one", options.predictor));
+  }
   if (!status.ok()) {
     throw to_error(status, "predictor " + options.predictor);
   }

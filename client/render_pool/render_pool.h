@@ -9,16 +9,11 @@
 #include <string>
 #include <vector>
 
-#include "common/scene/scene_bytes.h"
+#include "client/render_pool/dispatcher.h"
+#include "client/render_pool/render_job.h"
 #include "itn/v1/render.pb.h"
 
 namespace itn {
-
-// One render. `request` has neither scene nor digest: the pool fills in what the worker needs.
-struct RenderJob {
-  std::shared_ptr<const SerializedScene> scene;
-  v1::RenderGradRequest request;
-};
 
 struct RenderPoolOptions {
   // HOST:PORT each; empty: an embedded worker behind gRPC's in-process channel.
@@ -29,14 +24,15 @@ struct RenderPoolOptions {
   std::chrono::milliseconds deadline = std::chrono::minutes(10);
   // How long the constructor waits for the first worker to answer.
   std::chrono::milliseconds connect_within = std::chrono::seconds(5);
-  // A job that no worker could answer is tried again, on whichever worker is free, until this much
-  // time has passed since it first failed without any job having succeeded.
+  // A job fails when no worker that could do it has answered for this long. One that says that it
+  // has no place has answered.
   std::chrono::milliseconds give_up_after = std::chrono::seconds(30);
 };
 
-// Gives the next job to the worker that is free; a job whose worker fails goes to another. As
-// answers depend on the request alone, the results are the same in every arrangement, bit for bit.
-// Thread-safe.
+// Gives the next job to the worker that is free; a job whose worker fails, or is late, goes to
+// another (dispatcher.h has the rules). As answers depend on the request alone, the results are the
+// same in every arrangement, bit for bit; an answer that cannot be right is not taken. Workers of
+// another version are not used. Thread-safe.
 class RenderPool {
  public:
   // Throws Error (kUnavailable) that names the workers if none answers.
@@ -44,8 +40,8 @@ class RenderPool {
   // Cancels what is under way.
   ~RenderPool();
 
-  // The future throws Error: kInvalidInput, kLimit (as the worker says; not retried), kUnavailable,
-  // kCancelled.
+  // The future throws Error: kInvalidInput (as the first worker says); kLimit, kInternal (as all
+  // workers say, or the first few); kUnavailable; kCancelled.
   std::future<v1::RenderGradReply> submit(RenderJob job);
 
   // Called on the caller's thread some ten times a second, with the fraction done, in [0, 1]. May
@@ -59,12 +55,7 @@ class RenderPool {
   // Jobs that can be under way at once; keep somewhat more submitted.
   int parallelism() const;
 
-  struct Statistics {
-    uint64_t jobs = 0;         // that succeeded
-    uint64_t retries = 0;      // attempts beyond the first
-    uint64_t scenes_sent = 0;  // scenes that a worker did not hold
-    double cpu_seconds = 0;    // spent by the workers
-  };
+  using Statistics = Dispatcher::Statistics;
   Statistics statistics() const;
 
  private:

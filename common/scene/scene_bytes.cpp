@@ -11,6 +11,13 @@
 #include "common/error.h"
 
 namespace itn {
+namespace {
+
+uint64_t triangle_count(const v1::Mesh& mesh) {
+  return mesh.triangles().indices().size() / (3 * sizeof(uint32_t));
+}
+
+}  // namespace
 
 void set_triangles(v1::Mesh& proto, const Mesh& mesh) {
   std::string positions, indices;
@@ -41,6 +48,12 @@ std::shared_ptr<const SerializedScene> serialize(const v1::Scene& scene) {
     scene.SerializeWithCachedSizes(&coded);
   }
   result->digest = sha256(result->bytes);
+  result->width = scene.film().width();
+  result->height = scene.film().height();
+  result->triangles = triangle_count(scene.object().mesh());
+  for (const v1::Surface& surface : scene.surfaces()) {
+    result->triangles += triangle_count(surface.mesh());
+  }
   return result;
 }
 

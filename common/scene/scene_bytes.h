@@ -18,6 +18,8 @@ void set_triangles(v1::Mesh& proto, const Mesh& mesh);
 struct SerializedScene {
   std::string bytes;
   std::string digest;
+  uint32_t width = 0, height = 0;  // of the film, in pixels
+  uint64_t triangles = 0;          // of all meshes that are there as triangles
 };
 
 // Deterministic: the same scene gives the same bytes within one program. Throws Error (kLimit) if

@@ -131,6 +131,19 @@ TEST(ProbeCommand, TellsWhetherAWorkerServes) {
   EXPECT_EQ(run({ITN, "probe", address}).exit_code, 5);
 }
 
+TEST(PredictCommand, SaysThatAWorkerIsNoPredictor) {
+  const TemporaryFolder folder;
+  Image image;
+  image.width = image.height = 4;
+  image.channels["Y"] = image.channels["mask.Y"] = std::vector<float>(16, 1);
+  write_exr(folder.path("image.exr"), image);
+  Process process(worker());
+  const std::string address = process.read_line();
+  const Finished finished = run({ITN, "predict", folder.path("image.exr"), "--predictor", address});
+  EXPECT_EQ(finished.exit_code, 5);
+  EXPECT_THAT(finished.errors, HasSubstr(address + " is not a predictor"));
+}
+
 TEST(Worker, DrainsOnSigterm) {
   const TemporaryFolder folder;
   Process process(worker({"--threads", "1"}, "debug"), true);

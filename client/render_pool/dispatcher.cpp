@@ -1,0 +1,358 @@
+#include "client/render_pool/dispatcher.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "common/rpc/status.h"
+
+namespace itn {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+using Clock = Dispatcher::Clock;
+
+// A worker that failed rests this long, twice as long after each further failure, up to the
+// maximum. The same for one that has no place and does not say when to come back.
+constexpr milliseconds kFirstRest{200};
+constexpr milliseconds kLongestRest{2000};
+
+// No worker sends us away for longer.
+constexpr milliseconds kLongestWaitForPlace{30000};
+
+// That the user waits for a place is said this often.
+constexpr seconds kSayAgain{60};
+
+// That a render is late, if it has taken this long.
+constexpr seconds kWorthSaying{5};
+
+double in_seconds(Clock::duration duration) {
+  return std::chrono::duration<double>(duration).count();
+}
+
+// What the worker says about itself; unknown limits are 0.
+bool fits(const v1::Capabilities& worker, const RenderJob& job) {
+  const auto within = [](uint64_t value, uint64_t most) { return most == 0 || value <= most; };
+  return within(uint64_t{job.scene->width} * job.scene->height, worker.max_pixels()) &&
+         within(job.request.spp(), worker.max_spp()) &&
+         within(job.scene->triangles, worker.max_triangles()) &&
+         within(job.scene->bytes.size() + job.request.ByteSizeLong(), worker.max_message_bytes());
+}
+
+// Of another version (WorkerConnection::probe), or not a render worker.
+bool is_unfit(const grpc::Status& status) {
+  return status.error_code() == grpc::StatusCode::FAILED_PRECONDITION ||
+         status.error_code() == grpc::StatusCode::UNIMPLEMENTED;
+}
+
+}  // namespace
+
+struct Dispatcher::Job {
+  struct Refusal {
+    size_t worker;
+    Error reason;
+  };
+
+  RenderJob render;
+  std::promise<v1::RenderGradReply> promise;
+  Clock::time_point submitted;
+  bool ended = false;
+  std::vector<std::shared_ptr<Attempt>> under_way;
+  std::vector<Refusal> refusals;    // of workers that cannot do it
+  std::vector<std::string> losses;  // under which a worker vanished
+
+  bool refused_by(size_t worker) const {
+    return std::ranges::any_of(refusals, [&](const Refusal& r) { return r.worker == worker; });
+  }
+
+  Error all_refusals() const {
+    std::string text;
+    for (const Refusal& refusal : refusals) {
+      text += fmt::format("{}{}", text.empty() ? "" : "; ", refusal.reason.what());
+    }
+    return Error(refusals.front().reason.kind(), text);
+  }
+};
+
+const RenderJob& Dispatcher::Attempt::render() const {
+  return job->render;
+}
+
+Dispatcher::Dispatcher(std::vector<std::string> names, milliseconds give_up_after)
+    : give_up_after_(give_up_after) {
+  for (std::string& name : names) workers_.emplace_back().name = std::move(name);
+}
+
+// ---- Renders to workers ------------------------------------------------------------------------
+
+std::future<v1::RenderGradReply> Dispatcher::submit(RenderJob render, Clock::time_point now) {
+  auto job = std::make_shared<Job>();
+  job->render = std::move(render);
+  job->submitted = now;
+  auto future = job->promise.get_future();
+  waiting_.push_back(std::move(job));
+  fail_hopeless(now);
+  return future;
+}
+
+Dispatcher::Turn Dispatcher::next(size_t number, Clock::time_point now) {
+  const Worker& worker = workers_[number];
+  if (!worker.up || closed_) return {};
+  if (now < worker.full_until) return {nullptr, worker.full_until};
+  const auto job =
+      std::ranges::find_if(waiting_, [&](const auto& j) { return may_take(number, *j); });
+  if (job == waiting_.end()) return second_attempt(number, now);
+  const std::shared_ptr<Job> taken = *job;
+  waiting_.erase(job);
+  return {begin(taken, number, now)};
+}
+
+// A render for which this worker is too small is left to one that is not; where none is known, the
+// worker's own words say best why it cannot be done.
+bool Dispatcher::may_take(size_t number, const Job& job) const {
+  if (job.refused_by(number)) return false;
+  if (fits(workers_[number].capabilities, job.render)) return true;
+  for (size_t i = 0; i < workers_.size(); ++i) {
+    const Worker& other = workers_[i];
+    if (!other.set_aside && !job.refused_by(i) && fits(other.capabilities, job.render)) {
+      return false;
+    }
+  }
+  return true;
+}
+
+// Of the renders that are late, the one that began first.
+Dispatcher::Turn Dispatcher::second_attempt(size_t number, Clock::time_point now) {
+  if (!workers_[number].under_way.empty()) return {};
+  const Clock::duration late_after = times_.late_after();
+  Turn turn;
+  std::shared_ptr<Attempt> late;
+  for (const Worker& worker : workers_) {
+    for (const auto& attempt : worker.under_way) {
+      const Job& job = *attempt->job;
+      if (job.ended || job.under_way.size() > 1 || !may_take(number, job)) continue;
+      if (attempt->started + late_after > now) {
+        turn.until = std::min(turn.until, attempt->started + late_after);
+      } else if (!late || attempt->started < late->started) {
+        late = attempt;
+      }
+    }
+  }
+  if (!late) return turn;
+  spdlog::log(now - late->started < kWorthSaying ? spdlog::level::debug : spdlog::level::info,
+              "{}: a render has taken {:.1f} s; {} renders it, too", who(workers_[late->worker]),
+              in_seconds(now - late->started), who(workers_[number]));
+  ++statistics_.second_attempts;
+  return {begin(late->job, number, now)};
+}
+
+std::shared_ptr<Dispatcher::Attempt> Dispatcher::begin(const std::shared_ptr<Job>& job,
+                                                       size_t worker, Clock::time_point now) {
+  auto attempt = std::make_shared<Attempt>();
+  attempt->job = job;
+  attempt->worker = worker;
+  attempt->started = now;
+  attempt->suspect = !job->losses.empty();
+  workers_[worker].under_way.push_back(attempt);
+  job->under_way.push_back(attempt);
+  return attempt;
+}
+
+// ---- What becomes of them ----------------------------------------------------------------------
+
+bool Dispatcher::finish(const std::shared_ptr<Attempt>& attempt, Answer answer,
+                        Clock::time_point now) {
+  Worker& worker = workers_[attempt->worker];
+  const std::shared_ptr<Job> job = attempt->job;
+  // Workers render in the order in which they are asked.
+  const bool was_rendered = worker.under_way.front() == attempt;
+  std::erase(worker.under_way, attempt);
+  std::erase(job->under_way, attempt);
+  if (answer.scene_sent) ++statistics_.scenes_sent;
+  if (answer.outcome == Outcome::kAnswered) {
+    succeed(*attempt, std::move(answer.reply), now);
+    return false;
+  }
+  if (attempt->stop.stop_requested()) {
+    if (!job->ended) fail(*job, Error(ErrorKind::kCancelled, "the render pool was closed"));
+    // It was late, and may be so with whatever it gets next: not at once.
+    return std::exchange(worker.up, false);
+  }
+  const std::string reason = describe(answer.status);
+  bool look_after = false;
+  switch (answer.outcome) {
+    case Outcome::kAnswered: break;
+    case Outcome::kBusy: wait_for_place(worker, answer.status, now); break;
+    case Outcome::kInvalid: fail(*job, to_error(answer.status, worker.name)); break;
+    case Outcome::kFaulty:
+      set_aside(worker, reason);
+      job->refusals.push_back({attempt->worker, to_error(answer.status, worker.name)});
+      break;
+    case Outcome::kFailed:
+      job->refusals.push_back({attempt->worker, to_error(answer.status, worker.name)});
+      // That a limit is exceeded says nothing against the worker.
+      if (answer.status.error_code() != grpc::StatusCode::RESOURCE_EXHAUSTED) {
+        look_after = take_down(worker, reason, now);
+      }
+      break;
+    case Outcome::kLost:
+      if (was_rendered) job->losses.push_back(fmt::format("{}: {}", who(worker), reason));
+      [[fallthrough]];
+    case Outcome::kAway: look_after = take_down(worker, reason, now); break;
+  }
+  if (!job->ended && job->under_way.empty()) waiting_.push_front(job);
+  fail_hopeless(now);
+  if (!job->ended && answer.outcome != Outcome::kBusy) {
+    ++statistics_.retries;
+    spdlog::warn("{}: {}; the render goes to the next free worker", who(worker), reason);
+  }
+  return look_after;
+}
+
+void Dispatcher::succeed(const Attempt& attempt, v1::RenderGradReply reply, Clock::time_point now) {
+  Worker& worker = workers_[attempt.worker];
+  worker.failing_since.reset();
+  worker.rest = kFirstRest;
+  worker.back_off = {};
+  worker.full_until = {};          // what it has answered has left its place
+  if (attempt.job->ended) return;  // the other attempt was a moment faster
+  times_.add(now - attempt.started);
+  ++statistics_.jobs;
+  statistics_.cpu_seconds += reply.counters().cpu_seconds();
+  attempt.job->promise.set_value(std::move(reply));
+  end(*attempt.job);
+}
+
+void Dispatcher::wait_for_place(Worker& worker, const grpc::Status& status, Clock::time_point now) {
+  worker.failing_since.reset();
+  worker.back_off = std::clamp(2 * worker.back_off, kFirstRest, kLongestRest);
+  const milliseconds wait =
+      std::min(retry_after(status).value_or(worker.back_off), kLongestWaitForPlace);
+  // Those who are sent away together do not come back together; the room that a worker keeps for us
+  // is not kept for long.
+  const double later = std::uniform_real_distribution<double>(1, 1.1)(random_);
+  worker.full_until = now + std::chrono::duration_cast<Clock::duration>(
+                                later * std::chrono::duration<double>(wait));
+  const bool nothing_under_way =
+      std::ranges::all_of(workers_, [](const Worker& w) { return w.under_way.empty(); });
+  if (!nothing_under_way) return;
+  if (said_that_it_waits_ && now - *said_that_it_waits_ < kSayAgain) return;
+  said_that_it_waits_ = now;
+  spdlog::warn("{}: {}; waiting for a place", who(worker), status.error_message());
+}
+
+void Dispatcher::end(Job& job) {
+  job.ended = true;
+  for (const auto& attempt : job.under_way) attempt->stop.request_stop();
+}
+
+void Dispatcher::fail(Job& job, const Error& error) {
+  job.promise.set_exception(std::make_exception_ptr(error));
+  end(job);
+}
+
+// ---- Workers that fail -------------------------------------------------------------------------
+
+bool Dispatcher::take_down(Worker& worker, const std::string& reason, Clock::time_point now) {
+  worker.last_failure = reason;
+  if (!worker.failing_since) worker.failing_since = now;
+  return std::exchange(worker.up, false);
+}
+
+void Dispatcher::set_aside(Worker& worker, const std::string& reason) {
+  spdlog::warn("{}: {}; it is set aside for good", who(worker), reason);
+  worker.set_aside = true;
+  worker.up = false;
+  worker.last_failure = reason;
+}
+
+milliseconds Dispatcher::take_rest(size_t worker) {
+  const milliseconds rest = workers_[worker].rest;
+  workers_[worker].rest = std::clamp(2 * rest, kFirstRest, kLongestRest);
+  return rest;
+}
+
+void Dispatcher::probed(size_t number, const grpc::Status& status,
+                        const v1::Capabilities& capabilities, Clock::time_point now) {
+  Worker& worker = workers_[number];
+  if (worker.set_aside) return;
+  const bool was_unfit = std::exchange(worker.unfit, is_unfit(status));
+  if (status.ok()) {
+    worker.up = true;
+    worker.capabilities = capabilities;
+    return;
+  }
+  const bool too_late = status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED;
+  const std::string reason = describe(status);
+  if (worker.unfit && !was_unfit) spdlog::warn("{}: {}; it is not used", who(worker), reason);
+  // That it took too long says less than what was noted before.
+  take_down(worker, too_late ? worker.last_failure : reason, now);
+  fail_hopeless(now);
+}
+
+bool Dispatcher::any_up() const {
+  return std::ranges::any_of(workers_, [](const Worker& w) { return w.up; });
+}
+
+bool Dispatcher::none_fits() const {
+  return std::ranges::all_of(workers_, [](const Worker& w) { return w.unfit; });
+}
+
+std::string Dispatcher::last_failures() const {
+  std::string failures;
+  for (const Worker& worker : workers_) {
+    failures +=
+        fmt::format("{}{}: {}", failures.empty() ? "" : "; ", who(worker), worker.last_failure);
+  }
+  return failures;
+}
+
+// ---- Renders that fail -------------------------------------------------------------------------
+
+void Dispatcher::fail_hopeless(Clock::time_point now) {
+  std::erase_if(waiting_, [&](const std::shared_ptr<Job>& job) {
+    const std::optional<Error> error = hopeless(*job, now);
+    if (error) fail(*job, *error);
+    return error.has_value();
+  });
+}
+
+// Why no worker will do it, if so. One that is up will get to it; one that answers but fails every
+// render is not up while it rests.
+std::optional<Error> Dispatcher::hopeless(const Job& job, Clock::time_point now) const {
+  if (job.losses.size() >= kMost) {
+    return Error(ErrorKind::kUnavailable,
+                 fmt::format("{} was lost {} times and is given up: {}", describe(job.render),
+                             job.losses.size(), fmt::join(job.losses, "; ")));
+  }
+  if (job.refusals.size() >= kMost) return job.all_refusals();
+  bool one_is_left = false;
+  for (size_t i = 0; i < workers_.size(); ++i) {
+    const Worker& worker = workers_[i];
+    if (worker.set_aside || job.refused_by(i)) continue;
+    if (worker.up || !worker.failing_since) return {};
+    if (now - std::max(*worker.failing_since, job.submitted) < give_up_after_) return {};
+    one_is_left = true;
+  }
+  if (!job.refusals.empty()) return job.all_refusals();
+  const std::string why =
+      one_is_left ? fmt::format("has answered for {} s", in_seconds(give_up_after_)) : "is left";
+  return Error(ErrorKind::kUnavailable,
+               fmt::format("no render worker {} ({})", why, last_failures()));
+}
+
+void Dispatcher::close() {
+  closed_ = true;
+  for (const Worker& worker : workers_) {
+    for (const auto& attempt : worker.under_way) attempt->stop.request_stop();
+  }
+  for (const auto& job : waiting_) {
+    fail(*job, Error(ErrorKind::kCancelled, "the render pool was closed"));
+  }
+  waiting_.clear();
+}
+
+}  // namespace itn

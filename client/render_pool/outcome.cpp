@@ -1,0 +1,32 @@
+#include "client/render_pool/outcome.h"
+
+#include "itn/v1/render.pb.h"
+
+namespace itn {
+
+Outcome outcome_of(const grpc::Status& status) {
+  switch (status.error_code()) {
+    case grpc::StatusCode::OK: return Outcome::kAnswered;
+    case grpc::StatusCode::UNAVAILABLE:
+      if (status.error_details().empty()) return Outcome::kLost;
+      return retry_after(status) ? Outcome::kBusy : Outcome::kAway;
+    case grpc::StatusCode::CANCELLED:
+    case grpc::StatusCode::UNIMPLEMENTED: return Outcome::kAway;
+    case grpc::StatusCode::DEADLINE_EXCEEDED: return Outcome::kLost;
+    case grpc::StatusCode::INVALID_ARGUMENT: return Outcome::kInvalid;
+    default: return Outcome::kFailed;
+  }
+}
+
+std::optional<std::chrono::milliseconds> retry_after(const grpc::Status& status) {
+  v1::Busy busy;
+  if (!busy.ParseFromString(status.error_details()) || !(busy.retry_after_seconds() > 0)) return {};
+  return std::chrono::milliseconds(static_cast<int64_t>(1000 * busy.retry_after_seconds()));
+}
+
+std::string describe(const grpc::Status& status) {
+  if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) return "it is not a render worker";
+  return status.error_message();
+}
+
+}  // namespace itn

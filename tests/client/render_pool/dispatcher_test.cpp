@@ -1,0 +1,388 @@
+// The rules of the pool, with a clock that the test moves.
+#include "client/render_pool/dispatcher.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <future>
+#include <memory>
+#include <string>
+
+#include "tests/support/captured_log.h"
+#include "tests/support/expect_error.h"
+#include "tests/support/fake_worker.h"
+#include "tests/support/scenes.h"
+
+namespace itn {
+namespace {
+
+using namespace std::chrono_literals;
+using grpc::StatusCode;
+using testing::busy;
+using testing::CapturedLog;
+using testing::expect_error;
+using ::testing::HasSubstr;
+
+using Attempt = std::shared_ptr<Dispatcher::Attempt>;
+using Future = std::future<v1::RenderGradReply>;
+
+RenderJob render(uint64_t seed = 1) {
+  RenderJob job;
+  job.scene = serialize(testing::cube_scene());
+  job.request = testing::small_request();
+  job.request.set_seed(seed);
+  return job;
+}
+
+Answer failure(const grpc::Status& status) {
+  return {.outcome = outcome_of(status), .status = status, .reply = {}};
+}
+
+Answer failure(StatusCode code, const std::string& message = "oh") {
+  return failure(grpc::Status(code, message));
+}
+
+Answer answer(double loss = 1) {
+  Answer answer{.outcome = Outcome::kAnswered, .status = {}, .reply = {}};
+  answer.reply.set_loss(loss);
+  return answer;
+}
+
+bool is_ready(const Future& future) {
+  return future.wait_for(0s) == std::future_status::ready;
+}
+
+// Of workers a, b, ..., all up.
+class DispatcherTest : public ::testing::Test {
+ protected:
+  Dispatcher& workers(int count) {
+    std::vector<std::string> names;
+    for (int i = 0; i < count; ++i) names.push_back(std::string("worker ") + char('a' + i));
+    dispatcher = std::make_unique<Dispatcher>(names, 30s);
+    for (int i = 0; i < count; ++i) come_up(i);
+    return *dispatcher;
+  }
+  void come_up(int worker, const v1::Capabilities& capabilities = {}) {
+    dispatcher->probed(worker, grpc::Status::OK, capabilities, now);
+  }
+  void go_down(int worker) {
+    dispatcher->probed(worker, {StatusCode::UNAVAILABLE, "not there"}, {}, now);
+  }
+  Future submit(uint64_t seed = 1) { return dispatcher->submit(render(seed), now); }
+  Attempt next(int worker) { return dispatcher->next(worker, now).attempt; }
+  bool finish(const Attempt& attempt, Answer answer) {
+    return dispatcher->finish(attempt, std::move(answer), now);
+  }
+
+  std::unique_ptr<Dispatcher> dispatcher;
+  Dispatcher::Clock::time_point now{1h};
+};
+
+TEST_F(DispatcherTest, GivesRendersInTheirOrder) {
+  workers(1);
+  Future first = submit(1);
+  Future second = submit(2);
+  const Attempt a = next(0), b = next(0);
+  EXPECT_EQ(a->render().request.seed(), 1U);
+  EXPECT_EQ(b->render().request.seed(), 2U);
+  EXPECT_EQ(next(0), nullptr);
+  finish(b, answer(2));
+  finish(a, answer(1));
+  EXPECT_EQ(first.get().loss(), 1);
+  EXPECT_EQ(second.get().loss(), 2);
+  EXPECT_EQ(dispatcher->statistics().jobs, 2U);
+}
+
+TEST_F(DispatcherTest, WaitsForABusyWorkerAsLongAsItSaysSo) {
+  workers(1);
+  const CapturedLog log;
+  Future future = submit();
+  for (int i = 0; i < 100; ++i) {  // of 2 s each: longer than anything is given up after
+    const Attempt attempt = next(0);
+    ASSERT_TRUE(attempt);
+    EXPECT_FALSE(finish(attempt, failure(busy(2))));
+    const Dispatcher::Turn turn = dispatcher->next(0, now);
+    EXPECT_EQ(turn.attempt, nullptr);
+    EXPECT_GE(turn.until - now, 2s);
+    EXPECT_LE(turn.until - now, 2200ms);
+    now = turn.until;
+  }
+  finish(next(0), answer());
+  EXPECT_EQ(future.get().loss(), 1);
+  EXPECT_EQ(dispatcher->statistics().retries, 0U);
+  EXPECT_THAT(log.text(), HasSubstr("worker a: this worker is busy; waiting for a place"));
+}
+
+TEST_F(DispatcherTest, DoesNotSayThatItWaitsWhileItsOwnRendersFillTheWorker) {
+  workers(1);
+  const CapturedLog log;
+  submit(1);
+  Future second = submit(2);
+  const Attempt a = next(0), b = next(0);
+  finish(b, failure(busy(10)));
+  EXPECT_EQ(next(0), nullptr);
+  finish(a, answer());  // leaves its place
+  const Attempt again = next(0);
+  ASSERT_TRUE(again);
+  finish(again, answer(2));
+  EXPECT_EQ(second.get().loss(), 2);
+  EXPECT_EQ(log.text(), "");
+}
+
+TEST_F(DispatcherTest, TriesACancelledRenderElsewhere) {
+  workers(2);
+  Future future = submit();
+  EXPECT_TRUE(finish(next(0), failure(StatusCode::CANCELLED)));
+  EXPECT_EQ(next(0), nullptr);  // it rests
+  finish(next(1), answer());
+  EXPECT_EQ(future.get().loss(), 1);
+}
+
+TEST_F(DispatcherTest, TriesWhatAWorkerCannotDoOnAnother) {
+  for (const StatusCode code : {StatusCode::INTERNAL, StatusCode::UNKNOWN, StatusCode::ABORTED,
+                                StatusCode::DATA_LOSS, StatusCode::RESOURCE_EXHAUSTED}) {
+    workers(2);
+    Future future = submit();
+    finish(next(0), failure(code));
+    come_up(0);
+    EXPECT_EQ(next(0), nullptr) << code;  // not the same one again
+    finish(next(1), answer());
+    EXPECT_EQ(future.get().loss(), 1);
+  }
+}
+
+TEST_F(DispatcherTest, FailsWhatNoWorkerCanDo) {
+  workers(2);
+  Future future = submit();
+  finish(next(0), failure(StatusCode::RESOURCE_EXHAUSTED, "too large"));
+  EXPECT_FALSE(is_ready(future));
+  finish(next(1), failure(StatusCode::INTERNAL, "a fault"));
+  expect_error(ErrorKind::kLimit, {"worker a: too large", "worker b: a fault"},
+               [&] { future.get(); });
+}
+
+TEST_F(DispatcherTest, FailsWhatThreeWorkersCannotDo) {
+  workers(5);
+  Future future = submit();
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_FALSE(is_ready(future));
+    finish(next(i), failure(StatusCode::RESOURCE_EXHAUSTED, "out of memory"));
+  }
+  expect_error(ErrorKind::kLimit, {"worker a: ", "worker b: ", "worker c: out of memory"},
+               [&] { future.get(); });
+}
+
+TEST_F(DispatcherTest, EndsAtOnceWhatIsWrong) {
+  workers(2);
+  Future future = submit();
+  finish(next(0), failure(StatusCode::INVALID_ARGUMENT, "albedo is 2"));
+  expect_error(ErrorKind::kInvalidInput, {"worker a: albedo is 2"}, [&] { future.get(); });
+}
+
+TEST_F(DispatcherTest, SetsAsideAWorkerWhoseAnswerCannotBeRight) {
+  workers(2);
+  const CapturedLog log;
+  Future future = submit();
+  Answer faulty = failure(StatusCode::INTERNAL, "the loss is nan");
+  faulty.outcome = Outcome::kFaulty;
+  EXPECT_FALSE(finish(next(0), faulty));  // nobody asks after it any more
+  come_up(0);
+  Future another = submit(2);
+  EXPECT_EQ(next(0), nullptr);
+  finish(next(1), answer(1));
+  finish(next(1), answer(2));
+  EXPECT_EQ(future.get().loss(), 1);
+  EXPECT_EQ(another.get().loss(), 2);
+  EXPECT_THAT(log.text(), HasSubstr("worker a: the loss is nan; it is set aside"));
+}
+
+TEST_F(DispatcherTest, FailsEverythingWhenAllWorkersAreSetAside) {
+  workers(1);
+  Future future = submit(1), waiting = submit(2);
+  Answer faulty = failure(StatusCode::INTERNAL, "the loss is nan");
+  faulty.outcome = Outcome::kFaulty;
+  finish(next(0), faulty);
+  expect_error(ErrorKind::kInternal, {"worker a: the loss is nan"}, [&] { future.get(); });
+  Future late = submit(3);
+  for (Future* other : {&waiting, &late}) {
+    expect_error(ErrorKind::kUnavailable, {"no render worker is left (worker a: the loss is nan)"},
+                 [&] { other->get(); });
+  }
+}
+
+TEST_F(DispatcherTest, GivesUpARenderThatThreeWorkersDiedOf) {
+  workers(4);
+  Future poison = submit(77);
+  for (int i = 0; i < 3; ++i) {
+    const Attempt attempt = next(i);
+    ASSERT_TRUE(attempt);
+    EXPECT_EQ(attempt->suspect, i > 0);
+    finish(attempt, failure(StatusCode::UNAVAILABLE, "Socket closed"));
+  }
+  expect_error(
+      ErrorKind::kUnavailable,
+      {"16 x 12 pixels, 8 spp, sigma_t 8, albedo 0.9, g 0.3, seed 77",
+       "was lost 3 times and is given up", "worker a: Socket closed", "worker c: Socket closed"},
+      [&] { poison.get(); });
+  Future harmless = submit();
+  finish(next(3), answer());
+  EXPECT_EQ(harmless.get().loss(), 1);
+}
+
+TEST_F(DispatcherTest, DoesNotBlameARenderThatOnlyWaitedInAWorker) {
+  workers(1);
+  Future rendered = submit(1), behind = submit(2);
+  for (int i = 0; i < 3; ++i) {
+    const Attempt a = next(0), b = next(0);
+    finish(b, failure(StatusCode::UNAVAILABLE, "Socket closed"));
+    finish(a, failure(StatusCode::UNAVAILABLE, "Socket closed"));
+    come_up(0);
+  }
+  EXPECT_TRUE(is_ready(rendered));
+  finish(next(0), answer(2));
+  EXPECT_EQ(behind.get().loss(), 2);
+}
+
+TEST_F(DispatcherTest, DoesNotBlameARenderForWorkersThatStop) {
+  workers(1);
+  Future future = submit();
+  for (int i = 0; i < 10; ++i) {
+    finish(next(0), failure(StatusCode::CANCELLED));
+    come_up(0);
+  }
+  finish(next(0), answer());
+  EXPECT_EQ(future.get().loss(), 1);
+}
+
+TEST_F(DispatcherTest, GivesUpWhenNoWorkerThatCouldDoItAnswers) {
+  workers(2);
+  now += 1h;
+  go_down(1);
+  now += 1h;
+  Future future = submit();
+  finish(next(0), failure(StatusCode::RESOURCE_EXHAUSTED, "too large"));
+  now += 29s;
+  go_down(1);
+  EXPECT_FALSE(is_ready(future));
+  now += 1s;
+  Future other = submit(2);  // succeeds meanwhile
+  finish(next(0), answer());
+  go_down(1);
+  EXPECT_EQ(other.get().loss(), 1);
+  expect_error(ErrorKind::kLimit, {"worker a: too large"}, [&] { future.get(); });
+}
+
+TEST_F(DispatcherTest, GivesUpWhenAllWorkersStayAway) {
+  workers(2);
+  Future future = submit();
+  go_down(0);
+  go_down(1);
+  now += 29s;
+  go_down(0);
+  EXPECT_FALSE(is_ready(future));
+  now += 1s;
+  go_down(1);
+  expect_error(
+      ErrorKind::kUnavailable,
+      {"no render worker has answered for 30 s (worker a: not there; worker b: not there)"},
+      [&] { future.get(); });
+}
+
+TEST_F(DispatcherTest, GivesAWorkerNothingThatIsTooLargeForIt) {
+  workers(2);
+  v1::Capabilities small, large;
+  small.set_max_pixels(16 * 12 - 1);
+  large.set_max_pixels(16 * 12);
+  come_up(0, small);
+  come_up(1, large);
+  Future future = submit();
+  EXPECT_EQ(next(0), nullptr);
+  EXPECT_NE(next(1), nullptr);
+}
+
+TEST_F(DispatcherTest, LetsAWorkerSayWhyNoneCanDoIt) {
+  workers(2);
+  v1::Capabilities small;
+  small.set_max_spp(1);
+  come_up(0, small);
+  come_up(1, small);
+  Future future = submit();
+  EXPECT_NE(next(0), nullptr);
+}
+
+TEST_F(DispatcherTest, GivesALateRenderToAnIdleWorker) {
+  workers(2);
+  for (int i = 0; i < 5; ++i) {  // a second each
+    submit();
+    const Attempt attempt = next(1);
+    now += 1s;
+    finish(attempt, answer());
+  }
+  Future future = submit();
+  const Attempt held = next(0);
+  const Dispatcher::Turn turn = dispatcher->next(1, now);
+  EXPECT_EQ(turn.attempt, nullptr);
+  EXPECT_EQ(turn.until - now, 4s);
+  now = turn.until;
+  const Attempt second = next(1);
+  ASSERT_TRUE(second);
+  EXPECT_EQ(next(1), nullptr);  // two attempts are enough
+  EXPECT_FALSE(held->stop.stop_requested());
+  finish(second, answer(2));
+  EXPECT_EQ(future.get().loss(), 2);
+  EXPECT_TRUE(held->stop.stop_requested());
+  EXPECT_TRUE(finish(held, failure(StatusCode::CANCELLED)));  // rests
+  EXPECT_EQ(dispatcher->statistics().second_attempts, 1U);
+  EXPECT_EQ(dispatcher->statistics().retries, 0U);
+}
+
+TEST_F(DispatcherTest, TakesTheAnswerOfALateWorkerThatIsFirstAfterAll) {
+  workers(2);
+  Future future = submit();
+  const Attempt held = next(0);
+  now += 1h;
+  const Attempt second = next(1);
+  finish(held, answer(1));
+  EXPECT_EQ(future.get().loss(), 1);
+  EXPECT_TRUE(second->stop.stop_requested());
+  finish(second, answer(1));  // too late, and no matter
+  EXPECT_EQ(dispatcher->statistics().jobs, 1U);
+}
+
+TEST_F(DispatcherTest, KeepsTheOtherAttemptWhenOneFails) {
+  workers(2);
+  Future future = submit();
+  const Attempt held = next(0);
+  now += 1h;
+  finish(next(1), failure(StatusCode::UNAVAILABLE, "Socket closed"));
+  EXPECT_FALSE(is_ready(future));
+  finish(held, answer());
+  EXPECT_EQ(future.get().loss(), 1);
+}
+
+TEST_F(DispatcherTest, LeavesNoSecondAttemptToAWorkerThatIsNotIdle) {
+  workers(2);
+  Future future = submit(1), other = submit(2);
+  const Attempt a = next(0), b = next(1);
+  now += 1h;
+  EXPECT_EQ(next(1), nullptr);
+  finish(b, answer());
+  EXPECT_EQ(next(1), nullptr);  // an hour is the measure now
+}
+
+TEST_F(DispatcherTest, CancelsEverythingWhenItIsClosed) {
+  workers(1);
+  Future under_way = submit(1), waiting = submit(2);
+  const Attempt attempt = next(0);
+  dispatcher->close();
+  EXPECT_TRUE(attempt->stop.stop_requested());
+  finish(attempt, failure(StatusCode::CANCELLED));
+  for (Future* future : {&under_way, &waiting}) {
+    expect_error(ErrorKind::kCancelled, {"closed"}, [&] { future->get(); });
+  }
+  EXPECT_EQ(next(0), nullptr);
+}
+
+}  // namespace
+}  // namespace itn

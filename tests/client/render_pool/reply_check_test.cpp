@@ -1,0 +1,93 @@
+#include "client/render_pool/reply_check.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <functional>
+#include <limits>
+#include <string>
+
+#include "tests/support/expect_error.h"
+#include "tests/support/fake_worker.h"
+#include "tests/support/scenes.h"
+
+namespace itn {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+// The value of the third pixel.
+void set(std::string& image, float value) {
+  std::memcpy(image.data() + 2 * sizeof value, &value, sizeof value);
+}
+
+struct Damage {
+  const char* name;
+  bool loss;  // in the answer to a request for a loss, or for images
+  std::function<void(v1::RenderGradReply&)> apply;
+  const char* says;
+};
+
+class DamagedReply : public ::testing::TestWithParam<Damage> {};
+
+TEST_P(DamagedReply, IsNotTaken) {
+  RenderJob job;
+  job.scene = serialize(testing::cube_scene(16, 12));
+  job.request = testing::small_request();
+  job.request.add_albedos(0.5);
+  if (GetParam().loss) job.request.mutable_loss();
+  v1::RenderGradReply reply;
+  testing::constant_answer(job.request, reply);
+  EXPECT_NO_THROW(check_reply(reply, job));
+  GetParam().apply(reply);
+  testing::expect_error(ErrorKind::kInternal, {"the reply cannot be right: ", GetParam().says},
+                        [&] { check_reply(reply, job); });
+}
+
+const Damage kDamages[] = {
+    {"Empty", false, [](auto& r) { r.Clear(); }, "width is 0 rather than 16"},
+    {"OtherHeight", false, [](auto& r) { r.set_height(16); }, "height is 16 rather than 12"},
+    {"TooFewEstimates", false, [](auto& r) { r.mutable_estimates()->RemoveLast(); },
+     "the number of estimates is 1 rather than 2"},
+    {"ShortImage", false, [](auto& r) { r.mutable_estimates(1)->mutable_radiance()->pop_back(); },
+     "the size of radiance is 767 rather than 768"},
+    {"NoDerivative", false,
+     [](auto& r) { r.mutable_estimates(0)->mutable_derivatives()->RemoveLast(); },
+     "the number of derivatives is 5"},
+    {"LongDerivative", false,
+     [](auto& r) { r.mutable_estimates(0)->mutable_derivatives(3)->append("xxxx"); },
+     "the size of a derivative is 772"},
+    {"NoAlbedo", false, [](auto& r) { r.mutable_estimates(0)->clear_at_albedos(); },
+     "the number of at_albedos is 0 rather than 1"},
+    {"NanRadiance", false,
+     [](auto& r) { set(*r.mutable_estimates(0)->mutable_radiance(), static_cast<float>(kNan)); },
+     "radiance of pixel 2 is nan"},
+    {"InfiniteDerivative", false,
+     [](auto& r) { set(*r.mutable_estimates(1)->mutable_derivatives(0), -kInfinity); },
+     "a derivative of pixel 2 is -inf"},
+    {"InfiniteAtAlbedo", false,
+     [](auto& r) { set(*r.mutable_estimates(1)->mutable_at_albedos(0), kInfinity); },
+     "radiance at an albedo of pixel 2 is inf"},
+    {"NoMask", false, [](auto& r) { r.clear_mask(); }, "the size of mask is 0"},
+    {"MaskBeyondOne", false, [](auto& r) { set(*r.mutable_mask(), 1.5F); },
+     "mask of pixel 2 is 1.5"},
+    {"NegativeError", false, [](auto& r) { set(*r.mutable_standard_error(), -1); },
+     "standard_error of pixel 2 is -1"},
+    {"MoreLeaksThanPaths", false, [](auto& r) { r.mutable_counters()->set_leaks(1); },
+     "1 leaks of 0 paths"},
+    {"NanLoss", true, [](auto& r) { r.set_loss(kNan); }, "the loss is nan"},
+    {"NoGradient", true, [](auto& r) { r.clear_loss_gradient(); },
+     "the number of gradients is 0 rather than 6"},
+    {"InfiniteGradient", true, [](auto& r) { r.set_loss_gradient(2, HUGE_VAL); },
+     "a gradient is inf"},
+    {"NanSeconds", true, [](auto& r) { r.mutable_counters()->set_cpu_seconds(kNan); },
+     "cpu_seconds is nan"},
+};
+
+INSTANTIATE_TEST_SUITE_P(ReplyCheck, DamagedReply, ::testing::ValuesIn(kDamages),
+                         [](const auto& test) { return test.param.name; });
+
+}  // namespace
+}  // namespace itn
