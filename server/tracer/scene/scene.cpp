@@ -6,9 +6,17 @@
 
 #include "common/error.h"
 #include "server/tracer/scene/compiled_scene.h"
+#include "server/tracer/wavefront/depths.h"
+#include "server/tracer/wavefront/grid.h"
+#include "server/tracer/wavefront/surfaces.h"
 
 namespace itn::tracer {
 namespace {
+
+size_t size_of(const Mesh& mesh) {
+  return mesh.vertices.size() * sizeof(Vec3f) +
+         mesh.triangles.size() * sizeof(std::array<uint32_t, 3>);
+}
 
 void check(const SceneDescription& scene) {
   if (scene.film.width < 1 || scene.film.height < 1 ||
@@ -36,6 +44,28 @@ std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene) {
 }
 
 }  // namespace
+
+size_t estimated_memory(const SceneDescription& description) {
+  constexpr size_t kByTriangleInEmbree = 250;  // and while its tree is built
+  constexpr size_t kByTriangleInChecks = 200;  // edges, parts
+  const size_t triangles = description.object.triangles.size();
+  size_t sum = Grid::most_memory(triangles) + Depths::most_memory() +
+               (kByTriangleInEmbree + kByTriangleInChecks) * triangles;
+  for (const DiffuseSurface& surface : description.surfaces) {
+    constexpr size_t kCopies = 3;  // of the compiled scene, of both tracers
+    sum += kCopies * size_of(surface.mesh) +
+           (Surfaces::kBytesByTriangle + 2 * kByTriangleInEmbree) * surface.mesh.triangles.size();
+  }
+  for (const LightDescription& light : description.lights) {
+    constexpr size_t kTables = size_t{4} << 20;
+    constexpr size_t kByPixel = 64;
+    const auto* map = std::get_if<EnvironmentMapLight>(&light);
+    sum += kTables + (map ? kByPixel * map->rgb.size() / 3 : 0);
+  }
+  constexpr size_t kByFilmPixel = sizeof(uint32_t) + 1;  // which of them see the object
+  return sum + kByFilmPixel * static_cast<size_t>(description.film.width) *
+                   static_cast<size_t>(description.film.height);
+}
 
 Scene::Scene(SceneDescription description) : compiled_(compile(std::move(description))) {}
 Scene::~Scene() = default;

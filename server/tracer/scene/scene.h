@@ -77,6 +77,12 @@ struct SceneDescription {
   FilmDescription film;
 };
 
+// What a scene takes at most while it is checked, compiled and rendered, by its numbers of
+// triangles, pixels of its panoramas and film pixels, in bytes: whatever the shapes are, for a
+// service to decide by before it makes a Scene. Without the description itself, and without the
+// sums of a film.
+size_t estimated_memory(const SceneDescription& description);
+
 // Compiled and immutable; may be shared by any number of renders.
 class Scene {
  public:

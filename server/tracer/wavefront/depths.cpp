@@ -3,14 +3,11 @@
 namespace itn::tracer {
 namespace {
 
-// Along the longest side of the mesh: about as fine as light falls off in the paper's materials,
-// yet all of them fit into a processor's second cache.
-constexpr int kCells = 64;
 constexpr uint8_t kFarthest = 255;
 
 // Coarser where large triangles are so many that finding the cells of each would take long.
 double most_touches(size_t triangles) {
-  return 64 * static_cast<double>(triangles) + (1 << 20);
+  return 16 * static_cast<double>(triangles) + (1 << 20);
 }
 
 CubicCells cells_around(const Mesh& mesh, Cancellation& cancellation) {
@@ -18,10 +15,10 @@ CubicCells cells_around(const Mesh& mesh, Cancellation& cancellation) {
   const auto low = static_cast<Vec3d>(box.min);
   const Vec3d extent = static_cast<Vec3d>(box.max) - low;
   const double edge =
-      std::max(std::max({extent.x, extent.y, extent.z}) / kCells,
+      std::max(std::max({extent.x, extent.y, extent.z}) / Depths::kCells,
                ExpectedTouches(mesh, cancellation).edge_for(most_touches(mesh.triangles.size())));
   const auto count = [&](double length) {
-    return std::clamp(static_cast<int>(std::ceil(length / edge)), 1, kCells);
+    return std::clamp(static_cast<int>(std::ceil(length / edge)), 1, Depths::kCells);
   };
   return {low, edge, {count(extent.x), count(extent.y), count(extent.z)}};
 }

@@ -25,16 +25,18 @@ constexpr double kLeastCells = 24;
 // What a grid may cost: the same of every mesh by the number of its triangles, however thin, large
 // or often repeated they are. Scans take a fifth to a half of it; where a mesh would take more, its
 // cells are made larger. The constants are for small meshes.
-size_t most_cells(size_t triangles) {
+constexpr size_t most_cells(size_t triangles) {
   return std::min(16 * triangles + (size_t{1} << 20), size_t{1} << 24);
 }
-size_t most_blocks(size_t triangles) {
+constexpr size_t most_blocks(size_t triangles) {
   return triangles + (size_t{1} << 14);
 }
 // Of triangles in cells.
-size_t most_references(size_t triangles) {
+constexpr size_t most_references(size_t triangles) {
   return 8 * triangles + (size_t{1} << 16);
 }
+static_assert(most_references(Grid::kMaxTriangles) < uint64_t{1} << 32,
+              "they are counted in 32 bits");
 
 double area(const Mesh& mesh, Cancellation& cancellation) {
   double sum = 0;

@@ -42,8 +42,8 @@ struct OccupiedCell {
 
 class Grid {
  public:
-  // The mesh has a triangle. Throws Error: kCancelled soon after a stop is asked for; kLimit for
-  // more than kMaxTriangles.
+  // The mesh has a triangle, and is longer than 0. Throws Error: kCancelled soon after a stop is
+  // asked for; kLimit for more than kMaxTriangles.
   explicit Grid(const Mesh& mesh, const std::stop_token& stop = {});
 
   static constexpr size_t kMaxTriangles = size_t{1} << 28;

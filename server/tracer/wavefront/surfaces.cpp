@@ -64,7 +64,7 @@ bool Surfaces::in_front(Vec3d origin, Vec3d direction, double length) const {
 }
 
 size_t Surfaces::memory() const {
-  return sizeof(*this) + reflectances.size() * 13 * sizeof(float) + (many ? many->memory() : 0);
+  return sizeof(*this) + reflectances.size() * kBytesByTriangle + (many ? many->memory() : 0);
 }
 
 }  // namespace itn::tracer

@@ -22,6 +22,8 @@ struct Surfaces {
   bool in_front(Vec3d origin, Vec3d direction, double length) const;
 
   size_t memory() const;
+  // Without what looks for many.
+  static constexpr size_t kBytesByTriangle = 13 * sizeof(float);
   bool empty() const { return triangles == 0; }
 
   size_t triangles = 0;
