@@ -1,5 +1,6 @@
 // itn train: teaches an encoder network with a dataset.
 #include <fmt/format.h>
+#include <google/protobuf/util/message_differencer.h>
 
 #include <chrono>
 #include <cmath>
@@ -24,6 +25,7 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
+using google::protobuf::util::MessageDifferencer;
 
 struct TrainOptions {
   std::string dataset;
@@ -62,9 +64,13 @@ v1::TrainingConfig config_of(const TrainOptions& options, const DatasetReader& d
   v1::TrainingConfig config;
   config.set_loss(options.loss == "itn" ? v1::TrainingConfig::ITN : v1::TrainingConfig::RN);
   config.set_parameterization(options.parameterization == "naive" ? v1::NAIVE : v1::SIMILARITY);
-  config.set_base_channels(options.base_channels);
+  config.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(
+      options.base_channels);
+  config.set_output(v1::POINT);
   config.set_steps(steps_of(options, items));
   config.set_batch(options.batch);
+  config.set_optimizer(v1::TrainingConfig::ADAM);
+  config.set_schedule(v1::TrainingConfig::CONSTANT);
   config.set_learning_rate(options.learning_rate);
   config.set_seed(options.seed);
   if (config.loss() == v1::TrainingConfig::ITN) {
@@ -76,8 +82,8 @@ v1::TrainingConfig config_of(const TrainOptions& options, const DatasetReader& d
     }
   }
   config.set_dataset_sha256(to_hex(sha256(to_text(dataset.manifest()))));
-  if (!init.weights().empty()) {
-    config.set_init_sha256(to_hex(sha256(init.weights())));
+  if (init.weights_size() > 0) {
+    config.set_init_sha256(weights_sha256(init));
   }
   config.set_torch_threads(static_cast<uint32_t>(options.torch_threads));
   return config;
@@ -87,9 +93,8 @@ v1::TrainingConfig config_of(const TrainOptions& options, const DatasetReader& d
 v1::Model start_of(const TrainOptions& options, const v1::TrainingConfig& config,
                    const DatasetReader& dataset, const LabelledImages& images,
                    const v1::Model& init) {
-  if (init.weights().empty()) {
-    return fit_model(images, dataset.manifest().config().materials(), config.parameterization(),
-                     config.base_channels());
+  if (init.weights_size() == 0) {
+    return fit_model(images, dataset.manifest().config().materials(), config);
   }
   const auto require_same = [&](const char* what, uint64_t there, uint64_t here) {
     if (there != here) {
@@ -99,7 +104,11 @@ v1::Model start_of(const TrainOptions& options, const v1::TrainingConfig& config
     }
   };
   require_same("resolution", init.resolution(), static_cast<uint64_t>(images.resolution));
-  require_same("number of base channels", init.base_channels(), config.base_channels());
+  if (!MessageDifferencer::Equals(init.architecture(), config.architecture()) ||
+      init.output() != config.output()) {
+    throw invalid_input(fmt::format("{}: its architecture is {}; this run needs the same",
+                                    options.init, init.architecture().ShortDebugString()));
+  }
   if (init.parameterization() != config.parameterization()) {
     throw invalid_input(fmt::format("{}: its parameterization is {}; this run needs the same",
                                     options.init,

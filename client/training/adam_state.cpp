@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <sstream>
 #include <type_traits>
 
 #include "common/error.h"
@@ -20,63 +19,60 @@ typename States::key_type state_key(const States& /*states*/, const torch::Tenso
   }
 }
 
-std::vector<torch::Tensor> parameters_of(torch::optim::Adam& optimizer) {
-  std::vector<torch::Tensor> parameters;
-  for (const torch::optim::OptimizerParamGroup& group : optimizer.param_groups()) {
-    parameters.insert(parameters.end(), group.params().begin(), group.params().end());
+std::vector<TensorShape> moment_shapes(const EncoderNetwork& encoder) {
+  std::vector<TensorShape> shapes;
+  for (const auto& parameter : encoder.named_parameters()) {
+    const std::vector<int64_t> shape = parameter.value().sizes().vec();
+    shapes.push_back({"exp_avg." + parameter.key(), shape});
+    shapes.push_back({"exp_avg_sq." + parameter.key(), shape});
   }
-  return parameters;
+  return shapes;
+}
+
+torch::Tensor moment(const v1::Tensor& proto, const torch::Tensor& parameter) {
+  torch::Tensor tensor = torch::empty_like(parameter, torch::MemoryFormat::Contiguous);
+  copy_values(proto, tensor);
+  return tensor;
 }
 
 }  // namespace
 
-std::string serialize_state(torch::optim::Adam& optimizer) {
-  torch::serialize::OutputArchive archive;
-  int64_t index = 0;
-  for (const torch::Tensor& parameter : parameters_of(optimizer)) {
-    // Before the first step there is none.
-    const auto entry = optimizer.state().find(state_key(optimizer.state(), parameter));
-    if (entry != optimizer.state().end()) {
-      const auto& state = static_cast<torch::optim::AdamParamState&>(*entry->second);
-      archive.write(fmt::format("step_{}", index), torch::tensor(state.step()));
-      archive.write(fmt::format("exp_avg_{}", index), state.exp_avg());
-      archive.write(fmt::format("exp_avg_sq_{}", index), state.exp_avg_sq());
+v1::OptimizerState state_of(torch::optim::Adam& optimizer, const EncoderNetwork& encoder) {
+  v1::OptimizerState proto;
+  for (const auto& parameter : encoder.named_parameters()) {
+    const auto entry = optimizer.state().find(state_key(optimizer.state(), parameter.value()));
+    if (entry == optimizer.state().end()) {  // before the first step
+      return proto;
     }
-    ++index;
+    const auto& state = static_cast<torch::optim::AdamParamState&>(*entry->second);
+    proto.set_steps(static_cast<uint64_t>(state.step()));  // the same for all
+    *proto.add_tensors() = to_proto("exp_avg." + parameter.key(), state.exp_avg());
+    *proto.add_tensors() = to_proto("exp_avg_sq." + parameter.key(), state.exp_avg_sq());
   }
-  std::ostringstream stream;
-  archive.save_to(stream);
-  return std::move(stream).str();
+  return proto;
 }
 
-void restore_state(torch::optim::Adam& optimizer, const std::string& bytes) {
-  const auto damaged = [](const std::string& how) {
-    return Error(ErrorKind::kDataLoss,
-                 fmt::format("the optimizer's state cannot be restored: {}", how));
-  };
-  torch::serialize::InputArchive archive;
+void restore_state(torch::optim::Adam& optimizer, const EncoderNetwork& encoder,
+                   const v1::OptimizerState& state) {
   try {
-    archive.load_from(bytes.data(), bytes.size());
-  } catch (const std::exception& error) {
-    throw damaged(error.what());
+    validate(state.tensors(),
+             state.steps() == 0 ? std::vector<TensorShape>() : moment_shapes(encoder));
+  } catch (const Error& error) {
+    throw invalid_input(
+        fmt::format("the optimizer's state is not that of this network: {}", error.what()));
   }
   optimizer.state().clear();
-  int64_t index = 0;
-  for (const torch::Tensor& parameter : parameters_of(optimizer)) {
-    torch::Tensor step, exp_avg, exp_avg_sq;
-    if (archive.try_read(fmt::format("step_{}", index), step)) {
-      if (!archive.try_read(fmt::format("exp_avg_{}", index), exp_avg) ||
-          !archive.try_read(fmt::format("exp_avg_sq_{}", index), exp_avg_sq) ||
-          exp_avg.sizes() != parameter.sizes() || exp_avg_sq.sizes() != parameter.sizes()) {
-        throw damaged("it is of another network");
-      }
-      auto state = std::make_unique<torch::optim::AdamParamState>();
-      state->step(step.item<int64_t>());
-      state->exp_avg(exp_avg);
-      state->exp_avg_sq(exp_avg_sq);
-      optimizer.state()[state_key(optimizer.state(), parameter)] = std::move(state);
-    }
-    ++index;
+  if (state.steps() == 0) {
+    return;
+  }
+  const torch::NoGradGuard no_gradient;
+  int index = 0;
+  for (const torch::Tensor& parameter : encoder.parameters()) {
+    auto restored = std::make_unique<torch::optim::AdamParamState>();
+    restored->step(static_cast<int64_t>(state.steps()));
+    restored->exp_avg(moment(state.tensors(index++), parameter));
+    restored->exp_avg_sq(moment(state.tensors(index++), parameter));
+    optimizer.state()[state_key(optimizer.state(), parameter)] = std::move(restored);
   }
 }
 

@@ -1,20 +1,19 @@
-// Adam's state as bytes that depend on nothing but its values.
-//
-// LibTorch's own torch::save(optimizer) orders and names the moments by the addresses of the
-// parameters, so that equal states give different bytes, and torch::load (1.13) does not bring the
-// options back.
+// What Adam remembers between two steps, as data that depend on nothing but its values.
 #pragma once
 
 #include <torch/torch.h>
 
-#include <string>
+#include "common/learning/encoder.h"
+#include "itn/v1/experiment.pb.h"
 
 namespace itn {
 
-std::string serialize_state(torch::optim::Adam& optimizer);
+// `optimizer` has the parameters of `encoder`, in their order.
+v1::OptimizerState state_of(torch::optim::Adam& optimizer, const EncoderNetwork& encoder);
 
-// Puts the state of an optimizer with the same parameters in the same order in place; options stay
-// as they are. Throws Error (kDataLoss) if the bytes cannot be read or do not fit.
-void restore_state(torch::optim::Adam& optimizer, const std::string& bytes);
+// Puts the state in the place of the optimizer's; options stay as they are. Throws Error (invalid
+// input) if it is not the state of an optimizer of this network.
+void restore_state(torch::optim::Adam& optimizer, const EncoderNetwork& encoder,
+                   const v1::OptimizerState& state);
 
 }  // namespace itn

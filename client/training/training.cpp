@@ -72,11 +72,11 @@ double mean_norm(const torch::Tensor& gradients) {
 }
 
 Encoder initial_encoder(const v1::TrainingConfig& config, const v1::Model& start) {
-  if (!start.weights().empty()) {
+  if (start.weights_size() > 0) {
     return load_encoder(start);
   }
   torch::manual_seed(derive_seed(config.seed(), {kInitialWeights}));
-  return Encoder(static_cast<int>(start.resolution()), static_cast<int>(start.base_channels()));
+  return new_encoder(start);
 }
 
 torch::optim::AdamOptions adam_options(const v1::TrainingConfig& config) {
@@ -130,6 +130,11 @@ void validate(const v1::TrainingConfig& config) {
           "parameterization must be NAIVE or SIMILARITY");
   require(config.steps() >= 1 && config.steps() <= UINT32_MAX, "steps must be in [1, 2^32)");
   require(config.batch() >= 1, "batch must be 1 at least");
+  require(config.architecture().kind_case() != v1::Architecture::KIND_NOT_SET,
+          "an architecture is needed");
+  require(config.output() == v1::POINT, "output must be POINT");
+  require(config.optimizer() == v1::TrainingConfig::ADAM, "optimizer must be ADAM");
+  require(config.schedule() == v1::TrainingConfig::CONSTANT, "schedule must be CONSTANT");
   require(config.learning_rate() > 0 && std::isfinite(config.learning_rate()),
           "the learning rate must be positive");
   if (config.loss() == v1::TrainingConfig::ITN) {
@@ -160,7 +165,7 @@ Trainer::Trainer(v1::TrainingConfig config, const LabelledImages& images, v1::Mo
 void Trainer::restore(const v1::Checkpoint& checkpoint) {
   encoder_ = load_encoder(checkpoint.model());
   optimizer_ = new_optimizer(encoder_, state_.config());
-  restore_state(*optimizer_, checkpoint.training().optimizer());
+  restore_state(*optimizer_, *encoder_, checkpoint.training().optimizer());
   const v1::TrainingConfig config = state_.config();
   state_ = checkpoint.training();
   state_.clear_optimizer();
@@ -173,9 +178,9 @@ v1::Checkpoint Trainer::checkpoint() const {
   v1::Checkpoint checkpoint;
   *checkpoint.mutable_model() = model_;
   checkpoint.mutable_model()->set_step(state_.step());
-  checkpoint.mutable_model()->set_weights(serialize_weights(encoder_));
+  store_weights(*encoder_, *checkpoint.mutable_model());
   *checkpoint.mutable_training() = state_;
-  checkpoint.mutable_training()->set_optimizer(serialize_state(*optimizer_));
+  *checkpoint.mutable_training()->mutable_optimizer() = state_of(*optimizer_, *encoder_);
   return checkpoint;
 }
 
@@ -293,7 +298,7 @@ void truncate_metrics(const fs::path& path, uint64_t step) {
 void begin_or_restore(Trainer& trainer, const v1::TrainingConfig& config, const TrainingRun& run) {
   const fs::path path = run.folder / kCheckpointName;
   if (fs::exists(path)) {
-    const v1::Checkpoint checkpoint = read_checkpoint(path);
+    const v1::Checkpoint checkpoint = read_checkpoint(run.folder);
     if (!run.resume) {
       throw invalid_input(
           fmt::format("{} holds a run at step {}; --resume continues it, or choose another folder",
@@ -330,7 +335,6 @@ void append_line(std::ofstream& file, const std::string& line, const fs::path& p
 
 void train(const v1::TrainingConfig& config, const LabelledImages& images, const v1::Model& start,
            const RenderBatch& render, const TrainingRun& run) {
-  const fs::path checkpoint = run.folder / kCheckpointName;
   const fs::path metrics_path = run.folder / kMetricsName;
   Trainer trainer(config, images, start, render);
   begin_or_restore(trainer, config, run);
@@ -343,7 +347,7 @@ void train(const v1::TrainingConfig& config, const LabelledImages& images, const
       const v1::TrainingMetrics metrics = timed_step(trainer);
       append_line(metrics_file, to_json(metrics), metrics_path);
       if (trainer.steps_taken() % run.checkpoint_every == 0) {
-        write_checkpoint(checkpoint, trainer.checkpoint());
+        write_latest_checkpoint(run.folder, trainer.checkpoint());
       }
       if (run.report) {
         run.report(metrics);
@@ -354,11 +358,11 @@ void train(const v1::TrainingConfig& config, const LabelledImages& images, const
     if (trainer.steps_taken() == 0) {
       throw;
     }
-    write_checkpoint(checkpoint, trainer.checkpoint());
+    write_latest_checkpoint(run.folder, trainer.checkpoint());
     throw Error(error.kind(), fmt::format("{}; stopped after step {}, --resume continues",
                                           error.what(), trainer.steps_taken()));
   }
-  write_checkpoint(checkpoint, trainer.checkpoint());
+  write_latest_checkpoint(run.folder, trainer.checkpoint());
 }
 
 }  // namespace itn

@@ -78,11 +78,12 @@ torch::Tensor encoder_inputs(const LabelledImages& images, double image_scale) {
 }
 
 v1::Model fit_model(const LabelledImages& images, const v1::MaterialRange& range,
-                    v1::Parameterization parameterization, uint32_t base_channels) {
+                    const v1::TrainingConfig& config) {
   v1::Model model;
   model.set_resolution(static_cast<uint32_t>(images.resolution));
-  model.set_base_channels(base_channels);
-  model.set_parameterization(parameterization);
+  *model.mutable_architecture() = config.architecture();
+  model.set_output(config.output());
+  model.set_parameterization(config.parameterization());
   model.set_image_scale(fit_image_scale(images));
   *model.mutable_bounds() = prediction_bounds(range);
   fit_coordinates(images, model);

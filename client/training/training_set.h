@@ -26,11 +26,11 @@ LabelledImages load_images(const DatasetReader& dataset, v1::Split split,
 // items x 2 x resolution x resolution.
 torch::Tensor encoder_inputs(const LabelledImages& images, double image_scale);
 
-// A model without weights: coordinates standardised by the mean and standard deviation of the
-// truth, radiance scaled so that its mean over the objects is 1, predictions bounded by the range
-// of the dataset's materials and a margin. Throws Error (invalid input) if all images are black or
-// all materials are the same in some coordinate.
+// A model without weights, as the configuration says: coordinates standardised by the mean and
+// standard deviation of the truth, radiance scaled so that its mean over the objects is 1,
+// predictions bounded by the range of the dataset's materials and a margin. Throws Error (invalid
+// input) if all images are black or all materials are the same in some coordinate.
 v1::Model fit_model(const LabelledImages& images, const v1::MaterialRange& range,
-                    v1::Parameterization parameterization, uint32_t base_channels);
+                    const v1::TrainingConfig& config);
 
 }  // namespace itn

@@ -3,6 +3,9 @@
 #include <bit>
 #include <cstring>
 #include <limits>
+#include <optional>
+#include <system_error>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -12,62 +15,199 @@
 #include "common/scene/scene_bytes.h"
 
 namespace itn {
+namespace fs = std::filesystem;
+
 namespace {
 
-constexpr std::string_view kMagic = "ITNCKPT1";
+constexpr std::string_view kMagic = "ITNCKPT2";
+constexpr std::string_view kOldMagic = "ITNCKPT1";
 constexpr size_t kDigestSize = 32;
-constexpr size_t kHeaderSize = kMagic.size() + sizeof(uint64_t) + kDigestSize;
 
-static_assert(std::endian::native == std::endian::little, "the file's size field is little-endian");
+// A parsed message takes some forty times its bytes at most. A network of a hundred layers needs a
+// tenth of this.
+constexpr uint64_t kMaxMessageSize = uint64_t{1} << 18;
 
-// The content, once the header has been found to fit.
-std::string_view checked_content(const std::filesystem::path& path, std::string_view file) {
-  const auto damaged = [&](const std::string& how) {
-    return Error(ErrorKind::kDataLoss, fmt::format("{} is damaged: {}", path.string(), how));
-  };
-  if (!file.starts_with(kMagic.substr(0, file.size()))) {
+// The largest network of today has 1.6 GB of weights, and twice that in its optimizer.
+constexpr uint64_t kMaxFileSize = uint64_t{8} << 30;
+
+static_assert(std::endian::native == std::endian::little, "the file's numbers are little-endian");
+
+struct Header {
+  uint64_t message_size = 0;
+  uint64_t data_size = 0;
+  std::string digest;
+};
+constexpr size_t kHeaderSize = kMagic.size() + 2 * sizeof(uint64_t) + kDigestSize;
+
+Error damaged(const fs::path& path, const std::string& how) {
+  return Error(ErrorKind::kDataLoss, fmt::format("{} is damaged: {}", path.string(), how));
+}
+
+// In the order in which their data follow the message.
+std::vector<v1::Tensor*> tensors_of(v1::Checkpoint& checkpoint) {
+  std::vector<v1::Tensor*> tensors;
+  for (v1::Tensor& tensor : *checkpoint.mutable_model()->mutable_weights()) {
+    tensors.push_back(&tensor);
+  }
+  if (checkpoint.training().has_optimizer()) {
+    auto& optimizer = *checkpoint.mutable_training()->mutable_optimizer();
+    for (v1::Tensor& tensor : *optimizer.mutable_tensors()) {
+      tensors.push_back(&tensor);
+    }
+  }
+  return tensors;
+}
+
+Header read_header(std::string_view file, const fs::path& path) {
+  const std::string_view magic = file.substr(0, kMagic.size());
+  if (magic == kOldMagic) {
+    throw invalid_input(fmt::format(
+        "{} was written by an earlier version of itn, as an archive that can carry code; it is not "
+        "opened. Train the network again: itn train",
+        path.string()));
+  }
+  if (!kMagic.starts_with(magic)) {
     throw invalid_input(fmt::format("{} is not a checkpoint of itn train", path.string()));
   }
   if (file.size() < kHeaderSize) {
-    throw damaged(fmt::format("it ends within its header, after {} bytes", file.size()));
+    throw damaged(path, fmt::format("it ends within its header, after {} bytes", file.size()));
   }
-  uint64_t size = 0;
-  std::memcpy(&size, file.data() + kMagic.size(), sizeof size);
-  const std::string_view content = file.substr(kHeaderSize);
-  if (content.size() != size) {
-    throw damaged(fmt::format("its content has {} bytes rather than {}", content.size(), size));
+  Header header;
+  std::memcpy(&header.message_size, file.data() + kMagic.size(), sizeof(uint64_t));
+  std::memcpy(&header.data_size, file.data() + kMagic.size() + sizeof(uint64_t), sizeof(uint64_t));
+  header.digest = file.substr(kHeaderSize - kDigestSize, kDigestSize);
+  const uint64_t content = file.size() - kHeaderSize;
+  if (header.message_size > content || header.data_size != content - header.message_size) {
+    throw damaged(path, fmt::format("its content has {} bytes rather than {} + {}", content,
+                                    header.message_size, header.data_size));
   }
-  if (sha256(std::string(content)) != file.substr(kHeaderSize - kDigestSize, kDigestSize)) {
-    throw damaged("its content does not have the checksum that it should");
+  if (header.message_size > kMaxMessageSize) {
+    throw damaged(path, fmt::format("its message has {} bytes; at most {} are accepted",
+                                    header.message_size, kMaxMessageSize));
   }
-  return content;
+  return header;
+}
+
+// The bytes of a tensor of this shape, if it is at most `limit`.
+std::optional<uint64_t> data_size(const v1::Tensor& tensor, uint64_t limit) {
+  uint64_t size = sizeof(float);
+  for (const uint64_t n : tensor.shape()) {
+    if (n != 0 && size > limit / n) {
+      return std::nullopt;
+    }
+    size *= n;
+  }
+  return size <= limit ? std::optional(size) : std::nullopt;
+}
+
+// Hands the data out to the tensors.
+void distribute(std::string_view data, v1::Checkpoint& checkpoint, const fs::path& path) {
+  for (v1::Tensor* tensor : tensors_of(checkpoint)) {
+    const std::optional<uint64_t> size = data_size(*tensor, data.size());
+    if (!size || !tensor->data().empty()) {
+      throw damaged(path, "its tensors do not have the sizes that they state");
+    }
+    tensor->set_data(data.data(), *size);
+    data.remove_prefix(*size);
+  }
+  if (!data.empty()) {
+    throw damaged(path, fmt::format("{} bytes of its data belong to no tensor", data.size()));
+  }
+}
+
+v1::Checkpoint read_one(const fs::path& path) {
+  const std::string file = read_file(path, "checkpoint", kMaxFileSize);
+  const Header header = read_header(file, path);
+  const std::string_view content = std::string_view(file).substr(kHeaderSize);
+  if (sha256(std::string(content)) != header.digest) {
+    throw damaged(path, "its content does not have the checksum that it should");
+  }
+  v1::Checkpoint checkpoint;
+  if (!checkpoint.ParseFromArray(content.data(), static_cast<int>(header.message_size))) {
+    throw damaged(path, "it cannot be parsed");
+  }
+  distribute(content.substr(header.message_size), checkpoint, path);
+  return checkpoint;
+}
+
+// What can be done about a damaged checkpoint in the folder of a run.
+std::string way_out(const fs::path& folder) {
+  const fs::path previous = folder / kPreviousCheckpointName;
+  try {
+    const v1::Checkpoint checkpoint = read_one(previous);
+    return fmt::format("The one before it is whole, at step {}; to go on from there: mv {} {}",
+                       checkpoint.training().step(), previous.string(),
+                       (folder / kCheckpointName).string());
+  } catch (const Error&) {
+    return "There is no other checkpoint beside it";
+  }
+}
+
+// `from` under a second name, or a copy of it where the file system knows no links.
+void keep_as(const fs::path& from, const fs::path& to) {
+  fs::path temporary = to;
+  temporary += ".tmp";
+  std::error_code error;
+  fs::remove(temporary, error);
+  fs::create_hard_link(from, temporary, error);
+  if (error) {
+    fs::copy_file(from, temporary, error);
+  }
+  if (!error) {
+    fs::rename(temporary, to, error);
+  }
+  if (error) {
+    throw Error(ErrorKind::kIo, fmt::format("cannot write {}: {}", to.string(), error.message()));
+  }
 }
 
 }  // namespace
 
-void write_checkpoint(const std::filesystem::path& path, const v1::Checkpoint& checkpoint) {
-  if (checkpoint.ByteSizeLong() > std::numeric_limits<int>::max()) {
-    throw invalid_input("a network of this size does not fit into a checkpoint of 2 GiB");
+void write_checkpoint(const fs::path& path, v1::Checkpoint checkpoint) {
+  std::string data;
+  for (v1::Tensor* tensor : tensors_of(checkpoint)) {
+    data += tensor->data();
+    tensor->clear_data();
   }
-  const std::string content = checkpoint.SerializeAsString();
-  const uint64_t size = content.size();
+  const std::string message = checkpoint.SerializeAsString();
+  const uint64_t message_size = message.size(), data_size = data.size();
+  const std::string content = message + data;
   std::string file(kMagic);
-  file.append(reinterpret_cast<const char*>(&size), sizeof size);
+  file.append(reinterpret_cast<const char*>(&message_size), sizeof message_size);
+  file.append(reinterpret_cast<const char*>(&data_size), sizeof data_size);
   file += sha256(content);
   file += content;
   write_file_atomically(path, file);
 }
 
-v1::Checkpoint read_checkpoint(const std::filesystem::path& path) {
-  const auto file_path = std::filesystem::is_directory(path) ? path / kCheckpointName : path;
-  const std::string file = read_file(file_path, "checkpoint");
-  const std::string_view content = checked_content(file_path, file);
-  v1::Checkpoint checkpoint;
-  if (!checkpoint.ParseFromArray(content.data(), static_cast<int>(content.size()))) {
-    throw Error(ErrorKind::kDataLoss,
-                fmt::format("{} is damaged: it cannot be parsed", file_path.string()));
+void write_latest_checkpoint(const fs::path& folder, v1::Checkpoint checkpoint) {
+  const fs::path latest = folder / kCheckpointName;
+  if (fs::exists(latest)) {
+    keep_as(latest, folder / kPreviousCheckpointName);
   }
-  return checkpoint;
+  write_checkpoint(latest, std::move(checkpoint));
+}
+
+v1::Checkpoint read_checkpoint(const fs::path& path) {
+  if (!fs::is_directory(path)) {
+    return read_one(path);
+  }
+  try {
+    return read_one(path / kCheckpointName);
+  } catch (const Error& error) {
+    if (error.kind() != ErrorKind::kDataLoss) {
+      throw;
+    }
+    throw Error(error.kind(), fmt::format("{}. {}", error.what(), way_out(path)));
+  }
+}
+
+std::string weights_sha256(const v1::Model& model) {
+  std::string digests;
+  for (const v1::Tensor& tensor : model.weights()) {
+    digests += sha256(tensor.SerializeAsString());
+  }
+  return to_hex(sha256(digests));
 }
 
 }  // namespace itn

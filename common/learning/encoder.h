@@ -1,32 +1,42 @@
-// The encoder network of Che et al., ICCP 2020: from an image to standardised material coordinates.
+// Encoder networks: from an image to standardised material coordinates.
 #pragma once
 
+#include <memory>
 #include <span>
-#include <string>
+#include <vector>
 
 #include <torch/torch.h>
 
+#include "common/learning/tensor_data.h"
 #include "itn/v1/experiment.pb.h"
 
 namespace itn {
 
-// Blocks of a 3x3 convolution (stride 1, padding 1), ReLU and 2x2 max-pooling, as many as take the
-// resolution to 1; channels double from `base_channels`. Then one fully connected layer to 3.
-// Of the paper: resolution 128, base channels 16: seven blocks, 16 .. 1024 channels.
-class EncoderImpl : public torch::nn::Module {
+// A network of any architecture (v1::Architecture).
+class EncoderNetwork : public torch::nn::Module {
  public:
-  // Throws Error (invalid input) unless the resolution is a power of two in [16, 256] and base
-  // channels are in [1, 64].
-  EncoderImpl(int resolution, int base_channels);
-
-  // batch x 2 x resolution x resolution -> batch x 3.
-  torch::Tensor forward(const torch::Tensor& input);
-
- private:
-  torch::nn::Sequential convolutions_;
-  torch::nn::Linear head_{nullptr};
+  // batch x 2 x resolution x resolution -> batch x output_count(model).
+  virtual torch::Tensor forward(const torch::Tensor& input) = 0;
 };
-TORCH_MODULE(Encoder);
+using Encoder = std::shared_ptr<EncoderNetwork>;
+
+// Numbers that a network of this output distribution answers with for each image.
+int64_t output_count(const v1::Model& model);
+
+// Names and shapes of a network's tensors, in their order; nothing is allocated for it. Throws
+// Error (invalid input) unless the model has a known architecture and output distribution, its
+// resolution is a power of two in [16, 256], and base channels are in [1, 64].
+std::vector<TensorShape> tensor_shapes(const v1::Model& model);
+
+// With random weights, by torch's generator. Throws as tensor_shapes().
+Encoder new_encoder(const v1::Model& model);
+
+// With the model's weights. Throws Error (invalid input) that says what is wrong: with the name,
+// the numbers, the architecture or the weights.
+Encoder load_encoder(const v1::Model& model);
+
+// Puts the network's weights into the model.
+void store_weights(const EncoderNetwork& encoder, v1::Model& model);
 
 // 2 x resolution x resolution float: image_scale * luminance * mask, and the weight map.
 torch::Tensor encoder_input(int resolution, std::span<const float> luminance,
@@ -35,10 +45,5 @@ torch::Tensor encoder_input(int resolution, std::span<const float> luminance,
 // How many threads torch computes with; to be called before any torch operation. Results depend on
 // it in the last bits (sums are split over the threads).
 void set_torch_threads(int threads);
-
-// The weights as a LibTorch archive, and back. load_encoder throws Error: kDataLoss if the archive
-// cannot be read, kInvalidInput if it is of another network than the model says.
-std::string serialize_weights(const Encoder& encoder);
-Encoder load_encoder(const v1::Model& model);
 
 }  // namespace itn

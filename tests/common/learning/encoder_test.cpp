@@ -1,46 +1,78 @@
 #include "common/learning/encoder.h"
 
+#include <cmath>
+#include <functional>
 #include <vector>
 
 #include <gmock/gmock.h>
 
-#include "common/error.h"
 #include "tests/common/learning/model_for_tests.h"
+#include "tests/support/address_space.h"
+#include "tests/support/expect_error.h"
 
 namespace itn {
 namespace {
 
-int64_t parameter_count(const Encoder& encoder) {
-  int64_t count = 0;
-  for (const torch::Tensor& p : encoder->parameters()) {
-    count += p.numel();
-  }
-  return count;
+using testing::AddressSpaceLimit;
+using testing::expect_error;
+
+v1::Model untrained(uint32_t resolution, uint32_t base_channels) {
+  v1::Model model;
+  model.set_resolution(resolution);
+  model.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(base_channels);
+  model.set_output(v1::POINT);
+  return model;
 }
 
 TEST(Encoder, OfThePaperHasSevenConvolutionsTo1024Channels) {
-  const Encoder encoder(128, 16);
+  int64_t count = 0;
+  for (const torch::Tensor& p : new_encoder(untrained(128, 16))->parameters()) {
+    count += p.numel();
+  }
   int64_t expected = 0;
   for (int64_t block = 0, in = 2, out = 16; block < 7; ++block, in = out, out *= 2) {
     expected += in * out * 9 + out;
   }
   expected += 1024 * 3 + 3;
-  EXPECT_EQ(parameter_count(encoder), expected);
+  EXPECT_EQ(count, expected);
 }
 
 TEST(Encoder, TakesEveryResolutionToThreeNumbers) {
   for (const int resolution : {16, 32, 64, 128, 256}) {
-    Encoder encoder(resolution, 1);
+    const Encoder encoder = new_encoder(untrained(static_cast<uint32_t>(resolution), 1));
     const torch::Tensor output = encoder->forward(torch::rand({2, 2, resolution, resolution}));
     EXPECT_EQ(output.sizes(), torch::IntArrayRef({2, 3})) << resolution;
   }
 }
 
-TEST(Encoder, RefusesOtherResolutions) {
-  for (const int resolution : {0, 8, 48, 100, 512, -16}) {
-    EXPECT_THROW(Encoder(resolution, 16), Error) << resolution;
+TEST(Encoder, HasTheTensorsThatItIsExpectedToHave) {
+  for (const uint32_t resolution : {16, 64, 256}) {
+    const v1::Model model = untrained(resolution, 3);
+    const std::vector<TensorShape> expected = tensor_shapes(model);
+    const auto parameters = new_encoder(model)->named_parameters();
+    ASSERT_EQ(parameters.size(), expected.size());
+    for (size_t i = 0; i < expected.size(); ++i) {
+      EXPECT_EQ(parameters[i].key(), expected[i].name);
+      EXPECT_EQ(parameters[i].value().sizes(), torch::IntArrayRef(expected[i].shape));
+    }
   }
-  EXPECT_THROW(Encoder(64, 0), Error);
+}
+
+TEST(Encoder, RefusesWhatItDoesNotKnow) {
+  for (const uint32_t resolution : {0U, 8U, 48U, 100U, 512U, 1U << 31}) {
+    expect_error(ErrorKind::kInvalidInput, {"resolution is"},
+                 [&] { new_encoder(untrained(resolution, 16)); });
+  }
+  expect_error(ErrorKind::kInvalidInput, {"base_channels is 0"},
+               [] { new_encoder(untrained(64, 0)); });
+  expect_error(ErrorKind::kInvalidInput, {"base_channels is 4000000000"},
+               [] { new_encoder(untrained(64, 4000000000)); });
+  v1::Model model = untrained(64, 16);
+  model.clear_architecture();
+  expect_error(ErrorKind::kInvalidInput, {"architecture"}, [&] { new_encoder(model); });
+  model = untrained(64, 16);
+  model.clear_output();
+  expect_error(ErrorKind::kInvalidInput, {"output distribution"}, [&] { new_encoder(model); });
 }
 
 TEST(EncoderInput, IsTheScaledMaskedImageAndTheWeightMap) {
@@ -56,21 +88,61 @@ TEST(EncoderInput, IsTheScaledMaskedImageAndTheWeightMap) {
 
 TEST(Weights, SurviveARoundTrip) {
   const v1::Model model = small_model();
-  Encoder a = load_encoder(model), b = load_encoder(model);
+  const Encoder a = load_encoder(model), b = load_encoder(model);
   const torch::Tensor input = torch::rand({1, 2, 16, 16});
   EXPECT_TRUE(torch::equal(a->forward(input), b->forward(input)));
   torch::manual_seed(1);
-  Encoder original(16, 2);
-  EXPECT_TRUE(torch::equal(a->forward(input), original->forward(input)));
+  EXPECT_TRUE(torch::equal(a->forward(input), new_encoder(model)->forward(input)));
 }
 
-TEST(Weights, OfAnotherNetworkAreRefused) {
+TEST(Weights, ThatDoNotFitAreRefusedWithTheReason) {
+  struct Row {
+    std::vector<std::string> message;
+    std::function<void(v1::Model&)> spoil;
+  };
+  const Row rows[] = {
+      {{"convolutions.0.weight", "[2, 2, 3, 3]", "[3, 2, 3, 3]"},
+       [](v1::Model& m) {
+         m.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(3);
+       }},
+      {{"there are 0 tensors; there must be 10"}, [](v1::Model& m) { m.clear_weights(); }},
+      {{"there are 9 tensors"}, [](v1::Model& m) { m.mutable_weights()->RemoveLast(); }},
+      {{"\"tail.bias\" where \"head.bias\" should be"},
+       [](v1::Model& m) { m.mutable_weights(9)->set_name("tail.bias"); }},
+      {{"\"??[2J\" where"}, [](v1::Model& m) { m.mutable_weights(9)->set_name("\033\n[2J"); }},
+      {{"head.bias", "type"},
+       [](v1::Model& m) { m.mutable_weights(9)->set_type(v1::Tensor::TYPE_UNSPECIFIED); }},
+      {{"head.bias has 11 bytes; its shape needs 12"},
+       [](v1::Model& m) { m.mutable_weights(9)->mutable_data()->pop_back(); }},
+      {{"head.bias has 16 bytes"},
+       [](v1::Model& m) { m.mutable_weights(9)->set_data("16 byte archive!"); }},
+      {{"head.bias holds nan as its value number 1"},
+       [](v1::Model& m) {
+         m.mutable_weights(9)->mutable_data()->replace(4, 4, std::string("\0\0\xc0\x7f", 4));
+       }},
+      {{"head.bias holds inf"},
+       [](v1::Model& m) {
+         m.mutable_weights(9)->mutable_data()->replace(4, 4, std::string("\0\0\x80\x7f", 4));
+       }},
+      {{"image_scale is nan"}, [](v1::Model& m) { m.set_image_scale(NAN); }},
+      {{"model.name"}, [](v1::Model& m) { m.set_name("\033[31mred"); }},
+      {{"model.name"}, [](v1::Model& m) { m.set_name(std::string(101, 'a')); }},
+  };
+  for (const Row& row : rows) {
+    v1::Model model = small_model();
+    row.spoil(model);
+    expect_error(ErrorKind::kInvalidInput, row.message, [&] { load_encoder(model); });
+  }
+}
+
+// 2.4 GB of weights would be the network's; a message of some bytes says so.
+TEST(Weights, AreComparedBeforeTheNetworkIsAllocated) {
   v1::Model model = small_model();
-  model.set_base_channels(3);
-  EXPECT_THROW(load_encoder(model), Error);
-  model.set_base_channels(2);
-  model.set_weights("no archive");
-  EXPECT_THROW(load_encoder(model), Error);
+  model.set_resolution(256);
+  model.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(64);
+  const AddressSpaceLimit limit(size_t{64} << 20);
+  expect_error(ErrorKind::kInvalidInput, {"there are 10 tensors; there must be 18"},
+               [&] { load_encoder(model); });
 }
 
 }  // namespace

@@ -22,7 +22,8 @@ inline v1::Model small_model(v1::Parameterization parameterization = v1::SIMILAR
   v1::Model model;
   model.set_name("test");
   model.set_resolution(static_cast<uint32_t>(resolution));
-  model.set_base_channels(2);
+  model.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(2);
+  model.set_output(v1::POINT);
   model.set_parameterization(parameterization);
   const Triple mean = to_coordinates(parameterization, {100, 0.7, 0.4});
   for (int i = 0; i < 3; ++i) {
@@ -32,7 +33,7 @@ inline v1::Model small_model(v1::Parameterization parameterization = v1::SIMILAR
   model.set_image_scale(1);
   *model.mutable_bounds() = prediction_bounds(paper_range());
   torch::manual_seed(1);
-  model.set_weights(serialize_weights(Encoder(resolution, 2)));
+  store_weights(*new_encoder(model), model);
   return model;
 }
 
