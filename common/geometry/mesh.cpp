@@ -8,9 +8,13 @@
 #include <limits>
 #include <numbers>
 #include <numeric>
+#include <optional>
 #include <span>
+#include <utility>
 
+#include "common/cancellation.h"
 #include "common/error.h"
+#include "common/geometry/mesh_parts.h"
 
 namespace itn {
 namespace {
@@ -20,12 +24,6 @@ using Triangle = std::array<uint32_t, 3>;
 // Vertex of a triangle in double, relative to an origin near the mesh.
 Vec3d corner(const Mesh& mesh, const Triangle& triangle, int i, Vec3d origin) {
   return Vec3d(mesh.vertices[triangle[i]]) - origin;
-}
-
-// 6 times the volume of the tetrahedron between the origin and the triangle.
-double volume6(const Mesh& mesh, const Triangle& triangle, Vec3d origin) {
-  return dot(corner(mesh, triangle, 0, origin),
-             cross(corner(mesh, triangle, 1, origin), corner(mesh, triangle, 2, origin)));
 }
 
 // Signed solid angle under which the triangle is seen from p, negative from its front.
@@ -43,18 +41,27 @@ double solid_angle(const Mesh& mesh, const Triangle& triangle, Vec3d p) {
 // than a map, and than sorting all edges at once).
 class EdgeTable {
  public:
-  explicit EdgeTable(const Mesh& mesh)
+  EdgeTable(const Mesh& mesh, Cancellation& cancellation)
       : first_(mesh.vertices.size() + 1, 0), edges_(3 * mesh.triangles.size()) {
-    for_each_edge(mesh, [&](uint32_t low, uint32_t, bool) { ++first_[low + 1]; });
+    for (const Triangle& t : mesh.triangles) {
+      cancellation.turn();
+      for (size_t i = 0; i < 3; ++i) ++first_[std::min(t[i], t[(i + 1) % 3]) + 1];
+    }
     std::partial_sum(first_.begin(), first_.end(), first_.begin());
     std::vector<size_t> next(first_.begin(), first_.end() - 1);
-    for_each_edge(mesh, [&](uint32_t low, uint32_t high, bool upward) {
-      edges_[next[low]++] = {high, upward ? 1 : -1};
-    });
+    for (uint32_t n = 0; n < mesh.triangles.size(); ++n) {
+      cancellation.turn();
+      const Triangle& t = mesh.triangles[n];
+      for (size_t i = 0; i < 3; ++i) {
+        const uint32_t from = t[i], to = t[(i + 1) % 3];
+        edges_[next[std::min(from, to)]++] = {std::max(from, to), n, from < to ? 1 : -1};
+      }
+    }
   }
 
   struct Edge {
     uint32_t high;  // the other vertex
+    uint32_t triangle;
     int direction;  // +1 from the lower index to the higher, -1 back
   };
 
@@ -66,43 +73,101 @@ class EdgeTable {
   }
 
  private:
-  template <typename F>
-  static void for_each_edge(const Mesh& mesh, F&& f) {
-    for (const Triangle& t : mesh.triangles) {
-      for (int i = 0; i < 3; ++i) {
-        const uint32_t from = t[i], to = t[(i + 1) % 3];
-        f(std::min(from, to), std::max(from, to), from < to);
-      }
-    }
-  }
-
   std::vector<size_t> first_;
   std::vector<Edge> edges_;
 };
 
-std::string describe(Vec3f p) {
-  return fmt::format("({:.6g}, {:.6g}, {:.6g})", p.x, p.y, p.z);
+// Which triangles at an edge of more than two bound the same part: going around the edge, one that
+// is entered through, and the next, that is left through. Empty if one is entered twice, or left
+// twice, in a row: then parts overlap there. Triangles that coincide may come in either order.
+std::optional<std::vector<std::pair<uint32_t, uint32_t>>> pairs_at_edge(
+    const Mesh& mesh, uint32_t low, std::span<const EdgeTable::Edge> edges) {
+  const Vec3d from(mesh.vertices[low]), along = Vec3d(mesh.vertices[edges[0].high]) - from;
+  if (!(length(along) > 0)) return {};
+  const Basis<double> around(normalize(along));
+  struct Sheet {
+    double angle;
+    int step;  // +1 where the medium is entered as the angle grows, -1 where it is left
+    uint32_t triangle;
+  };
+  std::vector<Sheet> sheets;
+  for (const EdgeTable::Edge& edge : edges) {
+    for (const uint32_t v : mesh.triangles[edge.triangle]) {
+      if (v == low || v == edge.high) continue;
+      const Vec3d out = Vec3d(mesh.vertices[v]) - from;
+      sheets.push_back(
+          {std::atan2(dot(out, around.t), dot(out, around.s)), -edge.direction, edge.triangle});
+    }
+  }
+  std::ranges::sort(sheets, {}, &Sheet::angle);
+  // Runs of equal angles: the steps that are left when those of opposite sign cancel must
+  // alternate.
+  constexpr double kSame = 1e-6;
+  struct Run {
+    std::vector<uint32_t> entered, left;
+    int step() const { return static_cast<int>(entered.size()) - static_cast<int>(left.size()); }
+  };
+  std::vector<Run> runs;
+  for (size_t i = 0; i < sheets.size(); ++i) {
+    if (i == 0 || sheets[i].angle - sheets[i - 1].angle > kSame) runs.emplace_back();
+    (sheets[i].step > 0 ? runs.back().entered : runs.back().left).push_back(sheets[i].triangle);
+  }
+  if (runs.size() > 1 &&
+      2 * std::numbers::pi + sheets.front().angle - sheets.back().angle <= kSame) {
+    std::ranges::copy(runs.back().entered, std::back_inserter(runs.front().entered));
+    std::ranges::copy(runs.back().left, std::back_inserter(runs.front().left));
+    runs.pop_back();
+  }
+  const auto first = std::ranges::find_if(runs, [](const Run& run) { return run.step() != 0; });
+  bool inside = first != runs.end() && first->step() < 0;
+  std::vector<uint32_t> in_turn;  // entered, left, entered ...; begins with left if inside
+  const bool begins_inside = inside;
+  for (Run& run : runs) {
+    while (!run.entered.empty() || !run.left.empty()) {
+      std::vector<uint32_t>& next = inside ? run.left : run.entered;
+      if (next.empty()) return {};
+      in_turn.push_back(next.back());
+      next.pop_back();
+      inside = !inside;
+    }
+  }
+  if (begins_inside) std::ranges::rotate(in_turn, in_turn.begin() + 1);
+  std::vector<std::pair<uint32_t, uint32_t>> pairs;
+  for (size_t i = 0; i + 1 < in_turn.size(); i += 2) pairs.emplace_back(in_turn[i], in_turn[i + 1]);
+  return pairs;
 }
 
 // An edge of an odd number of triangles is open; one of an even number that does not run there and
-// back equally often joins triangles of clashing orientation.
-void check_edges(const Mesh& mesh, const std::string& what) {
+// back equally often joins triangles of clashing orientation. Returns which triangles bound the
+// same part.
+DisjointSets check_edges(const Mesh& mesh, const std::string& what, Cancellation& cancellation) {
   struct Fault {
     size_t count = 0;
     uint32_t low = 0, high = 0;
     void add(uint32_t a, uint32_t b) {
       if (count++ == 0) low = a, high = b;
     }
-  } open, clashing;
-  EdgeTable table(mesh);
+  } open, clashing, overlapping;
+  DisjointSets joined(mesh.triangles.size());
+  EdgeTable table(mesh, cancellation);
   for (uint32_t low = 0; low < mesh.vertices.size(); ++low) {
+    cancellation.turn();
     const auto edges = table.edges_from(low);
     for (size_t i = 0, j = 0; i < edges.size(); i = j) {
       int sum = 0;
       for (j = i; j < edges.size() && edges[j].high == edges[i].high; ++j) {
         sum += edges[j].direction;
       }
-      if (sum != 0) ((j - i) % 2 ? open : clashing).add(low, edges[i].high);
+      const uint32_t high = edges[i].high;
+      if (sum != 0) {
+        ((j - i) % 2 ? open : clashing).add(low, high);
+      } else if (j - i == 2) {
+        joined.join(edges[i].triangle, edges[i + 1].triangle);
+      } else if (const auto pairs = pairs_at_edge(mesh, low, edges.subspan(i, j - i))) {
+        for (const auto& [a, b] : *pairs) joined.join(a, b);
+      } else {
+        overlapping.add(low, high);
+      }
     }
   }
   const auto between = [&](const Fault& fault) {
@@ -120,118 +185,25 @@ void check_edges(const Mesh& mesh, const std::string& what) {
                     "counter-clockwise seen from outside.",
                     what, clashing.count, clashing.count == 1 ? "" : "s", between(clashing)));
   }
-}
-
-// The connected parts of a mesh (triangles that share a vertex).
-struct Part {
-  std::vector<uint32_t> triangles;
-  double volume = 0;
-  Vec3d min, max;
-
-  bool box_contains(Vec3d p) const {
-    return p.x >= min.x && p.y >= min.y && p.z >= min.z && p.x <= max.x && p.y <= max.y &&
-           p.z <= max.z;
+  if (overlapping.count > 0) {
+    throw invalid_input(fmt::format(
+        "{} has triangles that overlap, or are there twice, at {} edge{} of more than two; {}. "
+        "Parts may touch, but not overlap: unite them into one surface, or move them apart.",
+        what, overlapping.count, overlapping.count == 1 ? "" : "s", between(overlapping)));
   }
-};
-
-class DisjointSets {
- public:
-  explicit DisjointSets(size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), 0U); }
-  uint32_t find(uint32_t a) {
-    while (parent_[a] != a) a = parent_[a] = parent_[parent_[a]];
-    return a;
-  }
-  void join(uint32_t a, uint32_t b) { parent_[find(a)] = find(b); }
-
- private:
-  std::vector<uint32_t> parent_;
-};
-
-void measure(Part& part, const Mesh& mesh) {
-  const Vec3d origin(mesh.vertices[mesh.triangles[part.triangles[0]][0]]);
-  part.min = part.max = origin;
-  for (const uint32_t t : part.triangles) {
-    const Triangle& triangle = mesh.triangles[t];
-    part.volume += volume6(mesh, triangle, origin) / 6;
-    for (const uint32_t v : triangle) {
-      const Vec3f p = mesh.vertices[v];
-      part.min = {std::min<double>(part.min.x, p.x), std::min<double>(part.min.y, p.y),
-                  std::min<double>(part.min.z, p.z)};
-      part.max = {std::max<double>(part.max.x, p.x), std::max<double>(part.max.y, p.y),
-                  std::max<double>(part.max.z, p.z)};
-    }
-  }
-}
-
-std::vector<Part> connected_parts(const Mesh& mesh) {
-  DisjointSets sets(mesh.vertices.size());
-  for (const Triangle& t : mesh.triangles) {
-    sets.join(t[0], t[1]);
-    sets.join(t[0], t[2]);
-  }
-  constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
-  std::vector<uint32_t> part_of(mesh.vertices.size(), kNone);
-  std::vector<Part> parts;
-  for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-    uint32_t& part = part_of[sets.find(mesh.triangles[t][0])];
-    if (part == kNone) {
-      part = static_cast<uint32_t>(parts.size());
-      parts.emplace_back();
-    }
-    parts[part].triangles.push_back(t);
-  }
-  for (Part& part : parts) measure(part, mesh);
-  return parts;
-}
-
-// How many of the other parts enclose this one: cavities count -1.
-long enclosing(const Mesh& mesh, const std::vector<Part>& parts, const Part& part) {
-  const Triangle& triangle = mesh.triangles[part.triangles[0]];
-  const Vec3d p = (corner(mesh, triangle, 0, {}) + corner(mesh, triangle, 1, {}) +
-                   corner(mesh, triangle, 2, {})) *
-                  (1.0 / 3);
-  double angle = 0;
-  for (const Part& other : parts) {
-    if (&other == &part || !other.box_contains(p)) continue;
-    for (const uint32_t t : other.triangles) angle += solid_angle(mesh, mesh.triangles[t], p);
-  }
-  return std::lround(angle / (4 * std::numbers::pi));
-}
-
-// Comparing the parts with each other takes time quadratic in their number.
-constexpr size_t kMaxParts = 10'000;
-
-void check_parts(const Mesh& mesh, const std::string& what) {
-  const std::vector<Part> parts = connected_parts(mesh);
-  if (parts.size() > kMaxParts) {
-    throw invalid_input(fmt::format("{} has {} separate parts; at most {} are accepted", what,
-                                    parts.size(), kMaxParts));
-  }
-  for (const Part& part : parts) {
-    const Vec3f where = mesh.vertices[mesh.triangles[part.triangles[0]][0]];
-    const Vec3d extent = part.max - part.min;
-    // Rounding of float coordinates leaves a flat part about this much.
-    if (std::abs(part.volume) <= 1e-9 * std::pow(length(extent), 3)) {
-      throw invalid_input(
-          fmt::format("{} has a part that encloses no volume, at {}", what, describe(where)));
-    }
-    const long around = enclosing(mesh, parts, part);
-    if (part.volume < 0 && around < 1) {
-      throw invalid_input(
-          fmt::format("{} is inside out: the part at {} encloses {:.6g} mm^3. Triangles must run "
-                      "counter-clockwise seen from outside.",
-                      what, describe(where), part.volume));
-    }
-    if (part.volume > 0 && around > 0) {
-      throw invalid_input(
-          fmt::format("{} has a part at {} inside another part. A cavity must have its triangles "
-                      "the other way round; a solid inside a solid is not accepted.",
-                      what, describe(where)));
-    }
-  }
+  return joined;
 }
 
 }  // namespace
+
+std::string describe(Vec3f p) {
+  return fmt::format("({:.6g}, {:.6g}, {:.6g})", p.x, p.y, p.z);
+}
+
+double volume6(const Mesh& mesh, const Triangle& triangle, Vec3d origin) {
+  return dot(corner(mesh, triangle, 0, origin),
+             cross(corner(mesh, triangle, 1, origin), corner(mesh, triangle, 2, origin)));
+}
 
 Bounds bounds(const Mesh& mesh) {
   Bounds box{mesh.vertices.at(0), mesh.vertices.at(0)};
@@ -320,10 +292,11 @@ void validate_triangles(const Mesh& mesh, const std::string& what) {
   }
 }
 
-void validate_closed(const Mesh& mesh, const std::string& what) {
+void validate_closed(const Mesh& mesh, const std::string& what, const std::stop_token& stop) {
   validate_triangles(mesh, what);
-  check_edges(mesh, what);
-  check_parts(mesh, what);
+  Cancellation cancellation(stop);
+  DisjointSets joined = check_edges(mesh, what, cancellation);
+  check_parts(mesh, joined, what, cancellation);
 }
 
 double signed_volume(const Mesh& mesh) {

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -41,9 +42,12 @@ void validate_triangles(const Mesh& mesh, const std::string& what);
 // Throws Error (invalid input) unless the (welded) mesh bounds a volume: every edge is shared by
 // triangles that run along it in opposite directions, the same number each way; the volume enclosed
 // by every connected part is positive, or negative where the part is a cavity inside another; no
-// solid part is inside another. The message says how many edges are open and where the first is, or
-// that the mesh is inside out.
-void validate_closed(const Mesh& mesh, const std::string& what);
+// solid part is inside another; no two parts overlap by more than rounding of coordinates, nor is a
+// part there twice, though solids may touch: light would be counted once where it passes both. The
+// message says how many edges are open and where the first is, or that the mesh is inside out, or
+// where parts overlap. Whether a part cuts through itself is not looked at: scans do in places.
+// Takes n log n. Throws Error (cancelled) soon after a stop is asked for.
+void validate_closed(const Mesh& mesh, const std::string& what, const std::stop_token& stop = {});
 
 // Signed volume enclosed, in mm^3; positive for an outward oriented mesh.
 double signed_volume(const Mesh& mesh);
