@@ -15,18 +15,15 @@ namespace {
 
 struct PredictorOptions {
   std::string model;
-  PredictServerOptions server{.listen = "127.0.0.1:50052", .reflection = true, .service = {}};
+  PredictServerOptions server{
+      .listen = "127.0.0.1:50052", .reflection = true, .max_memory_bytes = 0, .service = {}};
   int threads = 0;
-  std::string log_level = "info";
+  ServerFlags flags;
 };
 
 void add_flags(CLI::App& app, PredictorOptions& options) {
   app.add_option("--model", options.model, "Checkpoint of itn train, or the folder of a run")
       ->required();
-  app.add_option("--listen", options.server.listen,
-                 "HOST:PORT to listen on; port 0 takes any that is free. The connection is not "
-                 "encrypted: private networks only")
-      ->capture_default_str();
   app.add_option("--threads", options.threads, "Threads of each prediction; 0: one per processor")
       ->check(CLI::Range(0, 4096))
       ->capture_default_str();
@@ -35,18 +32,20 @@ void add_flags(CLI::App& app, PredictorOptions& options) {
       ->capture_default_str();
   app.add_option("--queue", options.server.service.queue_capacity,
                  "Requests that may wait; more are answered UNAVAILABLE")
-      ->check(CLI::Range(0, 1'000'000))
+      ->check(CLI::Range(0, 10'000))
       ->capture_default_str();
-  add_server_flags(app, "itn-predictor", options.server.reflection, options.log_level);
+  add_server_flags(app, "itn-predictor", options.server.listen, options.server.reflection,
+                   options.flags);
 }
 
 int run(int argc, char** argv) {
   PredictorOptions options;
   CLI::App app("Predictor of itn: optical parameters of the object in an image, over gRPC.");
   add_flags(app, options);
-  return server_main(app, "itn-predictor", argc, argv, options.log_level, [&] {
+  return server_main(app, "itn-predictor", argc, argv, options.flags, [&] {
     const int processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
     set_torch_threads(options.threads > 0 ? options.threads : processors);
+    options.server.max_memory_bytes = options.flags.max_memory_bytes();
     return std::make_unique<PredictServer>(Predictor::load(options.model), options.server);
   });
 }

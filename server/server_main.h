@@ -4,22 +4,60 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
+#include <chrono>
+#include <cstdint>
 #include <cstdio>
 #include <exception>
 #include <string>
 
 #include "common/error.h"
 #include "common/logging.h"
+#include "common/rpc/grpc_server.h"
+#include "common/rpc/listener.h"
+#include "common/rpc/memory_plan.h"
 #include "common/rpc/shutdown_signal.h"
 
 namespace itn {
 
 // The flags that every server has.
-inline void add_server_flags(CLI::App& app, const std::string& program, bool& reflection,
-                             std::string& log_level) {
+struct ServerFlags {
+  uint64_t max_memory_mb = 0;  // 0: default_memory()
+  double drain_seconds = 30;
+  std::string log_level = "info";
+
+  uint64_t max_memory_bytes() const {
+    return max_memory_mb == 0 ? default_memory() : max_memory_mb << 20;
+  }
+};
+
+inline void add_server_flags(CLI::App& app, const std::string& program, std::string& listen,
+                             bool& reflection, ServerFlags& flags) {
+  app.add_option("--listen", listen,
+                 "HOST:PORT or [IPV6]:PORT to listen on; port 0 takes any that is free; 0.0.0.0 is "
+                 "all IPv4 addresses, [::] all addresses. The connection is not encrypted: private "
+                 "networks only")
+      ->check([](const std::string& address) {
+        try {
+          parse_listen_address(address);
+          return std::string();
+        } catch (const Error& error) {
+          return std::string(error.what());
+        }
+      })
+      ->capture_default_str();
+  app.add_option("--max-memory-mb", flags.max_memory_mb,
+                 "Most memory of this process, in MiB; what does not fit is refused. 0: 4096, or "
+                 "three quarters of what the machine or its limits let it have if that is less")
+      ->check(CLI::Range(0, 1 << 24))
+      ->capture_default_str();
+  app.add_option("--drain-seconds", flags.drain_seconds,
+                 "After SIGTERM, what is under way has this long to end; then it is stopped and "
+                 "answered UNAVAILABLE")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->capture_default_str();
   app.add_flag("--reflection,!--no-reflection", reflection,
                "gRPC server reflection (on by default)");
-  app.add_option("--log-level", log_level, "What to log on stderr")
+  app.add_option("--log-level", flags.log_level, "What to log on stderr")
       ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
       ->capture_default_str();
   app.set_version_flag("--version", program + " " ITN_VERSION);
@@ -30,7 +68,8 @@ inline void add_server_flags(CLI::App& app, const std::string& program, bool& re
 // finish what is under way. Returns the exit code.
 template <typename Start>
 int server_main(CLI::App& app, const std::string& program, int argc, char** argv,
-                const std::string& log_level, const Start& start) {
+                const ServerFlags& flags, const Start& start) {
+  return_freed_memory();
   ShutdownSignal signal;
   try {
     app.parse(argc, argv);
@@ -38,15 +77,19 @@ int server_main(CLI::App& app, const std::string& program, int argc, char** argv
     return app.exit(error) == 0 ? 0 : exit_code(ErrorKind::kUsage);
   }
   try {
-    set_up_logging(log_level);
+    set_up_logging(flags.log_level);
+    log_grpc_through_spdlog();
     const auto server = start();
     std::printf("%s\n", server->address().c_str());
     std::fflush(stdout);
-    spdlog::info("{} " ITN_VERSION " listens on {}", program, server->address());
+    spdlog::info("{} " ITN_VERSION " listens on {}, takes at most {} MiB of memory", program,
+                 server->address(), flags.max_memory_bytes() >> 20);
     signal.wait();
-    spdlog::info("stopping: finishing what is under way; a second signal stops at once");
+    spdlog::info(
+        "stopping: finishing what is under way, within {:g} s; a second signal stops at once",
+        flags.drain_seconds);
     signal.exit_on_next();
-    server->drain();
+    server->drain(std::chrono::duration<double>(flags.drain_seconds));
     spdlog::info("stopped");
     return 0;
   } catch (const Error& error) {

@@ -10,18 +10,15 @@ namespace itn {
 namespace {
 
 struct WorkerOptions {
-  RenderServerOptions server{.listen = "127.0.0.1:50051", .reflection = true, .service = {}};
+  RenderServerOptions server{
+      .listen = "127.0.0.1:50051", .reflection = true, .max_memory_bytes = 0, .service = {}};
   uint64_t max_message_mb = 256;
   uint64_t cache_mb = 1024;
-  std::string log_level = "info";
+  ServerFlags flags;
 };
 
 void add_flags(CLI::App& app, WorkerOptions& options) {
   RenderServiceOptions& service = options.server.service;
-  app.add_option("--listen", options.server.listen,
-                 "HOST:PORT to listen on; port 0 takes any that is free. The connection is not "
-                 "encrypted: private networks only")
-      ->capture_default_str();
   app.add_option("--threads", service.threads, "Threads of each render; 0: one per processor")
       ->check(CLI::Range(0, 4096))
       ->capture_default_str();
@@ -30,9 +27,10 @@ void add_flags(CLI::App& app, WorkerOptions& options) {
       ->capture_default_str();
   app.add_option("--queue", service.queue_capacity,
                  "Requests that may wait; more are answered UNAVAILABLE")
-      ->check(CLI::Range(0, 1'000'000))
+      ->check(CLI::Range(0, 10'000))
       ->capture_default_str();
-  app.add_option("--cache-mb", options.cache_mb, "Memory for scenes, in MiB")
+  app.add_option("--cache-mb", options.cache_mb,
+                 "Memory for scenes, in MiB; at most about a quarter of --max-memory-mb")
       ->check(CLI::Range(0, 1 << 20))
       ->capture_default_str();
   app.add_option("--max-pixels", service.limits.max_pixels, "Most pixels of an image")
@@ -45,11 +43,18 @@ void add_flags(CLI::App& app, WorkerOptions& options) {
                  "Most triangles of all meshes of a scene together")
       ->check(CLI::Range(1U, 1U << 31))
       ->capture_default_str();
-  app.add_option("--max-message-mb", options.max_message_mb,
-                 "Largest request and largest reply, in MiB")
+  app.add_option("--max-seconds", service.max_seconds,
+                 "Longest render, its scene included, in seconds; what takes longer is stopped and "
+                 "answered RESOURCE_EXHAUSTED. 0: no limit")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str();
+  app.add_option(
+         "--max-message-mb", options.max_message_mb,
+         "Largest request and largest reply, in MiB; at most a sixteenth of --max-memory-mb")
       ->check(CLI::Range(1, 2047))
       ->capture_default_str();
-  add_server_flags(app, "itn-worker", options.server.reflection, options.log_level);
+  add_server_flags(app, "itn-worker", options.server.listen, options.server.reflection,
+                   options.flags);
 }
 
 int run(int argc, char** argv) {
@@ -57,8 +62,9 @@ int run(int argc, char** argv) {
   CLI::App app(
       "Render worker of itn: images of translucent objects and their derivatives, over gRPC.");
   add_flags(app, options);
-  return server_main(app, "itn-worker", argc, argv, options.log_level, [&] {
+  return server_main(app, "itn-worker", argc, argv, options.flags, [&] {
     options.server.service.limits.max_message_bytes = options.max_message_mb << 20;
+    options.server.max_memory_bytes = options.flags.max_memory_bytes();
     options.server.service.cache_bytes = options.cache_mb << 20;
     return std::make_unique<RenderServer>(options.server);
   });

@@ -1,10 +1,13 @@
 #include "common/rpc/grpc_server.h"
 
 #include <fmt/format.h>
+#include <grpc/support/log.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/health_check_service_interface.h>
+#include <grpcpp/resource_quota.h>
 #include <grpcpp/security/server_credentials.h>
 #include <grpcpp/server_builder.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <chrono>
@@ -19,6 +22,15 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::minutes;
 using std::chrono::seconds;
+
+// Of one connection: more calls wait at the client.
+constexpr int kMaxStreams = 256;
+constexpr int kMaxHeaderBytes = 16 << 10;
+
+// Readiness changes when it has been otherwise for a second: a queue that is full for a moment does
+// not take a server out of a balancer's list.
+constexpr milliseconds kLookInterval{100};
+constexpr int kLooksToChange = 10;
 
 // gRPC's reflection library adds itself to every server of a process that is linked with it; this
 // leaves it in or takes it out for one server.
@@ -58,39 +70,71 @@ void set_connection_arguments(grpc::ServerBuilder& builder) {
   builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, in_ms(minutes(5)));
 }
 
-std::string with_port(const std::string& address, int port) {
-  return fmt::format("{}:{}", address.substr(0, address.rfind(':')), port);
+// A request is what its bytes say it is: half a megabyte of gzip can be six hundred.
+void refuse_compression(grpc::ServerBuilder& builder) {
+  for (const auto algorithm : {GRPC_COMPRESS_DEFLATE, GRPC_COMPRESS_GZIP}) {
+    builder.SetCompressionAlgorithmSupportStatus(algorithm, false);
+  }
+  builder.AddChannelArgument(GRPC_ARG_ENABLE_PER_MESSAGE_DECOMPRESSION, 0);
 }
 
-}  // namespace
-
-GrpcServer::GrpcServer(const GrpcServerOptions& options, grpc::Service& service,
-                       const std::string& name) {
-  grpc::EnableDefaultHealthCheckService(true);
-  grpc::ServerBuilder builder;
-  set_connection_arguments(builder);
+void set_limits(grpc::ServerBuilder& builder, const GrpcServerOptions& options) {
   const int max_message = static_cast<int>(
       std::min<uint64_t>(options.max_message_bytes, std::numeric_limits<int>::max()));
   builder.SetMaxReceiveMessageSize(max_message);
   builder.SetMaxSendMessageSize(max_message);
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, kMaxStreams);
+  builder.AddChannelArgument(GRPC_ARG_MAX_METADATA_SIZE, kMaxHeaderBytes);
+  if (options.transport_bytes > 0) {
+    grpc::ResourceQuota quota("itn");
+    quota.Resize(options.transport_bytes);
+    builder.SetResourceQuota(quota);
+  }
+}
+
+void log_grpc(gpr_log_func_args* args) {
+  spdlog::debug("gRPC: {} ({}:{})", args->message, args->file, args->line);
+}
+
+}  // namespace
+
+void log_grpc_through_spdlog() {
+  gpr_set_log_function(log_grpc);
+}
+
+GrpcServer::GrpcServer(const GrpcServerOptions& options, grpc::Service& service,
+                       const std::string& name, std::function<bool()> can_take_work)
+    : name_(name), can_take_work_(std::move(can_take_work)) {
+  grpc::EnableDefaultHealthCheckService(true);
+  grpc::ServerBuilder builder;
+  set_connection_arguments(builder);
+  set_limits(builder, options);
+  refuse_compression(builder);
   builder.SetOption(std::make_unique<ReflectionOption>(options.reflection));
   builder.RegisterService(&service);
-  int port = 0;
   if (!options.listen.empty()) {
-    builder.AddListeningPort(options.listen, grpc::InsecureServerCredentials(), &port);
+    listener_ = std::make_unique<Listener>(
+        options.listen, ListenerOptions{.max_memory_bytes = options.process_bytes});
+    address_ = listener_->address();
+    acceptor_ = builder.experimental().AddExternalConnectionAcceptor(
+        grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD,
+        grpc::InsecureServerCredentials());
   }
   server_ = builder.BuildAndStart();
-  if (!server_ || (!options.listen.empty() && port == 0)) {
-    throw Error(ErrorKind::kIo,
-                fmt::format("cannot listen on {}: not an address HOST:PORT of this machine, or in "
-                            "use already",
-                            options.listen));
+  if (!server_) throw Error(ErrorKind::kInternal, "gRPC cannot start a server");
+  server_->GetHealthCheckService()->SetServingStatus(name_, true);
+  readiness_ = std::jthread([this](const std::stop_token& stop) { watch_readiness(stop); });
+  if (listener_) {
+    listener_->start([this](int fd) {
+      grpc::experimental::ExternalConnectionAcceptor::NewConnectionParameters connection;
+      connection.fd = fd;
+      acceptor_->HandleNewConnection(&connection);
+    });
   }
-  if (port != 0) address_ = with_port(options.listen, port);
-  server_->GetHealthCheckService()->SetServingStatus(name, true);
 }
 
 GrpcServer::~GrpcServer() {
+  close_connections();
   server_->Shutdown(std::chrono::system_clock::now());
 }
 
@@ -102,12 +146,27 @@ std::shared_ptr<grpc::Channel> GrpcServer::in_process_channel() {
 }
 
 void GrpcServer::stop_serving() {
+  readiness_ = std::jthread();
   server_->GetHealthCheckService()->Shutdown();
 }
 
-void GrpcServer::shut_down() {
-  // Calls that never end by themselves, like a health watch, are cut after this time.
-  server_->Shutdown(std::chrono::system_clock::now() + seconds(2));
+void GrpcServer::close_connections() {
+  readiness_ = std::jthread();
+  if (listener_) listener_->close();
+}
+
+void GrpcServer::watch_readiness(const std::stop_token& stop) {
+  bool serving = true;
+  int changed_for = 0;  // looks
+  std::unique_lock lock(mutex_);
+  while (!never_.wait_for(lock, stop, kLookInterval, [] { return false; }) &&
+         !stop.stop_requested()) {
+    changed_for = can_take_work_() == serving ? 0 : changed_for + 1;
+    if (changed_for < kLooksToChange) continue;
+    changed_for = 0;
+    serving = !serving;
+    server_->GetHealthCheckService()->SetServingStatus(name_, serving);
+  }
 }
 
 }  // namespace itn

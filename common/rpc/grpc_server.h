@@ -7,25 +7,41 @@
 #include <grpcpp/channel.h>
 #include <grpcpp/impl/codegen/service_type.h>
 #include <grpcpp/server.h>
+#include <grpcpp/server_builder.h>
 
+#include <condition_variable>
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <mutex>
+#include <stop_token>
 #include <string>
+#include <thread>
+
+#include "common/rpc/listener.h"
 
 namespace itn {
 
 struct GrpcServerOptions {
-  // HOST:PORT; port 0 takes any that is free. Empty: only in_process_channel() leads here.
+  // HOST:PORT or [IPV6]:PORT; port 0 takes any that is free. Empty: only in_process_channel() leads
+  // here.
   std::string listen;
   bool reflection = true;
   uint64_t max_message_bytes = uint64_t{2047} << 20;  // of a request and of a reply
+  // What gRPC may hold of messages that arrive; beyond it, it stops reading and closes connections.
+  // 0: no limit.
+  uint64_t transport_bytes = 0;
+  uint64_t process_bytes = 0;  // see ListenerOptions::max_memory_bytes
 };
 
 class GrpcServer {
  public:
-  // `name` is the full name of the service, which health checks ask for. Throws Error (kIo) if it
-  // cannot listen.
-  GrpcServer(const GrpcServerOptions& options, grpc::Service& service, const std::string& name);
+  // `name` is the full name of the service. Health checks of it tell whether it can take work now
+  // (it is asked `can_take_work` from time to time), health checks of "" whether the server runs
+  // and is not about to stop. Throws Error (kUsage) if `listen` is no address, kIo if it cannot
+  // listen.
+  GrpcServer(const GrpcServerOptions& options, grpc::Service& service, const std::string& name,
+             std::function<bool()> can_take_work);
   // Cancels what is under way.
   ~GrpcServer();
   GrpcServer(const GrpcServer&) = delete;
@@ -39,12 +55,25 @@ class GrpcServer {
   // Health checks are answered NOT_SERVING from now on.
   void stop_serving();
 
-  // After the service has answered what it had accepted: leaves the last replies time to go out.
-  void shut_down();
+  // After the service has answered what it had accepted. Ends all connections, so that calls that
+  // come now fail as UNAVAILABLE; gRPC's own way of shutting down answers them CANCELLED.
+  void close_connections();
 
  private:
+  void watch_readiness(const std::stop_token& stop);
+
+  const std::string name_;
+  const std::function<bool()> can_take_work_;
   std::string address_;
+  std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor_;
+  std::unique_ptr<Listener> listener_;
   std::unique_ptr<grpc::Server> server_;
+  std::mutex mutex_;
+  std::condition_variable_any never_;
+  std::jthread readiness_;  // last: it uses what is above
 };
+
+// What gRPC itself logs goes to our log, as debug messages. At start, before anything else of gRPC.
+void log_grpc_through_spdlog();
 
 }  // namespace itn

@@ -1,24 +1,54 @@
-// A bounded queue in front of the threads that render, so that gRPC's own threads never do.
+// A bounded queue in front of the threads that work, so that gRPC's own threads never do.
 #pragma once
 
+#include <chrono>
 #include <condition_variable>
 #include <cstddef>
+#include <cstdint>
 #include <deque>
 #include <functional>
 #include <mutex>
 #include <stop_token>
+#include <string>
 #include <thread>
+#include <unordered_map>
+#include <utility>
 #include <vector>
 
 namespace itn {
 
-// Thread-safe.
+// Fair to peers (connections), however often they ask and however much: who is refused is noted,
+// and the places that become free are kept for those noted, in the order in which they first asked,
+// until a little after the time that they were told to come again. The waiting job that runs next
+// is one of the peer that was served least recently. Thread-safe.
 class JobQueue {
  public:
   struct Job {
     std::stop_token stop;
     std::function<void()> run;   // on a thread of the queue
     std::function<void()> drop;  // instead of `run`, if a stop was requested while it waited
+  };
+
+  // A place in the queue, given back when it goes out of scope unless a job was submitted to it.
+  class Place {
+   public:
+    Place(JobQueue& queue, std::string peer) : queue_(&queue), peer_(std::move(peer)) {}
+    Place(Place&& other) noexcept
+        : queue_(std::exchange(other.queue_, nullptr)), peer_(std::move(other.peer_)) {}
+    Place(const Place&) = delete;
+    Place& operator=(const Place&) = delete;
+    Place& operator=(Place&&) = delete;
+    ~Place() {
+      if (queue_ != nullptr) queue_->give_back(peer_, false);
+    }
+
+    // Gives it back and keeps it for the same peer, who will come again at once.
+    void keep_for_peer() { std::exchange(queue_, nullptr)->give_back(peer_, true); }
+
+   private:
+    friend class JobQueue;
+    JobQueue* queue_;
+    std::string peer_;
   };
 
   // `threads` jobs run at a time while up to `capacity` wait.
@@ -28,24 +58,58 @@ class JobQueue {
   JobQueue(const JobQueue&) = delete;
   JobQueue& operator=(const JobQueue&) = delete;
 
-  // Throws Error (kUnavailable) if the queue is full or closed; then the job is not kept and
+  // Throws StatusError (busy, with the time after which to ask again) if there is no place for this
+  // peer, Error (kUnavailable) if the queue is closed.
+  Place admit(const std::string& peer);
+
+  // The job takes the place. Throws Error (kUnavailable) if the queue was closed meanwhile; then
   // neither of its functions is called.
-  void submit(Job job);
+  void submit(Place place, Job job);
 
   // Drops the waiting jobs whose stop was requested, on the caller's thread.
   void drop_stopped();
 
+  // Takes no more jobs.
+  void close();
+
   // Takes no more jobs, and returns when those that wait or run have ended.
   void drain();
 
+  bool full() const;
+
  private:
+  using Clock = std::chrono::steady_clock;
+
+  struct Waiting {
+    std::string peer;
+    Job job;
+  };
+  // A peer for whom a place is kept.
+  struct Note {
+    std::string peer;
+    Clock::time_point until;
+  };
+
+  // All of them require the lock.
+  size_t free_places() const;
+  double seconds_until_free(size_t places) const;
+  void forget_old_notes();
+  Waiting take_next();
+
+  void give_back(const std::string& peer, bool keep);
   void work();
 
   const size_t capacity_;
-  std::mutex mutex_;
+  const size_t thread_count_;
+  mutable std::mutex mutex_;
   std::condition_variable work_available_;
   std::condition_variable idle_;
-  std::deque<Job> waiting_;
+  std::deque<Waiting> waiting_;
+  std::deque<Note> notes_;
+  std::unordered_map<std::string, uint64_t> last_start_;  // of peers: the number of a job
+  uint64_t started_ = 0;
+  double seconds_per_job_;  // recently
+  size_t admitted_ = 0;     // places without a job yet
   size_t running_ = 0;
   bool closed_ = false;                // no more jobs
   bool stopping_ = false;              // no more work

@@ -1,6 +1,9 @@
 #include "common/rpc/status.h"
 
 #include <new>
+#include <system_error>
+
+#include "itn/v1/render.pb.h"
 
 namespace itn {
 namespace {
@@ -32,21 +35,39 @@ ErrorKind kind_of(grpc::StatusCode code) {
   }
 }
 
+// Within what gRPC lets a header take.
+std::string bounded(const std::string& message) {
+  constexpr size_t kMostBytes = 2000;
+  return message.size() > kMostBytes ? message.substr(0, kMostBytes) + "..." : message;
+}
+
 }  // namespace
 
 grpc::Status to_status(const Error& error) {
-  return {code_of(error.kind()), error.what()};
+  return {code_of(error.kind()), bounded(error.what())};
+}
+
+StatusError busy(const std::string& message, double retry_after_seconds) {
+  v1::Busy details;
+  details.set_retry_after_seconds(retry_after_seconds);
+  return StatusError({grpc::StatusCode::UNAVAILABLE, message, details.SerializeAsString()});
 }
 
 grpc::Status status_of_current_exception() {
   try {
     throw;
+  } catch (const StatusError& error) {
+    return error.status();
   } catch (const Error& error) {
     return to_status(error);
   } catch (const std::bad_alloc&) {
-    return {grpc::StatusCode::UNAVAILABLE, "out of memory"};
+    return {grpc::StatusCode::RESOURCE_EXHAUSTED, "this server has no memory for the request"};
+  } catch (const std::system_error& error) {
+    // A thread that could not be started.
+    return {grpc::StatusCode::RESOURCE_EXHAUSTED,
+            bounded(std::string("this server has no means for the request: ") + error.what())};
   } catch (const std::exception& error) {
-    return {grpc::StatusCode::INTERNAL, error.what()};
+    return {grpc::StatusCode::INTERNAL, bounded(error.what())};
   } catch (...) {
     return {grpc::StatusCode::INTERNAL, "unknown exception"};
   }

@@ -3,7 +3,9 @@
 
 #include <grpcpp/support/status.h>
 
+#include <exception>
 #include <string>
+#include <utility>
 
 #include "common/error.h"
 
@@ -19,8 +21,25 @@ namespace itn {
 //   kIo, kInternal           INTERNAL               kInternal (and every other code)
 grpc::Status to_status(const Error& error);
 
+// A status with details, thrown as it is to be answered.
+class StatusError : public std::exception {
+ public:
+  explicit StatusError(grpc::Status status)
+      : status_(std::move(status)), message_(status_.error_message()) {}
+  const grpc::Status& status() const { return status_; }
+  const char* what() const noexcept override { return message_.c_str(); }
+
+ private:
+  grpc::Status status_;
+  std::string message_;
+};
+
+// UNAVAILABLE with a serialized Busy: there will be room in about so many seconds.
+StatusError busy(const std::string& message, double retry_after_seconds);
+
 // Of the exception being handled: call it inside a catch block. Memory that could not be had is
-// RESOURCE_EXHAUSTED; an exception that is not an Error is INTERNAL.
+// RESOURCE_EXHAUSTED: the same request would ask for as much again. An exception that is neither an
+// Error nor a StatusError is INTERNAL. Messages are cut at 2000 bytes: they travel as a header.
 grpc::Status status_of_current_exception();
 
 // Of a call that failed; `who` answered it (e.g. "worker 10.0.0.1:50051") and begins the message,

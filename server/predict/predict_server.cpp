@@ -2,25 +2,58 @@
 
 #include <utility>
 
+#include "common/rpc/memory_plan.h"
+
 namespace itn {
 namespace {
+
+// The program with LibTorch, its threads, and a network.
+constexpr uint64_t kOwnBytes = uint64_t{512} << 20;
 
 // Of a request: three channels and a mask, and a little for the rest.
 uint64_t max_message_bytes(uint64_t max_pixels) {
   return max_pixels * 4 * sizeof(float) + (uint64_t{1} << 20);
 }
 
+GrpcServerOptions server_options(const PredictServerOptions& options) {
+  GrpcServerOptions server{.listen = options.listen,
+                           .reflection = options.reflection,
+                           .max_message_bytes = max_message_bytes(options.service.max_pixels),
+                           .transport_bytes = 0,
+                           .process_bytes = options.max_memory_bytes};
+  if (options.max_memory_bytes == 0) return server;
+  const MemoryPlan plan =
+      plan_memory(options.max_memory_bytes, kOwnBytes, server.max_message_bytes);
+  server.max_message_bytes = plan.message_bytes;
+  server.transport_bytes = plan.transport_bytes;
+  return server;
+}
+
+PredictServiceOptions service_options(const PredictServerOptions& options) {
+  PredictServiceOptions service = options.service;
+  if (options.max_memory_bytes > 0) {
+    service.memory_bytes =
+        plan_memory(options.max_memory_bytes, kOwnBytes, max_message_bytes(service.max_pixels))
+            .call_bytes;
+  }
+  return service;
+}
+
 }  // namespace
 
 PredictServer::PredictServer(Predictor predictor, const PredictServerOptions& options)
-    : service_(std::move(predictor), options.service),
-      server_({options.listen, options.reflection, max_message_bytes(options.service.max_pixels)},
-              service_, v1::PredictService::service_full_name()) {}
+    : service_(std::move(predictor), service_options(options)),
+      server_(server_options(options), service_, v1::PredictService::service_full_name(),
+              [this] { return service_.can_take_work(); }) {}
 
-void PredictServer::drain() {
+PredictServer::~PredictServer() {
+  service_.drain(std::chrono::seconds(0));
+}
+
+void PredictServer::drain(std::chrono::duration<double> patience) {
   server_.stop_serving();
-  service_.drain();
-  server_.shut_down();
+  service_.drain(patience);
+  server_.close_connections();
 }
 
 }  // namespace itn

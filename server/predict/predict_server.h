@@ -1,6 +1,9 @@
 // A predictor: the prediction service with health service and reflection.
 #pragma once
 
+#include <chrono>
+#include <cstdint>
+#include <memory>
 #include <string>
 
 #include "common/rpc/grpc_server.h"
@@ -11,22 +14,24 @@ namespace itn {
 struct PredictServerOptions {
   std::string listen;  // as in GrpcServerOptions
   bool reflection = true;
+  uint64_t max_memory_bytes = 0;  // as in RenderServerOptions
   PredictServiceOptions service;
 };
 
 class PredictServer {
  public:
-  // Throws Error (kIo) if it cannot listen.
+  // Throws Error (kUsage) if the address is none, kIo if it cannot listen.
   PredictServer(Predictor predictor, const PredictServerOptions& options);
+  // Stops what is under way and answers it UNAVAILABLE.
+  ~PredictServer();
 
   // HOST:PORT, with the port that was taken.
   const std::string& address() const { return server_.address(); }
 
   std::shared_ptr<grpc::Channel> in_process_channel() { return server_.in_process_channel(); }
 
-  // Reports NOT_SERVING, answers new requests UNAVAILABLE, returns when those accepted before are
-  // answered. Without it, the destructor cancels what is under way.
-  void drain();
+  // As RenderServer::drain().
+  void drain(std::chrono::duration<double> patience);
 
  private:
   PredictService service_;

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "common/error.h"
-#include "common/rpc/status.h"
 #include "common/rpc/wire_array.h"
+#include "common/rpc/wire_check.h"
 
 namespace itn {
 namespace {
@@ -66,53 +66,46 @@ v1::PredictReply predict(Predictor& predictor, const v1::PredictRequest& request
 
 }  // namespace
 
-// One Predict. Lives until gRPC is done with it; the last thing that each of our own threads does
-// with it is to finish it.
-class PredictService::PredictCall final : public grpc::ServerUnaryReactor {
+// One Predict.
+class PredictService::PredictCall final : public QueuedCall {
  public:
-  PredictCall(PredictService& service, const v1::PredictRequest& request, v1::PredictReply& reply)
-      : service_(service), request_(request), reply_(reply) {
-    try {
-      check_sizes(request_, service_.options_.max_pixels);
-      service_.queue_.submit(
-          {stop_.get_token(), [this] { run(); }, [this] { Finish(grpc::Status::CANCELLED); }});
-    } catch (...) {
-      Finish(status_of_current_exception());
-    }
-  }
-
-  void OnCancel() override {
-    stop_.request_stop();
-    service_.queue_.drop_stopped();
-  }
-
-  void OnDone() override { delete this; }
+  PredictCall(PredictService& service, grpc::CallbackServerContext& context,
+              grpc::ByteBuffer& reply)
+      : QueuedCall(service.desk_, context, reply), service_(service) {}
 
  private:
-  // On the thread of the queue.
-  void run() {
-    grpc::Status status;
-    try {
-      reply_ = predict(service_.predictor_, request_, stop_.get_token());
-    } catch (...) {
-      status = status_of_current_exception();
-    }
-    Finish(status);
+  void accept(const grpc::ByteBuffer& bytes) override {
+    parse_checked(bytes, "request", {}, request_);
+    check_sizes(request_, service_.options_.max_pixels);
   }
 
+  grpc::ByteBuffer work(std::stop_token stop) override {
+    // The message, its arrays, and images of the crop at the photograph's own resolution.
+    memory().resize(request_.image().size() * kImages + kPerPrediction);
+    return serialized(predict(service_.predictor_, request_, stop));
+  }
+
+  std::string activity() const override { return "the prediction"; }
+
+  static constexpr uint64_t kImages = 12;
+  static constexpr uint64_t kPerPrediction = uint64_t{32} << 20;
+
   PredictService& service_;
-  const v1::PredictRequest& request_;
-  v1::PredictReply& reply_;
-  std::stop_source stop_;
+  v1::PredictRequest request_;
 };
 
 PredictService::PredictService(Predictor predictor, const PredictServiceOptions& options)
-    : options_(options), predictor_(std::move(predictor)), queue_(1, options.queue_capacity) {}
+    : options_(options),
+      predictor_(std::move(predictor)),
+      desk_({.threads = 1,
+             .queue_capacity = options.queue_capacity,
+             .memory_bytes = options.memory_bytes,
+             .max_time = std::chrono::seconds(0)}) {}
 
-grpc::ServerUnaryReactor* PredictService::Predict(grpc::CallbackServerContext* /*context*/,
-                                                  const v1::PredictRequest* request,
-                                                  v1::PredictReply* reply) {
-  return new PredictCall(*this, *request, *reply);  // deletes itself in OnDone
+grpc::ServerUnaryReactor* PredictService::Predict(grpc::CallbackServerContext* context,
+                                                  const grpc::ByteBuffer* request,
+                                                  grpc::ByteBuffer* reply) {
+  return start_call<PredictCall>(*context, request, *this, *context, *reply);
 }
 
 }  // namespace itn

@@ -1,11 +1,12 @@
 // itn.v1.PredictService: checks requests, predicts on a thread of its own, answers.
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 
 #include "common/learning/predictor.h"
-#include "common/rpc/job_queue.h"
+#include "common/rpc/queued_call.h"
 #include "itn/v1/predict.grpc.pb.h"
 
 namespace itn {
@@ -13,25 +14,30 @@ namespace itn {
 struct PredictServiceOptions {
   uint64_t max_pixels = uint64_t{1} << 22;  // width * height
   size_t queue_capacity = 64;               // requests that wait
+  uint64_t memory_bytes = 0;                // of all requests under way together; 0: no limit
 };
 
-class PredictService final : public v1::PredictService::CallbackService {
+// The bytes of requests are parsed here, not by gRPC: see RenderService.
+class PredictService final
+    : public v1::PredictService::WithRawCallbackMethod_Predict<v1::PredictService::Service> {
  public:
   PredictService(Predictor predictor, const PredictServiceOptions& options);
 
   grpc::ServerUnaryReactor* Predict(grpc::CallbackServerContext* context,
-                                    const v1::PredictRequest* request,
-                                    v1::PredictReply* reply) override;
+                                    const grpc::ByteBuffer* request,
+                                    grpc::ByteBuffer* reply) override;
 
-  // Answers further requests UNAVAILABLE; returns when those accepted before are answered.
-  void drain() { queue_.drain(); }
+  bool can_take_work() const { return desk_.can_take_work(); }
+
+  // See CallDesk.
+  void drain(std::chrono::duration<double> patience) { desk_.drain(patience); }
 
  private:
   class PredictCall;
 
   const PredictServiceOptions options_;
-  Predictor predictor_;  // used by the queue's thread alone
-  JobQueue queue_;       // last: its thread uses what is above
+  Predictor predictor_;  // used by the desk's thread alone
+  CallDesk desk_;        // last: its thread uses what is above
 };
 
 }  // namespace itn

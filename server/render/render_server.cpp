@@ -1,16 +1,55 @@
 #include "server/render/render_server.h"
 
+#include <algorithm>
+
+#include "common/rpc/memory_plan.h"
+
 namespace itn {
+namespace {
+
+// The program, its libraries, its threads, and a thousand connections.
+constexpr uint64_t kOwnBytes = uint64_t{128} << 20;
+
+RenderServiceOptions service_options(const RenderServerOptions& options) {
+  RenderServiceOptions service = options.service;
+  if (options.max_memory_bytes == 0) return service;
+  uint64_t& message_bytes = service.limits.max_message_bytes;
+  const MemoryPlan plan = plan_memory(options.max_memory_bytes, kOwnBytes, message_bytes);
+  message_bytes = plan.message_bytes;
+  service.cache_bytes = std::min<size_t>(service.cache_bytes, plan.call_bytes / 3);
+  service.memory_bytes = plan.call_bytes - service.cache_bytes;
+  return service;
+}
+
+GrpcServerOptions server_options(const RenderServerOptions& options) {
+  GrpcServerOptions server{.listen = options.listen,
+                           .reflection = options.reflection,
+                           .max_message_bytes = options.service.limits.max_message_bytes,
+                           .transport_bytes = 0,
+                           .process_bytes = options.max_memory_bytes};
+  if (options.max_memory_bytes == 0) return server;
+  const MemoryPlan plan =
+      plan_memory(options.max_memory_bytes, kOwnBytes, server.max_message_bytes);
+  server.max_message_bytes = plan.message_bytes;
+  server.transport_bytes = plan.transport_bytes;
+  return server;
+}
+
+}  // namespace
 
 RenderServer::RenderServer(const RenderServerOptions& options)
-    : service_(options.service),
-      server_({options.listen, options.reflection, options.service.limits.max_message_bytes},
-              service_, v1::RenderService::service_full_name()) {}
+    : service_(service_options(options)),
+      server_(server_options(options), service_, v1::RenderService::service_full_name(),
+              [this] { return service_.can_take_work(); }) {}
 
-void RenderServer::drain() {
+RenderServer::~RenderServer() {
+  service_.drain(std::chrono::seconds(0));
+}
+
+void RenderServer::drain(std::chrono::duration<double> patience) {
   server_.stop_serving();
-  service_.drain();
-  server_.shut_down();
+  service_.drain(patience);
+  server_.close_connections();
 }
 
 }  // namespace itn

@@ -4,6 +4,8 @@
 // Connections are neither encrypted nor authenticated: for private networks only.
 #pragma once
 
+#include <chrono>
+#include <cstdint>
 #include <memory>
 #include <string>
 
@@ -13,25 +15,29 @@
 namespace itn {
 
 struct RenderServerOptions {
-  // HOST:PORT; port 0 takes any that is free. Empty: only in_process_channel() leads here.
-  std::string listen;
+  std::string listen;  // as in GrpcServerOptions
   bool reflection = true;
+  // Of the process, resident; 0: no limit. Lowers the limits of the service to what fits
+  // (plan_memory).
+  uint64_t max_memory_bytes = 0;
   RenderServiceOptions service;
 };
 
 class RenderServer {
  public:
-  // Throws Error (kIo) if it cannot listen.
+  // Throws Error (kUsage) if the address is none, kIo if it cannot listen.
   explicit RenderServer(const RenderServerOptions& options);
+  // Stops what is under way and answers it UNAVAILABLE.
+  ~RenderServer();
 
   // HOST:PORT, with the port that was taken.
   const std::string& address() const { return server_.address(); }
 
   std::shared_ptr<grpc::Channel> in_process_channel() { return server_.in_process_channel(); }
 
-  // Reports NOT_SERVING, answers new requests UNAVAILABLE, returns when those accepted before are
-  // answered. Without it, the destructor cancels what is under way.
-  void drain();
+  // Reports NOT_SERVING and answers new requests UNAVAILABLE; returns when those accepted before
+  // are answered, or `patience` later, when what is left is stopped and answered UNAVAILABLE, too.
+  void drain(std::chrono::duration<double> patience);
 
  private:
   RenderService service_;

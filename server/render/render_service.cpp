@@ -1,8 +1,9 @@
 #include "server/render/render_service.h"
 
+#include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
-#include <exception>
+#include <atomic>
 #include <memory>
 #include <stop_token>
 #include <thread>
@@ -11,7 +12,9 @@
 #include "common/error.h"
 #include "common/rpc/status.h"
 #include "common/rpc/wire_array.h"
+#include "common/rpc/wire_check.h"
 #include "common/scene/scene_bytes.h"
+#include "server/render/memory_estimate.h"
 #include "server/render/render_reply.h"
 #include "server/render/rendering_loss.h"
 
@@ -25,78 +28,105 @@ RenderServiceOptions with_defaults(RenderServiceOptions options) {
   return options;
 }
 
-grpc::Status scene_not_held(const std::string& digest) {
+// More than the checks of the request let pass; they say it better.
+const ElementLimits kElementLimits = {{"itn.v1.RenderGradRequest.albedos", 1024},
+                                      {"itn.v1.RenderGradRequest.derivatives", 1024}};
+
+StatusError scene_not_held(const std::string& digest) {
   v1::SceneNotHeld details;
   details.set_scene_digest(digest);
-  return {grpc::StatusCode::FAILED_PRECONDITION,
-          "this worker does not hold the scene of this digest: send the scene",
-          details.SerializeAsString()};
+  return StatusError({grpc::StatusCode::FAILED_PRECONDITION,
+                      "this worker does not hold the scene of this digest: send the scene",
+                      details.SerializeAsString()});
 }
 
 }  // namespace
 
-// One RenderGrad. Lives until gRPC is done with it; the last thing that each of our own threads
-// does with it is to finish it.
-class RenderService::RenderCall final : public grpc::ServerUnaryReactor {
+// One RenderGrad.
+class RenderService::RenderCall final : public QueuedCall {
  public:
-  RenderCall(RenderService& service, const v1::RenderGradRequest& request,
-             v1::RenderGradReply& reply)
-      : service_(service), request_(request), reply_(reply) {
-    try {
-      start();
-    } catch (...) {
-      Finish(status_of_current_exception());
-    }
-  }
-
-  // By the client, by a lost connection, or because the deadline has passed.
-  void OnCancel() override {
-    stop_.request_stop();
-    service_.queue_.drop_stopped();
-  }
-
-  void OnDone() override { delete this; }
+  RenderCall(RenderService& service, grpc::CallbackServerContext& context, grpc::ByteBuffer& reply)
+      : QueuedCall(service.desk_, context, reply), service_(service) {}
 
  private:
-  // On a thread of gRPC: checks what is quickly checked and enqueues the rest.
-  void start() {
+  void accept(const grpc::ByteBuffer& bytes) override {
+    parse_checked(bytes, "request", kElementLimits, request_);
     asked_ = build_request(request_, service_.options_.limits);
-    if (request_.scene().empty()) {
-      scene_ = service_.cache_.find(request_.scene_digest());
-      if (!scene_) {
-        Finish(scene_not_held(request_.scene_digest()));
-        return;
-      }
+    if (request_.scene().empty() && !service_.cache_.find(request_.scene_digest())) {
+      throw scene_not_held(request_.scene_digest());
     }
-    service_.queue_.submit(
-        {stop_.get_token(), [this] { run(); }, [this] { Finish(grpc::Status::CANCELLED); }});
+    request_bytes_ = bytes.Length();
   }
 
-  // On a thread of the queue.
-  void run() {
-    grpc::Status status;
-    try {
-      render();
-    } catch (...) {
-      status = status_of_current_exception();
-      spdlog::debug("render failed: {}", status.error_message());
-    }
-    Finish(status);
-  }
-
-  void render() {
-    if (!scene_) scene_ = service_.scene_of(request_);
-    check_reply_size(scene_->width(), scene_->height(), request_, service_.options_.limits);
+  grpc::ByteBuffer work(std::stop_token stop) override {
+    const SceneCache::ScenePtr scene = find_or_build_scene(stop);
+    const RenderLimits& limits = service_.options_.limits;
+    check_reply_size(scene->width(), scene->height(), request_, limits);
+    const uint64_t pixels = uint64_t(scene->width()) * uint64_t(scene->height());
+    check_time(pixels);
+    memory().resize(request_bytes_ + film_memory(pixels, request_, asked_));
     if (request_.has_loss() && asked_.pilot_spp > 0) {
       asked_.sampling_weights = loss_sampling_weights(from_bytes<float>(request_.loss().image()),
                                                       from_bytes<float>(request_.loss().weight()));
     }
-    spdlog::debug("rendering {}x{}, samples [{}, {})", scene_->width(), scene_->height(),
+    phase_ = Phase::kRender;
+    spdlog::debug("rendering {}x{}, samples [{}, {})", scene->width(), scene->height(),
                   asked_.first_sample, asked_.first_sample + asked_.sample_count);
     const tracer::FilmSums sums = tracer::render_grad(
-        *scene_, asked_, {.threads = service_.options_.threads}, stop_.get_token());
-    reply_ = make_reply(sums, request_);
+        *scene, asked_, {.threads = service_.options_.threads}, std::move(stop));
     log(sums);
+    return serialized(make_reply(sums, request_));
+  }
+
+  std::string activity() const override {
+    const Material& m = asked_.material;
+    if (phase_ == Phase::kScene) return "building the scene";
+    return fmt::format("rendering {} samples per pixel at sigma_t {:g}, albedo {:g}, g {:g}",
+                       asked_.sample_count, m.sigma_t, m.albedo, m.g);
+  }
+
+  // The scene is looked for again, as it may have gone while the request waited.
+  SceneCache::ScenePtr find_or_build_scene(const std::stop_token& stop) {
+    if (request_.scene().empty()) {
+      SceneCache::ScenePtr scene = service_.cache_.find(request_.scene_digest());
+      if (!scene) throw scene_not_held(request_.scene_digest());
+      return scene;
+    }
+    const std::string digest = sha256(request_.scene());
+    if (!request_.scene_digest().empty() && request_.scene_digest() != digest) {
+      throw invalid_input("scene_digest is not the SHA-256 of scene; leave one of them out");
+    }
+    for (;;) {
+      try {
+        return service_.cache_.get_or_build(digest, [&] { return build(stop); });
+      } catch (const Error& error) {
+        // Another call was building this scene, and was cancelled.
+        if (error.kind() != ErrorKind::kCancelled || stop.stop_requested()) throw;
+      }
+    }
+  }
+
+  SceneCache::ScenePtr build(const std::stop_token& /*stop*/) {
+    memory().resize(3 * request_bytes_);  // the request, the scene's message, its arrays
+    const v1::Scene message = parse_scene(request_.scene());
+    tracer::SceneDescription description = build_scene(message, service_.options_.limits);
+    memory().resize(3 * request_bytes_ + tracer::estimated_memory(description));
+    return std::make_shared<const tracer::Scene>(std::move(description));
+  }
+
+  // Nothing traces paths faster than this, whatever it traces them through.
+  void check_time(uint64_t pixels) const {
+    constexpr double kPathsPerThreadSecond = 1e8;
+    const double most = service_.options_.max_seconds;
+    const double paths = static_cast<double>(pixels) * asked_.sample_count;
+    const double least = paths / (kPathsPerThreadSecond * service_.options_.threads);
+    if (most > 0 && asked_.pixels == tracer::Pixels::kAll && least > most) {
+      throw Error(
+          ErrorKind::kLimit,
+          fmt::format("{} samples of {} pixels take more than {:.0f} s; this worker gives a "
+                      "request {:g} s (--max-seconds): ask for fewer at a time",
+                      asked_.sample_count, pixels, least, most));
+    }
   }
 
   void log(const tracer::FilmSums& sums) const {
@@ -112,49 +142,45 @@ class RenderService::RenderCall final : public grpc::ServerUnaryReactor {
     }
   }
 
+  enum class Phase { kScene, kRender };
+
   RenderService& service_;
-  const v1::RenderGradRequest& request_;
-  v1::RenderGradReply& reply_;
+  v1::RenderGradRequest request_;
+  uint64_t request_bytes_ = 0;
   tracer::RenderRequest asked_;
-  SceneCache::ScenePtr scene_;
-  std::stop_source stop_;
+  std::atomic<Phase> phase_ = Phase::kScene;
 };
 
 RenderService::RenderService(const RenderServiceOptions& options)
     : options_(with_defaults(options)),
       cache_(options_.cache_bytes),
-      queue_(options_.renders, options_.queue_capacity) {}
+      desk_({.threads = options_.renders,
+             .queue_capacity = options_.queue_capacity,
+             .memory_bytes = options_.memory_bytes,
+             .max_time = std::chrono::duration<double>(options_.max_seconds)}) {}
 
-grpc::ServerUnaryReactor* RenderService::RenderGrad(grpc::CallbackServerContext* /*context*/,
-                                                    const v1::RenderGradRequest* request,
-                                                    v1::RenderGradReply* reply) {
-  return new RenderCall(*this, *request, *reply);  // deletes itself in OnDone
+grpc::ServerUnaryReactor* RenderService::RenderGrad(grpc::CallbackServerContext* context,
+                                                    const grpc::ByteBuffer* request,
+                                                    grpc::ByteBuffer* reply) {
+  return start_call<RenderCall>(*context, request, *this, *context, *reply);
 }
 
-grpc::ServerUnaryReactor* RenderService::GetCapabilities(
-    grpc::CallbackServerContext* context, const v1::GetCapabilitiesRequest* /*request*/,
-    v1::Capabilities* reply) {
-  const RenderLimits& limits = options_.limits;
-  reply->set_version(ITN_VERSION);
-  reply->set_threads(static_cast<uint32_t>(options_.threads));
-  reply->set_max_pixels(limits.max_pixels);
-  reply->set_max_spp(limits.max_spp);
-  reply->set_max_triangles(limits.max_triangles);
-  reply->set_max_message_bytes(limits.max_message_bytes);
-  reply->set_queue_capacity(static_cast<uint32_t>(options_.queue_capacity));
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(grpc::Status::OK);
-  return reactor;
-}
-
-SceneCache::ScenePtr RenderService::scene_of(const v1::RenderGradRequest& request) {
-  const std::string digest = sha256(request.scene());
-  if (!request.scene_digest().empty() && request.scene_digest() != digest) {
-    throw invalid_input("scene_digest is not the SHA-256 of scene; leave one of them out");
-  }
-  return cache_.get_or_build(digest, [&] {
-    return std::make_shared<const tracer::Scene>(
-        build_scene(parse_scene(request.scene()), options_.limits));
+grpc::ServerUnaryReactor* RenderService::GetCapabilities(grpc::CallbackServerContext* context,
+                                                         const grpc::ByteBuffer* request,
+                                                         grpc::ByteBuffer* reply) {
+  return answer_at_once(*context, [&] {
+    v1::GetCapabilitiesRequest nothing;
+    parse_checked(*request, "request", kElementLimits, nothing);
+    const RenderLimits& limits = options_.limits;
+    v1::Capabilities capabilities;
+    capabilities.set_version(ITN_VERSION);
+    capabilities.set_threads(static_cast<uint32_t>(options_.threads));
+    capabilities.set_max_pixels(limits.max_pixels);
+    capabilities.set_max_spp(limits.max_spp);
+    capabilities.set_max_triangles(limits.max_triangles);
+    capabilities.set_max_message_bytes(limits.max_message_bytes);
+    capabilities.set_queue_capacity(static_cast<uint32_t>(options_.queue_capacity));
+    *reply = serialized(capabilities);
   });
 }
 

@@ -1,9 +1,11 @@
 // itn.v1.RenderService: checks requests, finds or builds their scenes, renders, answers.
 #pragma once
 
+#include <chrono>
 #include <cstddef>
+#include <cstdint>
 
-#include "common/rpc/job_queue.h"
+#include "common/rpc/queued_call.h"
 #include "itn/v1/render.grpc.pb.h"
 #include "server/render/request_check.h"
 #include "server/render/scene_cache.h"
@@ -15,31 +17,37 @@ struct RenderServiceOptions {
   int renders = 1;                       // at a time
   size_t queue_capacity = 16;            // requests that wait
   size_t cache_bytes = size_t{1} << 30;  // of scenes
+  uint64_t memory_bytes = 0;             // of all requests under way together; 0: no limit
+  double max_seconds = 600;              // of a render, its scene included; 0: no limit
   RenderLimits limits;
 };
 
-class RenderService final : public v1::RenderService::CallbackService {
+// The bytes of requests are parsed here, not by gRPC, so that a request is turned away before it is
+// parsed and its parts are bounded before they are allocated.
+class RenderService final
+    : public v1::RenderService::WithRawCallbackMethod_RenderGrad<
+          v1::RenderService::WithRawCallbackMethod_GetCapabilities<v1::RenderService::Service>> {
  public:
   explicit RenderService(const RenderServiceOptions& options);
 
   grpc::ServerUnaryReactor* RenderGrad(grpc::CallbackServerContext* context,
-                                       const v1::RenderGradRequest* request,
-                                       v1::RenderGradReply* reply) override;
+                                       const grpc::ByteBuffer* request,
+                                       grpc::ByteBuffer* reply) override;
   grpc::ServerUnaryReactor* GetCapabilities(grpc::CallbackServerContext* context,
-                                            const v1::GetCapabilitiesRequest* request,
-                                            v1::Capabilities* reply) override;
+                                            const grpc::ByteBuffer* request,
+                                            grpc::ByteBuffer* reply) override;
 
-  // Answers further requests UNAVAILABLE; returns when those accepted before are answered.
-  void drain() { queue_.drain(); }
+  bool can_take_work() const { return desk_.can_take_work(); }
+
+  // See CallDesk.
+  void drain(std::chrono::duration<double> patience) { desk_.drain(patience); }
 
  private:
   class RenderCall;
 
-  SceneCache::ScenePtr scene_of(const v1::RenderGradRequest& request);
-
   const RenderServiceOptions options_;
   SceneCache cache_;
-  JobQueue queue_;  // last: its threads use what is above
+  CallDesk desk_;  // last: its threads use what is above
 };
 
 }  // namespace itn

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "common/error.h"
+#include "common/rpc/wire_check.h"
 #include "server/render/field_check.h"
 #include "server/render/light_builder.h"
 #include "server/render/mesh_builder.h"
@@ -10,6 +11,10 @@
 
 namespace itn {
 namespace {
+
+const ElementLimits kElementLimits = {{"itn.v1.Scene.surfaces", kMaxSurfaces},
+                                      {"itn.v1.Scene.lights", kMaxLights},
+                                      {"itn.v1.Mesh.transforms", kMaxTransforms}};
 
 void check_required(const v1::Scene& scene) {
   if (!scene.has_object()) throw missing("scene.object");
@@ -28,10 +33,7 @@ void check_required(const v1::Scene& scene) {
 
 v1::Scene parse_scene(const std::string& bytes) {
   v1::Scene scene;
-  if (!scene.ParseFromString(bytes)) {
-    throw invalid_input(
-        fmt::format("scene: these {} bytes are not a serialized itn.v1.Scene", bytes.size()));
-  }
+  parse_checked(bytes, "scene", kElementLimits, scene);
   return scene;
 }
 

@@ -21,9 +21,11 @@ struct RenderLimits {
 };
 
 inline constexpr int kMaxLights = 64;
+inline constexpr int kMaxSurfaces = 1024;
+inline constexpr int kMaxTransforms = 64;  // of a mesh
 
-// Parses a serialized itn.v1.Scene. A field that this program does not know is refused: it would
-// change the image somewhere else and not here.
+// Parses a serialized itn.v1.Scene of no more elements than above. A field that this program does
+// not know is refused: it would change the image somewhere else and not here.
 v1::Scene parse_scene(const std::string& bytes);
 
 // Meshes with a `path` are refused, as are environment maps.

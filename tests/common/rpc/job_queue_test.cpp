@@ -5,17 +5,25 @@
 #include <atomic>
 #include <future>
 #include <memory>
+#include <string>
+#include <utility>
 
 #include "common/error.h"
+#include "common/rpc/status.h"
+#include "itn/v1/render.pb.h"
 
 namespace itn {
 namespace {
+
+void submit(JobQueue& queue, JobQueue::Job job, const std::string& peer = "a") {
+  queue.submit(queue.admit(peer), std::move(job));
+}
 
 // Occupies a thread of the queue until told otherwise.
 class Blocker {
  public:
   explicit Blocker(JobQueue& queue) {
-    queue.submit({{}, [this] { started_.set_value(), release_.get_future().wait(); }, [] {}});
+    submit(queue, {{}, [this] { started_.set_value(), release_.get_future().wait(); }, [] {}});
     started_.get_future().wait();
   }
   void release() { release_.set_value(); }
@@ -28,14 +36,20 @@ TEST(JobQueue, RefusesMoreThanItsCapacity) {
   std::atomic<int> done = 0;
   JobQueue queue(1, 2);
   Blocker blocker(queue);
-  const auto submit = [&] { queue.submit({{}, [&] { ++done; }, [] {}}); };
-  submit();
-  submit();
+  const auto add = [&] { submit(queue, {{}, [&] { ++done; }, [] {}}); };
+  add();
+  EXPECT_FALSE(queue.full());
+  add();
+  EXPECT_TRUE(queue.full());
   try {
-    submit();
+    add();
     FAIL() << "accepted";
-  } catch (const Error& error) {
-    EXPECT_EQ(error.kind(), ErrorKind::kUnavailable);
+  } catch (const StatusError& error) {
+    EXPECT_EQ(error.status().error_code(), grpc::UNAVAILABLE);
+    v1::Busy details;
+    ASSERT_TRUE(details.ParseFromString(error.status().error_details()));
+    EXPECT_GT(details.retry_after_seconds(), 0);
+    EXPECT_LE(details.retry_after_seconds(), 10);
   }
   blocker.release();
   queue.drain();
@@ -45,7 +59,7 @@ TEST(JobQueue, RefusesMoreThanItsCapacity) {
 TEST(JobQueue, WithoutRoomToWaitStillRuns) {
   std::atomic<int> done = 0;
   JobQueue queue(1, 0);
-  queue.submit({{}, [&] { ++done; }, [] {}});
+  submit(queue, {{}, [&] { ++done; }, [] {}});
   queue.drain();
   EXPECT_EQ(done, 1);
 }
@@ -55,11 +69,11 @@ TEST(JobQueue, DropsStoppedJobsAndFreesTheirPlaces) {
   JobQueue queue(1, 1);
   Blocker blocker(queue);
   std::stop_source stop;
-  queue.submit({stop.get_token(), [&] { ++run; }, [&] { ++dropped; }});
+  submit(queue, {stop.get_token(), [&] { ++run; }, [&] { ++dropped; }});
   stop.request_stop();
   queue.drop_stopped();
   EXPECT_EQ(dropped, 1);
-  queue.submit({{}, [&] { ++run; }, [] {}});
+  submit(queue, {{}, [&] { ++run; }, [] {}});
   blocker.release();
   queue.drain();
   EXPECT_EQ(run, 1);
@@ -69,21 +83,67 @@ TEST(JobQueue, DropsStoppedJobsAndFreesTheirPlaces) {
 TEST(JobQueue, TakesNothingOnceDrained) {
   JobQueue queue(2, 2);
   queue.drain();
-  EXPECT_THROW(queue.submit({{}, [] {}, [] {}}), Error);
+  EXPECT_THROW(queue.admit("a"), Error);
 }
 
 TEST(JobQueue, DropsWhatWaitsWhenItGoesAway) {
   std::atomic<int> dropped = 0;
   auto queue = std::make_unique<JobQueue>(1, 1);
   Blocker blocker(*queue);
-  queue->submit({{},
-                 [] {},
-                 [&] {
-                   ++dropped;
-                   blocker.release();
-                 }});
+  submit(*queue, {{},
+                  [] {},
+                  [&] {
+                    ++dropped;
+                    blocker.release();
+                  }});
   queue.reset();
   EXPECT_EQ(dropped, 1);
+}
+
+TEST(JobQueue, GivesBackAPlaceThatWasNotUsed) {
+  JobQueue queue(1, 0);
+  {
+    const JobQueue::Place place = queue.admit("a");
+    EXPECT_TRUE(queue.full());
+  }
+  EXPECT_FALSE(queue.full());
+}
+
+// Who was refused comes before who asks all the time.
+TEST(JobQueue, KeepsAFreePlaceForWhoWasRefusedFirst) {
+  JobQueue queue(1, 0);
+  {
+    const JobQueue::Place place = queue.admit("greedy");
+    EXPECT_THROW(queue.admit("polite"), StatusError);
+    EXPECT_THROW(queue.admit("greedy"), StatusError);
+  }
+  EXPECT_THROW(queue.admit("greedy"), StatusError);
+  EXPECT_THROW(queue.admit("third"), StatusError);
+  { const JobQueue::Place place = queue.admit("polite"); }
+  { const JobQueue::Place place = queue.admit("greedy"); }
+  { const JobQueue::Place place = queue.admit("third"); }
+}
+
+TEST(JobQueue, KeepsThePlaceOfWhoWillComeAgainAtOnce) {
+  JobQueue queue(1, 0);
+  JobQueue::Place place = queue.admit("a");
+  EXPECT_THROW(queue.admit("b"), StatusError);
+  place.keep_for_peer();
+  EXPECT_THROW(queue.admit("b"), StatusError);
+  { const JobQueue::Place again = queue.admit("a"); }
+  { const JobQueue::Place other = queue.admit("b"); }
+}
+
+TEST(JobQueue, RunsNextWhoseTurnWasLongestAgo) {
+  std::string order;
+  JobQueue queue(1, 5);
+  Blocker blocker(queue);
+  for (const char* peer : {"a", "a", "a", "b", "c"}) {
+    submit(queue, {{}, [&order, peer] { order += peer; }, [] {}}, peer);
+  }
+  blocker.release();
+  queue.drain();
+  EXPECT_EQ(order, "bcaaa");
 }
 
 }  // namespace

@@ -49,7 +49,7 @@ grpc::Status status_of(const Exception& exception) {
 }
 
 TEST(Status, OfExceptionsThatAreNoErrors) {
-  EXPECT_EQ(status_of(std::bad_alloc()).error_code(), grpc::UNAVAILABLE);
+  EXPECT_EQ(status_of(std::bad_alloc()).error_code(), grpc::RESOURCE_EXHAUSTED);
   EXPECT_EQ(status_of(std::runtime_error("x")).error_code(), grpc::INTERNAL);
   EXPECT_EQ(status_of(1).error_code(), grpc::INTERNAL);
 }

@@ -129,7 +129,7 @@ TEST_F(PredictServiceTest, SaysWhatIsWrong) {
 }
 
 TEST_F(PredictServiceTest, AnswersNothingAfterItHasDrained) {
-  server_->drain();
+  server_->drain(std::chrono::seconds(30));
   v1::PredictReply reply;
   EXPECT_EQ(predict(Picture(1).request(), reply).error_code(), StatusCode::UNAVAILABLE);
 }

@@ -504,7 +504,10 @@ TEST(RenderService, AnswersUnavailableWhenItsQueueIsFull) {
   BusyServer busy(0);
   const Answer answer = busy.client().call(with_scene(small_request()));
   EXPECT_EQ(answer.status.error_code(), grpc::UNAVAILABLE);
-  EXPECT_THAT(answer.status.error_message(), HasSubstr("busy: 1 renders run, 0 wait"));
+  EXPECT_THAT(answer.status.error_message(), HasSubstr("busy: 1 run, 0 wait"));
+  v1::Busy details;
+  ASSERT_TRUE(details.ParseFromString(answer.status.error_details()));
+  EXPECT_GT(details.retry_after_seconds(), 0);
 }
 
 class Stops : public ::testing::TestWithParam<const char*> {};
@@ -641,7 +644,7 @@ TEST(RenderServer, DrainsWhatItHasAccepted) {
       std::async(std::launch::async, [&] { return client.call(with_scene(small_request(4000))); });
   std::this_thread::sleep_for(50ms);
   ASSERT_EQ(accepted.wait_for(0s), std::future_status::timeout);
-  server.drain();
+  server.drain(30s);
   EXPECT_TRUE(accepted.get().status.ok());
   EXPECT_EQ(client.call(with_scene(small_request())).status.error_code(), grpc::UNAVAILABLE);
 }

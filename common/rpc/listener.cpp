@@ -1,0 +1,235 @@
+#include "common/rpc/listener.h"
+
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <linux/tcp.h>
+#include <malloc.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <spdlog/spdlog.h>
+#include <sys/eventfd.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <cstring>
+#include <fstream>
+#include <memory>
+#include <system_error>
+#include <utility>
+
+#include "common/error.h"
+#include "common/printable.h"
+
+namespace itn {
+namespace {
+
+// How often memory is looked at: rarely, or often once most of it is taken.
+constexpr int kCalmMs = 200;
+constexpr int kTightMs = 10;
+
+Error not_an_address(const std::string& text, const char* why) {
+  return Error(ErrorKind::kUsage,
+               fmt::format("\"{}\" is not an address to listen on: {}; give HOST:PORT or "
+                           "[IPV6]:PORT, e.g. 127.0.0.1:50051",
+                           printable(text), why));
+}
+
+uint16_t parse_port(const std::string& text, std::string_view port) {
+  unsigned int value = 0;
+  const auto [end, error] = std::from_chars(port.begin(), port.end(), value);
+  if (port.empty() || error != std::errc() || end != port.end() || value > 65535) {
+    throw not_an_address(text, "its port must be a number in [0, 65535]");
+  }
+  return static_cast<uint16_t>(value);
+}
+
+struct AddressList {
+  explicit AddressList(const ListenAddress& address) {
+    addrinfo hints = {};
+    hints.ai_socktype = SOCK_STREAM;
+    hints.ai_flags = AI_PASSIVE;
+    const int error =
+        getaddrinfo(address.host.c_str(), std::to_string(address.port).c_str(), &hints, &first);
+    if (error != 0) {
+      throw Error(ErrorKind::kUsage, fmt::format("cannot listen on host \"{}\": {}",
+                                                 printable(address.host), gai_strerror(error)));
+    }
+  }
+  ~AddressList() { freeaddrinfo(first); }
+  AddressList(const AddressList&) = delete;
+  AddressList& operator=(const AddressList&) = delete;
+
+  addrinfo* first = nullptr;
+};
+
+void set_option(int socket, int level, int option, int value) {
+  setsockopt(socket, level, option, &value, sizeof value);
+}
+
+int port_of(int socket) {
+  sockaddr_storage address = {};
+  socklen_t length = sizeof address;
+  getsockname(socket, reinterpret_cast<sockaddr*>(&address), &length);
+  const in_port_t port = address.ss_family == AF_INET6
+                             ? reinterpret_cast<const sockaddr_in6&>(address).sin6_port
+                             : reinterpret_cast<const sockaddr_in&>(address).sin_port;
+  return ntohs(port);
+}
+
+// Listening; -1 and errno if that fails.
+int open_socket(const addrinfo& address) {
+  const int fd = socket(address.ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+  if (fd < 0) return fd;
+  set_option(fd, SOL_SOCKET, SO_REUSEADDR, 1);  // of connections that ended; no port is shared
+  set_option(fd, IPPROTO_TCP, TCP_NODELAY, 1);
+  if (address.ai_family == AF_INET6) set_option(fd, IPPROTO_IPV6, IPV6_V6ONLY, 0);
+  if (bind(fd, address.ai_addr, address.ai_addrlen) == 0 && listen(fd, SOMAXCONN) == 0) return fd;
+  const int error = errno;
+  ::close(fd);
+  errno = error;
+  return -1;
+}
+
+uint64_t bytes_received(int fd) {
+  tcp_info info = {};
+  socklen_t length = sizeof info;
+  return getsockopt(fd, IPPROTO_TCP, TCP_INFO, &info, &length) == 0 ? info.tcpi_bytes_received : 0;
+}
+
+}  // namespace
+
+ListenAddress parse_listen_address(const std::string& text) {
+  const size_t colon = text.rfind(':');
+  if (colon == std::string::npos) throw not_an_address(text, "it has no port");
+  std::string host = text.substr(0, colon);
+  if (host.starts_with('[') && host.ends_with(']')) {
+    host = host.substr(1, host.size() - 2);
+    in6_addr ignored = {};
+    // A scope ("%eth0") may follow the number.
+    if (inet_pton(AF_INET6, host.substr(0, host.find('%')).c_str(), &ignored) != 1) {
+      throw not_an_address(text, "what is in brackets must be an IPv6 address");
+    }
+  } else if (host.find_first_of(":[]") != std::string::npos) {
+    throw not_an_address(text, "an IPv6 address must be in brackets");
+  } else if (host.empty()) {
+    throw not_an_address(text, "it has no host (0.0.0.0 is all of this machine's IPv4 addresses)");
+  }
+  const bool strange = std::any_of(
+      host.begin(), host.end(), [](unsigned char c) { return c <= ' ' || c >= 0x7f || c == '/'; });
+  if (strange) throw not_an_address(text, "its host is neither a name nor a number");
+  return {host, parse_port(text, std::string_view(text).substr(colon + 1))};
+}
+
+uint64_t resident_memory() {
+  std::ifstream file("/proc/self/statm");
+  uint64_t size = 0, resident = 0;
+  file >> size >> resident;
+  return resident * static_cast<uint64_t>(sysconf(_SC_PAGESIZE));
+}
+
+Listener::Listener(const std::string& address, const ListenerOptions& options) : options_(options) {
+  const ListenAddress parsed = parse_listen_address(address);
+  const AddressList addresses(parsed);
+  socket_ = open_socket(*addresses.first);
+  if (socket_ < 0) {
+    throw Error(ErrorKind::kIo, fmt::format("cannot listen on {}: {}", address,
+                                            std::generic_category().message(errno)));
+  }
+  wake_ = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+  address_ = fmt::format("{}:{}", address.substr(0, address.rfind(':')), port_of(socket_));
+}
+
+Listener::~Listener() {
+  close();
+  if (wake_ >= 0) ::close(wake_);
+}
+
+void Listener::start(std::function<void(int)> take) {
+  thread_ = std::jthread(
+      [this, take = std::move(take)](const std::stop_token& stop) { run(stop, take); });
+}
+
+void Listener::close() {
+  if (thread_.joinable()) {
+    thread_.request_stop();
+    eventfd_write(wake_, 1);
+    thread_.join();
+  }
+  if (socket_ >= 0) ::close(std::exchange(socket_, -1));
+  for (const Connection& connection : connections_) {
+    shutdown(connection.fd, SHUT_RDWR);
+    ::close(connection.fd);
+  }
+  connections_.clear();
+}
+
+void Listener::run(const std::stop_token& stop, const std::function<void(int)>& take) {
+  bool paused = false;  // no file descriptor was left for a connection
+  while (!stop.stop_requested()) {
+    std::vector<pollfd> polled = {{wake_, POLLIN, 0}, {paused ? -1 : socket_, POLLIN, 0}};
+    for (const Connection& connection : connections_) {
+      polled.push_back({connection.fd, POLLRDHUP, 0});
+    }
+    const uint64_t most = options_.max_memory_bytes;
+    const bool tight = most > 0 && resident_memory() > most / 4 * 3;
+    poll(polled.data(), polled.size(), tight ? kTightMs : kCalmMs);
+    std::vector<int> closed;
+    for (size_t i = 2; i < polled.size(); ++i) {
+      if (polled[i].revents != 0) closed.push_back(polled[i].fd);
+    }
+    forget(closed);
+    paused = false;
+    if (polled[1].revents != 0) paused = !accept_all(take);
+    if (most > 0) relieve_memory();
+  }
+}
+
+bool Listener::accept_all(const std::function<void(int)>& take) {
+  for (;;) {
+    const int fd = accept4(socket_, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
+    if (fd < 0) return errno != EMFILE && errno != ENFILE && errno != ENOMEM && errno != ENOBUFS;
+    const int watched =
+        connections_.size() < options_.max_connections ? fcntl(fd, F_DUPFD_CLOEXEC, 0) : -1;
+    if (watched < 0) {
+      spdlog::warn("a connection was closed: there are {} already", connections_.size());
+      ::close(fd);
+      continue;
+    }
+    connections_.push_back({watched});
+    take(fd);
+  }
+}
+
+// gRPC's own descriptor of the socket stays as it is.
+void Listener::forget(const std::vector<int>& fds) {
+  std::erase_if(connections_, [&](const Connection& connection) {
+    if (std::find(fds.begin(), fds.end(), connection.fd) == fds.end()) return false;
+    ::close(connection.fd);
+    return true;
+  });
+}
+
+void Listener::relieve_memory() {
+  for (Connection& connection : connections_) {
+    connection.received_before = connection.received;
+    connection.received = bytes_received(connection.fd);
+  }
+  if (resident_memory() <= options_.max_memory_bytes) return;
+  malloc_trim(0);
+  if (resident_memory() <= options_.max_memory_bytes || connections_.empty()) return;
+  const auto most = std::max_element(
+      connections_.begin(), connections_.end(), [](const Connection& a, const Connection& b) {
+        return a.received - a.received_before < b.received - b.received_before;
+      });
+  spdlog::warn("more than {} MiB of memory are in use: the connection that sends most is closed",
+               options_.max_memory_bytes >> 20);
+  shutdown(most->fd, SHUT_RDWR);
+  forget({most->fd});
+}
+
+}  // namespace itn

@@ -1,0 +1,71 @@
+// The socket that a server listens on, and the connections that it accepts for gRPC: gRPC 1.51
+// itself takes addresses that are none, opens IPv6 for 0.0.0.0, accepts any number of connections,
+// and cannot end one.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace itn {
+
+struct ListenAddress {
+  std::string host;   // a name or number; IPv6 without its brackets
+  uint16_t port = 0;  // 0: any that is free
+};
+
+// "HOST:PORT" or "[IPV6]:PORT". Throws Error (kUsage) that says what is wrong with anything else.
+ListenAddress parse_listen_address(const std::string& text);
+
+struct ListenerOptions {
+  size_t max_connections = 1024;  // more are closed at once
+  // Of the process, resident; beyond it the connection that sent most lately is closed. 0: none.
+  uint64_t max_memory_bytes = 0;
+};
+
+class Listener {
+ public:
+  // Opens the first address that the host has: 0.0.0.0 is IPv4 alone, [::] both IPv4 and IPv6.
+  // Throws Error (kUsage for an address that is none, kIo) if that fails.
+  Listener(const std::string& address, const ListenerOptions& options);
+  // Closes everything.
+  ~Listener();
+  Listener(const Listener&) = delete;
+  Listener& operator=(const Listener&) = delete;
+
+  // Accepts from now on: `take` gets each connection's socket and owns it.
+  void start(std::function<void(int fd)> take);
+
+  // Accepts no more, and ends all connections once what was written to them has left; to who is at
+  // their other end, the server is then unavailable.
+  void close();
+
+  // HOST:PORT, with the port that was taken.
+  const std::string& address() const { return address_; }
+
+ private:
+  struct Connection {
+    int fd = -1;  // a duplicate of gRPC's: ours to watch and to shut down
+    uint64_t received = 0, received_before = 0;
+  };
+
+  // False if the system has no room for one more.
+  bool accept_all(const std::function<void(int)>& take);
+  void forget(const std::vector<int>& fds);
+  void relieve_memory();
+  void run(const std::stop_token& stop, const std::function<void(int)>& take);
+
+  const ListenerOptions options_;
+  std::string address_;
+  int socket_ = -1;
+  int wake_ = -1;                        // an eventfd
+  std::vector<Connection> connections_;  // the thread's alone while it runs
+  std::jthread thread_;                  // last: it uses what is above
+};
+
+// Resident memory of this process, in bytes.
+uint64_t resident_memory();
+
+}  // namespace itn

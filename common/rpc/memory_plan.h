@@ -1,0 +1,29 @@
+// How the memory that a server may use is divided.
+#pragma once
+
+#include <cstdint>
+
+namespace itn {
+
+struct MemoryPlan {
+  uint64_t message_bytes;    // largest request and largest reply
+  uint64_t transport_bytes;  // messages that arrive, in gRPC's hands
+  uint64_t call_bytes;       // calls that were accepted, and what is kept for the next ones
+};
+
+// Of a process that may take `total` bytes, resident, of which `own_bytes` go to the program
+// itself. A sixteenth is the largest message, unless `max_message_bytes` is less; an eighth is for
+// messages that arrive. Throws Error (kUsage) if `total` leaves too little for anything.
+MemoryPlan plan_memory(uint64_t total, uint64_t own_bytes, uint64_t max_message_bytes);
+
+// What a server may take unless it is told otherwise: 4 GiB, but no more than three quarters of
+// what the machine, its control group or its limit of address space (ulimit -v) let this process
+// have.
+uint64_t default_memory();
+
+// From now on large arrays go back to the system when they are freed, so that what is resident is
+// what is in use; and threads share a few heaps, as each reserves address space. Call it first in
+// main().
+void return_freed_memory();
+
+}  // namespace itn

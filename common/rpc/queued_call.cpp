@@ -1,0 +1,203 @@
+#include "common/rpc/queued_call.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <utility>
+
+#include "common/error.h"
+#include "common/rpc/status.h"
+
+namespace itn {
+namespace {
+
+using std::chrono::duration;
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+constexpr milliseconds kWatchInterval{50};
+
+// A reply waits for its reader so long and no longer: this, and its bytes over this rate.
+constexpr seconds kReplyPatience{20};
+constexpr double kLeastBytesPerSecond = 4 << 20;
+
+// Work that was told to stop has this long before the server no longer waits for it.
+constexpr seconds kStopPatience{30};
+
+}  // namespace
+
+// ---- CallDesk --------------------------------------------------------------------------------
+
+CallDesk::CallDesk(const CallDeskOptions& options)
+    : options_(options),
+      memory_(options.memory_bytes),
+      queue_(options.threads, options.queue_capacity),
+      watchdog_([this](const std::stop_token& stop) { watch(stop); }) {}
+
+CallDesk::~CallDesk() {
+  drain(duration<double>(0));
+}
+
+void CallDesk::drain(duration<double> patience) {
+  queue_.close();
+  std::unique_lock lock(mutex_);
+  const auto none = [this] { return calls_.empty(); };
+  if (changed_.wait_for(lock, patience, none)) return;
+  spdlog::info("stopping {} calls that are not done within {} s", calls_.size(), patience.count());
+  for (QueuedCall* call : calls_) call->stop(QueuedCall::Reason::kServer);
+  lock.unlock();
+  queue_.drop_stopped();
+  queue_.drain();
+  lock.lock();
+  // Their answers are on the way; who does not read them now does not get them.
+  if (changed_.wait_for(lock, seconds(1), none)) return;
+  for (QueuedCall* call : calls_) call->context_.TryCancel();
+  changed_.wait_for(lock, kStopPatience, none);
+}
+
+bool CallDesk::can_take_work() const {
+  return !queue_.full() &&
+         (options_.memory_bytes == 0 || memory_.used() < options_.memory_bytes / 10 * 9);
+}
+
+void CallDesk::add(QueuedCall* call) {
+  const std::lock_guard lock(mutex_);
+  calls_.insert(call);
+  changed_.notify_all();
+}
+
+void CallDesk::remove(QueuedCall* call) {
+  const std::lock_guard lock(mutex_);
+  calls_.erase(call);
+  changed_.notify_all();
+}
+
+void CallDesk::watch(const std::stop_token& stop) {
+  std::unique_lock lock(mutex_);
+  while (!stop.stop_requested()) {
+    changed_.wait(lock, stop, [this] { return !calls_.empty(); });
+    for (QueuedCall* call : calls_) call->look_at_clock(QueuedCall::Clock::now());
+    changed_.wait_for(lock, stop, kWatchInterval, [] { return false; });
+  }
+}
+
+// ---- QueuedCall ------------------------------------------------------------------------------
+
+QueuedCall::QueuedCall(CallDesk& desk, grpc::CallbackServerContext& context,
+                       grpc::ByteBuffer& reply)
+    : desk_(desk), context_(context), reply_(reply), memory_(desk.memory_) {}
+
+void QueuedCall::start(const grpc::ByteBuffer* request) {
+  try {
+    enqueue(request);
+  } catch (...) {
+    finish(status_of_current_exception());
+  }
+}
+
+void QueuedCall::enqueue(const grpc::ByteBuffer* request) {
+  JobQueue::Place place = desk_.queue_.admit(context_.peer());
+  {
+    // gRPC would keep the bytes until the call is done with, and says "const" of what nobody else
+    // looks at.
+    grpc::ByteBuffer bytes;
+    bytes.Swap(const_cast<grpc::ByteBuffer*>(request));
+    memory_.resize(2 * bytes.Length());  // and the message that it becomes
+    try {
+      accept(bytes);
+    } catch (const StatusError& error) {
+      // Whoever is asked to send the scene need not queue up again for that.
+      if (error.status().error_code() == grpc::StatusCode::FAILED_PRECONDITION) {
+        place.keep_for_peer();
+      }
+      throw;
+    }
+  }
+  accepted_ = true;
+  desk_.add(this);
+  desk_.queue_.submit(std::move(place),
+                      {stop_.get_token(), [this] { run(); }, [this] { finish(status_of_stop()); }});
+}
+
+void QueuedCall::run() {
+  grpc::Status status;
+  try {
+    began_ = Clock::now().time_since_epoch().count();
+    reply_ = work(stop_.get_token());
+    reply_bytes_ = reply_.Length();
+    memory_.resize(reply_bytes_);
+  } catch (...) {
+    status = status_of_current_exception();
+    memory_.resize(0);
+    if (status.error_code() == grpc::StatusCode::CANCELLED) status = status_of_stop();
+    spdlog::debug("call failed: {}", status.error_message());
+  }
+  finish(status);
+}
+
+// The last thing that a thread of ours does with the call.
+void QueuedCall::finish(const grpc::Status& status) {
+  answered_ = Clock::now().time_since_epoch().count();
+  Finish(status);
+}
+
+grpc::Status QueuedCall::status_of_stop() const {
+  switch (reason_.load()) {
+    case Reason::kTime:
+      return {grpc::StatusCode::RESOURCE_EXHAUSTED,
+              fmt::format("{} took longer than the {:g} s that this server gives a request "
+                          "(--max-seconds): ask for less at a time",
+                          activity(), desk_.options_.max_time.count())};
+    case Reason::kServer: return {grpc::StatusCode::UNAVAILABLE, "this server is stopping"};
+    case Reason::kClient:
+    case Reason::kNone: break;
+  }
+  return {grpc::StatusCode::CANCELLED, "cancelled by the client"};
+}
+
+// By the client, by a lost connection, or because the deadline has passed.
+void QueuedCall::OnCancel() {
+  stop(Reason::kClient);
+  desk_.queue_.drop_stopped();
+}
+
+void QueuedCall::OnDone() {
+  if (accepted_) desk_.remove(this);
+  delete this;
+}
+
+void QueuedCall::stop(Reason reason) {
+  Reason none = Reason::kNone;
+  reason_.compare_exchange_strong(none, reason);
+  stop_.request_stop();
+}
+
+void QueuedCall::look_at_clock(Clock::time_point now) {
+  const auto since = [&](Clock::rep time) {
+    return duration<double>(now.time_since_epoch() - Clock::duration(time)).count();
+  };
+  if (const Clock::rep answered = answered_; answered != 0) {
+    const double patience = static_cast<double>(kReplyPatience.count()) +
+                            static_cast<double>(reply_bytes_) / kLeastBytesPerSecond;
+    if (since(answered) > patience) context_.TryCancel();
+    return;
+  }
+  const Clock::rep began = began_;
+  const double most = desk_.options_.max_time.count();
+  if (began != 0 && most > 0 && since(began) > most) stop(Reason::kTime);
+}
+
+grpc::ServerUnaryReactor* answer_at_once(grpc::CallbackServerContext& context,
+                                         const std::function<void()>& answer) {
+  grpc::ServerUnaryReactor* const reactor = context.DefaultReactor();
+  grpc::Status status;
+  try {
+    answer();
+  } catch (...) {
+    status = status_of_current_exception();
+  }
+  reactor->Finish(status);
+  return reactor;
+}
+
+}  // namespace itn

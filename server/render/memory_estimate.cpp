@@ -1,0 +1,37 @@
+#include "server/render/memory_estimate.h"
+
+#include <algorithm>
+
+namespace itn {
+namespace {
+
+// Planned samples of a pixel, its place among those of the object, its importance.
+constexpr uint64_t kPlanPerPixel = 64;
+
+uint64_t sums_per_pixel(uint64_t estimates, uint64_t derivatives, uint64_t albedos) {
+  return estimates * (sizeof(uint32_t) + sizeof(int64_t) * (1 + derivatives + albedos)) +
+         2 * sizeof(int64_t);
+}
+
+}  // namespace
+
+uint64_t film_memory(uint64_t pixels, const v1::RenderGradRequest& request,
+                     const tracer::RenderRequest& asked) {
+  const uint64_t estimates = asked.estimates, albedos = asked.albedos.size();
+  const uint64_t derivatives = asked.derivatives.size();
+  const uint64_t sums = sums_per_pixel(estimates, derivatives, albedos);
+  const auto images = [&](uint64_t derivative_images) {
+    return sizeof(float) * (estimates * (1 + derivative_images + albedos) + 2);
+  };
+  uint64_t bytes = kPlanPerPixel + sums;
+  if (asked.pilot_spp > 0) bytes += sums;
+  if (request.exact_sums()) {
+    bytes += 2 * sums;  // the reply and its bytes
+  } else {
+    bytes += images(derivatives) + 3 * sizeof(double);  // of which those of the reply are combined
+    if (!request.has_loss()) bytes += 2 * images(request.derivatives_size());
+  }
+  return bytes * pixels;
+}
+
+}  // namespace itn
