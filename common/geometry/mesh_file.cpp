@@ -2,17 +2,18 @@
 
 #include <fmt/format.h>
 
+#include <assimp/IOSystem.hpp>
 #include <assimp/Importer.hpp>
 #include <cctype>
-#include <fstream>
-#include <iterator>
-#include <sstream>
+#include <cstring>
 #include <string>
 
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 
 #include "common/error.h"
+#include "common/files/read_file.h"
+#include "common/geometry/ply_check.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -29,51 +30,40 @@ Error cut_short(const fs::path& path, const std::string& reason) {
   return Error(ErrorKind::kDataLoss, fmt::format("{} was cut short: {}", path.string(), reason));
 }
 
-// The number of faces that the header of a PLY file promises. Assimp does not see that a text file
-// ends before its last face, and does not return at all where the header has no end.
-size_t promised_faces(const fs::path& path) {
-  constexpr int kMaxHeaderLines = 10'000;
-  std::ifstream in(path, std::ios::binary);
-  size_t faces = 0;
-  std::string line;
-  for (int i = 0; i < kMaxHeaderLines && std::getline(in, line); ++i) {
-    if (i == 0 && !line.starts_with("ply")) {
-      throw invalid_input(path.string() + " is not a PLY file: it does not begin with \"ply\"");
-    }
-    if (line.starts_with("end_header")) return faces;
-    std::istringstream words(line);
-    std::string element, face;
-    size_t count = 0;
-    if (words >> element >> face >> count && element == "element" && face == "face") faces = count;
+// Assimp computes the size of a binary STL file in 32 bits: a count that is a lie makes it allocate
+// gigabytes.
+void check_stl(const std::string& content, const fs::path& path) {
+  constexpr size_t kHeader = 80, kTriangle = 50;
+  uint32_t count = 0;
+  const size_t begin = kHeader + sizeof count;
+  const bool is_text = content.starts_with("solid");
+  if (content.size() < begin) {
+    if (is_text) return;
+    throw cut_short(path, "a binary STL file has at least 84 bytes");
   }
-  throw cut_short(path, "its header has no end_header");
+  std::memcpy(&count, content.data() + kHeader, sizeof count);
+  const uint64_t expected = begin + uint64_t{count} * kTriangle;
+  const bool taken_for_binary = static_cast<uint32_t>(expected) == content.size();
+  if ((!is_text || taken_for_binary) && expected > content.size()) {
+    throw cut_short(path, fmt::format("it promises {} triangles, {} bytes; it has {}", count,
+                                      expected, content.size()));
+  }
 }
 
-// The content of a PLY file, such that Assimp reads it right. Assimp takes a first byte of binary
-// data that looks like a line feed for a remainder of the header, and drops it: it is given one to
-// drop.
-std::string ply_content(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::string content{std::istreambuf_iterator<char>(in), {}};
-  const size_t end = content.find("\nend_header\n");
-  if (end != std::string::npos &&
-      content.substr(0, end).find("\nformat binary") != std::string::npos) {
-    const size_t data = content.find('\n', end + 1) + 1;
-    if (data < content.size() && content[data] == '\n') {
-      content.insert(data, 1, '\n');
-    }
-  }
-  return content;
-}
+// A mesh is one file: what others it names, as OBJ files name materials, are not opened.
+class NoOtherFiles : public Assimp::IOSystem {
+ public:
+  bool Exists(const char*) const override { return false; }
+  char getOsSeparator() const override { return '/'; }
+  Assimp::IOStream* Open(const char*, const char*) override { return nullptr; }
+  void Close(Assimp::IOStream*) override {}
+};
 
 // Assimp splits polygons without checking their indices, and aborts at a face without any (which it
 // makes up where a text file ends early), so that has to come first.
-// Returns the number of faces.
-size_t check_faces(const aiScene& scene, const fs::path& path) {
-  size_t faces = 0;
+void check_faces(const aiScene& scene, const fs::path& path) {
   for (unsigned m = 0; m < scene.mNumMeshes; ++m) {
     const aiMesh& part = *scene.mMeshes[m];
-    faces += part.mNumFaces;
     for (unsigned f = 0; f < part.mNumFaces; ++f) {
       const aiFace& face = part.mFaces[f];
       if (face.mNumIndices == 0) {
@@ -86,7 +76,6 @@ size_t check_faces(const aiScene& scene, const fs::path& path) {
       }
     }
   }
-  return faces;
 }
 
 void append(Mesh& mesh, const aiMesh& part) {
@@ -111,26 +100,21 @@ Mesh load_mesh(const fs::path& path) {
     throw invalid_input(fmt::format("{}: a mesh must be a .ply, .obj or .stl file, not \"{}\"",
                                     path.string(), extension));
   }
-  if (!fs::is_regular_file(path) || !std::ifstream(path).good()) {
-    throw Error(ErrorKind::kIo, fmt::format("cannot open the mesh {}", path.string()));
-  }
-  const size_t promised = extension == ".ply" ? promised_faces(path) : 0;
-  Assimp::Importer importer;
-  const aiScene* scene = nullptr;
+  std::string content = read_file(path, "mesh");
   if (extension == ".ply") {
-    const std::string content = ply_content(path);
-    scene = importer.ReadFileFromMemory(content.data(), content.size(), 0, "ply");
-  } else {
-    scene = importer.ReadFile(path.string(), 0);
+    content = checked_ply(content, path.string());
+  } else if (extension == ".stl") {
+    check_stl(content, path);
   }
+  Assimp::Importer importer;
+  importer.SetIOHandler(new NoOtherFiles);  // it becomes the importer's
+  const aiScene* scene =
+      importer.ReadFileFromMemory(content.data(), content.size(), 0, extension.c_str() + 1);
   if (scene == nullptr) {
     throw invalid_input(
         fmt::format("cannot read the mesh {}: {}", path.string(), importer.GetErrorString()));
   }
-  const size_t faces = check_faces(*scene, path);
-  if (faces < promised) {
-    throw cut_short(path, fmt::format("{} of {} faces are there", faces, promised));
-  }
+  check_faces(*scene, path);
   scene = importer.ApplyPostProcessing(aiProcess_Triangulate);
 
   Mesh mesh;

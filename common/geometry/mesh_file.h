@@ -7,9 +7,10 @@
 
 namespace itn {
 
-// Reads PLY, OBJ or STL, welded. Throws Error: kIo (missing, unreadable), kInvalidInput (no
-// triangles, non-finite vertices, an index out of range), kDataLoss (a PLY file that was cut
-// short).
+// Reads PLY, OBJ or STL, welded; opens no other file, whatever the mesh names. Throws Error: kIo
+// (missing, unreadable, not a regular file), kInvalidInput (no triangles, non-finite vertices, an
+// index out of range, a PLY file with a word where a number should be), kDataLoss (a PLY or binary
+// STL file that was cut short, or promises more than it holds).
 Mesh load_mesh(const std::filesystem::path& path);
 
 }  // namespace itn

@@ -1,6 +1,8 @@
 #include "common/geometry/mesh.h"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
 
 #include <array>
 #include <bit>
@@ -11,7 +13,9 @@
 #include <limits>
 #include <numbers>
 #include <optional>
+#include <random>
 #include <string>
+#include <utility>
 
 #include "common/error.h"
 #include "common/geometry/mesh_file.h"
@@ -372,7 +376,7 @@ struct BadMeshFile {
 };
 
 const std::vector<BadMeshFile> kBadMeshFiles{
-    {"missing", "a.ply", {}, ErrorKind::kIo, {"cannot open the mesh", "a.ply"}},
+    {"missing", "a.ply", {}, ErrorKind::kIo, {"cannot read the mesh", "a.ply"}},
     {"other_format", "a.fbx", kPly, ErrorKind::kInvalidInput, {"a.fbx", ".ply, .obj or .stl"}},
     {"no_extension", "mesh", kPly, ErrorKind::kInvalidInput, {".ply, .obj or .stl"}},
     {"empty", "a.ply", "", ErrorKind::kDataLoss, {"a.ply was cut short"}},
@@ -386,7 +390,44 @@ const std::vector<BadMeshFile> kBadMeshFiles{
      "a.ply",
      std::string(kPly).substr(0, 157),
      ErrorKind::kDataLoss,
-     {"a.ply was cut short", "face 0 of 4 has no vertices"}},
+     {"a.ply was cut short", "promises 4 of element \"vertex\""}},
+    {"cut_in_the_faces",
+     "a.ply",
+     std::string(kPly).substr(0, 203),
+     ErrorKind::kDataLoss,
+     {"a.ply was cut short", "it ends in number 3 of 4 of element \"face\""}},
+    {"promises_more_than_it_holds",
+     "a.ply",
+     replaced(kPly, "vertex 4", "vertex 70000000"),
+     ErrorKind::kDataLoss,
+     {"promises 70000000 of element \"vertex\""}},
+    {"promises_a_long_list",
+     "a.ply",
+     replaced(kPly, "3 1 2 3", "4000000000 1 2 3"),
+     ErrorKind::kDataLoss,
+     {"a.ply was cut short"}},
+    {"no_properties",
+     "a.ply",
+     replaced(kPly, "end_header", "element edge 4000000000\nend_header"),
+     ErrorKind::kInvalidInput,
+     {"\"edge\" has no properties"}},
+    // On which Assimp would spin for ever.
+    {"a_byte_where_a_number_should_be",
+     "a.ply",
+     replaced(kPly, "3 0 3 2", "3 \x01 3 2"),
+     ErrorKind::kInvalidInput,
+     {"number 2 of element \"face\""}},
+    {"stl_that_promises_more",
+     "a.stl",
+     std::string(80, ' ') + std::string("\x05\0\0\x08", 4) + std::string(50, '\0'),
+     ErrorKind::kDataLoss,
+     {"a.stl was cut short", "134217733 triangles"}},
+    // 84 + 50 x 85899347 is 134 but for 2^32.
+    {"stl_that_promises_more_in_32_bits",
+     "a.stl",
+     "solid" + std::string(75, ' ') + std::string("\x53\xB8\x1E\x05", 4) + std::string(54, '\0'),
+     ErrorKind::kDataLoss,
+     {"a.stl was cut short"}},
     {"no_faces", "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", ErrorKind::kInvalidInput, {"a.obj"}},
     {"index", "a.ply", replaced(kPly, "3 1 2 3", "3 1 2 9"), ErrorKind::kInvalidInput, {"a.ply"}},
     {"index_of_a_quad",
@@ -412,6 +453,97 @@ TEST_P(BadMeshFileTest, IsRefused) {
 
 INSTANTIATE_TEST_SUITE_P(Table, BadMeshFileTest, ::testing::ValuesIn(kBadMeshFiles),
                          [](const auto& row) { return std::string(row.param.name); });
+
+TEST(MeshFileTest, OpensNoOtherFile) {
+  const TemporaryFolder folder;
+  const std::filesystem::path fifo = folder.path() / "a.mtl";
+  ASSERT_EQ(mkfifo(fifo.c_str(), 0600), 0);  // opening it would wait for ever
+  const Mesh mesh = load_mesh(folder.write("a.obj", "mtllib a.mtl\n" + std::string(kObj)));
+  EXPECT_EQ(mesh.triangles.size(), 4U);
+  ASSERT_EQ(mkfifo((folder.path() / "b.obj").c_str(), 0600), 0);
+  expect_error(ErrorKind::kIo, {"b.obj"}, [&] { load_mesh(folder.path() / "b.obj"); });
+}
+
+std::string binary_ply(const Mesh& mesh) {
+  std::string bytes = "ply\nformat binary_little_endian 1.0\nelement vertex " +
+                      std::to_string(mesh.vertices.size()) +
+                      "\nproperty float x\nproperty float y\nproperty float z\nelement face " +
+                      std::to_string(mesh.triangles.size()) +
+                      "\nproperty list uchar int vertex_indices\nend_header\n";
+  for (const Vec3f& v : mesh.vertices) bytes.append(reinterpret_cast<const char*>(&v), 12);
+  for (const auto& t : mesh.triangles) {
+    bytes += '\3';
+    bytes.append(reinterpret_cast<const char*>(t.data()), 12);
+  }
+  return bytes;
+}
+
+std::string binary_stl(const Mesh& mesh) {
+  std::string bytes(80, ' ');
+  const auto count = static_cast<uint32_t>(mesh.triangles.size());
+  bytes.append(reinterpret_cast<const char*>(&count), 4);
+  for (const auto& t : mesh.triangles) {
+    bytes.append(12, '\0');
+    for (const uint32_t v : t) {
+      bytes.append(reinterpret_cast<const char*>(&mesh.vertices[v]), 12);
+    }
+    bytes.append(2, '\0');
+  }
+  return bytes;
+}
+
+// Some bytes changed, taken out, repeated, or the end cut off.
+std::string damaged(std::string bytes, std::mt19937& random) {
+  const auto below = [&](size_t n) { return random() % std::max<size_t>(1, n); };
+  for (size_t change = 0, changes = 1 + below(4); change < changes; ++change) {
+    const size_t at = below(bytes.size());
+    switch (below(6)) {
+      case 0: bytes[at] = static_cast<char>(below(256)); break;
+      case 1: bytes[at] = static_cast<char>(bytes[at] ^ (1 << below(8))); break;
+      case 2: bytes.erase(at, 1 + below(16)); break;
+      case 3: bytes.insert(at, bytes.substr(below(bytes.size()), 1 + below(16))); break;
+      case 4: bytes[at] = "0 9\n-e/\0"[below(8)]; break;
+      default:
+        if (below(4) == 0) bytes.resize(at + 1);
+    }
+  }
+  return bytes;
+}
+
+// Damaged files are refused, or read as what they happen to be: without a crash, in little time
+// and memory.
+TEST(MeshFileTest, DamagedFilesDoNoHarm) {
+  const TemporaryFolder folder;
+  const Mesh solid = welded(cube());
+  const std::pair<const char*, std::string> files[] = {
+      {"a.ply", kPly}, {"b.ply", binary_ply(solid)}, {"a.obj", kObj}, {"b.obj", kQuads},
+      {"a.stl", kStl}, {"b.stl", binary_stl(solid)},
+  };
+  const auto resident = [] {
+    rusage usage{};
+    getrusage(RUSAGE_SELF, &usage);
+    return usage.ru_maxrss;  // at most so far, in KiB
+  };
+  load_mesh(folder.write("a.obj", kObj));
+  const long before = resident();
+  int refused = 0;
+  for (uint32_t seed = 0; seed < 1200; ++seed) {
+    std::mt19937 random(seed);
+    const auto& [name, bytes] = files[seed % std::size(files)];
+    const std::filesystem::path file = folder.write(name, damaged(bytes, random));
+    const std::clock_t start = std::clock();  // of the processor, not of a busy machine
+    try {
+      load_mesh(file);
+    } catch (const Error&) {
+      ++refused;
+    }
+    EXPECT_LT(static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC, 2) << "seed " << seed;
+  }
+  EXPECT_GT(refused, 300);
+#if !defined(__SANITIZE_ADDRESS__)  // which keeps what is freed
+  EXPECT_LT(resident() - before, 100L << 10);
+#endif
+}
 
 }  // namespace
 }  // namespace itn
