@@ -45,8 +45,8 @@ inline Mesh repeated(const Mesh& mesh, uint32_t times) {
   return result;
 }
 
-// n needles of 4 triangles, 1e-5 mm thick, from point to point of a box of 1 mm.
-inline Mesh needles(uint32_t n) {
+// n needles of 4 triangles, from point to point of a box of 1 mm.
+inline Mesh needles(uint32_t n, double thickness = 1e-5) {
   Mesh mesh;
   uint64_t state = 1;
   const auto uniform = [&] {
@@ -57,8 +57,8 @@ inline Mesh needles(uint32_t n) {
     const Vec3d from{uniform(), uniform(), uniform()}, to{uniform(), uniform(), uniform()};
     const Basis<double> basis(normalize(to - from));
     const auto base = static_cast<uint32_t>(mesh.vertices.size());
-    for (const Vec3d& v :
-         {from + basis.s * 1e-5, from + basis.t * 1e-5, from - (basis.s + basis.t) * 1e-5, to}) {
+    for (const Vec3d& v : {from + basis.s * thickness, from + basis.t * thickness,
+                           from - (basis.s + basis.t) * thickness, to}) {
       mesh.vertices.push_back(static_cast<Vec3f>(v));
     }
     for (const auto& [a, b, c] :

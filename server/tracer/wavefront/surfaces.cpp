@@ -48,6 +48,14 @@ bool Surfaces::in_front(Vec3d origin, Vec3d direction, double length) const {
       apart(origin.z, end.z, bounds.min.z, bounds.max.z)) {
     return false;
   }
+  if (many) {
+    // A little further, as distances are rounded: to say yes too often does no harm.
+    constexpr double kFurther = 1 + 1e-4;
+    Line line(static_cast<Vec3f>(origin), static_cast<Vec3f>(direction), {}, 0);
+    line.origin = static_cast<Vec3f>(origin);
+    return many->closest(line, 0, static_cast<float>(length * kFurther), Wanted::kSurfaceOnly)
+        .found;
+  }
   for (size_t i = 0; i < triangles; ++i) {
     const auto corner = [&](size_t k) { return static_cast<Vec3d>(corners[k].at(i)) - origin; };
     const Vec3d a = corner(0), b = corner(1), c = corner(2), n = cross(b - a, c - a);

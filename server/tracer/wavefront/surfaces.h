@@ -18,7 +18,8 @@ struct Surfaces {
 
   explicit Surfaces(const std::vector<DiffuseSurface>& surfaces);
 
-  // Whether a surface lies between `origin` and `origin` + `length` * `direction`.
+  // Whether a surface lies between `origin` and `origin` + `length` * `direction`, or, if they are
+  // many, a little further.
   bool in_front(Vec3d origin, Vec3d direction, double length) const;
 
   size_t memory() const;

@@ -4,10 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <ctime>
 
 #include "server/tracer/sampler.h"
 #include "server/tracer/wavefront/wavefront.h"
 #include "tests/server/tracer/scenes.h"
+#include "tests/support/hard_meshes.h"
 
 namespace itn::testing {
 namespace {
@@ -190,6 +192,96 @@ TEST(TracersTest, AgreeLineByLine) {
     }
     EXPECT_GT(lines, 10'000);
     EXPECT_LE(different, 2) << shape << ", of " << lines << " lines";  // grazing an edge
+  }
+}
+
+// Whether a surface is in front is found among many triangles as among few: of a square in two
+// triangles, and in many.
+TEST(SurfacesTest, AreInFrontInHoweverManyTriangles) {
+  const auto square_of = [](int n) {
+    Mesh mesh;
+    for (int j = 0; j <= n; ++j) {
+      for (int i = 0; i <= n; ++i) {
+        mesh.vertices.push_back({2.0F * static_cast<float>(i) / static_cast<float>(n) - 1, 0,
+                                 2.0F * static_cast<float>(j) / static_cast<float>(n) - 1});
+      }
+    }
+    for (int j = 0; j < n; ++j) {
+      for (int i = 0; i < n; ++i) {
+        const auto at = static_cast<uint32_t>(j * (n + 1) + i), above = at + n + 1;
+        mesh.triangles.push_back({at, above, at + 1});
+        mesh.triangles.push_back({at + 1, above, above + 1});
+      }
+    }
+    return std::vector<DiffuseSurface>{{mesh, 0.5F}};
+  };
+  const Surfaces few(square_of(1)), many(square_of(40));
+  ASSERT_FALSE(few.many);
+  ASSERT_TRUE(many.many);
+  int in_front = 0, different = 0;
+  constexpr uint32_t kLines = 20'000;
+  for (uint32_t i = 0; i < kLines; ++i) {
+    const Uniforms u = Sampler(9, 0, 0).at(i, 0), v = Sampler(9, 0, 0).at(i, 1);
+    const Vec3d from{3.0 * u[0] - 1.5, 1.0 + u[1], 3.0 * u[2] - 1.5};
+    const Vec3d to{3.0 * v[0] - 1.5, 2.0 * v[1] - 1, 3.0 * v[2] - 1.5};
+    const Vec3d direction = (to - from) * 0.5;  // not of unit length
+    const bool expected = few.in_front(from, direction, 2);
+    in_front += expected ? 1 : 0;
+    different += many.in_front(from, direction, 2) != expected ? 1 : 0;
+  }
+  EXPECT_GT(in_front, 2000);
+  EXPECT_LT(in_front, 18'000);
+  EXPECT_LE(different, 10) << "of " << kLines;  // that end at the square, or graze its edge
+}
+
+// Among so many triangles that looking at one after the other would take minutes.
+TEST(SurfacesTest, AreFoundQuicklyAmongManyTriangles) {
+  const Mesh ground = make_shape("frame");
+  ASSERT_GT(ground.triangles.size(), 40'000U);
+  const Surfaces surfaces({{ground, 0.5F}});
+  const std::clock_t start = std::clock();  // of the processor, not of a busy machine
+  int found = 0;
+  for (uint32_t i = 0; i < 100'000; ++i) {
+    const Uniforms u = Sampler(10, 0, 0).at(i, 0);
+    const Vec3d through{u[0] - 0.5, u[1], u[2] - 0.5};
+    found += surfaces.in_front({0, 0.5, -3}, through - Vec3d{0, 0.5, -3}, 2) ? 1 : 0;
+  }
+  EXPECT_GT(found, 1000);
+  EXPECT_LT(static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC, 5);
+}
+
+// Lines through meshes of slivers and extremes: what both tracers find is the same, though the
+// cells of one are coarser than usual there.
+TEST(TracersTest, AgreeLineByLineOnHardMeshes) {
+  struct Row {
+    const char* name;
+    Mesh mesh;
+  };
+  const Row rows[] = {{"fan", cone_fan(8000)},
+                      {"needles", needles(300, 1e-3)},
+                      {"sheets", stacked_sheets(300)},
+                      {"repeated", repeated(make_shape("cube"), 200)},
+                      {"large and tiny", large_and_tiny()}};
+  for (const Row& row : rows) {
+    const Lines embree(Tracer::kReference, row.mesh, {}), grid(Tracer::kWavefront, row.mesh, {});
+    const Bounds box = bounds(row.mesh);
+    int different = 0, entered = 0;
+    constexpr uint32_t kLines = 5000;
+    for (uint32_t i = 0; i < kLines; ++i) {
+      const Uniforms u = Sampler(11, 0, 0).at(i, 0), v = Sampler(11, 0, 0).at(i, 1);
+      const float y = 1 - 2 * u[0], r = std::sqrt(std::max(0.0F, 1 - y * y));
+      const float phi = 6.2831853F * u[1];
+      const Vec3f direction = itn::normalize(Vec3f{r * std::cos(phi), y, r * std::sin(phi)});
+      const Vec3f extent = box.max - box.min;
+      const Vec3f target = box.min + Vec3f{extent.x * v[0], extent.y * v[1], extent.z * v[2]};
+      const Place from{target - direction * 5, false, {}};
+      const Travel a = embree.travel(from, direction, kInfinity);
+      const Travel b = grid.travel(from, direction, kInfinity);
+      entered += a.entered ? 1 : 0;
+      different += a.end != b.end || std::abs(a.in_medium - b.in_medium) > 1e-4F ? 1 : 0;
+    }
+    EXPECT_GT(entered, 20) << row.name;
+    EXPECT_LE(different, 5) << row.name << ", of " << kLines << " lines";  // grazing an edge
   }
 }
 
