@@ -27,13 +27,14 @@ function(itn_program name)
 endfunction()
 
 # itn_test(name LABEL unit|physics|service|e2e SOURCES a.cpp ... LINK lib ...): a GoogleTest program,
-# each of its tests one CTest test with this label.
+# each of its tests one CTest test with this label. The time limits are for a machine that has much
+# else to do.
 function(itn_test name)
   cmake_parse_arguments(ARG "" "LABEL;TIMEOUT" "SOURCES;LINK" ${ARGN})
   if(NOT ARG_TIMEOUT)
-    set(ARG_TIMEOUT 300)
+    set(ARG_TIMEOUT 900)
   endif()
   itn_program(${name} SOURCES ${ARG_SOURCES} LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
-  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60
+  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 300
                        PROPERTIES LABELS ${ARG_LABEL} TIMEOUT ${ARG_TIMEOUT})
 endfunction()

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <cmath>
 #include <utility>
 
 namespace itn {
@@ -61,7 +62,7 @@ std::string Progress::line(Clock::time_point now) const {
         fmt::format("  {:.0f}%", 100 * static_cast<double>(done_) / static_cast<double>(total_));
   }
   if (rate > 0) text += fmt::format("  {:.3g} {}/s", rate, unit_);
-  const auto whole = [](double s) { return std::chrono::seconds(static_cast<int64_t>(s + 0.5)); };
+  const auto whole = [](double s) { return std::chrono::seconds(std::llround(s)); };
   if (finished_) {
     text += fmt::format("  {} in all", format_duration(whole(seconds)));
   } else if (rate > 0 && total_ >= done_) {

@@ -18,7 +18,7 @@ packages=(
   # Command line and logs
   libcli11-dev libfmt-dev libspdlog-dev
   # Tests
-  libgtest-dev libgmock-dev
+  libgtest-dev libgmock-dev clang-format clang-tidy
   # The client in another language that the tests run
   python3 python3-grpcio python3-protobuf python3-numpy
 )

@@ -82,8 +82,8 @@ void build_tracer(const v1::RenderGradRequest& request, tracer::RenderRequest& b
   }
   built.pixels =
       request.pixels() == v1::OBJECT_PIXELS ? tracer::Pixels::kObject : tracer::Pixels::kAll;
-  built.tracer = request.tracer() == v1::REFERENCE ? tracer::Tracer::kReference
-                                                   : tracer::Tracer::kWavefront;
+  built.tracer =
+      request.tracer() == v1::REFERENCE ? tracer::Tracer::kReference : tracer::Tracer::kWavefront;
 }
 
 void check_scene_fields(const v1::RenderGradRequest& request) {

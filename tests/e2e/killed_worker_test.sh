@@ -31,7 +31,7 @@ train two --workers "$first,$second"
 
 victim=$server
 ( # Kills the second worker when training has taken a few steps.
-  for _ in {1..600}; do
+  for _ in {1..6000}; do
     [[ -s $folder/killed/metrics.jsonl ]] && (($(wc -l <"$folder/killed/metrics.jsonl") >= 3)) && break
     sleep 0.02
   done

@@ -22,12 +22,13 @@ start() {
   server=$!
   servers+=("$server")
   local i
-  for i in {1..300}; do
+  for i in {1..1200}; do
     [[ -s $folder/$name.address ]] && break
     kill -0 "$server" || fail "$name did not start"
     sleep 0.1
   done
   address=$(<"$folder/$name.address")
+  [[ -n $address ]] || fail "$name printed no address"
 }
 
 fail() {

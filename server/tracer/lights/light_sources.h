@@ -180,8 +180,9 @@ class SkySource final : public LightSource {
   }
   Vec3f sample([[maybe_unused]] double u, float u0, float u1) const override {
     const uint32_t cell = cells_.sample(u);
-    const float a = (static_cast<float>(cell % kCellColumns) + u0) * (4.0F / kCellColumns);
-    const float s = (static_cast<float>(cell / kCellColumns) + u1) / kCellRows;
+    const uint32_t column = cell % kCellColumns, row = cell / kCellColumns;
+    const float a = (static_cast<float>(column) + u0) * (4.0F / kCellColumns);
+    const float s = (static_cast<float>(row) + u1) / kCellRows;
     return direction(a, s);
   }
   double power() const override { return power_; }

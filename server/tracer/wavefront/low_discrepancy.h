@@ -1,8 +1,11 @@
 // Three numbers for every sample of a pixel that fill the cube more evenly than independent ones:
 // Sobol's points, scrambled by Owen's nested permutations so that each is uniform by itself and
 // estimates stay unbiased. Sobol, "On the distribution of points in a cube", 1967; Owen, "Randomly
-// permuted (t,m,s)-nets and (t,s)-sequences", 1995; the permutations by hashing are those of
-// Burley, "Practical hash-based Owen scrambling", JCGT 2020.
+// permuted (t,m,s)-nets and (t,s)-sequences", 1995. The permutations are done by hashing the
+// reversed bits, as Laine and Karras ("Stratified sampling for stochastic transparency", EGSR 2011)
+// and Burley ("Practical hash-based Owen scrambling", JCGT 2020) do; this hash and its constants
+// are those of Vegdahl, "Building a better LK hash", 2021
+// (https://psychopath.io/post/2021_01_30_building_a_better_lk_hash).
 #pragma once
 
 #include <array>

@@ -25,13 +25,19 @@ constexpr int kComparisons = 6 * 4;
 
 TEST_P(FurnaceTest, RadianceIsOneAndDerivativesVanish) {
   const Scene scene(studio(GetParam().shape, {ConstantEnvironment{1}}));
-  const RenderRequest settings{
-      .material = {5, 1, GetParam().g}, .sample_count = 64, .derivatives = medium_parameters()};
+  constexpr double kSigmaT0 = 5;
+  const RenderRequest settings{.material = {kSigmaT0, 1, GetParam().g},
+                               .sample_count = 768,
+                               .derivatives = medium_parameters()};
   const FilmEstimate film = estimate_film(scene, settings, 64);
   expect_equal(film.radiance, {1, 0}, kComparisons, "radiance");
   expect_resolution(film.radiance, 1, 0.01, "radiance");
   expect_equal(film.derivatives[kSigmaT], {0, 0}, kComparisons, "d radiance / d sigma_t");
   expect_equal(film.derivatives[kG], {0, 0}, kComparisons, "d radiance / d g");
+  // By the radiance, as 0 has no size of its own: what g, or the logarithm of sigma_t, would
+  // change.
+  expect_resolution(film.derivatives[kSigmaT], 1 / kSigmaT0, 0.02, "d radiance / d sigma_t");
+  expect_resolution(film.derivatives[kG], 1, 0.02, "d radiance / d g");
   EXPECT_GT(film.derivatives[kAlbedo].mean, 0.1);
   EXPECT_EQ(film.counters.invalid_samples, 0U);
   // A leak is lost light: that these are rare is part of "exactly 1".

@@ -1,0 +1,92 @@
+#!/usr/bin/env python3
+"""Examines sources with clang-tidy (.clang-tidy): tidy.py BUILD_FOLDER [FILE...].
+
+Default: the files of tidy_files.txt. Left out are those that include LibTorch, gRPC, CLI11 or all of
+Highway's targets, each of which costs from half a minute to several. A file that has passed is not
+examined again until it, or something of ours that it includes, changes.
+
+Exit code 77, skipped: no clang-tidy 14, the one of Debian 12, or no compilation database.
+"""
+import concurrent.futures
+import functools
+import hashlib
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+
+@functools.lru_cache(maxsize=None)
+def includes(path):
+    """The files of ours that one includes itself."""
+    ours = set()
+    for name in re.findall(r'^#include "([^"]+)"', path.read_text(), re.MULTILINE):
+        generated = ROOT / "proto" / re.sub(r"(\.grpc)?\.pb\.h$", ".proto", name)
+        ours |= {file for file in (ROOT / name, generated) if file.is_file()}
+    return ours
+
+
+def closure(path):
+    """The files of ours that one includes, directly or not, itself included."""
+    seen, waiting = set(), [path]
+    while waiting:
+        file = waiting.pop()
+        if file not in seen:
+            seen.add(file)
+            waiting += includes(file)
+    return seen
+
+
+def key(path):
+    """Changes when the result may."""
+    digest = hashlib.sha256((ROOT / ".clang-tidy").read_bytes())
+    for file in sorted(closure(path)):
+        digest.update(str(file.relative_to(ROOT)).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
+
+
+def examine(path, build, passed):
+    stamp = passed / key(path)
+    if stamp.exists():
+        return 0, "", 0.0
+    start = time.monotonic()
+    result = subprocess.run(["clang-tidy", "-p", str(build), "--quiet", str(path)],
+                            capture_output=True, text=True, check=False)
+    if result.returncode == 0:
+        stamp.touch()
+    return result.returncode, result.stdout + result.stderr, time.monotonic() - start
+
+
+def main():
+    build = pathlib.Path(sys.argv[1]).resolve()
+    try:
+        version = subprocess.run(["clang-tidy", "--version"], capture_output=True, text=True,
+                                 check=True).stdout
+    except OSError:
+        version = ""
+    if "version 14." not in version or not (build / "compile_commands.json").is_file():
+        print("skipped: needs clang-tidy 14 and compile_commands.json")
+        return 77
+    listed = (pathlib.Path(__file__).parent / "tidy_files.txt").read_text().split()
+    files = [ROOT / name for name in sys.argv[2:] or listed]
+    passed = build / "tidy"
+    passed.mkdir(exist_ok=True)
+    failures = 0
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        results = pool.map(lambda path: examine(path, build, passed), files)
+        for path, (code, output, seconds) in zip(files, results):
+            if seconds > 0:
+                print(f"{path.relative_to(ROOT)}: {seconds:.1f} s", flush=True)
+            if code != 0:
+                failures += 1
+                print(output, flush=True)
+    print(f"{len(files)} files, {failures} with findings")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
