@@ -49,6 +49,24 @@ bool is_finite(Vec3<T> a) {
   return std::isfinite(a.x) && std::isfinite(a.y) && std::isfinite(a.z);
 }
 
+// A rotation by its matrix: of orthonormal rows that make a right-handed basis.
+template <typename T>
+struct Rotation {
+  Vec3<T> x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1};  // rows
+
+  Vec3<T> operator()(Vec3<T> v) const { return {dot(x, v), dot(y, v), dot(z, v)}; }
+  Rotation inverse() const { return {{x.x, y.x, z.x}, {x.y, y.y, z.y}, {x.z, y.z, z.z}}; }
+  // First `before`, then this.
+  Rotation after(const Rotation& before) const {
+    const Rotation columns = before.inverse();
+    return {columns(x), columns(y), columns(z)};
+  }
+  template <typename U>
+  explicit operator Rotation<U>() const {
+    return {static_cast<Vec3<U>>(x), static_cast<Vec3<U>>(y), static_cast<Vec3<U>>(z)};
+  }
+};
+
 // Two unit vectors that complete the unit vector n to a right-handed orthonormal basis.
 // Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 2017.
 template <typename T>

@@ -1,7 +1,6 @@
 #include "common/rpc/grpc_server.h"
 
 #include <fmt/format.h>
-#include <google/protobuf/stubs/logging.h>
 #include <grpc/support/log.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/health_check_service_interface.h>
@@ -16,7 +15,6 @@
 #include <utility>
 
 #include "common/error.h"
-#include "common/printable.h"
 
 namespace itn {
 namespace {
@@ -100,12 +98,8 @@ void log_grpc(gpr_log_func_args* args) {
 
 }  // namespace
 
-void log_libraries_through_spdlog() {
+void log_grpc_through_spdlog() {
   gpr_set_log_function(log_grpc);
-  google::protobuf::SetLogHandler(
-      [](google::protobuf::LogLevel, const char* file, int line, const std::string& message) {
-        spdlog::debug("protobuf: {} ({}:{})", printable(message, 500), file, line);
-      });
 }
 
 GrpcServer::GrpcServer(const GrpcServerOptions& options, grpc::Service& service,

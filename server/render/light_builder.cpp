@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "common/error.h"
+#include "common/scene/scene_bytes.h"
 #include "server/render/field_check.h"
 
 namespace itn {
@@ -71,6 +72,7 @@ tracer::EnvironmentMapLight build_environment_map(const std::string& field,
     }
   }
   if (proto.has_scale()) light.scale = in_closed(field + ".scale", proto.scale(), 0, 1e6);
+  light.digest = sha256(proto.pixels().rgb());
   light.rotate_y = proto.rotate_y_degrees() * kRadiansPerDegree;
   return light;
 }
@@ -91,7 +93,7 @@ tracer::LightDescription build_light(const std::string& field, const v1::Light& 
       return light;
     }
     case v1::Light::kDirectional: {
-      tracer::DirectionalBeam light;
+      tracer::DistantLight light;
       light.direction =
           normalize(non_zero(field + ".directional.direction", proto.directional().direction()));
       if (proto.directional().has_irradiance()) {

@@ -7,7 +7,9 @@
 
 #include "common/error.h"
 #include "common/geometry/shapes.h"
+#include "common/scene/scene_bytes.h"
 #include "server/render/field_check.h"
+#include "server/tracer/scene/object.h"
 
 namespace itn {
 namespace {
@@ -85,21 +87,50 @@ Affine build_transform(const std::string& field, const v1::Transform& proto) {
   throw missing(field + ": one of translate, rotate, scale and matrix");
 }
 
-Mesh place(const std::string& field, const Mesh& mesh, const v1::Mesh& proto) {
+// Transforms first .. last - 1, one after the other.
+Affine build_transforms(const std::string& field, const v1::Mesh& proto, int first, int last) {
   Affine affine = kIdentity;
-  for (int i = 0; i < proto.transforms_size(); ++i) {
+  for (int i = first; i < last; ++i) {
     affine = compose(
         build_transform(fmt::format("{}.transforms[{}]", field, i), proto.transforms(i)), affine);
   }
-  return transformed(mesh, affine);
+  return affine;
 }
 
-void check_extent(const std::string& field, const Mesh& mesh) {
+// The number of the first transform after which all are rotations and translations.
+int first_of_pose(const v1::Mesh& proto) {
+  int first = proto.transforms_size();
+  while (first > 0 && (proto.transforms(first - 1).has_rotate() ||
+                       proto.transforms(first - 1).has_translate())) {
+    --first;
+  }
+  return first;
+}
+
+tracer::Pose to_pose(const Affine& m) {
+  return {{{m[0], m[1], m[2]}, {m[4], m[5], m[6]}, {m[8], m[9], m[10]}}, {m[3], m[7], m[11]}};
+}
+
+uint64_t triangle_count(const v1::Triangles& proto) {
+  return proto.indices().size() / sizeof(std::array<uint32_t, 3>);
+}
+
+// Of all that the object depends on but its pose.
+std::string object_key(const v1::Mesh& proto, int first_of_pose) {
+  v1::Mesh rest;
+  rest.set_normalize(proto.normalize());
+  if (proto.has_builtin()) rest.set_builtin(proto.builtin());
+  for (int i = 0; i < first_of_pose; ++i) *rest.add_transforms() = proto.transforms(i);
+  return "object" + sha256(rest.SerializeAsString()) + sha256(proto.triangles().positions()) +
+         sha256(proto.triangles().indices());
+}
+
+void check_extent(const std::string& field, const Mesh& mesh, const tracer::Pose& pose = {}) {
   if (mesh.triangles.empty()) {
     throw invalid_input(fmt::format("{} has only triangles that repeat a vertex", field));
   }
   for (const Vec3f v : mesh.vertices) {
-    check_position(field + ", after its transforms,", static_cast<Vec3d>(v));
+    check_position(field + ", after its transforms,", pose.to_scene(static_cast<Vec3d>(v)));
   }
 }
 
@@ -121,11 +152,27 @@ Mesh build_rectangle(const std::string& field, const v1::Rectangle& proto) {
 }  // namespace
 
 Mesh MeshBuilder::build(const std::string& field, const v1::Mesh& proto) {
-  Mesh mesh = source(field, proto);
-  if (proto.normalize()) mesh = normalized(mesh);
-  if (proto.transforms_size() > 0) mesh = place(field, mesh, proto);
+  Mesh mesh = own_coordinates(field, proto, proto.transforms_size());
   check_extent(field, mesh);
   return mesh;
+}
+
+void MeshBuilder::build_object(const std::string& field, const v1::Mesh& proto,
+                               tracer::PartCache* parts, tracer::SceneDescription& description) {
+  const int first = first_of_pose(proto);
+  description.pose = to_pose(build_transforms(field, proto, first, proto.transforms_size()));
+  if (parts != nullptr) {
+    description.object_key = object_key(proto, first);
+    description.compiled_object = parts->find<tracer::Object>(description.object_key);
+  }
+  if (description.compiled_object) {
+    const Mesh& mesh = description.compiled_object->mesh;
+    count(proto.has_triangles() ? triangle_count(proto.triangles()) : mesh.triangles.size());
+    check_extent(field, mesh, description.pose);
+  } else {
+    description.object = own_coordinates(field, proto, first);
+    check_extent(field, description.object, description.pose);
+  }
 }
 
 tracer::DiffuseSurface MeshBuilder::build_surface(const std::string& field,
@@ -151,6 +198,13 @@ void MeshBuilder::count(uint64_t triangles) {
   within_limit("the number of triangles of the scene", triangles_, max_triangles_);
 }
 
+// After normalisation and the transforms before number `end`.
+Mesh MeshBuilder::own_coordinates(const std::string& field, const v1::Mesh& proto, int end) {
+  Mesh mesh = source(field, proto);
+  if (proto.normalize()) mesh = normalized(mesh);
+  return end > 0 ? transformed(mesh, build_transforms(field, proto, 0, end)) : mesh;
+}
+
 Mesh MeshBuilder::source(const std::string& field, const v1::Mesh& proto) {
   switch (proto.source_case()) {
     case v1::Mesh::kTriangles: return from_triangles(field + ".triangles", proto.triangles());
@@ -168,7 +222,7 @@ Mesh MeshBuilder::source(const std::string& field, const v1::Mesh& proto) {
 }
 
 Mesh MeshBuilder::from_triangles(const std::string& field, const v1::Triangles& proto) {
-  count(proto.indices().size() / sizeof(std::array<uint32_t, 3>));
+  count(triangle_count(proto));
   Mesh mesh{array_of<Vec3f>(field + ".positions", proto.positions()),
             array_of<std::array<uint32_t, 3>>(field + ".indices", proto.indices())};
   validate_triangles(mesh, field);

@@ -6,6 +6,7 @@
 
 #include "common/geometry/mesh.h"
 #include "itn/v1/scene.pb.h"
+#include "server/tracer/scene/part_cache.h"
 #include "server/tracer/scene/scene.h"
 
 namespace itn {
@@ -17,10 +18,15 @@ class MeshBuilder {
   explicit MeshBuilder(uint64_t max_triangles) : max_triangles_(max_triangles) {}
 
   Mesh build(const std::string& field, const v1::Mesh& proto);
+  // The object in coordinates of its own, and its pose: the rotations and translations that come
+  // last. With `parts`, sets its key, and takes it from there if it is held.
+  void build_object(const std::string& field, const v1::Mesh& proto, tracer::PartCache* parts,
+                    tracer::SceneDescription& description);
   tracer::DiffuseSurface build_surface(const std::string& field, const v1::Surface& proto);
 
  private:
   void count(uint64_t triangles);
+  Mesh own_coordinates(const std::string& field, const v1::Mesh& proto, int end);
   Mesh source(const std::string& field, const v1::Mesh& proto);
   Mesh from_triangles(const std::string& field, const v1::Triangles& proto);
 

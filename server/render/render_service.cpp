@@ -96,22 +96,17 @@ class RenderService::RenderCall final : public QueuedCall {
     if (!request_.scene_digest().empty() && request_.scene_digest() != digest) {
       throw invalid_input("scene_digest is not the SHA-256 of scene; leave one of them out");
     }
-    for (;;) {
-      try {
-        return service_.cache_.get_or_build(digest, [&] { return build(stop); });
-      } catch (const Error& error) {
-        // Another call was building this scene, and was cancelled.
-        if (error.kind() != ErrorKind::kCancelled || stop.stop_requested()) throw;
-      }
-    }
+    return service_.cache_.get_or_build(
+        digest, [&] { return build(stop); }, stop);
   }
 
-  SceneCache::ScenePtr build(const std::stop_token& /*stop*/) {
+  SceneCache::ScenePtr build(const std::stop_token& stop) {
     memory().resize(3 * request_bytes_);  // the request, the scene's message, its arrays
     const v1::Scene message = parse_scene(request_.scene());
-    tracer::SceneDescription description = build_scene(message, service_.options_.limits);
+    tracer::PartCache& parts = service_.cache_.parts();
+    tracer::SceneDescription description = build_scene(message, service_.options_.limits, &parts);
     memory().resize(3 * request_bytes_ + tracer::estimated_memory(description));
-    return std::make_shared<const tracer::Scene>(std::move(description));
+    return std::make_shared<const tracer::Scene>(std::move(description), parts, stop);
   }
 
   // Nothing traces paths faster than this, whatever it traces them through.

@@ -4,10 +4,12 @@
 
 #include "common/error.h"
 #include "common/rpc/wire_check.h"
+#include "common/scene/scene_bytes.h"
 #include "server/render/field_check.h"
 #include "server/render/light_builder.h"
 #include "server/render/mesh_builder.h"
 #include "server/render/view_builder.h"
+#include "server/tracer/scene/part_cache.h"
 
 namespace itn {
 namespace {
@@ -29,6 +31,15 @@ void check_required(const v1::Scene& scene) {
   }
 }
 
+std::string digest_of_surfaces(const v1::Scene& scene) {
+  std::string bytes;
+  for (const v1::Surface& surface : scene.surfaces()) {
+    const std::string one = surface.SerializeAsString();
+    bytes += tracer::part_key("", one.size()) + one;
+  }
+  return sha256(bytes);
+}
+
 }  // namespace
 
 v1::Scene parse_scene(const std::string& bytes) {
@@ -37,18 +48,20 @@ v1::Scene parse_scene(const std::string& bytes) {
   return scene;
 }
 
-tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits& limits) {
+tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits& limits,
+                                     tracer::PartCache* parts) {
   check_required(scene);
   check_message(scene, "scene");
   tracer::SceneDescription description;
   description.film = build_film(scene.film(), limits.max_pixels);
   description.camera = build_camera(scene.camera());
   MeshBuilder meshes(limits.max_triangles);
-  description.object = meshes.build("scene.object.mesh", scene.object().mesh());
+  meshes.build_object("scene.object.mesh", scene.object().mesh(), parts, description);
   for (int i = 0; i < scene.surfaces_size(); ++i) {
     description.surfaces.push_back(
         meshes.build_surface(fmt::format("scene.surfaces[{}]", i), scene.surfaces(i)));
   }
+  if (parts != nullptr) description.surfaces_digest = digest_of_surfaces(scene);
   for (int i = 0; i < scene.lights_size(); ++i) {
     description.lights.push_back(build_light(fmt::format("scene.lights[{}]", i), scene.lights(i)));
   }

@@ -28,7 +28,10 @@ inline constexpr int kMaxTransforms = 64;  // of a mesh
 // not know is refused: it would change the image somewhere else and not here.
 v1::Scene parse_scene(const std::string& bytes);
 
-// Meshes with a `path` are refused, as are environment maps.
-tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits& limits);
+// Meshes with a `path` are refused, as are environment maps. The object's last rotations and
+// translations become its pose. With `parts`, the scene has the keys to share what it is compiled
+// into there, and an object that is held is not built again.
+tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits& limits,
+                                     tracer::PartCache* parts = nullptr);
 
 }  // namespace itn

@@ -53,6 +53,9 @@ FilmSums render_grad(const Scene& scene, const RenderRequest& request, const Ren
                      std::stop_token stop) {
   validate(request, scene);
   const Scene::Compiled& compiled = scene.compiled();
+  if (request.pixels == Pixels::kObject) {
+    compiled.object_pixels(options.threads, stop);  // found before they are planned with
+  }
   if (request.pilot_spp == 0) {
     return render(compiled, request, options, even_plan(compiled, request), stop);
   }

@@ -494,7 +494,8 @@ void answer(const std::string& bytes, const v1::RenderGradRequest& request, Scen
   const std::string digest = steps.time("hash", [&] { return sha256(bytes); });
   const auto scene = steps.time("scene", [&] {
     return cache.get_or_build(digest, [&] {
-      return std::make_shared<const Scene>(build_scene(parse_scene(bytes), RenderLimits()));
+      return std::make_shared<const Scene>(
+          build_scene(parse_scene(bytes), RenderLimits(), &cache.parts()), cache.parts());
     });
   });
   const RenderRequest asked = build_request(request, RenderLimits());
@@ -560,7 +561,7 @@ void parts_row(int repetitions) {
     steps.time("camera inside",
                [&] { return winding_number(description.object, description.camera.origin); });
     steps.time("lights",
-               [&] { return Lights(description.lights, description.film.channel).memory(); });
+               [&] { return Lights(description.lights, description.film.channel).power(); });
   }
   steps.print(fmt::format("{{\"parts_of\": {}", mesh.triangles.size()));
 }

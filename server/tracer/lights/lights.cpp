@@ -4,12 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <numbers>
+#include <type_traits>
+#include <utility>
 
 #include "common/error.h"
-#include "server/tracer/lights/light_sources.h"
-#include "server/tracer/lights/sky.h"
 
 namespace itn::tracer {
 namespace {
@@ -22,124 +23,176 @@ void check(const char* name, double value, double low, double high) {
   }
 }
 
+// About +y, so that what stood at `azimuth` comes to stand over -z.
+Rotation<double> turned_back(double azimuth) {
+  const double c = std::cos(azimuth), s = std::sin(azimuth);
+  return {{c, 0, s}, {0, 1, 0}, {-s, 0, c}};
+}
+
+// Calls `use` with the light, unless it is distant.
+template <typename Use>
+void if_not_distant(const Lights::Light& light, const Use& use) {
+  std::visit(
+      [&](const auto& kind) {
+        if constexpr (!std::is_same_v<decltype(kind), const DistantSource&>) {
+          use(kind);
+        }
+      },
+      light.kind);
+}
+
 }  // namespace
 
-Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channel)
-    : count_(descriptions.size()) {
-  const auto add = [&](std::unique_ptr<LightSource> source) {
-    const double power = source->power();
-    if (power > 0) {
-      choices_.push_back({.cumulative = 0, .probability = power, .source = std::move(source)});
-    }
-  };
-  const auto add_sun_sky = [&](const SunSkyLight& light) {
+class Lights::Builder {
+ public:
+  Builder(Lights& lights, Channel channel, const Rotation<double>& to_scene, PartCache& parts,
+          std::vector<std::string>& part_keys)
+      : lights_(lights),
+        channel_(channel),
+        to_scene_(to_scene),
+        parts_(parts),
+        part_keys_(part_keys) {}
+
+  void operator()(const SunSkyLight& light) {
     check("sun_sky.turbidity", light.turbidity, 1, 10);
     check("sun_sky.ground_albedo", light.ground_albedo, 0, 1);
     check("sun_sky.sun_elevation (radians)", light.sun_elevation, 0, kPi / 2 + 1e-6);
     check("sun_sky.sun_angular_radius (radians)", light.sun_angular_radius, 1.7e-3, kPi / 4 + 1e-6);
     check("sun_sky.sun_scale", light.sun_scale, 0, 1e6);
     check("sun_sky.sky_scale", light.sky_scale, 0, 1e6);
+    const auto table = parts_.get<SkyTable>(
+        keep("sky", light.turbidity, light.ground_albedo, light.sun_elevation, channel_), {}, [&] {
+          return std::make_shared<const SkyTable>(light.turbidity, light.ground_albedo,
+                                                  light.sun_elevation, channel_);
+        });
+    add(SkyLight(table, turned_back(light.sun_azimuth).after(to_scene_), light.sky_scale));
     const double cos_elevation = std::cos(light.sun_elevation);
     const Vec3d sun{std::sin(light.sun_azimuth) * cos_elevation, std::sin(light.sun_elevation),
                     -std::cos(light.sun_azimuth) * cos_elevation};
-    add(std::make_unique<SkySource>(light, sun, channel));
-    add(std::make_unique<ConeSource>(
-        sun, light.sun_angular_radius,
-        light.sun_scale * select(sun_irradiance(light.turbidity, light.sun_elevation), channel)));
-  };
-  const auto add_map = [&](const EnvironmentMapLight& light) {
+    add(SunDisc(to_scene_.inverse()(sun), light.sun_angular_radius,
+                light.sun_scale * table->sun_irradiance()));
+  }
+
+  void operator()(const EnvironmentMapLight& light) {
     check("environment_map.scale", light.scale, 0, 1e6);
     if (light.width < 1 || light.height < 1 ||
         light.rgb.size() != 3 * static_cast<size_t>(light.width) * light.height) {
       throw invalid_input(fmt::format("environment map: {} x {} pixels do not go with {} numbers",
                                       light.width, light.height, light.rgb.size()));
     }
-    add(std::make_unique<MapSource>(light, channel));
-  };
-  const auto add_beam = [&](const DirectionalBeam& light) {
+    const auto build = [&] { return std::make_shared<const EnvironmentMapTable>(light, channel_); };
+    const auto table =
+        light.digest.empty()
+            ? build()
+            : parts_.get<EnvironmentMapTable>(
+                  keep("map" + light.digest, light.width, light.height, light.scale, channel_), {},
+                  build);
+    // A panorama turned by r, counter-clockwise seen from above, shows at azimuth a what stood at
+    // a + r: azimuth grows from -z towards +x.
+    add(EnvironmentMap(table, turned_back(-light.rotate_y).after(to_scene_)));
+    lights_.has_maps_ = true;
+  }
+
+  void operator()(const ConstantEnvironment& light) {
+    check("constant.radiance", light.radiance, 0, 1e9);
+    add(UniformLight(light.radiance));
+  }
+
+  void operator()(const DistantLight& light) {
     check("directional.irradiance", light.irradiance, 0, 1e9);
     if (!is_finite(light.direction) || !(length(light.direction) > 0)) {
       throw invalid_input("directional.direction must be finite and not zero");
     }
-    if (light.irradiance > 0) {
-      choices_.push_back({.cumulative = 0,
-                          .probability = light.irradiance,
-                          .source = nullptr,
-                          .direction = static_cast<Vec3f>(itn::normalize(light.direction)),
-                          .irradiance = light.irradiance});
-    }
-  };
+    add(DistantSource{static_cast<Vec3f>(to_scene_.inverse()(itn::normalize(light.direction))),
+                      light.irradiance});
+  }
 
-  for (const LightDescription& description : descriptions) {
-    if (const auto* sun_sky = std::get_if<SunSkyLight>(&description)) {
-      add_sun_sky(*sun_sky);
-    } else if (const auto* map = std::get_if<EnvironmentMapLight>(&description)) {
-      add_map(*map);
-    } else if (const auto* constant = std::get_if<ConstantEnvironment>(&description)) {
-      check("constant.radiance", constant->radiance, 0, 1e9);
-      add(std::make_unique<UniformSource>(constant->radiance));
-    } else {
-      add_beam(std::get<DirectionalBeam>(description));
+  size_t number = 0;  // of the description
+
+ private:
+  template <typename Kind>
+  void add(Kind kind) {
+    if (const double power = kind.power(); power > 0) {
+      lights_.lights_.push_back({std::move(kind), 0, power, number});
     }
   }
 
-  for (const Choice& choice : choices_) {
-    power_ += choice.probability;
+  template <typename... Numbers>
+  const std::string& keep(const std::string& what, const Numbers&... numbers) {
+    return part_keys_.emplace_back(part_key(what, numbers...));
+  }
+
+  Lights& lights_;
+  const Channel channel_;
+  const Rotation<double>& to_scene_;
+  PartCache& parts_;
+  std::vector<std::string>& part_keys_;
+};
+
+Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channel,
+               const Rotation<double>& to_scene, PartCache& parts,
+               std::vector<std::string>& part_keys)
+    : count_(descriptions.size()) {
+  Builder builder(*this, channel, to_scene, parts, part_keys);
+  for (const LightDescription& description : descriptions) {
+    std::visit(builder, description);
+    ++builder.number;
+  }
+  for (const Light& light : lights_) {
+    power_ += light.probability;
   }
   if (!(power_ > 0)) {
     throw invalid_input("nothing shines: a scene needs at least one light with radiance > 0");
   }
   double cumulative = 0;
-  for (Choice& choice : choices_) {
-    choice.probability /= power_;
-    cumulative += choice.probability;
-    choice.cumulative = cumulative;
+  for (Light& light : lights_) {
+    light.probability /= power_;
+    cumulative += light.probability;
+    light.cumulative = static_cast<float>(cumulative);
   }
+  lights_.back().cumulative = 2;  // above every uniform number
+}
+
+Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channel) {
+  PartCache parts(std::numeric_limits<size_t>::max());
+  std::vector<std::string> part_keys;
+  *this = Lights(descriptions, channel, {}, parts, part_keys);
 }
 
 float Lights::radiance(Vec3f direction) const {
   double sum = 0;
-  for (const Choice& choice : choices_) {
-    if (choice.source) {
-      sum += choice.source->radiance(direction);
-    }
+  for (const Light& light : lights_) {
+    if_not_distant(light, [&](const auto& kind) { sum += kind.radiance(direction); });
   }
   return static_cast<float>(sum);
 }
 
 float Lights::pdf(Vec3f direction) const {
   double sum = 0;
-  for (const Choice& choice : choices_) {
-    if (choice.source) {
-      sum += choice.probability * choice.source->pdf(direction);
-    }
+  for (const Light& light : lights_) {
+    if_not_distant(light,
+                   [&](const auto& kind) { sum += light.probability * kind.pdf(direction); });
   }
   return static_cast<float>(sum);
 }
 
 LightSample Lights::sample(double u, float u0, float u1) const {
-  auto choice = choices_.begin();
-  while (choice + 1 != choices_.end() && u >= choice->cumulative) {
-    ++choice;
+  auto light = lights_.begin();
+  double below = 0;
+  while (light + 1 != lights_.end() && u >= below + light->probability) {
+    below += light->probability;
+    ++light;
   }
-  if (!choice->source) {
-    return {choice->direction, static_cast<float>(choice->irradiance / choice->probability), 0};
+  if (const auto* distant = std::get_if<DistantSource>(&light->kind)) {
+    return {distant->direction, static_cast<float>(distant->irradiance / light->probability), 0};
   }
   // What is left of u, once the choice is made, is uniform again.
-  const double below = choice->cumulative - choice->probability;
-  const double rest = std::clamp((u - below) / choice->probability, 0.0, 1.0);
-  const Vec3f direction = choice->source->sample(rest, u0, u1);
+  const double rest = std::clamp((u - below) / light->probability, 0.0, 1.0);
+  Vec3f direction;
+  if_not_distant(*light, [&](const auto& kind) { direction = kind.sample(rest, u0, u1); });
   const float density = pdf(direction);
   // A direction on the very rim of the sun may fall outside it by rounding.
   return {direction, density > 0 ? radiance(direction) / density : 0, density};
-}
-
-size_t Lights::memory() const {
-  size_t sum = 0;
-  for (const Choice& choice : choices_) {
-    sum += sizeof(Choice) + (choice.source ? choice.source->memory() : 0);
-  }
-  return sum;
 }
 
 }  // namespace itn::tracer

@@ -1,113 +1,142 @@
 #include "server/tracer/lights/sky.h"
 
 #include <algorithm>
-#include <cmath>
 #include <numbers>
 
-#include "server/tracer/lights/hosek_wilkie.h"
+#include "server/tracer/lights/channel.h"
 
 namespace itn::tracer {
 namespace {
 
-// Row `coefficient` of one table, at Bezier parameter x (a quintic through six control points).
-double bezier(const float (&control)[6][10], int coefficient, double x) {
-  constexpr double kBinomial[6] = {1, 5, 10, 10, 5, 1};
-  double sum = 0;
-  for (int i = 0; i < 6; ++i) {
-    sum += kBinomial[i] * std::pow(1 - x, 5 - i) * std::pow(x, i) *
-           static_cast<double>(control[i][coefficient]);
+constexpr int kColumns = SkyTable::kColumns, kRows = SkyTable::kRows;
+constexpr int kCellColumns = SkyTable::kCellColumns, kCellRows = SkyTable::kCellRows;
+
+size_t index(int column, int row) {
+  return static_cast<size_t>(row) * kColumns + column % kColumns;
+}
+
+// Where a direction is in the table.
+struct Position {
+  int column, row;
+  float x, y;      // within the cell
+  float fraction;  // of the diamond angle
+};
+
+Position locate(Vec3f d) {
+  // Sides 0..3 begin at -z, +x, +z, -x: azimuth grows from -z towards +x.
+  const float ax = std::abs(d.x), az = std::abs(d.z), sum = std::max(ax + az, 1e-30F);
+  const int side = d.x >= 0 ? (d.z < 0 ? 0 : 1) : (d.z >= 0 ? 2 : 3);
+  const float fraction = (side % 2 == 0 ? ax : az) / sum;
+  const float x = (static_cast<float>(side) + fraction) * (kColumns / 4.0F);
+  const float y = (1 - std::sqrt(1 - std::min(1.0F, d.y))) * kRows;
+  const int column = std::min(static_cast<int>(x), kColumns - 1);
+  const int row = std::min(static_cast<int>(y), kRows - 1);
+  return {column, row, x - static_cast<float>(column), y - static_cast<float>(row), fraction};
+}
+
+// Of diamond angle a in [0, 4] and s in [0, 1].
+Vec3f direction(float a, float s) {
+  const int side = std::min(static_cast<int>(a), 3);
+  const float f = a - static_cast<float>(side);
+  const float y = std::min(1.0F, s * (2 - s));
+  // 1 - y^2 = (1 - s)^2 (1 + y).
+  const float r = (1 - s) * std::sqrt((1 + y) / (f * f + (1 - f) * (1 - f)));
+  switch (side) {
+    case 0: return {r * f, y, -r * (1 - f)};
+    case 1: return {r * (1 - f), y, r * f};
+    case 2: return {-r * f, y, r * (1 - f)};
+    default: return {-r * (1 - f), y, -r * f};
   }
-  return sum;
 }
 
-// chi of Eq. 9: a glow around the sun, anisotropic with parameter h.
-double glow(double h, double cos_gamma) {
-  return (1 + cos_gamma * cos_gamma) / std::pow(1 + h * h - 2 * h * cos_gamma, 1.5);
+double azimuth_of_column(int column) {
+  const double a = 4.0 * column / kColumns, f = a - std::floor(a);
+  return (std::floor(a) + std::atan2(f, 1 - f) / (std::numbers::pi / 2)) * (std::numbers::pi / 2);
 }
 
-// Radiance of a black body in W / (m^2 sr m).
-double planck(double wavelength, double temperature) {
-  constexpr double kH = 6.62607015e-34, kC = 2.99792458e8, kBoltzmann = 1.380649e-23;
-  return 2 * kH * kC * kC / std::pow(wavelength, 5) /
-         std::expm1(kH * kC / (wavelength * kBoltzmann * temperature));
+double height_of_row(int row) {
+  const double s = static_cast<double>(row) / kRows;
+  return s * (2 - s);
 }
 
-// Fraction of sunlight of a wavelength (in um) that crosses the atmosphere along the sun's path.
-double transmittance(double wavelength, double turbidity, double sun_elevation) {
-  const double zenith_degrees = 90 - sun_elevation * 180 / std::numbers::pi;
-  const double mass =
-      1 / (std::sin(sun_elevation) + 0.15 * std::pow(93.885 - zenith_degrees, -1.253));
-  const double rayleigh = 0.008735 * std::pow(wavelength, -4.08);
-  const double aerosol = (0.04608 * turbidity - 0.04586) * std::pow(wavelength, -1.3);
-  return std::exp(-mass * (rayleigh + std::max(0.0, aerosol)));
-}
-
-// A Gaussian whose width differs on the two sides of its peak; wavelength in nm.
-double lobe(double wavelength, double peak, double left, double right) {
-  const double t = (wavelength - peak) * (wavelength < peak ? left : right);
-  return std::exp(-0.5 * t * t);
-}
-
-// Wyman et al., Eq. 4 (multi-lobe fit); wavelength in nm.
-std::array<double, 3> colour_matching(double w) {
-  return {0.362 * lobe(w, 442.0, 0.0624, 0.0374) + 1.056 * lobe(w, 599.8, 0.0264, 0.0323) -
-              0.065 * lobe(w, 501.1, 0.0490, 0.0382),
-          0.821 * lobe(w, 568.8, 0.0213, 0.0247) + 0.286 * lobe(w, 530.9, 0.0613, 0.0322),
-          1.217 * lobe(w, 437.0, 0.0845, 0.0278) + 0.681 * lobe(w, 459.0, 0.0385, 0.0725)};
+// Radiances at the corners of the cells. The sky is the same on both sides of the sun.
+std::vector<float> tabulate(const Sky& sky, double sun_elevation, Channel channel) {
+  const Vec3d sun{0, std::sin(sun_elevation), -std::cos(sun_elevation)};
+  std::vector<float> values(static_cast<size_t>(kColumns) * (kRows + 1));
+  for (int row = 0; row <= kRows; ++row) {
+    for (int column = 0; column <= kColumns / 2; ++column) {
+      const auto d = static_cast<Vec3d>(
+          direction(static_cast<float>(column) * 4 / kColumns, static_cast<float>(row) / kRows));
+      // The angle from the chord keeps its digits close to the sun, unlike acos.
+      const double gamma = 2 * std::asin(std::min(1.0, length(d - sun) / 2));
+      values[index(column, row)] = values[index(kColumns - column, row)] =
+          static_cast<float>(select(sky.radiance(std::max(0.0, d.y), gamma), channel));
+    }
+  }
+  return values;
 }
 
 }  // namespace
 
-Sky::Sky(double turbidity, double ground_albedo, double sun_elevation) {
-  // Coefficients, not radiances, are interpolated: along the sun's elevation by a Bezier curve in
-  // its cube root, linearly in turbidity and ground albedo.
-  const double x = std::cbrt(sun_elevation / (std::numbers::pi / 2));
-  const int low = std::clamp(static_cast<int>(turbidity), 1, 9);
-  const double t = turbidity - low;
-  for (size_t channel = 0; channel < 3; ++channel) {
-    for (int i = 0; i < 10; ++i) {
-      const auto at = [&](int albedo, int turbidity_index) {
-        return bezier(kHosekWilkieRgb[channel][albedo][turbidity_index - 1], i, x);
-      };
-      const double dark = std::lerp(at(0, low), at(0, low + 1), t);
-      const double bright = std::lerp(at(1, low), at(1, low + 1), t);
-      coefficients_[channel][static_cast<size_t>(i)] = std::lerp(dark, bright, ground_albedo);
-    }
+SkyTable::SkyTable(double turbidity, double ground_albedo, double sun_elevation, Channel channel)
+    : sun_irradiance_(select(tracer::sun_irradiance(turbidity, sun_elevation), channel)),
+      values_(tabulate(Sky(turbidity, ground_albedo, sun_elevation), sun_elevation, channel)),
+      cells_(weigh_cells()) {}
+
+double SkyTable::radiance(Vec3f d) const {
+  if (d.y < 0) {
+    return 0;
   }
+  const Position p = locate(d);
+  const auto at = [&](int column, int row) { return values_[index(column, row)]; };
+  return std::lerp(std::lerp(at(p.column, p.row), at(p.column + 1, p.row), p.x),
+                   std::lerp(at(p.column, p.row + 1), at(p.column + 1, p.row + 1), p.x), p.y);
 }
 
-Rgb Sky::radiance(double cos_theta, double gamma) const {
-  const double cos_gamma = std::cos(gamma);
-  Rgb result{};
-  for (size_t channel = 0; channel < 3; ++channel) {
-    const auto& [a, b, c, d, e, f, g, h, i, scale] = coefficients_[channel];
-    const double value =  // Eq. 8
-        (1 + a * std::exp(b / (cos_theta + 0.01))) *
-        (c + d * std::exp(e * gamma) + f * cos_gamma * cos_gamma + g * glow(h, cos_gamma) +
-         i * std::sqrt(cos_theta));
-    result[channel] = std::max(0.0, value * scale);
+// Within a cell uniform in a and s. With d omega = dy d phi, dy = 2 (1 - s) ds, and
+// d phi / da = 1 / (f^2 + (1 - f)^2) where f is the fraction of a.
+double SkyTable::pdf(Vec3f d) const {
+  if (d.y < 0) {
+    return 0;
   }
-  return result;
+  const Position p = locate(d);
+  const float f = p.fraction;
+  const float probability =
+      cells_.probability(static_cast<size_t>(p.row / kMerged) * kCellColumns + p.column / kMerged);
+  return probability * (kCellColumns / 4.0F) * kCellRows * (f * f + (1 - f) * (1 - f)) /
+         std::max(2 * std::sqrt(1 - std::min(1.0F, d.y)), 1e-12F);
 }
 
-Rgb sun_irradiance(double turbidity, double sun_elevation) {
-  constexpr double kTemperature = 5778;                   // K
-  constexpr double kSolidAngle = 6.794e-5;                // sr, of the sun seen from the earth
-  constexpr double kFirst = 360, kLast = 830, kStep = 1;  // nm
-  std::array<double, 3> xyz{};
-  for (double w = kFirst; w <= kLast; w += kStep) {
-    const double irradiance = planck(w * 1e-9, kTemperature) * kSolidAngle *
-                              transmittance(w * 1e-3, turbidity, sun_elevation);
-    const auto matching = colour_matching(w);
-    for (size_t i = 0; i < 3; ++i) {
-      xyz[i] += irradiance * matching[i] * kStep * 1e-9;
+Vec3f SkyTable::sample(double u, float u0, float u1) const {
+  const uint32_t cell = cells_.sample(u);
+  const uint32_t column = cell % kCellColumns, row = cell / kCellColumns;
+  const float a = (static_cast<float>(column) + u0) * (4.0F / kCellColumns);
+  const float s = (static_cast<float>(row) + u1) / kCellRows;
+  return direction(a, s);
+}
+
+size_t SkyTable::memory() const {
+  return sizeof(*this) + values_.size() * sizeof(float) + cells_.memory();
+}
+
+// Power of every cell; where there is no light at all, any distribution will do.
+std::vector<double> SkyTable::weigh_cells() {
+  std::vector<double> weights(static_cast<size_t>(kCellColumns) * kCellRows), widths(kColumns);
+  for (int column = 0; column < kColumns; ++column) {
+    widths[column] = azimuth_of_column(column + 1) - azimuth_of_column(column);
+  }
+  for (int row = 0; row < kRows; ++row) {
+    const double height = height_of_row(row + 1) - height_of_row(row);
+    for (int column = 0; column < kColumns; ++column) {
+      const auto at = [&](int c, int r) { return static_cast<double>(values_[index(c, r)]); };
+      const double power =
+          (at(column, row) + at(column + 1, row) + at(column, row + 1) + at(column + 1, row + 1)) /
+          4 * widths[column] * height;
+      weights[static_cast<size_t>(row / kMerged) * kCellColumns + column / kMerged] += power;
+      power_ += power;
     }
   }
-  // XYZ to linear sRGB, IEC 61966-2-1.
-  const auto [x, y, z] = xyz;
-  return {std::max(0.0, 3.2406 * x - 1.5372 * y - 0.4986 * z),
-          std::max(0.0, -0.9689 * x + 1.8758 * y + 0.0415 * z),
-          std::max(0.0, 0.0557 * x - 0.2040 * y + 1.0570 * z)};
+  return power_ > 0 ? weights : std::vector<double>(weights.size(), 1.0);
 }
 
 }  // namespace itn::tracer

@@ -40,6 +40,16 @@ Geometry::Geometry(const Mesh& object, const std::vector<DiffuseSurface>& surfac
 
 Geometry::~Geometry() = default;
 
+size_t Geometry::memory() const {
+  size_t sum = sizeof(*this) + intersector_->memory();
+  for (size_t i = 0; i < surfaces_.size(); ++i) {
+    sum += (surfaces_[i].vertices.size() + surfaces_[i].triangles.size() +
+            surface_normals_[i].size()) *
+           sizeof(Vec3f);
+  }
+  return sum;
+}
+
 Travel Geometry::travel(const Place& from, Vec3f direction, float budget) const {
   const Line line(from.position, direction, from.on, extent_);
   Travel travel;

@@ -56,6 +56,8 @@ class Geometry {
   // Unit normal of a surface's triangle, on the side that `direction` arrives at.
   Vec3f facing_normal(SurfaceTriangle at, Vec3f direction) const;
 
+  size_t memory() const;
+
  private:
   // False if a point certainly lies outside the medium.
   bool may_contain(Vec3f point) const;

@@ -1,8 +1,10 @@
 #include "server/tracer/scene/compiled_scene.h"
 
 #include <algorithm>
+#include <atomic>
+#include <utility>
 
-#include "server/tracer/wavefront/wavefront.h"
+#include "server/tracer/scene/object_pixels.h"
 
 namespace itn::tracer {
 namespace {
@@ -13,19 +15,54 @@ Bounds enlarged(const Bounds& box) {
   return {box.min - by, box.max + by};
 }
 
+bool contains(const Bounds& box, Vec3d p) {
+  const auto low = static_cast<Vec3d>(box.min), high = static_cast<Vec3d>(box.max);
+  return p.x >= low.x && p.y >= low.y && p.z >= low.z && p.x <= high.x && p.y <= high.y &&
+         p.z <= high.z;
+}
+
+std::vector<DiffuseSurface> to_object(const Pose& pose, std::vector<DiffuseSurface> surfaces) {
+  for (DiffuseSurface& surface : surfaces) {
+    surface.mesh = to_object(pose, std::move(surface.mesh));
+  }
+  return surfaces;
+}
+
+CameraDescription to_object(const Pose& pose, const CameraDescription& camera) {
+  return {pose.to_object(camera.origin), pose.to_object(camera.target),
+          pose.rotation.inverse()(camera.up), camera.fov};
+}
+
+// Of what lines meet. Unlike any other if it is not said what that depends on.
+std::string geometry_key(const SceneDescription& scene, bool has_surfaces) {
+  static std::atomic<uint64_t> others = 0;
+  if (scene.object_key.empty() || (scene.surfaces_digest.empty() && has_surfaces)) {
+    return part_key("a geometry", ++others);
+  }
+  return part_key("geometry", scene.pose, scene.object_key.size()) + scene.object_key +
+         scene.surfaces_digest;
+}
+
 }  // namespace
 
-Scene::Compiled::Compiled(SceneDescription&& scene)
-    : object(std::move(scene.object)),
-      surfaces(std::move(scene.surfaces)),
+Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts)
+    : object(std::move(scene.compiled_object)),
+      surfaces(to_object(scene.pose, std::move(scene.surfaces))),
       boundary(object, surfaces),
-      lights(scene.lights, scene.film.channel),
-      light_tables(lights),
-      camera(scene.camera, scene.film),
+      lights(scene.lights, scene.film.channel, scene.pose.rotation, parts, part_keys),
+      camera(to_object(scene.pose, scene.camera), scene.film),
       film(scene.film),
-      camera_inside(winding_number(object, camera.origin()) > 0.5),
+      camera_inside(contains(object->bounds, camera.origin()) &&
+                    winding_number(object->mesh, camera.origin()) > 0.5),
       box(enlarged(boundary.bounds)),
-      film_box(camera.film_box(static_cast<Vec3d>(box.min), static_cast<Vec3d>(box.max))) {}
+      film_box(camera.film_box(static_cast<Vec3d>(box.min), static_cast<Vec3d>(box.max))),
+      parts_(parts),
+      object_is_shared_(!scene.object_key.empty()),
+      geometry_key_(geometry_key(scene, !surfaces.empty())),
+      object_pixels_key_(part_key("pixels", scene.camera, film.width, film.height) +
+                         geometry_key_) {
+  part_keys.insert(part_keys.end(), {scene.object_key, geometry_key_, object_pixels_key_});
+}
 
 CameraRay Scene::Compiled::camera_ray(double x, double y) const {
   const Vec3d origin = camera.origin(), toward = camera.toward(x, y);
@@ -36,67 +73,44 @@ CameraRay Scene::Compiled::camera_ray(double x, double y) const {
 }
 
 const Geometry& Scene::Compiled::geometry() const {
-  std::call_once(geometry_once_, [&] { geometry_ = std::make_unique<Geometry>(object, surfaces); });
+  const std::lock_guard lock(mutex_);
+  if (!geometry_) {
+    geometry_ = parts_.get<Geometry>(geometry_key_, {}, [&] {
+      return std::make_shared<const Geometry>(object->mesh, surfaces);
+    });
+  }
   return *geometry_;
 }
 
-const std::vector<uint32_t>& Scene::Compiled::object_pixels() const {
-  std::call_once(object_pixels_once_, [&] { object_pixels_ = find_object_pixels(); });
-  return object_pixels_;
-}
-
-std::vector<uint32_t> Scene::Compiled::find_object_pixels() const {
-  constexpr uint32_t kRaysPerPixel = kMaskRays * kMaskRays;
-  const auto pixels = static_cast<uint32_t>(film.width) * static_cast<uint32_t>(film.height);
-  std::vector<bool> sees(pixels, camera_inside);
-  const auto rays = std::make_unique<Rays>();
-  std::vector<uint32_t> pixel_of_ray;
-  const auto follow_all = [&] {
-    follow(boundary, *rays, pixel_of_ray.size());
-    for (size_t i = 0; i < pixel_of_ray.size(); ++i) {
-      if (rays->outcome[i] & Rays::kEntered) {
-        sees[pixel_of_ray[i]] = true;
-      }
-    }
-    pixel_of_ray.clear();
-  };
-  for (uint32_t ray = 0; !camera_inside && ray < pixels * uint64_t{kRaysPerPixel}; ++ray) {
-    const uint32_t pixel = ray / kRaysPerPixel, place = ray % kRaysPerPixel;
-    const auto width = static_cast<uint32_t>(film.width);
-    const double x = pixel % width + (place % kMaskRays + 0.5) / kMaskRays;
-    const double y = pixel / width + (place / kMaskRays + 0.5) / kMaskRays;
-    if (!film_box.contains(x, y)) {
-      continue;
-    }
-    const CameraRay from = camera_ray(x, y);
-    const size_t i = pixel_of_ray.size();
-    rays->position.set(i, from.origin);
-    rays->direction.set(i, from.direction);
-    rays->place[i] = 0;
-    rays->budget[i] = 0;
-    pixel_of_ray.push_back(pixel);
-    if (pixel_of_ray.size() == kSlots) {
-      follow_all();
+const std::vector<uint32_t>& Scene::Compiled::object_pixels(int threads,
+                                                            const std::stop_token& stop) const {
+  {
+    const std::lock_guard lock(mutex_);
+    if (object_pixels_) {
+      return object_pixels_->pixels;
     }
   }
-  follow_all();
-  std::vector<uint32_t> result;
-  for (uint32_t pixel = 0; pixel < pixels; ++pixel) {
-    if (sees[pixel]) {
-      result.push_back(pixel);
-    }
+  const auto found = parts_.get<ObjectPixels>(object_pixels_key_, stop, [&] {
+    return std::make_shared<const ObjectPixels>(*this, threads, stop);
+  });
+  const std::lock_guard lock(mutex_);
+  if (!object_pixels_) {
+    object_pixels_ = found;
   }
-  return result;
+  return object_pixels_->pixels;
 }
 
 size_t Scene::Compiled::memory() const {
-  const auto of = [](const Mesh& mesh) {
-    return mesh.vertices.size() * sizeof(Vec3f) +
-           mesh.triangles.size() * sizeof(std::array<uint32_t, 3>);
-  };
-  size_t sum = sizeof(*this) + of(object) + boundary.memory() + lights.memory();
+  size_t sum = sizeof(*this) + boundary.surfaces.memory();
+  if (!object_is_shared_) {
+    sum += object->memory();
+  }
+  for (const std::string& key : part_keys) {
+    sum += sizeof key + key.size();
+  }
   for (const DiffuseSurface& surface : surfaces) {
-    sum += of(surface.mesh);
+    sum += surface.mesh.vertices.size() * sizeof(Vec3f) +
+           surface.mesh.triangles.size() * sizeof(std::array<uint32_t, 3>);
   }
   return sum;
 }

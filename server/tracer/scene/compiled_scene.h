@@ -3,16 +3,21 @@
 
 #include <memory>
 #include <mutex>
+#include <stop_token>
+#include <string>
 #include <vector>
 
-#include "server/tracer/lights/light_tables.h"
 #include "server/tracer/lights/lights.h"
 #include "server/tracer/reference/geometry.h"
 #include "server/tracer/scene/camera.h"
+#include "server/tracer/scene/object.h"
+#include "server/tracer/scene/part_cache.h"
 #include "server/tracer/scene/scene.h"
 #include "server/tracer/wavefront/boundary.h"
 
 namespace itn::tracer {
+
+struct ObjectPixels;
 
 // Where a camera's ray is followed from: the depth at which the box of the object begins, so that
 // its entry is as precise as the object's coordinates, or the camera where the ray misses the box's
@@ -21,8 +26,10 @@ struct CameraRay {
   Vec3f origin, direction;
 };
 
+// All in the coordinates of the object's mesh.
 struct Scene::Compiled {
-  explicit Compiled(SceneDescription&& scene);
+  // The object is compiled. `parts` lives longer.
+  Compiled(SceneDescription&& scene, PartCache& parts);
 
   // Through film position (x, y), in pixels.
   CameraRay camera_ray(double x, double y) const;
@@ -30,18 +37,19 @@ struct Scene::Compiled {
   // What the reference renders with; made when first asked for.
   const Geometry& geometry() const;
 
-  // The pixels that see the object, in order: those where one of kMaskRays x kMaskRays camera rays,
-  // spread evenly over the pixel, meets it. Made when first asked for.
-  const std::vector<uint32_t>& object_pixels() const;
-  static constexpr int kMaskRays = 4;
+  // The pixels that see the object, in order (see ObjectPixels); found when first asked for, on
+  // `threads` threads, 0: all. Throws Error (cancelled).
+  const std::vector<uint32_t>& object_pixels(int threads = 0,
+                                             const std::stop_token& stop = {}) const;
 
+  // Without what is shared.
   size_t memory() const;
 
-  Mesh object;
+  std::shared_ptr<const Object> object;
   std::vector<DiffuseSurface> surfaces;
   Boundary boundary;
+  std::vector<std::string> part_keys;  // of all parts that the scene holds, or will
   Lights lights;
-  LightTables light_tables;
   Camera camera;
   FilmDescription film;
   bool camera_inside;        // the medium
@@ -49,11 +57,12 @@ struct Scene::Compiled {
   Camera::FilmBox film_box;  // of that box
 
  private:
-  std::vector<uint32_t> find_object_pixels() const;
-
-  mutable std::once_flag geometry_once_, object_pixels_once_;
-  mutable std::unique_ptr<const Geometry> geometry_;
-  mutable std::vector<uint32_t> object_pixels_;
+  PartCache& parts_;
+  bool object_is_shared_;
+  std::string geometry_key_, object_pixels_key_;
+  mutable std::mutex mutex_;  // of what is made when first asked for
+  mutable std::shared_ptr<const Geometry> geometry_;
+  mutable std::shared_ptr<const ObjectPixels> object_pixels_;
 };
 
 }  // namespace itn::tracer

@@ -6,8 +6,8 @@
 
 #include "common/error.h"
 #include "server/tracer/scene/compiled_scene.h"
-#include "server/tracer/wavefront/depths.h"
-#include "server/tracer/wavefront/grid.h"
+#include "server/tracer/scene/object.h"
+#include "server/tracer/scene/part_cache.h"
 #include "server/tracer/wavefront/surfaces.h"
 
 namespace itn::tracer {
@@ -26,8 +26,6 @@ void check(const SceneDescription& scene) {
         fmt::format("film: {} x {} pixels; each must be at least 1, both below 2^31",
                     scene.film.width, scene.film.height));
   }
-  validate_triangles(scene.object, "object");
-  validate_closed(scene.object, "object");
   for (size_t i = 0; i < scene.surfaces.size(); ++i) {
     const DiffuseSurface& surface = scene.surfaces[i];
     validate_triangles(surface.mesh, fmt::format("surfaces[{}]", i));
@@ -38,9 +36,15 @@ void check(const SceneDescription& scene) {
   }
 }
 
-std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene) {
+std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCache& parts,
+                                               const std::stop_token& stop) {
   check(scene);
-  return std::make_unique<const Scene::Compiled>(std::move(scene));
+  const auto build = [&] { return compile_object(std::move(scene.object), "object", stop); };
+  if (!scene.compiled_object) {
+    scene.compiled_object =
+        scene.object_key.empty() ? build() : parts.get<Object>(scene.object_key, stop, build);
+  }
+  return std::make_unique<const Scene::Compiled>(std::move(scene), parts);
 }
 
 }  // namespace
@@ -49,8 +53,11 @@ size_t estimated_memory(const SceneDescription& description) {
   constexpr size_t kByTriangleInEmbree = 250;  // and while its tree is built
   constexpr size_t kByTriangleInChecks = 200;  // edges, parts
   const size_t triangles = description.object.triangles.size();
-  size_t sum = Grid::most_memory(triangles) + Depths::most_memory() +
-               (kByTriangleInEmbree + kByTriangleInChecks) * triangles;
+  size_t sum = 0;
+  if (!description.compiled_object) {
+    sum += Grid::most_memory(triangles) + Depths::most_memory() +
+           (kByTriangleInEmbree + kByTriangleInChecks) * triangles;
+  }
   for (const DiffuseSurface& surface : description.surfaces) {
     constexpr size_t kCopies = 3;  // of the compiled scene, of both tracers
     sum += kCopies * size_of(surface.mesh) +
@@ -67,7 +74,11 @@ size_t estimated_memory(const SceneDescription& description) {
                    static_cast<size_t>(description.film.height);
 }
 
-Scene::Scene(SceneDescription description) : compiled_(compile(std::move(description))) {}
+Scene::Scene(SceneDescription description, const std::stop_token& stop)
+    : own_parts_(std::make_unique<PartCache>(std::numeric_limits<size_t>::max())),
+      compiled_(compile(std::move(description), *own_parts_, stop)) {}
+Scene::Scene(SceneDescription description, PartCache& parts, const std::stop_token& stop)
+    : compiled_(compile(std::move(description), parts, stop)) {}
 Scene::~Scene() = default;
 
 int Scene::width() const {
@@ -85,7 +96,10 @@ size_t Scene::light_count() const {
 }
 
 size_t Scene::memory() const {
-  return compiled_->memory();
+  return sizeof(*this) + compiled_->memory() + (own_parts_ ? own_parts_->memory() : 0);
+}
+const std::vector<std::string>& Scene::part_keys() const {
+  return compiled_->part_keys;
 }
 
 }  // namespace itn::tracer

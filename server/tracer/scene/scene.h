@@ -1,19 +1,30 @@
 // What the tracer renders: a homogeneous medium inside a closed mesh, opaque diffuse surfaces,
 // distant lights, a pinhole camera. Plain data, and the compiled form that rays are traced against.
 //
+// A scene is compiled in the coordinates of its object: what costs most, the object, does not
+// depend on its pose then, which moves camera, surfaces and lights instead. So parts are shared by
+// scenes (PartCache): an object in many poses, a sky with the sun at any azimuth, the pixels of a
+// view.
+//
 // Right-handed, y up; lengths in mm; angles in radians; radiance in W/(m^2 sr) on the scale of the
 // lights.
 #pragma once
 
 #include <cstddef>
 #include <memory>
+#include <stop_token>
+#include <string>
 #include <variant>
 #include <vector>
 
 #include "common/geometry/mesh.h"
 #include "common/vec.h"
+#include "server/tracer/scene/pose.h"
 
 namespace itn::tracer {
+
+class Object;
+class PartCache;
 
 // Reflects with radiance = reflectance * irradiance / pi on both sides.
 struct DiffuseSurface {
@@ -39,19 +50,21 @@ struct EnvironmentMapLight {
   std::vector<float> rgb;  // 3 * width * height, top row first
   double scale = 1;
   double rotate_y = 0;
+  // Of the pixels, for scenes that share them; empty: not shared.
+  std::string digest = {};
 };
 
 struct ConstantEnvironment {
   double radiance = 1;
 };
 
-struct DirectionalBeam {
+struct DistantLight {
   Vec3d direction{0, 1, 0};  // towards the light
   double irradiance = 1;     // on a surface that faces it
 };
 
 using LightDescription =
-    std::variant<SunSkyLight, EnvironmentMapLight, ConstantEnvironment, DirectionalBeam>;
+    std::variant<SunSkyLight, EnvironmentMapLight, ConstantEnvironment, DistantLight>;
 
 struct CameraDescription {
   Vec3d origin;
@@ -70,11 +83,17 @@ struct FilmDescription {
 };
 
 struct SceneDescription {
-  Mesh object;  // closed, outward oriented
+  Mesh object;  // closed, outward oriented; in coordinates of its own
+  // The same, compiled before; `object` is not looked at then.
+  std::shared_ptr<const Object> compiled_object = nullptr;
+  Pose pose = {};  // of the object
   std::vector<DiffuseSurface> surfaces;
   std::vector<LightDescription> lights;
   CameraDescription camera;
   FilmDescription film;
+  // Keys, for scenes that share parts: of the compiled object, under which it is in the cache, and
+  // a digest of the surfaces. Empty: nothing that depends on them is shared.
+  std::string object_key = {}, surfaces_digest = {};
 };
 
 // What a scene takes at most while it is checked, compiled and rendered, by its numbers of
@@ -87,8 +106,12 @@ size_t estimated_memory(const SceneDescription& description);
 class Scene {
  public:
   // Throws Error (invalid input) if the object does not bound a volume (see validate_closed), a
-  // light's numbers are out of range, or the camera is degenerate.
-  explicit Scene(SceneDescription description);
+  // light's numbers are out of range, or the camera is degenerate; Error (cancelled) soon after a
+  // stop is requested.
+  explicit Scene(SceneDescription description, const std::stop_token& stop = {});
+  // Shares what it can with other scenes of the cache, which must live longer. Renders are the
+  // same, bit for bit, whatever the cache holds.
+  Scene(SceneDescription description, PartCache& parts, const std::stop_token& stop = {});
   ~Scene();
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
@@ -97,13 +120,15 @@ class Scene {
   int height() const;
   size_t surface_count() const;
   size_t light_count() const;
-  // Rough size in memory, in bytes, for caches.
+  // Rough size in memory, in bytes, for caches, without the parts that are shared; and their keys.
   size_t memory() const;
+  const std::vector<std::string>& part_keys() const;
 
   struct Compiled;
   const Compiled& compiled() const { return *compiled_; }
 
  private:
+  std::unique_ptr<PartCache> own_parts_;  // of a scene that shares nothing
   std::unique_ptr<const Compiled> compiled_;
 };
 

@@ -1,29 +1,33 @@
 // What straight lines meet: the boundary of the medium in a grid, and the surfaces.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
+#include <memory>
+#include <utility>
+#include <vector>
 
-#include "server/tracer/wavefront/depths.h"
-#include "server/tracer/wavefront/grid.h"
+#include "server/tracer/scene/object.h"
 #include "server/tracer/wavefront/surfaces.h"
 
 namespace itn::tracer {
 
 struct Boundary {
-  Boundary(const Mesh& object, const std::vector<DiffuseSurface>& diffuse)
-      : grid(object), depths(object), surfaces(diffuse), bounds(itn::bounds(object)) {
-    const auto reach = [](float a, float b) { return std::max(std::abs(a), std::abs(b)); };
-    extent = std::max({reach(bounds.min.x, bounds.max.x), reach(bounds.min.y, bounds.max.y),
-                       reach(bounds.min.z, bounds.max.z)});
-  }
-  size_t memory() const { return grid.memory() + depths.memory() + surfaces.memory(); }
+  // In the coordinates of the object's mesh.
+  Boundary(std::shared_ptr<const Object> object, const std::vector<DiffuseSurface>& diffuse)
+      : grid(object->grid),
+        depths(object->depths),
+        bounds(object->bounds),
+        extent(object->extent),
+        surfaces(diffuse),
+        kept_(std::move(object)) {}
 
-  Grid grid;
-  Depths depths;
-  Surfaces surfaces;
-  Bounds bounds;     // of the object
-  float extent = 0;  // largest absolute coordinate of the object
+  const Grid& grid;
+  const Depths& depths;
+  const Bounds& bounds;  // of the object
+  const float extent;    // largest absolute coordinate of the object
+  const Surfaces surfaces;
+
+ private:
+  std::shared_ptr<const Object> kept_;
 };
 
 }  // namespace itn::tracer

@@ -243,14 +243,14 @@ class Wavefront {
 
   // Light that walks meet by themselves, after leaving the scene.
   void meet_light(size_t i, Mask escaped) {
-    const Arrival light = arrival(scene_.light_tables, load(walks_.rays.direction, i));
+    const Arrival light = arrival(scene_.lights, load(walks_.rays.direction, i));
     const Mask on_camera_ray = not_zero(load(walks_.on_camera_ray, i));
     const Floats pdf = load(walks_.pdf, i);
     Floats mis_weight = set(1.0F);
     switch (switches_.techniques) {
       case Techniques::kLightsOnly: mis_weight = hn::Zero(FloatTag()); break;
       case Techniques::kPhaseOnly: break;
-      case Techniques::kBoth: mis_weight = hn::Div(pdf, hn::Add(pdf, light.density)); break;
+      case Techniques::kBoth: mis_weight = hn::Div(pdf, hn::Add(pdf, light.pdf)); break;
     }
     mis_weight = hn::IfThenElse(on_camera_ray, set(1.0F), mis_weight);
     const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));
@@ -350,9 +350,8 @@ class Wavefront {
     const Floats zero = hn::Zero(d);
     const Uints vertex = load(walks_.vertex, i);
     const Words words = random(i, vertex, Sampler::kShadowRay);
-    const Words more =
-        scene_.light_tables.maps.empty() ? Words{} : random(i, vertex, Sampler::kMap);
-    const LightDraw light = sample(scene_.light_tables, words, more);
+    const Words more = scene_.lights.has_maps() ? random(i, vertex, Sampler::kMap) : Words{};
+    const LightDraw light = sample(scene_.lights, words, more);
     const Floats cosine = dot(axis, light.direction);
     auto [value, score] = hg_phase(cosine, g_);
     if (!all_in_medium) {
@@ -365,7 +364,7 @@ class Wavefront {
     // by itself. Beams have no pdf: what they bring is as it is.
     const Floats competing = switches_.techniques == Techniques::kBoth ? value : zero;
     const Floats pdf_sum =
-        hn::IfThenElse(hn::Gt(light.density, zero), hn::Add(light.density, competing), set(1.0F));
+        hn::IfThenElse(hn::Gt(light.pdf, zero), hn::Add(light.pdf, competing), set(1.0F));
     const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), pdf_sum);
     const Floats worth = hn::Mul(worth_following(i), undimmed);
     Floats limit = set(kMaxOpticalDepth);

@@ -27,15 +27,15 @@ void follow_rays(const Boundary& boundary, Rays& rays, size_t count) {
   travel(boundary, rays, count, true);
 }
 
-void evaluate_all(const LightTables& lights, LightProbe& probe, size_t count) {
+void evaluate_all(const Lights& lights, LightProbe& probe, size_t count) {
   for (size_t i = 0; i < count; i += lanes()) {
     const Arrival light = arrival(lights, load(probe.direction, i));
     store(light.radiance, probe.radiance, i);
-    store(light.density, probe.density, i);
+    store(light.pdf, probe.pdf, i);
   }
 }
 
-void draw_all(const LightTables& lights, uint64_t seed, LightProbe& probe, size_t count) {
+void draw_all(const Lights& lights, uint64_t seed, LightProbe& probe, size_t count) {
   for (size_t i = 0; i < count; i += lanes()) {
     const Uints number = hn::Iota(UintTag(), static_cast<uint32_t>(i)), zero = hn::Zero(UintTag());
     const Words words = philox(zero, zero, number, zero, seed);
@@ -43,7 +43,7 @@ void draw_all(const LightTables& lights, uint64_t seed, LightProbe& probe, size_
     const LightDraw light = sample(lights, words, more);
     store(light.direction, probe.direction, i);
     store(light.radiance, probe.radiance, i);
-    store(light.density, probe.density, i);
+    store(light.pdf, probe.pdf, i);
   }
 }
 
@@ -76,11 +76,11 @@ void follow(const Boundary& boundary, Rays& rays, size_t count) {
   HWY_DYNAMIC_DISPATCH(follow_rays)(boundary, rays, count);
 }
 
-void evaluate_lights(const LightTables& lights, LightProbe& probe, size_t count) {
+void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count) {
   HWY_DYNAMIC_DISPATCH(evaluate_all)(lights, probe, count);
 }
 
-void draw_lights(const LightTables& lights, uint64_t seed, LightProbe& probe, size_t count) {
+void draw_lights(const Lights& lights, uint64_t seed, LightProbe& probe, size_t count) {
   HWY_DYNAMIC_DISPATCH(draw_all)(lights, seed, probe, count);
 }
 

@@ -23,14 +23,14 @@ void follow(const Boundary& boundary, Rays& rays, size_t count);
 
 // Evaluates and draws lights as the wavefront does, for tests.
 struct LightProbe {
-  FloatColumn radiance{}, density{};
+  FloatColumn radiance{}, pdf{};
   VectorColumn direction{};
 };
 // Radiance and density of `probe.direction`.
-void evaluate_lights(const LightTables& lights, LightProbe& probe, size_t count);
+void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count);
 // Draws `count` directions (see LightDraw in lights-inl.h) with the random numbers of samples 0 ..
 // count-1 of pixel 0.
-void draw_lights(const LightTables& lights, uint64_t seed, LightProbe& probe, size_t count);
+void draw_lights(const Lights& lights, uint64_t seed, LightProbe& probe, size_t count);
 
 // Looks up Depths::thirds at `count` points, for tests.
 void look_up_depths(const Depths& depths, const VectorColumn& points, FloatColumn& thirds,

@@ -198,10 +198,19 @@ TEST(SceneBuilder, RefusesBytesThatAreNoScene) {
 
 // ---- Conversions -----------------------------------------------------------------------------
 
+// The object where it stands in the scene.
+Mesh placed_object(const v1::Scene& scene) {
+  tracer::SceneDescription description = build_scene(scene, RenderLimits());
+  for (Vec3f& v : description.object.vertices) {
+    v = static_cast<Vec3f>(description.pose.to_scene(static_cast<Vec3d>(v)));
+  }
+  return description.object;
+}
+
 Vec3f first_vertex_after(const std::string& transforms) {
   v1::Scene scene = cube_scene();
   scene.mutable_object()->mutable_mesh()->MergeFrom(parse_text<v1::Mesh>(transforms));
-  return build_scene(scene, RenderLimits()).object.vertices.at(0);  // (-0.5, 0, -0.5) before
+  return placed_object(scene).vertices.at(0);  // (-0.5, 0, -0.5) before
 }
 
 void expect_near(Vec3f a, Vec3f b) {
@@ -225,6 +234,19 @@ TEST(SceneBuilder, RotatesCounterClockwiseSeenAgainstTheAxis) {
               {-0.5F, 0, 0.5F});
 }
 
+// Only what comes before the last rotations and translations is done to the mesh.
+TEST(SceneBuilder, TheLastRotationsAndTranslationsAreThePose) {
+  v1::Scene scene = cube_scene();
+  scene.mutable_object()->mutable_mesh()->MergeFrom(parse_text<v1::Mesh>(R"(
+      transforms { rotate { axis { y: 1 } angle_degrees: 90 } }
+      transforms { scale { x: 2 y: 1 z: 1 } }
+      transforms { rotate { axis { z: 1 } angle_degrees: 90 } }
+      transforms { translate { x: 5 } })"));
+  const tracer::SceneDescription description = build_scene(scene, RenderLimits());
+  expect_near(description.object.vertices.at(0), {-1, 0, 0.5F});
+  expect_near(static_cast<Vec3f>(description.pose.to_scene({1, 0, 0})), {5, 1, 0});
+}
+
 TEST(SceneBuilder, TakesMatricesRowByRow) {
   expect_near(
       first_vertex_after("transforms { matrix { m: [1,0,0,7, 0,1,0,8, 0,0,1,9, 0,0,0,1] } }"),
@@ -234,7 +256,7 @@ TEST(SceneBuilder, TakesMatricesRowByRow) {
 TEST(SceneBuilder, NormalizesBeforeTheTransforms) {
   // A cube of 1 mm that was moved and scaled beforehand comes back; then it is moved by 1.
   v1::Scene scene = cube_scene();
-  auto moved = build_scene(scene, RenderLimits()).object;
+  auto moved = placed_object(scene);
   std::vector<float> positions;
   for (const Vec3f v : moved.vertices) {
     for (const float c : {v.x * 4 + 1, v.y * 4 - 3, v.z * 4 + 2}) positions.push_back(c);
@@ -246,14 +268,14 @@ TEST(SceneBuilder, NormalizesBeforeTheTransforms) {
   proto.mutable_triangles()->set_indices(to_bytes(indices));
   proto.set_normalize(true);
   proto.add_transforms()->mutable_translate()->set_x(1);
-  const Bounds box = bounds(build_scene(scene, RenderLimits()).object);
+  const Bounds box = bounds(placed_object(scene));
   expect_near(box.min, {0.5F, 0, -0.5F});
   expect_near(box.max, {1.5F, 1, 0.5F});
 }
 
 TEST(SceneBuilder, WeldsTriangleSoup) {
   v1::Scene scene = cube_scene();
-  const Mesh mesh = build_scene(scene, RenderLimits()).object;
+  const Mesh mesh = placed_object(scene);
   std::vector<float> positions;
   std::vector<uint32_t> indices;
   for (const auto& triangle : mesh.triangles) {
@@ -266,7 +288,7 @@ TEST(SceneBuilder, WeldsTriangleSoup) {
   auto& triangles = *scene.mutable_object()->mutable_mesh()->mutable_triangles();
   triangles.set_positions(to_bytes(positions));
   triangles.set_indices(to_bytes(indices));
-  EXPECT_EQ(build_scene(scene, RenderLimits()).object.vertices.size(), 8U);
+  EXPECT_EQ(placed_object(scene).vertices.size(), 8U);
 }
 
 TEST(SceneBuilder, FillsInTheDocumentedDefaults) {

@@ -2,13 +2,18 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <stdexcept>
 #include <thread>
 #include <vector>
 
+#include "common/scene/scene_bytes.h"
 #include "server/render/scene_builder.h"
+#include "server/tracer/render.h"
+#include "server/tracer/scene/compiled_scene.h"
 #include "tests/support/scenes.h"
 
 namespace itn {
@@ -28,7 +33,7 @@ TEST(SceneCache, FindsWhatWasBuilt) {
 
 TEST(SceneCache, ForgetsTheLeastRecentlyUsed) {
   const size_t each = build()->memory() + 1;
-  SceneCache cache(2 * each);
+  SceneCache cache(2 * each + 1024);  // and what entries cost
   cache.get_or_build("a", build);
   cache.get_or_build("b", build);
   cache.find("a");
@@ -74,6 +79,90 @@ TEST(SceneCache, AFailedBuildLeavesNothingBehind) {
       std::runtime_error);
   EXPECT_EQ(cache.find("a"), nullptr);
   EXPECT_NE(cache.get_or_build("a", build), nullptr);
+}
+
+// A scene of a cube, turned and lit as asked, of its film's pixels few.
+v1::Scene turned_cube(double size, double turn, double azimuth) {
+  v1::Scene scene = testing::cube_scene(8, 8);
+  v1::SunSky& sky = *scene.add_lights()->mutable_sun_sky();
+  sky.set_sun_azimuth_degrees(static_cast<float>(azimuth));
+  v1::Mesh& mesh = *scene.mutable_object()->mutable_mesh();
+  v1::Vec3& factors = *mesh.add_transforms()->mutable_scale();
+  factors.set_x(static_cast<float>(size));
+  factors.set_y(1);
+  factors.set_z(1);
+  v1::Rotation& rotation = *mesh.add_transforms()->mutable_rotate();
+  rotation.mutable_axis()->set_y(1);
+  rotation.set_angle_degrees(static_cast<float>(turn));
+  return scene;
+}
+
+SceneCache::ScenePtr build_in(SceneCache& cache, const v1::Scene& scene) {
+  return cache.get_or_build(sha256(scene.SerializeAsString()), [&] {
+    return std::make_shared<const tracer::Scene>(build_scene(scene, RenderLimits(), &cache.parts()),
+                                                 cache.parts());
+  });
+}
+
+tracer::FilmSums render(const tracer::Scene& scene, tracer::Tracer tracer) {
+  tracer::RenderRequest request{.material = {8, 0.9, 0.3}, .sample_count = 4};
+  request.tracer = tracer;
+  request.pixels = tracer::Pixels::kObject;
+  return tracer::render_grad(scene, request);
+}
+
+// An answer depends on the request alone, whatever of its scene was compiled for others.
+TEST(SceneCache, RendersAreTheSameWhateverIsHeld) {
+  SceneCache warm(size_t{1} << 30);
+  for (const auto& [size, turn, azimuth] :
+       {std::array{1.0, 0.0, 0.0}, std::array{1.0, 40.0, 0.0}, std::array{1.0, 40.0, 70.0},
+        std::array{2.0, 40.0, 70.0}, std::array{1.0, 0.0, 0.0}}) {
+    const v1::Scene scene = turned_cube(size, turn, azimuth);
+    const auto shared = build_in(warm, scene);
+    SceneCache cold(0);
+    const auto alone = build_in(cold, scene);
+    const tracer::Scene unshared(build_scene(scene, RenderLimits()));
+    for (const auto tracer : {tracer::Tracer::kWavefront, tracer::Tracer::kReference}) {
+      const tracer::FilmSums expected = render(unshared, tracer);
+      for (const tracer::Scene* other : {shared.get(), alone.get()}) {
+        const tracer::FilmSums sums = render(*other, tracer);
+        EXPECT_EQ(sums.hits, expected.hits);
+        EXPECT_EQ(sums.estimates[0].radiance, expected.estimates[0].radiance);
+        EXPECT_EQ(sums.estimates[0].counts, expected.estimates[0].counts);
+      }
+    }
+  }
+}
+
+// What is made when it is first asked for counts too.
+TEST(SceneCache, StaysWithinItsBudget) {
+  constexpr size_t kBudget = size_t{4} << 20;
+  SceneCache cache(kBudget);
+  size_t most = 0;
+  for (int i = 0; i < 5000; ++i) {
+    const auto scene = build_in(cache, turned_cube(1 + (i / 50) * 0.01, i * 0.01, i % 50));
+    if (i % 5 == 0) {
+      const size_t before = cache.memory();
+      render(*scene, i % 100 == 0 ? tracer::Tracer::kReference : tracer::Tracer::kWavefront);
+      if (i == 0) {
+        EXPECT_GT(cache.memory(), before);
+      }
+    }
+    most = std::max(most, cache.memory());
+  }
+  EXPECT_LE(most, kBudget);
+  EXPECT_GT(most, kBudget / 2);
+}
+
+// The parts of a scene that is in use are not the first to go.
+TEST(SceneCache, APartOutlivesTheScenesThatHoldIt) {
+  SceneCache cache(size_t{1} << 30);
+  const v1::Scene first = turned_cube(1, 0, 0);
+  const auto scene = build_in(cache, first);
+  build_in(cache, turned_cube(2, 0, 0));
+  cache.find(sha256(first.SerializeAsString()));
+  const auto turned = build_in(cache, turned_cube(1, 30, 0));
+  EXPECT_EQ(turned->compiled().object, scene->compiled().object);
 }
 
 }  // namespace

@@ -62,7 +62,7 @@ TEST(BeerLambertTest, DerivativeOfAThinMedium) {
 TEST(SingleScatteringTest, DerivativeAtAlbedoZero) {
   SceneDescription description;
   description.object = box({-1, 0, -1}, {1, 0.5F, 1});
-  description.lights = {DirectionalBeam{{0, 1, 0}, 3}};
+  description.lights = {DistantLight{{0, 1, 0}, 3}};
   description.camera = looking_down(4);
   description.film = {4, 4};
   const Scene scene(std::move(description));
@@ -154,7 +154,7 @@ TEST(ChandrasekharTest, HalfSpace) {
     SceneDescription description;
     description.object = box({-60, -60, -60}, {60, 0, 60});
     const double sine = std::sqrt(1 - row.mu_0 * row.mu_0);
-    description.lights = {DirectionalBeam{{sine, row.mu_0, 0}, 2}};
+    description.lights = {DistantLight{{sine, row.mu_0, 0}, 2}};
     description.camera = looking_down(3);
     description.film = {4, 4};
     const Scene scene(std::move(description));
@@ -173,7 +173,7 @@ TEST(LambertTest, GroundUnderABeam) {
   SceneDescription description;
   description.object = box({5, 0, 5}, {6, 1, 6});
   description.surfaces = {{horizontal_square(0, 20), 0.6F}};
-  description.lights = {DirectionalBeam{{0, 0.8, 0.6}, 5}};
+  description.lights = {DistantLight{{0, 0.8, 0.6}, 5}};
   description.camera = looking_down(4);
   description.film = {2, 2};
   const Scene scene(std::move(description));

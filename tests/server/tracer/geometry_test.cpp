@@ -37,7 +37,7 @@ class Lines {
     if (tracer == Tracer::kReference) {
       geometry_ = std::make_unique<Geometry>(object, surfaces);
     } else {
-      boundary_ = std::make_unique<Boundary>(object, surfaces);
+      boundary_ = std::make_unique<Boundary>(std::make_shared<const Object>(object), surfaces);
       rays_ = std::make_unique<Rays>();
     }
   }

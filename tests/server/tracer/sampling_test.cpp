@@ -10,7 +10,7 @@
 
 #include "common/error.h"
 #include "server/tracer/lights/lights.h"
-#include "server/tracer/lights/sky.h"
+#include "server/tracer/lights/sky_model.h"
 #include "server/tracer/phase.h"
 #include "server/tracer/sampler.h"
 #include "server/tracer/wavefront/low_discrepancy.h"
@@ -279,7 +279,6 @@ INSTANTIATE_TEST_SUITE_P(Kinds, LightTest,
 // The wavefront evaluates the same tables, many directions at a time.
 TEST_P(LightTest, TheWavefrontHasTheSameLights) {
   const Lights lights({GetParam().light}, Channel::kLuminance);
-  const LightTables tables(lights);
   const auto probe = std::make_unique<LightProbe>();
   int different = 0;
   std::vector<double> scalar, wavefront;
@@ -287,22 +286,22 @@ TEST_P(LightTest, TheWavefrontHasTheSameLights) {
     for (uint32_t i = 0; i < kSlots; ++i) {
       probe->direction.set(i, uniform_direction(Sampler(4, 0, batch).at(i, 0)));
     }
-    evaluate_lights(tables, *probe, kSlots);
+    evaluate_lights(lights, *probe, kSlots);
     for (uint32_t i = 0; i < kSlots; ++i) {
       const Vec3f d = probe->direction.at(i);
       const auto differ = [](float a, float b) { return std::abs(a - b) > 1e-3F * (b + 1e-3F); };
       // At the rim of the sun and at the edges of cells rounding decides.
       different +=
-          differ(probe->radiance[i], lights.radiance(d)) || differ(probe->density[i], lights.pdf(d))
+          differ(probe->radiance[i], lights.radiance(d)) || differ(probe->pdf[i], lights.pdf(d))
               ? 1
               : 0;
     }
-    draw_lights(tables, 100 + batch, *probe, kSlots);
+    draw_lights(lights, 100 + batch, *probe, kSlots);
     for (uint32_t i = 0; i < kSlots; ++i) {
       const Vec3f d = probe->direction.at(i);
       EXPECT_NEAR(length(d), 1, 1e-5);
-      EXPECT_NEAR(probe->density[i] / lights.pdf(d), 1, 0.3) << "direction of density 0";
-      const float density = probe->density[i];
+      EXPECT_NEAR(probe->pdf[i] / lights.pdf(d), 1, 0.3) << "direction of density 0";
+      const float density = probe->pdf[i];
       const float weight = density > 0 ? probe->radiance[i] / density : probe->radiance[i];
       wavefront.push_back(weight * (1 + 0.5F * d.x + 0.3F * d.y * d.z));
       const Uniforms v = Sampler(5, 0, batch).at(i, 1);
@@ -406,7 +405,7 @@ TEST(LightsTest, RefusesBadNumbers) {
                                              SunSkyLight{.sun_elevation = -0.1},
                                              ConstantEnvironment{-1},
                                              ConstantEnvironment{std::nan("")},
-                                             DirectionalBeam{{0, 0, 0}, 1},
+                                             DistantLight{{0, 0, 0}, 1},
                                              negative,
                                              short_map,
                                              ConstantEnvironment{0}};

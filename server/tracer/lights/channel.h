@@ -1,0 +1,19 @@
+// Which part of a colour is rendered.
+#pragma once
+
+#include "server/tracer/lights/sky_model.h"
+#include "server/tracer/scene/scene.h"
+
+namespace itn::tracer {
+
+inline double select(const Rgb& c, Channel channel) {
+  switch (channel) {
+    case Channel::kLuminance: return luminance(c);
+    case Channel::kRed: return c[0];
+    case Channel::kGreen: return c[1];
+    case Channel::kBlue: return c[2];
+  }
+  return 0;
+}
+
+}  // namespace itn::tracer

@@ -1,0 +1,54 @@
+// What the lights of this folder share when they are evaluated many directions at a time.
+#if defined(ITN_TRACER_LIGHTS_LIGHT_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_LIGHTS_LIGHT_INL_H_
+#undef ITN_TRACER_LIGHTS_LIGHT_INL_H_
+#else
+#define ITN_TRACER_LIGHTS_LIGHT_INL_H_
+#endif
+
+#include "server/tracer/lights/alias_table.h"
+#include "server/tracer/wavefront/random-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+HWY_INLINE Ints to_int(Floats v) {
+  return hn::ConvertTo(IntTag(), v);
+}
+HWY_INLINE Floats to_float(Ints v) {
+  return hn::ConvertTo(FloatTag(), v);
+}
+HWY_INLINE Floats mix(Floats a, Floats b, Floats t) {
+  return plus_product(a, t, hn::Sub(b, a));
+}
+HWY_INLINE Floats gather(const float* table, Ints index) {
+  return hn::GatherIndex(FloatTag(), table, index);
+}
+
+// What arrives from directions: radiance, and the density per steradian with which they are drawn.
+struct Arrival {
+  Floats radiance, pdf;
+};
+
+// Directions turned by a rotation, and back.
+HWY_INLINE Vectors turned(const Rotation<float>& r, Vectors d) {
+  return {dot(set(r.x), d), dot(set(r.y), d), dot(set(r.z), d)};
+}
+HWY_INLINE Vectors turned_back(const Rotation<float>& r, Vectors d) {
+  return turned(r.inverse(), d);
+}
+
+// Drawn from an alias table: i of n, unless a coin turns it into another.
+HWY_INLINE Ints draw(const AliasTable::Entry* entries, Ints i, Floats coin) {
+  static_assert(sizeof(AliasTable::Entry) == 2 * sizeof(float));
+  const auto* words = reinterpret_cast<const int32_t*>(entries);
+  const Ints at = hn::Add(i, i);
+  const Floats own = hn::BitCast(FloatTag(), hn::GatherIndex(IntTag(), words, at));
+  const Ints other = hn::GatherIndex(IntTag(), words + 1, at);
+  return hn::IfThenElse(hn::RebindMask(IntTag(), hn::Lt(coin, own)), i, other);
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif
