@@ -47,7 +47,7 @@ inline void add_server_flags(CLI::App& app, const std::string& program, std::str
       ->capture_default_str();
   app.add_option("--max-memory-mb", flags.max_memory_mb,
                  "Most memory of this process, in MiB; what does not fit is refused. 0: 4096, or "
-                 "three quarters of what the machine or its limits let it have if that is less")
+                 "three quarters of what the machine or container has, or half of ulimit -v")
       ->check(CLI::Range(0, 1 << 24))
       ->capture_default_str();
   app.add_option("--drain-seconds", flags.drain_seconds,
@@ -78,7 +78,7 @@ int server_main(CLI::App& app, const std::string& program, int argc, char** argv
   }
   try {
     set_up_logging(flags.log_level);
-    log_grpc_through_spdlog();
+    log_libraries_through_spdlog();
     const auto server = start();
     std::printf("%s\n", server->address().c_str());
     std::fflush(stdout);

@@ -1,6 +1,7 @@
 #include "common/rpc/grpc_server.h"
 
 #include <fmt/format.h>
+#include <google/protobuf/stubs/logging.h>
 #include <grpc/support/log.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/health_check_service_interface.h>
@@ -15,6 +16,7 @@
 #include <utility>
 
 #include "common/error.h"
+#include "common/printable.h"
 
 namespace itn {
 namespace {
@@ -98,8 +100,12 @@ void log_grpc(gpr_log_func_args* args) {
 
 }  // namespace
 
-void log_grpc_through_spdlog() {
+void log_libraries_through_spdlog() {
   gpr_set_log_function(log_grpc);
+  google::protobuf::SetLogHandler(
+      [](google::protobuf::LogLevel, const char* file, int line, const std::string& message) {
+        spdlog::debug("protobuf: {} ({}:{})", printable(message, 500), file, line);
+      });
 }
 
 GrpcServer::GrpcServer(const GrpcServerOptions& options, grpc::Service& service,

@@ -73,7 +73,7 @@ class GrpcServer {
   std::jthread readiness_;  // last: it uses what is above
 };
 
-// What gRPC itself logs goes to our log, as debug messages. At start, before anything else of gRPC.
-void log_grpc_through_spdlog();
+// What gRPC and protobuf themselves log goes to our log, as debug messages. To be called at start.
+void log_libraries_through_spdlog();
 
 }  // namespace itn

@@ -28,6 +28,10 @@
 namespace itn {
 namespace {
 
+// Connections are closed before the limit is reached, as memory grows between two looks and what a
+// connection holds takes a moment to be freed.
+constexpr uint64_t kReserve = 8;  // an eighth
+
 // How often memory is looked at: rarely, or often once most of it is taken.
 constexpr int kCalmMs = 200;
 constexpr int kTightMs = 10;
@@ -176,7 +180,7 @@ void Listener::run(const std::stop_token& stop, const std::function<void(int)>& 
       polled.push_back({connection.fd, POLLRDHUP, 0});
     }
     const uint64_t most = options_.max_memory_bytes;
-    const bool tight = most > 0 && resident_memory() > most / 4 * 3;
+    const bool tight = most > 0 && resident_memory() > most / 2;
     poll(polled.data(), polled.size(), tight ? kTightMs : kCalmMs);
     std::vector<int> closed;
     for (size_t i = 2; i < polled.size(); ++i) {
@@ -219,17 +223,18 @@ void Listener::relieve_memory() {
     connection.received_before = connection.received;
     connection.received = bytes_received(connection.fd);
   }
-  if (resident_memory() <= options_.max_memory_bytes) return;
+  const uint64_t most = options_.max_memory_bytes - options_.max_memory_bytes / kReserve;
+  if (resident_memory() <= most) return;
   malloc_trim(0);
-  if (resident_memory() <= options_.max_memory_bytes || connections_.empty()) return;
-  const auto most = std::max_element(
+  if (resident_memory() <= most || connections_.empty()) return;
+  const auto hungriest = std::max_element(
       connections_.begin(), connections_.end(), [](const Connection& a, const Connection& b) {
         return a.received - a.received_before < b.received - b.received_before;
       });
   spdlog::warn("more than {} MiB of memory are in use: the connection that sends most is closed",
-               options_.max_memory_bytes >> 20);
-  shutdown(most->fd, SHUT_RDWR);
-  forget({most->fd});
+               most >> 20);
+  shutdown(hungriest->fd, SHUT_RDWR);
+  forget({hungriest->fd});
 }
 
 }  // namespace itn

@@ -21,7 +21,8 @@ ListenAddress parse_listen_address(const std::string& text);
 
 struct ListenerOptions {
   size_t max_connections = 1024;  // more are closed at once
-  // Of the process, resident; beyond it the connection that sent most lately is closed. 0: none.
+  // Of the process, resident: close to it, the connection that sent most lately is closed, again
+  // and again. 0: none.
   uint64_t max_memory_bytes = 0;
 };
 

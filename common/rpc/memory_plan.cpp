@@ -22,11 +22,12 @@ MemoryPlan plan_memory(uint64_t total, uint64_t own_bytes, uint64_t max_message_
   MemoryPlan plan{.message_bytes = std::min(max_message_bytes, total / 16),
                   .transport_bytes = total / 8,
                   .call_bytes = 0};
-  const uint64_t taken = own_bytes + plan.transport_bytes;
+  // The listener closes connections when the last eighth is touched: it is left free.
+  const uint64_t taken = own_bytes + plan.transport_bytes + total / 8;
   if (total < taken + kLeastForCalls) {
     throw Error(ErrorKind::kUsage,
                 fmt::format("--max-memory-mb is {}; it must be at least {}", total / kMiB,
-                            (own_bytes + kLeastForCalls) * 8 / 7 / kMiB + 1));
+                            (own_bytes + kLeastForCalls) * 4 / 3 / kMiB + 1));
   }
   plan.call_bytes = total - taken;
   return plan;
@@ -35,11 +36,12 @@ MemoryPlan plan_memory(uint64_t total, uint64_t own_bytes, uint64_t max_message_
 uint64_t default_memory() {
   uint64_t most =
       static_cast<uint64_t>(sysconf(_SC_PHYS_PAGES)) * static_cast<uint64_t>(sysconf(_SC_PAGESIZE));
-  rlimit limit = {};
-  if (getrlimit(RLIMIT_AS, &limit) == 0) most = std::min<uint64_t>(most, limit.rlim_cur);
   uint64_t group = 0;
   if (std::ifstream file("/sys/fs/cgroup/memory.max"); file >> group) most = std::min(most, group);
-  return std::min(4096 * kMiB, most / 4 * 3);
+  most = std::min(4096 * kMiB, most / 4 * 3);
+  rlimit limit = {};
+  if (getrlimit(RLIMIT_AS, &limit) == 0) most = std::min<uint64_t>(most, limit.rlim_cur / 2);
+  return most;
 }
 
 void return_freed_memory() {

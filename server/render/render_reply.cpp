@@ -55,17 +55,12 @@ std::vector<float> combine(const tracer::RenderedImages::Estimate& estimate,
   return image;
 }
 
-// Over the pixels of which every estimate has samples.
+// Of the image as it would be sent: 0 at the pixels that are not rendered.
 void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
                v1::RenderGradReply& reply) {
-  std::vector<float> weight = from_bytes<float>(request.loss().weight());
-  for (const auto& estimate : sums.estimates) {
-    for (size_t p = 0; p < weight.size(); ++p) {
-      if (estimate.counts[p] == 0) weight[p] = 0;
-    }
-  }
-  const RenderingLoss loss = rendering_loss(from_bytes<float>(request.loss().image()), weight,
-                                            tracer::means(sums).estimates);
+  const RenderingLoss loss =
+      rendering_loss(from_bytes<float>(request.loss().image()),
+                     from_bytes<float>(request.loss().weight()), tracer::means(sums).estimates);
   reply.set_loss(loss.value);
   for (const std::vector<double>& weights : derivatives_in(sums, request).weights) {
     double sum = 0;

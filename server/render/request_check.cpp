@@ -42,6 +42,12 @@ void check_loss(const v1::RenderGradRequest& request) {
   if (!request.albedos().empty()) {
     throw invalid_input("loss and albedos cannot both be asked for");
   }
+  // A part has no samples of the pixels to which the pilot gives few.
+  if (request.pilot_spp() > 0 && request.has_sample_range() &&
+      request.sample_range().count() < request.spp()) {
+    throw invalid_input(
+        "a loss with pilot_spp is of all samples: leave out sample_range or pilot_spp");
+  }
 }
 
 // Values of an image of the target; `positive`: none may be negative.

@@ -7,12 +7,15 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <functional>
 #include <future>
 #include <limits>
+#include <map>
 #include <memory>
+#include <mutex>
 #include <ostream>
 #include <string>
 #include <thread>
@@ -208,6 +211,32 @@ TEST(RenderService, AnswersWithLossAndGradient) {
               1e-9 * std::abs(by_sigma_s));
 }
 
+// Its sums are over all pixels; those that are not rendered are 0 in the image.
+TEST(RenderService, CountsPixelsThatAreNotRenderedInTheLoss) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::RenderGradRequest request = with_scene(small_request());
+  request.set_pixels(v1::OBJECT_PIXELS);
+  request.clear_derivatives();
+  request.add_derivatives(v1::ALBEDO);
+  const v1::RenderGradReply images = client.call(request).reply;
+  const size_t pixels = size_t{images.width()} * images.height();
+  const std::vector<float> image(pixels, 5), weight(pixels, 1);
+  std::vector<RenderEstimate> estimates;
+  for (const v1::Estimate& e : images.estimates()) {
+    estimates.push_back(
+        {from_bytes<float>(e.radiance()), {from_bytes<float>(e.derivatives(0))}, {}});
+  }
+  const auto dark = std::count(estimates[0].radiance.begin(), estimates[0].radiance.end(), 0.0F);
+  ASSERT_GT(dark, 20);
+  const RenderingLoss expected = rendering_loss(image, weight, estimates);
+  set_loss(request, image, weight);
+  const Answer answer = client.call(request);
+  ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+  EXPECT_DOUBLE_EQ(answer.reply.loss(), expected.value);
+  EXPECT_DOUBLE_EQ(answer.reply.loss_gradient(0), expected.gradient[0]);
+}
+
 // With a pilot, the samples of a loss go where its weight and image say.
 TEST(RenderService, PutsTheSamplesOfALossWhereItNeedsThem) {
   RenderServer server(one_thread());
@@ -397,6 +426,13 @@ const BadRequest kBadRequests[] = {
        add_loss(r);
      },
      "loss and exact_sums"},
+    {"LossOfAPartWithPilot",
+     [](auto& r) {
+       add_loss(r);
+       r.set_pilot_spp(2);
+       r.mutable_sample_range()->set_count(4);
+     },
+     "leave out sample_range or pilot_spp"},
     {"LossOfAnotherSize",
      [](auto& r) {
        add_loss(r);
@@ -460,6 +496,123 @@ TEST(RenderService, RefusesMessagesThatAreTooLarge) {
   auto request = with_scene(small_request());
   request.mutable_scene()->append(200'000, ' ');
   EXPECT_EQ(Client(connect(server)).call(request).status.error_code(), grpc::RESOURCE_EXHAUSTED);
+}
+
+// Any bytes, as a client of another make may send them.
+grpc::Status send_bytes(const std::shared_ptr<grpc::Channel>& channel, const std::string& method,
+                        const std::string& bytes) {
+  grpc::GenericStub stub(channel);
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + 60s);
+  const grpc::Slice slice(bytes);
+  grpc::ByteBuffer request(&slice, 1), reply;
+  std::promise<grpc::Status> done;
+  stub.UnaryCall(&context, method, grpc::StubOptions(), &request, &reply,
+                 [&](grpc::Status status) { done.set_value(std::move(status)); });
+  return done.get_future().get();
+}
+
+TEST(RenderService, SaysWhatIsWrongWithBytesThatAreNoMessage) {
+  RenderServer server(one_thread());
+  for (const char* method : {"RenderGrad", "GetCapabilities"}) {
+    const grpc::Status status =
+        send_bytes(server.in_process_channel(), std::string("/itn.v1.RenderService/") + method,
+                   "\x0a\xff\xff\xff\xff");
+    EXPECT_EQ(status.error_code(), grpc::INVALID_ARGUMENT) << method;
+    EXPECT_THAT(status.error_message(), ::testing::AnyOf(HasSubstr("not a serialized itn.v1."),
+                                                         HasSubstr("unknown number")));
+  }
+}
+
+TEST(RenderService, RefusesCompressedRequests) {
+  auto options = one_thread();
+  options.listen = "127.0.0.1:0";
+  RenderServer server(options);
+  grpc::ClientContext context;
+  context.set_compression_algorithm(GRPC_COMPRESS_GZIP);
+  auto request = with_scene(small_request());
+  request.mutable_scene()->append(100'000, ' ');
+  const grpc::Status status = Client(connect(server)).call(context, request).status;
+  EXPECT_EQ(status.error_code(), grpc::UNIMPLEMENTED) << status.error_message();
+}
+
+TEST(RenderService, RefusesWhatItsMemoryDoesNotHold) {
+  RenderServer server(options_with([](auto& o) { o.memory_bytes = uint64_t{300} << 20; }));
+  Client client(server.in_process_channel());
+  auto request = with_scene(small_request());
+  film(request, 2000, 2000);
+  const Answer large = client.call(request);
+  EXPECT_EQ(large.status.error_code(), grpc::RESOURCE_EXHAUSTED);
+  EXPECT_THAT(large.status.error_message(), HasSubstr("--max-memory-mb"));
+  EXPECT_TRUE(client.call(with_scene(small_request())).status.ok());
+}
+
+// ---- Time --------------------------------------------------------------------------------------
+
+TEST(RenderService, StopsARenderThatTakesTooLong) {
+  RenderServer server(options_with([](auto& o) {
+    o.max_seconds = 0.3;
+    o.limits.max_spp = 1U << 20;
+  }));
+  Client client(server.in_process_channel());
+  auto request = with_scene(endless_request());
+  request.set_spp(1000);  // by its number of paths, it might end in time
+  request.mutable_material()->set_sigma_t(1e6);
+  request.mutable_material()->set_albedo(1);
+  const Answer answer = client.call(request);
+  EXPECT_EQ(answer.status.error_code(), grpc::RESOURCE_EXHAUSTED);
+  EXPECT_THAT(answer.status.error_message(), HasSubstr("rendering 1000 samples per pixel"));
+  EXPECT_THAT(answer.status.error_message(), HasSubstr("--max-seconds"));
+  EXPECT_TRUE(client.call(with_scene(small_request())).status.ok());
+}
+
+TEST(RenderService, RefusesAtOnceWhatCannotEndInTime) {
+  RenderServer server(options_with([](auto& o) { o.max_seconds = 1; }));
+  const Answer answer = Client(server.in_process_channel()).call(with_scene(endless_request()));
+  EXPECT_EQ(answer.status.error_code(), grpc::RESOURCE_EXHAUSTED);
+  EXPECT_THAT(answer.status.error_message(), HasSubstr("take more than 2 s"));
+}
+
+// ---- Fairness ----------------------------------------------------------------------------------
+
+// One client asks all the time; the others come again when they are told to. With room for one
+// render and none to wait, everybody gets a turn.
+TEST(RenderService, GivesPoliteClientsTheirShare) {
+  constexpr int kPolite = 3, kEach = 6;
+  auto options = options_with([](auto& o) { o.queue_capacity = 0; });
+  options.listen = "127.0.0.1:0";
+  RenderServer server(options);
+  std::atomic<bool> done = false;
+  std::atomic<int> greedy_successes = 0;
+  std::jthread greedy([&] {
+    Client client(connect(server));
+    while (!done) {
+      if (client.call(with_scene(small_request(200))).status.ok()) ++greedy_successes;
+    }
+  });
+  std::vector<std::future<bool>> polite;
+  for (int i = 0; i < kPolite; ++i) {
+    polite.push_back(std::async(std::launch::async, [&] {
+      Client client(connect(server));
+      const auto start = Clock::now();
+      for (int successes = 0; successes < kEach;) {
+        const Answer answer = client.call(with_scene(small_request(200)));
+        if (answer.status.ok()) {
+          ++successes;
+          continue;
+        }
+        v1::Busy busy;
+        if (!busy.ParseFromString(answer.status.error_details())) return false;
+        if (Clock::now() - start > 120s) return false;
+        std::this_thread::sleep_for(std::chrono::duration<double>(busy.retry_after_seconds()));
+      }
+      return true;
+    }));
+  }
+  for (auto& client : polite) EXPECT_TRUE(client.get());
+  done = true;
+  greedy.join();
+  EXPECT_LE(greedy_successes, 3 * kPolite * kEach);
 }
 
 // ---- Stopping ----------------------------------------------------------------------------------
@@ -647,6 +800,70 @@ TEST(RenderServer, DrainsWhatItHasAccepted) {
   server.drain(30s);
   EXPECT_TRUE(accepted.get().status.ok());
   EXPECT_EQ(client.call(with_scene(small_request())).status.error_code(), grpc::UNAVAILABLE);
+}
+
+// Calls that come while a worker stops are told to go elsewhere. Only who cancels is cancelled.
+TEST(RenderServer, CancelsNobodyWhenItStops) {
+  auto options = options_with([](auto& o) { o.queue_capacity = 64; });
+  options.listen = "127.0.0.1:0";
+  auto server = std::make_unique<RenderServer>(options);
+  std::atomic<int> successes_of_all = 0;
+  std::mutex mutex;
+  std::map<grpc::StatusCode, int> statuses;
+  {
+    std::vector<std::jthread> clients;
+    for (int i = 0; i < 8; ++i) {
+      clients.emplace_back([&, channel = connect(*server)] {
+        Client client(channel);
+        for (int failures = 0; failures < 20;) {
+          const grpc::StatusCode code =
+              client.call(with_scene(small_request())).status.error_code();
+          if (code == grpc::OK) {
+            ++successes_of_all;
+          } else {
+            ++failures;
+          }
+          const std::lock_guard lock(mutex);
+          ++statuses[code];
+        }
+      });
+    }
+    while (successes_of_all < 100) std::this_thread::yield();
+    server->drain(30s);
+    server.reset();
+  }
+  EXPECT_GE(statuses[grpc::OK], 50);
+  EXPECT_GE(statuses[grpc::UNAVAILABLE], 8 * 20);
+  for (const auto& [code, number] : statuses) {
+    EXPECT_TRUE(code == grpc::OK || code == grpc::UNAVAILABLE) << number << " times " << code;
+  }
+}
+
+TEST(RenderServer, AnswersUnavailableWhatIsNotDoneInTimeWhenItStops) {
+  BusyServer busy(1, "127.0.0.1:0");
+  busy.server().drain(0.1s);
+  const grpc::Status status = busy.end();
+  EXPECT_EQ(status.error_code(), grpc::UNAVAILABLE);
+  EXPECT_THAT(status.error_message(), HasSubstr("stopping"));
+}
+
+// Health of the service is whether it takes work, that of the server whether it is there.
+TEST(RenderServer, IsNotReadyWhileItsQueueIsFull) {
+  BusyServer busy(0, "127.0.0.1:0");
+  const auto channel = connect(busy.server());
+  const auto wait_for = [&](uint32_t state) {
+    const auto start = Clock::now();
+    while (health(channel, "itn.v1.RenderService").second != state) {
+      if (Clock::now() - start > 60s) return false;
+      std::this_thread::sleep_for(20ms);
+    }
+    return true;
+  };
+  EXPECT_TRUE(wait_for(2));
+  EXPECT_EQ(health(channel, "").second, 1U);
+  busy.context().TryCancel();
+  EXPECT_EQ(busy.end().error_code(), grpc::CANCELLED);
+  EXPECT_TRUE(wait_for(1));
 }
 
 }  // namespace
