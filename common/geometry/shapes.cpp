@@ -216,6 +216,7 @@ Mesh open_tube(const std::vector<Vec3d>& curve, double radius, uint32_t sides) {
 
 std::vector<Vec3d> sampled(const std::function<Vec3d(double)>& curve, int points) {
   std::vector<Vec3d> result;
+  result.reserve(static_cast<size_t>(points));
   for (int i = 0; i < points; ++i) result.push_back(curve(2 * kPi * i / points));
   return result;
 }
@@ -303,8 +304,8 @@ class MarchingTetrahedra {
   uint32_t cells(double extent) const { return static_cast<uint32_t>(std::ceil(extent / cell_)); }
 
   Vec3d position(uint32_t node) const {
-    return low_ +
-           Vec3d{double(node % nx_), double(node / nx_ % ny_), double(node / nx_ / ny_)} * cell_;
+    const uint32_t x = node % nx_, y = node / nx_ % ny_, z = node / nx_ / ny_;
+    return low_ + Vec3d{double(x), double(y), double(z)} * cell_;
   }
 
   void cut_cell(uint32_t corner) {
