@@ -11,15 +11,15 @@ struct MemoryPlan {
   uint64_t call_bytes;       // calls that were accepted, and what is kept for the next ones
 };
 
-// Of a process that may take `total` bytes, resident, of which `own_bytes` go to the program itself.
-// A sixteenth is the largest message, unless `max_message_bytes` is less; an eighth is for messages
-// that arrive, and an eighth is kept free (see Listener). Throws Error (kUsage) if `total` leaves too
-// little for anything.
+// Of a process that may take `total` bytes, resident, of which `own_bytes` go to the program
+// itself. A sixteenth is the largest message, unless `max_message_bytes` is less; an eighth is for
+// messages that arrive, and an eighth is kept free (see Listener). Throws Error (kUsage) if `total`
+// leaves too little for anything.
 MemoryPlan plan_memory(uint64_t total, uint64_t own_bytes, uint64_t max_message_bytes);
 
-// What a server may take unless it is told otherwise: 4 GiB, but no more than three quarters of what
-// the machine or its control group have, nor half of its limit of address space (ulimit -v), of
-// which threads reserve more than they use.
+// What a server may take unless it is told otherwise: 4 GiB, but no more than three quarters of
+// what the machine or its control group have, nor half of its limit of address space (ulimit -v),
+// of which threads reserve more than they use.
 uint64_t default_memory();
 
 // From now on large arrays go back to the system when they are freed, so that what is resident is
