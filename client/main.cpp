@@ -7,6 +7,7 @@
 #include "client/interrupt.h"
 #include "common/error.h"
 #include "common/logging.h"
+#include "common/rpc/grpc_server.h"
 
 namespace itn {
 namespace {
@@ -25,6 +26,7 @@ int run(int argc, char** argv) {
   add_predict_command(app);
   try {
     set_up_logging();
+    log_libraries_through_spdlog();
     app.parse(argc, argv);
     if (!app.get_subcommands().empty()) return 0;
     std::fprintf(stderr, "%s", app.help().c_str());

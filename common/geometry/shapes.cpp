@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "common/error.h"
+#include "common/printable.h"
 
 namespace itn {
 namespace {
@@ -669,7 +670,8 @@ const Builder& find_builder(std::string_view name) {
     names += names.empty() ? "" : ", ";
     names += info.name;
   }
-  throw invalid_input(fmt::format("there is no built-in shape \"{}\"; there are: {}", name, names));
+  throw invalid_input(
+      fmt::format("there is no built-in shape \"{}\"; there are: {}", printable(name), names));
 }
 
 }  // namespace

@@ -462,6 +462,14 @@ const BadRequest kBadRequests[] = {
      grpc::RESOURCE_EXHAUSTED},
     {"LargeReply", [](auto& r) { film(r, 200, 200); }, "ask for fewer pixels",
      grpc::RESOURCE_EXHAUSTED},
+    {"NameThatSteersATerminal",
+     [](auto& r) {
+       v1::Scene scene = cube_scene();
+       scene.mutable_object()->mutable_mesh()->set_builtin("cu\n\x1b[31m" +
+                                                           std::string(100'000, 'b'));
+       r.set_scene(scene.SerializeAsString());
+     },
+     R"(no built-in shape "cu\x0a\x1b[31mbbb)"},
     {"OpenMesh", open_mesh, "open"},
     {"InsideOut", inside_out, "inside out"},
 };
