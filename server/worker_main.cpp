@@ -13,7 +13,7 @@ struct WorkerOptions {
   RenderServerOptions server{
       .listen = "127.0.0.1:50051", .reflection = true, .max_memory_bytes = 0, .service = {}};
   uint64_t max_message_mb = 256;
-  uint64_t cache_mb = 1024;
+  uint64_t cache_mb = 512;
   ServerFlags flags;
 };
 
