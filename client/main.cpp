@@ -1,52 +1,61 @@
-// itn: the command line. Exit codes are those of common/error.h.
-#include <CLI/CLI.hpp>
+// itn: the command line. Loads no LibTorch: what needs a network is handed over to itn-learn.
+#include <algorithm>
 #include <cstdio>
-#include <exception>
+#include <span>
+#include <string>
 
+#include "client/command_line.h"
 #include "client/commands/command.h"
-#include "client/interrupt.h"
+#include "client/learning_program.h"
+#include "client/output.h"
 #include "common/error.h"
-#include "common/logging.h"
-#include "common/rpc/grpc_server.h"
 
 namespace itn {
 namespace {
 
-int run(int argc, char** argv) {
-  watch_interrupts();
-  CLI::App app("Optical parameters of a translucent material from a single photograph.");
-  app.require_subcommand(0, 1);
-  app.set_version_flag("--version", "itn " ITN_VERSION);
+// Commands that are in itn-learn alone; it knows their flags.
+struct LearningCommand {
+  const char* name;
+  const char* description;
+};
+constexpr LearningCommand kLearningCommands[] = {
+    {"train", "Train a network with a dataset"},
+    {"evaluate", "Errors of trained networks on a dataset, beside the constant predictor"},
+    {"completion", "Print a script that completes commands and flags in a shell"},
+};
+
+bool is_learning_command(std::span<char*> arguments) {
+  const auto name = std::ranges::find_if(arguments, [](const char* a) { return a[0] != '-'; });
+  return name != arguments.end() &&
+         std::ranges::any_of(kLearningCommands, [&](const LearningCommand& c) {
+           return std::string(*name) == c.name;
+         });
+}
+
+void add_commands(CLI::App& app) {
   add_render_command(app);
   add_shapes_command(app);
   add_probe_command(app);
   add_dataset_command(app);
-  add_train_command(app);
-  add_evaluate_command(app);
-  add_predict_command(app);
+  add_predict_command(app, nullptr);
+  for (const LearningCommand& command : kLearningCommands) {
+    app.add_subcommand(command.name, command.description);  // for --help and suggestions
+  }
+}
+
+int run(int argc, char** argv) {
   try {
-    set_up_logging();
-    log_libraries_through_spdlog();
-    app.parse(argc, argv);
-    if (!app.get_subcommands().empty()) return 0;
-    std::fprintf(stderr, "%s", app.help().c_str());
-    return exit_code(ErrorKind::kUsage);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : exit_code(ErrorKind::kUsage);
+    if (is_learning_command({argv + 1, argv + argc})) become_learning_program();
   } catch (const Error& error) {
-    std::fprintf(stderr, "itn: %s\n", error.what());
+    std::fprintf(stderr, "itn: %s\n", for_terminal(error.what()).c_str());
     return exit_code(error.kind());
   }
+  return run_command_line(argc, argv, add_commands);
 }
 
 }  // namespace
 }  // namespace itn
 
 int main(int argc, char** argv) {
-  try {
-    return itn::run(argc, argv);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "itn: %s\n", error.what());
-    return itn::exit_code(itn::ErrorKind::kInternal);
-  }
+  return itn::run(argc, argv);
 }

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cmath>
 #include <utility>
 
@@ -12,6 +13,7 @@ namespace {
 
 constexpr std::chrono::milliseconds kTerminalInterval(100);
 constexpr std::chrono::seconds kPlainInterval(10);
+std::atomic<bool> silent = false;
 
 }  // namespace
 
@@ -20,6 +22,10 @@ std::string format_duration(std::chrono::seconds duration) {
   if (s < 60) return fmt::format("{} s", s);
   if (s < 3600) return fmt::format("{}:{:02}", s / 60, s % 60);
   return fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60);
+}
+
+void silence_progress() {
+  silent = true;
 }
 
 Progress::Progress(std::string label, std::string unit, uint64_t total, uint64_t done,
@@ -74,6 +80,7 @@ std::string Progress::line(Clock::time_point now) const {
 }
 
 void Progress::show(Clock::time_point now) {
+  if (silent) return;
   shown_ = now;
   const std::string text = line(now);
   if (terminal_) {

@@ -43,6 +43,9 @@ class Progress {
   Clock::time_point shown_ = start_;
 };
 
+// Nothing more is shown, by any Progress of the program.
+void silence_progress();
+
 // "59 s", "1:08", "2:03:59".
 std::string format_duration(std::chrono::seconds duration);
 

@@ -5,6 +5,10 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <string>
+
+#include "common/image/photograph.h"
+#include "itn/v1/predict.pb.h"
 
 namespace itn {
 
@@ -12,8 +16,16 @@ void add_render_command(CLI::App& app);
 void add_shapes_command(CLI::App& app);
 void add_probe_command(CLI::App& app);
 void add_dataset_command(CLI::App& app);
+
+// Predicts in this process, by the network in the file or folder `model`.
+using Predict = v1::PredictReply(const std::string& model, const Photograph& photograph);
+// `here` is nullptr in a program without networks, which then becomes the one with them.
+void add_predict_command(CLI::App& app, Predict* here);
+
+// In itn-learn alone.
 void add_train_command(CLI::App& app);
 void add_evaluate_command(CLI::App& app);
-void add_predict_command(CLI::App& app);
+void add_completion_command(CLI::App& app);
+Predict predict_here;
 
 }  // namespace itn

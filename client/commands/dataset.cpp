@@ -15,7 +15,9 @@
 #include "client/dataset/dataset_render.h"
 #include "client/interrupt.h"
 #include "client/json.h"
+#include "client/output.h"
 #include "common/error.h"
+#include "common/files/atomic_file.h"
 #include "common/progress.h"
 
 namespace itn {
@@ -107,13 +109,14 @@ v1::DatasetSummary summary_of(const DatasetOptions& options, const v1::Dataset& 
 }
 
 void print(const v1::DatasetSummary& summary) {
-  fmt::print("{}: {} training images of {}; {} test images of {}\n", summary.folder(),
-             summary.train_images(), fmt::join(summary.train_shapes(), ", "), summary.test_images(),
-             fmt::join(summary.test_shapes(), ", "));
+  print_result("{}: {} training images of {}; {} test images of {}\n", summary.folder(),
+               summary.train_images(), fmt::join(summary.train_shapes(), ", "),
+               summary.test_images(), fmt::join(summary.test_shapes(), ", "));
 }
 
 void run(const DatasetOptions& options) {
   const auto start = std::chrono::steady_clock::now();
+  check_folder_writable(options.folder);
   const ShapeSet shapes =
       options.shapes.empty() ? builtin_shape_set() : load_shape_set(options.shapes);
   for (const std::string& message : shapes.refused) {
@@ -130,7 +133,7 @@ void run(const DatasetOptions& options) {
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   summary.set_seconds(elapsed.count());
   summary.set_render_cpu_seconds(pool.statistics().cpu_seconds);
-  options.json ? fmt::print("{}\n", to_json(summary)) : print(summary);
+  options.json ? print_result("{}\n", to_json(summary)) : print(summary);
 }
 
 }  // namespace

@@ -12,9 +12,11 @@
 #include "client/commands/options.h"
 #include "client/interrupt.h"
 #include "client/json.h"
+#include "client/output.h"
 #include "client/picture.h"
 #include "client/training/evaluation.h"
 #include "common/error.h"
+#include "common/files/atomic_file.h"
 #include "common/progress.h"
 
 namespace itn {
@@ -86,30 +88,33 @@ void write_picture(const EvaluateOptions& options, const LabelledImages& images,
 }
 
 void print(const v1::Evaluation& evaluation) {
-  fmt::print("RMSE over {} {} images{}\n", evaluation.items(), evaluation.split(),
-             evaluation.rerendered() > 0
-                 ? fmt::format("; relative image error over {} of them", evaluation.rerendered())
-                 : "");
+  print_result("RMSE over {} {} images{}\n", evaluation.items(), evaluation.split(),
+               evaluation.rerendered() > 0
+                   ? fmt::format("; relative image error over {} of them", evaluation.rerendered())
+                   : "");
   size_t width = 0;
   for (const v1::Evaluation::Row& row : evaluation.rows()) {
     width = std::max(width, row.name().size());
   }
-  fmt::print("{:{}}  {:>14}  {:>7}  {:>7}{}\n", "", width, "sigma_t [1/mm]", "albedo", "g",
-             evaluation.rerendered() > 0 ? "    image" : "");
+  print_result("{:{}}  {:>14}  {:>7}  {:>7}{}\n", "", width, "sigma_t [1/mm]", "albedo", "g",
+               evaluation.rerendered() > 0 ? "    image" : "");
   for (const v1::Evaluation::Row& row : evaluation.rows()) {
-    fmt::print("{:{}}  {:14.2f}  {:7.4f}  {:7.4f}", row.name(), width, row.sigma_t(), row.albedo(),
-               row.g());
+    print_result("{:{}}  {:14.2f}  {:7.4f}  {:7.4f}", row.name(), width, row.sigma_t(),
+                 row.albedo(), row.g());
     if (row.has_image()) {
-      fmt::print("  {:7.4f}", row.image());
+      print_result("  {:7.4f}", row.image());
     }
-    fmt::print("\n");
+    print_result("\n");
   }
-  fmt::print(
+  print_result(
       "The constant predictor answers the mean of these images' own truth: no constant does "
       "better.\n");
 }
 
 void run(const EvaluateOptions& options) {
+  if (!options.picture.empty()) {
+    check_writable(options.picture);
+  }
   set_torch_threads(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
   DatasetReader dataset(options.dataset);
   const v1::Split split = options.split == "train" ? v1::SPLIT_TRAIN : v1::SPLIT_TEST;
@@ -124,16 +129,18 @@ void run(const EvaluateOptions& options) {
     row.set_checkpoint(candidate.checkpoint);
     set_errors(candidate.predictions, images, row);
   }
+  std::optional<RenderPool> pool;
   if (options.rerender > 0 || !options.picture.empty()) {
-    RenderPool pool(options.workers.pool_options());
-    if (options.rerender > 0) {
-      add_image_errors(options, images, candidates, dataset, pool, evaluation);
-    }
-    if (!options.picture.empty()) {
-      write_picture(options, images, candidates.front(), dataset, pool);
-    }
+    pool.emplace(options.workers.pool_options());
   }
-  options.json ? fmt::print("{}\n", to_json(evaluation)) : print(evaluation);
+  if (options.rerender > 0) {
+    add_image_errors(options, images, candidates, dataset, *pool, evaluation);
+  }
+  options.json ? print_result("{}\n", to_json(evaluation)) : print(evaluation);
+  if (!options.picture.empty()) {
+    std::fflush(stdout);  // the table is there whatever becomes of the picture
+    write_picture(options, images, candidates.front(), dataset, *pool);
+  }
 }
 
 }  // namespace

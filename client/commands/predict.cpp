@@ -9,13 +9,18 @@
 #include "client/commands/command.h"
 #include "client/interrupt.h"
 #include "client/json.h"
+#include "client/learning_program.h"
+#include "client/output.h"
 #include "common/error.h"
+#include "common/files/read_file.h"
+#include "common/image/channels.h"
 #include "common/image/image.h"
 #include "common/image/photograph.h"
-#include "common/learning/predictor.h"
+#include "common/material.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/status.h"
 #include "common/rpc/wire_array.h"
+#include "itn/v1/experiment.pb.h"
 #include "itn/v1/predict.grpc.pb.h"
 
 namespace itn {
@@ -37,21 +42,6 @@ struct LoadedPhotograph {
   FramedPhotograph framed;
 };
 
-std::vector<std::string> channels_of(const Image& image, const std::string& path) {
-  if (image.has("R") && image.has("G") && image.has("B")) {
-    return {"R", "G", "B"};
-  }
-  if (image.has("Y")) {
-    return {"Y"};
-  }
-  std::string names;
-  for (const auto& [name, values] : image.channels) {
-    names += (names.empty() ? "" : ", ") + name;
-  }
-  throw invalid_input(
-      fmt::format("{} has the channels {}; it must have Y, or R, G and B", path, names));
-}
-
 std::vector<float> mask_of(const PredictOptions& options, const Image& image) {
   if (options.mask.empty()) {
     if (!image.has("mask.Y")) {
@@ -67,17 +57,12 @@ std::vector<float> mask_of(const PredictOptions& options, const Image& image) {
                                     options.mask, file.width, file.height, options.image,
                                     image.width, image.height));
   }
-  for (const char* name : {"mask.Y", "Y", "R"}) {
-    if (file.has(name)) {
-      return file.channel(name);
-    }
-  }
-  throw invalid_input(fmt::format("{} has none of the channels mask.Y, Y, R", options.mask));
+  return file.channel(mask_channel(file, options.mask));
 }
 
 LoadedPhotograph load(const PredictOptions& options) {
-  const Image image = read_exr(options.image);
-  const std::vector<std::string> channels = channels_of(image, options.image);
+  const Image image = decode_exr(read_file_or_stdin(options.image, "image"), options.image);
+  const std::vector<std::string> channels = radiance_channels(image, options.image);
   const size_t count = static_cast<size_t>(image.width) * image.height;
   std::vector<float> pixels;
   pixels.reserve(count * channels.size());
@@ -116,20 +101,6 @@ v1::PredictReply ask(const PredictOptions& options, const LoadedPhotograph& phot
   return reply;
 }
 
-v1::PredictReply predict_here(const PredictOptions& options, const LoadedPhotograph& photograph) {
-  set_torch_threads(1);
-  Predictor predictor = Predictor::load(options.model);
-  v1::PredictReply reply;
-  for (const Material& material : predictor.predict(photograph.framed.view())) {
-    v1::Material& proto = *reply.add_materials();
-    proto.set_sigma_t(material.sigma_t);
-    proto.set_albedo(material.albedo);
-    proto.set_g(material.g);
-  }
-  reply.set_model(predictor.name());
-  return reply;
-}
-
 v1::Prediction prediction_of(const v1::PredictReply& reply, const LoadedPhotograph& photograph) {
   if (reply.materials_size() != static_cast<int>(photograph.channels.size())) {
     throw Error(ErrorKind::kInternal,
@@ -153,35 +124,39 @@ v1::Prediction prediction_of(const v1::PredictReply& reply, const LoadedPhotogra
 }
 
 void print(const v1::Prediction& prediction) {
-  fmt::print("{:7}  {:>14}  {:>7}  {:>7}  {:>14}  {:>14}\n", "channel", "sigma_t [1/mm]", "albedo",
-             "g", "sigma_a [1/mm]", "sigma_s [1/mm]");
+  print_result("{:7}  {:>14}  {:>7}  {:>7}  {:>14}  {:>14}\n", "channel", "sigma_t [1/mm]",
+               "albedo", "g", "sigma_a [1/mm]", "sigma_s [1/mm]");
   for (const v1::Prediction::Channel& c : prediction.channels()) {
-    fmt::print("{:7}  {:14.3f}  {:7.4f}  {:7.4f}  {:14.3f}  {:14.3f}\n", c.channel(), c.sigma_t(),
-               c.albedo(), c.g(), c.sigma_a(), c.sigma_s());
+    print_result("{:7}  {:14.3f}  {:7.4f}  {:7.4f}  {:14.3f}  {:14.3f}\n", c.channel(), c.sigma_t(),
+                 c.albedo(), c.g(), c.sigma_a(), c.sigma_s());
   }
 }
 
-void run(const PredictOptions& options) {
+void run(const PredictOptions& options, Predict* here) {
   if (options.model.empty() == options.predictor.empty()) {
     throw Error(ErrorKind::kUsage, "give either --model FILE or --predictor HOST:PORT");
   }
+  if (!options.model.empty() && here == nullptr) become_learning_program();
   const LoadedPhotograph photograph = load(options);
-  const v1::PredictReply reply =
-      options.model.empty() ? ask(options, photograph) : predict_here(options, photograph);
+  const v1::PredictReply reply = options.model.empty()
+                                     ? ask(options, photograph)
+                                     : here(options.model, photograph.framed.view());
   const v1::Prediction prediction = prediction_of(reply, photograph);
-  options.json ? fmt::print("{}\n", to_json(prediction)) : print(prediction);
+  options.json ? print_result("{}\n", to_json(prediction)) : print(prediction);
 }
 
 }  // namespace
 
-void add_predict_command(CLI::App& app) {
+void add_predict_command(CLI::App& app, Predict* here) {
   const auto options = std::make_shared<PredictOptions>();
   CLI::App* command = app.add_subcommand("predict", "Optical parameters of the object in an image");
-  command->add_option("image", options->image, "EXR with channel Y, or R, G, B: linear radiance")
+  command
+      ->add_option("image", options->image,
+                   "EXR with channel Y, or R, G, B: linear radiance; -: standard input")
       ->required();
   command->add_option(
       "--mask", options->mask,
-      "EXR that is 1 on the object (channel mask.Y, Y or R); default: the image's own "
+      "EXR that is 1 on the object (channel mask.Y, Y, L, R or A); default: the image's own "
       "channel mask.Y");
   command->add_option("--model", options->model, "Checkpoint (or run): predict in this process");
   command->add_option("--predictor", options->predictor, "HOST:PORT of an itn-predictor to ask");
@@ -189,7 +164,7 @@ void add_predict_command(CLI::App& app) {
       ->check(CLI::Range(0.01, 3600.0))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.Prediction)");
-  command->callback([options] { run(*options); });
+  command->callback([options, here] { run(*options, here); });
 }
 
 }  // namespace itn

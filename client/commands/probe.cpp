@@ -10,6 +10,7 @@
 #include <string>
 
 #include "client/commands/command.h"
+#include "client/output.h"
 #include "common/error.h"
 #include "common/rpc/channel.h"
 
@@ -52,7 +53,7 @@ bool serves(const ProbeOptions& options) {
 
 void probe(const ProbeOptions& options) {
   const bool serving = serves(options);
-  fmt::print("{}\n", serving ? "SERVING" : "NOT_SERVING");
+  print_result("{}\n", serving ? "SERVING" : "NOT_SERVING");
   if (!serving) throw Error(ErrorKind::kUnavailable, options.address + " is not serving");
 }
 

@@ -1,6 +1,7 @@
 // itn render: an image of a scene and its derivatives, as layers of an EXR file.
 #include <fmt/format.h>
 #include <google/protobuf/struct.pb.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <array>
@@ -8,6 +9,7 @@
 #include <cmath>
 #include <filesystem>
 #include <memory>
+#include <numeric>
 #include <string>
 #include <vector>
 
@@ -15,8 +17,10 @@
 #include "client/commands/options.h"
 #include "client/interrupt.h"
 #include "client/json.h"
+#include "client/output.h"
 #include "client/render_pool/render_pool.h"
 #include "common/error.h"
+#include "common/files/atomic_file.h"
 #include "common/image/attributes.h"
 #include "common/image/image.h"
 #include "common/image/preview.h"
@@ -44,8 +48,6 @@ struct RenderOptions {
   bool json = false;
 };
 
-// ---- The request -----------------------------------------------------------------------------
-
 std::string upper(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(),
                  [](unsigned char c) { return std::toupper(c); });
@@ -57,6 +59,40 @@ std::string lower(std::string text) {
                  [](unsigned char c) { return std::tolower(c); });
   return text;
 }
+
+// ---- Where results go ------------------------------------------------------------------------
+
+std::string suffix(const std::string& path) {
+  return lower(std::filesystem::path(path).extension().string());
+}
+
+void require_usage(bool condition, const std::string& message) {
+  if (!condition) throw Error(ErrorKind::kUsage, message);
+}
+
+// Before the work, so that no render is lost for want of a place to write it to.
+void check_outputs(const RenderOptions& options) {
+  constexpr std::array kPictures = {".png", ".jpg", ".jpeg", ".tif", ".tiff",
+                                    ".bmp", ".hdr", ".pfm",  ".ppm", ".webp"};
+  require_usage(std::ranges::find(kPictures, suffix(options.output)) == kPictures.end(),
+                fmt::format("--output {}: it is written as OpenEXR, name it .exr; --png writes a "
+                            "picture to look at",
+                            options.output));
+  check_writable(options.output);
+  const bool image_to_stdout = is_stdout(options.output);
+  require_usage(!image_to_stdout || !options.json,
+                "--json and the image cannot both go to standard output");
+  if (options.png.empty()) return;
+  require_usage(suffix(options.png) != ".exr",
+                fmt::format("--png {}: it is written as PNG, name it .png", options.png));
+  require_usage(std::filesystem::path(options.png).lexically_normal() !=
+                        std::filesystem::path(options.output).lexically_normal() &&
+                    !is_stdout(options.png),
+                fmt::format("--png {}: it needs a file of its own", options.png));
+  check_writable(options.png);
+}
+
+// ---- The request -----------------------------------------------------------------------------
 
 v1::Parameter parameter(const std::string& name) {
   v1::Parameter value = v1::PARAMETER_UNSPECIFIED;
@@ -191,6 +227,25 @@ void write_preview(const std::filesystem::path& path, const Image& image) {
 
 // ---- The result on stdout --------------------------------------------------------------------
 
+// The part of the image's pixels that the object covers.
+double coverage(const Image& image) {
+  const std::vector<float>& mask = image.channel("mask.Y");
+  return std::accumulate(mask.begin(), mask.end(), 0.0) / static_cast<double>(mask.size());
+}
+
+void warn_if_hardly_seen(const Image& image) {
+  constexpr double kTiny = 1e-3;
+  const double covered = coverage(image);
+  const double pixels = static_cast<double>(image.width) * image.height;
+  if (covered >= kTiny && covered * pixels >= 1) return;
+  const std::string how = covered == 0 ? "the camera does not see the object: it is in no pixel"
+                                       : fmt::format(
+                                             "the camera hardly sees the object: it covers "
+                                             "{:.2g} of {} pixels",
+                                             covered * pixels, pixels);
+  spdlog::warn("{}. Is it at the camera's target, and of the size that is meant, in mm?", how);
+}
+
 double mean_over_object(const Image& image) {
   const std::vector<float>& radiance = image.channel("Y");
   const std::vector<float>& mask = image.channel("mask.Y");
@@ -215,6 +270,7 @@ void print_json(const v1::RenderGradReply& reply, const RenderOptions& options, 
   number("width", reply.width());
   number("height", reply.height());
   number("spp", options.spp);
+  number("object_coverage", coverage(image));
   number("mean_radiance_on_object", mean_over_object(image));
   number("paths", counters.paths());
   number("steps", counters.steps());
@@ -222,26 +278,30 @@ void print_json(const v1::RenderGradReply& reply, const RenderOptions& options, 
   number("leaks", counters.leaks());
   number("cpu_seconds", counters.cpu_seconds());
   number("seconds", seconds);
-  fmt::print("{}\n", to_json(result));
+  print_result("{}\n", to_json(result));
 }
 
 void print_text(const v1::RenderGradReply& reply, const RenderOptions& options, const Image& image,
                 double seconds) {
   const v1::Counters& counters = reply.counters();
-  fmt::print("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n", options.output, reply.width(),
-             reply.height(), options.spp, seconds);
-  fmt::print("mean radiance on the object: {:.6g}\n", mean_over_object(image));
+  std::string text =
+      fmt::format("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n", options.output,
+                  reply.width(), reply.height(), options.spp, seconds) +
+      fmt::format("mean radiance on the object: {:.6g}\n", mean_over_object(image));
   if (counters.invalid_samples() > 0 || counters.leaks() > 0) {
-    fmt::print("dropped: {} invalid samples, {} leaks of {} paths\n", counters.invalid_samples(),
-               counters.leaks(), counters.paths());
+    text += fmt::format("dropped: {} invalid samples, {} leaks of {} paths\n",
+                        counters.invalid_samples(), counters.leaks(), counters.paths());
   }
+  print_result(text, is_stdout(options.output) ? stderr : stdout);
 }
 
 void run(const RenderOptions& options) {
   const auto start = std::chrono::steady_clock::now();
+  check_outputs(options);
   const RenderJob job = make_job(options);
   const v1::RenderGradReply reply = render(options, job);
   const Image image = make_image(reply, options, job);
+  warn_if_hardly_seen(image);
   write_exr(options.output, image);
   if (!options.png.empty()) write_preview(options.png, image);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
@@ -254,9 +314,12 @@ void run(const RenderOptions& options) {
 void add_render_command(CLI::App& app) {
   const auto options = std::make_shared<RenderOptions>();
   CLI::App* command = app.add_subcommand("render", "Render a scene and its derivatives to an EXR");
-  command->add_option("scene", options->scene, "Scene file (text format of itn.v1.Scene)")
+  command
+      ->add_option("scene", options->scene,
+                   "Scene file (text format of itn.v1.Scene); -: standard input")
       ->required();
-  command->add_option("-o,--output", options->output, "EXR file to write")->required();
+  command->add_option("-o,--output", options->output, "EXR file to write; -: standard output")
+      ->required();
   command->add_option("--sigma-t", options->sigma_t, "Extinction coefficient, in 1/mm")->required();
   command->add_option("--albedo", options->albedo, "Single-scattering albedo")->required();
   command->add_option("--g", options->g, "Mean cosine of scattering")->capture_default_str();

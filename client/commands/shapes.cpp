@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include "client/commands/command.h"
+#include "client/output.h"
 #include "common/geometry/shapes.h"
 
 namespace itn {
@@ -10,7 +11,7 @@ void add_shapes_command(CLI::App& app) {
   CLI::App* command = app.add_subcommand("shapes", "List the built-in shapes");
   command->callback([] {
     for (const ShapeInfo& shape : builtin_shapes()) {
-      fmt::print("{:<16} {}\n", shape.name, shape.description);
+      print_result("{:<16} {}\n", shape.name, shape.description);
     }
   });
 }

@@ -15,9 +15,11 @@
 #include "client/dataset/dataset.h"
 #include "client/interrupt.h"
 #include "client/json.h"
+#include "client/output.h"
 #include "client/render_pool/render_pool.h"
 #include "client/training/training.h"
 #include "common/error.h"
+#include "common/files/atomic_file.h"
 #include "common/learning/checkpoint.h"
 #include "common/progress.h"
 
@@ -127,19 +129,20 @@ std::string note_of(const v1::TrainingMetrics& metrics) {
 
 void print(const v1::TrainingSummary& summary) {
   if (!summary.has_last()) {
-    fmt::print("{}: {}, was finished already\n", summary.checkpoint(), summary.model());
+    print_result("{}: {}, was finished already\n", summary.checkpoint(), summary.model());
     return;
   }
-  fmt::print("{}: {}, step {}, regression loss {:.4f}", summary.checkpoint(), summary.model(),
-             summary.last().step(), summary.last().regression_loss());
+  print_result("{}: {}, step {}, regression loss {:.4f}", summary.checkpoint(), summary.model(),
+               summary.last().step(), summary.last().regression_loss());
   if (summary.last().has_image_loss()) {
-    fmt::print(", image loss {:.5f}", summary.last().image_loss());
+    print_result(", image loss {:.5f}", summary.last().image_loss());
   }
-  fmt::print(", {:.1f} s\n", summary.seconds());
+  print_result(", {:.1f} s\n", summary.seconds());
 }
 
 void run(TrainOptions options) {
   const auto start = std::chrono::steady_clock::now();
+  check_folder_writable(options.folder);
   if (options.torch_threads == 0) {
     options.torch_threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   }
@@ -182,7 +185,7 @@ void run(TrainOptions options) {
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   summary.set_seconds(elapsed.count());
   summary.set_render_cpu_seconds(pool ? pool->statistics().cpu_seconds : 0);
-  options.json ? fmt::print("{}\n", to_json(summary)) : print(summary);
+  options.json ? print_result("{}\n", to_json(summary)) : print(summary);
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 #include <string>
 #include <thread>
 
@@ -45,6 +46,17 @@ TEST(Progress, OffATerminalIsPlainLines) {
   EXPECT_THAT(text, HasSubstr("in all  loss 0.5\n"));
   EXPECT_THAT(text, Not(HasSubstr("\r")));
   EXPECT_THAT(text, Not(HasSubstr("\x1b")));
+}
+
+// In a process of its own, as it holds for all that follow.
+TEST(ProgressDeathTest, IsSilentOnRequest) {
+  EXPECT_EXIT(
+      {
+        silence_progress();
+        Progress("rendering", "images", 4).finish();
+        std::exit(0);
+      },
+      ::testing::ExitedWithCode(0), "^$");
 }
 
 TEST(Progress, WhatWasDoneBeforeIsNotInTheRate) {

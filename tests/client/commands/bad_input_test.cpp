@@ -94,14 +94,15 @@ const BadInput kBadInputs[] = {
        return Arguments{ITN, "rendre"};
      },
      2,
-     {"rendre"}},
+     {"no command rendre; did you mean render?"}},
     {"NoScene",
      [](auto&) {
        return Arguments{ITN, "render"};
      },
      2,
      {"scene is required"}},
-    {"UnknownFlag", flag("--frobnicate", "1"), 2, {"--frobnicate"}},
+    {"UnknownFlag", flag("--frobnicate", "1"), 2, {"itn render has no flag --frobnicate"}},
+    {"MisspeltFlag", flag("--sgima-t", "1"), 2, {"--sgima-t; did you mean --sigma-t?"}},
     {"NotANumber", flag("--spp", "many"), 2, {"--spp"}},
     {"NegativeSpp", flag("--spp", "-1"), 2, {"--spp"}},
     {"UnknownDerivative", flag("--derivatives", "sigma_t,ior"), 2, {"ior", "sigma_s_reduced"}},
@@ -119,6 +120,14 @@ const BadInput kBadInputs[] = {
      [](auto& folder) { return render(folder, folder.path("missing.textproto")); },
      4,
      {"missing.textproto"}},
+    {"EmptyScene",
+     [](auto& folder) { return render(folder, folder.write("scene.textproto", "")); },
+     3,
+     {"scene.textproto: the scene file is empty"}},
+    {"EndlessScene",
+     [](auto& folder) { return render(folder, "/dev/zero"); },
+     4,
+     {"the scene /dev/zero: it is a device"}},
     {"NoSuchFolder",
      [](auto& folder) {
        return render(folder, folder.write("scene.textproto", kSceneFile),

@@ -1,0 +1,196 @@
+#include "client/command_line.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <iterator>
+#include <numeric>
+
+#include "client/interrupt.h"
+#include "client/output.h"
+#include "common/error.h"
+#include "common/logging.h"
+#include "common/progress.h"
+#include "common/rpc/grpc_server.h"
+
+namespace itn {
+namespace {
+
+using Arguments = std::vector<std::string>;
+
+int fail(ErrorKind kind, const std::string& message) {
+  std::fprintf(stderr, "itn: %s\n", for_terminal(message).c_str());
+  return exit_code(kind);
+}
+
+std::vector<const CLI::App*> commands_of(const CLI::App& app) {
+  return app.get_subcommands([](const CLI::App*) { return true; });
+}
+
+// The end if there is none.
+Arguments::const_iterator find_command_name(const Arguments& arguments) {
+  return std::ranges::find_if(arguments, [](const auto& a) { return !a.starts_with('-'); });
+}
+
+// The command that the arguments name; nullptr if there is none of this name.
+const CLI::App* command_of(const CLI::App& app, const Arguments& arguments) {
+  const auto name = find_command_name(arguments);
+  if (name == arguments.end()) return nullptr;
+  const auto commands = commands_of(app);
+  const auto found = std::ranges::find(commands, *name, [](auto* c) { return c->get_name(); });
+  return found == commands.end() ? nullptr : *found;
+}
+
+std::string flag_of(const std::string& argument) {
+  return argument.substr(0, argument.find('='));
+}
+
+// --- Lists ---
+
+bool is_list(const CLI::App& command, const std::string& argument) {
+  const CLI::Option* option = command.get_option_no_throw(flag_of(argument));
+  return option != nullptr && option->get_delimiter() == ',';
+}
+
+std::string without_spaces_at_commas(const std::string& list) {
+  std::string result;
+  for (const char c : list) {
+    if (c == ',') result.erase(result.find_last_not_of(' ') + 1);
+    if (c != ' ' || (!result.empty() && result.back() != ',')) result += c;
+  }
+  return result;
+}
+
+// --- Names ---
+
+// How many letters are to be changed, left out, put in, or exchanged with their neighbour.
+size_t edit_distance(const std::string& a, const std::string& b) {
+  std::vector<std::vector<size_t>> d(a.size() + 1, std::vector<size_t>(b.size() + 1));
+  for (size_t i = 0; i <= a.size(); ++i) d[i][0] = i;
+  for (size_t j = 0; j <= b.size(); ++j) d[0][j] = j;
+  for (size_t i = 1; i <= a.size(); ++i) {
+    for (size_t j = 1; j <= b.size(); ++j) {
+      d[i][j] = std::min(
+          {d[i - 1][j] + 1, d[i][j - 1] + 1, d[i - 1][j - 1] + (a[i - 1] == b[j - 1] ? 0 : 1)});
+      if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1]) {
+        d[i][j] = std::min(d[i][j], d[i - 2][j - 2] + 1);
+      }
+    }
+  }
+  return d[a.size()][b.size()];
+}
+
+// "; did you mean X?", or nothing if no name is near.
+std::string suggestion(const std::string& name, const Arguments& names) {
+  const auto distance = [&](const std::string& other) {
+    return other.starts_with(name) ? 0 : edit_distance(name, other);  // an abbreviation
+  };
+  const auto nearest = std::ranges::min_element(names, {}, distance);
+  if (nearest == names.end() || distance(*nearest) > std::max<size_t>(1, name.size() / 3)) {
+    return "";
+  }
+  return fmt::format("; did you mean {}?", *nearest);
+}
+
+Arguments names_of_commands(const CLI::App& app) {
+  Arguments names;
+  for (const CLI::App* command : commands_of(app)) names.push_back(command->get_name());
+  return names;
+}
+
+Arguments names_of_flags(const CLI::App& command) {
+  Arguments names;
+  for (const CLI::Option* option : command.get_options()) {
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+  }
+  return names;
+}
+
+int parse_and_run(CLI::App& app, Arguments arguments) {
+  arguments = with_lists_joined(app, arguments);
+  try {
+    app.parse(Arguments(arguments.rbegin(), arguments.rend()));  // which it wants reversed
+    if (!app.get_subcommands().empty()) return 0;
+    std::fprintf(stderr, "%s", app.help().c_str());
+    return exit_code(ErrorKind::kUsage);
+  } catch (const CLI::ParseError& error) {
+    const std::string unknown = error.get_exit_code() == 0 ? "" : unknown_name(app, arguments);
+    if (unknown.empty()) return app.exit(error) == 0 ? 0 : exit_code(ErrorKind::kUsage);
+    return fail(ErrorKind::kUsage, unknown + "\nRun with --help for more information.");
+  }
+}
+
+}  // namespace
+
+Arguments with_lists_joined(const CLI::App& app, const Arguments& arguments) {
+  const CLI::App* command = command_of(app, arguments);
+  if (command == nullptr) return arguments;
+  Arguments result;
+  for (size_t i = 0; i < arguments.size(); ++i) {
+    result.push_back(arguments[i]);
+    if (!is_list(*command, arguments[i])) continue;
+    if (arguments[i].find('=') == std::string::npos) {
+      if (++i == arguments.size()) break;
+      result.push_back(arguments[i]);
+    }
+    std::string& list = result.back();
+    while (i + 1 < arguments.size() && (list.ends_with(',') || arguments[i + 1].starts_with(','))) {
+      list += arguments[++i];
+    }
+    list = without_spaces_at_commas(list);
+  }
+  return result;
+}
+
+std::string unknown_name(const CLI::App& app, const Arguments& arguments) {
+  const auto name = find_command_name(arguments);
+  const CLI::App* command = command_of(app, arguments);
+  if (name != arguments.end() && command == nullptr) {
+    return fmt::format("there is no command {}{}", *name,
+                       suggestion(*name, names_of_commands(app)));
+  }
+  for (const std::string& argument : arguments) {
+    const std::string flag = flag_of(argument);
+    if (!flag.starts_with("--") || flag == "--" || app.get_option_no_throw(flag) != nullptr) {
+      continue;
+    }
+    if (command == nullptr) {
+      return fmt::format("there is no flag {}{}", flag, suggestion(flag, names_of_flags(app)));
+    }
+    if (command->get_option_no_throw(flag) == nullptr) {
+      return fmt::format("itn {} has no flag {}{}", command->get_name(), flag,
+                         suggestion(flag, names_of_flags(*command)));
+    }
+  }
+  return "";
+}
+
+int run_command_line(int argc, char** argv, const std::function<void(CLI::App&)>& add_commands) {
+  try {
+    watch_interrupts();
+    std::signal(SIGPIPE, SIG_IGN);  // a reader that has gone is an error of the write
+    set_up_logging();
+    log_libraries_through_spdlog();
+    CLI::App app("Optical parameters of a translucent material from a single photograph.", "itn");
+    app.require_subcommand(0, 1);
+    app.set_version_flag("--version", "itn " ITN_VERSION);
+    add_commands(app);
+    constexpr const char* kQuiet = "No progress; results, warnings and errors alone";
+    app.add_flag_callback("-q,--quiet", silence_progress, kQuiet);
+    for (CLI::App* command : app.get_subcommands({})) {
+      command->add_flag_callback("-q,--quiet", silence_progress, kQuiet);
+    }
+    const int code = parse_and_run(app, Arguments(argv + 1, argv + argc));
+    finish_output();
+    return code;
+  } catch (const Error& error) {
+    return fail(error.kind(), error.what());
+  } catch (const std::exception& error) {
+    return fail(ErrorKind::kInternal, error.what());
+  }
+}
+
+}  // namespace itn

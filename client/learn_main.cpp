@@ -1,0 +1,16 @@
+// itn-learn: all commands of itn, those that need a network (LibTorch) included. itn runs it.
+#include "client/command_line.h"
+#include "client/commands/command.h"
+
+int main(int argc, char** argv) {
+  return itn::run_command_line(argc, argv, [](CLI::App& app) {
+    itn::add_render_command(app);
+    itn::add_shapes_command(app);
+    itn::add_probe_command(app);
+    itn::add_dataset_command(app);
+    itn::add_train_command(app);
+    itn::add_evaluate_command(app);
+    itn::add_predict_command(app, itn::predict_here);
+    itn::add_completion_command(app);
+  });
+}
