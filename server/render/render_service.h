@@ -13,12 +13,12 @@
 namespace itn {
 
 struct RenderServiceOptions {
-  int threads = 0;                       // of each render; 0: one per processor
-  int renders = 1;                       // at a time
-  size_t queue_capacity = 16;            // requests that wait
+  int threads = 0;                         // of each render; 0: one per processor
+  int renders = 1;                         // at a time
+  size_t queue_capacity = 16;              // requests that wait
   size_t cache_bytes = size_t{512} << 20;  // of scenes and their parts
-  uint64_t memory_bytes = 0;             // of all requests under way together; 0: no limit
-  double max_seconds = 600;              // of a render, its scene included; 0: no limit
+  uint64_t memory_bytes = 0;               // of all requests under way together; 0: no limit
+  double max_seconds = 600;                // of a render, its scene included; 0: no limit
   RenderLimits limits;
 };
 
