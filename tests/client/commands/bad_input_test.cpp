@@ -188,10 +188,17 @@ const BadInput kBadInputs[] = {
      },
      3,
      {"model.itn is not a checkpoint"}},
-    {"PredictTruncatedModel",
+    {"PredictOldModel",
      [](auto& folder) {
        return Arguments{ITN, "predict", exr_with(folder, 1), "--model",
                         folder.write("model.itn", "ITNCKPT1")};
+     },
+     3,
+     {"model.itn was written by an earlier version", "Train the network again"}},
+    {"PredictTruncatedModel",
+     [](auto& folder) {
+       return Arguments{ITN, "predict", exr_with(folder, 1), "--model",
+                        folder.write("model.itn", "ITNCKPT2")};
      },
      6,
      {"model.itn is damaged"}},
