@@ -26,6 +26,7 @@ namespace {
 struct DatasetOptions {
   std::string folder;
   std::string shapes;  // folder; empty: the built-in ones
+  bool repair = false;
   std::vector<std::string> test_shapes;
   uint32_t count = 400;
   bool grid = false;
@@ -118,7 +119,7 @@ void run(const DatasetOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   check_folder_writable(options.folder);
   const ShapeSet shapes =
-      options.shapes.empty() ? builtin_shape_set() : load_shape_set(options.shapes);
+      options.shapes.empty() ? builtin_shape_set() : load_shape_set(options.shapes, options.repair);
   for (const std::string& message : shapes.refused) {
     spdlog::warn("not used: {}", message);
   }
@@ -145,6 +146,10 @@ void add_dataset_command(CLI::App& app) {
   command->add_option("folder", options->folder, "Folder to write")->required();
   command->add_option("--shapes", options->shapes,
                       "Folder of closed PLY, OBJ or STL meshes; without: the built-in shapes");
+  command->add_flag(
+      "--repair", options->repair,
+      "Close meshes of --shapes that are nearly closed: weld cracks, fill holes, turn "
+      "triangles; says what it changed");
   command
       ->add_option(
           "--test-shapes", options->test_shapes,

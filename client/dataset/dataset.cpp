@@ -7,11 +7,13 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <spdlog/spdlog.h>
 
 #include "client/dataset/sampler.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
 #include "common/geometry/mesh_file.h"
+#include "common/geometry/mesh_repair.h"
 #include "common/geometry/shapes.h"
 #include "common/image/attributes.h"
 #include "common/image/image.h"
@@ -50,9 +52,16 @@ std::vector<fs::path> mesh_files(const fs::path& folder) {
   return files;
 }
 
-Shape load_shape(const fs::path& file) {
+Shape load_shape(const fs::path& file, bool repair) {
   Shape shape{file.stem().string(), load_mesh(file)};
-  validate_closed(shape.mesh, file.filename().string());
+  const std::string name = file.filename().string();
+  if (repair) {
+    MeshRepair done = repaired(shape.mesh, name);
+    if (done.changed()) spdlog::warn("{} is repaired: {}", name, done.describe());
+    shape.mesh = std::move(done.mesh);
+  } else {
+    validate_closed(shape.mesh, name);
+  }
   shape.mesh = normalized(shape.mesh);
   return shape;
 }
@@ -265,11 +274,11 @@ ShapeSet builtin_shape_set() {
   return set;
 }
 
-ShapeSet load_shape_set(const fs::path& folder) {
+ShapeSet load_shape_set(const fs::path& folder, bool repair) {
   ShapeSet set;
   for (const fs::path& file : mesh_files(folder)) {
     try {
-      set.shapes.push_back(load_shape(file));
+      set.shapes.push_back(load_shape(file, repair));
     } catch (const Error& error) {
       set.refused.push_back(fmt::format("{}: {}", file.filename().string(), error.what()));
     }

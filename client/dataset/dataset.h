@@ -32,8 +32,9 @@ struct ShapeSet {
 ShapeSet builtin_shape_set();
 
 // The PLY, OBJ and STL files in a folder (not its subfolders), normalised. Throws Error: kIo (no
-// such folder), kInvalidInput (none of them can be used: says why for each).
-ShapeSet load_shape_set(const std::filesystem::path& folder);
+// such folder), kInvalidInput (none of them can be used: says why for each). With `repair`, those
+// that are nearly closed are closed (mesh_repair.h), and what was changed is logged.
+ShapeSet load_shape_set(const std::filesystem::path& folder, bool repair = false);
 
 // The set-up, material ranges and azimuths of the paper, for a square film of this many pixels.
 v1::DatasetConfig paper_config(uint32_t resolution);

@@ -237,8 +237,8 @@ class Repair {
       for (const uint32_t t : triangles) {
         Triangle& here = part.triangles.emplace_back(mesh().triangles[t]);
         for (uint32_t& v : here) {
-          const bool known = place[v] < part.vertices.size() &&
-                             part.vertices[place[v]] == mesh().vertices[v];
+          const bool known =
+              place[v] < part.vertices.size() && part.vertices[place[v]] == mesh().vertices[v];
           if (!known) {
             place[v] = static_cast<uint32_t>(part.vertices.size());
             part.vertices.push_back(mesh().vertices[v]);

@@ -1,6 +1,7 @@
 #include "common/scene/scene_file.h"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <cstdint>
 #include <string>
@@ -11,6 +12,7 @@
 #include "common/files/read_file.h"
 #include "common/geometry/mesh.h"
 #include "common/geometry/mesh_file.h"
+#include "common/geometry/mesh_repair.h"
 #include "common/geometry/shapes.h"
 #include "common/image/channels.h"
 #include "common/image/image.h"
@@ -36,9 +38,19 @@ v1::Scene parse(const fs::path& path) {
   return scene;
 }
 
+Mesh load_repaired_mesh(const fs::path& path) {
+  MeshRepair repair = repaired(load_mesh(path), path.string());
+  if (repair.changed()) spdlog::warn("{} is repaired: {}", path.string(), repair.describe());
+  return std::move(repair.mesh);
+}
+
 void resolve(v1::Mesh& mesh, const fs::path& folder) {
   if (mesh.has_path()) {
-    set_triangles(mesh, load_mesh(folder / mesh.path()));
+    const fs::path path = folder / mesh.path();
+    set_triangles(mesh, mesh.repair() ? load_repaired_mesh(path) : load_mesh(path));
+    mesh.clear_repair();
+  } else if (mesh.repair()) {
+    throw invalid_input("repair is set for a mesh without a path; only files are repaired");
   } else if (mesh.has_builtin()) {
     check_shape_name(mesh.builtin());  // the worker builds it
   }

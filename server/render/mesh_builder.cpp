@@ -206,6 +206,10 @@ Mesh MeshBuilder::own_coordinates(const std::string& field, const v1::Mesh& prot
 }
 
 Mesh MeshBuilder::source(const std::string& field, const v1::Mesh& proto) {
+  if (proto.repair()) {
+    throw invalid_input(fmt::format(
+        "{}.repair is set; a worker repairs nothing: send the repaired triangles", field));
+  }
   switch (proto.source_case()) {
     case v1::Mesh::kTriangles: return from_triangles(field + ".triangles", proto.triangles());
     case v1::Mesh::kBuiltin: {

@@ -346,6 +346,12 @@ TEST_F(DatasetFolder, LoadsWhatItCanOfAFolderOfMeshes) {
   EXPECT_EQ(set.shapes[0].name, "good");
   EXPECT_EQ(bounds(set.shapes[0].mesh).max.y, 1);
   EXPECT_THAT(set.refused, testing::ElementsAre(HasSubstr("open.obj")));
+  const ShapeSet repaired = load_shape_set(folder_, true);  // a triangle alone bounds nothing
+  EXPECT_EQ(repaired.shapes.size(), 1);
+  EXPECT_THAT(repaired.refused, testing::ElementsAre(HasSubstr("cannot be repaired")));
+  std::ofstream(folder_ / "open.obj") << std::string(tetrahedron).substr(0, 56);
+  EXPECT_EQ(load_shape_set(folder_).shapes.size(), 1);
+  EXPECT_EQ(load_shape_set(folder_, true).shapes.size(), 2);
   fs::remove(folder_ / "good.obj");
   expect_error(ErrorKind::kInvalidInput, "can be used", [&] { load_shape_set(folder_); });
   fs::remove(folder_ / "open.obj");

@@ -11,6 +11,7 @@
 
 #include "common/error.h"
 #include "common/image/image.h"
+#include "common/logging.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_folder.h"
 
@@ -65,6 +66,25 @@ TEST(SceneFile, PutsMeshesInThePlaceOfPathsBesideIt) {
   }
   EXPECT_EQ(scene.object().mesh().transforms_size(), 1);
   EXPECT_TRUE(scene.surfaces(1).has_rectangle());
+}
+
+TEST(SceneFile, RepairsMeshesWhereAsked) {
+  const TemporaryFolder folder;
+  const std::string obj(kObj);
+  folder.write("open.obj", obj.substr(0, obj.rfind("f ")));  // without its last face
+  const auto load = [&](const std::string& mesh) {
+    return load_scene(folder.write("scene.txt", "object { mesh { " + mesh + " } }"));
+  };
+  const v1::Scene open = load("path: \"open.obj\"");
+  EXPECT_EQ(open.object().mesh().triangles().indices().size(), 3U * 12);
+  set_up_logging();
+  ::testing::internal::CaptureStderr();
+  const v1::Scene closed = load("path: \"open.obj\" repair: true");
+  EXPECT_THAT(::testing::internal::GetCapturedStderr(),
+              ::testing::HasSubstr("open.obj is repaired: 1 hole filled (of 3 edges)"));
+  EXPECT_EQ(closed.object().mesh().triangles().indices().size(), 4U * 12);
+  EXPECT_FALSE(closed.object().mesh().repair());  // a worker need not know
+  EXPECT_THROW(load("builtin: \"cube\" repair: true"), Error);
 }
 
 TEST(SceneFile, PutsPixelsInThePlaceOfPanoramas) {

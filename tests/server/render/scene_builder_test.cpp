@@ -73,6 +73,7 @@ const BadScene kBadScenes[] = {
        camera->GetReflection()->MutableUnknownFields(camera)->AddVarint(77, 1);
      },
      "scene.camera has a field with the unknown number 77"},
+    {"MeshRepair", [](auto& s) { mesh(s).set_repair(true); }, "a worker repairs nothing"},
     {"MeshPath", [](auto& s) { mesh(s).set_path("/etc/passwd"); }, "a worker opens no files"},
     {"UnknownShape", [](auto& s) { mesh(s).set_builtin("teapot-of-utah"); }, "teapot-of-utah"},
     {"NoPositions", [](auto& s) { mesh(s).mutable_triangles()->clear_positions(); },
