@@ -20,8 +20,9 @@ enum class Outcome {
 };
 
 //   OK                              kAnswered
-//   UNAVAILABLE with details        kBusy if they are a v1::Busy that says when to come back; kAway
-//   UNAVAILABLE without             kLost: gRPC says so of a connection that broke
+//   UNAVAILABLE with a v1::Busy     kBusy
+//   UNAVAILABLE with a v1::Stopping kAway
+//   UNAVAILABLE without details     kLost: gRPC says so of a connection that broke
 //   CANCELLED                       kAway: what we cancelled ourselves is nobody's outcome
 //   DEADLINE_EXCEEDED               kLost
 //   INVALID_ARGUMENT                kInvalid

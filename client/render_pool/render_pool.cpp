@@ -1,17 +1,16 @@
 #include "client/render_pool/render_pool.h"
 
-#include <algorithm>
 #include <condition_variable>
+#include <deque>
 #include <mutex>
-#include <optional>
 #include <stop_token>
 #include <thread>
 #include <utility>
 
+#include "client/render_pool/tiles.h"
 #include "client/render_pool/worker_connection.h"
 #include "common/error.h"
 #include "common/rpc/channel.h"
-#include "server/render/render_reply.h"
 #include "server/render/render_server.h"
 
 namespace itn {
@@ -22,32 +21,6 @@ using std::chrono::milliseconds;
 
 // Two jobs on their way to each worker: one is rendered, the next waits in the worker's queue.
 constexpr int kJobsPerWorker = 2;
-
-// Parts of a split render have at least this many samples, about a second of work, and there are at
-// most so many parts.
-constexpr uint64_t kSamplesPerPart = uint64_t{1} << 20;
-constexpr uint64_t kMaxParts = 1024;
-
-// Sample ranges of the parts of a split render.
-std::vector<v1::SampleRange> split(const v1::RenderGradRequest& request, uint64_t pixels,
-                                   int workers) {
-  v1::SampleRange whole;
-  whole.set_count(request.spp());
-  if (request.has_sample_range()) whole = request.sample_range();
-  // Each part needs at least as many samples as there are estimates.
-  const uint64_t most =
-      std::clamp<uint64_t>(whole.count() / std::max(request.estimates(), 1U), 1, kMaxParts);
-  const uint64_t by_work = whole.count() * pixels / kSamplesPerPart;
-  const uint64_t parts = std::clamp<uint64_t>(by_work, std::min<uint64_t>(workers, most), most);
-  std::vector<v1::SampleRange> ranges(parts);
-  for (uint64_t i = 0; i < parts; ++i) {
-    const uint64_t begin = whole.count() * i / parts;
-    const uint64_t end = whole.count() * (i + 1) / parts;
-    ranges[i].set_first(static_cast<uint32_t>(whole.first() + begin));
-    ranges[i].set_count(static_cast<uint32_t>(end - begin));
-  }
-  return ranges;
-}
 
 }  // namespace
 
@@ -227,28 +200,26 @@ std::future<v1::RenderGradReply> RenderPool::submit(RenderJob job) {
 }
 
 v1::RenderGradReply RenderPool::render_split(const RenderJob& job, const Progress& progress) {
-  std::vector<std::future<v1::RenderGradReply>> parts;
-  for (const v1::SampleRange& range :
-       split(job.request, uint64_t{job.scene->width} * job.scene->height, impl_->workers())) {
-    RenderJob part = job;
-    *part.request.mutable_sample_range() = range;
-    part.request.set_exact_sums(true);
-    parts.push_back(submit(std::move(part)));
-  }
-  std::optional<tracer::FilmSums> sums;
-  for (size_t i = 0; i < parts.size(); ++i) {
-    while (parts[i].wait_for(milliseconds(100)) != std::future_status::ready) {
-      if (progress) progress(static_cast<double>(i) / static_cast<double>(parts.size()));
+  const v1::Tile whole = pixels_of(job);
+  const std::vector<v1::Tile> tiles = tiles_of(whole, job.request.spp());
+  // Enough for all workers, and not many that have been answered and wait for an earlier one.
+  const size_t ahead = 2 * static_cast<size_t>(parallelism()) + 1;
+  TiledReply reply(whole);
+  std::deque<std::future<v1::RenderGradReply>> pending;
+  for (size_t next = 0, done = 0; done < tiles.size(); ++done) {
+    for (; next < tiles.size() && pending.size() < ahead; ++next) {
+      RenderJob part = job;
+      *part.request.mutable_tile() = tiles[next];
+      pending.push_back(submit(std::move(part)));
     }
-    tracer::FilmSums part = film_sums(parts[i].get());
-    if (sums) {
-      tracer::merge(*sums, part);
-    } else {
-      sums = std::move(part);
-    }
+    do {
+      if (progress) progress(static_cast<double>(done) / static_cast<double>(tiles.size()));
+    } while (pending.front().wait_for(milliseconds(100)) != std::future_status::ready);
+    reply.add(tiles[done], pending.front().get());
+    pending.pop_front();
   }
   if (progress) progress(1);
-  return make_reply(*sums, job.request);
+  return reply.take();
 }
 
 int RenderPool::parallelism() const {

@@ -48,8 +48,9 @@ class RenderPool {
   // throw to give up; what was handed out to workers by then is still rendered.
   using Progress = std::function<void(double fraction)>;
 
-  // Renders one job split by sample range over all workers and puts the parts together: the same
-  // images as one worker gives, bit for bit. Throws what the futures of `submit` throw.
+  // Renders one job (not a loss) in tiles on all workers and puts them together. How many workers
+  // there are does not matter; without a pilot, neither does it that there are tiles: the images
+  // are those of `submit`, bit for bit. Throws what the futures of `submit` throw.
   v1::RenderGradReply render_split(const RenderJob& job, const Progress& progress = {});
 
   // Jobs that can be under way at once; keep somewhat more submitted.

@@ -7,6 +7,7 @@
 #include <cstring>
 #include <limits>
 
+#include "client/render_pool/tiles.h"
 #include "common/error.h"
 
 namespace itn {
@@ -60,36 +61,6 @@ void check_images(const v1::RenderGradReply& reply, const v1::RenderGradRequest&
   check_image("standard_error", reply.standard_error(), pixels, 0, kMost);
 }
 
-void check_sums(const v1::RenderGradReply& reply, const v1::RenderGradRequest& request,
-                uint64_t pixels) {
-  const v1::ExactSums& sums = reply.sums();
-  const uint64_t bytes = pixels * sizeof(int64_t);
-  const auto check_quantum = [](double quantum) {
-    check_finite("a quantum", quantum);
-    if (!(quantum > 0)) throw wrong(fmt::format("a quantum is {}", quantum));
-  };
-  check_quantum(sums.quantum());
-  check_quantum(sums.squares_quantum());
-  for (const double quantum : sums.derivative_quanta()) check_quantum(quantum);
-  check_number("the number of sums", sums.estimates_size(), std::max(request.estimates(), 1U));
-  for (const v1::EstimateSums& estimate : sums.estimates()) {
-    check_number("the size of radiance sums", estimate.radiance().size(), bytes);
-    check_number("the number of derivative sums", estimate.derivatives_size(),
-                 request.derivatives().empty() ? 0 : sums.derivative_quanta_size());
-    for (const std::string& derivative : estimate.derivatives()) {
-      check_number("the size of derivative sums", derivative.size(), bytes);
-    }
-    check_number("the number of sums at_albedos", estimate.at_albedos_size(),
-                 request.albedos_size());
-    for (const std::string& radiance : estimate.at_albedos()) {
-      check_number("the size of sums at_albedos", radiance.size(), bytes);
-    }
-    check_number("the size of counts", estimate.counts().size(), pixels * sizeof(uint32_t));
-  }
-  check_number("the size of squares", sums.squares().size(), bytes);
-  check_number("the size of hits", sums.hits().size(), bytes);
-}
-
 void check_loss(const v1::RenderGradReply& reply, const v1::RenderGradRequest& request) {
   check_finite("the loss", reply.loss());
   check_number("the number of gradients", reply.loss_gradient_size(), request.derivatives_size());
@@ -107,15 +78,13 @@ void check_counters(const v1::Counters& counters) {
 }  // namespace
 
 void check_reply(const v1::RenderGradReply& reply, const RenderJob& job) {
-  const uint64_t pixels = uint64_t{job.scene->width} * job.scene->height;
-  check_number("width", reply.width(), job.scene->width);
-  check_number("height", reply.height(), job.scene->height);
+  const v1::Tile tile = pixels_of(job);
+  check_number("width", reply.width(), tile.width());
+  check_number("height", reply.height(), tile.height());
   if (job.request.has_loss()) {
     check_loss(reply, job.request);
-  } else if (job.request.exact_sums()) {
-    check_sums(reply, job.request, pixels);
   } else {
-    check_images(reply, job.request, pixels);
+    check_images(reply, job.request, uint64_t{tile.width()} * tile.height());
   }
   check_counters(reply.counters());
 }

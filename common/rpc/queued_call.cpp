@@ -148,7 +148,8 @@ grpc::Status QueuedCall::status_of_stop() const {
               fmt::format("{} took longer than the {:g} s that this server gives a request "
                           "(--max-seconds): ask for less at a time",
                           activity(), desk_.options_.max_time.count())};
-    case Reason::kServer: return {grpc::StatusCode::UNAVAILABLE, "this server is stopping"};
+    case Reason::kServer:
+      return to_status(Error(ErrorKind::kUnavailable, "this server is stopping"));
     case Reason::kClient:
     case Reason::kNone: break;
   }

@@ -44,7 +44,11 @@ std::string bounded(const std::string& message) {
 }  // namespace
 
 grpc::Status to_status(const Error& error) {
-  return {code_of(error.kind()), bounded(error.what())};
+  grpc::Status status(code_of(error.kind()), bounded(error.what()));
+  if (error.kind() != ErrorKind::kUnavailable) return status;
+  v1::Stopping details;  // a server is away for no other reason
+  details.set_stopping(true);
+  return {status.error_code(), status.error_message(), details.SerializeAsString()};
 }
 
 StatusError busy(const std::string& message, double retry_after_seconds) {

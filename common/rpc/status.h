@@ -19,6 +19,7 @@ namespace itn {
 //   kCancelled               CANCELLED              kCancelled
 //   kDataLoss                DATA_LOSS              kDataLoss
 //   kIo, kInternal           INTERNAL               kInternal (and every other code)
+// A server is unavailable when it stops: that status carries a serialized v1::Stopping.
 grpc::Status to_status(const Error& error);
 
 // A status with details, thrown as it is to be answered.

@@ -25,12 +25,8 @@ uint64_t film_memory(uint64_t pixels, const v1::RenderGradRequest& request,
   };
   uint64_t bytes = kPlanPerPixel + sums;
   if (asked.pilot_spp > 0) bytes += sums;
-  if (request.exact_sums()) {
-    bytes += 2 * sums;  // the reply and its bytes
-  } else {
-    bytes += images(derivatives) + 3 * sizeof(double);  // of which those of the reply are combined
-    if (!request.has_loss()) bytes += 2 * images(request.derivatives_size());
-  }
+  bytes += images(derivatives) + 3 * sizeof(double);  // of which those of the reply are combined
+  if (!request.has_loss()) bytes += 2 * images(request.derivatives_size());
   return bytes * pixels;
 }
 

@@ -1,11 +1,8 @@
 #include "server/render/render_reply.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <string>
 
-#include "common/error.h"
 #include "common/rpc/wire_array.h"
 #include "server/render/derivatives.h"
 #include "server/render/rendering_loss.h"
@@ -14,30 +11,8 @@
 namespace itn {
 namespace {
 
-void check_size(const char* what, size_t size, size_t expected) {
-  if (size != expected) {
-    throw Error(
-        ErrorKind::kInternal,
-        fmt::format("{} of the reply has the size {}; it should have {}", what, size, expected));
-  }
-}
-
-template <typename T = int64_t>
-std::vector<T> sums_from_bytes(const char* what, const std::string& bytes, size_t pixels) {
-  check_size(what, bytes.size(), pixels * sizeof(T));
-  return from_bytes<T>(bytes);
-}
-
-size_t pixel_count(const v1::RenderGradReply& reply) {
-  return size_t{reply.width()} * reply.height();
-}
-
-// What was asked, of sums that have all that it is made of.
-Derivatives derivatives_in(const tracer::FilmSums& sums, const v1::RenderGradRequest& request) {
-  Derivatives derivatives = derivatives_of(request, build_material(request.material()));
-  check_size("sums.derivative_quanta", sums.derivative_quanta.size(),
-             derivatives.parameters.size());
-  return derivatives;
+Derivatives derivatives_in(const v1::RenderGradRequest& request) {
+  return derivatives_of(request, build_material(request.material()));
 }
 
 // In double, as the terms may cancel; a zero weight leaves its image out, so that an asked
@@ -62,7 +37,7 @@ void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& reques
       rendering_loss(from_bytes<float>(request.loss().image()),
                      from_bytes<float>(request.loss().weight()), tracer::means(sums).estimates);
   reply.set_loss(loss.value);
-  for (const std::vector<double>& weights : derivatives_in(sums, request).weights) {
+  for (const std::vector<double>& weights : derivatives_in(request).weights) {
     double sum = 0;
     for (size_t c = 0; c < weights.size(); ++c) sum += weights[c] * loss.gradient[c];
     reply.add_loss_gradient(sum);
@@ -71,7 +46,7 @@ void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& reques
 
 void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
                  v1::RenderGradReply& reply) {
-  const Derivatives derivatives = derivatives_in(sums, request);
+  const Derivatives derivatives = derivatives_in(request);
   const tracer::RenderedImages images = tracer::means(sums);
   for (const auto& estimate : images.estimates) {
     v1::Estimate& proto = *reply.add_estimates();
@@ -87,27 +62,6 @@ void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& requ
   reply.set_standard_error(to_bytes(images.standard_error));
 }
 
-void fill_sums(const tracer::FilmSums& sums, v1::ExactSums& proto) {
-  proto.set_quantum(sums.quantum);
-  proto.set_squares_quantum(sums.squares_quantum);
-  for (const double quantum : sums.derivative_quanta) proto.add_derivative_quanta(quantum);
-  for (const auto& estimate : sums.estimates) {
-    v1::EstimateSums& estimate_proto = *proto.add_estimates();
-    estimate_proto.set_radiance(to_bytes(estimate.radiance));
-    for (const auto& derivative : estimate.derivatives) {
-      estimate_proto.add_derivatives(to_bytes(derivative));
-    }
-    for (const std::vector<int64_t>& radiance : estimate.at_albedos) {
-      estimate_proto.add_at_albedos(to_bytes(radiance));
-    }
-    estimate_proto.set_counts(to_bytes(estimate.counts));
-  }
-  proto.set_squares(to_bytes(sums.squares));
-  proto.set_hits(to_bytes(sums.hits));
-  proto.set_first_sample(sums.first_sample);
-  proto.set_sample_count(sums.sample_count);
-}
-
 }  // namespace
 
 v1::RenderGradReply make_reply(const tracer::FilmSums& sums, const v1::RenderGradRequest& request) {
@@ -116,8 +70,6 @@ v1::RenderGradReply make_reply(const tracer::FilmSums& sums, const v1::RenderGra
   reply.set_height(static_cast<uint32_t>(sums.height));
   if (request.has_loss()) {
     fill_loss(sums, request, reply);
-  } else if (request.exact_sums()) {
-    fill_sums(sums, *reply.mutable_sums());
   } else {
     fill_images(sums, request, reply);
   }
@@ -128,65 +80,6 @@ v1::RenderGradReply make_reply(const tracer::FilmSums& sums, const v1::RenderGra
   counters.set_leaks(sums.counters.leaks);
   counters.set_cpu_seconds(sums.counters.cpu_seconds);
   return reply;
-}
-
-tracer::FilmSums film_sums(const v1::RenderGradReply& reply) {
-  const v1::ExactSums& proto = reply.sums();
-  const size_t pixels = pixel_count(reply);
-  tracer::FilmSums sums;
-  sums.width = static_cast<int>(reply.width());
-  sums.height = static_cast<int>(reply.height());
-  sums.first_sample = proto.first_sample();
-  sums.sample_count = proto.sample_count();
-  sums.quantum = proto.quantum();
-  sums.squares_quantum = proto.squares_quantum();
-  sums.derivative_quanta.assign(proto.derivative_quanta().begin(), proto.derivative_quanta().end());
-  for (const v1::EstimateSums& estimate : proto.estimates()) {
-    auto& into = sums.estimates.emplace_back();
-    into.radiance = sums_from_bytes("sums.estimates.radiance", estimate.radiance(), pixels);
-    into.counts = sums_from_bytes<uint32_t>("sums.estimates.counts", estimate.counts(), pixels);
-    for (const std::string& radiance : estimate.at_albedos()) {
-      into.at_albedos.push_back(sums_from_bytes("sums.estimates.at_albedos", radiance, pixels));
-    }
-    check_size("sums.estimates.derivatives", estimate.derivatives_size(),
-               proto.derivative_quanta_size());
-    for (const std::string& derivative : estimate.derivatives()) {
-      into.derivatives.push_back(sums_from_bytes("sums.estimates.derivatives", derivative, pixels));
-    }
-  }
-  sums.squares = sums_from_bytes("sums.squares", proto.squares(), pixels);
-  sums.hits = sums_from_bytes("sums.hits", proto.hits(), pixels);
-  sums.counters = {reply.counters().paths(), reply.counters().steps(),
-                   reply.counters().invalid_samples(), reply.counters().leaks(),
-                   reply.counters().cpu_seconds()};
-  return sums;
-}
-
-void check_reply(const v1::RenderGradReply& reply, const v1::RenderGradRequest& request) {
-  if (request.has_loss()) {
-    check_size("loss_gradient", reply.loss_gradient_size(), request.derivatives_size());
-    return;
-  }
-  const int estimates = static_cast<int>(std::max(request.estimates(), 1U));
-  if (request.exact_sums()) {
-    check_size("sums.estimates", reply.sums().estimates_size(), estimates);
-    return;
-  }
-  const size_t bytes = pixel_count(reply) * sizeof(float);
-  check_size("estimates", reply.estimates_size(), estimates);
-  for (const v1::Estimate& estimate : reply.estimates()) {
-    check_size("estimates.radiance", estimate.radiance().size(), bytes);
-    check_size("estimates.derivatives", estimate.derivatives_size(), request.derivatives_size());
-    for (const std::string& derivative : estimate.derivatives()) {
-      check_size("estimates.derivatives", derivative.size(), bytes);
-    }
-    check_size("estimates.at_albedos", estimate.at_albedos_size(), request.albedos_size());
-    for (const std::string& radiance : estimate.at_albedos()) {
-      check_size("estimates.at_albedos", radiance.size(), bytes);
-    }
-  }
-  check_size("mask", reply.mask().size(), bytes);
-  check_size("standard_error", reply.standard_error().size(), bytes);
 }
 
 }  // namespace itn

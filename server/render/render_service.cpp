@@ -61,8 +61,9 @@ class RenderService::RenderCall final : public QueuedCall {
   grpc::ByteBuffer work(std::stop_token stop) override {
     const SceneCache::ScenePtr scene = find_or_build_scene(stop);
     const RenderLimits& limits = service_.options_.limits;
+    tracer::validate(asked_, *scene);
     check_reply_size(scene->width(), scene->height(), request_, limits);
-    const uint64_t pixels = uint64_t(scene->width()) * uint64_t(scene->height());
+    const uint64_t pixels = pixel_count(scene->width(), scene->height(), request_);
     check_time(pixels);
     memory().resize(request_bytes_ + film_memory(pixels, request_, asked_));
     if (request_.has_loss() && asked_.pilot_spp > 0) {
@@ -70,8 +71,8 @@ class RenderService::RenderCall final : public QueuedCall {
                                                       from_bytes<float>(request_.loss().weight()));
     }
     phase_ = Phase::kRender;
-    spdlog::debug("rendering {}x{}, samples [{}, {})", scene->width(), scene->height(),
-                  asked_.first_sample, asked_.first_sample + asked_.sample_count);
+    spdlog::debug("rendering {} of {}x{} pixels, {} spp", pixels, scene->width(), scene->height(),
+                  asked_.sample_count);
     const tracer::FilmSums sums = tracer::render_grad(
         *scene, asked_, {.threads = service_.options_.threads}, std::move(stop));
     log(sums);
@@ -127,10 +128,9 @@ class RenderService::RenderCall final : public QueuedCall {
   void log(const tracer::FilmSums& sums) const {
     const Material& m = asked_.material;
     const tracer::Counters& counters = sums.counters;
-    spdlog::debug(
-        "rendered {}x{}, samples [{}, {}), sigma_t {} albedo {} g {}: {:.2f} CPU-seconds, {} leaks",
-        sums.width, sums.height, asked_.first_sample, asked_.first_sample + asked_.sample_count,
-        m.sigma_t, m.albedo, m.g, counters.cpu_seconds, counters.leaks);
+    spdlog::debug("rendered {}x{}, {} spp, sigma_t {} albedo {} g {}: {:.2f} CPU-seconds, {} leaks",
+                  sums.width, sums.height, asked_.sample_count, m.sigma_t, m.albedo, m.g,
+                  counters.cpu_seconds, counters.leaks);
     if (counters.invalid_samples > 0) {
       spdlog::warn("dropped {} invalid samples of {} paths (seed {}, sigma_t {}, albedo {}, g {})",
                    counters.invalid_samples, counters.paths, asked_.seed, m.sigma_t, m.albedo, m.g);

@@ -14,20 +14,6 @@
 namespace itn {
 namespace {
 
-void build_sample_range(const v1::RenderGradRequest& request, tracer::RenderRequest& built) {
-  built.first_sample = 0;
-  built.sample_count = request.spp();
-  if (!request.has_sample_range()) return;
-  const v1::SampleRange& range = request.sample_range();
-  if (range.count() < 1 || uint64_t{range.first()} + range.count() > request.spp()) {
-    throw invalid_input(fmt::format(
-        "sample_range is [{}, {}); it must hold at least one sample and end at most at spp = {}",
-        range.first(), uint64_t{range.first()} + range.count(), request.spp()));
-  }
-  built.first_sample = range.first();
-  built.sample_count = range.count();
-}
-
 void check_loss(const v1::RenderGradRequest& request) {
   if (!request.has_loss()) return;
   if (request.estimates() < 2) {
@@ -36,17 +22,11 @@ void check_loss(const v1::RenderGradRequest& request) {
         "biased",
         request.estimates()));
   }
-  if (request.exact_sums()) {
-    throw invalid_input("loss and exact_sums cannot both be asked for");
+  if (request.has_tile()) {
+    throw invalid_input("loss and tile cannot both be asked for");
   }
   if (!request.albedos().empty()) {
     throw invalid_input("loss and albedos cannot both be asked for");
-  }
-  // A part has no samples of the pixels to which the pilot gives few.
-  if (request.pilot_spp() > 0 && request.has_sample_range() &&
-      request.sample_range().count() < request.spp()) {
-    throw invalid_input(
-        "a loss with pilot_spp is of all samples: leave out sample_range or pilot_spp");
   }
 }
 
@@ -120,8 +100,11 @@ tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
   tracer::RenderRequest built;
   built.material = build_material(request.material());
   built.seed = request.seed();
-  built.spp = request.spp();
-  build_sample_range(request, built);
+  built.sample_count = request.spp();
+  if (request.has_tile()) {
+    const v1::Tile& tile = request.tile();
+    built.tile = tracer::Tile{tile.x(), tile.y(), tile.width(), tile.height()};
+  }
   built.derivatives = derivatives_of(request, built.material).parameters;
   check_loss(request);
   built.albedos.assign(request.albedos().begin(), request.albedos().end());
@@ -132,20 +115,20 @@ tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
   return built;
 }
 
+uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request) {
+  if (request.has_tile()) return uint64_t{request.tile().width()} * request.tile().height();
+  return static_cast<uint64_t>(width) * static_cast<uint64_t>(height);
+}
+
 void check_reply_size(int width, int height, const v1::RenderGradRequest& request,
                       const RenderLimits& limits) {
   const uint64_t estimates = std::max(request.estimates(), 1U);
   const uint64_t derivatives = request.derivatives_size();
   const uint64_t albedos = request.albedos_size();
-  const uint64_t pixels = static_cast<uint64_t>(width) * height;
+  const uint64_t pixels = pixel_count(width, height, request);
   if (request.has_loss()) check_target(request.loss(), width, height);
-  // Estimates, mask and standard error; or sums and counts, squares and hits.
-  const uint64_t sums =
-      1 + derivatives_of(request, build_material(request.material())).parameters.size();
-  const uint64_t bytes_per_pixel =
-      request.exact_sums()
-          ? sizeof(int64_t) * (estimates * (sums + albedos) + 2) + sizeof(uint32_t) * estimates
-          : sizeof(float) * (estimates * (1 + derivatives + albedos) + 2);
+  // Estimates, mask and standard error.
+  const uint64_t bytes_per_pixel = sizeof(float) * (estimates * (1 + derivatives + albedos) + 2);
   const uint64_t bytes = bytes_per_pixel * pixels;
   if (bytes > limits.max_message_bytes) {
     throw Error(ErrorKind::kLimit,

@@ -1,6 +1,8 @@
 // A render request but for its scene: what it asks for, checked.
 #pragma once
 
+#include <cstdint>
+
 #include "itn/v1/render.pb.h"
 #include "server/render/scene_builder.h"
 #include "server/tracer/request.h"
@@ -12,6 +14,9 @@ tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
                                     const RenderLimits& limits);
 
 Material build_material(const v1::Material& material);
+
+// Of the tile that is asked for, or of the film.
+uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request);
 
 // Checks the request against its scene: throws kInvalidInput if the loss's image has another size,
 // kLimit if the reply to this (checked) request would not fit into a message.

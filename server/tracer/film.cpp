@@ -3,24 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "common/error.h"
-
 namespace itn::tracer {
 namespace {
-
-template <typename T>
-void add(std::vector<T>& into, const std::vector<T>& part) {
-  for (size_t i = 0; i < into.size(); ++i) {
-    into[i] += part[i];
-  }
-}
-
-template <typename T>
-void add(std::vector<std::vector<T>>& into, const std::vector<std::vector<T>>& part) {
-  for (size_t i = 0; i < into.size(); ++i) {
-    add(into[i], part[i]);
-  }
-}
 
 // Sums by the numbers of their samples.
 std::vector<float> averages(const std::vector<int64_t>& sums, double quantum,
@@ -37,7 +21,9 @@ std::vector<float> averages(const std::vector<int64_t>& sums, double quantum,
 std::vector<uint32_t> all_counts(const FilmSums& sums) {
   std::vector<uint32_t> result(sums.squares.size());
   for (const auto& estimate : sums.estimates) {
-    add(result, estimate.counts);
+    for (size_t i = 0; i < result.size(); ++i) {
+      result[i] += estimate.counts[i];
+    }
   }
   return result;
 }
@@ -69,30 +55,8 @@ void add(Counters& into, const Counters& part) {
   into.cpu_seconds += part.cpu_seconds;
 }
 
-void merge(FilmSums& into, const FilmSums& part) {
-  if (into.width != part.width || into.height != part.height || into.quantum != part.quantum ||
-      into.squares_quantum != part.squares_quantum ||
-      into.derivative_quanta != part.derivative_quanta ||
-      into.estimates.size() != part.estimates.size()) {
-    throw Error(ErrorKind::kInternal, "sums of different renders cannot be merged");
-  }
-  into.first_sample = std::min(into.first_sample, part.first_sample);
-  into.sample_count += part.sample_count;
-  for (size_t k = 0; k < into.estimates.size(); ++k) {
-    add(into.estimates[k].counts, part.estimates[k].counts);
-    add(into.estimates[k].radiance, part.estimates[k].radiance);
-    add(into.estimates[k].derivatives, part.estimates[k].derivatives);
-    add(into.estimates[k].at_albedos, part.estimates[k].at_albedos);
-  }
-  add(into.squares, part.squares);
-  add(into.hits, part.hits);
-  add(into.counters, part.counters);
-}
-
-uint64_t samples_of_estimate(uint32_t first, uint32_t count, uint32_t k, uint32_t estimates) {
-  // Of the samples 0 .. n-1, those that are k modulo K.
-  const auto below = [&](uint64_t n) { return (n + estimates - 1 - k) / estimates; };
-  return below(uint64_t{first} + count) - below(first);
+uint32_t samples_of_estimate(uint32_t count, uint32_t k, uint32_t estimates) {
+  return (count + estimates - 1 - k) / estimates;
 }
 
 RenderedImages means(const FilmSums& sums) {

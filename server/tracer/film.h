@@ -19,12 +19,11 @@ struct Counters {
 void add(Counters& into, const Counters& part);
 
 // Sums over samples in fixed point: value = integer * quantum. Integer sums have no order, so they
-// do not depend on threads or tiles, and the sums of parts are the sums of the whole.
+// do not depend on threads. Arrays are those of the tile that is rendered, top row first.
 struct FilmSums {
-  int width = 0;
-  int height = 0;
-  uint32_t first_sample = 0;
-  uint32_t sample_count = 0;
+  int width = 0, height = 0;  // of the tile
+  int x = 0, y = 0;           // where it begins in the camera's film
+  int film_width = 0;
   double quantum = 0;          // of radiance; a power of two
   double squares_quantum = 0;  // of squares
   // Of derivatives, in the order of RenderRequest::derivatives.
@@ -40,14 +39,18 @@ struct FilmSums {
   std::vector<int64_t> squares;  // of radiance, over all estimates; each at most 2^42 quanta
   std::vector<int64_t> hits;     // camera rays that meet the object
   Counters counters;
+
+  // Where a pixel, numbered in the camera's film, is in the arrays.
+  size_t index_of(uint32_t pixel) const {
+    const auto column = static_cast<int>(pixel % static_cast<uint32_t>(film_width));
+    const auto row = static_cast<int>(pixel / static_cast<uint32_t>(film_width));
+    return static_cast<size_t>(row - y) * static_cast<size_t>(width) +
+           static_cast<size_t>(column - x);
+  }
 };
 
-// Adds the sums of an adjacent or disjoint range of samples of the same render. Throws Error
-// (internal) if the sizes, quanta or estimates differ.
-void merge(FilmSums& into, const FilmSums& part);
-
-// Number of the samples in [first, first + count) that belong to estimate k of K.
-uint64_t samples_of_estimate(uint32_t first, uint32_t count, uint32_t k, uint32_t estimates);
+// Of so many samples, those that belong to estimate k of K.
+uint32_t samples_of_estimate(uint32_t count, uint32_t k, uint32_t estimates);
 
 // Means over the samples, 0 where there are none; all arrays width * height, top row first.
 struct RenderedImages {

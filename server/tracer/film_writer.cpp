@@ -39,10 +39,12 @@ double derivative_unit(const Parameter& parameter, const Scene::Compiled& scene,
 
 FilmSums empty_film(const Scene::Compiled& scene, const RenderRequest& request, const Plan& plan) {
   FilmSums film;
-  film.width = scene.film.width;
-  film.height = scene.film.height;
-  film.first_sample = request.first_sample;
-  film.sample_count = request.sample_count;
+  const Tile tile = tile_of(scene, request);
+  film.width = static_cast<int>(tile.width);
+  film.height = static_cast<int>(tile.height);
+  film.x = static_cast<int>(tile.x);
+  film.y = static_cast<int>(tile.y);
+  film.film_width = scene.film.width;
   const double mean = power_of_two_near(scene.lights.power() / (4 * std::numbers::pi));
   film.quantum = std::ldexp(mean, -kQuantumBits);
   film.squares_quantum = std::ldexp(mean * mean, -kSquaresQuantumBits);
@@ -58,8 +60,8 @@ FilmSums empty_film(const Scene::Compiled& scene, const RenderRequest& request, 
     auto& estimate = film.estimates[k];
     estimate.counts.resize(pixels);
     for (const PlannedPixel& p : plan.pixels) {
-      estimate.counts[p.pixel] = static_cast<uint32_t>(
-          samples_of_estimate(p.first_sample, p.sample_count, k, request.estimates));
+      estimate.counts[film.index_of(p.pixel)] =
+          samples_of_estimate(p.sample_count, k, request.estimates);
     }
     estimate.radiance.resize(pixels);
     estimate.derivatives.assign(request.derivatives.size(), std::vector<int64_t>(pixels));
@@ -145,16 +147,17 @@ void FilmWriter::flush(const PixelSums& sums) {
   const auto add_to = [](int64_t& sum, int64_t by) {
     std::atomic_ref(sum).fetch_add(by, std::memory_order_relaxed);
   };
+  const size_t pixel = film_->index_of(sums.pixel);
   auto& estimate = film_->estimates[sums.estimate];
-  add_to(estimate.radiance[sums.pixel], sums.radiance);
+  add_to(estimate.radiance[pixel], sums.radiance);
   for (size_t i = 0; i < derivatives_; ++i) {
-    add_to(estimate.derivatives[i][sums.pixel], sums.derivatives[i]);
+    add_to(estimate.derivatives[i][pixel], sums.derivatives[i]);
   }
   for (size_t a = 0; a < albedos_; ++a) {
-    add_to(estimate.at_albedos[a][sums.pixel], sums.at_albedos[a]);
+    add_to(estimate.at_albedos[a][pixel], sums.at_albedos[a]);
   }
-  add_to(film_->squares[sums.pixel], sums.squares);
-  add_to(film_->hits[sums.pixel], sums.hits);
+  add_to(film_->squares[pixel], sums.squares);
+  add_to(film_->hits[pixel], sums.hits);
 }
 
 }  // namespace itn::tracer

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 namespace itn::tracer {
 namespace {
@@ -16,14 +17,25 @@ constexpr double kMostSamples = 1 << 20;
 // Least standard deviation that a pixel is thought to have, of the mean.
 constexpr double kLeastDeviation = 0.25;
 
+// In their order in the film.
 std::vector<uint32_t> rendered_pixels(const Scene::Compiled& scene, const RenderRequest& request) {
-  if (request.pixels == Pixels::kObject) {
-    return scene.object_pixels();
+  const Tile tile = tile_of(scene, request);
+  static const std::vector<uint32_t> kNone;
+  const std::vector<uint32_t>& object =
+      request.pixels == Pixels::kObject ? scene.object_pixels() : kNone;
+  std::vector<uint32_t> pixels;
+  for (uint32_t y = tile.y; y < tile.y + tile.height; ++y) {
+    const uint32_t first = y * static_cast<uint32_t>(scene.film.width) + tile.x;
+    const uint32_t end = first + tile.width;
+    if (request.pixels == Pixels::kObject) {
+      pixels.insert(pixels.end(), std::ranges::lower_bound(object, first),
+                    std::ranges::lower_bound(object, end));
+    } else {
+      pixels.resize(pixels.size() + tile.width);
+      std::iota(pixels.end() - tile.width, pixels.end(), first);
+    }
   }
-  std::vector<uint32_t> all(static_cast<size_t>(scene.film.width) *
-                            static_cast<size_t>(scene.film.height));
-  std::iota(all.begin(), all.end(), 0U);
-  return all;
+  return pixels;
 }
 
 void number_paths(Plan& plan) {
@@ -31,6 +43,18 @@ void number_paths(Plan& plan) {
     p.first_path = plan.paths;
     plan.paths += p.sample_count;
   }
+}
+
+// And the pixels around it that are averaged for those at its edge.
+Tile with_margin(const Tile& tile, const FilmDescription& film) {
+  const auto grown = [](uint32_t first, uint32_t count, int length) {
+    const auto begin = first - std::min<uint32_t>(first, kBlur);
+    const auto end = std::min(first + count + kBlur, static_cast<uint32_t>(length));
+    return std::pair(begin, end - begin);
+  };
+  const auto [x, width] = grown(tile.x, tile.width, film.width);
+  const auto [y, height] = grown(tile.y, tile.height, film.height);
+  return {x, y, width, height};
 }
 
 // Averages over the square of pixels around each, of those that are rendered.
@@ -58,7 +82,7 @@ std::vector<double> blurred(const std::vector<double>& image, const std::vector<
   return result;
 }
 
-// Share of the samples by pixel; the mean is 1.
+// Share of the samples by pixel, from their deviations; the mean is 1.
 std::vector<double> sample_shares(const std::vector<uint32_t>& pixels,
                                   const std::vector<double>& deviation,
                                   const RenderRequest& request, bool adaptive) {
@@ -67,16 +91,15 @@ std::vector<double> sample_shares(const std::vector<uint32_t>& pixels,
     return shares;
   }
   double total = 0;
-  for (const uint32_t p : pixels) {
-    total += deviation[p];
+  for (const double d : deviation) {
+    total += d;
   }
   const double least = kLeastDeviation * total / static_cast<double>(pixels.size());
   double sum = 0;
   for (size_t i = 0; i < pixels.size(); ++i) {
-    const uint32_t p = pixels[i];
     const double weight =
-        request.sampling_weights.empty() ? 1 : double{request.sampling_weights[p]};
-    shares[i] = weight * (least + (1 - kLeastDeviation) * deviation[p]);
+        request.sampling_weights.empty() ? 1 : double{request.sampling_weights[pixels[i]]};
+    shares[i] = weight * (least + (1 - kLeastDeviation) * deviation[i]);
     sum += shares[i];
   }
   if (!(sum > 0)) {
@@ -90,18 +113,23 @@ std::vector<double> sample_shares(const std::vector<uint32_t>& pixels,
 
 }  // namespace
 
+Tile tile_of(const Scene::Compiled& scene, const RenderRequest& request) {
+  return request.tile.value_or(Tile{.width = static_cast<uint32_t>(scene.film.width),
+                                    .height = static_cast<uint32_t>(scene.film.height)});
+}
+
 Plan even_plan(const Scene::Compiled& scene, const RenderRequest& request) {
   Plan plan;
   for (const uint32_t pixel : rendered_pixels(scene, request)) {
-    plan.pixels.push_back({pixel, request.first_sample, request.sample_count, 0, 0});
+    plan.pixels.push_back({pixel, request.sample_count, 0, 0});
   }
   number_paths(plan);
   return plan;
 }
 
-RenderRequest pilot_request(const RenderRequest& request) {
+RenderRequest pilot_request(const Scene::Compiled& scene, const RenderRequest& request) {
   RenderRequest pilot = request;
-  pilot.first_sample = 0;
+  if (request.tile) pilot.tile = with_margin(*request.tile, scene.film);
   pilot.sample_count = request.pilot_spp;
   pilot.pilot_spp = 0;
   pilot.estimates = 1;
@@ -114,43 +142,40 @@ RenderRequest pilot_request(const RenderRequest& request) {
 
 Plan plan_from_pilot(const Scene::Compiled& scene, const RenderRequest& request,
                      const RenderOptions& options, const FilmSums& pilot) {
-  const std::vector<uint32_t> pixels = rendered_pixels(scene, request);
   const auto& estimate = pilot.estimates[0];
   std::vector<bool> rendered(estimate.radiance.size());
-  std::vector<double> mean(rendered.size()), deviation(rendered.size());
-  for (const uint32_t p : pixels) {
-    const double n = estimate.counts[p];
-    rendered[p] = true;
-    mean[p] = static_cast<double>(estimate.radiance[p]) * pilot.quantum / n;
-    const double square = static_cast<double>(pilot.squares[p]) * pilot.squares_quantum / n;
+  std::vector<double> mean(rendered.size()), variance(rendered.size());
+  for (size_t i = 0; i < rendered.size(); ++i) {
+    if (estimate.counts[i] == 0) continue;
+    const double n = estimate.counts[i];
+    rendered[i] = true;
+    mean[i] = static_cast<double>(estimate.radiance[i]) * pilot.quantum / n;
+    const double square = static_cast<double>(pilot.squares[i]) * pilot.squares_quantum / n;
     // One sample tells no deviation: that of a path is about its mean.
-    deviation[p] = n > 1 ? std::max(0.0, square - mean[p] * mean[p]) : mean[p] * mean[p];
+    variance[i] = n > 1 ? std::max(0.0, square - mean[i] * mean[i]) : mean[i] * mean[i];
   }
   mean = blurred(mean, rendered, pilot.width, pilot.height);
-  deviation = blurred(deviation, rendered, pilot.width, pilot.height);
-  for (const uint32_t p : pixels) {
-    deviation[p] = std::sqrt(deviation[p]);
-  }
+  variance = blurred(variance, rendered, pilot.width, pilot.height);
 
+  const std::vector<uint32_t> pixels = rendered_pixels(scene, request);
+  std::vector<double> deviation;
+  for (const uint32_t p : pixels) {
+    deviation.push_back(std::sqrt(variance[pilot.index_of(p)]));
+  }
   const std::vector<double> shares =
       sample_shares(pixels, deviation, request, options.switches.adaptive);
-  const double spp = request.spp > 0 ? request.spp : request.first_sample + request.sample_count;
   Plan plan;
   for (size_t i = 0; i < pixels.size(); ++i) {
-    const uint32_t p = pixels[i];
     if (shares[i] == 0) {
       continue;
     }
-    // Every estimate gets as many, so that all are as good. A part takes its part of every pixel.
-    const double each = std::clamp(std::round(shares[i] * spp / request.estimates), 1.0,
-                                   std::max(1.0, std::floor(kMostSamples / request.estimates)));
-    const auto number = [&](double sample) {
-      return static_cast<uint32_t>(std::floor(each * request.estimates * sample / spp));
-    };
-    const uint32_t first = number(static_cast<double>(request.first_sample));
-    const uint32_t last = number(static_cast<double>(request.first_sample) + request.sample_count);
+    // Every estimate gets as many, so that all are as good.
+    const double each =
+        std::clamp(std::round(shares[i] * request.sample_count / request.estimates), 1.0,
+                   std::max(1.0, std::floor(kMostSamples / request.estimates)));
     plan.pixels.push_back(
-        {p, first, last - first, static_cast<float>(options.tuning.control_variate * mean[p]), 0});
+        {pixels[i], static_cast<uint32_t>(each) * request.estimates,
+         static_cast<float>(options.tuning.control_variate * mean[pilot.index_of(pixels[i])]), 0});
   }
   number_paths(plan);
   return plan;

@@ -11,8 +11,7 @@
 namespace itn::tracer {
 
 struct PlannedPixel {
-  uint32_t pixel = 0;
-  uint32_t first_sample = 0;
+  uint32_t pixel = 0;  // of the camera's film
   uint32_t sample_count = 0;
   float expected = 0;       // radiance, times Tuning::control_variate
   uint64_t first_path = 0;  // number of its first sample among all those of the plan
@@ -23,11 +22,15 @@ struct Plan {
   uint64_t paths = 0;
 };
 
+// The part of the film that is rendered.
+Tile tile_of(const Scene::Compiled& scene, const RenderRequest& request);
+
 // As many samples in every pixel that is rendered.
 Plan even_plan(const Scene::Compiled& scene, const RenderRequest& request);
 
-// How the pilot of a render is rendered: few samples, of other random numbers.
-RenderRequest pilot_request(const RenderRequest& request);
+// How the pilot of a render is rendered: few samples, of other random numbers, also of the pixels
+// around the tile that count for those at its edge.
+RenderRequest pilot_request(const Scene::Compiled& scene, const RenderRequest& request);
 
 // Samples and control variates after a pilot.
 //

@@ -59,7 +59,7 @@ FilmSums render_grad(const Scene& scene, const RenderRequest& request, const Ren
   if (request.pilot_spp == 0) {
     return render(compiled, request, options, even_plan(compiled, request), stop);
   }
-  const RenderRequest pilot = pilot_request(request);
+  const RenderRequest pilot = pilot_request(compiled, request);
   const FilmSums coarse = render(compiled, pilot, options, even_plan(compiled, pilot), stop);
   FilmSums sums =
       render(compiled, request, options, plan_from_pilot(compiled, request, options, coarse), stop);

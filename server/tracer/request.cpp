@@ -59,6 +59,17 @@ void check_weights(const RenderRequest& request, size_t pixels) {
   }
 }
 
+void check_tile(const Tile& tile, const Scene& scene) {
+  const auto inside = [](uint64_t first, uint64_t count, int length) {
+    return count > 0 && first + count <= static_cast<uint64_t>(length);
+  };
+  if (!inside(tile.x, tile.width, scene.width()) || !inside(tile.y, tile.height, scene.height())) {
+    throw invalid_input(fmt::format(
+        "tile is {} x {} pixels at ({}, {}); it must hold a pixel and lie in the film, {} x {}",
+        tile.width, tile.height, tile.x, tile.y, scene.width(), scene.height()));
+  }
+}
+
 void check_index(const Parameter& parameter, size_t count, const char* what) {
   if (parameter.index >= count) {
     const std::string have = count == 0 ? fmt::format("the scene has no {}", what)
@@ -87,6 +98,7 @@ void validate(const RenderRequest& request) {
 
 void validate(const RenderRequest& request, const Scene& scene) {
   validate(request);
+  if (request.tile) check_tile(*request.tile, scene);
   check_weights(request, static_cast<size_t>(scene.width()) * static_cast<size_t>(scene.height()));
   for (const Parameter& parameter : request.derivatives) {
     if (parameter.kind == Parameter::kReflectance) {

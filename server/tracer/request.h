@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "common/material.h"
@@ -20,6 +21,12 @@ enum class Tracer { kWavefront, kReference };
 // evenly over the pixel, shows to see it; all others stay 0.
 enum class Pixels { kAll, kObject };
 
+// A rectangle of pixels of the film.
+struct Tile {
+  uint32_t x = 0, y = 0;  // of the pixel at its left, top
+  uint32_t width = 0, height = 0;
+};
+
 constexpr uint32_t kMaxEstimates = 16;
 constexpr size_t kMaxAlbedos = 16;
 constexpr size_t kMaxDerivatives = 32;
@@ -29,13 +36,11 @@ constexpr uint32_t kMaxPilotSpp = 64;
 // the same for everybody but tests and benchmarks).
 struct RenderRequest {
   Material material;
-  // Samples per pixel are numbered 0 .. spp-1; those in [first_sample, first_sample + sample_count)
-  // are rendered.
-  uint32_t first_sample = 0;
-  uint32_t sample_count = 16;
-  // The number spp of the whole, which a part is a part of; it matters with a pilot only. 0:
-  // first_sample + sample_count.
-  uint32_t spp = 0;
+  uint32_t sample_count = 16;  // per pixel
+  // The part of the film that is rendered; nothing: all of it. Without a pilot, its pixels are
+  // those of the whole, bit for bit. With one, samples are spread over the tile instead of the
+  // film.
+  std::optional<Tile> tile = {};
   uint64_t seed = 0;
   // Which derivative images to accumulate, in this order, none twice. At most kMaxDerivatives.
   std::vector<Parameter> derivatives = {};

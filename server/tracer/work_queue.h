@@ -37,8 +37,7 @@ class WorkQueue {
       while (first + i >= at->first_path + at->sample_count) {
         ++at;
       }
-      samples[i] = {at->pixel, at->first_sample + static_cast<uint32_t>(first + i - at->first_path),
-                    at->expected};
+      samples[i] = {at->pixel, static_cast<uint32_t>(first + i - at->first_path), at->expected};
     }
     return count;
   }

@@ -148,9 +148,9 @@ TEST(Worker, DrainsOnSigterm) {
   const TemporaryFolder folder;
   Process process(worker({"--threads", "1"}, "debug"), true);
   const std::string address = process.read_line();
-  // One part of a second or so.
+  // One tile, of a second or so.
   Process command(render(folder.write("scene.textproto", kSceneFile), folder.path("out.exr"),
-                         {"--film", "64x64", "--spp", "250", "--workers", address}),
+                         {"--film", "16x16", "--spp", "4000", "--workers", address}),
                   true);
   EXPECT_THAT(process.read_stderr_until("rendering"), HasSubstr("rendering"));
   process.send(SIGTERM);

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include "common/error.h"
+#include "common/rpc/status.h"
 #include "tests/support/fake_worker.h"
 
 namespace itn {
@@ -27,6 +29,11 @@ TEST(Outcome, OfStatuses) {
 TEST(Outcome, OfAWorkerThatSaysWhenItHasAPlace) {
   EXPECT_EQ(outcome_of(testing::busy(0.25)), Outcome::kBusy);
   EXPECT_EQ(retry_after(testing::busy(0.25)), std::chrono::milliseconds(250));
+}
+
+TEST(Outcome, OfAWorkerThatStops) {
+  const Error stopping(ErrorKind::kUnavailable, "this server is stopping");
+  EXPECT_EQ(outcome_of(to_status(stopping)), Outcome::kAway);
 }
 
 TEST(Outcome, IsSaidToPeople) {

@@ -110,37 +110,38 @@ TEST(RenderPool, GivesTheSameBytesInEveryArrangement) {
   EXPECT_EQ(two.parallelism(), 2 * one.parallelism());
 }
 
+// Of several tiles.
+RenderJob large_job() {
+  RenderJob job;
+  job.scene = serialize(cube_scene(50, 40));
+  job.request = small_request(1024);
+  job.request.mutable_material()->set_albedo(0.2);
+  return job;
+}
+
 TEST(RenderPool, PutsASplitRenderTogetherBitForBit) {
   WorkerProcess a, b;
   RenderPool embedded(pool_of({}));
   RenderPool two(pool_of({a.address(), b.address()}));
-  for (const uint32_t first : {0U, 3U}) {
-    RenderJob job = jobs(1, 50)[0];
-    if (first > 0) {
-      job.request.mutable_sample_range()->set_first(first);
-      job.request.mutable_sample_range()->set_count(31);
-    }
-    const std::string whole = deterministic_bytes(embedded.submit(job).get());
-    EXPECT_EQ(deterministic_bytes(embedded.render_split(job)), whole);
-    std::vector<double> fractions;
-    EXPECT_EQ(deterministic_bytes(two.render_split(job, [&](double f) { fractions.push_back(f); })),
-              whole);
-    EXPECT_EQ(fractions.back(), 1);
-    job.request.set_exact_sums(true);
-    EXPECT_EQ(deterministic_bytes(two.render_split(job)),
-              deterministic_bytes(embedded.submit(job).get()));
-  }
+  const RenderJob job = large_job();
+  std::vector<double> fractions;
+  EXPECT_EQ(deterministic_bytes(two.render_split(job, [&](double f) { fractions.push_back(f); })),
+            deterministic_bytes(embedded.submit(job).get()));
+  EXPECT_EQ(fractions.back(), 1);
+  EXPECT_EQ(two.statistics().jobs, 9U);
 }
 
-TEST(RenderPool, SplitsALargeRenderIntoSeveralParts) {
-  RenderPool pool(pool_of({}));
-  RenderJob job;
-  job.scene = serialize(cube_scene(256, 256));
-  job.request = small_request(40);  // 2.6 million samples
-  job.request.mutable_material()->set_albedo(0);
-  job.request.clear_derivatives();
-  pool.render_split(job);
-  EXPECT_EQ(pool.statistics().jobs, 2U);
+TEST(RenderPool, SplitsARenderWithAPilotTheSameForAnyNumberOfWorkers) {
+  WorkerProcess a, b;
+  RenderPool embedded(pool_of({}));
+  RenderPool two(pool_of({a.address(), b.address()}));
+  RenderJob job = large_job();
+  job.request.set_pilot_spp(4);
+  const v1::RenderGradReply reply = embedded.render_split(job);
+  EXPECT_EQ(deterministic_bytes(two.render_split(job)), deterministic_bytes(reply));
+  // The pilot of a tile needs little more than its own pixels.
+  const double paths = 50 * 40 * (1024 + 4);
+  EXPECT_NEAR(static_cast<double>(reply.counters().paths()), paths, 0.02 * paths);
 }
 
 TEST(RenderPool, SendsASceneOnlyToAWorkerThatDoesNotHoldIt) {

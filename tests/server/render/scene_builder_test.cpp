@@ -335,12 +335,13 @@ v1::RenderGradRequest request_of_any_scene() {
 
 TEST(RequestBuilder, TakesWhatTheRequestSays) {
   v1::RenderGradRequest request = request_of_any_scene();
-  request.mutable_sample_range()->set_first(2);
-  request.mutable_sample_range()->set_count(5);
+  request.mutable_tile()->set_x(2);
+  request.mutable_tile()->set_height(5);
   const auto built = build_request(request, RenderLimits());
   EXPECT_EQ(built.material, (Material{8, 0.9, 0.3}));
-  EXPECT_EQ(built.first_sample, 2U);
-  EXPECT_EQ(built.sample_count, 5U);
+  EXPECT_EQ(built.sample_count, 8U);
+  EXPECT_EQ(built.tile.value().x, 2U);
+  EXPECT_EQ(built.tile.value().height, 5U);
   EXPECT_EQ(built.seed, 5U);
   EXPECT_EQ(built.estimates, 2U);
   EXPECT_EQ(built.derivatives, tracer::medium_parameters());
@@ -352,8 +353,8 @@ TEST(RequestBuilder, HasTheDocumentedDefaults) {
   request.clear_estimates();
   request.clear_seed();
   const auto built = build_request(request, RenderLimits());
-  EXPECT_EQ(built.first_sample, 0U);
   EXPECT_EQ(built.sample_count, 8U);
+  EXPECT_FALSE(built.tile);
   EXPECT_EQ(built.seed, 0U);
   EXPECT_EQ(built.estimates, 1U);
   EXPECT_TRUE(built.derivatives.empty());
@@ -365,6 +366,10 @@ TEST(ReplySize, IsBounded) {
   limits.max_message_bytes = 16 * 10 * 10 * sizeof(float);
   EXPECT_NO_THROW(check_reply_size(10, 10, request, limits));
   EXPECT_THROW(check_reply_size(10, 11, request, limits), Error);
+  v1::RenderGradRequest tile = request;
+  tile.mutable_tile()->set_width(10);
+  tile.mutable_tile()->set_height(10);
+  EXPECT_NO_THROW(check_reply_size(1000, 1000, tile, limits));
 }
 
 }  // namespace

@@ -14,6 +14,7 @@
 
 #include "common/error.h"
 #include "tests/server/tracer/scenes.h"
+#include "tests/support/expect_error.h"
 
 namespace itn::testing {
 namespace {
@@ -62,16 +63,78 @@ TEST(RenderTest, ThreadsDoNotMatter) {
               render_grad(mug_in_the_sun(), request(), {.threads = 2}));
 }
 
-TEST(RenderTest, PartsAddUpToTheWhole) {
-  RenderRequest first = request(), second = request();
-  first.sample_count = 5;
-  second.first_sample = 5;
-  second.sample_count = 7;
-  FilmSums parts = render_grad(mug_in_the_sun(), second);
-  merge(parts, render_grad(mug_in_the_sun(), first));
-  const FilmSums whole = render_grad(mug_in_the_sun(), request());
-  expect_same(parts, whole);
-  EXPECT_EQ(means(parts).standard_error, means(whole).standard_error);
+// The sums of a tile's pixels, and the same pixels' of the whole.
+void expect_same_pixels(const FilmSums& part, const FilmSums& whole) {
+  for (int y = 0; y < part.height; ++y) {
+    for (int x = 0; x < part.width; ++x) {
+      const auto pixel = static_cast<uint32_t>((part.y + y) * whole.width + part.x + x);
+      const size_t i = part.index_of(pixel), j = whole.index_of(pixel);
+      ASSERT_EQ(i, static_cast<size_t>(y * part.width + x));
+      for (size_t k = 0; k < whole.estimates.size(); ++k) {
+        const auto &a = part.estimates[k], &b = whole.estimates[k];
+        EXPECT_EQ(a.counts[i], b.counts[j]);
+        EXPECT_EQ(a.radiance[i], b.radiance[j]);
+        for (size_t d = 0; d < b.derivatives.size(); ++d) {
+          EXPECT_EQ(a.derivatives[d][i], b.derivatives[d][j]);
+        }
+      }
+      EXPECT_EQ(part.squares[i], whole.squares[j]);
+      EXPECT_EQ(part.hits[i], whole.hits[j]);
+    }
+  }
+}
+
+const Tile kTiles[] = {{0, 0, 24, 24}, {0, 0, 9, 7}, {9, 7, 15, 17}, {11, 12, 1, 1}, {20, 3, 4, 5}};
+
+TEST(RenderTest, TilesAreTheirPartOfTheWhole) {
+  for (const Pixels pixels : {Pixels::kAll, Pixels::kObject}) {
+    RenderRequest s = request();
+    s.pixels = pixels;
+    const FilmSums whole = render_grad(mug_in_the_sun(), s);
+    for (const Tile& tile : kTiles) {
+      s.tile = tile;
+      const FilmSums part = render_grad(mug_in_the_sun(), s);
+      EXPECT_EQ(part.squares.size(), tile.width * tile.height);
+      expect_same_pixels(part, whole);
+    }
+  }
+}
+
+// The pilot of a tile sees the pixels around it, so that its control variates are those of the
+// whole.
+TEST(RenderTest, TilesWithAPilotSeeTheirSurroundings) {
+  RenderRequest s = request();
+  s.pilot_spp = 2;
+  const RenderOptions even{.switches = {.adaptive = false}};
+  const FilmSums whole = render_grad(mug_in_the_sun(), s, even);
+  for (const Tile& tile : kTiles) {
+    s.tile = tile;
+    expect_same_pixels(render_grad(mug_in_the_sun(), s, even), whole);
+  }
+}
+
+// About as many samples as were asked for, spread within the tile.
+TEST(RenderTest, TilesWithAPilotHaveTheirOwnSamples) {
+  RenderRequest s = request();
+  s.pilot_spp = 2;
+  s.sample_count = 60;
+  s.tile = {6, 4, 12, 16};
+  const FilmSums part = render_grad(mug_in_the_sun(), s);
+  const auto& counts = part.estimates[0].counts;
+  const auto [least, most] = std::minmax_element(counts.begin(), counts.end());
+  EXPECT_LT(*least, *most);
+  const double paths = 12 * 16 * 60 + 16 * 20 * 2;
+  EXPECT_NEAR(static_cast<double>(part.counters.paths), paths, 0.05 * paths);
+}
+
+TEST(RenderTest, TilesLieInTheFilm) {
+  RenderRequest s = request();
+  for (const Tile& tile : {Tile{0, 0, 0, 1}, Tile{0, 0, 1, 0}, Tile{0, 0, 25, 1}, Tile{24, 0, 1, 1},
+                           Tile{0, 20, 1, 5}, Tile{UINT32_MAX, 0, 2, 1}}) {
+    s.tile = tile;
+    testing::expect_error(ErrorKind::kInvalidInput, {"tile is ", "lie in the film, 24 x 24"},
+                          [&] { render_grad(mug_in_the_sun(), s); });
+  }
 }
 
 // The same bits from vectors of every width, and from none.
@@ -91,25 +154,6 @@ TEST(RenderTest, InstructionSetsDoNotMatter) {
     }
     EXPECT_GE(sets, 1);
     std::printf("  %d instruction sets\n", sets);
-  }
-}
-
-// Parts of a render with a pilot take their part of every pixel's samples.
-TEST(RenderTest, PartsWithAPilotAddUpToTheWhole) {
-  RenderRequest whole = request();
-  whole.pilot_spp = 4;
-  whole.spp = whole.sample_count;
-  RenderRequest first = whole, second = whole;
-  first.sample_count = 5;
-  second.first_sample = 5;
-  second.sample_count = 7;
-  FilmSums parts = render_grad(mug_in_the_sun(), second);
-  merge(parts, render_grad(mug_in_the_sun(), first));
-  const FilmSums all = render_grad(mug_in_the_sun(), whole);
-  for (size_t k = 0; k < all.estimates.size(); ++k) {
-    EXPECT_EQ(parts.estimates[k].counts, all.estimates[k].counts);
-    EXPECT_EQ(parts.estimates[k].radiance, all.estimates[k].radiance);
-    EXPECT_EQ(parts.estimates[k].derivatives, all.estimates[k].derivatives);
   }
 }
 
@@ -254,13 +298,13 @@ TEST(RenderTest, EstimatesShareTheSamples) {
 }
 
 TEST(RenderTest, SamplesOfEstimate) {
-  for (uint32_t first = 0; first < 5; ++first) {
+  for (uint32_t count = 1; count < 12; ++count) {
     for (uint32_t k = 0; k < 3; ++k) {
-      uint64_t expected = 0;
-      for (uint32_t i = first; i < first + 7; ++i) {
+      uint32_t expected = 0;
+      for (uint32_t i = 0; i < count; ++i) {
         expected += i % 3 == k ? 1 : 0;
       }
-      EXPECT_EQ(samples_of_estimate(first, 7, k, 3), expected) << first << " " << k;
+      EXPECT_EQ(samples_of_estimate(count, k, 3), expected) << count << " " << k;
     }
   }
 }
