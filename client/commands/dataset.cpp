@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <chrono>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -54,24 +55,76 @@ void set(v1::Interval* interval, const std::pair<double, double>& range) {
   interval->set_max(range.second);
 }
 
-v1::DatasetConfig config_of(const DatasetOptions& options) {
-  v1::DatasetConfig config = paper_config(options.resolution);
-  config.set_spp(options.spp);
-  config.set_seed(options.seed);
-  config.set_rotate(options.rotate);
-  config.set_test_fraction(options.test_fraction);
+// What the flags say. A dataset that is continued has its configuration already: there only those
+// that are on the command line count.
+v1::DatasetConfig config_of(const DatasetOptions& options, const CLI::App& command,
+                            const std::optional<v1::Dataset>& there) {
+  const auto wanted = [&](const char* flag) { return !there || command.count(flag) > 0; };
+  v1::DatasetConfig config = there ? there->config() : paper_config(options.resolution);
+  if (wanted("--resolution")) {
+    *config.mutable_set_up() = paper_config(options.resolution).set_up();
+  }
+  if (wanted("--spp")) {
+    config.set_spp(options.spp);
+  }
+  if (wanted("--seed")) {
+    config.set_seed(options.seed);
+  }
+  if (wanted("--rotate")) {
+    config.set_rotate(options.rotate);
+  }
+  if (wanted("--test-fraction")) {
+    config.set_test_fraction(options.test_fraction);
+  }
   replace(*config.mutable_train_azimuths_degrees(), options.train_azimuths);
   replace(*config.mutable_test_azimuths_degrees(), options.test_azimuths);
-  set(config.mutable_materials()->mutable_sigma_t(), options.sigma_t);
-  set(config.mutable_materials()->mutable_albedo(), options.albedo);
-  set(config.mutable_materials()->mutable_g(), options.g);
+  if (wanted("--sigma-t")) {
+    set(config.mutable_materials()->mutable_sigma_t(), options.sigma_t);
+  }
+  if (wanted("--albedo")) {
+    set(config.mutable_materials()->mutable_albedo(), options.albedo);
+  }
+  if (wanted("--g")) {
+    set(config.mutable_materials()->mutable_g(), options.g);
+  }
   if (options.grid) {
     config.set_sampling(v1::DatasetConfig::GRID);
+    config.set_count(0);
   } else {
-    config.set_sampling(options.random ? v1::DatasetConfig::RANDOM : v1::DatasetConfig::STRATIFIED);
-    config.set_count(options.count);
+    if (!there || options.random) {
+      config.set_sampling(options.random ? v1::DatasetConfig::RANDOM
+                                         : v1::DatasetConfig::STRATIFIED);
+    }
+    if (wanted("--count")) {
+      config.set_count(options.count);
+    }
   }
   return config;
+}
+
+// The dataset that the folder holds, if it holds one.
+std::optional<v1::Dataset> manifest_in(const std::string& folder) {
+  const std::filesystem::path path = std::filesystem::path(folder) / kManifestName;
+  return std::filesystem::exists(path) ? std::optional(read_manifest(path)) : std::nullopt;
+}
+
+// Where the dataset is there and no flag says anything else of it, the plan is what it holds;
+// otherwise it is made anew, and render_dataset() says what differs from the one that is there.
+DatasetPlan plan_of(const DatasetOptions& options, const CLI::App& command,
+                    v1::DatasetSummary& summary) {
+  const std::optional<v1::Dataset> there = manifest_in(options.folder);
+  const v1::DatasetConfig config = config_of(options, command, there);
+  if (there && options.shapes.empty() && options.test_shapes.empty()) {
+    require_same_config(*there, config, options.folder);
+    return {*there, {}};
+  }
+  const ShapeSet shapes =
+      options.shapes.empty() ? builtin_shape_set() : load_shape_set(options.shapes, options.repair);
+  for (const std::string& message : shapes.refused) {
+    spdlog::warn("not used: {}", message);
+    summary.add_refused_shapes(message);
+  }
+  return plan_dataset(config, shapes.shapes, options.test_shapes);
 }
 
 DatasetProgress render(const DatasetOptions& options, const DatasetPlan& plan, RenderPool& pool) {
@@ -89,10 +142,7 @@ DatasetProgress render(const DatasetOptions& options, const DatasetPlan& plan, R
   return result;
 }
 
-v1::DatasetSummary summary_of(const DatasetOptions& options, const v1::Dataset& manifest,
-                              const ShapeSet& shapes) {
-  v1::DatasetSummary summary;
-  summary.set_folder(options.folder);
+void describe(const v1::Dataset& manifest, v1::DatasetSummary& summary) {
   for (const v1::DatasetShape& shape : manifest.shapes()) {
     shape.split() == v1::SPLIT_TRAIN ? summary.add_train_shapes(shape.name())
                                      : summary.add_test_shapes(shape.name());
@@ -103,29 +153,29 @@ v1::DatasetSummary summary_of(const DatasetOptions& options, const v1::Dataset& 
   }
   summary.set_train_images(train);
   summary.set_test_images(static_cast<uint32_t>(manifest.items_size()) - train);
-  for (const std::string& message : shapes.refused) {
-    summary.add_refused_shapes(message);
-  }
-  return summary;
+}
+
+// Names as long as they can be read at a glance.
+std::string names_of(const google::protobuf::RepeatedPtrField<std::string>& shapes) {
+  constexpr int kMaxNames = 20;
+  return shapes.size() <= kMaxNames ? fmt::format("{}", fmt::join(shapes, ", "))
+                                    : fmt::format("{} shapes", shapes.size());
 }
 
 void print(const v1::DatasetSummary& summary) {
   print_result("{}: {} training images of {}; {} test images of {}\n", summary.folder(),
-               summary.train_images(), fmt::join(summary.train_shapes(), ", "),
-               summary.test_images(), fmt::join(summary.test_shapes(), ", "));
+               summary.train_images(), names_of(summary.train_shapes()), summary.test_images(),
+               names_of(summary.test_shapes()));
 }
 
-void run(const DatasetOptions& options) {
+void run(const DatasetOptions& options, const CLI::App& command) {
   const auto start = std::chrono::steady_clock::now();
   check_folder_writable(options.folder);
-  const ShapeSet shapes =
-      options.shapes.empty() ? builtin_shape_set() : load_shape_set(options.shapes, options.repair);
-  for (const std::string& message : shapes.refused) {
-    spdlog::warn("not used: {}", message);
-  }
-  const DatasetPlan plan = plan_dataset(config_of(options), shapes.shapes, options.test_shapes);
+  v1::DatasetSummary summary;
+  summary.set_folder(options.folder);
+  const DatasetPlan plan = plan_of(options, command, summary);
+  describe(plan.manifest, summary);
   RenderPool pool(options.workers.pool_options());
-  v1::DatasetSummary summary = summary_of(options, plan.manifest, shapes);
   const DatasetProgress rendered = render(options, plan, pool);
   summary.set_kept(static_cast<uint32_t>(rendered.kept));
   summary.set_dropped_fraction(rendered.paths == 0 ? 0
@@ -141,8 +191,10 @@ void run(const DatasetOptions& options) {
 
 void add_dataset_command(CLI::App& app) {
   const auto options = std::make_shared<DatasetOptions>();
-  CLI::App* command = app.add_subcommand(
-      "dataset", "Render images with known materials; the same command continues what was stopped");
+  CLI::App* command = app.add_subcommand("dataset",
+                                         "Render images with known materials; the same command, or "
+                                         "one with the folder alone, continues "
+                                         "what was stopped");
   command->add_option("folder", options->folder, "Folder to write")->required();
   command->add_option("--shapes", options->shapes,
                       "Folder of closed PLY, OBJ or STL meshes; without: the built-in shapes");
@@ -192,7 +244,7 @@ void add_dataset_command(CLI::App& app) {
   command->add_option("--g", options->g, "MIN MAX, uniform")->excludes(grid)->capture_default_str();
   command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.DatasetSummary)");
   add_worker_flags(*command, options->workers);
-  command->callback([options] { run(*options); });
+  command->callback([options, command] { run(*options, *command); });
 }
 
 }  // namespace itn

@@ -65,7 +65,8 @@ void add_image_errors(const EvaluateOptions& options, const LabelledImages& imag
       const std::vector<float> rendered =
           rerender(dataset, pool, *images.items[i], candidates[c].predictions[i], options.spp,
                    interruption());
-      sum += relative_image_error(images.radiance[i], rendered, images.mask[i]);
+      const DatasetImage image = images.read(i);
+      sum += relative_image_error(image.radiance, rendered, image.mask);
       progress.update(++done);
     }
     evaluation.mutable_rows(static_cast<int>(c))
@@ -81,8 +82,8 @@ void write_picture(const EvaluateOptions& options, const LabelledImages& images,
   std::vector<Comparison> rows;
   for (const size_t i : spread(options.picture_items, images.items.size())) {
     rows.push_back(
-        {images.radiance[i], rerender(dataset, pool, *images.items[i], candidate.predictions[i],
-                                      options.spp, interruption())});
+        {images.read(i).radiance, rerender(dataset, pool, *images.items[i],
+                                           candidate.predictions[i], options.spp, interruption())});
   }
   write_comparison(options.picture, images.resolution, rows);
 }
@@ -118,7 +119,7 @@ void run(const EvaluateOptions& options) {
   set_torch_threads(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
   DatasetReader dataset(options.dataset);
   const v1::Split split = options.split == "train" ? v1::SPLIT_TRAIN : v1::SPLIT_TEST;
-  const LabelledImages images = load_images(dataset, split, interruption());
+  const LabelledImages images = images_of(dataset, split);
   const std::vector<Candidate> candidates = candidates_of(options, images);
   v1::Evaluation evaluation;
   evaluation.set_split(options.split);

@@ -1,6 +1,5 @@
 // itn train: teaches an encoder network with a dataset.
 #include <fmt/format.h>
-#include <google/protobuf/util/message_differencer.h>
 
 #include <chrono>
 #include <cmath>
@@ -20,6 +19,7 @@
 #include "client/training/training.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
+#include "common/files/folder_lock.h"
 #include "common/learning/checkpoint.h"
 #include "common/progress.h"
 
@@ -27,7 +27,6 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
-using google::protobuf::util::MessageDifferencer;
 
 struct TrainOptions {
   std::string dataset;
@@ -39,6 +38,7 @@ struct TrainOptions {
   std::optional<double> epochs;
   uint32_t batch = 60;
   double learning_rate = 1e-4;
+  std::string architecture = "plain";
   uint32_t base_channels = 16;
   uint32_t spp = 256;
   uint32_t estimates = 4;
@@ -52,71 +52,102 @@ struct TrainOptions {
   bool json = false;
 };
 
-uint64_t steps_of(const TrainOptions& options, size_t items) {
+uint64_t steps_of(const TrainOptions& options, size_t items, uint32_t batch) {
   if (options.steps) {
     return *options.steps;
   }
   constexpr double kDefaultEpochs = 50;  // of the paper
-  return static_cast<uint64_t>(std::ceil(options.epochs.value_or(kDefaultEpochs) *
-                                         static_cast<double>(items) / options.batch));
+  return static_cast<uint64_t>(
+      std::ceil(options.epochs.value_or(kDefaultEpochs) * static_cast<double>(items) / batch));
 }
 
-v1::TrainingConfig config_of(const TrainOptions& options, const DatasetReader& dataset,
-                             size_t items, const v1::Model& init) {
-  v1::TrainingConfig config;
-  config.set_loss(options.loss == "itn" ? v1::TrainingConfig::ITN : v1::TrainingConfig::RN);
-  config.set_parameterization(options.parameterization == "naive" ? v1::NAIVE : v1::SIMILARITY);
-  config.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(
-      options.base_channels);
-  config.set_output(v1::POINT);
-  config.set_steps(steps_of(options, items));
-  config.set_batch(options.batch);
-  config.set_optimizer(v1::TrainingConfig::ADAM);
-  config.set_schedule(v1::TrainingConfig::CONSTANT);
-  config.set_learning_rate(options.learning_rate);
-  config.set_seed(options.seed);
-  if (config.loss() == v1::TrainingConfig::ITN) {
-    config.set_spp(options.spp);
-    config.set_estimates(options.estimates);
-    config.set_pilot_spp(options.pilot_spp);
-    if (options.lambda) {
-      config.set_lambda(*options.lambda);
+// What the flags say. A run that is resumed has its configuration already: there only those that
+// are on the command line count.
+class Flags {
+ public:
+  Flags(const TrainOptions& options, const CLI::App& command)
+      : options_(options), command_(command) {}
+
+  bool given(const char* flag) const { return command_.count(flag) > 0; }
+
+  // The configuration `known` where there is one.
+  v1::TrainingConfig config(const v1::TrainingConfig* known, const DatasetReader& dataset,
+                            size_t items, const std::optional<v1::Model>& init) const {
+    v1::TrainingConfig config = known == nullptr ? v1::TrainingConfig() : *known;
+    const auto wanted = [&](const char* flag) { return known == nullptr || given(flag); };
+    if (wanted("--loss")) {
+      config.set_loss(options_.loss == "itn" ? v1::TrainingConfig::ITN : v1::TrainingConfig::RN);
     }
+    if (wanted("--parameterization")) {
+      config.set_parameterization(options_.parameterization == "naive" ? v1::NAIVE
+                                                                       : v1::SIMILARITY);
+    }
+    if (wanted("--base-channels")) {
+      config.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(
+          options_.base_channels);
+    }
+    if (wanted("--batch")) {
+      config.set_batch(options_.batch);
+    }
+    if (wanted("--steps") || given("--epochs")) {
+      config.set_steps(steps_of(options_, items, config.batch()));
+    }
+    if (wanted("--lr")) {
+      config.set_learning_rate(options_.learning_rate);
+    }
+    if (wanted("--seed")) {
+      config.set_seed(options_.seed);
+    }
+    const bool itn = config.loss() == v1::TrainingConfig::ITN;
+    if (itn && wanted("--spp")) {
+      config.set_spp(options_.spp);
+    }
+    if (itn && wanted("--estimates")) {
+      config.set_estimates(options_.estimates);
+    }
+    if (itn && wanted("--pilot-spp")) {
+      config.set_pilot_spp(options_.pilot_spp);
+    }
+    if (itn && options_.lambda) {
+      config.set_lambda(*options_.lambda);
+    }
+    if (wanted("--torch-threads")) {
+      config.set_torch_threads(static_cast<uint32_t>(options_.torch_threads));
+    }
+    if (wanted("--init")) {
+      config.set_init_sha256(init ? weights_sha256(*init) : "");
+    }
+    if (known == nullptr) {  // there is one of each
+      config.set_output(v1::POINT);
+      config.set_optimizer(v1::TrainingConfig::ADAM);
+      config.set_schedule(v1::TrainingConfig::CONSTANT);
+    }
+    config.set_dataset_sha256(to_hex(sha256(to_text(dataset.manifest()))));
+    return config;
   }
-  config.set_dataset_sha256(to_hex(sha256(to_text(dataset.manifest()))));
-  if (init.weights_size() > 0) {
-    config.set_init_sha256(weights_sha256(init));
-  }
-  config.set_torch_threads(static_cast<uint32_t>(options.torch_threads));
-  return config;
-}
 
-// The model to start from: one trained before, or one fitted to the dataset without weights.
-v1::Model start_of(const TrainOptions& options, const v1::TrainingConfig& config,
-                   const DatasetReader& dataset, const LabelledImages& images,
-                   const v1::Model& init) {
-  if (init.weights_size() == 0) {
-    return fit_model(images, dataset.manifest().config().materials(), config);
-  }
-  const auto require_same = [&](const char* what, uint64_t there, uint64_t here) {
+ private:
+  const TrainOptions& options_;
+  const CLI::App& command_;
+};
+
+// Throws unless a run of this configuration can start from a model trained before.
+void require_same_network(const v1::Model& init, const v1::TrainingConfig& config, int resolution,
+                          const std::string& name) {
+  const auto require_same = [&](const char* what, const std::string& there,
+                                const std::string& here) {
     if (there != here) {
-      throw invalid_input(
-          fmt::format("{}: its {} is {}, that of this run {}; they must be the same", options.init,
-                      what, there, here));
+      throw invalid_input(fmt::format(
+          "{}: its {} is {}, that of this run {}; they must be the same", name, what, there, here));
     }
   };
-  require_same("resolution", init.resolution(), static_cast<uint64_t>(images.resolution));
-  if (!MessageDifferencer::Equals(init.architecture(), config.architecture()) ||
-      init.output() != config.output()) {
-    throw invalid_input(fmt::format("{}: its architecture is {}; this run needs the same",
-                                    options.init, init.architecture().ShortDebugString()));
-  }
-  if (init.parameterization() != config.parameterization()) {
-    throw invalid_input(fmt::format("{}: its parameterization is {}; this run needs the same",
-                                    options.init,
-                                    v1::Parameterization_Name(init.parameterization())));
-  }
-  return init;
+  require_same("resolution", std::to_string(init.resolution()), std::to_string(resolution));
+  require_same("architecture", init.architecture().ShortDebugString(),
+               config.architecture().ShortDebugString());
+  require_same("output distribution", v1::OutputDistribution_Name(init.output()),
+               v1::OutputDistribution_Name(config.output()));
+  require_same("parameterization", v1::Parameterization_Name(init.parameterization()),
+               v1::Parameterization_Name(config.parameterization()));
 }
 
 std::string note_of(const v1::TrainingMetrics& metrics) {
@@ -140,25 +171,72 @@ void print(const v1::TrainingSummary& summary) {
   print_result(", {:.1f} s\n", summary.seconds());
 }
 
-void run(TrainOptions options) {
+// The dataset: the one that is named, or the one that the run was started with.
+std::string dataset_folder(const TrainOptions& options,
+                           const std::optional<v1::Checkpoint>& there) {
+  if (!options.dataset.empty()) {
+    return options.dataset;
+  }
+  if (!there || !options.resume) {
+    throw Error(ErrorKind::kUsage,
+                "which dataset? itn train DATASET -o RUN (only a run that is "
+                "resumed knows it: itn train --resume -o RUN)");
+  }
+  const std::string& folder = there->training().dataset();
+  if (!fs::exists(folder)) {
+    throw Error(ErrorKind::kIo,
+                fmt::format("the dataset of this run was in {} and is not there any more; where is "
+                            "it? itn train DATASET --resume -o {}",
+                            folder, options.folder));
+  }
+  return folder;
+}
+
+void run(TrainOptions options, const CLI::App& command) {
   const auto start = std::chrono::steady_clock::now();
   check_folder_writable(options.folder);
   if (options.torch_threads == 0) {
     options.torch_threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   }
-  set_torch_threads(options.torch_threads);
+  // What is asked for.
+  const FolderLock lock(options.folder, "itn train");
+  lock.remove_temporary_files();
+  const std::optional<v1::Checkpoint> there = find_checkpoint(options.folder);
+  DatasetReader dataset(dataset_folder(options, there));
+  const LabelledImages images = images_of(dataset, v1::SPLIT_TRAIN);
+  const std::optional<v1::Model> init =
+      options.init.empty() ? std::nullopt : std::optional(read_checkpoint(options.init).model());
+  const Flags flags(options, command);
+  const v1::TrainingConfig config =
+      flags.config(there && options.resume ? &there->training().config() : nullptr, dataset,
+                   images.items.size(), init);
+  if (there) {
+    require_same_config(there->training(), config, options.folder);
+    if (!flags.given("--checkpoint-every") && options.resume) {
+      options.checkpoint_every = std::max<uint64_t>(1, there->training().checkpoint_every());
+    }
+  } else if (init) {
+    require_same_network(*init, config, images.resolution, options.init);
+  }
+  validate(config);
   // Read.
-  DatasetReader dataset(options.dataset);
-  const LabelledImages images = load_images(dataset, v1::SPLIT_TRAIN, interruption());
-  const v1::Model init = options.init.empty() ? v1::Model() : read_checkpoint(options.init).model();
-  const v1::TrainingConfig config = config_of(options, dataset, images.items.size(), init);
-  const v1::Model model = start_of(options, config, dataset, images, init);
+  set_torch_threads(static_cast<int>(config.torch_threads()));
+  const PackedInputs inputs(images, options.folder, interruption());
+  v1::Model model;  // of a new run
+  if (!there) {
+    model = init ? *init
+                 : fit_model(images, inputs.mean_radiance(),
+                             dataset.manifest().config().materials(), config);
+  }
   // Train.
   std::optional<RenderPool> pool;
-  RenderBatch render;
+  ImageTerm image_term;
   if (config.loss() == v1::TrainingConfig::ITN) {
     pool.emplace(options.workers.pool_options());
-    render = render_with(dataset, *pool, config, interruption());
+    image_term = rendered_image_term(
+        *pool,
+        {.spp = config.spp(), .estimates = config.estimates(), .pilot_spp = config.pilot_spp()},
+        interruption());
   }
   v1::TrainingSummary summary;
   std::optional<Progress> progress;
@@ -169,9 +247,9 @@ void run(TrainOptions options) {
     progress->update(metrics.step(), note_of(metrics));
     *summary.mutable_last() = metrics;
   };
-  train(config, images, model, render,
+  train(config, images, inputs, model, image_term,
         {.folder = options.folder,
-         .resume = options.resume,
+         .dataset = fs::absolute(dataset.folder()).lexically_normal().string(),
          .checkpoint_every = options.checkpoint_every,
          .report = report,
          .stop = interruption()});
@@ -192,8 +270,12 @@ void run(TrainOptions options) {
 
 void add_train_command(CLI::App& app) {
   const auto options = std::make_shared<TrainOptions>();
-  CLI::App* command = app.add_subcommand("train", "Train a network with a dataset");
-  command->add_option("dataset", options->dataset, "Folder that itn dataset wrote")->required();
+  CLI::App* command = app.add_subcommand(
+      "train",
+      "Train a network with a dataset; the same command continues what was stopped. The optimizer "
+      "is Adam, at a constant learning rate");
+  command->add_option("dataset", options->dataset,
+                      "Folder that itn dataset wrote; --resume knows it");
   command->add_option("-o,--output", options->folder, "Folder of the run")->required();
   command
       ->add_option("--loss", options->loss,
@@ -205,15 +287,26 @@ void add_train_command(CLI::App& app) {
       ->capture_default_str();
   command->add_option("--init", options->init,
                       "Checkpoint (or run) to start from, e.g. of an RN for an ITN");
-  CLI::Option* steps =
-      command->add_option("--steps", options->steps, "Steps to take")->check(CLI::PositiveNumber);
+  CLI::Option* steps = command->add_option("--steps", options->steps, "Steps to take")
+                           ->check(CLI::Range(uint64_t{1}, uint64_t{UINT32_MAX}));
   command->add_option("--epochs", options->epochs, "Instead of steps; default 50")
       ->check(CLI::Range(0.0, 1e6))
       ->excludes(steps);
   command->add_option("--batch", options->batch, "Images per step")
       ->check(CLI::Range(1, 65536))
       ->capture_default_str();
-  command->add_option("--lr", options->learning_rate, "Learning rate of Adam")
+  command->add_option("--lr", options->learning_rate, "Learning rate of Adam, constant")
+      ->check([](const std::string& text) {
+        double rate = 0;
+        return CLI::detail::lexical_cast(text, rate) && rate > 0 && std::isfinite(rate)
+                   ? std::string()
+                   : fmt::format("{}: the learning rate must be a number above 0", text);
+      })
+      ->capture_default_str();
+  command
+      ->add_option("--architecture", options->architecture,
+                   "Layers of the network; plain: convolution, ReLU and pooling down to one pixel")
+      ->check(CLI::IsMember({"plain"}))
       ->capture_default_str();
   command->add_option("--base-channels", options->base_channels, "Of the first convolution")
       ->check(CLI::Range(1, 64))
@@ -239,8 +332,10 @@ void add_train_command(CLI::App& app) {
   command->add_option("--checkpoint-every", options->checkpoint_every, "Steps")
       ->check(CLI::Range(1, 1 << 30))
       ->capture_default_str();
-  command->add_flag("--resume", options->resume,
-                    "Continue from the run's checkpoint, if there is one");
+  command->add_flag(
+      "--resume", options->resume,
+      "Continue the folder's run, if there is one: its flags, the dataset too, need not "
+      "be given again, and those that are must be the same; --steps may be more");
   command
       ->add_option("--torch-threads", options->torch_threads,
                    "Threads of the network; 0: one per processor. The last bits depend on it")
@@ -248,7 +343,7 @@ void add_train_command(CLI::App& app) {
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.TrainingSummary)");
   add_worker_flags(*command, options->workers);
-  command->callback([options] { run(*options); });
+  command->callback([options, command] { run(*options, *command); });
 }
 
 }  // namespace itn

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <iterator>
 #include <set>
+#include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -17,6 +18,7 @@
 #include "common/geometry/shapes.h"
 #include "common/image/attributes.h"
 #include "common/image/image.h"
+#include "common/scene/material_proto.h"
 #include "common/scene/text_proto.h"
 
 namespace itn {
@@ -52,18 +54,18 @@ std::vector<fs::path> mesh_files(const fs::path& folder) {
   return files;
 }
 
-Shape load_shape(const fs::path& file, bool repair) {
-  Shape shape{file.stem().string(), load_mesh(file)};
+// `say`: what was repaired, if anything was.
+Mesh load_shape(const fs::path& file, bool repair, bool say) {
+  Mesh mesh = load_mesh(file);
   const std::string name = file.filename().string();
   if (repair) {
-    MeshRepair done = repaired(shape.mesh, name);
-    if (done.changed()) spdlog::warn("{} is repaired: {}", name, done.describe());
-    shape.mesh = std::move(done.mesh);
+    MeshRepair done = repaired(mesh, name);
+    if (say && done.changed()) spdlog::warn("{} is repaired: {}", name, done.describe());
+    mesh = std::move(done.mesh);
   } else {
-    validate_closed(shape.mesh, name);
+    validate_closed(mesh, name);
   }
-  shape.mesh = normalized(shape.mesh);
-  return shape;
+  return normalized(mesh);
 }
 
 // --- The plan ---
@@ -75,6 +77,9 @@ void require(bool condition, const std::string& message) {
 }
 
 void validate_range(const char* name, const v1::Interval& range, double low, double high) {
+  require(!(range.min() > range.max()),
+          fmt::format("the range of {} is [{}, {}]; its minimum must not exceed its maximum", name,
+                      range.min(), range.max()));
   require(range.min() <= range.max() && range.min() >= low && range.max() <= high,
           fmt::format("the range of {} is [{}, {}]; it must lie in [{}, {}]", name, range.min(),
                       range.max(), low, high));
@@ -134,27 +139,22 @@ std::set<std::string> choose_test_shapes(const v1::DatasetConfig& config,
 }
 
 void add_shape(DatasetPlan& plan, const Shape& shape, v1::Split split) {
-  v1::Mesh proto;
-  set_triangles(proto, shape.mesh);
   v1::DatasetShape& entry = *plan.manifest.add_shapes();
   entry.set_name(shape.name);
   entry.set_split(split);
   entry.set_file(fmt::format("shapes/{}.mesh", shape.name));
-  entry.set_height(bounds(shape.mesh).max.y);
-  const std::string bytes = proto.triangles().SerializeAsString();
-  entry.set_sha256(to_hex(sha256(bytes)));
-  plan.shape_files[entry.file()] = bytes;
+  entry.set_height(shape.height);
+  entry.set_sha256(shape.sha256);
+  plan.shape_files[entry.file()] = shape.to_file;
 }
 
 // From the unit cube: sigma_t log-uniform, albedo and g uniform.
 v1::Material material_at(const v1::MaterialRange& range, const std::array<double, 3>& u) {
   const auto lerp = [](double a, double b, double t) { return a + (b - a) * t; };
-  v1::Material material;
-  material.set_sigma_t(
-      std::exp(lerp(std::log(range.sigma_t().min()), std::log(range.sigma_t().max()), u[0])));
-  material.set_albedo(lerp(range.albedo().min(), range.albedo().max(), u[1]));
-  material.set_g(lerp(range.g().min(), range.g().max(), u[2]));
-  return material;
+  return to_proto(
+      {std::exp(lerp(std::log(range.sigma_t().min()), std::log(range.sigma_t().max()), u[0])),
+       lerp(range.albedo().min(), range.albedo().max(), u[1]),
+       lerp(range.g().min(), range.g().max(), u[2])});
 }
 
 // `count` materials of one split. STRATIFIED is a Latin hypercube: each of the three coordinates
@@ -186,10 +186,7 @@ std::vector<v1::Material> grid_materials(const v1::DatasetConfig& config) {
   for (const double sigma_t : config.grid_sigma_t()) {
     for (const double albedo : config.grid_albedo()) {
       for (const double g : config.grid_g()) {
-        v1::Material& material = materials.emplace_back();
-        material.set_sigma_t(sigma_t);
-        material.set_albedo(albedo);
-        material.set_g(g);
+        materials.push_back(to_proto({sigma_t, albedo, g}));
       }
     }
   }
@@ -265,10 +262,24 @@ v1::Scene scene_of(const v1::DatasetConfig& config, const v1::DatasetShape& shap
 
 }  // namespace
 
+Shape describe_shape(std::string name, std::function<Mesh()> load) {
+  const auto serialized = [](const Mesh& mesh) {
+    v1::Mesh proto;
+    set_triangles(proto, mesh);
+    return proto.triangles().SerializeAsString();
+  };
+  const Mesh mesh = load();
+  return {.name = std::move(name),
+          .height = bounds(mesh).max.y,
+          .sha256 = to_hex(sha256(serialized(mesh))),
+          .to_file = [load = std::move(load), serialized] { return serialized(load()); }};
+}
+
 ShapeSet builtin_shape_set() {
   ShapeSet set;
   for (const ShapeInfo& info : builtin_shapes()) {
-    set.shapes.push_back({std::string(info.name), make_shape(info.name)});
+    set.shapes.push_back(
+        describe_shape(std::string(info.name), [name = info.name] { return make_shape(name); }));
   }
   std::ranges::sort(set.shapes, {}, &Shape::name);
   return set;
@@ -278,7 +289,10 @@ ShapeSet load_shape_set(const fs::path& folder, bool repair) {
   ShapeSet set;
   for (const fs::path& file : mesh_files(folder)) {
     try {
-      set.shapes.push_back(load_shape(file, repair));
+      const auto load = [file, repair, first = true]() mutable {
+        return load_shape(file, repair, std::exchange(first, false));
+      };
+      set.shapes.push_back(describe_shape(file.stem().string(), load));
     } catch (const Error& error) {
       set.refused.push_back(fmt::format("{}: {}", file.filename().string(), error.what()));
     }
@@ -375,10 +389,6 @@ std::string item_digest(const v1::Dataset& manifest, const v1::DatasetItem& item
   return to_hex(sha256(content));
 }
 
-Material material_of(const v1::DatasetItem& item) {
-  return {item.material().sigma_t(), item.material().albedo(), item.material().g()};
-}
-
 std::string to_text(const v1::Dataset& manifest) {
   return to_text_proto(manifest);
 }
@@ -386,7 +396,39 @@ std::string to_text(const v1::Dataset& manifest) {
 v1::Dataset read_manifest(const fs::path& path) {
   v1::Dataset manifest;
   parse_text_proto(read_file(path, "manifest"), path.string(), manifest);
+  const auto require_inside = [&](const std::string& file) {
+    const fs::path relative(file);
+    require(
+        relative.is_relative() && relative.has_filename() &&
+            std::ranges::find(relative, fs::path("..")) == relative.end(),
+        fmt::format("{}: \"{}\" is not a file in the folder of the dataset", path.string(), file));
+  };
+  for (const v1::DatasetShape& shape : manifest.shapes()) {
+    require_inside(shape.file());
+  }
+  for (const v1::DatasetItem& item : manifest.items()) {
+    require_inside(item.file());
+  }
   return manifest;
+}
+
+fs::path path_inside(const fs::path& folder, const std::string& file) {
+  const fs::path path = folder / file;
+  std::error_code error;
+  if (fs::exists(fs::symlink_status(path, error))) {
+    const fs::path base = fs::weakly_canonical(folder, error);
+    const fs::path target = fs::weakly_canonical(path, error);
+    require(!error && fs::is_regular_file(target, error) &&
+                std::mismatch(base.begin(), base.end(), target.begin(), target.end()).first ==
+                    base.end(),
+            fmt::format("{} is not a regular file in the folder of the dataset", path.string()));
+  }
+  return path;
+}
+
+bool holds_shape(const fs::path& folder, const v1::DatasetShape& shape) {
+  const fs::path path = path_inside(folder, shape.file());
+  return fs::exists(path) && to_hex(sha256(read_file(path, "shape"))) == shape.sha256();
 }
 
 DatasetReader::DatasetReader(fs::path folder)
@@ -419,7 +461,7 @@ std::vector<const v1::DatasetItem*> DatasetReader::items(v1::Split split) const 
 }
 
 DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
-  const fs::path path = folder_ / item.file();
+  const fs::path path = path_inside(folder_, item.file());
   if (!fs::exists(path)) {
     throw Error(ErrorKind::kIo,
                 fmt::format("{} is missing: the dataset is not complete; the command that began it "
@@ -436,18 +478,28 @@ DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
 }
 
 const v1::Triangles& DatasetReader::triangles(const v1::DatasetShape& shape) {
-  const auto [entry, is_new] = triangles_.try_emplace(shape.name());
-  if (is_new) {
-    const fs::path path = folder_ / shape.file();
-    const std::string bytes = read_file(path, "shape");
-    if (to_hex(sha256(bytes)) != shape.sha256() || !entry->second.ParseFromString(bytes)) {
-      triangles_.erase(entry);
-      throw Error(
-          ErrorKind::kDataLoss,
-          fmt::format("{} is not the shape that the dataset was rendered with", path.string()));
-    }
+  if (const auto known = triangles_.find(shape.name()); known != triangles_.end()) {
+    return known->second;
   }
-  return entry->second;
+  const fs::path path = path_inside(folder_, shape.file());
+  const std::string bytes = read_file(path, "shape");
+  v1::Triangles triangles;
+  if (to_hex(sha256(bytes)) != shape.sha256() || !triangles.ParseFromString(bytes)) {
+    throw Error(
+        ErrorKind::kDataLoss,
+        fmt::format(
+            "{} is not the shape that the dataset was rendered with; the command that began "
+            "the dataset, with its --shapes, writes it again",
+            path.string()));
+  }
+  // Items of a shape are mostly asked for one after the other.
+  constexpr size_t kMaxTriangleBytes = size_t{64} << 20;
+  if (triangle_bytes_ + bytes.size() > kMaxTriangleBytes) {
+    triangles_.clear();
+    triangle_bytes_ = 0;
+  }
+  triangle_bytes_ += bytes.size();
+  return triangles_[shape.name()] = std::move(triangles);
 }
 
 std::shared_ptr<const SerializedScene> DatasetReader::scene(const v1::DatasetItem& item) {

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <span>
@@ -12,17 +13,21 @@
 #include <vector>
 
 #include "common/geometry/mesh.h"
-#include "common/material.h"
 #include "common/scene/scene_bytes.h"
 #include "itn/v1/experiment.pb.h"
 
 namespace itn {
 
-// A closed mesh, longest side 1 mm, standing on y = 0.
+// A closed mesh, longest side 1 mm, standing on y = 0. The mesh itself is loaded when it is needed.
 struct Shape {
   std::string name;
-  Mesh mesh;
+  float height = 0;                      // highest y, in mm
+  std::string sha256;                    // of the file's bytes, in hexadecimal
+  std::function<std::string()> to_file;  // the bytes of its file in a dataset; may throw Error
 };
+
+// Loads the mesh once to look at it. Throws what `load` throws.
+Shape describe_shape(std::string name, std::function<Mesh()> load);
 
 struct ShapeSet {
   std::vector<Shape> shapes;         // in the order of their names
@@ -39,10 +44,11 @@ ShapeSet load_shape_set(const std::filesystem::path& folder, bool repair = false
 // The set-up, material ranges and azimuths of the paper, for a square film of this many pixels.
 v1::DatasetConfig paper_config(uint32_t resolution);
 
-// A dataset laid out but not rendered. `shape_files`: for each shape the bytes of its file.
+// A dataset laid out but not rendered.
 struct DatasetPlan {
   v1::Dataset manifest;
-  std::map<std::string, std::string> shape_files;  // by DatasetShape.file
+  // By DatasetShape.file: the bytes of that file. None for those that are on disk already.
+  std::map<std::string, std::function<std::string()>> shape_files;
 };
 
 // Chooses the split and every item. A function of its arguments alone. `test_shapes`: names; empty:
@@ -55,16 +61,21 @@ DatasetPlan plan_dataset(const v1::DatasetConfig& config, std::span<const Shape>
 // shape and the set-up.
 std::string item_digest(const v1::Dataset& manifest, const v1::DatasetItem& item);
 
-// The truth of an item.
-Material material_of(const v1::DatasetItem& item);
-
 inline constexpr const char* kManifestName = "manifest.textproto";
 
 // The manifest as text; reads back equal.
 std::string to_text(const v1::Dataset& manifest);
 
-// Throws Error: kIo; kInvalidInput with line and column.
+// Throws Error: kIo; kInvalidInput with line and column, or if it names a file that is not in the
+// dataset's folder by its name: absolute, or with "..".
 v1::Dataset read_manifest(const std::filesystem::path& path);
+
+// A file of the dataset. Throws Error (invalid input) if it exists but is not a regular file inside
+// of the folder, with all links followed.
+std::filesystem::path path_inside(const std::filesystem::path& folder, const std::string& file);
+
+// Whether the file of this shape is there and whole. Throws as path_inside().
+bool holds_shape(const std::filesystem::path& folder, const v1::DatasetShape& shape);
 
 // One image with its mask.
 struct DatasetImage {
@@ -72,7 +83,8 @@ struct DatasetImage {
   std::vector<float> mask;
 };
 
-// A dataset on disk. Not thread-safe.
+// A dataset on disk. What it has in memory is the manifest and some shapes, however many there are.
+// Not thread-safe, but for image().
 class DatasetReader {
  public:
   // `folder` holds the manifest. Throws as read_manifest().
@@ -80,6 +92,7 @@ class DatasetReader {
   DatasetReader(const DatasetReader&) = delete;
   DatasetReader& operator=(const DatasetReader&) = delete;
 
+  const std::filesystem::path& folder() const { return folder_; }
   const v1::Dataset& manifest() const { return manifest_; }
   int resolution() const;
   std::vector<const v1::DatasetItem*> items(v1::Split split) const;
@@ -98,7 +111,8 @@ class DatasetReader {
   std::filesystem::path folder_;
   v1::Dataset manifest_;
   std::map<std::string, const v1::DatasetShape*> shapes_;  // by name
-  std::map<std::string, v1::Triangles> triangles_;         // by name
+  std::map<std::string, v1::Triangles> triangles_;         // by name; those used lately
+  size_t triangle_bytes_ = 0;                              // of these
 };
 
 }  // namespace itn

@@ -17,6 +17,7 @@
 #include "client/render_pool/render_wait.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
+#include "common/files/folder_lock.h"
 #include "common/image/attributes.h"
 #include "common/image/image.h"
 #include "server/tracer/render.h"
@@ -28,20 +29,13 @@ namespace {
 
 using google::protobuf::util::MessageDifferencer;
 
-// The first lines of what differs, e.g. "modified: config.spp: 64 -> 256".
-std::string difference(const v1::Dataset& there, const v1::Dataset& wanted) {
-  const auto report = [](const auto& a, const auto& b) {
-    std::string text;
-    MessageDifferencer differencer;
-    differencer.ReportDifferencesToString(&text);
-    differencer.Compare(a, b);
-    return text;
-  };
-  // Items follow from the configuration and the shapes, so these say it best.
-  std::string text = report(there.config(), wanted.config());
-  if (text.empty()) {
-    text = report(there, wanted);
-  }
+// The first lines of what differs, e.g. "modified: spp: 64 -> 256"; empty if nothing does.
+template <typename Message>
+std::string difference(const Message& there, const Message& wanted) {
+  std::string text;
+  MessageDifferencer differencer;
+  differencer.ReportDifferencesToString(&text);
+  differencer.Compare(there, wanted);
   constexpr size_t kMaxLines = 4;
   size_t end = 0;
   for (size_t line = 0; line < kMaxLines && end != std::string::npos; ++line) {
@@ -50,20 +44,31 @@ std::string difference(const v1::Dataset& there, const v1::Dataset& wanted) {
   return text.substr(0, end);
 }
 
+Error another_dataset(const fs::path& folder, const std::string& differences) {
+  return invalid_input(
+      fmt::format("{} holds a dataset of another configuration; choose another folder, or the same "
+                  "configuration to continue it. Differences:\n{}",
+                  folder.string(), differences));
+}
+
 // Writes the manifest and the shapes, or finds them there.
 void set_up_folder(const DatasetPlan& plan, const fs::path& folder) {
   const fs::path manifest = folder / kManifestName;
   if (fs::exists(manifest)) {
     const v1::Dataset there = read_manifest(manifest);
-    if (!MessageDifferencer::Equals(there, plan.manifest)) {
-      throw invalid_input(fmt::format(
-          "{} holds a dataset of another configuration; choose another folder, or the same "
-          "configuration to continue it. Differences:\n{}",
-          folder.string(), difference(there, plan.manifest)));
+    // Items follow from the configuration and the shapes, so the configuration says it best.
+    require_same_config(there, plan.manifest.config(), folder);
+    const std::string differences = difference(there, plan.manifest);
+    if (!differences.empty()) {
+      throw another_dataset(folder, differences);
     }
-  } else if (fs::exists(folder) && !fs::is_empty(folder) && !fs::exists(folder / "shapes")) {
-    throw invalid_input(fmt::format("{} is not empty and holds no dataset; choose another folder",
-                                    folder.string()));
+  } else if (!fs::exists(folder / "shapes")) {
+    for (const auto& entry : fs::directory_iterator(folder)) {
+      if (entry.path().filename() != FolderLock::kName) {
+        throw invalid_input(fmt::format(
+            "{} is not empty and holds no dataset; choose another folder", folder.string()));
+      }
+    }
   }
   std::error_code error;
   for (const char* name : {"images", "shapes"}) {
@@ -73,19 +78,13 @@ void set_up_folder(const DatasetPlan& plan, const fs::path& folder) {
                   fmt::format("cannot create {}: {}", (folder / name).string(), error.message()));
     }
   }
-  for (const auto& [file, bytes] : plan.shape_files) {
-    write_file_atomically(folder / file, bytes);
-  }
-  write_file_atomically(manifest, to_text(plan.manifest));
-}
-
-// A process that was killed leaves the file that it was writing.
-void remove_temporary_files(const fs::path& folder) {
-  for (const auto& entry : fs::directory_iterator(folder)) {
-    if (entry.path().extension() == ".tmp") {
-      fs::remove(entry.path());
+  for (const v1::DatasetShape& shape : plan.manifest.shapes()) {
+    const auto to_file = plan.shape_files.find(shape.file());
+    if (to_file != plan.shape_files.end() && !holds_shape(folder, shape)) {
+      write_file_atomically(folder / shape.file(), to_file->second());
     }
   }
+  write_file_atomically(manifest, to_text(plan.manifest));
 }
 
 bool is_rendered(const DatasetReader& dataset, const v1::DatasetItem& item, const fs::path& file) {
@@ -124,6 +123,8 @@ std::vector<Group> groups_of(const v1::Dataset& manifest) {
     std::ranges::stable_sort(group, std::ranges::greater(),
                              [](const v1::DatasetItem* item) { return item->material().albedo(); });
   }
+  // One shape after the other: each is loaded once, and workers that hold its mesh have use for it.
+  std::ranges::stable_sort(groups, {}, [](const Group& group) { return group.front()->shape(); });
   return groups;
 }
 
@@ -196,11 +197,22 @@ struct PendingGroup {
 
 }  // namespace
 
+void require_same_config(const v1::Dataset& there, const v1::DatasetConfig& wanted,
+                         const fs::path& folder) {
+  const std::string differences = difference(there.config(), wanted);
+  if (!differences.empty()) {
+    throw another_dataset(folder, differences);
+  }
+}
+
 DatasetProgress render_dataset(const DatasetPlan& plan, const fs::path& folder, RenderPool& pool,
                                const std::function<void(const DatasetProgress&)>& report,
                                std::stop_token stop) {
+  const FolderLock lock(folder, "itn dataset");
   set_up_folder(plan, folder);
-  remove_temporary_files(folder / "images");
+  for (const char* below : {"", "images", "shapes"}) {
+    lock.remove_temporary_files(below);
+  }
   DatasetReader dataset(folder);
   // Keep what is there.
   DatasetProgress progress;
@@ -211,7 +223,7 @@ DatasetProgress render_dataset(const DatasetPlan& plan, const fs::path& folder, 
   for (const Group& group : groups) {
     bool complete = true;
     for (const v1::DatasetItem* item : group) {
-      if (is_rendered(dataset, *item, folder / item->file())) {
+      if (is_rendered(dataset, *item, path_inside(folder, item->file()))) {
         ++progress.kept;
       } else {
         missing.insert(item);

@@ -19,12 +19,18 @@ struct DatasetProgress {
   uint64_t dropped = 0;  // of them: invalid samples and leaks
 };
 
+// Throws Error (invalid input) that says what differs unless the dataset in the folder has this
+// configuration.
+void require_same_config(const v1::Dataset& there, const v1::DatasetConfig& wanted,
+                         const std::filesystem::path& folder);
+
 // Writes shapes and manifest, then renders what is missing. An image that is there and whole is
 // kept, so that a call that was interrupted or killed is continued by the next; images do not
 // depend on what was rendered when. `report` is called before the first image and after each.
 //
 // Throws Error: kInvalidInput if the folder holds a dataset of another configuration (says what
-// differs) or other files; kCancelled soon after a stop is requested; and as RenderPool.
+// differs) or other files; kIo if another process renders there; kCancelled soon after a stop is
+// requested; and as RenderPool.
 DatasetProgress render_dataset(const DatasetPlan& plan, const std::filesystem::path& folder,
                                RenderPool& pool,
                                const std::function<void(const DatasetProgress&)>& report,

@@ -5,6 +5,7 @@
 #include "client/dataset/sampler.h"
 #include "client/render_pool/render_wait.h"
 #include "common/error.h"
+#include "common/scene/material_proto.h"
 
 namespace itn {
 
@@ -15,11 +16,12 @@ std::vector<Material> predict_all(Predictor& predictor, const LabelledImages& im
     if (stop.stop_requested()) {
       throw Error(ErrorKind::kCancelled, "interrupted");
     }
+    const DatasetImage image = images.read(i);
     predictions.push_back(predictor.predict({.width = images.resolution,
                                              .height = images.resolution,
                                              .channels = 1,
-                                             .pixels = images.radiance[i],
-                                             .mask = images.mask[i]})[0]);
+                                             .pixels = image.radiance,
+                                             .mask = image.mask})[0]);
   }
   return predictions;
 }
@@ -61,10 +63,7 @@ std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::
                             const Material& material, uint32_t spp, std::stop_token stop) {
   RenderJob job;
   job.scene = dataset.scene(item);
-  v1::Material& proto = *job.request.mutable_material();
-  proto.set_sigma_t(material.sigma_t);
-  proto.set_albedo(material.albedo);
-  proto.set_g(material.g);
+  *job.request.mutable_material() = to_proto(material);
   job.request.set_spp(spp);
   job.request.set_pixels(v1::OBJECT_PIXELS);  // as the images of a dataset
   // Not the random numbers of the image that it is compared with.

@@ -11,7 +11,7 @@
 
 namespace itn {
 
-// One prediction for each image.
+// One prediction for each image; one image is in memory at a time.
 std::vector<Material> predict_all(Predictor& predictor, const LabelledImages& images,
                                   std::stop_token stop = {});
 

@@ -3,18 +3,16 @@
 #include <chrono>
 #include <cmath>
 #include <fstream>
+#include <optional>
 
 #include <fmt/format.h>
 #include <google/protobuf/util/message_differencer.h>
 
 #include "client/json.h"
-#include "client/render_pool/render_pool.h"
-#include "client/render_pool/render_wait.h"
 #include "client/training/adam_state.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/learning/checkpoint.h"
-#include "common/rpc/wire_array.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -27,32 +25,6 @@ enum Choice : uint64_t { kInitialWeights, kOrder, kRenders };
 // The two terms are balanced over the first steps and then left alone: from there on the loss that
 // is minimised is one and the same.
 constexpr uint64_t kBalanceSteps = 10;
-
-RenderJob render_job(DatasetReader& dataset, const RenderQuery& query,
-                     const v1::TrainingConfig& config) {
-  RenderJob job;
-  job.scene = dataset.scene(*query.item);
-  v1::Material& material = *job.request.mutable_material();
-  material.set_sigma_t(query.material.sigma_t);
-  material.set_albedo(query.material.albedo);
-  material.set_g(query.material.g);
-  job.request.set_spp(config.spp());
-  job.request.set_seed(query.seed);
-  job.request.set_estimates(config.estimates());
-  job.request.set_pilot_spp(config.pilot_spp());
-  job.request.set_pixels(v1::OBJECT_PIXELS);
-  for (const v1::Parameter parameter : {v1::SIGMA_T, v1::ALBEDO, v1::G}) {
-    job.request.add_derivatives(parameter);
-  }
-  job.request.mutable_loss()->set_image(to_bytes(query.image));
-  job.request.mutable_loss()->set_weight(to_bytes(query.weight));
-  return job;
-}
-
-Triple row(const torch::Tensor& doubles, int64_t index) {
-  const double* values = doubles[index].data_ptr<double>();
-  return {values[0], values[1], values[2]};
-}
 
 torch::Tensor standardized_targets(const OutputSpace& space, const LabelledImages& images) {
   torch::Tensor targets = torch::empty({static_cast<int64_t>(images.truth.size()), 3});
@@ -71,6 +43,18 @@ double mean_norm(const torch::Tensor& gradients) {
   return gradients.to(torch::kFloat64).norm(2, 1).mean().item<double>();
 }
 
+// lambda = sum of |d regression / d output| over sum of |d image / d output|, each the mean over
+// the batch, summed over the first steps: from then on fixed. Both terms then pull about equally
+// hard.
+double balance(const LossTerm& regression, const LossTerm& image, v1::TrainingState& state) {
+  if (state.balance_steps() < kBalanceSteps) {
+    state.set_balance_steps(state.balance_steps() + 1);
+    state.set_regression_gradient(state.regression_gradient() + mean_norm(regression.gradient));
+    state.set_image_gradient(state.image_gradient() + mean_norm(image.gradient));
+  }
+  return state.image_gradient() > 0 ? state.regression_gradient() / state.image_gradient() : 0;
+}
+
 Encoder initial_encoder(const v1::TrainingConfig& config, const v1::Model& start) {
   if (start.weights_size() > 0) {
     return load_encoder(start);
@@ -79,13 +63,11 @@ Encoder initial_encoder(const v1::TrainingConfig& config, const v1::Model& start
   return new_encoder(start);
 }
 
-torch::optim::AdamOptions adam_options(const v1::TrainingConfig& config) {
-  return torch::optim::AdamOptions(config.learning_rate());
-}
-
+// Of the configuration's kind and schedule, of which there is one each (validate()).
 std::unique_ptr<torch::optim::Adam> new_optimizer(const Encoder& encoder,
                                                   const v1::TrainingConfig& config) {
-  return std::make_unique<torch::optim::Adam>(encoder->parameters(), adam_options(config));
+  return std::make_unique<torch::optim::Adam>(encoder->parameters(),
+                                              torch::optim::AdamOptions(config.learning_rate()));
 }
 
 v1::Model named(v1::Model model, const v1::TrainingConfig& config) {
@@ -95,28 +77,17 @@ v1::Model named(v1::Model model, const v1::TrainingConfig& config) {
   return model;
 }
 
+// A sum is finite only if all of its terms are.
+bool is_finite(const torch::Tensor& tensor) {
+  return std::isfinite(tensor.sum().item<double>());
+}
+
+const v1::TrainingConfig& validated(const v1::TrainingConfig& config) {
+  validate(config);
+  return config;
+}
+
 }  // namespace
-
-RenderBatch render_with(DatasetReader& dataset, RenderPool& pool, const v1::TrainingConfig& config,
-                        std::stop_token stop) {
-  return [&dataset, &pool, config, stop](std::span<const RenderQuery> queries) {
-    std::vector<std::future<v1::RenderGradReply>> replies;
-    for (const RenderQuery& query : queries) {
-      replies.push_back(pool.submit(render_job(dataset, query, config)));
-    }
-    std::vector<RenderingLoss> results;
-    for (auto& future : replies) {
-      const v1::RenderGradReply reply = wait_for_render(future, stop);
-      results.push_back(
-          {reply.loss(), {reply.loss_gradient(0), reply.loss_gradient(1), reply.loss_gradient(2)}});
-    }
-    return results;
-  };
-}
-
-torch::Tensor stand_in(const torch::Tensor& outputs, const torch::Tensor& gradients) {
-  return (outputs * gradients.detach()).sum(1).mean();
-}
 
 void validate(const v1::TrainingConfig& config) {
   const auto require = [](bool condition, const char* message) {
@@ -147,18 +118,25 @@ void validate(const v1::TrainingConfig& config) {
   }
 }
 
-Trainer::Trainer(v1::TrainingConfig config, const LabelledImages& images, v1::Model start,
-                 RenderBatch render)
+Trainer::Trainer(v1::TrainingConfig config, const LabelledImages& images,
+                 const PackedInputs& inputs, const v1::Model& start, ImageTerm image_term)
     : images_(images),
-      render_(std::move(render)),
-      model_(named(start, config)),
+      inputs_(inputs),
+      model_(named(start, validated(config))),
       space_(model_),
-      inputs_(encoder_inputs(images, model_.image_scale())),
       targets_(standardized_targets(space_, images)),
       encoder_(initial_encoder(config, start)),
       optimizer_(new_optimizer(encoder_, config)),
       sampler_(static_cast<uint32_t>(images.items.size()), derive_seed(config.seed(), {kOrder})) {
-  validate(config);
+  if (start.resolution() != static_cast<uint32_t>(images.resolution)) {
+    throw invalid_input(
+        fmt::format("the network is for {0} x {0} pixels; the images have {1} x {1}",
+                    start.resolution(), images.resolution));
+  }
+  if (config.loss() == v1::TrainingConfig::ITN) {
+    image_loss_ = std::make_unique<ImageLoss>(space_, images_, std::move(image_term),
+                                              derive_seed(config.seed(), {kRenders}));
+  }
   *state_.mutable_config() = std::move(config);
 }
 
@@ -170,8 +148,6 @@ void Trainer::restore(const v1::Checkpoint& checkpoint) {
   state_ = checkpoint.training();
   state_.clear_optimizer();
   *state_.mutable_config() = config;  // may ask for more steps
-  model_ = checkpoint.model();
-  model_.clear_weights();
 }
 
 v1::Checkpoint Trainer::checkpoint() const {
@@ -184,83 +160,77 @@ v1::Checkpoint Trainer::checkpoint() const {
   return checkpoint;
 }
 
-// Eqs. 2 and 3. The image term enters through a stand-in with the same gradient: outputs .
-// gradient, where the gradient was computed by the renderer and is a constant to torch.
+// Eqs. 2 and 3. Torch sees a surrogate of the loss with the same gradient in the outputs: outputs .
+// gradient, where the gradient was computed by the terms and is a constant to it.
 v1::TrainingMetrics Trainer::step() {
   const v1::TrainingConfig& config = state_.config();
-  // Take the batch of this step.
-  const std::vector<uint32_t> batch = sampler_.batch(state_.step(), config.batch());
-  const torch::Tensor index = torch::tensor(std::vector<int64_t>(batch.begin(), batch.end()));
-  const torch::Tensor targets = targets_.index_select(0, index);
-  // Predict.
-  const torch::Tensor outputs = encoder_->forward(inputs_.index_select(0, index));
-  // Regression term: mean over the batch of the squared distance.
-  const torch::Tensor regression = (outputs - targets).square().sum(1).mean();
-  torch::Tensor loss = regression;
-  // Image term.
+  v1::TrainingState next = state_;
+  next.set_step(state_.step() + 1);
   v1::TrainingMetrics metrics;
-  if (config.loss() == v1::TrainingConfig::ITN) {
-    const ImageTerm term = image_term(batch, outputs.detach(), targets);
-    loss = loss + term.lambda * stand_in(outputs, term.gradient);
-    metrics.set_image_loss(term.loss);
-    metrics.set_lambda(term.lambda);
+  // Take the batch of this step.
+  const std::vector<uint32_t> items = sampler_.batch(state_.step(), config.batch());
+  const torch::Tensor index = torch::tensor(std::vector<int64_t>(items.begin(), items.end()));
+  const Batch batch{.step = state_.step(),
+                    .items = items,
+                    .inputs = inputs_.batch(items, model_.image_scale()),
+                    .targets = targets_.index_select(0, index)};
+  // Predict.
+  const torch::Tensor outputs = encoder_->forward(batch.inputs);
+  if (!is_finite(outputs)) {
+    throw diverged("the network's answers are");
+  }
+  // Add up the terms of the loss.
+  const LossTerm regression = regression_loss_.evaluate(batch, outputs.detach());
+  torch::Tensor gradient = regression.gradient;
+  metrics.set_regression_loss(regression.value);
+  if (image_loss_) {
+    const LossTerm image = image_loss_->evaluate(batch, outputs.detach());
+    const double lambda = config.has_lambda() ? config.lambda() : balance(regression, image, next);
+    gradient = gradient + lambda * image.gradient;
+    metrics.set_image_loss(image.value);
+    metrics.set_lambda(lambda);
+  }
+  if (!std::isfinite(regression.value) || !std::isfinite(metrics.image_loss())) {
+    throw diverged("the loss is");
   }
   // Descend.
   optimizer_->zero_grad();
-  loss.backward();
+  surrogate_loss(outputs, gradient).backward();
+  for (const torch::Tensor& parameter : encoder_->parameters()) {
+    if (!is_finite(parameter.grad())) {
+      throw diverged("the gradient is");
+    }
+  }
   optimizer_->step();
-  state_.set_step(state_.step() + 1);
+  for (const torch::Tensor& parameter : encoder_->parameters()) {
+    if (!is_finite(parameter)) {
+      throw diverged("the weights are");
+    }
+  }
+  state_ = next;
   metrics.set_step(static_cast<uint32_t>(state_.step()));
   metrics.set_epoch(static_cast<double>(state_.step()) * config.batch() /
                     static_cast<double>(images_.items.size()));
-  metrics.set_regression_loss(regression.item<double>());
   return metrics;
 }
 
-Trainer::ImageTerm Trainer::image_term(std::span<const uint32_t> batch,
-                                       const torch::Tensor& outputs, const torch::Tensor& targets) {
-  // Render every prediction, and compare it with its input.
-  const torch::Tensor predictions = outputs.to(torch::kFloat64);
-  std::vector<RenderQuery> queries;
-  for (size_t i = 0; i < batch.size(); ++i) {
-    const std::vector<float>& image = images_.radiance[batch[i]];
-    queries.push_back({images_.items[batch[i]],
-                       space_.material(row(predictions, static_cast<int64_t>(i))),
-                       image,
-                       {inputs_[batch[i]][1].data_ptr<float>(), image.size()},
-                       derive_seed(state_.config().seed(), {kRenders, state_.step(), i})});
+void Trainer::require_finite_answers() const {
+  if (state_.step() == 0) {
+    return;
   }
-  const std::vector<RenderingLoss> losses = render_(queries);
-  // Carry the gradients back to the outputs.
-  ImageTerm term;
-  term.gradient = torch::empty({static_cast<int64_t>(batch.size()), 3});
-  auto gradient = term.gradient.accessor<float, 2>();
-  for (size_t i = 0; i < batch.size(); ++i) {
-    const auto r = static_cast<int64_t>(i);
-    const std::vector<double>& g = losses[i].gradient;  // by sigma_t, albedo and g
-    const Triple by_output =
-        space_.output_gradient(row(predictions, r), {g.at(0), g.at(1), g.at(2)});
-    for (size_t k = 0; k < 3; ++k) {
-      gradient[r][static_cast<int64_t>(k)] = static_cast<float>(by_output[k]);
-    }
-    term.loss += losses[i].value / static_cast<double>(batch.size());
+  EpochSampler sampler = sampler_;
+  const std::vector<uint32_t> items = sampler.batch(state_.step() - 1, state_.config().batch());
+  const torch::NoGradGuard no_gradient;
+  if (!is_finite(encoder_->forward(inputs_.batch(items, model_.image_scale())))) {
+    throw diverged("the network's answers are");
   }
-  term.lambda = state_.config().has_lambda() ? state_.config().lambda()
-                                             : balance(2 * (outputs - targets), term.gradient);
-  return term;
 }
 
-// lambda = sum of |d regression / d output| over sum of |d image / d output|, each the mean over
-// the batch, summed over the first steps: from then on fixed. Both terms then pull about equally
-// hard.
-double Trainer::balance(const torch::Tensor& regression_gradient,
-                        const torch::Tensor& image_gradient) {
-  if (state_.balance_steps() < kBalanceSteps) {
-    state_.set_balance_steps(state_.balance_steps() + 1);
-    state_.set_regression_gradient(state_.regression_gradient() + mean_norm(regression_gradient));
-    state_.set_image_gradient(state_.image_gradient() + mean_norm(image_gradient));
-  }
-  return state_.image_gradient() > 0 ? state_.regression_gradient() / state_.image_gradient() : 0;
+Diverged Trainer::diverged(const char* what) const {
+  return {ErrorKind::kInvalidInput,
+          fmt::format("the training has diverged: {} not finite after step {}; a smaller learning "
+                      "rate than {} may help (--lr)",
+                      what, state_.step(), state_.config().learning_rate())};
 }
 
 // --- A run in a folder ---
@@ -268,20 +238,6 @@ double Trainer::balance(const torch::Tensor& regression_gradient,
 namespace {
 
 constexpr const char* kMetricsName = "metrics.jsonl";
-
-void require_same_config(const v1::TrainingConfig& there, v1::TrainingConfig wanted,
-                         const fs::path& folder) {
-  wanted.set_steps(there.steps());
-  std::string text;
-  google::protobuf::util::MessageDifferencer differencer;
-  differencer.ReportDifferencesToString(&text);
-  if (!differencer.Compare(there, wanted)) {
-    throw invalid_input(fmt::format(
-        "the run in {} has another configuration; it can be continued with its own only, but for "
-        "more steps. Differences:\n{}",
-        folder.string(), text));
-  }
-}
 
 // Forgets the lines of steps that will be taken again.
 void truncate_metrics(const fs::path& path, uint64_t step) {
@@ -292,28 +248,6 @@ void truncate_metrics(const fs::path& path, uint64_t step) {
   }
   file.close();
   write_file_atomically(path, kept);
-}
-
-// Continues from the folder's checkpoint if there is one; begins a new run if there is none.
-void begin_or_restore(Trainer& trainer, const v1::TrainingConfig& config, const TrainingRun& run) {
-  const fs::path path = run.folder / kCheckpointName;
-  if (fs::exists(path)) {
-    const v1::Checkpoint checkpoint = read_checkpoint(run.folder);
-    if (!run.resume) {
-      throw invalid_input(
-          fmt::format("{} holds a run at step {}; --resume continues it, or choose another folder",
-                      run.folder.string(), checkpoint.training().step()));
-    }
-    require_same_config(checkpoint.training().config(), config, run.folder);
-    trainer.restore(checkpoint);
-  }
-  std::error_code error;
-  fs::create_directories(run.folder, error);
-  if (error) {
-    throw Error(ErrorKind::kIo,
-                fmt::format("cannot create {}: {}", run.folder.string(), error.message()));
-  }
-  truncate_metrics(run.folder / kMetricsName, trainer.steps_taken());
 }
 
 v1::TrainingMetrics timed_step(Trainer& trainer) {
@@ -331,38 +265,90 @@ void append_line(std::ofstream& file, const std::string& line, const fs::path& p
   }
 }
 
+// A checkpoint is written only of a network that answers.
+void save(const Trainer& trainer, const TrainingRun& run) {
+  trainer.require_finite_answers();
+  v1::Checkpoint checkpoint = trainer.checkpoint();
+  checkpoint.mutable_training()->set_dataset(run.dataset);
+  checkpoint.mutable_training()->set_checkpoint_every(run.checkpoint_every);
+  write_latest_checkpoint(run.folder, std::move(checkpoint));
+}
+
 }  // namespace
 
-void train(const v1::TrainingConfig& config, const LabelledImages& images, const v1::Model& start,
-           const RenderBatch& render, const TrainingRun& run) {
-  const fs::path metrics_path = run.folder / kMetricsName;
-  Trainer trainer(config, images, start, render);
-  begin_or_restore(trainer, config, run);
-  std::ofstream metrics_file(metrics_path, std::ios::app);
-  try {
-    while (trainer.steps_taken() < config.steps()) {
-      if (run.stop.stop_requested()) {
-        throw Error(ErrorKind::kCancelled, "interrupted");
-      }
-      const v1::TrainingMetrics metrics = timed_step(trainer);
-      append_line(metrics_file, to_json(metrics), metrics_path);
-      if (trainer.steps_taken() % run.checkpoint_every == 0) {
-        write_latest_checkpoint(run.folder, trainer.checkpoint());
-      }
-      if (run.report) {
-        run.report(metrics);
-      }
-    }
-  } catch (const Error& error) {
-    // Whatever stopped it, what was learned is kept; where that is nothing, the folder stays free.
-    if (trainer.steps_taken() == 0) {
-      throw;
-    }
-    write_latest_checkpoint(run.folder, trainer.checkpoint());
-    throw Error(error.kind(), fmt::format("{}; stopped after step {}, --resume continues",
-                                          error.what(), trainer.steps_taken()));
+void require_same_config(const v1::TrainingState& there, v1::TrainingConfig wanted,
+                         const fs::path& folder) {
+  if (wanted.steps() < there.step()) {
+    throw invalid_input(fmt::format("the run in {} has taken {} steps; {} are fewer",
+                                    folder.string(), there.step(), wanted.steps()));
   }
-  write_latest_checkpoint(run.folder, trainer.checkpoint());
+  wanted.set_steps(there.config().steps());
+  std::string text;
+  google::protobuf::util::MessageDifferencer differencer;
+  differencer.ReportDifferencesToString(&text);
+  if (!differencer.Compare(there.config(), wanted)) {
+    throw invalid_input(fmt::format(
+        "the run in {} has another configuration; --resume continues it with its own (more steps "
+        "are possible), or choose another folder. Differences:\n{}",
+        folder.string(), text));
+  }
+}
+
+void train(const v1::TrainingConfig& config, const LabelledImages& images,
+           const PackedInputs& inputs, const v1::Model& start, const ImageTerm& image_term,
+           const TrainingRun& run) {
+  const std::optional<v1::Checkpoint> there = find_checkpoint(run.folder);
+  if (there) {
+    require_same_config(there->training(), config, run.folder);
+  }
+  Trainer trainer(config, images, inputs, there ? there->model() : start, image_term);
+  if (there) {
+    trainer.restore(*there);
+  }
+  uint64_t saved = trainer.steps_taken();
+  const fs::path metrics_path = run.folder / kMetricsName;
+  truncate_metrics(metrics_path, saved);
+  std::ofstream metrics_file(metrics_path, std::ios::app);
+  const auto save_once = [&] {
+    if (trainer.steps_taken() != saved) {
+      save(trainer, run);
+      saved = trainer.steps_taken();
+    }
+  };
+  try {
+    try {
+      while (trainer.steps_taken() < config.steps()) {
+        if (run.stop.stop_requested()) {
+          throw Error(ErrorKind::kCancelled, "interrupted");
+        }
+        const v1::TrainingMetrics metrics = timed_step(trainer);
+        append_line(metrics_file, to_json(metrics), metrics_path);
+        if (trainer.steps_taken() % run.checkpoint_every == 0) {
+          save_once();
+        }
+        if (run.report) {
+          run.report(metrics);
+        }
+      }
+    } catch (const Diverged&) {
+      throw;
+    } catch (const Error& error) {
+      // Whatever else stopped it, what was learned is kept.
+      save_once();
+      throw Error(error.kind(),
+                  trainer.steps_taken() == 0
+                      ? error.what()
+                      : fmt::format("{}; stopped after step {}, the same command continues, or "
+                                    "--resume without the other flags",
+                                    error.what(), trainer.steps_taken()));
+    }
+    save_once();
+  } catch (const Diverged& error) {
+    throw Error(error.kind(),
+                fmt::format("{}. {}", error.what(),
+                            saved == 0 ? "No checkpoint was written"
+                                       : fmt::format("The checkpoint of step {} is kept", saved)));
+  }
 }
 
 }  // namespace itn

@@ -5,45 +5,31 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
-#include <span>
 #include <stop_token>
-#include <vector>
+#include <string>
 
 #include <torch/torch.h>
 
 #include "client/dataset/sampler.h"
+#include "client/training/image_term.h"
+#include "client/training/loss.h"
+#include "client/training/packed_inputs.h"
 #include "client/training/training_set.h"
+#include "common/error.h"
 #include "common/learning/encoder.h"
 #include "common/learning/parameterization.h"
-#include "server/render/rendering_loss.h"
 
 namespace itn {
 
-class RenderPool;
-
-// One render for the image term: the scene of an item with a predicted material, compared with the
-// item's image.
-struct RenderQuery {
-  const v1::DatasetItem* item;
-  Material material;
-  std::span<const float> image, weight;  // by pixel
-  uint64_t seed;
-};
-
-// For each query an unbiased estimate of the loss and its gradient. May throw Error.
-using RenderBatch = std::function<std::vector<RenderingLoss>(std::span<const RenderQuery>)>;
-
-// Renders all queries at the same time by a pool. Both must outlive the function.
-RenderBatch render_with(DatasetReader& dataset, RenderPool& pool, const v1::TrainingConfig& config,
-                        std::stop_token stop);
-
-// A stand-in for a loss that torch cannot differentiate: its value means nothing; its gradient in
-// `outputs` (batch x 3) is that of the mean over the batch of losses with these gradients (a
-// constant to torch) in their outputs.
-torch::Tensor stand_in(const torch::Tensor& outputs, const torch::Tensor& gradients);
-
 // Throws Error (invalid input) that names the field.
 void validate(const v1::TrainingConfig& config);
+
+// Answers, loss, gradient or weights are not finite any more (invalid input): with these settings
+// the training leads nowhere.
+class Diverged : public Error {
+ public:
+  using Error::Error;
+};
 
 // The state of a training run. What it does depends on configuration, images and renders alone
 // (and, in the last bits, on the number of torch's threads): a run that continues from a checkpoint
@@ -52,55 +38,63 @@ void validate(const v1::TrainingConfig& config);
 class Trainer {
  public:
   // A new run from random weights, or from those of `start` (a model trained before; its
-  // coordinates, scale and bounds are kept). `render` is needed for the ITN loss only.
-  Trainer(v1::TrainingConfig config, const LabelledImages& images, v1::Model start,
-          RenderBatch render);
+  // coordinates, scale and bounds are kept). `image_term` is needed for the ITN loss only. Images
+  // and inputs must outlive it.
+  Trainer(v1::TrainingConfig config, const LabelledImages& images, const PackedInputs& inputs,
+          const v1::Model& start, ImageTerm image_term);
 
-  // Continues from a checkpoint of the same configuration. Throws Error (kDataLoss) if it cannot be
-  // read.
+  // Continues from a checkpoint of a trainer with the same configuration (it may have had fewer
+  // steps) and model. Throws Error (invalid input) if it is not one.
   void restore(const v1::Checkpoint& checkpoint);
   v1::Checkpoint checkpoint() const;
 
-  // One step on one batch. If it throws, the state is that before the step.
+  // One step on one batch. If it throws, the state is that before the step, unless the step itself
+  // made the weights infinite. Throws Diverged, and what the image term throws.
   v1::TrainingMetrics step();
+
+  // Throws Diverged unless the network answers the last batch with finite numbers.
+  void require_finite_answers() const;
 
   uint64_t steps_taken() const { return state_.step(); }
 
  private:
-  struct ImageTerm {
-    double loss = 0;  // mean over the batch
-    double lambda = 0;
-    torch::Tensor gradient;  // batch x 3: of each item's loss in the network's outputs
-  };
-  ImageTerm image_term(std::span<const uint32_t> batch, const torch::Tensor& outputs,
-                       const torch::Tensor& targets);
-  double balance(const torch::Tensor& regression_gradient, const torch::Tensor& image_gradient);
+  Diverged diverged(const char* what) const;
 
   const LabelledImages& images_;
-  RenderBatch render_;
+  const PackedInputs& inputs_;
   v1::Model model_;          // without weights
   v1::TrainingState state_;  // without the optimizer
   OutputSpace space_;
-  torch::Tensor inputs_;   // items x 2 x resolution x resolution
   torch::Tensor targets_;  // items x 3
   Encoder encoder_;
   std::unique_ptr<torch::optim::Adam> optimizer_;
   EpochSampler sampler_;
+  RegressionLoss regression_loss_;
+  std::unique_ptr<Loss> image_loss_;  // ITN
 };
 
-// A whole run in a folder: metrics.jsonl (one TrainingMetrics a line) and the checkpoint.
+// A whole run in a folder that the caller has locked (FolderLock): metrics.jsonl (one
+// TrainingMetrics a line) and the latest two checkpoints.
 struct TrainingRun {
   std::filesystem::path folder;
-  bool resume = false;              // continue from the folder's checkpoint, if there is one
+  std::string dataset;              // its folder, for whoever continues the run
   uint64_t checkpoint_every = 100;  // steps
   std::function<void(const v1::TrainingMetrics&)> report;
   std::stop_token stop;
 };
 
-// Trains until `config.steps`. After a stop is requested, writes a checkpoint and throws Error
-// (kCancelled). Throws Error (invalid input) if the folder has a checkpoint and `resume` is not
-// set, or if that checkpoint is of another configuration (says what differs; `steps` may).
-void train(const v1::TrainingConfig& config, const LabelledImages& images, const v1::Model& start,
-           const RenderBatch& render, const TrainingRun& run);
+// Trains until `config.steps`, from where the run in the folder was stopped if there is one;
+// `start` is for a new one. After a stop is requested, writes a checkpoint and throws Error
+// (kCancelled); if the training diverges, keeps the checkpoints that there are and throws Error
+// (invalid input). The same if the folder's run is of another configuration (says what differs;
+// `steps` may).
+void train(const v1::TrainingConfig& config, const LabelledImages& images,
+           const PackedInputs& inputs, const v1::Model& start, const ImageTerm& image_term,
+           const TrainingRun& run);
+
+// Throws Error (invalid input) unless a run of the first configuration can go on with the second:
+// says what differs, but for the number of steps, which may only not be below those taken.
+void require_same_config(const v1::TrainingState& there, v1::TrainingConfig wanted,
+                         const std::filesystem::path& folder);
 
 }  // namespace itn

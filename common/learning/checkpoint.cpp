@@ -192,14 +192,25 @@ v1::Checkpoint read_checkpoint(const fs::path& path) {
   if (!fs::is_directory(path)) {
     return read_one(path);
   }
+  const fs::path latest = path / kCheckpointName;
   try {
-    return read_one(path / kCheckpointName);
+    if (!fs::exists(latest) && fs::exists(path / kPreviousCheckpointName)) {
+      throw Error(ErrorKind::kDataLoss, fmt::format("{} is missing", latest.string()));
+    }
+    return read_one(latest);
   } catch (const Error& error) {
     if (error.kind() != ErrorKind::kDataLoss) {
       throw;
     }
     throw Error(error.kind(), fmt::format("{}. {}", error.what(), way_out(path)));
   }
+}
+
+std::optional<v1::Checkpoint> find_checkpoint(const fs::path& folder) {
+  if (!fs::exists(folder / kCheckpointName) && !fs::exists(folder / kPreviousCheckpointName)) {
+    return std::nullopt;
+  }
+  return read_checkpoint(folder);
 }
 
 std::string weights_sha256(const v1::Model& model) {

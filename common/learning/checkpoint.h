@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 
 #include "itn/v1/experiment.pb.h"
@@ -35,6 +36,9 @@ void write_latest_checkpoint(const std::filesystem::path& folder, v1::Checkpoint
 // (cut short, damaged; says whether the folder's previous checkpoint is whole), kInvalidInput (not
 // a checkpoint, or one of an earlier version, whose weights were archives that can carry code).
 v1::Checkpoint read_checkpoint(const std::filesystem::path& path);
+
+// The latest checkpoint in the folder of a run, if there is any. Throws as read_checkpoint().
+std::optional<v1::Checkpoint> find_checkpoint(const std::filesystem::path& folder);
 
 // Of the weights of a model, in hexadecimal.
 std::string weights_sha256(const v1::Model& model);

@@ -1,8 +1,10 @@
 #include "client/dataset/dataset.h"
-#include <numeric>
+
+#include <sys/stat.h>
 
 #include <cmath>
 #include <fstream>
+#include <numeric>
 #include <set>
 #include <sstream>
 
@@ -10,6 +12,7 @@
 
 #include "client/dataset/dataset_render.h"
 #include "common/error.h"
+#include "common/files/folder_lock.h"
 #include "common/geometry/shapes.h"
 #include "common/image/image.h"
 
@@ -22,7 +25,8 @@ using testing::HasSubstr;
 std::vector<Shape> few_shapes() {
   std::vector<Shape> shapes;
   for (const ShapeInfo& info : builtin_shapes().first(5)) {
-    shapes.push_back({std::string(info.name), make_shape(info.name)});
+    shapes.push_back(
+        describe_shape(std::string(info.name), [name = info.name] { return make_shape(name); }));
   }
   return shapes;
 }
@@ -140,7 +144,7 @@ TEST(DatasetPlan, SaysWhatIsWrong) {
        [](auto& config, auto&, auto&) {
          config.mutable_materials()->mutable_albedo()->set_max(1.2);
        }},
-      {"range of g is [0.8, 0]",
+      {"range of g is [0.8, 0]; its minimum must not exceed its maximum",
        [](auto& config, auto&, auto&) {
          config.mutable_materials()->mutable_g()->set_min(0.8);
          config.mutable_materials()->mutable_g()->set_max(0);
@@ -332,6 +336,79 @@ TEST_F(DatasetFolder, SaysWhatIsWrongWithWhatItReads) {
   expect_error(ErrorKind::kIo, "cannot read", [&] { DatasetReader reader(folder_); });
 }
 
+// A manifest from a stranger names files; they stay in the folder.
+TEST_F(DatasetFolder, ReadsAndWritesNothingOutsideOfItself) {
+  render(plan_);
+  const fs::path outside = fs::path(testing::TempDir()) / "outside-of-the-dataset";
+  for (const char* name :
+       {"/etc/hostname", "../outside.exr", "images/../../outside.exr", "", "."}) {
+    v1::Dataset manifest = plan_.manifest;
+    manifest.mutable_items(0)->set_file(name);
+    std::ofstream(folder_ / kManifestName, std::ios::trunc) << to_text(manifest);
+    expect_error(ErrorKind::kInvalidInput, "is not a file in the folder of the dataset",
+                 [&] { DatasetReader reader(folder_); });
+    manifest = plan_.manifest;
+    manifest.mutable_shapes(0)->set_file(name);
+    std::ofstream(folder_ / kManifestName, std::ios::trunc) << to_text(manifest);
+    expect_error(ErrorKind::kInvalidInput, "is not a file in the folder of the dataset",
+                 [&] { DatasetReader reader(folder_); });
+  }
+  std::ofstream(folder_ / kManifestName, std::ios::trunc) << to_text(plan_.manifest);
+  const v1::DatasetItem& item = plan_.manifest.items(0);
+  const fs::path image = folder_ / item.file();
+  {  // By a link.
+    fs::rename(image, outside);
+    fs::create_symlink(outside, image);
+    const auto before = fs::last_write_time(outside);
+    DatasetReader reader(folder_);
+    expect_error(ErrorKind::kInvalidInput, "not a regular file in the folder",
+                 [&] { reader.image(reader.manifest().items(0)); });
+    expect_error(ErrorKind::kInvalidInput, "not a regular file in the folder",
+                 [&] { render(plan_); });
+    EXPECT_EQ(fs::last_write_time(outside), before);
+    fs::remove(image);
+    fs::remove(outside);
+  }
+  ASSERT_EQ(mkfifo(image.c_str(), 0600), 0);  // to open it would wait for a writer
+  DatasetReader reader(folder_);
+  expect_error(ErrorKind::kInvalidInput, "not a regular file",
+               [&] { reader.image(reader.manifest().items(0)); });
+}
+
+TEST_F(DatasetFolder, ContinuesFromItsManifestAlone) {
+  render(plan_);
+  const auto whole = files();
+  fs::remove(folder_ / plan_.manifest.items(3).file());
+  EXPECT_EQ(render({read_manifest(folder_ / kManifestName), {}}).kept, 7);
+  EXPECT_EQ(files(), whole);
+}
+
+TEST_F(DatasetFolder, IsRenderedByOneProcessAtATime) {
+  render(plan_);
+  std::ofstream(folder_ / "images" / "000004.exr.1.tmp") << "of the other process";
+  const FolderLock lock(folder_, "another test");
+  expect_error(ErrorKind::kIo, "is in use by process", [&] { render(plan_); });
+  EXPECT_TRUE(fs::exists(folder_ / "images" / "000004.exr.1.tmp"));
+}
+
+// Meshes are in memory while they are needed, not for as long as the dataset is open.
+TEST_F(DatasetFolder, LoadsEachMeshWhenItIsNeeded) {
+  std::map<std::string, int> loads;
+  std::vector<Shape> shapes;
+  for (const ShapeInfo& info : builtin_shapes().first(5)) {
+    shapes.push_back(describe_shape(std::string(info.name), [&loads, name = info.name] {
+      ++loads[std::string(name)];
+      return make_shape(name);
+    }));
+  }
+  const DatasetPlan plan = plan_dataset(small_config(), shapes);
+  for (const auto& [name, count] : loads) EXPECT_EQ(count, 1) << name;
+  render(plan);
+  for (const auto& [name, count] : loads) EXPECT_EQ(count, 2) << name;  // for its file
+  render(plan);
+  for (const auto& [name, count] : loads) EXPECT_EQ(count, 2) << name;
+}
+
 // --- Shapes ---
 
 TEST_F(DatasetFolder, LoadsWhatItCanOfAFolderOfMeshes) {
@@ -344,7 +421,7 @@ TEST_F(DatasetFolder, LoadsWhatItCanOfAFolderOfMeshes) {
   const ShapeSet set = load_shape_set(folder_);
   ASSERT_EQ(set.shapes.size(), 1);
   EXPECT_EQ(set.shapes[0].name, "good");
-  EXPECT_EQ(bounds(set.shapes[0].mesh).max.y, 1);
+  EXPECT_EQ(set.shapes[0].height, 1);
   EXPECT_THAT(set.refused, testing::ElementsAre(HasSubstr("open.obj")));
   const ShapeSet repaired = load_shape_set(folder_, true);  // a triangle alone bounds nothing
   EXPECT_EQ(repaired.shapes.size(), 1);

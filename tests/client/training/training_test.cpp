@@ -3,7 +3,8 @@
 #include <cmath>
 #include <csignal>
 #include <fstream>
-#include <sstream>
+#include <numeric>
+#include <optional>
 
 #include <gmock/gmock.h>
 
@@ -48,9 +49,9 @@ RenderEstimate render(const Material& m, double noise, uint64_t seed) {
   return estimate;
 }
 
-std::vector<RenderingLoss> render_batch(std::span<const RenderQuery> queries) {
+std::vector<RenderingLoss> render_batch(std::span<const ImageTermQuery> queries) {
   std::vector<RenderingLoss> result;
-  for (const RenderQuery& q : queries) {
+  for (const ImageTermQuery& q : queries) {
     const std::vector<RenderEstimate> estimates{render(q.material, 0.2, derive_seed(q.seed, {0})),
                                                 render(q.material, 0.2, derive_seed(q.seed, {1}))};
     result.push_back(rendering_loss(q.image, q.weight, estimates));
@@ -71,12 +72,17 @@ class TrainingTest : public testing::Test {
                        0.8 * random.uniform()};
       images_.items.push_back(&item);
       images_.truth.push_back(m);
-      images_.radiance.push_back(render(m, 0, 0).radiance);
-      images_.mask.emplace_back(kPixels, 1.0F);
-      for (size_t p = 0; p < kPixels; ++p) {  // a silhouette for the weight map
-        images_.mask.back()[p] = p % kSize < 2 ? 0.0F : 1.0F;
-      }
     }
+    images_.read = [this](size_t i) {
+      DatasetImage image{render(images_.truth[i], 0, 0).radiance, std::vector<float>(kPixels)};
+      for (size_t p = 0; p < kPixels; ++p) {  // a silhouette for the weight map
+        image.mask[p] = p % kSize < 2 ? 0.0F : 1.0F;
+      }
+      return image;
+    };
+    images_.scene = [](size_t) { return nullptr; };
+    fs::create_directories(folder_);
+    inputs_.emplace(images_, folder_);
     range_.mutable_sigma_t()->set_min(30);
     range_.mutable_sigma_t()->set_max(276);
     range_.mutable_albedo()->set_min(0.39);
@@ -105,18 +111,28 @@ class TrainingTest : public testing::Test {
   v1::Model start(v1::Parameterization parameterization = v1::SIMILARITY) const {
     v1::TrainingConfig c = config(v1::TrainingConfig::RN);
     c.set_parameterization(parameterization);
-    return fit_model(images_, range_, c);
+    return fit_model(images_, inputs_->mean_radiance(), range_, c);
   }
 
-  TrainingRun run(bool resume = false) const {
+  TrainingRun run() const {
     TrainingRun result;
     result.folder = folder_;
-    result.resume = resume;
     result.checkpoint_every = 4;
     return result;
   }
 
   v1::Checkpoint checkpoint() const { return read_checkpoint(folder_); }
+
+  void begin_anew() const {
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+  }
+
+  static std::vector<uint32_t> all_items() {
+    std::vector<uint32_t> items(kItems);
+    std::iota(items.begin(), items.end(), 0U);
+    return items;
+  }
 
   // In hexadecimal: the bytes themselves are no help in a failure's message.
   std::string digest() const { return to_hex(sha256(checkpoint().SerializeAsString())); }
@@ -136,6 +152,7 @@ class TrainingTest : public testing::Test {
       (std::string("run-") + testing::UnitTest::GetInstance()->current_test_info()->name());
   std::vector<v1::DatasetItem> items_;
   LabelledImages images_;
+  std::optional<PackedInputs> inputs_;
   v1::MaterialRange range_;
 };
 
@@ -172,7 +189,7 @@ TEST_F(TrainingTest, RenderGradientReachesTheWeights) {
         head *= 0.01;
       }
     }
-    const torch::Tensor inputs = encoder_inputs(images_, model.image_scale());
+    const torch::Tensor inputs = inputs_->batch(all_items(), model.image_scale());
     const torch::Tensor wide = inputs.to(torch::kFloat64);
     const auto losses = [&](const torch::Tensor& outputs, torch::Tensor* gradients) {
       double mean = 0;
@@ -182,7 +199,7 @@ TEST_F(TrainingTest, RenderGradientReachesTheWeights) {
         const std::vector<RenderEstimate> estimates(2, render(space.material(output), 0, 0));
         const std::span<const float> weight(inputs[i][1].data_ptr<float>(), kPixels);
         const auto item = static_cast<size_t>(i);
-        const RenderingLoss loss = rendering_loss(images_.radiance[item], weight, estimates);
+        const RenderingLoss loss = rendering_loss(images_.read(item).radiance, weight, estimates);
         mean += loss.value / kItems;
         if (gradients != nullptr) {
           const std::vector<double>& d = loss.gradient;
@@ -197,7 +214,7 @@ TEST_F(TrainingTest, RenderGradientReachesTheWeights) {
     const torch::Tensor outputs = encoder->forward(wide);
     torch::Tensor gradients = torch::empty({kItems, 3}, torch::kFloat64);
     losses(outputs.detach(), &gradients);
-    stand_in(outputs, gradients).backward();
+    surrogate_loss(outputs, gradients).backward();
     const torch::NoGradGuard no_gradient;
     for (torch::Tensor& weights : encoder->parameters()) {
       const torch::Tensor direction = torch::randn_like(weights);
@@ -226,7 +243,7 @@ TEST_F(TrainingTest, RegressionLearnsTheTruth) {
   std::vector<double> losses;
   TrainingRun r = run();
   r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.regression_loss()); };
-  train(config(v1::TrainingConfig::RN, 300), images_, start(), {}, r);
+  train(config(v1::TrainingConfig::RN, 300), images_, *inputs_, start(), {}, r);
   EXPECT_LT(mean_of_20(losses, 280), 0.3 * mean_of_20(losses, 0));
 }
 
@@ -237,7 +254,7 @@ TEST_F(TrainingTest, ImageTermAloneLowersTheImageLoss) {
   std::vector<double> losses;
   TrainingRun r = run();
   r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.image_loss()); };
-  train(c, images_, start(), render_batch, r);
+  train(c, images_, *inputs_, start(), render_batch, r);
   EXPECT_LT(mean_of_20(losses, 280), 0.3 * mean_of_20(losses, 0));
 }
 
@@ -245,7 +262,7 @@ TEST_F(TrainingTest, BothTermsPullAboutEquallyHard) {
   std::vector<double> lambdas;
   TrainingRun r = run();
   r.report = [&](const v1::TrainingMetrics& m) { lambdas.push_back(m.lambda()); };
-  train(config(v1::TrainingConfig::ITN), images_, start(), render_batch, r);
+  train(config(v1::TrainingConfig::ITN), images_, *inputs_, start(), render_batch, r);
   const v1::TrainingState state = checkpoint().training();
   EXPECT_EQ(state.balance_steps(), 10);
   EXPECT_DOUBLE_EQ(lambdas[9] * state.image_gradient(), state.regression_gradient());
@@ -260,23 +277,23 @@ class ResumeTest : public TrainingTest,
 // Stops in the middle, in steps 1 (nothing saved but by the stop), 6 (while lambda is measured) and
 // 13.
 TEST_P(ResumeTest, AfterAStopEndsWithTheSameWeights) {
-  train(config(GetParam()), images_, start(), render_batch, run());
+  train(config(GetParam()), images_, *inputs_, start(), render_batch, run());
   const std::string straight = digest();
   const std::vector<std::string> straight_metrics = metrics();
-  fs::remove_all(folder_);
+  begin_anew();
   for (const uint64_t stop_at : {1, 6, 13}) {
     std::stop_source stop;
-    TrainingRun r = run(true);
+    TrainingRun r = run();
     r.stop = stop.get_token();
     r.report = [&](const v1::TrainingMetrics& m) {
       if (m.step() >= stop_at) {
         stop.request_stop();
       }
     };
-    EXPECT_THROW(train(config(GetParam()), images_, start(), render_batch, r), Error);
+    EXPECT_THROW(train(config(GetParam()), images_, *inputs_, start(), render_batch, r), Error);
     EXPECT_EQ(checkpoint().training().step(), stop_at);
   }
-  train(config(GetParam()), images_, start(), render_batch, run(true));
+  train(config(GetParam()), images_, *inputs_, start(), render_batch, run());
   EXPECT_EQ(digest(), straight);
   EXPECT_EQ(metrics(), straight_metrics);
 }
@@ -284,21 +301,21 @@ TEST_P(ResumeTest, AfterAStopEndsWithTheSameWeights) {
 // Killed without warning: the process ends between two checkpoints.
 TEST_P(ResumeTest, AfterAKillEndsWithTheSameWeights) {
   testing::GTEST_FLAG(death_test_style) = "threadsafe";
-  train(config(GetParam()), images_, start(), render_batch, run());
+  train(config(GetParam()), images_, *inputs_, start(), render_batch, run());
   const std::string straight = digest();
   const std::vector<std::string> straight_metrics = metrics();
-  fs::remove_all(folder_);
-  TrainingRun r = run(true);
+  begin_anew();
+  TrainingRun r = run();
   r.report = [&](const v1::TrainingMetrics& m) {
     if (m.step() == 11) {
       std::raise(SIGKILL);
     }
   };
-  EXPECT_EXIT(train(config(GetParam()), images_, start(), render_batch, r),
+  EXPECT_EXIT(train(config(GetParam()), images_, *inputs_, start(), render_batch, r),
               testing::KilledBySignal(SIGKILL), "");
   EXPECT_EQ(checkpoint().training().step(), 8);
   EXPECT_EQ(metrics().size(), 11);
-  train(config(GetParam()), images_, start(), render_batch, run(true));
+  train(config(GetParam()), images_, *inputs_, start(), render_batch, run());
   EXPECT_EQ(digest(), straight);
   EXPECT_EQ(metrics(), straight_metrics);
 }
@@ -312,7 +329,7 @@ INSTANTIATE_TEST_SUITE_P(Losses, ResumeTest,
 TEST_F(TrainingTest, AFailedStepChangesNothing) {
   const v1::TrainingConfig c = config(v1::TrainingConfig::ITN);
   bool fail = false;
-  Trainer trainer(c, images_, start(), [&](std::span<const RenderQuery> queries) {
+  Trainer trainer(c, images_, *inputs_, start(), [&](std::span<const ImageTermQuery> queries) {
     if (fail) {
       throw Error(ErrorKind::kUnavailable, "no worker answers");
     }
@@ -326,38 +343,174 @@ TEST_F(TrainingTest, AFailedStepChangesNothing) {
 }
 
 TEST_F(TrainingTest, WarmStartKeepsWeightsAndCoordinates) {
-  train(config(v1::TrainingConfig::RN), images_, start(), {}, run());
+  train(config(v1::TrainingConfig::RN), images_, *inputs_, start(), {}, run());
   const v1::Model trained = checkpoint().model();
-  Trainer trainer(config(v1::TrainingConfig::ITN), images_, trained, render_batch);
+  Trainer trainer(config(v1::TrainingConfig::ITN), images_, *inputs_, trained, render_batch);
   EXPECT_EQ(weights_sha256(trainer.checkpoint().model()), weights_sha256(trained));
   EXPECT_EQ(trainer.checkpoint().model().mean(0), trained.mean(0));
   EXPECT_EQ(trainer.checkpoint().model().name(), "itn-similarity");
   EXPECT_EQ(trainer.steps_taken(), 0);
 }
 
-TEST_F(TrainingTest, SaysWhyItDoesNotContinue) {
-  train(config(v1::TrainingConfig::RN), images_, start(), {}, run());
-  const auto expect = [&](const v1::TrainingConfig& c, bool resume, const std::string& message) {
-    try {
-      train(c, images_, start(), {}, run(resume));
-      ADD_FAILURE() << message;
-    } catch (const Error& error) {
-      EXPECT_EQ(error.kind(), ErrorKind::kInvalidInput);
-      EXPECT_THAT(error.what(), HasSubstr(message));
+void expect_error(const std::vector<std::string>& parts, const std::function<void()>& action) {
+  try {
+    action();
+    ADD_FAILURE() << "no error; expected: " << parts.front();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.kind(), ErrorKind::kInvalidInput);
+    for (const std::string& part : parts) {
+      EXPECT_THAT(error.what(), HasSubstr(part));
     }
-  };
-  expect(config(v1::TrainingConfig::RN), false, "--resume continues it");
-  v1::TrainingConfig other = config(v1::TrainingConfig::RN);
+  }
+}
+
+TEST_F(TrainingTest, SaysWhyItDoesNotContinue) {
+  const v1::TrainingConfig c = config(v1::TrainingConfig::RN);
+  train(c, images_, *inputs_, start(), {}, run());
+  v1::TrainingConfig other = c;
   other.set_batch(6);
-  expect(other, true, "batch: 5 -> 6");
+  expect_error({"batch: 5 -> 6", "--resume"},
+               [&] { train(other, images_, *inputs_, start(), {}, run()); });
+  other = c;
+  other.set_steps(19);
+  expect_error({"has taken 20 steps; 19 are fewer"},
+               [&] { train(other, images_, *inputs_, start(), {}, run()); });
+  // The same again has nothing to do, and changes nothing.
+  const std::string before = digest();
+  train(c, images_, *inputs_, start(), {}, run());
+  EXPECT_EQ(digest(), before);
+}
+
+TEST_F(TrainingTest, KeepsTheCheckpointBefore) {
+  train(config(v1::TrainingConfig::RN, 9), images_, *inputs_, start(), {}, run());
+  EXPECT_EQ(checkpoint().training().step(), 9);
+  EXPECT_EQ(read_checkpoint(folder_ / kPreviousCheckpointName).training().step(), 8);
+}
+
+// --- Divergence ---
+
+TEST_F(TrainingTest, ThatDivergesEndsWithAnErrorAndNoCheckpoint) {
+  for (const uint64_t steps : {1, 300}) {
+    v1::TrainingConfig c = config(v1::TrainingConfig::RN, steps);
+    c.set_learning_rate(1e15);
+    TrainingRun r = run();
+    r.checkpoint_every = 1;
+    expect_error({"the training has diverged", "not finite", "1e+15", "No checkpoint was written"},
+                 [&] { train(c, images_, *inputs_, start(), {}, r); });
+    EXPECT_FALSE(fs::exists(folder_ / kCheckpointName));
+  }
+}
+
+// The gradient of one render is not finite, by whatever fault.
+TEST_F(TrainingTest, ThatDivergesKeepsTheLastGoodCheckpoint) {
+  for (const double bad : {static_cast<double>(NAN), HUGE_VAL}) {
+    uint64_t calls = 0;
+    const auto spoiled = [&](std::span<const ImageTermQuery> queries) {
+      std::vector<RenderingLoss> losses = render_batch(queries);
+      if (++calls == 7) {
+        losses[2].gradient[1] = bad;
+      }
+      return losses;
+    };
+    const v1::TrainingConfig c = config(v1::TrainingConfig::ITN);
+    expect_error({"the training has diverged", "after step 6", "The checkpoint of step 4 is kept"},
+                 [&] { train(c, images_, *inputs_, start(), spoiled, run()); });
+    EXPECT_EQ(checkpoint().training().step(), 4);
+    // From there the run goes on, and ends as one that nothing happened to.
+    train(c, images_, *inputs_, start(), render_batch, run());
+    const std::string continued = digest();
+    begin_anew();
+    train(c, images_, *inputs_, start(), render_batch, run());
+    EXPECT_EQ(digest(), continued);
+    begin_anew();
+  }
+}
+
+TEST_F(TrainingTest, OfAForeignCheckpointSaysWhatDoesNotFit) {
+  const v1::TrainingConfig c = config(v1::TrainingConfig::RN);
+  train(c, images_, *inputs_, start(), {}, run());
+  const v1::Checkpoint good = checkpoint();
+  struct Row {
+    const char* message;
+    std::function<void(v1::Checkpoint&)> spoil;
+  };
+  const Row rows[] = {
+      {"optimizer's state is not that of this network: there are 19 tensors",
+       [](auto& k) { k.mutable_training()->mutable_optimizer()->mutable_tensors()->RemoveLast(); }},
+      {"where \"exp_avg.convolutions.0.weight\" should be",
+       [](auto& k) {
+         k.mutable_training()->mutable_optimizer()->mutable_tensors()->SwapElements(0, 1);
+       }},
+      {"it must be [8, 2, 3, 3]",
+       [](auto& k) {
+         v1::Tensor& tensor = *k.mutable_training()->mutable_optimizer()->mutable_tensors(0);
+         tensor.mutable_shape()->SwapElements(0, 1);
+       }},
+      {"holds nan",
+       [](auto& k) {
+         std::string& data =
+             *k.mutable_training()->mutable_optimizer()->mutable_tensors(0)->mutable_data();
+         data.replace(0, 4, std::string("\0\0\xc0\x7f", 4));
+       }},
+      {"the network is for 32 x 32 pixels; the images have 16 x 16",
+       [](auto& k) {
+         k.mutable_model()->set_resolution(32);
+         k.mutable_model()->clear_weights();
+         store_weights(*new_encoder(k.model()), *k.mutable_model());
+       }},
+  };
+  for (const Row& row : rows) {
+    v1::Checkpoint bad = good;
+    row.spoil(bad);
+    write_checkpoint(folder_ / kCheckpointName, bad);
+    expect_error({row.message}, [&] {
+      train(config(v1::TrainingConfig::RN, 30), images_, *inputs_, start(), {}, run());
+    });
+  }
+}
+
+// --- Inputs ---
+
+TEST_F(TrainingTest, PackedInputsAreThoseOfTheImages) {
+  const std::vector<uint32_t> items{7, 0, 7, 11};
+  const torch::Tensor batch = inputs_->batch(items, 0.5);
+  ASSERT_EQ(batch.sizes(), torch::IntArrayRef({4, 2, kSize, kSize}));
+  for (size_t i = 0; i < items.size(); ++i) {
+    const DatasetImage image = images_.read(items[i]);
+    EXPECT_TRUE(torch::equal(batch[static_cast<int64_t>(i)],
+                             encoder_input(kSize, image.radiance, image.mask, 0.5)));
+  }
+  // Nothing of them is to be seen.
+  EXPECT_TRUE(fs::is_empty(folder_));
+}
+
+TEST_F(TrainingTest, PackedInputsSayWhyTheyCannotBeMade) {
+  LabelledImages broken = images_;
+  broken.read = [this](size_t i) {
+    if (i == 5) {
+      throw Error(ErrorKind::kDataLoss, "000005.exr is damaged");
+    }
+    return images_.read(i);
+  };
+  try {
+    const PackedInputs inputs(broken, folder_);
+    ADD_FAILURE() << "was packed";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.kind(), ErrorKind::kDataLoss);
+    EXPECT_THAT(error.what(), HasSubstr("000005.exr"));
+  }
+  std::stop_source stop;
+  stop.request_stop();
+  EXPECT_THROW(PackedInputs(images_, folder_, stop.get_token()), Error);
+  EXPECT_THROW(PackedInputs(images_, folder_ / "none"), Error);
 }
 
 TEST_F(TrainingTest, ContinuesForMoreSteps) {
-  train(config(v1::TrainingConfig::RN, 20), images_, start(), {}, run());
-  train(config(v1::TrainingConfig::RN, 30), images_, start(), {}, run(true));
+  train(config(v1::TrainingConfig::RN, 20), images_, *inputs_, start(), {}, run());
+  train(config(v1::TrainingConfig::RN, 30), images_, *inputs_, start(), {}, run());
   const std::string continued = digest();
-  fs::remove_all(folder_);
-  train(config(v1::TrainingConfig::RN, 30), images_, start(), {}, run());
+  begin_anew();
+  train(config(v1::TrainingConfig::RN, 30), images_, *inputs_, start(), {}, run());
   EXPECT_EQ(digest(), continued);
 }
 

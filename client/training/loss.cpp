@@ -1,0 +1,62 @@
+#include "client/training/loss.h"
+
+#include <utility>
+
+#include "client/dataset/sampler.h"
+
+namespace itn {
+namespace {
+
+Triple row(const torch::Tensor& doubles, size_t index) {
+  const double* values = doubles[static_cast<int64_t>(index)].data_ptr<double>();
+  return {values[0], values[1], values[2]};
+}
+
+}  // namespace
+
+LossTerm RegressionLoss::evaluate(const Batch& batch, const torch::Tensor& outputs) {
+  const torch::Tensor difference = outputs - batch.targets;
+  return {difference.square().sum(1).mean().item<double>(), 2 * difference};
+}
+
+ImageLoss::ImageLoss(const OutputSpace& space, const LabelledImages& images, ImageTerm image_term,
+                     uint64_t seed)
+    : space_(space), images_(images), image_term_(std::move(image_term)), seed_(seed) {}
+
+LossTerm ImageLoss::evaluate(const Batch& batch, const torch::Tensor& outputs) {
+  const size_t count = batch.items.size();
+  const torch::Tensor predictions = outputs.to(torch::kFloat64);
+  // Render every prediction, and compare it with its input.
+  std::vector<std::vector<float>> images;
+  std::vector<ImageTermQuery> queries;
+  for (size_t i = 0; i < count; ++i) {
+    images.push_back(images_.read(batch.items[i]).radiance);
+    const torch::Tensor weight = batch.inputs[static_cast<int64_t>(i)][1];
+    queries.push_back({.image = images.back(),
+                       .weight = {weight.data_ptr<float>(), images.back().size()},
+                       .scene = images_.scene(batch.items[i]),
+                       .material = space_.material(row(predictions, i)),
+                       .seed = derive_seed(seed_, {batch.step, i})});
+  }
+  const std::vector<RenderingLoss> losses = image_term_(queries);
+  // Carry the gradients back to the outputs.
+  LossTerm term;
+  term.gradient = torch::empty({static_cast<int64_t>(count), 3});
+  auto gradient = term.gradient.accessor<float, 2>();
+  for (size_t i = 0; i < count; ++i) {
+    const std::vector<double>& g = losses[i].gradient;  // by sigma_t, albedo and g
+    const Triple by_output =
+        space_.output_gradient(row(predictions, i), {g.at(0), g.at(1), g.at(2)});
+    for (size_t k = 0; k < 3; ++k) {
+      gradient[static_cast<int64_t>(i)][static_cast<int64_t>(k)] = static_cast<float>(by_output[k]);
+    }
+    term.value += losses[i].value / static_cast<double>(count);
+  }
+  return term;
+}
+
+torch::Tensor surrogate_loss(const torch::Tensor& outputs, const torch::Tensor& gradients) {
+  return (outputs * gradients.detach()).sum(1).mean();
+}
+
+}  // namespace itn

@@ -1,0 +1,63 @@
+// The terms of a training loss. Each is a mean over the batch, and says by itself how it changes
+// with the network's outputs; a trainer adds terms up without knowing what they are.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include <torch/torch.h>
+
+#include "client/training/image_term.h"
+#include "client/training/training_set.h"
+#include "common/learning/parameterization.h"
+
+namespace itn {
+
+// What the network was shown in one step, and should have answered.
+struct Batch {
+  uint64_t step = 0;
+  std::span<const uint32_t> items;  // their numbers in the LabelledImages
+  torch::Tensor inputs;             // batch x 2 x resolution x resolution, as encoder_input()
+  torch::Tensor targets;            // batch x 3: the truth, standardised
+};
+
+struct LossTerm {
+  double value = 0;        // mean over the batch
+  torch::Tensor gradient;  // batch x outputs: of each item's loss in its outputs
+};
+
+class Loss {
+ public:
+  virtual ~Loss() = default;
+  // `outputs`: batch x outputs, a constant to torch. May throw Error.
+  virtual LossTerm evaluate(const Batch& batch, const torch::Tensor& outputs) = 0;
+};
+
+// Squared distance of the prediction to the truth in standardised coordinates (Eq. 2).
+class RegressionLoss final : public Loss {
+ public:
+  LossTerm evaluate(const Batch& batch, const torch::Tensor& outputs) override;
+};
+
+// Distance of the re-rendered image to the input (Eq. 10), through the renderer's gradients.
+class ImageLoss final : public Loss {
+ public:
+  // What is referred to must outlive it. `seed`: of the renders.
+  ImageLoss(const OutputSpace& space, const LabelledImages& images, ImageTerm image_term,
+            uint64_t seed);
+
+  LossTerm evaluate(const Batch& batch, const torch::Tensor& outputs) override;
+
+ private:
+  const OutputSpace& space_;
+  const LabelledImages& images_;
+  ImageTerm image_term_;
+  uint64_t seed_;
+};
+
+// A loss that torch can differentiate in the place of one that it cannot: its value means nothing;
+// its gradient in `outputs` (batch x 3) is that of the mean over the batch of losses with these
+// gradients (a constant to torch) in their outputs.
+torch::Tensor surrogate_loss(const torch::Tensor& outputs, const torch::Tensor& gradients);
+
+}  // namespace itn
