@@ -20,6 +20,7 @@
 #include "common/rpc/channel.h"
 #include "common/rpc/status.h"
 #include "common/rpc/wire_array.h"
+#include "common/scene/material_proto.h"
 #include "itn/v1/experiment.pb.h"
 #include "itn/v1/predict.grpc.pb.h"
 
@@ -110,8 +111,7 @@ v1::Prediction prediction_of(const v1::PredictReply& reply, const LoadedPhotogra
   v1::Prediction prediction;
   prediction.set_model(reply.model());
   for (int i = 0; i < reply.materials_size(); ++i) {
-    const v1::Material& m = reply.materials(i);
-    const Material material{m.sigma_t(), m.albedo(), m.g()};
+    const Material material = from_proto(reply.materials(i));
     v1::Prediction::Channel& channel = *prediction.add_channels();
     channel.set_channel(photograph.channels[static_cast<size_t>(i)]);
     channel.set_sigma_t(material.sigma_t);

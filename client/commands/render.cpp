@@ -26,6 +26,7 @@
 #include "common/image/preview.h"
 #include "common/progress.h"
 #include "common/rpc/wire_array.h"
+#include "common/scene/material_proto.h"
 #include "common/scene/scene_file.h"
 
 namespace itn {
@@ -124,9 +125,7 @@ RenderJob make_job(const RenderOptions& options) {
   if (!options.film.empty()) set_film(*scene.mutable_film(), options.film);
   RenderJob job;
   job.scene = serialize(scene);
-  job.request.mutable_material()->set_sigma_t(options.sigma_t);
-  job.request.mutable_material()->set_albedo(options.albedo);
-  job.request.mutable_material()->set_g(options.g);
+  *job.request.mutable_material() = to_proto(Material{options.sigma_t, options.albedo, options.g});
   job.request.set_spp(options.spp);
   job.request.set_seed(options.seed);
   job.request.set_estimates(options.estimates);

@@ -399,7 +399,7 @@ v1::Dataset read_manifest(const fs::path& path) {
   const auto require_inside = [&](const std::string& file) {
     const fs::path relative(file);
     require(
-        relative.is_relative() && relative.has_filename() &&
+        relative.is_relative() && relative.has_filename() && relative != "." &&
             std::ranges::find(relative, fs::path("..")) == relative.end(),
         fmt::format("{}: \"{}\" is not a file in the folder of the dataset", path.string(), file));
   };

@@ -229,7 +229,7 @@ void Trainer::require_finite_answers() const {
 Diverged Trainer::diverged(const char* what) const {
   return {ErrorKind::kInvalidInput,
           fmt::format("the training has diverged: {} not finite after step {}; a smaller learning "
-                      "rate than {} may help (--lr)",
+                      "rate than {:g} may help (--lr)",
                       what, state_.step(), state_.config().learning_rate())};
 }
 

@@ -9,6 +9,7 @@
 #include "common/error.h"
 #include "common/rpc/wire_array.h"
 #include "common/rpc/wire_check.h"
+#include "common/scene/material_proto.h"
 
 namespace itn {
 namespace {
@@ -55,10 +56,7 @@ v1::PredictReply predict(Predictor& predictor, const v1::PredictRequest& request
                         stop);
   v1::PredictReply reply;
   for (const Material& material : materials) {
-    v1::Material& proto = *reply.add_materials();
-    proto.set_sigma_t(material.sigma_t);
-    proto.set_albedo(material.albedo);
-    proto.set_g(material.g);
+    *reply.add_materials() = to_proto(material);
   }
   reply.set_model(predictor.name());
   return reply;

@@ -8,6 +8,7 @@
 
 #include "common/error.h"
 #include "common/rpc/wire_array.h"
+#include "common/scene/material_proto.h"
 #include "server/render/derivatives.h"
 #include "server/render/field_check.h"
 
@@ -84,7 +85,7 @@ void check_scene_fields(const v1::RenderGradRequest& request) {
 }  // namespace
 
 Material build_material(const v1::Material& proto) {
-  const Material material{proto.sigma_t(), proto.albedo(), proto.g()};
+  const Material material = from_proto(proto);
   validate(material);
   return material;
 }

@@ -200,6 +200,20 @@ TEST_F(TrainingCommands, ADamagedCheckpointIsNamedAndThePreviousOffered) {
   EXPECT_EQ(run(resume(run_folder)).exit_code, 0);
 }
 
+TEST_F(TrainingCommands, EvaluateFindsAnUnwritablePictureFirst) {
+  const std::string run_folder = folder_.path("run");
+  ASSERT_EQ(run(train(run_folder, {"--steps", "1"})).exit_code, 0);
+  const Finished finished = run({ITN, "evaluate", run_folder, "--dataset", shared_->path("data"),
+                                 "--picture", folder_.path("none/picture.png")});
+  EXPECT_EQ(finished.exit_code, 4);
+  EXPECT_EQ(finished.output, "");
+  EXPECT_THAT(finished.errors, HasSubstr("none/picture.png"));
+  const Finished written = run({ITN, "evaluate", run_folder, "--dataset", shared_->path("data"),
+                                "--spp", "1", "--picture", folder_.path("picture.png")});
+  EXPECT_EQ(written.exit_code, 0) << written.errors;
+  EXPECT_TRUE(fs::exists(folder_.path("picture.png")));
+}
+
 // --- itn dataset ---
 
 TEST_F(TrainingCommands, ADatasetIsContinuedByItsFolderAlone) {
@@ -230,7 +244,7 @@ TEST_F(TrainingCommands, ADatasetOfManyShapesIsSummarised) {
   const char* tetrahedron =
       "v 0 0 0\nv 2 0 0\nv 0 2 0\nv 0 0 2\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
   fs::create_directories(folder_.path("meshes"));
-  for (int i = 0; i < 60; ++i) {
+  for (int i = 0; i < 120; ++i) {
     std::ofstream(folder_.path("meshes/mesh" + std::to_string(i) + ".obj")) << tetrahedron;
   }
   const Finished finished =
@@ -238,8 +252,8 @@ TEST_F(TrainingCommands, ADatasetOfManyShapesIsSummarised) {
            "--resolution", "16", "--spp", "1"});
   ASSERT_EQ(finished.exit_code, 0) << finished.errors;
   EXPECT_THAT(finished.output,
-              AllOf(HasSubstr("3 training images of 45 shapes"),
-                    HasSubstr("1 test images of 15 shapes"), Not(HasSubstr("mesh1"))));
+              AllOf(HasSubstr("3 training images of 90 shapes"),
+                    HasSubstr("1 test images of 30 shapes"), Not(HasSubstr("mesh1"))));
 }
 
 }  // namespace
