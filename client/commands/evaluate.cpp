@@ -117,9 +117,6 @@ void run(const EvaluateOptions& options) {
     check_writable(options.picture);
   }
   set_torch_threads(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
-  if (!options.picture.empty()) {
-    check_writable(options.picture);  // rather than lose the table after hours
-  }
   DatasetReader dataset(options.dataset);
   const v1::Split split = options.split == "train" ? v1::SPLIT_TRAIN : v1::SPLIT_TEST;
   const LabelledImages images = images_of(dataset, split);
