@@ -95,16 +95,32 @@ void check_outputs(const RenderOptions& options) {
 
 // ---- The request -----------------------------------------------------------------------------
 
-v1::Parameter parameter(const std::string& name) {
+// In the medium's parameter of this name; PARAMETER_UNSPECIFIED if it has none.
+v1::Parameter medium_parameter(const std::string& name) {
   v1::Parameter value = v1::PARAMETER_UNSPECIFIED;
-  if (name == lower(name) && v1::Parameter_Parse(upper(name), &value) &&
-      value != v1::PARAMETER_UNSPECIFIED) {
-    return value;
+  if (name == lower(name)) v1::Parameter_Parse(upper(name), &value);
+  return value;
+}
+
+void add_derivative(const std::string& name, v1::RenderGradRequest& request) {
+  if (const v1::Parameter parameter = medium_parameter(name)) {
+    request.add_derivatives(parameter);
+  } else if (name.find('[') != std::string::npos) {
+    request.add_scene_derivatives(name);  // which the worker knows to read
+  } else {
+    throw Error(ErrorKind::kUsage,
+                fmt::format("--derivatives: {} is not one of sigma_t, albedo, g, sigma_a, sigma_s, "
+                            "sigma_s_reduced, surface[K].reflectance, light[K].scale",
+                            name));
   }
-  throw Error(ErrorKind::kUsage,
-              fmt::format("--derivatives: {} is not one of sigma_t, albedo, g, sigma_a, sigma_s, "
-                          "sigma_s_reduced",
-                          name));
+}
+
+// The names in the order of the reply: those of the medium first.
+std::vector<std::string> in_order_of_reply(std::vector<std::string> names) {
+  std::stable_partition(names.begin(), names.end(), [](const std::string& name) {
+    return medium_parameter(name) != v1::PARAMETER_UNSPECIFIED;
+  });
+  return names;
 }
 
 void set_film(v1::Film& film, const std::string& size) {
@@ -132,7 +148,7 @@ RenderJob make_job(const RenderOptions& options) {
   job.request.set_pilot_spp(options.pilot_spp);
   job.request.set_pixels(options.pixels == "object" ? v1::OBJECT_PIXELS : v1::ALL_PIXELS);
   job.request.set_tracer(options.tracer == "reference" ? v1::REFERENCE : v1::WAVEFRONT);
-  for (const std::string& name : options.derivatives) job.request.add_derivatives(parameter(name));
+  for (const std::string& name : options.derivatives) add_derivative(name, job.request);
   return job;
 }
 
@@ -168,8 +184,9 @@ std::vector<float> mean_of_estimates(const v1::RenderGradReply& reply, uint32_t 
 void add_channels(const v1::RenderGradReply& reply, const RenderOptions& options, Image& image) {
   image.channels["Y"] = mean_of_estimates(
       reply, options.spp, [](const v1::Estimate& e) -> const std::string& { return e.radiance(); });
-  for (size_t d = 0; d < options.derivatives.size(); ++d) {
-    image.channels[options.derivatives[d] + ".Y"] =
+  const std::vector<std::string> derivatives = in_order_of_reply(options.derivatives);
+  for (size_t d = 0; d < derivatives.size(); ++d) {
+    image.channels[derivatives[d] + ".Y"] =
         mean_of_estimates(reply, options.spp, [d](const v1::Estimate& e) -> const std::string& {
           return e.derivatives(static_cast<int>(d));
         });
@@ -180,8 +197,8 @@ void add_channels(const v1::RenderGradReply& reply, const RenderOptions& options
   for (int k = 0; k < reply.estimates_size(); ++k) {
     const v1::Estimate& estimate = reply.estimates(k);
     image.channels[fmt::format("estimate{}.Y", k)] = from_bytes<float>(estimate.radiance());
-    for (size_t d = 0; d < options.derivatives.size(); ++d) {
-      image.channels[fmt::format("estimate{}.{}.Y", k, options.derivatives[d])] =
+    for (size_t d = 0; d < derivatives.size(); ++d) {
+      image.channels[fmt::format("estimate{}.{}.Y", k, derivatives[d])] =
           from_bytes<float>(estimate.derivatives(static_cast<int>(d)));
     }
   }
@@ -327,7 +344,8 @@ void add_render_command(CLI::App& app) {
   command
       ->add_option("--derivatives", options->derivatives,
                    "Layers to add, separated by commas: sigma_t, albedo, g, sigma_a, sigma_s, "
-                   "sigma_s_reduced")
+                   "sigma_s_reduced, surface[K].reflectance, light[K].scale (K-th of the scene "
+                   "file, from 0; the scale of a light is 1)")
       ->delimiter(',')
       ->allow_extra_args(false);
   command->add_option("--estimates", options->estimates, "Independent estimates, as further layers")

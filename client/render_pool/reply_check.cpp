@@ -9,6 +9,7 @@
 
 #include "client/render_pool/tiles.h"
 #include "common/error.h"
+#include "server/render/derivatives.h"
 
 namespace itn {
 namespace {
@@ -48,7 +49,7 @@ void check_images(const v1::RenderGradReply& reply, const v1::RenderGradRequest&
   for (const v1::Estimate& estimate : reply.estimates()) {
     check_image("radiance", estimate.radiance(), pixels, -kMost, kMost);
     check_number("the number of derivatives", estimate.derivatives_size(),
-                 request.derivatives_size());
+                 derivative_count(request));
     for (const std::string& image : estimate.derivatives()) {
       check_image("a derivative", image, pixels, -kMost, kMost);
     }
@@ -63,7 +64,7 @@ void check_images(const v1::RenderGradReply& reply, const v1::RenderGradRequest&
 
 void check_loss(const v1::RenderGradReply& reply, const v1::RenderGradRequest& request) {
   check_finite("the loss", reply.loss());
-  check_number("the number of gradients", reply.loss_gradient_size(), request.derivatives_size());
+  check_number("the number of gradients", reply.loss_gradient_size(), derivative_count(request));
   for (const double gradient : reply.loss_gradient()) check_finite("a gradient", gradient);
 }
 

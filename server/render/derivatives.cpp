@@ -20,6 +20,21 @@ v1::Parameter checked(const v1::RenderGradRequest& request, int i) {
   return parameter;
 }
 
+tracer::Parameter scene_parameter(const v1::RenderGradRequest& request, int i) {
+  const std::string& name = request.scene_derivatives(i);
+  for (int before = 0; before < i; ++before) {
+    if (request.scene_derivatives(before) == name) {
+      throw invalid_input(fmt::format("scene_derivatives[{}] is {} again", i, name));
+    }
+  }
+  const tracer::Parameter parameter = tracer::parameter_named(name);
+  if (parameter.of_medium()) {
+    throw invalid_input(fmt::format(
+        "scene_derivatives[{}] is {}; those of the medium are asked for in derivatives", i, name));
+  }
+  return parameter;
+}
+
 }  // namespace
 
 Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material& material) {
@@ -43,6 +58,13 @@ Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material&
     result.parameters.push_back(medium[c]);
     for (size_t i = 0; i < rows.size(); ++i) result.weights[i].push_back(rows[i][c]);
   }
+  for (int i = 0; i < request.scene_derivatives_size(); ++i) {
+    result.parameters.push_back(scene_parameter(request, i));
+    // By this parameter alone.
+    std::vector<double>& weights = result.weights.emplace_back(result.parameters.size());
+    weights.back() = 1;
+  }
+  for (auto& weights : result.weights) weights.resize(result.parameters.size());
   return result;
 }
 

@@ -10,11 +10,17 @@
 
 namespace itn {
 
-// Derivative i of the reply is sum_j weights[i][j] d/d parameters[j].
+// Derivative i of the reply, those of the medium before those of the scene, is
+// sum_j weights[i][j] d/d parameters[j].
 struct Derivatives {
   std::vector<tracer::Parameter> parameters;  // no more than are needed
   std::vector<std::vector<double>> weights;   // by derivative asked for, then by parameter
 };
+
+// How many a request asks for.
+inline int derivative_count(const v1::RenderGradRequest& request) {
+  return request.derivatives_size() + request.scene_derivatives_size();
+}
 
 // Throws Error (invalid input) where a derivative is unknown, or asked for twice.
 Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material& material);

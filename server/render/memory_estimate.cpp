@@ -1,4 +1,5 @@
 #include "server/render/memory_estimate.h"
+#include "server/render/derivatives.h"
 
 #include <algorithm>
 
@@ -26,7 +27,7 @@ uint64_t film_memory(uint64_t pixels, const v1::RenderGradRequest& request,
   uint64_t bytes = kPlanPerPixel + sums;
   if (asked.pilot_spp > 0) bytes += sums;
   bytes += images(derivatives) + 3 * sizeof(double);  // of which those of the reply are combined
-  if (!request.has_loss()) bytes += 2 * images(request.derivatives_size());
+  if (!request.has_loss()) bytes += 2 * images(derivative_count(request));
   return bytes * pixels;
 }
 

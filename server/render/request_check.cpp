@@ -124,7 +124,7 @@ uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request
 void check_reply_size(int width, int height, const v1::RenderGradRequest& request,
                       const RenderLimits& limits) {
   const uint64_t estimates = std::max(request.estimates(), 1U);
-  const uint64_t derivatives = request.derivatives_size();
+  const auto derivatives = static_cast<uint64_t>(derivative_count(request));
   const uint64_t albedos = request.albedos_size();
   const uint64_t pixels = pixel_count(width, height, request);
   if (request.has_loss()) check_target(request.loss(), width, height);

@@ -93,6 +93,34 @@ HWY_INLINE LightDraw sample(const Lights& lights, const Words& words, const Word
   return draw;
 }
 
+// The part of arrival(lights, d).radiance that is due to one description.
+HWY_INLINE Floats radiance_of(const Lights& lights, size_t number, Vectors d) {
+  Floats sum = hn::Zero(FloatTag());
+  for (const Lights::Light& light : lights.all()) {
+    if (light.number == number) {
+      sum = hn::Add(sum, arrival(light, d).radiance);
+    }
+  }
+  return sum;
+}
+
+// The part of a draw's radiance that is due to one description; `words` are those of the draw.
+HWY_INLINE Floats radiance_of(const Lights& lights, size_t number, const Words& words,
+                              const LightDraw& draw) {
+  const Floats choice = uniform(words.w[0]);
+  Floats part = hn::IfThenElseZero(hn::Gt(draw.pdf, hn::Zero(FloatTag())),
+                                   radiance_of(lights, number, draw.direction));
+  Floats from = set(-1.0F);
+  for (const Lights::Light& light : lights.all()) {
+    const Floats to = set(light.cumulative);
+    if (light.number == number && std::holds_alternative<DistantSource>(light.kind)) {
+      part = hn::IfThenElse(hn::And(hn::Ge(choice, from), hn::Lt(choice, to)), draw.radiance, part);
+    }
+    from = to;
+  }
+  return part;
+}
+
 }  // namespace itn::tracer::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 

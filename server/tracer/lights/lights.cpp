@@ -167,6 +167,23 @@ float Lights::radiance(Vec3f direction) const {
   return static_cast<float>(sum);
 }
 
+float Lights::radiance(Vec3f direction, size_t number) const {
+  double sum = 0;
+  for (const Light& light : lights_) {
+    if (light.number == number) {
+      if_not_distant(light, [&](const auto& kind) { sum += kind.radiance(direction); });
+    }
+  }
+  return static_cast<float>(sum);
+}
+
+float Lights::weight(const LightSample& sample, size_t number) const {
+  if (sample.pdf > 0) {
+    return radiance(sample.direction, number) / sample.pdf;
+  }
+  return sample.number == number ? sample.weight : 0;
+}
+
 float Lights::pdf(Vec3f direction) const {
   double sum = 0;
   for (const Light& light : lights_) {
@@ -184,7 +201,8 @@ LightSample Lights::sample(double u, float u0, float u1) const {
     ++light;
   }
   if (const auto* distant = std::get_if<DistantSource>(&light->kind)) {
-    return {distant->direction, static_cast<float>(distant->irradiance / light->probability), 0};
+    return {distant->direction, static_cast<float>(distant->irradiance / light->probability), 0,
+            light->number};
   }
   // What is left of u, once the choice is made, is uniform again.
   const double rest = std::clamp((u - below) / light->probability, 0.0, 1.0);
@@ -192,7 +210,7 @@ LightSample Lights::sample(double u, float u0, float u1) const {
   if_not_distant(*light, [&](const auto& kind) { direction = kind.sample(rest, u0, u1); });
   const float density = pdf(direction);
   // A direction on the very rim of the sun may fall outside it by rounding.
-  return {direction, density > 0 ? radiance(direction) / density : 0, density};
+  return {direction, density > 0 ? radiance(direction) / density : 0, density, light->number};
 }
 
 }  // namespace itn::tracer

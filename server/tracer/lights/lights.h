@@ -24,6 +24,7 @@ struct LightSample {
   Vec3f direction;
   float weight = 0;  // radiance / pdf; distant: irradiance / probability of choosing it
   float pdf = 0;
+  size_t number = 0;  // of the description of the light that was chosen
 };
 
 // The lights of a scene. Directions are unit vectors.
@@ -39,6 +40,9 @@ class Lights {
 
   // Of everything but distant lights.
   float radiance(Vec3f direction) const;
+  // The parts of radiance and of a sample's weight that are due to one description.
+  float radiance(Vec3f direction, size_t number) const;
+  float weight(const LightSample& sample, size_t number) const;
   // Density per steradian with which `sample` draws a direction.
   float pdf(Vec3f direction) const;
   // From uniform numbers in [0, 1), u of more than 40 bits.

@@ -12,6 +12,9 @@
 //   scattering: factor albedo p(cos_theta; g). The weight W takes the albedo; S_g += d log p / dg;
 //   albedo: W is a power of it, and dW/d albedo is carried along instead of a score, which would
 //     divide by an albedo of 0;
+//   the reflectance of a surface: likewise, dW/d reflectance;
+//   the scale of a light, which is 1: f is linear in it, and the derivative is the part of the
+//     radiance that this light sends;
 //   a connection to the light has a segment and a scattering angle of its own, which add to the
 //     scores of its contribution.
 //
@@ -20,8 +23,11 @@
 #include "server/tracer/reference/path.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
+#include <span>
+#include <vector>
 
 #include "common/error.h"
 #include "server/tracer/phase.h"
@@ -51,7 +57,13 @@ class Walk {
         sigma_t_(static_cast<float>(request.material.sigma_t)),
         albedo_(static_cast<float>(request.material.albedo)),
         g_(static_cast<float>(request.material.g)),
-        geometry_(scene.geometry()) {}
+        geometry_(scene.geometry()) {
+    for (size_t i = 0; i < request.derivatives.size(); ++i) {
+      if (request.derivatives[i].kind == Parameter::kReflectance) {
+        reflectances_.push_back(i);
+      }
+    }
+  }
 
   PathEstimate run(int x, int y, const std::stop_token& stop) {
     start_at_camera(x, y);
@@ -110,13 +122,17 @@ class Walk {
           break;
       }
     }
-    add(scene_.lights.radiance(direction_) * mis_weight, score_sigma_t_, score_g_);
+    add(scene_.lights.radiance(direction_) * mis_weight, score_sigma_t_, score_g_,
+        [&](size_t light) { return scene_.lights.radiance(direction_, light) * mis_weight; });
   }
 
   // A scattering in the medium: connects to the light, then draws the next direction.
   void scatter(const Place& place, float u0, float u1) {
     weight_derivative_ = weight_derivative_ * albedo_ + weight_;
     weight_ *= albedo_;
+    for (const size_t i : reflectances_) {
+      weight_by_reflectance_[i] *= albedo_;
+    }
     place_ = place;
     connect([&](Vec3f to_light) {
       const float cosine = dot(direction_, to_light);
@@ -136,6 +152,10 @@ class Walk {
   // A diffuse reflection: likewise, with the cosine law.
   void reflect(const Place& place, float u0, float u1) {
     const float reflectance = scene_.surfaces[place.on.surface].reflectance;
+    for (const size_t i : reflectances_) {
+      const bool own = request_.derivatives[i].index == place.on.surface;
+      weight_by_reflectance_[i] = weight_by_reflectance_[i] * reflectance + (own ? weight_ : 0);
+    }
     weight_ *= reflectance;
     weight_derivative_ *= reflectance;
     const Vec3f normal = geometry_.facing_normal(place.on, direction_);
@@ -175,7 +195,6 @@ class Walk {
     }
     const bool competes = light.pdf > 0 && switches_.techniques == Switches::Techniques::kBoth;
     const float mis_weight = competes ? light.pdf / (light.pdf + response.density) : 1;
-    const float undimmed = light.weight * response.value * mis_weight;
 
     const Travel travel = geometry_.travel(place_, light.direction, kMaxOpticalDepth / sigma_t_);
     if (travel.end == Travel::End::kLeaked) {
@@ -184,12 +203,17 @@ class Walk {
     if (travel.end != Travel::End::kEscaped) {
       return;
     }
-    add(undimmed * std::exp(-sigma_t_ * travel.in_medium), score_sigma_t_ - travel.in_medium,
-        score_g_ + response.score_g);
+    const float dimming = std::exp(-sigma_t_ * travel.in_medium);
+    const auto arriving = [&](float weight) {
+      return weight * response.value * mis_weight * dimming;
+    };
+    add(arriving(light.weight), score_sigma_t_ - travel.in_medium, score_g_ + response.score_g,
+        [&](size_t number) { return arriving(scene_.lights.weight(light, number)); });
   }
 
-  // Adds light that arrives along the path with the given scores.
-  void add(float light, float score_sigma_t, float score_g) {
+  // Adds light that arrives along the path with the given scores; part_of(k) is that of light k.
+  template <typename PartOf>
+  void add(float light, float score_sigma_t, float score_g, const PartOf& part_of) {
     const double contribution = double{weight_} * double{light};
     result_.radiance += contribution;
     for (size_t i = 0; i < request_.derivatives.size(); ++i) {
@@ -198,22 +222,36 @@ class Walk {
         case Parameter::kSigmaT: derivative += contribution * double{score_sigma_t}; break;
         case Parameter::kAlbedo: derivative += double{weight_derivative_} * double{light}; break;
         case Parameter::kG: derivative += contribution * double{score_g}; break;
-        default: break;
+        case Parameter::kReflectance:
+          derivative += double{weight_by_reflectance_[i]} * double{light};
+          break;
+        case Parameter::kLightScale:
+          derivative += double{weight_} * double{part_of(request_.derivatives[i].index)};
+          break;
       }
     }
   }
 
   // Russian roulette: a path of low weight ends, or goes on with the weight of those that ended.
+  // Where reflectances are differentiated, a path is worth the derivative of its weight too: behind
+  // a black surface that is all there is.
   bool survive(float u) {
-    if (vertex_ < UsualRoulette::kFirstVertex) {
-      return weight_ > 0 || weight_derivative_ > 0;
+    float worth = weight_;
+    for (const size_t i : reflectances_) {
+      worth = std::max(worth, weight_by_reflectance_[i]);
     }
-    const float probability = std::min(UsualRoulette::kMostSurvival, weight_);
+    if (vertex_ < UsualRoulette::kFirstVertex) {
+      return worth > 0 || weight_derivative_ > 0;
+    }
+    const float probability = std::min(UsualRoulette::kMostSurvival, worth);
     if (u >= probability) {
       return false;
     }
     weight_ /= probability;
     weight_derivative_ /= probability;
+    for (const size_t i : reflectances_) {
+      weight_by_reflectance_[i] /= probability;
+    }
     return true;
   }
 
@@ -232,8 +270,11 @@ class Walk {
   float density_ = 0;  // per steradian, with which direction_ was drawn
   float weight_ = 1;
   float weight_derivative_ = 0;  // d weight / d albedo
-  float score_sigma_t_ = 0;      // d log f / d sigma_t, in mm
-  float score_g_ = 0;            // d log f / d g
+  // d weight / d reflectance, for the derivatives asked for that are in reflectances.
+  std::vector<size_t> reflectances_;
+  std::array<float, kMaxDerivatives> weight_by_reflectance_{};
+  float score_sigma_t_ = 0;  // d log f / d sigma_t, in mm
+  float score_g_ = 0;        // d log f / d g
 };
 
 }  // namespace

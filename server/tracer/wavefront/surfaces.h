@@ -22,6 +22,16 @@ struct Surfaces {
   // many, a little further.
   bool in_front(Vec3d origin, Vec3d direction, double length) const;
 
+  // The numbers of a surface's triangles: from `first` to the one before `end`.
+  struct Range {
+    uint32_t first, end;
+  };
+  Range triangles_of(size_t surface) const {
+    const bool last = surface + 1 == first_triangle_of_mesh.size();
+    return {first_triangle_of_mesh[surface],
+            last ? static_cast<uint32_t>(triangles) : first_triangle_of_mesh[surface + 1]};
+  }
+
   size_t memory() const;
   // Without what looks for many.
   static constexpr size_t kBytesByTriangle = 13 * sizeof(float);

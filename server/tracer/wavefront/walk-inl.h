@@ -48,6 +48,8 @@ struct Walks {
   FloatColumn radiance{}, d_sigma_t{}, d_albedo{}, d_g{};  // collected so far
   FloatColumn zero_sigma_t{}, zero_g{};                    // see book_flight and scatter
   std::vector<FloatColumn> weights, radiances;             // for RenderRequest::albedos
+  // For the surfaces and lights that derivatives are asked for in.
+  std::vector<FloatColumn> weights_by_reflectance, d_reflectances, d_lights;
 
   // Moves a path to another slot.
   void move(size_t from, size_t to) {
@@ -64,7 +66,8 @@ struct Walks {
           &radiance, &d_sigma_t, &d_albedo, &d_g, &zero_sigma_t, &zero_g}) {
       (*column)[to] = (*column)[from];
     }
-    for (auto* columns : {&weights, &radiances}) {
+    for (auto* columns :
+         {&weights, &radiances, &weights_by_reflectance, &d_reflectances, &d_lights}) {
       for (FloatColumn& column : *columns) {
         column[to] = column[from];
       }
@@ -80,6 +83,7 @@ struct ShadowRays {
   // what the walk is worth following for.
   FloatColumn light{}, worth{};
   FloatColumn score_g{};
+  std::vector<FloatColumn> parts;  // of `light`, of the lights that derivatives are asked for in
   size_t count = 0;
 };
 
@@ -152,8 +156,17 @@ class Wavefront {
     walks_.weights.resize(request.albedos.size());
     walks_.radiances.resize(request.albedos.size());
     for (const Parameter& parameter : request.derivatives) {
-      derivatives_.push_back(derivative_columns(parameter));
+      if (parameter.kind == Parameter::kReflectance) {
+        reflecting_.push_back(scene.boundary.surfaces.triangles_of(parameter.index));
+      } else if (parameter.kind == Parameter::kLightScale) {
+        lights_.push_back(parameter.index);
+      }
     }
+    walks_.weights_by_reflectance.resize(reflecting_.size());
+    walks_.d_reflectances.resize(reflecting_.size());
+    walks_.d_lights.resize(lights_.size());
+    shadow_rays_.parts.resize(lights_.size());
+    collect_derivatives();
   }
 
   void run(const std::stop_token& stop) {
@@ -267,6 +280,14 @@ class Wavefront {
     for (size_t a = 0; a < walks_.weights.size(); ++a) {
       add(hn::Mul(load(walks_.weights[a], i), radiance), walks_.radiances[a]);
     }
+    for (size_t r = 0; r < reflecting_.size(); ++r) {
+      add(hn::Mul(load(walks_.weights_by_reflectance[r], i), radiance), walks_.d_reflectances[r]);
+    }
+    for (size_t l = 0; l < lights_.size(); ++l) {
+      const Floats part = radiance_of(scene_.lights, lights_[l], load(walks_.rays.direction, i));
+      add(hn::IfThenElseZero(escaped, hn::Mul(hn::Mul(load(walks_.weight, i), part), mis_weight)),
+          walks_.d_lights[l]);
+    }
   }
 
   // A scattering in the medium (`spent`) or a diffuse reflection: sends a ray to the light, then
@@ -278,10 +299,13 @@ class Wavefront {
     const bool all_in_medium = hn::AllTrue(d, hn::Or(spent, hn::Not(vertices)));
     Floats factor = set(albedo_);
     Vectors axis = before;
+    Ints reflecting = hn::Set(IntTag(), -1);  // triangles
     if (!all_in_medium) {
       const Mask on_surface = hn::AndNot(spent, vertices);
       const Uints triangle = surface_of(load(walks_.rays.place, i));
       const Ints at = hn::BitCast(IntTag(), hn::IfThenElseZero(for_uints(on_surface), triangle));
+      reflecting = hn::BitCast(
+          IntTag(), hn::IfThenElse(for_uints(on_surface), triangle, set(Surfaces::kNone)));
       const Surfaces& surfaces = scene_.boundary.surfaces;
       factor = hn::IfThenElse(spent, factor, gather(surfaces.reflectances.data(), at));
       const Vectors normal{gather(surfaces.normals.x.data(), at),
@@ -304,6 +328,8 @@ class Wavefront {
       store(hn::Mul(load(walks_.weights[a], i), hn::IfThenElse(spent, other, factor)),
             walks_.weights[a], i);
     }
+
+    differentiate_by_reflectance(i, reflecting, old_weight, factor);
 
     const Floats score_g = load(walks_.score_g, i);
     if (switches_.techniques != Techniques::kPhaseOnly) {
@@ -336,6 +362,19 @@ class Wavefront {
     }
     store(hn::IfThenZeroElse(for_uints(vertices), load(walks_.on_camera_ray, i)),
           walks_.on_camera_ray, i);
+  }
+
+  // dW/d reflectance takes the factor, and W where the factor is this reflectance.
+  void differentiate_by_reflectance(size_t i, Ints triangles, Floats old_weight, Floats factor) {
+    for (size_t r = 0; r < reflecting_.size(); ++r) {
+      // From `first` on, and before `end`.
+      const auto below = [](uint32_t n) { return hn::Set(IntTag(), static_cast<int32_t>(n) - 1); };
+      const auto own = hn::AndNot(hn::Gt(triangles, below(reflecting_[r].end)),
+                                  hn::Gt(triangles, below(reflecting_[r].first)));
+      FloatColumn& derivative = walks_.weights_by_reflectance[r];
+      const Floats gain = hn::IfThenElseZero(hn::RebindMask(FloatTag(), own), old_weight);
+      store(plus_product(gain, load(derivative, i), factor), derivative, i);
+    }
   }
 
   // Next-event estimation: light along one direction drawn from the lights.
@@ -396,6 +435,10 @@ class Wavefront {
     if (medium_derivatives_) {
       append(hn::Add(score_g, score), shadow_rays_.score_g);
     }
+    for (size_t l = 0; l < lights_.size(); ++l) {
+      const Floats part = radiance_of(scene_.lights, lights_[l], words, light);
+      append(hn::Div(hn::Mul(part, value), pdf_sum), shadow_rays_.parts[l]);
+    }
     append_uints(hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i))), shadow_rays_.slot);
     shadow_rays_.count += hn::CountTrue(d, sent);
   }
@@ -423,13 +466,16 @@ class Wavefront {
       }
       const Floats length = load(shadow_rays_.rays.in_medium, i);
       const Floats dimming = exp(hn::Mul(length, set(-sigma_t_)));
-      Floats light = hn::Mul(load(shadow_rays_.light, i), dimming);
+      Floats survival = set(1.0F);
       if (threshold_ > 0) {
-        const Floats survival = hn::Min(
-            set(1.0F), hn::Mul(hn::Mul(load(shadow_rays_.worth, i), dimming), set(1 / threshold_)));
-        light = hn::Div(light, survival);
+        survival = hn::Min(
+            survival, hn::Mul(hn::Mul(load(shadow_rays_.worth, i), dimming), set(1 / threshold_)));
       }
-      light = hn::IfThenElseZero(arrived, light);
+      const auto arriving = [&](const FloatColumn& undimmed) {
+        const Floats dimmed = hn::Mul(load(undimmed, i), dimming);
+        return hn::IfThenElseZero(arrived, threshold_ > 0 ? hn::Div(dimmed, survival) : dimmed);
+      };
+      const Floats light = arriving(shadow_rays_.light);
       const auto gathered = [&](const FloatColumn& column) { return gather(column.data(), slot); };
       const auto add = [&](Floats by, FloatColumn& column) {
         hn::ScatterIndex(hn::Add(gathered(column), by), d, column.data(), slot);
@@ -445,14 +491,25 @@ class Wavefront {
       for (size_t a = 0; a < walks_.weights.size(); ++a) {
         add(hn::Mul(gathered(walks_.weights[a]), light), walks_.radiances[a]);
       }
+      for (size_t r = 0; r < reflecting_.size(); ++r) {
+        add(hn::Mul(gathered(walks_.weights_by_reflectance[r]), light), walks_.d_reflectances[r]);
+      }
+      for (size_t l = 0; l < lights_.size(); ++l) {
+        add(hn::Mul(gathered(walks_.weight), arriving(shadow_rays_.parts[l])), walks_.d_lights[l]);
+      }
     }
   }
 
   // What a path is worth following for. In thick media of high albedo the derivative comes from
-  // long paths, whose W is small but whose dW/d albedo is not.
+  // long paths, whose W is small but whose dW/d albedo is not; so does the derivative in the
+  // reflectance of a dark surface, from paths of a few reflections.
   Floats worth_following(size_t i) const {
-    return hn::Max(load(walks_.weight, i),
-                   hn::Mul(set(kRouletteDerivative), load(walks_.weight_derivative, i)));
+    Floats worth = hn::Max(load(walks_.weight, i),
+                           hn::Mul(set(kRouletteDerivative), load(walks_.weight_derivative, i)));
+    for (const FloatColumn& derivative : walks_.weights_by_reflectance) {
+      worth = hn::Max(worth, hn::Mul(set(kRouletteReflectance), load(derivative, i)));
+    }
+    return worth;
   }
 
   // How much light is left where the path is, of that below the boundary: it falls off as
@@ -482,8 +539,10 @@ class Wavefront {
       const Floats factor = hn::Div(one, hn::Max(probability, set(1e-30F)));
       store(hn::Mul(load(walks_.weight, i), factor), walks_.weight, i);
       store(hn::Mul(load(walks_.weight_derivative, i), factor), walks_.weight_derivative, i);
-      for (FloatColumn& weight : walks_.weights) {
-        store(hn::Mul(load(weight, i), factor), weight, i);
+      for (auto* columns : {&walks_.weights, &walks_.weights_by_reflectance}) {
+        for (FloatColumn& weight : *columns) {
+          store(hn::Mul(load(weight, i), factor), weight, i);
+        }
       }
       store(hn::IfThenElseZero(for_uints(survives), load(walks_.alive, i)), walks_.alive, i);
       store(hn::Add(load(walks_.vertex, i), set(uint32_t{1})), walks_.vertex, i);
@@ -494,8 +553,11 @@ class Wavefront {
     const Mask begun =
         hn::RebindMask(FloatTag(), hn::Gt(hn::BitCast(IntTag(), load(walks_.vertex, i)),
                                           hn::Set(IntTag(), int{UsualRoulette::kFirstVertex} - 1)));
-    return hn::IfThenElse(begun, hn::Min(set(UsualRoulette::kMostSurvival), load(walks_.weight, i)),
-                          set(1.0F));
+    Floats worth = load(walks_.weight, i);
+    for (const FloatColumn& derivative : walks_.weights_by_reflectance) {
+      worth = hn::Max(worth, load(derivative, i));
+    }
+    return hn::IfThenElse(begun, hn::Min(set(UsualRoulette::kMostSurvival), worth), set(1.0F));
   }
 
   // Delivers paths that have ended, and puts new ones in their place; where there are no more, the
@@ -545,14 +607,21 @@ class Wavefront {
     const FloatColumn* collected;
     const FloatColumn* control_variate = nullptr;
   };
-  DerivativeColumns derivative_columns(const Parameter& parameter) const {
-    switch (parameter.kind) {
-      case Parameter::kSigmaT: return {&walks_.d_sigma_t, &walks_.zero_sigma_t};
-      case Parameter::kAlbedo: return {&walks_.d_albedo};
-      case Parameter::kG: return {&walks_.d_g, &walks_.zero_g};
-      default: break;
+  void collect_derivatives() {
+    size_t reflectance = 0, light = 0;
+    for (const Parameter& parameter : request_.derivatives) {
+      switch (parameter.kind) {
+        case Parameter::kSigmaT:
+          derivatives_.push_back({&walks_.d_sigma_t, &walks_.zero_sigma_t});
+          break;
+        case Parameter::kAlbedo: derivatives_.push_back({&walks_.d_albedo}); break;
+        case Parameter::kG: derivatives_.push_back({&walks_.d_g, &walks_.zero_g}); break;
+        case Parameter::kReflectance:
+          derivatives_.push_back({&walks_.d_reflectances[reflectance++]});
+          break;
+        case Parameter::kLightScale: derivatives_.push_back({&walks_.d_lights[light++]}); break;
+      }
     }
-    throw Error(ErrorKind::kInternal, "no derivative in " + name_of(parameter));
   }
 
   // Takes the next samples from the queue, and finds out with which rays their paths begin. False
@@ -607,8 +676,11 @@ class Wavefront {
     for (FloatColumn& weight : walks_.weights) {
       weight[slot] = 1;
     }
-    for (FloatColumn& radiance : walks_.radiances) {
-      radiance[slot] = 0;
+    for (auto* columns : {&walks_.radiances, &walks_.weights_by_reflectance, &walks_.d_reflectances,
+                          &walks_.d_lights}) {
+      for (FloatColumn& column : *columns) {
+        column[slot] = 0;
+      }
     }
     return true;
   }
@@ -616,7 +688,7 @@ class Wavefront {
   // A shadow ray through more than this many mean free paths carries less than exp(-50) of its
   // light, which is below the rounding of any sum it could be added to.
   static constexpr float kMaxOpticalDepth = 50;
-  static constexpr float kRouletteDerivative = 0.05F;
+  static constexpr float kRouletteDerivative = 0.05F, kRouletteReflectance = 0.25F;
   // Survivors of the roulette by depth gain at most exp(4) in weight: more would be fireflies.
   static constexpr float kLeastExponent = -4;
 
@@ -635,6 +707,9 @@ class Wavefront {
   ShadowRays shadow_rays_;
   PathEstimate estimate_;                       // of the path that is delivered
   std::vector<DerivativeColumns> derivatives_;  // in the order of the request
+  // The triangles of the surfaces, and the lights, that derivatives are asked for in.
+  std::vector<Surfaces::Range> reflecting_;
+  std::vector<size_t> lights_;
   // Paths that have not begun, with the random numbers of film position and first flight.
   PixelSequences sequences_;
   std::array<PathSample, PixelSequences::kMost> samples_;

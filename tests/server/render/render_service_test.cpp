@@ -23,11 +23,13 @@
 #include <vector>
 
 #include "common/error.h"
+#include "common/rpc/wire_array.h"
 #include "common/scene/scene_bytes.h"
 #include "itn/v1/render.grpc.pb.h"
 #include "server/render/render_reply.h"
 #include "server/render/render_server.h"
 #include "server/render/rendering_loss.h"
+#include "server/render/request_check.h"
 #include "tests/support/scenes.h"
 
 namespace itn {
@@ -263,6 +265,54 @@ TEST(RenderService, PutsTheSamplesOfALossWhereItNeedsThem) {
   const RenderingLoss expected = rendering_loss(image, weight, means(sums).estimates);
   EXPECT_DOUBLE_EQ(answer.reply.loss(), expected.value);
   EXPECT_DOUBLE_EQ(answer.reply.loss_gradient(0), expected.gradient.at(0));
+}
+
+// Derivatives in surfaces and lights come after those of the medium; so does their loss gradient.
+TEST(RenderService, GivesDerivativesInTheScene) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::RenderGradRequest request = with_scene(small_request());
+  request.set_estimates(2);
+  request.clear_derivatives();
+  request.add_derivatives(v1::SIGMA_A);
+  request.add_scene_derivatives("light[0].scale");
+  const Answer images = client.call(request);
+  ASSERT_TRUE(images.status.ok()) << images.status.error_message();
+  ASSERT_EQ(images.reply.estimates(0).derivatives_size(), 2);
+  const auto radiance = from_bytes<float>(images.reply.estimates(0).radiance());
+  const auto scale = from_bytes<float>(images.reply.estimates(0).derivatives(1));
+  const size_t pixels = radiance.size();
+  for (size_t p = 0; p < pixels; ++p) {  // the only light
+    EXPECT_NEAR(scale[p], radiance[p], 1e-5F * (1 + radiance[p]));
+  }
+
+  const std::vector<float> image(pixels, 1), weight(pixels, 1);
+  set_loss(request, image, weight);
+  const Answer loss = client.call(request);
+  ASSERT_TRUE(loss.status.ok()) << loss.status.error_message();
+  const tracer::Scene scene(build_scene(parse_scene(request.scene()), {}));
+  const RenderingLoss expected = rendering_loss(
+      image, weight, means(render_grad(scene, build_request(request, {}))).estimates);
+  ASSERT_EQ(loss.reply.loss_gradient_size(), 2);
+  EXPECT_DOUBLE_EQ(loss.reply.loss_gradient(1), expected.gradient.back());
+}
+
+TEST(RenderService, RefusesDerivativesThatTheSceneDoesNotHave) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  const auto message = [&](const std::string& name) {
+    v1::RenderGradRequest request = with_scene(small_request());
+    request.add_scene_derivatives("light[0].scale");
+    request.add_scene_derivatives(name);
+    const Answer answer = client.call(request);
+    EXPECT_EQ(answer.status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << name;
+    return answer.status.error_message();
+  };
+  using ::testing::HasSubstr;
+  EXPECT_THAT(message("light[9].scale"), HasSubstr("no derivative in light[9].scale"));
+  EXPECT_THAT(message("light[0].scale"), HasSubstr("light[0].scale again"));
+  EXPECT_THAT(message("albedo"), HasSubstr("are asked for in derivatives"));
+  EXPECT_THAT(message("surface.reflectance"), HasSubstr("surface[K].reflectance"));
 }
 
 TEST(RenderService, GivesSeveralAlbedosInTheOrderAsked) {

@@ -104,7 +104,7 @@ TEST_P(DerivativeTest, IntegratesToTheDifference) {
 }
 
 const LightDescription kSunSky = paper_sun_sky();
-const LightDescription kFromBehind = DirectionalBeam{{0.3, 0.4, 1}, 3};
+const LightDescription kFromBehind = DistantLight{{0.3, 0.4, 1}, 3};
 LightDescription everywhere(float radiance) {
   return ConstantEnvironment{radiance};
 }

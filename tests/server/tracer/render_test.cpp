@@ -142,6 +142,8 @@ TEST(RenderTest, InstructionSetsDoNotMatter) {
   RenderRequest s = request();
   s.pilot_spp = 4;
   s.albedos = {0.5};
+  s.derivatives.push_back({Parameter::kReflectance, 0});
+  s.derivatives.push_back({Parameter::kLightScale, 0});
   const Scene map_lit(studio("twist", {ConstantEnvironment{0.2}, small_map()}, 0.5F, 16));
   for (const Scene* scene : {&mug_in_the_sun(), &map_lit}) {
     const FilmSums best = render_grad(*scene, s);
