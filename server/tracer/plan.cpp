@@ -158,9 +158,9 @@ Plan plan_from_pilot(const Scene::Compiled& scene, const RenderRequest& request,
   variance = blurred(variance, rendered, pilot.width, pilot.height);
 
   const std::vector<uint32_t> pixels = rendered_pixels(scene, request);
-  std::vector<double> deviation;
-  for (const uint32_t p : pixels) {
-    deviation.push_back(std::sqrt(variance[pilot.index_of(p)]));
+  std::vector<double> deviation(pixels.size());
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    deviation[i] = std::sqrt(variance[pilot.index_of(pixels[i])]);
   }
   const std::vector<double> shares =
       sample_shares(pixels, deviation, request, options.switches.adaptive);

@@ -224,8 +224,8 @@ const BadInput kBadInputs[] = {
      [](auto&) {
        return Arguments{ITN_WORKER, "--listen", "nowhere"};
      },
-     4,
-     {"cannot listen on nowhere"}},
+     2,
+     {"nowhere", "it has no port", "HOST:PORT"}},
 };
 
 void PrintTo(const BadInput& row, std::ostream* out) {

@@ -276,14 +276,16 @@ TEST(RenderService, GivesDerivativesInTheScene) {
   request.clear_derivatives();
   request.add_derivatives(v1::SIGMA_A);
   request.add_scene_derivatives("light[0].scale");
+  request.add_scene_derivatives("light[1].scale");
   const Answer images = client.call(request);
   ASSERT_TRUE(images.status.ok()) << images.status.error_message();
-  ASSERT_EQ(images.reply.estimates(0).derivatives_size(), 2);
+  ASSERT_EQ(images.reply.estimates(0).derivatives_size(), 3);
   const auto radiance = from_bytes<float>(images.reply.estimates(0).radiance());
-  const auto scale = from_bytes<float>(images.reply.estimates(0).derivatives(1));
+  const auto first = from_bytes<float>(images.reply.estimates(0).derivatives(1));
+  const auto second = from_bytes<float>(images.reply.estimates(0).derivatives(2));
   const size_t pixels = radiance.size();
-  for (size_t p = 0; p < pixels; ++p) {  // the only light
-    EXPECT_NEAR(scale[p], radiance[p], 1e-5F * (1 + radiance[p]));
+  for (size_t p = 0; p < pixels; ++p) {  // all light comes from one or the other
+    EXPECT_NEAR(first[p] + second[p], radiance[p], 1e-5F * (1 + radiance[p]));
   }
 
   const std::vector<float> image(pixels, 1), weight(pixels, 1);
@@ -293,8 +295,8 @@ TEST(RenderService, GivesDerivativesInTheScene) {
   const tracer::Scene scene(build_scene(parse_scene(request.scene()), {}));
   const RenderingLoss expected = rendering_loss(
       image, weight, means(render_grad(scene, build_request(request, {}))).estimates);
-  ASSERT_EQ(loss.reply.loss_gradient_size(), 2);
-  EXPECT_DOUBLE_EQ(loss.reply.loss_gradient(1), expected.gradient.back());
+  ASSERT_EQ(loss.reply.loss_gradient_size(), 3);
+  EXPECT_DOUBLE_EQ(loss.reply.loss_gradient(2), expected.gradient.back());
 }
 
 TEST(RenderService, RefusesDerivativesThatTheSceneDoesNotHave) {
