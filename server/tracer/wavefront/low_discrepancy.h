@@ -9,12 +9,8 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
-#include <span>
-
-#include "server/tracer/request.h"
-#include "server/tracer/sampler.h"
-#include "server/tracer/work_queue.h"
 
 namespace itn::tracer {
 
@@ -70,57 +66,5 @@ constexpr float scrambled_coordinate(uint32_t coordinate, uint32_t scramble) {
   return static_cast<float>(static_cast<int32_t>(owen_scrambled(coordinate, scramble) >> 8)) *
          0x1p-24F;
 }
-
-// The points that samples of pixels begin with: x and y on the film, and the random number of the
-// first flight. The samples of an estimate share a sequence; estimates, pixels and seeds have
-// sequences of their own.
-class PixelSequences {
- public:
-  static constexpr size_t kMost = 128;                     // samples at a time
-  using Points = std::array<std::array<float, kMost>, 3>;  // by coordinate
-
-  PixelSequences(uint64_t seed, uint32_t estimates) : seed_(seed), estimates_(estimates) {}
-
-  void draw(std::span<const PathSample> samples, Points& points) {
-    std::array<std::array<uint32_t, 3>, kMost> exact;
-    std::array<std::array<uint32_t, kMost>, 3> scrambles;
-    for (size_t i = 0; i < samples.size(); ++i) {
-      const Sequence& sequence = sequence_of(samples[i]);
-      exact[i] = sobol_point(samples[i].sample / estimates_);
-      for (size_t k = 0; k < 3; ++k) {
-        scrambles[k][i] = sequence.scrambles[k];
-      }
-    }
-    for (size_t k = 0; k < 3; ++k) {
-      for (size_t i = 0; i < samples.size(); ++i) {
-        points[k][i] = scrambled_coordinate(exact[i][k], scrambles[k][i]);
-      }
-    }
-  }
-
- private:
-  // The last one of each estimate: samples of a pixel come one after the other.
-  struct Sequence {
-    uint32_t pixel = ~0U;
-    std::array<uint32_t, 3> scrambles{};
-  };
-
-  const Sequence& sequence_of(const PathSample& sample) {
-    const uint32_t estimate = sample.sample % estimates_;
-    Sequence& sequence = sequences_[estimate];
-    if (sequence.pixel != sample.pixel) {
-      const std::array<uint32_t, 2> seed{static_cast<uint32_t>(seed_),
-                                         static_cast<uint32_t>(seed_ >> 32)};
-      const std::array<uint32_t, 4> key =
-          philox(std::array<uint32_t, 4>{estimate, Sampler::kSequence, 0, sample.pixel}, seed);
-      sequence = {sample.pixel, {key[0], key[1], key[2]}};
-    }
-    return sequence;
-  }
-
-  uint64_t seed_;
-  uint32_t estimates_;
-  std::array<Sequence, kMaxEstimates> sequences_;
-};
 
 }  // namespace itn::tracer

@@ -17,7 +17,7 @@
 
 #include "common/error.h"
 #include "server/tracer/lights/lights-inl.h"
-#include "server/tracer/wavefront/low_discrepancy.h"
+#include "server/tracer/wavefront/pixel_sequences-inl.h"
 #include "server/tracer/wavefront/travel-inl.h"
 #include "server/tracer/wavefront/wavefront.h"
 
