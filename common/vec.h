@@ -54,6 +54,7 @@ template <typename T>
 struct Rotation {
   Vec3<T> x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1};  // rows
 
+  bool operator==(const Rotation&) const = default;
   Vec3<T> operator()(Vec3<T> v) const { return {dot(x, v), dot(y, v), dot(z, v)}; }
   Rotation inverse() const { return {{x.x, y.x, z.x}, {x.y, y.y, z.y}, {x.z, y.z, z.z}}; }
   // First `before`, then this.

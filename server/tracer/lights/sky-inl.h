@@ -15,7 +15,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 HWY_INLINE Arrival arrival(const SkyLight& sky, Vectors direction) {
   const SkyTable& table = sky.table();
   const float* const values = table.values();
-  const Vectors d = turned(sky.to_sky(), direction);
+  const Vectors d = sky.is_turned() ? turned(sky.to_sky(), direction) : direction;
   constexpr int kColumns = SkyTable::kColumns, kRows = SkyTable::kRows;
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   // Sides 0..3 begin at -z, +x, +z, -x.
@@ -78,8 +78,9 @@ HWY_INLINE Vectors sample(const SkyLight& sky, Floats cell01, Floats coin, Float
   const Mask left = hn::Ge(side, set(2.0F));
   const Mask back = hn::And(hn::Ge(side, one), hn::Lt(side, set(3.0F)));  // z >= 0
   const Floats x = hn::IfThenElse(odd, rr, rf), z = hn::IfThenElse(odd, rf, rr);
-  return turned_back(sky.to_sky(), {hn::IfThenElse(left, hn::Sub(zero, x), x), y,
-                                    hn::IfThenElse(back, z, hn::Sub(zero, z))});
+  const Vectors d{hn::IfThenElse(left, hn::Sub(zero, x), x), y,
+                  hn::IfThenElse(back, z, hn::Sub(zero, z))};
+  return sky.is_turned() ? turned_back(sky.to_sky(), d) : d;
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -56,7 +56,10 @@ class SkyLight {
  public:
   // `to_sky`: turns directions into those of the table.
   SkyLight(std::shared_ptr<const SkyTable> table, const Rotation<double>& to_sky, double scale)
-      : table_(std::move(table)), to_sky_(to_sky), scale_(scale) {}
+      : table_(std::move(table)),
+        to_sky_(to_sky),
+        is_turned_(to_sky_ != Rotation<float>()),
+        scale_(scale) {}
 
   double radiance(Vec3f d) const { return scale_ * table_->radiance(to_sky_(d)); }
   double pdf(Vec3f d) const { return table_->pdf(to_sky_(d)); }
@@ -67,11 +70,14 @@ class SkyLight {
 
   const SkyTable& table() const { return *table_; }
   const Rotation<float>& to_sky() const { return to_sky_; }
+  // False where `to_sky` changes nothing, as for most skies: for a shorter way.
+  bool is_turned() const { return is_turned_; }
   double scale() const { return scale_; }
 
  private:
   std::shared_ptr<const SkyTable> table_;
   Rotation<float> to_sky_;
+  bool is_turned_;
   double scale_;
 };
 
