@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "common/material.h"
+#include "server/tracer/boundary.h"
 #include "server/tracer/parameter.h"
 #include "server/tracer/scene/scene.h"
 
@@ -90,6 +91,9 @@ struct Switches {
   bool stratified = true;
   // Samples where the pilot finds the noise; else as many in every pixel.
   bool adaptive = true;
+  // What the boundary of the medium does to light; null: nothing, as it is index-matched. To be
+  // kept alive by the caller.
+  const BoundaryModel* boundary = nullptr;
 };
 
 // Roulette as path tracers usually play it, and the reference always: from this vertex on, paths

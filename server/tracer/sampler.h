@@ -10,6 +10,7 @@
 //   n       kShadowRay  light and cell    reference: a direction in the cell; wavefront: a coin, a
 //                                         direction in the cell, and u4 for the roulette
 //   n       kMap        wavefront, in an environment map: a pixel (u0, u1), a coin (u2)
+//   n       kBoundary   whatever a BoundaryModel makes of u0 .. u4
 //
 // In the wavefront, film position and first flight are rather the three coordinates of a scrambled
 // Sobol sequence (wavefront/low_discrepancy.h), whose scrambles are drawn by kSequence.
@@ -47,7 +48,7 @@ inline double fine(float high, float low) {
 // The random numbers of one sample of one pixel.
 class Sampler {
  public:
-  enum Purpose : uint32_t { kFilm, kWalk, kShadowRay, kMap, kSequence };
+  enum Purpose : uint32_t { kFilm, kWalk, kShadowRay, kMap, kSequence, kBoundary };
 
   Sampler(uint64_t seed, uint32_t pixel, uint32_t sample)
       : key_{static_cast<uint32_t>(seed), static_cast<uint32_t>(seed >> 32)},

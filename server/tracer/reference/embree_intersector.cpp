@@ -84,8 +84,21 @@ class EmbreeIntersector final : public Intersector {
     hit.t = query.ray.tfar;
     if (hit.found && query.hit.geomID != kObject) {
       hit.surface = {query.hit.geomID - 1, query.hit.primID};
+    } else if (hit.found) {
+      hit.triangle = query.hit.primID;
+      hit.v = query.hit.u;
+      hit.w = query.hit.v;
     }
     return hit;
+  }
+
+  Crossing crossing(const Hit& hit) const override {
+    const auto corner = [&](size_t k) {
+      return static_cast<Vec3d>(object_vertices_[object_triangles_[hit.triangle][k]]);
+    };
+    const Vec3d a = corner(0), to_b = corner(1) - a, to_c = corner(2) - a;
+    return {static_cast<Vec3f>(a + to_b * double{hit.v} + to_c * double{hit.w}),
+            static_cast<Vec3f>(itn::normalize(cross(to_b, to_c)))};
   }
 
   // A copy of the triangles and a tree, together about 150 bytes a triangle.
@@ -138,6 +151,10 @@ class EmbreeIntersector final : public Intersector {
     std::copy(mesh.vertices.begin(), mesh.vertices.end(), vertices);
     std::copy(mesh.triangles.begin(), mesh.triangles.end(), triangles);
     triangles_ += mesh.triangles.size();
+    if (number == kObject) {
+      object_vertices_ = vertices;
+      object_triangles_ = triangles;
+    }
     rtcCommitGeometry(geometry.get());
     rtcAttachGeometryByID(scene_.get(), geometry.get(), number);
   }
@@ -145,6 +162,9 @@ class EmbreeIntersector final : public Intersector {
   Device device_;
   EmbreeScene scene_;
   size_t triangles_ = 0;
+  // Embree's copies, of the object.
+  const Vec3f* object_vertices_ = nullptr;
+  const std::array<uint32_t, 3>* object_triangles_ = nullptr;
 };
 
 }  // namespace

@@ -50,7 +50,8 @@ size_t Geometry::memory() const {
   return sum;
 }
 
-Travel Geometry::travel(const Place& from, Vec3f direction, float budget) const {
+Travel Geometry::travel(const Place& from, Vec3f direction, float budget,
+                        const BoundaryModel* model) const {
   const Line line(from.position, direction, from.on, extent_);
   Travel travel;
   bool inside = from.inside;
@@ -59,6 +60,26 @@ Travel Geometry::travel(const Place& from, Vec3f direction, float budget) const 
   float last_exit = 0, last_entry = 0;  // distances; crossings of a kind lie beyond the last one
   const auto from_distance = [&](float last) {
     return std::max(t - line.slack, std::nextafter(last, kInfinity));
+  };
+  // Asks the model about a crossing at t; whether the line goes on.
+  const auto passes = [&](const Hit& hit) {
+    if (model == nullptr) {
+      return true;
+    }
+    const auto [point, normal] = intersector_->crossing(hit);
+    const BoundaryInteraction at{.point = point,
+                                 .normal = normal,
+                                 .direction = line.direction,
+                                 .triangle = hit.triangle,
+                                 .leaving = inside};
+    if (model->straight()) {
+      travel.transmittance *= model->transmittance(at);
+      return true;
+    }
+    travel.place = {at.point, inside, {}};
+    travel.crossing = at;
+    travel.end = Travel::End::kCrossing;
+    return false;
   };
   for (int crossings = 0; crossings < kMaxCrossings; ++crossings) {
     if (inside) {
@@ -79,6 +100,9 @@ Travel Geometry::travel(const Place& from, Vec3f direction, float budget) const 
         travel.end = Travel::End::kSurface;
         return travel;
       }
+      if (!passes(hit)) {
+        return travel;
+      }
       last_exit = hit.t;
       inside = false;
     } else {
@@ -94,9 +118,12 @@ Travel Geometry::travel(const Place& from, Vec3f direction, float budget) const 
         travel.end = Travel::End::kSurface;
         return travel;
       }
+      travel.entered = true;
+      if (!passes(hit)) {
+        return travel;
+      }
       last_entry = hit.t;
       inside = true;
-      travel.entered = true;
     }
   }
   travel.end = Travel::End::kLeaked;

@@ -16,6 +16,7 @@
 
 #include "common/geometry/mesh.h"
 #include "common/vec.h"
+#include "server/tracer/boundary.h"
 #include "server/tracer/reference/intersector.h"
 #include "server/tracer/scene/scene.h"
 
@@ -35,10 +36,13 @@ struct Travel {
     kSurface,  // met an opaque surface
     kEscaped,  // left the scene
     kLeaked,   // no exit in front though believed inside: rounding has misplaced the point
+    kCrossing  // met the boundary, which bends light
   } end = End::kEscaped;
-  Place place;           // where it ended; not set if escaped or leaked
-  float in_medium = 0;   // length travelled inside the medium, in mm
-  bool entered = false;  // the medium was entered or started in
+  Place place;                   // where it ended, before a crossing; not set if escaped or leaked
+  float in_medium = 0;           // length travelled inside the medium, in mm
+  bool entered = false;          // the medium was entered, or at its boundary, or started in
+  float transmittance = 1;       // of the boundaries passed
+  BoundaryInteraction crossing;  // set if it ended in one
 };
 
 class Geometry {
@@ -50,8 +54,9 @@ class Geometry {
   Geometry& operator=(const Geometry&) = delete;
 
   // Follows a straight line until `budget` mm of it lie in the medium, or to a surface, or out of
-  // the scene. `direction` is of unit length.
-  Travel travel(const Place& from, Vec3f direction, float budget) const;
+  // the scene. `direction` is of unit length. Without a model the boundary is index-matched.
+  Travel travel(const Place& from, Vec3f direction, float budget,
+                const BoundaryModel* model = nullptr) const;
 
   // Unit normal of a surface's triangle, on the side that `direction` arrives at.
   Vec3f facing_normal(SurfaceTriangle at, Vec3f direction) const;

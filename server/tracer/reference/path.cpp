@@ -78,6 +78,7 @@ class Walk {
         case Travel::End::kEscaped: add_escape(); return result_;
         case Travel::End::kSurface: reflect(travel.place, u[1], u[2]); break;
         case Travel::End::kSpent: scatter(travel.place, u[1], u[2]); break;
+        case Travel::End::kCrossing: cross(travel); break;
       }
       if (result_.leaked || !survive(u[3])) {
         return result_;
@@ -96,7 +97,9 @@ class Walk {
   // One free flight. As flights are memoryless, one path length serves for all the parts of the
   // line that lie inside the medium.
   Travel fly(float u) {
-    const Travel travel = geometry_.travel(place_, direction_, -std::log(1 - u) / sigma_t_);
+    const Travel travel =
+        geometry_.travel(place_, direction_, -std::log(1 - u) / sigma_t_, switches_.boundary);
+    multiply_weight(travel.transmittance);
     if (travel.entered) {
       ++result_.steps;
       score_sigma_t_ -= travel.in_medium;
@@ -104,7 +107,7 @@ class Walk {
     if (travel.end == Travel::End::kSpent) {
       score_sigma_t_ += 1 / sigma_t_;
     }
-    if (vertex_ == 1 && on_camera_ray_) {
+    if (vertex_ == 1) {
       result_.hit = travel.entered;
     }
     return travel;
@@ -113,7 +116,7 @@ class Walk {
   // Light that the walk meets by itself, after leaving the scene.
   void add_escape() {
     float mis_weight = 1;
-    if (!on_camera_ray_) {
+    if (competes_) {
       switch (switches_.techniques) {
         case Switches::Techniques::kLightsOnly: return;
         case Switches::Techniques::kPhaseOnly: break;
@@ -146,7 +149,8 @@ class Walk {
         Basis<float>(direction_).to_world(sine * std::cos(phi), sine * std::sin(phi), cosine));
     density_ = hg_phase(cosine, g_);
     score_g_ += hg_score(cosine, g_);
-    on_camera_ray_ = false;
+    competes_ = true;
+    crossings_ = 0;
   }
 
   // A diffuse reflection: likewise, with the cosine law.
@@ -171,7 +175,32 @@ class Walk {
     direction_ = itn::normalize(
         Basis<float>(normal).to_world(sine * std::cos(phi), sine * std::sin(phi), cosine));
     density_ = cosine / kPi;
-    on_camera_ray_ = false;
+    competes_ = true;
+    crossings_ = 0;
+  }
+
+  // The boundary bends the path. Shadow rays end there: behind it, light is the walk's alone.
+  void cross(const Travel& travel) {
+    const Uniforms u = sampler_.at(vertex_, Sampler::kBoundary);
+    const BoundarySample sample = switches_.boundary->sample(travel.crossing, u);
+    if (++crossings_ > BoundaryModel::kMostCrossings) {
+      result_.leaked = true;
+      return;
+    }
+    place_ = travel.place;
+    place_.inside ^= sample.event == BoundarySample::Event::kTransmitted;
+    direction_ = sample.direction;
+    multiply_weight(sample.event == BoundarySample::Event::kAbsorbed ? 0 : sample.weight);
+    competes_ = false;
+  }
+
+  // By a factor that no derivative is asked for in.
+  void multiply_weight(float factor) {
+    weight_ *= factor;
+    weight_derivative_ *= factor;
+    for (const size_t i : reflectances_) {
+      weight_by_reflectance_[i] *= factor;
+    }
   }
 
   // What a vertex does with light from a direction.
@@ -196,14 +225,15 @@ class Walk {
     const bool competes = light.pdf > 0 && switches_.techniques == Switches::Techniques::kBoth;
     const float mis_weight = competes ? light.pdf / (light.pdf + response.density) : 1;
 
-    const Travel travel = geometry_.travel(place_, light.direction, kMaxOpticalDepth / sigma_t_);
+    const Travel travel =
+        geometry_.travel(place_, light.direction, kMaxOpticalDepth / sigma_t_, switches_.boundary);
     if (travel.end == Travel::End::kLeaked) {
       result_.leaked = true;
     }
     if (travel.end != Travel::End::kEscaped) {
       return;
     }
-    const float dimming = std::exp(-sigma_t_ * travel.in_medium);
+    const float dimming = travel.transmittance * std::exp(-sigma_t_ * travel.in_medium);
     const auto arriving = [&](float weight) {
       return weight * response.value * mis_weight * dimming;
     };
@@ -266,8 +296,11 @@ class Walk {
   uint32_t vertex_ = 0;
   Place place_;
   Vec3f direction_;
-  bool on_camera_ray_ = true;
-  float density_ = 0;  // per steradian, with which direction_ was drawn
+  // Whether shadow rays look for the light ahead too: not on the camera's ray, nor behind a
+  // boundary that bends light.
+  bool competes_ = false;
+  uint32_t crossings_ = 0;  // of a boundary that bends light, in a row
+  float density_ = 0;       // per steradian, with which direction_ was drawn
   float weight_ = 1;
   float weight_derivative_ = 0;  // d weight / d albedo
   // d weight / d reflectance, for the derivatives asked for that are in reflectances.

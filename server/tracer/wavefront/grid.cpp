@@ -110,8 +110,9 @@ Grid::Grid(const Mesh& mesh, const std::stop_token& stop) {
 
 size_t Grid::most_memory(size_t triangles) {
   const size_t cells = most_cells(triangles), blocks = most_blocks(triangles);
-  const size_t kept = cells * (sizeof(uint32_t) + 8) + blocks * sizeof(TriangleBlock) +
-                      blocks * sizeof(OccupiedCell);
+  const size_t kept =
+      cells * (sizeof(uint32_t) + 8) +
+      blocks * (sizeof(TriangleBlock) + sizeof(numbers.front()) + sizeof(OccupiedCell));
   const size_t listing = (most_references(triangles) * 2 + blocks + triangles) * sizeof(uint32_t);
   const size_t marking = cells * 2 * sizeof(uint32_t) + cells / 8;
   return kept + std::max(listing, marking);
@@ -211,6 +212,7 @@ void Grid::fill(const Mesh& mesh, Cancellation& cancellation) {
     }
   }
   blocks.reserve(touched->blocks);
+  numbers.reserve(touched->blocks);
   occupied.reserve(next.size() - 1);
   touched.reset();
   size_t begin = 0;
@@ -240,7 +242,9 @@ void Grid::add_cell(const Mesh& mesh, size_t cell_index, std::span<const uint32_
     const size_t place = i % TriangleBlock::kSize;
     if (place == 0) {
       blocks.emplace_back();
+      numbers.emplace_back();
     }
+    numbers.back()[place] = triangles[i];
     const auto& triangle = mesh.triangles[triangles[i]];
     for (size_t k = 0; k < 3; ++k) {
       const Vec3f corner = mesh.vertices[triangle[k]] - middle;
@@ -405,7 +409,7 @@ void Grid::mark_inside(Cancellation& cancellation) {
 
 size_t Grid::memory() const {
   return cells.size() * sizeof(uint32_t) + reaches.size() + occupied.size() * sizeof(OccupiedCell) +
-         blocks.size() * sizeof(TriangleBlock);
+         blocks.size() * (sizeof(TriangleBlock) + sizeof(numbers.front()));
 }
 
 }  // namespace itn::tracer

@@ -68,6 +68,8 @@ class Grid {
   static constexpr int kMaxReach = 255;
   std::vector<OccupiedCell> occupied;
   std::vector<TriangleBlock> blocks;
+  // The numbers that the triangles of a block have in the mesh.
+  std::vector<std::array<uint32_t, TriangleBlock::kSize>> numbers;
 
   size_t memory() const;
 

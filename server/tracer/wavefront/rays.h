@@ -17,15 +17,24 @@ struct Rays {
   FloatColumn in_medium{};
   UintColumn outcome{};
 
-  enum End : uint32_t { kSpent, kSurface, kEscaped, kLeaked };
-  static constexpr int kEnteredBit = 2;
-  static constexpr uint32_t kEndMask = 3, kEntered = 1 << kEnteredBit;
+  enum End : uint32_t { kSpent, kSurface, kEscaped, kLeaked, kCrossing };
+  static constexpr int kEnteredBit = 3;
+  static constexpr uint32_t kEndMask = 7, kEntered = 1 << kEnteredBit;
 
   // A place: bit 0 set inside the medium; above it the number of the surface's triangle that it
   // lies on, plus 1, or 0.
   static constexpr uint32_t kInside = 1;
   static constexpr uint32_t on_surface(uint32_t triangle) { return (triangle + 1) << 1; }
   static constexpr uint32_t surface_of(uint32_t place) { return (place >> 1) - 1; }
+};
+
+// What lines that ask a BoundaryModel know besides, by ray.
+struct Crossings {
+  FloatColumn transmittance{};  // of the boundaries passed
+  // Of the crossing that the line ended in, if it did: where it is and which way is the ray's; the
+  // place is that before it.
+  UintColumn triangle{};
+  VectorColumn normal{};  // of unit length, outwards
 };
 
 }  // namespace itn::tracer

@@ -21,6 +21,7 @@
 #include <cstddef>
 #include <limits>
 
+#include "server/tracer/boundary.h"
 #include "server/tracer/wavefront/boundary.h"
 #include "server/tracer/wavefront/math-inl.h"
 #include "server/tracer/wavefront/rays.h"
@@ -116,17 +117,62 @@ struct PerLineVectors {
     HWY_NAMESPACE::store(where, from.z, z, v);
   }
   Vec3f at(size_t line) const { return {x[line], y[line], z[line]}; }
+  void set(size_t line, Vec3f v) {
+    x[line] = v.x;
+    y[line] = v.y;
+    z[line] = v.z;
+  }
 };
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
+// Parts of blocks whose triangles are tested before their hits are measured.
+constexpr size_t kPassed = 32;
+
+// What becomes of lines at the boundary of the medium, known when the code is compiled: nothing, as
+// it is index-matched, and the lines ask nobody.
+struct IndexMatched {
+  static constexpr bool kAsks = false;
+  explicit IndexMatched(const BoundaryModel* /*none*/ = nullptr) {}
+  struct Lines {};
+};
+
+// A model is asked at every crossing.
+struct Modelled {
+  static constexpr bool kAsks = true;
+  explicit Modelled(const BoundaryModel* asked) : model(*asked) {}
+
+  const BoundaryModel& model;
+  Crossings crossings;  // of the rays
+
+  // What lines under way know in addition.
+  struct Lines {
+    PerLine<float> transmittance{};
+    // Of the nearest hit: the triangle, as its block * kSize + place in it; the number of the cell;
+    // and the barycentric coordinates times a common factor.
+    PerLine<uint32_t> hit{}, cell{};
+    PerLineVectors sides{};
+    // Of the crossing that a line ends in.
+    PerLine<uint32_t> triangle{};
+    PerLineVectors point{}, normal{};
+    std::array<uint32_t, kPassed> first{};  // triangle of Traveller::Passed
+  };
+};
+
 // The lines under way, and what their queries know. Distances are along the line, in mm, from an
 // origin that lies a little behind its start.
+template <typename AtBoundary>
 class Traveller {
  public:
   // Without `places`, where lines end is not said.
-  Traveller(const Boundary& boundary, Rays& rays, size_t count, bool places)
-      : boundary_(boundary), grid_(boundary.grid), rays_(rays), count_(count), places_(places) {}
+  Traveller(const Boundary& boundary, Rays& rays, size_t count, bool places,
+            AtBoundary& at_boundary)
+      : boundary_(boundary),
+        grid_(boundary.grid),
+        rays_(rays),
+        count_(count),
+        places_(places),
+        at_boundary_(at_boundary) {}
 
   void run() {
     glance();
@@ -167,6 +213,9 @@ class Traveller {
       const Mask live = hn::FirstN(d, count_ - i);
       const Mask inside = not_zero(hn::And(load(rays_.place, i), set(Rays::kInside)));
       Mask done = hn::And(live, inside);
+      if constexpr (AtBoundary::kAsks) {
+        store(set(1.0F), at_boundary_.crossings.transmittance, i);
+      }
       if (!hn::AllFalse(d, done)) {
         done = end_at_a_glance(i, done);
       }
@@ -285,6 +334,9 @@ class Traveller {
     store(fresh, zero, in_medium_, v);
     store(fresh, zero, last_exit_, v);
     store(fresh, zero, last_entry_, v);
+    if constexpr (AtBoundary::kAsks) {
+      store(fresh, set(1.0F), lines_.transmittance, v);
+    }
     const Floats budget = gather(rays_.budget);
     store(fresh, budget, budget_, v);
     const Uints place = hn::GatherIndex(UintTag(), rays_.place.data(), ray);
@@ -644,6 +696,9 @@ class Traveller {
           entry.c_z = shear.c_z;
           entry.per_z = shear.per_z;
           entry.to_c = shear.to_c;
+          if constexpr (AtBoundary::kAsks) {
+            lines_.first[passed] = b * TriangleBlock::kSize + static_cast<uint32_t>(i);
+          }
           passed += entry.hits != 0 ? 1 : 0;
           if (passed == kPassed) {
             measure_hits(passed);
@@ -725,6 +780,14 @@ class Traveller {
             (u + v + w);
         const float t = entry->to_c + (z - entry->c_z) * entry->per_z;
         const float end = std::min(end_[line], hit_[line]);
+        if constexpr (AtBoundary::kAsks) {
+          const uint32_t triangle = lines_.first[static_cast<size_t>(entry - passed_)];
+          if (t >= t_min_[line] && t <= end) {
+            lines_.hit[line] = triangle + static_cast<uint32_t>(i);
+            lines_.cell[line] = word_[line] & Grid::kPayload;
+            lines_.sides.set(line, {u, v, w});
+          }
+        }
         hit_[line] = t >= t_min_[line] && t <= end ? t : hit_[line];
       }
     }
@@ -738,11 +801,19 @@ class Traveller {
     const Mask crossed = hn::And(where, hn::Lt(hit, hn::Min(surface_t, set(kInfinity))));
     const Mask missed = hn::AndNot(crossed, where);
 
-    const Mask exits = hn::And(crossed, inside), entries = hn::AndNot(inside, crossed);
+    Mask exits = hn::And(crossed, inside), entries = hn::AndNot(inside, crossed);
     const Floats end = load(end_, v);
     const Mask at_surface =
         hn::And(missed, hn::And(hn::Eq(end, surface_t), hn::Lt(surface_t, set(kInfinity))));
     const Floats stop = hn::Max(t, hn::IfThenElse(crossed, hit, end));
+    // Lines that the boundary bends end there, before the crossing.
+    [[maybe_unused]] Mask bent = crossed;
+    if constexpr (AtBoundary::kAsks) {
+      store(entries, set(uint32_t{1}), entered_, v);
+      bent = ask(crossed, v);
+      exits = hn::AndNot(bent, exits);
+      entries = hn::AndNot(bent, entries);
+    }
     const Floats travelled = hn::IfThenElseZero(inside, hn::Sub(stop, t));
     const Mask spent = hn::AndNot(at_surface, hn::And(missed, inside));
     const Floats in_medium =
@@ -758,19 +829,62 @@ class Traveller {
     const Uints crossings = hn::Add(load(crossings_, v), one);
     store(crossed, crossings, crossings_, v);
 
-    const Vectors place = origin_.load(v) + direction_.load(v) * end;
+    Vectors place = origin_.load(v) + direction_.load(v) * end;
+    if constexpr (AtBoundary::kAsks) {
+      place = if_then_else(bent, lines_.point.load(v), place);
+    }
     const Mask lost =
         hn::Or(hn::AndNot(may_be_inside(place, load(word_, v)), spent),
                hn::And(crossed, hn::RebindMask(d, hn::Gt(crossings, set(kMaxCrossings)))));
     Uints how = set(uint32_t{Rays::kEscaped});
     how = hn::IfThenElse(for_uints(at_surface), set(uint32_t{Rays::kSurface}), how);
     how = hn::IfThenElse(for_uints(spent), set(uint32_t{Rays::kSpent}), how);
+    Mask ended = hn::Or(missed, lost);
+    if constexpr (AtBoundary::kAsks) {
+      how = hn::IfThenElse(for_uints(bent), set(uint32_t{Rays::kCrossing}), how);
+      ended = hn::Or(ended, bent);
+    }
     how = hn::IfThenElse(for_uints(lost), set(uint32_t{Rays::kLeaked}), how);
-    const Mask ended = hn::Or(missed, lost);
     if (!hn::AllFalse(d, ended)) {
       end_lines(ended, v, how, at_surface, place);
       busy_ &= ~bits_of(ended, v);
     }
+  }
+
+  // Asks the model about crossings; returns the lines that it bends. The point is that of the
+  // barycentric coordinates: it is as near to the boundary as it can be, however far the line has
+  // come. The normal is that of the corners which are tested.
+  Mask ask(Mask crossed, size_t v) {
+    LineBits bent = 0;
+    for (LineBits bits = bits_of(crossed, v); bits != 0; bits &= bits - 1) {
+      const int line = std::countr_zero(bits);
+      const uint32_t block = lines_.hit[line] / TriangleBlock::kSize;
+      const uint32_t lane = lines_.hit[line] % TriangleBlock::kSize;
+      const auto corner = [&](size_t k) {
+        const auto& axes = grid_.blocks[block].corners[k];
+        return Vec3d{double{axes[0][lane]}, double{axes[1][lane]}, double{axes[2][lane]}};
+      };
+      const Vec3d a = corner(0), b = corner(1), c = corner(2);
+      const Vec3d normal = itn::cross(b - a, c - a);
+      const auto sides = static_cast<Vec3d>(lines_.sides.at(line));
+      const Vec3d in_cell =
+          (a * sides.x + b * sides.y + c * sides.z) * (1 / (sides.x + sides.y + sides.z));
+      const auto middle = static_cast<Vec3d>(grid_.occupied[lines_.cell[line]].middle);
+      const BoundaryInteraction at{.point = static_cast<Vec3f>(middle + in_cell),
+                                   .normal = static_cast<Vec3f>(itn::normalize(normal)),
+                                   .direction = direction_.at(line),
+                                   .triangle = grid_.numbers[block][lane],
+                                   .leaving = inside_[line] != 0};
+      if (at_boundary_.model.straight()) {
+        lines_.transmittance[line] *= at_boundary_.model.transmittance(at);
+      } else {
+        lines_.triangle[line] = at.triangle;
+        lines_.point.set(line, at.point);
+        lines_.normal.set(line, at.normal);
+        bent |= LineBits{1} << line;
+      }
+    }
+    return mask_of(bent, v);
   }
 
   // Whether what the grid knows allows that points lie in the medium, given the cell's word.
@@ -798,6 +912,15 @@ class Traveller {
     write(load(in_medium_, v), rays_.in_medium);
     const Uints entered = hn::ShiftLeft<Rays::kEnteredBit>(load(entered_, v));
     hn::ScatterIndex(hn::Or(how, entered), UintTag(), rays_.outcome.data(), ray);
+    if constexpr (AtBoundary::kAsks) {
+      Crossings& crossings = at_boundary_.crossings;
+      write(load(lines_.transmittance, v), crossings.transmittance);
+      const Vectors normal = lines_.normal.load(v);
+      write(normal.x, crossings.normal.x);
+      write(normal.y, crossings.normal.y);
+      write(normal.z, crossings.normal.z);
+      hn::ScatterIndex(load(lines_.triangle, v), UintTag(), crossings.triangle.data(), ray);
+    }
     if (!places_) {
       return;
     }
@@ -833,6 +956,7 @@ class Traveller {
   Rays& rays_;
   const size_t count_;
   const bool places_;
+  AtBoundary& at_boundary_;
   UintColumn pending_;  // rays to be followed
   size_t pending_count_ = 0;
   size_t next_ = 0;        // of the pending rays
@@ -861,13 +985,15 @@ class Traveller {
     std::array<const float*, 3> depths;  // of the corners, along the axis nearest to the line
     float c_z, per_z, to_c;              // t = to_c + (z - c_z) per_z
   };
-  static constexpr size_t kPassed = 32;
   Passed passed_[kPassed];
+  [[no_unique_address]] typename AtBoundary::Lines lines_;
 };
 
 // Follows the first `count` rays; without `places`, does not say where they end.
-HWY_INLINE void travel(const Boundary& boundary, Rays& rays, size_t count, bool places) {
-  Traveller(boundary, rays, count, places).run();
+template <typename AtBoundary>
+HWY_INLINE void travel(const Boundary& boundary, Rays& rays, size_t count, bool places,
+                       AtBoundary& at_boundary) {
+  Traveller<AtBoundary>(boundary, rays, count, places, at_boundary).run();
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -38,7 +38,10 @@ inline bool asks_for_medium(const RenderRequest& request) {
 struct Walks {
   Rays rays;
   UintColumn pixel{}, sample{}, vertex{};
-  UintColumn on_camera_ray{}, hit{}, leaked{}, alive{}, steps{};
+  UintColumn hit{}, leaked{}, alive{}, steps{};
+  // Whether no shadow ray looks for the light ahead too: on the camera's ray, and behind a boundary
+  // that bends light. How many of those were crossed in a row.
+  UintColumn alone{}, crossings{};
   FloatColumn expected{};                     // radiance, see PathSample
   FloatColumn weight{}, weight_derivative{};  // and d weight / d albedo
   FloatColumn score_sigma_t{}, score_g{};     // d log f / d sigma_t in mm, d log f / dg
@@ -57,8 +60,8 @@ struct Walks {
     for (VectorColumn* column : vectors) {
       column->set(to, column->at(from));
     }
-    for (UintColumn* column :
-         {&rays.place, &pixel, &sample, &vertex, &on_camera_ray, &hit, &leaked, &alive, &steps}) {
+    for (UintColumn* column : {&rays.place, &pixel, &sample, &vertex, &alone, &crossings, &hit,
+                               &leaked, &alive, &steps}) {
       (*column)[to] = (*column)[from];
     }
     for (FloatColumn* column :
@@ -136,6 +139,8 @@ struct WalkRoulette {
   }
 };
 
+// AtBoundary: IndexMatched or Modelled.
+template <typename AtBoundary>
 class Wavefront {
  public:
   Wavefront(const Scene::Compiled& scene, const RenderRequest& request,
@@ -152,6 +157,8 @@ class Wavefront {
         threshold_(static_cast<float>(options.tuning.shadow_ray_roulette * scene.lights.power() /
                                       (4 * std::numbers::pi))),
         walk_roulette_(scene, request, options.tuning),
+        at_boundary_of_walks_(options.switches.boundary),
+        at_boundary_of_shadow_rays_(options.switches.boundary),
         sequences_(request.seed, request.estimates) {
     walks_.weights.resize(request.albedos.size());
     walks_.radiances.resize(request.albedos.size());
@@ -207,7 +214,7 @@ class Wavefront {
       store(uniform(words.w[2]), walks_.u2, i);
       store(uniform(words.w[3]), walks_.u3, i);
     }
-    travel(scene_.boundary, walks_.rays, count_, true);
+    travel(scene_.boundary, walks_.rays, count_, true, at_boundary_of_walks_);
   }
 
   // What happens at the ends of the flights: light is met, or the path is scattered or reflected.
@@ -218,6 +225,9 @@ class Wavefront {
       const Uints end = hn::And(load(walks_.rays.outcome, i), set(Rays::kEndMask));
       const Mask spent = is(end, Rays::kSpent), surface = is(end, Rays::kSurface);
       book_flight(i, spent);
+      if constexpr (AtBoundary::kAsks) {
+        multiply_weights(i, load(at_boundary_of_walks_.crossings.transmittance, i));
+      }
       const Mask escaped = hn::And(live, is(end, Rays::kEscaped));
       if (!hn::AllFalse(FloatTag(), escaped)) {
         meet_light(i, escaped);
@@ -229,6 +239,56 @@ class Wavefront {
       const Mask vertices = hn::And(live, goes_on);
       if (!hn::AllFalse(FloatTag(), vertices)) {
         scatter(i, vertices, spent);
+      }
+      if constexpr (AtBoundary::kAsks) {
+        for (LineBits bits = bits_of(hn::And(live, is(end, Rays::kCrossing))); bits != 0;
+             bits &= bits - 1) {
+          cross(i + static_cast<size_t>(std::countr_zero(bits)));
+        }
+      }
+    }
+  }
+
+  // The boundary bends a path. Shadow rays end there: behind it, light is the walk's alone.
+  void cross(size_t slot) {
+    const Crossings& crossings = at_boundary_of_walks_.crossings;
+    const bool inside = (walks_.rays.place[slot] & Rays::kInside) != 0;
+    const Sampler sampler(request_.seed, walks_.pixel[slot], walks_.sample[slot]);
+    const BoundarySample sample =
+        switches_.boundary->sample({.point = walks_.rays.position.at(slot),
+                                    .normal = crossings.normal.at(slot),
+                                    .direction = walks_.rays.direction.at(slot),
+                                    .triangle = crossings.triangle[slot],
+                                    .leaving = inside},
+                                   sampler.at(walks_.vertex[slot], Sampler::kBoundary));
+    if (++walks_.crossings[slot] > BoundaryModel::kMostCrossings) {
+      walks_.leaked[slot] = 1;
+      return;
+    }
+    if (sample.event == BoundarySample::Event::kAbsorbed) {
+      return;
+    }
+    const bool passes = sample.event == BoundarySample::Event::kTransmitted;
+    walks_.rays.place[slot] = inside != passes ? Rays::kInside : 0;
+    walks_.rays.direction.set(slot, sample.direction);
+    walks_.alone[slot] = walks_.alive[slot] = 1;
+    for (FloatColumn* weight : {&walks_.weight, &walks_.weight_derivative}) {
+      (*weight)[slot] *= sample.weight;
+    }
+    for (auto* columns : {&walks_.weights, &walks_.weights_by_reflectance}) {
+      for (FloatColumn& weight : *columns) {
+        weight[slot] *= sample.weight;
+      }
+    }
+  }
+
+  // By a factor that no derivative is asked for in.
+  void multiply_weights(size_t i, Floats factor) {
+    store(hn::Mul(load(walks_.weight, i), factor), walks_.weight, i);
+    store(hn::Mul(load(walks_.weight_derivative, i), factor), walks_.weight_derivative, i);
+    for (auto* columns : {&walks_.weights, &walks_.weights_by_reflectance}) {
+      for (FloatColumn& weight : *columns) {
+        store(hn::Mul(load(weight, i), factor), weight, i);
       }
     }
   }
@@ -257,7 +317,7 @@ class Wavefront {
   // Light that walks meet by themselves, after leaving the scene.
   void meet_light(size_t i, Mask escaped) {
     const Arrival light = arrival(scene_.lights, load(walks_.rays.direction, i));
-    const Mask on_camera_ray = not_zero(load(walks_.on_camera_ray, i));
+    const Mask alone = not_zero(load(walks_.alone, i));
     const Floats pdf = load(walks_.pdf, i);
     Floats mis_weight = set(1.0F);
     switch (switches_.techniques) {
@@ -265,7 +325,7 @@ class Wavefront {
       case Techniques::kPhaseOnly: break;
       case Techniques::kBoth: mis_weight = hn::Div(pdf, hn::Add(pdf, light.pdf)); break;
     }
-    mis_weight = hn::IfThenElse(on_camera_ray, set(1.0F), mis_weight);
+    mis_weight = hn::IfThenElse(alone, set(1.0F), mis_weight);
     const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));
     const auto add = [&](Floats by, FloatColumn& column) {
       store(hn::Add(load(column, i), by), column, i);
@@ -315,6 +375,11 @@ class Wavefront {
       const Vectors facing = if_then_else(flip, Vectors{zero, zero, zero} - normal, normal);
       axis = if_then_else(spent, before, facing);
     }
+    if constexpr (AtBoundary::kAsks) {
+      factor = hn::IfThenElse(vertices, factor, one);  // paths at the boundary keep their weight
+      store(hn::IfThenZeroElse(for_uints(vertices), load(walks_.crossings, i)), walks_.crossings,
+            i);
+    }
 
     // W takes the factor; dW/d albedo takes W too, where the factor is the albedo.
     const Floats old_weight = load(walks_.weight, i);
@@ -360,8 +425,7 @@ class Wavefront {
       store(hn::Add(score_g, score), walks_.score_g, i);
       store(plus_product(load(walks_.zero_g, i), score, weight), walks_.zero_g, i);
     }
-    store(hn::IfThenZeroElse(for_uints(vertices), load(walks_.on_camera_ray, i)),
-          walks_.on_camera_ray, i);
+    store(hn::IfThenZeroElse(for_uints(vertices), load(walks_.alone, i)), walks_.alone, i);
   }
 
   // dW/d reflectance takes the factor, and W where the factor is this reflectance.
@@ -445,7 +509,8 @@ class Wavefront {
 
   // Traces the shadow rays, and adds the light that they bring, dimmed by the medium.
   void trace_shadow_rays() {
-    travel(scene_.boundary, shadow_rays_.rays, shadow_rays_.count, false);
+    travel(scene_.boundary, shadow_rays_.rays, shadow_rays_.count, false,
+           at_boundary_of_shadow_rays_);
     const FloatTag d;
     for (size_t i = 0; i < shadow_rays_.count; i += lanes()) {
       const Mask live = hn::FirstN(d, shadow_rays_.count - i);
@@ -472,7 +537,10 @@ class Wavefront {
             survival, hn::Mul(hn::Mul(load(shadow_rays_.worth, i), dimming), set(1 / threshold_)));
       }
       const auto arriving = [&](const FloatColumn& undimmed) {
-        const Floats dimmed = hn::Mul(load(undimmed, i), dimming);
+        Floats dimmed = hn::Mul(load(undimmed, i), dimming);
+        if constexpr (AtBoundary::kAsks) {
+          dimmed = hn::Mul(dimmed, load(at_boundary_of_shadow_rays_.crossings.transmittance, i));
+        }
         return hn::IfThenElseZero(arrived, threshold_ > 0 ? hn::Div(dimmed, survival) : dimmed);
       };
       const Floats light = arriving(shadow_rays_.light);
@@ -537,13 +605,7 @@ class Wavefront {
       const Mask survives = hn::And(hn::Lt(load(walks_.u3, i), probability),
                                     hn::Not(not_zero(load(walks_.leaked, i))));
       const Floats factor = hn::Div(one, hn::Max(probability, set(1e-30F)));
-      store(hn::Mul(load(walks_.weight, i), factor), walks_.weight, i);
-      store(hn::Mul(load(walks_.weight_derivative, i), factor), walks_.weight_derivative, i);
-      for (auto* columns : {&walks_.weights, &walks_.weights_by_reflectance}) {
-        for (FloatColumn& weight : *columns) {
-          store(hn::Mul(load(weight, i), factor), weight, i);
-        }
-      }
+      multiply_weights(i, factor);
       store(hn::IfThenElseZero(for_uints(survives), load(walks_.alive, i)), walks_.alive, i);
       store(hn::Add(load(walks_.vertex, i), set(uint32_t{1})), walks_.vertex, i);
     }
@@ -666,7 +728,8 @@ class Wavefront {
     walks_.rays.direction.set(slot, ray.direction);
     walks_.rays.place[slot] = scene_.camera_inside ? Rays::kInside : 0;
     walks_.weight[slot] = 1;
-    walks_.vertex[slot] = walks_.on_camera_ray[slot] = walks_.alive[slot] = 1;
+    walks_.vertex[slot] = walks_.alone[slot] = walks_.alive[slot] = 1;
+    walks_.crossings[slot] = 0;
     walks_.hit[slot] = walks_.leaked[slot] = walks_.steps[slot] = 0;
     for (FloatColumn* column : {&walks_.weight_derivative, &walks_.score_sigma_t, &walks_.score_g,
                                 &walks_.pdf, &walks_.radiance, &walks_.d_sigma_t, &walks_.d_albedo,
@@ -705,6 +768,7 @@ class Wavefront {
   Walks walks_;
   size_t count_ = 0;  // paths under way, in slots 0 .. count_ - 1
   ShadowRays shadow_rays_;
+  AtBoundary at_boundary_of_walks_, at_boundary_of_shadow_rays_;
   PathEstimate estimate_;                       // of the path that is delivered
   std::vector<DerivativeColumns> derivatives_;  // in the order of the request
   // The triangles of the surfaces, and the lights, that derivatives are asked for in.

@@ -19,12 +19,19 @@ namespace itn::tracer::HWY_NAMESPACE {
 void run_wavefront(const Scene::Compiled& scene, const RenderRequest& request,
                    const RenderOptions& options, WorkQueue& queue, FilmWriter& film,
                    const std::stop_token& stop) {
-  const auto wavefront = std::make_unique<Wavefront>(scene, request, options, queue, film);
-  wavefront->run(stop);
+  const auto run = [&]<typename AtBoundary>(std::type_identity<AtBoundary>) {
+    std::make_unique<Wavefront<AtBoundary>>(scene, request, options, queue, film)->run(stop);
+  };
+  if (options.switches.boundary == nullptr) {
+    run(std::type_identity<IndexMatched>());
+  } else {
+    run(std::type_identity<Modelled>());
+  }
 }
 
 void follow_rays(const Boundary& boundary, Rays& rays, size_t count) {
-  travel(boundary, rays, count, true);
+  IndexMatched passes;
+  travel(boundary, rays, count, true, passes);
 }
 
 void evaluate_all(const Lights& lights, LightProbe& probe, size_t count) {
