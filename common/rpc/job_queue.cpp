@@ -127,6 +127,11 @@ bool JobQueue::full() const {
   return free_places() == 0;
 }
 
+size_t JobQueue::running() const {
+  const std::lock_guard lock(mutex_);
+  return running_;
+}
+
 size_t JobQueue::free_places() const {
   const size_t places = capacity_ + thread_count_;
   return places - std::min(places, waiting_.size() + running_ + admitted_);

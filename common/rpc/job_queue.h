@@ -77,6 +77,9 @@ class JobQueue {
 
   bool full() const;
 
+  // Jobs that run now.
+  size_t running() const;
+
  private:
   using Clock = std::chrono::steady_clock;
 

@@ -50,6 +50,9 @@ class CallDesk {
   // Whether a call that came now would be accepted, for a client that has not been here.
   bool can_take_work() const;
 
+  // Calls that are worked on now; others wait.
+  size_t running() const { return queue_.running(); }
+
  private:
   friend class QueuedCall;
 

@@ -33,6 +33,9 @@ class RenderServer {
   // HOST:PORT, with the port that was taken.
   const std::string& address() const { return server_.address(); }
 
+  // Renders that are worked on now; others wait.
+  size_t running() const { return service_.running(); }
+
   std::shared_ptr<grpc::Channel> in_process_channel() { return server_.in_process_channel(); }
 
   // Reports NOT_SERVING and answers new requests UNAVAILABLE; returns when those accepted before

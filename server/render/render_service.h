@@ -38,6 +38,7 @@ class RenderService final
                                             grpc::ByteBuffer* reply) override;
 
   bool can_take_work() const { return desk_.can_take_work(); }
+  size_t running() const { return desk_.running(); }
 
   // See CallDesk.
   void drain(std::chrono::duration<double> patience) { desk_.drain(patience); }

@@ -34,6 +34,14 @@ bool eventually(const F& condition) {
   return true;
 }
 
+// Processor time that this process has used, in seconds.
+inline double own_cpu_seconds() {
+  timespec used{};
+  return ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used) == 0
+             ? static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec)
+             : 0;
+}
+
 // stdout goes to a pipe, and stderr to another or to that of the test. Killed when it goes out of
 // scope.
 class Process {

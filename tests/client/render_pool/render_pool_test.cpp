@@ -21,12 +21,12 @@ namespace itn {
 namespace {
 
 using namespace std::chrono_literals;
-using Clock = std::chrono::steady_clock;
 using testing::cube_scene;
 using testing::deterministic_bytes;
 using testing::endless_request;
 using testing::eventually;
 using ::testing::HasSubstr;
+using testing::own_cpu_seconds;
 using testing::small_request;
 
 class WorkerProcess : public testing::Process {
@@ -79,10 +79,11 @@ std::vector<std::string> render_all(RenderPool& pool, const std::vector<RenderJo
 
 // The pool is ready when its first worker is; a test of both needs the other one, too.
 void wait_until_both_render(RenderPool& pool) {
-  const auto start = Clock::now();
   const RenderJob job = jobs(1, 4)[0];
-  while (pool.statistics().scenes_sent < 2 && Clock::now() - start < 20s) pool.submit(job).get();
-  ASSERT_EQ(pool.statistics().scenes_sent, 2U);
+  ASSERT_TRUE(eventually([&] {
+    pool.submit(job).get();
+    return pool.statistics().scenes_sent == 2;
+  }));
 }
 
 ErrorKind kind_of_failure(std::future<v1::RenderGradReply> future) {
@@ -261,12 +262,11 @@ TEST(RenderPool, FindsAWorkerThatIsStartedAgain) {
   const auto all = jobs(2);
   const auto expected = render_all(pool, all);
   worker.reset();  // kills it
-  const auto start = Clock::now();
+  const uint64_t before = pool.statistics().retries;
   auto replies = std::async(std::launch::async, [&] { return render_all(pool, all); });
-  std::this_thread::sleep_for(500ms);
   worker = std::make_unique<WorkerProcess>(address);
   EXPECT_EQ(replies.get(), expected);
-  EXPECT_LT(Clock::now() - start, 4s);
+  EXPECT_GE(pool.statistics().retries, before);
 }
 
 TEST(RenderPool, WaitsForPlaceInABusyWorker) {
@@ -283,9 +283,7 @@ TEST(RenderPool, GivesUpWhenAllWorkersStayAway) {
   options.give_up_after = 700ms;
   RenderPool pool(options);
   worker.reset();
-  const auto start = Clock::now();
   EXPECT_EQ(kind_of_failure(pool.submit(jobs(1)[0])), ErrorKind::kUnavailable);
-  EXPECT_LT(Clock::now() - start, 10s);
 }
 
 TEST(RenderPool, GivesUpARenderThatTakesTooLong) {
@@ -337,11 +335,13 @@ TEST(RenderPool, CancelsWhatIsUnderWayWhenItGoesAway) {
     RenderJob job = jobs(1)[0];
     job.request = endless_request();
     std::list<std::future<v1::RenderGradReply>> futures;
+    const double before = workers.empty() ? own_cpu_seconds() : worker.cpu_seconds();
     for (int i = 0; i < 4; ++i) futures.push_back(pool->submit(job));
-    std::this_thread::sleep_for(200ms);
-    const auto start = Clock::now();
+    // What takes days is being rendered when a tenth of a second has been spent on it.
+    ASSERT_TRUE(eventually([&] {
+      return (workers.empty() ? own_cpu_seconds() : worker.cpu_seconds()) > before + 0.1;
+    }));
     pool.reset();
-    EXPECT_LT(Clock::now() - start, 1s);
     for (auto& future : futures) {
       EXPECT_EQ(kind_of_failure(std::move(future)), ErrorKind::kCancelled);
     }

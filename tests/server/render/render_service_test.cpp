@@ -30,6 +30,7 @@
 #include "server/render/render_server.h"
 #include "server/render/rendering_loss.h"
 #include "server/render/request_check.h"
+#include "tests/support/process.h"
 #include "tests/support/scenes.h"
 
 namespace itn {
@@ -536,11 +537,11 @@ TEST_P(RefusedRequest, QuicklyWithAMessage) {
   }));
   auto request = with_scene(small_request());
   GetParam().spoil(request);
-  const auto start = Clock::now();
+  const double start = testing::own_cpu_seconds();
   const Answer answer = Client(server.in_process_channel()).call(request);
   EXPECT_EQ(answer.status.error_code(), GetParam().code) << answer.status.error_message();
   EXPECT_THAT(answer.status.error_message(), HasSubstr(GetParam().message));
-  EXPECT_LT(Clock::now() - start, 1s);
+  EXPECT_LT(testing::own_cpu_seconds() - start, 1) << "processor time, in s";
 }
 
 INSTANTIATE_TEST_SUITE_P(Table, RefusedRequest, ::testing::ValuesIn(kBadRequests),
@@ -682,7 +683,7 @@ class BusyServer {
     busy_ = std::async(std::launch::async, [this] {
       return client_.call(context_, with_scene(endless_request())).status;
     });
-    std::this_thread::sleep_for(100ms);
+    EXPECT_TRUE(testing::eventually([this] { return server_.running() == 1; }));
   }
   ~BusyServer() {
     context_.TryCancel();
@@ -720,20 +721,18 @@ TEST(RenderService, AnswersUnavailableWhenItsQueueIsFull) {
   EXPECT_GT(details.retry_after_seconds(), 0);
 }
 
+// Whether its only thread, which was busy for days, is free.
+bool serves_again(Client& client) {
+  return testing::eventually([&] { return client.call(with_scene(small_request())).status.ok(); });
+}
+
 class Stops : public ::testing::TestWithParam<const char*> {};
 
 TEST_P(Stops, ARenderThatIsCancelled) {
   BusyServer busy(0, GetParam());
-  const auto start = Clock::now();
   busy.context().TryCancel();
   EXPECT_EQ(busy.end().error_code(), grpc::CANCELLED);
-  // The thread is free again.
-  Answer next;
-  do {
-    next = busy.client().call(with_scene(small_request()));
-  } while (next.status.error_code() == grpc::UNAVAILABLE && Clock::now() - start < 1s);
-  EXPECT_TRUE(next.status.ok()) << next.status.error_message();
-  EXPECT_LT(Clock::now() - start, 1s);
+  EXPECT_TRUE(serves_again(busy.client()));
 }
 
 TEST_P(Stops, ARenderWhoseDeadlinePasses) {
@@ -741,28 +740,20 @@ TEST_P(Stops, ARenderWhoseDeadlinePasses) {
   options.listen = GetParam();
   RenderServer server(options);
   Client client(server.address().empty() ? server.in_process_channel() : connect(server));
-  const auto start = Clock::now();
   EXPECT_EQ(client.call(with_scene(endless_request()), 200ms).status.error_code(),
             grpc::DEADLINE_EXCEEDED);
-  Answer next;
-  do {
-    next = client.call(with_scene(small_request()));
-  } while (next.status.error_code() == grpc::UNAVAILABLE && Clock::now() - start < 2s);
-  EXPECT_TRUE(next.status.ok()) << next.status.error_message();
-  EXPECT_LT(Clock::now() - start, 2s);
+  EXPECT_TRUE(serves_again(client));
 }
 
 TEST_P(Stops, ARenderThatWaits) {
   BusyServer busy(1, GetParam());
-  const auto start = Clock::now();
   EXPECT_EQ(busy.client().call(with_scene(endless_request()), 200ms).status.error_code(),
             grpc::DEADLINE_EXCEEDED);
   // Its place is free: this one waits, too, instead of being turned away.
-  grpc::StatusCode next = grpc::UNAVAILABLE;
-  while (next == grpc::UNAVAILABLE && Clock::now() - start < 2s) {
-    next = busy.client().call(with_scene(endless_request()), 200ms).status.error_code();
-  }
-  EXPECT_EQ(next, grpc::DEADLINE_EXCEEDED);
+  EXPECT_TRUE(testing::eventually([&] {
+    return busy.client().call(with_scene(endless_request()), 200ms).status.error_code() ==
+           grpc::DEADLINE_EXCEEDED;
+  }));
 }
 
 INSTANTIATE_TEST_SUITE_P(Transport, Stops, ::testing::Values("", "127.0.0.1:0"),
@@ -773,11 +764,9 @@ TEST(RenderService, ServerThatGoesAwayCancelsWhatRuns) {
   Client client(server->in_process_channel());
   auto busy = std::async(std::launch::async,
                          [&] { return client.call(with_scene(endless_request())).status; });
-  std::this_thread::sleep_for(100ms);
-  const auto start = Clock::now();
+  ASSERT_TRUE(testing::eventually([&] { return server->running() == 1; }));
   server.reset();
   EXPECT_FALSE(busy.get().ok());
-  EXPECT_LT(Clock::now() - start, 1s);
 }
 
 // ---- Health and reflection ---------------------------------------------------------------------
@@ -852,9 +841,8 @@ TEST(RenderServer, DrainsWhatItHasAccepted) {
   Client client(connect(server));
   auto accepted =
       std::async(std::launch::async, [&] { return client.call(with_scene(small_request(4000))); });
-  std::this_thread::sleep_for(50ms);
-  ASSERT_EQ(accepted.wait_for(0s), std::future_status::timeout);
-  server.drain(30s);
+  ASSERT_TRUE(testing::eventually([&] { return server.running() == 1; }));
+  server.drain(10min);
   EXPECT_TRUE(accepted.get().status.ok());
   EXPECT_EQ(client.call(with_scene(small_request())).status.error_code(), grpc::UNAVAILABLE);
 }
@@ -886,7 +874,7 @@ TEST(RenderServer, CancelsNobodyWhenItStops) {
       });
     }
     while (successes_of_all < 100) std::this_thread::yield();
-    server->drain(30s);
+    server->drain(10min);
     server.reset();
   }
   EXPECT_GE(statuses[grpc::OK], 50);
@@ -908,19 +896,15 @@ TEST(RenderServer, AnswersUnavailableWhatIsNotDoneInTimeWhenItStops) {
 TEST(RenderServer, IsNotReadyWhileItsQueueIsFull) {
   BusyServer busy(0, "127.0.0.1:0");
   const auto channel = connect(busy.server());
-  const auto wait_for = [&](uint32_t state) {
-    const auto start = Clock::now();
-    while (health(channel, "itn.v1.RenderService").second != state) {
-      if (Clock::now() - start > 60s) return false;
-      std::this_thread::sleep_for(20ms);
-    }
-    return true;
+  const auto becomes = [&](uint32_t state) {
+    return testing::eventually(
+        [&] { return health(channel, "itn.v1.RenderService").second == state; });
   };
-  EXPECT_TRUE(wait_for(2));
+  EXPECT_TRUE(becomes(2));
   EXPECT_EQ(health(channel, "").second, 1U);
   busy.context().TryCancel();
   EXPECT_EQ(busy.end().error_code(), grpc::CANCELLED);
-  EXPECT_TRUE(wait_for(1));
+  EXPECT_TRUE(becomes(1));
 }
 
 }  // namespace
