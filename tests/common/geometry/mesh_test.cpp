@@ -525,7 +525,7 @@ TEST(MeshFileTest, DamagedFilesDoNoHarm) {
     return usage.ru_maxrss;  // at most so far, in KiB
   };
   load_mesh(folder.write("a.obj", kObj));
-  const long before = resident();
+  [[maybe_unused]] const long before = resident();
   int refused = 0;
   for (uint32_t seed = 0; seed < 1200; ++seed) {
     std::mt19937 random(seed);
