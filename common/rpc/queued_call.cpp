@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <utility>
 
 #include "common/error.h"
@@ -43,7 +44,12 @@ void CallDesk::drain(duration<double> patience) {
   std::unique_lock lock(mutex_);
   const auto none = [this] { return calls_.empty(); };
   if (changed_.wait_for(lock, patience, none)) return;
-  spdlog::info("stopping {} calls that are not done within {} s", calls_.size(), patience.count());
+  // Others are answered, and gRPC is about to be done with them.
+  const auto unanswered = std::count_if(
+      calls_.begin(), calls_.end(), [](const QueuedCall* call) { return call->answered_ == 0; });
+  if (unanswered > 0) {
+    spdlog::info("stopping {} calls that are not done within {} s", unanswered, patience.count());
+  }
   for (QueuedCall* call : calls_) call->stop(QueuedCall::Reason::kServer);
   lock.unlock();
   queue_.drop_stopped();
