@@ -73,18 +73,23 @@ void require_usage(bool condition, const std::string& message) {
 
 // Before the work, so that no render is lost for want of a place to write it to.
 void check_outputs(const RenderOptions& options) {
-  constexpr std::array kPictures = {".png", ".jpg", ".jpeg", ".tif", ".tiff",
-                                    ".bmp", ".hdr", ".pfm",  ".ppm", ".webp"};
-  require_usage(std::ranges::find(kPictures, suffix(options.output)) == kPictures.end(),
+  // Nobody's scene or mesh is replaced by an image because of a slip of the keyboard.
+  const auto may_be = [](const std::string& path, const char* expected) {
+    return suffix(path).empty() || suffix(path) == expected;
+  };
+  require_usage(may_be(options.output, ".exr"),
                 fmt::format("--output {}: it is written as OpenEXR, name it .exr; --png writes a "
                             "picture to look at",
                             options.output));
+  std::error_code absent;
+  require_usage(!std::filesystem::equivalent(options.output, options.scene, absent),
+                fmt::format("--output {}: that is the scene file", options.output));
   check_writable(options.output);
   const bool image_to_stdout = is_stdout(options.output);
   require_usage(!image_to_stdout || !options.json,
                 "--json and the image cannot both go to standard output");
   if (options.png.empty()) return;
-  require_usage(suffix(options.png) != ".exr",
+  require_usage(may_be(options.png, ".png"),
                 fmt::format("--png {}: it is written as PNG, name it .png", options.png));
   require_usage(std::filesystem::path(options.png).lexically_normal() !=
                         std::filesystem::path(options.output).lexically_normal() &&

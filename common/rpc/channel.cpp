@@ -1,7 +1,11 @@
 #include "common/rpc/channel.h"
 
+#include <fmt/format.h>
 #include <grpcpp/create_channel.h>
 #include <grpcpp/security/credentials.h>
+
+#include "common/error.h"
+#include "common/printable.h"
 
 namespace itn {
 namespace {
@@ -10,9 +14,27 @@ std::shared_ptr<grpc::ChannelCredentials> credentials() {
   return grpc::InsecureChannelCredentials();
 }
 
+// gRPC itself takes what has no port for one of port 443.
+void check_address(const std::string& address) {
+  for (const char* scheme : {"dns:", "ipv4:", "ipv6:", "unix:", "unix-abstract:"}) {
+    if (address.starts_with(scheme)) return;
+  }
+  const size_t colon = address.rfind(':');
+  const std::string port = colon == std::string::npos ? "" : address.substr(colon + 1);
+  const bool number = !port.empty() && port.size() <= 5 &&
+                      port.find_first_not_of("0123456789") == std::string::npos &&
+                      std::stoi(port) >= 1 && std::stoi(port) <= 65535;
+  if (number && colon > 0 && address.find('/') == std::string::npos) return;
+  throw Error(ErrorKind::kUsage,
+              fmt::format("\"{}\" is not the address of a server; give HOST:PORT or [IPV6]:PORT, "
+                          "e.g. 127.0.0.1:50051",
+                          printable(address)));
+}
+
 }  // namespace
 
 std::shared_ptr<grpc::Channel> connect_to(const std::string& address) {
+  check_address(address);
   grpc::ChannelArguments arguments;
   arguments.SetMaxReceiveMessageSize(-1);
   arguments.SetMaxSendMessageSize(-1);

@@ -14,6 +14,9 @@ namespace itn {
 // without closing its connection is noticed within 4 s, and one that is started again is found
 // again within 2 s.
 //
+// A name that gRPC resolves, with its scheme ("dns:///workers:50051", "unix:/run/worker"), is taken
+// as it is. Throws Error (kUsage) that says what is wrong with anything else.
+//
 // Neither encrypted nor authenticated: private networks only.
 std::shared_ptr<grpc::Channel> connect_to(const std::string& address);
 

@@ -168,6 +168,18 @@ const BadInput kBadInputs[] = {
      },
      6,
      {"map.exr"}},
+    {"ProbeWithoutAPort",
+     [](auto&) {
+       return Arguments{ITN, "probe", "localhost"};
+     },
+     2,
+     {"\"localhost\" is not the address of a server", "HOST:PORT"}},
+    {"ProbeAWebAddress",
+     [](auto&) {
+       return Arguments{ITN, "probe", "http://localhost:50051"};
+     },
+     2,
+     {"is not the address of a server", "HOST:PORT"}},
     {"ProbeNobody",
      [](auto&) {
        return Arguments{ITN, "probe", "127.0.0.1:1"};

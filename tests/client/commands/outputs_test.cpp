@@ -119,7 +119,10 @@ TEST_F(Outputs, ThatCannotBeWrittenAreFoundBeforeTheWork) {
       {"--png", folder_.path("no/out.png"), "No such file", 4},
       {"-o", folder_.path("out.png"), "written as OpenEXR, name it .exr; --png", 2},
       {"-o", folder_.path("out.JPG"), "written as OpenEXR", 2},
+      {"-o", scene(), "name it .exr", 2},
+      {"-o", folder_.path("mesh.ply"), "name it .exr", 2},
       {"--png", folder_.path("out.exr"), "written as PNG", 2},
+      {"--png", folder_.path("out.jpg"), "written as PNG", 2},
       {"--png", folder_.path("out"), "a file of its own", 2},
   };
   for (const auto& row : rows) {
