@@ -110,14 +110,15 @@ Dispatcher::Turn Dispatcher::next(size_t number, Clock::time_point now) {
   return {begin(taken, number, now)};
 }
 
-// A render for which this worker is too small is left to one that is not; where none is known, the
-// worker's own words say best why it cannot be done.
+// A render for which this worker is too small is left to one that is not, and is there; where none
+// is known, the worker's own words say best why it cannot be done.
 bool Dispatcher::may_take(size_t number, const Job& job) const {
   if (job.refused_by(number)) return false;
   if (fits(workers_[number].capabilities, job.render)) return true;
   for (size_t i = 0; i < workers_.size(); ++i) {
     const Worker& other = workers_[i];
-    if (!other.set_aside && !job.refused_by(i) && fits(other.capabilities, job.render)) {
+    if (!other.set_aside && (other.up || !other.failing_since) && !job.refused_by(i) &&
+        fits(other.capabilities, job.render)) {
       return false;
     }
   }

@@ -1,5 +1,7 @@
 #include "client/render_pool/outcome.h"
 
+#include <algorithm>
+
 #include "itn/v1/render.pb.h"
 
 namespace itn {
@@ -21,7 +23,10 @@ Outcome outcome_of(const grpc::Status& status) {
 std::optional<std::chrono::milliseconds> retry_after(const grpc::Status& status) {
   v1::Busy busy;
   if (!busy.ParseFromString(status.error_details()) || !(busy.retry_after_seconds() > 0)) return {};
-  return std::chrono::milliseconds(static_cast<int64_t>(1000 * busy.retry_after_seconds()));
+  // Whatever a server says: not at once, and not in days.
+  constexpr double kLeast = 0.001, kMost = 3600;
+  return std::chrono::milliseconds(
+      static_cast<int64_t>(1000 * std::clamp(busy.retry_after_seconds(), kLeast, kMost)));
 }
 
 std::string describe(const grpc::Status& status) {

@@ -92,7 +92,9 @@ void JobQueue::submit(Place place, Job job) {
 void JobQueue::give_back(const std::string& peer, bool keep) {
   const std::lock_guard lock(mutex_);
   --admitted_;
-  if (!keep || notes_.size() >= kMostPeers) return;
+  if (!keep) return;
+  std::erase_if(notes_, [&](const Note& note) { return note.peer == peer; });
+  if (notes_.size() >= kMostPeers) return;
   notes_.push_front({peer, Clock::now() + std::chrono::duration_cast<Clock::duration>(
                                               std::chrono::duration<double>(kAtOnceSeconds))});
 }

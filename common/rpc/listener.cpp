@@ -227,10 +227,13 @@ void Listener::relieve_memory() {
   if (resident_memory() <= most) return;
   malloc_trim(0);
   if (resident_memory() <= most || connections_.empty()) return;
+  const auto lately = [](const Connection& connection) {
+    return connection.received - std::min(connection.received, connection.received_before);
+  };
   const auto hungriest = std::max_element(
-      connections_.begin(), connections_.end(), [](const Connection& a, const Connection& b) {
-        return a.received - a.received_before < b.received - b.received_before;
-      });
+      connections_.begin(), connections_.end(),
+      [&](const Connection& a, const Connection& b) { return lately(a) < lately(b); });
+  if (lately(*hungriest) == 0) return;  // what grows is not what they send
   spdlog::warn("more than {} MiB of memory are in use: the connection that sends most is closed",
                most >> 20);
   shutdown(hungriest->fd, SHUT_RDWR);

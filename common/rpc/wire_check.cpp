@@ -98,7 +98,14 @@ class WireChecker {
 
   void count(const FieldDescriptor& field, uint64_t elements, const std::string& path,
              Counts& counts) const {
-    if (!field.is_repeated()) return;
+    if (!field.is_repeated()) {
+      // What is merged into one message could have any number of elements in all.
+      if (field.cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE &&
+          (counts[field.number()] += elements) > 1) {
+        throw invalid_input(fmt::format("{}.{} is given more than once", path, field.name()));
+      }
+      return;
+    }
     const auto found = limits_.find(field.full_name());
     const uint64_t most = found == limits_.end() ? kElementsWithoutLimit : found->second;
     if ((counts[field.number()] += elements) > most) {

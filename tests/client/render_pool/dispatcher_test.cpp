@@ -1,11 +1,13 @@
 // The rules of the pool, with a clock that the test moves.
 #include "client/render_pool/dispatcher.h"
+#include "client/render_pool/outcome.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <chrono>
 #include <future>
+#include <limits>
 #include <memory>
 #include <string>
 
@@ -309,6 +311,33 @@ TEST_F(DispatcherTest, LetsAWorkerSayWhyNoneCanDoIt) {
   come_up(1, small);
   Future future = submit();
   EXPECT_NE(next(0), nullptr);
+}
+
+// The other worker has never said what it can do, and is not there to do it.
+TEST_F(DispatcherTest, DoesNotWaitForeverForALargerWorkerThatIsNotThere) {
+  workers(2);
+  v1::Capabilities small;
+  small.set_max_spp(1);
+  come_up(0, small);
+  go_down(1);
+  Future future = submit();
+  const Attempt attempt = next(0);
+  ASSERT_NE(attempt, nullptr);
+  finish(attempt, failure(StatusCode::RESOURCE_EXHAUSTED, "too many samples"));
+  now += 30s;
+  go_down(1);
+  expect_error(ErrorKind::kLimit, {"worker a: too many samples"}, [&] { future.get(); });
+}
+
+TEST_F(DispatcherTest, WaitsNeitherForDaysNorNotAtAll) {
+  for (const double seconds : {1e300, std::numeric_limits<double>::infinity(), 1e-9}) {
+    v1::Busy busy;
+    busy.set_retry_after_seconds(seconds);
+    const auto wait = retry_after({StatusCode::UNAVAILABLE, "busy", busy.SerializeAsString()});
+    ASSERT_TRUE(wait.has_value());
+    EXPECT_GE(*wait, 1ms);
+    EXPECT_LE(*wait, 1h);
+  }
 }
 
 TEST_F(DispatcherTest, GivesALateRenderToAnIdleWorker) {

@@ -134,6 +134,17 @@ TEST(JobQueue, KeepsThePlaceOfWhoWillComeAgainAtOnce) {
   { const JobQueue::Place other = queue.admit("b"); }
 }
 
+TEST(JobQueue, KeepsOnePlaceForAPeerHoweverOftenItIsToComeAgain) {
+  JobQueue queue(2, 0);
+  {
+    JobQueue::Place first = queue.admit("a");
+    JobQueue::Place second = queue.admit("a");
+    first.keep_for_peer();
+    second.keep_for_peer();
+  }
+  { const JobQueue::Place other = queue.admit("b"); }
+}
+
 TEST(JobQueue, RunsNextWhoseTurnWasLongestAgo) {
   std::string order;
   JobQueue queue(1, 5);

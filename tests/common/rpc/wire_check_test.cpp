@@ -48,6 +48,15 @@ TEST(WireCheck, LetsPassWhatItShould) {
   EXPECT_EQ(parsed.SerializeAsString(), request.SerializeAsString());
 }
 
+// Protobuf would merge them into one with the elements of both.
+TEST(WireCheck, RefusesAMessageThatIsGivenTwice) {
+  v1::Scene scene, parsed;
+  scene.mutable_object()->mutable_mesh()->add_transforms();
+  const std::string once = scene.SerializeAsString();
+  EXPECT_EQ(message_of(once, parsed), "");
+  EXPECT_THAT(message_of(once + once, parsed), HasSubstr("object is given more than once"));
+}
+
 TEST(WireCheck, RefusesEveryBeginningOfAMessageThatEndsInsideAField) {
   const std::string bytes = some_request().SerializeAsString();
   int refused = 0;
