@@ -17,6 +17,7 @@
 
 #include "common/error.h"
 #include "common/printable.h"
+#include "common/rpc/memory_plan.h"
 
 namespace itn {
 namespace {
@@ -106,6 +107,14 @@ void log_libraries_through_spdlog() {
       [](google::protobuf::LogLevel, const char* file, int line, const std::string& message) {
         spdlog::debug("protobuf: {} ({}:{})", printable(message, 500), file, line);
       });
+}
+
+GrpcServerOptions within_memory(GrpcServerOptions options, uint64_t own_bytes) {
+  if (options.process_bytes == 0) return options;
+  const MemoryPlan plan = plan_memory(options.process_bytes, own_bytes, options.max_message_bytes);
+  options.max_message_bytes = plan.message_bytes;
+  options.transport_bytes = plan.transport_bytes;
+  return options;
 }
 
 GrpcServer::GrpcServer(const GrpcServerOptions& options, grpc::Service& service,

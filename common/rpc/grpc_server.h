@@ -34,6 +34,10 @@ struct GrpcServerOptions {
   uint64_t process_bytes = 0;  // see ListenerOptions::max_memory_bytes
 };
 
+// The same options with the limits of messages that plan_memory() leaves a process of
+// `process_bytes`; unchanged if that is 0. Throws as plan_memory().
+GrpcServerOptions within_memory(GrpcServerOptions options, uint64_t own_bytes);
+
 class GrpcServer {
  public:
   // `name` is the full name of the service. Health checks of it tell whether it can take work now

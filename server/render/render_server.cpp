@@ -22,17 +22,12 @@ RenderServiceOptions service_options(const RenderServerOptions& options) {
 }
 
 GrpcServerOptions server_options(const RenderServerOptions& options) {
-  GrpcServerOptions server{.listen = options.listen,
-                           .reflection = options.reflection,
-                           .max_message_bytes = options.service.limits.max_message_bytes,
-                           .transport_bytes = 0,
-                           .process_bytes = options.max_memory_bytes};
-  if (options.max_memory_bytes == 0) return server;
-  const MemoryPlan plan =
-      plan_memory(options.max_memory_bytes, kOwnBytes, server.max_message_bytes);
-  server.max_message_bytes = plan.message_bytes;
-  server.transport_bytes = plan.transport_bytes;
-  return server;
+  return within_memory({.listen = options.listen,
+                        .reflection = options.reflection,
+                        .max_message_bytes = options.service.limits.max_message_bytes,
+                        .transport_bytes = 0,
+                        .process_bytes = options.max_memory_bytes},
+                       kOwnBytes);
 }
 
 }  // namespace
