@@ -593,6 +593,7 @@ void measure_training(const Options& options) {
     Variant variant = wavefront(kMaterials[1], spp);
     variant.request.pixels = Pixels::kObject;
     variant.request.sampling_weights = target.sampling_weights;
+    variant.options.threads = 0;  // all
     const double wall = wall_seconds([&] {
       for (int i = 0; i < options.repetitions; ++i) {
         variant.request.seed = static_cast<uint64_t>(i);
