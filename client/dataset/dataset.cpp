@@ -68,6 +68,21 @@ Mesh load_shape(const fs::path& file, bool repair, bool say) {
   return normalized(mesh);
 }
 
+// The bytes of its file in a dataset.
+std::string serialized(const Mesh& mesh) {
+  v1::Mesh proto;
+  set_triangles(proto, mesh);
+  return proto.triangles().SerializeAsString();
+}
+
+Shape described(std::string name, const Mesh& mesh, const std::string& bytes,
+                std::function<std::string()> to_file) {
+  return {.name = std::move(name),
+          .height = bounds(mesh).max.y,
+          .sha256 = to_hex(sha256(bytes)),
+          .to_file = std::move(to_file)};
+}
+
 // --- The plan ---
 
 void require(bool condition, const std::string& message) {
@@ -263,23 +278,20 @@ v1::Scene scene_of(const v1::DatasetConfig& config, const v1::DatasetShape& shap
 }  // namespace
 
 Shape describe_shape(std::string name, std::function<Mesh()> load) {
-  const auto serialized = [](const Mesh& mesh) {
-    v1::Mesh proto;
-    set_triangles(proto, mesh);
-    return proto.triangles().SerializeAsString();
-  };
   const Mesh mesh = load();
-  return {.name = std::move(name),
-          .height = bounds(mesh).max.y,
-          .sha256 = to_hex(sha256(serialized(mesh))),
-          .to_file = [load = std::move(load), serialized] { return serialized(load()); }};
+  return described(std::move(name), mesh, serialized(mesh),
+                   [load = std::move(load)] { return serialized(load()); });
+}
+
+Shape describe_shape(std::string name, const Mesh& mesh) {
+  const auto bytes = std::make_shared<const std::string>(serialized(mesh));
+  return described(std::move(name), mesh, *bytes, [bytes] { return *bytes; });
 }
 
 ShapeSet builtin_shape_set() {
   ShapeSet set;
   for (const ShapeInfo& info : builtin_shapes()) {
-    set.shapes.push_back(
-        describe_shape(std::string(info.name), [name = info.name] { return make_shape(name); }));
+    set.shapes.push_back(describe_shape(std::string(info.name), make_shape(info.name)));
   }
   std::ranges::sort(set.shapes, {}, &Shape::name);
   return set;

@@ -18,7 +18,7 @@
 
 namespace itn {
 
-// A closed mesh, longest side 1 mm, standing on y = 0. The mesh itself is loaded when it is needed.
+// A closed mesh, longest side 1 mm, standing on y = 0.
 struct Shape {
   std::string name;
   float height = 0;                      // highest y, in mm
@@ -26,14 +26,19 @@ struct Shape {
   std::function<std::string()> to_file;  // the bytes of its file in a dataset; may throw Error
 };
 
-// Loads the mesh once to look at it. Throws what `load` throws.
+// Loads the mesh to look at it, and again when its file is asked for: a folder may hold more meshes
+// than fit in memory. Throws what `load` throws.
 Shape describe_shape(std::string name, std::function<Mesh()> load);
+
+// Keeps the bytes of the file.
+Shape describe_shape(std::string name, const Mesh& mesh);
 
 struct ShapeSet {
   std::vector<Shape> shapes;         // in the order of their names
   std::vector<std::string> refused;  // one message for each file that cannot be used
 };
 
+// Builds each once; their files take a few MB in all.
 ShapeSet builtin_shape_set();
 
 // The PLY, OBJ and STL files in a folder (not its subfolders), normalised. Throws Error: kIo (no

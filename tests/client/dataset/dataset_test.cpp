@@ -1,6 +1,7 @@
 #include "client/dataset/dataset.h"
 
 #include <sys/stat.h>
+#include <time.h>
 
 #include <cmath>
 #include <fstream>
@@ -410,6 +411,28 @@ TEST_F(DatasetFolder, LoadsEachMeshWhenItIsNeeded) {
 }
 
 // --- Shapes ---
+
+double thread_cpu_seconds() {
+  timespec time{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
+
+// Those built in are few and small: they are kept as they were written, not built again.
+TEST(BuiltinShapeSet, IsBuiltOnce) {
+  const double start = thread_cpu_seconds();
+  const ShapeSet set = builtin_shape_set();
+  const double described = thread_cpu_seconds();
+  size_t bytes = 0;
+  for (const Shape& shape : set.shapes) {
+    const std::string file = shape.to_file();
+    EXPECT_EQ(to_hex(sha256(file)), shape.sha256) << shape.name;
+    bytes += file.size();
+  }
+  EXPECT_EQ(set.shapes.size(), builtin_shapes().size());
+  EXPECT_LT(bytes, size_t{32} << 20);
+  EXPECT_LT(thread_cpu_seconds() - described, 0.5 * (described - start));
+}
 
 TEST_F(DatasetFolder, LoadsWhatItCanOfAFolderOfMeshes) {
   fs::create_directories(folder_);
