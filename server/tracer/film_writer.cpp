@@ -30,7 +30,7 @@ double derivative_unit(const Parameter& parameter, const Scene::Compiled& scene,
   if (parameter.kind != Parameter::kSigmaT) {
     return 1;
   }
-  const Bounds& box = scene.boundary.bounds;
+  const Bounds& box = scene.obstacles.bounds;
   const double size = static_cast<double>(length(box.max - box.min));
   return power_of_two_near(std::min(1 / material.sigma_t, size));
 }

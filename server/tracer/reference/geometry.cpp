@@ -50,12 +50,12 @@ size_t Geometry::memory() const {
   return sum;
 }
 
-Travel Geometry::travel(const Place& from, Vec3f direction, float budget,
-                        const BoundaryModel* model) const {
+RayResult Geometry::follow(const Interaction& from, Vec3f direction, float budget,
+                           const BoundaryModel* model) const {
   const Line line(from.position, direction, from.on, extent_);
-  Travel travel;
+  RayResult ray;
   bool inside = from.inside;
-  travel.entered = inside;
+  ray.entered = inside;
   float t = line.start;
   float last_exit = 0, last_entry = 0;  // distances; crossings of a kind lie beyond the last one
   const auto from_distance = [&](float last) {
@@ -73,35 +73,34 @@ Travel Geometry::travel(const Place& from, Vec3f direction, float budget,
                                  .triangle = hit.triangle,
                                  .leaving = inside};
     if (model->straight()) {
-      travel.transmittance *= model->transmittance(at);
+      ray.transmittance *= model->transmittance(at);
       return true;
     }
-    travel.place = {at.point, inside, {}};
-    travel.crossing = at;
-    travel.end = Travel::End::kCrossing;
+    ray.at = {at.point, inside, {}};
+    ray.crossing = at;
+    ray.end = RayResult::End::kCrossing;
     return false;
   };
   for (int crossings = 0; crossings < kMaxCrossings; ++crossings) {
     if (inside) {
-      const float end = t + (budget - travel.in_medium);
+      const float end = t + (budget - ray.in_medium);
       const Hit hit = intersector_->closest(line, from_distance(last_exit), end, Wanted::kExit);
       if (!hit.found) {
-        travel.in_medium = budget;
-        travel.place = {line.at(end), true, {}};
-        travel.end =
-            may_contain(travel.place.position) ? Travel::End::kSpent : Travel::End::kLeaked;
-        return travel;
+        ray.in_medium = budget;
+        ray.at = {line.at(end), true, {}};
+        ray.end = may_contain(ray.at.position) ? RayResult::End::kSpent : RayResult::End::kLeaked;
+        return ray;
       }
       const float exit = std::max(t, hit.t);
-      travel.in_medium += exit - t;
+      ray.in_medium += exit - t;
       t = exit;
       if (hit.on_surface()) {
-        travel.place = surface_place(line, hit, true);
-        travel.end = Travel::End::kSurface;
-        return travel;
+        ray.at = surface_interaction(line, hit, true);
+        ray.end = RayResult::End::kSurface;
+        return ray;
       }
       if (!passes(hit)) {
-        return travel;
+        return ray;
       }
       last_exit = hit.t;
       inside = false;
@@ -109,25 +108,25 @@ Travel Geometry::travel(const Place& from, Vec3f direction, float budget,
       const Hit hit =
           intersector_->closest(line, from_distance(last_entry), kInfinity, Wanted::kEntry);
       if (!hit.found) {
-        travel.end = Travel::End::kEscaped;
-        return travel;
+        ray.end = RayResult::End::kEscaped;
+        return ray;
       }
       t = std::max(t, hit.t);
       if (hit.on_surface()) {
-        travel.place = surface_place(line, hit, false);
-        travel.end = Travel::End::kSurface;
-        return travel;
+        ray.at = surface_interaction(line, hit, false);
+        ray.end = RayResult::End::kSurface;
+        return ray;
       }
-      travel.entered = true;
+      ray.entered = true;
       if (!passes(hit)) {
-        return travel;
+        return ray;
       }
       last_entry = hit.t;
       inside = true;
     }
   }
-  travel.end = Travel::End::kLeaked;
-  return travel;
+  ray.end = RayResult::End::kLeaked;
+  return ray;
 }
 
 bool Geometry::may_contain(Vec3f p) const {
@@ -140,7 +139,7 @@ bool Geometry::may_contain(Vec3f p) const {
 }
 
 // The point is put into the plane of its triangle, so that a level floor stays level.
-Place Geometry::surface_place(const Line& line, const Hit& hit, bool inside) const {
+Interaction Geometry::surface_interaction(const Line& line, const Hit& hit, bool inside) const {
   const SurfaceTriangle on = hit.surface;
   const Mesh& mesh = surfaces_[on.surface];
   const auto normal = static_cast<Vec3d>(surface_normals_[on.surface][on.triangle]);

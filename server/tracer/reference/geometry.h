@@ -22,15 +22,15 @@
 
 namespace itn::tracer {
 
-// What a point that light starts from knows of where it is.
-struct Place {
+// A point that a line starts from or ends at, and what it is at.
+struct Interaction {
   Vec3f position;
   bool inside = false;  // the medium
   SurfaceTriangle on;   // the triangle it lies on, which a line from it cannot meet again
 };
 
 // How a straight line through the scene ended.
-struct Travel {
+struct RayResult {
   enum class End {
     kSpent,    // the path length in the medium reached the budget
     kSurface,  // met an opaque surface
@@ -38,7 +38,7 @@ struct Travel {
     kLeaked,   // no exit in front though believed inside: rounding has misplaced the point
     kCrossing  // met the boundary, which bends light
   } end = End::kEscaped;
-  Place place;                   // where it ended, before a crossing; not set if escaped or leaked
+  Interaction at;                // where it ended, before a crossing; not set if escaped or leaked
   float in_medium = 0;           // length travelled inside the medium, in mm
   bool entered = false;          // the medium was entered, or at its boundary, or started in
   float transmittance = 1;       // of the boundaries passed
@@ -55,8 +55,8 @@ class Geometry {
 
   // Follows a straight line until `budget` mm of it lie in the medium, or to a surface, or out of
   // the scene. `direction` is of unit length. Without a model the boundary is index-matched.
-  Travel travel(const Place& from, Vec3f direction, float budget,
-                const BoundaryModel* model = nullptr) const;
+  RayResult follow(const Interaction& from, Vec3f direction, float budget,
+                   const BoundaryModel* model = nullptr) const;
 
   // Unit normal of a surface's triangle, on the side that `direction` arrives at.
   Vec3f facing_normal(SurfaceTriangle at, Vec3f direction) const;
@@ -66,7 +66,7 @@ class Geometry {
  private:
   // False if a point certainly lies outside the medium.
   bool may_contain(Vec3f point) const;
-  Place surface_place(const Line& line, const Hit& hit, bool inside) const;
+  Interaction surface_interaction(const Line& line, const Hit& hit, bool inside) const;
 
   std::unique_ptr<Intersector> intersector_;
   std::vector<Mesh> surfaces_;

@@ -15,8 +15,8 @@
 //   the reflectance of a surface: likewise, dW/d reflectance;
 //   the scale of a light, which is 1: f is linear in it, and the derivative is the part of the
 //     radiance that this light sends;
-//   a connection to the light has a segment and a scattering angle of its own, which add to the
-//     scores of its contribution.
+//   a shadow ray has a segment and a scattering angle of its own, which add to the scores of its
+//     contribution.
 //
 // Sampling densities, roulette and the weights of multiple importance sampling are functions of the
 // current pi that are not differentiated: they only choose how the integral of f S is estimated.
@@ -38,7 +38,7 @@ namespace {
 
 constexpr float kPi = std::numbers::pi_v<float>;
 
-// A connection through more than this many mean free paths carries less than exp(-50) of its light,
+// A shadow ray through more than this many mean free paths carries less than exp(-50) of its light,
 // which is below the rounding of any sum it could be added to.
 constexpr float kMaxOpticalDepth = 50;
 
@@ -72,13 +72,13 @@ class Walk {
         throw Error(ErrorKind::kCancelled, "the render was stopped");
       }
       const Uniforms u = sampler_.at(vertex_, Sampler::kWalk);
-      const Travel travel = fly(u[0]);
-      switch (travel.end) {
-        case Travel::End::kLeaked: result_.leaked = true; return result_;
-        case Travel::End::kEscaped: add_escape(); return result_;
-        case Travel::End::kSurface: reflect(travel.place, u[1], u[2]); break;
-        case Travel::End::kSpent: scatter(travel.place, u[1], u[2]); break;
-        case Travel::End::kCrossing: cross(travel); break;
+      const RayResult ray = fly(u[0]);
+      switch (ray.end) {
+        case RayResult::End::kLeaked: result_.leaked = true; return result_;
+        case RayResult::End::kEscaped: add_escape(); return result_;
+        case RayResult::End::kSurface: reflect(ray.at, u[1], u[2]); break;
+        case RayResult::End::kSpent: scatter(ray.at, u[1], u[2]); break;
+        case RayResult::End::kCrossing: cross(ray); break;
       }
       if (result_.leaked || !survive(u[3])) {
         return result_;
@@ -91,26 +91,26 @@ class Walk {
     const Uniforms u = sampler_.at(0, Sampler::kFilm);
     const CameraRay ray = scene_.camera_ray(x + double{u[0]}, y + double{u[1]});
     direction_ = ray.direction;
-    place_ = {ray.origin, scene_.camera_inside, {}};
+    at_ = {ray.origin, scene_.camera_inside, {}};
   }
 
   // One free flight. As flights are memoryless, one path length serves for all the parts of the
   // line that lie inside the medium.
-  Travel fly(float u) {
-    const Travel travel =
-        geometry_.travel(place_, direction_, -std::log(1 - u) / sigma_t_, switches_.boundary);
-    multiply_weight(travel.transmittance);
-    if (travel.entered) {
+  RayResult fly(float u) {
+    const RayResult ray =
+        geometry_.follow(at_, direction_, -std::log(1 - u) / sigma_t_, switches_.boundary);
+    multiply_weight(ray.transmittance);
+    if (ray.entered) {
       ++result_.steps;
-      score_sigma_t_ -= travel.in_medium;
+      score_sigma_t_ -= ray.in_medium;
     }
-    if (travel.end == Travel::End::kSpent) {
+    if (ray.end == RayResult::End::kSpent) {
       score_sigma_t_ += 1 / sigma_t_;
     }
     if (vertex_ == 1) {
-      result_.hit = travel.entered;
+      result_.hit = ray.entered;
     }
-    return travel;
+    return ray;
   }
 
   // Light that the walk meets by itself, after leaving the scene.
@@ -121,7 +121,7 @@ class Walk {
         case Switches::Techniques::kLightsOnly: return;
         case Switches::Techniques::kPhaseOnly: break;
         case Switches::Techniques::kBoth:
-          mis_weight = density_ / (density_ + scene_.lights.pdf(direction_));
+          mis_weight = pdf_ / (pdf_ + scene_.lights.pdf(direction_));
           break;
       }
     }
@@ -129,15 +129,15 @@ class Walk {
         [&](size_t light) { return scene_.lights.radiance(direction_, light) * mis_weight; });
   }
 
-  // A scattering in the medium: connects to the light, then draws the next direction.
-  void scatter(const Place& place, float u0, float u1) {
+  // A scattering in the medium: sends a shadow ray, then draws the next direction.
+  void scatter(const Interaction& at, float u0, float u1) {
     weight_derivative_ = weight_derivative_ * albedo_ + weight_;
     weight_ *= albedo_;
     for (const size_t i : reflectances_) {
       weight_by_reflectance_[i] *= albedo_;
     }
-    place_ = place;
-    connect([&](Vec3f to_light) {
+    at_ = at;
+    send_shadow_ray([&](Vec3f to_light) {
       const float cosine = dot(direction_, to_light);
       return Response{hg_phase(cosine, g_), hg_phase(cosine, g_), hg_score(cosine, g_)};
     });
@@ -147,26 +147,26 @@ class Walk {
     const float phi = 2 * kPi * u1;
     direction_ = itn::normalize(
         Basis<float>(direction_).to_world(sine * std::cos(phi), sine * std::sin(phi), cosine));
-    density_ = hg_phase(cosine, g_);
+    pdf_ = hg_phase(cosine, g_);
     score_g_ += hg_score(cosine, g_);
     competes_ = true;
     crossings_ = 0;
   }
 
   // A diffuse reflection: likewise, with the cosine law.
-  void reflect(const Place& place, float u0, float u1) {
-    const float reflectance = scene_.surfaces[place.on.surface].reflectance;
+  void reflect(const Interaction& at, float u0, float u1) {
+    const float reflectance = scene_.surfaces[at.on.surface].reflectance;
     for (const size_t i : reflectances_) {
-      const bool own = request_.derivatives[i].index == place.on.surface;
+      const bool own = request_.derivatives[i].index == at.on.surface;
       weight_by_reflectance_[i] = weight_by_reflectance_[i] * reflectance + (own ? weight_ : 0);
     }
     weight_ *= reflectance;
     weight_derivative_ *= reflectance;
-    const Vec3f normal = geometry_.facing_normal(place.on, direction_);
-    place_ = place;
-    connect([&](Vec3f to_light) {
-      const float density = std::max(0.0F, dot(normal, to_light)) / kPi;
-      return Response{density, density, 0};
+    const Vec3f normal = geometry_.facing_normal(at.on, direction_);
+    at_ = at;
+    send_shadow_ray([&](Vec3f to_light) {
+      const float pdf = std::max(0.0F, dot(normal, to_light)) / kPi;
+      return Response{pdf, pdf, 0};
     });
 
     const float cosine = std::sqrt(1 - u0);  // density cosine / pi: cosine^2 is uniform
@@ -174,21 +174,21 @@ class Walk {
     const float phi = 2 * kPi * u1;
     direction_ = itn::normalize(
         Basis<float>(normal).to_world(sine * std::cos(phi), sine * std::sin(phi), cosine));
-    density_ = cosine / kPi;
+    pdf_ = cosine / kPi;
     competes_ = true;
     crossings_ = 0;
   }
 
   // The boundary bends the path. Shadow rays end there: behind it, light is the walk's alone.
-  void cross(const Travel& travel) {
+  void cross(const RayResult& ray) {
     const Uniforms u = sampler_.at(vertex_, Sampler::kBoundary);
-    const BoundarySample sample = switches_.boundary->sample(travel.crossing, u);
+    const BoundarySample sample = switches_.boundary->sample(ray.crossing, u);
     if (++crossings_ > BoundaryModel::kMostCrossings) {
       result_.leaked = true;
       return;
     }
-    place_ = travel.place;
-    place_.inside ^= sample.event == BoundarySample::Event::kTransmitted;
+    at_ = ray.at;
+    at_.inside ^= sample.event == BoundarySample::Event::kTransmitted;
     direction_ = sample.direction;
     multiply_weight(sample.event == BoundarySample::Event::kAbsorbed ? 0 : sample.weight);
     competes_ = false;
@@ -206,13 +206,13 @@ class Walk {
   // What a vertex does with light from a direction.
   struct Response {
     float value;    // fraction scattered per steradian, the weight apart
-    float density;  // with which the walk would go there by itself, per steradian
+    float pdf;      // with which the walk would go there by itself, per steradian
     float score_g;  // d log value / dg
   };
 
   // Next-event estimation: light along one direction drawn from the lights, dimmed by the medium.
   template <typename RespondTo>
-  void connect(const RespondTo& respond_to) {
+  void send_shadow_ray(const RespondTo& respond_to) {
     if (switches_.techniques == Switches::Techniques::kPhaseOnly) {
       return;
     }
@@ -223,21 +223,21 @@ class Walk {
       return;
     }
     const bool competes = light.pdf > 0 && switches_.techniques == Switches::Techniques::kBoth;
-    const float mis_weight = competes ? light.pdf / (light.pdf + response.density) : 1;
+    const float mis_weight = competes ? light.pdf / (light.pdf + response.pdf) : 1;
 
-    const Travel travel =
-        geometry_.travel(place_, light.direction, kMaxOpticalDepth / sigma_t_, switches_.boundary);
-    if (travel.end == Travel::End::kLeaked) {
+    const RayResult ray =
+        geometry_.follow(at_, light.direction, kMaxOpticalDepth / sigma_t_, switches_.boundary);
+    if (ray.end == RayResult::End::kLeaked) {
       result_.leaked = true;
     }
-    if (travel.end != Travel::End::kEscaped) {
+    if (ray.end != RayResult::End::kEscaped) {
       return;
     }
-    const float dimming = travel.transmittance * std::exp(-sigma_t_ * travel.in_medium);
+    const float dimming = ray.transmittance * std::exp(-sigma_t_ * ray.in_medium);
     const auto arriving = [&](float weight) {
       return weight * response.value * mis_weight * dimming;
     };
-    add(arriving(light.weight), score_sigma_t_ - travel.in_medium, score_g_ + response.score_g,
+    add(arriving(light.weight), score_sigma_t_ - ray.in_medium, score_g_ + response.score_g,
         [&](size_t number) { return arriving(scene_.lights.weight(light, number)); });
   }
 
@@ -294,13 +294,13 @@ class Walk {
 
   PathEstimate result_;
   uint32_t vertex_ = 0;
-  Place place_;
+  Interaction at_;
   Vec3f direction_;
   // Whether shadow rays look for the light ahead too: not on the camera's ray, nor behind a
   // boundary that bends light.
   bool competes_ = false;
   uint32_t crossings_ = 0;  // of a boundary that bends light, in a row
-  float density_ = 0;       // per steradian, with which direction_ was drawn
+  float pdf_ = 0;           // per steradian, with which direction_ was drawn
   float weight_ = 1;
   float weight_derivative_ = 0;  // d weight / d albedo
   // d weight / d reflectance, for the derivatives asked for that are in reflectances.

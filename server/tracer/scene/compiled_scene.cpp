@@ -48,13 +48,13 @@ std::string geometry_key(const SceneDescription& scene, bool has_surfaces) {
 Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts)
     : object(std::move(scene.compiled_object)),
       surfaces(to_object(scene.pose, std::move(scene.surfaces))),
-      boundary(object, surfaces),
+      obstacles(object, surfaces),
       lights(scene.lights, scene.film.channel, scene.pose.rotation, parts, part_keys),
       camera(to_object(scene.pose, scene.camera), scene.film),
       film(scene.film),
       camera_inside(contains(object->bounds, camera.origin()) &&
                     winding_number(object->mesh, camera.origin()) > 0.5),
-      box(enlarged(boundary.bounds)),
+      box(enlarged(obstacles.bounds)),
       film_box(camera.film_box(static_cast<Vec3d>(box.min), static_cast<Vec3d>(box.max))),
       parts_(parts),
       object_is_shared_(!scene.object_key.empty()),
@@ -68,7 +68,7 @@ CameraRay Scene::Compiled::camera_ray(double x, double y) const {
   const Vec3d origin = camera.origin(), toward = camera.toward(x, y);
   const auto direction = static_cast<Vec3f>(itn::normalize(toward));
   const bool at_box = !camera_inside && film_box.depth > 0 && film_box.contains(x, y) &&
-                      !boundary.surfaces.in_front(origin, toward, film_box.depth);
+                      !obstacles.surfaces.in_front(origin, toward, film_box.depth);
   return {static_cast<Vec3f>(at_box ? origin + toward * film_box.depth : origin), direction};
 }
 
@@ -101,7 +101,7 @@ const std::vector<uint32_t>& Scene::Compiled::object_pixels(int threads,
 }
 
 size_t Scene::Compiled::memory() const {
-  size_t sum = sizeof(*this) + boundary.surfaces.memory();
+  size_t sum = sizeof(*this) + obstacles.surfaces.memory();
   if (!object_is_shared_) {
     sum += object->memory();
   }

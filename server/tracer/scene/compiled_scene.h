@@ -13,7 +13,7 @@
 #include "server/tracer/scene/object.h"
 #include "server/tracer/scene/part_cache.h"
 #include "server/tracer/scene/scene.h"
-#include "server/tracer/wavefront/boundary.h"
+#include "server/tracer/wavefront/obstacles.h"
 
 namespace itn::tracer {
 
@@ -47,7 +47,7 @@ struct Scene::Compiled {
 
   std::shared_ptr<const Object> object;
   std::vector<DiffuseSurface> surfaces;
-  Boundary boundary;
+  Obstacles obstacles;
   std::vector<std::string> part_keys;  // of all parts that the scene holds, or will
   Lights lights;
   Camera camera;

@@ -49,7 +49,7 @@ class Looker {
     const CameraRay from = scene_.camera_ray(x, y);
     rays_->position.set(count_, from.origin);
     rays_->direction.set(count_, from.direction);
-    rays_->place[count_] = 0;
+    rays_->interaction[count_] = 0;
     rays_->budget[count_] = 0;
     pixel_of_ray_[count_++] = pixel;
     if (count_ == kSlots) {
@@ -61,7 +61,7 @@ class Looker {
     if (stop_.stop_requested()) {
       throw Error(ErrorKind::kCancelled, "the render was stopped");
     }
-    follow(scene_.boundary, *rays_, count_);
+    follow(scene_.obstacles, *rays_, count_);
     for (size_t i = 0; i < count_; ++i) {
       if (rays_->outcome[i] & Rays::kEntered) {
         sees_[pixel_of_ray_[i]] = 1;

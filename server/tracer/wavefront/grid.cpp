@@ -345,8 +345,8 @@ bool Grid::lies_inside(int x, int y, int z, Cancellation& cancellation) const {
                  from;
         };
         const Vec3d a = corner(0), c = corner(1), e = corner(2);
-        // The line passes within if it has the same side of all edges (see Traveller::sides), here
-        // for the direction (1, 0, 0).
+        // The line passes within if it has the same side of all edges (see `sides` in
+        // lines/triangle_test-inl.h), here for the direction (1, 0, 0).
         const double slope = cross(c - a, e - a).x;
         const auto passes = [&](Vec3d p, Vec3d q) { return (p.y * q.z - p.z * q.y) * slope >= 0; };
         if (slope == 0 || !passes(a, c) || !passes(c, e) || !passes(e, a)) {

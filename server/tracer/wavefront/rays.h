@@ -1,4 +1,5 @@
-// Straight lines to be followed, and how each of them ended (see reference/geometry.h).
+// Straight lines to be followed, and how each of them ended (see RayResult in
+// reference/geometry.h).
 #pragma once
 
 #include "server/tracer/wavefront/columns.h"
@@ -8,8 +9,8 @@ namespace itn::tracer {
 struct Rays {
   // In, and where it ended out (unless it escaped or leaked).
   VectorColumn position, direction;
-  // In: what is known of the position, see below; out: of the end.
-  UintColumn place{};
+  // In: what the position is at, see below; out: the end.
+  UintColumn interaction{};
   // In: the length in the medium to travel at most, in mm.
   FloatColumn budget{};
   // Out: the length travelled inside the medium, in mm; and how the line ended, an End, with
@@ -21,20 +22,23 @@ struct Rays {
   static constexpr int kEnteredBit = 3;
   static constexpr uint32_t kEndMask = 7, kEntered = 1 << kEnteredBit;
 
-  // A place: bit 0 set inside the medium; above it the number of the surface's triangle that it
-  // lies on, plus 1, or 0.
+  // An interaction: bit 0 set inside the medium; above it the number of the surface's triangle that
+  // the point lies on, plus 1, or 0.
   static constexpr uint32_t kInside = 1;
   static constexpr uint32_t on_surface(uint32_t triangle) { return (triangle + 1) << 1; }
-  static constexpr uint32_t surface_of(uint32_t place) { return (place >> 1) - 1; }
+  static constexpr uint32_t surface_of(uint32_t interaction) { return (interaction >> 1) - 1; }
 };
 
 // What lines that ask a BoundaryModel know besides, by ray.
 struct Crossings {
   FloatColumn transmittance{};  // of the boundaries passed
-  // Of the crossing that the line ended in, if it did: where it is and which way is the ray's; the
-  // place is that before it.
+  // Of the crossing that the line ended in, if it did: where it is and which way is the ray's,
+  // whose interaction is that before it.
   UintColumn triangle{};
   VectorColumn normal{};  // of unit length, outwards
 };
+
+// What is asked of the rays that are followed: where each ended, or only how, and how long it was.
+enum class Report { kEnds, kLengths };
 
 }  // namespace itn::tracer

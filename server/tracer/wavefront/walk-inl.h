@@ -17,16 +17,12 @@
 
 #include "common/error.h"
 #include "server/tracer/lights/lights-inl.h"
+#include "server/tracer/wavefront/lines/follow-inl.h"
 #include "server/tracer/wavefront/pixel_sequences-inl.h"
-#include "server/tracer/wavefront/travel-inl.h"
 #include "server/tracer/wavefront/wavefront.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
-
-HWY_INLINE Mask is(Uints v, uint32_t constant) {
-  return hn::RebindMask(FloatTag(), hn::Eq(v, set(constant)));
-}
 
 // Whether derivatives in the medium are asked for; all three are computed then.
 inline bool asks_for_medium(const RenderRequest& request) {
@@ -60,8 +56,8 @@ struct Walks {
     for (VectorColumn* column : vectors) {
       column->set(to, column->at(from));
     }
-    for (UintColumn* column : {&rays.place, &pixel, &sample, &vertex, &alone, &crossings, &hit,
-                               &leaked, &alive, &steps}) {
+    for (UintColumn* column : {&rays.interaction, &pixel, &sample, &vertex, &alone, &crossings,
+                               &hit, &leaked, &alive, &steps}) {
       (*column)[to] = (*column)[from];
     }
     for (FloatColumn* column :
@@ -118,7 +114,7 @@ struct WalkRoulette {
   float fall_off;       // of the light with depth, in a third of a cell of the depths
 
   WalkRoulette(const Scene::Compiled& scene, const RenderRequest& request, const Tuning& tuning) {
-    const Vec3f size = scene.boundary.bounds.max - scene.boundary.bounds.min;
+    const Vec3f size = scene.obstacles.bounds.max - scene.obstacles.bounds.min;
     const auto& [sigma_t, albedo, g] = request.material;
     const bool derivatives = asks_for_medium(request);
     const bool thin = sigma_t * double{std::max({size.x, size.y, size.z})} < 50;
@@ -134,7 +130,7 @@ struct WalkRoulette {
                                                    : 0.5;
     // In media so thick that light falls off within a cell, depths are too coarse to be believed.
     constexpr double kMostByCell = 0.7;
-    const double by_cell = part * kappa * scene.boundary.depths.cells.edge;
+    const double by_cell = part * kappa * scene.obstacles.depths.cells.edge;
     fall_off = static_cast<float>(std::min(by_cell, kMostByCell) / 3);
   }
 };
@@ -164,7 +160,7 @@ class Wavefront {
     walks_.radiances.resize(request.albedos.size());
     for (const Parameter& parameter : request.derivatives) {
       if (parameter.kind == Parameter::kReflectance) {
-        reflecting_.push_back(scene.boundary.surfaces.triangles_of(parameter.index));
+        reflecting_.push_back(scene.obstacles.surfaces.triangles_of(parameter.index));
       } else if (parameter.kind == Parameter::kLightScale) {
         lights_.push_back(parameter.index);
       }
@@ -214,7 +210,7 @@ class Wavefront {
       store(uniform(words.w[2]), walks_.u2, i);
       store(uniform(words.w[3]), walks_.u3, i);
     }
-    travel(scene_.boundary, walks_.rays, count_, true, at_boundary_of_walks_);
+    follow_lines(scene_.obstacles, walks_.rays, count_, Report::kEnds, at_boundary_of_walks_);
   }
 
   // What happens at the ends of the flights: light is met, or the path is scattered or reflected.
@@ -252,7 +248,7 @@ class Wavefront {
   // The boundary bends a path. Shadow rays end there: behind it, light is the walk's alone.
   void cross(size_t slot) {
     const Crossings& crossings = at_boundary_of_walks_.crossings;
-    const bool inside = (walks_.rays.place[slot] & Rays::kInside) != 0;
+    const bool inside = (walks_.rays.interaction[slot] & Rays::kInside) != 0;
     const Sampler sampler(request_.seed, walks_.pixel[slot], walks_.sample[slot]);
     const BoundarySample sample =
         switches_.boundary->sample({.point = walks_.rays.position.at(slot),
@@ -269,7 +265,7 @@ class Wavefront {
       return;
     }
     const bool passes = sample.event == BoundarySample::Event::kTransmitted;
-    walks_.rays.place[slot] = inside != passes ? Rays::kInside : 0;
+    walks_.rays.interaction[slot] = inside != passes ? Rays::kInside : 0;
     walks_.rays.direction.set(slot, sample.direction);
     walks_.alone[slot] = walks_.alive[slot] = 1;
     for (FloatColumn* weight : {&walks_.weight, &walks_.weight_derivative}) {
@@ -362,11 +358,11 @@ class Wavefront {
     Ints reflecting = hn::Set(IntTag(), -1);  // triangles
     if (!all_in_medium) {
       const Mask on_surface = hn::AndNot(spent, vertices);
-      const Uints triangle = surface_of(load(walks_.rays.place, i));
+      const Uints triangle = surface_of(load(walks_.rays.interaction, i));
       const Ints at = hn::BitCast(IntTag(), hn::IfThenElseZero(for_uints(on_surface), triangle));
       reflecting = hn::BitCast(
           IntTag(), hn::IfThenElse(for_uints(on_surface), triangle, set(Surfaces::kNone)));
-      const Surfaces& surfaces = scene_.boundary.surfaces;
+      const Surfaces& surfaces = scene_.obstacles.surfaces;
       factor = hn::IfThenElse(spent, factor, gather(surfaces.reflectances.data(), at));
       const Vectors normal{gather(surfaces.normals.x.data(), at),
                            gather(surfaces.normals.y.data(), at),
@@ -464,7 +460,7 @@ class Wavefront {
     }
     // The weight of the draw, radiance / pdf, times that of multiple importance sampling,
     // pdf / (pdf + value): `value` is also the pdf with which the walk would go there
-    // by itself. Beams have no pdf: what they bring is as it is.
+    // by itself. Distant lights have no pdf: what they bring is as it is.
     const Floats competing = switches_.techniques == Techniques::kBoth ? value : zero;
     const Floats pdf_sum =
         hn::IfThenElse(hn::Gt(light.pdf, zero), hn::Add(light.pdf, competing), set(1.0F));
@@ -492,7 +488,7 @@ class Wavefront {
     };
     append_vectors(load(walks_.rays.position, i), shadow_rays_.rays.position);
     append_vectors(light.direction, shadow_rays_.rays.direction);
-    append_uints(load(walks_.rays.place, i), shadow_rays_.rays.place);
+    append_uints(load(walks_.rays.interaction, i), shadow_rays_.rays.interaction);
     append(hn::Mul(limit, set(1 / sigma_t_)), shadow_rays_.rays.budget);
     append(undimmed, shadow_rays_.light);
     append(worth, shadow_rays_.worth);
@@ -509,8 +505,8 @@ class Wavefront {
 
   // Traces the shadow rays, and adds the light that they bring, dimmed by the medium.
   void trace_shadow_rays() {
-    travel(scene_.boundary, shadow_rays_.rays, shadow_rays_.count, false,
-           at_boundary_of_shadow_rays_);
+    follow_lines(scene_.obstacles, shadow_rays_.rays, shadow_rays_.count, Report::kLengths,
+                 at_boundary_of_shadow_rays_);
     const FloatTag d;
     for (size_t i = 0; i < shadow_rays_.count; i += lanes()) {
       const Mask live = hn::FirstN(d, shadow_rays_.count - i);
@@ -586,9 +582,9 @@ class Wavefront {
   // which is too steep where it exceeds sigma_t. As this knows nothing of where the light comes
   // from, nor of paths that bring it back, only a part of it is believed.
   Floats light_left(size_t i) const {
-    const Mask inside = not_zero(hn::And(load(walks_.rays.place, i), set(Rays::kInside)));
+    const Mask inside = not_zero(hn::And(load(walks_.rays.interaction, i), set(Rays::kInside)));
     const Floats thirds = hn::IfThenElseZero(
-        inside, depth_in_thirds(scene_.boundary.depths, load(walks_.rays.position, i)));
+        inside, depth_in_thirds(scene_.obstacles.depths, load(walks_.rays.position, i)));
     const Floats exponent = hn::Mul(thirds, set(-walk_roulette_.fall_off));
     return exp(hn::Max(exponent, set(kLeastExponent)));
   }
@@ -726,7 +722,7 @@ class Wavefront {
     walks_.expected[slot] = sample.expected;
     walks_.rays.position.set(slot, ray.origin);
     walks_.rays.direction.set(slot, ray.direction);
-    walks_.rays.place[slot] = scene_.camera_inside ? Rays::kInside : 0;
+    walks_.rays.interaction[slot] = scene_.camera_inside ? Rays::kInside : 0;
     walks_.weight[slot] = 1;
     walks_.vertex[slot] = walks_.alone[slot] = walks_.alive[slot] = 1;
     walks_.crossings[slot] = 0;

@@ -29,9 +29,9 @@ void run_wavefront(const Scene::Compiled& scene, const RenderRequest& request,
   }
 }
 
-void follow_rays(const Boundary& boundary, Rays& rays, size_t count) {
+void follow_rays(const Obstacles& obstacles, Rays& rays, size_t count) {
   IndexMatched passes;
-  travel(boundary, rays, count, true, passes);
+  follow_lines(obstacles, rays, count, Report::kEnds, passes);
 }
 
 void evaluate_all(const Lights& lights, LightProbe& probe, size_t count) {
@@ -79,8 +79,8 @@ void trace_wavefront(const Scene::Compiled& scene, const RenderRequest& request,
   HWY_DYNAMIC_DISPATCH(run_wavefront)(scene, request, options, queue, film, stop);
 }
 
-void follow(const Boundary& boundary, Rays& rays, size_t count) {
-  HWY_DYNAMIC_DISPATCH(follow_rays)(boundary, rays, count);
+void follow(const Obstacles& obstacles, Rays& rays, size_t count) {
+  HWY_DYNAMIC_DISPATCH(follow_rays)(obstacles, rays, count);
 }
 
 void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count) {

@@ -19,7 +19,7 @@ void trace_wavefront(const Scene::Compiled& scene, const RenderRequest& request,
                      const std::stop_token& stop);
 
 // Follows the first `count` rays, for tests and for masks.
-void follow(const Boundary& boundary, Rays& rays, size_t count);
+void follow(const Obstacles& obstacles, Rays& rays, size_t count);
 
 // Evaluates and draws lights as the wavefront does, for tests.
 struct LightProbe {

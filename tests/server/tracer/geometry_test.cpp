@@ -15,7 +15,7 @@ namespace itn::testing {
 namespace {
 
 using namespace tracer;
-using End = Travel::End;
+using End = RayResult::End;
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 Mesh merged(const std::vector<Mesh>& parts) {
@@ -37,41 +37,41 @@ class Lines {
     if (tracer == Tracer::kReference) {
       geometry_ = std::make_unique<Geometry>(object, surfaces);
     } else {
-      boundary_ = std::make_unique<Boundary>(std::make_shared<const Object>(object), surfaces);
+      obstacles_ = std::make_unique<Obstacles>(std::make_shared<const Object>(object), surfaces);
       rays_ = std::make_unique<Rays>();
     }
   }
 
-  Travel travel(const Place& from, Vec3f direction, float budget) const {
+  RayResult follow(const Interaction& from, Vec3f direction, float budget) const {
     if (geometry_) {
-      return geometry_->travel(from, direction, budget);
+      return geometry_->follow(from, direction, budget);
     }
     rays_->position.set(0, from.position);
     rays_->direction.set(0, direction);
     rays_->budget[0] = budget;
-    rays_->place[0] = from.inside ? Rays::kInside : 0;
-    const auto& first = boundary_->surfaces.first_triangle_of_mesh;
+    rays_->interaction[0] = from.inside ? Rays::kInside : 0;
+    const auto& first = obstacles_->surfaces.first_triangle_of_mesh;
     if (from.on.surface != SurfaceTriangle::kNone) {
-      rays_->place[0] |= Rays::on_surface(first[from.on.surface] + from.on.triangle);
+      rays_->interaction[0] |= Rays::on_surface(first[from.on.surface] + from.on.triangle);
     }
-    follow(*boundary_, *rays_, 1);
-    Travel travel;
-    travel.end = static_cast<End>(rays_->outcome[0] & Rays::kEndMask);
-    travel.in_medium = rays_->in_medium[0];
-    travel.entered = (rays_->outcome[0] & Rays::kEntered) != 0;
-    travel.place.position = rays_->position.at(0);
-    travel.place.inside = (rays_->place[0] & Rays::kInside) != 0;
-    if (travel.end == End::kSurface) {
-      const uint32_t triangle = Rays::surface_of(rays_->place[0]);
+    tracer::follow(*obstacles_, *rays_, 1);
+    RayResult ray;
+    ray.end = static_cast<End>(rays_->outcome[0] & Rays::kEndMask);
+    ray.in_medium = rays_->in_medium[0];
+    ray.entered = (rays_->outcome[0] & Rays::kEntered) != 0;
+    ray.at.position = rays_->position.at(0);
+    ray.at.inside = (rays_->interaction[0] & Rays::kInside) != 0;
+    if (ray.end == End::kSurface) {
+      const uint32_t triangle = Rays::surface_of(rays_->interaction[0]);
       const auto mesh = std::upper_bound(first.begin(), first.end(), triangle) - 1;
-      travel.place.on = {static_cast<uint32_t>(mesh - first.begin()), triangle - *mesh};
+      ray.at.on = {static_cast<uint32_t>(mesh - first.begin()), triangle - *mesh};
     }
-    return travel;
+    return ray;
   }
 
  private:
   std::unique_ptr<Geometry> geometry_;
-  std::unique_ptr<Boundary> boundary_;
+  std::unique_ptr<Obstacles> obstacles_;
   std::unique_ptr<Rays> rays_;
 };
 
@@ -85,14 +85,14 @@ INSTANTIATE_TEST_SUITE_P(Tracers, GeometryTest,
 
 TEST_P(GeometryTest, LengthInsideABox) {
   const Lines geometry(GetParam(), box({-1, 0, -1}, {1, 2, 1}), {});
-  const Travel across = geometry.travel({{-5, 1, 0.1F}, false, {}}, {1, 0, 0}, kInfinity);
+  const RayResult across = geometry.follow({{-5, 1, 0.1F}, false, {}}, {1, 0, 0}, kInfinity);
   EXPECT_EQ(across.end, End::kEscaped);
   EXPECT_TRUE(across.entered);
   EXPECT_NEAR(across.in_medium, 2, 1e-5);
-  const Travel from_within = geometry.travel({{0, 1, 0.1F}, true, {}}, {0, 1, 0}, kInfinity);
+  const RayResult from_within = geometry.follow({{0, 1, 0.1F}, true, {}}, {0, 1, 0}, kInfinity);
   EXPECT_EQ(from_within.end, End::kEscaped);
   EXPECT_NEAR(from_within.in_medium, 1, 1e-5);
-  const Travel beside = geometry.travel({{-5, 3, 0}, false, {}}, {1, 0, 0}, kInfinity);
+  const RayResult beside = geometry.follow({{-5, 3, 0}, false, {}}, {1, 0, 0}, kInfinity);
   EXPECT_EQ(beside.end, End::kEscaped);
   EXPECT_FALSE(beside.entered);
 }
@@ -100,10 +100,10 @@ TEST_P(GeometryTest, LengthInsideABox) {
 TEST_P(GeometryTest, BudgetIsSpentInTheMediumOnly) {
   const Lines geometry(GetParam(), merged({box({0, 0, 0}, {1, 1, 1}), box({3, 0, 0}, {4, 1, 1})}),
                        {});
-  const Travel travel = geometry.travel({{-1, 0.4F, 0.5F}, false, {}}, {1, 0, 0}, 1.5F);
-  EXPECT_EQ(travel.end, End::kSpent);
-  EXPECT_NEAR(travel.place.position.x, 3.5, 1e-5);
-  EXPECT_TRUE(travel.place.inside);
+  const RayResult ray = geometry.follow({{-1, 0.4F, 0.5F}, false, {}}, {1, 0, 0}, 1.5F);
+  EXPECT_EQ(ray.end, End::kSpent);
+  EXPECT_NEAR(ray.at.position.x, 3.5, 1e-5);
+  EXPECT_TRUE(ray.at.inside);
 }
 
 // Two boxes that share a face: the exit of one and the entry of the other coincide.
@@ -111,8 +111,8 @@ TEST_P(GeometryTest, TouchingParts) {
   const Lines geometry(GetParam(), merged({box({0, 0, 0}, {1, 1, 1}), box({1, 0, 0}, {2, 1, 1})}),
                        {});
   for (const float y : {0.1F, 0.3F, 0.77F}) {
-    const Travel travel = geometry.travel({{-1, y, 0.4F}, false, {}}, {1, 0, 0}, kInfinity);
-    EXPECT_NEAR(travel.in_medium, 2, 1e-5);
+    const RayResult ray = geometry.follow({{-1, y, 0.4F}, false, {}}, {1, 0, 0}, kInfinity);
+    EXPECT_NEAR(ray.in_medium, 2, 1e-5);
   }
 }
 
@@ -120,12 +120,12 @@ TEST_P(GeometryTest, TouchingParts) {
 TEST_P(GeometryTest, StandingOnTheFloor) {
   const Lines geometry(GetParam(), box({-1, 0, -1}, {1, 2, 1}), {{horizontal_square(0, 20), 0.5F}});
   const Vec3f down = itn::normalize(Vec3f{0.1F, -1, 0.2F});
-  const Travel to_floor = geometry.travel({{0, 1, 0}, true, {}}, down, kInfinity);
+  const RayResult to_floor = geometry.follow({{0, 1, 0}, true, {}}, down, kInfinity);
   ASSERT_EQ(to_floor.end, End::kSurface);
-  EXPECT_NEAR(to_floor.place.position.y, 0, 1e-7);
+  EXPECT_NEAR(to_floor.at.position.y, 0, 1e-7);
   EXPECT_NEAR(to_floor.in_medium, 1 / -down.y, 1e-5);
   // And up again, whichever of the two coincident planes was met first.
-  const Travel up = geometry.travel(to_floor.place, {0, 1, 0}, kInfinity);
+  const RayResult up = geometry.follow(to_floor.at, {0, 1, 0}, kInfinity);
   EXPECT_EQ(up.end, End::kEscaped);
   EXPECT_NEAR(up.in_medium, 2, 1e-5);
 }
@@ -136,8 +136,8 @@ TEST_P(GeometryTest, CavityIsOutside) {
     std::swap(triangle[1], triangle[2]);
   }
   const Lines geometry(GetParam(), merged({box({0, 0, 0}, {1, 1, 1}), cavity}), {});
-  const Travel travel = geometry.travel({{-1, 0.51F, 0.49F}, false, {}}, {1, 0, 0}, kInfinity);
-  EXPECT_NEAR(travel.in_medium, 0.5, 1e-5);
+  const RayResult ray = geometry.follow({{-1, 0.51F, 0.49F}, false, {}}, {1, 0, 0}, kInfinity);
+  EXPECT_NEAR(ray.in_medium, 0.5, 1e-5);
 }
 
 // Lines in random directions from points inside come out, once, on every shape; lines from far away
@@ -146,22 +146,22 @@ TEST_P(GeometryTest, LeaksAreRare) {
   uint64_t lines = 0, leaks = 0;
   for (const ShapeInfo& shape : builtin_shapes()) {
     const Lines geometry(GetParam(), make_shape(shape.name), {{horizontal_square(0, 20), 0.5F}});
-    Place place;
+    Interaction from;
     for (uint32_t i = 0; i < 40'000; ++i) {
       const Uniforms u = Sampler(5, 0, 0).at(i, 0);
       const float y = 1 - 2 * u[0], r = std::sqrt(std::max(0.0F, 1 - y * y));
       const float phi = 6.2831853F * u[1];
       const Vec3f direction = itn::normalize(Vec3f{r * std::cos(phi), y, r * std::sin(phi)});
-      if (!place.inside) {  // start again from outside, aimed at the middle of the shape
-        place = {Vec3f{0, 0.5F, 0} - direction * 3, false, {}};
-        if (place.position.y < 0) {
+      if (!from.inside) {  // start again from outside, aimed at the middle of the shape
+        from = {Vec3f{0, 0.5F, 0} - direction * 3, false, {}};
+        if (from.position.y < 0) {
           continue;
         }
       }
-      const Travel travel = geometry.travel(place, direction, -std::log(1 - u[2]) / 100);
+      const RayResult ray = geometry.follow(from, direction, -std::log(1 - u[2]) / 100);
       ++lines;
-      leaks += travel.end == End::kLeaked ? 1 : 0;
-      place = travel.end == End::kSpent ? travel.place : Place{};
+      leaks += ray.end == End::kLeaked ? 1 : 0;
+      from = ray.end == End::kSpent ? ray.at : Interaction{};
     }
   }
   EXPECT_GT(lines, 500'000U);
@@ -181,12 +181,12 @@ TEST(TracersTest, AgreeLineByLine) {
       const float phi = 6.2831853F * u[1];
       const Vec3f direction{r * std::cos(phi), y, r * std::sin(phi)};
       const Vec3f target{v[0] - 0.5F, v[1], v[2] - 0.5F};
-      const Place from{target - itn::normalize(direction) * 3, false, {}};
+      const Interaction from{target - itn::normalize(direction) * 3, false, {}};
       if (from.position.y < 0.01F) {
         continue;
       }
-      const Travel a = embree.travel(from, itn::normalize(direction), kInfinity);
-      const Travel b = grid.travel(from, itn::normalize(direction), kInfinity);
+      const RayResult a = embree.follow(from, itn::normalize(direction), kInfinity);
+      const RayResult b = grid.follow(from, itn::normalize(direction), kInfinity);
       ++lines;
       different += a.end != b.end || std::abs(a.in_medium - b.in_medium) > 1e-4F ? 1 : 0;
     }
@@ -274,9 +274,9 @@ TEST(TracersTest, AgreeLineByLineOnHardMeshes) {
       const Vec3f direction = itn::normalize(Vec3f{r * std::cos(phi), y, r * std::sin(phi)});
       const Vec3f extent = box.max - box.min;
       const Vec3f target = box.min + Vec3f{extent.x * v[0], extent.y * v[1], extent.z * v[2]};
-      const Place from{target - direction * 5, false, {}};
-      const Travel a = embree.travel(from, direction, kInfinity);
-      const Travel b = grid.travel(from, direction, kInfinity);
+      const Interaction from{target - direction * 5, false, {}};
+      const RayResult a = embree.follow(from, direction, kInfinity);
+      const RayResult b = grid.follow(from, direction, kInfinity);
       entered += a.entered ? 1 : 0;
       different += a.end != b.end || std::abs(a.in_medium - b.in_medium) > 1e-4F ? 1 : 0;
     }

@@ -122,7 +122,7 @@ TEST(ObjectPixelsTest, AreThoseOfWhichARaySeesTheObject) {
                                                          pixel / 24 + (ray / 4 + 0.5) / 4);
       sees =
           sees ||
-          scene.compiled().geometry().travel({from.origin, false, {}}, from.direction, 0).entered;
+          scene.compiled().geometry().follow({from.origin, false, {}}, from.direction, 0).entered;
     }
     if (sees) {
       expected.push_back(pixel);

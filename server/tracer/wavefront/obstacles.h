@@ -10,9 +10,9 @@
 
 namespace itn::tracer {
 
-struct Boundary {
+struct Obstacles {
   // In the coordinates of the object's mesh.
-  Boundary(std::shared_ptr<const Object> object, const std::vector<DiffuseSurface>& diffuse)
+  Obstacles(std::shared_ptr<const Object> object, const std::vector<DiffuseSurface>& diffuse)
       : grid(object->grid),
         depths(object->depths),
         bounds(object->bounds),
