@@ -11,6 +11,8 @@ packages=(
   libgrpc++-dev protobuf-compiler protobuf-compiler-grpc libprotobuf-dev libssl-dev
   # Rendering
   libembree-dev libhwy-dev libassimp-dev
+  # Random shapes
+  libmeshoptimizer-dev
   # Learning; without an optimised BLAS, LibTorch is some thirty times slower
   libtorch-dev libopenblas0-pthread libopencv-imgproc-dev
   # Images

@@ -1,4 +1,4 @@
-// Whether the parts of a closed mesh bound one volume together. Internal to validate_closed.
+// Whether the parts of a closed mesh bound one volume together. Internal to geometry.
 #pragma once
 
 #include <cstdint>
