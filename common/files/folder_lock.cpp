@@ -91,7 +91,8 @@ FolderLock::FolderLock(fs::path folder, const std::string& purpose) : folder_(st
 }
 
 FolderLock::~FolderLock() {
-  ::unlink((folder_ / kName).c_str());
+  const fs::path path = folder_ / kName;
+  if (is_current(descriptor_, path)) ::unlink(path.c_str());
   ::close(descriptor_);
   if (created_folder_) ::rmdir(folder_.c_str());
 }

@@ -6,6 +6,7 @@
 #include <array>
 #include <csignal>
 #include <fstream>
+#include <memory>
 #include <optional>
 
 #include <gmock/gmock.h>
@@ -74,6 +75,19 @@ TEST(FolderLock, OfAKilledProcessIsTakenOver) {
   const FolderLock lock(path, "a test");
   close(ready[0]);
   close(ready[1]);
+}
+
+// Somebody has removed the file of the first one, so that a second could lock another.
+TEST(FolderLock, LeavesTheFileOfAnotherLock) {
+  const TemporaryFolder folder;
+  const fs::path file = fs::path(folder.path("run")) / FolderLock::kName;
+  auto first = std::make_unique<FolderLock>(folder.path("run"), "the first");
+  fs::remove(file);
+  const FolderLock second(folder.path("run"), "the second");
+  first.reset();
+  EXPECT_TRUE(fs::exists(file));
+  expect_error(ErrorKind::kIo, {"the second"},
+               [&] { const FolderLock third(folder.path("run"), "the third"); });
 }
 
 TEST(FolderLock, RemovesWhatWasBegunToBeWritten) {
