@@ -1,7 +1,9 @@
 // The main function of a server program, once its flags are declared.
 #pragma once
 
+#include <fmt/format.h>
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <chrono>
@@ -15,6 +17,7 @@
 #include "common/rpc/grpc_server.h"
 #include "common/rpc/listener.h"
 #include "common/rpc/memory_plan.h"
+#include "common/rpc/queued_call.h"
 #include "common/rpc/shutdown_signal.h"
 
 namespace itn {
@@ -51,8 +54,10 @@ inline void add_server_flags(CLI::App& app, const std::string& program, std::str
       ->check(CLI::Range(0, 1 << 24))
       ->capture_default_str();
   app.add_option("--drain-seconds", flags.drain_seconds,
-                 "After SIGTERM, what is under way has this long to end; then it is stopped and "
-                 "answered UNAVAILABLE")
+                 fmt::format("After SIGTERM, what is under way has this long to end; then it is "
+                             "stopped and answered UNAVAILABLE. The process ends {} s later at "
+                             "most, with exit code {} if it had to leave something unfinished",
+                             kStopPatience.count(), exit_code(ErrorKind::kCancelled)))
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
   app.add_flag("--reflection,!--no-reflection", reflection,
@@ -65,7 +70,8 @@ inline void add_server_flags(CLI::App& app, const std::string& program, std::str
 
 // Parses the flags, calls `start`, which returns a pointer to a server with address() and drain(),
 // prints the address as one line on stdout, and waits for SIGTERM or SIGINT; then lets the server
-// finish what is under way. Returns the exit code.
+// finish what is under way. Returns the exit code; if something does not stop, ends the process
+// with that of an interruption.
 template <typename Start>
 int server_main(CLI::App& app, const std::string& program, int argc, char** argv,
                 const ServerFlags& flags, const Start& start) {
@@ -89,7 +95,11 @@ int server_main(CLI::App& app, const std::string& program, int argc, char** argv
         "stopping: finishing what is under way, within {:g} s; a second signal stops at once",
         flags.drain_seconds);
     signal.exit_on_next();
-    server->drain(std::chrono::duration<double>(flags.drain_seconds));
+    if (!server->drain(std::chrono::duration<double>(flags.drain_seconds))) {
+      // Its threads cannot be joined, and nothing that they still do is of use to anybody.
+      spdlog::error("what is under way does not stop: the process ends without it");
+      _exit(exit_code(ErrorKind::kCancelled));
+    }
     spdlog::info("stopped");
     return 0;
   } catch (const Error& error) {

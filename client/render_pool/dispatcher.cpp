@@ -168,8 +168,12 @@ bool Dispatcher::finish(const std::shared_ptr<Attempt>& attempt, Answer answer,
                         Clock::time_point now) {
   Worker& worker = workers_[attempt->worker];
   const std::shared_ptr<Job> job = attempt->job;
-  // Workers render in the order in which they are asked.
-  const bool was_rendered = worker.under_way.front() == attempt;
+  // Workers render in the order in which they are asked, as far as is known here: those behind the
+  // first are lost with it, whichever of them is heard of first.
+  if (answer.outcome == Outcome::kLost && worker.up) {
+    for (const auto& a : worker.under_way) a->only_waited = a != worker.under_way.front();
+  }
+  const bool was_rendered = worker.under_way.front() == attempt && !attempt->only_waited;
   std::erase(worker.under_way, attempt);
   std::erase(job->under_way, attempt);
   if (answer.scene_sent) ++statistics_.scenes_sent;

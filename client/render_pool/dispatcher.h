@@ -57,6 +57,8 @@ class Dispatcher {
     // A worker vanished under this render: before it is blamed for another, that one is to be asked
     // whether it is there.
     bool suspect = false;
+    // Behind another one, when their worker was lost.
+    bool only_waited = false;
     std::stop_source stop;  // another attempt was first, or the pool is closed
 
     const RenderJob& render() const;

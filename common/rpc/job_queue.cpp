@@ -17,6 +17,8 @@ constexpr double kFirstGuessSeconds = 0.2;
 constexpr double kRecency = 0.2;
 constexpr double kLeastRetrySeconds = 0.05;
 constexpr double kMostRetrySeconds = 10;
+// What no job holds is held by requests that come in and answers that go out.
+constexpr double kIdleRetrySeconds = 1;
 // A place is kept so much longer than the peer was told to stay away.
 constexpr double kGraceFactor = 1.5;
 constexpr double kGraceSeconds = 0.5;
@@ -24,6 +26,12 @@ constexpr double kGraceSeconds = 0.5;
 constexpr double kAtOnceSeconds = 2;
 // More peers than this are not told apart.
 constexpr size_t kMostPeers = 1024;
+
+std::chrono::steady_clock::time_point after(double seconds) {
+  using Clock = std::chrono::steady_clock;
+  return Clock::now() +
+         std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+}
 
 Error stopping() {
   return Error(ErrorKind::kUnavailable, "this server is stopping");
@@ -64,9 +72,7 @@ JobQueue::Place JobQueue::admit(const std::string& peer) {
     return {*this, peer};
   }
   const double seconds = seconds_until_free(before + 1);
-  const auto until =
-      Clock::now() + std::chrono::duration_cast<Clock::duration>(
-                         std::chrono::duration<double>(kGraceFactor * seconds + kGraceSeconds));
+  const auto until = after(kGraceFactor * seconds + kGraceSeconds);
   if (note != notes_.end()) {
     note->until = until;
   } else if (notes_.size() < kMostPeers) {
@@ -89,14 +95,13 @@ void JobQueue::submit(Place place, Job job) {
   work_available_.notify_one();
 }
 
-void JobQueue::give_back(const std::string& peer, bool keep) {
+void JobQueue::give_back(const std::string& peer, std::optional<double> comes_again_in) {
   const std::lock_guard lock(mutex_);
   --admitted_;
-  if (!keep) return;
+  if (!comes_again_in) return;
   std::erase_if(notes_, [&](const Note& note) { return note.peer == peer; });
   if (notes_.size() >= kMostPeers) return;
-  notes_.push_front({peer, Clock::now() + std::chrono::duration_cast<Clock::duration>(
-                                              std::chrono::duration<double>(kAtOnceSeconds))});
+  notes_.push_front({peer, after(kGraceFactor * *comes_again_in + kAtOnceSeconds)});
 }
 
 void JobQueue::drop_stopped() {
@@ -124,6 +129,17 @@ void JobQueue::drain() {
   idle_.wait(lock, [this] { return waiting_.empty() && running_ == 0; });
 }
 
+bool JobQueue::drain_for(std::chrono::duration<double> patience) {
+  std::unique_lock lock(mutex_);
+  closed_ = true;
+  return idle_.wait_for(lock, patience, [this] { return waiting_.empty() && running_ == 0; });
+}
+
+double JobQueue::seconds_until_next_end() const {
+  const std::lock_guard lock(mutex_);
+  return running_ == 0 ? kIdleRetrySeconds : seconds_of_ends(1);
+}
+
 bool JobQueue::full() const {
   const std::lock_guard lock(mutex_);
   return free_places() == 0;
@@ -141,6 +157,10 @@ size_t JobQueue::free_places() const {
 
 double JobQueue::seconds_until_free(size_t places) const {
   const auto ends = static_cast<double>(places - std::min(places, free_places()));
+  return seconds_of_ends(ends);
+}
+
+double JobQueue::seconds_of_ends(double ends) const {
   return std::clamp(ends * seconds_per_job_ / static_cast<double>(thread_count_),
                     kLeastRetrySeconds, kMostRetrySeconds);
 }

@@ -8,6 +8,7 @@
 #include <deque>
 #include <functional>
 #include <mutex>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <thread>
@@ -39,11 +40,14 @@ class JobQueue {
     Place& operator=(const Place&) = delete;
     Place& operator=(Place&&) = delete;
     ~Place() {
-      if (queue_ != nullptr) queue_->give_back(peer_, false);
+      if (queue_ != nullptr) queue_->give_back(peer_, {});
     }
 
-    // Gives it back and keeps it for the same peer, who will come again at once.
-    void keep_for_peer() { std::exchange(queue_, nullptr)->give_back(peer_, true); }
+    // Gives it back and keeps it for the same peer, who will come again: at once, or after the time
+    // that it is told.
+    void keep_for_peer(double seconds = 0) {
+      std::exchange(queue_, nullptr)->give_back(peer_, seconds);
+    }
 
    private:
     friend class JobQueue;
@@ -72,8 +76,13 @@ class JobQueue {
   // Takes no more jobs.
   void close();
 
-  // Takes no more jobs, and returns when those that wait or run have ended.
+  // Takes no more jobs, and returns when those that wait or run have ended; false if they have not
+  // within `patience`.
   void drain();
+  bool drain_for(std::chrono::duration<double> patience);
+
+  // About how long until a job that runs ends; a second if none does.
+  double seconds_until_next_end() const;
 
   bool full() const;
 
@@ -96,10 +105,12 @@ class JobQueue {
   // All of them require the lock.
   size_t free_places() const;
   double seconds_until_free(size_t places) const;
+  double seconds_of_ends(double ends) const;
   void forget_old_notes();
   Waiting take_next();
 
-  void give_back(const std::string& peer, bool keep);
+  // Keeps it for the peer if it will come again, in so many seconds.
+  void give_back(const std::string& peer, std::optional<double> comes_again_in);
   void work();
 
   const size_t capacity_;

@@ -22,28 +22,26 @@ constexpr milliseconds kWatchInterval{50};
 constexpr seconds kReplyPatience{20};
 constexpr double kLeastBytesPerSecond = 4 << 20;
 
-// Work that was told to stop has this long before the server no longer waits for it.
-constexpr seconds kStopPatience{30};
-
 }  // namespace
 
 // ---- CallDesk --------------------------------------------------------------------------------
 
 CallDesk::CallDesk(const CallDeskOptions& options)
     : options_(options),
-      memory_(options.memory_bytes),
+      memory_(options.memory_bytes,
+              {options.memory_beside, [this] { return queue_.seconds_until_next_end(); }}),
       queue_(options.threads, options.queue_capacity),
       watchdog_([this](const std::stop_token& stop) { watch(stop); }) {}
 
 CallDesk::~CallDesk() {
-  drain(duration<double>(0));
+  while (!drain(duration<double>(0))) spdlog::warn("still waiting for work that does not stop");
 }
 
-void CallDesk::drain(duration<double> patience) {
+bool CallDesk::drain(duration<double> patience) {
   queue_.close();
   std::unique_lock lock(mutex_);
   const auto none = [this] { return calls_.empty(); };
-  if (changed_.wait_for(lock, patience, none)) return;
+  if (changed_.wait_for(lock, patience, none)) return true;
   // Others are answered, and gRPC is about to be done with them.
   const auto unanswered = std::count_if(
       calls_.begin(), calls_.end(), [](const QueuedCall* call) { return call->answered_ == 0; });
@@ -53,12 +51,14 @@ void CallDesk::drain(duration<double> patience) {
   for (QueuedCall* call : calls_) call->stop(QueuedCall::Reason::kServer);
   lock.unlock();
   queue_.drop_stopped();
-  queue_.drain();
+  const auto end = std::chrono::steady_clock::now() + options_.stop_patience;
+  if (!queue_.drain_for(options_.stop_patience)) return false;
   lock.lock();
   // Their answers are on the way; who does not read them now does not get them.
-  if (changed_.wait_for(lock, seconds(1), none)) return;
+  if (changed_.wait_for(lock, seconds(1), none)) return true;
   for (QueuedCall* call : calls_) call->context_.TryCancel();
-  changed_.wait_for(lock, kStopPatience, none);
+  changed_.wait_until(lock, end, none);
+  return true;
 }
 
 bool CallDesk::can_take_work() const {
@@ -108,7 +108,13 @@ void QueuedCall::enqueue(const grpc::ByteBuffer* request) {
     // looks at.
     grpc::ByteBuffer bytes;
     bytes.Swap(const_cast<grpc::ByteBuffer*>(request));
-    memory_.resize(2 * bytes.Length());  // and the message that it becomes
+    try {
+      memory_.resize(2 * bytes.Length());  // and the message that it becomes
+    } catch (const StatusError&) {
+      // Memory is for whoever comes when there is some; a place is not what keeps this one waiting.
+      place.keep_for_peer(desk_.queue_.seconds_until_next_end());
+      throw;
+    }
     try {
       accept(bytes);
     } catch (const StatusError& error) {

@@ -26,26 +26,33 @@ namespace itn {
 
 class QueuedCall;
 
+// Work that was told to stop has this long before a server no longer waits for it.
+inline constexpr std::chrono::seconds kStopPatience{10};
+
 struct CallDeskOptions {
-  int threads = 1;                         // calls worked on at a time
-  size_t queue_capacity = 16;              // calls that wait
-  uint64_t memory_bytes = 0;               // of all calls together; 0: no limit
+  int threads = 1;             // calls worked on at a time
+  size_t queue_capacity = 16;  // calls that wait
+  uint64_t memory_bytes = 0;   // of all calls together; 0: no limit
+  // What else counts as taken of these bytes. From any thread.
+  std::function<uint64_t()> memory_beside = [] { return 0; };
   std::chrono::duration<double> max_time;  // of the work on one call; 0: no limit
+  std::chrono::duration<double> stop_patience = kStopPatience;
 };
 
 // What the calls of a server share. Thread-safe.
 class CallDesk {
  public:
   explicit CallDesk(const CallDeskOptions& options);
-  // As drain() without patience.
+  // As drain() without patience, and waits for work that does not stop, however long.
   ~CallDesk();
   CallDesk(const CallDesk&) = delete;
   CallDesk& operator=(const CallDesk&) = delete;
 
   // Answers further calls UNAVAILABLE. Returns when those accepted before are answered and their
   // answers have left for the client, at most `patience` later: then what is still under way is
-  // stopped and answered UNAVAILABLE.
-  void drain(std::chrono::duration<double> patience);
+  // stopped and answered UNAVAILABLE. Work that has not stopped stop_patience after that is not
+  // waited for: returns false, and the process can only be ended.
+  bool drain(std::chrono::duration<double> patience);
 
   // Whether a call that came now would be accepted, for a client that has not been here.
   bool can_take_work() const;

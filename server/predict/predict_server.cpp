@@ -37,18 +37,6 @@ PredictServiceOptions service_options(const PredictServerOptions& options) {
 }  // namespace
 
 PredictServer::PredictServer(Predictor predictor, const PredictServerOptions& options)
-    : service_(std::move(predictor), service_options(options)),
-      server_(server_options(options), service_, v1::PredictService::service_full_name(),
-              [this] { return service_.can_take_work(); }) {}
-
-PredictServer::~PredictServer() {
-  service_.drain(std::chrono::seconds(0));
-}
-
-void PredictServer::drain(std::chrono::duration<double> patience) {
-  server_.stop_serving();
-  service_.drain(patience);
-  server_.close_connections();
-}
+    : ServiceServer(server_options(options), std::move(predictor), service_options(options)) {}
 
 }  // namespace itn

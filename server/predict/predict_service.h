@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <string>
 
 #include "common/learning/predictor.h"
 #include "common/rpc/queued_call.h"
@@ -27,10 +28,12 @@ class PredictService final
                                     const grpc::ByteBuffer* request,
                                     grpc::ByteBuffer* reply) override;
 
+  static std::string full_name() { return v1::PredictService::service_full_name(); }
+
   bool can_take_work() const { return desk_.can_take_work(); }
 
   // See CallDesk.
-  void drain(std::chrono::duration<double> patience) { desk_.drain(patience); }
+  bool drain(std::chrono::duration<double> patience) { return desk_.drain(patience); }
 
  private:
   class PredictCall;

@@ -33,18 +33,6 @@ GrpcServerOptions server_options(const RenderServerOptions& options) {
 }  // namespace
 
 RenderServer::RenderServer(const RenderServerOptions& options)
-    : service_(service_options(options)),
-      server_(server_options(options), service_, v1::RenderService::service_full_name(),
-              [this] { return service_.can_take_work(); }) {}
-
-RenderServer::~RenderServer() {
-  service_.drain(std::chrono::seconds(0));
-}
-
-void RenderServer::drain(std::chrono::duration<double> patience) {
-  server_.stop_serving();
-  service_.drain(patience);
-  server_.close_connections();
-}
+    : ServiceServer(server_options(options), service_options(options)) {}
 
 }  // namespace itn

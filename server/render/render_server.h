@@ -4,12 +4,11 @@
 // Connections are neither encrypted nor authenticated: for private networks only.
 #pragma once
 
-#include <chrono>
+#include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <string>
 
-#include "common/rpc/grpc_server.h"
+#include "common/rpc/service_server.h"
 #include "server/render/render_service.h"
 
 namespace itn {
@@ -23,28 +22,12 @@ struct RenderServerOptions {
   RenderServiceOptions service;
 };
 
-class RenderServer {
+class RenderServer : public ServiceServer<RenderService> {
  public:
-  // Throws Error (kUsage) if the address is none, kIo if it cannot listen.
   explicit RenderServer(const RenderServerOptions& options);
-  // Stops what is under way and answers it UNAVAILABLE.
-  ~RenderServer();
-
-  // HOST:PORT, with the port that was taken.
-  const std::string& address() const { return server_.address(); }
 
   // Renders that are worked on now; others wait.
-  size_t running() const { return service_.running(); }
-
-  std::shared_ptr<grpc::Channel> in_process_channel() { return server_.in_process_channel(); }
-
-  // Reports NOT_SERVING and answers new requests UNAVAILABLE; returns when those accepted before
-  // are answered, or `patience` later, when what is left is stopped and answered UNAVAILABLE, too.
-  void drain(std::chrono::duration<double> patience);
-
- private:
-  RenderService service_;
-  GrpcServer server_;  // last: it calls the service
+  size_t running() const { return service().running(); }
 };
 
 }  // namespace itn

@@ -52,8 +52,9 @@ class RenderService::RenderCall final : public QueuedCall {
   void accept(const grpc::ByteBuffer& bytes) override {
     parse_checked(bytes, "request", kElementLimits, request_);
     asked_ = build_request(request_, service_.options_.limits);
-    if (request_.scene().empty() && !service_.cache_.find(request_.scene_digest())) {
-      throw scene_not_held(request_.scene_digest());
+    if (request_.scene().empty()) {
+      scene_ = service_.cache_.find(request_.scene_digest());
+      if (!scene_) throw scene_not_held(request_.scene_digest());
     }
     request_bytes_ = bytes.Length();
   }
@@ -65,7 +66,9 @@ class RenderService::RenderCall final : public QueuedCall {
     check_reply_size(scene->width(), scene->height(), request_, limits);
     const uint64_t pixels = pixel_count(scene->width(), scene->height(), request_);
     check_time(pixels);
-    memory().resize(request_bytes_ + film_memory(pixels, request_, asked_));
+    memory().resize(request_bytes_);  // the scene counts by itself as far as its cache is too small
+    memory().resize(request_bytes_ + film_memory(pixels, request_, asked_),
+                    service_.cache_.excess_of(*scene));
     if (request_.has_loss() && asked_.pilot_spp > 0) {
       asked_.sampling_weights = loss_sampling_weights(from_bytes<float>(request_.loss().image()),
                                                       from_bytes<float>(request_.loss().weight()));
@@ -86,13 +89,10 @@ class RenderService::RenderCall final : public QueuedCall {
                        asked_.sample_count, m.sigma_t, m.albedo, m.g);
   }
 
-  // The scene is looked for again, as it may have gone while the request waited.
+  // Lets go of a scene that was found: it is in use until the render ends, not until the answer is
+  // read.
   SceneCache::ScenePtr find_or_build_scene(const std::stop_token& stop) {
-    if (request_.scene().empty()) {
-      SceneCache::ScenePtr scene = service_.cache_.find(request_.scene_digest());
-      if (!scene) throw scene_not_held(request_.scene_digest());
-      return scene;
-    }
+    if (scene_) return std::exchange(scene_, nullptr);
     const std::string digest = sha256(request_.scene());
     if (!request_.scene_digest().empty() && request_.scene_digest() != digest) {
       throw invalid_input("scene_digest is not the SHA-256 of scene; leave one of them out");
@@ -142,6 +142,7 @@ class RenderService::RenderCall final : public QueuedCall {
   RenderService& service_;
   v1::RenderGradRequest request_;
   uint64_t request_bytes_ = 0;
+  SceneCache::ScenePtr scene_;  // of a request that waits and names one: it stays until then
   tracer::RenderRequest asked_;
   std::atomic<Phase> phase_ = Phase::kScene;
 };
@@ -152,6 +153,7 @@ RenderService::RenderService(const RenderServiceOptions& options)
       desk_({.threads = options_.renders,
              .queue_capacity = options_.queue_capacity,
              .memory_bytes = options_.memory_bytes,
+             .memory_beside = [this] { return cache_.excess(); },
              .max_time = std::chrono::duration<double>(options_.max_seconds)}) {}
 
 grpc::ServerUnaryReactor* RenderService::RenderGrad(grpc::CallbackServerContext* context,

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <string>
 
 #include "common/rpc/queued_call.h"
 #include "itn/v1/render.grpc.pb.h"
@@ -17,8 +18,10 @@ struct RenderServiceOptions {
   int renders = 1;                         // at a time
   size_t queue_capacity = 16;              // requests that wait
   size_t cache_bytes = size_t{512} << 20;  // of scenes and their parts
-  uint64_t memory_bytes = 0;               // of all requests under way together; 0: no limit
-  double max_seconds = 600;                // of a render, its scene included; 0: no limit
+  // Of all requests under way together, and of scenes in use as far as they do not fit into
+  // cache_bytes; 0: no limit.
+  uint64_t memory_bytes = 0;
+  double max_seconds = 600;  // of a render, its scene included; 0: no limit
   RenderLimits limits;
 };
 
@@ -37,11 +40,13 @@ class RenderService final
                                             const grpc::ByteBuffer* request,
                                             grpc::ByteBuffer* reply) override;
 
+  static std::string full_name() { return v1::RenderService::service_full_name(); }
+
   bool can_take_work() const { return desk_.can_take_work(); }
   size_t running() const { return desk_.running(); }
 
   // See CallDesk.
-  void drain(std::chrono::duration<double> patience) { desk_.drain(patience); }
+  bool drain(std::chrono::duration<double> patience) { return desk_.drain(patience); }
 
  private:
   class RenderCall;

@@ -1,5 +1,8 @@
 #include "server/render/scene_cache.h"
 
+#include <algorithm>
+#include <utility>
+
 namespace itn {
 namespace {
 
@@ -10,17 +13,37 @@ std::string key_of(const std::string& digest) {
 }  // namespace
 
 SceneCache::ScenePtr SceneCache::find(const std::string& digest) {
-  ScenePtr scene = parts_.find<tracer::Scene>(key_of(digest));
-  if (scene) parts_.touch(scene->part_keys());
-  return scene;
+  return in_use(parts_.find<tracer::Scene>(key_of(digest)));
 }
 
 SceneCache::ScenePtr SceneCache::get_or_build(const std::string& digest,
                                               const std::function<ScenePtr()>& build,
                                               const std::stop_token& stop) {
-  ScenePtr scene = parts_.get<tracer::Scene>(key_of(digest), stop, build);
-  parts_.touch(scene->part_keys());
-  return scene;
+  try {
+    return in_use(parts_.get<tracer::Scene>(key_of(digest), stop, build));
+  } catch (...) {
+    parts_.trim();  // of the parts that were finished
+    throw;
+  }
+}
+
+uint64_t SceneCache::excess_of(const tracer::Scene& scene) const {
+  return beyond_budget(scene.memory() + parts_.memory(scene.part_keys()));
+}
+
+uint64_t SceneCache::beyond_budget(size_t bytes) const {
+  return bytes - std::min(bytes, parts_.budget());
+}
+
+// For a caller, who has the cache trimmed when he lets go of it.
+SceneCache::ScenePtr SceneCache::in_use(ScenePtr held) {
+  if (!held) return nullptr;
+  parts_.touch(held->part_keys());
+  const tracer::Scene* const scene = held.get();
+  return {scene, [this, held = std::move(held)](const tracer::Scene*) mutable {
+            held.reset();
+            parts_.trim();
+          }};
 }
 
 }  // namespace itn

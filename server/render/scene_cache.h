@@ -1,6 +1,7 @@
 // Compiled scenes by digest, and the parts that they share; least recently used out first.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <stop_token>
@@ -16,7 +17,8 @@ class SceneCache {
  public:
   using ScenePtr = std::shared_ptr<const tracer::Scene>;
 
-  // Keeps scenes and parts of about `budget` bytes together, and in any case the one used last.
+  // Keeps scenes and parts of about `budget` bytes together, and those in use: what does not fit is
+  // forgotten when the last who has it lets go of it, which must be while the cache is there.
   explicit SceneCache(size_t budget) : parts_(budget) {}
 
   // Null if the scene is not held; does not wait for one that is being built.
@@ -31,7 +33,15 @@ class SceneCache {
   tracer::PartCache& parts() { return parts_; }
   size_t memory() const { return parts_.memory(); }
 
+  // Bytes beyond the budget, of all that is held; and those that this scene, one of the cache,
+  // would take beyond it if it were alone.
+  uint64_t excess() const { return beyond_budget(parts_.memory()); }
+  uint64_t excess_of(const tracer::Scene& scene) const;
+
  private:
+  uint64_t beyond_budget(size_t bytes) const;
+  ScenePtr in_use(ScenePtr held);
+
   tracer::PartCache parts_;
 };
 

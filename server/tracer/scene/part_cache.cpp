@@ -41,8 +41,10 @@ std::shared_ptr<const void> PartCache::get_any(const std::string& key, const std
         return under_way->value;
       }
     }
-    entries_.push_front({key, {}, std::make_shared<Build>()});
-    by_key_[key] = entries_.begin();
+    Entries added;  // in both tables, or, where there is no memory for it, in none
+    added.push_front({key, {}, std::make_shared<Build>()});
+    by_key_.emplace(key, added.begin());
+    entries_.splice(entries_.begin(), added);
   }
   try {
     Part part = build();
@@ -67,9 +69,24 @@ void PartCache::touch(std::span<const std::string> keys) {
   }
 }
 
+void PartCache::trim() {
+  const std::lock_guard lock(mutex_);
+  evict();
+}
+
 size_t PartCache::memory() const {
   const std::lock_guard lock(mutex_);
   return memory_;
+}
+
+size_t PartCache::memory(std::span<const std::string> keys) const {
+  const std::lock_guard lock(mutex_);
+  size_t sum = 0;
+  for (const std::string& key : keys) {
+    const auto found = by_key_.find(key);
+    sum += found == by_key_.end() ? 0 : found->second->part.memory;
+  }
+  return sum;
 }
 
 // Requires the lock.
@@ -102,14 +119,16 @@ void PartCache::finish(const std::string& key, Part part, std::exception_ptr err
   memory_ += part.memory;
   entry->part = std::move(part);
   entry->build = nullptr;
-  evict(entry);
+  evict();
 }
 
-// Requires the lock. Entries that are being built have no size yet and stay.
-void PartCache::evict(Entries::iterator except) {
+// Requires the lock. Entries that are being built have no size yet and stay. What held a part goes
+// before it, as it is the less recently used: then the part is free, too.
+void PartCache::evict() {
   for (auto entry = entries_.end(); memory_ > budget_ && entry != entries_.begin();) {
     --entry;
-    if (entry == except || entry->build) {
+    const bool in_use = entry->part.value.use_count() > 1;
+    if (entry->build || in_use) {
       continue;
     }
     memory_ -= entry->part.memory;

@@ -29,9 +29,12 @@ std::string part_key(std::string name, const Numbers&... numbers) {
 //
 // Parts may hold other parts. Who finds such a part touches those that it holds: as they are then
 // the more recently used, they outlive it here, and the sum of the sizes is what the cache holds.
+//
+// A part that somebody holds stays, as to forget it would free nothing: memory() is what there is,
+// and exceeds the budget where parts in use do.
 class PartCache {
  public:
-  // Keeps parts of about `budget` bytes together, and in any case the one built last.
+  // Keeps parts of about `budget` bytes together, and those in use.
   explicit PartCache(size_t budget) : budget_(budget) {}
 
   // Builds the part unless it is held: build() makes a std::shared_ptr<const T>, whose memory() is
@@ -57,8 +60,15 @@ class PartCache {
   // As if these had been found.
   void touch(std::span<const std::string> keys);
 
+  // Forgets what does not fit into the budget and is no longer in use. To be called when a part was
+  // let go.
+  void trim();
+
   // Bytes, of all that is held.
   size_t memory() const;
+  // Of the parts of these keys, as far as they are held.
+  size_t memory(std::span<const std::string> keys) const;
+  size_t budget() const { return budget_; }
 
  private:
   struct Part {
@@ -82,7 +92,7 @@ class PartCache {
   std::shared_ptr<const void> find_any(const std::string& key);
   Entries::iterator move_to_front(const std::string& key);
   void finish(const std::string& key, Part part, std::exception_ptr error);
-  void evict(Entries::iterator except);
+  void evict();
 
   const size_t budget_;
   mutable std::mutex mutex_;

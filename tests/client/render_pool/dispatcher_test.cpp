@@ -246,6 +246,36 @@ TEST_F(DispatcherTest, DoesNotBlameARenderThatOnlyWaitedInAWorker) {
   EXPECT_EQ(behind.get().loss(), 2);
 }
 
+// In whatever order the pool is told of them.
+TEST_F(DispatcherTest, DoesNotBlameARenderThatIsLostAfterTheOneBeforeIt) {
+  workers(1);
+  Future rendered = submit(1), behind = submit(2);
+  for (int i = 0; i < 3; ++i) {
+    const Attempt a = next(0), b = next(0);
+    ASSERT_TRUE(a && b);
+    finish(a, failure(StatusCode::UNAVAILABLE, "Socket closed"));
+    finish(b, failure(StatusCode::UNAVAILABLE, "Socket closed"));
+    come_up(0);
+  }
+  finish(next(0), answer());
+  finish(next(0), answer());
+  EXPECT_EQ(rendered.get().loss() + behind.get().loss(), 2);
+}
+
+// A worker that was thought lost, and was not, renders what waited in it.
+TEST_F(DispatcherTest, BlamesARenderThatHasWaitedAndIsLostLater) {
+  workers(1);
+  Future slow = submit(1), poison = submit(2);
+  for (int i = 0; i < 3; ++i) {
+    const Attempt a = next(0), b = next(0);
+    finish(a, failure(StatusCode::DEADLINE_EXCEEDED, "too slow"));
+    come_up(0);
+    finish(b, failure(StatusCode::UNAVAILABLE, "Socket closed"));
+    come_up(0);
+  }
+  EXPECT_TRUE(is_ready(slow) && is_ready(poison));
+}
+
 TEST_F(DispatcherTest, DoesNotBlameARenderForWorkersThatStop) {
   workers(1);
   Future future = submit();

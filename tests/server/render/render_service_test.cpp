@@ -26,6 +26,7 @@
 #include "common/rpc/wire_array.h"
 #include "common/scene/scene_bytes.h"
 #include "itn/v1/render.grpc.pb.h"
+#include "server/render/memory_estimate.h"
 #include "server/render/render_reply.h"
 #include "server/render/render_server.h"
 #include "server/render/rendering_loss.h"
@@ -605,6 +606,86 @@ TEST(RenderService, RefusesWhatItsMemoryDoesNotHold) {
   EXPECT_TRUE(client.call(with_scene(small_request())).status.ok());
 }
 
+// A scene of many triangles in many places: a ground of built-in shapes.
+v1::Scene large_scene() {
+  v1::Scene scene = cube_scene();
+  for (int i = 0; i < 8; ++i) {
+    v1::Mesh& mesh = *scene.add_surfaces()->mutable_mesh();
+    mesh.set_builtin("sphere");
+    mesh.add_transforms()->mutable_translate()->set_x(static_cast<float>(10 + 2 * i));
+  }
+  return scene;
+}
+
+// What the scene takes compiled, and the most that it takes on the way there.
+uint64_t memory_of(const v1::Scene& scene) {
+  return tracer::Scene(build_scene(scene, {})).memory();
+}
+uint64_t memory_to_build(const v1::Scene& scene) {
+  return 3 * scene.ByteSizeLong() + tracer::estimated_memory(build_scene(scene, {}));
+}
+
+// With so many pixels that its sums take about so many bytes.
+v1::RenderGradRequest request_of(uint64_t bytes, v1::Scene scene) {
+  v1::RenderGradRequest request = small_request(1);
+  request.clear_derivatives();
+  request.set_estimates(1);
+  const uint64_t by_pixel = film_memory(1, request, build_request(with_scene(request), {}));
+  scene.mutable_film()->set_width(static_cast<uint32_t>(bytes / by_pixel / 64));
+  scene.mutable_film()->set_height(64);
+  return with_scene(request, scene);
+}
+
+// What the cache has no room for is taken from the memory for requests: while a render uses a scene
+// of that kind, another finds less, and it has it back when that render has ended.
+TEST(RenderService, CountsTheSceneThatIsRendered) {
+  const uint64_t scene_bytes = memory_of(large_scene()),
+                 build_bytes = memory_to_build(large_scene());
+  RenderServer server(options_with([&](auto& o) {
+    o.renders = 2;
+    o.cache_bytes = 0;
+    o.memory_bytes = build_bytes + (uint64_t{1} << 20);
+  }));
+  Client client(server.in_process_channel());
+  const uint64_t rest = build_bytes + (uint64_t{1} << 20) - scene_bytes;
+  const auto request = request_of(rest + scene_bytes / 2, cube_scene());
+  EXPECT_TRUE(client.call(request).status.ok());  // alone
+
+  grpc::ClientContext context;
+  auto endless = std::async(std::launch::async, [&] {
+    return client.call(context, with_scene(endless_request(), large_scene())).status;
+  });
+  const auto is_refused = [&] {
+    const grpc::Status status = client.call(request).status;
+    v1::Busy busy;
+    return status.error_code() == grpc::UNAVAILABLE &&
+           busy.ParseFromString(status.error_details()) && busy.retry_after_seconds() > 0 &&
+           status.error_message().find("MiB of memory for requests are taken") != std::string::npos;
+  };
+  auto named = small_request();
+  named.set_scene_digest(sha256(serialize(large_scene())->bytes));
+  ASSERT_TRUE(testing::eventually([&] { return client.call(named).status.ok(); }));  // it is built
+  EXPECT_TRUE(is_refused());
+  context.TryCancel();
+  EXPECT_EQ(endless.get().error_code(), grpc::CANCELLED);
+  EXPECT_TRUE(testing::eventually([&] { return client.call(request).status.ok(); }));
+}
+
+// To come again would not help.
+TEST(RenderService, RefusesAFilmThatNeverFitsBesideItsScene) {
+  const uint64_t memory = memory_to_build(large_scene()) + (uint64_t{1} << 20);
+  RenderServer server(options_with([&](auto& o) {
+    o.cache_bytes = 0;
+    o.memory_bytes = memory;
+  }));
+  Client client(server.in_process_channel());
+  const uint64_t scene_bytes = memory_of(large_scene());
+  const Answer answer = client.call(request_of(memory - scene_bytes / 2, large_scene()));
+  EXPECT_EQ(answer.status.error_code(), grpc::RESOURCE_EXHAUSTED);
+  EXPECT_THAT(answer.status.error_message(), HasSubstr("--max-memory-mb"));
+  EXPECT_TRUE(client.call(request_of(memory - 2 * scene_bytes, cube_scene())).status.ok());
+}
+
 // ---- Time --------------------------------------------------------------------------------------
 
 TEST(RenderService, StopsARenderThatTakesTooLong) {
@@ -753,6 +834,41 @@ TEST_P(Stops, ARenderThatWaits) {
   EXPECT_TRUE(testing::eventually([&] {
     return busy.client().call(with_scene(endless_request()), 200ms).status.error_code() ==
            grpc::DEADLINE_EXCEEDED;
+  }));
+}
+
+// A cache that is too small for a scene keeps it for those who wait for it.
+TEST(RenderService, KeepsTheSceneOfARequestThatWaits) {
+  auto options = options_with([](auto& o) {
+    o.cache_bytes = 0;
+    o.queue_capacity = 1;
+  });
+  RenderServer server(options);
+  Client client(server.in_process_channel());
+  grpc::ClientContext context;
+  auto first = std::async(std::launch::async, [&] {
+    return client.call(context, with_scene(endless_request())).status;
+  });
+  auto named = small_request();
+  named.set_scene_digest(sha256(serialize(cube_scene())->bytes));
+  auto second = std::async(std::launch::async, [&] {
+    Answer answer;
+    EXPECT_TRUE(testing::eventually([&] {  // once the scene is built
+      answer = client.call(named, 10min);
+      return answer.status.error_code() != grpc::FAILED_PRECONDITION;
+    }));
+    return answer.status;
+  });
+  ASSERT_TRUE(testing::eventually([&] {
+    return client.call(small_request()).status.error_message().find("1 run, 1 wait") !=
+           std::string::npos;
+  }));
+  context.TryCancel();
+  EXPECT_EQ(first.get().error_code(), grpc::CANCELLED);
+  const grpc::Status status = second.get();
+  EXPECT_TRUE(status.ok()) << status.error_message();
+  EXPECT_TRUE(testing::eventually([&] {  // and for nobody else
+    return client.call(named).status.error_code() == grpc::FAILED_PRECONDITION;
   }));
 }
 

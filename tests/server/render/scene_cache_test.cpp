@@ -43,13 +43,21 @@ TEST(SceneCache, ForgetsTheLeastRecentlyUsed) {
   EXPECT_NE(cache.find("c"), nullptr);
 }
 
-TEST(SceneCache, KeepsTheLastOneWhateverItsSize) {
+TEST(SceneCache, KeepsWhatIsTooLargeForItAsLongAsItIsInUse) {
   SceneCache cache(0);
-  cache.get_or_build("a", build);
-  EXPECT_NE(cache.find("a"), nullptr);
-  cache.get_or_build("b", build);
+  auto first = cache.get_or_build("a", build);
+  auto second = cache.get_or_build("b", build);
+  auto again = cache.find("a");
+  EXPECT_EQ(again, first);
+  EXPECT_GE(cache.excess(), first->memory() + second->memory());
+  first.reset();
+  EXPECT_EQ(cache.find("a"), again);
+  again.reset();
   EXPECT_EQ(cache.find("a"), nullptr);
-  EXPECT_NE(cache.find("b"), nullptr);
+  EXPECT_EQ(cache.find("b"), second);
+  second.reset();
+  EXPECT_EQ(cache.find("b"), nullptr);
+  EXPECT_EQ(cache.memory(), 0U);
 }
 
 TEST(SceneCache, BuildsOnceForAllWhoAskAtTheSameTime) {
@@ -152,6 +160,31 @@ TEST(SceneCache, StaysWithinItsBudget) {
   }
   EXPECT_LE(most, kBudget);
   EXPECT_GT(most, kBudget / 2);
+}
+
+// A scene is what its parts are: they stay as long as it does, count as long, and go with it.
+TEST(SceneCache, CountsThePartsOfWhatIsTooLargeForIt) {
+  SceneCache cache(0);
+  {
+    const auto scene = build_in(cache, turned_cube(1, 0, 0));
+    EXPECT_GE(cache.excess_of(*scene), scene->memory() + scene->compiled().object->memory());
+    EXPECT_GE(cache.excess(), cache.excess_of(*scene));
+    EXPECT_LE(cache.excess(), cache.excess_of(*scene) + 1024);  // what an entry costs
+  }
+  EXPECT_EQ(cache.memory(), 0U);
+}
+
+TEST(SceneCache, ForgetsThePartsOfASceneThatFailed) {
+  SceneCache cache(0);
+  EXPECT_THROW(cache.get_or_build("a",
+                                  [&]() -> SceneCache::ScenePtr {
+                                    const tracer::Scene complete(
+                                        build_scene(turned_cube(1, 0, 0), {}, &cache.parts()),
+                                        cache.parts());
+                                    throw std::runtime_error("no");
+                                  }),
+               std::runtime_error);
+  EXPECT_EQ(cache.memory(), 0U);
 }
 
 // The parts of a scene that is in use are not the first to go.

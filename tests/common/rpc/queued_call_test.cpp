@@ -1,0 +1,218 @@
+// Calls that do what a test says, behind a server of this process.
+#include "common/rpc/queued_call.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <functional>
+#include <future>
+#include <memory>
+#include <string>
+
+#include "common/error.h"
+#include "common/rpc/grpc_server.h"
+#include "common/rpc/wire_check.h"
+#include "itn/v1/render.grpc.pb.h"
+#include "tests/support/process.h"
+
+namespace itn {
+namespace {
+
+using namespace std::chrono_literals;
+using ::testing::HasSubstr;
+
+// What RenderGrad does, by the seed of the request.
+struct Behaviour {
+  std::function<void(uint64_t seed, const grpc::CallbackServerContext&)> accept =
+      [](uint64_t, const grpc::CallbackServerContext&) {};
+  std::function<void(uint64_t seed, const std::stop_token&)> work = [](uint64_t,
+                                                                       const std::stop_token&) {};
+};
+
+class TestService final
+    : public v1::RenderService::WithRawCallbackMethod_RenderGrad<v1::RenderService::Service> {
+ public:
+  TestService(Behaviour behaviour, CallDeskOptions options)
+      : behaviour_(std::move(behaviour)), desk_(options) {}
+
+  grpc::ServerUnaryReactor* RenderGrad(grpc::CallbackServerContext* context,
+                                       const grpc::ByteBuffer* request,
+                                       grpc::ByteBuffer* reply) override {
+    return start_call<Call>(*context, request, *this, *context, *reply);
+  }
+
+  CallDesk& desk() { return desk_; }
+
+ private:
+  class Call final : public QueuedCall {
+   public:
+    Call(TestService& service, grpc::CallbackServerContext& context, grpc::ByteBuffer& reply)
+        : QueuedCall(service.desk_, context, reply), service_(service), context_(context) {}
+
+   private:
+    void accept(const grpc::ByteBuffer& bytes) override {
+      parse_checked(bytes, "request", {}, request_);
+      service_.behaviour_.accept(request_.seed(), context_);
+    }
+    grpc::ByteBuffer work(std::stop_token stop) override {
+      service_.behaviour_.work(request_.seed(), stop);
+      return serialized(v1::RenderGradReply());
+    }
+    std::string activity() const override { return "a test"; }
+
+    TestService& service_;
+    grpc::CallbackServerContext& context_;
+    v1::RenderGradRequest request_;
+  };
+
+  const Behaviour behaviour_;
+  CallDesk desk_;
+};
+
+class QueuedCallTest : public ::testing::Test {
+ protected:
+  void serve(Behaviour behaviour, size_t queue_capacity, uint64_t memory_bytes = 0) {
+    CallDeskOptions options;
+    options.queue_capacity = queue_capacity;
+    options.memory_bytes = memory_bytes;
+    options.max_time = 0s;
+    options.stop_patience = stop_patience;
+    service_ = std::make_unique<TestService>(std::move(behaviour), options);
+    server_ =
+        std::make_unique<GrpcServer>(GrpcServerOptions(), *service_,
+                                     v1::RenderService::service_full_name(), [] { return true; });
+    stub_ = v1::RenderService::NewStub(server_->in_process_channel());
+  }
+
+  grpc::Status call(uint64_t seed, size_t bytes = 0) {
+    grpc::ClientContext context;
+    return call(seed, context, bytes);
+  }
+  grpc::Status call(uint64_t seed, grpc::ClientContext& context, size_t bytes = 0) {
+    v1::RenderGradRequest request;
+    request.set_seed(seed);
+    request.set_scene(std::string(bytes, 'x'));
+    v1::RenderGradReply reply;
+    return stub_->RenderGrad(&context, request, &reply);
+  }
+  std::future<grpc::Status> call_apart(uint64_t seed, size_t bytes = 0) {
+    return std::async(std::launch::async, [this, seed, bytes] { return call(seed, bytes); });
+  }
+  std::future<grpc::Status> call_apart(uint64_t seed, grpc::ClientContext& context) {
+    return std::async(std::launch::async, [this, seed, &context] { return call(seed, context); });
+  }
+  CallDesk& desk() { return service_->desk(); }
+
+  std::chrono::duration<double> stop_patience = testing::kPatience;
+  std::unique_ptr<TestService> service_;
+  std::unique_ptr<GrpcServer> server_;
+  std::unique_ptr<v1::RenderService::Stub> stub_;
+};
+
+// Open when it goes out of scope at the latest.
+class Gate {
+ public:
+  ~Gate() { open(); }
+  void open() {
+    if (!open_.exchange(true)) promise_.set_value();
+  }
+  void pass() const { opened_.wait(); }
+
+ private:
+  std::atomic<bool> open_ = false;
+  std::promise<void> promise_;
+  std::shared_future<void> opened_ = promise_.get_future().share();
+};
+
+// gRPC tells a call that it was cancelled once it has been accepted, and then it gives up its
+// place.
+TEST_F(QueuedCallTest, ThatIsCancelledWhileItIsAcceptedLeavesItsPlace) {
+  Gate gate;
+  std::atomic<bool> comes_in = false;
+  serve({.accept =
+             [&](uint64_t seed, const grpc::CallbackServerContext& context) {
+               if (seed != 2) return;
+               comes_in = true;
+               EXPECT_TRUE(testing::eventually([&] { return context.IsCancelled(); }));
+             },
+         .work =
+             [&](uint64_t seed, const std::stop_token&) {
+               if (seed == 1) gate.pass();
+             }},
+        1);
+  auto first = call_apart(1);
+  ASSERT_TRUE(testing::eventually([&] { return desk().running() == 1; }));
+  grpc::ClientContext context;
+  auto cancelled = call_apart(2, context);
+  ASSERT_TRUE(testing::eventually([&] { return comes_in.load(); }));
+  EXPECT_THAT(call(3).error_message(), HasSubstr("1 run, 1 wait"));
+  context.TryCancel();
+  EXPECT_EQ(cancelled.get().error_code(), grpc::StatusCode::CANCELLED);
+  EXPECT_TRUE(testing::eventually([&] { return desk().can_take_work(); }));
+  gate.open();
+  EXPECT_TRUE(first.get().ok());
+}
+
+// Work that never asks whether it is to stop holds nobody up for longer than is said.
+TEST_F(QueuedCallTest, ThatDoesNotStopIsNotWaitedFor) {
+  Gate gate;
+  stop_patience = 0.2s;
+  serve({.work = [&](uint64_t, const std::stop_token&) { gate.pass(); }}, 1);
+  auto running = call_apart(1), waiting = call_apart(2);
+  ASSERT_TRUE(
+      testing::eventually([&] { return desk().running() == 1 && !desk().can_take_work(); }));
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_FALSE(desk().drain(0s));
+  EXPECT_GE(std::chrono::steady_clock::now() - start, stop_patience);
+  EXPECT_EQ(waiting.get().error_code(), grpc::StatusCode::UNAVAILABLE);
+  EXPECT_EQ(running.wait_for(0s), std::future_status::timeout);
+  gate.open();
+  EXPECT_TRUE(running.get().ok());
+  EXPECT_TRUE(testing::eventually([&] { return desk().drain(0s); }));
+}
+
+TEST_F(QueuedCallTest, ThatStopsLateIsWaitedFor) {
+  serve({.work =
+             [](uint64_t, const std::stop_token& stop) {
+               EXPECT_TRUE(testing::eventually([&] { return stop.stop_requested(); }));
+               throw Error(ErrorKind::kCancelled, "stopped");
+             }},
+        1);
+  auto running = call_apart(1);
+  ASSERT_TRUE(testing::eventually([&] { return desk().running() == 1; }));
+  EXPECT_TRUE(desk().drain(0s));
+  EXPECT_EQ(running.get().error_code(), grpc::StatusCode::UNAVAILABLE);
+}
+
+double retry_after(const grpc::Status& status) {
+  v1::Busy busy;
+  return busy.ParseFromString(status.error_details()) ? busy.retry_after_seconds() : 0;
+}
+
+// There is memory again when a call has ended: that takes as long as calls have taken, and whoever
+// comes then finds the place that it had.
+TEST_F(QueuedCallTest, ThatFindsNoMemoryIsToldWhenToComeAgain) {
+  Gate gate;
+  constexpr size_t kBytes = 1 << 20;
+  serve({.work =
+             [&](uint64_t seed, const std::stop_token&) {
+               if (seed == 1) gate.pass();
+             }},
+        1, 3 * kBytes);
+  for (int i = 0; i < 40; ++i) ASSERT_TRUE(call(0).ok());  // at once, each
+  auto first = call_apart(1, kBytes);
+  ASSERT_TRUE(testing::eventually([&] { return desk().running() == 1; }));
+  const grpc::Status status = call(2, kBytes);
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAVAILABLE);
+  EXPECT_THAT(status.error_message(), HasSubstr("MiB of memory for requests are taken"));
+  EXPECT_GT(retry_after(status), 0);
+  EXPECT_LT(retry_after(status), 0.9);
+  gate.open();
+  EXPECT_TRUE(first.get().ok());
+  EXPECT_TRUE(testing::eventually([&] { return call(2, kBytes).ok(); }));
+}
+
+}  // namespace
+}  // namespace itn
