@@ -20,6 +20,7 @@
 #include "common/files/folder_lock.h"
 #include "common/image/attributes.h"
 #include "common/image/image.h"
+#include "common/rpc/wire_array.h"
 #include "server/tracer/render.h"
 
 namespace itn {
@@ -156,12 +157,10 @@ Image image_of(const DatasetReader& dataset, const Group& group, size_t member,
   Image image;
   image.width = static_cast<int>(reply.width());
   image.height = static_cast<int>(reply.height());
-  const size_t pixels = static_cast<size_t>(image.width) * image.height;
-  image.channels["Y"] =
-      plane(member == 0 ? estimate.radiance() : estimate.at_albedos(static_cast<int>(member) - 1),
-            pixels);
-  image.channels["mask.Y"] = plane(reply.mask(), pixels);
-  image.channels["stderr.Y"] = plane(reply.standard_error(), pixels);
+  image.channels["Y"] = from_bytes<float>(
+      member == 0 ? estimate.radiance() : estimate.at_albedos(static_cast<int>(member) - 1));
+  image.channels["mask.Y"] = from_bytes<float>(reply.mask());
+  image.channels["stderr.Y"] = from_bytes<float>(reply.standard_error());
   image.attributes = {
       {attribute::kVersion, ITN_VERSION},
       {attribute::kSigmaT, item.material().sigma_t()},

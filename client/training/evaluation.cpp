@@ -5,6 +5,7 @@
 #include "client/dataset/sampler.h"
 #include "client/render_pool/render_wait.h"
 #include "common/error.h"
+#include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 
 namespace itn {
@@ -70,7 +71,7 @@ std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::
   job.request.set_seed(derive_seed(item.seed(), {1}));
   std::future<v1::RenderGradReply> future = pool.submit(std::move(job));
   const v1::RenderGradReply reply = wait_for_render(future, stop);
-  return plane(reply.estimates(0).radiance(), static_cast<size_t>(reply.width()) * reply.height());
+  return from_bytes<float>(reply.estimates(0).radiance());
 }
 
 double relative_image_error(std::span<const float> image, std::span<const float> rendered,

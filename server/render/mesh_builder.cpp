@@ -212,17 +212,22 @@ Mesh MeshBuilder::source(const std::string& field, const v1::Mesh& proto) {
   }
   switch (proto.source_case()) {
     case v1::Mesh::kTriangles: return from_triangles(field + ".triangles", proto.triangles());
-    case v1::Mesh::kBuiltin: {
-      Mesh mesh = make_shape(proto.builtin());
-      count(mesh.triangles.size());
-      return mesh;
-    }
+    case v1::Mesh::kBuiltin: return shape(proto.builtin());
     case v1::Mesh::kPath:
       throw invalid_input(
           fmt::format("{}.path is set; a worker opens no files: send the triangles", field));
     case v1::Mesh::SOURCE_NOT_SET: break;
   }
   throw missing(field + ": one of triangles, path and builtin");
+}
+
+// Made once for a scene, however many places it has in it: that costs most. It is as small as the
+// shapes are, and counts for each place.
+const Mesh& MeshBuilder::shape(const std::string& name) {
+  auto made = shapes_.find(name);
+  if (made == shapes_.end()) made = shapes_.emplace(name, make_shape(name)).first;
+  count(made->second.triangles.size());
+  return made->second;
 }
 
 Mesh MeshBuilder::from_triangles(const std::string& field, const v1::Triangles& proto) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
 
 #include "common/geometry/mesh.h"
@@ -28,10 +29,12 @@ class MeshBuilder {
   void count(uint64_t triangles);
   Mesh own_coordinates(const std::string& field, const v1::Mesh& proto, int end);
   Mesh source(const std::string& field, const v1::Mesh& proto);
+  const Mesh& shape(const std::string& name);
   Mesh from_triangles(const std::string& field, const v1::Triangles& proto);
 
   uint64_t max_triangles_;
   uint64_t triangles_ = 0;
+  std::map<std::string, Mesh> shapes_;  // built-in ones
 };
 
 }  // namespace itn

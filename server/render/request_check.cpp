@@ -96,8 +96,6 @@ tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
   check_message(request, "request");
   check_scene_fields(request);
   if (!request.has_material()) throw missing("material");
-  integer_in("spp", request.spp(), 1, 1U << 20);
-  within_limit("spp", request.spp(), limits.max_spp);
   tracer::RenderRequest built;
   built.material = build_material(request.material());
   built.seed = request.seed();
@@ -113,6 +111,7 @@ tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
   build_tracer(request, built);
   built.estimates = std::max(request.estimates(), 1U);
   tracer::validate(built);
+  within_limit("spp", request.spp(), limits.max_spp);
   return built;
 }
 

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "itn/v1/scene.pb.h"
+#include "server/tracer/request.h"
 #include "server/tracer/scene/scene.h"
 
 namespace itn {
@@ -14,7 +15,7 @@ namespace itn {
 // What one request may ask for; reported by GetCapabilities.
 struct RenderLimits {
   uint64_t max_pixels = uint64_t{1} << 24;
-  uint32_t max_spp = 1U << 20;
+  uint32_t max_spp = tracer::kMaxSamples;
   uint64_t max_triangles = 10'000'000;  // of all meshes of a scene together
   // Of a request and of a reply. Protocol buffers end at 2 GiB.
   uint64_t max_message_bytes = uint64_t{2047} << 20;

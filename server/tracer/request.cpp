@@ -10,6 +10,13 @@
 namespace itn::tracer {
 namespace {
 
+void check_samples(const RenderRequest& request) {
+  if (request.sample_count < 1 || request.sample_count > kMaxSamples) {
+    throw invalid_input(
+        fmt::format("spp is {}; it must be in [1, {}]", request.sample_count, kMaxSamples));
+  }
+}
+
 void check_estimates(const RenderRequest& request) {
   const uint32_t most = std::min(kMaxEstimates, request.sample_count);
   if (request.estimates < 1 || request.estimates > most) {
@@ -84,6 +91,7 @@ void check_index(const Parameter& parameter, size_t count, const char* what) {
 
 void validate(const RenderRequest& request) {
   itn::validate(request.material);
+  check_samples(request);
   check_estimates(request);
   check_albedos(request);
   check_derivatives(request);

@@ -28,6 +28,7 @@ struct Tile {
   uint32_t width = 0, height = 0;
 };
 
+constexpr uint32_t kMaxSamples = 1U << 20;
 constexpr uint32_t kMaxEstimates = 16;
 constexpr size_t kMaxAlbedos = 16;
 constexpr size_t kMaxDerivatives = 32;
@@ -37,7 +38,7 @@ constexpr uint32_t kMaxPilotSpp = 64;
 // the same for everybody but tests and benchmarks).
 struct RenderRequest {
   Material material;
-  uint32_t sample_count = 16;  // per pixel
+  uint32_t sample_count = 16;  // per pixel, in [1, kMaxSamples]
   // The part of the film that is rendered; nothing: all of it. Without a pilot, its pixels are
   // those of the whole, bit for bit. With one, samples are spread over the tile instead of the
   // film.

@@ -15,6 +15,8 @@
 #include <vector>
 
 #include "common/error.h"
+#include "common/geometry/shapes.h"
+#include "tests/support/process.h"
 #include "tests/support/scenes.h"
 
 namespace itn {
@@ -190,6 +192,23 @@ TEST(SceneBuilder, CountsTheTrianglesOfAllMeshes) {
   limits.max_triangles = 14;
   EXPECT_NO_THROW(build_scene(scene, limits));
   limits.max_triangles = 13;
+  EXPECT_THROW(build_scene(scene, limits), Error);
+}
+
+// A few bytes each ask for a built-in shape, which takes a while to make.
+TEST(SceneBuilder, MakesABuiltInShapeOnceHoweverOftenItIsThere) {
+  double start = testing::own_cpu_seconds();
+  const uint64_t triangles = make_shape("tree").triangles.size();
+  const double one = testing::own_cpu_seconds() - start;
+  v1::Scene scene = cube_scene();
+  constexpr int kTrees = 64;
+  for (int i = 0; i < kTrees; ++i) scene.add_surfaces()->mutable_mesh()->set_builtin("tree");
+  RenderLimits limits;
+  limits.max_triangles = 12 + 2 + kTrees * triangles;
+  start = testing::own_cpu_seconds();
+  EXPECT_EQ(build_scene(scene, limits).surfaces.back().mesh.triangles.size(), triangles);
+  EXPECT_LT(testing::own_cpu_seconds() - start, kTrees / 4 * one) << "processor time, in s";
+  --limits.max_triangles;
   EXPECT_THROW(build_scene(scene, limits), Error);
 }
 
