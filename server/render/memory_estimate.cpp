@@ -6,7 +6,7 @@
 namespace itn {
 namespace {
 
-// Planned samples of a pixel, its place among those of the object, its importance.
+// Planned samples of a pixel, its place among those of the object, its sampling weight.
 constexpr uint64_t kPlanPerPixel = 64;
 
 uint64_t sums_per_pixel(uint64_t estimates, uint64_t derivatives, uint64_t albedos) {

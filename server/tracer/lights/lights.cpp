@@ -208,9 +208,9 @@ LightSample Lights::sample(double u, float u0, float u1) const {
   const double rest = std::clamp((u - below) / light->probability, 0.0, 1.0);
   Vec3f direction;
   if_not_distant(*light, [&](const auto& kind) { direction = kind.sample(rest, u0, u1); });
-  const float density = pdf(direction);
+  const float p = pdf(direction);
   // A direction on the very rim of the sun may fall outside it by rounding.
-  return {direction, density > 0 ? radiance(direction) / density : 0, density, light->number};
+  return {direction, p > 0 ? radiance(direction) / p : 0, p, light->number};
 }
 
 }  // namespace itn::tracer

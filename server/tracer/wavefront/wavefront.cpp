@@ -10,7 +10,7 @@
 #include <hwy/highway.h>
 
 #include "server/tracer/sampler.h"
-#include "server/tracer/wavefront/walk-inl.h"
+#include "server/tracer/wavefront/walk/walk-inl.h"
 #include "server/tracer/wavefront/wavefront.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -20,7 +20,7 @@ void run_wavefront(const Scene::Compiled& scene, const RenderRequest& request,
                    const RenderOptions& options, WorkQueue& queue, FilmWriter& film,
                    const std::stop_token& stop) {
   const auto run = [&]<typename AtBoundary>(std::type_identity<AtBoundary>) {
-    std::make_unique<Wavefront<AtBoundary>>(scene, request, options, queue, film)->run(stop);
+    std::make_unique<Walk<AtBoundary>>(scene, request, options, queue, film)->run(stop);
   };
   if (options.switches.boundary == nullptr) {
     run(std::type_identity<IndexMatched>());

@@ -26,7 +26,7 @@ struct LightProbe {
   FloatColumn radiance{}, pdf{};
   VectorColumn direction{};
 };
-// Radiance and density of `probe.direction`.
+// Radiance and pdf of `probe.direction`.
 void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count);
 // Draws `count` directions (see LightDraw in lights-inl.h) with the random numbers of samples 0 ..
 // count-1 of pixel 0.

@@ -56,8 +56,8 @@ TEST(BeerLambertTest, DerivativeOfAThinMedium) {
   EXPECT_NEAR(film_mean(sums, kSigmaT), -0.01, 1e-5);
 }
 
-// A beam from the zenith on a slab of thickness D with the camera above it, to first order in the
-// albedo: light goes down sigma_t y, is scattered back (cos_theta = -1), and comes up again:
+// A distant light in the zenith on a slab of thickness D with the camera above it, to first order
+// in the albedo: light goes down sigma_t y, is scattered back (cos_theta = -1), and comes up again:
 //   d T / d albedo at albedo 0 = E p(-1; g) (1 - exp(-2 sigma_t D)) / 2.
 TEST(SingleScatteringTest, DerivativeAtAlbedoZero) {
   SceneDescription description;
@@ -143,7 +143,8 @@ class HFunction {
   std::vector<double> h_;
 };
 
-// Radiance of a half-space under a beam of irradiance E across itself at cosine mu_0, seen at mu:
+// Radiance of a half-space under a distant light of irradiance E across itself at cosine mu_0,
+// seen at mu:
 //   I = albedo / (4 pi) E mu_0 / (mu + mu_0) H(mu) H(mu_0)
 // (Chandrasekhar, chapter III, Eq. 123, with pi F = E).
 TEST(ChandrasekharTest, HalfSpace) {
@@ -168,8 +169,8 @@ TEST(ChandrasekharTest, HalfSpace) {
   }
 }
 
-// An opaque surface lit by a beam alone: radiance = reflectance E cos / pi.
-TEST(LambertTest, GroundUnderABeam) {
+// An opaque surface lit by a distant light alone: radiance = reflectance E cos / pi.
+TEST(LambertTest, GroundUnderADistantLight) {
   SceneDescription description;
   description.object = box({5, 0, 5}, {6, 1, 6});
   description.surfaces = {{horizontal_square(0, 20), 0.6F}};

@@ -1,0 +1,70 @@
+// Adds light to what paths have collected, and to its derivatives.
+#if defined(ITN_TRACER_WAVEFRONT_WALK_COLLECT_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_WAVEFRONT_WALK_COLLECT_INL_H_
+#undef ITN_TRACER_WAVEFRONT_WALK_COLLECT_INL_H_
+#else
+#define ITN_TRACER_WAVEFRONT_WALK_COLLECT_INL_H_
+#endif
+
+#include <cstddef>
+
+#include "server/tracer/lights/light-inl.h"
+#include "server/tracer/wavefront/walk/state-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+// The paths that light arrives on: those in slots i, i + 1 ...
+struct Consecutive {
+  size_t i;
+  HWY_INLINE Floats get(const FloatColumn& column) const { return load(column, i); }
+  HWY_INLINE void add(Floats by, FloatColumn& column) const {
+    store(hn::Add(get(column), by), column, i);
+  }
+};
+
+// Those in any slots, all different but for the spare one.
+struct Scattered {
+  Ints slots;
+  HWY_INLINE Floats get(const FloatColumn& column) const { return gather(column.data(), slots); }
+  HWY_INLINE void add(Floats by, FloatColumn& column) const {
+    hn::ScatterIndex(hn::Add(get(column), by), FloatTag(), column.data(), slots);
+  }
+};
+
+// d log f / d sigma_t in mm, d log f / dg.
+struct Scores {
+  Floats sigma_t, g;
+};
+
+// Light that arrives along paths, which weigh it: `scores()` are those of the whole path, and
+// `part_of(l, weight)` is the part of weight times light that is due to light l of
+// Wavefront::differentiated_lights. Of lanes where none arrives, light and parts are 0.
+template <typename AtBoundary, typename Slots, typename GetScores, typename PartOf>
+HWY_INLINE void collect(Wavefront<AtBoundary>& wave, const Slots& at, Floats light,
+                        const GetScores& scores, const PartOf& part_of) {
+  Paths& paths = wave.paths;
+  const Floats weight = at.get(paths.weight);
+  const Floats contribution = hn::Mul(weight, light);
+  at.add(contribution, paths.radiance);
+  if (wave.medium_derivatives) {
+    const Scores score = scores();
+    at.add(hn::Mul(contribution, score.sigma_t), paths.d_sigma_t);
+    at.add(hn::Mul(at.get(paths.weight_derivative), light), paths.d_albedo);
+    at.add(hn::Mul(contribution, score.g), paths.d_g);
+  }
+  for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
+    at.add(hn::Mul(at.get(paths.weight_at_albedos[a]), light), paths.radiance_at_albedos[a]);
+  }
+  for (size_t r = 0; r < paths.d_reflectance.size(); ++r) {
+    at.add(hn::Mul(at.get(paths.weight_by_reflectance[r]), light), paths.d_reflectance[r]);
+  }
+  for (size_t l = 0; l < paths.d_light.size(); ++l) {
+    at.add(part_of(l, weight), paths.d_light[l]);
+  }
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

@@ -1,0 +1,66 @@
+// Free flights: how far paths go before they scatter.
+#if defined(ITN_TRACER_WAVEFRONT_WALK_FLIGHT_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_WAVEFRONT_WALK_FLIGHT_INL_H_
+#undef ITN_TRACER_WAVEFRONT_WALK_FLIGHT_INL_H_
+#else
+#define ITN_TRACER_WAVEFRONT_WALK_FLIGHT_INL_H_
+#endif
+
+#include <cstddef>
+
+#include "server/tracer/wavefront/lines/follow-inl.h"
+#include "server/tracer/wavefront/walk/state-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+// Free flights of all paths. As flights are memoryless, one path length serves for all the parts
+// of the line that lie inside the medium.
+template <typename AtBoundary>
+void fly(Wavefront<AtBoundary>& wave) {
+  Paths& paths = wave.paths;
+  const Floats zero = hn::Zero(FloatTag());
+  for (size_t i = 0; i < wave.count; i += lanes()) {
+    const Uints vertex = load(paths.vertex, i);
+    const Words words = random(wave, i, vertex, Sampler::kWalk);
+    const Floats u0 =
+        hn::IfThenElse(is(vertex, 1), load(paths.first_flight, i), uniform(words.w[0]));
+    const Floats depth = hn::Sub(zero, log(hn::Sub(set(1.0F), u0)));
+    store(hn::Mul(depth, set(1 / wave.sigma_t)), paths.rays.budget, i);
+    store(uniform(words.w[1]), paths.u1, i);
+    store(uniform(words.w[2]), paths.u2, i);
+    store(uniform(words.w[3]), paths.u3, i);
+  }
+  follow_lines(wave.scene.obstacles, paths.rays, wave.count, Report::kEnds,
+               wave.at_boundary_of_walks);
+}
+
+// What flights add to scores and counts.
+//
+// The score of a free flight, s = [1/sigma_t if it ended in a scattering] - length inside, has
+// the expectation 0 whatever came before. So has the sum of s W over the flights, W being the
+// weight before each: subtracting any multiple of it from the derivative keeps it unbiased. As
+// the light that a path finds after a flight is about W times what it finds from the camera, the
+// pixel's value is the multiple that takes away most of the noise (a control variate: Williams,
+// "Simple statistical gradient-following algorithms", 1992). Likewise for g, in scatter.
+template <typename AtBoundary>
+HWY_INLINE void book_flight(Wavefront<AtBoundary>& wave, size_t i, Mask spent) {
+  Paths& paths = wave.paths;
+  if (wave.medium_derivatives) {
+    const Floats length = load(paths.rays.in_medium, i);
+    const Floats score = hn::Sub(hn::IfThenElseZero(spent, set(1 / wave.sigma_t)), length);
+    store(hn::Add(load(paths.score_sigma_t, i), score), paths.score_sigma_t, i);
+    store(plus_product(load(paths.control_sigma_t, i), score, load(paths.weight, i)),
+          paths.control_sigma_t, i);
+  }
+  const Uints entered =
+      hn::And(hn::ShiftRight<Rays::kEnteredBit>(load(paths.rays.outcome, i)), set(uint32_t{1}));
+  store(hn::Add(load(paths.steps, i), entered), paths.steps, i);
+  const auto first = for_uints(is(load(paths.vertex, i), 1));
+  store(hn::IfThenElse(first, entered, load(paths.hit, i)), paths.hit, i);
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

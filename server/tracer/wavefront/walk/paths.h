@@ -1,0 +1,127 @@
+// What is known of the paths under way and of their shadow rays, a slot each (columns.h).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <tuple>
+#include <vector>
+
+#include "server/tracer/wavefront/columns.h"
+#include "server/tracer/wavefront/rays.h"
+
+namespace itn::tracer {
+
+// A column of a path's state, and what it holds when a path begins.
+template <typename T, int kStart = 0>
+struct StateColumn : Column<T> {
+  static constexpr T kAtStart = kStart;
+};
+template <int kStart = 0>
+using FloatState = StateColumn<float, kStart>;
+template <int kStart = 0>
+using UintState = StateColumn<uint32_t, kStart>;
+// As many such columns as a request needs.
+template <int kStart = 0>
+struct alignas(64) FloatStates : std::vector<FloatState<kStart>> {};
+
+// What a path takes along from vertex to vertex, but for its ray.
+struct PathState {
+  // Which sample it is: see PathSample.
+  UintState<> pixel{}, sample{};
+  FloatState<> expected{};
+  FloatState<> first_flight{};  // the random number of the first flight
+
+  UintState<1> vertex{};  // that is next, the camera being vertex 0
+  UintState<1> alive{};
+  UintState<> hit{}, leaked{}, steps{};  // see PathEstimate
+  // Whether no shadow ray looks for the light ahead too: on the camera's ray, and behind a boundary
+  // that bends light. How many of those were crossed in a row.
+  UintState<1> alone{};
+  UintState<> crossings{};
+  FloatState<> pdf{};  // per steradian, of the last direction
+
+  // The weight W, d W / d albedo, and the scores d log f / d sigma_t in mm and d log f / dg.
+  FloatState<1> weight{};
+  FloatState<> weight_derivative{};
+  FloatState<> score_sigma_t{}, score_g{};
+
+  // Collected so far, and control variates (see book_flight and scatter).
+  FloatState<> radiance{}, d_sigma_t{}, d_albedo{}, d_g{};
+  FloatState<> control_sigma_t{}, control_g{};
+
+  // W and radiance for RenderRequest::albedos.
+  FloatStates<1> weight_at_albedos{};
+  FloatStates<> radiance_at_albedos{};
+  // For the surfaces that derivatives are asked for in: d W / d reflectance, and what is collected.
+  FloatStates<> weight_by_reflectance{}, d_reflectance{};
+  // The same for lights.
+  FloatStates<> d_light{};
+
+  // The list of all columns: what moves a path, and begins one, goes through it.
+  auto columns() {
+    return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps, alone,
+                    crossings, pdf, weight, weight_derivative, score_sigma_t, score_g, radiance,
+                    d_sigma_t, d_albedo, d_g, control_sigma_t, control_g, weight_at_albedos,
+                    radiance_at_albedos, weight_by_reflectance, d_reflectance, d_light);
+  }
+  // Those that a factor of the path's weight multiplies.
+  auto weights() {
+    return std::tie(weight, weight_derivative, weight_at_albedos, weight_by_reflectance);
+  }
+};
+
+// Calls visit(column) for every column of a list.
+template <typename List, typename Visit>
+void for_each_column(const List& list, const Visit& visit) {
+  const auto visit_all = [&]<typename Entry>(Entry& entry) {
+    if constexpr (requires { Entry::kAtStart; }) {
+      visit(entry);
+    } else {
+      for (auto& column : entry) {
+        visit(column);
+      }
+    }
+  };
+  std::apply([&](auto&... entries) { (visit_all(entries), ...); }, list);
+}
+
+// The list is complete: its columns fill the structure.
+template <typename... Entries>
+constexpr size_t size_of_all(std::tuple<Entries&...>* /*type*/) {
+  return (sizeof(Entries) + ...);
+}
+static_assert(size_of_all(static_cast<decltype(PathState().columns())*>(nullptr)) ==
+                  sizeof(PathState),
+              "PathState::columns() leaves out a member");
+
+// The paths under way.
+struct Paths : PathState {
+  Rays rays;                     // of the flight
+  FloatColumn u1{}, u2{}, u3{};  // random numbers of the vertex
+
+  void move(size_t from, size_t to) {
+    rays.position.set(to, rays.position.at(from));
+    rays.direction.set(to, rays.direction.at(from));
+    rays.interaction[to] = rays.interaction[from];
+    for_each_column(columns(), [&](auto& column) { column[to] = column[from]; });
+  }
+
+  // All but the ray and the sample.
+  void begin(size_t slot) {
+    for_each_column(columns(), [&](auto& column) { column[slot] = column.kAtStart; });
+  }
+};
+
+// The shadow rays that survived their roulette.
+struct ShadowRays {
+  Rays rays;
+  UintColumn slot{};  // of the path
+  // Light that would arrive undimmed, scattered and weighted: without the path's weight, and with
+  // what the path is worth following for.
+  FloatColumn light{}, worth{};
+  FloatColumn score_g{};                     // of the path, with that of the turn to the light
+  std::vector<FloatColumn> parts_of_lights;  // of `light`, for the derivatives asked for in lights
+  size_t count = 0;
+};
+
+}  // namespace itn::tracer

@@ -1,0 +1,131 @@
+// Vertices: scatterings in the medium, and diffuse reflections.
+#if defined(ITN_TRACER_WAVEFRONT_WALK_SCATTER_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_WAVEFRONT_WALK_SCATTER_INL_H_
+#undef ITN_TRACER_WAVEFRONT_WALK_SCATTER_INL_H_
+#else
+#define ITN_TRACER_WAVEFRONT_WALK_SCATTER_INL_H_
+#endif
+
+#include <cstddef>
+#include <cstdint>
+#include <numbers>
+
+#include "server/tracer/wavefront/lines/surface_search-inl.h"
+#include "server/tracer/wavefront/walk/shadow_rays-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+HWY_INLINE Vertices vertices_of(const Paths& paths, const Surfaces& surfaces, float albedo,
+                                size_t i, Mask where, Mask in_medium) {
+  const FloatTag d;
+  const Vectors before = load(paths.rays.direction, i);
+  Vertices vertices{.where = where,
+                    .in_medium = in_medium,
+                    .all_in_medium = hn::AllTrue(d, hn::Or(in_medium, hn::Not(where))),
+                    .axis = before,
+                    .factor = set(albedo),
+                    .triangles = hn::Set(IntTag(), -1)};
+  if (!vertices.all_in_medium) {
+    const Floats zero = hn::Zero(d);
+    const auto on_surface = for_uints(hn::AndNot(in_medium, where));
+    const Uints triangle = surface_of(load(paths.rays.interaction, i));
+    const Ints at = hn::BitCast(IntTag(), hn::IfThenElseZero(on_surface, triangle));
+    vertices.triangles =
+        hn::BitCast(IntTag(), hn::IfThenElse(on_surface, triangle, set(Surfaces::kNone)));
+    const Floats reflectance = gather(surfaces.reflectances.data(), at);
+    vertices.factor = hn::IfThenElse(in_medium, vertices.factor, reflectance);
+    const Vectors normal{gather(surfaces.normals.x.data(), at),
+                         gather(surfaces.normals.y.data(), at),
+                         gather(surfaces.normals.z.data(), at)};
+    const Mask flip = hn::Ge(dot(normal, before), zero);
+    const Vectors facing = if_then_else(flip, Vectors{zero, zero, zero} - normal, normal);
+    vertices.axis = if_then_else(in_medium, before, facing);
+  }
+  return vertices;
+}
+
+// W takes the factor. dW/d albedo takes it too, and W where the factor is the albedo; likewise
+// dW/d reflectance, for the reflectance of some triangles.
+template <typename AtBoundary>
+HWY_INLINE void multiply_by_factor(Wavefront<AtBoundary>& wave, size_t i,
+                                   const Vertices& vertices) {
+  Paths& paths = wave.paths;
+  const Floats factor = vertices.factor, weight = load(paths.weight, i);
+  store(hn::Mul(weight, factor), paths.weight, i);
+  store(hn::Add(hn::Mul(load(paths.weight_derivative, i), factor),
+                hn::IfThenElseZero(vertices.in_medium, weight)),
+        paths.weight_derivative, i);
+  for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
+    FloatColumn& other_weight = paths.weight_at_albedos[a];
+    const Floats albedo = set(static_cast<float>(wave.request.albedos[a]));
+    store(hn::Mul(load(other_weight, i), hn::IfThenElse(vertices.in_medium, albedo, factor)),
+          other_weight, i);
+  }
+  for (size_t r = 0; r < wave.reflecting.size(); ++r) {
+    // From `first` on, and before `end`.
+    const auto below = [](uint32_t n) { return hn::Set(IntTag(), static_cast<int32_t>(n) - 1); };
+    const auto own = hn::AndNot(hn::Gt(vertices.triangles, below(wave.reflecting[r].end)),
+                                hn::Gt(vertices.triangles, below(wave.reflecting[r].first)));
+    FloatColumn& derivative = paths.weight_by_reflectance[r];
+    const Floats gain = hn::IfThenElseZero(hn::RebindMask(FloatTag(), own), weight);
+    store(plus_product(gain, load(derivative, i), factor), derivative, i);
+  }
+}
+
+// Draws the next direction: Henyey-Greenstein around the last one, or the cosine law around the
+// normal (its pdf is cosine / pi: cosine^2 is uniform).
+template <typename AtBoundary>
+HWY_INLINE void turn(Wavefront<AtBoundary>& wave, size_t i, const Vertices& vertices) {
+  Paths& paths = wave.paths;
+  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Floats u1 = load(paths.u1, i);
+  Floats cosine = sample_hg(u1, wave.g);
+  Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
+  const Phase phase = hg_phase(cosine, wave.g);
+  Floats pdf = phase.value;
+  if (!vertices.all_in_medium) {
+    const Mask in_medium = vertices.in_medium;
+    const Floats diffuse = hn::Sqrt(hn::Sub(one, u1));
+    cosine = hn::IfThenElse(in_medium, cosine, diffuse);
+    sine = hn::IfThenElse(in_medium, sine, hn::Sqrt(u1));
+    pdf = hn::IfThenElse(in_medium, pdf, hn::Mul(diffuse, set(std::numbers::inv_pi_v<float>)));
+  }
+  const SinCos phi = sin_cos_of_turn(load(paths.u2, i));
+  const Vectors direction =
+      renormalize(around(vertices.axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
+  // Paths that have ended keep their direction: NaN would slow the lanes down.
+  const Vectors before = load(paths.rays.direction, i);
+  store(if_then_else(vertices.where, direction, before), paths.rays.direction, i);
+  store(pdf, paths.pdf, i);
+  // A control variate, as in book_flight.
+  if (wave.medium_derivatives) {
+    const Floats score = hn::IfThenElseZero(vertices.in_medium, phase.score);
+    store(hn::Add(load(paths.score_g, i), score), paths.score_g, i);
+    store(plus_product(load(paths.control_g, i), score, load(paths.weight, i)), paths.control_g, i);
+  }
+  store(hn::IfThenZeroElse(for_uints(vertices.where), load(paths.alone, i)), paths.alone, i);
+}
+
+// What happens at the vertices of the paths in slots i, i + 1 ..., where there are any.
+template <typename AtBoundary>
+void scatter(Wavefront<AtBoundary>& wave, size_t i, Mask where, Mask in_medium) {
+  Vertices vertices =
+      vertices_of(wave.paths, wave.scene.obstacles.surfaces, wave.albedo, i, where, in_medium);
+  if constexpr (AtBoundary::kAsks) {
+    // Paths at the boundary keep their weight.
+    vertices.factor = hn::IfThenElse(where, vertices.factor, set(1.0F));
+    UintColumn& crossings = wave.paths.crossings;
+    store(hn::IfThenZeroElse(for_uints(where), load(crossings, i)), crossings, i);
+  }
+  multiply_by_factor(wave, i, vertices);
+  if (wave.switches.techniques != Switches::Techniques::kPhaseOnly) {
+    send_shadow_rays(wave, i, vertices);
+  }
+  turn(wave, i, vertices);
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

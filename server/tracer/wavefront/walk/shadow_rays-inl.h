@@ -1,0 +1,157 @@
+// Shadow rays: next-event estimation.
+#if defined(ITN_TRACER_WAVEFRONT_WALK_SHADOW_RAYS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_WAVEFRONT_WALK_SHADOW_RAYS_INL_H_
+#undef ITN_TRACER_WAVEFRONT_WALK_SHADOW_RAYS_INL_H_
+#else
+#define ITN_TRACER_WAVEFRONT_WALK_SHADOW_RAYS_INL_H_
+#endif
+
+#include <cstddef>
+#include <numbers>
+
+#include "server/tracer/lights/lights-inl.h"
+#include "server/tracer/wavefront/lines/follow-inl.h"
+#include "server/tracer/wavefront/walk/collect-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+// A shadow ray through more than this many mean free paths carries less than exp(-50) of its light,
+// which is below the rounding of any sum it could be added to.
+constexpr float kMaxOpticalDepth = 50;
+
+// Where paths that are sent on have arrived.
+struct Vertices {
+  Mask where;      // there are any
+  Mask in_medium;  // scatterings; the others are diffuse reflections
+  bool all_in_medium;
+  Vectors axis;    // that the next direction is drawn around: the last one, or the surface's normal
+  Floats factor;   // albedo or reflectance
+  Ints triangles;  // that reflect, or -1
+};
+
+// Next-event estimation: light along one direction drawn from the lights.
+//
+// Roulette before anything is traced: a shadow ray through optical depth x carries v exp(-x). Let
+// it survive with probability min(1, v exp(-x) / tau), carrying at least tau then: with one
+// uniform number u that means x <= log(v / (u tau)), a limit on the depth that is known
+// beforehand.
+template <typename AtBoundary>
+void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& vertices) {
+  const Paths& paths = wave.paths;
+  ShadowRays& shadow_rays = wave.shadow_rays;
+  const FloatTag d;
+  const Floats zero = hn::Zero(d);
+  const Uints vertex = load(paths.vertex, i);
+  const Words words = random(wave, i, vertex, Sampler::kShadowRay);
+  const Words more =
+      wave.scene.lights.has_maps() ? random(wave, i, vertex, Sampler::kMap) : Words{};
+  const LightDraw light = sample(wave.scene.lights, words, more);
+  const Floats cosine = dot(vertices.axis, light.direction);
+  auto [value, score] = hg_phase(cosine, wave.g);
+  if (!vertices.all_in_medium) {
+    const Floats diffuse = hn::Mul(hn::Max(zero, cosine), set(std::numbers::inv_pi_v<float>));
+    value = hn::IfThenElse(vertices.in_medium, value, diffuse);
+    score = hn::IfThenElseZero(vertices.in_medium, score);
+  }
+  // The weight of the draw, radiance / pdf, times that of multiple importance sampling,
+  // pdf / (pdf + value): `value` is also the pdf with which the walk would go there by itself.
+  // Distant lights have no pdf: what they bring is as it is.
+  const Floats competing = wave.switches.techniques == Switches::Techniques::kBoth ? value : zero;
+  const Floats pdf_sum =
+      hn::IfThenElse(hn::Gt(light.pdf, zero), hn::Add(light.pdf, competing), set(1.0F));
+  const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), pdf_sum);
+  const Floats worth = hn::Mul(worth_following(paths, i), undimmed);
+  Floats limit = set(kMaxOpticalDepth);
+  Mask sent = hn::And(vertices.where, hn::Gt(undimmed, zero));
+  if (wave.shadow_ray_threshold > 0) {
+    const Floats u = hn::Sub(set(1.0F), fifth_uniform(words));
+    limit = hn::Min(limit, log(hn::Div(worth, hn::Mul(u, set(wave.shadow_ray_threshold)))));
+    sent = hn::And(sent, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
+  }
+
+  const size_t at = shadow_rays.count;
+  const auto append = [&](Floats v, FloatColumn& column) {
+    hn::CompressStore(v, sent, d, column.data() + at);
+  };
+  const auto append_vectors = [&](Vectors v, VectorColumn& column) {
+    append(v.x, column.x);
+    append(v.y, column.y);
+    append(v.z, column.z);
+  };
+  const auto append_uints = [&](Uints v, UintColumn& column) {
+    hn::CompressStore(v, for_uints(sent), UintTag(), column.data() + at);
+  };
+  append_vectors(load(paths.rays.position, i), shadow_rays.rays.position);
+  append_vectors(light.direction, shadow_rays.rays.direction);
+  append_uints(load(paths.rays.interaction, i), shadow_rays.rays.interaction);
+  append(hn::Mul(limit, set(1 / wave.sigma_t)), shadow_rays.rays.budget);
+  append(undimmed, shadow_rays.light);
+  append(worth, shadow_rays.worth);
+  if (wave.medium_derivatives) {
+    append(hn::Add(load(paths.score_g, i), score), shadow_rays.score_g);
+  }
+  for (size_t l = 0; l < wave.differentiated_lights.size(); ++l) {
+    const Floats part = radiance_of(wave.scene.lights, wave.differentiated_lights[l], words, light);
+    append(hn::Div(hn::Mul(part, value), pdf_sum), shadow_rays.parts_of_lights[l]);
+  }
+  append_uints(hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i))), shadow_rays.slot);
+  shadow_rays.count += hn::CountTrue(d, sent);
+}
+
+// Traces the shadow rays, and adds the light that they bring, dimmed by the medium.
+template <typename AtBoundary>
+void trace_shadow_rays(Wavefront<AtBoundary>& wave) {
+  Paths& paths = wave.paths;
+  ShadowRays& shadow_rays = wave.shadow_rays;
+  follow_lines(wave.scene.obstacles, shadow_rays.rays, shadow_rays.count, Report::kLengths,
+               wave.at_boundary_of_shadow_rays);
+  const FloatTag d;
+  for (size_t i = 0; i < shadow_rays.count; i += lanes()) {
+    const Mask live = hn::FirstN(d, shadow_rays.count - i);
+    const Uints end = hn::And(load(shadow_rays.rays.outcome, i), set(Rays::kEndMask));
+    // Lanes beyond the last ray add nothing, in the spare slot.
+    const Ints slot =
+        hn::BitCast(IntTag(), hn::IfThenElse(for_uints(live), load(shadow_rays.slot, i),
+                                             set(static_cast<uint32_t>(kSlots))));
+    const Mask leaked = hn::And(live, is(end, Rays::kLeaked));
+    if (!hn::AllFalse(d, leaked)) {
+      const Uints before = hn::GatherIndex(UintTag(), paths.leaked.data(), slot);
+      hn::ScatterIndex(hn::IfThenElse(for_uints(leaked), set(uint32_t{1}), before), UintTag(),
+                       paths.leaked.data(), slot);
+    }
+    const Mask arrived = hn::And(live, is(end, Rays::kEscaped));
+    if (hn::AllFalse(d, arrived)) {
+      continue;
+    }
+    const Floats length = load(shadow_rays.rays.in_medium, i);
+    const Floats dimming = exp(hn::Mul(length, set(-wave.sigma_t)));
+    Floats survival = set(1.0F);
+    if (wave.shadow_ray_threshold > 0) {
+      survival = hn::Min(survival, hn::Mul(hn::Mul(load(shadow_rays.worth, i), dimming),
+                                           set(1 / wave.shadow_ray_threshold)));
+    }
+    const auto arriving = [&](const FloatColumn& undimmed) {
+      Floats dimmed = hn::Mul(load(undimmed, i), dimming);
+      if constexpr (AtBoundary::kAsks) {
+        dimmed = hn::Mul(dimmed, load(wave.at_boundary_of_shadow_rays.crossings.transmittance, i));
+      }
+      return hn::IfThenElseZero(arrived,
+                                wave.shadow_ray_threshold > 0 ? hn::Div(dimmed, survival) : dimmed);
+    };
+    const Scattered at{slot};
+    collect(
+        wave, at, arriving(shadow_rays.light),
+        [&] {
+          return Scores{hn::Sub(at.get(paths.score_sigma_t), length), load(shadow_rays.score_g, i)};
+        },
+        [&](size_t l, Floats weight) {
+          return hn::Mul(weight, arriving(shadow_rays.parts_of_lights[l]));
+        });
+  }
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

@@ -1,0 +1,107 @@
+// What the stages of a walk share: what is rendered, and the paths under way.
+#if defined(ITN_TRACER_WAVEFRONT_WALK_STATE_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_WAVEFRONT_WALK_STATE_INL_H_
+#undef ITN_TRACER_WAVEFRONT_WALK_STATE_INL_H_
+#else
+#define ITN_TRACER_WAVEFRONT_WALK_STATE_INL_H_
+#endif
+
+#include <algorithm>
+#include <cstddef>
+#include <numbers>
+#include <vector>
+
+#include "server/tracer/request.h"
+#include "server/tracer/sampler.h"
+#include "server/tracer/scene/compiled_scene.h"
+#include "server/tracer/wavefront/lines/lines-inl.h"
+#include "server/tracer/wavefront/random-inl.h"
+#include "server/tracer/wavefront/walk/paths.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+// Whether derivatives in the medium are asked for; all three are computed then.
+inline bool asks_for_medium(const RenderRequest& request) {
+  return std::any_of(request.derivatives.begin(), request.derivatives.end(),
+                     [](const Parameter& p) { return p.of_medium(); });
+}
+
+// AtBoundary: IndexMatched or Modelled.
+template <typename AtBoundary>
+struct Wavefront {
+  Wavefront(const Scene::Compiled& compiled, const RenderRequest& asked,
+            const RenderOptions& options)
+      : scene(compiled),
+        request(asked),
+        switches(options.switches),
+        sigma_t(static_cast<float>(asked.material.sigma_t)),
+        albedo(static_cast<float>(asked.material.albedo)),
+        g(static_cast<float>(asked.material.g)),
+        medium_derivatives(asks_for_medium(asked)),
+        shadow_ray_threshold(static_cast<float>(options.tuning.shadow_ray_roulette *
+                                                compiled.lights.power() / (4 * std::numbers::pi))),
+        at_boundary_of_walks(options.switches.boundary),
+        at_boundary_of_shadow_rays(options.switches.boundary) {
+    for (const Parameter& parameter : asked.derivatives) {
+      if (parameter.kind == Parameter::kReflectance) {
+        reflecting.push_back(compiled.obstacles.surfaces.triangles_of(parameter.index));
+      } else if (parameter.kind == Parameter::kLightScale) {
+        differentiated_lights.push_back(parameter.index);
+      }
+    }
+    paths.weight_at_albedos.resize(asked.albedos.size());
+    paths.radiance_at_albedos.resize(asked.albedos.size());
+    paths.weight_by_reflectance.resize(reflecting.size());
+    paths.d_reflectance.resize(reflecting.size());
+    paths.d_light.resize(differentiated_lights.size());
+    shadow_rays.parts_of_lights.resize(differentiated_lights.size());
+  }
+
+  const Scene::Compiled& scene;
+  const RenderRequest& request;
+  const Switches& switches;
+  const float sigma_t, albedo, g;
+  const bool medium_derivatives;
+  const float shadow_ray_threshold;  // of their roulette, as a radiance; 0: all are traced
+  // The triangles of the surfaces, and the lights, that derivatives are asked for in.
+  std::vector<Surfaces::Range> reflecting;
+  std::vector<size_t> differentiated_lights;
+
+  Paths paths;
+  size_t count = 0;  // of paths under way, in slots 0 .. count - 1
+  ShadowRays shadow_rays;
+  AtBoundary at_boundary_of_walks, at_boundary_of_shadow_rays;
+};
+
+// The random numbers of vertices of the paths in slots i, i + 1 ...
+template <typename AtBoundary>
+HWY_INLINE Words random(const Wavefront<AtBoundary>& wave, size_t i, Uints vertex,
+                        Sampler::Purpose purpose) {
+  return philox(vertex, set(uint32_t{purpose}), load(wave.paths.sample, i),
+                load(wave.paths.pixel, i), wave.request.seed);
+}
+
+// Multiplies weights by a factor that no derivative is asked for in.
+HWY_INLINE void multiply_weights(Paths& paths, size_t i, Floats factor) {
+  for_each_column(paths.weights(),
+                  [&](FloatColumn& weight) { store(hn::Mul(load(weight, i), factor), weight, i); });
+}
+
+// What a path is worth following for. In thick media of high albedo the derivative comes from
+// long paths, whose W is small but whose dW/d albedo is not; so does the derivative in the
+// reflectance of a dark surface, from paths of a few reflections.
+HWY_INLINE Floats worth_following(const Paths& paths, size_t i) {
+  constexpr float kRouletteDerivative = 0.05F, kRouletteReflectance = 0.25F;
+  Floats worth = hn::Max(load(paths.weight, i),
+                         hn::Mul(set(kRouletteDerivative), load(paths.weight_derivative, i)));
+  for (const FloatColumn& derivative : paths.weight_by_reflectance) {
+    worth = hn::Max(worth, hn::Mul(set(kRouletteReflectance), load(derivative, i)));
+  }
+  return worth;
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

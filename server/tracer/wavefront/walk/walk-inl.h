@@ -1,0 +1,144 @@
+// Paths in stages: every path of the wavefront flies, then all interact, then all shadow rays are
+// traced, and so on. The algorithm is that of reference/path.cpp, where the estimators are derived;
+// what is added here to make it quicker or quieter is derived where it stands.
+//
+// The words of this folder:
+//   path        a random walk from the camera to the light, and what it has collected so far: a
+//               sample of a pixel (PathSample)
+//   vertex      where a path scatters, is reflected or is bent; the camera is vertex 0
+//   slot        the number of a path while it is under way; when it ends, another takes its slot
+//   column      one number for every slot (columns.h): what is known of a path stands in the same
+//               slot of many columns (paths.h)
+//   lane        an instruction works on as many neighbouring slots as the processor has lanes: `i`
+//               is the first of these slots, and a Mask says which lanes are meant
+//   wavefront   the paths under way, in slots 0 .. count - 1, and what they go through
+//               (state-inl.h)
+//   stage       a function that takes all paths a step further; they are called in Walk::run
+//   flight      the straight way of a path to its next vertex, through a length in the medium that
+//               is drawn beforehand (flight-inl.h)
+//   shadow ray  the straight way from a vertex to a light, whose light it brings
+//               (shadow_rays-inl.h)
+//   ray, line   a ray is a straight way that is asked for, by a flight or to a light (rays.h); a
+//               line is what follows it, one of a few (lines/follow-inl.h)
+//   weight W    what light at the end of the path counts: the product of the factors along it
+//   score       the derivative of the logarithm of the path's density by a parameter
+//   alone       with the light ahead: no shadow ray looks for it, so the path counts all of it
+#if defined(ITN_TRACER_WAVEFRONT_WALK_WALK_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_WAVEFRONT_WALK_WALK_INL_H_
+#undef ITN_TRACER_WAVEFRONT_WALK_WALK_INL_H_
+#else
+#define ITN_TRACER_WAVEFRONT_WALK_WALK_INL_H_
+#endif
+
+#include <bit>
+#include <cstddef>
+#include <stop_token>
+
+#include "common/error.h"
+#include "server/tracer/film_writer.h"
+#include "server/tracer/wavefront/walk/begin-inl.h"
+#include "server/tracer/wavefront/walk/cross-inl.h"
+#include "server/tracer/wavefront/walk/delivery.h"
+#include "server/tracer/wavefront/walk/flight-inl.h"
+#include "server/tracer/wavefront/walk/meet_light-inl.h"
+#include "server/tracer/wavefront/walk/roulette-inl.h"
+#include "server/tracer/wavefront/walk/scatter-inl.h"
+#include "server/tracer/wavefront/walk/shadow_rays-inl.h"
+#include "server/tracer/work_queue.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+// What happens at the ends of the flights: light is met, or the path is scattered or reflected.
+template <typename AtBoundary>
+void interact(Wavefront<AtBoundary>& wave) {
+  Paths& paths = wave.paths;
+  wave.shadow_rays.count = 0;
+  for (size_t i = 0; i < wave.count; i += lanes()) {
+    const Mask live = hn::FirstN(FloatTag(), wave.count - i);
+    const Uints end = hn::And(load(paths.rays.outcome, i), set(Rays::kEndMask));
+    const Mask spent = is(end, Rays::kSpent), surface = is(end, Rays::kSurface);
+    book_flight(wave, i, spent);
+    if constexpr (AtBoundary::kAsks) {
+      multiply_weights(paths, i, load(wave.at_boundary_of_walks.crossings.transmittance, i));
+    }
+    const Mask escaped = hn::And(live, is(end, Rays::kEscaped));
+    if (!hn::AllFalse(FloatTag(), escaped)) {
+      meet_light(wave, i, escaped);
+    }
+    const Uints one = set(uint32_t{1}), none = hn::Zero(UintTag());
+    store(hn::IfThenElse(for_uints(is(end, Rays::kLeaked)), one, none), paths.leaked, i);
+    const Mask goes_on = hn::Or(spent, surface);
+    store(hn::IfThenElse(for_uints(goes_on), one, none), paths.alive, i);
+    const Mask vertices = hn::And(live, goes_on);
+    if (!hn::AllFalse(FloatTag(), vertices)) {
+      scatter(wave, i, vertices, spent);
+    }
+    if constexpr (AtBoundary::kAsks) {
+      for (LineBits bits = bits_of(hn::And(live, is(end, Rays::kCrossing))); bits != 0;
+           bits &= bits - 1) {
+        cross(wave, i + static_cast<size_t>(std::countr_zero(bits)));
+      }
+    }
+  }
+}
+
+template <typename AtBoundary>
+class Walk {
+ public:
+  Walk(const Scene::Compiled& scene, const RenderRequest& request, const RenderOptions& options,
+       WorkQueue& queue, FilmWriter& film)
+      : wave_(scene, request, options),
+        roulette_(scene, request, options.tuning),
+        source_(scene, request, options.switches, queue),
+        delivery_(request, wave_.paths, film) {}
+
+  void run(const std::stop_token& stop) {
+    fill();
+    while (wave_.count > 0) {
+      if (stop.stop_requested()) {
+        throw Error(ErrorKind::kCancelled, "the render was stopped");
+      }
+      fly(wave_);
+      interact(wave_);
+      trace_shadow_rays(wave_);
+      survive(wave_, roulette_);
+      finish();
+    }
+  }
+
+ private:
+  void fill() {
+    while (wave_.count < kSlots && source_.begin_path(wave_.paths, wave_.count)) {
+      ++wave_.count;
+    }
+  }
+
+  // Delivers paths that have ended, and puts new ones in their place; where there are no more, the
+  // last path moves there.
+  void finish() {
+    for (size_t slot = wave_.count; slot-- > 0;) {
+      if (wave_.paths.alive[slot] != 0) {
+        continue;
+      }
+      delivery_.deliver(slot);
+      if (source_.begin_path(wave_.paths, slot)) {
+        continue;
+      }
+      --wave_.count;
+      if (slot != wave_.count) {
+        wave_.paths.move(wave_.count, slot);
+      }
+    }
+  }
+
+  Wavefront<AtBoundary> wave_;
+  const WalkRoulette roulette_;
+  PathSource source_;
+  Delivery delivery_;
+};
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

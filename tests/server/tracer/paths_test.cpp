@@ -1,0 +1,74 @@
+#include "server/tracer/wavefront/walk/paths.h"
+
+#include <gtest/gtest.h>
+
+#include <memory>
+
+namespace itn::testing {
+namespace {
+
+using namespace tracer;
+
+// Some columns of every list whose length depends on the request.
+std::unique_ptr<Paths> some_paths() {
+  auto paths = std::make_unique<Paths>();
+  paths->weight_at_albedos.resize(2);
+  paths->radiance_at_albedos.resize(2);
+  paths->weight_by_reflectance.resize(1);
+  paths->d_reflectance.resize(1);
+  paths->d_light.resize(3);
+  return paths;
+}
+constexpr int kColumns = 22 + 9;
+
+// Another number in every column of a slot.
+void fill(Paths& paths, size_t slot) {
+  int number = 100;
+  for_each_column(paths.columns(), [&](auto& column) {
+    column[slot] = static_cast<typename std::decay_t<decltype(column)>::value_type>(number++);
+  });
+  EXPECT_EQ(number - 100, kColumns);
+}
+
+TEST(PathsTest, APathMovesWithAllItsColumns) {
+  const auto paths = some_paths();
+  fill(*paths, 7);
+  paths->rays.position.set(7, {1, 2, 3});
+  paths->rays.direction.set(7, {0, -1, 0});
+  paths->rays.interaction[7] = Rays::kInside;
+  paths->move(7, 4);
+  int number = 100;
+  for_each_column(paths->columns(), [&](auto& column) {
+    EXPECT_EQ(static_cast<int>(column[4]), number) << "column " << number - 100;
+    EXPECT_EQ(static_cast<int>(column[5]), 0) << "column " << number - 100;
+    ++number;
+  });
+  EXPECT_EQ(paths->rays.position.at(4), (Vec3f{1, 2, 3}));
+  EXPECT_EQ(paths->rays.direction.at(4), (Vec3f{0, -1, 0}));
+  EXPECT_EQ(paths->rays.interaction[4], Rays::kInside);
+}
+
+TEST(PathsTest, APathBeginsWithNothingOfTheLast) {
+  const auto paths = some_paths();
+  fill(*paths, 3);
+  paths->begin(3);
+  double sum = 0;
+  for_each_column(paths->columns(), [&](auto& column) { sum += static_cast<double>(column[3]); });
+  // What is not 0: the weight, also at both albedos; vertex 1, alive and alone.
+  EXPECT_EQ(sum, 6);
+  EXPECT_EQ(paths->weight[3], 1);
+  EXPECT_EQ(paths->weight_at_albedos[1][3], 1);
+  EXPECT_EQ(paths->vertex[3], 1U);
+  EXPECT_EQ(paths->alive[3], 1U);
+  EXPECT_EQ(paths->alone[3], 1U);
+}
+
+TEST(PathsTest, AFactorMultipliesAllWeights) {
+  const auto paths = some_paths();
+  int weights = 0;
+  for_each_column(paths->weights(), [&](FloatColumn& /*weight*/) { ++weights; });
+  EXPECT_EQ(weights, 1 + 1 + 2 + 1);
+}
+
+}  // namespace
+}  // namespace itn::testing
