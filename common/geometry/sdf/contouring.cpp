@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cfloat>
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <numeric>
 #include <vector>
+
+#include "common/random.h"
 
 namespace itn::sdf {
 namespace {
@@ -118,10 +120,11 @@ class Meeting {
     crossings_[count_++] = &crossing;
   }
 
-  Vec3f point() const {
+  // `aside` moves what is undetermined.
+  Vec3f point(Vec3f aside) const {
     // Towards the mean, so weakly that corners stay sharp.
     constexpr float kTowardsMean = 0.02F;
-    const Vec3f mean = sum_ * (1 / static_cast<float>(count_));
+    const Vec3f mean = sum_ * (1 / static_cast<float>(count_)) + aside;
     float xx = kTowardsMean, yy = kTowardsMean, zz = kTowardsMean, xy = 0, xz = 0, yz = 0;
     Vec3f b;
     for (size_t i = 0; i < count_; ++i) {
@@ -198,12 +201,16 @@ class Contouring {
     find_crossings();
     refine_crossings();
     place_vertices();
-    join_vertices();
+    form_quadrilaterals();
+    unfold();
+    form_triangles();
     return std::move(mesh_);
   }
 
  private:
   static constexpr int kBlock = 4;  // nodes along a side
+  // How far out of its cell a vertex may be, and how far in it is if that does not do; in cells.
+  static constexpr float kBeyond = 0.6F, kWithin = 0.03F;
   static_assert(kBlock * kBlock * kBlock == kLanes);
 
   Vec3f position(Index3 n) const {
@@ -379,21 +386,33 @@ class Contouring {
         for (int edge = 0; edge < 12; ++edge) {
           if (kSheets[corners].of_edge[edge] == sheet) meeting.add(crossing(cell, edge));
         }
-        mesh_.vertices.push_back(within_cell(position(at), meeting.point()));
+        const Vec3f low = position(at), point = meeting.point(aside(cell));
+        mesh_.vertices.push_back(near_cell(low, point, kBeyond));
+        safe_.push_back(near_cell(low, point, -kWithin));
       }
     });
   }
 
-  // Off the sides of its cell by a little: no two vertices coincide, and sheets hardly cut each
-  // other.
-  Vec3f within_cell(Vec3f low, Vec3f p) const {
-    const float near = 0.03F * cell_, far = 0.97F * cell_;
-    return low + Vec3f{std::clamp(p.x - low.x, near, far), std::clamp(p.y - low.y, near, far),
-                       std::clamp(p.z - low.z, near, far)};
+  // Vertices in a row, as a flat side would have them otherwise, leave whoever simplifies the mesh
+  // with triangles of no area, which are easily turned over.
+  Vec3f aside(uint32_t cell) const {
+    constexpr float kFarthest = 0.25F;  // in cells
+    const uint64_t random = SplitMix(cell).next();
+    const auto part = [&](int bit) {
+      return (static_cast<float>(random >> bit & 0xffff) / 0x8000 - 1) * kFarthest * cell_;
+    };
+    return {part(0), part(16), part(32)};
   }
 
-  // A quadrilateral around each crossing, counter-clockwise seen from outside.
-  void join_vertices() {
+  // The nearest point that is no farther outside of a cell, in cells.
+  Vec3f near_cell(Vec3f low, Vec3f p, float outside) const {
+    const float least = -outside * cell_, most = (1 + outside) * cell_;
+    return low + Vec3f{std::clamp(p.x - low.x, least, most), std::clamp(p.y - low.y, least, most),
+                       std::clamp(p.z - low.z, least, most)};
+  }
+
+  // One around each crossing, counter-clockwise seen from outside.
+  void form_quadrilaterals() {
     for (const Crossing& c : crossings_) {
       const uint32_t u = step_[(c.axis + 1) % 3], v = step_[(c.axis + 2) % 3];
       const auto vertex = [&](int before_u, int before_v) {
@@ -401,27 +420,52 @@ class Contouring {
         const int edge = 4 * c.axis + before_u + 2 * before_v;
         return first_vertex_[cell] + static_cast<uint32_t>(kSheets[sheets_[cell]].of_edge[edge]);
       };
-      std::array<uint32_t, 4> around{vertex(1, 1), vertex(0, 1), vertex(0, 0), vertex(1, 0)};
-      if (!c.leaves) std::swap(around[1], around[3]);
-      add_quadrilateral(around, c.normal);
+      quadrilaterals_.push_back({vertex(1, 1), vertex(0, 1), vertex(0, 0), vertex(1, 0)});
+      if (!c.leaves) std::swap(quadrilaterals_.back()[1], quadrilaterals_.back()[3]);
     }
   }
 
-  // Cut along the diagonal whose triangles face more as the surface does.
-  void add_quadrilateral(const std::array<uint32_t, 4>& q, Vec3f normal) {
-    const auto facing = [&](int a, int b, int c) {
-      const Vec3f p = mesh_.vertices[q[a]];
-      const Vec3f n = cross(mesh_.vertices[q[b]] - p, mesh_.vertices[q[c]] - p);
-      return dot(n, normal) / std::max(length(n), std::numeric_limits<float>::min());
-    };
-    const float first = std::min(facing(0, 1, 2), facing(0, 2, 3));
-    const float second = std::min(facing(0, 1, 3), facing(1, 2, 3));
-    if (first >= second) {
-      mesh_.triangles.push_back({q[0], q[1], q[2]});
-      mesh_.triangles.push_back({q[0], q[2], q[3]});
-    } else {
-      mesh_.triangles.push_back({q[0], q[1], q[3]});
-      mesh_.triangles.push_back({q[1], q[2], q[3]});
+  // A quadrilateral's two triangles, and the cosine of the larger angle between one of them and the
+  // surface: cut along the diagonal where that angle is smaller.
+  struct Cut {
+    std::array<std::array<uint32_t, 3>, 2> triangles;
+    float facing;
+  };
+  Cut cut(size_t i) const {
+    const auto& q = quadrilaterals_[i];
+    Cut a{{{{q[0], q[1], q[2]}, {q[0], q[2], q[3]}}}, 0};
+    Cut b{{{{q[1], q[2], q[3]}, {q[1], q[3], q[0]}}}, 0};
+    a.facing = facing(a, crossings_[i].normal);
+    b.facing = facing(b, crossings_[i].normal);
+    return a.facing >= b.facing ? a : b;
+  }
+
+  float facing(const Cut& c, Vec3f normal) const {
+    float least = 1;
+    for (const auto& [p, q, r] : c.triangles) {
+      const Vec3f n =
+          cross(mesh_.vertices[q] - mesh_.vertices[p], mesh_.vertices[r] - mesh_.vertices[p]);
+      least = std::min(least, dot(n, normal) / std::max(length(n), FLT_MIN));
+    }
+    return least;
+  }
+
+  // Vertices beyond their cells make edges sharp that the grid sees but a part of. Where the
+  // surface folds over because of them, they go back.
+  void unfold() {
+    constexpr float kFolded = 0.2F;
+    for (int pass = 0; pass < 2; ++pass) {
+      for (size_t i = 0; i < quadrilaterals_.size(); ++i) {
+        if (cut(i).facing > kFolded) continue;
+        for (const uint32_t v : quadrilaterals_[i]) mesh_.vertices[v] = safe_[v];
+      }
+    }
+  }
+
+  void form_triangles() {
+    for (size_t i = 0; i < quadrilaterals_.size(); ++i) {
+      const Cut c = cut(i);
+      mesh_.triangles.insert(mesh_.triangles.end(), c.triangles.begin(), c.triangles.end());
     }
   }
 
@@ -435,6 +479,8 @@ class Contouring {
   std::vector<Crossing> crossings_;
   std::vector<uint8_t> sheets_;         // of cells, by the node at their low corner: corners inside
   std::vector<uint32_t> first_vertex_;  // of cells
+  std::vector<Vec3f> safe_;             // where each vertex is within its cell
+  std::vector<std::array<uint32_t, 4>> quadrilaterals_;  // of crossings
   Mesh mesh_;
 };
 

@@ -79,14 +79,14 @@ Solid wire(const std::vector<Vec3f>& curve, float radius) {
   for (size_t i = 0; i < curve.size(); ++i) {
     pieces.push_back({curve[i], curve[(i + 1) % curve.size()], radius, radius});
   }
-  return limbs(std::move(pieces), 0.01F);
+  return limbs(std::move(pieces), 0.02F);
 }
 
 Solid knot(Dice& dice) {
   const auto [p, q] = dice.one_of<std::array<int, 2>>({{2, 3}, {2, 5}, {3, 2}, {3, 4}, {1, 3}});
   const float tube = dice.between(0.07F, 0.14F), reach = dice.between(0.25F, 0.4F);
   std::vector<Vec3f> curve;
-  constexpr int kPieces = 48;
+  constexpr int kPieces = 64;
   for (int i = 0; i < kPieces; ++i) {
     const float t = 2 * kPi * static_cast<float>(i) / kPieces;
     const float r = 0.6F + reach * std::cos(static_cast<float>(q) * t);
@@ -98,7 +98,7 @@ Solid knot(Dice& dice) {
 }
 
 Solid spring(Dice& dice) {
-  const int pieces = 44;
+  const int pieces = 60;
   const float turns = dice.between(2, 4), radius = dice.between(0.35F, 0.65F);
   std::vector<Limb> wire_;
   Vec3f last;
@@ -108,7 +108,7 @@ Solid spring(Dice& dice) {
     if (i > 0) wire_.push_back({last, at, 0.1F, 0.1F});
     last = at;
   }
-  return limbs(std::move(wire_), 0.01F);
+  return limbs(std::move(wire_), 0.02F);
 }
 
 // The edges of a box or a pyramid, as wires or beams.
@@ -153,7 +153,7 @@ Solid lattice(Dice& dice) {
 
 // A sheet with holes or waves, bent.
 Solid plate(Dice& dice) {
-  Solid solid = box({0.95F, dice.between(0.045F, 0.08F), dice.between(0.4F, 0.9F)});
+  Solid solid = box({0.95F, dice.between(0.06F, 0.1F), dice.between(0.4F, 0.9F)});
   if (dice.chance(0.4)) {
     const float spacing = dice.between(0.3F, 0.5F);
     solid = subtracted(std::move(solid),
@@ -165,7 +165,7 @@ Solid plate(Dice& dice) {
     };
     solid = wobbling(std::move(solid), waves(), waves(), waves());
   }
-  return bent(std::move(solid), dice.between(-1.3F, 1.3F));
+  return bent(std::move(solid), dice.between(-1, 1));
 }
 
 }  // namespace
