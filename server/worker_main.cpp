@@ -29,8 +29,10 @@ void add_flags(CLI::App& app, WorkerOptions& options) {
                  "Requests that may wait; more are answered UNAVAILABLE")
       ->check(CLI::Range(0, 10'000))
       ->capture_default_str();
-  app.add_option("--cache-mb", options.cache_mb,
-                 "Memory for scenes, in MiB; at most about a quarter of --max-memory-mb")
+  app.add_option(
+         "--cache-mb", options.cache_mb,
+         "Memory for scenes, in MiB; at most about a quarter of --max-memory-mb. A scene that "
+         "does not fit is forgotten when no request uses it any more")
       ->check(CLI::Range(0, 1 << 20))
       ->capture_default_str();
   app.add_option("--max-pixels", service.limits.max_pixels, "Most pixels of an image")

@@ -7,7 +7,7 @@
 namespace itn {
 
 v1::RenderGradReply wait_for_render(std::future<v1::RenderGradReply>& future,
-                                    std::stop_token stop) {
+                                    const std::stop_token& stop) {
   do {
     if (stop.stop_requested()) {
       throw Error(ErrorKind::kCancelled, "interrupted");

@@ -10,6 +10,7 @@ namespace itn {
 
 // The reply; throws Error (kCancelled) within a tenth of a second after a stop is requested, and
 // what the future throws.
-v1::RenderGradReply wait_for_render(std::future<v1::RenderGradReply>& future, std::stop_token stop);
+v1::RenderGradReply wait_for_render(std::future<v1::RenderGradReply>& future,
+                                    const std::stop_token& stop);
 
 }  // namespace itn

@@ -23,7 +23,9 @@ class Predictor {
   // One material for each channel. What the network sees is framed() (common/image/photograph.h)
   // and brought to its resolution: by averaging over areas, or by interpolation if it is smaller.
   // Takes little memory whatever the photograph's size. Throws as validate(), and Error (cancelled)
-  // within milliseconds of a stop: it waits for nothing but the network, which is quick.
+  // within milliseconds of a stop, unless the network is at work, which is not interrupted: that
+  // takes tens of milliseconds (128^2, 16 base channels), and seconds for the largest there can be
+  // (256^2, 64 base channels).
   std::vector<Material> predict(const Photograph& photograph, const std::stop_token& stop = {});
 
   // Name and training step, e.g. "itn-similarity, step 1200".

@@ -16,6 +16,11 @@ uint64_t in_mb(uint64_t bytes) {
 
 }  // namespace
 
+MemoryBudget::Share::~Share() {
+  const std::lock_guard lock(budget_.mutex_);
+  budget_.used_ -= bytes_;
+}
+
 void MemoryBudget::Share::resize(uint64_t bytes, uint64_t own_beside) {
   const std::lock_guard lock(budget_.mutex_);
   const uint64_t total = budget_.total_;

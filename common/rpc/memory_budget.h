@@ -26,7 +26,7 @@ class MemoryBudget {
   class Share {
    public:
     explicit Share(MemoryBudget& budget) : budget_(budget) {}
-    ~Share() { resize(0); }
+    ~Share();
     Share(const Share&) = delete;
     Share& operator=(const Share&) = delete;
 

@@ -100,7 +100,7 @@ PartCache::Entries::iterator PartCache::move_to_front(const std::string& key) {
 }
 
 // Tells those who wait what has become of the part, and keeps it.
-void PartCache::finish(const std::string& key, Part part, std::exception_ptr error) {
+void PartCache::finish(const std::string& key, Part part, const std::exception_ptr& error) {
   const std::lock_guard lock(mutex_);
   const auto entry = by_key_.at(key);
   Build& build = *entry->build;

@@ -91,7 +91,7 @@ class PartCache {
                                       const std::function<Part()>& build);
   std::shared_ptr<const void> find_any(const std::string& key);
   Entries::iterator move_to_front(const std::string& key);
-  void finish(const std::string& key, Part part, std::exception_ptr error);
+  void finish(const std::string& key, Part part, const std::exception_ptr& error);
   void evict();
 
   const size_t budget_;
