@@ -50,7 +50,7 @@ FilmSums render(const Scene::Compiled& scene, const RenderRequest& request,
 }  // namespace
 
 FilmSums render_grad(const Scene& scene, const RenderRequest& request, const RenderOptions& options,
-                     std::stop_token stop) {
+                     const std::stop_token& stop) {
   validate(request, scene);
   const Scene::Compiled& compiled = scene.compiled();
   if (request.pixels == Pixels::kObject) {

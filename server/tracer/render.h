@@ -15,6 +15,6 @@ namespace itn::tracer {
 // after a stop is requested, by throwing Error (cancelled). Throws Error (invalid input) for a
 // request that `validate` refuses.
 FilmSums render_grad(const Scene& scene, const RenderRequest& request,
-                     const RenderOptions& options = {}, std::stop_token stop = {});
+                     const RenderOptions& options = {}, const std::stop_token& stop = {});
 
 }  // namespace itn::tracer

@@ -9,7 +9,6 @@ namespace itn::tracer {
 namespace {
 
 constexpr int kColumns = SkyTable::kColumns, kRows = SkyTable::kRows;
-constexpr int kCellColumns = SkyTable::kCellColumns, kCellRows = SkyTable::kCellRows;
 
 size_t index(int column, int row) {
   return static_cast<size_t>(row) * kColumns + column % kColumns;

@@ -92,16 +92,17 @@ Rgb Sky::radiance(double cos_theta, double gamma) const {
 }
 
 Rgb sun_irradiance(double turbidity, double sun_elevation) {
-  constexpr double kTemperature = 5778;                   // K
-  constexpr double kSolidAngle = 6.794e-5;                // sr, of the sun seen from the earth
-  constexpr double kFirst = 360, kLast = 830, kStep = 1;  // nm
+  constexpr double kTemperature = 5778;     // K
+  constexpr double kSolidAngle = 6.794e-5;  // sr, of the sun seen from the earth
+  constexpr int kFirst = 360, kLast = 830;  // nm, in steps of 1 nm
   std::array<double, 3> xyz{};
-  for (double w = kFirst; w <= kLast; w += kStep) {
+  for (int nm = kFirst; nm <= kLast; ++nm) {
+    const double w = nm;
     const double irradiance = planck(w * 1e-9, kTemperature) * kSolidAngle *
                               transmittance(w * 1e-3, turbidity, sun_elevation);
     const auto matching = colour_matching(w);
     for (size_t i = 0; i < 3; ++i) {
-      xyz[i] += irradiance * matching[i] * kStep * 1e-9;
+      xyz[i] += irradiance * matching[i] * 1e-9;
     }
   }
   // XYZ to linear sRGB, IEC 61966-2-1.

@@ -106,7 +106,7 @@ size_t Scene::Compiled::memory() const {
     sum += object->memory();
   }
   for (const std::string& key : part_keys) {
-    sum += sizeof key + key.size();
+    sum += sizeof(std::string) + key.size();
   }
   for (const DiffuseSurface& surface : surfaces) {
     sum += surface.mesh.vertices.size() * sizeof(Vec3f) +

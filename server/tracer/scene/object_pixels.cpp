@@ -41,8 +41,10 @@ class Looker {
 
   void look(uint32_t pixel, int ray) {
     const auto width = static_cast<uint32_t>(scene_.film.width);
-    const double x = pixel % width + (ray % kMaskRays + 0.5) / kMaskRays;
-    const double y = pixel / width + (ray / kMaskRays + 0.5) / kMaskRays;
+    const uint32_t column = pixel % width, row = pixel / width;
+    const int ray_column = ray % kMaskRays, ray_row = ray / kMaskRays;
+    const double x = column + (ray_column + 0.5) / kMaskRays;
+    const double y = row + (ray_row + 0.5) / kMaskRays;
     if (!scene_.film_box.contains(x, y)) {
       return;
     }

@@ -39,7 +39,7 @@ Depths::Depths(const Mesh& mesh, const std::stop_token& stop) {
       thirds[cell] = 0;
     });
   }
-  const auto [nx, ny, nz] = cells.size;
+  const int nx = cells.size[0], ny = cells.size[1], nz = cells.size[2];
   // With a cell more at either end, that each has neighbours.
   using Row = std::vector<uint8_t>;
   const Row outside(nx + 2, kFarthest);
