@@ -49,7 +49,8 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// What happens at the ends of the flights: light is met, or the path is scattered or reflected.
+// What happens at the ends of the flights: light is met, or the path is scattered,
+// reflected or bent.
 template <typename AtBoundary>
 void interact(Wavefront<AtBoundary>& wave) {
   Paths& paths = wave.paths;
@@ -75,7 +76,7 @@ void interact(Wavefront<AtBoundary>& wave) {
       scatter(wave, i, vertices, spent);
     }
     if constexpr (AtBoundary::kAsks) {
-      for (LineBits bits = bits_of(hn::And(live, is(end, Rays::kCrossing))); bits != 0;
+      for (Bits bits = bits_of(hn::And(live, is(end, Rays::kCrossing))); bits != 0;
            bits &= bits - 1) {
         cross(wave, i + static_cast<size_t>(std::countr_zero(bits)));
       }
@@ -83,6 +84,7 @@ void interact(Wavefront<AtBoundary>& wave) {
   }
 }
 
+// One thread's walk through the samples of a queue. AtBoundary: IndexMatched or Modelled.
 template <typename AtBoundary>
 class Walk {
  public:
