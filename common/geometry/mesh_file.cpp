@@ -4,6 +4,7 @@
 
 #include <assimp/IOSystem.hpp>
 #include <assimp/Importer.hpp>
+#include <bit>
 #include <cctype>
 #include <cstring>
 #include <string>
@@ -123,6 +124,25 @@ Mesh load_mesh(const fs::path& path) {
   mesh = welded(mesh);
   validate_triangles(mesh, path.string());
   return mesh;
+}
+
+std::string encode_ply(const Mesh& mesh) {
+  static_assert(std::endian::native == std::endian::little && sizeof(Vec3f) == 3 * sizeof(float));
+  std::string bytes = fmt::format(
+      "ply\nformat binary_little_endian 1.0\ncomment lengths in mm\nelement vertex {}\n"
+      "property float x\nproperty float y\nproperty float z\nelement face {}\n"
+      "property list uchar uint vertex_indices\nend_header\n",
+      mesh.vertices.size(), mesh.triangles.size());
+  const auto append = [&bytes](const auto& values) {
+    bytes.append(reinterpret_cast<const char*>(values.data()),
+                 values.size() * sizeof(values.data()[0]));
+  };
+  append(mesh.vertices);
+  for (const auto& triangle : mesh.triangles) {
+    bytes += '\3';
+    append(triangle);
+  }
+  return bytes;
 }
 
 }  // namespace itn

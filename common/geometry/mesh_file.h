@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 
 #include "common/geometry/mesh.h"
 
@@ -12,5 +13,9 @@ namespace itn {
 // index out of range, a PLY file with a word where a number should be), kDataLoss (a PLY or binary
 // STL file that was cut short, or promises more than it holds).
 Mesh load_mesh(const std::filesystem::path& path);
+
+// The bytes of a binary PLY file, from which load_mesh reads the same mesh, bit for bit, if it is
+// welded.
+std::string encode_ply(const Mesh& mesh);
 
 }  // namespace itn

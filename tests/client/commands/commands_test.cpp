@@ -1,4 +1,4 @@
-// itn render, probe and shapes, and itn-worker, as processes.
+// itn render and probe, and itn-worker, as processes.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -173,12 +173,6 @@ TEST(Worker, StopsAtOnceOnASecondSignal) {
   EXPECT_THAT(process.read_stderr_until("stopping"), HasSubstr("stopping"));
   process.send(SIGTERM);
   EXPECT_EQ(process.wait(), 130);
-}
-
-TEST(ShapesCommand, ListsThem) {
-  const Finished finished = run({ITN, "shapes"});
-  EXPECT_EQ(finished.exit_code, 0);
-  EXPECT_THAT(finished.output, HasSubstr("sphere"));
 }
 
 TEST(Programs, TellTheirVersion) {

@@ -337,6 +337,19 @@ INSTANTIATE_TEST_SUITE_P(Formats, MeshFormatTest,
                                            MeshFile{"quads", "quads.obj", kQuads, 8, 12, 1}),
                          [](const auto& row) { return std::string(row.param.name); });
 
+TEST(MeshFileTest, EncodedPlyIsReadBitForBit) {
+  const TemporaryFolder folder;
+  const Mesh mesh = make_shape("figure");
+  const Mesh read = load_mesh(folder.write("figure.ply", encode_ply(mesh)));
+  EXPECT_EQ(read.triangles.size(), mesh.triangles.size());
+  // Reading may number the vertices otherwise.
+  for (size_t t = 0; t < mesh.triangles.size(); ++t) {
+    for (size_t i = 0; i < 3; ++i) {
+      ASSERT_EQ(read.vertices[read.triangles[t][i]], mesh.vertices[mesh.triangles[t][i]]);
+    }
+  }
+}
+
 // The first number of a binary file may begin with a byte that looks like a line end.
 TEST(MeshFileTest, BinaryPlyWhoseDataBeginWithALineEnd) {
   std::string ply =
