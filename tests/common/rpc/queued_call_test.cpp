@@ -160,9 +160,10 @@ TEST_F(QueuedCallTest, ThatDoesNotStopIsNotWaitedFor) {
   Gate gate;
   stop_patience = 0.2s;
   serve({.work = [&](uint64_t, const std::stop_token&) { gate.pass(); }}, 1);
-  auto running = call_apart(1), waiting = call_apart(2);
-  ASSERT_TRUE(
-      testing::eventually([&] { return desk().running() == 1 && !desk().can_take_work(); }));
+  auto running = call_apart(1);
+  ASSERT_TRUE(testing::eventually([&] { return desk().running() == 1; }));
+  auto waiting = call_apart(2);
+  ASSERT_TRUE(testing::eventually([&] { return !desk().can_take_work(); }));
   const auto start = std::chrono::steady_clock::now();
   EXPECT_FALSE(desk().drain(0s));
   EXPECT_GE(std::chrono::steady_clock::now() - start, stop_patience);
@@ -195,15 +196,18 @@ double retry_after(const grpc::Status& status) {
 // comes then finds the place that it had.
 TEST_F(QueuedCallTest, ThatFindsNoMemoryIsToldWhenToComeAgain) {
   Gate gate;
+  std::atomic<bool> at_work = false;
   constexpr size_t kBytes = 1 << 20;
   serve({.work =
              [&](uint64_t seed, const std::stop_token&) {
-               if (seed == 1) gate.pass();
+               if (seed != 1) return;
+               at_work = true;
+               gate.pass();
              }},
         1, 3 * kBytes);
   for (int i = 0; i < 40; ++i) ASSERT_TRUE(call(0).ok());  // at once, each
   auto first = call_apart(1, kBytes);
-  ASSERT_TRUE(testing::eventually([&] { return desk().running() == 1; }));
+  ASSERT_TRUE(testing::eventually([&] { return at_work.load(); }));
   const grpc::Status status = call(2, kBytes);
   EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAVAILABLE);
   EXPECT_THAT(status.error_message(), HasSubstr("MiB of memory for requests are taken"));
