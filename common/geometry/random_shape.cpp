@@ -21,7 +21,7 @@ namespace itn {
 namespace {
 
 // Contoured finely first, for the sake of details, then simplified where the shape is flat.
-constexpr size_t kFineTriangles = 36000;
+constexpr size_t kFineTriangles = 24000;
 constexpr size_t kTriangles = 4000;
 
 // What a shape must have, of the cube that it is in, to be worth a picture.

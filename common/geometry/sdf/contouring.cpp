@@ -154,31 +154,61 @@ struct Survey {
   float area = 0;  // 0: there is none
 };
 
-Survey survey(const Solid& solid) {
-  constexpr int kCells = 24;  // along a side
-  constexpr float kCell = 2 * kReach / kCells, kFirst = -kReach + kCell / 2;
-  constexpr float kInfinity = std::numeric_limits<float>::infinity();
-  const auto center = [=](size_t i) {
-    return Vec3f{kFirst + kCell * static_cast<float>(i % kCells),
-                 kFirst + kCell * static_cast<float>(i / kCells % kCells),
-                 kFirst + kCell * static_cast<float>(i / kCells / kCells)};
-  };
-  Survey result{{kInfinity, kInfinity, kInfinity}, {-kInfinity, -kInfinity, -kInfinity}, 0};
-  size_t near = 0;
-  evaluate(solid, kCells * kCells * kCells, center, [&](size_t i, float distance) {
-    if (std::abs(distance) > kCell * kHalfDiagonal) return;
-    const Vec3f p = center(i);
-    constexpr float kHalf = kCell / 2;
-    result.low = {std::min(result.low.x, p.x - kHalf), std::min(result.low.y, p.y - kHalf),
-                  std::min(result.low.z, p.z - kHalf)};
-    result.high = {std::max(result.high.x, p.x + kHalf), std::max(result.high.y, p.y + kHalf),
-                   std::max(result.high.z, p.z + kHalf)};
-    ++near;
-  });
-  // Those cells fill a layer of twice half a diagonal.
-  result.area = static_cast<float>(near) * kCell * kCell / (2 * kHalfDiagonal);
-  return result;
-}
+// Distances at the middles of the cells of a coarse grid over all that is within reach.
+class CoarseGrid {
+ public:
+  explicit CoarseGrid(const Solid& solid) : distances_(size_t{kCells} * kCells * kCells) {
+    evaluate(
+        solid, distances_.size(), [](size_t i) { return middle(i); },
+        [&](size_t i, float distance) { distances_[i] = distance; });
+  }
+
+  Survey survey() const {
+    constexpr float kInfinity = std::numeric_limits<float>::infinity();
+    Survey result{{kInfinity, kInfinity, kInfinity}, {-kInfinity, -kInfinity, -kInfinity}, 0};
+    size_t near = 0;
+    for (size_t i = 0; i < distances_.size(); ++i) {
+      const float distance = std::abs(distances_[i]);
+      if (distance > kCell * kHalfDiagonal) continue;
+      const Vec3f p = middle(i);
+      constexpr float kHalf = kCell / 2;
+      result.low = {std::min(result.low.x, p.x - kHalf), std::min(result.low.y, p.y - kHalf),
+                    std::min(result.low.z, p.z - kHalf)};
+      result.high = {std::max(result.high.x, p.x + kHalf), std::max(result.high.y, p.y + kHalf),
+                     std::max(result.high.z, p.z + kHalf)};
+      near += distance <= kCell * kHalfDiagonal * slope(i) ? 1 : 0;
+    }
+    // Those cells fill a layer of twice half a diagonal.
+    result.area = static_cast<float>(near) * kCell * kCell / (2 * kHalfDiagonal);
+    return result;
+  }
+
+ private:
+  static constexpr int kCells = 24;  // along a side
+  static constexpr float kCell = 2 * kReach / kCells, kFirst = -kReach + kCell / 2;
+
+  static Vec3f middle(size_t i) {
+    return {kFirst + kCell * static_cast<float>(i % kCells),
+            kFirst + kCell * static_cast<float>(i / kCells % kCells),
+            kFirst + kCell * static_cast<float>(i / kCells / kCells)};
+  }
+
+  // Of distances that are bounds, which may be less than 1. Along each axis the larger of the
+  // differences on both sides: thin solids lie between.
+  float slope(size_t i) const {
+    float squares = 0;
+    for (const size_t step : {1, kCells, kCells * kCells}) {
+      const size_t at = i / step % kCells;
+      const float before = at > 0 ? distances_[i] - distances_[i - step] : 0;
+      const float after = at < kCells - 1 ? distances_[i + step] - distances_[i] : 0;
+      const float most = std::max(std::abs(before), std::abs(after)) / kCell;
+      squares += most * most;
+    }
+    return std::min(std::sqrt(squares), 1.0F);
+  }
+
+  std::vector<float> distances_;
+};
 
 class Contouring {
  public:
@@ -487,7 +517,7 @@ class Contouring {
 }  // namespace
 
 Mesh contoured(const Solid& solid, size_t about_triangles) {
-  const Survey found = survey(solid);
+  const Survey found = CoarseGrid(solid).survey();
   if (!(found.area > 0)) return {};
   // The edges of a grid cross a plane 1.5 times for each square of the cell's side, on average over
   // its directions; each crossing makes two triangles.

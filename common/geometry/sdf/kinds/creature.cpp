@@ -76,7 +76,7 @@ void add_pair(Dice& dice, Skeleton& body, Vec3f hip, Vec3f towards, float length
 
 Skeleton four_legged(Dice& dice) {
   Skeleton body;
-  const float length_ = dice.between(0.7F, 1.2F), girth = dice.scale(0.16F, 0.36F);
+  const float length_ = dice.between(0.7F, 1.2F), girth = dice.scale(0.18F, 0.45F);
   const float legs = dice.scale(0.35F, 0.9F), thick = girth * dice.between(0.3F, 0.5F);
   const float height = legs - 0.5F;
   const Vec3f rump{-length_ / 2, height, 0};
@@ -100,7 +100,7 @@ Skeleton four_legged(Dice& dice) {
 
 Skeleton two_legged(Dice& dice) {
   Skeleton body;
-  const float girth = dice.scale(0.15F, 0.34F), height = dice.between(0.35F, 0.6F);
+  const float girth = dice.scale(0.17F, 0.4F), height = dice.between(0.35F, 0.6F);
   const Vec3f hips{0, -0.15F, 0};
   const Vec3f shoulders{dice.between(-0.12F, 0.12F), -0.15F + height, 0};
   body.add(hips, shoulders, girth * dice.between(0.8F, 1.3F), girth);
@@ -120,6 +120,64 @@ Skeleton two_legged(Dice& dice) {
   if (dice.chance(0.4)) {
     body.add_chain(dice, hips, {-1, dice.between(-0.6F, 0.2F), 0}, dice.between(0.4F, 0.9F),
                    girth * 0.6F, 0.05F, 4, 0.3F);
+  }
+  return body;
+}
+
+// Sitting: a heap of round masses with a head on top.
+Skeleton squat(Dice& dice) {
+  Skeleton body;
+  const float girth = dice.between(0.38F, 0.6F);
+  const Vec3f seat{-0.15F, -0.4F, 0};
+  const Vec3f breast = seat + Vec3f{dice.between(0.15F, 0.45F), dice.between(0.25F, 0.55F), 0};
+  body.add(seat, breast, girth, girth * dice.between(0.55F, 0.8F));
+  const Vec3f head = breast + Vec3f{dice.between(0, 0.25F), dice.between(0.3F, 0.5F), 0};
+  body.add(breast, head, girth * 0.5F, girth * 0.4F);
+  add_head(dice, body, head, girth * dice.between(0.5F, 0.75F));
+  const float thigh = girth * dice.between(0.4F, 0.55F), apart = girth * dice.between(0.6F, 0.9F);
+  const float foot = dice.between(0.25F, 0.5F);
+  for (const float side : {-1.0F, 1.0F}) {
+    const Vec3f knee = seat + Vec3f{0.25F, -0.05F, side * apart};
+    body.add(seat + Vec3f{0, 0, side * 0.5F * apart}, knee, thigh, thigh * 0.8F);
+    body.add({knee.x, -0.75F, knee.z}, {knee.x + foot, -0.75F, knee.z}, thigh * 0.45F,
+             thigh * 0.4F);
+    const Vec3f shoulder = breast + Vec3f{0.1F, -0.05F, side * 0.35F * girth};
+    body.add(shoulder, {shoulder.x + 0.15F, -0.7F, shoulder.z}, girth * 0.28F, girth * 0.18F);
+  }
+  if (dice.chance(0.5)) {
+    const Vec3f rear = seat + Vec3f{-girth, -0.1F, 0};
+    body.add(rear, rear + Vec3f{-dice.between(0.02F, 0.4F), dice.between(-0.1F, 0.3F), 0},
+             girth * 0.3F, girth * dice.between(0.1F, 0.25F));
+  }
+  return body;
+}
+
+// A face upon a neck upon shoulders.
+Skeleton bust(Dice& dice) {
+  Skeleton body;
+  const float skull = dice.between(0.3F, 0.42F), neck = skull * dice.between(0.4F, 0.65F);
+  const Vec3f middle{0, 0.35F, 0};
+  const Vec3f chin = middle + Vec3f{skull * 0.35F, -skull * dice.between(0.7F, 1.1F), 0};
+  body.add(middle, middle + Vec3f{-skull * 0.3F, 0.1F, 0}, skull, skull * 0.9F);
+  body.add(middle + Vec3f{0.1F, 0, 0}, chin, skull * 0.75F, skull * dice.between(0.25F, 0.45F));
+  const Vec3f brow = middle + Vec3f{skull * 0.95F, skull * 0.15F, 0};
+  body.add(brow, brow + Vec3f{skull * 0.25F, -skull * 0.45F, 0}, 0.06F,
+           skull * dice.between(0.12F, 0.25F));  // the nose
+  for (const float side : {-1.0F, 1.0F}) {
+    const Vec3f cheek = middle + Vec3f{skull * 0.55F, -skull * 0.3F, side * skull * 0.45F};
+    body.add(cheek, cheek + Vec3f{0.03F, 0.03F, 0}, skull * 0.35F, skull * 0.3F);
+    const Vec3f ear = middle + Vec3f{0, 0, side * skull * 0.95F};
+    body.add(ear, ear + Vec3f{-0.03F, -skull * 0.35F, 0}, skull * 0.2F, skull * 0.12F);
+  }
+  const Vec3f pit{-0.05F, -0.45F, 0};
+  body.add(middle + Vec3f{-0.05F, -0.1F, 0}, pit, neck, neck * 1.2F);
+  const float broad = dice.between(0.15F, 0.55F), deep = dice.between(0.2F, 0.32F);
+  body.add(pit + Vec3f{0, -0.15F, -broad}, pit + Vec3f{0, -0.15F, broad}, deep, deep);
+  if (dice.chance(0.6)) {  // hair, a hat or a crown
+    const float high = dice.between(0.1F, 0.6F);
+    const Vec3f top = middle + Vec3f{-0.1F, skull * 0.6F, 0};
+    body.add(top, top + Vec3f{-dice.between(0, 0.25F), high, 0}, skull * dice.between(0.6F, 0.95F),
+             skull * dice.between(0.3F, 1.1F));
   }
   return body;
 }
@@ -186,16 +244,18 @@ Skeleton swimmer(Dice& dice) {
 }  // namespace
 
 Solid creature(Dice& dice) {
-  const int plan = dice.count(0, 9);
-  const Skeleton body = plan < 4   ? four_legged(dice)
-                        : plan < 7 ? two_legged(dice)
-                        : plan < 9 ? grown_thing(dice)
-                                   : swimmer(dice);
+  const int plan = dice.count(0, 13);
+  const Skeleton body = plan < 4    ? four_legged(dice)
+                        : plan < 7  ? two_legged(dice)
+                        : plan < 9  ? squat(dice)
+                        : plan < 11 ? bust(dice)
+                        : plan < 13 ? grown_thing(dice)
+                                    : swimmer(dice);
   Solid solid = limbs(body.limbs, dice.scale(0.03F, 0.15F));
-  if (dice.chance(0.6)) {  // a skin
-    const float wavelength = dice.scale(0.15F, 0.6F);
-    const float height = wavelength * dice.scale(0.01F, 0.045F);
-    Waves waves = random_waves(dice.random(), wavelength, height, dice.count(1, 2));
+  if (dice.chance(0.75)) {  // a skin, fur, scales
+    const float wavelength = dice.scale(0.12F, 0.6F);
+    const float height = wavelength * dice.scale(0.015F, 0.07F);
+    Waves waves = random_waves(dice.random(), wavelength, height, dice.count(1, 3));
     solid = dice.chance(0.5) ? displaced(std::move(solid), std::move(waves))
                              : creased(std::move(solid), std::move(waves));
   }
