@@ -1,6 +1,7 @@
 #include "client/command_line.h"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <csignal>
@@ -12,6 +13,7 @@
 #include "client/interrupt.h"
 #include "client/output.h"
 #include "common/error.h"
+#include "common/flags.h"
 #include "common/logging.h"
 #include "common/progress.h"
 #include "common/rpc/grpc_server.h"
@@ -109,6 +111,11 @@ Arguments names_of_flags(const CLI::App& command) {
   return names;
 }
 
+void be_quiet() {
+  silence_progress();
+  spdlog::set_level(spdlog::level::warn);
+}
+
 int parse_and_run(CLI::App& app, Arguments arguments) {
   arguments = with_lists_joined(app, arguments);
   try {
@@ -117,9 +124,10 @@ int parse_and_run(CLI::App& app, Arguments arguments) {
     std::fprintf(stderr, "%s", app.help().c_str());
     return exit_code(ErrorKind::kUsage);
   } catch (const CLI::ParseError& error) {
-    const std::string unknown = error.get_exit_code() == 0 ? "" : unknown_name(app, arguments);
-    if (unknown.empty()) return app.exit(error) == 0 ? 0 : exit_code(ErrorKind::kUsage);
-    return fail(ErrorKind::kUsage, unknown + "\nRun with --help for more information.");
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    const std::string unknown = unknown_name(app, arguments);
+    return fail(ErrorKind::kUsage, (unknown.empty() ? message_of(error) : unknown) +
+                                       "\nRun with --help for more information.");
   }
 }
 
@@ -179,9 +187,9 @@ int run_command_line(int argc, char** argv, const std::function<void(CLI::App&)>
     app.set_version_flag("--version", "itn " ITN_VERSION);
     add_commands(app);
     constexpr const char* kQuiet = "No progress; results, warnings and errors alone";
-    app.add_flag_callback("-q,--quiet", silence_progress, kQuiet);
+    app.add_flag_callback("-q,--quiet", be_quiet, kQuiet);
     for (CLI::App* command : app.get_subcommands({})) {
-      command->add_flag_callback("-q,--quiet", silence_progress, kQuiet);
+      command->add_flag_callback("-q,--quiet", be_quiet, kQuiet);
     }
     const int code = parse_and_run(app, Arguments(argv + 1, argv + argc));
     finish_output();

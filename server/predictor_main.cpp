@@ -6,6 +6,7 @@
 #include <string>
 #include <thread>
 
+#include "common/flags.h"
 #include "common/learning/encoder.h"
 #include "server/predict/predict_server.h"
 #include "server/server_main.h"
@@ -25,17 +26,17 @@ void add_flags(CLI::App& app, PredictorOptions& options) {
   app.add_option("--model", options.model, "Checkpoint of itn train, or the folder of a run")
       ->required();
   app.add_option("--threads", options.threads, "Threads of each prediction; 0: one per processor")
-      ->check(CLI::Range(0, 4096))
+      ->check(number_in(0, 4096))
       ->capture_default_str();
   app.add_option("--max-pixels", options.server.service.max_pixels, "Most pixels of an image")
-      ->check(CLI::Range(1, 1 << 26))
+      ->check(number_in(1, 1 << 26))
       ->capture_default_str();
   app.add_option("--queue", options.server.service.queue_capacity,
                  "Requests that may wait; more are answered UNAVAILABLE")
-      ->check(CLI::Range(0, 10'000))
+      ->check(number_in(0, 10'000))
       ->capture_default_str();
-  add_server_flags(app, "itn-predictor", options.server.listen, options.server.reflection,
-                   options.flags);
+  add_server_flags(app, "itn-predictor", PredictServer::kOwnBytes, options.server.listen,
+                   options.server.reflection, options.flags);
 }
 
 int run(int argc, char** argv) {

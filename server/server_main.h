@@ -13,6 +13,7 @@
 #include <string>
 
 #include "common/error.h"
+#include "common/flags.h"
 #include "common/logging.h"
 #include "common/rpc/grpc_server.h"
 #include "common/rpc/listener.h"
@@ -33,8 +34,9 @@ struct ServerFlags {
   }
 };
 
-inline void add_server_flags(CLI::App& app, const std::string& program, std::string& listen,
-                             bool& reflection, ServerFlags& flags) {
+// `own_bytes`: of memory, for the program itself.
+inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t own_bytes,
+                             std::string& listen, bool& reflection, ServerFlags& flags) {
   app.add_option("--listen", listen,
                  "HOST:PORT or [IPV6]:PORT to listen on; port 0 takes any that is free; 0.0.0.0 is "
                  "all IPv4 addresses, [::] all addresses. The connection is not encrypted: private "
@@ -49,21 +51,23 @@ inline void add_server_flags(CLI::App& app, const std::string& program, std::str
       })
       ->capture_default_str();
   app.add_option("--max-memory-mb", flags.max_memory_mb,
-                 "Most memory of this process, in MiB; what does not fit is refused. 0: 4096, or "
-                 "three quarters of what the machine or container has, or half of ulimit -v")
-      ->check(CLI::Range(0, 1 << 24))
+                 fmt::format("Most memory of this process, in MiB, {} at least; what does not fit "
+                             "is refused. 0: 4096, or three quarters of what the machine or "
+                             "container has, or half of ulimit -v",
+                             least_memory(own_bytes) >> 20))
+      ->check(number_in(0, 1 << 24))
       ->capture_default_str();
   app.add_option("--drain-seconds", flags.drain_seconds,
                  fmt::format("After SIGTERM, what is under way has this long to end; then it is "
                              "stopped and answered UNAVAILABLE. The process ends {} s later at "
                              "most, with exit code {} if it had to leave something unfinished",
                              kStopPatience.count(), exit_code(ErrorKind::kCancelled)))
-      ->check(CLI::Range(0.0, 86400.0))
+      ->check(number_in(0.0, 86400.0))
       ->capture_default_str();
   app.add_flag("--reflection,!--no-reflection", reflection,
                "gRPC server reflection (on by default)");
   app.add_option("--log-level", flags.log_level, "What to log on stderr")
-      ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
+      ->check(one_of({"debug", "info", "warning", "error", "off"}))
       ->capture_default_str();
   app.set_version_flag("--version", program + " " ITN_VERSION);
 }
@@ -80,7 +84,10 @@ int server_main(CLI::App& app, const std::string& program, int argc, char** argv
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : exit_code(ErrorKind::kUsage);
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    std::fprintf(stderr, "%s: %s\nRun with --help for more information.\n", program.c_str(),
+                 message_of(error).c_str());
+    return exit_code(ErrorKind::kUsage);
   }
   try {
     set_up_logging(flags.log_level);

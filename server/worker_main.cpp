@@ -3,6 +3,7 @@
 #include <memory>
 #include <string>
 
+#include "common/flags.h"
 #include "server/render/render_server.h"
 #include "server/server_main.h"
 
@@ -20,43 +21,43 @@ struct WorkerOptions {
 void add_flags(CLI::App& app, WorkerOptions& options) {
   RenderServiceOptions& service = options.server.service;
   app.add_option("--threads", service.threads, "Threads of each render; 0: one per processor")
-      ->check(CLI::Range(0, 4096))
+      ->check(number_in(0, 4096))
       ->capture_default_str();
   app.add_option("--renders", service.renders, "Renders at a time")
-      ->check(CLI::Range(1, 1024))
+      ->check(number_in(1, 1024))
       ->capture_default_str();
   app.add_option("--queue", service.queue_capacity,
                  "Requests that may wait; more are answered UNAVAILABLE")
-      ->check(CLI::Range(0, 10'000))
+      ->check(number_in(0, 10'000))
       ->capture_default_str();
   app.add_option(
          "--cache-mb", options.cache_mb,
          "Memory for scenes, in MiB; at most about a quarter of --max-memory-mb. A scene that "
          "does not fit is forgotten when no request uses it any more")
-      ->check(CLI::Range(0, 1 << 20))
+      ->check(number_in(0, 1 << 20))
       ->capture_default_str();
   app.add_option("--max-pixels", service.limits.max_pixels, "Most pixels of an image")
-      ->check(CLI::Range(1U, 1U << 31))
+      ->check(number_in(1U, 1U << 31))
       ->capture_default_str();
   app.add_option("--max-spp", service.limits.max_spp, "Most samples per pixel")
-      ->check(CLI::Range(1, 1 << 20))
+      ->check(number_in(1, 1 << 20))
       ->capture_default_str();
   app.add_option("--max-triangles", service.limits.max_triangles,
                  "Most triangles of all meshes of a scene together")
-      ->check(CLI::Range(1U, 1U << 31))
+      ->check(number_in(1U, 1U << 31))
       ->capture_default_str();
   app.add_option("--max-seconds", service.max_seconds,
                  "Longest render, its scene included, in seconds; what takes longer is stopped and "
                  "answered RESOURCE_EXHAUSTED. 0: no limit")
-      ->check(CLI::Range(0.0, 1e9))
+      ->check(number_in(0.0, 1e9))
       ->capture_default_str();
   app.add_option(
          "--max-message-mb", options.max_message_mb,
          "Largest request and largest reply, in MiB; at most a sixteenth of --max-memory-mb")
-      ->check(CLI::Range(1, 2047))
+      ->check(number_in(1, 2047))
       ->capture_default_str();
-  add_server_flags(app, "itn-worker", options.server.listen, options.server.reflection,
-                   options.flags);
+  add_server_flags(app, "itn-worker", RenderServer::kOwnBytes, options.server.listen,
+                   options.server.reflection, options.flags);
 }
 
 int run(int argc, char** argv) {

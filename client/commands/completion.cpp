@@ -8,6 +8,7 @@
 
 #include "client/commands/command.h"
 #include "client/output.h"
+#include "common/flags.h"
 
 namespace itn {
 namespace {
@@ -47,7 +48,7 @@ void add_completion_command(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "completion", "Print a script that completes commands and flags in a shell");
   const auto shell = std::make_shared<std::string>();
-  command->add_option("shell", *shell, "bash")->required()->check(CLI::IsMember({"bash"}));
+  command->add_option("shell", *shell, "bash")->required()->check(one_of({"bash"}));
   command->callback([shell, &app] { print_result(bash_script(app)); });
 }
 

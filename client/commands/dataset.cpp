@@ -19,6 +19,8 @@
 #include "client/output.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
+#include "common/flags.h"
+#include "common/material.h"
 #include "common/progress.h"
 
 namespace itn {
@@ -209,6 +211,7 @@ void add_dataset_command(CLI::App& app) {
       ->delimiter(',');
   CLI::Option* count =
       command->add_option("--count", options->count, "Images, training and test together")
+          ->check(number_in(2U, UINT32_MAX))
           ->capture_default_str();
   CLI::Option* grid =
       command
@@ -220,28 +223,38 @@ void add_dataset_command(CLI::App& app) {
       ->excludes(grid);
   command->add_flag("--rotate", options->rotate, "Turn each object about +y by a random angle");
   command->add_option("--resolution", options->resolution, "Pixels a side")
-      ->check(CLI::IsMember({16, 32, 64, 128, 256}))
+      ->check(one_of({"16", "32", "64", "128", "256"}))
       ->capture_default_str();
   command->add_option("--spp", options->spp, "Samples per pixel")
-      ->check(CLI::Range(1, 1 << 20))
+      ->check(kSppRange)
       ->capture_default_str();
-  command->add_option("--seed", options->seed, "Of all choices")->capture_default_str();
-  command->add_option("--test-fraction", options->test_fraction, "Of shapes and images, in (0, 1)")
+  command->add_option("--seed", options->seed, "Of all choices")
+      ->check(kAnySeed)
+      ->capture_default_str();
+  command->add_option("--test-fraction", options->test_fraction, "Of shapes and images")
+      ->check(number_in(0.0, 1.0, Ends::kExcluded))
       ->capture_default_str();
   command
       ->add_option("--train-azimuths", options->train_azimuths,
                    "Of the sun, in degrees, separated by commas; default 0,30,60,90")
+      ->check(number_in(-360.0, 360.0))
       ->delimiter(',');
   command
       ->add_option("--test-azimuths", options->test_azimuths, "Likewise; default 10,20,40,50,70,80")
+      ->check(number_in(-360.0, 360.0))
       ->delimiter(',');
-  command->add_option("--sigma-t", options->sigma_t, "MIN MAX, in 1/mm, log-uniform")
-      ->excludes(grid)
-      ->capture_default_str();
-  command->add_option("--albedo", options->albedo, "MIN MAX, uniform")
-      ->excludes(grid)
-      ->capture_default_str();
-  command->add_option("--g", options->g, "MIN MAX, uniform")->excludes(grid)->capture_default_str();
+  const auto add_range = [&](const char* flag, std::pair<double, double>& range,
+                             const std::string& description, const CLI::Validator& limits) {
+    command->add_option(flag, range, description)
+        ->type_name("MIN MAX")
+        ->check(limits)
+        ->excludes(grid)
+        ->default_str(fmt::format("{} {}", range.first, range.second));
+  };
+  add_range("--sigma-t", options->sigma_t, "Of the materials, in 1/mm, log-uniform",
+            number_in(kMinSigmaT, kMaxSigmaT));
+  add_range("--albedo", options->albedo, "Of the materials, uniform", number_in(0.0, 1.0));
+  add_range("--g", options->g, "Of the materials, uniform", number_in(-kMaxAbsG, kMaxAbsG));
   command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.DatasetSummary)");
   add_worker_flags(*command, options->workers);
   command->callback([options, command] { run(*options, *command); });

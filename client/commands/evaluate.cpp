@@ -17,6 +17,7 @@
 #include "client/training/evaluation.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
+#include "common/flags.h"
 #include "common/progress.h"
 
 namespace itn {
@@ -154,19 +155,20 @@ void add_evaluate_command(CLI::App& app) {
       ->required();
   command->add_option("--dataset", options->dataset, "Folder that itn dataset wrote")->required();
   command->add_option("--split", options->split, "Images to evaluate on")
-      ->check(CLI::IsMember({"test", "train"}))
+      ->check(one_of({"test", "train"}))
       ->capture_default_str();
   command
       ->add_option("--rerender", options->rerender,
                    "Images to render again with every prediction, for the image error")
+      ->check(number_in(0U, UINT32_MAX))
       ->capture_default_str();
   command->add_option("--spp", options->spp, "Samples per pixel of these renders")
-      ->check(CLI::Range(1, 1 << 20))
+      ->check(kSppRange)
       ->capture_default_str();
   command->add_option("--picture", options->picture,
                       "PNG to write: input, re-rendering by the first checkpoint, difference");
   command->add_option("--picture-items", options->picture_items, "Rows of the picture")
-      ->check(CLI::Range(1, 100))
+      ->check(number_in(1U, 100U))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.Evaluation)");
   add_worker_flags(*command, options->workers);

@@ -2,12 +2,18 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <cstdint>
 #include <string>
 #include <vector>
 
 #include "client/render_pool/render_pool.h"
+#include "common/flags.h"
 
 namespace itn {
+
+// What a worker takes at most, unless it is told to take less.
+inline const CLI::Validator kSppRange = number_in(1U, 1U << 20);
+inline const CLI::Validator kAnySeed = number_in(uint64_t{0}, UINT64_MAX);
 
 struct WorkerFlags {
   std::vector<std::string> workers;
@@ -29,7 +35,7 @@ inline void add_worker_flags(CLI::App& app, WorkerFlags& flags) {
       ->allow_extra_args(false);
   app.add_option("--threads", flags.threads,
                  "Threads to render with in this process; 0: one per processor")
-      ->check(CLI::Range(0, 4096))
+      ->check(number_in(0, 4096))
       ->capture_default_str();
 }
 

@@ -13,6 +13,7 @@
 #include "client/output.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
+#include "common/flags.h"
 #include "common/image/channels.h"
 #include "common/image/image.h"
 #include "common/image/photograph.h"
@@ -161,7 +162,7 @@ void add_predict_command(CLI::App& app, Predict* here) {
   command->add_option("--model", options->model, "Checkpoint (or run): predict in this process");
   command->add_option("--predictor", options->predictor, "HOST:PORT of an itn-predictor to ask");
   command->add_option("--timeout", options->timeout, "Of the call, in seconds")
-      ->check(CLI::Range(0.01, 3600.0))
+      ->check(number_in(0.01, 3600.0))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.Prediction)");
   command->callback([options, here] { run(*options, here); });

@@ -12,6 +12,7 @@
 #include "client/commands/command.h"
 #include "client/output.h"
 #include "common/error.h"
+#include "common/flags.h"
 #include "common/rpc/channel.h"
 
 namespace itn {
@@ -67,7 +68,7 @@ void add_probe_command(CLI::App& app) {
   command->add_option("--service", options->service,
                       "Full name of a service, e.g. itn.v1.RenderService; empty: the server");
   command->add_option("--timeout", options->timeout, "In seconds")
-      ->check(CLI::Range(0.01, 3600.0))
+      ->check(number_in(0.01, 3600.0))
       ->capture_default_str();
   command->callback([options] { probe(*options); });
 }

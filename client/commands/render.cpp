@@ -21,9 +21,11 @@
 #include "client/render_pool/render_pool.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
+#include "common/flags.h"
 #include "common/image/attributes.h"
 #include "common/image/image.h"
 #include "common/image/preview.h"
+#include "common/material.h"
 #include "common/progress.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
@@ -96,6 +98,18 @@ void check_outputs(const RenderOptions& options) {
                     !is_stdout(options.png),
                 fmt::format("--png {}: it needs a file of its own", options.png));
   check_writable(options.png);
+}
+
+// Flags that are right by themselves, but not together.
+void check_combinations(const RenderOptions& options) {
+  require_usage(options.tracer != "reference" || options.pilot_spp == 0,
+                fmt::format("--tracer reference and --pilot-spp {}: the reference has no pilot; "
+                            "leave out one of the two",
+                            options.pilot_spp));
+  require_usage(options.estimates <= options.spp,
+                fmt::format("--estimates {} and --spp {}: each estimate needs a sample per pixel; "
+                            "take at most as many estimates",
+                            options.estimates, options.spp));
 }
 
 // ---- The request -----------------------------------------------------------------------------
@@ -305,10 +319,10 @@ void print_json(const v1::RenderGradReply& reply, const RenderOptions& options, 
 void print_text(const v1::RenderGradReply& reply, const RenderOptions& options, const Image& image,
                 double seconds) {
   const v1::Counters& counters = reply.counters();
-  std::string text =
-      fmt::format("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n", options.output,
-                  reply.width(), reply.height(), options.spp, seconds) +
-      fmt::format("mean radiance on the object: {:.6g}\n", mean_over_object(image));
+  std::string text = fmt::format("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n",
+                                 name_of_output(options.output), reply.width(), reply.height(),
+                                 options.spp, seconds) +
+                     fmt::format("mean radiance on the object: {:.6g}\n", mean_over_object(image));
   if (counters.invalid_samples() > 0 || counters.leaks() > 0) {
     text += fmt::format("dropped: {} invalid samples, {} leaks of {} paths\n",
                         counters.invalid_samples(), counters.leaks(), counters.paths());
@@ -318,6 +332,7 @@ void print_text(const v1::RenderGradReply& reply, const RenderOptions& options, 
 
 void run(const RenderOptions& options) {
   const auto start = std::chrono::steady_clock::now();
+  check_combinations(options);
   check_outputs(options);
   const RenderJob job = make_job(options);
   const v1::RenderGradReply reply = render(options, job);
@@ -341,11 +356,21 @@ void add_render_command(CLI::App& app) {
       ->required();
   command->add_option("-o,--output", options->output, "EXR file to write; -: standard output")
       ->required();
-  command->add_option("--sigma-t", options->sigma_t, "Extinction coefficient, in 1/mm")->required();
-  command->add_option("--albedo", options->albedo, "Single-scattering albedo")->required();
-  command->add_option("--g", options->g, "Mean cosine of scattering")->capture_default_str();
-  command->add_option("--spp", options->spp, "Samples per pixel")->capture_default_str();
-  command->add_option("--seed", options->seed, "Of the random numbers")->capture_default_str();
+  command->add_option("--sigma-t", options->sigma_t, "Extinction coefficient, in 1/mm")
+      ->check(number_in(kMinSigmaT, kMaxSigmaT))
+      ->required();
+  command->add_option("--albedo", options->albedo, "Single-scattering albedo")
+      ->check(number_in(0.0, 1.0))
+      ->required();
+  command->add_option("--g", options->g, "Mean cosine of scattering")
+      ->check(number_in(-kMaxAbsG, kMaxAbsG))
+      ->capture_default_str();
+  command->add_option("--spp", options->spp, "Samples per pixel")
+      ->check(kSppRange)
+      ->capture_default_str();
+  command->add_option("--seed", options->seed, "Of the random numbers")
+      ->check(kAnySeed)
+      ->capture_default_str();
   command
       ->add_option("--derivatives", options->derivatives,
                    "Layers to add, separated by commas: sigma_t, albedo, g, sigma_a, sigma_s, "
@@ -354,22 +379,23 @@ void add_render_command(CLI::App& app) {
       ->delimiter(',')
       ->allow_extra_args(false);
   command->add_option("--estimates", options->estimates, "Independent estimates, as further layers")
+      ->check(number_in(1U, 16U))
       ->capture_default_str();
   command
       ->add_option(
           "--pilot-spp", options->pilot_spp,
           "Samples per pixel, beyond --spp, of a pilot, which spreads the others and quietens "
           "derivatives in sigma_t and g; not with --tracer reference")
-      ->check(CLI::Range(0, 64))
+      ->check(number_in(0U, 64U))
       ->capture_default_str();
   command
       ->add_option("--pixels", options->pixels, "Render all pixels, or those that see the object")
-      ->check(CLI::IsMember({"all", "object"}))
+      ->check(one_of({"all", "object"}))
       ->capture_default_str();
   command
       ->add_option("--tracer", options->tracer,
                    "wavefront: the fast one; reference: plain path tracing, to check it against")
-      ->check(CLI::IsMember({"wavefront", "reference"}))
+      ->check(one_of({"wavefront", "reference"}))
       ->capture_default_str();
   command->add_option("--film", options->film, "WIDTHxHEIGHT in pixels, instead of the scene's");
   command->add_option("--png", options->png, "Also write a picture to look at");

@@ -20,6 +20,7 @@
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/folder_lock.h"
+#include "common/flags.h"
 #include "common/learning/checkpoint.h"
 #include "common/progress.h"
 
@@ -177,7 +178,12 @@ std::string dataset_folder(const TrainOptions& options,
   if (!options.dataset.empty()) {
     return options.dataset;
   }
-  if (!there || !options.resume) {
+  if (!there && options.resume) {
+    throw Error(ErrorKind::kIo,
+                fmt::format("there is no run in {} to continue; itn train DATASET -o {} begins one",
+                            options.folder, options.folder));
+  }
+  if (!options.resume) {
     throw Error(ErrorKind::kUsage,
                 "which dataset? itn train DATASET -o RUN (only a run that is "
                 "resumed knows it: itn train --resume -o RUN)");
@@ -280,57 +286,55 @@ void add_train_command(CLI::App& app) {
   command
       ->add_option("--loss", options->loss,
                    "rn: distance to the truth; itn: and of the re-rendered image to the input")
-      ->check(CLI::IsMember({"rn", "itn"}))
+      ->check(one_of({"rn", "itn"}))
       ->capture_default_str();
   command->add_option("--parameterization", options->parameterization, "Coordinates to learn")
-      ->check(CLI::IsMember({"naive", "similarity"}))
+      ->check(one_of({"naive", "similarity"}))
       ->capture_default_str();
   command->add_option("--init", options->init,
                       "Checkpoint (or run) to start from, e.g. of an RN for an ITN");
   CLI::Option* steps = command->add_option("--steps", options->steps, "Steps to take")
-                           ->check(CLI::Range(uint64_t{1}, uint64_t{UINT32_MAX}));
+                           ->check(number_in(uint64_t{1}, uint64_t{UINT32_MAX}));
   command->add_option("--epochs", options->epochs, "Instead of steps; default 50")
-      ->check(CLI::Range(0.0, 1e6))
+      ->check(number_in(0.0, 1e6, Ends::kExcluded))
       ->excludes(steps);
   command->add_option("--batch", options->batch, "Images per step")
-      ->check(CLI::Range(1, 65536))
+      ->check(number_in(1U, 65536U))
       ->capture_default_str();
   command->add_option("--lr", options->learning_rate, "Learning rate of Adam, constant")
-      ->check([](const std::string& text) {
-        double rate = 0;
-        return CLI::detail::lexical_cast(text, rate) && rate > 0 && std::isfinite(rate)
-                   ? std::string()
-                   : fmt::format("{}: the learning rate must be a number above 0", text);
-      })
+      ->check(number_in(0.0, 1e30, Ends::kExcluded))
       ->capture_default_str();
   command
       ->add_option("--architecture", options->architecture,
                    "Layers of the network; plain: convolution, ReLU and pooling down to one pixel")
-      ->check(CLI::IsMember({"plain"}))
+      ->check(one_of({"plain"}))
       ->capture_default_str();
   command->add_option("--base-channels", options->base_channels, "Of the first convolution")
-      ->check(CLI::Range(1, 64))
+      ->check(number_in(1U, 64U))
       ->capture_default_str();
   command->add_option("--spp", options->spp, "Samples per pixel of each render (itn)")
-      ->check(CLI::Range(1, 1 << 20))
+      ->check(kSppRange)
       ->capture_default_str();
   command
       ->add_option("--estimates", options->estimates,
                    "Independent estimates that the samples are shared out to (itn)")
-      ->check(CLI::Range(2, 16))
+      ->check(number_in(2U, 16U))
       ->capture_default_str();
   command
       ->add_option(
           "--pilot-spp", options->pilot_spp,
           "Samples per pixel of each render's pilot, which makes it quieter (itn); 0: none")
-      ->check(CLI::Range(0, 64))
+      ->check(number_in(0U, 64U))
       ->capture_default_str();
-  command->add_option("--lambda", options->lambda,
-                      "Weight of the image term (itn); default: balanced on the first ten steps");
+  command
+      ->add_option("--lambda", options->lambda,
+                   "Weight of the image term (itn); default: balanced on the first ten steps")
+      ->check(number_in(0.0, 1e30));
   command->add_option("--seed", options->seed, "Of weights, order and renders")
+      ->check(kAnySeed)
       ->capture_default_str();
   command->add_option("--checkpoint-every", options->checkpoint_every, "Steps")
-      ->check(CLI::Range(1, 1 << 30))
+      ->check(number_in(uint64_t{1}, uint64_t{1} << 30))
       ->capture_default_str();
   command->add_flag(
       "--resume", options->resume,
@@ -338,8 +342,10 @@ void add_train_command(CLI::App& app) {
       "be given again, and those that are must be the same; --steps may be more");
   command
       ->add_option("--torch-threads", options->torch_threads,
-                   "Threads of the network; 0: one per processor. The last bits depend on it")
-      ->check(CLI::Range(0, 4096))
+                   "Threads of the network; 0: one per processor. The last bits depend on it: a "
+                   "run keeps the number that it began with. To go on by the same command on "
+                   "a machine of other processors, give the number; --resume knows it")
+      ->check(number_in(0, 4096))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.TrainingSummary)");
   add_worker_flags(*command, options->workers);

@@ -57,13 +57,13 @@ std::vector<fs::path> mesh_files(const fs::path& folder) {
 // `say`: what was repaired, if anything was.
 Mesh load_shape(const fs::path& file, bool repair, bool say) {
   Mesh mesh = load_mesh(file);
-  const std::string name = file.filename().string();
+  const std::string name = file.string();
   if (repair) {
     MeshRepair done = repaired(mesh, name);
     if (say && done.changed()) spdlog::warn("{} is repaired: {}", name, done.describe());
     mesh = std::move(done.mesh);
   } else {
-    validate_closed(mesh, name);
+    require_closed(mesh, name, "--repair");
   }
   return normalized(mesh);
 }
@@ -306,7 +306,7 @@ ShapeSet load_shape_set(const fs::path& folder, bool repair) {
       };
       set.shapes.push_back(describe_shape(file.stem().string(), load));
     } catch (const Error& error) {
-      set.refused.push_back(fmt::format("{}: {}", file.filename().string(), error.what()));
+      set.refused.emplace_back(error.what());
     }
   }
   if (set.shapes.empty()) {
@@ -382,8 +382,9 @@ DatasetPlan plan_dataset(const v1::DatasetConfig& config, std::span<const Shape>
       static_cast<uint32_t>(std::lround(config.test_fraction() * config.count()));
   if (config.sampling() != v1::DatasetConfig::GRID) {
     require(test_count >= 1 && test_count < config.count(),
-            fmt::format("{} images with a test fraction of {} leave one split without an image",
-                        config.count(), config.test_fraction()));
+            fmt::format("of {} images, with a test fraction of {}, {} are to test with; training "
+                        "and test need one each at least: choose more images, or another fraction",
+                        config.count(), config.test_fraction(), test_count));
   }
   add_items(plan.manifest, v1::SPLIT_TRAIN, config.count() - test_count);
   add_items(plan.manifest, v1::SPLIT_TEST, test_count);

@@ -1,38 +1,68 @@
 #!/usr/bin/python3
 """Renders, differentiates and predicts from Python, with nothing of itn but its .proto files.
 
-    itn_client.py --worker HOST:PORT [--predictor HOST:PORT] [--proto DIR]
+    itn_client.py [--worker HOST:PORT] [--predictor HOST:PORT] [--proto DIR]
 
 Needs protoc with its gRPC plugin, grpcio, protobuf and numpy (Debian: protobuf-compiler-grpc,
-python3-grpcio, python3-protobuf, python3-numpy). Prints what it found as JSON.
+python3-grpcio, python3-protobuf, python3-numpy). Prints what it found as JSON: means over the
+object with their standard errors, and whether each derivative agrees with its finite difference.
+
+What fails is said in one line; exit codes are those of the command line (README, Errors), and 1 if
+a derivative does not agree.
 """
 import argparse
 import hashlib
 import json
 import pathlib
+import shutil
 import subprocess
 import sys
 import tempfile
 
-import grpc
-import numpy as np
+ESTIMATES = 8  # independent, so that their spread tells the error of their mean
+SCENE_DERIVATIVES = ["surface[0].reflectance"]
 
 
-folder_of_modules = tempfile.TemporaryDirectory(prefix="itn-proto-")
+class Failure(Exception):
+    """What a user can act on, and the exit code that says of which kind it is."""
+
+    def __init__(self, code, message):
+        super().__init__(message)
+        self.code = code
 
 
-def compile_protos(folder):
-    """Turns the .proto files into Python modules."""
-    target = folder_of_modules.name
-    plugin = subprocess.check_output(["which", "grpc_python_plugin"], text=True).strip()
+try:
+    import grpc
+    import numpy as np
+except ImportError as error:
+    print(f"itn_client.py: {error}; Debian has python3-grpcio and python3-numpy", file=sys.stderr)
+    sys.exit(4)
+
+# As common/rpc/status.cpp has them, for the statuses that a server answers.
+EXIT_CODES = {grpc.StatusCode.INVALID_ARGUMENT: 3, grpc.StatusCode.UNAVAILABLE: 5,
+              grpc.StatusCode.UNIMPLEMENTED: 5, grpc.StatusCode.DEADLINE_EXCEEDED: 5,
+              grpc.StatusCode.RESOURCE_EXHAUSTED: 7, grpc.StatusCode.CANCELLED: 130}
+
+
+def compile_protos(folder, target):
+    """Turns the .proto files into Python modules, in the folder `target`."""
+    plugin = shutil.which("grpc_python_plugin")
+    if not plugin or not shutil.which("protoc"):
+        raise Failure(4, "there is no protoc with grpc_python_plugin; Debian has them in "
+                         "protobuf-compiler and protobuf-compiler-grpc")
     protos = [f"itn/v1/{name}.proto" for name in ("scene", "render", "predict")]
-    subprocess.check_call(
+    if not (folder / protos[0]).is_file():
+        raise Failure(4, f"--proto {folder}: there is no {protos[0]} in it")
+    done = subprocess.run(
         ["protoc", f"--plugin=protoc-gen-grpc={plugin}", "-I", str(folder),
-         f"--python_out={target}", f"--grpc_out={target}", *protos])
+         f"--python_out={target}", f"--grpc_out={target}", *protos],
+        capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise Failure(4, f"protoc cannot read {folder}: {done.stderr.strip()}")
     sys.path.insert(0, target)
 
 
-def cube_on_the_ground(pb):
+def cube_on_the_ground(pb, reflectance=0.5):
     """A cube of 1 mm under sun and sky, its triangles sent inline."""
     corners = np.array([[x, y, z] for x in (-.5, .5) for y in (0, 1) for z in (-.5, .5)], "<f4")
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -40,8 +70,9 @@ def cube_on_the_ground(pb):
     scene = pb.Scene()
     scene.object.mesh.triangles.positions = corners.tobytes()
     scene.object.mesh.triangles.indices = triangles.tobytes()
-    ground = scene.surfaces.add().rectangle
-    ground.half_u.x, ground.half_v.z = 20, -20
+    ground = scene.surfaces.add()
+    ground.rectangle.half_u.x, ground.rectangle.half_v.z = 20, -20
+    ground.reflectance = reflectance
     scene.lights.add().sun_sky.sun_angular_radius_degrees = 18.75
     scene.camera.origin.y, scene.camera.origin.z = 9.28, -32.8
     scene.camera.target.y = 0.5
@@ -50,12 +81,12 @@ def cube_on_the_ground(pb):
     return scene.SerializeToString()
 
 
-def render(worker, pb, scene, albedo, derivatives):
+def render(worker, pb, scene, albedo, derivatives=(), scene_derivatives=()):
     """One call. The scene is named by its digest, and sent only if the worker asks for it."""
     request = pb.RenderGradRequest(
         scene_digest=hashlib.sha256(scene).digest(),
-        material=pb.Material(sigma_t=30, albedo=albedo, g=0.3),
-        spp=64, seed=1, derivatives=derivatives, estimates=2)
+        material=pb.Material(sigma_t=30, albedo=albedo, g=0.3), spp=64 * ESTIMATES, seed=1,
+        derivatives=derivatives, scene_derivatives=scene_derivatives, estimates=ESTIMATES)
     try:
         return worker.RenderGrad(request, timeout=120)
     except grpc.RpcError as error:
@@ -69,46 +100,112 @@ def image(reply, data):
     return np.frombuffer(data, "<f4").reshape(reply.height, reply.width)
 
 
-def main():
+def mean_and_error(estimates):
+    """Of independent estimates: their mean and its standard error."""
+    return {"mean": float(np.mean(estimates)),
+            "standard error": float(np.std(estimates, ddof=1) / np.sqrt(len(estimates)))}
+
+
+def compared(derivatives, differences):
+    """A derivative beside its finite difference; they share their noise, estimate by estimate."""
+    gap = mean_and_error(derivatives - differences)
+    # Eight estimates exceed five standard errors once in 600 times; the finite difference may be
+    # half a percent off by itself.
+    most = 5 * gap["standard error"] + 0.005 * abs(float(np.mean(differences)))
+    return {"derivative": mean_and_error(derivatives),
+            "finite difference": mean_and_error(differences),
+            "agrees": bool(abs(gap["mean"]) <= most)}
+
+
+def render_and_compare(worker, render_pb2, scene_pb2):
+    """What is printed of the renders, and the image and mask of the first."""
+    scene = cube_on_the_ground(scene_pb2)
+    parameters = [render_pb2.SIGMA_T, render_pb2.ALBEDO, render_pb2.G]
+    reply = render(worker, render_pb2, scene, 0.8, parameters, SCENE_DERIVATIVES)
+    mask = image(reply, reply.mask)
+    on_object = mask > 0.5
+
+    def of_estimates(answer, plane):
+        return np.array([image(answer, plane(e))[on_object].mean() for e in answer.estimates])
+
+    def radiance_of(answer):
+        return of_estimates(answer, lambda e: e.radiance)
+
+    # Those of the medium come first, then those of the scene, in the order of the request.
+    names = [render_pb2.Parameter.Name(p).lower() for p in parameters] + SCENE_DERIVATIVES
+    derivatives = {name: of_estimates(reply, lambda e, k=k: e.derivatives[k])
+                   for k, name in enumerate(names)}
+    # Finite differences, with the same random numbers.
+    differences = {
+        "albedo": (radiance_of(render(worker, render_pb2, scene, 0.81)) -
+                   radiance_of(render(worker, render_pb2, scene, 0.79))) / 0.02,
+        "surface[0].reflectance": (
+            radiance_of(render(worker, render_pb2, cube_on_the_ground(scene_pb2, 0.55), 0.8)) -
+            radiance_of(render(worker, render_pb2, cube_on_the_ground(scene_pb2, 0.45), 0.8))) / 0.1}
+    result = {"radiance": mean_and_error(radiance_of(reply))}
+    for name, values in derivatives.items():
+        result[f"d radiance / d {name}"] = (
+            compared(values, differences[name]) if name in differences
+            else {"derivative": mean_and_error(values)})
+    return result, np.mean([image(reply, e.radiance) for e in reply.estimates], axis=0), mask
+
+
+def calling(what, address, call):
+    """What `call` returns; a Failure that names the server where it does not answer as it should."""
+    try:
+        return call()
+    except grpc.RpcError as error:
+        if error.code() == grpc.StatusCode.UNIMPLEMENTED:
+            raise Failure(5, f"{address} is not a {what}; itn-{what} is one") from error
+        raise Failure(EXIT_CODES.get(error.code(), 1),
+                      f"{what} {address}: {error.details()}") from error
+
+
+def parse_arguments():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--worker", required=True, help="HOST:PORT of an itn-worker")
-    parser.add_argument("--predictor", help="HOST:PORT of an itn-predictor")
-    parser.add_argument("--proto", type=pathlib.Path, help="folder of itn/v1/*.proto",
+    parser.add_argument("--worker", metavar="HOST:PORT", default="127.0.0.1:50051",
+                        help="an itn-worker (default: %(default)s, where it listens by itself)")
+    parser.add_argument("--predictor", metavar="HOST:PORT",
+                        help="an itn-predictor, to predict from the image (default: none)")
+    parser.add_argument("--proto", metavar="DIR", type=pathlib.Path,
+                        help="folder of itn/v1/*.proto (default: that of this repository)",
                         default=pathlib.Path(__file__).resolve().parents[2] / "proto")
-    arguments = parser.parse_args()
-    compile_protos(arguments.proto)
+    return parser.parse_args()
+
+
+def run(arguments, folder_of_modules):
+    compile_protos(arguments.proto, folder_of_modules)
     from itn.v1 import render_pb2, render_pb2_grpc, scene_pb2, predict_pb2, predict_pb2_grpc
 
     worker = render_pb2_grpc.RenderServiceStub(grpc.insecure_channel(arguments.worker))
-    scene = cube_on_the_ground(scene_pb2)
-    parameters = [render_pb2.SIGMA_T, render_pb2.ALBEDO, render_pb2.G]
-    reply = render(worker, render_pb2, scene, 0.8, parameters)
-    radiance = np.mean([image(reply, e.radiance) for e in reply.estimates], axis=0)
-    mask = image(reply, reply.mask)
-    on_object = mask > 0.5
-    result = {"radiance": float(radiance[on_object].mean())}
-    for k, parameter in enumerate(parameters):
-        derivative = np.mean([image(reply, e.derivatives[k]) for e in reply.estimates], axis=0)
-        name = render_pb2.Parameter.Name(parameter).lower()
-        result[f"d radiance / d {name}"] = float(derivative[on_object].mean())
-
-    # The same derivative in the albedo by finite differences, with the same random numbers.
-    def radiance_at(albedo):
-        r = render(worker, render_pb2, scene, albedo, [])
-        return np.mean([image(r, e.radiance)[on_object].mean() for e in r.estimates])
-
-    result["finite difference in albedo"] = float((radiance_at(0.81) - radiance_at(0.79)) / 0.02)
-
+    result, radiance, mask = calling(
+        "worker", arguments.worker, lambda: render_and_compare(worker, render_pb2, scene_pb2))
     if arguments.predictor:
         predictor = predict_pb2_grpc.PredictServiceStub(grpc.insecure_channel(arguments.predictor))
-        answer = predictor.Predict(predict_pb2.PredictRequest(
-            width=reply.width, height=reply.height, image=radiance.astype("<f4").tobytes(),
-            mask=mask.astype("<f4").tobytes()), timeout=60)
+        request = predict_pb2.PredictRequest(
+            width=mask.shape[1], height=mask.shape[0], image=radiance.astype("<f4").tobytes(),
+            mask=mask.astype("<f4").tobytes())
+        answer = calling("predictor", arguments.predictor,
+                         lambda: predictor.Predict(request, timeout=60))
         material = answer.materials[0]
         result["prediction"] = {"sigma_t": material.sigma_t, "albedo": material.albedo,
                                 "g": material.g}
     print(json.dumps(result, indent=2))
+    return 0 if all(row.get("agrees", True) for row in result.values()) else 1
+
+
+def main():
+    arguments = parse_arguments()
+    try:
+        with tempfile.TemporaryDirectory(prefix="itn-proto-") as folder:
+            return run(arguments, folder)
+    except Failure as failure:
+        print("itn_client.py:", " ".join(str(failure).split()), file=sys.stderr)
+        return failure.code
+    except KeyboardInterrupt:
+        print("itn_client.py: interrupted", file=sys.stderr)
+        return 130
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

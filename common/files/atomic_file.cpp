@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 namespace {
 
 Error cannot_write(const fs::path& target, const std::string& reason) {
-  return Error(ErrorKind::kIo, fmt::format("cannot write {}: {}", target.string(), reason));
+  return Error(ErrorKind::kIo, fmt::format("cannot write {}: {}", name_of_output(target), reason));
 }
 
 Error cannot_write(const fs::path& target, int error_number) {
@@ -169,7 +169,7 @@ void write_file_atomically(const fs::path& target, std::string_view bytes) {
 void check_writable(const fs::path& target) {
   if (is_stdout(target)) {
     if (::isatty(STDOUT_FILENO)) {
-      throw cannot_write(target, "standard output is a terminal; redirect it to a file or a pipe");
+      throw cannot_write(target, "it is a terminal; redirect it to a file or a pipe");
     }
     return;
   }
@@ -187,6 +187,10 @@ void check_folder_writable(const fs::path& folder) {
     throw cannot_write(folder, fmt::format("{} is not a folder", there.string()));
   }
   if (!may(there, W_OK | X_OK)) throw cannot_write(folder, errno);
+}
+
+std::string name_of_output(const fs::path& target) {
+  return target == "-" ? "standard output" : target.string();
 }
 
 bool is_stdout(const fs::path& target) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 #include <string_view>
 
 namespace itn {
@@ -22,6 +23,9 @@ void check_writable(const std::filesystem::path& target);
 
 // Likewise, for a folder that files are going to be created in, and which need not exist yet.
 void check_folder_writable(const std::filesystem::path& folder);
+
+// For messages: "standard output" for "-".
+std::string name_of_output(const std::filesystem::path& target);
 
 // Whether the target is standard output: "-", or a name of the file or pipe that it leads to.
 bool is_stdout(const std::filesystem::path& target);

@@ -313,4 +313,15 @@ MeshRepair repaired(const Mesh& mesh, const std::string& what, const MeshRepairO
   return repair;
 }
 
+void require_closed(const Mesh& mesh, const std::string& what, const std::string& how_to_repair) {
+  try {
+    validate_closed(mesh, what);
+  } catch (const Error& error) {
+    const std::string message = error.what();
+    throw Error(error.kind(),
+                fmt::format("{}{} A mesh that is nearly closed can be repaired: {}", message,
+                            message.ends_with('.') ? "" : ".", how_to_repair));
+  }
+}
+
 }  // namespace itn

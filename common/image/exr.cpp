@@ -102,8 +102,33 @@ void check_entries(std::string_view bytes, const std::string& name) {
   }
 }
 
+// Formats that cannot carry what is asked for, or not in a way that is read here.
+const char* other_format(std::string_view bytes) {
+  static constexpr struct {
+    std::string_view beginning;
+    const char* name;
+  } kFormats[] = {{"\x89PNG", "PNG"},
+                  {"\xff\xd8\xff", "JPEG"},
+                  {"GIF8", "GIF"},
+                  {"BM", "BMP"},
+                  {"II*", "TIFF"},
+                  {{"MM\0*", 4}, "TIFF"},
+                  {"#?RADIANCE", "Radiance HDR"},
+                  {"#?RGBE", "Radiance HDR"}};
+  for (const auto& format : kFormats) {
+    if (bytes.starts_with(format.beginning)) return format.name;
+  }
+  return nullptr;
+}
+
 void check_version(std::string_view bytes, const std::string& name) {
   static constexpr std::string_view kMagic("\x76\x2f\x31\x01", 4);
+  if (const char* format = other_format(bytes)) {
+    throw invalid_input(fmt::format(
+        "{} is a {} image; it must be an OpenEXR image (.exr) of linear radiance, as photographs "
+        "that are developed for a display are not",
+        name, format));
+  }
   if (bytes.size() < 8 || !bytes.starts_with(kMagic)) {
     throw damaged(name, bytes.empty() ? "it is empty" : "it does not begin as one");
   }

@@ -25,12 +25,17 @@ MemoryPlan plan_memory(uint64_t total, uint64_t own_bytes, uint64_t max_message_
   // The listener closes connections when the last eighth is touched: it is left free.
   const uint64_t taken = own_bytes + plan.transport_bytes + total / 8;
   if (total < taken + kLeastForCalls) {
-    throw Error(ErrorKind::kUsage,
-                fmt::format("--max-memory-mb is {}; it must be at least {}", total / kMiB,
-                            (own_bytes + kLeastForCalls) * 4 / 3 / kMiB + 1));
+    throw Error(ErrorKind::kUsage, fmt::format("--max-memory-mb is {}; it must be at least {}",
+                                               total / kMiB, least_memory(own_bytes) / kMiB));
   }
   plan.call_bytes = total - taken;
   return plan;
+}
+
+uint64_t least_memory(uint64_t own_bytes) {
+  // A quarter is for messages that arrive, or left free.
+  const uint64_t rest = own_bytes + kLeastForCalls;
+  return (rest * 4 + 3 * kMiB - 1) / (3 * kMiB) * kMiB;
 }
 
 uint64_t default_memory() {

@@ -17,6 +17,9 @@ struct MemoryPlan {
 // leaves too little for anything.
 MemoryPlan plan_memory(uint64_t total, uint64_t own_bytes, uint64_t max_message_bytes);
 
+// The least `total` that plan_memory() accepts, in whole MiB.
+uint64_t least_memory(uint64_t own_bytes);
+
 // What a server may take unless it is told otherwise: 4 GiB, but no more than three quarters of
 // what the machine or its control group have, nor half of its limit of address space (ulimit -v),
 // of which threads reserve more than they use.

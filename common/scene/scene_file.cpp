@@ -44,10 +44,23 @@ Mesh load_repaired_mesh(const fs::path& path) {
   return std::move(repair.mesh);
 }
 
-void resolve(v1::Mesh& mesh, const fs::path& folder) {
+// The worker would find out, too, but knows no files.
+Mesh load_closed_mesh(const fs::path& path) {
+  Mesh mesh = load_mesh(path);
+  require_closed(mesh, path.string(),
+                 fmt::format("mesh {{ path: \"{}\" repair: true }}", path.filename().string()));
+  return mesh;
+}
+
+enum class Role { kObject, kSurface };  // which need not be closed
+
+void resolve(v1::Mesh& mesh, Role role, const fs::path& folder) {
   if (mesh.has_path()) {
     const fs::path path = folder / mesh.path();
-    set_triangles(mesh, mesh.repair() ? load_repaired_mesh(path) : load_mesh(path));
+    const auto load = mesh.repair()           ? load_repaired_mesh
+                      : role == Role::kObject ? load_closed_mesh
+                                              : load_mesh;
+    set_triangles(mesh, load(path));
     mesh.clear_repair();
   } else if (mesh.repair()) {
     throw invalid_input("repair is set for a mesh without a path; only files are repaired");
@@ -81,9 +94,10 @@ void resolve(v1::EnvironmentMap& map, const fs::path& folder) {
 v1::Scene load_scene(const fs::path& path) {
   v1::Scene scene = parse(path);
   const fs::path folder = path.parent_path();
-  if (scene.object().has_mesh()) resolve(*scene.mutable_object()->mutable_mesh(), folder);
+  if (scene.object().has_mesh())
+    resolve(*scene.mutable_object()->mutable_mesh(), Role::kObject, folder);
   for (v1::Surface& surface : *scene.mutable_surfaces()) {
-    if (surface.has_mesh()) resolve(*surface.mutable_mesh(), folder);
+    if (surface.has_mesh()) resolve(*surface.mutable_mesh(), Role::kSurface, folder);
   }
   for (v1::Light& light : *scene.mutable_lights()) {
     if (light.has_environment_map()) resolve(*light.mutable_environment_map(), folder);

@@ -7,9 +7,6 @@
 namespace itn {
 namespace {
 
-// The program with LibTorch, its threads, and a network.
-constexpr uint64_t kOwnBytes = uint64_t{512} << 20;
-
 // Of a request: three channels and a mask, and a little for the rest.
 uint64_t max_message_bytes(uint64_t max_pixels) {
   return max_pixels * 4 * sizeof(float) + (uint64_t{1} << 20);
@@ -21,15 +18,15 @@ GrpcServerOptions server_options(const PredictServerOptions& options) {
                         .max_message_bytes = max_message_bytes(options.service.max_pixels),
                         .transport_bytes = 0,
                         .process_bytes = options.max_memory_bytes},
-                       kOwnBytes);
+                       PredictServer::kOwnBytes);
 }
 
 PredictServiceOptions service_options(const PredictServerOptions& options) {
   PredictServiceOptions service = options.service;
   if (options.max_memory_bytes > 0) {
-    service.memory_bytes =
-        plan_memory(options.max_memory_bytes, kOwnBytes, max_message_bytes(service.max_pixels))
-            .call_bytes;
+    service.memory_bytes = plan_memory(options.max_memory_bytes, PredictServer::kOwnBytes,
+                                       max_message_bytes(service.max_pixels))
+                               .call_bytes;
   }
   return service;
 }

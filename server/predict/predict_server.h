@@ -18,6 +18,9 @@ struct PredictServerOptions {
 
 class PredictServer : public ServiceServer<PredictService> {
  public:
+  // Of memory: the program with LibTorch, its threads, and a network.
+  static constexpr uint64_t kOwnBytes = uint64_t{512} << 20;
+
   PredictServer(Predictor predictor, const PredictServerOptions& options);
 };
 

@@ -7,14 +7,12 @@
 namespace itn {
 namespace {
 
-// The program, its libraries, its threads, and a thousand connections.
-constexpr uint64_t kOwnBytes = uint64_t{128} << 20;
-
 RenderServiceOptions service_options(const RenderServerOptions& options) {
   RenderServiceOptions service = options.service;
   if (options.max_memory_bytes == 0) return service;
   uint64_t& message_bytes = service.limits.max_message_bytes;
-  const MemoryPlan plan = plan_memory(options.max_memory_bytes, kOwnBytes, message_bytes);
+  const MemoryPlan plan =
+      plan_memory(options.max_memory_bytes, RenderServer::kOwnBytes, message_bytes);
   message_bytes = plan.message_bytes;
   service.cache_bytes = std::min<size_t>(service.cache_bytes, plan.call_bytes / 3);
   service.memory_bytes = plan.call_bytes - service.cache_bytes;
@@ -27,7 +25,7 @@ GrpcServerOptions server_options(const RenderServerOptions& options) {
                         .max_message_bytes = options.service.limits.max_message_bytes,
                         .transport_bytes = 0,
                         .process_bytes = options.max_memory_bytes},
-                       kOwnBytes);
+                       RenderServer::kOwnBytes);
 }
 
 }  // namespace

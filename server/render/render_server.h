@@ -24,6 +24,9 @@ struct RenderServerOptions {
 
 class RenderServer : public ServiceServer<RenderService> {
  public:
+  // Of memory: the program, its libraries, its threads, and a thousand connections.
+  static constexpr uint64_t kOwnBytes = uint64_t{128} << 20;
+
   explicit RenderServer(const RenderServerOptions& options);
 
   // Renders that are worked on now; others wait.

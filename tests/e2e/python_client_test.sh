@@ -14,18 +14,38 @@ itn dataset "$folder/dataset" --count 16 --resolution 16 --spp 4 2>/dev/null
 itn train "$folder/dataset" -o "$folder/run" --steps 2 --batch 4 --base-channels 4 2>/dev/null
 start predictor itn-predictor --model "$folder/run"
 
-/usr/bin/python3 "$ITN_SOURCE/client/examples/itn_client.py" --worker "$worker" \
-  --predictor "$address" | tee "$folder/result.json"
+client() { /usr/bin/python3 "$ITN_SOURCE/client/examples/itn_client.py" "$@"; }
+
+client --worker "$worker" --predictor "$address" | tee "$folder/result.json"
 
 /usr/bin/python3 - "$folder/result.json" <<'CHECK'
 import json, sys
 result = json.load(open(sys.argv[1]))
-derivative = result["d radiance / d albedo"]
-difference = result["finite difference in albedo"]
-# 64 samples on some 200 pixels know both to about 1 %, and they share their noise.
-assert abs(derivative / difference - 1) < 0.05, (derivative, difference)
-assert result["radiance"] > 1 and result["d radiance / d g"] != 0, result
+for name in ("albedo", "surface[0].reflectance"):
+    row = result[f"d radiance / d {name}"]
+    derivative, difference = row["derivative"], row["finite difference"]
+    assert row["agrees"], (name, row)
+    # Known well enough for agreement to mean something.
+    assert 0 < derivative["standard error"] < 0.1 * derivative["mean"], (name, row)
+    assert abs(derivative["mean"] / difference["mean"] - 1) < 0.05, (name, row)
+radiance = result["radiance"]
+assert radiance["mean"] > 1 and 0 < radiance["standard error"] < 0.1 * radiance["mean"], radiance
+assert result["d radiance / d g"]["derivative"]["mean"] != 0, result
 prediction = result["prediction"]
 assert prediction["sigma_t"] > 0 and 0 <= prediction["albedo"] <= 1, prediction
 assert -1 < prediction["g"] < 1, prediction
 CHECK
+
+# fails CODE TEXT FLAGS...: one line that has the text, the exit code, no traceback.
+fails() {
+  local code=$1 text=$2 result=0
+  shift 2
+  client "$@" >/dev/null 2>"$folder/errors" || result=$?
+  [[ $result == "$code" ]] || fail "exit code $result rather than $code: $(<"$folder/errors")"
+  [[ $(wc -l <"$folder/errors") == 1 ]] || fail "not one line: $(<"$folder/errors")"
+  grep -qF -- "$text" "$folder/errors" || fail "no \"$text\" in: $(<"$folder/errors")"
+}
+fails 5 "worker 127.0.0.1:1: " --worker 127.0.0.1:1
+fails 5 "$address is not a worker; itn-worker is one" --worker "$address"
+fails 5 "$worker is not a predictor; itn-predictor is one" --worker "$worker" --predictor "$worker"
+fails 4 "there is no itn/v1/scene.proto in it" --proto "$folder"

@@ -100,20 +100,57 @@ const BadInput kBadInputs[] = {
        return Arguments{ITN, "render"};
      },
      2,
-     {"scene is required"}},
+     {"itn: scene is required"}},
     {"UnknownFlag", flag("--frobnicate", "1"), 2, {"itn render has no flag --frobnicate"}},
     {"MisspeltFlag", flag("--sgima-t", "1"), 2, {"--sgima-t; did you mean --sigma-t?"}},
     {"NotANumber", flag("--spp", "many"), 2, {"--spp"}},
     {"NegativeSpp", flag("--spp", "-1"), 2, {"--spp"}},
     {"UnknownDerivative", flag("--derivatives", "sigma_t,ior"), 2, {"ior", "sigma_s_reduced"}},
     {"BadFilm", flag("--film", "128"), 2, {"--film: 128", "128x128"}},
-    {"Albedo", flag("--albedo", "1.2"), 3, {"material.albedo is 1.2", "[0, 1]"}},
-    {"AlbedoNan", flag("--albedo", "nan"), 3, {"material.albedo is nan"}},
-    {"G", flag("--g", "1"), 3, {"material.g is 1", "[-0.99, 0.99]"}},
-    {"SigmaT", flag("--sigma-t", "-3"), 3, {"material.sigma_t is -3"}},
-    {"NoSamples", flag("--spp", "0"), 3, {"spp is 0"}},
+    {"Albedo", flag("--albedo", "1.2"), 2, {"itn: --albedo: 1.2 is not a number in [0, 1]"}},
+    {"AlbedoNan", flag("--albedo", "nan"), 2, {"itn: --albedo: nan is not a number in [0, 1]"}},
+    {"G", flag("--g", "1"), 2, {"itn: --g: 1 is not a number in [-0.99, 0.99]"}},
+    {"SigmaT", flag("--sigma-t", "-3"), 2, {"itn: --sigma-t: -3 is not a number in [1e-06, "}},
+    {"SigmaTWithAComma",
+     flag("--sigma-t", "30,5"),
+     2,
+     {"itn: --sigma-t: 30,5 is not a number in", "decimals take a point"}},
+    {"NoSamples", flag("--spp", "0"), 2, {"itn: --spp: 0 is not a whole number in [1, 1048576]"}},
+    {"HalfASample", flag("--spp", "1.5"), 2, {"itn: --spp: 1.5 is not a whole number in [1, "}},
+    {"NegativeSeed", flag("--seed", "-1"), 2, {"itn: --seed: -1 is not a whole number in [0, "}},
+    {"NoEstimates",
+     flag("--estimates", "0"),
+     2,
+     {"--estimates: 0 is not a whole number in [1, 16]"}},
+    {"OtherTracer",
+     flag("--tracer", "photons"),
+     2,
+     {"itn: --tracer: photons is not one of wavefront, reference"}},
+    {"PilotOfTheReference",
+     [](auto& folder) {
+       return render(folder, folder.write("scene.textproto", kSceneFile),
+                     {{"--tracer", "reference"}, {"--pilot-spp", "4"}});
+     },
+     2,
+     {"--tracer reference", "--pilot-spp 4"}},
+    {"FlagGivenTwice",
+     [](auto& folder) {
+       Arguments command = render(folder, folder.write("scene.textproto", kSceneFile));
+       command.push_back("--spp=3");
+       return command;
+     },
+     2,
+     {"itn: --spp is given more than once"}},
+    {"TwoScenes",
+     [](auto& folder) {
+       Arguments command = render(folder, folder.write("scene.textproto", kSceneFile));
+       command.push_back("another");
+       return command;
+     },
+     2,
+     {"itn: ", "another"}},
     {"RepeatedDerivative", flag("--derivatives", "g,g"), 3, {"G again"}},
-    {"TooManyEstimates", flag("--estimates", "3"), 3, {"estimates is 3", "[1, 2]"}},
+    {"TooManyEstimates", flag("--estimates", "3"), 2, {"--estimates 3 and --spp 2"}},
     {"BillionPixels", flag("--film", "40000x25000"), 7, {"1000000000", "at most"}},
     {"NoWorker", flag("--workers", "127.0.0.1:1"), 5, {"no render worker answers", "127.0.0.1:1"}},
     {"NoSuchScene",
@@ -150,7 +187,76 @@ const BadInput kBadInputs[] = {
     {"OpenMesh",
      [](auto& folder) { return render_mesh(folder, "open.obj", kOpenMesh); },
      3,
-     {"3 open edges"}},
+     {"open.obj is not closed: 3 open edges", "path: \"open.obj\" repair: true"}},
+    {"OpenMeshOfADataset",
+     [](auto& folder) {
+       folder.write("open.obj", kOpenMesh);
+       return Arguments{ITN, "dataset", folder.path("data"), "--shapes", folder.path("")};
+     },
+     3,
+     {"open.obj is not closed: 3 open edges", "can be repaired: --repair"}},
+    {"FaceOfNoVertex",
+     [](auto& folder) {
+       return render_mesh(folder, "bad.obj", "v 0 0 0\nv 1 0 0\n# corners\nv 0 1 0\nf 1 3 9\n");
+     },
+     3,
+     {"bad.obj: line 5: the face refers to vertex 9; there are 3"}},
+    {"FaceOfNoVertexBackwards",
+     [](auto& folder) {
+       return render_mesh(folder, "bad.obj",
+                          "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2 3\nf -1//1 -2//1 -9//1\n");
+     },
+     3,
+     {"bad.obj: line 5: the face refers to vertex -9; there are 3"}},
+    {"OneImage",
+     [](auto& folder) {
+       return Arguments{ITN, "dataset", folder.path("data"), "--count", "1"};
+     },
+     2,
+     {"itn: --count: 1 is not a whole number in [2, "}},
+    {"NoTestImage",
+     [](auto& folder) {
+       return Arguments{ITN,  "dataset", folder.path("data"), "--count", "4", "--test-fraction",
+                        "0.1"};
+     },
+     3,
+     {"of 4 images, with a test fraction of 0.1, 0 are to test with", "more images"}},
+    {"RangeOfNan",
+     [](auto& folder) {
+       return Arguments{ITN, "dataset", folder.path("data"), "--sigma-t", "nan", "3"};
+     },
+     2,
+     {"itn: --sigma-t: nan is not a number in [1e-06, "}},
+    {"HalfARange",
+     [](auto& folder) {
+       return Arguments{ITN, "dataset", folder.path("data"), "--sigma-t", "3"};
+     },
+     2,
+     {"itn: --sigma-t", "MIN MAX"}},
+    {"AzimuthNan",
+     [](auto& folder) {
+       return Arguments{ITN, "dataset", folder.path("data"), "--train-azimuths", "1,nan"};
+     },
+     2,
+     {"itn: --train-azimuths: nan is not a number in [-360, 360]"}},
+    {"ResumeNothing",
+     [](auto& folder) {
+       return Arguments{ITN, "train", "--resume", "-o", folder.path("nope")};
+     },
+     4,
+     {"there is no run in", "nope to continue", "begins one"}},
+    {"EpochsNan",
+     [](auto& folder) {
+       return Arguments{ITN, "train", "data", "-o", folder.path("run"), "--epochs", "nan"};
+     },
+     2,
+     {"itn: --epochs: nan is not a number in (0, 1000000)"}},
+    {"LambdaNan",
+     [](auto& folder) {
+       return Arguments{ITN, "train", "data", "-o", folder.path("run"), "--lambda", "nan"};
+     },
+     2,
+     {"itn: --lambda: nan is not a number in [0, "}},
     {"InsideOut",
      [](auto& folder) { return render_mesh(folder, "inside.obj", kInsideOut); },
      3,
@@ -193,6 +299,20 @@ const BadInput kBadInputs[] = {
      },
      3,
      {"image.exr", "nan"}},
+    {"PredictPng",
+     [](auto& folder) {
+       return Arguments{ITN, "predict", folder.write("photo.png", "\x89PNG\r\n\x1a\n and more"),
+                        "--predictor", "127.0.0.1:1"};
+     },
+     3,
+     {"photo.png is a PNG image; it must be an OpenEXR image (.exr) of linear radiance"}},
+    {"PredictJpeg",
+     [](auto& folder) {
+       return Arguments{ITN, "predict", folder.write("photo.exr", "\xff\xd8\xff\xe0 and more"),
+                        "--predictor", "127.0.0.1:1"};
+     },
+     3,
+     {"photo.exr is a JPEG image"}},
     {"PredictNoModel",
      [](auto& folder) {
        return Arguments{ITN, "predict", exr_with(folder, 1), "--model",
@@ -231,7 +351,19 @@ const BadInput kBadInputs[] = {
        return Arguments{ITN_WORKER, "--renders", "0"};
      },
      2,
-     {"--renders"}},
+     {"itn-worker: --renders: 0 is not a whole number in [1, 1024]"}},
+    {"WorkerSeconds",
+     [](auto&) {
+       return Arguments{ITN_WORKER, "--max-seconds", "nan"};
+     },
+     2,
+     {"itn-worker: --max-seconds: nan is not a number in [0, "}},
+    {"WorkerMemory",
+     [](auto&) {
+       return Arguments{ITN_WORKER, "--max-memory-mb", "255"};
+     },
+     2,
+     {"itn-worker: --max-memory-mb is 255; it must be at least 256"}},
     {"WorkerAddress",
      [](auto&) {
        return Arguments{ITN_WORKER, "--listen", "nowhere"};

@@ -4,6 +4,7 @@
 
 #include <fstream>
 #include <iterator>
+#include <numeric>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,7 @@
 namespace itn {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using testing::eventually;
 using testing::Finished;
@@ -78,6 +80,42 @@ TEST(RenderCommand, WritesLayersAndHeader) {
         (5 * image.channel("estimate0.Y")[i] + 4 * image.channel("estimate1.Y")[i]) / 9;
     EXPECT_NEAR(mean[i], expected, 1e-6F * expected);
   }
+}
+
+// Radiance is linear in the lights, and smooth in the reflectance of the ground.
+TEST(RenderCommand, WritesDerivativesInTheScene) {
+  const TemporaryFolder folder;
+  const auto scene = [&](const std::string& reflectance) {
+    return folder.write("scene" + reflectance + ".textproto",
+                        testing::replaced(kSceneFile, "half_v { z: -20 } }",
+                                          "half_v { z: -20 } } reflectance: " + reflectance));
+  };
+  const auto rendered = [&](const std::string& reflectance, const std::vector<std::string>& more) {
+    std::vector<std::string> flags = {"--spp", "64", "--film", "8x6"};
+    flags.insert(flags.end(), more.begin(), more.end());
+    const Finished finished = run(render(scene(reflectance), folder.path("out.exr"), flags));
+    EXPECT_EQ(finished.exit_code, 0) << finished.errors;
+    return read_exr(folder.path("out.exr"));
+  };
+  const auto sum = [](const Image& image, const std::string& channel) {
+    const auto& values = image.channel(channel);
+    return std::accumulate(values.begin(), values.end(), 0.0);
+  };
+  const Image image =
+      rendered("0.5", {"--derivatives", "light[0].scale,surface[0].reflectance,albedo"});
+  EXPECT_THAT(image.channels,
+              ElementsAre(Key("Y"), Key("albedo.Y"), Key("light[0].scale.Y"), Key("mask.Y"),
+                          Key("stderr.Y"), Key("surface[0].reflectance.Y")));
+  EXPECT_NEAR(sum(image, "light[0].scale.Y"), sum(image, "Y"), 1e-4 * sum(image, "Y"));
+  const double difference =
+      (sum(rendered("0.52", {}), "Y") - sum(rendered("0.48", {}), "Y")) / 0.04;
+  EXPECT_GT(difference, 0);
+  EXPECT_NEAR(sum(image, "surface[0].reflectance.Y"), difference, 0.05 * difference);
+  // One that the scene does not have.
+  const Finished absent = run(
+      render(scene("0.5"), folder.path("out.exr"), {"--derivatives", "surface[1].reflectance"}));
+  EXPECT_EQ(absent.exit_code, 3);
+  EXPECT_THAT(absent.errors, HasSubstr("surface[1].reflectance"));
 }
 
 TEST(RenderCommand, WritesTheSameFileInEveryArrangement) {
@@ -173,6 +211,17 @@ TEST(Worker, StopsAtOnceOnASecondSignal) {
   EXPECT_THAT(process.read_stderr_until("stopping"), HasSubstr("stopping"));
   process.send(SIGTERM);
   EXPECT_EQ(process.wait(), 130);
+}
+
+TEST(Programs, SayInTheirHelpWhatMayBeGiven) {
+  EXPECT_THAT(
+      run({ITN, "render", "--help"}).output,
+      AllOf(HasSubstr("--spp UINT:in [1, 1048576]=64"), HasSubstr("--albedo FLOAT:in [0, 1]"),
+            HasSubstr("--g FLOAT:in [-0.99, 0.99]=0")));
+  EXPECT_THAT(run({ITN, "dataset", "--help"}).output,
+              AllOf(HasSubstr("--sigma-t MIN MAX:in [1e-06, 1000000]=30 276"),
+                    HasSubstr("=0.39 0.95"), HasSubstr("=0 0.8")));
+  EXPECT_THAT(run({ITN_WORKER, "--help"}).output, HasSubstr("in MiB, 256 at least"));
 }
 
 TEST(Programs, TellTheirVersion) {

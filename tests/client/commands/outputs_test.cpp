@@ -21,6 +21,7 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
+using ::testing::AllOf;
 using testing::Finished;
 using ::testing::HasSubstr;
 using testing::kSceneFile;
@@ -92,7 +93,11 @@ TEST_F(Outputs, GoToStandardOutputAndFifos) {
   const Finished piped =
       shell("itn render " + scene() + flags() + "-o - > " + folder_.path("a.exr"));
   ASSERT_EQ(piped.exit_code, 0) << piped.errors;
-  EXPECT_THAT(piped.errors, HasSubstr("mean radiance"));
+  EXPECT_THAT(piped.errors,
+              AllOf(HasSubstr("mean radiance"), HasSubstr("standard output: 16 x 12 pixels")));
+  const Finished full = shell("itn render " + scene() + flags() + "-o - > /dev/full");
+  EXPECT_EQ(full.exit_code, 4);
+  EXPECT_THAT(full.errors, HasSubstr("cannot write standard output: No space left"));
   const Finished fifo =
       shell("cat " + folder_.path("fifo") + " > " + folder_.path("b.exr") + " & itn render " +
             scene() + flags() + "-o " + folder_.path("fifo") + " && wait");
@@ -219,6 +224,17 @@ TEST_F(Outputs, QuietShowsNoProgress) {
     EXPECT_EQ(finished.errors, "");
     EXPECT_THAT(finished.output, HasSubstr("mean radiance"));
   }
+}
+
+// Of the server in the process, too, which stops with renders under way.
+TEST_F(Outputs, QuietLogsNothingWhenInterrupted) {
+  Arguments command = render(scene(), folder_.path("out.exr"),
+                             {"-q", "--film", "512x512", "--threads", "1"}, "1000000");
+  testing::Process process(command, true);
+  ASSERT_TRUE(testing::eventually([&] { return process.cpu_seconds() > 2; }));
+  process.send(SIGTERM);
+  EXPECT_EQ(process.read_stderr(), "itn: interrupted\n");
+  EXPECT_EQ(process.wait(), 130);
 }
 
 TEST_F(Outputs, SayThatTheCameraDoesNotSeeTheObject) {

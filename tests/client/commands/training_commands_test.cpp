@@ -108,8 +108,8 @@ TEST_F(TrainingCommands, ResumeRefusesAFlagThatDiffers) {
 
 TEST_F(TrainingCommands, ResumeSaysWhatItMisses) {
   const Finished nothing = run(resume(folder_.path("run")));
-  EXPECT_EQ(nothing.exit_code, 2);
-  EXPECT_THAT(nothing.errors, HasSubstr("which dataset?"));
+  EXPECT_EQ(nothing.exit_code, 4);
+  EXPECT_THAT(nothing.errors, HasSubstr("there is no run in " + folder_.path("run")));
   EXPECT_FALSE(fs::exists(folder_.path("run")));
   fs::copy(shared_->path("data"), folder_.path("data"), fs::copy_options::recursive);
   ASSERT_EQ(run({ITN, "train", folder_.path("data"), "-o", folder_.path("run"), "--batch", "2",
@@ -167,7 +167,9 @@ TEST_F(TrainingCommands, ChecksItsFlagsBeforeAnythingElse) {
   for (const char* rate : {"-1", "0", "nan", "inf", "fast"}) {
     const Finished finished = run(train(folder_.path("run"), {"--lr", rate}));
     EXPECT_EQ(finished.exit_code, 2) << rate;
-    EXPECT_THAT(finished.errors, AllOf(HasSubstr("learning rate"), Not(HasSubstr("frame #"))));
+    EXPECT_THAT(finished.errors,
+                AllOf(HasSubstr("itn: --lr: "), HasSubstr("is not a number in (0, "),
+                      Not(HasSubstr("frame #"))));
   }
   const Finished steps = run(train(folder_.path("run"), {"--steps", "0"}));
   EXPECT_EQ(steps.exit_code, 2);
