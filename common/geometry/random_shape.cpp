@@ -67,6 +67,7 @@ Mesh with_triangles(const Mesh& mesh, const std::vector<uint32_t>& triangles) {
 std::optional<Mesh> largest_solid(const Mesh& mesh) {
   const auto parts = parts_of(mesh);
   std::vector<double> volumes;
+  volumes.reserve(parts.size());
   for (const auto& part : parts) volumes.push_back(volume_of(mesh, part));
   const auto largest = static_cast<size_t>(std::ranges::max_element(volumes) - volumes.begin());
   if (parts.empty() || !(volumes[largest] > 0)) return {};
@@ -163,9 +164,13 @@ std::optional<Mesh> attempt(sdf::Kind kind, SplitMix random) {
 
 }  // namespace
 
+sdf::Kind random_shape_kind(uint64_t seed) {
+  SplitMix random(seed);
+  return sdf::random_kind(random);
+}
+
 Mesh random_shape(uint64_t seed) {
-  SplitMix first(seed);
-  const sdf::Kind kind = sdf::random_kind(first);
+  const sdf::Kind kind = random_shape_kind(seed);
   // Nine of ten attempts succeed.
   for (uint64_t i = 0;; ++i) {
     if (std::optional<Mesh> mesh = attempt(kind, SplitMix(derive_seed(seed, {i})))) {

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "common/geometry/mesh.h"
+#include "common/geometry/sdf/random_solid.h"
 
 namespace itn {
 
@@ -17,6 +18,9 @@ namespace itn {
 // machines of the same kind; elsewhere the math library may round otherwise. Takes some 25 ms, at
 // times 100.
 Mesh random_shape(uint64_t seed);
+
+// What it is one of.
+sdf::Kind random_shape_kind(uint64_t seed);
 
 inline constexpr size_t kMinRandomTriangles = 2000;
 inline constexpr size_t kMaxRandomTriangles = 6000;

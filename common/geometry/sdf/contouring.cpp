@@ -188,9 +188,9 @@ class CoarseGrid {
   static constexpr float kCell = 2 * kReach / kCells, kFirst = -kReach + kCell / 2;
 
   static Vec3f middle(size_t i) {
-    return {kFirst + kCell * static_cast<float>(i % kCells),
-            kFirst + kCell * static_cast<float>(i / kCells % kCells),
-            kFirst + kCell * static_cast<float>(i / kCells / kCells)};
+    const size_t x = i % kCells, y = i / kCells % kCells, z = i / kCells / kCells;
+    const auto at = [](size_t n) { return kFirst + kCell * static_cast<float>(n); };
+    return {at(x), at(y), at(z)};
   }
 
   // Of distances that are bounds, which may be less than 1. Along each axis the larger of the
@@ -219,7 +219,8 @@ class Contouring {
     };
     blocks_ = {blocks(extent.x), blocks(extent.y), blocks(extent.z)};
     nodes_ = {kBlock * blocks_.x, kBlock * blocks_.y, kBlock * blocks_.z};
-    step_ = {1, static_cast<uint32_t>(nodes_.x), static_cast<uint32_t>(nodes_.x * nodes_.y)};
+    step_ = {1, static_cast<uint32_t>(nodes_.x),
+             static_cast<uint32_t>(nodes_.x) * static_cast<uint32_t>(nodes_.y)};
     // Half a block of margin all around.
     const float margin = cell * kBlock / 2;
     low_ = found.low - Vec3f{margin, margin, margin};
@@ -241,7 +242,7 @@ class Contouring {
   static constexpr int kBlock = 4;  // nodes along a side
   // How far out of its cell a vertex may be, and how far in it is if that does not do; in cells.
   static constexpr float kBeyond = 0.6F, kWithin = 0.03F;
-  static_assert(kBlock * kBlock * kBlock == kLanes);
+  static_assert(size_t{kBlock} * kBlock * kBlock == kLanes);
 
   Vec3f position(Index3 n) const {
     return low_ +

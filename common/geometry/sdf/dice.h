@@ -23,7 +23,7 @@ class Dice {
   // Uniform in the logarithm.
   float scale(float low, float high) { return low * std::pow(high / low, between(0, 1)); }
   int count(int low, int high) {
-    return low + static_cast<int>(random_.below(static_cast<uint64_t>(high - low + 1)));
+    return low + static_cast<int>(random_.below(uint64_t{1} + static_cast<unsigned>(high - low)));
   }
   bool chance(double probability) { return random_.uniform() < probability; }
   template <typename T>

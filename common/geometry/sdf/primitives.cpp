@@ -105,7 +105,7 @@ class Polygon {
         squares[i] = std::min(squares[i], off_x * off_x + off_y * off_y);
         const bool beside = (edge.from.y > y[i]) != (edge.to_y > y[i]);
         const bool crossed = px < edge.slope * py;
-        side[i] = beside & crossed ? -side[i] : side[i];
+        side[i] = (beside & crossed) ? -side[i] : side[i];
       }
     }
     for (size_t i = 0; i < kLanes; ++i) distances[i] = side[i] * std::sqrt(squares[i]);
@@ -189,15 +189,15 @@ Solid polyhedron(std::vector<Plane> planes) {
   return Solid(std::make_shared<Polyhedron>(std::move(planes)));
 }
 
-Solid limbs(std::vector<Limb> limbs, float fillet) {
+Solid limbs(const std::vector<Limb>& limbs, float fillet) {
   return Solid(std::make_shared<Limbs>(limbs, fillet));
 }
 
-Solid extruded(Outline outline, float half_height) {
+Solid extruded(const Outline& outline, float half_height) {
   return Solid(std::make_shared<Extruded>(outline, half_height));
 }
 
-Solid revolved(Outline outline) {
+Solid revolved(const Outline& outline) {
   return Solid(std::make_shared<Revolved>(outline));
 }
 

@@ -27,7 +27,7 @@ struct Limb {
   Vec3f from, to;  // not the same
   float from_radius = 0, to_radius = 0;
 };
-Solid limbs(std::vector<Limb> limbs, float fillet);
+Solid limbs(const std::vector<Limb>& limbs, float fillet);
 
 // A polygon that does not cut itself, either way round, of three vertices at least.
 struct Vertex2 {
@@ -35,9 +35,9 @@ struct Vertex2 {
 };
 using Outline = std::vector<Vertex2>;
 // In the plane y = 0, its y along z, between y = -half_height and half_height.
-Solid extruded(Outline outline, float half_height);
+Solid extruded(const Outline& outline, float half_height);
 // Turned about the y axis: x is the distance from it.
-Solid revolved(Outline outline);
+Solid revolved(const Outline& outline);
 
 // The wall of about the given thickness along the gyroid: endless, to be intersected.
 Solid gyroid(float period, float thickness);

@@ -206,6 +206,7 @@ Solid rocks(Dice& dice) {
 
 Solid gem(Dice& dice, int count) {
   std::vector<Plane> planes;
+  planes.reserve(static_cast<size_t>(count) + 6);
   const float irregular = dice.between(0, 0.35F);
   for (int i = 0; i < count; ++i) {
     planes.push_back({dice.direction(), 0.75F - irregular * dice.between(0, 1)});

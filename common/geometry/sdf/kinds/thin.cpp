@@ -70,7 +70,7 @@ Solid spikes(Dice& dice) {
     all.push_back(
         {out * (core * 0.6F), out * (core + length_ * dice.between(0.6F, 1)), thick, 0.03F});
   }
-  return united(std::move(solid), limbs(std::move(all), 0.01F), dice.between(0.02F, 0.12F));
+  return united(std::move(solid), limbs(all, 0.01F), dice.between(0.02F, 0.12F));
 }
 
 // A wire along a closed curve.
@@ -79,7 +79,7 @@ Solid wire(const std::vector<Vec3f>& curve, float radius) {
   for (size_t i = 0; i < curve.size(); ++i) {
     pieces.push_back({curve[i], curve[(i + 1) % curve.size()], radius, radius});
   }
-  return limbs(std::move(pieces), 0.02F);
+  return limbs(pieces, 0.02F);
 }
 
 Solid knot(Dice& dice) {
@@ -108,7 +108,7 @@ Solid spring(Dice& dice) {
     if (i > 0) wire_.push_back({last, at, 0.1F, 0.1F});
     last = at;
   }
-  return limbs(std::move(wire_), 0.02F);
+  return limbs(wire_, 0.02F);
 }
 
 // The edges of a box or a pyramid, as wires or beams.
@@ -140,7 +140,7 @@ Solid frame(Dice& dice) {
       edges.push_back({p, tip, thick, thick});
     }
   }
-  return limbs(std::move(edges), dice.between(0.01F, 0.1F));
+  return limbs(edges, dice.between(0.01F, 0.1F));
 }
 
 Solid lattice(Dice& dice) {
