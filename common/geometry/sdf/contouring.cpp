@@ -484,8 +484,8 @@ class Contouring {
   // Vertices beyond their cells make edges sharp that the grid sees but a part of. Where the
   // surface folds over because of them, they go back.
   void unfold() {
-    constexpr float kFolded = 0.2F;
-    for (int pass = 0; pass < 2; ++pass) {
+    constexpr float kFolded = 0.5F;
+    for (int pass = 0; pass < 3; ++pass) {
       for (size_t i = 0; i < quadrilaterals_.size(); ++i) {
         if (cut(i).facing > kFolded) continue;
         for (const uint32_t v : quadrilaterals_[i]) mesh_.vertices[v] = safe_[v];
