@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdlib>
 #include <filesystem>
 #include <sstream>
 #include <string>
@@ -26,6 +27,10 @@ void become_learning_program() {
   std::vector<char*> argv;
   for (std::string& argument : arguments) argv.push_back(argument.data());
   argv.push_back(nullptr);
+  // Threads that wait for each other must not spin: beside other processes that makes a step take
+  // tens of times as long. Both are read when the libraries are loaded, and a user's own count.
+  ::setenv("OMP_WAIT_POLICY", "PASSIVE", 0);
+  ::setenv("OPENBLAS_NUM_THREADS", "1", 0);
   ::execv(program.c_str(), argv.data());
   const int error_number = errno;
   throw Error(

@@ -33,14 +33,19 @@ struct TrainOptions {
   std::string dataset;
   std::string folder;
   std::string loss = "rn";
-  std::string parameterization = "similarity";
+  std::string parameterization;
+  std::string distribution;
+  std::string exposure = "known";
+  uint32_t resolution = 0;
+  double noise = 0;
   std::string init;
   std::optional<uint64_t> steps;
   std::optional<double> epochs;
   uint32_t batch = 60;
   double learning_rate = 1e-4;
-  std::string architecture = "plain";
-  uint32_t base_channels = 16;
+  std::string architecture = "paper";
+  std::optional<uint32_t> base_channels;
+  uint32_t blocks = 1;
   uint32_t spp = 256;
   uint32_t estimates = 4;
   uint32_t pilot_spp = 4;
@@ -79,13 +84,25 @@ class Flags {
     if (wanted("--loss")) {
       config.set_loss(options_.loss == "itn" ? v1::TrainingConfig::ITN : v1::TrainingConfig::RN);
     }
-    if (wanted("--parameterization")) {
-      config.set_parameterization(options_.parameterization == "naive" ? v1::NAIVE
-                                                                       : v1::SIMILARITY);
+    if (wanted("--architecture") || given("--base-channels") || given("--blocks")) {
+      set_architecture(known, config);
     }
-    if (wanted("--base-channels")) {
-      config.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(
-          options_.base_channels);
+    const bool residual = config.architecture().has_residual_convolutions();
+    if (wanted("--distribution") || given("--architecture")) {
+      config.set_output(gaussian(residual) ? v1::GAUSSIAN : v1::POINT);
+    }
+    if (wanted("--parameterization") || given("--distribution") || given("--architecture")) {
+      config.set_parameterization(parameterization(config.output()));
+    }
+    if (wanted("--exposure")) {
+      config.set_exposure(options_.exposure == "unknown" ? v1::EXPOSURE_UNKNOWN
+                                                         : v1::EXPOSURE_KNOWN);
+    }
+    if (wanted("--resolution")) {
+      config.set_resolution(options_.resolution);
+    }
+    if (wanted("--noise")) {
+      config.set_noise(options_.noise);
     }
     if (wanted("--batch")) {
       config.set_batch(options_.batch);
@@ -119,7 +136,6 @@ class Flags {
       config.set_init_sha256(init ? weights_sha256(*init) : "");
     }
     if (known == nullptr) {  // there is one of each
-      config.set_output(v1::POINT);
       config.set_optimizer(v1::TrainingConfig::ADAM);
       config.set_schedule(v1::TrainingConfig::CONSTANT);
     }
@@ -128,6 +144,43 @@ class Flags {
   }
 
  private:
+  // The paper's, or the residual one; a width that is not given is that of `known`, or a default.
+  void set_architecture(const v1::TrainingConfig* known, v1::TrainingConfig& config) const {
+    const bool residual = known == nullptr || given("--architecture")
+                              ? options_.architecture == "residual"
+                              : known->architecture().has_residual_convolutions();
+    v1::Architecture& architecture = *config.mutable_architecture();
+    if (residual) {
+      v1::ResidualConvolutions& sizes = *architecture.mutable_residual_convolutions();
+      if (options_.base_channels || sizes.base_channels() == 0) {
+        sizes.set_base_channels(options_.base_channels.value_or(32));
+      }
+      if (given("--blocks") || sizes.blocks() == 0) {
+        sizes.set_blocks(options_.blocks);
+      }
+      config.set_input(v1::RATIOS);
+    } else {
+      v1::PlainConvolutions& sizes = *architecture.mutable_plain_convolutions();
+      if (options_.base_channels || sizes.base_channels() == 0) {
+        sizes.set_base_channels(options_.base_channels.value_or(16));
+      }
+      config.set_input(v1::LUMINANCE_AND_WEIGHT);
+    }
+  }
+
+  bool gaussian(bool residual) const {
+    return options_.distribution.empty() ? residual : options_.distribution == "gaussian";
+  }
+
+  v1::Parameterization parameterization(v1::OutputDistribution output) const {
+    if (options_.parameterization.empty()) {
+      return output == v1::GAUSSIAN ? v1::UNBOUNDED : v1::SIMILARITY;
+    }
+    return options_.parameterization == "naive"        ? v1::NAIVE
+           : options_.parameterization == "similarity" ? v1::SIMILARITY
+                                                       : v1::UNBOUNDED;
+  }
+
   const TrainOptions& options_;
   const CLI::App& command_;
 };
@@ -143,6 +196,9 @@ void require_same_network(const v1::Model& init, const v1::TrainingConfig& confi
     }
   };
   require_same("resolution", std::to_string(init.resolution()), std::to_string(resolution));
+  require_same("input", v1::NetworkInput_Name(init.input()), v1::NetworkInput_Name(config.input()));
+  require_same("exposure", v1::Exposure_Name(init.exposure()),
+               v1::Exposure_Name(config.exposure()));
   require_same("architecture", init.architecture().ShortDebugString(),
                config.architecture().ShortDebugString());
   require_same("output distribution", v1::OutputDistribution_Name(init.output()),
@@ -216,18 +272,21 @@ void run(TrainOptions options, const CLI::App& command) {
   const v1::TrainingConfig config =
       flags.config(there && options.resume ? &there->training().config() : nullptr, dataset,
                    images.items.size(), init);
+  const int resolution =
+      config.resolution() != 0 ? static_cast<int>(config.resolution()) : images.resolution;
   if (there) {
     require_same_config(there->training(), config, options.folder);
     if (!flags.given("--checkpoint-every") && options.resume) {
       options.checkpoint_every = std::max<uint64_t>(1, there->training().checkpoint_every());
     }
   } else if (init) {
-    require_same_network(*init, config, images.resolution, options.init);
+    require_same_network(*init, config, resolution, options.init);
   }
   validate(config);
   // Read.
   set_torch_threads(static_cast<int>(config.torch_threads()));
-  const PackedInputs inputs(images, options.folder, interruption());
+  const PackedInputs inputs(images, {.resolution = resolution, .input = config.input()},
+                            options.folder, interruption());
   v1::Model model;  // of a new run
   if (!there) {
     model = init ? *init
@@ -288,8 +347,32 @@ void add_train_command(CLI::App& app) {
                    "rn: distance to the truth; itn: and of the re-rendered image to the input")
       ->check(one_of({"rn", "itn"}))
       ->capture_default_str();
-  command->add_option("--parameterization", options->parameterization, "Coordinates to learn")
-      ->check(one_of({"naive", "similarity"}))
+  command
+      ->add_option("--distribution", options->distribution,
+                   "What the network answers; point: a best guess; gaussian: a distribution; "
+                   "default: gaussian for the residual architecture, otherwise point")
+      ->check(one_of({"point", "gaussian"}));
+  command
+      ->add_option("--parameterization", options->parameterization,
+                   "Coordinates to learn; default: unbounded for a gaussian, otherwise similarity")
+      ->check(one_of({"naive", "similarity", "unbounded"}));
+  command
+      ->add_option(
+          "--exposure", options->exposure,
+          "Whether the radiance of photographs will be on the dataset's scale; unknown: the "
+          "network learns to do without")
+      ->check(one_of({"known", "unknown"}))
+      ->capture_default_str();
+  command
+      ->add_option("--resolution", options->resolution,
+                   "Of the network's input, in pixels: the images are averaged down; 0: their own")
+      ->check(one_of({"0", "16", "32", "64", "128", "256"}))
+      ->capture_default_str();
+  command
+      ->add_option("--noise", options->noise,
+                   "Relative noise of a pixel that every image is brought up to, afresh in each "
+                   "step, so that noise tells nothing of the material; 0: none is added")
+      ->check(number_in(0.0, 1.0))
       ->capture_default_str();
   command->add_option("--init", options->init,
                       "Checkpoint (or run) to start from, e.g. of an RN for an ITN");
@@ -306,11 +389,17 @@ void add_train_command(CLI::App& app) {
       ->capture_default_str();
   command
       ->add_option("--architecture", options->architecture,
-                   "Layers of the network; plain: convolution, ReLU and pooling down to one pixel")
-      ->check(one_of({"plain"}))
+                   "Layers of the network; paper: convolution, ReLU and pooling down to one pixel, "
+                   "of luminance and weight map; residual: a residual network of log luminance and "
+                   "its ratios to means")
+      ->check(one_of({"paper", "residual"}))
       ->capture_default_str();
-  command->add_option("--base-channels", options->base_channels, "Of the first convolution")
-      ->check(number_in(1U, 64U))
+  command
+      ->add_option("--base-channels", options->base_channels,
+                   "Of the first convolution; default: 16 (paper), 32 (residual)")
+      ->check(number_in(1U, 128U));
+  command->add_option("--blocks", options->blocks, "Of each stage (residual)")
+      ->check(number_in(1U, 4U))
       ->capture_default_str();
   command->add_option("--spp", options->spp, "Samples per pixel of each render (itn)")
       ->check(kSppRange)

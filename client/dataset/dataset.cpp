@@ -473,6 +473,19 @@ std::vector<const v1::DatasetItem*> DatasetReader::items(v1::Split split) const 
   return result;
 }
 
+namespace {
+
+double relative_noise(const DatasetImage& image, std::span<const float> standard_error) {
+  double error = 0, radiance = 0;
+  for (size_t p = 0; p < image.mask.size(); ++p) {
+    error += image.mask[p] * std::pow(static_cast<double>(standard_error[p]), 2);
+    radiance += image.mask[p] * std::pow(static_cast<double>(image.radiance[p]), 2);
+  }
+  return radiance > 0 ? std::sqrt(error / radiance) : 0;
+}
+
+}  // namespace
+
 DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
   const fs::path path = path_inside(folder_, item.file());
   if (!fs::exists(path)) {
@@ -487,7 +500,9 @@ DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
               digest->second == Attribute(item_digest(manifest_, item)) &&
               image.width == resolution() && image.height == resolution(),
           fmt::format("{} is not the image that the manifest describes", path.string()));
-  return {image.channel("Y"), image.channel("mask.Y")};
+  DatasetImage result{image.channel("Y"), image.channel("mask.Y")};
+  result.relative_noise = relative_noise(result, image.channel("stderr.Y"));
+  return result;
 }
 
 const v1::Triangles& DatasetReader::triangles(const v1::DatasetShape& shape) {

@@ -86,6 +86,8 @@ bool holds_shape(const std::filesystem::path& folder, const v1::DatasetShape& sh
 struct DatasetImage {
   std::vector<float> radiance;  // resolution x resolution
   std::vector<float> mask;
+  // Standard error over radiance of a pixel: root of the mean squares of both over the object.
+  double relative_noise = 0;
 };
 
 // A dataset on disk. What it has in memory is the manifest and some shapes, however many there are.

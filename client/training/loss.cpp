@@ -3,6 +3,8 @@
 #include <utility>
 
 #include "client/dataset/sampler.h"
+#include "common/learning/gaussian.h"
+#include "common/learning/weight_map.h"
 
 namespace itn {
 namespace {
@@ -19,6 +21,20 @@ LossTerm RegressionLoss::evaluate(const Batch& batch, const torch::Tensor& outpu
   return {difference.square().sum(1).mean().item<double>(), 2 * difference};
 }
 
+LossTerm LikelihoodLoss::evaluate(const Batch& batch, const torch::Tensor& outputs) {
+  const torch::Tensor leaf = outputs.clone().requires_grad_();
+  const torch::Tensor losses = negative_log_likelihood(leaf, batch.targets);
+  losses.sum().backward();
+  return {losses.mean().item<double>(), leaf.grad()};
+}
+
+std::unique_ptr<Loss> distance_to_truth(v1::OutputDistribution output) {
+  if (output == v1::GAUSSIAN) {
+    return std::make_unique<LikelihoodLoss>();
+  }
+  return std::make_unique<RegressionLoss>();
+}
+
 ImageLoss::ImageLoss(const OutputSpace& space, const LabelledImages& images, ImageTerm image_term,
                      uint64_t seed)
     : space_(space), images_(images), image_term_(std::move(image_term)), seed_(seed) {}
@@ -27,13 +43,15 @@ LossTerm ImageLoss::evaluate(const Batch& batch, const torch::Tensor& outputs) {
   const size_t count = batch.items.size();
   const torch::Tensor predictions = outputs.to(torch::kFloat64);
   // Render every prediction, and compare it with its input.
-  std::vector<std::vector<float>> images;
+  std::vector<std::vector<float>> images, weights;
   std::vector<ImageTermQuery> queries;
   for (size_t i = 0; i < count; ++i) {
-    images.push_back(images_.read(batch.items[i]).radiance);
-    const torch::Tensor weight = batch.inputs[static_cast<int64_t>(i)][1];
+    DatasetImage image = images_.read(batch.items[i]);
+    weights.push_back(
+        weight_map(images_.resolution, images_.resolution, image.radiance, image.mask));
+    images.push_back(std::move(image.radiance));
     queries.push_back({.image = images.back(),
-                       .weight = {weight.data_ptr<float>(), images.back().size()},
+                       .weight = weights.back(),
                        .scene = images_.scene(batch.items[i]),
                        .material = space_.material(row(predictions, i)),
                        .seed = derive_seed(seed_, {batch.step, i})});
@@ -41,7 +59,7 @@ LossTerm ImageLoss::evaluate(const Batch& batch, const torch::Tensor& outputs) {
   const std::vector<RenderingLoss> losses = image_term_(queries);
   // Carry the gradients back to the outputs.
   LossTerm term;
-  term.gradient = torch::empty({static_cast<int64_t>(count), 3});
+  term.gradient = torch::zeros_like(outputs);
   auto gradient = term.gradient.accessor<float, 2>();
   for (size_t i = 0; i < count; ++i) {
     const std::vector<double>& g = losses[i].gradient;  // by sigma_t, albedo and g

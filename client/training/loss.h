@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
 
 #include <torch/torch.h>
@@ -17,7 +18,6 @@ namespace itn {
 struct Batch {
   uint64_t step = 0;
   std::span<const uint32_t> items;  // their numbers in the LabelledImages
-  torch::Tensor inputs;             // batch x 2 x resolution x resolution, as encoder_input()
   torch::Tensor targets;            // batch x 3: the truth, standardised
 };
 
@@ -39,7 +39,18 @@ class RegressionLoss final : public Loss {
   LossTerm evaluate(const Batch& batch, const torch::Tensor& outputs) override;
 };
 
-// Distance of the re-rendered image to the input (Eq. 10), through the renderer's gradients.
+// Minus the log-density of the truth under the Gaussian that the network answers (gaussian.h).
+class LikelihoodLoss final : public Loss {
+ public:
+  LossTerm evaluate(const Batch& batch, const torch::Tensor& outputs) override;
+};
+
+// The one that fits the output distribution.
+std::unique_ptr<Loss> distance_to_truth(v1::OutputDistribution output);
+
+// Distance of the re-rendered image to the input (Eq. 10), through the renderer's gradients. The
+// material that is rendered is that of the first three outputs: the best guess, or the centre of
+// the Gaussian.
 class ImageLoss final : public Loss {
  public:
   // What is referred to must outlive it. `seed`: of the renders.
@@ -56,8 +67,8 @@ class ImageLoss final : public Loss {
 };
 
 // A loss that torch can differentiate in the place of one that it cannot: its value means nothing;
-// its gradient in `outputs` (batch x 3) is that of the mean over the batch of losses with these
-// gradients (a constant to torch) in their outputs.
+// its gradient in `outputs` (batch x outputs) is that of the mean over the batch of losses with
+// these gradients (a constant to torch) in their outputs.
 torch::Tensor surrogate_loss(const torch::Tensor& outputs, const torch::Tensor& gradients);
 
 }  // namespace itn

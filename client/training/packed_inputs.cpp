@@ -15,7 +15,6 @@
 #include <vector>
 
 #include "common/error.h"
-#include "common/learning/encoder.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -44,6 +43,20 @@ int open_unnamed(const fs::path& folder) {
   return descriptor;
 }
 
+size_t plane_bytes(const PackedFormat& format) {
+  const auto side = static_cast<size_t>(format.resolution);
+  return side * side * sizeof(float);
+}
+
+// The planes of an image in the order in which the file has them.
+std::vector<torch::Tensor> planes_of(const ImageBatch& images) {
+  std::vector<torch::Tensor> planes{images.luminance, images.mask};
+  if (images.weight.defined()) {
+    planes.push_back(images.weight);
+  }
+  return planes;
+}
+
 // One image of the file.
 off_t offset_of(size_t index, size_t bytes) {
   return static_cast<off_t>(index * bytes);
@@ -69,12 +82,16 @@ int transfer(Call call, char* data, size_t size, off_t offset) {
 
 }  // namespace
 
-PackedInputs::PackedInputs(const LabelledImages& images, const fs::path& folder,
-                           std::stop_token stop)
-    : resolution_(images.resolution), descriptor_(open_unnamed(folder)) {
-  const size_t size = images.items.size() * 2 * sizeof(float) * static_cast<size_t>(resolution_) *
-                      static_cast<size_t>(resolution_);
+PackedInputs::PackedInputs(const LabelledImages& images, const PackedFormat& format,
+                           const fs::path& folder, std::stop_token stop)
+    : format_(format), descriptor_(open_unnamed(folder)), noise_(images.items.size()) {
+  const size_t size = images.items.size() * static_cast<size_t>(planes()) * plane_bytes(format_);
   try {
+    if (format_.resolution > images.resolution) {
+      throw invalid_input(fmt::format(
+          "the network is for {0} x {0} pixels; the images have {1} x {1}, which are fewer",
+          format_.resolution, images.resolution));
+    }
     // Room is missed now rather than after half of the images.
     if (const int error = ::posix_fallocate(descriptor_, 0, static_cast<off_t>(size))) {
       throw cannot(fmt::format("write {} MB of", size >> 20).c_str(), folder, error);
@@ -106,10 +123,13 @@ void PackedInputs::pack(const LabelledImages& images, std::stop_token stop) {
         radiance[i] += static_cast<double>(image.mask[p]) * image.radiance[p];
         area[i] += image.mask[p];
       }
-      const torch::Tensor input = encoder_input(resolution_, image.radiance, image.mask, 1);
+      // A mean over pixels is quieter than each of them.
+      noise_[i] = static_cast<float>(image.relative_noise * format_.resolution / images.resolution);
+      const torch::Tensor planes = torch::cat(planes_of(resampled(
+          images.resolution, image.radiance, image.mask, format_.resolution, format_.input)));
       const int error = transfer(
           [&](char* data, size_t size, off_t at) { return ::pwrite(descriptor_, data, size, at); },
-          static_cast<char*>(input.data_ptr()), input.nbytes(), offset_of(i, input.nbytes()));
+          static_cast<char*>(planes.data_ptr()), planes.nbytes(), offset_of(i, planes.nbytes()));
       if (error != 0) {
         throw cannot("write", "a temporary file", error);
       }
@@ -141,11 +161,16 @@ void PackedInputs::pack(const LabelledImages& images, std::stop_token stop) {
   mean_radiance_ = area_sum > 0 ? radiance_sum / area_sum : 0;
 }
 
-torch::Tensor PackedInputs::batch(std::span<const uint32_t> items, double image_scale) const {
-  torch::Tensor inputs =
-      torch::empty({static_cast<int64_t>(items.size()), 2, resolution_, resolution_});
-  const size_t bytes = inputs.nbytes() / items.size();
-  auto* data = static_cast<char*>(inputs.data_ptr());
+int PackedInputs::planes() const {
+  return needs_weight_map(format_.input) ? 3 : 2;
+}
+
+ImageBatch PackedInputs::batch(std::span<const uint32_t> items) const {
+  const auto count = static_cast<int64_t>(items.size());
+  const torch::Tensor planes =
+      torch::empty({count, this->planes(), format_.resolution, format_.resolution});
+  const size_t bytes = planes.nbytes() / items.size();
+  auto* data = static_cast<char*>(planes.data_ptr());
   for (const uint32_t item : items) {
     const int error = transfer(
         [&](char* to, size_t size, off_t at) { return ::pread(descriptor_, to, size, at); }, data,
@@ -155,8 +180,15 @@ torch::Tensor PackedInputs::batch(std::span<const uint32_t> items, double image_
     }
     data += bytes;
   }
-  inputs.select(1, 0).mul_(image_scale);
-  return inputs;
+  ImageBatch images{.luminance = planes.select(1, 0),
+                    .mask = planes.select(1, 1),
+                    .weight = this->planes() == 3 ? planes.select(1, 2) : torch::Tensor(),
+                    .noise = torch::empty({count})};
+  auto noise = images.noise.accessor<float, 1>();
+  for (size_t i = 0; i < items.size(); ++i) {
+    noise[static_cast<int64_t>(i)] = noise_[items[i]];
+  }
+  return images;
 }
 
 }  // namespace itn

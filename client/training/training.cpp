@@ -10,6 +10,7 @@
 
 #include "client/json.h"
 #include "client/training/adam_state.h"
+#include "client/training/augmentation.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/learning/checkpoint.h"
@@ -20,7 +21,7 @@ namespace fs = std::filesystem;
 namespace {
 
 // Branches of the tree of random choices below a run's seed.
-enum Choice : uint64_t { kInitialWeights, kOrder, kRenders };
+enum Choice : uint64_t { kInitialWeights, kOrder, kRenders, kNoise };
 
 // The two terms are balanced over the first steps and then left alone: from there on the loss that
 // is minimised is one and the same.
@@ -71,8 +72,12 @@ std::unique_ptr<torch::optim::Adam> new_optimizer(const Encoder& encoder,
 }
 
 v1::Model named(v1::Model model, const v1::TrainingConfig& config) {
-  model.set_name(fmt::format("{}-{}", config.loss() == v1::TrainingConfig::ITN ? "itn" : "rn",
-                             config.parameterization() == v1::NAIVE ? "naive" : "similarity"));
+  const char* kind = config.architecture().has_residual_convolutions() ? "residual"
+                     : config.parameterization() == v1::NAIVE          ? "naive"
+                     : config.parameterization() == v1::SIMILARITY     ? "similarity"
+                                                                       : "unbounded";
+  model.set_name(
+      fmt::format("{}-{}", config.loss() == v1::TrainingConfig::ITN ? "itn" : "rn", kind));
   model.clear_weights();
   return model;
 }
@@ -81,6 +86,29 @@ v1::Model named(v1::Model model, const v1::TrainingConfig& config) {
 bool is_finite(const torch::Tensor& tensor) {
   return std::isfinite(tensor.sum().item<double>());
 }
+
+// Puts a network's running statistics back as they were, unless they are to be kept.
+class RunningStatistics {
+ public:
+  explicit RunningStatistics(const EncoderNetwork& encoder) {
+    for (const NamedTensor& named : running_statistics(encoder)) {
+      before_.emplace_back(named.tensor, named.tensor.clone());
+    }
+  }
+  ~RunningStatistics() {
+    const torch::NoGradGuard no_gradient;
+    for (auto& [tensor, value] : before_) {
+      tensor.copy_(value);
+    }
+  }
+  RunningStatistics(const RunningStatistics&) = delete;
+  RunningStatistics& operator=(const RunningStatistics&) = delete;
+
+  void keep() { before_.clear(); }
+
+ private:
+  std::vector<std::pair<torch::Tensor, torch::Tensor>> before_;
+};
 
 const v1::TrainingConfig& validated(const v1::TrainingConfig& config) {
   validate(config);
@@ -97,13 +125,22 @@ void validate(const v1::TrainingConfig& config) {
   };
   require(config.loss() == v1::TrainingConfig::RN || config.loss() == v1::TrainingConfig::ITN,
           "loss must be RN or ITN");
-  require(config.parameterization() == v1::NAIVE || config.parameterization() == v1::SIMILARITY,
-          "parameterization must be NAIVE or SIMILARITY");
+  require(config.parameterization() == v1::NAIVE || config.parameterization() == v1::SIMILARITY ||
+              config.parameterization() == v1::UNBOUNDED,
+          "parameterization must be NAIVE, SIMILARITY or UNBOUNDED");
   require(config.steps() >= 1 && config.steps() <= UINT32_MAX, "steps must be in [1, 2^32)");
   require(config.batch() >= 1, "batch must be 1 at least");
   require(config.architecture().kind_case() != v1::Architecture::KIND_NOT_SET,
           "an architecture is needed");
-  require(config.output() == v1::POINT, "output must be POINT");
+  require(config.output() == v1::POINT || config.output() == v1::GAUSSIAN,
+          "output must be POINT or GAUSSIAN");
+  require(config.output() != v1::GAUSSIAN || config.parameterization() == v1::UNBOUNDED,
+          "a Gaussian output needs the parameterization UNBOUNDED");
+  require(config.input() != v1::NETWORK_INPUT_UNSPECIFIED, "an input is needed");
+  require(config.exposure() != v1::EXPOSURE_UNSPECIFIED, "exposure must be known or unknown");
+  require(config.noise() >= 0 && config.noise() <= 1, "noise must be in [0, 1]");
+  require(!config.architecture().has_residual_convolutions() || config.input() == v1::RATIOS,
+          "the residual architecture takes the input RATIOS, which has the mask among its planes");
   require(config.optimizer() == v1::TrainingConfig::ADAM, "optimizer must be ADAM");
   require(config.schedule() == v1::TrainingConfig::CONSTANT, "schedule must be CONSTANT");
   require(config.learning_rate() > 0 && std::isfinite(config.learning_rate()),
@@ -127,11 +164,12 @@ Trainer::Trainer(v1::TrainingConfig config, const LabelledImages& images,
       targets_(standardized_targets(space_, images)),
       encoder_(initial_encoder(config, start)),
       optimizer_(new_optimizer(encoder_, config)),
-      sampler_(static_cast<uint32_t>(images.items.size()), derive_seed(config.seed(), {kOrder})) {
-  if (start.resolution() != static_cast<uint32_t>(images.resolution)) {
+      sampler_(static_cast<uint32_t>(images.items.size()), derive_seed(config.seed(), {kOrder})),
+      regression_loss_(distance_to_truth(config.output())) {
+  if (start.resolution() != static_cast<uint32_t>(inputs.format().resolution)) {
     throw invalid_input(
         fmt::format("the network is for {0} x {0} pixels; the images have {1} x {1}",
-                    start.resolution(), images.resolution));
+                    start.resolution(), inputs.format().resolution));
   }
   if (config.loss() == v1::TrainingConfig::ITN) {
     image_loss_ = std::make_unique<ImageLoss>(space_, images_, std::move(image_term),
@@ -170,17 +208,17 @@ v1::TrainingMetrics Trainer::step() {
   // Take the batch of this step.
   const std::vector<uint32_t> items = sampler_.batch(state_.step(), config.batch());
   const torch::Tensor index = torch::tensor(std::vector<int64_t>(items.begin(), items.end()));
-  const Batch batch{.step = state_.step(),
-                    .items = items,
-                    .inputs = inputs_.batch(items, model_.image_scale()),
-                    .targets = targets_.index_select(0, index)};
+  const Batch batch{
+      .step = state_.step(), .items = items, .targets = targets_.index_select(0, index)};
   // Predict.
-  const torch::Tensor outputs = encoder_->forward(batch.inputs);
+  encoder_->train();
+  RunningStatistics statistics(*encoder_);
+  const torch::Tensor outputs = encoder_->forward(inputs_of(items, state_.step()));
   if (!is_finite(outputs)) {
     throw diverged("the network's answers are");
   }
   // Add up the terms of the loss.
-  const LossTerm regression = regression_loss_.evaluate(batch, outputs.detach());
+  const LossTerm regression = regression_loss_->evaluate(batch, outputs.detach());
   torch::Tensor gradient = regression.gradient;
   metrics.set_regression_loss(regression.value);
   if (image_loss_) {
@@ -202,6 +240,7 @@ v1::TrainingMetrics Trainer::step() {
     }
   }
   optimizer_->step();
+  statistics.keep();
   for (const torch::Tensor& parameter : encoder_->parameters()) {
     if (!is_finite(parameter)) {
       throw diverged("the weights are");
@@ -221,9 +260,20 @@ void Trainer::require_finite_answers() const {
   EpochSampler sampler = sampler_;
   const std::vector<uint32_t> items = sampler.batch(state_.step() - 1, state_.config().batch());
   const torch::NoGradGuard no_gradient;
-  if (!is_finite(encoder_->forward(inputs_.batch(items, model_.image_scale())))) {
+  encoder_->eval();
+  if (!is_finite(encoder_->forward(inputs_of(items, state_.step() - 1)))) {
     throw diverged("the network's answers are");
   }
+}
+
+torch::Tensor Trainer::inputs_of(std::span<const uint32_t> items, uint64_t step) const {
+  const v1::TrainingConfig& config = state_.config();
+  ImageBatch images = inputs_.batch(items);
+  if (config.noise() > 0) {
+    images =
+        with_noise(std::move(images), config.noise(), derive_seed(config.seed(), {kNoise, step}));
+  }
+  return network_input(model_, images);
 }
 
 Diverged Trainer::diverged(const char* what) const {

@@ -58,6 +58,8 @@ class Trainer {
   uint64_t steps_taken() const { return state_.step(); }
 
  private:
+  // What the network is shown of these items in a step.
+  torch::Tensor inputs_of(std::span<const uint32_t> items, uint64_t step) const;
   Diverged diverged(const char* what) const;
 
   const LabelledImages& images_;
@@ -69,7 +71,7 @@ class Trainer {
   Encoder encoder_;
   std::unique_ptr<torch::optim::Adam> optimizer_;
   EpochSampler sampler_;
-  RegressionLoss regression_loss_;
+  std::unique_ptr<Loss> regression_loss_;
   std::unique_ptr<Loss> image_loss_;  // ITN
 };
 

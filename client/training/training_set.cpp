@@ -12,7 +12,7 @@ namespace {
 void fit_coordinates(const LabelledImages& images, v1::Model& model) {
   Triple sum{}, squares{};
   for (const Material& truth : images.truth) {
-    const Triple c = to_coordinates(model.parameterization(), truth);
+    const Triple c = to_coordinates(model.parameterization(), truth, g_interval(model.bounds()));
     for (size_t i = 0; i < 3; ++i) {
       sum[i] += c[i];
       squares[i] += c[i] * c[i];
@@ -55,9 +55,13 @@ v1::Model fit_model(const LabelledImages& images, double mean_radiance,
     throw invalid_input("the objects are black in all images of the training split");
   }
   v1::Model model;
-  model.set_resolution(static_cast<uint32_t>(images.resolution));
+  model.set_resolution(config.resolution() != 0 ? config.resolution()
+                                                : static_cast<uint32_t>(images.resolution));
   *model.mutable_architecture() = config.architecture();
   model.set_output(config.output());
+  model.set_input(config.input());
+  model.set_exposure(config.exposure());
+  model.set_noise(config.noise());
   model.set_parameterization(config.parameterization());
   model.set_image_scale(1 / mean_radiance);
   *model.mutable_bounds() = prediction_bounds(range);

@@ -115,6 +115,22 @@ void distribute(std::string_view data, v1::Checkpoint& checkpoint, const fs::pat
   }
 }
 
+// Says what files leave out that were written before there was a choice.
+void complete(v1::Checkpoint& checkpoint) {
+  const auto set = [](auto& message) {
+    if (message.input() == v1::NETWORK_INPUT_UNSPECIFIED) {
+      message.set_input(v1::LUMINANCE_AND_WEIGHT);
+    }
+    if (message.exposure() == v1::EXPOSURE_UNSPECIFIED) {
+      message.set_exposure(v1::EXPOSURE_KNOWN);
+    }
+  };
+  set(*checkpoint.mutable_model());
+  if (checkpoint.training().has_config()) {
+    set(*checkpoint.mutable_training()->mutable_config());
+  }
+}
+
 v1::Checkpoint read_one(const fs::path& path) {
   const std::string file = read_file(path, "checkpoint", kMaxFileSize);
   const Header header = read_header(file, path);
@@ -127,6 +143,7 @@ v1::Checkpoint read_one(const fs::path& path) {
     throw damaged(path, "it cannot be parsed");
   }
   distribute(content.substr(header.message_size), checkpoint, path);
+  complete(checkpoint);
   return checkpoint;
 }
 

@@ -39,7 +39,8 @@ Triple clamp_gradient(const Triple& value, const Box& box, Triple gradient) {
 
 // The smallest box of coordinates around a box of materials. Every coordinate is monotone in each
 // of sigma_t, albedo and g while the others are held, so the corners bound it.
-Box coordinate_box(v1::Parameterization parameterization, const Box& materials) {
+Box coordinate_box(v1::Parameterization parameterization, const Box& materials,
+                   const OpenInterval& g) {
   Box box;
   box.min.fill(HUGE_VAL);
   box.max.fill(-HUGE_VAL);
@@ -48,7 +49,7 @@ Box coordinate_box(v1::Parameterization parameterization, const Box& materials) 
     for (size_t i = 0; i < 3; ++i) {
       at[i] = (corner >> i & 1U) != 0 ? materials.max[i] : materials.min[i];
     }
-    const Triple c = to_coordinates(parameterization, as_material(at));
+    const Triple c = to_coordinates(parameterization, as_material(at), g);
     for (size_t i = 0; i < 3; ++i) {
       box.min[i] = std::min(box.min[i], c[i]);
       box.max[i] = std::max(box.max[i], c[i]);
@@ -73,10 +74,9 @@ void require_three(const char* what, int count) {
 //   sigma_t* = sigma_a* + sigma_s* = sigma_t (1 - albedo g)
 //   albedo*  = sigma_s* / sigma_t* = albedo (1 - g) / (1 - albedo g).
 // An image tells (sigma_t*, albedo*) well and g badly; in these coordinates the three are apart.
-Triple to_coordinates(v1::Parameterization parameterization, const Material& m) {
-  if (parameterization == v1::NAIVE) {
-    return as_triple(m);
-  }
+namespace {
+
+Triple to_similarity(const Material& m) {
   const double reduction = 1 - m.albedo * m.g;
   return {m.sigma_t * reduction, m.albedo * (1 - m.g) / reduction, m.g};
 }
@@ -84,10 +84,7 @@ Triple to_coordinates(v1::Parameterization parameterization, const Material& m) 
 // With q = 1 - g and D = 1 - g (1 - albedo*):
 //   sigma_t = sigma_a + sigma_s = sigma_t* (1 - albedo*) + sigma_t* albedo* / q = sigma_t* D / q
 //   albedo  = sigma_s / sigma_t = albedo* / D.
-Material from_coordinates(v1::Parameterization parameterization, const Triple& c) {
-  if (parameterization == v1::NAIVE) {
-    return as_material(c);
-  }
+Material from_similarity(const Triple& c) {
   const auto [reduced_sigma_t, reduced_albedo, g] = c;
   const double q = 1 - g;
   const double d = 1 - g * (1 - reduced_albedo);
@@ -96,16 +93,75 @@ Material from_coordinates(v1::Parameterization parameterization, const Triple& c
 
 // By dD/d albedo* = g, dD/dg = -(1 - albedo*), dq/dg = -1, and
 // d(D/q)/dg = (-(1 - albedo*) q + D) / q^2 = albedo* / q^2.
-Jacobian jacobian(v1::Parameterization parameterization, const Triple& c) {
-  if (parameterization == v1::NAIVE) {
-    return {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
-  }
+Jacobian similarity_jacobian(const Triple& c) {
   const auto [reduced_sigma_t, reduced_albedo, g] = c;
   const double q = 1 - g;
   const double d = 1 - g * (1 - reduced_albedo);
   return {{{d / q, reduced_sigma_t * g / q, reduced_sigma_t * reduced_albedo / (q * q)},
            {0, q / (d * d), reduced_albedo * (1 - reduced_albedo) / (d * d)},
            {0, 0, 1}}};
+}
+
+// UNBOUNDED. The ends of (0, 1) are infinitely far away; what is nearer to them than this is not.
+constexpr double kNearest = 1e-4;
+
+double logit(double u) {
+  const double inside = std::clamp(u, kNearest, 1 - kNearest);
+  return std::log(inside / (1 - inside));
+}
+double logistic(double x) {
+  return 1 / (1 + std::exp(-x));
+}
+
+Triple similarity_of_unbounded(const Triple& c, const OpenInterval& g) {
+  return {std::exp(c[0]), logistic(c[1]), g.min + (g.max - g.min) * logistic(c[2])};
+}
+
+}  // namespace
+
+Triple to_coordinates(v1::Parameterization parameterization, const Material& m,
+                      const OpenInterval& g) {
+  if (parameterization == v1::NAIVE) {
+    return as_triple(m);
+  }
+  const Triple c = to_similarity(m);
+  if (parameterization == v1::SIMILARITY) {
+    return c;
+  }
+  return {std::log(c[0]), logit(c[1]), logit((c[2] - g.min) / (g.max - g.min))};
+}
+
+Material from_coordinates(v1::Parameterization parameterization, const Triple& c,
+                          const OpenInterval& g) {
+  switch (parameterization) {
+    case v1::NAIVE: return as_material(c);
+    case v1::SIMILARITY: return from_similarity(c);
+    default: return from_similarity(similarity_of_unbounded(c, g));
+  }
+}
+
+Jacobian jacobian(v1::Parameterization parameterization, const Triple& c, const OpenInterval& g) {
+  if (parameterization == v1::NAIVE) {
+    return {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+  }
+  if (parameterization == v1::SIMILARITY) {
+    return similarity_jacobian(c);
+  }
+  // By the chain rule; the derivative of the logistic function p is p (1 - p).
+  const Triple s = similarity_of_unbounded(c, g);
+  const double u = logistic(c[2]);
+  const Triple inner{s[0], s[1] * (1 - s[1]), (g.max - g.min) * u * (1 - u)};
+  Jacobian j = similarity_jacobian(s);
+  for (Triple& row : j) {
+    for (size_t k = 0; k < 3; ++k) {
+      row[k] *= inner[k];
+    }
+  }
+  return j;
+}
+
+OpenInterval g_interval(const v1::MaterialRange& bounds) {
+  return {bounds.g().min(), bounds.g().max()};
 }
 
 Box to_box(const v1::MaterialRange& range) {
@@ -136,9 +192,18 @@ v1::MaterialRange prediction_bounds(const v1::MaterialRange& training_range) {
 }
 
 OutputSpace::OutputSpace(const v1::Model& model)
-    : parameterization_(model.parameterization()), material_box_(to_box(model.bounds())) {
-  if (parameterization_ != v1::NAIVE && parameterization_ != v1::SIMILARITY) {
-    throw invalid_input("model.parameterization must be NAIVE or SIMILARITY");
+    : parameterization_(model.parameterization()),
+      g_(g_interval(model.bounds())),
+      material_box_(to_box(model.bounds())) {
+  if (parameterization_ != v1::NAIVE && parameterization_ != v1::SIMILARITY &&
+      parameterization_ != v1::UNBOUNDED) {
+    throw invalid_input("model.parameterization must be NAIVE, SIMILARITY or UNBOUNDED");
+  }
+  if (model.output() == v1::GAUSSIAN && parameterization_ != v1::UNBOUNDED) {
+    throw invalid_input("model.parameterization must be UNBOUNDED for the output GAUSSIAN");
+  }
+  if (parameterization_ == v1::UNBOUNDED && !(g_.min < g_.max)) {
+    throw invalid_input("model.bounds: g must have an interval that is not empty");
   }
   require_three("mean", model.mean_size());
   require_three("standard_deviation", model.standard_deviation_size());
@@ -155,11 +220,11 @@ OutputSpace::OutputSpace(const v1::Model& model)
   }
   validate(as_material(material_box_.min));
   validate(as_material(material_box_.max));
-  coordinate_box_ = coordinate_box(parameterization_, material_box_);
+  coordinate_box_ = coordinate_box(parameterization_, material_box_, g_);
 }
 
 Triple OutputSpace::standardized(const Material& material) const {
-  Triple c = to_coordinates(parameterization_, material);
+  Triple c = to_coordinates(parameterization_, material, g_);
   for (size_t i = 0; i < 3; ++i) {
     c[i] = (c[i] - mean_[i]) / standard_deviation_[i];
   }
@@ -179,15 +244,16 @@ Triple OutputSpace::coordinates(const Triple& output) const {
 
 Material OutputSpace::material(const Triple& output) const {
   const Triple inside = clamp(coordinates(output), coordinate_box_);
-  return as_material(clamp(as_triple(from_coordinates(parameterization_, inside)), material_box_));
+  return as_material(
+      clamp(as_triple(from_coordinates(parameterization_, inside, g_)), material_box_));
 }
 
 Triple OutputSpace::output_gradient(const Triple& output, const Triple& material_gradient) const {
   const Triple raw = coordinates(output);
   const Triple inside = clamp(raw, coordinate_box_);
-  const Triple by_material = clamp_gradient(as_triple(from_coordinates(parameterization_, inside)),
-                                            material_box_, material_gradient);
-  const Jacobian j = jacobian(parameterization_, inside);
+  const Triple by_material = clamp_gradient(
+      as_triple(from_coordinates(parameterization_, inside, g_)), material_box_, material_gradient);
+  const Jacobian j = jacobian(parameterization_, inside, g_);
   Triple by_coordinate{};
   for (size_t i = 0; i < 3; ++i) {
     for (size_t k = 0; k < 3; ++k) {

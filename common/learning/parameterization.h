@@ -15,14 +15,24 @@ using Triple = std::array<double, 3>;
 // jacobian[i][j] = d (sigma_t, albedo, g)_i / d coordinate_j.
 using Jacobian = std::array<Triple, 3>;
 
-// Requires albedo * g < 1.
-Triple to_coordinates(v1::Parameterization parameterization, const Material& material);
+// Where g lies in UNBOUNDED coordinates: bounds of the model, so that a Gaussian over a coordinate
+// can say that nothing is known of g. The other parameterizations do not look at it.
+struct OpenInterval {
+  double min = -1, max = 1;
+};
+
+// Requires albedo * g < 1. UNBOUNDED: a reduced albedo or g at the end of its interval or beyond
+// counts as one just inside, so that every material has finite coordinates.
+Triple to_coordinates(v1::Parameterization parameterization, const Material& material,
+                      const OpenInterval& g = {});
 
 // The exact inverse. Requires g < 1 and, for SIMILARITY, a reduced albedo in (0, 1].
-Material from_coordinates(v1::Parameterization parameterization, const Triple& coordinates);
+Material from_coordinates(v1::Parameterization parameterization, const Triple& coordinates,
+                          const OpenInterval& g = {});
 
 // Of from_coordinates, under the same requirements.
-Jacobian jacobian(v1::Parameterization parameterization, const Triple& coordinates);
+Jacobian jacobian(v1::Parameterization parameterization, const Triple& coordinates,
+                  const OpenInterval& g = {});
 
 struct Box {
   Triple min{}, max{};
@@ -34,6 +44,9 @@ Box to_box(const v1::MaterialRange& range);
 // the ranges of Che et al. 2020 it is the box that they use: sigma_t [20, 300], albedo [.35, .97],
 // g [-.1, .9].
 v1::MaterialRange prediction_bounds(const v1::MaterialRange& training_range);
+
+// The interval of g in these bounds.
+OpenInterval g_interval(const v1::MaterialRange& bounds);
 
 // What the raw outputs of a network mean: standardised coordinates, clamped to a box of materials.
 class OutputSpace {
@@ -57,6 +70,7 @@ class OutputSpace {
   Triple coordinates(const Triple& output) const;
 
   v1::Parameterization parameterization_;
+  OpenInterval g_;
   Triple mean_{}, standard_deviation_{};
   Box material_box_;    // predictions end here
   Box coordinate_box_;  // the smallest that contains the material box; from_coordinates is safe in

@@ -1,9 +1,6 @@
 #include "common/learning/predictor.h"
 
-#include <algorithm>
-
 #include <fmt/format.h>
-#include <opencv2/imgproc.hpp>
 
 #include "common/error.h"
 #include "common/learning/checkpoint.h"
@@ -12,27 +9,12 @@ namespace itn {
 namespace {
 
 // One of the interleaved channels.
-cv::Mat channel_of(const FramedPhotograph& photograph, int channel) {
-  cv::Mat image(photograph.side, photograph.side, CV_32F);
-  auto value = image.begin<float>();
+std::vector<float> channel_of(const FramedPhotograph& photograph, int channel) {
+  std::vector<float> values;
   for (size_t i = channel; i < photograph.pixels.size(); i += photograph.channels) {
-    *value++ = photograph.pixels[i];
+    values.push_back(photograph.pixels[i]);
   }
-  return image;
-}
-
-cv::Mat mask_of(const FramedPhotograph& photograph) {
-  cv::Mat image(photograph.side, photograph.side, CV_32F);
-  std::ranges::copy(photograph.mask, image.begin<float>());
-  return image;
-}
-
-// Averages over areas where the image shrinks, interpolates where it grows.
-std::vector<float> resampled(const cv::Mat& image, int resolution) {
-  cv::Mat result;
-  const int method = image.cols >= resolution ? cv::INTER_AREA : cv::INTER_LINEAR;
-  cv::resize(image, result, cv::Size(resolution, resolution), 0, 0, method);
-  return {result.begin<float>(), result.end<float>()};
+  return values;
 }
 
 }  // namespace
@@ -49,28 +31,45 @@ Predictor Predictor::load(const std::filesystem::path& checkpoint) {
 Predictor::Predictor(const v1::Model& model)
     : model_(model), space_(model), encoder_(load_encoder(model)) {
   model_.clear_weights();
-  encoder_->eval();
+}
+
+ImageBatch Predictor::seen(const Photograph& photograph, const std::stop_token& stop) const {
+  validate(photograph, stop);
+  const FramedPhotograph square = framed(photograph, stop);
+  std::vector<ImageBatch> channels;
+  for (int channel = 0; channel < square.channels; ++channel) {
+    channels.push_back(resampled(square.side, channel_of(square, channel), square.mask,
+                                 static_cast<int>(model_.resolution()), model_.input()));
+  }
+  return concatenated(channels);
+}
+
+std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& images) {
+  const torch::NoGradGuard no_gradient;
+  const torch::Tensor outputs =
+      encoder_->forward(network_input(model_, images)).to(torch::kFloat64).contiguous();
+  std::vector<MaterialEstimate> estimates;
+  for (int64_t i = 0; i < images.size(); ++i) {
+    const double* o = outputs[i].data_ptr<double>();
+    if (model_.output() == v1::GAUSSIAN) {
+      const Posterior p = posterior(space_, std::span<const double, kGaussianOutputs>(o, 9));
+      estimates.push_back({p.mean(), p});
+    } else {
+      estimates.push_back({space_.material({o[0], o[1], o[2]}), std::nullopt});
+    }
+  }
+  return estimates;
+}
+
+std::vector<MaterialEstimate> Predictor::estimate(const Photograph& photograph, const std::stop_token& stop) {
+  return estimate(seen(photograph, stop));
 }
 
 std::vector<Material> Predictor::predict(const Photograph& photograph,
                                          const std::stop_token& stop) {
-  validate(photograph, stop);
-  const int resolution = static_cast<int>(model_.resolution());
-  // Frame and resample the mask and every channel.
-  const FramedPhotograph square = framed(photograph, stop);
-  const std::vector<float> mask = resampled(mask_of(square), resolution);
-  std::vector<torch::Tensor> inputs;
-  for (int channel = 0; channel < square.channels; ++channel) {
-    const std::vector<float> image = resampled(channel_of(square, channel), resolution);
-    inputs.push_back(encoder_input(resolution, image, mask, model_.image_scale()));
-  }
-  // Predict.
-  const torch::NoGradGuard no_gradient;
-  const torch::Tensor outputs = encoder_->forward(torch::stack(inputs)).to(torch::kFloat64);
   std::vector<Material> materials;
-  for (int channel = 0; channel < photograph.channels; ++channel) {
-    const double* output = outputs[channel].data_ptr<double>();
-    materials.push_back(space_.material({output[0], output[1], output[2]}));
+  for (const MaterialEstimate& a : estimate(photograph, stop)) {
+    materials.push_back(a.material);
   }
   return materials;
 }

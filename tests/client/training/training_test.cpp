@@ -3,14 +3,17 @@
 #include <cmath>
 #include <csignal>
 #include <fstream>
+#include <numbers>
 #include <numeric>
 #include <optional>
 
 #include <gmock/gmock.h>
 
 #include "client/json.h"
+#include "client/training/augmentation.h"
 #include "common/error.h"
 #include "common/learning/checkpoint.h"
+#include "common/learning/predictor.h"
 #include "common/scene/scene_bytes.h"
 
 namespace itn {
@@ -22,6 +25,7 @@ using testing::HasSubstr;
 constexpr int kSize = 16;
 constexpr size_t kPixels = kSize * kSize;
 constexpr int kItems = 12;
+constexpr PackedFormat kPaperFormat{.resolution = kSize, .input = v1::LUMINANCE_AND_WEIGHT};
 
 // A renderer that is a smooth function of the material, pixel by pixel.
 double radiance(const Material& m, size_t p) {
@@ -82,7 +86,7 @@ class TrainingTest : public testing::Test {
     };
     images_.scene = [](size_t) { return nullptr; };
     fs::create_directories(folder_);
-    inputs_.emplace(images_, folder_);
+    inputs_.emplace(images_, kPaperFormat, folder_);
     range_.mutable_sigma_t()->set_min(30);
     range_.mutable_sigma_t()->set_max(276);
     range_.mutable_albedo()->set_min(0.39);
@@ -97,6 +101,8 @@ class TrainingTest : public testing::Test {
     config.set_parameterization(v1::SIMILARITY);
     config.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(8);
     config.set_output(v1::POINT);
+    config.set_input(v1::LUMINANCE_AND_WEIGHT);
+    config.set_exposure(v1::EXPOSURE_KNOWN);
     config.set_optimizer(v1::TrainingConfig::ADAM);
     config.set_schedule(v1::TrainingConfig::CONSTANT);
     config.set_steps(steps);
@@ -189,7 +195,7 @@ TEST_F(TrainingTest, RenderGradientReachesTheWeights) {
         head *= 0.01;
       }
     }
-    const torch::Tensor inputs = inputs_->batch(all_items(), model.image_scale());
+    const torch::Tensor inputs = network_input(model, inputs_->batch(all_items()));
     const torch::Tensor wide = inputs.to(torch::kFloat64);
     const auto losses = [&](const torch::Tensor& outputs, torch::Tensor* gradients) {
       double mean = 0;
@@ -387,6 +393,122 @@ TEST_F(TrainingTest, KeepsTheCheckpointBefore) {
   EXPECT_EQ(read_checkpoint(folder_ / kPreviousCheckpointName).training().step(), 8);
 }
 
+// --- The residual network and its Gaussian ---
+
+class ResidualTrainingTest : public TrainingTest {
+ protected:
+  ResidualTrainingTest() {
+    inputs_.emplace(images_, PackedFormat{.resolution = kSize, .input = v1::RATIOS}, folder_);
+  }
+
+  static v1::TrainingConfig residual(v1::TrainingConfig::Loss loss, uint64_t steps = 20) {
+    v1::TrainingConfig c = config(loss, steps);
+    auto& sizes = *c.mutable_architecture()->mutable_residual_convolutions();
+    sizes.set_base_channels(8);
+    sizes.set_blocks(1);
+    c.set_output(v1::GAUSSIAN);
+    c.set_parameterization(v1::UNBOUNDED);
+    c.set_input(v1::RATIOS);
+    c.set_learning_rate(3e-3);
+    return c;
+  }
+  v1::Model residual_start() const {
+    return fit_model(images_, inputs_->mean_radiance(), range_, residual(v1::TrainingConfig::RN));
+  }
+};
+
+// The images tell the material, and the network finds out: how, and that it may be sure of it.
+TEST_F(ResidualTrainingTest, LearnsTheTruthAndHowSureItMayBe) {
+  std::vector<double> losses;
+  TrainingRun r = run();
+  r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.regression_loss()); };
+  v1::TrainingConfig c = residual(v1::TrainingConfig::RN, 600);
+  c.set_batch(8);
+  train(c, images_, *inputs_, residual_start(), {}, r);
+  // The first answer is the Gaussian of all truths: of three standardised coordinates.
+  const double constant = 1.5 * std::log(2 * std::numbers::pi) + 1.5;
+  EXPECT_NEAR(mean_of_20(losses, 0), constant, 1);
+  EXPECT_LT(mean_of_20(losses, 580), constant - 3);
+  // What is saved predicts as well, without a batch about it.
+  Predictor predictor = Predictor::load(folder_);
+  const std::vector<MaterialEstimate> estimates = predictor.estimate(inputs_->batch(all_items()));
+  double error = 0, spread = 0, prior = 0, mean = 0;
+  for (const Material& m : images_.truth) {
+    mean += m.albedo / kItems;
+  }
+  for (size_t i = 0; i < kItems; ++i) {
+    error += std::pow(estimates[i].material.albedo - images_.truth[i].albedo, 2);
+    spread += std::pow(estimates[i].posterior->material.parameters[1].standard_deviation, 2);
+    prior += std::pow(mean - images_.truth[i].albedo, 2);
+  }
+  EXPECT_LT(error, 0.25 * prior);
+  EXPECT_LT(spread, 0.25 * prior);
+}
+
+TEST_F(ResidualTrainingTest, AfterAStopEndsWithTheSameWeights) {
+  for (const auto loss : {v1::TrainingConfig::RN, v1::TrainingConfig::ITN}) {
+    v1::TrainingConfig c = residual(loss);
+    c.set_noise(0.1);  // drawn afresh in each step, but the same in each run
+    train(c, images_, *inputs_, residual_start(), render_batch, run());
+    const std::string straight = digest();
+    begin_anew();
+    std::stop_source stop;
+    TrainingRun r = run();
+    r.stop = stop.get_token();
+    r.report = [&](const v1::TrainingMetrics& m) {
+      if (m.step() == 6) {
+        stop.request_stop();
+      }
+    };
+    EXPECT_THROW(train(c, images_, *inputs_, residual_start(), render_batch, r), Error);
+    train(c, images_, *inputs_, residual_start(), render_batch, run());
+    EXPECT_EQ(digest(), straight);
+    begin_anew();
+  }
+}
+
+// The image term moves the centre of the Gaussian.
+TEST_F(ResidualTrainingTest, ImageTermAloneLowersTheImageLoss) {
+  v1::TrainingConfig c = residual(v1::TrainingConfig::ITN, 150);
+  c.set_lambda(1e6);
+  std::vector<double> losses;
+  TrainingRun r = run();
+  r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.image_loss()); };
+  train(c, images_, *inputs_, residual_start(), render_batch, r);
+  EXPECT_LT(mean_of_20(losses, 130), 0.5 * mean_of_20(losses, 0));
+}
+
+TEST_F(ResidualTrainingTest, AFailedStepLeavesTheRunningStatistics) {
+  bool fail = false;
+  Trainer trainer(residual(v1::TrainingConfig::ITN), images_, *inputs_, residual_start(),
+                  [&](std::span<const ImageTermQuery> queries) {
+                    if (fail) {
+                      throw Error(ErrorKind::kUnavailable, "no worker answers");
+                    }
+                    return render_batch(queries);
+                  });
+  trainer.step();
+  const std::string before = sha256(trainer.checkpoint().SerializeAsString());
+  fail = true;
+  EXPECT_THROW(trainer.step(), Error);
+  EXPECT_EQ(sha256(trainer.checkpoint().SerializeAsString()), before);
+}
+
+// --- Noise ---
+
+TEST(Augmentation, BringsNoiseUpToTheCommonLevel) {
+  ImageBatch images{
+      torch::full({2, 64, 64}, 2.0F), torch::ones({2, 64, 64}), {}, torch::tensor({0.03F, 0.2F})};
+  const ImageBatch noisy = with_noise(images, 0.05, 1);
+  const torch::Tensor deviation = noisy.luminance.flatten(1).std(1) / 2;
+  EXPECT_NEAR(deviation[0].item<float>(), 0.04, 0.002);  // 3-4-5
+  EXPECT_EQ(deviation[1].item<float>(), 0);              // has more already
+  EXPECT_NEAR(noisy.luminance.mean().item<float>(), 2, 0.005);
+  EXPECT_TRUE(torch::equal(noisy.noise, torch::tensor({0.05F, 0.2F})));
+  EXPECT_TRUE(torch::equal(noisy.luminance, with_noise(images, 0.05, 1).luminance));
+  EXPECT_FALSE(torch::equal(noisy.luminance, with_noise(images, 0.05, 2).luminance));
+}
+
 // --- Divergence ---
 
 TEST_F(TrainingTest, ThatDivergesEndsWithAnErrorAndNoCheckpoint) {
@@ -473,15 +595,45 @@ TEST_F(TrainingTest, OfAForeignCheckpointSaysWhatDoesNotFit) {
 
 TEST_F(TrainingTest, PackedInputsAreThoseOfTheImages) {
   const std::vector<uint32_t> items{7, 0, 7, 11};
-  const torch::Tensor batch = inputs_->batch(items, 0.5);
-  ASSERT_EQ(batch.sizes(), torch::IntArrayRef({4, 2, kSize, kSize}));
-  for (size_t i = 0; i < items.size(); ++i) {
-    const DatasetImage image = images_.read(items[i]);
-    EXPECT_TRUE(torch::equal(batch[static_cast<int64_t>(i)],
-                             encoder_input(kSize, image.radiance, image.mask, 0.5)));
+  const PackedInputs ratios(images_, {.resolution = kSize, .input = v1::RATIOS}, folder_);
+  for (const auto* inputs : std::initializer_list<const PackedInputs*>{&*inputs_, &ratios}) {
+    const ImageBatch batch = inputs->batch(items);
+    ASSERT_EQ(batch.luminance.sizes(), torch::IntArrayRef({4, kSize, kSize}));
+    for (size_t i = 0; i < items.size(); ++i) {
+      const DatasetImage image = images_.read(items[i]);
+      const ImageBatch expected =
+          resampled(kSize, image.radiance, image.mask, kSize, inputs->format().input);
+      const auto row = static_cast<int64_t>(i);
+      EXPECT_TRUE(torch::equal(batch.luminance[row], expected.luminance[0]));
+      EXPECT_TRUE(torch::equal(batch.mask[row], expected.mask[0]));
+      EXPECT_EQ(batch.weight.defined(), expected.weight.defined());
+      if (batch.weight.defined()) {
+        EXPECT_TRUE(torch::equal(batch.weight[row], expected.weight[0]));
+      }
+    }
   }
   // Nothing of them is to be seen.
   EXPECT_TRUE(fs::is_empty(folder_));
+}
+
+// A network of fewer pixels than the images sees their averages, which are quieter.
+TEST_F(TrainingTest, PackedInputsOfAnotherResolutionAreAverages) {
+  LabelledImages large = images_;
+  large.resolution = 2 * kSize;
+  large.read = [](size_t) {
+    DatasetImage image{std::vector<float>(4 * kPixels), std::vector<float>(4 * kPixels, 1)};
+    for (size_t p = 0; p < image.radiance.size(); ++p) {
+      image.radiance[p] = p % 2 == 0 ? 1.0F : 3.0F;
+    }
+    image.relative_noise = 0.1;
+    return image;
+  };
+  const PackedInputs inputs(large, {.resolution = kSize, .input = v1::RATIOS}, folder_);
+  const ImageBatch batch = inputs.batch(std::vector<uint32_t>{3});
+  EXPECT_TRUE(torch::equal(batch.luminance, torch::full({1, kSize, kSize}, 2.0F)));
+  EXPECT_FLOAT_EQ(batch.noise[0].item<float>(), 0.05F);
+  expect_error({"the network is for 64 x 64 pixels; the images have 32 x 32"},
+               [&] { PackedInputs(large, {.resolution = 64, .input = v1::RATIOS}, folder_); });
 }
 
 TEST_F(TrainingTest, PackedInputsSayWhyTheyCannotBeMade) {
@@ -493,7 +645,7 @@ TEST_F(TrainingTest, PackedInputsSayWhyTheyCannotBeMade) {
     return images_.read(i);
   };
   try {
-    const PackedInputs inputs(broken, folder_);
+    const PackedInputs inputs(broken, kPaperFormat, folder_);
     ADD_FAILURE() << "was packed";
   } catch (const Error& error) {
     EXPECT_EQ(error.kind(), ErrorKind::kDataLoss);
@@ -501,8 +653,8 @@ TEST_F(TrainingTest, PackedInputsSayWhyTheyCannotBeMade) {
   }
   std::stop_source stop;
   stop.request_stop();
-  EXPECT_THROW(PackedInputs(images_, folder_, stop.get_token()), Error);
-  EXPECT_THROW(PackedInputs(images_, folder_ / "none"), Error);
+  EXPECT_THROW(PackedInputs(images_, kPaperFormat, folder_, stop.get_token()), Error);
+  EXPECT_THROW(PackedInputs(images_, kPaperFormat, folder_ / "none"), Error);
 }
 
 TEST_F(TrainingTest, ContinuesForMoreSteps) {
@@ -526,6 +678,14 @@ TEST(TrainingConfig, RefusesWhatCannotWork) {
       {"batch", [](auto& c) { c.set_batch(0); }},
       {"architecture", [](auto& c) { c.clear_architecture(); }},
       {"output", [](auto& c) { c.clear_output(); }},
+      {"UNBOUNDED", [](auto& c) { c.set_output(v1::GAUSSIAN); }},
+      {"input", [](auto& c) { c.clear_input(); }},
+      {"exposure", [](auto& c) { c.clear_exposure(); }},
+      {"noise", [](auto& c) { c.set_noise(NAN); }},
+      {"RATIOS",
+       [](auto& c) {
+         c.mutable_architecture()->mutable_residual_convolutions()->set_base_channels(8);
+       }},
       {"optimizer", [](auto& c) { c.clear_optimizer(); }},
       {"schedule", [](auto& c) { c.clear_schedule(); }},
       {"learning rate", [](auto& c) { c.set_learning_rate(-1); }},
@@ -540,6 +700,8 @@ TEST(TrainingConfig, RefusesWhatCannotWork) {
     c.set_parameterization(v1::NAIVE);
     c.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(1);
     c.set_output(v1::POINT);
+    c.set_input(v1::LUMINANCE_AND_WEIGHT);
+    c.set_exposure(v1::EXPOSURE_KNOWN);
     c.set_optimizer(v1::TrainingConfig::ADAM);
     c.set_schedule(v1::TrainingConfig::CONSTANT);
     c.set_steps(1);

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <functional>
+#include <tuple>
 #include <vector>
 
 #include <gmock/gmock.h>
@@ -45,17 +46,70 @@ TEST(Encoder, TakesEveryResolutionToThreeNumbers) {
   }
 }
 
+v1::Model untrained_residual(uint32_t resolution, uint32_t base_channels, uint32_t blocks) {
+  v1::Model model = untrained(resolution, 1);
+  auto& sizes = *model.mutable_architecture()->mutable_residual_convolutions();
+  sizes.set_base_channels(base_channels);
+  sizes.set_blocks(blocks);
+  model.set_input(v1::RATIOS);
+  model.set_output(v1::GAUSSIAN);
+  return model;
+}
+
 TEST(Encoder, HasTheTensorsThatItIsExpectedToHave) {
+  std::vector<v1::Model> models;
   for (const uint32_t resolution : {16, 64, 256}) {
-    const v1::Model model = untrained(resolution, 3);
-    const std::vector<TensorShape> expected = tensor_shapes(model);
-    const auto parameters = new_encoder(model)->named_parameters();
-    ASSERT_EQ(parameters.size(), expected.size());
-    for (size_t i = 0; i < expected.size(); ++i) {
-      EXPECT_EQ(parameters[i].key(), expected[i].name);
-      EXPECT_EQ(parameters[i].value().sizes(), torch::IntArrayRef(expected[i].shape));
+    models.push_back(untrained(resolution, 3));
+    for (const uint32_t blocks : {1, 3}) {
+      models.push_back(untrained_residual(resolution, 4, blocks));
     }
   }
+  for (const v1::Model& model : models) {
+    const std::vector<TensorShape> expected = tensor_shapes(model);
+    const std::vector<NamedTensor> there = all_tensors(*new_encoder(model));
+    ASSERT_EQ(there.size(), expected.size());
+    for (size_t i = 0; i < expected.size(); ++i) {
+      EXPECT_EQ(there[i].name, expected[i].name);
+      EXPECT_EQ(there[i].tensor.sizes(), torch::IntArrayRef(expected[i].shape));
+    }
+  }
+}
+
+TEST(ResidualEncoder, TakesEveryResolutionToNineNumbers) {
+  for (const int resolution : {16, 32, 64, 128, 256}) {
+    const Encoder encoder =
+        new_encoder(untrained_residual(static_cast<uint32_t>(resolution), 4, 1));
+    const torch::Tensor output = encoder->forward(torch::rand({2, 4, resolution, resolution}));
+    EXPECT_EQ(output.sizes(), torch::IntArrayRef({2, 9})) << resolution;
+  }
+}
+
+// The pooled statistics are of the object alone, and none is a division by nothing.
+TEST(ResidualEncoder, AnswersFinitelyWithoutAnObject) {
+  const Encoder encoder = load_encoder(residual_model());
+  EXPECT_TRUE(encoder->forward(torch::zeros({1, 4, 32, 32})).isfinite().all().item<bool>());
+}
+
+TEST(ResidualEncoder, AnswersEachImageByItself) {
+  const Encoder encoder = load_encoder(residual_model());
+  torch::manual_seed(3);
+  const torch::Tensor images = torch::rand({3, 4, 32, 32});
+  const torch::Tensor together = encoder->forward(images);
+  for (int64_t i = 0; i < 3; ++i) {
+    EXPECT_TRUE(
+        torch::allclose(together[i], encoder->forward(images.slice(0, i, i + 1))[0], 1e-4, 1e-5));
+  }
+  // In training it does not: it normalises by the batch, and remembers.
+  const auto remembered = [&] { return running_statistics(*encoder)[0].tensor.clone(); };
+  const torch::Tensor before = remembered();
+  encoder->train();
+  EXPECT_FALSE(torch::allclose(together, encoder->forward(images), 1e-4, 1e-5));
+  EXPECT_FALSE(torch::equal(before, remembered()));
+}
+
+TEST(ResidualEncoder, BeginsWithTheSameAnswerToEveryImage) {
+  const Encoder encoder = new_encoder(untrained_residual(32, 4, 1));
+  EXPECT_TRUE(torch::equal(encoder->forward(torch::rand({2, 4, 32, 32})), torch::zeros({2, 9})));
 }
 
 TEST(Encoder, RefusesWhatItDoesNotKnow) {
@@ -73,17 +127,17 @@ TEST(Encoder, RefusesWhatItDoesNotKnow) {
   model = untrained(64, 16);
   model.clear_output();
   expect_error(ErrorKind::kInvalidInput, {"output distribution"}, [&] { new_encoder(model); });
-}
-
-TEST(EncoderInput, IsTheScaledMaskedImageAndTheWeightMap) {
-  std::vector<float> luminance(16 * 16, 2), mask(16 * 16, 0);
-  mask[5 * 16 + 3] = 1;
-  const torch::Tensor input = encoder_input(16, luminance, mask, 0.5);
-  EXPECT_EQ(input.sizes(), torch::IntArrayRef({2, 16, 16}));
-  EXPECT_EQ(input[0][5][3].item<float>(), 1);
-  EXPECT_EQ(input[0].sum().item<float>(), 1);
-  EXPECT_EQ(input[1][5][3].item<float>(), 1);
-  EXPECT_EQ(input[1].sum().item<float>(), 1);
+  model = untrained(64, 16);
+  model.set_input(static_cast<v1::NetworkInput>(77));
+  expect_error(ErrorKind::kInvalidInput, {"input"}, [&] { new_encoder(model); });
+  for (const auto& [base, blocks, message] : {std::tuple{3U, 1U, "base_channels is 3"},
+                                              {4000000000U, 1U, "base_channels is 4000000000"},
+                                              {32U, 0U, "blocks is 0"},
+                                              {32U, 4000000000U, "blocks is 4000000000"}}) {
+    expect_error(ErrorKind::kInvalidInput, {message}, [base = base, blocks = blocks] {
+      new_encoder(untrained_residual(64, base, blocks));
+    });
+  }
 }
 
 TEST(Weights, SurviveARoundTrip) {
@@ -93,6 +147,20 @@ TEST(Weights, SurviveARoundTrip) {
   EXPECT_TRUE(torch::equal(a->forward(input), b->forward(input)));
   torch::manual_seed(1);
   EXPECT_TRUE(torch::equal(a->forward(input), new_encoder(model)->forward(input)));
+}
+
+// What batch normalisation remembers is as much a part of the network as what is learned.
+TEST(Weights, HaveTheRunningStatisticsAmongThem) {
+  v1::Model model = residual_model();
+  const torch::Tensor input = torch::rand({1, 4, 32, 32});
+  const Encoder original = load_encoder(model);
+  original->train();
+  original->forward(torch::rand({8, 4, 32, 32}));
+  original->eval();
+  const torch::Tensor expected = original->forward(input);
+  EXPECT_FALSE(torch::equal(expected, load_encoder(model)->forward(input)));
+  store_weights(*original, model);
+  EXPECT_TRUE(torch::equal(expected, load_encoder(model)->forward(input)));
 }
 
 TEST(Weights, ThatDoNotFitAreRefusedWithTheReason) {

@@ -24,16 +24,36 @@ inline v1::Model small_model(v1::Parameterization parameterization = v1::SIMILAR
   model.set_resolution(static_cast<uint32_t>(resolution));
   model.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(2);
   model.set_output(v1::POINT);
+  model.set_input(v1::LUMINANCE_AND_WEIGHT);
+  model.set_exposure(v1::EXPOSURE_KNOWN);
   model.set_parameterization(parameterization);
-  const Triple mean = to_coordinates(parameterization, {100, 0.7, 0.4});
+  *model.mutable_bounds() = prediction_bounds(paper_range());
+  const Triple mean = to_coordinates(parameterization, {100, 0.7, 0.4}, g_interval(model.bounds()));
   for (int i = 0; i < 3; ++i) {
     model.add_mean(mean[i]);
-    model.add_standard_deviation(mean[i] / 4);
+    model.add_standard_deviation(parameterization == v1::UNBOUNDED ? 0.7 : mean[i] / 4);
   }
   model.set_image_scale(1);
-  *model.mutable_bounds() = prediction_bounds(paper_range());
   torch::manual_seed(1);
   store_weights(*new_encoder(model), model);
+  return model;
+}
+
+// A residual network with a Gaussian output, whose weights and statistics are all random.
+inline v1::Model residual_model(int resolution = 32, v1::Exposure exposure = v1::EXPOSURE_KNOWN) {
+  v1::Model model = small_model(v1::UNBOUNDED, resolution);
+  auto& sizes = *model.mutable_architecture()->mutable_residual_convolutions();
+  sizes.set_base_channels(4);
+  sizes.set_blocks(2);
+  model.set_output(v1::GAUSSIAN);
+  model.set_input(v1::RATIOS);
+  model.set_exposure(exposure);
+  const Encoder encoder = new_encoder(model);
+  const torch::NoGradGuard no_gradient;
+  for (NamedTensor& named : all_tensors(*encoder)) {
+    named.tensor += 0.1 * torch::rand_like(named.tensor);
+  }
+  store_weights(*encoder, model);
   return model;
 }
 

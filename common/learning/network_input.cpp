@@ -1,0 +1,136 @@
+#include "common/learning/network_input.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <opencv2/imgproc.hpp>
+
+#include "common/error.h"
+#include "common/learning/weight_map.h"
+
+namespace itn {
+namespace {
+
+// A smaller mean of a mask is none; so is a smaller luminance.
+constexpr double kNothing = 1e-6, kNoLight = 1e-20;
+// Keeps the logarithm of black finite: a hundredth of the mean radiance of objects.
+constexpr double kBlack = 0.01;
+// What is brighter is a firefly, a lamp, or no translucent object.
+constexpr double kMaxRatio = 10;
+// Brings the contrast with the surroundings, some tenths, to the size of the other planes.
+constexpr double kLocalGain = 4;
+constexpr int kLocalPart = 32;  // of the side, as the Gaussian's standard deviation
+
+// resolution x resolution: row y holds the Gaussian about y. G x G^T blurs x, with zeros around it.
+torch::Tensor gaussian_blur(int64_t resolution) {
+  const double sigma = static_cast<double>(resolution) / kLocalPart;
+  const torch::Tensor at = torch::arange(resolution, torch::kFloat32);
+  return torch::exp(-(at.unsqueeze(1) - at).square() / (2 * sigma * sigma));
+}
+
+torch::Tensor local_mean(const torch::Tensor& masked, const torch::Tensor& mask) {
+  const torch::Tensor blur = gaussian_blur(masked.size(-1));
+  const auto blurred = [&](const torch::Tensor& x) { return blur.matmul(x).matmul(blur.t()); };
+  return blurred(masked) / blurred(mask).clamp_min(kNothing);
+}
+
+torch::Tensor object_mean(const torch::Tensor& masked, const torch::Tensor& mask) {
+  return masked.sum({1, 2}, true) / mask.sum({1, 2}, true).clamp_min(kNothing);
+}
+
+torch::Tensor ratio(const torch::Tensor& y, const torch::Tensor& mean) {
+  return (y / mean.clamp_min(kNoLight)).clamp_max(kMaxRatio);
+}
+
+torch::Tensor ratio_planes(const v1::Model& model, const ImageBatch& images) {
+  const torch::Tensor& mask = images.mask;
+  torch::Tensor y = images.luminance * static_cast<float>(model.image_scale());
+  if (model.exposure() == v1::EXPOSURE_UNKNOWN) {
+    y = ratio(y, object_mean(y * mask, mask));
+  }
+  const torch::Tensor masked = y * mask;
+  return torch::stack(
+      {torch::log(y + kBlack) * mask, kLocalGain * (ratio(y, local_mean(masked, mask)) - 1) * mask,
+       (ratio(y, object_mean(masked, mask)) - 1) * mask, mask},
+      1);
+}
+
+cv::Mat resized(const cv::Mat& image, int resolution) {
+  cv::Mat result;
+  const int method = image.cols >= resolution ? cv::INTER_AREA : cv::INTER_LINEAR;
+  cv::resize(image, result, cv::Size(resolution, resolution), 0, 0, method);
+  return result;
+}
+
+// As a matrix of OpenCV's, which does not write into it.
+cv::Mat view(int side, std::span<const float> values) {
+  return {side, side, CV_32F, const_cast<float*>(values.data())};
+}
+
+}  // namespace
+
+bool needs_weight_map(v1::NetworkInput input) {
+  return input == v1::LUMINANCE_AND_WEIGHT || input == v1::NETWORK_INPUT_UNSPECIFIED;
+}
+
+int64_t input_channels(const v1::Model& model) {
+  if (needs_weight_map(model.input())) {
+    return 2;
+  }
+  if (model.input() == v1::RATIOS) {
+    return 4;
+  }
+  throw invalid_input("the model's input is not one that this version of itn knows");
+}
+
+torch::Tensor network_input(const v1::Model& model, const ImageBatch& images) {
+  if (needs_weight_map(model.input())) {
+    return torch::stack(
+        {images.luminance * static_cast<float>(model.image_scale()) * images.mask, images.weight},
+        1);
+  }
+  return ratio_planes(model, images);
+}
+
+ImageBatch resampled(int side, std::span<const float> luminance, std::span<const float> mask,
+                     int resolution, v1::NetworkInput input) {
+  ImageBatch batch;
+  batch.luminance = torch::empty({1, resolution, resolution});
+  batch.mask = torch::empty({1, resolution, resolution});
+  const auto count = static_cast<size_t>(resolution) * static_cast<size_t>(resolution);
+  const std::span<float> y(batch.luminance.data_ptr<float>(), count);
+  const std::span<float> m(batch.mask.data_ptr<float>(), count);
+  if (side == resolution) {
+    std::ranges::copy(luminance, y.begin());
+    std::ranges::copy(mask, m.begin());
+  } else {
+    const cv::Mat on_object = view(side, luminance).mul(view(side, mask));
+    const cv::Mat sums = resized(on_object, resolution);
+    const cv::Mat area = resized(view(side, mask), resolution);
+    std::copy(area.begin<float>(), area.end<float>(), m.begin());
+    std::transform(sums.begin<float>(), sums.end<float>(), m.begin(), y.begin(),
+                   [](float sum, float a) { return a > kNothing ? sum / a : 0.0F; });
+  }
+  if (needs_weight_map(input)) {
+    batch.weight = torch::empty({1, resolution, resolution});
+    std::ranges::copy(weight_map(resolution, resolution, y, m), batch.weight.data_ptr<float>());
+  }
+  return batch;
+}
+
+ImageBatch concatenated(std::span<const ImageBatch> batches) {
+  const auto all = [&](torch::Tensor ImageBatch::*member) {
+    std::vector<torch::Tensor> tensors;
+    for (const ImageBatch& batch : batches) {
+      if (!(batch.*member).defined()) {
+        return torch::Tensor();
+      }
+      tensors.push_back(batch.*member);
+    }
+    return torch::cat(tensors);
+  };
+  return {all(&ImageBatch::luminance), all(&ImageBatch::mask), all(&ImageBatch::weight),
+          all(&ImageBatch::noise)};
+}
+
+}  // namespace itn

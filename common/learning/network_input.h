@@ -1,0 +1,56 @@
+// What a network is shown of an image: named planes, computed for a batch of images by the same
+// code in training and prediction.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include <torch/torch.h>
+
+#include "itn/v1/experiment.pb.h"
+
+namespace itn {
+
+// Square images of one size, as they were measured: batch x resolution x resolution, float.
+struct ImageBatch {
+  torch::Tensor luminance;  // >= 0, unscaled
+  torch::Tensor mask;       // in [0, 1], 1 on the object
+  torch::Tensor weight;     // weight_map() of each; undefined unless needs_weight_map()
+  // Relative noise of a pixel (standard deviation over radiance) of each image: batch; undefined
+  // where nobody knows.
+  torch::Tensor noise;
+
+  int64_t size() const { return luminance.size(0); }
+};
+
+// Whether the model's input has the weight map among its planes.
+bool needs_weight_map(v1::NetworkInput input);
+
+// Planes of the model's input. Throws Error (invalid input) if it is not one that is known.
+int64_t input_channels(const v1::Model& model);
+
+// batch x input_channels x resolution x resolution, float, 0 outside of the objects.
+//
+// LUMINANCE_AND_WEIGHT: image_scale * luminance * mask, and the weight map.
+//
+// RATIOS, of y = image_scale * luminance, or luminance over its mean over the object if the
+// exposure is unknown:
+//   0  ln(y + 0.01)
+//   1  4 (y / local mean - 1), the local mean over the object's pixels nearby, under a Gaussian of
+//      1/32 of the side (2 pixels of 64): what blurs away, free of shading and exposure
+//   2  y / mean over the object - 1: shading, free of exposure
+//   3  mask
+// where ratios end at 10, planes 0 to 2 are multiplied by the mask.
+torch::Tensor network_input(const v1::Model& model, const ImageBatch& images);
+
+// A square image and its mask brought to another size, as luminance and mask of a batch of one:
+// averages over areas where the image shrinks, interpolates where it grows. Means of luminance are
+// weighted by the mask, so that nothing of the background gets into the object. Adds the weight map
+// if the input needs it.
+ImageBatch resampled(int side, std::span<const float> luminance, std::span<const float> mask,
+                     int resolution, v1::NetworkInput input);
+
+// All images in one batch. Requires one at least; noise is dropped unless all have it.
+ImageBatch concatenated(std::span<const ImageBatch> batches);
+
+}  // namespace itn

@@ -1,0 +1,199 @@
+#include "common/learning/gaussian.h"
+
+#include <cmath>
+#include <numbers>
+#include <random>
+
+#include <gmock/gmock.h>
+
+#include "common/error.h"
+#include "tests/common/learning/model_for_tests.h"
+
+namespace itn {
+namespace {
+
+using Outputs = std::array<double, kGaussianOutputs>;
+
+constexpr Outputs kWide{0.3, -0.2, 0.1, 0.4, -0.3, 0.2, 0.5, -0.7, 0.3};
+constexpr Outputs kNarrow{-0.5, 0.4, 0.6, 3, 2.5, 2, -0.8, 0.6, 1.1};
+
+torch::Tensor as_tensor(const Outputs& outputs) {
+  return torch::tensor(std::vector<double>(outputs.begin(), outputs.end()), torch::kFloat64)
+      .unsqueeze(0);
+}
+
+double log_precision(double output) {
+  return 4 * std::tanh(output / 4);
+}
+
+// The lower triangular matrix D T of the header.
+torch::Tensor factor(const Outputs& o) {
+  torch::Tensor t = torch::eye(3, torch::kFloat64);
+  t[1][0] = o[6];
+  t[2][0] = o[7];
+  t[2][1] = o[8];
+  torch::Tensor d = torch::zeros({3, 3}, torch::kFloat64);
+  for (int i = 0; i < 3; ++i) {
+    d[i][i] = std::exp(log_precision(o[3 + i]));
+  }
+  return d.matmul(t);
+}
+
+TEST(Gaussian, LikelihoodIsThatOfThePrecisionMatrix) {
+  for (const Outputs& o : {kWide, kNarrow}) {
+    const torch::Tensor target = torch::tensor({{0.2, 0.9, -0.4}}, torch::kFloat64);
+    const torch::Tensor d = (target - as_tensor(o).slice(1, 0, 3)).t();
+    const torch::Tensor precision = factor(o).t().matmul(factor(o));
+    const double expected = 0.5 * d.t().matmul(precision).matmul(d).item<double>() -
+                            0.5 * torch::linalg_det(precision).log().item<double>() +
+                            1.5 * std::log(2 * std::numbers::pi);
+    EXPECT_NEAR(negative_log_likelihood(as_tensor(o), target).item<double>(), expected,
+                1e-9 * std::abs(expected));
+  }
+}
+
+TEST(Gaussian, GradientOfTheLikelihoodAgreesWithFiniteDifferences) {
+  const torch::Tensor target = torch::tensor({{0.2, 0.9, -0.4}}, torch::kFloat64);
+  for (const Outputs& o : {kWide, kNarrow}) {
+    const torch::Tensor leaf = as_tensor(o).requires_grad_();
+    negative_log_likelihood(leaf, target).sum().backward();
+    for (size_t i = 0; i < o.size(); ++i) {
+      constexpr double kStep = 1e-5;
+      Outputs up = o, down = o;
+      up[i] += kStep;
+      down[i] -= kStep;
+      const double difference = (negative_log_likelihood(as_tensor(up), target) -
+                                 negative_log_likelihood(as_tensor(down), target))
+                                    .item<double>() /
+                                (2 * kStep);
+      EXPECT_NEAR(leaf.grad()[0][static_cast<int64_t>(i)].item<double>(), difference,
+                  1e-6 * (1 + std::abs(difference)));
+    }
+  }
+}
+
+TEST(Gaussian, LikelihoodAndGradientAreFiniteForEveryOutput) {
+  for (const float extreme : {-1e4F, 1e4F}) {
+    const torch::Tensor leaf = torch::full({1, 9}, extreme).requires_grad_();
+    const torch::Tensor loss = negative_log_likelihood(leaf, torch::zeros({1, 3}));
+    loss.sum().backward();
+    EXPECT_TRUE(loss.isfinite().all().item<bool>());
+    EXPECT_TRUE(leaf.grad().isfinite().all().item<bool>());
+  }
+}
+
+// A million independent draws of the Gaussian, by another way: the inverse of its factor.
+TEST(Gaussian, PosteriorIsThatOfManyRandomDraws) {
+  const v1::Model model = residual_model();
+  const OutputSpace space(model);
+  for (const Outputs& o : {kWide, kNarrow}) {
+    const Posterior quick = posterior(space, o);
+    constexpr int kDraws = 1000000;
+    torch::manual_seed(5);
+    const torch::Tensor z = torch::randn({3, kDraws}, torch::kFloat64);
+    const torch::Tensor draws =
+        (torch::linalg_inv(factor(o)).matmul(z)).t().contiguous() + as_tensor(o).slice(1, 0, 3);
+    std::array<std::vector<double>, 6> values;
+    const auto rows = draws.accessor<double, 2>();
+    for (int64_t i = 0; i < kDraws; ++i) {
+      const Material m = space.material({rows[i][0], rows[i][1], rows[i][2]});
+      const std::array<double, 6> all{m.sigma_t,   m.albedo,    m.g,
+                                      m.sigma_a(), m.sigma_s(), m.sigma_s_reduced()};
+      for (size_t k = 0; k < 6; ++k) {
+        values[k].push_back(all[k]);
+      }
+    }
+    for (size_t group = 0; group < 2; ++group) {
+      const TriplePosterior& p = group == 0 ? quick.material : quick.scattering;
+      std::array<torch::Tensor, 3> v;
+      for (size_t k = 0; k < 3; ++k) {
+        v[k] = torch::tensor(values[3 * group + k], torch::kFloat64);
+        const ParameterPosterior& parameter = p.parameters[k];
+        const double sd = v[k].std().item<double>();
+        EXPECT_NEAR(parameter.mean, v[k].mean().item<double>(), 0.01 * sd);
+        EXPECT_NEAR(parameter.standard_deviation, sd, 0.02 * sd);
+        const torch::Tensor sorted = std::get<0>(v[k].sort());
+        EXPECT_NEAR(parameter.low, sorted[kDraws / 20].item<double>(), 0.06 * sd);
+        EXPECT_NEAR(parameter.high, sorted[kDraws - kDraws / 20].item<double>(), 0.06 * sd);
+      }
+      size_t pair = 0;
+      for (const auto& [i, j] : {std::pair{0, 1}, {0, 2}, {1, 2}}) {
+        const torch::Tensor a = v[i] - v[i].mean(), b = v[j] - v[j].mean();
+        const double expected =
+            ((a * b).mean() / (a.square().mean() * b.square().mean()).sqrt()).item<double>();
+        EXPECT_NEAR(p.correlations[pair++], expected, 0.015);
+      }
+    }
+    EXPECT_EQ(quick.mean().sigma_t, quick.material.parameters[0].mean);
+  }
+}
+
+// Truths drawn from the Gaussians that a network answers fall into their 90 % intervals nine times
+// in ten: of sigma_t, albedo and g, and of what is derived from them.
+TEST(Gaussian, NinetyPercentIntervalsHoldNinetyPercent) {
+  const OutputSpace space(residual_model());
+  constexpr int kTruths = 3000;
+  std::mt19937 random(11);
+  std::normal_distribution<double> normal;
+  std::array<int, 6> inside{};
+  for (int i = 0; i < kTruths; ++i) {
+    // Precise enough to end nowhere at the bounds, where a truth may lie on the interval's end.
+    Outputs o{0.3 * normal(random),
+              0.3 * normal(random),
+              0.3 * normal(random),
+              1.5 + 0.3 * normal(random),
+              1.5 + 0.3 * normal(random),
+              1.5 + 0.3 * normal(random),
+              normal(random),
+              normal(random),
+              normal(random)};
+    const torch::Tensor z =
+        torch::tensor({{normal(random)}, {normal(random)}, {normal(random)}}, torch::kFloat64);
+    const torch::Tensor d = torch::linalg_inv(factor(o)).matmul(z);
+    const auto at = [&](int k) { return o[static_cast<size_t>(k)] + d[k][0].item<double>(); };
+    const Material truth = space.material({at(0), at(1), at(2)});
+    const std::array<double, 6> values{truth.sigma_t,   truth.albedo,    truth.g,
+                                       truth.sigma_a(), truth.sigma_s(), truth.sigma_s_reduced()};
+    const Posterior p = posterior(space, o);
+    for (size_t k = 0; k < 6; ++k) {
+      const auto& parameter = (k < 3 ? p.material : p.scattering).parameters[k % 3];
+      inside[k] += parameter.low <= values[k] && values[k] <= parameter.high ? 1 : 0;
+    }
+  }
+  for (const int count : inside) {  // 5 standard errors of the count, and the points' own error
+    EXPECT_NEAR(static_cast<double>(count) / kTruths, 0.9, 0.03);
+  }
+}
+
+TEST(Gaussian, PosteriorIsTheSameEveryTimeAndStaysInsideTheBounds) {
+  const v1::Model model = residual_model();
+  const OutputSpace space(model);
+  const Box box = to_box(model.bounds());
+  Outputs hopeless{};
+  for (size_t i = 3; i < 6; ++i) {
+    hopeless[i] = -50;
+  }
+  Outputs far{};
+  far.fill(1e6);
+  for (const Outputs& o : {kWide, hopeless, far}) {
+    const Posterior a = posterior(space, o), b = posterior(space, o);
+    for (size_t k = 0; k < 3; ++k) {
+      const ParameterPosterior& p = a.material.parameters[k];
+      EXPECT_EQ(p.mean, b.material.parameters[k].mean);
+      EXPECT_LE(box.min[k], p.low);
+      EXPECT_LE(p.low, p.mean + 1e-9 * box.max[k]);
+      EXPECT_LE(p.mean, p.high + 1e-9 * box.max[k]);
+      EXPECT_LE(p.high, box.max[k]);
+      EXPECT_TRUE(std::isfinite(a.material.correlations[k]));
+    }
+  }
+}
+
+TEST(Gaussian, PosteriorOfWhatIsNotFiniteIsRefused) {
+  Outputs o = kWide;
+  o[7] = NAN;
+  EXPECT_THROW(posterior(OutputSpace(residual_model()), o), Error);
+}
+
+}  // namespace
+}  // namespace itn
