@@ -61,7 +61,8 @@ std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& images) {
   return estimates;
 }
 
-std::vector<MaterialEstimate> Predictor::estimate(const Photograph& photograph, const std::stop_token& stop) {
+std::vector<MaterialEstimate> Predictor::estimate(const Photograph& photograph,
+                                                  const std::stop_token& stop) {
   return estimate(seen(photograph, stop));
 }
 
