@@ -3,17 +3,22 @@
 #include <fmt/ranges.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
+#include <charconv>
 #include <chrono>
 #include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
 #include "client/commands/command.h"
 #include "client/commands/options.h"
+#include "client/dataset/dataset_config.h"
 #include "client/dataset/dataset_render.h"
+#include "client/dataset/distribution.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
@@ -22,85 +27,149 @@
 #include "common/flags.h"
 #include "common/material.h"
 #include "common/progress.h"
+#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace {
 
 struct DatasetOptions {
   std::string folder;
-  std::string shapes;  // folder; empty: the built-in ones
+  std::string config, preset;
+  bool print_config = false;
+  std::string shapes;  // folder
   bool repair = false;
-  std::vector<std::string> test_shapes;
-  uint32_t count = 400;
+  uint32_t random_shapes = 0;
+  std::vector<std::string> test_shapes, validation_shapes;
+  uint32_t count = 0;
   bool grid = false;
   bool random = false;
   bool rotate = false;
-  uint32_t resolution = 128;
-  uint32_t spp = 256;
+  uint32_t resolution = 0;
+  uint32_t spp = 0;
+  std::string noise;
   uint64_t seed = 0;
-  double test_fraction = 0.25;
+  double test_fraction = 0, validation_fraction = 0;
   std::vector<double> train_azimuths, test_azimuths;
-  std::pair<double, double> sigma_t{30, 276}, albedo{0.39, 0.95}, g{0, 0.8};
+  std::pair<double, double> sigma_t, albedo, g;
   WorkerFlags workers;
   bool json = false;
 };
 
-template <typename Values>
-void replace(google::protobuf::RepeatedField<double>& field, const Values& values) {
-  if (!values.empty()) {
-    field.Assign(values.begin(), values.end());
+v1::Distribution list_of(const std::vector<double>& values) {
+  v1::Distribution result;
+  result.mutable_one_of()->mutable_value()->Assign(values.begin(), values.end());
+  return result;
+}
+
+// "5%" or "0.05".
+double noise_of(const std::string& text) {
+  double value = 0;
+  const char* const end = text.data() + text.size();
+  const auto [rest, error] = std::from_chars(text.data(), end, value);
+  const std::string_view unit(rest, end);
+  if (error != std::errc() || !(unit.empty() || unit == "%")) {
+    throw Error(ErrorKind::kUsage,
+                fmt::format("--noise is \"{}\"; it is a part like 5% or 0.05", text));
+  }
+  return unit.empty() ? value : value / 100;
+}
+
+// The suns of a configuration; flags of azimuths are about them.
+std::vector<v1::SunSkyChoice*> suns_of(v1::DatasetConfig& config, const char* flag) {
+  std::vector<v1::SunSkyChoice*> suns;
+  for (v1::LightChoice& light : *config.mutable_lights()) {
+    if (light.has_sun_sky()) suns.push_back(light.mutable_sun_sky());
+  }
+  if (suns.empty()) {
+    throw Error(ErrorKind::kUsage, fmt::format("{} is given, and no light is a sun", flag));
+  }
+  return suns;
+}
+
+void set_samples(const DatasetOptions& options, const CLI::App& command,
+                 v1::DatasetConfig& config) {
+  if (command.count("--spp") > 0) {
+    config.set_spp(options.spp);
+    config.clear_noise();
+  }
+  if (command.count("--noise") > 0) {
+    config.mutable_noise()->set_target(noise_of(options.noise));
+    config.clear_spp();
   }
 }
 
-void set(v1::Interval* interval, const std::pair<double, double>& range) {
-  interval->set_min(range.first);
-  interval->set_max(range.second);
+void set_materials(const DatasetOptions& options, const CLI::App& command,
+                   v1::DatasetConfig& config) {
+  v1::MaterialChoice& materials = *config.mutable_materials();
+  if (options.grid) {
+    materials.set_sampling(v1::MaterialChoice::GRID);
+    *materials.mutable_sigma_t() = list_of({30, 36, 44, 54, 67, 82, 100, 122, 150, 184, 225, 276});
+    *materials.mutable_albedo() = list_of({0.39, 0.59, 0.74, 0.87, 0.95});
+    *materials.mutable_g() = list_of({0, 0.2, 0.4, 0.6, 0.8});
+    config.set_count(0);
+  }
+  if (options.random) materials.set_sampling(v1::MaterialChoice::RANDOM);
+  if (command.count("--sigma-t") > 0) {
+    *materials.mutable_sigma_t() = log_uniform(options.sigma_t.first, options.sigma_t.second);
+  }
+  if (command.count("--albedo") > 0) {
+    *materials.mutable_albedo() = uniform(options.albedo.first, options.albedo.second);
+  }
+  if (command.count("--g") > 0) {
+    *materials.mutable_g() = uniform(options.g.first, options.g.second);
+  }
 }
 
-// What the flags say. A dataset that is continued has its configuration already: there only those
-// that are on the command line count.
+void set_splits(const DatasetOptions& options, const CLI::App& command, v1::DatasetConfig& config) {
+  if (command.count("--test-fraction") > 0) config.set_test_fraction(options.test_fraction);
+  if (command.count("--validation-fraction") > 0) {
+    config.set_validation_fraction(options.validation_fraction);
+  }
+  const auto assign = [](auto* field, const std::vector<std::string>& names) {
+    if (!names.empty()) field->Assign(names.begin(), names.end());
+  };
+  assign(config.mutable_test_shapes(), options.test_shapes);
+  assign(config.mutable_validation_shapes(), options.validation_shapes);
+  if (!options.train_azimuths.empty()) {
+    for (v1::SunSkyChoice* sun : suns_of(config, "--train-azimuths")) {
+      *sun->mutable_azimuth_degrees() = list_of(options.train_azimuths);
+    }
+  }
+  if (!options.test_azimuths.empty()) {
+    for (v1::SunSkyChoice* sun : suns_of(config, "--test-azimuths")) {
+      *sun->mutable_test_azimuth_degrees() = list_of(options.test_azimuths);
+    }
+  }
+}
+
+// What the flags say, over the file or the preset; of a dataset that is continued without one of
+// these, over what it has.
 v1::DatasetConfig config_of(const DatasetOptions& options, const CLI::App& command,
                             const std::optional<v1::Dataset>& there) {
-  const auto wanted = [&](const char* flag) { return !there || command.count(flag) > 0; };
-  v1::DatasetConfig config = there ? there->config() : paper_config(options.resolution);
-  if (wanted("--resolution")) {
-    *config.mutable_set_up() = paper_config(options.resolution).set_up();
+  const bool is_new = !options.config.empty() || !options.preset.empty() || !there;
+  v1::DatasetConfig config = !options.config.empty()   ? load_dataset_config(options.config)
+                             : !options.preset.empty() ? preset_config(options.preset)
+                             : there                   ? there->config()
+                                                       : preset_config("paper");
+  if (!options.shapes.empty()) {
+    config.mutable_shapes()->mutable_folder()->set_path(options.shapes);
+    config.mutable_shapes()->mutable_folder()->set_repair(options.repair);
   }
-  if (wanted("--spp")) {
-    config.set_spp(options.spp);
+  if (command.count("--random-shapes") > 0) {
+    config.mutable_shapes()->mutable_random()->set_count(options.random_shapes);
   }
-  if (wanted("--seed")) {
-    config.set_seed(options.seed);
+  if (command.count("--count") > 0) config.set_count(options.count);
+  if (command.count("--seed") > 0) config.set_seed(options.seed);
+  if (command.count("--resolution") > 0) config.set_resolution(options.resolution);
+  if (options.rotate) {
+    config.mutable_pose()->Clear();
+    config.mutable_pose()->set_turned(1);
   }
-  if (wanted("--rotate")) {
-    config.set_rotate(options.rotate);
-  }
-  if (wanted("--test-fraction")) {
-    config.set_test_fraction(options.test_fraction);
-  }
-  replace(*config.mutable_train_azimuths_degrees(), options.train_azimuths);
-  replace(*config.mutable_test_azimuths_degrees(), options.test_azimuths);
-  if (wanted("--sigma-t")) {
-    set(config.mutable_materials()->mutable_sigma_t(), options.sigma_t);
-  }
-  if (wanted("--albedo")) {
-    set(config.mutable_materials()->mutable_albedo(), options.albedo);
-  }
-  if (wanted("--g")) {
-    set(config.mutable_materials()->mutable_g(), options.g);
-  }
-  if (options.grid) {
-    config.set_sampling(v1::DatasetConfig::GRID);
-    config.set_count(0);
-  } else {
-    if (!there || options.random) {
-      config.set_sampling(options.random ? v1::DatasetConfig::RANDOM
-                                         : v1::DatasetConfig::STRATIFIED);
-    }
-    if (wanted("--count")) {
-      config.set_count(options.count);
-    }
-  }
+  set_samples(options, command, config);
+  set_materials(options, command, config);
+  set_splits(options, command, config);
+  set_defaults(config);
+  if (is_new) validate(config);
   return config;
 }
 
@@ -110,29 +179,31 @@ std::optional<v1::Dataset> manifest_in(const std::string& folder) {
   return std::filesystem::exists(path) ? std::optional(read_manifest(path)) : std::nullopt;
 }
 
-// Where the dataset is there and no flag says anything else of it, the plan is what it holds;
-// otherwise it is made anew, and render_dataset() says what differs from the one that is there.
+// Where the dataset is there and nothing says otherwise of its shapes, they are those that it
+// holds; render_dataset() says what differs.
 DatasetPlan plan_of(const DatasetOptions& options, const CLI::App& command,
                     v1::DatasetSummary& summary) {
   const std::optional<v1::Dataset> there = manifest_in(options.folder);
   const v1::DatasetConfig config = config_of(options, command, there);
-  if (there && options.shapes.empty() && options.test_shapes.empty()) {
+  const bool names_shapes =
+      config.shapes().has_folder() && !config.shapes().folder().path().empty();
+  if (there && !names_shapes) {
     require_same_config(*there, config, options.folder);
-    return {*there, {}};
+    return config.count() == there->config().count() ? DatasetPlan{*there, {}}
+                                                     : extended(*there, config.count());
   }
-  const ShapeSet shapes =
-      options.shapes.empty() ? builtin_shape_set() : load_shape_set(options.shapes, options.repair);
+  const ShapeSet shapes = shape_set(config.shapes());
   for (const std::string& message : shapes.refused) {
     spdlog::warn("not used: {}", message);
     summary.add_refused_shapes(message);
   }
-  return plan_dataset(config, shapes.shapes, options.test_shapes);
+  return plan_dataset(config, shapes.shapes);
 }
 
-DatasetProgress render(const DatasetOptions& options, const DatasetPlan& plan, RenderPool& pool) {
+DatasetProgress render(const DatasetOptions& options, DatasetPlan plan, RenderPool& pool) {
   std::optional<Progress> progress;
   const DatasetProgress result = render_dataset(
-      plan, options.folder, pool,
+      std::move(plan), options.folder, pool,
       [&](const DatasetProgress& now) {
         if (!progress) {
           progress.emplace("dataset", "images", now.total, now.done);
@@ -146,15 +217,19 @@ DatasetProgress render(const DatasetOptions& options, const DatasetPlan& plan, R
 
 void describe(const v1::Dataset& manifest, v1::DatasetSummary& summary) {
   for (const v1::DatasetShape& shape : manifest.shapes()) {
-    shape.split() == v1::SPLIT_TRAIN ? summary.add_train_shapes(shape.name())
-                                     : summary.add_test_shapes(shape.name());
+    switch (shape.split()) {
+      case v1::SPLIT_TEST: summary.add_test_shapes(shape.name()); break;
+      case v1::SPLIT_VALIDATION: summary.add_validation_shapes(shape.name()); break;
+      default: summary.add_train_shapes(shape.name());
+    }
   }
-  uint32_t train = 0;
-  for (const v1::DatasetItem& item : manifest.items()) {
-    train += item.split() == v1::SPLIT_TRAIN ? 1 : 0;
-  }
-  summary.set_train_images(train);
-  summary.set_test_images(static_cast<uint32_t>(manifest.items_size()) - train);
+  const auto images_of = [&](v1::Split split) {
+    return static_cast<uint32_t>(
+        std::ranges::count(manifest.items(), split, &v1::DatasetItem::split));
+  };
+  summary.set_train_images(images_of(v1::SPLIT_TRAIN));
+  summary.set_validation_images(images_of(v1::SPLIT_VALIDATION));
+  summary.set_test_images(images_of(v1::SPLIT_TEST));
 }
 
 // Names as long as they can be read at a glance.
@@ -165,20 +240,45 @@ std::string names_of(const google::protobuf::RepeatedPtrField<std::string>& shap
 }
 
 void print(const v1::DatasetSummary& summary) {
-  print_result("{}: {} training images of {}; {} test images of {}\n", summary.folder(),
-               summary.train_images(), names_of(summary.train_shapes()), summary.test_images(),
-               names_of(summary.test_shapes()));
+  const std::string validation =
+      summary.validation_shapes().empty()
+          ? ""
+          : fmt::format("{} validation images of {}; ", summary.validation_images(),
+                        names_of(summary.validation_shapes()));
+  print_result("{}: {} training images of {}; {}{} test images of {}\n", summary.folder(),
+               summary.train_images(), names_of(summary.train_shapes()), validation,
+               summary.test_images(), names_of(summary.test_shapes()));
+}
+
+bool changes_preset(const CLI::App& command) {
+  return std::ranges::any_of(command.get_options(), [](const CLI::Option* option) {
+    return option->count() > 0 && option->get_name() != "--preset" &&
+           option->get_name() != "--print-config";
+  });
+}
+
+// A preset as it is, with its comments; else what the flags make of it or of the file.
+void print_config(const DatasetOptions& options, const CLI::App& command) {
+  if (!changes_preset(command)) {
+    print_result("{}", find_preset(options.preset.empty() ? "paper" : options.preset).file);
+  } else {
+    print_result("{}", to_text_proto(config_of(options, command, std::nullopt)));
+  }
 }
 
 void run(const DatasetOptions& options, const CLI::App& command) {
+  if (options.print_config) return print_config(options, command);
+  if (options.folder.empty()) {
+    throw Error(ErrorKind::kUsage, "which folder? itn dataset FOLDER");
+  }
   const auto start = std::chrono::steady_clock::now();
   check_folder_writable(options.folder);
   v1::DatasetSummary summary;
   summary.set_folder(options.folder);
-  const DatasetPlan plan = plan_of(options, command, summary);
+  DatasetPlan plan = plan_of(options, command, summary);
   describe(plan.manifest, summary);
   RenderPool pool(options.workers.pool_options());
-  const DatasetProgress rendered = render(options, plan, pool);
+  const DatasetProgress rendered = render(options, std::move(plan), pool);
   summary.set_kept(static_cast<uint32_t>(rendered.kept));
   summary.set_dropped_fraction(rendered.paths == 0 ? 0
                                                    : static_cast<double>(rendered.dropped) /
@@ -197,9 +297,27 @@ void add_dataset_command(CLI::App& app) {
                                          "Render images with known materials; the same command, or "
                                          "one with the folder alone, continues "
                                          "what was stopped");
-  command->add_option("folder", options->folder, "Folder to write")->required();
-  command->add_option("--shapes", options->shapes,
-                      "Folder of closed PLY, OBJ or STL meshes; without: the built-in shapes");
+  command->add_option("folder", options->folder, "Folder to write");
+  CLI::Option* config =
+      command->add_option("--config", options->config,
+                          "Dataset file: what is drawn for each image (protobuf text format of "
+                          "itn.v1.DatasetConfig); flags override it");
+  std::string presets;
+  for (const DatasetPreset& preset : dataset_presets()) {
+    presets +=
+        fmt::format("{}{} ({})", presets.empty() ? "" : ", ", preset.name, preset.description);
+  }
+  command->add_option("--preset", options->preset, "Instead: " + presets + "; default paper")
+      ->excludes(config);
+  command->add_flag("--print-config", options->print_config,
+                    "Print the dataset file of the preset and the flags, and do nothing else");
+  CLI::Option* folder =
+      command->add_option("--shapes", options->shapes,
+                          "Folder of closed PLY, OBJ or STL meshes; without: the built-in shapes");
+  command
+      ->add_option("--random-shapes", options->random_shapes,
+                   "Instead: this many of an endless family of random shapes")
+      ->excludes(folder);
   command->add_flag(
       "--repair", options->repair,
       "Close meshes of --shapes that are nearly closed: weld cracks, fill holes, turn "
@@ -209,31 +327,41 @@ void add_dataset_command(CLI::App& app) {
           "--test-shapes", options->test_shapes,
           "Names of the shapes to test with, separated by commas; without: a random choice")
       ->delimiter(',');
-  CLI::Option* count =
-      command->add_option("--count", options->count, "Images, training and test together")
-          ->check(number_in(2U, UINT32_MAX))
-          ->capture_default_str();
+  command->add_option("--validation-shapes", options->validation_shapes, "Likewise for validation")
+      ->delimiter(',');
+  CLI::Option* count = command
+                           ->add_option("--count", options->count,
+                                        "Images, of all splits together; default 400, or as the "
+                                        "preset says. A dataset that is there "
+                                        "may be given more")
+                           ->check(number_in(2U, UINT32_MAX));
   CLI::Option* grid =
       command
           ->add_flag("--grid", options->grid,
                      "All 300 materials of Che et al. 2020 for every shape and azimuth")
           ->excludes(count);
   command
-      ->add_flag("--random", options->random, "Independent materials rather than a Latin hypercube")
+      ->add_flag("--random", options->random,
+                 "Independent materials rather than evenly spread ones")
       ->excludes(grid);
   command->add_flag("--rotate", options->rotate, "Turn each object about +y by a random angle");
-  command->add_option("--resolution", options->resolution, "Pixels a side")
-      ->check(one_of({"16", "32", "64", "128", "256"}))
-      ->capture_default_str();
-  command->add_option("--spp", options->spp, "Samples per pixel")
-      ->check(kSppRange)
-      ->capture_default_str();
-  command->add_option("--seed", options->seed, "Of all choices")
-      ->check(kAnySeed)
-      ->capture_default_str();
-  command->add_option("--test-fraction", options->test_fraction, "Of shapes and images")
-      ->check(number_in(0.0, 1.0, Ends::kExcluded))
-      ->capture_default_str();
+  command->add_option("--resolution", options->resolution, "Pixels a side; default 128")
+      ->check(one_of({"16", "32", "64", "128", "256"}));
+  CLI::Option* spp = command->add_option("--spp", options->spp, "Samples per pixel; default 256")
+                         ->check(kSppRange);
+  command
+      ->add_option("--noise", options->noise,
+                   "Instead: as many samples for each image as bring its relative noise to this, "
+                   "e.g. 5%")
+      ->excludes(spp);
+  command->add_option("--seed", options->seed, "Of all choices; default 0")->check(kAnySeed);
+  command
+      ->add_option("--test-fraction", options->test_fraction, "Of shapes and images; default 0.25")
+      ->check(number_in(0.0, 1.0, Ends::kExcluded));
+  command
+      ->add_option("--validation-fraction", options->validation_fraction,
+                   "Likewise, 0 for none; default 0.1")
+      ->check(number_in(0.0, 0.99));
   command
       ->add_option("--train-azimuths", options->train_azimuths,
                    "Of the sun, in degrees, separated by commas; default 0,30,60,90")
@@ -248,13 +376,14 @@ void add_dataset_command(CLI::App& app) {
     command->add_option(flag, range, description)
         ->type_name("MIN MAX")
         ->check(limits)
-        ->excludes(grid)
-        ->default_str(fmt::format("{} {}", range.first, range.second));
+        ->excludes(grid);
   };
-  add_range("--sigma-t", options->sigma_t, "Of the materials, in 1/mm, log-uniform",
+  add_range("--sigma-t", options->sigma_t, "Of the materials, in 1/mm, log-uniform; default 30 276",
             number_in(kMinSigmaT, kMaxSigmaT));
-  add_range("--albedo", options->albedo, "Of the materials, uniform", number_in(0.0, 1.0));
-  add_range("--g", options->g, "Of the materials, uniform", number_in(-kMaxAbsG, kMaxAbsG));
+  add_range("--albedo", options->albedo, "Of the materials, uniform; default 0.39 0.95",
+            number_in(0.0, 1.0));
+  add_range("--g", options->g, "Of the materials, uniform; default 0 0.8",
+            number_in(-kMaxAbsG, kMaxAbsG));
   command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.DatasetSummary)");
   add_worker_flags(*command, options->workers);
   command->callback([options, command] { run(*options, *command); });

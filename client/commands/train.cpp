@@ -12,6 +12,7 @@
 #include "client/commands/command.h"
 #include "client/commands/options.h"
 #include "client/dataset/dataset.h"
+#include "client/dataset/dataset_config.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
@@ -291,7 +292,7 @@ void run(TrainOptions options, const CLI::App& command) {
   if (!there) {
     model = init ? *init
                  : fit_model(images, inputs.mean_radiance(),
-                             dataset.manifest().config().materials(), config);
+                             material_range(dataset.manifest().config()), config);
   }
   // Train.
   std::optional<RenderPool> pool;

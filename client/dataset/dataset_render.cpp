@@ -6,20 +6,23 @@
 #include <functional>
 #include <iterator>
 #include <map>
+#include <optional>
 #include <set>
-#include <tuple>
+#include <unordered_map>
 #include <utility>
 
 #include <fmt/format.h>
 #include <google/protobuf/util/message_differencer.h>
 #include <spdlog/spdlog.h>
 
+#include "client/dataset/noise.h"
 #include "client/render_pool/render_wait.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/folder_lock.h"
 #include "common/image/attributes.h"
 #include "common/image/image.h"
+#include "common/random.h"
 #include "common/rpc/wire_array.h"
 #include "server/tracer/render.h"
 
@@ -29,6 +32,9 @@ namespace fs = std::filesystem;
 namespace {
 
 using google::protobuf::util::MessageDifferencer;
+
+// Of an item's seed: not the random numbers of its image, nor of those it is compared with.
+constexpr uint64_t kPilotBranch = 2;
 
 // The first lines of what differs, e.g. "modified: spp: 64 -> 256"; empty if nothing does.
 template <typename Message>
@@ -52,24 +58,53 @@ Error another_dataset(const fs::path& folder, const std::string& differences) {
                   folder.string(), differences));
 }
 
+// The dataset that is there must be the beginning of the one that is planned. A shape whose digest
+// is not known before it is built has that of its file.
+void require_beginning(const v1::Dataset& there, v1::Dataset& planned, const fs::path& folder) {
+  // Items follow from the configuration and the shapes, so the configuration says it best.
+  require_same_config(there, planned.config(), folder);
+  for (int i = 0; i < std::min(there.shapes_size(), planned.shapes_size()); ++i) {
+    if (planned.shapes(i).sha256().empty()) {
+      planned.mutable_shapes(i)->set_sha256(there.shapes(i).sha256());
+    }
+  }
+  v1::Dataset beginning = planned;
+  beginning.mutable_config()->set_count(there.config().count());
+  if (beginning.items_size() > there.items_size()) {
+    beginning.mutable_items()->DeleteSubrange(there.items_size(),
+                                              beginning.items_size() - there.items_size());
+  }
+  const std::string differences = difference(there, beginning);
+  if (!differences.empty()) throw another_dataset(folder, differences);
+}
+
+void require_empty(const fs::path& folder) {
+  if (fs::exists(folder / "shapes")) return;  // a dataset that was stopped before its manifest
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    if (entry.path().filename() != FolderLock::kName) {
+      throw invalid_input(fmt::format("{} is not empty and holds no dataset; choose another folder",
+                                      folder.string()));
+    }
+  }
+}
+
+// Writes the shape's file, unless it is there. Each shape is built once, and held while it is
+// written.
+void write_shape(const std::function<std::string()>& to_file, const fs::path& folder,
+                 v1::DatasetShape& shape) {
+  if (!shape.sha256().empty() && holds_shape(folder, shape)) return;
+  const std::string bytes = to_file();
+  shape.set_sha256(to_hex(sha256(bytes)));
+  write_file_atomically(folder / shape.file(), bytes);
+}
+
 // Writes the manifest and the shapes, or finds them there.
-void set_up_folder(const DatasetPlan& plan, const fs::path& folder) {
+void set_up_folder(DatasetPlan& plan, const fs::path& folder, const std::stop_token& stop) {
   const fs::path manifest = folder / kManifestName;
   if (fs::exists(manifest)) {
-    const v1::Dataset there = read_manifest(manifest);
-    // Items follow from the configuration and the shapes, so the configuration says it best.
-    require_same_config(there, plan.manifest.config(), folder);
-    const std::string differences = difference(there, plan.manifest);
-    if (!differences.empty()) {
-      throw another_dataset(folder, differences);
-    }
-  } else if (!fs::exists(folder / "shapes")) {
-    for (const auto& entry : fs::directory_iterator(folder)) {
-      if (entry.path().filename() != FolderLock::kName) {
-        throw invalid_input(fmt::format(
-            "{} is not empty and holds no dataset; choose another folder", folder.string()));
-      }
-    }
+    require_beginning(read_manifest(manifest), plan.manifest, folder);
+  } else {
+    require_empty(folder);
   }
   std::error_code error;
   for (const char* name : {"images", "shapes"}) {
@@ -79,11 +114,10 @@ void set_up_folder(const DatasetPlan& plan, const fs::path& folder) {
                   fmt::format("cannot create {}: {}", (folder / name).string(), error.message()));
     }
   }
-  for (const v1::DatasetShape& shape : plan.manifest.shapes()) {
+  for (v1::DatasetShape& shape : *plan.manifest.mutable_shapes()) {
+    if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
     const auto to_file = plan.shape_files.find(shape.file());
-    if (to_file != plan.shape_files.end() && !holds_shape(folder, shape)) {
-      write_file_atomically(folder / shape.file(), to_file->second());
-    }
+    if (to_file != plan.shape_files.end()) write_shape(to_file->second, folder, shape);
   }
   write_file_atomically(manifest, to_text(plan.manifest));
 }
@@ -103,17 +137,29 @@ bool is_rendered(const DatasetReader& dataset, const v1::DatasetItem& item, cons
 
 // Items whose scenes are the same and whose materials differ in the albedo alone: one walk renders
 // them all. The first has the largest albedo. A group follows from the manifest, not from what is
-// missing, so that images do not depend on what was rendered when.
+// missing, so that images do not depend on what was rendered when. With a noise target there are
+// none: each image has samples of its own.
 using Group = std::vector<const v1::DatasetItem*>;
 
+// What the items of a group have in common.
+std::string group_key(v1::DatasetItem item) {
+  item.clear_file();
+  item.clear_seed();
+  item.mutable_material()->clear_albedo();
+  return item.SerializeAsString();
+}
+
 std::vector<Group> groups_of(const v1::Dataset& manifest) {
-  std::map<std::tuple<std::string, float, float, double, double>, size_t> open;  // by scene
+  const bool is_grid = manifest.config().materials().sampling() == v1::MaterialChoice::GRID;
+  const bool shared = is_grid && !manifest.config().has_noise();
+  std::unordered_map<std::string, size_t> open;
   std::vector<Group> groups;
   for (const v1::DatasetItem& item : manifest.items()) {
-    const auto [place, is_new] =
-        open.try_emplace({item.shape(), item.rotate_y_degrees(), item.sun_azimuth_degrees(),
-                          item.material().sigma_t(), item.material().g()},
-                         groups.size());
+    if (!shared) {
+      groups.push_back({&item});
+      continue;
+    }
+    const auto [place, is_new] = open.try_emplace(group_key(item), groups.size());
     if (is_new || groups[place->second].size() == 1 + tracer::kMaxAlbedos) {
       place->second = groups.size();
       groups.emplace_back();
@@ -125,32 +171,34 @@ std::vector<Group> groups_of(const v1::Dataset& manifest) {
                              [](const v1::DatasetItem* item) { return item->material().albedo(); });
   }
   // One shape after the other: each is loaded once, and workers that hold its mesh have use for it.
-  std::ranges::stable_sort(groups, {}, [](const Group& group) { return group.front()->shape(); });
+  std::ranges::stable_sort(
+      groups, {}, [](const Group& group) -> const std::string& { return group.front()->shape(); });
   return groups;
-}
-
-// The floor is not rendered: a network sees the object alone.
-RenderJob render_job(DatasetReader& dataset, const Group& group) {
-  const v1::DatasetItem& first = *group.front();
-  RenderJob job;
-  job.scene = dataset.scene(first);
-  *job.request.mutable_material() = first.material();
-  job.request.set_spp(dataset.manifest().config().spp());
-  job.request.set_seed(first.seed());
-  job.request.set_pixels(v1::OBJECT_PIXELS);
-  for (size_t i = 1; i < group.size(); ++i) {
-    job.request.add_albedos(group[i]->material().albedo());
-  }
-  return job;
 }
 
 uint64_t dropped(const v1::Counters& counters) {
   return counters.invalid_samples() + counters.leaks();
 }
 
+// What the header says of the item.
+std::map<std::string, Attribute> attributes_of(const v1::DatasetItem& item) {
+  std::map<std::string, Attribute> attributes = {
+      {attribute::kVersion, ITN_VERSION},
+      {attribute::kSigmaT, item.material().sigma_t()},
+      {attribute::kAlbedo, item.material().albedo()},
+      {attribute::kG, item.material().g()},
+      {attribute::kShape, item.shape()},
+      {attribute::kSplit, v1::Split_Name(item.split())},
+  };
+  if (item.light().has_sun_sky()) {
+    attributes[attribute::kSunAzimuth] = item.light().sun_sky().sun_azimuth_degrees();
+  }
+  return attributes;
+}
+
 // The image of the group's item number `member`. The noise is that of the first one's; those of
 // lower albedos have less.
-Image image_of(const DatasetReader& dataset, const Group& group, size_t member,
+Image image_of(const DatasetReader& dataset, const Group& group, size_t member, uint32_t spp,
                const v1::RenderGradReply& reply) {
   const v1::DatasetItem& item = *group[member];
   const v1::Estimate& estimate = reply.estimates(0);
@@ -161,21 +209,15 @@ Image image_of(const DatasetReader& dataset, const Group& group, size_t member,
       member == 0 ? estimate.radiance() : estimate.at_albedos(static_cast<int>(member) - 1));
   image.channels["mask.Y"] = from_bytes<float>(reply.mask());
   image.channels["stderr.Y"] = from_bytes<float>(reply.standard_error());
-  image.attributes = {
-      {attribute::kVersion, ITN_VERSION},
-      {attribute::kSigmaT, item.material().sigma_t()},
-      {attribute::kAlbedo, item.material().albedo()},
-      {attribute::kG, item.material().g()},
-      {attribute::kShape, item.shape()},
-      {attribute::kRotateY, item.rotate_y_degrees()},
-      {attribute::kSunAzimuth, item.sun_azimuth_degrees()},
-      {attribute::kSplit, v1::Split_Name(item.split())},
-      {attribute::kSeed, std::to_string(group.front()->seed())},
-      {attribute::kSpp, static_cast<int>(dataset.manifest().config().spp())},
-      {attribute::kInvalidSamples, static_cast<double>(reply.counters().invalid_samples())},
-      {attribute::kLeaks, static_cast<double>(reply.counters().leaks())},
-      {attribute::kItem, item_digest(dataset.manifest(), item)},
-  };
+  image.attributes = attributes_of(item);
+  image.attributes[attribute::kSeed] = std::to_string(group.front()->seed());
+  image.attributes[attribute::kSpp] = static_cast<int>(spp);
+  image.attributes[attribute::kRelativeNoise] =
+      relative_noise(image.channel("Y"), image.channel("stderr.Y"), image.channel("mask.Y"));
+  image.attributes[attribute::kInvalidSamples] =
+      static_cast<double>(reply.counters().invalid_samples());
+  image.attributes[attribute::kLeaks] = static_cast<double>(reply.counters().leaks());
+  image.attributes[attribute::kItem] = dataset.digest(item);
   return image;
 }
 
@@ -189,33 +231,136 @@ v1::RenderGradReply wait_or_say_how_far(std::future<v1::RenderGradReply>& reply,
   }
 }
 
-struct PendingGroup {
-  const Group* group;
-  std::future<v1::RenderGradReply> reply;
+// Renders groups one after the other, each after its pilot if there is a noise target, with enough
+// of both under way that no worker is ever idle.
+class GroupRenderer {
+ public:
+  GroupRenderer(DatasetReader& dataset, RenderPool& pool, std::deque<const Group*> waiting)
+      : dataset_(dataset),
+        pool_(pool),
+        waiting_(std::move(waiting)),
+        ahead_(2 * static_cast<size_t>(pool.parallelism()) + 1) {}
+
+  struct Rendered {
+    const Group* group;
+    uint32_t spp;
+    v1::RenderGradReply reply;
+  };
+
+  using Wait = std::function<v1::RenderGradReply(std::future<v1::RenderGradReply>&)>;
+
+  // The next one; nothing after the last.
+  std::optional<Rendered> next(const Wait& wait) {
+    while (pending_.size() < ahead_ && submit_next(wait)) {
+    }
+    if (pending_.empty()) return std::nullopt;
+    Pending front = std::move(pending_.front());
+    pending_.pop_front();
+    return Rendered{front.group, front.spp, wait(front.reply)};
+  }
+
+ private:
+  struct Pending {
+    const Group* group;
+    uint32_t spp;
+    std::shared_ptr<const SerializedScene> scene;  // of a pilot
+    std::future<v1::RenderGradReply> reply;
+  };
+
+  const v1::DatasetConfig& config() const { return dataset_.manifest().config(); }
+
+  bool submit_next(const Wait& wait) {
+    if (!config().has_noise()) {
+      if (waiting_.empty()) return false;
+      const Group& group = *waiting_.front();
+      waiting_.pop_front();
+      submit(group, dataset_.scene(*group.front()), config().spp());
+      return true;
+    }
+    while (!waiting_.empty() && pilots_.size() < ahead_) {
+      const Group& group = *waiting_.front();
+      waiting_.pop_front();
+      const auto scene = dataset_.scene(*group.front());
+      pilots_.push_back(
+          {&group, 0, scene, pool_.submit(pilot_job(scene, *group.front(), config().noise()))});
+    }
+    if (pilots_.empty()) return false;
+    Pending pilot = std::move(pilots_.front());
+    pilots_.pop_front();
+    const double noise = relative_noise(wait(pilot.reply));
+    submit(*pilot.group, pilot.scene, spp_for(config().noise(), noise));
+    return true;
+  }
+
+  void submit(const Group& group, const std::shared_ptr<const SerializedScene>& scene,
+              uint32_t spp) {
+    RenderJob job = render_job(scene, *group.front(), spp);
+    for (size_t i = 1; i < group.size(); ++i) {
+      job.request.add_albedos(group[i]->material().albedo());
+    }
+    pending_.push_back({&group, spp, nullptr, pool_.submit(std::move(job))});
+  }
+
+  DatasetReader& dataset_;
+  RenderPool& pool_;
+  std::deque<const Group*> waiting_;
+  size_t ahead_;
+  std::deque<Pending> pilots_, pending_;
 };
 
 }  // namespace
 
 void require_same_config(const v1::Dataset& there, const v1::DatasetConfig& wanted,
                          const fs::path& folder) {
-  const std::string differences = difference(there.config(), wanted);
+  if (wanted.count() < there.config().count()) {
+    throw invalid_input(
+        fmt::format("{} holds {} images, and {} are asked for; images can be added, not taken "
+                    "away: choose another folder",
+                    folder.string(), there.config().count(), wanted.count()));
+  }
+  v1::DatasetConfig same_count = wanted;
+  same_count.set_count(there.config().count());
+  const std::string differences = difference(there.config(), same_count);
   if (!differences.empty()) {
     throw another_dataset(folder, differences);
   }
 }
 
-DatasetProgress render_dataset(const DatasetPlan& plan, const fs::path& folder, RenderPool& pool,
+RenderJob render_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,
+                     uint32_t spp) {
+  RenderJob job{std::move(scene), {}};
+  *job.request.mutable_material() = item.material();
+  job.request.set_spp(spp);
+  job.request.set_seed(item.seed());
+  job.request.set_pixels(v1::OBJECT_PIXELS);
+  return job;
+}
+
+RenderJob pilot_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,
+                    const v1::NoiseTarget& target) {
+  RenderJob job = render_job(std::move(scene), item, target.pilot_spp());
+  job.request.set_seed(derive_seed(item.seed(), {kPilotBranch}));
+  return job;
+}
+
+double relative_noise(const v1::RenderGradReply& reply) {
+  return relative_noise(from_bytes<float>(reply.estimates(0).radiance()),
+                        from_bytes<float>(reply.standard_error()), from_bytes<float>(reply.mask()));
+}
+
+DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderPool& pool,
                                const std::function<void(const DatasetProgress&)>& report,
                                std::stop_token stop) {
   const FolderLock lock(folder, "itn dataset");
-  set_up_folder(plan, folder);
+  set_up_folder(plan, folder, stop);
+  plan = {};  // the reader has it
   for (const char* below : {"", "images", "shapes"}) {
     lock.remove_temporary_files(below);
   }
   DatasetReader dataset(folder);
   // Keep what is there.
   DatasetProgress progress;
-  progress.total = static_cast<size_t>(plan.manifest.items_size());
+  progress.total = static_cast<size_t>(dataset.manifest().items_size());
   const std::vector<Group> groups = groups_of(dataset.manifest());
   std::set<const v1::DatasetItem*> missing;
   std::deque<const Group*> waiting;
@@ -235,26 +380,24 @@ DatasetProgress render_dataset(const DatasetPlan& plan, const fs::path& folder, 
   }
   progress.done = progress.kept;
   report(progress);
-  // Render the rest, with enough jobs waiting that no worker is ever idle.
-  const size_t ahead = 2 * static_cast<size_t>(pool.parallelism()) + 1;
-  std::deque<PendingGroup> pending;
-  while (!waiting.empty() || !pending.empty()) {
-    while (!waiting.empty() && pending.size() < ahead) {
-      pending.push_back({waiting.front(), pool.submit(render_job(dataset, *waiting.front()))});
-      waiting.pop_front();
-    }
-    const Group& group = *pending.front().group;
-    const v1::RenderGradReply reply = wait_or_say_how_far(pending.front().reply, progress, stop);
-    progress.paths += reply.counters().paths();
-    progress.dropped += dropped(reply.counters());
+  // Render the rest.
+  GroupRenderer renderer(dataset, pool, std::move(waiting));
+  const auto wait = [&](std::future<v1::RenderGradReply>& reply) {
+    v1::RenderGradReply done = wait_or_say_how_far(reply, progress, stop);
+    progress.paths += done.counters().paths();
+    progress.dropped += dropped(done.counters());
+    return done;
+  };
+  while (const auto rendered = renderer.next(wait)) {
+    const Group& group = *rendered->group;
     for (size_t member = 0; member < group.size(); ++member) {
       if (missing.contains(group[member])) {
-        write_exr(folder / group[member]->file(), image_of(dataset, group, member, reply));
+        write_exr(folder / group[member]->file(),
+                  image_of(dataset, group, member, rendered->spp, rendered->reply));
         ++progress.done;
         report(progress);
       }
     }
-    pending.pop_front();
   }
   return progress;
 }

@@ -6,6 +6,7 @@
 #include <stop_token>
 
 #include "client/dataset/dataset.h"
+#include "client/dataset/plan.h"
 #include "client/render_pool/render_pool.h"
 
 namespace itn {
@@ -20,18 +21,31 @@ struct DatasetProgress {
 };
 
 // Throws Error (invalid input) that says what differs unless the dataset in the folder has this
-// configuration.
+// configuration, or would have it with more images.
 void require_same_config(const v1::Dataset& there, const v1::DatasetConfig& wanted,
                          const std::filesystem::path& folder);
 
+// The render of an item: of the object alone, as a network does not see the floor.
+RenderJob render_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,
+                     uint32_t spp);
+
+// The coarse render by which the samples of an item are chosen (noise.h), with random numbers of
+// its own.
+RenderJob pilot_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,
+                    const v1::NoiseTarget& target);
+
+// Of a reply's image.
+double relative_noise(const v1::RenderGradReply& reply);
+
 // Writes shapes and manifest, then renders what is missing. An image that is there and whole is
 // kept, so that a call that was interrupted or killed is continued by the next; images do not
-// depend on what was rendered when. `report` is called before the first image and after each.
+// depend on what was rendered when. A dataset that is there may be given more images: its own are
+// kept. `report` is called before the first image and after each.
 //
 // Throws Error: kInvalidInput if the folder holds a dataset of another configuration (says what
 // differs) or other files; kIo if another process renders there; kCancelled soon after a stop is
 // requested; and as RenderPool.
-DatasetProgress render_dataset(const DatasetPlan& plan, const std::filesystem::path& folder,
+DatasetProgress render_dataset(DatasetPlan plan, const std::filesystem::path& folder,
                                RenderPool& pool,
                                const std::function<void(const DatasetProgress&)>& report,
                                std::stop_token stop = {});

@@ -7,6 +7,7 @@
 
 #include "client/dataset/dataset.h"
 #include "common/material.h"
+#include "itn/v1/experiment.pb.h"
 
 namespace itn {
 

@@ -22,8 +22,8 @@ inline constexpr const char* kLeaks = "itn.leaks";
 // Of datasets.
 inline constexpr const char* kShape = "itn.shape";
 inline constexpr const char* kSplit = "itn.split";
-inline constexpr const char* kRotateY = "itn.rotate_y_degrees";
 inline constexpr const char* kSunAzimuth = "itn.sun_azimuth_degrees";
+inline constexpr const char* kRelativeNoise = "itn.relative_noise";  // of Y, on the object
 inline constexpr const char* kItem = "itn.item";  // which item of the manifest, a digest
 
 }  // namespace itn::attribute

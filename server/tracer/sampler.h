@@ -13,7 +13,7 @@
 //   n       kBoundary   whatever a BoundaryModel makes of u0 .. u4
 //
 // In the wavefront, film position and first flight are rather the three coordinates of a scrambled
-// Sobol sequence (wavefront/low_discrepancy.h), whose scrambles are drawn by kSequence.
+// Sobol sequence (common/low_discrepancy.h), whose scrambles are drawn by kSequence.
 #pragma once
 
 #include <array>

@@ -12,9 +12,9 @@
 #include <cstdint>
 #include <span>
 
+#include "common/low_discrepancy.h"
 #include "server/tracer/request.h"
 #include "server/tracer/sampler.h"
-#include "server/tracer/wavefront/low_discrepancy.h"
 #include "server/tracer/work_queue.h"
 
 HWY_BEFORE_NAMESPACE();

@@ -251,10 +251,10 @@ TEST_F(TrainingCommands, ADatasetOfManyShapesIsSummarised) {
   }
   const Finished finished =
       run({ITN, "dataset", folder_.path("data"), "--shapes", folder_.path("meshes"), "--count", "4",
-           "--resolution", "16", "--spp", "1"});
+           "--resolution", "16", "--spp", "1", "--validation-fraction", "0.2"});
   ASSERT_EQ(finished.exit_code, 0) << finished.errors;
   EXPECT_THAT(finished.output,
-              AllOf(HasSubstr("3 training images of 90 shapes"),
+              AllOf(HasSubstr("3 training images of 84 shapes"),
                     HasSubstr("1 test images of 30 shapes"), Not(HasSubstr("mesh1"))));
 }
 

@@ -1,7 +1,6 @@
 #include "client/dataset/dataset.h"
 
 #include <sys/stat.h>
-#include <time.h>
 
 #include <cmath>
 #include <fstream>
@@ -11,205 +10,18 @@
 
 #include <gmock/gmock.h>
 
-#include "client/dataset/dataset_render.h"
-#include "common/error.h"
+#include "client/dataset/distribution.h"
+#include "client/dataset/noise.h"
 #include "common/files/folder_lock.h"
-#include "common/geometry/shapes.h"
 #include "common/image/image.h"
+#include "common/rpc/wire_array.h"
+#include "tests/client/dataset/dataset_support.h"
 
 namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
 using testing::HasSubstr;
-
-std::vector<Shape> few_shapes() {
-  std::vector<Shape> shapes;
-  for (const ShapeInfo& info : builtin_shapes().first(5)) {
-    shapes.push_back(
-        describe_shape(std::string(info.name), [name = info.name] { return make_shape(name); }));
-  }
-  return shapes;
-}
-
-v1::DatasetConfig small_config() {
-  v1::DatasetConfig config = paper_config(16);
-  config.set_spp(2);
-  config.set_count(8);
-  config.set_seed(3);
-  return config;
-}
-
-void expect_error(ErrorKind kind, const std::string& message, const std::function<void()>& action) {
-  try {
-    action();
-    ADD_FAILURE() << "no error; expected: " << message;
-  } catch (const Error& error) {
-    EXPECT_EQ(error.kind(), kind);
-    EXPECT_THAT(error.what(), HasSubstr(message));
-  }
-}
-
-// --- The plan ---
-
-TEST(DatasetPlan, SplitsShareNoShapeAndNoIllumination) {
-  v1::DatasetConfig config = small_config();
-  config.set_count(200);
-  const v1::Dataset manifest = plan_dataset(config, few_shapes()).manifest;
-  std::set<std::string> shapes[2];
-  std::set<float> azimuths[2];
-  for (const v1::DatasetItem& item : manifest.items()) {
-    const size_t split = item.split() == v1::SPLIT_TEST ? 1 : 0;
-    shapes[split].insert(item.shape());
-    azimuths[split].insert(item.sun_azimuth_degrees());
-  }
-  EXPECT_EQ(shapes[0].size() + shapes[1].size(), 5);
-  EXPECT_EQ(azimuths[0].size(), 4);
-  EXPECT_EQ(azimuths[1].size(), 6);
-  for (const std::string& shape : shapes[1]) {
-    EXPECT_FALSE(shapes[0].contains(shape));
-  }
-  for (const float azimuth : azimuths[1]) {
-    EXPECT_FALSE(azimuths[0].contains(azimuth));
-  }
-}
-
-TEST(DatasetPlan, CountsAndSeeds) {
-  v1::DatasetConfig config = small_config();
-  config.set_count(40);
-  config.set_rotate(true);
-  const v1::Dataset manifest = plan_dataset(config, few_shapes()).manifest;
-  std::set<uint64_t> seeds;
-  std::set<float> rotations;
-  int test = 0;
-  for (const v1::DatasetItem& item : manifest.items()) {
-    seeds.insert(item.seed());
-    rotations.insert(item.rotate_y_degrees());
-    test += item.split() == v1::SPLIT_TEST ? 1 : 0;
-  }
-  EXPECT_EQ(manifest.items_size(), 40);
-  EXPECT_EQ(test, 10);
-  EXPECT_EQ(seeds.size(), 40);
-  EXPECT_EQ(rotations.size(), 40);
-}
-
-TEST(DatasetPlan, StratifiedMaterialsFillEveryStratumOnce) {
-  v1::DatasetConfig config = small_config();
-  config.set_count(80);
-  const v1::Dataset manifest = plan_dataset(config, few_shapes()).manifest;
-  std::set<int> sigma_t, albedo, g;
-  for (const v1::DatasetItem& item : manifest.items()) {
-    if (item.split() == v1::SPLIT_TRAIN) {
-      const auto stratum = [](double value, double min, double max) {
-        return static_cast<int>(60 * (value - min) / (max - min));
-      };
-      sigma_t.insert(stratum(std::log(item.material().sigma_t()), std::log(30), std::log(276)));
-      albedo.insert(stratum(item.material().albedo(), 0.39, 0.95));
-      g.insert(stratum(item.material().g(), 0, 0.8));
-    }
-  }
-  EXPECT_EQ(sigma_t.size(), 60);
-  EXPECT_EQ(albedo.size(), 60);
-  EXPECT_EQ(g.size(), 60);
-}
-
-TEST(DatasetPlan, GridIsThePapers) {
-  v1::DatasetConfig config = small_config();
-  config.set_sampling(v1::DatasetConfig::GRID);
-  config.set_count(0);
-  const std::vector<std::string> test{few_shapes()[0].name};
-  const v1::Dataset manifest = plan_dataset(config, few_shapes(), test).manifest;
-  // 300 materials; 4 shapes x 4 azimuths to train, 1 x 6 to test.
-  EXPECT_EQ(manifest.items_size(), 300 * (4 * 4 + 1 * 6));
-}
-
-TEST(DatasetPlan, IsAFunctionOfItsConfiguration) {
-  const v1::DatasetConfig config = small_config();
-  const std::string once = to_text(plan_dataset(config, few_shapes()).manifest);
-  EXPECT_EQ(to_text(plan_dataset(config, few_shapes()).manifest), once);
-  v1::DatasetConfig other = config;
-  other.set_seed(4);
-  EXPECT_NE(to_text(plan_dataset(other, few_shapes()).manifest), once);
-}
-
-TEST(DatasetPlan, SaysWhatIsWrong) {
-  struct Row {
-    const char* message;
-    std::function<void(v1::DatasetConfig&, std::vector<Shape>&, std::vector<std::string>&)> spoil;
-  };
-  const Row rows[] = {
-      {"sun azimuth 390 is in both splits",
-       [](auto& config, auto&, auto&) { config.set_test_azimuths_degrees(0, 390); }},
-      {"test fraction is 1", [](auto& config, auto&, auto&) { config.set_test_fraction(1); }},
-      {"range of albedo is [0.39, 1.2]",
-       [](auto& config, auto&, auto&) {
-         config.mutable_materials()->mutable_albedo()->set_max(1.2);
-       }},
-      {"range of g is [0.8, 0]; its minimum must not exceed its maximum",
-       [](auto& config, auto&, auto&) {
-         config.mutable_materials()->mutable_g()->set_min(0.8);
-         config.mutable_materials()->mutable_g()->set_max(0);
-       }},
-      {"leave one split without an image", [](auto& config, auto&, auto&) { config.set_count(1); }},
-      {"spp must be 1", [](auto& config, auto&, auto&) { config.set_spp(0); }},
-      {"there are 1 shapes", [](auto&, auto& shapes, auto&) { shapes.resize(1); }},
-      {"two shapes are called",
-       [](auto&, auto& shapes, auto&) { shapes[1].name = shapes[0].name; }},
-      {"no shape \"teapot\"", [](auto&, auto&, auto& test) { test = {"teapot"}; }},
-      {"no shape is left to train with",
-       [](auto&, auto& shapes, auto& test) {
-         for (const Shape& shape : shapes) {
-           test.push_back(shape.name);
-         }
-       }},
-  };
-  for (const Row& row : rows) {
-    v1::DatasetConfig config = small_config();
-    std::vector<Shape> shapes = few_shapes();
-    std::vector<std::string> test;
-    row.spoil(config, shapes, test);
-    expect_error(ErrorKind::kInvalidInput, row.message,
-                 [&] { plan_dataset(config, shapes, test); });
-  }
-}
-
-// --- On disk ---
-
-class DatasetFolder : public testing::Test {
- protected:
-  DatasetFolder() { fs::remove_all(folder_); }
-  ~DatasetFolder() override { fs::remove_all(folder_); }
-
-  DatasetProgress render(const DatasetPlan& plan, size_t stop_after = SIZE_MAX) const {
-    RenderPool pool({});
-    std::stop_source stop;
-    return render_dataset(
-        plan, folder_, pool,
-        [&](const DatasetProgress& p) {
-          if (p.done - p.kept >= stop_after) {
-            stop.request_stop();
-          }
-        },
-        stop.get_token());
-  }
-
-  std::map<std::string, std::string> files() const {
-    std::map<std::string, std::string> result;
-    for (const auto& entry : fs::recursive_directory_iterator(folder_)) {
-      if (entry.is_regular_file()) {
-        std::ostringstream content;
-        content << std::ifstream(entry.path(), std::ios::binary).rdbuf();
-        result[fs::relative(entry.path(), folder_)] = content.str();
-      }
-    }
-    return result;
-  }
-
-  fs::path folder_ =
-      fs::path(testing::TempDir()) /
-      (std::string("dataset-") + testing::UnitTest::GetInstance()->current_test_info()->name());
-  DatasetPlan plan_ = plan_dataset(small_config(), few_shapes());
-};
 
 TEST_F(DatasetFolder, ReadsBackWithTruthAndScene) {
   EXPECT_EQ(render(plan_).done, 8);
@@ -224,6 +36,10 @@ TEST_F(DatasetFolder, ReadsBackWithTruthAndScene) {
   EXPECT_EQ(file.attributes.at("itn.sigma_t"), Attribute(item.material().sigma_t()));
   EXPECT_EQ(file.attributes.at("itn.shape"), Attribute(item.shape()));
   EXPECT_EQ(file.attributes.at("itn.spp"), Attribute(2));
+  EXPECT_EQ(image.spp, 2);
+  EXPECT_EQ(image.relative_noise,
+            relative_noise(image.radiance, file.channel("stderr.Y"), image.mask));
+  EXPECT_GT(image.relative_noise, 0.02);
   // The scene renders to the same image.
   RenderPool pool({});
   RenderJob job{reader.scene(item), {}};
@@ -254,20 +70,16 @@ TEST_F(DatasetFolder, ContinuesWhereItWasStopped) {
 // Materials of a grid that differ in the albedo alone come from one walk, whichever is missing.
 TEST_F(DatasetFolder, AlbedosOfAGridShareTheirWalk) {
   v1::DatasetConfig config = small_config();
-  config.set_sampling(v1::DatasetConfig::GRID);
+  config.mutable_materials()->set_sampling(v1::MaterialChoice::GRID);
   config.set_count(0);
-  config.set_rotate(false);
-  for (auto* grid :
-       {config.mutable_grid_sigma_t(), config.mutable_grid_albedo(), config.mutable_grid_g()}) {
-    grid->Clear();
-  }
-  config.add_grid_sigma_t(60);
-  config.add_grid_g(0.2);
-  for (const double albedo : {0.4, 0.95, 0.8}) config.add_grid_albedo(albedo);
+  *config.mutable_materials()->mutable_sigma_t() = fixed(60);
+  *config.mutable_materials()->mutable_g() = fixed(0.2);
+  auto& albedos = *config.mutable_materials()->mutable_albedo()->mutable_one_of();
+  for (const double albedo : {0.4, 0.95, 0.8}) albedos.add_value(albedo);
   std::vector<Shape> shapes = few_shapes();
   shapes.resize(2);
-  const std::vector<std::string> test{shapes[0].name};
-  const DatasetPlan plan = plan_dataset(config, shapes, test);
+  config.add_test_shapes(shapes[0].name);
+  const DatasetPlan plan = plan_dataset(config, shapes);
   const DatasetProgress progress = render(plan);
   EXPECT_EQ(progress.done, static_cast<size_t>(plan.manifest.items_size()));
   // Object pixels times spp, once for three images.
@@ -302,6 +114,55 @@ TEST_F(DatasetFolder, RefusesAnotherConfiguration) {
   other.set_spp(3);
   expect_error(ErrorKind::kInvalidInput, "spp: 2 -> 3",
                [&] { render(plan_dataset(other, few_shapes())); });
+}
+
+TEST_F(DatasetFolder, IsGivenMoreImagesAndKeepsItsOwn) {
+  render(plan_);
+  const auto before = files();
+  // From its folder alone, and planned anew.
+  EXPECT_EQ(render(extended(read_manifest(folder_ / kManifestName), 11)).kept, 8);
+  v1::DatasetConfig more = small_config();
+  more.set_count(13);
+  const DatasetProgress progress = render(plan_dataset(more, few_shapes()));
+  EXPECT_EQ(progress.kept, 11);
+  EXPECT_EQ(progress.done, 13);
+  const auto after = files();
+  for (const auto& [name, content] : before) {
+    if (name != kManifestName) {
+      EXPECT_EQ(after.at(name), content) << name;
+    }
+  }
+  fs::remove_all(folder_);
+  render(plan_dataset(more, few_shapes()));
+  EXPECT_EQ(files(), after);  // as if it had been so large from the beginning
+  expect_error(ErrorKind::kInvalidInput, "holds 13 images, and 8 are asked for",
+               [&] { render(plan_); });
+  EXPECT_EQ(files(), after);
+}
+
+TEST_F(DatasetFolder, ImagesOfANoiseTargetAreAsNoisyAsItSays) {
+  v1::DatasetConfig config = small_config();
+  config.set_resolution(32);
+  config.clear_spp();
+  config.mutable_noise()->set_target(0.04);
+  set_defaults(config);
+  config.set_count(24);
+  render(plan_dataset(config, few_shapes()));
+  DatasetReader reader(folder_);
+  std::set<uint32_t> spp;
+  for (const v1::DatasetItem& item : reader.manifest().items()) {
+    const DatasetImage image = reader.image(item);
+    spp.insert(image.spp);
+    EXPECT_NEAR(std::log(image.relative_noise / 0.04), 0, 0.25) << item.file();
+  }
+  EXPECT_GT(spp.size(), 12);
+  EXPECT_GT(*spp.rbegin(), 2 * *spp.begin());
+  // A render of the item by what its header says is the same.
+  const v1::DatasetItem& item = reader.manifest().items(0);
+  const DatasetImage image = reader.image(item);
+  RenderPool pool({});
+  const auto reply = pool.submit(render_job(reader.scene(item), item, image.spp)).get();
+  EXPECT_EQ(from_bytes<float>(reply.estimates(0).radiance()), image.radiance);
 }
 
 TEST_F(DatasetFolder, RefusesAFolderOfSomethingElse) {
@@ -408,55 +269,6 @@ TEST_F(DatasetFolder, LoadsEachMeshWhenItIsNeeded) {
   for (const auto& [name, count] : loads) EXPECT_EQ(count, 2) << name;  // for its file
   render(plan);
   for (const auto& [name, count] : loads) EXPECT_EQ(count, 2) << name;
-}
-
-// --- Shapes ---
-
-double thread_cpu_seconds() {
-  timespec time{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
-}
-
-// Those built in are few and small: they are kept as they were written, not built again.
-TEST(BuiltinShapeSet, IsBuiltOnce) {
-  const double start = thread_cpu_seconds();
-  const ShapeSet set = builtin_shape_set();
-  const double described = thread_cpu_seconds();
-  size_t bytes = 0;
-  for (const Shape& shape : set.shapes) {
-    const std::string file = shape.to_file();
-    EXPECT_EQ(to_hex(sha256(file)), shape.sha256) << shape.name;
-    bytes += file.size();
-  }
-  EXPECT_EQ(set.shapes.size(), builtin_shapes().size());
-  EXPECT_LT(bytes, size_t{32} << 20);
-  EXPECT_LT(thread_cpu_seconds() - described, 0.5 * (described - start));
-}
-
-TEST_F(DatasetFolder, LoadsWhatItCanOfAFolderOfMeshes) {
-  fs::create_directories(folder_);
-  const char* tetrahedron =
-      "v 0 0 0\nv 2 0 0\nv 0 2 0\nv 0 0 2\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
-  std::ofstream(folder_ / "good.obj") << tetrahedron;
-  std::ofstream(folder_ / "open.obj") << "v 0 0 0\nv 2 0 0\nv 0 2 0\nf 1 3 2\n";
-  std::ofstream(folder_ / "notes.txt") << "not a mesh";
-  const ShapeSet set = load_shape_set(folder_);
-  ASSERT_EQ(set.shapes.size(), 1);
-  EXPECT_EQ(set.shapes[0].name, "good");
-  EXPECT_EQ(set.shapes[0].height, 1);
-  EXPECT_THAT(set.refused, testing::ElementsAre(HasSubstr("open.obj")));
-  const ShapeSet repaired = load_shape_set(folder_, true);  // a triangle alone bounds nothing
-  EXPECT_EQ(repaired.shapes.size(), 1);
-  EXPECT_THAT(repaired.refused, testing::ElementsAre(HasSubstr("cannot be repaired")));
-  std::ofstream(folder_ / "open.obj") << std::string(tetrahedron).substr(0, 56);
-  EXPECT_EQ(load_shape_set(folder_).shapes.size(), 1);
-  EXPECT_EQ(load_shape_set(folder_, true).shapes.size(), 2);
-  fs::remove(folder_ / "good.obj");
-  expect_error(ErrorKind::kInvalidInput, "can be used", [&] { load_shape_set(folder_); });
-  fs::remove(folder_ / "open.obj");
-  expect_error(ErrorKind::kInvalidInput, "holds no PLY", [&] { load_shape_set(folder_); });
-  expect_error(ErrorKind::kIo, "cannot read", [&] { load_shape_set(folder_ / "none"); });
 }
 
 }  // namespace

@@ -5,7 +5,9 @@
 
 #include <gmock/gmock.h>
 
+#include "client/dataset/dataset_config.h"
 #include "client/dataset/dataset_render.h"
+#include "client/dataset/plan.h"
 #include "client/picture.h"
 #include "common/geometry/shapes.h"
 
@@ -31,7 +33,7 @@ TEST(Evaluation, RerendersTheSamePixels) {
   const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "rerender";
   std::filesystem::remove_all(folder);
   v1::DatasetConfig config = paper_config(16);
-  config.set_spp(4);
+  config.set_spp(64);
   config.set_count(4);
   std::vector<Shape> shapes;
   for (const char* name : {"cube", "torus", "sphere"}) {
@@ -42,10 +44,11 @@ TEST(Evaluation, RerendersTheSamePixels) {
   DatasetReader dataset(folder);
   const v1::DatasetItem& item = *dataset.items(v1::SPLIT_TEST)[0];
   const Material truth{item.material().sigma_t(), item.material().albedo(), item.material().g()};
-  const std::vector<float> image = dataset.image(item).radiance;
-  const std::vector<float> again = rerender(dataset, pool, item, truth, 4, {});
+  const auto [image, mask, noise, spp] = dataset.image(item);
+  const std::vector<float> again = rerender(dataset, pool, item, truth, 64, {});
   int lit = 0;
   for (size_t p = 0; p < image.size(); ++p) {
+    if (mask[p] > 0 && mask[p] < 0.25) continue;  // at the edge, samples may miss the object
     EXPECT_EQ(again[p] > 0, image[p] > 0) << p;
     lit += image[p] > 0 ? 1 : 0;
   }

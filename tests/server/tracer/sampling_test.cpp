@@ -9,11 +9,11 @@
 #include <sstream>
 
 #include "common/error.h"
+#include "common/low_discrepancy.h"
 #include "server/tracer/lights/lights.h"
 #include "server/tracer/lights/sky_model.h"
 #include "server/tracer/phase.h"
 #include "server/tracer/sampler.h"
-#include "server/tracer/wavefront/low_discrepancy.h"
 #include "server/tracer/wavefront/wavefront.h"
 #include "tests/server/tracer/scenes.h"
 

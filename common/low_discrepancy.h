@@ -12,7 +12,7 @@
 #include <cstddef>
 #include <cstdint>
 
-namespace itn::tracer {
+namespace itn {
 
 constexpr uint32_t reversed_bits(uint32_t x) {
   x = (x & 0x55555555) << 1 | (x >> 1 & 0x55555555);
@@ -67,4 +67,4 @@ constexpr float scrambled_coordinate(uint32_t coordinate, uint32_t scramble) {
          0x1p-24F;
 }
 
-}  // namespace itn::tracer
+}  // namespace itn

@@ -1,0 +1,326 @@
+#include "client/dataset/dataset_config.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <iterator>
+#include <utility>
+#include <vector>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "client/dataset/distribution.h"
+#include "common/error.h"
+#include "common/files/read_file.h"
+#include "common/scene/material_proto.h"
+#include "common/scene/text_proto.h"
+
+namespace itn {
+namespace {
+
+using google::protobuf::FieldDescriptor;
+using google::protobuf::Message;
+
+// A preset is its difference from `paper`, which is the defaults; and so may a dataset file be.
+constexpr std::string_view kPaper =
+    R"(# The measurement set-up of Che et al., ICCP 2020: an object of 1 mm on a grey ground under a clear
+# sky with a widened sun, seen from 15 degrees above the horizon.
+count: 400
+resolution: 128
+spp: 256
+shapes { builtin {} }
+test_fraction: 0.25
+validation_fraction: 0.1
+pose { upright: 1 }
+camera {
+  pitch_degrees { fixed: 15 }
+  distance { fixed: 33.95 }
+  object_size { fixed: 0.6757 }
+  offset { fixed: 0 }
+}
+lights {
+  weight: 1
+  sun_sky {
+    azimuth_degrees { one_of { value: [0, 30, 60, 90] } }
+    test_azimuth_degrees { one_of { value: [10, 20, 40, 50, 70, 80] } }
+    elevation_degrees { fixed: 60 }
+    turbidity { fixed: 3 }
+    sun_angular_radius_degrees { fixed: 18.75 }
+  }
+}
+ground {
+  probability: 1
+  reflectance { fixed: 0.5 }
+}
+materials {
+  sampling: STRATIFIED
+  sigma_t { log_uniform { min: 30 max: 276 } }
+  albedo { uniform { min: 0.39 max: 0.95 } }
+  g { uniform { min: 0 max: 0.8 } }
+}
+)";
+
+constexpr std::string_view kOutdoor =
+    R"(# Any sun and sky, any ground, any way to stand, as photographs outdoors have them.
+count: 4000
+resolution: 64
+noise { target: 0.05 }
+shapes { random { count: 600 } }
+pose { turned: 3 any: 1 }
+camera {
+  pitch_degrees { uniform { min: 5 max: 50 } }
+  distance { log_uniform { min: 4 max: 40 } }
+  object_size { uniform { min: 0.55 max: 0.78 } }
+  offset { uniform { min: -0.04 max: 0.04 } }
+}
+lights {
+  sun_sky {
+    azimuth_degrees { uniform { min: 0 max: 360 } }
+    elevation_degrees { uniform { min: 10 max: 85 } }
+    turbidity { uniform { min: 2 max: 8 } }
+    # From nearly the real sun to one behind thin clouds.
+    sun_angular_radius_degrees { log_uniform { min: 1 max: 20 } }
+  }
+}
+ground {
+  probability: 0.9
+  reflectance { uniform { min: 0.05 max: 0.8 } }
+}
+materials {
+  sigma_t { log_uniform { min: 20 max: 400 } }
+  albedo { uniform { min: 0.3 max: 0.98 } }
+  g { uniform { min: -0.1 max: 0.9 } }
+}
+)";
+
+constexpr DatasetPreset kPresets[] = {
+    {"paper", "the set-up of Che et al. 2020", kPaper},
+    {"outdoor", "any sun and sky, ground, pose and camera", kOutdoor},
+};
+
+v1::DatasetConfig parsed(std::string_view text, const std::string& name) {
+  v1::DatasetConfig config;
+  parse_text_proto(std::string(text), name, config);
+  return config;
+}
+
+// Whether it is a group of choices, each of which has a default of its own.
+bool is_group(const Message& message) {
+  const auto* type = message.GetDescriptor();
+  for (int i = 0; i < type->field_count(); ++i) {
+    if (type->field(i)->message_type() == v1::Distribution::descriptor()) return true;
+  }
+  return false;
+}
+
+// Removes the default of all that the file has, so that the two can be merged.
+void make_way(Message& defaults, const Message& file) {
+  std::vector<const FieldDescriptor*> fields;
+  file.GetReflection()->ListFields(file, &fields);
+  const auto* reflection = defaults.GetReflection();
+  for (const FieldDescriptor* field : fields) {
+    if (!field->is_repeated() && field->message_type() != nullptr &&
+        reflection->HasField(defaults, field) &&
+        is_group(reflection->GetMessage(defaults, field))) {
+      make_way(*reflection->MutableMessage(&defaults, field),
+               file.GetReflection()->GetMessage(file, field));
+    } else {
+      reflection->ClearField(&defaults, field);
+    }
+  }
+}
+
+template <typename Choices>
+void merge_defaults(Choices& file, Choices defaults) {
+  make_way(defaults, file);
+  defaults.MergeFrom(file);
+  file = std::move(defaults);
+}
+
+// --- What is out of range ---
+
+void require(bool condition, const std::string& message) {
+  if (!condition) throw invalid_input(message);
+}
+
+void require_fraction(const char* name, double fraction) {
+  require(fraction >= 0 && fraction < 1,
+          fmt::format("the {} fraction is {}; it must be in [0, 1)", name, fraction));
+}
+
+void validate_samples(const v1::DatasetConfig& config) {
+  if (!config.has_noise()) {
+    require(config.spp() >= 1 && config.spp() <= 1 << 20,
+            fmt::format("spp is {}; spp must be 1 at least, {} at most", config.spp(), 1 << 20));
+    return;
+  }
+  const v1::NoiseTarget& noise = config.noise();
+  require(!config.has_spp(), "there is a noise target and spp; one of them says how many samples");
+  require(noise.target() > 0 && noise.target() <= 1,
+          fmt::format("noise.target is {}; it must be in (0, 1]", noise.target()));
+  require(noise.min_spp() >= 2 && noise.min_spp() <= noise.max_spp() && noise.max_spp() <= 1 << 20,
+          fmt::format("noise.min_spp and max_spp are {} and {}; they must rise, from 2 to {}",
+                      noise.min_spp(), noise.max_spp(), 1 << 20));
+  require(noise.pilot_spp() >= 2 && noise.pilot_spp() <= 1024,
+          fmt::format("noise.pilot_spp is {}; it must be in [2, 1024]", noise.pilot_spp()));
+}
+
+void validate_shapes(const v1::ShapeSource& shapes) {
+  constexpr uint32_t kMaxRandomShapes = 1'000'000;
+  require(!shapes.has_random() ||
+              (shapes.random().count() >= 2 && shapes.random().count() <= kMaxRandomShapes),
+          fmt::format("shapes.random.count is {}; it must be in [2, {}]", shapes.random().count(),
+                      kMaxRandomShapes));
+}
+
+void validate_pose(const v1::PoseChoice& pose) {
+  require(pose.upright() >= 0 && pose.turned() >= 0 && pose.any() >= 0 &&
+              pose.upright() + pose.turned() + pose.any() > 0 &&
+              std::isfinite(pose.upright() + pose.turned() + pose.any()),
+          "the weights of pose must be 0 at least, and not all 0");
+}
+
+// Lists of azimuths have none in common: turns by 360 degrees are the same illumination.
+void require_apart(const v1::SunSkyChoice& sun) {
+  if (!sun.has_test_azimuth_degrees() || !is_list(sun.azimuth_degrees()) ||
+      !is_list(sun.test_azimuth_degrees())) {
+    return;
+  }
+  const auto wrapped = [](double degrees) { return degrees - 360 * std::floor(degrees / 360); };
+  for (const double train : values_of(sun.azimuth_degrees())) {
+    for (const double test : values_of(sun.test_azimuth_degrees())) {
+      require(wrapped(train) != wrapped(test),
+              fmt::format("the sun azimuth {} is in both splits; they must share none", test));
+    }
+  }
+}
+
+void validate_light(const std::string& field, const v1::LightChoice& light) {
+  require(light.weight() >= 0 && std::isfinite(light.weight()),
+          fmt::format("{}.weight is {}; it must be above 0", field, light.weight()));
+  require(light.has_sun_sky(), fmt::format("{} says no light; it is a sun_sky", field));
+  const v1::SunSkyChoice& sun = light.sun_sky();
+  const std::string name = field + ".sun_sky.";
+  constexpr double kMaxAzimuth = 3600;
+  validate(name + "azimuth_degrees", sun.azimuth_degrees(), -kMaxAzimuth, kMaxAzimuth);
+  if (sun.has_test_azimuth_degrees()) {
+    validate(name + "test_azimuth_degrees", sun.test_azimuth_degrees(), -kMaxAzimuth, kMaxAzimuth);
+  }
+  validate(name + "elevation_degrees", sun.elevation_degrees(), 0, 90);
+  validate(name + "turbidity", sun.turbidity(), 1, 10);
+  validate(name + "sun_angular_radius_degrees", sun.sun_angular_radius_degrees(), 0.1, 45);
+  require_apart(sun);
+}
+
+void validate_grid(const v1::DatasetConfig& config) {
+  const v1::MaterialChoice& materials = config.materials();
+  require(is_list(materials.sigma_t()) && is_list(materials.albedo()) && is_list(materials.g()),
+          "a grid takes lists of sigma_t, albedo and g: one_of, or fixed");
+  const bool one_sun = config.lights_size() == 1 && config.lights(0).has_sun_sky();
+  const v1::SunSkyChoice& sun = config.lights(0).sun_sky();
+  require(one_sun && is_list(sun.azimuth_degrees()) &&
+              (!sun.has_test_azimuth_degrees() || is_list(sun.test_azimuth_degrees())),
+          "a grid takes one light, a sun_sky, with lists of azimuths: one_of, or fixed");
+  require(config.count() == 0,
+          fmt::format("count is {}; a grid says itself how many images there are", config.count()));
+}
+
+}  // namespace
+
+std::span<const DatasetPreset> dataset_presets() {
+  return kPresets;
+}
+
+const DatasetPreset& find_preset(std::string_view name) {
+  const auto* found = std::ranges::find(kPresets, name, &DatasetPreset::name);
+  if (found == std::end(kPresets)) {
+    std::vector<std::string_view> names;
+    for (const DatasetPreset& preset : kPresets) names.push_back(preset.name);
+    throw invalid_input(
+        fmt::format("there is no preset \"{}\"; there are {}", name, fmt::join(names, ", ")));
+  }
+  return *found;
+}
+
+v1::DatasetConfig preset_config(std::string_view name) {
+  v1::DatasetConfig config = parsed(find_preset(name).file, std::string(name));
+  set_defaults(config);
+  return config;
+}
+
+v1::DatasetConfig paper_config(uint32_t resolution) {
+  v1::DatasetConfig config = preset_config("paper");
+  config.set_resolution(resolution);
+  return config;
+}
+
+v1::DatasetConfig load_dataset_config(const std::filesystem::path& path) {
+  v1::DatasetConfig config = parsed(read_file(path, "dataset file"), path.string());
+  set_defaults(config);
+  return config;
+}
+
+void set_defaults(v1::DatasetConfig& config) {
+  v1::DatasetConfig defaults = parsed(kPaper, "paper");
+  // Of what excludes each other, the file has said which.
+  if (config.has_noise()) defaults.clear_spp();
+  if (config.materials().sampling() == v1::MaterialChoice::GRID) defaults.set_count(0);
+  // Each light, if the file has any; whose azimuths are those of the test, too, unless it says
+  // more.
+  for (v1::LightChoice& light : *config.mutable_lights()) {
+    if (light.weight() == 0) light.set_weight(1);
+    if (light.has_sun_sky()) {
+      v1::SunSkyChoice sun = defaults.lights(0).sun_sky();
+      if (light.sun_sky().has_azimuth_degrees()) sun.clear_test_azimuth_degrees();
+      merge_defaults(*light.mutable_sun_sky(), sun);
+    }
+  }
+  merge_defaults(config, defaults);
+  if (config.has_noise()) {
+    v1::NoiseTarget noise;
+    noise.set_min_spp(4);
+    noise.set_max_spp(4096);
+    noise.set_pilot_spp(8);
+    merge_defaults(*config.mutable_noise(), noise);
+  }
+}
+
+void validate(const v1::DatasetConfig& config) {
+  require(
+      std::ranges::count(std::array{16, 32, 64, 128, 256}, static_cast<int>(config.resolution())) ==
+          1,
+      fmt::format("the resolution is {}; it must be 16, 32, 64, 128 or 256", config.resolution()));
+  validate_samples(config);
+  require_fraction("test", config.test_fraction());
+  require_fraction("validation", config.validation_fraction());
+  require(config.test_fraction() + config.validation_fraction() < 1,
+          "the fractions of test and validation leave nothing to train with");
+  validate_shapes(config.shapes());
+  validate_pose(config.pose());
+  validate("pitch_degrees", config.camera().pitch_degrees(), 0, 89.9);
+  validate("distance", config.camera().distance(), 2, 1000);
+  validate("object_size", config.camera().object_size(), 0.05, 2);
+  validate("offset", config.camera().offset(), -0.5, 0.5);
+  for (int i = 0; i < config.lights_size(); ++i) {
+    validate_light(fmt::format("lights[{}]", i), config.lights(i));
+  }
+  require(
+      config.ground().probability() >= 0 && config.ground().probability() <= 1,
+      fmt::format("ground.probability is {}; it must be in [0, 1]", config.ground().probability()));
+  validate("reflectance", config.ground().reflectance(), 0, 1);
+  validate("sigma_t", config.materials().sigma_t(), kMinSigmaT, kMaxSigmaT);
+  validate("albedo", config.materials().albedo(), 0, 1);
+  validate("g", config.materials().g(), -kMaxAbsG, kMaxAbsG);
+  if (config.materials().sampling() == v1::MaterialChoice::GRID) validate_grid(config);
+}
+
+v1::MaterialRange material_range(const v1::DatasetConfig& config) {
+  v1::MaterialRange range;
+  *range.mutable_sigma_t() = range_of(config.materials().sigma_t());
+  *range.mutable_albedo() = range_of(config.materials().albedo());
+  *range.mutable_g() = range_of(config.materials().g());
+  return range;
+}
+
+}  // namespace itn

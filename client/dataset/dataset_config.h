@@ -1,0 +1,44 @@
+// Dataset files: what the images of a dataset are drawn from.
+#pragma once
+
+#include <filesystem>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "itn/v1/dataset.pb.h"
+
+namespace itn {
+
+struct DatasetPreset {
+  std::string_view name;
+  std::string_view description;  // one line
+  std::string_view file;         // a dataset file, with comments
+};
+
+std::span<const DatasetPreset> dataset_presets();
+
+// Throws Error (invalid input) that lists the names there are.
+const DatasetPreset& find_preset(std::string_view name);
+
+// With all defaults.
+v1::DatasetConfig preset_config(std::string_view name);
+
+// The preset `paper`: the set-up, materials and azimuths of Che et al. 2020.
+v1::DatasetConfig paper_config(uint32_t resolution);
+
+// Reads a dataset file; with all defaults. Throws Error: kIo; kInvalidInput with file, line and
+// column. Ranges are checked by validate().
+v1::DatasetConfig load_dataset_config(const std::filesystem::path& path);
+
+// Puts the default wherever a field is absent.
+void set_defaults(v1::DatasetConfig& config);
+
+// Throws Error (invalid input) that names what is out of range. For a configuration with all
+// defaults.
+void validate(const v1::DatasetConfig& config);
+
+// What materials can be drawn.
+v1::MaterialRange material_range(const v1::DatasetConfig& config);
+
+}  // namespace itn

@@ -1,0 +1,120 @@
+#include "client/dataset/item_scene.h"
+
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <numbers>
+
+#include "common/vec.h"
+
+namespace itn {
+namespace {
+
+constexpr double kRadiansPerDegree = std::numbers::pi / 180;
+
+v1::Vec3 to_proto(Vec3d v) {
+  v1::Vec3 proto;
+  proto.set_x(static_cast<float>(v.x));
+  proto.set_y(static_cast<float>(v.y));
+  proto.set_z(static_cast<float>(v.z));
+  return proto;
+}
+
+// Rodrigues' formula.
+Vec3d rotated(Vec3d v, const v1::Rotation& rotation) {
+  const Vec3d axis =
+      normalize(Vec3d{rotation.axis().x(), rotation.axis().y(), rotation.axis().z()});
+  const double angle = rotation.angle_degrees() * kRadiansPerDegree;
+  const double c = std::cos(angle), s = std::sin(angle);
+  return v * c + cross(axis, v) * s + axis * (dot(axis, v) * (1 - c));
+}
+
+struct Heights {
+  double min = std::numeric_limits<double>::infinity(), max = -min;
+};
+
+// Of the mesh, turned about the point `centre`.
+Heights heights_of(const v1::Triangles& triangles, const v1::Rotation& rotation, Vec3d centre) {
+  static_assert(std::endian::native == std::endian::little);
+  Heights heights;
+  const std::string& bytes = triangles.positions();
+  for (size_t at = 0; at + sizeof(float[3]) <= bytes.size(); at += sizeof(float[3])) {
+    float p[3];
+    std::memcpy(p, &bytes[at], sizeof p);
+    const double y = (rotated(Vec3d{p[0], p[1], p[2]} - centre, rotation) + centre).y;
+    heights.min = std::min(heights.min, y);
+    heights.max = std::max(heights.max, y);
+  }
+  return heights;
+}
+
+void add_translation(v1::Mesh& mesh, Vec3d offset) {
+  *mesh.add_transforms()->mutable_translate() = to_proto(offset);
+}
+
+// Puts the object into the scene. Returns its middle: of the mesh's box, turned with it.
+Vec3d add_object(v1::Scene& scene, const v1::DatasetItem& item, const v1::Triangles& triangles) {
+  v1::Mesh& mesh = *scene.mutable_object()->mutable_mesh();
+  *mesh.mutable_triangles() = triangles;
+  v1::Rotation rotation;  // none
+  rotation.mutable_axis()->set_y(1);
+  const Vec3d centre{0, heights_of(triangles, rotation, {}).max / 2, 0};
+  if (!item.has_rotation()) return centre;
+  rotation = item.rotation();
+  const bool about_y = rotation.axis().x() == 0 && rotation.axis().z() == 0;
+  if (about_y) {
+    *mesh.add_transforms()->mutable_rotate() = rotation;
+    return centre;
+  }
+  const double lift = -heights_of(triangles, rotation, centre).min;
+  const Vec3d set_down = centre + Vec3d{0, lift, 0};
+  add_translation(mesh, -centre);
+  *mesh.add_transforms()->mutable_rotate() = rotation;
+  add_translation(mesh, set_down);
+  return set_down;
+}
+
+void add_ground(v1::Scene& scene, float reflectance) {
+  v1::Surface& ground = *scene.add_surfaces();
+  ground.mutable_rectangle()->mutable_center();
+  ground.mutable_rectangle()->mutable_half_u()->set_x(20);
+  ground.mutable_rectangle()->mutable_half_v()->set_z(-20);
+  ground.set_reflectance(reflectance);
+}
+
+// From the object to the camera.
+Vec3d camera_direction(const v1::ItemCamera& camera) {
+  const double pitch = camera.pitch_degrees() * kRadiansPerDegree;
+  return {0, std::sin(pitch), -std::cos(pitch)};
+}
+
+void add_camera(v1::Scene& scene, const v1::ItemCamera& item, Vec3d middle) {
+  const Vec3d direction = camera_direction(item);
+  const double frame = 1 / item.object_size();  // side of the frame at the object, in mm
+  const Vec3d right = normalize(cross(-direction, Vec3d{0, 1, 0}));
+  const Vec3d up = cross(right, -direction);
+  v1::Camera& camera = *scene.mutable_camera();
+  *camera.mutable_origin() = to_proto(middle + direction * item.distance());
+  // What it looks at is moved the other way.
+  *camera.mutable_target() =
+      to_proto(middle - right * (item.offset_x() * frame) - up * (item.offset_y() * frame));
+  camera.set_fov_degrees(
+      static_cast<float>(2 * std::atan(frame / 2 / item.distance()) / kRadiansPerDegree));
+}
+
+}  // namespace
+
+v1::Scene scene_of(const v1::DatasetItem& item, const v1::Triangles& triangles,
+                   uint32_t resolution) {
+  v1::Scene scene;
+  const Vec3d middle = add_object(scene, item, triangles);
+  if (item.has_ground_reflectance()) add_ground(scene, item.ground_reflectance());
+  *scene.add_lights()->mutable_sun_sky() = item.light().sun_sky();
+  add_camera(scene, item.camera(), middle);
+  scene.mutable_film()->set_width(resolution);
+  scene.mutable_film()->set_height(resolution);
+  return scene;
+}
+
+}  // namespace itn

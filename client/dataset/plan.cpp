@@ -1,0 +1,459 @@
+#include "client/dataset/plan.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <numbers>
+#include <set>
+#include <utility>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "client/dataset/distribution.h"
+#include "client/dataset/sampler.h"
+#include "common/error.h"
+#include "common/low_discrepancy.h"
+#include "common/random.h"
+#include "common/scene/material_proto.h"
+
+namespace itn {
+namespace {
+
+// Branches of the tree of random choices below a dataset's seed. The order is part of what a
+// dataset is: new ones come last.
+enum Choice : uint64_t {
+  kSplitChoice,
+  kShape,
+  kMaterial,
+  kPoseKind,
+  kRotation,
+  kPitch,
+  kDistance,
+  kObjectSize,
+  kOffsetX,
+  kOffsetY,
+  kLightKind,
+  kLight,
+  kGround,
+  kReflectance,
+  kRenderSeed
+};
+
+void require(bool condition, const std::string& message) {
+  if (!condition) throw invalid_input(message);
+}
+
+// --- Splits ---
+
+// Takes `count` names off the end of `order`.
+std::vector<std::string> taken(std::vector<std::string>& order, size_t count) {
+  std::vector<std::string> names(order.end() - static_cast<std::ptrdiff_t>(count), order.end());
+  order.resize(order.size() - count);
+  return names;
+}
+
+size_t share_of(double fraction, size_t count) {
+  if (fraction == 0) return 0;
+  return std::max<size_t>(1,
+                          static_cast<size_t>(std::lround(fraction * static_cast<double>(count))));
+}
+
+// Takes those names out of `names`.
+std::vector<std::string> named(const google::protobuf::RepeatedPtrField<std::string>& wanted,
+                               std::vector<std::string>& names, const char* purpose) {
+  for (const std::string& name : wanted) {
+    require(std::ranges::count(names, name) == 1,
+            fmt::format("there is no shape \"{}\" to {} with; there are {}", name, purpose,
+                        fmt::join(names, ", ")));
+    std::erase(names, name);
+  }
+  return {wanted.begin(), wanted.end()};
+}
+
+// The place of an item in its split.
+struct Place {
+  v1::Split split;
+  uint64_t index;  // among the items of this split
+};
+
+// How many of the first `count` there are of a kind that has this part of them: the nearest number.
+uint64_t part_of(double fraction, uint64_t count) {
+  return static_cast<uint64_t>(std::floor(fraction * static_cast<double>(count) + 0.5));
+}
+
+// Splits come in turn as evenly as their fractions allow: first what is of the test, then, of the
+// rest, what is of the validation.
+Place place_of(const v1::DatasetConfig& config, uint64_t index) {
+  const uint64_t test = part_of(config.test_fraction(), index);
+  if (part_of(config.test_fraction(), index + 1) > test) return {v1::SPLIT_TEST, test};
+  const uint64_t rest = index - test;
+  const double fraction = config.validation_fraction() / (1 - config.test_fraction());
+  const uint64_t validation = part_of(fraction, rest);
+  if (part_of(fraction, rest + 1) > validation) return {v1::SPLIT_VALIDATION, validation};
+  return {v1::SPLIT_TRAIN, rest - validation};
+}
+
+// --- Numbers to choose by ---
+
+// A permutation of 0 .. count-1 that a seed selects, at one place: a Feistel network over the next
+// power of four, walked until it comes back into the range (Black and Rogaway, "Ciphers with
+// arbitrary finite domains", 2002).
+uint64_t permuted(uint64_t place, uint64_t count, uint64_t seed) {
+  const int half = std::max(1, static_cast<int>(std::bit_width(count - 1) + 1) / 2);
+  const uint64_t mask = (uint64_t{1} << half) - 1;
+  do {
+    uint64_t left = place >> half, right = place & mask;
+    for (uint64_t round = 0; round < 6; ++round) {
+      left ^= derive_seed(seed, {round, right}) & mask;
+      std::swap(left, right);
+    }
+    place = left << half | right;
+  } while (place >= count);
+  return place;
+}
+
+// The choices of one item.
+class Choices {
+ public:
+  Choices(const v1::DatasetConfig& config, Place place)
+      : seed_(derive_seed(config.seed(), {static_cast<uint64_t>(place.split)})),
+        index_(place.index) {}
+
+  // In [0, 1). Stretches of 64 items have one in each 64th, in an order that knows nothing of other
+  // choices. (Points of a sequence, shuffled for each choice as renderers do, would be spread more
+  // evenly yet, but neighbours go together from choice to choice, which a chi-square test sees.)
+  double number(uint64_t choice) const {
+    constexpr uint64_t kStrata = 64;
+    return (static_cast<double>(in_turn(choice, kStrata)) + random(choice).uniform()) / kStrata;
+  }
+
+  // What is in a list comes in turn.
+  float draw(uint64_t choice, const v1::Distribution& distribution) const {
+    const auto& list = distribution.one_of().value();
+    return static_cast<float>(
+        list.empty() ? quantile(distribution, number(choice))
+                     : list[static_cast<int>(in_turn(choice, static_cast<uint64_t>(list.size())))]);
+  }
+
+  // Three numbers that are spread evenly together: Owen-scrambled Sobol points.
+  std::array<double, 3> point(uint64_t choice) const {
+    SplitMix scrambles(derive_seed(seed_, {choice, index_ >> 32}));
+    std::array<double, 3> result;
+    std::ranges::transform(
+        sobol_point(static_cast<uint32_t>(index_)), result.begin(), [&](uint32_t coordinate) {
+          return owen_scrambled(coordinate, static_cast<uint32_t>(scrambles.next())) * 0x1p-32;
+        });
+    return result;
+  }
+
+  // One of `count`: all of them in an order of its own, then again in another.
+  uint64_t in_turn(uint64_t choice, uint64_t count) const {
+    return permuted(index_ % count, count, derive_seed(seed_, {choice, index_ / count}));
+  }
+
+  // Independent uniform numbers in [0, 1).
+  SplitMix random(uint64_t choice) const { return SplitMix(derive_seed(seed_, {choice, index_})); }
+
+ private:
+  uint64_t seed_;
+  uint64_t index_;
+};
+
+// The number of the weight that `u` in [0, 1) falls on.
+size_t weighted(std::span<const double> weights, double u) {
+  double sum = 0;
+  for (const double weight : weights) sum += weight;
+  u *= sum;
+  size_t last = 0;  // with a weight
+  for (size_t i = 0; i < weights.size(); ++i) {
+    if (weights[i] == 0) continue;
+    last = i;
+    if (u < weights[i]) break;
+    u -= weights[i];
+  }
+  return last;
+}
+
+// --- The choices ---
+
+v1::Material draw_material(const v1::MaterialChoice& materials, const Choices& choices) {
+  std::array<double, 3> u = choices.point(kMaterial);
+  if (materials.sampling() == v1::MaterialChoice::RANDOM) {
+    SplitMix random = choices.random(kMaterial);
+    for (double& number : u) number = random.uniform();
+  }
+  return to_proto({quantile(materials.sigma_t(), u[0]), quantile(materials.albedo(), u[1]),
+                   quantile(materials.g(), u[2])});
+}
+
+v1::Rotation about(double x, double y, double z, double degrees) {
+  v1::Rotation rotation;
+  rotation.mutable_axis()->set_x(static_cast<float>(x));
+  rotation.mutable_axis()->set_y(static_cast<float>(y));
+  rotation.mutable_axis()->set_z(static_cast<float>(z));
+  rotation.set_angle_degrees(static_cast<float>(degrees));
+  return rotation;
+}
+
+// A unit quaternion, every one as likely (Shoemake, "Uniform random rotations", Graphics Gems III).
+v1::Rotation any_rotation(const std::array<double, 3>& u) {
+  constexpr double kTurn = 2 * std::numbers::pi;
+  const double a = std::sqrt(1 - u[0]), b = std::sqrt(u[0]);
+  const double w = b * std::cos(kTurn * u[2]);
+  return about(a * std::sin(kTurn * u[1]), a * std::cos(kTurn * u[1]), b * std::sin(kTurn * u[2]),
+               2 * std::acos(std::clamp(w, -1.0, 1.0)) * 180 / std::numbers::pi);
+}
+
+void draw_pose(const v1::PoseChoice& pose, const Choices& choices, v1::DatasetItem& item) {
+  const double weights[] = {pose.upright(), pose.turned(), pose.any()};
+  const auto u = [&](uint64_t axis) { return choices.number(derive_seed(kRotation, {axis})); };
+  switch (weighted(weights, choices.number(kPoseKind))) {
+    case 0: return;
+    case 1: *item.mutable_rotation() = about(0, 1, 0, 360 * u(0)); return;
+    default: *item.mutable_rotation() = any_rotation({u(0), u(1), u(2)});
+  }
+}
+
+v1::ItemCamera draw_camera(const v1::CameraChoice& camera, const Choices& choices) {
+  v1::ItemCamera item;
+  item.set_pitch_degrees(choices.draw(kPitch, camera.pitch_degrees()));
+  item.set_distance(choices.draw(kDistance, camera.distance()));
+  item.set_object_size(choices.draw(kObjectSize, camera.object_size()));
+  item.set_offset_x(choices.draw(kOffsetX, camera.offset()));
+  item.set_offset_y(choices.draw(kOffsetY, camera.offset()));
+  return item;
+}
+
+const v1::Distribution& azimuths_of(const v1::SunSkyChoice& sun, v1::Split split) {
+  return split == v1::SPLIT_TEST && sun.has_test_azimuth_degrees() ? sun.test_azimuth_degrees()
+                                                                   : sun.azimuth_degrees();
+}
+
+// Those of one light are branches of its own.
+v1::SunSky draw_sun(const v1::SunSkyChoice& choice, v1::Split split, uint64_t light,
+                    const Choices& choices) {
+  const auto draw = [&](uint64_t number, const v1::Distribution& distribution) {
+    return choices.draw(derive_seed(kLight, {light, number}), distribution);
+  };
+  v1::SunSky sun;
+  sun.set_sun_azimuth_degrees(draw(0, azimuths_of(choice, split)));
+  sun.set_sun_elevation_degrees(draw(1, choice.elevation_degrees()));
+  sun.set_turbidity(draw(2, choice.turbidity()));
+  sun.set_sun_angular_radius_degrees(draw(3, choice.sun_angular_radius_degrees()));
+  return sun;
+}
+
+v1::ItemLight draw_light(const v1::DatasetConfig& config, v1::Split split, const Choices& choices) {
+  std::vector<double> weights;
+  for (const v1::LightChoice& light : config.lights()) weights.push_back(light.weight());
+  const size_t kind = weighted(weights, choices.number(kLightKind));
+  const v1::LightChoice& light = config.lights(static_cast<int>(kind));
+  v1::ItemLight item;
+  *item.mutable_sun_sky() = draw_sun(light.sun_sky(), split, kind, choices);
+  return item;
+}
+
+// All but the material; and the seed and the name, which are the item's own.
+v1::DatasetItem draw_scene(const v1::DatasetConfig& config, v1::Split split,
+                           const std::string& shape, const Choices& choices) {
+  v1::DatasetItem item;
+  item.set_split(split);
+  item.set_shape(shape);
+  draw_pose(config.pose(), choices, item);
+  *item.mutable_camera() = draw_camera(config.camera(), choices);
+  *item.mutable_light() = draw_light(config, split, choices);
+  const float reflectance = choices.draw(kReflectance, config.ground().reflectance());
+  if (choices.number(kGround) < config.ground().probability()) {
+    item.set_ground_reflectance(reflectance);
+  }
+  return item;
+}
+
+void set_number(v1::DatasetItem& item, const v1::DatasetConfig& config, uint64_t index) {
+  item.set_file(fmt::format("images/{:06}.exr", index));
+  item.set_seed(derive_seed(config.seed(), {kRenderSeed, index}));
+}
+
+// --- Grids ---
+
+std::vector<v1::Material> grid_materials(const v1::MaterialChoice& choice) {
+  std::vector<v1::Material> materials;
+  for (const double sigma_t : values_of(choice.sigma_t())) {
+    for (const double albedo : values_of(choice.albedo())) {
+      for (const double g : values_of(choice.g())) {
+        materials.push_back(to_proto({sigma_t, albedo, g}));
+      }
+    }
+  }
+  return materials;
+}
+
+// Every material with every azimuth and shape. What else is drawn is the same for all materials.
+void add_grid(v1::Dataset& manifest, v1::Split split, const std::vector<std::string>& shapes) {
+  const v1::DatasetConfig& config = manifest.config();
+  const std::vector<v1::Material> materials = grid_materials(config.materials());
+  const std::vector<double> azimuths = values_of(azimuths_of(config.lights(0).sun_sky(), split));
+  uint64_t scene = 0;
+  for (const std::string& shape : shapes) {
+    for (const double azimuth : azimuths) {
+      v1::DatasetItem item = draw_scene(config, split, shape, Choices(config, {split, scene++}));
+      item.mutable_light()->mutable_sun_sky()->set_sun_azimuth_degrees(static_cast<float>(azimuth));
+      for (const v1::Material& material : materials) {
+        *item.mutable_material() = material;
+        set_number(item, config, static_cast<uint64_t>(manifest.items_size()));
+        *manifest.add_items() = item;
+      }
+    }
+  }
+}
+
+// --- Datasets ---
+
+void add_shape(DatasetPlan& plan, const Shape& shape, v1::Split split) {
+  v1::DatasetShape& entry = *plan.manifest.add_shapes();
+  entry.set_name(shape.name);
+  entry.set_split(split);
+  entry.set_file(fmt::format("shapes/{}.mesh", shape.name));
+  entry.set_sha256(shape.sha256);
+  plan.shape_files[entry.file()] = shape.to_file;
+}
+
+bool is_grid(const v1::DatasetConfig& config) {
+  return config.materials().sampling() == v1::MaterialChoice::GRID;
+}
+
+void add_items(v1::Dataset& manifest, const ShapeSplit& shapes) {
+  const v1::DatasetConfig& config = manifest.config();
+  manifest.mutable_items()->Reserve(static_cast<int>(config.count()));
+  for (auto i = static_cast<uint64_t>(manifest.items_size()); i < config.count(); ++i) {
+    *manifest.add_items() = plan_item(config, shapes, i);
+  }
+}
+
+}  // namespace
+
+const std::vector<std::string>& ShapeSplit::of(v1::Split split) const {
+  return split == v1::SPLIT_TEST ? test : split == v1::SPLIT_VALIDATION ? validation : train;
+}
+
+ShapeSplit split_shapes(const v1::DatasetConfig& config, std::span<const Shape> shapes) {
+  std::set<std::string> unique;
+  for (const Shape& shape : shapes) {
+    require(unique.insert(shape.name).second,
+            fmt::format("two shapes are called \"{}\"; rename one of them", shape.name));
+  }
+  const size_t total = unique.size();
+  const size_t splits =
+      1 + (config.test_fraction() > 0 ? 1 : 0) + (config.validation_fraction() > 0 ? 1 : 0);
+  require(total >= splits,
+          fmt::format("there are {} shapes; training{}{} need one each at least, as they share "
+                      "none{}",
+                      total, config.validation_fraction() > 0 ? ", validation" : "",
+                      config.test_fraction() > 0 ? " and test" : "",
+                      total == 2 ? "; with --validation-fraction 0 two are enough" : ""));
+  std::vector<std::string> names(unique.begin(), unique.end());
+  ShapeSplit split;
+  split.test = named(config.test_shapes(), names, "test");
+  split.validation = named(config.validation_shapes(), names, "validate");
+  // The rest in a random order, of which those take what have none yet, and leave one.
+  std::vector<std::string> rest;
+  for (const uint32_t i : permutation(static_cast<uint32_t>(names.size()),
+                                      derive_seed(config.seed(), {kSplitChoice}))) {
+    rest.push_back(names[i]);
+  }
+  const auto fill = [&](std::vector<std::string>& part, double fraction, size_t others) {
+    if (!part.empty()) return;
+    const size_t free = rest.size() > others ? rest.size() - others : 0;
+    part = taken(rest, std::min(share_of(fraction, total), free));
+  };
+  fill(split.test, config.test_fraction(),
+       1 + (config.validation_fraction() > 0 && split.validation.empty() ? 1 : 0));
+  fill(split.validation, config.validation_fraction(), 1);
+  require(!rest.empty(), "no shape is left to train with");
+  require(config.validation_fraction() == 0 || !split.validation.empty(),
+          "no shape is left for validation; with --validation-fraction 0 there is none");
+  split.train = std::move(rest);
+  for (std::vector<std::string>* part : {&split.train, &split.validation, &split.test}) {
+    std::ranges::sort(*part);
+  }
+  return split;
+}
+
+ShapeSplit split_shapes(const v1::Dataset& manifest) {
+  ShapeSplit split;
+  for (const v1::DatasetShape& shape : manifest.shapes()) {
+    (shape.split() == v1::SPLIT_TEST         ? split.test
+     : shape.split() == v1::SPLIT_VALIDATION ? split.validation
+                                             : split.train)
+        .push_back(shape.name());
+  }
+  for (std::vector<std::string>* part : {&split.train, &split.validation, &split.test}) {
+    std::ranges::sort(*part);
+  }
+  return split;
+}
+
+v1::DatasetItem plan_item(const v1::DatasetConfig& config, const ShapeSplit& shapes,
+                          uint64_t index) {
+  const Place place = place_of(config, index);
+  const Choices choices(config, place);
+  const std::vector<std::string>& names = shapes.of(place.split);
+  v1::DatasetItem item =
+      draw_scene(config, place.split, names.at(choices.in_turn(kShape, names.size())), choices);
+  *item.mutable_material() = draw_material(config.materials(), choices);
+  set_number(item, config, index);
+  return item;
+}
+
+DatasetPlan plan_dataset(const v1::DatasetConfig& config, std::span<const Shape> shapes) {
+  validate(config);
+  require(config.test_fraction() > 0,
+          "the test fraction is 0; it must be in (0, 1), as a dataset is tested with");
+  DatasetPlan plan;
+  *plan.manifest.mutable_config() = config;
+  if (config.shapes().has_folder()) {  // it may move; its shapes stay with the dataset
+    plan.manifest.mutable_config()->mutable_shapes()->mutable_folder()->clear_path();
+  }
+  // Split the shapes.
+  const ShapeSplit split = split_shapes(config, shapes);
+  for (const Shape& shape : shapes) {
+    const auto is_of = [&](const std::vector<std::string>& part) {
+      return std::ranges::binary_search(part, shape.name);
+    };
+    add_shape(plan, shape,
+              is_of(split.test)         ? v1::SPLIT_TEST
+              : is_of(split.validation) ? v1::SPLIT_VALIDATION
+                                        : v1::SPLIT_TRAIN);
+  }
+  // Choose the items.
+  if (is_grid(config)) {
+    for (const v1::Split part : {v1::SPLIT_TRAIN, v1::SPLIT_VALIDATION, v1::SPLIT_TEST}) {
+      add_grid(plan.manifest, part, split.of(part));
+    }
+    return plan;
+  }
+  const uint64_t test = part_of(config.test_fraction(), config.count());
+  require(test >= 1 && test < config.count(),
+          fmt::format("of {} images, with a test fraction of {}, {} are to test with; training "
+                      "and test need one each at least: choose more images, or another fraction",
+                      config.count(), config.test_fraction(), test));
+  add_items(plan.manifest, split);
+  return plan;
+}
+
+DatasetPlan extended(const v1::Dataset& there, uint32_t count) {
+  const v1::DatasetConfig& config = there.config();
+  require(!is_grid(config), "a grid of materials is complete as it is; it takes no count");
+  require(count >= config.count(),
+          fmt::format("there are {} images already, and {} are asked for; images can be added, not "
+                      "taken away: choose another folder",
+                      config.count(), count));
+  DatasetPlan plan{there, {}};
+  plan.manifest.mutable_config()->set_count(count);
+  add_items(plan.manifest, split_shapes(there));
+  return plan;
+}
+
+}  // namespace itn

@@ -1,0 +1,136 @@
+#include "client/dataset/shape_set.h"
+
+#include <algorithm>
+#include <cctype>
+#include <memory>
+#include <utility>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <spdlog/spdlog.h>
+
+#include "common/error.h"
+#include "common/geometry/mesh_file.h"
+#include "common/geometry/mesh_repair.h"
+#include "common/geometry/random_shape.h"
+#include "common/geometry/shapes.h"
+#include "common/scene/scene_bytes.h"
+
+namespace itn {
+namespace fs = std::filesystem;
+
+namespace {
+
+bool is_mesh_file(const fs::path& path) {
+  std::string extension = path.extension().string();
+  std::ranges::transform(extension, extension.begin(),
+                         [](unsigned char c) { return std::tolower(c); });
+  return extension == ".ply" || extension == ".obj" || extension == ".stl";
+}
+
+std::vector<fs::path> mesh_files(const fs::path& folder) {
+  std::error_code error;
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(folder, error)) {
+    if (entry.is_regular_file() && is_mesh_file(entry.path())) {
+      files.push_back(entry.path());
+    }
+  }
+  if (error) {
+    throw Error(ErrorKind::kIo,
+                fmt::format("cannot read {}: {}", folder.string(), error.message()));
+  }
+  std::ranges::sort(files);
+  return files;
+}
+
+// `say`: what was repaired, if anything was.
+Mesh load_shape(const fs::path& file, bool repair, bool say) {
+  Mesh mesh = load_mesh(file);
+  const std::string name = file.string();
+  if (repair) {
+    MeshRepair done = repaired(mesh, name);
+    if (say && done.changed()) spdlog::warn("{} is repaired: {}", name, done.describe());
+    mesh = std::move(done.mesh);
+  } else {
+    require_closed(mesh, name, "--repair");
+  }
+  return normalized(mesh);
+}
+
+// The bytes of its file in a dataset.
+std::string serialized(const Mesh& mesh) {
+  v1::Mesh proto;
+  set_triangles(proto, mesh);
+  return proto.triangles().SerializeAsString();
+}
+
+Shape described(std::string name, const std::string& bytes, std::function<std::string()> to_file) {
+  return {.name = std::move(name), .sha256 = to_hex(sha256(bytes)), .to_file = std::move(to_file)};
+}
+
+}  // namespace
+
+Shape describe_shape(std::string name, std::function<Mesh()> load) {
+  const std::string bytes = serialized(load());
+  return described(std::move(name), bytes, [load = std::move(load)] { return serialized(load()); });
+}
+
+Shape describe_shape(std::string name, const Mesh& mesh) {
+  const auto bytes = std::make_shared<const std::string>(serialized(mesh));
+  return described(std::move(name), *bytes, [bytes] { return *bytes; });
+}
+
+ShapeSet builtin_shape_set() {
+  ShapeSet set;
+  for (const ShapeInfo& info : builtin_shapes()) {
+    set.shapes.push_back(describe_shape(std::string(info.name), make_shape(info.name)));
+  }
+  std::ranges::sort(set.shapes, {}, &Shape::name);
+  return set;
+}
+
+ShapeSet load_shape_set(const fs::path& folder, bool repair) {
+  ShapeSet set;
+  for (const fs::path& file : mesh_files(folder)) {
+    try {
+      const auto load = [file, repair, first = true]() mutable {
+        return load_shape(file, repair, std::exchange(first, false));
+      };
+      set.shapes.push_back(describe_shape(file.stem().string(), load));
+    } catch (const Error& error) {
+      set.refused.emplace_back(error.what());
+    }
+  }
+  if (set.shapes.empty()) {
+    throw invalid_input(set.refused.empty()
+                            ? fmt::format("{} holds no PLY, OBJ or STL file", folder.string())
+                            : fmt::format("no mesh in {} can be used:\n  {}", folder.string(),
+                                          fmt::join(set.refused, "\n  ")));
+  }
+  return set;
+}
+
+ShapeSet random_shape_set(uint32_t count, uint64_t seed) {
+  ShapeSet set;
+  for (uint64_t i = 0; i < count; ++i) {
+    const auto to_file = [shape_seed = random_shape_seed(seed, i)] {
+      return serialized(random_shape(shape_seed));
+    };
+    set.shapes.push_back({.name = random_shape_name(seed, i), .sha256 = "", .to_file = to_file});
+  }
+  std::ranges::sort(set.shapes, {}, &Shape::name);
+  return set;
+}
+
+ShapeSet shape_set(const v1::ShapeSource& source) {
+  switch (source.kind_case()) {
+    case v1::ShapeSource::kFolder:
+      return load_shape_set(source.folder().path(), source.folder().repair());
+    case v1::ShapeSource::kRandom:
+      return random_shape_set(source.random().count(), source.random().seed());
+    default: return builtin_shape_set();
+  }
+}
+
+}  // namespace itn

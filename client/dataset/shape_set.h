@@ -1,0 +1,46 @@
+// The objects of a dataset.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "common/geometry/mesh.h"
+#include "itn/v1/dataset.pb.h"
+
+namespace itn {
+
+// A closed mesh, longest side 1 mm, standing on y = 0. It is loaded when it is needed, unless it is
+// small enough to be kept.
+struct Shape {
+  std::string name;
+  std::string sha256;  // of the file's bytes, in hexadecimal; empty: not known before it is made
+  std::function<std::string()> to_file;  // the bytes of its file in a dataset; may throw Error
+};
+
+// Loads the mesh once to look at it, and again for its file. Throws what `load` throws.
+Shape describe_shape(std::string name, std::function<Mesh()> load);
+
+// Keeps the bytes of the file.
+Shape describe_shape(std::string name, const Mesh& mesh);
+
+struct ShapeSet {
+  std::vector<Shape> shapes;         // in the order of their names
+  std::vector<std::string> refused;  // one message for each file that cannot be used
+};
+
+ShapeSet builtin_shape_set();
+
+// The PLY, OBJ and STL files in a folder (not its subfolders), normalised. Throws Error: kIo (no
+// such folder), kInvalidInput (none of them can be used: says why for each). With `repair`, those
+// that are nearly closed are closed (mesh_repair.h), and what was changed is logged.
+ShapeSet load_shape_set(const std::filesystem::path& folder, bool repair = false);
+
+// The first of an endless family (random_shape.h). None is built before its file is asked for.
+ShapeSet random_shape_set(uint32_t count, uint64_t seed);
+
+// Whatever the source says. Throws as these.
+ShapeSet shape_set(const v1::ShapeSource& source);
+
+}  // namespace itn

@@ -1,0 +1,120 @@
+#include "client/dataset/dataset_config.h"
+
+#include <fstream>
+
+#include "client/dataset/distribution.h"
+#include "common/scene/text_proto.h"
+#include "tests/client/dataset/dataset_support.h"
+
+namespace itn {
+namespace {
+
+v1::DatasetConfig parsed(const std::string& text) {
+  v1::DatasetConfig config;
+  parse_text_proto(text, "test", config);
+  set_defaults(config);
+  return config;
+}
+
+TEST(Distribution, QuantilesAndRanges) {
+  v1::Distribution list;
+  for (const double value : {3, 1, 2}) list.mutable_one_of()->add_value(value);
+  EXPECT_EQ(quantile(fixed(7), 0.3), 7);
+  EXPECT_DOUBLE_EQ(quantile(uniform(2, 4), 0.25), 2.5);
+  EXPECT_DOUBLE_EQ(quantile(log_uniform(1, 100), 0.5), 10);
+  EXPECT_EQ(quantile(list, 0), 3);
+  EXPECT_EQ(quantile(list, 0.34), 1);
+  EXPECT_EQ(quantile(list, 0.999999), 2);
+  EXPECT_EQ(range_of(list).min(), 1);
+  EXPECT_EQ(range_of(list).max(), 3);
+  EXPECT_EQ(range_of(fixed(7)).max(), 7);
+}
+
+TEST(Distribution, SaysWhatIsWrong) {
+  const auto expect = [](const std::string& message, const v1::Distribution& distribution) {
+    expect_error(ErrorKind::kInvalidInput, message, [&] { validate("x", distribution, -1, 10); });
+  };
+  v1::Distribution list;
+  list.mutable_one_of();
+  expect("x is 11; it must be in [-1, 10]", fixed(11));
+  expect("x is nan", fixed(NAN));
+  expect("range of x is [4, 2]; its minimum must not exceed its maximum", uniform(4, 2));
+  expect("range of x is [4, 20]; it must lie in [-1, 10]", uniform(4, 20));
+  expect("logarithm needs a minimum above 0", log_uniform(0, 2));
+  expect("x is one of an empty list", list);
+  expect("one of fixed, uniform, log_uniform and one_of", {});
+}
+
+TEST(DatasetConfig, PresetsAreValidAndReadBackEqual) {
+  for (const DatasetPreset& preset : dataset_presets()) {
+    v1::DatasetConfig config = preset_config(preset.name);
+    EXPECT_NO_THROW(validate(config)) << preset.name;
+    EXPECT_EQ(to_text_proto(parsed(to_text_proto(config))), to_text_proto(config)) << preset.name;
+  }
+  expect_error(ErrorKind::kInvalidInput, "no preset \"indoor\"; there are paper, outdoor",
+               [] { find_preset("indoor"); });
+}
+
+TEST(DatasetConfig, WhatIsAbsentIsThePapers) {
+  EXPECT_EQ(to_text_proto(parsed("")), to_text_proto(preset_config("paper")));
+  const v1::DatasetConfig config = parsed(
+      "camera { distance { fixed: 5 } } materials { albedo { uniform { max: 0.5 } } }"
+      "pose { turned: 1 } lights { sun_sky { azimuth_degrees { fixed: 7 } } }"
+      "lights { weight: 3 sun_sky { turbidity { fixed: 2 } } }");
+  EXPECT_EQ(config.camera().distance().fixed(), 5);
+  EXPECT_EQ(config.camera().pitch_degrees().fixed(), 15);
+  EXPECT_EQ(config.materials().albedo().uniform().min(), 0);  // not the default's
+  EXPECT_EQ(config.materials().sigma_t().log_uniform().max(), 276);
+  EXPECT_EQ(config.pose().upright(), 0);
+  ASSERT_EQ(config.lights_size(), 2);
+  EXPECT_EQ(config.lights(0).weight(), 1);
+  EXPECT_FALSE(config.lights(0).sun_sky().has_test_azimuth_degrees());  // as those of training
+  EXPECT_EQ(config.lights(1).sun_sky().test_azimuth_degrees().one_of().value_size(), 6);
+  EXPECT_EQ(config.lights(1).sun_sky().azimuth_degrees().one_of().value_size(), 4);
+}
+
+TEST(DatasetConfig, NoiseTakesThePlaceOfSpp) {
+  const v1::DatasetConfig config = parsed("noise { target: 0.05 max_spp: 99 }");
+  EXPECT_FALSE(config.has_spp());
+  EXPECT_EQ(config.noise().max_spp(), 99);
+  EXPECT_EQ(config.noise().pilot_spp(), 8);
+  EXPECT_NO_THROW(validate(config));
+  expect_error(ErrorKind::kInvalidInput, "noise target and spp",
+               [] { validate(parsed("noise { target: 0.05 } spp: 16")); });
+}
+
+TEST(DatasetConfig, ATypoIsAnErrorWithLineAndColumn) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "dataset-with-a-typo.textproto";
+  std::ofstream(path) << "count: 5\ncamera {\n  pitsch_degrees { fixed: 3 }\n}\n";
+  expect_error(ErrorKind::kInvalidInput,
+               path.string() + ":3:18: ", [&] { load_dataset_config(path); });
+  std::filesystem::remove(path);
+  expect_error(ErrorKind::kIo, "cannot read", [&] { load_dataset_config(path); });
+}
+
+TEST(DatasetConfig, SaysWhatIsOutOfRange) {
+  const std::pair<const char*, const char*> rows[] = {
+      {"resolution: 48", "resolution is 48"},
+      {"materials { albedo { uniform { min: 0.39 max: 1.2 } } }", "range of albedo is [0.39, 1.2]"},
+      {"materials { g { uniform { min: 0.8 } } }", "range of g is [0.8, 0]"},
+      {"lights { sun_sky { azimuth_degrees { one_of { value: [30] } }"
+       " test_azimuth_degrees { fixed: 390 } } }",
+       "sun azimuth 390 is in both splits"},
+      {"lights { sun_sky { turbidity { fixed: 11 } } }", "lights[0].sun_sky.turbidity is 11"},
+      {"shapes { random { count: 1 } }", "shapes.random.count is 1"},
+      {"lights { weight: 1 }", "lights[0] says no light"},
+      {"pose { turned: -1 }", "weights of pose"},
+      {"ground { probability: 2 }", "ground.probability is 2"},
+      {"camera { pitch_degrees { fixed: 90 } }", "pitch_degrees is 90"},
+      {"test_fraction: 0.5 validation_fraction: 0.5", "leave nothing to train with"},
+      {"noise { target: 5 }", "noise.target is 5; it must be in (0, 1]"},
+      {"noise { target: 0.1 min_spp: 1 }", "noise.min_spp"},
+      {"materials { sampling: GRID }", "a grid takes lists"},
+  };
+  for (const auto& [file, message] : rows) {
+    expect_error(ErrorKind::kInvalidInput, message, [&] { validate(parsed(file)); });
+  }
+}
+
+}  // namespace
+}  // namespace itn

@@ -1,0 +1,108 @@
+#include "client/dataset/item_scene.h"
+
+#include <cmath>
+#include <numbers>
+
+#include "client/dataset/plan.h"
+#include "common/geometry/mesh.h"
+#include "common/rpc/wire_array.h"
+#include "common/scene/scene_bytes.h"
+#include "server/render/mesh_builder.h"
+#include "tests/client/dataset/dataset_support.h"
+
+namespace itn {
+namespace {
+
+v1::Triangles triangles_of(const char* shape) {
+  v1::Mesh proto;
+  set_triangles(proto, make_shape(shape));
+  return proto.triangles();
+}
+
+Mesh object_of(const v1::Scene& scene) {
+  return MeshBuilder(1 << 20).build("object.mesh", scene.object().mesh());
+}
+
+v1::DatasetItem upright_item() {
+  v1::DatasetItem item;
+  item.mutable_camera()->set_pitch_degrees(20);
+  item.mutable_camera()->set_distance(10);
+  item.mutable_camera()->set_object_size(0.5F);
+  item.mutable_light()->mutable_sun_sky()->set_sun_azimuth_degrees(70);
+  item.set_ground_reflectance(0.25F);
+  return item;
+}
+
+TEST(ItemScene, StandsOnTheGroundHoweverItIsTurned) {
+  const v1::Triangles triangles = triangles_of("figure");
+  v1::DatasetConfig config = preset_config("outdoor");
+  config.mutable_pose()->Clear();
+  config.mutable_pose()->set_any(1);
+  const ShapeSplit shapes{{"figure"}, {"figure"}, {"figure"}};
+  const double height = bounds(make_shape("figure")).max.y;
+  for (uint64_t i = 0; i < 20; ++i) {
+    const v1::DatasetItem item = plan_item(config, shapes, i);
+    const Mesh mesh = object_of(scene_of(item, triangles, 64));
+    EXPECT_NEAR(bounds(mesh).min.y, 0, 1e-5) << i;
+    EXPECT_NEAR(signed_volume(mesh), signed_volume(make_shape("figure")), 1e-5) << i;
+    // The middle of its box goes with it, and the camera looks there.
+    const v1::Scene scene = scene_of(item, triangles, 64);
+    const v1::Vec3& middle = scene.object().mesh().transforms(2).translate();
+    EXPECT_EQ(middle.x(), 0);
+    EXPECT_GT(middle.y(), 0.05);
+    EXPECT_LT(middle.y(), 1);
+    const double frame = 1 / item.camera().object_size();
+    const double miss = std::hypot(item.camera().offset_x(), item.camera().offset_y()) * frame;
+    const Vec3d target{scene.camera().target().x(), scene.camera().target().y(),
+                       scene.camera().target().z()};
+    EXPECT_NEAR(length(target - Vec3d{0, middle.y(), 0}), miss, 1e-5);
+  }
+  v1::DatasetItem turned = upright_item();
+  turned.mutable_rotation()->mutable_axis()->set_y(1);
+  turned.mutable_rotation()->set_angle_degrees(90);
+  const Mesh mesh = object_of(scene_of(turned, triangles, 64));
+  const Mesh before = make_shape("figure");
+  EXPECT_NEAR(bounds(mesh).max.y, height, 1e-6);
+  EXPECT_NEAR(mesh.vertices[5].x, before.vertices[5].z, 1e-6);  // counter-clockwise from above
+}
+
+TEST(ItemScene, AMillimetreTakesItsPartOfTheFrame) {
+  v1::DatasetItem item = upright_item();
+  const v1::Scene scene = scene_of(item, triangles_of("cube"), 64);
+  const v1::Camera& camera = scene.camera();
+  EXPECT_FLOAT_EQ(camera.target().y(), 0.5F);
+  EXPECT_NEAR(camera.origin().y(), 0.5 + 10 * std::sin(20 * std::numbers::pi / 180), 1e-5);
+  EXPECT_NEAR(camera.origin().z(), -10 * std::cos(20 * std::numbers::pi / 180), 1e-5);
+  EXPECT_NEAR(2 * 10 * std::tan(camera.fov_degrees() / 2 * std::numbers::pi / 180), 2, 1e-5);
+  EXPECT_EQ(scene.surfaces(0).reflectance(), 0.25F);
+  EXPECT_EQ(scene.lights(0).sun_sky().sun_azimuth_degrees(), 70);
+  EXPECT_EQ(scene.film().width(), 64);
+  item.clear_ground_reflectance();
+  EXPECT_EQ(scene_of(item, triangles_of("cube"), 64).surfaces_size(), 0);
+}
+
+// Offsets move the object in the image: to the right, and upwards.
+TEST(ItemScene, OffsetsAreThoseOfTheImage) {
+  v1::DatasetItem item = upright_item();
+  item.mutable_camera()->set_offset_x(0.125F);
+  item.mutable_camera()->set_offset_y(0.0625F);
+  RenderPool pool({});
+  RenderJob job{serialize(scene_of(item, triangles_of("sphere"), 64)), {}};
+  job.request.mutable_material()->set_sigma_t(10);
+  job.request.set_spp(1);
+  job.request.set_pixels(v1::OBJECT_PIXELS);
+  const v1::RenderGradReply reply = pool.submit(job).get();
+  const std::vector<float> mask = from_bytes<float>(reply.mask());
+  double x = 0, y = 0, sum = 0;
+  for (size_t p = 0; p < mask.size(); ++p) {
+    x += mask[p] * (static_cast<double>(p % 64) + 0.5);
+    y += mask[p] * (static_cast<double>(p / 64) + 0.5);
+    sum += mask[p];
+  }
+  EXPECT_NEAR(x / sum, 32 + 8, 0.3);
+  EXPECT_NEAR(y / sum, 32 - 4, 0.3);
+  EXPECT_NEAR(std::sqrt(sum / std::numbers::pi), 16, 0.3);  // half of the frame is its diameter
+}
+
+}  // namespace
+}  // namespace itn

@@ -1,0 +1,392 @@
+#include "client/dataset/plan.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <numbers>
+#include <set>
+
+#include "client/dataset/dataset.h"
+#include "client/dataset/distribution.h"
+#include "common/vec.h"
+#include "tests/client/dataset/dataset_support.h"
+
+namespace itn {
+namespace {
+
+std::vector<Shape> nameless(size_t count) {
+  std::vector<Shape> shapes;
+  for (size_t i = 0; i < count; ++i) shapes.push_back({fmt::format("shape{:05}", i), "0", {}});
+  return shapes;
+}
+
+std::vector<v1::DatasetItem> items_of(const v1::Dataset& manifest, v1::Split split) {
+  std::vector<v1::DatasetItem> items;
+  std::ranges::copy_if(manifest.items(), std::back_inserter(items),
+                       [&](const v1::DatasetItem& item) { return item.split() == split; });
+  return items;
+}
+
+float azimuth_of(const v1::DatasetItem& item) {
+  return item.light().sun_sky().sun_azimuth_degrees();
+}
+
+// --- Splits ---
+
+TEST(DatasetPlan, SplitsShareNoShapeAndNoIllumination) {
+  v1::DatasetConfig config = small_config();
+  config.set_count(200);
+  config.set_validation_fraction(0.2);
+  const v1::Dataset manifest = plan_dataset(config, nameless(10)).manifest;
+  std::map<v1::Split, std::set<std::string>> shapes;
+  std::map<v1::Split, std::set<float>> azimuths;
+  for (const v1::DatasetItem& item : manifest.items()) {
+    shapes[item.split()].insert(item.shape());
+    azimuths[item.split()].insert(azimuth_of(item));
+  }
+  EXPECT_EQ(shapes[v1::SPLIT_TRAIN].size(), 5);
+  EXPECT_EQ(shapes[v1::SPLIT_VALIDATION].size(), 2);
+  EXPECT_EQ(shapes[v1::SPLIT_TEST].size(), 3);  // a quarter of ten, rounded
+  std::set<std::string> all;
+  for (const auto& [split, names] : shapes) all.insert(names.begin(), names.end());
+  EXPECT_EQ(all.size(), 10);
+  EXPECT_EQ(azimuths[v1::SPLIT_TRAIN], (std::set<float>{0, 30, 60, 90}));
+  EXPECT_EQ(azimuths[v1::SPLIT_VALIDATION], azimuths[v1::SPLIT_TRAIN]);
+  EXPECT_EQ(azimuths[v1::SPLIT_TEST], (std::set<float>{10, 20, 40, 50, 70, 80}));
+  EXPECT_EQ(items_of(manifest, v1::SPLIT_TEST).size(), 50);
+  EXPECT_EQ(items_of(manifest, v1::SPLIT_VALIDATION).size(), 40);
+}
+
+TEST(DatasetPlan, EverySplitHasItsShareOfEveryBeginning) {
+  v1::DatasetConfig config = small_config();
+  config.set_validation_fraction(0.1);
+  const ShapeSplit shapes = split_shapes(config, nameless(20));
+  std::map<v1::Split, int> counts;
+  for (int i = 0; i < 1000; ++i) {
+    ++counts[plan_item(config, shapes, static_cast<uint64_t>(i)).split()];
+    EXPECT_NEAR(counts[v1::SPLIT_TEST], 0.25 * (i + 1), 1);
+    EXPECT_NEAR(counts[v1::SPLIT_VALIDATION], 0.1 * (i + 1), 1.1);
+  }
+}
+
+TEST(DatasetPlan, FewShapesAreOneForEachSplitAtLeast) {
+  v1::DatasetConfig config = small_config();
+  config.set_validation_fraction(0.01);
+  config.set_test_fraction(0.9);
+  const ShapeSplit three = split_shapes(config, nameless(3));
+  EXPECT_EQ(three.train.size(), 1);
+  EXPECT_EQ(three.validation.size(), 1);
+  EXPECT_EQ(three.test.size(), 1);
+  expect_error(ErrorKind::kInvalidInput, "with --validation-fraction 0 two are enough",
+               [&] { split_shapes(config, nameless(2)); });
+  config.set_validation_fraction(0);
+  EXPECT_EQ(split_shapes(config, nameless(2)).test.size(), 1);
+  config.add_test_shapes("shape00001");
+  config.add_validation_shapes("shape00002");
+  const ShapeSplit named = split_shapes(config, nameless(4));
+  EXPECT_THAT(named.test, testing::ElementsAre("shape00001"));
+  EXPECT_THAT(named.validation, testing::ElementsAre("shape00002"));
+  EXPECT_THAT(named.train, testing::ElementsAre("shape00000", "shape00003"));
+}
+
+// --- Choices ---
+
+// The square sum of a table of counts about what independence says, as a standard normal number:
+// of about (rows - 1)(columns - 1) degrees of freedom, which are many or expected to be met by
+// Wilson and Hilferty's cube root.
+double chi_square_z(const std::vector<std::vector<double>>& table) {
+  std::vector<double> rows(table.size()), columns(table[0].size());
+  double total = 0;
+  for (size_t i = 0; i < rows.size(); ++i) {
+    for (size_t j = 0; j < columns.size(); ++j) {
+      rows[i] += table[i][j];
+      columns[j] += table[i][j];
+      total += table[i][j];
+    }
+  }
+  double sum = 0;
+  for (size_t i = 0; i < rows.size(); ++i) {
+    for (size_t j = 0; j < columns.size(); ++j) {
+      const double expected = rows[i] * columns[j] / total;
+      EXPECT_GT(expected, 0) << "row " << i << " or column " << j << " never happens";
+      sum += std::pow(table[i][j] - expected, 2) / expected;
+    }
+  }
+  const double freedom = static_cast<double>((rows.size() - 1) * (columns.size() - 1));
+  const double variance = 2 / (9 * freedom);
+  return (std::cbrt(sum / freedom) - (1 - variance)) / std::sqrt(variance);
+}
+
+// Everything that is drawn, as a number of its rank among `bins` equally likely ones.
+std::map<std::string, std::vector<size_t>> binned(const std::vector<v1::DatasetItem>& items,
+                                                  size_t bins) {
+  const std::map<std::string, std::function<double(const v1::DatasetItem&)>> choices = {
+      {"shape", [](const auto& i) { return std::stod(i.shape().substr(5)); }},
+      {"sigma_t", [](const auto& i) { return i.material().sigma_t(); }},
+      {"albedo", [](const auto& i) { return i.material().albedo(); }},
+      {"g", [](const auto& i) { return i.material().g(); }},
+      {"rotation", [](const auto& i) { return i.rotation().angle_degrees(); }},
+      {"pitch", [](const auto& i) { return i.camera().pitch_degrees(); }},
+      {"distance", [](const auto& i) { return i.camera().distance(); }},
+      {"size", [](const auto& i) { return i.camera().object_size(); }},
+      {"x", [](const auto& i) { return i.camera().offset_x(); }},
+      {"y", [](const auto& i) { return i.camera().offset_y(); }},
+      {"azimuth", azimuth_of},
+      {"elevation", [](const auto& i) { return i.light().sun_sky().sun_elevation_degrees(); }},
+      {"turbidity", [](const auto& i) { return i.light().sun_sky().turbidity(); }},
+      {"sun", [](const auto& i) { return i.light().sun_sky().sun_angular_radius_degrees(); }},
+      {"reflectance", [](const auto& i) { return i.ground_reflectance(); }},
+  };
+  std::map<std::string, std::vector<size_t>> result;
+  for (const auto& [name, value] : choices) {
+    std::vector<double> values;
+    for (const v1::DatasetItem& item : items) values.push_back(value(item));
+    std::vector<double> sorted = values;
+    std::ranges::sort(sorted);
+    for (const double v : values) {
+      const auto rank = std::ranges::lower_bound(sorted, v) - sorted.begin();
+      result[name].push_back(static_cast<size_t>(rank) * bins / values.size());
+    }
+  }
+  return result;
+}
+
+v1::DatasetConfig outdoor_of_training_alone() {
+  v1::DatasetConfig config = preset_config("outdoor");
+  config.set_test_fraction(0);
+  config.set_validation_fraction(0);
+  config.mutable_pose()->Clear();
+  config.mutable_pose()->set_turned(1);
+  config.mutable_ground()->set_probability(1);
+  return config;
+}
+
+// Taking shapes and azimuths in turn once gave 600 shapes the first 8 of 36 azimuths.
+TEST(DatasetPlan, EveryAzimuthComesAboutEquallyOftenWithEveryShapeAndMaterial) {
+  v1::DatasetConfig config = outdoor_of_training_alone();
+  v1::SunSkyChoice& sun = *config.mutable_lights(0)->mutable_sun_sky();
+  sun.mutable_azimuth_degrees()->mutable_one_of();
+  for (int i = 0; i < 36; ++i) sun.mutable_azimuth_degrees()->mutable_one_of()->add_value(10 * i);
+  const ShapeSplit shapes = split_shapes(config, nameless(600));
+  std::vector<v1::DatasetItem> items;
+  for (uint64_t i = 0; i < 4800; ++i) items.push_back(plan_item(config, shapes, i));
+  std::map<float, int> azimuths;
+  std::map<std::string, int> shape_counts;
+  std::vector table(36, std::vector<double>(600));
+  for (const v1::DatasetItem& item : items) {
+    ++azimuths[azimuth_of(item)];
+    ++shape_counts[item.shape()];
+    ++table[static_cast<size_t>(azimuth_of(item) / 10)][std::stoul(item.shape().substr(5))];
+  }
+  ASSERT_EQ(azimuths.size(), 36);
+  for (const auto& [azimuth, count] : azimuths) EXPECT_NEAR(count, 4800 / 36., 1) << azimuth;
+  for (const auto& [shape, count] : shape_counts) EXPECT_EQ(count, 8) << shape;
+  EXPECT_NEAR(chi_square_z(table), 0, 4);
+  const auto bins = binned(items, 6);
+  for (const auto& [name, bin] : bins) {
+    if (name == "azimuth") continue;
+    std::vector with(36, std::vector<double>(6));
+    for (size_t i = 0; i < items.size(); ++i) {
+      ++with[static_cast<size_t>(azimuth_of(items[i]) / 10)][bin[i]];
+    }
+    EXPECT_LT(chi_square_z(with), 4) << name;
+  }
+}
+
+TEST(DatasetPlan, EveryChoiceIsIndependentOfEveryOther) {
+  const v1::DatasetConfig config = outdoor_of_training_alone();
+  const ShapeSplit shapes = split_shapes(config, nameless(64));
+  // Not a power of two, not from the beginning.
+  std::vector<v1::DatasetItem> items;
+  for (uint64_t i = 1000; i < 7000; ++i) items.push_back(plan_item(config, shapes, i));
+  const auto bins = binned(items, 8);
+  size_t pairs = 0;
+  for (const auto& [name, bin] : bins) {
+    for (const auto& [other, other_bin] : bins) {
+      if (!(name < other)) continue;
+      std::vector table(8, std::vector<double>(8));
+      for (size_t i = 0; i < items.size(); ++i) ++table[bin[i]][other_bin[i]];
+      EXPECT_LT(chi_square_z(table), 4.5) << name << " and " << other;
+      ++pairs;
+    }
+  }
+  EXPECT_EQ(pairs, 15 * 14 / 2);
+}
+
+// In each of 64 equal parts of its range there is one of 64 materials, whichever 64 of the sequence
+// they are that begin at a multiple of 64; of pairs likewise, one in each of 8 x 8.
+TEST(DatasetPlan, StratifiedMaterialsFillEveryStratumOnce) {
+  v1::DatasetConfig config = small_config();
+  config.set_test_fraction(0.2);
+  config.set_count(160);
+  const std::vector<v1::DatasetItem> items =
+      items_of(plan_dataset(config, nameless(5)).manifest, v1::SPLIT_TRAIN);
+  ASSERT_EQ(items.size(), 128);
+  for (size_t begin : {0, 64}) {
+    std::set<int> sigma_t, albedo, g;
+    std::set<std::pair<int, int>> pairs;
+    for (size_t i = begin; i < begin + 64; ++i) {
+      const v1::Material& material = items[i].material();
+      const auto stratum = [](double value, double min, double max) {
+        return static_cast<int>(64 * (value - min) / (max - min));
+      };
+      sigma_t.insert(stratum(std::log(material.sigma_t()), std::log(30), std::log(276)));
+      albedo.insert(stratum(material.albedo(), 0.39, 0.95));
+      g.insert(stratum(material.g(), 0, 0.8));
+      pairs.insert({stratum(std::log(material.sigma_t()), std::log(30), std::log(276)) / 8,
+                    stratum(material.albedo(), 0.39, 0.95) / 8});
+    }
+    EXPECT_EQ(sigma_t.size(), 64);
+    EXPECT_EQ(albedo.size(), 64);
+    EXPECT_EQ(g.size(), 64);
+    EXPECT_EQ(pairs.size(), 64);
+  }
+}
+
+TEST(DatasetPlan, PosesComeAsOftenAsTheyWeighAndEveryOrientationIsAsLikely) {
+  v1::DatasetConfig config = outdoor_of_training_alone();
+  config.mutable_pose()->set_upright(1);
+  config.mutable_pose()->set_turned(2);
+  config.mutable_pose()->set_any(5);
+  const ShapeSplit shapes = split_shapes(config, nameless(2));
+  int upright = 0, turned = 0;
+  double up[3] = {}, up_squared[3] = {};
+  int any = 0;
+  for (uint64_t i = 0; i < 8000; ++i) {
+    const v1::DatasetItem item = plan_item(config, shapes, i);
+    if (!item.has_rotation()) {
+      ++upright;
+      continue;
+    }
+    const v1::Vec3& axis = item.rotation().axis();
+    if (axis.x() == 0 && axis.z() == 0) {
+      ++turned;
+      continue;
+    }
+    ++any;
+    // Where +y goes: as likely anywhere on the sphere.
+    const double angle = item.rotation().angle_degrees() * std::numbers::pi / 180;
+    const Vec3d k = normalize(Vec3d{axis.x(), axis.y(), axis.z()}), y{0, 1, 0};
+    const Vec3d to = y * std::cos(angle) + cross(k, y) * std::sin(angle) +
+                     k * (dot(k, y) * (1 - std::cos(angle)));
+    const double components[] = {to.x, to.y, to.z};
+    for (size_t c = 0; c < 3; ++c) {
+      up[c] += components[c];
+      up_squared[c] += components[c] * components[c];
+    }
+  }
+  EXPECT_NEAR(upright, 1000, 30);
+  EXPECT_NEAR(turned, 2000, 40);
+  for (size_t c = 0; c < 3; ++c) {
+    EXPECT_NEAR(up[c] / any, 0, 4 / std::sqrt(3.0 * any));
+    EXPECT_NEAR(up_squared[c] / any, 1 / 3., 4 * std::sqrt(4 / 45. / any));
+  }
+}
+
+// --- Datasets ---
+
+TEST(DatasetPlan, CountsAndSeeds) {
+  v1::DatasetConfig config = small_config();
+  config.set_count(40);
+  config.mutable_pose()->Clear();
+  config.mutable_pose()->set_turned(1);
+  const v1::Dataset manifest = plan_dataset(config, nameless(5)).manifest;
+  std::set<uint64_t> seeds;
+  std::set<float> rotations;
+  for (const v1::DatasetItem& item : manifest.items()) {
+    seeds.insert(item.seed());
+    rotations.insert(item.rotation().angle_degrees());
+  }
+  EXPECT_EQ(manifest.items_size(), 40);
+  EXPECT_EQ(items_of(manifest, v1::SPLIT_TEST).size(), 10);
+  EXPECT_EQ(seeds.size(), 40);
+  EXPECT_EQ(rotations.size(), 40);
+}
+
+TEST(DatasetPlan, GridIsThePapers) {
+  v1::DatasetConfig config = small_config();
+  config.set_count(0);
+  v1::MaterialChoice& materials = *config.mutable_materials();
+  materials.set_sampling(v1::MaterialChoice::GRID);
+  const auto fill = [](v1::Distribution* distribution, int count) {
+    auto& values = *distribution->mutable_one_of();
+    for (int i = 1; i <= count; ++i) values.add_value(0.1 * i);
+  };
+  fill(materials.mutable_sigma_t(), 12);
+  fill(materials.mutable_albedo(), 5);
+  fill(materials.mutable_g(), 5);
+  config.mutable_pose()->Clear();
+  config.mutable_pose()->set_any(1);
+  const v1::Dataset manifest = plan_dataset(config, nameless(5)).manifest;
+  // 300 materials; 4 shapes x 4 azimuths to train, 1 x 6 to test. Those of a scene share it.
+  EXPECT_EQ(manifest.items_size(), 300 * (4 * 4 + 1 * 6));
+  std::set<std::string> scenes, materials_seen;
+  for (v1::DatasetItem item : manifest.items()) {
+    materials_seen.insert(item.material().SerializeAsString());
+    item.clear_file();
+    item.clear_material();
+    item.clear_seed();
+    scenes.insert(item.SerializeAsString());
+  }
+  EXPECT_EQ(scenes.size(), 4 * 4 + 1 * 6);
+  EXPECT_EQ(materials_seen.size(), 300);
+}
+
+TEST(DatasetPlan, IsAFunctionOfItsConfiguration) {
+  const v1::DatasetConfig config = small_config();
+  const std::string once = to_text(plan_dataset(config, nameless(5)).manifest);
+  EXPECT_EQ(to_text(plan_dataset(config, nameless(5)).manifest), once);
+  v1::DatasetConfig other = config;
+  other.set_seed(4);
+  EXPECT_NE(to_text(plan_dataset(other, nameless(5)).manifest), once);
+}
+
+TEST(DatasetPlan, IsExtendedWithoutAChangeToWhatIsThere) {
+  v1::DatasetConfig config = preset_config("outdoor");
+  config.set_count(100);
+  const v1::Dataset few = plan_dataset(config, nameless(30)).manifest;
+  const v1::Dataset more = extended(few, 333).manifest;
+  config.set_count(333);
+  EXPECT_EQ(to_text(more), to_text(plan_dataset(config, nameless(30)).manifest));
+  std::set<std::string> contents;
+  for (int i = 0; i < more.items_size(); ++i) {
+    if (i < 100) {
+      EXPECT_EQ(more.items(i).DebugString(), few.items(i).DebugString());
+    }
+    EXPECT_TRUE(contents.insert(more.items(i).camera().SerializeAsString()).second) << i;
+  }
+  expect_error(ErrorKind::kInvalidInput, "333 images already, and 332 are asked for",
+               [&] { extended(more, 332); });
+}
+
+TEST(DatasetPlan, SaysWhatIsWrong) {
+  struct Row {
+    const char* message;
+    std::function<void(v1::DatasetConfig&, std::vector<Shape>&)> spoil;
+  };
+  const Row rows[] = {
+      {"test fraction is 1", [](auto& config, auto&) { config.set_test_fraction(1); }},
+      {"test fraction is 0", [](auto& config, auto&) { config.set_test_fraction(0); }},
+      {"of 1 images, with a test fraction of 0.25, 0 are to test with",
+       [](auto& config, auto&) { config.set_count(1); }},
+      {"spp must be 1", [](auto& config, auto&) { config.set_spp(0); }},
+      {"there are 1 shapes", [](auto&, auto& shapes) { shapes.resize(1); }},
+      {"two shapes are called", [](auto&, auto& shapes) { shapes[1].name = shapes[0].name; }},
+      {"no shape \"teapot\"", [](auto& config, auto&) { config.add_test_shapes("teapot"); }},
+      {"no shape is left to train with",
+       [](auto& config, auto& shapes) {
+         for (const Shape& shape : shapes) config.add_test_shapes(shape.name);
+       }},
+  };
+  for (const Row& row : rows) {
+    v1::DatasetConfig config = small_config();
+    std::vector<Shape> shapes = nameless(5);
+    row.spoil(config, shapes);
+    expect_error(ErrorKind::kInvalidInput, row.message, [&] { plan_dataset(config, shapes); });
+  }
+}
+
+}  // namespace
+}  // namespace itn
