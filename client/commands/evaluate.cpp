@@ -32,24 +32,54 @@ struct EvaluateOptions {
   std::string picture;
   uint32_t picture_items = 2;
   WorkerFlags workers;
+  bool noise_levels = false;
   bool json = false;
 };
 
-// One row of the table before it is a number: what was predicted for each image.
+// One row of the table, and what was predicted for each image.
 struct Candidate {
-  std::string name;
-  std::string checkpoint;
+  v1::Evaluation::Row row;
   std::vector<Material> predictions;
 };
+
+// The noise to evaluate a model at: as the images are, or what it was trained at as well, and half
+// of that, a quarter of the variance.
+std::vector<double> noise_levels(const EvaluateOptions& options, const v1::Model& model) {
+  if (!options.noise_levels || model.noise() == 0) {
+    return {0};
+  }
+  return {model.noise(), model.noise() / 2, 0};
+}
+
+Candidate constant_candidate(const LabelledImages& images) {
+  Candidate candidate;
+  candidate.row.set_name("constant predictor");
+  candidate.predictions = constant_predictions(images);
+  set_errors(candidate.predictions, images, candidate.row);
+  return candidate;
+}
 
 std::vector<Candidate> candidates_of(const EvaluateOptions& options, const LabelledImages& images) {
   std::vector<Candidate> candidates;
   for (const std::string& checkpoint : options.checkpoints) {
     Predictor predictor = Predictor::load(checkpoint);
-    candidates.push_back(
-        {predictor.name(), checkpoint, predict_all(predictor, images, interruption())});
+    for (const double noise : noise_levels(options, predictor.model())) {
+      const std::vector<MaterialEstimate> estimates =
+          estimate_all(predictor, images, noise, interruption());
+      Candidate& candidate = candidates.emplace_back();
+      candidate.row.set_name(predictor.name() +
+                             (noise > 0 ? fmt::format(", noise {:.2g} %", 100 * noise) : ""));
+      candidate.row.set_checkpoint(checkpoint);
+      candidate.row.set_noise(noise);
+      for (const MaterialEstimate& estimate : estimates) {
+        candidate.predictions.push_back(estimate.material);
+      }
+      set_errors(candidate.predictions, images, candidate.row);
+      set_details(estimates, images, candidate.row);
+      set_likelihood(predictor, estimates, images, candidate.row);
+    }
   }
-  candidates.push_back({"constant predictor", "", constant_predictions(images)});
+  candidates.push_back(constant_candidate(images));
   return candidates;
 }
 
@@ -89,6 +119,55 @@ void write_picture(const EvaluateOptions& options, const LabelledImages& images,
   write_comparison(options.picture, images.resolution, rows);
 }
 
+std::string three(const v1::Evaluation::Triple& t, int decimals) {
+  return fmt::format("{:7.{}f}  {:7.{}f}  {:7.{}f}", t.sigma_t(), decimals, t.albedo(), decimals,
+                     t.g(), decimals);
+}
+
+// What there is to say of one network beside its errors.
+void print_details(const v1::Evaluation::Row& row) {
+  const auto with_interval = [](double value, const v1::Interval& interval) {
+    return fmt::format("{:.3f} ({:.3f} to {:.3f})", value, interval.min(), interval.max());
+  };
+  print_result("\n{}\n", row.name());
+  print_result("  RMSE over the constant predictor's (95 % intervals over shapes):\n");
+  print_result("    sigma_t {}, albedo {}, g {}\n",
+               with_interval(row.relative().sigma_t(), row.relative_sigma_t()),
+               with_interval(row.relative().albedo(), row.relative_albedo()),
+               with_interval(row.relative().g(), row.relative_g()));
+  print_result("  median relative error: sigma_t {:.1f} %, sigma_s (1 - g) {:.1f} %\n",
+               100 * row.median_relative_sigma_t(), 100 * row.median_relative_sigma_s_reduced());
+  if (row.has_log_likelihood()) {
+    print_result(
+        "  mean log-likelihood of the truth {:.3f}; of the Gaussian of all truths {:.3f}\n",
+        row.log_likelihood(), row.constant_log_likelihood());
+  }
+  const bool intervals = row.has_coverage();
+  print_result("  {:20}  {:>25}{}\n", "", "RMSE: sigma_t, albedo, g",
+               intervals ? "   in their 90 % intervals, %" : "");
+  const auto percent = [](v1::Evaluation::Triple t) {
+    t.set_sigma_t(100 * t.sigma_t());
+    t.set_albedo(100 * t.albedo());
+    t.set_g(100 * t.g());
+    return three(t, 1);
+  };
+  const auto print_line = [&](const std::string& name, const v1::Evaluation::Triple& rmse,
+                              const v1::Evaluation::Triple& coverage) {
+    print_result("  {:20}  {}{}\n", name, three(rmse, 4),
+                 intervals ? "   " + percent(coverage) : "");
+  };
+  v1::Evaluation::Triple rmse;
+  rmse.set_sigma_t(row.sigma_t());
+  rmse.set_albedo(row.albedo());
+  rmse.set_g(row.g());
+  print_line("all", rmse, row.coverage());
+  for (const v1::Evaluation::Third& third : row.thirds()) {
+    print_line(
+        fmt::format("sigma_t {:.0f} to {:.0f}", third.sigma_t().min(), third.sigma_t().max()),
+        third.rmse(), third.coverage());
+  }
+}
+
 void print(const v1::Evaluation& evaluation) {
   print_result("RMSE over {} {} images{}\n", evaluation.items(), evaluation.split(),
                evaluation.rerendered() > 0
@@ -111,6 +190,11 @@ void print(const v1::Evaluation& evaluation) {
   print_result(
       "The constant predictor answers the mean of these images' own truth: no constant does "
       "better.\n");
+  for (const v1::Evaluation::Row& row : evaluation.rows()) {
+    if (row.thirds_size() > 0) {
+      print_details(row);
+    }
+  }
 }
 
 void run(const EvaluateOptions& options) {
@@ -126,10 +210,7 @@ void run(const EvaluateOptions& options) {
   evaluation.set_split(options.split);
   evaluation.set_items(static_cast<uint32_t>(images.items.size()));
   for (const Candidate& candidate : candidates) {
-    v1::Evaluation::Row& row = *evaluation.add_rows();
-    row.set_name(candidate.name);
-    row.set_checkpoint(candidate.checkpoint);
-    set_errors(candidate.predictions, images, row);
+    *evaluation.add_rows() = candidate.row;
   }
   std::optional<RenderPool> pool;
   if (options.rerender > 0 || !options.picture.empty()) {
@@ -170,6 +251,10 @@ void add_evaluate_command(CLI::App& app) {
   command->add_option("--picture-items", options->picture_items, "Rows of the picture")
       ->check(number_in(1U, 100U))
       ->capture_default_str();
+  command->add_flag(
+      "--noise-levels", options->noise_levels,
+      "Evaluate each network also with noise added up to the level that it was trained "
+      "at (itn train --noise), and up to half of that");
   command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.Evaluation)");
   add_worker_flags(*command, options->workers);
   command->callback([options] { run(*options); });

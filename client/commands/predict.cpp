@@ -120,8 +120,31 @@ v1::Prediction prediction_of(const v1::PredictReply& reply, const LoadedPhotogra
     channel.set_g(material.g);
     channel.set_sigma_a(material.sigma_a());
     channel.set_sigma_s(material.sigma_s());
+    if (reply.posteriors_size() == reply.materials_size()) {
+      const v1::MaterialPosterior& posterior = reply.posteriors(i);
+      channel.set_sigma_a(posterior.sigma_a().mean());
+      channel.set_sigma_s(posterior.sigma_s().mean());
+      *channel.mutable_posterior() = posterior;
+    }
   }
   return prediction;
+}
+
+// The ends of the 90 % intervals under the best guesses, and how the parameters hang together.
+void print_interval(const v1::MaterialPosterior& p) {
+  const auto print_end = [&](const char* name, double (v1::ParameterPosterior::*end)() const) {
+    print_result("{:>7}  {:14.3f}  {:7.4f}  {:7.4f}  {:14.3f}  {:14.3f}\n", name,
+                 (p.sigma_t().*end)(), (p.albedo().*end)(), (p.g().*end)(), (p.sigma_a().*end)(),
+                 (p.sigma_s().*end)());
+  };
+  print_end("5 %", &v1::ParameterPosterior::low);
+  print_end("95 %", &v1::ParameterPosterior::high);
+  if (p.correlations_size() == 3) {
+    print_result(
+        "         correlations: sigma_t and albedo {:+.2f}, sigma_t and g {:+.2f}, albedo and "
+        "g {:+.2f}\n",
+        p.correlations(0), p.correlations(1), p.correlations(2));
+  }
 }
 
 void print(const v1::Prediction& prediction) {
@@ -130,6 +153,9 @@ void print(const v1::Prediction& prediction) {
   for (const v1::Prediction::Channel& c : prediction.channels()) {
     print_result("{:7}  {:14.3f}  {:7.4f}  {:7.4f}  {:14.3f}  {:14.3f}\n", c.channel(), c.sigma_t(),
                  c.albedo(), c.g(), c.sigma_a(), c.sigma_s());
+    if (c.has_posterior()) {
+      print_interval(c.posterior());
+    }
   }
 }
 

@@ -1,30 +1,165 @@
 #include "client/training/evaluation.h"
 
+#include <algorithm>
 #include <cmath>
+#include <map>
+#include <numbers>
+#include <numeric>
 
 #include "client/dataset/sampler.h"
 #include "client/render_pool/render_wait.h"
+#include "client/training/augmentation.h"
 #include "common/error.h"
+#include "common/random.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 
 namespace itn {
 
-std::vector<Material> predict_all(Predictor& predictor, const LabelledImages& images,
-                                  std::stop_token stop) {
-  std::vector<Material> predictions;
-  for (size_t i = 0; i < images.items.size(); ++i) {
+namespace {
+
+constexpr size_t kBatch = 32;  // images that are estimated at a time
+
+Triple as_triple(const Material& m) {
+  return {m.sigma_t, m.albedo, m.g};
+}
+
+void set(const Triple& values, v1::Evaluation::Triple& proto) {
+  proto.set_sigma_t(values[0]);
+  proto.set_albedo(values[1]);
+  proto.set_g(values[2]);
+}
+
+double quantile(std::vector<double> values, double probability) {
+  const auto at = static_cast<ptrdiff_t>(probability * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), values.begin() + at, values.end());
+  return values[static_cast<size_t>(at)];
+}
+
+// Sums of squared errors, and of those of the constant predictor.
+struct Squares {
+  Triple ours{}, constant{};
+
+  void add(const Squares& other) {
+    for (size_t k = 0; k < 3; ++k) {
+      ours[k] += other.ours[k];
+      constant[k] += other.constant[k];
+    }
+  }
+  Triple ratio() const {
+    Triple result;
+    for (size_t k = 0; k < 3; ++k) {
+      result[k] = constant[k] > 0 ? std::sqrt(ours[k] / constant[k]) : 0;
+    }
+    return result;
+  }
+};
+
+Squares squares_of(const Material& ours, const Material& constant, const Material& truth) {
+  Squares squares;
+  for (size_t k = 0; k < 3; ++k) {
+    squares.ours[k] = std::pow(as_triple(ours)[k] - as_triple(truth)[k], 2);
+    squares.constant[k] = std::pow(as_triple(constant)[k] - as_triple(truth)[k], 2);
+  }
+  return squares;
+}
+
+// Shapes are what the images of a split have in common: they are drawn, with all of their images.
+void set_intervals(const std::map<std::string, Squares>& shapes, v1::Evaluation::Row& row) {
+  constexpr int kDraws = 1000;
+  constexpr double kLow = 0.025, kHigh = 0.975;
+  std::vector<Squares> by_shape;
+  for (const auto& [name, squares] : shapes) {
+    by_shape.push_back(squares);
+  }
+  std::array<std::vector<double>, 3> ratios;
+  SplitMix random(1);
+  for (int draw = 0; draw < kDraws; ++draw) {
+    Squares sum;
+    for (size_t i = 0; i < by_shape.size(); ++i) {
+      sum.add(by_shape[random.below(by_shape.size())]);
+    }
+    for (size_t k = 0; k < 3; ++k) {
+      ratios[k].push_back(sum.ratio()[k]);
+    }
+  }
+  v1::Interval* const intervals[] = {row.mutable_relative_sigma_t(), row.mutable_relative_albedo(),
+                                     row.mutable_relative_g()};
+  for (size_t k = 0; k < 3; ++k) {
+    intervals[k]->set_min(quantile(ratios[k], kLow));
+    intervals[k]->set_max(quantile(ratios[k], kHigh));
+  }
+}
+
+// Parts of the truths inside of their 90 % intervals.
+Triple coverage_of(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
+                   std::span<const size_t> items) {
+  Triple inside{};
+  for (const size_t i : items) {
+    const Triple truth = as_triple(images.truth[i]);
+    for (size_t k = 0; k < 3; ++k) {
+      const ParameterPosterior& p = estimates[i].posterior->material.parameters[k];
+      inside[k] += p.low <= truth[k] && truth[k] <= p.high ? 1 : 0;
+    }
+  }
+  for (double& part : inside) {
+    part /= static_cast<double>(items.size());
+  }
+  return inside;
+}
+
+void set_third(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
+               std::span<const size_t> items, v1::Evaluation::Third& third) {
+  Triple rmse{};
+  for (const size_t i : items) {
+    for (size_t k = 0; k < 3; ++k) {
+      const double error = as_triple(estimates[i].material)[k] - as_triple(images.truth[i])[k];
+      rmse[k] += error * error / static_cast<double>(items.size());
+    }
+  }
+  for (double& r : rmse) {
+    r = std::sqrt(r);
+  }
+  third.mutable_sigma_t()->set_min(images.truth[items.front()].sigma_t);
+  third.mutable_sigma_t()->set_max(images.truth[items.back()].sigma_t);
+  third.set_items(static_cast<uint32_t>(items.size()));
+  set(rmse, *third.mutable_rmse());
+  if (estimates[items.front()].posterior) {
+    set(coverage_of(estimates, images, items), *third.mutable_coverage());
+  }
+}
+
+}  // namespace
+
+std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledImages& images,
+                                           double noise, std::stop_token stop) {
+  std::vector<MaterialEstimate> estimates;
+  for (size_t first = 0; first < images.items.size(); first += kBatch) {
     if (stop.stop_requested()) {
       throw Error(ErrorKind::kCancelled, "interrupted");
     }
-    const DatasetImage image = images.read(i);
-    predictions.push_back(predictor.predict({.width = images.resolution,
-                                             .height = images.resolution,
-                                             .channels = 1,
-                                             .pixels = image.radiance,
-                                             .mask = image.mask})[0]);
+    std::vector<ImageBatch> batch;
+    for (size_t i = first; i < std::min(first + kBatch, images.items.size()); ++i) {
+      const DatasetImage image = images.read(i);
+      batch.push_back(predictor.seen({.width = images.resolution,
+                                      .height = images.resolution,
+                                      .channels = 1,
+                                      .pixels = image.radiance,
+                                      .mask = image.mask}));
+      // A mean over pixels is quieter than each of them.
+      const double resolution = predictor.model().resolution();
+      batch.back().noise = torch::full(
+          {1}, static_cast<float>(image.relative_noise * resolution / images.resolution));
+    }
+    ImageBatch all = concatenated(batch);
+    if (noise > 0) {
+      all = with_noise(std::move(all), noise, derive_seed(0, {first}));
+    }
+    for (MaterialEstimate& estimate : predictor.estimate(all)) {
+      estimates.push_back(std::move(estimate));
+    }
   }
-  return predictions;
+  return estimates;
 }
 
 std::vector<Material> constant_predictions(const LabelledImages& images) {
@@ -50,6 +185,66 @@ void set_errors(std::span<const Material> predictions, const LabelledImages& ima
   row.set_sigma_t(std::sqrt(squares.sigma_t / count));
   row.set_albedo(std::sqrt(squares.albedo / count));
   row.set_g(std::sqrt(squares.g / count));
+}
+
+void set_details(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
+                 v1::Evaluation::Row& row) {
+  const std::vector<Material> constant = constant_predictions(images);
+  std::map<std::string, Squares> shapes;
+  Squares sum;
+  std::vector<double> sigma_t_errors, reduced_errors;
+  for (size_t i = 0; i < estimates.size(); ++i) {
+    const Material &ours = estimates[i].material, &truth = images.truth[i];
+    const Squares squares = squares_of(ours, constant[i], truth);
+    sum.add(squares);
+    shapes[images.items[i]->shape()].add(squares);
+    const double reduced = estimates[i].posterior
+                               ? estimates[i].posterior->scattering.parameters[2].mean
+                               : ours.sigma_s_reduced();
+    sigma_t_errors.push_back(std::abs(ours.sigma_t / truth.sigma_t - 1));
+    reduced_errors.push_back(std::abs(reduced / truth.sigma_s_reduced() - 1));
+  }
+  set(sum.ratio(), *row.mutable_relative());
+  set_intervals(shapes, row);
+  row.set_median_relative_sigma_t(quantile(sigma_t_errors, 0.5));
+  row.set_median_relative_sigma_s_reduced(quantile(reduced_errors, 0.5));
+  // Thirds in sigma_t.
+  std::vector<size_t> order(estimates.size());
+  std::iota(order.begin(), order.end(), size_t{0});
+  if (estimates.front().posterior) {
+    set(coverage_of(estimates, images, order), *row.mutable_coverage());
+  }
+  std::ranges::stable_sort(
+      order, [&](size_t a, size_t b) { return images.truth[a].sigma_t < images.truth[b].sigma_t; });
+  for (size_t third = 0; third < 3 && order.size() >= 3; ++third) {
+    const size_t begin = third * order.size() / 3, end = (third + 1) * order.size() / 3;
+    set_third(estimates, images, std::span(order).subspan(begin, end - begin), *row.add_thirds());
+  }
+}
+
+void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate> estimates,
+                    const LabelledImages& images, v1::Evaluation::Row& row) {
+  if (predictor.model().output() != v1::GAUSSIAN) {
+    return;
+  }
+  const auto count = static_cast<int64_t>(estimates.size());
+  double sum = 0;
+  torch::Tensor truths = torch::empty({count, 3}, torch::kFloat64);
+  auto rows = truths.accessor<double, 2>();
+  for (int64_t i = 0; i < count; ++i) {
+    const auto item = static_cast<size_t>(i);
+    sum += predictor.log_likelihood(estimates[item], images.truth[item]);
+    const Triple z = predictor.standardized(images.truth[item]);
+    for (int64_t k = 0; k < 3; ++k) {
+      rows[i][k] = z[static_cast<size_t>(k)];
+    }
+  }
+  row.set_log_likelihood(sum / static_cast<double>(count));
+  // The mean log-density of points under the Gaussian that fits them best.
+  const torch::Tensor d = truths - truths.mean(0);
+  const torch::Tensor covariance = d.t().matmul(d) / static_cast<double>(count);
+  row.set_constant_log_likelihood(-0.5 * (3 * std::log(2 * std::numbers::pi) + 3 +
+                                          torch::linalg_det(covariance).log().item<double>()));
 }
 
 std::vector<size_t> spread(size_t count, size_t total) {

@@ -11,9 +11,10 @@
 
 namespace itn {
 
-// One prediction for each image; one image is in memory at a time.
-std::vector<Material> predict_all(Predictor& predictor, const LabelledImages& images,
-                                  std::stop_token stop = {});
+// One estimate for each image, whose relative noise is brought up to `noise` first (0: as they
+// are), by the same random numbers each time. Some images are in memory at a time.
+std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledImages& images,
+                                           double noise, std::stop_token stop = {});
 
 // The mean of the truth of these very images, for each of them: of all constant answers the one
 // with the smallest RMSE. A network that does not beat it has learned nothing of the parameter.
@@ -22,6 +23,16 @@ std::vector<Material> constant_predictions(const LabelledImages& images);
 // Sets sigma_t, albedo and g of the row: root-mean-square errors.
 void set_errors(std::span<const Material> predictions, const LabelledImages& images,
                 v1::Evaluation::Row& row);
+
+// Sets what the row says beside them: errors relative to the constant predictor's, with bootstrap
+// intervals over the shapes of the items; median relative errors; the thirds in sigma_t; and, if
+// the estimates are distributions, their coverage. Requires that the row has its errors.
+void set_details(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
+                 v1::Evaluation::Row& row);
+
+// Sets the log-likelihoods of the row, for a predictor that answers distributions.
+void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate> estimates,
+                    const LabelledImages& images, v1::Evaluation::Row& row);
 
 // `count` of the images, evenly spread over the split.
 std::vector<size_t> spread(size_t count, size_t total);

@@ -53,9 +53,10 @@ std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& images) {
     const double* o = outputs[i].data_ptr<double>();
     if (model_.output() == v1::GAUSSIAN) {
       const Posterior p = posterior(space_, std::span<const double, kGaussianOutputs>(o, 9));
-      estimates.push_back({p.mean(), p});
+      estimates.push_back({p.mean(), p, std::vector<double>(o, o + 9)});
     } else {
-      estimates.push_back({space_.material({o[0], o[1], o[2]}), std::nullopt});
+      estimates.push_back(
+          {space_.material({o[0], o[1], o[2]}), std::nullopt, std::vector<double>(o, o + 3)});
     }
   }
   return estimates;
@@ -73,6 +74,14 @@ std::vector<Material> Predictor::predict(const Photograph& photograph,
     materials.push_back(a.material);
   }
   return materials;
+}
+
+double Predictor::log_likelihood(const MaterialEstimate& estimate, const Material& truth) const {
+  const Triple z = space_.standardized(truth);
+  return -negative_log_likelihood(
+              torch::tensor(estimate.outputs, torch::kFloat64).unsqueeze(0),
+              torch::tensor(std::vector<double>(z.begin(), z.end()), torch::kFloat64).unsqueeze(0))
+              .item<double>();
 }
 
 std::string Predictor::name() const {

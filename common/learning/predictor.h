@@ -20,6 +20,7 @@ namespace itn {
 struct MaterialEstimate {
   Material material;                   // the best guess; the mean of the posterior if there is one
   std::optional<Posterior> posterior;  // of a network with the output GAUSSIAN
+  std::vector<double> outputs;         // of the network itself
 };
 
 // Not thread-safe: torch computes in the caller's thread.
@@ -46,6 +47,13 @@ class Predictor {
 
   // What estimate() sees of a photograph: its channels as images.
   ImageBatch seen(const Photograph& photograph, const std::stop_token& stop = {}) const;
+
+  // Of a network with the output GAUSSIAN: the logarithm of the density that an estimate gives the
+  // truth, in the coordinates of standardized().
+  double log_likelihood(const MaterialEstimate& estimate, const Material& truth) const;
+
+  // A material in the coordinates in which the network answers.
+  Triple standardized(const Material& material) const { return space_.standardized(material); }
 
   // Name and training step, e.g. "itn-similarity, step 1200".
   std::string name() const;

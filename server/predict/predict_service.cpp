@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "common/error.h"
+#include "common/learning/predict_reply.h"
 #include "common/rpc/wire_array.h"
 #include "common/rpc/wire_check.h"
-#include "common/scene/material_proto.h"
 
 namespace itn {
 namespace {
@@ -47,19 +47,14 @@ v1::PredictReply predict(Predictor& predictor, const v1::PredictRequest& request
                          const std::stop_token& stop) {
   const std::vector<float> pixels = from_bytes<float>(request.image());
   const std::vector<float> mask = from_bytes<float>(request.mask());
-  const std::vector<Material> materials =
-      predictor.predict({.width = static_cast<int>(request.width()),
-                         .height = static_cast<int>(request.height()),
-                         .channels = static_cast<int>(std::max(1U, request.channels())),
-                         .pixels = pixels,
-                         .mask = mask},
-                        stop);
-  v1::PredictReply reply;
-  for (const Material& material : materials) {
-    *reply.add_materials() = to_proto(material);
-  }
-  reply.set_model(predictor.name());
-  return reply;
+  const std::vector<MaterialEstimate> estimates =
+      predictor.estimate({.width = static_cast<int>(request.width()),
+                          .height = static_cast<int>(request.height()),
+                          .channels = static_cast<int>(std::max(1U, request.channels())),
+                          .pixels = pixels,
+                          .mask = mask},
+                         stop);
+  return to_reply(estimates, predictor.name());
 }
 
 }  // namespace

@@ -1,5 +1,7 @@
 #include "client/training/evaluation.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 
@@ -75,6 +77,59 @@ TEST(Evaluation, NoConstantBeatsTheMeanOfTheTruth) {
     EXPECT_GT(worse.albedo(), row.albedo());
     EXPECT_GT(worse.g(), row.g());
   }
+}
+
+// 90 images of three shapes. On the last shape the estimates are as bad as the constant
+// predictor's, on the others twice as good; intervals hold the truth of sigma_t always, of albedo
+// never.
+TEST(Evaluation, DetailsAreThoseOfEstimatesThatAreKnown) {
+  LabelledImages images;
+  std::vector<v1::DatasetItem> items(90);
+  for (size_t i = 0; i < items.size(); ++i) {
+    items[i].set_shape(std::string(1, static_cast<char>('a' + i % 3)));
+    images.items.push_back(&items[i]);
+    images.truth.push_back({100.0 + static_cast<double>(i), 0.5 + 0.001 * static_cast<double>(i),
+                            0.002 * static_cast<double>(i)});
+  }
+  const std::vector<Material> constant = constant_predictions(images);
+  std::vector<MaterialEstimate> estimates;
+  for (size_t i = 0; i < items.size(); ++i) {
+    const double pull = i % 3 == 2 ? 0 : 0.5;  // from the constant to the truth
+    const Material &c = constant[i], &t = images.truth[i];
+    MaterialEstimate estimate;
+    estimate.material = {c.sigma_t + pull * (t.sigma_t - c.sigma_t),
+                         c.albedo + pull * (t.albedo - c.albedo), c.g + pull * (t.g - c.g)};
+    estimate.posterior.emplace();
+    auto& p = estimate.posterior->material.parameters;
+    p[0] = {.mean = 0, .standard_deviation = 1, .low = 0, .high = 1000};
+    p[1] = {.mean = 0, .standard_deviation = 1, .low = 2, .high = 3};
+    p[2] = {.mean = 0, .standard_deviation = 1, .low = 0, .high = 0.0881};  // half of them
+    estimates.push_back(estimate);
+  }
+  v1::Evaluation::Row row;
+  set_details(estimates, images, row);
+  EXPECT_NEAR(row.relative().sigma_t(), std::sqrt((0.25 + 0.25 + 1) / 3), 0.01);
+  // Of draws of three shapes some have only the last, and more only the others.
+  EXPECT_NEAR(row.relative_sigma_t().min(), 0.5, 1e-9);
+  EXPECT_NEAR(row.relative_sigma_t().max(), 1, 1e-9);
+  EXPECT_EQ(row.coverage().sigma_t(), 1);
+  EXPECT_EQ(row.coverage().albedo(), 0);
+  EXPECT_NEAR(row.coverage().g(), 0.5, 1e-9);
+  ASSERT_EQ(row.thirds_size(), 3);
+  for (int third = 0; third < 3; ++third) {
+    EXPECT_EQ(row.thirds(third).items(), 30);
+    EXPECT_EQ(row.thirds(third).sigma_t().min(), 100 + 30 * third);
+    EXPECT_EQ(row.thirds(third).sigma_t().max(), 129 + 30 * third);
+    EXPECT_NEAR(row.thirds(third).coverage().g(), std::array{1.0, 0.5, 0.0}[third], 1e-9);
+  }
+  // The middle third is where the constant is near the truth.
+  EXPECT_LT(row.thirds(1).rmse().sigma_t(), 0.5 * row.thirds(0).rmse().sigma_t());
+  std::vector<double> errors;
+  for (size_t i = 0; i < items.size(); ++i) {
+    errors.push_back(std::abs(estimates[i].material.sigma_t / images.truth[i].sigma_t - 1));
+  }
+  std::ranges::sort(errors);
+  EXPECT_NEAR(row.median_relative_sigma_t(), errors[44], 1e-12);
 }
 
 TEST(Evaluation, ImageErrorIsRelativeAndOnTheObject) {

@@ -6,6 +6,7 @@
 #include <gmock/gmock.h>
 
 #include "common/error.h"
+#include "common/learning/predict_reply.h"
 #include "tests/common/learning/model_for_tests.h"
 
 namespace itn {
@@ -40,6 +41,55 @@ TEST(Predictor, AnswersInsideItsBoundsOneMaterialPerChannel) {
   ASSERT_EQ(gray.size(), 1);
   EXPECT_NO_THROW(validate(gray[0]));
   EXPECT_EQ(predictor.predict(disc(16, 16, 3, 8, 8, 5.4).photograph()).size(), 3);
+}
+
+TEST(Predictor, OfADistributionAnswersItsMeanAndItsIntervals) {
+  Predictor predictor(residual_model());
+  const Pixels colour = disc(32, 32, 3, 16, 16, 10.8);
+  const std::vector<MaterialEstimate> estimates = predictor.estimate(colour.photograph());
+  ASSERT_EQ(estimates.size(), 3);
+  const v1::PredictReply reply = to_reply(estimates, predictor.name());
+  ASSERT_EQ(reply.materials_size(), 3);
+  ASSERT_EQ(reply.posteriors_size(), 3);
+  for (int i = 0; i < 3; ++i) {
+    const v1::MaterialPosterior& p = reply.posteriors(i);
+    EXPECT_EQ(reply.materials(i).sigma_t(), p.sigma_t().mean());
+    for (const v1::ParameterPosterior* parameter :
+         {&p.sigma_t(), &p.albedo(), &p.g(), &p.sigma_a(), &p.sigma_s(), &p.sigma_s_reduced()}) {
+      EXPECT_LT(parameter->low(), parameter->mean());
+      EXPECT_LT(parameter->mean(), parameter->high());
+      EXPECT_GT(parameter->standard_deviation(), 0);
+    }
+    EXPECT_EQ(p.correlations_size(), 3);
+    EXPECT_EQ(p.scattering_correlations_size(), 3);
+  }
+  Predictor point(small_model());
+  EXPECT_EQ(to_reply(point.estimate(colour.photograph()), point.name()).posteriors_size(), 0);
+}
+
+TEST(Predictor, OfUnknownExposureDoesNotSeeIt) {
+  const Pixels image = disc(32, 32, 1, 16, 16, 10.8);
+  Pixels bright = image;
+  for (float& y : bright.values) {
+    y *= 10;
+  }
+  Predictor unknown(residual_model(32, v1::EXPOSURE_UNKNOWN)), known(residual_model(32));
+  EXPECT_NEAR(unknown.predict(bright.photograph())[0].sigma_t,
+              unknown.predict(image.photograph())[0].sigma_t, 1e-2);
+  EXPECT_GT(std::abs(known.predict(bright.photograph())[0].sigma_t -
+                     known.predict(image.photograph())[0].sigma_t),
+            0.1);
+}
+
+// The density is that of standardised coordinates: it falls away from the centre.
+TEST(Predictor, GivesTheTruthALikelihood) {
+  Predictor predictor(residual_model());
+  const MaterialEstimate estimate =
+      predictor.estimate(disc(32, 32, 1, 16, 16, 10.8).photograph())[0];
+  const OutputSpace space(residual_model());
+  const std::vector<double>& o = estimate.outputs;
+  EXPECT_GT(predictor.log_likelihood(estimate, space.material({o[0], o[1], o[2]})),
+            predictor.log_likelihood(estimate, space.material({o[0] + 0.5, o[1], o[2]})));
 }
 
 TEST(Predictor, TakesEachChannelByItself) {
