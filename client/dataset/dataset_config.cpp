@@ -94,9 +94,40 @@ materials {
 }
 )";
 
+constexpr std::string_view kFlash =
+    R"(# A light at the camera in a dark room: the light is known then, as people can arrange it.
+count: 4000
+resolution: 64
+noise { target: 0.05 }
+shapes { random { count: 600 } }
+pose { turned: 3 any: 1 }
+camera {
+  pitch_degrees { uniform { min: 5 max: 50 } }
+  distance { log_uniform { min: 4 max: 40 } }
+  object_size { uniform { min: 0.55 max: 0.78 } }
+  offset { uniform { min: -0.04 max: 0.04 } }
+}
+lights {
+  flash {
+    irradiance { fixed: 100 }
+    ambient { log_uniform { min: 0.001 max: 0.02 } }
+  }
+}
+ground {
+  probability: 0.9
+  reflectance { uniform { min: 0.05 max: 0.8 } }
+}
+materials {
+  sigma_t { log_uniform { min: 20 max: 400 } }
+  albedo { uniform { min: 0.3 max: 0.98 } }
+  g { uniform { min: -0.1 max: 0.9 } }
+}
+)";
+
 constexpr DatasetPreset kPresets[] = {
     {"paper", "the set-up of Che et al. 2020", kPaper},
     {"outdoor", "any sun and sky, ground, pose and camera", kOutdoor},
+    {"flash", "a light at the camera in a dark room", kFlash},
 };
 
 v1::DatasetConfig parsed(std::string_view text, const std::string& name) {
@@ -199,7 +230,12 @@ void require_apart(const v1::SunSkyChoice& sun) {
 void validate_light(const std::string& field, const v1::LightChoice& light) {
   require(light.weight() >= 0 && std::isfinite(light.weight()),
           fmt::format("{}.weight is {}; it must be above 0", field, light.weight()));
-  require(light.has_sun_sky(), fmt::format("{} says no light; it is a sun_sky", field));
+  if (light.has_flash()) {
+    validate(field + ".flash.irradiance", light.flash().irradiance(), 0, 1e6);
+    validate(field + ".flash.ambient", light.flash().ambient(), 0, 10);
+    return;
+  }
+  require(light.has_sun_sky(), fmt::format("{} says no light; it is a sun_sky or a flash", field));
   const v1::SunSkyChoice& sun = light.sun_sky();
   const std::string name = field + ".sun_sky.";
   constexpr double kMaxAzimuth = 3600;
@@ -270,6 +306,12 @@ void set_defaults(v1::DatasetConfig& config) {
   // more.
   for (v1::LightChoice& light : *config.mutable_lights()) {
     if (light.weight() == 0) light.set_weight(1);
+    if (light.has_flash()) {
+      v1::FlashChoice flash;
+      *flash.mutable_irradiance() = fixed(100);
+      *flash.mutable_ambient() = fixed(0);
+      merge_defaults(*light.mutable_flash(), flash);
+    }
     if (light.has_sun_sky()) {
       v1::SunSkyChoice sun = defaults.lights(0).sun_sky();
       if (light.sun_sky().has_azimuth_degrees()) sun.clear_test_azimuth_degrees();

@@ -89,6 +89,21 @@ Vec3d camera_direction(const v1::ItemCamera& camera) {
   return {0, std::sin(pitch), -std::cos(pitch)};
 }
 
+// A flash is where the camera is, as far away as all lights.
+void add_lights(v1::Scene& scene, const v1::ItemLight& light, const v1::ItemCamera& camera) {
+  if (light.has_sun_sky()) {
+    *scene.add_lights()->mutable_sun_sky() = light.sun_sky();
+    return;
+  }
+  v1::DirectionalLight& flash = *scene.add_lights()->mutable_directional();
+  *flash.mutable_direction() = to_proto(camera_direction(camera));
+  flash.set_irradiance(light.flash().irradiance());
+  const double ambient = light.flash().ambient() * light.flash().irradiance() / std::numbers::pi;
+  if (ambient > 0) {
+    scene.add_lights()->mutable_constant()->set_radiance(static_cast<float>(ambient));
+  }
+}
+
 void add_camera(v1::Scene& scene, const v1::ItemCamera& item, Vec3d middle) {
   const Vec3d direction = camera_direction(item);
   const double frame = 1 / item.object_size();  // side of the frame at the object, in mm
@@ -110,7 +125,7 @@ v1::Scene scene_of(const v1::DatasetItem& item, const v1::Triangles& triangles,
   v1::Scene scene;
   const Vec3d middle = add_object(scene, item, triangles);
   if (item.has_ground_reflectance()) add_ground(scene, item.ground_reflectance());
-  *scene.add_lights()->mutable_sun_sky() = item.light().sun_sky();
+  add_lights(scene, item.light(), item.camera());
   add_camera(scene, item.camera(), middle);
   scene.mutable_film()->set_width(resolution);
   scene.mutable_film()->set_height(resolution);

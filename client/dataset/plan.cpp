@@ -245,13 +245,24 @@ v1::SunSky draw_sun(const v1::SunSkyChoice& choice, v1::Split split, uint64_t li
   return sun;
 }
 
+v1::Flash draw_flash(const v1::FlashChoice& choice, uint64_t light, const Choices& choices) {
+  v1::Flash flash;
+  flash.set_irradiance(choices.draw(derive_seed(kLight, {light, 0}), choice.irradiance()));
+  flash.set_ambient(choices.draw(derive_seed(kLight, {light, 1}), choice.ambient()));
+  return flash;
+}
+
 v1::ItemLight draw_light(const v1::DatasetConfig& config, v1::Split split, const Choices& choices) {
   std::vector<double> weights;
   for (const v1::LightChoice& light : config.lights()) weights.push_back(light.weight());
   const size_t kind = weighted(weights, choices.number(kLightKind));
   const v1::LightChoice& light = config.lights(static_cast<int>(kind));
   v1::ItemLight item;
-  *item.mutable_sun_sky() = draw_sun(light.sun_sky(), split, kind, choices);
+  if (light.has_flash()) {
+    *item.mutable_flash() = draw_flash(light.flash(), kind, choices);
+  } else {
+    *item.mutable_sun_sky() = draw_sun(light.sun_sky(), split, kind, choices);
+  }
   return item;
 }
 

@@ -51,7 +51,7 @@ TEST(DatasetConfig, PresetsAreValidAndReadBackEqual) {
     EXPECT_NO_THROW(validate(config)) << preset.name;
     EXPECT_EQ(to_text_proto(parsed(to_text_proto(config))), to_text_proto(config)) << preset.name;
   }
-  expect_error(ErrorKind::kInvalidInput, "no preset \"indoor\"; there are paper, outdoor",
+  expect_error(ErrorKind::kInvalidInput, "no preset \"indoor\"; there are paper, outdoor, flash",
                [] { find_preset("indoor"); });
 }
 

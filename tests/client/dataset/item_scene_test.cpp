@@ -81,6 +81,22 @@ TEST(ItemScene, AMillimetreTakesItsPartOfTheFrame) {
   EXPECT_EQ(scene_of(item, triangles_of("cube"), 64).surfaces_size(), 0);
 }
 
+TEST(ItemScene, AFlashIsWhereTheCameraIs) {
+  v1::DatasetItem item = upright_item();
+  item.mutable_light()->mutable_flash()->set_irradiance(50);
+  v1::Scene scene = scene_of(item, triangles_of("cube"), 64);
+  ASSERT_EQ(scene.lights_size(), 1);
+  const v1::DirectionalLight& flash = scene.lights(0).directional();
+  EXPECT_EQ(flash.irradiance(), 50);
+  const v1::Camera& camera = scene.camera();
+  EXPECT_NEAR(flash.direction().y(), (camera.origin().y() - camera.target().y()) / 10, 1e-5);
+  EXPECT_NEAR(flash.direction().z(), (camera.origin().z() - camera.target().z()) / 10, 1e-5);
+  item.mutable_light()->mutable_flash()->set_ambient(0.1F);
+  scene = scene_of(item, triangles_of("cube"), 64);
+  ASSERT_EQ(scene.lights_size(), 2);
+  EXPECT_NEAR(scene.lights(1).constant().radiance(), 5 / std::numbers::pi, 1e-5);
+}
+
 // Offsets move the object in the image: to the right, and upwards.
 TEST(ItemScene, OffsetsAreThoseOfTheImage) {
   v1::DatasetItem item = upright_item();
