@@ -1,17 +1,126 @@
 #include "client/training/augmentation.h"
 
 #include <ATen/CPUGeneratorImpl.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "common/error.h"
+#include "common/random.h"
 
 namespace itn {
+namespace {
 
-ImageBatch with_noise(ImageBatch images, double noise, uint64_t seed) {
-  const at::Generator generator = at::detail::createCPUGenerator(seed);
-  const torch::Tensor missing =
-      (noise * noise - images.noise.square()).clamp_min(0).sqrt().unsqueeze(1).unsqueeze(2);
-  const torch::Tensor factor = 1 + missing * torch::randn(images.luminance.sizes(), generator);
-  images.luminance = (images.luminance * factor).clamp_min(0);
-  images.noise = images.noise.clamp_min(noise);
-  return images;
+// Draws do not depend on each other: a choice that is switched off changes none of the rest.
+enum Choice : uint64_t { kMirror, kShift, kExposure, kNoiseLevel, kNoise };
+
+torch::Tensor per_image(const torch::Tensor& values) {
+  return values.view({-1, 1, 1});
+}
+
+// Everything of an image that moves with it.
+std::vector<torch::Tensor*> planes_of(ImageBatch& images) {
+  std::vector<torch::Tensor*> planes{&images.luminance, &images.mask};
+  if (images.weight.defined()) {
+    planes.push_back(&images.weight);
+  }
+  return planes;
+}
+
+// What moves out of the frame is lost, what comes in is 0.
+torch::Tensor shifted(const torch::Tensor& image, int64_t dx, int64_t dy) {
+  const int64_t height = image.size(-2), width = image.size(-1);
+  torch::Tensor result = torch::zeros_like(image);
+  if (std::abs(dx) >= width || std::abs(dy) >= height) {
+    return result;
+  }
+  const auto window = [&](const torch::Tensor& of, int64_t x, int64_t y) {
+    return of.narrow(-2, std::max<int64_t>(y, 0), height - std::abs(y))
+        .narrow(-1, std::max<int64_t>(x, 0), width - std::abs(x));
+  };
+  window(result, dx, dy).copy_(window(image, -dx, -dy));
+  return result;
+}
+
+void mirror(ImageBatch& images, SplitMix random) {
+  for (int64_t i = 0; i < images.size(); ++i) {
+    if (random.uniform() < 0.5) {
+      for (torch::Tensor* plane : planes_of(images)) {
+        (*plane)[i] = (*plane)[i].flip(-1);
+      }
+    }
+  }
+}
+
+void shift(ImageBatch& images, uint32_t pixels, SplitMix random) {
+  const auto offset = [&] {
+    return static_cast<int64_t>(random.below(2 * pixels + 1)) - static_cast<int64_t>(pixels);
+  };
+  for (int64_t i = 0; i < images.size(); ++i) {
+    const int64_t dx = offset(), dy = offset();
+    for (torch::Tensor* plane : planes_of(images)) {
+      (*plane)[i] = shifted((*plane)[i], dx, dy);
+    }
+  }
+}
+
+// Levels uniform in [min, max], one for each image.
+torch::Tensor noise_levels(const v1::Interval& range, int64_t count, SplitMix random) {
+  torch::Tensor levels = torch::empty({count});
+  for (int64_t i = 0; i < count; ++i) {
+    levels[i] = range.min() + (range.max() - range.min()) * random.uniform();
+  }
+  return levels;
+}
+
+void require_in(const char* name, double value, double low, double high) {
+  if (!(value >= low && value <= high)) {
+    throw invalid_input(
+        fmt::format("augmentation.{} is {}; it must be in [{}, {}]", name, value, low, high));
+  }
+}
+
+}  // namespace
+
+void validate(const v1::Augmentation& augmentation) {
+  require_in("shift", augmentation.shift(), 0, 64);
+  require_in("exposure", augmentation.exposure(), 0, 3);
+  require_in("noise.max", augmentation.noise().max(), 0, 1);
+  require_in("noise.min", augmentation.noise().min(), 0, augmentation.noise().max());
+}
+
+ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentation,
+                     uint64_t seed) {
+  const torch::NoGradGuard no_gradient;
+  const auto random = [seed](Choice choice) { return SplitMix(derive_seed(seed, {choice})); };
+  const auto generator = [seed](Choice choice) {
+    return at::detail::createCPUGenerator(derive_seed(seed, {choice}));
+  };
+  const int64_t count = images.size();
+  ImageBatch result = images;
+  for (torch::Tensor* plane : planes_of(result)) {
+    *plane = plane->clone();
+  }
+  if (augmentation.mirror()) {
+    mirror(result, random(kMirror));
+  }
+  if (augmentation.shift() > 0) {
+    shift(result, augmentation.shift(), random(kShift));
+  }
+  if (augmentation.exposure() > 0) {
+    result.luminance *=
+        per_image((torch::randn({count}, generator(kExposure)) * augmentation.exposure()).exp());
+  }
+  if (augmentation.noise().max() > 0) {
+    const torch::Tensor level = noise_levels(augmentation.noise(), count, random(kNoiseLevel));
+    const torch::Tensor missing = (level.square() - images.noise.square()).clamp_min(0).sqrt();
+    const torch::Tensor normal = torch::randn(result.luminance.sizes(), generator(kNoise));
+    result.luminance = (result.luminance * (1 + per_image(missing) * normal)).clamp_min(0);
+    result.noise = torch::maximum(level, images.noise);
+  }
+  return result;
 }
 
 }  // namespace itn

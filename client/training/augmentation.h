@@ -1,16 +1,25 @@
-// What is done to the images of a batch, afresh in each step, before the network sees them.
+// Other images of the same truth, so that a network sees each photograph in many ways and learns
+// nothing from how noisy it is.
 #pragma once
 
 #include <cstdint>
 
 #include "common/learning/network_input.h"
+#include "itn/v1/experiment.pb.h"
 
 namespace itn {
 
-// Brings the relative noise of every image up to `noise` (standard deviation over radiance of a
-// pixel) by adding what is missing. At a fixed number of samples the noise of a render tells its
-// material; noise that is the same in all images tells nothing. Images that are noisier stay as
-// they are. Luminance stays >= 0. A function of its arguments alone.
-ImageBatch with_noise(ImageBatch images, double noise, uint64_t seed);
+// Throws Error (invalid input) that names the field.
+void validate(const v1::Augmentation& augmentation);
+
+// Each image mirrored, shifted, made brighter or darker and noisier, as `augmentation` says; noise
+// must be defined. A function of its arguments alone. The result may share storage with the input,
+// which stays as it is.
+//
+// Noise is added last: to the luminance of each pixel a normal number times the luminance, so that
+// the image's relative noise becomes a level that is drawn without regard to the material. Renders
+// of a fixed number of samples have a noise that tells the material: from images of one level a
+// network cannot learn it. An image that is noisier than the level stays as it is.
+ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentation, uint64_t seed);
 
 }  // namespace itn

@@ -1,0 +1,34 @@
+// A running mean of a network's weights, which predicts better than the weights of any one step.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include <torch/torch.h>
+
+#include "common/learning/encoder.h"
+
+namespace itn {
+
+// mean <- mean + (1 - d) (weights - mean), d = min(decay, (1 + n) / (10 + n)) after n updates, so
+// that the random weights of the start are soon forgotten. Of all tensors of the network: weights
+// and running statistics.
+class WeightAverage {
+ public:
+  // Starts as a copy of the network's. `decay` in [0, 1); 0 follows the network.
+  WeightAverage(const EncoderNetwork& encoder, double decay);
+
+  void update(const EncoderNetwork& encoder);
+
+  // Puts the means into another network of the same architecture.
+  void copy_to(EncoderNetwork& encoder) const;
+  // Takes them from there, as the state after `updates`.
+  void restore(const EncoderNetwork& encoder, uint64_t updates);
+
+ private:
+  double decay_;
+  uint64_t updates_ = 0;
+  std::vector<torch::Tensor> means_;
+};
+
+}  // namespace itn
