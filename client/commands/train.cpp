@@ -1,6 +1,7 @@
 // itn train: teaches an encoder network with a dataset.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -8,6 +9,8 @@
 #include <optional>
 #include <string>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include "client/commands/command.h"
 #include "client/commands/options.h"
@@ -17,13 +20,16 @@
 #include "client/json.h"
 #include "client/output.h"
 #include "client/render_pool/render_pool.h"
-#include "client/training/training.h"
+#include "client/training/training_config.h"
+#include "client/training/training_run.h"
+#include "client/training/validation.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/folder_lock.h"
 #include "common/flags.h"
 #include "common/learning/checkpoint.h"
 #include "common/progress.h"
+#include "common/scene/text_proto.h"
 
 namespace itn {
 namespace {
@@ -33,26 +39,25 @@ namespace fs = std::filesystem;
 struct TrainOptions {
   std::string dataset;
   std::string folder;
-  std::string loss = "rn";
-  std::string parameterization;
-  std::string distribution;
-  std::string exposure = "known";
-  uint32_t resolution = 0;
-  double noise = 0;
+  std::string preset = "paper";
+  std::string config;  // file
+  bool print_config = false;
+  std::string loss, parameterization, distribution, exposure, architecture, schedule;
   std::string init;
+  uint32_t resolution = 0;
   std::optional<uint64_t> steps;
   std::optional<double> epochs;
-  uint32_t batch = 60;
-  double learning_rate = 1e-4;
-  std::string architecture = "paper";
-  std::optional<uint32_t> base_channels;
-  uint32_t blocks = 1;
-  uint32_t spp = 256;
-  uint32_t estimates = 4;
-  uint32_t pilot_spp = 4;
+  uint32_t batch = 0, base_channels = 0, blocks = 0, spp = 0, estimates = 0, pilot_spp = 0;
+  double learning_rate = 0, weight_decay = 0, max_gradient_norm = 0, weight_average = 0;
+  uint64_t warmup_steps = 0, seed = 0;
   std::optional<double> lambda;
-  uint64_t seed = 0;
+  std::vector<double> noise;  // one level, or the lowest and the highest
+  double exposure_jitter = 0;
+  bool mirror = false;
+  uint32_t shift = 0;
   uint64_t checkpoint_every = 100;
+  uint64_t validate_every = 500;
+  uint64_t patience = 0;
   bool resume = false;
   int torch_threads = 0;
   WorkerFlags workers;
@@ -68,8 +73,7 @@ uint64_t steps_of(const TrainOptions& options, size_t items, uint32_t batch) {
       std::ceil(options.epochs.value_or(kDefaultEpochs) * static_cast<double>(items) / batch));
 }
 
-// What the flags say. A run that is resumed has its configuration already: there only those that
-// are on the command line count.
+// What the flags say.
 class Flags {
  public:
   Flags(const TrainOptions& options, const CLI::App& command)
@@ -77,114 +81,115 @@ class Flags {
 
   bool given(const char* flag) const { return command_.count(flag) > 0; }
 
-  // The configuration `known` where there is one.
-  v1::TrainingConfig config(const v1::TrainingConfig* known, const DatasetReader& dataset,
-                            size_t items, const std::optional<v1::Model>& init) const {
-    v1::TrainingConfig config = known == nullptr ? v1::TrainingConfig() : *known;
-    const auto wanted = [&](const char* flag) { return known == nullptr || given(flag); };
-    if (wanted("--loss")) {
+  // `base`, but for what is on the command line: that of the run that is resumed, or that of
+  // preset and file.
+  v1::TrainingConfig over(v1::TrainingConfig config) const {
+    set_network(config);
+    if (given("--loss")) {
       config.set_loss(options_.loss == "itn" ? v1::TrainingConfig::ITN : v1::TrainingConfig::RN);
     }
-    if (wanted("--architecture") || given("--base-channels") || given("--blocks")) {
-      set_architecture(known, config);
-    }
-    const bool residual = config.architecture().has_residual_convolutions();
-    if (wanted("--distribution") || given("--architecture")) {
-      config.set_output(gaussian(residual) ? v1::GAUSSIAN : v1::POINT);
-    }
-    if (wanted("--parameterization") || given("--distribution") || given("--architecture")) {
-      config.set_parameterization(parameterization(config.output()));
-    }
-    if (wanted("--exposure")) {
+    if (given("--exposure")) {
       config.set_exposure(options_.exposure == "unknown" ? v1::EXPOSURE_UNKNOWN
                                                          : v1::EXPOSURE_KNOWN);
     }
-    if (wanted("--resolution")) {
-      config.set_resolution(options_.resolution);
+    if (given("--schedule")) {
+      config.set_schedule(options_.schedule == "cosine" ? v1::TrainingConfig::COSINE
+                                                        : v1::TrainingConfig::CONSTANT);
     }
-    if (wanted("--noise")) {
-      config.set_noise(options_.noise);
+    if (given("--resolution")) config.set_resolution(options_.resolution);
+    if (given("--batch")) config.set_batch(options_.batch);
+    if (given("--lr")) config.set_learning_rate(options_.learning_rate);
+    if (given("--warmup-steps")) config.set_warmup_steps(options_.warmup_steps);
+    if (given("--weight-decay")) config.set_weight_decay(options_.weight_decay);
+    if (given("--max-gradient-norm")) config.set_max_gradient_norm(options_.max_gradient_norm);
+    if (given("--weight-average")) config.set_weight_average_decay(options_.weight_average);
+    if (given("--seed")) config.set_seed(options_.seed);
+    if (given("--spp")) config.set_spp(options_.spp);
+    if (given("--estimates")) config.set_estimates(options_.estimates);
+    if (given("--pilot-spp")) config.set_pilot_spp(options_.pilot_spp);
+    if (options_.lambda) config.set_lambda(*options_.lambda);
+    if (config.loss() != v1::TrainingConfig::ITN) {  // nothing of the image term
+      config.clear_spp();
+      config.clear_estimates();
+      config.clear_pilot_spp();
+      config.clear_lambda();
     }
-    if (wanted("--batch")) {
-      config.set_batch(options_.batch);
-    }
-    if (wanted("--steps") || given("--epochs")) {
-      config.set_steps(steps_of(options_, items, config.batch()));
-    }
-    if (wanted("--lr")) {
-      config.set_learning_rate(options_.learning_rate);
-    }
-    if (wanted("--seed")) {
-      config.set_seed(options_.seed);
-    }
-    const bool itn = config.loss() == v1::TrainingConfig::ITN;
-    if (itn && wanted("--spp")) {
-      config.set_spp(options_.spp);
-    }
-    if (itn && wanted("--estimates")) {
-      config.set_estimates(options_.estimates);
-    }
-    if (itn && wanted("--pilot-spp")) {
-      config.set_pilot_spp(options_.pilot_spp);
-    }
-    if (itn && options_.lambda) {
-      config.set_lambda(*options_.lambda);
-    }
-    if (wanted("--torch-threads")) {
-      config.set_torch_threads(static_cast<uint32_t>(options_.torch_threads));
-    }
-    if (wanted("--init")) {
-      config.set_init_sha256(init ? weights_sha256(*init) : "");
-    }
-    if (known == nullptr) {  // there is one of each
-      config.set_optimizer(v1::TrainingConfig::ADAM);
-      config.set_schedule(v1::TrainingConfig::CONSTANT);
-    }
-    config.set_dataset_sha256(to_hex(sha256(to_text(dataset.manifest()))));
+    set_augmentation(*config.mutable_augmentation());
     return config;
   }
 
  private:
-  // The paper's, or the residual one; a width that is not given is that of `known`, or a default.
-  void set_architecture(const v1::TrainingConfig* known, v1::TrainingConfig& config) const {
-    const bool residual = known == nullptr || given("--architecture")
-                              ? options_.architecture == "residual"
-                              : known->architecture().has_residual_convolutions();
+  // What belongs together, unless it is said in particular: a residual network takes ratios and
+  // answers a Gaussian, the paper's takes luminance and weight map and answers a point.
+  void set_network(v1::TrainingConfig& config) const {
     v1::Architecture& architecture = *config.mutable_architecture();
-    if (residual) {
-      v1::ResidualConvolutions& sizes = *architecture.mutable_residual_convolutions();
-      if (options_.base_channels || sizes.base_channels() == 0) {
-        sizes.set_base_channels(options_.base_channels.value_or(32));
+    if (given("--architecture")) {
+      const bool residual = options_.architecture == "residual";
+      const v1::TrainingConfig belongs = training_preset(residual ? "residual" : "paper");
+      if (architecture.kind_case() != belongs.architecture().kind_case()) {
+        architecture = belongs.architecture();
       }
-      if (given("--blocks") || sizes.blocks() == 0) {
-        sizes.set_blocks(options_.blocks);
-      }
-      config.set_input(v1::RATIOS);
-    } else {
-      v1::PlainConvolutions& sizes = *architecture.mutable_plain_convolutions();
-      if (options_.base_channels || sizes.base_channels() == 0) {
-        sizes.set_base_channels(options_.base_channels.value_or(16));
-      }
-      config.set_input(v1::LUMINANCE_AND_WEIGHT);
+      config.set_input(belongs.input());
+      config.set_output(belongs.output());
+      config.set_parameterization(belongs.parameterization());
+    }
+    if (architecture.has_residual_convolutions()) {
+      auto& layers = *architecture.mutable_residual_convolutions();
+      if (given("--base-channels")) layers.set_base_channels(options_.base_channels);
+      if (given("--blocks")) layers.set_blocks(options_.blocks);
+    } else if (given("--base-channels")) {
+      architecture.mutable_plain_convolutions()->set_base_channels(options_.base_channels);
+    }
+    if (given("--distribution")) {
+      const bool gaussian = options_.distribution == "gaussian";
+      config.set_output(gaussian ? v1::GAUSSIAN : v1::POINT);
+      config.set_parameterization(gaussian ? v1::UNBOUNDED : v1::SIMILARITY);
+    }
+    if (given("--parameterization")) {
+      config.set_parameterization(options_.parameterization == "naive"        ? v1::NAIVE
+                                  : options_.parameterization == "similarity" ? v1::SIMILARITY
+                                                                              : v1::UNBOUNDED);
     }
   }
 
-  bool gaussian(bool residual) const {
-    return options_.distribution.empty() ? residual : options_.distribution == "gaussian";
-  }
-
-  v1::Parameterization parameterization(v1::OutputDistribution output) const {
-    if (options_.parameterization.empty()) {
-      return output == v1::GAUSSIAN ? v1::UNBOUNDED : v1::SIMILARITY;
+  void set_augmentation(v1::Augmentation& augmentation) const {
+    if (given("--noise")) {
+      augmentation.mutable_noise()->set_min(options_.noise.front());
+      augmentation.mutable_noise()->set_max(options_.noise.back());
     }
-    return options_.parameterization == "naive"        ? v1::NAIVE
-           : options_.parameterization == "similarity" ? v1::SIMILARITY
-                                                       : v1::UNBOUNDED;
+    if (given("--mirror")) augmentation.set_mirror(options_.mirror);
+    if (given("--shift")) augmentation.set_shift(options_.shift);
+    if (given("--exposure-jitter")) augmentation.set_exposure(options_.exposure_jitter);
   }
 
   const TrainOptions& options_;
   const CLI::App& command_;
 };
+
+// What a new run starts from.
+v1::TrainingConfig base_config(const TrainOptions& options) {
+  const v1::TrainingConfig preset = training_preset(options.preset);
+  return options.config.empty() ? preset : read_training_config(options.config, preset);
+}
+
+// What follows from the dataset, and from what else there is.
+void complete(v1::TrainingConfig& config, const TrainOptions& options, const Flags& flags,
+              const DatasetReader& dataset, size_t items, const std::optional<v1::Model>& init,
+              bool is_new) {
+  if (config.steps() == 0 || flags.given("--steps") || flags.given("--epochs")) {
+    config.set_steps(steps_of(options, items, config.batch()));
+  }
+  if (is_new && !flags.given("--warmup-steps")) {  // not most of a short run
+    config.set_warmup_steps(std::min(config.warmup_steps(), config.steps() / 10));
+  }
+  if (is_new || flags.given("--torch-threads")) {
+    config.set_torch_threads(static_cast<uint32_t>(options.torch_threads));
+  }
+  if (is_new || flags.given("--init")) {
+    config.set_init_sha256(init ? weights_sha256(*init) : "");
+  }
+  config.set_dataset_sha256(to_hex(sha256(to_text(dataset.manifest()))));
+}
 
 // Throws unless a run of this configuration can start from a model trained before.
 void require_same_network(const v1::Model& init, const v1::TrainingConfig& config, int resolution,
@@ -227,6 +232,14 @@ void print(const v1::TrainingSummary& summary) {
     print_result(", image loss {:.5f}", summary.last().image_loss());
   }
   print_result(", {:.1f} s\n", summary.seconds());
+  if (summary.has_best()) {
+    const v1::ValidationMetrics& best = summary.best();
+    print_result(
+        "{}: best on the validation split{}: errors of {:.3f} (sigma_t), {:.3f} (albedo), {:.3f} "
+        "(g) of the constant predictor's\n",
+        summary.best_checkpoint(), summary.stopped_early() ? ", no better one came" : "",
+        best.sigma_t(), best.albedo(), best.g());
+  }
 }
 
 // The dataset: the one that is named, or the one that the run was started with.
@@ -255,8 +268,37 @@ std::string dataset_folder(const TrainOptions& options,
   return folder;
 }
 
+// Images that are not learned from, if the dataset has any.
+struct ValidationSet {
+  ValidationSet(LabelledImages labelled, const PackedFormat& format, const std::string& folder,
+                double noise)
+      : images(std::move(labelled)),
+        inputs(images, format, folder, interruption()),
+        validation(images, inputs, noise) {}
+
+  LabelledImages images;
+  PackedInputs inputs;
+  Validation validation;
+};
+
+std::unique_ptr<ValidationSet> validation_set(DatasetReader& dataset, const PackedFormat& format,
+                                              const TrainOptions& options, double noise) {
+  if (options.validate_every == 0 || dataset.items(v1::SPLIT_VALIDATION).empty()) {
+    return nullptr;
+  }
+  return std::make_unique<ValidationSet>(images_of(dataset, v1::SPLIT_VALIDATION), format,
+                                         options.folder, noise);
+}
+
 void run(TrainOptions options, const CLI::App& command) {
   const auto start = std::chrono::steady_clock::now();
+  if (options.print_config) {
+    print_result("{}", to_text_proto(Flags(options, command).over(base_config(options))));
+    return;
+  }
+  if (options.folder.empty()) {
+    throw Error(ErrorKind::kUsage, "where to? itn train DATASET -o RUN");
+  }
   check_folder_writable(options.folder);
   if (options.torch_threads == 0) {
     options.torch_threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
@@ -270,9 +312,10 @@ void run(TrainOptions options, const CLI::App& command) {
   const std::optional<v1::Model> init =
       options.init.empty() ? std::nullopt : std::optional(read_checkpoint(options.init).model());
   const Flags flags(options, command);
-  const v1::TrainingConfig config =
-      flags.config(there && options.resume ? &there->training().config() : nullptr, dataset,
-                   images.items.size(), init);
+  const bool goes_on = there && options.resume;
+  v1::TrainingConfig config =
+      flags.over(goes_on ? there->training().config() : base_config(options));
+  complete(config, options, flags, dataset, images.items.size(), init, !goes_on);
   const int resolution =
       config.resolution() != 0 ? static_cast<int>(config.resolution()) : images.resolution;
   if (there) {
@@ -286,8 +329,10 @@ void run(TrainOptions options, const CLI::App& command) {
   validate(config);
   // Read.
   set_torch_threads(static_cast<int>(config.torch_threads()));
-  const PackedInputs inputs(images, {.resolution = resolution, .input = config.input()},
-                            options.folder, interruption());
+  const PackedFormat format{.resolution = resolution, .input = config.input()};
+  const PackedInputs inputs(images, format, options.folder, interruption());
+  const std::unique_ptr<ValidationSet> validation =
+      validation_set(dataset, format, options, config.augmentation().noise().max());
   v1::Model model;  // of a new run
   if (!there) {
     model = init ? *init
@@ -306,19 +351,31 @@ void run(TrainOptions options, const CLI::App& command) {
   }
   v1::TrainingSummary summary;
   std::optional<Progress> progress;
+  std::string validated;  // as it is shown
   const auto report = [&](const v1::TrainingMetrics& metrics) {
     if (!progress) {
       progress.emplace("train", "steps", config.steps(), metrics.step() - 1);
     }
-    progress->update(metrics.step(), note_of(metrics));
+    if (metrics.has_validation()) {
+      const v1::ValidationMetrics& v = metrics.validation();
+      validated = fmt::format("  validation {:.3f} {:.3f} {:.3f}", v.sigma_t(), v.albedo(), v.g());
+      if (!summary.has_best() || score(v) < score(summary.best())) *summary.mutable_best() = v;
+    }
+    progress->update(metrics.step(), note_of(metrics) + validated);
     *summary.mutable_last() = metrics;
   };
-  train(config, images, inputs, model, image_term,
-        {.folder = options.folder,
-         .dataset = fs::absolute(dataset.folder()).lexically_normal().string(),
-         .checkpoint_every = options.checkpoint_every,
-         .report = report,
-         .stop = interruption()});
+  TrainingRun run{.folder = options.folder,
+                  .dataset = fs::absolute(dataset.folder()).lexically_normal().string(),
+                  .checkpoint_every = options.checkpoint_every,
+                  .validate = {},
+                  .validate_every = options.validate_every,
+                  .patience = options.patience,
+                  .report = report,
+                  .stop = interruption()};
+  if (validation) {
+    run.validate = [&](const v1::Model& now) { return validation->validation.measure(now); };
+  }
+  const TrainingEnd end = train(config, images, inputs, model, image_term, run);
   if (progress) {
     progress->finish();
   }
@@ -326,6 +383,10 @@ void run(TrainOptions options, const CLI::App& command) {
   const fs::path checkpoint = fs::path(options.folder) / kCheckpointName;
   summary.set_checkpoint(checkpoint.string());
   summary.set_model(read_checkpoint(checkpoint).model().name());
+  summary.set_stopped_early(end.stopped_early);
+  if (validation) {
+    summary.set_best_checkpoint((fs::path(options.folder) / kBestCheckpointName).string());
+  }
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   summary.set_seconds(elapsed.count());
   summary.set_render_cpu_seconds(pool ? pool->statistics().cpu_seconds : 0);
@@ -337,17 +398,38 @@ void run(TrainOptions options, const CLI::App& command) {
 void add_train_command(CLI::App& app) {
   const auto options = std::make_shared<TrainOptions>();
   CLI::App* command = app.add_subcommand(
-      "train",
-      "Train a network with a dataset; the same command continues what was stopped. The optimizer "
-      "is Adam, at a constant learning rate");
+      "train", "Train a network with a dataset; the same command continues what was stopped");
   command->add_option("dataset", options->dataset,
                       "Folder that itn dataset wrote; --resume knows it");
-  command->add_option("-o,--output", options->folder, "Folder of the run")->required();
+  command->add_option("-o,--output", options->folder, "Folder of the run; required to train");
+  command
+      ->add_option("--preset", options->preset,
+                   "Where a new run's configuration starts; paper: that of Che et al. 2020; "
+                   "residual: a residual network that answers a distribution, AdamW, cosine "
+                   "schedule, augmentation. The defaults of most flags are the preset's")
+      ->check(one_of(training_presets()))
+      ->capture_default_str();
+  command->add_option("--config", options->config,
+                      "File with fields of itn.v1.TrainingConfig (text format) in the place of the "
+                      "preset's; flags win over both");
+  command->add_flag("--print-config", options->print_config,
+                    "Print the configuration that preset, file and flags make, and end");
   command
       ->add_option("--loss", options->loss,
                    "rn: distance to the truth; itn: and of the re-rendered image to the input")
-      ->check(one_of({"rn", "itn"}))
-      ->capture_default_str();
+      ->check(one_of({"rn", "itn"}));
+  command
+      ->add_option("--architecture", options->architecture,
+                   "Layers of the network; paper: convolution, ReLU and pooling down to one pixel, "
+                   "of luminance and weight map; residual: a residual network of log luminance and "
+                   "its ratios to means")
+      ->check(one_of({"paper", "residual"}));
+  command
+      ->add_option("--base-channels", options->base_channels,
+                   "Of the first convolution; default: 16 (paper), 32 (residual)")
+      ->check(number_in(1U, 128U));
+  command->add_option("--blocks", options->blocks, "Of each stage (residual)")
+      ->check(number_in(1U, 4U));
   command
       ->add_option("--distribution", options->distribution,
                    "What the network answers; point: a best guess; gaussian: a distribution; "
@@ -361,20 +443,30 @@ void add_train_command(CLI::App& app) {
       ->add_option(
           "--exposure", options->exposure,
           "Whether the radiance of photographs will be on the dataset's scale; unknown: the "
-          "network learns to do without")
-      ->check(one_of({"known", "unknown"}))
-      ->capture_default_str();
+          "network learns to do without; default: known")
+      ->check(one_of({"known", "unknown"}));
   command
       ->add_option("--resolution", options->resolution,
-                   "Of the network's input, in pixels: the images are averaged down; 0: their own")
-      ->check(one_of({"0", "16", "32", "64", "128", "256"}))
-      ->capture_default_str();
+                   "Of the network's input, in pixels: the images are averaged down; 0, the "
+                   "default: their own")
+      ->check(one_of({"0", "16", "32", "64", "128", "256"}));
   command
       ->add_option("--noise", options->noise,
-                   "Relative noise of a pixel that every image is brought up to, afresh in each "
-                   "step, so that noise tells nothing of the material; 0: none is added")
-      ->check(number_in(0.0, 1.0))
-      ->capture_default_str();
+                   "LEVEL or MIN MAX: relative noise of a pixel that every image is brought up to, "
+                   "afresh in each step, so that noise tells nothing of the material; 0: none is "
+                   "added")
+      ->expected(1, 2)
+      ->check(number_in(0.0, 1.0));
+  command->add_flag("--mirror,!--no-mirror", options->mirror,
+                    "Show every second image with left and right exchanged");
+  command
+      ->add_option("--shift", options->shift,
+                   "Move each image by up to so many pixels in x and in y")
+      ->check(number_in(0U, 64U));
+  command
+      ->add_option("--exposure-jitter", options->exposure_jitter,
+                   "Multiply each image by a factor whose logarithm has this standard deviation")
+      ->check(number_in(0.0, 3.0));
   command->add_option("--init", options->init,
                       "Checkpoint (or run) to start from, e.g. of an RN for an ITN");
   CLI::Option* steps = command->add_option("--steps", options->steps, "Steps to take")
@@ -382,47 +474,62 @@ void add_train_command(CLI::App& app) {
   command->add_option("--epochs", options->epochs, "Instead of steps; default 50")
       ->check(number_in(0.0, 1e6, Ends::kExcluded))
       ->excludes(steps);
-  command->add_option("--batch", options->batch, "Images per step")
-      ->check(number_in(1U, 65536U))
-      ->capture_default_str();
-  command->add_option("--lr", options->learning_rate, "Learning rate of Adam, constant")
-      ->check(number_in(0.0, 1e30, Ends::kExcluded))
-      ->capture_default_str();
+  command->add_option("--batch", options->batch, "Images per step; default: 60 (paper), 32")
+      ->check(number_in(1U, 65536U));
   command
-      ->add_option("--architecture", options->architecture,
-                   "Layers of the network; paper: convolution, ReLU and pooling down to one pixel, "
-                   "of luminance and weight map; residual: a residual network of log luminance and "
-                   "its ratios to means")
-      ->check(one_of({"paper", "residual"}))
-      ->capture_default_str();
+      ->add_option("--lr", options->learning_rate,
+                   "Learning rate of Adam; default: 1e-4 (paper), 2e-3")
+      ->check(number_in(0.0, 1e30, Ends::kExcluded));
   command
-      ->add_option("--base-channels", options->base_channels,
-                   "Of the first convolution; default: 16 (paper), 32 (residual)")
-      ->check(number_in(1U, 128U));
-  command->add_option("--blocks", options->blocks, "Of each stage (residual)")
-      ->check(number_in(1U, 4U))
-      ->capture_default_str();
-  command->add_option("--spp", options->spp, "Samples per pixel of each render (itn)")
-      ->check(kSppRange)
-      ->capture_default_str();
+      ->add_option("--schedule", options->schedule,
+                   "Of the learning rate; cosine: rises, then falls to a hundredth at the last "
+                   "step; default: constant (paper), cosine")
+      ->check(one_of({"constant", "cosine"}));
+  command
+      ->add_option("--warmup-steps", options->warmup_steps,
+                   "In which it rises (cosine); default: 200, or a tenth of all")
+      ->check(number_in(uint64_t{0}, uint64_t{UINT32_MAX}));
+  command
+      ->add_option("--weight-decay", options->weight_decay,
+                   "Of AdamW, times the learning rate; default: 0 (paper), 0.02")
+      ->check(number_in(0.0, 1.0));
+  command
+      ->add_option("--max-gradient-norm", options->max_gradient_norm,
+                   "Longer gradients are shortened to this; 0: never; default: 0 (paper), 5")
+      ->check(number_in(0.0, 1e30));
+  command
+      ->add_option("--weight-average", options->weight_average,
+                   "Decay of the running mean of the weights, which is what the model predicts "
+                   "with; 0: the weights of the last step; default: 0 (paper), 0.999")
+      ->check(number_in(0.0, 0.999999));
+  command->add_option("--spp", options->spp, "Samples per pixel of each render (itn); default 256")
+      ->check(kSppRange);
   command
       ->add_option("--estimates", options->estimates,
-                   "Independent estimates that the samples are shared out to (itn)")
-      ->check(number_in(2U, 16U))
-      ->capture_default_str();
+                   "Independent estimates that the samples are shared out to (itn); default 4")
+      ->check(number_in(2U, 16U));
   command
-      ->add_option(
-          "--pilot-spp", options->pilot_spp,
-          "Samples per pixel of each render's pilot, which makes it quieter (itn); 0: none")
-      ->check(number_in(0U, 64U))
-      ->capture_default_str();
+      ->add_option("--pilot-spp", options->pilot_spp,
+                   "Samples per pixel of each render's pilot, which makes it quieter (itn); 0: "
+                   "none; default 4")
+      ->check(number_in(0U, 64U));
   command
       ->add_option("--lambda", options->lambda,
                    "Weight of the image term (itn); default: balanced on the first ten steps")
       ->check(number_in(0.0, 1e30));
-  command->add_option("--seed", options->seed, "Of weights, order and renders")
-      ->check(kAnySeed)
+  command
+      ->add_option("--validate-every", options->validate_every,
+                   "Steps between two looks at the dataset's validation split, if it has one; the "
+                   "best model is kept as best.itn; 0: never")
+      ->check(number_in(uint64_t{0}, uint64_t{1} << 30))
       ->capture_default_str();
+  command
+      ->add_option("--patience", options->patience,
+                   "End after so many validations without a better one; 0: never")
+      ->check(number_in(uint64_t{0}, uint64_t{1} << 30))
+      ->capture_default_str();
+  command->add_option("--seed", options->seed, "Of weights, order and renders; default 0")
+      ->check(kAnySeed);
   command->add_option("--checkpoint-every", options->checkpoint_every, "Steps")
       ->check(number_in(uint64_t{1}, uint64_t{1} << 30))
       ->capture_default_str();

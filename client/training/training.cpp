@@ -1,37 +1,31 @@
 #include "client/training/training.h"
 
-#include <chrono>
 #include <cmath>
-#include <fstream>
-#include <optional>
+#include <utility>
 
 #include <fmt/format.h>
-#include <google/protobuf/util/message_differencer.h>
 
-#include "client/json.h"
 #include "client/training/adam_state.h"
 #include "client/training/augmentation.h"
+#include "client/training/learning_rate.h"
 #include "common/error.h"
-#include "common/files/atomic_file.h"
-#include "common/learning/checkpoint.h"
+#include "common/random.h"
 
 namespace itn {
-namespace fs = std::filesystem;
-
 namespace {
 
 // Branches of the tree of random choices below a run's seed.
-enum Choice : uint64_t { kInitialWeights, kOrder, kRenders, kNoise };
+enum Choice : uint64_t { kInitialWeights, kOrder, kRenders, kAugmentation };
 
 // The two terms are balanced over the first steps and then left alone: from there on the loss that
 // is minimised is one and the same.
 constexpr uint64_t kBalanceSteps = 10;
 
-torch::Tensor standardized_targets(const OutputSpace& space, const LabelledImages& images) {
-  torch::Tensor targets = torch::empty({static_cast<int64_t>(images.truth.size()), 3});
+torch::Tensor standardized_targets(const OutputSpace& space, const std::vector<Material>& truth) {
+  torch::Tensor targets = torch::empty({static_cast<int64_t>(truth.size()), 3});
   auto values = targets.accessor<float, 2>();
-  for (size_t i = 0; i < images.truth.size(); ++i) {
-    const Triple target = space.standardized(images.truth[i]);
+  for (size_t i = 0; i < truth.size(); ++i) {
+    const Triple target = space.standardized(truth[i]);
     for (size_t k = 0; k < 3; ++k) {
       values[static_cast<int64_t>(i)][static_cast<int64_t>(k)] = static_cast<float>(target[k]);
     }
@@ -64,7 +58,7 @@ Encoder initial_encoder(const v1::TrainingConfig& config, const v1::Model& start
   return new_encoder(start);
 }
 
-// Of the configuration's kind and schedule, of which there is one each (validate()).
+// Of the configuration's kind, of which there is one (validate()).
 std::unique_ptr<torch::optim::Adam> new_optimizer(const Encoder& encoder,
                                                   const v1::TrainingConfig& config) {
   return std::make_unique<torch::optim::Adam>(encoder->parameters(),
@@ -138,13 +132,22 @@ void validate(const v1::TrainingConfig& config) {
           "a Gaussian output needs the parameterization UNBOUNDED");
   require(config.input() != v1::NETWORK_INPUT_UNSPECIFIED, "an input is needed");
   require(config.exposure() != v1::EXPOSURE_UNSPECIFIED, "exposure must be known or unknown");
-  require(config.noise() >= 0 && config.noise() <= 1, "noise must be in [0, 1]");
+  validate(config.augmentation());
   require(!config.architecture().has_residual_convolutions() || config.input() == v1::RATIOS,
           "the residual architecture takes the input RATIOS, which has the mask among its planes");
   require(config.optimizer() == v1::TrainingConfig::ADAM, "optimizer must be ADAM");
-  require(config.schedule() == v1::TrainingConfig::CONSTANT, "schedule must be CONSTANT");
+  require(config.schedule() == v1::TrainingConfig::CONSTANT ||
+              config.schedule() == v1::TrainingConfig::COSINE,
+          "schedule must be CONSTANT or COSINE");
   require(config.learning_rate() > 0 && std::isfinite(config.learning_rate()),
           "the learning rate must be positive");
+  require(config.warmup_steps() < config.steps(), "there must be more steps than warmup_steps");
+  require(config.weight_decay() >= 0 && config.weight_decay() <= 1,
+          "weight_decay must be in [0, 1]");
+  require(config.max_gradient_norm() >= 0 && std::isfinite(config.max_gradient_norm()),
+          "max_gradient_norm must be >= 0");
+  require(config.weight_average_decay() >= 0 && config.weight_average_decay() < 1,
+          "weight_average_decay must be in [0, 1)");
   if (config.loss() == v1::TrainingConfig::ITN) {
     require(config.estimates() >= 2 && config.estimates() <= 16,
             "estimates must be in [2, 16]: products of one estimate with itself are biased");
@@ -155,47 +158,78 @@ void validate(const v1::TrainingConfig& config) {
   }
 }
 
-Trainer::Trainer(v1::TrainingConfig config, const LabelledImages& images,
-                 const PackedInputs& inputs, const v1::Model& start, ImageTerm image_term)
-    : images_(images),
-      inputs_(inputs),
+Trainer::Trainer(v1::TrainingConfig config, std::unique_ptr<Batches> batches,
+                 const v1::Model& start)
+    : batches_(std::move(batches)),
       model_(named(start, validated(config))),
       space_(model_),
-      targets_(standardized_targets(space_, images)),
       encoder_(initial_encoder(config, start)),
       optimizer_(new_optimizer(encoder_, config)),
-      sampler_(static_cast<uint32_t>(images.items.size()), derive_seed(config.seed(), {kOrder})),
       regression_loss_(distance_to_truth(config.output())) {
-  if (start.resolution() != static_cast<uint32_t>(inputs.format().resolution)) {
+  if (start.resolution() != static_cast<uint32_t>(batches_->resolution())) {
     throw invalid_input(
         fmt::format("the network is for {0} x {0} pixels; the images have {1} x {1}",
-                    start.resolution(), inputs.format().resolution));
+                    start.resolution(), batches_->resolution()));
   }
-  if (config.loss() == v1::TrainingConfig::ITN) {
-    image_loss_ = std::make_unique<ImageLoss>(space_, images_, std::move(image_term),
-                                              derive_seed(config.seed(), {kRenders}));
+  if (config.weight_average_decay() > 0) {
+    average_.emplace(*encoder_, config.weight_average_decay());
   }
   *state_.mutable_config() = std::move(config);
 }
 
+Trainer::Trainer(v1::TrainingConfig config, const LabelledImages& images,
+                 const PackedInputs& inputs, const v1::Model& start, ImageTerm image_term)
+    : Trainer(
+          config,
+          std::make_unique<DatasetBatches>(images, inputs, derive_seed(config.seed(), {kOrder})),
+          start) {
+  if (config.loss() == v1::TrainingConfig::ITN) {
+    image_loss_ = std::make_unique<ImageLoss>(space_, images, std::move(image_term),
+                                              derive_seed(config.seed(), {kRenders}));
+  }
+}
+
 void Trainer::restore(const v1::Checkpoint& checkpoint) {
   encoder_ = load_encoder(checkpoint.model());
+  if (average_) {
+    average_->restore(*encoder_, checkpoint.training().step());
+    v1::Model last = checkpoint.model();
+    *last.mutable_weights() = checkpoint.training().weights();
+    encoder_ = load_encoder(last);
+  }
   optimizer_ = new_optimizer(encoder_, state_.config());
   restore_state(*optimizer_, *encoder_, checkpoint.training().optimizer());
   const v1::TrainingConfig config = state_.config();
   state_ = checkpoint.training();
   state_.clear_optimizer();
+  state_.clear_weights();
   *state_.mutable_config() = config;  // may ask for more steps
 }
 
 v1::Checkpoint Trainer::checkpoint() const {
   v1::Checkpoint checkpoint;
-  *checkpoint.mutable_model() = model_;
-  checkpoint.mutable_model()->set_step(state_.step());
-  store_weights(*encoder_, *checkpoint.mutable_model());
+  *checkpoint.mutable_model() = model();
   *checkpoint.mutable_training() = state_;
   *checkpoint.mutable_training()->mutable_optimizer() = state_of(*optimizer_, *encoder_);
+  if (average_) {
+    v1::Model last;
+    store_weights(*encoder_, last);
+    checkpoint.mutable_training()->mutable_weights()->Swap(last.mutable_weights());
+  }
   return checkpoint;
+}
+
+v1::Model Trainer::model() const {
+  v1::Model model = model_;
+  model.set_step(state_.step());
+  if (average_) {
+    const Encoder mean = new_encoder(model_);
+    average_->copy_to(*mean);
+    store_weights(*mean, model);
+  } else {
+    store_weights(*encoder_, model);
+  }
+  return model;
 }
 
 // Eqs. 2 and 3. Torch sees a surrogate of the loss with the same gradient in the outputs: outputs .
@@ -206,14 +240,14 @@ v1::TrainingMetrics Trainer::step() {
   next.set_step(state_.step() + 1);
   v1::TrainingMetrics metrics;
   // Take the batch of this step.
-  const std::vector<uint32_t> items = sampler_.batch(state_.step(), config.batch());
-  const torch::Tensor index = torch::tensor(std::vector<int64_t>(items.begin(), items.end()));
-  const Batch batch{
-      .step = state_.step(), .items = items, .targets = targets_.index_select(0, index)};
+  const TrainingImages taken = batches_->of_step(state_.step(), config.batch());
+  const Batch batch{.step = state_.step(),
+                    .items = taken.items,
+                    .targets = standardized_targets(space_, taken.truth)};
   // Predict.
   encoder_->train();
   RunningStatistics statistics(*encoder_);
-  const torch::Tensor outputs = encoder_->forward(inputs_of(items, state_.step()));
+  const torch::Tensor outputs = encoder_->forward(input_of(taken.images, state_.step()));
   if (!is_finite(outputs)) {
     throw diverged("the network's answers are");
   }
@@ -239,41 +273,60 @@ v1::TrainingMetrics Trainer::step() {
       throw diverged("the gradient is");
     }
   }
-  optimizer_->step();
+  metrics.set_learning_rate(learning_rate(config, state_.step()));
+  descend(metrics.learning_rate());
   statistics.keep();
   for (const torch::Tensor& parameter : encoder_->parameters()) {
     if (!is_finite(parameter)) {
       throw diverged("the weights are");
     }
   }
+  if (average_) {
+    average_->update(*encoder_);
+  }
   state_ = next;
   metrics.set_step(static_cast<uint32_t>(state_.step()));
   metrics.set_epoch(static_cast<double>(state_.step()) * config.batch() /
-                    static_cast<double>(images_.items.size()));
+                    static_cast<double>(batches_->images_until(state_.step())));
   return metrics;
+}
+
+void Trainer::descend(double rate) {
+  const v1::TrainingConfig& config = state_.config();
+  if (config.max_gradient_norm() > 0) {
+    torch::nn::utils::clip_grad_norm_(encoder_->parameters(), config.max_gradient_norm());
+  }
+  if (config.weight_decay() > 0) {
+    const torch::NoGradGuard no_gradient;
+    for (torch::Tensor& parameter : encoder_->parameters()) {
+      if (parameter.dim() > 1) {  // not biases, nor the scales of normalisations
+        parameter.mul_(1 - rate * config.weight_decay());
+      }
+    }
+  }
+  for (torch::optim::OptimizerParamGroup& group : optimizer_->param_groups()) {
+    group.options().set_lr(rate);
+  }
+  optimizer_->step();
 }
 
 void Trainer::require_finite_answers() const {
   if (state_.step() == 0) {
     return;
   }
-  EpochSampler sampler = sampler_;
-  const std::vector<uint32_t> items = sampler.batch(state_.step() - 1, state_.config().batch());
+  const uint64_t last = state_.step() - 1;
+  const TrainingImages taken = batches_->of_step(last, state_.config().batch());
   const torch::NoGradGuard no_gradient;
   encoder_->eval();
-  if (!is_finite(encoder_->forward(inputs_of(items, state_.step() - 1)))) {
+  if (!is_finite(encoder_->forward(input_of(taken.images, last)))) {
     throw diverged("the network's answers are");
   }
 }
 
-torch::Tensor Trainer::inputs_of(std::span<const uint32_t> items, uint64_t step) const {
+torch::Tensor Trainer::input_of(const ImageBatch& images, uint64_t step) const {
   const v1::TrainingConfig& config = state_.config();
-  ImageBatch images = inputs_.batch(items);
-  if (config.noise() > 0) {
-    images =
-        with_noise(std::move(images), config.noise(), derive_seed(config.seed(), {kNoise, step}));
-  }
-  return network_input(model_, images);
+  return network_input(model_, augmented(images, config.augmentation(),
+                                         derive_seed(config.seed(), {kAugmentation, step})));
 }
 
 Diverged Trainer::diverged(const char* what) const {
@@ -281,124 +334,6 @@ Diverged Trainer::diverged(const char* what) const {
           fmt::format("the training has diverged: {} not finite after step {}; a smaller learning "
                       "rate than {:g} may help (--lr)",
                       what, state_.step(), state_.config().learning_rate())};
-}
-
-// --- A run in a folder ---
-
-namespace {
-
-constexpr const char* kMetricsName = "metrics.jsonl";
-
-// Forgets the lines of steps that will be taken again.
-void truncate_metrics(const fs::path& path, uint64_t step) {
-  std::ifstream file(path);
-  std::string kept, line;
-  for (uint64_t i = 0; i < step && std::getline(file, line); ++i) {
-    kept += line + '\n';
-  }
-  file.close();
-  write_file_atomically(path, kept);
-}
-
-v1::TrainingMetrics timed_step(Trainer& trainer) {
-  const auto start = std::chrono::steady_clock::now();
-  v1::TrainingMetrics metrics = trainer.step();
-  metrics.set_seconds(
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
-  return metrics;
-}
-
-void append_line(std::ofstream& file, const std::string& line, const fs::path& path) {
-  file << line << '\n' << std::flush;
-  if (!file) {
-    throw Error(ErrorKind::kIo, fmt::format("cannot write {}", path.string()));
-  }
-}
-
-// A checkpoint is written only of a network that answers.
-void save(const Trainer& trainer, const TrainingRun& run) {
-  trainer.require_finite_answers();
-  v1::Checkpoint checkpoint = trainer.checkpoint();
-  checkpoint.mutable_training()->set_dataset(run.dataset);
-  checkpoint.mutable_training()->set_checkpoint_every(run.checkpoint_every);
-  write_latest_checkpoint(run.folder, std::move(checkpoint));
-}
-
-}  // namespace
-
-void require_same_config(const v1::TrainingState& there, v1::TrainingConfig wanted,
-                         const fs::path& folder) {
-  if (wanted.steps() < there.step()) {
-    throw invalid_input(fmt::format("the run in {} has taken {} steps; {} are fewer",
-                                    folder.string(), there.step(), wanted.steps()));
-  }
-  wanted.set_steps(there.config().steps());
-  std::string text;
-  google::protobuf::util::MessageDifferencer differencer;
-  differencer.ReportDifferencesToString(&text);
-  if (!differencer.Compare(there.config(), wanted)) {
-    throw invalid_input(fmt::format(
-        "the run in {} has another configuration; --resume continues it with its own (more steps "
-        "are possible), or choose another folder. Differences:\n{}",
-        folder.string(), text));
-  }
-}
-
-void train(const v1::TrainingConfig& config, const LabelledImages& images,
-           const PackedInputs& inputs, const v1::Model& start, const ImageTerm& image_term,
-           const TrainingRun& run) {
-  const std::optional<v1::Checkpoint> there = find_checkpoint(run.folder);
-  if (there) {
-    require_same_config(there->training(), config, run.folder);
-  }
-  Trainer trainer(config, images, inputs, there ? there->model() : start, image_term);
-  if (there) {
-    trainer.restore(*there);
-  }
-  uint64_t saved = trainer.steps_taken();
-  const fs::path metrics_path = run.folder / kMetricsName;
-  truncate_metrics(metrics_path, saved);
-  std::ofstream metrics_file(metrics_path, std::ios::app);
-  const auto save_once = [&] {
-    if (trainer.steps_taken() != saved) {
-      save(trainer, run);
-      saved = trainer.steps_taken();
-    }
-  };
-  try {
-    try {
-      while (trainer.steps_taken() < config.steps()) {
-        if (run.stop.stop_requested()) {
-          throw Error(ErrorKind::kCancelled, "interrupted");
-        }
-        const v1::TrainingMetrics metrics = timed_step(trainer);
-        append_line(metrics_file, to_json(metrics), metrics_path);
-        if (trainer.steps_taken() % run.checkpoint_every == 0) {
-          save_once();
-        }
-        if (run.report) {
-          run.report(metrics);
-        }
-      }
-    } catch (const Diverged&) {
-      throw;
-    } catch (const Error& error) {
-      // Whatever else stopped it, what was learned is kept.
-      save_once();
-      throw Error(error.kind(),
-                  trainer.steps_taken() == 0
-                      ? error.what()
-                      : fmt::format("{}; stopped after step {}, the same command continues, or "
-                                    "--resume without the other flags",
-                                    error.what(), trainer.steps_taken()));
-    }
-    save_once();
-  } catch (const Diverged& error) {
-    throw Error(error.kind(),
-                fmt::format("{}. {}", error.what(),
-                            saved == 0 ? "No checkpoint was written"
-                                       : fmt::format("The checkpoint of step {} is kept", saved)));
-  }
 }
 
 }  // namespace itn

@@ -2,19 +2,16 @@
 // ICCP 2020.
 #pragma once
 
-#include <filesystem>
-#include <functional>
 #include <memory>
-#include <stop_token>
-#include <string>
+#include <optional>
 
 #include <torch/torch.h>
 
-#include "client/dataset/sampler.h"
+#include "client/training/batches.h"
 #include "client/training/image_term.h"
 #include "client/training/loss.h"
-#include "client/training/packed_inputs.h"
 #include "client/training/training_set.h"
+#include "client/training/weight_average.h"
 #include "common/error.h"
 #include "common/learning/encoder.h"
 #include "common/learning/parameterization.h"
@@ -42,11 +39,17 @@ class Trainer {
   // and inputs must outlive it.
   Trainer(v1::TrainingConfig config, const LabelledImages& images, const PackedInputs& inputs,
           const v1::Model& start, ImageTerm image_term);
+  // From any source of images, for the RN loss.
+  Trainer(v1::TrainingConfig config, std::unique_ptr<Batches> batches, const v1::Model& start);
 
   // Continues from a checkpoint of a trainer with the same configuration (it may have had fewer
   // steps) and model. Throws Error (invalid input) if it is not one.
   void restore(const v1::Checkpoint& checkpoint);
   v1::Checkpoint checkpoint() const;
+
+  // What the run has learned so far, with weights: their running mean, if the configuration has
+  // one.
+  v1::Model model() const;
 
   // One step on one batch. If it throws, the state is that before the step, unless the step itself
   // made the weights infinite. Throws Diverged, and what the image term throws.
@@ -58,45 +61,21 @@ class Trainer {
   uint64_t steps_taken() const { return state_.step(); }
 
  private:
-  // What the network is shown of these items in a step.
-  torch::Tensor inputs_of(std::span<const uint32_t> items, uint64_t step) const;
+  // What the network is shown of the images of a step.
+  torch::Tensor input_of(const ImageBatch& images, uint64_t step) const;
+  // One step of the optimizer along the gradient that the parameters hold.
+  void descend(double rate);
   Diverged diverged(const char* what) const;
 
-  const LabelledImages& images_;
-  const PackedInputs& inputs_;
+  std::unique_ptr<Batches> batches_;
   v1::Model model_;          // without weights
-  v1::TrainingState state_;  // without the optimizer
+  v1::TrainingState state_;  // without the optimizer and the weights
   OutputSpace space_;
-  torch::Tensor targets_;  // items x 3
   Encoder encoder_;
   std::unique_ptr<torch::optim::Adam> optimizer_;
-  EpochSampler sampler_;
+  std::optional<WeightAverage> average_;
   std::unique_ptr<Loss> regression_loss_;
   std::unique_ptr<Loss> image_loss_;  // ITN
 };
-
-// A whole run in a folder that the caller has locked (FolderLock): metrics.jsonl (one
-// TrainingMetrics a line) and the latest two checkpoints.
-struct TrainingRun {
-  std::filesystem::path folder;
-  std::string dataset;              // its folder, for whoever continues the run
-  uint64_t checkpoint_every = 100;  // steps
-  std::function<void(const v1::TrainingMetrics&)> report;
-  std::stop_token stop;
-};
-
-// Trains until `config.steps`, from where the run in the folder was stopped if there is one;
-// `start` is for a new one. After a stop is requested, writes a checkpoint and throws Error
-// (kCancelled); if the training diverges, keeps the checkpoints that there are and throws Error
-// (invalid input). The same if the folder's run is of another configuration (says what differs;
-// `steps` may).
-void train(const v1::TrainingConfig& config, const LabelledImages& images,
-           const PackedInputs& inputs, const v1::Model& start, const ImageTerm& image_term,
-           const TrainingRun& run);
-
-// Throws Error (invalid input) unless a run of the first configuration can go on with the second:
-// says what differs, but for the number of steps, which may only not be below those taken.
-void require_same_config(const v1::TrainingState& there, v1::TrainingConfig wanted,
-                         const std::filesystem::path& folder);
 
 }  // namespace itn

@@ -55,6 +55,11 @@ std::vector<v1::Tensor*> tensors_of(v1::Checkpoint& checkpoint) {
       tensors.push_back(&tensor);
     }
   }
+  if (checkpoint.training().weights_size() > 0) {
+    for (v1::Tensor& tensor : *checkpoint.mutable_training()->mutable_weights()) {
+      tensors.push_back(&tensor);
+    }
+  }
   return tensors;
 }
 

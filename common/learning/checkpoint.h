@@ -13,6 +13,8 @@ namespace itn {
 // The names of the checkpoints in the folder of a run: the latest, and the one before it.
 inline constexpr const char* kCheckpointName = "checkpoint.itn";
 inline constexpr const char* kPreviousCheckpointName = "checkpoint.previous.itn";
+// The model that was best on the validation split, without what is needed to train it further.
+inline constexpr const char* kBestCheckpointName = "best.itn";
 
 // File format, numbers little-endian:
 //
@@ -21,7 +23,7 @@ inline constexpr const char* kPreviousCheckpointName = "checkpoint.previous.itn"
 //   uint64         size of the data
 //   32 bytes       SHA-256 of message and data
 //   message        a serialized itn.v1.Checkpoint whose tensors have no data
-//   data           of its tensors, one after the other: the model's weights, then the optimizer's
+//   data           of its tensors, one after the other: the model's weights, the optimizer's, the run's own
 //
 // At any moment `path` is either the old file or the new one, whole. Throws Error (kIo).
 void write_checkpoint(const std::filesystem::path& path, v1::Checkpoint checkpoint);

@@ -1,4 +1,4 @@
-#include "client/training/training.h"
+#include "client/training/training_run.h"
 
 #include <cmath>
 #include <csignal>
@@ -448,7 +448,9 @@ TEST_F(ResidualTrainingTest, LearnsTheTruthAndHowSureItMayBe) {
 TEST_F(ResidualTrainingTest, AfterAStopEndsWithTheSameWeights) {
   for (const auto loss : {v1::TrainingConfig::RN, v1::TrainingConfig::ITN}) {
     v1::TrainingConfig c = residual(loss);
-    c.set_noise(0.1);  // drawn afresh in each step, but the same in each run
+    c.mutable_augmentation()->mutable_noise()->set_min(0.1);
+    c.mutable_augmentation()->mutable_noise()->set_max(
+        0.1);  // drawn afresh in each step, but the same in each run
     train(c, images_, *inputs_, residual_start(), render_batch, run());
     const std::string straight = digest();
     begin_anew();
@@ -492,21 +494,6 @@ TEST_F(ResidualTrainingTest, AFailedStepLeavesTheRunningStatistics) {
   fail = true;
   EXPECT_THROW(trainer.step(), Error);
   EXPECT_EQ(sha256(trainer.checkpoint().SerializeAsString()), before);
-}
-
-// --- Noise ---
-
-TEST(Augmentation, BringsNoiseUpToTheCommonLevel) {
-  ImageBatch images{
-      torch::full({2, 64, 64}, 2.0F), torch::ones({2, 64, 64}), {}, torch::tensor({0.03F, 0.2F})};
-  const ImageBatch noisy = with_noise(images, 0.05, 1);
-  const torch::Tensor deviation = noisy.luminance.flatten(1).std(1) / 2;
-  EXPECT_NEAR(deviation[0].item<float>(), 0.04, 0.002);  // 3-4-5
-  EXPECT_EQ(deviation[1].item<float>(), 0);              // has more already
-  EXPECT_NEAR(noisy.luminance.mean().item<float>(), 2, 0.005);
-  EXPECT_TRUE(torch::equal(noisy.noise, torch::tensor({0.05F, 0.2F})));
-  EXPECT_TRUE(torch::equal(noisy.luminance, with_noise(images, 0.05, 1).luminance));
-  EXPECT_FALSE(torch::equal(noisy.luminance, with_noise(images, 0.05, 2).luminance));
 }
 
 // --- Divergence ---
@@ -681,7 +668,11 @@ TEST(TrainingConfig, RefusesWhatCannotWork) {
       {"UNBOUNDED", [](auto& c) { c.set_output(v1::GAUSSIAN); }},
       {"input", [](auto& c) { c.clear_input(); }},
       {"exposure", [](auto& c) { c.clear_exposure(); }},
-      {"noise", [](auto& c) { c.set_noise(NAN); }},
+      {"noise", [](auto& c) { c.mutable_augmentation()->mutable_noise()->set_max(NAN); }},
+      {"warmup_steps", [](auto& c) { c.set_warmup_steps(c.steps()); }},
+      {"weight_decay", [](auto& c) { c.set_weight_decay(-1); }},
+      {"max_gradient_norm", [](auto& c) { c.set_max_gradient_norm(NAN); }},
+      {"weight_average_decay", [](auto& c) { c.set_weight_average_decay(1); }},
       {"RATIOS",
        [](auto& c) {
          c.mutable_architecture()->mutable_residual_convolutions()->set_base_channels(8);

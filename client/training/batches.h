@@ -1,0 +1,53 @@
+// Where the images of each training step come from.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "client/dataset/sampler.h"
+#include "client/training/packed_inputs.h"
+#include "client/training/training_set.h"
+#include "common/learning/network_input.h"
+#include "common/material.h"
+
+namespace itn {
+
+struct TrainingImages {
+  std::vector<uint32_t> items;  // their numbers in the LabelledImages; none if they are of a stream
+  ImageBatch images;
+  std::vector<Material> truth;
+};
+
+class Batches {
+ public:
+  virtual ~Batches() = default;
+
+  // For the step after so many. A function of its arguments and of what it was made of: whoever
+  // asks again, or goes on after a pause, gets the same. Steps must not be asked for in falling
+  // order, but for the last one again. May throw Error.
+  virtual TrainingImages of_step(uint64_t step, uint32_t size) = 0;
+
+  // Of the images, in pixels a side.
+  virtual int resolution() const = 0;
+
+  // Images that the steps before this one were drawn from.
+  virtual uint64_t images_until(uint64_t step) const = 0;
+};
+
+// All images of a split, each once in every epoch.
+class DatasetBatches final : public Batches {
+ public:
+  // What is referred to must outlive it. `seed`: of the order.
+  DatasetBatches(const LabelledImages& images, const PackedInputs& inputs, uint64_t seed);
+
+  TrainingImages of_step(uint64_t step, uint32_t size) override;
+  int resolution() const override { return inputs_.format().resolution; }
+  uint64_t images_until(uint64_t /*step*/) const override { return images_.items.size(); }
+
+ private:
+  const LabelledImages& images_;
+  const PackedInputs& inputs_;
+  EpochSampler sampler_;
+};
+
+}  // namespace itn

@@ -1,0 +1,150 @@
+#include "client/training/metrics_log.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <google/protobuf/util/json_util.h>
+
+#include <algorithm>
+#include <initializer_list>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "client/json.h"
+#include "common/error.h"
+#include "common/files/atomic_file.h"
+
+namespace itn {
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* kLines = "metrics.jsonl";
+constexpr const char* kColumns = "metrics.csv";
+constexpr const char* kPicture = "curves.png";
+
+// Of a picture: more are not seen.
+constexpr size_t kMaxPoints = 2000;
+
+struct Column {
+  const char* name;
+  std::optional<double> value;
+};
+
+std::vector<Column> columns_of(const v1::TrainingMetrics& m) {
+  const auto if_there = [](bool there, double value) {
+    return there ? std::optional(value) : std::nullopt;
+  };
+  const bool validated = m.has_validation();
+  return {{"step", m.step()},
+          {"epoch", m.epoch()},
+          {"regression_loss", m.regression_loss()},
+          {"image_loss", if_there(m.has_image_loss(), m.image_loss())},
+          {"lambda", if_there(m.has_lambda(), m.lambda())},
+          {"learning_rate", m.learning_rate()},
+          {"seconds", m.seconds()},
+          {"validation_sigma_t", if_there(validated, m.validation().sigma_t())},
+          {"validation_albedo", if_there(validated, m.validation().albedo())},
+          {"validation_g", if_there(validated, m.validation().g())}};
+}
+
+std::string names() {
+  std::vector<std::string> fields;
+  for (const Column& column : columns_of({})) {
+    fields.emplace_back(column.name);
+  }
+  return fmt::format("{}", fmt::join(fields, ","));
+}
+
+std::string values(const v1::TrainingMetrics& metrics) {
+  std::vector<std::string> fields;
+  for (const Column& column : columns_of(metrics)) {
+    fields.push_back(column.value ? fmt::format("{}", *column.value) : "");
+  }
+  return fmt::format("{}", fmt::join(fields, ","));
+}
+
+void write_line(std::ofstream& file, const std::string& line, const fs::path& path) {
+  file << line << '\n' << std::flush;
+  if (!file) throw Error(ErrorKind::kIo, fmt::format("cannot write {}", path.string()));
+}
+
+// As many points as can be seen: means of neighbours.
+Curve thinned(const Curve& curve) {
+  const size_t stride = (curve.x.size() + kMaxPoints - 1) / kMaxPoints;
+  if (stride <= 1) return curve;
+  Curve result{curve.name, {}, {}};
+  for (size_t i = 0; i < curve.x.size(); i += stride) {
+    const size_t count = std::min(stride, curve.x.size() - i);
+    double x = 0, y = 0;
+    for (size_t k = i; k < i + count; ++k) {
+      x += curve.x[k] / static_cast<double>(count);
+      y += curve.y[k] / static_cast<double>(count);
+    }
+    result.x.push_back(x);
+    result.y.push_back(y);
+  }
+  return result;
+}
+
+}  // namespace
+
+MetricsLog::MetricsLog(const fs::path& folder, uint64_t step) : folder_(folder) {
+  // What is kept of the steps so far.
+  std::ifstream file(folder_ / kLines);
+  std::string lines, columns = names() + '\n', line;
+  for (uint64_t i = 0; i < step && std::getline(file, line); ++i) {
+    v1::TrainingMetrics metrics;
+    if (!google::protobuf::util::JsonStringToMessage(line, &metrics).ok()) {
+      throw Error(ErrorKind::kDataLoss,
+                  fmt::format("{}: line {} is not what itn train writes; remove the file to go on "
+                              "without the curves of the past",
+                              (folder_ / kLines).string(), i + 1));
+    }
+    remember(metrics);
+    lines += line + '\n';
+    columns += values(metrics) + '\n';
+  }
+  file.close();
+  write_file_atomically(folder_ / kLines, lines);
+  write_file_atomically(folder_ / kColumns, columns);
+  lines_.open(folder_ / kLines, std::ios::app);
+  columns_.open(folder_ / kColumns, std::ios::app);
+}
+
+void MetricsLog::append(const v1::TrainingMetrics& metrics) {
+  write_line(lines_, to_json(metrics), folder_ / kLines);
+  write_line(columns_, values(metrics), folder_ / kColumns);
+  remember(metrics);
+}
+
+void MetricsLog::remember(const v1::TrainingMetrics& metrics) {
+  for (const Column& column : columns_of(metrics)) {
+    if (!column.value) continue;
+    Curve& curve = curves_[column.name];
+    curve.x.push_back(metrics.step());
+    curve.y.push_back(*column.value);
+  }
+}
+
+void MetricsLog::draw() const {
+  std::vector<Chart> charts;
+  const auto add = [&](const char* title,
+                       std::initializer_list<std::pair<const char*, const char*>> curves) {
+    Chart chart{.title = title, .x_name = "steps", .log_y = false, .curves = {}};
+    for (const auto& [column, name] : curves) {
+      if (const auto curve = curves_.find(column); curve != curves_.end()) {
+        chart.curves.push_back(thinned(curve->second));
+        chart.curves.back().name = name;
+      }
+    }
+    if (!chart.curves.empty()) charts.push_back(std::move(chart));
+  };
+  add("loss of the training images", {{"regression_loss", "distance to the truth"}});
+  add("relative squared error of the re-rendered image", {{"image_loss", "image"}});
+  add("validation: RMSE over the constant predictor's",
+      {{"validation_sigma_t", "sigma_t"}, {"validation_albedo", "albedo"}, {"validation_g", "g"}});
+  if (!charts.empty()) write_charts(folder_ / kPicture, charts);
+}
+
+}  // namespace itn

@@ -1,0 +1,37 @@
+// What a run tells of its steps: for programs, for spreadsheets, and as a picture.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <string>
+
+#include "client/chart.h"
+#include "itn/v1/experiment.pb.h"
+
+namespace itn {
+
+// In the folder of a run: metrics.jsonl (a TrainingMetrics as JSON a line), metrics.csv (the same
+// numbers in columns; empty where there is none) and curves.png.
+class MetricsLog {
+ public:
+  // Goes on after `step` steps: lines of later ones, which will be taken again, are forgotten.
+  // Throws Error (kIo).
+  MetricsLog(const std::filesystem::path& folder, uint64_t step);
+
+  // Throws Error (kIo).
+  void append(const v1::TrainingMetrics& metrics);
+
+  // Draws the picture anew. Throws Error (kIo).
+  void draw() const;
+
+ private:
+  void remember(const v1::TrainingMetrics& metrics);
+
+  std::filesystem::path folder_;
+  std::ofstream lines_, columns_;
+  std::map<std::string, Curve> curves_;  // by name
+};
+
+}  // namespace itn

@@ -1,0 +1,208 @@
+#include "client/training/training_run.h"
+
+#include <fmt/format.h>
+#include <google/protobuf/util/message_differencer.h>
+
+#include <chrono>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "client/training/metrics_log.h"
+#include "client/training/validation.h"
+#include "common/error.h"
+#include "common/learning/checkpoint.h"
+
+namespace itn {
+namespace fs = std::filesystem;
+
+namespace {
+
+v1::TrainingMetrics timed_step(Trainer& trainer) {
+  const auto start = std::chrono::steady_clock::now();
+  v1::TrainingMetrics metrics = trainer.step();
+  metrics.set_seconds(
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  return metrics;
+}
+
+// The best validation of a run so far, and the model that it was of.
+class Best {
+ public:
+  Best(const TrainingRun& run, const v1::TrainingState& state) : run_(run) {
+    if (state.has_best_score()) {
+      score_ = state.best_score();
+      step_ = state.best_step();
+      since_ = state.validations_since();
+    }
+  }
+
+  // Keeps the model if it is better than all before.
+  void meet(const v1::Model& model, const v1::ValidationMetrics& metrics) {
+    const double now = score(metrics);
+    if (!std::isfinite(now) || now >= score_) {
+      ++since_;
+      return;
+    }
+    v1::Checkpoint checkpoint;
+    *checkpoint.mutable_model() = model;
+    write_checkpoint(run_.folder / kBestCheckpointName, std::move(checkpoint));
+    score_ = now;
+    step_ = model.step();
+    since_ = 0;
+  }
+
+  bool patience_is_over() const { return run_.patience > 0 && since_ >= run_.patience; }
+
+  void note_in(v1::TrainingState& state) const {
+    if (std::isfinite(score_)) {
+      state.set_best_score(score_);
+      state.set_best_step(step_);
+    }
+    state.set_validations_since(since_);
+  }
+
+ private:
+  const TrainingRun& run_;
+  double score_ = HUGE_VAL;
+  uint64_t step_ = 0;
+  uint64_t since_ = 0;
+};
+
+// A run under way.
+class Runner {
+ public:
+  Runner(Trainer& trainer, const TrainingRun& run, const v1::TrainingState& there)
+      : trainer_(trainer),
+        run_(run),
+        best_(run, there),
+        log_(run.folder, trainer.steps_taken()),
+        saved_(trainer.steps_taken()) {}
+
+  uint64_t saved() const { return saved_; }
+
+  TrainingEnd until(uint64_t steps) {
+    while (trainer_.steps_taken() < steps) {
+      if (best_.patience_is_over()) {
+        save();
+        return {.stopped_early = true};
+      }
+      if (run_.stop.stop_requested()) {
+        throw Error(ErrorKind::kCancelled, "interrupted");
+      }
+      v1::TrainingMetrics metrics = timed_step(trainer_);
+      const uint64_t step = trainer_.steps_taken();
+      if (run_.validate && (step % run_.validate_every == 0 || step == steps)) {
+        const v1::Model model = trainer_.model();
+        *metrics.mutable_validation() = run_.validate(model);
+        best_.meet(model, metrics.validation());
+      }
+      log_.append(metrics);
+      if (step % run_.checkpoint_every == 0) {
+        save();
+      }
+      if (run_.report) {
+        run_.report(metrics);
+      }
+    }
+    save();
+    return {};
+  }
+
+  // Once for each step. A checkpoint is written only of a network that answers.
+  void save() {
+    if (trainer_.steps_taken() == saved_) {
+      return;
+    }
+    trainer_.require_finite_answers();
+    v1::Checkpoint checkpoint = trainer_.checkpoint();
+    v1::TrainingState& state = *checkpoint.mutable_training();
+    state.set_dataset(run_.dataset);
+    state.set_checkpoint_every(run_.checkpoint_every);
+    best_.note_in(state);
+    write_latest_checkpoint(run_.folder, std::move(checkpoint));
+    saved_ = trainer_.steps_taken();
+    log_.draw();
+  }
+
+ private:
+  Trainer& trainer_;
+  const TrainingRun& run_;
+  Best best_;
+  MetricsLog log_;
+  uint64_t saved_;  // step of the latest checkpoint
+};
+
+// `new_trainer`: makes one from the model that a run starts with.
+template <typename NewTrainer>
+TrainingEnd train_with(const v1::TrainingConfig& config, const v1::Model& start,
+                       const TrainingRun& run, const NewTrainer& new_trainer) {
+  const std::optional<v1::Checkpoint> there = find_checkpoint(run.folder);
+  if (there) {
+    require_same_config(there->training(), config, run.folder);
+  }
+  Trainer trainer = new_trainer(there ? there->model() : start);
+  if (there) {
+    trainer.restore(*there);
+  }
+  Runner runner(trainer, run, there ? there->training() : v1::TrainingState());
+  try {
+    try {
+      return runner.until(config.steps());
+    } catch (const Diverged&) {
+      throw;
+    } catch (const Error& error) {
+      // Whatever else stopped it, what was learned is kept.
+      runner.save();
+      throw Error(error.kind(),
+                  trainer.steps_taken() == 0
+                      ? error.what()
+                      : fmt::format("{}; stopped after step {}, the same command continues, or "
+                                    "--resume without the other flags",
+                                    error.what(), trainer.steps_taken()));
+    }
+  } catch (const Diverged& error) {
+    throw Error(error.kind(),
+                fmt::format("{}. {}", error.what(),
+                            runner.saved() == 0 ? "No checkpoint was written"
+                                                : fmt::format("The checkpoint of step {} is kept",
+                                                              runner.saved())));
+  }
+}
+
+}  // namespace
+
+void require_same_config(const v1::TrainingState& there, v1::TrainingConfig wanted,
+                         const fs::path& folder) {
+  if (wanted.steps() < there.step()) {
+    throw invalid_input(fmt::format("the run in {} has taken {} steps; {} are fewer",
+                                    folder.string(), there.step(), wanted.steps()));
+  }
+  wanted.set_steps(there.config().steps());
+  std::string text;
+  google::protobuf::util::MessageDifferencer differencer;
+  differencer.ReportDifferencesToString(&text);
+  if (!differencer.Compare(there.config(), wanted)) {
+    throw invalid_input(fmt::format(
+        "the run in {} has another configuration; --resume continues it with its own (more steps "
+        "are possible), or choose another folder. Differences:\n{}",
+        folder.string(), text));
+  }
+}
+
+TrainingEnd train(const v1::TrainingConfig& config, const LabelledImages& images,
+                  const PackedInputs& inputs, const v1::Model& start, const ImageTerm& image_term,
+                  const TrainingRun& run) {
+  return train_with(config, start, run, [&](const v1::Model& from) {
+    return Trainer(config, images, inputs, from, image_term);
+  });
+}
+
+TrainingEnd train(const v1::TrainingConfig& config, std::unique_ptr<Batches> batches,
+                  const v1::Model& start, const TrainingRun& run) {
+  return train_with(config, start, run, [&](const v1::Model& from) {
+    return Trainer(config, std::move(batches), from);
+  });
+}
+
+}  // namespace itn

@@ -1,0 +1,51 @@
+#include "client/training/validation.h"
+
+#include <algorithm>
+#include <numeric>
+#include <vector>
+
+#include "client/training/augmentation.h"
+#include "client/training/evaluation.h"
+#include "common/random.h"
+
+namespace itn {
+namespace {
+
+constexpr uint64_t kNoiseSeed = 1;  // whatever the run's: runs are compared by their validation
+constexpr size_t kImagesAtATime = 64;
+
+}  // namespace
+
+Validation::Validation(const LabelledImages& images, const PackedInputs& inputs, double noise)
+    : images_(images), inputs_(inputs), noise_(noise) {}
+
+v1::ValidationMetrics Validation::measure(const v1::Model& model) const {
+  Predictor predictor(model);
+  v1::Augmentation noise;
+  noise.mutable_noise()->set_min(noise_);
+  noise.mutable_noise()->set_max(noise_);
+  std::vector<Material> predictions;
+  for (size_t first = 0; first < images_.items.size(); first += kImagesAtATime) {
+    std::vector<uint32_t> items(std::min(kImagesAtATime, images_.items.size() - first));
+    std::iota(items.begin(), items.end(), static_cast<uint32_t>(first));
+    const ImageBatch batch =
+        augmented(inputs_.batch(items), noise, derive_seed(kNoiseSeed, {first}));
+    for (const MaterialEstimate& estimate : predictor.estimate(batch)) {
+      predictions.push_back(estimate.material);
+    }
+  }
+  v1::Evaluation::Row network, constant;
+  set_errors(predictions, images_, network);
+  set_errors(constant_predictions(images_), images_, constant);
+  v1::ValidationMetrics metrics;
+  metrics.set_sigma_t(network.sigma_t() / constant.sigma_t());
+  metrics.set_albedo(network.albedo() / constant.albedo());
+  metrics.set_g(network.g() / constant.g());
+  return metrics;
+}
+
+double score(const v1::ValidationMetrics& metrics) {
+  return (metrics.sigma_t() + metrics.albedo() + metrics.g()) / 3;
+}
+
+}  // namespace itn
