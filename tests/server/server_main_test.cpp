@@ -16,11 +16,8 @@ namespace {
 // A server that is told to stop as soon as it is there.
 class StoppedServer {
  public:
-  explicit StoppedServer(bool stops) : stops_(stops) {}
-  std::string address() const {
-    raise(SIGTERM);
-    return "here";
-  }
+  explicit StoppedServer(bool stops) : stops_(stops) { raise(SIGTERM); }
+  std::string address() const { return "here"; }
   bool drain(std::chrono::duration<double> patience) const {
     std::fprintf(stderr, "drained within %g s\n", patience.count());
     return stops_;
