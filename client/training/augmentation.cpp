@@ -123,4 +123,11 @@ ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentat
   return result;
 }
 
+ImageBatch with_noise(const ImageBatch& images, double level, uint64_t seed) {
+  v1::Augmentation augmentation;
+  augmentation.mutable_noise()->set_min(level);
+  augmentation.mutable_noise()->set_max(level);
+  return augmented(images, augmentation, seed);
+}
+
 }  // namespace itn

@@ -22,4 +22,7 @@ void validate(const v1::Augmentation& augmentation);
 // network cannot learn it. An image that is noisier than the level stays as it is.
 ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentation, uint64_t seed);
 
+// Noise alone, and the same level for all.
+ImageBatch with_noise(const ImageBatch& images, double level, uint64_t seed);
+
 }  // namespace itn

@@ -21,15 +21,12 @@ Validation::Validation(const LabelledImages& images, const PackedInputs& inputs,
 
 v1::ValidationMetrics Validation::measure(const v1::Model& model) const {
   Predictor predictor(model);
-  v1::Augmentation noise;
-  noise.mutable_noise()->set_min(noise_);
-  noise.mutable_noise()->set_max(noise_);
   std::vector<Material> predictions;
   for (size_t first = 0; first < images_.items.size(); first += kImagesAtATime) {
     std::vector<uint32_t> items(std::min(kImagesAtATime, images_.items.size() - first));
     std::iota(items.begin(), items.end(), static_cast<uint32_t>(first));
     const ImageBatch batch =
-        augmented(inputs_.batch(items), noise, derive_seed(kNoiseSeed, {first}));
+        with_noise(inputs_.batch(items), noise_, derive_seed(kNoiseSeed, {first}));
     for (const MaterialEstimate& estimate : predictor.estimate(batch)) {
       predictions.push_back(estimate.material);
     }

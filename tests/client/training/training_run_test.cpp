@@ -198,7 +198,7 @@ TEST_F(TrainingRunTest, KeepsTheBestModel) {
   EXPECT_EQ(best().step(), 10U);
   EXPECT_FALSE(end_.stopped_early);
   EXPECT_EQ(checkpoint().training().best_step(), 10U);
-  EXPECT_EQ(checkpoint().training().best_score(), 0.7);
+  EXPECT_DOUBLE_EQ(checkpoint().training().best_score(), 0.7);
   EXPECT_EQ(checkpoint().training().validations_since(), 3U);
   EXPECT_NO_THROW(Predictor::load(folder_ / kBestCheckpointName));
 }
