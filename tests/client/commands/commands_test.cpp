@@ -219,8 +219,9 @@ TEST(Programs, SayInTheirHelpWhatMayBeGiven) {
       AllOf(HasSubstr("--spp UINT:in [1, 1048576]=64"), HasSubstr("--albedo FLOAT:in [0, 1]"),
             HasSubstr("--g FLOAT:in [-0.99, 0.99]=0")));
   EXPECT_THAT(run({ITN, "dataset", "--help"}).output,
-              AllOf(HasSubstr("--sigma-t MIN MAX:in [1e-06, 1000000]=30 276"),
-                    HasSubstr("=0.39 0.95"), HasSubstr("=0 0.8")));
+              AllOf(HasSubstr("--sigma-t MIN MAX:in [1e-06, 1000000]"),
+                    HasSubstr("log-uniform; default 30 276"),
+                    HasSubstr("uniform; default 0.39 0.95"), HasSubstr("uniform; default 0 0.8")));
   EXPECT_THAT(run({ITN_WORKER, "--help"}).output, HasSubstr("in MiB, 256 at least"));
 }
 

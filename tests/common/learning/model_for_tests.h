@@ -2,6 +2,7 @@
 #pragma once
 
 #include "common/learning/encoder.h"
+#include "common/learning/network_input.h"
 #include "common/learning/parameterization.h"
 
 namespace itn {
@@ -39,7 +40,7 @@ inline v1::Model small_model(v1::Parameterization parameterization = v1::SIMILAR
   return model;
 }
 
-// A residual network with a Gaussian output, whose weights and statistics are all random.
+// A residual network with a Gaussian output, of random weights.
 inline v1::Model residual_model(int resolution = 32, v1::Exposure exposure = v1::EXPOSURE_KNOWN) {
   v1::Model model = small_model(v1::UNBOUNDED, resolution);
   auto& sizes = *model.mutable_architecture()->mutable_residual_convolutions();
@@ -50,10 +51,17 @@ inline v1::Model residual_model(int resolution = 32, v1::Exposure exposure = v1:
   model.set_exposure(exposure);
   const Encoder encoder = new_encoder(model);
   const torch::NoGradGuard no_gradient;
+  // Statistics of some input, so that what the layers pass on is of the size of 1.
+  encoder->train();
+  for (int batch = 0; batch < 40; ++batch) {
+    torch::Tensor input = torch::randn({8, input_channels(model), resolution, resolution});
+    input.select(1, 3).fill_(1);  // the mask
+    encoder->forward(input);
+  }
   for (NamedTensor& named : all_tensors(*encoder)) {
-    // Answers that are inside of the bounds, not at their ends.
-    const double size = named.name.starts_with("head") ? 0.002 : 0.1;
-    named.tensor += size * torch::rand_like(named.tensor);
+    if (named.name.starts_with("head")) {  // answers inside of the bounds
+      named.tensor += 0.03 * torch::randn_like(named.tensor);
+    }
   }
   store_weights(*encoder, model);
   return model;
