@@ -20,6 +20,7 @@
 #include "client/json.h"
 #include "client/output.h"
 #include "client/render_pool/render_pool.h"
+#include "client/training/stream_batches.h"
 #include "client/training/training_config.h"
 #include "client/training/training_run.h"
 #include "client/training/validation.h"
@@ -38,6 +39,10 @@ namespace fs = std::filesystem;
 
 struct TrainOptions {
   std::string dataset;
+  std::string stream;  // preset or dataset file
+  uint32_t held = 8192, first_images = 1024;
+  double reuse = 8;
+  std::string validation_dataset;
   std::string folder;
   std::string preset = "paper";
   std::string config;  // file
@@ -172,25 +177,6 @@ v1::TrainingConfig base_config(const TrainOptions& options) {
   return options.config.empty() ? preset : read_training_config(options.config, preset);
 }
 
-// What follows from the dataset, and from what else there is.
-void complete(v1::TrainingConfig& config, const TrainOptions& options, const Flags& flags,
-              const DatasetReader& dataset, size_t items, const std::optional<v1::Model>& init,
-              bool is_new) {
-  if (config.steps() == 0 || flags.given("--steps") || flags.given("--epochs")) {
-    config.set_steps(steps_of(options, items, config.batch()));
-  }
-  if (is_new && !flags.given("--warmup-steps")) {  // not most of a short run
-    config.set_warmup_steps(std::min(config.warmup_steps(), config.steps() / 10));
-  }
-  if (is_new || flags.given("--torch-threads")) {
-    config.set_torch_threads(static_cast<uint32_t>(options.torch_threads));
-  }
-  if (is_new || flags.given("--init")) {
-    config.set_init_sha256(init ? weights_sha256(*init) : "");
-  }
-  config.set_dataset_sha256(to_hex(sha256(to_text(dataset.manifest()))));
-}
-
 // Throws unless a run of this configuration can start from a model trained before.
 void require_same_network(const v1::Model& init, const v1::TrainingConfig& config, int resolution,
                           const std::string& name) {
@@ -268,7 +254,7 @@ std::string dataset_folder(const TrainOptions& options,
   return folder;
 }
 
-// Images that are not learned from, if the dataset has any.
+// Images that are not learned from.
 struct ValidationSet {
   ValidationSet(LabelledImages labelled, const PackedFormat& format, const std::string& folder,
                 double noise)
@@ -281,64 +267,161 @@ struct ValidationSet {
   Validation validation;
 };
 
-std::unique_ptr<ValidationSet> validation_set(DatasetReader& dataset, const PackedFormat& format,
+// Of the dataset, if there is one, and it has any.
+std::unique_ptr<ValidationSet> validation_set(DatasetReader* dataset, const PackedFormat& format,
                                               const TrainOptions& options, double noise) {
-  if (options.validate_every == 0 || dataset.items(v1::SPLIT_VALIDATION).empty()) {
+  if (options.validate_every == 0 || dataset == nullptr ||
+      dataset->items(v1::SPLIT_VALIDATION).empty()) {
     return nullptr;
   }
-  return std::make_unique<ValidationSet>(images_of(dataset, v1::SPLIT_VALIDATION), format,
+  return std::make_unique<ValidationSet>(images_of(*dataset, v1::SPLIT_VALIDATION), format,
                                          options.folder, noise);
 }
 
-void run(TrainOptions options, const CLI::App& command) {
-  const auto start = std::chrono::steady_clock::now();
-  if (options.print_config) {
-    print_result("{}", to_text_proto(Flags(options, command).over(base_config(options))));
-    return;
-  }
-  if (options.folder.empty()) {
-    throw Error(ErrorKind::kUsage, "where to? itn train DATASET -o RUN");
-  }
-  check_folder_writable(options.folder);
-  if (options.torch_threads == 0) {
-    options.torch_threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  }
-  // What is asked for.
-  const FolderLock lock(options.folder, "itn train");
-  lock.remove_temporary_files();
-  const std::optional<v1::Checkpoint> there = find_checkpoint(options.folder);
-  DatasetReader dataset(dataset_folder(options, there));
-  const LabelledImages images = images_of(dataset, v1::SPLIT_TRAIN);
-  const std::optional<v1::Model> init =
-      options.init.empty() ? std::nullopt : std::optional(read_checkpoint(options.init).model());
-  const Flags flags(options, command);
-  const bool goes_on = there && options.resume;
-  v1::TrainingConfig config =
-      flags.over(goes_on ? there->training().config() : base_config(options));
-  complete(config, options, flags, dataset, images.items.size(), init, !goes_on);
-  const int resolution =
-      config.resolution() != 0 ? static_cast<int>(config.resolution()) : images.resolution;
-  if (there) {
-    require_same_config(there->training(), config, options.folder);
-    if (!flags.given("--checkpoint-every") && options.resume) {
-      options.checkpoint_every = std::max<uint64_t>(1, there->training().checkpoint_every());
+// Everything of a call that does not depend on where its images come from.
+class Training {
+ public:
+  Training(const TrainOptions& options, const CLI::App& command)
+      : options_(options),
+        flags_(options, command),
+        lock_(options.folder, "itn train"),
+        there_(find_checkpoint(options.folder)),
+        init_(options.init.empty() ? std::nullopt
+                                   : std::optional(read_checkpoint(options.init).model())) {
+    lock_.remove_temporary_files();
+    if (options_.torch_threads == 0) {
+      options_.torch_threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
     }
-  } else if (init) {
-    require_same_network(*init, config, resolution, options.init);
   }
-  validate(config);
+
+  const std::optional<v1::Checkpoint>& there() const { return there_; }
+  bool goes_on() const { return there_ && options_.resume; }
+  const Flags& flags() const { return flags_; }
+  const TrainOptions& options() const { return options_; }
+
+  // What preset, file, flags and the run that goes on say together.
+  v1::TrainingConfig config() const {
+    return flags_.over(goes_on() ? there_->training().config() : base_config(options_));
+  }
+
+  // What follows from the rest. `images`: of an epoch.
+  void complete(v1::TrainingConfig& config, size_t images) const {
+    if (config.steps() == 0 || flags_.given("--steps") || flags_.given("--epochs")) {
+      config.set_steps(steps_of(options_, images, config.batch()));
+    }
+    if (!goes_on() && !flags_.given("--warmup-steps")) {  // not most of a short run
+      config.set_warmup_steps(std::min(config.warmup_steps(), config.steps() / 10));
+    }
+    if (!goes_on() || flags_.given("--torch-threads")) {
+      config.set_torch_threads(static_cast<uint32_t>(options_.torch_threads));
+    }
+    if (!goes_on() || flags_.given("--init")) {
+      config.set_init_sha256(init_ ? weights_sha256(*init_) : "");
+    }
+  }
+
+  // Throws unless the run can be trained like this; then torch may be used.
+  void check(const v1::TrainingConfig& config, int resolution) {
+    if (there_) {
+      require_same_config(there_->training(), config, options_.folder);
+      if (!flags_.given("--checkpoint-every") && options_.resume) {
+        options_.checkpoint_every = std::max<uint64_t>(1, there_->training().checkpoint_every());
+      }
+    } else if (init_) {
+      require_same_network(*init_, config, resolution, options_.init);
+    }
+    validate(config);
+    set_torch_threads(static_cast<int>(config.torch_threads()));
+  }
+
+  // The model of a new run; `fit` makes one without weights.
+  template <typename Fit>
+  v1::Model start(const Fit& fit) const {
+    if (there_) return {};
+    return init_ ? *init_ : fit();
+  }
+
+  // Runs `train` with what every run has, and prints what became of it.
+  template <typename Train>
+  void run(const v1::TrainingConfig& config, const std::string& dataset,
+           const ValidationSet* validation, const RenderPool* pool, const Train& train) {
+    v1::TrainingSummary summary;
+    std::optional<Progress> progress;
+    std::string validated;  // as it is shown
+    TrainingRun run{.folder = options_.folder,
+                    .dataset = dataset,
+                    .checkpoint_every = options_.checkpoint_every,
+                    .validate = {},
+                    .validate_every = options_.validate_every,
+                    .patience = options_.patience,
+                    .report = {},
+                    .stop = interruption()};
+    run.report = [&](const v1::TrainingMetrics& metrics) {
+      if (!progress) {
+        progress.emplace("train", "steps", config.steps(), metrics.step() - 1);
+      }
+      if (metrics.has_validation()) {
+        const v1::ValidationMetrics& v = metrics.validation();
+        validated =
+            fmt::format("  validation {:.3f} {:.3f} {:.3f}", v.sigma_t(), v.albedo(), v.g());
+        if (!summary.has_best() || score(v) < score(summary.best())) *summary.mutable_best() = v;
+      }
+      progress->update(metrics.step(), note_of(metrics) + validated);
+      *summary.mutable_last() = metrics;
+    };
+    if (validation != nullptr) {
+      run.validate = [&](const v1::Model& now) { return validation->validation.measure(now); };
+    }
+    const TrainingEnd end = train(run);
+    if (progress) {
+      progress->finish();
+    }
+    // Report.
+    const fs::path checkpoint = fs::path(options_.folder) / kCheckpointName;
+    summary.set_checkpoint(checkpoint.string());
+    summary.set_model(read_checkpoint(checkpoint).model().name());
+    summary.set_stopped_early(end.stopped_early);
+    if (validation != nullptr) {
+      summary.set_best_checkpoint((fs::path(options_.folder) / kBestCheckpointName).string());
+    }
+    const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;
+    summary.set_seconds(elapsed.count());
+    summary.set_render_cpu_seconds(pool != nullptr ? pool->statistics().cpu_seconds : 0);
+    options_.json ? print_result("{}\n", to_json(summary)) : print(summary);
+  }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  TrainOptions options_;
+  Flags flags_;
+  FolderLock lock_;
+  std::optional<v1::Checkpoint> there_;
+  std::optional<v1::Model> init_;
+};
+
+int resolution_of(const v1::TrainingConfig& config, int images) {
+  return config.resolution() != 0 ? static_cast<int>(config.resolution()) : images;
+}
+
+void train_with_dataset(Training& training) {
+  const TrainOptions& options = training.options();
+  DatasetReader dataset(dataset_folder(options, training.there()));
+  const LabelledImages images = images_of(dataset, v1::SPLIT_TRAIN);
+  // What is asked for.
+  v1::TrainingConfig config = training.config();
+  config.set_dataset_sha256(to_hex(sha256(to_text(dataset.manifest()))));
+  training.complete(config, images.items.size());
+  const PackedFormat format{.resolution = resolution_of(config, images.resolution),
+                            .input = config.input()};
+  training.check(config, format.resolution);
   // Read.
-  set_torch_threads(static_cast<int>(config.torch_threads()));
-  const PackedFormat format{.resolution = resolution, .input = config.input()};
   const PackedInputs inputs(images, format, options.folder, interruption());
   const std::unique_ptr<ValidationSet> validation =
-      validation_set(dataset, format, options, config.augmentation().noise().max());
-  v1::Model model;  // of a new run
-  if (!there) {
-    model = init ? *init
-                 : fit_model(images, inputs.mean_radiance(),
-                             material_range(dataset.manifest().config()), config);
-  }
+      validation_set(&dataset, format, options, config.augmentation().noise().max());
+  const v1::Model model = training.start([&] {
+    return fit_model(images, inputs.mean_radiance(), material_range(dataset.manifest().config()),
+                     config);
+  });
   // Train.
   std::optional<RenderPool> pool;
   ImageTerm image_term;
@@ -349,48 +432,78 @@ void run(TrainOptions options, const CLI::App& command) {
         {.spp = config.spp(), .estimates = config.estimates(), .pilot_spp = config.pilot_spp()},
         interruption());
   }
-  v1::TrainingSummary summary;
-  std::optional<Progress> progress;
-  std::string validated;  // as it is shown
-  const auto report = [&](const v1::TrainingMetrics& metrics) {
-    if (!progress) {
-      progress.emplace("train", "steps", config.steps(), metrics.step() - 1);
-    }
-    if (metrics.has_validation()) {
-      const v1::ValidationMetrics& v = metrics.validation();
-      validated = fmt::format("  validation {:.3f} {:.3f} {:.3f}", v.sigma_t(), v.albedo(), v.g());
-      if (!summary.has_best() || score(v) < score(summary.best())) *summary.mutable_best() = v;
-    }
-    progress->update(metrics.step(), note_of(metrics) + validated);
-    *summary.mutable_last() = metrics;
+  training.run(config, fs::absolute(dataset.folder()).lexically_normal().string(), validation.get(),
+               pool ? &*pool : nullptr, [&](const TrainingRun& run) {
+                 return train(config, images, inputs, model, image_term, run);
+               });
+}
+
+// A preset by its name, or a dataset file.
+v1::DatasetConfig stream_images(const std::string& what) {
+  for (const DatasetPreset& preset : dataset_presets()) {
+    if (what == preset.name) return preset_config(what);
+  }
+  return load_dataset_config(what);
+}
+
+void train_with_stream(Training& training) {
+  const TrainOptions& options = training.options();
+  // What is asked for.
+  v1::TrainingConfig config = training.config();
+  v1::Stream& stream = *config.mutable_stream();
+  const auto wanted = [&](const char* flag) {
+    return !training.goes_on() || training.flags().given(flag);
   };
-  TrainingRun run{.folder = options.folder,
-                  .dataset = fs::absolute(dataset.folder()).lexically_normal().string(),
-                  .checkpoint_every = options.checkpoint_every,
-                  .validate = {},
-                  .validate_every = options.validate_every,
-                  .patience = options.patience,
-                  .report = report,
-                  .stop = interruption()};
-  if (validation) {
-    run.validate = [&](const v1::Model& now) { return validation->validation.measure(now); };
+  if (!options.stream.empty()) *stream.mutable_images() = stream_images(options.stream);
+  if (wanted("--held")) stream.set_capacity(options.held);
+  if (wanted("--first-images")) stream.set_first(options.first_images);
+  if (wanted("--reuse")) stream.set_reuse(options.reuse);
+  if (config.loss() == v1::TrainingConfig::ITN) {
+    throw invalid_input(
+        "a stream has no image term: --stream goes with --loss rn; an ITN can go on from there "
+        "with a dataset and --init");
   }
-  const TrainingEnd end = train(config, images, inputs, model, image_term, run);
-  if (progress) {
-    progress->finish();
+  if (config.steps() == 0 && !options.steps) {
+    throw Error(ErrorKind::kUsage, "a stream has no end: how many --steps?");
   }
-  // Report.
-  const fs::path checkpoint = fs::path(options.folder) / kCheckpointName;
-  summary.set_checkpoint(checkpoint.string());
-  summary.set_model(read_checkpoint(checkpoint).model().name());
-  summary.set_stopped_early(end.stopped_early);
-  if (validation) {
-    summary.set_best_checkpoint((fs::path(options.folder) / kBestCheckpointName).string());
+  complete(stream, config.batch());
+  training.complete(config, stream.capacity());
+  const PackedFormat format{
+      .resolution = resolution_of(config, static_cast<int>(stream.images().resolution())),
+      .input = config.input()};
+  training.check(config, format.resolution);
+  // Render what the next step needs.
+  std::optional<DatasetReader> dataset;
+  if (!options.validation_dataset.empty()) dataset.emplace(options.validation_dataset);
+  const std::unique_ptr<ValidationSet> validation = validation_set(
+      dataset ? &*dataset : nullptr, format, options, config.augmentation().noise().max());
+  RenderPool pool(options.workers.pool_options());
+  auto batches = std::make_unique<StreamBatches>(
+      stream, format, training.there() ? training.there()->training().step() : 0, config.batch(),
+      config.seed(), pool, options.folder, interruption());
+  const v1::Model model = training.start([&] {
+    return fit_model(batches->truth(), batches->resolution(), batches->mean_radiance(),
+                     material_range(stream.images()), config);
+  });
+  // Train.
+  training.run(config, "", validation.get(), &pool, [&](const TrainingRun& run) {
+    return train(config, std::move(batches), model, run);
+  });
+}
+
+void run(const TrainOptions& options, const CLI::App& command) {
+  if (options.print_config) {
+    print_result("{}", to_text_proto(Flags(options, command).over(base_config(options))));
+    return;
   }
-  const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
-  summary.set_seconds(elapsed.count());
-  summary.set_render_cpu_seconds(pool ? pool->statistics().cpu_seconds : 0);
-  options.json ? print_result("{}\n", to_json(summary)) : print(summary);
+  if (options.folder.empty()) {
+    throw Error(ErrorKind::kUsage, "where to? itn train DATASET -o RUN");
+  }
+  check_folder_writable(options.folder);
+  Training training(options, command);
+  const bool of_stream = !options.stream.empty() ||
+                         (training.goes_on() && training.there()->training().config().has_stream());
+  of_stream ? train_with_stream(training) : train_with_dataset(training);
 }
 
 }  // namespace
@@ -401,6 +514,29 @@ void add_train_command(CLI::App& app) {
       "train", "Train a network with a dataset; the same command continues what was stopped");
   command->add_option("dataset", options->dataset,
                       "Folder that itn dataset wrote; --resume knows it");
+  CLI::Option* stream = command->add_option(
+      "--stream", options->stream,
+      "Instead of a dataset: images of endless random shapes, rendered while the network learns; "
+      "the name of a preset of itn dataset, or a dataset file. --resume knows it; after a pause "
+      "the "
+      "images that were held are rendered again");
+  stream->excludes("dataset");
+  command
+      ->add_option("--reuse", options->reuse,
+                   "Times that each image of a stream is shown, on average: a step waits for "
+                   "images, or images for a step")
+      ->check(number_in(1.0, 1000.0))
+      ->capture_default_str();
+  command
+      ->add_option("--held", options->held,
+                   "Images of a stream, the newest, that a step draws its batch from")
+      ->check(number_in(1U, 1U << 24))
+      ->capture_default_str();
+  command->add_option("--first-images", options->first_images, "Of a stream, before the first step")
+      ->check(number_in(1U, 1U << 24))
+      ->capture_default_str();
+  command->add_option("--validation-dataset", options->validation_dataset,
+                      "Folder of a dataset whose validation split a stream is validated on");
   command->add_option("-o,--output", options->folder, "Folder of the run; required to train");
   command
       ->add_option("--preset", options->preset,

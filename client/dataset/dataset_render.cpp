@@ -1,7 +1,6 @@
 #include "client/dataset/dataset_render.h"
 
 #include <algorithm>
-#include <deque>
 #include <fstream>
 #include <functional>
 #include <iterator>
@@ -15,6 +14,7 @@
 #include <google/protobuf/util/message_differencer.h>
 #include <spdlog/spdlog.h>
 
+#include "client/dataset/item_renderer.h"
 #include "client/dataset/noise.h"
 #include "client/render_pool/render_wait.h"
 #include "common/error.h"
@@ -231,82 +231,18 @@ v1::RenderGradReply wait_or_say_how_far(std::future<v1::RenderGradReply>& reply,
   }
 }
 
-// Renders groups one after the other, each after its pilot if there is a noise target, with enough
-// of both under way that no worker is ever idle.
-class GroupRenderer {
- public:
-  GroupRenderer(DatasetReader& dataset, RenderPool& pool, std::deque<const Group*> waiting)
-      : dataset_(dataset),
-        pool_(pool),
-        waiting_(std::move(waiting)),
-        ahead_(2 * static_cast<size_t>(pool.parallelism()) + 1) {}
-
-  struct Rendered {
-    const Group* group;
-    uint32_t spp;
-    v1::RenderGradReply reply;
-  };
-
-  using Wait = std::function<v1::RenderGradReply(std::future<v1::RenderGradReply>&)>;
-
-  // The next one; nothing after the last.
-  std::optional<Rendered> next(const Wait& wait) {
-    while (pending_.size() < ahead_ && submit_next(wait)) {
-    }
-    if (pending_.empty()) return std::nullopt;
-    Pending front = std::move(pending_.front());
-    pending_.pop_front();
-    return Rendered{front.group, front.spp, wait(front.reply)};
-  }
-
- private:
-  struct Pending {
-    const Group* group;
-    uint32_t spp;
-    std::shared_ptr<const SerializedScene> scene;  // of a pilot
-    std::future<v1::RenderGradReply> reply;
-  };
-
-  const v1::DatasetConfig& config() const { return dataset_.manifest().config(); }
-
-  bool submit_next(const Wait& wait) {
-    if (!config().has_noise()) {
-      if (waiting_.empty()) return false;
-      const Group& group = *waiting_.front();
-      waiting_.pop_front();
-      submit(group, dataset_.scene(*group.front()), config().spp());
-      return true;
-    }
-    while (!waiting_.empty() && pilots_.size() < ahead_) {
-      const Group& group = *waiting_.front();
-      waiting_.pop_front();
-      const auto scene = dataset_.scene(*group.front());
-      pilots_.push_back(
-          {&group, 0, scene, pool_.submit(pilot_job(scene, *group.front(), config().noise()))});
-    }
-    if (pilots_.empty()) return false;
-    Pending pilot = std::move(pilots_.front());
-    pilots_.pop_front();
-    const double noise = relative_noise(wait(pilot.reply));
-    submit(*pilot.group, pilot.scene, spp_for(config().noise(), noise));
-    return true;
-  }
-
-  void submit(const Group& group, const std::shared_ptr<const SerializedScene>& scene,
-              uint32_t spp) {
-    RenderJob job = render_job(scene, *group.front(), spp);
+// The groups as work for an ItemRenderer, numbered by their order.
+ItemRenderer::Source source_of(DatasetReader& dataset, const std::vector<const Group*>& groups) {
+  return [&dataset, &groups, next = size_t{0}]() mutable -> std::optional<ItemRenderer::Work> {
+    if (next == groups.size()) return std::nullopt;
+    const Group& group = *groups[next];
+    ItemRenderer::Work work{next++, *group.front(), dataset.scene(*group.front()), {}};
     for (size_t i = 1; i < group.size(); ++i) {
-      job.request.add_albedos(group[i]->material().albedo());
+      work.albedos.push_back(group[i]->material().albedo());
     }
-    pending_.push_back({&group, spp, nullptr, pool_.submit(std::move(job))});
-  }
-
-  DatasetReader& dataset_;
-  RenderPool& pool_;
-  std::deque<const Group*> waiting_;
-  size_t ahead_;
-  std::deque<Pending> pilots_, pending_;
-};
+    return work;
+  };
+}
 
 }  // namespace
 
@@ -363,7 +299,7 @@ DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderP
   progress.total = static_cast<size_t>(dataset.manifest().items_size());
   const std::vector<Group> groups = groups_of(dataset.manifest());
   std::set<const v1::DatasetItem*> missing;
-  std::deque<const Group*> waiting;
+  std::vector<const Group*> waiting;
   for (const Group& group : groups) {
     bool complete = true;
     for (const v1::DatasetItem* item : group) {
@@ -381,7 +317,7 @@ DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderP
   progress.done = progress.kept;
   report(progress);
   // Render the rest.
-  GroupRenderer renderer(dataset, pool, std::move(waiting));
+  ItemRenderer renderer(dataset.manifest().config(), pool, source_of(dataset, waiting));
   const auto wait = [&](std::future<v1::RenderGradReply>& reply) {
     v1::RenderGradReply done = wait_or_say_how_far(reply, progress, stop);
     progress.paths += done.counters().paths();
@@ -389,7 +325,7 @@ DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderP
     return done;
   };
   while (const auto rendered = renderer.next(wait)) {
-    const Group& group = *rendered->group;
+    const Group& group = *waiting[rendered->number];
     for (size_t member = 0; member < group.size(); ++member) {
       if (missing.contains(group[member])) {
         write_exr(folder / group[member]->file(),

@@ -30,8 +30,11 @@ class Batches {
   // Of the images, in pixels a side.
   virtual int resolution() const = 0;
 
-  // Images that the steps before this one were drawn from.
+  // Images that had come when this step was taken; of a dataset all.
   virtual uint64_t images_until(uint64_t step) const = 0;
+
+  // That of_step() has waited for images so far.
+  virtual double waited_seconds() const { return 0; }
 };
 
 // All images of a split, each once in every epoch.

@@ -240,6 +240,7 @@ v1::TrainingMetrics Trainer::step() {
   next.set_step(state_.step() + 1);
   v1::TrainingMetrics metrics;
   // Take the batch of this step.
+  const double waited = batches_->waited_seconds();
   const TrainingImages taken = batches_->of_step(state_.step(), config.batch());
   const Batch batch{.step = state_.step(),
                     .items = taken.items,
@@ -286,8 +287,10 @@ v1::TrainingMetrics Trainer::step() {
   }
   state_ = next;
   metrics.set_step(static_cast<uint32_t>(state_.step()));
+  metrics.set_images(batches_->images_until(state_.step() - 1));
   metrics.set_epoch(static_cast<double>(state_.step()) * config.batch() /
-                    static_cast<double>(batches_->images_until(state_.step())));
+                    static_cast<double>(metrics.images()));
+  metrics.set_waited_seconds(batches_->waited_seconds() - waited);
   return metrics;
 }
 

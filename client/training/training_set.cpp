@@ -9,16 +9,16 @@
 namespace itn {
 namespace {
 
-void fit_coordinates(const LabelledImages& images, v1::Model& model) {
+void fit_coordinates(std::span<const Material> truth, v1::Model& model) {
   Triple sum{}, squares{};
-  for (const Material& truth : images.truth) {
-    const Triple c = to_coordinates(model.parameterization(), truth, g_interval(model.bounds()));
+  for (const Material& material : truth) {
+    const Triple c = to_coordinates(model.parameterization(), material, g_interval(model.bounds()));
     for (size_t i = 0; i < 3; ++i) {
       sum[i] += c[i];
       squares[i] += c[i] * c[i];
     }
   }
-  const auto count = static_cast<double>(images.truth.size());
+  const auto count = static_cast<double>(truth.size());
   for (size_t i = 0; i < 3; ++i) {
     const double mean = sum[i] / count;
     const double variance = squares[i] / count - mean * mean;
@@ -51,12 +51,17 @@ LabelledImages images_of(DatasetReader& dataset, v1::Split split) {
 
 v1::Model fit_model(const LabelledImages& images, double mean_radiance,
                     const v1::MaterialRange& range, const v1::TrainingConfig& config) {
+  return fit_model(images.truth, images.resolution, mean_radiance, range, config);
+}
+
+v1::Model fit_model(std::span<const Material> truth, int resolution, double mean_radiance,
+                    const v1::MaterialRange& range, const v1::TrainingConfig& config) {
   if (!(mean_radiance > 0)) {
     throw invalid_input("the objects are black in all images of the training split");
   }
   v1::Model model;
   model.set_resolution(config.resolution() != 0 ? config.resolution()
-                                                : static_cast<uint32_t>(images.resolution));
+                                                : static_cast<uint32_t>(resolution));
   *model.mutable_architecture() = config.architecture();
   model.set_output(config.output());
   model.set_input(config.input());
@@ -65,7 +70,7 @@ v1::Model fit_model(const LabelledImages& images, double mean_radiance,
   model.set_parameterization(config.parameterization());
   model.set_image_scale(1 / mean_radiance);
   *model.mutable_bounds() = prediction_bounds(range);
-  fit_coordinates(images, model);
+  fit_coordinates(truth, model);
   return model;
 }
 

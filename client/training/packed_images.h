@@ -1,0 +1,59 @@
+// Images at hand without being in memory, as a network will be shown them.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <vector>
+
+#include "client/dataset/dataset.h"
+#include "common/learning/network_input.h"
+
+namespace itn {
+
+// What of the images a network will be shown (network_input()).
+struct PackedFormat {
+  int resolution = 0;  // a side; the images' own, or less: then they are averaged down
+  v1::NetworkInput input = v1::LUMINANCE_AND_WEIGHT;
+};
+
+// So many places for images, in a file without a name, which goes when this does, however the
+// process ends: luminance and mask and maybe the weight map, 8 or 12 bytes for each pixel. The
+// memory that it takes does not depend on how many images there are, and the operating system keeps
+// what it has room for.
+class PackedImages {
+ public:
+  // `folder`: where the file is. Throws Error (kIo): no room there.
+  PackedImages(const PackedFormat& format, size_t count, const std::filesystem::path& folder);
+  ~PackedImages();
+  PackedImages(const PackedImages&) = delete;
+  PackedImages& operator=(const PackedImages&) = delete;
+
+  // Puts an image of `resolution` pixels a side, which is not below the format's, into a place.
+  // Several threads may do so at a time, each in a place of its own. Throws Error: kInvalidInput
+  // (the image is smaller than the format), kIo.
+  void put(size_t place, int resolution, const DatasetImage& image);
+
+  // Of places into which something was put. Throws Error (kIo).
+  ImageBatch batch(std::span<const uint32_t> places) const;
+
+  const PackedFormat& format() const { return format_; }
+  size_t size() const { return noise_.size(); }
+
+ private:
+  int planes() const;  // of each image
+
+  PackedFormat format_;
+  int descriptor_ = -1;
+  std::vector<float> noise_;  // relative, of each image at this resolution
+};
+
+// Sum of the radiance over the object of an image, and the object's area in pixels; weighted by the
+// mask.
+struct ObjectSums {
+  double radiance = 0, area = 0;
+};
+ObjectSums object_sums(const DatasetImage& image);
+
+}  // namespace itn

@@ -1,0 +1,119 @@
+#include "client/training/stream_batches.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <utility>
+
+#include "client/dataset/dataset_config.h"
+#include "common/error.h"
+#include "common/random.h"
+#include "common/scene/material_proto.h"
+
+namespace itn {
+namespace {
+
+void require(bool condition, const char* message) {
+  if (!condition) throw invalid_input(message);
+}
+
+// Images that have come when the step after so many is taken.
+uint64_t images_before(const v1::Stream& stream, uint64_t step, uint32_t batch) {
+  return stream.first() +
+         static_cast<uint64_t>(std::floor(static_cast<double>(step) * batch / stream.reuse()));
+}
+
+// The oldest of them that is held.
+uint64_t oldest(const v1::Stream& stream, uint64_t count) {
+  return count - std::min<uint64_t>(count, stream.capacity());
+}
+
+}  // namespace
+
+void complete(v1::Stream& stream, uint32_t batch) {
+  if (stream.capacity() == 0) stream.set_capacity(8192);
+  if (stream.first() == 0) stream.set_first(1024);
+  if (stream.reuse() == 0) stream.set_reuse(8);
+  require(stream.capacity() >= batch, "stream.capacity must be as large as a batch at least");
+  require(stream.first() >= batch, "stream.first must be as large as a batch at least");
+  require(stream.reuse() >= 1 && stream.reuse() <= 1000, "stream.reuse must be in [1, 1000]");
+  v1::DatasetConfig& images = *stream.mutable_images();
+  set_defaults(images);
+  require(images.materials().sampling() != v1::MaterialChoice::GRID,
+          "a grid of materials ends; a stream does not");
+  if (!images.shapes().has_random()) {
+    v1::RandomShapes& shapes = *images.mutable_shapes()->mutable_random();
+    shapes.set_count(2);  // of no account, but checked
+  }
+  images.set_test_fraction(0);
+  images.set_validation_fraction(0);
+  validate(images);
+}
+
+StreamBatches::StreamBatches(const v1::Stream& stream, const PackedFormat& format, uint64_t step,
+                             uint32_t batch, uint64_t seed, RenderPool& pool,
+                             const std::filesystem::path& folder, std::stop_token stop)
+    : stream_(stream),
+      batch_(batch),
+      seed_(seed),
+      stop_(std::move(stop)),
+      images_(format, stream.capacity(), folder),
+      truth_(stream.capacity()),
+      sums_(stream.capacity()),
+      begin_(oldest(stream, images_before(stream, step, batch))),
+      end_(begin_),
+      renders_(stream.images(), pool, begin_) {
+  take_until(images_before(stream_, step, batch_));
+}
+
+uint64_t StreamBatches::images_until(uint64_t step) const {
+  return images_before(stream_, step, batch_);
+}
+
+TrainingImages StreamBatches::of_step(uint64_t step, uint32_t size) {
+  const uint64_t count = images_until(step);
+  take_until(count);
+  const uint64_t first = oldest(stream_, count);
+  SplitMix random(derive_seed(seed_, {step}));
+  TrainingImages result;
+  std::vector<uint32_t> places;
+  for (uint32_t i = 0; i < size; ++i) {
+    places.push_back(
+        static_cast<uint32_t>((first + random.below(count - first)) % stream_.capacity()));
+    result.truth.push_back(truth_[places.back()]);
+  }
+  result.images = images_.batch(places);
+  return result;
+}
+
+void StreamBatches::take_until(uint64_t count) {
+  const auto start = std::chrono::steady_clock::now();
+  for (; end_ < count; ++end_) {
+    const StreamedImage next = renders_.next(stop_);
+    const size_t place = end_ % stream_.capacity();
+    images_.put(place, static_cast<int>(stream_.images().resolution()), next.image);
+    truth_[place] = from_proto(next.item.material());
+    sums_[place] = object_sums(next.image);
+  }
+  waited_seconds_ +=
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+std::vector<Material> StreamBatches::truth() const {
+  std::vector<Material> result;
+  for (uint64_t n = std::max(begin_, oldest(stream_, end_)); n < end_; ++n) {
+    result.push_back(truth_[n % stream_.capacity()]);
+  }
+  return result;
+}
+
+double StreamBatches::mean_radiance() const {
+  ObjectSums all;
+  for (uint64_t n = std::max(begin_, oldest(stream_, end_)); n < end_; ++n) {
+    all.radiance += sums_[n % stream_.capacity()].radiance;
+    all.area += sums_[n % stream_.capacity()].area;
+  }
+  return all.area > 0 ? all.radiance / all.area : 0;
+}
+
+}  // namespace itn
