@@ -35,6 +35,9 @@ function(itn_test name)
     set(ARG_TIMEOUT 900)
   endif()
   itn_program(${name} SOURCES ${ARG_SOURCES} LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
+  # Files of tests are below the build's folder: builds beside each other do not meet in them.
+  file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/Testing/files)
   gtest_discover_tests(${name} DISCOVERY_TIMEOUT 300
-                       PROPERTIES LABELS ${ARG_LABEL} TIMEOUT ${ARG_TIMEOUT})
+                       PROPERTIES LABELS ${ARG_LABEL} TIMEOUT ${ARG_TIMEOUT}
+                                  ENVIRONMENT TEST_TMPDIR=${CMAKE_BINARY_DIR}/Testing/files)
 endfunction()
