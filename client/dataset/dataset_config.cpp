@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <iterator>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -61,9 +61,9 @@ materials {
 }
 )";
 
-constexpr std::string_view kOutdoor =
-    R"(# Any sun and sky, any ground, any way to stand, as photographs outdoors have them.
-count: 4000
+// What photographs may show, whatever their light: any way to stand, camera, ground and material.
+constexpr std::string_view kAnyPoseAndCamera =
+    R"(count: 4000
 resolution: 64
 noise { target: 0.05 }
 shapes { random { count: 600 } }
@@ -74,7 +74,22 @@ camera {
   object_size { uniform { min: 0.55 max: 0.78 } }
   offset { uniform { min: -0.04 max: 0.04 } }
 }
-lights {
+)";
+
+constexpr std::string_view kAnyGroundAndMaterial =
+    R"(ground {
+  probability: 0.9
+  reflectance { uniform { min: 0.05 max: 0.8 } }
+}
+materials {
+  sigma_t { log_uniform { min: 20 max: 400 } }
+  albedo { uniform { min: 0.3 max: 0.98 } }
+  g { uniform { min: -0.1 max: 0.9 } }
+}
+)";
+
+constexpr std::string_view kSunAndSky =
+    R"(lights {
   sun_sky {
     azimuth_degrees { uniform { min: 0 max: 360 } }
     elevation_degrees { uniform { min: 10 max: 85 } }
@@ -83,52 +98,21 @@ lights {
     sun_angular_radius_degrees { log_uniform { min: 1 max: 20 } }
   }
 }
-ground {
-  probability: 0.9
-  reflectance { uniform { min: 0.05 max: 0.8 } }
-}
-materials {
-  sigma_t { log_uniform { min: 20 max: 400 } }
-  albedo { uniform { min: 0.3 max: 0.98 } }
-  g { uniform { min: -0.1 max: 0.9 } }
-}
 )";
 
 constexpr std::string_view kFlash =
-    R"(# A light at the camera in a dark room: the light is known then, as people can arrange it.
-count: 4000
-resolution: 64
-noise { target: 0.05 }
-shapes { random { count: 600 } }
-pose { turned: 3 any: 1 }
-camera {
-  pitch_degrees { uniform { min: 5 max: 50 } }
-  distance { log_uniform { min: 4 max: 40 } }
-  object_size { uniform { min: 0.55 max: 0.78 } }
-  offset { uniform { min: -0.04 max: 0.04 } }
-}
-lights {
+    R"(lights {
   flash {
     irradiance { fixed: 100 }
     ambient { log_uniform { min: 0.001 max: 0.02 } }
   }
 }
-ground {
-  probability: 0.9
-  reflectance { uniform { min: 0.05 max: 0.8 } }
-}
-materials {
-  sigma_t { log_uniform { min: 20 max: 400 } }
-  albedo { uniform { min: 0.3 max: 0.98 } }
-  g { uniform { min: -0.1 max: 0.9 } }
-}
 )";
 
-constexpr DatasetPreset kPresets[] = {
-    {"paper", "the set-up of Che et al. 2020", kPaper},
-    {"outdoor", "any sun and sky, ground, pose and camera", kOutdoor},
-    {"flash", "a light at the camera in a dark room", kFlash},
-};
+// A dataset file of photographs under some lights; `about` is the comment it opens with.
+std::string photographs(std::string_view about, std::string_view lights) {
+  return fmt::format("# {}\n{}{}{}", about, kAnyPoseAndCamera, lights, kAnyGroundAndMaterial);
+}
 
 v1::DatasetConfig parsed(std::string_view text, const std::string& name) {
   v1::DatasetConfig config;
@@ -265,14 +249,27 @@ void validate_grid(const v1::DatasetConfig& config) {
 }  // namespace
 
 std::span<const DatasetPreset> dataset_presets() {
+  static const std::array kPresets = {
+      DatasetPreset{"paper", "the set-up of Che et al. 2020", std::string(kPaper)},
+      DatasetPreset{
+          "outdoor", "any sun and sky, ground, pose and camera",
+          photographs("Any sun and sky, any ground, any way to stand, as photographs outdoors "
+                      "have them.",
+                      kSunAndSky)},
+      DatasetPreset{"flash", "a light at the camera in a dark room",
+                    photographs("A light at the camera in a dark room: the light is known then, "
+                                "as people can arrange it.",
+                                kFlash)},
+  };
   return kPresets;
 }
 
 const DatasetPreset& find_preset(std::string_view name) {
-  const auto* found = std::ranges::find(kPresets, name, &DatasetPreset::name);
-  if (found == std::end(kPresets)) {
+  const std::span<const DatasetPreset> presets = dataset_presets();
+  const auto found = std::ranges::find(presets, name, &DatasetPreset::name);
+  if (found == presets.end()) {
     std::vector<std::string_view> names;
-    for (const DatasetPreset& preset : kPresets) names.push_back(preset.name);
+    for (const DatasetPreset& preset : presets) names.push_back(preset.name);
     throw invalid_input(
         fmt::format("there is no preset \"{}\"; there are {}", name, fmt::join(names, ", ")));
   }

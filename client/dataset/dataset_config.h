@@ -13,7 +13,7 @@ namespace itn {
 struct DatasetPreset {
   std::string_view name;
   std::string_view description;  // one line
-  std::string_view file;         // a dataset file, with comments
+  std::string file;              // a dataset file, with comments
 };
 
 std::span<const DatasetPreset> dataset_presets();
