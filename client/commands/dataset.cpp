@@ -19,6 +19,7 @@
 #include "client/dataset/dataset_config.h"
 #include "client/dataset/dataset_render.h"
 #include "client/dataset/distribution.h"
+#include "client/dataset/panorama_set.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
@@ -39,6 +40,7 @@ struct DatasetOptions {
   std::string shapes;  // folder
   bool repair = false;
   uint32_t random_shapes = 0;
+  std::string panoramas;  // folder
   std::vector<std::string> test_shapes, validation_shapes;
   uint32_t count = 0;
   bool grid = false;
@@ -84,6 +86,14 @@ std::vector<v1::SunSkyChoice*> suns_of(v1::DatasetConfig& config, const char* fl
     throw Error(ErrorKind::kUsage, fmt::format("{} is given, and no light is a sun", flag));
   }
   return suns;
+}
+
+// The panoramas of a configuration, which are one more of its lights unless they are there.
+v1::PanoramaChoice& panoramas_in(v1::DatasetConfig& config) {
+  for (v1::LightChoice& light : *config.mutable_lights()) {
+    if (light.has_panoramas()) return *light.mutable_panoramas();
+  }
+  return *config.add_lights()->mutable_panoramas();
 }
 
 void set_samples(const DatasetOptions& options, const CLI::App& command,
@@ -158,6 +168,7 @@ v1::DatasetConfig config_of(const DatasetOptions& options, const CLI::App& comma
   if (command.count("--random-shapes") > 0) {
     config.mutable_shapes()->mutable_random()->set_count(options.random_shapes);
   }
+  if (!options.panoramas.empty()) panoramas_in(config).set_folder(options.panoramas);
   if (command.count("--count") > 0) config.set_count(options.count);
   if (command.count("--seed") > 0) config.set_seed(options.seed);
   if (command.count("--resolution") > 0) config.set_resolution(options.resolution);
@@ -179,25 +190,31 @@ std::optional<v1::Dataset> manifest_in(const std::string& folder) {
   return std::filesystem::exists(path) ? std::optional(read_manifest(path)) : std::nullopt;
 }
 
-// Where the dataset is there and nothing says otherwise of its shapes, they are those that it
-// holds; render_dataset() says what differs.
+// Where the dataset is there and nothing says otherwise of its shapes or panoramas, they are those
+// that it holds; render_dataset() says what differs.
 DatasetPlan plan_of(const DatasetOptions& options, const CLI::App& command,
                     v1::DatasetSummary& summary) {
   const std::optional<v1::Dataset> there = manifest_in(options.folder);
   const v1::DatasetConfig config = config_of(options, command, there);
   const bool names_shapes =
       config.shapes().has_folder() && !config.shapes().folder().path().empty();
-  if (there && !names_shapes) {
+  const v1::PanoramaChoice* choice = panoramas_of(config);
+  const bool names_panoramas = choice != nullptr && !choice->folder().empty();
+  if (there && !names_shapes && !names_panoramas) {
     require_same_config(*there, config, options.folder);
     return config.count() == there->config().count() ? DatasetPlan{*there, {}}
                                                      : extended(*there, config.count());
   }
-  const ShapeSet shapes = shape_set(config.shapes());
-  for (const std::string& message : shapes.refused) {
-    spdlog::warn("not used: {}", message);
-    summary.add_refused_shapes(message);
-  }
-  return plan_dataset(config, shapes.shapes);
+  const ShapeSet shapes = there && !names_shapes ? shape_set(*there) : shape_set(config.shapes());
+  const PanoramaSet panoramas =
+      there && !names_panoramas ? panorama_set(*there) : panorama_set(config);
+  const auto refuse = [](const std::vector<std::string>& messages, auto* refused) {
+    for (const std::string& message : messages) spdlog::warn("not used: {}", message);
+    refused->Assign(messages.begin(), messages.end());
+  };
+  refuse(shapes.refused, summary.mutable_refused_shapes());
+  refuse(panoramas.refused, summary.mutable_refused_panoramas());
+  return plan_dataset(config, shapes.shapes, panoramas.panoramas);
 }
 
 DatasetProgress render(const DatasetOptions& options, DatasetPlan plan, RenderPool& pool) {
@@ -318,6 +335,9 @@ void add_dataset_command(CLI::App& app) {
       ->add_option("--random-shapes", options->random_shapes,
                    "Instead: this many of an endless family of random shapes")
       ->excludes(folder);
+  command->add_option("--panoramas", options->panoramas,
+                      "Folder of HDR panoramas (EXR, latitude-longitude): one more of the lights, "
+                      "of weight 1, unless the dataset file has them");
   command->add_flag(
       "--repair", options->repair,
       "Close meshes of --shapes that are nearly closed: weld cracks, fill holes, turn "

@@ -31,10 +31,11 @@ const Number* attribute_of(const Image& image, const char* name) {
 }  // namespace
 
 std::string item_digest(const v1::DatasetConfig& config, const v1::DatasetShape& shape,
-                        const v1::DatasetItem& item) {
+                        const v1::DatasetPanorama* panorama, const v1::DatasetItem& item) {
   return to_hex(
-      sha256(fmt::format("{}{} {} {} {}", item.SerializeAsString(), shape.sha256(),
-                         config.resolution(), config.spp(), config.noise().SerializeAsString())));
+      sha256(fmt::format("{}{}{} {} {} {}", item.SerializeAsString(), shape.sha256(),
+                         panorama == nullptr ? "" : " " + panorama->sha256(), config.resolution(),
+                         config.spp(), config.noise().SerializeAsString())));
 }
 
 std::string to_text(const v1::Dataset& manifest) {
@@ -53,6 +54,9 @@ v1::Dataset read_manifest(const fs::path& path) {
   };
   for (const v1::DatasetShape& shape : manifest.shapes()) {
     require_inside(shape.file());
+  }
+  for (const v1::DatasetPanorama& panorama : manifest.panoramas()) {
+    require_inside(panorama.file());
   }
   for (const v1::DatasetItem& item : manifest.items()) {
     require_inside(item.file());
@@ -74,15 +78,41 @@ fs::path path_inside(const fs::path& folder, const std::string& file) {
   return path;
 }
 
-bool holds_shape(const fs::path& folder, const v1::DatasetShape& shape) {
-  const fs::path path = path_inside(folder, shape.file());
-  return fs::exists(path) && to_hex(sha256(read_file(path, "shape"))) == shape.sha256();
+bool holds_file(const fs::path& folder, const std::string& file, const std::string& sha256) {
+  const fs::path path = path_inside(folder, file);
+  return fs::exists(path) && to_hex(itn::sha256(read_file(path, "file"))) == sha256;
+}
+
+template <typename Message>
+template <typename Entry>
+const Message& RecentParts<Message>::get(const fs::path& folder, const Entry& entry) {
+  if (const auto known = parts_.find(entry.name()); known != parts_.end()) return known->second;
+  const fs::path path = path_inside(folder, entry.file());
+  const std::string bytes = read_file(path, kind_);
+  Message part;
+  if (to_hex(sha256(bytes)) != entry.sha256() || !part.ParseFromString(bytes)) {
+    throw Error(ErrorKind::kDataLoss,
+                fmt::format("{} is not the {} that the dataset was rendered with; the command that "
+                            "began the dataset, with its {}, writes it again",
+                            path.string(), kind_, flag_));
+  }
+  // Items of a shape are mostly asked for one after the other.
+  constexpr size_t kMaxBytes = size_t{64} << 20;
+  if (bytes_ + bytes.size() > kMaxBytes) {
+    parts_.clear();
+    bytes_ = 0;
+  }
+  bytes_ += bytes.size();
+  return parts_[entry.name()] = std::move(part);
 }
 
 DatasetReader::DatasetReader(fs::path folder)
     : folder_(std::move(folder)), manifest_(read_manifest(folder_ / kManifestName)) {
   for (const v1::DatasetShape& shape : manifest_.shapes()) {
     shapes_[shape.name()] = &shape;
+  }
+  for (const v1::DatasetPanorama& panorama : manifest_.panoramas()) {
+    panoramas_[panorama.name()] = &panorama;
   }
   for (const v1::DatasetItem& item : manifest_.items()) {
     require(shapes_.contains(item.shape()),
@@ -91,6 +121,10 @@ DatasetReader::DatasetReader(fs::path folder)
     require(item.split() == shapes_[item.shape()]->split(),
             fmt::format("{}: {} is not in the split of its shape",
                         (folder_ / kManifestName).string(), item.file()));
+    const v1::ItemLight& light = item.light();
+    require(!light.has_panorama() || panoramas_.contains(light.panorama().name()),
+            fmt::format("{}: {} is lit by a panorama \"{}\" that is not listed",
+                        (folder_ / kManifestName).string(), item.file(), light.panorama().name()));
   }
 }
 
@@ -129,37 +163,19 @@ DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
 }
 
 std::string DatasetReader::digest(const v1::DatasetItem& item) const {
-  return item_digest(manifest_.config(), *shapes_.at(item.shape()), item);
+  return item_digest(manifest_.config(), *shapes_.at(item.shape()), panorama_of(item), item);
 }
 
-const v1::Triangles& DatasetReader::triangles(const v1::DatasetShape& shape) {
-  if (const auto known = triangles_.find(shape.name()); known != triangles_.end()) {
-    return known->second;
-  }
-  const fs::path path = path_inside(folder_, shape.file());
-  const std::string bytes = read_file(path, "shape");
-  v1::Triangles triangles;
-  if (to_hex(sha256(bytes)) != shape.sha256() || !triangles.ParseFromString(bytes)) {
-    throw Error(
-        ErrorKind::kDataLoss,
-        fmt::format(
-            "{} is not the shape that the dataset was rendered with; the command that began "
-            "the dataset, with its --shapes, writes it again",
-            path.string()));
-  }
-  // Items of a shape are mostly asked for one after the other.
-  constexpr size_t kMaxTriangleBytes = size_t{64} << 20;
-  if (triangle_bytes_ + bytes.size() > kMaxTriangleBytes) {
-    triangles_.clear();
-    triangle_bytes_ = 0;
-  }
-  triangle_bytes_ += bytes.size();
-  return triangles_[shape.name()] = std::move(triangles);
+const v1::DatasetPanorama* DatasetReader::panorama_of(const v1::DatasetItem& item) const {
+  const v1::ItemLight& light = item.light();
+  return light.has_panorama() ? panoramas_.at(light.panorama().name()) : nullptr;
 }
 
 std::shared_ptr<const SerializedScene> DatasetReader::scene(const v1::DatasetItem& item) {
-  const v1::DatasetShape& shape = *shapes_.at(item.shape());
-  return serialize(scene_of(item, triangles(shape), manifest_.config().resolution()));
+  const v1::Triangles& triangles = triangles_.get(folder_, *shapes_.at(item.shape()));
+  const v1::DatasetPanorama* panorama = panorama_of(item);
+  return serialize(scene_of(item, triangles, manifest_.config().resolution(),
+                            panorama == nullptr ? nullptr : &pixels_.get(folder_, *panorama)));
 }
 
 }  // namespace itn

@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/scene/scene_bytes.h"
@@ -13,9 +14,9 @@
 namespace itn {
 
 // What an image's header must say for it to be the image of this item: a digest of all that it
-// depends on.
+// depends on. `panorama`: of the item's light; null without.
 std::string item_digest(const v1::DatasetConfig& config, const v1::DatasetShape& shape,
-                        const v1::DatasetItem& item);
+                        const v1::DatasetPanorama* panorama, const v1::DatasetItem& item);
 
 inline constexpr const char* kManifestName = "manifest.textproto";
 
@@ -30,8 +31,9 @@ v1::Dataset read_manifest(const std::filesystem::path& path);
 // of the folder, with all links followed.
 std::filesystem::path path_inside(const std::filesystem::path& folder, const std::string& file);
 
-// Whether the file of this shape is there and whole. Throws as path_inside().
-bool holds_shape(const std::filesystem::path& folder, const v1::DatasetShape& shape);
+// Whether this file is there and has this digest. Throws as path_inside().
+bool holds_file(const std::filesystem::path& folder, const std::string& file,
+                const std::string& sha256);
 
 // One image with its mask.
 struct DatasetImage {
@@ -41,7 +43,27 @@ struct DatasetImage {
   uint32_t spp = 0;
 };
 
-// A dataset on disk. What it has in memory is the manifest and some shapes, however many there are.
+// Shapes or panoramas of a dataset: those used lately, up to some memory.
+template <typename Message>
+class RecentParts {
+ public:
+  // `kind`: what they are called in messages; `flag`: that makes them.
+  RecentParts(std::string kind, std::string flag)
+      : kind_(std::move(kind)), flag_(std::move(flag)) {}
+
+  // `entry`: a DatasetShape or DatasetPanorama. Throws Error: kIo, kDataLoss (not the file of that
+  // digest).
+  template <typename Entry>
+  const Message& get(const std::filesystem::path& folder, const Entry& entry);
+
+ private:
+  std::string kind_, flag_;
+  std::map<std::string, Message> parts_;  // by name
+  size_t bytes_ = 0;
+};
+
+// A dataset on disk. What it has in memory is the manifest and some shapes and
+// panoramas, however many there are.
 // Not thread-safe, but for image().
 class DatasetReader {
  public:
@@ -62,18 +84,19 @@ class DatasetReader {
   // What the header of the item's image must say.
   std::string digest(const v1::DatasetItem& item) const;
 
-  // The scene that the image was rendered of. Throws Error: kIo, kDataLoss (the shape's file is not
-  // the one that the manifest was written for).
+  // The scene that the image was rendered of. Throws Error: kIo, kDataLoss (the file of the shape
+  // or panorama is not the one that the manifest was written for).
   std::shared_ptr<const SerializedScene> scene(const v1::DatasetItem& item);
 
  private:
-  const v1::Triangles& triangles(const v1::DatasetShape& shape);
+  const v1::DatasetPanorama* panorama_of(const v1::DatasetItem& item) const;  // null without
 
   std::filesystem::path folder_;
   v1::Dataset manifest_;
-  std::map<std::string, const v1::DatasetShape*> shapes_;  // by name
-  std::map<std::string, v1::Triangles> triangles_;         // by name; those used lately
-  size_t triangle_bytes_ = 0;                              // of these
+  std::map<std::string, const v1::DatasetShape*> shapes_;        // by name
+  std::map<std::string, const v1::DatasetPanorama*> panoramas_;  // by name
+  RecentParts<v1::Triangles> triangles_{"shape", "--shapes"};
+  RecentParts<v1::Pixels> pixels_{"panorama", "--panoramas"};
 };
 
 }  // namespace itn

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <initializer_list>
 #include <string>
 #include <utility>
 #include <vector>
@@ -88,30 +89,56 @@ materials {
 }
 )";
 
+// What lights them: fields of a LightChoice.
 constexpr std::string_view kSunAndSky =
-    R"(lights {
-  sun_sky {
+    R"(  sun_sky {
     azimuth_degrees { uniform { min: 0 max: 360 } }
     elevation_degrees { uniform { min: 10 max: 85 } }
     turbidity { uniform { min: 2 max: 8 } }
     # From nearly the real sun to one behind thin clouds.
     sun_angular_radius_degrees { log_uniform { min: 1 max: 20 } }
   }
-}
 )";
 
 constexpr std::string_view kFlash =
-    R"(lights {
-  flash {
+    R"(  flash {
     irradiance { fixed: 100 }
     ambient { log_uniform { min: 0.001 max: 0.02 } }
   }
-}
 )";
 
+// The defaults of a studio.
+constexpr std::string_view kStudio =
+    R"(  studio {
+    irradiance { fixed: 100 }
+    walls { log_uniform { min: 0.02 max: 0.3 } }
+    emitters { one_of { value: [1, 2, 3, 4, 5] } }
+    emitter {
+      lamps: 0.4
+      azimuth_degrees { uniform { min: 0 max: 360 } }
+      elevation_degrees { uniform { min: 15 max: 80 } }
+      size_degrees { log_uniform { min: 10 max: 60 } }
+      aspect { uniform { min: 0.4 max: 1 } }
+      roll_degrees { uniform { min: 0 max: 180 } }
+      edge { uniform { min: 0.05 max: 0.6 } }
+      strength { log_uniform { min: 0.1 max: 1 } }
+    }
+  }
+)";
+
+struct WeightedLight {
+  int weight;
+  std::string_view kind;
+};
+
 // A dataset file of photographs under some lights; `about` is the comment it opens with.
-std::string photographs(std::string_view about, std::string_view lights) {
-  return fmt::format("# {}\n{}{}{}", about, kAnyPoseAndCamera, lights, kAnyGroundAndMaterial);
+std::string photographs(std::string_view about, std::initializer_list<WeightedLight> lights) {
+  std::string file = fmt::format("# {}\n{}", about, kAnyPoseAndCamera);
+  for (const auto& [weight, kind] : lights) {
+    file += lights.size() == 1 ? fmt::format("lights {{\n{}}}\n", kind)
+                               : fmt::format("lights {{\n  weight: {}\n{}}}\n", weight, kind);
+  }
+  return file + std::string(kAnyGroundAndMaterial);
 }
 
 v1::DatasetConfig parsed(std::string_view text, const std::string& name) {
@@ -211,18 +238,10 @@ void require_apart(const v1::SunSkyChoice& sun) {
   }
 }
 
-void validate_light(const std::string& field, const v1::LightChoice& light) {
-  require(light.weight() >= 0 && std::isfinite(light.weight()),
-          fmt::format("{}.weight is {}; it must be above 0", field, light.weight()));
-  if (light.has_flash()) {
-    validate(field + ".flash.irradiance", light.flash().irradiance(), 0, 1e6);
-    validate(field + ".flash.ambient", light.flash().ambient(), 0, 10);
-    return;
-  }
-  require(light.has_sun_sky(), fmt::format("{} says no light; it is a sun_sky or a flash", field));
-  const v1::SunSkyChoice& sun = light.sun_sky();
-  const std::string name = field + ".sun_sky.";
-  constexpr double kMaxAzimuth = 3600;
+constexpr double kMaxAzimuth = 3600;
+constexpr double kMinIrradiance = 1e-3, kMaxIrradiance = 1e6;
+
+void validate_sun(const std::string& name, const v1::SunSkyChoice& sun) {
   validate(name + "azimuth_degrees", sun.azimuth_degrees(), -kMaxAzimuth, kMaxAzimuth);
   if (sun.has_test_azimuth_degrees()) {
     validate(name + "test_azimuth_degrees", sun.test_azimuth_degrees(), -kMaxAzimuth, kMaxAzimuth);
@@ -231,6 +250,56 @@ void validate_light(const std::string& field, const v1::LightChoice& light) {
   validate(name + "turbidity", sun.turbidity(), 1, 10);
   validate(name + "sun_angular_radius_degrees", sun.sun_angular_radius_degrees(), 0.1, 45);
   require_apart(sun);
+}
+
+void validate_flash(const std::string& name, const v1::FlashChoice& flash) {
+  validate(name + "irradiance", flash.irradiance(), 0, kMaxIrradiance);
+  validate(name + "ambient", flash.ambient(), 0, 10);
+}
+
+void validate_emitter(const std::string& name, const v1::EmitterChoice& emitter) {
+  require(emitter.lamps() >= 0 && emitter.lamps() <= 1,
+          fmt::format("{}lamps is {}; it must be in [0, 1]", name, emitter.lamps()));
+  validate(name + "azimuth_degrees", emitter.azimuth_degrees(), -kMaxAzimuth, kMaxAzimuth);
+  validate(name + "elevation_degrees", emitter.elevation_degrees(), 0, 90);
+  validate(name + "size_degrees", emitter.size_degrees(), 4, 120);
+  validate(name + "aspect", emitter.aspect(), 0.25, 1);
+  validate(name + "roll_degrees", emitter.roll_degrees(), -kMaxAzimuth, kMaxAzimuth);
+  validate(name + "edge", emitter.edge(), 0, 1);
+  validate(name + "strength", emitter.strength(), 1e-3, 1e3);
+}
+
+void validate_studio(const std::string& name, const v1::StudioChoice& studio) {
+  validate(name + "irradiance", studio.irradiance(), kMinIrradiance, kMaxIrradiance);
+  validate(name + "walls", studio.walls(), 0, 1);
+  validate(name + "emitters", studio.emitters(), 1, 16);
+  require(is_list(studio.emitters()),
+          fmt::format("{}emitters is a range; it is a list, one_of, or fixed", name));
+  for (const double count : values_of(studio.emitters())) {
+    require(count == std::round(count),
+            fmt::format("{}emitters is {}; it must be a whole number", name, count));
+  }
+  validate_emitter(name + "emitter.", studio.emitter());
+}
+
+void validate_panoramas(const std::string& name, const v1::PanoramaChoice& panoramas) {
+  validate(name + "irradiance", panoramas.irradiance(), kMinIrradiance, kMaxIrradiance);
+  validate(name + "azimuth_degrees", panoramas.azimuth_degrees(), -kMaxAzimuth, kMaxAzimuth);
+}
+
+void validate_light(const std::string& field, const v1::LightChoice& light) {
+  require(light.weight() >= 0 && std::isfinite(light.weight()),
+          fmt::format("{}.weight is {}; it must be above 0", field, light.weight()));
+  switch (light.kind_case()) {
+    case v1::LightChoice::kSunSky: return validate_sun(field + ".sun_sky.", light.sun_sky());
+    case v1::LightChoice::kFlash: return validate_flash(field + ".flash.", light.flash());
+    case v1::LightChoice::kStudio: return validate_studio(field + ".studio.", light.studio());
+    case v1::LightChoice::kPanoramas:
+      return validate_panoramas(field + ".panoramas.", light.panoramas());
+    case v1::LightChoice::KIND_NOT_SET: break;
+  }
+  throw invalid_input(
+      fmt::format("{} says no light; it is a sun_sky, a flash, a studio or panoramas", field));
 }
 
 void validate_grid(const v1::DatasetConfig& config) {
@@ -255,11 +324,18 @@ std::span<const DatasetPreset> dataset_presets() {
           "outdoor", "any sun and sky, ground, pose and camera",
           photographs("Any sun and sky, any ground, any way to stand, as photographs outdoors "
                       "have them.",
-                      kSunAndSky)},
+                      {{1, kSunAndSky}})},
       DatasetPreset{"flash", "a light at the camera in a dark room",
                     photographs("A light at the camera in a dark room: the light is known then, "
                                 "as people can arrange it.",
-                                kFlash)},
+                                {{1, kFlash}})},
+      DatasetPreset{"studio", "soft boxes and lamps in a dim room",
+                    photographs("Soft boxes and lamps in a dim room, of a known irradiance.",
+                                {{1, kStudio}})},
+      DatasetPreset{"any", "sun and sky, studio and flash, mixed",
+                    photographs("Outdoors, in a studio and by flash: for a network that knows "
+                                "nothing of the light.",
+                                {{2, kSunAndSky}, {2, kStudio}, {1, kFlash}})},
   };
   return kPresets;
 }
@@ -309,6 +385,17 @@ void set_defaults(v1::DatasetConfig& config) {
       *flash.mutable_ambient() = fixed(0);
       merge_defaults(*light.mutable_flash(), flash);
     }
+    if (light.has_studio()) {
+      v1::LightChoice studio;
+      parse_text_proto(std::string(kStudio), "studio", studio);
+      merge_defaults(*light.mutable_studio(), studio.studio());
+    }
+    if (light.has_panoramas()) {
+      v1::PanoramaChoice panoramas;
+      *panoramas.mutable_irradiance() = fixed(100);
+      *panoramas.mutable_azimuth_degrees() = uniform(0, 360);
+      merge_defaults(*light.mutable_panoramas(), panoramas);
+    }
     if (light.has_sun_sky()) {
       v1::SunSkyChoice sun = defaults.lights(0).sun_sky();
       if (light.sun_sky().has_azimuth_degrees()) sun.clear_test_azimuth_degrees();
@@ -344,6 +431,8 @@ void validate(const v1::DatasetConfig& config) {
   for (int i = 0; i < config.lights_size(); ++i) {
     validate_light(fmt::format("lights[{}]", i), config.lights(i));
   }
+  require(std::ranges::count_if(config.lights(), &v1::LightChoice::has_panoramas) <= 1,
+          "two lights are panoramas; one can be, of a folder that holds all of them");
   require(
       config.ground().probability() >= 0 && config.ground().probability() <= 1,
       fmt::format("ground.probability is {}; it must be in [0, 1]", config.ground().probability()));

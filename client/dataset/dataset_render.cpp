@@ -88,17 +88,19 @@ void require_empty(const fs::path& folder) {
   }
 }
 
-// Writes the shape's file, unless it is there. Each shape is built once, and held while it is
-// written.
-void write_shape(const std::function<std::string()>& to_file, const fs::path& folder,
-                 v1::DatasetShape& shape) {
-  if (!shape.sha256().empty() && holds_shape(folder, shape)) return;
-  const std::string bytes = to_file();
-  shape.set_sha256(to_hex(sha256(bytes)));
-  write_file_atomically(folder / shape.file(), bytes);
+// Writes the file of a shape or a panorama, unless it is there or not to be had. Each shape is
+// built once, and held while it is written.
+template <typename Entry>
+void write_part(const DatasetPlan& plan, const fs::path& folder, Entry& entry) {
+  const auto to_file = plan.files.find(entry.file());
+  if (to_file == plan.files.end()) return;
+  if (!entry.sha256().empty() && holds_file(folder, entry.file(), entry.sha256())) return;
+  const std::string bytes = to_file->second();
+  entry.set_sha256(to_hex(sha256(bytes)));
+  write_file_atomically(folder / entry.file(), bytes);
 }
 
-// Writes the manifest and the shapes, or finds them there.
+// Writes the manifest, the shapes and the panoramas, or finds them there.
 void set_up_folder(DatasetPlan& plan, const fs::path& folder, const std::stop_token& stop) {
   const fs::path manifest = folder / kManifestName;
   if (fs::exists(manifest)) {
@@ -107,7 +109,9 @@ void set_up_folder(DatasetPlan& plan, const fs::path& folder, const std::stop_to
     require_empty(folder);
   }
   std::error_code error;
-  for (const char* name : {"images", "shapes"}) {
+  std::vector<const char*> folders = {"images", "shapes"};
+  if (!plan.manifest.panoramas().empty()) folders.push_back("panoramas");
+  for (const char* name : folders) {
     fs::create_directories(folder / name, error);
     if (error) {
       throw Error(ErrorKind::kIo,
@@ -116,8 +120,10 @@ void set_up_folder(DatasetPlan& plan, const fs::path& folder, const std::stop_to
   }
   for (v1::DatasetShape& shape : *plan.manifest.mutable_shapes()) {
     if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
-    const auto to_file = plan.shape_files.find(shape.file());
-    if (to_file != plan.shape_files.end()) write_shape(to_file->second, folder, shape);
+    write_part(plan, folder, shape);
+  }
+  for (v1::DatasetPanorama& panorama : *plan.manifest.mutable_panoramas()) {
+    write_part(plan, folder, panorama);
   }
   write_file_atomically(manifest, to_text(plan.manifest));
 }
@@ -290,7 +296,7 @@ DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderP
   const FolderLock lock(folder, "itn dataset");
   set_up_folder(plan, folder, stop);
   plan = {};  // the reader has it
-  for (const char* below : {"", "images", "shapes"}) {
+  for (const char* below : {"", "images", "shapes", "panoramas"}) {
     lock.remove_temporary_files(below);
   }
   DatasetReader dataset(folder);

@@ -6,6 +6,8 @@
 #include <limits>
 #include <numbers>
 
+#include "client/dataset/studio.h"
+#include "common/error.h"
 #include "common/vec.h"
 
 namespace itn {
@@ -90,17 +92,37 @@ Vec3d camera_direction(const v1::ItemCamera& camera) {
 }
 
 // A flash is where the camera is, as far away as all lights.
-void add_lights(v1::Scene& scene, const v1::ItemLight& light, const v1::ItemCamera& camera) {
-  if (light.has_sun_sky()) {
-    *scene.add_lights()->mutable_sun_sky() = light.sun_sky();
-    return;
-  }
-  v1::DirectionalLight& flash = *scene.add_lights()->mutable_directional();
-  *flash.mutable_direction() = to_proto(camera_direction(camera));
-  flash.set_irradiance(light.flash().irradiance());
-  const double ambient = light.flash().ambient() * light.flash().irradiance() / std::numbers::pi;
+void add_flash(v1::Scene& scene, const v1::Flash& flash, const v1::ItemCamera& camera) {
+  v1::DirectionalLight& light = *scene.add_lights()->mutable_directional();
+  *light.mutable_direction() = to_proto(camera_direction(camera));
+  light.set_irradiance(flash.irradiance());
+  const double ambient = flash.ambient() * flash.irradiance() / std::numbers::pi;
   if (ambient > 0) {
     scene.add_lights()->mutable_constant()->set_radiance(static_cast<float>(ambient));
+  }
+}
+
+// `pixels` are of irradiance 1.
+void add_panorama(v1::Scene& scene, const v1::Panorama& panorama, const v1::Pixels* pixels) {
+  if (pixels == nullptr) {
+    throw Error(ErrorKind::kInternal, "the panorama of an item is missing");
+  }
+  v1::EnvironmentMap& map = *scene.add_lights()->mutable_environment_map();
+  *map.mutable_pixels() = *pixels;
+  map.set_scale(panorama.irradiance());
+  map.set_rotate_y_degrees(panorama.azimuth_degrees());
+}
+
+void add_lights(v1::Scene& scene, const v1::DatasetItem& item, const v1::Pixels* panorama) {
+  const v1::ItemLight& light = item.light();
+  switch (light.kind_case()) {
+    case v1::ItemLight::kFlash: return add_flash(scene, light.flash(), item.camera());
+    case v1::ItemLight::kPanorama: return add_panorama(scene, light.panorama(), panorama);
+    case v1::ItemLight::kStudio:
+      *scene.add_lights()->mutable_environment_map()->mutable_pixels() =
+          studio_panorama(light.studio());
+      return;
+    default: *scene.add_lights()->mutable_sun_sky() = light.sun_sky();
   }
 }
 
@@ -120,12 +142,12 @@ void add_camera(v1::Scene& scene, const v1::ItemCamera& item, Vec3d middle) {
 
 }  // namespace
 
-v1::Scene scene_of(const v1::DatasetItem& item, const v1::Triangles& triangles,
-                   uint32_t resolution) {
+v1::Scene scene_of(const v1::DatasetItem& item, const v1::Triangles& triangles, uint32_t resolution,
+                   const v1::Pixels* panorama) {
   v1::Scene scene;
   const Vec3d middle = add_object(scene, item, triangles);
   if (item.has_ground_reflectance()) add_ground(scene, item.ground_reflectance());
-  add_lights(scene, item.light(), item.camera());
+  add_lights(scene, item, panorama);
   add_camera(scene, item.camera(), middle);
   scene.mutable_film()->set_width(resolution);
   scene.mutable_film()->set_height(resolution);

@@ -38,7 +38,8 @@ enum Choice : uint64_t {
   kLight,
   kGround,
   kReflectance,
-  kRenderSeed
+  kRenderSeed,
+  kPanoramaSplit
 };
 
 void require(bool condition, const std::string& message) {
@@ -252,29 +253,81 @@ v1::Flash draw_flash(const v1::FlashChoice& choice, uint64_t light, const Choice
   return flash;
 }
 
-v1::ItemLight draw_light(const v1::DatasetConfig& config, v1::Split split, const Choices& choices) {
+// `branch`: of this emitter's choices.
+v1::Emitter draw_emitter(const v1::EmitterChoice& choice, uint64_t branch, const Choices& choices) {
+  const auto draw = [&](uint64_t number, const v1::Distribution& distribution) {
+    return choices.draw(derive_seed(branch, {number}), distribution);
+  };
+  v1::Emitter emitter;
+  emitter.set_is_lamp(choices.number(derive_seed(branch, {0})) < choice.lamps());
+  emitter.set_azimuth_degrees(draw(1, choice.azimuth_degrees()));
+  emitter.set_elevation_degrees(draw(2, choice.elevation_degrees()));
+  emitter.set_size_degrees(draw(3, choice.size_degrees()));
+  emitter.set_edge(draw(4, choice.edge()));
+  emitter.set_strength(draw(5, choice.strength()));
+  if (!emitter.is_lamp()) {
+    emitter.set_aspect(draw(6, choice.aspect()));
+    emitter.set_roll_degrees(draw(7, choice.roll_degrees()));
+  }
+  return emitter;
+}
+
+v1::Studio draw_studio(const v1::StudioChoice& choice, uint64_t light, const Choices& choices) {
+  const auto branch = [&](uint64_t number) { return derive_seed(kLight, {light, number}); };
+  v1::Studio studio;
+  studio.set_irradiance(choices.draw(branch(0), choice.irradiance()));
+  studio.set_walls(choices.draw(branch(1), choice.walls()));
+  const auto emitters =
+      static_cast<uint64_t>(std::lround(choices.draw(branch(2), choice.emitters())));
+  for (uint64_t i = 0; i < emitters; ++i) {
+    *studio.add_emitters() = draw_emitter(choice.emitter(), branch(3 + i), choices);
+  }
+  return studio;
+}
+
+v1::Panorama draw_panorama(const v1::PanoramaChoice& choice, const std::vector<std::string>& names,
+                           uint64_t light, const Choices& choices) {
+  const auto branch = [&](uint64_t number) { return derive_seed(kLight, {light, number}); };
+  v1::Panorama panorama;
+  panorama.set_name(names.at(choices.in_turn(branch(0), names.size())));
+  panorama.set_irradiance(choices.draw(branch(1), choice.irradiance()));
+  panorama.set_azimuth_degrees(choices.draw(branch(2), choice.azimuth_degrees()));
+  return panorama;
+}
+
+v1::ItemLight draw_light(const v1::DatasetConfig& config, v1::Split split,
+                         const PanoramaSplit& panoramas, const Choices& choices) {
   std::vector<double> weights;
   for (const v1::LightChoice& light : config.lights()) weights.push_back(light.weight());
   const size_t kind = weighted(weights, choices.number(kLightKind));
   const v1::LightChoice& light = config.lights(static_cast<int>(kind));
   v1::ItemLight item;
-  if (light.has_flash()) {
-    *item.mutable_flash() = draw_flash(light.flash(), kind, choices);
-  } else {
-    *item.mutable_sun_sky() = draw_sun(light.sun_sky(), split, kind, choices);
+  switch (light.kind_case()) {
+    case v1::LightChoice::kFlash:
+      *item.mutable_flash() = draw_flash(light.flash(), kind, choices);
+      break;
+    case v1::LightChoice::kStudio:
+      *item.mutable_studio() = draw_studio(light.studio(), kind, choices);
+      break;
+    case v1::LightChoice::kPanoramas:
+      *item.mutable_panorama() =
+          draw_panorama(light.panoramas(), panoramas.of(split), kind, choices);
+      break;
+    default: *item.mutable_sun_sky() = draw_sun(light.sun_sky(), split, kind, choices);
   }
   return item;
 }
 
 // All but the material; and the seed and the name, which are the item's own.
 v1::DatasetItem draw_scene(const v1::DatasetConfig& config, v1::Split split,
-                           const std::string& shape, const Choices& choices) {
+                           const std::string& shape, const PanoramaSplit& panoramas,
+                           const Choices& choices) {
   v1::DatasetItem item;
   item.set_split(split);
   item.set_shape(shape);
   draw_pose(config.pose(), choices, item);
   *item.mutable_camera() = draw_camera(config.camera(), choices);
-  *item.mutable_light() = draw_light(config, split, choices);
+  *item.mutable_light() = draw_light(config, split, panoramas, choices);
   const float reflectance = choices.draw(kReflectance, config.ground().reflectance());
   if (choices.number(kGround) < config.ground().probability()) {
     item.set_ground_reflectance(reflectance);
@@ -309,7 +362,8 @@ void add_grid(v1::Dataset& manifest, v1::Split split, const std::vector<std::str
   uint64_t scene = 0;
   for (const std::string& shape : shapes) {
     for (const double azimuth : azimuths) {
-      v1::DatasetItem item = draw_scene(config, split, shape, Choices(config, {split, scene++}));
+      v1::DatasetItem item =
+          draw_scene(config, split, shape, {}, Choices(config, {split, scene++}));
       item.mutable_light()->mutable_sun_sky()->set_sun_azimuth_degrees(static_cast<float>(azimuth));
       for (const v1::Material& material : materials) {
         *item.mutable_material() = material;
@@ -328,18 +382,57 @@ void add_shape(DatasetPlan& plan, const Shape& shape, v1::Split split) {
   entry.set_split(split);
   entry.set_file(fmt::format("shapes/{}.mesh", shape.name));
   entry.set_sha256(shape.sha256);
-  plan.shape_files[entry.file()] = shape.to_file;
+  if (shape.to_file) plan.files[entry.file()] = shape.to_file;
+}
+
+void add_panorama(DatasetPlan& plan, const Panorama& panorama, v1::Split split) {
+  v1::DatasetPanorama& entry = *plan.manifest.add_panoramas();
+  entry.set_name(panorama.name);
+  entry.set_split(split);
+  entry.set_file(fmt::format("panoramas/{}.map", panorama.name));
+  entry.set_sha256(panorama.sha256);
+  if (panorama.to_file) plan.files[entry.file()] = panorama.to_file;
+}
+
+// The split that a name is in.
+template <typename NamesOfSplits>
+v1::Split split_of(const std::string& name, const NamesOfSplits& names) {
+  const auto is_of = [&](const std::vector<std::string>& part) {
+    return std::ranges::binary_search(part, name);
+  };
+  return is_of(names.test)         ? v1::SPLIT_TEST
+         : is_of(names.validation) ? v1::SPLIT_VALIDATION
+                                   : v1::SPLIT_TRAIN;
+}
+
+// Those of a manifest's entries in a split, in the order of their names.
+template <typename Entries>
+std::vector<std::string> names_in(const Entries& entries, v1::Split split) {
+  std::vector<std::string> names;
+  for (const auto& entry : entries) {
+    if (entry.split() == split) names.push_back(entry.name());
+  }
+  std::ranges::sort(names);
+  return names;
 }
 
 bool is_grid(const v1::DatasetConfig& config) {
   return config.materials().sampling() == v1::MaterialChoice::GRID;
 }
 
-void add_items(v1::Dataset& manifest, const ShapeSplit& shapes) {
+// They may move; what is in them stays with the dataset.
+void forget_folders(v1::DatasetConfig& config) {
+  if (config.shapes().has_folder()) config.mutable_shapes()->mutable_folder()->clear_path();
+  for (v1::LightChoice& light : *config.mutable_lights()) {
+    if (light.has_panoramas()) light.mutable_panoramas()->clear_folder();
+  }
+}
+
+void add_items(v1::Dataset& manifest, const ShapeSplit& shapes, const PanoramaSplit& panoramas) {
   const v1::DatasetConfig& config = manifest.config();
   manifest.mutable_items()->Reserve(static_cast<int>(config.count()));
   for (auto i = static_cast<uint64_t>(manifest.items_size()); i < config.count(); ++i) {
-    *manifest.add_items() = plan_item(config, shapes, i);
+    *manifest.add_items() = plan_item(config, shapes, i, panoramas);
   }
 }
 
@@ -393,50 +486,76 @@ ShapeSplit split_shapes(const v1::DatasetConfig& config, std::span<const Shape> 
 }
 
 ShapeSplit split_shapes(const v1::Dataset& manifest) {
-  ShapeSplit split;
-  for (const v1::DatasetShape& shape : manifest.shapes()) {
-    (shape.split() == v1::SPLIT_TEST         ? split.test
-     : shape.split() == v1::SPLIT_VALIDATION ? split.validation
-                                             : split.train)
-        .push_back(shape.name());
+  return {.train = names_in(manifest.shapes(), v1::SPLIT_TRAIN),
+          .validation = names_in(manifest.shapes(), v1::SPLIT_VALIDATION),
+          .test = names_in(manifest.shapes(), v1::SPLIT_TEST)};
+}
+
+const std::vector<std::string>& PanoramaSplit::of(v1::Split split) const {
+  const std::vector<std::string>& own = split == v1::SPLIT_TEST         ? test
+                                        : split == v1::SPLIT_VALIDATION ? validation
+                                                                        : train;
+  return own.empty() ? train : own;
+}
+
+PanoramaSplit split_panoramas(const v1::DatasetConfig& config,
+                              std::span<const Panorama> panoramas) {
+  const auto total = static_cast<uint32_t>(panoramas.size());
+  std::vector<std::string> rest;
+  std::set<std::string> unique;
+  for (const uint32_t i : permutation(total, derive_seed(config.seed(), {kPanoramaSplit}))) {
+    rest.push_back(panoramas[i].name);
+    require(unique.insert(rest.back()).second,
+            fmt::format("two panoramas are called \"{}\"; rename one of them", rest.back()));
   }
+  PanoramaSplit split;
+  // The training has one at least; then the test, then the validation.
+  const auto fill = [&](std::vector<std::string>& part, double fraction, size_t others) {
+    const size_t free = rest.size() > others ? rest.size() - others : 0;
+    part = taken(rest, std::min(share_of(fraction, total), free));
+  };
+  fill(split.test, config.test_fraction(),
+       1 + (config.validation_fraction() > 0 && total > 2 ? 1 : 0));
+  fill(split.validation, config.validation_fraction(), 1);
+  split.train = std::move(rest);
   for (std::vector<std::string>* part : {&split.train, &split.validation, &split.test}) {
     std::ranges::sort(*part);
   }
   return split;
 }
 
-v1::DatasetItem plan_item(const v1::DatasetConfig& config, const ShapeSplit& shapes,
-                          uint64_t index) {
+PanoramaSplit split_panoramas(const v1::Dataset& manifest) {
+  return {.train = names_in(manifest.panoramas(), v1::SPLIT_TRAIN),
+          .validation = names_in(manifest.panoramas(), v1::SPLIT_VALIDATION),
+          .test = names_in(manifest.panoramas(), v1::SPLIT_TEST)};
+}
+
+v1::DatasetItem plan_item(const v1::DatasetConfig& config, const ShapeSplit& shapes, uint64_t index,
+                          const PanoramaSplit& panoramas) {
   const Place place = place_of(config, index);
   const Choices choices(config, place);
   const std::vector<std::string>& names = shapes.of(place.split);
-  v1::DatasetItem item =
-      draw_scene(config, place.split, names.at(choices.in_turn(kShape, names.size())), choices);
+  v1::DatasetItem item = draw_scene(
+      config, place.split, names.at(choices.in_turn(kShape, names.size())), panoramas, choices);
   *item.mutable_material() = draw_material(config.materials(), choices);
   set_number(item, config, index);
   return item;
 }
 
-DatasetPlan plan_dataset(const v1::DatasetConfig& config, std::span<const Shape> shapes) {
+DatasetPlan plan_dataset(const v1::DatasetConfig& config, std::span<const Shape> shapes,
+                         std::span<const Panorama> panoramas) {
   validate(config);
   require(config.test_fraction() > 0,
           "the test fraction is 0; it must be in (0, 1), as a dataset is tested with");
   DatasetPlan plan;
   *plan.manifest.mutable_config() = config;
-  if (config.shapes().has_folder()) {  // it may move; its shapes stay with the dataset
-    plan.manifest.mutable_config()->mutable_shapes()->mutable_folder()->clear_path();
-  }
-  // Split the shapes.
+  forget_folders(*plan.manifest.mutable_config());
+  // Split the shapes and the panoramas.
   const ShapeSplit split = split_shapes(config, shapes);
-  for (const Shape& shape : shapes) {
-    const auto is_of = [&](const std::vector<std::string>& part) {
-      return std::ranges::binary_search(part, shape.name);
-    };
-    add_shape(plan, shape,
-              is_of(split.test)         ? v1::SPLIT_TEST
-              : is_of(split.validation) ? v1::SPLIT_VALIDATION
-                                        : v1::SPLIT_TRAIN);
+  for (const Shape& shape : shapes) add_shape(plan, shape, split_of(shape.name, split));
+  const PanoramaSplit panorama_split = split_panoramas(config, panoramas);
+  for (const Panorama& panorama : panoramas) {
+    add_panorama(plan, panorama, split_of(panorama.name, panorama_split));
   }
   // Choose the items.
   if (is_grid(config)) {
@@ -450,7 +569,7 @@ DatasetPlan plan_dataset(const v1::DatasetConfig& config, std::span<const Shape>
           fmt::format("of {} images, with a test fraction of {}, {} are to test with; training "
                       "and test need one each at least: choose more images, or another fraction",
                       config.count(), config.test_fraction(), test));
-  add_items(plan.manifest, split);
+  add_items(plan.manifest, split, panorama_split);
   return plan;
 }
 
@@ -463,7 +582,7 @@ DatasetPlan extended(const v1::Dataset& there, uint32_t count) {
                       config.count(), count));
   DatasetPlan plan{there, {}};
   plan.manifest.mutable_config()->set_count(count);
-  add_items(plan.manifest, split_shapes(there));
+  add_items(plan.manifest, split_shapes(there), split_panoramas(there));
   return plan;
 }
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "client/dataset/dataset_config.h"
+#include "client/dataset/panorama_set.h"
 #include "client/dataset/shape_set.h"
 #include "itn/v1/dataset.pb.h"
 
@@ -28,24 +29,39 @@ ShapeSplit split_shapes(const v1::DatasetConfig& config, std::span<const Shape> 
 // That of a dataset that is there.
 ShapeSplit split_shapes(const v1::Dataset& manifest);
 
+// The names of the panoramas of each split, in order.
+struct PanoramaSplit {
+  std::vector<std::string> train, validation, test;
+
+  // Those of the training for a split that has none.
+  const std::vector<std::string>& of(v1::Split split) const;
+};
+
+// A random choice by the fractions of the shapes: one for the test at least if there are two, for
+// validation if there are three. Throws Error (invalid input) if two have the same name.
+PanoramaSplit split_panoramas(const v1::DatasetConfig& config, std::span<const Panorama> panoramas);
+PanoramaSplit split_panoramas(const v1::Dataset& manifest);
+
 // Item `index` of the endless sequence that a valid configuration describes: a function of its
 // arguments alone, in a time that does not depend on them, and thread-safe. Every choice is
 // independent of every other, and each by itself is evenly spread over any stretch of the sequence.
 // Each split has its share of any stretch, too; those whose fraction is 0 have none. Not for a grid
-// of materials, which ends.
-v1::DatasetItem plan_item(const v1::DatasetConfig& config, const ShapeSplit& shapes,
-                          uint64_t index);
+// of materials, which ends. `panoramas`: where they are one of the lights.
+v1::DatasetItem plan_item(const v1::DatasetConfig& config, const ShapeSplit& shapes, uint64_t index,
+                          const PanoramaSplit& panoramas = {});
 
 // A dataset laid out but not rendered.
 struct DatasetPlan {
   v1::Dataset manifest;
-  // By DatasetShape.file: the bytes of that file. None for those that are on disk already.
-  std::map<std::string, std::function<std::string()>> shape_files;
+  // By the name of a shape's or panorama's file: its bytes. None for those that are on disk
+  // already.
+  std::map<std::string, std::function<std::string()>> files;
 };
 
-// Throws Error (invalid input) if the configuration is out of range or leaves training or test
-// without a shape or an item.
-DatasetPlan plan_dataset(const v1::DatasetConfig& config, std::span<const Shape> shapes);
+// `panoramas`: where they are one of the lights. Throws Error (invalid input) if the configuration
+// is out of range or leaves training or test without a shape or an item.
+DatasetPlan plan_dataset(const v1::DatasetConfig& config, std::span<const Shape> shapes,
+                         std::span<const Panorama> panoramas = {});
 
 // The plan of a dataset that is there, with more items: those that it has are its first ones.
 // Throws Error (invalid input) if it has more than `count`, or is a grid.

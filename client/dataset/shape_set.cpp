@@ -1,7 +1,6 @@
 #include "client/dataset/shape_set.h"
 
 #include <algorithm>
-#include <cctype>
 #include <memory>
 #include <utility>
 
@@ -10,6 +9,7 @@
 #include <spdlog/spdlog.h>
 
 #include "common/error.h"
+#include "common/files/folder_files.h"
 #include "common/geometry/mesh_file.h"
 #include "common/geometry/mesh_repair.h"
 #include "common/geometry/random_shape.h"
@@ -20,29 +20,6 @@ namespace itn {
 namespace fs = std::filesystem;
 
 namespace {
-
-bool is_mesh_file(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::ranges::transform(extension, extension.begin(),
-                         [](unsigned char c) { return std::tolower(c); });
-  return extension == ".ply" || extension == ".obj" || extension == ".stl";
-}
-
-std::vector<fs::path> mesh_files(const fs::path& folder) {
-  std::error_code error;
-  std::vector<fs::path> files;
-  for (const auto& entry : fs::directory_iterator(folder, error)) {
-    if (entry.is_regular_file() && is_mesh_file(entry.path())) {
-      files.push_back(entry.path());
-    }
-  }
-  if (error) {
-    throw Error(ErrorKind::kIo,
-                fmt::format("cannot read {}: {}", folder.string(), error.message()));
-  }
-  std::ranges::sort(files);
-  return files;
-}
 
 // `say`: what was repaired, if anything was.
 Mesh load_shape(const fs::path& file, bool repair, bool say) {
@@ -92,7 +69,7 @@ ShapeSet builtin_shape_set() {
 
 ShapeSet load_shape_set(const fs::path& folder, bool repair) {
   ShapeSet set;
-  for (const fs::path& file : mesh_files(folder)) {
+  for (const fs::path& file : files_with({".ply", ".obj", ".stl"}, folder)) {
     try {
       const auto load = [file, repair, first = true]() mutable {
         return load_shape(file, repair, std::exchange(first, false));
@@ -131,6 +108,14 @@ ShapeSet shape_set(const v1::ShapeSource& source) {
       return random_shape_set(source.random().count(), source.random().seed());
     default: return builtin_shape_set();
   }
+}
+
+ShapeSet shape_set(const v1::Dataset& manifest) {
+  ShapeSet set;
+  for (const v1::DatasetShape& shape : manifest.shapes()) {
+    set.shapes.push_back({.name = shape.name(), .sha256 = shape.sha256(), .to_file = {}});
+  }
+  return set;
 }
 
 }  // namespace itn

@@ -16,7 +16,8 @@ namespace itn {
 struct Shape {
   std::string name;
   std::string sha256;  // of the file's bytes, in hexadecimal; empty: not known before it is made
-  std::function<std::string()> to_file;  // the bytes of its file in a dataset; may throw Error
+  // The bytes of its file in a dataset; may throw Error. Empty: the file is there.
+  std::function<std::string()> to_file;
 };
 
 // Loads the mesh once to look at it, and again for its file. Throws what `load` throws.
@@ -42,5 +43,8 @@ ShapeSet random_shape_set(uint32_t count, uint64_t seed);
 
 // Whatever the source says. Throws as these.
 ShapeSet shape_set(const v1::ShapeSource& source);
+
+// Those of a dataset that is there: without what would make their files.
+ShapeSet shape_set(const v1::Dataset& manifest);
 
 }  // namespace itn

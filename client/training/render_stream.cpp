@@ -2,10 +2,12 @@
 
 #include <utility>
 
+#include <spdlog/spdlog.h>
+
 #include "client/dataset/dataset_render.h"
 #include "client/dataset/item_scene.h"
 #include "client/dataset/noise.h"
-#include "client/dataset/plan.h"
+#include "client/dataset/panorama_set.h"
 #include "client/render_pool/render_wait.h"
 #include "common/error.h"
 #include "common/geometry/random_shape.h"
@@ -30,6 +32,16 @@ DatasetImage image_of(const ItemRenderer::Rendered& rendered) {
           .spp = rendered.spp};
 }
 
+StreamPanoramas load_panoramas(const v1::DatasetConfig& config) {
+  const PanoramaSet set = panorama_set(config);
+  for (const std::string& message : set.refused) spdlog::warn("not used: {}", message);
+  StreamPanoramas result{.names = split_panoramas(config, set.panoramas), .pixels = {}};
+  for (const Panorama& panorama : set.panoramas) {
+    result.pixels[panorama.name].ParseFromString(panorama.to_file());
+  }
+  return result;
+}
+
 }  // namespace
 
 uint64_t stream_shape(const v1::DatasetConfig& config, uint64_t number) {
@@ -41,14 +53,15 @@ uint64_t stream_shapes(const v1::DatasetConfig& config) {
   return derive_seed(config.shapes().random().seed(), {kShapes});
 }
 
-v1::DatasetItem stream_item(const v1::DatasetConfig& config, uint64_t number) {
+v1::DatasetItem stream_item(const v1::DatasetConfig& config, uint64_t number,
+                            const PanoramaSplit& panoramas) {
   ShapeSplit only;
   only.train.push_back(random_shape_name(stream_shapes(config), stream_shape(config, number)));
-  return plan_item(config, only, number);
+  return plan_item(config, only, number, panoramas);
 }
 
 RenderStream::RenderStream(const v1::DatasetConfig& config, RenderPool& pool, uint64_t first)
-    : config_(config), pool_(pool), next_number_(first) {
+    : config_(config), panoramas_(load_panoramas(config)), pool_(pool), next_number_(first) {
   thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
 }
 
@@ -87,9 +100,11 @@ void RenderStream::run(const std::stop_token& stop) {
 }
 
 ItemRenderer::Work RenderStream::work(uint64_t number) {
-  v1::DatasetItem item = stream_item(config_, number);
+  v1::DatasetItem item = stream_item(config_, number, panoramas_.names);
+  const auto panorama = panoramas_.pixels.find(item.light().panorama().name());
   auto scene =
-      serialize(scene_of(item, triangles(stream_shape(config_, number)), config_.resolution()));
+      serialize(scene_of(item, triangles(stream_shape(config_, number)), config_.resolution(),
+                         panorama == panoramas_.pixels.end() ? nullptr : &panorama->second));
   return {number, std::move(item), std::move(scene), {}};
 }
 

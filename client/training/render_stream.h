@@ -14,6 +14,7 @@
 
 #include "client/dataset/dataset.h"
 #include "client/dataset/item_renderer.h"
+#include "client/dataset/plan.h"
 #include "client/render_pool/render_pool.h"
 #include "itn/v1/dataset.pb.h"
 
@@ -23,6 +24,12 @@ struct StreamedImage {
   uint64_t number = 0;
   v1::DatasetItem item;
   DatasetImage image;
+};
+
+// The panoramas of a stream, if they are one of its lights.
+struct StreamPanoramas {
+  PanoramaSplit names;                       // all are of the training
+  std::map<std::string, v1::Pixels> pixels;  // by name, as scene_of() takes them
 };
 
 // An endless sequence of images of random shapes: image `number` is a function of the configuration
@@ -37,7 +44,8 @@ class RenderStream {
   static constexpr uint64_t kImagesOfShape = 12;
 
   // `config`: with all defaults, random shapes, and all images for training. Begins to render at
-  // once, from the image `first`. The pool must outlive it.
+  // once, from the image `first`. The pool must outlive it. Throws Error, of panoramas, as
+  // load_panorama_set().
   RenderStream(const v1::DatasetConfig& config, RenderPool& pool, uint64_t first);
   // Waits for the renders that are under way.
   ~RenderStream();
@@ -54,6 +62,7 @@ class RenderStream {
   const v1::Triangles& triangles(uint64_t shape);
 
   v1::DatasetConfig config_;
+  StreamPanoramas panoramas_;
   RenderPool& pool_;
   uint64_t next_number_;
   std::map<uint64_t, v1::Triangles> shapes_;  // those that are current
@@ -69,7 +78,8 @@ class RenderStream {
 // The set of random shapes (random_shape.h) that a stream is of: no dataset has any of them.
 uint64_t stream_shapes(const v1::DatasetConfig& config);
 // The item of this number in the stream, and the number of its shape.
-v1::DatasetItem stream_item(const v1::DatasetConfig& config, uint64_t number);
+v1::DatasetItem stream_item(const v1::DatasetConfig& config, uint64_t number,
+                            const PanoramaSplit& panoramas = {});
 uint64_t stream_shape(const v1::DatasetConfig& config, uint64_t number);
 
 }  // namespace itn

@@ -14,8 +14,7 @@
 #include "common/geometry/mesh_file.h"
 #include "common/geometry/mesh_repair.h"
 #include "common/geometry/shapes.h"
-#include "common/image/channels.h"
-#include "common/image/image.h"
+#include "common/scene/panorama_file.h"
 #include "common/scene/scene_bytes.h"
 #include "common/scene/text_proto.h"
 
@@ -70,23 +69,7 @@ void resolve(v1::Mesh& mesh, Role role, const fs::path& folder) {
 }
 
 void resolve(v1::EnvironmentMap& map, const fs::path& folder) {
-  if (!map.has_path()) return;
-  const fs::path path = folder / map.path();
-  const Image image = read_exr(path);
-  const std::vector<std::string> channels = radiance_channels(image, path.string());
-  const auto plane = [&](size_t colour) -> const std::vector<float>& {
-    return image.channel(channels[channels.size() == 1 ? 0 : colour]);
-  };
-  const auto &r = plane(0), &g = plane(1), &b = plane(2);
-  std::string rgb;
-  rgb.reserve(3 * sizeof(float) * r.size());
-  for (size_t i = 0; i < r.size(); ++i) {
-    for (const float value : {r[i], g[i], b[i]}) append_little_endian(rgb, value);
-  }
-  v1::Pixels& pixels = *map.mutable_pixels();  // takes the place of the path
-  pixels.set_width(static_cast<uint32_t>(image.width));
-  pixels.set_height(static_cast<uint32_t>(image.height));
-  pixels.set_rgb(std::move(rgb));
+  if (map.has_path()) *map.mutable_pixels() = load_panorama(folder / map.path());
 }
 
 }  // namespace

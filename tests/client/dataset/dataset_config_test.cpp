@@ -73,6 +73,20 @@ TEST(DatasetConfig, WhatIsAbsentIsThePapers) {
   EXPECT_EQ(config.lights(1).sun_sky().azimuth_degrees().one_of().value_size(), 4);
 }
 
+TEST(DatasetConfig, WhatIsAbsentOfAStudioIsThePresets) {
+  EXPECT_EQ(to_text_proto(parsed("lights { studio {} }").lights(0)),
+            to_text_proto(preset_config("studio").lights(0)));
+  const v1::StudioChoice studio =
+      parsed("lights { studio { emitters { fixed: 2 } emitter { lamps: 0 edge { fixed: 1 } } } }")
+          .lights(0)
+          .studio();
+  EXPECT_EQ(studio.emitters().fixed(), 2);
+  EXPECT_EQ(studio.emitter().lamps(), 0);
+  EXPECT_EQ(studio.emitter().edge().fixed(), 1);
+  EXPECT_EQ(studio.emitter().aspect().uniform().max(), 1);
+  EXPECT_EQ(studio.irradiance().fixed(), 100);
+}
+
 TEST(DatasetConfig, NoiseTakesThePlaceOfSpp) {
   const v1::DatasetConfig config = parsed("noise { target: 0.05 max_spp: 99 }");
   EXPECT_FALSE(config.has_spp());
@@ -90,6 +104,10 @@ TEST(DatasetConfig, ATypoIsAnErrorWithLineAndColumn) {
                path.string() + ":3:18: ", [&] { load_dataset_config(path); });
   std::filesystem::remove(path);
   expect_error(ErrorKind::kIo, "cannot read", [&] { load_dataset_config(path); });
+  expect_error(ErrorKind::kInvalidInput, "\"emiters\"",
+               [] { parsed("lights { studio { emiters { fixed: 3 } } }"); });
+  expect_error(ErrorKind::kInvalidInput, "\"size\"",
+               [] { parsed("lights { studio { emitter { size { fixed: 30 } } } }"); });
 }
 
 TEST(DatasetConfig, SaysWhatIsOutOfRange) {
@@ -101,6 +119,21 @@ TEST(DatasetConfig, SaysWhatIsOutOfRange) {
        " test_azimuth_degrees { fixed: 390 } } }",
        "sun azimuth 390 is in both splits"},
       {"lights { sun_sky { turbidity { fixed: 11 } } }", "lights[0].sun_sky.turbidity is 11"},
+      {"lights { studio { emitters { uniform { min: 1 max: 3 } } } }",
+       "lights[0].studio.emitters is a range"},
+      {"lights { studio { emitters { fixed: 2.5 } } }", "emitters is 2.5; it must be a whole"},
+      {"lights { studio { emitters { fixed: 0 } } }", "emitters is 0; it must be in [1, 16]"},
+      {"lights { studio { irradiance { fixed: 0 } } }", "lights[0].studio.irradiance is 0"},
+      {"lights { studio { walls { fixed: 1.5 } } }", "lights[0].studio.walls is 1.5"},
+      {"lights { studio { emitter { size_degrees { fixed: -20 } } } }",
+       "lights[0].studio.emitter.size_degrees is -20; it must be in [4, 120]"},
+      {"lights { studio { emitter { elevation_degrees { uniform { min: -9 max: 20 } } } } }",
+       "range of lights[0].studio.emitter.elevation_degrees is [-9, 20]"},
+      {"lights { studio { emitter { lamps: 2 } } }", "lights[0].studio.emitter.lamps is 2"},
+      {"lights { panoramas { folder: \"a\" irradiance { fixed: -1 } } }",
+       "lights[0].panoramas.irradiance is -1"},
+      {"lights { panoramas { folder: \"a\" } } lights { panoramas { folder: \"b\" } }",
+       "two lights are panoramas"},
       {"shapes { random { count: 1 } }", "shapes.random.count is 1"},
       {"lights { weight: 1 }", "lights[0] says no light"},
       {"pose { turned: -1 }", "weights of pose"},

@@ -119,10 +119,11 @@ double chi_square_z(const std::vector<std::vector<double>>& table) {
   return (std::cbrt(sum / freedom) - (1 - variance)) / std::sqrt(variance);
 }
 
-// Everything that is drawn, as a number of its rank among `bins` equally likely ones.
-std::map<std::string, std::vector<size_t>> binned(const std::vector<v1::DatasetItem>& items,
-                                                  size_t bins) {
-  const std::map<std::string, std::function<double(const v1::DatasetItem&)>> choices = {
+using Numbers = std::map<std::string, std::function<double(const v1::DatasetItem&)>>;
+
+// Everything that is drawn outdoors.
+const Numbers& outdoor_numbers() {
+  static const Numbers kNumbers = {
       {"shape", [](const auto& i) { return std::stod(i.shape().substr(5)); }},
       {"sigma_t", [](const auto& i) { return i.material().sigma_t(); }},
       {"albedo", [](const auto& i) { return i.material().albedo(); }},
@@ -139,8 +140,44 @@ std::map<std::string, std::vector<size_t>> binned(const std::vector<v1::DatasetI
       {"sun", [](const auto& i) { return i.light().sun_sky().sun_angular_radius_degrees(); }},
       {"reflectance", [](const auto& i) { return i.ground_reflectance(); }},
   };
+  return kNumbers;
+}
+
+// Of a studio with two soft boxes.
+const Numbers& studio_numbers() {
+  static const Numbers kNumbers = [] {
+    Numbers numbers = {
+        {"shape", [](const auto& i) { return std::stod(i.shape().substr(5)); }},
+        {"sigma_t", [](const auto& i) { return i.material().sigma_t(); }},
+        {"pitch", [](const auto& i) { return i.camera().pitch_degrees(); }},
+        {"irradiance", [](const auto& i) { return i.light().studio().irradiance(); }},
+        {"walls", [](const auto& i) { return i.light().studio().walls(); }},
+    };
+    for (const int e : {0, 1}) {
+      const auto add = [&](const std::string& name, float (v1::Emitter::*number)() const) {
+        numbers[name + std::to_string(e)] = [=](const v1::DatasetItem& item) {
+          return (item.light().studio().emitters(e).*number)();
+        };
+      };
+      add("azimuth", &v1::Emitter::azimuth_degrees);
+      add("elevation", &v1::Emitter::elevation_degrees);
+      add("size", &v1::Emitter::size_degrees);
+      add("aspect", &v1::Emitter::aspect);
+      add("roll", &v1::Emitter::roll_degrees);
+      add("edge", &v1::Emitter::edge);
+      add("strength", &v1::Emitter::strength);
+    }
+    return numbers;
+  }();
+  return kNumbers;
+}
+
+// Each number as that of its rank among `bins` equally likely ones.
+std::map<std::string, std::vector<size_t>> binned(const std::vector<v1::DatasetItem>& items,
+                                                  size_t bins,
+                                                  const Numbers& numbers = outdoor_numbers()) {
   std::map<std::string, std::vector<size_t>> result;
-  for (const auto& [name, value] : choices) {
+  for (const auto& [name, value] : numbers) {
     std::vector<double> values;
     for (const v1::DatasetItem& item : items) values.push_back(value(item));
     std::vector<double> sorted = values;
@@ -153,8 +190,8 @@ std::map<std::string, std::vector<size_t>> binned(const std::vector<v1::DatasetI
   return result;
 }
 
-v1::DatasetConfig outdoor_of_training_alone() {
-  v1::DatasetConfig config = preset_config("outdoor");
+v1::DatasetConfig training_alone(const char* preset) {
+  v1::DatasetConfig config = preset_config(preset);
   config.set_test_fraction(0);
   config.set_validation_fraction(0);
   config.mutable_pose()->Clear();
@@ -163,9 +200,24 @@ v1::DatasetConfig outdoor_of_training_alone() {
   return config;
 }
 
+void expect_independent(const std::vector<v1::DatasetItem>& items, const Numbers& numbers) {
+  const auto bins = binned(items, 8, numbers);
+  size_t pairs = 0;
+  for (const auto& [name, bin] : bins) {
+    for (const auto& [other, other_bin] : bins) {
+      if (!(name < other)) continue;
+      std::vector table(8, std::vector<double>(8));
+      for (size_t i = 0; i < items.size(); ++i) ++table[bin[i]][other_bin[i]];
+      EXPECT_LT(chi_square_z(table), 4.5) << name << " and " << other;
+      ++pairs;
+    }
+  }
+  EXPECT_EQ(pairs, numbers.size() * (numbers.size() - 1) / 2);
+}
+
 // Taking shapes and azimuths in turn once gave 600 shapes the first 8 of 36 azimuths.
 TEST(DatasetPlan, EveryAzimuthComesAboutEquallyOftenWithEveryShapeAndMaterial) {
-  v1::DatasetConfig config = outdoor_of_training_alone();
+  v1::DatasetConfig config = training_alone("outdoor");
   v1::SunSkyChoice& sun = *config.mutable_lights(0)->mutable_sun_sky();
   sun.mutable_azimuth_degrees()->mutable_one_of();
   for (int i = 0; i < 36; ++i) sun.mutable_azimuth_degrees()->mutable_one_of()->add_value(10 * i);
@@ -196,23 +248,72 @@ TEST(DatasetPlan, EveryAzimuthComesAboutEquallyOftenWithEveryShapeAndMaterial) {
 }
 
 TEST(DatasetPlan, EveryChoiceIsIndependentOfEveryOther) {
-  const v1::DatasetConfig config = outdoor_of_training_alone();
+  const v1::DatasetConfig config = training_alone("outdoor");
   const ShapeSplit shapes = split_shapes(config, nameless(64));
   // Not a power of two, not from the beginning.
   std::vector<v1::DatasetItem> items;
   for (uint64_t i = 1000; i < 7000; ++i) items.push_back(plan_item(config, shapes, i));
-  const auto bins = binned(items, 8);
-  size_t pairs = 0;
-  for (const auto& [name, bin] : bins) {
-    for (const auto& [other, other_bin] : bins) {
-      if (!(name < other)) continue;
-      std::vector table(8, std::vector<double>(8));
-      for (size_t i = 0; i < items.size(); ++i) ++table[bin[i]][other_bin[i]];
-      EXPECT_LT(chi_square_z(table), 4.5) << name << " and " << other;
-      ++pairs;
-    }
+  expect_independent(items, outdoor_numbers());
+}
+
+TEST(DatasetPlan, EveryChoiceOfAStudioIsIndependentOfEveryOther) {
+  v1::DatasetConfig config = training_alone("studio");
+  v1::StudioChoice& studio = *config.mutable_lights(0)->mutable_studio();
+  *studio.mutable_emitters() = fixed(2);
+  *studio.mutable_irradiance() = uniform(10, 100);
+  studio.mutable_emitter()->set_lamps(0);
+  const ShapeSplit shapes = split_shapes(config, nameless(64));
+  std::vector<v1::DatasetItem> items;
+  for (uint64_t i = 1000; i < 7000; ++i) items.push_back(plan_item(config, shapes, i));
+  expect_independent(items, studio_numbers());
+}
+
+TEST(DatasetPlan, AStudioHasAnyNumberOfEmittersOfAnyKind) {
+  const v1::DatasetConfig config = training_alone("studio");
+  const ShapeSplit shapes = split_shapes(config, nameless(3));
+  std::map<int, int> counts;
+  int emitters = 0, lamps = 0;
+  for (uint64_t i = 0; i < 5000; ++i) {
+    const v1::Studio studio = plan_item(config, shapes, i).light().studio();
+    ++counts[studio.emitters_size()];
+    emitters += studio.emitters_size();
+    lamps += static_cast<int>(std::ranges::count_if(studio.emitters(), &v1::Emitter::is_lamp));
   }
-  EXPECT_EQ(pairs, 15 * 14 / 2);
+  ASSERT_EQ(counts.size(), 5);
+  for (const auto& [count, images] : counts) EXPECT_EQ(images, 1000) << count;
+  EXPECT_NEAR(lamps, 0.4 * emitters, 4 * std::sqrt(0.24 * emitters));
+}
+
+TEST(DatasetPlan, LightsComeAsOftenAsTheyWeigh) {
+  const v1::DatasetConfig config = training_alone("any");
+  const ShapeSplit shapes = split_shapes(config, nameless(3));
+  std::map<v1::ItemLight::KindCase, int> counts;
+  for (uint64_t i = 0; i < 5000; ++i) ++counts[plan_item(config, shapes, i).light().kind_case()];
+  EXPECT_NEAR(counts[v1::ItemLight::kSunSky], 2000, 40);
+  EXPECT_NEAR(counts[v1::ItemLight::kStudio], 2000, 40);
+  EXPECT_NEAR(counts[v1::ItemLight::kFlash], 1000, 40);
+}
+
+// A light that is added changes nothing of the others.
+TEST(DatasetPlan, PanoramasAreOneMoreLight) {
+  v1::DatasetConfig config = training_alone("studio");
+  const ShapeSplit shapes = split_shapes(config, nameless(3));
+  const PanoramaSplit panoramas{{"a", "b"}, {}, {}};
+  v1::DatasetConfig more = config;
+  more.add_lights()->mutable_panoramas();
+  set_defaults(more);
+  std::map<std::string, int> counts;
+  for (uint64_t i = 0; i < 2000; ++i) {
+    v1::DatasetItem item = plan_item(more, shapes, i, panoramas);
+    const v1::DatasetItem before = plan_item(config, shapes, i);
+    if (item.light().has_panorama()) {
+      ++counts[item.light().panorama().name()];
+      *item.mutable_light() = before.light();
+    }
+    EXPECT_EQ(item.SerializeAsString(), before.SerializeAsString()) << i;
+  }
+  EXPECT_NEAR(counts["a"], 500, 100);
+  EXPECT_NEAR(counts["a"] + counts["b"], 1000, 20);
 }
 
 // In each of 64 equal parts of its range there is one of 64 materials, whichever 64 of the sequence
@@ -246,7 +347,7 @@ TEST(DatasetPlan, StratifiedMaterialsFillEveryStratumOnce) {
 }
 
 TEST(DatasetPlan, PosesComeAsOftenAsTheyWeighAndEveryOrientationIsAsLikely) {
-  v1::DatasetConfig config = outdoor_of_training_alone();
+  v1::DatasetConfig config = training_alone("outdoor");
   config.mutable_pose()->set_upright(1);
   config.mutable_pose()->set_turned(2);
   config.mutable_pose()->set_any(5);
@@ -344,21 +445,27 @@ TEST(DatasetPlan, IsAFunctionOfItsConfiguration) {
 }
 
 TEST(DatasetPlan, IsExtendedWithoutAChangeToWhatIsThere) {
-  v1::DatasetConfig config = preset_config("outdoor");
-  config.set_count(100);
-  const v1::Dataset few = plan_dataset(config, nameless(30)).manifest;
-  const v1::Dataset more = extended(few, 333).manifest;
-  config.set_count(333);
-  EXPECT_EQ(to_text(more), to_text(plan_dataset(config, nameless(30)).manifest));
-  std::set<std::string> contents;
-  for (int i = 0; i < more.items_size(); ++i) {
-    if (i < 100) {
-      EXPECT_EQ(more.items(i).DebugString(), few.items(i).DebugString());
+  const std::vector<Panorama> panoramas = {{"a", "0", {}}, {"b", "0", {}}, {"c", "0", {}}};
+  for (const char* preset : {"outdoor", "studio", "any"}) {
+    v1::DatasetConfig config = preset_config(preset);
+    config.add_lights()->mutable_panoramas();
+    set_defaults(config);
+    config.set_count(100);
+    const v1::Dataset few = plan_dataset(config, nameless(30), panoramas).manifest;
+    const v1::Dataset more = extended(few, 333).manifest;
+    config.set_count(333);
+    EXPECT_EQ(to_text(more), to_text(plan_dataset(config, nameless(30), panoramas).manifest));
+    std::set<std::string> cameras, lights;
+    for (int i = 0; i < more.items_size(); ++i) {
+      if (i < 100) {
+        EXPECT_EQ(more.items(i).DebugString(), few.items(i).DebugString());
+      }
+      EXPECT_TRUE(cameras.insert(more.items(i).camera().SerializeAsString()).second) << i;
+      EXPECT_TRUE(lights.insert(more.items(i).light().SerializeAsString()).second) << i;
     }
-    EXPECT_TRUE(contents.insert(more.items(i).camera().SerializeAsString()).second) << i;
+    expect_error(ErrorKind::kInvalidInput, "333 images already, and 332 are asked for",
+                 [&] { extended(more, 332); });
   }
-  expect_error(ErrorKind::kInvalidInput, "333 images already, and 332 are asked for",
-               [&] { extended(more, 332); });
 }
 
 TEST(DatasetPlan, SaysWhatIsWrong) {

@@ -18,6 +18,7 @@
 #include "client/training/training_config.h"
 #include "client/training/training_run.h"
 #include "common/error.h"
+#include "common/image/image.h"
 #include "common/learning/checkpoint.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"
@@ -28,8 +29,11 @@ namespace itn {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::Contains;
+using ::testing::ElementsAre;
 using testing::expect_error;
 using ::testing::Ge;
+using ::testing::Gt;
 using ::testing::Lt;
 
 constexpr uint32_t kBatch = 4;
@@ -80,6 +84,51 @@ TEST_F(StreamTest, AnImageIsAFunctionOfItsNumber) {
     EXPECT_EQ(again.image.radiance, images[n].image.radiance);
     EXPECT_EQ(again.image.spp, images[n].image.spp);
   }
+}
+
+// The next images of a small stream of these.
+std::vector<StreamedImage> streamed(v1::DatasetConfig images, RenderPool& pool, uint64_t count) {
+  v1::Stream stream;
+  images.set_resolution(kSize);
+  images.mutable_noise()->set_target(0.5);
+  images.mutable_noise()->set_max_spp(16);
+  *stream.mutable_images() = std::move(images);
+  complete(stream, kBatch);
+  RenderStream renders(stream.images(), pool, 0);
+  std::vector<StreamedImage> result;
+  while (result.size() < count) result.push_back(renders.next({}));
+  return result;
+}
+
+TEST_F(StreamTest, EveryPresetIsOne) {
+  for (const DatasetPreset& preset : dataset_presets()) {
+    v1::DatasetConfig images = preset_config(preset.name);
+    images.clear_spp();
+    std::set<v1::ItemLight::KindCase> lights;
+    for (const StreamedImage& streamed : streamed(images, pool_, 8)) {
+      lights.insert(streamed.item.light().kind_case());
+      EXPECT_THAT(streamed.image.radiance, Contains(Gt(0.F))) << preset.name;
+    }
+    EXPECT_EQ(lights.size(), preset.name == "any" ? 3U : 1U) << preset.name;
+  }
+}
+
+TEST_F(StreamTest, PanoramasAreThoseOfTheirFolder) {
+  const testing::TemporaryFolder panoramas;
+  v1::DatasetConfig images = preset_config("studio");
+  v1::PanoramaChoice& choice = *images.mutable_lights(0)->mutable_panoramas();
+  choice.set_folder(panoramas.path().string());
+  expect_error(ErrorKind::kInvalidInput, {panoramas.path().string() + " holds no EXR file"},
+               [&] { streamed(images, pool_, 1); });
+  Image map{.width = 8, .height = 4, .channels = {}, .attributes = {}};
+  map.channels["Y"].assign(32, 1);
+  write_exr(panoramas.path("a.exr"), map);
+  write_exr(panoramas.path("b.exr"), map);
+  std::set<std::string> names;
+  for (const StreamedImage& streamed : streamed(images, pool_, 4)) {
+    names.insert(streamed.item.light().panorama().name());
+  }
+  EXPECT_THAT(names, ElementsAre("a", "b"));
 }
 
 TEST_F(StreamTest, StopsWhileItWaits) {

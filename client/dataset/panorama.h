@@ -1,0 +1,30 @@
+// Panoramas in latitude-longitude format (EnvironmentMap in scene.proto) as datasets make and keep
+// them.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "itn/v1/scene.pb.h"
+
+namespace itn {
+
+// Of a row of pixels, from the top, where +y is; radiance is constant over each of them.
+struct PanoramaRow {
+  double solid_angle;  // of a pixel, in sr
+  double from_above;  // irradiance on a surface that faces +y, in W/m^2, from radiance 1 in a pixel
+};
+PanoramaRow panorama_row(uint32_t row, uint32_t width, uint32_t height);
+
+// Gray pixels, from one radiance each.
+v1::Pixels gray_panorama(uint32_t width, uint32_t height, std::span<const float> radiance);
+
+// Of a panorama's luminance on a surface that faces +y, in W/m^2.
+double irradiance_from_above(const v1::Pixels& panorama);
+
+// With each pixel the mean over its solid angle, where there are more than these; else as it is.
+v1::Pixels averaged_down(const v1::Pixels& panorama, uint32_t max_width, uint32_t max_height);
+
+void scale(v1::Pixels& panorama, double factor);
+
+}  // namespace itn

@@ -1,0 +1,15 @@
+// Files of panoramas.
+#pragma once
+
+#include <filesystem>
+
+#include "itn/v1/scene.pb.h"
+
+namespace itn {
+
+// An OpenEXR file with channels R, G, B or Y (radiance_channels() says which are meant). That they
+// are not negative is checked where the scene is built. Throws Error: as read_exr() and
+// radiance_channels(), with the file's name.
+v1::Pixels load_panorama(const std::filesystem::path& path);
+
+}  // namespace itn
