@@ -20,13 +20,14 @@ torch::Tensor per_image(const torch::Tensor& values) {
   return values.view({-1, 1, 1});
 }
 
-// Everything of an image that moves with it.
-std::vector<torch::Tensor*> planes_of(ImageBatch& images) {
-  std::vector<torch::Tensor*> planes{&images.luminance, &images.mask};
+// With planes of their own.
+ImageBatch copied(ImageBatch images) {
+  images.luminance = images.luminance.clone();
+  images.mask = images.mask.clone();
   if (images.weight.defined()) {
-    planes.push_back(&images.weight);
+    images.weight = images.weight.clone();
   }
-  return planes;
+  return images;
 }
 
 // What moves out of the frame is lost, what comes in is 0.
@@ -44,24 +45,24 @@ torch::Tensor shifted(const torch::Tensor& image, int64_t dx, int64_t dy) {
   return result;
 }
 
-void mirror(ImageBatch& images, SplitMix random) {
+void mirror(const ImageBatch& images, SplitMix random) {
   for (int64_t i = 0; i < images.size(); ++i) {
     if (random.uniform() < 0.5) {
-      for (torch::Tensor* plane : planes_of(images)) {
-        (*plane)[i] = (*plane)[i].flip(-1);
+      for (const torch::Tensor& plane : planes_of(images)) {
+        plane[i] = plane[i].flip(-1);
       }
     }
   }
 }
 
-void shift(ImageBatch& images, uint32_t pixels, SplitMix random) {
+void shift(const ImageBatch& images, uint32_t pixels, SplitMix random) {
   const auto offset = [&] {
     return static_cast<int64_t>(random.below(2 * pixels + 1)) - static_cast<int64_t>(pixels);
   };
   for (int64_t i = 0; i < images.size(); ++i) {
     const int64_t dx = offset(), dy = offset();
-    for (torch::Tensor* plane : planes_of(images)) {
-      (*plane)[i] = shifted((*plane)[i], dx, dy);
+    for (const torch::Tensor& plane : planes_of(images)) {
+      plane[i] = shifted(plane[i], dx, dy);
     }
   }
 }
@@ -99,10 +100,8 @@ ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentat
     return at::detail::createCPUGenerator(derive_seed(seed, {choice}));
   };
   const int64_t count = images.size();
-  ImageBatch result = images;
-  for (torch::Tensor* plane : planes_of(result)) {
-    *plane = plane->clone();
-  }
+  const bool moves = augmentation.mirror() || augmentation.shift() > 0;
+  ImageBatch result = moves ? copied(images) : images;
   if (augmentation.mirror()) {
     mirror(result, random(kMirror));
   }
@@ -110,7 +109,8 @@ ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentat
     shift(result, augmentation.shift(), random(kShift));
   }
   if (augmentation.exposure() > 0) {
-    result.luminance *=
+    result.luminance =
+        result.luminance *
         per_image((torch::randn({count}, generator(kExposure)) * augmentation.exposure()).exp());
   }
   if (augmentation.noise().max() > 0) {

@@ -36,32 +36,72 @@ double quantile(std::vector<double> values, double probability) {
   return values[static_cast<size_t>(at)];
 }
 
+Triple squared_error(const Material& prediction, const Material& truth) {
+  Triple squares;
+  for (size_t k = 0; k < 3; ++k) {
+    squares[k] = std::pow(as_triple(prediction)[k] - as_triple(truth)[k], 2);
+  }
+  return squares;
+}
+
+void add(const Triple& terms, Triple& sum) {
+  for (size_t k = 0; k < 3; ++k) {
+    sum[k] += terms[k];
+  }
+}
+
+// Of sums of squared errors of so many predictions.
+Triple root_mean(const Triple& squares, size_t count) {
+  Triple roots;
+  for (size_t k = 0; k < 3; ++k) {
+    roots[k] = std::sqrt(squares[k] / static_cast<double>(count));
+  }
+  return roots;
+}
+
 // Sums of squared errors, and of those of the constant predictor.
 struct Squares {
   Triple ours{}, constant{};
 
   void add(const Squares& other) {
-    for (size_t k = 0; k < 3; ++k) {
-      ours[k] += other.ours[k];
-      constant[k] += other.constant[k];
-    }
+    itn::add(other.ours, ours);
+    itn::add(other.constant, constant);
   }
   Triple ratio() const {
     Triple result;
     for (size_t k = 0; k < 3; ++k) {
-      result[k] = constant[k] > 0 ? std::sqrt(ours[k] / constant[k]) : 0;
+      result[k] = constant[k] > 0 ? std::sqrt(ours[k] / constant[k]) : HUGE_VAL;
     }
     return result;
   }
 };
 
-Squares squares_of(const Material& ours, const Material& constant, const Material& truth) {
-  Squares squares;
-  for (size_t k = 0; k < 3; ++k) {
-    squares.ours[k] = std::pow(as_triple(ours)[k] - as_triple(truth)[k], 2);
-    squares.constant[k] = std::pow(as_triple(constant)[k] - as_triple(truth)[k], 2);
+// Of each image.
+std::vector<Squares> squares_of(std::span<const Material> predictions,
+                                const LabelledImages& images) {
+  const std::vector<Material> constant = constant_predictions(images);
+  std::vector<Squares> squares;
+  for (size_t i = 0; i < predictions.size(); ++i) {
+    squares.push_back({.ours = squared_error(predictions[i], images.truth[i]),
+                       .constant = squared_error(constant[i], images.truth[i])});
   }
   return squares;
+}
+
+Squares sum_of(std::span<const Squares> terms) {
+  Squares sum;
+  for (const Squares& term : terms) {
+    sum.add(term);
+  }
+  return sum;
+}
+
+std::vector<Material> materials_of(std::span<const MaterialEstimate> estimates) {
+  std::vector<Material> materials;
+  for (const MaterialEstimate& estimate : estimates) {
+    materials.push_back(estimate.material);
+  }
+  return materials;
 }
 
 // Shapes are what the images of a split have in common: they are drawn, with all of their images.
@@ -110,20 +150,14 @@ Triple coverage_of(std::span<const MaterialEstimate> estimates, const LabelledIm
 
 void set_third(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
                std::span<const size_t> items, v1::Evaluation::Third& third) {
-  Triple rmse{};
+  Triple squares{};
   for (const size_t i : items) {
-    for (size_t k = 0; k < 3; ++k) {
-      const double error = as_triple(estimates[i].material)[k] - as_triple(images.truth[i])[k];
-      rmse[k] += error * error / static_cast<double>(items.size());
-    }
-  }
-  for (double& r : rmse) {
-    r = std::sqrt(r);
+    add(squared_error(estimates[i].material, images.truth[i]), squares);
   }
   third.mutable_sigma_t()->set_min(images.truth[items.front()].sigma_t);
   third.mutable_sigma_t()->set_max(images.truth[items.back()].sigma_t);
   third.set_items(static_cast<uint32_t>(items.size()));
-  set(rmse, *third.mutable_rmse());
+  set(root_mean(squares, items.size()), *third.mutable_rmse());
   if (estimates[items.front()].posterior) {
     set(coverage_of(estimates, images, items), *third.mutable_coverage());
   }
@@ -175,36 +209,35 @@ std::vector<Material> constant_predictions(const LabelledImages& images) {
 
 void set_errors(std::span<const Material> predictions, const LabelledImages& images,
                 v1::Evaluation::Row& row) {
-  Material squares{0, 0, 0};
+  Triple squares{};
   for (size_t i = 0; i < predictions.size(); ++i) {
-    squares.sigma_t += std::pow(predictions[i].sigma_t - images.truth[i].sigma_t, 2);
-    squares.albedo += std::pow(predictions[i].albedo - images.truth[i].albedo, 2);
-    squares.g += std::pow(predictions[i].g - images.truth[i].g, 2);
+    add(squared_error(predictions[i], images.truth[i]), squares);
   }
-  const auto count = static_cast<double>(predictions.size());
-  row.set_sigma_t(std::sqrt(squares.sigma_t / count));
-  row.set_albedo(std::sqrt(squares.albedo / count));
-  row.set_g(std::sqrt(squares.g / count));
+  const Triple errors = root_mean(squares, predictions.size());
+  row.set_sigma_t(errors[0]);
+  row.set_albedo(errors[1]);
+  row.set_g(errors[2]);
+}
+
+Triple relative_errors(std::span<const Material> predictions, const LabelledImages& images) {
+  return sum_of(squares_of(predictions, images)).ratio();
 }
 
 void set_details(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
                  v1::Evaluation::Row& row) {
-  const std::vector<Material> constant = constant_predictions(images);
+  const std::vector<Squares> squares = squares_of(materials_of(estimates), images);
   std::map<std::string, Squares> shapes;
-  Squares sum;
   std::vector<double> sigma_t_errors, reduced_errors;
   for (size_t i = 0; i < estimates.size(); ++i) {
+    shapes[images.items[i]->shape()].add(squares[i]);
     const Material &ours = estimates[i].material, &truth = images.truth[i];
-    const Squares squares = squares_of(ours, constant[i], truth);
-    sum.add(squares);
-    shapes[images.items[i]->shape()].add(squares);
     const double reduced = estimates[i].posterior
                                ? estimates[i].posterior->scattering.parameters[2].mean
                                : ours.sigma_s_reduced();
     sigma_t_errors.push_back(std::abs(ours.sigma_t / truth.sigma_t - 1));
     reduced_errors.push_back(std::abs(reduced / truth.sigma_s_reduced() - 1));
   }
-  set(sum.ratio(), *row.mutable_relative());
+  set(sum_of(squares).ratio(), *row.mutable_relative());
   set_intervals(shapes, row);
   row.set_median_relative_sigma_t(quantile(sigma_t_errors, 0.5));
   row.set_median_relative_sigma_s_reduced(quantile(reduced_errors, 0.5));

@@ -7,6 +7,7 @@
 
 #include "client/render_pool/render_pool.h"
 #include "client/training/training_set.h"
+#include "common/learning/parameterization.h"
 #include "common/learning/predictor.h"
 
 namespace itn {
@@ -23,6 +24,10 @@ std::vector<Material> constant_predictions(const LabelledImages& images);
 // Sets sigma_t, albedo and g of the row: root-mean-square errors.
 void set_errors(std::span<const Material> predictions, const LabelledImages& images,
                 v1::Evaluation::Row& row);
+
+// The errors of sigma_t, albedo and g over those of the constant predictor; infinite where the
+// truth is one and the same.
+Triple relative_errors(std::span<const Material> predictions, const LabelledImages& images);
 
 // Sets what the row says beside them: errors relative to the constant predictor's, with bootstrap
 // intervals over the shapes of the items; median relative errors; the thirds in sigma_t; and, if

@@ -5,8 +5,9 @@
 #include <google/protobuf/util/json_util.h>
 
 #include <algorithm>
-#include <initializer_list>
+#include <iterator>
 #include <optional>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -25,6 +26,21 @@ constexpr const char* kPicture = "curves.png";
 
 // Of a picture: more are not seen.
 constexpr size_t kMaxPoints = 2000;
+
+// What the picture shows: a curve a row. Neighbours of the same title are in one chart.
+struct Drawn {
+  std::string_view column;
+  const char* title;
+  const char* name;  // in the legend
+};
+constexpr const char* kValidation = "validation: RMSE over the constant predictor's";
+constexpr Drawn kDrawn[] = {
+    {"regression_loss", "loss of the training images", "distance to the truth"},
+    {"image_loss", "relative squared error of the re-rendered image", "image"},
+    {"validation_sigma_t", kValidation, "sigma_t"},
+    {"validation_albedo", kValidation, "albedo"},
+    {"validation_g", kValidation, "g"},
+};
 
 struct Column {
   const char* name;
@@ -89,7 +105,8 @@ Curve thinned(const Curve& curve) {
 
 }  // namespace
 
-MetricsLog::MetricsLog(const fs::path& folder, uint64_t step) : folder_(folder) {
+MetricsLog::MetricsLog(const fs::path& folder, uint64_t step)
+    : folder_(folder), curves_(std::size(kDrawn)) {
   // What is kept of the steps so far.
   std::ifstream file(folder_ / kLines);
   std::string lines, columns = names() + '\n', line;
@@ -120,8 +137,9 @@ void MetricsLog::append(const v1::TrainingMetrics& metrics) {
 
 void MetricsLog::remember(const v1::TrainingMetrics& metrics) {
   for (const Column& column : columns_of(metrics)) {
-    if (!column.value) continue;
-    Curve& curve = curves_[column.name];
+    const auto* drawn = std::ranges::find(kDrawn, column.name, &Drawn::column);
+    if (drawn == std::end(kDrawn) || !column.value) continue;
+    Curve& curve = curves_[static_cast<size_t>(drawn - kDrawn)];
     curve.x.push_back(metrics.step());
     curve.y.push_back(*column.value);
   }
@@ -129,21 +147,14 @@ void MetricsLog::remember(const v1::TrainingMetrics& metrics) {
 
 void MetricsLog::draw() const {
   std::vector<Chart> charts;
-  const auto add = [&](const char* title,
-                       std::initializer_list<std::pair<const char*, const char*>> curves) {
-    Chart chart{.title = title, .x_name = "steps", .log_y = false, .curves = {}};
-    for (const auto& [column, name] : curves) {
-      if (const auto curve = curves_.find(column); curve != curves_.end()) {
-        chart.curves.push_back(thinned(curve->second));
-        chart.curves.back().name = name;
-      }
+  for (size_t i = 0; i < std::size(kDrawn); ++i) {
+    if (curves_[i].x.empty()) continue;
+    if (charts.empty() || charts.back().title != kDrawn[i].title) {
+      charts.push_back({.title = kDrawn[i].title, .x_name = "steps", .log_y = false, .curves = {}});
     }
-    if (!chart.curves.empty()) charts.push_back(std::move(chart));
-  };
-  add("loss of the training images", {{"regression_loss", "distance to the truth"}});
-  add("relative squared error of the re-rendered image", {{"image_loss", "image"}});
-  add("validation: RMSE over the constant predictor's",
-      {{"validation_sigma_t", "sigma_t"}, {"validation_albedo", "albedo"}, {"validation_g", "g"}});
+    charts.back().curves.push_back(thinned(curves_[i]));
+    charts.back().curves.back().name = kDrawn[i].name;
+  }
   if (!charts.empty()) write_charts(folder_ / kPicture, charts);
 }
 

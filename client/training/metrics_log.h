@@ -4,8 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
-#include <map>
-#include <string>
+#include <vector>
 
 #include "client/chart.h"
 #include "itn/v1/experiment.pb.h"
@@ -31,7 +30,7 @@ class MetricsLog {
 
   std::filesystem::path folder_;
   std::ofstream lines_, columns_;
-  std::map<std::string, Curve> curves_;  // by name
+  std::vector<Curve> curves_;  // those that are drawn
 };
 
 }  // namespace itn

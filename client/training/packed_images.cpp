@@ -43,15 +43,6 @@ size_t plane_bytes(const PackedFormat& format) {
   return side * side * sizeof(float);
 }
 
-// The planes of an image in the order in which the file has them.
-std::vector<torch::Tensor> planes_of(const ImageBatch& images) {
-  std::vector<torch::Tensor> planes{images.luminance, images.mask};
-  if (images.weight.defined()) {
-    planes.push_back(images.weight);
-  }
-  return planes;
-}
-
 // One image of the file.
 off_t offset_of(size_t index, size_t bytes) {
   return static_cast<off_t>(index * bytes);
@@ -146,6 +137,15 @@ ObjectSums object_sums(const DatasetImage& image) {
     sums.area += image.mask[p];
   }
   return sums;
+}
+
+double mean_radiance(std::span<const ObjectSums> images) {
+  ObjectSums all;
+  for (const ObjectSums& image : images) {
+    all.radiance += image.radiance;
+    all.area += image.area;
+  }
+  return all.area > 0 ? all.radiance / all.area : 0;
 }
 
 }  // namespace itn

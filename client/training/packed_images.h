@@ -56,4 +56,7 @@ struct ObjectSums {
 };
 ObjectSums object_sums(const DatasetImage& image);
 
+// Over the objects of all these images; 0 if there are none. Summed in their order.
+double mean_radiance(std::span<const ObjectSums> images);
+
 }  // namespace itn

@@ -51,12 +51,7 @@ void PackedInputs::pack(const LabelledImages& images, const std::stop_token& sto
     std::rethrow_exception(failure);
   }
   // In the order of the images, so that the last bits are always the same.
-  ObjectSums all;
-  for (const ObjectSums& one : sums) {
-    all.radiance += one.radiance;
-    all.area += one.area;
-  }
-  mean_radiance_ = all.area > 0 ? all.radiance / all.area : 0;
+  mean_radiance_ = itn::mean_radiance(sums);
 }
 
 }  // namespace itn

@@ -60,9 +60,8 @@ StreamBatches::StreamBatches(const v1::Stream& stream, const PackedFormat& forma
       images_(format, stream.capacity(), folder),
       truth_(stream.capacity()),
       sums_(stream.capacity()),
-      begin_(oldest(stream, images_before(stream, step, batch))),
-      end_(begin_),
-      renders_(stream.images(), pool, begin_) {
+      end_(oldest(stream, images_before(stream, step, batch))),
+      renders_(stream.images(), pool, end_) {
   take_until(images_before(stream_, step, batch_));
 }
 
@@ -99,21 +98,21 @@ void StreamBatches::take_until(uint64_t count) {
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-std::vector<Material> StreamBatches::truth() const {
-  std::vector<Material> result;
-  for (uint64_t n = std::max(begin_, oldest(stream_, end_)); n < end_; ++n) {
-    result.push_back(truth_[n % stream_.capacity()]);
+template <typename T>
+std::vector<T> StreamBatches::held(const std::vector<T>& by_place) const {
+  std::vector<T> result;
+  for (uint64_t n = oldest(stream_, end_); n < end_; ++n) {
+    result.push_back(by_place[n % stream_.capacity()]);
   }
   return result;
 }
 
+std::vector<Material> StreamBatches::truth() const {
+  return held(truth_);
+}
+
 double StreamBatches::mean_radiance() const {
-  ObjectSums all;
-  for (uint64_t n = std::max(begin_, oldest(stream_, end_)); n < end_; ++n) {
-    all.radiance += sums_[n % stream_.capacity()].radiance;
-    all.area += sums_[n % stream_.capacity()].area;
-  }
-  return all.area > 0 ? all.radiance / all.area : 0;
+  return itn::mean_radiance(held(sums_));
 }
 
 }  // namespace itn

@@ -39,6 +39,9 @@ class StreamBatches final : public Batches {
 
  private:
   void take_until(uint64_t count);
+  // What the images that are held have in their places, the oldest first.
+  template <typename T>
+  std::vector<T> held(const std::vector<T>& by_place) const;
 
   v1::Stream stream_;
   uint32_t batch_;
@@ -47,7 +50,7 @@ class StreamBatches final : public Batches {
   PackedImages images_;           // image number n in place n % capacity
   std::vector<Material> truth_;   // by place
   std::vector<ObjectSums> sums_;  // by place
-  uint64_t begin_, end_;          // numbers of the images that were taken
+  uint64_t end_;                  // images of the stream that came; the newest of them are held
   double waited_seconds_ = 0;
   RenderStream renders_;
 };

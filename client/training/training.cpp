@@ -222,13 +222,7 @@ v1::Checkpoint Trainer::checkpoint() const {
 v1::Model Trainer::model() const {
   v1::Model model = model_;
   model.set_step(state_.step());
-  if (average_) {
-    const Encoder mean = new_encoder(model_);
-    average_->copy_to(*mean);
-    store_weights(*mean, model);
-  } else {
-    store_weights(*encoder_, model);
-  }
+  store_weights(average_ ? average_->means() : all_tensors(*encoder_), model);
   return model;
 }
 

@@ -31,13 +31,11 @@ v1::ValidationMetrics Validation::measure(const v1::Model& model) const {
       predictions.push_back(estimate.material);
     }
   }
-  v1::Evaluation::Row network, constant;
-  set_errors(predictions, images_, network);
-  set_errors(constant_predictions(images_), images_, constant);
+  const Triple errors = relative_errors(predictions, images_);
   v1::ValidationMetrics metrics;
-  metrics.set_sigma_t(network.sigma_t() / constant.sigma_t());
-  metrics.set_albedo(network.albedo() / constant.albedo());
-  metrics.set_g(network.g() / constant.g());
+  metrics.set_sigma_t(errors[0]);
+  metrics.set_albedo(errors[1]);
+  metrics.set_g(errors[2]);
   return metrics;
 }
 

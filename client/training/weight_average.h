@@ -4,8 +4,6 @@
 #include <cstdint>
 #include <vector>
 
-#include <torch/torch.h>
-
 #include "common/learning/encoder.h"
 
 namespace itn {
@@ -20,15 +18,15 @@ class WeightAverage {
 
   void update(const EncoderNetwork& encoder);
 
-  // Puts the means into another network of the same architecture.
-  void copy_to(EncoderNetwork& encoder) const;
-  // Takes them from there, as the state after `updates`.
+  // In the order of all_tensors().
+  const std::vector<NamedTensor>& means() const { return means_; }
+  // Takes a network's tensors as the means after `updates`.
   void restore(const EncoderNetwork& encoder, uint64_t updates);
 
  private:
   double decay_;
   uint64_t updates_ = 0;
-  std::vector<torch::Tensor> means_;
+  std::vector<NamedTensor> means_;
 };
 
 }  // namespace itn

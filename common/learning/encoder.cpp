@@ -114,8 +114,12 @@ std::vector<NamedTensor> running_statistics(const EncoderNetwork& encoder) {
 }
 
 void store_weights(const EncoderNetwork& encoder, v1::Model& model) {
+  store_weights(all_tensors(encoder), model);
+}
+
+void store_weights(std::span<const NamedTensor> tensors, v1::Model& model) {
   model.clear_weights();
-  for (const NamedTensor& named : all_tensors(encoder)) {
+  for (const NamedTensor& named : tensors) {
     *model.add_weights() = to_proto(named.name, named.tensor);
   }
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -54,8 +55,9 @@ std::vector<NamedTensor> all_tensors(const EncoderNetwork& encoder);
 // The last of them: what a forward pass in training mode changes.
 std::vector<NamedTensor> running_statistics(const EncoderNetwork& encoder);
 
-// Puts the network's tensors into the model.
+// Puts the network's tensors into the model, or those that stand for them, as all_tensors().
 void store_weights(const EncoderNetwork& encoder, v1::Model& model);
+void store_weights(std::span<const NamedTensor> tensors, v1::Model& model);
 
 // How many threads torch computes with; to be called before any torch operation. Results depend on
 // it in the last bits (sums are split over the threads).

@@ -69,6 +69,14 @@ cv::Mat view(int side, std::span<const float> values) {
 
 }  // namespace
 
+std::vector<torch::Tensor> planes_of(const ImageBatch& images) {
+  std::vector<torch::Tensor> planes{images.luminance, images.mask};
+  if (images.weight.defined()) {
+    planes.push_back(images.weight);
+  }
+  return planes;
+}
+
 bool needs_weight_map(v1::NetworkInput input) {
   return input == v1::LUMINANCE_AND_WEIGHT || input == v1::NETWORK_INPUT_UNSPECIFIED;
 }

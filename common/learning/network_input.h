@@ -23,6 +23,10 @@ struct ImageBatch {
   int64_t size() const { return luminance.size(0); }
 };
 
+// Luminance, mask and, if there is one, the weight map: what of an image has its pixels. They share
+// storage with the images.
+std::vector<torch::Tensor> planes_of(const ImageBatch& images);
+
 // Whether the model's input has the weight map among its planes.
 bool needs_weight_map(v1::NetworkInput input);
 

@@ -79,6 +79,19 @@ TEST(Evaluation, NoConstantBeatsTheMeanOfTheTruth) {
   }
 }
 
+TEST(Evaluation, RelativeErrorsAreThoseOverTheConstantPredictors) {
+  const Triple half = relative_errors(
+      std::vector<Material>{{150, 0.5, 0.15}, {200, 0.6, 0.3}, {250, 0.7, 0.45}}, three());
+  for (const double ratio : half) {
+    EXPECT_DOUBLE_EQ(ratio, 0.5);
+  }
+  LabelledImages one;
+  one.truth = {{100, 0.4, 0.2}};  // the constant predictor is right
+  for (const double ratio : relative_errors(std::vector<Material>{{100, 0.5, 0.2}}, one)) {
+    EXPECT_EQ(ratio, HUGE_VAL);
+  }
+}
+
 // 90 images of three shapes. On the last shape the estimates are as bad as the constant
 // predictor's, on the others twice as good; intervals hold the truth of sigma_t always, of albedo
 // never.

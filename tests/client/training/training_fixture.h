@@ -122,6 +122,17 @@ class TrainingTest : public testing::Test {
     return result;
   }
 
+  // Of the steps of a training with the image term alone: the network finds materials that
+  // reproduce the images.
+  std::vector<double> image_losses_alone(v1::TrainingConfig c, const v1::Model& from) const {
+    c.set_lambda(1e6);
+    std::vector<double> losses;
+    TrainingRun r = run();
+    r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.image_loss()); };
+    train(c, images_, *inputs_, from, render_batch, r);
+    return losses;
+  }
+
   v1::Checkpoint checkpoint() const { return read_checkpoint(folder_); }
 
   void begin_anew() const {

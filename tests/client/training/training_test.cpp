@@ -114,14 +114,9 @@ TEST_F(TrainingTest, RegressionLearnsTheTruth) {
   EXPECT_LT(mean_of_20(losses, 280), 0.3 * mean_of_20(losses, 0));
 }
 
-// With the image term alone the network finds materials that reproduce the images.
 TEST_F(TrainingTest, ImageTermAloneLowersTheImageLoss) {
-  v1::TrainingConfig c = config(v1::TrainingConfig::ITN, 300);
-  c.set_lambda(1e6);
-  std::vector<double> losses;
-  TrainingRun r = run();
-  r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.image_loss()); };
-  train(c, images_, *inputs_, start(), render_batch, r);
+  const std::vector<double> losses =
+      image_losses_alone(config(v1::TrainingConfig::ITN, 300), start());
   EXPECT_LT(mean_of_20(losses, 280), 0.3 * mean_of_20(losses, 0));
 }
 
@@ -332,12 +327,8 @@ TEST_F(ResidualTrainingTest, AfterAStopEndsWithTheSameWeights) {
 
 // The image term moves the centre of the Gaussian.
 TEST_F(ResidualTrainingTest, ImageTermAloneLowersTheImageLoss) {
-  v1::TrainingConfig c = residual(v1::TrainingConfig::ITN, 150);
-  c.set_lambda(1e6);
-  std::vector<double> losses;
-  TrainingRun r = run();
-  r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.image_loss()); };
-  train(c, images_, *inputs_, residual_start(), render_batch, r);
+  const std::vector<double> losses =
+      image_losses_alone(residual(v1::TrainingConfig::ITN, 150), residual_start());
   EXPECT_LT(mean_of_20(losses, 130), 0.5 * mean_of_20(losses, 0));
 }
 
