@@ -40,8 +40,8 @@ namespace fs = std::filesystem;
 struct TrainOptions {
   std::string dataset;
   std::string stream;  // preset or dataset file
-  uint32_t held = 8192, first_images = 1024;
-  double reuse = 8;
+  uint32_t held = 0, first_images = 0;
+  double reuse = 0;
   std::string validation_dataset;
   std::string folder;
   std::string preset = "paper";
@@ -68,6 +68,14 @@ struct TrainOptions {
   WorkerFlags workers;
   bool json = false;
 };
+
+// A preset by its name, or a dataset file.
+v1::DatasetConfig stream_images(const std::string& what) {
+  for (const DatasetPreset& preset : dataset_presets()) {
+    if (what == preset.name) return preset_config(what);
+  }
+  return load_dataset_config(what);
+}
 
 uint64_t steps_of(const TrainOptions& options, size_t items, uint32_t batch) {
   if (options.steps) {
@@ -120,6 +128,7 @@ class Flags {
       config.clear_lambda();
     }
     set_augmentation(*config.mutable_augmentation());
+    set_stream(config);
     return config;
   }
 
@@ -165,6 +174,16 @@ class Flags {
     if (given("--mirror")) augmentation.set_mirror(options_.mirror);
     if (given("--shift")) augmentation.set_shift(options_.shift);
     if (given("--exposure-jitter")) augmentation.set_exposure(options_.exposure_jitter);
+  }
+
+  void set_stream(v1::TrainingConfig& config) const {
+    if (given("--stream")) {
+      *config.mutable_stream()->mutable_images() = stream_images(options_.stream);
+    }
+    if (given("--held")) config.mutable_stream()->set_capacity(options_.held);
+    if (given("--first-images")) config.mutable_stream()->set_first(options_.first_images);
+    if (given("--reuse")) config.mutable_stream()->set_reuse(options_.reuse);
+    if (config.has_stream()) complete(*config.mutable_stream(), config.batch());
   }
 
   const TrainOptions& options_;
@@ -228,6 +247,22 @@ void print(const v1::TrainingSummary& summary) {
   }
 }
 
+std::string full_path(const fs::path& folder) {
+  return fs::absolute(folder).lexically_normal().string();
+}
+
+// A folder that a run was started with; `command` names another.
+const std::string& remembered(const char* what, const std::string& folder, const char* command,
+                              const TrainOptions& options) {
+  if (!fs::exists(folder)) {
+    throw Error(ErrorKind::kIo,
+                fmt::format("the {} of this run was in {} and is not there any more; where is it? "
+                            "{} {}",
+                            what, folder, command, options.folder));
+  }
+  return folder;
+}
+
 // The dataset: the one that is named, or the one that the run was started with.
 std::string dataset_folder(const TrainOptions& options,
                            const std::optional<v1::Checkpoint>& there) {
@@ -244,15 +279,28 @@ std::string dataset_folder(const TrainOptions& options,
                 "which dataset? itn train DATASET -o RUN (only a run that is "
                 "resumed knows it: itn train --resume -o RUN)");
   }
-  const std::string& folder = there->training().dataset();
-  if (!fs::exists(folder)) {
-    throw Error(ErrorKind::kIo,
-                fmt::format("the dataset of this run was in {} and is not there any more; where is "
-                            "it? itn train DATASET --resume -o {}",
-                            folder, options.folder));
-  }
-  return folder;
+  return remembered("dataset", there->training().dataset(), "itn train DATASET --resume -o",
+                    options);
 }
+
+// Likewise the one that a stream is validated on; empty if there is none.
+std::string validation_folder(const TrainOptions& options,
+                              const std::optional<v1::Checkpoint>& there) {
+  if (!options.validation_dataset.empty() || !options.resume || !there) {
+    return options.validation_dataset;
+  }
+  const std::string& folder = there->training().validation_dataset();
+  if (folder.empty() || options.validate_every == 0) {
+    return folder;
+  }
+  return remembered("validation dataset", folder,
+                    "itn train --validation-dataset DATASET --resume -o", options);
+}
+
+// Of datasets, for whoever continues a run; empty: none.
+struct Folders {
+  std::string dataset, validation;
+};
 
 // Images that are not learned from.
 struct ValidationSet {
@@ -324,9 +372,7 @@ class Training {
   void check(const v1::TrainingConfig& config, int resolution) {
     if (there_) {
       require_same_config(there_->training(), config, options_.folder);
-      if (!flags_.given("--checkpoint-every") && options_.resume) {
-        options_.checkpoint_every = std::max<uint64_t>(1, there_->training().checkpoint_every());
-      }
+      if (options_.resume) remember(there_->training());
     } else if (init_) {
       require_same_network(*init_, config, resolution, options_.init);
     }
@@ -343,13 +389,14 @@ class Training {
 
   // Runs `train` with what every run has, and prints what became of it.
   template <typename Train>
-  void run(const v1::TrainingConfig& config, const std::string& dataset,
+  void run(const v1::TrainingConfig& config, const Folders& folders,
            const ValidationSet* validation, const RenderPool* pool, const Train& train) {
     v1::TrainingSummary summary;
     std::optional<Progress> progress;
     std::string validated;  // as it is shown
     TrainingRun run{.folder = options_.folder,
-                    .dataset = dataset,
+                    .dataset = folders.dataset,
+                    .validation_dataset = folders.validation,
                     .checkpoint_every = options_.checkpoint_every,
                     .validate = {},
                     .validate_every = options_.validate_every,
@@ -391,6 +438,17 @@ class Training {
   }
 
  private:
+  // How the run that goes on was kept, but for what is on the command line.
+  void remember(const v1::TrainingState& there) {
+    if (!flags_.given("--checkpoint-every")) {
+      options_.checkpoint_every = std::max<uint64_t>(1, there.checkpoint_every());
+    }
+    if (!flags_.given("--validate-every") && there.has_validate_every()) {
+      options_.validate_every = there.validate_every();
+    }
+    if (!flags_.given("--patience")) options_.patience = there.patience();
+  }
+
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   TrainOptions options_;
   Flags flags_;
@@ -405,6 +463,10 @@ int resolution_of(const v1::TrainingConfig& config, int images) {
 
 void train_with_dataset(Training& training) {
   const TrainOptions& options = training.options();
+  if (!options.validation_dataset.empty()) {
+    throw Error(ErrorKind::kUsage,
+                "--validation-dataset goes with --stream; a dataset has a validation split itself");
+  }
   DatasetReader dataset(dataset_folder(options, training.there()));
   const LabelledImages images = images_of(dataset, v1::SPLIT_TRAIN);
   // What is asked for.
@@ -432,32 +494,22 @@ void train_with_dataset(Training& training) {
         {.spp = config.spp(), .estimates = config.estimates(), .pilot_spp = config.pilot_spp()},
         interruption());
   }
-  training.run(config, fs::absolute(dataset.folder()).lexically_normal().string(), validation.get(),
+  training.run(config, {.dataset = full_path(dataset.folder()), .validation = ""}, validation.get(),
                pool ? &*pool : nullptr, [&](const TrainingRun& run) {
                  return train(config, images, inputs, model, image_term, run);
                });
 }
 
-// A preset by its name, or a dataset file.
-v1::DatasetConfig stream_images(const std::string& what) {
-  for (const DatasetPreset& preset : dataset_presets()) {
-    if (what == preset.name) return preset_config(what);
-  }
-  return load_dataset_config(what);
-}
-
 void train_with_stream(Training& training) {
   const TrainOptions& options = training.options();
+  if (!options.dataset.empty()) {
+    throw Error(ErrorKind::kUsage,
+                "a dataset is named, and the configuration has a stream; a run learns from one of "
+                "them");
+  }
   // What is asked for.
   v1::TrainingConfig config = training.config();
-  v1::Stream& stream = *config.mutable_stream();
-  const auto wanted = [&](const char* flag) {
-    return !training.goes_on() || training.flags().given(flag);
-  };
-  if (!options.stream.empty()) *stream.mutable_images() = stream_images(options.stream);
-  if (wanted("--held")) stream.set_capacity(options.held);
-  if (wanted("--first-images")) stream.set_first(options.first_images);
-  if (wanted("--reuse")) stream.set_reuse(options.reuse);
+  const v1::Stream& stream = config.stream();
   if (config.loss() == v1::TrainingConfig::ITN) {
     throw invalid_input(
         "a stream has no image term: --stream goes with --loss rn; an ITN can go on from there "
@@ -466,15 +518,18 @@ void train_with_stream(Training& training) {
   if (config.steps() == 0 && !options.steps) {
     throw Error(ErrorKind::kUsage, "a stream has no end: how many --steps?");
   }
-  complete(stream, config.batch());
   training.complete(config, stream.capacity());
   const PackedFormat format{
       .resolution = resolution_of(config, static_cast<int>(stream.images().resolution())),
       .input = config.input()};
   training.check(config, format.resolution);
   // Render what the next step needs.
+  std::string validated_on = validation_folder(options, training.there());
   std::optional<DatasetReader> dataset;
-  if (!options.validation_dataset.empty()) dataset.emplace(options.validation_dataset);
+  if (!validated_on.empty() && options.validate_every > 0) {
+    dataset.emplace(validated_on);
+    validated_on = full_path(validated_on);
+  }
   const std::unique_ptr<ValidationSet> validation = validation_set(
       dataset ? &*dataset : nullptr, format, options, config.augmentation().noise().max());
   RenderPool pool(options.workers.pool_options());
@@ -486,9 +541,9 @@ void train_with_stream(Training& training) {
                      material_range(stream.images()), config);
   });
   // Train.
-  training.run(config, "", validation.get(), &pool, [&](const TrainingRun& run) {
-    return train(config, std::move(batches), model, run);
-  });
+  training.run(
+      config, {.dataset = "", .validation = validated_on}, validation.get(), &pool,
+      [&](const TrainingRun& run) { return train(config, std::move(batches), model, run); });
 }
 
 void run(const TrainOptions& options, const CLI::App& command) {
@@ -501,9 +556,7 @@ void run(const TrainOptions& options, const CLI::App& command) {
   }
   check_folder_writable(options.folder);
   Training training(options, command);
-  const bool of_stream = !options.stream.empty() ||
-                         (training.goes_on() && training.there()->training().config().has_stream());
-  of_stream ? train_with_stream(training) : train_with_dataset(training);
+  training.config().has_stream() ? train_with_stream(training) : train_with_dataset(training);
 }
 
 }  // namespace
@@ -518,25 +571,25 @@ void add_train_command(CLI::App& app) {
       "--stream", options->stream,
       "Instead of a dataset: images of endless random shapes, rendered while the network learns; "
       "the name of a preset of itn dataset, or a dataset file. --resume knows it; after a pause "
-      "the "
-      "images that were held are rendered again");
+      "the images that were held are rendered again");
   stream->excludes("dataset");
   command
       ->add_option("--reuse", options->reuse,
                    "Times that each image of a stream is shown, on average: a step waits for "
                    "images, or images for a step")
       ->check(number_in(1.0, 1000.0))
-      ->capture_default_str();
+      ->default_str(fmt::format("{}", kStreamReuse));
   command
       ->add_option("--held", options->held,
                    "Images of a stream, the newest, that a step draws its batch from")
       ->check(number_in(1U, 1U << 24))
-      ->capture_default_str();
+      ->default_str(fmt::format("{}", kStreamCapacity));
   command->add_option("--first-images", options->first_images, "Of a stream, before the first step")
       ->check(number_in(1U, 1U << 24))
-      ->capture_default_str();
+      ->default_str(fmt::format("{}", kStreamFirst));
   command->add_option("--validation-dataset", options->validation_dataset,
-                      "Folder of a dataset whose validation split a stream is validated on");
+                      "Folder of a dataset whose validation split a stream is validated on; "
+                      "--resume knows it");
   command->add_option("-o,--output", options->folder, "Folder of the run; required to train");
   command
       ->add_option("--preset", options->preset,
@@ -671,7 +724,7 @@ void add_train_command(CLI::App& app) {
       ->capture_default_str();
   command->add_flag(
       "--resume", options->resume,
-      "Continue the folder's run, if there is one: its flags, the dataset too, need not "
+      "Continue the folder's run, if there is one: its flags, the datasets too, need not "
       "be given again, and those that are must be the same; --steps may be more");
   command
       ->add_option("--torch-threads", options->torch_threads,

@@ -31,9 +31,9 @@ uint64_t oldest(const v1::Stream& stream, uint64_t count) {
 }  // namespace
 
 void complete(v1::Stream& stream, uint32_t batch) {
-  if (stream.capacity() == 0) stream.set_capacity(8192);
-  if (stream.first() == 0) stream.set_first(1024);
-  if (stream.reuse() == 0) stream.set_reuse(8);
+  if (stream.capacity() == 0) stream.set_capacity(kStreamCapacity);
+  if (stream.first() == 0) stream.set_first(kStreamFirst);
+  if (stream.reuse() == 0) stream.set_reuse(kStreamReuse);
   require(stream.capacity() >= batch, "stream.capacity must be as large as a batch at least");
   require(stream.first() >= batch, "stream.first must be as large as a batch at least");
   require(stream.reuse() >= 1 && stream.reuse() <= 1000, "stream.reuse must be in [1, 1000]");

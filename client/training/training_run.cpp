@@ -118,7 +118,10 @@ class Runner {
     v1::Checkpoint checkpoint = trainer_.checkpoint();
     v1::TrainingState& state = *checkpoint.mutable_training();
     state.set_dataset(run_.dataset);
+    state.set_validation_dataset(run_.validation_dataset);
     state.set_checkpoint_every(run_.checkpoint_every);
+    state.set_validate_every(run_.validate_every);
+    state.set_patience(run_.patience);
     best_.note_in(state);
     write_latest_checkpoint(run_.folder, std::move(checkpoint));
     saved_ = trainer_.steps_taken();

@@ -17,6 +17,7 @@ namespace itn {
 struct TrainingRun {
   std::filesystem::path folder;
   std::string dataset;              // its folder, for whoever continues the run
+  std::string validation_dataset;   // likewise, of a stream
   uint64_t checkpoint_every = 100;  // steps
   // Optional: how a model does on images that it has not learned from; asked every `validate_every`
   // steps and after the last. The best model is kept. After `patience` validations without a better
