@@ -99,7 +99,11 @@ class FlatEmitter {
 // A panorama while it is made.
 struct Canvas {
   Canvas(uint32_t w, uint32_t h)
-      : width(w), height(h), middles(w, h), samples(kSamples * w, kSamples * h), radiance(w * h) {
+      : width(w),
+        height(h),
+        middles(w, h),
+        samples(kSamples * w, kSamples * h),
+        radiance(size_t{w} * h) {
     for (uint32_t row = 0; row < h; ++row) rows.push_back(panorama_row(row, w, h));
   }
 

@@ -28,6 +28,12 @@ uint64_t oldest(const v1::Stream& stream, uint64_t count) {
   return count - std::min<uint64_t>(count, stream.capacity());
 }
 
+// The run may go on from somewhere else.
+void make_absolute(v1::PanoramaChoice& panoramas) {
+  if (panoramas.folder().empty()) return;  // an error when they are looked for
+  panoramas.set_folder(std::filesystem::absolute(panoramas.folder()).lexically_normal().string());
+}
+
 }  // namespace
 
 void complete(v1::Stream& stream, uint32_t batch) {
@@ -44,6 +50,9 @@ void complete(v1::Stream& stream, uint32_t batch) {
   if (!images.shapes().has_random()) {
     v1::RandomShapes& shapes = *images.mutable_shapes()->mutable_random();
     shapes.set_count(2);  // of no account, but checked
+  }
+  for (v1::LightChoice& light : *images.mutable_lights()) {
+    if (light.has_panoramas()) make_absolute(*light.mutable_panoramas());
   }
   images.set_test_fraction(0);
   images.set_validation_fraction(0);

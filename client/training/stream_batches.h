@@ -17,8 +17,8 @@ namespace itn {
 inline constexpr uint32_t kStreamCapacity = 8192, kStreamFirst = 1024;  // defaults
 inline constexpr double kStreamReuse = 8;
 
-// Puts the default wherever a field is absent. Throws Error (invalid input) that names what is out
-// of range.
+// Puts the default wherever a field is absent, and the full path of panoramas. Throws Error
+// (invalid input) that names what is out of range.
 void complete(v1::Stream& stream, uint32_t batch);
 
 class StreamBatches final : public Batches {

@@ -195,6 +195,49 @@ const BadInput kBadInputs[] = {
      },
      3,
      {"open.obj is not closed: 3 open edges", "can be repaired: --repair"}},
+    {"NoPanorama",
+     [](auto& folder) {
+       return Arguments{ITN, "dataset", folder.path("data"), "--panoramas", folder.path("")};
+     },
+     3,
+     {"holds no EXR file"}},
+    {"PanoramaThatIsNone",
+     [](auto& folder) {
+       folder.write("room.exr", "not an image");
+       return Arguments{ITN, "dataset", folder.path("data"), "--panoramas", folder.path("")};
+     },
+     3,
+     {"no panorama in ", "room.exr is not a complete OpenEXR image"}},
+    {"PanoramaThatIsSquare",
+     [](auto& folder) {
+       exr_with(folder, 1);
+       return Arguments{ITN, "dataset", folder.path("data"), "--panoramas", folder.path("")};
+     },
+     3,
+     {"image.exr has 4 x 4 pixels", "twice as wide as high"}},
+    {"PanoramasOfNoFolder",
+     [](auto& folder) {
+       return Arguments{ITN, "dataset", folder.path("data"), "--config",
+                        folder.write("file.textproto", "lights { panoramas {} }")};
+     },
+     3,
+     {"panoramas.folder is empty"}},
+    {"EmitterOfANegativeSize",
+     [](auto& folder) {
+       return Arguments{
+           ITN, "dataset", folder.path("data"), "--config",
+           folder.write("file.textproto",
+                        "lights { studio { emitter { size_degrees { fixed: -5 } } } }")};
+     },
+     3,
+     {"lights[0].studio.emitter.size_degrees is -5; it must be in [4, 120]"}},
+    {"MisspeltFieldOfAStudio",
+     [](auto& folder) {
+       return Arguments{ITN, "dataset", folder.path("data"), "--config",
+                        folder.write("file.textproto", "lights {\n  studio { wals {} }\n}")};
+     },
+     3,
+     {"file.textproto:2:", "wals"}},
     {"FaceOfNoVertex",
      [](auto& folder) {
        return render_mesh(folder, "bad.obj", "v 0 0 0\nv 1 0 0\n# corners\nv 0 1 0\nf 1 3 9\n");

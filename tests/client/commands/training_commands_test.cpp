@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "common/image/image.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_folder.h"
 
@@ -125,6 +126,40 @@ TEST_F(TrainingCommands, ResumeSaysWhatItMisses) {
                  "--steps", "3"})
                 .exit_code,
             0);
+}
+
+TEST_F(TrainingCommands, AStreamIsOfAnyPreset) {
+  for (const char* preset : {"studio", "any"}) {
+    const std::string run_folder = folder_.path(preset);
+    const Arguments flags = {"--batch",        "2", "--base-channels", "1", "--held", "2",
+                             "--first-images", "2", "--torch-threads", "1"};
+    const Arguments command = Arguments{ITN, "train", "--stream", preset, "-o", run_folder} + flags;
+    const Finished finished = run(command + Arguments{"--steps", "1"});
+    ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+    EXPECT_EQ(line_count(run_folder + "/metrics.jsonl"), 1);
+    const Finished resumed = run(resume(run_folder, {"--steps", "2"}));
+    EXPECT_EQ(resumed.exit_code, 0) << resumed.errors;
+    EXPECT_EQ(line_count(run_folder + "/metrics.jsonl"), 2);
+  }
+}
+
+TEST_F(TrainingCommands, AStreamUnderPanoramasGoesOnSomewhereElse) {
+  fs::create_directories(folder_.path("panoramas"));
+  Image map{.width = 8, .height = 4, .channels = {}, .attributes = {}};
+  map.channels["Y"].assign(32, 1);
+  write_exr(folder_.path("panoramas/a.exr"), map);
+  folder_.write("stream.textproto",
+                "resolution: 16 spp: 4 lights { panoramas { folder: \"panoramas\" } }");
+  const std::string run_folder = folder_.path("run");
+  const fs::path here = fs::current_path();
+  fs::current_path(folder_.path());
+  const Finished first =
+      run({ITN, "train", "--stream", "stream.textproto", "-o", run_folder, "--batch", "2",
+           "--base-channels", "1", "--held", "4", "--first-images", "4", "--steps", "1"});
+  fs::current_path(here);
+  ASSERT_EQ(first.exit_code, 0) << first.errors;
+  const Finished second = run(resume(run_folder, {"--steps", "2"}));
+  EXPECT_EQ(second.exit_code, 0) << second.errors;
 }
 
 // 130: the same command continues.
@@ -305,6 +340,50 @@ TEST_F(TrainingCommands, ADatasetIsContinuedByItsFolderAlone) {
   const Finished other = run({ITN, "dataset", data, "--spp", "2"});
   EXPECT_EQ(other.exit_code, 3);
   EXPECT_THAT(other.errors, HasSubstr("spp: 1 -> 2"));
+}
+
+// By the command that began it, by its folder alone, with more images; without the panoramas.
+TEST_F(TrainingCommands, ADatasetUnderPanoramasIsContinued) {
+  fs::create_directories(folder_.path("panoramas"));
+  for (const char* name : {"a", "b", "c"}) {
+    Image map{.width = 8, .height = 4, .channels = {}, .attributes = {}};
+    map.channels["Y"].assign(32, 1);
+    map.channels["Y"][5] = 100;
+    write_exr(folder_.path("panoramas/" + std::string(name) + ".exr"), map);
+  }
+  folder_.write("panoramas/d.exr", "not an image");
+  const std::string data = folder_.path("data");
+  const Arguments begin =
+      Arguments{ITN, "dataset",      data, "--json",  "--preset", "studio",  "--spp",
+                "1", "--resolution", "16", "--count", "8",        "--shapes"} +
+      Arguments{folder_.path("meshes")};
+  const Arguments with = {"--panoramas", folder_.path("panoramas")};
+  fs::create_directories(folder_.path("meshes"));
+  for (const char* name : {"x", "y", "z"}) {
+    folder_.write("meshes/" + std::string(name) + ".obj",
+                  "v 0 0 0\nv 2 0 0\nv 0 2 0\nv 0 0 2\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n");
+  }
+  const Finished first = run(begin + with);
+  ASSERT_EQ(first.exit_code, 0) << first.errors;
+  EXPECT_THAT(first.output, AllOf(HasSubstr("refused_panoramas"), HasSubstr("d.exr")));
+  EXPECT_THAT(first.errors, HasSubstr("d.exr"));
+  EXPECT_THAT(content(data + "/manifest.textproto"), HasSubstr("file: \"panoramas/c.map\""));
+  EXPECT_THAT(run(begin + with).output, HasSubstr("\"kept\":8"));
+  const Finished without = run(begin);
+  EXPECT_EQ(without.exit_code, 3);
+  EXPECT_THAT(without.errors, HasSubstr("panoramas"));
+  const Arguments more = {ITN, "dataset", data, "--json", "--count"};
+  EXPECT_THAT(run(more + Arguments{"9"} + with).output, HasSubstr("\"kept\":8"));
+  // What was lost comes back with its folder.
+  const std::string map = content(data + "/panoramas/b.map");
+  fs::remove(data + "/panoramas/b.map");
+  EXPECT_THAT(run(more + Arguments{"9"} + with).output, HasSubstr("\"kept\":9"));
+  EXPECT_EQ(content(data + "/panoramas/b.map"), map);
+  fs::remove_all(folder_.path("panoramas"));
+  fs::remove_all(folder_.path("meshes"));
+  const Finished alone = run(more + Arguments{"12"});
+  EXPECT_EQ(alone.exit_code, 0) << alone.errors;
+  EXPECT_THAT(alone.output, HasSubstr("\"kept\":9"));
 }
 
 TEST_F(TrainingCommands, ADatasetWithAReversedRangeIsRefused) {
