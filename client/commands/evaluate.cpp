@@ -15,6 +15,7 @@
 #include "client/output.h"
 #include "client/picture.h"
 #include "client/training/evaluation.h"
+#include "client/training/similarity_predictor.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
@@ -36,6 +37,8 @@ struct EvaluateOptions {
   bool json = false;
 };
 
+constexpr const char* kSimilarityPredictor = "similarity predictor";
+
 // One row of the table, and what was predicted for each image.
 struct Candidate {
   v1::Evaluation::Row row;
@@ -51,15 +54,18 @@ std::vector<double> noise_levels(const EvaluateOptions& options, const v1::Model
   return {model.noise(), model.noise() / 2, 0};
 }
 
-Candidate constant_candidate(const LabelledImages& images) {
+// Of who has not looked at the images.
+Candidate yardstick(const std::string& name, std::vector<Material> predictions,
+                    const LabelledImages& images) {
   Candidate candidate;
-  candidate.row.set_name("constant predictor");
-  candidate.predictions = constant_predictions(images);
+  candidate.row.set_name(name);
+  candidate.predictions = std::move(predictions);
   set_errors(candidate.predictions, images, candidate.row);
   return candidate;
 }
 
-std::vector<Candidate> candidates_of(const EvaluateOptions& options, const LabelledImages& images) {
+std::vector<Candidate> candidates_of(const EvaluateOptions& options, const LabelledImages& images,
+                                     const v1::MaterialChoice& materials) {
   std::vector<Candidate> candidates;
   for (const std::string& checkpoint : options.checkpoints) {
     Predictor predictor = Predictor::load(checkpoint);
@@ -79,7 +85,11 @@ std::vector<Candidate> candidates_of(const EvaluateOptions& options, const Label
       set_likelihood(predictor, estimates, images, candidate.row);
     }
   }
-  candidates.push_back(constant_candidate(images));
+  candidates.push_back(yardstick("constant predictor", constant_predictions(images), images));
+  if (std::optional<std::vector<Material>> predictions =
+          similarity_predictions(images, materials)) {
+    candidates.push_back(yardstick(kSimilarityPredictor, std::move(*predictions), images));
+  }
   return candidates;
 }
 
@@ -190,6 +200,11 @@ void print(const v1::Evaluation& evaluation) {
   print_result(
       "The constant predictor answers the mean of these images' own truth: no constant does "
       "better.\n");
+  if (evaluation.rows().rbegin()->name() == kSimilarityPredictor) {
+    print_result(
+        "The similarity predictor is told sigma_t (1 - albedo g) and the reduced albedo, by which "
+        "materials look alike,\nand nothing else: who is better has told such materials apart.\n");
+  }
   for (const v1::Evaluation::Row& row : evaluation.rows()) {
     if (row.thirds_size() > 0) {
       print_details(row);
@@ -205,7 +220,8 @@ void run(const EvaluateOptions& options) {
   DatasetReader dataset(options.dataset);
   const v1::Split split = options.split == "train" ? v1::SPLIT_TRAIN : v1::SPLIT_TEST;
   const LabelledImages images = images_of(dataset, split);
-  const std::vector<Candidate> candidates = candidates_of(options, images);
+  const std::vector<Candidate> candidates =
+      candidates_of(options, images, dataset.manifest().config().materials());
   v1::Evaluation evaluation;
   evaluation.set_split(options.split);
   evaluation.set_items(static_cast<uint32_t>(images.items.size()));

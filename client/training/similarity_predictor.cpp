@@ -1,0 +1,75 @@
+#include "client/training/similarity_predictor.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/learning/parameterization.h"
+
+namespace itn {
+namespace {
+
+// Of g, over which the mean is taken.
+constexpr int kSteps = 1024;
+
+bool is_interval(const v1::Distribution& distribution) {
+  return distribution.has_uniform() || distribution.has_log_uniform();
+}
+
+// Of an interval, without the factor that makes it a density.
+double density(const v1::Distribution& distribution, double x) {
+  const v1::Interval& range =
+      distribution.has_uniform() ? distribution.uniform() : distribution.log_uniform();
+  if (x < range.min() || x > range.max()) {
+    return 0;
+  }
+  return distribution.has_uniform() ? 1 : 1 / x;
+}
+
+double determinant(const Jacobian& j) {
+  return j[0][0] * (j[1][1] * j[2][2] - j[1][2] * j[2][1]) -
+         j[0][1] * (j[1][0] * j[2][2] - j[1][2] * j[2][0]) +
+         j[0][2] * (j[1][0] * j[2][1] - j[1][1] * j[2][0]);
+}
+
+// Similar materials are a curve along g. A step of it weighs what the distributions hold there: in
+// reduced coordinates, their density times the volume that the change of coordinates makes.
+Material mean_of_similar(const Material& material, const v1::MaterialChoice& materials) {
+  const v1::Interval& range =
+      materials.g().has_uniform() ? materials.g().uniform() : materials.g().log_uniform();
+  Triple at = to_coordinates(v1::SIMILARITY, material);
+  Material sum{.sigma_t = 0, .albedo = 0, .g = 0};
+  double weights = 0;
+  for (int i = 0; i < kSteps; ++i) {
+    at[2] = range.min() + (range.max() - range.min()) * (i + 0.5) / kSteps;
+    const Material similar = from_coordinates(v1::SIMILARITY, at);
+    const double weight = density(materials.sigma_t(), similar.sigma_t) *
+                          density(materials.albedo(), similar.albedo) *
+                          density(materials.g(), similar.g) *
+                          std::abs(determinant(jacobian(v1::SIMILARITY, at)));
+    sum.sigma_t += weight * similar.sigma_t;
+    sum.albedo += weight * similar.albedo;
+    sum.g += weight * similar.g;
+    weights += weight;
+  }
+  if (weights == 0) {  // at a corner of the range: the curve is shorter there than a step
+    return material;
+  }
+  return {sum.sigma_t / weights, sum.albedo / weights, sum.g / weights};
+}
+
+}  // namespace
+
+std::optional<std::vector<Material>> similarity_predictions(const LabelledImages& images,
+                                                            const v1::MaterialChoice& materials) {
+  if (materials.sampling() == v1::MaterialChoice::GRID || !is_interval(materials.sigma_t()) ||
+      !is_interval(materials.albedo()) || !is_interval(materials.g())) {
+    return std::nullopt;
+  }
+  std::vector<Material> predictions;
+  for (const Material& truth : images.truth) {
+    predictions.push_back(mean_of_similar(truth, materials));
+  }
+  return predictions;
+}
+
+}  // namespace itn
