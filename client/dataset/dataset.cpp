@@ -159,6 +159,8 @@ DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
   const auto* spp = attribute_of<int>(image, attribute::kSpp);
   require(noise != nullptr && spp != nullptr,
           fmt::format("{} does not say how noisy it is", path.string()));
+  require(*noise >= 0,
+          fmt::format("{} says a relative noise of {}; it must be >= 0", path.string(), *noise));
   return {image.channel("Y"), image.channel("mask.Y"), *noise, static_cast<uint32_t>(*spp)};
 }
 

@@ -39,7 +39,9 @@ bool holds_file(const std::filesystem::path& folder, const std::string& file,
 struct DatasetImage {
   std::vector<float> radiance;  // resolution x resolution
   std::vector<float> mask;
-  double relative_noise = 0;  // as NoiseTarget in dataset.proto; 0 if unknown: of a single sample
+  // As NoiseTarget in dataset.proto; 0 if unknown (of a single sample), or if the image is black;
+  // infinite if it is nothing but noise: then no noise that is added makes it like others.
+  double relative_noise = 0;
   uint32_t spp = 0;
 };
 

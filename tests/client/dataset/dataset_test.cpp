@@ -13,6 +13,7 @@
 #include "client/dataset/distribution.h"
 #include "client/dataset/noise.h"
 #include "common/files/folder_lock.h"
+#include "common/image/attributes.h"
 #include "common/image/image.h"
 #include "common/rpc/wire_array.h"
 #include "tests/client/dataset/dataset_support.h"
@@ -163,6 +164,26 @@ TEST_F(DatasetFolder, ImagesOfANoiseTargetAreAsNoisyAsItSays) {
   RenderPool pool({});
   const auto reply = pool.submit(render_job(reader.scene(item), item, image.spp)).get();
   EXPECT_EQ(from_bytes<float>(reply.estimates(0).radiance()), image.radiance);
+}
+
+// The noise that the header of an image says is 0 or more; of nothing but noise it is infinite.
+TEST_F(DatasetFolder, ReadsTheNoiseThatThereCanBe) {
+  render(plan_);
+  const DatasetReader reader(folder_);
+  const v1::DatasetItem& item = reader.manifest().items(0);
+  const auto say = [&](double noise) {
+    Image image = read_exr(folder_ / item.file());
+    image.attributes[attribute::kRelativeNoise] = noise;
+    write_exr(folder_ / item.file(), image);
+  };
+  for (const double noise : {0.0, 0.1, HUGE_VAL}) {
+    say(noise);
+    EXPECT_EQ(reader.image(item).relative_noise, noise);
+  }
+  for (const double noise : {-0.1, static_cast<double>(NAN)}) {
+    say(noise);
+    expect_error(ErrorKind::kInvalidInput, "it must be >= 0", [&] { reader.image(item); });
+  }
 }
 
 TEST_F(DatasetFolder, RefusesAFolderOfSomethingElse) {

@@ -140,6 +140,18 @@ TEST(AugmentationTest, DrawsTheLevelFromItsRangeAndLeavesNoisierImages) {
   EXPECT_TRUE(same.noise.equal(loud.noise));
 }
 
+// Images that are black, whose noise is 0, and that are nothing but noise.
+TEST(AugmentationTest, NoiseLeavesNoNumberThatIsNone) {
+  ImageBatch black = images(0);
+  black.luminance.fill_(0);
+  const ImageBatch still_black = augmented(black, noise_of(0.1, 0.1), 9);
+  EXPECT_TRUE(still_black.luminance.equal(black.luminance));
+  const ImageBatch noise = images(HUGE_VAL);
+  const ImageBatch same = augmented(noise, noise_of(0.1, 0.1), 9);
+  EXPECT_TRUE(same.luminance.equal(noise.luminance));
+  EXPECT_TRUE(same.noise.equal(noise.noise));
+}
+
 TEST(AugmentationTest, ExposureIsOneFactorForEachImage) {
   v1::Augmentation augmentation;
   augmentation.set_exposure(0.5);

@@ -31,6 +31,8 @@ TEST(Evaluation, ErrorsAreRootMeanSquare) {
 }
 
 // A re-rendering shows what the dataset's image shows: the object, and nothing where that is dark.
+// With 64 samples no pixel differs, at the edge either (none of 15,360 in 60 images); with 4 the
+// paths of one in seven that the object covers are all absorbed or miss the lights.
 TEST(Evaluation, RerendersTheSamePixels) {
   const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "rerender";
   std::filesystem::remove_all(folder);
@@ -46,11 +48,10 @@ TEST(Evaluation, RerendersTheSamePixels) {
   DatasetReader dataset(folder);
   const v1::DatasetItem& item = *dataset.items(v1::SPLIT_TEST)[0];
   const Material truth{item.material().sigma_t(), item.material().albedo(), item.material().g()};
-  const auto [image, mask, noise, spp] = dataset.image(item);
+  const std::vector<float> image = dataset.image(item).radiance;
   const std::vector<float> again = rerender(dataset, pool, item, truth, 64, {});
   int lit = 0;
   for (size_t p = 0; p < image.size(); ++p) {
-    if (mask[p] > 0 && mask[p] < 0.25) continue;  // at the edge, samples may miss the object
     EXPECT_EQ(again[p] > 0, image[p] > 0) << p;
     lit += image[p] > 0 ? 1 : 0;
   }
