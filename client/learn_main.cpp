@@ -10,7 +10,9 @@ int main(int argc, char** argv) {
     itn::add_dataset_command(app);
     itn::add_train_command(app);
     itn::add_evaluate_command(app);
+    itn::add_export_command(app);
     itn::add_predict_command(app, itn::predict_here);
+    itn::add_models_command(app);
     itn::add_completion_command(app);
   });
 }

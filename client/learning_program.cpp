@@ -4,7 +4,6 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <cstdlib>
 #include <filesystem>
 #include <sstream>
 #include <string>
@@ -13,6 +12,7 @@
 
 #include "common/error.h"
 #include "common/files/read_file.h"
+#include "common/passive_waiting.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -27,10 +27,7 @@ void become_learning_program() {
   std::vector<char*> argv;
   for (std::string& argument : arguments) argv.push_back(argument.data());
   argv.push_back(nullptr);
-  // Threads that wait for each other must not spin: beside other processes that makes a step take
-  // tens of times as long. Both are read when the libraries are loaded, and a user's own count.
-  ::setenv("OMP_WAIT_POLICY", "PASSIVE", 0);
-  ::setenv("OPENBLAS_NUM_THREADS", "1", 0);
+  wait_passively();
   ::execv(program.c_str(), argv.data());
   const int error_number = errno;
   throw Error(

@@ -21,6 +21,7 @@ struct LearningCommand {
 constexpr LearningCommand kLearningCommands[] = {
     {"train", "Train a network with a dataset"},
     {"evaluate", "Errors of trained networks on a dataset, beside the constant predictor"},
+    {"export", "Write a trained model as a file for prediction"},
     {"completion", "Print a script that completes commands and flags in a shell"},
 };
 
@@ -38,6 +39,7 @@ void add_commands(CLI::App& app) {
   add_probe_command(app);
   add_dataset_command(app);
   add_predict_command(app, nullptr);
+  add_models_command(app);
   for (const LearningCommand& command : kLearningCommands) {
     app.add_subcommand(command.name, command.description);  // for --help and suggestions
   }

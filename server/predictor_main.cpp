@@ -1,5 +1,7 @@
 // itn-predictor: answers optical parameters for images, by a trained network. Serves until SIGTERM
 // or SIGINT, then finishes what is under way.
+#include <fmt/format.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>
@@ -8,6 +10,8 @@
 
 #include "common/flags.h"
 #include "common/learning/encoder.h"
+#include "common/learning/model_files.h"
+#include "common/passive_waiting.h"
 #include "server/predict/predict_server.h"
 #include "server/server_main.h"
 
@@ -23,12 +27,15 @@ struct PredictorOptions {
 };
 
 void add_flags(CLI::App& app, PredictorOptions& options) {
-  app.add_option("--model", options.model, "Checkpoint of itn train, or the folder of a run")
-      ->required();
+  app.add_option("--model", options.model,
+                 fmt::format("Name of a model that itn models lists, checkpoint of itn train, or "
+                             "folder of a run; default: {}",
+                             kDefaultModel));
   app.add_option("--threads", options.threads, "Threads of each prediction; 0: one per processor")
       ->check(number_in(0, 4096))
       ->capture_default_str();
-  app.add_option("--max-pixels", options.server.service.max_pixels, "Most pixels of an image")
+  app.add_option("--max-pixels", options.server.service.max_pixels,
+                 "Most pixels of an image, or of a batch together")
       ->check(number_in(1, 1 << 26))
       ->capture_default_str();
   app.add_option("--queue", options.server.service.queue_capacity,
@@ -47,7 +54,8 @@ int run(int argc, char** argv) {
     const int processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
     set_torch_threads(options.threads > 0 ? options.threads : processors);
     options.server.max_memory_bytes = options.flags.max_memory_bytes();
-    return std::make_unique<PredictServer>(Predictor::load(options.model), options.server);
+    return std::make_unique<PredictServer>(Predictor::load(find_model(options.model)),
+                                           options.server);
   });
 }
 
@@ -55,5 +63,6 @@ int run(int argc, char** argv) {
 }  // namespace itn
 
 int main(int argc, char** argv) {
+  itn::begin_with_passive_waiting(argv);
   return itn::run(argc, argv);
 }

@@ -5,6 +5,9 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <filesystem>
+#include <functional>
+#include <span>
 #include <string>
 
 #include "common/image/photograph.h"
@@ -17,15 +20,20 @@ void add_shapes_command(CLI::App& app);
 void add_probe_command(CLI::App& app);
 void add_dataset_command(CLI::App& app);
 
-// Predicts in this process, by the network in the file or folder `model`.
-using Predict = v1::PredictReply(const std::string& model, const Photograph& photograph);
+void add_models_command(CLI::App& app);
+
+// Answers photographs that are framed: an outcome for each.
+using Predict = std::function<v1::PredictBatchReply(std::span<const FramedPhotograph>)>;
+// By the network in the file or folder `model`, in this process.
+using LoadPredictor = Predict(const std::filesystem::path& model);
 // `here` is nullptr in a program without networks, which then becomes the one with them.
-void add_predict_command(CLI::App& app, Predict* here);
+void add_predict_command(CLI::App& app, LoadPredictor* here);
 
 // In itn-learn alone.
 void add_train_command(CLI::App& app);
 void add_evaluate_command(CLI::App& app);
+void add_export_command(CLI::App& app);
 void add_completion_command(CLI::App& app);
-Predict predict_here;
+LoadPredictor predict_here;
 
 }  // namespace itn

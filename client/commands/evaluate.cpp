@@ -19,6 +19,7 @@
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
+#include "common/learning/model_files.h"
 #include "common/progress.h"
 
 namespace itn {
@@ -68,7 +69,7 @@ std::vector<Candidate> candidates_of(const EvaluateOptions& options, const Label
                                      const v1::MaterialChoice& materials) {
   std::vector<Candidate> candidates;
   for (const std::string& checkpoint : options.checkpoints) {
-    Predictor predictor = Predictor::load(checkpoint);
+    Predictor predictor = Predictor::load(find_model(checkpoint));
     for (const double noise : noise_levels(options, predictor.model())) {
       const std::vector<MaterialEstimate> estimates =
           estimate_all(predictor, images, noise, interruption());
@@ -82,6 +83,7 @@ std::vector<Candidate> candidates_of(const EvaluateOptions& options, const Label
       }
       set_errors(candidate.predictions, images, candidate.row);
       set_details(estimates, images, candidate.row);
+      set_unfamiliar(estimates, candidate.row);
       set_likelihood(predictor, estimates, images, candidate.row);
     }
   }
@@ -151,6 +153,9 @@ void print_details(const v1::Evaluation::Row& row) {
     print_result(
         "  mean log-likelihood of the truth {:.3f}; of the Gaussian of all truths {:.3f}\n",
         row.log_likelihood(), row.constant_log_likelihood());
+  }
+  if (row.has_unfamiliar()) {
+    print_result("  unfamiliar to the network: {:.1f} % of the images\n", 100 * row.unfamiliar());
   }
   const bool intervals = row.has_coverage();
   print_result("  {:20}  {:>25}{}\n", "", "RMSE: sigma_t, albedo, g",
@@ -248,7 +253,9 @@ void add_evaluate_command(CLI::App& app) {
   const auto options = std::make_shared<EvaluateOptions>();
   CLI::App* command = app.add_subcommand(
       "evaluate", "Errors of trained networks on a dataset, beside the constant predictor");
-  command->add_option("checkpoints", options->checkpoints, "Checkpoints, or folders of runs")
+  command
+      ->add_option("checkpoints", options->checkpoints,
+                   "Checkpoints, folders of runs, or models that itn models lists")
       ->required();
   command->add_option("--dataset", options->dataset, "Folder that itn dataset wrote")->required();
   command->add_option("--split", options->split, "Images to evaluate on")

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -14,6 +15,26 @@ namespace itn {
 // What a worker takes at most, unless it is told to take less.
 inline const CLI::Validator kSppRange = number_in(1U, 1U << 20);
 inline const CLI::Validator kAnySeed = number_in(uint64_t{0}, UINT64_MAX);
+
+// Of names and versions of models, which go to terminals and logs.
+constexpr size_t kMaxModelName = 100;
+inline bool fits_model_name(char c) {
+  return c >= ' ' && c <= '~';
+}
+inline const CLI::Validator kModelName(
+    [](const std::string& text) {
+      const bool fits = text.size() <= kMaxModelName && std::ranges::all_of(text, fits_model_name);
+      return fits ? std::string() : "must be at most 100 printable ASCII characters";
+    },
+    "", "");
+
+// What of a folder's name can be a model's.
+inline std::string as_model_name(std::string text) {
+  text.resize(std::min(text.size(), kMaxModelName));
+  std::ranges::replace_if(
+      text, [](char c) { return !fits_model_name(c); }, '_');
+  return text;
+}
 
 struct WorkerFlags {
   std::vector<std::string> workers;

@@ -1,4 +1,7 @@
 // The part of itn predict that needs a network.
+#include <memory>
+#include <variant>
+
 #include "client/commands/command.h"
 #include "client/interrupt.h"
 #include "common/learning/predict_reply.h"
@@ -6,10 +9,16 @@
 
 namespace itn {
 
-v1::PredictReply predict_here(const std::string& model, const Photograph& photograph) {
+Predict predict_here(const std::filesystem::path& model) {
   set_torch_threads(1);
-  Predictor predictor = Predictor::load(model);
-  return to_reply(predictor.estimate(photograph, interruption()), predictor.name());
+  const auto predictor = std::make_shared<Predictor>(Predictor::load(model));
+  return [predictor](std::span<const FramedPhotograph> photographs) {
+    const auto seen = [&](size_t i) {
+      return predictor->seen(photographs[i].view(), interruption());
+    };
+    return to_reply(predictor->estimate_each(photographs.size(), seen, interruption()),
+                    predictor->version());
+  };
 }
 
 }  // namespace itn

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -20,6 +21,7 @@
 #include "client/json.h"
 #include "client/output.h"
 #include "client/render_pool/render_pool.h"
+#include "client/training/familiarity_fit.h"
 #include "client/training/stream_batches.h"
 #include "client/training/training_config.h"
 #include "client/training/training_run.h"
@@ -29,6 +31,7 @@
 #include "common/files/folder_lock.h"
 #include "common/flags.h"
 #include "common/learning/checkpoint.h"
+#include "common/learning/model_files.h"
 #include "common/progress.h"
 #include "common/scene/text_proto.h"
 
@@ -49,6 +52,7 @@ struct TrainOptions {
   bool print_config = false;
   std::string loss, parameterization, distribution, exposure, architecture, schedule;
   std::string init;
+  std::string model_name, model_version;
   uint32_t resolution = 0;
   std::optional<uint64_t> steps;
   std::optional<double> epochs;
@@ -334,8 +338,9 @@ class Training {
         flags_(options, command),
         lock_(options.folder, "itn train"),
         there_(find_checkpoint(options.folder)),
-        init_(options.init.empty() ? std::nullopt
-                                   : std::optional(read_checkpoint(options.init).model())) {
+        init_(options.init.empty()
+                  ? std::nullopt
+                  : std::optional(read_checkpoint(find_model(options.init)).model())) {
     lock_.remove_temporary_files();
     if (options_.torch_threads == 0) {
       options_.torch_threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
@@ -384,13 +389,18 @@ class Training {
   template <typename Fit>
   v1::Model start(const Fit& fit) const {
     if (there_) return {};
-    return init_ ? *init_ : fit();
+    if (!init_) return fit();
+    v1::Model model = *init_;
+    model.clear_version();  // it was that one's
+    return model;
   }
 
-  // Runs `train` with what every run has, and prints what became of it.
+  // Runs `train` with what every run has, and prints what became of it. `images`: those of training
+  // at its end.
   template <typename Train>
   void run(const v1::TrainingConfig& config, const Folders& folders,
-           const ValidationSet* validation, const RenderPool* pool, const Train& train) {
+           const std::function<ImageSource()>& images, const ValidationSet* validation,
+           const RenderPool* pool, const Train& train) {
     v1::TrainingSummary summary;
     std::optional<Progress> progress;
     std::string validated;  // as it is shown
@@ -398,9 +408,12 @@ class Training {
                     .dataset = folders.dataset,
                     .validation_dataset = folders.validation,
                     .checkpoint_every = options_.checkpoint_every,
+                    .model_name = model_name(),
+                    .model_version = options_.model_version,
                     .validate = {},
                     .validate_every = options_.validate_every,
                     .patience = options_.patience,
+                    .familiarity = {},
                     .report = {},
                     .stop = interruption()};
     run.report = [&](const v1::TrainingMetrics& metrics) {
@@ -419,6 +432,11 @@ class Training {
     if (validation != nullptr) {
       run.validate = [&](const v1::Model& now) { return validation->validation.measure(now); };
     }
+    run.familiarity = [&](const v1::Model& now) {
+      return measure_familiarity(
+          now, images(), validation != nullptr ? source_of(validation->inputs) : ImageSource(),
+          interruption());
+    };
     const TrainingEnd end = train(run);
     if (progress) {
       progress->finish();
@@ -447,6 +465,14 @@ class Training {
       options_.validate_every = there.validate_every();
     }
     if (!flags_.given("--patience")) options_.patience = there.patience();
+  }
+
+  // What was asked for; of a new run that of its folder.
+  std::string model_name() const {
+    if (!options_.model_name.empty() || there_) return options_.model_name;
+    fs::path folder = fs::absolute(options_.folder).lexically_normal();
+    if (!folder.has_filename()) folder = folder.parent_path();
+    return as_model_name(folder.filename().string());
   }
 
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
@@ -494,10 +520,12 @@ void train_with_dataset(Training& training) {
         {.spp = config.spp(), .estimates = config.estimates(), .pilot_spp = config.pilot_spp()},
         interruption());
   }
-  training.run(config, {.dataset = full_path(dataset.folder()), .validation = ""}, validation.get(),
-               pool ? &*pool : nullptr, [&](const TrainingRun& run) {
-                 return train(config, images, inputs, model, image_term, run);
-               });
+  training.run(
+      config, {.dataset = full_path(dataset.folder()), .validation = ""},
+      [&] { return source_of(inputs); }, validation.get(), pool ? &*pool : nullptr,
+      [&](const TrainingRun& run) {
+        return train(config, images, inputs, model, image_term, run);
+      });
 }
 
 void train_with_stream(Training& training) {
@@ -541,8 +569,10 @@ void train_with_stream(Training& training) {
                      material_range(stream.images()), config);
   });
   // Train.
+  const StreamBatches& stream_batches = *batches;
   training.run(
-      config, {.dataset = "", .validation = validated_on}, validation.get(), &pool,
+      config, {.dataset = "", .validation = validated_on}, [&] { return stream_batches.held(); },
+      validation.get(), &pool,
       [&](const TrainingRun& run) { return train(config, std::move(batches), model, run); });
 }
 
@@ -656,8 +686,18 @@ void add_train_command(CLI::App& app) {
       ->add_option("--exposure-jitter", options->exposure_jitter,
                    "Multiply each image by a factor whose logarithm has this standard deviation")
       ->check(number_in(0.0, 3.0));
-  command->add_option("--init", options->init,
-                      "Checkpoint (or run) to start from, e.g. of an RN for an ITN");
+  command->add_option(
+      "--init", options->init,
+      "Checkpoint, run or name of a model (itn models) to start from, e.g. of an RN "
+      "for an ITN");
+  command
+      ->add_option("--model-name", options->model_name,
+                   "What answers call the model; default: the name of the run's folder")
+      ->check(kModelName);
+  command
+      ->add_option("--model-version", options->model_version,
+                   "Of the model, in answers, e.g. 1.2.0; default: none")
+      ->check(kModelName);
   CLI::Option* steps = command->add_option("--steps", options->steps, "Steps to take")
                            ->check(number_in(uint64_t{1}, uint64_t{UINT32_MAX}));
   command->add_option("--epochs", options->epochs, "Instead of steps; default 50")

@@ -280,6 +280,15 @@ void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate
                                           torch::linalg_det(covariance).log().item<double>()));
 }
 
+void set_unfamiliar(std::span<const MaterialEstimate> estimates, v1::Evaluation::Row& row) {
+  if (!estimates.front().unfamiliarity) {
+    return;
+  }
+  const auto count = std::ranges::count_if(
+      estimates, [](const MaterialEstimate& e) { return e.unfamiliarity->unfamiliar; });
+  row.set_unfamiliar(static_cast<double>(count) / static_cast<double>(estimates.size()));
+}
+
 std::vector<size_t> spread(size_t count, size_t total) {
   std::vector<size_t> chosen;
   for (size_t i = 0; i < std::min(count, total); ++i) {

@@ -39,6 +39,9 @@ void set_details(std::span<const MaterialEstimate> estimates, const LabelledImag
 void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate> estimates,
                     const LabelledImages& images, v1::Evaluation::Row& row);
 
+// Sets the part of the images that the model finds unfamiliar, if it knows.
+void set_unfamiliar(std::span<const MaterialEstimate> estimates, v1::Evaluation::Row& row);
+
 // `count` of the images, evenly spread over the split.
 std::vector<size_t> spread(size_t count, size_t total);
 

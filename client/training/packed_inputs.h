@@ -22,6 +22,8 @@ class PackedInputs {
 
   ImageBatch batch(std::span<const uint32_t> items) const { return packed_.batch(items); }
 
+  size_t size() const { return packed_.size(); }
+
   const PackedFormat& format() const { return packed_.format(); }
 
   // Over the objects of all images, weighted by the masks.

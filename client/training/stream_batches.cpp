@@ -107,6 +107,17 @@ void StreamBatches::take_until(uint64_t count) {
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
+ImageSource StreamBatches::held() const {
+  return {
+      .count = end_ - oldest(stream_, end_), .batch = [this](std::span<const uint32_t> numbers) {
+        std::vector<uint32_t> places;
+        for (const uint32_t n : numbers) {
+          places.push_back(static_cast<uint32_t>((oldest(stream_, end_) + n) % stream_.capacity()));
+        }
+        return images_.batch(places);
+      }};
+}
+
 template <typename T>
 std::vector<T> StreamBatches::held(const std::vector<T>& by_place) const {
   std::vector<T> result;

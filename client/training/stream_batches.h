@@ -9,6 +9,7 @@
 
 #include "client/render_pool/render_pool.h"
 #include "client/training/batches.h"
+#include "client/training/familiarity_fit.h"
 #include "client/training/packed_images.h"
 #include "client/training/render_stream.h"
 
@@ -36,7 +37,9 @@ class StreamBatches final : public Batches {
   uint64_t images_until(uint64_t step) const override;
   double waited_seconds() const override { return waited_seconds_; }
 
-  // Of the images that are held.
+  // The images that are held.
+  ImageSource held() const;
+  // Of them.
   std::vector<Material> truth() const;
   double mean_radiance() const;
 

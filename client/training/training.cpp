@@ -65,14 +65,18 @@ std::unique_ptr<torch::optim::Adam> new_optimizer(const Encoder& encoder,
                                               torch::optim::AdamOptions(config.learning_rate()));
 }
 
+// Under the name that it has, or one that says what it is.
 v1::Model named(v1::Model model, const v1::TrainingConfig& config) {
   const char* kind = config.architecture().has_residual_convolutions() ? "residual"
                      : config.parameterization() == v1::NAIVE          ? "naive"
                      : config.parameterization() == v1::SIMILARITY     ? "similarity"
                                                                        : "unbounded";
-  model.set_name(
-      fmt::format("{}-{}", config.loss() == v1::TrainingConfig::ITN ? "itn" : "rn", kind));
+  if (model.name().empty()) {
+    model.set_name(
+        fmt::format("{}-{}", config.loss() == v1::TrainingConfig::ITN ? "itn" : "rn", kind));
+  }
   model.clear_weights();
+  model.clear_familiarity();
   return model;
 }
 

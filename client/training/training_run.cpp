@@ -72,19 +72,21 @@ class Best {
 // A run under way.
 class Runner {
  public:
-  Runner(Trainer& trainer, const TrainingRun& run, const v1::TrainingState& there)
+  // `finished`: the run's checkpoint says what its images are like.
+  Runner(Trainer& trainer, const TrainingRun& run, const v1::TrainingState& there, bool finished)
       : trainer_(trainer),
         run_(run),
         best_(run, there),
         log_(run.folder, trainer.steps_taken()),
-        saved_(trainer.steps_taken()) {}
+        saved_(trainer.steps_taken()),
+        finished_(finished) {}
 
   uint64_t saved() const { return saved_; }
 
   TrainingEnd until(uint64_t steps) {
     while (trainer_.steps_taken() < steps) {
       if (best_.patience_is_over()) {
-        save();
+        finish();
         return {.stopped_early = true};
       }
       if (run_.stop.stop_requested()) {
@@ -98,14 +100,14 @@ class Runner {
         best_.meet(model, metrics.validation());
       }
       log_.append(metrics);
-      if (step % run_.checkpoint_every == 0) {
+      if (step % run_.checkpoint_every == 0 && step < steps) {
         save();
       }
       if (run_.report) {
         run_.report(metrics);
       }
     }
-    save();
+    finish();
     return {};
   }
 
@@ -114,6 +116,13 @@ class Runner {
     if (trainer_.steps_taken() == saved_) {
       return;
     }
+    write_latest_checkpoint(run_.folder, checkpoint());
+    saved_ = trainer_.steps_taken();
+    log_.draw();
+  }
+
+ private:
+  v1::Checkpoint checkpoint() const {
     trainer_.require_finite_answers();
     v1::Checkpoint checkpoint = trainer_.checkpoint();
     v1::TrainingState& state = *checkpoint.mutable_training();
@@ -123,17 +132,46 @@ class Runner {
     state.set_validate_every(run_.validate_every);
     state.set_patience(run_.patience);
     best_.note_in(state);
-    write_latest_checkpoint(run_.folder, std::move(checkpoint));
+    return checkpoint;
+  }
+
+  // The last checkpoint, and the best model, with what their images are like.
+  void finish() {
+    if (!run_.familiarity || finished_) {
+      save();
+      return;
+    }
+    v1::Checkpoint last = checkpoint();
+    set_familiarity(*last.mutable_model());
+    if (const fs::path path = run_.folder / kBestCheckpointName; fs::exists(path)) {
+      v1::Checkpoint best = read_checkpoint(path);
+      if (best.model().step() == last.model().step()) {
+        *best.mutable_model()->mutable_familiarity() = last.model().familiarity();
+      } else {
+        set_familiarity(*best.mutable_model());
+      }
+      write_checkpoint(path, std::move(best));
+    }
+    if (trainer_.steps_taken() == saved_) {
+      write_checkpoint(run_.folder / kCheckpointName, std::move(last));
+      return;
+    }
+    write_latest_checkpoint(run_.folder, std::move(last));
     saved_ = trainer_.steps_taken();
     log_.draw();
   }
 
- private:
+  void set_familiarity(v1::Model& model) const {
+    const std::optional<v1::Familiarity> familiarity = run_.familiarity(model);
+    if (familiarity) *model.mutable_familiarity() = *familiarity;
+  }
+
   Trainer& trainer_;
   const TrainingRun& run_;
   Best best_;
   MetricsLog log_;
   uint64_t saved_;  // step of the latest checkpoint
+  bool finished_;   // it is of the last step and complete
 };
 
 // `new_trainer`: makes one from the model that a run starts with.
@@ -144,11 +182,16 @@ TrainingEnd train_with(const v1::TrainingConfig& config, const v1::Model& start,
   if (there) {
     require_same_config(there->training(), config, run.folder);
   }
-  Trainer trainer = new_trainer(there ? there->model() : start);
+  v1::Model from = there ? there->model() : start;
+  if (!run.model_name.empty()) from.set_name(run.model_name);
+  if (!run.model_version.empty()) from.set_version(run.model_version);
+  Trainer trainer = new_trainer(from);
   if (there) {
     trainer.restore(*there);
   }
-  Runner runner(trainer, run, there ? there->training() : v1::TrainingState());
+  Runner runner(
+      trainer, run, there ? there->training() : v1::TrainingState(),
+      there && there->model().has_familiarity() && there->training().step() == config.steps());
   try {
     try {
       return runner.until(config.steps());

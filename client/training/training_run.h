@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <stop_token>
 #include <string>
 
@@ -19,12 +20,17 @@ struct TrainingRun {
   std::string dataset;              // its folder, for whoever continues the run
   std::string validation_dataset;   // likewise, of a stream
   uint64_t checkpoint_every = 100;  // steps
+  // What the model is called from now on; empty: what it is called already.
+  std::string model_name, model_version;
   // Optional: how a model does on images that it has not learned from; asked every `validate_every`
   // steps and after the last. The best model is kept. After `patience` validations without a better
   // one the run ends; 0: never before the last step.
   std::function<v1::ValidationMetrics(const v1::Model&)> validate;
   uint64_t validate_every = 500;
   uint64_t patience = 0;
+  // Optional: what the images of training are like to a model that will not be trained any further.
+  // Asked at the end, of the last model and of the best.
+  std::function<std::optional<v1::Familiarity>(const v1::Model&)> familiarity;
   std::function<void(const v1::TrainingMetrics&)> report;
   std::stop_token stop;
 };

@@ -49,6 +49,14 @@ std::vector<v1::Tensor*> tensors_of(v1::Checkpoint& checkpoint) {
   for (v1::Tensor& tensor : *checkpoint.mutable_model()->mutable_weights()) {
     tensors.push_back(&tensor);
   }
+  if (checkpoint.model().has_familiarity()) {
+    v1::Familiarity& familiarity = *checkpoint.mutable_model()->mutable_familiarity();
+    for (v1::PrincipalGaussian* gaussian :
+         {familiarity.mutable_embedding(), familiarity.mutable_statistics()}) {
+      tensors.push_back(gaussian->mutable_mean());
+      tensors.push_back(gaussian->mutable_axes());
+    }
+  }
   if (checkpoint.training().has_optimizer()) {
     auto& optimizer = *checkpoint.mutable_training()->mutable_optimizer();
     for (v1::Tensor& tensor : *optimizer.mutable_tensors()) {

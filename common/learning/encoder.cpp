@@ -22,13 +22,15 @@ void validate_resolution(uint32_t resolution) {
 }
 
 // The name goes to terminals and logs, from files that may be anybody's.
-void validate_name(const std::string& name) {
+void validate_name(const char* what, const std::string& name) {
   constexpr size_t kMaxLength = 100;
   if (name.size() > kMaxLength ||
       !std::ranges::all_of(name, [](char c) { return c >= ' ' && c <= '~'; })) {
-    throw invalid_input("model.name must be up to 100 printable ASCII characters");
+    throw invalid_input(fmt::format("{} must be up to 100 printable ASCII characters", what));
   }
 }
+
+constexpr const char* kLastLayer = "head.weight";  // of every architecture
 
 // Calls `use` with the model's architecture and what it is between.
 template <typename Use>
@@ -63,6 +65,11 @@ std::vector<TensorShape> tensor_shapes(const v1::Model& model) {
   });
 }
 
+int64_t embedding_size(const v1::Model& model) {
+  const std::vector<TensorShape> shapes = tensor_shapes(model);
+  return std::ranges::find(shapes, kLastLayer, &TensorShape::name)->shape.at(1);
+}
+
 Encoder new_encoder(const v1::Model& model) {
   return with_architecture(model, [](const auto& architecture, const EncoderEnds& ends) {
     return new_encoder(architecture, ends);
@@ -70,7 +77,8 @@ Encoder new_encoder(const v1::Model& model) {
 }
 
 Encoder load_encoder(const v1::Model& model) {
-  validate_name(model.name());
+  validate_name("model.name", model.name());
+  validate_name("model.version", model.version());
   if (!(model.image_scale() > 0) || !std::isfinite(model.image_scale())) {
     throw invalid_input(fmt::format("model.image_scale is {}; it must be positive and finite",
                                     model.image_scale()));

@@ -37,6 +37,10 @@ int64_t output_count(const v1::Model& model);
 // in their ranges.
 std::vector<TensorShape> tensor_shapes(const v1::Model& model);
 
+// Features that the model's network gives its last layer: of EncoderNetwork::embed(). Throws as
+// tensor_shapes().
+int64_t embedding_size(const v1::Model& model);
+
 // With random weights, by torch's generator. Throws as tensor_shapes().
 Encoder new_encoder(const v1::Model& model);
 

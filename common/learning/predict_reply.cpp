@@ -1,5 +1,9 @@
 #include "common/learning/predict_reply.h"
 
+#include <variant>
+
+#include "common/error.h"
+#include "common/rpc/status.h"
 #include "common/scene/material_proto.h"
 
 namespace itn {
@@ -33,15 +37,44 @@ v1::MaterialPosterior to_proto(const Posterior& posterior) {
 
 }  // namespace
 
-v1::PredictReply to_reply(std::span<const MaterialEstimate> estimates, const std::string& model) {
+v1::PredictReply to_reply(std::span<const MaterialEstimate> estimates,
+                          const v1::ModelVersion& model) {
   v1::PredictReply reply;
   for (const MaterialEstimate& estimate : estimates) {
     *reply.add_materials() = itn::to_proto(estimate.material);
     if (estimate.posterior) {
       *reply.add_posteriors() = to_proto(*estimate.posterior);
     }
+    v1::Caveats& caveats = *reply.add_caveats();
+    for (const v1::MaterialBound bound : estimate.at_bounds) {
+      caveats.add_at_bounds(bound);
+    }
+    if (estimate.unfamiliarity) {
+      v1::Unfamiliarity& unfamiliarity = *caveats.mutable_unfamiliarity();
+      unfamiliarity.set_score(estimate.unfamiliarity->score);
+      unfamiliarity.set_rank(estimate.unfamiliarity->rank);
+      unfamiliarity.set_unfamiliar(estimate.unfamiliarity->unfamiliar);
+      unfamiliarity.set_reason(estimate.unfamiliarity->reason);
+    }
   }
-  reply.set_model(model);
+  reply.set_model(name(model));
+  *reply.mutable_model_version() = model;
+  return reply;
+}
+
+v1::PredictBatchReply to_reply(std::span<const Predictor::Outcome> outcomes,
+                               const v1::ModelVersion& model) {
+  v1::PredictBatchReply reply;
+  for (const Predictor::Outcome& outcome : outcomes) {
+    v1::PredictOutcome& proto = *reply.add_outcomes();
+    if (const Error* error = std::get_if<Error>(&outcome)) {
+      const grpc::Status status = to_status(*error);
+      proto.set_code(status.error_code());
+      proto.set_message(status.error_message());
+    } else {
+      *proto.mutable_reply() = to_reply(std::get<std::vector<MaterialEstimate>>(outcome), model);
+    }
+  }
   return reply;
 }
 

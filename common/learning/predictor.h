@@ -2,17 +2,22 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <stop_token>
 #include <string>
+#include <variant>
 #include <vector>
 
+#include "common/error.h"
 #include "common/image/photograph.h"
 #include "common/learning/encoder.h"
+#include "common/learning/familiarity.h"
 #include "common/learning/gaussian.h"
 #include "common/learning/network_input.h"
 #include "common/learning/parameterization.h"
 #include "common/material.h"
+#include "itn/v1/predict.pb.h"
 
 namespace itn {
 
@@ -21,7 +26,14 @@ struct MaterialEstimate {
   Material material;                   // the best guess; the mean of the posterior if there is one
   std::optional<Posterior> posterior;  // of a network with the output GAUSSIAN
   std::vector<double> outputs;         // of the network itself
+  // Where the 90 % intervals, or the best guess of a network without any, reach an end of what the
+  // model can answer.
+  std::vector<v1::MaterialBound> at_bounds;
+  std::optional<Unfamiliarity> unfamiliarity;  // of a model with familiarity
 };
+
+// Name, version if it has one, and training step, e.g. "outdoor 1.2, step 30000".
+std::string name(const v1::ModelVersion& version);
 
 // Not thread-safe: torch computes in the caller's thread.
 class Predictor {
@@ -45,6 +57,19 @@ class Predictor {
   // One estimate for each image of the model's resolution.
   std::vector<MaterialEstimate> estimate(const ImageBatch& images);
 
+  // What became of a photograph: an estimate for each channel, or what is wrong with it.
+  using Outcome = std::variant<std::vector<MaterialEstimate>, Error>;
+
+  // Of photographs 0 to count - 1, each of which is asked for once, in their order, as seen() gives
+  // it. If that throws Error, this is what becomes of it. They go through the network together, but
+  // no more at a time than memory should be taken for. Throws Error (cancelled) after a stop,
+  // before the next of them.
+  std::vector<Outcome> estimate_each(size_t count, const std::function<ImageBatch(size_t)>& seen,
+                                     const std::stop_token& stop = {});
+
+  // What tells whether images of the model's resolution are familiar to it.
+  Features features(const ImageBatch& images);
+
   // What estimate() sees of a photograph: its channels as images.
   ImageBatch seen(const Photograph& photograph, const std::stop_token& stop = {}) const;
 
@@ -55,14 +80,16 @@ class Predictor {
   // A material in the coordinates in which the network answers.
   Triple standardized(const Material& material) const { return space_.standardized(material); }
 
-  // Name and training step, e.g. "itn-similarity, step 1200".
   std::string name() const;
+  const v1::ModelVersion& version() const { return version_; }
   const v1::Model& model() const { return model_; }
 
  private:
-  v1::Model model_;  // without the weights
+  v1::Model model_;  // without the weights and familiarity
+  v1::ModelVersion version_;
   OutputSpace space_;
   Encoder encoder_;
+  std::optional<FamiliarityMeasure> familiarity_;
 };
 
 }  // namespace itn

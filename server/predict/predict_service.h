@@ -12,21 +12,28 @@
 
 namespace itn {
 
+// Images of a PredictBatchRequest.
+inline constexpr int kMaxBatchImages = 1024;
+
 struct PredictServiceOptions {
-  uint64_t max_pixels = uint64_t{1} << 22;  // width * height
+  uint64_t max_pixels = uint64_t{1} << 22;  // width * height, of all images of a call together
   size_t queue_capacity = 64;               // requests that wait
   uint64_t memory_bytes = 0;                // of all requests under way together; 0: no limit
 };
 
 // The bytes of requests are parsed here, not by gRPC: see RenderService.
 class PredictService final
-    : public v1::PredictService::WithRawCallbackMethod_Predict<v1::PredictService::Service> {
+    : public v1::PredictService::WithRawCallbackMethod_PredictBatch<
+          v1::PredictService::WithRawCallbackMethod_Predict<v1::PredictService::Service>> {
  public:
   PredictService(Predictor predictor, const PredictServiceOptions& options);
 
   grpc::ServerUnaryReactor* Predict(grpc::CallbackServerContext* context,
                                     const grpc::ByteBuffer* request,
                                     grpc::ByteBuffer* reply) override;
+  grpc::ServerUnaryReactor* PredictBatch(grpc::CallbackServerContext* context,
+                                         const grpc::ByteBuffer* request,
+                                         grpc::ByteBuffer* reply) override;
 
   static std::string full_name() { return v1::PredictService::service_full_name(); }
 
@@ -37,6 +44,7 @@ class PredictService final
 
  private:
   class PredictCall;
+  class BatchCall;
 
   const PredictServiceOptions options_;
   Predictor predictor_;  // used by the desk's thread alone

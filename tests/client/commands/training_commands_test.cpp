@@ -73,7 +73,10 @@ class TrainingCommands : public ::testing::Test {
 // --- itn train ---
 
 TEST_F(TrainingCommands, ResumeNeedsNoFlagAgain) {
-  const std::string a = folder_.path("a"), b = folder_.path("b");
+  // The name of the folder is the model's.
+  fs::create_directories(folder_.path("a"));
+  fs::create_directories(folder_.path("b"));
+  const std::string a = folder_.path("a/run"), b = folder_.path("b/run");
   const Arguments flags = {"--lr", "3e-3", "--seed", "5", "--checkpoint-every", "2"};
   ASSERT_EQ(run(train(a, flags + Arguments{"--steps", "6"})).exit_code, 0);
   ASSERT_EQ(run(train(b, flags + Arguments{"--steps", "3"})).exit_code, 0);

@@ -6,13 +6,16 @@
 #include <gmock/gmock.h>
 
 #include "common/error.h"
+#include "common/learning/checkpoint.h"
 #include "common/learning/predict_reply.h"
 #include "tests/common/learning/model_for_tests.h"
+#include "tests/support/expect_error.h"
 
 namespace itn {
 namespace {
 
-using testing::HasSubstr;
+using testing::expect_error;
+using ::testing::HasSubstr;
 
 struct Pixels {
   int width, height, channels;
@@ -48,7 +51,7 @@ TEST(Predictor, OfADistributionAnswersItsMeanAndItsIntervals) {
   const Pixels colour = disc(32, 32, 3, 16, 16, 10.8);
   const std::vector<MaterialEstimate> estimates = predictor.estimate(colour.photograph());
   ASSERT_EQ(estimates.size(), 3);
-  const v1::PredictReply reply = to_reply(estimates, predictor.name());
+  const v1::PredictReply reply = to_reply(estimates, predictor.version());
   ASSERT_EQ(reply.materials_size(), 3);
   ASSERT_EQ(reply.posteriors_size(), 3);
   for (int i = 0; i < 3; ++i) {
@@ -64,7 +67,7 @@ TEST(Predictor, OfADistributionAnswersItsMeanAndItsIntervals) {
     EXPECT_EQ(p.scattering_correlations_size(), 3);
   }
   Predictor point(small_model());
-  EXPECT_EQ(to_reply(point.estimate(colour.photograph()), point.name()).posteriors_size(), 0);
+  EXPECT_EQ(to_reply(point.estimate(colour.photograph()), point.version()).posteriors_size(), 0);
 }
 
 TEST(Predictor, OfUnknownExposureDoesNotSeeIt) {
@@ -195,10 +198,100 @@ TEST(Predictor, SaysWhatIsWrongWithAnImage) {
   }
 }
 
-TEST(Predictor, NamesItselfByModelAndStep) {
+TEST(Predictor, NamesItselfByModelVersionAndStep) {
   v1::Model model = small_model();
   model.set_step(12);
-  EXPECT_EQ(Predictor(model).name(), "test, step 12");
+  EXPECT_EQ(Predictor(model).name(), "test, step 12");  // as of files of before there were versions
+  model.set_version("1.2.0");
+  const Predictor predictor(model);
+  EXPECT_EQ(predictor.name(), "test 1.2.0, step 12");
+  const v1::PredictReply reply = to_reply(std::vector<MaterialEstimate>(), predictor.version());
+  EXPECT_EQ(reply.model(), "test 1.2.0, step 12");
+  EXPECT_EQ(reply.model_version().name(), "test");
+  EXPECT_EQ(reply.model_version().version(), "1.2.0");
+  EXPECT_EQ(reply.model_version().step(), 12);
+  EXPECT_EQ(reply.model_version().sha256(), weights_sha256(model));
+  EXPECT_EQ(reply.model_version().sha256().size(), 64);
+}
+
+TEST(Predictor, RefusesAVersionThatCouldSteerATerminal) {
+  v1::Model model = small_model();
+  model.set_version("1\x1b[2J");
+  expect_error(ErrorKind::kInvalidInput, {"model.version must be"}, [&] { Predictor{model}; });
+}
+
+// --- Many ---
+
+TEST(Predictor, OfManyLosesNoneForOneThatIsBad) {
+  Predictor predictor(residual_model());
+  std::vector<Pixels> images;
+  for (int i = 0; i < 150; ++i) {  // more than go through the network together
+    images.push_back(disc(32, 32, i % 3 == 0 ? 3 : 1, 16, 16, 9.0 + 0.01 * i));
+  }
+  images[70].values[5] = -1;
+  images[149].mask.clear();
+  const std::vector<Predictor::Outcome> outcomes = predictor.estimate_each(
+      images.size(), [&](size_t i) { return predictor.seen(images[i].photograph()); });
+  ASSERT_EQ(outcomes.size(), images.size());
+  for (size_t i = 0; i < images.size(); ++i) {
+    if (i == 70 || i == 149) {
+      EXPECT_EQ(std::get<Error>(outcomes[i]).kind(), ErrorKind::kInvalidInput);
+      continue;
+    }
+    const std::vector<Material> alone = predictor.predict(images[i].photograph());
+    const auto& together = std::get<std::vector<MaterialEstimate>>(outcomes[i]);
+    ASSERT_EQ(together.size(), alone.size());
+    for (size_t c = 0; c < alone.size(); ++c) {
+      EXPECT_NEAR(together[c].material.sigma_t, alone[c].sigma_t, 1e-2);
+      EXPECT_NEAR(together[c].material.albedo, alone[c].albedo, 1e-5);
+    }
+  }
+  EXPECT_THAT(std::get<Error>(outcomes[70]).what(), HasSubstr("image is -1"));
+}
+
+TEST(Predictor, OfManyStopsBeforeTheNext) {
+  Predictor predictor(small_model());
+  std::stop_source stop;
+  size_t seen = 0;
+  const Pixels image = disc(16, 16, 1, 8, 8, 5.4);
+  expect_error(ErrorKind::kCancelled, {"cancelled"}, [&] {
+    predictor.estimate_each(
+        100,
+        [&](size_t i) {
+          ++seen;
+          if (i == 2) stop.request_stop();
+          return predictor.seen(image.photograph());
+        },
+        stop.get_token());
+  });
+  EXPECT_EQ(seen, 3);
+}
+
+// --- Bounds ---
+
+TEST(Predictor, SaysWhereItReachesTheEndOfWhatItCanAnswer) {
+  const Pixels image = disc(16, 16, 1, 8, 8, 5.4);
+  v1::Model model = small_model();
+  const Material guess = Predictor(model).predict(image.photograph())[0];
+  EXPECT_TRUE(Predictor(model).estimate(image.photograph())[0].at_bounds.empty());
+  model.mutable_bounds()->mutable_sigma_t()->set_min(guess.sigma_t);
+  model.mutable_bounds()->mutable_albedo()->set_max(guess.albedo);
+  EXPECT_THAT(Predictor(model).estimate(image.photograph())[0].at_bounds,
+              ::testing::ElementsAre(v1::SIGMA_T_LEAST, v1::ALBEDO_MOST));
+}
+
+// Of a distribution it is the interval that counts.
+TEST(Predictor, SaysWhichIntervalsReachTheEndOfWhatItCanAnswer) {
+  const Pixels image = disc(32, 32, 1, 16, 16, 10.8);
+  v1::Model model = residual_model();
+  const MaterialEstimate before = Predictor(model).estimate(image.photograph())[0];
+  const auto& sigma_t = before.posterior->material.parameters[0];
+  model.mutable_bounds()->mutable_sigma_t()->set_max(0.5 * (sigma_t.mean + sigma_t.high));
+  const MaterialEstimate after = Predictor(model).estimate(image.photograph())[0];
+  EXPECT_LT(after.material.sigma_t, 0.99 * model.bounds().sigma_t().max());
+  EXPECT_THAT(after.at_bounds, ::testing::Contains(v1::SIGMA_T_MOST));
+  const v1::PredictReply reply = to_reply(std::vector{after}, {});
+  EXPECT_THAT(reply.caveats(0).at_bounds(), ::testing::Contains(v1::SIGMA_T_MOST));
 }
 
 }  // namespace

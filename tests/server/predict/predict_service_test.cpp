@@ -62,6 +62,12 @@ class PredictServiceTest : public testing::Test {
     return stub_->Predict(&context, request, &reply);
   }
 
+  grpc::Status predict(const v1::PredictBatchRequest& request, v1::PredictBatchReply& reply) {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(20));
+    return stub_->PredictBatch(&context, request, &reply);
+  }
+
   std::unique_ptr<PredictServer> server_;
   std::unique_ptr<v1::PredictService::Stub> stub_;
 };
@@ -82,6 +88,8 @@ TEST_F(PredictServiceTest, AnswersAsThePredictorDoesGrayAndColour) {
       EXPECT_EQ(reply.materials(c).g(), material.g);
     }
     EXPECT_EQ(reply.model(), "test, step 0");
+    EXPECT_EQ(reply.model_version().sha256(), predictor.version().sha256());
+    EXPECT_EQ(reply.caveats_size(), channels);
   }
 }
 
@@ -128,10 +136,85 @@ TEST_F(PredictServiceTest, SaysWhatIsWrong) {
   }
 }
 
+// --- Batches ---
+
+TEST_F(PredictServiceTest, AnswersABatchImageByImage) {
+  v1::PredictBatchRequest request;
+  *request.add_images() = Picture(1).request();
+  *request.add_images() = Picture(3).request();
+  request.add_images();  // nothing
+  *request.add_images() = Picture(1).request();
+  request.mutable_images(3)->mutable_mask()->resize(8);
+  v1::PredictBatchReply reply;
+  const grpc::Status status = predict(request, reply);
+  ASSERT_TRUE(status.ok()) << status.error_message();
+  ASSERT_EQ(reply.outcomes_size(), 4);
+  for (int i = 0; i < 2; ++i) {
+    v1::PredictReply alone;
+    ASSERT_TRUE(predict(request.images(i), alone).ok());
+    const v1::PredictReply& together = reply.outcomes(i).reply();
+    EXPECT_EQ(reply.outcomes(i).code(), StatusCode::OK);
+    EXPECT_EQ(together.model_version().sha256(), alone.model_version().sha256());
+    ASSERT_EQ(together.materials_size(), alone.materials_size());
+    for (int c = 0; c < alone.materials_size(); ++c) {
+      EXPECT_NEAR(together.materials(c).sigma_t(), alone.materials(c).sigma_t(), 1e-3);
+    }
+  }
+  for (int i = 2; i < 4; ++i) {  // as it would have been by itself
+    v1::PredictReply none;
+    const grpc::Status alone = predict(request.images(i), none);
+    EXPECT_FALSE(reply.outcomes(i).has_reply());
+    EXPECT_EQ(reply.outcomes(i).code(), alone.error_code());
+    EXPECT_EQ(reply.outcomes(i).message(), alone.error_message());
+  }
+}
+
+TEST_F(PredictServiceTest, AnswersABatchOfNothing) {
+  v1::PredictBatchReply reply;
+  EXPECT_TRUE(predict(v1::PredictBatchRequest(), reply).ok());
+  EXPECT_EQ(reply.outcomes_size(), 0);
+}
+
+TEST_F(PredictServiceTest, LimitsABatchAsAnImage) {
+  v1::PredictBatchRequest request;
+  v1::PredictBatchReply reply;
+  for (int i = 0; i < 3; ++i) *request.add_images() = Picture(1).request();
+  EXPECT_TRUE(predict(request, reply).ok());  // 768 pixels
+  *request.add_images() = Picture(1).request();
+  const grpc::Status pixels = predict(request, reply);
+  EXPECT_EQ(pixels.error_code(), StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_THAT(pixels.error_message(), HasSubstr("the 4 images have 1024 pixels together"));
+  // One that is too large by itself leaves the limit's message to it.
+  v1::PredictBatchRequest large;
+  *large.add_images() = Picture(1).request();
+  large.mutable_images(0)->set_height(64);
+  ASSERT_TRUE(predict(large, reply).ok());
+  EXPECT_EQ(reply.outcomes(0).code(), StatusCode::RESOURCE_EXHAUSTED);
+  v1::PredictBatchRequest many;
+  for (int i = 0; i <= kMaxBatchImages; ++i) many.add_images();
+  const grpc::Status count = predict(many, reply);
+  EXPECT_EQ(count.error_code(), StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(count.error_message(), HasSubstr("request.images has more than 1024 elements"));
+}
+
+// The deadline is the client's; what is not done by then stops.
+TEST_F(PredictServiceTest, ABatchThatIsLateIsCancelled) {
+  v1::PredictBatchRequest request;
+  for (int i = 0; i < 3; ++i) *request.add_images() = Picture(1).request();
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() - std::chrono::seconds(1));
+  v1::PredictBatchReply reply;
+  EXPECT_EQ(stub_->PredictBatch(&context, request, &reply).error_code(),
+            StatusCode::DEADLINE_EXCEEDED);
+  EXPECT_TRUE(predict(request, reply).ok());  // and holds up nobody
+}
+
 TEST_F(PredictServiceTest, AnswersNothingAfterItHasDrained) {
   server_->drain(std::chrono::seconds(30));
   v1::PredictReply reply;
   EXPECT_EQ(predict(Picture(1).request(), reply).error_code(), StatusCode::UNAVAILABLE);
+  v1::PredictBatchReply batch;
+  EXPECT_EQ(predict(v1::PredictBatchRequest(), batch).error_code(), StatusCode::UNAVAILABLE);
 }
 
 }  // namespace

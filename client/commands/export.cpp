@@ -1,0 +1,111 @@
+// itn export: a trained model as a file for prediction.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <thread>
+
+#include "client/commands/command.h"
+#include "client/commands/options.h"
+#include "client/dataset/dataset.h"
+#include "client/interrupt.h"
+#include "client/output.h"
+#include "client/training/familiarity_fit.h"
+#include "client/training/packed_inputs.h"
+#include "client/training/training_set.h"
+#include "common/error.h"
+#include "common/files/atomic_file.h"
+#include "common/learning/checkpoint.h"
+#include "common/learning/model_files.h"
+#include "common/learning/predictor.h"
+
+namespace itn {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ExportOptions {
+  std::string checkpoint;
+  std::string output;
+  std::string name, version;
+  std::string dataset;
+};
+
+// The images of a split, as the model is shown them.
+std::optional<PackedInputs> inputs_of(DatasetReader& dataset, v1::Split split,
+                                      const v1::Model& model, const fs::path& folder) {
+  if (dataset.items(split).empty()) return std::nullopt;
+  return std::optional<PackedInputs>(
+      std::in_place, images_of(dataset, split),
+      PackedFormat{.resolution = static_cast<int>(model.resolution()), .input = model.input()},
+      folder, interruption());
+}
+
+// From the training split and, as held out, the validation split.
+void set_familiarity(const ExportOptions& options, v1::Model& model) {
+  DatasetReader dataset(options.dataset);
+  const fs::path folder = fs::absolute(options.output).parent_path();
+  const std::optional<PackedInputs> training = inputs_of(dataset, v1::SPLIT_TRAIN, model, folder);
+  const std::optional<PackedInputs> held_out =
+      inputs_of(dataset, v1::SPLIT_VALIDATION, model, folder);
+  const auto source = [](const std::optional<PackedInputs>& inputs) {
+    return inputs ? source_of(*inputs) : ImageSource();
+  };
+  const std::optional<v1::Familiarity> familiarity =
+      measure_familiarity(model, source(training), source(held_out), interruption());
+  if (!familiarity) {
+    throw invalid_input(
+        fmt::format("{} has {} images in its training split: too few to say what they are like",
+                    options.dataset, training ? training->size() : 0));
+  }
+  *model.mutable_familiarity() = *familiarity;
+}
+
+void run(const ExportOptions& options) {
+  check_writable(options.output);
+  set_torch_threads(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
+  v1::Checkpoint exported;
+  v1::Model& model = *exported.mutable_model();
+  model = read_checkpoint(find_model(options.checkpoint)).model();
+  if (!options.name.empty()) model.set_name(options.name);
+  if (!options.version.empty()) model.set_version(options.version);
+  const Predictor predictor(model);  // it can be used, and so can its new name
+  if (!options.dataset.empty()) set_familiarity(options, model);
+  const bool knows = model.has_familiarity();
+  write_checkpoint(options.output, std::move(exported));
+  print_result(
+      "{}: {}, {:.1f} MB{}\n", options.output, predictor.name(),
+      static_cast<double>(fs::file_size(options.output)) / 1e6,
+      knows ? "" : "; it does not know what the images of its training are like (--dataset)");
+}
+
+}  // namespace
+
+void add_export_command(CLI::App& app) {
+  const auto options = std::make_shared<ExportOptions>();
+  CLI::App* command = app.add_subcommand(
+      "export", "Write a trained model as a file for prediction, without what training needs");
+  command
+      ->add_option(
+          "checkpoint", options->checkpoint,
+          "Checkpoint, folder of a run (its last model; RUN/best.itn is its best), or name "
+          "of a model that itn models lists")
+      ->required();
+  command->add_option("-o,--output", options->output, "File to write")->required();
+  command->add_option("--model-name", options->name, "What answers call it; default: as before")
+      ->check(kModelName);
+  command
+      ->add_option("--model-version", options->version,
+                   "What answers say of its version, e.g. 1.2.0; default: as before")
+      ->check(kModelName);
+  command->add_option(
+      "--dataset", options->dataset,
+      "Folder of a dataset like that of the training, to learn what its images are like, so that "
+      "the model will know what it has not seen; a run does so at its end");
+  command->callback([options] { run(*options); });
+}
+
+}  // namespace itn

@@ -1,0 +1,85 @@
+#include "client/training/familiarity_fit.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "client/training/augmentation.h"
+#include "common/error.h"
+#include "common/learning/familiarity.h"
+#include "common/learning/predictor.h"
+#include "common/random.h"
+
+namespace itn {
+namespace {
+
+constexpr size_t kMostImages = 1024, kFewestImages = 32;
+constexpr size_t kImagesAtATime = 32;
+constexpr uint64_t kNoiseSeed = 2;  // whatever the run's
+
+std::vector<uint32_t> spread(size_t count) {
+  const size_t taken = std::min(count, kMostImages);
+  std::vector<uint32_t> numbers;
+  for (size_t i = 0; i < taken; ++i) {
+    numbers.push_back(static_cast<uint32_t>(i * count / taken));
+  }
+  return numbers;
+}
+
+ImageBatch as_they_are(const ImageBatch& images) {
+  return images;
+}
+
+// With and without the noise of training, then changed.
+Features features_of(Predictor& predictor, const ImageSource& source,
+                     std::span<const uint32_t> numbers, const std::stop_token& stop,
+                     ImageBatch (*change)(const ImageBatch&) = as_they_are) {
+  std::vector<torch::Tensor> embeddings, statistics;
+  const auto add = [&](const ImageBatch& images) {
+    const Features features = predictor.features(change(images));
+    embeddings.push_back(features.embedding);
+    statistics.push_back(features.statistics);
+  };
+  for (size_t first = 0; first < numbers.size(); first += kImagesAtATime) {
+    if (stop.stop_requested()) {
+      throw Error(ErrorKind::kCancelled, "interrupted");
+    }
+    const ImageBatch images =
+        source.batch(numbers.subspan(first, std::min(kImagesAtATime, numbers.size() - first)));
+    add(images);
+    if (const double noise = predictor.model().noise(); noise > 0) {
+      add(with_noise(images, noise, derive_seed(kNoiseSeed, {first})));
+    }
+  }
+  return {torch::cat(embeddings), torch::cat(statistics)};
+}
+
+}  // namespace
+
+ImageSource source_of(const PackedInputs& inputs) {
+  return {.count = inputs.size(),
+          .batch = [&inputs](std::span<const uint32_t> items) { return inputs.batch(items); }};
+}
+
+std::optional<v1::Familiarity> measure_familiarity(const v1::Model& model,
+                                                   const ImageSource& training,
+                                                   const ImageSource& held_out,
+                                                   const std::stop_token& stop) {
+  if (training.count < kFewestImages) return std::nullopt;
+  Predictor predictor(model);
+  const std::vector<uint32_t> shown = spread(training.count);
+  const auto encoded = [&](std::span<const uint32_t> numbers) {
+    return features_of(predictor, training, numbers, stop, encoded_for_screen).statistics;
+  };
+  if (held_out.count >= kFewestImages) {
+    return fit_familiarity(features_of(predictor, training, shown, stop), encoded(shown),
+                           features_of(predictor, held_out, spread(held_out.count), stop));
+  }
+  std::vector<uint32_t> rest, others;  // every fourth
+  for (size_t i = 0; i < shown.size(); ++i) {
+    (i % 4 == 3 ? others : rest).push_back(shown[i]);
+  }
+  return fit_familiarity(features_of(predictor, training, rest, stop), encoded(rest),
+                         features_of(predictor, training, others, stop));
+}
+
+}  // namespace itn

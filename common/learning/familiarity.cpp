@@ -1,0 +1,360 @@
+#include "common/learning/familiarity.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include "common/error.h"
+#include "common/learning/encoder.h"
+#include "common/learning/tensor_data.h"
+
+namespace itn {
+namespace {
+
+// --- Statistics ---
+
+constexpr float kOnObject = 0.5F;
+// Smaller than anything that a photograph shows: black has statistics too.
+constexpr double kLeastLuminance = 1e-6, kLeastRatio = 0.02, kLeastContrast = 0.003;
+constexpr double kLeastPart = 0.01;
+constexpr size_t kFewestContrasts = 16;
+constexpr std::array kQuantiles{0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98};
+// So near to the brightest pixel is as bright.
+constexpr float kClipped = 0.995F;
+
+// What each statistic says, as the middle of a sentence.
+constexpr std::array<const char*, kImageStatistics> kNames{
+    "mean radiance of the object",
+    "radiance of its darkest parts over the mean",
+    "radiance of its dark parts over the mean",
+    "radiance of its dark quarter over the mean",
+    "median radiance over the mean",
+    "radiance of its bright quarter over the mean",
+    "radiance of its bright parts over the mean",
+    "radiance of its brightest parts over the mean",
+    "noise",
+    "contrast from pixel to pixel",
+    "contrast over two pixels",
+    "contrast over four pixels",
+    "part of the image that the object takes",
+    "part of the object that is as bright as its brightest pixel",
+};
+
+double floored_log(double value, double least) {
+  return std::log(std::max(value, least));
+}
+
+// One image: rows of `side` pixels.
+class Statistics {
+ public:
+  Statistics(const float* luminance, const float* mask, int64_t side)
+      : luminance_(luminance), mask_(mask), side_(side) {
+    for (int64_t i = 0; i < side * side; ++i) {
+      if (mask[i] > kOnObject) {
+        values_.push_back(luminance[i]);
+        sum_ += luminance[i];
+      }
+    }
+    std::ranges::sort(values_);
+  }
+
+  double mean() const { return values_.empty() ? 0 : sum_ / static_cast<double>(values_.size()); }
+
+  double quantile(double q) const {
+    return values_.empty()
+               ? 0
+               : values_[static_cast<size_t>(q * static_cast<double>(values_.size() - 1))];
+  }
+
+  double area() const {
+    return static_cast<double>(values_.size()) / static_cast<double>(side_ * side_);
+  }
+
+  double clipped() const {
+    if (values_.empty() || values_.back() <= 0) return 0;
+    const auto first = std::ranges::lower_bound(values_, kClipped * values_.back());
+    return static_cast<double>(values_.end() - first) / static_cast<double>(values_.size());
+  }
+
+  // |y - mean of the four pixels `distance` away| over the mean of all five, where all are on the
+  // object.
+  std::vector<double> contrasts(int64_t distance) const {
+    std::vector<double> result;
+    for (int64_t y = distance; y + distance < side_; ++y) {
+      for (int64_t x = distance; x + distance < side_; ++x) {
+        const int64_t at = y * side_ + x;
+        const std::array<int64_t, 4> around{at - distance, at + distance, at - distance * side_,
+                                            at + distance * side_};
+        if (mask_[at] <= kOnObject ||
+            std::ranges::any_of(around, [this](int64_t i) { return mask_[i] <= kOnObject; })) {
+          continue;
+        }
+        double neighbours = 0;
+        for (const int64_t i : around) neighbours += luminance_[i];
+        const double mean = (neighbours + luminance_[at]) / 5;
+        result.push_back(mean > 0 ? std::abs(luminance_[at] - neighbours / 4) / mean : 0);
+      }
+    }
+    return result;
+  }
+
+ private:
+  const float* luminance_;
+  const float* mask_;
+  int64_t side_;
+  std::vector<float> values_;  // on the object, in rising order
+  double sum_ = 0;
+};
+
+double median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+double root_mean_square(const std::vector<double>& values) {
+  double sum = 0;
+  for (const double v : values) sum += v * v;
+  return values.empty() ? 0 : std::sqrt(sum / static_cast<double>(values.size()));
+}
+
+void statistics_of(const v1::Model& model, const float* luminance, const float* mask, int64_t side,
+                   double* out) {
+  const Statistics s(luminance, mask, side);
+  const double mean = s.mean();
+  *out++ = model.exposure() == v1::EXPOSURE_UNKNOWN
+               ? 0
+               : floored_log(mean * model.image_scale(), kLeastLuminance);
+  for (const double q : kQuantiles) {
+    *out++ = floored_log(mean > 0 ? s.quantile(q) / mean : 0, kLeastRatio);
+  }
+  std::vector<double> contrasts = s.contrasts(1);
+  *out++ = floored_log(median(contrasts), kLeastContrast);
+  *out++ = floored_log(root_mean_square(contrasts), kLeastContrast);
+  for (const int64_t distance : {2, 4}) {
+    // Of a thin object there may be hardly any: then it has what it has over a shorter distance.
+    if (std::vector<double> farther = s.contrasts(distance); farther.size() >= kFewestContrasts) {
+      contrasts = std::move(farther);
+    }
+    *out++ = floored_log(root_mean_square(contrasts), kLeastContrast);
+  }
+  *out++ = floored_log(s.area(), kLeastPart);
+  *out++ = floored_log(s.clipped(), kLeastPart);
+}
+
+// --- Gaussians ---
+
+constexpr int64_t kMostAxes = 64;
+// Of the mean variance: a direction in which training images hardly vary counts as if they did a
+// little, as held-out ones do.
+constexpr double kLeastVariance = 1e-2;
+// Distances of statistics are logarithms: a difference of a fiftieth is none.
+constexpr double kLeastDeviation = 0.02;
+constexpr double kUsual = 1 - 0.01 / 3;  // of each of three
+constexpr int kQuantileSteps = 200;
+
+double quantile_of(const torch::Tensor& values, double q) {
+  return torch::quantile(values, q).item<double>();
+}
+
+v1::PrincipalGaussian fit(const torch::Tensor& vectors, double least_variance) {
+  const torch::Tensor x = vectors.to(torch::kFloat64);
+  const torch::Tensor mean = x.mean(0);
+  const torch::Tensor d = x - mean;
+  const torch::Tensor covariance = d.t().matmul(d) / static_cast<double>(x.size(0) - 1);
+  const auto [variances, directions] = torch::linalg_eigh(covariance, "L");  // rising
+  const int64_t size = x.size(1), kept = std::min(size, kMostAxes);
+  const double least = std::max(least_variance, kLeastVariance * variances.mean().item<double>());
+  const torch::Tensor largest = variances.slice(0, size - kept).clamp_min(least);
+  const torch::Tensor axes = directions.slice(1, size - kept).t() / largest.sqrt().unsqueeze(1);
+  v1::PrincipalGaussian gaussian;
+  *gaussian.mutable_mean() = to_proto("mean", mean);
+  *gaussian.mutable_axes() = to_proto("axes", axes);
+  gaussian.set_rest(std::sqrt(
+      size > kept ? std::max(least, variances.slice(0, 0, size - kept).mean().item<double>())
+                  : least));
+  gaussian.set_usual(1);
+  return gaussian;
+}
+
+// What tells `others` from `ours` best, in the metric of the covariance that both have about their
+// means (Fisher, "The use of multiple measurements in taxonomic problems", 1936).
+torch::Tensor discriminant(const torch::Tensor& ours, const torch::Tensor& others) {
+  const auto scatter = [](const torch::Tensor& x) {
+    const torch::Tensor d = x - x.mean(0);
+    return d.t().matmul(d);
+  };
+  torch::Tensor covariance =
+      (scatter(ours) + scatter(others)) / static_cast<double>(ours.size(0) + others.size(0));
+  covariance.diagonal().add_(std::max(kLeastVariance * covariance.diagonal().mean().item<double>(),
+                                      kLeastDeviation * kLeastDeviation));
+  const torch::Tensor difference = others.mean(0) - ours.mean(0);
+  return at::linalg_solve(covariance, difference.unsqueeze(1)).squeeze(1);
+}
+
+torch::Tensor read_tensor(const v1::Tensor& tensor) {
+  std::vector<int64_t> shape(tensor.shape().begin(), tensor.shape().end());
+  torch::Tensor values = torch::empty(shape);
+  copy_values(tensor, values);
+  return values.to(torch::kFloat64);
+}
+
+}  // namespace
+
+torch::Tensor image_statistics(const v1::Model& model, const ImageBatch& images) {
+  const torch::Tensor luminance = images.luminance.contiguous(), mask = images.mask.contiguous();
+  const int64_t side = luminance.size(-1);
+  torch::Tensor statistics = torch::empty({images.size(), kImageStatistics}, torch::kFloat64);
+  for (int64_t i = 0; i < images.size(); ++i) {
+    statistics_of(model, luminance[i].data_ptr<float>(), mask[i].data_ptr<float>(), side,
+                  statistics[i].data_ptr<double>());
+  }
+  return statistics;
+}
+
+ImageBatch encoded_for_screen(const ImageBatch& images) {
+  constexpr double kGamma = 2.2, kDark = 1e-12;
+  const torch::NoGradGuard no_gradient;
+  const torch::Tensor object = (images.mask > kOnObject).to(torch::kFloat32);
+  const torch::Tensor y = images.luminance * object;
+  const torch::Tensor brightest = y.amax({1, 2}, true).clamp_min(kDark);
+  const torch::Tensor encoded = brightest * (y / brightest).pow(1 / kGamma);
+  const torch::Tensor same_mean = y.sum({1, 2}, true) / encoded.sum({1, 2}, true).clamp_min(kDark);
+  const torch::Tensor odd = (torch::arange(images.size()) % 2 == 1).view({-1, 1, 1});
+  ImageBatch result = images;
+  result.luminance = encoded * torch::where(odd, same_mean, torch::ones_like(same_mean));
+  return result;
+}
+
+v1::Familiarity fit_familiarity(const Features& training, const torch::Tensor& encoded,
+                                const Features& held_out) {
+  const torch::NoGradGuard no_gradient;
+  v1::Familiarity familiarity;
+  *familiarity.mutable_embedding() = fit(training.embedding, 0);
+  *familiarity.mutable_statistics() = fit(training.statistics, kLeastDeviation * kLeastDeviation);
+  const torch::Tensor direction = discriminant(training.statistics, encoded);
+  const auto set_encoding = [&](double usual) {
+    familiarity.clear_encoding();
+    for (int64_t i = 0; i < kImageStatistics; ++i) {
+      familiarity.add_encoding(direction[i].item<double>() / usual);
+    }
+  };
+  set_encoding(1);
+  familiarity.add_quantiles(0);
+  familiarity.add_quantiles(1);
+  const auto distances = [&] {
+    return FamiliarityMeasure(familiarity, training.embedding.size(1)).distances(held_out);
+  };
+  // What is usual.
+  const FamiliarityMeasure::Distances raw = distances();
+  const auto usual = [](const torch::Tensor& of) {
+    constexpr double kNone = 1e-6;
+    return std::max(quantile_of(of, kUsual), kNone);
+  };
+  familiarity.mutable_embedding()->set_usual(usual(raw.embedding));
+  familiarity.mutable_statistics()->set_usual(usual(raw.statistics));
+  set_encoding(usual(raw.encoding));
+  // The scores that follow.
+  const torch::Tensor scores = distances().largest();
+  familiarity.clear_quantiles();
+  for (int i = 0; i <= kQuantileSteps; ++i) {
+    familiarity.add_quantiles(quantile_of(scores, static_cast<double>(i) / kQuantileSteps));
+  }
+  return familiarity;
+}
+
+FamiliarityMeasure::FamiliarityMeasure(const v1::Familiarity& familiarity, int64_t embedding_size)
+    : embedding_(read("embedding", familiarity.embedding(), embedding_size)),
+      statistics_(read("statistics", familiarity.statistics(), kImageStatistics)),
+      quantiles_(familiarity.quantiles().begin(), familiarity.quantiles().end()) {
+  if (quantiles_.size() < 2 || !std::ranges::is_sorted(quantiles_) ||
+      !std::ranges::all_of(quantiles_, [](double q) { return std::isfinite(q) && q >= 0; })) {
+    throw invalid_input("model.familiarity.quantiles must be rising and finite");
+  }
+  const std::vector<double> encoding(familiarity.encoding().begin(), familiarity.encoding().end());
+  if (encoding.size() != static_cast<size_t>(kImageStatistics) ||
+      !std::ranges::all_of(encoding, [](double x) { return std::isfinite(x); })) {
+    throw invalid_input(
+        fmt::format("model.familiarity.encoding must have {} finite numbers", kImageStatistics));
+  }
+  encoding_ = torch::tensor(encoding, torch::kFloat64);
+  // Of the covariance sum of variance * direction direction^T, axis = direction / deviation.
+  const torch::Tensor variances = 1 / statistics_.axes.square().sum(1, true);
+  deviations_ = (statistics_.axes.square() * variances.square()).sum(0).sqrt();
+}
+
+FamiliarityMeasure::Gaussian FamiliarityMeasure::read(const char* what,
+                                                      const v1::PrincipalGaussian& proto,
+                                                      int64_t size) {
+  const int64_t axes = std::min(size, kMostAxes);
+  try {
+    google::protobuf::RepeatedPtrField<v1::Tensor> tensors;
+    *tensors.Add() = proto.mean();
+    *tensors.Add() = proto.axes();
+    validate(tensors, {{"mean", {size}}, {"axes", {axes, size}}});
+  } catch (const Error& error) {
+    throw invalid_input(fmt::format("model.familiarity.{}: {}", what, error.what()));
+  }
+  const auto positive = [](double x) { return x > 0 && std::isfinite(x); };
+  if (!positive(proto.rest()) || !positive(proto.usual())) {
+    throw invalid_input(fmt::format("model.familiarity.{}: rest and usual must be positive", what));
+  }
+  return {read_tensor(proto.mean()), read_tensor(proto.axes()), proto.rest(), proto.usual()};
+}
+
+torch::Tensor FamiliarityMeasure::Gaussian::distance(const torch::Tensor& vectors) const {
+  const torch::Tensor d = vectors.to(torch::kFloat64) - mean;
+  const torch::Tensor along = d.matmul(axes.t());  // in standard deviations
+  // What of it lies along the axes, as a length.
+  const torch::Tensor lengths = along / axes.square().sum(1).sqrt();
+  const torch::Tensor beside =
+      (d.square().sum(1) - lengths.square().sum(1)).clamp_min(0) / (rest * rest);
+  return (along.square().sum(1) + beside).sqrt() / usual;
+}
+
+FamiliarityMeasure::Distances FamiliarityMeasure::distances(const Features& images) const {
+  return {embedding_.distance(images.embedding), statistics_.distance(images.statistics),
+          (images.statistics - statistics_.mean).matmul(encoding_).clamp_min(0)};
+}
+
+std::vector<Unfamiliarity> FamiliarityMeasure::of(const Features& images) const {
+  const Distances distances = this->distances(images);
+  const torch::Tensor scores = distances.largest();
+  std::vector<Unfamiliarity> result;
+  for (int64_t i = 0; i < scores.size(0); ++i) {
+    Unfamiliarity& u = result.emplace_back();
+    u.score = scores[i].item<double>();
+    u.rank =
+        static_cast<double>(std::ranges::upper_bound(quantiles_, u.score) - quantiles_.begin()) /
+        static_cast<double>(quantiles_.size());
+    u.unfamiliar = u.score > 1;
+    if (u.unfamiliar) {
+      // What tells encoded images from proper ones means nothing of images that are neither.
+      const bool encoded =
+          distances.encoding[i].item<double>() > 1 && distances.statistics[i].item<double>() <= 1;
+      u.reason = encoded ? "it looks as if encoded for a screen; radiance must be linear"
+                         : unusual(images.statistics[i]);
+    }
+  }
+  return result;
+}
+
+// The statistic that is farthest from its mean.
+std::string FamiliarityMeasure::unusual(const torch::Tensor& statistics) const {
+  constexpr double kRemarkable = 3;
+  const torch::Tensor z = (statistics - statistics_.mean) / deviations_;
+  const auto most = z.abs().argmax().item<int64_t>();
+  const double deviation = z[most].item<double>();
+  if (std::abs(deviation) < kRemarkable) {
+    return "it looks like none of them";
+  }
+  const double factor = std::exp((statistics[most] - statistics_.mean[most]).item<double>());
+  return fmt::format("{}: {:.2g} times what is usual", kNames[static_cast<size_t>(most)], factor);
+}
+
+}  // namespace itn

@@ -1,0 +1,80 @@
+#include "common/learning/model_files.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <system_error>
+
+#include "common/error.h"
+#include "common/files/read_file.h"
+
+namespace itn {
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* kExtension = ".itn";
+
+std::string title_of(const fs::path& card) {
+  constexpr uint64_t kMaxCardBytes = uint64_t{1} << 20;
+  if (!fs::is_regular_file(card)) return {};
+  std::string line = read_file(card, "model card", kMaxCardBytes);
+  line = line.substr(0, line.find('\n'));
+  return line.substr(std::min(line.find_first_not_of("# "), line.size()));
+}
+
+// A name, not a path.
+bool is_name(const std::string& model) {
+  return model.find('/') == std::string::npos && !model.ends_with(kExtension);
+}
+
+std::string models_there() {
+  std::vector<std::string> names;
+  for (const ShippedModel& model : shipped_models()) names.push_back(model.name);
+  const std::string folder = models_folder().string();
+  return names.empty() ? fmt::format("there is no model in {}", folder)
+                       : fmt::format("in {} there are {}", folder, fmt::join(names, ", "));
+}
+
+}  // namespace
+
+fs::path models_folder() {
+  if (const char* folder = std::getenv("ITN_MODELS"); folder != nullptr && *folder != '\0') {
+    return folder;
+  }
+  const fs::path program = fs::read_symlink("/proc/self/exe");
+  return program.parent_path().parent_path() / "share" / "itn" / "models";
+}
+
+std::vector<ShippedModel> shipped_models() {
+  std::vector<ShippedModel> models;
+  std::error_code none;
+  for (const fs::directory_entry& entry : fs::directory_iterator(models_folder(), none)) {
+    if (entry.path().extension() != kExtension) continue;
+    fs::path card = entry.path();
+    models.push_back({.name = entry.path().stem().string(),
+                      .file = entry.path(),
+                      .title = title_of(card.replace_extension(".md"))});
+  }
+  std::ranges::sort(models, {}, &ShippedModel::name);
+  return models;
+}
+
+fs::path find_model(const std::string& model) {
+  if (!model.empty() && (!is_name(model) || fs::exists(model))) return model;
+  const std::string name = model.empty() ? kDefaultModel : model;
+  const fs::path file = models_folder() / (name + kExtension);
+  if (fs::exists(file)) return file;
+  throw Error(
+      ErrorKind::kIo,
+      model.empty()
+          ? fmt::format("no model is named, and the one that is taken then, {}, is missing: "
+                        "{}; give one that itn train made with --model FILE",
+                        name, models_there())
+          : fmt::format("{} is neither a file or folder nor the name of a model: {}", model,
+                        models_there()));
+}
+
+}  // namespace itn

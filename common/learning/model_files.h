@@ -1,0 +1,32 @@
+// Trained models that come with itn: files NAME.itn in a folder, each with a card NAME.md beside it
+// that says what it was trained for.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace itn {
+
+// The one that predicts where no other is named.
+inline constexpr const char* kDefaultModel = "outdoor";
+
+struct ShippedModel {
+  std::string name;
+  std::filesystem::path file;
+  std::string title;  // the card's first line, without "#"; empty if there is no card
+};
+
+// $ITN_MODELS, or ../share/itn/models as seen from the program, where building and installing put
+// them. It may not exist.
+std::filesystem::path models_folder();
+
+// Those in models_folder(), by name.
+std::vector<ShippedModel> shipped_models();
+
+// What `model` stands for: a checkpoint file or the folder of a run if there is one at this path;
+// the shipped model of this name; of an empty string, kDefaultModel. Throws Error (kIo) that says
+// where it was looked for and which models there are.
+std::filesystem::path find_model(const std::string& model);
+
+}  // namespace itn

@@ -1,0 +1,188 @@
+// predict_bench: how long a predictor takes over RPC: one client that asks for one image after the
+// other, and one that sends batches. On a machine that does other things too, CPU time tells more
+// than the clock.
+#include <fmt/format.h>
+#include <grpcpp/create_channel.h>
+#include <sys/resource.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "common/learning/network_input.h"
+#include "common/learning/parameterization.h"
+#include "common/rpc/wire_array.h"
+#include "itn/v1/predict.grpc.pb.h"
+#include "server/predict/predict_server.h"
+
+namespace itn {
+namespace {
+
+struct Options {
+  std::string model;
+  std::string predictor;
+  uint32_t base_channels = 24;
+  uint32_t resolution = 64;
+  std::vector<int> sides{64, 128};
+  int batch = 64;
+  int threads = 2;
+  double seconds = 5;
+};
+
+double cpu_seconds() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  const auto seconds = [](const timeval& t) {
+    return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+  };
+  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+}
+
+// A residual network that answers distributions, of random weights.
+v1::Model random_model(const Options& options) {
+  v1::Model model;
+  model.set_name("random");
+  model.set_resolution(options.resolution);
+  auto& layers = *model.mutable_architecture()->mutable_residual_convolutions();
+  layers.set_base_channels(options.base_channels);
+  layers.set_blocks(1);
+  model.set_output(v1::GAUSSIAN);
+  model.set_parameterization(v1::UNBOUNDED);
+  model.set_input(v1::RATIOS);
+  model.set_exposure(v1::EXPOSURE_KNOWN);
+  model.set_image_scale(1);
+  const auto set = [](v1::Interval& interval, double min, double max) {
+    interval.set_min(min);
+    interval.set_max(max);
+  };
+  set(*model.mutable_bounds()->mutable_sigma_t(), 20, 300);
+  set(*model.mutable_bounds()->mutable_albedo(), 0.35, 0.97);
+  set(*model.mutable_bounds()->mutable_g(), -0.1, 0.9);
+  const Triple mean = to_coordinates(v1::UNBOUNDED, {100, 0.7, 0.4}, g_interval(model.bounds()));
+  for (const double m : mean) {
+    model.add_mean(m);
+    model.add_standard_deviation(0.7);
+  }
+  store_weights(*new_encoder(model), model);
+  return model;
+}
+
+// A shaded disc.
+v1::PredictRequest request_of(int side, double phase) {
+  std::vector<float> pixels, mask;
+  for (int y = 0; y < side; ++y) {
+    for (int x = 0; x < side; ++x) {
+      const double u = 3 * (x + 0.5) / side - 1.5, v = 3 * (y + 0.5) / side - 1.5;
+      mask.push_back(u * u + v * v < 1 ? 1.0F : 0.0F);
+      pixels.push_back(static_cast<float>(mask.back() * (1.5 + std::sin(2 * u + phase))));
+    }
+  }
+  v1::PredictRequest request;
+  request.set_width(static_cast<uint32_t>(side));
+  request.set_height(static_cast<uint32_t>(side));
+  request.set_image(to_bytes(pixels));
+  request.set_mask(to_bytes(mask));
+  return request;
+}
+
+void require_ok(const grpc::Status& status) {
+  if (!status.ok()) throw std::runtime_error(status.error_message());
+}
+
+// Milliseconds of each call, and the CPU time of this process for all of them.
+struct Times {
+  std::vector<double> milliseconds;
+  double cpu_seconds = 0;
+
+  double quantile(double q) const {
+    return milliseconds[static_cast<size_t>(q * static_cast<double>(milliseconds.size() - 1))];
+  }
+};
+
+Times measure(double seconds, const std::function<void()>& call) {
+  using Clock = std::chrono::steady_clock;
+  for (int i = 0; i < 5; ++i) call();
+  Times times;
+  const double cpu = cpu_seconds();
+  const auto start = Clock::now();
+  while (std::chrono::duration<double>(Clock::now() - start).count() < seconds) {
+    const auto begin = Clock::now();
+    call();
+    times.milliseconds.push_back(
+        std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
+  }
+  times.cpu_seconds = cpu_seconds() - cpu;
+  std::ranges::sort(times.milliseconds);
+  return times;
+}
+
+void bench(const Options& options, v1::PredictService::Stub& stub) {
+  fmt::print("{:>9}  {:>6}  {:>10}  {:>7}  {:>9}  {:>18}\n", "image", "batch", "median ms",
+             "p95 ms", "images/s", "CPU ms per image");
+  const auto print = [](int side, int batch, const Times& times) {
+    const auto images = static_cast<double>(batch) * static_cast<double>(times.milliseconds.size());
+    fmt::print("{:>9}  {:>6}  {:>10.2f}  {:>7.2f}  {:>9.0f}  {:>18.2f}\n",
+               fmt::format("{} x {}", side, side), batch, times.quantile(0.5), times.quantile(0.95),
+               1000 * batch / times.quantile(0.5), 1000 * times.cpu_seconds / images);
+    std::fflush(stdout);
+  };
+  for (const int side : options.sides) {
+    const v1::PredictRequest one = request_of(side, 0);
+    print(side, 1, measure(options.seconds, [&] {
+            grpc::ClientContext context;
+            v1::PredictReply reply;
+            require_ok(stub.Predict(&context, one, &reply));
+          }));
+    v1::PredictBatchRequest many;
+    for (int i = 0; i < options.batch; ++i) *many.add_images() = request_of(side, 0.1 * i);
+    print(side, options.batch, measure(options.seconds, [&] {
+            grpc::ClientContext context;
+            v1::PredictBatchReply reply;
+            require_ok(stub.PredictBatch(&context, many, &reply));
+          }));
+  }
+}
+
+int run(int argc, char** argv) {
+  Options options;
+  CLI::App app("Latency and throughput of a predictor");
+  app.add_option("--model", options.model,
+                 "Checkpoint, or folder of a run; default: a residual network of random weights");
+  app.add_option("--base-channels", options.base_channels, "Of that");
+  app.add_option("--resolution", options.resolution, "Of that");
+  app.add_option("--predictor", options.predictor,
+                 "HOST:PORT of a running one; default: one in this process");
+  app.add_option("--side", options.sides, "Of the images that are sent, in pixels")->delimiter(',');
+  app.add_option("--batch", options.batch, "Images of a batch");
+  app.add_option("--threads", options.threads, "Of torch");
+  app.add_option("--seconds", options.seconds, "Of each measurement");
+  CLI11_PARSE(app, argc, argv);
+  set_torch_threads(options.threads);
+  std::unique_ptr<PredictServer> server;
+  if (options.predictor.empty()) {
+    server = std::make_unique<PredictServer>(
+        options.model.empty() ? Predictor(random_model(options)) : Predictor::load(options.model),
+        PredictServerOptions{
+            .listen = "127.0.0.1:0", .reflection = false, .max_memory_bytes = 0, .service = {}});
+    options.predictor = server->address();
+  }
+  grpc::ChannelArguments arguments;
+  arguments.SetMaxReceiveMessageSize(-1);
+  const auto stub = v1::PredictService::NewStub(
+      grpc::CreateCustomChannel(options.predictor, grpc::InsecureChannelCredentials(), arguments));
+  bench(options, *stub);
+  return 0;
+}
+
+}  // namespace
+}  // namespace itn
+
+int main(int argc, char** argv) {
+  return itn::run(argc, argv);
+}
