@@ -128,9 +128,9 @@ class PredictService::BatchCall final : public QueuedCall {
       check_sizes(image, service_.options_.max_pixels);
       return predictor.seen(RequestPhotograph(image).view(), stop);
     };
-    return serialized(to_reply(
-        predictor.estimate_each(static_cast<size_t>(request_.images_size()), seen, stop),
-        predictor.version()));
+    return serialized(
+        to_reply(predictor.estimate_each(static_cast<size_t>(request_.images_size()), seen, stop),
+                 predictor.version()));
   }
 
   // The messages stay; the rest is for one image after the other, but for what the network sees.
