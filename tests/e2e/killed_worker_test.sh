@@ -11,7 +11,7 @@ train() {
   local name=$1
   shift
   itn train "$folder/dataset" -o "$folder/$name" --loss itn --steps 12 --batch 8 --spp 16 \
-    --base-channels 4 --lr 1e-3 --seed 3 --torch-threads 1 "$@" 2>"$folder/$name.log" ||
+    --base-channels 4 --lr 1e-3 --seed 3 --torch-threads 1 --model-name model "$@" 2>"$folder/$name.log" ||
     fail "training $name: $(tail -n 3 "$folder/$name.log")"
   weights=$(sha256sum "$folder/$name"/checkpoint* | cut -d ' ' -f 1)
 }
