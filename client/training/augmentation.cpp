@@ -115,10 +115,8 @@ ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentat
   }
   if (augmentation.noise().max() > 0) {
     const torch::Tensor level = noise_levels(augmentation.noise(), count, random(kNoiseLevel));
-    const torch::Tensor missing = (level.square() - images.noise.square()).clamp_min(0).sqrt();
-    const torch::Tensor normal = torch::randn(result.luminance.sizes(), generator(kNoise));
-    result.luminance = (result.luminance * (1 + per_image(missing) * normal)).clamp_min(0);
-    result.noise = torch::maximum(level, images.noise);
+    result = brought_up_to_noise(result, level,
+                                 torch::randn(result.luminance.sizes(), generator(kNoise)));
   }
   return result;
 }

@@ -3,18 +3,15 @@
 #include <algorithm>
 #include <vector>
 
-#include "client/training/augmentation.h"
 #include "common/error.h"
 #include "common/learning/familiarity.h"
 #include "common/learning/predictor.h"
-#include "common/random.h"
 
 namespace itn {
 namespace {
 
 constexpr size_t kMostImages = 1024, kFewestImages = 32;
 constexpr size_t kImagesAtATime = 32;
-constexpr uint64_t kNoiseSeed = 2;  // whatever the run's
 
 std::vector<uint32_t> spread(size_t count) {
   const size_t taken = std::min(count, kMostImages);
@@ -29,26 +26,20 @@ ImageBatch as_they_are(const ImageBatch& images) {
   return images;
 }
 
-// With and without the noise of training, then changed.
+// Of the images, changed.
 Features features_of(Predictor& predictor, const ImageSource& source,
                      std::span<const uint32_t> numbers, const std::stop_token& stop,
                      ImageBatch (*change)(const ImageBatch&) = as_they_are) {
   std::vector<torch::Tensor> embeddings, statistics;
-  const auto add = [&](const ImageBatch& images) {
-    const Features features = predictor.features(change(images));
-    embeddings.push_back(features.embedding);
-    statistics.push_back(features.statistics);
-  };
   for (size_t first = 0; first < numbers.size(); first += kImagesAtATime) {
     if (stop.stop_requested()) {
       throw Error(ErrorKind::kCancelled, "interrupted");
     }
     const ImageBatch images =
         source.batch(numbers.subspan(first, std::min(kImagesAtATime, numbers.size() - first)));
-    add(images);
-    if (const double noise = predictor.model().noise(); noise > 0) {
-      add(with_noise(images, noise, derive_seed(kNoiseSeed, {first})));
-    }
+    const Features features = predictor.features(change(images));
+    embeddings.push_back(features.embedding);
+    statistics.push_back(features.statistics);
   }
   return {torch::cat(embeddings), torch::cat(statistics)};
 }

@@ -24,11 +24,10 @@ struct ImageSource {
 // All of a split, which must outlive it.
 ImageSource source_of(const PackedInputs& inputs);
 
-// Of a model with weights, from up to 1024 images of each source, evenly spread: as they are and,
-// if the model was trained with noise, with that. `held_out`: of shapes that the model was not
-// trained with; without any, a quarter of the training images take their place, which are a little
-// too familiar. Nothing if there are less than 32 training images. Deterministic. Throws Error
-// (cancelled) soon after a stop.
+// Of a model with weights, from up to 1024 images of each source, evenly spread. `held_out`: of
+// shapes that the model was not trained with; without any, a quarter of the training images take
+// their place, which are a little too familiar. Nothing if there are less than 32 training images.
+// Deterministic. Throws Error (cancelled) soon after a stop.
 std::optional<v1::Familiarity> measure_familiarity(const v1::Model& model,
                                                    const ImageSource& training,
                                                    const ImageSource& held_out,

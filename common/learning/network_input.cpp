@@ -126,6 +126,16 @@ ImageBatch resampled(int side, std::span<const float> luminance, std::span<const
   return batch;
 }
 
+ImageBatch brought_up_to_noise(const ImageBatch& images, const torch::Tensor& level,
+                               const torch::Tensor& normal) {
+  const torch::Tensor noise = images.noise.defined() ? images.noise : torch::zeros({images.size()});
+  const torch::Tensor missing = (level.square() - noise.square()).clamp_min(0).sqrt();
+  ImageBatch result = images;
+  result.luminance = (images.luminance * (1 + missing.view({-1, 1, 1}) * normal)).clamp_min(0);
+  result.noise = torch::maximum(level, noise);
+  return result;
+}
+
 ImageBatch concatenated(std::span<const ImageBatch> batches) {
   const auto all = [&](torch::Tensor ImageBatch::*member) {
     std::vector<torch::Tensor> tensors;

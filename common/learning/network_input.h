@@ -54,6 +54,13 @@ torch::Tensor network_input(const v1::Model& model, const ImageBatch& images);
 ImageBatch resampled(int side, std::span<const float> luminance, std::span<const float> mask,
                      int resolution, v1::NetworkInput input);
 
+// Noise added to images: to the luminance of each pixel `normal`, a standard normal number, times
+// the luminance, so that the relative noise becomes `level` (batch). An image that is noisier
+// already stays as it is. Of images whose noise nobody knows all of it is added. `normal`: batch or
+// 1 x resolution x resolution.
+ImageBatch brought_up_to_noise(const ImageBatch& images, const torch::Tensor& level,
+                               const torch::Tensor& normal);
+
 // All images in one batch. Requires one at least; noise is dropped unless all have it.
 ImageBatch concatenated(std::span<const ImageBatch> batches);
 

@@ -1,5 +1,6 @@
 #include "common/learning/predictor.h"
 
+#include <ATen/CPUGeneratorImpl.h>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -46,6 +47,8 @@ std::vector<v1::MaterialBound> bounds_reached(const MaterialEstimate& estimate,
   return reached;
 }
 
+constexpr uint64_t kNoiseSeed = 3;  // an image has one answer
+
 v1::ModelVersion version_of(const v1::Model& model) {
   v1::ModelVersion version;
   version.set_name(model.name());
@@ -73,6 +76,12 @@ Predictor::Predictor(const v1::Model& model)
   }
   model_.clear_weights();
   model_.clear_familiarity();
+  const int64_t side = model.resolution();
+  noise_ = torch::randn({1, side, side}, at::detail::createCPUGenerator(kNoiseSeed));
+}
+
+ImageBatch Predictor::as_noisy_as_training(const ImageBatch& images) const {
+  return brought_up_to_noise(images, torch::full({images.size()}, model_.noise()), noise_);
 }
 
 ImageBatch Predictor::seen(const Photograph& photograph, const std::stop_token& stop) const {
@@ -86,8 +95,9 @@ ImageBatch Predictor::seen(const Photograph& photograph, const std::stop_token& 
   return concatenated(channels);
 }
 
-std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& images) {
+std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured) {
   const torch::InferenceMode inference;
+  const ImageBatch images = as_noisy_as_training(as_measured);
   const torch::Tensor embedding = encoder_->embed(network_input(model_, images));
   const torch::Tensor outputs = encoder_->answer(embedding).to(torch::kFloat64).contiguous();
   std::vector<Unfamiliarity> unfamiliarity;
@@ -112,8 +122,9 @@ std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& images) {
   return estimates;
 }
 
-Features Predictor::features(const ImageBatch& images) {
+Features Predictor::features(const ImageBatch& as_measured) {
   const torch::InferenceMode inference;
+  const ImageBatch images = as_noisy_as_training(as_measured);
   return {encoder_->embed(network_input(model_, images)), image_statistics(model_, images)};
 }
 

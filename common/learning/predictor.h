@@ -54,7 +54,10 @@ class Predictor {
   // The best guesses of these estimates.
   std::vector<Material> predict(const Photograph& photograph, const std::stop_token& stop = {});
 
-  // One estimate for each image of the model's resolution.
+  // One estimate for each image of the model's resolution. An image that is quieter than those of
+  // the model's training were (v1::Model::noise), as photographs are, is brought up to their noise
+  // first, since the network knows no other; always by the same random numbers, so that an image
+  // has one answer.
   std::vector<MaterialEstimate> estimate(const ImageBatch& images);
 
   // What became of a photograph: an estimate for each channel, or what is wrong with it.
@@ -67,7 +70,8 @@ class Predictor {
   std::vector<Outcome> estimate_each(size_t count, const std::function<ImageBatch(size_t)>& seen,
                                      const std::stop_token& stop = {});
 
-  // What tells whether images of the model's resolution are familiar to it.
+  // What tells whether images of the model's resolution are familiar to it, of the images that
+  // estimate() would show the network.
   Features features(const ImageBatch& images);
 
   // What estimate() sees of a photograph: its channels as images.
@@ -85,11 +89,14 @@ class Predictor {
   const v1::Model& model() const { return model_; }
 
  private:
+  ImageBatch as_noisy_as_training(const ImageBatch& images) const;
+
   v1::Model model_;  // without the weights and familiarity
   v1::ModelVersion version_;
   OutputSpace space_;
   Encoder encoder_;
   std::optional<FamiliarityMeasure> familiarity_;
+  torch::Tensor noise_;  // 1 x resolution x resolution, standard normal
 };
 
 }  // namespace itn

@@ -84,6 +84,26 @@ TEST(Predictor, OfUnknownExposureDoesNotSeeIt) {
             0.1);
 }
 
+// Photographs are quieter than what a network learned from, and it knows nothing of such images.
+TEST(Predictor, BringsQuietImagesUpToTheNoiseOfTraining) {
+  v1::Model model = residual_model(32);
+  Predictor without(model);
+  model.set_noise(0.12);
+  Predictor with(model);
+  ImageBatch image = with.seen(disc(32, 32, 1, 16, 16, 10.8).photograph());
+  const auto sigma_t = [&](Predictor& predictor) {
+    return predictor.estimate(image)[0].material.sigma_t;
+  };
+  const double quiet = sigma_t(with);
+  EXPECT_NE(quiet, sigma_t(without));
+  EXPECT_EQ(quiet, sigma_t(with)) << "an image has one answer";
+  image.noise = torch::tensor({0.05F});
+  EXPECT_NE(sigma_t(with), quiet);
+  EXPECT_NE(sigma_t(with), sigma_t(without));
+  image.noise = torch::tensor({0.12F});
+  EXPECT_EQ(sigma_t(with), sigma_t(without)) << "noisy enough";
+}
+
 // The density is that of standardised coordinates: it falls away from the centre.
 TEST(Predictor, GivesTheTruthALikelihood) {
   Predictor predictor(residual_model());
