@@ -376,22 +376,25 @@ void add_grid(v1::Dataset& manifest, v1::Split split, const std::vector<std::str
 
 // --- Datasets ---
 
-void add_shape(DatasetPlan& plan, const Shape& shape, v1::Split split) {
-  v1::DatasetShape& entry = *plan.manifest.add_shapes();
-  entry.set_name(shape.name);
+// A file of the dataset, which is written when it is rendered. `entry`: a message of the manifest.
+template <typename Entry, typename Part>
+void add_file(DatasetPlan& plan, const Part& part, v1::Split split, const std::string& file,
+              Entry& entry) {
+  entry.set_name(part.name);
   entry.set_split(split);
-  entry.set_file(fmt::format("shapes/{}.mesh", shape.name));
-  entry.set_sha256(shape.sha256);
-  if (shape.to_file) plan.files[entry.file()] = shape.to_file;
+  entry.set_file(file);
+  entry.set_sha256(part.sha256);
+  if (part.to_file) plan.files[file] = part.to_file;
+}
+
+void add_shape(DatasetPlan& plan, const Shape& shape, v1::Split split) {
+  add_file(plan, shape, split, fmt::format("shapes/{}.mesh", shape.name),
+           *plan.manifest.add_shapes());
 }
 
 void add_panorama(DatasetPlan& plan, const Panorama& panorama, v1::Split split) {
-  v1::DatasetPanorama& entry = *plan.manifest.add_panoramas();
-  entry.set_name(panorama.name);
-  entry.set_split(split);
-  entry.set_file(fmt::format("panoramas/{}.map", panorama.name));
-  entry.set_sha256(panorama.sha256);
-  if (panorama.to_file) plan.files[entry.file()] = panorama.to_file;
+  add_file(plan, panorama, split, fmt::format("panoramas/{}.map", panorama.name),
+           *plan.manifest.add_panoramas());
 }
 
 // The split that a name is in.

@@ -1,7 +1,6 @@
 // learning_bench: how many images a second networks are trained with and predict, by architecture
 // and width. On a machine that does other things too, CPU time tells more than the clock.
 #include <fmt/format.h>
-#include <sys/resource.h>
 
 #include <CLI/CLI.hpp>
 #include <chrono>
@@ -12,6 +11,7 @@
 #include "common/learning/encoder.h"
 #include "common/learning/gaussian.h"
 #include "common/learning/network_input.h"
+#include "tests/bench/cpu_time.h"
 
 namespace itn {
 namespace {
@@ -25,15 +25,6 @@ struct Options {
   int threads = 2;
   double seconds = 4;
 };
-
-double cpu_seconds() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  const auto seconds = [](const timeval& t) {
-    return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
-  };
-  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
-}
 
 v1::Model model_of(const std::string& architecture, uint32_t base, uint32_t blocks,
                    uint32_t resolution) {

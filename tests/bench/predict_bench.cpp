@@ -3,7 +3,6 @@
 // than the clock.
 #include <fmt/format.h>
 #include <grpcpp/create_channel.h>
-#include <sys/resource.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -20,6 +19,7 @@
 #include "common/rpc/wire_array.h"
 #include "itn/v1/predict.grpc.pb.h"
 #include "server/predict/predict_server.h"
+#include "tests/bench/cpu_time.h"
 
 namespace itn {
 namespace {
@@ -34,15 +34,6 @@ struct Options {
   int threads = 2;
   double seconds = 5;
 };
-
-double cpu_seconds() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  const auto seconds = [](const timeval& t) {
-    return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
-  };
-  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
-}
 
 // A residual network that answers distributions, of random weights.
 v1::Model random_model(const Options& options) {
