@@ -99,7 +99,7 @@ std::vector<Candidate> candidates_of(const EvaluateOptions& options, const Label
 void add_image_errors(const EvaluateOptions& options, const LabelledImages& images,
                       const std::vector<Candidate>& candidates, DatasetReader& dataset,
                       RenderPool& pool, v1::Evaluation& evaluation) {
-  const std::vector<size_t> chosen = spread(options.rerender, images.items.size());
+  const std::vector<uint32_t> chosen = spread(options.rerender, images.items.size());
   Progress progress("rerender", "images", chosen.size() * candidates.size());
   uint64_t done = 0;
   for (size_t c = 0; c < candidates.size(); ++c) {

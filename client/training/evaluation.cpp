@@ -289,10 +289,10 @@ void set_unfamiliar(std::span<const MaterialEstimate> estimates, v1::Evaluation:
   row.set_unfamiliar(static_cast<double>(count) / static_cast<double>(estimates.size()));
 }
 
-std::vector<size_t> spread(size_t count, size_t total) {
-  std::vector<size_t> chosen;
+std::vector<uint32_t> spread(size_t count, size_t total) {
+  std::vector<uint32_t> chosen;
   for (size_t i = 0; i < std::min(count, total); ++i) {
-    chosen.push_back(i * total / std::min(count, total));
+    chosen.push_back(static_cast<uint32_t>(i * total / std::min(count, total)));
   }
   return chosen;
 }

@@ -1,6 +1,7 @@
 // How well trained networks do on a split of a dataset, beside the strongest constant answer.
 #pragma once
 
+#include <cstdint>
 #include <span>
 #include <stop_token>
 #include <vector>
@@ -43,7 +44,7 @@ void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate
 void set_unfamiliar(std::span<const MaterialEstimate> estimates, v1::Evaluation::Row& row);
 
 // `count` of the images, evenly spread over the split.
-std::vector<size_t> spread(size_t count, size_t total);
+std::vector<uint32_t> spread(size_t count, size_t total);
 
 // One image rendered with a material, at the scene of an item.
 std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::DatasetItem& item,

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "client/training/evaluation.h"
 #include "common/error.h"
 #include "common/learning/familiarity.h"
 #include "common/learning/predictor.h"
@@ -12,15 +13,6 @@ namespace {
 
 constexpr size_t kMostImages = 1024, kFewestImages = 32;
 constexpr size_t kImagesAtATime = 32;
-
-std::vector<uint32_t> spread(size_t count) {
-  const size_t taken = std::min(count, kMostImages);
-  std::vector<uint32_t> numbers;
-  for (size_t i = 0; i < taken; ++i) {
-    numbers.push_back(static_cast<uint32_t>(i * count / taken));
-  }
-  return numbers;
-}
 
 ImageBatch as_they_are(const ImageBatch& images) {
   return images;
@@ -57,13 +49,14 @@ std::optional<v1::Familiarity> measure_familiarity(const v1::Model& model,
                                                    const std::stop_token& stop) {
   if (training.count < kFewestImages) return std::nullopt;
   Predictor predictor(model);
-  const std::vector<uint32_t> shown = spread(training.count);
+  const std::vector<uint32_t> shown = spread(kMostImages, training.count);
   const auto encoded = [&](std::span<const uint32_t> numbers) {
     return features_of(predictor, training, numbers, stop, encoded_for_screen).statistics;
   };
   if (held_out.count >= kFewestImages) {
-    return fit_familiarity(features_of(predictor, training, shown, stop), encoded(shown),
-                           features_of(predictor, held_out, spread(held_out.count), stop));
+    return fit_familiarity(
+        features_of(predictor, training, shown, stop), encoded(shown),
+        features_of(predictor, held_out, spread(kMostImages, held_out.count), stop));
   }
   std::vector<uint32_t> rest, others;  // every fourth
   for (size_t i = 0; i < shown.size(); ++i) {

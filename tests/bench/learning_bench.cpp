@@ -11,7 +11,7 @@
 #include "common/learning/encoder.h"
 #include "common/learning/gaussian.h"
 #include "common/learning/network_input.h"
-#include "tests/bench/cpu_time.h"
+#include "tests/support/cpu_time.h"
 
 namespace itn {
 namespace {
@@ -64,7 +64,7 @@ struct Speed {
 Speed measure(const Options& options, const std::function<void()>& batch) {
   using Clock = std::chrono::steady_clock;
   batch();
-  const double cpu = cpu_seconds();
+  const double cpu = testing::own_cpu_seconds();
   const auto start = Clock::now();
   double images = 0, elapsed = 0;
   while (elapsed < options.seconds) {
@@ -72,7 +72,7 @@ Speed measure(const Options& options, const std::function<void()>& batch) {
     images += static_cast<double>(options.batch);
     elapsed = std::chrono::duration<double>(Clock::now() - start).count();
   }
-  return {images / elapsed, 1000 * (cpu_seconds() - cpu) / images};
+  return {images / elapsed, 1000 * (testing::own_cpu_seconds() - cpu) / images};
 }
 
 void bench(const Options& options, const std::string& architecture, uint32_t base,

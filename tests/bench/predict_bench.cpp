@@ -19,7 +19,7 @@
 #include "common/rpc/wire_array.h"
 #include "itn/v1/predict.grpc.pb.h"
 #include "server/predict/predict_server.h"
-#include "tests/bench/cpu_time.h"
+#include "tests/support/cpu_time.h"
 
 namespace itn {
 namespace {
@@ -100,7 +100,7 @@ Times measure(double seconds, const std::function<void()>& call) {
   using Clock = std::chrono::steady_clock;
   for (int i = 0; i < 5; ++i) call();
   Times times;
-  const double cpu = cpu_seconds();
+  const double cpu = testing::own_cpu_seconds();
   const auto start = Clock::now();
   while (std::chrono::duration<double>(Clock::now() - start).count() < seconds) {
     const auto begin = Clock::now();
@@ -108,7 +108,7 @@ Times measure(double seconds, const std::function<void()>& call) {
     times.milliseconds.push_back(
         std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
   }
-  times.cpu_seconds = cpu_seconds() - cpu;
+  times.cpu_seconds = testing::own_cpu_seconds() - cpu;
   std::ranges::sort(times.milliseconds);
   return times;
 }

@@ -15,6 +15,8 @@
 #include <thread>
 #include <vector>
 
+#include "tests/support/cpu_time.h"
+
 extern char** environ;
 
 namespace itn::testing {
@@ -32,14 +34,6 @@ bool eventually(const F& condition) {
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
   }
   return true;
-}
-
-// Processor time that this process has used, in seconds.
-inline double own_cpu_seconds() {
-  timespec used{};
-  return ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used) == 0
-             ? static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec)
-             : 0;
 }
 
 // stdout goes to a pipe, and stderr to another or to that of the test. Killed when it goes out of
