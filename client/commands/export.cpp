@@ -13,7 +13,7 @@
 #include "client/dataset/dataset.h"
 #include "client/interrupt.h"
 #include "client/output.h"
-#include "client/training/familiarity_fit.h"
+#include "client/training/complete_model.h"
 #include "client/training/packed_inputs.h"
 #include "client/training/training_set.h"
 #include "common/error.h"
@@ -34,34 +34,39 @@ struct ExportOptions {
   std::string dataset;
 };
 
-// The images of a split, as the model is shown them.
-std::optional<PackedInputs> inputs_of(DatasetReader& dataset, v1::Split split,
-                                      const v1::Model& model, const fs::path& folder) {
-  if (dataset.items(split).empty()) return std::nullopt;
-  return std::optional<PackedInputs>(
-      std::in_place, images_of(dataset, split),
-      PackedFormat{.resolution = static_cast<int>(model.resolution()), .input = model.input()},
-      folder, interruption());
-}
+// The images of a split, as the model is shown them; none if it is empty.
+class SplitImages {
+ public:
+  SplitImages(DatasetReader& dataset, v1::Split split, const v1::Model& model,
+              const fs::path& folder) {
+    if (dataset.items(split).empty()) return;
+    labelled_ = images_of(dataset, split);
+    inputs_.emplace(
+        labelled_,
+        PackedFormat{.resolution = static_cast<int>(model.resolution()), .input = model.input()},
+        folder, interruption());
+  }
+
+  ImageSource source() const { return inputs_ ? source_of(*inputs_) : ImageSource(); }
+  HeldOutImages held_out() const { return {source(), labelled_.truth}; }
+
+ private:
+  LabelledImages labelled_;
+  std::optional<PackedInputs> inputs_;
+};
 
 // From the training split and, as held out, the validation split.
-void set_familiarity(const ExportOptions& options, v1::Model& model) {
+void complete(const ExportOptions& options, v1::Model& model) {
   DatasetReader dataset(options.dataset);
   const fs::path folder = fs::absolute(options.output).parent_path();
-  const std::optional<PackedInputs> training = inputs_of(dataset, v1::SPLIT_TRAIN, model, folder);
-  const std::optional<PackedInputs> held_out =
-      inputs_of(dataset, v1::SPLIT_VALIDATION, model, folder);
-  const auto source = [](const std::optional<PackedInputs>& inputs) {
-    return inputs ? source_of(*inputs) : ImageSource();
-  };
-  const std::optional<v1::Familiarity> familiarity =
-      measure_familiarity(model, source(training), source(held_out), interruption());
-  if (!familiarity) {
+  const SplitImages training(dataset, v1::SPLIT_TRAIN, model, folder);
+  const SplitImages validation(dataset, v1::SPLIT_VALIDATION, model, folder);
+  complete_model(training.source(), validation.held_out(), model, interruption());
+  if (!model.has_familiarity()) {
     throw invalid_input(
         fmt::format("{} has {} images in its training split: too few to say what they are like",
-                    options.dataset, training ? training->size() : 0));
+                    options.dataset, training.source().count));
   }
-  *model.mutable_familiarity() = *familiarity;
 }
 
 void run(const ExportOptions& options) {
@@ -73,7 +78,7 @@ void run(const ExportOptions& options) {
   if (!options.name.empty()) model.set_name(options.name);
   if (!options.version.empty()) model.set_version(options.version);
   const Predictor predictor(model);  // it can be used, and so can its new name
-  if (!options.dataset.empty()) set_familiarity(options, model);
+  if (!options.dataset.empty()) complete(options, model);
   const bool knows = model.has_familiarity();
   write_checkpoint(options.output, std::move(exported));
   print_result(
@@ -103,8 +108,10 @@ void add_export_command(CLI::App& app) {
       ->check(kModelName);
   command->add_option(
       "--dataset", options->dataset,
-      "Folder of a dataset like that of the training, to learn what its images are like, so that "
-      "the model will know what it has not seen; a run does so at its end");
+      "Folder of a dataset like that of the training: its training split tells the model what it "
+      "has seen, so that it will know what it has not; its validation split, of 256 images at "
+      "least, "
+      "how wide its answers must be; a run does so at its end");
   command->callback([options] { run(*options); });
 }
 

@@ -21,7 +21,7 @@
 #include "client/json.h"
 #include "client/output.h"
 #include "client/render_pool/render_pool.h"
-#include "client/training/familiarity_fit.h"
+#include "client/training/complete_model.h"
 #include "client/training/stream_batches.h"
 #include "client/training/training_config.h"
 #include "client/training/training_run.h"
@@ -50,7 +50,8 @@ struct TrainOptions {
   std::string preset = "paper";
   std::string config;  // file
   bool print_config = false;
-  std::string loss, parameterization, distribution, exposure, architecture, schedule;
+  std::string loss, parameterization, distribution, exposure, architecture, schedule, precision,
+      optimizer;
   std::string init;
   std::string model_name, model_version;
   uint32_t resolution = 0;
@@ -62,6 +63,7 @@ struct TrainOptions {
   std::optional<double> lambda;
   std::vector<double> noise;  // one level, or the lowest and the highest
   double exposure_jitter = 0;
+  double mean_weight = 0;
   bool mirror = false;
   uint32_t shift = 0;
   uint64_t checkpoint_every = 100;
@@ -112,6 +114,19 @@ class Flags {
     if (given("--schedule")) {
       config.set_schedule(options_.schedule == "cosine" ? v1::TrainingConfig::COSINE
                                                         : v1::TrainingConfig::CONSTANT);
+    }
+    if (given("--optimizer")) {
+      config.set_optimizer(options_.optimizer == "muon" ? v1::TrainingConfig::MUON
+                                                        : v1::TrainingConfig::ADAM);
+    }
+    if (given("--precision")) {
+      config.set_precision(options_.precision == "bfloat16" ? v1::TrainingConfig::BFLOAT16
+                                                            : v1::TrainingConfig::FLOAT32);
+    }
+    if (given("--mean-weight")) {
+      config.set_mean_weight(options_.mean_weight);
+    } else if (config.output() == v1::POINT) {
+      config.clear_mean_weight();  // the preset's, of another output
     }
     if (given("--resolution")) config.set_resolution(options_.resolution);
     if (given("--batch")) config.set_batch(options_.batch);
@@ -413,7 +428,7 @@ class Training {
                     .validate = {},
                     .validate_every = options_.validate_every,
                     .patience = options_.patience,
-                    .familiarity = {},
+                    .complete = {},
                     .report = {},
                     .stop = interruption()};
     run.report = [&](const v1::TrainingMetrics& metrics) {
@@ -432,10 +447,12 @@ class Training {
     if (validation != nullptr) {
       run.validate = [&](const v1::Model& now) { return validation->validation.measure(now); };
     }
-    run.familiarity = [&](const v1::Model& now) {
-      return measure_familiarity(
-          now, images(), validation != nullptr ? source_of(validation->inputs) : ImageSource(),
-          interruption());
+    run.complete = [&](v1::Model& now) {
+      complete_model(images(),
+                     validation != nullptr
+                         ? HeldOutImages{source_of(validation->inputs), validation->images.truth}
+                         : HeldOutImages{},
+                     now, interruption());
     };
     const TrainingEnd end = train(run);
     if (progress) {
@@ -624,7 +641,7 @@ void add_train_command(CLI::App& app) {
   command
       ->add_option("--preset", options->preset,
                    "Where a new run's configuration starts; paper: that of Che et al. 2020; "
-                   "residual: a residual network that answers a distribution, AdamW, cosine "
+                   "residual: a residual network that answers a distribution, Muon, cosine "
                    "schedule, augmentation. The defaults of most flags are the preset's")
       ->check(one_of(training_presets()))
       ->capture_default_str();
@@ -706,8 +723,24 @@ void add_train_command(CLI::App& app) {
   command->add_option("--batch", options->batch, "Images per step; default: 60 (paper), 32")
       ->check(number_in(1U, 65536U));
   command
-      ->add_option("--lr", options->learning_rate,
-                   "Learning rate of Adam; default: 1e-4 (paper), 2e-3")
+      ->add_option("--mean-weight", options->mean_weight,
+                   "Of the squared distance of a Gaussian's mean to the truth, beside minus the "
+                   "log-density of the truth; default: 0 (paper), 2")
+      ->check(number_in(0.0, 1e30));
+  command
+      ->add_option(
+          "--optimizer", options->optimizer,
+          "adam, or muon, which learns more in each step: orthogonal steps of the kernels, "
+          "Adam's of the rest; default: adam (paper), muon")
+      ->check(one_of({"adam", "muon"}));
+  command
+      ->add_option(
+          "--precision", options->precision,
+          "Of the network's products while it learns; bfloat16: faster where the processor "
+          "has instructions for it (avx512_bf16 in /proc/cpuinfo), otherwise slower; "
+          "default: float32")
+      ->check(one_of({"float32", "bfloat16"}));
+  command->add_option("--lr", options->learning_rate, "Learning rate; default: 1e-4 (paper), 4e-3")
       ->check(number_in(0.0, 1e30, Ends::kExcluded));
   command
       ->add_option("--schedule", options->schedule,
@@ -720,7 +753,7 @@ void add_train_command(CLI::App& app) {
       ->check(number_in(uint64_t{0}, uint64_t{UINT32_MAX}));
   command
       ->add_option("--weight-decay", options->weight_decay,
-                   "Of AdamW, times the learning rate; default: 0 (paper), 0.02")
+                   "Of matrices and kernels, times the learning rate; default: 0 (paper), 0.02")
       ->check(number_in(0.0, 1.0));
   command
       ->add_option("--max-gradient-norm", options->max_gradient_norm,

@@ -161,7 +161,8 @@ DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
           fmt::format("{} does not say how noisy it is", path.string()));
   require(*noise >= 0,
           fmt::format("{} says a relative noise of {}; it must be >= 0", path.string(), *noise));
-  return {image.channel("Y"), image.channel("mask.Y"), *noise, static_cast<uint32_t>(*spp)};
+  return {image.channel("Y"), image.channel("mask.Y"), image.channel("stderr.Y"), *noise,
+          static_cast<uint32_t>(*spp)};
 }
 
 std::string DatasetReader::digest(const v1::DatasetItem& item) const {

@@ -39,8 +39,9 @@ bool holds_file(const std::filesystem::path& folder, const std::string& file,
 struct DatasetImage {
   std::vector<float> radiance;  // resolution x resolution
   std::vector<float> mask;
-  // As NoiseTarget in dataset.proto; 0 if unknown (of a single sample), or if the image is black;
-  // infinite if it is nothing but noise: then no noise that is added makes it like others.
+  std::vector<float> standard_error;  // of the radiance; 0 or empty where unknown
+  // As NoiseTarget in dataset.proto, as the header says; 0 if unknown (of a single sample), or if
+  // the image is black; infinite if it is nothing but noise.
   double relative_noise = 0;
   uint32_t spp = 0;
 };

@@ -13,8 +13,8 @@ namespace itn {
 // one that is nothing but noise. An upper bound, as the standard error is.
 //
 // It is that of the image as a whole, in which bright pixels weigh most. Relative to themselves
-// dark ones are noisier: at a large g, which makes the rim bright, those inside by up to twice
-// (measured at 16 x 16 pixels), which no added noise of one level hides.
+// dark ones are noisier: at a large g, which makes the rim bright, those inside by up to twice.
+// noise_map() (client/training/noise_map.h) has the noise of each pixel.
 double relative_noise(std::span<const float> radiance, std::span<const float> standard_error,
                       std::span<const float> mask);
 

@@ -24,9 +24,8 @@ torch::Tensor per_image(const torch::Tensor& values) {
 ImageBatch copied(ImageBatch images) {
   images.luminance = images.luminance.clone();
   images.mask = images.mask.clone();
-  if (images.weight.defined()) {
-    images.weight = images.weight.clone();
-  }
+  if (images.weight.defined()) images.weight = images.weight.clone();
+  if (images.noise.defined()) images.noise = images.noise.clone();
   return images;
 }
 

@@ -9,6 +9,7 @@
 #include "client/dataset/sampler.h"
 #include "client/render_pool/render_wait.h"
 #include "client/training/augmentation.h"
+#include "client/training/noise_map.h"
 #include "common/error.h"
 #include "common/random.h"
 #include "common/rpc/wire_array.h"
@@ -180,10 +181,8 @@ std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledI
                                       .channels = 1,
                                       .pixels = image.radiance,
                                       .mask = image.mask}));
-      // A mean over pixels is quieter than each of them.
-      const double resolution = predictor.model().resolution();
-      batch.back().noise = torch::full(
-          {1}, static_cast<float>(image.relative_noise * resolution / images.resolution));
+      batch.back().noise =
+          noise_map(image, images.resolution, static_cast<int>(predictor.model().resolution()));
     }
     ImageBatch all = concatenated(batch);
     if (noise > 0) {

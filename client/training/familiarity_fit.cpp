@@ -38,11 +38,6 @@ Features features_of(Predictor& predictor, const ImageSource& source,
 
 }  // namespace
 
-ImageSource source_of(const PackedInputs& inputs) {
-  return {.count = inputs.size(),
-          .batch = [&inputs](std::span<const uint32_t> items) { return inputs.batch(items); }};
-}
-
 std::optional<v1::Familiarity> measure_familiarity(const v1::Model& model,
                                                    const ImageSource& training,
                                                    const ImageSource& held_out,

@@ -24,13 +24,14 @@ LossTerm RegressionLoss::evaluate(const Batch& batch, const torch::Tensor& outpu
 LossTerm LikelihoodLoss::evaluate(const Batch& batch, const torch::Tensor& outputs) {
   const torch::Tensor leaf = outputs.clone().requires_grad_();
   const torch::Tensor losses = negative_log_likelihood(leaf, batch.targets);
-  losses.sum().backward();
+  const torch::Tensor means = leaf.slice(1, 0, 3);
+  (losses.sum() + mean_weight_ * (means - batch.targets).square().sum()).backward();
   return {losses.mean().item<double>(), leaf.grad()};
 }
 
-std::unique_ptr<Loss> distance_to_truth(v1::OutputDistribution output) {
+std::unique_ptr<Loss> distance_to_truth(v1::OutputDistribution output, double mean_weight) {
   if (output == v1::GAUSSIAN) {
-    return std::make_unique<LikelihoodLoss>();
+    return std::make_unique<LikelihoodLoss>(mean_weight);
   }
   return std::make_unique<RegressionLoss>();
 }

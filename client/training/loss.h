@@ -39,14 +39,21 @@ class RegressionLoss final : public Loss {
   LossTerm evaluate(const Batch& batch, const torch::Tensor& outputs) override;
 };
 
-// Minus the log-density of the truth under the Gaussian that the network answers (gaussian.h).
+// Minus the log-density of the truth under the Gaussian that the network answers (gaussian.h). Its
+// gradient is also that of the mean's squared distance to the truth, times a weight: the density
+// alone leaves those images alone that the network is not sure of, and so never becomes.
 class LikelihoodLoss final : public Loss {
  public:
+  explicit LikelihoodLoss(double mean_weight) : mean_weight_(mean_weight) {}
+
   LossTerm evaluate(const Batch& batch, const torch::Tensor& outputs) override;
+
+ private:
+  double mean_weight_;
 };
 
-// The one that fits the output distribution.
-std::unique_ptr<Loss> distance_to_truth(v1::OutputDistribution output);
+// The one that fits the output distribution. `mean_weight`: of LikelihoodLoss.
+std::unique_ptr<Loss> distance_to_truth(v1::OutputDistribution output, double mean_weight);
 
 // Distance of the re-rendered image to the input (Eq. 10), through the renderer's gradients. The
 // material that is rendered is that of the first three outputs: the best guess, or the centre of

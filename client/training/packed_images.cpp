@@ -9,6 +9,7 @@
 #include <string>
 #include <system_error>
 
+#include "client/training/noise_map.h"
 #include "common/error.h"
 
 namespace itn {
@@ -69,7 +70,7 @@ int transfer(Call call, char* data, size_t size, off_t offset) {
 }  // namespace
 
 PackedImages::PackedImages(const PackedFormat& format, size_t count, const fs::path& folder)
-    : format_(format), descriptor_(open_unnamed(folder)), noise_(count) {
+    : format_(format), size_(count), descriptor_(open_unnamed(folder)) {
   const size_t size = count * static_cast<size_t>(planes()) * plane_bytes(format_);
   // Room is missed now rather than after half of the images.
   if (const int error = ::posix_fallocate(descriptor_, 0, static_cast<off_t>(size))) {
@@ -83,7 +84,7 @@ PackedImages::~PackedImages() {
 }
 
 int PackedImages::planes() const {
-  return needs_weight_map(format_.input) ? 3 : 2;
+  return needs_weight_map(format_.input) ? 4 : 3;
 }
 
 void PackedImages::put(size_t place, int resolution, const DatasetImage& image) {
@@ -92,10 +93,10 @@ void PackedImages::put(size_t place, int resolution, const DatasetImage& image) 
         "the network is for {0} x {0} pixels; the images have {1} x {1}, which are fewer",
         format_.resolution, resolution));
   }
-  // A mean over pixels is quieter than each of them.
-  noise_[place] = static_cast<float>(image.relative_noise * format_.resolution / resolution);
-  const torch::Tensor planes = torch::cat(planes_of(
-      resampled(resolution, image.radiance, image.mask, format_.resolution, format_.input)));
+  ImageBatch packed =
+      resampled(resolution, image.radiance, image.mask, format_.resolution, format_.input);
+  packed.noise = noise_map(image, resolution, format_.resolution);
+  const torch::Tensor planes = torch::cat(planes_of(packed));
   const int error = transfer(
       [&](char* data, size_t size, off_t at) { return ::pwrite(descriptor_, data, size, at); },
       static_cast<char*>(planes.data_ptr()), planes.nbytes(), offset_of(place, planes.nbytes()));
@@ -119,15 +120,11 @@ ImageBatch PackedImages::batch(std::span<const uint32_t> places) const {
     }
     data += bytes;
   }
-  ImageBatch images{.luminance = planes.select(1, 0),
-                    .mask = planes.select(1, 1),
-                    .weight = this->planes() == 3 ? planes.select(1, 2) : torch::Tensor(),
-                    .noise = torch::empty({count})};
-  auto noise = images.noise.accessor<float, 1>();
-  for (size_t i = 0; i < places.size(); ++i) {
-    noise[static_cast<int64_t>(i)] = noise_[places[i]];
-  }
-  return images;
+  const bool weight = needs_weight_map(format_.input);
+  return {.luminance = planes.select(1, 0),
+          .mask = planes.select(1, 1),
+          .weight = weight ? planes.select(1, 2) : torch::Tensor(),
+          .noise = planes.select(1, weight ? 3 : 2)};
 }
 
 ObjectSums object_sums(const DatasetImage& image) {

@@ -19,9 +19,9 @@ struct PackedFormat {
 };
 
 // So many places for images, in a file without a name, which goes when this does, however the
-// process ends: luminance and mask and maybe the weight map, 8 or 12 bytes for each pixel. The
-// memory that it takes does not depend on how many images there are, and the operating system keeps
-// what it has room for.
+// process ends: luminance, mask, maybe the weight map, and noise, 12 or 16 bytes for each pixel.
+// The memory that it takes does not depend on how many images there are, and the operating system
+// keeps what it has room for.
 class PackedImages {
  public:
   // `folder`: where the file is. Throws Error (kIo): no room there.
@@ -39,14 +39,14 @@ class PackedImages {
   ImageBatch batch(std::span<const uint32_t> places) const;
 
   const PackedFormat& format() const { return format_; }
-  size_t size() const { return noise_.size(); }
+  size_t size() const { return size_; }
 
  private:
   int planes() const;  // of each image
 
   PackedFormat format_;
+  size_t size_;
   int descriptor_ = -1;
-  std::vector<float> noise_;  // relative, of each image at this resolution
 };
 
 // Sum of the radiance over the object of an image, and the object's area in pixels; weighted by the

@@ -28,7 +28,7 @@ DatasetImage image_of(const ItemRenderer::Rendered& rendered) {
   const v1::RenderGradReply& reply = rendered.reply;
   return {.radiance = from_bytes<float>(reply.estimates(0).radiance()),
           .mask = from_bytes<float>(reply.mask()),
-          .relative_noise = relative_noise(reply),
+          .standard_error = from_bytes<float>(reply.standard_error()),
           .spp = rendered.spp};
 }
 

@@ -9,7 +9,7 @@
 
 #include "client/render_pool/render_pool.h"
 #include "client/training/batches.h"
-#include "client/training/familiarity_fit.h"
+#include "client/training/image_source.h"
 #include "client/training/packed_images.h"
 #include "client/training/render_stream.h"
 

@@ -3,9 +3,9 @@
 #include <cmath>
 #include <utility>
 
+#include <ATen/autocast_mode.h>
 #include <fmt/format.h>
 
-#include "client/training/adam_state.h"
 #include "client/training/augmentation.h"
 #include "client/training/learning_rate.h"
 #include "common/error.h"
@@ -58,15 +58,9 @@ Encoder initial_encoder(const v1::TrainingConfig& config, const v1::Model& start
   return new_encoder(start);
 }
 
-// Of the configuration's kind, of which there is one (validate()).
-std::unique_ptr<torch::optim::Adam> new_optimizer(const Encoder& encoder,
-                                                  const v1::TrainingConfig& config) {
-  return std::make_unique<torch::optim::Adam>(encoder->parameters(),
-                                              torch::optim::AdamOptions(config.learning_rate()));
-}
-
-// Under the name that it has, or one that says what it is.
-v1::Model named(v1::Model model, const v1::TrainingConfig& config) {
+// The model that a training begins with: under the name that it has, or one that says what it is;
+// with what predictions must know of the training; without what was true of earlier weights alone.
+v1::Model model_to_train(v1::Model model, const v1::TrainingConfig& config) {
   const char* kind = config.architecture().has_residual_convolutions() ? "residual"
                      : config.parameterization() == v1::NAIVE          ? "naive"
                      : config.parameterization() == v1::SIMILARITY     ? "similarity"
@@ -75,9 +69,39 @@ v1::Model named(v1::Model model, const v1::TrainingConfig& config) {
     model.set_name(
         fmt::format("{}-{}", config.loss() == v1::TrainingConfig::ITN ? "itn" : "rn", kind));
   }
+  model.set_noise(config.augmentation().noise().max());
+  model.set_mirrored(config.augmentation().mirror());
   model.clear_weights();
   model.clear_familiarity();
+  model.clear_widths();
   return model;
+}
+
+// In its scope torch's convolutions are of bfloat16, and so will be those of the gradient.
+class Bfloat16Scope {
+ public:
+  Bfloat16Scope() {
+    at::autocast::set_autocast_cpu_dtype(at::kBFloat16);
+    at::autocast::set_cpu_enabled(true);
+  }
+  ~Bfloat16Scope() {
+    at::autocast::clear_cache();  // of weights, which the next step has others of
+    at::autocast::set_cpu_enabled(false);
+  }
+  Bfloat16Scope(const Bfloat16Scope&) = delete;
+  Bfloat16Scope& operator=(const Bfloat16Scope&) = delete;
+};
+
+// The last layer computes with float32 in any case: a Gaussian may be as narrow as a rounding of
+// its mean.
+torch::Tensor forward(EncoderNetwork& encoder, const torch::Tensor& input,
+                      v1::TrainingConfig::Precision precision) {
+  if (precision != v1::TrainingConfig::BFLOAT16) return encoder.forward(input);
+  const torch::Tensor embedding = [&] {
+    const Bfloat16Scope scope;
+    return encoder.embed(input);
+  }();
+  return encoder.answer(embedding.to(torch::kFloat32));
 }
 
 // A sum is finite only if all of its terms are.
@@ -139,7 +163,15 @@ void validate(const v1::TrainingConfig& config) {
   validate(config.augmentation());
   require(!config.architecture().has_residual_convolutions() || config.input() == v1::RATIOS,
           "the residual architecture takes the input RATIOS, which has the mask among its planes");
-  require(config.optimizer() == v1::TrainingConfig::ADAM, "optimizer must be ADAM");
+  require(v1::TrainingConfig::Precision_IsValid(config.precision()),
+          "precision must be FLOAT32 or BFLOAT16");
+  require(config.optimizer() == v1::TrainingConfig::ADAM ||
+              config.optimizer() == v1::TrainingConfig::MUON,
+          "optimizer must be ADAM or MUON");
+  require(config.mean_weight() >= 0 && std::isfinite(config.mean_weight()),
+          "mean_weight must be finite and >= 0");
+  require(config.mean_weight() == 0 || config.output() == v1::GAUSSIAN,
+          "mean_weight is for the output GAUSSIAN: a POINT is its own mean");
   require(config.schedule() == v1::TrainingConfig::CONSTANT ||
               config.schedule() == v1::TrainingConfig::COSINE,
           "schedule must be CONSTANT or COSINE");
@@ -165,11 +197,11 @@ void validate(const v1::TrainingConfig& config) {
 Trainer::Trainer(v1::TrainingConfig config, std::unique_ptr<Batches> batches,
                  const v1::Model& start)
     : batches_(std::move(batches)),
-      model_(named(start, validated(config))),
+      model_(model_to_train(start, validated(config))),
       space_(model_),
       encoder_(initial_encoder(config, start)),
-      optimizer_(new_optimizer(encoder_, config)),
-      regression_loss_(distance_to_truth(config.output())) {
+      optimizer_(*encoder_, config),
+      regression_loss_(distance_to_truth(config.output(), config.mean_weight())) {
   if (start.resolution() != static_cast<uint32_t>(batches_->resolution())) {
     throw invalid_input(
         fmt::format("the network is for {0} x {0} pixels; the images have {1} x {1}",
@@ -201,8 +233,8 @@ void Trainer::restore(const v1::Checkpoint& checkpoint) {
     *last.mutable_weights() = checkpoint.training().weights();
     encoder_ = load_encoder(last);
   }
-  optimizer_ = new_optimizer(encoder_, state_.config());
-  restore_state(*optimizer_, *encoder_, checkpoint.training().optimizer());
+  optimizer_ = Optimizer(*encoder_, state_.config());
+  optimizer_.restore(checkpoint.training().optimizer());
   const v1::TrainingConfig config = state_.config();
   state_ = checkpoint.training();
   state_.clear_optimizer();
@@ -214,7 +246,7 @@ v1::Checkpoint Trainer::checkpoint() const {
   v1::Checkpoint checkpoint;
   *checkpoint.mutable_model() = model();
   *checkpoint.mutable_training() = state_;
-  *checkpoint.mutable_training()->mutable_optimizer() = state_of(*optimizer_, *encoder_);
+  *checkpoint.mutable_training()->mutable_optimizer() = optimizer_.state();
   if (average_) {
     v1::Model last;
     store_weights(*encoder_, last);
@@ -246,7 +278,8 @@ v1::TrainingMetrics Trainer::step() {
   // Predict.
   encoder_->train();
   RunningStatistics statistics(*encoder_);
-  const torch::Tensor outputs = encoder_->forward(input_of(taken.images, state_.step()));
+  const torch::Tensor outputs =
+      forward(*encoder_, input_of(taken.images, state_.step()), config.precision());
   if (!is_finite(outputs)) {
     throw diverged("the network's answers are");
   }
@@ -265,7 +298,7 @@ v1::TrainingMetrics Trainer::step() {
     throw diverged("the loss is");
   }
   // Descend.
-  optimizer_->zero_grad();
+  encoder_->zero_grad();
   surrogate_loss(outputs, gradient).backward();
   for (const torch::Tensor& parameter : encoder_->parameters()) {
     if (!is_finite(parameter.grad())) {
@@ -305,10 +338,7 @@ void Trainer::descend(double rate) {
       }
     }
   }
-  for (torch::optim::OptimizerParamGroup& group : optimizer_->param_groups()) {
-    group.options().set_lr(rate);
-  }
-  optimizer_->step();
+  optimizer_.step(rate);
 }
 
 void Trainer::require_finite_answers() const {

@@ -10,6 +10,7 @@
 #include "client/training/batches.h"
 #include "client/training/image_term.h"
 #include "client/training/loss.h"
+#include "client/training/optimizer.h"
 #include "client/training/training_set.h"
 #include "client/training/weight_average.h"
 #include "common/error.h"
@@ -72,7 +73,7 @@ class Trainer {
   v1::TrainingState state_;  // without the optimizer and the weights
   OutputSpace space_;
   Encoder encoder_;
-  std::unique_ptr<torch::optim::Adam> optimizer_;
+  Optimizer optimizer_;
   std::optional<WeightAverage> average_;
   std::unique_ptr<Loss> regression_loss_;
   std::unique_ptr<Loss> image_loss_;  // ITN

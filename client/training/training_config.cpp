@@ -36,8 +36,10 @@ v1::TrainingConfig residual() {
   layers.set_blocks(1);
   config.set_output(v1::GAUSSIAN);
   config.set_input(v1::RATIOS);
+  config.set_mean_weight(2);
   config.set_batch(32);
-  config.set_learning_rate(2e-3);
+  config.set_optimizer(v1::TrainingConfig::MUON);
+  config.set_learning_rate(4e-3);
   config.set_schedule(v1::TrainingConfig::COSINE);
   config.set_warmup_steps(200);
   config.set_weight_decay(0.02);
@@ -46,8 +48,8 @@ v1::TrainingConfig residual() {
   v1::Augmentation& augmentation = *config.mutable_augmentation();
   augmentation.set_mirror(true);
   augmentation.set_shift(2);
-  augmentation.mutable_noise()->set_min(0.1);
-  augmentation.mutable_noise()->set_max(0.1);
+  augmentation.mutable_noise()->set_min(0.2);
+  augmentation.mutable_noise()->set_max(0.2);
   return config;
 }
 

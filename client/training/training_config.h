@@ -11,7 +11,7 @@ namespace itn {
 
 // "paper": Che et al., ICCP 2020: their encoder and optimizer, the RN loss. "residual": what we
 // found to learn most in the least time: a residual network with a Gaussian output, its images
-// mirrored, shifted and brought up to a common noise; AdamW with a cosine schedule; the running
+// mirrored, shifted and brought up to a common noise; Muon with a cosine schedule; the running
 // mean of the weights.
 std::vector<std::string> training_presets();
 

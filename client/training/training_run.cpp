@@ -72,7 +72,7 @@ class Best {
 // A run under way.
 class Runner {
  public:
-  // `finished`: the run's checkpoint says what its images are like.
+  // `finished`: the run's checkpoint is complete.
   Runner(Trainer& trainer, const TrainingRun& run, const v1::TrainingState& there, bool finished)
       : trainer_(trainer),
         run_(run),
@@ -135,20 +135,23 @@ class Runner {
     return checkpoint;
   }
 
-  // The last checkpoint, and the best model, with what their images are like.
+  // The last checkpoint, and the best model, both complete.
   void finish() {
-    if (!run_.familiarity || finished_) {
+    if (!run_.complete || finished_) {
       save();
       return;
     }
     v1::Checkpoint last = checkpoint();
-    set_familiarity(*last.mutable_model());
+    run_.complete(*last.mutable_model());
     if (const fs::path path = run_.folder / kBestCheckpointName; fs::exists(path)) {
       v1::Checkpoint best = read_checkpoint(path);
       if (best.model().step() == last.model().step()) {
-        *best.mutable_model()->mutable_familiarity() = last.model().familiarity();
+        *best.mutable_model() = last.model();
       } else {
-        set_familiarity(*best.mutable_model());
+        // What predictions must know of the training, for a run that an earlier version began.
+        best.mutable_model()->set_noise(last.model().noise());
+        best.mutable_model()->set_mirrored(last.model().mirrored());
+        run_.complete(*best.mutable_model());
       }
       write_checkpoint(path, std::move(best));
     }
@@ -159,11 +162,6 @@ class Runner {
     write_latest_checkpoint(run_.folder, std::move(last));
     saved_ = trainer_.steps_taken();
     log_.draw();
-  }
-
-  void set_familiarity(v1::Model& model) const {
-    const std::optional<v1::Familiarity> familiarity = run_.familiarity(model);
-    if (familiarity) *model.mutable_familiarity() = *familiarity;
   }
 
   Trainer& trainer_;

@@ -5,7 +5,6 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <stop_token>
 #include <string>
 
@@ -28,9 +27,9 @@ struct TrainingRun {
   std::function<v1::ValidationMetrics(const v1::Model&)> validate;
   uint64_t validate_every = 500;
   uint64_t patience = 0;
-  // Optional: what the images of training are like to a model that will not be trained any further.
-  // Asked at the end, of the last model and of the best.
-  std::function<std::optional<v1::Familiarity>(const v1::Model&)> familiarity;
+  // Optional: adds to a model that will not be trained any further what images tell of it (its
+  // familiarity, the widths of its answers). At the end, to the last model and the best.
+  std::function<void(v1::Model&)> complete;
   std::function<void(const v1::TrainingMetrics&)> report;
   std::stop_token stop;
 };

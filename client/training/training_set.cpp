@@ -66,7 +66,6 @@ v1::Model fit_model(std::span<const Material> truth, int resolution, double mean
   model.set_output(config.output());
   model.set_input(config.input());
   model.set_exposure(config.exposure());
-  model.set_noise(config.augmentation().noise().max());
   model.set_parameterization(config.parameterization());
   model.set_image_scale(1 / mean_radiance);
   *model.mutable_bounds() = prediction_bounds(range);

@@ -119,6 +119,26 @@ torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch:
   return 0.5 * z.square().sum(1) - l.sum(1) + normalisation;
 }
 
+torch::Tensor corrected(const torch::Tensor& outputs, const torch::Tensor& widths) {
+  const torch::Tensor precisions =
+      outputs.slice(1, 3, 6) + widths[0] + widths[1] * outputs.slice(1, 0, 1);
+  return torch::cat({outputs.slice(1, 0, 3), precisions, outputs.slice(1, 6, 9)}, 1);
+}
+
+torch::Tensor to_tensor(const v1::WidthCorrection& widths) {
+  torch::Tensor tensor = torch::empty({2, 3}, torch::kFloat64);
+  int64_t row = 0;
+  for (const auto* numbers : {&widths.offset(), &widths.slope()}) {
+    if (numbers->size() != 3 ||
+        !std::ranges::all_of(*numbers, [](double x) { return std::isfinite(x); })) {
+      throw invalid_input("the model's correction of widths needs three finite numbers of a kind");
+    }
+    for (int k = 0; k < 3; ++k) tensor[row][k] = numbers->Get(k);
+    ++row;
+  }
+  return tensor;
+}
+
 Material Posterior::mean() const {
   const auto& p = material.parameters;
   return {p[0].mean, p[1].mean, p[2].mean};

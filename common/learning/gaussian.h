@@ -18,6 +18,7 @@
 
 #include "common/learning/parameterization.h"
 #include "common/material.h"
+#include "itn/v1/experiment.pb.h"
 
 namespace itn {
 
@@ -27,6 +28,14 @@ inline constexpr int64_t kGaussianOutputs = 9;
 // Log-precisions end softly at -4 and 4, so that neither a certain network nor one that has given
 // up makes it infinite.
 torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch::Tensor& targets);
+
+// The outputs with other widths, log-precision l_k + offset_k + slope_k m_0. `widths`: 2 x 3,
+// offsets and slopes, in which the result can be differentiated.
+torch::Tensor corrected(const torch::Tensor& outputs, const torch::Tensor& widths);
+
+// Offsets and slopes, 2 x 3, double. Throws Error (invalid input) unless there are three finite
+// numbers of each.
+torch::Tensor to_tensor(const v1::WidthCorrection& widths);
 
 struct ParameterPosterior {
   double mean = 0, standard_deviation = 0;

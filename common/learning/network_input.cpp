@@ -6,6 +6,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "common/error.h"
+#include "common/image/square_view.h"
 #include "common/learning/weight_map.h"
 
 namespace itn {
@@ -62,17 +63,12 @@ cv::Mat resized(const cv::Mat& image, int resolution) {
   return result;
 }
 
-// As a matrix of OpenCV's, which does not write into it.
-cv::Mat view(int side, std::span<const float> values) {
-  return {side, side, CV_32F, const_cast<float*>(values.data())};
-}
-
 }  // namespace
 
 std::vector<torch::Tensor> planes_of(const ImageBatch& images) {
   std::vector<torch::Tensor> planes{images.luminance, images.mask};
-  if (images.weight.defined()) {
-    planes.push_back(images.weight);
+  for (const torch::Tensor& plane : {images.weight, images.noise}) {
+    if (plane.defined()) planes.push_back(plane);
   }
   return planes;
 }
@@ -112,9 +108,9 @@ ImageBatch resampled(int side, std::span<const float> luminance, std::span<const
     std::ranges::copy(luminance, y.begin());
     std::ranges::copy(mask, m.begin());
   } else {
-    const cv::Mat on_object = view(side, luminance).mul(view(side, mask));
+    const cv::Mat on_object = square_view(side, luminance).mul(square_view(side, mask));
     const cv::Mat sums = resized(on_object, resolution);
-    const cv::Mat area = resized(view(side, mask), resolution);
+    const cv::Mat area = resized(square_view(side, mask), resolution);
     std::copy(area.begin<float>(), area.end<float>(), m.begin());
     std::transform(sums.begin<float>(), sums.end<float>(), m.begin(), y.begin(),
                    [](float sum, float a) { return a > kNothing ? sum / a : 0.0F; });
@@ -128,12 +124,22 @@ ImageBatch resampled(int side, std::span<const float> luminance, std::span<const
 
 ImageBatch brought_up_to_noise(const ImageBatch& images, const torch::Tensor& level,
                                const torch::Tensor& normal) {
-  const torch::Tensor noise = images.noise.defined() ? images.noise : torch::zeros({images.size()});
-  const torch::Tensor missing = (level.square() - noise.square()).clamp_min(0).sqrt();
+  const torch::Tensor wanted = level.view({-1, 1, 1});
+  const torch::Tensor noise =
+      images.noise.defined() ? images.noise : torch::zeros_like(images.luminance);
+  const torch::Tensor missing = (wanted.square() - noise.square()).clamp_min(0).sqrt();
   ImageBatch result = images;
-  result.luminance = (images.luminance * (1 + missing.view({-1, 1, 1}) * normal)).clamp_min(0);
-  result.noise = torch::maximum(level, noise);
+  result.luminance = (images.luminance * (1 + missing * normal)).clamp_min(0);
+  result.noise = torch::maximum(wanted, noise);
   return result;
+}
+
+ImageBatch mirrored(const ImageBatch& images) {
+  const auto flipped = [](const torch::Tensor& plane) {
+    return plane.defined() ? plane.flip(-1) : plane;
+  };
+  return {flipped(images.luminance), flipped(images.mask), flipped(images.weight),
+          flipped(images.noise)};
 }
 
 ImageBatch concatenated(std::span<const ImageBatch> batches) {

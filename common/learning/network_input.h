@@ -16,15 +16,14 @@ struct ImageBatch {
   torch::Tensor luminance;  // >= 0, unscaled
   torch::Tensor mask;       // in [0, 1], 1 on the object
   torch::Tensor weight;     // weight_map() of each; undefined unless needs_weight_map()
-  // Relative noise of a pixel (standard deviation over radiance) of each image: batch; undefined
-  // where nobody knows.
-  torch::Tensor noise;
+  torch::Tensor noise;      // relative, of each pixel: standard deviation over radiance; undefined
+                            // where nobody knows
 
   int64_t size() const { return luminance.size(0); }
 };
 
-// Luminance, mask and, if there is one, the weight map: what of an image has its pixels. They share
-// storage with the images.
+// Luminance, mask and, if they are defined, weight map and noise. They share storage with the
+// images.
 std::vector<torch::Tensor> planes_of(const ImageBatch& images);
 
 // Whether the model's input has the weight map among its planes.
@@ -55,11 +54,14 @@ ImageBatch resampled(int side, std::span<const float> luminance, std::span<const
                      int resolution, v1::NetworkInput input);
 
 // Noise added to images: to the luminance of each pixel `normal`, a standard normal number, times
-// the luminance, so that the relative noise becomes `level` (batch). An image that is noisier
-// already stays as it is. Of images whose noise nobody knows all of it is added. `normal`: batch or
+// the luminance, so that its relative noise becomes `level` (batch). A pixel that is noisier
+// already stays as it is. To images whose noise nobody knows all of it is added. `normal`: batch or
 // 1 x resolution x resolution.
 ImageBatch brought_up_to_noise(const ImageBatch& images, const torch::Tensor& level,
                                const torch::Tensor& normal);
+
+// Each image with left and right exchanged.
+ImageBatch mirrored(const ImageBatch& images);
 
 // All images in one batch. Requires one at least; noise is dropped unless all have it.
 ImageBatch concatenated(std::span<const ImageBatch> batches);

@@ -74,6 +74,12 @@ Predictor::Predictor(const v1::Model& model)
   if (model.has_familiarity()) {
     familiarity_.emplace(model.familiarity(), embedding_size(model));
   }
+  if (model.has_widths()) {
+    if (model.output() != v1::GAUSSIAN) {
+      throw invalid_input("the model corrects the widths of answers that have none");
+    }
+    widths_ = to_tensor(model.widths());
+  }
   model_.clear_weights();
   model_.clear_familiarity();
   const int64_t side = model.resolution();
@@ -97,15 +103,12 @@ ImageBatch Predictor::seen(const Photograph& photograph, const std::stop_token& 
 
 std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured) {
   const torch::InferenceMode inference;
-  const ImageBatch images = as_noisy_as_training(as_measured);
-  const torch::Tensor embedding = encoder_->embed(network_input(model_, images));
-  const torch::Tensor outputs = encoder_->answer(embedding).to(torch::kFloat64).contiguous();
+  const Features features = features_of(as_measured);
+  const torch::Tensor outputs = outputs_of(features.embedding);
   std::vector<Unfamiliarity> unfamiliarity;
-  if (familiarity_) {
-    unfamiliarity = familiarity_->of({embedding, image_statistics(model_, images)});
-  }
+  if (familiarity_) unfamiliarity = familiarity_->of(features);
   std::vector<MaterialEstimate> estimates;
-  for (int64_t i = 0; i < images.size(); ++i) {
+  for (int64_t i = 0; i < as_measured.size(); ++i) {
     const double* o = outputs[i].data_ptr<double>();
     MaterialEstimate& estimate = estimates.emplace_back();
     estimate.outputs.assign(o, o + outputs.size(1));
@@ -124,8 +127,24 @@ std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured)
 
 Features Predictor::features(const ImageBatch& as_measured) {
   const torch::InferenceMode inference;
+  return features_of(as_measured);
+}
+
+// The last layer is linear: the mean of what it sees gives the mean of its answers.
+Features Predictor::features_of(const ImageBatch& as_measured) const {
   const ImageBatch images = as_noisy_as_training(as_measured);
-  return {encoder_->embed(network_input(model_, images)), image_statistics(model_, images)};
+  torch::Tensor embedding = encoder_->embed(network_input(model_, images));
+  if (model_.mirrored()) {
+    const ImageBatch others = as_noisy_as_training(mirrored(as_measured));
+    embedding = (embedding + encoder_->embed(network_input(model_, others))) / 2;
+  }
+  return {embedding, image_statistics(model_, images)};
+}
+
+torch::Tensor Predictor::outputs_of(const torch::Tensor& embedding) const {
+  torch::Tensor outputs = encoder_->answer(embedding).to(torch::kFloat64);
+  if (widths_) outputs = corrected(outputs, *widths_);
+  return outputs.contiguous();
 }
 
 std::vector<Predictor::Outcome> Predictor::estimate_each(

@@ -25,7 +25,7 @@ namespace itn {
 struct MaterialEstimate {
   Material material;                   // the best guess; the mean of the posterior if there is one
   std::optional<Posterior> posterior;  // of a network with the output GAUSSIAN
-  std::vector<double> outputs;         // of the network itself
+  std::vector<double> outputs;         // of the network, with its widths corrected
   // Where the 90 % intervals, or the best guess of a network without any, reach an end of what the
   // model can answer.
   std::vector<v1::MaterialBound> at_bounds;
@@ -54,10 +54,11 @@ class Predictor {
   // The best guesses of these estimates.
   std::vector<Material> predict(const Photograph& photograph, const std::stop_token& stop = {});
 
-  // One estimate for each image of the model's resolution. An image that is quieter than those of
-  // the model's training were (v1::Model::noise), as photographs are, is brought up to their noise
+  // One estimate for each image of the model's resolution. A pixel that is quieter than those of
+  // the model's training were (v1::Model::noise), as of photographs, is brought up to their noise
   // first, since the network knows no other; always by the same random numbers, so that an image
-  // has one answer.
+  // has one answer. A network that has learned from mirrored images (v1::Model::mirrored) sees the
+  // image's mirror image, too, with noise of its own.
   std::vector<MaterialEstimate> estimate(const ImageBatch& images);
 
   // What became of a photograph: an estimate for each channel, or what is wrong with it.
@@ -90,13 +91,16 @@ class Predictor {
 
  private:
   ImageBatch as_noisy_as_training(const ImageBatch& images) const;
+  Features features_of(const ImageBatch& as_measured) const;
+  torch::Tensor outputs_of(const torch::Tensor& embedding) const;
 
   v1::Model model_;  // without the weights and familiarity
   v1::ModelVersion version_;
   OutputSpace space_;
   Encoder encoder_;
   std::optional<FamiliarityMeasure> familiarity_;
-  torch::Tensor noise_;  // 1 x resolution x resolution, standard normal
+  std::optional<torch::Tensor> widths_;  // as to_tensor()
+  torch::Tensor noise_;                  // 1 x resolution x resolution, standard normal
 };
 
 }  // namespace itn

@@ -38,6 +38,7 @@ TEST_F(DatasetFolder, ReadsBackWithTruthAndScene) {
   EXPECT_EQ(file.attributes.at("itn.shape"), Attribute(item.shape()));
   EXPECT_EQ(file.attributes.at("itn.spp"), Attribute(2));
   EXPECT_EQ(image.spp, 2);
+  EXPECT_EQ(image.standard_error, file.channel("stderr.Y"));
   EXPECT_EQ(image.relative_noise,
             relative_noise(image.radiance, file.channel("stderr.Y"), image.mask));
   EXPECT_GT(image.relative_noise, 0.02);

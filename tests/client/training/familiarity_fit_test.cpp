@@ -13,8 +13,12 @@
 #include "client/dataset/plan.h"
 #include "client/dataset/shape_set.h"
 #include "client/training/augmentation.h"
+#include "client/training/complete_model.h"
+#include "client/training/evaluation.h"
 #include "client/training/training_config.h"
 #include "client/training/training_run.h"
+#include "client/training/width_fit.h"
+#include "common/error.h"
 #include "common/learning/checkpoint.h"
 #include "common/learning/predictor.h"
 #include "tests/support/temporary_folder.h"
@@ -55,14 +59,18 @@ struct World {
   v1::Model trained() {
     v1::TrainingConfig config = training_preset("residual");
     config.mutable_architecture()->mutable_residual_convolutions()->set_base_channels(8);
+    v1::Interval& noise = *config.mutable_augmentation()->mutable_noise();
+    noise.set_min(0.1);  // more hides more
+    noise.set_max(0.1);
     config.set_steps(120);
     config.set_warmup_steps(12);
     config.set_torch_threads(1);
     TrainingRun run;
     run.folder = folder.path("run");
     std::filesystem::create_directories(run.folder);
-    run.familiarity = [&](const v1::Model& now) {
-      return measure_familiarity(now, source_of(*training_inputs), source_of(*validation_inputs));
+    run.complete = [&](v1::Model& now) {
+      complete_model(source_of(*training_inputs), {source_of(*validation_inputs), validation.truth},
+                     now);
     };
     const v1::Model start = fit_model(training, training_inputs->mean_radiance(),
                                       material_range(dataset->manifest().config()), config);
@@ -151,6 +159,35 @@ TEST_F(FamiliarityFit, DoesWithoutHeldOutImages) {
       measure_familiarity(world_->model, source_of(*world_->training_inputs), {});
   ASSERT_TRUE(familiarity);
   EXPECT_FALSE(measure_familiarity(world_->model, {.count = 31, .batch = {}}, {}));
+}
+
+// Of the 270 validation images, which are enough.
+TEST_F(FamiliarityFit, ACompleteModelKnowsItsWidthsToo) {
+  ASSERT_TRUE(world_->model.has_widths());
+  v1::Model again = world_->model;
+  const HeldOutImages validation{source_of(*world_->validation_inputs), world_->validation.truth};
+  complete_model(source_of(*world_->training_inputs), validation, again);
+  EXPECT_EQ(again.SerializeAsString(), world_->model.SerializeAsString());
+  // The truth is likelier with them than without.
+  v1::Model without = world_->model;
+  without.clear_widths();
+  const auto likelihood = [&](const v1::Model& model) {
+    Predictor predictor(model);
+    v1::Evaluation::Row row;
+    set_likelihood(predictor, estimate_all(predictor, world_->validation, model.noise()),
+                   world_->validation, row);
+    return row.log_likelihood();
+  };
+  EXPECT_GT(likelihood(world_->model), likelihood(without));
+  // Too few images change nothing.
+  HeldOutImages few = validation;
+  few.images.count = 255;
+  EXPECT_FALSE(measure_widths(world_->model, few));
+  complete_model(source_of(*world_->training_inputs), few, again);
+  EXPECT_EQ(again.widths().SerializeAsString(), world_->model.widths().SerializeAsString());
+  std::stop_source stop;
+  stop.request_stop();
+  EXPECT_THROW(measure_widths(world_->model, validation, stop.get_token()), Error);
 }
 
 }  // namespace

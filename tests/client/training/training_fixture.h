@@ -73,9 +73,12 @@ class TrainingTest : public testing::Test {
       images_.truth.push_back(m);
     }
     images_.read = [this](size_t i) {
-      DatasetImage image{render(images_.truth[i], 0, 0).radiance, std::vector<float>(kPixels)};
+      DatasetImage image{.radiance = render(images_.truth[i], 0, 0).radiance,
+                         .mask = std::vector<float>(kPixels),
+                         .standard_error = {}};
       for (size_t p = 0; p < kPixels; ++p) {  // a silhouette for the weight map
         image.mask[p] = p % kSize < 2 ? 0.0F : 1.0F;
+        image.standard_error.push_back(0.02F * image.radiance[p]);
       }
       return image;
     };

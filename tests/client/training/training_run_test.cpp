@@ -298,7 +298,7 @@ TEST(TrainingConfigTest, AFileSaysWhatDiffersFromThePreset) {
   EXPECT_EQ(c.architecture().residual_convolutions().base_channels(), 12U);
   EXPECT_EQ(c.augmentation().shift(), 3U);
   EXPECT_TRUE(c.augmentation().mirror());
-  EXPECT_EQ(c.learning_rate(), 2e-3);
+  EXPECT_EQ(c.learning_rate(), 4e-3);
   std::ofstream(file) << "bacth: 7\n";
   try {
     read_training_config(file, training_preset("paper"));

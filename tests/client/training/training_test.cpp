@@ -11,6 +11,7 @@
 
 #include "client/json.h"
 #include "client/training/augmentation.h"
+#include "client/training/noise_map.h"
 #include "common/error.h"
 #include "common/learning/checkpoint.h"
 #include "common/learning/predictor.h"
@@ -273,6 +274,43 @@ class ResidualTrainingTest : public TrainingTest {
   }
 };
 
+// Products of less precision change each step a little, and what is learned not.
+TEST_F(ResidualTrainingTest, LearnsWithLessPrecision) {
+  const auto losses_of = [&](v1::TrainingConfig::Precision precision) {
+    std::vector<double> losses;
+    TrainingRun r = run();
+    r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.regression_loss()); };
+    v1::TrainingConfig c = residual(v1::TrainingConfig::RN, 300);
+    c.set_precision(precision);
+    train(c, images_, *inputs_, residual_start(), {}, r);
+    begin_anew();
+    return losses;
+  };
+  const std::vector<double> full = losses_of(v1::TrainingConfig::FLOAT32);
+  const std::vector<double> less = losses_of(v1::TrainingConfig::BFLOAT16);
+  // The first answer is 0 whatever the precision.
+  EXPECT_NE(less[1], full[1]);
+  EXPECT_NEAR(less[1], full[1], 0.05);
+  const double start = mean_of_20(full, 0);
+  EXPECT_LT(mean_of_20(full, 280), start - 0.5);
+  EXPECT_LT(mean_of_20(less, 280), start - 0.5);
+}
+
+// What predictions must know of the training is the training's, whatever the model began as.
+TEST_F(ResidualTrainingTest, AModelSaysHowItWasTrained) {
+  v1::TrainingConfig c = residual(v1::TrainingConfig::RN, 2);
+  c.mutable_augmentation()->set_mirror(true);
+  c.mutable_augmentation()->mutable_noise()->set_max(0.12);
+  train(c, images_, *inputs_, residual_start(), {}, run());
+  EXPECT_TRUE(checkpoint().model().mirrored());
+  EXPECT_EQ(checkpoint().model().noise(), 0.12);
+  const v1::Model first = checkpoint().model();
+  begin_anew();
+  train(residual(v1::TrainingConfig::RN, 2), images_, *inputs_, first, {}, run());
+  EXPECT_FALSE(checkpoint().model().mirrored());
+  EXPECT_EQ(checkpoint().model().noise(), 0);
+}
+
 // The images tell the material, and the network finds out: how, and that it may be sure of it.
 TEST_F(ResidualTrainingTest, LearnsTheTruthAndHowSureItMayBe) {
   std::vector<double> losses;
@@ -302,8 +340,17 @@ TEST_F(ResidualTrainingTest, LearnsTheTruthAndHowSureItMayBe) {
 }
 
 TEST_F(ResidualTrainingTest, AfterAStopEndsWithTheSameWeights) {
-  for (const auto loss : {v1::TrainingConfig::RN, v1::TrainingConfig::ITN}) {
-    v1::TrainingConfig c = residual(loss);
+  using C = v1::TrainingConfig;
+  struct Kind {
+    C::Loss loss;
+    C::Optimizer optimizer;
+    C::Precision precision;
+  };
+  for (const Kind& kind : {Kind{C::RN, C::ADAM, C::FLOAT32}, Kind{C::ITN, C::ADAM, C::FLOAT32},
+                           Kind{C::RN, C::MUON, C::FLOAT32}, Kind{C::RN, C::MUON, C::BFLOAT16}}) {
+    v1::TrainingConfig c = residual(kind.loss);
+    c.set_optimizer(kind.optimizer);
+    c.set_precision(kind.precision);
     c.mutable_augmentation()->mutable_noise()->set_min(0.1);
     c.mutable_augmentation()->mutable_noise()->set_max(
         0.1);  // drawn afresh in each step, but the same in each run
@@ -396,7 +443,7 @@ TEST_F(TrainingTest, OfAForeignCheckpointSaysWhatDoesNotFit) {
     std::function<void(v1::Checkpoint&)> spoil;
   };
   const Row rows[] = {
-      {"optimizer's state is not that of this network: there are 19 tensors",
+      {"optimizer's state is not that of this optimizer and network: there are 19 tensors",
        [](auto& k) { k.mutable_training()->mutable_optimizer()->mutable_tensors()->RemoveLast(); }},
       {"where \"exp_avg.convolutions.0.weight\" should be",
        [](auto& k) {
@@ -449,6 +496,8 @@ TEST_F(TrainingTest, PackedInputsAreThoseOfTheImages) {
       if (batch.weight.defined()) {
         EXPECT_TRUE(torch::equal(batch.weight[row], expected.weight[0]));
       }
+      EXPECT_TRUE(torch::equal(batch.noise[row], noise_map(image, kSize, kSize)[0]));
+      EXPECT_GT(batch.noise[row].max().item<float>(), 0);
     }
   }
   // Nothing of them is to be seen.
@@ -460,17 +509,20 @@ TEST_F(TrainingTest, PackedInputsOfAnotherResolutionAreAverages) {
   LabelledImages large = images_;
   large.resolution = 2 * kSize;
   large.read = [](size_t) {
-    DatasetImage image{std::vector<float>(4 * kPixels), std::vector<float>(4 * kPixels, 1)};
+    DatasetImage image{.radiance = std::vector<float>(4 * kPixels),
+                       .mask = std::vector<float>(4 * kPixels, 1),
+                       .standard_error = std::vector<float>(4 * kPixels, 0.2F)};
     for (size_t p = 0; p < image.radiance.size(); ++p) {
       image.radiance[p] = p % 2 == 0 ? 1.0F : 3.0F;
     }
-    image.relative_noise = 0.1;
     return image;
   };
   const PackedInputs inputs(large, {.resolution = kSize, .input = v1::RATIOS}, folder_);
   const ImageBatch batch = inputs.batch(std::vector<uint32_t>{3});
   EXPECT_TRUE(torch::equal(batch.luminance, torch::full({1, kSize, kSize}, 2.0F)));
-  EXPECT_FLOAT_EQ(batch.noise[0].item<float>(), 0.05F);
+  // A tenth of the radiance, of the mean over four pixels half of it; and part of what is measured.
+  const float noise = 0.05F / std::sqrt(1 - 0.05F * 0.05F);
+  EXPECT_TRUE(torch::allclose(batch.noise, torch::full({1, kSize, kSize}, noise)));
   expect_error({"the network is for 64 x 64 pixels; the images have 32 x 32"},
                [&] { PackedInputs(large, {.resolution = 64, .input = v1::RATIOS}, folder_); });
 }

@@ -189,6 +189,29 @@ TEST(Gaussian, PosteriorIsTheSameEveryTimeAndStaysInsideTheBounds) {
   }
 }
 
+TEST(Gaussian, CorrectedWidthsFollowTheFirstMean) {
+  v1::WidthCorrection widths;
+  for (const double offset : {0.1, -0.2, 0.3}) widths.add_offset(offset);
+  for (const double slope : {0.0, 0.5, -1.0}) widths.add_slope(slope);
+  torch::Tensor outputs = torch::arange(1, 10, torch::kFloat64).view({1, 9});
+  outputs[0][0] = -2;
+  const torch::Tensor expected =
+      torch::tensor({-2.0, 2.0, 3.0, 4.1, 3.8, 8.3, 7.0, 8.0, 9.0}, torch::kFloat64).view({1, 9});
+  EXPECT_TRUE(torch::allclose(corrected(outputs, to_tensor(widths)), expected));
+}
+
+TEST(Gaussian, ACorrectionOfOtherThanThreeFiniteNumbersIsRefused) {
+  v1::WidthCorrection widths;
+  EXPECT_THROW(to_tensor(widths), Error);
+  for (int k = 0; k < 3; ++k) {
+    widths.add_offset(0);
+    widths.add_slope(0);
+  }
+  EXPECT_NO_THROW(to_tensor(widths));
+  widths.set_slope(1, NAN);
+  EXPECT_THROW(to_tensor(widths), Error);
+}
+
 TEST(Gaussian, PosteriorOfWhatIsNotFiniteIsRefused) {
   Outputs o = kWide;
   o[7] = NAN;

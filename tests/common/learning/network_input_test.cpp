@@ -120,6 +120,21 @@ TEST(PaperInput, IsTheScaledMaskedImageAndTheWeightMap) {
   EXPECT_EQ(input[0][1].sum().item<float>(), 1);
 }
 
+TEST(Mirrored, ExchangesLeftAndRight) {
+  std::vector<float> luminance(16 * 16, 1), mask(16 * 16, 0);
+  luminance[5 * 16 + 3] = 2;
+  mask[5 * 16 + 4] = 1;
+  ImageBatch image = resampled(16, luminance, mask, 16, v1::LUMINANCE_AND_WEIGHT);
+  image.noise = image.luminance / 10;
+  const ImageBatch other = mirrored(image);
+  EXPECT_EQ(other.luminance[0][5][15 - 3].item<float>(), 2);
+  EXPECT_EQ(other.mask[0][5][15 - 4].item<float>(), 1);
+  EXPECT_EQ(other.weight[0][5][15 - 4].item<float>(), image.weight[0][5][4].item<float>());
+  EXPECT_EQ(other.luminance.sum().item<float>(), image.luminance.sum().item<float>());
+  EXPECT_EQ(other.noise[0][5][15 - 3].item<float>(), 0.2F);
+  EXPECT_FALSE(mirrored(resampled(16, luminance, mask, 16, v1::RATIOS)).weight.defined());
+}
+
 TEST(Resampled, AveragesTheObjectAndNothingOfTheBackground) {
   std::vector<float> luminance(32 * 32, 1000), mask(32 * 32, 0);  // a bright background
   for (size_t x = 0; x < 32; ++x) {

@@ -97,11 +97,56 @@ TEST(Predictor, BringsQuietImagesUpToTheNoiseOfTraining) {
   const double quiet = sigma_t(with);
   EXPECT_NE(quiet, sigma_t(without));
   EXPECT_EQ(quiet, sigma_t(with)) << "an image has one answer";
-  image.noise = torch::tensor({0.05F});
+  image.noise = torch::full_like(image.luminance, 0.05);
   EXPECT_NE(sigma_t(with), quiet);
   EXPECT_NE(sigma_t(with), sigma_t(without));
-  image.noise = torch::tensor({0.12F});
+  image.noise = torch::full_like(image.luminance, 0.12);
   EXPECT_EQ(sigma_t(with), sigma_t(without)) << "noisy enough";
+}
+
+TEST(Predictor, OfAModelThatKnowsMirrorImagesAnswersAnImageAndItsMirrorImageAlike) {
+  v1::Model model = residual_model(32);
+  Predictor one_way(model);
+  model.set_mirrored(true);
+  Predictor both_ways(model);
+  const ImageBatch image = both_ways.seen(disc(32, 32, 1, 16, 16, 10.8).photograph());
+  const auto outputs = [](Predictor& predictor, const ImageBatch& of) {
+    return predictor.estimate(of)[0].outputs;
+  };
+  const std::vector<double> a = outputs(both_ways, image), b = outputs(both_ways, mirrored(image));
+  const std::vector<double> left = outputs(one_way, image),
+                            right = outputs(one_way, mirrored(image));
+  for (size_t k = 0; k < a.size(); ++k) {
+    EXPECT_NEAR(a[k], b[k], 1e-5);
+    EXPECT_NEAR(a[k], (left[k] + right[k]) / 2, 1e-5);
+  }
+  EXPECT_GT(std::abs(left[0] - right[0]), 1e-3) << "or this tests nothing";
+}
+
+// Wider answers about the same centre.
+TEST(Predictor, CorrectsItsWidths) {
+  v1::Model model = residual_model(32);
+  Predictor before(model);
+  for (int k = 0; k < 3; ++k) {
+    model.mutable_widths()->add_offset(-std::log(2.0));
+    model.mutable_widths()->add_slope(0);
+  }
+  Predictor after(model);
+  const Pixels image = disc(32, 32, 1, 16, 16, 10.8);
+  const MaterialEstimate narrow = before.estimate(image.photograph())[0];
+  const MaterialEstimate wide = after.estimate(image.photograph())[0];
+  EXPECT_EQ(narrow.outputs[0], wide.outputs[0]);
+  EXPECT_NEAR(wide.outputs[3], narrow.outputs[3] - std::log(2.0), 1e-12);
+  for (size_t k = 0; k < 3; ++k) {
+    EXPECT_GT(wide.posterior->material.parameters[k].standard_deviation,
+              narrow.posterior->material.parameters[k].standard_deviation);
+  }
+  v1::Model damaged = model;
+  damaged.mutable_widths()->clear_slope();
+  expect_error(ErrorKind::kInvalidInput, {"widths"}, [&] { Predictor{damaged}; });
+  v1::Model point = small_model();
+  *point.mutable_widths() = model.widths();
+  expect_error(ErrorKind::kInvalidInput, {"widths"}, [&] { Predictor{point}; });
 }
 
 // The density is that of standardised coordinates: it falls away from the centre.

@@ -1,0 +1,17 @@
+// What a trained network is told of itself before it predicts for others.
+#pragma once
+
+#include <stop_token>
+
+#include "client/training/image_source.h"
+#include "itn/v1/experiment.pb.h"
+
+namespace itn {
+
+// Sets the model's familiarity (measure_familiarity()), which it loses if there are too few images
+// to measure it by, and its widths (measure_widths()), which stay as they are if there are too few.
+// Throws Error (cancelled) soon after a stop.
+void complete_model(const ImageSource& training, const HeldOutImages& held_out, v1::Model& model,
+                    const std::stop_token& stop = {});
+
+}  // namespace itn
