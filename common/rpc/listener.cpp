@@ -18,6 +18,7 @@
 #include <charconv>
 #include <cstring>
 #include <fstream>
+#include <limits>
 #include <memory>
 #include <system_error>
 #include <utility>
@@ -28,13 +29,26 @@
 namespace itn {
 namespace {
 
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+
 // Connections are closed before the limit is reached, as memory grows between two looks and what a
 // connection holds takes a moment to be freed.
 constexpr uint64_t kReserve = 8;  // an eighth
 
-// How often memory is looked at: rarely, or often once most of it is taken.
+// How often memory is looked at: rarely, or often once half of it is taken.
 constexpr int kCalmMs = 200;
 constexpr int kTightMs = 10;
+constexpr uint64_t kTight = 2;  // a half
+
+// What a connection has sent counts less from look to look: a megabyte is forgotten after a
+// hundred.
+constexpr double kRemembered = 7.0 / 8;
+
+// Calls are small, and what they leave in the heap stays resident until the heap is trimmed: once
+// half of the memory is taken, whenever this part of it was added, and every so often.
+constexpr uint64_t kTrimmed = 64;
+constexpr milliseconds kTrimInterval{500};
 
 Error not_an_address(const std::string& text, const char* why) {
   return Error(ErrorKind::kUsage,
@@ -97,6 +111,14 @@ int open_socket(const addrinfo& address) {
   ::close(fd);
   errno = error;
   return -1;
+}
+
+// Ends a connection at once: what has arrived and was not read yet is read by nobody.
+void cut(int fd) {
+  shutdown(fd, SHUT_RDWR);
+  // TCP discards what is asked for with MSG_TRUNC.
+  while (recv(fd, nullptr, std::numeric_limits<int>::max(), MSG_TRUNC | MSG_DONTWAIT) > 0) {
+  }
 }
 
 uint64_t bytes_received(int fd) {
@@ -173,14 +195,14 @@ void Listener::close() {
 }
 
 void Listener::run(const std::stop_token& stop, const std::function<void(int)>& take) {
-  bool paused = false;  // no file descriptor was left for a connection
+  bool paused = false;  // nothing was left for one more connection: no descriptor or no memory
   while (!stop.stop_requested()) {
     std::vector<pollfd> polled = {{wake_, POLLIN, 0}, {paused ? -1 : socket_, POLLIN, 0}};
     for (const Connection& connection : connections_) {
       polled.push_back({connection.fd, POLLRDHUP, 0});
     }
     const uint64_t most = options_.max_memory_bytes;
-    const bool tight = most > 0 && resident_memory() > most / 2;
+    const bool tight = most > 0 && trimmed_memory() > most / kTight;
     poll(polled.data(), polled.size(), tight ? kTightMs : kCalmMs);
     std::vector<int> closed;
     for (size_t i = 2; i < polled.size(); ++i) {
@@ -189,7 +211,7 @@ void Listener::run(const std::stop_token& stop, const std::function<void(int)>& 
     forget(closed);
     paused = false;
     if (polled[1].revents != 0) paused = !accept_all(take);
-    if (most > 0) relieve_memory();
+    if (most > 0) paused |= relieve_memory();
   }
 }
 
@@ -218,26 +240,42 @@ void Listener::forget(const std::vector<int>& fds) {
   });
 }
 
-void Listener::relieve_memory() {
-  for (Connection& connection : connections_) {
-    connection.received_before = connection.received;
-    connection.received = bytes_received(connection.fd);
+uint64_t Listener::trimmed_memory() {
+  const uint64_t resident = resident_memory();
+  if (resident <= options_.max_memory_bytes / kTight) return resident;
+  const auto now = steady_clock::now();
+  if (resident < after_trim_ + options_.max_memory_bytes / kTrimmed &&
+      now < last_trim_ + kTrimInterval) {
+    return resident;
   }
-  const uint64_t most = options_.max_memory_bytes - options_.max_memory_bytes / kReserve;
-  if (resident_memory() <= most) return;
   malloc_trim(0);
-  if (resident_memory() <= most || connections_.empty()) return;
-  const auto lately = [](const Connection& connection) {
-    return connection.received - std::min(connection.received, connection.received_before);
-  };
-  const auto hungriest = std::max_element(
-      connections_.begin(), connections_.end(),
-      [&](const Connection& a, const Connection& b) { return lately(a) < lately(b); });
-  if (lately(*hungriest) == 0) return;  // what grows is not what they send
+  last_trim_ = now;
+  after_trim_ = resident_memory();
+  return after_trim_;
+}
+
+// gRPC goes on for many looks with what it has read.
+void Listener::Connection::look() {
+  const uint64_t now = bytes_received(fd);
+  lately += static_cast<double>(now - std::min(received, now));
+  lately *= kRemembered;
+  received = now;
+}
+
+bool Listener::relieve_memory() {
+  for (Connection& connection : connections_) connection.look();
+  const uint64_t most = options_.max_memory_bytes - options_.max_memory_bytes / kReserve;
+  if (trimmed_memory() <= most) return false;
+  if (connections_.empty()) return true;
+  const auto hungriest =
+      std::max_element(connections_.begin(), connections_.end(),
+                       [](const auto& a, const auto& b) { return a.lately < b.lately; });
+  if (hungriest->lately < 1) return true;  // what grows is not what they send
   spdlog::warn("more than {} MiB of memory are in use: the connection that sends most is closed",
                most >> 20);
-  shutdown(hungriest->fd, SHUT_RDWR);
+  cut(hungriest->fd);
   forget({hungriest->fd});
+  return true;
 }
 
 }  // namespace itn

@@ -3,6 +3,7 @@
 // and cannot end one.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -21,8 +22,8 @@ ListenAddress parse_listen_address(const std::string& text);
 
 struct ListenerOptions {
   size_t max_connections = 1024;  // more are closed at once
-  // Of the process, resident: close to it, the connection that sent most lately is closed, again
-  // and again. 0: none.
+  // Of the process, resident: close to it, none is accepted, and the connection that sent most
+  // lately is closed, again and again. 0: none.
   uint64_t max_memory_bytes = 0;
 };
 
@@ -48,22 +49,31 @@ class Listener {
 
  private:
   struct Connection {
-    int fd = -1;  // a duplicate of gRPC's: ours to watch and to shut down
-    uint64_t received = 0, received_before = 0;
+    int fd = -1;            // a duplicate of gRPC's: ours to watch and to shut down
+    uint64_t received = 0;  // bytes, in all
+    double lately = 0;      // bytes, the older the less
+
+    void look();
   };
 
   // False if the system has no room for one more.
   bool accept_all(const std::function<void(int)>& take);
   void forget(const std::vector<int>& fds);
-  void relieve_memory();
+  // Resident, with no more than a part of it free in the heap.
+  uint64_t trimmed_memory();
+  // True if there is too little of it for one more connection.
+  bool relieve_memory();
   void run(const std::stop_token& stop, const std::function<void(int)>& take);
 
   const ListenerOptions options_;
   std::string address_;
   int socket_ = -1;
-  int wake_ = -1;                        // an eventfd
-  std::vector<Connection> connections_;  // the thread's alone while it runs
-  std::jthread thread_;                  // last: it uses what is above
+  int wake_ = -1;  // an eventfd
+  // The thread's alone while it runs:
+  std::vector<Connection> connections_;
+  uint64_t after_trim_ = 0;  // bytes resident after the heap was last trimmed
+  std::chrono::steady_clock::time_point last_trim_;
+  std::jthread thread_;  // last: it uses what is above
 };
 
 // Resident memory of this process, in bytes.

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Attacks a worker over raw HTTP/2 and gRPC, one after the other, and checks that its resident memory
-stays below the figure that it was started with, that it answers afterwards, and that it lives.
+stays below the figure that it was started with, that it answers and gives most of it back
+afterwards, and that it lives.
 
 Usage: attacks.py WORKER_PROGRAM [ATTACK...]. Prints one line per attack: name, peak, what was seen.
 """
@@ -103,6 +104,13 @@ class Worker:
                 except grpc.RpcError:
                     time.sleep(0.05)
         return None
+
+    def returned_memory(self, within=60):
+        """Whether what was taken goes back to the system."""
+        end = time.monotonic() + within
+        while self.resident_mb() > LIMIT_MB / 2 and time.monotonic() < end:
+            time.sleep(0.05)
+        return self.resident_mb() <= LIMIT_MB / 2
 
     def end(self):
         self.watching = False
@@ -378,11 +386,12 @@ def main():
         seen = attack(worker)
         peak = worker.peak
         took = worker.answers() if worker.alive() else None
-        good = peak <= LIMIT_MB and took is not None and worker.alive()
+        good = peak <= LIMIT_MB and took is not None and worker.returned_memory() and worker.alive()
         failed |= not good
         print(f"{'ok' if good else 'FAILED'} {attack.__name__}: {before:.0f} MiB before, at most {peak:.0f} of "
               f"{LIMIT_MB}; {seen}; answers after "
-              f"{'never' if took is None else f'{took:.1f} s'}", flush=True)
+              f"{'never' if took is None else f'{took:.1f} s'}; {worker.resident_mb():.0f} MiB then",
+              flush=True)
         worker.end()
     sys.exit(1 if failed else 0)
 
