@@ -78,10 +78,11 @@ JobQueue::Place JobQueue::admit(const std::string& peer) {
   } else if (notes_.size() < kMostPeers) {
     notes_.push_back({peer, until});
   }
-  throw busy(fmt::format("this server is busy: {} run, {} wait, {} connections are to come again; "
-                         "come again in {:.2f} s",
-                         running_, waiting_.size() + admitted_, notes_.size(), seconds),
-             seconds);
+  throw busy(
+      fmt::format("this server is busy: {} run, {} wait, {} arrive, {} connections are to come "
+                  "again; come again in {:.2f} s",
+                  running_, waiting_.size(), admitted_, notes_.size(), seconds),
+      seconds);
 }
 
 void JobQueue::submit(Place place, Job job) {

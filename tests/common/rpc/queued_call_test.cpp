@@ -147,7 +147,7 @@ TEST_F(QueuedCallTest, ThatIsCancelledWhileItIsAcceptedLeavesItsPlace) {
   grpc::ClientContext context;
   auto cancelled = call_apart(2, context);
   ASSERT_TRUE(testing::eventually([&] { return comes_in.load(); }));
-  EXPECT_THAT(call(3).error_message(), HasSubstr("1 run, 1 wait"));
+  EXPECT_THAT(call(3).error_message(), HasSubstr("1 run, 0 wait, 1 arrive"));
   context.TryCancel();
   EXPECT_EQ(cancelled.get().error_code(), grpc::StatusCode::CANCELLED);
   EXPECT_TRUE(testing::eventually([&] { return desk().can_take_work(); }));

@@ -859,7 +859,7 @@ TEST(RenderService, KeepsTheSceneOfARequestThatWaits) {
     }));
     return answer.status;
   });
-  ASSERT_TRUE(testing::eventually([&] {
+  ASSERT_TRUE(testing::eventually([&] {  // who waits has found its scene, who arrives has not yet
     return client.call(small_request()).status.error_message().find("1 run, 1 wait") !=
            std::string::npos;
   }));
