@@ -37,17 +37,24 @@ using std::chrono::steady_clock;
 constexpr uint64_t kReserve = 8;  // an eighth
 
 // How often memory is looked at: rarely, or often once half of it is taken.
-constexpr int kCalmMs = 200;
-constexpr int kTightMs = 10;
-constexpr uint64_t kTight = 2;  // a half
+constexpr milliseconds kCalm{200};
+constexpr milliseconds kTight{10};
+constexpr uint64_t kTightPart = 2;  // a half
 
-// What a connection has sent counts less from look to look: a megabyte is forgotten after a
-// hundred.
+// What a connection has sent counts less from look to look: when memory is tight, a megabyte is
+// forgotten after a second.
 constexpr double kRemembered = 7.0 / 8;
 
-// Calls are small, and what they leave in the heap stays resident until the heap is trimmed: once
-// half of the memory is taken, whenever this part of it was added, and every so often.
-constexpr uint64_t kTrimmed = 64;
+// What a connection that was closed has left in gRPC's hands is done with so soon; until then no
+// other is closed, unless this part of the memory has been added to what is in use.
+constexpr milliseconds kGrace{100};
+constexpr uint64_t kGrowth = 64;
+// So long after one was closed none is accepted while memory is short.
+constexpr milliseconds kRecovery{2000};
+
+// Calls are small, and what they leave in the heap stays resident until the heap is trimmed: when
+// memory is tight and has grown, and every so often, but not always, as others wait for the heap.
+constexpr milliseconds kLeastTrimInterval{50};
 constexpr milliseconds kTrimInterval{500};
 
 Error not_an_address(const std::string& text, const char* why) {
@@ -195,15 +202,16 @@ void Listener::close() {
 }
 
 void Listener::run(const std::stop_token& stop, const std::function<void(int)>& take) {
-  bool paused = false;  // nothing was left for one more connection: no descriptor or no memory
+  bool paused = false;  // no file descriptor was left for a connection
   while (!stop.stop_requested()) {
-    std::vector<pollfd> polled = {{wake_, POLLIN, 0}, {paused ? -1 : socket_, POLLIN, 0}};
+    const int accepting = paused || short_of_memory_ ? -1 : socket_;
+    std::vector<pollfd> polled = {{wake_, POLLIN, 0}, {accepting, POLLIN, 0}};
     for (const Connection& connection : connections_) {
       polled.push_back({connection.fd, POLLRDHUP, 0});
     }
     const uint64_t most = options_.max_memory_bytes;
-    const bool tight = most > 0 && trimmed_memory() > most / kTight;
-    poll(polled.data(), polled.size(), tight ? kTightMs : kCalmMs);
+    const bool tight = most > 0 && resident_memory() > most / kTightPart;
+    poll(polled.data(), polled.size(), static_cast<int>((tight ? kTight : kCalm).count()));
     std::vector<int> closed;
     for (size_t i = 2; i < polled.size(); ++i) {
       if (polled[i].revents != 0) closed.push_back(polled[i].fd);
@@ -211,7 +219,7 @@ void Listener::run(const std::stop_token& stop, const std::function<void(int)>& 
     forget(closed);
     paused = false;
     if (polled[1].revents != 0) paused = !accept_all(take);
-    if (most > 0) paused |= relieve_memory();
+    if (most > 0) relieve_memory();
   }
 }
 
@@ -240,18 +248,18 @@ void Listener::forget(const std::vector<int>& fds) {
   });
 }
 
-uint64_t Listener::trimmed_memory() {
+uint64_t Listener::trimmed_memory(uint64_t most) {
   const uint64_t resident = resident_memory();
-  if (resident <= options_.max_memory_bytes / kTight) return resident;
-  const auto now = steady_clock::now();
-  if (resident < after_trim_ + options_.max_memory_bytes / kTrimmed &&
-      now < last_trim_ + kTrimInterval) {
-    return resident;
+  if (resident <= options_.max_memory_bytes / kTightPart) return resident;
+  const auto since = steady_clock::now() - last_trim_;
+  const bool grown = resident > after_trim_ + options_.max_memory_bytes / kGrowth;
+  if (resident > most || (grown && since > kLeastTrimInterval) || since > kTrimInterval) {
+    malloc_trim(0);
+    last_trim_ = steady_clock::now();
+    after_trim_ = resident_memory();
+    return after_trim_;
   }
-  malloc_trim(0);
-  last_trim_ = now;
-  after_trim_ = resident_memory();
-  return after_trim_;
+  return resident;
 }
 
 // gRPC goes on for many looks with what it has read.
@@ -262,20 +270,28 @@ void Listener::Connection::look() {
   received = now;
 }
 
-bool Listener::relieve_memory() {
+void Listener::relieve_memory() {
+  const auto now = steady_clock::now();
+  if (now < last_look_ + kTight) return;
+  last_look_ = now;
   for (Connection& connection : connections_) connection.look();
   const uint64_t most = options_.max_memory_bytes - options_.max_memory_bytes / kReserve;
-  if (trimmed_memory() <= most) return false;
-  if (connections_.empty()) return true;
+  const uint64_t resident = trimmed_memory(most);
+  short_of_memory_ = resident > most && now < last_cut_ + kRecovery;
+  const bool recovers =
+      now < last_cut_ + kGrace && resident < at_last_cut_ + options_.max_memory_bytes / kGrowth;
+  if (resident <= most || connections_.empty() || recovers) return;
   const auto hungriest =
       std::max_element(connections_.begin(), connections_.end(),
                        [](const auto& a, const auto& b) { return a.lately < b.lately; });
-  if (hungriest->lately < 1) return true;  // what grows is not what they send
+  if (hungriest->lately < 1) return;  // what grows is not what they send
   spdlog::warn("more than {} MiB of memory are in use: the connection that sends most is closed",
                most >> 20);
   cut(hungriest->fd);
   forget({hungriest->fd});
-  return true;
+  short_of_memory_ = true;
+  last_cut_ = now;
+  at_last_cut_ = resident;
 }
 
 }  // namespace itn

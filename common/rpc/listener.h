@@ -22,8 +22,8 @@ ListenAddress parse_listen_address(const std::string& text);
 
 struct ListenerOptions {
   size_t max_connections = 1024;  // more are closed at once
-  // Of the process, resident: close to it, none is accepted, and the connection that sent most
-  // lately is closed, again and again. 0: none.
+  // Of the process, resident: close to it, the connection that sent most lately is closed, again
+  // and again, and until that has helped, for two seconds at most, none is accepted. 0: none.
   uint64_t max_memory_bytes = 0;
 };
 
@@ -59,10 +59,9 @@ class Listener {
   // False if the system has no room for one more.
   bool accept_all(const std::function<void(int)>& take);
   void forget(const std::vector<int>& fds);
-  // Resident, with no more than a part of it free in the heap.
-  uint64_t trimmed_memory();
-  // True if there is too little of it for one more connection.
-  bool relieve_memory();
+  // Resident; if that is more than a half, mostly after the heap was trimmed.
+  uint64_t trimmed_memory(uint64_t most);
+  void relieve_memory();
   void run(const std::stop_token& stop, const std::function<void(int)>& take);
 
   const ListenerOptions options_;
@@ -71,9 +70,10 @@ class Listener {
   int wake_ = -1;  // an eventfd
   // The thread's alone while it runs:
   std::vector<Connection> connections_;
-  uint64_t after_trim_ = 0;  // bytes resident after the heap was last trimmed
-  std::chrono::steady_clock::time_point last_trim_;
-  std::jthread thread_;  // last: it uses what is above
+  std::chrono::steady_clock::time_point last_look_, last_trim_, last_cut_;
+  uint64_t after_trim_ = 0, at_last_cut_ = 0;  // bytes resident
+  bool short_of_memory_ = false;               // for one more connection
+  std::jthread thread_;                        // last: it uses what is above
 };
 
 // Resident memory of this process, in bytes.

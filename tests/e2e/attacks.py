@@ -3,7 +3,8 @@
 stays below the figure that it was started with, that it answers and gives most of it back
 afterwards, and that it lives.
 
-Usage: attacks.py WORKER_PROGRAM [ATTACK...]. Prints one line per attack: name, peak, what was seen.
+Usage: attacks.py WORKER_PROGRAM [ATTACK...]. Prints one line per attack: name, memory before, at its
+peak and afterwards, what was seen.
 """
 
 import os
