@@ -33,7 +33,8 @@ step "Ask the model that comes with itn: an image of sigma_t 60, albedo 0.8, g 0
 "$bin/itn" predict "$out/cube.exr"
 
 step "Render a dataset: 1600 images of 64 x 64 pixels; shapes and lights of the test are apart"
-"$bin/itn" dataset "$dataset" --random-shapes 400 --count 1600 --resolution 64 --noise 6% --rotate
+"$bin/itn" dataset "$dataset" --random-shapes 400 --count 1600 --resolution 64 --noise 6% --rotate \
+  --validation-fraction 0.17
 
 step "Train a regressor network (RN) that answers distributions"
 "$bin/itn" train "$dataset" -o "$out/rn" --preset residual --base-channels 16 --noise 0.12 \

@@ -77,6 +77,7 @@ void run(const ExportOptions& options) {
   model = read_checkpoint(find_model(options.checkpoint)).model();
   if (!options.name.empty()) model.set_name(options.name);
   if (!options.version.empty()) model.set_version(options.version);
+  if (!options.dataset.empty()) model.clear_familiarity();  // it may be of an earlier version
   const Predictor predictor(model);  // it can be used, and so can its new name
   if (!options.dataset.empty()) complete(options, model);
   const bool knows = model.has_familiarity();

@@ -11,18 +11,39 @@
 namespace itn {
 namespace {
 
-constexpr size_t kMostImages = 1024, kFewestImages = 32;
+constexpr size_t kMostImages = 4096, kMostSpoilt = 1024, kFewestImages = 32;
 constexpr size_t kImagesAtATime = 32;
+// Where samples ran out, an image shows little else than noise; if those counted as what is usual,
+// noise would.
+constexpr double kMuchNoise = 1.5;  // over the median
 
 ImageBatch as_they_are(const ImageBatch& images) {
   return images;
 }
 
+struct Shown {
+  Features features;
+  torch::Tensor noise;  // images: relative
+
+  Shown less_noisy_than(double limit) const {
+    const torch::Tensor kept = (noise <= limit).nonzero().squeeze(1);
+    return {{features.embedding.index_select(0, kept), features.statistics.index_select(0, kept)},
+            noise.index_select(0, kept)};
+  }
+};
+
+// Of each image, on average over the object; none where nobody knows it.
+torch::Tensor mean_noise(const ImageBatch& images) {
+  if (!images.noise.defined()) return torch::zeros({images.size()});
+  // Some pixel may show nothing else.
+  return (images.noise.clamp_max(1) * images.mask).sum({1, 2}) /
+         images.mask.sum({1, 2}).clamp_min(1);
+}
+
 // Of the images, changed.
-Features features_of(Predictor& predictor, const ImageSource& source,
-                     std::span<const uint32_t> numbers, const std::stop_token& stop,
-                     ImageBatch (*change)(const ImageBatch&) = as_they_are) {
-  std::vector<torch::Tensor> embeddings, statistics;
+Shown show(Predictor& predictor, const ImageSource& source, std::span<const uint32_t> numbers,
+           const std::stop_token& stop, ImageBatch (*change)(const ImageBatch&) = as_they_are) {
+  std::vector<torch::Tensor> embeddings, statistics, noises;
   for (size_t first = 0; first < numbers.size(); first += kImagesAtATime) {
     if (stop.stop_requested()) {
       throw Error(ErrorKind::kCancelled, "interrupted");
@@ -32,8 +53,9 @@ Features features_of(Predictor& predictor, const ImageSource& source,
     const Features features = predictor.features(change(images));
     embeddings.push_back(features.embedding);
     statistics.push_back(features.statistics);
+    noises.push_back(mean_noise(images));
   }
-  return {torch::cat(embeddings), torch::cat(statistics)};
+  return {{torch::cat(embeddings), torch::cat(statistics)}, torch::cat(noises)};
 }
 
 }  // namespace
@@ -44,21 +66,30 @@ std::optional<v1::Familiarity> measure_familiarity(const v1::Model& model,
                                                    const std::stop_token& stop) {
   if (training.count < kFewestImages) return std::nullopt;
   Predictor predictor(model);
-  const std::vector<uint32_t> shown = spread(kMostImages, training.count);
-  const auto encoded = [&](std::span<const uint32_t> numbers) {
-    return features_of(predictor, training, numbers, stop, encoded_for_screen).statistics;
+  const Shown all = show(predictor, training, spread(kMostImages, training.count), stop);
+  const double limit = std::max(model.noise(), kMuchNoise * all.noise.median().item<double>());
+  const Shown usual = all.less_noisy_than(limit);
+  const auto statistics_after = [&](ImageBatch (*change)(const ImageBatch&)) {
+    return show(predictor, training, spread(kMostSpoilt, training.count), stop, change)
+        .less_noisy_than(limit)
+        .features.statistics;
   };
+  const SpoiltStatistics spoilt{.encoded = statistics_after(encoded_for_screen),
+                                .shuffled = statistics_after(shuffled)};
   if (held_out.count >= kFewestImages) {
-    return fit_familiarity(
-        features_of(predictor, training, shown, stop), encoded(shown),
-        features_of(predictor, held_out, spread(kMostImages, held_out.count), stop));
+    const Shown others =
+        show(predictor, held_out, spread(kMostImages, held_out.count), stop).less_noisy_than(limit);
+    if (others.noise.size(0) >= static_cast<int64_t>(kFewestImages)) {
+      return fit_familiarity(usual.features, spoilt, others.features);
+    }
   }
-  std::vector<uint32_t> rest, others;  // every fourth
-  for (size_t i = 0; i < shown.size(); ++i) {
-    (i % 4 == 3 ? others : rest).push_back(shown[i]);
-  }
-  return fit_familiarity(features_of(predictor, training, rest, stop), encoded(rest),
-                         features_of(predictor, training, others, stop));
+  const torch::Tensor fourth = torch::arange(usual.noise.size(0)) % 4 == 3;
+  const auto part = [&](const torch::Tensor& which) {
+    const torch::Tensor kept = which.nonzero().squeeze(1);
+    return Features{usual.features.embedding.index_select(0, kept),
+                    usual.features.statistics.index_select(0, kept)};
+  };
+  return fit_familiarity(part(~fourth), spoilt, part(fourth));
 }
 
 }  // namespace itn

@@ -74,6 +74,9 @@ v1::TrainingConfig read_training_config(const std::filesystem::path& file,
   if (given.has_architecture()) {
     config.clear_architecture();
   }
+  if (given.augmentation().has_noise()) {
+    config.mutable_augmentation()->clear_noise();
+  }
   config.MergeFrom(given);
   return config;
 }

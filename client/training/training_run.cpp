@@ -214,6 +214,20 @@ TrainingEnd train_with(const v1::TrainingConfig& config, const v1::Model& start,
   }
 }
 
+// A zero that was said is as good as one that was not.
+v1::TrainingConfig without_zeros(v1::TrainingConfig config) {
+  v1::Augmentation& augmentation = *config.mutable_augmentation();
+  if (!augmentation.mirror()) augmentation.clear_mirror();
+  if (augmentation.shift() == 0) augmentation.clear_shift();
+  if (augmentation.exposure() == 0) augmentation.clear_exposure();
+  if (config.warmup_steps() == 0) config.clear_warmup_steps();
+  if (config.weight_decay() == 0) config.clear_weight_decay();
+  if (config.max_gradient_norm() == 0) config.clear_max_gradient_norm();
+  if (config.weight_average_decay() == 0) config.clear_weight_average_decay();
+  if (config.mean_weight() == 0) config.clear_mean_weight();
+  return config;
+}
+
 }  // namespace
 
 void require_same_config(const v1::TrainingState& there, v1::TrainingConfig wanted,
@@ -226,7 +240,7 @@ void require_same_config(const v1::TrainingState& there, v1::TrainingConfig want
   std::string text;
   google::protobuf::util::MessageDifferencer differencer;
   differencer.ReportDifferencesToString(&text);
-  if (!differencer.Compare(there.config(), wanted)) {
+  if (!differencer.Compare(without_zeros(there.config()), without_zeros(wanted))) {
     throw invalid_input(fmt::format(
         "the run in {} has another configuration; --resume continues it with its own (more steps "
         "are possible), or choose another folder. Differences:\n{}",

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include <ATen/CPUGeneratorImpl.h>
 #include <fmt/format.h>
 
 #include "common/error.h"
@@ -155,7 +156,7 @@ constexpr int64_t kMostAxes = 64;
 constexpr double kLeastVariance = 1e-2;
 // Distances of statistics are logarithms: a difference of a fiftieth is none.
 constexpr double kLeastDeviation = 0.02;
-constexpr double kUsual = 1 - 0.01 / 3;  // of each of three
+constexpr double kUsual = 1 - 0.01 / 5;  // of each of five
 constexpr int kQuantileSteps = 200;
 
 double quantile_of(const torch::Tensor& values, double q) {
@@ -182,6 +183,20 @@ v1::PrincipalGaussian fit(const torch::Tensor& vectors, double least_variance) {
   return gaussian;
 }
 
+void set_numbers(const torch::Tensor& values, google::protobuf::RepeatedField<double>* field) {
+  const torch::Tensor v = values.contiguous();
+  field->Assign(v.data_ptr<double>(), v.data_ptr<double>() + v.numel());
+}
+
+v1::StatisticsRange range_of(const torch::Tensor& statistics) {
+  v1::StatisticsRange range;
+  set_numbers(statistics.amin(0), range.mutable_lowest());
+  set_numbers(torch::quantile(statistics, 0.5, 0), range.mutable_middle());
+  set_numbers(statistics.amax(0), range.mutable_highest());
+  range.set_usual(1);
+  return range;
+}
+
 // What tells `others` from `ours` best, in the metric of the covariance that both have about their
 // means (Fisher, "The use of multiple measurements in taxonomic problems", 1936).
 torch::Tensor discriminant(const torch::Tensor& ours, const torch::Tensor& others) {
@@ -195,6 +210,18 @@ torch::Tensor discriminant(const torch::Tensor& ours, const torch::Tensor& other
                                       kLeastDeviation * kLeastDeviation));
   const torch::Tensor difference = others.mean(0) - ours.mean(0);
   return at::linalg_solve(covariance, difference.unsqueeze(1)).squeeze(1);
+}
+
+// One for each of the statistics.
+torch::Tensor read_statistics(const char* what,
+                              const google::protobuf::RepeatedField<double>& field) {
+  const std::vector<double> values(field.begin(), field.end());
+  if (values.size() != static_cast<size_t>(kImageStatistics) ||
+      !std::ranges::all_of(values, [](double x) { return std::isfinite(x); })) {
+    throw invalid_input(
+        fmt::format("model.familiarity.{} must have {} finite numbers", what, kImageStatistics));
+  }
+  return torch::tensor(values, torch::kFloat64);
 }
 
 torch::Tensor read_tensor(const v1::Tensor& tensor) {
@@ -228,23 +255,40 @@ ImageBatch encoded_for_screen(const ImageBatch& images) {
   const torch::Tensor odd = (torch::arange(images.size()) % 2 == 1).view({-1, 1, 1});
   ImageBatch result = images;
   result.luminance = encoded * torch::where(odd, same_mean, torch::ones_like(same_mean));
+  if (result.noise.defined()) result.noise = result.noise / kGamma;
   return result;
 }
 
-v1::Familiarity fit_familiarity(const Features& training, const torch::Tensor& encoded,
+ImageBatch shuffled(const ImageBatch& images) {
+  constexpr uint64_t kSeed = 1;
+  const torch::NoGradGuard no_gradient;
+  at::Generator generator = at::detail::createCPUGenerator(kSeed);
+  ImageBatch result = images;
+  result.luminance = images.luminance.clone();
+  if (images.noise.defined()) result.noise = images.noise.clone();
+  for (int64_t i = 0; i < images.size(); ++i) {
+    const torch::Tensor object = (images.mask[i].flatten() > kOnObject).nonzero().squeeze(1);
+    const torch::Tensor from = object.index_select(0, torch::randperm(object.size(0), generator));
+    const auto move = [&](const torch::Tensor& whole, torch::Tensor& moved) {
+      moved[i].view(-1).index_copy_(0, object, whole[i].flatten().index_select(0, from));
+    };
+    move(images.luminance, result.luminance);
+    if (images.noise.defined()) move(images.noise, result.noise);
+  }
+  return result;
+}
+
+v1::Familiarity fit_familiarity(const Features& training, const SpoiltStatistics& spoilt,
                                 const Features& held_out) {
   const torch::NoGradGuard no_gradient;
   v1::Familiarity familiarity;
   *familiarity.mutable_embedding() = fit(training.embedding, 0);
   *familiarity.mutable_statistics() = fit(training.statistics, kLeastDeviation * kLeastDeviation);
-  const torch::Tensor direction = discriminant(training.statistics, encoded);
-  const auto set_encoding = [&](double usual) {
-    familiarity.clear_encoding();
-    for (int64_t i = 0; i < kImageStatistics; ++i) {
-      familiarity.add_encoding(direction[i].item<double>() / usual);
-    }
-  };
-  set_encoding(1);
+  *familiarity.mutable_range() = range_of(training.statistics);
+  const torch::Tensor encoding = discriminant(training.statistics, spoilt.encoded);
+  const torch::Tensor disorder = discriminant(training.statistics, spoilt.shuffled);
+  set_numbers(encoding, familiarity.mutable_encoding());
+  set_numbers(disorder, familiarity.mutable_disorder());
   familiarity.add_quantiles(0);
   familiarity.add_quantiles(1);
   const auto distances = [&] {
@@ -258,7 +302,9 @@ v1::Familiarity fit_familiarity(const Features& training, const torch::Tensor& e
   };
   familiarity.mutable_embedding()->set_usual(usual(raw.embedding));
   familiarity.mutable_statistics()->set_usual(usual(raw.statistics));
-  set_encoding(usual(raw.encoding));
+  familiarity.mutable_range()->set_usual(usual(raw.range));
+  set_numbers(encoding / usual(raw.encoding), familiarity.mutable_encoding());
+  set_numbers(disorder / usual(raw.disorder), familiarity.mutable_disorder());
   // The scores that follow.
   const torch::Tensor scores = distances().largest();
   familiarity.clear_quantiles();
@@ -271,18 +317,14 @@ v1::Familiarity fit_familiarity(const Features& training, const torch::Tensor& e
 FamiliarityMeasure::FamiliarityMeasure(const v1::Familiarity& familiarity, int64_t embedding_size)
     : embedding_(read("embedding", familiarity.embedding(), embedding_size)),
       statistics_(read("statistics", familiarity.statistics(), kImageStatistics)),
+      range_(read(familiarity.range())),
       quantiles_(familiarity.quantiles().begin(), familiarity.quantiles().end()) {
   if (quantiles_.size() < 2 || !std::ranges::is_sorted(quantiles_) ||
       !std::ranges::all_of(quantiles_, [](double q) { return std::isfinite(q) && q >= 0; })) {
     throw invalid_input("model.familiarity.quantiles must be rising and finite");
   }
-  const std::vector<double> encoding(familiarity.encoding().begin(), familiarity.encoding().end());
-  if (encoding.size() != static_cast<size_t>(kImageStatistics) ||
-      !std::ranges::all_of(encoding, [](double x) { return std::isfinite(x); })) {
-    throw invalid_input(
-        fmt::format("model.familiarity.encoding must have {} finite numbers", kImageStatistics));
-  }
-  encoding_ = torch::tensor(encoding, torch::kFloat64);
+  encoding_ = read_statistics("encoding", familiarity.encoding());
+  disorder_ = read_statistics("disorder", familiarity.disorder());
   // Of the covariance sum of variance * direction direction^T, axis = direction / deviation.
   const torch::Tensor variances = 1 / statistics_.axes.square().sum(1, true);
   deviations_ = (statistics_.axes.square() * variances.square()).sum(0).sqrt();
@@ -307,6 +349,21 @@ FamiliarityMeasure::Gaussian FamiliarityMeasure::read(const char* what,
   return {read_tensor(proto.mean()), read_tensor(proto.axes()), proto.rest(), proto.usual()};
 }
 
+FamiliarityMeasure::Range FamiliarityMeasure::read(const v1::StatisticsRange& proto) {
+  if (!(proto.usual() > 0) || !std::isfinite(proto.usual())) {
+    throw invalid_input("model.familiarity.range.usual must be positive");
+  }
+  return {read_statistics("range.lowest", proto.lowest()),
+          read_statistics("range.middle", proto.middle()),
+          read_statistics("range.highest", proto.highest()), proto.usual()};
+}
+
+torch::Tensor FamiliarityMeasure::Range::distance(const torch::Tensor& statistics) const {
+  const torch::Tensor above = (statistics - middle) / (highest - middle).clamp_min(kLeastDeviation);
+  const torch::Tensor below = (middle - statistics) / (middle - lowest).clamp_min(kLeastDeviation);
+  return torch::maximum(above, below).amax(1) / usual;
+}
+
 torch::Tensor FamiliarityMeasure::Gaussian::distance(const torch::Tensor& vectors) const {
   const torch::Tensor d = vectors.to(torch::kFloat64) - mean;
   const torch::Tensor along = d.matmul(axes.t());  // in standard deviations
@@ -319,7 +376,12 @@ torch::Tensor FamiliarityMeasure::Gaussian::distance(const torch::Tensor& vector
 
 FamiliarityMeasure::Distances FamiliarityMeasure::distances(const Features& images) const {
   return {embedding_.distance(images.embedding), statistics_.distance(images.statistics),
-          (images.statistics - statistics_.mean).matmul(encoding_).clamp_min(0)};
+          range_.distance(images.statistics), along(encoding_, images), along(disorder_, images)};
+}
+
+torch::Tensor FamiliarityMeasure::along(const torch::Tensor& direction,
+                                        const Features& images) const {
+  return (images.statistics - statistics_.mean).matmul(direction).clamp_min(0);
 }
 
 std::vector<Unfamiliarity> FamiliarityMeasure::of(const Features& images) const {
@@ -334,11 +396,13 @@ std::vector<Unfamiliarity> FamiliarityMeasure::of(const Features& images) const 
         static_cast<double>(quantiles_.size());
     u.unfamiliar = u.score > 1;
     if (u.unfamiliar) {
+      const auto at = [i](const torch::Tensor& distance) { return distance[i].item<double>(); };
       // What tells encoded images from proper ones means nothing of images that are neither.
       const bool encoded =
-          distances.encoding[i].item<double>() > 1 && distances.statistics[i].item<double>() <= 1;
-      u.reason = encoded ? "it looks as if encoded for a screen; radiance must be linear"
-                         : unusual(images.statistics[i]);
+          at(distances.encoding) > 1 && at(distances.statistics) <= 1 && at(distances.range) <= 1;
+      u.reason = at(distances.disorder) == u.score ? "it has no more order than noise"
+                 : encoded ? "it looks as if encoded for a screen; radiance must be linear"
+                           : unusual(images.statistics[i]);
     }
   }
   return result;

@@ -1,16 +1,21 @@
 // Whether a network knows images like this one. A network answers anything, and is as sure of an
 // image such as it has never seen; so the model keeps what images of its training are like, and
 // measures how far from them an image is (Lee et al., "A simple unified framework for detecting
-// out-of-distribution samples", NeurIPS 2018), in three ways:
+// out-of-distribution samples", NeurIPS 2018), in five ways:
 //
 //   embedding    Mahalanobis distance of what the network's last layer sees of it
 //   statistics   likewise, of the image itself, as a network overlooks what never varied while it
 //                learned
+//   range        the statistic that is farthest out, over the farthest of training images on the
+//                same side: a Gaussian does not know that nothing outdoors is brighter than the sun
+//                makes it
 //   encoding     how much the statistics are those of an image that is encoded for a screen, the
 //                most likely mistake, by Fisher's linear discriminant
+//   disorder     likewise, how much they are those of an image whose pixels are in any order, as of
+//                mere noise
 //
-// The score is the largest, each over what is usual: what one in 300 held-out images exceeds, so
-// that 99 % of them are below 1 in all.
+// The score is the largest, each over what is usual: what one in 500 held-out images exceeds, so
+// that 99 % of them are below 1 in all; without those in which noise hides nearly everything.
 #pragma once
 
 #include <string>
@@ -39,12 +44,21 @@ struct Features {
 };
 
 // The images as a screen would have them: by turns the brightest pixel stays as bright, or the
-// mean.
+// mean. Relative noise becomes less as contrast does.
 ImageBatch encoded_for_screen(const ImageBatch& images);
 
-// From images of training, the statistics of the same or others encoded_for_screen(), and images of
-// held-out shapes. Deterministic. Requires two images of each at least.
-v1::Familiarity fit_familiarity(const Features& training, const torch::Tensor& encoded,
+// The images with the pixels of each object in a random order, always the same one.
+ImageBatch shuffled(const ImageBatch& images);
+
+// Statistics of images after a change that proper images have not undergone: images x
+// kImageStatistics.
+struct SpoiltStatistics {
+  torch::Tensor encoded, shuffled;
+};
+
+// From images of training, the same or others spoilt, and images of held-out shapes. Deterministic.
+// Requires two images of each at least.
+v1::Familiarity fit_familiarity(const Features& training, const SpoiltStatistics& spoilt,
                                 const Features& held_out);
 
 // See v1::Unfamiliarity.
@@ -64,10 +78,10 @@ class FamiliarityMeasure {
 
   // Each over what is usual: images, double.
   struct Distances {
-    torch::Tensor embedding, statistics, encoding;
+    torch::Tensor embedding, statistics, range, encoding, disorder;
 
     torch::Tensor largest() const {
-      return torch::maximum(torch::maximum(embedding, statistics), encoding);
+      return torch::stack({embedding, statistics, range, encoding, disorder}).amax(0);
     }
   };
   Distances distances(const Features& images) const;
@@ -79,11 +93,21 @@ class FamiliarityMeasure {
     torch::Tensor distance(const torch::Tensor& vectors) const;
   };
   static Gaussian read(const char* what, const v1::PrincipalGaussian& proto, int64_t size);
+  // Where an image lies between the middle and the ends of what training images have.
+  struct Range {
+    torch::Tensor lowest, middle, highest;  // of each statistic, double
+    double usual;
+    torch::Tensor distance(const torch::Tensor& statistics) const;
+  };
+  static Range read(const v1::StatisticsRange& proto);
+  // As far as the images' statistics lie in this direction.
+  torch::Tensor along(const torch::Tensor& direction, const Features& images) const;
   std::string unusual(const torch::Tensor& statistics) const;
 
   Gaussian embedding_, statistics_;
-  torch::Tensor encoding_;    // direction
-  torch::Tensor deviations_;  // standard deviations of the statistics
+  Range range_;
+  torch::Tensor encoding_, disorder_;  // directions
+  torch::Tensor deviations_;           // standard deviations of the statistics
   std::vector<double> quantiles_;
 };
 

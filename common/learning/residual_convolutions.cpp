@@ -4,7 +4,8 @@
 //   stem      5x5 convolution, stride 2
 //   stages    of blocks of two 3x3 convolutions beside a shortcut; the first of each has stride 2
 //   pooling   mean and maximum over the object, and statistics of the input
-//   head      two fully connected layers
+//   head      two fully connected layers, a SiLU between them (Elfwing et al., "Sigmoid-weighted
+//             linear units for neural network function approximation", 2018)
 //
 // Every convolution is followed by batch normalisation, whose running statistics are part of the
 // model: an answer in prediction depends on no other image.
@@ -23,7 +24,7 @@ namespace nn = torch::nn;
 constexpr int64_t kStemKernel = 5;
 constexpr uint32_t kLastSize = 4;     // of the last stage's feature maps, in pixels
 constexpr int64_t kLastWidening = 8;  // of the base channels, at most
-constexpr int64_t kHidden = 128;      // of the head
+constexpr int64_t kEmbedding = 128;   // what the answer is read off
 
 struct BlockSize {
   int64_t in, out, stride;
@@ -122,8 +123,8 @@ class ResidualConvolutionNetwork final : public EncoderNetwork {
   explicit ResidualConvolutionNetwork(const NetworkSize& size)
       : stem_(register_module("stem", convolution(size.input_channels, size.stem, kStemKernel, 2))),
         stem_norm_(register_module("stem_norm", nn::BatchNorm2d(size.stem))),
-        hidden_(register_module("hidden", nn::Linear(size.pooled(), kHidden))),
-        head_(register_module("head", nn::Linear(kHidden, size.outputs))) {
+        embedding_(register_module("embedding", nn::Linear(size.pooled(), kEmbedding))),
+        head_(register_module("head", nn::Linear(kEmbedding, size.outputs))) {
     for (const std::vector<BlockSize>& stage : size.stages) {
       for (const BlockSize& block : stage) {
         blocks_->push_back(std::make_shared<ResidualBlock>(block));
@@ -149,7 +150,8 @@ class ResidualConvolutionNetwork final : public EncoderNetwork {
     const torch::Tensor maximum = (x * (cells > 0)).amax({2, 3});
     const torch::Tensor pooled = torch::cat(
         {masked_mean(x, cells), maximum, input_statistics(input.slice(1, 0, planes), mask)}, 1);
-    return hidden_->forward(pooled).relu_();
+    // A rectifier would leave 18 of the 128 alive: the first steps of a fast optimizer are large.
+    return torch::silu(embedding_->forward(pooled));
   }
 
   torch::Tensor answer(const torch::Tensor& embedding) override {
@@ -159,7 +161,7 @@ class ResidualConvolutionNetwork final : public EncoderNetwork {
  private:
   nn::Conv2d stem_;
   nn::BatchNorm2d stem_norm_;
-  nn::Linear hidden_, head_;
+  nn::Linear embedding_, head_;
   nn::ModuleList blocks_;
 };
 
@@ -185,8 +187,8 @@ std::vector<TensorShape> tensor_shapes(const v1::ResidualConvolutions& architect
   };
   add_convolution("stem", size.input_channels, size.stem, kStemKernel);
   add_norm("stem_norm", size.stem);
-  add_linear("hidden", size.pooled(), kHidden);
-  add_linear("head", kHidden, size.outputs);
+  add_linear("embedding", size.pooled(), kEmbedding);
+  add_linear("head", kEmbedding, size.outputs);
   int index = 0;
   for (const std::vector<BlockSize>& stage : size.stages) {
     for (const BlockSize& block : stage) {

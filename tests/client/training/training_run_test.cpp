@@ -289,16 +289,38 @@ TEST(TrainingConfigTest, PresetsAreValid) {
   EXPECT_THROW(training_preset("nothing"), Error);
 }
 
+TEST(TrainingConfigTest, AZeroThatWasSaidIsAsGoodAsOneThatWasNot) {
+  v1::TrainingState there;
+  *there.mutable_config() = training_preset("paper");
+  v1::TrainingConfig wanted = there.config();
+  wanted.set_weight_decay(0);
+  wanted.set_warmup_steps(0);
+  wanted.mutable_augmentation()->set_mirror(false);
+  EXPECT_NO_THROW(require_same_config(there, wanted, "run"));
+  wanted.set_weight_decay(0.1);
+  EXPECT_THROW(require_same_config(there, wanted, "run"), Error);
+}
+
 TEST(TrainingConfigTest, AFileSaysWhatDiffersFromThePreset) {
   const fs::path file = fs::path(::testing::TempDir()) / "config.textproto";
-  std::ofstream(file) << "batch: 7\narchitecture { residual_convolutions { base_channels: 12 } }\n"
-                         "augmentation { shift: 3 }\n";
+  std::ofstream(file)
+      << "batch: 7\narchitecture { residual_convolutions { base_channels: 12 } }\n"
+         "augmentation { mirror: false shift: 3 }\nmean_weight: 0\nweight_decay: 0\n";
   const v1::TrainingConfig c = read_training_config(file, training_preset("residual"));
   EXPECT_EQ(c.batch(), 7U);
   EXPECT_EQ(c.architecture().residual_convolutions().base_channels(), 12U);
   EXPECT_EQ(c.augmentation().shift(), 3U);
-  EXPECT_TRUE(c.augmentation().mirror());
   EXPECT_EQ(c.learning_rate(), 4e-3);
+  // Zero is a value, too.
+  const v1::TrainingConfig preset = training_preset("residual");
+  EXPECT_TRUE(preset.augmentation().mirror() && !c.augmentation().mirror());
+  EXPECT_TRUE(preset.mean_weight() > 0 && c.mean_weight() == 0);
+  EXPECT_TRUE(preset.weight_decay() > 0 && c.weight_decay() == 0);
+  std::ofstream(file) << "augmentation { noise { min: 0 max: 0.3 } }\n";
+  const v1::Interval noise =
+      read_training_config(file, training_preset("residual")).augmentation().noise();
+  EXPECT_EQ(noise.min(), 0);
+  EXPECT_EQ(noise.max(), 0.3);
   std::ofstream(file) << "bacth: 7\n";
   try {
     read_training_config(file, training_preset("paper"));

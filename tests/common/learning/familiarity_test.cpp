@@ -45,9 +45,11 @@ v1::Model model_with_familiarity() {
   v1::Model model = residual_model();
   Predictor predictor(model);
   const ImageBatch training = discs(400, 32, 1);
-  *model.mutable_familiarity() = fit_familiarity(
-      predictor.features(training), image_statistics(model, encoded_for_screen(training)),
-      predictor.features(discs(400, 32, 2)));
+  *model.mutable_familiarity() =
+      fit_familiarity(predictor.features(training),
+                      {.encoded = image_statistics(model, encoded_for_screen(training)),
+                       .shuffled = image_statistics(model, shuffled(training))},
+                      predictor.features(discs(400, 32, 2)));
   return model;
 }
 
@@ -88,6 +90,14 @@ TEST(Familiarity, SaysWhatIsUnusual) {
   }
 }
 
+TEST(Familiarity, SaysThatNoiseHasNoOrder) {
+  Predictor predictor(model_with_familiarity());
+  for (const MaterialEstimate& e : predictor.estimate(shuffled(discs(20, 32, 4)))) {
+    EXPECT_TRUE(e.unfamiliarity->unfamiliar);
+    EXPECT_THAT(e.unfamiliarity->reason, HasSubstr("no more order than noise"));
+  }
+}
+
 TEST(Familiarity, IsPartOfTheReply) {
   Predictor predictor(model_with_familiarity());
   const ImageBatch proper = discs(1, 32, 4);
@@ -123,8 +133,12 @@ TEST(Familiarity, OfAStrangerIsChecked) {
   fails("statistics: ", [](auto& f) { f.mutable_statistics()->clear_axes(); });
   fails("positive", [](auto& f) { f.mutable_statistics()->set_usual(0); });
   fails("positive", [](auto& f) { f.mutable_embedding()->set_rest(NAN); });
+  fails("range.lowest", [](auto& f) { f.mutable_range()->clear_lowest(); });
+  fails("range.highest", [](auto& f) { f.mutable_range()->set_highest(3, NAN); });
+  fails("range.usual", [](auto& f) { f.mutable_range()->set_usual(0); });
   fails("encoding", [](auto& f) { f.clear_encoding(); });
   fails("encoding", [](auto& f) { f.set_encoding(2, NAN); });
+  fails("disorder", [](auto& f) { f.add_disorder(1); });
   fails("quantiles", [](auto& f) { f.clear_quantiles(); });
   fails("quantiles", [](auto& f) { f.set_quantiles(0, 1e9); });
 }
@@ -139,6 +153,21 @@ TEST(EncodedForScreen, HasTheGammaOfScreens) {
     const double ratio = (y[i][16][16] / y[i][20][20]).item<double>();
     EXPECT_NEAR((encoded[i][16][16] / encoded[i][20][20]).item<double>(), std::pow(ratio, 1 / 2.2),
                 1e-5);
+  }
+}
+
+TEST(Shuffled, HasTheSamePixelsElsewhere) {
+  ImageBatch images = discs(2, 32, 6);
+  images.noise = 0.1 * images.luminance;  // so that it tells which pixel moved
+  const ImageBatch moved = shuffled(images);
+  EXPECT_TRUE(torch::equal(shuffled(images).luminance, moved.luminance));
+  EXPECT_TRUE(torch::allclose(moved.noise, 0.1 * moved.luminance));
+  EXPECT_TRUE(torch::equal(moved.mask, images.mask));
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_FALSE(torch::equal(moved.luminance[i], images.luminance[i]));
+    EXPECT_TRUE(torch::equal(std::get<0>(moved.luminance[i].flatten().sort()),
+                             std::get<0>(images.luminance[i].flatten().sort())));
+    EXPECT_EQ((moved.luminance[i] * (1 - images.mask[i])).abs().max().item<double>(), 0);
   }
 }
 
