@@ -111,8 +111,7 @@ void add_export_command(CLI::App& app) {
       "--dataset", options->dataset,
       "Folder of a dataset like that of the training: its training split tells the model what it "
       "has seen, so that it will know what it has not; its validation split, of 256 images at "
-      "least, "
-      "how wide its answers must be; a run does so at its end");
+      "least, how wide its answers must be; a run does so at its end");
   command->callback([options] { run(*options); });
 }
 

@@ -25,11 +25,14 @@ struct Shown {
   Features features;
   torch::Tensor noise;  // images: relative
 
-  Shown less_noisy_than(double limit) const {
-    const torch::Tensor kept = (noise <= limit).nonzero().squeeze(1);
+  // Those of which `which` (images) is true.
+  Shown part(const torch::Tensor& which) const {
+    const torch::Tensor kept = which.nonzero().squeeze(1);
     return {{features.embedding.index_select(0, kept), features.statistics.index_select(0, kept)},
             noise.index_select(0, kept)};
   }
+
+  Shown less_noisy_than(double limit) const { return part(noise <= limit); }
 };
 
 // Of each image, on average over the object; none where nobody knows it.
@@ -84,12 +87,7 @@ std::optional<v1::Familiarity> measure_familiarity(const v1::Model& model,
     }
   }
   const torch::Tensor fourth = torch::arange(usual.noise.size(0)) % 4 == 3;
-  const auto part = [&](const torch::Tensor& which) {
-    const torch::Tensor kept = which.nonzero().squeeze(1);
-    return Features{usual.features.embedding.index_select(0, kept),
-                    usual.features.statistics.index_select(0, kept)};
-  };
-  return fit_familiarity(part(~fourth), spoilt, part(fourth));
+  return fit_familiarity(usual.part(~fourth).features, spoilt, usual.part(fourth).features);
 }
 
 }  // namespace itn
