@@ -1,0 +1,36 @@
+// The values of a photograph's file, as they are in it.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "common/image/photograph_header.h"
+
+namespace itn {
+
+struct EncodedPixels {
+  int width = 0;
+  int height = 0;
+  int channels = 0;  // 1: gray, 2: gray and alpha, 3: RGB, 4: RGB and alpha
+  // Channels interleaved, top row first.
+  std::variant<std::vector<uint8_t>, std::vector<uint16_t>, std::vector<float>> values;
+  bool linear = false;  // the file says so, or holds floating-point numbers
+  bool multiplied_by_alpha = false;
+  Exif exif;  // its orientation is still to be applied
+
+  bool has_alpha() const { return channels == 2 || channels == 4; }
+};
+
+// `header` is that of the bytes. Throws Error: kDataLoss (damaged, cut short), kInvalidInput (a
+// kind of image that is not read). `name` is for messages.
+EncodedPixels decode_pixels(std::string_view bytes, const PhotographHeader& header,
+                            const std::string& name);
+
+// Likewise, of a PNG: by libpng itself, as it prints what it finds wrong when OpenImageIO calls it.
+EncodedPixels decode_png_pixels(std::string_view bytes, const PhotographHeader& header,
+                                const std::string& name);
+
+}  // namespace itn
