@@ -3,51 +3,24 @@
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
-#include <sys/mman.h>
 
 #include <exception>
 #include <memory>
 #include <mutex>
-#include <optional>
-
-#include "common/error.h"
-#include "common/files/file_descriptor.h"
 
 namespace itn {
 namespace {
-
-Error damaged(const std::string& name, const PhotographHeader& header, const std::string& reason) {
-  return {ErrorKind::kDataLoss, fmt::format("{} begins as {} and is not a complete one: {}", name,
-                                            header.format_name, reason)};
-}
 
 const char* format_of_openimageio(ImageFormat format) {
   switch (format) {
     case ImageFormat::kJpeg: return "jpeg";
     case ImageFormat::kTiff: return "tiff";
     case ImageFormat::kHdr: return "hdr";
-    case ImageFormat::kWebp: return "webp";
-    default: return "heif";
+    default: return "webp";
   }
 }
 
-// Bytes under a name, for a reader that opens files alone: of HEIF.
-class NamedBytes {
- public:
-  explicit NamedBytes(std::string_view bytes) : file_(::memfd_create("photograph", MFD_CLOEXEC)) {
-    while (!bytes.empty()) {
-      const ssize_t written = ::write(file_.get(), bytes.data(), bytes.size());
-      if (written <= 0) throw Error(ErrorKind::kInternal, "cannot hold a photograph in memory");
-      bytes.remove_prefix(static_cast<size_t>(written));
-    }
-  }
-  std::string name() const { return fmt::format("/proc/self/fd/{}", file_.get()); }
-
- private:
-  FileDescriptor file_;
-};
-
-// A file in memory that OpenImageIO has open.
+// A JPEG, TIFF, HDR or WebP file in memory that OpenImageIO has open.
 class OpenImage {
  public:
   OpenImage(std::string_view bytes, const PhotographHeader& header, const std::string& name)
@@ -61,11 +34,10 @@ class OpenImage {
                       "read: {}",
                       name, header.format_name, OIIO::geterror()));
     }
-    std::string file_name = name;
-    if (!input_->set_ioproxy(&memory_)) file_name = named_.emplace(bytes).name();
+    input_->set_ioproxy(&memory_);
     OIIO::ImageSpec wanted;
     wanted.attribute("oiio:UnassociatedAlpha", 1);
-    if (!input_->open(file_name, spec_, wanted)) throw failure();
+    if (!input_->open(name, spec_, wanted)) throw failure();
   }
 
   const OIIO::ImageSpec& spec() const { return spec_; }
@@ -87,21 +59,9 @@ class OpenImage {
   const PhotographHeader& header_;
   const std::string& name_;
   OIIO::Filesystem::IOMemReader memory_;
-  std::optional<NamedBytes> named_;
   std::unique_ptr<OIIO::ImageInput> input_;
   OIIO::ImageSpec spec_;
 };
-
-std::optional<double> if_positive(double value) {
-  return value > 0 ? std::optional(value) : std::nullopt;
-}
-
-// Of HEIF, which OpenImageIO has brought upright.
-Exif exif_of(const OIIO::ImageSpec& spec) {
-  return {.exposure_seconds = if_positive(spec.get_float_attribute("ExposureTime")),
-          .f_number = if_positive(spec.get_float_attribute("FNumber")),
-          .iso = if_positive(spec.get_int_attribute("Exif:PhotographicSensitivity"))};
-}
 
 // Keeps gray or RGB, and alpha; files may have more.
 template <typename T>
@@ -119,9 +79,7 @@ EncodedPixels decode(std::string_view bytes, const PhotographHeader& header,
                      const std::string& name) {
   OpenImage image(bytes, header, name);
   const OIIO::ImageSpec& spec = image.spec();
-  if (header.format == ImageFormat::kHeif
-          ? spec.width > kMaxPhotographSide || spec.height > kMaxPhotographSide
-          : spec.width != header.width || spec.height != header.height) {
+  if (spec.width != header.width || spec.height != header.height) {
     throw damaged(name, header, "its parts disagree about its size");
   }
   const int alpha = spec.alpha_channel;
@@ -139,7 +97,7 @@ EncodedPixels decode(std::string_view bytes, const PhotographHeader& header,
       .values = {},
       .linear = false,
       .multiplied_by_alpha = alpha >= 0 && spec.get_int_attribute("oiio:UnassociatedAlpha") == 0,
-      .exif = header.format == ImageFormat::kHeif ? exif_of(spec) : header.exif};
+      .exif = header.exif};
   if (spec.format == OIIO::TypeDesc::UINT8) {
     pixels.values = chosen(image.values<uint8_t>(OIIO::TypeDesc::UINT8), spec.nchannels, wanted);
   } else if (spec.format == OIIO::TypeDesc::UINT16) {
@@ -158,9 +116,15 @@ EncodedPixels decode(std::string_view bytes, const PhotographHeader& header,
 
 }  // namespace
 
+Error damaged(const std::string& name, const PhotographHeader& header, const std::string& reason) {
+  return {ErrorKind::kDataLoss, fmt::format("{} begins as {} and is not a complete one: {}", name,
+                                            header.format_name, reason)};
+}
+
 EncodedPixels decode_pixels(std::string_view bytes, const PhotographHeader& header,
                             const std::string& name) {
   if (header.format == ImageFormat::kPng) return decode_png_pixels(bytes, header, name);
+  if (header.format == ImageFormat::kHeif) return decode_heif_pixels(bytes, header, name);
   // Threads of OpenImageIO's own would be more than were asked for.
   static std::once_flag once;
   std::call_once(once, [] { OIIO::attribute("threads", 1); });

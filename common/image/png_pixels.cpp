@@ -3,9 +3,8 @@
 
 #include <csetjmp>
 #include <cstring>
-#include <type_traits>
+#include <new>
 
-#include "common/error.h"
 #include "common/image/encoded_pixels.h"
 
 namespace itn {
@@ -77,15 +76,14 @@ bool says_linear(const PngReader& reader, const std::string& name) {
 
 template <typename T>
 std::vector<T> read_values(PngReader& reader, size_t row_values, size_t height,
-                           const std::string& name) {
+                           const PhotographHeader& header, const std::string& name) {
   std::vector<T> values(row_values * height);
   std::vector<png_bytep> rows(height);
   for (size_t y = 0; y < height; ++y) {
     rows[y] = reinterpret_cast<png_bytep>(values.data() + y * row_values);
   }
   if (reader.read_rows(rows.data())) return values;
-  throw Error(ErrorKind::kDataLoss,
-              fmt::format("{} is not a complete PNG image: {}", name, reader.message));
+  throw damaged(name, header, reader.message);
 }
 
 }  // namespace
@@ -93,10 +91,7 @@ std::vector<T> read_values(PngReader& reader, size_t row_values, size_t height,
 EncodedPixels decode_png_pixels(std::string_view bytes, const PhotographHeader& header,
                                 const std::string& name) {
   PngReader reader(bytes);
-  if (!reader.read_info()) {
-    throw Error(ErrorKind::kDataLoss,
-                fmt::format("{} is not a complete PNG image: {}", name, reader.message));
-  }
+  if (!reader.read_info()) throw damaged(name, header, reader.message);
   EncodedPixels pixels{.width = static_cast<int>(png_get_image_width(reader.png, reader.info)),
                        .height = static_cast<int>(png_get_image_height(reader.png, reader.info)),
                        .channels = png_get_channels(reader.png, reader.info),
@@ -106,9 +101,9 @@ EncodedPixels decode_png_pixels(std::string_view bytes, const PhotographHeader& 
   const auto row_values = static_cast<size_t>(pixels.width) * static_cast<size_t>(pixels.channels);
   const auto height = static_cast<size_t>(pixels.height);
   if (png_get_bit_depth(reader.png, reader.info) == 16) {
-    pixels.values = read_values<uint16_t>(reader, row_values, height, name);
+    pixels.values = read_values<uint16_t>(reader, row_values, height, header, name);
   } else {
-    pixels.values = read_values<uint8_t>(reader, row_values, height, name);
+    pixels.values = read_values<uint8_t>(reader, row_values, height, header, name);
   }
   return pixels;
 }
