@@ -1,4 +1,5 @@
 // itn merge, as a process.
+#include <OpenImageIO/imageio.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -75,6 +76,31 @@ TEST_F(MergeCommand, WritesLinearRadiance) {
     EXPECT_EQ(image.attributes.at(attribute::kResponse),
               Attribute(more.empty() ? "estimate" : "srgb"));
   }
+}
+
+// f-number and sensitivity count where they differ. (A time like 1/8 OpenImageIO writes as 0.)
+TEST_F(MergeCommand, TakesExposuresFromExif) {
+  struct Taken {
+    float seconds, f_number;
+    int iso;
+  };
+  Arguments arguments{ITN, "merge", "-o", folder_.path("out.exr"), "--response", "srgb"};
+  for (const Taken& taken :
+       {Taken{0.0125F, 4, 100}, Taken{0.0125F, 4, 400}, Taken{0.0125F, 8, 100}}) {
+    arguments.push_back(folder_.path("photo" + std::to_string(arguments.size()) + ".jpg"));
+    OIIO::ImageSpec spec(8, 8, 3, OIIO::TypeDesc::UINT8);
+    spec.attribute("ExposureTime", taken.seconds);
+    spec.attribute("FNumber", taken.f_number);
+    spec.attribute("Exif:PhotographicSensitivity", taken.iso);
+    const std::vector<unsigned char> gray(8 * 8 * 3, 128);
+    const auto output = OIIO::ImageOutput::create(arguments.back());
+    ASSERT_TRUE(output->open(arguments.back(), spec) &&
+                output->write_image(OIIO::TypeDesc::UINT8, gray.data()) && output->close());
+  }
+  const Finished finished = run(arguments);
+  ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  EXPECT_EQ(read_exr(folder_.path("out.exr")).attributes.at(attribute::kExposures),
+            Attribute("0.0125,0.05,0.003125"));
 }
 
 TEST_F(MergeCommand, SaysWhatIsWrong) {
