@@ -95,7 +95,7 @@ std::string hash_comment(const std::vector<std::string>& lines) {
 std::string xml_comment(const std::vector<std::string>& lines) {
   std::string text = "<!--\n";
   for (const std::string& line : lines) {
-    text += "  ";
+    if (!line.empty()) text += "  ";
     // Two hyphens in a row must not occur in a comment (XML 1.0, section 2.5).
     for (const char c : line) text += c == '-' && text.back() == '-' ? " -" : std::string(1, c);
     text += "\n";
