@@ -146,7 +146,8 @@ class Itn:
             file.write(f"""
                 object {{ mesh {{ path: "{mesh}" normalize: true }} }}
                 lights {{ constant {{ radiance: {SKY} }} }}
-                lights {{ directional {{ direction {{ {self.vector(TO_SUN)} }} irradiance: {SUN} }} }}
+                lights {{ directional {{ direction {{ {self.vector(TO_SUN)} }}
+                                         irradiance: {SUN} }} }}
                 camera {{ origin {{ {self.vector(ORIGIN)} }} target {{ {self.vector(TARGET)} }}
                           fov_degrees: {FIELD_OF_VIEW} }}
                 film {{ width: {ARGUMENTS.size} height: {ARGUMENTS.size} }}""")
@@ -191,8 +192,7 @@ class Mitsuba:
         place = transform().scale(units_per_mm).translate([0, -self.height / 2, 0])
         origin, target = (place @ mi.ScalarPoint3f(point) for point in (ORIGIN, TARGET))
 
-        name = next(element.get("id") for element in
-                    xml.etree.ElementTree.parse(ARGUMENTS.file).getroot() if element.tag == "medium")
+        name = xml.etree.ElementTree.parse(ARGUMENTS.file).find("medium").get("id")
         path = f"{folder}/scene.xml"
         with open(path, "w", encoding="ascii") as file:
             file.write(f"""<scene version="3.0.0">
