@@ -33,6 +33,7 @@ const ExportFormat& export_format(std::string_view name) {
   const auto* found = std::ranges::find(kFormats, name, &ExportFormat::name);
   if (found == kFormats.end()) {
     std::vector<std::string_view> names;
+    names.reserve(kFormats.size());
     for (const ExportFormat& format : kFormats) names.push_back(format.name);
     throw Error(ErrorKind::kUsage, fmt::format("there is no export format {}; there are {}",
                                                printable(name), fmt::join(names, ", ")));
