@@ -1,0 +1,71 @@
+// OpenPBR Surface 1.1, https://academysoftwarefoundation.github.io/OpenPBR, in a document of
+// MaterialX 1.39. The formulas are those that medium_colours.h cites.
+#include <fmt/format.h>
+
+#include "client/exports/exports.h"
+#include "client/exports/file_text.h"
+#include "client/exports/medium_colours.h"
+
+namespace itn {
+namespace {
+
+std::string input(std::string_view name, std::string_view type, std::string_view value) {
+  return fmt::format("    <input name=\"{}\" type=\"{}\" value=\"{}\"/>\n", name, type, value);
+}
+
+// Index-matched and not glossy: with a specular_weight of 0 the index of refraction is that of the
+// surroundings (section "Dielectric base"); specular_ior says the same to renderers that refract by
+// it alone.
+std::string boundary() {
+  return input("specular_weight", "float", "0") + input("specular_ior", "float", "1");
+}
+
+std::string material_with(const std::string& name, const std::string& inputs) {
+  return fmt::format(
+      "  <open_pbr_surface name=\"{0}_shader\" type=\"surfaceshader\">\n"
+      "{1}"
+      "  </open_pbr_surface>\n"
+      "  <surfacematerial name=\"{0}\" type=\"material\">\n"
+      "    <input name=\"surfaceshader\" type=\"surfaceshader\" nodename=\"{0}_shader\"/>\n"
+      "  </surfacematerial>\n",
+      name, inputs);
+}
+
+std::string subsurface_inputs(const RgbMaterial& medium) {
+  const SubsurfaceColours subsurface = subsurface_colours(medium);
+  return boundary() + input("subsurface_weight", "float", "1") +
+         input("subsurface_color", "color3", fractions(subsurface.color, ", ")) +
+         input("subsurface_radius", "float", number(subsurface.radius)) +
+         input("subsurface_radius_scale", "color3", fractions(subsurface.radius_scale, ", ")) +
+         input("subsurface_scatter_anisotropy", "float", number(medium.g));
+}
+
+std::string transmission_inputs(const RgbMaterial& medium) {
+  const TransmissionColours transmission = transmission_colours(medium);
+  return boundary() + input("transmission_weight", "float", "1") +
+         input("transmission_color", "color3", fractions(transmission.color, ", ")) +
+         input("transmission_depth", "float", number(transmission.depth)) +
+         input("transmission_scatter", "color3", fractions(transmission.scatter, ", ")) +
+         input("transmission_scatter_anisotropy", "float", number(medium.g));
+}
+
+}  // namespace
+
+std::string to_openpbr(const RgbMaterial& material, const ExportOptions& options) {
+  const std::string name = identifier(options);
+  const RgbMaterial medium = in_scene_units(material, options);
+  std::vector<std::string> comment =
+      heading(options, "multiply subsurface_radius and transmission_depth by S");
+  comment.insert(
+      comment.end(),
+      {coefficients(of_object(material, options)), "",
+       fmt::format("{}: by subsurface scattering, which all renderers have. Each inverts", name),
+       "  subsurface_color to an albedo by a formula of its own; here it is van de Hulst's.",
+       fmt::format("{}_volume: by transmission, which states the coefficients", name),
+       "  themselves; for renderers that trace light through the medium."});
+  return "<?xml version=\"1.0\"?>\n" + xml_comment(comment) + "<materialx version=\"1.39\">\n" +
+         material_with(name, subsurface_inputs(medium)) +
+         material_with(name + "_volume", transmission_inputs(medium)) + "</materialx>\n";
+}
+
+}  // namespace itn
