@@ -400,13 +400,13 @@ class Training {
     set_torch_threads(static_cast<int>(config.torch_threads()));
   }
 
-  // The model of a new run; `fit` makes one without weights.
+  // The model of a new run with such images; `fit` makes one without weights.
   template <typename Fit>
-  v1::Model start(const Fit& fit) const {
+  v1::Model start(const v1::DatasetConfig& images, const Fit& fit) const {
     if (there_) return {};
-    if (!init_) return fit();
-    v1::Model model = *init_;
-    model.clear_version();  // it was that one's
+    v1::Model model = init_ ? *init_ : fit();
+    if (init_) model.clear_version();  // it was that one's
+    model.set_irradiance(common_irradiance(images));
     return model;
   }
 
@@ -523,7 +523,7 @@ void train_with_dataset(Training& training) {
   const PackedInputs inputs(images, format, options.folder, interruption());
   const std::unique_ptr<ValidationSet> validation =
       validation_set(&dataset, format, options, config.augmentation().noise().max());
-  const v1::Model model = training.start([&] {
+  const v1::Model model = training.start(dataset.manifest().config(), [&] {
     return fit_model(images, inputs.mean_radiance(), material_range(dataset.manifest().config()),
                      config);
   });
@@ -581,7 +581,7 @@ void train_with_stream(Training& training) {
   auto batches = std::make_unique<StreamBatches>(
       stream, format, training.there() ? training.there()->training().step() : 0, config.batch(),
       config.seed(), pool, options.folder, interruption());
-  const v1::Model model = training.start([&] {
+  const v1::Model model = training.start(stream.images(), [&] {
     return fit_model(batches->truth(), batches->resolution(), batches->mean_radiance(),
                      material_range(stream.images()), config);
   });
