@@ -1,4 +1,5 @@
-// itn-learn: all commands of itn, those that need a network (LibTorch) included. itn runs it.
+// itn-learn: all commands of itn, those that need a network (LibTorch) or
+// photographs in all formats included. itn runs it.
 #include "client/command_line.h"
 #include "client/commands/command.h"
 
@@ -13,6 +14,7 @@ int main(int argc, char** argv) {
     itn::add_export_command(app);
     itn::add_predict_command(app, itn::predict_here);
     itn::add_models_command(app);
+    itn::add_merge_command(app);
     itn::add_completion_command(app);
   });
 }

@@ -22,6 +22,7 @@ constexpr LearningCommand kLearningCommands[] = {
     {"train", "Train a network with a dataset"},
     {"evaluate", "Errors of trained networks on a dataset, beside the constant predictor"},
     {"export", "Write a trained model as a file for prediction"},
+    {"merge", "Photographs of a scene at several exposures, from a tripod, as one linear EXR"},
     {"completion", "Print a script that completes commands and flags in a shell"},
 };
 

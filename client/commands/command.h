@@ -33,6 +33,7 @@ void add_predict_command(CLI::App& app, LoadPredictor* here);
 void add_train_command(CLI::App& app);
 void add_evaluate_command(CLI::App& app);
 void add_export_command(CLI::App& app);
+void add_merge_command(CLI::App& app);
 void add_completion_command(CLI::App& app);
 LoadPredictor predict_here;
 

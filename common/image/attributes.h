@@ -25,5 +25,9 @@ inline constexpr const char* kSplit = "itn.split";
 inline constexpr const char* kSunAzimuth = "itn.sun_azimuth_degrees";
 inline constexpr const char* kRelativeNoise = "itn.relative_noise";  // of Y, on the object
 inline constexpr const char* kItem = "itn.item";  // which item of the manifest, a digest
+// Of photographs that were merged.
+inline constexpr const char* kExposures = "itn.exposures";  // seconds, as text: 0.0125,0.05,0.2
+inline constexpr const char* kMergeMethod = "itn.merge_method";  // debevec or robertson
+inline constexpr const char* kResponse = "itn.response";         // estimate, srgb or linear
 
 }  // namespace itn::attribute

@@ -16,7 +16,6 @@
 #include <ImfVersion.h>
 #include <fmt/format.h>
 
-#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <exception>
@@ -27,6 +26,7 @@
 #include "common/files/atomic_file.h"
 #include "common/files/read_file.h"
 #include "common/image/image.h"
+#include "common/image/image_format.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -102,38 +102,19 @@ void check_entries(std::string_view bytes, const std::string& name) {
   }
 }
 
-// Formats that cannot carry what is asked for, or not in a way that is read here.
-const char* other_format(std::string_view bytes) {
-  static constexpr struct {
-    std::string_view beginning;
-    const char* name;
-  } kFormats[] = {{"\x89PNG", "PNG"},
-                  {"\xff\xd8\xff", "JPEG"},
-                  {"GIF8", "GIF"},
-                  {"BM", "BMP"},
-                  {"II*", "TIFF"},
-                  {{"MM\0*", 4}, "TIFF"},
-                  {"#?RADIANCE", "Radiance HDR"},
-                  {"#?RGBE", "Radiance HDR"}};
-  for (const auto& format : kFormats) {
-    if (bytes.starts_with(format.beginning)) return format.name;
-  }
-  return nullptr;
-}
-
 void check_version(std::string_view bytes, const std::string& name) {
-  static constexpr std::string_view kMagic("\x76\x2f\x31\x01", 4);
-  if (const char* format = other_format(bytes)) {
+  const auto [format, format_name] = recognize_format(bytes);
+  if (format != ImageFormat::kExr && format != ImageFormat::kUnknown) {
     throw invalid_input(fmt::format(
-        "{} is a {} image; it must be an OpenEXR image (.exr) of linear radiance, as photographs "
+        "{} is {}; it must be an OpenEXR image (.exr) of linear radiance, as photographs "
         "that are developed for a display are not",
-        name, format));
+        name, format_name));
   }
-  if (bytes.size() < 8 || !bytes.starts_with(kMagic)) {
+  if (bytes.size() < 8 || format != ImageFormat::kExr) {
     throw damaged(name, bytes.empty() ? "it is empty" : "it does not begin as one");
   }
   uint32_t version = 0;
-  std::memcpy(&version, bytes.data() + kMagic.size(), sizeof version);
+  std::memcpy(&version, bytes.data() + 4, sizeof version);  // behind the magic number
   if (version & (Imf::NON_IMAGE_FLAG | Imf::MULTI_PART_FILE_FLAG)) {
     throw invalid_input(
         fmt::format("{} holds {}; only files of one part with ordinary pixels are accepted", name,
@@ -216,19 +197,6 @@ Imf::Slice slice(const std::vector<float>& plane, int width, Imath::V2i origin =
   const int64_t offset = origin.y * row + origin.x * static_cast<int64_t>(sizeof(float));
   const auto base = reinterpret_cast<uintptr_t>(plane.data()) - static_cast<uintptr_t>(offset);
   return {Imf::FLOAT, reinterpret_cast<char*>(base), sizeof(float), static_cast<size_t>(row)};
-}
-
-void check_finite(const Image& image, const std::string& name) {
-  for (const auto& [channel, plane] : image.channels) {
-    for (size_t i = 0; i < plane.size(); ++i) {
-      if (std::isfinite(plane[i])) continue;
-      const auto width = static_cast<size_t>(image.width);
-      throw invalid_input(
-          fmt::format("{}: channel {} is {} at pixel x = {}, y = {} (counted from the top left); "
-                      "every value must be finite",
-                      name, channel, plane[i], i % width, i / width));
-    }
-  }
 }
 
 // --- Attributes ---

@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 #include <png.h>
 
+#include <cmath>
 #include <ranges>
 
 #include "common/error.h"
@@ -16,6 +17,19 @@ const std::vector<float>& Image::channel(const std::string& name) const {
   if (it != channels.end()) return it->second;
   throw invalid_input(fmt::format("the image has no channel {}; it has: {}", name,
                                   fmt::join(channels | std::views::keys, ", ")));
+}
+
+void check_finite(const Image& image, const std::string& name) {
+  for (const auto& [channel, plane] : image.channels) {
+    for (size_t i = 0; i < plane.size(); ++i) {
+      if (std::isfinite(plane[i])) continue;
+      const auto width = static_cast<size_t>(image.width);
+      throw invalid_input(
+          fmt::format("{}: channel {} is {} at pixel x = {}, y = {} (counted from the top left); "
+                      "every value must be finite",
+                      name, channel, plane[i], i % width, i / width));
+    }
+  }
 }
 
 void write_png(const std::filesystem::path& path, int width, int height,

@@ -28,6 +28,10 @@ struct Image {
   const std::vector<float>& channel(const std::string& name) const;
 };
 
+// Throws Error (invalid input) that names the first value that is NaN or infinite by its channel
+// and pixel; `name` is the file's.
+void check_finite(const Image& image, const std::string& name);
+
 // An OpenEXR file of one part, in scan lines or tiles (of these the full resolution). Nothing is
 // allocated that the file is too small to fill. Header entries other than text, integers and
 // floating-point numbers are left out. Throws Error: kIo (cannot be read, not a regular file),

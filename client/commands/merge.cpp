@@ -1,0 +1,215 @@
+// itn merge: photographs of one scene at several exposures, as one linear image.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "client/commands/command.h"
+#include "client/interrupt.h"
+#include "client/output.h"
+#include "common/error.h"
+#include "common/files/atomic_file.h"
+#include "common/flags.h"
+#include "common/image/attributes.h"
+#include "common/image/exposure_merge.h"
+#include "common/image/photograph_file.h"
+
+namespace itn {
+namespace {
+
+// Exposures that are closer are taken for one.
+constexpr double kLeastRatio = 1.1;
+
+struct MergeOptions {
+  std::vector<std::string> photographs;
+  std::string output;
+  std::vector<std::string> seconds;
+  std::string method = "debevec";
+  std::string response = "estimate";
+};
+
+// Seconds of a text like 0.25 or 1/4.
+std::optional<double> parse_seconds(const std::string& text) {
+  const size_t slash = text.find('/');
+  double above = 0, below = 1;
+  const bool read =
+      CLI::detail::lexical_cast(text.substr(0, slash), above) &&
+      (slash == std::string::npos || CLI::detail::lexical_cast(text.substr(slash + 1), below));
+  const double seconds = above / below;
+  return read && above > 0 && below > 0 && std::isfinite(seconds) ? std::optional(seconds)
+                                                                  : std::nullopt;
+}
+
+const CLI::Validator kSeconds(
+    [](const std::string& text) {
+      return parse_seconds(text) ? std::string()
+                                 : text + " is not a time in seconds, as 1/60 or 0.25";
+    },
+    "", "");
+
+// What is known of a photograph before it is merged.
+struct Bracketed {
+  std::string name;
+  PhotographFile taken;  // without its pixels
+  double exposure = 0;
+};
+
+// How a setting of the camera changes the light from photograph to photograph, relative to the
+// first: 1 unless all say what it was.
+template <typename Setting>
+std::vector<double> relative_light(const std::vector<Bracketed>& bracket, const Setting& setting) {
+  std::vector<double> light;
+  for (const Bracketed& photograph : bracket) {
+    const std::optional<double> value = setting(photograph.taken);
+    if (!value) return std::vector<double>(bracket.size(), 1);
+    light.push_back(*value / setting(bracket.front().taken).value_or(*value));
+  }
+  return light;
+}
+
+double seconds_of(const MergeOptions& options, const std::vector<Bracketed>& bracket, size_t i) {
+  if (!options.seconds.empty()) return *parse_seconds(options.seconds[i]);
+  if (const auto seconds = bracket[i].taken.exposure_seconds) return *seconds;
+  throw invalid_input(fmt::format(
+      "{} does not say for how long it was exposed: give the times of all, as --seconds 1/60,1/15",
+      bracket[i].name));
+}
+
+// Seconds at the aperture and sensitivity of the first photograph.
+void find_exposures(const MergeOptions& options, std::vector<Bracketed>& bracket) {
+  const std::vector<double> sensitivity =
+      relative_light(bracket, [](const PhotographFile& file) { return file.iso; });
+  const std::vector<double> aperture =
+      relative_light(bracket, [](const PhotographFile& file) -> std::optional<double> {
+        if (!file.f_number) return std::nullopt;
+        return 1 / (*file.f_number * *file.f_number);
+      });
+  for (size_t i = 0; i < bracket.size(); ++i) {
+    bracket[i].exposure = seconds_of(options, bracket, i) * sensitivity[i] * aperture[i];
+  }
+  const auto [least, most] = std::ranges::minmax(bracket, {}, &Bracketed::exposure);
+  if (most.exposure < kLeastRatio * least.exposure) {
+    throw invalid_input(fmt::format(
+        "all photographs have an exposure of {:.4g} s: merging needs different ones, or --seconds "
+        "where the files are wrong",
+        least.exposure));
+  }
+}
+
+PhotographFile read(const std::string& name) {
+  throw_if_interrupted();
+  return read_photograph(name);
+}
+
+void run(const MergeOptions& options) {
+  const std::vector<std::string>& names = options.photographs;
+  if (names.size() < 2) {
+    throw Error(ErrorKind::kUsage, "merge: name two photographs at least, of different exposures");
+  }
+  if (std::ranges::find(names, "-") != names.end()) {
+    throw Error(ErrorKind::kUsage, "merge: photographs are read twice, not from standard input");
+  }
+  if (!options.seconds.empty() && options.seconds.size() != names.size()) {
+    throw Error(ErrorKind::kUsage, fmt::format("--seconds: {} times for {} photographs",
+                                               options.seconds.size(), names.size()));
+  }
+  check_writable(options.output);
+  const MergeMethod method =
+      options.method == "debevec" ? MergeMethod::kDebevec : MergeMethod::kRobertson;
+
+  // What they are, and a sample of each.
+  std::vector<Bracketed> bracket;
+  std::vector<ExposureSample> samples;
+  for (const std::string& name : names) {
+    PhotographFile file = read(name);
+    if (!bracket.empty() && file.encoded != bracket.front().taken.encoded) {
+      throw invalid_input(fmt::format("{} is {}, {} is not; all must be of one kind",
+                                      file.encoded ? names.front() : name, "linear",
+                                      file.encoded ? name : names.front()));
+    }
+    if (file.encoded) samples.push_back(sample_exposure(file, 0, name));
+    file.image = {};
+    file.clipped = {};
+    bracket.push_back({name, std::move(file), 0});
+  }
+  find_exposures(options, bracket);
+
+  std::optional<Response> response;
+  std::string response_name = "linear";
+  if (bracket.front().taken.encoded) {
+    response_name = options.response;
+    for (size_t i = 0; i < samples.size(); ++i) samples[i].exposure = bracket[i].exposure;
+    response = options.response == "srgb" ? srgb_response(samples.front().channels)
+                                          : estimate_response(samples);
+  }
+
+  ExposureMerge merge(method, std::move(response));
+  std::vector<double> exposures;
+  for (const Bracketed& photograph : bracket) {
+    merge.add(read(photograph.name), photograph.exposure, photograph.name);
+    exposures.push_back(photograph.exposure);
+  }
+  Image image = merge.merged();
+  if (const size_t clipped = merge.clipped_count(); clipped > 0) {
+    spdlog::warn("{} of {} pixels are clipped in every photograph: a shorter exposure is missing",
+                 clipped, static_cast<size_t>(image.width) * static_cast<size_t>(image.height));
+  }
+  image.attributes = {{attribute::kVersion, ITN_VERSION},
+                      {attribute::kExposures, fmt::format("{:.6g}", fmt::join(exposures, ","))},
+                      {attribute::kMergeMethod, options.method},
+                      {attribute::kResponse, response_name}};
+  write_exr(options.output, image);
+  print_result(fmt::format("{}: {} photographs, exposures of {:.4g} to {:.4g} s; radiance per "
+                           "second of exposure, relative\n",
+                           options.output, bracket.size(), std::ranges::min(exposures),
+                           std::ranges::max(exposures)),
+               is_stdout(options.output) ? stderr : stdout);
+}
+
+}  // namespace
+
+void add_merge_command(CLI::App& app) {
+  const auto options = std::make_shared<MergeOptions>();
+  CLI::App* command = app.add_subcommand(
+      "merge", "Photographs of a scene at several exposures, from a tripod, as one linear EXR");
+  command
+      ->add_option("photographs", options->photographs,
+                   "Two or more, of one size: JPEG, PNG, TIFF, HEIC, WebP; or linear: OpenEXR, "
+                   "Radiance HDR, TIFF of floating-point numbers")
+      ->required();
+  command
+      ->add_option(
+          "-o,--output", options->output,
+          "EXR file to write: R, G, B (or Y) on a linear scale, which is the files' own (1 "
+          "is white) for an exposure of one second at the aperture and sensitivity of the "
+          "first: relative, not in W/(m^2 sr)")
+      ->required();
+  command
+      ->add_option("--seconds", options->seconds,
+                   "Exposure times, as 1/60,1/15,1/4, in the order of the photographs; default: "
+                   "from EXIF. Where f-number and ISO are in EXIF and differ, they count as well")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->check(kSeconds);
+  command
+      ->add_option("--method", options->method,
+                   "How photographs are weighted, and the response estimated: after Debevec and "
+                   "Malik, or after Robertson, Borman and Stevenson")
+      ->check(one_of({"debevec", "robertson"}))
+      ->capture_default_str();
+  command
+      ->add_option("--response", options->response,
+                   "The camera's curve from light to the files' values: estimated from the "
+                   "photographs, or sRGB's; linear files have none")
+      ->check(one_of({"estimate", "srgb"}))
+      ->capture_default_str();
+  command->callback([options] { run(*options); });
+}
+
+}  // namespace itn

@@ -1,0 +1,223 @@
+#include "common/image/exposure_merge.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <opencv2/core.hpp>
+#include <opencv2/photo.hpp>
+
+#include "common/error.h"
+#include "common/image/channels.h"
+#include "common/image/srgb.h"
+
+namespace itn {
+namespace {
+
+// Pixels of a sample a side, and of these the ones that the response is fitted to: the time that it
+// takes grows with their third power.
+constexpr int kSampleSide = 256;
+constexpr int kFittedPixels = 70;
+constexpr float kSmoothness = 10;  // the lambda of Debevec and Malik
+// Each of so many parts of the range of codes must be seen for the response to be told.
+constexpr size_t kParts = 8;
+// Encoded values that say nothing but that the light was more or less: the last ones of a JPEG.
+constexpr double kBlack = 1.5 / 255;
+constexpr double kWhite = 253.5 / 255;
+
+double weight_of(MergeMethod method, double encoded) {
+  if (encoded < kBlack || encoded > kWhite) return 0;
+  const double from_middle = std::abs(2 * encoded - 1);
+  if (method == MergeMethod::kDebevec) return 1 - from_middle;
+  // A Gaussian that is brought to 0 at both ends, and to 1 in the middle.
+  const double at_the_ends = std::exp(-4.0);
+  return (std::exp(-4 * from_middle * from_middle) - at_the_ends) / (1 - at_the_ends);
+}
+
+double light_of(const std::array<float, 256>& response, double encoded) {
+  const double at = 255 * std::clamp(encoded, 0.0, 1.0);
+  const auto below = std::min(static_cast<size_t>(at), size_t{254});
+  return std::lerp(response[below], response[below + 1], at - static_cast<double>(below));
+}
+
+std::vector<std::string> channels_of(const PhotographFile& photograph, const std::string& name) {
+  return radiance_channels(photograph.image, name);
+}
+
+Error does_not_tell() {
+  return invalid_input(
+      "the photographs do not tell the camera's response: they need parts of every brightness, and "
+      "exposure times that are right; --response srgb needs neither");
+}
+
+// Whether every channel has codes everywhere in its range.
+bool has_all_tones(const std::vector<ExposureSample>& samples) {
+  const auto channels = static_cast<size_t>(samples.front().channels);
+  std::vector<std::array<bool, kParts>> seen(channels);
+  for (const ExposureSample& sample : samples) {
+    for (size_t i = 0; i < sample.codes.size(); ++i) {
+      seen[i % channels][sample.codes[i] * kParts / 256] = true;
+    }
+  }
+  return std::ranges::all_of(seen, [](const auto& parts) {
+    return std::ranges::all_of(parts, [](bool part) { return part; });
+  });
+}
+
+}  // namespace
+
+Response srgb_response(int channels) {
+  std::array<float, 256> curve{};
+  for (size_t code = 0; code < curve.size(); ++code) {
+    curve[code] = static_cast<float>(linear_of_srgb(static_cast<double>(code) / 255));
+  }
+  return Response(static_cast<size_t>(channels), curve);
+}
+
+ExposureSample sample_exposure(const PhotographFile& photograph, double exposure,
+                               const std::string& name) {
+  const Image& image = photograph.image;
+  const std::vector<std::string> names = channels_of(photograph, name);
+  const int step = std::max(1, std::max(image.width, image.height) / kSampleSide);
+  ExposureSample sample{.exposure = exposure,
+                        .width = image.width / step,
+                        .height = image.height / step,
+                        .channels = static_cast<int>(names.size()),
+                        .codes = {}};
+  for (int y = 0; y < sample.height; ++y) {
+    for (int x = 0; x < sample.width; ++x) {
+      const auto pixel = static_cast<size_t>(y * step) * static_cast<size_t>(image.width) +
+                         static_cast<size_t>(x * step);
+      for (const std::string& channel : names) {
+        const double code = 255 * srgb_of_linear(image.channel(channel)[pixel]);
+        sample.codes.push_back(static_cast<unsigned char>(std::lround(code)));
+      }
+    }
+  }
+  return sample;
+}
+
+Response estimate_response(const std::vector<ExposureSample>& samples) {
+  if (!has_all_tones(samples)) throw does_not_tell();
+  const int channels = samples.front().channels;
+  std::vector<cv::Mat> images;
+  std::vector<float> exposures;
+  for (const ExposureSample& sample : samples) {
+    if (sample.codes.size() != samples.front().codes.size()) {
+      throw invalid_input("the photographs are not of one size, or not all have colours");
+    }
+    images.emplace_back(sample.height, sample.width, CV_8UC(channels),
+                        const_cast<unsigned char*>(sample.codes.data()));
+    exposures.push_back(static_cast<float>(sample.exposure));
+  }
+  cv::Mat curves;  // 256 x 1
+  cv::createCalibrateDebevec(kFittedPixels, kSmoothness)->process(images, curves, exposures);
+  Response response(static_cast<size_t>(channels));
+  for (int channel = 0; channel < channels; ++channel) {
+    const auto light = [&](int code) { return curves.ptr<float>(code)[channel]; };
+    const bool rises = light(32) > 0 && light(128) > light(32) && light(224) > light(128) &&
+                       std::isfinite(light(224));
+    if (!rises) throw does_not_tell();
+    const double scale = linear_of_srgb(128 / 255.0) / light(128);
+    for (int code = 0; code < 256; ++code) {
+      response[static_cast<size_t>(channel)][static_cast<size_t>(code)] =
+          static_cast<float>(scale * light(code));
+    }
+  }
+  return response;
+}
+
+void ExposureMerge::add(const PhotographFile& photograph, double exposure,
+                        const std::string& name) {
+  const Image& image = photograph.image;
+  const std::vector<std::string> names = channels_of(photograph, name);
+  if (sums_.empty()) {
+    width_ = image.width;
+    height_ = image.height;
+    names_ = names;
+    const size_t count = image.channel(names.front()).size();
+    sums_.assign(names.size(), {std::vector<float>(count), std::vector<float>(count),
+                                std::vector<float>(count, -std::numeric_limits<float>::max())});
+  }
+  if (image.width != width_ || image.height != height_) {
+    throw invalid_input(
+        fmt::format("{} has {} x {} pixels, the photographs before {} x {}; all "
+                    "must be of one size, from one camera that stood still",
+                    name, image.width, image.height, width_, height_));
+  }
+  if (names.size() != names_.size()) {
+    throw invalid_input(
+        fmt::format("{} has {} channels, the photographs before {}; all must have "
+                    "colours, or none",
+                    name, names.size(), names_.size()));
+  }
+  float top = 0;  // where the values of a linear file end
+  for (const std::string& channel : names) {
+    top = std::max(top, std::ranges::max(image.channel(channel)));
+  }
+  for (size_t channel = 0; channel < names.size(); ++channel) {
+    add_channel(channel, image.channel(names[channel]), photograph.encoded, top, exposure);
+  }
+}
+
+void ExposureMerge::add_channel(size_t channel, const std::vector<float>& plane, bool encoded,
+                                float top, double exposure) {
+  Sums& sums = sums_[channel];
+  const double scale = encoded || !(top > 0) ? 1 : 1 / static_cast<double>(top);
+  for (size_t pixel = 0; pixel < plane.size(); ++pixel) {
+    const double value = std::max(0.0F, plane[pixel]);
+    const double code = srgb_of_linear(scale * value);
+    const double light = encoded && response_ ? light_of((*response_)[channel], code) : value;
+    const double weight = weight_of(method_, code);
+    if (weight == 0) {
+      // Clipped values are lower bounds, of which the highest counts, and black ones, negative
+      // here, upper bounds, of which the lowest does; where there are both, the former.
+      const double bound = code > 0.5 ? light / exposure : -light / exposure;
+      sums.bound[pixel] = std::max(sums.bound[pixel], static_cast<float>(bound));
+    } else if (method_ == MergeMethod::kDebevec) {
+      sums.weight[pixel] += static_cast<float>(weight);
+      sums.value[pixel] += static_cast<float>(weight * std::log(light / exposure));
+    } else {
+      sums.weight[pixel] += static_cast<float>(weight * exposure * exposure);
+      sums.value[pixel] += static_cast<float>(weight * exposure * light);
+    }
+  }
+}
+
+Image ExposureMerge::merged() const {
+  Image image{.width = width_, .height = height_, .channels = {}, .attributes = {}};
+  bool any_exposed = false;
+  for (size_t channel = 0; channel < sums_.size(); ++channel) {
+    const Sums& sums = sums_[channel];
+    std::vector<float>& plane =
+        image.channels[sums_.size() == 1 ? "Y" : std::string(1, "RGB"[channel])];
+    plane.resize(sums.weight.size());
+    for (size_t pixel = 0; pixel < plane.size(); ++pixel) {
+      if (sums.weight[pixel] == 0) {
+        plane[pixel] = std::abs(sums.bound[pixel]);
+        continue;
+      }
+      any_exposed = true;
+      const float mean = sums.value[pixel] / sums.weight[pixel];
+      plane[pixel] = method_ == MergeMethod::kDebevec ? std::exp(mean) : mean;
+    }
+  }
+  if (!any_exposed) {
+    throw invalid_input(
+        "every pixel is black or white in every photograph: take some with other exposures");
+  }
+  return image;
+}
+
+size_t ExposureMerge::clipped_count() const {
+  size_t count = 0;
+  for (size_t pixel = 0; pixel < sums_.front().weight.size(); ++pixel) {
+    count += std::ranges::any_of(
+        sums_, [&](const Sums& s) { return s.weight[pixel] == 0 && s.bound[pixel] > 0; });
+  }
+  return count;
+}
+
+}  // namespace itn

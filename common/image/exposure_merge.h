@@ -1,0 +1,84 @@
+// One linear image of several photographs of a scene that nothing moved in, each exposed
+// differently: a bracket from a tripod.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/image/image.h"
+#include "common/image/photograph_file.h"
+
+namespace itn {
+
+// What of the exposures of a pixel counts how much:
+enum class MergeMethod {
+  // Debevec and Malik, "Recovering high dynamic range radiance maps from photographs", SIGGRAPH
+  // 1997: the mean of logarithms, with weights that fall linearly from the middle to both ends.
+  kDebevec,
+  // Robertson, Borman and Stevenson, "Estimation-theoretic approach to dynamic range enhancement
+  // using multiple exposures", JEI 12(2), 2003: the maximum likelihood, with Gaussian weights; long
+  // exposures, which have less noise, count more.
+  kRobertson,
+};
+
+// Linear light at the encoded values 0, 1/255, ..., 1, by channel.
+using Response = std::vector<std::array<float, 256>>;
+
+Response srgb_response(int channels);
+
+// An exposure of the scene, for finding the response: a few of the pixels of a photograph, encoded.
+struct ExposureSample {
+  double exposure = 0;  // proportional to the light that the sensor got: seconds
+  int width = 0;
+  int height = 0;
+  int channels = 0;
+  std::vector<unsigned char> codes;  // channels interleaved
+};
+
+// Of a photograph whose values are encoded, and which has R, G and B or one channel.
+ExposureSample sample_exposure(const PhotographFile& photograph, double exposure,
+                               const std::string& name);
+
+// After Debevec and Malik, least sure at both ends of the range. Such that code 128 is of the light
+// that it is by sRGB, as only ratios can be known. Throws Error (invalid input) if the samples do
+// not tell the response, or are not of one size.
+Response estimate_response(const std::vector<ExposureSample>& samples);
+
+// Takes one photograph at a time: its memory does not grow with their number.
+class ExposureMerge {
+ public:
+  // No response: the files are linear.
+  ExposureMerge(MergeMethod method, std::optional<Response> response)
+      : method_(method), response_(std::move(response)) {}
+
+  // Throws Error (invalid input) if its size or channels are not those of the ones before. `name`
+  // is for messages.
+  void add(const PhotographFile& photograph, double exposure, const std::string& name);
+
+  // R, G and B, or Y: light of the files over exposure. Where every exposure is clipped, what the
+  // least exposed says, which the truth is not below; where every one is black, the most exposed.
+  // Throws Error (invalid input) if no pixel was well exposed in any.
+  Image merged() const;
+  // Pixels of which a channel is clipped in every exposure.
+  size_t clipped_count() const;
+
+ private:
+  struct Sums {
+    std::vector<float> weight, value;
+    std::vector<float> bound;  // see add()
+  };
+
+  void add_channel(size_t channel, const std::vector<float>& plane, bool encoded, float top,
+                   double exposure);
+
+  MergeMethod method_;
+  std::optional<Response> response_;
+  int width_ = 0;
+  int height_ = 0;
+  std::vector<std::string> names_;  // of the channels
+  std::vector<Sums> sums_;          // likewise
+};
+
+}  // namespace itn

@@ -1,0 +1,53 @@
+// Photographs, and masks, in the formats that people have. Beside these, OpenImageIO takes a moment
+// to load: for programs that read photographs alone.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/image/image.h"
+
+namespace itn {
+
+struct PhotographFile {
+  // Linear; upright, however the camera was held. Channels R, G and B, or Y; and A, by which the
+  // colours are not multiplied, if the file has alpha. Of an OpenEXR file as decode_exr().
+  Image image;
+  // By pixel, 1 where a colour channel is at the top of what the file can hold, so that the light
+  // may have been more. Empty for files of floating-point numbers.
+  std::vector<unsigned char> clipped;
+  // The file holds integers, which were taken through the sRGB curve (IEC 61966-2-1).
+  bool encoded = false;
+  // From EXIF, if they are there and positive.
+  std::optional<double> exposure_seconds, f_number, iso;
+};
+
+// OpenEXR, PNG, JPEG, TIFF (its first image), Radiance HDR, HEIC and AVIF, and WebP without alpha,
+// told by their content. 8- and 16-bit integers are taken for sRGB unless the file says that they
+// are linear (gAMA of 1); profiles and primaries of other colour spaces are not looked at.
+//
+// `name` is for messages. Throws Error: kDataLoss (no image, damaged, cut short, claims more than
+// it can hold; of JPEG, TIFF, HDR, HEIC and WebP, which have no checksums, damage that leaves a
+// proper file is not seen), kInvalidInput (something else than a photograph, or of a kind that is
+// not read: CMYK, camera raw, animations; more than 16384 pixels a side; NaN or infinite values,
+// with channel and pixel). Nothing is allocated that the file is too small to fill.
+PhotographFile decode_photograph(std::string_view bytes, const std::string& name);
+// Likewise; "-" is standard input. Throws Error of kIo, too, as read_file_or_stdin().
+PhotographFile read_photograph(const std::filesystem::path& path);
+
+struct MaskFile {
+  int width = 0;
+  int height = 0;
+  std::vector<float> values;  // width * height, top row first
+};
+
+// Of an OpenEXR file mask_channel() (common/image/channels.h). Of the other formats, upright too:
+// alpha if it is not the same everywhere, or else the gray value; integers over the largest one,
+// as they are, without a curve. Throws as decode_photograph(), and kInvalidInput if it has colours.
+MaskFile decode_mask(std::string_view bytes, const std::string& name);
+MaskFile read_mask(const std::filesystem::path& path);
+
+}  // namespace itn
