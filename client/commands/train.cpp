@@ -407,8 +407,8 @@ class Training {
     set_torch_threads(static_cast<int>(config.torch_threads()));
   }
 
-  // The model of a new run with such images; `fit` makes one without weights. One that goes on from a
-  // model of the other exposure sees images on the scale of these, whose mean is 1 in both cases.
+  // The model of a new run with such images; `fit` makes one without weights. One that goes on from
+  // a model of the other exposure sees images on the scale of these, whose mean is 1 in both cases.
   template <typename Fit>
   v1::Model start(const v1::DatasetConfig& images, const Fit& fit) const {
     if (there_) return {};

@@ -91,8 +91,26 @@ struct ObjectLayer {
   torch::Tensor variance;  // of a L
 };
 
+// size x size: row y holds the Gaussian of one pixel about y.
+torch::Tensor neighbourhood(int64_t size) {
+  const torch::Tensor at = torch::arange(size, torch::kFloat32);
+  return torch::exp((at.unsqueeze(1) - at).square() / -2);
+}
+
+// Where the object covers a part of a pixel, a render shows what is behind it as well, which tells
+// of the light: its own luminance is taken to be that of the pixels nearby that it fills.
+torch::Tensor luminance_of_object(const ImageBatch& images) {
+  constexpr double kFull = 0.99, kNearby = 0.01;
+  const torch::Tensor full = (images.mask > kFull).to(torch::kFloat32);
+  const torch::Tensor nearby = neighbourhood(full.size(-1));
+  const auto sum = [&](const torch::Tensor& x) { return nearby.matmul(x).matmul(nearby); };
+  const torch::Tensor weight = sum(full);
+  return torch::where((full < kFull) & (weight > kNearby),
+                      sum(images.luminance * full) / weight.clamp_min(kNearby), images.luminance);
+}
+
 ObjectLayer object_layer(const ImageBatch& images) {
-  const torch::Tensor radiance = images.luminance * images.mask;
+  const torch::Tensor radiance = luminance_of_object(images) * images.mask;
   return {images.mask, radiance, (images.noise.clamp_max(kMostNoise) * radiance).square()};
 }
 

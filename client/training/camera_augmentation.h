@@ -25,7 +25,10 @@ bool does_anything(const v1::CameraAugmentation& camera);
 // luminance L there, before a background B, and a mask of m there give the luminance
 //   (min(a, m) L + max(m - a, 0) B) / m,
 // as if what the object covers lay inside of what the mask does, or the other way round. Blur by a
-// Gaussian G turns a into G * a, and L into (G * (a L)) / (G * a).
+// Gaussian G turns a into G * a, and L into (G * (a L)) / (G * a). At its border L is that of
+// pixels nearby which the object fills: renders have in pixels that it covers in part what is
+// behind it, as bright as the light makes it, from which a network would learn what photographs
+// before a curtain, or with a mask of finer pixels, do not have.
 //
 // Noise follows: relative noise n stays under vignetting, becomes c n under a contrast c and
 // n / (1 + s y) under a shoulder s, which are their derivatives in ln-ln, and 0 where the luminance

@@ -100,10 +100,26 @@ cv::Mat enlarged(int side, std::span<const float> values) {
   return result;
 }
 
+// Pixels that the object covers in part show in a render what is behind it: they get the mean of
+// those around them that it fills.
+cv::Mat of_object_alone(const cv::Mat& luminance, const cv::Mat& mask) {
+  cv::Mat full, sum, count;
+  cv::threshold(mask, full, 0.99, 1, cv::THRESH_BINARY);
+  cv::boxFilter(luminance.mul(full), sum, -1, cv::Size(5, 5), cv::Point(-1, -1), false);
+  cv::boxFilter(full, count, -1, cv::Size(5, 5), cv::Point(-1, -1), false);
+  cv::Mat result = luminance.clone();
+  for (int i = 0; i < static_cast<int>(mask.total()); ++i) {
+    if (full.ptr<float>()[i] < 1 && count.ptr<float>()[i] > 0.5F) {
+      result.ptr<float>()[i] = sum.ptr<float>()[i] / count.ptr<float>()[i];
+    }
+  }
+  return result;
+}
+
 Layer layer_of(const DatasetImage& image, int side) {
   Layer layer;
-  const cv::Mat luminance = square_view(side, image.radiance), mask = square_view(side, image.mask);
-  const cv::Mat product = luminance.mul(mask);
+  const cv::Mat mask = square_view(side, image.mask);
+  const cv::Mat product = of_object_alone(square_view(side, image.radiance), mask).mul(mask);
   layer.radiance = enlarged(side, {product.ptr<float>(), product.total()});
   layer.coverage = enlarged(side, image.mask);
   std::vector<float> values;

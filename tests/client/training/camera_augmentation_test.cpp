@@ -274,6 +274,23 @@ TEST(CameraAugmentationTest, AMaskThatIsOffHasBackgroundInIt) {
   expect_uniform(backgrounds, 6);
 }
 
+// What a render shows behind the object where that fills a part of a pixel tells of the light.
+TEST(CameraAugmentationTest, TheBorderIsAsBrightAsTheObjectNearby) {
+  v1::CameraAugmentation camera;
+  camera.set_clipped(1e-6);  // less than a pixel
+  ImageBatch batch = uniform_images();
+  inside(batch.mask).select(1, 0).fill_(0.5);
+  inside(batch.luminance).select(1, 0).fill_(50);
+  const ImageBatch result = photographed(batch, camera, 14);
+  EXPECT_TRUE(result.mask.equal(batch.mask));
+  const torch::Tensor border = inside(result.luminance).select(1, 0);
+  EXPECT_NEAR(border.min().item<double>(), 2, 1e-4);
+  EXPECT_NEAR(border.max().item<double>(), 2, 1e-4);
+  EXPECT_TRUE(inside(result.luminance)
+                  .narrow(1, 1, kSide - 1)
+                  .allclose(inside(batch.luminance).narrow(1, 1, kSide - 1)));
+}
+
 // A background that is brighter shines onto a blurred border, a black one takes from it.
 TEST(CameraAugmentationTest, BlurMixesObjectAndBackground) {
   v1::CameraAugmentation camera;
