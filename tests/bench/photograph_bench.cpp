@@ -298,6 +298,7 @@ Taken take(const Layer& layer, const Defects& defects, bool card, uint64_t seed)
 struct Options {
   std::vector<std::string> models;
   std::string dataset, other;
+  std::string rows;  // part of the names of those that are wanted
   size_t images = 0;
   int threads = 1;
 };
@@ -339,6 +340,7 @@ void print(const char* name, const v1::Evaluation::Row& row) {
 
 void run(const Options& options) {
   set_torch_threads(options.threads);
+  cv::setNumThreads(1);
   DatasetReader dataset(options.dataset);
   const std::unique_ptr<DatasetReader> other =
       options.other.empty() ? nullptr : std::make_unique<DatasetReader>(options.other);
@@ -353,7 +355,9 @@ void run(const Options& options) {
                "coverage", "flag");
     for (const Row& row : rows()) {
       DatasetReader* const from = row.other_dataset ? other.get() : &dataset;
-      if (from == nullptr) continue;
+      if (from == nullptr || std::string(row.name).find(options.rows) == std::string::npos) {
+        continue;
+      }
       const LabelledImages images = test_images(*from, options.images);
       std::vector<MaterialEstimate> estimates;
       std::vector<Material> predictions;
@@ -383,6 +387,7 @@ int main(int argc, char** argv) {
                  "Model by its name or file; several one after the other")
       ->required();
   app.add_option("--other", options.other, "Dataset of images that the models are not for");
+  app.add_option("--rows", options.rows, "Only rows whose name has this in it");
   app.add_option("--images", options.images, "First so many of the split; 0: all")
       ->capture_default_str();
   app.add_option("--torch-threads", options.threads, "Threads of the network")
