@@ -21,6 +21,7 @@
 #include "client/json.h"
 #include "client/output.h"
 #include "client/render_pool/render_pool.h"
+#include "client/training/camera_augmentation.h"
 #include "client/training/complete_model.h"
 #include "client/training/stream_batches.h"
 #include "client/training/training_config.h"
@@ -65,6 +66,7 @@ struct TrainOptions {
   double exposure_jitter = 0;
   double mean_weight = 0;
   bool mirror = false;
+  bool camera = false;
   uint32_t shift = 0;
   uint64_t checkpoint_every = 100;
   uint64_t validate_every = 500;
@@ -193,6 +195,13 @@ class Flags {
     if (given("--mirror")) augmentation.set_mirror(options_.mirror);
     if (given("--shift")) augmentation.set_shift(options_.shift);
     if (given("--exposure-jitter")) augmentation.set_exposure(options_.exposure_jitter);
+    if (given("--camera")) {
+      if (options_.camera) {
+        *augmentation.mutable_camera() = usual_camera();
+      } else {
+        augmentation.clear_camera();
+      }
+    }
   }
 
   void set_stream(v1::TrainingConfig& config) const {
@@ -227,8 +236,6 @@ void require_same_network(const v1::Model& init, const v1::TrainingConfig& confi
   };
   require_same("resolution", std::to_string(init.resolution()), std::to_string(resolution));
   require_same("input", v1::NetworkInput_Name(init.input()), v1::NetworkInput_Name(config.input()));
-  require_same("exposure", v1::Exposure_Name(init.exposure()),
-               v1::Exposure_Name(config.exposure()));
   require_same("architecture", init.architecture().ShortDebugString(),
                config.architecture().ShortDebugString());
   require_same("output distribution", v1::OutputDistribution_Name(init.output()),
@@ -400,13 +407,19 @@ class Training {
     set_torch_threads(static_cast<int>(config.torch_threads()));
   }
 
-  // The model of a new run; `fit` makes one without weights.
+  // The model of a new run with such images; `fit` makes one without weights. One that goes on from
+  // a model of the other exposure sees images on the scale of these, whose mean is 1 in both cases.
   template <typename Fit>
-  v1::Model start(const Fit& fit) const {
+  v1::Model start(const v1::DatasetConfig& images, const Fit& fit) const {
     if (there_) return {};
-    if (!init_) return fit();
-    v1::Model model = *init_;
-    model.clear_version();  // it was that one's
+    const v1::Model fitted = fit();
+    v1::Model model = init_ ? *init_ : fitted;
+    if (init_) model.clear_version();  // it was that one's
+    if (model.exposure() != fitted.exposure()) {
+      model.set_exposure(fitted.exposure());
+      model.set_image_scale(fitted.image_scale());
+    }
+    model.set_irradiance(common_irradiance(images));
     return model;
   }
 
@@ -523,7 +536,7 @@ void train_with_dataset(Training& training) {
   const PackedInputs inputs(images, format, options.folder, interruption());
   const std::unique_ptr<ValidationSet> validation =
       validation_set(&dataset, format, options, config.augmentation().noise().max());
-  const v1::Model model = training.start([&] {
+  const v1::Model model = training.start(dataset.manifest().config(), [&] {
     return fit_model(images, inputs.mean_radiance(), material_range(dataset.manifest().config()),
                      config);
   });
@@ -581,7 +594,7 @@ void train_with_stream(Training& training) {
   auto batches = std::make_unique<StreamBatches>(
       stream, format, training.there() ? training.there()->training().step() : 0, config.batch(),
       config.seed(), pool, options.folder, interruption());
-  const v1::Model model = training.start([&] {
+  const v1::Model model = training.start(stream.images(), [&] {
     return fit_model(batches->truth(), batches->resolution(), batches->mean_radiance(),
                      material_range(stream.images()), config);
   });
@@ -703,6 +716,11 @@ void add_train_command(CLI::App& app) {
       ->add_option("--exposure-jitter", options->exposure_jitter,
                    "Multiply each image by a factor whose logarithm has this standard deviation")
       ->check(number_in(0.0, 3.0));
+  command->add_flag(
+      "--camera,!--no-camera", options->camera,
+      "Show four of five images as cameras and masks drawn by hand make them: another tone curve, "
+      "darker corners, out of focus, clipped, the mask a pixel off (CameraAugmentation in "
+      "experiment.proto)");
   command->add_option(
       "--init", options->init,
       "Checkpoint, run or name of a model (itn models) to start from, e.g. of an RN "

@@ -100,6 +100,18 @@ constexpr std::string_view kSunAndSky =
   }
 )";
 
+// The same, as bright as a studio.
+constexpr std::string_view kSunAndSkyOfOneIrradiance =
+    R"(  sun_sky {
+    azimuth_degrees { uniform { min: 0 max: 360 } }
+    elevation_degrees { uniform { min: 10 max: 85 } }
+    turbidity { uniform { min: 2 max: 8 } }
+    # From nearly the real sun to one behind thin clouds.
+    sun_angular_radius_degrees { log_uniform { min: 1 max: 20 } }
+    irradiance { fixed: 100 }
+  }
+)";
+
 constexpr std::string_view kFlash =
     R"(  flash {
     irradiance { fixed: 100 }
@@ -249,6 +261,9 @@ void validate_sun(const std::string& name, const v1::SunSkyChoice& sun) {
   validate(name + "elevation_degrees", sun.elevation_degrees(), 0, 90);
   validate(name + "turbidity", sun.turbidity(), 1, 10);
   validate(name + "sun_angular_radius_degrees", sun.sun_angular_radius_degrees(), 0.1, 45);
+  if (sun.has_irradiance()) {
+    validate(name + "irradiance", sun.irradiance(), kMinIrradiance, kMaxIrradiance);
+  }
   require_apart(sun);
 }
 
@@ -302,6 +317,17 @@ void validate_light(const std::string& field, const v1::LightChoice& light) {
       fmt::format("{} says no light; it is a sun_sky, a flash, a studio or panoramas", field));
 }
 
+// 0 where it is what it is.
+v1::Distribution irradiance_of(const v1::LightChoice& light) {
+  switch (light.kind_case()) {
+    case v1::LightChoice::kFlash: return light.flash().irradiance();
+    case v1::LightChoice::kStudio: return light.studio().irradiance();
+    case v1::LightChoice::kPanoramas: return light.panoramas().irradiance();
+    default: break;
+  }
+  return light.sun_sky().has_irradiance() ? light.sun_sky().irradiance() : fixed(0);
+}
+
 void validate_grid(const v1::DatasetConfig& config) {
   const v1::MaterialChoice& materials = config.materials();
   require(is_list(materials.sigma_t()) && is_list(materials.albedo()) && is_list(materials.g()),
@@ -332,10 +358,11 @@ std::span<const DatasetPreset> dataset_presets() {
       DatasetPreset{"studio", "soft boxes and lamps in a dim room",
                     photographs("Soft boxes and lamps in a dim room, of a known irradiance.",
                                 {{1, kStudio}})},
-      DatasetPreset{"any", "sun and sky, studio and flash, mixed",
-                    photographs("Outdoors, in a studio and by flash: for a network that knows "
-                                "nothing of the light.",
-                                {{2, kSunAndSky}, {2, kStudio}, {1, kFlash}})},
+      DatasetPreset{"any", "sun and sky, studio and flash, mixed, of one irradiance",
+                    photographs("Outdoors, in a studio and by flash, all of one irradiance: for a "
+                                "network that knows nothing of the light, or only how bright a "
+                                "white card is in it.",
+                                {{2, kSunAndSkyOfOneIrradiance}, {2, kStudio}, {1, kFlash}})},
   };
   return kPresets;
 }
@@ -441,6 +468,17 @@ void validate(const v1::DatasetConfig& config) {
   validate("albedo", config.materials().albedo(), 0, 1);
   validate("g", config.materials().g(), -kMaxAbsG, kMaxAbsG);
   if (config.materials().sampling() == v1::MaterialChoice::GRID) validate_grid(config);
+}
+
+double common_irradiance(const v1::DatasetConfig& config) {
+  v1::Interval all;
+  all.set_min(HUGE_VAL);
+  for (const v1::LightChoice& light : config.lights()) {
+    const v1::Interval one = range_of(irradiance_of(light));
+    all.set_min(std::min(all.min(), one.min()));
+    all.set_max(std::max(all.max(), one.max()));
+  }
+  return all.min() == all.max() ? all.min() : 0;
 }
 
 v1::MaterialRange material_range(const v1::DatasetConfig& config) {

@@ -38,6 +38,10 @@ void set_defaults(v1::DatasetConfig& config);
 // defaults.
 void validate(const v1::DatasetConfig& config);
 
+// The irradiance of every light, in W/m^2, where all of them have the same one (Model.irradiance in
+// experiment.proto); otherwise 0. For a valid configuration.
+double common_irradiance(const v1::DatasetConfig& config);
+
 // What materials can be drawn.
 v1::MaterialRange material_range(const v1::DatasetConfig& config);
 

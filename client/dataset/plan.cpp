@@ -7,6 +7,7 @@
 #include <numbers>
 #include <set>
 #include <utility>
+#include <variant>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -17,6 +18,8 @@
 #include "common/low_discrepancy.h"
 #include "common/random.h"
 #include "common/scene/material_proto.h"
+#include "server/render/light_builder.h"
+#include "server/tracer/lights/sun_sky_irradiance.h"
 
 namespace itn {
 namespace {
@@ -232,6 +235,16 @@ const v1::Distribution& azimuths_of(const v1::SunSkyChoice& sun, v1::Split split
                                                                    : sun.azimuth_degrees();
 }
 
+// Makes sun and sky so bright.
+void give_irradiance(v1::SunSky& sun, float irradiance) {
+  v1::Light light;
+  *light.mutable_sun_sky() = sun;
+  const double unscaled = tracer::irradiance_from_above(
+      std::get<tracer::SunSkyLight>(build_light("light", light)), tracer::Channel::kLuminance);
+  sun.set_sun_scale(static_cast<float>(irradiance / unscaled));
+  sun.set_sky_scale(static_cast<float>(irradiance / unscaled));
+}
+
 // Those of one light are branches of its own.
 v1::SunSky draw_sun(const v1::SunSkyChoice& choice, v1::Split split, uint64_t light,
                     const Choices& choices) {
@@ -243,6 +256,7 @@ v1::SunSky draw_sun(const v1::SunSkyChoice& choice, v1::Split split, uint64_t li
   sun.set_sun_elevation_degrees(draw(1, choice.elevation_degrees()));
   sun.set_turbidity(draw(2, choice.turbidity()));
   sun.set_sun_angular_radius_degrees(draw(3, choice.sun_angular_radius_degrees()));
+  if (choice.has_irradiance()) give_irradiance(sun, draw(4, choice.irradiance()));
   return sun;
 }
 

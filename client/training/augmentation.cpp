@@ -7,6 +7,7 @@
 #include <cmath>
 #include <vector>
 
+#include "client/training/camera_augmentation.h"
 #include "common/error.h"
 #include "common/random.h"
 
@@ -14,7 +15,7 @@ namespace itn {
 namespace {
 
 // Draws do not depend on each other: a choice that is switched off changes none of the rest.
-enum Choice : uint64_t { kMirror, kShift, kExposure, kNoiseLevel, kNoise };
+enum Choice : uint64_t { kMirror, kShift, kExposure, kNoiseLevel, kNoise, kCamera };
 
 torch::Tensor per_image(const torch::Tensor& values) {
   return values.view({-1, 1, 1});
@@ -89,6 +90,7 @@ void validate(const v1::Augmentation& augmentation) {
   require_in("exposure", augmentation.exposure(), 0, 3);
   require_in("noise.max", augmentation.noise().max(), 0, 1);
   require_in("noise.min", augmentation.noise().min(), 0, augmentation.noise().max());
+  validate(augmentation.camera());
 }
 
 ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentation,
@@ -107,6 +109,7 @@ ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentat
   if (augmentation.shift() > 0) {
     shift(result, augmentation.shift(), random(kShift));
   }
+  result = photographed(result, augmentation.camera(), derive_seed(seed, {kCamera}));
   if (augmentation.exposure() > 0) {
     result.luminance =
         result.luminance *

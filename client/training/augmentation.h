@@ -12,9 +12,9 @@ namespace itn {
 // Throws Error (invalid input) that names the field.
 void validate(const v1::Augmentation& augmentation);
 
-// Each image mirrored, shifted, made brighter or darker and noisier, as `augmentation` says; noise
-// must be defined. A function of its arguments alone. The result may share storage with the input,
-// which stays as it is.
+// Each image mirrored, shifted, seen through a camera (camera_augmentation.h), made brighter or
+// darker and noisier, as `augmentation` says; noise must be defined. A function of its arguments
+// alone. The result may share storage with the input, which stays as it is.
 //
 // Noise is added last: to the luminance of each pixel a normal number times the luminance, so that
 // the image's relative noise becomes a level that is drawn without regard to the material. Renders

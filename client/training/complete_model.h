@@ -10,7 +10,8 @@ namespace itn {
 
 // Sets the model's familiarity (measure_familiarity()), which it loses if there are too few images
 // to measure it by, and its widths (measure_widths()), which stay as they are if there are too few.
-// Throws Error (cancelled) soon after a stop.
+// A model that was trained with cameras is shown all images through cameras. Throws Error
+// (cancelled) soon after a stop.
 void complete_model(const ImageSource& training, const HeldOutImages& held_out, v1::Model& model,
                     const std::stop_token& stop = {});
 

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "client/training/augmentation.h"
+#include "client/training/camera_augmentation.h"
 #include "client/training/learning_rate.h"
 #include "common/error.h"
 #include "common/random.h"
@@ -71,6 +72,10 @@ v1::Model model_to_train(v1::Model model, const v1::TrainingConfig& config) {
   }
   model.set_noise(config.augmentation().noise().max());
   model.set_mirrored(config.augmentation().mirror());
+  model.clear_camera();
+  if (does_anything(config.augmentation().camera())) {
+    *model.mutable_camera() = config.augmentation().camera();
+  }
   model.clear_weights();
   model.clear_familiarity();
   model.clear_widths();
@@ -161,6 +166,9 @@ void validate(const v1::TrainingConfig& config) {
   require(config.input() != v1::NETWORK_INPUT_UNSPECIFIED, "an input is needed");
   require(config.exposure() != v1::EXPOSURE_UNSPECIFIED, "exposure must be known or unknown");
   validate(config.augmentation());
+  require(!does_anything(config.augmentation().camera()) || !needs_weight_map(config.input()),
+          "augmentation.camera changes masks and luminance, from which the input "
+          "LUMINANCE_AND_WEIGHT has a weight map: it takes the input RATIOS");
   require(!config.architecture().has_residual_convolutions() || config.input() == v1::RATIOS,
           "the residual architecture takes the input RATIOS, which has the mask among its planes");
   require(v1::TrainingConfig::Precision_IsValid(config.precision()),

@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "client/training/camera_augmentation.h"
 #include "client/training/metrics_log.h"
 #include "client/training/validation.h"
 #include "common/error.h"
@@ -220,6 +221,7 @@ v1::TrainingConfig without_zeros(v1::TrainingConfig config) {
   if (!augmentation.mirror()) augmentation.clear_mirror();
   if (augmentation.shift() == 0) augmentation.clear_shift();
   if (augmentation.exposure() == 0) augmentation.clear_exposure();
+  if (!does_anything(augmentation.camera())) augmentation.clear_camera();
   if (config.warmup_steps() == 0) config.clear_warmup_steps();
   if (config.weight_decay() == 0) config.clear_weight_decay();
   if (config.max_gradient_norm() == 0) config.clear_max_gradient_norm();

@@ -110,6 +110,20 @@ TEST(DatasetConfig, ATypoIsAnErrorWithLineAndColumn) {
                [] { parsed("lights { studio { emitter { size { fixed: 30 } } } }"); });
 }
 
+TEST(DatasetConfig, KnowsTheIrradianceThatAllLightsHave) {
+  EXPECT_EQ(common_irradiance(preset_config("any")), 100);
+  EXPECT_EQ(common_irradiance(preset_config("studio")), 100);
+  EXPECT_EQ(common_irradiance(preset_config("flash")), 100);
+  EXPECT_EQ(common_irradiance(preset_config("outdoor")), 0);
+  EXPECT_EQ(common_irradiance(parsed("lights { sun_sky { irradiance { fixed: 70 } } }")), 70);
+  EXPECT_EQ(common_irradiance(parsed("lights { sun_sky { irradiance { fixed: 70 } } } "
+                                     "lights { flash {} }")),
+            0);
+  EXPECT_EQ(common_irradiance(parsed("lights { flash { irradiance { uniform { min: 70 max: 80 } } "
+                                     "} }")),
+            0);
+}
+
 TEST(DatasetConfig, SaysWhatIsOutOfRange) {
   const std::pair<const char*, const char*> rows[] = {
       {"resolution: 48", "resolution is 48"},
@@ -119,6 +133,7 @@ TEST(DatasetConfig, SaysWhatIsOutOfRange) {
        " test_azimuth_degrees { fixed: 390 } } }",
        "sun azimuth 390 is in both splits"},
       {"lights { sun_sky { turbidity { fixed: 11 } } }", "lights[0].sun_sky.turbidity is 11"},
+      {"lights { sun_sky { irradiance { fixed: 0 } } }", "lights[0].sun_sky.irradiance is 0"},
       {"lights { studio { emitters { uniform { min: 1 max: 3 } } } }",
        "lights[0].studio.emitters is a range"},
       {"lights { studio { emitters { fixed: 2.5 } } }", "emitters is 2.5; it must be a whole"},

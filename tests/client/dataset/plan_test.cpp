@@ -11,6 +11,8 @@
 #include "client/dataset/dataset.h"
 #include "client/dataset/distribution.h"
 #include "common/vec.h"
+#include "server/render/light_builder.h"
+#include "server/tracer/lights/sun_sky_irradiance.h"
 #include "tests/client/dataset/dataset_support.h"
 
 namespace itn {
@@ -292,6 +294,33 @@ TEST(DatasetPlan, LightsComeAsOftenAsTheyWeigh) {
   EXPECT_NEAR(counts[v1::ItemLight::kSunSky], 2000, 40);
   EXPECT_NEAR(counts[v1::ItemLight::kStudio], 2000, 40);
   EXPECT_NEAR(counts[v1::ItemLight::kFlash], 1000, 40);
+}
+
+// Sun and sky are brought to an irradiance, and nothing else is another for it.
+TEST(DatasetPlan, SunAndSkyAreAsBrightAsAsked) {
+  const v1::DatasetConfig config = training_alone("outdoor");
+  const ShapeSplit shapes = split_shapes(config, nameless(3));
+  v1::DatasetConfig known = config;
+  *known.mutable_lights(0)->mutable_sun_sky()->mutable_irradiance() = log_uniform(50, 200);
+  double sum = 0;
+  constexpr uint64_t kItems = 128;
+  for (uint64_t i = 0; i < kItems; ++i) {
+    v1::DatasetItem item = plan_item(known, shapes, i);
+    v1::SunSky& sun = *item.mutable_light()->mutable_sun_sky();
+    v1::Light light;
+    *light.mutable_sun_sky() = sun;
+    const double irradiance = tracer::irradiance_from_above(
+        std::get<tracer::SunSkyLight>(build_light("light", light)), tracer::Channel::kLuminance);
+    EXPECT_GE(irradiance, 50 * (1 - 1e-6));
+    EXPECT_LE(irradiance, 200 * (1 + 1e-6));
+    EXPECT_EQ(sun.sun_scale(), sun.sky_scale());
+    sum += std::log(irradiance / 100);
+    sun.clear_sun_scale();
+    sun.clear_sky_scale();
+    EXPECT_EQ(item.SerializeAsString(), plan_item(config, shapes, i).SerializeAsString()) << i;
+  }
+  // Two stretches with one in each 64th of the range.
+  EXPECT_NEAR(sum / kItems, 0, 0.01);
 }
 
 // A light that is added changes nothing of the others.

@@ -195,6 +195,13 @@ TEST_F(FamiliarityFit, ACompleteModelKnowsItsWidthsToo) {
     return row.log_likelihood();
   };
   EXPECT_GT(likelihood(world_->model), likelihood(without));
+  // What is usual, and how wide answers must be, is another thing of photographs.
+  v1::Model photographer = world_->model;
+  photographer.mutable_camera()->set_blur(4);
+  complete_model(source_of(*world_->training_inputs), validation, photographer);
+  EXPECT_NE(photographer.widths().SerializeAsString(), world_->model.widths().SerializeAsString());
+  EXPECT_NE(photographer.familiarity().SerializeAsString(),
+            world_->model.familiarity().SerializeAsString());
   // Too few images change nothing.
   HeldOutImages few = validation;
   few.images.count = 255;

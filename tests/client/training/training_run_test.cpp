@@ -296,6 +296,7 @@ TEST(TrainingConfigTest, AZeroThatWasSaidIsAsGoodAsOneThatWasNot) {
   wanted.set_weight_decay(0);
   wanted.set_warmup_steps(0);
   wanted.mutable_augmentation()->set_mirror(false);
+  wanted.mutable_augmentation()->mutable_camera()->set_blur(0);
   EXPECT_NO_THROW(require_same_config(there, wanted, "run"));
   wanted.set_weight_decay(0.1);
   EXPECT_THROW(require_same_config(there, wanted, "run"), Error);

@@ -301,14 +301,17 @@ TEST_F(ResidualTrainingTest, AModelSaysHowItWasTrained) {
   v1::TrainingConfig c = residual(v1::TrainingConfig::RN, 2);
   c.mutable_augmentation()->set_mirror(true);
   c.mutable_augmentation()->mutable_noise()->set_max(0.12);
+  c.mutable_augmentation()->mutable_camera()->set_blur(1);
   train(c, images_, *inputs_, residual_start(), {}, run());
   EXPECT_TRUE(checkpoint().model().mirrored());
   EXPECT_EQ(checkpoint().model().noise(), 0.12);
+  EXPECT_EQ(checkpoint().model().camera().blur(), 1);
   const v1::Model first = checkpoint().model();
   begin_anew();
   train(residual(v1::TrainingConfig::RN, 2), images_, *inputs_, first, {}, run());
   EXPECT_FALSE(checkpoint().model().mirrored());
   EXPECT_EQ(checkpoint().model().noise(), 0);
+  EXPECT_FALSE(checkpoint().model().has_camera());
 }
 
 // The images tell the material, and the network finds out: how, and that it may be sure of it.
@@ -573,6 +576,8 @@ TEST(TrainingConfig, RefusesWhatCannotWork) {
       {"input", [](auto& c) { c.clear_input(); }},
       {"exposure", [](auto& c) { c.clear_exposure(); }},
       {"noise", [](auto& c) { c.mutable_augmentation()->mutable_noise()->set_max(NAN); }},
+      {"camera.blur", [](auto& c) { c.mutable_augmentation()->mutable_camera()->set_blur(9); }},
+      {"weight map", [](auto& c) { c.mutable_augmentation()->mutable_camera()->set_blur(1); }},
       {"warmup_steps", [](auto& c) { c.set_warmup_steps(c.steps()); }},
       {"weight_decay", [](auto& c) { c.set_weight_decay(-1); }},
       {"max_gradient_norm", [](auto& c) { c.set_max_gradient_norm(NAN); }},
