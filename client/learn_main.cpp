@@ -12,7 +12,7 @@ int main(int argc, char** argv) {
     itn::add_train_command(app);
     itn::add_evaluate_command(app);
     itn::add_export_command(app);
-    itn::add_predict_command(app, itn::predict_here);
+    itn::add_predict_command(app);
     itn::add_models_command(app);
     itn::add_merge_command(app);
     itn::add_completion_command(app);

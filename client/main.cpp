@@ -19,6 +19,7 @@ struct LearningCommand {
   const char* description;
 };
 constexpr LearningCommand kLearningCommands[] = {
+    {"predict", "Optical parameters of the object in a photograph, or in many"},
     {"train", "Train a network with a dataset"},
     {"evaluate", "Errors of trained networks on a dataset, beside the constant predictor"},
     {"export", "Write a trained model as a file for prediction"},
@@ -39,7 +40,6 @@ void add_commands(CLI::App& app) {
   add_shapes_command(app);
   add_probe_command(app);
   add_dataset_command(app);
-  add_predict_command(app, nullptr);
   add_models_command(app);
   for (const LearningCommand& command : kLearningCommands) {
     app.add_subcommand(command.name, command.description);  // for --help and suggestions

@@ -27,10 +27,16 @@ deploy/bootstrap.sh
 deploy/build.sh itn itn-predictor
 mkdir -p "$out"
 
-step "Ask the model that comes with itn: an image of sigma_t 60, albedo 0.8, g 0.3"
+step "Ask a model that comes with itn: an image of sigma_t 60, albedo 0.8, g 0.3"
 "$bin/itn" render client/examples/cube.textproto -o "$out/cube.exr" --sigma-t 60 --albedo 0.8 \
   --g 0.3 --spp 64
-"$bin/itn" predict "$out/cube.exr"
+"$bin/itn" predict "$out/cube.exr" --exposure 1 --object-size 1
+
+step "From a photograph of a mug, 95 mm high, to a material for MaterialX, and a page about it"
+"$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 \
+  --report "$out/mug.html"
+"$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 \
+  --format openpbr -o "$out/mug.mtlx"
 
 step "Render a dataset: 1600 images of 64 x 64 pixels; shapes and lights of the test are apart"
 "$bin/itn" dataset "$dataset" --random-shapes 400 --count 1600 --resolution 64 --noise 6% --rotate \
@@ -74,4 +80,5 @@ done
 "$bin/itn" predict "$dataset/$image" --predictor "$(<"$out/predictor.address")"
 printf 'truth    %14.3f  %7.4f  %7.4f\n' "$sigma_t" "$albedo" "$g"
 
-printf '\nInput, re-rendering with the prediction, and difference: %s\n' "$out/comparison.png"
+printf '\nThe mug of the photograph: %s, %s\n' "$out/mug.html" "$out/mug.mtlx"
+printf 'Input, re-rendering with the prediction, and difference: %s\n' "$out/comparison.png"

@@ -40,6 +40,7 @@ struct DatasetOptions {
   std::string shapes;  // folder
   bool repair = false;
   uint32_t random_shapes = 0;
+  uint64_t shape_seed = 0;
   std::string panoramas;  // folder
   std::vector<std::string> test_shapes, validation_shapes;
   uint32_t count = 0;
@@ -167,6 +168,9 @@ v1::DatasetConfig config_of(const DatasetOptions& options, const CLI::App& comma
   }
   if (command.count("--random-shapes") > 0) {
     config.mutable_shapes()->mutable_random()->set_count(options.random_shapes);
+  }
+  if (command.count("--shape-seed") > 0) {
+    config.mutable_shapes()->mutable_random()->set_seed(options.shape_seed);
   }
   if (!options.panoramas.empty()) panoramas_in(config).set_folder(options.panoramas);
   if (command.count("--count") > 0) config.set_count(options.count);
@@ -331,10 +335,18 @@ void add_dataset_command(CLI::App& app) {
   CLI::Option* folder =
       command->add_option("--shapes", options->shapes,
                           "Folder of closed PLY, OBJ or STL meshes; without: the built-in shapes");
+  CLI::Option* random = command
+                            ->add_option("--random-shapes", options->random_shapes,
+                                         "Instead: this many of an endless family of random shapes")
+                            ->excludes(folder);
   command
-      ->add_option("--random-shapes", options->random_shapes,
-                   "Instead: this many of an endless family of random shapes")
-      ->excludes(folder);
+      ->add_option("--shape-seed", options->shape_seed,
+                   "Of random shapes: another one gives others. --seed does not: datasets of two "
+                   "seeds share the shapes that they both have, and a test of shapes that training "
+                   "has not seen needs another --shape-seed")
+      ->check(kAnySeed)
+      ->needs(random)
+      ->capture_default_str();
   command->add_option("--panoramas", options->panoramas,
                       "Folder of HDR panoramas (EXR, latitude-longitude): one more of the lights, "
                       "of weight 1, unless the dataset file has them");
@@ -374,7 +386,10 @@ void add_dataset_command(CLI::App& app) {
                    "Instead: as many samples for each image as bring its relative noise to this, "
                    "e.g. 5%")
       ->excludes(spp);
-  command->add_option("--seed", options->seed, "Of all choices; default 0")->check(kAnySeed);
+  command
+      ->add_option("--seed", options->seed,
+                   "Of all choices but the random shapes (--shape-seed); default 0")
+      ->check(kAnySeed);
   command
       ->add_option("--test-fraction", options->test_fraction, "Of shapes and images; default 0.25")
       ->check(number_in(0.0, 1.0, Ends::kExcluded));

@@ -18,6 +18,7 @@
 #include "client/training/training_set.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
+#include "common/flags.h"
 #include "common/learning/checkpoint.h"
 #include "common/learning/model_files.h"
 #include "common/learning/predictor.h"
@@ -32,6 +33,7 @@ struct ExportOptions {
   std::string output;
   std::string name, version;
   std::string dataset;
+  std::optional<double> common_error;
 };
 
 // The images of a split, as the model is shown them; none if it is empty.
@@ -77,6 +79,7 @@ void run(const ExportOptions& options) {
   model = read_checkpoint(find_model(options.checkpoint)).model();
   if (!options.name.empty()) model.set_name(options.name);
   if (!options.version.empty()) model.set_version(options.version);
+  if (options.common_error) model.set_common_error(*options.common_error);
   if (!options.dataset.empty()) model.clear_familiarity();  // it may be of an earlier version
   const Predictor predictor(model);  // it can be used, and so can its new name
   if (!options.dataset.empty()) complete(options, model);
@@ -112,6 +115,11 @@ void add_export_command(CLI::App& app) {
       "Folder of a dataset like that of the training: its training split tells the model what it "
       "has seen, so that it will know what it has not; its validation split, of 256 images at "
       "least, how wide its answers must be; a run does so at its end");
+  command
+      ->add_option("--common-error", options->common_error,
+                   "Correlation of the errors in two images of one object, for itn predict "
+                   "--one-material; default: as before")
+      ->check(number_in(0.0, 1.0));
   command->callback([options] { run(*options); });
 }
 

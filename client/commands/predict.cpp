@@ -1,10 +1,12 @@
-// itn predict: optical parameters from images.
+// itn predict: optical parameters from photographs.
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
-#include <algorithm>
+#include <array>
 #include <chrono>
+#include <cstdio>
+#include <cstdlib>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -13,24 +15,23 @@
 #include <vector>
 
 #include "client/commands/command.h"
+#include "client/exports/exports.h"
 #include "client/interrupt.h"
-#include "client/json.h"
-#include "client/learning_program.h"
-#include "client/output.h"
+#include "client/predict/exported.h"
+#include "client/predict/photograph_input.h"
+#include "client/predict/picture.h"
+#include "client/predict/prediction.h"
+#include "client/predict/predictors.h"
+#include "client/predict/printer.h"
+#include "client/predict/report.h"
+#include "client/predict/swatches.h"
+#include "client/render_pool/render_pool.h"
 #include "common/error.h"
-#include "common/files/read_file.h"
+#include "common/files/atomic_file.h"
 #include "common/flags.h"
-#include "common/image/channels.h"
-#include "common/image/image.h"
-#include "common/image/photograph.h"
 #include "common/learning/model_files.h"
-#include "common/material.h"
-#include "common/rpc/channel.h"
 #include "common/rpc/status.h"
-#include "common/rpc/wire_array.h"
-#include "common/scene/material_proto.h"
-#include "itn/v1/experiment.pb.h"
-#include "itn/v1/predict.grpc.pb.h"
+#include "common/scene/scene_file.h"
 
 namespace itn {
 namespace {
@@ -39,292 +40,43 @@ namespace fs = std::filesystem;
 
 struct PredictOptions {
   std::vector<std::string> images;  // files and folders
-  std::string mask;
+  PhotographOptions photographs;
+  bool one_material = false;
+  bool flash = false;
   std::optional<std::string> model;
   std::string predictor;
   double timeout = 60;  // in seconds
-  bool json = false;
+  std::string format = "text";
+  std::string picture;  // a PNG file
+  std::string scene;    // to render again for the picture
+  std::string report;   // an HTML file
+  std::string output;   // of exports: a file, or a folder for several; empty: standard output
+  ExportOptions exports;
 };
-
-// What the network sees of an image, and the names of its channels. It is framed here, so that an
-// image of any size can be sent; the predictor would do just the same.
-struct LoadedPhotograph {
-  std::vector<std::string> channels;
-  FramedPhotograph framed;
-};
-
-// --- What is asked ---
-
-constexpr const char* kImageExtension = ".exr";
-
-// Those that the arguments name; of a folder its EXR files, by name.
-std::vector<std::string> image_files(const std::vector<std::string>& arguments) {
-  std::vector<std::string> files;
-  for (const std::string& argument : arguments) {
-    if (!fs::is_directory(argument)) {
-      files.push_back(argument);
-      continue;
-    }
-    std::vector<std::string> inside;
-    for (const fs::directory_entry& entry : fs::directory_iterator(argument)) {
-      if (entry.path().extension() == kImageExtension) inside.push_back(entry.path().string());
-    }
-    if (inside.empty()) {
-      throw Error(ErrorKind::kIo,
-                  fmt::format("there is no {} file in {}", kImageExtension, argument));
-    }
-    std::ranges::sort(inside);
-    files.insert(files.end(), inside.begin(), inside.end());
-  }
-  return files;
-}
-
-// The file with the mask of an image; empty if that has it itself.
-std::string mask_file(const PredictOptions& options, const std::string& image) {
-  if (options.mask.empty() || !fs::is_directory(options.mask)) return options.mask;
-  return (fs::path(options.mask) / fs::path(image).filename()).string();
-}
-
-std::vector<float> mask_of(const Image& image, const std::string& name, const std::string& mask) {
-  if (mask.empty()) {
-    if (!image.has("mask.Y")) {
-      throw invalid_input(fmt::format(
-          "{} has no channel mask.Y that says where the object is; give a mask with --mask", name));
-    }
-    return image.channel("mask.Y");
-  }
-  const Image file = read_exr(mask);
-  if (file.width != image.width || file.height != image.height) {
-    throw invalid_input(fmt::format("{} is {} x {} pixels, {} is {} x {}; they must be the same",
-                                    mask, file.width, file.height, name, image.width,
-                                    image.height));
-  }
-  return file.channel(mask_channel(file, mask));
-}
-
-LoadedPhotograph load(const PredictOptions& options, const std::string& file) {
-  const Image image = decode_exr(read_file_or_stdin(file, "image"), file);
-  const std::vector<std::string> channels = radiance_channels(image, file);
-  const size_t count = static_cast<size_t>(image.width) * image.height;
-  std::vector<float> pixels;
-  pixels.reserve(count * channels.size());
-  for (size_t p = 0; p < count; ++p) {
-    for (const std::string& name : channels) {
-      pixels.push_back(image.channels.at(name)[p]);
-    }
-  }
-  const std::vector<float> mask = mask_of(image, file, mask_file(options, file));
-  const Photograph photograph{image.width, image.height, static_cast<int>(channels.size()), pixels,
-                              mask};
-  validate(photograph, interruption());
-  return {channels, framed(photograph, interruption())};
-}
 
 // --- Who is asked ---
 
-v1::PredictRequest request_of(const FramedPhotograph& photograph) {
-  v1::PredictRequest request;
-  request.set_width(static_cast<uint32_t>(photograph.side));
-  request.set_height(static_cast<uint32_t>(photograph.side));
-  request.set_channels(static_cast<uint32_t>(photograph.channels));
-  request.set_image(to_bytes(photograph.pixels));
-  request.set_mask(to_bytes(photograph.mask));
-  return request;
+// The model that comes with itn for what is known of the light; empty: the default.
+std::string model_for(const PredictOptions& options) {
+  if (options.flash) return "flash";
+  if (options.photographs.gray_card) return "card";
+  if (options.photographs.exposure) return "outdoor";
+  return "";
 }
 
-// A predictor over RPC.
-class RemotePredictor {
- public:
-  RemotePredictor(const std::string& address, double timeout)
-      : address_(address),
-        timeout_(static_cast<int64_t>(timeout * 1000)),
-        stub_(v1::PredictService::NewStub(connect_to(address))) {}
-
-  v1::PredictBatchReply operator()(std::span<const FramedPhotograph> photographs) const {
-    v1::PredictBatchReply reply;
-    if (photographs.size() == 1) {
-      require_ok(call(&v1::PredictService::Stub::Predict, request_of(photographs.front()),
-                      *reply.add_outcomes()->mutable_reply()));
-      return reply;
-    }
-    v1::PredictBatchRequest request;
-    for (const FramedPhotograph& photograph : photographs) {
-      *request.add_images() = request_of(photograph);
-    }
-    const grpc::Status status = call(&v1::PredictService::Stub::PredictBatch, request, reply);
-    if (status.error_code() != grpc::StatusCode::RESOURCE_EXHAUSTED) {
-      require_ok(status);
-      return reply;
-    }
-    // More than it takes at a time.
-    const size_t half = photographs.size() / 2;
-    reply = (*this)(photographs.first(half));
-    reply.MergeFrom((*this)(photographs.subspan(half)));
-    return reply;
-  }
-
- private:
-  template <typename Method, typename Request, typename Reply>
-  grpc::Status call(Method method, const Request& request, Reply& reply) const {
-    grpc::ClientContext context;
-    context.set_deadline(std::chrono::system_clock::now() + timeout_);
-    return ((*stub_).*method)(&context, request, &reply);
-  }
-
-  void require_ok(const grpc::Status& status) const {
-    if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) {
-      throw Error(ErrorKind::kUnavailable,
-                  fmt::format("{} is not a predictor; itn-predictor is one", address_));
-    }
-    if (!status.ok()) throw to_error(status, "predictor " + address_);
-  }
-
-  std::string address_;
-  std::chrono::milliseconds timeout_;
-  std::shared_ptr<v1::PredictService::Stub> stub_;
-};
-
-// --- What is answered ---
-
-v1::Prediction prediction_of(const std::string& image, const v1::PredictReply& reply,
-                             const LoadedPhotograph& photograph) {
-  if (reply.materials_size() != static_cast<int>(photograph.channels.size())) {
-    throw Error(ErrorKind::kInternal,
-                fmt::format("the predictor answered {} materials for {} channels",
-                            reply.materials_size(), photograph.channels.size()));
-  }
-  v1::Prediction prediction;
-  prediction.set_image(image);
-  prediction.set_model(reply.model());
-  *prediction.mutable_model_version() = reply.model_version();
-  for (int i = 0; i < reply.materials_size(); ++i) {
-    const Material material = from_proto(reply.materials(i));
-    v1::Prediction::Channel& channel = *prediction.add_channels();
-    channel.set_channel(photograph.channels[static_cast<size_t>(i)]);
-    channel.set_sigma_t(material.sigma_t);
-    channel.set_albedo(material.albedo);
-    channel.set_g(material.g);
-    channel.set_sigma_a(material.sigma_a());
-    channel.set_sigma_s(material.sigma_s());
-    if (reply.posteriors_size() == reply.materials_size()) {
-      const v1::MaterialPosterior& posterior = reply.posteriors(i);
-      channel.set_sigma_a(posterior.sigma_a().mean());
-      channel.set_sigma_s(posterior.sigma_s().mean());
-      *channel.mutable_posterior() = posterior;
-    }
-    if (reply.caveats_size() == reply.materials_size()) {
-      *channel.mutable_caveats() = reply.caveats(i);
-    }
-  }
-  return prediction;
+std::filesystem::path model_of(const PredictOptions& options) {
+  return find_model(options.model.value_or(model_for(options)));
 }
 
-v1::Prediction failure_of(const std::string& image, const std::string& what) {
-  v1::Prediction prediction;
-  prediction.set_image(image);
-  prediction.set_error(what);
-  return prediction;
+Predict predictor_of(const PredictOptions& options) {
+  if (!options.predictor.empty()) {
+    return predictor_at(options.predictor,
+                        std::chrono::milliseconds(static_cast<int64_t>(options.timeout * 1000)));
+  }
+  return predictor_here(model_of(options));
 }
 
-// The ends of the 90 % intervals under the best guesses, and how the parameters hang together.
-void print_interval(const v1::MaterialPosterior& p) {
-  const auto print_end = [&](const char* name, double (v1::ParameterPosterior::*end)() const) {
-    print_result("{:>7}  {:14.3f}  {:7.4f}  {:7.4f}  {:14.3f}  {:14.3f}\n", name,
-                 (p.sigma_t().*end)(), (p.albedo().*end)(), (p.g().*end)(), (p.sigma_a().*end)(),
-                 (p.sigma_s().*end)());
-  };
-  print_end("5 %", &v1::ParameterPosterior::low);
-  print_end("95 %", &v1::ParameterPosterior::high);
-  if (p.correlations_size() == 3) {
-    print_result(
-        "         correlations: sigma_t and albedo {:+.2f}, sigma_t and g {:+.2f}, albedo and "
-        "g {:+.2f}\n",
-        p.correlations(0), p.correlations(1), p.correlations(2));
-  }
-}
-
-std::string in_words(v1::MaterialBound bound) {
-  switch (bound) {
-    case v1::SIGMA_T_LEAST: return "the least sigma_t";
-    case v1::SIGMA_T_MOST: return "the greatest sigma_t";
-    case v1::ALBEDO_LEAST: return "the least albedo";
-    case v1::ALBEDO_MOST: return "the greatest albedo";
-    case v1::G_LEAST: return "the least g";
-    case v1::G_MOST: return "the greatest g";
-    default: return "an end";
-  }
-}
-
-void print_caveats(const v1::Caveats& caveats) {
-  if (caveats.at_bounds_size() > 0) {
-    std::vector<std::string> ends;
-    for (const int bound : caveats.at_bounds()) {
-      ends.push_back(in_words(static_cast<v1::MaterialBound>(bound)));
-    }
-    print_result("         at the bound of what the model was trained for: {}\n",
-                 fmt::join(ends, ", "));
-  }
-  const v1::Unfamiliarity& unfamiliarity = caveats.unfamiliarity();
-  if (unfamiliarity.unfamiliar()) {
-    print_result(
-        "         UNFAMILIAR, {:.1f} times as far from the images of training as 99 % of such "
-        "images: do not trust this answer ({})\n",
-        unfamiliarity.score(), unfamiliarity.reason());
-  }
-}
-
-// Predictions as they come, as a table or as JSON.
-class Printer {
- public:
-  // Of several images each is named.
-  Printer(bool json, bool several) : json_(json), several_(several) {}
-
-  void print(const v1::Prediction& prediction) {
-    if (json_) {
-      print_result("{}\n", to_json(prediction));
-      return;
-    }
-    if (!begun_) {
-      print_result("{:7}  {:>14}  {:>7}  {:>7}  {:>14}  {:>14}\n", "channel", "sigma_t [1/mm]",
-                   "albedo", "g", "sigma_a [1/mm]", "sigma_s [1/mm]");
-      begun_ = true;
-    }
-    if (several_) print_result("{}\n", prediction.image());
-    if (!prediction.error().empty()) print_result("         {}\n", prediction.error());
-    for (const v1::Prediction::Channel& c : prediction.channels()) print(c);
-    if (prediction.channels_size() > 0) last_ = prediction;
-  }
-
-  // Who it was that answered.
-  void finish() const {
-    if (json_ || last_.channels_size() == 0) return;
-    constexpr size_t kShortDigest = 12;
-    const v1::ModelVersion& model = last_.model_version();
-    print_result(
-        "model: {}{}{}{}\n", last_.model(), model.version().empty() ? " (without a version)" : "",
-        model.sha256().empty() ? "" : ", weights ", model.sha256().substr(0, kShortDigest));
-    if (!last_.channels(0).caveats().has_unfamiliarity()) {
-      print_result(
-          "It does not know the images of its training: whether it was trained for images like "
-          "{} is not said.\n",
-          several_ ? "these" : "this");
-    }
-  }
-
- private:
-  static void print(const v1::Prediction::Channel& c) {
-    print_result("{:7}  {:14.3f}  {:7.4f}  {:7.4f}  {:14.3f}  {:14.3f}\n", c.channel(), c.sigma_t(),
-                 c.albedo(), c.g(), c.sigma_a(), c.sigma_s());
-    if (c.has_posterior()) print_interval(c.posterior());
-    print_caveats(c.caveats());
-  }
-
-  bool json_, several_;
-  bool begun_ = false;
-  v1::Prediction last_;  // that has an answer
-};
-
-// --- All of it ---
+// --- What became of each ---
 
 // An image that could not be used does not keep others from being answered, unless it is alone.
 class Failures {
@@ -343,7 +95,8 @@ class Failures {
   ErrorKind first_ = ErrorKind::kInvalidInput;
 };
 
-// Images that are asked for together: no more than any predictor takes.
+// Images that are asked for together: no more than any predictor takes. Those of one material are
+// one question, however many pixels they have.
 constexpr size_t kImagesAtATime = 64;
 constexpr uint64_t kPixelsAtATime = uint64_t{1} << 20;
 
@@ -351,26 +104,25 @@ constexpr uint64_t kPixelsAtATime = uint64_t{1} << 20;
 struct Group {
   std::vector<std::string> files;
   std::vector<std::optional<Error>> errors;  // by file
-  std::vector<LoadedPhotograph> loaded;      // without those
-
-  std::vector<FramedPhotograph> framed() {
-    std::vector<FramedPhotograph> result;
-    for (LoadedPhotograph& photograph : loaded) result.push_back(std::move(photograph.framed));
-    return result;
-  }
+  std::vector<PredictInput> loaded;          // without those
 };
+
+uint64_t pixels_of(const PredictInput& input) {
+  return uint64_t{1} * input.photograph.side * input.photograph.side;
+}
 
 Group load_group(const PredictOptions& options, std::span<const std::string> files, bool alone) {
   Group group;
   uint64_t pixels = 0;
   for (const std::string& file : files) {
-    if (group.files.size() == kImagesAtATime || pixels >= kPixelsAtATime) break;
+    if (group.files.size() == kImagesAtATime) break;
+    if (pixels >= kPixelsAtATime && !options.one_material) break;
     throw_if_interrupted();
     group.files.push_back(file);
     group.errors.emplace_back();
     try {
-      group.loaded.push_back(load(options, file));
-      pixels += uint64_t{1} * group.loaded.back().framed.side * group.loaded.back().framed.side;
+      group.loaded.push_back(load_photograph(file, options.photographs));
+      pixels += pixels_of(group.loaded.back());
     } catch (const Error& error) {
       if (alone || error.kind() == ErrorKind::kCancelled) throw;
       group.errors.back() = error;
@@ -379,84 +131,360 @@ Group load_group(const PredictOptions& options, std::span<const std::string> fil
   return group;
 }
 
-void run(const PredictOptions& options, LoadPredictor* here) {
-  if (options.model && !options.predictor.empty()) {
-    throw Error(ErrorKind::kUsage, "give either --model or --predictor HOST:PORT");
+// What became of each photograph of a group, in the order of its files.
+std::vector<std::pair<v1::Prediction, std::optional<Error>>> outcomes_of(
+    const Group& group, const v1::PredictBatchReply& reply) {
+  if (reply.outcomes_size() != static_cast<int>(group.loaded.size())) {
+    throw Error(ErrorKind::kInternal, fmt::format("the predictor answered {} of {} images",
+                                                  reply.outcomes_size(), group.loaded.size()));
   }
-  const std::vector<std::string> files = image_files(options.images);
-  const bool several = files.size() > 1;
-  if (several && !options.mask.empty() && !fs::is_directory(options.mask)) {
-    throw Error(
-        ErrorKind::kUsage,
+  std::vector<std::pair<v1::Prediction, std::optional<Error>>> result;
+  size_t next = 0;
+  for (size_t i = 0; i < group.files.size(); ++i) {
+    std::optional<Error> error = group.errors[i];
+    if (!error) {
+      const v1::PredictOutcome& outcome = reply.outcomes(static_cast<int>(next));
+      const PredictInput& photograph = group.loaded[next++];
+      if (outcome.code() == grpc::StatusCode::OK) {
+        result.emplace_back(prediction_of(group.files[i], outcome.reply(), photograph),
+                            std::nullopt);
+        continue;
+      }
+      error = to_error({static_cast<grpc::StatusCode>(outcome.code()), outcome.message()}, "");
+    }
+    result.emplace_back(failure_of(group.files[i], error->what()), error);
+  }
+  return result;
+}
+
+bool is_table(const std::string& format) {
+  return format == "text" || format == "json" || format == "csv";
+}
+
+void check_file(const std::string& flag, const std::string& file, const std::string& suffix) {
+  if (file.empty()) return;
+  const std::string given = fs::path(file).extension().string();
+  if ((!given.empty() && given != suffix) || is_stdout(file)) {
+    throw Error(ErrorKind::kUsage,
+                fmt::format("{} {}: it needs a file of its own, named {}", flag, file, suffix));
+  }
+  check_writable(file);
+}
+
+// That each material has a file of its own, which can be written.
+void check_exports(const PredictOptions& options, const std::vector<std::string>& files) {
+  if (options.one_material || files.size() == 1) {
+    if (!options.output.empty() && !fs::is_directory(options.output))
+      check_writable(options.output);
+    if (files.size() == 1 || !fs::is_directory(options.output)) return;
+    throw Error(ErrorKind::kUsage, "-o must be a file for what several images of one material say");
+  }
+  if (!fs::is_directory(options.output)) {
+    throw Error(ErrorKind::kUsage,
+                "-o must be a folder for the materials of several images, or else --one-material");
+  }
+  check_folder_writable(options.output);
+  std::map<fs::path, std::string> images;
+  for (const std::string& file : files) {
+    const fs::path target = exported_file(options.output, file, export_format(options.format));
+    const auto [other, is_new] = images.emplace(target, file);
+    if (!is_new) {
+      throw Error(ErrorKind::kUsage,
+                  fmt::format("the materials of {} and {} would both be written to {}",
+                              other->second, file, target.string()));
+    }
+  }
+}
+
+void check(const PredictOptions& options, const std::vector<std::string>& files) {
+  const auto usage = [](const std::string& message) { return Error(ErrorKind::kUsage, message); };
+  if ((options.model || options.flash) && !options.predictor.empty()) {
+    throw usage("give either a model (--model, --flash) or --predictor HOST:PORT");
+  }
+  const PhotographOptions& photographs = options.photographs;
+  if (files.size() > 1 && !photographs.mask.empty() && !fs::is_directory(photographs.mask)) {
+    throw usage(
         "--mask must be a folder for several images, with a mask of the same name for each");
   }
-  Predict predict;
-  if (!options.predictor.empty()) {
-    predict = RemotePredictor(options.predictor, options.timeout);
-  } else {
-    const fs::path model = find_model(options.model.value_or(""));
-    if (here == nullptr) become_learning_program();
-    predict = here(model);
+  const bool is_export = !is_table(options.format);
+  if (!options.output.empty() && !is_export) {
+    throw usage("-o is for the formats of renderers; the others are printed");
   }
-  Printer printer(options.json, several);
+  if (is_export) check_exports(options, files);
+  if (options.one_material && files.size() > kImagesAtATime) {
+    throw usage(fmt::format("--one-material takes {} images at most; there are {}", kImagesAtATime,
+                            files.size()));
+  }
+  if (files.size() > 1 && !options.one_material && !(options.picture + options.report).empty()) {
+    throw usage("--picture and --report are of one image, or of several with --one-material");
+  }
+  if (files.size() > 1 && !options.scene.empty()) {
+    throw usage("--scene is of one image: others show the object from elsewhere");
+  }
+  check_file("--picture", options.picture, ".png");
+  check_file("--report", options.report, ".html");
+}
+
+// Of one material, by the photographs of a group that could be used.
+v1::Prediction combined_prediction(const Group& group, const v1::PredictBatchReply& reply) {
+  std::string names;
+  const PredictInput* first = nullptr;
+  for (int i = 0; i < reply.outcomes_size(); ++i) {
+    if (reply.outcomes(i).code() != grpc::StatusCode::OK) continue;
+    const PredictInput& photograph = group.loaded[static_cast<size_t>(i)];
+    names += (names.empty() ? "" : ", ") + photograph.name;
+    if (first == nullptr) first = &photograph;
+  }
+  if (first == nullptr) {
+    throw Error(ErrorKind::kInternal, "the predictor combined images of which it could use none");
+  }
+  v1::Prediction combined = prediction_of(names, reply.combined(), *first);
+  combined.set_combined(true);
+  return combined;
+}
+
+// --- What is written ---
+
+std::unique_ptr<PredictionPrinter> printer_of(const PredictOptions& options, bool several) {
+  if (options.format == "text") return prediction_printer(TableFormat::kText, several);
+  if (options.format == "json") return prediction_printer(TableFormat::kJson, several);
+  if (options.format == "csv") return prediction_printer(TableFormat::kCsv, several);
+  const bool together = options.one_material && several;
+  return export_printer(export_format(options.format), options.exports,
+                        {.path = options.output,
+                         .is_folder = !options.output.empty() && fs::is_directory(options.output),
+                         .combined_alone = together});
+}
+
+// One image, or several of one material, whose answer is what they say together.
+struct Answered {
+  Group group;
+  v1::PredictBatchReply reply;
+  v1::Prediction answer;
+};
+
+// The picture, and the page.
+void write_for_people(const PredictOptions& options, const std::optional<v1::Scene>& scene,
+                      const Answered& answered) {
+  std::fflush(stdout);  // the answer is there whatever becomes of them
+  const auto& [group, reply, answer] = answered;
+  RenderPool pool{RenderPoolOptions()};
+  Report report;
+  report.prediction = answer;
+  std::vector<PanelRow> rows;
+  for (size_t i = 0; i < group.loaded.size(); ++i) {
+    const v1::PredictOutcome& outcome = reply.outcomes(static_cast<int>(i));
+    if (outcome.code() != grpc::StatusCode::OK) continue;
+    const PredictInput& photograph = group.loaded[i];
+    rows.push_back(seen_panels(photograph));
+    if (scene) {
+      const auto again = rerendered_panels(
+          photograph,
+          rerendered(pool, *scene, photograph.photograph.side, materials_of_1_mm(answer)));
+      rows.back().insert(rows.back().end(), again.begin(), again.end());
+    }
+    report.photographs.push_back(
+        {prediction_of(photograph.name, outcome.reply(), photograph), rows.back()});
+  }
+  if (!options.picture.empty()) write_panels(options.picture, rows);
+  if (options.report.empty()) return;
+  report.swatches = render_swatches(pool, materials_of_1_mm(answer));
+  if (options.predictor.empty()) report.range = range_of_model(model_of(options));
+  report.exports = options.exports;
+  write_file_atomically(options.report, report_page(report));
+}
+
+// --- All of it ---
+
+void run(const PredictOptions& options) {
+  const std::vector<std::string> files = photograph_files(options.images);
+  check(options, files);
+  std::optional<v1::Scene> scene;
+  if (!options.scene.empty()) scene = load_scene(options.scene);
+  const bool several = files.size() > 1;
+  const Predict predict = predictor_of(options);
+  const auto printer = printer_of(options, several);
   Failures failures;
+  std::optional<Answered> for_people;
   for (size_t done = 0; done < files.size();) {
-    Group group = load_group(options, std::span(files).subspan(done), !several);
+    const Group group = load_group(options, std::span(files).subspan(done), !several);
     done += group.files.size();
-    const std::vector<FramedPhotograph> framed = group.framed();
-    const v1::PredictBatchReply reply = framed.empty() ? v1::PredictBatchReply() : predict(framed);
-    if (reply.outcomes_size() != static_cast<int>(framed.size())) {
-      throw Error(ErrorKind::kInternal, fmt::format("the predictor answered {} of {} images",
-                                                    reply.outcomes_size(), framed.size()));
+    const bool together = options.one_material && several;
+    const v1::PredictBatchReply reply =
+        group.loaded.empty() ? v1::PredictBatchReply() : predict(group.loaded, together);
+    for (const auto& [prediction, error] : outcomes_of(group, reply)) {
+      if (error && !several) throw *error;
+      printer->print(prediction);
+      if (error) failures.add(error->kind());
+      if (!several) for_people = {group, reply, prediction};
     }
-    int next = 0;
-    for (size_t i = 0; i < group.files.size(); ++i) {
-      std::optional<Error> error = group.errors[i];
-      if (!error) {
-        const v1::PredictOutcome& outcome = reply.outcomes(next);
-        const LoadedPhotograph& photograph = group.loaded[static_cast<size_t>(next++)];
-        if (outcome.code() == grpc::StatusCode::OK) {
-          printer.print(prediction_of(group.files[i], outcome.reply(), photograph));
-          continue;
-        }
-        error = to_error({static_cast<grpc::StatusCode>(outcome.code()), outcome.message()}, "");
-        if (!several) throw *error;
-      }
-      printer.print(failure_of(group.files[i], error->what()));
-      failures.add(error->kind());
+    if (together && reply.has_combined()) {
+      const v1::Prediction combined = combined_prediction(group, reply);
+      printer->print(combined);
+      for_people = {group, reply, combined};
     }
   }
-  printer.finish();
+  printer->finish();
+  if (for_people && !(options.picture + options.report).empty()) {
+    write_for_people(options, scene, *for_people);
+  }
   failures.throw_if_any(files.size());
+}
+
+// --- Flags ---
+
+// X,Y,W,H in pixels.
+PixelRectangle parsed_rectangle(const std::string& text) {
+  std::array<int, 4> numbers{};
+  size_t count = 0;
+  const char* at = text.c_str();
+  for (; count < numbers.size(); ++count) {
+    char* end = nullptr;
+    const long number = std::strtol(at, &end, 10);
+    const bool last = count + 1 == numbers.size();
+    if (end == at || number < 0 || number > 16384 || *end != (last ? '\0' : ',')) break;
+    numbers[count] = static_cast<int>(number);
+    at = end + 1;
+  }
+  if (count < numbers.size() || numbers[2] == 0 || numbers[3] == 0) {
+    throw CLI::ValidationError("--gray-card",
+                               "it must be X,Y,W,H: left, top, width and height in pixels, such as "
+                               "120,40,32,32");
+  }
+  return {numbers[0], numbers[1], numbers[2], numbers[3]};
+}
+
+void add_photograph_flags(CLI::App& command, PhotographOptions& options) {
+  const auto mask = command.add_option(
+      "--mask", options.mask,
+      "Image that is bright (above half) on the object: PNG or another, of an EXR the channel "
+      "mask.Y, Y, L, R or A; or a folder with one of the same name for each image. Default: the "
+      "image's own channel mask.Y, or alpha");
+  command
+      .add_option_function<std::string>(
+          "--background", [&options](const std::string&) { options.mask_by_background = true; },
+          "auto: find the object before a plain background")
+      ->check(CLI::IsMember({"auto"}))
+      ->excludes(mask);
+  command
+      .add_option_function<std::string>(
+          "--frame",
+          [&options](const std::string& frame) {
+            options.framing = frame == "whole" ? Framing::kSquareWhole : Framing::kObject;
+          },
+          "What the network sees: a square about the object, or the whole of a square image that "
+          "was framed like those of training. Default: whole for files with a channel mask.Y, as "
+          "renders have, otherwise object")
+      ->check(CLI::IsMember({"object", "whole"}));
+  command
+      .add_option("--object-size", options.object_size,
+                  "Longest side of the object, in mm. Default: unknown, and sigma_t is for an "
+                  "object of 1 mm")
+      ->check(number_in(1e-3, 1e6));
+  const auto exposure =
+      command
+          .add_option("--exposure", options.exposure,
+                      "The image times this is radiance on the scale of the model's training: for "
+                      "outdoor in W/(m^2 sr) as of sun_sky in scene.proto")
+          ->check(number_in(1e-12, 1e12));
+  const auto card = command.add_option_function<std::string>(
+      "--gray-card",
+      [&options](const std::string& text) { options.gray_card = parsed_rectangle(text); },
+      "X,Y,W,H: pixels of a gray card that lies flat beside the object, facing up; by flash alone "
+      "it "
+      "faces the camera");
+  card->excludes(exposure);
+  command.add_option("--gray", options.gray, "Reflectance of the gray card")
+      ->check(number_in(0.01, 1.0))
+      ->needs(card)
+      ->capture_default_str();
+}
+
+// Of one image or one material.
+void add_flags_for_people(CLI::App& command, PredictOptions& options) {
+  const auto picture = command.add_option(
+      "--picture", options.picture,
+      "PNG file to write, of one image or one material: a row for each image, of what the network "
+      "saw: the photograph as framed, white at its 99th percentile on the object; the mask over "
+      "it, outlined; the weight map, black 0 to white 1; with --scene also the re-rendering and "
+      "the difference, red where the re-rendering is brighter, blue where it is darker");
+  command
+      .add_option("--scene", options.scene,
+                  "Scene file, as itn render takes, that shows the object as the framed image "
+                  "does, on a square film: it is rendered with the answer for --picture. The "
+                  "object may have any size. The re-rendering is compared with the image times "
+                  "--exposure; without it, of images encoded for a screen or with a gray card, "
+                  "brought to their mean")
+      ->needs(picture);
+  command.add_option("--report", options.report,
+                     "HTML file to write, of one image or one material: a page that needs no other "
+                     "file, with the answer, what limits it, the panels of --picture, renders of "
+                     "the material, and its files for all renderers");
+}
+
+void add_output_flags(CLI::App& command, PredictOptions& options) {
+  std::vector<std::string> formats{"text", "json", "csv"};
+  std::string exports;
+  for (const ExportFormat& format : export_formats()) {
+    formats.emplace_back(format.name);
+    exports += fmt::format("; {}: {}", format.name, format.description);
+  }
+  command
+      .add_option("--format", options.format,
+                  "text: a table; json: itn.v1.Prediction, one a line; csv" + exports)
+      ->check(CLI::IsMember(formats))
+      ->capture_default_str();
+  command.add_option("-o,--output", options.output,
+                     "File for a renderer's material, or a folder for those of several images; "
+                     "default: standard output");
+  command.add_option("--material-name", options.exports.name, "In a renderer's file")
+      ->capture_default_str();
+  command
+      .add_option_function<std::string>(
+          "--scene-unit",
+          [&options](const std::string& unit) {
+            options.exports.mm_per_scene_unit = unit == "m" ? 1000 : unit == "cm" ? 10 : 1;
+          },
+          "Unit of length of the renderer's scene")
+      ->check(CLI::IsMember({"mm", "cm", "m"}))
+      ->default_str("mm");
 }
 
 }  // namespace
 
-void add_predict_command(CLI::App& app, LoadPredictor* here) {
+void add_predict_command(CLI::App& app) {
   const auto options = std::make_shared<PredictOptions>();
   CLI::App* command =
-      app.add_subcommand("predict", "Optical parameters of the object in an image, or in many");
+      app.add_subcommand("predict", "Optical parameters of the object in a photograph, or in many");
   command
-      ->add_option(
-          "image", options->images,
-          "EXR with channel Y, or R, G, B: linear radiance; -: standard input. Several, or "
-          "a folder of them: one that cannot be used loses none of the others")
+      ->add_option("image", options->images,
+                   "Photograph: EXR or Radiance HDR of linear radiance; PNG, JPEG, TIFF, HEIC or "
+                   "WebP, which are taken through the curve of sRGB; -: standard input. Several, "
+                   "or a folder of them: one that cannot be used loses none of the others")
       ->required();
-  command->add_option(
-      "--mask", options->mask,
-      "EXR that is 1 on the object (channel mask.Y, Y, L, R or A), or a folder with one of the "
-      "same name for each image; default: the image's own channel mask.Y");
+  add_photograph_flags(*command, options->photographs);
+  command->add_flag("--one-material", options->one_material,
+                    "All images, up to 64, show one material, in other light or from other sides: "
+                    "answer from all of them together, too");
   command->add_option("--model", options->model,
                       fmt::format("Predict in this process, by a model that itn models lists, a "
-                                  "checkpoint or the folder of a run; default: {}",
+                                  "checkpoint or the folder of a run; default: {}, with "
+                                  "--gray-card card, with --exposure outdoor, with --flash flash",
                                   kDefaultModel));
+  command
+      ->add_flag("--flash", options->flash,
+                 "The only light is a flash at the camera: by the model flash")
+      ->excludes("--model");
   command->add_option("--predictor", options->predictor, "HOST:PORT of an itn-predictor to ask");
   command->add_option("--timeout", options->timeout, "Of a call, in seconds")
       ->check(number_in(0.01, 3600.0))
       ->capture_default_str();
-  command->add_flag("--json", options->json,
-                    "Print the result as JSON (itn.v1.Prediction), of several images one a line");
-  command->callback([options, here] { run(*options, here); });
+  add_output_flags(*command, *options);
+  add_flags_for_people(*command, *options);
+  command->add_flag_callback(
+      "--json", [options] { options->format = "json"; },
+      "--format json: itn.v1.Prediction, of several images one a line");
+  command->callback([options] { run(*options); });
 }
 
 }  // namespace itn

@@ -176,11 +176,12 @@ std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledI
     std::vector<ImageBatch> batch;
     for (size_t i = first; i < std::min(first + kBatch, images.items.size()); ++i) {
       const DatasetImage image = images.read(i);
-      batch.push_back(predictor.seen({.width = images.resolution,
-                                      .height = images.resolution,
-                                      .channels = 1,
-                                      .pixels = image.radiance,
-                                      .mask = image.mask}));
+      const Photograph photograph{.width = images.resolution,
+                                  .height = images.resolution,
+                                  .channels = 1,
+                                  .pixels = image.radiance,
+                                  .mask = image.mask};
+      batch.push_back(predictor.seen(photograph).channels);
       batch.back().noise =
           noise_map(image, images.resolution, static_cast<int>(predictor.model().resolution()));
     }

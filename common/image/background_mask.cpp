@@ -36,7 +36,13 @@ cv::Mat small_copy(const cv::Mat& photograph) {
   cv::Mat copy = photograph;
   if (copy.channels() == 1) cv::cvtColor(copy, copy, cv::COLOR_GRAY2BGR);
   const double scale = double{kCopySide} / std::max(copy.cols, copy.rows);
-  if (scale < 1) cv::resize(copy, copy, {}, scale, scale, cv::INTER_AREA);
+  if (scale < 1) {
+    // A strip keeps some pixels across.
+    const auto scaled = [&](int side) {
+      return std::max(std::min(side, kLeastSide), static_cast<int>(std::lround(side * scale)));
+    };
+    cv::resize(copy, copy, {scaled(copy.cols), scaled(copy.rows)}, 0, 0, cv::INTER_AREA);
+  }
   return copy;
 }
 

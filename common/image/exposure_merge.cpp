@@ -204,6 +204,7 @@ Image ExposureMerge::merged() const {
       plane[pixel] = method_ == MergeMethod::kDebevec ? std::exp(mean) : mean;
     }
   }
+  if (clipped_count() > 0) image.channels["clipped.Y"] = clipped_everywhere();
   if (!any_exposed) {
     throw invalid_input(
         "every pixel is black or white in every photograph: take some with other exposures");
@@ -211,13 +212,19 @@ Image ExposureMerge::merged() const {
   return image;
 }
 
-size_t ExposureMerge::clipped_count() const {
-  size_t count = 0;
-  for (size_t pixel = 0; pixel < sums_.front().weight.size(); ++pixel) {
-    count += std::ranges::any_of(
+std::vector<float> ExposureMerge::clipped_everywhere() const {
+  std::vector<float> clipped(sums_.front().weight.size());
+  for (size_t pixel = 0; pixel < clipped.size(); ++pixel) {
+    const bool is_clipped = std::ranges::any_of(
         sums_, [&](const Sums& s) { return s.weight[pixel] == 0 && s.bound[pixel] > 0; });
+    clipped[pixel] = is_clipped ? 1.0F : 0.0F;
   }
-  return count;
+  return clipped;
+}
+
+size_t ExposureMerge::clipped_count() const {
+  const std::vector<float> clipped = clipped_everywhere();
+  return static_cast<size_t>(std::ranges::count(clipped, 1.0F));
 }
 
 }  // namespace itn

@@ -58,13 +58,16 @@ class ExposureMerge {
   void add(const PhotographFile& photograph, double exposure, const std::string& name);
 
   // R, G and B, or Y: light of the files over exposure. Where every exposure is clipped, what the
-  // least exposed says, which the truth is not below; where every one is black, the most exposed.
+  // least exposed says, which the truth is not below, and clipped.Y is 1 (a channel that is there
+  // if a pixel is); where every one is black, the most exposed.
   // Throws Error (invalid input) if no pixel was well exposed in any.
   Image merged() const;
   // Pixels of which a channel is clipped in every exposure.
   size_t clipped_count() const;
 
  private:
+  std::vector<float> clipped_everywhere() const;
+
   struct Sums {
     std::vector<float> weight, value;
     std::vector<float> bound;  // see add()

@@ -32,8 +32,7 @@ void check_finite(const Image& image, const std::string& name) {
   }
 }
 
-void write_png(const std::filesystem::path& path, int width, int height,
-               std::span<const unsigned char> rgb) {
+std::string encode_png(int width, int height, std::span<const unsigned char> rgb) {
   if (width < 1 || height < 1 ||
       rgb.size() != 3 * static_cast<size_t>(width) * static_cast<size_t>(height)) {
     throw Error(ErrorKind::kInternal, fmt::format("{} bytes are not {} x {} pixels of 3 bytes",
@@ -50,7 +49,12 @@ void write_png(const std::filesystem::path& path, int width, int height,
     throw Error(ErrorKind::kInternal, fmt::format("cannot encode a PNG: {}", png.message));
   }
   bytes.resize(size);
-  write_file_atomically(path, bytes);
+  return bytes;
+}
+
+void write_png(const std::filesystem::path& path, int width, int height,
+               std::span<const unsigned char> rgb) {
+  write_file_atomically(path, encode_png(width, height, rgb));
 }
 
 }  // namespace itn

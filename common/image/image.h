@@ -46,7 +46,10 @@ Image decode_exr(std::string_view bytes, const std::string& name);
 // it throws.
 void write_exr(const std::filesystem::path& path, const Image& image);
 
-// 8-bit RGB, 3 bytes a pixel, top row first. Written likewise.
+// 8-bit RGB, 3 bytes a pixel, top row first: the bytes of a PNG file.
+std::string encode_png(int width, int height, std::span<const unsigned char> rgb);
+
+// Likewise, written as write_exr() does.
 void write_png(const std::filesystem::path& path, int width, int height,
                std::span<const unsigned char> rgb);
 

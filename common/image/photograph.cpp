@@ -14,8 +14,6 @@ namespace {
 // 1 mm, of the 2 * 33.9 mm * tan(2.5 deg / 2) = 1.48 mm that the camera sees.
 constexpr double kObjectFraction = 1 / 1.48;
 
-constexpr float kOnObject = 0.5F;
-
 void throw_if_stopped(const std::stop_token& stop) {
   if (stop.stop_requested()) {
     throw Error(ErrorKind::kCancelled, "the prediction was cancelled");
@@ -55,12 +53,11 @@ Extent extent_of_object(const Photograph& p, const std::stop_token& stop) {
   for (int y = 0; y < p.height; ++y) {
     throw_if_stopped(stop);
     const auto row = row_of(p.mask, y, p.width);
-    const auto on_object = [](float m) { return m > kOnObject; };
-    const auto first = std::ranges::find_if(row, on_object);
+    const auto first = std::ranges::find_if(row, is_on_object);
     if (first == row.end()) {
       continue;
     }
-    const auto last = std::find_if(row.rbegin(), row.rend(), on_object);
+    const auto last = std::find_if(row.rbegin(), row.rend(), is_on_object);
     extent.left = std::min(extent.left, static_cast<int>(first - row.begin()));
     extent.right = std::max(extent.right, static_cast<int>(row.rend() - last) - 1);
     extent.top = std::min(extent.top, y);
@@ -69,8 +66,8 @@ Extent extent_of_object(const Photograph& p, const std::stop_token& stop) {
   return extent;
 }
 
-Square frame(const Photograph& p, const std::stop_token& stop) {
-  if (p.width == p.height) {
+Square frame(const Photograph& p, Framing framing, const std::stop_token& stop) {
+  if (framing == Framing::kSquareWhole && p.width == p.height) {
     return {0, 0, p.width};
   }
   const Extent object = extent_of_object(p, stop);
@@ -165,13 +162,45 @@ void validate(const Photograph& p, const std::stop_token& stop) {
   }
   require_values("image", p.pixels, p, p.channels, HUGE_VALF, stop);
   require_values("mask", p.mask, p, 1, 1, stop);
-  if (std::ranges::none_of(p.mask, [](float m) { return m > kOnObject; })) {
+  if (std::ranges::none_of(p.mask, is_on_object)) {
     throw invalid_input("the mask is empty; it must be above 0.5 on the object");
+  }
+  bool black = true;
+  for (int channel = 0; black && channel < p.channels; ++channel) {
+    black = is_black(p, channel, stop);
+  }
+  if (black) {
+    throw invalid_input("the image is black wherever the mask says that the object is");
   }
 }
 
-FramedPhotograph framed(const Photograph& photograph, const std::stop_token& stop) {
-  const Square square = frame(photograph, stop);
+bool is_black(const Photograph& p, int channel, const std::stop_token& stop) {
+  for (int y = 0; y < p.height; ++y) {
+    throw_if_stopped(stop);
+    const auto mask = row_of(p.mask, y, p.width);
+    const auto pixels = row_of(p.pixels, y, static_cast<size_t>(p.width) * p.channels);
+    for (int x = 0; x < p.width; ++x) {
+      if (is_on_object(mask[x]) && pixels[static_cast<size_t>(x) * p.channels + channel] > 0) {
+        return false;
+      }
+    }
+  }
+  return true;
+}
+
+bool reaches_edge(const Photograph& p, const std::stop_token& stop) {
+  const Extent object = extent_of_object(p, stop);
+  return object.left == 0 || object.top == 0 || object.right == p.width - 1 ||
+         object.bottom == p.height - 1;
+}
+
+int framed_side(const Photograph& photograph, Framing framing, const std::stop_token& stop) {
+  return frame(photograph, framing, stop).side;
+}
+
+FramedPhotograph framed(const Photograph& photograph, const std::stop_token& stop,
+                        Framing framing) {
+  const Square square = frame(photograph, framing, stop);
   const int side = std::min(square.side, kMaxFrameSide);
   const auto at_side = [&](std::span<const float> values, int channels) {
     return averaged(photograph, values, channels, square, side, stop);

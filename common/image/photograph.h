@@ -16,10 +16,31 @@ struct Photograph {
   std::span<const float> mask;    // width * height in [0, 1], 1 on the object
 };
 
+// Whether a pixel of this mask is on the object.
+inline bool is_on_object(float mask) {
+  return mask > 0.5F;
+}
+
 // Throws Error (invalid input) that names what is wrong: sizes that do not fit, channels, NaN, a
-// negative or infinite value (with its pixel), a mask without a pixel above 0.5. Throws Error
-// (cancelled) within milliseconds of a stop, as framed() does.
+// negative or infinite value (with its pixel), a mask without a pixel above 0.5, an object that is
+// black in all channels. Throws Error (cancelled) within milliseconds of a stop, as framed() does.
 void validate(const Photograph& photograph, const std::stop_token& stop = {});
+
+// Whether the object reaches the edge of the photograph.
+bool reaches_edge(const Photograph& photograph, const std::stop_token& stop = {});
+
+// Whether a channel is 0 wherever the object is.
+bool is_black(const Photograph& photograph, int channel, const std::stop_token& stop = {});
+
+// Part of an object, or of a card, of which more should not be at the top of what a file can hold:
+// less are glints that change nothing.
+inline constexpr double kMuchClipped = 0.01;
+
+// Which part of a photograph a network sees.
+enum class Framing {
+  kSquareWhole,  // of a square photograph the whole, of any other a square about the object
+  kObject,       // a square about the object
+};
 
 // The square that a network sees has at most this side, a multiple of every network's resolution: a
 // larger one holds nothing more for it.
@@ -43,6 +64,11 @@ struct FramedPhotograph {
 // the same again, bit for bit, so that a client may do it before it sends the photograph away.
 //
 // `photograph` must be valid. Takes memory for kMaxFrameSide^2 pixels, whatever its size.
-FramedPhotograph framed(const Photograph& photograph, const std::stop_token& stop = {});
+FramedPhotograph framed(const Photograph& photograph, const std::stop_token& stop = {},
+                        Framing framing = Framing::kSquareWhole);
+
+// Of the square, in pixels of the photograph, before it is brought down.
+int framed_side(const Photograph& photograph, Framing framing = Framing::kSquareWhole,
+                const std::stop_token& stop = {});
 
 }  // namespace itn

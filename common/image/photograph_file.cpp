@@ -14,6 +14,7 @@
 
 #include "common/error.h"
 #include "common/files/read_file.h"
+#include "common/image/attributes.h"
 #include "common/image/channels.h"
 #include "common/image/encoded_pixels.h"
 #include "common/image/srgb.h"
@@ -163,6 +164,16 @@ bool is_exr(std::string_view bytes) {
   return recognize_format(bytes).format == ImageFormat::kExr;
 }
 
+// What itn merge wrote of the photographs that it merged.
+void take_what_merging_lost(PhotographFile& file) {
+  if (file.image.has("clipped.Y")) {
+    const std::vector<float>& clipped = file.image.channel("clipped.Y");
+    file.clipped.assign(clipped.begin(), clipped.end());
+  }
+  const auto response = file.image.attributes.find(attribute::kResponse);
+  file.encoded = response != file.image.attributes.end() && response->second == Attribute("srgb");
+}
+
 // --- Masks ---
 
 template <typename T>
@@ -202,6 +213,7 @@ PhotographFile decode_photograph(std::string_view bytes, const std::string& name
   if (is_exr(bytes)) {
     PhotographFile file;
     file.image = decode_exr(bytes, name);
+    take_what_merging_lost(file);
     return file;
   }
   const EncodedPixels pixels = pixels_of(bytes, name);

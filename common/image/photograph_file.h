@@ -17,9 +17,11 @@ struct PhotographFile {
   // colours are not multiplied, if the file has alpha. Of an OpenEXR file as decode_exr().
   Image image;
   // By pixel, 1 where a colour channel is at the top of what the file can hold, so that the light
-  // may have been more. Empty for files of floating-point numbers.
+  // may have been more. Empty for files of floating-point numbers, but for what itn merge found
+  // clipped in every photograph.
   std::vector<unsigned char> clipped;
-  // The file holds integers, which were taken through the sRGB curve (IEC 61966-2-1).
+  // The file holds integers, which were taken through the sRGB curve (IEC 61966-2-1), or is merged
+  // from such.
   bool encoded = false;
   // From EXIF, if they are there and positive.
   std::optional<double> exposure_seconds, f_number, iso;

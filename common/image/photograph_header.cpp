@@ -20,7 +20,7 @@ constexpr int64_t kMaxCompression = 1032;
 constexpr int64_t kAlwaysAcceptedBytes = int64_t{64} << 20;
 
 constexpr const char* kWhatIsRead =
-    "a photograph is an OpenEXR, PNG, JPEG, TIFF, Radiance HDR, HEIC or WebP image (without alpha)";
+    "a photograph is an OpenEXR, PNG, JPEG, TIFF, Radiance HDR, HEIC or WebP image";
 
 // A file, and where it is wrong.
 struct File {

@@ -139,6 +139,42 @@ torch::Tensor to_tensor(const v1::WidthCorrection& widths) {
   return tensor;
 }
 
+// With T and D as in the header the precision is (D T)^T (D T).
+Gaussian to_gaussian(std::span<const double, kGaussianOutputs> o) {
+  torch::Tensor t = torch::eye(3, torch::kFloat64);
+  t[1][0] = o[6];
+  t[2][0] = o[7];
+  t[2][1] = o[8];
+  const torch::Tensor d = torch::tensor(
+      {std::exp(log_precision(o[3])), std::exp(log_precision(o[4])), std::exp(log_precision(o[5]))},
+      torch::kFloat64);
+  const torch::Tensor root = torch::diag(d).matmul(t);
+  return {torch::tensor({o[0], o[1], o[2]}, torch::kFloat64), root.t().matmul(root)};
+}
+
+// Cholesky's factor begins with the first coordinate, D T with the last: so both are turned round.
+std::array<double, kGaussianOutputs> to_outputs(const Gaussian& gaussian) {
+  constexpr double kNearlyMost = 0.9999 * kMaxLogPrecision;
+  const torch::Tensor turned = at::linalg_cholesky(gaussian.precision.flip({0, 1}));
+  const torch::Tensor root = turned.flip({0, 1}).t().contiguous();  // D T
+  const auto r = root.accessor<double, 2>();
+  const torch::Tensor means = gaussian.mean.contiguous();
+  const auto mean = means.accessor<double, 1>();
+  const auto log_precision_output = [&](int64_t k) {
+    const double l = std::clamp(std::log(r[k][k]), -kNearlyMost, kNearlyMost);
+    return kMaxLogPrecision * std::atanh(l / kMaxLogPrecision);
+  };
+  return {mean[0],
+          mean[1],
+          mean[2],
+          log_precision_output(0),
+          log_precision_output(1),
+          log_precision_output(2),
+          r[1][0] / r[1][1],
+          r[2][0] / r[2][2],
+          r[2][1] / r[2][2]};
+}
+
 Material Posterior::mean() const {
   const auto& p = material.parameters;
   return {p[0].mean, p[1].mean, p[2].mean};

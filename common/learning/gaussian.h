@@ -37,6 +37,16 @@ torch::Tensor corrected(const torch::Tensor& outputs, const torch::Tensor& width
 // numbers of each.
 torch::Tensor to_tensor(const v1::WidthCorrection& widths);
 
+// The same Gaussian by its mean and its precision, the inverse of its covariance.
+struct Gaussian {
+  torch::Tensor mean;       // 3, double
+  torch::Tensor precision;  // 3 x 3, double, symmetric and positive definite
+};
+Gaussian to_gaussian(std::span<const double, kGaussianOutputs> outputs);
+
+// The outputs that stand for it; standard deviations end softly, as above.
+std::array<double, kGaussianOutputs> to_outputs(const Gaussian& gaussian);
+
 struct ParameterPosterior {
   double mean = 0, standard_deviation = 0;
   double low = 0, high = 0;  // 5 % and 95 % quantiles

@@ -8,8 +8,8 @@
 
 namespace itn {
 
-// The one that predicts where no other is named.
-inline constexpr const char* kDefaultModel = "outdoor";
+// The one that predicts where no other is named: for any light, and radiance on any scale.
+inline constexpr const char* kDefaultModel = "any";
 
 struct ShippedModel {
   std::string name;

@@ -169,11 +169,27 @@ Box to_box(const v1::MaterialRange& range) {
           {range.sigma_t().max(), range.albedo().max(), range.g().max()}};
 }
 
+namespace {
+
+// Of the bounds beyond the training range: chosen so that the paper's ranges (30 to 276, 0.39 to
+// 0.95, 0 to 0.8) become the paper's clamps.
+constexpr double kSigmaTBelow = 20.0 / 30.0, kSigmaTAbove = 300.0 / 276.0;
+constexpr double kAlbedoBelow = 0.04, kAlbedoAbove = 0.02, kG = 0.1;
+
+}  // namespace
+
+v1::MaterialRange training_range(const v1::MaterialRange& bounds) {
+  v1::MaterialRange range;
+  range.mutable_sigma_t()->set_min(bounds.sigma_t().min() / kSigmaTBelow);
+  range.mutable_sigma_t()->set_max(bounds.sigma_t().max() / kSigmaTAbove);
+  range.mutable_albedo()->set_min(bounds.albedo().min() + kAlbedoBelow);
+  range.mutable_albedo()->set_max(bounds.albedo().max() - kAlbedoAbove);
+  range.mutable_g()->set_min(bounds.g().min() + kG);
+  range.mutable_g()->set_max(bounds.g().max() - kG);
+  return range;
+}
+
 v1::MaterialRange prediction_bounds(const v1::MaterialRange& training_range) {
-  // Chosen so that the paper's ranges (30 to 276, 0.39 to 0.95, 0 to 0.8) become the paper's
-  // clamps.
-  constexpr double kSigmaTBelow = 20.0 / 30.0, kSigmaTAbove = 300.0 / 276.0;
-  constexpr double kAlbedoBelow = 0.04, kAlbedoAbove = 0.02, kG = 0.1;
   // An albedo of 1 has paths that do not end by absorption; of 0, no derivative in g.
   constexpr double kMinAlbedo = 0.001, kMaxAlbedo = 0.999;
   v1::MaterialRange bounds;

@@ -45,6 +45,10 @@ Box to_box(const v1::MaterialRange& range);
 // g [-.1, .9].
 v1::MaterialRange prediction_bounds(const v1::MaterialRange& training_range);
 
+// The training range that has these bounds, as far as the bounds tell: where they end at the end of
+// what there is, it is a little narrower than it was.
+v1::MaterialRange training_range(const v1::MaterialRange& prediction_bounds);
+
 // The interval of g in these bounds.
 OpenInterval g_interval(const v1::MaterialRange& bounds);
 

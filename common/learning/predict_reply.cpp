@@ -56,16 +56,16 @@ v1::PredictReply to_reply(std::span<const MaterialEstimate> estimates,
       unfamiliarity.set_unfamiliar(estimate.unfamiliarity->unfamiliar);
       unfamiliarity.set_reason(estimate.unfamiliarity->reason);
     }
+    caveats.mutable_warnings()->Assign(estimate.warnings.begin(), estimate.warnings.end());
   }
   reply.set_model(name(model));
   *reply.mutable_model_version() = model;
   return reply;
 }
 
-v1::PredictBatchReply to_reply(std::span<const Predictor::Outcome> outcomes,
-                               const v1::ModelVersion& model) {
+v1::PredictBatchReply to_reply(const Predictor::Outcomes& outcomes, const v1::ModelVersion& model) {
   v1::PredictBatchReply reply;
-  for (const Predictor::Outcome& outcome : outcomes) {
+  for (const Predictor::Outcome& outcome : outcomes.each) {
     v1::PredictOutcome& proto = *reply.add_outcomes();
     if (const Error* error = std::get_if<Error>(&outcome)) {
       const grpc::Status status = to_status(*error);
@@ -75,6 +75,7 @@ v1::PredictBatchReply to_reply(std::span<const Predictor::Outcome> outcomes,
       *proto.mutable_reply() = to_reply(std::get<std::vector<MaterialEstimate>>(outcome), model);
     }
   }
+  if (!outcomes.combined.empty()) *reply.mutable_combined() = to_reply(outcomes.combined, model);
   return reply;
 }
 

@@ -13,7 +13,6 @@ v1::PredictReply to_reply(std::span<const MaterialEstimate> estimates,
                           const v1::ModelVersion& model);
 
 // One outcome for each photograph; an error is the status that a call of its own would have had.
-v1::PredictBatchReply to_reply(std::span<const Predictor::Outcome> outcomes,
-                               const v1::ModelVersion& model);
+v1::PredictBatchReply to_reply(const Predictor::Outcomes& outcomes, const v1::ModelVersion& model);
 
 }  // namespace itn

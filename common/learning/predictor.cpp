@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include "common/error.h"
@@ -45,6 +46,40 @@ std::vector<v1::MaterialBound> bounds_reached(const MaterialEstimate& estimate,
   look(1, m.albedo, range.albedo().min(), range.albedo().max(), v1::ALBEDO_LEAST, v1::ALBEDO_MOST);
   look(2, m.g, range.g().min(), range.g().max(), v1::G_LEAST, v1::G_MOST);
   return reached;
+}
+
+std::optional<double> size_of(const v1::Capture& capture) {
+  return capture.has_object_size() ? std::optional(capture.object_size()) : std::nullopt;
+}
+
+void throw_if_stopped(const std::stop_token& stop) {
+  if (stop.stop_requested()) {
+    throw Error(ErrorKind::kCancelled, "the prediction was cancelled");
+  }
+}
+
+// The more unfamiliar of both.
+void take_worse(const std::optional<Unfamiliarity>& other, std::optional<Unfamiliarity>& worst) {
+  if (other && (!worst || other->score > worst->score)) worst = other;
+}
+
+// A network answers for an object whose longest side is 1 mm.
+void make_per_mm(MaterialEstimate& estimate, double object_size) {
+  estimate.material.sigma_t /= object_size;
+  if (!estimate.posterior) return;
+  const auto divide = [object_size](ParameterPosterior& p) {
+    for (double* value : {&p.mean, &p.standard_deviation, &p.low, &p.high}) *value /= object_size;
+  };
+  divide(estimate.posterior->material.parameters[0]);
+  std::ranges::for_each(estimate.posterior->scattering.parameters, divide);
+}
+
+// Those of a kind that is not there yet.
+void add_new(std::span<const v1::Warning> from, std::vector<v1::Warning>& to) {
+  for (const v1::Warning& warning : from) {
+    const auto same = [&](const v1::Warning& other) { return other.kind() == warning.kind(); };
+    if (std::ranges::none_of(to, same)) to.push_back(warning);
+  }
 }
 
 constexpr uint64_t kNoiseSeed = 3;  // an image has one answer
@@ -90,37 +125,57 @@ ImageBatch Predictor::as_noisy_as_training(const ImageBatch& images) const {
   return brought_up_to_noise(images, torch::full({images.size()}, model_.noise()), noise_);
 }
 
-ImageBatch Predictor::seen(const Photograph& photograph, const std::stop_token& stop) const {
+SeenPhotograph Predictor::seen(const Photograph& photograph, const v1::Capture& capture,
+                               const std::stop_token& stop) const {
   validate(photograph, stop);
+  validate(capture, photograph.channels);
   const FramedPhotograph square = framed(photograph, stop);
   std::vector<ImageBatch> channels;
   for (int channel = 0; channel < square.channels; ++channel) {
     channels.push_back(resampled(square.side, channel_of(square, channel), square.mask,
                                  static_cast<int>(model_.resolution()), model_.input()));
+    channels.back().luminance *= radiance_factor(capture, model_, channel);
+    if (!channels.back().luminance.isfinite().all().item<bool>()) {
+      throw invalid_input(
+          "the image is too bright to be computed with after it was brought to the model's scale: "
+          "is capture.exposure or capture.white right?");
+    }
   }
-  return concatenated(channels);
+  return {concatenated(channels), size_of(capture), warnings(photograph, capture, model_, stop)};
+}
+
+MaterialEstimate Predictor::estimate_of(std::vector<double> outputs, double object_size) const {
+  MaterialEstimate estimate;
+  estimate.outputs = std::move(outputs);
+  const std::span<const double> o = estimate.outputs;
+  if (model_.output() == v1::GAUSSIAN) {
+    estimate.posterior = posterior(space_, o.first<kGaussianOutputs>());
+    estimate.material = estimate.posterior->mean();
+  } else {
+    estimate.material = space_.material({o[0], o[1], o[2]});
+  }
+  estimate.at_bounds = bounds_reached(estimate, model_.bounds());
+  make_per_mm(estimate, object_size);
+  return estimate;
 }
 
 std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured) {
+  const std::vector<double> sizes(static_cast<size_t>(as_measured.size()), 1);
+  return estimate(as_measured, sizes);
+}
+
+std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured,
+                                                  std::span<const double> object_sizes) {
   const torch::InferenceMode inference;
   const Features features = features_of(as_measured);
   const torch::Tensor outputs = outputs_of(features.embedding);
   std::vector<Unfamiliarity> unfamiliarity;
   if (familiarity_) unfamiliarity = familiarity_->of(features);
   std::vector<MaterialEstimate> estimates;
-  for (int64_t i = 0; i < as_measured.size(); ++i) {
-    const double* o = outputs[i].data_ptr<double>();
-    MaterialEstimate& estimate = estimates.emplace_back();
-    estimate.outputs.assign(o, o + outputs.size(1));
-    if (model_.output() == v1::GAUSSIAN) {
-      estimate.posterior =
-          posterior(space_, std::span<const double, kGaussianOutputs>(o, kGaussianOutputs));
-      estimate.material = estimate.posterior->mean();
-    } else {
-      estimate.material = space_.material({o[0], o[1], o[2]});
-    }
-    estimate.at_bounds = bounds_reached(estimate, model_.bounds());
-    if (familiarity_) estimate.unfamiliarity = unfamiliarity[static_cast<size_t>(i)];
+  for (size_t i = 0; i < object_sizes.size(); ++i) {
+    const double* o = outputs[static_cast<int64_t>(i)].data_ptr<double>();
+    estimates.push_back(estimate_of({o, o + outputs.size(1)}, object_sizes[i]));
+    if (familiarity_) estimates.back().unfamiliarity = unfamiliarity[i];
   }
   return estimates;
 }
@@ -147,51 +202,113 @@ torch::Tensor Predictor::outputs_of(const torch::Tensor& embedding) const {
   return outputs.contiguous();
 }
 
-std::vector<Predictor::Outcome> Predictor::estimate_each(
-    size_t count, const std::function<ImageBatch(size_t)>& seen, const std::stop_token& stop) {
+Predictor::Outcomes Predictor::estimate_each(size_t count,
+                                             const std::function<SeenPhotograph(size_t)>& seen,
+                                             bool one_material, const std::stop_token& stop) {
   // So many pixels of the network's input at a time: 32 images of 64 x 64.
   constexpr int64_t kPixelsAtATime = int64_t{1} << 17;
   const int64_t pixels = int64_t{model_.resolution()} * model_.resolution();
-  const int64_t at_a_time = std::max<int64_t>(1, kPixelsAtATime / pixels);
-  std::vector<Outcome> outcomes(count);
+  const auto at_a_time = static_cast<size_t>(std::max<int64_t>(1, kPixelsAtATime / pixels));
+  Outcomes outcomes;
+  outcomes.each.resize(count);
+  std::vector<std::optional<double>> photograph_sizes(count);
   std::vector<ImageBatch> waiting;
-  std::vector<size_t> whose;  // by channel that waits
+  // By channel that waits.
+  std::vector<size_t> whose;
+  std::vector<double> sizes;
+  std::vector<std::vector<v1::Warning>> warnings;
   const auto estimate_waiting = [&] {
     if (waiting.empty()) return;
-    std::vector<MaterialEstimate> estimates = estimate(concatenated(waiting));
+    std::vector<MaterialEstimate> estimates = estimate(concatenated(waiting), sizes);
     for (size_t i = 0; i < estimates.size(); ++i) {
-      std::get<std::vector<MaterialEstimate>>(outcomes[whose[i]])
+      estimates[i].warnings = std::move(warnings[i]);
+      std::get<std::vector<MaterialEstimate>>(outcomes.each[whose[i]])
           .push_back(std::move(estimates[i]));
     }
     waiting.clear();
     whose.clear();
+    sizes.clear();
+    warnings.clear();
   };
   for (size_t i = 0; i < count; ++i) {
-    if (stop.stop_requested()) {
-      throw Error(ErrorKind::kCancelled, "the prediction was cancelled");
-    }
+    throw_if_stopped(stop);
     try {
-      waiting.push_back(seen(i));
-      whose.insert(whose.end(), static_cast<size_t>(waiting.back().size()), i);
+      SeenPhotograph photograph = seen(i);
+      const size_t channels = photograph.warnings.size();
+      waiting.push_back(std::move(photograph.channels));
+      photograph_sizes[i] = photograph.object_size;
+      whose.insert(whose.end(), channels, i);
+      sizes.insert(sizes.end(), channels, photograph.object_size.value_or(1));
+      std::ranges::move(photograph.warnings, std::back_inserter(warnings));
     } catch (const Error& error) {
       if (error.kind() == ErrorKind::kCancelled) throw;
-      outcomes[i] = error;
+      outcomes.each[i] = error;
     }
-    if (static_cast<int64_t>(whose.size()) >= at_a_time) estimate_waiting();
+    if (whose.size() >= at_a_time) estimate_waiting();
   }
   estimate_waiting();
+  if (one_material) outcomes.combined = combined(outcomes.each, photograph_sizes, stop);
   return outcomes;
 }
 
+std::vector<MaterialEstimate> Predictor::combined(
+    std::span<const Outcome> outcomes, std::span<const std::optional<double>> object_sizes,
+    const std::stop_token& stop) const {
+  const Combination combination(model_);
+  std::vector<const std::vector<MaterialEstimate>*> images;
+  std::vector<std::optional<double>> sizes;
+  for (size_t i = 0; i < outcomes.size(); ++i) {
+    if (const auto* image = std::get_if<std::vector<MaterialEstimate>>(&outcomes[i])) {
+      images.push_back(image);
+      sizes.push_back(object_sizes[i]);
+    }
+  }
+  for (const std::optional<double>& size : sizes) {
+    if (size.has_value() != sizes.front().has_value()) {
+      throw invalid_input(
+          "of images of one material capture.object_size must be known of all or of none");
+    }
+  }
+  std::vector<MaterialEstimate> result;
+  for (size_t channel = 0; !images.empty() && channel < images.front()->size(); ++channel) {
+    std::vector<ImageAnswer> answers;
+    std::vector<v1::Warning> warnings;
+    std::optional<Unfamiliarity> unfamiliarity;
+    for (size_t i = 0; i < images.size(); ++i) {
+      throw_if_stopped(stop);
+      if (images[i]->size() != images.front()->size()) {
+        throw invalid_input(fmt::format(
+            "images of one material must have the same channels; one has {}, another {}",
+            images.front()->size(), images[i]->size()));
+      }
+      const MaterialEstimate& estimate = (*images[i])[channel];
+      ImageAnswer& answer = answers.emplace_back();
+      std::ranges::copy(estimate.outputs, answer.outputs.begin());
+      answer.object_size = sizes[i].value_or(1);
+      add_new(estimate.warnings, warnings);
+      take_worse(estimate.unfamiliarity, unfamiliarity);
+    }
+    const auto outputs = combination(answers);
+    result.push_back(estimate_of({outputs.begin(), outputs.end()}, sizes.front().value_or(1)));
+    result.back().warnings = std::move(warnings);
+    result.back().unfamiliarity = std::move(unfamiliarity);
+  }
+  return result;
+}
+
 std::vector<MaterialEstimate> Predictor::estimate(const Photograph& photograph,
+                                                  const v1::Capture& capture,
                                                   const std::stop_token& stop) {
-  return estimate(seen(photograph, stop));
+  const auto see = [&](size_t) { return seen(photograph, capture, stop); };
+  Outcome outcome = std::move(estimate_each(1, see, false, stop).each.front());
+  if (const Error* error = std::get_if<Error>(&outcome)) throw *error;
+  return std::get<std::vector<MaterialEstimate>>(std::move(outcome));
 }
 
 std::vector<Material> Predictor::predict(const Photograph& photograph,
                                          const std::stop_token& stop) {
   std::vector<Material> materials;
-  for (const MaterialEstimate& a : estimate(photograph, stop)) {
+  for (const MaterialEstimate& a : estimate(photograph, {}, stop)) {
     materials.push_back(a.material);
   }
   return materials;

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <span>
 #include <stop_token>
 #include <string>
 #include <variant>
@@ -11,6 +12,8 @@
 
 #include "common/error.h"
 #include "common/image/photograph.h"
+#include "common/learning/capture.h"
+#include "common/learning/combination.h"
 #include "common/learning/encoder.h"
 #include "common/learning/familiarity.h"
 #include "common/learning/gaussian.h"
@@ -30,6 +33,14 @@ struct MaterialEstimate {
   // model can answer.
   std::vector<v1::MaterialBound> at_bounds;
   std::optional<Unfamiliarity> unfamiliarity;  // of a model with familiarity
+  std::vector<v1::Warning> warnings;           // of a photograph
+};
+
+// What a network sees of a photograph, and what is known of it beside.
+struct SeenPhotograph {
+  ImageBatch channels;  // as images of the model's resolution, on the scale of its training
+  std::optional<double> object_size;               // longest side, in mm; absent if nobody knows
+  std::vector<std::vector<v1::Warning>> warnings;  // by channel
 };
 
 // Name, version if it has one, and training step, e.g. "outdoor 1.2, step 30000".
@@ -44,11 +55,13 @@ class Predictor {
 
   // One estimate for each channel. What the network sees is framed() (common/image/photograph.h)
   // and brought to its resolution: by averaging over areas, or by interpolation if it is smaller.
-  // Takes little memory whatever the photograph's size. Throws as validate(), and Error (cancelled)
+  // Takes little memory whatever the photograph's size. Throws as validate() of photographs and of
+  // captures do, and radiance_factor(), and Error (cancelled)
   // within milliseconds of a stop, unless the network is at work, which is not interrupted: that
   // takes tens of milliseconds (128^2, 16 base channels), and seconds for the largest there can be
   // (256^2, 64 base channels).
   std::vector<MaterialEstimate> estimate(const Photograph& photograph,
+                                         const v1::Capture& capture = {},
                                          const std::stop_token& stop = {});
 
   // The best guesses of these estimates.
@@ -64,19 +77,29 @@ class Predictor {
   // What became of a photograph: an estimate for each channel, or what is wrong with it.
   using Outcome = std::variant<std::vector<MaterialEstimate>, Error>;
 
+  struct Outcomes {
+    std::vector<Outcome> each;
+    // What those that could be used say together of one material, with the size of the first's
+    // object, all their warnings, and as unfamiliar as the most unfamiliar of them; empty if that
+    // was not asked for, or there is none.
+    std::vector<MaterialEstimate> combined;
+  };
+
   // Of photographs 0 to count - 1, each of which is asked for once, in their order, as seen() gives
   // it. If that throws Error, this is what becomes of it. They go through the network together, but
   // no more at a time than memory should be taken for. Throws Error (cancelled) after a stop,
-  // before the next of them.
-  std::vector<Outcome> estimate_each(size_t count, const std::function<ImageBatch(size_t)>& seen,
-                                     const std::stop_token& stop = {});
+  // before the next of them, and Error (invalid input) if photographs of one material have not the
+  // same channels, the size of some objects alone is known, or the model answers no distributions.
+  Outcomes estimate_each(size_t count, const std::function<SeenPhotograph(size_t)>& seen,
+                         bool one_material, const std::stop_token& stop = {});
 
   // What tells whether images of the model's resolution are familiar to it, of the images that
   // estimate() would show the network.
   Features features(const ImageBatch& images);
 
-  // What estimate() sees of a photograph: its channels as images.
-  ImageBatch seen(const Photograph& photograph, const std::stop_token& stop = {}) const;
+  // What estimate() sees of a photograph.
+  SeenPhotograph seen(const Photograph& photograph, const v1::Capture& capture = {},
+                      const std::stop_token& stop = {}) const;
 
   // Of a network with the output GAUSSIAN: the logarithm of the density that an estimate gives the
   // truth, in the coordinates of standardized().
@@ -93,6 +116,13 @@ class Predictor {
   ImageBatch as_noisy_as_training(const ImageBatch& images) const;
   Features features_of(const ImageBatch& as_measured) const;
   torch::Tensor outputs_of(const torch::Tensor& embedding) const;
+  std::vector<MaterialEstimate> estimate(const ImageBatch& as_measured,
+                                         std::span<const double> object_sizes);
+  // What the outputs say of an object of this size.
+  MaterialEstimate estimate_of(std::vector<double> outputs, double object_size) const;
+  std::vector<MaterialEstimate> combined(std::span<const Outcome> outcomes,
+                                         std::span<const std::optional<double>> object_sizes,
+                                         const std::stop_token& stop) const;
 
   v1::Model model_;  // without the weights and familiarity
   v1::ModelVersion version_;

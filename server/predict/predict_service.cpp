@@ -89,7 +89,8 @@ class PredictService::PredictCall final : public QueuedCall {
     memory().resize(request_.image().size() * kImages + kPerPrediction);
     Predictor& predictor = service_.predictor_;
     const RequestPhotograph photograph(request_);
-    return serialized(to_reply(predictor.estimate(photograph.view(), stop), predictor.version()));
+    return serialized(to_reply(predictor.estimate(photograph.view(), request_.capture(), stop),
+                               predictor.version()));
   }
 
   std::string activity() const override { return "the prediction"; }
@@ -126,11 +127,11 @@ class PredictService::BatchCall final : public QueuedCall {
     const auto seen = [&](size_t i) {
       const v1::PredictRequest& image = request_.images(static_cast<int>(i));
       check_sizes(image, service_.options_.max_pixels);
-      return predictor.seen(RequestPhotograph(image).view(), stop);
+      return predictor.seen(RequestPhotograph(image).view(), image.capture(), stop);
     };
-    return serialized(
-        to_reply(predictor.estimate_each(static_cast<size_t>(request_.images_size()), seen, stop),
-                 predictor.version()));
+    return serialized(to_reply(predictor.estimate_each(static_cast<size_t>(request_.images_size()),
+                                                       seen, request_.one_material(), stop),
+                               predictor.version()));
   }
 
   // The messages stay; the rest is for one image after the other, but for what the network sees.

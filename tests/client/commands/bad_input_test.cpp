@@ -347,15 +347,22 @@ const BadInput kBadInputs[] = {
        return Arguments{ITN, "predict", folder.write("photo.png", "\x89PNG\r\n\x1a\n and more"),
                         "--predictor", "127.0.0.1:1"};
      },
-     3,
-     {"photo.png is a PNG image; it must be an OpenEXR image (.exr) of linear radiance"}},
+     6,
+     {"photo.png begins as a PNG image and is not a complete one"}},
     {"PredictJpeg",
      [](auto& folder) {
        return Arguments{ITN, "predict", folder.write("photo.exr", "\xff\xd8\xff\xe0 and more"),
                         "--predictor", "127.0.0.1:1"};
      },
+     6,
+     {"photo.exr begins as a JPEG image and is not a complete one: it was cut short"}},
+    {"PredictText",
+     [](auto& folder) {
+       return Arguments{ITN, "predict", folder.write("photo.txt", "a letter"), "--predictor",
+                        "127.0.0.1:1"};
+     },
      3,
-     {"photo.exr is a JPEG image"}},
+     {"photo.txt is text; a photograph is an OpenEXR, PNG, JPEG, TIFF"}},
     {"PredictNoModel",
      [](auto& folder) {
        return Arguments{ITN, "predict", exr_with(folder, 1), "--model",

@@ -66,7 +66,9 @@ TEST_F(MergeCommand, WritesLinearRadiance) {
     ASSERT_EQ(finished.exit_code, 0) << finished.errors;
     EXPECT_THAT(finished.output, AllOf(HasSubstr("3 photographs"), HasSubstr("0.25 to 4 s")));
     const Image image = read_exr(folder_.path("out.exr"));
-    EXPECT_EQ(image.channels.size(), 3U);
+    // R, G, B, and where all photographs are clipped.
+    EXPECT_EQ(image.channels.size(), 4U);
+    EXPECT_TRUE(image.has("clipped.Y"));
     for (int x = 20; x < 80; ++x) {
       EXPECT_NEAR(image.channel("G")[static_cast<size_t>(x)] / radiance(x), 1, 0.08) << x;
     }

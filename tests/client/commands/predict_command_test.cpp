@@ -3,12 +3,17 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/image/image.h"
+#include "common/image/preview.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_folder.h"
 
@@ -58,9 +63,9 @@ class PredictCommand : public ::testing::Test {
   // A folder of models, for programs that are started from here on.
   void ship() const {
     fs::create_directories(folder_.path("models"));
-    fs::copy(model(), folder_.path("models/outdoor.itn"));
+    fs::copy(model(), folder_.path("models/any.itn"));
     fs::copy(model(), folder_.path("models/studio.itn"));
-    folder_.write("models/outdoor.md", "# Sun and sky\n\nTrained with ...\n");
+    folder_.write("models/any.md", "# Sun and sky\n\nTrained with ...\n");
     ::setenv("ITN_MODELS", folder_.path("models").c_str(), 1);
   }
   ~PredictCommand() override { ::unsetenv("ITN_MODELS"); }
@@ -131,14 +136,13 @@ TEST_F(PredictCommand, SaysWhichModelIsMissing) {
   for (const Arguments& command : {Arguments{ITN, "predict", image(0)}, Arguments{ITN_PREDICTOR}}) {
     const Finished finished = run(command);
     EXPECT_EQ(finished.exit_code, 4);
-    EXPECT_THAT(finished.errors,
-                AllOf(HasSubstr("outdoor, is missing"), HasSubstr("--model FILE")));
+    EXPECT_THAT(finished.errors, AllOf(HasSubstr("any, is missing"), HasSubstr("--model FILE")));
   }
   EXPECT_EQ(run({ITN, "models"}).exit_code, 4);
   ship();
   const Finished misspelt = run({ITN, "predict", image(0), "--model", "studoi"});
   EXPECT_EQ(misspelt.exit_code, 4);
-  EXPECT_THAT(misspelt.errors, HasSubstr("there are outdoor, studio"));
+  EXPECT_THAT(misspelt.errors, HasSubstr("there are any, studio"));
 }
 
 // --- Many images ---
@@ -176,14 +180,14 @@ TEST_F(PredictCommand, LosesNoneOfManyForOneThatIsBad) {
   const std::string bad = folder_.write("bad.exr", "no image");
   const Arguments command{ITN, "predict", image(1), bad, image(2), "--model", model()};
   const Finished table = run(command);
-  EXPECT_EQ(table.exit_code, 6);
+  EXPECT_EQ(table.exit_code, 3);
   EXPECT_THAT(table.errors, HasSubstr("1 of 3 images could not be used"));
   EXPECT_THAT(table.output, AllOf(HasSubstr(image(1)), HasSubstr(bad), HasSubstr(image(2)),
-                                  HasSubstr("is not a complete OpenEXR image")));
+                                  HasSubstr("bad.exr is text; a photograph is")));
   Arguments with_json = command;
   with_json.emplace_back("--json");
   const Finished json = run(with_json);
-  EXPECT_EQ(json.exit_code, 6);
+  EXPECT_EQ(json.exit_code, 3);
   EXPECT_EQ(std::ranges::count(json.output, '\n'), 3);
   EXPECT_EQ(count(json.output, R"("error":"")"), 2);
 }
@@ -211,6 +215,170 @@ TEST_F(PredictCommand, TakesMasksOfTheSameNamesFromAFolder) {
   EXPECT_THAT(one.errors, HasSubstr("--mask must be a folder"));
   fs::remove(folder_.path("masks/2.exr"));
   EXPECT_EQ(predict("masks").exit_code, 4);
+}
+
+// --- Photographs ---
+
+// The number of <float name="scale" value="..."/>, by which Mitsuba multiplies the coefficients.
+double mitsuba_scale(const std::string& xml) {
+  const std::string before = "name=\"scale\" value=\"";
+  const size_t at = xml.find(before);
+  return at == std::string::npos ? 0 : std::stod(xml.substr(at + before.size()));
+}
+
+// A render as a photograph: 8 bits, through the curve of sRGB, wider than high; and its mask.
+class PhotographCommand : public PredictCommand {
+ protected:
+  PhotographCommand() {
+    const Image render = read_exr(image(1));
+    const std::vector<float>& y = render.channel("Y");
+    const std::vector<float>& mask = render.channel("mask.Y");
+    const float white = *std::ranges::max_element(y);
+    const int side = render.width;
+    std::vector<unsigned char> photo, mask_pixels;
+    for (int row = 0; row < side; ++row) {
+      for (int column = 0; column < kWidth; ++column) {
+        const size_t p = static_cast<size_t>(row * side + std::min(column, side - 1));
+        const bool inside = column < side;
+        photo.insert(photo.end(), 3, to_srgb_byte(inside ? 0.9F * y[p] / white : 0.2F));
+        mask_pixels.insert(mask_pixels.end(), 3, inside && mask[p] > 0.5F ? 255 : 0);
+      }
+    }
+    write_png(photo_, kWidth, side, photo);
+    write_png(mask_, kWidth, side, mask_pixels);
+  }
+
+  Finished predict(const Arguments& more) const {
+    Arguments command{ITN, "predict", photo_, "--mask", mask_, "--model", model()};
+    command.insert(command.end(), more.begin(), more.end());
+    return run(command);
+  }
+
+  static constexpr int kWidth = 24;
+  std::string photo_ = folder_.path("photo.png"), mask_ = folder_.path("mask.png");
+};
+
+TEST_F(PhotographCommand, AreReadAndWarnedAbout) {
+  const Finished finished = predict({});
+  ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  EXPECT_THAT(finished.output, AllOf(HasSubstr("\nR  "), HasSubstr("\nG  "), HasSubstr("\nB  "),
+                                     HasSubstr("size unknown"), HasSubstr("exposure unknown"),
+                                     HasSubstr("encoded for a screen")));
+  EXPECT_EQ(count(finished.output, "size unknown"), 1) << "what holds for all channels, once";
+  const Finished known = predict({"--object-size", "40", "--exposure", "2"});
+  EXPECT_THAT(known.output,
+              AllOf(Not(HasSubstr("size unknown")), Not(HasSubstr("exposure unknown"))));
+  const Finished without_mask = run({ITN, "predict", photo_, "--model", model()});
+  EXPECT_EQ(without_mask.exit_code, 3);
+  EXPECT_THAT(without_mask.errors, AllOf(HasSubstr("--mask"), HasSubstr("--background auto")));
+}
+
+TEST_F(PhotographCommand, AnswersHereAndThereTheSame) {
+  Process predictor({ITN_PREDICTOR, "--model", model(), "--listen", "127.0.0.1:0", "--threads", "1",
+                     "--log-level", "warning"});
+  const Arguments known{"--object-size", "40", "--exposure", "2", "--json"};
+  Arguments there{ITN, "predict", photo_, "--mask", mask_, "--predictor", predictor.read_line()};
+  there.insert(there.end(), known.begin(), known.end());
+  const Finished here = predict(known);
+  EXPECT_EQ(here.output, run(there).output);
+  EXPECT_THAT(here.output, AllOf(HasSubstr(R"("object_size":40)"), HasSubstr(R"("ENCODED")")));
+}
+
+TEST_F(PhotographCommand, AreWrittenAsMaterialsOfRenderers) {
+  const Finished printed = predict({"--format", "mitsuba", "--object-size", "40"});
+  ASSERT_EQ(printed.exit_code, 0) << printed.errors;
+  EXPECT_THAT(printed.output, AllOf(HasSubstr("<medium"), HasSubstr("sigma_t"), HasSubstr("40 mm"),
+                                    HasSubstr("small 1.2")));
+  EXPECT_THAT(printed.errors, HasSubstr("encoded for a screen"));
+  const std::string file = folder_.path("wax.mtlx");
+  ASSERT_EQ(predict({"--format", "openpbr", "-o", file, "--material-name", "wax"}).exit_code, 0);
+  EXPECT_TRUE(fs::exists(file));
+  // In metres the same numbers are a thousand times as large.
+  const Finished metres =
+      predict({"--format", "mitsuba", "--object-size", "40", "--scene-unit", "m"});
+  EXPECT_NEAR(mitsuba_scale(metres.output), 1000 * mitsuba_scale(printed.output),
+              1e-5 * mitsuba_scale(metres.output));
+  EXPECT_EQ(predict({"--format", "renderman"}).exit_code, 2);
+  EXPECT_EQ(predict({"-o", file}).exit_code, 2);
+  const Finished several =
+      run({ITN, "predict", image(1), image(2), "--model", model(), "--format", "pbrt"});
+  EXPECT_EQ(several.exit_code, 2);
+  EXPECT_THAT(several.errors, HasSubstr("-o must be a folder"));
+  ASSERT_EQ(run({ITN, "predict", image(1), image(2), "--model", model(), "--format", "pbrt", "-o",
+                 folder_.path("")})
+                .exit_code,
+            0);
+  EXPECT_TRUE(fs::exists(folder_.path("000001.pbrt")));
+  EXPECT_TRUE(fs::exists(folder_.path("000002.pbrt")));
+}
+
+TEST_F(PhotographCommand, OfTheSameNameAreNotWrittenOverEachOther) {
+  fs::create_directories(folder_.path("other"));
+  fs::create_directories(folder_.path("materials"));
+  const std::string other = folder_.path("other/photo.exr");
+  fs::copy(image(2), other);
+  const Finished finished = run({ITN, "predict", image(1), image(2), other, photo_, "--model",
+                                 model(), "--format", "pbrt", "-o", folder_.path("materials")});
+  EXPECT_EQ(finished.exit_code, 2);
+  EXPECT_THAT(finished.errors, AllOf(HasSubstr("would both be written to"), HasSubstr(other)));
+  // Of one image a folder is as good as a file.
+  EXPECT_EQ(predict({"--format", "pbrt", "-o", folder_.path("materials")}).exit_code, 0);
+  EXPECT_TRUE(fs::exists(folder_.path("materials/photo.pbrt")));
+  EXPECT_EQ(predict({"--format", "pbrt", "-o", folder_.path("none/photo.pbrt")}).exit_code, 4);
+}
+
+// Each alone, where only one of a group can be asked about, as where all are in one call.
+TEST_F(PhotographCommand, ThatThePredictorRefusesLoseNoOthers) {
+  fs::create_directories(folder_.path("photos"));
+  Image dazzling = read_exr(image(1));
+  for (float& y : dazzling.channels.at("Y")) y = 1e30F;
+  write_exr(folder_.path("photos/a.exr"), dazzling);
+  fs::copy(image(2), folder_.path("photos/b.exr"));
+  Process predictor({ITN_PREDICTOR, "--model", model(), "--listen", "127.0.0.1:0", "--threads", "1",
+                     "--log-level", "warning"});
+  const std::string address = predictor.read_line();
+  const auto outputs = [&](const Arguments& images) {
+    Arguments here{ITN, "predict", "--exposure", "1e12", "--format", "csv"};
+    here.insert(here.end(), images.begin(), images.end());
+    Arguments there = here;
+    here.insert(here.end(), {"--model", model()});
+    there.insert(there.end(), {"--predictor", address});
+    const Finished by_itself = run(here), by_predictor = run(there);
+    EXPECT_EQ(by_itself.output, by_predictor.output);
+    EXPECT_EQ(by_itself.exit_code, 3);
+    EXPECT_EQ(by_predictor.exit_code, 3);
+    return by_itself.output;
+  };
+  const std::string all = outputs({folder_.path("photos")});
+  EXPECT_EQ(count(all, "\n"), 3);
+  EXPECT_THAT(all, AllOf(HasSubstr("too bright to be computed with"), HasSubstr("b.exr,Y,")));
+  const std::string bad = folder_.write("bad.exr", "no image");
+  EXPECT_EQ(count(outputs({folder_.path("photos/a.exr"), bad}), "\n"), 3);
+}
+
+TEST_F(PhotographCommand, AreListedAsCommaSeparatedValues) {
+  const std::string bad = folder_.write("bad, \"worse\".png", "no image");
+  const Finished finished =
+      run({ITN, "predict", image(1), bad, image(2), "--model", model(), "--format", "csv"});
+  EXPECT_NE(finished.exit_code, 0);
+  const std::string columns = finished.output.substr(0, finished.output.find('\n'));
+  EXPECT_EQ(count(columns, ","), 21);
+  EXPECT_EQ(std::ranges::count(finished.output, '\n'), 4);
+  EXPECT_THAT(finished.output, HasSubstr("bad, \"\"worse\"\".png\",,,,,"));
+}
+
+TEST_F(PhotographCommand, SayWhatIsWrongWithAGrayCard) {
+  const auto errors = [&](const std::string& card) {
+    const Finished finished = predict({"--gray-card", card});
+    EXPECT_NE(finished.exit_code, 0);
+    return finished.errors;
+  };
+  EXPECT_THAT(errors("1,2,3"), HasSubstr("X,Y,W,H"));
+  EXPECT_THAT(errors("1,2,0,4"), HasSubstr("X,Y,W,H"));
+  EXPECT_THAT(errors("20,0,5,5"), HasSubstr("is not inside of its 24 x 16 pixels"));
+  EXPECT_THAT(errors("0,0,16,16"), HasSubstr("overlaps the object"));
+  EXPECT_THAT(errors("18,2,4,4"), HasSubstr("a white card does not tell"));
+  EXPECT_EQ(predict({"--gray-card", "18,2,4,4", "--exposure", "1"}).exit_code, 2);
 }
 
 // --- What it says of an answer ---
@@ -246,6 +414,103 @@ TEST_F(PredictCommand, ExportsAModelWithoutItsTraining) {
                                  "--model-name", std::string(101, 'x')});
   EXPECT_EQ(bad_name.exit_code, 2);
   EXPECT_THAT(bad_name.errors, HasSubstr("at most 100 printable ASCII characters"));
+}
+
+// --- For people ---
+
+// Width and height, as the head of a PNG file says.
+std::pair<int, int> size_of_png(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::array<unsigned char, 24> head{};
+  file.read(reinterpret_cast<char*>(head.data()), head.size());
+  const auto number = [&](size_t i) { return 256 * head[i + 2] + head[i + 3]; };
+  return {number(16), number(20)};
+}
+
+std::string text_of(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+}
+
+class PredictForPeople : public PhotographCommand {
+ protected:
+  std::string picture_ = folder_.path("picture.png"), report_ = folder_.path("report.html");
+};
+
+TEST_F(PredictForPeople, DrawsWhatItSawAndWritesAPage) {
+  const Finished finished = predict({"--object-size", "40", "--picture", picture_, "--report",
+                                     report_, "--material-name", "wax"});
+  ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  EXPECT_THAT(finished.output, HasSubstr("model: small 1.2"));
+  const auto [width, height] = size_of_png(picture_);
+  EXPECT_GE(height, 256);
+  EXPECT_EQ(width, 3 * height + 2 * 8);
+  EXPECT_THAT(text_of(report_),
+              AllOf(HasSubstr("<!doctype html>"), HasSubstr("photo.png"), HasSubstr("small 1.2"),
+                    HasSubstr("40 mm"), HasSubstr("Encoded for a screen"), HasSubstr("<svg"),
+                    HasSubstr("wax")));
+  EXPECT_EQ(count(text_of(report_), "data:image/png"), 3 + 4) << "panels, and swatches";
+}
+
+TEST_F(PredictForPeople, RendersTheSceneWithTheAnswer) {
+  const auto scene = [&](const std::string& film) {
+    return folder_
+        .write("scene.textproto",
+               "object { mesh { builtin: \"cube\" } } lights { constant {} } camera { "
+               "origin { y: .5 z: -30 } target { y: .5 } fov_degrees: 2.9 } film { " +
+                   film + " }")
+        .string();
+  };
+  const std::string photo = folder_.path("render.exr");
+  ASSERT_EQ(run({ITN, "render", scene("width: 32 height: 32"), "-o", photo, "--sigma-t", "50",
+                 "--albedo", "0.9", "--spp", "4", "--pixels", "object"})
+                .exit_code,
+            0);
+  const auto with_scene = [&](const std::string& film) {
+    return run(
+        {ITN, "predict", photo, "--model", model(), "--picture", picture_, "--scene", scene(film)});
+  };
+  const Finished finished = with_scene("width: 64 height: 64");  // is made as small
+  ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  EXPECT_EQ(size_of_png(picture_), (std::pair{5 * 256 + 4 * 8, 256}));
+  const Finished wide = with_scene("width: 64 height: 32");
+  EXPECT_EQ(wide.exit_code, 3);
+  EXPECT_THAT(wide.errors, AllOf(HasSubstr("64 x 32"), HasSubstr("must be a square")));
+}
+
+TEST_F(PredictForPeople, TakesOneImageOrOneMaterial) {
+  // Only models that answer distributions can combine what they say of several images.
+  const Finished trained =
+      run({ITN, "train", shared_->path("data"), "-o", folder_.path("residual"), "--preset",
+           "residual", "--batch", "2", "--base-channels", "4", "--steps", "2"});
+  ASSERT_EQ(trained.exit_code, 0) << trained.errors;
+  const auto of_two = [&](const Arguments& more) {
+    Arguments command{ITN, "predict", image(1), image(2), "--model", folder_.path("residual")};
+    command.insert(command.end(), more.begin(), more.end());
+    return run(command);
+  };
+  const Finished two = of_two({"--picture", picture_});
+  EXPECT_EQ(two.exit_code, 2);
+  EXPECT_THAT(two.errors, HasSubstr("--one-material"));
+  EXPECT_EQ(of_two({"--report", report_}).exit_code, 2);
+  EXPECT_FALSE(fs::exists(picture_) || fs::exists(report_));
+  const Finished together = of_two({"--one-material", "--picture", picture_, "--report", report_});
+  ASSERT_EQ(together.exit_code, 0) << together.errors;
+  EXPECT_EQ(size_of_png(picture_), (std::pair{3 * 256 + 2 * 8, 2 * 256 + 8}));
+  EXPECT_THAT(text_of(report_), AllOf(HasSubstr("from 2 photographs"), HasSubstr("000001.exr"),
+                                      HasSubstr("000002.exr")));
+  const Finished scene = of_two({"--one-material", "--picture", picture_, "--scene", "s"});
+  EXPECT_EQ(scene.exit_code, 2);
+  EXPECT_THAT(scene.errors, HasSubstr("--scene is of one image"));
+}
+
+TEST_F(PredictForPeople, SaysBeforeTheWorkWhereItCannotWrite) {
+  EXPECT_EQ(predict({"--picture", folder_.path("picture.jpg")}).exit_code, 2);
+  EXPECT_EQ(predict({"--report", "-"}).exit_code, 2);
+  EXPECT_EQ(predict({"--scene", "scene.textproto"}).exit_code, 2);
+  const Finished missing = predict({"--report", folder_.path("no/report.html")});
+  EXPECT_EQ(missing.exit_code, 4);
+  EXPECT_EQ(missing.output, "");
 }
 
 }  // namespace

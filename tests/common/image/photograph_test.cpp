@@ -77,6 +77,36 @@ TEST(Photograph, OfAnyOtherASquareAboutTheObjectIsCutOut) {
   }
 }
 
+TEST(Photograph, ASquareOneIsFramedAboutTheObjectIfItShallBe) {
+  const Pixels p = picture(120, 120, 1, 50, 30, 81, 60);
+  EXPECT_EQ(framed_side(p.view()), 120);
+  EXPECT_EQ(framed_side(p.view(), Framing::kObject), 46);
+  const FramedPhotograph square = framed(p.view(), {}, Framing::kObject);
+  ASSERT_EQ(square.side, 46);
+  EXPECT_EQ(square.pixels.front(), p.values[(30 - 8) * 120 + 50 - 7]);
+}
+
+TEST(Photograph, KnowsWhetherTheObjectReachesItsEdge) {
+  EXPECT_FALSE(reaches_edge(picture(40, 30, 1, 1, 1, 39, 29).view()));
+  EXPECT_TRUE(reaches_edge(picture(40, 30, 1, 0, 1, 39, 29).view()));
+  EXPECT_TRUE(reaches_edge(picture(40, 30, 1, 1, 0, 39, 29).view()));
+  EXPECT_TRUE(reaches_edge(picture(40, 30, 1, 1, 1, 40, 29).view()));
+  EXPECT_TRUE(reaches_edge(picture(40, 30, 1, 1, 1, 39, 30).view()));
+}
+
+TEST(Photograph, IsRefusedWhereTheObjectIsBlack) {
+  Pixels p = picture(40, 30, 3, 10, 10, 20, 20);
+  for (size_t i = 0; i < p.mask.size(); ++i) {
+    if (is_on_object(p.mask[i])) {
+      for (size_t c = 0; c < 3; ++c) p.values[3 * i + c] = 0;
+    }
+  }
+  testing::expect_error(ErrorKind::kInvalidInput, {"the image is black wherever the mask"},
+                        [&] { validate(p.view()); });
+  p.values[(12 * 40 + 12) * 3 + 1] = 0.1F;
+  EXPECT_NO_THROW(validate(p.view()));
+}
+
 TEST(Photograph, ALargeSquareIsAveragedOverAreasBlackOutside) {
   struct Row {
     Pixels p;

@@ -213,5 +213,23 @@ TEST(ImageStatistics, AreThoseOfAnImageThatIsKnown) {
                   .item<bool>());
 }
 
+TEST(Familiarity, OfSeveralImagesOfOneMaterialIsThatOfTheMostUnfamiliar) {
+  Predictor predictor(model_with_familiarity());
+  const ImageBatch proper = discs(1, 32, 3);
+  const auto seen = [&](size_t i) {
+    const double factor = i == 1 ? 50 : 1;
+    return SeenPhotograph{.channels = of_luminance(proper, factor * proper.luminance),
+                          .object_size = std::nullopt,
+                          .warnings = {{}}};
+  };
+  const Predictor::Outcomes outcomes = predictor.estimate_each(3, seen, true);
+  const auto& bright = std::get<std::vector<MaterialEstimate>>(outcomes.each[1])[0];
+  EXPECT_TRUE(bright.unfamiliarity->unfamiliar);
+  ASSERT_EQ(outcomes.combined.size(), 1);
+  ASSERT_TRUE(outcomes.combined[0].unfamiliarity.has_value());
+  EXPECT_TRUE(outcomes.combined[0].unfamiliarity->unfamiliar);
+  EXPECT_EQ(outcomes.combined[0].unfamiliarity->score, bright.unfamiliarity->score);
+}
+
 }  // namespace
 }  // namespace itn

@@ -45,10 +45,10 @@ TEST_F(ModelFiles, AreListedByNameWithTheFirstLineOfTheirCards) {
 }
 
 TEST_F(ModelFiles, AreFoundByNameAndByDefault) {
-  ship("outdoor", "");
+  ship("any", "");
   ship("studio", "");
   EXPECT_EQ(find_model("studio"), folder_.path("models/studio.itn"));
-  EXPECT_EQ(find_model(""), folder_.path("models/outdoor.itn"));
+  EXPECT_EQ(find_model(""), folder_.path("models/any.itn"));
 }
 
 // Whatever it will be found to be.
@@ -62,7 +62,7 @@ TEST_F(ModelFiles, AreNotLookedForWhereAPathIsNamed) {
 
 TEST_F(ModelFiles, ThatAreMissingAreSaidTo) {
   expect_error(ErrorKind::kIo,
-               {"no model is named", "outdoor, is missing",
+               {"no model is named", "any, is missing",
                 "there is no model in " + folder_.path("models"), "--model FILE"},
                [] { find_model(""); });
   ship("studio", "");

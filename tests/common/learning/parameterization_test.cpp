@@ -77,6 +77,15 @@ TEST(PredictionBounds, OfThePapersRangesAreThePapersClamps) {
   }
 }
 
+TEST(PredictionBounds, TellTheTrainingRange) {
+  const Box back = to_box(training_range(prediction_bounds(paper_range())));
+  const Box range = to_box(paper_range());
+  for (size_t i = 0; i < 3; ++i) {
+    EXPECT_NEAR(back.min[i], range.min[i], 1e-9);
+    EXPECT_NEAR(back.max[i], range.max[i], 1e-9);
+  }
+}
+
 TEST(OutputSpace, StandardizedIsUndoneByMaterial) {
   for (const auto parameterization : kAll) {
     const OutputSpace space(small_model(parameterization));

@@ -90,7 +90,7 @@ TEST(Predictor, BringsQuietImagesUpToTheNoiseOfTraining) {
   Predictor without(model);
   model.set_noise(0.12);
   Predictor with(model);
-  ImageBatch image = with.seen(disc(32, 32, 1, 16, 16, 10.8).photograph());
+  ImageBatch image = with.seen(disc(32, 32, 1, 16, 16, 10.8).photograph()).channels;
   const auto sigma_t = [&](Predictor& predictor) {
     return predictor.estimate(image)[0].material.sigma_t;
   };
@@ -109,7 +109,7 @@ TEST(Predictor, OfAModelThatKnowsMirrorImagesAnswersAnImageAndItsMirrorImageAlik
   Predictor one_way(model);
   model.set_mirrored(true);
   Predictor both_ways(model);
-  const ImageBatch image = both_ways.seen(disc(32, 32, 1, 16, 16, 10.8).photograph());
+  const ImageBatch image = both_ways.seen(disc(32, 32, 1, 16, 16, 10.8).photograph()).channels;
   const auto outputs = [](Predictor& predictor, const ImageBatch& of) {
     return predictor.estimate(of)[0].outputs;
   };
@@ -295,8 +295,9 @@ TEST(Predictor, OfManyLosesNoneForOneThatIsBad) {
   }
   images[70].values[5] = -1;
   images[149].mask.clear();
-  const std::vector<Predictor::Outcome> outcomes = predictor.estimate_each(
-      images.size(), [&](size_t i) { return predictor.seen(images[i].photograph()); });
+  const auto seen = [&](size_t i) { return predictor.seen(images[i].photograph()); };
+  const std::vector<Predictor::Outcome> outcomes =
+      predictor.estimate_each(images.size(), seen, false).each;
   ASSERT_EQ(outcomes.size(), images.size());
   for (size_t i = 0; i < images.size(); ++i) {
     if (i == 70 || i == 149) {
@@ -327,9 +328,85 @@ TEST(Predictor, OfManyStopsBeforeTheNext) {
           if (i == 2) stop.request_stop();
           return predictor.seen(image.photograph());
         },
-        stop.get_token());
+        false, stop.get_token());
   });
   EXPECT_EQ(seen, 3);
+}
+
+// --- What is known besides ---
+
+TEST(Predictor, AnswersPerMmOfAnObjectWhoseSizeIsKnown) {
+  Predictor predictor(residual_model());
+  const Pixels image = disc(32, 32, 1, 16, 16, 10.8);
+  v1::Capture capture;
+  capture.set_object_size(50);
+  const MaterialEstimate relative = predictor.estimate(image.photograph())[0];
+  const MaterialEstimate per_mm = predictor.estimate(image.photograph(), capture)[0];
+  EXPECT_DOUBLE_EQ(per_mm.material.sigma_t, relative.material.sigma_t / 50);
+  EXPECT_EQ(per_mm.material.albedo, relative.material.albedo);
+  EXPECT_EQ(per_mm.material.g, relative.material.g);
+  const auto &a = per_mm.posterior->scattering.parameters[2],
+             &b = relative.posterior->scattering.parameters[2];
+  for (const auto member : {&ParameterPosterior::mean, &ParameterPosterior::standard_deviation,
+                            &ParameterPosterior::low, &ParameterPosterior::high}) {
+    EXPECT_DOUBLE_EQ(a.*member, b.*member / 50);
+  }
+  EXPECT_EQ(per_mm.posterior->material.parameters[1].low,
+            relative.posterior->material.parameters[1].low);
+  EXPECT_EQ(relative.warnings.size(), per_mm.warnings.size() + 1) << "its size is unknown";
+}
+
+// A card makes the exposure of no account.
+TEST(Predictor, TakesTheScaleOfRadianceFromAWhiteCard) {
+  v1::Model model = residual_model();
+  model.set_irradiance(100);
+  Predictor predictor(model);
+  const auto outputs = [&](double exposure) {
+    Pixels image = disc(32, 32, 3, 16, 16, 10.8);
+    for (float& value : image.values) value *= static_cast<float>(exposure);
+    v1::Capture capture;
+    for (const double white : {0.4, 0.5, 0.6}) capture.add_white(white * exposure);
+    return predictor.estimate(image.photograph(), capture)[2].outputs;
+  };
+  const std::vector<double> dark = outputs(0.01), bright = outputs(30);
+  for (size_t k = 0; k < dark.size(); ++k) EXPECT_NEAR(dark[k], bright[k], 1e-5);
+}
+
+TEST(Predictor, CombinesImagesOfOneMaterial) {
+  Predictor predictor(residual_model());
+  std::vector<Pixels> images;
+  for (const double radius : {9.0, 10.0, 10.8}) images.push_back(disc(32, 32, 3, 16, 16, radius));
+  images[1].values[0] = -1;  // cannot be used
+  const auto seen = [&](size_t i) { return predictor.seen(images[i].photograph()); };
+  const Predictor::Outcomes outcomes = predictor.estimate_each(3, seen, true);
+  ASSERT_EQ(outcomes.combined.size(), 3);
+  const Combination combination(predictor.model());
+  const auto answer = [&](size_t image, size_t channel) {
+    ImageAnswer result;
+    const auto& estimates = std::get<std::vector<MaterialEstimate>>(outcomes.each[image]);
+    std::ranges::copy(estimates[channel].outputs, result.outputs.begin());
+    return result;
+  };
+  for (size_t channel = 0; channel < 3; ++channel) {
+    const auto expected =
+        combination(std::vector<ImageAnswer>{answer(0, channel), answer(2, channel)});
+    for (size_t k = 0; k < expected.size(); ++k) {
+      EXPECT_DOUBLE_EQ(outcomes.combined[channel].outputs[k], expected[k]);
+    }
+  }
+  EXPECT_EQ(to_reply(outcomes, predictor.version()).combined().materials_size(), 3);
+  EXPECT_TRUE(predictor.estimate_each(3, seen, false).combined.empty());
+  images[2] = disc(32, 32, 1, 16, 16, 10.8);
+  expect_error(ErrorKind::kInvalidInput, {"must have the same channels"},
+               [&] { predictor.estimate_each(3, seen, true); });
+  images[1] = images[2] = images[0];
+  const auto of_two_sizes = [&](size_t i) {
+    v1::Capture capture;
+    if (i == 1) capture.set_object_size(50);
+    return predictor.seen(images[i].photograph(), capture);
+  };
+  expect_error(ErrorKind::kInvalidInput, {"object_size must be known of all or of none"},
+               [&] { predictor.estimate_each(3, of_two_sizes, true); });
 }
 
 // --- Bounds ---

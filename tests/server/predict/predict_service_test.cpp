@@ -93,6 +93,22 @@ TEST_F(PredictServiceTest, AnswersAsThePredictorDoesGrayAndColour) {
   }
 }
 
+TEST_F(PredictServiceTest, KnowsWhatIsKnownOfAPhotographBesides) {
+  v1::PredictRequest request = Picture(1).request();
+  v1::PredictReply relative, per_mm;
+  ASSERT_TRUE(predict(request, relative).ok());
+  request.mutable_capture()->set_object_size(8);
+  request.mutable_capture()->set_exposure(1);
+  request.mutable_capture()->set_clipped(0.25);
+  ASSERT_TRUE(predict(request, per_mm).ok());
+  EXPECT_EQ(per_mm.materials(0).sigma_t(), relative.materials(0).sigma_t() / 8);
+  ASSERT_EQ(relative.caveats(0).warnings_size(), 2);
+  EXPECT_EQ(relative.caveats(0).warnings(0).kind(), v1::Warning::EXPOSURE_UNKNOWN);
+  EXPECT_EQ(relative.caveats(0).warnings(1).kind(), v1::Warning::SIZE_UNKNOWN);
+  ASSERT_EQ(per_mm.caveats(0).warnings_size(), 1);
+  EXPECT_EQ(per_mm.caveats(0).warnings(0).kind(), v1::Warning::CLIPPED);
+}
+
 TEST_F(PredictServiceTest, TakesNoChannelsForOne) {
   v1::PredictRequest request = Picture(1).request();
   request.clear_channels();
@@ -124,6 +140,10 @@ TEST_F(PredictServiceTest, SaysWhatIsWrong) {
        [&](auto& r) { set_pixel(*r.mutable_mask(), 2); }},
       {StatusCode::INVALID_ARGUMENT, "mask is empty",
        [](auto& r) { *r.mutable_mask() = std::string(r.mask().size(), '\0'); }},
+      {StatusCode::INVALID_ARGUMENT, "capture.object_size is -1",
+       [](auto& r) { r.mutable_capture()->set_object_size(-1); }},
+      {StatusCode::INVALID_ARGUMENT, "a white card does not tell",
+       [](auto& r) { r.mutable_capture()->add_white(1); }},
       {StatusCode::RESOURCE_EXHAUSTED, "accepts 1000", [](auto& r) { r.set_height(64); }},
   };
   for (const Row& row : rows) {

@@ -1,0 +1,17 @@
+// What limits how far an answer can be trusted, in words.
+#pragma once
+
+#include <string>
+
+#include "itn/v1/experiment.pb.h"
+#include "itn/v1/predict.pb.h"
+
+namespace itn {
+
+// Such as "the greatest albedo".
+std::string in_words(v1::MaterialBound bound);
+
+// Whether all channels have a warning of this kind: what holds for all of them is said once.
+bool in_all_channels(const v1::Prediction& prediction, const v1::Warning& warning);
+
+}  // namespace itn

@@ -1,0 +1,114 @@
+#include "client/predict/exported.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "client/exports/rgb_material.h"
+#include "client/output.h"
+#include "client/predict/caveats.h"
+#include "client/predict/prediction.h"
+#include "common/files/atomic_file.h"
+
+namespace itn {
+
+namespace fs = std::filesystem;
+
+std::string exported(const v1::Prediction& prediction, const ExportFormat& format,
+                     ExportOptions options) {
+  bool unfamiliar = false;
+  for (const v1::Prediction::Channel& c : prediction.channels()) {
+    unfamiliar = unfamiliar || c.caveats().unfamiliarity().unfamiliar();
+  }
+  if (prediction.has_object_size()) options.object_size_mm = prediction.object_size();
+  options.provenance = fmt::format("{}, image {}{}", prediction.model(), prediction.image(),
+                                   unfamiliar ? "; UNFAMILIAR image: do not trust this" : "");
+  return format.write(rgb_material(materials_of_1_mm(prediction)), options);
+}
+
+fs::path exported_file(const fs::path& folder, const std::string& image,
+                       const ExportFormat& format) {
+  return folder / (fs::path(image).stem().string() + std::string(format.extension));
+}
+
+namespace {
+
+// Renderers have one g for all channels; the differences go into the scattering coefficients, which
+// shows where they are large (docs/exports.md has figures).
+void warn_of_common_g(const v1::Prediction& prediction) {
+  constexpr double kLarge = 0.3;
+  const auto [least, most] = std::ranges::minmax(
+      prediction.channels(), {}, [](const v1::Prediction::Channel& c) { return c.g(); });
+  if (most.g() - least.g() > kLarge) {
+    spdlog::warn(
+        "{}: g is {:.2f} in {} and {:.2f} in {}; the file has one for all channels, so "
+        "that dark channels may render some per cent off",
+        prediction.image(), least.g(), least.channel(), most.g(), most.channel());
+  }
+}
+
+// In the file nobody would see it in time.
+void warn(const v1::Prediction& prediction) {
+  warn_of_common_g(prediction);
+  for (const v1::Prediction::Channel& channel : prediction.channels()) {
+    const v1::Unfamiliarity& unfamiliarity = channel.caveats().unfamiliarity();
+    if (unfamiliarity.unfamiliar()) {
+      spdlog::warn("{}, channel {}: unfamiliar, do not trust this answer ({})", prediction.image(),
+                   channel.channel(), unfamiliarity.reason());
+    }
+  }
+  for (const v1::Prediction::Channel& channel : prediction.channels()) {
+    for (const v1::Warning& warning : channel.caveats().warnings()) {
+      if (!in_all_channels(prediction, warning)) {
+        spdlog::warn("{}, channel {}: {}", prediction.image(), channel.channel(), warning.text());
+      }
+    }
+  }
+  for (const v1::Warning& warning : prediction.channels(0).caveats().warnings()) {
+    if (in_all_channels(prediction, warning)) {
+      spdlog::warn("{}: {}", prediction.image(), warning.text());
+    }
+  }
+}
+
+class ExportPrinter final : public PredictionPrinter {
+ public:
+  ExportPrinter(const ExportFormat& format, ExportOptions options, ExportTarget target)
+      : format_(format), options_(std::move(options)), target_(std::move(target)) {}
+
+  void print(const v1::Prediction& prediction) override {
+    if (!prediction.error().empty()) {
+      spdlog::error("{}: {}", prediction.image(), prediction.error());
+      return;
+    }
+    if (target_.combined_alone && !prediction.combined()) return;
+    warn(prediction);
+    const std::string text = exported(prediction, format_, options_);
+    if (target_.path.empty()) {
+      print_result(text);
+    } else {
+      write_file_atomically(file_of(prediction), text);
+    }
+  }
+
+ private:
+  fs::path file_of(const v1::Prediction& prediction) const {
+    return target_.is_folder ? exported_file(target_.path, prediction.image(), format_)
+                             : target_.path;
+  }
+
+  const ExportFormat& format_;
+  ExportOptions options_;
+  ExportTarget target_;
+};
+
+}  // namespace
+
+std::unique_ptr<PredictionPrinter> export_printer(const ExportFormat& format, ExportOptions options,
+                                                  ExportTarget target) {
+  return std::make_unique<ExportPrinter>(format, std::move(options), std::move(target));
+}
+
+}  // namespace itn

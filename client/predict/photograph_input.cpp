@@ -1,0 +1,220 @@
+#include "client/predict/photograph_input.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <filesystem>
+#include <string_view>
+#include <utility>
+
+#include "client/interrupt.h"
+#include "common/error.h"
+#include "common/image/background_mask.h"
+#include "common/image/channels.h"
+#include "common/image/photograph_file.h"
+
+namespace itn {
+namespace {
+
+namespace fs = std::filesystem;
+
+// By which the photographs in a folder, and the mask of one, are known.
+constexpr std::array<std::string_view, 11> kExtensions = {
+    ".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".heic", ".heif", ".avif"};
+
+bool is_photograph(const fs::path& path) {
+  std::string extension = path.extension().string();
+  std::ranges::transform(extension, extension.begin(),
+                         [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return std::ranges::find(kExtensions, extension) != kExtensions.end();
+}
+
+// Linear radiance, channels interleaved, and the rest of a file's content.
+struct Content {
+  PhotographFile file;
+  std::vector<std::string> channels;
+  std::vector<float> pixels;
+
+  int width() const { return file.image.width; }
+  int height() const { return file.image.height; }
+  size_t count() const { return static_cast<size_t>(width()) * static_cast<size_t>(height()); }
+};
+
+Content read_content(const std::string& name) {
+  Content content;
+  content.file = read_photograph(name);
+  const Image& image = content.file.image;
+  content.channels = radiance_channels(image, name);
+  content.pixels.reserve(content.count() * content.channels.size());
+  for (size_t p = 0; p < content.count(); ++p) {
+    for (const std::string& channel : content.channels) {
+      content.pixels.push_back(image.channels.at(channel)[p]);
+    }
+  }
+  return content;
+}
+
+// --- Where the object is ---
+
+// The mask of a photograph in a folder of masks: of the same name, whatever the format.
+std::string mask_in_folder(const fs::path& folder, const std::string& photograph) {
+  const fs::path stem = fs::path(photograph).stem();
+  const fs::path same = folder / fs::path(photograph).filename();
+  if (fs::exists(same)) return same.string();
+  std::vector<std::string> found;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+    if (entry.path().stem() == stem && is_photograph(entry.path())) {
+      found.push_back(entry.path().string());
+    }
+  }
+  if (found.empty()) {
+    throw Error(ErrorKind::kIo,
+                fmt::format("there is no mask {} or {}.png in {}", same.filename().string(),
+                            stem.string(), folder.string()));
+  }
+  if (found.size() > 1) {
+    std::ranges::sort(found);
+    throw Error(ErrorKind::kIo, fmt::format("which of them is the mask of {}: {}?", photograph,
+                                            fmt::join(found, ", ")));
+  }
+  return found.front();
+}
+
+std::vector<float> mask_from_file(const Content& content, const std::string& name,
+                                  const std::string& mask) {
+  const std::string path = fs::is_directory(mask) ? mask_in_folder(mask, name) : mask;
+  MaskFile file = read_mask(path);
+  if (file.width != content.width() || file.height != content.height()) {
+    throw invalid_input(
+        fmt::format("the mask {} is {} x {} pixels, {} is {} x {}; they must be the same", path,
+                    file.width, file.height, name, content.width(), content.height()));
+  }
+  return std::move(file.values);
+}
+
+// Alpha that is 1 everywhere says nothing.
+bool tells_object(const std::vector<float>& alpha) {
+  return std::ranges::any_of(alpha, [](float a) { return !is_on_object(a); });
+}
+
+std::vector<float> mask_of(const Content& content, const std::string& name,
+                           const PhotographOptions& options) {
+  if (!options.mask.empty()) return mask_from_file(content, name, options.mask);
+  if (options.mask_by_background) {
+    return mask_from_background(content.width(), content.height(),
+                                static_cast<int>(content.channels.size()), content.pixels);
+  }
+  const Image& image = content.file.image;
+  if (image.has("mask.Y")) return image.channel("mask.Y");
+  if (image.has("A") && tells_object(image.channel("A"))) return image.channel("A");
+  throw invalid_input(fmt::format(
+      "{} has neither a channel mask.Y nor a transparent background that say where the object is; "
+      "give a mask with --mask, or, if the background is plain, --background auto",
+      name));
+}
+
+// --- What is known of its light ---
+
+// Of a white card, by channel.
+std::vector<double> white_of(const PixelRectangle& card, double gray, const Content& content,
+                             const std::vector<float>& mask, const std::string& name) {
+  const auto wrong = [&](const std::string& what) {
+    return invalid_input(fmt::format("the gray card {},{},{},{} of {} {}", card.x, card.y,
+                                     card.width, card.height, name, what));
+  };
+  if (card.x + card.width > content.width() || card.y + card.height > content.height()) {
+    throw wrong(
+        fmt::format("is not inside of its {} x {} pixels", content.width(), content.height()));
+  }
+  std::vector<double> sums(content.channels.size());
+  size_t clipped = 0;
+  for (int y = card.y; y < card.y + card.height; ++y) {
+    for (int x = card.x; x < card.x + card.width; ++x) {
+      const size_t p =
+          static_cast<size_t>(y) * static_cast<size_t>(content.width()) + static_cast<size_t>(x);
+      if (is_on_object(mask[p])) throw wrong("overlaps the object");
+      if (!content.file.clipped.empty()) clipped += content.file.clipped[p];
+      for (size_t c = 0; c < sums.size(); ++c) sums[c] += content.pixels[p * sums.size() + c];
+    }
+  }
+  const double area = static_cast<double>(card.width) * card.height;
+  if (static_cast<double>(clipped) > kMuchClipped * area) {
+    throw wrong("is overexposed: it is as bright as the file can hold; expose less");
+  }
+  for (double& sum : sums) {
+    sum /= area * gray;
+    if (!(sum > 0)) throw wrong("is black");
+  }
+  return sums;
+}
+
+double clipped_part(const std::vector<unsigned char>& clipped, const std::vector<float>& mask) {
+  size_t object = 0, both = 0;
+  for (size_t p = 0; p < clipped.size(); ++p) {
+    if (!is_on_object(mask[p])) continue;
+    ++object;
+    both += clipped[p];
+  }
+  return object == 0 ? 0 : static_cast<double>(both) / static_cast<double>(object);
+}
+
+v1::Capture capture_of(const Content& content, const Photograph& photograph,
+                       const std::vector<float>& mask, const std::string& name,
+                       const PhotographOptions& options) {
+  v1::Capture capture;
+  if (options.object_size) capture.set_object_size(*options.object_size);
+  if (options.exposure) capture.set_exposure(*options.exposure);
+  if (options.gray_card) {
+    const std::vector<double> white =
+        white_of(*options.gray_card, options.gray, content, mask, name);
+    capture.mutable_white()->Assign(white.begin(), white.end());
+  }
+  capture.set_clipped(clipped_part(content.file.clipped, mask));
+  capture.set_cut_by_frame(reaches_edge(photograph));
+  capture.set_encoded(content.file.encoded);
+  return capture;
+}
+
+// Renders, which have their mask with them, are framed as they should be; photographs as it came.
+Framing framing_of(const PhotographOptions& options, const Image& image) {
+  return options.framing.value_or(image.has("mask.Y") ? Framing::kSquareWhole : Framing::kObject);
+}
+
+}  // namespace
+
+PredictInput load_photograph(const std::string& file, const PhotographOptions& options) {
+  const Content content = read_content(file);
+  const std::vector<float> mask = mask_of(content, file, options);
+  const Photograph photograph{content.width(), content.height(),
+                              static_cast<int>(content.channels.size()), content.pixels, mask};
+  validate(photograph, interruption());
+  return {file, content.channels,
+          framed(photograph, interruption(), framing_of(options, content.file.image)),
+          capture_of(content, photograph, mask, file, options)};
+}
+
+std::vector<std::string> photograph_files(const std::vector<std::string>& arguments) {
+  std::vector<std::string> files;
+  for (const std::string& argument : arguments) {
+    if (!fs::is_directory(argument)) {
+      files.push_back(argument);
+      continue;
+    }
+    std::vector<std::string> inside;
+    for (const fs::directory_entry& entry : fs::directory_iterator(argument)) {
+      if (is_photograph(entry.path())) inside.push_back(entry.path().string());
+    }
+    if (inside.empty()) {
+      throw Error(ErrorKind::kIo, fmt::format("there is no photograph ({}) in {}",
+                                              fmt::join(kExtensions, ", "), argument));
+    }
+    std::ranges::sort(inside);
+    files.insert(files.end(), inside.begin(), inside.end());
+  }
+  return files;
+}
+
+}  // namespace itn

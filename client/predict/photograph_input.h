@@ -1,0 +1,47 @@
+// Photographs as people have them, made ready for a predictor.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/image/photograph.h"
+#include "itn/v1/predict.pb.h"
+
+namespace itn {
+
+// Left, top and size in pixels.
+struct PixelRectangle {
+  int x = 0, y = 0, width = 1, height = 1;
+};
+
+// What is known of photographs, besides what is in their files.
+struct PhotographOptions {
+  std::string mask;                 // a file, or a folder of such; empty: the photograph's own
+  bool mask_by_background = false;  // mask_from_background()
+  std::optional<Framing>
+      framing;  // absent: files with a channel mask.Y kSquareWhole, others kObject
+  std::optional<double> object_size;  // of the longest side, in mm
+  std::optional<double> exposure;
+  std::optional<PixelRectangle> gray_card;  // that lies flat beside the object, facing up
+  double gray = 0.18;                       // its reflectance
+};
+
+// What a predictor is asked about: photograph and capture as in v1::PredictRequest.
+struct PredictInput {
+  std::string name;                   // of the file
+  std::vector<std::string> channels;  // names: Y, or R, G, B
+  FramedPhotograph photograph;
+  v1::Capture capture;
+};
+
+// Reads the file ("-": standard input), finds out where the object is, frames it, and measures what
+// limits the answer. Throws Error as read_photograph() does, and (invalid input) if there is no
+// mask, it does not fit, or the gray card cannot be used.
+PredictInput load_photograph(const std::string& file, const PhotographOptions& options);
+
+// The images that the arguments name; of a folder those in it, by name. Throws Error (kIo) if there
+// is none in one.
+std::vector<std::string> photograph_files(const std::vector<std::string>& arguments);
+
+}  // namespace itn

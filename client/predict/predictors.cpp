@@ -1,0 +1,124 @@
+#include "client/predict/predictors.h"
+
+#include <fmt/format.h>
+
+#include <memory>
+#include <utility>
+
+#include "client/interrupt.h"
+#include "common/error.h"
+#include "common/learning/checkpoint.h"
+#include "common/learning/predict_reply.h"
+#include "common/learning/predictor.h"
+#include "common/rpc/channel.h"
+#include "common/rpc/status.h"
+#include "common/rpc/wire_array.h"
+#include "itn/v1/predict.grpc.pb.h"
+
+namespace itn {
+namespace {
+
+v1::PredictRequest request_of(const PredictInput& input) {
+  const FramedPhotograph& photograph = input.photograph;
+  v1::PredictRequest request;
+  request.set_width(static_cast<uint32_t>(photograph.side));
+  request.set_height(static_cast<uint32_t>(photograph.side));
+  request.set_channels(static_cast<uint32_t>(photograph.channels));
+  request.set_image(to_bytes(photograph.pixels));
+  request.set_mask(to_bytes(photograph.mask));
+  *request.mutable_capture() = input.capture;
+  return request;
+}
+
+class RemotePredictor {
+ public:
+  RemotePredictor(std::string address, std::chrono::milliseconds timeout)
+      : address_(std::move(address)),
+        timeout_(timeout),
+        stub_(v1::PredictService::NewStub(connect_to(address_))) {}
+
+  v1::PredictBatchReply operator()(std::span<const PredictInput> photographs,
+                                   bool one_material) const {
+    v1::PredictBatchReply reply;
+    if (photographs.size() == 1 && !one_material) {
+      v1::PredictOutcome& outcome = *reply.add_outcomes();
+      const grpc::Status status = call(&v1::PredictService::Stub::Predict,
+                                       request_of(photographs.front()), *outcome.mutable_reply());
+      if (!is_of_the_photograph(status)) {
+        require_ok(status);
+        return reply;
+      }
+      outcome.clear_reply();
+      outcome.set_code(status.error_code());
+      outcome.set_message(status.error_message());
+      return reply;
+    }
+    v1::PredictBatchRequest request;
+    request.set_one_material(one_material);
+    for (const PredictInput& photograph : photographs) {
+      *request.add_images() = request_of(photograph);
+    }
+    const grpc::Status status = call(&v1::PredictService::Stub::PredictBatch, request, reply);
+    if (status.error_code() != grpc::StatusCode::RESOURCE_EXHAUSTED || one_material) {
+      require_ok(status);
+      return reply;
+    }
+    // More than it takes at a time.
+    const size_t half = photographs.size() / 2;
+    reply = (*this)(photographs.first(half), false);
+    reply.MergeFrom((*this)(photographs.subspan(half), false));
+    return reply;
+  }
+
+ private:
+  template <typename Method, typename Request, typename Reply>
+  grpc::Status call(Method method, const Request& request, Reply& reply) const {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + timeout_);
+    return ((*stub_).*method)(&context, request, &reply);
+  }
+
+  // Others could still be answered.
+  static bool is_of_the_photograph(const grpc::Status& status) {
+    return status.error_code() == grpc::StatusCode::INVALID_ARGUMENT ||
+           status.error_code() == grpc::StatusCode::RESOURCE_EXHAUSTED;
+  }
+
+  void require_ok(const grpc::Status& status) const {
+    if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) {
+      throw Error(ErrorKind::kUnavailable,
+                  fmt::format("{} is not a predictor; itn-predictor is one", address_));
+    }
+    if (!status.ok()) throw to_error(status, "predictor " + address_);
+  }
+
+  std::string address_;
+  std::chrono::milliseconds timeout_;
+  std::shared_ptr<v1::PredictService::Stub> stub_;
+};
+
+}  // namespace
+
+Predict predictor_here(const std::filesystem::path& model) {
+  set_torch_threads(1);
+  const auto predictor = std::make_shared<Predictor>(Predictor::load(model));
+  return [predictor](std::span<const PredictInput> photographs, bool one_material) {
+    const auto seen = [&](size_t i) {
+      return predictor->seen(photographs[i].photograph.view(), photographs[i].capture,
+                             interruption());
+    };
+    return to_reply(
+        predictor->estimate_each(photographs.size(), seen, one_material, interruption()),
+        predictor->version());
+  };
+}
+
+v1::MaterialRange range_of_model(const std::filesystem::path& model) {
+  return read_checkpoint(model).model().bounds();
+}
+
+Predict predictor_at(const std::string& address, std::chrono::milliseconds timeout) {
+  return RemotePredictor(address, timeout);
+}
+
+}  // namespace itn

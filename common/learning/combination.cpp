@@ -1,0 +1,88 @@
+#include "common/learning/combination.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "common/error.h"
+#include "common/low_discrepancy.h"
+
+namespace itn {
+namespace {
+
+// Materials as those of training are distributed: sigma_t log-uniformly, albedo and g uniformly.
+Gaussian prior_of(const v1::Model& model) {
+  constexpr uint32_t kPoints = 4096;
+  const OutputSpace space(model);
+  const Box range = to_box(training_range(model.bounds()));
+  for (size_t k = 0; k < 3; ++k) {
+    if (!(range.max[k] > range.min[k]) || !(range.min[0] > 0)) {
+      throw invalid_input(
+          "the model's bounds do not say of what range its training materials were, so that "
+          "answers for several images cannot be combined");
+    }
+  }
+  torch::Tensor points = torch::empty({kPoints, 3}, torch::kFloat64);
+  auto rows = points.accessor<double, 2>();
+  for (uint32_t i = 0; i < kPoints; ++i) {
+    const auto cell = sobol_point(i);
+    const auto between = [&](size_t k, double min, double max) {
+      return min + (max - min) * (cell[k] + 0.5) * 0x1p-32;
+    };
+    const Material material{std::exp(between(0, std::log(range.min[0]), std::log(range.max[0]))),
+                            between(1, range.min[1], range.max[1]),
+                            between(2, range.min[2], range.max[2])};
+    const Triple z = space.standardized(material);
+    for (int64_t k = 0; k < 3; ++k) rows[i][k] = z[static_cast<size_t>(k)];
+  }
+  const torch::Tensor mean = points.mean(0);
+  const torch::Tensor d = points - mean;
+  return {mean, at::linalg_inv(d.t().matmul(d) / static_cast<double>(kPoints))};
+}
+
+// Images that tell less than nothing in some direction together still leave this much of the prior.
+torch::Tensor at_least(const torch::Tensor& precision, const torch::Tensor& prior) {
+  constexpr double kPart = 0.25;
+  const torch::Tensor root = at::linalg_cholesky(prior);
+  const torch::Tensor inverse = at::linalg_inv(root);
+  const auto [values, vectors] = at::linalg_eigh(inverse.matmul(precision).matmul(inverse.t()));
+  const torch::Tensor inside = vectors.matmul(torch::diag(values.clamp_min(kPart)));
+  return root.matmul(inside.matmul(vectors.t())).matmul(root.t());
+}
+
+}  // namespace
+
+Combination::Combination(const v1::Model& model) : common_error_(model.common_error()) {
+  if (model.output() != v1::GAUSSIAN) {
+    throw invalid_input(
+        "the model answers no distributions, so that answers for several images cannot be "
+        "combined; one of --preset residual does");
+  }
+  if (!(common_error_ >= 0 && common_error_ <= 1)) {
+    throw invalid_input(
+        fmt::format("model.common_error is {}; it must be in [0, 1]", common_error_));
+  }
+  log_size_unit_ = model.standard_deviation(0);
+  prior_ = prior_of(model);
+}
+
+std::array<double, kGaussianOutputs> Combination::operator()(
+    std::span<const ImageAnswer> answers) const {
+  if (answers.size() == 1) return answers.front().outputs;
+  const double weight = 1 / (1 + static_cast<double>(answers.size() - 1) * common_error_);
+  torch::Tensor precision = prior_.precision.clone();
+  torch::Tensor information = prior_.precision.matmul(prior_.mean);
+  for (const ImageAnswer& answer : answers) {
+    // What is 1 / mm for one object is another number per longest side of another.
+    torch::Tensor shift = torch::zeros({3}, torch::kFloat64);
+    shift[0] = std::log(answers.front().object_size / answer.object_size) / log_size_unit_;
+    const Gaussian image = to_gaussian(answer.outputs);
+    precision = precision + weight * (image.precision - prior_.precision);
+    information = information + weight * (image.precision.matmul(image.mean + shift) -
+                                          prior_.precision.matmul(prior_.mean + shift));
+  }
+  precision = at_least(precision, prior_.precision);
+  return to_outputs({at::linalg_solve(precision, information), precision});
+}
+
+}  // namespace itn

@@ -1,0 +1,46 @@
+// Several images of one material tell more than one.
+//
+// Each answer is a Gaussian over the material's coordinates: what its image says, times what was
+// known before, the distribution of the training materials. So the answer from all is the product
+// of the Gaussians over the power of the prior that is in it too often:
+//
+//   precision    L = P + c sum_i (L_i - P),    c = 1 / (1 + (n - 1) r)
+//   information  h = P p_1 + c sum_i (h_i - P p_i)
+//
+// with precision P and mean p_i of the prior. If the errors in two images of one object had nothing
+// in common, c would be 1. They have, since the network misunderstands a shape in the same way
+// twice: r is their correlation (Model.common_error), and n images tell as much as n c would.
+#pragma once
+
+#include <array>
+#include <span>
+
+#include "common/learning/gaussian.h"
+#include "common/learning/parameterization.h"
+#include "itn/v1/experiment.pb.h"
+
+namespace itn {
+
+// In standardised coordinates: the outputs for one image, and the object's longest side in mm. The
+// first coordinate is a logarithm of something per length, so that another size moves it alone.
+struct ImageAnswer {
+  std::array<double, kGaussianOutputs> outputs{};
+  double object_size = 1;
+};
+
+class Combination {
+ public:
+  // Throws Error (invalid input) unless the model answers distributions.
+  explicit Combination(const v1::Model& model);
+
+  // Outputs for an object as large as the first one's. One answer alone stays what it is. Requires
+  // one at least.
+  std::array<double, kGaussianOutputs> operator()(std::span<const ImageAnswer> answers) const;
+
+ private:
+  double common_error_;
+  double log_size_unit_;  // standard deviation of the first coordinate
+  Gaussian prior_;
+};
+
+}  // namespace itn

@@ -1,0 +1,117 @@
+#include "common/learning/combination.h"
+
+#include <cmath>
+
+#include <gmock/gmock.h>
+
+#include "common/error.h"
+#include "tests/common/learning/model_for_tests.h"
+#include "tests/support/expect_error.h"
+
+namespace itn {
+namespace {
+
+using Outputs = std::array<double, kGaussianOutputs>;
+
+constexpr Outputs kOne{0.3, -0.2, 0.1, 1.4, 1.3, 1.2, 0.5, -0.7, 0.3};
+constexpr Outputs kOther{-0.5, 0.4, 0.6, 1.8, 1.1, 2, -0.8, 0.6, 0.4};
+
+double distance(const torch::Tensor& a, const torch::Tensor& b) {
+  return (a - b).abs().max().item<double>();
+}
+
+TEST(Gaussian, ThereAndBackAgain) {
+  for (const Outputs& outputs : {kOne, kOther}) {
+    const Outputs back = to_outputs(to_gaussian(outputs));
+    for (size_t k = 0; k < outputs.size(); ++k) EXPECT_NEAR(back[k], outputs[k], 1e-9) << k;
+  }
+}
+
+// Materials as the prior says, seen twice through known Gaussian noise: the combination is the
+// posterior of both, which holds the truth as often as it says, and the one of either does, too.
+TEST(Combination, IsThePosteriorOfAllImages) {
+  v1::Model model = residual_model();
+  const Combination combination(model);
+  // What the combination takes for the prior is what it makes of images that tell nothing: of n
+  // answers that are the prior, the prior.
+  const OutputSpace space(model);
+  std::vector<Triple> truths;
+  torch::Tensor z = torch::empty({4000, 3}, torch::kFloat64);
+  torch::manual_seed(2);
+  const torch::Tensor uniform = torch::rand({4000, 3}, torch::kFloat64);
+  const Box range = to_box(paper_range());
+  for (int64_t i = 0; i < z.size(0); ++i) {
+    const auto between = [&](int64_t k, double min, double max) {
+      return min + (max - min) * uniform[i][k].item<double>();
+    };
+    const Triple coordinates = space.standardized(
+        {std::exp(between(0, std::log(range.min[0]), std::log(range.max[0]))),
+         between(1, range.min[1], range.max[1]), between(2, range.min[2], range.max[2])});
+    for (int64_t k = 0; k < 3; ++k) z[i][k] = coordinates[static_cast<size_t>(k)];
+  }
+  const torch::Tensor mean = z.mean(0), d = z - mean;
+  const torch::Tensor prior = at::linalg_inv(d.t().matmul(d) / 4000);
+  const torch::Tensor noise = torch::diag(torch::tensor({4.0, 6.0, 2.0}, torch::kFloat64));
+  const auto answer = [&](const torch::Tensor& measured) {
+    const torch::Tensor precision = prior + noise;
+    const torch::Tensor information = prior.matmul(mean) + noise.matmul(measured);
+    return ImageAnswer{to_outputs({at::linalg_solve(precision, information), precision}), 1};
+  };
+  const torch::Tensor first = mean + torch::tensor({0.3, -0.5, 0.4}, torch::kFloat64);
+  const torch::Tensor second = mean + torch::tensor({-0.1, 0.2, 0.9}, torch::kFloat64);
+  const Gaussian both =
+      to_gaussian(combination(std::vector<ImageAnswer>{answer(first), answer(second)}));
+  const torch::Tensor precision = prior + 2 * noise;
+  const torch::Tensor expected =
+      at::linalg_solve(precision, prior.matmul(mean) + noise.matmul(first) + noise.matmul(second));
+  // The prior of the combination is one of other points of the same distribution.
+  EXPECT_LT(distance(both.mean, expected), 0.02);
+  EXPECT_LT(distance(both.precision, precision), 0.05 * precision.max().item<double>());
+}
+
+TEST(Combination, OfOneImageIsItsAnswer) {
+  const Combination combination(residual_model());
+  EXPECT_EQ(combination(std::vector<ImageAnswer>{{kOne, 3}}), kOne);
+}
+
+TEST(Combination, OfErrorsThatAllImagesShareIsNoSurerThanOne) {
+  v1::Model model = residual_model();
+  model.set_common_error(1);
+  const std::vector<ImageAnswer> same(5, {kOne, 1});
+  const Gaussian one = to_gaussian(kOne), all = to_gaussian(Combination(model)(same));
+  EXPECT_LT(distance(all.mean, one.mean), 1e-9);
+  EXPECT_LT(distance(all.precision, one.precision), 1e-9);
+  model.set_common_error(0);
+  const Gaussian surer = to_gaussian(Combination(model)(same));
+  EXPECT_GT(torch::linalg_det(surer.precision).item<double>(),
+            20 * torch::linalg_det(one.precision).item<double>());
+}
+
+// A material is another number per longest side of an object twice as large.
+TEST(Combination, MovesAnswersForOtherSizes) {
+  const v1::Model model = residual_model();
+  const Combination combination(model);
+  Outputs larger = kOne;
+  larger[0] += std::log(2) / model.standard_deviation(0);
+  const Gaussian alike = to_gaussian(combination(std::vector<ImageAnswer>{{kOne, 1}, {kOne, 1}}));
+  const Gaussian sizes = to_gaussian(combination(std::vector<ImageAnswer>{{kOne, 1}, {larger, 2}}));
+  // But for what the prior expects of either.
+  EXPECT_NEAR(sizes.mean[0].item<double>(), alike.mean[0].item<double>(), 0.15);
+  EXPECT_LT(distance(sizes.precision, alike.precision), 1e-9);
+}
+
+TEST(Combination, StaysADistributionWhereImagesTellLessThanNothing) {
+  Outputs vague{};
+  vague[3] = vague[4] = vague[5] = -2;  // wider than the prior
+  const Combination combination(residual_model());
+  const Gaussian all = to_gaussian(combination(std::vector<ImageAnswer>(6, ImageAnswer{vague, 1})));
+  EXPECT_GT(std::get<0>(at::linalg_eigh(all.precision)).min().item<double>(), 0);
+}
+
+TEST(Combination, NeedsAModelThatAnswersDistributions) {
+  testing::expect_error(ErrorKind::kInvalidInput, {"answers no distributions"},
+                        [] { Combination{small_model()}; });
+}
+
+}  // namespace
+}  // namespace itn
