@@ -58,11 +58,12 @@ std::vector<v1::Warning> common_warnings(const Photograph& photograph, const v1:
                              "size unknown: 1/mm is for an object whose longest side is 1 mm"));
   }
   if (capture.encoded()) {
-    const bool by_card = knows_scale(model) && !capture.white().empty();
-    result.push_back(
-        warning(v1::Warning::ENCODED,
-                fmt::format("encoded for a screen: its tone curve is assumed to be that of sRGB{}",
-                            by_card ? "; if it is another, the card misleads the albedo" : "")));
+    result.push_back(warning(
+        v1::Warning::ENCODED,
+        fmt::format("encoded for a screen: its tone curve is assumed to be that of sRGB{}",
+                    knows_scale(model) ? "; if it is another, the scale of radiance misleads the "
+                                         "albedo"
+                                       : "")));
   }
   const int side = framed_side(photograph, Framing::kSquareWhole, stop);
   if (side < static_cast<int>(model.resolution())) {

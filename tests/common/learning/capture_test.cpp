@@ -14,6 +14,7 @@ namespace {
 using ::testing::ElementsAre;
 using testing::expect_error;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 struct Pixels {
   int side, channels;
@@ -114,6 +115,11 @@ TEST(Capture, WarnsOfWhatIsLost) {
   const auto all = warnings(picture(32, 1).view(), capture, model)[0];
   EXPECT_THAT(kinds(all), ElementsAre(v1::Warning::CLIPPED, v1::Warning::ENCODED));
   EXPECT_THAT(all[0].text(), HasSubstr("12 % of the object"));
+  // Where the scale counts, so does the curve.
+  EXPECT_THAT(all[1].text(), Not(HasSubstr("misleads")));
+  capture.set_exposure(1);
+  const auto scaled = warnings(picture(32, 1).view(), capture, model_of(v1::EXPOSURE_KNOWN))[0];
+  EXPECT_THAT(scaled.back().text(), HasSubstr("misleads the albedo"));
 }
 
 TEST(Capture, SeesAnObjectThatIsCutSmallOrBlack) {
