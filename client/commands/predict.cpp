@@ -252,7 +252,7 @@ std::unique_ptr<PredictionPrinter> printer_of(const PredictOptions& options, boo
   const bool together = options.one_material && several;
   return export_printer(export_format(options.format), options.exports,
                         {.path = options.output,
-                         .is_folder = !options.output.empty() && fs::is_directory(options.output),
+                         .is_folder = fs::is_directory(options.output),
                          .combined_alone = together});
 }
 
@@ -391,8 +391,7 @@ void add_photograph_flags(CLI::App& command, PhotographOptions& options) {
       "--gray-card",
       [&options](const std::string& text) { options.gray_card = parsed_rectangle(text); },
       "X,Y,W,H: pixels of a gray card that lies flat beside the object, facing up; by flash alone "
-      "it "
-      "faces the camera");
+      "it faces the camera");
   card->excludes(exposure);
   command.add_option("--gray", options.gray, "Reflectance of the gray card")
       ->check(number_in(0.01, 1.0))

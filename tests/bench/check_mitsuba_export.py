@@ -20,28 +20,19 @@ Exit codes: 0 both agree, 1 they do not, or an error, 2 command line, 77 skipped
 missing.
 """
 import argparse
-import glob
-import os
 import pathlib
-import re
 import statistics
 import subprocess
 import sys
 import tempfile
 import xml.etree.ElementTree
 
+from mitsuba_setup import enter_virtual_environment, find_llvm
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-MITSUBA = "mitsuba==3.9.1"
-OLDEST_LLVM = 16  # older ones abort inside Dr.Jit
-SKIPPED = 77
 
 ON_OBJECT = 0.99    # a pixel counts if at least so much of it shows the object
 FAMILY_WISE = 1e-3  # probability that a comparison fails by chance, for all of them together
-
-
-def skip(message):
-    print(f"check_mitsuba_export.py: skipped: {message}", file=sys.stderr)
-    sys.exit(SKIPPED)
 
 
 def material(text):
@@ -88,43 +79,9 @@ def parse_arguments():
     return arguments
 
 
-def enter_virtual_environment(folder):
-    """Continues this program in a virtual environment that has Mitsuba."""
-    if pathlib.Path(sys.prefix) == folder.resolve():
-        return
-    python = str(folder.resolve() / "bin/python")
-    try:
-        if not os.path.exists(python):
-            subprocess.run([sys.executable, "-m", "venv", "--system-site-packages", folder],
-                           check=True, stdout=sys.stderr)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check",
-                        MITSUBA, "numpy"], check=True, stdout=sys.stderr)
-    except (subprocess.CalledProcessError, OSError) as error:
-        skip(f"{MITSUBA} cannot be installed into {folder} ({error}); it needs python3-venv and a "
-             "package index")
-    os.execv(python, [python, *sys.argv])
-
-
-def find_llvm():
-    """Makes sure that Dr.Jit finds a libLLVM that it can use."""
-    def version(path):
-        found = re.search(r"libLLVM(?:-|\.so\.)(\d+)", os.path.basename(path))
-        return int(found[1]) if found else 0
-
-    if os.path.exists(os.environ.get("DRJIT_LIBLLVM_PATH", "")):
-        return
-    folders = ("/usr/lib", "/usr/lib/*", "/usr/lib/llvm-*/lib", "/usr/lib64")
-    newest = max((path for folder in folders for path in glob.glob(f"{folder}/libLLVM*.so*")),
-                 key=version, default="")
-    if version(newest) < OLDEST_LLVM:
-        skip(f"no libLLVM {OLDEST_LLVM} or later below /usr/lib: install Debian's libllvm19, or "
-             "set DRJIT_LIBLLVM_PATH")
-    os.environ["DRJIT_LIBLLVM_PATH"] = newest
-
-
 ARGUMENTS = parse_arguments()
 find_llvm()
-enter_virtual_environment(ARGUMENTS.venv)
+enter_virtual_environment(ARGUMENTS.venv, "numpy")
 
 import mitsuba as mi  # noqa: E402
 import numpy as np  # noqa: E402

@@ -17,7 +17,6 @@ missing.
 """
 import argparse
 import dataclasses
-import glob
 import hashlib
 import itertools
 import json
@@ -32,10 +31,9 @@ import sys
 import tempfile
 import time
 
+from mitsuba_setup import enter_virtual_environment, find_llvm
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-MITSUBA = "mitsuba==3.9.1"  # conventions of its environment maps changed between versions
-OLDEST_LLVM = 16            # older ones abort inside Dr.Jit
-SKIPPED = 77
 
 PARAMETERS = ("sigma_t", "albedo", "g")
 # Shape and (sigma_t, albedo, g). Thin to thick; the paper's materials.
@@ -52,11 +50,6 @@ TARGET_SEED = 2 ** 40   # apart from the repetitions' seeds
 ON_OBJECT = 0.99        # a pixel counts if at least so much of it shows the object
 TILE = 8                # side of the squares of pixels that are compared, in pixels
 FAMILY_WISE = 1e-3      # probability that a comparison fails by chance, for all of them together
-
-
-def skip(message):
-    print(f"compare_mitsuba.py: skipped: {message}", file=sys.stderr)
-    sys.exit(SKIPPED)
 
 
 # What must be there: arguments, Mitsuba, libLLVM.
@@ -101,42 +94,6 @@ def parse_arguments():
         parser.error(f"--worker-binary: {arguments.worker_binary} is not there; "
                      "deploy/build.sh builds it")
     return arguments
-
-
-def enter_virtual_environment(folder):
-    """Continues this program in a virtual environment that has Mitsuba."""
-    if pathlib.Path(sys.prefix) == folder.resolve():
-        return
-    python = str(folder.resolve() / "bin/python")
-    try:
-        if not os.path.exists(python):
-            subprocess.run([sys.executable, "-m", "venv", "--system-site-packages", folder],
-                           check=True, stdout=sys.stderr)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check",
-                        MITSUBA], check=True, stdout=sys.stderr)
-    except (subprocess.CalledProcessError, OSError) as error:
-        skip(f"{MITSUBA} cannot be installed into {folder} ({error}); it needs python3-venv and a "
-             "package index")
-    os.execv(python, [python, *sys.argv])
-
-
-def version_of_llvm(path):
-    """19 of libLLVM-19.so or libLLVM.so.19.1."""
-    found = re.search(r"libLLVM(?:-|\.so\.)(\d+)", os.path.basename(path))
-    return int(found[1]) if found else 0
-
-
-def find_llvm():
-    """Makes sure that Dr.Jit finds a libLLVM that it can use."""
-    if os.path.exists(os.environ.get("DRJIT_LIBLLVM_PATH", "")):
-        return
-    folders = ("/usr/lib", "/usr/lib/*", "/usr/lib/llvm-*/lib", "/usr/lib64")
-    newest = max((path for folder in folders for path in glob.glob(f"{folder}/libLLVM*.so*")),
-                 key=version_of_llvm, default="")
-    if version_of_llvm(newest) < OLDEST_LLVM:
-        skip(f"no libLLVM {OLDEST_LLVM} or later below /usr/lib: install Debian's libllvm19, or "
-             "set DRJIT_LIBLLVM_PATH")
-    os.environ["DRJIT_LIBLLVM_PATH"] = newest
 
 
 ARGUMENTS = parse_arguments()
