@@ -109,7 +109,8 @@ mi.set_variant("llvm_ad_mono")
 sys.path.insert(0, str(ROOT / "client/examples"))
 import itn_client  # noqa: E402
 
-itn_client.compile_protos(ARGUMENTS.proto)
+MODULES = tempfile.TemporaryDirectory()
+itn_client.compile_protos(ARGUMENTS.proto, MODULES.name)
 from itn.v1 import render_pb2, render_pb2_grpc, scene_pb2  # noqa: E402
 
 
