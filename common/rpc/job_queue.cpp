@@ -151,6 +151,11 @@ size_t JobQueue::running() const {
   return running_;
 }
 
+size_t JobQueue::waiting() const {
+  const std::lock_guard lock(mutex_);
+  return waiting_.size();
+}
+
 size_t JobQueue::free_places() const {
   const size_t places = capacity_ + thread_count_;
   return places - std::min(places, waiting_.size() + running_ + admitted_);

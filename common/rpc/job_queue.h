@@ -86,8 +86,9 @@ class JobQueue {
 
   bool full() const;
 
-  // Jobs that run now.
+  // Jobs that run now, and jobs that were submitted and do not run yet.
   size_t running() const;
+  size_t waiting() const;
 
  private:
   using Clock = std::chrono::steady_clock;

@@ -57,8 +57,9 @@ class CallDesk {
   // Whether a call that came now would be accepted, for a client that has not been here.
   bool can_take_work() const;
 
-  // Calls that are worked on now; others wait.
+  // Calls that are worked on now, and calls that were accepted and wait for a thread.
   size_t running() const { return queue_.running(); }
+  size_t waiting() const { return queue_.waiting(); }
 
  private:
   friend class QueuedCall;

@@ -29,8 +29,9 @@ class RenderServer : public ServiceServer<RenderService> {
 
   explicit RenderServer(const RenderServerOptions& options);
 
-  // Renders that are worked on now; others wait.
+  // Renders that are worked on now, and those that were accepted and wait.
   size_t running() const { return service().running(); }
+  size_t waiting() const { return service().waiting(); }
 };
 
 }  // namespace itn

@@ -44,6 +44,7 @@ class RenderService final
 
   bool can_take_work() const { return desk_.can_take_work(); }
   size_t running() const { return desk_.running(); }
+  size_t waiting() const { return desk_.waiting(); }
 
   // See CallDesk.
   bool drain(std::chrono::duration<double> patience) { return desk_.drain(patience); }
