@@ -19,6 +19,7 @@
 #include "client/json.h"
 #include "client/output.h"
 #include "client/render_pool/render_pool.h"
+#include "client/render_pool/reply_images.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
@@ -184,25 +185,8 @@ v1::RenderGradReply render(const RenderOptions& options, const RenderJob& job) {
 
 // ---- The file --------------------------------------------------------------------------------
 
-// The mean over all samples, of the means of the estimates: estimate k has the samples
-// k, k + K, k + 2 K, ... below spp.
-std::vector<float> mean_of_estimates(const v1::RenderGradReply& reply, uint32_t spp,
-                                     const auto& image_of) {
-  if (reply.estimates_size() == 1) return from_bytes<float>(image_of(reply.estimates(0)));
-  const uint32_t estimates = static_cast<uint32_t>(reply.estimates_size());
-  std::vector<double> sum(size_t{reply.width()} * reply.height());
-  for (uint32_t k = 0; k < estimates; ++k) {
-    const double samples = (spp - k + estimates - 1) / estimates;
-    const std::vector<float> image =
-        from_bytes<float>(image_of(reply.estimates(static_cast<int>(k))));
-    for (size_t i = 0; i < sum.size(); ++i) sum[i] += samples / spp * image[i];
-  }
-  return {sum.begin(), sum.end()};
-}
-
 void add_channels(const v1::RenderGradReply& reply, const RenderOptions& options, Image& image) {
-  image.channels["Y"] = mean_of_estimates(
-      reply, options.spp, [](const v1::Estimate& e) -> const std::string& { return e.radiance(); });
+  image.channels["Y"] = mean_radiance(reply, options.spp);
   const std::vector<std::string> derivatives = in_order_of_reply(options.derivatives);
   for (size_t d = 0; d < derivatives.size(); ++d) {
     image.channels[derivatives[d] + ".Y"] =
@@ -217,7 +201,7 @@ void add_channels(const v1::RenderGradReply& reply, const RenderOptions& options
     const v1::Estimate& estimate = reply.estimates(k);
     image.channels[fmt::format("estimate{}.Y", k)] = from_bytes<float>(estimate.radiance());
     for (size_t d = 0; d < derivatives.size(); ++d) {
-      image.channels[fmt::format("estimate{}.{}.Y", k, derivatives[d])] =
+      image.channels[estimate_channel(k, derivatives[d])] =
           from_bytes<float>(estimate.derivatives(static_cast<int>(d)));
     }
   }

@@ -52,7 +52,7 @@ struct TrainOptions {
   std::string config;  // file
   bool print_config = false;
   std::string loss, parameterization, distribution, exposure, architecture, schedule, precision,
-      optimizer;
+      optimizer, image_term, image_weights;
   std::string init;
   std::string model_name, model_version;
   uint32_t resolution = 0;
@@ -142,18 +142,36 @@ class Flags {
     if (given("--estimates")) config.set_estimates(options_.estimates);
     if (given("--pilot-spp")) config.set_pilot_spp(options_.pilot_spp);
     if (options_.lambda) config.set_lambda(*options_.lambda);
-    if (config.loss() != v1::TrainingConfig::ITN) {  // nothing of the image term
-      config.clear_spp();
-      config.clear_estimates();
-      config.clear_pilot_spp();
-      config.clear_lambda();
+    if (given("--image-term")) {
+      config.set_image_term(options_.image_term == "linear" ? v1::TrainingConfig::LINEAR
+                                                            : v1::TrainingConfig::RENDERED);
     }
+    if (given("--image-weights")) {
+      config.set_image_weights(options_.image_weights == "uniform"
+                                   ? v1::TrainingConfig::UNIFORM
+                                   : v1::TrainingConfig::WEIGHT_MAP);
+    }
+    clear_what_is_of_another_loss(config);
     set_augmentation(*config.mutable_augmentation());
     set_stream(config);
     return config;
   }
 
  private:
+  static void clear_what_is_of_another_loss(v1::TrainingConfig& config) {
+    const bool itn = config.loss() == v1::TrainingConfig::ITN;
+    if (!itn) {
+      config.clear_lambda();
+      config.clear_image_term();
+      config.clear_image_weights();
+    }
+    if (!itn || config.image_term() == v1::TrainingConfig::LINEAR) {  // nothing is rendered
+      config.clear_spp();
+      config.clear_estimates();
+      config.clear_pilot_spp();
+    }
+  }
+
   // What belongs together, unless it is said in particular: a residual network takes ratios and
   // answers a Gaussian, the paper's takes luminance and weight map and answers a point.
   void set_network(v1::TrainingConfig& config) const {
@@ -542,8 +560,10 @@ void train_with_dataset(Training& training) {
   });
   // Train.
   std::optional<RenderPool> pool;
-  ImageTerm image_term;
-  if (config.loss() == v1::TrainingConfig::ITN) {
+  ImageTermSource image_term;
+  if (config.image_term() == v1::TrainingConfig::LINEAR) {
+    image_term = image_metrics(images, config.image_weights(), interruption());
+  } else if (config.loss() == v1::TrainingConfig::ITN) {
     pool.emplace(options.workers.pool_options());
     image_term = rendered_image_term(
         *pool,
@@ -782,6 +802,18 @@ void add_train_command(CLI::App& app) {
                    "Decay of the running mean of the weights, which is what the model predicts "
                    "with; 0: the weights of the last step; default: 0 (paper), 0.999")
       ->check(number_in(0.0, 0.999999));
+  command
+      ->add_option(
+          "--image-term", options->image_term,
+          "Of the ITN loss. rendered: each prediction is rendered in each step; linear: the "
+          "dataset's derivative images say how far its image is (itn dataset "
+          "--derivatives), and nothing is rendered. Default: rendered")
+      ->check(one_of({"rendered", "linear"}));
+  command
+      ->add_option("--image-weights", options->image_weights,
+                   "How pixels count in the image term. map: most near edges; uniform: all of the "
+                   "object alike. Default: map")
+      ->check(one_of({"map", "uniform"}));
   command->add_option("--spp", options->spp, "Samples per pixel of each render (itn); default 256")
       ->check(kSppRange);
   command

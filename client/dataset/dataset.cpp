@@ -6,10 +6,10 @@
 #include <fmt/format.h>
 
 #include "client/dataset/item_scene.h"
+#include "client/render_pool/reply_images.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
 #include "common/image/attributes.h"
-#include "common/image/image.h"
 #include "common/scene/text_proto.h"
 
 namespace itn {
@@ -32,10 +32,10 @@ const Number* attribute_of(const Image& image, const char* name) {
 
 std::string item_digest(const v1::DatasetConfig& config, const v1::DatasetShape& shape,
                         const v1::DatasetPanorama* panorama, const v1::DatasetItem& item) {
-  return to_hex(
-      sha256(fmt::format("{}{}{} {} {} {}", item.SerializeAsString(), shape.sha256(),
-                         panorama == nullptr ? "" : " " + panorama->sha256(), config.resolution(),
-                         config.spp(), config.noise().SerializeAsString())));
+  return to_hex(sha256(fmt::format(
+      "{}{}{} {} {} {}{}", item.SerializeAsString(), shape.sha256(),
+      panorama == nullptr ? "" : " " + panorama->sha256(), config.resolution(), config.spp(),
+      config.noise().SerializeAsString(), config.derivatives() ? " derivatives" : "")));
 }
 
 std::string to_text(const v1::Dataset& manifest) {
@@ -142,7 +142,7 @@ std::vector<const v1::DatasetItem*> DatasetReader::items(v1::Split split) const 
   return result;
 }
 
-DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
+Image DatasetReader::file_of(const v1::DatasetItem& item) const {
   const fs::path path = path_inside(folder_, item.file());
   if (!fs::exists(path)) {
     throw Error(ErrorKind::kIo,
@@ -150,19 +150,39 @@ DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
                             "continues it",
                             path.string()));
   }
-  const Image image = read_exr(path);
+  Image image = read_exr(path);
   const auto digest = image.attributes.find(attribute::kItem);
   require(digest != image.attributes.end() && digest->second == Attribute(this->digest(item)) &&
               image.width == resolution() && image.height == resolution(),
           fmt::format("{} is not the image that the manifest describes", path.string()));
+  return image;
+}
+
+DatasetImage DatasetReader::image(const v1::DatasetItem& item) const {
+  const Image image = file_of(item);
   const auto* noise = attribute_of<double>(image, attribute::kRelativeNoise);
   const auto* spp = attribute_of<int>(image, attribute::kSpp);
   require(noise != nullptr && spp != nullptr,
-          fmt::format("{} does not say how noisy it is", path.string()));
-  require(*noise >= 0,
-          fmt::format("{} says a relative noise of {}; it must be >= 0", path.string(), *noise));
+          fmt::format("{} does not say how noisy it is", (folder_ / item.file()).string()));
+  require(*noise >= 0, fmt::format("{} says a relative noise of {}; it must be >= 0",
+                                   (folder_ / item.file()).string(), *noise));
   return {image.channel("Y"), image.channel("mask.Y"), image.channel("stderr.Y"), *noise,
           static_cast<uint32_t>(*spp)};
+}
+
+DerivativeImages DatasetReader::derivatives(const v1::DatasetItem& item) const {
+  require(manifest_.config().derivatives(),
+          fmt::format("{} has no derivative images; itn dataset --derivatives makes one that has",
+                      folder_.string()));
+  Image image = file_of(item);
+  DerivativeImages derivatives;
+  for (int k = 0; k < kDerivativeEstimates; ++k) {
+    for (size_t i = 0; i < 3; ++i) {
+      derivatives[static_cast<size_t>(k)][i] =
+          image.channel(estimate_channel(k, kMaterialParameters[i]));
+    }
+  }
+  return derivatives;
 }
 
 std::string DatasetReader::digest(const v1::DatasetItem& item) const {

@@ -1,6 +1,7 @@
 // A dataset on disk: reading it back.
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -8,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/image/image.h"
 #include "common/scene/scene_bytes.h"
 #include "itn/v1/dataset.pb.h"
 
@@ -65,9 +67,15 @@ class RecentParts {
   size_t bytes_ = 0;
 };
 
+// Independent estimates of d radiance / d (sigma_t, albedo, g), in this order: resolution x
+// resolution each.
+inline constexpr int kDerivativeEstimates = 2;
+inline constexpr std::array<const char*, 3> kMaterialParameters = {"sigma_t", "albedo", "g"};
+using DerivativeImages = std::array<std::array<std::vector<float>, 3>, kDerivativeEstimates>;
+
 // A dataset on disk. What it has in memory is the manifest and some shapes and
 // panoramas, however many there are.
-// Not thread-safe, but for image().
+// Not thread-safe, but for image() and derivatives().
 class DatasetReader {
  public:
   // `folder` holds the manifest. Throws as read_manifest().
@@ -84,6 +92,9 @@ class DatasetReader {
   // of this item, and as read_exr().
   DatasetImage image(const v1::DatasetItem& item) const;
 
+  // Of a dataset that has them (Error, invalid input, otherwise); throws as image().
+  DerivativeImages derivatives(const v1::DatasetItem& item) const;
+
   // What the header of the item's image must say.
   std::string digest(const v1::DatasetItem& item) const;
 
@@ -92,6 +103,8 @@ class DatasetReader {
   std::shared_ptr<const SerializedScene> scene(const v1::DatasetItem& item);
 
  private:
+  // Its file, which is that of this item.
+  Image file_of(const v1::DatasetItem& item) const;
   const v1::DatasetPanorama* panorama_of(const v1::DatasetItem& item) const;  // null without
 
   std::filesystem::path folder_;

@@ -204,6 +204,8 @@ void require_fraction(const char* name, double fraction) {
 }
 
 void validate_samples(const v1::DatasetConfig& config) {
+  require(!config.derivatives() || config.has_noise() || config.spp() >= 2,
+          "derivatives are estimated from two halves of the samples: spp must be 2 at least");
   if (!config.has_noise()) {
     require(config.spp() >= 1 && config.spp() <= 1 << 20,
             fmt::format("spp is {}; spp must be 1 at least, {} at most", config.spp(), 1 << 20));

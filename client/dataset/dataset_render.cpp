@@ -17,6 +17,7 @@
 #include "client/dataset/item_renderer.h"
 #include "client/dataset/noise.h"
 #include "client/render_pool/render_wait.h"
+#include "client/render_pool/reply_images.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/folder_lock.h"
@@ -144,7 +145,8 @@ bool is_rendered(const DatasetReader& dataset, const v1::DatasetItem& item, cons
 // Items whose scenes are the same and whose materials differ in the albedo alone: one walk renders
 // them all. The first has the largest albedo. A group follows from the manifest, not from what is
 // missing, so that images do not depend on what was rendered when. With a noise target there are
-// none: each image has samples of its own.
+// none: each image has samples of its own. Nor are there with derivatives, which a walk has of one
+// albedo.
 using Group = std::vector<const v1::DatasetItem*>;
 
 // What the items of a group have in common.
@@ -157,7 +159,7 @@ std::string group_key(v1::DatasetItem item) {
 
 std::vector<Group> groups_of(const v1::Dataset& manifest) {
   const bool is_grid = manifest.config().materials().sampling() == v1::MaterialChoice::GRID;
-  const bool shared = is_grid && !manifest.config().has_noise();
+  const bool shared = is_grid && !manifest.config().has_noise() && !manifest.config().derivatives();
   std::unordered_map<std::string, size_t> open;
   std::vector<Group> groups;
   for (const v1::DatasetItem& item : manifest.items()) {
@@ -202,19 +204,29 @@ std::map<std::string, Attribute> attributes_of(const v1::DatasetItem& item) {
   return attributes;
 }
 
+void add_derivatives(const v1::RenderGradReply& reply, Image& image) {
+  for (int k = 0; k < kDerivativeEstimates; ++k) {
+    for (int i = 0; i < 3; ++i) {
+      image.channels[estimate_channel(k, kMaterialParameters[static_cast<size_t>(i)])] =
+          from_bytes<float>(reply.estimates(k).derivatives(i));
+    }
+  }
+}
+
 // The image of the group's item number `member`. The noise is that of the first one's; those of
 // lower albedos have less.
 Image image_of(const DatasetReader& dataset, const Group& group, size_t member, uint32_t spp,
                const v1::RenderGradReply& reply) {
   const v1::DatasetItem& item = *group[member];
-  const v1::Estimate& estimate = reply.estimates(0);
   Image image;
   image.width = static_cast<int>(reply.width());
   image.height = static_cast<int>(reply.height());
-  image.channels["Y"] = from_bytes<float>(
-      member == 0 ? estimate.radiance() : estimate.at_albedos(static_cast<int>(member) - 1));
+  image.channels["Y"] =
+      member == 0 ? mean_radiance(reply, spp)
+                  : from_bytes<float>(reply.estimates(0).at_albedos(static_cast<int>(member) - 1));
   image.channels["mask.Y"] = from_bytes<float>(reply.mask());
   image.channels["stderr.Y"] = from_bytes<float>(reply.standard_error());
+  if (dataset.manifest().config().derivatives()) add_derivatives(reply, image);
   image.attributes = attributes_of(item);
   image.attributes[attribute::kSeed] = std::to_string(group.front()->seed());
   image.attributes[attribute::kSpp] = static_cast<int>(spp);
@@ -276,6 +288,13 @@ RenderJob render_job(std::shared_ptr<const SerializedScene> scene, const v1::Dat
   job.request.set_seed(item.seed());
   job.request.set_pixels(v1::OBJECT_PIXELS);
   return job;
+}
+
+void ask_for_derivatives(RenderJob& job) {
+  job.request.set_estimates(kDerivativeEstimates);
+  for (const v1::Parameter parameter : {v1::SIGMA_T, v1::ALBEDO, v1::G}) {
+    job.request.add_derivatives(parameter);
+  }
 }
 
 RenderJob pilot_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,

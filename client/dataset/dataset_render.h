@@ -29,6 +29,9 @@ void require_same_config(const v1::Dataset& there, const v1::DatasetConfig& want
 RenderJob render_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,
                      uint32_t spp);
 
+// The images that `derivatives` in DatasetConfig asks for, beside those that the job has.
+void ask_for_derivatives(RenderJob& job);
+
 // The coarse render by which the samples of an item are chosen (noise.h), with random numbers of
 // its own.
 RenderJob pilot_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,

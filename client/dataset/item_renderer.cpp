@@ -55,6 +55,7 @@ void ItemRenderer::submit(Work work, uint32_t spp) {
   for (const double albedo : work.albedos) {
     job.request.add_albedos(albedo);
   }
+  if (config_.derivatives()) ask_for_derivatives(job);
   work.scene.reset();  // the job has it
   pending_.push_back({std::move(work), spp, pool_.submit(std::move(job))});
 }

@@ -8,6 +8,7 @@
 
 #include <torch/torch.h>
 
+#include "client/training/image_metric.h"
 #include "client/training/image_term.h"
 #include "client/training/training_set.h"
 #include "common/learning/parameterization.h"
@@ -62,7 +63,7 @@ class ImageLoss final : public Loss {
  public:
   // What is referred to must outlive it. `seed`: of the renders.
   ImageLoss(const OutputSpace& space, const LabelledImages& images, ImageTerm image_term,
-            uint64_t seed);
+            v1::TrainingConfig::ImageWeights weights, uint64_t seed);
 
   LossTerm evaluate(const Batch& batch, const torch::Tensor& outputs) override;
 
@@ -70,7 +71,23 @@ class ImageLoss final : public Loss {
   const OutputSpace& space_;
   const LabelledImages& images_;
   ImageTerm image_term_;
+  v1::TrainingConfig::ImageWeights weights_;
   uint64_t seed_;
+};
+
+// The same distance to second order around the truth: d^T M d, where d is how far the first three
+// outputs are from those of the truth. M is that of image_metric.h, in the outputs' coordinates;
+// directions in which its noise has made it negative count nothing. Renders nothing.
+class LinearImageLoss final : public Loss {
+ public:
+  // `metrics`: by the number of the item, in sigma_t, albedo and g.
+  LinearImageLoss(const OutputSpace& space, const LabelledImages& images,
+                  std::span<const ImageMetric> metrics);
+
+  LossTerm evaluate(const Batch& batch, const torch::Tensor& outputs) override;
+
+ private:
+  torch::Tensor metrics_;  // items x 3 x 3
 };
 
 // A loss that torch can differentiate in the place of one that it cannot: its value means nothing;

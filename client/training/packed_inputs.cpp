@@ -1,13 +1,8 @@
 #include "client/training/packed_inputs.h"
 
-#include <algorithm>
-#include <atomic>
-#include <exception>
-#include <mutex>
-#include <thread>
 #include <vector>
 
-#include "common/error.h"
+#include "client/training/in_parallel.h"
 
 namespace itn {
 
@@ -18,38 +13,12 @@ PackedInputs::PackedInputs(const LabelledImages& images, const PackedFormat& for
 }
 
 void PackedInputs::pack(const LabelledImages& images, const std::stop_token& stop) {
-  const size_t count = images.items.size();
-  std::vector<ObjectSums> sums(count);
-  std::atomic<size_t> next = 0;
-  std::mutex mutex;
-  std::exception_ptr failure;
-  const auto pack_some = [&] {
-    for (size_t i = next++; i < count; i = next++) {
-      if (stop.stop_requested()) {
-        throw Error(ErrorKind::kCancelled, "interrupted");
-      }
-      const DatasetImage image = images.read(i);
-      sums[i] = object_sums(image);
-      packed_.put(i, images.resolution, image);
-    }
-  };
-  {
-    std::vector<std::jthread> threads;
-    for (unsigned t = 0; t < std::max(1U, std::thread::hardware_concurrency()); ++t) {
-      threads.emplace_back([&] {
-        try {
-          pack_some();
-        } catch (...) {
-          const std::lock_guard lock(mutex);
-          failure = std::current_exception();
-          next = count;
-        }
-      });
-    }
-  }
-  if (failure) {
-    std::rethrow_exception(failure);
-  }
+  std::vector<ObjectSums> sums(images.items.size());
+  in_parallel(sums.size(), stop, [&](size_t i) {
+    const DatasetImage image = images.read(i);
+    sums[i] = object_sums(image);
+    packed_.put(i, images.resolution, image);
+  });
   // In the order of the images, so that the last bits are always the same.
   mean_radiance_ = itn::mean_radiance(sums);
 }

@@ -47,6 +47,7 @@ void complete(v1::Stream& stream, uint32_t batch) {
   set_defaults(images);
   require(images.materials().sampling() != v1::MaterialChoice::GRID,
           "a grid of materials ends; a stream does not");
+  require(!images.derivatives(), "a stream holds no derivative images");
   if (!images.shapes().has_random()) {
     v1::RandomShapes& shapes = *images.mutable_shapes()->mutable_random();
     shapes.set_count(2);  // of no account, but checked

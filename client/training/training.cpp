@@ -192,13 +192,18 @@ void validate(const v1::TrainingConfig& config) {
           "max_gradient_norm must be >= 0");
   require(config.weight_average_decay() >= 0 && config.weight_average_decay() < 1,
           "weight_average_decay must be in [0, 1)");
-  if (config.loss() == v1::TrainingConfig::ITN) {
+  require(v1::TrainingConfig::ImageTerm_IsValid(config.image_term()),
+          "image_term must be RENDERED or LINEAR");
+  require(v1::TrainingConfig::ImageWeights_IsValid(config.image_weights()),
+          "image_weights must be WEIGHT_MAP or UNIFORM");
+  require(!config.has_lambda() || (config.lambda() >= 0 && std::isfinite(config.lambda())),
+          "lambda must be >= 0");
+  if (config.loss() == v1::TrainingConfig::ITN &&
+      config.image_term() != v1::TrainingConfig::LINEAR) {
     require(config.estimates() >= 2 && config.estimates() <= 16,
             "estimates must be in [2, 16]: products of one estimate with itself are biased");
     require(config.spp() >= config.estimates(), "spp must be as large as estimates at least");
     require(config.pilot_spp() <= 64, "pilot_spp must be in [0, 64]");
-    require(!config.has_lambda() || (config.lambda() >= 0 && std::isfinite(config.lambda())),
-            "lambda must be >= 0");
   }
 }
 
@@ -222,14 +227,19 @@ Trainer::Trainer(v1::TrainingConfig config, std::unique_ptr<Batches> batches,
 }
 
 Trainer::Trainer(v1::TrainingConfig config, const LabelledImages& images,
-                 const PackedInputs& inputs, const v1::Model& start, ImageTerm image_term)
+                 const PackedInputs& inputs, const v1::Model& start, ImageTermSource image_term)
     : Trainer(
           config,
           std::make_unique<DatasetBatches>(images, inputs, derive_seed(config.seed(), {kOrder})),
           start) {
-  if (config.loss() == v1::TrainingConfig::ITN) {
-    image_loss_ = std::make_unique<ImageLoss>(space_, images, std::move(image_term),
-                                              derive_seed(config.seed(), {kRenders}));
+  if (config.loss() != v1::TrainingConfig::ITN) return;
+  if (config.image_term() == v1::TrainingConfig::LINEAR) {
+    image_loss_ = std::make_unique<LinearImageLoss>(space_, images,
+                                                    std::get<std::vector<ImageMetric>>(image_term));
+  } else {
+    image_loss_ =
+        std::make_unique<ImageLoss>(space_, images, std::get<ImageTerm>(std::move(image_term)),
+                                    config.image_weights(), derive_seed(config.seed(), {kRenders}));
   }
 }
 

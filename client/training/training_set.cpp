@@ -45,6 +45,9 @@ LabelledImages images_of(DatasetReader& dataset, v1::Split split) {
     images.truth.push_back(from_proto(item->material()));
   }
   images.read = [&dataset, items = images.items](size_t i) { return dataset.image(*items.at(i)); };
+  images.derivatives = [&dataset, items = images.items](size_t i) {
+    return dataset.derivatives(*items.at(i));
+  };
   images.scene = [&dataset, items = images.items](size_t i) { return dataset.scene(*items.at(i)); };
   return images;
 }

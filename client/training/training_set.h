@@ -16,9 +16,11 @@ struct LabelledImages {
   int resolution = 0;
   std::vector<const v1::DatasetItem*> items;
   std::vector<Material> truth;
-  // By the number of the item. Images are read when they are asked for, and not kept. `read` may be
-  // called from several threads at a time, `scene` may not; they throw as DatasetReader does.
+  // By the number of the item. Images are read when they are asked for, and not kept. `read` and
+  // `derivatives` may be called from several threads at a time, `scene` may not; they throw as
+  // DatasetReader does.
   std::function<DatasetImage(size_t)> read;
+  std::function<DerivativeImages(size_t)> derivatives;
   std::function<std::shared_ptr<const SerializedScene>(size_t)> scene;
 };
 

@@ -264,6 +264,14 @@ Material OutputSpace::material(const Triple& output) const {
       clamp(as_triple(from_coordinates(parameterization_, inside, g_)), material_box_));
 }
 
+Jacobian OutputSpace::output_jacobian(const Material& material) const {
+  Jacobian j = jacobian(parameterization_, to_coordinates(parameterization_, material, g_), g_);
+  for (Triple& row : j) {
+    for (size_t k = 0; k < 3; ++k) row[k] *= standard_deviation_[k];
+  }
+  return j;
+}
+
 Triple OutputSpace::output_gradient(const Triple& output, const Triple& material_gradient) const {
   const Triple raw = coordinates(output);
   const Triple inside = clamp(raw, coordinate_box_);

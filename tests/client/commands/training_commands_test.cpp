@@ -320,6 +320,21 @@ TEST_F(TrainingCommands, AStreamThatIsResumedIsValidatedAsBefore) {
   EXPECT_THAT(validated(), ElementsAre(3, 4, 6, 8, 9));
 }
 
+TEST_F(TrainingCommands, ALinearImageTermNeedsDerivativeImages) {
+  const Arguments linear = {"--loss", "itn", "--image-term", "linear", "--steps", "3"};
+  const Finished refused = run(train(folder_.path("run"), linear));
+  EXPECT_EQ(refused.exit_code, 3);
+  EXPECT_THAT(refused.errors, HasSubstr("has no derivative images; itn dataset --derivatives"));
+  const std::string data = folder_.path("data");
+  const Finished dataset = run({ITN, "dataset", data, "--count", "6", "--resolution", "16", "--spp",
+                                "2", "--test-shapes", "cube", "--derivatives"});
+  ASSERT_EQ(dataset.exit_code, 0) << dataset.errors;
+  const Finished trained = run(Arguments{ITN, "train", data, "-o", folder_.path("linear")} +
+                               linear + Arguments{"--batch", "2", "--base-channels", "1"});
+  EXPECT_EQ(trained.exit_code, 0) << trained.errors;
+  EXPECT_THAT(trained.output, HasSubstr("image loss"));
+}
+
 TEST_F(TrainingCommands, ADatasetIsValidatedOnItsOwnSplit) {
   const Finished finished = run(
       train(folder_.path("run"), {"--steps", "1", "--validation-dataset", shared_->path("data")}));

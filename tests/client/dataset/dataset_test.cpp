@@ -55,6 +55,41 @@ TEST_F(DatasetFolder, ReadsBackWithTruthAndScene) {
   EXPECT_EQ(again, image.radiance);
 }
 
+TEST_F(DatasetFolder, HoldsDerivativeImagesOfTwoHalvesOfTheSamples) {
+  v1::DatasetConfig config = small_config();
+  config.set_spp(5);  // three and two
+  config.set_derivatives(true);
+  render(plan_dataset(config, few_shapes()));
+  DatasetReader reader(folder_);
+  const v1::DatasetItem& item = *reader.items(v1::SPLIT_TEST)[0];
+  RenderPool pool({});
+  RenderJob job = render_job(reader.scene(item), item, 5);
+  job.request.set_estimates(2);
+  for (const v1::Parameter p : {v1::SIGMA_T, v1::ALBEDO, v1::G}) job.request.add_derivatives(p);
+  const v1::RenderGradReply reply = pool.submit(job).get();
+  const DerivativeImages derivatives = reader.derivatives(item);
+  for (int k = 0; k < 2; ++k) {
+    for (int i = 0; i < 3; ++i) {
+      EXPECT_EQ(derivatives.at(static_cast<size_t>(k)).at(static_cast<size_t>(i)),
+                from_bytes<float>(reply.estimates(k).derivatives(i)));
+    }
+  }
+  // The image is the mean of all samples.
+  const DatasetImage image = reader.image(item);
+  const auto three = from_bytes<float>(reply.estimates(0).radiance());
+  const auto two = from_bytes<float>(reply.estimates(1).radiance());
+  for (size_t p = 0; p < three.size(); ++p) {
+    ASSERT_NEAR(image.radiance[p], (3 * three[p] + 2 * two[p]) / 5, 1e-5F * image.radiance[p]);
+  }
+}
+
+TEST_F(DatasetFolder, WithoutDerivativeImagesSaysHowToHaveThem) {
+  render(plan_);
+  DatasetReader reader(folder_);
+  expect_error(ErrorKind::kInvalidInput, "itn dataset --derivatives",
+               [&] { reader.derivatives(*reader.items(v1::SPLIT_TEST)[0]); });
+}
+
 TEST_F(DatasetFolder, ContinuesWhereItWasStopped) {
   render(plan_);
   const auto whole = files();

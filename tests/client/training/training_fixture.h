@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <numeric>
@@ -81,6 +82,12 @@ class TrainingTest : public testing::Test {
         image.standard_error.push_back(0.02F * image.radiance[p]);
       }
       return image;
+    };
+    images_.derivatives = [this](size_t i) {
+      const RenderEstimate exact = render(images_.truth[i], 0, 0);
+      DerivativeImages images;
+      for (auto& estimate : images) std::ranges::copy(exact.derivatives, estimate.begin());
+      return images;
     };
     images_.scene = [](size_t) { return nullptr; };
     std::filesystem::create_directories(folder_);
