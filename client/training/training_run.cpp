@@ -251,8 +251,8 @@ void require_same_config(const v1::TrainingState& there, v1::TrainingConfig want
 }
 
 TrainingEnd train(const v1::TrainingConfig& config, const LabelledImages& images,
-                  const PackedInputs& inputs, const v1::Model& start, const ImageTermSource& image_term,
-                  const TrainingRun& run) {
+                  const PackedInputs& inputs, const v1::Model& start,
+                  const ImageTermSource& image_term, const TrainingRun& run) {
   return train_with(config, start, run, [&](const v1::Model& from) {
     return Trainer(config, images, inputs, from, image_term);
   });

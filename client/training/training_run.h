@@ -44,8 +44,8 @@ struct TrainingEnd {
 // (invalid input). The same if the folder's run is of another configuration (says what differs;
 // `steps` may).
 TrainingEnd train(const v1::TrainingConfig& config, const LabelledImages& images,
-                  const PackedInputs& inputs, const v1::Model& start, const ImageTermSource& image_term,
-                  const TrainingRun& run);
+                  const PackedInputs& inputs, const v1::Model& start,
+                  const ImageTermSource& image_term, const TrainingRun& run);
 
 // Likewise from any source of images.
 TrainingEnd train(const v1::TrainingConfig& config, std::unique_ptr<Batches> batches,
