@@ -39,16 +39,18 @@ inline std::string as_model_name(std::string text) {
 struct WorkerFlags {
   std::vector<std::string> workers;
   int threads = 0;
+  uint64_t cache_mb = RenderPoolOptions{}.embedded_cache_bytes >> 20;
 
   RenderPoolOptions pool_options() const {
     RenderPoolOptions options;
     options.workers = workers;
     options.embedded_threads = threads;
+    options.embedded_cache_bytes = cache_mb << 20;
     return options;
   }
 };
 
-// --workers HOST:PORT,... and --threads.
+// --workers HOST:PORT,..., --threads and --cache-mb.
 inline void add_worker_flags(CLI::App& app, WorkerFlags& flags) {
   app.add_option("--workers", flags.workers,
                  "Render workers, HOST:PORT, separated by commas; none: render in this process")
@@ -57,6 +59,11 @@ inline void add_worker_flags(CLI::App& app, WorkerFlags& flags) {
   app.add_option("--threads", flags.threads,
                  "Threads to render with in this process; 0: one per processor")
       ->check(number_in(0, 4096))
+      ->capture_default_str();
+  app.add_option("--cache-mb", flags.cache_mb,
+                 "Memory for scenes that are rendered in this process, in MiB. A training with "
+                 "rendered image terms is faster if all its shapes fit: about 2 MiB each")
+      ->check(number_in(0, 1 << 20))
       ->capture_default_str();
 }
 

@@ -69,6 +69,7 @@ class RenderPool::Impl {
       RenderServerOptions options;
       options.reflection = false;
       options.service.threads = options_.embedded_threads;
+      options.service.cache_bytes = options_.embedded_cache_bytes;
       embedded_ = std::make_unique<RenderServer>(options);
       connections_.push_back(std::make_unique<WorkerConnection>(embedded_->in_process_channel()));
     }

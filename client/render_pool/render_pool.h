@@ -20,6 +20,8 @@ struct RenderPoolOptions {
   std::vector<std::string> workers;
   // Threads of the embedded worker; 0: all.
   int embedded_threads = 0;
+  // What it keeps of scenes for later renders, like --cache-mb of a worker.
+  size_t embedded_cache_bytes = size_t{512} << 20;
   // Of one attempt.
   std::chrono::milliseconds deadline = std::chrono::minutes(10);
   // How long the constructor waits for the first worker to answer.
