@@ -103,17 +103,12 @@ void add_image_errors(const EvaluateOptions& options, const LabelledImages& imag
   Progress progress("rerender", "images", chosen.size() * candidates.size());
   uint64_t done = 0;
   for (size_t c = 0; c < candidates.size(); ++c) {
-    double sum = 0;
-    for (const size_t i : chosen) {
-      const std::vector<float> rendered =
-          rerender(dataset, pool, *images.items[i], candidates[c].predictions[i], options.spp,
-                   interruption());
-      const DatasetImage image = images.read(i);
-      sum += relative_image_error(image.radiance, rendered, image.mask);
-      progress.update(++done);
-    }
-    evaluation.mutable_rows(static_cast<int>(c))
-        ->set_image(sum / static_cast<double>(chosen.size()));
+    const ImageErrors errors = image_errors(
+        dataset, pool, images, chosen, candidates[c].predictions, options.spp,
+        [&] { progress.update(++done); }, interruption());
+    v1::Evaluation::Row& row = *evaluation.mutable_rows(static_cast<int>(c));
+    row.set_image(errors.relative);
+    row.set_dissimilarity(errors.dissimilarity);
   }
   progress.finish();
   evaluation.set_rerendered(static_cast<uint32_t>(chosen.size()));
@@ -147,6 +142,9 @@ void print_details(const v1::Evaluation::Row& row) {
                with_interval(row.relative().sigma_t(), row.relative_sigma_t()),
                with_interval(row.relative().albedo(), row.relative_albedo()),
                with_interval(row.relative().g(), row.relative_g()));
+  print_result(
+      "  RMSE: ln sigma_t {:.3f}, sigma_a {:.2f}, sigma_s {:.1f}, sigma_s (1 - g) {:.1f} 1/mm\n",
+      row.ln_sigma_t(), row.sigma_a(), row.sigma_s(), row.sigma_s_reduced());
   print_result("  median relative error: sigma_t {:.1f} %, sigma_s (1 - g) {:.1f} %\n",
                100 * row.median_relative_sigma_t(), 100 * row.median_relative_sigma_s_reduced());
   if (row.has_log_likelihood()) {
@@ -186,19 +184,20 @@ void print_details(const v1::Evaluation::Row& row) {
 void print(const v1::Evaluation& evaluation) {
   print_result("RMSE over {} {} images{}\n", evaluation.items(), evaluation.split(),
                evaluation.rerendered() > 0
-                   ? fmt::format("; relative image error over {} of them", evaluation.rerendered())
+                   ? fmt::format("; relative error and dissimilarity of the image over {} of them",
+                                 evaluation.rerendered())
                    : "");
   size_t width = 0;
   for (const v1::Evaluation::Row& row : evaluation.rows()) {
     width = std::max(width, row.name().size());
   }
   print_result("{:{}}  {:>14}  {:>7}  {:>7}{}\n", "", width, "sigma_t [1/mm]", "albedo", "g",
-               evaluation.rerendered() > 0 ? "    image" : "");
+               evaluation.rerendered() > 0 ? "    image  1-MS-SSIM" : "");
   for (const v1::Evaluation::Row& row : evaluation.rows()) {
     print_result("{:{}}  {:14.2f}  {:7.4f}  {:7.4f}", row.name(), width, row.sigma_t(),
                  row.albedo(), row.g());
     if (row.has_image()) {
-      print_result("  {:7.4f}", row.image());
+      print_result("  {:7.4f}  {:9.4f}", row.image(), row.dissimilarity());
     }
     print_result("\n");
   }

@@ -11,6 +11,7 @@
 #include "client/training/augmentation.h"
 #include "client/training/noise_map.h"
 #include "common/error.h"
+#include "common/image/ms_ssim.h"
 #include "common/random.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
@@ -209,14 +210,20 @@ std::vector<Material> constant_predictions(const LabelledImages& images) {
 
 void set_errors(std::span<const Material> predictions, const LabelledImages& images,
                 v1::Evaluation::Row& row) {
-  Triple squares{};
-  for (size_t i = 0; i < predictions.size(); ++i) {
-    add(squared_error(predictions[i], images.truth[i]), squares);
-  }
-  const Triple errors = root_mean(squares, predictions.size());
-  row.set_sigma_t(errors[0]);
-  row.set_albedo(errors[1]);
-  row.set_g(errors[2]);
+  const auto rmse = [&](const auto& quantity) {
+    double squares = 0;
+    for (size_t i = 0; i < predictions.size(); ++i) {
+      squares += std::pow(quantity(predictions[i]) - quantity(images.truth[i]), 2);
+    }
+    return std::sqrt(squares / static_cast<double>(predictions.size()));
+  };
+  row.set_sigma_t(rmse([](const Material& m) { return m.sigma_t; }));
+  row.set_albedo(rmse([](const Material& m) { return m.albedo; }));
+  row.set_g(rmse([](const Material& m) { return m.g; }));
+  row.set_ln_sigma_t(rmse([](const Material& m) { return std::log(m.sigma_t); }));
+  row.set_sigma_a(rmse([](const Material& m) { return m.sigma_a(); }));
+  row.set_sigma_s(rmse([](const Material& m) { return m.sigma_s(); }));
+  row.set_sigma_s_reduced(rmse([](const Material& m) { return m.sigma_s_reduced(); }));
 }
 
 Triple relative_errors(std::span<const Material> predictions, const LabelledImages& images) {
@@ -309,6 +316,23 @@ std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::
   std::future<v1::RenderGradReply> future = pool.submit(std::move(job));
   const v1::RenderGradReply reply = wait_for_render(future, stop);
   return from_bytes<float>(reply.estimates(0).radiance());
+}
+
+ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const LabelledImages& images,
+                         std::span<const uint32_t> chosen, std::span<const Material> predictions,
+                         uint32_t spp, const std::function<void()>& progress,
+                         std::stop_token stop) {
+  ImageErrors errors;
+  const auto count = static_cast<double>(chosen.size());
+  for (const uint32_t i : chosen) {
+    const std::vector<float> rendered =
+        rerender(dataset, pool, *images.items[i], predictions[i], spp, stop);
+    const DatasetImage image = images.read(i);
+    errors.relative += relative_image_error(image.radiance, rendered, image.mask) / count;
+    errors.dissimilarity += (1 - ms_ssim(images.resolution, image.radiance, rendered)) / count;
+    progress();
+  }
+  return errors;
 }
 
 double relative_image_error(std::span<const float> image, std::span<const float> rendered,

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <stop_token>
 #include <vector>
@@ -22,7 +23,7 @@ std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledI
 // with the smallest RMSE. A network that does not beat it has learned nothing of the parameter.
 std::vector<Material> constant_predictions(const LabelledImages& images);
 
-// Sets sigma_t, albedo and g of the row: root-mean-square errors.
+// Sets root-mean-square errors of the row: of sigma_t, albedo and g, and of what follows from them.
 void set_errors(std::span<const Material> predictions, const LabelledImages& images,
                 v1::Evaluation::Row& row);
 
@@ -49,6 +50,19 @@ std::vector<uint32_t> spread(size_t count, size_t total);
 // One image rendered with a material, at the scene of an item.
 std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::DatasetItem& item,
                             const Material& material, uint32_t spp, std::stop_token stop = {});
+
+// How far renders are from the images that they should be, over some images.
+struct ImageErrors {
+  double relative = 0;       // mean of relative_image_error()
+  double dissimilarity = 0;  // mean of 1 - MS-SSIM (common/image/ms_ssim.h)
+};
+
+// Of the images of these numbers, rendered again with the predictions. `progress` is called after
+// each.
+ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const LabelledImages& images,
+                         std::span<const uint32_t> chosen, std::span<const Material> predictions,
+                         uint32_t spp, const std::function<void()>& progress,
+                         std::stop_token stop = {});
 
 // sqrt(sum (I - T)^2 / sum I^2) over the object (pixels weighted by the mask). Contains the noise
 // of both images.
