@@ -5,12 +5,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "client/commands/command.h"
+#include "client/commands/options.h"
 #include "client/interrupt.h"
 #include "client/output.h"
 #include "common/error.h"
@@ -107,6 +109,34 @@ PhotographFile read(const std::string& name) {
   return read_photograph(name);
 }
 
+// Before the work: an EXR, and none of the photographs.
+void check_output(const MergeOptions& options) {
+  const std::string suffix = std::filesystem::path(options.output).extension().string();
+  if (!suffix.empty() && suffix != ".exr") {
+    throw Error(ErrorKind::kUsage,
+                fmt::format("--output {}: it is written as OpenEXR, name it .exr", options.output));
+  }
+  require_no_input("--output", options.output, options.photographs);
+  check_writable(options.output);
+}
+
+// Before the camera's response is looked for in them, which those of another size would hide.
+void check_alike(const Bracketed& first, const PhotographFile& file, const std::string& name) {
+  if (file.encoded != first.taken.encoded) {
+    throw invalid_input(fmt::format("{} is linear, {} is not; all must be of one kind",
+                                    file.encoded ? first.name : name,
+                                    file.encoded ? name : first.name));
+  }
+  if (file.image.width != first.taken.image.width ||
+      file.image.height != first.taken.image.height) {
+    throw invalid_input(
+        fmt::format("{} has {} x {} pixels, {} has {} x {}; all must be of one size, from one "
+                    "camera that stood still",
+                    name, file.image.width, file.image.height, first.name, first.taken.image.width,
+                    first.taken.image.height));
+  }
+}
+
 void run(const MergeOptions& options) {
   const std::vector<std::string>& names = options.photographs;
   if (names.size() < 2) {
@@ -119,7 +149,7 @@ void run(const MergeOptions& options) {
     throw Error(ErrorKind::kUsage, fmt::format("--seconds: {} times for {} photographs",
                                                options.seconds.size(), names.size()));
   }
-  check_writable(options.output);
+  check_output(options);
   const MergeMethod method =
       options.method == "debevec" ? MergeMethod::kDebevec : MergeMethod::kRobertson;
 
@@ -128,13 +158,9 @@ void run(const MergeOptions& options) {
   std::vector<ExposureSample> samples;
   for (const std::string& name : names) {
     PhotographFile file = read(name);
-    if (!bracket.empty() && file.encoded != bracket.front().taken.encoded) {
-      throw invalid_input(fmt::format("{} is {}, {} is not; all must be of one kind",
-                                      file.encoded ? names.front() : name, "linear",
-                                      file.encoded ? name : names.front()));
-    }
+    if (!bracket.empty()) check_alike(bracket.front(), file, name);
     if (file.encoded) samples.push_back(sample_exposure(file, 0, name));
-    file.image = {};
+    file.image.channels.clear();
     file.clipped = {};
     bracket.push_back({name, std::move(file), 0});
   }

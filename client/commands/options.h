@@ -1,13 +1,19 @@
 // Flags that several commands share.
 #pragma once
 
+#include <fmt/format.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdint>
+#include <filesystem>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "client/render_pool/render_pool.h"
+#include "common/error.h"
+#include "common/files/atomic_file.h"
 #include "common/flags.h"
 
 namespace itn {
@@ -34,6 +40,18 @@ inline std::string as_model_name(std::string text) {
   std::ranges::replace_if(
       text, [](char c) { return !fits_model_name(c); }, '_');
   return text;
+}
+
+// Nobody's photograph or mask is replaced by a result because of a slip of the keyboard. Throws
+// Error (kUsage) if `output` is one of the inputs, under whatever name.
+inline void require_no_input(const std::string& flag, const std::string& output,
+                             const std::vector<std::string>& inputs) {
+  for (const std::string& input : inputs) {
+    std::error_code absent;
+    if (is_stdout(output) || !std::filesystem::equivalent(output, input, absent)) continue;
+    throw Error(ErrorKind::kUsage,
+                fmt::format("{} {}: that is the input {}; name another file", flag, output, input));
+  }
 }
 
 struct WorkerFlags {

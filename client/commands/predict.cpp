@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "client/commands/command.h"
+#include "client/commands/options.h"
 #include "client/exports/exports.h"
 #include "client/interrupt.h"
 #include "client/predict/exported.h"
@@ -150,7 +151,8 @@ std::vector<std::pair<v1::Prediction, std::optional<Error>>> outcomes_of(
                             std::nullopt);
         continue;
       }
-      error = to_error({static_cast<grpc::StatusCode>(outcome.code()), outcome.message()}, "");
+      error = to_error({static_cast<grpc::StatusCode>(outcome.code()), outcome.message()},
+                       group.files[i]);
     }
     result.emplace_back(failure_of(group.files[i], error->what()), error);
   }
@@ -208,7 +210,8 @@ void check(const PredictOptions& options, const std::vector<std::string>& files)
   }
   const bool is_export = !is_table(options.format);
   if (!options.output.empty() && !is_export) {
-    throw usage("-o is for the formats of renderers; the others are printed");
+    throw usage(fmt::format("-o is for the formats of renderers; {} is printed: --format {} > {}",
+                            options.format, options.format, options.output));
   }
   if (is_export) check_exports(options, files);
   if (options.one_material && files.size() > kImagesAtATime) {
@@ -221,6 +224,11 @@ void check(const PredictOptions& options, const std::vector<std::string>& files)
   if (files.size() > 1 && !options.scene.empty()) {
     throw usage("--scene is of one image: others show the object from elsewhere");
   }
+  std::vector<std::string> inputs = files;
+  inputs.insert(inputs.end(), {photographs.mask, options.scene});
+  require_no_input("--output", options.output, inputs);
+  require_no_input("--picture", options.picture, inputs);
+  require_no_input("--report", options.report, inputs);
   check_file("--picture", options.picture, ".png");
   check_file("--report", options.report, ".html");
 }

@@ -72,8 +72,8 @@ std::string mask_in_folder(const fs::path& folder, const std::string& photograph
   }
   if (found.empty()) {
     throw Error(ErrorKind::kIo,
-                fmt::format("there is no mask {} or {}.png in {}", same.filename().string(),
-                            stem.string(), folder.string()));
+                fmt::format("there is no mask of {} in {}: {}.png, or another image of that name",
+                            photograph, folder.string(), stem.string()));
   }
   if (found.size() > 1) {
     std::ranges::sort(found);
@@ -190,7 +190,11 @@ PredictInput load_photograph(const std::string& file, const PhotographOptions& o
   const std::vector<float> mask = mask_of(content, file, options);
   const Photograph photograph{content.width(), content.height(),
                               static_cast<int>(content.channels.size()), content.pixels, mask};
-  validate(photograph, interruption());
+  try {
+    validate(photograph, interruption());
+  } catch (const Error& error) {
+    throw Error(error.kind(), fmt::format("{}: {}", file, error.what()));
+  }
   return {file, content.channels,
           framed(photograph, interruption(), framing_of(options, content.file.image)),
           capture_of(content, photograph, mask, file, options)};

@@ -84,12 +84,17 @@ Encoder load_encoder(const v1::Model& model) {
                                     model.image_scale()));
   }
   const std::vector<TensorShape> shapes = tensor_shapes(model);
+  // The checksum of the file was right: what does not fit was written so, by another program.
   try {
-    validate(model.weights(), shapes);
+    validate_shapes(model.weights(), shapes);
   } catch (const Error& error) {
     throw invalid_input(fmt::format(
-        "the weights are not those of the network that the model describes: {}", error.what()));
+        "the weights are not those of the network that this version of itn builds from the model's "
+        "description ({}); if another version wrote it, use that one, or train the network again: "
+        "itn train",
+        error.what()));
   }
+  validate(model.weights(), shapes);
   Encoder encoder = new_encoder(model);
   const torch::NoGradGuard no_gradient;
   int index = 0;

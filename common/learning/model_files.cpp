@@ -38,6 +38,18 @@ std::string models_there() {
                        : fmt::format("in {} there are {}", folder, fmt::join(names, ", "));
 }
 
+// Where no such file is, a name that was given as that of a file.
+void refuse_name_with_extension(const std::string& model) {
+  const fs::path path = model;
+  const std::string name = path.stem().string();
+  if (path.extension() != kExtension || fs::exists(path)) return;
+  if (!fs::exists(models_folder() / path.filename())) return;
+  throw Error(ErrorKind::kIo,
+              fmt::format("cannot read the checkpoint {}: No such file or directory; the model "
+                          "that comes with itn is called {}: --model {}",
+                          model, name, name));
+}
+
 }  // namespace
 
 fs::path models_folder() {
@@ -63,7 +75,10 @@ std::vector<ShippedModel> shipped_models() {
 }
 
 fs::path find_model(const std::string& model) {
-  if (!model.empty() && (!is_name(model) || fs::exists(model))) return model;
+  if (!model.empty() && (!is_name(model) || fs::exists(model))) {
+    refuse_name_with_extension(model);
+    return model;
+  }
   const std::string name = model.empty() ? kDefaultModel : model;
   const fs::path file = models_folder() / (name + kExtension);
   if (fs::exists(file)) return file;

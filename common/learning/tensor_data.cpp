@@ -81,8 +81,8 @@ v1::Tensor to_proto(const std::string& name, const torch::Tensor& tensor) {
   return proto;
 }
 
-void validate(const google::protobuf::RepeatedPtrField<v1::Tensor>& tensors,
-              const std::vector<TensorShape>& expected) {
+void validate_shapes(const google::protobuf::RepeatedPtrField<v1::Tensor>& tensors,
+                     const std::vector<TensorShape>& expected) {
   const auto count = static_cast<size_t>(tensors.size());
   if (count != expected.size()) {
     throw invalid_input(fmt::format("there are {} tensors; there must be {}, {}", count,
@@ -92,6 +92,11 @@ void validate(const google::protobuf::RepeatedPtrField<v1::Tensor>& tensors,
   for (size_t i = 0; i < count; ++i) {
     require_shape(tensors[static_cast<int>(i)], expected[i]);
   }
+}
+
+void validate(const google::protobuf::RepeatedPtrField<v1::Tensor>& tensors,
+              const std::vector<TensorShape>& expected) {
+  validate_shapes(tensors, expected);
   for (const v1::Tensor& tensor : tensors) {
     require_finite(tensor);
   }

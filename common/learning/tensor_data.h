@@ -21,8 +21,12 @@ struct TensorShape {
 // Of float32.
 v1::Tensor to_proto(const std::string& name, const torch::Tensor& tensor);
 
-// Throws Error (invalid input) that names the first tensor which is missing, too many, of another
-// name, type, shape or size than expected, or holds a value that is not finite.
+// Throws Error (invalid input) that names the first tensor which is missing, too many, or of
+// another name, type, shape or size than expected.
+void validate_shapes(const google::protobuf::RepeatedPtrField<v1::Tensor>& tensors,
+                     const std::vector<TensorShape>& expected);
+
+// The same, and of one that holds a value that is not finite.
 void validate(const google::protobuf::RepeatedPtrField<v1::Tensor>& tensors,
               const std::vector<TensorShape>& expected);
 

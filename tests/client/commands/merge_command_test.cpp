@@ -123,9 +123,28 @@ TEST_F(MergeCommand, SaysWhatIsWrong) {
   EXPECT_EQ(finished.exit_code, 2);
   EXPECT_THAT(finished.errors, HasSubstr("two photographs at least"));
   write_png(photographs_[1], 4, 2, std::vector<unsigned char>(24, 100));
-  finished = merge({"--seconds", "1/4,1,4", "--response", "srgb"});
-  EXPECT_EQ(finished.exit_code, 3);
-  EXPECT_THAT(finished.errors, HasSubstr("photo1.png has 4 x 2 pixels"));
+  for (const std::string& response : {"srgb", "estimate"}) {
+    finished = merge({"--seconds", "1/4,1,4", "--response", response});
+    EXPECT_EQ(finished.exit_code, 3);
+    EXPECT_THAT(finished.errors, AllOf(HasSubstr("photo1.png has 4 x 2 pixels"),
+                                       HasSubstr("photo0.png has 96 x 32")));
+  }
+}
+
+TEST_F(MergeCommand, WritesOverNoPhotographAndUnderNoOtherFormatsName) {
+  const auto to = [this](const std::string& output) {
+    return run({ITN, "merge", photographs_[0], photographs_[1], "--seconds", "1/4,1", "--response",
+                "srgb", "-o", output});
+  };
+  ASSERT_EQ(to(folder_.path("first.exr")).exit_code, 0);
+  ASSERT_EQ(to(folder_.path("second")).exit_code, 0);
+  Finished finished = run({ITN, "merge", folder_.path("first.exr"), folder_.path("second"),
+                           "--seconds", "1,4", "-o", folder_.path("./first.exr")});
+  EXPECT_EQ(finished.exit_code, 2);
+  EXPECT_THAT(finished.errors, HasSubstr("that is the input " + folder_.path("first.exr")));
+  finished = to(folder_.path("new.png"));
+  EXPECT_EQ(finished.exit_code, 2);
+  EXPECT_THAT(finished.errors, HasSubstr("name it .exr"));
 }
 
 TEST_F(MergeCommand, IsKnownToHelpAndCompletion) {

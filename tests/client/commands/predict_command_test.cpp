@@ -351,7 +351,8 @@ TEST_F(PhotographCommand, ThatThePredictorRefusesLoseNoOthers) {
   };
   const std::string all = outputs({folder_.path("photos")});
   EXPECT_EQ(count(all, "\n"), 3);
-  EXPECT_THAT(all, AllOf(HasSubstr("too bright to be computed with"), HasSubstr("b.exr,Y,")));
+  EXPECT_THAT(all, AllOf(HasSubstr("too bright to be computed with"), HasSubstr("b.exr,Y,"),
+                         HasSubstr(folder_.path("photos/a.exr") + ": ")));
   const std::string bad = folder_.write("bad.exr", "no image");
   EXPECT_EQ(count(outputs({folder_.path("photos/a.exr"), bad}), "\n"), 3);
 }
@@ -502,6 +503,29 @@ TEST_F(PredictForPeople, TakesOneImageOrOneMaterial) {
   const Finished scene = of_two({"--one-material", "--picture", picture_, "--scene", "s"});
   EXPECT_EQ(scene.exit_code, 2);
   EXPECT_THAT(scene.errors, HasSubstr("--scene is of one image"));
+}
+
+TEST_F(PhotographCommand, AreNotReplacedByWhatIsSaidOfThem) {
+  const Finished photograph = predict({"--format", "pbrt", "-o", photo_});
+  EXPECT_EQ(photograph.exit_code, 2);
+  EXPECT_THAT(photograph.errors, HasSubstr("--output " + photo_ + ": that is the input"));
+  const Finished mask = predict({"--picture", folder_.path("./mask.png")});
+  EXPECT_EQ(mask.exit_code, 2);
+  EXPECT_THAT(mask.errors, HasSubstr("that is the input " + mask_));
+  EXPECT_EQ(predict({}).exit_code, 0);
+}
+
+TEST_F(PhotographCommand, ThatCannotBeUsedAreNamed) {
+  write_png(photo_, 2, 1, {0, 0, 0, 0, 0, 0});
+  write_png(mask_, 2, 1, {255, 255, 255, 0, 0, 0});
+  const Finished black = predict({});
+  EXPECT_EQ(black.exit_code, 3);
+  EXPECT_THAT(black.errors, HasSubstr(photo_ + ": the image is black"));
+  write_png(mask_, 2, 1, {0, 0, 0, 0, 0, 0});
+  EXPECT_THAT(predict({}).errors, HasSubstr(photo_ + ": the mask is empty"));
+  const Finished table = predict({"--format", "csv", "-o", folder_.path("out.csv")});
+  EXPECT_EQ(table.exit_code, 2);
+  EXPECT_THAT(table.errors, HasSubstr("--format csv > " + folder_.path("out.csv")));
 }
 
 TEST_F(PredictForPeople, SaysBeforeTheWorkWhereItCannotWrite) {

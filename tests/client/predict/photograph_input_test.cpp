@@ -146,7 +146,8 @@ TEST_F(PhotographInput, SaysWhatIsWrongWithTheMask) {
                [&] { load_photograph(photo, options); });
   fs::create_directories(folder_.path("empty"));
   options.mask = folder_.path("empty");
-  expect_error(ErrorKind::kIo, {"there is no mask photo.exr or photo.png in"},
+  expect_error(ErrorKind::kIo,
+               {"there is no mask of " + photo, "photo.png, or another image of that name"},
                [&] { load_photograph(photo, options); });
 }
 

@@ -169,7 +169,8 @@ TEST(Weights, ThatDoNotFitAreRefusedWithTheReason) {
     std::function<void(v1::Model&)> spoil;
   };
   const Row rows[] = {
-      {{"convolutions.0.weight", "[2, 2, 3, 3]", "[3, 2, 3, 3]"},
+      {{"convolutions.0.weight", "[2, 2, 3, 3]", "[3, 2, 3, 3]", "if another version wrote it",
+        "itn train"},
        [](v1::Model& m) {
          m.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(3);
        }},

@@ -57,7 +57,18 @@ TEST_F(ModelFiles, AreNotLookedForWhereAPathIsNamed) {
   folder_.write("studio", "a checkpoint");
   EXPECT_EQ(find_model(folder_.path("studio")), folder_.path("studio"));
   EXPECT_EQ(find_model(folder_.path("run")), folder_.path("run"));
-  EXPECT_EQ(find_model("studio.itn"), "studio.itn");
+  EXPECT_EQ(find_model("lamp.itn"), "lamp.itn");
+  const std::string shipped = folder_.path("models/studio.itn");
+  EXPECT_EQ(find_model(shipped), shipped);
+}
+
+TEST_F(ModelFiles, AreOfferedByNameWhereAFileOfThatNameIsMissing) {
+  ship("studio", "");
+  for (const std::string& file : {std::string("studio.itn"), folder_.path("no/studio.itn")}) {
+    expect_error(ErrorKind::kIo,
+                 {"cannot read the checkpoint " + file + ": No such file", "--model studio"},
+                 [&] { find_model(file); });
+  }
 }
 
 TEST_F(ModelFiles, ThatAreMissingAreSaidTo) {
