@@ -329,7 +329,10 @@ ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const Labelle
         rerender(dataset, pool, *images.items[i], predictions[i], spp, stop);
     const DatasetImage image = images.read(i);
     errors.relative += relative_image_error(image.radiance, rendered, image.mask) / count;
-    errors.dissimilarity += (1 - ms_ssim(images.resolution, image.radiance, rendered)) / count;
+    const bool black = std::ranges::all_of(image.radiance, [](float value) { return value <= 0; });
+    if (!black) {
+      errors.dissimilarity += (1 - ms_ssim(images.resolution, image.radiance, rendered)) / count;
+    }
     progress();
   }
   return errors;

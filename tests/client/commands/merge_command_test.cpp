@@ -123,7 +123,7 @@ TEST_F(MergeCommand, SaysWhatIsWrong) {
   EXPECT_EQ(finished.exit_code, 2);
   EXPECT_THAT(finished.errors, HasSubstr("two photographs at least"));
   write_png(photographs_[1], 4, 2, std::vector<unsigned char>(24, 100));
-  for (const std::string& response : {"srgb", "estimate"}) {
+  for (const char* response : {"srgb", "estimate"}) {
     finished = merge({"--seconds", "1/4,1,4", "--response", response});
     EXPECT_EQ(finished.exit_code, 3);
     EXPECT_THAT(finished.errors, AllOf(HasSubstr("photo1.png has 4 x 2 pixels"),

@@ -516,12 +516,12 @@ TEST_F(PhotographCommand, AreNotReplacedByWhatIsSaidOfThem) {
 }
 
 TEST_F(PhotographCommand, ThatCannotBeUsedAreNamed) {
-  write_png(photo_, 2, 1, {0, 0, 0, 0, 0, 0});
-  write_png(mask_, 2, 1, {255, 255, 255, 0, 0, 0});
+  write_png(photo_, 2, 1, std::vector<unsigned char>{0, 0, 0, 0, 0, 0});
+  write_png(mask_, 2, 1, std::vector<unsigned char>{255, 255, 255, 0, 0, 0});
   const Finished black = predict({});
   EXPECT_EQ(black.exit_code, 3);
   EXPECT_THAT(black.errors, HasSubstr(photo_ + ": the image is black"));
-  write_png(mask_, 2, 1, {0, 0, 0, 0, 0, 0});
+  write_png(mask_, 2, 1, std::vector<unsigned char>{0, 0, 0, 0, 0, 0});
   EXPECT_THAT(predict({}).errors, HasSubstr(photo_ + ": the mask is empty"));
   const Finished table = predict({"--format", "csv", "-o", folder_.path("out.csv")});
   EXPECT_EQ(table.exit_code, 2);

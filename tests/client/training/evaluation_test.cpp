@@ -28,6 +28,12 @@ TEST(Evaluation, ErrorsAreRootMeanSquare) {
   EXPECT_DOUBLE_EQ(row.sigma_t(), std::sqrt(200.0 / 3));
   EXPECT_DOUBLE_EQ(row.albedo(), std::sqrt(0.01 / 3));
   EXPECT_DOUBLE_EQ(row.g(), std::sqrt(0.09 / 3));
+  EXPECT_NEAR(row.ln_sigma_t(),
+              std::sqrt((std::pow(std::log(1.1), 2) + std::pow(std::log(0.95), 2)) / 3), 1e-12);
+  EXPECT_DOUBLE_EQ(row.sigma_a(), std::sqrt((36 + 23 * 23) / 3.0));  // 66, 57, 60 of 60, 80, 60
+  EXPECT_DOUBLE_EQ(row.sigma_s(), std::sqrt((16 + 13 * 13) / 3.0));  // 44, 133, 240
+  // 44, 93.1, 168 of 40, 84, 96.
+  EXPECT_NEAR(row.sigma_s_reduced(), std::sqrt((16 + 9.1 * 9.1 + 72 * 72) / 3), 1e-12);
 }
 
 // A re-rendering shows what the dataset's image shows: the object, and nothing where that is dark.
@@ -57,6 +63,21 @@ TEST(Evaluation, RerendersTheSamePixels) {
   }
   EXPECT_GT(lit, 10);
   EXPECT_LT(lit, 250);
+  // Who is right is nearer to the image than who is not, and as near as its noise.
+  const LabelledImages images = images_of(dataset, v1::SPLIT_TEST);
+  std::vector<Material> wrong = images.truth;
+  for (Material& m : wrong) m.albedo /= 2;
+  const std::vector<uint32_t> chosen = spread(images.truth.size(), images.truth.size());
+  size_t calls = 0;
+  const auto errors_of = [&](const std::vector<Material>& predictions) {
+    return image_errors(dataset, pool, images, chosen, predictions, 64, [&] { ++calls; });
+  };
+  const ImageErrors right = errors_of(images.truth), off = errors_of(wrong);
+  EXPECT_EQ(calls, 2 * chosen.size());
+  EXPECT_LT(right.relative, off.relative);
+  EXPECT_LT(right.dissimilarity, off.dissimilarity);
+  EXPECT_GT(right.dissimilarity, 0);
+  EXPECT_LT(off.dissimilarity, 1);
   std::filesystem::remove_all(folder);
 }
 
