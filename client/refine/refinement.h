@@ -12,6 +12,7 @@
 #pragma once
 
 #include <span>
+#include <string>
 #include <vector>
 
 #include "client/refine/observation.h"
@@ -20,49 +21,57 @@
 
 namespace itn {
 
-class Descent;
+class Descent;  // client/refine/descent.h
 
-// The defaults of a method where nothing is said.
+// With the defaults of the method where nothing is said.
 v1::RefineSettings with_defaults(v1::RefineSettings settings);
+
+// `start`, and others spread about it in UNBOUNDED coordinates, within 1.5 of it in each; always the
+// same ones.
+std::vector<Material> starts_around(const Material& start, size_t count);
+
+// Of images and scenes; 32 bytes.
+std::string digest_of(std::span<const Observation> observations);
 
 class Refinement {
  public:
   // From each of the starts (at least one). The observations, at least one, must outlive it. Throws
-  // Error (invalid input) as validate() does, and if settings or starts are out of their ranges.
+  // Error (invalid input) as validate() of observations and materials do, and if settings are out of
+  // their ranges.
   Refinement(v1::RefineSettings settings, std::span<const Observation> observations,
              const std::vector<Material>& starts);
-  // Goes on from a state, to the same results bit for bit. Throws Error (invalid input) if it is
-  // one of other observations, or damaged.
+  // Goes on from a state, to the same answer bit for bit. Throws Error (invalid input) if it is one
+  // of other observations, or damaged.
   Refinement(std::span<const Observation> observations, const v1::RefineState& state);
+  Refinement(Refinement&&) noexcept;
   ~Refinement();
 
   bool finished() const;
 
-  // One iteration of one start: every start is brought some way, then the best of them to the end.
-  // Not to be called once finished. Throws what `synthesize` throws, and stays as it was then.
+  // One iteration of one start: every start is brought some way, then the best goes on alone. Not to
+  // be called once finished. Throws what `synthesize` throws, and Error (invalid input) if a render
+  // does not fit an image; nothing has changed then.
   const v1::RefineIteration& step(const Synthesize& synthesize);
 
-  // As it stands.
+  // As it stands, of the best start, once there was a step.
   v1::RefineResult result() const;
-
-  // Of a material known to be the best so far: of the start that is best.
   Material material() const;
+  double exposure() const;  // the images over the renders
 
   // All iterations, in the order in which they were made.
-  std::span<const v1::RefineIteration> trajectory() const { return trajectory_; }
+  const std::vector<v1::RefineIteration>& trajectory() const { return trajectory_; }
 
   v1::RefineState state() const;
 
  private:
   size_t best() const;
+  size_t next() const;
 
   v1::RefineSettings settings_;
   std::span<const Observation> observations_;
+  std::string digest_;
   std::vector<Descent> descents_;
   std::vector<v1::RefineIteration> trajectory_;
 };
-
-// Of images and scenes.
-std::string digest_of(std::span<const Observation> observations);
 
 }  // namespace itn

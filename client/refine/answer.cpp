@@ -1,0 +1,136 @@
+#include "client/refine/answer.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <functional>
+#include <string>
+
+#include "client/refine/coordinates.h"
+#include "common/scene/material_proto.h"
+
+namespace itn {
+namespace {
+
+using Place = std::vector<double>;
+using Quantity = std::function<double(const Place&)>;
+
+constexpr double kNormal90 = 1.6448536269514722, kNormal95 = 1.959963984540054;
+
+double logit(double u) {
+  return std::log(u / (1 - u));
+}
+double logistic(double v) {
+  return 1 / (1 + std::exp(-v));
+}
+
+Place gradient(const Quantity& quantity, const Place& x) {
+  constexpr double kStep = 1e-5;
+  Place result;
+  for (size_t c = 0; c < x.size(); ++c) {
+    Place low = x, high = x;
+    low[c] -= kStep;
+    high[c] += kStep;
+    result.push_back((quantity(high) - quantity(low)) / (2 * kStep));
+  }
+  return result;
+}
+
+// A quantity on a scale on which its distribution is taken for a Gaussian.
+struct Scale {
+  double (*to)(double);
+  double (*from)(double);
+  double (*slope)(double value);  // d value / d scale
+};
+const Scale kPositive{[](double v) { return std::log(v); }, [](double s) { return std::exp(s); },
+                      [](double v) { return v; }};
+const Scale kFraction{logit, logistic, [](double v) { return v * (1 - v); }};
+const Scale kCosine{[](double v) { return logit((1 + v) / 2); },
+                    [](double s) { return 2 * logistic(s) - 1; },
+                    [](double v) { return (1 - v * v) / 2; }};
+
+v1::RefinedParameter parameter(const Quantity& quantity, const Scale& scale, const Place& x,
+                               const SmallMatrix& covariance) {
+  const double value = quantity(x);
+  const auto on_scale = [&](const Place& at) { return scale.to(quantity(at)); };
+  const double middle = scale.to(value);
+  const double deviation = std::sqrt(quadratic_form(covariance, gradient(on_scale, x)));
+  v1::RefinedParameter result;
+  result.set_value(value);
+  result.set_standard_deviation(deviation * scale.slope(value));
+  result.set_low_90(scale.from(middle - kNormal90 * deviation));
+  result.set_high_90(scale.from(middle + kNormal90 * deviation));
+  result.set_low_95(scale.from(middle - kNormal95 * deviation));
+  result.set_high_95(scale.from(middle + kNormal95 * deviation));
+  return result;
+}
+
+Quantity of_material(double (*value)(const Material&)) {
+  return [value](const Place& x) { return value(material_at(x)); };
+}
+
+std::string with_interval(const v1::RefinedParameter& p) {
+  return fmt::format("{:.4g} ({:.4g} to {:.4g})", p.value(), p.low_95(), p.high_95());
+}
+
+// By how much the upper end of the interval is above the lower, as a factor.
+double width(const v1::RefinedParameter& p) {
+  return p.high_95() / p.low_95();
+}
+
+// Where one direction in the space of materials can hardly be told, which one, and what is known.
+void add_remarks(v1::RefineResult& result) {
+  constexpr double kWideFactor = 1.5;  // of a 95 % interval
+  constexpr double kWideG = 0.3, kWideAlbedo = 0.2;
+  const v1::RefinedParameter& g = result.g();
+  const bool sigma_t_is_wide = !(width(result.sigma_t()) < kWideFactor);
+  const bool g_is_wide = !(g.high_95() - g.low_95() < kWideG);
+  const bool reduced_is_known =
+      std::log(width(result.sigma_s_reduced())) < std::log(width(result.sigma_t())) / 2;
+  if ((sigma_t_is_wide || g_is_wide) && reduced_is_known) {
+    result.add_remarks(fmt::format(
+        "sigma_t and g cannot be told apart: materials along the similarity ridge, with the same "
+        "sigma_s (1 - g) and sigma_a, look alike here. Known are sigma_s (1 - g) = {} and sigma_a "
+        "= {} per mm; more samples in the image, a thinner part of the object or another light "
+        "would tell the rest",
+        with_interval(result.sigma_s_reduced()), with_interval(result.sigma_a())));
+  } else {
+    if (sigma_t_is_wide) result.add_remarks("sigma_t can hardly be told from this");
+    if (g_is_wide) result.add_remarks("g can hardly be told from this");
+  }
+  if (!(result.albedo().high_95() - result.albedo().low_95() < kWideAlbedo)) {
+    result.add_remarks(result.has_exposure()
+                           ? "the albedo can hardly be told, as a darker exposure of a brighter "
+                             "material looks alike: find out the exposure"
+                           : "the albedo can hardly be told from this");
+  }
+}
+
+}  // namespace
+
+v1::RefineResult answer_of(std::span<const double> coordinates, const SmallMatrix& covariance) {
+  const Place x(coordinates.begin(), coordinates.end());
+  const auto of = [&](double (*value)(const Material&), const Scale& scale) {
+    return parameter(of_material(value), scale, x, covariance);
+  };
+  v1::RefineResult result;
+  *result.mutable_material() = to_proto(material_at(x));
+  *result.mutable_sigma_t() = of([](const Material& m) { return m.sigma_t; }, kPositive);
+  *result.mutable_albedo() = of([](const Material& m) { return m.albedo; }, kFraction);
+  *result.mutable_g() = of([](const Material& m) { return m.g; }, kCosine);
+  *result.mutable_sigma_a() = of([](const Material& m) { return m.sigma_a(); }, kPositive);
+  *result.mutable_sigma_s_reduced() =
+      of([](const Material& m) { return m.sigma_s_reduced(); }, kPositive);
+  if (x.size() > 3) {
+    *result.mutable_exposure() =
+        parameter([](const Place& at) { return exposure_at(at); }, kPositive, x, covariance);
+  }
+  const SmallMatrix readable = sandwich(readable_jacobian(x), covariance);
+  for (const auto& [i, j] : {std::pair{0, 1}, {0, 2}, {1, 2}}) {
+    result.add_correlations(readable(i, j) / std::sqrt(readable(i, i) * readable(j, j)));
+  }
+  add_remarks(result);
+  return result;
+}
+
+}  // namespace itn

@@ -1,0 +1,30 @@
+// The coordinates of a refinement: UNBOUNDED ones of the material (ln sigma_t*, logit albedo*,
+// logit g; common/learning/parameterization.h), in which an image tells the first two well whatever
+// the third, and the logarithm of the exposure if it is unknown.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "client/refine/evidence.h"
+#include "common/material.h"
+
+namespace itn {
+
+// What the tracer can render, but for where nothing can be told any more.
+inline constexpr double kLeastSigmaT = 1e-3, kMostSigmaT = 1e4;  // in 1/mm
+
+// Three coordinates. The material is moved inside of what there are coordinates for.
+std::vector<double> coordinates_of(const Material& material);
+
+Material material_at(std::span<const double> coordinates);
+double exposure_at(std::span<const double> coordinates);
+Viewpoint viewpoint_at(std::span<const double> coordinates);
+
+// Moves coordinates to the nearest that a material can have.
+void keep_inside(std::vector<double>& coordinates);
+
+// d (ln sigma_t, albedo, g, ln exposure) / d coordinates.
+SmallMatrix readable_jacobian(std::span<const double> coordinates);
+
+}  // namespace itn

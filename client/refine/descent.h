@@ -1,0 +1,81 @@
+// One start of a refinement, on its way down.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "client/refine/coordinates.h"
+#include "client/refine/evidence.h"
+#include "client/refine/observation.h"
+#include "client/refine/small_matrix.h"
+#include "common/material.h"
+#include "itn/v1/refine.pb.h"
+
+namespace itn {
+
+// Gauss-Newton, whose steps are as long as their noise lets them be trusted: with the covariance C
+// of the full step, as far as it is noise of the renders, the step taken is
+//
+//   trust^2 (trust^2 + C)^-1 H^-1 s,
+//
+// the best guess of where the answer lies for one who expects it about `trust` away in every
+// coordinate, and no longer than that. So a direction that the image hardly tells is not gone
+// along until there are samples enough (the similarity ridge), while quiet steps are Newton's. A
+// step after which the loss is higher is taken back, and the trust reduced (Levenberg-Marquardt).
+// Evidence of earlier iterations counts with that of the new one, the less the farther it came
+// from. A step within its own noise calls for more samples.
+class Descent {
+ public:
+  Descent(const v1::RefineSettings& settings, std::span<const Observation> observations,
+          const Material& start);
+  // Throws Error (invalid input) if the state does not fit.
+  Descent(const v1::RefineSettings& settings, std::span<const Observation> observations,
+          const v1::RefineStartState& state);
+
+  // Renders where it stands, and steps on. Nothing changes if that throws. `seed`: of the renders.
+  v1::RefineIteration step(const Synthesize& synthesize, uint64_t seed);
+
+  v1::RefineResult::End end() const { return end_; }
+  void set_end(v1::RefineResult::End end) { end_ = end; }
+  uint32_t iterations() const { return iterations_; }
+  // Where the loss was measured last, without noise of the renders: an unbiased estimate.
+  double loss() const { return loss_; }
+  double loss_standard_error() const { return loss_standard_error_; }
+  // Of the part of that loss that the image's own noise explains; 0 if it is not known.
+  double loss_of_noise() const { return loss_of_noise_; }
+
+  // The answer as it stands, and its covariance: in all, and the part that is noise of the renders.
+  const std::vector<double>& answer() const { return x_; }
+  SmallMatrix covariance() const;
+  SmallMatrix render_covariance() const;
+
+  v1::RefineStartState state() const;
+
+ private:
+  struct Step {
+    std::vector<double> full, taken;
+    double over_noise = 0;
+  };
+  struct Sight;
+  Sight look(const Synthesize& synthesize, uint64_t seed);
+  void take(const Sight& sight);
+  Step newton_step() const;
+  Step adam_step(std::span<const double> gradient);
+  void plan(const Step& step);
+
+  bool is_adam() const { return settings_.method() == v1::RefineSettings::ADAM; }
+
+  v1::RefineSettings settings_;
+  std::span<const Observation> observations_;
+  std::vector<Evidence> evidence_;
+  Equations equations_;
+  std::vector<double> x_, anchor_;
+  double samples_ = 0;
+  double trust_ = 1;
+  double loss_ = 0, loss_standard_error_ = 0, loss_of_noise_ = 0;
+  uint32_t spp_ = 0, iterations_ = 0;
+  std::vector<double> first_moment_, second_moment_;
+  v1::RefineResult::End end_ = v1::RefineResult::UNFINISHED;
+};
+
+}  // namespace itn

@@ -1,0 +1,111 @@
+// What the pixels of one image say about where its material lies, collected over the iterations.
+//
+// The answer x solves sum_p Z_p (I_p - T_p(x)) = 0 over the pixels: image I, render T and, for each
+// coordinate, an instrument Z_p. Whatever the instruments are, the solution is unbiased as long as
+// they do not depend on the noise of I and T (instrumental variables: Reiersol, "Confluence
+// analysis by means of instrumental sets of variables", 1945); it is the quietest where Z_p = w_p
+// dT_p/dx, w_p the inverse variance of I_p. So each estimate T_k of a render is multiplied with the
+// derivatives by the other estimates, and by the renders of iterations before, smoothed over the
+// neighbours: instruments that are quiet, and owe nothing to T_k. By Newton's method,
+//
+//   H step = s,  s = sum_p mean_k Z_pk (I_p - T_pk),  H = sum_p mean_k Z_pk dT_pk/dx',
+//
+// every product one of independent numbers, so that H and s are unbiased given the instruments.
+//
+// What is left in s has the covariance S = sum_p s_p s_p', as pixels are independent (White, "A
+// heteroskedasticity-consistent covariance matrix estimator", Econometrica 1980): noise of image
+// and renders together, of which that of the renders shows in how the estimates differ. The
+// answer has the covariance H^-1 S H^-T.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "client/refine/observation.h"
+#include "client/refine/small_matrix.h"
+#include "itn/v1/refine.pb.h"
+
+namespace itn {
+
+// Where a render is made, in coordinates x: ln sigma_t*, logit albedo*, logit g (UNBOUNDED), and
+// the logarithm of the exposure if it is a coordinate.
+struct Viewpoint {
+  SmallMatrix jacobian;  // 3 x 3: d (sigma_t, albedo, g) / d x
+  double exposure = 1;
+  bool exposure_is_coordinate = false;
+
+  size_t coordinates() const { return exposure_is_coordinate ? 4 : 3; }
+};
+
+// Sums over the pixels.
+struct Equations {
+  SmallMatrix curvature;         // H
+  std::vector<double> gradient;  // s
+  SmallMatrix render_noise;      // the part of the covariance of s that is noise of the renders
+
+  explicit Equations(size_t coordinates = 0)
+      : curvature(coordinates), gradient(coordinates), render_noise(coordinates) {}
+};
+
+// Of terms that count `factor` times: of a covariance its square.
+Equations scaled(Equations equations, double factor);
+void add(const Equations& terms, double factor, Equations& sum);
+
+class Evidence {
+ public:
+  // The observation must outlive it.
+  Evidence(const Observation& observation, v1::RefineSettings::Weights weights);
+
+  // What one render says, by pixel and all in all.
+  struct Look {
+    double samples = 0;                            // per pixel
+    std::vector<double> radiance;                  // times the exposure
+    std::vector<std::vector<double>> derivatives;  // of that, by coordinate
+    std::vector<std::vector<double>> scores;       // by coordinate
+    Equations equations;
+    // Weighted sum of the squared difference to the image, its variance as far as it is noise of
+    // the render, and the weighted energy of the image. Weights are the same in all looks.
+    double squares = 0, squares_variance = 0, energy = 0;
+    // Of that sum, what the image's noise explains; 0 if it is not known.
+    double noise = 0;
+  };
+
+  // `plain`: the instruments are the other estimates' derivatives as they are, so that s is minus
+  // the gradient of the weighted squared difference over 2. The first look decides which pixels
+  // count. Throws Error (invalid input) if the render does not fit, or no pixel sees the object.
+  Look look(const Synthesis& synthesis, uint32_t spp, const Viewpoint& at, bool plain);
+
+  // Adds it to what was seen before, which counts `memory` times as much as it did.
+  void take(const Look& look, double memory);
+
+  // S of all that was taken, each look's scores times its samples.
+  SmallMatrix score_covariance() const;
+
+  // Of image over render, the ratio of their sums.
+  double exposure(const Synthesis& synthesis);
+
+  v1::RefineImageState state() const;
+  // Throws Error (invalid input) if it does not fit.
+  void restore(const v1::RefineImageState& state, size_t coordinates);
+
+ private:
+  void choose_pixels(std::span<const float> coverage);
+  void weigh_pixels();
+  double inverse_variance(double radiance) const;
+  std::vector<double> smoothed(const std::vector<double>& values) const;
+
+  const Observation& observation_;
+  v1::RefineSettings::Weights weights_;
+  std::vector<uint32_t> pixels_;
+  std::vector<std::vector<uint32_t>> neighbours_;  // of each pixel, itself and those around it
+  std::vector<double> image_, fixed_weights_, squared_noise_;  // by pixel that counts
+  std::vector<double> map_;                                    // of MAP
+  double mean_ = 0;                                            // of the image
+  double noise_at_mean_ = 0, noise_exponent_ = 0;
+  double samples_ = 0;
+  std::vector<double> radiance_;
+  std::vector<std::vector<double>> derivatives_, scores_;
+};
+
+}  // namespace itn

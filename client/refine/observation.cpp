@@ -1,0 +1,98 @@
+#include "client/refine/observation.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <future>
+
+#include "client/render_pool/render_pool.h"
+#include "client/render_pool/render_wait.h"
+#include "common/error.h"
+#include "common/rpc/wire_array.h"
+#include "common/scene/material_proto.h"
+
+namespace itn {
+namespace {
+
+// Independent estimates of each render. More of them waste less of the samples, as only products
+// across them count, but their images all travel.
+constexpr uint32_t kEstimates = 4;
+// Of a pilot, which quietens the derivatives in sigma_t and g.
+constexpr uint32_t kPilotSpp = 4;
+
+void check_plane(const Observation& observation, const std::vector<float>& plane, const char* what,
+                 bool required) {
+  if (plane.empty() && !required) return;
+  const SerializedScene& scene = *observation.scene;
+  if (plane.size() != size_t{scene.width} * scene.height) {
+    throw invalid_input(fmt::format("{}: the {} has {} pixels, the film of its scene {} x {}",
+                                    observation.name, what, plane.size(), scene.width,
+                                    scene.height));
+  }
+  const auto wrong = std::ranges::find_if(plane, [](float v) { return !std::isfinite(v); });
+  if (wrong != plane.end()) {
+    const auto pixel = static_cast<size_t>(wrong - plane.begin());
+    throw invalid_input(fmt::format("{}: the {} is {} at pixel ({}, {}); it must be finite",
+                                    observation.name, what, *wrong, pixel % scene.width,
+                                    pixel / scene.width));
+  }
+}
+
+RenderJob render_job(const SynthesisQuery& query) {
+  RenderJob job;
+  job.scene = query.observation->scene;
+  *job.request.mutable_material() = to_proto(query.material);
+  job.request.set_spp(query.spp);
+  job.request.set_seed(query.seed);
+  job.request.set_estimates(kEstimates);
+  job.request.set_pilot_spp(kPilotSpp);
+  job.request.set_pixels(v1::OBJECT_PIXELS);
+  for (const v1::Parameter parameter : {v1::SIGMA_T, v1::ALBEDO, v1::G}) {
+    job.request.add_derivatives(parameter);
+  }
+  return job;
+}
+
+Synthesis to_synthesis(const v1::RenderGradReply& reply) {
+  Synthesis synthesis;
+  for (const v1::Estimate& estimate : reply.estimates()) {
+    RenderEstimate& to = synthesis.estimates.emplace_back();
+    to.radiance = from_bytes<float>(estimate.radiance());
+    for (const std::string& derivative : estimate.derivatives()) {
+      to.derivatives.push_back(from_bytes<float>(derivative));
+    }
+  }
+  synthesis.mask = from_bytes<float>(reply.mask());
+  synthesis.cpu_seconds = reply.counters().cpu_seconds();
+  return synthesis;
+}
+
+}  // namespace
+
+void validate(const Observation& observation) {
+  check_plane(observation, observation.radiance, "image", true);
+  check_plane(observation, observation.mask, "mask", false);
+  check_plane(observation, observation.noise, "noise", false);
+  double sum = 0;
+  bool any = observation.mask.empty();
+  for (size_t p = 0; p < observation.radiance.size(); ++p) {
+    const bool counts = observation.mask.empty() || observation.mask[p] > 0.5F;
+    any = any || counts;
+    if (counts) sum += observation.radiance[p];
+  }
+  if (!any) throw invalid_input(observation.name + ": the mask has no pixel on the object");
+  if (!(sum > 0)) throw invalid_input(observation.name + ": the image is black");
+}
+
+Synthesize rendered_by(RenderPool& pool, std::stop_token stop) {
+  return [&pool, stop](std::span<const SynthesisQuery> queries) {
+    std::vector<std::future<v1::RenderGradReply>> replies;
+    for (const SynthesisQuery& query : queries) replies.push_back(pool.submit(render_job(query)));
+    std::vector<Synthesis> syntheses;
+    for (auto& reply : replies) syntheses.push_back(to_synthesis(wait_for_render(reply, stop)));
+    return syntheses;
+  };
+}
+
+}  // namespace itn

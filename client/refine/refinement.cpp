@@ -1,0 +1,223 @@
+#include "client/refine/refinement.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+
+#include "client/refine/answer.h"
+#include "client/refine/coordinates.h"
+#include "client/refine/descent.h"
+#include "common/error.h"
+#include "common/random.h"
+#include "common/rpc/wire_array.h"
+
+namespace itn {
+namespace {
+
+// Iterations of each start, before the best goes on alone.
+constexpr uint32_t kScoutIterations = 4;
+// Losses that differ by fewer standard errors than this are one as good as the other.
+constexpr double kSameLoss = 2;
+constexpr uint32_t kLeastSpp = 4, kMostSpp = 1U << 20;
+
+void check(const v1::RefineSettings& settings) {
+  const auto require = [](bool right, const std::string& message) {
+    if (!right) throw invalid_input(message);
+  };
+  require(settings.spp() >= kLeastSpp && settings.max_spp() <= kMostSpp &&
+              settings.spp() <= settings.max_spp(),
+          fmt::format("spp {} and max_spp {} must be in [{}, {}], the second at least the first",
+                      settings.spp(), settings.max_spp(), kLeastSpp, kMostSpp));
+  require(settings.time_limit() >= 0, "time_limit must be at least 0");
+  require(settings.tolerance() >= 0 && settings.tolerance() <= 1, "tolerance must be in [0, 1]");
+  require(settings.learning_rate() > 0 && std::isfinite(settings.learning_rate()),
+          "learning_rate must be positive");
+}
+
+void check(std::span<const Observation> observations) {
+  if (observations.empty()) throw invalid_input("there is no image to refine from");
+  for (const Observation& observation : observations) validate(observation);
+}
+
+void check_start(const Material& start) {
+  validate(start);
+  if (start.sigma_t < kLeastSigmaT || start.sigma_t > kMostSigmaT) {
+    throw invalid_input(fmt::format("a start of sigma_t {} cannot be refined; it must be in [{}, {}]",
+                                    start.sigma_t, kLeastSigmaT, kMostSigmaT));
+  }
+}
+
+}  // namespace
+
+v1::RefineSettings with_defaults(v1::RefineSettings settings) {
+  const bool adam = settings.method() == v1::RefineSettings::ADAM;
+  if (settings.spp() == 0) settings.set_spp(32);
+  if (settings.max_spp() == 0) settings.set_max_spp(std::max(4096U, settings.spp()));
+  if (settings.max_iterations() == 0) settings.set_max_iterations(adam ? 150 : 40);
+  if (!settings.has_tolerance()) settings.set_tolerance(0.002);
+  if (settings.learning_rate() == 0) settings.set_learning_rate(0.05);
+  return settings;
+}
+
+std::vector<Material> starts_around(const Material& start, size_t count) {
+  // Korobov's lattice by powers of the root of x^4 = x + 1 (Roberts' generalised golden ratio).
+  constexpr double kRoot = 1.2207440846057596;
+  constexpr double kSpread = 3;
+  std::vector<Material> starts{start};
+  const std::vector<double> middle = coordinates_of(start);
+  for (size_t i = 1; i < count; ++i) {
+    std::vector<double> x = middle;
+    for (size_t c = 0; c < 3; ++c) {
+      const double place = 0.5 + static_cast<double>(i) / std::pow(kRoot, c + 1);
+      x[c] += kSpread * (place - std::floor(place) - 0.5);
+    }
+    keep_inside(x);
+    starts.push_back(material_at(x));
+  }
+  return starts;
+}
+
+std::string digest_of(std::span<const Observation> observations) {
+  std::string all;
+  for (const Observation& o : observations) {
+    for (const std::vector<float>* plane : {&o.radiance, &o.mask, &o.noise}) {
+      all += sha256(to_bytes(*plane));
+    }
+    all += o.scene->digest;
+  }
+  return sha256(all);
+}
+
+Refinement::Refinement(v1::RefineSettings settings, std::span<const Observation> observations,
+                       const std::vector<Material>& starts)
+    : settings_(with_defaults(std::move(settings))),
+      observations_(observations),
+      digest_(digest_of(observations)) {
+  check(settings_);
+  check(observations_);
+  if (starts.empty()) throw invalid_input("there is no material to start from");
+  for (const Material& start : starts) {
+    check_start(start);
+    descents_.emplace_back(settings_, observations_, start);
+  }
+}
+
+Refinement::Refinement(std::span<const Observation> observations, const v1::RefineState& state)
+    : settings_(state.settings()),
+      observations_(observations),
+      digest_(digest_of(observations)),
+      trajectory_(state.trajectory().begin(), state.trajectory().end()) {
+  check(settings_);
+  check(observations_);
+  if (state.digest() != digest_) {
+    throw invalid_input("the state is that of a refinement of other images or scenes");
+  }
+  if (state.starts().empty()) throw invalid_input("the state of the refinement is damaged");
+  for (const v1::RefineStartState& start : state.starts()) {
+    descents_.emplace_back(settings_, observations_, start);
+  }
+}
+
+Refinement::~Refinement() = default;
+Refinement::Refinement(Refinement&&) noexcept = default;
+
+// The first of those whose loss is not above the least by more than noise.
+size_t Refinement::best() const {
+  const auto looked = [](const Descent& d) { return d.iterations() > 0; };
+  size_t least = 0;
+  for (size_t i = 1; i < descents_.size(); ++i) {
+    if (looked(descents_[i]) && descents_[i].loss() < descents_[least].loss()) least = i;
+  }
+  const auto as_good = [&](const Descent& d) {
+    const double noise =
+        std::hypot(d.loss_standard_error(), descents_[least].loss_standard_error());
+    return looked(d) && d.loss() - descents_[least].loss() <= kSameLoss * noise;
+  };
+  const auto first = std::ranges::find_if(descents_, as_good);
+  return first == descents_.end() ? 0 : static_cast<size_t>(first - descents_.begin());
+}
+
+// The start that is to go on: none is left behind before all had their chance.
+size_t Refinement::next() const {
+  if (descents_.size() == 1) return 0;
+  const auto waits = [](const Descent& d) {
+    return d.end() == v1::RefineResult::UNFINISHED && d.iterations() < kScoutIterations;
+  };
+  const auto waiting = std::ranges::find_if(descents_, waits);
+  if (waiting != descents_.end()) return static_cast<size_t>(waiting - descents_.begin());
+  return best();
+}
+
+bool Refinement::finished() const {
+  return descents_[next()].end() != v1::RefineResult::UNFINISHED;
+}
+
+const v1::RefineIteration& Refinement::step(const Synthesize& synthesize) {
+  const auto begin = std::chrono::steady_clock::now();
+  const size_t start = next();
+  Descent& descent = descents_[start];
+  v1::RefineIteration iteration =
+      descent.step(synthesize, derive_seed(settings_.seed(), {start}));
+  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
+  const double before = trajectory_.empty() ? 0 : trajectory_.back().seconds();
+  iteration.set_start(static_cast<uint32_t>(start));
+  iteration.set_seconds(before + took.count());
+  trajectory_.push_back(iteration);
+  if (settings_.time_limit() > 0 && iteration.seconds() >= settings_.time_limit()) {
+    for (Descent& each : descents_) {
+      if (each.end() == v1::RefineResult::UNFINISHED) each.set_end(v1::RefineResult::TIME_LIMIT);
+    }
+  }
+  return trajectory_.back();
+}
+
+Material Refinement::material() const {
+  return material_at(descents_[best()].answer());
+}
+
+double Refinement::exposure() const {
+  return exposure_at(descents_[best()].answer());
+}
+
+v1::RefineResult Refinement::result() const {
+  if (trajectory_.empty()) throw Error(ErrorKind::kInternal, "no iteration was made");
+  const size_t chosen = best();
+  const Descent& descent = descents_[chosen];
+  v1::RefineResult result = answer_of(descent.answer(), descent.covariance());
+  result.set_end(descent.end());
+  result.set_iterations(descent.iterations());
+  result.set_total_iterations(static_cast<uint32_t>(trajectory_.size()));
+  result.set_best_start(static_cast<uint32_t>(chosen));
+  result.set_loss(descent.loss());
+  result.set_loss_standard_error(descent.loss_standard_error());
+  result.set_loss_of_noise(descent.loss_of_noise());
+  double cpu_seconds = 0;
+  for (const v1::RefineIteration& iteration : trajectory_) cpu_seconds += iteration.cpu_seconds();
+  result.set_cpu_seconds(cpu_seconds);
+  result.set_seconds(trajectory_.back().seconds());
+  // Beyond its own noise an image should not differ from its render.
+  constexpr double kMisfit = 1.5;
+  const double noise = descent.loss_of_noise();
+  if (noise > 0 && descent.loss() - 4 * descent.loss_standard_error() > kMisfit * noise) {
+    result.add_remarks(fmt::format(
+        "the renders do not come as near to the image as its noise would let them: they differ by "
+        "{:.2g} % where {:.2g} % is noise. Are shape, light, camera and exposure those of the "
+        "scene? The intervals know of noise alone",
+        100 * std::sqrt(descent.loss()), 100 * std::sqrt(noise)));
+  }
+  return result;
+}
+
+v1::RefineState Refinement::state() const {
+  v1::RefineState state;
+  *state.mutable_settings() = settings_;
+  state.set_digest(digest_);
+  for (const Descent& descent : descents_) *state.add_starts() = descent.state();
+  state.mutable_trajectory()->Add(trajectory_.begin(), trajectory_.end());
+  return state;
+}
+
+}  // namespace itn
