@@ -9,9 +9,11 @@
 namespace itn {
 namespace {
 
-constexpr double kMostTrust = 1;
+constexpr double kMostTrust = 0.7;
 // Evidence from this far away, in coordinates, counts half.
 constexpr double kHalfMemory = 0.1;
+// Likewise of instruments, which need not be exact.
+constexpr double kHalfInstruments = 0.4;
 // Of the variance of the answer, the part that noise of the renders may be at the end: it widens
 // the intervals by a twentieth.
 constexpr double kRenderShare = 0.1;
@@ -102,11 +104,12 @@ Descent::Sight Descent::look(const Synthesize& synthesize, uint64_t seed) {
 
 void Descent::take(const Sight& sight) {
   // What was seen from the last place, as it is seen from here.
-  double memory = 0;
+  double memory = 0, long_memory = 0;
   if (samples_ > 0) {
     std::vector<double> moved = sight.x;
     for (size_t c = 0; c < moved.size(); ++c) moved[c] -= anchor_[c];
     memory = 1 / (1 + squared_length(moved) / (kHalfMemory * kHalfMemory));
+    long_memory = 1 / (1 + squared_length(moved) / (kHalfInstruments * kHalfInstruments));
     const std::vector<double> bent = equations_.curvature * moved;
     for (size_t c = 0; c < moved.size(); ++c) equations_.gradient[c] -= bent[c];
   } else {
@@ -115,7 +118,7 @@ void Descent::take(const Sight& sight) {
   equations_ = scaled(equations_, memory);
   add(sight.equations, spp_, equations_);
   samples_ = memory * samples_ + spp_;
-  for (size_t i = 0; i < evidence_.size(); ++i) evidence_[i].take(sight.looks[i], memory);
+  for (size_t i = 0; i < evidence_.size(); ++i) evidence_[i].take(sight.looks[i], memory, long_memory);
   anchor_ = sight.x;
   loss_ = sight.loss;
   loss_standard_error_ = sight.loss_standard_error;

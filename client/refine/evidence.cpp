@@ -224,12 +224,13 @@ Evidence::Look Evidence::look(const Synthesis& synthesis, uint32_t spp, const Vi
       const double others = now * (mean[i] - own[i] / k_count);
       result[i] = ((past > 0 ? before[i] : 0) + others) / samples;
     }
-    return plain ? result : smoothed(result);
+    return plain ? result : smoothed(smoothed(result));
   };
 
   look.equations = Equations(coordinates);
   look.scores.assign(coordinates, Plane(count));
-  std::vector<std::vector<Plane>> scores;  // by estimate, coordinate, pixel
+  std::vector<std::vector<Plane>> scores;       // by estimate, coordinate, pixel
+  std::vector<std::vector<Plane>> instruments;  // likewise, with their weights
   for (const Estimate& estimate : estimates) {
     Plane weights = fixed_weights_;
     if (weights_ == v1::RefineSettings::NOISE && !plain) {
@@ -237,12 +238,13 @@ Evidence::Look Evidence::look(const Synthesis& synthesis, uint32_t spp, const Vi
       for (size_t i = 0; i < count; ++i) weights[i] = inverse_variance(guide[i]);
     }
     std::vector<Plane>& own = scores.emplace_back(coordinates, Plane(count));
+    std::vector<Plane>& weighted = instruments.emplace_back(coordinates, Plane(count));
     for (size_t c = 0; c < coordinates; ++c) {
       const Plane instrument =
           without(estimate.derivatives[c], look.derivatives[c],
                   derivatives_.empty() ? Plane() : derivatives_[c]);
       for (size_t i = 0; i < count; ++i) {
-        const double z = weights[i] * instrument[i];
+        const double z = weighted[c][i] = weights[i] * instrument[i];
         own[c][i] = z * (image_[i] - estimate.radiance[i]);
         look.scores[c][i] += own[c][i] / k_count;
         for (size_t d = 0; d < coordinates; ++d) {
@@ -251,6 +253,27 @@ Evidence::Look Evidence::look(const Synthesis& synthesis, uint32_t spp, const Vi
       }
     }
   }
+  // The noise of the instruments meets what is left of the image. With the variance v of one
+  // estimate of M / K samples, it has that of all n samples, v M / (K n); instruments that leave out
+  // one estimate each, n' samples behind them, differ by v (M / K n')^2.
+  const double n = past + now, without_one = past + now * (k_count - 1) / k_count;
+  const double leverage = without_one * without_one / (n * (k_count - 1) * now / k_count);
+  const auto noise_of_instruments = [&](size_t c, size_t d) {
+    double sum = 0;
+    for (size_t i = 0; i < count; ++i) {
+      double mean_c = 0, mean_d = 0, covariance = 0;
+      for (const std::vector<Plane>& z : instruments) {
+        mean_c += z[c][i] / k_count;
+        mean_d += z[d][i] / k_count;
+      }
+      for (const std::vector<Plane>& z : instruments) {
+        covariance += (z[c][i] - mean_c) * (z[d][i] - mean_d);
+      }
+      const double left = image_[i] - look.radiance[i];
+      sum += left * left * covariance;
+    }
+    return leverage * sum;
+  };
   for (size_t c = 0; c < coordinates; ++c) {
     for (size_t i = 0; i < count; ++i) look.equations.gradient[c] += look.scores[c][i];
     for (size_t d = 0; d < coordinates; ++d) {
@@ -260,7 +283,8 @@ Evidence::Look Evidence::look(const Synthesis& synthesis, uint32_t spp, const Vi
           sum += (own[c][i] - look.scores[c][i]) * (own[d][i] - look.scores[d][i]);
         }
       }
-      look.equations.render_noise(c, d) = sum / (k_count * (k_count - 1));
+      look.equations.render_noise(c, d) =
+          sum / (k_count * (k_count - 1)) + noise_of_instruments(c, d);
     }
   }
 
@@ -280,19 +304,19 @@ Evidence::Look Evidence::look(const Synthesis& synthesis, uint32_t spp, const Vi
   return look;
 }
 
-void Evidence::take(const Look& look, double memory) {
+void Evidence::take(const Look& look, double memory, double long_memory) {
   const size_t coordinates = look.scores.size(), count = pixels_.size();
   radiance_.resize(count);
   derivatives_.resize(coordinates, Plane(count));
   scores_.resize(coordinates, Plane(count));
-  const auto mix = [&](Plane& sum, const Plane& now) {
-    for (size_t i = 0; i < count; ++i) sum[i] = memory * sum[i] + look.samples * now[i];
+  const auto mix = [&](Plane& sum, double part, const Plane& now) {
+    for (size_t i = 0; i < count; ++i) sum[i] = part * sum[i] + look.samples * now[i];
   };
-  samples_ = memory * samples_ + look.samples;
-  mix(radiance_, look.radiance);
+  samples_ = long_memory * samples_ + look.samples;
+  mix(radiance_, long_memory, look.radiance);
   for (size_t c = 0; c < coordinates; ++c) {
-    mix(derivatives_[c], look.derivatives[c]);
-    mix(scores_[c], look.scores[c]);
+    mix(derivatives_[c], long_memory, look.derivatives[c]);
+    mix(scores_[c], memory, look.scores[c]);
   }
 }
 

@@ -76,8 +76,9 @@ class Evidence {
   // count. Throws Error (invalid input) if the render does not fit, or no pixel sees the object.
   Look look(const Synthesis& synthesis, uint32_t spp, const Viewpoint& at, bool plain);
 
-  // Adds it to what was seen before, which counts `memory` times as much as it did.
-  void take(const Look& look, double memory);
+  // Adds it to what was seen before, whose scores count `memory` times as much as they did, and what
+  // instruments are made of `long_memory` times: it need not be exact.
+  void take(const Look& look, double memory, double long_memory);
 
   // S of all that was taken, each look's scores times its samples.
   SmallMatrix score_covariance() const;

@@ -54,7 +54,7 @@ void check_start(const Material& start) {
 
 v1::RefineSettings with_defaults(v1::RefineSettings settings) {
   const bool adam = settings.method() == v1::RefineSettings::ADAM;
-  if (settings.spp() == 0) settings.set_spp(32);
+  if (settings.spp() == 0) settings.set_spp(64);
   if (settings.max_spp() == 0) settings.set_max_spp(std::max(4096U, settings.spp()));
   if (settings.max_iterations() == 0) settings.set_max_iterations(adam ? 150 : 40);
   if (!settings.has_tolerance()) settings.set_tolerance(0.002);
