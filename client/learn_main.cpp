@@ -13,6 +13,7 @@ int main(int argc, char** argv) {
     itn::add_evaluate_command(app);
     itn::add_export_command(app);
     itn::add_predict_command(app);
+    itn::add_refine_command(app);
     itn::add_models_command(app);
     itn::add_merge_command(app);
     itn::add_completion_command(app);

@@ -20,6 +20,7 @@ struct LearningCommand {
 };
 constexpr LearningCommand kLearningCommands[] = {
     {"predict", "Optical parameters of the object in a photograph, or in many"},
+    {"refine", "Refine a material until renders of a known scene are like the image"},
     {"train", "Train a network with a dataset"},
     {"evaluate", "Errors of trained networks on a dataset, beside the constant predictor"},
     {"export", "Write a trained model as a file for prediction"},

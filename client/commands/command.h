@@ -20,6 +20,7 @@ void add_train_command(CLI::App& app);
 void add_evaluate_command(CLI::App& app);
 void add_export_command(CLI::App& app);
 void add_merge_command(CLI::App& app);
+void add_refine_command(CLI::App& app);
 void add_completion_command(CLI::App& app);
 
 }  // namespace itn

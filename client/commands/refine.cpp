@@ -1,0 +1,356 @@
+// itn refine: the material of an object of known shape in known light, by analysis by synthesis.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "client/commands/command.h"
+#include "client/commands/options.h"
+#include "client/interrupt.h"
+#include "client/json.h"
+#include "client/output.h"
+#include "client/predict/photograph_input.h"
+#include "client/predict/predictors.h"
+#include "client/refine/coordinates.h"
+#include "client/refine/refine_run.h"
+#include "client/render_pool/render_pool.h"
+#include "common/error.h"
+#include "common/files/atomic_file.h"
+#include "common/files/folder_lock.h"
+#include "common/image/channels.h"
+#include "common/image/photograph_file.h"
+#include "common/learning/model_files.h"
+#include "common/progress.h"
+#include "common/random.h"
+#include "common/rpc/status.h"
+#include "common/scene/material_proto.h"
+#include "common/scene/scene_file.h"
+#include "server/render/mesh_builder.h"
+
+namespace itn {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct RefineOptions {
+  std::vector<std::string> images, scenes;
+  std::string init = "network";
+  std::string model;
+  uint32_t starts = 1;
+  std::string method = "gauss-newton", weights = "noise";
+  bool unknown_exposure = false;
+  uint32_t spp = 0, max_spp = 0, max_iterations = 0;
+  double time_limit = 0, tolerance = 0.002, learning_rate = 0.05;
+  uint64_t seed = 0;
+  std::string output;
+  bool json = false;
+  WorkerFlags workers;
+};
+
+Error usage(const std::string& message) {
+  return Error(ErrorKind::kUsage, message);
+}
+
+// ---- Images and their scenes -----------------------------------------------------------------
+
+// What the scene's film has of an image in colour.
+std::vector<float> radiance_of(const Image& image, v1::Film::Channel channel,
+                               const std::string& name) {
+  const std::vector<std::string> names = radiance_channels(image, name);
+  if (names.size() == 1) return image.channel(names[0]);
+  if (channel != v1::Film::LUMINANCE) {
+    return image.channel(names[static_cast<size_t>(channel - v1::Film::RED)]);
+  }
+  std::vector<float> luminance(image.channel(names[0]).size());
+  constexpr std::array<float, 3> kLuminance = {0.2126F, 0.7152F, 0.0722F};
+  for (size_t c = 0; c < 3; ++c) {
+    const std::vector<float>& plane = image.channel(names[c]);
+    for (size_t p = 0; p < plane.size(); ++p) luminance[p] += kLuminance[c] * plane[p];
+  }
+  return luminance;
+}
+
+Observation load_observation(const std::string& name, const v1::Scene& scene) {
+  const Image image = read_photograph(name).image;
+  const v1::Film& film = scene.film();
+  if (static_cast<uint32_t>(image.width) != film.width() ||
+      static_cast<uint32_t>(image.height) != film.height()) {
+    throw invalid_input(
+        fmt::format("{} is {} x {} pixels, the film of its scene {} x {}; they must be the same",
+                    name, image.width, image.height, film.width(), film.height()));
+  }
+  Observation observation{.name = name,
+                          .radiance = radiance_of(image, film.channel(), name),
+                          .mask = {},
+                          .noise = {},
+                          .scene = serialize(scene)};
+  if (image.has("mask.Y")) observation.mask = image.channel("mask.Y");
+  if (image.has("stderr.Y")) observation.noise = image.channel("stderr.Y");
+  validate(observation);
+  return observation;
+}
+
+std::vector<v1::Scene> load_scenes(const RefineOptions& options) {
+  if (options.scenes.size() != 1 && options.scenes.size() != options.images.size()) {
+    throw usage(fmt::format(
+        "{} images and {} scenes: give --scene once for all of them, or once for each, in order",
+        options.images.size(), options.scenes.size()));
+  }
+  std::vector<v1::Scene> scenes;
+  for (const std::string& file : options.scenes) scenes.push_back(load_scene(file));
+  scenes.resize(options.images.size(), scenes.front());
+  return scenes;
+}
+
+// ---- Where to start --------------------------------------------------------------------------
+
+// The middle of the materials of Che et al. 2020: sigma_t 30 to 276, albedo .39 to .95, g 0 to .8.
+constexpr Material kMean{91, 0.67, 0.4};
+
+Material parsed_material(const std::string& text) {
+  std::array<double, 3> numbers{};
+  const char* at = text.c_str();
+  for (size_t i = 0; i < 3; ++i) {
+    char* end = nullptr;
+    numbers[i] = std::strtod(at, &end);
+    if (end == at || *end != (i < 2 ? ',' : '\0')) {
+      throw usage(fmt::format(
+          "--init: {} is neither network, nor mean, nor SIGMA_T,ALBEDO,G, such as 60,0.8,0.3",
+          text));
+    }
+    at = end + 1;
+  }
+  const Material material{numbers[0], numbers[1], numbers[2]};
+  const auto in = [](double value, double min, double max) { return min <= value && value <= max; };
+  if (!in(material.sigma_t, kLeastSigmaT, kMostSigmaT) || !in(material.albedo, 0, 1) ||
+      !in(material.g, -kMaxAbsG, kMaxAbsG)) {
+    throw usage(fmt::format(
+        "--init: of {}, sigma_t must be in [{}, {}], the albedo in [0, 1], g in [-{}, {}]", text,
+        kLeastSigmaT, kMostSigmaT, kMaxAbsG, kMaxAbsG));
+  }
+  return material;
+}
+
+double longest_side(const v1::Scene& scene) {
+  const Bounds box =
+      bounds(MeshBuilder(UINT64_MAX).build("scene.object.mesh", scene.object().mesh()));
+  return std::max({box.max.x - box.min.x, box.max.y - box.min.y, box.max.z - box.min.z});
+}
+
+// What a network sees in the images; of colours what is nearest to the films'.
+Material network_guess(const RefineOptions& options, const std::vector<v1::Scene>& scenes) {
+  std::vector<PredictInput> inputs;
+  for (size_t i = 0; i < options.images.size(); ++i) {
+    PhotographOptions photograph;
+    photograph.object_size = longest_side(scenes[i]);
+    if (!options.unknown_exposure) photograph.exposure = 1;
+    inputs.push_back(load_photograph(options.images[i], photograph));
+  }
+  const Predict predict = predictor_here(find_model(options.model));
+  const bool several = inputs.size() > 1;
+  const v1::PredictBatchReply reply = predict(inputs, several);
+  for (const v1::PredictOutcome& outcome : reply.outcomes()) {
+    if (outcome.code() != grpc::StatusCode::OK) {
+      throw to_error({static_cast<grpc::StatusCode>(outcome.code()), outcome.message()}, "");
+    }
+  }
+  const auto& materials = several ? reply.combined().materials() : reply.outcomes(0).reply().materials();
+  const v1::Film::Channel channel = scenes[0].film().channel();
+  const int chosen = materials.size() == 1              ? 0
+                     : channel == v1::Film::LUMINANCE ? 1
+                                                      : channel - v1::Film::RED;
+  return from_proto(materials.at(chosen));
+}
+
+Material first_start(const RefineOptions& options, const std::vector<v1::Scene>& scenes) {
+  if (options.init == "mean") return kMean;
+  if (options.init != "network") return parsed_material(options.init);
+  try {
+    return network_guess(options, scenes);
+  } catch (const Error& error) {
+    if (error.kind() == ErrorKind::kCancelled) throw;
+    throw Error(error.kind(), fmt::format("no network could say where to start ({}); --init mean "
+                                          "or --init SIGMA_T,ALBEDO,G need none",
+                                          error.what()));
+  }
+}
+
+std::string origin_of(const RefineOptions& options) {
+  const std::string model = options.init == "network" ? " " + options.model : "";
+  return fmt::format("{} starts from {}{}", options.starts, options.init, model);
+}
+
+// ---- All of it -------------------------------------------------------------------------------
+
+v1::RefineSettings settings_of(const RefineOptions& options) {
+  v1::RefineSettings settings;
+  settings.set_method(options.method == "adam" ? v1::RefineSettings::ADAM
+                                               : v1::RefineSettings::GAUSS_NEWTON);
+  settings.set_weights(options.weights == "map"    ? v1::RefineSettings::MAP
+                       : options.weights == "none" ? v1::RefineSettings::NONE
+                                                   : v1::RefineSettings::NOISE);
+  settings.set_unknown_exposure(options.unknown_exposure);
+  settings.set_spp(options.spp);
+  settings.set_max_spp(options.max_spp);
+  settings.set_max_iterations(options.max_iterations);
+  settings.set_time_limit(options.time_limit);
+  settings.set_tolerance(options.tolerance);
+  settings.set_learning_rate(options.learning_rate);
+  settings.set_seed(options.seed);
+  settings = with_defaults(settings);
+  if (settings.spp() > settings.max_spp()) {
+    throw usage(fmt::format("--spp {} must not be more than --max-spp {}", settings.spp(),
+                            settings.max_spp()));
+  }
+  return settings;
+}
+
+std::vector<Synthesis> render_fits(const Refinement& refinement,
+                                   std::span<const Observation> observations,
+                                   const Synthesize& synthesize) {
+  constexpr uint32_t kPictureSpp = 256;
+  std::vector<SynthesisQuery> queries;
+  for (const Observation& observation : observations) {
+    queries.push_back({.observation = &observation,
+                       .material = refinement.material(),
+                       .spp = kPictureSpp,
+                       .seed = queries.size()});
+  }
+  return synthesize(queries);
+}
+
+void run(const RefineOptions& options) {
+  const v1::RefineSettings settings = settings_of(options);
+  if (options.init != "network" && options.init != "mean") parsed_material(options.init);
+  std::optional<FolderLock> lock;
+  if (!options.output.empty()) {
+    check_folder_writable(options.output);
+    lock.emplace(options.output, "refines a material");
+    lock->remove_temporary_files();
+  }
+  const std::vector<v1::Scene> scenes = load_scenes(options);
+  std::vector<Observation> observations;
+  for (size_t i = 0; i < scenes.size(); ++i) {
+    observations.push_back(load_observation(options.images[i], scenes[i]));
+  }
+  RenderPool pool(options.workers.pool_options());
+  const Synthesize synthesize = rendered_by(pool, interruption());
+  Progress progress("refining", "iterations", settings.max_iterations());
+  uint64_t done = 0;
+  const RefineRun refine_run{
+      .folder = options.output,
+      .origin = origin_of(options),
+      .starts = [&] { return starts_around(first_start(options, scenes), options.starts); },
+      .report =
+          [&](const v1::RefineIteration& i) {
+            progress.update(++done, fmt::format("sigma_t {:.4g} albedo {:.4f} g {:.4f}, loss {:.2g}, "
+                                                "{} spp",
+                                                i.material().sigma_t(), i.material().albedo(),
+                                                i.material().g(), i.loss(), i.spp()));
+          }};
+  const Refinement refinement = refine(settings, observations, synthesize, refine_run);
+  const v1::RefineResult result = refinement.result();
+  if (!options.output.empty()) {
+    write_outcome(options.output, result, observations,
+                  render_fits(refinement, observations, synthesize), refinement.exposure());
+  }
+  options.json ? print_result("{}\n", to_json(result)) : print_result(to_text(result));
+}
+
+void add_flags(CLI::App& command, RefineOptions& options) {
+  command
+      .add_option("images", options.images,
+                  "Images of one material, of linear radiance on the scale of their scenes' lights, "
+                  "of the size of their films: EXR, or others as for itn predict. Of an EXR, mask.Y "
+                  "says which pixels count (default: where the scene shows the object), and "
+                  "stderr.Y how noisy they are")
+      ->required();
+  command
+      .add_option("--scene", options.scenes,
+                  "Scene file (text format of itn.v1.Scene); once for all images, or once for each, "
+                  "in order")
+      ->required()
+      ->allow_extra_args(false);
+  command
+      .add_option("--init", options.init,
+                  "Where to start: network (its answer to the images, which then need a mask.Y), "
+                  "mean (91,0.67,0.4), or SIGMA_T,ALBEDO,G, the first in 1/mm")
+      ->capture_default_str();
+  command.add_option("--model", options.model,
+                     "Of --init network: a checkpoint, the folder of a run, or a model that itn "
+                     "models lists; default: any");
+  command
+      .add_option("--starts", options.starts,
+                  "Starts, spread about --init; the best after four iterations of each goes on")
+      ->check(number_in(1U, 64U))
+      ->capture_default_str();
+  command
+      .add_option("--method", options.method,
+                  "gauss-newton; adam: for comparison, 150 iterations at --spp by default")
+      ->check(one_of({"gauss-newton", "adam"}))
+      ->capture_default_str();
+  command
+      .add_option("--weights", options.weights,
+                  "How pixels count: noise: by the inverse variance of their noise; map: by the "
+                  "squared weight map, near edges; none: all the same")
+      ->check(one_of({"noise", "map", "none"}))
+      ->capture_default_str();
+  command.add_flag("--unknown-exposure", options.unknown_exposure,
+                   "The images are the renders times one factor, which is found, too");
+  const CLI::Validator spp_range = number_in(4U, 1U << 20);
+  command
+      .add_option("--spp", options.spp,
+                  "Samples per pixel and image of the first iteration; default 64")
+      ->check(spp_range);
+  command
+      .add_option("--max-spp", options.max_spp,
+                  "Samples per pixel and image, of an iteration and behind the answer, at most; "
+                  "default 4096, or --spp if that is more")
+      ->check(spp_range);
+  command
+      .add_option("--max-iterations", options.max_iterations,
+                  "Of a start; default 40, of adam 150")
+      ->check(number_in(1U, 100000U));
+  command
+      .add_option("--time-limit", options.time_limit,
+                  "In seconds; ends after the iteration in which they are over; 0: none")
+      ->check(number_in(0.0, 1e9))
+      ->capture_default_str();
+  command
+      .add_option("--tolerance", options.tolerance,
+                  "End when the standard deviations of ln sigma_t, albedo and g are no larger")
+      ->check(number_in(0.0, 1.0))
+      ->capture_default_str();
+  command.add_option("--learning-rate", options.learning_rate, "Of adam, in unbounded coordinates")
+      ->check(number_in(1e-6, 10.0))
+      ->capture_default_str();
+  command.add_option("--seed", options.seed, "Of the random numbers")
+      ->check(kAnySeed)
+      ->capture_default_str();
+  command.add_option("-o,--output", options.output,
+                     "Folder for trajectory.jsonl, result.json, picture.png (target, fit, "
+                     "difference) and the state, from which the same command goes on");
+  command.add_flag("--json", options.json, "Print the result as JSON (itn.v1.RefineResult)");
+}
+
+}  // namespace
+
+void add_refine_command(CLI::App& app) {
+  const auto options = std::make_shared<RefineOptions>();
+  CLI::App* command = app.add_subcommand(
+      "refine", "Refine a material until renders of a known scene are like the image");
+  add_flags(*command, *options);
+  add_worker_flags(*command, options->workers);
+  command->callback([options] { run(*options); });
+}
+
+}  // namespace itn

@@ -1,0 +1,190 @@
+#include "client/refine/refine_run.h"
+
+#include <fmt/format.h>
+#include <google/protobuf/util/message_differencer.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "client/json.h"
+#include "client/panels.h"
+#include "common/error.h"
+#include "common/files/atomic_file.h"
+#include "common/files/read_file.h"
+#include "common/image/preview.h"
+
+namespace itn {
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* kState = "state.itn";
+constexpr const char* kTrajectory = "trajectory.jsonl";
+
+std::optional<v1::RefineState> find_state(const fs::path& folder) {
+  const fs::path path = folder / kState;
+  if (folder.empty() || !fs::exists(path)) return std::nullopt;
+  v1::RefineState state;
+  if (!state.ParseFromString(read_file(path, "state"))) {
+    throw Error(ErrorKind::kDataLoss,
+                fmt::format("{} is damaged; remove the folder to begin anew", path.string()));
+  }
+  return state;
+}
+
+void write_state(const fs::path& folder, const v1::RefineState& state) {
+  std::string lines;
+  for (const v1::RefineIteration& iteration : state.trajectory()) lines += to_json(iteration) + "\n";
+  write_file_atomically(folder / kTrajectory, lines);
+  write_file_atomically(folder / kState, state.SerializeAsString());
+}
+
+// What ended it no longer does, where limits were raised.
+void raise_limits(const v1::RefineSettings& wanted, v1::RefineState& state) {
+  state.mutable_settings()->set_max_iterations(wanted.max_iterations());
+  state.mutable_settings()->set_time_limit(wanted.time_limit());
+  const double seconds = state.trajectory().empty() ? 0 : state.trajectory().rbegin()->seconds();
+  for (v1::RefineStartState& start : *state.mutable_starts()) {
+    const bool more = start.end() == v1::RefineResult::MAX_ITERATIONS
+                          ? start.iterations() < wanted.max_iterations()
+                      : start.end() == v1::RefineResult::TIME_LIMIT
+                          ? wanted.time_limit() == 0 || seconds < wanted.time_limit()
+                          : false;
+    if (more) start.set_end(v1::RefineResult::UNFINISHED);
+  }
+}
+
+void require_same(const v1::RefineState& state, const v1::RefineSettings& wanted,
+                  std::span<const Observation> observations, const RefineRun& run) {
+  const auto other = [&](const std::string& what) {
+    return invalid_input(fmt::format("the refinement in {} {}; choose another folder",
+                                     run.folder.string(), what));
+  };
+  if (state.digest() != digest_of(observations)) throw other("is of other images or scenes");
+  if (state.origin() != run.origin) {
+    throw other(fmt::format("began from {}, not {}", state.origin(), run.origin));
+  }
+  std::string differences;
+  google::protobuf::util::MessageDifferencer differencer;
+  differencer.ReportDifferencesToString(&differences);
+  if (!differencer.Compare(state.settings(), wanted)) {
+    throw other("has other settings (only --max-iterations and --time-limit may change):\n" +
+                differences);
+  }
+}
+
+Refinement begin_or_continue(const v1::RefineSettings& settings,
+                             std::span<const Observation> observations, const RefineRun& run) {
+  std::optional<v1::RefineState> state = find_state(run.folder);
+  if (!state) return Refinement(settings, observations, run.starts());
+  raise_limits(settings, *state);
+  require_same(*state, settings, observations, run);
+  return Refinement(observations, *state);
+}
+
+// A square, as panels are; white around an image that is none.
+Panel panel_of(uint32_t width, uint32_t height, const std::function<Rgb(size_t)>& colour) {
+  const uint32_t side = std::max(width, height);
+  Panel panel{.side = static_cast<int>(side),
+              .pixels = std::vector<Rgb>(size_t{side} * side, Rgb{255, 255, 255})};
+  for (uint32_t y = 0; y < height; ++y) {
+    for (uint32_t x = 0; x < width; ++x) {
+      panel.pixels[size_t{y} * side + x] = colour(size_t{y} * width + x);
+    }
+  }
+  return panel;
+}
+
+PanelRow compared(const Observation& observation, const Synthesis& fit, double exposure) {
+  std::vector<float> image, rendered;
+  std::vector<float> on_object;
+  for (size_t p = 0; p < observation.radiance.size(); ++p) {
+    const bool counts =
+        fit.mask[p] > 0.5F && (observation.mask.empty() || observation.mask[p] > 0.5F);
+    double mean = 0;
+    for (const RenderEstimate& estimate : fit.estimates) {
+      mean += estimate.radiance[p] / static_cast<double>(fit.estimates.size());
+    }
+    image.push_back(counts ? observation.radiance[p] : 0);
+    rendered.push_back(counts ? static_cast<float>(exposure * mean) : 0);
+    if (counts) on_object.push_back(observation.radiance[p]);
+  }
+  const float white = white_level(on_object);
+  const auto panel = [&](const std::function<Rgb(size_t)>& colour) {
+    return panel_of(observation.scene->width, observation.scene->height, colour);
+  };
+  return {panel([&](size_t p) { return gray(image[p] / white); }),
+          panel([&](size_t p) { return gray(rendered[p] / white); }),
+          panel([&](size_t p) { return diverging((rendered[p] - image[p]) / white); })};
+}
+
+const char* in_words(v1::RefineResult::End end) {
+  switch (end) {
+    case v1::RefineResult::NOISE_OF_IMAGE:
+      return "what is left is noise of the image, which more samples do not reduce";
+    case v1::RefineResult::TOLERANCE: return "the tolerance is reached";
+    case v1::RefineResult::MAX_SPP:
+      return "as many samples were taken as --max-spp allows; more would make it more certain";
+    case v1::RefineResult::MAX_ITERATIONS:
+      return "as many iterations were made as --max-iterations allows";
+    case v1::RefineResult::TIME_LIMIT: return "the time limit is over";
+    default: return "not finished";
+  }
+}
+
+}  // namespace
+
+Refinement refine(const v1::RefineSettings& settings, std::span<const Observation> observations,
+                  const Synthesize& synthesize, const RefineRun& run) {
+  Refinement refinement = begin_or_continue(with_defaults(settings), observations, run);
+  while (!refinement.finished()) {
+    const v1::RefineIteration& iteration = refinement.step(synthesize);
+    if (!run.folder.empty()) {
+      v1::RefineState state = refinement.state();
+      state.set_origin(run.origin);
+      write_state(run.folder, state);
+    }
+    if (run.report) run.report(iteration);
+  }
+  return refinement;
+}
+
+void write_outcome(const fs::path& folder, const v1::RefineResult& result,
+                   std::span<const Observation> observations, std::span<const Synthesis> fits,
+                   double exposure) {
+  write_file_atomically(folder / "result.json", to_json(result) + "\n");
+  std::vector<PanelRow> rows;
+  for (size_t i = 0; i < observations.size(); ++i) {
+    rows.push_back(compared(observations[i], fits[i], exposure));
+  }
+  write_panels(folder / "picture.png", rows);
+}
+
+std::string to_text(const v1::RefineResult& result) {
+  std::string text = fmt::format("{:20}{:>12}   {:24}\n", "", "value", "95 % interval");
+  const auto line = [&](const char* name, const v1::RefinedParameter& p, const char* unit) {
+    text += fmt::format("{:20}{:>12}   {:24}{}", name, fmt::format("{:.4g}", p.value()),
+                        fmt::format("{:.4g} to {:.4g}", p.low_95(), p.high_95()), unit);
+    text.erase(text.find_last_not_of(' ') + 1);
+    text += "\n";
+  };
+  line("sigma_t", result.sigma_t(), "1/mm");
+  line("albedo", result.albedo(), "");
+  line("g", result.g(), "");
+  line("sigma_a", result.sigma_a(), "1/mm");
+  line("sigma_s (1 - g)", result.sigma_s_reduced(), "1/mm");
+  if (result.has_exposure()) line("image / render", result.exposure(), "");
+  text += fmt::format("correlations: sigma_t, albedo {:.2f}; sigma_t, g {:.2f}; albedo, g {:.2f}\n",
+                      result.correlations(0), result.correlations(1), result.correlations(2));
+  text += fmt::format("difference of image and render: {:.2g} %",
+                      100 * std::sqrt(std::max(0.0, result.loss())));
+  if (result.loss_of_noise() > 0) {
+    text += fmt::format("; noise of the image: {:.2g} %", 100 * std::sqrt(result.loss_of_noise()));
+  }
+  text += fmt::format("\n{} iterations, {:.1f} CPU-s, {:.1f} s: {}\n", result.total_iterations(),
+                      result.cpu_seconds(), result.seconds(), in_words(result.end()));
+  for (const std::string& remark : result.remarks()) text += remark + ".\n";
+  return text;
+}
+
+}  // namespace itn

@@ -1,0 +1,44 @@
+// A refinement in a folder, or without one: how it goes on, and what it leaves behind.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "client/refine/refinement.h"
+
+namespace itn {
+
+struct RefineRun {
+  // Where the state is kept, from which a run that was stopped goes on: state.itn, and
+  // trajectory.jsonl (a RefineIteration as JSON a line), both replaced as a whole after each
+  // iteration. Empty: nowhere. Whoever calls has locked it (FolderLock).
+  std::filesystem::path folder;
+  // What the starts come from, in words: part of what makes a run the same.
+  std::string origin;
+  // Starts of a new run.
+  std::function<std::vector<Material>()> starts;
+  std::function<void(const v1::RefineIteration&)> report;  // optional
+};
+
+// Until it is finished, from where the run in the folder was stopped if there is one. A run that
+// ended by a limit (iterations, time) goes on if that is raised. Throws Error (invalid input) if the
+// folder's run is one of other images, scenes or settings, and says what differs; what
+// `synthesize` throws, the state then being that after the last iteration.
+Refinement refine(const v1::RefineSettings& settings, std::span<const Observation> observations,
+                  const Synthesize& synthesize, const RefineRun& run);
+
+// Writes result.json (v1::RefineResult), and picture.png: a row for each image of target, fit and
+// difference on the object, as by write_comparison() of client/picture.h. `fits`: renders of the
+// answer, times its exposure. Throws Error (kIo).
+void write_outcome(const std::filesystem::path& folder, const v1::RefineResult& result,
+                   std::span<const Observation> observations, std::span<const Synthesis> fits,
+                   double exposure);
+
+// For people: the numbers with their intervals, how it ended, and the remarks.
+std::string to_text(const v1::RefineResult& result);
+
+}  // namespace itn
