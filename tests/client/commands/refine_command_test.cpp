@@ -1,0 +1,143 @@
+// itn refine, as a process.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <regex>
+#include <string>
+#include <vector>
+
+#include "common/image/image.h"
+#include "tests/support/process.h"
+#include "tests/support/scene_files.h"
+#include "tests/support/temporary_folder.h"
+
+namespace itn {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::AllOf;
+using testing::eventually;
+using testing::Finished;
+using ::testing::HasSubstr;
+using testing::kSceneFile;
+using testing::Process;
+using testing::replaced;
+using testing::run;
+using testing::TemporaryFolder;
+
+using Arguments = std::vector<std::string>;
+
+std::string content(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// Without the times.
+std::string timeless(const std::string& json) {
+  return std::regex_replace(json, std::regex("\"(cpu_)?seconds\":[-+.e0-9]+"), "");
+}
+
+class RefineCommand : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    shared_ = new TemporaryFolder;
+    std::ofstream(shared_->path("scene.textproto")) << kSceneFile;
+    const Finished rendered =
+        run({ITN, "render", shared_->path("scene.textproto"), "-o", shared_->path("image.exr"),
+             "--sigma-t", "8", "--albedo", "0.8", "--g", "0.3", "--spp", "64", "--pixels", "object"});
+    ASSERT_EQ(rendered.exit_code, 0) << rendered.errors;
+  }
+  static void TearDownTestSuite() { delete shared_; }
+
+  static Arguments command(const Arguments& more) {
+    Arguments arguments{ITN, "refine", shared_->path("image.exr"), "--scene",
+                        shared_->path("scene.textproto")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return arguments;
+  }
+
+  static TemporaryFolder* shared_;
+};
+TemporaryFolder* RefineCommand::shared_ = nullptr;
+
+TEST_F(RefineCommand, GoesOnAfterItWasKilledOrHitALimit) {
+  const auto into = [&](const std::string& folder, const std::string& iterations) {
+    return command({"--init", "12,0.7,0.1", "--spp", "16", "--max-iterations", iterations,
+                    "--max-spp", "100000", "-o", shared_->path(folder)});
+  };
+  ASSERT_EQ(run(into("straight", "8")).exit_code, 0);
+  ASSERT_EQ(run(into("limited", "3")).exit_code, 0);
+  ASSERT_EQ(run(into("limited", "8")).exit_code, 0);
+  {
+    Process process(into("killed", "8"));
+    ASSERT_TRUE(eventually([&] { return fs::exists(shared_->path("killed/state.itn")); }));
+    process.send(SIGKILL);
+    process.wait();
+  }
+  const Finished continued = run(into("killed", "8"));
+  ASSERT_EQ(continued.exit_code, 0) << continued.errors;
+  for (const char* name : {"result.json", "trajectory.jsonl", "picture.png"}) {
+    const std::string straight = timeless(content(shared_->path("straight") + "/" + name));
+    EXPECT_FALSE(straight.empty());
+    EXPECT_EQ(straight, timeless(content(shared_->path("limited") + "/" + name))) << name;
+    EXPECT_EQ(straight, timeless(content(shared_->path("killed") + "/" + name))) << name;
+  }
+  const Finished other = run(command({"--init", "12,0.7,0.1", "--spp", "32", "-o",
+                                      shared_->path("straight")}));
+  EXPECT_EQ(other.exit_code, 3);
+  EXPECT_THAT(other.errors, AllOf(HasSubstr("other settings"), HasSubstr("spp")));
+  const Finished elsewhere = run(into("straight", "8"));
+  EXPECT_EQ(elsewhere.exit_code, 0) << "finished: the answer again";
+}
+
+TEST_F(RefineCommand, PrintsTheAnswer) {
+  const Arguments arguments = {"--init", "mean", "--max-iterations", "2", "--starts", "2",
+                               "--unknown-exposure", "--weights", "map"};
+  const Finished text = run(command(arguments));
+  ASSERT_EQ(text.exit_code, 0) << text.errors;
+  EXPECT_THAT(text.output, AllOf(HasSubstr("sigma_t"), HasSubstr("95 % interval"),
+                                 HasSubstr("image / render"), HasSubstr("--max-iterations")));
+  Arguments json = arguments;
+  json.push_back("--json");
+  const Finished machine = run(command(json));
+  EXPECT_THAT(machine.output,
+              AllOf(HasSubstr("\"end\":\"MAX_ITERATIONS\""), HasSubstr("\"total_iterations\":4")));
+}
+
+TEST_F(RefineCommand, SaysWhatIsWrong) {
+  const auto refuse = [&](const Arguments& arguments, int code,
+                          const std::vector<std::string>& parts) {
+    const Finished finished = run(arguments);
+    EXPECT_EQ(finished.exit_code, code) << finished.errors;
+    for (const std::string& part : parts) EXPECT_THAT(finished.errors, HasSubstr(part));
+  };
+  refuse(command({"--init", "8,0.8"}), 2, {"--init", "SIGMA_T,ALBEDO,G"});
+  refuse(command({"--init", "8,1.8,0"}), 2, {"--init", "albedo in [0, 1]"});
+  refuse(command({"--init", "mean", "--spp", "64", "--max-spp", "32"}), 2, {"--spp 64"});
+  refuse(command({"--init", "mean", "--spp", "1"}), 2, {"--spp", "[4, "});
+  refuse(command({"--init", "mean", "--method", "newton"}), 2, {"gauss-newton, adam"});
+  refuse(command({"--scene", shared_->path("scene.textproto")}), 2, {"1 images and 2 scenes"});
+  std::ofstream(shared_->path("other.textproto")) << replaced(kSceneFile, "width: 16", "width: 20");
+  refuse({ITN, "refine", shared_->path("image.exr"), "--scene", shared_->path("other.textproto")}, 3,
+         {"16 x 12", "20 x 12"});
+  refuse({ITN, "refine", shared_->path("none.exr"), "--scene", shared_->path("scene.textproto")}, 4,
+         {"none.exr"});
+  Image dark = read_exr(shared_->path("image.exr"));
+  dark.channels["mask.Y"].assign(dark.channels["mask.Y"].size(), 0);
+  write_exr(shared_->path("dark.exr"), dark);
+  refuse({ITN, "refine", shared_->path("dark.exr"), "--scene", shared_->path("scene.textproto"),
+          "--init", "mean"},
+         3, {"dark.exr", "no pixel on the object"});
+  dark.channels.erase("mask.Y");
+  write_exr(shared_->path("maskless.exr"), dark);
+  refuse({ITN, "refine", shared_->path("maskless.exr"), "--scene",
+          shared_->path("scene.textproto")},
+         3, {"no network could say where to start", "mask.Y", "--init mean"});
+}
+
+}  // namespace
+}  // namespace itn

@@ -1,0 +1,227 @@
+#include "client/refine/refinement.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "client/refine/coordinates.h"
+#include "client/refine/small_matrix.h"
+#include "tests/client/refine/synthetic_model.h"
+#include "tests/support/expect_error.h"
+
+namespace itn {
+namespace {
+
+using testing::expect_error;
+using testing::SyntheticModel;
+
+constexpr Material kTruth{60, 0.8, 0.3}, kStart{90, 0.6, 0};
+
+v1::RefineResult refined(const SyntheticModel& model, const std::vector<Observation>& observations,
+                         v1::RefineSettings settings, const std::vector<Material>& starts) {
+  Refinement refinement(std::move(settings), observations, starts);
+  while (!refinement.finished()) refinement.step(model.synthesize());
+  return refinement.result();
+}
+
+bool has(const v1::RefinedParameter& p, double truth) {
+  return p.low_95() <= truth && truth <= p.high_95();
+}
+
+TEST(SmallMatrix, InverseTimesMatrixIsOne) {
+  const SmallMatrix a = SmallMatrix::of(std::vector<double>{0, 2, 1, 1, 0, 3, 4, -1, 2});
+  const SmallMatrix one = inverse(a) * a;
+  for (size_t i = 0; i < 3; ++i) {
+    for (size_t j = 0; j < 3; ++j) EXPECT_NEAR(one(i, j), i == j ? 1 : 0, 1e-14);
+  }
+  EXPECT_FALSE(std::isfinite(inverse(SmallMatrix(2))(0, 0)));
+}
+
+TEST(Refinement, FindsTheTruthInImagesWithoutNoise) {
+  const SyntheticModel quiet(0.01);
+  const v1::RefineResult result = refined(quiet, {quiet.observe(kTruth, 0, 1)}, {}, {kStart});
+  EXPECT_EQ(result.end(), v1::RefineResult::TOLERANCE);
+  EXPECT_NEAR(result.material().sigma_t(), kTruth.sigma_t, 0.02 * kTruth.sigma_t);
+  EXPECT_NEAR(result.material().albedo(), kTruth.albedo, 0.005);
+  EXPECT_NEAR(result.material().g(), kTruth.g, 0.01);
+  EXPECT_LE(result.iterations(), 15U);
+}
+
+// Of 200 images, each with noise of its own, 95 % of the intervals have the truth, give or take four
+// standard deviations of the binomial distribution: 1.54 % each.
+TEST(Refinement, IntervalsCoverTheTruth) {
+  constexpr int kImages = 200;
+  const SyntheticModel model;
+  std::array<int, 3> inside{};
+  for (uint64_t i = 0; i < kImages; ++i) {
+    v1::RefineSettings settings;
+    settings.set_seed(i);
+    settings.set_max_spp(1024);
+    const v1::RefineResult r = refined(model, {model.observe(kTruth, 0.05, 100 + i)}, settings, {kStart});
+    inside[0] += has(r.sigma_t(), kTruth.sigma_t);
+    inside[1] += has(r.albedo(), kTruth.albedo);
+    inside[2] += has(r.g(), kTruth.g);
+  }
+  const double sigma = std::sqrt(0.95 * 0.05 / kImages);
+  for (const int count : inside) {
+    EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
+  }
+}
+
+TEST(Refinement, FindsAnUnknownExposureToo) {
+  const SyntheticModel model;
+  v1::RefineSettings settings;
+  settings.set_unknown_exposure(true);
+  const v1::RefineResult r =
+      refined(model, {model.observe(kTruth, 0.02, 3, 2.5)}, settings, {kStart});
+  ASSERT_TRUE(r.has_exposure());
+  const auto within = [](const v1::RefinedParameter& p, double truth) {
+    return std::abs(p.value() - truth) < 4 * p.standard_deviation();
+  };
+  EXPECT_TRUE(within(r.exposure(), 2.5)) << r.exposure().value();
+  EXPECT_TRUE(within(r.sigma_t(), kTruth.sigma_t)) << r.sigma_t().value();
+  EXPECT_LT(r.exposure().standard_deviation(), 0.5);
+}
+
+TEST(Refinement, SeveralImagesTellMore) {
+  const SyntheticModel model;
+  const v1::RefineResult one = refined(model, {model.observe(kTruth, 0.1, 1)}, {}, {kStart});
+  std::vector<Observation> four;
+  for (uint64_t i = 0; i < 4; ++i) four.push_back(model.observe(kTruth, 0.1, i));
+  const v1::RefineResult all = refined(model, four, {}, {kStart});
+  EXPECT_NEAR(all.sigma_t().standard_deviation() / one.sigma_t().standard_deviation(), 0.5, 0.12);
+}
+
+TEST(Refinement, NamesTheSimilarityRidge) {
+  SyntheticModel model;
+  model.make_similar_materials_alike();
+  v1::RefineSettings settings;
+  settings.set_max_spp(512);
+  const v1::RefineResult r = refined(model, {model.observe(kTruth, 0.05, 1)}, settings, {{70, 0.75, 0.1}});
+  ASSERT_FALSE(r.remarks().empty());
+  EXPECT_THAT(r.remarks(0), ::testing::HasSubstr("similarity ridge"));
+  // What is known of them is right.
+  EXPECT_NEAR(r.sigma_s_reduced().value(), kTruth.sigma_s_reduced(),
+              4 * r.sigma_s_reduced().standard_deviation());
+  EXPECT_LT(r.sigma_s_reduced().standard_deviation(), 0.1 * kTruth.sigma_s_reduced());
+}
+
+TEST(Refinement, SaysThatTheSceneIsAnother) {
+  const SyntheticModel model;
+  Observation observation = model.observe(kTruth, 0.01, 1);
+  for (size_t p = 0; p < observation.radiance.size(); p += 2) observation.radiance[p] *= 1.5F;
+  v1::RefineSettings settings;
+  settings.set_max_spp(512);
+  const v1::RefineResult r = refined(model, {observation}, settings, {kStart});
+  ASSERT_FALSE(r.remarks().empty());
+  EXPECT_THAT(r.remarks(r.remarks_size() - 1), ::testing::HasSubstr("shape, light"));
+}
+
+// The best of several starts goes on; one whose loss is higher by more than noise does not.
+TEST(Refinement, KeepsTheBestOfSeveralStarts) {
+  const SyntheticModel model;
+  const std::vector<Observation> observations{model.observe(kTruth, 0.02, 1)};
+  v1::RefineSettings settings;
+  settings.set_max_spp(512);
+  settings.set_max_iterations(4);
+  settings.set_method(v1::RefineSettings::ADAM);  // which comes nowhere in 4 iterations
+  const v1::RefineResult r =
+      refined(model, observations, settings, {{500, 0.2, -0.5}, {61, 0.79, 0.3}, {10, 0.9, 0.9}});
+  EXPECT_EQ(r.best_start(), 1U);
+  EXPECT_EQ(r.total_iterations(), 12U);
+  EXPECT_EQ(starts_around(kStart, 3).size(), 3U);
+  EXPECT_NEAR(starts_around(kStart, 3)[0].sigma_t, kStart.sigma_t, 1e-9);
+}
+
+TEST(Refinement, AdamComesNearInManyMoreIterations) {
+  const SyntheticModel model(0.05);
+  v1::RefineSettings settings;
+  settings.set_method(v1::RefineSettings::ADAM);
+  const std::vector<Observation> observations{model.observe(kTruth, 0.01, 1)};
+  const v1::RefineResult adam = refined(model, observations, settings, {kStart});
+  EXPECT_EQ(adam.iterations(), 150U);
+  EXPECT_NEAR(adam.material().sigma_t(), kTruth.sigma_t, 0.15 * kTruth.sigma_t);
+  EXPECT_LE(refined(model, observations, {}, {kStart}).iterations(), 15U);
+}
+
+// After each iteration: as a message, and back.
+TEST(Refinement, GoesOnFromItsStateBitForBit) {
+  const SyntheticModel model;
+  const std::vector<Observation> observations{model.observe(kTruth, 0.05, 1),
+                                              model.observe(kTruth, 0.05, 2)};
+  for (const auto method : {v1::RefineSettings::GAUSS_NEWTON, v1::RefineSettings::ADAM}) {
+    v1::RefineSettings settings;
+    settings.set_method(method);
+    settings.set_unknown_exposure(true);
+    settings.set_max_iterations(12);
+    settings.set_max_spp(1024);
+    const std::vector<Material> starts = starts_around(kStart, 2);
+    v1::RefineResult straight = refined(model, observations, settings, starts);
+    std::string state = Refinement(settings, observations, starts).state().SerializeAsString();
+    for (bool finished = false; !finished;) {
+      v1::RefineState read;
+      ASSERT_TRUE(read.ParseFromString(state));
+      Refinement refinement(observations, read);
+      finished = refinement.finished();
+      if (!finished) refinement.step(model.synthesize());
+      state = refinement.state().SerializeAsString();
+    }
+    v1::RefineState last;
+    ASSERT_TRUE(last.ParseFromString(state));
+    v1::RefineResult stopped = Refinement(observations, last).result();
+    straight.clear_seconds();
+    stopped.clear_seconds();
+    EXPECT_EQ(straight.SerializeAsString(), stopped.SerializeAsString());
+  }
+}
+
+TEST(Refinement, SaysWhatIsWrong) {
+  const SyntheticModel model;
+  const auto refuse = [&](const std::vector<std::string>& parts, auto change) {
+    Observation observation = model.observe(kTruth, 0.05, 1);
+    v1::RefineSettings settings;
+    std::vector<Material> starts{kStart};
+    change(observation, settings, starts);
+    expect_error(ErrorKind::kInvalidInput, parts, [&] {
+      const std::vector<Observation> observations{observation};
+      Refinement(settings, observations, starts);
+    });
+  };
+  refuse({"synthetic", "399 pixels", "20 x 20"},
+         [](Observation& o, auto&, auto&) { o.radiance.pop_back(); });
+  refuse({"the mask has 1 pixels"}, [](Observation& o, auto&, auto&) { o.mask = {1}; });
+  refuse({"nan", "pixel (3, 1)"}, [](Observation& o, auto&, auto&) {
+    o.radiance[23] = std::numeric_limits<float>::quiet_NaN();
+  });
+  refuse({"no pixel on the object"}, [](Observation& o, auto&, auto&) {
+    o.mask.assign(SyntheticModel::kPixels, 0);
+  });
+  refuse({"black"}, [](Observation& o, auto&, auto&) { o.radiance.assign(400, 0); });
+  refuse({"spp 2"}, [](auto&, v1::RefineSettings& s, auto&) { s.set_spp(2); });
+  refuse({"tolerance"}, [](auto&, v1::RefineSettings& s, auto&) { s.set_tolerance(-1); });
+  refuse({"no material"}, [](auto&, auto&, std::vector<Material>& m) { m.clear(); });
+  refuse({"albedo"}, [](auto&, auto&, std::vector<Material>& m) { m[0].albedo = 2; });
+  refuse({"sigma_t"}, [](auto&, auto&, std::vector<Material>& m) { m[0].sigma_t = 1e5; });
+}
+
+TEST(Refinement, RefusesAStateOfOthers) {
+  const SyntheticModel model;
+  const std::vector<Observation> ours{model.observe(kTruth, 0.05, 1)};
+  const std::vector<Observation> other{model.observe(kTruth, 0.05, 2)};
+  Refinement refinement({}, ours, {kStart});
+  refinement.step(model.synthesize());
+  expect_error(ErrorKind::kInvalidInput, {"other images"},
+               [&] { Refinement(other, refinement.state()); });
+  v1::RefineState damaged = refinement.state();
+  damaged.mutable_starts(0)->mutable_gradient()->RemoveLast();
+  expect_error(ErrorKind::kInvalidInput, {"damaged"}, [&] { Refinement(ours, damaged); });
+}
+
+}  // namespace
+}  // namespace itn
