@@ -105,8 +105,9 @@ Descent::Sight Descent::look(const Synthesize& synthesize, uint64_t seed) {
 void Descent::take(const Sight& sight) {
   // What was seen from the last place, as it is seen from here.
   double memory = 0, long_memory = 0;
+  std::vector<double> moved(sight.x.size());
   if (samples_ > 0) {
-    std::vector<double> moved = sight.x;
+    moved = sight.x;
     for (size_t c = 0; c < moved.size(); ++c) moved[c] -= anchor_[c];
     memory = 1 / (1 + squared_length(moved) / (kHalfMemory * kHalfMemory));
     long_memory = 1 / (1 + squared_length(moved) / (kHalfInstruments * kHalfInstruments));
@@ -118,7 +119,7 @@ void Descent::take(const Sight& sight) {
   equations_ = scaled(equations_, memory);
   add(sight.equations, spp_, equations_);
   samples_ = memory * samples_ + spp_;
-  for (size_t i = 0; i < evidence_.size(); ++i) evidence_[i].take(sight.looks[i], memory, long_memory);
+  for (size_t i = 0; i < evidence_.size(); ++i) evidence_[i].take(sight.looks[i], moved, memory, long_memory);
   anchor_ = sight.x;
   loss_ = sight.loss;
   loss_standard_error_ = sight.loss_standard_error;
@@ -126,9 +127,11 @@ void Descent::take(const Sight& sight) {
 }
 
 SmallMatrix Descent::covariance() const {
-  SmallMatrix scores(equations_.gradient.size());
-  for (const Evidence& evidence : evidence_) scores += evidence.score_covariance();
-  return sandwich(inverse(equations_.curvature), scores);
+  const SmallMatrix back = inverse(equations_.curvature);
+  const std::vector<double> step = back * equations_.gradient;
+  SmallMatrix scores(step.size());
+  for (const Evidence& evidence : evidence_) scores += evidence.score_covariance(step);
+  return sandwich(back, scores);
 }
 
 SmallMatrix Descent::render_covariance() const {

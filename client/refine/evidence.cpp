@@ -229,6 +229,7 @@ Evidence::Look Evidence::look(const Synthesis& synthesis, uint32_t spp, const Vi
 
   look.equations = Equations(coordinates);
   look.scores.assign(coordinates, Plane(count));
+  look.slopes.assign(coordinates * coordinates, Plane(count));
   std::vector<std::vector<Plane>> scores;       // by estimate, coordinate, pixel
   std::vector<std::vector<Plane>> instruments;  // likewise, with their weights
   for (const Estimate& estimate : estimates) {
@@ -248,7 +249,7 @@ Evidence::Look Evidence::look(const Synthesis& synthesis, uint32_t spp, const Vi
         own[c][i] = z * (image_[i] - estimate.radiance[i]);
         look.scores[c][i] += own[c][i] / k_count;
         for (size_t d = 0; d < coordinates; ++d) {
-          look.equations.curvature(c, d) += z * estimate.derivatives[d][i] / k_count;
+          look.slopes[c * coordinates + d][i] += z * estimate.derivatives[d][i] / k_count;
         }
       }
     }
@@ -277,6 +278,9 @@ Evidence::Look Evidence::look(const Synthesis& synthesis, uint32_t spp, const Vi
   for (size_t c = 0; c < coordinates; ++c) {
     for (size_t i = 0; i < count; ++i) look.equations.gradient[c] += look.scores[c][i];
     for (size_t d = 0; d < coordinates; ++d) {
+      for (const double slope : look.slopes[c * coordinates + d]) {
+        look.equations.curvature(c, d) += slope;
+      }
       double sum = 0;
       for (const std::vector<Plane>& own : scores) {
         for (size_t i = 0; i < count; ++i) {
@@ -304,11 +308,17 @@ Evidence::Look Evidence::look(const Synthesis& synthesis, uint32_t spp, const Vi
   return look;
 }
 
-void Evidence::take(const Look& look, double memory, double long_memory) {
+void Evidence::take(const Look& look, std::span<const double> moved, double memory,
+                    double long_memory) {
   const size_t coordinates = look.scores.size(), count = pixels_.size();
-  radiance_.resize(count);
-  derivatives_.resize(coordinates, Plane(count));
-  scores_.resize(coordinates, Plane(count));
+  if (samples_ == 0) {
+    radiance_.assign(count, 0);
+    derivatives_.assign(coordinates, Plane(count));
+    scores_.assign(coordinates, Plane(count));
+    slopes_.assign(coordinates * coordinates, Plane(count));
+  } else {
+    scores_ = scores_after(moved);
+  }
   const auto mix = [&](Plane& sum, double part, const Plane& now) {
     for (size_t i = 0; i < count; ++i) sum[i] = part * sum[i] + look.samples * now[i];
   };
@@ -318,13 +328,25 @@ void Evidence::take(const Look& look, double memory, double long_memory) {
     mix(derivatives_[c], long_memory, look.derivatives[c]);
     mix(scores_[c], memory, look.scores[c]);
   }
+  for (size_t s = 0; s < slopes_.size(); ++s) mix(slopes_[s], memory, look.slopes[s]);
 }
 
-SmallMatrix Evidence::score_covariance() const {
-  SmallMatrix sum(scores_.size());
-  for (size_t c = 0; c < scores_.size(); ++c) {
-    for (size_t d = 0; d < scores_.size(); ++d) {
-      for (size_t i = 0; i < pixels_.size(); ++i) sum(c, d) += scores_[c][i] * scores_[d][i];
+std::vector<std::vector<double>> Evidence::scores_after(std::span<const double> step) const {
+  std::vector<Plane> scores = scores_;
+  for (size_t c = 0; c < scores.size(); ++c) {
+    for (size_t d = 0; d < scores.size(); ++d) {
+      add(slopes_[c * scores.size() + d], -step[d], scores[c]);
+    }
+  }
+  return scores;
+}
+
+SmallMatrix Evidence::score_covariance(std::span<const double> step) const {
+  const std::vector<Plane> scores = scores_after(step);
+  SmallMatrix sum(scores.size());
+  for (size_t c = 0; c < scores.size(); ++c) {
+    for (size_t d = 0; d < scores.size(); ++d) {
+      for (size_t i = 0; i < pixels_.size(); ++i) sum(c, d) += scores[c][i] * scores[d][i];
     }
   }
   return sum;
@@ -341,6 +363,7 @@ v1::RefineImageState Evidence::state() const {
     state.mutable_derivatives()->Add(plane.begin(), plane.end());
   }
   for (const Plane& plane : scores_) state.mutable_scores()->Add(plane.begin(), plane.end());
+  for (const Plane& plane : slopes_) state.mutable_slopes()->Add(plane.begin(), plane.end());
   return state;
 }
 
@@ -352,7 +375,8 @@ void Evidence::restore(const v1::RefineImageState& state, size_t coordinates) {
   const bool seen = state.radiance_size() > 0;
   if (!rising || (count > 0 && state.pixels(count - 1) >= observation_.radiance.size()) ||
       (seen && (state.radiance_size() != count || state.derivatives_size() != planes ||
-                state.scores_size() != planes))) {
+                state.scores_size() != planes ||
+                state.slopes_size() != planes * static_cast<int>(coordinates)))) {
     throw invalid_input("the state of the refinement is damaged");
   }
   pixels_.assign(state.pixels().begin(), state.pixels().end());
@@ -361,13 +385,16 @@ void Evidence::restore(const v1::RefineImageState& state, size_t coordinates) {
   if (!seen) return;
   samples_ = state.samples();
   radiance_.assign(state.radiance().begin(), state.radiance().end());
-  for (int c = 0; c < static_cast<int>(coordinates); ++c) {
-    const auto plane = [&](const auto& values) {
-      return Plane(values.begin() + c * count, values.begin() + (c + 1) * count);
-    };
-    derivatives_.push_back(plane(state.derivatives()));
-    scores_.push_back(plane(state.scores()));
-  }
+  const auto planes_of = [count](const auto& values) {
+    std::vector<Plane> result;
+    for (int first = 0; first < values.size(); first += count) {
+      result.emplace_back(values.begin() + first, values.begin() + first + count);
+    }
+    return result;
+  };
+  derivatives_ = planes_of(state.derivatives());
+  scores_ = planes_of(state.scores());
+  slopes_ = planes_of(state.slopes());
 }
 
 }  // namespace itn

@@ -63,6 +63,7 @@ class Evidence {
     std::vector<double> radiance;                  // times the exposure
     std::vector<std::vector<double>> derivatives;  // of that, by coordinate
     std::vector<std::vector<double>> scores;       // by coordinate
+    std::vector<std::vector<double>> slopes;       // minus those of scores, row by row as H
     Equations equations;
     // Weighted sum of the squared difference to the image, its variance as far as it is noise of
     // the render, and the weighted energy of the image. Weights are the same in all looks.
@@ -76,12 +77,13 @@ class Evidence {
   // count. Throws Error (invalid input) if the render does not fit, or no pixel sees the object.
   Look look(const Synthesis& synthesis, uint32_t spp, const Viewpoint& at, bool plain);
 
-  // Adds it to what was seen before, whose scores count `memory` times as much as they did, and what
-  // instruments are made of `long_memory` times: it need not be exact.
-  void take(const Look& look, double memory, double long_memory);
+  // Adds it to what was seen before, `moved` in coordinates from here: the scores of that, as they
+  // are here, count `memory` times as much as they did, and what instruments are made of, which need
+  // not be exact, `long_memory` times.
+  void take(const Look& look, std::span<const double> moved, double memory, double long_memory);
 
-  // S of all that was taken, each look's scores times its samples.
-  SmallMatrix score_covariance() const;
+  // S of all that was taken, each look's scores times its samples, this step away from here.
+  SmallMatrix score_covariance(std::span<const double> step) const;
 
   // Of image over render, the ratio of their sums.
   double exposure(const Synthesis& synthesis);
@@ -94,6 +96,7 @@ class Evidence {
   void choose_pixels(std::span<const float> coverage);
   void weigh_pixels();
   double inverse_variance(double radiance) const;
+  std::vector<std::vector<double>> scores_after(std::span<const double> step) const;
   std::vector<double> smoothed(const std::vector<double>& values) const;
 
   const Observation& observation_;
@@ -106,7 +109,7 @@ class Evidence {
   double noise_at_mean_ = 0, noise_exponent_ = 0;
   double samples_ = 0;
   std::vector<double> radiance_;
-  std::vector<std::vector<double>> derivatives_, scores_;
+  std::vector<std::vector<double>> derivatives_, scores_, slopes_;
 };
 
 }  // namespace itn

@@ -161,7 +161,7 @@ void write_outcome(const fs::path& folder, const v1::RefineResult& result,
 }
 
 std::string to_text(const v1::RefineResult& result) {
-  std::string text = fmt::format("{:20}{:>12}   {:24}\n", "", "value", "95 % interval");
+  std::string text = fmt::format("{:20}{:>12}   95 % interval\n", "", "value");
   const auto line = [&](const char* name, const v1::RefinedParameter& p, const char* unit) {
     text += fmt::format("{:20}{:>12}   {:24}{}", name, fmt::format("{:.4g}", p.value()),
                         fmt::format("{:.4g} to {:.4g}", p.low_95(), p.high_95()), unit);
