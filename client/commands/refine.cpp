@@ -163,9 +163,10 @@ Material network_guess(const RefineOptions& options, const std::vector<v1::Scene
       throw to_error({static_cast<grpc::StatusCode>(outcome.code()), outcome.message()}, "");
     }
   }
-  const auto& materials = several ? reply.combined().materials() : reply.outcomes(0).reply().materials();
+  const auto& materials =
+      several ? reply.combined().materials() : reply.outcomes(0).reply().materials();
   const v1::Film::Channel channel = scenes[0].film().channel();
-  const int chosen = materials.size() == 1              ? 0
+  const int chosen = materials.size() == 1            ? 0
                      : channel == v1::Film::LUMINANCE ? 1
                                                       : channel - v1::Film::RED;
   return from_proto(materials.at(chosen));
@@ -252,10 +253,11 @@ void run(const RefineOptions& options) {
       .starts = [&] { return starts_around(first_start(options, scenes), options.starts); },
       .report =
           [&](const v1::RefineIteration& i) {
-            progress.update(++done, fmt::format("sigma_t {:.4g} albedo {:.4f} g {:.4f}, loss {:.2g}, "
-                                                "{} spp",
-                                                i.material().sigma_t(), i.material().albedo(),
-                                                i.material().g(), i.loss(), i.spp()));
+            progress.update(
+                ++done, fmt::format("sigma_t {:.4g} albedo {:.4f} g {:.4f}, loss {:.2g}, "
+                                    "{} spp",
+                                    i.material().sigma_t(), i.material().albedo(), i.material().g(),
+                                    i.loss(), i.spp()));
           }};
   const Refinement refinement = refine(settings, observations, synthesize, refine_run);
   const v1::RefineResult result = refinement.result();
@@ -268,16 +270,18 @@ void run(const RefineOptions& options) {
 
 void add_flags(CLI::App& command, RefineOptions& options) {
   command
-      .add_option("images", options.images,
-                  "Images of one material, of linear radiance on the scale of their scenes' lights, "
-                  "of the size of their films: EXR, or others as for itn predict. Of an EXR, mask.Y "
-                  "says which pixels count (default: where the scene shows the object), and "
-                  "stderr.Y how noisy they are")
+      .add_option(
+          "images", options.images,
+          "Images of one material, of linear radiance on the scale of their scenes' lights, "
+          "of the size of their films: EXR, or others as for itn predict. Of an EXR, mask.Y "
+          "says which pixels count (default: where the scene shows the object), and "
+          "stderr.Y how noisy they are")
       ->required();
   command
-      .add_option("--scene", options.scenes,
-                  "Scene file (text format of itn.v1.Scene); once for all images, or once for each, "
-                  "in order")
+      .add_option(
+          "--scene", options.scenes,
+          "Scene file (text format of itn.v1.Scene); once for all images, or once for each, "
+          "in order")
       ->required()
       ->allow_extra_args(false);
   command
@@ -313,12 +317,12 @@ void add_flags(CLI::App& command, RefineOptions& options) {
       ->check(spp_range);
   command
       .add_option("--max-spp", options.max_spp,
-                  "Samples per pixel and image, of an iteration and behind the answer, at most; "
-                  "default 4096, or --spp if that is more")
+                  "Samples per pixel and image of an iteration at most; as many behind the answer, "
+                  "three times that of a poor one, are enough; default 4096, or --spp if that is "
+                  "more")
       ->check(spp_range);
   command
-      .add_option("--max-iterations", options.max_iterations,
-                  "Of a start; default 40, of adam 150")
+      .add_option("--max-iterations", options.max_iterations, "Of a start; default 40, of adam 150")
       ->check(number_in(1U, 100000U));
   command
       .add_option("--time-limit", options.time_limit,

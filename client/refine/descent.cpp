@@ -24,6 +24,9 @@ constexpr double kNoiseStep = 1.6;
 constexpr double kSmallStep = 0.2;
 // A loss that rose by more standard errors than this did rise.
 constexpr double kRise = 4;
+// An answer with larger standard deviations, of ln sigma_t, albedo or g, may come from equations
+// that are singular but for noise: it is given so many times the samples before it is taken.
+constexpr double kPoor = 0.25, kPatience = 3;
 // Samples grow at most by this factor from one iteration to the next.
 constexpr double kMostGrowth = 16;
 
@@ -63,8 +66,11 @@ struct Descent::Sight {
 
 Descent::Descent(const v1::RefineSettings& settings, std::span<const Observation> observations,
                  const Material& start)
-    : settings_(settings), observations_(observations), x_(coordinates_of(start)),
-      trust_(kMostTrust), spp_(settings.spp()) {
+    : settings_(settings),
+      observations_(observations),
+      x_(coordinates_of(start)),
+      trust_(kMostTrust),
+      spp_(settings.spp()) {
   for (const Observation& observation : observations) {
     evidence_.emplace_back(observation, settings.weights());
   }
@@ -119,7 +125,8 @@ void Descent::take(const Sight& sight) {
   equations_ = scaled(equations_, memory);
   add(sight.equations, spp_, equations_);
   samples_ = memory * samples_ + spp_;
-  for (size_t i = 0; i < evidence_.size(); ++i) evidence_[i].take(sight.looks[i], moved, memory, long_memory);
+  for (size_t i = 0; i < evidence_.size(); ++i)
+    evidence_[i].take(sight.looks[i], moved, memory, long_memory);
   anchor_ = sight.x;
   loss_ = sight.loss;
   loss_standard_error_ = sight.loss_standard_error;
@@ -191,13 +198,13 @@ void Descent::plan(const Step& step) {
                                      static_cast<double>(step.full.size()));
   if (step.over_noise > kNoiseStep && uncertain > kSmallStep) return;
   const double share = render_share(all, renders);
-  if (share <= kRenderShare) {
-    end_ = v1::RefineResult::NOISE_OF_IMAGE;
-  } else if (largest_deviation(all) <= settings_.tolerance()) {
-    end_ = v1::RefineResult::TOLERANCE;
-  } else if (samples_ >= settings_.max_spp()) {
+  const double deviation = largest_deviation(all);
+  const bool poor = !(deviation <= kPoor);
+  if (samples_ >= (poor ? kPatience : 1) * settings_.max_spp()) {
     end_ = v1::RefineResult::MAX_SPP;
   }
+  if (!poor && deviation <= settings_.tolerance()) end_ = v1::RefineResult::TOLERANCE;
+  if (!poor && share <= kRenderShare) end_ = v1::RefineResult::NOISE_OF_IMAGE;
   // Samples that are missing, if the variance falls with their number.
   const double wanted = samples_ * share / ((1 - std::min(share, 0.99)) * kRenderShare);
   const double growth = std::clamp((wanted - samples_) / spp_, 2.0, kMostGrowth);
@@ -219,8 +226,9 @@ v1::RefineIteration Descent::step(const Synthesize& synthesize, uint64_t seed) {
   told.set_loss_standard_error(sight.loss_standard_error);
   told.set_cpu_seconds(sight.cpu_seconds);
 
-  const bool rose = samples_ > 0 && sight.loss - loss_ > kRise * std::hypot(sight.loss_standard_error,
-                                                                           loss_standard_error_);
+  const bool rose =
+      samples_ > 0 &&
+      sight.loss - loss_ > kRise * std::hypot(sight.loss_standard_error, loss_standard_error_);
   told.set_rejected(rose && !is_adam());
   if (told.rejected()) {
     trust_ /= 4;
@@ -293,9 +301,11 @@ Descent::Descent(const v1::RefineSettings& settings, std::span<const Observation
   for (size_t i = 0; i < evidence_.size(); ++i) {
     evidence_[i].restore(state.images(static_cast<int>(i)), n);
   }
-  equations_.curvature = SmallMatrix::of(std::vector<double>(state.curvature().begin(), state.curvature().end()));
+  equations_.curvature =
+      SmallMatrix::of(std::vector<double>(state.curvature().begin(), state.curvature().end()));
   equations_.gradient.assign(state.gradient().begin(), state.gradient().end());
-  equations_.render_noise = SmallMatrix::of(std::vector<double>(state.render_noise().begin(), state.render_noise().end()));
+  equations_.render_noise = SmallMatrix::of(
+      std::vector<double>(state.render_noise().begin(), state.render_noise().end()));
   first_moment_.assign(state.first_moment().begin(), state.first_moment().end());
   second_moment_.assign(state.second_moment().begin(), state.second_moment().end());
 }

@@ -111,7 +111,8 @@ void Evidence::weigh_pixels() {
         // A binomial filter: the nearer ones are listed as often as they count.
         const int64_t place = places[size_t{v} * width + u];
         const size_t times = (u == x ? 2U : 1U) * (v == y ? 2U : 1U);
-        if (place >= 0) neighbours_[i].insert(neighbours_[i].end(), times, static_cast<uint32_t>(place));
+        if (place >= 0)
+          neighbours_[i].insert(neighbours_[i].end(), times, static_cast<uint32_t>(place));
       }
     }
   }
@@ -241,9 +242,8 @@ Evidence::Look Evidence::look(const Synthesis& synthesis, uint32_t spp, const Vi
     std::vector<Plane>& own = scores.emplace_back(coordinates, Plane(count));
     std::vector<Plane>& weighted = instruments.emplace_back(coordinates, Plane(count));
     for (size_t c = 0; c < coordinates; ++c) {
-      const Plane instrument =
-          without(estimate.derivatives[c], look.derivatives[c],
-                  derivatives_.empty() ? Plane() : derivatives_[c]);
+      const Plane instrument = without(estimate.derivatives[c], look.derivatives[c],
+                                       derivatives_.empty() ? Plane() : derivatives_[c]);
       for (size_t i = 0; i < count; ++i) {
         const double z = weighted[c][i] = weights[i] * instrument[i];
         own[c][i] = z * (image_[i] - estimate.radiance[i]);
@@ -255,8 +255,8 @@ Evidence::Look Evidence::look(const Synthesis& synthesis, uint32_t spp, const Vi
     }
   }
   // The noise of the instruments meets what is left of the image. With the variance v of one
-  // estimate of M / K samples, it has that of all n samples, v M / (K n); instruments that leave out
-  // one estimate each, n' samples behind them, differ by v (M / K n')^2.
+  // estimate of M / K samples, it has that of all n samples, v M / (K n); instruments that leave
+  // out one estimate each, n' samples behind them, differ by v (M / K n')^2.
   const double n = past + now, without_one = past + now * (k_count - 1) / k_count;
   const double leverage = without_one * without_one / (n * (k_count - 1) * now / k_count);
   const auto noise_of_instruments = [&](size_t c, size_t d) {

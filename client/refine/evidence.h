@@ -78,8 +78,8 @@ class Evidence {
   Look look(const Synthesis& synthesis, uint32_t spp, const Viewpoint& at, bool plain);
 
   // Adds it to what was seen before, `moved` in coordinates from here: the scores of that, as they
-  // are here, count `memory` times as much as they did, and what instruments are made of, which need
-  // not be exact, `long_memory` times.
+  // are here, count `memory` times as much as they did, and what instruments are made of, which
+  // need not be exact, `long_memory` times.
   void take(const Look& look, std::span<const double> moved, double memory, double long_memory);
 
   // S of all that was taken, each look's scores times its samples, this step away from here.

@@ -19,10 +19,10 @@ class RenderPool;
 
 // Planes have the size of the scene's film, top row first.
 struct Observation {
-  std::string name;              // for messages
-  std::vector<float> radiance;   // on the scale of the scene's lights, unless exposure is unknown
-  std::vector<float> mask;       // pixels above 0.5 count; empty: all that see the object
-  std::vector<float> noise;      // standard errors of the radiance; empty: not known
+  std::string name;             // for messages
+  std::vector<float> radiance;  // on the scale of the scene's lights, unless exposure is unknown
+  std::vector<float> mask;      // pixels above 0.5 count; empty: all that see the object
+  std::vector<float> noise;     // standard errors of the radiance; empty: not known
   std::shared_ptr<const SerializedScene> scene;
 };
 

@@ -34,7 +34,8 @@ std::optional<v1::RefineState> find_state(const fs::path& folder) {
 
 void write_state(const fs::path& folder, const v1::RefineState& state) {
   std::string lines;
-  for (const v1::RefineIteration& iteration : state.trajectory()) lines += to_json(iteration) + "\n";
+  for (const v1::RefineIteration& iteration : state.trajectory())
+    lines += to_json(iteration) + "\n";
   write_file_atomically(folder / kTrajectory, lines);
   write_file_atomically(folder / kState, state.SerializeAsString());
 }
@@ -57,8 +58,8 @@ void raise_limits(const v1::RefineSettings& wanted, v1::RefineState& state) {
 void require_same(const v1::RefineState& state, const v1::RefineSettings& wanted,
                   std::span<const Observation> observations, const RefineRun& run) {
   const auto other = [&](const std::string& what) {
-    return invalid_input(fmt::format("the refinement in {} {}; choose another folder",
-                                     run.folder.string(), what));
+    return invalid_input(
+        fmt::format("the refinement in {} {}; choose another folder", run.folder.string(), what));
   };
   if (state.digest() != digest_of(observations)) throw other("is of other images or scenes");
   if (state.origin() != run.origin) {

@@ -25,8 +25,8 @@ struct RefineRun {
 };
 
 // Until it is finished, from where the run in the folder was stopped if there is one. A run that
-// ended by a limit (iterations, time) goes on if that is raised. Throws Error (invalid input) if the
-// folder's run is one of other images, scenes or settings, and says what differs; what
+// ended by a limit (iterations, time) goes on if that is raised. Throws Error (invalid input) if
+// the folder's run is one of other images, scenes or settings, and says what differs; what
 // `synthesize` throws, the state then being that after the last iteration.
 Refinement refine(const v1::RefineSettings& settings, std::span<const Observation> observations,
                   const Synthesize& synthesize, const RefineRun& run);

@@ -45,8 +45,9 @@ void check(std::span<const Observation> observations) {
 void check_start(const Material& start) {
   validate(start);
   if (start.sigma_t < kLeastSigmaT || start.sigma_t > kMostSigmaT) {
-    throw invalid_input(fmt::format("a start of sigma_t {} cannot be refined; it must be in [{}, {}]",
-                                    start.sigma_t, kLeastSigmaT, kMostSigmaT));
+    throw invalid_input(
+        fmt::format("a start of sigma_t {} cannot be refined; it must be in [{}, {}]",
+                    start.sigma_t, kLeastSigmaT, kMostSigmaT));
   }
 }
 
@@ -159,8 +160,7 @@ const v1::RefineIteration& Refinement::step(const Synthesize& synthesize) {
   const auto begin = std::chrono::steady_clock::now();
   const size_t start = next();
   Descent& descent = descents_[start];
-  v1::RefineIteration iteration =
-      descent.step(synthesize, derive_seed(settings_.seed(), {start}));
+  v1::RefineIteration iteration = descent.step(synthesize, derive_seed(settings_.seed(), {start}));
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
   const double before = trajectory_.empty() ? 0 : trajectory_.back().seconds();
   iteration.set_start(static_cast<uint32_t>(start));

@@ -26,8 +26,8 @@ class Descent;  // client/refine/descent.h
 // With the defaults of the method where nothing is said.
 v1::RefineSettings with_defaults(v1::RefineSettings settings);
 
-// `start`, and others spread about it in UNBOUNDED coordinates, within 1.5 of it in each; always the
-// same ones.
+// `start`, and others spread about it in UNBOUNDED coordinates, within 1.5 of it in each; always
+// the same ones.
 std::vector<Material> starts_around(const Material& start, size_t count);
 
 // Of images and scenes; 32 bytes.
@@ -36,8 +36,8 @@ std::string digest_of(std::span<const Observation> observations);
 class Refinement {
  public:
   // From each of the starts (at least one). The observations, at least one, must outlive it. Throws
-  // Error (invalid input) as validate() of observations and materials do, and if settings are out of
-  // their ranges.
+  // Error (invalid input) as validate() of observations and materials do, and if settings are out
+  // of their ranges.
   Refinement(v1::RefineSettings settings, std::span<const Observation> observations,
              const std::vector<Material>& starts);
   // Goes on from a state, to the same answer bit for bit. Throws Error (invalid input) if it is one
@@ -48,9 +48,9 @@ class Refinement {
 
   bool finished() const;
 
-  // One iteration of one start: every start is brought some way, then the best goes on alone. Not to
-  // be called once finished. Throws what `synthesize` throws, and Error (invalid input) if a render
-  // does not fit an image; nothing has changed then.
+  // One iteration of one start: every start is brought some way, then the best goes on alone. Not
+  // to be called once finished. Throws what `synthesize` throws, and Error (invalid input) if a
+  // render does not fit an image; nothing has changed then.
   const v1::RefineIteration& step(const Synthesize& synthesize);
 
   // As it stands, of the best start, once there was a step.

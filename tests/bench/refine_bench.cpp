@@ -15,8 +15,8 @@
 
 #include "client/refine/refinement.h"
 #include "client/render_pool/render_pool.h"
-#include "client/render_pool/reply_images.h"
 #include "client/render_pool/render_wait.h"
+#include "client/render_pool/reply_images.h"
 #include "common/random.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
@@ -34,18 +34,27 @@ struct Case {
 #define ITN_GROUND "surfaces { rectangle { half_u { x: 20 } half_v { z: -20 } } reflectance: 0.5 } "
 #define ITN_CAMERA "camera { origin { y: 9.28 z: -32.8 } target { y: 0.5 } fov_degrees: 2.5 } "
 const std::array<Case, 5> kCases = {{
-    {"urchin, sun at 60", "object { mesh { builtin: \"urchin\" normalize: true } } " ITN_GROUND
-     "lights { sun_sky { sun_angular_radius_degrees: 18.75 } } " ITN_CAMERA, {60, 0.87, 0.4}},
-    {"knot, sun behind", "object { mesh { builtin: \"knot\" normalize: true } } " ITN_GROUND
-     "lights { sun_sky { sun_angular_radius_degrees: 18.75 sun_azimuth_degrees: 180 } } " ITN_CAMERA,
+    {"urchin, sun at 60",
+     "object { mesh { builtin: \"urchin\" normalize: true } } " ITN_GROUND
+     "lights { sun_sky { sun_angular_radius_degrees: 18.75 } } " ITN_CAMERA,
+     {60, 0.87, 0.4}},
+    {"knot, sun behind",
+     "object { mesh { builtin: \"knot\" normalize: true } } " ITN_GROUND
+     "lights { sun_sky { sun_angular_radius_degrees: 18.75 sun_azimuth_degrees: 180 } "
+     "} " ITN_CAMERA,
      {100, 0.95, 0.6}},
-    {"gear, low sun", "object { mesh { builtin: \"gear\" normalize: true } } " ITN_GROUND
+    {"gear, low sun",
+     "object { mesh { builtin: \"gear\" normalize: true } } " ITN_GROUND
      "lights { sun_sky { sun_elevation_degrees: 25 sun_azimuth_degrees: 60 "
-     "sun_angular_radius_degrees: 5 } } " ITN_CAMERA, {44, 0.74, 0.2}},
-    {"tree, lamp in a white room", "object { mesh { builtin: \"tree\" normalize: true } } " ITN_GROUND
+     "sun_angular_radius_degrees: 5 } } " ITN_CAMERA,
+     {44, 0.74, 0.2}},
+    {"tree, lamp in a white room",
+     "object { mesh { builtin: \"tree\" normalize: true } } " ITN_GROUND
      "lights { constant { radiance: 0.5 } } lights { directional { direction { x: 1 y: 1 z: -0.5 } "
-     "irradiance: 3 } } " ITN_CAMERA, {150, 0.9, 0.7}},
-    {"goblet, flash", "object { mesh { builtin: \"goblet\" normalize: true } } " ITN_GROUND
+     "irradiance: 3 } } " ITN_CAMERA,
+     {150, 0.9, 0.7}},
+    {"goblet, flash",
+     "object { mesh { builtin: \"goblet\" normalize: true } } " ITN_GROUND
      "lights { directional { direction { y: 0.27 z: -1 } irradiance: 3 } } " ITN_CAMERA,
      {30, 0.59, 0.0}},
 }};
@@ -110,7 +119,8 @@ void run_one(RenderPool& pool, const Case& c, const Options& options, uint32_t r
   v1::RefineSettings settings = options.settings;
   settings.set_seed(derive_seed(run + 1, {2}));
   settings.set_unknown_exposure(options.exposure);
-  Refinement refinement(settings, observations, {start_of(options, c.truth, derive_seed(run, {3}))});
+  Refinement refinement(settings, observations,
+                        {start_of(options, c.truth, derive_seed(run, {3}))});
   const Synthesize synthesize = rendered_by(pool);
   uint32_t last_far = 0;
   while (!refinement.finished()) {
@@ -118,14 +128,14 @@ void run_one(RenderPool& pool, const Case& c, const Options& options, uint32_t r
     if (!is_close(refinement.material(), c.truth)) last_far = i.iteration();
     if (options.verbose) {
       const Material next = refinement.material();
-      fmt::print("  {:3} spp {:5} at {:.4g} {:.4f} {:.4f} loss {:.3g} +- {:.2g}{} step/noise {:.2f} "
-                 "sd {:.4f} {:.4f} {:.4f} renders {:.4f} {:.4f} {:.4f} -> {:.4g} {:.4f} {:.4f} {:.1f} s\n",
-                 i.iteration(), i.spp(), i.material().sigma_t(), i.material().albedo(),
-                 i.material().g(), i.loss(), i.loss_standard_error(), i.rejected() ? " rejected" : "",
-                 i.step_over_noise(), i.standard_deviations(0), i.standard_deviations(1),
-                 i.standard_deviations(2), i.render_standard_deviations(0),
-                 i.render_standard_deviations(1), i.render_standard_deviations(2), next.sigma_t,
-                 next.albedo, next.g, i.seconds());
+      fmt::print(
+          "  {:3} spp {:5} at {:.4g} {:.4f} {:.4f} loss {:.3g} +- {:.2g}{} step/noise {:.2f} "
+          "sd {:.4f} {:.4f} {:.4f} renders {:.4f} {:.4f} {:.4f} -> {:.4g} {:.4f} {:.4f} {:.1f} s\n",
+          i.iteration(), i.spp(), i.material().sigma_t(), i.material().albedo(), i.material().g(),
+          i.loss(), i.loss_standard_error(), i.rejected() ? " rejected" : "", i.step_over_noise(),
+          i.standard_deviations(0), i.standard_deviations(1), i.standard_deviations(2),
+          i.render_standard_deviations(0), i.render_standard_deviations(1),
+          i.render_standard_deviations(2), next.sigma_t, next.albedo, next.g, i.seconds());
       std::fflush(stdout);
     }
   }
@@ -167,7 +177,8 @@ void print(const char* name, const Tally& t) {
       name, t.runs, std::sqrt(t.squares[0] / n), std::sqrt(t.squares[1] / n),
       std::sqrt(t.squares[2] / n), std::sqrt(t.deviations[0] / n), std::sqrt(t.deviations[1] / n),
       std::sqrt(t.deviations[2] / n), 100 * t.inside[0] / n, 100 * t.inside[1] / n,
-      100 * t.inside[2] / n, t.close, t.iterations / n, t.until_close / n, t.cpu / n, t.seconds / n);
+      100 * t.inside[2] / n, t.close, t.iterations / n, t.until_close / n, t.cpu / n,
+      t.seconds / n);
   std::fflush(stdout);
 }
 

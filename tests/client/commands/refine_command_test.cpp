@@ -46,9 +46,9 @@ class RefineCommand : public ::testing::Test {
   static void SetUpTestSuite() {
     shared_ = new TemporaryFolder;
     std::ofstream(shared_->path("scene.textproto")) << kSceneFile;
-    const Finished rendered =
-        run({ITN, "render", shared_->path("scene.textproto"), "-o", shared_->path("image.exr"),
-             "--sigma-t", "8", "--albedo", "0.8", "--g", "0.3", "--spp", "64", "--pixels", "object"});
+    const Finished rendered = run({ITN, "render", shared_->path("scene.textproto"), "-o",
+                                   shared_->path("image.exr"), "--sigma-t", "8", "--albedo", "0.8",
+                                   "--g", "0.3", "--spp", "64", "--pixels", "object"});
     ASSERT_EQ(rendered.exit_code, 0) << rendered.errors;
   }
   static void TearDownTestSuite() { delete shared_; }
@@ -86,8 +86,8 @@ TEST_F(RefineCommand, GoesOnAfterItWasKilledOrHitALimit) {
     EXPECT_EQ(straight, timeless(content(shared_->path("limited") + "/" + name))) << name;
     EXPECT_EQ(straight, timeless(content(shared_->path("killed") + "/" + name))) << name;
   }
-  const Finished other = run(command({"--init", "12,0.7,0.1", "--spp", "32", "-o",
-                                      shared_->path("straight")}));
+  const Finished other =
+      run(command({"--init", "12,0.7,0.1", "--spp", "32", "-o", shared_->path("straight")}));
   EXPECT_EQ(other.exit_code, 3);
   EXPECT_THAT(other.errors, AllOf(HasSubstr("other settings"), HasSubstr("spp")));
   const Finished elsewhere = run(into("straight", "8"));
@@ -95,8 +95,9 @@ TEST_F(RefineCommand, GoesOnAfterItWasKilledOrHitALimit) {
 }
 
 TEST_F(RefineCommand, PrintsTheAnswer) {
-  const Arguments arguments = {"--init", "mean", "--max-iterations", "2", "--starts", "2",
-                               "--unknown-exposure", "--weights", "map"};
+  const Arguments arguments = {"--init",   "mean", "--max-iterations",   "2",
+                               "--starts", "2",    "--unknown-exposure", "--weights",
+                               "map"};
   const Finished text = run(command(arguments));
   ASSERT_EQ(text.exit_code, 0) << text.errors;
   EXPECT_THAT(text.output, AllOf(HasSubstr("sigma_t"), HasSubstr("95 % interval"),
@@ -122,8 +123,8 @@ TEST_F(RefineCommand, SaysWhatIsWrong) {
   refuse(command({"--init", "mean", "--method", "newton"}), 2, {"gauss-newton, adam"});
   refuse(command({"--scene", shared_->path("scene.textproto")}), 2, {"1 images and 2 scenes"});
   std::ofstream(shared_->path("other.textproto")) << replaced(kSceneFile, "width: 16", "width: 20");
-  refuse({ITN, "refine", shared_->path("image.exr"), "--scene", shared_->path("other.textproto")}, 3,
-         {"16 x 12", "20 x 12"});
+  refuse({ITN, "refine", shared_->path("image.exr"), "--scene", shared_->path("other.textproto")},
+         3, {"16 x 12", "20 x 12"});
   refuse({ITN, "refine", shared_->path("none.exr"), "--scene", shared_->path("scene.textproto")}, 4,
          {"none.exr"});
   Image dark = read_exr(shared_->path("image.exr"));
@@ -134,9 +135,9 @@ TEST_F(RefineCommand, SaysWhatIsWrong) {
          3, {"dark.exr", "no pixel on the object"});
   dark.channels.erase("mask.Y");
   write_exr(shared_->path("maskless.exr"), dark);
-  refuse({ITN, "refine", shared_->path("maskless.exr"), "--scene",
-          shared_->path("scene.textproto")},
-         3, {"no network could say where to start", "mask.Y", "--init mean"});
+  refuse(
+      {ITN, "refine", shared_->path("maskless.exr"), "--scene", shared_->path("scene.textproto")},
+      3, {"no network could say where to start", "mask.Y", "--init mean"});
 }
 
 }  // namespace

@@ -53,8 +53,8 @@ TEST(Refinement, FindsTheTruthInImagesWithoutNoise) {
   EXPECT_LE(result.iterations(), 15U);
 }
 
-// Of 200 images, each with noise of its own, 95 % of the intervals have the truth, give or take four
-// standard deviations of the binomial distribution: 1.54 % each.
+// Of 200 images, each with noise of its own, 95 % of the intervals have the truth, give or take
+// four standard deviations of the binomial distribution: 1.54 % each.
 TEST(Refinement, IntervalsCoverTheTruth) {
   constexpr int kImages = 200;
   const SyntheticModel model;
@@ -63,7 +63,8 @@ TEST(Refinement, IntervalsCoverTheTruth) {
     v1::RefineSettings settings;
     settings.set_seed(i);
     settings.set_max_spp(1024);
-    const v1::RefineResult r = refined(model, {model.observe(kTruth, 0.05, 100 + i)}, settings, {kStart});
+    const v1::RefineResult r =
+        refined(model, {model.observe(kTruth, 0.05, 100 + i)}, settings, {kStart});
     inside[0] += has(r.sigma_t(), kTruth.sigma_t);
     inside[1] += has(r.albedo(), kTruth.albedo);
     inside[2] += has(r.g(), kTruth.g);
@@ -103,7 +104,8 @@ TEST(Refinement, NamesTheSimilarityRidge) {
   model.make_similar_materials_alike();
   v1::RefineSettings settings;
   settings.set_max_spp(512);
-  const v1::RefineResult r = refined(model, {model.observe(kTruth, 0.05, 1)}, settings, {{70, 0.75, 0.1}});
+  const v1::RefineResult r =
+      refined(model, {model.observe(kTruth, 0.05, 1)}, settings, {{70, 0.75, 0.1}});
   ASSERT_FALSE(r.remarks().empty());
   EXPECT_THAT(r.remarks(0), ::testing::HasSubstr("similarity ridge"));
   // What is known of them is right.
@@ -199,9 +201,8 @@ TEST(Refinement, SaysWhatIsWrong) {
   refuse({"nan", "pixel (3, 1)"}, [](Observation& o, auto&, auto&) {
     o.radiance[23] = std::numeric_limits<float>::quiet_NaN();
   });
-  refuse({"no pixel on the object"}, [](Observation& o, auto&, auto&) {
-    o.mask.assign(SyntheticModel::kPixels, 0);
-  });
+  refuse({"no pixel on the object"},
+         [](Observation& o, auto&, auto&) { o.mask.assign(SyntheticModel::kPixels, 0); });
   refuse({"black"}, [](Observation& o, auto&, auto&) { o.radiance.assign(400, 0); });
   refuse({"spp 2"}, [](auto&, v1::RefineSettings& s, auto&) { s.set_spp(2); });
   refuse({"tolerance"}, [](auto&, v1::RefineSettings& s, auto&) { s.set_tolerance(-1); });

@@ -45,7 +45,7 @@ Observation observe(RenderPool& pool, const Material& truth) {
 TEST(RenderedRefinement, RecoversMaterials) {
   RenderPool pool{RenderPoolOptions()};
   const Synthesize synthesize = rendered_by(pool);
-  for (const Material& truth : {Material{30, 0.6, 0.1}, Material{60, 0.87, 0.4}}) {
+  for (const Material& truth : {Material{30, 0.6, 0.1}, Material{20, 0.8, 0.4}}) {
     const std::vector<Observation> observations{observe(pool, truth)};
     v1::RefineSettings settings;
     settings.set_max_spp(1024);

@@ -1,5 +1,5 @@
-// An image formation without rendering: a smooth function of the material with Gaussian noise, whose
-// truth is known exactly.
+// An image formation without rendering: a smooth function of the material with Gaussian noise,
+// whose truth is known exactly.
 #pragma once
 
 #include <cmath>
@@ -38,8 +38,8 @@ class SyntheticModel {
 
   // Relative noise of a pixel of a render with one sample; 0: none.
   explicit SyntheticModel(double noise_of_sample = 0.5) : noise_(noise_of_sample) {
-    scene_ = std::make_shared<SerializedScene>(
-        SerializedScene{.bytes = "", .digest = std::string(32, 'd'), .width = kSide, .height = kSide});
+    scene_ = std::make_shared<SerializedScene>(SerializedScene{
+        .bytes = "", .digest = std::string(32, 'd'), .width = kSide, .height = kSide});
     for (size_t p = 0; p < kPixels; ++p) {
       const double u = static_cast<double>(p % kSide) / kSide;
       const double v = static_cast<double>(p / kSide) / kSide;
@@ -72,8 +72,8 @@ class SyntheticModel {
   // An image with this relative noise.
   Observation observe(const Material& truth, double noise, uint64_t seed,
                       double exposure = 1) const {
-    Observation observation{.name = "synthetic", .radiance = {}, .mask = {}, .noise = {},
-                            .scene = scene_};
+    Observation observation{
+        .name = "synthetic", .radiance = {}, .mask = {}, .noise = {}, .scene = scene_};
     Gaussian1D gaussian(seed);
     for (size_t p = 0; p < kPixels; ++p) {
       const double exact = exposure * radiance(p, truth);
@@ -97,8 +97,8 @@ class SyntheticModel {
         for (size_t i = 0; i < 3; ++i) {
           // As in a render, what makes a sample bright makes its derivative large.
           const double scale = i == 0 ? exact / m.sigma_t : exact;
-          estimate.derivatives[i].push_back(static_cast<float>(
-              derivative(p, m, i) + 2 * scale * noise * (off + gaussian())));
+          estimate.derivatives[i].push_back(
+              static_cast<float>(derivative(p, m, i) + 2 * scale * noise * (off + gaussian())));
         }
       }
     }
