@@ -10,8 +10,9 @@ namespace itn {
 namespace {
 
 constexpr double kMostTrust = 0.7;
-// Evidence from this far away, in coordinates, counts half.
-constexpr double kHalfMemory = 0.1;
+// Evidence from this far away, in coordinates, counts half, and from farther away soon hardly, as
+// the equations are linear.
+constexpr double kHalfMemory = 0.05;
 // Likewise of instruments, which need not be exact.
 constexpr double kHalfInstruments = 0.4;
 // Of the variance of the answer, the part that noise of the renders may be at the end: it widens
@@ -115,7 +116,7 @@ void Descent::take(const Sight& sight) {
   if (samples_ > 0) {
     moved = sight.x;
     for (size_t c = 0; c < moved.size(); ++c) moved[c] -= anchor_[c];
-    memory = 1 / (1 + squared_length(moved) / (kHalfMemory * kHalfMemory));
+    memory = 1 / (1 + std::pow(squared_length(moved) / (kHalfMemory * kHalfMemory), 2));
     long_memory = 1 / (1 + squared_length(moved) / (kHalfInstruments * kHalfInstruments));
     const std::vector<double> bent = equations_.curvature * moved;
     for (size_t c = 0; c < moved.size(); ++c) equations_.gradient[c] -= bent[c];
@@ -139,6 +140,12 @@ SmallMatrix Descent::covariance() const {
   SmallMatrix scores(step.size());
   for (const Evidence& evidence : evidence_) scores += evidence.score_covariance(step);
   return sandwich(back, scores);
+}
+
+bool Descent::is_under_way() const {
+  const std::vector<double> step = inverse(equations_.curvature) * equations_.gradient;
+  const double squared = quadratic_form(inverse(covariance()), step);
+  return squared > static_cast<double>(step.size());
 }
 
 SmallMatrix Descent::render_covariance() const {

@@ -48,6 +48,9 @@ class Descent {
   const std::vector<double>& answer() const { return x_; }
   SmallMatrix covariance() const;
   SmallMatrix render_covariance() const;
+  // Whether the last iteration was still farther from where the equations lead than that is
+  // uncertain.
+  bool is_under_way() const;
 
   v1::RefineStartState state() const;
 

@@ -198,6 +198,13 @@ v1::RefineResult Refinement::result() const {
   for (const v1::RefineIteration& iteration : trajectory_) cpu_seconds += iteration.cpu_seconds();
   result.set_cpu_seconds(cpu_seconds);
   result.set_seconds(trajectory_.back().seconds());
+  const bool was_cut_short = descent.end() == v1::RefineResult::MAX_ITERATIONS ||
+                             descent.end() == v1::RefineResult::TIME_LIMIT;
+  if (was_cut_short && descent.is_under_way()) {
+    result.add_remarks(
+        "it was still on its way when it ended, and the intervals do not hold: allow more "
+        "iterations or time");
+  }
   // Beyond its own noise an image should not differ from its render.
   constexpr double kMisfit = 1.5;
   const double noise = descent.loss_of_noise();
