@@ -11,6 +11,7 @@ int main(int argc, char** argv) {
     itn::add_dataset_command(app);
     itn::add_train_command(app);
     itn::add_evaluate_command(app);
+    itn::add_experiment_command(app);
     itn::add_export_command(app);
     itn::add_predict_command(app);
     itn::add_refine_command(app);

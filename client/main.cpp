@@ -23,6 +23,7 @@ constexpr LearningCommand kLearningCommands[] = {
     {"refine", "Refine a material until renders of a known scene are like the image"},
     {"train", "Train a network with a dataset"},
     {"evaluate", "Errors of trained networks on a dataset, beside the constant predictor"},
+    {"experiment", "The networks and tables of Che et al. 2020, and a report"},
     {"export", "Write a trained model as a file for prediction"},
     {"merge", "Photographs of a scene at several exposures, from a tripod, as one linear EXR"},
     {"completion", "Print a script that completes commands and flags in a shell"},

@@ -22,7 +22,7 @@
 #include "client/output.h"
 #include "client/render_pool/render_pool.h"
 #include "client/training/camera_augmentation.h"
-#include "client/training/complete_model.h"
+#include "client/training/dataset_training.h"
 #include "client/training/stream_batches.h"
 #include "client/training/training_config.h"
 #include "client/training/training_run.h"
@@ -158,20 +158,6 @@ class Flags {
   }
 
  private:
-  static void clear_what_is_of_another_loss(v1::TrainingConfig& config) {
-    const bool itn = config.loss() == v1::TrainingConfig::ITN;
-    if (!itn) {
-      config.clear_lambda();
-      config.clear_image_term();
-      config.clear_image_weights();
-    }
-    if (!itn || config.image_term() == v1::TrainingConfig::LINEAR) {  // nothing is rendered
-      config.clear_spp();
-      config.clear_estimates();
-      config.clear_pilot_spp();
-    }
-  }
-
   // What belongs together, unless it is said in particular: a residual network takes ratios and
   // answers a Gaussian, the paper's takes luminance and weight map and answers a point.
   void set_network(v1::TrainingConfig& config) const {
@@ -346,28 +332,11 @@ struct Folders {
   std::string dataset, validation;
 };
 
-// Images that are not learned from.
-struct ValidationSet {
-  ValidationSet(LabelledImages labelled, const PackedFormat& format, const std::string& folder,
-                double noise)
-      : images(std::move(labelled)),
-        inputs(images, format, folder, interruption()),
-        validation(images, inputs, noise) {}
-
-  LabelledImages images;
-  PackedInputs inputs;
-  Validation validation;
-};
-
-// Of the dataset, if there is one, and it has any.
+// Of the dataset, if there is one, it has any, and they are asked for.
 std::unique_ptr<ValidationSet> validation_set(DatasetReader* dataset, const PackedFormat& format,
                                               const TrainOptions& options, double noise) {
-  if (options.validate_every == 0 || dataset == nullptr ||
-      dataset->items(v1::SPLIT_VALIDATION).empty()) {
-    return nullptr;
-  }
-  return std::make_unique<ValidationSet>(images_of(*dataset, v1::SPLIT_VALIDATION), format,
-                                         options.folder, noise);
+  if (options.validate_every == 0 || dataset == nullptr) return nullptr;
+  return validation_set(*dataset, format, options.folder, noise, interruption());
 }
 
 // Everything of a call that does not depend on where its images come from.
@@ -425,20 +394,10 @@ class Training {
     set_torch_threads(static_cast<int>(config.torch_threads()));
   }
 
-  // The model of a new run with such images; `fit` makes one without weights. One that goes on from
-  // a model of the other exposure sees images on the scale of these, whose mean is 1 in both cases.
+  // The model of a new run with such images; `fit` makes one without weights.
   template <typename Fit>
   v1::Model start(const v1::DatasetConfig& images, const Fit& fit) const {
-    if (there_) return {};
-    const v1::Model fitted = fit();
-    v1::Model model = init_ ? *init_ : fitted;
-    if (init_) model.clear_version();  // it was that one's
-    if (model.exposure() != fitted.exposure()) {
-      model.set_exposure(fitted.exposure());
-      model.set_image_scale(fitted.image_scale());
-    }
-    model.set_irradiance(common_irradiance(images));
-    return model;
+    return there_ ? v1::Model() : start_model(init_, fit(), images);
   }
 
   // Runs `train` with what every run has, and prints what became of it. `images`: those of training
@@ -478,13 +437,7 @@ class Training {
     if (validation != nullptr) {
       run.validate = [&](const v1::Model& now) { return validation->validation.measure(now); };
     }
-    run.complete = [&](v1::Model& now) {
-      complete_model(images(),
-                     validation != nullptr
-                         ? HeldOutImages{source_of(validation->inputs), validation->images.truth}
-                         : HeldOutImages{},
-                     now, interruption());
-    };
+    run.complete = completion(images, validation, interruption());
     const TrainingEnd end = train(run);
     if (progress) {
       progress->finish();
@@ -531,10 +484,6 @@ class Training {
   std::optional<v1::Model> init_;
 };
 
-int resolution_of(const v1::TrainingConfig& config, int images) {
-  return config.resolution() != 0 ? static_cast<int>(config.resolution()) : images;
-}
-
 void train_with_dataset(Training& training) {
   const TrainOptions& options = training.options();
   if (!options.validation_dataset.empty()) {
@@ -560,16 +509,9 @@ void train_with_dataset(Training& training) {
   });
   // Train.
   std::optional<RenderPool> pool;
-  ImageTermSource image_term;
-  if (config.image_term() == v1::TrainingConfig::LINEAR) {
-    image_term = image_metrics(images, config.image_weights(), interruption());
-  } else if (config.loss() == v1::TrainingConfig::ITN) {
-    pool.emplace(options.workers.pool_options());
-    image_term = rendered_image_term(
-        *pool,
-        {.spp = config.spp(), .estimates = config.estimates(), .pilot_spp = config.pilot_spp()},
-        interruption());
-  }
+  const ImageTermSource image_term = image_term_source(
+      config, images, [&]() -> RenderPool& { return pool.emplace(options.workers.pool_options()); },
+      interruption());
   training.run(
       config, {.dataset = full_path(dataset.folder()), .validation = ""},
       [&] { return source_of(inputs); }, validation.get(), pool ? &*pool : nullptr,

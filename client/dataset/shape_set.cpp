@@ -58,9 +58,11 @@ Shape describe_shape(std::string name, const Mesh& mesh) {
   return described(std::move(name), *bytes, [bytes] { return *bytes; });
 }
 
-ShapeSet builtin_shape_set() {
+ShapeSet builtin_shape_set(std::span<const std::string> names) {
+  for (const std::string& name : names) check_shape_name(name);
   ShapeSet set;
   for (const ShapeInfo& info : builtin_shapes()) {
+    if (!names.empty() && std::ranges::find(names, info.name) == names.end()) continue;
     set.shapes.push_back(describe_shape(std::string(info.name), make_shape(info.name)));
   }
   std::ranges::sort(set.shapes, {}, &Shape::name);
@@ -106,7 +108,10 @@ ShapeSet shape_set(const v1::ShapeSource& source) {
       return load_shape_set(source.folder().path(), source.folder().repair());
     case v1::ShapeSource::kRandom:
       return random_shape_set(source.random().count(), source.random().seed());
-    default: return builtin_shape_set();
+    default: {
+      const auto& names = source.builtin().names();
+      return builtin_shape_set(std::vector<std::string>(names.begin(), names.end()));
+    }
   }
 }
 

@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -31,7 +32,9 @@ struct ShapeSet {
   std::vector<std::string> refused;  // one message for each file that cannot be used
 };
 
-ShapeSet builtin_shape_set();
+// All of them, or those of these names. Throws Error (invalid input) that lists the names there
+// are.
+ShapeSet builtin_shape_set(std::span<const std::string> names = {});
 
 // The PLY, OBJ and STL files in a folder (not its subfolders), normalised. Throws Error: kIo (no
 // such folder), kInvalidInput (none of them can be used: says why for each). With `repair`, those

@@ -10,10 +10,10 @@
 #include <string_view>
 #include <utility>
 
-#include "client/output.h"
+#include "client/page/page.h"
+#include "client/page/page_frame.h"
 #include "client/predict/caveats.h"
 #include "client/predict/exported.h"
-#include "client/predict/report_page.h"
 
 namespace itn {
 namespace {
@@ -22,22 +22,6 @@ namespace fs = std::filesystem;
 using Channel = v1::Prediction::Channel;
 
 // --- Text ---
-
-// As the text of an element or a quoted attribute, without control characters.
-std::string escaped(std::string_view text) {
-  std::string result;
-  for (const char c : for_terminal(text)) {
-    switch (c) {
-      case '&': result += "&amp;"; break;
-      case '<': result += "&lt;"; break;
-      case '>': result += "&gt;"; break;
-      case '"': result += "&quot;"; break;
-      case '\'': result += "&#39;"; break;
-      default: result += c;
-    }
-  }
-  return result;
-}
 
 std::string sentence(std::string text) {
   if (text.empty()) return text;
@@ -49,32 +33,6 @@ std::string number(double value, bool is_coefficient) {
   const std::string text =
       is_coefficient ? fmt::format("{:.4g}", value) : fmt::format("{:.3f}", value);
   return text.starts_with('-') ? "\u2212" + text.substr(1) : text;
-}
-
-// --- Images (RFC 4648, RFC 2397) ---
-
-std::string base64(std::string_view bytes) {
-  constexpr std::string_view kDigits =
-      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string result;
-  for (size_t i = 0; i < bytes.size(); i += 3) {
-    const size_t count = std::min<size_t>(3, bytes.size() - i);
-    uint32_t group = 0;
-    for (size_t k = 0; k < 3; ++k) {
-      group = group << 8 | (k < count ? static_cast<unsigned char>(bytes[i + k]) : 0U);
-    }
-    for (size_t k = 0; k < 4; ++k) {
-      result += k <= count ? kDigits[group >> (18 - 6 * k) & 63] : '=';
-    }
-  }
-  return result;
-}
-
-std::string figure(const Panel& panel, std::string_view kind, std::string_view caption) {
-  return fmt::format(
-      "<figure class=\"{}\"><img src=\"data:image/png;base64,{}\" width=\"{}\" height=\"{}\" "
-      "alt=\"{}\"><figcaption>{}</figcaption></figure>\n",
-      kind, base64(encode_png(panel)), panel.side, panel.side, caption, caption);
 }
 
 // --- The head ---
@@ -370,9 +328,7 @@ std::string report_page(const Report& report) {
   const std::string body = head_of(report) + trust_of(report.prediction) + photographs_of(report) +
                            numbers_of(report) + swatches_of(report) + exports_of(report) +
                            model_of(report.prediction);
-  return fmt::format(kReportPage, fmt::arg("title", escaped(title_of(report))),
-                     fmt::arg("style", kReportStyle), fmt::arg("body", body),
-                     fmt::arg("script", kReportScript));
+  return page(title_of(report), body, kReportScript);
 }
 
 }  // namespace itn

@@ -66,11 +66,7 @@ v1::TrainingConfig training_preset(const std::string& name) {
                                   fmt::join(training_presets(), ", ")));
 }
 
-v1::TrainingConfig read_training_config(const std::filesystem::path& file,
-                                        const v1::TrainingConfig& preset) {
-  v1::TrainingConfig given;
-  parse_text_proto(read_file(file, "configuration"), file.string(), given);
-  v1::TrainingConfig config = preset;
+v1::TrainingConfig overridden(v1::TrainingConfig config, const v1::TrainingConfig& given) {
   if (given.has_architecture()) {
     config.clear_architecture();
   }
@@ -79,6 +75,27 @@ v1::TrainingConfig read_training_config(const std::filesystem::path& file,
   }
   config.MergeFrom(given);
   return config;
+}
+
+void clear_what_is_of_another_loss(v1::TrainingConfig& config) {
+  const bool itn = config.loss() == v1::TrainingConfig::ITN;
+  if (!itn) {
+    config.clear_lambda();
+    config.clear_image_term();
+    config.clear_image_weights();
+  }
+  if (!itn || config.image_term() == v1::TrainingConfig::LINEAR) {  // nothing is rendered
+    config.clear_spp();
+    config.clear_estimates();
+    config.clear_pilot_spp();
+  }
+}
+
+v1::TrainingConfig read_training_config(const std::filesystem::path& file,
+                                        const v1::TrainingConfig& preset) {
+  v1::TrainingConfig given;
+  parse_text_proto(read_file(file, "configuration"), file.string(), given);
+  return overridden(preset, given);
 }
 
 }  // namespace itn

@@ -19,6 +19,13 @@ std::vector<std::string> training_presets();
 // name.
 v1::TrainingConfig training_preset(const std::string& name);
 
+// `config` with the fields that `given` has in the place of its own; of layers and noise all of
+// them.
+v1::TrainingConfig overridden(v1::TrainingConfig config, const v1::TrainingConfig& given);
+
+// Clears what says nothing with the loss and image term that the configuration has.
+void clear_what_is_of_another_loss(v1::TrainingConfig& config);
+
 // The preset with the fields that the file, protobuf text format of TrainingConfig, has. Throws
 // Error: kIo; kInvalidInput with line and column.
 v1::TrainingConfig read_training_config(const std::filesystem::path& file,

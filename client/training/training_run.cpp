@@ -207,11 +207,11 @@ TrainingEnd train_with(const v1::TrainingConfig& config, const v1::Model& start,
                                     error.what(), trainer.steps_taken()));
     }
   } catch (const Diverged& error) {
-    throw Error(error.kind(),
-                fmt::format("{}. {}", error.what(),
-                            runner.saved() == 0 ? "No checkpoint was written"
-                                                : fmt::format("The checkpoint of step {} is kept",
-                                                              runner.saved())));
+    throw Diverged(error.kind(), fmt::format("{}. {}", error.what(),
+                                             runner.saved() == 0
+                                                 ? "No checkpoint was written"
+                                                 : fmt::format("The checkpoint of step {} is kept",
+                                                               runner.saved())));
   }
 }
 

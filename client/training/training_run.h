@@ -40,8 +40,8 @@ struct TrainingEnd {
 
 // Trains until `config.steps`, from where the run in the folder was stopped if there is one;
 // `start` is for a new one. After a stop is requested, writes a checkpoint and throws Error
-// (kCancelled); if the training diverges, keeps the checkpoints that there are and throws Error
-// (invalid input). The same if the folder's run is of another configuration (says what differs;
+// (kCancelled); if the training diverges, keeps the checkpoints that there are and throws Diverged.
+// Throws Error (invalid input) if the folder's run is of another configuration (says what differs;
 // `steps` may).
 TrainingEnd train(const v1::TrainingConfig& config, const LabelledImages& images,
                   const PackedInputs& inputs, const v1::Model& start,

@@ -1,0 +1,562 @@
+#include "client/experiment/experiment.h"
+
+#include <algorithm>
+#include <cmath>
+#include <ctime>
+#include <map>
+#include <optional>
+#include <utility>
+
+#include <fmt/format.h>
+#include <google/protobuf/util/message_differencer.h>
+
+#include "client/dataset/dataset.h"
+#include "client/dataset/dataset_config.h"
+#include "client/dataset/dataset_render.h"
+#include "client/dataset/panorama_set.h"
+#include "client/dataset/plan.h"
+#include "client/dataset/shape_set.h"
+#include "client/experiment/experiment_config.h"
+#include "client/experiment/images.h"
+#include "client/experiment/network_stage.h"
+#include "client/experiment/refinements.h"
+#include "client/experiment/report.h"
+#include "client/training/evaluation.h"
+#include "client/training/similarity_predictor.h"
+#include "client/training/training.h"
+#include "common/error.h"
+#include "common/files/atomic_file.h"
+#include "common/files/folder_lock.h"
+#include "common/files/read_file.h"
+#include "common/learning/checkpoint.h"
+#include "common/scene/material_proto.h"
+#include "common/scene/scene_bytes.h"
+#include "common/scene/text_proto.h"
+
+namespace itn {
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* kExperimentName = "experiment.textproto";
+constexpr const char* kRateName = "learning_rate.textproto";
+constexpr const char* kTruth = "truth, rendered again";
+constexpr const char* kConstant = "constant predictor";
+constexpr const char* kSimilarity = "similarity predictor";
+
+template <typename Message>
+Message read_text(const fs::path& path, const std::string& what) {
+  Message message;
+  parse_text_proto(read_file(path, what), path.string(), message);
+  return message;
+}
+
+// Writes it; its text tells it from others.
+std::string write_text(const fs::path& path, const google::protobuf::Message& message) {
+  fs::create_directories(path.parent_path());
+  const std::string text = to_text_proto(message);
+  write_file_atomically(path, text);
+  return text;
+}
+
+// Of this process.
+double process_cpu_seconds() {
+  return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
+}
+
+void require_same(const v1::Experiment& there, const v1::Experiment& wanted,
+                  const fs::path& folder) {
+  std::string differences;
+  google::protobuf::util::MessageDifferencer differencer;
+  differencer.ReportDifferencesToString(&differences);
+  if (!differencer.Compare(there, wanted)) {
+    throw invalid_input(
+        fmt::format("{} holds another experiment; choose another folder, or the same experiment to "
+                    "continue it. Differences:\n{}",
+                    folder.string(), differences));
+  }
+}
+
+void set_up_folder(const v1::Experiment& experiment, const fs::path& folder) {
+  const fs::path path = folder / kExperimentName;
+  if (fs::exists(path)) {
+    return require_same(read_text<v1::Experiment>(path, "experiment"), experiment, folder);
+  }
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+    if (entry.path().filename() != FolderLock::kName) {
+      throw invalid_input(
+          fmt::format("{} holds {}, and no experiment; choose an empty or a new folder",
+                      folder.string(), entry.path().filename().string()));
+    }
+  }
+  write_text(path, experiment);
+}
+
+v1::DatasetConfig other_noise_config(const v1::Experiment& experiment) {
+  v1::DatasetConfig config = experiment.dataset();
+  config.clear_spp();
+  config.clear_noise();
+  config.clear_derivatives();
+  if (experiment.other_noise().has_target()) {
+    *config.mutable_noise() = experiment.other_noise().target();
+  } else {
+    config.set_spp(experiment.other_noise().spp());
+  }
+  return config;
+}
+
+// What the dataset of this configuration consists of; with `test_only`, of that alone.
+DatasetPlan plan_of(const v1::DatasetConfig& config, bool test_only) {
+  DatasetPlan plan =
+      plan_dataset(config, shape_set(config.shapes()).shapes, panorama_set(config).panoramas);
+  if (test_only) {
+    const auto is_no_test = [](const auto& part) { return part.split() != v1::SPLIT_TEST; };
+    auto& items = *plan.manifest.mutable_items();
+    items.erase(std::remove_if(items.begin(), items.end(), is_no_test), items.end());
+    auto& shapes = *plan.manifest.mutable_shapes();
+    shapes.erase(std::remove_if(shapes.begin(), shapes.end(), is_no_test), shapes.end());
+  }
+  return plan;
+}
+
+// Networks that share their first steps, by what these are.
+struct SharedStart {
+  std::string file;
+  const v1::StudyNetwork* first;  // that they are trained for
+};
+
+class Study {
+ public:
+  Study(const v1::Experiment& experiment, const ExperimentRun& run)
+      : experiment_(experiment), run_(run) {
+    if (experiment.shared_steps() == 0) return;
+    for (const v1::StudyNetwork& network : experiment.networks()) {
+      const std::string key = shared_training(experiment, network, 1).SerializeAsString();
+      const auto [there, is_new] = shared_.try_emplace(key);
+      if (is_new) there->second = {fmt::format("{}", shared_.size()), &network};
+      start_of_[network.name()] = there->second;
+    }
+  }
+
+  std::vector<Stage> stages();
+  ExperimentResult result(const std::vector<v1::StageRecord>& records);
+
+  // Of this process, and of renders elsewhere.
+  double cpu_seconds() const {
+    return process_cpu_seconds() +
+           (pool_ && !run_.pool.workers.empty() ? pool_->statistics().cpu_seconds : 0);
+  }
+
+ private:
+  Stage dataset_stage(const std::string& name, const fs::path& folder,
+                      const v1::DatasetConfig& config, bool test_only);
+  Stage rate_stage();
+  Stage shared_stage(const SharedStart& start);
+  Stage network_stage(const v1::StudyNetwork& network);
+  Stage prediction_stage(const v1::StudyNetwork& network);
+  Stage reference_stage();
+  Stage refinement_stage(const std::string& candidate, std::vector<std::string> after);
+  Stage error_stage(const std::string& candidate, std::vector<std::string> after);
+
+  std::string train(const std::string& stage, const fs::path& folder, v1::TrainingConfig config,
+                    std::optional<fs::path> init, const std::string& model_name);
+
+  fs::path folder(const fs::path& below) const { return run_.folder / below; }
+  fs::path network_folder(const v1::StudyNetwork& network) const {
+    return folder("networks") / file_name_of(network.name());
+  }
+  fs::path predictions_path(const std::string& name) const {
+    return folder("predictions") / (file_name_of(name) + ".textproto");
+  }
+  fs::path errors_path(const std::string& name) const {
+    return folder("image_errors") / (file_name_of(name) + ".textproto");
+  }
+  static std::string stage_of(const v1::StudyNetwork& network) { return "train " + network.name(); }
+  static std::string stage_of(const SharedStart& start) { return "shared start " + start.file; }
+
+  RenderPool& pool() {
+    if (!pool_) pool_.emplace(run_.pool);
+    return *pool_;
+  }
+  DatasetReader& dataset() {
+    if (!dataset_) dataset_.emplace(folder("data"));
+    return *dataset_;
+  }
+  DatasetReader* other_noise() {
+    if (!experiment_.has_other_noise()) return nullptr;
+    if (!other_noise_) other_noise_.emplace(folder("other_noise"));
+    return &*other_noise_;
+  }
+  const LabelledImages& test() {
+    if (!test_) test_ = images_of(dataset(), v1::SPLIT_TEST);
+    return *test_;
+  }
+  StudyImages& images() {
+    if (!images_) images_.emplace(experiment_.rerendering(), dataset(), test(), folder("images"));
+    return *images_;
+  }
+  double rate() { return read_text<v1::RateChoice>(folder(kRateName), "learning rate").rate(); }
+  // That take as much processor time as the network that it is to take as long as took for its own
+  // steps.
+  uint64_t steps_in_time_of(const v1::StudyNetwork& network);
+  const v1::StudyNetwork& network_of(const std::string& name) const;
+
+  Candidate candidate(const std::string& name, Candidate::Kind kind);
+  v1::StudyPredictions predictions_of(const std::string& name) const;
+  // What is rendered for a row of the tables.
+  std::vector<Material> materials_for(const std::string& name);
+  std::vector<std::string> yardsticks();
+
+  const v1::Experiment& experiment_;
+  const ExperimentRun& run_;
+  std::map<std::string, SharedStart> shared_;    // by what they do
+  std::map<std::string, SharedStart> start_of_;  // by the name of the network
+  std::optional<RenderPool> pool_;
+  std::optional<DatasetReader> dataset_, other_noise_;
+  std::optional<LabelledImages> test_;
+  std::optional<StudyImages> images_;
+};
+
+Stage Study::dataset_stage(const std::string& name, const fs::path& folder,
+                           const v1::DatasetConfig& config, bool test_only) {
+  return {name, {}, folder / kManifestName, [=, this] {
+            render_dataset(
+                plan_of(config, test_only), folder, pool(),
+                [&](const DatasetProgress& now) {
+                  run_.progress(name, "images", now.done, now.total, "");
+                },
+                run_.stop);
+            return to_text(read_manifest(folder / kManifestName));
+          }};
+}
+
+// Trains, and returns what tells the weights from others.
+std::string Study::train(const std::string& stage, const fs::path& folder,
+                         v1::TrainingConfig config, std::optional<fs::path> init,
+                         const std::string& model_name) {
+  const uint64_t steps = config.steps();
+  train_network(std::move(config), dataset(),
+                {.folder = folder,
+                 .init = std::move(init),
+                 .model_name = model_name,
+                 .validate_every = experiment_.validate_every(),
+                 .torch_threads = run_.torch_threads,
+                 .pool = [this]() -> RenderPool& { return pool(); },
+                 .cpu_seconds = [this] { return cpu_seconds(); },
+                 .report =
+                     [&](const v1::TrainingMetrics& metrics) {
+                       run_.progress(stage, "steps", metrics.step(), steps,
+                                     fmt::format("regression {:.4f}", metrics.regression_loss()));
+                     },
+                 .stop = run_.stop});
+  return weights_sha256(read_checkpoint(folder / kBestCheckpointName).model());
+}
+
+// Short runs of the first network; that of the least validation error has the rate of all.
+Stage Study::rate_stage() {
+  const std::string name = "learning rate";
+  const fs::path path = folder(kRateName);
+  return {name, {"dataset"}, path, [=, this] {
+            v1::RateChoice choice;
+            if (experiment_.rate_search().rates().empty()) {
+              choice.set_rate(configured_rate(experiment_));
+              return write_text(path, choice);
+            }
+            double best = HUGE_VAL;
+            for (const double rate : experiment_.rate_search().rates()) {
+              const fs::path trial_folder = folder("rates") / fmt::format("{:g}", rate);
+              v1::RateChoice::Trial& trial = *choice.add_trials();
+              trial.set_rate(rate);
+              try {
+                train(fmt::format("{} {:g}", name, rate), trial_folder,
+                      search_training(experiment_, rate), std::nullopt, "trial");
+              } catch (const Diverged&) {
+                continue;
+              }
+              trial.set_score(best_score(trial_folder));
+              if (trial.score() < best) {
+                best = trial.score();
+                choice.set_rate(rate);
+              }
+            }
+            if (best == HUGE_VAL)
+              throw invalid_input("the training diverges with every learning rate");
+            return write_text(path, choice);
+          }};
+}
+
+Stage Study::shared_stage(const SharedStart& start) {
+  const fs::path path = folder("shared") / start.file;
+  const std::string name = stage_of(start);
+  return {name, {"dataset", "learning rate"}, path / kBestCheckpointName, [=, this] {
+            return train(name, path, shared_training(experiment_, *start.first, rate()),
+                         std::nullopt, "shared start");
+          }};
+}
+
+Stage Study::network_stage(const v1::StudyNetwork& network) {
+  const std::string name = stage_of(network);
+  const fs::path path = network_folder(network);
+  std::vector<std::string> after = {"dataset", "learning rate"};
+  const auto start = start_of_.find(network.name());
+  if (start != start_of_.end()) after.push_back(stage_of(start->second));
+  if (!network.as_long_as().empty()) after.push_back("train " + network.as_long_as());
+  return {name, after, path / kBestCheckpointName, [=, this, &network] {
+            v1::TrainingConfig config = own_training(experiment_, network, rate());
+            if (!network.as_long_as().empty()) config.set_steps(steps_in_time_of(network));
+            return train(name, path, config,
+                         start == start_of_.end()
+                             ? std::nullopt
+                             : std::optional(folder("shared") / start->second.file),
+                         network.name());
+          }};
+}
+
+const v1::StudyNetwork& Study::network_of(const std::string& name) const {
+  return *std::ranges::find(experiment_.networks(), name, &v1::StudyNetwork::name);
+}
+
+uint64_t Study::steps_in_time_of(const v1::StudyNetwork& network) {
+  const double time = read_cost(network_folder(network_of(network.as_long_as()))).cpu_seconds();
+  // A step of the same network with the RN loss: of the shared start, or of the learning rate's
+  // trials.
+  const auto start = start_of_.find(network.name());
+  fs::path like = folder("shared") / (start == start_of_.end() ? "" : start->second.file);
+  if (start == start_of_.end()) {
+    for (const v1::StudyNetwork& other : experiment_.networks()) {
+      if (own_training(experiment_, other, 1).loss() != v1::TrainingConfig::RN) continue;
+      like = network_folder(other);
+      break;
+    }
+  }
+  const v1::NetworkCost cost = read_cost(like);
+  const double of_a_step = cost.cpu_seconds() / static_cast<double>(cost.steps());
+  return std::max<uint64_t>(1, static_cast<uint64_t>(time / of_a_step));
+}
+
+Stage Study::prediction_stage(const v1::StudyNetwork& network) {
+  const std::string name = "predict " + network.name();
+  std::vector<std::string> after = {"dataset", stage_of(network)};
+  if (experiment_.has_other_noise()) after.emplace_back("other noise");
+  const fs::path path = predictions_path(network.name());
+  return {name, after, path, [=, this, &network] {
+            run_.progress(name, "", 0, 0, "");
+            return write_text(
+                path, predict_test(network_folder(network), dataset(), other_noise(), run_.stop));
+          }};
+}
+
+Stage Study::reference_stage() {
+  const std::string name = "images of the truth";
+  return {name, {"dataset"}, folder("images"), [=, this] {
+            images().render_references(
+                pool(),
+                [&](size_t done, size_t total) { run_.progress(name, "images", done, total, ""); },
+                run_.stop);
+            return std::string(name);
+          }};
+}
+
+Stage Study::error_stage(const std::string& candidate, std::vector<std::string> after) {
+  const std::string name = "images of " + candidate;
+  after.insert(after.begin(), {"dataset", "images of the truth"});
+  const fs::path path = errors_path(candidate);
+  return {name, after, path, [=, this] {
+            return write_text(path, images().compare(
+                                        file_name_of(candidate), materials_for(candidate), pool(),
+                                        [&](size_t done, size_t total) {
+                                          run_.progress(name, "images", done, total, "");
+                                        },
+                                        run_.stop));
+          }};
+}
+
+Stage Study::refinement_stage(const std::string& candidate, std::vector<std::string> after) {
+  const std::string name = "refine from " + candidate;
+  after.insert(after.begin(), "dataset");
+  return {
+      name, after, folder("refinements"), [=, this] {
+        std::string outputs;
+        for (const v1::StudyRefinement& refinement : refine_images(
+                 experiment_.refinement(), dataset(), test(), materials_for(candidate),
+                 folder("refinements"), file_name_of(candidate), pool(),
+                 [&](size_t done, size_t total) { run_.progress(name, "images", done, total, ""); },
+                 run_.stop)) {
+          outputs += to_text_proto(refinement);
+        }
+        return outputs;
+      }};
+}
+
+// Who has not looked at the images, and the truth itself.
+std::vector<std::string> Study::yardsticks() {
+  std::vector<std::string> names = {kConstant};
+  const v1::MaterialChoice& materials = experiment_.dataset().materials();
+  if (similarity_predictions({}, materials).has_value()) {
+    names.emplace_back(kSimilarity);
+  }
+  names.emplace_back(kTruth);
+  return names;
+}
+
+std::vector<Stage> Study::stages() {
+  std::vector<Stage> stages;
+  stages.push_back(dataset_stage("dataset", folder("data"), experiment_.dataset(), false));
+  if (experiment_.has_other_noise()) {
+    stages.push_back(
+        dataset_stage("other noise", folder("other_noise"), other_noise_config(experiment_), true));
+  }
+  stages.push_back(rate_stage());
+  for (const auto& [key, start] : shared_) stages.push_back(shared_stage(start));
+  for (const v1::StudyNetwork& network : experiment_.networks())
+    stages.push_back(network_stage(network));
+  for (const v1::StudyNetwork& network : experiment_.networks()) {
+    stages.push_back(prediction_stage(network));
+  }
+  stages.push_back(reference_stage());
+  for (const std::string& name : yardsticks()) stages.push_back(error_stage(name, {}));
+  for (const v1::StudyNetwork& network : experiment_.networks()) {
+    stages.push_back(error_stage(network.name(), {"predict " + network.name()}));
+  }
+  if (experiment_.has_refinement()) {
+    stages.push_back(refinement_stage(kConstant, {}));
+    for (const v1::StudyNetwork& network : experiment_.networks()) {
+      stages.push_back(refinement_stage(network.name(), {"predict " + network.name()}));
+    }
+  }
+  return stages;
+}
+
+v1::StudyPredictions Study::predictions_of(const std::string& name) const {
+  return read_text<v1::StudyPredictions>(predictions_path(name), "predictions");
+}
+
+std::vector<Material> materials_of(
+    const google::protobuf::RepeatedPtrField<v1::StudyPredictions::Estimate>& estimates) {
+  std::vector<Material> materials;
+  for (const v1::StudyPredictions::Estimate& estimate : estimates) {
+    materials.push_back(from_proto(estimate.material()));
+  }
+  return materials;
+}
+
+std::vector<Material> Study::materials_for(const std::string& name) {
+  if (name == kTruth) return test().truth;
+  if (name == kConstant) return constant_predictions(test());
+  if (name == kSimilarity) {
+    return similarity_predictions(test(), experiment_.dataset().materials()).value();
+  }
+  return materials_of(predictions_of(name).as_trained());
+}
+
+Candidate::ImageErrors image_errors_of(
+    const google::protobuf::RepeatedPtrField<v1::StudyImageErrors::Errors>& errors) {
+  Candidate::ImageErrors result;
+  for (const v1::StudyImageErrors::Errors& e : errors) {
+    result.relative_l2.push_back(e.relative_l2());
+    result.ms_ssim.push_back(e.ms_ssim());
+  }
+  return result;
+}
+
+Candidate Study::candidate(const std::string& name, Candidate::Kind kind) {
+  Candidate candidate{.name = name,
+                      .kind = kind,
+                      .as_trained = materials_for(name),
+                      .other_noise = {},
+                      .same_scene = {},
+                      .novel_scene = {},
+                      .refinements = {}};
+  if (kind != Candidate::Kind::kNetwork) {
+    candidate.other_noise = candidate.as_trained;
+  } else {
+    candidate.other_noise = materials_of(predictions_of(name).other_noise());
+  }
+  const auto errors = read_text<v1::StudyImageErrors>(errors_path(name), "image errors");
+  candidate.same_scene = image_errors_of(errors.same_scene());
+  candidate.novel_scene = image_errors_of(errors.novel_scene());
+  if (experiment_.has_refinement() && (kind == Candidate::Kind::kNetwork || name == kConstant)) {
+    candidate.refinements = read_refinements(experiment_.refinement(), test().items.size(),
+                                             folder("refinements"), file_name_of(name));
+  }
+  return candidate;
+}
+
+ExperimentResult Study::result(const std::vector<v1::StageRecord>& records) {
+  TestSet set{.truth = test().truth, .shapes = {}, .rerendered = images().chosen(), .refined = {}};
+  if (experiment_.has_refinement()) {
+    set.refined = refined_images(experiment_.refinement(), set.truth.size());
+  }
+  for (const v1::DatasetItem* item : test().items) set.shapes.push_back(item->shape());
+  std::vector<Candidate> candidates;
+  for (const std::string& name : yardsticks()) {
+    candidates.push_back(
+        candidate(name, name == kTruth ? Candidate::Kind::kTruth : Candidate::Kind::kYardstick));
+  }
+  for (const v1::StudyNetwork& network : experiment_.networks()) {
+    candidates.push_back(candidate(network.name(), Candidate::Kind::kNetwork));
+  }
+  ExperimentResult result;
+  result.tables.push_back(table_1(set, candidates, false));
+  if (experiment_.has_other_noise()) result.tables.push_back(table_1(set, candidates, true));
+  result.tables.push_back(gain_table(set, candidates));
+  result.tables.push_back(thickness_table(set, candidates));
+  const v1::Rerendering& rerendering = experiment_.rerendering();
+  result.tables.push_back(
+      table_2(set, candidates,
+              fmt::format("a {} lit from {:g} degrees", rerendering.novel_shape(),
+                          rerendering.novel_azimuth_degrees())));
+  if (experiment_.has_refinement()) {
+    result.tables.push_back(table_3(set, candidates, experiment_.refinement()));
+  }
+  for (const Table& table : result.tables) {
+    write_file_atomically(folder(table.file + ".csv"), to_csv(table));
+  }
+  // Report.
+  StudyReport report{.experiment = experiment_,
+                     .tables = result.tables,
+                     .test = set,
+                     .candidates = candidates,
+                     .networks = {},
+                     .images = images(),
+                     .rate = read_text<v1::RateChoice>(folder(kRateName), "learning rate"),
+                     .stages = records};
+  for (const v1::StudyNetwork& network : experiment_.networks()) {
+    const auto start = start_of_.find(network.name());
+    report.networks.push_back(
+        {.name = network.name(),
+         .cost = read_cost(network_folder(network)),
+         .metrics = network_folder(network) / "metrics.jsonl",
+         .shared_metrics = start == start_of_.end()
+                               ? fs::path()
+                               : folder("shared") / start->second.file / "metrics.jsonl",
+         .predictions = predictions_of(network.name())});
+  }
+  result.report = folder("report.html");
+  write_file_atomically(result.report, report_page(report));
+  return result;
+}
+
+}  // namespace
+
+std::vector<std::string> stage_names(const v1::Experiment& experiment) {
+  const ExperimentRun nowhere;
+  Study study(experiment, nowhere);
+  std::vector<std::string> names;
+  for (const Stage& stage : study.stages()) names.push_back(stage.name);
+  return names;
+}
+
+ExperimentResult run_experiment(const v1::Experiment& experiment, const ExperimentRun& run) {
+  const FolderLock lock(run.folder, "itn experiment");
+  set_up_folder(experiment, run.folder);
+  lock.remove_temporary_files();
+  Study study(experiment, run);
+  const std::vector<Stage> stages = study.stages();
+  run_stages(
+      stages, run.folder, to_text_proto(experiment), [&] { return study.cpu_seconds(); },
+      run.report, run.stop);
+  return study.result(stage_records(stages, run.folder));
+}
+
+}  // namespace itn

@@ -1,0 +1,52 @@
+// Experiment files: what networks are trained on what, and compared how.
+#pragma once
+
+#include <filesystem>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "itn/v1/study.pb.h"
+
+namespace itn {
+
+struct ExperimentPreset {
+  std::string_view name;
+  std::string_view description;  // one line
+  std::string_view file;         // an experiment file, with comments
+};
+
+// "smoke": whether everything works, in a minute or two. "small": results that mean something, in
+// less than an hour. "paper": the protocol of Che et al. 2020, in days.
+std::span<const ExperimentPreset> experiment_presets();
+
+// Throws Error (invalid input) that lists the names there are.
+const ExperimentPreset& find_experiment_preset(std::string_view name);
+
+// With all defaults. Throws as load_experiment() and find_experiment_preset().
+v1::Experiment experiment_of_preset(std::string_view name);
+
+// Reads an experiment file; with all defaults, and validated. Throws Error: kIo; kInvalidInput with
+// file, line and column, or with the file and the field that is out of range.
+v1::Experiment load_experiment(const std::filesystem::path& path);
+
+// What a network is trained by, from its own start on: `steps`, the schedule and the augmentation
+// of all, its own loss and parameterization. `rate`: that of the search.
+v1::TrainingConfig own_training(const v1::Experiment& experiment, const v1::StudyNetwork& network,
+                                double rate);
+
+// Likewise what it shares with others: an RN of shared_steps. Networks for which this is equal
+// share it.
+v1::TrainingConfig shared_training(const v1::Experiment& experiment,
+                                   const v1::StudyNetwork& network, double rate);
+
+// What a learning rate is tried by: an RN, otherwise the first network.
+v1::TrainingConfig search_training(const v1::Experiment& experiment, double rate);
+
+// The learning rate without a search.
+double configured_rate(const v1::Experiment& experiment);
+
+// The name as a file's: "ITN+similar+map" is "itn_similar_map".
+std::string file_name_of(const std::string& network);
+
+}  // namespace itn

@@ -1,0 +1,170 @@
+#include "client/experiment/images.h"
+
+#include <algorithm>
+#include <deque>
+#include <future>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "client/dataset/dataset_render.h"
+#include "client/dataset/item_scene.h"
+#include "client/render_pool/render_wait.h"
+#include "client/training/evaluation.h"
+#include "common/geometry/shapes.h"
+#include "common/image/image.h"
+#include "common/image/ms_ssim.h"
+#include "common/random.h"
+#include "common/rpc/wire_array.h"
+#include "common/scene/material_proto.h"
+
+namespace itn {
+namespace fs = std::filesystem;
+
+namespace {
+
+// The noise of references is half of that of the images that are compared with them.
+constexpr uint32_t kReferenceSamples = 4;
+
+// Branches of an item's seed, beside those of its image (dataset_render.cpp).
+constexpr uint64_t kReferenceBranch = 11, kComparedBranch = 12;
+
+constexpr const char* kReference = "reference";
+
+// Renders jobs, enough of them under way that no worker is idle; in order.
+void render_all(size_t count, const std::function<RenderJob(size_t)>& job, RenderPool& pool,
+                const std::stop_token& stop,
+                const std::function<void(size_t, const v1::RenderGradReply&)>& take) {
+  const size_t ahead = 2 * static_cast<size_t>(pool.parallelism());
+  std::deque<std::future<v1::RenderGradReply>> pending;
+  size_t next = 0;
+  for (size_t i = 0; i < count; ++i) {
+    while (next < count && pending.size() < ahead) pending.push_back(pool.submit(job(next++)));
+    const v1::RenderGradReply reply = wait_for_render(pending.front(), stop);
+    pending.pop_front();
+    take(i, reply);
+  }
+}
+
+void write_image(const fs::path& path, int side, std::vector<float> radiance,
+                 std::vector<float> mask = {}) {
+  Image image;
+  image.width = image.height = side;
+  image.channels["Y"] = std::move(radiance);
+  if (!mask.empty()) image.channels["mask.Y"] = std::move(mask);
+  write_exr(path, image);
+}
+
+}  // namespace
+
+StudyImages::StudyImages(const v1::Rerendering& settings, DatasetReader& dataset,
+                         const LabelledImages& test, fs::path folder)
+    : settings_(settings),
+      dataset_(dataset),
+      test_(test),
+      folder_(std::move(folder)),
+      chosen_(spread(settings.images(), test.items.size())) {
+  for (const uint32_t k : spread(settings.shown(), chosen_.size())) shown_.push_back(k);
+}
+
+fs::path StudyImages::file(const std::string& name, StudyScene scene, size_t k) const {
+  return folder_ / fmt::format("{}_{}_{:04}.exr", name,
+                               scene == StudyScene::kSame ? "same" : "novel", chosen_[k]);
+}
+
+std::shared_ptr<const SerializedScene> StudyImages::scene_of(StudyScene scene, size_t k) {
+  const v1::DatasetItem& item = *test_.items[chosen_[k]];
+  if (scene == StudyScene::kSame) return dataset_.scene(item);
+  if (!novel_) {
+    v1::DatasetItem novel = *test_.items.front();
+    novel.clear_rotation();
+    v1::SunSky& sun = *novel.mutable_light()->mutable_sun_sky();
+    sun.set_sun_azimuth_degrees(static_cast<float>(settings_.novel_azimuth_degrees()));
+    v1::Mesh mesh;
+    set_triangles(mesh, make_shape(settings_.novel_shape()));
+    novel_ =
+        serialize(itn::scene_of(novel, mesh.triangles(), static_cast<uint32_t>(test_.resolution)));
+  }
+  return novel_;
+}
+
+RenderJob StudyImages::job(StudyScene scene, size_t k, const Material& material, uint32_t spp,
+                           uint64_t branch) {
+  v1::DatasetItem item = *test_.items[chosen_[k]];
+  *item.mutable_material() = to_proto(material);
+  item.set_seed(derive_seed(item.seed(), {branch, static_cast<uint64_t>(scene)}));
+  return render_job(scene_of(scene, k), item, spp);
+}
+
+void StudyImages::render_references(RenderPool& pool, const ImageProgress& progress,
+                                    std::stop_token stop) {
+  fs::create_directories(folder_);
+  std::vector<std::pair<StudyScene, size_t>> missing;
+  for (const StudyScene scene : kStudyScenes) {
+    for (size_t k = 0; k < chosen_.size(); ++k) {
+      if (!fs::exists(file(kReference, scene, k))) missing.emplace_back(scene, k);
+    }
+  }
+  const size_t total = 2 * chosen_.size();
+  size_t done = total - missing.size();
+  progress(done, total);
+  render_all(
+      missing.size(),
+      [&](size_t i) {
+        const auto [scene, k] = missing[i];
+        return job(scene, k, test_.truth[chosen_[k]], kReferenceSamples * settings_.spp(),
+                   kReferenceBranch);
+      },
+      pool, stop,
+      [&](size_t i, const v1::RenderGradReply& reply) {
+        const auto [scene, k] = missing[i];
+        write_image(file(kReference, scene, k), resolution(),
+                    from_bytes<float>(reply.estimates(0).radiance()),
+                    from_bytes<float>(reply.mask()));
+        progress(++done, total);
+      });
+}
+
+v1::StudyImageErrors StudyImages::compare(const std::string& name,
+                                          const std::vector<Material>& materials, RenderPool& pool,
+                                          const ImageProgress& progress, std::stop_token stop) {
+  v1::StudyImageErrors result;
+  const size_t count = chosen_.size(), total = 2 * count;
+  const auto place = [&](size_t i) { return std::pair(kStudyScenes[i / count], i % count); };
+  progress(0, total);
+  render_all(
+      total,
+      [&](size_t i) {
+        const auto [scene, k] = place(i);
+        return job(scene, k, materials[chosen_[k]], settings_.spp(), kComparedBranch);
+      },
+      pool, stop,
+      [&](size_t i, const v1::RenderGradReply& reply) {
+        const auto [scene, k] = place(i);
+        std::vector<float> rendered = from_bytes<float>(reply.estimates(0).radiance());
+        const std::vector<float> truth = reference(scene, k);
+        v1::StudyImageErrors::Errors& errors =
+            scene == StudyScene::kSame ? *result.add_same_scene() : *result.add_novel_scene();
+        errors.set_relative_l2(relative_image_error(truth, rendered, mask(scene, k)));
+        errors.set_ms_ssim(1 - ms_ssim(resolution(), truth, rendered));
+        if (std::ranges::find(shown_, k) != shown_.end()) {
+          write_image(file(name, scene, k), resolution(), std::move(rendered));
+        }
+        progress(i + 1, total);
+      });
+  return result;
+}
+
+std::vector<float> StudyImages::reference(StudyScene scene, size_t k) const {
+  return read_exr(file(kReference, scene, k)).channel("Y");
+}
+
+std::vector<float> StudyImages::mask(StudyScene scene, size_t k) const {
+  return read_exr(file(kReference, scene, k)).channel("mask.Y");
+}
+
+std::vector<float> StudyImages::picture(const std::string& name, StudyScene scene, size_t k) const {
+  return read_exr(file(name, scene, k)).channel("Y");
+}
+
+}  // namespace itn

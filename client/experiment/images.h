@@ -1,0 +1,75 @@
+// Predictions put into the renderer again: how far their images are from those of the truth.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "client/dataset/dataset.h"
+#include "client/render_pool/render_pool.h"
+#include "client/training/training_set.h"
+#include "itn/v1/study.pb.h"
+
+namespace itn {
+
+// The scenes that materials are rendered in.
+enum class StudyScene {
+  kSame,   // that of the test's image
+  kNovel,  // one that is the same for all (Rerendering in study.proto)
+};
+inline constexpr StudyScene kStudyScenes[] = {StudyScene::kSame, StudyScene::kNovel};
+
+// What to tell while images are rendered; called with how many of how many are done.
+using ImageProgress = std::function<void(size_t done, size_t total)>;
+
+// Images of the test that are rendered again, and their references: the truth, in four times the
+// samples.
+class StudyImages {
+ public:
+  // `folder`: where references and pictures are. `test` and dataset must outlive it.
+  StudyImages(const v1::Rerendering& settings, DatasetReader& dataset, const LabelledImages& test,
+              std::filesystem::path folder);
+
+  // Numbers of the test's images, evenly spread.
+  const std::vector<uint32_t>& chosen() const { return chosen_; }
+  // Of these, how many are shown in pictures: the first of an even spread.
+  const std::vector<size_t>& shown() const { return shown_; }
+  int resolution() const { return test_.resolution; }
+
+  // Renders the references that are not there.
+  void render_references(RenderPool& pool, const ImageProgress& progress, std::stop_token stop);
+
+  // Renders a material for each image of the test that is chosen, compares them with the
+  // references, and keeps those that are shown. `name`: a file's. The random numbers are the same
+  // whatever the materials.
+  v1::StudyImageErrors compare(const std::string& name, const std::vector<Material>& materials,
+                               RenderPool& pool, const ImageProgress& progress,
+                               std::stop_token stop);
+
+  // Of the chosen image number `k`. Throws Error (kIo) if it has not been rendered.
+  std::vector<float> reference(StudyScene scene, size_t k) const;
+  // Of one that is shown.
+  std::vector<float> picture(const std::string& name, StudyScene scene, size_t k) const;
+
+ private:
+  std::filesystem::path file(const std::string& name, StudyScene scene, size_t k) const;
+  // Of the chosen image number `k`, with a material in the place of its own.
+  RenderJob job(StudyScene scene, size_t k, const Material& material, uint32_t spp,
+                uint64_t branch);
+  std::shared_ptr<const SerializedScene> scene_of(StudyScene scene, size_t k);
+  std::vector<float> mask(StudyScene scene, size_t k) const;
+
+  v1::Rerendering settings_;
+  DatasetReader& dataset_;
+  const LabelledImages& test_;
+  std::filesystem::path folder_;
+  std::vector<uint32_t> chosen_;
+  std::vector<size_t> shown_;
+  std::shared_ptr<const SerializedScene> novel_;
+};
+
+}  // namespace itn

@@ -1,0 +1,158 @@
+#include "client/experiment/network_stage.h"
+
+#include <chrono>
+#include <utility>
+
+#include "client/dataset/dataset_config.h"
+#include "client/training/dataset_training.h"
+#include "client/training/evaluation.h"
+#include "common/error.h"
+#include "common/files/atomic_file.h"
+#include "common/files/folder_lock.h"
+#include "common/files/read_file.h"
+#include "common/learning/checkpoint.h"
+#include "common/learning/model_files.h"
+#include "common/learning/predictor.h"
+#include "common/scene/material_proto.h"
+#include "common/scene/text_proto.h"
+
+namespace itn {
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* kCostName = "cost.textproto";
+
+// What the steps of a run cost: those of this call by its clocks, those of calls before as much
+// each.
+class StepClock {
+ public:
+  explicit StepClock(std::function<double()> cpu_seconds) : cpu_seconds_(std::move(cpu_seconds)) {}
+
+  void begin() {
+    cpu_ = cpu_seconds_();
+    start_ = std::chrono::steady_clock::now();
+  }
+  void step() {
+    ++steps_;
+    cpu_at_step_ = cpu_seconds_();
+    at_step_ = std::chrono::steady_clock::now();
+  }
+  bool has_steps() const { return steps_ > 0; }
+
+  v1::NetworkCost of(uint64_t steps) const {
+    const double scale = static_cast<double>(steps) / static_cast<double>(steps_);
+    v1::NetworkCost cost;
+    cost.set_steps(steps);
+    cost.set_cpu_seconds(scale * (cpu_at_step_ - cpu_));
+    cost.set_seconds(scale * std::chrono::duration<double>(at_step_ - start_).count());
+    return cost;
+  }
+
+ private:
+  std::function<double()> cpu_seconds_;
+  uint64_t steps_ = 0;
+  double cpu_ = 0, cpu_at_step_ = 0;
+  std::chrono::steady_clock::time_point start_, at_step_;
+};
+
+void set(const ParameterPosterior& posterior, v1::Interval& interval) {
+  interval.set_min(posterior.low);
+  interval.set_max(posterior.high);
+}
+
+google::protobuf::RepeatedPtrField<v1::StudyPredictions::Estimate> estimates_of(
+    Predictor& predictor, DatasetReader& dataset, std::stop_token stop) {
+  google::protobuf::RepeatedPtrField<v1::StudyPredictions::Estimate> result;
+  for (const MaterialEstimate& estimate :
+       estimate_all(predictor, images_of(dataset, v1::SPLIT_TEST), 0, std::move(stop))) {
+    v1::StudyPredictions::Estimate& proto = *result.Add();
+    *proto.mutable_material() = to_proto(estimate.material);
+    if (!estimate.posterior) continue;
+    const auto& parameters = estimate.posterior->material.parameters;
+    set(parameters[0], *proto.mutable_sigma_t());
+    set(parameters[1], *proto.mutable_albedo());
+    set(parameters[2], *proto.mutable_g());
+  }
+  return result;
+}
+
+}  // namespace
+
+v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
+                              const NetworkRun& run) {
+  const FolderLock lock(run.folder, "itn experiment");
+  lock.remove_temporary_files();
+  const std::optional<v1::Checkpoint> there = find_checkpoint(run.folder);
+  const std::optional<v1::Model> init =
+      run.init ? std::optional(read_checkpoint(*run.init / kBestCheckpointName).model())
+               : std::nullopt;
+  config.set_dataset_sha256(to_hex(sha256(to_text(dataset.manifest()))));
+  config.set_init_sha256(init ? weights_sha256(*init) : "");
+  // The last bits depend on it: a run keeps the number that it began with.
+  config.set_torch_threads(there ? there->training().config().torch_threads() : run.torch_threads);
+  validate(config);
+  set_torch_threads(static_cast<int>(config.torch_threads()));
+  // Read.
+  const LabelledImages images = images_of(dataset, v1::SPLIT_TRAIN);
+  const PackedFormat format{.resolution = resolution_of(config, images.resolution),
+                            .input = config.input()};
+  const PackedInputs inputs(images, format, run.folder, run.stop);
+  const std::unique_ptr<ValidationSet> validation =
+      validation_set(dataset, format, run.folder, config.augmentation().noise().max(), run.stop);
+  const v1::Model start =
+      start_model(init,
+                  fit_model(images, inputs.mean_radiance(),
+                            material_range(dataset.manifest().config()), config),
+                  dataset.manifest().config());
+  const ImageTermSource image_term = image_term_source(config, images, run.pool, run.stop);
+  // Train.
+  StepClock clock(run.cpu_seconds);
+  clock.begin();
+  train(config, images, inputs, start, image_term,
+        {.folder = run.folder,
+         .dataset = fs::absolute(dataset.folder()).string(),
+         .validation_dataset = "",
+         .checkpoint_every = run.validate_every,
+         .model_name = there ? "" : run.model_name,
+         .model_version = "",
+         .validate = [&](const v1::Model& now) { return validation->validation.measure(now); },
+         .validate_every = run.validate_every,
+         .patience = 0,
+         .complete = completion([&] { return source_of(inputs); }, validation.get(), run.stop),
+         .report =
+             [&](const v1::TrainingMetrics& metrics) {
+               clock.step();
+               run.report(metrics);
+             },
+         .stop = run.stop});
+  // Killed between its last step and its end, it has told already.
+  if (!clock.has_steps() && fs::exists(run.folder / kCostName)) return read_cost(run.folder);
+  const v1::NetworkCost cost = clock.has_steps() ? clock.of(config.steps()) : v1::NetworkCost();
+  write_file_atomically(run.folder / kCostName, to_text_proto(cost));
+  return cost;
+}
+
+v1::NetworkCost read_cost(const fs::path& folder) {
+  const fs::path path = folder / kCostName;
+  v1::NetworkCost cost;
+  parse_text_proto(read_file(path, "cost of a network"), path.string(), cost);
+  return cost;
+}
+
+double best_score(const fs::path& folder) {
+  return read_checkpoint(folder).training().best_score();
+}
+
+v1::StudyPredictions predict_test(const fs::path& folder, DatasetReader& dataset,
+                                  DatasetReader* other_noise, std::stop_token stop) {
+  Predictor predictor = Predictor::load(folder / kBestCheckpointName);
+  v1::StudyPredictions predictions;
+  *predictions.mutable_as_trained() = estimates_of(predictor, dataset, stop);
+  if (other_noise != nullptr) {
+    *predictions.mutable_other_noise() = estimates_of(predictor, *other_noise, stop);
+  }
+  return predictions;
+}
+
+}  // namespace itn

@@ -1,0 +1,147 @@
+// The experiments that come with itn, as files.
+#pragma once
+
+#include <string_view>
+
+namespace itn {
+
+// The five networks of Che et al. 2020, and two that tell what their gains come from.
+inline constexpr std::string_view kFiveNetworks = R"(
+networks {
+  name: "RN+naive"
+  settings { loss: RN parameterization: NAIVE }
+}
+networks {
+  name: "RN+similar"
+  settings { loss: RN parameterization: SIMILARITY }
+}
+networks {
+  name: "ITN+naive"
+  settings { loss: ITN parameterization: NAIVE image_weights: UNIFORM }
+}
+networks {
+  name: "ITN+similar"
+  settings { loss: ITN parameterization: SIMILARITY image_weights: UNIFORM }
+}
+networks {
+  name: "ITN+similar+map"
+  settings { loss: ITN parameterization: SIMILARITY image_weights: WEIGHT_MAP }
+}
+# Whether more steps would have done what renders do.
+networks {
+  name: "RN+similar, time of ITN"
+  settings { loss: RN parameterization: SIMILARITY }
+  as_long_as: "ITN+similar+map"
+}
+)";
+
+inline constexpr std::string_view kSmokeExperiment =
+    R"(# Whether everything works: a minute or two. Its numbers mean nothing.
+dataset {
+  count: 60
+  resolution: 32
+  spp: 16
+  shapes { random { count: 15 } }
+  test_fraction: 0.3
+  validation_fraction: 0.2
+  pose { turned: 1 }
+}
+other_noise { spp: 64 }
+training_preset: "residual"
+training {
+  architecture { residual_convolutions { base_channels: 4 blocks: 1 } }
+  output: POINT
+  batch: 4
+  warmup_steps: 2
+  augmentation { mirror: true shift: 1 noise { min: 0.3 max: 0.3 } }
+  spp: 8
+}
+rate_search { rates: [1e-3, 4e-3] steps: 10 }
+shared_steps: 30
+steps: 5
+rate_factor: 0.25
+validate_every: 5
+rerendering { images: 3 spp: 16 shown: 2 }
+refinement {
+  images: 2
+  spp: 8
+  iterations: [1, 3]
+  gauss_newton_iterations: [1, 3]
+  max_spp: 32
+}
+)";
+
+inline constexpr std::string_view kSmallExperiment =
+    R"(# Results that mean something in less than an hour on two cores: many random shapes that turn, images of
+# 64 x 64 pixels whose noise is made equal and covered by more, so that it tells nothing of the material,
+# and a small residual network.
+dataset {
+  count: 6000
+  resolution: 64
+  noise { target: 0.08 }
+  shapes { random { count: 1500 } }
+  test_fraction: 0.08
+  validation_fraction: 0.05
+  pose { turned: 1 }
+}
+# About a quarter of the variance.
+other_noise { target { target: 0.04 } }
+training_preset: "residual"
+training {
+  architecture { residual_convolutions { base_channels: 16 blocks: 1 } }
+  output: POINT
+  batch: 32
+  augmentation { mirror: true shift: 2 noise { min: 0.16 max: 0.16 } }
+  spp: 32
+}
+rate_search { rates: [2e-3, 4e-3, 8e-3] steps: 600 }
+shared_steps: 5000
+steps: 300
+rate_factor: 0.25
+validate_every: 100
+rerendering { images: 80 spp: 64 shown: 4 }
+refinement { images: 12 spp: 16 max_spp: 256 }
+)";
+
+inline constexpr std::string_view kPaperExperiment =
+    R"(# The protocol of Che et al., ICCP 2020: 7,200 + 7,200 images of 128 x 128 pixels, 300 materials of a grid,
+# 6 shapes with 4 suns to learn from and 4 shapes with 6 others to test with, their encoder, batches of 60,
+# 50 epochs. Built-in shapes stand in for theirs, and one more validates; for
+# other meshes, say shapes { folder { path: "meshes" } } and name them.
+dataset {
+  resolution: 128
+  noise { target: 0.05 }
+  shapes {
+    builtin {
+      names: [
+        "figure", "dumbbell", "rounded_cube", "cube", "knot", "smooth_star",
+        "gear",
+        "mug", "mushroom", "goblet", "tree"
+      ]
+    }
+  }
+  validation_shapes: "gear"
+  test_shapes: ["mug", "mushroom", "goblet", "tree"]
+  materials {
+    sampling: GRID
+    sigma_t { one_of { value: [30, 36, 44, 54, 67, 82, 100, 122, 150, 184, 225, 276] } }
+    albedo { one_of { value: [0.39, 0.59, 0.74, 0.87, 0.95] } }
+    g { one_of { value: [0, 0.2, 0.4, 0.6, 0.8] } }
+  }
+}
+other_noise { target { target: 0.02 } }
+training_preset: "paper"
+training {
+  augmentation { noise { min: 0.1 max: 0.1 } }
+  spp: 256
+}
+rate_search { rates: [3e-5, 1e-4, 3e-4] steps: 600 }
+shared_steps: 0
+steps: 6000
+rate_factor: 1
+validate_every: 200
+rerendering { images: 400 spp: 256 shown: 6 }
+refinement { images: 40 spp: 64 max_spp: 1024 }
+)";
+
+}  // namespace itn

@@ -1,0 +1,37 @@
+// Table 3 of Che et al. 2020: analysis by synthesis from what networks say, with shape and light
+// known.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "client/dataset/dataset.h"
+#include "client/render_pool/render_pool.h"
+#include "client/training/training_set.h"
+#include "itn/v1/study.pb.h"
+
+namespace itn {
+
+// Numbers of the test's images that are refined, evenly spread.
+std::vector<uint32_t> refined_images(const v1::AnalysisBySynthesis& settings, size_t test_images);
+
+// Refines the images from a start for each image of the test, by Adam and by Gauss-Newton, several
+// at a time. Each image that is done is a file in `folder`, whose name begins with `name`, and is
+// not done again. `progress` is called with how many are done. Throws what refinements throw, and
+// Error (cancelled) soon after a stop.
+std::vector<v1::StudyRefinement> refine_images(
+    const v1::AnalysisBySynthesis& settings, DatasetReader& dataset, const LabelledImages& test,
+    std::span<const Material> starts, const std::filesystem::path& folder, const std::string& name,
+    RenderPool& pool, const std::function<void(size_t, size_t)>& progress, std::stop_token stop);
+
+// Those that are done. Throws Error (kIo) if some are not.
+std::vector<v1::StudyRefinement> read_refinements(const v1::AnalysisBySynthesis& settings,
+                                                  size_t test_images,
+                                                  const std::filesystem::path& folder,
+                                                  const std::string& name);
+
+}  // namespace itn

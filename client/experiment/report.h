@@ -1,0 +1,35 @@
+// An experiment as a page for people: one HTML file that needs nothing else.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "client/experiment/images.h"
+#include "client/experiment/tables.h"
+#include "itn/v1/study.pb.h"
+
+namespace itn {
+
+struct ReportedNetwork {
+  std::string name;
+  v1::NetworkCost cost;
+  std::filesystem::path metrics;         // metrics.jsonl of its run
+  std::filesystem::path shared_metrics;  // and of the one that it goes on from; may be empty
+  v1::StudyPredictions predictions;
+};
+
+struct StudyReport {
+  const v1::Experiment& experiment;
+  const std::vector<Table>& tables;
+  const TestSet& test;
+  const std::vector<Candidate>& candidates;
+  std::vector<ReportedNetwork> networks;
+  const StudyImages& images;
+  v1::RateChoice rate;
+  std::vector<v1::StageRecord> stages;
+};
+
+std::string report_page(const StudyReport& report);
+
+}  // namespace itn

@@ -1,0 +1,133 @@
+// itn experiment, as a process: the smallest one from its dataset to its report.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "tests/support/process.h"
+#include "tests/support/temporary_folder.h"
+
+namespace itn {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::Finished;
+using ::testing::HasSubstr;
+using ::testing::Not;
+using testing::Process;
+using testing::run;
+using testing::TemporaryFolder;
+
+// Torch's sums depend on its threads in the last bits.
+const std::vector<std::string> kSmoke = {ITN, "experiment", "--preset", "smoke", "--torch-threads",
+                                         "1", "-o"};
+
+std::vector<std::string> smoke(const std::string& folder) {
+  std::vector<std::string> arguments = kSmoke;
+  arguments.push_back(folder);
+  return arguments;
+}
+
+std::string content(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// But for the row of the network that takes as many steps as there was time for.
+std::string but_for_the_timed(const std::string& table) {
+  std::istringstream lines(table);
+  std::string kept;
+  for (std::string line; std::getline(lines, line);) {
+    if (line.find("time of ITN") == std::string::npos) kept += line + '\n';
+  }
+  return kept;
+}
+
+// But for the last columns, which are processor times.
+std::string but_for_times(const std::string& table_3) {
+  std::istringstream lines(table_3);
+  std::string kept;
+  for (std::string line; std::getline(lines, line);) {
+    for (int column = 0; column < 6; ++column) line.resize(line.rfind(','));
+    kept += line + '\n';
+  }
+  return kept;
+}
+
+constexpr const char* kTables[] = {"table_1.csv", "table_1_other_noise.csv", "gains.csv",
+                                   "by_thickness.csv", "table_2.csv"};
+
+TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
+  const TemporaryFolder folder;
+  const Finished whole = run(smoke(folder.path("whole")));
+  ASSERT_EQ(whole.exit_code, 0) << whole.errors;
+  for (const char* network : {"RN+naive", "ITN+similar+map", "RN+similar, time of ITN",
+                              "constant predictor", "published: RN+naive"}) {
+    EXPECT_THAT(whole.output, HasSubstr(network));
+  }
+  // Killed in three places: while it trains, renders and refines.
+  for (const char* stage : {"shared start 1", "train ITN+naive", "images of RN+naive"}) {
+    Process killed(smoke(folder.path("parts")), true);
+    ASSERT_THAT(killed.read_stderr_until(stage), HasSubstr(stage));
+    killed.send(SIGKILL);
+    killed.wait();
+  }
+  const Finished continued = run(smoke(folder.path("parts")));
+  ASSERT_EQ(continued.exit_code, 0) << continued.errors;
+  EXPECT_THAT(continued.errors, HasSubstr("train ITN+naive: done before"));
+  for (const char* table : kTables) {
+    const std::string expected = but_for_the_timed(content(folder.path("whole") + "/" + table));
+    EXPECT_GT(expected.size(), 200U) << table;
+    EXPECT_EQ(but_for_the_timed(content(folder.path("parts") + "/" + table)), expected) << table;
+  }
+  const auto table_3 = [&](const char* run) {
+    return but_for_the_timed(but_for_times(content(folder.path(run) + "/table_3.csv")));
+  };
+  EXPECT_THAT(table_3("whole"), HasSubstr("ITN+similar+map,no,"));
+  EXPECT_EQ(table_3("parts"), table_3("whole"));
+  // The page needs nothing else.
+  const std::string page = content(folder.path("whole/report.html"));
+  EXPECT_THAT(page, HasSubstr("ITN+similar+map"));
+  EXPECT_THAT(page, HasSubstr("data:image/png;base64,"));
+  EXPECT_THAT(page, Not(HasSubstr("://")));
+  // Once more, all is there.
+  const Finished again = run(smoke(folder.path("whole")));
+  EXPECT_EQ(again.output, whole.output);
+  EXPECT_THAT(again.errors, Not(HasSubstr("steps/s")));
+  // Another experiment does not go there.
+  const std::string other = content(folder.path("whole/experiment.textproto")) + "\nseed: 7\n";
+  const Finished refused = run({ITN, "experiment", folder.write("other.textproto", other).string(),
+                                "-o", folder.path("whole")});
+  EXPECT_EQ(refused.exit_code, 3);
+  EXPECT_THAT(refused.errors, HasSubstr("another experiment"));
+  EXPECT_THAT(refused.errors, HasSubstr("seed"));
+}
+
+TEST(ExperimentCommand, PrintsItsPresets) {
+  const TemporaryFolder folder;
+  const Finished printed = run({ITN, "experiment", "--preset", "small", "--print-config"});
+  ASSERT_EQ(printed.exit_code, 0) << printed.errors;
+  EXPECT_THAT(printed.output, HasSubstr("ITN+similar+map"));
+  const fs::path typo = folder.write("typo.textproto", printed.output + "sead: 3\n");
+  const Finished refused = run({ITN, "experiment", typo.string(), "-o", folder.path("x")});
+  EXPECT_EQ(refused.exit_code, 3);
+  EXPECT_THAT(refused.errors, HasSubstr("typo.textproto:"));
+  EXPECT_THAT(refused.errors, HasSubstr("sead"));
+  EXPECT_FALSE(fs::exists(folder.path("x")));
+}
+
+TEST(ExperimentCommand, DryRunSaysWhatItWillTake) {
+  const Finished printed = run({ITN, "experiment", "--preset", "smoke", "--dry-run"});
+  ASSERT_EQ(printed.exit_code, 0) << printed.errors;
+  EXPECT_THAT(printed.output, HasSubstr("train ITN+similar+map "));
+  EXPECT_THAT(printed.output, HasSubstr("\nall "));
+}
+
+}  // namespace
+}  // namespace itn
