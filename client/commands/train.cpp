@@ -64,6 +64,7 @@ struct TrainOptions {
   std::optional<double> lambda;
   std::vector<double> noise;  // one level, or the lowest and the highest
   double exposure_jitter = 0;
+  double material_step = 0;
   double mean_weight = 0;
   bool mirror = false;
   bool camera = false;
@@ -199,6 +200,7 @@ class Flags {
     if (given("--mirror")) augmentation.set_mirror(options_.mirror);
     if (given("--shift")) augmentation.set_shift(options_.shift);
     if (given("--exposure-jitter")) augmentation.set_exposure(options_.exposure_jitter);
+    if (given("--material-step")) augmentation.set_material_step(options_.material_step);
     if (given("--camera")) {
       if (options_.camera) {
         *augmentation.mutable_camera() = usual_camera();
@@ -500,7 +502,7 @@ void train_with_dataset(Training& training) {
                             .input = config.input()};
   training.check(config, format.resolution);
   // Read.
-  const PackedInputs inputs(images, format, options.folder, interruption());
+  const PackedInputs inputs(images, format, options.folder, interruption(), moves_materials(config));
   const std::unique_ptr<ValidationSet> validation =
       validation_set(&dataset, format, options, config.augmentation().noise().max());
   const v1::Model model = training.start(dataset.manifest().config(), [&] {
@@ -678,11 +680,17 @@ void add_train_command(CLI::App& app) {
       ->add_option("--exposure-jitter", options->exposure_jitter,
                    "Multiply each image by a factor whose logarithm has this standard deviation")
       ->check(number_in(0.0, 3.0));
+  command
+      ->add_option("--material-step", options->material_step,
+                   "Make each image that of another material, to first order, by the dataset's "
+                   "derivative images (itn dataset --derivatives): standard deviation of the step "
+                   "in ln reduced sigma_t and the logits of reduced albedo and g")
+      ->check(number_in(0.0, 2.0));
   command->add_flag(
       "--camera,!--no-camera", options->camera,
       "Show four of five images as cameras and masks drawn by hand make them: another tone curve, "
       "darker corners, out of focus, clipped, the mask a pixel off (CameraAugmentation in "
-      "experiment.proto)");
+      "learning.proto)");
   command->add_option(
       "--init", options->init,
       "Checkpoint, run or name of a model (itn models) to start from, e.g. of an RN "

@@ -39,7 +39,7 @@ void set_defaults(v1::DatasetConfig& config);
 void validate(const v1::DatasetConfig& config);
 
 // The irradiance of every light, in W/m^2, where all of them have the same one (Model.irradiance in
-// experiment.proto); otherwise 0. For a valid configuration.
+// learning.proto); otherwise 0. For a valid configuration.
 double common_irradiance(const v1::DatasetConfig& config);
 
 // What materials can be drawn.

@@ -16,6 +16,7 @@
 #include "client/dataset/panorama_set.h"
 #include "client/dataset/plan.h"
 #include "client/dataset/shape_set.h"
+#include "client/experiment/colours.h"
 #include "client/experiment/experiment_config.h"
 #include "client/experiment/images.h"
 #include "client/experiment/network_stage.h"
@@ -105,6 +106,15 @@ v1::DatasetConfig other_noise_config(const v1::Experiment& experiment) {
   return config;
 }
 
+std::vector<Material> materials_of(
+    const google::protobuf::RepeatedPtrField<v1::StudyPredictions::Estimate>& estimates) {
+  std::vector<Material> materials;
+  for (const v1::StudyPredictions::Estimate& estimate : estimates) {
+    materials.push_back(from_proto(estimate.material()));
+  }
+  return materials;
+}
+
 // What the dataset of this configuration consists of; with `test_only`, of that alone.
 DatasetPlan plan_of(const v1::DatasetConfig& config, bool test_only) {
   DatasetPlan plan =
@@ -149,7 +159,7 @@ class Study {
 
  private:
   Stage dataset_stage(const std::string& name, const fs::path& folder,
-                      const v1::DatasetConfig& config, bool test_only);
+                      std::function<DatasetPlan()> plan);
   Stage rate_stage();
   Stage shared_stage(const SharedStart& start);
   Stage network_stage(const v1::StudyNetwork& network);
@@ -157,6 +167,7 @@ class Study {
   Stage reference_stage();
   Stage refinement_stage(const std::string& candidate, std::vector<std::string> after);
   Stage error_stage(const std::string& candidate, std::vector<std::string> after);
+  Stage colour_stage(const v1::StudyNetwork& network);
 
   std::string train(const std::string& stage, const fs::path& folder, v1::TrainingConfig config,
                     std::optional<fs::path> init, const std::string& model_name);
@@ -187,6 +198,10 @@ class Study {
     if (!other_noise_) other_noise_.emplace(folder("other_noise"));
     return &*other_noise_;
   }
+  DatasetReader& colours() {
+    if (!colours_) colours_.emplace(folder("colours"));
+    return *colours_;
+  }
   const LabelledImages& test() {
     if (!test_) test_ = images_of(dataset(), v1::SPLIT_TEST);
     return *test_;
@@ -212,16 +227,16 @@ class Study {
   std::map<std::string, SharedStart> shared_;    // by what they do
   std::map<std::string, SharedStart> start_of_;  // by the name of the network
   std::optional<RenderPool> pool_;
-  std::optional<DatasetReader> dataset_, other_noise_;
+  std::optional<DatasetReader> dataset_, other_noise_, colours_;
   std::optional<LabelledImages> test_;
   std::optional<StudyImages> images_;
 };
 
 Stage Study::dataset_stage(const std::string& name, const fs::path& folder,
-                           const v1::DatasetConfig& config, bool test_only) {
+                           std::function<DatasetPlan()> plan) {
   return {name, {}, folder / kManifestName, [=, this] {
             render_dataset(
-                plan_of(config, test_only), folder, pool(),
+                plan(), folder, pool(),
                 [&](const DatasetProgress& now) {
                   run_.progress(name, "images", now.done, now.total, "");
                 },
@@ -336,13 +351,14 @@ uint64_t Study::steps_in_time_of(const v1::StudyNetwork& network) {
 
 Stage Study::prediction_stage(const v1::StudyNetwork& network) {
   const std::string name = "predict " + network.name();
-  std::vector<std::string> after = {"dataset", stage_of(network)};
+  std::vector<std::string> after = {"dataset", "colours", stage_of(network)};
   if (experiment_.has_other_noise()) after.emplace_back("other noise");
   const fs::path path = predictions_path(network.name());
   return {name, after, path, [=, this, &network] {
             run_.progress(name, "", 0, 0, "");
             return write_text(
-                path, predict_test(network_folder(network), dataset(), other_noise(), run_.stop));
+                path, predict_test(network_folder(network), dataset(), other_noise(), colours(),
+                                   run_.stop));
           }};
 }
 
@@ -368,6 +384,22 @@ Stage Study::error_stage(const std::string& candidate, std::vector<std::string> 
                                           run_.progress(name, "images", done, total, "");
                                         },
                                         run_.stop));
+          }};
+}
+
+Stage Study::colour_stage(const v1::StudyNetwork& network) {
+  const std::string name = "colours of " + network.name();
+  const std::string file = file_name_of(network.name());
+  return {name,
+          {"colours", "predict " + network.name()},
+          colours_file(folder("images"), file, 0),
+          [=, this, &network] {
+            render_colours(
+                colours(), materials_of(predictions_of(network.name()).colours()),
+                experiment_.rerendering().spp(), folder("images"), file, pool(),
+                [&](size_t done, size_t total) { run_.progress(name, "images", done, total, ""); },
+                run_.stop);
+            return name;
           }};
 }
 
@@ -401,11 +433,18 @@ std::vector<std::string> Study::yardsticks() {
 
 std::vector<Stage> Study::stages() {
   std::vector<Stage> stages;
-  stages.push_back(dataset_stage("dataset", folder("data"), experiment_.dataset(), false));
+  stages.push_back(dataset_stage("dataset", folder("data"),
+                                 [this] { return plan_of(experiment_.dataset(), false); }));
   if (experiment_.has_other_noise()) {
-    stages.push_back(
-        dataset_stage("other noise", folder("other_noise"), other_noise_config(experiment_), true));
+    stages.push_back(dataset_stage("other noise", folder("other_noise"), [this] {
+      return plan_of(other_noise_config(experiment_), true);
+    }));
   }
+  stages.push_back(dataset_stage("colours", folder("colours"), [this] {
+    DatasetPlan test = plan_of(experiment_.dataset(), true);
+    const auto count = static_cast<size_t>(test.manifest.items_size());
+    return colour_plan(std::move(test), spread(experiment_.rerendering().shown(), count));
+  }));
   stages.push_back(rate_stage());
   for (const auto& [key, start] : shared_) stages.push_back(shared_stage(start));
   for (const v1::StudyNetwork& network : experiment_.networks())
@@ -417,6 +456,7 @@ std::vector<Stage> Study::stages() {
   for (const std::string& name : yardsticks()) stages.push_back(error_stage(name, {}));
   for (const v1::StudyNetwork& network : experiment_.networks()) {
     stages.push_back(error_stage(network.name(), {"predict " + network.name()}));
+    stages.push_back(colour_stage(network));
   }
   if (experiment_.has_refinement()) {
     stages.push_back(refinement_stage(kConstant, {}));
@@ -429,15 +469,6 @@ std::vector<Stage> Study::stages() {
 
 v1::StudyPredictions Study::predictions_of(const std::string& name) const {
   return read_text<v1::StudyPredictions>(predictions_path(name), "predictions");
-}
-
-std::vector<Material> materials_of(
-    const google::protobuf::RepeatedPtrField<v1::StudyPredictions::Estimate>& estimates) {
-  std::vector<Material> materials;
-  for (const v1::StudyPredictions::Estimate& estimate : estimates) {
-    materials.push_back(from_proto(estimate.material()));
-  }
-  return materials;
 }
 
 std::vector<Material> Study::materials_for(const std::string& name) {
@@ -454,7 +485,7 @@ Candidate::ImageErrors image_errors_of(
   Candidate::ImageErrors result;
   for (const v1::StudyImageErrors::Errors& e : errors) {
     result.relative_l2.push_back(e.relative_l2());
-    result.ms_ssim.push_back(e.ms_ssim());
+    result.dissimilarity.push_back(e.dissimilarity());
   }
   return result;
 }
@@ -519,6 +550,8 @@ ExperimentResult Study::result(const std::vector<v1::StageRecord>& records) {
                      .candidates = candidates,
                      .networks = {},
                      .images = images(),
+                     .colours = colours(),
+                     .pictures = folder("images"),
                      .rate = read_text<v1::RateChoice>(folder(kRateName), "learning rate"),
                      .stages = records};
   for (const v1::StudyNetwork& network : experiment_.networks()) {

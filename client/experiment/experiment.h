@@ -1,7 +1,7 @@
 // An experiment in its folder: dataset, networks, tables, report.
 //
 //   experiment.textproto   what it is, with all defaults
-//   data/, other_noise/    datasets (itn dataset)
+//   data/, other_noise/, colours/   datasets (itn dataset)
 //   rates/, shared/, networks/   runs (itn train)
 //   predictions/, images/, image_errors/   what the networks say of the test
 //   stages/                what is done
@@ -19,7 +19,7 @@
 #include "client/experiment/stages.h"
 #include "client/experiment/tables.h"
 #include "client/render_pool/render_pool.h"
-#include "itn/v1/study.pb.h"
+#include "itn/v1/experiment.pb.h"
 
 namespace itn {
 

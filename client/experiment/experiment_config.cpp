@@ -121,10 +121,11 @@ void validate_networks(const v1::Experiment& experiment) {
     }
     require(!network.settings().has_stream() && !experiment.training().has_stream(),
             fmt::format("{}: it has a stream; an experiment's networks see the same images", name));
-    require(own_training(experiment, network, 1e-4).image_term() != v1::TrainingConfig::LINEAR ||
-                experiment.dataset().derivatives(),
-            fmt::format("{}: its image term is LINEAR, which takes derivative images: dataset {{ "
-                        "derivatives: true }}",
+    const v1::TrainingConfig own = own_training(experiment, network, 1e-4);
+    require(experiment.dataset().derivatives() ||
+                (own.image_term() != v1::TrainingConfig::LINEAR && !moves_materials(own)),
+            fmt::format("{}: image_term LINEAR and augmentation.material_step take derivative "
+                        "images: dataset {{ derivatives: true }}",
                         name));
   }
 }
@@ -184,7 +185,7 @@ v1::TrainingConfig training_of(const v1::Experiment& experiment, const v1::Study
       overridden(training_preset(experiment.training_preset()), experiment.training());
   config = overridden(std::move(config), network.settings());
   config.set_learning_rate(rate);
-  config.set_seed(experiment.seed());
+  if (network.settings().seed() == 0) config.set_seed(experiment.seed());
   if (config.output() == v1::POINT) config.clear_mean_weight();
   return config;
 }
@@ -203,9 +204,10 @@ std::span<const ExperimentPreset> experiment_presets() {
       std::string(kSmokeExperiment) + kFiveNetworks.data(),
       std::string(kSmallExperiment) + kFiveNetworks.data(),
       std::string(kPaperExperiment) + kFiveNetworks.data()};
-  static const std::array<ExperimentPreset, 3> kPresets = {{
+  static const std::array<ExperimentPreset, 4> kPresets = {{
       {"smoke", "whether everything works, in a minute or two", kFiles[0]},
       {"small", "results that mean something, in less than an hour on two cores", kFiles[1]},
+      {"ablation", "what the image term is worth, by how it is made", kAblationExperiment},
       {"paper", "the protocol of Che et al. 2020, in days", kFiles[2]},
   }};
   return kPresets;

@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include "itn/v1/study.pb.h"
+#include "itn/v1/experiment.pb.h"
 
 namespace itn {
 

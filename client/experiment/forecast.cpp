@@ -196,6 +196,9 @@ std::vector<StageForecast> forecast(const v1::Experiment& experiment, const Rend
       stage.bytes = bytes_in(run);
     } else if (name.starts_with("images of ")) {
       stage.seconds *= images(experiment, then.test) / images(small, now.test);
+    } else if (name.starts_with("colours")) {
+      stage.seconds *= static_cast<double>(experiment.rerendering().shown()) /
+                       small.rerendering().shown();
     } else if (name.starts_with("predict ")) {
       stage.seconds *= then.test / now.test;
     } else if (name.starts_with("refine from ")) {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "client/render_pool/render_pool.h"
-#include "itn/v1/study.pb.h"
+#include "itn/v1/experiment.pb.h"
 
 namespace itn {
 

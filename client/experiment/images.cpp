@@ -146,7 +146,7 @@ v1::StudyImageErrors StudyImages::compare(const std::string& name,
         v1::StudyImageErrors::Errors& errors =
             scene == StudyScene::kSame ? *result.add_same_scene() : *result.add_novel_scene();
         errors.set_relative_l2(relative_image_error(truth, rendered, mask(scene, k)));
-        errors.set_ms_ssim(1 - ms_ssim(resolution(), truth, rendered));
+        errors.set_dissimilarity(1 - ms_ssim(resolution(), truth, rendered));
         if (std::ranges::find(shown_, k) != shown_.end()) {
           write_image(file(name, scene, k), resolution(), std::move(rendered));
         }

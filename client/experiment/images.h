@@ -12,14 +12,14 @@
 #include "client/dataset/dataset.h"
 #include "client/render_pool/render_pool.h"
 #include "client/training/training_set.h"
-#include "itn/v1/study.pb.h"
+#include "itn/v1/experiment.pb.h"
 
 namespace itn {
 
 // The scenes that materials are rendered in.
 enum class StudyScene {
   kSame,   // that of the test's image
-  kNovel,  // one that is the same for all (Rerendering in study.proto)
+  kNovel,  // one that is the same for all (Rerendering in experiment.proto)
 };
 inline constexpr StudyScene kStudyScenes[] = {StudyScene::kSame, StudyScene::kNovel};
 

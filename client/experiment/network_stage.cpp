@@ -97,7 +97,7 @@ v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
   const LabelledImages images = images_of(dataset, v1::SPLIT_TRAIN);
   const PackedFormat format{.resolution = resolution_of(config, images.resolution),
                             .input = config.input()};
-  const PackedInputs inputs(images, format, run.folder, run.stop);
+  const PackedInputs inputs(images, format, run.folder, run.stop, moves_materials(config));
   const std::unique_ptr<ValidationSet> validation =
       validation_set(dataset, format, run.folder, config.augmentation().noise().max(), run.stop);
   const v1::Model start =
@@ -145,13 +145,15 @@ double best_score(const fs::path& folder) {
 }
 
 v1::StudyPredictions predict_test(const fs::path& folder, DatasetReader& dataset,
-                                  DatasetReader* other_noise, std::stop_token stop) {
+                                  DatasetReader* other_noise, DatasetReader& colours,
+                                  std::stop_token stop) {
   Predictor predictor = Predictor::load(folder / kBestCheckpointName);
   v1::StudyPredictions predictions;
   *predictions.mutable_as_trained() = estimates_of(predictor, dataset, stop);
   if (other_noise != nullptr) {
     *predictions.mutable_other_noise() = estimates_of(predictor, *other_noise, stop);
   }
+  *predictions.mutable_colours() = estimates_of(predictor, colours, stop);
   return predictions;
 }
 

@@ -9,7 +9,7 @@
 
 #include "client/dataset/dataset.h"
 #include "client/render_pool/render_pool.h"
-#include "itn/v1/study.pb.h"
+#include "itn/v1/experiment.pb.h"
 
 namespace itn {
 
@@ -37,8 +37,9 @@ v1::NetworkCost read_cost(const std::filesystem::path& folder);
 // The mean of the best validation errors of a run (score()).
 double best_score(const std::filesystem::path& folder);
 
-// What the run's best model says of each image of the test. `other_noise`: null if there is none.
+// What the run's best model says of each image of the tests. `other_noise`: null if there is none.
 v1::StudyPredictions predict_test(const std::filesystem::path& folder, DatasetReader& dataset,
-                                  DatasetReader* other_noise, std::stop_token stop);
+                                  DatasetReader* other_noise, DatasetReader& colours,
+                                  std::stop_token stop);
 
 }  // namespace itn

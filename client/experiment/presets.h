@@ -92,15 +92,77 @@ training {
   output: POINT
   batch: 32
   augmentation { mirror: true shift: 2 noise { min: 0.16 max: 0.16 } }
-  spp: 32
+  spp: 8
 }
 rate_search { rates: [2e-3, 4e-3, 8e-3] steps: 600 }
 shared_steps: 5000
-steps: 300
+steps: 800
 rate_factor: 0.25
 validate_every: 100
 rerendering { images: 80 spp: 64 shown: 4 }
-refinement { images: 12 spp: 16 max_spp: 256 }
+refinement { images: 40 spp: 16 max_spp: 1024 }
+)";
+
+inline constexpr std::string_view kAblationExperiment =
+    R"(# What the image term is worth by the samples of its renders, without a render, and against more steps or
+# more materials: all in the processor time of the dearest.
+dataset {
+  count: 4000
+  resolution: 64
+  noise { target: 0.08 }
+  derivatives: true
+  shapes { random { count: 1000 } }
+  test_fraction: 0.12
+  validation_fraction: 0.05
+  pose { turned: 1 }
+}
+training_preset: "residual"
+training {
+  parameterization: SIMILARITY
+  architecture { residual_convolutions { base_channels: 16 blocks: 1 } }
+  output: POINT
+  batch: 32
+  learning_rate: 4e-3
+  augmentation { mirror: true shift: 2 noise { min: 0.16 max: 0.16 } }
+}
+shared_steps: 3000
+steps: 100
+rate_factor: 0.25
+validate_every: 50
+rerendering { images: 80 spp: 64 shown: 4 }
+networks {
+  name: "RN, as many steps"
+  settings { loss: RN }
+}
+networks {
+  name: "ITN, 64 spp"
+  settings { loss: ITN spp: 64 }
+}
+networks {
+  name: "ITN, 16 spp"
+  settings { loss: ITN spp: 16 }
+  as_long_as: "ITN, 64 spp"
+}
+networks {
+  name: "ITN, 4 spp"
+  settings { loss: ITN spp: 4 }
+  as_long_as: "ITN, 64 spp"
+}
+networks {
+  name: "ITN, linear term"
+  settings { loss: ITN image_term: LINEAR }
+  as_long_as: "ITN, 64 spp"
+}
+networks {
+  name: "RN, as long"
+  settings { loss: RN }
+  as_long_as: "ITN, 64 spp"
+}
+networks {
+  name: "RN, moved materials"
+  settings { loss: RN augmentation { material_step: 0.3 } }
+  as_long_as: "ITN, 64 spp"
+}
 )";
 
 inline constexpr std::string_view kPaperExperiment =
@@ -133,7 +195,7 @@ other_noise { target { target: 0.02 } }
 training_preset: "paper"
 training {
   augmentation { noise { min: 0.1 max: 0.1 } }
-  spp: 256
+  spp: 16
 }
 rate_search { rates: [3e-5, 1e-4, 3e-4] steps: 600 }
 shared_steps: 0

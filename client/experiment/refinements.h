@@ -12,7 +12,7 @@
 #include "client/dataset/dataset.h"
 #include "client/render_pool/render_pool.h"
 #include "client/training/training_set.h"
-#include "itn/v1/study.pb.h"
+#include "itn/v1/experiment.pb.h"
 
 namespace itn {
 

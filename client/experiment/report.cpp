@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <google/protobuf/util/json_util.h>
 
+#include "client/experiment/colours.h"
 #include "client/experiment/experiment_config.h"
 #include "client/experiment/plot.h"
 #include "client/page/page.h"
@@ -137,6 +138,43 @@ std::string montage(const StudyReport& report, StudyScene scene) {
         images, differences);
   }
   return text;
+}
+
+Panel colour_panel(const ColourPicture& picture, int side, float white) {
+  Panel panel{.side = side, .pixels = std::vector<Rgb>(picture[0].size())};
+  for (size_t p = 0; p < panel.pixels.size(); ++p) {
+    for (size_t colour = 0; colour < kColours; ++colour) {
+      panel.pixels[p][colour] = gray(picture[colour][p] / white)[colour];
+    }
+  }
+  return panel;
+}
+
+// All colours on one scale.
+float white_level_of(const ColourPicture& picture) {
+  float white = 0;
+  for (const std::vector<float>& plane : picture) white = std::max(white, white_level(plane));
+  return white;
+}
+
+std::string colours_of(const StudyReport& report) {
+  const int side = report.colours.resolution();
+  const size_t count = static_cast<size_t>(report.colours.manifest().items_size()) / kColours;
+  std::string text;
+  for (size_t k = 0; k < count; ++k) {
+    const ColourPicture input = input_colours(report.colours, k);
+    const float white = white_level_of(input);
+    std::string strip = figure(colour_panel(input, side, white), "panel", "input");
+    for (const ReportedNetwork& network : report.networks) {
+      const ColourPicture picture = read_colours(report.pictures, file_name_of(network.name), k);
+      strip += figure(colour_panel(picture, side, white), "panel", escaped(network.name));
+    }
+    text += fmt::format("<div class=\"wide\"><div class=\"strip\">{}</div></div>\n", strip);
+  }
+  return section("In colour",
+                 note("Red, green and blue are three materials in one scene. Each is read off a gray "
+                      "image by itself and rendered again.") +
+                     text);
 }
 
 // --- Training ---
@@ -395,6 +433,7 @@ std::string report_page(const StudyReport& report) {
       note("Below each name: sigma_t [1/mm], albedo, g. Second rows: difference to the truth, "
            "red where the render is brighter, blue where it is darker.") +
           montage(report, StudyScene::kSame));
+  body += colours_of(report);
   body += section("The novel scene", montage(report, StudyScene::kNovel));
   body += trajectories_of(report) + scatter_of(report) + calibration_of(report) +
           training_of(report) + costs_of(report);

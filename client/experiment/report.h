@@ -5,9 +5,10 @@
 #include <string>
 #include <vector>
 
+#include "client/dataset/dataset.h"
 #include "client/experiment/images.h"
 #include "client/experiment/tables.h"
-#include "itn/v1/study.pb.h"
+#include "itn/v1/experiment.pb.h"
 
 namespace itn {
 
@@ -26,6 +27,8 @@ struct StudyReport {
   const std::vector<Candidate>& candidates;
   std::vector<ReportedNetwork> networks;
   const StudyImages& images;
+  const DatasetReader& colours;    // of colour_plan()
+  std::filesystem::path pictures;  // where render_colours() wrote
   v1::RateChoice rate;
   std::vector<v1::StageRecord> stages;
 };

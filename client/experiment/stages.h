@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "itn/v1/study.pb.h"
+#include "itn/v1/experiment.pb.h"
 
 namespace itn {
 

@@ -90,7 +90,7 @@ void add_image_errors(const ShapeBootstrap& shapes, const Candidate::ImageErrors
     return;
   }
   row.cells.emplace_back(cell(shapes.mean(errors.relative_l2)));
-  row.cells.emplace_back(cell(shapes.mean(errors.ms_ssim)));
+  row.cells.emplace_back(cell(shapes.mean(errors.dissimilarity)));
 }
 
 const std::array<Column, 2> kImageColumns = {{{"image L2", "", 4}, {"1 - MS-SSIM", "", 4}}};

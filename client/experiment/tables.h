@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "client/experiment/statistics.h"
+#include "client/training/shape_bootstrap.h"
 #include "common/material.h"
-#include "itn/v1/study.pb.h"
+#include "itn/v1/experiment.pb.h"
 
 namespace itn {
 
@@ -26,7 +26,7 @@ struct Candidate {
   std::vector<Material> other_noise;  // likewise; empty if there is none
   // Of each image that was rendered again, in its own scene and in the novel one.
   struct ImageErrors {
-    std::vector<double> relative_l2, ms_ssim;
+    std::vector<double> relative_l2, dissimilarity;
   };
   ImageErrors same_scene, novel_scene;
   // Of each image that was refined, from what this one says of it; empty if there were none.

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 #include "itn/v1/predict.pb.h"
 
 namespace itn {

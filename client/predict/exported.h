@@ -7,7 +7,7 @@
 
 #include "client/exports/exports.h"
 #include "client/predict/printer.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

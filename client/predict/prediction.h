@@ -6,7 +6,7 @@
 
 #include "client/predict/photograph_input.h"
 #include "common/material.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 #include "itn/v1/predict.pb.h"
 
 namespace itn {

@@ -4,7 +4,7 @@
 #include <memory>
 #include <string>
 
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

@@ -10,7 +10,7 @@
 #include "client/panels.h"
 #include "client/predict/swatches.h"
 #include "itn/v1/dataset.pb.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "common/learning/network_input.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

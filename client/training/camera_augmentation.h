@@ -1,10 +1,10 @@
-// What cameras do to photographs, done to renders (CameraAugmentation in experiment.proto).
+// What cameras do to photographs, done to renders (CameraAugmentation in learning.proto).
 #pragma once
 
 #include <cstdint>
 
 #include "common/learning/network_input.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

@@ -4,7 +4,7 @@
 #include <stop_token>
 
 #include "client/training/image_source.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <numbers>
 #include <numeric>
 
@@ -10,6 +9,7 @@
 #include "client/render_pool/render_wait.h"
 #include "client/training/augmentation.h"
 #include "client/training/noise_map.h"
+#include "client/training/shape_bootstrap.h"
 #include "common/error.h"
 #include "common/image/ms_ssim.h"
 #include "common/random.h"
@@ -61,6 +61,10 @@ Triple root_mean(const Triple& squares, size_t count) {
   return roots;
 }
 
+double root_ratio(double squares, double of_constant) {
+  return of_constant > 0 ? std::sqrt(squares / of_constant) : HUGE_VAL;
+}
+
 // Sums of squared errors, and of those of the constant predictor.
 struct Squares {
   Triple ours{}, constant{};
@@ -72,7 +76,7 @@ struct Squares {
   Triple ratio() const {
     Triple result;
     for (size_t k = 0; k < 3; ++k) {
-      result[k] = constant[k] > 0 ? std::sqrt(ours[k] / constant[k]) : HUGE_VAL;
+      result[k] = root_ratio(ours[k], constant[k]);
     }
     return result;
   }
@@ -106,30 +110,26 @@ std::vector<Material> materials_of(std::span<const MaterialEstimate> estimates) 
   return materials;
 }
 
-// Shapes are what the images of a split have in common: they are drawn, with all of their images.
-void set_intervals(const std::map<std::string, Squares>& shapes, v1::Evaluation::Row& row) {
-  constexpr int kDraws = 1000;
-  constexpr double kLow = 0.025, kHigh = 0.975;
-  std::vector<Squares> by_shape;
-  for (const auto& [name, squares] : shapes) {
-    by_shape.push_back(squares);
+// Errors over the constant predictor's, with intervals over the shapes of the images.
+void set_intervals(std::span<const Squares> squares, const LabelledImages& images,
+                   v1::Evaluation::Row& row) {
+  std::vector<std::string> shapes;
+  for (const v1::DatasetItem* item : images.items) {
+    shapes.push_back(item->shape());
   }
-  std::array<std::vector<double>, 3> ratios;
-  SplitMix random(1);
-  for (int draw = 0; draw < kDraws; ++draw) {
-    Squares sum;
-    for (size_t i = 0; i < by_shape.size(); ++i) {
-      sum.add(by_shape[random.below(by_shape.size())]);
-    }
-    for (size_t k = 0; k < 3; ++k) {
-      ratios[k].push_back(sum.ratio()[k]);
-    }
-  }
+  const ShapeBootstrap bootstrap(shapes);
   v1::Interval* const intervals[] = {row.mutable_relative_sigma_t(), row.mutable_relative_albedo(),
                                      row.mutable_relative_g()};
   for (size_t k = 0; k < 3; ++k) {
-    intervals[k]->set_min(quantile(ratios[k], kLow));
-    intervals[k]->set_max(quantile(ratios[k], kHigh));
+    std::array<std::vector<double>, 2> terms;
+    for (const Squares& term : squares) {
+      terms[0].push_back(term.ours[k]);
+      terms[1].push_back(term.constant[k]);
+    }
+    const Estimate ratio = bootstrap.estimate(
+        terms, [](std::span<const double> mean) { return root_ratio(mean[0], mean[1]); });
+    intervals[k]->set_min(ratio.low);
+    intervals[k]->set_max(ratio.high);
   }
 }
 
@@ -233,10 +233,8 @@ Triple relative_errors(std::span<const Material> predictions, const LabelledImag
 void set_details(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
                  v1::Evaluation::Row& row) {
   const std::vector<Squares> squares = squares_of(materials_of(estimates), images);
-  std::map<std::string, Squares> shapes;
   std::vector<double> sigma_t_errors, reduced_errors;
   for (size_t i = 0; i < estimates.size(); ++i) {
-    shapes[images.items[i]->shape()].add(squares[i]);
     const Material &ours = estimates[i].material, &truth = images.truth[i];
     const double reduced = estimates[i].posterior
                                ? estimates[i].posterior->scattering.parameters[2].mean
@@ -245,7 +243,7 @@ void set_details(std::span<const MaterialEstimate> estimates, const LabelledImag
     reduced_errors.push_back(std::abs(reduced / truth.sigma_s_reduced() - 1));
   }
   set(sum_of(squares).ratio(), *row.mutable_relative());
-  set_intervals(shapes, row);
+  set_intervals(squares, images, row);
   row.set_median_relative_sigma_t(quantile(sigma_t_errors, 0.5));
   row.set_median_relative_sigma_s_reduced(quantile(reduced_errors, 0.5));
   // Thirds in sigma_t.

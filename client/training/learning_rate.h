@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

@@ -10,7 +10,7 @@
 
 #include "common/learning/encoder.h"
 #include "common/learning/tensor_data.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "client/dataset/dataset.h"
+#include "client/training/scratch_records.h"
 #include "common/learning/network_input.h"
 
 namespace itn {
@@ -18,17 +19,12 @@ struct PackedFormat {
   v1::NetworkInput input = v1::LUMINANCE_AND_WEIGHT;
 };
 
-// So many places for images, in a file without a name, which goes when this does, however the
-// process ends: luminance, mask, maybe the weight map, and noise, 12 or 16 bytes for each pixel.
-// The memory that it takes does not depend on how many images there are, and the operating system
-// keeps what it has room for.
+// So many places for images (ScratchRecords): luminance, mask, maybe the weight map, and noise, 12
+// or 16 bytes for each pixel.
 class PackedImages {
  public:
-  // `folder`: where the file is. Throws Error (kIo): no room there.
+  // Throws as ScratchRecords does.
   PackedImages(const PackedFormat& format, size_t count, const std::filesystem::path& folder);
-  ~PackedImages();
-  PackedImages(const PackedImages&) = delete;
-  PackedImages& operator=(const PackedImages&) = delete;
 
   // Puts an image of `resolution` pixels a side, which is not below the format's, into a place.
   // Several threads may do so at a time, each in a place of its own. Throws Error: kInvalidInput
@@ -39,14 +35,11 @@ class PackedImages {
   ImageBatch batch(std::span<const uint32_t> places) const;
 
   const PackedFormat& format() const { return format_; }
-  size_t size() const { return size_; }
+  size_t size() const { return records_.size(); }
 
  private:
-  int planes() const;  // of each image
-
   PackedFormat format_;
-  size_t size_;
-  int descriptor_ = -1;
+  ScratchRecords records_;
 };
 
 // Sum of the radiance over the object of an image, and the object's area in pixels; weighted by the

@@ -7,9 +7,11 @@
 namespace itn {
 
 PackedInputs::PackedInputs(const LabelledImages& images, const PackedFormat& format,
-                           const std::filesystem::path& folder, std::stop_token stop)
+                           const std::filesystem::path& folder, std::stop_token stop,
+                           bool derivatives)
     : packed_(format, images.items.size(), folder) {
   pack(images, stop);
+  if (derivatives) derivatives_.emplace(images, format.resolution, folder, stop);
 }
 
 void PackedInputs::pack(const LabelledImages& images, const std::stop_token& stop) {

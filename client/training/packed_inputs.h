@@ -3,9 +3,11 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <stop_token>
 
+#include "client/training/packed_derivatives.h"
 #include "client/training/packed_images.h"
 #include "client/training/training_set.h"
 #include "common/learning/network_input.h"
@@ -15,12 +17,17 @@ namespace itn {
 // Reads, decodes, resamples and packs each image once. A batch is read from there.
 class PackedInputs {
  public:
-  // `folder`: where the file is. Throws Error: kInvalidInput (the images are smaller than the
-  // format), kIo (no room there), kCancelled, and as LabelledImages::read.
+  // `folder`: where the files are. `derivatives`: of the dataset, are packed, too. Throws Error:
+  // kInvalidInput (the images are smaller than the format; there are no derivatives), kIo (no room
+  // there), kCancelled, and as LabelledImages::read.
   PackedInputs(const LabelledImages& images, const PackedFormat& format,
-               const std::filesystem::path& folder, std::stop_token stop = {});
+               const std::filesystem::path& folder, std::stop_token stop = {},
+               bool derivatives = false);
 
   ImageBatch batch(std::span<const uint32_t> items) const { return packed_.batch(items); }
+
+  // Null unless they were packed.
+  const PackedDerivatives* derivatives() const { return derivatives_ ? &*derivatives_ : nullptr; }
 
   size_t size() const { return packed_.size(); }
 
@@ -33,6 +40,7 @@ class PackedInputs {
   void pack(const LabelledImages& images, const std::stop_token& stop);
 
   PackedImages packed_;
+  std::optional<PackedDerivatives> derivatives_;
   double mean_radiance_ = 0;
 };
 

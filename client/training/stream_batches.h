@@ -1,4 +1,4 @@
-// Batches of a stream of renders (Stream in experiment.proto).
+// Batches of a stream of renders (Stream in learning.proto).
 #pragma once
 
 #include <cstdint>

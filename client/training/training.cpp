@@ -9,6 +9,7 @@
 #include "client/training/augmentation.h"
 #include "client/training/camera_augmentation.h"
 #include "client/training/learning_rate.h"
+#include "client/training/moved_materials.h"
 #include "common/error.h"
 #include "common/random.h"
 
@@ -16,7 +17,7 @@ namespace itn {
 namespace {
 
 // Branches of the tree of random choices below a run's seed.
-enum Choice : uint64_t { kInitialWeights, kOrder, kRenders, kAugmentation };
+enum Choice : uint64_t { kInitialWeights, kOrder, kRenders, kAugmentation, kMaterialSteps };
 
 // The two terms are balanced over the first steps and then left alone: from there on the loss that
 // is minimised is one and the same.
@@ -137,12 +138,27 @@ class RunningStatistics {
   std::vector<std::pair<torch::Tensor, torch::Tensor>> before_;
 };
 
+// Of a dataset, as the configuration wants them.
+std::unique_ptr<Batches> batches_of(const v1::TrainingConfig& config, const LabelledImages& images,
+                                    const PackedInputs& inputs, const v1::Model& model) {
+  std::unique_ptr<Batches> batches =
+      std::make_unique<DatasetBatches>(images, inputs, derive_seed(config.seed(), {kOrder}));
+  if (!moves_materials(config)) return batches;
+  return std::make_unique<MovedMaterials>(std::move(batches), *inputs.derivatives(), model.bounds(),
+                                          config.augmentation().material_step(),
+                                          derive_seed(config.seed(), {kMaterialSteps}));
+}
+
 const v1::TrainingConfig& validated(const v1::TrainingConfig& config) {
   validate(config);
   return config;
 }
 
 }  // namespace
+
+bool moves_materials(const v1::TrainingConfig& config) {
+  return config.augmentation().material_step() > 0;
+}
 
 void validate(const v1::TrainingConfig& config) {
   const auto require = [](bool condition, const char* message) {
@@ -166,6 +182,8 @@ void validate(const v1::TrainingConfig& config) {
   require(config.input() != v1::NETWORK_INPUT_UNSPECIFIED, "an input is needed");
   require(config.exposure() != v1::EXPOSURE_UNSPECIFIED, "exposure must be known or unknown");
   validate(config.augmentation());
+  require(!moves_materials(config) || (config.loss() == v1::TrainingConfig::RN && !config.has_stream()),
+          "augmentation.material_step changes what images are of: it takes the loss RN and a dataset");
   require(!does_anything(config.augmentation().camera()) || !needs_weight_map(config.input()),
           "augmentation.camera changes masks and luminance, from which the input "
           "LUMINANCE_AND_WEIGHT has a weight map: it takes the input RATIOS");
@@ -228,10 +246,7 @@ Trainer::Trainer(v1::TrainingConfig config, std::unique_ptr<Batches> batches,
 
 Trainer::Trainer(v1::TrainingConfig config, const LabelledImages& images,
                  const PackedInputs& inputs, const v1::Model& start, ImageTermSource image_term)
-    : Trainer(
-          config,
-          std::make_unique<DatasetBatches>(images, inputs, derive_seed(config.seed(), {kOrder})),
-          start) {
+    : Trainer(config, batches_of(config, images, inputs, start), start) {
   if (config.loss() != v1::TrainingConfig::ITN) return;
   if (config.image_term() == v1::TrainingConfig::LINEAR) {
     image_loss_ = std::make_unique<LinearImageLoss>(space_, images,

@@ -25,6 +25,9 @@ namespace itn {
 // Throws Error (invalid input) that names the field.
 void validate(const v1::TrainingConfig& config);
 
+// Whether images become those of other materials, for which the inputs need derivatives.
+bool moves_materials(const v1::TrainingConfig& config);
+
 // Answers, loss, gradient or weights are not finite any more (invalid input): with these settings
 // the training leads nowhere.
 class Diverged : public Error {

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

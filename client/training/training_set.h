@@ -8,7 +8,7 @@
 
 #include "client/dataset/dataset.h"
 #include "common/material.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

@@ -6,7 +6,7 @@
 #include "client/training/packed_inputs.h"
 #include "client/training/training_set.h"
 #include "common/learning/predictor.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

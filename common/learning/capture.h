@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "common/image/photograph.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 #include "itn/v1/predict.pb.h"
 
 namespace itn {

@@ -6,7 +6,7 @@
 #include <optional>
 #include <string>
 
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

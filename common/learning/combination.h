@@ -17,7 +17,7 @@
 
 #include "common/learning/gaussian.h"
 #include "common/learning/parameterization.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

@@ -24,7 +24,7 @@
 #include <torch/torch.h>
 
 #include "common/learning/network_input.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

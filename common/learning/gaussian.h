@@ -18,7 +18,7 @@
 
 #include "common/learning/parameterization.h"
 #include "common/material.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

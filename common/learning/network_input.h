@@ -7,7 +7,7 @@
 
 #include <torch/torch.h>
 
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

@@ -9,7 +9,7 @@
 #include <google/protobuf/repeated_ptr_field.h>
 #include <torch/torch.h>
 
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 
 namespace itn {
 

@@ -53,6 +53,9 @@ TEST(ExperimentFile, WhatIsOutOfRangeIsNamed) {
                  {"B: ", "UNBOUNDED"});
   expect_refused(file("networks { name: \"B\" settings { loss: ITN image_term: LINEAR } }"),
                  {"B: ", "derivatives: true"});
+  expect_refused(
+      file("networks { name: \"B\" settings { loss: RN augmentation { material_step: 0.1 } } }"),
+      {"B: ", "material_step", "derivatives: true"});
   expect_refused(file("training_preset: \"best\""), {"\"best\"", "paper"});
   expect_refused(file("rerendering { novel_shape: \"teapot\" }"), {"novel_shape", "teapot"});
   expect_refused(file("refinement { iterations: [1, 5, 5] }"), {"refinement.iterations", "rise"});
@@ -61,12 +64,12 @@ TEST(ExperimentFile, WhatIsOutOfRangeIsNamed) {
 TEST(ExperimentFile, PresetsAreFilesThatCanBeRead) {
   for (const ExperimentPreset& preset : experiment_presets()) {
     const v1::Experiment experiment = loaded(std::string(preset.file));
-    EXPECT_EQ(experiment.networks_size(), 6) << preset.name;
+    EXPECT_GE(experiment.networks_size(), 6) << preset.name;
     EXPECT_EQ(to_text_proto(experiment), to_text_proto(experiment_of_preset(preset.name)));
     // With all defaults: as a file again it is the same.
     EXPECT_EQ(to_text_proto(loaded(to_text_proto(experiment))), to_text_proto(experiment));
   }
-  expect_error(ErrorKind::kInvalidInput, {"\"tiny\"", "smoke, small, paper"},
+  expect_error(ErrorKind::kInvalidInput, {"\"tiny\"", "smoke, small, ablation, paper"},
                [] { find_experiment_preset("tiny"); });
 }
 
@@ -107,6 +110,11 @@ TEST(ExperimentNetworks, DifferInWhatTheySayAlone) {
   itn.clear_estimates();
   itn.clear_pilot_spp();
   EXPECT_EQ(to_text_proto(itn), to_text_proto(rn));
+  // A seed of its own.
+  v1::StudyNetwork seeded = experiment.networks(0);
+  seeded.mutable_settings()->set_seed(9);
+  EXPECT_EQ(own_training(experiment, seeded, 0.01).seed(), 9U);
+  EXPECT_EQ(shared_training(experiment, seeded, 0.01).seed(), 9U);
   // Both begin alike, as RN at the full rate.
   const v1::TrainingConfig shared = shared_training(experiment, experiment.networks(1), 0.01);
   EXPECT_EQ(to_text_proto(shared),

@@ -28,8 +28,8 @@ Candidate network(const std::string& name, double factor = 1) {
         {m.sigma_t + 10 * factor, m.albedo - 0.1 * factor, m.g - 0.2 * factor});
     candidate.other_noise.push_back({m.sigma_t + 20, m.albedo, m.g});
   }
-  candidate.same_scene = {.relative_l2 = {0.1, 0.3}, .ms_ssim = {0.01, 0.02}};
-  candidate.novel_scene = {.relative_l2 = {0.2, 0.6}, .ms_ssim = {0.03, 0.05}};
+  candidate.same_scene = {.relative_l2 = {0.1, 0.3}, .dissimilarity = {0.01, 0.02}};
+  candidate.novel_scene = {.relative_l2 = {0.2, 0.6}, .dissimilarity = {0.03, 0.05}};
   return candidate;
 }
 

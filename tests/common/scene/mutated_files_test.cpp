@@ -14,7 +14,7 @@
 #include "common/image/image.h"
 #include "common/scene/scene_file.h"
 #include "common/scene/text_proto.h"
-#include "itn/v1/experiment.pb.h"
+#include "itn/v1/learning.pb.h"
 #include "tests/support/scene_files.h"
 
 namespace itn {

@@ -1,4 +1,4 @@
-#include "client/experiment/statistics.h"
+#include "client/training/shape_bootstrap.h"
 
 #include <algorithm>
 #include <cmath>
