@@ -502,7 +502,8 @@ void train_with_dataset(Training& training) {
                             .input = config.input()};
   training.check(config, format.resolution);
   // Read.
-  const PackedInputs inputs(images, format, options.folder, interruption(), moves_materials(config));
+  const PackedInputs inputs(images, format, options.folder, interruption(),
+                            moves_materials(config));
   const std::unique_ptr<ValidationSet> validation =
       validation_set(&dataset, format, options, config.augmentation().noise().max());
   const v1::Model model = training.start(dataset.manifest().config(), [&] {

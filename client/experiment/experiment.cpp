@@ -356,9 +356,8 @@ Stage Study::prediction_stage(const v1::StudyNetwork& network) {
   const fs::path path = predictions_path(network.name());
   return {name, after, path, [=, this, &network] {
             run_.progress(name, "", 0, 0, "");
-            return write_text(
-                path, predict_test(network_folder(network), dataset(), other_noise(), colours(),
-                                   run_.stop));
+            return write_text(path, predict_test(network_folder(network), dataset(), other_noise(),
+                                                 colours(), run_.stop));
           }};
 }
 

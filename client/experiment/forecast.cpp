@@ -197,8 +197,8 @@ std::vector<StageForecast> forecast(const v1::Experiment& experiment, const Rend
     } else if (name.starts_with("images of ")) {
       stage.seconds *= images(experiment, then.test) / images(small, now.test);
     } else if (name.starts_with("colours")) {
-      stage.seconds *= static_cast<double>(experiment.rerendering().shown()) /
-                       small.rerendering().shown();
+      stage.seconds *=
+          static_cast<double>(experiment.rerendering().shown()) / small.rerendering().shown();
     } else if (name.starts_with("predict ")) {
       stage.seconds *= then.test / now.test;
     } else if (name.starts_with("refine from ")) {

@@ -171,10 +171,11 @@ std::string colours_of(const StudyReport& report) {
     }
     text += fmt::format("<div class=\"wide\"><div class=\"strip\">{}</div></div>\n", strip);
   }
-  return section("In colour",
-                 note("Red, green and blue are three materials in one scene. Each is read off a gray "
-                      "image by itself and rendered again.") +
-                     text);
+  return section(
+      "In colour",
+      note("Red, green and blue are three materials in one scene. Each is read off a gray "
+           "image by itself and rendered again.") +
+          text);
 }
 
 // --- Training ---

@@ -17,8 +17,7 @@ size_t derivative_bytes(int resolution) {
 
 PackedDerivatives::PackedDerivatives(const LabelledImages& images, int resolution,
                                      const std::filesystem::path& folder, std::stop_token stop)
-    : resolution_(resolution),
-      records_(images.items.size(), derivative_bytes(resolution), folder) {
+    : resolution_(resolution), records_(images.items.size(), derivative_bytes(resolution), folder) {
   in_parallel(records_.size(), stop, [&](size_t i) {
     const std::vector<float> mask = images.read(i).mask;
     const DerivativeImages estimates = images.derivatives(i);

@@ -37,9 +37,9 @@ void PackedImages::put(size_t place, int resolution, const DatasetImage& image) 
 }
 
 ImageBatch PackedImages::batch(std::span<const uint32_t> places) const {
-  const torch::Tensor planes = torch::empty({static_cast<int64_t>(places.size()),
-                                             itn::planes(format_), format_.resolution,
-                                             format_.resolution});
+  const torch::Tensor planes =
+      torch::empty({static_cast<int64_t>(places.size()), itn::planes(format_), format_.resolution,
+                    format_.resolution});
   for (size_t i = 0; i < places.size(); ++i) {
     records_.get(places[i], planes[static_cast<int64_t>(i)].data_ptr());
   }

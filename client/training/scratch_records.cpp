@@ -72,16 +72,16 @@ ScratchRecords::~ScratchRecords() {
 }
 
 void ScratchRecords::put(size_t place, const void* record) {
-  const int error = transfer(
-      [&](const char* from, size_t size, off_t at) { return ::pwrite(descriptor_, from, size, at); },
-      static_cast<const char*>(record), bytes_, place * bytes_);
+  const int error = transfer([&](const char* from, size_t size,
+                                 off_t at) { return ::pwrite(descriptor_, from, size, at); },
+                             static_cast<const char*>(record), bytes_, place * bytes_);
   if (error != 0) throw cannot("write", "a temporary file", error);
 }
 
 void ScratchRecords::get(size_t place, void* record) const {
-  const int error = transfer(
-      [&](char* to, size_t size, off_t at) { return ::pread(descriptor_, to, size, at); },
-      static_cast<char*>(record), bytes_, place * bytes_);
+  const int error =
+      transfer([&](char* to, size_t size, off_t at) { return ::pread(descriptor_, to, size, at); },
+               static_cast<char*>(record), bytes_, place * bytes_);
   if (error != 0) throw cannot("read", "a temporary file", error);
 }
 

@@ -182,8 +182,9 @@ void validate(const v1::TrainingConfig& config) {
   require(config.input() != v1::NETWORK_INPUT_UNSPECIFIED, "an input is needed");
   require(config.exposure() != v1::EXPOSURE_UNSPECIFIED, "exposure must be known or unknown");
   validate(config.augmentation());
-  require(!moves_materials(config) || (config.loss() == v1::TrainingConfig::RN && !config.has_stream()),
-          "augmentation.material_step changes what images are of: it takes the loss RN and a dataset");
+  require(
+      !moves_materials(config) || (config.loss() == v1::TrainingConfig::RN && !config.has_stream()),
+      "augmentation.material_step changes what images are of: it takes the loss RN and a dataset");
   require(!does_anything(config.augmentation().camera()) || !needs_weight_map(config.input()),
           "augmentation.camera changes masks and luminance, from which the input "
           "LUMINANCE_AND_WEIGHT has a weight map: it takes the input RATIOS");

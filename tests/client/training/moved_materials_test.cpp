@@ -85,9 +85,8 @@ TEST_F(MovedMaterialsTest, AFunctionOfSeedAndStep) {
   EXPECT_TRUE(torch::equal(a.images.luminance, b.images.luminance));
   EXPECT_FALSE(torch::equal(a.images.luminance, other.of_step(2, kItems).images.luminance));
   EXPECT_FALSE(torch::equal(a.images.luminance, first.of_step(3, kItems).images.luminance));
-  EXPECT_TRUE(torch::equal(a.images.mask, DatasetBatches(images_, *inputs_, 3)
-                                              .of_step(2, kItems)
-                                              .images.mask));
+  EXPECT_TRUE(torch::equal(a.images.mask,
+                           DatasetBatches(images_, *inputs_, 3).of_step(2, kItems).images.mask));
 }
 
 TEST_F(MovedMaterialsTest, TakesTheRegressionLoss) {
@@ -95,8 +94,7 @@ TEST_F(MovedMaterialsTest, TakesTheRegressionLoss) {
   rn.mutable_augmentation()->set_material_step(0.3);
   itn.mutable_augmentation()->set_material_step(0.3);
   EXPECT_NO_THROW(validate(rn));
-  testing::expect_error(ErrorKind::kInvalidInput, {"material_step", "RN"},
-                        [&] { validate(itn); });
+  testing::expect_error(ErrorKind::kInvalidInput, {"material_step", "RN"}, [&] { validate(itn); });
 }
 
 }  // namespace
