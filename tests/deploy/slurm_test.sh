@@ -109,9 +109,9 @@ is_not_listed() { ! is_listed "$1"; }
 train() {  # NAME FLAGS...
   local name=$1
   shift
-  itn train "$folder/dataset" -o "$folder/$name" --loss itn --steps 30 --batch 8 --spp 512 \
-    --base-channels 4 --lr 1e-3 --seed 3 --torch-threads 1 --model-name model "$@" \
-    2>"$folder/$name.log" || fail "training $name: $(tail -n 3 "$folder/$name.log")"
+  timeout --kill-after 5 300 itn train "$folder/dataset" -o "$folder/$name" --loss itn --steps 30 \
+    --batch 8 --spp 512 --base-channels 4 --lr 1e-3 --seed 3 --torch-threads 1 \
+    --model-name model "$@" 2>"$folder/$name.log" || fail "training $name: $(tail -n 3 "$folder/$name.log")"
 }
 weights() { sha256sum <"$folder/$1/checkpoint.itn"; }
 steps() { cat "$folder/cluster/metrics.jsonl" 2>/dev/null | wc -l; }
