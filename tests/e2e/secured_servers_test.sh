@@ -79,7 +79,7 @@ itn predict "$image" --predictor "$predictor" "${known[@]}" --token-file "$folde
 cmp "$folder/here.json" "$folder/there.json"
 fails 5 "wants a token" itn predict "$image" --predictor "$predictor" "${known[@]}"
 
-if /usr/bin/python3 -c 'import grpc, numpy, google.protobuf' && command -v grpc_python_plugin; then
+if /usr/bin/python3 -c 'import grpc, numpy, google.protobuf' && command -v grpc_python_plugin >/dev/null; then
   echo "== Python"
   client=("$ITN_SOURCE/client/examples/itn_client.py" --worker "$one" --predictor "$predictor")
   "${client[@]}" "${known[@]}" --token-file "$folder/token" >/dev/null

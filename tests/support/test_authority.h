@@ -23,9 +23,8 @@ class TestAuthority {
 
   // For a server, and for a client that shows its certificate.
   ServerSecurity server() const {
-    return {.files = {path("server.pem"), path("server.key"), ""},
-            .token_file = "",
-            .insecure = false};
+    return {
+        .files = {path("server.pem"), path("server.key"), ""}, .token_file = "", .insecure = false};
   }
   ServerSecurity server_of_known_clients() const {
     ServerSecurity security = server();
@@ -54,7 +53,8 @@ class TestAuthority {
 
   // Runs in the folder of the certificates.
   void shell(const std::string& command) const {
-    const std::string quiet = "cd '" + folder_.path().string() + "' && (" + command + ") >/dev/null";
+    const std::string quiet =
+        "cd '" + folder_.path().string() + "' && (" + command + ") >/dev/null";
     if (std::system(quiet.c_str()) != 0) throw std::runtime_error("failed: " + command);
   }
 

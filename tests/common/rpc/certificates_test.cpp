@@ -68,8 +68,7 @@ TEST_F(CertificatesTest, SayWhatIsWrongWithThem) {
                  {path("server.key"), path("server.key"), ""});
   expect_refusal(kBad, {"server.pem has no private key in PEM form"},
                  {path("server.pem"), path("server.pem"), ""});
-  expect_refusal(kBad, {"server.key has no certificate in PEM form"},
-                 {"", "", path("server.key")});
+  expect_refusal(kBad, {"server.key has no certificate in PEM form"}, {"", "", path("server.key")});
   authority_->shell("head -c 400 server.pem >cut.pem; (cat server.pem; cat cut.pem) >half.pem");
   expect_refusal(kBad, {"cut.pem has no certificate"}, {path("cut.pem"), path("server.key"), ""});
   expect_refusal(kBad, {"half.pem: the certificate after the first 1 is damaged"},

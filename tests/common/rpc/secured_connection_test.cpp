@@ -28,9 +28,9 @@ namespace {
 using testing::copy_over;
 using testing::eventually;
 using testing::expect_error;
+using ::testing::HasSubstr;
 using testing::TemporaryFolder;
 using testing::TestAuthority;
-using ::testing::HasSubstr;
 
 constexpr const char* kCapabilities = "/itn.v1.RenderService/GetCapabilities";
 constexpr const char* kHealth = "/grpc.health.v1.Health/Check";
@@ -223,10 +223,10 @@ class ReplacedFiles {
 
 TEST_F(SecuredConnection, TakesUpCertificatesThatAreReplaced) {
   const ReplacedFiles files(*ours_);
-  const Server server({.files = {files.path("server.pem"), files.path("server.key"),
-                                 files.path("ca.pem")},
-                       .token_file = "",
-                       .insecure = false});
+  const Server server(
+      {.files = {files.path("server.pem"), files.path("server.key"), files.path("ca.pem")},
+       .token_file = "",
+       .insecure = false});
   ASSERT_TRUE(answers(ours_->client(), server));
   testing::CapturedLog log;
   // While they do not match, the former stay in use.
