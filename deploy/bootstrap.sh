@@ -21,6 +21,8 @@ packages=(
   libcli11-dev libfmt-dev libspdlog-dev
   # Tests
   libgtest-dev libgmock-dev clang-format clang-tidy
+  # Certificates for tests and trials
+  openssl
   # The client in another language that the tests run
   python3 python3-grpcio python3-protobuf python3-numpy
 )

@@ -20,8 +20,11 @@ namespace {
 
 struct PredictorOptions {
   std::string model;
-  PredictServerOptions server{
-      .listen = "127.0.0.1:50052", .reflection = true, .max_memory_bytes = 0, .service = {}};
+  PredictServerOptions server{.listen = "127.0.0.1:50052",
+                              .security = {},
+                              .reflection = true,
+                              .max_memory_bytes = 0,
+                              .service = {}};
   int threads = 0;
   ServerFlags flags;
 };
@@ -43,7 +46,7 @@ void add_flags(CLI::App& app, PredictorOptions& options) {
       ->check(number_in(0, 10'000))
       ->capture_default_str();
   add_server_flags(app, "itn-predictor", PredictServer::kOwnBytes, options.server.listen,
-                   options.server.reflection, options.flags);
+                   options.server.security, options.server.reflection, options.flags);
 }
 
 int run(int argc, char** argv) {

@@ -19,6 +19,7 @@
 #include "common/rpc/listener.h"
 #include "common/rpc/memory_plan.h"
 #include "common/rpc/queued_call.h"
+#include "common/rpc/server_security.h"
 #include "common/rpc/shutdown_signal.h"
 
 namespace itn {
@@ -34,13 +35,36 @@ struct ServerFlags {
   }
 };
 
+inline void add_security_flags(CLI::App& app, ServerSecurity& security) {
+  CLI::Option* const certificate = app.add_option(
+      "--tls-cert", security.files.certificate,
+      "PEM file of the certificate, with those between it and its authority's: connections are by "
+      "TLS. It, its key and --tls-client-ca are read again when they have changed, for connections "
+      "made from then on");
+  CLI::Option* const key =
+      app.add_option("--tls-key", security.files.key, "PEM file of the certificate's private key");
+  certificate->needs(key);
+  key->needs(certificate);
+  app.add_option("--tls-client-ca", security.files.authority,
+                 "PEM file of an authority's certificate: clients must show a certificate that "
+                 "comes from it (mutual TLS)")
+      ->needs(certificate);
+  app.add_option("--token-file", security.token_file,
+                 "File with a secret of 16 characters at least, or several, one a line: calls must "
+                 "carry one of them. Read again when it has changed");
+  app.add_flag("--insecure", security.insecure,
+               "Listen on addresses that other machines reach without TLS, too: only where "
+               "everybody who reaches them is trusted");
+}
+
 // `own_bytes`: of memory, for the program itself.
 inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t own_bytes,
-                             std::string& listen, bool& reflection, ServerFlags& flags) {
+                             std::string& listen, ServerSecurity& security, bool& reflection,
+                             ServerFlags& flags) {
   app.add_option("--listen", listen,
                  "HOST:PORT or [IPV6]:PORT to listen on; port 0 takes any that is free; 0.0.0.0 is "
-                 "all IPv4 addresses, [::] all addresses. The connection is not encrypted: private "
-                 "networks only")
+                 "all IPv4 addresses, [::] all addresses. Addresses that other machines reach want "
+                 "--tls-cert or --insecure")
       ->check([](const std::string& address) {
         try {
           parse_listen_address(address);
@@ -50,6 +74,7 @@ inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t
         }
       })
       ->capture_default_str();
+  add_security_flags(app, security);
   app.add_option("--max-memory-mb", flags.max_memory_mb,
                  fmt::format("Most memory of this process, in MiB, {} at least; what does not fit "
                              "is refused. 0: 4096, or three quarters of what the machine or "

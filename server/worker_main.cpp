@@ -11,8 +11,11 @@ namespace itn {
 namespace {
 
 struct WorkerOptions {
-  RenderServerOptions server{
-      .listen = "127.0.0.1:50051", .reflection = true, .max_memory_bytes = 0, .service = {}};
+  RenderServerOptions server{.listen = "127.0.0.1:50051",
+                             .security = {},
+                             .reflection = true,
+                             .max_memory_bytes = 0,
+                             .service = {}};
   uint64_t max_message_mb = 256;
   uint64_t cache_mb = 512;
   ServerFlags flags;
@@ -57,7 +60,7 @@ void add_flags(CLI::App& app, WorkerOptions& options) {
       ->check(number_in(1, 2047))
       ->capture_default_str();
   add_server_flags(app, "itn-worker", RenderServer::kOwnBytes, options.server.listen,
-                   options.server.reflection, options.flags);
+                   options.server.security, options.server.reflection, options.flags);
 }
 
 int run(int argc, char** argv) {

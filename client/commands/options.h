@@ -15,6 +15,7 @@
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
+#include "common/rpc/channel.h"
 
 namespace itn {
 
@@ -54,26 +55,56 @@ inline void require_no_input(const std::string& flag, const std::string& output,
   }
 }
 
+// How connections to workers and predictors are secured; defaults are in the environment.
+inline void add_security_flags(CLI::App& app, ClientSecurity& security) {
+  CLI::Option* const authority =
+      app.add_option("--tls-ca", security.files.authority,
+                     "PEM file of the certificate of the authority that the servers' certificates "
+                     "come from: connections are by TLS");
+  CLI::Option* const certificate =
+      app.add_option("--tls-cert", security.files.certificate,
+                     "PEM file of a certificate to show to servers that ask for one (mutual TLS)");
+  CLI::Option* const key =
+      app.add_option("--tls-key", security.files.key, "PEM file of that certificate's private key");
+  certificate->needs(key);
+  key->needs(certificate);
+  CLI::Option* const name =
+      app.add_option("--tls-server-name", security.server_name,
+                     "What the servers' certificates call them, if not as their addresses do");
+  CLI::Option* const token = app.add_option(
+      "--token-file", security.token_file,
+      "File with the secret that servers want of calls; without --tls-ca, it does not leave this "
+      "machine");
+  authority->envname("ITN_TLS_CA");
+  certificate->envname("ITN_TLS_CERT");
+  key->envname("ITN_TLS_KEY");
+  name->envname("ITN_TLS_SERVER_NAME");
+  token->envname("ITN_TOKEN_FILE");
+}
+
 struct WorkerFlags {
   std::vector<std::string> workers;
+  ClientSecurity security;
   int threads = 0;
   uint64_t cache_mb = RenderPoolOptions{}.embedded_cache_bytes >> 20;
 
   RenderPoolOptions pool_options() const {
     RenderPoolOptions options;
     options.workers = workers;
+    options.security = security;
     options.embedded_threads = threads;
     options.embedded_cache_bytes = cache_mb << 20;
     return options;
   }
 };
 
-// --workers HOST:PORT,..., --threads and --cache-mb.
+// --workers HOST:PORT,..., how to connect to them, --threads and --cache-mb.
 inline void add_worker_flags(CLI::App& app, WorkerFlags& flags) {
   app.add_option("--workers", flags.workers,
                  "Render workers, HOST:PORT, separated by commas; none: render in this process")
       ->delimiter(',')
       ->allow_extra_args(false);
+  add_security_flags(app, flags.security);
   app.add_option("--threads", flags.threads,
                  "Threads to render with in this process; 0: one per processor")
       ->check(number_in(0, 4096))

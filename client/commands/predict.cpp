@@ -46,6 +46,7 @@ struct PredictOptions {
   bool flash = false;
   std::optional<std::string> model;
   std::string predictor;
+  ClientSecurity security;
   double timeout = 60;  // in seconds
   std::string format = "text";
   std::string picture;  // a PNG file
@@ -71,7 +72,7 @@ std::filesystem::path model_of(const PredictOptions& options) {
 
 Predict predictor_of(const PredictOptions& options) {
   if (!options.predictor.empty()) {
-    return predictor_at(options.predictor,
+    return predictor_at(options.predictor, options.security,
                         std::chrono::milliseconds(static_cast<int64_t>(options.timeout * 1000)));
   }
   return predictor_here(model_of(options));
@@ -483,6 +484,7 @@ void add_predict_command(CLI::App& app) {
                  "The only light is a flash at the camera: by the model flash")
       ->excludes("--model");
   command->add_option("--predictor", options->predictor, "HOST:PORT of an itn-predictor to ask");
+  add_security_flags(*command, options->security);
   command->add_option("--timeout", options->timeout, "Of a call, in seconds")
       ->check(number_in(0.01, 3600.0))
       ->capture_default_str();

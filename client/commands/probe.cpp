@@ -10,6 +10,7 @@
 #include <string>
 
 #include "client/commands/command.h"
+#include "client/commands/options.h"
 #include "client/output.h"
 #include "common/error.h"
 #include "common/flags.h"
@@ -29,11 +30,13 @@ constexpr uint32_t kServing = 1;
 struct ProbeOptions {
   std::string address;
   std::string service;
+  ClientSecurity security;
   double timeout = 3;  // in seconds
 };
 
 bool serves(const ProbeOptions& options) {
-  HealthStub stub(connect_to(options.address));
+  const Connector connector(options.security);
+  HealthStub stub(connector.connect_to(options.address));
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() +
                        std::chrono::milliseconds(static_cast<int>(options.timeout * 1000)));
@@ -43,7 +46,7 @@ bool serves(const ProbeOptions& options) {
   std::promise<grpc::Status> done;
   stub.UnaryCall(&context, kCheckMethod, grpc::StubOptions(), &request, &response,
                  [&](grpc::Status status) { done.set_value(std::move(status)); });
-  const grpc::Status status = done.get_future().get();
+  const grpc::Status status = connector.explained(done.get_future().get(), options.address);
   if (!status.ok()) {
     throw Error(ErrorKind::kUnavailable, fmt::format("{} does not serve{}{}: {}", options.address,
                                                      options.service.empty() ? "" : " ",
@@ -67,6 +70,7 @@ void add_probe_command(CLI::App& app) {
   command->add_option("address", options->address, "HOST:PORT")->required();
   command->add_option("--service", options->service,
                       "Full name of a service, e.g. itn.v1.RenderService; empty: the server");
+  add_security_flags(*command, options->security);
   command->add_option("--timeout", options->timeout, "In seconds")
       ->check(number_in(0.01, 3600.0))
       ->capture_default_str();

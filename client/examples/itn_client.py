@@ -2,6 +2,8 @@
 """Renders, differentiates and predicts from Python, with nothing of itn but its .proto files.
 
     itn_client.py [--worker HOST:PORT] [--predictor HOST:PORT] [--proto DIR]
+                  [--tls-ca FILE [--tls-cert FILE --tls-key FILE] [--tls-server-name NAME]
+                   [--token-file FILE]]
 
 Needs protoc with its gRPC plugin, grpcio, protobuf and numpy (Debian: protobuf-compiler-grpc,
 python3-grpcio, python3-protobuf, python3-numpy). Prints what it found as JSON: means over the
@@ -40,7 +42,7 @@ except ImportError as error:
 
 # As common/rpc/status.cpp has them, for the statuses that a server answers.
 EXIT_CODES = {grpc.StatusCode.INVALID_ARGUMENT: 3, grpc.StatusCode.UNAVAILABLE: 5,
-              grpc.StatusCode.UNIMPLEMENTED: 5, grpc.StatusCode.DEADLINE_EXCEEDED: 5,
+              grpc.StatusCode.UNAUTHENTICATED: 5, grpc.StatusCode.UNIMPLEMENTED: 5, grpc.StatusCode.DEADLINE_EXCEEDED: 5,
               grpc.StatusCode.RESOURCE_EXHAUSTED: 7, grpc.StatusCode.CANCELLED: 130}
 
 
@@ -167,21 +169,60 @@ def parse_arguments():
                         help="an itn-worker (default: %(default)s, where it listens by itself)")
     parser.add_argument("--predictor", metavar="HOST:PORT",
                         help="an itn-predictor, to predict from the image (default: none)")
+    parser.add_argument("--tls-ca", metavar="FILE", type=pathlib.Path,
+                        help="certificate of the authority of the servers' certificates: "
+                             "connections are by TLS")
+    parser.add_argument("--tls-cert", metavar="FILE", type=pathlib.Path,
+                        help="certificate to show to servers that ask for one")
+    parser.add_argument("--tls-key", metavar="FILE", type=pathlib.Path, help="its private key")
+    parser.add_argument("--tls-server-name", metavar="NAME",
+                        help="what the servers' certificates call them, if not as their addresses")
+    parser.add_argument("--token-file", metavar="FILE", type=pathlib.Path,
+                        help="secret that the servers want of calls")
     parser.add_argument("--proto", metavar="DIR", type=pathlib.Path,
                         help="folder of itn/v1/*.proto (default: that of this repository)",
                         default=pathlib.Path(__file__).resolve().parents[2] / "proto")
-    return parser.parse_args()
+    arguments = parser.parse_args()
+    if not arguments.tls_ca and (arguments.tls_cert or arguments.tls_server_name or
+                                 arguments.token_file):
+        parser.error("--tls-cert, --tls-server-name and --token-file need --tls-ca")
+    if bool(arguments.tls_cert) != bool(arguments.tls_key):
+        parser.error("--tls-cert and --tls-key belong together")
+    return arguments
+
+
+def content(path):
+    try:
+        return path.read_bytes() if path else None
+    except OSError as error:
+        raise Failure(4, f"cannot read {path}: {error.strerror}") from error
+
+
+def connect_to(address, arguments):
+    """A channel: by TLS, with a certificate and a token of ours, as far as they are given."""
+    if not arguments.tls_ca:
+        return grpc.insecure_channel(address)
+    credentials = grpc.ssl_channel_credentials(
+        content(arguments.tls_ca), content(arguments.tls_key), content(arguments.tls_cert))
+    if arguments.token_file:
+        token = content(arguments.token_file).split()[0].decode("ascii")
+        credentials = grpc.composite_channel_credentials(
+            credentials, grpc.access_token_call_credentials(token))
+    name = arguments.tls_server_name
+    options = [("grpc.ssl_target_name_override", name)] if name else []
+    return grpc.secure_channel(address, credentials, options)
 
 
 def run(arguments, folder_of_modules):
     compile_protos(arguments.proto, folder_of_modules)
     from itn.v1 import render_pb2, render_pb2_grpc, scene_pb2, predict_pb2, predict_pb2_grpc
 
-    worker = render_pb2_grpc.RenderServiceStub(grpc.insecure_channel(arguments.worker))
+    worker = render_pb2_grpc.RenderServiceStub(connect_to(arguments.worker, arguments))
     result, radiance, mask = calling(
         "worker", arguments.worker, lambda: render_and_compare(worker, render_pb2, scene_pb2))
     if arguments.predictor:
-        predictor = predict_pb2_grpc.PredictServiceStub(grpc.insecure_channel(arguments.predictor))
+        predictor = predict_pb2_grpc.PredictServiceStub(
+            connect_to(arguments.predictor, arguments))
         request = predict_pb2.PredictRequest(
             width=mask.shape[1], height=mask.shape[0], image=radiance.astype("<f4").tobytes(),
             mask=mask.astype("<f4").tobytes())

@@ -32,10 +32,12 @@ v1::PredictRequest request_of(const PredictInput& input) {
 
 class RemotePredictor {
  public:
-  RemotePredictor(std::string address, std::chrono::milliseconds timeout)
+  RemotePredictor(std::string address, const ClientSecurity& security,
+                  std::chrono::milliseconds timeout)
       : address_(std::move(address)),
         timeout_(timeout),
-        stub_(v1::PredictService::NewStub(connect_to(address_))) {}
+        connector_(security),
+        stub_(v1::PredictService::NewStub(connector_.connect_to(address_))) {}
 
   v1::PredictBatchReply operator()(std::span<const PredictInput> photographs,
                                    bool one_material) const {
@@ -89,11 +91,14 @@ class RemotePredictor {
       throw Error(ErrorKind::kUnavailable,
                   fmt::format("{} is not a predictor; itn-predictor is one", address_));
     }
-    if (!status.ok()) throw to_error(status, "predictor " + address_);
+    if (!status.ok()) {
+      throw to_error(connector_.explained(status, address_), "predictor " + address_);
+    }
   }
 
   std::string address_;
   std::chrono::milliseconds timeout_;
+  Connector connector_;
   std::shared_ptr<v1::PredictService::Stub> stub_;
 };
 
@@ -117,8 +122,9 @@ v1::MaterialRange range_of_model(const std::filesystem::path& model) {
   return read_checkpoint(model).model().bounds();
 }
 
-Predict predictor_at(const std::string& address, std::chrono::milliseconds timeout) {
-  return RemotePredictor(address, timeout);
+Predict predictor_at(const std::string& address, const ClientSecurity& security,
+                     std::chrono::milliseconds timeout) {
+  return RemotePredictor(address, security, timeout);
 }
 
 }  // namespace itn

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "client/predict/photograph_input.h"
+#include "common/rpc/channel.h"
 #include "itn/v1/dataset.pb.h"
 #include "itn/v1/predict.pb.h"
 
@@ -23,8 +24,10 @@ Predict predictor_here(const std::filesystem::path& model);
 // What the network in this file or folder can answer, for an object of 1 mm. Throws likewise.
 v1::MaterialRange range_of_model(const std::filesystem::path& model);
 
-// By the itn-predictor at HOST:PORT; a call takes no longer than `timeout`. More photographs than
+// By the itn-predictor at HOST:PORT; a call takes no longer than `timeout`. Throws Error as
+// Connector. More photographs than
 // it takes at a time are asked about in several calls, unless they show one material.
-Predict predictor_at(const std::string& address, std::chrono::milliseconds timeout);
+Predict predictor_at(const std::string& address, const ClientSecurity& security,
+                     std::chrono::milliseconds timeout);
 
 }  // namespace itn

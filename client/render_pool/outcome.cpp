@@ -13,6 +13,7 @@ Outcome outcome_of(const grpc::Status& status) {
       if (status.error_details().empty()) return Outcome::kLost;
       return retry_after(status) ? Outcome::kBusy : Outcome::kAway;
     case grpc::StatusCode::CANCELLED:
+    case grpc::StatusCode::UNAUTHENTICATED:
     case grpc::StatusCode::UNIMPLEMENTED: return Outcome::kAway;
     case grpc::StatusCode::DEADLINE_EXCEEDED: return Outcome::kLost;
     case grpc::StatusCode::INVALID_ARGUMENT: return Outcome::kInvalid;

@@ -27,6 +27,7 @@ enum class Outcome {
 //   DEADLINE_EXCEEDED               kLost
 //   INVALID_ARGUMENT                kInvalid
 //   UNIMPLEMENTED                   kAway: it is not a render worker
+//   UNAUTHENTICATED                 kAway: its token and ours differ, for a moment if one changes
 //   RESOURCE_EXHAUSTED, INTERNAL, UNKNOWN, ABORTED, DATA_LOSS and all others: kFailed
 Outcome outcome_of(const grpc::Status& status);
 

@@ -72,9 +72,14 @@ class RenderPool::Impl {
       options.service.cache_bytes = options_.embedded_cache_bytes;
       embedded_ = std::make_unique<RenderServer>(options);
       connections_.push_back(std::make_unique<WorkerConnection>(embedded_->in_process_channel()));
+      return;
     }
+    const Connector connector(options_.security);
     for (const std::string& address : options_.workers) {
-      connections_.push_back(std::make_unique<WorkerConnection>(connect_to(address)));
+      connections_.push_back(std::make_unique<WorkerConnection>(
+          connector.connect_to(address), [connector, address](const grpc::Status& status) {
+            return connector.explained(status, address);
+          }));
     }
   }
 

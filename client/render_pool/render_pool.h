@@ -11,6 +11,7 @@
 
 #include "client/render_pool/dispatcher.h"
 #include "client/render_pool/render_job.h"
+#include "common/rpc/channel.h"
 #include "itn/v1/render.pb.h"
 
 namespace itn {
@@ -18,6 +19,7 @@ namespace itn {
 struct RenderPoolOptions {
   // HOST:PORT each; empty: an embedded worker behind gRPC's in-process channel.
   std::vector<std::string> workers;
+  ClientSecurity security;  // of the connections to them
   // Threads of the embedded worker; 0: all.
   int embedded_threads = 0;
   // What it keeps of scenes for later renders, like --cache-mb of a worker.
@@ -37,7 +39,7 @@ struct RenderPoolOptions {
 // another version are not used. Thread-safe.
 class RenderPool {
  public:
-  // Throws Error (kUnavailable) that names the workers if none answers.
+  // Throws Error: kUnavailable that names the workers if none answers; as Connector.
   explicit RenderPool(RenderPoolOptions options);
   // Cancels what is under way.
   ~RenderPool();

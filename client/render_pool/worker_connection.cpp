@@ -36,7 +36,7 @@ grpc::Status WorkerConnection::probe(bool patient, const std::stop_token& stop,
                         ": only the same version gives the same results",
                         capabilities.version())};
   }
-  return status;
+  return patient ? status : explain_(status);
 }
 
 Answer WorkerConnection::render(const RenderJob& job, milliseconds deadline,

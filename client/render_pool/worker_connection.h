@@ -5,9 +5,11 @@
 #include <grpcpp/client_context.h>
 
 #include <chrono>
+#include <functional>
 #include <memory>
 #include <stop_token>
 #include <string>
+#include <utility>
 
 #include "client/render_pool/outcome.h"
 #include "client/render_pool/render_job.h"
@@ -26,8 +28,13 @@ struct Answer {
 // Thread-safe.
 class WorkerConnection {
  public:
-  explicit WorkerConnection(const std::shared_ptr<grpc::Channel>& channel)
-      : stub_(v1::RenderService::NewStub(channel)) {}
+  // Why there is no connection, where gRPC's status does not say so.
+  using Explain = std::function<grpc::Status(const grpc::Status&)>;
+
+  explicit WorkerConnection(
+      const std::shared_ptr<grpc::Channel>& channel,
+      Explain explain = [](const grpc::Status& status) { return status; })
+      : stub_(v1::RenderService::NewStub(channel)), explain_(std::move(explain)) {}
 
   // Whether the worker is there, of our version, and what it takes. A patient call waits for a
   // connection that is being made; an impatient one says at once why there is none.
@@ -42,6 +49,7 @@ class WorkerConnection {
                     const std::stop_token& stop, v1::RenderGradReply& reply);
 
   const std::unique_ptr<v1::RenderService::Stub> stub_;
+  const Explain explain_;
 };
 
 }  // namespace itn

@@ -3,16 +3,22 @@
 #include <fmt/format.h>
 #include <grpcpp/create_channel.h>
 #include <grpcpp/security/credentials.h>
+#include <grpcpp/security/tls_certificate_provider.h>
+#include <grpcpp/security/tls_credentials_options.h>
+
+#include <map>
+#include <utility>
 
 #include "common/error.h"
 #include "common/printable.h"
+#include "common/rpc/tls_diagnosis.h"
+#include "common/rpc/token_file.h"
 
 namespace itn {
 namespace {
 
-std::shared_ptr<grpc::ChannelCredentials> credentials() {
-  return grpc::InsecureChannelCredentials();
-}
+// How soon certificates that were replaced are seen.
+constexpr unsigned int kLookAtFilesEverySeconds = 5;
 
 // gRPC itself takes what has no port for one of port 443.
 void check_address(const std::string& address) {
@@ -31,10 +37,80 @@ void check_address(const std::string& address) {
                           printable(address)));
 }
 
+bool is_this_machine(const std::string& address) {
+  return address.starts_with("127.") || address.starts_with("localhost:") ||
+         address.starts_with("[::1]:");
+}
+
+void check_flags(const ClientSecurity& security) {
+  if (security.encrypts()) return;
+  const auto useless = [](const char* flag) {
+    return Error(ErrorKind::kUsage,
+                 fmt::format("{} is of no use without --tls-ca, the certificate of the authority "
+                             "that the server's certificate comes from",
+                             flag));
+  };
+  if (!security.files.certificate.empty()) throw useless("--tls-cert");
+  if (!security.server_name.empty()) throw useless("--tls-server-name");
+}
+
+class TokenPlugin final : public grpc::MetadataCredentialsPlugin {
+ public:
+  explicit TokenPlugin(const std::string& path) : tokens_(path) {}
+
+  bool IsBlocking() const override { return false; }
+
+  grpc::Status GetMetadata(grpc::string_ref /*service_url*/, grpc::string_ref /*method_name*/,
+                           const grpc::AuthContext& /*context*/,
+                           std::multimap<std::string, std::string>* metadata) override {
+    metadata->emplace("authorization", tokens_.header());
+    return grpc::Status::OK;
+  }
+
+  grpc::string DebugString() override { return "a token"; }
+
+ private:
+  TokenFile tokens_;
+};
+
+std::shared_ptr<grpc::ChannelCredentials> tls_credentials(const CertificateFiles& files) {
+  grpc::experimental::TlsChannelCredentialsOptions options;
+  options.set_certificate_provider(
+      std::make_shared<grpc::experimental::FileWatcherCertificateProvider>(
+          files.key, files.certificate, files.authority, kLookAtFilesEverySeconds));
+  options.watch_root_certs();
+  if (!files.certificate.empty()) options.watch_identity_key_cert_pairs();
+  return grpc::experimental::TlsCredentials(options);
+}
+
+std::shared_ptr<grpc::ChannelCredentials> make_credentials(const ClientSecurity& security) {
+  check_flags(security);
+  read_certificates(security.files);
+  const bool token = !security.token_file.empty();
+  if (!security.encrypts() && !token) return grpc::InsecureChannelCredentials();
+  // gRPC lets a token go over TLS, or over TCP that does not leave the machine, which it checks.
+  const auto channel = security.encrypts() ? tls_credentials(security.files)
+                                           : grpc::experimental::LocalCredentials(LOCAL_TCP);
+  if (!token) return channel;
+  return grpc::CompositeChannelCredentials(
+      channel, grpc::experimental::MetadataCredentialsFromPlugin(
+                   std::make_unique<TokenPlugin>(security.token_file),
+                   security.encrypts() ? GRPC_PRIVACY_AND_INTEGRITY : GRPC_SECURITY_NONE));
+}
+
 }  // namespace
 
-std::shared_ptr<grpc::Channel> connect_to(const std::string& address) {
+Connector::Connector(ClientSecurity security)
+    : security_(std::move(security)), credentials_(make_credentials(security_)) {}
+
+std::shared_ptr<grpc::Channel> Connector::connect_to(const std::string& address) const {
   check_address(address);
+  if (!security_.token_file.empty() && !security_.encrypts() && !is_this_machine(address)) {
+    throw Error(ErrorKind::kUsage,
+                fmt::format("the token would go to {} unencrypted, for anybody to read on its way: "
+                            "give --tls-ca, too",
+                            printable(address)));
+  }
   grpc::ChannelArguments arguments;
   arguments.SetMaxReceiveMessageSize(-1);
   arguments.SetMaxSendMessageSize(-1);
@@ -46,7 +122,17 @@ std::shared_ptr<grpc::Channel> connect_to(const std::string& address) {
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 1000);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2000);
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-  return grpc::CreateCustomChannel(address, credentials(), arguments);
+  if (!security_.server_name.empty()) arguments.SetSslTargetNameOverride(security_.server_name);
+  return grpc::CreateCustomChannel(address, credentials_, arguments);
+}
+
+grpc::Status Connector::explained(const grpc::Status& status, const std::string& address) const {
+  // A server of ours that is unavailable says why, in details.
+  if (status.error_code() != grpc::StatusCode::UNAVAILABLE || !status.error_details().empty()) {
+    return status;
+  }
+  const std::string why = diagnose_connection(address, security_);
+  return why.empty() ? status : grpc::Status(status.error_code(), why);
 }
 
 }  // namespace itn

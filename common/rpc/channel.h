@@ -3,21 +3,53 @@
 #pragma once
 
 #include <grpcpp/channel.h>
+#include <grpcpp/security/credentials.h>
+#include <grpcpp/support/status.h>
 
 #include <memory>
 #include <string>
 
+#include "common/rpc/certificates.h"
+
 namespace itn {
 
-// To HOST:PORT, connected when first used; no other channel shares its connection. Messages have no
-// limit here: what a request or a reply may take is the server's to say. A server that hangs
-// without closing its connection is noticed within 4 s, and one that is started again is found
-// again within 2 s.
-//
-// A name that gRPC resolves, with its scheme ("dns:///workers:50051", "unix:/run/worker"), is taken
-// as it is. Throws Error (kUsage) that says what is wrong with anything else.
-//
-// Neither encrypted nor authenticated: private networks only.
-std::shared_ptr<grpc::Channel> connect_to(const std::string& address);
+struct ClientSecurity {
+  // With an authority, connections are by TLS, to servers whose certificate is of that authority;
+  // with a certificate, the client shows it to servers that ask for one.
+  CertificateFiles files;
+  // What the server's certificate calls it; empty: as its address does.
+  std::string server_name;
+  // If not empty, every call carries its (first) token.
+  std::string token_file;
+
+  bool encrypts() const { return !files.authority.empty(); }
+};
+
+// Makes channels, all secured in the same way. Files that have changed are read again: certificates
+// within seconds, for connections made from then on, the token for the next call. Thread-safe.
+class Connector {
+ public:
+  // Throws Error as read_certificates() and TokenFile; kUsage for a certificate or a name without
+  // an authority.
+  explicit Connector(ClientSecurity security = {});
+
+  // To HOST:PORT, connected when first used; no other channel shares its connection. Messages have
+  // no limit here: what a request or a reply may take is the server's to say. A server that hangs
+  // without closing its connection is noticed within 4 s, and one that is started again is found
+  // again within 2 s.
+  //
+  // A name that gRPC resolves, with its scheme ("dns:///workers:50051", "unix:/run/worker"), is
+  // taken as it is. Throws Error (kUsage) that says what is wrong with anything else, and for a
+  // token that would leave this machine without TLS.
+  std::shared_ptr<grpc::Channel> connect_to(const std::string& address) const;
+
+  // The status of a call to this address. Where it failed for want of a connection, looks for the
+  // reason, which gRPC hardly tells, by a handshake of its own; takes some seconds at most.
+  grpc::Status explained(const grpc::Status& status, const std::string& address) const;
+
+ private:
+  ClientSecurity security_;
+  std::shared_ptr<grpc::ChannelCredentials> credentials_;
+};
 
 }  // namespace itn

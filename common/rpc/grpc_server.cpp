@@ -6,7 +6,6 @@
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/resource_quota.h>
-#include <grpcpp/security/server_credentials.h>
 #include <grpcpp/server_builder.h>
 #include <spdlog/spdlog.h>
 
@@ -68,11 +67,13 @@ void set_connection_arguments(grpc::ServerBuilder& builder) {
   // Clients may ping as often as they need to notice quickly that a worker hangs.
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MAX_PING_STRIKES, 0);
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
+  // What connects and does not begin to speak, by TLS or HTTP/2, is closed.
+  builder.AddChannelArgument(GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, in_ms(seconds(10)));
   // Notices clients that have vanished, whose renders nobody waits for.
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, in_ms(seconds(20)));
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, in_ms(seconds(10)));
   // Clients that find workers by name look the name up again when a connection ends, and so learn
-  // of new workers. Calls under way are not cut.
+  // of new workers; and certificates are looked at again. Calls under way are not cut.
   builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, in_ms(minutes(5)));
 }
 
@@ -132,12 +133,14 @@ GrpcServer::GrpcServer(const GrpcServerOptions& options, grpc::Service& service,
   builder.SetOption(std::make_unique<ReflectionOption>(options.reflection));
   builder.RegisterService(&service);
   if (!options.listen.empty()) {
+    credentials_ = make_credentials(options.security);
+    const bool open = options.security.encrypts() || options.security.insecure;
     listener_ = std::make_unique<Listener>(
-        options.listen, ListenerOptions{.max_memory_bytes = options.process_bytes});
+        options.listen,
+        ListenerOptions{.max_memory_bytes = options.process_bytes, .this_machine_only = !open});
     address_ = listener_->address();
     acceptor_ = builder.experimental().AddExternalConnectionAcceptor(
-        grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD,
-        grpc::InsecureServerCredentials());
+        grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, credentials_);
   }
   server_ = builder.BuildAndStart();
   if (!server_) throw Error(ErrorKind::kInternal, "gRPC cannot start a server");

@@ -1,7 +1,5 @@
 // A gRPC server for one service of ours, with health service and reflection, behind a port, an
 // in-process channel, or both.
-//
-// Connections are neither encrypted nor authenticated: for private networks only.
 #pragma once
 
 #include <grpcpp/channel.h>
@@ -19,6 +17,7 @@
 #include <thread>
 
 #include "common/rpc/listener.h"
+#include "common/rpc/server_security.h"
 
 namespace itn {
 
@@ -26,6 +25,7 @@ struct GrpcServerOptions {
   // HOST:PORT or [IPV6]:PORT; port 0 takes any that is free. Empty: only in_process_channel() leads
   // here.
   std::string listen;
+  ServerSecurity security;  // of connections to that address
   bool reflection = true;
   uint64_t max_message_bytes = uint64_t{2047} << 20;  // of a request and of a reply
   // What gRPC may hold of messages that arrive; beyond it, it stops reading and closes connections.
@@ -42,8 +42,9 @@ class GrpcServer {
  public:
   // `name` is the full name of the service. Health checks of it tell whether it can take work now
   // (it is asked `can_take_work` from time to time), health checks of "" whether the server runs
-  // and is not about to stop. Throws Error (kUsage) if `listen` is no address, kIo if it cannot
-  // listen.
+  // and is not about to stop. Throws Error: kUsage if `listen` is no address, or one that other
+  // machines reach although connections are not encrypted and `security.insecure` is not set; kIo
+  // if it cannot listen; as make_credentials().
   GrpcServer(const GrpcServerOptions& options, grpc::Service& service, const std::string& name,
              std::function<bool()> can_take_work);
   // Cancels what is under way.
@@ -69,6 +70,7 @@ class GrpcServer {
   const std::string name_;
   const std::function<bool()> can_take_work_;
   std::string address_;
+  std::shared_ptr<grpc::ServerCredentials> credentials_;
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor_;
   std::unique_ptr<Listener> listener_;
   std::unique_ptr<grpc::Server> server_;

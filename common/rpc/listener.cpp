@@ -120,6 +120,15 @@ int open_socket(const addrinfo& address) {
   return -1;
 }
 
+bool is_of_this_machine(const sockaddr& address) {
+  if (address.sa_family == AF_INET) {
+    const auto& four = reinterpret_cast<const sockaddr_in&>(address);
+    return ntohl(four.sin_addr.s_addr) >> 24 == 127;
+  }
+  return address.sa_family == AF_INET6 &&
+         IN6_IS_ADDR_LOOPBACK(&reinterpret_cast<const sockaddr_in6&>(address).sin6_addr);
+}
+
 // Ends a connection at once: what has arrived and was not read yet is read by nobody.
 void cut(int fd) {
   shutdown(fd, SHUT_RDWR);
@@ -168,6 +177,13 @@ uint64_t resident_memory() {
 Listener::Listener(const std::string& address, const ListenerOptions& options) : options_(options) {
   const ListenAddress parsed = parse_listen_address(address);
   const AddressList addresses(parsed);
+  if (options_.this_machine_only && !is_of_this_machine(*addresses.first->ai_addr)) {
+    throw Error(ErrorKind::kUsage,
+                fmt::format("other machines reach {}, and connections would be neither encrypted "
+                            "nor authenticated: give --tls-cert and --tls-key, or, in a network "
+                            "where everybody is trusted, --insecure",
+                            address));
+  }
   socket_ = open_socket(*addresses.first);
   if (socket_ < 0) {
     throw Error(ErrorKind::kIo, fmt::format("cannot listen on {}: {}", address,

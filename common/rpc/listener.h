@@ -25,12 +25,13 @@ struct ListenerOptions {
   // Of the process, resident: close to it, the connection that sent most lately is closed, again
   // and again, and until that has helped, for two seconds at most, none is accepted. 0: none.
   uint64_t max_memory_bytes = 0;
+  bool this_machine_only = false;  // refuse addresses that other machines reach
 };
 
 class Listener {
  public:
   // Opens the first address that the host has: 0.0.0.0 is IPv4 alone, [::] both IPv4 and IPv6.
-  // Throws Error (kUsage for an address that is none, kIo) if that fails.
+  // Throws Error if that fails: kUsage for an address that is none, or not to be listened on; kIo.
   Listener(const std::string& address, const ListenerOptions& options);
   // Closes everything.
   ~Listener();

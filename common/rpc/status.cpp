@@ -26,6 +26,7 @@ ErrorKind kind_of(grpc::StatusCode code) {
   switch (code) {
     case grpc::StatusCode::INVALID_ARGUMENT: return ErrorKind::kInvalidInput;
     case grpc::StatusCode::RESOURCE_EXHAUSTED: return ErrorKind::kLimit;
+    case grpc::StatusCode::UNAUTHENTICATED:
     case grpc::StatusCode::UNAVAILABLE:
     case grpc::StatusCode::UNIMPLEMENTED:
     case grpc::StatusCode::DEADLINE_EXCEEDED: return ErrorKind::kUnavailable;

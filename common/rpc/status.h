@@ -14,8 +14,9 @@ namespace itn {
 //   kind                     status                 and back
 //   kInvalidInput, kUsage    INVALID_ARGUMENT       kInvalidInput
 //   kLimit                   RESOURCE_EXHAUSTED     kLimit
-//   kUnavailable             UNAVAILABLE            kUnavailable (so too DEADLINE_EXCEEDED and
-//                                                   UNIMPLEMENTED: another server may do)
+//   kUnavailable             UNAVAILABLE            kUnavailable (so too DEADLINE_EXCEEDED,
+//                                                   UNIMPLEMENTED and UNAUTHENTICATED: another
+//                                                   server may do)
 //   kCancelled               CANCELLED              kCancelled
 //   kDataLoss                DATA_LOSS              kDataLoss
 //   kIo, kInternal           INTERNAL               kInternal (and every other code)

@@ -21,6 +21,7 @@ RenderServiceOptions service_options(const RenderServerOptions& options) {
 
 GrpcServerOptions server_options(const RenderServerOptions& options) {
   return within_memory({.listen = options.listen,
+                        .security = options.security,
                         .reflection = options.reflection,
                         .max_message_bytes = options.service.limits.max_message_bytes,
                         .transport_bytes = 0,

@@ -1,7 +1,5 @@
 // A render worker: the render service with health service and reflection, behind a port, an
 // in-process channel, or both.
-//
-// Connections are neither encrypted nor authenticated: for private networks only.
 #pragma once
 
 #include <cstddef>
@@ -15,6 +13,7 @@ namespace itn {
 
 struct RenderServerOptions {
   std::string listen;  // as in GrpcServerOptions
+  ServerSecurity security;
   bool reflection = true;
   // Of the process, resident; 0: no limit. Lowers the limits of the service to what fits
   // (plan_memory).

@@ -3,14 +3,16 @@
 stays below the figure that it was started with, that it answers and gives most of it back
 afterwards, and that it lives.
 
-Usage: attacks.py WORKER_PROGRAM [ATTACK...]. Prints one line per attack: name, memory before, at its
-peak and afterwards, what was seen.
+Usage: attacks.py [--tls FOLDER] WORKER_PROGRAM [ATTACK...]. FOLDER has the certificates of
+deploy/make-test-ca.sh, to attack by TLS. Prints one line per attack: name, memory before, at its peak
+and afterwards, what was seen.
 """
 
 import os
 import random
 import signal
 import socket
+import ssl
 import struct
 import subprocess
 import sys
@@ -62,7 +64,10 @@ def request(scene_bytes, sigma_t=8.0, albedo=0.9, spp=1, extra=b""):
 # ---- The worker --------------------------------------------------------------------------------
 
 class Worker:
-    def __init__(self, program, *flags, preexec=None):
+    def __init__(self, program, *flags, tls=None, preexec=None):
+        self.tls = tls
+        if tls:
+            flags += ("--tls-cert", f"{tls}/server.pem", "--tls-key", f"{tls}/server.key")
         self.process = subprocess.Popen(
             [program, "--listen", "127.0.0.1:0", "--log-level", "error", *flags],
             stdout=subprocess.PIPE, text=True, preexec_fn=preexec)
@@ -86,10 +91,17 @@ class Worker:
             self.peak = max(self.peak, self.resident_mb())
             time.sleep(0.005)
 
+    def authority(self):
+        return f"{self.tls}/ca.pem"
+
     def channel(self):
-        return grpc.insecure_channel(self.address, options=[
+        options = [
             ("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1),
-            ("grpc.use_local_subchannel_pool", 1), ("grpc.enable_retries", 0)])
+            ("grpc.use_local_subchannel_pool", 1), ("grpc.enable_retries", 0)]
+        if not self.tls:
+            return grpc.insecure_channel(self.address, options=options)
+        with open(self.authority(), "rb") as file:
+            return grpc.secure_channel(self.address, grpc.ssl_channel_credentials(file.read()), options=options)
 
     def alive(self):
         return self.process.poll() is None
@@ -157,6 +169,10 @@ def headers(path=METHOD):
 def connection(worker, settings=b""):
     s = socket.create_connection((worker.host, worker.port))
     s.settimeout(5)
+    if worker.tls:
+        context = ssl.create_default_context(cafile=worker.authority())
+        context.set_alpn_protocols(["h2"])
+        s = context.wrap_socket(s, server_hostname=worker.host)
     s.sendall(PREFACE + frame(SETTINGS, 0, 0, settings))
     return s
 
@@ -322,6 +338,29 @@ def many_connections(worker):
     return f"{len(sockets)} connections"
 
 
+def silent_connections(worker):
+    """As many connections as there may be, on which nothing is said: they are closed after a while."""
+    sockets = [socket.create_connection((worker.host, worker.port)) for _ in range(1024)]
+    begin = time.monotonic()
+    closed = 0
+    for s in sockets:
+        s.settimeout(max(0.01, begin + 60 - time.monotonic()))
+        try:
+            while s.recv(1 << 16):
+                pass
+            closed += 1
+        except ConnectionError:
+            closed += 1
+        except OSError:
+            pass
+    took = time.monotonic() - begin
+    for s in sockets:
+        s.close()
+    if closed < len(sockets):
+        raise AssertionError(f"{len(sockets) - closed} silent connections are still open")
+    return f"{closed} connections closed within {took:.0f} s"
+
+
 def large_renders(worker):
     """What is refused because it would take too much memory, or too much at a time."""
     seen = []
@@ -373,16 +412,21 @@ def mutated(worker, number=2000, seed=1):
 
 
 ATTACKS = (unread_replies, stalled_uploads, amplification, gzip_bomb, endless_headers, rapid_reset,
-           many_connections, large_renders, mutated)
+           many_connections, silent_connections, large_renders, mutated)
 
 
 def main():
-    program, names = sys.argv[1], sys.argv[2:]
+    arguments = sys.argv[1:]
+    tls = None
+    if arguments[0] == "--tls":
+        tls, arguments = arguments[1], arguments[2:]
+    program, names = arguments[0], arguments[1:]
     failed = False
     for attack in ATTACKS:
         if names and attack.__name__ not in names:
             continue
-        worker = Worker(program, "--max-memory-mb", str(LIMIT_MB), "--threads", "1", "--max-seconds", "5")
+        worker = Worker(program, "--max-memory-mb", str(LIMIT_MB), "--threads", "1", "--max-seconds", "5",
+                        tls=tls)
         before = worker.resident_mb()
         seen = attack(worker)
         peak = worker.peak

@@ -18,6 +18,7 @@ TEST(Outcome, OfStatuses) {
   EXPECT_EQ(outcome(StatusCode::DEADLINE_EXCEEDED), Outcome::kLost);
   EXPECT_EQ(outcome(StatusCode::CANCELLED), Outcome::kAway);
   EXPECT_EQ(outcome(StatusCode::UNIMPLEMENTED), Outcome::kAway);
+  EXPECT_EQ(outcome(StatusCode::UNAUTHENTICATED), Outcome::kAway);
   EXPECT_EQ(outcome(StatusCode::INVALID_ARGUMENT), Outcome::kInvalid);
   for (const StatusCode code :
        {StatusCode::RESOURCE_EXHAUSTED, StatusCode::INTERNAL, StatusCode::UNKNOWN,

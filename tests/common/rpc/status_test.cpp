@@ -34,9 +34,10 @@ TEST(Status, CarriesKindAndMessageAcrossTheWire) {
   }
 }
 
-TEST(Status, TakesADeadlineAndAMissingServiceForUnavailable) {
+TEST(Status, TakesADeadlineAMissingServiceAndAnUnwelcomeClientForUnavailable) {
   EXPECT_EQ(to_error({grpc::DEADLINE_EXCEEDED, ""}, "").kind(), ErrorKind::kUnavailable);
   EXPECT_EQ(to_error({grpc::UNIMPLEMENTED, ""}, "").kind(), ErrorKind::kUnavailable);
+  EXPECT_EQ(to_error({grpc::UNAUTHENTICATED, ""}, "").kind(), ErrorKind::kUnavailable);
 }
 
 template <typename Exception>

@@ -1,0 +1,133 @@
+#include "common/rpc/certificates.h"
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+#include <openssl/err.h>
+#include <openssl/pem.h>
+
+#include <algorithm>
+#include <ctime>
+#include <vector>
+
+#include "common/error.h"
+#include "common/files/read_file.h"
+#include "common/rpc/openssl.h"
+
+namespace itn {
+namespace {
+
+constexpr uint64_t kMostBytes = 1 << 20;  // the authorities that a browser trusts take a quarter
+
+openssl::Bio reader_of(const std::string& pem) {
+  return openssl::Bio(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size())));
+}
+
+std::string as_text(const ASN1_TIME* time) {
+  std::tm parts{};
+  if (ASN1_TIME_to_tm(time, &parts) != 1) return "an unknown time";
+  return fmt::format("{:%Y-%m-%d %H:%M} UTC", parts);
+}
+
+bool has_expired(const X509& certificate) {
+  return X509_cmp_current_time(X509_get0_notAfter(&certificate)) < 0;
+}
+
+bool is_not_valid_yet(const X509& certificate) {
+  return X509_cmp_current_time(X509_get0_notBefore(&certificate)) > 0;
+}
+
+// At least one.
+std::vector<openssl::Certificate> parse_certificates(const std::string& pem,
+                                                     const std::string& path) {
+  std::vector<openssl::Certificate> certificates;
+  const openssl::Bio reader = reader_of(pem);
+  ERR_clear_error();
+  while (X509* next = PEM_read_bio_X509(reader.get(), nullptr, nullptr, nullptr)) {
+    certificates.emplace_back(next);
+  }
+  const bool at_end = ERR_GET_REASON(ERR_peek_last_error()) == PEM_R_NO_START_LINE;
+  ERR_clear_error();
+  if (certificates.empty()) {
+    throw invalid_input(
+        fmt::format("{} has no certificate in PEM form (a text with \"-----BEGIN "
+                    "CERTIFICATE-----\")",
+                    path));
+  }
+  if (!at_end) {
+    throw invalid_input(fmt::format("{}: the certificate after the first {} is damaged", path,
+                                    certificates.size()));
+  }
+  return certificates;
+}
+
+openssl::Key parse_key(const std::string& pem, const std::string& path) {
+  const openssl::Bio reader = reader_of(pem);
+  bool wants_passphrase = false;
+  // Without this, OpenSSL would ask for one on the terminal.
+  const auto no_passphrase = [](char*, int, int, void* asked) {
+    *static_cast<bool*>(asked) = true;
+    return -1;
+  };
+  openssl::Key key(
+      PEM_read_bio_PrivateKey(reader.get(), nullptr, no_passphrase, &wants_passphrase));
+  ERR_clear_error();
+  if (wants_passphrase) {
+    throw invalid_input(
+        fmt::format("{} is protected by a passphrase, which nobody is there to enter; \"openssl "
+                    "pkey -in {} -out FILE\" writes it without",
+                    path, path));
+  }
+  if (!key) {
+    throw invalid_input(fmt::format(
+        "{} has no private key in PEM form (a text with \"-----BEGIN PRIVATE KEY-----\")", path));
+  }
+  return key;
+}
+
+void require_valid_now(const X509& certificate, const std::string& path) {
+  if (has_expired(certificate)) {
+    throw invalid_input(
+        fmt::format("the certificate {} has expired: it was valid until {}; renew it", path,
+                    expiry_of(certificate)));
+  }
+  if (is_not_valid_yet(certificate)) {
+    throw invalid_input(
+        fmt::format("the certificate {} is not valid before {}; is the clock right?", path,
+                    as_text(X509_get0_notBefore(&certificate))));
+  }
+}
+
+}  // namespace
+
+Certificates read_certificates(const CertificateFiles& files) {
+  Certificates read;
+  if (!files.certificate.empty()) {
+    read.certificate = read_file(files.certificate, "certificate", kMostBytes);
+    read.key = read_file(files.key, "key", kMostBytes);
+    const auto chain = parse_certificates(read.certificate, files.certificate);
+    const openssl::Key key = parse_key(read.key, files.key);
+    if (X509_check_private_key(chain.front().get(), key.get()) != 1) {
+      ERR_clear_error();
+      throw invalid_input(
+          fmt::format("the key {} is not that of the certificate {} (of its first, "
+                      "if it has several)",
+                      files.key, files.certificate));
+    }
+    for (const auto& certificate : chain) require_valid_now(*certificate, files.certificate);
+  }
+  if (!files.authority.empty()) {
+    read.authority = read_file(files.authority, "authority's certificate", kMostBytes);
+    const auto authorities = parse_certificates(read.authority, files.authority);
+    // Of several, the former and the next for instance, one must be of use.
+    const bool any = std::ranges::any_of(
+        authorities, [](const auto& a) { return !has_expired(*a) && !is_not_valid_yet(*a); });
+    if (!any) require_valid_now(*authorities.front(), files.authority);
+  }
+  return read;
+}
+
+std::string expiry_of(const X509& certificate) {
+  return as_text(X509_get0_notAfter(&certificate));
+}
+
+}  // namespace itn

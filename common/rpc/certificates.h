@@ -1,0 +1,29 @@
+// Certificates and keys in PEM files, checked before anything relies on them.
+#pragma once
+
+#include <openssl/x509.h>
+
+#include <string>
+
+namespace itn {
+
+// Paths; empty: there is none.
+struct CertificateFiles {
+  std::string certificate;  // the own one first, then those between it and the authority's
+  std::string key;          // its private key, without a passphrase
+  std::string authority;    // one certificate or more, that the other side's must come from
+};
+
+// What is in the files.
+struct Certificates {
+  std::string certificate, key, authority;
+};
+
+// Throws Error: kIo for a file that cannot be read; kInvalidInput for one that is not such PEM, a
+// key of another certificate, and a certificate that has expired or is not valid yet.
+Certificates read_certificates(const CertificateFiles& files);
+
+// When a certificate ceases to be valid, e.g. "2030-01-31 12:00 UTC".
+std::string expiry_of(const X509& certificate);
+
+}  // namespace itn

@@ -1,0 +1,70 @@
+// Certificates of an authority of a test's own, made by deploy/make-test-ca.sh.
+#pragma once
+
+#include <cstdlib>
+#include <filesystem>
+#include <stdexcept>
+#include <string>
+
+#include "common/rpc/channel.h"
+#include "common/rpc/server_security.h"
+#include "tests/support/temporary_folder.h"
+
+namespace itn::testing {
+
+class TestAuthority {
+ public:
+  // Whether there is what makes certificates.
+  static bool is_possible() { return std::system("command -v openssl >/dev/null") == 0; }
+
+  TestAuthority() { shell(MAKE_TEST_CA " \"$PWD\""); }
+
+  std::string path(const std::string& name) const { return folder_.path(name); }
+
+  // For a server, and for a client that shows its certificate.
+  ServerSecurity server() const {
+    return {
+        .files = {path("server.pem"), path("server.key"), ""}, .token_file = "", .insecure = false};
+  }
+  ServerSecurity server_of_known_clients() const {
+    ServerSecurity security = server();
+    security.files.authority = path("ca.pem");
+    return security;
+  }
+  ClientSecurity client() const {
+    return {.files = {path("client.pem"), path("client.key"), path("ca.pem")},
+            .server_name = "",
+            .token_file = ""};
+  }
+  ClientSecurity anonymous_client() const {
+    ClientSecurity security = client();
+    security.files.certificate = security.files.key = "";
+    return security;
+  }
+
+  // The server's certificate as it will be after its last day.
+  void let_server_expire() const {
+    shell(
+        "openssl req -new -key server.key -subj /CN=late -out late.csr 2>/dev/null &&"
+        "echo subjectAltName=IP:127.0.0.1 >late.ext &&"
+        "openssl x509 -req -in late.csr -CA ca.pem -CAkey ca.key -set_serial 7 -days -1"
+        " -extfile late.ext -out server.pem 2>/dev/null");
+  }
+
+  // Runs in the folder of the certificates.
+  void shell(const std::string& command) const {
+    const std::string quiet =
+        "cd '" + folder_.path().string() + "' && (" + command + ") >/dev/null";
+    if (std::system(quiet.c_str()) != 0) throw std::runtime_error("failed: " + command);
+  }
+
+ private:
+  TemporaryFolder folder_;
+};
+
+// Of files that something may be reading: first the one, then the other.
+inline void copy_over(const std::string& from, const std::string& to) {
+  std::filesystem::copy_file(from, to, std::filesystem::copy_options::overwrite_existing);
+}
+
+}  // namespace itn::testing
