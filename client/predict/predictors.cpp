@@ -32,9 +32,12 @@ v1::PredictRequest request_of(const PredictInput& input) {
 
 class RemotePredictor {
  public:
-  RemotePredictor(std::string address, std::chrono::milliseconds timeout)
+  RemotePredictor(std::string address, std::chrono::milliseconds timeout, std::string model,
+                  std::string version)
       : address_(std::move(address)),
         timeout_(timeout),
+        model_(std::move(model)),
+        version_(std::move(version)),
         stub_(v1::PredictService::NewStub(connect_to(address_))) {}
 
   v1::PredictBatchReply operator()(std::span<const PredictInput> photographs,
@@ -42,8 +45,9 @@ class RemotePredictor {
     v1::PredictBatchReply reply;
     if (photographs.size() == 1 && !one_material) {
       v1::PredictOutcome& outcome = *reply.add_outcomes();
-      const grpc::Status status = call(&v1::PredictService::Stub::Predict,
-                                       request_of(photographs.front()), *outcome.mutable_reply());
+      const grpc::Status status =
+          call(&v1::PredictService::Stub::Predict, for_model(request_of(photographs.front())),
+               *outcome.mutable_reply());
       if (!is_of_the_photograph(status)) {
         require_ok(status);
         return reply;
@@ -58,7 +62,8 @@ class RemotePredictor {
     for (const PredictInput& photograph : photographs) {
       *request.add_images() = request_of(photograph);
     }
-    const grpc::Status status = call(&v1::PredictService::Stub::PredictBatch, request, reply);
+    const grpc::Status status =
+        call(&v1::PredictService::Stub::PredictBatch, for_model(std::move(request)), reply);
     if (status.error_code() != grpc::StatusCode::RESOURCE_EXHAUSTED || one_material) {
       require_ok(status);
       return reply;
@@ -78,6 +83,13 @@ class RemotePredictor {
     return ((*stub_).*method)(&context, request, &reply);
   }
 
+  template <typename Request>
+  Request for_model(Request request) const {
+    request.set_model(model_);
+    request.set_version(version_);
+    return request;
+  }
+
   // Others could still be answered.
   static bool is_of_the_photograph(const grpc::Status& status) {
     return status.error_code() == grpc::StatusCode::INVALID_ARGUMENT ||
@@ -94,6 +106,7 @@ class RemotePredictor {
 
   std::string address_;
   std::chrono::milliseconds timeout_;
+  std::string model_, version_;
   std::shared_ptr<v1::PredictService::Stub> stub_;
 };
 
@@ -117,8 +130,9 @@ v1::MaterialRange range_of_model(const std::filesystem::path& model) {
   return read_checkpoint(model).model().bounds();
 }
 
-Predict predictor_at(const std::string& address, std::chrono::milliseconds timeout) {
-  return RemotePredictor(address, timeout);
+Predict predictor_at(const std::string& address, std::chrono::milliseconds timeout,
+                     const std::string& model, const std::string& version) {
+  return RemotePredictor(address, timeout, model, version);
 }
 
 }  // namespace itn

@@ -25,6 +25,8 @@ v1::MaterialRange range_of_model(const std::filesystem::path& model);
 
 // By the itn-predictor at HOST:PORT; a call takes no longer than `timeout`. More photographs than
 // it takes at a time are asked about in several calls, unless they show one material.
-Predict predictor_at(const std::string& address, std::chrono::milliseconds timeout);
+// `model` and `version`: as in PredictRequest.
+Predict predictor_at(const std::string& address, std::chrono::milliseconds timeout,
+                     const std::string& model, const std::string& version);
 
 }  // namespace itn
