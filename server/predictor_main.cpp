@@ -1,9 +1,10 @@
 // itn-predictor: answers optical parameters for images, by a trained network. Serves until SIGTERM
-// or SIGINT, then finishes what is under way.
+// or SIGINT, then finishes what is under way. On SIGHUP, looks at its models' files again.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <chrono>
 #include <memory>
 #include <string>
 #include <thread>
@@ -12,6 +13,8 @@
 #include "common/learning/encoder.h"
 #include "common/learning/model_files.h"
 #include "common/passive_waiting.h"
+#include "server/predict/model_store.h"
+#include "server/predict/model_watcher.h"
 #include "server/predict/predict_server.h"
 #include "server/server_main.h"
 
@@ -19,7 +22,8 @@ namespace itn {
 namespace {
 
 struct PredictorOptions {
-  std::string model;
+  ModelStoreOptions models;
+  double reload_seconds = 2;
   PredictServerOptions server{.listen = "127.0.0.1:50052",
                               .security = {},
                               .reflection = true,
@@ -30,11 +34,32 @@ struct PredictorOptions {
 };
 
 void add_flags(CLI::App& app, PredictorOptions& options) {
-  app.add_option("--model", options.model,
-                 fmt::format("Name of a model that itn models lists, checkpoint of itn train, or "
-                             "folder of a run; default: {}",
-                             kDefaultModel));
-  app.add_option("--threads", options.threads, "Threads of each prediction; 0: one per processor")
+  app.add_option(
+         "--model", options.models.models,
+         fmt::format("[NAME=]MODEL: a model to answer with, and what requests call it. MODEL "
+                     "is the name of one that itn models lists, a checkpoint of itn train, "
+                     "or the folder of a run; NAME is by default that name, or the model's "
+                     "own. May be given several times; the first answers requests that name "
+                     "none. Default, without --models: {}",
+                     kDefaultModel))
+      ->allow_extra_args(false);
+  app.add_option(
+      "--models", options.models.folder,
+      fmt::format("Folder of models NAME.itn and NAME/VERSION.itn, to answer with too. A "
+                  "request that names no version gets the newest. Without --model, one "
+                  "that names none gets the only one, or {}",
+                  kDefaultModel));
+  app.add_option("--reload-seconds", options.reload_seconds,
+                 "Look so often, in seconds, whether files of models have changed; 0: on SIGHUP "
+                 "alone. What is new is loaded and checked while the old one answers")
+      ->check(number_in(0.0, 86400.0))
+      ->capture_default_str();
+  app.add_option("--max-batch", options.server.service.max_batch,
+                 "Requests worked on at a time: what waits for one model together goes through its "
+                 "network together. Answers do not depend on it")
+      ->check(number_in(1, 256))
+      ->capture_default_str();
+  app.add_option("--threads", options.threads, "Threads of the network; 0: one per processor")
       ->check(number_in(0, 4096))
       ->capture_default_str();
   app.add_option("--max-pixels", options.server.service.max_pixels,
@@ -49,6 +74,23 @@ void add_flags(CLI::App& app, PredictorOptions& options) {
                    options.server.security, options.server.reflection, options.flags);
 }
 
+// A server, and what keeps its models as their files are.
+class Program {
+ public:
+  explicit Program(const PredictorOptions& options)
+      : models_(std::make_shared<ModelStore>(options.models)),
+        server_(models_, options.server),
+        watcher_(models_, std::chrono::duration<double>(options.reload_seconds)) {}
+
+  const std::string& address() const { return server_.address(); }
+  bool drain(std::chrono::duration<double> patience) { return server_.drain(patience); }
+
+ private:
+  std::shared_ptr<ModelStore> models_;
+  PredictServer server_;
+  ModelWatcher watcher_;
+};
+
 int run(int argc, char** argv) {
   PredictorOptions options;
   CLI::App app("Predictor of itn: optical parameters of the object in an image, over gRPC.");
@@ -57,8 +99,10 @@ int run(int argc, char** argv) {
     const int processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
     set_torch_threads(options.threads > 0 ? options.threads : processors);
     options.server.max_memory_bytes = options.flags.max_memory_bytes();
-    return std::make_unique<PredictServer>(Predictor::load(find_model(options.model)),
-                                           options.server);
+    if (options.models.models.empty() && options.models.folder.empty()) {
+      options.models.models.emplace_back();
+    }
+    return std::make_unique<Program>(options);
   });
 }
 

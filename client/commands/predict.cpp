@@ -47,6 +47,7 @@ struct PredictOptions {
   std::optional<std::string> model;
   std::string predictor;
   ClientSecurity security;
+  std::string version;  // of the predictor's model; empty: its newest
   double timeout = 60;  // in seconds
   std::string format = "text";
   std::string picture;  // a PNG file
@@ -73,7 +74,8 @@ std::filesystem::path model_of(const PredictOptions& options) {
 Predict predictor_of(const PredictOptions& options) {
   if (!options.predictor.empty()) {
     return predictor_at(options.predictor, options.security,
-                        std::chrono::milliseconds(static_cast<int64_t>(options.timeout * 1000)));
+                        std::chrono::milliseconds(static_cast<int64_t>(options.timeout * 1000)),
+                        options.model.value_or(""), options.version);
   }
   return predictor_here(model_of(options));
 }
@@ -477,14 +479,21 @@ void add_predict_command(CLI::App& app) {
   command->add_option("--model", options->model,
                       fmt::format("Predict in this process, by a model that itn models lists, a "
                                   "checkpoint or the folder of a run; default: {}, with "
-                                  "--gray-card card, with --exposure outdoor, with --flash flash",
+                                  "--gray-card card, with --exposure outdoor, with --flash flash. "
+                                  "With --predictor: by that one of its models (itn models "
+                                  "--predictor lists them); default: the predictor's",
                                   kDefaultModel));
   command
       ->add_flag("--flash", options->flash,
                  "The only light is a flash at the camera: by the model flash")
       ->excludes("--model");
-  command->add_option("--predictor", options->predictor, "HOST:PORT of an itn-predictor to ask");
+  const auto predictor = command->add_option("--predictor", options->predictor,
+                                             "HOST:PORT of an itn-predictor to ask");
   add_security_flags(*command, options->security);
+  command
+      ->add_option("--model-version", options->version,
+                   "Version of the predictor's model; default: its newest")
+      ->needs(predictor);
   command->add_option("--timeout", options->timeout, "Of a call, in seconds")
       ->check(number_in(0.01, 3600.0))
       ->capture_default_str();

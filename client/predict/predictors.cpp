@@ -33,9 +33,11 @@ v1::PredictRequest request_of(const PredictInput& input) {
 class RemotePredictor {
  public:
   RemotePredictor(std::string address, const ClientSecurity& security,
-                  std::chrono::milliseconds timeout)
+                  std::chrono::milliseconds timeout, std::string model, std::string version)
       : address_(std::move(address)),
         timeout_(timeout),
+        model_(std::move(model)),
+        version_(std::move(version)),
         connector_(security),
         stub_(v1::PredictService::NewStub(connector_.connect_to(address_))) {}
 
@@ -44,8 +46,9 @@ class RemotePredictor {
     v1::PredictBatchReply reply;
     if (photographs.size() == 1 && !one_material) {
       v1::PredictOutcome& outcome = *reply.add_outcomes();
-      const grpc::Status status = call(&v1::PredictService::Stub::Predict,
-                                       request_of(photographs.front()), *outcome.mutable_reply());
+      const grpc::Status status =
+          call(&v1::PredictService::Stub::Predict, for_model(request_of(photographs.front())),
+               *outcome.mutable_reply());
       if (!is_of_the_photograph(status)) {
         require_ok(status);
         return reply;
@@ -60,7 +63,8 @@ class RemotePredictor {
     for (const PredictInput& photograph : photographs) {
       *request.add_images() = request_of(photograph);
     }
-    const grpc::Status status = call(&v1::PredictService::Stub::PredictBatch, request, reply);
+    const grpc::Status status =
+        call(&v1::PredictService::Stub::PredictBatch, for_model(std::move(request)), reply);
     if (status.error_code() != grpc::StatusCode::RESOURCE_EXHAUSTED || one_material) {
       require_ok(status);
       return reply;
@@ -78,6 +82,13 @@ class RemotePredictor {
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + timeout_);
     return ((*stub_).*method)(&context, request, &reply);
+  }
+
+  template <typename Request>
+  Request for_model(Request request) const {
+    request.set_model(model_);
+    request.set_version(version_);
+    return request;
   }
 
   // Others could still be answered.
@@ -98,6 +109,7 @@ class RemotePredictor {
 
   std::string address_;
   std::chrono::milliseconds timeout_;
+  std::string model_, version_;
   Connector connector_;
   std::shared_ptr<v1::PredictService::Stub> stub_;
 };
@@ -123,8 +135,9 @@ v1::MaterialRange range_of_model(const std::filesystem::path& model) {
 }
 
 Predict predictor_at(const std::string& address, const ClientSecurity& security,
-                     std::chrono::milliseconds timeout) {
-  return RemotePredictor(address, security, timeout);
+                     std::chrono::milliseconds timeout, const std::string& model,
+                     const std::string& version) {
+  return RemotePredictor(address, security, timeout, model, version);
 }
 
 }  // namespace itn

@@ -19,7 +19,8 @@ namespace itn {
 class EncoderNetwork : public torch::nn::Module {
  public:
   // batch x channels x resolution x resolution, as network_input() -> batch x features: what the
-  // network's last layer sees of each image.
+  // network's last layer sees of each image. Neither this nor answer() of an image depends on the
+  // others of the batch, bit for bit, but in training mode.
   virtual torch::Tensor embed(const torch::Tensor& input) = 0;
   // That layer: batch x features -> batch x output_count(model).
   virtual torch::Tensor answer(const torch::Tensor& embedding) = 0;

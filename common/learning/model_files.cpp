@@ -17,14 +17,6 @@ namespace {
 
 constexpr const char* kExtension = ".itn";
 
-std::string title_of(const fs::path& card) {
-  constexpr uint64_t kMaxCardBytes = uint64_t{1} << 20;
-  if (!fs::is_regular_file(card)) return {};
-  std::string line = read_file(card, "model card", kMaxCardBytes);
-  line = line.substr(0, line.find('\n'));
-  return line.substr(std::min(line.find_first_not_of("# "), line.size()));
-}
-
 // A name, not a path.
 bool is_name(const std::string& model) {
   return model.find('/') == std::string::npos && !model.ends_with(kExtension);
@@ -60,15 +52,24 @@ fs::path models_folder() {
   return program.parent_path().parent_path() / "share" / "itn" / "models";
 }
 
+std::string card_title(const fs::path& model) {
+  constexpr uint64_t kMaxCardBytes = uint64_t{1} << 20;
+  fs::path card = model;
+  card.replace_extension(".md");
+  if (!fs::is_regular_file(card)) return {};
+  std::string line = read_file(card, "model card", kMaxCardBytes);
+  line = line.substr(0, line.find('\n'));
+  return line.substr(std::min(line.find_first_not_of("# "), line.size()));
+}
+
 std::vector<ShippedModel> shipped_models() {
   std::vector<ShippedModel> models;
   std::error_code none;
   for (const fs::directory_entry& entry : fs::directory_iterator(models_folder(), none)) {
     if (entry.path().extension() != kExtension) continue;
-    fs::path card = entry.path();
     models.push_back({.name = entry.path().stem().string(),
                       .file = entry.path(),
-                      .title = title_of(card.replace_extension(".md"))});
+                      .title = card_title(entry.path())});
   }
   std::ranges::sort(models, {}, &ShippedModel::name);
   return models;

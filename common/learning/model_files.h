@@ -24,6 +24,9 @@ std::filesystem::path models_folder();
 // Those in models_folder(), by name.
 std::vector<ShippedModel> shipped_models();
 
+// The first line, without "#", of the card beside a model's file; empty if there is none.
+std::string card_title(const std::filesystem::path& model);
+
 // What `model` stands for: a checkpoint file or the folder of a run if there is one at this path;
 // the shipped model of this name; of an empty string, kDefaultModel. Throws Error (kIo) that says
 // where it was looked for and which models there are.

@@ -134,6 +134,13 @@ ImageBatch brought_up_to_noise(const ImageBatch& images, const torch::Tensor& le
   return result;
 }
 
+ImageBatch image_of(const ImageBatch& images, int64_t index) {
+  const auto one = [index](const torch::Tensor& plane) {
+    return plane.defined() ? plane.slice(0, index, index + 1) : plane;
+  };
+  return {one(images.luminance), one(images.mask), one(images.weight), one(images.noise)};
+}
+
 ImageBatch mirrored(const ImageBatch& images) {
   const auto flipped = [](const torch::Tensor& plane) {
     return plane.defined() ? plane.flip(-1) : plane;

@@ -60,6 +60,9 @@ ImageBatch resampled(int side, std::span<const float> luminance, std::span<const
 ImageBatch brought_up_to_noise(const ImageBatch& images, const torch::Tensor& level,
                                const torch::Tensor& normal);
 
+// One of the images, as a batch of one that shares their storage.
+ImageBatch image_of(const ImageBatch& images, int64_t index);
+
 // Each image with left and right exchanged.
 ImageBatch mirrored(const ImageBatch& images);
 

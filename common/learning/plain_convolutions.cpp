@@ -4,6 +4,7 @@
 
 #include "common/error.h"
 #include "common/learning/architectures.h"
+#include "common/learning/same_bits_layers.h"
 
 namespace itn {
 namespace {
@@ -45,10 +46,15 @@ class PlainConvolutionNetwork final : public EncoderNetwork {
   }
 
   torch::Tensor embed(const torch::Tensor& input) override {
-    return convolutions_->forward(input).flatten(1);
+    torch::Tensor x = input;
+    for (torch::nn::AnyModule& layer : *convolutions_) {
+      const auto convolution = std::dynamic_pointer_cast<torch::nn::Conv2dImpl>(layer.ptr());
+      x = convolution ? convolved(*convolution, x) : layer.forward(x);
+    }
+    return x.flatten(1);
   }
   torch::Tensor answer(const torch::Tensor& embedding) override {
-    return head_->forward(embedding);
+    return each_by_itself(*head_, embedding);
   }
 
  private:

@@ -159,41 +159,69 @@ MaterialEstimate Predictor::estimate_of(std::vector<double> outputs, double obje
   return estimate;
 }
 
-std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured) {
+std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured) const {
   const std::vector<double> sizes(static_cast<size_t>(as_measured.size()), 1);
-  return estimate(as_measured, sizes);
+  return estimate(as_measured, sizes, [this](const torch::Tensor& input) { return embed(input); });
 }
 
 std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured,
-                                                  std::span<const double> object_sizes) {
+                                                  std::span<const double> object_sizes,
+                                                  const Embed& embed) const {
   const torch::InferenceMode inference;
-  const Features features = features_of(as_measured);
-  const torch::Tensor outputs = outputs_of(features.embedding);
-  std::vector<Unfamiliarity> unfamiliarity;
-  if (familiarity_) unfamiliarity = familiarity_->of(features);
+  const Features features = features_of(as_measured, embed);
   std::vector<MaterialEstimate> estimates;
   for (size_t i = 0; i < object_sizes.size(); ++i) {
-    const double* o = outputs[static_cast<int64_t>(i)].data_ptr<double>();
+    const auto row = static_cast<int64_t>(i);
+    const Features image{features.embedding.slice(0, row, row + 1),
+                         features.statistics.slice(0, row, row + 1)};
+    const torch::Tensor outputs = outputs_of(image.embedding);
+    const double* o = outputs.data_ptr<double>();
     estimates.push_back(estimate_of({o, o + outputs.size(1)}, object_sizes[i]));
-    if (familiarity_) estimates.back().unfamiliarity = unfamiliarity[i];
+    if (familiarity_) estimates.back().unfamiliarity = familiarity_->of(image).front();
   }
   return estimates;
 }
 
-Features Predictor::features(const ImageBatch& as_measured) {
+Features Predictor::features(const ImageBatch& as_measured) const {
   const torch::InferenceMode inference;
-  return features_of(as_measured);
+  return features_of(as_measured, [this](const torch::Tensor& input) { return embed(input); });
 }
 
+torch::Tensor Predictor::embed(const torch::Tensor& input) const {
+  const torch::InferenceMode inference;
+  return encoder_->embed(input);
+}
+
+int64_t Predictor::inputs_at_a_time() const {
+  constexpr int64_t kPixels = int64_t{1} << 17;  // 32 inputs of 64 x 64
+  const int64_t pixels = int64_t{model_.resolution()} * model_.resolution();
+  return std::max<int64_t>(kPixels / pixels, 1 + int64_t{model_.mirrored()});
+}
+
+// Each image is prepared by itself, as sums over several at once would depend on how many they are.
 // The last layer is linear: the mean of what it sees gives the mean of its answers.
-Features Predictor::features_of(const ImageBatch& as_measured) const {
-  const ImageBatch images = as_noisy_as_training(as_measured);
-  torch::Tensor embedding = encoder_->embed(network_input(model_, images));
-  if (model_.mirrored()) {
-    const ImageBatch others = as_noisy_as_training(mirrored(as_measured));
-    embedding = (embedding + encoder_->embed(network_input(model_, others))) / 2;
+Features Predictor::features_of(const ImageBatch& as_measured, const Embed& embed) const {
+  std::vector<torch::Tensor> inputs, statistics;
+  for (int64_t i = 0; i < as_measured.size(); ++i) {
+    const ImageBatch measured = image_of(as_measured, i);
+    const ImageBatch image = as_noisy_as_training(measured);
+    inputs.push_back(network_input(model_, image));
+    if (model_.mirrored()) {
+      inputs.push_back(network_input(model_, as_noisy_as_training(mirrored(measured))));
+    }
+    statistics.push_back(image_statistics(model_, image));
   }
-  return {embedding, image_statistics(model_, images)};
+  const auto at_a_time = static_cast<size_t>(inputs_at_a_time());
+  std::vector<torch::Tensor> rows;
+  for (size_t i = 0; i < inputs.size(); i += at_a_time) {
+    const size_t count = std::min(at_a_time, inputs.size() - i);
+    rows.push_back(embed(torch::cat(at::TensorList(inputs).slice(i, count))));
+  }
+  torch::Tensor embedding = torch::cat(rows);
+  if (model_.mirrored()) {
+    embedding = (embedding.slice(0, 0, {}, 2) + embedding.slice(0, 1, {}, 2)) / 2;
+  }
+  return {embedding, torch::cat(statistics)};
 }
 
 torch::Tensor Predictor::outputs_of(const torch::Tensor& embedding) const {
@@ -204,11 +232,16 @@ torch::Tensor Predictor::outputs_of(const torch::Tensor& embedding) const {
 
 Predictor::Outcomes Predictor::estimate_each(size_t count,
                                              const std::function<SeenPhotograph(size_t)>& seen,
-                                             bool one_material, const std::stop_token& stop) {
-  // So many pixels of the network's input at a time: 32 images of 64 x 64.
-  constexpr int64_t kPixelsAtATime = int64_t{1} << 17;
-  const int64_t pixels = int64_t{model_.resolution()} * model_.resolution();
-  const auto at_a_time = static_cast<size_t>(std::max<int64_t>(1, kPixelsAtATime / pixels));
+                                             bool one_material, const std::stop_token& stop) const {
+  return estimate_each(count, seen, one_material, stop,
+                       [this](const torch::Tensor& input) { return embed(input); });
+}
+
+Predictor::Outcomes Predictor::estimate_each(size_t count,
+                                             const std::function<SeenPhotograph(size_t)>& seen,
+                                             bool one_material, const std::stop_token& stop,
+                                             const Embed& embed) const {
+  const auto at_a_time = static_cast<size_t>(inputs_at_a_time() / (1 + int64_t{model_.mirrored()}));
   Outcomes outcomes;
   outcomes.each.resize(count);
   std::vector<std::optional<double>> photograph_sizes(count);
@@ -219,7 +252,7 @@ Predictor::Outcomes Predictor::estimate_each(size_t count,
   std::vector<std::vector<v1::Warning>> warnings;
   const auto estimate_waiting = [&] {
     if (waiting.empty()) return;
-    std::vector<MaterialEstimate> estimates = estimate(concatenated(waiting), sizes);
+    std::vector<MaterialEstimate> estimates = estimate(concatenated(waiting), sizes, embed);
     for (size_t i = 0; i < estimates.size(); ++i) {
       estimates[i].warnings = std::move(warnings[i]);
       std::get<std::vector<MaterialEstimate>>(outcomes.each[whose[i]])
@@ -298,7 +331,7 @@ std::vector<MaterialEstimate> Predictor::combined(
 
 std::vector<MaterialEstimate> Predictor::estimate(const Photograph& photograph,
                                                   const v1::Capture& capture,
-                                                  const std::stop_token& stop) {
+                                                  const std::stop_token& stop) const {
   const auto see = [&](size_t) { return seen(photograph, capture, stop); };
   Outcome outcome = std::move(estimate_each(1, see, false, stop).each.front());
   if (const Error* error = std::get_if<Error>(&outcome)) throw *error;
@@ -306,7 +339,7 @@ std::vector<MaterialEstimate> Predictor::estimate(const Photograph& photograph,
 }
 
 std::vector<Material> Predictor::predict(const Photograph& photograph,
-                                         const std::stop_token& stop) {
+                                         const std::stop_token& stop) const {
   std::vector<Material> materials;
   for (const MaterialEstimate& a : estimate(photograph, {}, stop)) {
     materials.push_back(a.material);

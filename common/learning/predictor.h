@@ -46,9 +46,13 @@ struct SeenPhotograph {
 // Name, version if it has one, and training step, e.g. "outdoor 1.2, step 30000".
 std::string name(const v1::ModelVersion& version);
 
-// Not thread-safe: torch computes in the caller's thread.
+// Thread-safe. Torch computes in the caller's thread, with a pool of its own for each: let few
+// threads of a process call what goes through the network.
 class Predictor {
  public:
+  // Puts images through the network: n x planes x resolution x resolution -> n x features.
+  using Embed = std::function<torch::Tensor(const torch::Tensor& input)>;
+
   // Throws Error as read_checkpoint() does.
   static Predictor load(const std::filesystem::path& checkpoint);
   explicit Predictor(const v1::Model& model);
@@ -62,17 +66,19 @@ class Predictor {
   // (256^2, 64 base channels).
   std::vector<MaterialEstimate> estimate(const Photograph& photograph,
                                          const v1::Capture& capture = {},
-                                         const std::stop_token& stop = {});
+                                         const std::stop_token& stop = {}) const;
 
   // The best guesses of these estimates.
-  std::vector<Material> predict(const Photograph& photograph, const std::stop_token& stop = {});
+  std::vector<Material> predict(const Photograph& photograph,
+                                const std::stop_token& stop = {}) const;
 
   // One estimate for each image of the model's resolution. A pixel that is quieter than those of
   // the model's training were (v1::Model::noise), as of photographs, is brought up to their noise
   // first, since the network knows no other; always by the same random numbers, so that an image
   // has one answer. A network that has learned from mirrored images (v1::Model::mirrored) sees the
-  // image's mirror image, too, with noise of its own.
-  std::vector<MaterialEstimate> estimate(const ImageBatch& images);
+  // image's mirror image, too, with noise of its own. What is estimated of an image depends on no
+  // other, bit for bit; it may depend in the last bits on set_torch_threads().
+  std::vector<MaterialEstimate> estimate(const ImageBatch& images) const;
 
   // What became of a photograph: an estimate for each channel, or what is wrong with it.
   using Outcome = std::variant<std::vector<MaterialEstimate>, Error>;
@@ -91,11 +97,20 @@ class Predictor {
   // before the next of them, and Error (invalid input) if photographs of one material have not the
   // same channels, the size of some objects alone is known, or the model answers no distributions.
   Outcomes estimate_each(size_t count, const std::function<SeenPhotograph(size_t)>& seen,
-                         bool one_material, const std::stop_token& stop = {});
+                         bool one_material, const std::stop_token& stop = {}) const;
+  // Likewise, through the network by `embed`, which gets inputs_at_a_time() at most.
+  Outcomes estimate_each(size_t count, const std::function<SeenPhotograph(size_t)>& seen,
+                         bool one_material, const std::stop_token& stop, const Embed& embed) const;
+
+  // What the network makes of its inputs. A row depends on no other, bit for bit.
+  torch::Tensor embed(const torch::Tensor& input) const;
+
+  // Inputs that should go through the network together at most, for the memory that it takes.
+  int64_t inputs_at_a_time() const;
 
   // What tells whether images of the model's resolution are familiar to it, of the images that
   // estimate() would show the network.
-  Features features(const ImageBatch& images);
+  Features features(const ImageBatch& images) const;
 
   // What estimate() sees of a photograph.
   SeenPhotograph seen(const Photograph& photograph, const v1::Capture& capture = {},
@@ -114,10 +129,11 @@ class Predictor {
 
  private:
   ImageBatch as_noisy_as_training(const ImageBatch& images) const;
-  Features features_of(const ImageBatch& as_measured) const;
+  Features features_of(const ImageBatch& as_measured, const Embed& embed) const;
   torch::Tensor outputs_of(const torch::Tensor& embedding) const;
   std::vector<MaterialEstimate> estimate(const ImageBatch& as_measured,
-                                         std::span<const double> object_sizes);
+                                         std::span<const double> object_sizes,
+                                         const Embed& embed) const;
   // What the outputs say of an object of this size.
   MaterialEstimate estimate_of(std::vector<double> outputs, double object_size) const;
   std::vector<MaterialEstimate> combined(std::span<const Outcome> outcomes,

@@ -15,6 +15,7 @@
 
 #include "common/error.h"
 #include "common/learning/architectures.h"
+#include "common/learning/same_bits_layers.h"
 
 namespace itn {
 namespace {
@@ -86,9 +87,9 @@ class ResidualBlock final : public nn::Module {
   }
 
   torch::Tensor forward(const torch::Tensor& x) {
-    torch::Tensor y = norm1_->forward(conv1_->forward(x)).relu_();
-    y = norm2_->forward(conv2_->forward(y));
-    return (y + (shortcut_ ? shortcut_norm_->forward(shortcut_->forward(x)) : x)).relu_();
+    torch::Tensor y = norm1_->forward(convolved(*conv1_, x)).relu_();
+    y = norm2_->forward(convolved(*conv2_, y));
+    return (y + (shortcut_ ? shortcut_norm_->forward(convolved(*shortcut_, x)) : x)).relu_();
   }
 
   static bool has_shortcut(const BlockSize& size) { return size.stride != 1; }
@@ -106,7 +107,7 @@ class ResidualBlock final : public nn::Module {
 // height x width, its sum never 0 where there is an object.
 torch::Tensor masked_mean(const torch::Tensor& x, const torch::Tensor& mask) {
   constexpr double kNoObject = 1e-6;
-  return (x * mask).sum({2, 3}) / mask.sum({2, 3}).clamp_min(kNoObject);
+  return sum_of_planes(x * mask) / sum_of_planes(mask).clamp_min(kNoObject);
 }
 
 // Mean and deviation of the planes over the object, and the part of the image that it takes.
@@ -115,7 +116,8 @@ torch::Tensor input_statistics(const torch::Tensor& planes, const torch::Tensor&
   const torch::Tensor mean = masked_mean(planes, mask);
   const torch::Tensor variance =
       masked_mean((planes - mean.unsqueeze(2).unsqueeze(3)).square(), mask);
-  return torch::cat({mean, variance.clamp_min(kSmallestVariance).sqrt(), mask.mean({2, 3})}, 1);
+  const torch::Tensor area = sum_of_planes(mask) / (mask.size(2) * mask.size(3));
+  return torch::cat({mean, variance.clamp_min(kSmallestVariance).sqrt(), area}, 1);
 }
 
 class ResidualConvolutionNetwork final : public EncoderNetwork {
@@ -141,7 +143,7 @@ class ResidualConvolutionNetwork final : public EncoderNetwork {
     const torch::Tensor mask = input.slice(1, planes);
     // Channels last: all layers keep it, and are half again as fast with it.
     torch::Tensor x = input.contiguous(torch::MemoryFormat::ChannelsLast);
-    x = stem_norm_->forward(stem_->forward(x)).relu_();
+    x = stem_norm_->forward(convolved(*stem_, x)).relu_();
     for (const auto& block : *blocks_) {
       x = block->as<ResidualBlock>()->forward(x);
     }
@@ -151,11 +153,11 @@ class ResidualConvolutionNetwork final : public EncoderNetwork {
     const torch::Tensor pooled = torch::cat(
         {masked_mean(x, cells), maximum, input_statistics(input.slice(1, 0, planes), mask)}, 1);
     // A rectifier would leave 18 of the 128 alive: the first steps of a fast optimizer are large.
-    return torch::silu(embedding_->forward(pooled));
+    return torch::silu(each_by_itself(*embedding_, pooled));
   }
 
   torch::Tensor answer(const torch::Tensor& embedding) override {
-    return head_->forward(embedding);
+    return each_by_itself(*head_, embedding);
   }
 
  private:

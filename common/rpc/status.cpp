@@ -24,6 +24,7 @@ grpc::StatusCode code_of(ErrorKind kind) {
 
 ErrorKind kind_of(grpc::StatusCode code) {
   switch (code) {
+    case grpc::StatusCode::NOT_FOUND:
     case grpc::StatusCode::INVALID_ARGUMENT: return ErrorKind::kInvalidInput;
     case grpc::StatusCode::RESOURCE_EXHAUSTED: return ErrorKind::kLimit;
     case grpc::StatusCode::UNAUTHENTICATED:

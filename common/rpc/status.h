@@ -12,7 +12,7 @@
 namespace itn {
 
 //   kind                     status                 and back
-//   kInvalidInput, kUsage    INVALID_ARGUMENT       kInvalidInput
+//   kInvalidInput, kUsage    INVALID_ARGUMENT       kInvalidInput (so too NOT_FOUND: a name)
 //   kLimit                   RESOURCE_EXHAUSTED     kLimit
 //   kUnavailable             UNAVAILABLE            kUnavailable (so too DEADLINE_EXCEEDED,
 //                                                   UNIMPLEMENTED and UNAUTHENTICATED: another

@@ -34,7 +34,8 @@ PredictServiceOptions service_options(const PredictServerOptions& options) {
 
 }  // namespace
 
-PredictServer::PredictServer(Predictor predictor, const PredictServerOptions& options)
-    : ServiceServer(server_options(options), std::move(predictor), service_options(options)) {}
+PredictServer::PredictServer(std::shared_ptr<const ModelStore> models,
+                             const PredictServerOptions& options)
+    : ServiceServer(server_options(options), std::move(models), service_options(options)) {}
 
 }  // namespace itn

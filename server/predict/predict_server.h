@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <string>
 
 #include "common/rpc/service_server.h"
@@ -22,7 +23,7 @@ class PredictServer : public ServiceServer<PredictService> {
   // Of memory: the program with LibTorch, its threads, and a network.
   static constexpr uint64_t kOwnBytes = uint64_t{512} << 20;
 
-  PredictServer(Predictor predictor, const PredictServerOptions& options);
+  PredictServer(std::shared_ptr<const ModelStore> models, const PredictServerOptions& options);
 };
 
 }  // namespace itn

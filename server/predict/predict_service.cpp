@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <stop_token>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "common/error.h"
 #include "common/learning/predict_reply.h"
+#include "common/printable.h"
 #include "common/rpc/wire_array.h"
 #include "common/rpc/wire_check.h"
 
@@ -65,45 +67,114 @@ class RequestPhotograph {
   std::vector<float> pixels_, mask_;
 };
 
-// Memory for one image: its message's arrays, and images of the crop at the photograph's own
-// resolution; and for the network.
+v1::ListedModel to_proto(const ServedModel& served) {
+  const v1::Model& model = served.predictor->model();
+  v1::ListedModel listed;
+  listed.set_name(served.name);
+  listed.set_version(served.version);
+  listed.set_by_default(served.by_default);
+  *listed.mutable_model() = served.predictor->version();
+  listed.set_title(printable(served.title, 200));
+  listed.set_resolution(model.resolution());
+  listed.set_exposure_known(model.exposure() != v1::EXPOSURE_UNKNOWN);
+  listed.set_sigma_t_min(model.bounds().sigma_t().min());
+  listed.set_sigma_t_max(model.bounds().sigma_t().max());
+  listed.set_albedo_min(model.bounds().albedo().min());
+  listed.set_albedo_max(model.bounds().albedo().max());
+  listed.set_g_min(model.bounds().g().min());
+  listed.set_g_max(model.bounds().g().max());
+  listed.set_intervals(model.output() == v1::GAUSSIAN);
+  return listed;
+}
+
+// Memory for one photograph: its message's arrays, and images of the crop at the photograph's own
+// resolution.
 constexpr uint64_t kImages = 12;
-constexpr uint64_t kPerPrediction = uint64_t{32} << 20;
+// What the networks take, one after the other.
+constexpr uint64_t kNetworkBytes = uint64_t{32} << 20;
+
+// What is made of photographs for the network, until it has seen them: planes of its resolution.
+uint64_t bytes_of_inputs(const Predictor& predictor, int64_t images) {
+  constexpr int64_t kPlanes = 20, kMostChannels = 3;
+  const int64_t side = predictor.model().resolution();
+  const int64_t at_once =
+      std::min(images * kMostChannels, predictor.inputs_at_a_time() + kMostChannels);
+  return static_cast<uint64_t>(at_once * side * side * kPlanes) * sizeof(float);
+}
+
+uint64_t bytes_of(const v1::PredictRequest& request) {
+  return request.image().size() + request.mask().size();
+}
 
 }  // namespace
 
-// One Predict.
-class PredictService::PredictCall final : public QueuedCall {
+// What both calls have in common. The model is the one that was served when the call was accepted.
+class PredictService::Call : public QueuedCall {
  public:
-  PredictCall(PredictService& service, grpc::CallbackServerContext& context,
-              grpc::ByteBuffer& reply)
+  Call(PredictService& service, grpc::CallbackServerContext& context, grpc::ByteBuffer& reply)
       : QueuedCall(service.desk_, context, reply), service_(service) {}
 
- private:
-  void accept(const grpc::ByteBuffer& bytes) override {
-    parse_checked(bytes, "request", {}, request_);
-    check_sizes(request_, service_.options_.max_pixels);
+ protected:
+  template <typename Request>
+  void find_model(const Request& request) {
+    predictor_ = service_.models_->find(request.model(), request.version());
   }
 
-  grpc::ByteBuffer work(std::stop_token stop) override {
-    memory().resize(request_.image().size() * kImages + kPerPrediction);
-    Predictor& predictor = service_.predictor_;
-    const RequestPhotograph photograph(request_);
-    return serialized(to_reply(predictor.estimate(photograph.view(), request_.capture(), stop),
-                               predictor.version()));
+  // `kept`: bytes of all that the call holds beside.
+  SeenPhotograph seen(const v1::PredictRequest& image, uint64_t kept, const std::stop_token& stop) {
+    const std::lock_guard one_at_a_time(service_.preparing_);
+    memory().resize(kept + image.image().size() * kImages);
+    SeenPhotograph result =
+        predictor_->seen(RequestPhotograph(image).view(), image.capture(), stop);
+    memory().resize(kept);
+    return result;
+  }
+
+  Predictor::Embed through_network(const std::stop_token& stop) {
+    return [this, stop](const torch::Tensor& input) {
+      return service_.network_.embed(*predictor_, input, stop);
+    };
   }
 
   std::string activity() const override { return "the prediction"; }
 
+  uint64_t max_pixels() const { return service_.options_.max_pixels; }
+  const Predictor& predictor() const { return *predictor_; }
+
+ private:
   PredictService& service_;
+  std::shared_ptr<const Predictor> predictor_;
+};
+
+// One Predict.
+class PredictService::PredictCall final : public Call {
+ public:
+  using Call::Call;
+
+ private:
+  void accept(const grpc::ByteBuffer& bytes) override {
+    parse_checked(bytes, "request", {}, request_);
+    check_sizes(request_, max_pixels());
+    find_model(request_);
+  }
+
+  grpc::ByteBuffer work(std::stop_token stop) override {
+    const uint64_t kept = bytes_of(request_) + bytes_of_inputs(predictor(), 1);
+    const auto see = [&](size_t) { return seen(request_, kept, stop); };
+    const Predictor::Outcome outcome = std::move(
+        predictor().estimate_each(1, see, false, stop, through_network(stop)).each.front());
+    if (const Error* error = std::get_if<Error>(&outcome)) throw *error;
+    return serialized(
+        to_reply(std::get<std::vector<MaterialEstimate>>(outcome), predictor().version()));
+  }
+
   v1::PredictRequest request_;
 };
 
 // One PredictBatch.
-class PredictService::BatchCall final : public QueuedCall {
+class PredictService::BatchCall final : public Call {
  public:
-  BatchCall(PredictService& service, grpc::CallbackServerContext& context, grpc::ByteBuffer& reply)
-      : QueuedCall(service.desk_, context, reply), service_(service) {}
+  using Call::Call;
 
  private:
   void accept(const grpc::ByteBuffer& bytes) override {
@@ -113,49 +184,44 @@ class PredictService::BatchCall final : public QueuedCall {
     for (const v1::PredictRequest& image : request_.images()) {
       pixels += uint64_t{image.width()} * image.height();
     }
-    if (request_.images_size() > 1 && pixels > service_.options_.max_pixels) {
+    if (request_.images_size() > 1 && pixels > max_pixels()) {
       throw Error(ErrorKind::kLimit,
                   fmt::format("the {} images have {} pixels together; this predictor accepts {} at "
                               "a time: send fewer, or smaller ones",
-                              request_.images_size(), pixels, service_.options_.max_pixels));
+                              request_.images_size(), pixels, max_pixels()));
     }
+    find_model(request_);
   }
 
   grpc::ByteBuffer work(std::stop_token stop) override {
-    memory().resize(memory_needed());
-    Predictor& predictor = service_.predictor_;
-    const auto seen = [&](size_t i) {
+    uint64_t kept = bytes_of_inputs(predictor(), request_.images_size());
+    for (const v1::PredictRequest& image : request_.images()) kept += bytes_of(image);
+    memory().resize(kept);
+    const auto see = [&](size_t i) {
       const v1::PredictRequest& image = request_.images(static_cast<int>(i));
-      check_sizes(image, service_.options_.max_pixels);
-      return predictor.seen(RequestPhotograph(image).view(), image.capture(), stop);
+      check_sizes(image, max_pixels());
+      if (!image.model().empty() || !image.version().empty()) {
+        throw invalid_input("an image of a batch names a model; name it once, for the batch");
+      }
+      return seen(image, kept, stop);
     };
-    return serialized(to_reply(predictor.estimate_each(static_cast<size_t>(request_.images_size()),
-                                                       seen, request_.one_material(), stop),
-                               predictor.version()));
+    return serialized(
+        to_reply(predictor().estimate_each(static_cast<size_t>(request_.images_size()), see,
+                                           request_.one_material(), stop, through_network(stop)),
+                 predictor().version()));
   }
 
-  // The messages stay; the rest is for one image after the other, but for what the network sees.
-  uint64_t memory_needed() const {
-    uint64_t all = 0, largest = 0;
-    for (const v1::PredictRequest& image : request_.images()) {
-      all += image.image().size() + image.mask().size();
-      largest = std::max<uint64_t>(largest, image.image().size());
-    }
-    return all + largest * kImages + 2 * kPerPrediction;
-  }
-
-  std::string activity() const override { return "the prediction"; }
-
-  PredictService& service_;
   v1::PredictBatchRequest request_;
 };
 
-PredictService::PredictService(Predictor predictor, const PredictServiceOptions& options)
+PredictService::PredictService(std::shared_ptr<const ModelStore> models,
+                               const PredictServiceOptions& options)
     : options_(options),
-      predictor_(std::move(predictor)),
-      desk_({.threads = 1,
+      models_(std::move(models)),
+      network_(options.max_batch),
+      desk_({.threads = options.max_batch,
              .queue_capacity = options.queue_capacity,
-             .memory_bytes = options.memory_bytes,
+             .memory_bytes = options.memory_bytes > 0 ? options.memory_bytes - kNetworkBytes : 0,
              .max_time = std::chrono::seconds(0)}) {}
 
 grpc::ServerUnaryReactor* PredictService::Predict(grpc::CallbackServerContext* context,
@@ -168,6 +234,14 @@ grpc::ServerUnaryReactor* PredictService::PredictBatch(grpc::CallbackServerConte
                                                        const grpc::ByteBuffer* request,
                                                        grpc::ByteBuffer* reply) {
   return start_call<BatchCall>(*context, request, *this, *context, *reply);
+}
+
+grpc::ServerUnaryReactor* PredictService::ListModels(grpc::CallbackServerContext* context,
+                                                     const v1::ListModelsRequest* /*request*/,
+                                                     v1::ListModelsReply* reply) {
+  return answer_at_once(*context, [&] {
+    for (const ServedModel& model : models_->models()) *reply->add_models() = to_proto(model);
+  });
 }
 
 }  // namespace itn

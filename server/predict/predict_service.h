@@ -1,14 +1,18 @@
-// itn.v1.PredictService: checks requests, predicts on a thread of its own, answers.
+// itn.v1.PredictService: checks requests, predicts on threads of its own, answers.
 #pragma once
 
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
+#include <mutex>
 #include <string>
 
 #include "common/learning/predictor.h"
 #include "common/rpc/queued_call.h"
 #include "itn/v1/predict.grpc.pb.h"
+#include "server/predict/model_store.h"
+#include "server/predict/network_thread.h"
 
 namespace itn {
 
@@ -17,16 +21,19 @@ inline constexpr int kMaxBatchImages = 1024;
 
 struct PredictServiceOptions {
   uint64_t max_pixels = uint64_t{1} << 22;  // width * height, of all images of a call together
-  size_t queue_capacity = 64;               // requests that wait
-  uint64_t memory_bytes = 0;                // of all requests under way together; 0: no limit
+  size_t queue_capacity = 64;               // requests that wait, beside those worked on
+  // Requests worked on at a time, whose images go through the network together.
+  int max_batch = 16;
+  uint64_t memory_bytes = 0;  // of all requests under way together; 0: no limit
 };
 
 // The bytes of requests are parsed here, not by gRPC: see RenderService.
 class PredictService final
-    : public v1::PredictService::WithRawCallbackMethod_PredictBatch<
-          v1::PredictService::WithRawCallbackMethod_Predict<v1::PredictService::Service>> {
+    : public v1::PredictService::WithCallbackMethod_ListModels<
+          v1::PredictService::WithRawCallbackMethod_PredictBatch<
+              v1::PredictService::WithRawCallbackMethod_Predict<v1::PredictService::Service>>> {
  public:
-  PredictService(Predictor predictor, const PredictServiceOptions& options);
+  PredictService(std::shared_ptr<const ModelStore> models, const PredictServiceOptions& options);
 
   grpc::ServerUnaryReactor* Predict(grpc::CallbackServerContext* context,
                                     const grpc::ByteBuffer* request,
@@ -34,6 +41,10 @@ class PredictService final
   grpc::ServerUnaryReactor* PredictBatch(grpc::CallbackServerContext* context,
                                          const grpc::ByteBuffer* request,
                                          grpc::ByteBuffer* reply) override;
+
+  grpc::ServerUnaryReactor* ListModels(grpc::CallbackServerContext* context,
+                                       const v1::ListModelsRequest* request,
+                                       v1::ListModelsReply* reply) override;
 
   static std::string full_name() { return v1::PredictService::service_full_name(); }
 
@@ -43,12 +54,15 @@ class PredictService final
   bool drain(std::chrono::duration<double> patience) { return desk_.drain(patience); }
 
  private:
+  class Call;
   class PredictCall;
   class BatchCall;
 
   const PredictServiceOptions options_;
-  Predictor predictor_;  // used by the desk's thread alone
-  CallDesk desk_;        // last: its thread uses what is above
+  const std::shared_ptr<const ModelStore> models_;
+  std::mutex preparing_;  // photographs are, one at a time, as each may take much memory
+  NetworkThread network_;
+  CallDesk desk_;  // last: its threads use what is above
 };
 
 }  // namespace itn

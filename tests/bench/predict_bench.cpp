@@ -1,4 +1,4 @@
-// predict_bench: how long a predictor takes over RPC: one client that asks for one image after the
+// predict_bench: how long a predictor takes over RPC: clients that each ask for one image after the
 // other, and one that sends batches. On a machine that does other things too, CPU time tells more
 // than the clock.
 #include <fmt/format.h>
@@ -10,16 +10,21 @@
 #include <cmath>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <vector>
 
+#include "common/learning/checkpoint.h"
 #include "common/learning/network_input.h"
 #include "common/learning/parameterization.h"
+#include "common/passive_waiting.h"
 #include "common/rpc/wire_array.h"
 #include "itn/v1/predict.grpc.pb.h"
 #include "server/predict/predict_server.h"
 #include "tests/support/cpu_time.h"
+#include "tests/support/temporary_folder.h"
 
 namespace itn {
 namespace {
@@ -31,6 +36,8 @@ struct Options {
   uint32_t resolution = 64;
   std::vector<int> sides{64, 128};
   int batch = 64;
+  std::vector<int> clients{1};
+  int max_batch = 16;
   int threads = 2;
   double seconds = 5;
 };
@@ -90,49 +97,69 @@ void require_ok(const grpc::Status& status) {
 struct Times {
   std::vector<double> milliseconds;
   double cpu_seconds = 0;
+  double seconds = 0;  // from the first call to the end of the last
 
   double quantile(double q) const {
     return milliseconds[static_cast<size_t>(q * static_cast<double>(milliseconds.size() - 1))];
   }
 };
 
-Times measure(double seconds, const std::function<void()>& call) {
+// Of `clients` threads that call again as soon as they are answered.
+Times measure(double seconds, int clients, const std::function<void()>& call) {
   using Clock = std::chrono::steady_clock;
   for (int i = 0; i < 5; ++i) call();
-  Times times;
+  std::vector<Times> of_clients(static_cast<size_t>(clients));
   const double cpu = testing::own_cpu_seconds();
   const auto start = Clock::now();
-  while (std::chrono::duration<double>(Clock::now() - start).count() < seconds) {
-    const auto begin = Clock::now();
-    call();
-    times.milliseconds.push_back(
-        std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
+  const auto since = [](Clock::time_point time) {
+    return std::chrono::duration<double>(Clock::now() - time).count();
+  };
+  {
+    std::vector<std::jthread> threads;
+    for (Times& own : of_clients) {
+      threads.emplace_back([&] {
+        while (since(start) < seconds) {
+          const auto begin = Clock::now();
+          call();
+          own.milliseconds.push_back(1000 * since(begin));
+        }
+      });
+    }
   }
+  Times times;
+  times.seconds = since(start);
   times.cpu_seconds = testing::own_cpu_seconds() - cpu;
+  for (const Times& own : of_clients) {
+    times.milliseconds.insert(times.milliseconds.end(), own.milliseconds.begin(),
+                              own.milliseconds.end());
+  }
   std::ranges::sort(times.milliseconds);
   return times;
 }
 
 void bench(const Options& options, v1::PredictService::Stub& stub) {
-  fmt::print("{:>9}  {:>6}  {:>10}  {:>7}  {:>9}  {:>18}\n", "image", "batch", "median ms",
-             "p95 ms", "images/s", "CPU ms per image");
-  const auto print = [](int side, int batch, const Times& times) {
+  fmt::print("{:>9}  {:>7}  {:>6}  {:>10}  {:>7}  {:>9}  {:>18}\n", "image", "clients", "batch",
+             "median ms", "p95 ms", "images/s", "CPU ms per image");
+  const auto print = [](int side, int clients, int batch, const Times& times) {
     const auto images = static_cast<double>(batch) * static_cast<double>(times.milliseconds.size());
-    fmt::print("{:>9}  {:>6}  {:>10.2f}  {:>7.2f}  {:>9.0f}  {:>18.2f}\n",
-               fmt::format("{} x {}", side, side), batch, times.quantile(0.5), times.quantile(0.95),
-               1000 * batch / times.quantile(0.5), 1000 * times.cpu_seconds / images);
+    fmt::print("{:>9}  {:>7}  {:>6}  {:>10.2f}  {:>7.2f}  {:>9.0f}  {:>18.2f}\n",
+               fmt::format("{} x {}", side, side), clients, batch, times.quantile(0.5),
+               times.quantile(0.95), images / times.seconds, 1000 * times.cpu_seconds / images);
     std::fflush(stdout);
   };
   for (const int side : options.sides) {
     const v1::PredictRequest one = request_of(side, 0);
-    print(side, 1, measure(options.seconds, [&] {
-            grpc::ClientContext context;
-            v1::PredictReply reply;
-            require_ok(stub.Predict(&context, one, &reply));
-          }));
+    for (const int clients : options.clients) {
+      print(side, clients, 1, measure(options.seconds, clients, [&] {
+              grpc::ClientContext context;
+              v1::PredictReply reply;
+              require_ok(stub.Predict(&context, one, &reply));
+            }));
+    }
+    if (options.batch == 0) continue;
     v1::PredictBatchRequest many;
     for (int i = 0; i < options.batch; ++i) *many.add_images() = request_of(side, 0.1 * i);
-    print(side, options.batch, measure(options.seconds, [&] {
+    print(side, 1, options.batch, measure(options.seconds, 1, [&] {
             grpc::ClientContext context;
             v1::PredictBatchReply reply;
             require_ok(stub.PredictBatch(&context, many, &reply));
@@ -150,17 +177,29 @@ int run(int argc, char** argv) {
   app.add_option("--predictor", options.predictor,
                  "HOST:PORT of a running one; default: one in this process");
   app.add_option("--side", options.sides, "Of the images that are sent, in pixels")->delimiter(',');
-  app.add_option("--batch", options.batch, "Images of a batch");
+  app.add_option("--batch", options.batch, "Images of a batch; 0: no batches");
+  app.add_option("--clients", options.clients, "That ask for single images")->delimiter(',');
+  app.add_option("--max-batch", options.max_batch, "As of itn-predictor");
   app.add_option("--threads", options.threads, "Of torch");
   app.add_option("--seconds", options.seconds, "Of each measurement");
   CLI11_PARSE(app, argc, argv);
   set_torch_threads(options.threads);
+  std::optional<testing::TemporaryFolder> folder;
   std::unique_ptr<PredictServer> server;
   if (options.predictor.empty()) {
+    if (options.model.empty()) {
+      folder.emplace();
+      options.model = folder->path("random.itn");
+      v1::Checkpoint checkpoint;
+      *checkpoint.mutable_model() = random_model(options);
+      write_checkpoint(options.model, checkpoint);
+    }
     server = std::make_unique<PredictServer>(
-        options.model.empty() ? Predictor(random_model(options)) : Predictor::load(options.model),
-        PredictServerOptions{
-            .listen = "127.0.0.1:0", .reflection = false, .max_memory_bytes = 0, .service = {}});
+        std::make_shared<ModelStore>(ModelStoreOptions{.models = {options.model}, .folder = {}}),
+        PredictServerOptions{.listen = "127.0.0.1:0",
+                             .reflection = false,
+                             .max_memory_bytes = 0,
+                             .service = {.max_batch = options.max_batch}});
     options.predictor = server->address();
   }
   grpc::ChannelArguments arguments;
@@ -175,5 +214,6 @@ int run(int argc, char** argv) {
 }  // namespace itn
 
 int main(int argc, char** argv) {
+  itn::begin_with_passive_waiting(argv);
   return itn::run(argc, argv);
 }

@@ -131,6 +131,39 @@ TEST_F(PredictCommand, TakesModelsByName) {
   EXPECT_THAT(remote.output, HasSubstr("model: small 1.2, step 3"));
 }
 
+TEST_F(PredictCommand, AsksAPredictorForOneOfItsModels) {
+  ship();
+  const std::string own = folder_.path("own.itn");
+  const auto export_version = [&](const std::string& version) {
+    const Finished finished =
+        run({ITN, "export", shared_->path("first"), "-o", own, "--model-version", version});
+    ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  };
+  export_version("7");
+  Process predictor({ITN_PREDICTOR, "--model", "any", "--model", "mine=" + own, "--listen",
+                     "127.0.0.1:0", "--reload-seconds", "0"},
+                    true);
+  const std::string address = predictor.read_line();
+  const auto ask = [&](const Arguments& flags) {
+    Arguments command{ITN, "predict", image(0), "--predictor", address};
+    command.insert(command.end(), flags.begin(), flags.end());
+    return run(command);
+  };
+  EXPECT_THAT(ask({}).output, HasSubstr("model: small 1.2, step 3"));
+  EXPECT_THAT(ask({"--model", "mine", "--model-version", "7"}).output,
+              HasSubstr("model: first 7, step 3"));
+  const Finished unknown = ask({"--model", "theirs"});
+  EXPECT_EQ(unknown.exit_code, 3);
+  EXPECT_THAT(unknown.errors, HasSubstr("no model theirs; it has any, mine"));
+  const Finished list = run({ITN, "models", "--predictor", address});
+  EXPECT_EQ(list.exit_code, 0) << list.errors;
+  EXPECT_THAT(list.output, AllOf(HasSubstr("Sun and sky (default)"), HasSubstr("mine  7  step 3")));
+  export_version("8");
+  predictor.send(SIGHUP);
+  EXPECT_THAT(predictor.read_stderr_until("model mine 8"), HasSubstr("model mine 8"));
+  EXPECT_THAT(ask({"--model", "mine"}).output, HasSubstr("model: first 8, step 3"));
+}
+
 TEST_F(PredictCommand, SaysWhichModelIsMissing) {
   ::setenv("ITN_MODELS", folder_.path("models").c_str(), 1);
   for (const Arguments& command : {Arguments{ITN, "predict", image(0)}, Arguments{ITN_PREDICTOR}}) {

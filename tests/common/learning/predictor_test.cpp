@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <random>
+#include <span>
 
 #include <gmock/gmock.h>
 
@@ -407,6 +408,40 @@ TEST(Predictor, CombinesImagesOfOneMaterial) {
   };
   expect_error(ErrorKind::kInvalidInput, {"object_size must be known of all or of none"},
                [&] { predictor.estimate_each(3, of_two_sizes, true); });
+}
+
+// --- Batches ---
+
+// Bit for bit, in batches that fill the network's and in those that do not, by sums that torch
+// splits over threads (256 x 256) and that it does not.
+TEST(Predictor, AnswersAnImageAloneAsAmongOthers) {
+  torch::set_num_threads(2);
+  const auto mirrored = [](v1::Model model) {
+    model.set_mirrored(true);
+    return model;
+  };
+  const std::vector<v1::Model> models{small_model(), mirrored(small_model(v1::UNBOUNDED, 64)),
+                                      residual_model(), mirrored(residual_model()),
+                                      residual_model(256)};
+  for (const v1::Model& model : models) {
+    const Predictor predictor(model);
+    const int side = static_cast<int>(model.resolution());
+    constexpr int kImages = 17;
+    std::vector<ImageBatch> images;
+    for (int i = 0; i < kImages; ++i) {
+      const Pixels p = disc(side, side, 1, 0.5 * side, 0.5 * side, side * (0.25 + 0.01 * i));
+      images.push_back(resampled(side, p.values, p.mask, side, model.input()));
+    }
+    for (const size_t count : {2, 3, kImages}) {
+      const std::vector<MaterialEstimate> together =
+          predictor.estimate(concatenated(std::span(images).first(count)));
+      for (size_t i = 0; i < count; ++i) {
+        EXPECT_EQ(together[i].outputs, predictor.estimate(images[i]).front().outputs)
+            << model.resolution() << ", " << i << " of " << count;
+      }
+    }
+  }
+  torch::set_num_threads(1);
 }
 
 // --- Bounds ---

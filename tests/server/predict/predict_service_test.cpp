@@ -1,17 +1,25 @@
+#include <atomic>
 #include <cmath>
 #include <functional>
+#include <map>
+#include <set>
+#include <thread>
 
 #include <gmock/gmock.h>
 #include <grpcpp/create_channel.h>
 
+#include "common/learning/checkpoint.h"
 #include "server/predict/predict_server.h"
 #include "tests/common/learning/model_for_tests.h"
+#include "tests/support/captured_log.h"
+#include "tests/support/process.h"
+#include "tests/support/temporary_folder.h"
 
 namespace itn {
 namespace {
 
 using grpc::StatusCode;
-using testing::HasSubstr;
+using ::testing::HasSubstr;
 
 constexpr int kSize = 16;
 
@@ -44,14 +52,39 @@ struct Picture {
   }
 };
 
-class PredictServiceTest : public testing::Test {
+void write_model(const std::filesystem::path& path, const v1::Model& model) {
+  v1::Checkpoint checkpoint;
+  *checkpoint.mutable_model() = model;
+  std::filesystem::create_directories(path.parent_path());
+  write_checkpoint(path, checkpoint);
+}
+
+// Of the same network, with other weights: each number answers otherwise.
+v1::Model variant(int number) {
+  v1::Model model = small_model();
+  const Encoder encoder = load_encoder(model);
+  {
+    const torch::NoGradGuard no_gradient;
+    for (NamedTensor& named : all_tensors(*encoder)) named.tensor *= 1 + 0.01 * number;
+  }
+  store_weights(*encoder, model);
+  model.set_step(static_cast<uint64_t>(number));
+  return model;
+}
+
+class PredictServiceTest : public ::testing::Test {
  protected:
   PredictServiceTest() {
     torch::set_num_threads(1);
+    write_model(folder_.path("small.itn"), small_model());
+    serve({.models = {folder_.path("small.itn")}, .folder = {}});
+  }
+
+  void serve(const ModelStoreOptions& models) {
+    models_ = std::make_shared<ModelStore>(models);
     server_ = std::make_unique<PredictServer>(
-        Predictor(small_model()),
-        PredictServerOptions{
-            .listen = "127.0.0.1:0", .reflection = true, .service = {.max_pixels = 1000}});
+        models_, PredictServerOptions{
+                     .listen = "127.0.0.1:0", .reflection = true, .service = {.max_pixels = 1000}});
     stub_ = v1::PredictService::NewStub(
         grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
   }
@@ -68,6 +101,17 @@ class PredictServiceTest : public testing::Test {
     return stub_->PredictBatch(&context, request, &reply);
   }
 
+  // By the model of this name and version.
+  grpc::Status predict(const std::string& model, const std::string& version,
+                       v1::PredictReply& reply) {
+    v1::PredictRequest request = Picture(1).request();
+    request.set_model(model);
+    request.set_version(version);
+    return predict(request, reply);
+  }
+
+  testing::TemporaryFolder folder_;
+  std::shared_ptr<ModelStore> models_;
   std::unique_ptr<PredictServer> server_;
   std::unique_ptr<v1::PredictService::Stub> stub_;
 };
@@ -177,7 +221,7 @@ TEST_F(PredictServiceTest, AnswersABatchImageByImage) {
     EXPECT_EQ(together.model_version().sha256(), alone.model_version().sha256());
     ASSERT_EQ(together.materials_size(), alone.materials_size());
     for (int c = 0; c < alone.materials_size(); ++c) {
-      EXPECT_NEAR(together.materials(c).sigma_t(), alone.materials(c).sigma_t(), 1e-3);
+      EXPECT_EQ(together.materials(c).sigma_t(), alone.materials(c).sigma_t());
     }
   }
   for (int i = 2; i < 4; ++i) {  // as it would have been by itself
@@ -227,6 +271,254 @@ TEST_F(PredictServiceTest, ABatchThatIsLateIsCancelled) {
   EXPECT_EQ(stub_->PredictBatch(&context, request, &reply).error_code(),
             StatusCode::DEADLINE_EXCEEDED);
   EXPECT_TRUE(predict(request, reply).ok());  // and holds up nobody
+}
+
+// --- Models ---
+
+TEST_F(PredictServiceTest, ListsItsModelsAndAnswersByNameAndVersion) {
+  write_model(folder_.path("models/card.itn"), variant(1));
+  folder_.write("models/card.md", "# Behind a card\n");
+  write_model(folder_.path("models/sun/1.9.itn"), variant(2));
+  write_model(folder_.path("models/sun/1.10.itn"), variant(3));
+  serve({.models = {"first=" + folder_.path("small.itn")}, .folder = folder_.path("models")});
+  grpc::ClientContext context;
+  v1::ListModelsReply list;
+  ASSERT_TRUE(stub_->ListModels(&context, {}, &list).ok());
+  ASSERT_EQ(list.models_size(), 4);
+  struct Row {
+    const char *name, *version, *title;
+    bool by_default;
+    uint64_t step;
+  };
+  const Row rows[] = {{"card", "", "Behind a card", false, 1},
+                      {"first", "", "", true, 0},
+                      {"sun", "1.10", "", false, 3},
+                      {"sun", "1.9", "", false, 2}};
+  for (int i = 0; i < 4; ++i) {
+    const v1::ListedModel& model = list.models(i);
+    EXPECT_EQ(model.name(), rows[i].name);
+    EXPECT_EQ(model.version(), rows[i].version);
+    EXPECT_EQ(model.title(), rows[i].title);
+    EXPECT_EQ(model.by_default(), rows[i].by_default);
+    EXPECT_EQ(model.model().step(), rows[i].step);
+    EXPECT_EQ(model.resolution(), 16);
+    EXPECT_TRUE(model.exposure_known());
+    EXPECT_FALSE(model.intervals());
+    EXPECT_LT(model.sigma_t_min(), 30);
+    EXPECT_GT(model.g_max(), 0.8);
+    v1::PredictReply reply;
+    ASSERT_TRUE(predict(rows[i].name, rows[i].version, reply).ok());
+    EXPECT_EQ(reply.model_version().sha256(), model.model().sha256());
+  }
+  v1::PredictReply newest, by_default;
+  ASSERT_TRUE(predict("sun", "", newest).ok());
+  EXPECT_EQ(newest.model_version().step(), 3);
+  ASSERT_TRUE(predict("", "", by_default).ok());
+  EXPECT_EQ(by_default.model_version().step(), 0);
+}
+
+TEST_F(PredictServiceTest, SaysWhichModelsThereAre) {
+  write_model(folder_.path("models/sun/1.itn"), variant(1));
+  write_model(folder_.path("models/card.itn"), variant(2));
+  serve({.models = {}, .folder = folder_.path("models")});
+  struct Row {
+    const char *model, *version, *message;
+  };
+  for (const Row& row : {Row{"moon", "", "no model moon; it has card, sun"},
+                         Row{"sun", "2", "no version 2 of the model sun; it has 1"},
+                         Row{"card", "2", "of the model card; it has one without a version"},
+                         Row{"a\nb", "", "no model a\\x0ab"},
+                         Row{"", "", "no default model: name one; it has card, sun"}}) {
+    v1::PredictReply reply;
+    const grpc::Status status = predict(row.model, row.version, reply);
+    EXPECT_EQ(status.error_code(), StatusCode::NOT_FOUND) << row.message;
+    EXPECT_THAT(status.error_message(), HasSubstr(row.message));
+  }
+  v1::PredictBatchRequest batch;
+  *batch.add_images() = Picture(1).request();
+  batch.set_model("moon");
+  v1::PredictBatchReply reply;
+  EXPECT_EQ(predict(batch, reply).error_code(), StatusCode::NOT_FOUND);
+  batch.set_model("sun");
+  ASSERT_TRUE(predict(batch, reply).ok());
+  EXPECT_EQ(reply.outcomes(0).reply().model_version().step(), 1);
+  batch.mutable_images(0)->set_model("card");
+  ASSERT_TRUE(predict(batch, reply).ok());
+  EXPECT_EQ(reply.outcomes(0).code(), StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(reply.outcomes(0).message(), HasSubstr("name it once, for the batch"));
+}
+
+TEST(ModelVersions, NumbersInThemCountAsNumbers) {
+  const std::vector<std::string> rising{"", "1", "1.2", "1.9", "1.10", "2", "10", "10a", "v1"};
+  for (size_t i = 0; i < rising.size(); ++i) {
+    for (size_t j = 0; j < rising.size(); ++j) {
+      EXPECT_EQ(is_older(rising[i], rising[j]), i < j) << rising[i] << ", " << rising[j];
+    }
+  }
+}
+
+// Clients call all the time while the file is replaced; each answer is what one of the models says.
+TEST_F(PredictServiceTest, ReplacesAModelWithoutDroppingACall) {
+  constexpr int kModels = 8, kCallsOfEach = 5;
+  const Picture picture(1);
+  std::map<std::string, double> expected;  // by digest
+  std::vector<std::string> digests;
+  for (int i = 0; i < kModels; ++i) {
+    const Predictor predictor(variant(i));
+    digests.push_back(predictor.version().sha256());
+    expected[digests.back()] = predictor.predict(picture.photograph()).front().sigma_t;
+  }
+  ASSERT_EQ(expected.size(), kModels);
+  std::set<double> answers;
+  for (const auto& [digest, sigma_t] : expected) answers.insert(sigma_t);
+  ASSERT_EQ(answers.size(), kModels);
+  write_model(folder_.path("small.itn"), variant(0));
+  models_->refresh();
+
+  std::atomic<int> calls = 0, failed = 0, wrong = 0;
+  std::atomic<bool> done = false;
+  {
+    std::vector<std::jthread> clients;
+    for (int i = 0; i < 3; ++i) {
+      clients.emplace_back([&] {
+        while (!done) {
+          v1::PredictReply reply;
+          const grpc::Status status = predict(picture.request(), reply);
+          if (!status.ok()) {
+            ++failed;
+          } else if (const auto known = expected.find(reply.model_version().sha256());
+                     known == expected.end() || reply.materials(0).sigma_t() != known->second) {
+            ++wrong;
+          }
+          ++calls;
+        }
+      });
+    }
+    for (int i = 1; i < kModels; ++i) {
+      const int before = calls;
+      write_model(folder_.path("small.itn"), variant(i));
+      models_->refresh();
+      EXPECT_TRUE(testing::eventually([&] { return calls >= before + kCallsOfEach; }));
+    }
+    done = true;
+  }
+  EXPECT_EQ(failed, 0);
+  EXPECT_EQ(wrong, 0);
+  v1::PredictReply reply;
+  ASSERT_TRUE(predict(picture.request(), reply).ok());
+  EXPECT_EQ(reply.model_version().sha256(), digests.back());
+}
+
+TEST_F(PredictServiceTest, KeepsAModelWhoseFileIsDamagedOrGone) {
+  const auto digest = [&] {
+    v1::PredictReply reply;
+    EXPECT_TRUE(predict(Picture(1).request(), reply).ok());
+    return reply.model_version().sha256();
+  };
+  const std::string old = digest();
+  const auto refreshed = [&](bool again) {
+    const testing::CapturedLog log;
+    models_->refresh(again);
+    return log.text();
+  };
+  const std::string path = folder_.path("small.itn");
+  folder_.write("small.itn", "ITNCKPT2 and then nothing");
+  EXPECT_THAT(refreshed(false), HasSubstr("of before goes on answering"));
+  EXPECT_EQ(digest(), old);
+  EXPECT_EQ(refreshed(false), "");  // said once
+  EXPECT_THAT(refreshed(true), HasSubstr("of before goes on answering"));
+  v1::Model overflowing = variant(1);
+  const float huge = 3e38F;
+  for (v1::Tensor& tensor : *overflowing.mutable_weights()) {
+    for (size_t at = 0; at < tensor.data().size(); at += sizeof huge) {
+      tensor.mutable_data()->replace(at, sizeof huge, reinterpret_cast<const char*>(&huge),
+                                     sizeof huge);
+    }
+  }
+  write_model(path, overflowing);
+  EXPECT_THAT(refreshed(false), HasSubstr("of before goes on answering"));
+  EXPECT_EQ(digest(), old);
+  std::filesystem::remove(path);
+  EXPECT_THAT(refreshed(false), HasSubstr("of before goes on answering"));
+  EXPECT_EQ(digest(), old);
+  write_model(path, variant(1));
+  EXPECT_THAT(refreshed(false), HasSubstr("weights"));
+  EXPECT_NE(digest(), old);
+}
+
+TEST_F(PredictServiceTest, FollowsItsFolder) {
+  const std::string models = folder_.path("models");
+  write_model(models + "/sun/1.itn", variant(1));
+  serve({.models = {}, .folder = models});
+  const auto step = [&] {
+    v1::PredictReply reply;
+    const grpc::Status status = predict("sun", "", reply);
+    return status.ok() ? static_cast<int>(reply.model_version().step()) : -1;
+  };
+  EXPECT_EQ(step(), 1);
+  write_model(models + "/sun/2.itn", variant(2));
+  models_->refresh();
+  EXPECT_EQ(step(), 2);
+  std::filesystem::remove(models + "/sun/2.itn");
+  models_->refresh();
+  EXPECT_EQ(step(), 1);
+  std::filesystem::remove(models + "/sun/1.itn");
+  models_->refresh();
+  EXPECT_EQ(step(), -1);
+}
+
+TEST_F(PredictServiceTest, RefusesModelsThatItCannotTellApart) {
+  const std::string path = folder_.path("small.itn");
+  EXPECT_THROW(ModelStore({.models = {path, path}, .folder = {}}), Error);
+  EXPECT_THROW(ModelStore({.models = {"a=" + path, "a=" + path}, .folder = {}}), Error);
+  EXPECT_EQ(ModelStore({.models = {"a=" + path, "b=" + path}, .folder = {}}).models().size(), 2);
+  EXPECT_THROW(ModelStore({.models = {}, .folder = folder_.path("none")}), Error);
+  std::filesystem::create_directories(folder_.path("empty"));
+  EXPECT_THROW(ModelStore({.models = {}, .folder = folder_.path("empty")}), Error);
+}
+
+// --- Many clients ---
+
+// What waits together goes through the network together; nobody's answer tells.
+TEST_F(PredictServiceTest, AnswersDoNotDependOnWhoElseAsks) {
+  write_model(folder_.path("mirrored.itn"), [] {
+    v1::Model model = residual_model();
+    model.set_mirrored(true);
+    return model;
+  }());
+  serve(
+      {.models = {"small=" + folder_.path("small.itn"), "mirrored=" + folder_.path("mirrored.itn")},
+       .folder = {}});
+  constexpr int kClients = 8, kCalls = 20;
+  const auto request_of = [](int client) {
+    Picture picture(client % 2 == 0 ? 1 : 3);
+    for (float& pixel : picture.pixels) pixel *= 1 + 0.1F * static_cast<float>(client);
+    v1::PredictRequest request = picture.request();
+    request.set_model(client % 4 == 3 ? "small" : "mirrored");
+    return request;
+  };
+  std::atomic<int> wrong = 0;
+  std::vector<std::string> alone;
+  for (int i = 0; i < kClients; ++i) {
+    v1::PredictReply reply;
+    ASSERT_TRUE(predict(request_of(i), reply).ok());
+    alone.push_back(reply.SerializeAsString());
+  }
+  {
+    std::vector<std::jthread> clients;
+    for (int i = 0; i < kClients; ++i) {
+      clients.emplace_back([&, i] {
+        for (int call = 0; call < kCalls; ++call) {
+          v1::PredictReply reply;
+          if (!predict(request_of(i), reply).ok() ||
+              reply.SerializeAsString() != alone[static_cast<size_t>(i)]) {
+            ++wrong;
+          }
+        }
+      });
+    }
+  }
+  EXPECT_EQ(wrong, 0);
 }
 
 TEST_F(PredictServiceTest, AnswersNothingAfterItHasDrained) {
