@@ -14,6 +14,8 @@ std::shared_ptr<grpc::ChannelCredentials> credentials() {
   return grpc::InsecureChannelCredentials();
 }
 
+}  // namespace
+
 // gRPC itself takes what has no port for one of port 443.
 void check_address(const std::string& address) {
   for (const char* scheme : {"dns:", "ipv4:", "ipv6:", "unix:", "unix-abstract:"}) {
@@ -30,8 +32,6 @@ void check_address(const std::string& address) {
                           "e.g. 127.0.0.1:50051",
                           printable(address)));
 }
-
-}  // namespace
 
 std::shared_ptr<grpc::Channel> connect_to(const std::string& address) {
   check_address(address);

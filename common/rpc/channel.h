@@ -9,6 +9,9 @@
 
 namespace itn {
 
+// Throws Error (kUsage), which says what would be right, if `connect_to` would.
+void check_address(const std::string& address);
+
 // To HOST:PORT, connected when first used; no other channel shares its connection. Messages have no
 // limit here: what a request or a reply may take is the server's to say. A server that hangs
 // without closing its connection is noticed within 4 s, and one that is started again is found

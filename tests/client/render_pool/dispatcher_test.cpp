@@ -58,21 +58,22 @@ bool is_ready(const Future& future) {
 // Of workers a, b, ..., all up.
 class DispatcherTest : public ::testing::Test {
  protected:
-  Dispatcher& workers(int count) {
-    std::vector<std::string> names;
-    for (int i = 0; i < count; ++i) names.push_back(std::string("worker ") + char('a' + i));
-    dispatcher = std::make_unique<Dispatcher>(names, 30s);
-    for (int i = 0; i < count; ++i) come_up(i);
+  Dispatcher& workers(size_t count) {
+    dispatcher = std::make_unique<Dispatcher>(30s);
+    for (size_t i = 0; i < count; ++i) {
+      dispatcher->add(std::string("worker ") + static_cast<char>('a' + i));
+      come_up(i);
+    }
     return *dispatcher;
   }
-  void come_up(int worker, const v1::Capabilities& capabilities = {}) {
+  void come_up(size_t worker, const v1::Capabilities& capabilities = {}) {
     dispatcher->probed(worker, grpc::Status::OK, capabilities, now);
   }
-  void go_down(int worker) {
+  void go_down(size_t worker) {
     dispatcher->probed(worker, {StatusCode::UNAVAILABLE, "not there"}, {}, now);
   }
   Future submit(uint64_t seed = 1) { return dispatcher->submit(render(seed), now); }
-  Attempt next(int worker) { return dispatcher->next(worker, now).attempt; }
+  Attempt next(size_t worker) { return dispatcher->next(worker, now).attempt; }
   bool finish(const Attempt& attempt, Answer answer) {
     return dispatcher->finish(attempt, std::move(answer), now);
   }
@@ -167,7 +168,7 @@ TEST_F(DispatcherTest, FailsWhatNoWorkerCanDo) {
 TEST_F(DispatcherTest, FailsWhatThreeWorkersCannotDo) {
   workers(5);
   Future future = submit();
-  for (int i = 0; i < 3; ++i) {
+  for (size_t i = 0; i < 3; ++i) {
     EXPECT_FALSE(is_ready(future));
     finish(next(i), failure(StatusCode::RESOURCE_EXHAUSTED, "out of memory"));
   }
@@ -216,7 +217,7 @@ TEST_F(DispatcherTest, FailsEverythingWhenAllWorkersAreSetAside) {
 TEST_F(DispatcherTest, GivesUpARenderThatThreeWorkersDiedOf) {
   workers(4);
   Future poison = submit(77);
-  for (int i = 0; i < 3; ++i) {
+  for (size_t i = 0; i < 3; ++i) {
     const Attempt attempt = next(i);
     ASSERT_TRUE(attempt);
     EXPECT_EQ(attempt->suspect, i > 0);
@@ -383,11 +384,14 @@ TEST_F(DispatcherTest, GivesALateRenderToAnIdleWorker) {
   }
   Future future = submit();
   const Attempt held = next(0);
-  const Dispatcher::Turn turn = dispatcher->next(1, now);
-  EXPECT_EQ(turn.attempt, nullptr);
-  EXPECT_EQ(turn.until - now, 4s);
-  now = turn.until;
+  EXPECT_EQ(next(1), nullptr);
+  Dispatcher::Late late = dispatcher->late(now);
+  EXPECT_EQ(late.count, 0U);
+  EXPECT_EQ(late.next - now, 4s);
+  now = late.next;
+  EXPECT_EQ(dispatcher->late(now).count, 1U);
   const Attempt second = next(1);
+  EXPECT_EQ(dispatcher->late(now).count, 0U);
   ASSERT_TRUE(second);
   EXPECT_EQ(next(1), nullptr);  // two attempts are enough
   EXPECT_FALSE(held->stop.stop_requested());

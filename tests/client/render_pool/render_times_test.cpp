@@ -13,20 +13,20 @@ TEST(RenderTimes, ArePatientAsLongAsNothingIsKnown) {
 
 TEST(RenderTimes, CallARenderLateByTheMedian) {
   RenderTimes times;
-  for (const auto time : {1s, 1s, 2s, 3s, 100s}) times.add(time);
+  for (const auto time : {1s, 1s, 2s, 3s, 100s}) times.add(time, 1000);
   EXPECT_EQ(times.late_after(), 8s);
 }
 
 TEST(RenderTimes, ForgetWhatIsLongAgo) {
   RenderTimes times;
-  for (int i = 0; i < 100; ++i) times.add(1h);
-  for (int i = 0; i < 64; ++i) times.add(1s);
+  for (int i = 0; i < 100; ++i) times.add(1h, 1000);
+  for (int i = 0; i < 64; ++i) times.add(1s, 1000);
   EXPECT_EQ(times.late_after(), 4s);
 }
 
 TEST(RenderTimes, DoNotHurryShortRenders) {
   RenderTimes times;
-  times.add(1ms);
+  times.add(1ms, 1000);
   EXPECT_EQ(times.late_after(), 100ms);
 }
 
