@@ -30,5 +30,19 @@ TEST(RenderTimes, DoNotHurryShortRenders) {
   EXPECT_EQ(times.late_after(), 100ms);
 }
 
+TEST(RenderTimes, SetNoDeadlineAsLongAsNothingIsKnown) {
+  EXPECT_EQ(RenderTimes().deadline(1000), 0ms);
+}
+
+TEST(RenderTimes, SetADeadlineByTheSlowestRenderAndTheWork) {
+  RenderTimes times;
+  times.add(1s, 100);
+  times.add(4s, 200);
+  times.add(3s, 1000);
+  EXPECT_EQ(times.deadline(1000), 600s);
+  EXPECT_EQ(times.deadline(1), 30s);  // none is shorter
+  EXPECT_EQ(times.deadline(1e12), 24h);
+}
+
 }  // namespace
 }  // namespace itn
