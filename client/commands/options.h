@@ -98,10 +98,12 @@ struct WorkerFlags {
   }
 };
 
-// --workers HOST:PORT,..., how to connect to them, --threads and --cache-mb.
+// --workers, how to connect to them, --threads and --cache-mb.
 inline void add_worker_flags(CLI::App& app, WorkerFlags& flags) {
   app.add_option("--workers", flags.workers,
-                 "Render workers, HOST:PORT, separated by commas; none: render in this process")
+                 "Render workers, separated by commas: HOST:PORT each, dns:///NAME:PORT for all "
+                 "addresses of a name, or file:PATH for a file of HOST:PORT lines; names and files "
+                 "are looked at again during the run. None: render in this process")
       ->delimiter(',')
       ->allow_extra_args(false);
   add_security_flags(app, flags.security);

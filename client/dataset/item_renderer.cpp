@@ -8,13 +8,15 @@
 namespace itn {
 
 ItemRenderer::ItemRenderer(const v1::DatasetConfig& config, RenderPool& pool, Source source)
-    : config_(config),
-      pool_(pool),
-      source_(std::move(source)),
-      ahead_(2 * static_cast<size_t>(pool.parallelism()) + 1) {}
+    : config_(config), pool_(pool), source_(std::move(source)) {}
+
+// Workers may join and leave.
+size_t ItemRenderer::ahead() const {
+  return 2 * static_cast<size_t>(pool_.parallelism()) + 1;
+}
 
 std::optional<ItemRenderer::Rendered> ItemRenderer::next(const Wait& wait) {
-  while (pending_.size() < ahead_ && submit_next(wait)) {
+  while (pending_.size() < ahead() && submit_next(wait)) {
   }
   if (pending_.empty()) return std::nullopt;
   Pending front = std::move(pending_.front());
@@ -36,7 +38,7 @@ bool ItemRenderer::submit_next(const Wait& wait) {
     submit(std::move(*work), config_.spp());
     return true;
   }
-  while (pilots_.size() < ahead_) {
+  while (pilots_.size() < ahead()) {
     std::optional<Work> work = take();
     if (!work) break;
     RenderJob pilot = pilot_job(work->scene, work->item, config_.noise());

@@ -52,6 +52,7 @@ class ItemRenderer {
     std::future<v1::RenderGradReply> reply;
   };
 
+  size_t ahead() const;
   std::optional<Work> take();
   bool submit_next(const Wait& wait);
   void submit(Work work, uint32_t spp);
@@ -60,7 +61,6 @@ class ItemRenderer {
   RenderPool& pool_;
   Source source_;
   bool exhausted_ = false;
-  size_t ahead_;
   std::deque<Pending> pilots_, pending_;
 };
 

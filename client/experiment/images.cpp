@@ -35,10 +35,10 @@ constexpr const char* kReference = "reference";
 void render_all(size_t count, const std::function<RenderJob(size_t)>& job, RenderPool& pool,
                 const std::stop_token& stop,
                 const std::function<void(size_t, const v1::RenderGradReply&)>& take) {
-  const size_t ahead = 2 * static_cast<size_t>(pool.parallelism());
   std::deque<std::future<v1::RenderGradReply>> pending;
   size_t next = 0;
   for (size_t i = 0; i < count; ++i) {
+    const size_t ahead = 2 * static_cast<size_t>(pool.parallelism());
     while (next < count && pending.size() < ahead) pending.push_back(pool.submit(job(next++)));
     const v1::RenderGradReply reply = wait_for_render(pending.front(), stop);
     pending.pop_front();

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "client/render_pool/tiles.h"
 #include "common/rpc/status.h"
 
 namespace itn {
@@ -40,6 +41,12 @@ bool fits(const v1::Capabilities& worker, const RenderJob& job) {
          within(job.request.spp(), worker.max_spp()) &&
          within(job.scene->triangles, worker.max_triangles()) &&
          within(job.scene->bytes.size() + job.request.ByteSizeLong(), worker.max_message_bytes());
+}
+
+// Paths that it traces, about: what its time grows with.
+double samples(const RenderJob& job) {
+  const v1::Tile tile = pixels_of(job);
+  return static_cast<double>(tile.width()) * tile.height() * job.request.spp();
 }
 
 // Of another version (WorkerConnection::probe), or not a render worker.
@@ -81,9 +88,19 @@ const RenderJob& Dispatcher::Attempt::render() const {
   return job->render;
 }
 
-Dispatcher::Dispatcher(std::vector<std::string> names, milliseconds give_up_after)
-    : give_up_after_(give_up_after) {
-  for (std::string& name : names) workers_.emplace_back().name = std::move(name);
+// ---- Workers -----------------------------------------------------------------------------------
+
+size_t Dispatcher::add(std::string name) {
+  const size_t number = next_worker_++;
+  workers_[number].name = std::move(name);
+  return number;
+}
+
+void Dispatcher::remove(size_t number, Clock::time_point now) {
+  const auto worker = workers_.find(number);
+  worker->second.left = true;
+  if (worker->second.under_way.empty()) workers_.erase(worker);
+  fail_hopeless(now);
 }
 
 // ---- Renders to workers ------------------------------------------------------------------------
@@ -93,61 +110,86 @@ std::future<v1::RenderGradReply> Dispatcher::submit(RenderJob render, Clock::tim
   job->render = std::move(render);
   job->submitted = now;
   auto future = job->promise.get_future();
-  waiting_.push_back(std::move(job));
-  fail_hopeless(now);
+  if (const std::optional<Error> error = hopeless(*job, now)) {
+    fail(*job, *error);
+  } else {
+    waiting_.push_back(std::move(job));
+  }
   return future;
 }
 
 Dispatcher::Turn Dispatcher::next(size_t number, Clock::time_point now) {
-  const Worker& worker = workers_[number];
+  const Worker& worker = workers_.at(number);
   if (!worker.up || closed_) return {};
   if (now < worker.full_until) return {nullptr, worker.full_until};
-  const auto job =
-      std::ranges::find_if(waiting_, [&](const auto& j) { return may_take(number, *j); });
+  const auto job = first_for(number);
   if (job == waiting_.end()) return second_attempt(number, now);
   const std::shared_ptr<Job> taken = *job;
   waiting_.erase(job);
   return {begin(taken, number, now)};
 }
 
+bool Dispatcher::has_render_for(size_t number, Clock::time_point now) const {
+  const Worker& worker = workers_.at(number);
+  return worker.up && now >= worker.full_until && first_for(number) != waiting_.end();
+}
+
+Dispatcher::Waiting::const_iterator Dispatcher::first_for(size_t number) const {
+  return std::ranges::find_if(waiting_, [&](const auto& job) { return may_take(number, *job); });
+}
+
 // A render for which this worker is too small is left to one that is not, and is there; where none
 // is known, the worker's own words say best why it cannot be done.
 bool Dispatcher::may_take(size_t number, const Job& job) const {
   if (job.refused_by(number)) return false;
-  if (fits(workers_[number].capabilities, job.render)) return true;
-  for (size_t i = 0; i < workers_.size(); ++i) {
-    const Worker& other = workers_[i];
-    if (!other.set_aside && (other.up || !other.failing_since) && !job.refused_by(i) &&
-        fits(other.capabilities, job.render)) {
+  if (fits(workers_.at(number).capabilities, job.render)) return true;
+  for (const auto& [i, other] : workers_) {
+    if (!other.set_aside && !other.left && (other.up || !other.failing_since) &&
+        !job.refused_by(i) && fits(other.capabilities, job.render)) {
       return false;
     }
   }
   return true;
 }
 
+namespace {
+
+bool has_one_attempt(const Dispatcher::Job& job) {
+  return !job.ended && job.under_way.size() == 1;
+}
+
+}  // namespace
+
+Dispatcher::Late Dispatcher::late(Clock::time_point now) const {
+  Late late;
+  for (const auto& [number, attempt] : under_way_) {
+    if (!has_one_attempt(*attempt->job)) continue;
+    late.next = attempt->started + times_.late_after();
+    if (late.next > now) return late;
+    ++late.count;
+  }
+  late.next = Clock::time_point::max();
+  return late;
+}
+
 // Of the renders that are late, the one that began first.
 Dispatcher::Turn Dispatcher::second_attempt(size_t number, Clock::time_point now) {
-  if (!workers_[number].under_way.empty()) return {};
-  const Clock::duration late_after = times_.late_after();
-  Turn turn;
-  std::shared_ptr<Attempt> late;
-  for (const Worker& worker : workers_) {
-    for (const auto& attempt : worker.under_way) {
-      const Job& job = *attempt->job;
-      if (job.ended || job.under_way.size() > 1 || !may_take(number, job)) continue;
-      if (attempt->started + late_after > now) {
-        turn.until = std::min(turn.until, attempt->started + late_after);
-      } else if (!late || attempt->started < late->started) {
-        late = attempt;
-      }
-    }
-  }
-  if (!late) return turn;
-  spdlog::log(now - late->started < kWorthSaying ? spdlog::level::debug : spdlog::level::info,
-              "{}: a render has taken {:.1f} s; {} renders it, too", who(workers_[late->worker]),
-              in_seconds(now - late->started), who(workers_[number]));
+  const Worker& worker = workers_.at(number);
+  if (!worker.under_way.empty()) return {};
+  const auto late = std::ranges::find_if(under_way_, [&](const auto& entry) {
+    const Attempt& attempt = *entry.second;
+    return attempt.started + times_.late_after() > now ||
+           (has_one_attempt(*attempt.job) && may_take(number, *attempt.job));
+  });
+  if (late == under_way_.end()) return {};
+  const Attempt& attempt = *late->second;
+  const Clock::duration taken = now - attempt.started;
+  if (taken < times_.late_after()) return {};  // and so are all that began later
+  spdlog::log(taken < kWorthSaying ? spdlog::level::debug : spdlog::level::info,
+              "{}: a render has taken {:.1f} s; {} renders it, too",
+              who(workers_.at(attempt.worker)), in_seconds(taken), who(worker));
   ++statistics_.second_attempts;
-  return {begin(late->job, number, now)};
+  return {begin(attempt.job, number, now)};
 }
 
 std::shared_ptr<Dispatcher::Attempt> Dispatcher::begin(const std::shared_ptr<Job>& job,
@@ -157,8 +199,12 @@ std::shared_ptr<Dispatcher::Attempt> Dispatcher::begin(const std::shared_ptr<Job
   attempt->worker = worker;
   attempt->started = now;
   attempt->suspect = !job->losses.empty();
-  workers_[worker].under_way.push_back(attempt);
+  // After a loss, nothing shorter than the user's own deadline: that may have been too short.
+  if (job->losses.empty()) attempt->deadline = times_.deadline(samples(job->render));
+  attempt->number = next_attempt_++;
+  workers_.at(worker).under_way.push_back(attempt);
   job->under_way.push_back(attempt);
+  under_way_.emplace(attempt->number, attempt);
   return attempt;
 }
 
@@ -166,7 +212,16 @@ std::shared_ptr<Dispatcher::Attempt> Dispatcher::begin(const std::shared_ptr<Job
 
 bool Dispatcher::finish(const std::shared_ptr<Attempt>& attempt, Answer answer,
                         Clock::time_point now) {
-  Worker& worker = workers_[attempt->worker];
+  const bool look_after = settle(attempt, std::move(answer), now);
+  const auto worker = workers_.find(attempt->worker);
+  if (!worker->second.left) return look_after;
+  if (worker->second.under_way.empty()) workers_.erase(worker);
+  return false;
+}
+
+bool Dispatcher::settle(const std::shared_ptr<Attempt>& attempt, Answer answer,
+                        Clock::time_point now) {
+  Worker& worker = workers_.at(attempt->worker);
   const std::shared_ptr<Job> job = attempt->job;
   // Workers render in the order in which they are asked, as far as is known here: those behind the
   // first are lost with it, whichever of them is heard of first.
@@ -176,6 +231,7 @@ bool Dispatcher::finish(const std::shared_ptr<Attempt>& attempt, Answer answer,
   const bool was_rendered = worker.under_way.front() == attempt && !attempt->only_waited;
   std::erase(worker.under_way, attempt);
   std::erase(job->under_way, attempt);
+  under_way_.erase(attempt->number);
   if (answer.scene_sent) ++statistics_.scenes_sent;
   if (answer.outcome == Outcome::kAnswered) {
     succeed(*attempt, std::move(answer.reply), now);
@@ -209,8 +265,9 @@ bool Dispatcher::finish(const std::shared_ptr<Attempt>& attempt, Answer answer,
     case Outcome::kAway: look_after = take_down(worker, reason, now); break;
   }
   if (!job->ended && job->under_way.empty()) waiting_.push_front(job);
+  if (answer.outcome == Outcome::kBusy) return false;
   fail_hopeless(now);
-  if (!job->ended && answer.outcome != Outcome::kBusy) {
+  if (!job->ended) {
     ++statistics_.retries;
     spdlog::warn("{}: {}; the render goes to the next free worker", who(worker), reason);
   }
@@ -218,13 +275,13 @@ bool Dispatcher::finish(const std::shared_ptr<Attempt>& attempt, Answer answer,
 }
 
 void Dispatcher::succeed(const Attempt& attempt, v1::RenderGradReply reply, Clock::time_point now) {
-  Worker& worker = workers_[attempt.worker];
+  Worker& worker = workers_.at(attempt.worker);
   worker.failing_since.reset();
   worker.rest = kFirstRest;
   worker.back_off = {};
   worker.full_until = {};          // what it has answered has left its place
   if (attempt.job->ended) return;  // the other attempt was a moment faster
-  times_.add(now - attempt.started);
+  times_.add(now - attempt.started, samples(attempt.render()));
   ++statistics_.jobs;
   statistics_.cpu_seconds += reply.counters().cpu_seconds();
   attempt.job->promise.set_value(std::move(reply));
@@ -241,9 +298,7 @@ void Dispatcher::wait_for_place(Worker& worker, const grpc::Status& status, Cloc
   const double later = std::uniform_real_distribution<double>(1, 1.1)(random_);
   worker.full_until = now + std::chrono::duration_cast<Clock::duration>(
                                 later * std::chrono::duration<double>(wait));
-  const bool nothing_under_way =
-      std::ranges::all_of(workers_, [](const Worker& w) { return w.under_way.empty(); });
-  if (!nothing_under_way) return;
+  if (!under_way_.empty()) return;
   if (said_that_it_waits_ && now - *said_that_it_waits_ < kSayAgain) return;
   said_that_it_waits_ = now;
   spdlog::warn("{}: {}; waiting for a place", who(worker), status.error_message());
@@ -275,14 +330,14 @@ void Dispatcher::set_aside(Worker& worker, const std::string& reason) {
 }
 
 milliseconds Dispatcher::take_rest(size_t worker) {
-  const milliseconds rest = workers_[worker].rest;
-  workers_[worker].rest = std::clamp(2 * rest, kFirstRest, kLongestRest);
+  const milliseconds rest = workers_.at(worker).rest;
+  workers_.at(worker).rest = std::clamp(2 * rest, kFirstRest, kLongestRest);
   return rest;
 }
 
 void Dispatcher::probed(size_t number, const grpc::Status& status,
                         const v1::Capabilities& capabilities, Clock::time_point now) {
-  Worker& worker = workers_[number];
+  Worker& worker = workers_.at(number);
   if (worker.set_aside) return;
   const bool was_unfit = std::exchange(worker.unfit, is_unfit(status));
   if (status.ok()) {
@@ -299,16 +354,18 @@ void Dispatcher::probed(size_t number, const grpc::Status& status,
 }
 
 bool Dispatcher::any_up() const {
-  return std::ranges::any_of(workers_, [](const Worker& w) { return w.up; });
+  return std::ranges::any_of(
+      workers_, [](const auto& entry) { return entry.second.up && !entry.second.left; });
 }
 
-bool Dispatcher::none_fits() const {
-  return std::ranges::all_of(workers_, [](const Worker& w) { return w.unfit; });
+bool Dispatcher::has_workers() const {
+  return std::ranges::any_of(workers_, [](const auto& entry) { return !entry.second.left; });
 }
 
 std::string Dispatcher::last_failures() const {
   std::string failures;
-  for (const Worker& worker : workers_) {
+  for (const auto& [number, worker] : workers_) {
+    if (worker.left) continue;
     failures +=
         fmt::format("{}{}: {}", failures.empty() ? "" : "; ", who(worker), worker.last_failure);
   }
@@ -334,10 +391,10 @@ std::optional<Error> Dispatcher::hopeless(const Job& job, Clock::time_point now)
                              job.losses.size(), fmt::join(job.losses, "; ")));
   }
   if (job.refusals.size() >= kMost) return job.all_refusals();
+  if (!has_workers()) return {};
   bool one_is_left = false;
-  for (size_t i = 0; i < workers_.size(); ++i) {
-    const Worker& worker = workers_[i];
-    if (worker.set_aside || job.refused_by(i)) continue;
+  for (const auto& [i, worker] : workers_) {
+    if (worker.left || worker.set_aside || job.refused_by(i)) continue;
     if (worker.up || !worker.failing_since) return {};
     if (now - std::max(*worker.failing_since, job.submitted) < give_up_after_) return {};
     one_is_left = true;
@@ -351,9 +408,7 @@ std::optional<Error> Dispatcher::hopeless(const Job& job, Clock::time_point now)
 
 void Dispatcher::close() {
   closed_ = true;
-  for (const Worker& worker : workers_) {
-    for (const auto& attempt : worker.under_way) attempt->stop.request_stop();
-  }
+  for (const auto& [number, attempt] : under_way_) attempt->stop.request_stop();
   for (const auto& job : waiting_) {
     fail(*job, Error(ErrorKind::kCancelled, "the render pool was closed"));
   }

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <deque>
 #include <future>
+#include <map>
 #include <memory>
 #include <optional>
 #include <random>
@@ -15,7 +16,7 @@
 
 #include "client/render_pool/render_job.h"
 #include "client/render_pool/render_times.h"
-#include "client/render_pool/worker_connection.h"
+#include "client/render_pool/render_worker.h"
 #include "common/error.h"
 
 namespace itn {
@@ -33,6 +34,10 @@ namespace itn {
 //  - A render fails when all workers that could do it have failed for a given time.
 //  - A render that is late gets a second attempt on a worker that has nothing else to do; the first
 //    answer is taken (answers are the same) and the other attempt is cancelled.
+//  - A worker may join at any time, or leave: what is under way there goes on. Without any worker,
+//    renders wait for one to join.
+//
+// No decision takes longer the more workers there are, unless some of them fail.
 class Dispatcher {
  public:
   using Clock = std::chrono::steady_clock;
@@ -59,24 +64,42 @@ class Dispatcher {
     bool suspect = false;
     // Behind another one, when their worker was lost.
     bool only_waited = false;
-    std::stop_source stop;  // another attempt was first, or the pool is closed
+    std::chrono::milliseconds deadline{};  // RenderTimes; zero: none is known
+    uint64_t number = 0;                   // in the order in which attempts begin
+    std::stop_source stop;                 // another attempt was first, or the pool is closed
 
     const RenderJob& render() const;
   };
 
-  // `names` begin messages; empty: nothing is put before them.
-  Dispatcher(std::vector<std::string> names, std::chrono::milliseconds give_up_after);
+  explicit Dispatcher(std::chrono::milliseconds give_up_after) : give_up_after_(give_up_after) {}
+
+  // A worker that joins, and its number, which no other ever has. `name` begins messages; empty:
+  // nothing is put before them.
+  size_t add(std::string name);
+  // One that leaves: but for `finish`, its number is not to be used any more.
+  void remove(size_t worker, Clock::time_point now);
 
   // The future gets the reply, or throws Error as RenderPool::submit says.
   std::future<v1::RenderGradReply> submit(RenderJob job, Clock::time_point now);
 
-  // The next attempt of a worker, or null and the time until which there can be none unless
-  // something happens (max: no such time).
+  // The next attempt of a worker, or null and the time until which it has no place (max: it has,
+  // and there is nothing for it).
   struct Turn {
     std::shared_ptr<Attempt> attempt;
     Clock::time_point until = Clock::time_point::max();
   };
   Turn next(size_t worker, Clock::time_point now);
+  // Whether a render waits that this worker may take.
+  bool has_render_for(size_t worker, Clock::time_point now) const;
+  size_t waiting() const { return waiting_.size(); }
+
+  // How many renders are late and have one attempt alone, and when there will be one more (max: not
+  // of those that have begun).
+  struct Late {
+    size_t count = 0;
+    Clock::time_point next = Clock::time_point::max();
+  };
+  Late late(Clock::time_point now) const;
 
   // What became of an attempt. Returns whether the worker is to be asked if it is there, as it was
   // up and is not.
@@ -90,8 +113,8 @@ class Dispatcher {
               Clock::time_point now);
 
   bool any_up() const;
-  // Whether every worker has said that it is none for us: of another version, or no worker at all.
-  bool none_fits() const;
+  // Whether there is any that has not left, up or not.
+  bool has_workers() const;
   // Each worker with what is known of its last failure.
   std::string last_failures() const;
   const Statistics& statistics() const { return statistics_; }
@@ -105,6 +128,7 @@ class Dispatcher {
     bool up = false;         // takes renders; otherwise it rests, or has not answered yet
     bool set_aside = false;  // for good
     bool unfit = false;      // as it says itself
+    bool left = false;       // is no more when nothing of it is under way
     v1::Capabilities capabilities;
     std::chrono::milliseconds rest{0};
     std::chrono::milliseconds back_off{0};             // of a worker that has no place
@@ -119,10 +143,14 @@ class Dispatcher {
     return worker.name.empty() ? "the embedded worker" : worker.name;
   }
 
+  using Waiting = std::deque<std::shared_ptr<Job>>;
+
+  Waiting::const_iterator first_for(size_t worker) const;
   std::shared_ptr<Attempt> begin(const std::shared_ptr<Job>& job, size_t worker,
                                  Clock::time_point now);
   bool may_take(size_t worker, const Job& job) const;
   Turn second_attempt(size_t worker, Clock::time_point now);
+  bool settle(const std::shared_ptr<Attempt>& attempt, Answer answer, Clock::time_point now);
 
   void succeed(const Attempt& attempt, v1::RenderGradReply reply, Clock::time_point now);
   void wait_for_place(Worker& worker, const grpc::Status& status, Clock::time_point now);
@@ -134,9 +162,12 @@ class Dispatcher {
   void fail_hopeless(Clock::time_point now);
   std::optional<Error> hopeless(const Job& job, Clock::time_point now) const;
 
-  std::vector<Worker> workers_;
+  std::map<size_t, Worker> workers_;
+  size_t next_worker_ = 0;
   const std::chrono::milliseconds give_up_after_;
-  std::deque<std::shared_ptr<Job>> waiting_;
+  Waiting waiting_;
+  std::map<uint64_t, std::shared_ptr<Attempt>> under_way_;  // by number: the oldest first
+  uint64_t next_attempt_ = 0;
   RenderTimes times_;
   Statistics statistics_;
   std::optional<Clock::time_point> said_that_it_waits_;

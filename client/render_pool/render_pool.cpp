@@ -1,14 +1,21 @@
 #include "client/render_pool/render_pool.h"
 
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
 #include <condition_variable>
 #include <deque>
+#include <map>
 #include <mutex>
+#include <optional>
+#include <set>
 #include <stop_token>
 #include <thread>
 #include <utility>
 
 #include "client/render_pool/tiles.h"
 #include "client/render_pool/worker_connection.h"
+#include "client/render_pool/worker_list.h"
 #include "common/error.h"
 #include "common/rpc/channel.h"
 #include "server/render/render_server.h"
@@ -18,38 +25,72 @@ namespace {
 
 using Clock = Dispatcher::Clock;
 using std::chrono::milliseconds;
+using std::chrono::seconds;
 
 // Two jobs on their way to each worker: one is rendered, the next waits in the worker's queue.
 constexpr int kJobsPerWorker = 2;
 
+// No render is late sooner (RenderTimes): looking for late ones this often misses none.
+constexpr milliseconds kLookForLateEvery{100};
+
+// That there is no worker to wait for is said this often.
+constexpr seconds kSayAgain{60};
+
+// One worker, and the threads that ask it. Guarded by the pool's mutex, but for the connection.
+struct Member {
+  size_t number = 0;  // of the dispatcher
+  std::string address;
+  std::unique_ptr<RenderWorker> connection;
+  std::stop_source stop;  // it has left, or the pool stops
+  std::condition_variable woken_up;  // of parked threads
+  std::condition_variable released;  // of one that rests
+  int parked = 0;  // threads that wait for something to do
+  int woken = 0;   // of those that waited, on their way to see what there is
+  int running = 0;
+  std::vector<std::jthread> threads;
+
+  bool stopping() const { return stop.stop_requested(); }
+};
+
+// The emptiest first: a job that two could take is the idle one's.
+struct EmptiestFirst {
+  bool operator()(const Member* a, const Member* b) const {
+    return std::pair(-a->parked, a->number) < std::pair(-b->parked, b->number);
+  }
+};
+
 }  // namespace
 
-// Threads that carry out what the dispatcher decides: kJobsPerWorker for each worker.
+// Threads that carry out what the dispatcher decides: kJobsPerWorker for each worker. Those for
+// whom there is nothing are parked, and woken one by one, so that what an event costs does not grow
+// with the number of workers.
 class RenderPool::Impl {
  public:
   explicit Impl(RenderPoolOptions options)
-      : options_(std::move(options)), dispatcher_(names(), options_.give_up_after) {
-    connect_all();
-    for (size_t worker = 0; worker < connections_.size(); ++worker) {
-      threads_.emplace_back([this, worker] {
-        bring_up(worker);
-        serve(worker);
-      });
-      for (int i = 1; i < kJobsPerWorker; ++i) {
-        threads_.emplace_back([this, worker] { serve(worker); });
-      }
+      : options_(std::move(options)), dispatcher_(options_.give_up_after), list_(options_.workers) {
+    if (options_.workers.empty()) {
+      update({""});
+    } else {
+      connector_ = std::make_shared<Connector>(options_.security);
+      list_.watch([this](const WorkerList::Addresses& addresses) { update(addresses); });
     }
+    timekeeper_ = std::jthread([this] { keep_time(); });
     wait_for_first_worker();
   }
 
   ~Impl() { stop(); }
 
   std::future<v1::RenderGradReply> submit(RenderJob job) {
-    const auto notify = notifying();
-    return dispatcher_.submit(std::move(job), Clock::now());
+    const std::lock_guard lock(mutex_);
+    auto future = dispatcher_.submit(std::move(job), Clock::now());
+    wake_parked();
+    return future;
   }
 
-  int workers() const { return static_cast<int>(connections_.size()); }
+  int workers() const {
+    const std::lock_guard lock(mutex_);
+    return std::max(static_cast<int>(members_.size()), 1);
+  }
 
   Statistics statistics() const {
     const std::lock_guard lock(mutex_);
@@ -57,143 +98,263 @@ class RenderPool::Impl {
   }
 
  private:
-  std::vector<std::string> names() const {
-    if (options_.workers.empty()) return {""};
-    std::vector<std::string> names;
-    for (const std::string& address : options_.workers) names.push_back("worker " + address);
-    return names;
+  // ---- Workers that join and leave
+  // ---------------------------------------------------------------
+
+  void update(const WorkerList::Addresses& addresses) {
+    const std::lock_guard lock(mutex_);
+    if (stopping_) return;
+    std::erase_if(left_, [](const auto& member) { return member->running == 0; });
+    for (auto member = members_.begin(); member != members_.end();) {
+      const auto next = std::next(member);
+      if (std::ranges::find(addresses, member->first) == addresses.end()) leave(member);
+      member = next;
+    }
+    for (const std::string& address : addresses) {
+      if (!members_.contains(address)) join(address);
+    }
+    wake_parked();
   }
 
-  void connect_all() {
-    if (options_.workers.empty()) {
-      RenderServerOptions options;
-      options.reflection = false;
-      options.service.threads = options_.embedded_threads;
-      options.service.cache_bytes = options_.embedded_cache_bytes;
-      embedded_ = std::make_unique<RenderServer>(options);
-      connections_.push_back(std::make_unique<WorkerConnection>(embedded_->in_process_channel()));
-      return;
+  void join(const std::string& address) {
+    if (said_who_is_there_) spdlog::info("worker {} joins", address);
+    auto member = std::make_unique<Member>();
+    member->number = dispatcher_.add(address.empty() ? "" : "worker " + address);
+    member->address = address;
+    member->connection = connect(address);
+    member->running = kJobsPerWorker;
+    Member& joined = *members_.emplace(address, std::move(member)).first->second;
+    for (int i = 0; i < kJobsPerWorker; ++i) {
+      joined.threads.emplace_back([this, &joined, first = i == 0] {
+        if (first) bring_up(joined);
+        serve(joined);
+        const std::lock_guard lock(mutex_);
+        --joined.running;
+      });
     }
-    const Connector connector(options_.security);
-    for (const std::string& address : options_.workers) {
-      connections_.push_back(std::make_unique<WorkerConnection>(
-          connector.connect_to(address), [connector, address](const grpc::Status& status) {
-            return connector.explained(status, address);
-          }));
+  }
+
+  // Its threads end when what they have under way does.
+  void leave(std::map<std::string, std::unique_ptr<Member>>::iterator member) {
+    spdlog::info("worker {} is not on the list any more", member->first);
+    dispatcher_.remove(member->second->number, Clock::now());
+    release(*member->second);
+    left_.push_back(std::move(member->second));
+    members_.erase(member);
+  }
+
+  void release(Member& member) {
+    member.stop.request_stop();
+    member.woken_up.notify_all();
+    member.released.notify_all();
+  }
+
+  std::unique_ptr<RenderWorker> connect(const std::string& address) {
+    if (options_.connect) return options_.connect(address);
+    if (!address.empty()) {
+      return std::make_unique<WorkerConnection>(
+          connector_->connect_to(address),
+          [connector = connector_, address](const grpc::Status& status) {
+            return connector->explained(status, address);
+          });
     }
+    RenderServerOptions options;
+    options.reflection = false;
+    options.service.threads = options_.embedded_threads;
+    options.service.cache_bytes = options_.embedded_cache_bytes;
+    embedded_ = std::make_unique<RenderServer>(options);
+    return std::make_unique<WorkerConnection>(embedded_->in_process_channel());
   }
 
   void wait_for_first_worker() {
     std::unique_lock lock(mutex_);
     const bool up =
-        changed_.wait_for(lock, options_.connect_within, [this] { return dispatcher_.any_up(); });
-    if (up) return;
+        probed_.wait_for(lock, options_.connect_within, [this] { return dispatcher_.any_up(); });
+    said_who_is_there_ = true;
+    if (up || !dispatcher_.has_workers()) return;
     const std::string failures = dispatcher_.last_failures();  // before stop() adds its own
     lock.unlock();
     stop();
     throw Error(ErrorKind::kUnavailable, "no render worker answers (" + failures + ")");
   }
 
+  // ---- The threads of a worker
+  // -------------------------------------------------------------------
+
   // One attempt after the other.
-  void serve(size_t worker) {
-    while (const std::shared_ptr<Dispatcher::Attempt> attempt = next(worker)) {
-      Answer answer = carry_out(*attempt);
+  void serve(Member& member) {
+    while (const std::shared_ptr<Dispatcher::Attempt> attempt = next(member)) {
+      Answer answer = carry_out(member, *attempt);
       bool look_after = false;
       {
-        const auto notify = notifying();
+        const std::lock_guard lock(mutex_);
         look_after = dispatcher_.finish(attempt, std::move(answer), Clock::now());
+        wake_parked();
       }
-      if (look_after) bring_up(worker);
+      if (look_after) {
+        list_.look_again();
+        bring_up(member);
+      }
     }
   }
 
-  // Null when the pool stops.
-  std::shared_ptr<Dispatcher::Attempt> next(size_t worker) {
+  // Null when the worker has left, or the pool stops.
+  std::shared_ptr<Dispatcher::Attempt> next(Member& member) {
     std::unique_lock lock(mutex_);
-    while (!stopping()) {
-      const Dispatcher::Turn turn = dispatcher_.next(worker, Clock::now());
-      if (turn.attempt) {
-        changed_.notify_all();  // an idle worker counts the time from now
-        return turn.attempt;
-      }
-      if (turn.until == Clock::time_point::max()) {
-        changed_.wait(lock);
-      } else {
-        changed_.wait_until(lock, turn.until);
-      }
+    while (!member.stopping()) {
+      const Dispatcher::Turn turn = dispatcher_.next(member.number, Clock::now());
+      if (turn.attempt) return turn.attempt;
+      park(member, lock, turn.until);
     }
     return nullptr;
   }
 
-  Answer carry_out(const Dispatcher::Attempt& attempt) {
-    WorkerConnection& connection = *connections_[attempt.worker];
+  Answer carry_out(Member& member, const Dispatcher::Attempt& attempt) {
     const std::stop_token stop = attempt.stop.get_token();
     if (attempt.suspect) {
       v1::Capabilities ignored;
-      const grpc::Status status = connection.probe(false, stop, ignored);
+      const grpc::Status status = member.connection->probe(false, stop, ignored);
       if (!status.ok()) return {.outcome = Outcome::kAway, .status = status, .reply = {}};
     }
-    return connection.render(attempt.render(), options_.deadline, stop);
+    milliseconds deadline = options_.deadline;
+    if (attempt.deadline > milliseconds(0)) deadline = std::min(deadline, attempt.deadline);
+    return member.connection->render(attempt.render(), deadline, stop);
   }
 
   // Rests and asks until the worker answers; meanwhile, its other threads wait.
-  void bring_up(size_t worker) {
+  void bring_up(Member& member) {
     bool patient = false;  // impatient at first: that tells why there is no connection
-    while (!stopping()) {
-      rest(worker);
-      grpc::Status status;
+    grpc::Status status;
+    do {
+      rest(member);
       do {
         v1::Capabilities capabilities;
-        status = connections_[worker]->probe(std::exchange(patient, true), stop_.get_token(),
-                                             capabilities);
-        const auto notify = notifying();
-        if (!stopping()) dispatcher_.probed(worker, status, capabilities, Clock::now());
-      } while (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED && !stopping());
-      if (status.ok()) return;
+        status = member.connection->probe(std::exchange(patient, true), member.stop.get_token(),
+                                          capabilities);
+        const std::lock_guard lock(mutex_);
+        if (member.stopping()) return;
+        dispatcher_.probed(member.number, status, capabilities, Clock::now());
+        probed_.notify_all();
+        wake_parked();
+      } while (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED);
+    } while (!status.ok());
+  }
+
+  void rest(Member& member) {
+    std::unique_lock lock(mutex_);
+    if (member.stopping()) return;
+    const auto until = Clock::now() + dispatcher_.take_rest(member.number);
+    member.released.wait_until(lock, until, [&] { return member.stopping(); });
+  }
+
+  // ---- Threads that wait for something to do
+  // -----------------------------------------------------
+
+  // Waits until the thread is woken, or until then.
+  void park(Member& member, std::unique_lock<std::mutex>& lock, Clock::time_point until) {
+    count_parked(member, +1);
+    wake_parked();  // whoever was woken for what this one may not take, has told nobody else
+    const auto done = [&] { return member.woken > 0 || member.stopping(); };
+    if (until == Clock::time_point::max()) {
+      member.woken_up.wait(lock, done);
+    } else {
+      member.woken_up.wait_until(lock, until, done);
+    }
+    if (member.woken > 0) {
+      --member.woken;
+      --woken_;
+    } else {
+      count_parked(member, -1);
     }
   }
 
-  void rest(size_t worker) {
-    std::unique_lock lock(mutex_);
-    const auto until = Clock::now() + dispatcher_.take_rest(worker);
-    changed_.wait_until(lock, until, [this] { return stopping(); });
+  void count_parked(Member& member, int more) {
+    parked_.erase(&member);
+    member.parked += more;
+    if (member.parked > 0) parked_.insert(&member);
   }
 
-  bool stopping() const { return stop_.stop_requested(); }
+  void wake(Member& member) {
+    count_parked(member, -1);
+    ++member.woken;
+    ++woken_;
+    member.woken_up.notify_one();
+  }
+
+  // As many as there are renders that wait, and that nobody is on the way to.
+  void wake_parked() {
+    size_t open = dispatcher_.waiting() - std::min(dispatcher_.waiting(), woken_);
+    for (auto it = parked_.begin(); open > 0 && it != parked_.end();) {
+      Member& member = **it++;
+      if (member.stopping() || !dispatcher_.has_render_for(member.number, Clock::now())) continue;
+      wake(member);
+      --open;
+    }
+  }
+
+  // ---- What time brings
+  // --------------------------------------------------------------------------
+
+  void keep_time() {
+    std::optional<Clock::time_point> said;
+    std::unique_lock lock(mutex_);
+    while (!stopping_) {
+      const auto now = Clock::now();
+      const Dispatcher::Late late = dispatcher_.late(now);
+      wake_idle(late.count);
+      if (dispatcher_.has_workers()) {
+        said.reset();
+      } else if (dispatcher_.waiting() > 0 && (!said || now - *said > kSayAgain)) {
+        said = now;
+        lock.unlock();
+        spdlog::warn("there are no render workers; waiting for addresses from {}", list_.awaited());
+        lock.lock();
+        continue;
+      }
+      stopped_.wait_until(lock, std::min(late.next, now + kLookForLateEvery));
+    }
+  }
+
+  // For renders that are late.
+  void wake_idle(size_t most) {
+    for (auto it = parked_.begin(); most > 0 && it != parked_.end(); --most) {
+      Member& member = **it++;
+      if (member.parked < kJobsPerWorker) return;
+      wake(member);
+    }
+  }
 
   void stop() {
-    stop_.request_stop();
     {
-      const auto notify = notifying();
+      const std::lock_guard lock(mutex_);
+      stopping_ = true;
       dispatcher_.close();
+      for (const auto& [address, member] : members_) release(*member);
+      stopped_.notify_all();
     }
-    threads_.clear();  // joins
+    // Without the lock, which the threads want for a last time. No member joins or leaves any more.
+    for (const auto& [address, member] : members_) member->threads.clear();
+    for (const auto& member : left_) member->threads.clear();
+    if (timekeeper_.joinable()) timekeeper_.join();
   }
 
-  // Holds the lock; at its end, all threads look at what has changed.
-  class Notifying {
-   public:
-    explicit Notifying(Impl& pool) : pool_(pool), lock_(pool.mutex_) {}
-    ~Notifying() { pool_.changed_.notify_all(); }
-    Notifying(const Notifying&) = delete;
-    Notifying& operator=(const Notifying&) = delete;
-
-   private:
-    Impl& pool_;
-    std::lock_guard<std::mutex> lock_;
-  };
-  Notifying notifying() { return Notifying(*this); }
-
   const RenderPoolOptions options_;
+  std::shared_ptr<const Connector> connector_;  // null without workers
   std::unique_ptr<RenderServer> embedded_;
-  std::vector<std::unique_ptr<WorkerConnection>> connections_;
 
-  mutable std::mutex mutex_;
-  std::condition_variable changed_;
-  Dispatcher dispatcher_;  // guarded by the mutex
-  std::stop_source stop_;
+  mutable std::mutex mutex_;  // guards what follows
+  Dispatcher dispatcher_;
+  std::map<std::string, std::unique_ptr<Member>> members_;  // by address
+  std::vector<std::unique_ptr<Member>> left_;
+  std::set<Member*, EmptiestFirst> parked_;  // that have a parked thread
+  size_t woken_ = 0;                         // of all members
+  bool said_who_is_there_ = false;
+  bool stopping_ = false;
+  std::condition_variable probed_, stopped_;
 
-  std::vector<std::jthread> threads_;  // last: they use what is above
+  std::jthread timekeeper_;
+  WorkerList list_;  // Last: its threads use what is above. Never called with the lock held, as it
+                     // takes the lock within its own.
 };
 
 RenderPool::RenderPool(RenderPoolOptions options)
@@ -208,11 +369,11 @@ std::future<v1::RenderGradReply> RenderPool::submit(RenderJob job) {
 v1::RenderGradReply RenderPool::render_split(const RenderJob& job, const Progress& progress) {
   const v1::Tile whole = pixels_of(job);
   const std::vector<v1::Tile> tiles = tiles_of(whole, job.request.spp());
-  // Enough for all workers, and not many that have been answered and wait for an earlier one.
-  const size_t ahead = 2 * static_cast<size_t>(parallelism()) + 1;
   TiledReply reply(whole);
   std::deque<std::future<v1::RenderGradReply>> pending;
   for (size_t next = 0, done = 0; done < tiles.size(); ++done) {
+    // Enough for all workers, and not many that have been answered and wait for an earlier one.
+    const size_t ahead = 2 * static_cast<size_t>(parallelism()) + 1;
     for (; next < tiles.size() && pending.size() < ahead; ++next) {
       RenderJob part = job;
       *part.request.mutable_tile() = tiles[next];

@@ -11,25 +11,28 @@
 
 #include "client/render_pool/dispatcher.h"
 #include "client/render_pool/render_job.h"
+#include "client/render_pool/render_worker.h"
 #include "common/rpc/channel.h"
 #include "itn/v1/render.pb.h"
 
 namespace itn {
 
 struct RenderPoolOptions {
-  // HOST:PORT each; empty: an embedded worker behind gRPC's in-process channel.
+  // As worker_list.h says; empty: an embedded worker behind gRPC's in-process channel.
   std::vector<std::string> workers;
   ClientSecurity security;  // of the connections to them
+  // How a worker at HOST:PORT is reached; for tests.
+  std::function<std::unique_ptr<RenderWorker>(const std::string& address)> connect;
   // Threads of the embedded worker; 0: all.
   int embedded_threads = 0;
   // What it keeps of scenes for later renders, like --cache-mb of a worker.
   size_t embedded_cache_bytes = size_t{512} << 20;
   // Of one attempt.
   std::chrono::milliseconds deadline = std::chrono::minutes(10);
-  // How long the constructor waits for the first worker to answer.
+  // How long the constructor waits for the first worker to answer, or to appear.
   std::chrono::milliseconds connect_within = std::chrono::seconds(5);
   // A job fails when no worker that could do it has answered for this long. One that says that it
-  // has no place has answered.
+  // has no place has answered. Where names or files have no address at all, jobs wait for one.
   std::chrono::milliseconds give_up_after = std::chrono::seconds(30);
 };
 
@@ -39,7 +42,8 @@ struct RenderPoolOptions {
 // another version are not used. Thread-safe.
 class RenderPool {
  public:
-  // Throws Error: kUnavailable that names the workers if none answers; as Connector.
+  // Throws Error: kUnavailable that names the workers if there are some and none answers; as
+  // WorkerList and Connector.
   explicit RenderPool(RenderPoolOptions options);
   // Cancels what is under way.
   ~RenderPool();
@@ -57,7 +61,8 @@ class RenderPool {
   // are those of `submit`, bit for bit. Throws what the futures of `submit` throw.
   v1::RenderGradReply render_split(const RenderJob& job, const Progress& progress = {});
 
-  // Jobs that can be under way at once; keep somewhat more submitted.
+  // Jobs that can be under way at once; keep somewhat more submitted. Changes as workers join and
+  // leave; never zero.
   int parallelism() const;
 
   using Statistics = Dispatcher::Statistics;

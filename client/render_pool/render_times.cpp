@@ -12,21 +12,31 @@ constexpr size_t kRemembered = 64;
 constexpr int kLateFactor = 4;
 // Renders of a millisecond are not worth a second attempt for being four times as long.
 constexpr Duration kLeast = std::chrono::milliseconds(100);
-constexpr Duration kUnknown = std::chrono::seconds(5);
+
+// Scenes and materials of one training differ in cost by less than that, and who shares a worker
+// with others waits in its queue for less.
+constexpr double kDeadlineFactor = 30;
+constexpr double kLeastDeadlineSeconds = 30;
+constexpr double kMostDeadlineSeconds = 24 * 3600;
 
 }  // namespace
 
-void RenderTimes::add(Duration time) {
-  latest_.push_back(time);
+void RenderTimes::add(Duration time, double samples) {
+  latest_.push_back({time, std::chrono::duration<double>(time).count() / std::max(samples, 1.0)});
   if (latest_.size() > kRemembered) latest_.pop_front();
-}
-
-Duration RenderTimes::late_after() const {
-  if (latest_.empty()) return kUnknown;
-  std::vector<Duration> times(latest_.begin(), latest_.end());
+  std::vector<Duration> times;
+  for (const Render& render : latest_) times.push_back(render.time);
   const auto middle = times.begin() + static_cast<ptrdiff_t>(times.size() / 2);
   std::nth_element(times.begin(), middle, times.end());
-  return std::max(kLeast, kLateFactor * *middle);
+  late_after_ = std::max(kLeast, kLateFactor * *middle);
+}
+
+std::chrono::milliseconds RenderTimes::deadline(double samples) const {
+  if (latest_.empty()) return {};
+  const auto slowest = std::ranges::max_element(latest_, {}, &Render::seconds_per_sample);
+  const double seconds = std::clamp(kDeadlineFactor * slowest->seconds_per_sample * samples,
+                                    kLeastDeadlineSeconds, kMostDeadlineSeconds);
+  return std::chrono::milliseconds(static_cast<int64_t>(1000 * seconds));
 }
 
 }  // namespace itn

@@ -20,6 +20,8 @@ namespace {
 // How soon certificates that were replaced are seen.
 constexpr unsigned int kLookAtFilesEverySeconds = 5;
 
+}  // namespace
+
 // gRPC itself takes what has no port for one of port 443.
 void check_address(const std::string& address) {
   for (const char* scheme : {"dns:", "ipv4:", "ipv6:", "unix:", "unix-abstract:"}) {
@@ -36,6 +38,8 @@ void check_address(const std::string& address) {
                           "e.g. 127.0.0.1:50051",
                           printable(address)));
 }
+
+namespace {
 
 bool is_this_machine(const std::string& address) {
   return address.starts_with("127.") || address.starts_with("localhost:") ||

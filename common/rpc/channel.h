@@ -13,6 +13,10 @@
 
 namespace itn {
 
+// Throws Error (kUsage), which says what would be right, if Connector::connect_to would for an
+// address that is none.
+void check_address(const std::string& address);
+
 struct ClientSecurity {
   // With an authority, connections are by TLS, to servers whose certificate is of that authority;
   // with a certificate, the client shows it to servers that ask for one.

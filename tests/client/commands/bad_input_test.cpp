@@ -153,6 +153,17 @@ const BadInput kBadInputs[] = {
     {"TooManyEstimates", flag("--estimates", "3"), 2, {"--estimates 3 and --spp 2"}},
     {"BillionPixels", flag("--film", "40000x25000"), 7, {"1000000000", "at most"}},
     {"NoWorker", flag("--workers", "127.0.0.1:1"), 5, {"no render worker answers", "127.0.0.1:1"}},
+    {"NoAddressOfAWorker", flag("--workers", "host"), 2, {"\"host\"", "HOST:PORT"}},
+    {"NoNameOfWorkers", flag("--workers", "dns:///host"), 2, {"\"dns:///host\"", "NAME:PORT"}},
+    {"NoFileOfWorkers", flag("--workers", "file:/nowhere/workers"), 4, {"/nowhere/workers"}},
+    {"BadLineInAFileOfWorkers",
+     [](auto& folder) {
+       const std::string file = folder.write("workers", "# two\nhost\n");
+       return render(folder, folder.write("scene.textproto", kSceneFile),
+                     {{"--workers", "file:" + file}});
+     },
+     3,
+     {"workers:2: \"host\" is not the address of a server"}},
     {"NoSuchScene",
      [](auto& folder) { return render(folder, folder.path("missing.textproto")); },
      4,

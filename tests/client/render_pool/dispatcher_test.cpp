@@ -58,21 +58,22 @@ bool is_ready(const Future& future) {
 // Of workers a, b, ..., all up.
 class DispatcherTest : public ::testing::Test {
  protected:
-  Dispatcher& workers(int count) {
-    std::vector<std::string> names;
-    for (int i = 0; i < count; ++i) names.push_back(std::string("worker ") + char('a' + i));
-    dispatcher = std::make_unique<Dispatcher>(names, 30s);
-    for (int i = 0; i < count; ++i) come_up(i);
+  Dispatcher& workers(size_t count) {
+    dispatcher = std::make_unique<Dispatcher>(30s);
+    for (size_t i = 0; i < count; ++i) {
+      dispatcher->add(std::string("worker ") + static_cast<char>('a' + i));
+      come_up(i);
+    }
     return *dispatcher;
   }
-  void come_up(int worker, const v1::Capabilities& capabilities = {}) {
+  void come_up(size_t worker, const v1::Capabilities& capabilities = {}) {
     dispatcher->probed(worker, grpc::Status::OK, capabilities, now);
   }
-  void go_down(int worker) {
+  void go_down(size_t worker) {
     dispatcher->probed(worker, {StatusCode::UNAVAILABLE, "not there"}, {}, now);
   }
   Future submit(uint64_t seed = 1) { return dispatcher->submit(render(seed), now); }
-  Attempt next(int worker) { return dispatcher->next(worker, now).attempt; }
+  Attempt next(size_t worker) { return dispatcher->next(worker, now).attempt; }
   bool finish(const Attempt& attempt, Answer answer) {
     return dispatcher->finish(attempt, std::move(answer), now);
   }
@@ -167,7 +168,7 @@ TEST_F(DispatcherTest, FailsWhatNoWorkerCanDo) {
 TEST_F(DispatcherTest, FailsWhatThreeWorkersCannotDo) {
   workers(5);
   Future future = submit();
-  for (int i = 0; i < 3; ++i) {
+  for (size_t i = 0; i < 3; ++i) {
     EXPECT_FALSE(is_ready(future));
     finish(next(i), failure(StatusCode::RESOURCE_EXHAUSTED, "out of memory"));
   }
@@ -216,7 +217,7 @@ TEST_F(DispatcherTest, FailsEverythingWhenAllWorkersAreSetAside) {
 TEST_F(DispatcherTest, GivesUpARenderThatThreeWorkersDiedOf) {
   workers(4);
   Future poison = submit(77);
-  for (int i = 0; i < 3; ++i) {
+  for (size_t i = 0; i < 3; ++i) {
     const Attempt attempt = next(i);
     ASSERT_TRUE(attempt);
     EXPECT_EQ(attempt->suspect, i > 0);
@@ -383,11 +384,14 @@ TEST_F(DispatcherTest, GivesALateRenderToAnIdleWorker) {
   }
   Future future = submit();
   const Attempt held = next(0);
-  const Dispatcher::Turn turn = dispatcher->next(1, now);
-  EXPECT_EQ(turn.attempt, nullptr);
-  EXPECT_EQ(turn.until - now, 4s);
-  now = turn.until;
+  EXPECT_EQ(next(1), nullptr);
+  Dispatcher::Late late = dispatcher->late(now);
+  EXPECT_EQ(late.count, 0U);
+  EXPECT_EQ(late.next - now, 4s);
+  now = late.next;
+  EXPECT_EQ(dispatcher->late(now).count, 1U);
   const Attempt second = next(1);
+  EXPECT_EQ(dispatcher->late(now).count, 0U);
   ASSERT_TRUE(second);
   EXPECT_EQ(next(1), nullptr);  // two attempts are enough
   EXPECT_FALSE(held->stop.stop_requested());
@@ -431,6 +435,93 @@ TEST_F(DispatcherTest, LeavesNoSecondAttemptToAWorkerThatIsNotIdle) {
   EXPECT_EQ(next(1), nullptr);
   finish(b, answer());
   EXPECT_EQ(next(1), nullptr);  // an hour is the measure now
+}
+
+TEST_F(DispatcherTest, DerivesTheFirstDeadlineFromMeasuredTimes) {
+  workers(1);
+  submit();
+  const Attempt first = next(0);
+  EXPECT_EQ(first->deadline, 0ms);
+  now += 2s;
+  finish(first, answer());
+  Future future = submit(2);
+  const Attempt measured = next(0);
+  EXPECT_EQ(measured->deadline, 60s);
+  finish(measured, failure(StatusCode::DEADLINE_EXCEEDED, "no answer within 60 s"));
+  come_up(0);
+  const Attempt again = next(0);
+  EXPECT_EQ(again->deadline, 0ms);  // that may have been too short
+  finish(again, answer());
+  EXPECT_EQ(future.get().loss(), 1);
+}
+
+// ---- Workers that join and leave ---------------------------------------------------------------
+
+TEST_F(DispatcherTest, WaitsForAWorkerToJoin) {
+  workers(0);
+  EXPECT_FALSE(dispatcher->has_workers());
+  Future future = submit();
+  now += 24h;
+  Future another = submit(2);
+  EXPECT_FALSE(is_ready(future) || is_ready(another));
+  EXPECT_EQ(dispatcher->waiting(), 2U);
+  const size_t joined = dispatcher->add("worker z");
+  EXPECT_EQ(next(joined), nullptr);  // not before it has answered
+  come_up(joined);
+  EXPECT_TRUE(dispatcher->has_render_for(joined, now));
+  finish(next(joined), answer(1));
+  finish(next(joined), answer(2));
+  EXPECT_EQ(future.get().loss() + another.get().loss(), 3);
+}
+
+TEST_F(DispatcherTest, TakesTheAnswerOfAWorkerThatHasLeft) {
+  workers(1);
+  Future future = submit(1), waiting = submit(2);
+  const Attempt attempt = next(0);
+  dispatcher->remove(0, now);
+  EXPECT_FALSE(dispatcher->has_workers() || dispatcher->any_up());
+  EXPECT_FALSE(finish(attempt, answer(1)));
+  EXPECT_EQ(future.get().loss(), 1);
+  EXPECT_FALSE(is_ready(waiting));
+  EXPECT_EQ(dispatcher->add("worker a"), 1U);  // back, as another one
+}
+
+TEST_F(DispatcherTest, GivesWhatAWorkerThatHasLeftLosesToAnother) {
+  workers(2);
+  Future rendered = submit(1), behind = submit(2);
+  const Attempt a = next(0), b = next(0);
+  dispatcher->remove(0, now);
+  for (const Attempt& attempt : {a, b}) {
+    EXPECT_FALSE(finish(attempt, failure(StatusCode::UNAVAILABLE, "Socket closed")));
+  }
+  const Attempt second = next(1), first = next(1);
+  ASSERT_TRUE(first && second);
+  EXPECT_TRUE(first->suspect);
+  EXPECT_FALSE(second->suspect);  // it only waited
+  finish(first, answer());
+  finish(second, answer());
+  EXPECT_EQ(rendered.get().loss() + behind.get().loss(), 2);
+}
+
+TEST_F(DispatcherTest, GivesWhatIsLateInAWorkerThatHasLeftToAnother) {
+  workers(2);
+  Future future = submit();
+  const Attempt held = next(0);
+  dispatcher->remove(0, now);
+  now += 1h;
+  finish(next(1), answer());
+  EXPECT_EQ(future.get().loss(), 1);
+  EXPECT_TRUE(held->stop.stop_requested());
+  EXPECT_FALSE(finish(held, failure(StatusCode::CANCELLED)));
+}
+
+TEST_F(DispatcherTest, FailsWhatOnlyTheWorkerThatLeavesCouldHaveDone) {
+  workers(2);
+  Future future = submit();
+  finish(next(0), failure(StatusCode::RESOURCE_EXHAUSTED, "too large"));
+  EXPECT_FALSE(is_ready(future));
+  dispatcher->remove(1, now);
+  expect_error(ErrorKind::kLimit, {"worker a: too large"}, [&] { future.get(); });
 }
 
 TEST_F(DispatcherTest, CancelsEverythingWhenItIsClosed) {

@@ -202,6 +202,32 @@ TEST(FailingWorkers, EndARenderThatKillsThem) {
   expect_answers(submit(pool, 10));
 }
 
+// Three are lost; the others never see it, and everything else is rendered, once.
+TEST(FailingWorkers, AreNotAllKilledByOneRender) {
+  std::atomic<int> victims = 0;
+  const auto dies_of_13 = [&](const ServerContext& context, const Request& request, Reply& reply) {
+    if (request.seed() != 13) return answers(context, request, reply);
+    ++victims;
+    return Status(StatusCode::UNAVAILABLE, "Socket closed");
+  };
+  std::vector<std::unique_ptr<FakeWorker>> workers;
+  std::vector<const FakeWorker*> pointers;
+  for (int i = 0; i < 8; ++i) {
+    workers.push_back(std::make_unique<FakeWorker>(dies_of_13));
+    pointers.push_back(workers.back().get());
+  }
+  RenderPool pool(pool_of(pointers));
+  auto before = submit(pool, 12);
+  auto poison = pool.submit(job(13));
+  auto after = submit(pool, 12);
+  expect_error(ErrorKind::kUnavailable, {"the render of scene ", "seed 13 was lost 3 times"},
+               [&] { poison.get(); });
+  expect_answers(std::move(before));
+  expect_answers(std::move(after));
+  EXPECT_EQ(victims, 3);
+  EXPECT_EQ(pool.statistics().jobs, 24U);
+}
+
 TEST(FailingWorkers, OfAnotherVersionAreNotUsed) {
   v1::Capabilities other;
   other.set_version("0.0.1");

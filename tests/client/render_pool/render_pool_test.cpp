@@ -269,6 +269,41 @@ TEST(RenderPool, FindsAWorkerThatIsStartedAgain) {
   EXPECT_GE(pool.statistics().retries, before);
 }
 
+// Its cache is empty then.
+TEST(RenderPool, SendsScenesAgainToAWorkerThatIsStartedAgain) {
+  auto worker = std::make_unique<WorkerProcess>();
+  const std::string address = worker->address();
+  RenderPool pool(pool_of({address}));
+  const auto all = jobs(3);  // of three scenes
+  const auto expected = render_all(pool, all);
+  EXPECT_EQ(pool.statistics().scenes_sent, 3U);
+  worker.reset();  // kills it
+  worker = std::make_unique<WorkerProcess>(address);
+  EXPECT_EQ(render_all(pool, all), expected);
+  EXPECT_EQ(pool.statistics().scenes_sent, 6U);
+  EXPECT_EQ(pool.statistics().jobs, 6U);
+}
+
+TEST(RenderPool, WaitsUntilWorkersThatAreAllGoneAreBack) {
+  auto a = std::make_unique<WorkerProcess>(), b = std::make_unique<WorkerProcess>();
+  const std::string address_of_a = a->address(), address_of_b = b->address();
+  RenderPool pool(pool_of({address_of_a, address_of_b}));
+  RenderPool embedded(pool_of({}));
+  const auto all = jobs(24, 150);
+  const auto expected = render_all(embedded, all);
+  wait_until_both_render(pool);
+  const uint64_t before = pool.statistics().jobs;
+  auto replies = std::async(std::launch::async, [&] { return render_all(pool, all); });
+  ASSERT_TRUE(eventually([&] { return pool.statistics().jobs > before + 2; }));
+  a.reset();
+  b.reset();
+  a = std::make_unique<WorkerProcess>(address_of_a);
+  b = std::make_unique<WorkerProcess>(address_of_b);
+  EXPECT_EQ(replies.get(), expected);
+  EXPECT_EQ(pool.statistics().jobs, before + all.size());
+  EXPECT_GT(pool.statistics().retries, 0U);
+}
+
 TEST(RenderPool, WaitsForPlaceInABusyWorker) {
   WorkerProcess worker("127.0.0.1:0", {"--queue", "0"});
   RenderPool pool(pool_of({worker.address()}));

@@ -1,0 +1,58 @@
+// Which workers there are, as --workers says, and as that changes.
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <stop_token>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace itn {
+
+// Entries are:
+//   HOST:PORT             one worker, for good
+//   dns:///NAME:PORT      all addresses that the name has
+//   file:PATH             a file of HOST:PORT lines; what follows a # is a comment
+// Names and files are looked at again every few seconds, and when a worker fails. What cannot be
+// told at the moment (no answer from the name server, an unreadable file) leaves everything as it
+// was, with a warning. Thread-safe.
+class WorkerList {
+ public:
+  using Addresses = std::vector<std::string>;  // HOST:PORT each, no two the same
+  using Changed = std::function<void(const Addresses&)>;
+
+  // Throws Error: kUsage (an entry), kInvalidInput (a line of a file, with its number), kIo (a file
+  // that cannot be read; one that is not there yet is waited for if its folder is there).
+  explicit WorkerList(const std::vector<std::string>& entries);
+  ~WorkerList();
+
+  // Calls `changed` with all addresses: once before it returns, as far as they are known by then,
+  // and when they change, from one thread at a time.
+  void watch(Changed changed);
+  // Looks at names and files at once, though not more often than once a second.
+  void look_again();
+
+  // Whether it has names or files.
+  bool can_change() const;
+  // What each name or file has to say: "dns:///workers:50051 (Name or service not known)".
+  std::string awaited() const;
+
+ private:
+  struct Source;
+  void follow(Source& source, const std::stop_token& stop);
+  Addresses all() const;
+
+  std::vector<std::unique_ptr<Source>> sources_;
+  Changed changed_;
+  mutable std::mutex mutex_;
+  std::condition_variable_any wanted_;
+  uint64_t times_wanted_ = 0;
+  std::vector<std::jthread> threads_;  // last: they use what is above
+};
+
+}  // namespace itn

@@ -1,0 +1,113 @@
+#!/usr/bin/env bash
+# Workers on two hosts (network namespaces) behind a name whose addresses change during a run: one
+# that joins gets renders, and a link that goes down loses nothing. The dataset is the same, bit for
+# bit, as one that is rendered without workers.
+set -euo pipefail
+source "$ITN_SOURCE/tests/e2e/support.sh"
+
+client=itn-client-$$ host_a=itn-a-$$ host_b=itn-b-$$
+remove_network() {
+  local namespace
+  for namespace in "$client" "$host_a" "$host_b"; do
+    ip netns delete "$namespace" 2>/dev/null || true
+  done
+  rm -rf "/etc/netns/$client"
+}
+trap 'clean_up; remove_network' EXIT
+
+# host NAMESPACE NUMBER: a host at 10.213.NUMBER.2, with a link of its own to the client.
+host() {
+  ip netns add "$1"
+  ip link add "veth$2" netns "$client" type veth peer name eth0 netns "$1"
+  ip -n "$client" address add "10.213.$2.1/24" dev "veth$2"
+  ip -n "$1" address add "10.213.$2.2/24" dev eth0
+  ip -n "$client" link set "veth$2" up
+  ip -n "$1" link set eth0 up
+}
+if ! { ip netns add "$client" && host "$host_a" 1 && host "$host_b" 2 &&
+  ip -n "$client" link set lo up && mkdir -p "/etc/netns/$client"; } 2>"$folder/network.log"; then
+  echo "SKIPPED: no network namespaces here: $(tail -n 1 "$folder/network.log")"
+  exit 77
+fi
+
+# name ADDRESS...: what the name "workers" means to the client from now on.
+name() {
+  { echo "127.0.0.1 localhost" && printf '%s workers\n' "$@"; } >"/etc/netns/$client/hosts"
+}
+name 10.213.1.2
+
+dataset=(--count 150 --resolution 48 --spp 48 --seed 5)
+itn dataset "$folder/expected" "${dataset[@]}" 2>/dev/null
+
+insecure=()
+itn-worker --help | grep -q -- --insecure && insecure=(--insecure)
+# worker NAMESPACE NUMBER: its process is then in $server.
+worker() {
+  ip netns exec "$1" itn-worker --listen "10.213.$2.2:50051" --threads 1 --log-level warning \
+    "${insecure[@]}" >"$folder/worker$2.address" &
+  server=$!
+  servers+=("$server")
+  until_true "worker $2 listens" test -s "$folder/worker$2.address"
+}
+
+# until_true WHAT COMMAND...: waits until the command succeeds, for two minutes at most.
+until_true() {
+  local what=$1 i
+  shift
+  for i in {1..12000}; do
+    "$@" && return
+    kill -0 "${run:-$$}" 2>/dev/null || fail "the run ended before $what: $(tail -n 3 "$folder/log")"
+    sleep 0.01
+  done
+  fail "$what: not within two minutes"
+}
+images() { find "$folder/dataset" -name '*.exr' 2>/dev/null | wc -l; }
+more_images_than() { (($(images) > $1)); }
+said() { grep -q -- "$1" "$folder/log"; }
+cpu_ticks() { awk '{ print $14 + $15 }' "/proc/$1/stat"; }
+works() { (($(cpu_ticks "$1") > $2)); }
+milliseconds() { echo $(($(date +%s%N) / 1000000)); }
+
+worker "$host_a" 1
+worker_a=$server
+worker "$host_b" 2
+worker_b=$server
+
+ip netns exec "$client" itn dataset "$folder/dataset" "${dataset[@]}" \
+  --workers dns:///workers:50051 2>"$folder/log" &
+run=$!
+servers+=("$run")
+until_true "the first images" more_images_than 3
+
+# The name gets a second address. What a worker uses before its first render is its start.
+idle=$(cpu_ticks "$worker_b")
+begin=$(milliseconds)
+name 10.213.1.2 10.213.2.2
+until_true "a worker that joins renders" works "$worker_b" $((idle + 5))
+joined=$(($(milliseconds) - begin))
+
+# The link to the first worker goes down: its renders are heard of no more.
+begin=$(milliseconds)
+ip -n "$client" link set veth1 down
+seen=$(images)
+until_true "the loss of the link is noticed" said "10.213.1.2:50051: .* the render goes to\|renders it, too"
+noticed=$(($(milliseconds) - begin))
+until_true "images after that" more_images_than "$seen"
+recovered=$(($(milliseconds) - begin))
+
+# It comes back, and the worker with it.
+busy=$(cpu_ticks "$worker_a")
+begin=$(milliseconds)
+ip -n "$client" link set veth1 up
+until_true "the first worker renders again" works "$worker_a" $((busy + 5))
+back=$(($(milliseconds) - begin))
+
+# The name loses the second address: that worker gets nothing more.
+name 10.213.1.2
+until_true "the second worker has left" said "worker 10.213.2.2:50051 is not on the list any more"
+
+wait "$run" || fail "the run: $(tail -n 3 "$folder/log")"
+diff -r "$folder/expected" "$folder/dataset" >"$folder/differences" ||
+  fail "another dataset: $(head -n 3 "$folder/differences")"
+echo "the same $(images) images; joined after $joined ms; link down: noticed after $noticed ms," \
+  "an image more after $recovered ms; link up: renders again after $back ms"
