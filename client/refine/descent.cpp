@@ -149,16 +149,16 @@ bool Descent::is_under_way() const {
 
 Descent::Step Descent::newton_step() const {
   const ScoreTest all = test(), renders = render_test();
-  const ScoreTest::Profile best = all.best_step(trust_);
+  const Vector best = all.best_step(trust_);
   const Vector nowhere = Vector::Zero(anchor_.size());
-  const double length = best.step.norm();
+  const double length = best.norm();
   if (!std::isfinite(length)) return {.taken = nowhere};
   const auto per_coordinate = [&](double gain) {
     return std::sqrt(std::max(0.0, gain) / static_cast<double>(anchor_.size()));
   };
-  return {.taken = best.step * std::min(1.0, trust_ / length),
-          .over_noise = per_coordinate(renders.statistic(nowhere) - renders.statistic(best.step)),
-          .over_uncertainty = per_coordinate(all.statistic(nowhere) - best.statistic)};
+  return {.taken = best * std::min(1.0, trust_ / length),
+          .over_noise = per_coordinate(renders.statistic(nowhere) - renders.statistic(best)),
+          .over_uncertainty = per_coordinate(all.height(nowhere, trust_) - all.height(best, trust_))};
 }
 
 // Kingma and Ba, "Adam: a method for stochastic optimization", ICLR 2015.
@@ -183,10 +183,14 @@ void Descent::plan(const Step& step, double deviation, double share) {
     spp_ = std::min(2 * spp_, settings_.max_spp());
     return;
   }
-  if (step.over_noise > kNoiseStep && step.over_uncertainty > kSmallStep) return;
-  if (samples_ >= settings_.max_spp()) end_ = v1::RefineResult::MAX_SPP;
-  if (deviation <= settings_.tolerance()) end_ = v1::RefineResult::TOLERANCE;
-  if (share <= kRenderShare) end_ = v1::RefineResult::NOISE_OF_IMAGE;
+  const bool is_there = step.over_noise <= kNoiseStep || step.over_uncertainty <= kSmallStep;
+  if (is_there) {
+    if (samples_ >= settings_.max_spp()) end_ = v1::RefineResult::MAX_SPP;
+    if (deviation <= settings_.tolerance()) end_ = v1::RefineResult::TOLERANCE;
+    if (share <= kRenderShare) end_ = v1::RefineResult::NOISE_OF_IMAGE;
+  }
+  // Newton's method leaves about the square of a step: so few samples would see but noise of it.
+  if (!is_there && step.over_noise * step.taken.norm() > kNoiseStep) return;
   // Samples that are missing, if the variance falls with their number.
   const double wanted = samples_ * share / ((1 - std::min(share, 0.99)) * kRenderShare);
   const double growth = std::clamp((wanted - samples_) / spp_, 2.0, kMostGrowth);

@@ -61,15 +61,20 @@ ScoreTest::Profile ScoreTest::profile(double along, double precision) const {
   return profile;
 }
 
-ScoreTest::Profile ScoreTest::best_step(double length) const {
+double ScoreTest::height(const Vector& step, double length) const {
+  return statistic(step) + std::log(score_covariance(step).determinant()) +
+         step.squaredNorm() / (length * length);
+}
+
+Vector ScoreTest::best_step(double length) const {
   constexpr int kIntervals = 40, kThirds = 16;
-  const double precision = 1 / (length * length);
-  const auto height = [&](double along) { return profile(along, precision).statistic; };
+  const auto step = [&](double along) { return profile(along, 1 / (length * length)).step; };
+  const auto height_at = [&](double along) { return height(step(along), length); };
   // The lowest of some places, and then the lowest between its neighbours.
   const double spacing = 2 * length / kIntervals;
-  double lowest = 0, least = height(0);
+  double lowest = 0, least = height_at(0);
   for (int i = 0; i <= kIntervals; ++i) {
-    const double along = i * spacing - length, here = height(along);
+    const double along = i * spacing - length, here = height_at(along);
     if (here < least) {
       least = here;
       lowest = along;
@@ -78,13 +83,13 @@ ScoreTest::Profile ScoreTest::best_step(double length) const {
   double low = lowest - spacing, high = lowest + spacing;
   for (int i = 0; i < kThirds; ++i) {
     const double third = (high - low) / 3;
-    if (height(low + third) < height(high - third)) {
+    if (height_at(low + third) < height_at(high - third)) {
       high -= third;
     } else {
       low += third;
     }
   }
-  return profile((low + high) / 2, precision);
+  return step((low + high) / 2);
 }
 
 }  // namespace itn

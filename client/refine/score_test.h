@@ -37,9 +37,12 @@ class ScoreTest {
 
   double statistic(const Vector& step) const;  // Q(d)
 
-  // That of the least Q(d) + |d|^2 / length^2, up to `length` along kRidge: the best guess of where
-  // the answer lies for one who expects it about `length` away in every coordinate.
-  Profile best_step(double length) const;
+  // -2 ln of the likelihood of a step times the Gaussian of one who expects it about `length` long in
+  // every coordinate: Q(d) + ln det S(d) + |d|^2 / length^2. Without the determinant, to go far where
+  // H is noise would seem to explain everything.
+  double height(const Vector& step, double length) const;
+  // About the step of the least height, no farther than `length` along kRidge.
+  Vector best_step(double length) const;
 
   // logit g: the others are those that an image tells well, whatever it is.
   static constexpr Eigen::Index kRidge = 2;
