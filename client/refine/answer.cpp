@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <cmath>
-#include <functional>
 #include <string>
 
 #include "client/refine/coordinates.h"
@@ -12,28 +11,13 @@
 namespace itn {
 namespace {
 
-using Place = std::vector<double>;
-using Quantity = std::function<double(const Place&)>;
-
-constexpr double kNormal90 = 1.6448536269514722, kNormal95 = 1.959963984540054;
+constexpr double kNormal95 = 1.959963984540054;
 
 double logit(double u) {
   return std::log(u / (1 - u));
 }
 double logistic(double v) {
   return 1 / (1 + std::exp(-v));
-}
-
-Place gradient(const Quantity& quantity, const Place& x) {
-  constexpr double kStep = 1e-5;
-  Place result;
-  for (size_t c = 0; c < x.size(); ++c) {
-    Place low = x, high = x;
-    low[c] -= kStep;
-    high[c] += kStep;
-    result.push_back((quantity(high) - quantity(low)) / (2 * kStep));
-  }
-  return result;
 }
 
 // A quantity on a scale on which its distribution is taken for a Gaussian.
@@ -49,24 +33,34 @@ const Scale kCosine{[](double v) { return logit((1 + v) / 2); },
                     [](double s) { return 2 * logistic(s) - 1; },
                     [](double v) { return (1 - v * v) / 2; }};
 
-v1::RefinedParameter parameter(const Quantity& quantity, const Scale& scale, const Place& x,
-                               const SmallMatrix& covariance) {
-  const double value = quantity(x);
-  const auto on_scale = [&](const Place& at) { return scale.to(quantity(at)); };
-  const double middle = scale.to(value);
-  const double deviation = std::sqrt(quadratic_form(covariance, gradient(on_scale, x)));
+v1::RefinedParameter parameter(const Quantity& quantity, const Scale& scale, const Region& region) {
+  const Quantity on_scale = [&](const Vector& x) { return scale.to(quantity(x)); };
+  const auto [low_90, high_90] = range(region, on_scale, kQuantile90);
+  const auto [low_95, high_95] = range(region, on_scale, kQuantile95);
+  const double value = quantity(region.answer);
   v1::RefinedParameter result;
   result.set_value(value);
-  result.set_standard_deviation(deviation * scale.slope(value));
-  result.set_low_90(scale.from(middle - kNormal90 * deviation));
-  result.set_high_90(scale.from(middle + kNormal90 * deviation));
-  result.set_low_95(scale.from(middle - kNormal95 * deviation));
-  result.set_high_95(scale.from(middle + kNormal95 * deviation));
+  result.set_standard_deviation((high_95 - low_95) / (2 * kNormal95) * scale.slope(value));
+  result.set_low_90(scale.from(low_90));
+  result.set_high_90(scale.from(high_90));
+  result.set_low_95(scale.from(low_95));
+  result.set_high_95(scale.from(high_95));
   return result;
 }
 
-Quantity of_material(double (*value)(const Material&)) {
-  return [value](const Place& x) { return value(material_at(x)); };
+v1::RefinedParameter parameter(double (*value)(const Material&), const Scale& scale,
+                               const Region& region) {
+  return parameter([value](const Vector& x) { return value(material_at(x)); }, scale, region);
+}
+
+double sigma_t(const Material& m) {
+  return m.sigma_t;
+}
+double albedo(const Material& m) {
+  return m.albedo;
+}
+double g(const Material& m) {
+  return m.g;
 }
 
 std::string with_interval(const v1::RefinedParameter& p) {
@@ -108,24 +102,27 @@ void add_remarks(v1::RefineResult& result) {
 
 }  // namespace
 
-v1::RefineResult answer_of(std::span<const double> coordinates, const SmallMatrix& covariance) {
-  const Place x(coordinates.begin(), coordinates.end());
-  const auto of = [&](double (*value)(const Material&), const Scale& scale) {
-    return parameter(of_material(value), scale, x, covariance);
-  };
+Eigen::Vector3d readable_deviations(const Region& region) {
+  const v1::RefinedParameter of_sigma_t = parameter(sigma_t, kPositive, region);
+  return {of_sigma_t.standard_deviation() / of_sigma_t.value(),
+          parameter(albedo, kFraction, region).standard_deviation(),
+          parameter(g, kCosine, region).standard_deviation()};
+}
+
+v1::RefineResult answer_of(const Region& region) {
+  const Vector& x = region.answer;
   v1::RefineResult result;
   *result.mutable_material() = to_proto(material_at(x));
-  *result.mutable_sigma_t() = of([](const Material& m) { return m.sigma_t; }, kPositive);
-  *result.mutable_albedo() = of([](const Material& m) { return m.albedo; }, kFraction);
-  *result.mutable_g() = of([](const Material& m) { return m.g; }, kCosine);
-  *result.mutable_sigma_a() = of([](const Material& m) { return m.sigma_a(); }, kPositive);
+  *result.mutable_sigma_t() = parameter(sigma_t, kPositive, region);
+  *result.mutable_albedo() = parameter(albedo, kFraction, region);
+  *result.mutable_g() = parameter(g, kCosine, region);
+  *result.mutable_sigma_a() =
+      parameter([](const Material& m) { return m.sigma_a(); }, kPositive, region);
   *result.mutable_sigma_s_reduced() =
-      of([](const Material& m) { return m.sigma_s_reduced(); }, kPositive);
-  if (x.size() > 3) {
-    *result.mutable_exposure() =
-        parameter([](const Place& at) { return exposure_at(at); }, kPositive, x, covariance);
-  }
-  const SmallMatrix readable = sandwich(readable_jacobian(x), covariance);
+      parameter([](const Material& m) { return m.sigma_s_reduced(); }, kPositive, region);
+  if (x.size() > 3) *result.mutable_exposure() = parameter(exposure_at, kPositive, region);
+  const Matrix jacobian = readable_jacobian(x);
+  const Matrix readable = jacobian * region.covariance * jacobian.transpose();
   for (const auto& [i, j] : {std::pair{0, 1}, {0, 2}, {1, 2}}) {
     result.add_correlations(readable(i, j) / std::sqrt(readable(i, i) * readable(j, j)));
   }

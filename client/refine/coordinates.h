@@ -3,10 +3,8 @@
 // the third, and the logarithm of the exposure if it is unknown.
 #pragma once
 
-#include <span>
-#include <vector>
-
 #include "client/refine/evidence.h"
+#include "client/refine/matrix.h"
 #include "common/material.h"
 
 namespace itn {
@@ -15,16 +13,16 @@ namespace itn {
 inline constexpr double kLeastSigmaT = 1e-3, kMostSigmaT = 1e4;  // in 1/mm
 
 // Three coordinates. The material is moved inside of what there are coordinates for.
-std::vector<double> coordinates_of(const Material& material);
+Vector coordinates_of(const Material& material);
 
-Material material_at(std::span<const double> coordinates);
-double exposure_at(std::span<const double> coordinates);
-Viewpoint viewpoint_at(std::span<const double> coordinates);
+Material material_at(const Vector& coordinates);
+double exposure_at(const Vector& coordinates);
+Viewpoint viewpoint_at(const Vector& coordinates);
 
 // Moves coordinates to the nearest that a material can have.
-void keep_inside(std::vector<double>& coordinates);
+void keep_inside(Vector& coordinates);
 
 // d (ln sigma_t, albedo, g, ln exposure) / d coordinates.
-SmallMatrix readable_jacobian(std::span<const double> coordinates);
+Matrix readable_jacobian(const Vector& coordinates);
 
 }  // namespace itn

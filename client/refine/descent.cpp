@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "client/refine/answer.h"
 #include "common/error.h"
 #include "common/random.h"
 
@@ -15,6 +16,8 @@ constexpr double kMostTrust = 0.7;
 constexpr double kHalfMemory = 0.05;
 // Likewise of instruments, which need not be exact.
 constexpr double kHalfInstruments = 0.4;
+// Steps along the similarity ridge, which change an image little, count less.
+constexpr double kAlongRidge = 0.25;
 // Of the variance of the answer, the part that noise of the renders may be at the end: it widens
 // the intervals by a twentieth.
 constexpr double kRenderShare = 0.1;
@@ -25,33 +28,15 @@ constexpr double kNoiseStep = 1.6;
 constexpr double kSmallStep = 0.2;
 // A loss that rose by more standard errors than this did rise.
 constexpr double kRise = 4;
-// An answer with larger standard deviations, of ln sigma_t, albedo or g, may come from equations
-// that are singular but for noise: it is given so many times the samples before it is taken.
-constexpr double kPoor = 0.25, kPatience = 3;
 // Samples grow at most by this factor from one iteration to the next.
 constexpr double kMostGrowth = 16;
 
-double squared_length(std::span<const double> v) {
-  double sum = 0;
-  for (const double x : v) sum += x * x;
-  return sum;
-}
-
-bool is_finite(const SmallMatrix& matrix) {
-  return std::ranges::all_of(matrix.values(), [](double v) { return std::isfinite(v); });
-}
-
 // The largest part, over ln sigma_t, albedo and g, of the variance that is noise of the renders.
-double render_share(const SmallMatrix& all, const SmallMatrix& renders) {
-  double share = 0;
-  for (size_t i = 0; i < 3; ++i) share = std::max(share, renders(i, i) / all(i, i));
-  return share;
-}
-
-double largest_deviation(const SmallMatrix& readable) {
-  double largest = 0;
-  for (size_t i = 0; i < 3; ++i) largest = std::max(largest, std::sqrt(readable(i, i)));
-  return largest;
+double render_share(const Matrix& readable, const Matrix& all, const Matrix& renders) {
+  const auto variances = [&](const Matrix& covariance) {
+    return (readable * covariance * readable.transpose()).diagonal().head(3).array().eval();
+  };
+  return (variances(renders) / variances(all)).maxCoeff();
 }
 
 }  // namespace
@@ -59,7 +44,7 @@ double largest_deviation(const SmallMatrix& readable) {
 // One render of each image, and what they say together.
 struct Descent::Sight {
   std::vector<Evidence::Look> looks;
-  std::vector<double> x;
+  Vector x;
   Equations equations;
   double loss = 0, loss_standard_error = 0, loss_of_noise = 0;
   double cpu_seconds = 0;
@@ -89,7 +74,8 @@ Descent::Sight Descent::look(const Synthesize& synthesize, uint64_t seed) {
   Sight sight;
   sight.x = x_;
   if (settings_.unknown_exposure() && x_.size() == 3) {
-    sight.x.push_back(std::log(evidence_[0].exposure(syntheses[0])));
+    sight.x.conservativeResize(4);
+    sight.x[3] = std::log(evidence_[0].exposure(syntheses[0]));
   }
   sight.equations = Equations(sight.x.size());
   double squares = 0, variance = 0, energy = 0, noise = 0;
@@ -112,14 +98,15 @@ Descent::Sight Descent::look(const Synthesize& synthesize, uint64_t seed) {
 void Descent::take(const Sight& sight) {
   // What was seen from the last place, as it is seen from here.
   double memory = 0, long_memory = 0;
-  std::vector<double> moved(sight.x.size());
+  Vector moved = Vector::Zero(sight.x.size());
   if (samples_ > 0) {
-    moved = sight.x;
-    for (size_t c = 0; c < moved.size(); ++c) moved[c] -= anchor_[c];
-    memory = 1 / (1 + std::pow(squared_length(moved) / (kHalfMemory * kHalfMemory), 2));
-    long_memory = 1 / (1 + squared_length(moved) / (kHalfInstruments * kHalfInstruments));
-    const std::vector<double> bent = equations_.curvature * moved;
-    for (size_t c = 0; c < moved.size(); ++c) equations_.gradient[c] -= bent[c];
+    moved = sight.x - anchor_;
+    Vector counted = moved;
+    counted[ScoreTest::kRidge] *= kAlongRidge;
+    const double squared = counted.squaredNorm();
+    memory = 1 / (1 + std::pow(squared / (kHalfMemory * kHalfMemory), 2));
+    long_memory = 1 / (1 + squared / (kHalfInstruments * kHalfInstruments));
+    equations_.gradient -= equations_.curvature * moved;
   } else {
     equations_ = Equations(sight.x.size());
   }
@@ -134,84 +121,76 @@ void Descent::take(const Sight& sight) {
   loss_of_noise_ = sight.loss_of_noise;
 }
 
-SmallMatrix Descent::covariance() const {
-  const SmallMatrix back = inverse(equations_.curvature);
-  const std::vector<double> step = back * equations_.gradient;
-  SmallMatrix scores(step.size());
-  for (const Evidence& evidence : evidence_) scores += evidence.score_covariance(step);
-  return sandwich(back, scores);
+ScoreTest Descent::test() const {
+  const Eigen::Index n = equations_.gradient.size();
+  Matrix moments = Matrix::Zero(n + n * n, n + n * n);
+  for (const Evidence& evidence : evidence_) moments += evidence.moments();
+  return {equations_.curvature, equations_.gradient, moments};
+}
+
+// Of the noise of the renders alone.
+ScoreTest Descent::render_test() const {
+  const Eigen::Index n = equations_.gradient.size();
+  Matrix moments = Matrix::Zero(n + n * n, n + n * n);
+  for (const Evidence& evidence : evidence_) moments += evidence.moments();
+  moments.topRows(n).setZero();
+  moments.leftCols(n).setZero();
+  moments.topLeftCorner(n, n) = equations_.render_noise;
+  return {equations_.curvature, equations_.gradient, moments};
+}
+
+Region Descent::region() const {
+  return region_about(x_, anchor_, test());
 }
 
 bool Descent::is_under_way() const {
-  const std::vector<double> step = inverse(equations_.curvature) * equations_.gradient;
-  const double squared = quadratic_form(inverse(covariance()), step);
-  return squared > static_cast<double>(step.size());
-}
-
-SmallMatrix Descent::render_covariance() const {
-  return sandwich(inverse(equations_.curvature), equations_.render_noise);
+  return test().statistic(x_ - anchor_) > static_cast<double>(x_.size());
 }
 
 Descent::Step Descent::newton_step() const {
-  Step step;
-  const SmallMatrix noise = render_covariance();
-  step.full = inverse(equations_.curvature) * equations_.gradient;
-  const size_t n = step.full.size();
-  step.over_noise = std::sqrt(quadratic_form(inverse(noise), step.full) / static_cast<double>(n));
-  SmallMatrix spread = noise;
-  for (size_t c = 0; c < n; ++c) spread(c, c) += trust_ * trust_;
-  step.taken = inverse(spread) * step.full;
-  for (double& t : step.taken) t *= trust_ * trust_;
-  const double length = std::sqrt(squared_length(step.taken));
-  if (!std::isfinite(length)) {
-    step.taken.assign(n, 0);
-    step.over_noise = 0;
-  } else if (length > trust_) {
-    for (double& t : step.taken) t *= trust_ / length;
-  }
-  return step;
+  const ScoreTest all = test(), renders = render_test();
+  const Vector best = all.best_step(trust_);
+  const Vector nowhere = Vector::Zero(anchor_.size());
+  const double length = best.norm();
+  if (!std::isfinite(length)) return {.taken = nowhere};
+  const auto per_coordinate = [&](double gain) {
+    return std::sqrt(std::max(0.0, gain) / static_cast<double>(anchor_.size()));
+  };
+  return {.taken = best * std::min(1.0, trust_ / length),
+          .over_noise = per_coordinate(renders.statistic(nowhere) - renders.statistic(best)),
+          .over_uncertainty = per_coordinate(all.height(nowhere, trust_) - all.height(best, trust_))};
 }
 
 // Kingma and Ba, "Adam: a method for stochastic optimization", ICLR 2015.
-Descent::Step Descent::adam_step(std::span<const double> gradient) {
+Descent::Step Descent::adam_step(const Vector& gradient) {
   constexpr double kFirst = 0.9, kSecond = 0.999, kTiny = 1e-30;
-  const size_t n = gradient.size();
-  first_moment_.resize(n);
-  second_moment_.resize(n);
-  Step step{.full = std::vector<double>(n), .taken = {}};
-  for (size_t c = 0; c < n; ++c) {
-    first_moment_[c] = kFirst * first_moment_[c] + (1 - kFirst) * gradient[c];
-    second_moment_[c] = kSecond * second_moment_[c] + (1 - kSecond) * gradient[c] * gradient[c];
-    const double mean = first_moment_[c] / (1 - std::pow(kFirst, iterations_));
-    const double square = second_moment_[c] / (1 - std::pow(kSecond, iterations_));
-    step.full[c] = settings_.learning_rate() * mean / (std::sqrt(square) + kTiny);
+  if (first_moment_.size() == 0) {
+    first_moment_ = second_moment_ = Vector::Zero(gradient.size());
   }
-  step.taken = step.full;
-  return step;
+  first_moment_ = kFirst * first_moment_ + (1 - kFirst) * gradient;
+  second_moment_ = kSecond * second_moment_ + (1 - kSecond) * gradient.cwiseAbs2();
+  const Vector mean = first_moment_ / (1 - std::pow(kFirst, iterations_));
+  const Vector square = second_moment_ / (1 - std::pow(kSecond, iterations_));
+  return {.taken = settings_.learning_rate() *
+                   (mean.array() / (square.array().sqrt() + kTiny)).matrix()};
 }
 
 // Whether to go on, and with how many samples.
-void Descent::plan(const Step& step) {
+void Descent::plan(const Step& step, double deviation, double share) {
   if (iterations_ >= settings_.max_iterations()) end_ = v1::RefineResult::MAX_ITERATIONS;
   if (is_adam()) return;
-  const SmallMatrix jacobian = readable_jacobian(anchor_);
-  const SmallMatrix renders = sandwich(jacobian, render_covariance());
-  const SmallMatrix all = sandwich(jacobian, covariance());
-  if (!is_finite(all) || !is_finite(renders)) {
+  if (!std::isfinite(share)) {
     spp_ = std::min(2 * spp_, settings_.max_spp());
     return;
   }
-  const double uncertain = std::sqrt(quadratic_form(inverse(covariance()), step.full) /
-                                     static_cast<double>(step.full.size()));
-  if (step.over_noise > kNoiseStep && uncertain > kSmallStep) return;
-  const double share = render_share(all, renders);
-  const double deviation = largest_deviation(all);
-  const bool poor = !(deviation <= kPoor);
-  if (samples_ >= (poor ? kPatience : 1) * settings_.max_spp()) {
-    end_ = v1::RefineResult::MAX_SPP;
+  const bool is_there = step.over_noise <= kNoiseStep || step.over_uncertainty <= kSmallStep;
+  if (is_there) {
+    if (samples_ >= settings_.max_spp()) end_ = v1::RefineResult::MAX_SPP;
+    if (deviation <= settings_.tolerance()) end_ = v1::RefineResult::TOLERANCE;
+    if (share <= kRenderShare) end_ = v1::RefineResult::NOISE_OF_IMAGE;
   }
-  if (!poor && deviation <= settings_.tolerance()) end_ = v1::RefineResult::TOLERANCE;
-  if (!poor && share <= kRenderShare) end_ = v1::RefineResult::NOISE_OF_IMAGE;
+  // Newton's method leaves about the square of a step: so few samples would see but noise of it.
+  if (!is_there && step.over_noise * step.taken.norm() > kNoiseStep) return;
   // Samples that are missing, if the variance falls with their number.
   const double wanted = samples_ * share / ((1 - std::min(share, 0.99)) * kRenderShare);
   const double growth = std::clamp((wanted - samples_) / spp_, 2.0, kMostGrowth);
@@ -244,22 +223,35 @@ v1::RefineIteration Descent::step(const Synthesize& synthesize, uint64_t seed) {
     trust_ = std::min(2 * trust_, kMostTrust);
   }
   const Step step = is_adam() ? adam_step(sight.equations.gradient) : newton_step();
-  x_ = anchor_;
-  for (size_t c = 0; c < x_.size(); ++c) x_[c] += step.taken[c];
+  x_ = anchor_ + step.taken;
   keep_inside(x_);
   told.set_step_over_noise(step.over_noise);
-  const SmallMatrix jacobian = readable_jacobian(anchor_);
-  const SmallMatrix all = sandwich(jacobian, covariance());
-  const SmallMatrix renders = sandwich(jacobian, render_covariance());
-  for (size_t i = 0; i < 3; ++i) {
-    told.add_standard_deviations(std::sqrt(all(i, i)));
-    told.add_render_standard_deviations(std::sqrt(renders(i, i)));
-  }
-  plan(step);
+  const Eigen::Vector3d deviations = readable_deviations(region());
+  for (const double deviation : deviations) told.add_standard_deviations(deviation);
+  const double share =
+      render_share(readable_jacobian(anchor_), test().covariance(), render_test().covariance());
+  told.set_render_share(share);
+  plan(step, deviations.maxCoeff(), share);
   return told;
 }
 
 // ---- State -----------------------------------------------------------------------------------
+
+namespace {
+
+using Numbers = google::protobuf::RepeatedField<double>;
+
+Vector vector_of(const Numbers& numbers) {
+  return Eigen::Map<const Vector>(numbers.data(), numbers.size());
+}
+
+// As many numbers as a square has.
+Matrix square_of(const Numbers& numbers) {
+  const auto side = static_cast<Eigen::Index>(std::lround(std::sqrt(numbers.size())));
+  return Eigen::Map<const Matrix>(numbers.data(), side, side);
+}
+
+}  // namespace
 
 v1::RefineStartState Descent::state() const {
   v1::RefineStartState state;
@@ -275,9 +267,9 @@ v1::RefineStartState Descent::state() const {
   state.set_loss_standard_error(loss_standard_error_);
   state.set_loss_of_noise(loss_of_noise_);
   for (const Evidence& evidence : evidence_) *state.add_images() = evidence.state();
-  set(state.mutable_curvature(), equations_.curvature.values());
+  set(state.mutable_curvature(), equations_.curvature.reshaped<Eigen::RowMajor>());
   set(state.mutable_gradient(), equations_.gradient);
-  set(state.mutable_render_noise(), equations_.render_noise.values());
+  set(state.mutable_render_noise(), equations_.render_noise.reshaped<Eigen::RowMajor>());
   set(state.mutable_first_moment(), first_moment_);
   set(state.mutable_second_moment(), second_moment_);
   return state;
@@ -286,17 +278,18 @@ v1::RefineStartState Descent::state() const {
 Descent::Descent(const v1::RefineSettings& settings, std::span<const Observation> observations,
                  const v1::RefineStartState& state)
     : Descent(settings, observations, Material{}) {
-  const auto n = static_cast<size_t>(state.coordinates_size());
-  const size_t seen = state.samples() > 0 ? n : 0;
+  const int n = state.coordinates_size();
+  const int seen = state.samples() > 0 ? n : 0;
   const bool fits = (n == 3 || (n == 4 && settings.unknown_exposure())) &&
                     state.images_size() == static_cast<int>(observations.size()) &&
-                    state.anchor_size() == static_cast<int>(seen) &&
-                    state.gradient_size() == static_cast<int>(seen) &&
-                    state.curvature_size() == static_cast<int>(seen * seen) &&
-                    state.render_noise_size() == static_cast<int>(seen * seen);
+                    state.anchor_size() == seen && state.gradient_size() == seen &&
+                    state.curvature_size() == seen * seen &&
+                    state.render_noise_size() == seen * seen &&
+                    (state.first_moment_size() == 0 || state.first_moment_size() == n) &&
+                    state.second_moment_size() == state.first_moment_size();
   if (!fits) throw invalid_input("the state of the refinement is damaged");
-  x_.assign(state.coordinates().begin(), state.coordinates().end());
-  anchor_.assign(state.anchor().begin(), state.anchor().end());
+  x_ = vector_of(state.coordinates());
+  anchor_ = vector_of(state.anchor());
   spp_ = state.spp();
   iterations_ = state.iterations();
   end_ = state.end();
@@ -306,15 +299,13 @@ Descent::Descent(const v1::RefineSettings& settings, std::span<const Observation
   loss_standard_error_ = state.loss_standard_error();
   loss_of_noise_ = state.loss_of_noise();
   for (size_t i = 0; i < evidence_.size(); ++i) {
-    evidence_[i].restore(state.images(static_cast<int>(i)), n);
+    evidence_[i].restore(state.images(static_cast<int>(i)), static_cast<size_t>(n));
   }
-  equations_.curvature =
-      SmallMatrix::of(std::vector<double>(state.curvature().begin(), state.curvature().end()));
-  equations_.gradient.assign(state.gradient().begin(), state.gradient().end());
-  equations_.render_noise = SmallMatrix::of(
-      std::vector<double>(state.render_noise().begin(), state.render_noise().end()));
-  first_moment_.assign(state.first_moment().begin(), state.first_moment().end());
-  second_moment_.assign(state.second_moment().begin(), state.second_moment().end());
+  equations_.curvature = square_of(state.curvature());
+  equations_.gradient = vector_of(state.gradient());
+  equations_.render_noise = square_of(state.render_noise());
+  first_moment_ = vector_of(state.first_moment());
+  second_moment_ = vector_of(state.second_moment());
 }
 
 }  // namespace itn

@@ -6,21 +6,24 @@
 
 #include "client/refine/coordinates.h"
 #include "client/refine/evidence.h"
+#include "client/refine/matrix.h"
 #include "client/refine/observation.h"
-#include "client/refine/small_matrix.h"
+#include "client/refine/region.h"
+#include "client/refine/score_test.h"
 #include "common/material.h"
 #include "itn/v1/refine.pb.h"
 
 namespace itn {
 
-// Gauss-Newton, whose steps are as long as their noise lets them be trusted: with the covariance C
-// of the full step, as far as it is noise of the renders, the step taken is
+// Gauss-Newton, whose steps are as long as their noise lets them be trusted: the step d taken has
+// the least
 //
-//   trust^2 (trust^2 + C)^-1 H^-1 s,
+//   (s - H d)' R(d)^-1 (s - H d) + |d|^2 / trust^2,
 //
-// the best guess of where the answer lies for one who expects it about `trust` away in every
-// coordinate, and no longer than that. So a direction that the image hardly tells is not gone
-// along until there are samples enough (the similarity ridge), while quiet steps are Newton's. A
+// R the covariance of s - H d as far as it is noise of the renders: the best guess of where the
+// answer lies for one who expects it about `trust` away in every coordinate, and it is no longer
+// than that. So a direction that the image hardly tells is not gone along until there are samples
+// enough (the similarity ridge), while quiet steps are Newton's. A
 // step after which the loss is higher is taken back, and the trust reduced (Levenberg-Marquardt).
 // Evidence of earlier iterations counts with that of the new one, the less the farther it came
 // from. A step within its own noise calls for more samples.
@@ -44,10 +47,9 @@ class Descent {
   // Of the part of that loss that the image's own noise explains; 0 if it is not known.
   double loss_of_noise() const { return loss_of_noise_; }
 
-  // The answer as it stands, and its covariance: in all, and the part that is noise of the renders.
-  const std::vector<double>& answer() const { return x_; }
-  SmallMatrix covariance() const;
-  SmallMatrix render_covariance() const;
+  const Vector& answer() const { return x_; }  // as it stands
+  // Where else it may be.
+  Region region() const;
   // Whether the last iteration was still farther from where the equations lead than that is
   // uncertain.
   bool is_under_way() const;
@@ -56,15 +58,17 @@ class Descent {
 
  private:
   struct Step {
-    std::vector<double> full, taken;
-    double over_noise = 0;
+    Vector taken;
+    double over_noise = 0, over_uncertainty = 0;
   };
   struct Sight;
   Sight look(const Synthesize& synthesize, uint64_t seed);
   void take(const Sight& sight);
   Step newton_step() const;
-  Step adam_step(std::span<const double> gradient);
-  void plan(const Step& step);
+  Step adam_step(const Vector& gradient);
+  ScoreTest test() const;
+  ScoreTest render_test() const;
+  void plan(const Step& step, double deviation, double share);
 
   bool is_adam() const { return settings_.method() == v1::RefineSettings::ADAM; }
 
@@ -72,12 +76,12 @@ class Descent {
   std::span<const Observation> observations_;
   std::vector<Evidence> evidence_;
   Equations equations_;
-  std::vector<double> x_, anchor_;
+  Vector x_, anchor_;
   double samples_ = 0;
   double trust_ = 1;
   double loss_ = 0, loss_standard_error_ = 0, loss_of_noise_ = 0;
   uint32_t spp_ = 0, iterations_ = 0;
-  std::vector<double> first_moment_, second_moment_;
+  Vector first_moment_, second_moment_;
   v1::RefineResult::End end_ = v1::RefineResult::UNFINISHED;
 };
 

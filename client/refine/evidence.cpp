@@ -65,7 +65,7 @@ Plane at_pixels(std::span<const float> image, std::span<const uint32_t> pixels) 
 
 Equations scaled(Equations equations, double factor) {
   equations.curvature *= factor;
-  for (double& value : equations.gradient) value *= factor;
+  equations.gradient *= factor;
   equations.render_noise *= factor * factor;
   return equations;
 }
@@ -73,7 +73,7 @@ Equations scaled(Equations equations, double factor) {
 void add(const Equations& terms, double factor, Equations& sum) {
   const Equations counted = scaled(terms, factor);
   sum.curvature += counted.curvature;
-  for (size_t c = 0; c < sum.gradient.size(); ++c) sum.gradient[c] += counted.gradient[c];
+  sum.gradient += counted.gradient;
   sum.render_noise += counted.render_noise;
 }
 
@@ -228,7 +228,7 @@ Evidence::Look Evidence::look(const Synthesis& synthesis, uint32_t spp, const Vi
     return plain ? result : smoothed(smoothed(result));
   };
 
-  look.equations = Equations(coordinates);
+  look.equations = Equations(static_cast<Eigen::Index>(coordinates));
   look.scores.assign(coordinates, Plane(count));
   look.slopes.assign(coordinates * coordinates, Plane(count));
   std::vector<std::vector<Plane>> scores;       // by estimate, coordinate, pixel
@@ -308,8 +308,7 @@ Evidence::Look Evidence::look(const Synthesis& synthesis, uint32_t spp, const Vi
   return look;
 }
 
-void Evidence::take(const Look& look, std::span<const double> moved, double memory,
-                    double long_memory) {
+void Evidence::take(const Look& look, const Vector& moved, double memory, double long_memory) {
   const size_t coordinates = look.scores.size(), count = pixels_.size();
   if (samples_ == 0) {
     radiance_.assign(count, 0);
@@ -331,7 +330,7 @@ void Evidence::take(const Look& look, std::span<const double> moved, double memo
   for (size_t s = 0; s < slopes_.size(); ++s) mix(slopes_[s], memory, look.slopes[s]);
 }
 
-std::vector<std::vector<double>> Evidence::scores_after(std::span<const double> step) const {
+std::vector<std::vector<double>> Evidence::scores_after(const Vector& step) const {
   std::vector<Plane> scores = scores_;
   for (size_t c = 0; c < scores.size(); ++c) {
     for (size_t d = 0; d < scores.size(); ++d) {
@@ -341,15 +340,17 @@ std::vector<std::vector<double>> Evidence::scores_after(std::span<const double> 
   return scores;
 }
 
-SmallMatrix Evidence::score_covariance(std::span<const double> step) const {
-  const std::vector<Plane> scores = scores_after(step);
-  SmallMatrix sum(scores.size());
-  for (size_t c = 0; c < scores.size(); ++c) {
-    for (size_t d = 0; d < scores.size(); ++d) {
-      for (size_t i = 0; i < pixels_.size(); ++i) sum(c, d) += scores[c][i] * scores[d][i];
+Matrix Evidence::moments() const {
+  const auto count = static_cast<Eigen::Index>(pixels_.size());
+  const auto coordinates = static_cast<Eigen::Index>(scores_.size());
+  Eigen::MatrixXd terms(count, coordinates * (1 + coordinates));
+  Eigen::Index column = 0;
+  for (const std::vector<Plane>* planes : {&scores_, &slopes_}) {
+    for (const Plane& plane : *planes) {
+      terms.col(column++) = Eigen::Map<const Vector>(plane.data(), count);
     }
   }
-  return sum;
+  return terms.transpose() * terms;
 }
 
 // ---- State -----------------------------------------------------------------------------------

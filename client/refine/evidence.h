@@ -22,8 +22,8 @@
 #include <span>
 #include <vector>
 
+#include "client/refine/matrix.h"
 #include "client/refine/observation.h"
-#include "client/refine/small_matrix.h"
 #include "itn/v1/refine.pb.h"
 
 namespace itn {
@@ -31,7 +31,7 @@ namespace itn {
 // Where a render is made, in coordinates x: ln sigma_t*, logit albedo*, logit g (UNBOUNDED), and
 // the logarithm of the exposure if it is a coordinate.
 struct Viewpoint {
-  SmallMatrix jacobian;  // 3 x 3: d (sigma_t, albedo, g) / d x
+  Matrix jacobian;  // 3 x 3: d (sigma_t, albedo, g) / d x
   double exposure = 1;
   bool exposure_is_coordinate = false;
 
@@ -40,12 +40,14 @@ struct Viewpoint {
 
 // Sums over the pixels.
 struct Equations {
-  SmallMatrix curvature;         // H
-  std::vector<double> gradient;  // s
-  SmallMatrix render_noise;      // the part of the covariance of s that is noise of the renders
+  Matrix curvature;     // H
+  Vector gradient;      // s
+  Matrix render_noise;  // the part of the covariance of s that is noise of the renders
 
-  explicit Equations(size_t coordinates = 0)
-      : curvature(coordinates), gradient(coordinates), render_noise(coordinates) {}
+  explicit Equations(Eigen::Index coordinates = 0)
+      : curvature(Matrix::Zero(coordinates, coordinates)),
+        gradient(Vector::Zero(coordinates)),
+        render_noise(Matrix::Zero(coordinates, coordinates)) {}
 };
 
 // Of terms that count `factor` times: of a covariance its square.
@@ -80,10 +82,11 @@ class Evidence {
   // Adds it to what was seen before, `moved` in coordinates from here: the scores of that, as they
   // are here, count `memory` times as much as they did, and what instruments are made of, which
   // need not be exact, `long_memory` times.
-  void take(const Look& look, std::span<const double> moved, double memory, double long_memory);
+  void take(const Look& look, const Vector& moved, double memory, double long_memory);
 
-  // S of all that was taken, each look's scores times its samples, this step away from here.
-  SmallMatrix score_covariance(std::span<const double> step) const;
+  // Of all that was taken, each look's terms times its samples: sums of the products of each
+  // pixel's terms of s and of H, row by row (client/refine/score_test.h).
+  Matrix moments() const;
 
   // Of image over render, the ratio of their sums.
   double exposure(const Synthesis& synthesis);
@@ -96,7 +99,7 @@ class Evidence {
   void choose_pixels(std::span<const float> coverage);
   void weigh_pixels();
   double inverse_variance(double radiance) const;
-  std::vector<std::vector<double>> scores_after(std::span<const double> step) const;
+  std::vector<std::vector<double>> scores_after(const Vector& step) const;
   std::vector<double> smoothed(const std::vector<double>& values) const;
 
   const Observation& observation_;

@@ -68,9 +68,9 @@ std::vector<Material> starts_around(const Material& start, size_t count) {
   constexpr double kRoot = 1.2207440846057596;
   constexpr double kSpread = 3;
   std::vector<Material> starts{start};
-  const std::vector<double> middle = coordinates_of(start);
+  const Vector middle = coordinates_of(start);
   for (size_t i = 1; i < count; ++i) {
-    std::vector<double> x = middle;
+    Vector x = middle;
     for (size_t c = 0; c < 3; ++c) {
       const double place = 0.5 + static_cast<double>(i) / std::pow(kRoot, c + 1);
       x[c] += kSpread * (place - std::floor(place) - 0.5);
@@ -186,7 +186,7 @@ v1::RefineResult Refinement::result() const {
   if (trajectory_.empty()) throw Error(ErrorKind::kInternal, "no iteration was made");
   const size_t chosen = best();
   const Descent& descent = descents_[chosen];
-  v1::RefineResult result = answer_of(descent.answer(), descent.covariance());
+  v1::RefineResult result = answer_of(descent.region());
   result.set_end(descent.end());
   result.set_iterations(descent.iterations());
   result.set_total_iterations(static_cast<uint32_t>(trajectory_.size()));

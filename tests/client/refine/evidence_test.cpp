@@ -82,13 +82,13 @@ TEST(Evidence, ScoreIsZeroAtTheTruthAndKnowsItsNoise) {
     const Observation observation = model.observe(kTruth, 0.1, 1000 + i);
     Evidence evidence(observation, v1::RefineSettings::NOISE);
     const Evidence::Look first = evidence.look(model.render(kTruth, 16, 9000 + i), 16, at, false);
-    const std::vector<double> nowhere(3);
+    const Vector nowhere = Vector::Zero(3);
     evidence.take(first, nowhere, 1, 1);
     const Evidence::Look second = evidence.look(model.render(kTruth, 64, 5000 + i), 64, at, false);
     evidence.take(second, nowhere, 0, 0);  // its scores alone
     for (size_t c = 0; c < 3; ++c) {
       scores[c].push_back(second.equations.gradient[c]);
-      stated[c].push_back(evidence.score_covariance(nowhere)(c, c) / (64 * 64));
+      stated[c].push_back(evidence.moments()(c, c) / (64 * 64));
     }
   }
   for (size_t c = 0; c < 3; ++c) {

@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "client/refine/coordinates.h"
-#include "client/refine/small_matrix.h"
 #include "tests/client/refine/synthetic_model.h"
 #include "tests/support/expect_error.h"
 
@@ -32,15 +31,6 @@ v1::RefineResult refined(const SyntheticModel& model, const std::vector<Observat
 
 bool has(const v1::RefinedParameter& p, double truth) {
   return p.low_95() <= truth && truth <= p.high_95();
-}
-
-TEST(SmallMatrix, InverseTimesMatrixIsOne) {
-  const SmallMatrix a = SmallMatrix::of(std::vector<double>{0, 2, 1, 1, 0, 3, 4, -1, 2});
-  const SmallMatrix one = inverse(a) * a;
-  for (size_t i = 0; i < 3; ++i) {
-    for (size_t j = 0; j < 3; ++j) EXPECT_NEAR(one(i, j), i == j ? 1 : 0, 1e-14);
-  }
-  EXPECT_FALSE(std::isfinite(inverse(SmallMatrix(2))(0, 0)));
 }
 
 TEST(Refinement, FindsTheTruthInImagesWithoutNoise) {

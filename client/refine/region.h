@@ -1,0 +1,41 @@
+// The materials that the evidence does not contradict, about an answer.
+#pragma once
+
+#include <functional>
+#include <utility>
+#include <vector>
+
+#include "client/refine/matrix.h"
+#include "client/refine/score_test.h"
+
+namespace itn {
+
+// By coordinates (client/refine/coordinates.h): places side by side along the similarity ridge, at
+// each the best of those across it.
+struct Region {
+  struct Place {
+    Vector x;
+    double statistic = 0;  // above the least; chi-squared of 1 degree of freedom at the truth
+    Matrix covariance;     // across the ridge
+  };
+  Vector answer;
+  std::vector<Place> places;
+  Matrix covariance;  // of all coordinates by linear error propagation: for correlations alone
+};
+
+// `anchor`: where the test was made.
+Region region_about(const Vector& answer, const Vector& anchor, const ScoreTest& test);
+
+using Quantity = std::function<double(const Vector& x)>;
+
+// Central differences.
+Vector gradient(const Quantity& quantity, const Vector& x);
+
+// The least and the largest value of a quantity, of the answer and of what has a statistic of at
+// most `quantile`. The quantity should be one that is about linear across the ridge.
+std::pair<double, double> range(const Region& region, const Quantity& quantity, double quantile);
+
+// The quantiles of chi-squared with 1 degree of freedom.
+inline constexpr double kQuantile90 = 2.705543454095404, kQuantile95 = 3.841458820694124;
+
+}  // namespace itn
