@@ -78,9 +78,8 @@ void add_models_command(CLI::App& app) {
       ->check(number_in(0.01, 3600.0))
       ->needs(predictor)
       ->capture_default_str();
-  command->callback([options] {
-    options->predictor.empty() ? list_shipped() : list_served(*options);
-  });
+  command->callback(
+      [options] { options->predictor.empty() ? list_shipped() : list_served(*options); });
 }
 
 }  // namespace itn

@@ -24,8 +24,8 @@ Predict predictor_here(const std::filesystem::path& model);
 // What the network in this file or folder can answer, for an object of 1 mm. Throws likewise.
 v1::MaterialRange range_of_model(const std::filesystem::path& model);
 
-// By the itn-predictor at HOST:PORT; a call takes no longer than `timeout`. `model` and `version`: as
-// in PredictRequest. More photographs than it takes at a time are asked about in several calls,
+// By the itn-predictor at HOST:PORT; a call takes no longer than `timeout`. `model` and `version`:
+// as in PredictRequest. More photographs than it takes at a time are asked about in several calls,
 // unless they show one material. Throws Error as Connector.
 Predict predictor_at(const std::string& address, const ClientSecurity& security,
                      std::chrono::milliseconds timeout, const std::string& model,

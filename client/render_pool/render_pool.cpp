@@ -41,11 +41,11 @@ struct Member {
   size_t number = 0;  // of the dispatcher
   std::string address;
   std::unique_ptr<RenderWorker> connection;
-  std::stop_source stop;  // it has left, or the pool stops
+  std::stop_source stop;             // it has left, or the pool stops
   std::condition_variable woken_up;  // of parked threads
   std::condition_variable released;  // of one that rests
-  int parked = 0;  // threads that wait for something to do
-  int woken = 0;   // of those that waited, on their way to see what there is
+  int parked = 0;                    // threads that wait for something to do
+  int woken = 0;                     // of those that waited, on their way to see what there is
   int running = 0;
   std::vector<std::jthread> threads;
 
