@@ -35,6 +35,11 @@ struct ServerFlags {
   }
 };
 
+// An empty name, of a variable that was never set for instance, must not leave a server open.
+inline const CLI::Validator kNamesAFile(
+    [](const std::string& path) { return std::string(path.empty() ? "names no file" : ""); }, "",
+    "");
+
 inline void add_security_flags(CLI::App& app, ServerSecurity& security) {
   CLI::Option* const certificate = app.add_option(
       "--tls-cert", security.files.certificate,
@@ -43,15 +48,17 @@ inline void add_security_flags(CLI::App& app, ServerSecurity& security) {
       "made from then on");
   CLI::Option* const key =
       app.add_option("--tls-key", security.files.key, "PEM file of the certificate's private key");
-  certificate->needs(key);
-  key->needs(certificate);
+  certificate->check(kNamesAFile)->needs(key);
+  key->check(kNamesAFile)->needs(certificate);
   app.add_option("--tls-client-ca", security.files.authority,
                  "PEM file of an authority's certificate: clients must show a certificate that "
                  "comes from it (mutual TLS)")
+      ->check(kNamesAFile)
       ->needs(certificate);
   app.add_option("--token-file", security.token_file,
                  "File with a secret of 16 characters at least, or several, one a line: calls must "
-                 "carry one of them. Read again when it has changed");
+                 "carry one of them. Read again when it has changed")
+      ->check(kNamesAFile);
   app.add_flag("--insecure", security.insecure,
                "Listen on addresses that other machines reach without TLS, too: only where "
                "everybody who reaches them is trusted");

@@ -12,7 +12,7 @@ namespace itn {
 
 struct PredictServerOptions {
   std::string listen;  // as in GrpcServerOptions
-  ServerSecurity security;
+  ServerSecurity security = {};
   bool reflection = true;
   uint64_t max_memory_bytes = 0;  // as in RenderServerOptions
   PredictServiceOptions service;

@@ -13,7 +13,7 @@ namespace itn {
 
 struct RenderServerOptions {
   std::string listen;  // as in GrpcServerOptions
-  ServerSecurity security;
+  ServerSecurity security = {};
   bool reflection = true;
   // Of the process, resident; 0: no limit. Lowers the limits of the service to what fits
   // (plan_memory).

@@ -34,6 +34,7 @@ fails 3 "is not that of the certificate" \
   itn-worker --listen 127.0.0.1:0 --tls-cert "$ca/server.pem" --tls-key "$ca/client.key"
 fails 4 "cannot read the certificate" \
   itn-worker --listen 127.0.0.1:0 --tls-cert "$ca/none.pem" --tls-key "$ca/server.key"
+fails 2 "names no file" itn-worker --listen 127.0.0.1:0 --token-file ""
 fails 4 "cannot read the token file" itn-worker --listen 127.0.0.1:0 --token-file "$folder/none"
 
 echo "== Two workers"
