@@ -1,6 +1,7 @@
 #include "common/logging.h"
 
 #include <fmt/format.h>
+#include <spdlog/pattern_formatter.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
@@ -10,7 +11,46 @@
 
 namespace itn {
 
-void set_up_logging(const std::string& level) {
+namespace {
+
+// %* in a pattern: the message, escaped.
+class EscapedMessage final : public spdlog::custom_flag_formatter {
+ public:
+  void format(const spdlog::details::log_msg& message, const std::tm& /*time*/,
+              spdlog::memory_buf_t& line) override {
+    const std::string text = json_escaped({message.payload.data(), message.payload.size()});
+    line.append(text.data(), text.data() + text.size());
+  }
+  std::unique_ptr<custom_flag_formatter> clone() const override {
+    return std::make_unique<EscapedMessage>();
+  }
+};
+
+std::unique_ptr<spdlog::formatter> json_formatter() {
+  auto formatter = std::make_unique<spdlog::pattern_formatter>(spdlog::pattern_time_type::utc);
+  formatter->add_flag<EscapedMessage>('*').set_pattern(
+      R"({"time":"%Y-%m-%dT%H:%M:%S.%eZ","level":"%l","message":"%*"})");
+  return formatter;
+}
+
+}  // namespace
+
+std::string json_escaped(std::string_view text) {
+  std::string escaped;
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (c == '"' || c == '\\') {
+      escaped += {'\\', c};
+    } else if (byte < 0x20 || byte > 0x7e) {
+      escaped += fmt::format("\\u{:04x}", byte);
+    } else {
+      escaped += c;
+    }
+  }
+  return escaped;
+}
+
+void set_up_logging(const std::string& level, LogFormat format) {
   const auto parsed = spdlog::level::from_str(level);
   // spdlog takes a name that it does not know for "off".
   if (parsed == spdlog::level::off && level != "off") {
@@ -22,7 +62,11 @@ void set_up_logging(const std::string& level) {
   auto sink = std::make_shared<spdlog::sinks::stderr_color_sink_mt>(spdlog::color_mode::automatic);
   auto logger = std::make_shared<spdlog::logger>("itn", std::move(sink));
   logger->set_level(parsed);
-  logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %^%l%$ %v");
+  if (format == LogFormat::kJson) {
+    logger->set_formatter(json_formatter());
+  } else {
+    logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %^%l%$ %v");
+  }
   logger->flush_on(spdlog::level::info);
   spdlog::set_default_logger(std::move(logger));
 }

@@ -84,6 +84,7 @@ class Program {
 
   const std::string& address() const { return server_.address(); }
   bool drain(std::chrono::duration<double> patience) { return server_.drain(patience); }
+  v1::ServerStatus status() const { return server_.status(); }
 
  private:
   std::shared_ptr<ModelStore> models_;
@@ -99,6 +100,7 @@ int run(int argc, char** argv) {
     const int processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
     set_torch_threads(options.threads > 0 ? options.threads : processors);
     options.server.max_memory_bytes = options.flags.max_memory_bytes();
+    options.server.service.log_calls = true;
     if (options.models.models.empty() && options.models.folder.empty()) {
       options.models.models.emplace_back();
     }

@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <exception>
+#include <optional>
 #include <string>
 
 #include "common/error.h"
@@ -18,6 +19,7 @@
 #include "common/rpc/grpc_server.h"
 #include "common/rpc/listener.h"
 #include "common/rpc/memory_plan.h"
+#include "common/rpc/metrics_file.h"
 #include "common/rpc/queued_call.h"
 #include "common/rpc/server_security.h"
 #include "common/rpc/shutdown_signal.h"
@@ -29,6 +31,9 @@ struct ServerFlags {
   uint64_t max_memory_mb = 0;  // 0: default_memory()
   double drain_seconds = 30;
   std::string log_level = "info";
+  std::string log_format = "text";
+  std::string metrics_file;  // empty: none
+  double metrics_seconds = 15;
 
   uint64_t max_memory_bytes() const {
     return max_memory_mb == 0 ? default_memory() : max_memory_mb << 20;
@@ -101,13 +106,25 @@ inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t
   app.add_option("--log-level", flags.log_level, "What to log on stderr")
       ->check(one_of({"debug", "info", "warning", "error", "off"}))
       ->capture_default_str();
+  app.add_option("--log-format", flags.log_format,
+                 "Lines for people, or one JSON object a line, with time (UTC), level and message")
+      ->check(one_of({"text", "json"}))
+      ->capture_default_str();
+  const auto metrics = app.add_option(
+      "--metrics-file", flags.metrics_file,
+      "Write the server's status there, for Prometheus (node_exporter's textfile collector reads "
+      "*.prom files of a folder)");
+  app.add_option("--metrics-seconds", flags.metrics_seconds, "How often, in seconds")
+      ->check(number_in(1.0, 86400.0))
+      ->needs(metrics)
+      ->capture_default_str();
   app.set_version_flag("--version", program + " " ITN_VERSION);
 }
 
-// Parses the flags, calls `start`, which returns a pointer to a server with address() and drain(),
-// prints the address as one line on stdout, and waits for SIGTERM or SIGINT; then lets the server
-// finish what is under way. Returns the exit code; if something does not stop, ends the process
-// with that of an interruption.
+// Parses the flags, calls `start`, which returns a pointer to a server with address(), status() and
+// drain(), prints the address as one line on stdout, and waits for SIGTERM or SIGINT; then lets the
+// server finish what is under way. Returns the exit code; if something does not stop, ends the
+// process with that of an interruption.
 template <typename Start>
 int server_main(CLI::App& app, const std::string& program, int argc, char** argv,
                 const ServerFlags& flags, const Start& start) {
@@ -122,9 +139,15 @@ int server_main(CLI::App& app, const std::string& program, int argc, char** argv
     return exit_code(ErrorKind::kUsage);
   }
   try {
-    set_up_logging(flags.log_level);
+    set_up_logging(flags.log_level,
+                   flags.log_format == "json" ? LogFormat::kJson : LogFormat::kText);
     log_libraries_through_spdlog();
     const auto server = start();
+    std::optional<MetricsFile> metrics;
+    if (!flags.metrics_file.empty()) {
+      metrics.emplace(flags.metrics_file, std::chrono::duration<double>(flags.metrics_seconds),
+                      [&] { return server->status(); });
+    }
     std::printf("%s\n", server->address().c_str());
     std::fflush(stdout);
     spdlog::info("{} " ITN_VERSION " listens on {}, takes at most {} MiB of memory", program,

@@ -71,6 +71,7 @@ int run(int argc, char** argv) {
   return server_main(app, "itn-worker", argc, argv, options.flags, [&] {
     options.server.service.limits.max_message_bytes = options.max_message_mb << 20;
     options.server.max_memory_bytes = options.flags.max_memory_bytes();
+    options.server.service.log_calls = true;
     options.server.service.cache_bytes = options.cache_mb << 20;
     return std::make_unique<RenderServer>(options.server);
   });

@@ -1,6 +1,7 @@
 #include "client/predict/predictors.h"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <memory>
 #include <utility>
@@ -11,6 +12,7 @@
 #include "common/learning/predict_reply.h"
 #include "common/learning/predictor.h"
 #include "common/rpc/channel.h"
+#include "common/rpc/request_id.h"
 #include "common/rpc/status.h"
 #include "common/rpc/wire_array.h"
 #include "itn/v1/predict.grpc.pb.h"
@@ -81,7 +83,10 @@ class RemotePredictor {
   grpc::Status call(Method method, const Request& request, Reply& reply) const {
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + timeout_);
-    return ((*stub_).*method)(&context, request, &reply);
+    const std::string name = name_request(context);
+    const grpc::Status status = ((*stub_).*method)(&context, request, &reply);
+    if (!status.ok()) spdlog::debug("request {}: {}", name, status.error_message());
+    return status;
   }
 
   template <typename Request>

@@ -1,9 +1,11 @@
 #include "client/render_pool/worker_connection.h"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include "client/render_pool/reply_check.h"
 #include "common/error.h"
+#include "common/rpc/request_id.h"
 
 namespace itn {
 namespace {
@@ -70,8 +72,11 @@ grpc::Status WorkerConnection::call(const v1::RenderGradRequest& request, millis
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + deadline);
   const std::stop_callback cancel(stop, [&] { context.TryCancel(); });
+  const std::string name = name_request(context);
   reply.Clear();
-  return stub_->RenderGrad(&context, request, &reply);
+  const grpc::Status status = stub_->RenderGrad(&context, request, &reply);
+  if (!status.ok()) spdlog::debug("request {}: {}", name, status.error_message());
+  return status;
 }
 
 }  // namespace itn

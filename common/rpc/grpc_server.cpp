@@ -123,7 +123,8 @@ GrpcServerOptions within_memory(GrpcServerOptions options, uint64_t own_bytes) {
 }
 
 GrpcServer::GrpcServer(const GrpcServerOptions& options, grpc::Service& service,
-                       const std::string& name, std::function<bool()> can_take_work)
+                       const std::string& name, std::function<bool()> can_take_work,
+                       std::initializer_list<grpc::Service*> others)
     : name_(name), can_take_work_(std::move(can_take_work)) {
   grpc::EnableDefaultHealthCheckService(true);
   grpc::ServerBuilder builder;
@@ -132,6 +133,7 @@ GrpcServer::GrpcServer(const GrpcServerOptions& options, grpc::Service& service,
   refuse_compression(builder);
   builder.SetOption(std::make_unique<ReflectionOption>(options.reflection));
   builder.RegisterService(&service);
+  for (grpc::Service* other : others) builder.RegisterService(other);
   if (!options.listen.empty()) {
     credentials_ = make_credentials(options.security);
     const bool open = options.security.encrypts() || options.security.insecure;

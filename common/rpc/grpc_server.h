@@ -10,6 +10,7 @@
 #include <condition_variable>
 #include <cstdint>
 #include <functional>
+#include <initializer_list>
 #include <memory>
 #include <mutex>
 #include <stop_token>
@@ -45,8 +46,10 @@ class GrpcServer {
   // and is not about to stop. Throws Error: kUsage if `listen` is no address, or one that other
   // machines reach although connections are not encrypted and `security.insecure` is not set; kIo
   // if it cannot listen; as make_credentials().
+  // Others, if given, are offered beside it.
   GrpcServer(const GrpcServerOptions& options, grpc::Service& service, const std::string& name,
-             std::function<bool()> can_take_work);
+             std::function<bool()> can_take_work,
+             std::initializer_list<grpc::Service*> others = {});
   // Cancels what is under way.
   ~GrpcServer();
   GrpcServer(const GrpcServer&) = delete;

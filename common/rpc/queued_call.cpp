@@ -7,6 +7,8 @@
 #include <utility>
 
 #include "common/error.h"
+#include "common/printable.h"
+#include "common/rpc/request_id.h"
 #include "common/rpc/status.h"
 
 namespace itn {
@@ -64,6 +66,14 @@ bool CallDesk::drain(duration<double> patience) {
 bool CallDesk::can_take_work() const {
   return !queue_.full() &&
          (options_.memory_bytes == 0 || memory_.used() < options_.memory_bytes / 10 * 9);
+}
+
+void CallDesk::describe(v1::ServerStatus& status) const {
+  status.set_running(running());
+  status.set_waiting(waiting());
+  status.set_most_running(static_cast<uint64_t>(options_.threads));
+  status.set_most_waiting(options_.queue_capacity);
+  statistics_.describe(status);
 }
 
 void CallDesk::add(QueuedCall* call) {
@@ -150,7 +160,34 @@ void QueuedCall::run() {
 // The last thing that a thread of ours does with the call.
 void QueuedCall::finish(const grpc::Status& status) {
   answered_ = Clock::now().time_since_epoch().count();
+  tell(status);
   Finish(status);
+}
+
+void QueuedCall::tell(const grpc::Status& status) {
+  CallRecord record{.method = method(),
+                    .status = status.error_code(),
+                    .times = std::nullopt,
+                    .units = units(),
+                    .unit = unit()};
+  if (const Clock::rep began = began_; began != 0) {
+    const auto seconds = [](Clock::rep from, Clock::rep to) {
+      return duration<double>(Clock::duration(to - from)).count();
+    };
+    record.times = {.queue = seconds(arrived_.time_since_epoch().count(), began),
+                    .work = seconds(began, answered_)};
+  }
+  desk_.statistics_.record(record);
+  if (!desk_.options_.log_calls) return;
+  std::string line = fmt::format("{} {} of {}: {}", method(), request_name(context_),
+                                 printable(context_.peer()), status_name(status.error_code()));
+  if (record.times) {
+    line +=
+        fmt::format(", waited {:.1f} ms, worked {:.1f} ms, {:.0f} {}", 1e3 * record.times->queue,
+                    1e3 * record.times->work, record.units, record.unit);
+  }
+  if (!status.ok()) line += ", " + printable(status.error_message(), 200);
+  desk_.log_.line(line);
 }
 
 grpc::Status QueuedCall::status_of_stop() const {

@@ -15,10 +15,13 @@
 #include <new>
 #include <stop_token>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <unordered_set>
 #include <utility>
 
+#include "common/rpc/call_log.h"
+#include "common/rpc/call_statistics.h"
 #include "common/rpc/job_queue.h"
 #include "common/rpc/memory_budget.h"
 
@@ -36,6 +39,7 @@ struct CallDeskOptions {
   // What else counts as taken of these bytes. From any thread.
   std::function<uint64_t()> memory_beside = [] { return 0; };
   std::chrono::duration<double> max_time;  // of the work on one call; 0: no limit
+  bool log_calls = false;                  // a line for each that is answered
   std::chrono::duration<double> stop_patience = kStopPatience;
 };
 
@@ -61,6 +65,9 @@ class CallDesk {
   size_t running() const { return queue_.running(); }
   size_t waiting() const { return queue_.waiting(); }
 
+  // Sets what it knows of the server's status: its calls.
+  void describe(v1::ServerStatus& status) const;
+
  private:
   friend class QueuedCall;
 
@@ -70,6 +77,8 @@ class CallDesk {
   void watch(const std::stop_token& stop);
 
   const CallDeskOptions options_;
+  CallStatistics statistics_;
+  CallLog log_;
   MemoryBudget memory_;
   mutable std::mutex mutex_;
   std::condition_variable_any changed_;
@@ -100,6 +109,13 @@ class QueuedCall : public grpc::ServerUnaryReactor {
   // with, Error (kCancelled) when a stop was requested. What it allocates is in memory() before.
   virtual grpc::ByteBuffer work(std::stop_token stop) = 0;
 
+  // What the call is, e.g. "RenderGrad"; a constant.
+  virtual std::string_view method() const = 0;
+
+  // What work() has done, e.g. paths that it traced, and in what unit it counts; a constant.
+  virtual double units() const = 0;
+  virtual std::string_view unit() const = 0;
+
   // What work() is at, e.g. "rendering 64 x 64 pixels", for who is told that it took too long. From
   // any thread.
   virtual std::string activity() const = 0;
@@ -114,6 +130,7 @@ class QueuedCall : public grpc::ServerUnaryReactor {
   void enqueue(const grpc::ByteBuffer* request);
   void run();
   void finish(const grpc::Status& status);
+  void tell(const grpc::Status& status);  // statistics and log
   grpc::Status status_of_stop() const;
   void stop(Reason reason);
   void look_at_clock(Clock::time_point now);  // by the watchdog
@@ -124,6 +141,7 @@ class QueuedCall : public grpc::ServerUnaryReactor {
   MemoryBudget::Share memory_;
   std::stop_source stop_;
   std::atomic<Reason> reason_ = Reason::kNone;
+  const Clock::time_point arrived_ = Clock::now();
   // Nanoseconds of Clock; 0: not yet.
   std::atomic<Clock::rep> began_ = 0;
   std::atomic<Clock::rep> answered_ = 0;

@@ -9,10 +9,12 @@
 #include <utility>
 
 #include "common/rpc/grpc_server.h"
+#include "common/rpc/status_service.h"
 
 namespace itn {
 
-// A Service answers its calls at a CallDesk: it has full_name(), can_take_work() and drain().
+// A Service answers its calls at a CallDesk: it has full_name(), can_take_work(), describe() and
+// drain(). Beside it is a StatusService.
 template <typename Service>
 class ServiceServer {
  public:
@@ -21,8 +23,11 @@ class ServiceServer {
   template <typename... Arguments>
   explicit ServiceServer(const GrpcServerOptions& options, Arguments&&... arguments)
       : service_(std::forward<Arguments>(arguments)...),
+        status_(
+            Service::full_name(), [this](v1::ServerStatus& status) { service_.describe(status); },
+            options.process_bytes),
         server_(options, service_, Service::full_name(),
-                [this] { return service_.can_take_work(); }) {}
+                [this] { return service_.can_take_work(); }, {&status_}) {}
   // Stops what is under way and answers it UNAVAILABLE.
   ~ServiceServer() { service_.drain(std::chrono::seconds(0)); }
   ServiceServer(const ServiceServer&) = delete;
@@ -31,12 +36,15 @@ class ServiceServer {
   // HOST:PORT, with the port that was taken.
   const std::string& address() const { return server_.address(); }
 
+  v1::ServerStatus status() const { return status_.status(); }
+
   std::shared_ptr<grpc::Channel> in_process_channel() { return server_.in_process_channel(); }
 
   // Reports NOT_SERVING and answers new requests UNAVAILABLE; returns when those accepted before
   // are answered, or `patience` later, when what is left is stopped and answered UNAVAILABLE, too.
   // False if something does not stop (see CallDesk::drain).
   bool drain(std::chrono::duration<double> patience) {
+    status_.set_draining();
     server_.stop_serving();
     const bool stopped = service_.drain(patience);
     server_.close_connections();
@@ -48,6 +56,7 @@ class ServiceServer {
 
  private:
   Service service_;
+  StatusService status_;
   GrpcServer server_;  // last: it calls the service
 };
 

@@ -137,6 +137,7 @@ class PredictService::Call : public QueuedCall {
   }
 
   std::string activity() const override { return "the prediction"; }
+  std::string_view unit() const override { return "images"; }
 
   uint64_t max_pixels() const { return service_.options_.max_pixels; }
   const Predictor& predictor() const { return *predictor_; }
@@ -152,6 +153,9 @@ class PredictService::PredictCall final : public Call {
   using Call::Call;
 
  private:
+  std::string_view method() const override { return "Predict"; }
+  double units() const override { return 1; }
+
   void accept(const grpc::ByteBuffer& bytes) override {
     parse_checked(bytes, "request", {}, request_);
     check_sizes(request_, max_pixels());
@@ -177,6 +181,9 @@ class PredictService::BatchCall final : public Call {
   using Call::Call;
 
  private:
+  std::string_view method() const override { return "PredictBatch"; }
+  double units() const override { return request_.images_size(); }
+
   void accept(const grpc::ByteBuffer& bytes) override {
     parse_checked(bytes, "request", {{"itn.v1.PredictBatchRequest.images", kMaxBatchImages}},
                   request_);
@@ -222,7 +229,8 @@ PredictService::PredictService(std::shared_ptr<const ModelStore> models,
       desk_({.threads = options.max_batch,
              .queue_capacity = options.queue_capacity,
              .memory_bytes = options.memory_bytes > 0 ? options.memory_bytes - kNetworkBytes : 0,
-             .max_time = std::chrono::seconds(0)}) {}
+             .max_time = std::chrono::seconds(0),
+             .log_calls = options.log_calls}) {}
 
 grpc::ServerUnaryReactor* PredictService::Predict(grpc::CallbackServerContext* context,
                                                   const grpc::ByteBuffer* request,

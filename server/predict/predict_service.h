@@ -25,6 +25,7 @@ struct PredictServiceOptions {
   // Requests worked on at a time, whose images go through the network together.
   int max_batch = 16;
   uint64_t memory_bytes = 0;  // of all requests under way together; 0: no limit
+  bool log_calls = false;     // a line for each that is answered
 };
 
 // The bytes of requests are parsed here, not by gRPC: see RenderService.
@@ -49,6 +50,8 @@ class PredictService final
   static std::string full_name() { return v1::PredictService::service_full_name(); }
 
   bool can_take_work() const { return desk_.can_take_work(); }
+
+  void describe(v1::ServerStatus& status) const { desk_.describe(status); }
 
   // See CallDesk.
   bool drain(std::chrono::duration<double> patience) { return desk_.drain(patience); }

@@ -79,8 +79,13 @@ class RenderService::RenderCall final : public QueuedCall {
     const tracer::FilmSums sums = tracer::render_grad(
         *scene, asked_, {.threads = service_.options_.threads}, std::move(stop));
     log(sums);
+    paths_ = sums.counters.paths;
     return serialized(make_reply(sums, request_));
   }
+
+  std::string_view method() const override { return "RenderGrad"; }
+  double units() const override { return static_cast<double>(paths_); }
+  std::string_view unit() const override { return "paths"; }
 
   std::string activity() const override {
     const Material& m = asked_.material;
@@ -144,6 +149,7 @@ class RenderService::RenderCall final : public QueuedCall {
   uint64_t request_bytes_ = 0;
   SceneCache::ScenePtr scene_;  // of a request that waits and names one: it stays until then
   tracer::RenderRequest asked_;
+  uint64_t paths_ = 0;
   std::atomic<Phase> phase_ = Phase::kScene;
 };
 
@@ -154,7 +160,8 @@ RenderService::RenderService(const RenderServiceOptions& options)
              .queue_capacity = options_.queue_capacity,
              .memory_bytes = options_.memory_bytes,
              .memory_beside = [this] { return cache_.excess(); },
-             .max_time = std::chrono::duration<double>(options_.max_seconds)}) {}
+             .max_time = std::chrono::duration<double>(options_.max_seconds),
+             .log_calls = options_.log_calls}) {}
 
 grpc::ServerUnaryReactor* RenderService::RenderGrad(grpc::CallbackServerContext* context,
                                                     const grpc::ByteBuffer* request,

@@ -22,6 +22,7 @@ struct RenderServiceOptions {
   // cache_bytes; 0: no limit.
   uint64_t memory_bytes = 0;
   double max_seconds = 600;  // of a render, its scene included; 0: no limit
+  bool log_calls = false;    // a line for each that is answered
   RenderLimits limits;
 };
 
@@ -45,6 +46,11 @@ class RenderService final
   bool can_take_work() const { return desk_.can_take_work(); }
   size_t running() const { return desk_.running(); }
   size_t waiting() const { return desk_.waiting(); }
+
+  void describe(v1::ServerStatus& status) const {
+    desk_.describe(status);
+    status.set_scene_bytes(cache_.memory());
+  }
 
   // See CallDesk.
   bool drain(std::chrono::duration<double> patience) { return desk_.drain(patience); }

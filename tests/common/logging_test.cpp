@@ -25,6 +25,18 @@ TEST(Logging, GoesToStderrFromTheLevelOnWithoutColourOffATerminal) {
   EXPECT_EQ(logged("off"), "");
 }
 
+// As a field of what a JSON reader reads.
+TEST(Logging, JsonLinesAreWholeWhateverTheMessage) {
+  ::testing::internal::CaptureStderr();
+  set_up_logging("info", LogFormat::kJson);
+  spdlog::warn("a \"quoted\" back\\slash,\na line and \xc3\xa9");
+  const std::string line = ::testing::internal::GetCapturedStderr();
+  EXPECT_THAT(line, ::testing::ContainsRegex(
+                        "^\\{\"time\":\"20[0-9-]+T[0-9:.]+Z\",\"level\":\"warning\",\"message\":"));
+  EXPECT_THAT(line, ::testing::EndsWith("\"a \\\"quoted\\\" back\\\\slash,\\u000aa line and "
+                                        "\\u00c3\\u00a9\"}\n"));
+}
+
 TEST(Logging, UnknownLevelIsAUsageError) {
   testing::expect_error(ErrorKind::kUsage, {"\"loud\"", "trace, debug, info"},
                         [] { set_up_logging("loud"); });

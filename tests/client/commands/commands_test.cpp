@@ -169,6 +169,37 @@ TEST(ProbeCommand, TellsWhetherAWorkerServes) {
   EXPECT_EQ(run({ITN, "probe", address}).exit_code, 5);
 }
 
+TEST(TopCommand, TellsWhatServersAreAt) {
+  const TemporaryFolder folder;
+  Process process(worker({"--metrics-file", folder.path("itn.prom")}, "info"));
+  const std::string address = process.read_line();
+  const std::string scene = folder.write("scene.textproto", kSceneFile);
+  ASSERT_EQ(run(render(scene, folder.path("out.exr"),
+                       {"--film", "8x6", "--spp", "4", "--workers", address}))
+                .exit_code,
+            0);
+  const Finished table = run({ITN, "top", address, "127.0.0.1:1", "--once"});
+  EXPECT_EQ(table.exit_code, 0) << table.errors;
+  EXPECT_THAT(table.output, AllOf(HasSubstr("RenderGrad"), HasSubstr("work p50")));
+  EXPECT_THAT(table.output, HasSubstr("127.0.0.1:1 "));
+  const Finished json = run({ITN, "top", address + ",127.0.0.1:1", "--once", "--json"});
+  EXPECT_THAT(json.output, AllOf(HasSubstr("{\"address\":\"" + address + "\",\"status\":{"),
+                                 HasSubstr("\"method\":\"RenderGrad\""),
+                                 HasSubstr("{\"address\":\"127.0.0.1:1\",\"failure\":\"")));
+  EXPECT_EQ(run({ITN, "top", "127.0.0.1:1", "--once"}).exit_code, 5);
+  process.send(SIGTERM);
+  EXPECT_THAT(process.read_stderr(), HasSubstr(": OK, waited "));
+  EXPECT_EQ(process.wait(), 0);
+  EXPECT_THAT(content(folder.path("itn.prom")),
+              HasSubstr("itn_calls_total{method=\"RenderGrad\",status=\"OK\"}"));
+}
+
+TEST(Worker, FindsAtOnceThatItsMetricsCannotBeWritten) {
+  const Finished finished = run(worker({"--metrics-file", "/nowhere/itn.prom"}));
+  EXPECT_EQ(finished.exit_code, 4);
+  EXPECT_THAT(finished.errors, HasSubstr("/nowhere/itn.prom"));
+}
+
 TEST(PredictCommand, SaysThatAWorkerIsNoPredictor) {
   const TemporaryFolder folder;
   Image image;

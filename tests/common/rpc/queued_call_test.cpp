@@ -61,6 +61,9 @@ class TestService final
       return serialized(v1::RenderGradReply());
     }
     std::string activity() const override { return "a test"; }
+    std::string_view method() const override { return "RenderGrad"; }
+    double units() const override { return 3; }
+    std::string_view unit() const override { return "tests"; }
 
     TestService& service_;
     grpc::CallbackServerContext& context_;

@@ -837,6 +837,49 @@ TEST_P(Stops, ARenderThatWaits) {
   }));
 }
 
+// However full it is, and without counting as a call.
+TEST(RenderService, TellsItsStatusWhileItIsBusy) {
+  RenderServer server(options_with([](auto& o) { o.queue_capacity = 1; }));
+  Client client(server.in_process_channel());
+  const auto stub = v1::StatusService::NewStub(server.in_process_channel());
+  const auto ask = [&] {
+    grpc::ClientContext context;
+    v1::ServerStatus status;
+    EXPECT_TRUE(stub->GetStatus(&context, {}, &status).ok());
+    return status;
+  };
+  EXPECT_EQ(ask().methods_size(), 0);
+  EXPECT_TRUE(client.call(with_scene(small_request())).status.ok());
+  grpc::ClientContext first, second;
+  auto running = std::async(
+      std::launch::async, [&] { return client.call(first, with_scene(endless_request())).status; });
+  ASSERT_TRUE(testing::eventually([&] { return ask().running() == 1; }));
+  auto waiting = std::async(std::launch::async, [&] {
+    return client.call(second, with_scene(endless_request())).status;
+  });
+  ASSERT_TRUE(testing::eventually([&] { return ask().waiting() == 1; }));
+  EXPECT_EQ(client.call(with_scene(small_request())).status.error_code(), grpc::UNAVAILABLE);
+  const v1::ServerStatus busy = ask();
+  EXPECT_EQ(busy.service(), "itn.v1.RenderService");
+  EXPECT_EQ(busy.most_running(), 1U);
+  EXPECT_EQ(busy.most_waiting(), 1U);
+  EXPECT_GT(busy.scene_bytes(), 0U);
+  EXPECT_GT(busy.resident_bytes(), 1U << 20);
+  first.TryCancel();
+  second.TryCancel();
+  running.wait();
+  waiting.wait();
+  const v1::ServerStatus after = ask();
+  ASSERT_EQ(after.methods_size(), 1);
+  const v1::MethodStatus& method = after.methods(0);
+  EXPECT_EQ(method.method(), "RenderGrad");
+  std::map<std::string, uint64_t> answers;
+  for (const v1::AnswerCount& count : method.answers()) answers[count.status()] = count.count();
+  EXPECT_EQ(answers["OK"], 1U);
+  EXPECT_EQ(answers["UNAVAILABLE"], 1U);
+  EXPECT_GT(method.units(), 0);
+}
+
 // A cache that is too small for a scene keeps it for those who wait for it.
 TEST(RenderService, KeepsTheSceneOfARequestThatWaits) {
   auto options = options_with([](auto& o) {

@@ -1,0 +1,40 @@
+#include "common/rpc/request_id.h"
+
+#include <fmt/format.h>
+
+#include <atomic>
+#include <cstdint>
+#include <random>
+
+#include "common/printable.h"
+#include "common/random.h"
+
+namespace itn {
+namespace {
+
+constexpr const char* kKey = "x-request-id";
+
+// Different in every process.
+uint64_t seed() {
+  std::random_device device;
+  return uint64_t{device()} << 32 | device();
+}
+
+}  // namespace
+
+std::string name_request(grpc::ClientContext& context) {
+  static const uint64_t process = seed();
+  static std::atomic<uint64_t> calls = 0;
+  std::string name = fmt::format("{:016x}", derive_seed(process, {calls++}));
+  context.AddMetadata(kKey, name);
+  return name;
+}
+
+std::string request_name(const grpc::CallbackServerContext& context) {
+  const auto& metadata = context.client_metadata();
+  const auto name = metadata.find(kKey);
+  if (name == metadata.end() || name->second.empty()) return "-";
+  return printable({name->second.data(), name->second.size()}, 40);
+}
+
+}  // namespace itn

@@ -1,0 +1,35 @@
+#include "common/rpc/status_service.h"
+
+#include <utility>
+
+#include "common/rpc/listener.h"
+#include "common/rpc/queued_call.h"
+
+namespace itn {
+
+StatusService::StatusService(std::string name, std::function<void(v1::ServerStatus&)> describe,
+                             uint64_t most_resident_bytes)
+    : name_(std::move(name)),
+      describe_(std::move(describe)),
+      most_resident_bytes_(most_resident_bytes) {}
+
+v1::ServerStatus StatusService::status() const {
+  v1::ServerStatus status;
+  status.set_service(name_);
+  status.set_version(ITN_VERSION);
+  status.set_uptime_seconds(
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count());
+  status.set_draining(draining_);
+  status.set_resident_bytes(resident_memory());
+  status.set_most_resident_bytes(most_resident_bytes_);
+  describe_(status);
+  return status;
+}
+
+grpc::ServerUnaryReactor* StatusService::GetStatus(grpc::CallbackServerContext* context,
+                                                   const v1::GetStatusRequest* /*request*/,
+                                                   v1::ServerStatus* reply) {
+  return answer_at_once(*context, [&] { *reply = status(); });
+}
+
+}  // namespace itn

@@ -1,0 +1,37 @@
+// Tells how a server is doing (status.proto).
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "itn/v1/status.grpc.pb.h"
+
+namespace itn {
+
+class StatusService final : public v1::StatusService::CallbackService {
+ public:
+  // `name`: full, of the service that it tells of. `describe` sets what that one knows of itself;
+  // from any thread. `most_resident_bytes`: of the process; 0: no limit.
+  StatusService(std::string name, std::function<void(v1::ServerStatus&)> describe,
+                uint64_t most_resident_bytes);
+
+  v1::ServerStatus status() const;
+
+  void set_draining() { draining_ = true; }
+
+  grpc::ServerUnaryReactor* GetStatus(grpc::CallbackServerContext* context,
+                                      const v1::GetStatusRequest* request,
+                                      v1::ServerStatus* reply) override;
+
+ private:
+  const std::string name_;
+  const std::function<void(v1::ServerStatus&)> describe_;
+  const uint64_t most_resident_bytes_;
+  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  std::atomic<bool> draining_ = false;
+};
+
+}  // namespace itn

@@ -1,0 +1,124 @@
+#include "common/rpc/metrics_file.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <regex>
+#include <sstream>
+#include <string>
+
+#include "common/error.h"
+#include "common/rpc/call_statistics.h"
+#include "tests/support/expect_error.h"
+#include "tests/support/temporary_folder.h"
+
+namespace itn {
+namespace {
+
+using ::testing::HasSubstr;
+using testing::TemporaryFolder;
+
+v1::ServerStatus busy() {
+  CallStatistics statistics;
+  for (const double work : {0.001, 0.02, 3000.0}) {
+    statistics.record({.method = "RenderGrad",
+                       .status = grpc::StatusCode::OK,
+                       .times = CallRecord::Times{.queue = 0.5, .work = work},
+                       .units = 100,
+                       .unit = "paths"});
+  }
+  v1::ServerStatus status;
+  status.set_service("itn.v1.RenderService");
+  status.set_version("1.2");
+  status.set_running(1);
+  status.set_resident_bytes(1 << 20);
+  statistics.describe(status);
+  return status;
+}
+
+// A reader of the format, strict where it is: every sample belongs to the family before it, and no
+// family comes twice.
+struct Parsed {
+  std::map<std::string, std::string> types;
+  std::map<std::string, double> samples;  // by name and labels
+};
+
+Parsed parse(const std::string& text) {
+  static const std::regex kSample(
+      R"re(([a-z_]+)(\{[a-z]+="[^"]*"(?:,[a-z]+="[^"]*")*\})? ([-+.e0-9]+))re");
+  Parsed parsed;
+  std::istringstream lines(text);
+  std::string family;
+  for (std::string line; std::getline(lines, line);) {
+    std::smatch match;
+    if (line.starts_with("# HELP ")) continue;
+    if (line.starts_with("# TYPE ")) {
+      std::istringstream words(line.substr(7));
+      std::string type;
+      words >> family >> type;
+      EXPECT_TRUE(parsed.types.emplace(family, type).second) << line;
+    } else if (std::regex_match(line, match, kSample)) {
+      std::string name = match[1];
+      if (parsed.types[family] == "histogram") {
+        name = std::regex_replace(name, std::regex("_(bucket|sum|count)$"), "");
+      }
+      EXPECT_EQ(name, family) << line;
+      EXPECT_TRUE(
+          parsed.samples.emplace(match[1].str() + match[2].str(), std::stod(match[3])).second)
+          << line;
+    } else {
+      ADD_FAILURE() << line;
+    }
+  }
+  EXPECT_TRUE(text.ends_with("\n"));
+  return parsed;
+}
+
+TEST(Exposition, IsPrometheusText) {
+  Parsed parsed = parse(exposition(busy()));
+  EXPECT_EQ(parsed.types["itn_calls_total"], "counter");
+  EXPECT_EQ(parsed.types["itn_work_seconds"], "histogram");
+  const std::string method = "method=\"RenderGrad\"";
+  EXPECT_EQ(parsed.samples["itn_calls_total{" + method + ",status=\"OK\"}"], 3);
+  EXPECT_EQ(parsed.samples["itn_work_units_total{" + method + ",unit=\"paths\"}"], 300);
+  EXPECT_EQ(parsed.samples["itn_work_seconds_count{" + method + "}"], 3);
+  EXPECT_EQ(parsed.samples["itn_work_seconds_bucket{" + method + ",le=\"0.0008\"}"], 0);
+  EXPECT_EQ(parsed.samples["itn_work_seconds_bucket{" + method + ",le=\"0.0016\"}"], 1);
+  EXPECT_EQ(parsed.samples["itn_work_seconds_bucket{" + method + ",le=\"0.0256\"}"], 2);
+  EXPECT_EQ(parsed.samples["itn_work_seconds_bucket{" + method + ",le=\"+Inf\"}"], 3);
+  EXPECT_DOUBLE_EQ(parsed.samples["itn_work_seconds_sum{" + method + "}"], 3000.021);
+  EXPECT_EQ(parsed.samples["itn_resident_memory_bytes"], 1 << 20);
+}
+
+TEST(Exposition, OfAServerThatNobodyHasCalled) {
+  EXPECT_EQ(parse(exposition(v1::ServerStatus())).samples.count("itn_calls_running"), 1U);
+}
+
+TEST(MetricsFile, IsThereAtOnceAndAtTheEnd) {
+  const TemporaryFolder folder;
+  const std::string path = folder.path("itn.prom");
+  v1::ServerStatus status = busy();
+  const auto content = [&] {
+    std::ifstream file(path);
+    return std::string(std::istreambuf_iterator<char>(file), {});
+  };
+  {
+    const MetricsFile file(path, std::chrono::hours(1), [&] { return status; });
+    EXPECT_THAT(content(), HasSubstr("itn_calls_running 1\n"));
+    status.set_running(4);
+  }
+  EXPECT_THAT(content(), HasSubstr("itn_calls_running 4\n"));
+}
+
+TEST(MetricsFile, SaysAtOnceThatItCannotBeWritten) {
+  const TemporaryFolder folder;
+  testing::expect_error(ErrorKind::kIo, {"itn.prom"}, [&] {
+    const MetricsFile file(folder.path("nowhere/itn.prom"), std::chrono::hours(1), busy);
+  });
+}
+
+}  // namespace
+}  // namespace itn
