@@ -156,9 +156,10 @@ Descent::Step Descent::newton_step() const {
   const auto per_coordinate = [&](double gain) {
     return std::sqrt(std::max(0.0, gain) / static_cast<double>(anchor_.size()));
   };
-  return {.taken = best * std::min(1.0, trust_ / length),
-          .over_noise = per_coordinate(renders.statistic(nowhere) - renders.statistic(best)),
-          .over_uncertainty = per_coordinate(all.height(nowhere, trust_) - all.height(best, trust_))};
+  return {
+      .taken = best * std::min(1.0, trust_ / length),
+      .over_noise = per_coordinate(renders.statistic(nowhere) - renders.statistic(best)),
+      .over_uncertainty = per_coordinate(all.height(nowhere, trust_) - all.height(best, trust_))};
 }
 
 // Kingma and Ba, "Adam: a method for stochastic optimization", ICLR 2015.

@@ -37,9 +37,9 @@ class ScoreTest {
 
   double statistic(const Vector& step) const;  // Q(d)
 
-  // -2 ln of the likelihood of a step times the Gaussian of one who expects it about `length` long in
-  // every coordinate: Q(d) + ln det S(d) + |d|^2 / length^2. Without the determinant, to go far where
-  // H is noise would seem to explain everything.
+  // -2 ln of the likelihood of a step times the Gaussian of one who expects it about `length` long
+  // in every coordinate: Q(d) + ln det S(d) + |d|^2 / length^2. Without the determinant, to go far
+  // where H is noise would seem to explain everything.
   double height(const Vector& step, double length) const;
   // About the step of the least height, no farther than `length` along kRidge.
   Vector best_step(double length) const;
