@@ -15,18 +15,13 @@
 
 namespace itn {
 
-// Gauss-Newton, whose steps are as long as their noise lets them be trusted: the step d taken has
-// the least
-//
-//   (s - H d)' R(d)^-1 (s - H d) + |d|^2 / trust^2,
-//
-// R the covariance of s - H d as far as it is noise of the renders: the best guess of where the
-// answer lies for one who expects it about `trust` away in every coordinate, and it is no longer
-// than that. So a direction that the image hardly tells is not gone along until there are samples
-// enough (the similarity ridge), while quiet steps are Newton's. A
-// step after which the loss is higher is taken back, and the trust reduced (Levenberg-Marquardt).
-// Evidence of earlier iterations counts with that of the new one, the less the farther it came
-// from. A step within its own noise calls for more samples.
+// Gauss-Newton, whose steps are as long as their noise lets them be trusted: each goes to the best
+// guess of where the answer lies for one who expects it about `trust` away in every coordinate
+// (client/refine/score_test.h), and is no longer than that. So a direction that the image hardly
+// tells is not gone along until there are samples enough (the similarity ridge), while quiet steps
+// are Newton's. A step after which the loss is higher is taken back, and the trust reduced
+// (Levenberg-Marquardt). Evidence of earlier iterations counts with that of the new one, the less
+// the farther it came from. A step within its own noise calls for more samples.
 class Descent {
  public:
   Descent(const v1::RefineSettings& settings, std::span<const Observation> observations,

@@ -65,6 +65,25 @@ TEST(Refinement, IntervalsCoverTheTruth) {
   }
 }
 
+// Where the renders that are allowed hardly tell g, chance must not make it look as if they did,
+// and no run may stray along the ridge, or be long about it.
+TEST(Refinement, IntervalsCoverTheTruthOnTheSimilarityRidge) {
+  constexpr int kImages = 100;
+  SyntheticModel model(1);
+  model.make_similar_materials_alike();
+  int inside = 0;
+  for (uint64_t i = 0; i < kImages; ++i) {
+    v1::RefineSettings settings;
+    settings.set_seed(i);
+    settings.set_max_spp(256);
+    const v1::RefineResult r =
+        refined(model, {model.observe(kTruth, 0.05, 100 + i)}, settings, {{70, 0.75, 0.1}});
+    inside += has(r.sigma_t(), kTruth.sigma_t) && has(r.g(), kTruth.g);
+    EXPECT_LE(r.iterations(), 15U);
+  }
+  EXPECT_GE(inside, 85);
+}
+
 TEST(Refinement, FindsAnUnknownExposureToo) {
   const SyntheticModel model;
   v1::RefineSettings settings;
