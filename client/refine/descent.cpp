@@ -28,8 +28,8 @@ constexpr double kNoiseStep = 1.6;
 constexpr double kSmallStep = 0.2;
 // A loss that rose by more standard errors than this did rise.
 constexpr double kRise = 4;
-// An answer with a larger standard deviation, of ln sigma_t, albedo or g, is given so many times the
-// samples before it is taken.
+// An answer with a larger standard deviation, of ln sigma_t, albedo or g, is given so many times
+// the samples before it is taken.
 constexpr double kPoor = 0.25, kPatience = 3;
 // Samples grow at most by this factor from one iteration to the next.
 constexpr double kMostGrowth = 16;
