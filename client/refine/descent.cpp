@@ -28,9 +28,6 @@ constexpr double kNoiseStep = 1.6;
 constexpr double kSmallStep = 0.2;
 // A loss that rose by more standard errors than this did rise.
 constexpr double kRise = 4;
-// An answer with a larger standard deviation, of ln sigma_t, albedo or g, is given so many times the
-// samples before it is taken.
-constexpr double kPoor = 0.25, kPatience = 3;
 // Samples grow at most by this factor from one iteration to the next.
 constexpr double kMostGrowth = 16;
 
@@ -189,8 +186,7 @@ void Descent::plan(const Step& step, double deviation, double share) {
   }
   const bool is_there = step.over_noise <= kNoiseStep || step.over_uncertainty <= kSmallStep;
   if (is_there) {
-    const double patience = deviation <= kPoor ? 1 : kPatience;
-    if (samples_ >= patience * settings_.max_spp()) end_ = v1::RefineResult::MAX_SPP;
+    if (samples_ >= settings_.max_spp()) end_ = v1::RefineResult::MAX_SPP;
     if (deviation <= settings_.tolerance()) end_ = v1::RefineResult::TOLERANCE;
     if (share <= kRenderShare) end_ = v1::RefineResult::NOISE_OF_IMAGE;
   }
