@@ -186,6 +186,7 @@ void Descent::plan(const Step& step, double deviation, double share) {
   }
   const bool is_there = step.over_noise <= kNoiseStep || step.over_uncertainty <= kSmallStep;
   if (is_there) {
+    // Whatever the deviation is: one that is small by chance must not be what ends it.
     if (samples_ >= settings_.max_spp()) end_ = v1::RefineResult::MAX_SPP;
     if (deviation <= settings_.tolerance()) end_ = v1::RefineResult::TOLERANCE;
     if (share <= kRenderShare) end_ = v1::RefineResult::NOISE_OF_IMAGE;
