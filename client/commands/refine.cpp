@@ -316,10 +316,9 @@ void add_flags(CLI::App& command, RefineOptions& options) {
                   "Samples per pixel and image of the first iteration; default 64")
       ->check(spp_range);
   command
-      .add_option(
-          "--max-spp", options.max_spp,
-          "Samples per pixel and image of an iteration at most; as many behind the answer, "
-          "three times that of a poor one, are enough; default 4096, or --spp if that is more")
+      .add_option("--max-spp", options.max_spp,
+                  "Samples per pixel and image of an iteration at most; as many behind the answer "
+                  "are enough; default 4096, or --spp if that is more")
       ->check(spp_range);
   command
       .add_option("--max-iterations", options.max_iterations, "Of a start; default 40, of adam 150")

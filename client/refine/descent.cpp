@@ -28,9 +28,8 @@ constexpr double kNoiseStep = 1.6;
 constexpr double kSmallStep = 0.2;
 // A loss that rose by more standard errors than this did rise.
 constexpr double kRise = 4;
-// An answer with a larger standard deviation, of ln sigma_t, albedo or g, is given so many times
-// the samples before it is taken.
-constexpr double kPoor = 0.25, kPatience = 3;
+// So often is the answer looked at with the most samples once it does not move any more.
+constexpr uint32_t kMostLooks = 3;
 // Samples grow at most by this factor from one iteration to the next.
 constexpr double kMostGrowth = 16;
 
@@ -189,8 +188,8 @@ void Descent::plan(const Step& step, double deviation, double share) {
   }
   const bool is_there = step.over_noise <= kNoiseStep || step.over_uncertainty <= kSmallStep;
   if (is_there) {
-    const double patience = deviation <= kPoor ? 1 : kPatience;
-    if (samples_ >= patience * settings_.max_spp()) end_ = v1::RefineResult::MAX_SPP;
+    // Whatever the deviation is: one that is small by chance must not be what ends it.
+    if (spp_ == settings_.max_spp() && ++looks_ == kMostLooks) end_ = v1::RefineResult::MAX_SPP;
     if (deviation <= settings_.tolerance()) end_ = v1::RefineResult::TOLERANCE;
     if (share <= kRenderShare) end_ = v1::RefineResult::NOISE_OF_IMAGE;
   }
@@ -267,6 +266,7 @@ v1::RefineStartState Descent::state() const {
   state.set_end(end_);
   state.set_trust(trust_);
   state.set_samples(samples_);
+  state.set_looks(looks_);
   set(state.mutable_anchor(), anchor_);
   state.set_loss(loss_);
   state.set_loss_standard_error(loss_standard_error_);
@@ -300,6 +300,7 @@ Descent::Descent(const v1::RefineSettings& settings, std::span<const Observation
   end_ = state.end();
   trust_ = state.trust();
   samples_ = state.samples();
+  looks_ = state.looks();
   loss_ = state.loss();
   loss_standard_error_ = state.loss_standard_error();
   loss_of_noise_ = state.loss_of_noise();

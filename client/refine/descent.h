@@ -76,6 +76,7 @@ class Descent {
   double trust_ = 1;
   double loss_ = 0, loss_standard_error_ = 0, loss_of_noise_ = 0;
   uint32_t spp_ = 0, iterations_ = 0;
+  uint32_t looks_ = 0;  // with the most samples, where it does not move any more
   Vector first_moment_, second_moment_;
   v1::RefineResult::End end_ = v1::RefineResult::UNFINISHED;
 };
