@@ -41,11 +41,11 @@ struct Member {
   size_t number = 0;  // of the dispatcher
   std::string address;
   std::unique_ptr<RenderWorker> connection;
-  std::stop_source stop;  // it has left, or the pool stops
+  std::stop_source stop;             // it has left, or the pool stops
   std::condition_variable woken_up;  // of parked threads
   std::condition_variable released;  // of one that rests
-  int parked = 0;  // threads that wait for something to do
-  int woken = 0;   // of those that waited, on their way to see what there is
+  int parked = 0;                    // threads that wait for something to do
+  int woken = 0;                     // of those that waited, on their way to see what there is
   int running = 0;
   std::vector<std::jthread> threads;
 
@@ -174,26 +174,28 @@ class RenderPool::Impl {
   // ---- The threads of a worker
   // -------------------------------------------------------------------
 
-  // One attempt after the other.
+  // One attempt after the other, for each of which the lock is taken once: it is what many workers
+  // contend for.
   void serve(Member& member) {
-    while (const std::shared_ptr<Dispatcher::Attempt> attempt = next(member)) {
+    std::shared_ptr<Dispatcher::Attempt> attempt, done;
+    std::unique_lock lock(mutex_);
+    while ((attempt = next(member, lock))) {
+      lock.unlock();
+      done = attempt;  // and what was done before is let go without the lock
       Answer answer = carry_out(member, *attempt);
-      bool look_after = false;
-      {
-        const std::lock_guard lock(mutex_);
-        look_after = dispatcher_.finish(attempt, std::move(answer), Clock::now());
-        wake_parked();
-      }
-      if (look_after) {
-        list_.look_again();
-        bring_up(member);
-      }
+      lock.lock();
+      const bool look_after = dispatcher_.finish(attempt, std::move(answer), Clock::now());
+      wake_parked();
+      if (!look_after) continue;
+      lock.unlock();
+      list_.look_again();
+      bring_up(member);
+      lock.lock();
     }
   }
 
   // Null when the worker has left, or the pool stops.
-  std::shared_ptr<Dispatcher::Attempt> next(Member& member) {
-    std::unique_lock lock(mutex_);
+  std::shared_ptr<Dispatcher::Attempt> next(Member& member, std::unique_lock<std::mutex>& lock) {
     while (!member.stopping()) {
       const Dispatcher::Turn turn = dispatcher_.next(member.number, Clock::now());
       if (turn.attempt) return turn.attempt;
