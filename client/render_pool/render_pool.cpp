@@ -44,6 +44,7 @@ struct Member {
   std::stop_source stop;             // it has left, or the pool stops
   std::condition_variable woken_up;  // of parked threads
   std::condition_variable released;  // of one that rests
+  uint64_t turn = 0;                 // the later it was parked, the higher; no two have the same
   int parked = 0;                    // threads that wait for something to do
   int woken = 0;                     // of those that waited, on their way to see what there is
   int running = 0;
@@ -52,10 +53,11 @@ struct Member {
   bool stopping() const { return stop.stop_requested(); }
 };
 
-// The emptiest first: a job that two could take is the idle one's.
+// The emptiest first: a job that two could take is the idle one's. Of several, the one that has
+// waited longest, so that all are used.
 struct EmptiestFirst {
   bool operator()(const Member* a, const Member* b) const {
-    return std::pair(-a->parked, a->number) < std::pair(-b->parked, b->number);
+    return std::pair(-a->parked, a->turn) < std::pair(-b->parked, b->turn);
   }
 };
 
@@ -265,6 +267,7 @@ class RenderPool::Impl {
 
   void count_parked(Member& member, int more) {
     parked_.erase(&member);
+    member.turn = next_turn_++;
     member.parked += more;
     if (member.parked > 0) parked_.insert(&member);
   }
@@ -341,7 +344,8 @@ class RenderPool::Impl {
   std::map<std::string, std::unique_ptr<Member>> members_;  // by address
   std::vector<std::unique_ptr<Member>> left_;
   std::set<Member*, EmptiestFirst> parked_;  // that have a parked thread
-  size_t woken_ = 0;                         // of all members
+  uint64_t next_turn_ = 0;
+  size_t woken_ = 0;  // of all members
   bool said_who_is_there_ = false;
   bool stopping_ = false;
   std::condition_variable probed_, stopped_;
