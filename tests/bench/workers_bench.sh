@@ -21,7 +21,7 @@ seconds() {
   local begin
   begin=$(date +%s.%N)
   rm -rf "$folder/dataset"
-  itn dataset "$folder/dataset" --count 48 --resolution 64 --spp 128 --seed 3 --workers "$1" \
+  itn dataset "$folder/dataset" --count 64 --resolution 64 --spp 256 --seed 3 --workers "$1" \
     2>"$folder/log" || fail "$(tail -n 3 "$folder/log")"
   awk "BEGIN { print $(date +%s.%N) - $begin }"
 }
