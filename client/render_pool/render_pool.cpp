@@ -44,6 +44,7 @@ struct Member {
   std::stop_source stop;             // it has left, or the pool stops
   std::condition_variable woken_up;  // of parked threads
   std::condition_variable released;  // of one that rests
+  uint64_t turn = 0;                 // the later it was parked, the higher; no two have the same
   int parked = 0;                    // threads that wait for something to do
   int woken = 0;                     // of those that waited, on their way to see what there is
   int running = 0;
@@ -52,10 +53,11 @@ struct Member {
   bool stopping() const { return stop.stop_requested(); }
 };
 
-// The emptiest first: a job that two could take is the idle one's.
+// The emptiest first: a job that two could take is the idle one's. Of several, the one that has
+// waited longest, so that all are used.
 struct EmptiestFirst {
   bool operator()(const Member* a, const Member* b) const {
-    return std::pair(-a->parked, a->number) < std::pair(-b->parked, b->number);
+    return std::pair(-a->parked, a->turn) < std::pair(-b->parked, b->turn);
   }
 };
 
@@ -181,26 +183,28 @@ class RenderPool::Impl {
   // ---- The threads of a worker
   // -------------------------------------------------------------------
 
-  // One attempt after the other.
+  // One attempt after the other, for each of which the lock is taken once: it is what many workers
+  // contend for.
   void serve(Member& member) {
-    while (const std::shared_ptr<Dispatcher::Attempt> attempt = next(member)) {
+    std::shared_ptr<Dispatcher::Attempt> attempt, done;
+    std::unique_lock lock(mutex_);
+    while ((attempt = next(member, lock))) {
+      lock.unlock();
+      done = attempt;  // and what was done before is let go without the lock
       Answer answer = carry_out(member, *attempt);
-      bool look_after = false;
-      {
-        const std::lock_guard lock(mutex_);
-        look_after = dispatcher_.finish(attempt, std::move(answer), Clock::now());
-        wake_parked();
-      }
-      if (look_after) {
-        list_.look_again();
-        bring_up(member);
-      }
+      lock.lock();
+      const bool look_after = dispatcher_.finish(attempt, std::move(answer), Clock::now());
+      wake_parked();
+      if (!look_after) continue;
+      lock.unlock();
+      list_.look_again();
+      bring_up(member);
+      lock.lock();
     }
   }
 
   // Null when the worker has left, or the pool stops.
-  std::shared_ptr<Dispatcher::Attempt> next(Member& member) {
-    std::unique_lock lock(mutex_);
+  std::shared_ptr<Dispatcher::Attempt> next(Member& member, std::unique_lock<std::mutex>& lock) {
     while (!member.stopping()) {
       const Dispatcher::Turn turn = dispatcher_.next(member.number, Clock::now());
       if (turn.attempt) return turn.attempt;
@@ -270,6 +274,7 @@ class RenderPool::Impl {
 
   void count_parked(Member& member, int more) {
     parked_.erase(&member);
+    member.turn = next_turn_++;
     member.parked += more;
     if (member.parked > 0) parked_.insert(&member);
   }
@@ -347,7 +352,8 @@ class RenderPool::Impl {
   std::map<std::string, std::unique_ptr<Member>> members_;  // by address
   std::vector<std::unique_ptr<Member>> left_;
   std::set<Member*, EmptiestFirst> parked_;  // that have a parked thread
-  size_t woken_ = 0;                         // of all members
+  uint64_t next_turn_ = 0;
+  size_t woken_ = 0;  // of all members
   bool said_who_is_there_ = false;
   bool stopping_ = false;
   std::condition_variable probed_, stopped_;

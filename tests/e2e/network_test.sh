@@ -36,8 +36,12 @@ name() {
 }
 name 10.213.1.2
 
-dataset=(--count 150 --resolution 48 --spp 48 --seed 5)
-itn dataset "$folder/expected" "${dataset[@]}" 2>/dev/null
+# A run of some forty seconds with two threads: long enough for all that is to happen.
+begin=$(date +%s%N)
+itn dataset "$folder/trial" --count 20 --resolution 32 --spp 2048 --threads 2 2>/dev/null
+dataset=(--count 200 --resolution 32 --seed 5
+  --spp $((40000000000 / 200 * 20 * 2048 / ($(date +%s%N) - begin))))
+itn dataset "$folder/expected" "${dataset[@]}" --threads 2 2>"$folder/log" || fail "$(tail -n 3 "$folder/log")"
 
 insecure=()
 itn-worker --help | grep -q -- --insecure && insecure=(--insecure)
@@ -86,14 +90,16 @@ name 10.213.1.2 10.213.2.2
 until_true "a worker that joins renders" works "$worker_b" $((idle + 5))
 joined=$(($(milliseconds) - begin))
 
-# The link to the first worker goes down: its renders are heard of no more.
-begin=$(milliseconds)
+# The link to the first worker goes down: its renders are heard of no more. Images are written in
+# their order, so that one which is lost holds up the others until it is rendered elsewhere.
 ip -n "$client" link set veth1 down
-seen=$(images)
-until_true "the loss of the link is noticed" said "10.213.1.2:50051: .* the render goes to\|renders it, too"
-noticed=$(($(milliseconds) - begin))
-until_true "images after that" more_images_than "$seen"
-recovered=$(($(milliseconds) - begin))
+longest=0 last=$(milliseconds) seen=$(images)
+for _ in {1..20}; do
+  until_true "images without the link" more_images_than "$seen"
+  now=$(milliseconds)
+  ((now - last <= longest)) || longest=$((now - last))
+  last=$now seen=$(images)
+done
 
 # It comes back, and the worker with it.
 busy=$(cpu_ticks "$worker_a")
@@ -109,5 +115,5 @@ until_true "the second worker has left" said "worker 10.213.2.2:50051 is not on 
 wait "$run" || fail "the run: $(tail -n 3 "$folder/log")"
 diff -r "$folder/expected" "$folder/dataset" >"$folder/differences" ||
   fail "another dataset: $(head -n 3 "$folder/differences")"
-echo "the same $(images) images; joined after $joined ms; link down: noticed after $noticed ms," \
-  "an image more after $recovered ms; link up: renders again after $back ms"
+echo "the same $(images) images; joined after $joined ms; link down: no image for" \
+  "$longest ms at most; link up: renders again after $back ms"
