@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "client/commands/command.h"
+#include "client/commands/options.h"
 #include "client/output.h"
 #include "common/error.h"
 #include "common/flags.h"
