@@ -114,7 +114,7 @@ until_true "the second worker has left" said "worker 10.213.2.2:50051 is not on 
 
 # end RUN: interrupts it.
 end() {
-  kill -INT "$1"
+  kill -TERM "$1"
   local code=0
   wait "$1" || code=$?
   ((code == 130)) || fail "an interrupted run ended with $code: $(tail -n 3 "$folder/log")"
