@@ -142,10 +142,12 @@ int server_main(CLI::App& app, const std::string& program, int argc, char** argv
     set_up_logging(flags.log_level,
                    flags.log_format == "json" ? LogFormat::kJson : LogFormat::kText);
     log_libraries_through_spdlog();
+    if (!flags.metrics_file.empty()) check_metrics_file(flags.metrics_file);
     const auto server = start();
     std::optional<MetricsFile> metrics;
     if (!flags.metrics_file.empty()) {
-      metrics.emplace(flags.metrics_file, std::chrono::duration<double>(flags.metrics_seconds),
+      metrics.emplace(flags.metrics_file, server->address(),
+                      std::chrono::duration<double>(flags.metrics_seconds),
                       [&] { return server->status(); });
     }
     std::printf("%s\n", server->address().c_str());

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <condition_variable>
 #include <cstdio>
@@ -98,25 +99,25 @@ std::string short_number(double number) {
   return fmt::format("{:.{}f}", number, number < 10 ? 1 : 0);
 }
 
-std::string row(const std::vector<std::string>& cells) {
-  return fmt::format("{:<24}{:<12}{:>9}{:>9}{:>9}{:>9}{:>8}{:>9}{:>9}{:>9}{:>9}{:>14}{:>9}\n",
-                     cells[0], cells[1], cells[2], cells[3], cells[4], cells[5], cells[6], cells[7],
-                     cells[8], cells[9], cells[10], cells[11], cells[12]);
+// `width`: of the first column, as wide as the longest address.
+std::string row(size_t width, const std::vector<std::string>& cells) {
+  return fmt::format("{:<{}}{:<12}{:>9}{:>9}{:>9}{:>9}{:>8}{:>9}{:>9}{:>9}{:>9}{:>14}{:>9}\n",
+                     cells[0], width, cells[1], cells[2], cells[3], cells[4], cells[5], cells[6],
+                     cells[7], cells[8], cells[9], cells[10], cells[11], cells[12]);
 }
 
-std::string header() {
-  return row({"server", "call", "running", "waiting", "OK", "failed", "1/s", "wait p50", "p99",
-              "work p50", "p99", "done/s", "MiB"});
+std::string header(size_t width) {
+  return row(width, {"server", "call", "running", "waiting", "OK", "failed", "1/s", "wait p50",
+                     "p99", "work p50", "p99", "done/s", "MiB"});
 }
 
-std::string rows_of(const v1::ServerStatus& status, const std::string& address) {
+std::string rows_of(const v1::ServerStatus& status, const std::string& name, size_t width) {
   const std::string running = fmt::format("{}/{}", status.running(), status.most_running());
   const std::string waiting = fmt::format("{}/{}", status.waiting(), status.most_waiting());
   const std::string memory = fmt::format("{}", status.resident_bytes() >> 20);
-  const std::string name = printable(address, 23);
   if (status.methods().empty()) {
-    return row({name, status.draining() ? "draining" : "-", running, waiting, "0", "0", "-", "-",
-                "-", "-", "-", "-", memory});
+    return row(width, {name, status.draining() ? "draining" : "-", running, waiting, "0", "0", "-",
+                       "-", "-", "-", "-", "-", memory});
   }
   std::string text;
   for (const v1::MethodStatus& method : status.methods()) {
@@ -124,7 +125,8 @@ std::string rows_of(const v1::ServerStatus& status, const std::string& address) 
     for (const v1::AnswerCount& answers : method.answers()) {
       (answers.status() == "OK" ? ok : failed) += answers.count();
     }
-    text += row({text.empty() ? name : "", printable(method.method(), 11), running, waiting,
+    text += row(width,
+                {text.empty() ? name : "", printable(method.method(), 11), running, waiting,
                  short_number(static_cast<double>(ok)), short_number(static_cast<double>(failed)),
                  short_number(method.lately_per_second()), short_time(method.lately_queue().p50()),
                  short_time(method.lately_queue().p99()), short_time(method.lately_work().p50()),
@@ -136,11 +138,15 @@ std::string rows_of(const v1::ServerStatus& status, const std::string& address) 
 }
 
 std::string table_of(const std::vector<Answer>& answers) {
-  std::string text = header();
+  size_t width = 0;
   for (const Answer& answer : answers) {
-    text += answer.status ? rows_of(*answer.status, answer.address)
-                          : fmt::format("{:<24}{}\n", printable(answer.address, 23),
-                                        printable(answer.failure, 300));
+    width = std::max(width, printable(answer.address).size() + 2);
+  }
+  std::string text = header(width);
+  for (const Answer& answer : answers) {
+    const std::string name = printable(answer.address);
+    text += answer.status ? rows_of(*answer.status, name, width)
+                          : fmt::format("{:<{}}{}\n", name, width, printable(answer.failure, 300));
   }
   return text;
 }

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <exception>
 #include <utility>
 
 #include "common/error.h"
@@ -14,14 +15,16 @@ namespace {
 // One family of samples after the other, as the format wants it.
 class Exposition {
  public:
+  explicit Exposition(std::string labels) : labels_(std::move(labels)) {}
+
   void family(const char* name, const char* type, const char* help) {
     family_ = name;
     text_ += fmt::format("# HELP {0} {2}\n# TYPE {0} {1}\n", name, type, help);
   }
   // `labels`: NAME="VALUE", ...
   void sample(const std::string& labels, double value, const char* suffix = "") {
-    text_ += fmt::format("{}{}{} {}\n", family_, suffix, labels.empty() ? "" : "{" + labels + "}",
-                         value);
+    text_ += fmt::format("{}{}{{{}{}{}}} {}\n", family_, suffix, labels_, labels.empty() ? "" : ",",
+                         labels, value);
   }
   void gauge(const char* name, const char* help, double value) {
     family(name, "gauge", help);
@@ -31,6 +34,7 @@ class Exposition {
   const std::string& text() const { return text_; }
 
  private:
+  const std::string labels_;  // of every sample
   std::string text_;
   std::string family_;
 };
@@ -57,8 +61,8 @@ void add_histogram(Exposition& exposition, const std::string& method,
 
 }  // namespace
 
-std::string exposition(const v1::ServerStatus& status) {
-  Exposition all;
+std::string exposition(const v1::ServerStatus& status, const std::string& server) {
+  Exposition all(label("server", server));
   all.family("itn_info", "gauge", "What this is, as labels.");
   all.sample(label("service", status.service()) + "," + label("version", status.version()), 1);
   all.gauge("itn_uptime_seconds", "Since the start.", status.uptime_seconds());
@@ -100,9 +104,24 @@ std::string exposition(const v1::ServerStatus& status) {
   return all.text();
 }
 
-MetricsFile::MetricsFile(std::filesystem::path path, std::chrono::duration<double> interval,
+void check_metrics_file(const std::filesystem::path& path) {
+  const bool is_other = std::filesystem::exists(path) && !std::filesystem::is_regular_file(path);
+  if (is_stdout(path) || is_other) {
+    throw Error(ErrorKind::kIo,
+                fmt::format("{} is no regular file, which metrics can replace again and again",
+                            path.string()));
+  }
+  check_writable(path);
+}
+
+MetricsFile::MetricsFile(std::filesystem::path path, std::string server,
+                         std::chrono::duration<double> interval,
                          std::function<v1::ServerStatus()> status)
-    : path_(std::move(path)), interval_(interval), status_(std::move(status)) {
+    : path_(std::move(path)),
+      server_(std::move(server)),
+      interval_(interval),
+      status_(std::move(status)) {
+  check_metrics_file(path_);
   write();
   writer_ = std::jthread([this](const std::stop_token& stop) { keep_writing(stop); });
 }
@@ -111,13 +130,13 @@ MetricsFile::~MetricsFile() {
   writer_ = std::jthread();
   try {
     write();
-  } catch (const Error& error) {
+  } catch (const std::exception& error) {
     spdlog::warn("{}", error.what());
   }
 }
 
 void MetricsFile::write() const {
-  write_file_atomically(path_, exposition(status_()));
+  write_file_atomically(path_, exposition(status_(), server_));
 }
 
 void MetricsFile::keep_writing(const std::stop_token& stop) {
@@ -128,7 +147,7 @@ void MetricsFile::keep_writing(const std::stop_token& stop) {
     try {
       write();
       failed_ = false;
-    } catch (const Error& error) {
+    } catch (const std::exception& error) {
       if (!failed_) spdlog::warn("{}", error.what());
       failed_ = true;
     }

@@ -15,14 +15,21 @@
 namespace itn {
 
 // In Prometheus' text format 0.0.4: times in seconds, memory in bytes, counters since the start.
-std::string exposition(const v1::ServerStatus& status);
+// Every sample has the label server="`server`", by which those of several servers of a machine
+// differ.
+std::string exposition(const v1::ServerStatus& status, const std::string& server);
+
+// Throws Error (kIo) if a MetricsFile of this path would: it cannot be written, or is no file that
+// can be replaced.
+void check_metrics_file(const std::filesystem::path& path);
 
 // Written at once, then again and again, and a last time at the end; whole at any time.
 class MetricsFile {
  public:
-  // Throws Error (kIo) if it cannot be written; later, that is logged, once until it can be again.
-  MetricsFile(std::filesystem::path path, std::chrono::duration<double> interval,
-              std::function<v1::ServerStatus()> status);
+  // `server`: as exposition(). Throws Error as check_metrics_file(); later, that is logged, once
+  // until it can be written again.
+  MetricsFile(std::filesystem::path path, std::string server,
+              std::chrono::duration<double> interval, std::function<v1::ServerStatus()> status);
   ~MetricsFile();
 
  private:
@@ -30,6 +37,7 @@ class MetricsFile {
   void keep_writing(const std::stop_token& stop);
 
   const std::filesystem::path path_;
+  const std::string server_;
   const std::chrono::duration<double> interval_;
   const std::function<v1::ServerStatus()> status_;
   bool failed_ = false;

@@ -164,7 +164,8 @@ void QueuedCall::finish(const grpc::Status& status) {
   Finish(status);
 }
 
-void QueuedCall::tell(const grpc::Status& status) {
+// A call is answered even if there is no memory for a line about it.
+void QueuedCall::tell(const grpc::Status& status) noexcept try {
   CallRecord record{.method = method(),
                     .status = status.error_code(),
                     .times = std::nullopt,
@@ -188,6 +189,7 @@ void QueuedCall::tell(const grpc::Status& status) {
   }
   if (!status.ok()) line += ", " + printable(status.error_message(), 200);
   desk_.log_.line(line);
+} catch (const std::bad_alloc&) {
 }
 
 grpc::Status QueuedCall::status_of_stop() const {

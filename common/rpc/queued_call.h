@@ -130,7 +130,7 @@ class QueuedCall : public grpc::ServerUnaryReactor {
   void enqueue(const grpc::ByteBuffer* request);
   void run();
   void finish(const grpc::Status& status);
-  void tell(const grpc::Status& status);  // statistics and log
+  void tell(const grpc::Status& status) noexcept;  // statistics and log
   grpc::Status status_of_stop() const;
   void stop(Reason reason);
   void look_at_clock(Clock::time_point now);  // by the watchdog

@@ -2,11 +2,13 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <atomic>
+#include <cctype>
 #include <cstdint>
 #include <random>
+#include <string_view>
 
-#include "common/printable.h"
 #include "common/random.h"
 
 namespace itn {
@@ -33,8 +35,13 @@ std::string name_request(grpc::ClientContext& context) {
 std::string request_name(const grpc::CallbackServerContext& context) {
   const auto& metadata = context.client_metadata();
   const auto name = metadata.find(kKey);
-  if (name == metadata.end() || name->second.empty()) return "-";
-  return printable({name->second.data(), name->second.size()}, 40);
+  if (name == metadata.end()) return "-";
+  const std::string_view text(name->second.data(), name->second.size());
+  const auto fits = [](char c) {
+    return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '.' || c == '_' || c == '-';
+  };
+  const bool is_name = !text.empty() && text.size() <= 64 && std::ranges::all_of(text, fits);
+  return is_name ? std::string(text) : "?";
 }
 
 }  // namespace itn

@@ -12,7 +12,8 @@ namespace itn {
 // "x-request-id"; returns it.
 std::string name_request(grpc::ClientContext& context);
 
-// What the client calls it, made fit to be shown; "-" if it has no name.
+// What the client calls it; "-" if it has no name, "?" if that is not of 1 to 64 letters, digits,
+// and any of "._-": it is part of a line, and must not look like others.
 std::string request_name(const grpc::CallbackServerContext& context);
 
 }  // namespace itn

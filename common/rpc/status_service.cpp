@@ -4,6 +4,7 @@
 
 #include "common/rpc/listener.h"
 #include "common/rpc/queued_call.h"
+#include "common/rpc/wire_check.h"
 
 namespace itn {
 
@@ -27,9 +28,13 @@ v1::ServerStatus StatusService::status() const {
 }
 
 grpc::ServerUnaryReactor* StatusService::GetStatus(grpc::CallbackServerContext* context,
-                                                   const v1::GetStatusRequest* /*request*/,
-                                                   v1::ServerStatus* reply) {
-  return answer_at_once(*context, [&] { *reply = status(); });
+                                                   const grpc::ByteBuffer* request,
+                                                   grpc::ByteBuffer* reply) {
+  return answer_at_once(*context, [&] {
+    v1::GetStatusRequest nothing;
+    parse_checked(*request, "request", {}, nothing);
+    *reply = serialized(status());
+  });
 }
 
 }  // namespace itn

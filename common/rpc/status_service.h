@@ -11,7 +11,10 @@
 
 namespace itn {
 
-class StatusService final : public v1::StatusService::CallbackService {
+// The bytes of requests are parsed here, not by gRPC, so that their parts are bounded before they
+// are allocated.
+class StatusService final
+    : public v1::StatusService::WithRawCallbackMethod_GetStatus<v1::StatusService::Service> {
  public:
   // `name`: full, of the service that it tells of. `describe` sets what that one knows of itself;
   // from any thread. `most_resident_bytes`: of the process; 0: no limit.
@@ -23,8 +26,8 @@ class StatusService final : public v1::StatusService::CallbackService {
   void set_draining() { draining_ = true; }
 
   grpc::ServerUnaryReactor* GetStatus(grpc::CallbackServerContext* context,
-                                      const v1::GetStatusRequest* request,
-                                      v1::ServerStatus* reply) override;
+                                      const grpc::ByteBuffer* request,
+                                      grpc::ByteBuffer* reply) override;
 
  private:
   const std::string name_;

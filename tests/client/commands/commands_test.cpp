@@ -190,8 +190,9 @@ TEST(TopCommand, TellsWhatServersAreAt) {
   process.send(SIGTERM);
   EXPECT_THAT(process.read_stderr(), HasSubstr(": OK, waited "));
   EXPECT_EQ(process.wait(), 0);
-  EXPECT_THAT(content(folder.path("itn.prom")),
-              HasSubstr("itn_calls_total{method=\"RenderGrad\",status=\"OK\"}"));
+  EXPECT_THAT(
+      content(folder.path("itn.prom")),
+      HasSubstr("itn_calls_total{server=\"" + address + "\",method=\"RenderGrad\",status=\"OK\"}"));
 }
 
 TEST(Worker, FindsAtOnceThatItsMetricsCannotBeWritten) {

@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <fstream>
 #include <iterator>
@@ -78,10 +79,11 @@ Parsed parse(const std::string& text) {
 }
 
 TEST(Exposition, IsPrometheusText) {
-  Parsed parsed = parse(exposition(busy()));
+  Parsed parsed = parse(exposition(busy(), "127.0.0.1:5"));
   EXPECT_EQ(parsed.types["itn_calls_total"], "counter");
   EXPECT_EQ(parsed.types["itn_work_seconds"], "histogram");
-  const std::string method = "method=\"RenderGrad\"";
+  const std::string server = "server=\"127.0.0.1:5\"";
+  const std::string method = server + ",method=\"RenderGrad\"";
   EXPECT_EQ(parsed.samples["itn_calls_total{" + method + ",status=\"OK\"}"], 3);
   EXPECT_EQ(parsed.samples["itn_work_units_total{" + method + ",unit=\"paths\"}"], 300);
   EXPECT_EQ(parsed.samples["itn_work_seconds_count{" + method + "}"], 3);
@@ -90,11 +92,13 @@ TEST(Exposition, IsPrometheusText) {
   EXPECT_EQ(parsed.samples["itn_work_seconds_bucket{" + method + ",le=\"0.0256\"}"], 2);
   EXPECT_EQ(parsed.samples["itn_work_seconds_bucket{" + method + ",le=\"+Inf\"}"], 3);
   EXPECT_DOUBLE_EQ(parsed.samples["itn_work_seconds_sum{" + method + "}"], 3000.021);
-  EXPECT_EQ(parsed.samples["itn_resident_memory_bytes"], 1 << 20);
+  EXPECT_EQ(parsed.samples["itn_resident_memory_bytes{" + server + "}"], 1 << 20);
 }
 
 TEST(Exposition, OfAServerThatNobodyHasCalled) {
-  EXPECT_EQ(parse(exposition(v1::ServerStatus())).samples.count("itn_calls_running"), 1U);
+  EXPECT_EQ(
+      parse(exposition(v1::ServerStatus(), "")).samples.count("itn_calls_running{server=\"\"}"),
+      1U);
 }
 
 TEST(MetricsFile, IsThereAtOnceAndAtTheEnd) {
@@ -106,18 +110,24 @@ TEST(MetricsFile, IsThereAtOnceAndAtTheEnd) {
     return std::string(std::istreambuf_iterator<char>(file), {});
   };
   {
-    const MetricsFile file(path, std::chrono::hours(1), [&] { return status; });
-    EXPECT_THAT(content(), HasSubstr("itn_calls_running 1\n"));
+    const MetricsFile file(path, "a", std::chrono::hours(1), [&] { return status; });
+    EXPECT_THAT(content(), HasSubstr("itn_calls_running{server=\"a\"} 1\n"));
     status.set_running(4);
   }
-  EXPECT_THAT(content(), HasSubstr("itn_calls_running 4\n"));
+  EXPECT_THAT(content(), HasSubstr("itn_calls_running{server=\"a\"} 4\n"));
 }
 
 TEST(MetricsFile, SaysAtOnceThatItCannotBeWritten) {
   const TemporaryFolder folder;
   testing::expect_error(ErrorKind::kIo, {"itn.prom"}, [&] {
-    const MetricsFile file(folder.path("nowhere/itn.prom"), std::chrono::hours(1), busy);
+    const MetricsFile file(folder.path("nowhere/itn.prom"), "a", std::chrono::hours(1), busy);
   });
+  // Nor is anything that would be written into rather than replaced, or that waits for a reader.
+  const std::string fifo = folder.path("fifo");
+  ASSERT_EQ(::mkfifo(fifo.c_str(), 0600), 0);
+  for (const std::string& path : {std::string("-"), fifo}) {
+    testing::expect_error(ErrorKind::kIo, {"regular file"}, [&] { check_metrics_file(path); });
+  }
 }
 
 }  // namespace
