@@ -203,8 +203,8 @@ void check_exports(const PredictOptions& options, const std::vector<std::string>
 
 void check(const PredictOptions& options, const std::vector<std::string>& files) {
   const auto usage = [](const std::string& message) { return Error(ErrorKind::kUsage, message); };
-  if ((options.model || options.flash) && !options.predictor.empty()) {
-    throw usage("give either a model (--model, --flash) or --predictor HOST:PORT");
+  if (options.flash && !options.predictor.empty()) {
+    throw usage("--flash chooses a model here; of a predictor, choose it by --model NAME");
   }
   const PhotographOptions& photographs = options.photographs;
   if (files.size() > 1 && !photographs.mask.empty() && !fs::is_directory(photographs.mask)) {

@@ -171,7 +171,7 @@ TEST(ProbeCommand, TellsWhetherAWorkerServes) {
 
 TEST(TopCommand, TellsWhatServersAreAt) {
   const TemporaryFolder folder;
-  Process process(worker({"--metrics-file", folder.path("itn.prom")}, "info"));
+  Process process(worker({"--metrics-file", folder.path("itn.prom")}, "info"), true);
   const std::string address = process.read_line();
   const std::string scene = folder.write("scene.textproto", kSceneFile);
   ASSERT_EQ(run(render(scene, folder.path("out.exr"),

@@ -850,6 +850,8 @@ TEST(RenderService, TellsItsStatusWhileItIsBusy) {
   };
   EXPECT_EQ(ask().methods_size(), 0);
   EXPECT_TRUE(client.call(with_scene(small_request())).status.ok());
+  // An answered call has its thread for a moment more, in which the next would wait.
+  ASSERT_TRUE(testing::eventually([&] { return ask().running() == 0; }));
   grpc::ClientContext first, second;
   auto running = std::async(
       std::launch::async, [&] { return client.call(first, with_scene(endless_request())).status; });
