@@ -41,6 +41,8 @@ namespace {
 
 constexpr const char* kExperimentName = "experiment.textproto";
 constexpr const char* kRateName = "learning_rate.textproto";
+// To learn what a step of an ITN costs.
+constexpr uint64_t kTrialSteps = 20;
 constexpr const char* kTruth = "truth, rendered again";
 constexpr const char* kConstant = "constant predictor";
 constexpr const char* kSimilarity = "similarity predictor";
@@ -214,6 +216,9 @@ class Study {
   // That take as much processor time as the network that it is to take as long as took for its own
   // steps.
   uint64_t steps_in_time_of(const v1::StudyNetwork& network);
+  // A run whose steps cost as much as those of the network: of an RN the shared start, or another
+  // RN; of an ITN a short one of its own.
+  fs::path run_like(const v1::StudyNetwork& network);
   const v1::StudyNetwork& network_of(const std::string& name) const;
 
   Candidate candidate(const std::string& name, Candidate::Kind kind);
@@ -333,20 +338,28 @@ const v1::StudyNetwork& Study::network_of(const std::string& name) const {
 
 uint64_t Study::steps_in_time_of(const v1::StudyNetwork& network) {
   const double time = read_cost(network_folder(network_of(network.as_long_as()))).cpu_seconds();
-  // A step of the same network with the RN loss: of the shared start, or of the learning rate's
-  // trials.
-  const auto start = start_of_.find(network.name());
-  fs::path like = folder("shared") / (start == start_of_.end() ? "" : start->second.file);
-  if (start == start_of_.end()) {
-    for (const v1::StudyNetwork& other : experiment_.networks()) {
-      if (own_training(experiment_, other, 1).loss() != v1::TrainingConfig::RN) continue;
-      like = network_folder(other);
-      break;
-    }
-  }
-  const v1::NetworkCost cost = read_cost(like);
+  const v1::NetworkCost cost = read_cost(run_like(network));
   const double of_a_step = cost.cpu_seconds() / static_cast<double>(cost.steps());
   return std::max<uint64_t>(1, static_cast<uint64_t>(time / of_a_step));
+}
+
+fs::path Study::run_like(const v1::StudyNetwork& network) {
+  v1::TrainingConfig config = own_training(experiment_, network, rate());
+  const auto start = start_of_.find(network.name());
+  const bool goes_on = start != start_of_.end();
+  if (config.loss() == v1::TrainingConfig::RN) {
+    if (goes_on) return folder("shared") / start->second.file;
+    for (const v1::StudyNetwork& other : experiment_.networks()) {
+      if (own_training(experiment_, other, 1).loss() != v1::TrainingConfig::RN) continue;
+      return network_folder(other);
+    }
+  }
+  const fs::path trial = network_folder(network) / "trial";
+  config.set_steps(kTrialSteps);
+  config.set_warmup_steps(std::min<uint64_t>(config.warmup_steps(), kTrialSteps / 10));
+  train("trial of " + network.name(), trial, config,
+        goes_on ? std::optional(folder("shared") / start->second.file) : std::nullopt, "trial");
+  return trial;
 }
 
 Stage Study::prediction_stage(const v1::StudyNetwork& network) {
