@@ -129,5 +129,25 @@ TEST(ExperimentCommand, DryRunSaysWhatItWillTake) {
   EXPECT_THAT(printed.output, HasSubstr("\nall "));
 }
 
+// Its steps are many times as dear as those of an RN, by which it would take fifty times as many.
+TEST(ExperimentCommand, AnItnAsLongAsAnotherTakesAboutAsManySteps) {
+  const TemporaryFolder folder;
+  const std::string file = run({ITN, "experiment", "--preset", "smoke", "--print-config"}).output;
+  const std::string networks = file.substr(0, file.find("networks {")) + R"(
+    networks { name: "RN" settings { loss: RN } }
+    networks { name: "ITN" settings { loss: ITN spp: 512 } }
+    networks { name: "ITN, as long" settings { loss: ITN spp: 512 } as_long_as: "ITN" })";
+  const Finished finished = run({ITN, "experiment", folder.write("e.textproto", networks).string(),
+                                 "--torch-threads", "1", "-o", folder.path("run")});
+  ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  std::ifstream cost(folder.path("run/networks/itn_as_long/cost.textproto"));
+  std::string name;
+  int steps = 0;
+  cost >> name >> steps;
+  ASSERT_EQ(name, "steps:");
+  EXPECT_GE(steps, 1);
+  EXPECT_LE(steps, 20);  // of 5
+}
+
 }  // namespace
 }  // namespace itn
