@@ -4,8 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
-#include <map>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -145,7 +144,7 @@ std::vector<StageForecast> forecast(const v1::Experiment& experiment, const Rend
                                     uint32_t torch_threads, std::stop_token stop) {
   const ScratchFolder scratch;
   const v1::Experiment small = miniature(experiment);
-  std::map<std::string, double> seconds;  // of the miniature's stages
+  std::map<std::string, double> seconds;
   run_experiment(
       small,
       {.folder = scratch.path(),
@@ -155,8 +154,14 @@ std::vector<StageForecast> forecast(const v1::Experiment& experiment, const Rend
        .report = [&](size_t, const Stage& stage, StageState,
                      const v1::StageRecord& record) { seconds[stage.name] = record.seconds(); },
        .stop = std::move(stop)});
+  return extrapolated(experiment, small, scratch.path(), std::move(seconds));
+}
+
+std::vector<StageForecast> extrapolated(const v1::Experiment& experiment,
+                                        const v1::Experiment& small, const fs::path& run,
+                                        std::map<std::string, double> seconds) {
   const Counts now = counts_of(small.dataset()), then = counts_of(experiment.dataset());
-  const auto folder = [&](const std::string& name) { return scratch.path() / name; };
+  const auto folder = [&](const std::string& name) { return run / name; };
   const auto images = [](const v1::Experiment& e, double test) {
     return std::min<double>(e.rerendering().images(), test);
   };
@@ -164,8 +169,8 @@ std::vector<StageForecast> forecast(const v1::Experiment& experiment, const Rend
   const double validations =
       then.validation / 3 / own_training(experiment, experiment.networks(0), 1).batch();
   // Of so many steps like those of a run of the miniature, with looks at the validation split.
-  const auto training = [&](const fs::path& run, uint64_t steps) {
-    const v1::NetworkCost cost = read_cost(run);
+  const auto training = [&](const fs::path& like, uint64_t steps) {
+    const v1::NetworkCost cost = read_cost(like);
     const double step = cost.seconds() / static_cast<double>(cost.steps());
     const double looks =
         std::ceil(static_cast<double>(steps) / static_cast<double>(experiment.validate_every()));
@@ -191,9 +196,9 @@ std::vector<StageForecast> forecast(const v1::Experiment& experiment, const Rend
       stage.seconds =
           experiment.rate_search().rates_size() * training(like, experiment.rate_search().steps());
     } else if (name.starts_with("shared start ")) {
-      const fs::path run = folder("shared") / name.substr(std::string("shared start ").size());
-      stage.seconds = training(run, experiment.shared_steps());
-      stage.bytes = bytes_in(run);
+      const fs::path like = folder("shared") / name.substr(std::string("shared start ").size());
+      stage.seconds = training(like, experiment.shared_steps());
+      stage.bytes = bytes_in(like);
     } else if (name.starts_with("images of ")) {
       stage.seconds *= images(experiment, then.test) / images(small, now.test);
     } else if (name.starts_with("colours")) {

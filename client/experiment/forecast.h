@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
+#include <map>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -24,5 +26,11 @@ v1::Experiment miniature(const v1::Experiment& experiment);
 // few minutes. Throws as run_experiment().
 std::vector<StageForecast> forecast(const v1::Experiment& experiment, const RenderPoolOptions& pool,
                                     uint32_t torch_threads, std::stop_token stop);
+
+// Likewise, of a miniature that has been run in a folder, and took so many seconds by stage.
+std::vector<StageForecast> extrapolated(const v1::Experiment& experiment,
+                                        const v1::Experiment& small,
+                                        const std::filesystem::path& run,
+                                        std::map<std::string, double> seconds);
 
 }  // namespace itn

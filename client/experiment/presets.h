@@ -165,6 +165,49 @@ networks {
 }
 )";
 
+// Followed by networks (experiment_config.cpp).
+inline constexpr std::string_view kFewShapesExperiment =
+    R"(# What the image term is worth where shapes are few: as many images of 6 shapes as of hundreds, and three
+# seeds. For 22 or 300 shapes: shapes { random { count: 72 } } or 350. 40 of them are the
+# test and 10 the validation, the same images whatever the count.
+dataset {
+  count: 2000
+  resolution: 64
+  noise { target: 0.08 }
+  shapes { random { count: 56 } }
+  test_shapes: [
+    "random-0-0", "random-0-1", "random-0-2", "random-0-3", "random-0-4", "random-0-5", "random-0-6",
+    "random-0-7", "random-0-8", "random-0-9", "random-0-10", "random-0-11", "random-0-12",
+    "random-0-13", "random-0-14", "random-0-15", "random-0-16", "random-0-17", "random-0-18",
+    "random-0-19", "random-0-20", "random-0-21", "random-0-22", "random-0-23", "random-0-24",
+    "random-0-25", "random-0-26", "random-0-27", "random-0-28", "random-0-29", "random-0-30",
+    "random-0-31", "random-0-32", "random-0-33", "random-0-34", "random-0-35", "random-0-36",
+    "random-0-37", "random-0-38", "random-0-39"
+  ]
+  validation_shapes: [
+    "random-0-40", "random-0-41", "random-0-42", "random-0-43", "random-0-44", "random-0-45",
+    "random-0-46", "random-0-47", "random-0-48", "random-0-49"
+  ]
+  test_fraction: 0.2
+  validation_fraction: 0.06
+  pose { turned: 1 }
+}
+training_preset: "residual"
+training {
+  architecture { residual_convolutions { base_channels: 8 blocks: 1 } }
+  output: POINT
+  batch: 32
+  learning_rate: 4e-3
+  augmentation { mirror: true shift: 2 noise { min: 0.16 max: 0.16 } }
+  spp: 8
+}
+shared_steps: 1000
+steps: 100
+rate_factor: 0.25
+validate_every: 25
+rerendering { images: 40 spp: 64 shown: 2 }
+)";
+
 inline constexpr std::string_view kPaperExperiment =
     R"(# The protocol of Che et al., ICCP 2020: 7,200 + 7,200 images of 128 x 128 pixels, 300 materials of a grid,
 # 6 shapes with 4 suns to learn from and 4 shapes with 6 others to test with, their encoder, batches of 60,

@@ -1,0 +1,86 @@
+#include "client/experiment/images.h"
+
+#include <gmock/gmock.h>
+
+#include <utility>
+#include <vector>
+
+#include "common/scene/text_proto.h"
+#include "tests/client/experiment/study_fixture.h"
+#include "tests/support/expect_error.h"
+
+namespace itn {
+namespace {
+
+using ::testing::Each;
+using ::testing::ElementsAre;
+using testing::expect_error;
+using ::testing::Lt;
+
+void nobody(size_t, size_t) {}
+
+class StudyImagesTest : public SmallStudy {};
+
+TEST_F(StudyImagesTest, AreSpreadOverTheTest) {
+  const StudyImages study = images("spread");
+  EXPECT_THAT(study.chosen(), ElementsAre(0, 2, 4));  // of 6
+  EXPECT_EQ(study.shown().size(), 2U);
+  EXPECT_EQ(study.resolution(), 16);
+}
+
+TEST_F(StudyImagesTest, ComparesWithTheTruthInBothScenes) {
+  StudyImages study = images("compared");
+  std::vector<std::pair<size_t, size_t>> progress;
+  study.render_references(
+      *pool_, [&](size_t done, size_t total) { progress.emplace_back(done, total); }, {});
+  EXPECT_EQ(progress.front(), std::pair(size_t{0}, size_t{6}));
+  EXPECT_EQ(progress.back(), std::pair(size_t{6}, size_t{6}));
+  const v1::StudyImageErrors truth = study.compare("truth", test_.truth, *pool_, nobody, {});
+  const v1::StudyImageErrors wrong = study.compare("wrong", wrong_materials(), *pool_, nobody, {});
+  ASSERT_EQ(truth.same_scene_size(), 3);
+  ASSERT_EQ(truth.novel_scene_size(), 3);
+  for (int k = 0; k < 3; ++k) {
+    // What is left of the truth is noise, of which there is more than none.
+    EXPECT_GT(truth.same_scene(k).relative_l2(), 0);
+    EXPECT_LT(truth.same_scene(k).relative_l2(), 0.5 * wrong.same_scene(k).relative_l2());
+    EXPECT_LT(truth.novel_scene(k).relative_l2(), 0.5 * wrong.novel_scene(k).relative_l2());
+    EXPECT_LT(truth.same_scene(k).dissimilarity(), wrong.same_scene(k).dissimilarity());
+    EXPECT_LT(truth.novel_scene(k).dissimilarity(), wrong.novel_scene(k).dissimilarity());
+  }
+  // The novel scene is another one, and the same whatever the image was of.
+  EXPECT_NE(study.reference(StudyScene::kSame, 0), study.reference(StudyScene::kNovel, 0));
+  // Those that are shown are kept.
+  EXPECT_EQ(study.picture("wrong", StudyScene::kNovel, study.shown()[0]).size(), 256U);
+}
+
+// Candidates differ by their materials alone, never by the luck of their renders.
+TEST_F(StudyImagesTest, RendersAllCandidatesWithTheSameRandomNumbers) {
+  StudyImages study = images("random");
+  study.render_references(*pool_, nobody, {});
+  EXPECT_EQ(to_text_proto(study.compare("a", test_.truth, *pool_, nobody, {})),
+            to_text_proto(study.compare("b", test_.truth, *pool_, nobody, {})));
+}
+
+TEST_F(StudyImagesTest, RendersTheReferencesThatAreMissing) {
+  StudyImages study = images("again");
+  study.render_references(*pool_, nobody, {});
+  const std::vector<float> before = study.reference(StudyScene::kNovel, 1);
+  std::filesystem::remove(files_->path("again") + "/reference_novel_0002.exr");
+  expect_error(ErrorKind::kIo, {"reference_novel_0002.exr"},
+               [&] { study.reference(StudyScene::kNovel, 1); });
+  std::vector<size_t> done;
+  study.render_references(*pool_, [&](size_t now, size_t) { done.push_back(now); }, {});
+  EXPECT_THAT(done, ElementsAre(5, 6));
+  EXPECT_EQ(study.reference(StudyScene::kNovel, 1), before);
+}
+
+TEST_F(StudyImagesTest, StopsWhenItIsTold) {
+  StudyImages study = images("stopped");
+  std::stop_source stop;
+  stop.request_stop();
+  expect_error(ErrorKind::kCancelled, {},
+               [&] { study.render_references(*pool_, nobody, stop.get_token()); });
+}
+
+}  // namespace
+}  // namespace itn

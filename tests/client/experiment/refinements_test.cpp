@@ -1,0 +1,65 @@
+#include "client/experiment/refinements.h"
+
+#include <gmock/gmock.h>
+
+#include "common/files/atomic_file.h"
+#include "common/scene/text_proto.h"
+#include "tests/client/experiment/study_fixture.h"
+#include "tests/support/expect_error.h"
+
+namespace itn {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::ElementsAre;
+using testing::expect_error;
+
+class StudyRefinementsTest : public SmallStudy {
+ protected:
+  static std::vector<v1::StudyRefinement> refine(const std::string& folder,
+                                                 std::span<const Material> starts) {
+    return refine_images(experiment_.refinement(), *dataset_, test_, starts, files_->path(folder),
+                         "start", *pool_, [](size_t, size_t) {}, {});
+  }
+};
+
+TEST_F(StudyRefinementsTest, TellTheIterationsThatAreAskedFor) {
+  const std::vector<Material> starts = wrong_materials();
+  const std::vector<v1::StudyRefinement> refined = refine("told", starts);
+  const std::vector<uint32_t> images = refined_images(experiment_.refinement(), test_.truth.size());
+  EXPECT_THAT(images, ElementsAre(0, 3));
+  ASSERT_EQ(refined.size(), 2U);
+  for (size_t k = 0; k < refined.size(); ++k) {
+    ASSERT_EQ(refined[k].adam_size(), 2);
+    ASSERT_EQ(refined[k].gauss_newton_size(), 3);
+    // The first is the start of both; then they differ, and cost more and more.
+    const Material& start = starts[images[k]];
+    EXPECT_NEAR(refined[k].adam(0).material().sigma_t(), start.sigma_t, 1e-3 * start.sigma_t);
+    EXPECT_NEAR(refined[k].gauss_newton(0).material().albedo(), start.albedo, 1e-5);
+    EXPECT_NE(refined[k].adam(1).material().albedo(), refined[k].adam(0).material().albedo());
+    EXPECT_GT(refined[k].adam(1).cpu_seconds(), refined[k].adam(0).cpu_seconds());
+    EXPECT_GE(refined[k].gauss_newton(2).cpu_seconds(), refined[k].gauss_newton(1).cpu_seconds());
+    // Its images are more like the one that is looked for than those of the start.
+    EXPECT_LT(refined[k].gauss_newton(2).loss(), 0.5 * refined[k].gauss_newton(0).loss());
+  }
+}
+
+TEST_F(StudyRefinementsTest, OfImagesThatAreDoneAreNotDoneAgain) {
+  const fs::path folder = files_->path("kept");
+  fs::create_directories(folder);
+  v1::StudyRefinement done;
+  done.add_adam()->set_loss(17);
+  write_file_atomically(folder / "start_0003.textproto", to_text_proto(done));
+  const std::vector<v1::StudyRefinement> refined = refine("kept", test_.truth);
+  EXPECT_EQ(refined[0].adam_size(), 2);
+  EXPECT_EQ(to_text_proto(refined[1]), to_text_proto(done));
+}
+
+TEST_F(StudyRefinementsTest, ThatAreNotThereAreAnError) {
+  expect_error(ErrorKind::kIo, {"start_0000.textproto"}, [] {
+    read_refinements(experiment_.refinement(), test_.truth.size(), files_->path("none"), "start");
+  });
+}
+
+}  // namespace
+}  // namespace itn

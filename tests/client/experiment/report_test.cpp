@@ -1,0 +1,196 @@
+#include "client/experiment/report.h"
+
+#include <gmock/gmock.h>
+
+#include <string>
+#include <vector>
+
+#include "common/scene/material_proto.h"
+#include "tests/client/experiment/study_fixture.h"
+
+namespace itn {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+void nobody(size_t, size_t) {}
+
+// Of two networks: one that is right, one that is wrong. Neither was trained.
+class ReportTest : public SmallStudy {
+ protected:
+  static void SetUpTestSuite() {
+    SmallStudy::SetUpTestSuite();
+    images_.emplace(images("images"));
+    images_->render_references(*pool_, nobody, {});
+    render_dataset(colour_plan(test_plan(), std::vector<uint32_t>{0, 1}), files_->path("colours"),
+                   *pool_, [](const DatasetProgress&) {});
+    colours_.emplace(files_->path("colours"));
+    for (const v1::StudyNetwork& network : experiment_.networks()) {
+      const std::string file = file_name_of(network.name());
+      images_->compare(file, materials_of(network.name()), *pool_, nobody, {});
+      render_colours(*colours_, std::vector<Material>(6, Material{80, 0.6, 0.3}), 4,
+                     files_->path("images"), file, *pool_, nobody, {});
+    }
+  }
+  static void TearDownTestSuite() {
+    colours_.reset();
+    images_.reset();
+    SmallStudy::TearDownTestSuite();
+  }
+
+  static DatasetPlan test_plan() {
+    const v1::DatasetConfig& config = experiment_.dataset();
+    DatasetPlan plan = plan_dataset(config, shape_set(config.shapes()).shapes);
+    plan.manifest.clear_items();
+    for (const v1::DatasetItem* item : test_.items) *plan.manifest.add_items() = *item;
+    return plan;
+  }
+  static std::vector<Material> materials_of(const std::string& network) {
+    return network == "RN+naive" ? std::vector<Material>(test_.truth.size(), {30, 0.2, 0})
+                                 : test_.truth;
+  }
+
+  ReportTest() {
+    set_.truth = test_.truth;
+    for (const v1::DatasetItem* item : test_.items) set_.shapes.push_back(item->shape());
+    for (const v1::StudyNetwork& network : experiment_.networks()) {
+      Candidate& candidate = candidates_.emplace_back();
+      candidate.name = network.name();
+      candidate.as_trained = materials_of(network.name());
+    }
+    tables_ = {{.file = "t",
+                .title = "Errors & more",
+                .caption = "A caption.",
+                .columns = {{"sigma_t", "1/mm", 1}, {"spread", "", 1, false}},
+                .rows = {{.name = "constant", .is_yardstick = true, .cells = cells(1, 1)},
+                         {.name = "RN+naive", .cells = cells(5, 5)},
+                         {.name = "ITN+naive", .cells = cells(3, 3)},
+                         {.name = "theirs", .is_published = true, .cells = cells(2, 2)}}}};
+  }
+
+  static std::vector<std::optional<Cell>> cells(double a, double b) {
+    return {Cell{a, a - 0.5, a + 0.5}, Cell{b, {}, {}}};
+  }
+  ReportedNetwork& add_network(const std::string& name, const std::string& metrics) {
+    ReportedNetwork network;
+    network.name = name;
+    network.cost.set_steps(5);
+    network.cost.set_cpu_seconds(2.5);
+    network.metrics = files_->write(file_name_of(name) + ".jsonl", metrics);
+    return networks_.emplace_back(network);
+  }
+  std::string page() const {
+    return report_page({.experiment = experiment_,
+                        .tables = tables_,
+                        .test = set_,
+                        .candidates = candidates_,
+                        .networks = networks_,
+                        .images = *images_,
+                        .colours = *colours_,
+                        .pictures = files_->path("images"),
+                        .rate = rate_,
+                        .stages = stages_});
+  }
+
+  static inline std::optional<StudyImages> images_;
+  static inline std::optional<DatasetReader> colours_;
+  TestSet set_;
+  std::vector<Candidate> candidates_;
+  std::vector<Table> tables_;
+  std::vector<ReportedNetwork> networks_;
+  v1::RateChoice rate_;
+  std::vector<v1::StageRecord> stages_;
+};
+
+size_t count(const std::string& text, const std::string& part) {
+  size_t n = 0;
+  for (size_t at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) ++n;
+  return n;
+}
+
+TEST_F(ReportTest, NeedsNothingElse) {
+  add_network("RN+naive", "");
+  const std::string text = page();
+  EXPECT_THAT(text, Not(HasSubstr("://")));
+  EXPECT_THAT(text, Not(HasSubstr("<script src")));
+  EXPECT_THAT(text, Not(HasSubstr("<link")));
+}
+
+TEST_F(ReportTest, MarksTheBestNetworkOfAColumnOfErrors) {
+  const std::string text = page();
+  EXPECT_THAT(text, HasSubstr("Errors &amp; more"));
+  EXPECT_THAT(text, HasSubstr("<b>3.0</b><small>2.5&ndash;3.5</small>"));
+  // Not what is no network, nor where less is not better.
+  EXPECT_EQ(count(text, "<b>"), 1U);
+  EXPECT_THAT(text, HasSubstr("Published: Che et al."));
+}
+
+TEST_F(ReportTest, ShowsTruthAndNetworksInBothScenesAndInColour) {
+  add_network("RN+naive", "");
+  add_network("ITN+naive", "");
+  const std::string text = page();
+  // Two images: truth, two networks and their differences in two scenes; two pictures in colour.
+  EXPECT_EQ(count(text, "data:image/png;base64,"), 2U * 2 * (3 + 2) + 2 * 3);
+  EXPECT_THAT(text, HasSubstr("RN+naive<br>30, 0.20, 0.00"));
+}
+
+TEST_F(ReportTest, DrawsTheCurvesOfWhatTrainingsLogged) {
+  add_network(
+      "RN+naive",
+      "{\"step\":1,\"regressionLoss\":2}\nnot a line\n"
+      "{\"step\":2,\"regressionLoss\":1,\"validation\":{\"sigmaT\":1,\"albedo\":1,\"g\":1}}\n");
+  const std::string text = page();
+  EXPECT_THAT(text, HasSubstr("Distance to the truth (training)"));
+  EXPECT_GE(count(text, "<polyline"), 1U);
+}
+
+TEST_F(ReportTest, CountsTheTruthsInTheStatedIntervals) {
+  ReportedNetwork& network = add_network("ITN+naive", "");
+  EXPECT_THAT(page(), HasSubstr("they answer points"));
+  for (size_t i = 0; i < test_.truth.size(); ++i) {
+    v1::StudyPredictions::Estimate& estimate = *network.predictions.add_as_trained();
+    *estimate.mutable_material() = to_proto(test_.truth[i]);
+    const auto around = [](double value) {
+      v1::Interval interval;
+      interval.set_min(value - 0.01);
+      interval.set_max(value + 0.01);
+      return interval;
+    };
+    *estimate.mutable_sigma_t() = around(test_.truth[i].sigma_t + (i % 2 == 0 ? 0 : 1));
+    *estimate.mutable_albedo() = around(test_.truth[i].albedo);
+    *estimate.mutable_g() = around(test_.truth[i].g + 1);
+  }
+  EXPECT_THAT(page(), HasSubstr("<td>50.0 %</td><td>100.0 %</td><td>0.0 %</td>"));
+}
+
+TEST_F(ReportTest, SaysWhatItTook) {
+  add_network("RN+naive", "");
+  v1::RateChoice::Trial& trial = *rate_.add_trials();
+  trial.set_rate(0.5);
+  rate_.set_rate(0.001);
+  v1::StageRecord& stage = stages_.emplace_back();
+  stage.set_name("dataset");
+  stage.set_seconds(90);
+  stage.set_cpu_seconds(3.25);
+  const std::string text = page();
+  EXPECT_THAT(text, HasSubstr("0.5 (diverged)"));
+  EXPECT_THAT(text, HasSubstr("<td>5</td><td>2.5 s</td>"));
+  EXPECT_THAT(text, HasSubstr("<td>1:30</td><td>3.2 s</td>"));
+  EXPECT_THAT(text, HasSubstr("shared_steps: 10"));  // the experiment file
+}
+
+TEST_F(ReportTest, DrawsRefinements) {
+  EXPECT_THAT(page(), Not(HasSubstr("Refinement, iteration by iteration")));
+  tables_.push_back({.file = "table_3",
+                     .title = "Table 3",
+                     .caption = "",
+                     .columns = {5, Column{"Adam", "", 2}},
+                     .rows = {{.name = "ITN+naive",
+                               .cells = {Cell{1, {}, {}}, Cell{0.5, {}, {}}, Cell{1, {}, {}},
+                                         Cell{0.3, {}, {}}, Cell{0.1, {}, {}}}}}});
+  EXPECT_THAT(page(), HasSubstr("Refinement, iteration by iteration"));
+}
+
+}  // namespace
+}  // namespace itn
