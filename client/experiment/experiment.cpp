@@ -41,7 +41,7 @@ namespace {
 
 constexpr const char* kExperimentName = "experiment.textproto";
 constexpr const char* kRateName = "learning_rate.textproto";
-// To learn what a step of an ITN costs.
+// To learn what a step costs.
 constexpr uint64_t kTrialSteps = 20;
 constexpr const char* kTruth = "truth, rendered again";
 constexpr const char* kConstant = "constant predictor";
@@ -216,8 +216,8 @@ class Study {
   // That take as much processor time as the network that it is to take as long as took for its own
   // steps.
   uint64_t steps_in_time_of(const v1::StudyNetwork& network);
-  // A run whose steps cost as much as those of the network: of an RN the shared start, or another
-  // RN; of an ITN a short one of its own.
+  // A run whose steps cost as much as those of the network: of an RN its shared start; otherwise a
+  // short one of its own.
   fs::path run_like(const v1::StudyNetwork& network);
   const v1::StudyNetwork& network_of(const std::string& name) const;
 
@@ -347,12 +347,8 @@ fs::path Study::run_like(const v1::StudyNetwork& network) {
   v1::TrainingConfig config = own_training(experiment_, network, rate());
   const auto start = start_of_.find(network.name());
   const bool goes_on = start != start_of_.end();
-  if (config.loss() == v1::TrainingConfig::RN) {
-    if (goes_on) return folder("shared") / start->second.file;
-    for (const v1::StudyNetwork& other : experiment_.networks()) {
-      if (own_training(experiment_, other, 1).loss() != v1::TrainingConfig::RN) continue;
-      return network_folder(other);
-    }
+  if (goes_on && config.loss() == v1::TrainingConfig::RN) {
+    return folder("shared") / start->second.file;
   }
   const fs::path trial = network_folder(network) / "trial";
   config.set_steps(kTrialSteps);

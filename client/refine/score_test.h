@@ -41,7 +41,7 @@ class ScoreTest {
   // in every coordinate: Q(d) + ln det S(d) + |d|^2 / length^2. Without the determinant, to go far
   // where H is noise would seem to explain everything.
   double height(const Vector& step, double length) const;
-  // About the step of the least height, no farther than `length` along kRidge.
+  // About the step of the least height of those as far as about `length` along kRidge.
   Vector best_step(double length) const;
 
   // logit g: the others are those that an image tells well, whatever it is.

@@ -30,6 +30,8 @@ constexpr seconds kSayAgain{60};
 // That a render is late, if it has taken this long.
 constexpr seconds kWorthSaying{5};
 
+constexpr grpc::StatusCode kTooLate = grpc::StatusCode::DEADLINE_EXCEEDED;
+
 double in_seconds(Clock::duration duration) {
   return std::chrono::duration<double>(duration).count();
 }
@@ -199,10 +201,16 @@ std::shared_ptr<Dispatcher::Attempt> Dispatcher::begin(const std::shared_ptr<Job
   attempt->worker = worker;
   attempt->started = now;
   attempt->suspect = !job->losses.empty();
-  // After a loss, nothing shorter than the user's own deadline: that may have been too short.
-  if (job->losses.empty()) attempt->deadline = times_.deadline(samples(job->render));
+  std::deque<std::shared_ptr<Attempt>>& under_way = workers_.at(worker).under_way;
+  // After a loss, nothing shorter than the user's own deadline: that may have been too short. Until
+  // those before it are rendered, it waits.
+  if (job->losses.empty()) {
+    double all = samples(job->render);
+    for (const auto& before : under_way) all += samples(before->render());
+    attempt->deadline = times_.deadline(all);
+  }
   attempt->number = next_attempt_++;
-  workers_.at(worker).under_way.push_back(attempt);
+  under_way.push_back(attempt);
   job->under_way.push_back(attempt);
   under_way_.emplace(attempt->number, attempt);
   return attempt;
@@ -260,14 +268,16 @@ bool Dispatcher::settle(const std::shared_ptr<Attempt>& attempt, Answer answer,
       }
       break;
     case Outcome::kLost:
+      if (worker.up) worker.only_late = answer.status.error_code() == kTooLate;
       if (was_rendered) job->losses.push_back(fmt::format("{}: {}", who(worker), reason));
       [[fallthrough]];
     case Outcome::kAway: look_after = take_down(worker, reason, now); break;
   }
-  if (!job->ended && job->under_way.empty()) waiting_.push_front(job);
+  const bool is_left = !job->ended && job->under_way.empty();
+  if (is_left) waiting_.push_front(job);
   if (answer.outcome == Outcome::kBusy) return false;
   fail_hopeless(now);
-  if (!job->ended) {
+  if (is_left && !job->ended) {
     ++statistics_.retries;
     spdlog::warn("{}: {}; the render goes to the next free worker", who(worker), reason);
   }
@@ -343,9 +353,12 @@ void Dispatcher::probed(size_t number, const grpc::Status& status,
   if (status.ok()) {
     worker.up = true;
     worker.capabilities = capabilities;
+    // It was busy all the time, with others' renders perhaps. How often a render may be lost, its
+    // own count says.
+    if (std::exchange(worker.only_late, false)) worker.failing_since.reset();
     return;
   }
-  const bool too_late = status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED;
+  const bool too_late = status.error_code() == kTooLate;
   const std::string reason = describe(status);
   if (worker.unfit && !was_unfit) spdlog::warn("{}: {}; it is not used", who(worker), reason);
   // That it took too long says less than what was noted before.

@@ -129,6 +129,7 @@ class Dispatcher {
     bool set_aside = false;  // for good
     bool unfit = false;      // as it says itself
     bool left = false;       // is no more when nothing of it is under way
+    bool only_late = false;  // it was taken down for a deadline, and has not answered since
     v1::Capabilities capabilities;
     std::chrono::milliseconds rest{0};
     std::chrono::milliseconds back_off{0};             // of a worker that has no place

@@ -70,14 +70,19 @@ class RenderPool::Impl {
  public:
   explicit Impl(RenderPoolOptions options)
       : options_(std::move(options)), dispatcher_(options_.give_up_after), list_(options_.workers) {
-    if (options_.workers.empty()) {
-      update({""});
-    } else {
-      connector_ = std::make_shared<Connector>(options_.security);
-      list_.watch([this](const WorkerList::Addresses& addresses) { update(addresses); });
+    try {
+      if (options_.workers.empty()) {
+        update({""});
+      } else {
+        connector_ = std::make_shared<Connector>(options_.security);
+        list_.watch([this](const WorkerList::Addresses& addresses) { update(addresses); });
+      }
+      timekeeper_ = std::jthread([this] { keep_time(); });
+      wait_for_first_worker();
+    } catch (...) {
+      stop();  // nobody else does, of what has not come to be
+      throw;
     }
-    timekeeper_ = std::jthread([this] { keep_time(); });
-    wait_for_first_worker();
   }
 
   ~Impl() { stop(); }
@@ -100,9 +105,10 @@ class RenderPool::Impl {
   }
 
  private:
-  // ---- Workers that join and leave
-  // ---------------------------------------------------------------
+  // ---- Workers that join and leave ----
 
+  // Throws Error as Connector::connect_to for the last address that it does for; all others have
+  // joined then.
   void update(const WorkerList::Addresses& addresses) {
     const std::lock_guard lock(mutex_);
     if (stopping_) return;
@@ -112,18 +118,25 @@ class RenderPool::Impl {
       if (std::ranges::find(addresses, member->first) == addresses.end()) leave(member);
       member = next;
     }
+    std::optional<Error> mistake;
     for (const std::string& address : addresses) {
-      if (!members_.contains(address)) join(address);
+      if (members_.contains(address)) continue;
+      try {
+        join(address);
+      } catch (const Error& error) {
+        mistake = error;
+      }
     }
     wake_parked();
+    if (mistake) throw *mistake;
   }
 
   void join(const std::string& address) {
-    if (said_who_is_there_) spdlog::info("worker {} joins", address);
     auto member = std::make_unique<Member>();
+    member->connection = connect(address);
+    if (said_who_is_there_) spdlog::info("worker {} joins", address);
     member->number = dispatcher_.add(address.empty() ? "" : "worker " + address);
     member->address = address;
-    member->connection = connect(address);
     member->running = kJobsPerWorker;
     Member& joined = *members_.emplace(address, std::move(member)).first->second;
     for (int i = 0; i < kJobsPerWorker; ++i) {
@@ -174,14 +187,11 @@ class RenderPool::Impl {
         probed_.wait_for(lock, options_.connect_within, [this] { return dispatcher_.any_up(); });
     said_who_is_there_ = true;
     if (up || !dispatcher_.has_workers()) return;
-    const std::string failures = dispatcher_.last_failures();  // before stop() adds its own
-    lock.unlock();
-    stop();
-    throw Error(ErrorKind::kUnavailable, "no render worker answers (" + failures + ")");
+    throw Error(ErrorKind::kUnavailable,
+                "no render worker answers (" + dispatcher_.last_failures() + ")");
   }
 
-  // ---- The threads of a worker
-  // -------------------------------------------------------------------
+  // ---- The threads of a worker ----
 
   // One attempt after the other, for each of which the lock is taken once: it is what many workers
   // contend for.
@@ -251,8 +261,7 @@ class RenderPool::Impl {
     member.released.wait_until(lock, until, [&] { return member.stopping(); });
   }
 
-  // ---- Threads that wait for something to do
-  // -----------------------------------------------------
+  // ---- Threads that wait for something to do ----
 
   // Waits until the thread is woken, or until then.
   void park(Member& member, std::unique_lock<std::mutex>& lock, Clock::time_point until) {
@@ -297,8 +306,7 @@ class RenderPool::Impl {
     }
   }
 
-  // ---- What time brings
-  // --------------------------------------------------------------------------
+  // ---- What time brings ----
 
   void keep_time() {
     std::optional<Clock::time_point> said;

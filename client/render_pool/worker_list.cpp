@@ -246,7 +246,11 @@ void WorkerList::follow(Source& source, const std::stop_token& stop) {
     source.problem = finding->problem;
     if (finding->addresses && *finding->addresses != source.addresses) {
       source.addresses = std::move(*finding->addresses);
-      changed_(all());
+      try {
+        changed_(all());
+      } catch (const Error& error) {
+        spdlog::warn("{}: {}", printable(source.entry), error.what());
+      }
     }
     const uint64_t seen = times_wanted_;
     wanted_.wait_for(lock, stop, kAtMostEvery, [] { return false; });

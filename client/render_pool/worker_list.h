@@ -32,7 +32,8 @@ class WorkerList {
   ~WorkerList();
 
   // Calls `changed` with all addresses: once before it returns, as far as they are known by then,
-  // and when they change, from one thread at a time.
+  // and when they change, from one thread at a time. What `changed` throws the first time, this
+  // throws; Error later is a warning.
   void watch(Changed changed);
   // Looks at names and files at once, though not more often than once a second.
   void look_again();

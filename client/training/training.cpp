@@ -185,6 +185,9 @@ void validate(const v1::TrainingConfig& config) {
   require(
       !moves_materials(config) || (config.loss() == v1::TrainingConfig::RN && !config.has_stream()),
       "augmentation.material_step changes what images are of: it takes the loss RN and a dataset");
+  require(!moves_materials(config) || !needs_weight_map(config.input()),
+          "augmentation.material_step changes the luminance, from which the input "
+          "LUMINANCE_AND_WEIGHT has a weight map: it takes the input RATIOS");
   require(!does_anything(config.augmentation().camera()) || !needs_weight_map(config.input()),
           "augmentation.camera changes masks and luminance, from which the input "
           "LUMINANCE_AND_WEIGHT has a weight map: it takes the input RATIOS");

@@ -167,6 +167,8 @@ std::string names_of(const X509& certificate) {
     const auto* const text = static_cast<const ASN1_STRING*>(value);
     const unsigned char* const bytes = ASN1_STRING_get0_data(text);
     const int length = ASN1_STRING_length(text);
+    // Whoever made the certificate says how long it is.
+    if (type == GEN_IPADD && length != 4 && length != 16) continue;
     std::array<char, INET6_ADDRSTRLEN> number{};
     if (type == GEN_DNS) {
       names.push_back(

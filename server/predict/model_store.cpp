@@ -27,7 +27,8 @@ constexpr const char* kExtension = ".itn";
 
 // The file that changes when a model does.
 fs::path file_of(const fs::path& path) {
-  return fs::is_directory(path) ? path / kCheckpointName : path;
+  std::error_code unknown;  // of a file that cannot be seen: reading it will say why
+  return fs::is_directory(path, unknown) ? path / kCheckpointName : path;
 }
 
 std::string label(const ServedModel& model) {
@@ -127,15 +128,19 @@ ModelStore::ModelStore(const ModelStoreOptions& options) : folder_(options.folde
   }
 }
 
-std::vector<ModelStore::Slot> ModelStore::slots_of_folder() const {
+void ModelStore::warn_once(const std::string& warning) {
+  if (warned_.insert(warning).second) spdlog::warn(warning);
+}
+
+std::vector<ModelStore::Slot> ModelStore::slots_of_folder() {
   std::vector<Slot> slots;
-  std::error_code none;
   const auto add = [&](const fs::path& path, const std::string& name,
                        const std::optional<std::string>& version) {
     if (path.extension() != kExtension) return;
     if (!is_plain(name) || (version && !is_plain(*version))) {
-      spdlog::warn("{} is left out: names and versions are of up to 80 printable ASCII characters",
-                   printable(path.string(), 500));
+      warn_once(fmt::format(
+          "{} is left out: names and versions are of up to 80 printable ASCII characters",
+          printable(path.string(), 500)));
       return;
     }
     Slot& slot = slots.emplace_back();
@@ -145,12 +150,13 @@ std::vector<ModelStore::Slot> ModelStore::slots_of_folder() const {
     slot.in_folder = true;
   };
   if (folder_.empty()) return slots;
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder_, none)) {
-    if (!entry.is_directory(none)) {
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder_)) {
+    std::error_code gone;  // since it was listed
+    if (!entry.is_directory(gone)) {
       add(entry.path(), entry.path().stem().string(), std::nullopt);
       continue;
     }
-    for (const fs::directory_entry& file : fs::directory_iterator(entry.path(), none)) {
+    for (const fs::directory_entry& file : fs::directory_iterator(entry.path())) {
       add(file.path(), entry.path().filename().string(), file.path().stem().string());
     }
   }
@@ -175,9 +181,16 @@ void ModelStore::load(Slot& slot) const {
                own.sha256(), slot.path.string());
 }
 
-void ModelStore::refresh(bool again) {
-  const std::lock_guard lock(refreshing_);
-  std::vector<Slot> found = slots_of_folder();
+void ModelStore::look_into_folder() {
+  std::vector<Slot> found;
+  try {
+    found = slots_of_folder();
+  } catch (const fs::filesystem_error& error) {
+    // Not read is not empty: too many open files, or a server of files that is away.
+    warn_once(fmt::format("--models {}: {}; its models of before go on answering", folder_.string(),
+                          error.code().message()));
+    return;
+  }
   for (Slot& slot : slots_) {
     if (!slot.in_folder) continue;
     const auto still = std::ranges::find(found, slot.path, &Slot::path);
@@ -190,6 +203,11 @@ void ModelStore::refresh(bool again) {
   }
   std::erase_if(slots_, [](const Slot& slot) { return slot.in_folder; });
   std::ranges::move(found, std::back_inserter(slots_));
+}
+
+void ModelStore::refresh(bool again) {
+  const std::lock_guard lock(refreshing_);
+  look_into_folder();
   for (Slot& slot : slots_) {
     const bool changed = stamp_of(file_of(slot.path).string()) != slot.stamp;
     if (!changed && !(again && slot.failed)) continue;
@@ -213,8 +231,8 @@ void ModelStore::publish() {
     if (!slot.served) continue;
     const auto same = [&](const ServedModel& other) { return label(other) == label(*slot.served); };
     if (std::ranges::any_of(served, same)) {
-      spdlog::warn("model {}: there are two; that of {} is not served", label(*slot.served),
-                   slot.path.string());
+      warn_once(fmt::format("model {}: there are two; that of {} is not served",
+                            label(*slot.served), slot.path.string()));
       continue;
     }
     served.push_back(*slot.served);

@@ -5,6 +5,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -69,14 +70,19 @@ class ModelStore {
     std::optional<ServedModel> served;
   };
 
-  std::vector<Slot> slots_of_folder() const;
+  // What the folder has now takes the place of what it had, if it can be read.
+  void look_into_folder();
+  std::vector<Slot> slots_of_folder();  // throws fs::filesystem_error
+  // Of what is looked at again and again, and stays as it is.
+  void warn_once(const std::string& warning);
   void load(Slot& slot) const;
   void publish();
 
   const std::filesystem::path folder_;
-  std::mutex refreshing_;    // guards slots_, default_name_
+  std::mutex refreshing_;    // guards slots_, default_name_, warned_
   std::vector<Slot> slots_;  // those that were named first
   std::string default_name_;
+  std::set<std::string> warned_;
   mutable std::mutex mutex_;  // guards served_
   std::vector<ServedModel> served_;
 };

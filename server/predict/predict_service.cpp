@@ -245,10 +245,14 @@ grpc::ServerUnaryReactor* PredictService::PredictBatch(grpc::CallbackServerConte
 }
 
 grpc::ServerUnaryReactor* PredictService::ListModels(grpc::CallbackServerContext* context,
-                                                     const v1::ListModelsRequest* /*request*/,
-                                                     v1::ListModelsReply* reply) {
+                                                     const grpc::ByteBuffer* request,
+                                                     grpc::ByteBuffer* reply) {
   return answer_at_once(*context, [&] {
-    for (const ServedModel& model : models_->models()) *reply->add_models() = to_proto(model);
+    v1::ListModelsRequest nothing;
+    parse_checked(*request, "request", {}, nothing);
+    v1::ListModelsReply list;
+    for (const ServedModel& model : models_->models()) *list.add_models() = to_proto(model);
+    *reply = serialized(list);
   });
 }
 

@@ -30,7 +30,7 @@ struct PredictServiceOptions {
 
 // The bytes of requests are parsed here, not by gRPC: see RenderService.
 class PredictService final
-    : public v1::PredictService::WithCallbackMethod_ListModels<
+    : public v1::PredictService::WithRawCallbackMethod_ListModels<
           v1::PredictService::WithRawCallbackMethod_PredictBatch<
               v1::PredictService::WithRawCallbackMethod_Predict<v1::PredictService::Service>>> {
  public:
@@ -44,8 +44,8 @@ class PredictService final
                                          grpc::ByteBuffer* reply) override;
 
   grpc::ServerUnaryReactor* ListModels(grpc::CallbackServerContext* context,
-                                       const v1::ListModelsRequest* request,
-                                       v1::ListModelsReply* reply) override;
+                                       const grpc::ByteBuffer* request,
+                                       grpc::ByteBuffer* reply) override;
 
   static std::string full_name() { return v1::PredictService::service_full_name(); }
 

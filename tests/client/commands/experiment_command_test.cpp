@@ -149,5 +149,22 @@ TEST(ExperimentCommand, AnItnAsLongAsAnotherTakesAboutAsManySteps) {
   EXPECT_LE(steps, 20);  // of 5
 }
 
+// Nothing that was done before says what its steps cost.
+TEST(ExperimentCommand, AnRnAsLongAsAnotherNeedsNoSharedStart) {
+  const TemporaryFolder folder;
+  std::string file = run({ITN, "experiment", "--preset", "smoke", "--print-config"}).output;
+  file.resize(file.find("networks {"));
+  const std::string shared = "shared_steps: 30";
+  ASSERT_THAT(file, HasSubstr(shared));
+  file.replace(file.find(shared), shared.size(), "");
+  file += R"(
+    networks { name: "ITN" settings { loss: ITN spp: 64 } }
+    networks { name: "RN, as long" settings { loss: RN } as_long_as: "ITN" })";
+  const Finished finished = run({ITN, "experiment", folder.write("e.textproto", file).string(),
+                                 "--torch-threads", "1", "-o", folder.path("run")});
+  ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  EXPECT_THAT(finished.output, HasSubstr("RN, as long"));
+}
+
 }  // namespace
 }  // namespace itn

@@ -54,7 +54,7 @@ TEST(ExperimentFile, WhatIsOutOfRangeIsNamed) {
   expect_refused(file("networks { name: \"B\" settings { loss: ITN image_term: LINEAR } }"),
                  {"B: ", "derivatives: true"});
   expect_refused(
-      file("networks { name: \"B\" settings { loss: RN augmentation { material_step: 0.1 } } }"),
+      file("networks { name: \"B\" settings { input: RATIOS augmentation { material_step: 0.1 } } }"),
       {"B: ", "material_step", "derivatives: true"});
   expect_refused(file("training_preset: \"best\""), {"\"best\"", "paper"});
   expect_refused(file("rerendering { novel_shape: \"teapot\" }"), {"novel_shape", "teapot"});

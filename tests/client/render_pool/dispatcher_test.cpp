@@ -25,6 +25,7 @@ using testing::busy;
 using testing::CapturedLog;
 using testing::expect_error;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 using Attempt = std::shared_ptr<Dispatcher::Attempt>;
 using Future = std::future<v1::RenderGradReply>;
@@ -452,6 +453,86 @@ TEST_F(DispatcherTest, DerivesTheFirstDeadlineFromMeasuredTimes) {
   const Attempt again = next(0);
   EXPECT_EQ(again->deadline, 0ms);  // that may have been too short
   finish(again, answer());
+  EXPECT_EQ(future.get().loss(), 1);
+}
+
+Answer too_late() {
+  return failure(StatusCode::DEADLINE_EXCEEDED, "no answer in time");
+}
+
+RenderJob render_of_samples(uint32_t spp) {
+  RenderJob job = render();
+  job.request.set_spp(spp);
+  return job;
+}
+
+TEST_F(DispatcherTest, LeavesTimeForTheRendersBeforeIt) {
+  workers(1);
+  dispatcher->submit(render_of_samples(10), now);
+  const Attempt measured = next(0);
+  now += 2s;
+  finish(measured, answer());
+  dispatcher->submit(render_of_samples(100), now);
+  dispatcher->submit(render_of_samples(10), now);
+  EXPECT_EQ(next(0)->deadline, 600s);
+  EXPECT_EQ(next(0)->deadline, 660s);
+}
+
+// A worker that is shared renders what others ask for first, for longer than a deadline and longer
+// than anything is given up after; it lives, and says so.
+TEST_F(DispatcherTest, WaitsForAWorkerThatRendersForOthers) {
+  workers(1);
+  submit();
+  const Attempt measured = next(0);
+  now += 10ms;
+  finish(measured, answer());
+  Future first = submit(1), second = submit(2);
+  for (int i = 0; i < 2; ++i) {
+    const Attempt a = next(0), b = next(0);
+    ASSERT_TRUE(a && b);
+    EXPECT_TRUE(a->deadline == 30s || b->deadline == 30s);
+    now += 30s;
+    finish(a, too_late());
+    finish(b, too_late());
+    now += 200ms;
+    come_up(0);
+    EXPECT_FALSE(is_ready(first) || is_ready(second)) << i;
+  }
+  const Attempt a = next(0), b = next(0);
+  EXPECT_EQ(a->deadline, 0ms);
+  EXPECT_EQ(b->deadline, 0ms);
+  now += 40s;
+  finish(a, answer(1));
+  finish(b, answer(2));
+  EXPECT_EQ(first.get().loss() + second.get().loss(), 3);
+}
+
+// What answers when it is asked, and never with a render, is given up in the end.
+TEST_F(DispatcherTest, GivesUpARenderThatIsNeverAnswered) {
+  workers(1);
+  Future future = submit();
+  for (int i = 0; i < 3; ++i) {
+    const Attempt attempt = next(0);
+    ASSERT_TRUE(attempt) << i;
+    now += 1h;
+    finish(attempt, too_late());
+    come_up(0);
+  }
+  expect_error(ErrorKind::kUnavailable, {"lost 3 times"}, [&] { future.get(); });
+}
+
+TEST_F(DispatcherTest, CountsNoRetryWhileAnotherAttemptIsUnderWay) {
+  workers(2);
+  Future future = submit();
+  const Attempt first = next(0);
+  now += 1h;
+  const Attempt second = next(1);
+  ASSERT_TRUE(second);
+  const CapturedLog log;
+  finish(first, failure(StatusCode::UNAVAILABLE));
+  EXPECT_EQ(dispatcher->statistics().retries, 0U);
+  EXPECT_THAT(log.text(), Not(HasSubstr("next free worker")));
+  finish(second, answer());
   EXPECT_EQ(future.get().loss(), 1);
 }
 

@@ -13,6 +13,7 @@
 
 #include "client/render_pool/render_pool.h"
 #include "tests/support/captured_log.h"
+#include "tests/support/expect_error.h"
 #include "tests/support/fake_worker.h"
 #include "tests/support/process.h"
 #include "tests/support/scenes.h"
@@ -140,16 +141,39 @@ TEST_F(Membership, WaitsWhileAllWorkersAreGone) {
   const auto workers = pool();
   EXPECT_TRUE(renders_until(*workers, [&] { return count == 5; }));
   list({});
-  std::future<Reply> waiting;
-  ASSERT_TRUE(eventually([&] {  // the pool has noticed when nobody answers
-    waiting = workers->submit(job(++count));
-    if (waiting.wait_for(100ms) == std::future_status::timeout) return true;
-    expect_answer(count, std::move(waiting));
-    return false;
-  }));
+  ASSERT_TRUE(eventually([&] { return workers->parallelism() == 2; }));  // as if there were one
+  const int before = a.renders();
+  std::future<Reply> waiting = workers->submit(job(++count));
   list({&b});
   expect_answer(count, std::move(waiting));
+  EXPECT_EQ(a.renders(), before);
   EXPECT_EQ(workers->statistics().jobs, count);
+}
+
+// A token would go to another machine without TLS: at the start that is an error, later a warning,
+// and all others are used.
+TEST_F(Membership, LeavesOutWhatMustNotBeConnectedTo) {
+  FakeWorker a(answers), b(answers);
+  const std::string elsewhere = "192.0.2.1:50051";
+  RenderPoolOptions options;
+  options.security.token_file = folder.write("token", std::string(32, 'x'));
+  options.workers = {a.address(), elsewhere};
+  testing::expect_error(ErrorKind::kUsage, {elsewhere, "unencrypted"},
+                        [&] { RenderPool pool(options); });
+  const auto list_with = [&](const std::string& addresses) {
+    folder.write("new", addresses);
+    std::filesystem::rename(folder.path("new"), folder.path("workers"));
+  };
+  const testing::CapturedLog log;
+  {
+    list_with(a.address() + "\n");
+    options.workers = {"file:" + folder.path("workers")};
+    RenderPool pool(options);
+    list_with(elsewhere + "\n" + b.address() + "\n");
+    EXPECT_TRUE(renders_until(pool, [&] { return b.renders() > 3; }));
+    EXPECT_EQ(pool.parallelism(), 2);
+  }
+  EXPECT_THAT(log.text(), HasSubstr(elsewhere + " unencrypted"));
 }
 
 // ---- Many --------------------------------------------------------------------------------------

@@ -93,6 +93,11 @@ TEST_F(MovedMaterialsTest, TakesTheRegressionLoss) {
   v1::TrainingConfig rn = config(v1::TrainingConfig::RN), itn = config(v1::TrainingConfig::ITN);
   rn.mutable_augmentation()->set_material_step(0.3);
   itn.mutable_augmentation()->set_material_step(0.3);
+  // The weight map would be that of the image before.
+  testing::expect_error(ErrorKind::kInvalidInput, {"material_step", "RATIOS"},
+                        [&] { validate(rn); });
+  rn.set_input(v1::RATIOS);
+  itn.set_input(v1::RATIOS);
   EXPECT_NO_THROW(validate(rn));
   testing::expect_error(ErrorKind::kInvalidInput, {"material_step", "RN"}, [&] { validate(itn); });
 }

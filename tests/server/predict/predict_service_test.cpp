@@ -467,6 +467,51 @@ TEST_F(PredictServiceTest, FollowsItsFolder) {
   EXPECT_EQ(step(), -1);
 }
 
+// Not read is not empty.
+TEST_F(PredictServiceTest, KeepsTheModelsOfAFolderThatCannotBeRead) {
+  const std::string models = folder_.path("models"), away = folder_.path("away");
+  write_model(models + "/sun/1.itn", variant(1));
+  serve({.models = {}, .folder = models});
+  const auto refreshed = [&] {
+    const testing::CapturedLog log;
+    models_->refresh();
+    return log.text();
+  };
+  std::filesystem::rename(models, away);
+  EXPECT_THAT(refreshed(), HasSubstr("go on answering"));
+  EXPECT_EQ(refreshed(), "");  // said once
+  v1::PredictReply reply;
+  EXPECT_TRUE(predict("sun", "", reply).ok());
+  std::filesystem::rename(away, models);
+  std::filesystem::remove(models + "/sun/1.itn");
+  EXPECT_THAT(refreshed(), HasSubstr("no longer served"));
+}
+
+TEST_F(PredictServiceTest, SaysOnceWhatIsLeftOutOfItsFolder) {
+  const std::string models = folder_.path("models");
+  write_model(models + "/sun.itn", variant(1));
+  write_model(models + "/moon\xC3\xA9.itn", variant(1));
+  const testing::CapturedLog log;
+  ModelStore store({.models = {"sun=" + models + "/sun.itn"}, .folder = models});
+  store.refresh();
+  const std::string text = log.text();
+  for (const char* warning : {"there are two", "is left out"}) {
+    const size_t first = text.find(warning);
+    EXPECT_NE(first, std::string::npos) << warning;
+    EXPECT_EQ(text.find(warning, first + 1), std::string::npos) << text;
+  }
+}
+
+// gRPC would keep what it does not know of a request, at many times its size.
+TEST_F(PredictServiceTest, RefusesAListingWithUnknownFields) {
+  v1::ListModelsRequest request;
+  request.GetReflection()->MutableUnknownFields(&request)->AddGroup(127);
+  grpc::ClientContext context;
+  v1::ListModelsReply reply;
+  EXPECT_EQ(stub_->ListModels(&context, request, &reply).error_code(),
+            StatusCode::INVALID_ARGUMENT);
+}
+
 TEST_F(PredictServiceTest, RefusesModelsThatItCannotTellApart) {
   const std::string path = folder_.path("small.itn");
   EXPECT_THROW(ModelStore({.models = {path, path}, .folder = {}}), Error);
