@@ -180,6 +180,7 @@ int run_command_line(int argc, char** argv, const std::function<void(CLI::App&)>
   try {
     watch_interrupts();
     std::signal(SIGPIPE, SIG_IGN);  // a reader that has gone is an error of the write
+    std::signal(SIGXFSZ, SIG_IGN);  // so is a size that the user's files may not have (ulimit -f)
     set_up_logging();
     log_libraries_through_spdlog();
     CLI::App app("Optical parameters of a translucent material from a single photograph.", "itn");

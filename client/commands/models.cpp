@@ -16,6 +16,7 @@
 #include "common/learning/model_files.h"
 #include "common/printable.h"
 #include "common/rpc/channel.h"
+#include "common/rpc/deadline.h"
 #include "common/rpc/status.h"
 #include "itn/v1/predict.grpc.pb.h"
 
@@ -49,8 +50,7 @@ void list_served(const ModelsOptions& options) {
   const Connector connector(options.security);
   const auto stub = v1::PredictService::NewStub(connector.connect_to(options.predictor));
   grpc::ClientContext context;
-  context.set_deadline(std::chrono::system_clock::now() +
-                       std::chrono::milliseconds(static_cast<int64_t>(options.timeout * 1000)));
+  context.set_deadline(deadline_in(std::chrono::duration<double>(options.timeout)));
   v1::ListModelsReply reply;
   const grpc::Status status =
       connector.explained(stub->ListModels(&context, {}, &reply), options.predictor);

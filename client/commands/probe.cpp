@@ -15,6 +15,7 @@
 #include "common/error.h"
 #include "common/flags.h"
 #include "common/rpc/channel.h"
+#include "common/rpc/deadline.h"
 
 namespace itn {
 namespace {
@@ -38,8 +39,7 @@ bool serves(const ProbeOptions& options) {
   const Connector connector(options.security);
   HealthStub stub(connector.connect_to(options.address));
   grpc::ClientContext context;
-  context.set_deadline(std::chrono::system_clock::now() +
-                       std::chrono::milliseconds(static_cast<int>(options.timeout * 1000)));
+  context.set_deadline(deadline_in(std::chrono::duration<double>(options.timeout)));
   google::protobuf::StringValue request;
   request.set_value(options.service);
   google::protobuf::UInt32Value response;

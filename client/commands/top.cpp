@@ -23,6 +23,7 @@
 #include "common/logging.h"
 #include "common/printable.h"
 #include "common/rpc/channel.h"
+#include "common/rpc/deadline.h"
 #include "itn/v1/status.grpc.pb.h"
 
 namespace itn {
@@ -65,7 +66,7 @@ class Server {
   Answer ask() const {
     Answer answer{.address = address_, .status = {}, .failure = {}};
     grpc::ClientContext context;
-    context.set_deadline(std::chrono::system_clock::now() + timeout_);
+    context.set_deadline(deadline_in(timeout_));
     v1::ServerStatus status;
     const grpc::Status outcome =
         connector_.explained(stub_->GetStatus(&context, {}, &status), address_);

@@ -1,10 +1,12 @@
 #include "client/dataset/dataset.h"
 
 #include <algorithm>
+#include <string_view>
 #include <utility>
 
 #include <fmt/format.h>
 
+#include "client/dataset/contents_digest.h"
 #include "client/dataset/item_scene.h"
 #include "client/render_pool/reply_images.h"
 #include "common/error.h"
@@ -28,6 +30,26 @@ const Number* attribute_of(const Image& image, const char* name) {
   return found == image.attributes.end() ? nullptr : std::get_if<Number>(&found->second);
 }
 
+// How a manifest begins; the checksum is of all that follows its line. Earlier versions wrote none.
+constexpr std::string_view kChecksumLine = "# SHA-256 of the lines below: ";
+
+void check_checksum(std::string_view text, const fs::path& path) {
+  const bool ends_within = kChecksumLine.starts_with(text);
+  if (!ends_within && !text.starts_with(kChecksumLine)) return;
+  const size_t line = std::min(text.find('\n'), text.size());
+  const std::string_view below = text.substr(std::min(line + 1, text.size()));
+  if (!ends_within && text.substr(kChecksumLine.size(), line - kChecksumLine.size()) ==
+                          to_hex(sha256(std::string(below)))) {
+    return;
+  }
+  throw Error(
+      ErrorKind::kDataLoss,
+      fmt::format("{} is damaged: it does not have the checksum of its first line. Without the "
+                  "file, the command that began the dataset writes it again; without that "
+                  "line, it is taken as it is",
+                  path.string()));
+}
+
 }  // namespace
 
 std::string item_digest(const v1::DatasetConfig& config, const v1::DatasetShape& shape,
@@ -39,12 +61,15 @@ std::string item_digest(const v1::DatasetConfig& config, const v1::DatasetShape&
 }
 
 std::string to_text(const v1::Dataset& manifest) {
-  return to_text_proto(manifest);
+  const std::string text = to_text_proto(manifest);
+  return fmt::format("{}{}\n{}", kChecksumLine, to_hex(sha256(text)), text);
 }
 
 v1::Dataset read_manifest(const fs::path& path) {
+  const std::string text = read_file(path, "manifest");
+  check_checksum(text, path);
   v1::Dataset manifest;
-  parse_text_proto(read_file(path, "manifest"), path.string(), manifest);
+  parse_text_proto(text, path.string(), manifest);
   const auto require_inside = [&](const std::string& file) {
     const fs::path relative(file);
     require(
@@ -152,6 +177,14 @@ Image DatasetReader::file_of(const v1::DatasetItem& item) const {
   }
   Image image = read_exr(path);
   const auto digest = image.attributes.find(attribute::kItem);
+  const auto contents = image.attributes.find(attribute::kContents);  // earlier versions wrote none
+  if (contents != image.attributes.end() && contents->second != Attribute(contents_digest(image))) {
+    throw Error(
+        ErrorKind::kDataLoss,
+        fmt::format("{} is damaged: it does not have the checksum that it should; the command "
+                    "that began the dataset renders it again",
+                    path.string()));
+  }
   require(digest != image.attributes.end() && digest->second == Attribute(this->digest(item)) &&
               image.width == resolution() && image.height == resolution(),
           fmt::format("{} is not the image that the manifest describes", path.string()));

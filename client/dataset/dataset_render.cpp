@@ -14,6 +14,7 @@
 #include <google/protobuf/util/message_differencer.h>
 #include <spdlog/spdlog.h>
 
+#include "client/dataset/contents_digest.h"
 #include "client/dataset/item_renderer.h"
 #include "client/dataset/noise.h"
 #include "client/render_pool/render_wait.h"
@@ -110,7 +111,8 @@ void set_up_folder(DatasetPlan& plan, const fs::path& folder, const std::stop_to
     require_empty(folder);
   }
   std::error_code error;
-  std::vector<const char*> folders = {"images", "shapes"};
+  // By the folder of the shapes a dataset is known that was stopped before its manifest.
+  std::vector<const char*> folders = {"shapes", "images"};
   if (!plan.manifest.panoramas().empty()) folders.push_back("panoramas");
   for (const char* name : folders) {
     fs::create_directories(folder / name, error);
@@ -236,13 +238,14 @@ Image image_of(const DatasetReader& dataset, const Group& group, size_t member, 
       static_cast<double>(reply.counters().invalid_samples());
   image.attributes[attribute::kLeaks] = static_cast<double>(reply.counters().leaks());
   image.attributes[attribute::kItem] = dataset.digest(item);
+  image.attributes[attribute::kContents] = contents_digest(image);
   return image;
 }
 
-v1::RenderGradReply wait_or_say_how_far(std::future<v1::RenderGradReply>& reply,
-                                        const DatasetProgress& progress, std::stop_token stop) {
+template <typename Action>
+auto or_say_how_far(const DatasetProgress& progress, const Action& action) {
   try {
-    return wait_for_render(reply, stop);
+    return action();
   } catch (const Error& error) {
     throw Error(error.kind(), fmt::format("{} after {} of {} images; the same command continues",
                                           error.what(), progress.done, progress.total));
@@ -344,7 +347,8 @@ DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderP
   // Render the rest.
   ItemRenderer renderer(dataset.manifest().config(), pool, source_of(dataset, waiting));
   const auto wait = [&](std::future<v1::RenderGradReply>& reply) {
-    v1::RenderGradReply done = wait_or_say_how_far(reply, progress, stop);
+    v1::RenderGradReply done =
+        or_say_how_far(progress, [&] { return wait_for_render(reply, stop); });
     progress.paths += done.counters().paths();
     progress.dropped += dropped(done.counters());
     return done;
@@ -353,8 +357,8 @@ DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderP
     const Group& group = *waiting[rendered->number];
     for (size_t member = 0; member < group.size(); ++member) {
       if (missing.contains(group[member])) {
-        write_exr(folder / group[member]->file(),
-                  image_of(dataset, group, member, rendered->spp, rendered->reply));
+        const Image image = image_of(dataset, group, member, rendered->spp, rendered->reply);
+        or_say_how_far(progress, [&] { write_exr(folder / group[member]->file(), image); });
         ++progress.done;
         report(progress);
       }

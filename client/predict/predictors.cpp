@@ -12,6 +12,7 @@
 #include "common/learning/predict_reply.h"
 #include "common/learning/predictor.h"
 #include "common/rpc/channel.h"
+#include "common/rpc/deadline.h"
 #include "common/rpc/request_id.h"
 #include "common/rpc/status.h"
 #include "common/rpc/wire_array.h"
@@ -82,7 +83,7 @@ class RemotePredictor {
   template <typename Method, typename Request, typename Reply>
   grpc::Status call(Method method, const Request& request, Reply& reply) const {
     grpc::ClientContext context;
-    context.set_deadline(std::chrono::system_clock::now() + timeout_);
+    context.set_deadline(deadline_in(timeout_));
     const std::string name = name_request(context);
     const grpc::Status status = ((*stub_).*method)(&context, request, &reply);
     if (!status.ok()) spdlog::debug("request {}: {}", name, status.error_message());

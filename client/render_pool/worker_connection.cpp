@@ -5,6 +5,7 @@
 
 #include "client/render_pool/reply_check.h"
 #include "common/error.h"
+#include "common/rpc/deadline.h"
 #include "common/rpc/request_id.h"
 
 namespace itn {
@@ -28,7 +29,7 @@ grpc::Status WorkerConnection::probe(bool patient, const std::stop_token& stop,
   grpc::ClientContext context;
   // gRPC 1.51 attends to a connection that is being made only while a call waits for it.
   context.set_wait_for_ready(patient);
-  context.set_deadline(std::chrono::system_clock::now() + kProbeDeadline);
+  context.set_deadline(deadline_in(kProbeDeadline));
   const std::stop_callback cancel(stop, [&] { context.TryCancel(); });
   grpc::Status status =
       stub_->GetCapabilities(&context, v1::GetCapabilitiesRequest(), &capabilities);
@@ -70,7 +71,7 @@ Answer WorkerConnection::render(const RenderJob& job, milliseconds deadline,
 grpc::Status WorkerConnection::call(const v1::RenderGradRequest& request, milliseconds deadline,
                                     const std::stop_token& stop, v1::RenderGradReply& reply) {
   grpc::ClientContext context;
-  context.set_deadline(std::chrono::system_clock::now() + deadline);
+  context.set_deadline(deadline_in(deadline));
   const std::stop_callback cancel(stop, [&] { context.TryCancel(); });
   const std::string name = name_request(context);
   reply.Clear();

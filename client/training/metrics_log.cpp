@@ -5,6 +5,7 @@
 #include <google/protobuf/util/json_util.h>
 
 #include <algorithm>
+#include <fstream>
 #include <iterator>
 #include <optional>
 #include <string_view>
@@ -80,11 +81,6 @@ std::string values(const v1::TrainingMetrics& metrics) {
   return fmt::format("{}", fmt::join(fields, ","));
 }
 
-void write_line(std::ofstream& file, const std::string& line, const fs::path& path) {
-  file << line << '\n' << std::flush;
-  if (!file) throw Error(ErrorKind::kIo, fmt::format("cannot write {}", path.string()));
-}
-
 // As many points as can be seen: means of neighbours.
 Curve thinned(const Curve& curve) {
   const size_t stride = (curve.x.size() + kMaxPoints - 1) / kMaxPoints;
@@ -125,14 +121,20 @@ MetricsLog::MetricsLog(const fs::path& folder, uint64_t step)
   file.close();
   write_file_atomically(folder_ / kLines, lines);
   write_file_atomically(folder_ / kColumns, columns);
-  lines_.open(folder_ / kLines, std::ios::app);
-  columns_.open(folder_ / kColumns, std::ios::app);
+  lines_.emplace(folder_ / kLines);
+  columns_.emplace(folder_ / kColumns);
 }
 
 void MetricsLog::append(const v1::TrainingMetrics& metrics) {
-  write_line(lines_, to_json(metrics), folder_ / kLines);
-  write_line(columns_, values(metrics), folder_ / kColumns);
+  lines_->add(to_json(metrics));
+  columns_->add(values(metrics));
   remember(metrics);
+  flush();
+}
+
+void MetricsLog::flush() {
+  lines_->flush();
+  columns_->flush();
 }
 
 void MetricsLog::remember(const v1::TrainingMetrics& metrics) {

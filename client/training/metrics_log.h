@@ -3,10 +3,11 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
+#include <optional>
 #include <vector>
 
 #include "client/chart.h"
+#include "common/files/line_file.h"
 #include "itn/v1/learning.pb.h"
 
 namespace itn {
@@ -19,8 +20,11 @@ class MetricsLog {
   // Throws Error (kIo).
   MetricsLog(const std::filesystem::path& folder, uint64_t step);
 
-  // Throws Error (kIo).
+  // Throws Error (kIo); what could not be written is written by the next call, or by flush().
   void append(const v1::TrainingMetrics& metrics);
+
+  // Throws Error (kIo) unless all is written that was appended.
+  void flush();
 
   // Draws the picture anew. Throws Error (kIo).
   void draw() const;
@@ -29,7 +33,7 @@ class MetricsLog {
   void remember(const v1::TrainingMetrics& metrics);
 
   std::filesystem::path folder_;
-  std::ofstream lines_, columns_;
+  std::optional<LineFile> lines_, columns_;
   std::vector<Curve> curves_;  // those that are drawn
 };
 

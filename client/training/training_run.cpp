@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <google/protobuf/util/message_differencer.h>
+#include <spdlog/spdlog.h>
 
 #include <chrono>
 #include <cmath>
@@ -84,6 +85,18 @@ class Runner {
 
   uint64_t saved() const { return saved_; }
 
+  // Whatever stops the run, what was learned is kept, unless that cannot be: of a full disk or of a
+  // network that diverged (throws Diverged).
+  void keep() {
+    try {
+      save();
+    } catch (const Diverged&) {
+      throw;
+    } catch (const Error& error) {
+      spdlog::warn("no checkpoint of step {}: {}", trainer_.steps_taken(), error.what());
+    }
+  }
+
   TrainingEnd until(uint64_t steps) {
     while (trainer_.steps_taken() < steps) {
       if (best_.patience_is_over()) {
@@ -112,11 +125,13 @@ class Runner {
     return {};
   }
 
-  // Once for each step. A checkpoint is written only of a network that answers.
+  // Once for each step. A checkpoint is written only of a network that answers, and of steps whose
+  // metrics are written: from what is there the run goes on without a gap.
   void save() {
     if (trainer_.steps_taken() == saved_) {
       return;
     }
+    log_.flush();
     write_latest_checkpoint(run_.folder, checkpoint());
     saved_ = trainer_.steps_taken();
     log_.draw();
@@ -173,6 +188,17 @@ class Runner {
   bool finished_;   // it is of the last step and complete
 };
 
+// For the message of a run that was stopped: where the next one begins.
+std::string how_far(uint64_t steps, uint64_t saved) {
+  if (steps == 0) return "";
+  if (saved == 0)
+    return fmt::format("; stopped after step {}, the same command begins anew", steps);
+  return fmt::format(
+      "; stopped after step {}, the same command continues{}, or --resume without the "
+      "other flags",
+      steps, saved < steps ? fmt::format(" after step {}", saved) : "");
+}
+
 // `new_trainer`: makes one from the model that a run starts with.
 template <typename NewTrainer>
 TrainingEnd train_with(const v1::TrainingConfig& config, const v1::Model& start,
@@ -197,14 +223,8 @@ TrainingEnd train_with(const v1::TrainingConfig& config, const v1::Model& start,
     } catch (const Diverged&) {
       throw;
     } catch (const Error& error) {
-      // Whatever else stopped it, what was learned is kept.
-      runner.save();
-      throw Error(error.kind(),
-                  trainer.steps_taken() == 0
-                      ? error.what()
-                      : fmt::format("{}; stopped after step {}, the same command continues, or "
-                                    "--resume without the other flags",
-                                    error.what(), trainer.steps_taken()));
+      runner.keep();
+      throw Error(error.kind(), error.what() + how_far(trainer.steps_taken(), runner.saved()));
     }
   } catch (const Diverged& error) {
     throw Diverged(error.kind(), fmt::format("{}. {}", error.what(),

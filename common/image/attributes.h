@@ -25,6 +25,8 @@ inline constexpr const char* kSplit = "itn.split";
 inline constexpr const char* kSunAzimuth = "itn.sun_azimuth_degrees";
 inline constexpr const char* kRelativeNoise = "itn.relative_noise";  // of Y, on the object
 inline constexpr const char* kItem = "itn.item";  // which item of the manifest, a digest
+inline constexpr const char* kContents =
+    "itn.contents_sha256";  // of all else, see contents_digest()
 // Of photographs that were merged.
 inline constexpr const char* kExposures = "itn.exposures";  // seconds, as text: 0.0125,0.05,0.2
 inline constexpr const char* kMergeMethod = "itn.merge_method";  // debevec or robertson

@@ -187,6 +187,8 @@ void keep_as(const fs::path& from, const fs::path& to) {
     fs::rename(temporary, to, error);
   }
   if (error) {
+    std::error_code ignored;
+    fs::remove(temporary, ignored);
     throw Error(ErrorKind::kIo, fmt::format("cannot write {}: {}", to.string(), error.message()));
   }
 }

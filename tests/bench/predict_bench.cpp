@@ -7,7 +7,6 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -20,10 +19,10 @@
 #include "common/learning/network_input.h"
 #include "common/learning/parameterization.h"
 #include "common/passive_waiting.h"
-#include "common/rpc/wire_array.h"
 #include "itn/v1/predict.grpc.pb.h"
 #include "server/predict/predict_server.h"
 #include "tests/support/cpu_time.h"
+#include "tests/support/disc_image.h"
 #include "tests/support/temporary_folder.h"
 
 namespace itn {
@@ -69,24 +68,6 @@ v1::Model random_model(const Options& options) {
   }
   store_weights(*new_encoder(model), model);
   return model;
-}
-
-// A shaded disc.
-v1::PredictRequest request_of(int side, double phase) {
-  std::vector<float> pixels, mask;
-  for (int y = 0; y < side; ++y) {
-    for (int x = 0; x < side; ++x) {
-      const double u = 3 * (x + 0.5) / side - 1.5, v = 3 * (y + 0.5) / side - 1.5;
-      mask.push_back(u * u + v * v < 1 ? 1.0F : 0.0F);
-      pixels.push_back(static_cast<float>(mask.back() * (1.5 + std::sin(2 * u + phase))));
-    }
-  }
-  v1::PredictRequest request;
-  request.set_width(static_cast<uint32_t>(side));
-  request.set_height(static_cast<uint32_t>(side));
-  request.set_image(to_bytes(pixels));
-  request.set_mask(to_bytes(mask));
-  return request;
 }
 
 void require_ok(const grpc::Status& status) {
@@ -148,7 +129,7 @@ void bench(const Options& options, v1::PredictService::Stub& stub) {
     std::fflush(stdout);
   };
   for (const int side : options.sides) {
-    const v1::PredictRequest one = request_of(side, 0);
+    const v1::PredictRequest one = testing::disc_image(side, 0);
     for (const int clients : options.clients) {
       print(side, clients, 1, measure(options.seconds, clients, [&] {
               grpc::ClientContext context;
@@ -158,7 +139,7 @@ void bench(const Options& options, v1::PredictService::Stub& stub) {
     }
     if (options.batch == 0) continue;
     v1::PredictBatchRequest many;
-    for (int i = 0; i < options.batch; ++i) *many.add_images() = request_of(side, 0.1 * i);
+    for (int i = 0; i < options.batch; ++i) *many.add_images() = testing::disc_image(side, 0.1 * i);
     print(side, 1, options.batch, measure(options.seconds, 1, [&] {
             grpc::ClientContext context;
             v1::PredictBatchReply reply;

@@ -4,31 +4,7 @@
 # bit, as those of a dataset that is rendered without workers.
 set -euo pipefail
 source "$ITN_SOURCE/tests/e2e/support.sh"
-
-client=itn-client-$$ host_a=itn-a-$$ host_b=itn-b-$$
-remove_network() {
-  local namespace
-  for namespace in "$client" "$host_a" "$host_b"; do
-    ip netns delete "$namespace" 2>/dev/null || true
-  done
-  rm -rf "/etc/netns/$client"
-}
-trap 'clean_up; remove_network' EXIT
-
-# host NAMESPACE NUMBER: a host at 10.213.NUMBER.2, with a link of its own to the client.
-host() {
-  ip netns add "$1"
-  ip link add "veth$2" netns "$client" type veth peer name eth0 netns "$1"
-  ip -n "$client" address add "10.213.$2.1/24" dev "veth$2"
-  ip -n "$1" address add "10.213.$2.2/24" dev eth0
-  ip -n "$client" link set "veth$2" up
-  ip -n "$1" link set eth0 up
-}
-if ! { ip netns add "$client" && host "$host_a" 1 && host "$host_b" 2 &&
-  ip -n "$client" link set lo up && mkdir -p "/etc/netns/$client"; } 2>"$folder/network.log"; then
-  echo "SKIPPED: no network namespaces here: $(tail -n 1 "$folder/network.log")"
-  exit 77
-fi
+source "$ITN_SOURCE/tests/e2e/network.sh"
 
 # name ADDRESS...: what the name "workers" means to the client from now on.
 name() {
@@ -43,34 +19,10 @@ itn dataset "$folder/trial" --count 20 --resolution 32 --spp 2048 --threads 2 2>
 dataset=(--count 10000 --resolution 32 --seed 5
   --spp $((200000000 * 20 * 2048 / ($(date +%s%N) - begin))))
 
-insecure=()
-itn-worker --help | grep -q -- --insecure && insecure=(--insecure)
-# worker NAMESPACE NUMBER: its process is then in $server.
-worker() {
-  ip netns exec "$1" itn-worker --listen "10.213.$2.2:50051" --threads 1 --log-level warning \
-    "${insecure[@]}" >"$folder/worker$2.address" &
-  server=$!
-  servers+=("$server")
-  until_true "worker $2 listens" test -s "$folder/worker$2.address"
-}
-
-# until_true WHAT COMMAND...: waits until the command succeeds, for two minutes at most.
-until_true() {
-  local what=$1 i
-  shift
-  for i in {1..12000}; do
-    "$@" && return
-    kill -0 "${run:-$$}" 2>/dev/null || fail "the run ended before $what: $(tail -n 3 "$folder/log")"
-    sleep 0.01
-  done
-  fail "$what: not within two minutes"
-}
 images() { find "$folder/dataset" -name '*.exr' 2>/dev/null | wc -l; }
 more_images_than() { (($(images) > $1)); }
 said() { grep -q -- "$1" "$folder/log"; }
-cpu_ticks() { awk '{ print $14 + $15 }' "/proc/$1/stat"; }
 works() { (($(cpu_ticks "$1") > $2)); }
-milliseconds() { echo $(($(date +%s%N) / 1000000)); }
 
 worker "$host_a" 1
 worker_a=$server

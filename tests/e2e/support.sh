@@ -35,3 +35,20 @@ fail() {
   echo "FAILED: $*" >&2
   exit 1
 }
+
+# until_true WHAT COMMAND...: waits until the command succeeds, for two minutes at most, as long as
+# the process $run lives, if there is one, whose messages are in $folder/log.
+until_true() {
+  local what=$1 i
+  shift
+  for i in {1..12000}; do
+    "$@" && return
+    kill -0 "${run:-$$}" 2>/dev/null || fail "the run ended before $what: $(tail -n 3 "$folder/log")"
+    sleep 0.01
+  done
+  fail "$what: not within two minutes"
+}
+
+milliseconds() { echo $(($(date +%s%N) / 1000000)); }
+# Of processor time that a process has used, in hundredths of a second.
+cpu_ticks() { awk '{ print $14 + $15 }' "/proc/$1/stat"; }

@@ -111,6 +111,8 @@ class Process {
     return static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec);
   }
 
+  pid_t id() const { return pid_; }
+
   void send(int signal) const { ::kill(pid_, signal); }
 
   // Its exit code, or minus the signal that ended it.

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -32,6 +33,36 @@ inline Estimated over_batches(const std::vector<double>& values) {
     squares += (v - mean) * (v - mean);
   }
   return {mean, std::sqrt(squares / (n - 1) / n), n - 1};
+}
+
+// The slope of the line that fits values at equal distances best (least squares), per distance.
+// Where neighbours differ from the line alike, there are fewer of them than it seems: n values
+// whose residuals have the lag-one correlation r count as n (1 - r) / (1 + r) (Bartlett, "Some
+// aspects of the time-correlation problem in regard to tests of significance", 1935).
+inline Estimated fitted_slope(const std::vector<double>& values) {
+  const double n = static_cast<double>(values.size());
+  const double middle = (n - 1) / 2;
+  double mean = 0;
+  for (const double v : values) mean += v / n;
+  double xx = 0, xy = 0;
+  for (size_t i = 0; i < values.size(); ++i) {
+    const double x = static_cast<double>(i) - middle;
+    xx += x * x;
+    xy += x * (values[i] - mean);
+  }
+  std::vector<double> residuals;
+  for (size_t i = 0; i < values.size(); ++i) {
+    residuals.push_back(values[i] - mean - xy / xx * (static_cast<double>(i) - middle));
+  }
+  double squares = 0, products = 0;
+  for (size_t i = 0; i < residuals.size(); ++i) {
+    squares += residuals[i] * residuals[i];
+    if (i > 0) products += residuals[i] * residuals[i - 1];
+  }
+  const double r = squares > 0 ? std::clamp(products / squares, 0.0, 0.99) : 0;
+  const double independent = n * (1 - r) / (1 + r);
+  return {xy / xx, std::sqrt(squares / (n - 2) / xx * n / independent),
+          std::max(1.0, independent - 2)};
 }
 
 // a - b. The degrees of freedom are those of Welch, "The generalization of 'Student's' problem when

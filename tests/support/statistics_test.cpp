@@ -1,6 +1,8 @@
 // The statistics that the tests of the tracer stand on.
 #include "tests/support/statistics.h"
 
+#include <random>
+
 namespace itn::testing {
 namespace {
 
@@ -48,6 +50,36 @@ TEST(StudentTest, WelchsDegreesOfFreedom) {
   EXPECT_DOUBLE_EQ(difference(a, known).standard_error, 0.2);
   EXPECT_DOUBLE_EQ(difference(a, b).degrees_of_freedom, 62);
   EXPECT_DOUBLE_EQ(difference(a, b).mean, 1);
+}
+
+TEST(Slope, OfALineIsExact) {
+  const Estimated line = fitted_slope({1, 3, 5, 7, 9});
+  EXPECT_DOUBLE_EQ(line.mean, 2);
+  EXPECT_NEAR(line.standard_error, 0, 1e-12);
+}
+
+// Of noise about lines: the error is what the slopes scatter by, also where noise has a memory.
+TEST(Slope, KnowsItsError) {
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal;
+  for (const double memory : {0.0, 0.7}) {
+    std::vector<double> errors;  // in standard errors
+    for (int repetition = 0; repetition < 400; ++repetition) {
+      std::vector<double> values;
+      double noise = 0;
+      for (int i = 0; i < 200; ++i) {
+        noise = memory * noise + normal(random);
+        values.push_back(0.5 * i + noise);
+      }
+      const Estimated found = fitted_slope(values);
+      errors.push_back((found.mean - 0.5) / found.standard_error);
+    }
+    const Estimated bias = over_batches(errors);
+    expect_equal(bias, {0, 0}, 2, "bias of slopes, in their errors");
+    const double scatter = bias.standard_error * std::sqrt(static_cast<double>(errors.size()));
+    // A scatter is known to 1 / sqrt(2 * 399) of itself; that of the memory is estimated, too.
+    EXPECT_NEAR(scatter, 1, 0.15) << memory;
+  }
 }
 
 }  // namespace

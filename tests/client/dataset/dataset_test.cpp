@@ -2,12 +2,15 @@
 
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <fstream>
 #include <numeric>
 #include <set>
 #include <sstream>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include "client/dataset/distribution.h"
@@ -249,10 +252,92 @@ TEST_F(DatasetFolder, SaysWhatIsWrongWithWhatItReads) {
     }
     expect_error(ErrorKind::kDataLoss, "is not the shape", [&] { reader.scene(item(reader)); });
   }
-  std::ofstream(folder_ / kManifestName, std::ios::app) << "\nflavour: 7\n";
+  std::string text = files()[kManifestName] + "\nflavour: 7\n";
+  std::ofstream(folder_ / kManifestName) << text;
+  expect_error(ErrorKind::kDataLoss, "checksum of its first line",
+               [&] { DatasetReader reader(folder_); });
+  text.erase(0, text.find('\n') + 1);  // as by somebody who changed it
+  std::ofstream(folder_ / kManifestName) << text;
   expect_error(ErrorKind::kInvalidInput, "flavour", [&] { DatasetReader reader(folder_); });
   fs::remove(folder_ / kManifestName);
   expect_error(ErrorKind::kIo, "cannot read", [&] { DatasetReader reader(folder_); });
+}
+
+// All that a dataset says, as text.
+std::string contents(const std::filesystem::path& folder) {
+  DatasetReader reader(folder);
+  std::string all = reader.manifest().SerializeAsString();
+  for (const v1::DatasetItem& item : reader.manifest().items()) {
+    const DatasetImage image = reader.image(item);
+    for (const auto& plane : {image.radiance, image.mask, image.standard_error}) {
+      all += to_bytes(plane);
+    }
+    all += fmt::format(" {} {} ", image.relative_noise, image.spp) + reader.scene(item)->digest;
+  }
+  return all;
+}
+
+// Each of its files cut short at every length, and with each of its bytes changed: an error that
+// names the file, or the same contents.
+class DamagedDataset : public DatasetFolder {
+ protected:
+  DamagedDataset() {
+    v1::DatasetConfig config = small_config();
+    config.set_count(1);
+    plan_ = plan_dataset(config, few_shapes());
+    render(plan_);
+    whole_ = contents(folder_);
+  }
+
+  // Of every `stride`-th place.
+  void damage(const std::string& name, size_t stride) const {
+    const std::string bytes = files().at(name);
+    for (size_t at = 0; at < bytes.size(); at += stride) {
+      expect_error_or_the_same(name, bytes.substr(0, at), fmt::format("cut at {}", at));
+      for (const int flip : {0x01, 0x10, 0xff}) {
+        std::string damaged = bytes;
+        damaged[at] = static_cast<char>(damaged[at] ^ flip);
+        expect_error_or_the_same(name, damaged, fmt::format("byte {} ^ {}", at, flip));
+      }
+      if (HasFailure()) return;
+    }
+    std::printf("  %s: %d files were refused, %d said the same\n", name.c_str(), refused_, same_);
+    EXPECT_GT(refused_, same_);
+    EXPECT_GT(damaged_, refused_ / 2);
+  }
+
+ private:
+  void expect_error_or_the_same(const std::string& name, const std::string& bytes,
+                                const std::string& what) const {
+    std::ofstream(folder_ / name, std::ios::binary | std::ios::trunc) << bytes;
+    try {
+      EXPECT_TRUE(contents(folder_) == whole_) << name << ", " << what << ": other contents";
+      ++same_;
+    } catch (const Error& error) {
+      EXPECT_THAT(error.what(), HasSubstr(name)) << what;
+      EXPECT_TRUE(error.kind() == ErrorKind::kDataLoss || error.kind() == ErrorKind::kInvalidInput)
+          << what << ": " << error.what();
+      ++refused_;
+      if (error.kind() == ErrorKind::kDataLoss) ++damaged_;
+    }
+  }
+
+  std::string whole_;
+  mutable int same_ = 0, refused_ = 0, damaged_ = 0;
+};
+
+TEST_F(DamagedDataset, ByItsManifest) {
+  damage(kManifestName, 1);
+}
+
+TEST_F(DamagedDataset, ByAnImage) {
+  damage(plan_.manifest.items(0).file(), 1);
+}
+
+TEST_F(DamagedDataset, ByAShape) {
+  const auto shape = std::ranges::find(plan_.manifest.shapes(), plan_.manifest.items(0).shape(),
+                                       &v1::DatasetShape::name);
+  damage(shape->file(), 13);
 }
 
 // A manifest from a stranger names files; they stay in the folder.

@@ -6,16 +6,19 @@
 
 #include <atomic>
 #include <chrono>
+#include <cstdio>
 #include <future>
 #include <list>
 #include <memory>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "common/error.h"
 #include "tests/support/process.h"
 #include "tests/support/scenes.h"
+#include "tests/support/server_process.h"
 
 namespace itn {
 namespace {
@@ -29,24 +32,17 @@ using ::testing::HasSubstr;
 using testing::own_cpu_seconds;
 using testing::small_request;
 
-class WorkerProcess : public testing::Process {
+class WorkerProcess : public testing::ServerProcess {
  public:
   explicit WorkerProcess(const std::string& listen = "127.0.0.1:0",
-                         const std::vector<std::string>& flags = {})
-      : Process(command(listen, flags)), address_(read_line()) {}
-
-  const std::string& address() const { return address_; }
+                         std::vector<std::string> flags = {})
+      : ServerProcess(ITN_WORKER, with_one_thread(std::move(flags)), listen) {}
 
  private:
-  static std::vector<std::string> command(const std::string& listen,
-                                          const std::vector<std::string>& flags) {
-    std::vector<std::string> command = {ITN_WORKER, "--listen",    listen, "--threads",
-                                        "1",        "--log-level", "error"};
-    command.insert(command.end(), flags.begin(), flags.end());
-    return command;
+  static std::vector<std::string> with_one_thread(std::vector<std::string> flags) {
+    flags.insert(flags.end(), {"--threads", "1"});
+    return flags;
   }
-
-  std::string address_;
 };
 
 RenderPoolOptions pool_of(const std::vector<std::string>& workers) {
@@ -336,6 +332,30 @@ TEST(RenderPool, GivesUpARenderThatTakesTooLong) {
                 HasSubstr("was lost 3 times and is given up: the embedded worker: no answer "
                           "within 0.1 s;"));
   }
+}
+
+// One that workers never finish, on workers that can do one thing at a time. What waits behind it
+// is not blamed, however long it waits.
+TEST(RenderPool, GivesUpARenderThatStarvesItsWorkersAndRendersTheOthers) {
+  WorkerProcess a, b;
+  auto options = pool_of({a.address(), b.address()});
+  options.deadline = 1500ms;
+  RenderPool pool(options);
+  wait_until_both_render(pool);
+  const uint64_t before = pool.statistics().jobs;
+  RenderJob poison = jobs(1)[0];
+  poison.request = endless_request();
+  const auto start = std::chrono::steady_clock::now();
+  auto poisoned = pool.submit(poison);
+  const auto all = jobs(24);
+  RenderPool embedded(pool_of({}));
+  EXPECT_EQ(render_all(pool, all), render_all(embedded, all));
+  EXPECT_EQ(kind_of_failure(std::move(poisoned)), ErrorKind::kUnavailable);
+  EXPECT_EQ(pool.statistics().jobs, before + all.size());
+  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+  std::printf("  the others are rendered and the poison is given up after %.1f s: 3 x 1.5 s\n",
+              took.count());
+  EXPECT_EQ(render_all(pool, all), render_all(pool, all));  // by workers that are themselves again
 }
 
 TEST(RenderPool, NamesTheWorkersIfNoneAnswers) {

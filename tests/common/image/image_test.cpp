@@ -12,7 +12,7 @@
 #include <ImfPartType.h>
 #include <ImfStringAttribute.h>
 #include <ImfTiledOutputFile.h>
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 #include <half.h>
 #include <png.h>
 
@@ -307,6 +307,30 @@ TEST_P(BadExrTest, IsRefused) {
 
 INSTANTIATE_TEST_SUITE_P(Table, BadExrTest, ::testing::ValuesIn(kBadExrs),
                          [](const auto& row) { return std::string(row.param.name); });
+
+// Pixels have no checksum in such a file: a byte may make it another image.
+TEST(Exr, DamagedAnywhereIsAnErrorOrAnImage) {
+  const TemporaryFolder folder;
+  write_exr(folder.path("whole.exr"), sample_image());
+  const std::string whole = read_file(folder.path("whole.exr"), "image");
+  for (size_t at = 0; at < whole.size(); ++at) {
+    expect_error(ErrorKind::kDataLoss, {"cut.exr"},
+                 [&] { decode_exr(whole.substr(0, at), "cut.exr"); });
+    for (const int flip : {0x01, 0x80, 0xff}) {
+      std::string damaged = whole;
+      damaged[at] = static_cast<char>(damaged[at] ^ flip);
+      try {
+        decode_exr(damaged, "damaged.exr");
+      } catch (const Error& error) {
+        EXPECT_TRUE(error.kind() == ErrorKind::kDataLoss ||
+                    error.kind() == ErrorKind::kInvalidInput)
+            << at << " ^ " << flip << ": " << error.what();
+        EXPECT_THAT(error.what(), ::testing::HasSubstr("damaged.exr"));
+      }
+    }
+    if (::testing::Test::HasFailure()) break;
+  }
+}
 
 TEST(Exr, SaysWhereItCannotWrite) {
   expect_error(ErrorKind::kIo, {"/nowhere/a.exr"},

@@ -4,6 +4,7 @@
 #include <fstream>
 #include <functional>
 #include <sstream>
+#include <vector>
 
 #include <gmock/gmock.h>
 #include <google/protobuf/unknown_field_set.h>
@@ -67,20 +68,36 @@ TEST_F(CheckpointTest, IsFoundInTheFolderOfARun) {
   EXPECT_EQ(read_checkpoint(folder_).training().step(), 7);
 }
 
+// Header, message and the first of the data byte by byte, the rest here and there.
+std::vector<size_t> places(size_t size) {
+  constexpr size_t kEach = 4096, kStride = 37;
+  std::vector<size_t> places;
+  for (size_t at = 0; at < size; at += at < kEach ? 1 : kStride) places.push_back(at);
+  places.push_back(size - 1);
+  return places;
+}
+
 TEST_F(CheckpointTest, CutShortAnywhereIsDataLoss) {
   const std::string whole = bytes();
-  for (const size_t size : {size_t{0}, size_t{4}, size_t{8}, size_t{20}, size_t{55}, size_t{56},
-                            whole.size() / 2, whole.size() - 1}) {
+  for (const size_t size : places(whole.size())) {
     replace(whole.substr(0, size));
-    EXPECT_EQ(read_error(), ErrorKind::kDataLoss) << size;
+    ASSERT_EQ(read_error(), ErrorKind::kDataLoss) << size;
   }
 }
 
-TEST_F(CheckpointTest, WithAFlippedBitIsDataLoss) {
-  std::string damaged = bytes();
-  damaged[damaged.size() / 2] ^= 1;
-  replace(damaged);
-  EXPECT_EQ(read_error(), ErrorKind::kDataLoss);
+TEST_F(CheckpointTest, WithAByteChangedAnywhereIsDataLoss) {
+  const std::string whole = bytes();
+  constexpr size_t kNameSize =
+      8;  // of the format, with which a file of another kind does not begin
+  for (const size_t at : places(whole.size())) {
+    for (const int flip : {0x01, 0x80, 0xff}) {
+      std::string damaged = whole;
+      damaged[at] = static_cast<char>(damaged[at] ^ flip);
+      replace(damaged);
+      ASSERT_EQ(read_error(), at < kNameSize ? ErrorKind::kInvalidInput : ErrorKind::kDataLoss)
+          << at << " " << flip;
+    }
+  }
 }
 
 TEST_F(CheckpointTest, OfAnotherKindOfFileIsInvalidInput) {

@@ -1,9 +1,6 @@
 // The render service behind real channels.
 #include <gmock/gmock.h>
-#include <google/protobuf/wrappers.pb.h>
 #include <grpcpp/create_channel.h>
-#include <grpcpp/generic/generic_stub.h>
-#include <grpcpp/impl/codegen/proto_utils.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -31,6 +28,7 @@
 #include "server/render/render_server.h"
 #include "server/render/rendering_loss.h"
 #include "server/render/request_check.h"
+#include "tests/support/health.h"
 #include "tests/support/process.h"
 #include "tests/support/scenes.h"
 
@@ -43,6 +41,7 @@ using testing::cube_scene;
 using testing::deterministic_bytes;
 using testing::endless_request;
 using ::testing::HasSubstr;
+using testing::health;
 using testing::small_request;
 
 struct Answer {
@@ -930,21 +929,6 @@ TEST(RenderService, ServerThatGoesAwayCancelsWhatRuns) {
 }
 
 // ---- Health and reflection ---------------------------------------------------------------------
-
-// The messages of grpc.health.v1 by what they are on the wire.
-std::pair<grpc::Status, uint32_t> health(const std::shared_ptr<grpc::Channel>& channel,
-                                         const std::string& service) {
-  grpc::TemplatedGenericStub<google::protobuf::StringValue, google::protobuf::UInt32Value> stub(
-      channel);
-  grpc::ClientContext context;
-  google::protobuf::StringValue request;
-  request.set_value(service);
-  google::protobuf::UInt32Value response;
-  std::promise<grpc::Status> done;
-  stub.UnaryCall(&context, "/grpc.health.v1.Health/Check", grpc::StubOptions(), &request, &response,
-                 [&](grpc::Status status) { done.set_value(std::move(status)); });
-  return {done.get_future().get(), response.value()};
-}
 
 TEST(RenderServer, TellsItsHealth) {
   auto options = one_thread();
