@@ -5,6 +5,7 @@
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
+#include <iterator>
 #include <memory>
 
 #include "common/error.h"
@@ -12,6 +13,26 @@
 namespace itn {
 
 namespace {
+
+// Of the message that this thread is logging.
+thread_local std::span<const LogField> fields_of_message;
+
+// %& in a pattern: the fields, each after a comma.
+class Fields final : public spdlog::custom_flag_formatter {
+ public:
+  void format(const spdlog::details::log_msg& /*message*/, const std::tm& /*time*/,
+              spdlog::memory_buf_t& line) override {
+    for (const LogField& field : fields_of_message) {
+      const std::string* const text = std::get_if<std::string>(&field.value);
+      const std::string value = text ? fmt::format("\"{}\"", json_escaped(*text))
+                                     : fmt::format("{:.6g}", std::get<double>(field.value));
+      fmt::format_to(std::back_inserter(line), ",\"{}\":{}", field.name, value);
+    }
+  }
+  std::unique_ptr<custom_flag_formatter> clone() const override {
+    return std::make_unique<Fields>();
+  }
+};
 
 // %* in a pattern: the message, escaped.
 class EscapedMessage final : public spdlog::custom_flag_formatter {
@@ -28,8 +49,8 @@ class EscapedMessage final : public spdlog::custom_flag_formatter {
 
 std::unique_ptr<spdlog::formatter> json_formatter() {
   auto formatter = std::make_unique<spdlog::pattern_formatter>(spdlog::pattern_time_type::utc);
-  formatter->add_flag<EscapedMessage>('*').set_pattern(
-      R"({"time":"%Y-%m-%dT%H:%M:%S.%eZ","level":"%l","message":"%*"})");
+  formatter->add_flag<EscapedMessage>('*').add_flag<Fields>('&').set_pattern(
+      R"({"time":"%Y-%m-%dT%H:%M:%S.%eZ","level":"%l","message":"%*"%&})");
   return formatter;
 }
 
@@ -48,6 +69,13 @@ std::string json_escaped(std::string_view text) {
     }
   }
   return escaped;
+}
+
+void log_with_fields(const std::string& message, std::span<const LogField> fields) {
+  // spdlog formats on the thread that logs.
+  fields_of_message = fields;
+  spdlog::info("{}", message);
+  fields_of_message = {};
 }
 
 void set_up_logging(const std::string& level, LogFormat format) {

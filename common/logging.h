@@ -1,8 +1,10 @@
 // Logging for every program of itn: to stderr, through spdlog.
 #pragma once
 
+#include <span>
 #include <string>
 #include <string_view>
+#include <variant>
 
 namespace itn {
 
@@ -14,6 +16,16 @@ enum class LogFormat {
 // `level` is one of trace, debug, info, warning, error, critical, off. Throws Error (kUsage) for
 // another.
 void set_up_logging(const std::string& level = "info", LogFormat format = LogFormat::kText);
+
+// What a program that reads the log wants to know by itself, beside the message.
+struct LogField {
+  std::string_view name;  // of letters and _
+  std::variant<std::string, double> value;
+};
+
+// Logs the message, at level info; in LogFormat::kJson with the fields as further ones of its
+// object. People find in the message what there is to know.
+void log_with_fields(const std::string& message, std::span<const LogField> fields);
 
 // As the inside of a JSON string (RFC 8259), in ASCII: bytes that are not are written as \u00NN.
 std::string json_escaped(std::string_view text);

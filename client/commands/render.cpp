@@ -15,6 +15,7 @@
 
 #include "client/commands/command.h"
 #include "client/commands/options.h"
+#include "client/commands/render_request.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
@@ -51,12 +52,6 @@ struct RenderOptions {
   WorkerFlags workers;
   bool json = false;
 };
-
-std::string upper(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(),
-                 [](unsigned char c) { return std::toupper(c); });
-  return text;
-}
 
 std::string lower(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(),
@@ -115,50 +110,9 @@ void check_combinations(const RenderOptions& options) {
 
 // ---- The request -----------------------------------------------------------------------------
 
-// In the medium's parameter of this name; PARAMETER_UNSPECIFIED if it has none.
-v1::Parameter medium_parameter(const std::string& name) {
-  v1::Parameter value = v1::PARAMETER_UNSPECIFIED;
-  if (name == lower(name)) v1::Parameter_Parse(upper(name), &value);
-  return value;
-}
-
-void add_derivative(const std::string& name, v1::RenderGradRequest& request) {
-  if (const v1::Parameter parameter = medium_parameter(name)) {
-    request.add_derivatives(parameter);
-  } else if (name.find('[') != std::string::npos) {
-    request.add_scene_derivatives(name);  // which the worker knows to read
-  } else {
-    throw Error(ErrorKind::kUsage,
-                fmt::format("--derivatives: {} is not one of sigma_t, albedo, g, sigma_a, sigma_s, "
-                            "sigma_s_reduced, surface[K].reflectance, light[K].scale",
-                            name));
-  }
-}
-
-// The names in the order of the reply: those of the medium first.
-std::vector<std::string> in_order_of_reply(std::vector<std::string> names) {
-  std::stable_partition(names.begin(), names.end(), [](const std::string& name) {
-    return medium_parameter(name) != v1::PARAMETER_UNSPECIFIED;
-  });
-  return names;
-}
-
-void set_film(v1::Film& film, const std::string& size) {
-  unsigned width = 0;
-  unsigned height = 0;
-  int used = 0;
-  if (std::sscanf(size.c_str(), "%5ux%5u%n", &width, &height, &used) != 2 ||
-      used != static_cast<int>(size.size())) {
-    throw Error(ErrorKind::kUsage,
-                fmt::format("--film: {} is not WIDTHxHEIGHT in pixels, e.g. 128x128", size));
-  }
-  film.set_width(width);
-  film.set_height(height);
-}
-
 RenderJob make_job(const RenderOptions& options) {
   v1::Scene scene = load_scene(options.scene);
-  if (!options.film.empty()) set_film(*scene.mutable_film(), options.film);
+  if (!options.film.empty()) set_film("--film", options.film, *scene.mutable_film());
   RenderJob job;
   job.scene = serialize(scene);
   *job.request.mutable_material() = to_proto(Material{options.sigma_t, options.albedo, options.g});

@@ -4,20 +4,18 @@
 
 #include <algorithm>
 #include <chrono>
-#include <condition_variable>
 #include <cstdio>
 #include <future>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "client/commands/command.h"
 #include "client/commands/options.h"
-#include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
+#include "client/pause.h"
 #include "common/error.h"
 #include "common/flags.h"
 #include "common/logging.h"
@@ -39,14 +37,6 @@ struct TopOptions {
   bool once = false;
   bool json = false;
 };
-
-bool interrupted_within(std::chrono::duration<double> time) {
-  std::mutex mutex;
-  std::unique_lock lock(mutex);
-  std::condition_variable_any never;
-  never.wait_for(lock, interruption(), time, [] { return false; });
-  return interruption().stop_requested();
-}
 
 // What a server says, or why it does not.
 struct Answer {

@@ -49,16 +49,16 @@ class RemotePredictor {
     v1::PredictBatchReply reply;
     if (photographs.size() == 1 && !one_material) {
       v1::PredictOutcome& outcome = *reply.add_outcomes();
-      const grpc::Status status =
-          call(&v1::PredictService::Stub::Predict, for_model(request_of(photographs.front())),
-               *outcome.mutable_reply());
-      if (!is_of_the_photograph(status)) {
-        require_ok(status);
+      const Ended call = made(&v1::PredictService::Stub::Predict,
+                              for_model(request_of(photographs.front())), *outcome.mutable_reply());
+      if (!is_of_the_photograph(call.status)) {
+        require_ok(call);
         return reply;
       }
+      spdlog::warn("{} refuses the photograph (request {})", address_, call.name);
       outcome.clear_reply();
-      outcome.set_code(status.error_code());
-      outcome.set_message(status.error_message());
+      outcome.set_code(call.status.error_code());
+      outcome.set_message(call.status.error_message());
       return reply;
     }
     v1::PredictBatchRequest request;
@@ -66,10 +66,10 @@ class RemotePredictor {
     for (const PredictInput& photograph : photographs) {
       *request.add_images() = request_of(photograph);
     }
-    const grpc::Status status =
-        call(&v1::PredictService::Stub::PredictBatch, for_model(std::move(request)), reply);
-    if (status.error_code() != grpc::StatusCode::RESOURCE_EXHAUSTED || one_material) {
-      require_ok(status);
+    const Ended call =
+        made(&v1::PredictService::Stub::PredictBatch, for_model(std::move(request)), reply);
+    if (call.status.error_code() != grpc::StatusCode::RESOURCE_EXHAUSTED || one_material) {
+      require_ok(call);
       return reply;
     }
     // More than it takes at a time.
@@ -80,14 +80,17 @@ class RemotePredictor {
   }
 
  private:
+  struct Ended {
+    grpc::Status status;
+    std::string name;  // of the request, in the predictor's log
+  };
+
   template <typename Method, typename Request, typename Reply>
-  grpc::Status call(Method method, const Request& request, Reply& reply) const {
+  Ended made(Method method, const Request& request, Reply& reply) const {
     grpc::ClientContext context;
     context.set_deadline(deadline_in(timeout_));
     const std::string name = name_request(context);
-    const grpc::Status status = ((*stub_).*method)(&context, request, &reply);
-    if (!status.ok()) spdlog::debug("request {}: {}", name, status.error_message());
-    return status;
+    return {((*stub_).*method)(&context, request, &reply), name};
   }
 
   template <typename Request>
@@ -103,13 +106,14 @@ class RemotePredictor {
            status.error_code() == grpc::StatusCode::RESOURCE_EXHAUSTED;
   }
 
-  void require_ok(const grpc::Status& status) const {
-    if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) {
+  void require_ok(const Ended& call) const {
+    if (call.status.error_code() == grpc::StatusCode::UNIMPLEMENTED) {
       throw Error(ErrorKind::kUnavailable,
                   fmt::format("{} is not a predictor; itn-predictor is one", address_));
     }
-    if (!status.ok()) {
-      throw to_error(connector_.explained(status, address_), "predictor " + address_);
+    if (!call.status.ok()) {
+      throw to_error(with_request_name(connector_.explained(call.status, address_), call.name),
+                     "predictor " + address_);
     }
   }
 

@@ -72,7 +72,7 @@ class RenderPool::Impl {
       : options_(std::move(options)), dispatcher_(options_.give_up_after), list_(options_.workers) {
     try {
       if (options_.workers.empty()) {
-        update({""});
+        update({WorkerList::Address("")});
       } else {
         connector_ = std::make_shared<Connector>(options_.security);
         list_.watch([this](const WorkerList::Addresses& addresses) { update(addresses); });
@@ -115,14 +115,16 @@ class RenderPool::Impl {
     std::erase_if(left_, [](const auto& member) { return member->running == 0; });
     for (auto member = members_.begin(); member != members_.end();) {
       const auto next = std::next(member);
-      if (std::ranges::find(addresses, member->first) == addresses.end()) leave(member);
+      const bool stays = std::ranges::find(addresses, member->first,
+                                           &WorkerList::Address::address) != addresses.end();
+      if (!stays) leave(member);
       member = next;
     }
     std::optional<Error> mistake;
-    for (const std::string& address : addresses) {
-      if (members_.contains(address)) continue;
+    for (const WorkerList::Address& worker : addresses) {
+      if (members_.contains(worker.address)) continue;
       try {
-        join(address);
+        join(worker);
       } catch (const Error& error) {
         mistake = error;
       }
@@ -131,9 +133,10 @@ class RenderPool::Impl {
     if (mistake) throw *mistake;
   }
 
-  void join(const std::string& address) {
+  void join(const WorkerList::Address& worker) {
+    const std::string& address = worker.address;
     auto member = std::make_unique<Member>();
-    member->connection = connect(address);
+    member->connection = connect(worker);
     if (said_who_is_there_) spdlog::info("worker {} joins", address);
     member->number = dispatcher_.add(address.empty() ? "" : "worker " + address);
     member->address = address;
@@ -164,12 +167,13 @@ class RenderPool::Impl {
     member.released.notify_all();
   }
 
-  std::unique_ptr<RenderWorker> connect(const std::string& address) {
-    if (options_.connect) return options_.connect(address);
-    if (!address.empty()) {
+  std::unique_ptr<RenderWorker> connect(const WorkerList::Address& worker) {
+    if (options_.connect) return options_.connect(worker.address);
+    if (!worker.address.empty()) {
+      const std::shared_ptr<const Connector> connector = connector_to(worker.name);
       return std::make_unique<WorkerConnection>(
-          connector_->connect_to(address),
-          [connector = connector_, address](const grpc::Status& status) {
+          connector->connect_to(worker.address),
+          [connector, address = worker.address](const grpc::Status& status) {
             return connector->explained(status, address);
           });
     }
@@ -179,6 +183,16 @@ class RenderPool::Impl {
     options.service.cache_bytes = options_.embedded_cache_bytes;
     embedded_ = std::make_unique<RenderServer>(options);
     return std::make_unique<WorkerConnection>(embedded_->in_process_channel());
+  }
+
+  // To workers that were found by this name, which their certificates say then.
+  std::shared_ptr<const Connector> connector_to(const std::string& name) {
+    ClientSecurity security = options_.security;
+    if (!security.encrypts() || !security.server_name.empty() || name.empty()) return connector_;
+    security.server_name = name;
+    std::shared_ptr<const Connector>& connector = named_connectors_[name];
+    if (!connector) connector = std::make_shared<Connector>(security);
+    return connector;
   }
 
   void wait_for_first_worker() {
@@ -353,6 +367,7 @@ class RenderPool::Impl {
 
   const RenderPoolOptions options_;
   std::shared_ptr<const Connector> connector_;  // null without workers
+  std::map<std::string, std::shared_ptr<const Connector>> named_connectors_;
   std::unique_ptr<RenderServer> embedded_;
 
   mutable std::mutex mutex_;  // guards what follows

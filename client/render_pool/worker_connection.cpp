@@ -1,7 +1,6 @@
 #include "client/render_pool/worker_connection.h"
 
 #include <fmt/format.h>
-#include <spdlog/spdlog.h>
 
 #include "client/render_pool/reply_check.h"
 #include "common/error.h"
@@ -16,13 +15,13 @@ using std::chrono::milliseconds;
 // Of the call that asks a worker whether it is there.
 constexpr milliseconds kProbeDeadline{2000};
 
+}  // namespace
+
 bool asks_for_scene(const grpc::Status& status, const std::string& digest) {
   v1::SceneNotHeld details;
   return status.error_code() == grpc::StatusCode::FAILED_PRECONDITION &&
          details.ParseFromString(status.error_details()) && details.scene_digest() == digest;
 }
-
-}  // namespace
 
 grpc::Status WorkerConnection::probe(bool patient, const std::stop_token& stop,
                                      v1::Capabilities& capabilities) {
@@ -39,7 +38,7 @@ grpc::Status WorkerConnection::probe(bool patient, const std::stop_token& stop,
                         ": only the same version gives the same results",
                         capabilities.version())};
   }
-  return patient ? status : explain_(status);
+  return patient || !explain_ ? status : explain_(status);
 }
 
 Answer WorkerConnection::render(const RenderJob& job, milliseconds deadline,
@@ -52,10 +51,6 @@ Answer WorkerConnection::render(const RenderJob& job, milliseconds deadline,
     answer.scene_sent = true;
     request.set_scene(job.scene->bytes);
     answer.status = call(request, deadline, stop, answer.reply);
-  }
-  if (answer.status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED) {
-    const double seconds = std::chrono::duration<double>(deadline).count();
-    answer.status = {answer.status.error_code(), fmt::format("no answer within {} s", seconds)};
   }
   answer.outcome = outcome_of(answer.status);
   if (answer.outcome != Outcome::kAnswered) return answer;
@@ -75,9 +70,12 @@ grpc::Status WorkerConnection::call(const v1::RenderGradRequest& request, millis
   const std::stop_callback cancel(stop, [&] { context.TryCancel(); });
   const std::string name = name_request(context);
   reply.Clear();
-  const grpc::Status status = stub_->RenderGrad(&context, request, &reply);
-  if (!status.ok()) spdlog::debug("request {}: {}", name, status.error_message());
-  return status;
+  grpc::Status status = stub_->RenderGrad(&context, request, &reply);
+  if (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED) {
+    const double seconds = std::chrono::duration<double>(deadline).count();
+    status = {status.error_code(), fmt::format("no answer within {} s", seconds)};
+  }
+  return explain_ ? with_request_name(status, name) : status;
 }
 
 }  // namespace itn

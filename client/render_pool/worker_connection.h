@@ -16,14 +16,16 @@
 
 namespace itn {
 
+// Whether a worker that answered so asks to be sent the scene of this digest.
+bool asks_for_scene(const grpc::Status& status, const std::string& digest);
+
 class WorkerConnection final : public RenderWorker {
  public:
   // Why there is no connection, where gRPC's status does not say so.
   using Explain = std::function<grpc::Status(const grpc::Status&)>;
 
-  explicit WorkerConnection(
-      const std::shared_ptr<grpc::Channel>& channel,
-      Explain explain = [](const grpc::Status& status) { return status; })
+  // Without `explain`, of a worker in this process, which writes no log that one could look at.
+  explicit WorkerConnection(const std::shared_ptr<grpc::Channel>& channel, Explain explain = {})
       : stub_(v1::RenderService::NewStub(channel)), explain_(std::move(explain)) {}
 
   grpc::Status probe(bool patient, const std::stop_token& stop,

@@ -100,7 +100,7 @@ Finding addresses_of(const HostPort& name) {
     if (error != 0) return {std::nullopt, gai_strerror(error), {}};
     WorkerList::Addresses addresses;
     for (const addrinfo* a = found; a; a = a->ai_next) {
-      addresses.push_back(numeric(a->ai_addr, name.port));
+      addresses.push_back({numeric(a->ai_addr, name.port), name.host});
     }
     return {std::move(addresses), "", {}};
   }
@@ -153,7 +153,7 @@ Finding addresses_in(const std::string& path) {
     if (address.empty()) continue;
     try {
       check_line(address, path, number);
-      finding.addresses->push_back(address);
+      finding.addresses->emplace_back(address);
     } catch (const Error& error) {
       if (!finding.mistake) finding.mistake = error;
     }
@@ -263,8 +263,9 @@ void WorkerList::follow(Source& source, const std::stop_token& stop) {
 WorkerList::Addresses WorkerList::all() const {
   Addresses all;
   for (const auto& source : sources_) {
-    for (const std::string& address : source->addresses) {
-      if (std::ranges::find(all, address) == all.end()) all.push_back(address);
+    for (const Address& worker : source->addresses) {
+      const bool known = std::ranges::find(all, worker.address, &Address::address) != all.end();
+      if (!known) all.push_back(worker);
     }
   }
   return all;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <concepts>
 #include <condition_variable>
 #include <cstdint>
 #include <functional>
@@ -10,6 +11,7 @@
 #include <stop_token>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace itn {
@@ -23,7 +25,16 @@ namespace itn {
 // was, with a warning. Thread-safe.
 class WorkerList {
  public:
-  using Addresses = std::vector<std::string>;  // HOST:PORT each, no two the same
+  struct Address {
+    template <std::convertible_to<std::string> Text>
+    Address(const Text& text, std::string n = "") : address(text), name(std::move(n)) {}
+
+    std::string address;  // HOST:PORT
+    std::string name;     // that it is an address of, which a certificate should say; or empty
+
+    bool operator==(const Address&) const = default;
+  };
+  using Addresses = std::vector<Address>;  // no two the same
   using Changed = std::function<void(const Addresses&)>;
 
   // Throws Error: kUsage (an entry), kInvalidInput (a line of a file, with its number), kIo (a file

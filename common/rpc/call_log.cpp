@@ -21,11 +21,11 @@ bool CallLog::admits(uint64_t& left_out, Clock::time_point now) {
   return true;
 }
 
-void CallLog::line(const std::string& text) {
+void CallLog::line(const std::string& text, std::span<const LogField> fields) {
   uint64_t left_out = 0;
   if (!admits(left_out)) return;
   if (left_out > 0) spdlog::info("{} calls were answered without a line here", left_out);
-  spdlog::info("{}", text);
+  log_with_fields(text, fields);
 }
 
 }  // namespace itn

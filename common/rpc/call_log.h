@@ -4,7 +4,10 @@
 #include <chrono>
 #include <cstdint>
 #include <mutex>
+#include <span>
 #include <string>
+
+#include "common/logging.h"
 
 namespace itn {
 
@@ -20,7 +23,7 @@ class CallLog {
   bool admits(uint64_t& left_out, Clock::time_point now = Clock::now());
 
   // Logs it, at level info, unless there are too many.
-  void line(const std::string& text);
+  void line(const std::string& text, std::span<const LogField> fields);
 
  private:
   std::mutex mutex_;

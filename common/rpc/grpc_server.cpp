@@ -169,6 +169,12 @@ std::shared_ptr<grpc::Channel> GrpcServer::in_process_channel() {
   return server_->InProcessChannel(arguments);
 }
 
+void GrpcServer::describe(v1::ServerStatus& status) const {
+  if (!listener_) return;
+  status.set_connections(listener_->connections());
+  status.set_most_connections(listener_->max_connections());
+}
+
 void GrpcServer::stop_serving() {
   readiness_ = std::jthread();
   server_->GetHealthCheckService()->Shutdown();

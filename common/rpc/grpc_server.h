@@ -19,6 +19,7 @@
 
 #include "common/rpc/listener.h"
 #include "common/rpc/server_security.h"
+#include "itn/v1/status.pb.h"
 
 namespace itn {
 
@@ -59,6 +60,9 @@ class GrpcServer {
   const std::string& address() const { return address_; }
 
   std::shared_ptr<grpc::Channel> in_process_channel();
+
+  // Sets what it knows of the server's status: its connections.
+  void describe(v1::ServerStatus& status) const;
 
   // Health checks are answered NOT_SERVING from now on.
   void stop_serving();

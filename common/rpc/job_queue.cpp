@@ -4,9 +4,9 @@
 
 #include <algorithm>
 #include <iterator>
+#include <utility>
 
 #include "common/error.h"
-#include "common/rpc/status.h"
 
 namespace itn {
 namespace {
@@ -19,13 +19,16 @@ constexpr double kLeastRetrySeconds = 0.05;
 constexpr double kMostRetrySeconds = 10;
 // What no job holds is held by requests that come in and answers that go out.
 constexpr double kIdleRetrySeconds = 1;
-// A place is kept so much longer than the peer was told to stay away.
+// A place is kept so much longer than the client was told to stay away.
 constexpr double kGraceFactor = 1.5;
 constexpr double kGraceSeconds = 0.5;
-// For a peer that will ask again at once.
+// For a client that will ask again at once.
 constexpr double kAtOnceSeconds = 2;
-// More peers than this are not told apart.
-constexpr size_t kMostPeers = 1024;
+// More clients than this are not told apart.
+constexpr size_t kMostClients = 1024;
+// Who has so many places more than another may lose one to them, after which they still do not have
+// fewer.
+constexpr size_t kMargin = 2;
 
 std::chrono::steady_clock::time_point after(double seconds) {
   using Clock = std::chrono::steady_clock;
@@ -59,50 +62,119 @@ JobQueue::~JobQueue() {
   for (const Waiting& waiting : dropped) waiting.job.drop();
 }
 
-JobQueue::Place JobQueue::admit(const std::string& peer) {
+JobQueue::Place JobQueue::admit(const QueueClient& client) {
   const std::lock_guard lock(mutex_);
   if (closed_) throw stopping();
   forget_old_notes();
-  const auto note =
-      std::find_if(notes_.begin(), notes_.end(), [&](const Note& n) { return n.peer == peer; });
-  const auto before = static_cast<size_t>(note - notes_.begin());
-  if (free_places() > before) {
-    if (note != notes_.end()) notes_.erase(note);
-    ++admitted_;
-    return {*this, peer};
+  const auto note = std::ranges::find(notes_, client, &Note::client);
+  // Who has much already does not come before who has little, whoever asked first.
+  const auto before = static_cast<size_t>(std::count_if(
+      notes_.begin(), note, [&](const Note& n) { return !has_more(n.client, client, kMargin); }));
+  const bool free = free_places() > before;
+  if (!free && displaced_by(client, kMargin) == waiting_.end()) throw refusal(client, before + 1);
+  if (note != notes_.end()) notes_.erase(note);
+  take_place(client);
+  ++admitted_;
+  return {*this, client, !free};
+}
+
+void JobQueue::submit(Place place, Job job) {
+  std::optional<Waiting> displaced;
+  std::optional<StatusError> why;
+  {
+    const std::lock_guard lock(mutex_);
+    if (closed_) throw stopping();
+    Waiting entering{place.client_, std::move(job)};
+    // The place has become one of the client's meanwhile.
+    const auto leaving =
+        place.displaces_ ? displaced_by(place.client_, kMargin - 1) : waiting_.end();
+    if (leaving == waiting_.end()) {
+      waiting_.push_back(std::move(entering));
+    } else {
+      why = refusal(leaving->client, 1);
+      free_place(leaving->client);
+      displaced = std::exchange(*leaving, std::move(entering));
+      std::rotate(leaving, std::next(leaving), waiting_.end());  // to the end
+    }
+    place.queue_ = nullptr;
+    --admitted_;
   }
-  const double seconds = seconds_until_free(before + 1);
+  work_available_.notify_one();
+  if (displaced) displaced->job.refuse(*why);
+}
+
+StatusError JobQueue::refusal(const QueueClient& client, size_t places) {
+  const double seconds = seconds_until_free(places);
   const auto until = after(kGraceFactor * seconds + kGraceSeconds);
-  if (note != notes_.end()) {
+  if (const auto note = std::ranges::find(notes_, client, &Note::client); note != notes_.end()) {
     note->until = until;
-  } else if (notes_.size() < kMostPeers) {
-    notes_.push_back({peer, until});
+  } else if (notes_.size() < kMostClients) {
+    notes_.push_back({client, until});
   }
-  throw busy(
+  return busy(
       fmt::format("this server is busy: {} run, {} wait, {} arrive, {} connections are to come "
                   "again; come again in {:.2f} s",
                   running_, waiting_.size(), admitted_, notes_.size(), seconds),
       seconds);
 }
 
-void JobQueue::submit(Place place, Job job) {
-  {
-    const std::lock_guard lock(mutex_);
-    if (closed_) throw stopping();
-    waiting_.push_back({place.peer_, std::move(job)});
-    place.queue_ = nullptr;
-    --admitted_;
-  }
-  work_available_.notify_one();
+void JobQueue::take_place(const QueueClient& client) {
+  Held& held = held_[client.who];
+  ++held.all;
+  ++held.connections[client.connection];
 }
 
-void JobQueue::give_back(const std::string& peer, std::optional<double> comes_again_in) {
+void JobQueue::free_place(const QueueClient& client) {
+  const auto held = held_.find(client.who);
+  const auto connection = held->second.connections.find(client.connection);
+  if (--connection->second == 0) held->second.connections.erase(connection);
+  if (--held->second.all == 0) held_.erase(held);
+}
+
+bool JobQueue::has_more(const QueueClient& other, const QueueClient& client, size_t by) const {
+  const auto places = [this](const QueueClient& of, bool by_connection) -> size_t {
+    const auto held = held_.find(of.who);
+    if (held == held_.end()) return 0;
+    if (!by_connection) return held->second.all;
+    const auto connection = held->second.connections.find(of.connection);
+    return connection == held->second.connections.end() ? 0 : connection->second;
+  };
+  const bool same = other.who == client.who;
+  return places(other, same) >= places(client, same) + by;
+}
+
+std::deque<JobQueue::Waiting>::iterator JobQueue::newest_of_who_has_most() {
+  const auto places = [this](const QueueClient& of) {
+    const Held& held = held_.at(of.who);
+    return std::pair(held.all, held.connections.at(of.connection));
+  };
+  auto newest = waiting_.end();
+  for (auto waiting = waiting_.end(); waiting != waiting_.begin();) {
+    --waiting;
+    if (newest != waiting_.end() && waiting->client == newest->client) continue;
+    if (newest == waiting_.end() || places(waiting->client) > places(newest->client)) {
+      newest = waiting;
+    }
+  }
+  return newest;
+}
+
+// The end if nothing is.
+std::deque<JobQueue::Waiting>::iterator JobQueue::displaced_by(const QueueClient& client,
+                                                               size_t margin) {
+  const auto newest = newest_of_who_has_most();
+  if (newest == waiting_.end() || has_more(newest->client, client, margin)) return newest;
+  return waiting_.end();
+}
+
+void JobQueue::give_back(const QueueClient& client, std::optional<double> comes_again_in) {
   const std::lock_guard lock(mutex_);
   --admitted_;
+  free_place(client);
   if (!comes_again_in) return;
-  std::erase_if(notes_, [&](const Note& note) { return note.peer == peer; });
-  if (notes_.size() >= kMostPeers) return;
-  notes_.push_front({peer, after(kGraceFactor * *comes_again_in + kAtOnceSeconds)});
+  std::erase_if(notes_, [&](const Note& note) { return note.client == client; });
+  if (notes_.size() >= kMostClients) return;
+  notes_.push_front({client, after(kGraceFactor * *comes_again_in + kAtOnceSeconds)});
 }
 
 void JobQueue::drop_stopped() {
@@ -114,6 +186,7 @@ void JobQueue::drop_stopped() {
         [](const Waiting& waiting) { return !waiting.job.stop.stop_requested(); });
     dropped.assign(std::make_move_iterator(first), std::make_move_iterator(waiting_.end()));
     waiting_.erase(first, waiting_.end());
+    for (const Waiting& waiting : dropped) free_place(waiting.client);
     if (waiting_.empty() && running_ == 0) idle_.notify_all();
   }
   for (const Waiting& waiting : dropped) waiting.job.drop();
@@ -177,17 +250,24 @@ void JobQueue::forget_old_notes() {
 }
 
 JobQueue::Waiting JobQueue::take_next() {
-  const auto last_start = [this](const Waiting& waiting) {
-    const auto found = last_start_.find(waiting.peer);
-    return found == last_start_.end() ? 0 : found->second;
+  const auto last_start = [](const auto& starts, const std::string& name) {
+    const auto found = starts.find(name);
+    return found == starts.end() ? 0 : found->second;
   };
-  const auto next = std::min_element(
-      waiting_.begin(), waiting_.end(),
-      [&](const Waiting& a, const Waiting& b) { return last_start(a) < last_start(b); });
+  const auto turn = [&](const Waiting& waiting) {
+    return std::pair(last_start(last_start_, waiting.client.who),
+                     last_start(last_start_of_connection_, waiting.client.connection));
+  };
+  const auto next = std::ranges::min_element(waiting_, {}, turn);  // the first of equals
   Waiting taken = std::move(*next);
   waiting_.erase(next);
-  if (last_start_.size() >= kMostPeers) last_start_.clear();
-  last_start_[taken.peer] = ++started_;
+  ++started_;
+  const auto note_start = [this](auto& starts, const std::string& name) {
+    if (starts.size() >= kMostClients) starts.clear();
+    starts[name] = started_;
+  };
+  note_start(last_start_, taken.client.who);
+  note_start(last_start_of_connection_, taken.client.connection);
   return taken;
 }
 
@@ -206,6 +286,7 @@ void JobQueue::work() {
     lock.lock();
     if (!dropped) seconds_per_job_ += kRecency * (took.count() - seconds_per_job_);
     --running_;
+    free_place(next.client);
     if (waiting_.empty() && running_ == 0) idle_.notify_all();
   }
 }

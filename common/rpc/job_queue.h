@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <map>
 #include <mutex>
 #include <optional>
 #include <stop_token>
@@ -16,43 +17,66 @@
 #include <utility>
 #include <vector>
 
+#include "common/rpc/status.h"
+
 namespace itn {
 
-// Fair to peers (connections), however often they ask and however much: who is refused is noted,
-// and the places that become free are kept for those noted, in the order in which they first asked,
-// until a little after the time that they were told to come again. The waiting job that runs next
-// is one of the peer that was served least recently. Thread-safe.
+// Who asks for work: somebody, by one of their connections.
+struct QueueClient {
+  std::string who;
+  std::string connection;
+
+  bool operator==(const QueueClient&) const = default;
+};
+
+// Fair to clients, however often they ask and however much: first to those who ask, then to the
+// connections of each.
+//  - The waiting job that runs next is one of who was served least recently, of the connection that
+//    was.
+//  - Who finds no place although another has at least two more than they have gets one; the newest
+//    waiting job of who has most is refused in its stead, once theirs is there.
+//  - Whose connection is refused is noted, and the places that become free are kept for those
+//  noted,
+//    in the order in which they first asked, until a little after the time that they were told to
+//    come again.
+// Thread-safe.
 class JobQueue {
  public:
   struct Job {
     std::stop_token stop;
     std::function<void()> run;   // on a thread of the queue
     std::function<void()> drop;  // instead of `run`, if a stop was requested while it waited
+    // Instead of `run`, if another takes its place: with the status to be answered (busy).
+    std::function<void(const StatusError&)> refuse = [](const StatusError&) {};
   };
 
   // A place in the queue, given back when it goes out of scope unless a job was submitted to it.
   class Place {
    public:
-    Place(JobQueue& queue, std::string peer) : queue_(&queue), peer_(std::move(peer)) {}
+    Place(JobQueue& queue, QueueClient client, bool displaces)
+        : queue_(&queue), client_(std::move(client)), displaces_(displaces) {}
     Place(Place&& other) noexcept
-        : queue_(std::exchange(other.queue_, nullptr)), peer_(std::move(other.peer_)) {}
+        : queue_(std::exchange(other.queue_, nullptr)),
+          client_(std::move(other.client_)),
+          displaces_(other.displaces_) {}
     Place(const Place&) = delete;
     Place& operator=(const Place&) = delete;
     Place& operator=(Place&&) = delete;
     ~Place() {
-      if (queue_ != nullptr) queue_->give_back(peer_, {});
+      if (queue_ != nullptr) queue_->give_back(client_, {});
     }
 
-    // Gives it back and keeps it for the same peer, who will come again: at once, or after the time
-    // that it is told.
-    void keep_for_peer(double seconds = 0) {
-      std::exchange(queue_, nullptr)->give_back(peer_, seconds);
+    // Gives it back and keeps it for the same client, who will come again: at once, or after the
+    // time that they are told.
+    void keep_for_client(double seconds = 0) {
+      std::exchange(queue_, nullptr)->give_back(client_, seconds);
     }
 
    private:
     friend class JobQueue;
     JobQueue* queue_;
-    std::string peer_;
+    QueueClient client_;
+    bool displaces_;  // a waiting job, once a job is submitted to it
   };
 
   // `threads` jobs run at a time while up to `capacity` wait.
@@ -63,8 +87,8 @@ class JobQueue {
   JobQueue& operator=(const JobQueue&) = delete;
 
   // Throws StatusError (busy, with the time after which to ask again) if there is no place for this
-  // peer, Error (kUnavailable) if the queue is closed.
-  Place admit(const std::string& peer);
+  // client, Error (kUnavailable) if the queue is closed.
+  Place admit(const QueueClient& client);
 
   // The job takes the place. Throws Error (kUnavailable) if the queue was closed meanwhile; then
   // neither of its functions is called.
@@ -94,13 +118,18 @@ class JobQueue {
   using Clock = std::chrono::steady_clock;
 
   struct Waiting {
-    std::string peer;
+    QueueClient client;
     Job job;
   };
-  // A peer for whom a place is kept.
+  // A client for whom a place is kept.
   struct Note {
-    std::string peer;
+    QueueClient client;
     Clock::time_point until;
+  };
+  // Places of a client: of jobs that run or wait, and those without a job yet.
+  struct Held {
+    size_t all = 0;
+    std::map<std::string, size_t> connections;
   };
 
   // All of them require the lock.
@@ -108,10 +137,16 @@ class JobQueue {
   double seconds_until_free(size_t places) const;
   double seconds_of_ends(double ends) const;
   void forget_old_notes();
+  void take_place(const QueueClient& client);
+  void free_place(const QueueClient& client);
+  bool has_more(const QueueClient& other, const QueueClient& client, size_t by) const;
+  std::deque<Waiting>::iterator newest_of_who_has_most();
+  std::deque<Waiting>::iterator displaced_by(const QueueClient& client, size_t margin);
+  StatusError refusal(const QueueClient& client, size_t places);
   Waiting take_next();
 
-  // Keeps it for the peer if it will come again, in so many seconds.
-  void give_back(const std::string& peer, std::optional<double> comes_again_in);
+  // Keeps it for the client if they will come again, in so many seconds.
+  void give_back(const QueueClient& client, std::optional<double> comes_again_in);
   void work();
 
   const size_t capacity_;
@@ -121,7 +156,9 @@ class JobQueue {
   std::condition_variable idle_;
   std::deque<Waiting> waiting_;
   std::deque<Note> notes_;
-  std::unordered_map<std::string, uint64_t> last_start_;  // of peers: the number of a job
+  std::map<std::string, Held> held_;  // by who
+  // Of who, and of their connections: the number of a job.
+  std::unordered_map<std::string, uint64_t> last_start_, last_start_of_connection_;
   uint64_t started_ = 0;
   double seconds_per_job_;  // recently
   size_t admitted_ = 0;     // places without a job yet

@@ -215,6 +215,7 @@ void Listener::close() {
     ::close(connection.fd);
   }
   connections_.clear();
+  open_ = 0;
 }
 
 void Listener::run(const std::stop_token& stop, const std::function<void(int)>& take) {
@@ -251,6 +252,7 @@ bool Listener::accept_all(const std::function<void(int)>& take) {
       continue;
     }
     connections_.push_back({watched});
+    open_ = connections_.size();
     take(fd);
   }
 }
@@ -262,6 +264,7 @@ void Listener::forget(const std::vector<int>& fds) {
     ::close(connection.fd);
     return true;
   });
+  open_ = connections_.size();
 }
 
 uint64_t Listener::trimmed_memory(uint64_t most) {

@@ -3,6 +3,7 @@
 // and cannot end one.
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -48,6 +49,10 @@ class Listener {
   // HOST:PORT, with the port that was taken.
   const std::string& address() const { return address_; }
 
+  // That are open. From any thread.
+  size_t connections() const { return open_; }
+  size_t max_connections() const { return options_.max_connections; }
+
  private:
   struct Connection {
     int fd = -1;            // a duplicate of gRPC's: ours to watch and to shut down
@@ -71,6 +76,7 @@ class Listener {
   int wake_ = -1;  // an eventfd
   // The thread's alone while it runs:
   std::vector<Connection> connections_;
+  std::atomic<size_t> open_ = 0;  // of them, for others
   std::chrono::steady_clock::time_point last_look_, last_trim_, last_cut_;
   uint64_t after_trim_ = 0, at_last_cut_ = 0;  // bytes resident
   bool short_of_memory_ = false;               // for one more connection

@@ -81,6 +81,14 @@ std::string exposition(const v1::ServerStatus& status, const std::string& server
             static_cast<double>(status.most_resident_bytes()));
   all.gauge("itn_scene_memory_bytes", "Memory of scenes that are kept or in use.",
             static_cast<double>(status.scene_bytes()));
+  all.family("itn_scene_hits_total", "counter", "Calls whose scene was there.");
+  all.sample("", static_cast<double>(status.scene_hits()));
+  all.family("itn_scene_misses_total", "counter", "Scenes that had to be built.");
+  all.sample("", static_cast<double>(status.scene_misses()));
+  all.gauge("itn_connections", "Connections that are open.",
+            static_cast<double>(status.connections()));
+  all.gauge("itn_connections_max", "Connections that may be open.",
+            static_cast<double>(status.most_connections()));
   all.family("itn_calls_total", "counter", "Calls that were answered, by their status.");
   for (const v1::MethodStatus& method : status.methods()) {
     for (const v1::AnswerCount& answers : method.answers()) {

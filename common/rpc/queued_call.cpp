@@ -5,9 +5,12 @@
 
 #include <algorithm>
 #include <utility>
+#include <vector>
 
 #include "common/error.h"
+#include "common/logging.h"
 #include "common/printable.h"
+#include "common/rpc/client_identity.h"
 #include "common/rpc/request_id.h"
 #include "common/rpc/status.h"
 
@@ -112,7 +115,7 @@ void QueuedCall::start(const grpc::ByteBuffer* request) {
 }
 
 void QueuedCall::enqueue(const grpc::ByteBuffer* request) {
-  JobQueue::Place place = desk_.queue_.admit(context_.peer());
+  JobQueue::Place place = desk_.queue_.admit(client_of(context_));
   {
     // gRPC would keep the bytes until the call is done with, and says "const" of what nobody else
     // looks at.
@@ -122,7 +125,7 @@ void QueuedCall::enqueue(const grpc::ByteBuffer* request) {
       memory_.resize(2 * bytes.Length());  // and the message that it becomes
     } catch (const StatusError&) {
       // Memory is for whoever comes when there is some; a place is not what keeps this one waiting.
-      place.keep_for_peer(desk_.queue_.seconds_until_next_end());
+      place.keep_for_client(desk_.queue_.seconds_until_next_end());
       throw;
     }
     try {
@@ -130,7 +133,7 @@ void QueuedCall::enqueue(const grpc::ByteBuffer* request) {
     } catch (const StatusError& error) {
       // Whoever is asked to send the scene need not queue up again for that.
       if (error.status().error_code() == grpc::StatusCode::FAILED_PRECONDITION) {
-        place.keep_for_peer();
+        place.keep_for_client();
       }
       throw;
     }
@@ -138,7 +141,10 @@ void QueuedCall::enqueue(const grpc::ByteBuffer* request) {
   accepted_ = true;
   desk_.add(this);
   desk_.queue_.submit(std::move(place),
-                      {stop_.get_token(), [this] { run(); }, [this] { finish(status_of_stop()); }});
+                      {.stop = stop_.get_token(),
+                       .run = [this] { run(); },
+                       .drop = [this] { finish(status_of_stop()); },
+                       .refuse = [this](const StatusError& busy) { finish(busy.status()); }});
 }
 
 void QueuedCall::run() {
@@ -180,16 +186,32 @@ void QueuedCall::tell(const grpc::Status& status) noexcept try {
   }
   desk_.statistics_.record(record);
   if (!desk_.options_.log_calls) return;
-  std::string line = fmt::format("{} {} of {}: {}", method(), request_name(context_),
-                                 printable(context_.peer()), status_name(status.error_code()));
-  if (record.times) {
-    line +=
-        fmt::format(", waited {:.1f} ms, worked {:.1f} ms, {:.0f} {}", 1e3 * record.times->queue,
-                    1e3 * record.times->work, record.units, record.unit);
-  }
-  if (!status.ok()) line += ", " + printable(status.error_message(), 200);
-  desk_.log_.line(line);
+  log(record, status);
 } catch (const std::bad_alloc&) {
+}
+
+void QueuedCall::log(const CallRecord& record, const grpc::Status& status) const {
+  const std::string request = request_name(context_), client = printable(context_.peer());
+  std::string line =
+      fmt::format("{} {} of {}: {}", method(), request, client, status_name(status.error_code()));
+  std::vector<LogField> fields = {{"method", std::string(method())},
+                                  {"request", request},
+                                  {"client", client},
+                                  {"status", status_name(status.error_code())}};
+  if (record.times) {
+    const double queue_ms = 1e3 * record.times->queue, work_ms = 1e3 * record.times->work;
+    line += fmt::format(", waited {:.1f} ms, worked {:.1f} ms, {:.0f} {}", queue_ms, work_ms,
+                        record.units, record.unit);
+    fields.push_back({"queue_ms", queue_ms});
+    fields.push_back({"work_ms", work_ms});
+    fields.push_back({std::string_view(record.unit), record.units});
+  }
+  if (!status.ok()) {
+    const std::string error = printable(status.error_message(), 200);
+    line += ", " + error;
+    fields.push_back({"error", error});
+  }
+  desk_.log_.line(line, fields);
 }
 
 grpc::Status QueuedCall::status_of_stop() const {

@@ -131,6 +131,7 @@ class QueuedCall : public grpc::ServerUnaryReactor {
   void run();
   void finish(const grpc::Status& status);
   void tell(const grpc::Status& status) noexcept;  // statistics and log
+  void log(const CallRecord& record, const grpc::Status& status) const;
   grpc::Status status_of_stop() const;
   void stop(Reason reason);
   void look_at_clock(Clock::time_point now);  // by the watchdog

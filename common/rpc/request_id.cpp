@@ -32,6 +32,12 @@ std::string name_request(grpc::ClientContext& context) {
   return name;
 }
 
+grpc::Status with_request_name(const grpc::Status& status, const std::string& name) {
+  if (status.ok()) return status;
+  return {status.error_code(), fmt::format("{} (request {})", status.error_message(), name),
+          status.error_details()};
+}
+
 std::string request_name(const grpc::CallbackServerContext& context) {
   const auto& metadata = context.client_metadata();
   const auto name = metadata.find(kKey);

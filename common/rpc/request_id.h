@@ -3,6 +3,7 @@
 
 #include <grpcpp/client_context.h>
 #include <grpcpp/server_context.h>
+#include <grpcpp/support/status.h>
 
 #include <string>
 
@@ -11,6 +12,9 @@ namespace itn {
 // Gives the call a name of its own, 16 hexadecimal digits, which travels with it as the metadata
 // "x-request-id"; returns it.
 std::string name_request(grpc::ClientContext& context);
+
+// Of a call that failed: its message ends with the call's name, by which the server's log knows it.
+grpc::Status with_request_name(const grpc::Status& status, const std::string& name);
 
 // What the client calls it; "-" if it has no name, "?" if that is not of 1 to 64 letters, digits,
 // and any of "._-": it is part of a line, and must not look like others.

@@ -24,7 +24,11 @@ class ServiceServer {
   explicit ServiceServer(const GrpcServerOptions& options, Arguments&&... arguments)
       : service_(std::forward<Arguments>(arguments)...),
         status_(
-            Service::full_name(), [this](v1::ServerStatus& status) { service_.describe(status); },
+            Service::full_name(),
+            [this](v1::ServerStatus& status) {
+              service_.describe(status);
+              server_.describe(status);
+            },
             options.process_bytes),
         server_(options, service_, Service::full_name(),
                 [this] { return service_.can_take_work(); }, {&status_}) {}

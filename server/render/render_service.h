@@ -50,6 +50,8 @@ class RenderService final
   void describe(v1::ServerStatus& status) const {
     desk_.describe(status);
     status.set_scene_bytes(cache_.memory());
+    status.set_scene_hits(cache_.hits());
+    status.set_scene_misses(cache_.misses());
   }
 
   // See CallDesk.

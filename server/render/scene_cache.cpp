@@ -13,14 +13,24 @@ std::string key_of(const std::string& digest) {
 }  // namespace
 
 SceneCache::ScenePtr SceneCache::find(const std::string& digest) {
-  return in_use(parts_.find<tracer::Scene>(key_of(digest)));
+  ScenePtr scene = in_use(parts_.find<tracer::Scene>(key_of(digest)));
+  if (scene) ++hits_;
+  return scene;
 }
 
 SceneCache::ScenePtr SceneCache::get_or_build(const std::string& digest,
                                               const std::function<ScenePtr()>& build,
                                               const std::stop_token& stop) {
+  bool built = false;
+  const auto noted_build = [&] {
+    ScenePtr scene = build();
+    built = true;
+    return scene;
+  };
   try {
-    return in_use(parts_.get<tracer::Scene>(key_of(digest), stop, build));
+    ScenePtr scene = in_use(parts_.get<tracer::Scene>(key_of(digest), stop, noted_build));
+    ++(built ? misses_ : hits_);
+    return scene;
   } catch (...) {
     parts_.trim();  // of the parts that were finished
     throw;

@@ -1,6 +1,7 @@
 // Compiled scenes by digest, and the parts that they share; least recently used out first.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -33,6 +34,10 @@ class SceneCache {
   tracer::PartCache& parts() { return parts_; }
   size_t memory() const { return parts_.memory(); }
 
+  // How often a scene was there that was asked for, and how often one was built.
+  uint64_t hits() const { return hits_; }
+  uint64_t misses() const { return misses_; }
+
   // Bytes beyond the budget, of all that is held; and those that this scene, one of the cache,
   // would take beyond it if it were alone.
   uint64_t excess() const { return beyond_budget(parts_.memory()); }
@@ -43,6 +48,7 @@ class SceneCache {
   ScenePtr in_use(ScenePtr held);
 
   tracer::PartCache parts_;
+  std::atomic<uint64_t> hits_ = 0, misses_ = 0;
 };
 
 }  // namespace itn

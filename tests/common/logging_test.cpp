@@ -37,6 +37,22 @@ TEST(Logging, JsonLinesAreWholeWhateverTheMessage) {
                                         "\\u00c3\\u00a9\"}\n"));
 }
 
+TEST(Logging, JsonLinesHaveFieldsOfTheirOwn) {
+  const auto line = [](LogFormat format) {
+    ::testing::internal::CaptureStderr();
+    set_up_logging("info", format);
+    const LogField fields[] = {{"method", std::string("a \"b\"")}, {"queue_ms", 0.25}};
+    log_with_fields("a call", fields);
+    spdlog::info("another");
+    return ::testing::internal::GetCapturedStderr();
+  };
+  EXPECT_THAT(line(LogFormat::kJson),
+              ::testing::HasSubstr("\"message\":\"a call\",\"method\":\"a \\\"b\\\"\","
+                                   "\"queue_ms\":0.25}\n{\"time\""));
+  EXPECT_THAT(line(LogFormat::kJson), ::testing::EndsWith("\"message\":\"another\"}\n"));
+  EXPECT_THAT(line(LogFormat::kText), ::testing::ContainsRegex("info a call\n.*another\n$"));
+}
+
 TEST(Logging, UnknownLevelIsAUsageError) {
   testing::expect_error(ErrorKind::kUsage, {"\"loud\"", "trace, debug, info"},
                         [] { set_up_logging("loud"); });

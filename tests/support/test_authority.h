@@ -43,12 +43,17 @@ class TestAuthority {
   }
 
   // The server's certificate as it will be after its last day.
-  void let_server_expire() const {
+  void let_server_expire() const { certify_server("IP:127.0.0.1", -1); }
+
+  // Makes it for other names or addresses, e.g. "DNS:worker".
+  void certify_server(const std::string& names, int days = 1) const {
     shell(
-        "openssl req -new -key server.key -subj /CN=late -out late.csr 2>/dev/null &&"
-        "echo subjectAltName=IP:127.0.0.1 >late.ext &&"
-        "openssl x509 -req -in late.csr -CA ca.pem -CAkey ca.key -set_serial 7 -days -1"
-        " -extfile late.ext -out server.pem 2>/dev/null");
+        "openssl req -new -key server.key -subj /CN=another -out another.csr 2>/dev/null &&"
+        "echo subjectAltName=" +
+        names +
+        " >another.ext &&"
+        "openssl x509 -req -in another.csr -CA ca.pem -CAkey ca.key -set_serial 7 -days " +
+        std::to_string(days) + " -extfile another.ext -out server.pem 2>/dev/null");
   }
 
   // Runs in the folder of the certificates.

@@ -16,6 +16,7 @@ namespace itn {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::ContainsRegex;
 using ::testing::ElementsAre;
 using testing::eventually;
 using testing::Finished;
@@ -193,6 +194,51 @@ TEST(TopCommand, TellsWhatServersAreAt) {
   EXPECT_THAT(
       content(folder.path("itn.prom")),
       HasSubstr("itn_calls_total{server=\"" + address + "\",method=\"RenderGrad\",status=\"OK\"}"));
+}
+
+TEST(BenchCommand, MeasuresAWorker) {
+  Process process(worker());
+  const std::string address = process.read_line();
+  const std::vector<std::string> bench = {
+      ITN,     "bench",       address,    "--size",        "8x6",
+      "--spp", "1",           "--window", "0.01",          "--window-calls",
+      "5",     "--stability", "1000",     "--derivatives", "g,light[0].scale"};
+  const auto with = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> command = bench;
+    command.insert(command.end(), more.begin(), more.end());
+    return run(command);
+  };
+  const Finished closed = with({"--concurrency", "1,3", "--format", "json"});
+  EXPECT_EQ(closed.exit_code, 0) << closed.errors;
+  EXPECT_THAT(closed.output, ContainsRegex("^\\{\"concurrency\":1,\"calls_per_second\":[^\n]+"
+                                           "\"windows\":3,\"stable\":true,[^\n]+\"refused\":0,"
+                                           "\"failed\":\\{\\}\\}\n"
+                                           "\\{\"concurrency\":3,"));
+  const Finished open = with({"--rate", "200", "--request-distribution", "poisson"});
+  EXPECT_EQ(open.exit_code, 0) << open.errors;
+  EXPECT_THAT(open.output, ContainsRegex("^ +rate +calls/s +samples/s +p50 ms .*\n +200 "));
+  EXPECT_THAT(with({"--model", "any"}).errors, HasSubstr("is a worker"));
+  EXPECT_EQ(with({"--rate", "1", "--concurrency", "1"}).exit_code, 2);
+  // What it is told to call is not what there is.
+  EXPECT_EQ(with({"--call", "Predict"}).exit_code, 5);
+  process.send(SIGTERM);
+  EXPECT_EQ(process.wait(), 0);
+  EXPECT_EQ(with({}).exit_code, 5);
+}
+
+TEST(Worker, LogsCallsAsJsonForMachines) {
+  Process process(worker({"--log-format", "json"}, "info"), true);
+  const std::string address = process.read_line();
+  EXPECT_EQ(run({ITN, "bench", address, "--size", "8x6", "--spp", "1", "--max-windows", "1",
+                 "--window", "0.001", "--window-calls", "1"})
+                .exit_code,
+            0);
+  process.send(SIGTERM);
+  EXPECT_THAT(process.read_stderr(),
+              ContainsRegex("\"method\":\"RenderGrad\",\"request\":\"[0-9a-f]{16}\","
+                            "\"client\":\"ipv4:127.0.0.1:[0-9]+\",\"status\":\"OK\","
+                            "\"queue_ms\":[-+.e0-9]+,\"work_ms\":[-+.e0-9]+,\"paths\":48\\}\n"));
+  EXPECT_EQ(process.wait(), 0);
 }
 
 TEST(Worker, FindsAtOnceThatItsMetricsCannotBeWritten) {

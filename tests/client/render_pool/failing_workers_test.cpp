@@ -7,6 +7,7 @@
 #include <future>
 #include <limits>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -247,6 +248,27 @@ TEST(FailingWorkers, ThatAreTooSmallLeaveRendersToLargerOnes) {
   FakeWorker small(fails(StatusCode::RESOURCE_EXHAUSTED), few_pixels), large(answers);
   RenderPool pool(pool_of({&small, &large}));
   expect_answers(submit(pool, 20));
+}
+
+// By which it is found in the worker's log.
+TEST(FailingWorkers, AreNamedWithTheRequest) {
+  std::mutex mutex;
+  std::string name;
+  const FakeWorker worker([&](const ServerContext& context, const Request&, Reply&) {
+    const std::lock_guard lock(mutex);
+    const grpc::string_ref id = context.client_metadata().find("x-request-id")->second;
+    name.assign(id.data(), id.size());
+    return Status(StatusCode::INVALID_ARGUMENT, "spp is odd");
+  });
+  RenderPool pool(pool_of({&worker}));
+  try {
+    pool.submit(job(1)).get();
+    ADD_FAILURE() << "it was rendered";
+  } catch (const Error& error) {
+    const std::lock_guard lock(mutex);
+    EXPECT_EQ(name.size(), 16U);
+    EXPECT_EQ(error.what(), "worker " + worker.address() + ": spp is odd (request " + name + ")");
+  }
 }
 
 }  // namespace

@@ -12,12 +12,15 @@
 #include <vector>
 
 #include "client/render_pool/render_pool.h"
+#include "common/error.h"
+#include "server/render/render_server.h"
 #include "tests/support/captured_log.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/fake_worker.h"
 #include "tests/support/process.h"
 #include "tests/support/scenes.h"
 #include "tests/support/temporary_folder.h"
+#include "tests/support/test_authority.h"
 
 namespace itn {
 namespace {
@@ -95,6 +98,25 @@ TEST_F(Membership, GivesRendersToAWorkerThatJoins) {
   EXPECT_EQ(workers->parallelism(), 4);
   EXPECT_EQ(workers->statistics().jobs, count);
   EXPECT_EQ(workers->statistics().retries, 0U);
+}
+
+// By TLS, workers that have a name show a certificate of that name.
+TEST(NamedWorkers, AreKnownByTheirName) {
+  if (!testing::TestAuthority::is_possible()) GTEST_SKIP() << "needs the program openssl";
+  const testing::TestAuthority authority;
+  authority.certify_server("DNS:localhost");
+  RenderServerOptions listening;
+  listening.listen = "127.0.0.1:0";
+  listening.security = authority.server();
+  const RenderServer server(listening);
+  const std::string port = server.address().substr(server.address().rfind(':'));
+  RenderPoolOptions options;
+  options.security = authority.anonymous_client();
+  options.workers = {"dns:///localhost" + port};
+  EXPECT_EQ(RenderPool(options).submit(job(1)).get().width(), 16U);
+  options.workers = {"127.0.0.1" + port};
+  testing::expect_error(ErrorKind::kUnavailable, {"not for 127.0.0.1, but for localhost"},
+                        [&] { RenderPool{options}; });
 }
 
 TEST_F(Membership, LetsAWorkerThatLeavesFinish) {

@@ -15,8 +15,13 @@
 namespace itn {
 namespace {
 
-void submit(JobQueue& queue, JobQueue::Job job, const std::string& peer = "a") {
-  queue.submit(queue.admit(peer), std::move(job));
+// Somebody with one connection.
+QueueClient client(const std::string& name) {
+  return {name, name};
+}
+
+void submit(JobQueue& queue, JobQueue::Job job, const QueueClient& from = client("a")) {
+  queue.submit(queue.admit(from), std::move(job));
 }
 
 // Occupies a thread of the queue until told otherwise.
@@ -83,7 +88,7 @@ TEST(JobQueue, DropsStoppedJobsAndFreesTheirPlaces) {
 TEST(JobQueue, TakesNothingOnceDrained) {
   JobQueue queue(2, 2);
   queue.drain();
-  EXPECT_THROW(queue.admit("a"), Error);
+  EXPECT_THROW(queue.admit(client("a")), Error);
 }
 
 TEST(JobQueue, DropsWhatWaitsWhenItGoesAway) {
@@ -103,7 +108,7 @@ TEST(JobQueue, DropsWhatWaitsWhenItGoesAway) {
 TEST(JobQueue, GivesBackAPlaceThatWasNotUsed) {
   JobQueue queue(1, 0);
   {
-    const JobQueue::Place place = queue.admit("a");
+    const JobQueue::Place place = queue.admit(client("a"));
     EXPECT_TRUE(queue.full());
   }
   EXPECT_FALSE(queue.full());
@@ -113,48 +118,149 @@ TEST(JobQueue, GivesBackAPlaceThatWasNotUsed) {
 TEST(JobQueue, KeepsAFreePlaceForWhoWasRefusedFirst) {
   JobQueue queue(1, 0);
   {
-    const JobQueue::Place place = queue.admit("greedy");
-    EXPECT_THROW(queue.admit("polite"), StatusError);
-    EXPECT_THROW(queue.admit("greedy"), StatusError);
+    const JobQueue::Place place = queue.admit(client("greedy"));
+    EXPECT_THROW(queue.admit(client("polite")), StatusError);
+    EXPECT_THROW(queue.admit(client("greedy")), StatusError);
   }
-  EXPECT_THROW(queue.admit("greedy"), StatusError);
-  EXPECT_THROW(queue.admit("third"), StatusError);
-  { const JobQueue::Place place = queue.admit("polite"); }
-  { const JobQueue::Place place = queue.admit("greedy"); }
-  { const JobQueue::Place place = queue.admit("third"); }
+  EXPECT_THROW(queue.admit(client("greedy")), StatusError);
+  EXPECT_THROW(queue.admit(client("third")), StatusError);
+  { const JobQueue::Place place = queue.admit(client("polite")); }
+  { const JobQueue::Place place = queue.admit(client("greedy")); }
+  { const JobQueue::Place place = queue.admit(client("third")); }
 }
 
 TEST(JobQueue, KeepsThePlaceOfWhoWillComeAgainAtOnce) {
   JobQueue queue(1, 0);
-  JobQueue::Place place = queue.admit("a");
-  EXPECT_THROW(queue.admit("b"), StatusError);
-  place.keep_for_peer();
-  EXPECT_THROW(queue.admit("b"), StatusError);
-  { const JobQueue::Place again = queue.admit("a"); }
-  { const JobQueue::Place other = queue.admit("b"); }
+  JobQueue::Place place = queue.admit(client("a"));
+  EXPECT_THROW(queue.admit(client("b")), StatusError);
+  place.keep_for_client();
+  EXPECT_THROW(queue.admit(client("b")), StatusError);
+  { const JobQueue::Place again = queue.admit(client("a")); }
+  { const JobQueue::Place other = queue.admit(client("b")); }
 }
 
-TEST(JobQueue, KeepsOnePlaceForAPeerHoweverOftenItIsToComeAgain) {
+TEST(JobQueue, KeepsOnePlaceForAClientHoweverOftenTheyAreToComeAgain) {
   JobQueue queue(2, 0);
   {
-    JobQueue::Place first = queue.admit("a");
-    JobQueue::Place second = queue.admit("a");
-    first.keep_for_peer();
-    second.keep_for_peer();
+    JobQueue::Place first = queue.admit(client("a"));
+    JobQueue::Place second = queue.admit(client("a"));
+    first.keep_for_client();
+    second.keep_for_client();
   }
-  { const JobQueue::Place other = queue.admit("b"); }
+  { const JobQueue::Place other = queue.admit(client("b")); }
 }
 
-TEST(JobQueue, RunsNextWhoseTurnWasLongestAgo) {
-  std::string order;
-  JobQueue queue(1, 5);
-  Blocker blocker(queue);
-  for (const char* peer : {"a", "a", "a", "b", "c"}) {
-    submit(queue, {{}, [&order, peer] { order += peer; }, [] {}}, peer);
+// Jobs that note who they are of, in the order in which they run, or that they were refused.
+class Ledger {
+ public:
+  explicit Ledger(JobQueue& queue) : queue_(queue) {}
+
+  // False if there was no place.
+  bool add(const QueueClient& from, const std::string& name) {
+    try {
+      submit(queue_,
+             {.stop = {},
+              .run = [this, name] { ran_ += name + " "; },
+              .drop = [] {},
+              .refuse =
+                  [this, name](const StatusError& busy) {
+                    v1::Busy details;
+                    EXPECT_TRUE(details.ParseFromString(busy.status().error_details()));
+                    EXPECT_GT(details.retry_after_seconds(), 0);
+                    refused_ += name + " ";
+                  }},
+             from);
+      return true;
+    } catch (const StatusError&) {
+      return false;
+    }
   }
+
+  // After drain().
+  const std::string& ran() const { return ran_; }
+  const std::string& refused() const { return refused_; }
+
+ private:
+  JobQueue& queue_;
+  std::string ran_, refused_;
+};
+
+TEST(JobQueue, RunsNextWhoseTurnWasLongestAgo) {
+  JobQueue queue(1, 5);
+  Ledger ledger(queue);
+  Blocker blocker(queue);
+  for (const char* name : {"a", "a", "a", "b", "c"}) ledger.add(client(name), name);
   blocker.release();
   queue.drain();
-  EXPECT_EQ(order, "bcaaa");
+  EXPECT_EQ(ledger.ran(), "b c a a a ");
+}
+
+// More connections are not more turns; between those of one, turns are as fair.
+TEST(JobQueue, TakesTurnsOfClientsAndThenOfTheirConnections) {
+  JobQueue queue(1, 8);
+  Ledger ledger(queue);
+  Blocker blocker(queue);  // of "a"
+  for (const char* connection : {"x1", "x1", "x1", "x2", "x2", "x3"}) {
+    ledger.add({"x", connection}, connection);
+  }
+  for (int i = 0; i < 2; ++i) ledger.add(client("y"), "y");
+  blocker.release();
+  queue.drain();
+  EXPECT_EQ(ledger.ran(), "x1 y x2 y x3 x1 x2 x1 ");
+}
+
+TEST(JobQueue, GivesWhoHasFewAPlaceOfWhoHasMost) {
+  JobQueue queue(1, 4);
+  Ledger ledger(queue);
+  Blocker blocker(queue);  // of "a", as what follows
+  for (const char* name : {"a1", "a2", "a3", "a4"}) EXPECT_TRUE(ledger.add(client("a"), name));
+  EXPECT_FALSE(ledger.add(client("a"), "a5"));
+  EXPECT_TRUE(ledger.add(client("b"), "b1"));
+  EXPECT_EQ(ledger.refused(), "a4 ");
+  EXPECT_TRUE(ledger.add(client("b"), "b2"));
+  EXPECT_EQ(ledger.refused(), "a4 a3 ") << "a has three places, b two";
+  EXPECT_FALSE(ledger.add(client("b"), "b3")) << "it would have more than a";
+  EXPECT_EQ(queue.waiting(), 4U);
+  blocker.release();
+  queue.drain();
+  EXPECT_EQ(ledger.ran(), "b1 a1 b2 a2 ");
+}
+
+TEST(JobQueue, GivesAConnectionAPlaceOfAnotherOfTheSameClient) {
+  JobQueue queue(1, 3);
+  Ledger ledger(queue);
+  Blocker blocker(queue);
+  for (const char* name : {"1", "2", "3"}) EXPECT_TRUE(ledger.add({"a", "first"}, name));
+  EXPECT_TRUE(ledger.add({"a", "second"}, "4"));
+  EXPECT_EQ(ledger.refused(), "3 ");
+  blocker.release();
+  queue.drain();
+  EXPECT_EQ(ledger.ran(), "1 4 2 ");
+}
+
+// What is admitted and then found to be wrong costs nobody a place.
+TEST(JobQueue, TakesNoPlaceAwayBeforeThereIsAJobForIt) {
+  JobQueue queue(1, 3);
+  Ledger ledger(queue);
+  Blocker blocker(queue);
+  for (const char* name : {"a1", "a2", "a3"}) ledger.add(client("a"), name);
+  { const JobQueue::Place place = queue.admit(client("b")); }
+  EXPECT_EQ(ledger.refused(), "");
+  {
+    JobQueue::Place place = queue.admit(client("b"));
+    place.keep_for_client();
+  }
+  EXPECT_EQ(ledger.refused(), "");
+  blocker.release();
+  queue.drain();
+  EXPECT_EQ(ledger.ran(), "a1 a2 a3 ");
+}
+
+TEST(JobQueue, TakesNoPlaceAwayFromAJobThatRuns) {
+  JobQueue queue(1, 0);
+  Blocker blocker(queue);
+  EXPECT_THROW(queue.admit(client("b")), StatusError);
+  blocker.release();
 }
 
 }  // namespace

@@ -9,9 +9,14 @@
 #include <functional>
 #include <future>
 #include <memory>
+#include <mutex>
+#include <semaphore>
 #include <string>
+#include <thread>
+#include <vector>
 
 #include "common/error.h"
+#include "common/rpc/channel.h"
 #include "common/rpc/grpc_server.h"
 #include "common/rpc/wire_check.h"
 #include "itn/v1/render.grpc.pb.h"
@@ -29,7 +34,15 @@ struct Behaviour {
       [](uint64_t, const grpc::CallbackServerContext&) {};
   std::function<void(uint64_t seed, const std::stop_token&)> work = [](uint64_t,
                                                                        const std::stop_token&) {};
+  // Once the call has its place in the queue, or was refused.
+  std::function<void(uint64_t seed)> taken = [](uint64_t) {};
 };
+
+uint64_t seed_of(grpc::ByteBuffer request) {
+  v1::RenderGradRequest message;
+  grpc::SerializationTraits<v1::RenderGradRequest>::Deserialize(&request, &message);
+  return message.seed();
+}
 
 class TestService final
     : public v1::RenderService::WithRawCallbackMethod_RenderGrad<v1::RenderService::Service> {
@@ -40,7 +53,11 @@ class TestService final
   grpc::ServerUnaryReactor* RenderGrad(grpc::CallbackServerContext* context,
                                        const grpc::ByteBuffer* request,
                                        grpc::ByteBuffer* reply) override {
-    return start_call<Call>(*context, request, *this, *context, *reply);
+    const uint64_t seed = seed_of(*request);
+    grpc::ServerUnaryReactor* const call =
+        start_call<Call>(*context, request, *this, *context, *reply);
+    behaviour_.taken(seed);
+    return call;
   }
 
   CallDesk& desk() { return desk_; }
@@ -83,9 +100,10 @@ class QueuedCallTest : public ::testing::Test {
     options.max_time = 0s;
     options.stop_patience = stop_patience;
     service_ = std::make_unique<TestService>(std::move(behaviour), options);
-    server_ =
-        std::make_unique<GrpcServer>(GrpcServerOptions(), *service_,
-                                     v1::RenderService::service_full_name(), [] { return true; });
+    GrpcServerOptions server;
+    server.listen = "127.0.0.1:0";
+    server_ = std::make_unique<GrpcServer>(
+        server, *service_, v1::RenderService::service_full_name(), [] { return true; });
     stub_ = v1::RenderService::NewStub(server_->in_process_channel());
   }
 
@@ -105,6 +123,10 @@ class QueuedCallTest : public ::testing::Test {
   }
   std::future<grpc::Status> call_apart(uint64_t seed, grpc::ClientContext& context) {
     return std::async(std::launch::async, [this, seed, &context] { return call(seed, context); });
+  }
+  // By a connection of its own.
+  std::unique_ptr<v1::RenderService::Stub> another_client() const {
+    return v1::RenderService::NewStub(Connector().connect_to(server_->address()));
   }
   CallDesk& desk() { return service_->desk(); }
 
@@ -219,6 +241,76 @@ TEST_F(QueuedCallTest, ThatFindsNoMemoryIsToldWhenToComeAgain) {
   gate.open();
   EXPECT_TRUE(first.get().ok());
   EXPECT_TRUE(testing::eventually([&] { return call(2, kBytes).ok(); }));
+}
+
+// Others who flood a server get every second turn, whatever they do, while somebody asks for one
+// thing after the other, who is never refused.
+TEST_F(QueuedCallTest, ThatComesOneAtATimeGetsHalfOfAServerThatIsFlooded) {
+  constexpr uint64_t kFlood = 1, kPolite = 2;
+  constexpr int kPoliteCalls = 20, kFlooding = 64;
+  std::counting_semaphore<> turns(0);
+  std::mutex mutex;
+  std::string order;
+  std::atomic<int> taken = 0;  // of the polite one's
+  const auto begun = [&] {
+    const std::lock_guard lock(mutex);
+    return order.size();
+  };
+  serve({.work =
+             [&](uint64_t seed, const std::stop_token&) {
+               {
+                 const std::lock_guard lock(mutex);
+                 order += seed == kPolite ? 'P' : 'F';
+               }
+               turns.acquire();
+             },
+         .taken =
+             [&](uint64_t seed) {
+               if (seed == kPolite) ++taken;
+             }},
+        8);
+  const auto request_of = [](uint64_t seed) {
+    v1::RenderGradRequest request;
+    request.set_seed(seed);
+    return request;
+  };
+  std::atomic<bool> over = false;
+  const auto flood = another_client();
+  std::vector<std::jthread> flooding;
+  for (int i = 0; i < kFlooding; ++i) {
+    flooding.emplace_back([&] {
+      while (!over) {
+        grpc::ClientContext context;
+        v1::RenderGradReply reply;
+        flood->RenderGrad(&context, request_of(kFlood), &reply);
+        std::this_thread::sleep_for(1ms);  // each of them asks hundreds of times a second
+      }
+    });
+  }
+  ASSERT_TRUE(testing::eventually([&] { return desk().running() == 1 && desk().waiting() == 8; }));
+  const auto polite = another_client();
+  std::jthread asking([&] {
+    for (int i = 0; i < kPoliteCalls; ++i) {
+      grpc::ClientContext context;
+      v1::RenderGradReply reply;
+      EXPECT_TRUE(polite->RenderGrad(&context, request_of(kPolite), &reply).ok());
+    }
+  });
+  const std::shared_ptr<void> end(nullptr, [&](void*) {  // before the threads are joined
+    over = true;
+    turns.release(10'000);
+  });
+  std::string expected = "F";
+  for (int i = 0; i < kPoliteCalls; ++i) {
+    ASSERT_TRUE(testing::eventually([&] { return taken == i + 1; }));
+    for (const char next : {'P', 'F'}) {
+      expected += next;
+      turns.release();
+      EXPECT_TRUE(testing::eventually([&] { return begun() == expected.size(); }));
+    }
+  }
+  const std::lock_guard lock(mutex);
+  EXPECT_EQ(order, expected);
 }
 
 }  // namespace

@@ -153,6 +153,17 @@ TEST_F(SecuredConnection, IsNotMadeToAServerOfAnotherName) {
   expect_unavailable(client, server.address(), "not for elsewhere, but for localhost");
 }
 
+// Its address is not in the certificate.
+TEST_F(SecuredConnection, IsMadeByANameThatIsLookedUp) {
+  const TestAuthority authority;
+  authority.certify_server("DNS:localhost");
+  const Server server(authority.server());
+  const std::string port = server.address().substr(server.address().rfind(':'));
+  const ClientSecurity client = authority.anonymous_client();
+  expect_unavailable(client, server.address(), "not for 127.0.0.1, but for localhost");
+  EXPECT_TRUE(ask(Connector(client), "dns:///localhost" + port).ok());
+}
+
 // Ours would not start with such a certificate, but a certificate expires while a server serves.
 TEST_F(SecuredConnection, IsNotMadeToAServerWhoseCertificateHasExpired) {
   const TestAuthority authority;

@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "common/error.h"
+#include "common/rpc/channel.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/scene_bytes.h"
 #include "itn/v1/render.grpc.pb.h"
@@ -879,6 +880,28 @@ TEST(RenderService, TellsItsStatusWhileItIsBusy) {
   EXPECT_EQ(answers["OK"], 1U);
   EXPECT_EQ(answers["UNAVAILABLE"], 1U);
   EXPECT_GT(method.units(), 0);
+}
+
+// As its status tells.
+TEST(RenderService, CountsItsScenesAndItsConnections) {
+  auto options = options_with([](auto&) {});
+  options.listen = "127.0.0.1:0";
+  RenderServer server(options);
+  EXPECT_EQ(server.status().connections(), 0U);
+  EXPECT_EQ(server.status().most_connections(), 1024U);
+  {
+    const Connector connector;
+    Client one(connector.connect_to(server.address())), two(connector.connect_to(server.address()));
+    EXPECT_TRUE(one.call(with_scene(small_request())).status.ok());
+    EXPECT_TRUE(two.call(with_scene(small_request())).status.ok());
+    auto named = small_request();
+    named.set_scene_digest(sha256(serialize(cube_scene())->bytes));
+    EXPECT_TRUE(two.call(named).status.ok());
+    EXPECT_EQ(server.status().connections(), 2U);
+    EXPECT_EQ(server.status().scene_misses(), 1U);
+    EXPECT_EQ(server.status().scene_hits(), 2U);
+  }
+  EXPECT_TRUE(testing::eventually([&] { return server.status().connections() == 0; }));
 }
 
 // A cache that is too small for a scene keeps it for those who wait for it.

@@ -6,6 +6,7 @@
 #include <array>
 #include <atomic>
 #include <chrono>
+#include <new>
 #include <stdexcept>
 #include <thread>
 #include <vector>
@@ -29,6 +30,21 @@ TEST(SceneCache, FindsWhatWasBuilt) {
   const auto scene = cache.get_or_build("a", build);
   EXPECT_EQ(cache.find("a"), scene);
   EXPECT_EQ(cache.get_or_build("a", [] { return SceneCache::ScenePtr(); }), scene);
+}
+
+TEST(SceneCache, CountsScenesThatWereThereAndThoseThatWereBuilt) {
+  SceneCache cache(size_t{1} << 30);
+  EXPECT_EQ(cache.find("a"), nullptr);
+  EXPECT_EQ(cache.hits() + cache.misses(), 0U) << "it is asked for again when it has been sent";
+  cache.get_or_build("a", build);
+  EXPECT_EQ(cache.misses(), 1U);
+  cache.find("a");
+  cache.get_or_build("a", build);
+  EXPECT_EQ(cache.hits(), 2U);
+  EXPECT_THROW(cache.get_or_build("b", []() -> SceneCache::ScenePtr { throw std::bad_alloc(); }),
+               std::bad_alloc);
+  EXPECT_EQ(cache.hits(), 2U);
+  EXPECT_EQ(cache.misses(), 1U);
 }
 
 TEST(SceneCache, ForgetsTheLeastRecentlyUsed) {
