@@ -25,8 +25,8 @@ inline constexpr const char* kManifestName = "manifest.textproto";
 // The manifest as text; reads back equal.
 std::string to_text(const v1::Dataset& manifest);
 
-// Throws Error: kIo; kInvalidInput with line and column, or if it names a file that is not in the
-// dataset's folder by its name: absolute, or with "..".
+// Throws Error: kIo; kInvalidInput with line and column, as check_item(), or if it names a file
+// that is not in the dataset's folder by its name: absolute, or with "..".
 v1::Dataset read_manifest(const std::filesystem::path& path);
 
 // A file of the dataset. Throws Error (invalid input) if it exists but is not a regular file inside
