@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <memory>
+#include <utility>
 
 #include "client/render_pool/reply_check.h"
 #include "itn/v1/render.pb.h"
@@ -34,8 +35,10 @@ void check_answer(const std::string& request_bytes, const std::string& reply_byt
     testing::fail("what was answered is no request, or the answer is no reply");
   }
   if (!scene.ParseFromString(job.request.scene())) testing::fail("what was rendered is no scene");
-  job.scene = std::make_shared<const SerializedScene>(
-      SerializedScene{.width = scene.film().width(), .height = scene.film().height()});
+  SerializedScene sent;
+  sent.width = scene.film().width();
+  sent.height = scene.film().height();
+  job.scene = std::make_shared<const SerializedScene>(std::move(sent));
   check_reply(reply, job);
 }
 
