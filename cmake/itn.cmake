@@ -11,6 +11,12 @@ if(ITN_SANITIZE)
                                                -fno-sanitize-recover=all -fno-omit-frame-pointer)
   target_link_options(itn_options INTERFACE -fsanitize=${ITN_SANITIZE})
 endif()
+if(ITN_FUZZ)
+  if(NOT CMAKE_CXX_COMPILER_ID STREQUAL "Clang")
+    message(FATAL_ERROR "ITN_FUZZ needs clang (preset fuzz), not ${CMAKE_CXX_COMPILER_ID}")
+  endif()
+  target_compile_options(itn_options INTERFACE -fsanitize=fuzzer-no-link)
+endif()
 
 # itn_library(name SOURCES a.cpp ... LINK lib ...): a static library of ours.
 function(itn_library name)

@@ -83,8 +83,9 @@ v1::Dataset read_manifest(const fs::path& path) {
   for (const v1::DatasetPanorama& panorama : manifest.panoramas()) {
     require_inside(panorama.file());
   }
-  for (const v1::DatasetItem& item : manifest.items()) {
-    require_inside(item.file());
+  for (int i = 0; i < manifest.items_size(); ++i) {
+    require_inside(manifest.items(i).file());
+    check_item(manifest.items(i), fmt::format("{}: items[{}]", path.string(), i));
   }
   return manifest;
 }

@@ -25,8 +25,9 @@ inline constexpr const char* kManifestName = "manifest.textproto";
 // The manifest as text, its checksum in the first line; reads back equal.
 std::string to_text(const v1::Dataset& manifest);
 
-// Throws Error: kIo; kDataLoss (its checksum); kInvalidInput with line and column, or if it names
-// a file that is not in the dataset's folder by its name: absolute, or with "..".
+// Throws Error: kIo; kDataLoss if the text has a checksum that is not its own, or is nothing but a
+// part of one; kInvalidInput with line and column, as check_item(), or if it names a file that is
+// not in the dataset's folder by its name: absolute, or with "..".
 v1::Dataset read_manifest(const std::filesystem::path& path);
 
 // A file of the dataset. Throws Error (invalid input) if it exists but is not a regular file inside

@@ -1,5 +1,7 @@
 #include "client/dataset/item_scene.h"
 
+#include <fmt/format.h>
+
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -9,11 +11,10 @@
 #include "client/dataset/studio.h"
 #include "common/error.h"
 #include "common/vec.h"
+#include "server/render/field_check.h"
 
 namespace itn {
 namespace {
-
-constexpr double kRadiansPerDegree = std::numbers::pi / 180;
 
 v1::Vec3 to_proto(Vec3d v) {
   v1::Vec3 proto;
@@ -140,7 +141,26 @@ void add_camera(v1::Scene& scene, const v1::ItemCamera& item, Vec3d middle) {
       static_cast<float>(2 * std::atan(frame / 2 / item.distance()) / kRadiansPerDegree));
 }
 
+// The size of a panorama follows from its smallest emitter.
+void check_studio(const v1::Studio& studio, const std::string& path) {
+  integer_in("the number of " + path + ".emitters", static_cast<uint64_t>(studio.emitters_size()),
+             1, 16);
+  for (int i = 0; i < studio.emitters_size(); ++i) {
+    const v1::Emitter& emitter = studio.emitters(i);
+    const std::string field = fmt::format("{}.emitters[{}]", path, i);
+    in_closed(field + ".elevation_degrees", emitter.elevation_degrees(), 0, 90);
+    in_closed(field + ".size_degrees", emitter.size_degrees(), 4, 120);
+    if (!emitter.is_lamp()) in_closed(field + ".aspect", emitter.aspect(), 0.25, 1);
+  }
+}
+
 }  // namespace
+
+void check_item(const v1::DatasetItem& item, const std::string& path) {
+  check_message(item, path);
+  if (item.has_rotation()) non_zero(path + ".rotation.axis", item.rotation().axis());
+  if (item.light().has_studio()) check_studio(item.light().studio(), path + ".light.studio");
+}
 
 v1::Scene scene_of(const v1::DatasetItem& item, const v1::Triangles& triangles, uint32_t resolution,
                    const v1::Pixels* panorama) {

@@ -1,12 +1,20 @@
 // The scene of an item.
 #pragma once
 
+#include <string>
+
 #include "itn/v1/dataset.pb.h"
 
 namespace itn {
 
-// `triangles`: the item's shape, as the file in a dataset has it. `resolution`: pixels a side.
-// `panorama`: likewise, where one lights the item.
+// Whether a scene can be made of an item, which may come from a stranger: throws Error (invalid
+// input) that names the field, below `path`, that is not finite, or out of the range in which
+// DatasetConfig draws it where that would take unbounded time or memory. Other ranges are checked
+// where the scene is built.
+void check_item(const v1::DatasetItem& item, const std::string& path);
+
+// Of an item that check_item() lets pass. `triangles`: its shape, as the file in a dataset has it.
+// `resolution`: pixels a side. `panorama`: likewise, where one lights the item.
 v1::Scene scene_of(const v1::DatasetItem& item, const v1::Triangles& triangles, uint32_t resolution,
                    const v1::Pixels* panorama = nullptr);
 

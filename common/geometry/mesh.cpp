@@ -131,7 +131,7 @@ std::optional<std::vector<std::pair<uint32_t, uint32_t>>> pairs_at_edge(
       inside = !inside;
     }
   }
-  if (begins_inside) std::ranges::rotate(in_turn, in_turn.begin() + 1);
+  if (begins_inside) std::rotate(in_turn.begin(), in_turn.begin() + 1, in_turn.end());
   std::vector<std::pair<uint32_t, uint32_t>> pairs;
   for (size_t i = 0; i + 1 < in_turn.size(); i += 2) pairs.emplace_back(in_turn[i], in_turn[i + 1]);
   return pairs;

@@ -6,9 +6,7 @@
 #include <assimp/Importer.hpp>
 #include <bit>
 #include <cctype>
-#include <charconv>
 #include <cstring>
-#include <sstream>
 #include <string>
 
 #include <assimp/postprocess.h>
@@ -16,6 +14,7 @@
 
 #include "common/error.h"
 #include "common/files/read_file.h"
+#include "common/geometry/obj_check.h"
 #include "common/geometry/ply_check.h"
 
 namespace itn {
@@ -81,37 +80,6 @@ void check_faces(const aiScene& scene, const fs::path& path) {
   }
 }
 
-// Where an OBJ file has a face with a vertex that does not exist, and which; empty if it has none.
-// Vertices are counted from 1, or from -1 backwards from the face.
-std::string missing_obj_vertex(const std::string& obj) {
-  const auto for_each_line = [&](const auto& look_at) {
-    std::istringstream lines(obj);
-    std::string line, keyword;
-    for (size_t number = 1; std::getline(lines, line); ++number) {
-      std::istringstream words(line);
-      if (words >> keyword) look_at(number, keyword, words);
-    }
-  };
-  int64_t all = 0;
-  for_each_line(
-      [&](size_t, const std::string& keyword, std::istream&) { all += keyword == "v" ? 1 : 0; });
-  int64_t so_far = 0;
-  std::string missing;
-  for_each_line([&](size_t number, const std::string& keyword, std::istream& words) {
-    so_far += keyword == "v" ? 1 : 0;
-    if (keyword != "f" || !missing.empty()) return;
-    for (std::string corner; words >> corner;) {  // v, v/vt, v//vn or v/vt/vn
-      int64_t vertex = 0;
-      std::from_chars(corner.data(), corner.data() + corner.size(), vertex);
-      if (vertex != 0 && -so_far <= vertex && vertex <= all) continue;
-      missing = fmt::format("line {}: the face refers to vertex {}; there are {}", number, vertex,
-                            vertex < 0 ? so_far : all);
-      return;
-    }
-  });
-  return missing;
-}
-
 void append(Mesh& mesh, const aiMesh& part) {
   const auto base = static_cast<uint32_t>(mesh.vertices.size());
   for (unsigned v = 0; v < part.mNumVertices; ++v) {
@@ -137,6 +105,8 @@ Mesh load_mesh(const fs::path& path) {
   std::string content = read_file(path, "mesh");
   if (extension == ".ply") {
     content = checked_ply(content, path.string());
+  } else if (extension == ".obj") {
+    content = checked_obj(content, path.string());
   } else if (extension == ".stl") {
     check_stl(content, path);
   }
@@ -145,9 +115,8 @@ Mesh load_mesh(const fs::path& path) {
   const aiScene* scene =
       importer.ReadFileFromMemory(content.data(), content.size(), 0, extension.c_str() + 1);
   if (scene == nullptr) {
-    const std::string missing = extension == ".obj" ? missing_obj_vertex(content) : "";
-    throw invalid_input(fmt::format("cannot read the mesh {}: {}", path.string(),
-                                    missing.empty() ? importer.GetErrorString() : missing));
+    throw invalid_input(
+        fmt::format("cannot read the mesh {}: {}", path.string(), importer.GetErrorString()));
   }
   check_faces(*scene, path);
   scene = importer.ApplyPostProcessing(aiProcess_Triangulate);

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "common/error.h"
+#include "common/geometry/plain_number.h"
 
 namespace itn {
 namespace {
@@ -197,18 +198,14 @@ class PlyCheck {
     while (at_ < content_.size() && is_space(content_[at_])) ++at_;
     const size_t begin = at_;
     while (at_ < content_.size() && !is_space(content_[at_])) ++at_;
-    std::string_view word(content_.data() + begin, at_ - begin);
+    const std::string_view word(content_.data() + begin, at_ - begin);
     if (word.empty()) throw missing(element, i);
-    if (word.starts_with('+')) word.remove_prefix(1);
-    double value = 0;
-    constexpr size_t kMaxNumber = 64;
-    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (word.size() > kMaxNumber || error == std::errc::invalid_argument ||
-        end != word.data() + word.size()) {
+    const std::optional<std::string_view> number = plain_number(word);
+    if (!number) {
       throw wrong(fmt::format("number {} of element \"{}\" has \"{}\" where a number should be", i,
                               element.name, word.substr(0, kMaxNumber)));
     }
-    return word;
+    return *number;
   }
 
   void skip_binary(const Element& element) {

@@ -5,7 +5,6 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <ranges>
 #include <set>
 
 #include "common/error.h"
@@ -39,8 +38,8 @@ std::vector<std::string> radiance_in(const Image& image, const std::string& laye
 }
 
 Error unclear(const Image& image, const std::string& name, const std::string& wanted) {
-  return invalid_input(fmt::format("{} has the channels {}; {}", name,
-                                   fmt::join(image.channels | std::views::keys, ", "), wanted));
+  return invalid_input(
+      fmt::format("{} has the channels {}; {}", name, image.channel_names(), wanted));
 }
 
 }  // namespace

@@ -1,11 +1,9 @@
 #include "common/image/image.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <png.h>
 
 #include <cmath>
-#include <ranges>
 
 #include "common/error.h"
 #include "common/files/atomic_file.h"
@@ -15,8 +13,14 @@ namespace itn {
 const std::vector<float>& Image::channel(const std::string& name) const {
   const auto it = channels.find(name);
   if (it != channels.end()) return it->second;
-  throw invalid_input(fmt::format("the image has no channel {}; it has: {}", name,
-                                  fmt::join(channels | std::views::keys, ", ")));
+  throw invalid_input(
+      fmt::format("the image has no channel {}; it has: {}", name, channel_names()));
+}
+
+std::string Image::channel_names() const {
+  std::string names;
+  for (const auto& [name, plane] : channels) names += (names.empty() ? "" : ", ") + name;
+  return names;
 }
 
 void check_finite(const Image& image, const std::string& name) {

@@ -24,6 +24,7 @@ struct Image {
   std::map<std::string, Attribute> attributes;
 
   bool has(const std::string& channel) const { return channels.contains(channel); }
+  std::string channel_names() const;  // for messages: "B, G, R"
   // Throws Error (invalid input) that names the channels that there are.
   const std::vector<float>& channel(const std::string& name) const;
 };

@@ -62,7 +62,8 @@ void check_answers_with_numbers(const Predictor& predictor, const fs::path& path
       torch::ones({1, side, side}) / static_cast<float>(predictor.model().image_scale());
   plain.mask = torch::ones({1, side, side});
   if (needs_weight_map(predictor.model().input())) plain.weight = torch::ones({1, side, side});
-  for (const double output : predictor.estimate(plain).front().outputs) {
+  const std::vector<MaterialEstimate> estimates = predictor.estimate(plain);
+  for (const double output : estimates.front().outputs) {
     if (!std::isfinite(output)) {
       throw invalid_input(fmt::format(
           "{}: its network answers a plain image with {}; was its training stopped in time?",

@@ -7,7 +7,8 @@
 
 namespace itn {
 
-enum class Encoding { kPng, kJpeg };  // JPEG of quality 80, its colours at half the resolution
+// JPEG of quality 80, its colours at half the resolution; the others as OpenImageIO writes them.
+enum class Encoding { kPng, kJpeg, kTiff, kHdr, kWebp, kHeic };
 
 // 8-bit RGB, 3 bytes a pixel, top row first.
 std::string encoded(int width, int height, std::span<const unsigned char> rgb, Encoding encoding);

@@ -3,6 +3,8 @@
 // says so, not where the compiler likes (-ffp-contract=off), so that every width computes the same
 // bits.
 #define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4)
+// Without any, one lane at a time: emulated vectors, which some compilers get, round twice.
+#define HWY_BROKEN_EMU128 1
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "server/tracer/wavefront/wavefront.cpp"
 #include <hwy/foreach_target.h>

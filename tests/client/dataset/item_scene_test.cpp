@@ -1,6 +1,7 @@
 #include "client/dataset/item_scene.h"
 
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "client/dataset/plan.h"
@@ -9,6 +10,7 @@
 #include "common/scene/scene_bytes.h"
 #include "server/render/mesh_builder.h"
 #include "tests/client/dataset/dataset_support.h"
+#include "tests/support/expect_error.h"
 
 namespace itn {
 namespace {
@@ -118,6 +120,36 @@ TEST(ItemScene, OffsetsAreThoseOfTheImage) {
   EXPECT_NEAR(x / sum, 32 + 8, 0.3);
   EXPECT_NEAR(y / sum, 32 - 4, 0.3);
   EXPECT_NEAR(std::sqrt(sum / std::numbers::pi), 16, 0.3);  // half of the frame is its diameter
+}
+
+// A manifest from a stranger may ask for a panorama of any size.
+TEST(ItemScene, ChecksWhatItsSizeFollowsFrom) {
+  const auto check = [](const auto& change) {
+    v1::DatasetItem item = upright_item();
+    v1::Emitter& emitter = *item.mutable_light()->mutable_studio()->add_emitters();
+    emitter.set_size_degrees(4);
+    emitter.set_aspect(0.25F);
+    change(item, emitter);
+    check_item(item, "items[0]");
+  };
+  const auto expect_refused = [&](const std::string& message, const auto& change) {
+    testing::expect_error(ErrorKind::kInvalidInput, {message}, [&] { check(change); });
+  };
+  EXPECT_NO_THROW(check([](auto&, auto&) {}));
+  for (const float size : {0.0F, 1e-9F, 121.0F}) {
+    expect_refused("items[0].light.studio.emitters[0].size_degrees is",
+                   [&](auto&, auto& emitter) { emitter.set_size_degrees(size); });
+  }
+  expect_refused("emitters[0].aspect is 0;", [](auto&, auto& emitter) { emitter.set_aspect(0); });
+  expect_refused("emitters[0].elevation_degrees is -90;",
+                 [](auto&, auto& emitter) { emitter.set_elevation_degrees(-90); });
+  expect_refused("the number of items[0].light.studio.emitters is 0;",
+                 [](auto& item, auto&) { item.mutable_light()->mutable_studio()->Clear(); });
+  expect_refused("items[0].camera.distance is nan;", [](auto& item, auto&) {
+    item.mutable_camera()->set_distance(std::numeric_limits<float>::quiet_NaN());
+  });
+  expect_refused("items[0].rotation.axis is (0, 0, 0)",
+                 [](auto& item, auto&) { item.mutable_rotation()->set_angle_degrees(5); });
 }
 
 }  // namespace

@@ -310,6 +310,12 @@ constexpr const char* kQuads =
     "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
     "usemtl a\nf 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nusemtl b\nf 3 4 8 7\nf 1 5 8 4\nf 2 3 7 6\n";
 
+// A tetrahedron with all that an OBJ file may have beside.
+constexpr const char* kFullObj =
+    "# by hand\nmtllib a.mtl\no t\ng all\ns 1\nv 0 0 0 1 1 1\nv +1 0 0\r\nv 0 2 0 2\nvt 0 0\n"
+    "vn 0 0 1\nusemtl a\nf 1/1 3/1/1 2//1 # the ground\nf 1 2 \\\n4\nv\t0 0 1\np 1\nl 1 2\nf 1 2\n"
+    "f -4 -1 -2\nf 2 3 4";
+
 struct MeshFile {
   const char* name;
   const char* file;
@@ -332,6 +338,7 @@ TEST_P(MeshFormatTest, IsReadAndWelded) {
 INSTANTIATE_TEST_SUITE_P(Formats, MeshFormatTest,
                          ::testing::Values(MeshFile{"ply", "a.ply", kPly, 4, 4, 1.0 / 6},
                                            MeshFile{"obj", "a.obj", kObj, 4, 4, 1.0 / 6},
+                                           MeshFile{"full_obj", "a.obj", kFullObj, 4, 4, 1.0 / 6},
                                            MeshFile{"stl", "a.stl", kStl, 4, 4, 1.0 / 6},
                                            MeshFile{"upper_case", "A.PLY", kPly, 4, 4, 1.0 / 6},
                                            MeshFile{"quads", "quads.obj", kQuads, 8, 12, 1}),
@@ -442,6 +449,32 @@ const std::vector<BadMeshFile> kBadMeshFiles{
      ErrorKind::kDataLoss,
      {"a.stl was cut short"}},
     {"no_faces", "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", ErrorKind::kInvalidInput, {"a.obj"}},
+    // In which Assimp would write anywhere in memory.
+    {"obj_of_damaged_materials",
+     "a.obj",
+     std::string("mtllib a.\0\0map_emissivemtl\no cube\nvt 0 0\nvn 0 map_Ps1 0\nf 1 2 ?\n", 56),
+     ErrorKind::kInvalidInput,
+     {"a.obj: line 5: the face has the corner \"?\""}},
+    {"obj_vertex_of_two",
+     "a.obj",
+     "v 0 0 0\nv 1 0 # 3\n",
+     ErrorKind::kInvalidInput,
+     {"a.obj: line 2: the vertex has less than three coordinates"}},
+    {"obj_vertex_of_words",
+     "a.obj",
+     "v 0 0 zero\n",
+     ErrorKind::kInvalidInput,
+     {"a.obj: line 1: there is \"zero\" where a number should be"}},
+    {"obj_index",
+     "a.obj",
+     replaced(kObj, "f 1 4 3", "f 1 5 3"),
+     ErrorKind::kInvalidInput,
+     {"a.obj: line 7: the face refers to vertex 5; there are 4"}},
+    {"obj_index_backwards",
+     "a.obj",
+     replaced(kObj, "f 1 4 3", "f 1 -5 3"),
+     ErrorKind::kInvalidInput,
+     {"a.obj: line 7: the face refers to vertex -5; there are 4"}},
     {"index", "a.ply", replaced(kPly, "3 1 2 3", "3 1 2 9"), ErrorKind::kInvalidInput, {"a.ply"}},
     {"index_of_a_quad",
      "a.ply",

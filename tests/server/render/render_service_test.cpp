@@ -31,6 +31,7 @@
 #include "server/render/request_check.h"
 #include "tests/support/health.h"
 #include "tests/support/process.h"
+#include "tests/support/raw_call.h"
 #include "tests/support/scenes.h"
 
 namespace itn {
@@ -557,26 +558,14 @@ TEST(RenderService, RefusesMessagesThatAreTooLarge) {
   EXPECT_EQ(Client(connect(server)).call(request).status.error_code(), grpc::RESOURCE_EXHAUSTED);
 }
 
-// Any bytes, as a client of another make may send them.
-grpc::Status send_bytes(const std::shared_ptr<grpc::Channel>& channel, const std::string& method,
-                        const std::string& bytes) {
-  grpc::GenericStub stub(channel);
-  grpc::ClientContext context;
-  context.set_deadline(std::chrono::system_clock::now() + 60s);
-  const grpc::Slice slice(bytes);
-  grpc::ByteBuffer request(&slice, 1), reply;
-  std::promise<grpc::Status> done;
-  stub.UnaryCall(&context, method, grpc::StubOptions(), &request, &reply,
-                 [&](grpc::Status status) { done.set_value(std::move(status)); });
-  return done.get_future().get();
-}
-
 TEST(RenderService, SaysWhatIsWrongWithBytesThatAreNoMessage) {
   RenderServer server(one_thread());
   for (const char* method : {"RenderGrad", "GetCapabilities"}) {
     const grpc::Status status =
-        send_bytes(server.in_process_channel(), std::string("/itn.v1.RenderService/") + method,
-                   "\x0a\xff\xff\xff\xff");
+        testing::call_with_bytes(server.in_process_channel(),
+                                 std::string("/itn.v1.RenderService/") + method,
+                                 "\x0a\xff\xff\xff\xff")
+            .status;
     EXPECT_EQ(status.error_code(), grpc::INVALID_ARGUMENT) << method;
     EXPECT_THAT(status.error_message(), ::testing::AnyOf(HasSubstr("not a serialized itn.v1."),
                                                          HasSubstr("unknown number")));

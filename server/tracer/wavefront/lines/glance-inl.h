@@ -61,7 +61,7 @@ inline Mask end_at_a_glance(const Obstacles& obstacles, Rays& rays, Report repor
                      cell_at(x0.z, dx.z, slack, grid.size[2])};
   const auto [word, reach] = read_cell(grid, cell, octant_of(direction));
   // The end lies in the cube ahead.
-  const auto within = [&](Floats c, Floats from, Floats slope) {
+  const auto within = [&, reach = reach](Floats c, Floats from, Floats slope) {
     const Floats to = hn::Sub(plus_product(from, slope, end), c);
     const Mask falls = hn::Lt(slope, hn::Zero(d));
     const Floats ahead = hn::IfThenElse(falls, hn::Sub(set(1.0F), to), to);
