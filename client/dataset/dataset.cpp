@@ -3,15 +3,16 @@
 #include <algorithm>
 #include <string_view>
 #include <utility>
+#include <variant>
 
 #include <fmt/format.h>
 
-#include "client/dataset/contents_digest.h"
 #include "client/dataset/item_scene.h"
 #include "client/render_pool/reply_images.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
 #include "common/image/attributes.h"
+#include "common/rpc/wire_array.h"
 #include "common/scene/text_proto.h"
 
 namespace itn {
@@ -58,6 +59,16 @@ std::string item_digest(const v1::DatasetConfig& config, const v1::DatasetShape&
       "{}{}{} {} {} {}{}", item.SerializeAsString(), shape.sha256(),
       panorama == nullptr ? "" : " " + panorama->sha256(), config.resolution(), config.spp(),
       config.noise().SerializeAsString(), config.derivatives() ? " derivatives" : "")));
+}
+
+std::string contents_digest(const Image& image) {
+  std::string all = fmt::format("{} {}", image.width, image.height);
+  for (const auto& [name, plane] : image.channels) all += " " + name + " " + to_bytes(plane);
+  for (const auto& [name, value] : image.attributes) {
+    if (name == attribute::kContents) continue;
+    all += std::visit([&](const auto& v) { return fmt::format(" {} {}", name, v); }, value);
+  }
+  return to_hex(sha256(all));
 }
 
 std::string to_text(const v1::Dataset& manifest) {

@@ -20,9 +20,12 @@ namespace itn {
 std::string item_digest(const v1::DatasetConfig& config, const v1::DatasetShape& shape,
                         const v1::DatasetPanorama* panorama, const v1::DatasetItem& item);
 
+// Of all pixels and entries of the header, but for that which says this.
+std::string contents_digest(const Image& image);
+
 inline constexpr const char* kManifestName = "manifest.textproto";
 
-// The manifest as text, its checksum in the first line; reads back equal.
+// The manifest as text, with a checksum in the first line; reads back equal.
 std::string to_text(const v1::Dataset& manifest);
 
 // Throws Error: kIo; kDataLoss if the text has a checksum that is not its own, or is nothing but a

@@ -14,7 +14,6 @@
 #include <google/protobuf/util/message_differencer.h>
 #include <spdlog/spdlog.h>
 
-#include "client/dataset/contents_digest.h"
 #include "client/dataset/item_renderer.h"
 #include "client/dataset/noise.h"
 #include "client/render_pool/render_wait.h"
