@@ -23,7 +23,7 @@
 #include "common/scene/text_proto.h"
 #include "itn/v1/predict.pb.h"
 #include "tests/bench/photograph_encoding.h"
-#include "tests/common/learning/familiar_model.h"
+#include "tests/common/learning/model_for_tests.h"
 #include "tests/support/scene_files.h"
 #include "tests/support/scenes.h"
 
@@ -256,7 +256,6 @@ void make_corpus(const fs::path& folder) {
   write("manifest/cubes.textproto", manifest());
 
   write_checkpoint(path("checkpoint/point.itn"), of_model(small_model()));
-  write_checkpoint(path("checkpoint/gaussian.itn"), of_model(model_with_familiarity(discs, 16)));
   write_checkpoint(path("checkpoint/training.itn"), in_training());
 }
 
