@@ -452,7 +452,7 @@ const std::vector<BadMeshFile> kBadMeshFiles{
     // In which Assimp would write anywhere in memory.
     {"obj_of_damaged_materials",
      "a.obj",
-     std::string("mtllib a.\0\0map_emissivemtl\no cube\nvt 0 0\nvn 0 map_Ps1 0\nf 1 2 ?\n", 56),
+     std::string("mtllib a.\0\0map_emissivemtl\no cube\nvt 0 0\nvn 0 map_Ps1 0\nf 1 2 ?\n", 64),
      ErrorKind::kInvalidInput,
      {"a.obj: line 5: the face has the corner \"?\""}},
     {"obj_vertex_of_two",
