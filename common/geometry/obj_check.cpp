@@ -6,7 +6,9 @@
 #include <charconv>
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "common/error.h"
@@ -26,7 +28,7 @@ class ObjCheck {
       if (words_.front() == "v") copy_vertex();
       if (words_.front() == "f") copy_face();
     }
-    if (greatest_ == 0) throw invalid_input(fmt::format("{} has no faces", what_));
+    if (greatest_ == 0) throw invalid_input(what_ + ": it has no faces");
     if (greatest_ > vertices_) throw missing_vertex(greatest_at_, greatest_);
     return std::move(result_);
   }

@@ -26,6 +26,7 @@
 namespace itn {
 namespace {
 
+using namespace std::string_literals;
 using testing::expect_error;
 using testing::TemporaryFolder;
 
@@ -448,11 +449,15 @@ const std::vector<BadMeshFile> kBadMeshFiles{
      "solid" + std::string(75, ' ') + std::string("\x53\xB8\x1E\x05", 4) + std::string(54, '\0'),
      ErrorKind::kDataLoss,
      {"a.stl was cut short"}},
-    {"no_faces", "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", ErrorKind::kInvalidInput, {"a.obj"}},
+    {"no_faces",
+     "a.obj",
+     "v 0 0 0\nv 1 0 0\nv 0 1 0\n",
+     ErrorKind::kInvalidInput,
+     {"a.obj: it has no faces"}},
     // In which Assimp would write anywhere in memory.
     {"obj_of_damaged_materials",
      "a.obj",
-     std::string("mtllib a.\0\0map_emissivemtl\no cube\nvt 0 0\nvn 0 map_Ps1 0\nf 1 2 ?\n", 64),
+     "mtllib a.\0\0map_emissivemtl\no cube\nvt 0 0\nvn 0 map_Ps1 0\nf 1 2 ?\n"s,
      ErrorKind::kInvalidInput,
      {"a.obj: line 5: the face has the corner \"?\""}},
     {"obj_vertex_of_two",
