@@ -156,7 +156,8 @@ TEST_F(PredictCommand, AsksAPredictorForOneOfItsModels) {
   EXPECT_EQ(unknown.exit_code, 3);
   EXPECT_THAT(unknown.errors, HasSubstr("no model theirs; it has any, mine"));
   const std::string request = unknown.errors.substr(unknown.errors.find("(request ") + 9, 16);
-  EXPECT_THAT(predictor.read_stderr_until(request), HasSubstr("Predict " + request + " of ipv4:"));
+  const std::string line = "Predict " + request + " of ipv4:";
+  EXPECT_THAT(predictor.read_stderr_until(line), HasSubstr(line));
   const Finished list = run({ITN, "models", "--predictor", address});
   EXPECT_EQ(list.exit_code, 0) << list.errors;
   EXPECT_THAT(list.output, AllOf(HasSubstr("Sun and sky (default)"), HasSubstr("mine  7  step 3")));
