@@ -173,6 +173,9 @@ void JobQueue::give_back(const QueueClient& client, std::optional<double> comes_
   free_place(client);
   if (!comes_again_in) return;
   std::erase_if(notes_, [&](const Note& note) { return note.client == client; });
+  // Who comes at once finds one that is free; and of connections that ask once and go, none is
+  // kept.
+  if (*comes_again_in == 0 && free_places() > notes_.size() + 1) return;
   if (notes_.size() >= kMostClients) return;
   notes_.push_front({client, after(kGraceFactor * *comes_again_in + kAtOnceSeconds)});
 }

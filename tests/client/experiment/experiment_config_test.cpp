@@ -53,9 +53,9 @@ TEST(ExperimentFile, WhatIsOutOfRangeIsNamed) {
                  {"B: ", "UNBOUNDED"});
   expect_refused(file("networks { name: \"B\" settings { loss: ITN image_term: LINEAR } }"),
                  {"B: ", "derivatives: true"});
-  expect_refused(
-      file("networks { name: \"B\" settings { input: RATIOS augmentation { material_step: 0.1 } } }"),
-      {"B: ", "material_step", "derivatives: true"});
+  expect_refused(file("networks { name: \"B\" settings { input: RATIOS augmentation { "
+                      "material_step: 0.1 } } }"),
+                 {"B: ", "material_step", "derivatives: true"});
   expect_refused(file("training_preset: \"best\""), {"\"best\"", "paper"});
   expect_refused(file("rerendering { novel_shape: \"teapot\" }"), {"novel_shape", "teapot"});
   expect_refused(file("refinement { iterations: [1, 5, 5] }"), {"refinement.iterations", "rise"});

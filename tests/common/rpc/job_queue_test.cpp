@@ -150,6 +150,15 @@ TEST(JobQueue, KeepsOnePlaceForAClientHoweverOftenTheyAreToComeAgain) {
   { const JobQueue::Place other = queue.admit(client("b")); }
 }
 
+// Connections that are told to come again, and do not: as long as there are places, nobody waits
+// for them.
+TEST(JobQueue, KeepsNoneOfManyFreePlaces) {
+  JobQueue queue(2, 6);
+  for (int i = 0; i < 100; ++i) queue.admit(client(std::to_string(i))).keep_for_client();
+  std::vector<JobQueue::Place> places;
+  for (int i = 0; i < 7; ++i) places.push_back(queue.admit(client("another")));
+}
+
 // Jobs that note who they are of, in the order in which they run, or that they were refused.
 class Ledger {
  public:
