@@ -339,7 +339,7 @@ TEST_F(DamagedDataset, ByAnImage) {
 TEST_F(DamagedDataset, ByAShape) {
   const auto shape = std::ranges::find(plan_.manifest.shapes(), plan_.manifest.items(0).shape(),
                                        &v1::DatasetShape::name);
-  damage(shape->file(), 13);
+  damage(shape->file(), 211);
 }
 
 // A manifest from a stranger names files; they stay in the folder.
