@@ -12,6 +12,7 @@
 #include "client/render_pool/outcome.h"
 #include "client/render_pool/worker_connection.h"
 #include "common/error.h"
+#include "common/rpc/deadline.h"
 #include "common/rpc/request_id.h"
 #include "common/rpc/wire_check.h"
 #include "itn/v1/render.pb.h"
@@ -73,7 +74,7 @@ class BenchCaller::Call {
         stub_(*caller.stubs_[caller.next_++ % caller.stubs_.size()]),
         stop_(stop),
         done_(std::move(done)),
-        deadline_(std::chrono::system_clock::now() + caller.timeout_) {}
+        deadline_(deadline_in(caller.timeout_)) {}
 
   void attempt(const grpc::ByteBuffer& message) {
     cancel_.reset();
@@ -110,7 +111,7 @@ class BenchCaller::Call {
   grpc::GenericStub& stub_;
   const std::stop_token stop_;
   Done done_;
-  const std::chrono::system_clock::time_point deadline_;
+  const gpr_timespec deadline_;
   bool scene_sent_ = false;
   std::optional<grpc::ClientContext> context_;
   grpc::ByteBuffer reply_;

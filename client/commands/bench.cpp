@@ -24,6 +24,7 @@
 #include "common/flags.h"
 #include "common/image/image.h"
 #include "common/rpc/channel.h"
+#include "common/rpc/deadline.h"
 #include "common/rpc/status.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
@@ -135,7 +136,7 @@ std::string call_of(const BenchOptions& options, const Connector& connector) {
   if (!options.call.empty()) return options.call;
   const auto stub = v1::StatusService::NewStub(connector.connect_to(options.address));
   grpc::ClientContext context;
-  context.set_deadline(std::chrono::system_clock::now() + timeout_of(options));
+  context.set_deadline(deadline_in(timeout_of(options)));
   v1::ServerStatus server;
   const grpc::Status status =
       connector.explained(stub->GetStatus(&context, {}, &server), options.address);

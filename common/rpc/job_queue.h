@@ -35,10 +35,9 @@ struct QueueClient {
 //    was.
 //  - Who finds no place although another has at least two more than they have gets one; the newest
 //    waiting job of who has most is refused in its stead, once theirs is there.
-//  - Whose connection is refused is noted, and the places that become free are kept for those
-//  noted,
+//  - Whose connection is refused is noted, and places that become free are kept for those who are,
 //    in the order in which they first asked, until a little after the time that they were told to
-//    come again.
+//    come again. Who is to come again at once is noted before all others, if free places are rare.
 // Thread-safe.
 class JobQueue {
  public:
