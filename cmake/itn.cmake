@@ -32,18 +32,27 @@ function(itn_program name)
   target_link_libraries(${name} PRIVATE itn_options ${ARG_LINK})
 endfunction()
 
-# itn_test(name LABEL unit|physics|service|e2e SOURCES a.cpp ... LINK lib ...): a GoogleTest program,
-# each of its tests one CTest test with this label. The time limits are for a machine that has much
-# else to do.
+# itn_test(name LABEL unit|physics|service|e2e SOURCES a.cpp ... LINK lib ...
+#          [TOGETHER suite ...] [TIMEOUT seconds]): a GoogleTest program, each of its tests one CTest
+# test with this label, but for those of the suites TOGETHER, which share something that is dear to
+# make: each such suite is one CTest test. The time limits are for a machine that has much else to
+# do.
 function(itn_test name)
-  cmake_parse_arguments(ARG "" "LABEL;TIMEOUT" "SOURCES;LINK" ${ARGN})
+  cmake_parse_arguments(ARG "" "LABEL;TIMEOUT" "SOURCES;LINK;TOGETHER" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 900)
   endif()
   itn_program(${name} SOURCES ${ARG_SOURCES} LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
   # Files of tests are below the build's folder: builds beside each other do not meet in them.
   file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/Testing/files)
-  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 300
-                       PROPERTIES LABELS ${ARG_LABEL} TIMEOUT ${ARG_TIMEOUT}
-                                  ENVIRONMENT TEST_TMPDIR=${CMAKE_BINARY_DIR}/Testing/files)
+  set(properties LABELS ${ARG_LABEL} TIMEOUT ${ARG_TIMEOUT}
+                 ENVIRONMENT TEST_TMPDIR=${CMAKE_BINARY_DIR}/Testing/files)
+  foreach(suite IN LISTS ARG_TOGETHER)
+    add_test(NAME ${suite} COMMAND ${name} --gtest_filter=${suite}.*)
+    set_tests_properties(${suite} PROPERTIES ${properties})
+  endforeach()
+  list(TRANSFORM ARG_TOGETHER APPEND ".*")
+  list(JOIN ARG_TOGETHER ":" together)
+  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 300 TEST_FILTER "*-${together}"
+                       PROPERTIES ${properties})
 endfunction()
