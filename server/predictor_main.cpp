@@ -26,10 +26,10 @@ struct PredictorOptions {
   double reload_seconds = 2;
   PredictServerOptions server{.listen = "127.0.0.1:50052",
                               .security = {},
-                              .reflection = true,
+                              .reflection = {},
                               .max_memory_bytes = 0,
                               .service = {}};
-  int threads = 0;
+  int threads = 1;
   ServerFlags flags;
 };
 
@@ -59,7 +59,8 @@ void add_flags(CLI::App& app, PredictorOptions& options) {
                  "network together. Answers do not depend on it")
       ->check(number_in(1, 256))
       ->capture_default_str();
-  app.add_option("--threads", options.threads, "Threads of the network; 0: one per processor")
+  app.add_option("--threads", options.threads, "Threads of the network; 0: one per processor. On two processors a second one made "
+                 "every answer later")
       ->check(number_in(0, 4096))
       ->capture_default_str();
   app.add_option("--max-pixels", options.server.service.max_pixels,
