@@ -71,7 +71,8 @@ inline void add_security_flags(CLI::App& app, ServerSecurity& security) {
 
 // `own_bytes`: of memory, for the program itself.
 inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t own_bytes,
-                             std::string& listen, ServerSecurity& security, bool& reflection,
+                             std::string& listen, ServerSecurity& security,
+                             std::optional<bool>& reflection,
                              ServerFlags& flags) {
   app.add_option("--listen", listen,
                  "HOST:PORT or [IPV6]:PORT to listen on; port 0 takes any that is free; 0.0.0.0 is "
@@ -102,7 +103,8 @@ inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t
       ->check(number_in(0.0, 86400.0))
       ->capture_default_str();
   app.add_flag("--reflection,!--no-reflection", reflection,
-               "gRPC server reflection (on by default)");
+               "gRPC server reflection. By default for clients on this machine, or who must show a "
+               "certificate or token: the limits on memory do not hold for it");
   app.add_option("--log-level", flags.log_level, "What to log on stderr")
       ->check(one_of({"debug", "info", "warning", "error", "off"}))
       ->capture_default_str();

@@ -13,7 +13,7 @@ namespace {
 struct WorkerOptions {
   RenderServerOptions server{.listen = "127.0.0.1:50051",
                              .security = {},
-                             .reflection = true,
+                             .reflection = {},
                              .max_memory_bytes = 0,
                              .service = {}};
   uint64_t max_message_mb = 256;

@@ -131,7 +131,8 @@ GrpcServer::GrpcServer(const GrpcServerOptions& options, grpc::Service& service,
   set_connection_arguments(builder);
   set_limits(builder, options);
   refuse_compression(builder);
-  builder.SetOption(std::make_unique<ReflectionOption>(options.reflection));
+  builder.SetOption(std::make_unique<ReflectionOption>(
+      options.reflection.value_or(options.security.knows_clients())));
   builder.RegisterService(&service);
   for (grpc::Service* other : others) builder.RegisterService(other);
   if (!options.listen.empty()) {

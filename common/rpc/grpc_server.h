@@ -1,4 +1,4 @@
-// A gRPC server for one service of ours, with health service and reflection, behind a port, an
+// A gRPC server for one service of ours, with health service and perhaps reflection, behind a port, an
 // in-process channel, or both.
 #pragma once
 
@@ -13,6 +13,7 @@
 #include <initializer_list>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <thread>
@@ -28,7 +29,9 @@ struct GrpcServerOptions {
   // here.
   std::string listen;
   ServerSecurity security;  // of connections to that address
-  bool reflection = true;
+  // gRPC's own service for it reads requests without our limits: a message of 16 MiB may take 500.
+  // Unset: where clients are known (ServerSecurity::knows_clients()).
+  std::optional<bool> reflection;
   uint64_t max_message_bytes = uint64_t{2047} << 20;  // of a request and of a reply
   // What gRPC may hold of messages that arrive; beyond it, it stops reading and closes connections.
   // 0: no limit.

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "common/rpc/service_server.h"
@@ -13,7 +14,7 @@ namespace itn {
 struct PredictServerOptions {
   std::string listen;  // as in GrpcServerOptions
   ServerSecurity security = {};
-  bool reflection = true;
+  std::optional<bool> reflection;  // GrpcServerOptions
   uint64_t max_memory_bytes = 0;  // as in RenderServerOptions
   PredictServiceOptions service;
 };

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "common/rpc/service_server.h"
@@ -14,7 +15,7 @@ namespace itn {
 struct RenderServerOptions {
   std::string listen;  // as in GrpcServerOptions
   ServerSecurity security = {};
-  bool reflection = true;
+  std::optional<bool> reflection;  // GrpcServerOptions
   // Of the process, resident; 0: no limit. Lowers the limits of the service to what fits
   // (plan_memory).
   uint64_t max_memory_bytes = 0;

@@ -7,6 +7,7 @@
 
 #include <gmock/gmock.h>
 #include <grpcpp/create_channel.h>
+#include <torch/utils.h>
 
 #include "common/learning/checkpoint.h"
 #include "server/predict/predict_server.h"
@@ -84,7 +85,7 @@ class PredictServiceTest : public ::testing::Test {
     models_ = std::make_shared<ModelStore>(models);
     server_ = std::make_unique<PredictServer>(
         models_, PredictServerOptions{
-                     .listen = "127.0.0.1:0", .reflection = true, .service = {.max_pixels = 1000}});
+                     .listen = "127.0.0.1:0", .reflection = {}, .service = {.max_pixels = 1000}});
     stub_ = v1::PredictService::NewStub(
         grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
   }

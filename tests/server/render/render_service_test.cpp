@@ -1,4 +1,5 @@
 // The render service behind real channels.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <grpcpp/create_channel.h>
 #include <gtest/gtest.h>
@@ -13,6 +14,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <ostream>
 #include <string>
 #include <thread>
@@ -968,17 +970,22 @@ grpc::StatusCode reflection_answer(const RenderServer& server) {
   return done.get_future().get().error_code();
 }
 
-TEST(RenderServer, HasReflectionIfAsked) {
-  for (const bool enabled : {true, false}) {
+TEST(RenderServer, HasReflectionForKnownClientsOrIfAsked) {
+  struct Case {
+    bool insecure;
+    std::optional<bool> asked;
+    bool expected;
+  };
+  for (const auto& [insecure, asked, expected] :
+       {Case{false, {}, true}, Case{false, false, false}, Case{true, {}, false},
+        Case{true, true, true}}) {
+    SCOPED_TRACE(fmt::format("insecure: {}, asked: {}", insecure, asked.value_or(insecure)));
     auto options = one_thread();
     options.listen = "127.0.0.1:0";
-    options.reflection = enabled;
+    options.security.insecure = insecure;
+    options.reflection = asked;
     RenderServer server(options);
-    if (enabled) {
-      EXPECT_NE(reflection_answer(server), grpc::UNIMPLEMENTED);
-    } else {
-      EXPECT_EQ(reflection_answer(server), grpc::UNIMPLEMENTED);
-    }
+    EXPECT_EQ(reflection_answer(server) != grpc::UNIMPLEMENTED, expected);
   }
 }
 
