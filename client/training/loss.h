@@ -6,7 +6,7 @@
 #include <memory>
 #include <span>
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "client/training/image_metric.h"
 #include "client/training/image_term.h"

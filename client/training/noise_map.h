@@ -1,7 +1,7 @@
 // How noisy each pixel of a render is, so that noise can be added to just what is missing.
 #pragma once
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "client/dataset/dataset.h"
 

@@ -5,6 +5,7 @@
 #include <type_traits>
 
 #include <fmt/format.h>
+#include <torch/optim/adam.h>
 
 #include "common/error.h"
 
@@ -86,6 +87,8 @@ Optimizer::Optimizer(const EncoderNetwork& encoder, const v1::TrainingConfig& co
   adam_ = std::make_unique<torch::optim::Adam>(tensors,
                                                torch::optim::AdamOptions(config.learning_rate()));
 }
+
+Optimizer::~Optimizer() = default;
 
 void Optimizer::step(double learning_rate) {
   for (torch::optim::OptimizerParamGroup& group : adam_->param_groups()) {

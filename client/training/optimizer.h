@@ -6,11 +6,15 @@
 #include <string>
 #include <vector>
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "common/learning/encoder.h"
 #include "common/learning/tensor_data.h"
 #include "itn/v1/learning.pb.h"
+
+namespace torch::optim {
+class Adam;
+}
 
 namespace itn {
 
@@ -19,6 +23,7 @@ class Optimizer {
  public:
   // Of the configuration's kind and precision, for the parameters that the network has now.
   Optimizer(const EncoderNetwork& encoder, const v1::TrainingConfig& config);
+  ~Optimizer();
 
   // Requires that all parameters have gradients.
   void step(double learning_rate);

@@ -6,7 +6,7 @@
 #include <span>
 #include <stop_token>
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "client/training/scratch_records.h"
 #include "client/training/training_set.h"

@@ -5,6 +5,7 @@
 
 #include <ATen/autocast_mode.h>
 #include <fmt/format.h>
+#include <torch/nn/utils/clip_grad.h>
 
 #include "client/training/augmentation.h"
 #include "client/training/camera_augmentation.h"

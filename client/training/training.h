@@ -7,7 +7,7 @@
 #include <variant>
 #include <vector>
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "client/training/batches.h"
 #include "client/training/image_metric.h"

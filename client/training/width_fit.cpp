@@ -6,6 +6,8 @@
 #include <utility>
 #include <vector>
 
+#include <torch/optim/lbfgs.h>
+
 #include "client/training/evaluation.h"
 #include "common/error.h"
 #include "common/learning/gaussian.h"

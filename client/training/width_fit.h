@@ -4,7 +4,7 @@
 #include <optional>
 #include <stop_token>
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "client/training/image_source.h"
 #include "itn/v1/learning.pb.h"

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <mutex>
 
+#include <ATen/Parallel.h>
 #include <fmt/format.h>
 
 #include "common/error.h"

@@ -21,7 +21,7 @@
 #include <string>
 #include <vector>
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "common/learning/network_input.h"
 #include "itn/v1/learning.pb.h"

@@ -14,7 +14,7 @@
 #include <array>
 #include <span>
 
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "common/learning/parameterization.h"
 #include "common/material.h"

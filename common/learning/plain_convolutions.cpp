@@ -1,6 +1,7 @@
 // The encoder of Che et al., ICCP 2020: at resolution 128 with 16 base channels seven blocks of a
 // convolution, ReLU and pooling, of 16 to 1024 channels.
 #include <fmt/format.h>
+#include <torch/nn.h>
 
 #include "common/error.h"
 #include "common/learning/architectures.h"

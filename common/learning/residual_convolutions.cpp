@@ -12,6 +12,7 @@
 #include <algorithm>
 
 #include <fmt/format.h>
+#include <torch/nn.h>
 
 #include "common/error.h"
 #include "common/learning/architectures.h"

@@ -3,7 +3,9 @@
 // another order: convolutions of one small image, and matrix products of many rows.
 #pragma once
 
-#include <torch/torch.h>
+#include <torch/nn/modules/conv.h>
+#include <torch/nn/modules/linear.h>
+#include <torch/types.h>
 
 namespace itn {
 

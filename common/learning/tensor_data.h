@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <google/protobuf/repeated_ptr_field.h>
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include "itn/v1/learning.pb.h"
 

@@ -2,6 +2,8 @@
 // and width. On a machine that does other things too, CPU time tells more than the clock.
 #include <fmt/format.h>
 
+#include <torch/optim/adam.h>
+
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <functional>

@@ -5,6 +5,7 @@
 // Here a network is shown the noise of images and nothing else of them, where in the image it is
 // included.
 #include <gtest/gtest.h>
+#include <torch/utils.h>
 
 #include <algorithm>
 #include <cmath>

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include <gmock/gmock.h>
+#include <torch/optim/adam.h>
 
 #include "common/error.h"
 #include "tests/common/learning/model_for_tests.h"

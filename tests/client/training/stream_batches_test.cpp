@@ -1,6 +1,7 @@
 #include "client/training/stream_batches.h"
 
 #include <gmock/gmock.h>
+#include <torch/utils.h>
 
 #include <algorithm>
 #include <cmath>

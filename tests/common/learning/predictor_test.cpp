@@ -5,6 +5,7 @@
 #include <span>
 
 #include <gmock/gmock.h>
+#include <torch/utils.h>
 
 #include "common/error.h"
 #include "common/learning/checkpoint.h"
