@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <iterator>
+#include <set>
+#include <string_view>
 #include <utility>
 
 #include "common/error.h"
@@ -67,14 +69,13 @@ JobQueue::Place JobQueue::admit(const QueueClient& client) {
   if (closed_) throw stopping();
   forget_old_notes();
   const auto note = std::ranges::find(notes_, client, &Note::client);
-  // Who has much already does not come before who has little, whoever asked first.
-  const auto before = static_cast<size_t>(std::count_if(
-      notes_.begin(), note, [&](const Note& n) { return !has_more(n.client, client, kMargin); }));
-  const bool free = free_places() > before;
-  if (!free && displaced_by(client, kMargin) == waiting_.end()) throw refusal(client, before + 1);
+  const size_t kept = kept_places(client, note);
+  const bool free = free_places() > kept;
+  if (!free && displaced_by(client, kMargin) == waiting_.size()) throw refusal(client, kept + 1);
   if (note != notes_.end()) notes_.erase(note);
   take_place(client);
   ++admitted_;
+  if (!free) ++displacing_;
   return {*this, client, !free};
 }
 
@@ -84,20 +85,20 @@ void JobQueue::submit(Place place, Job job) {
   {
     const std::lock_guard lock(mutex_);
     if (closed_) throw stopping();
-    Waiting entering{place.client_, std::move(job)};
-    // The place has become one of the client's meanwhile.
-    const auto leaving =
-        place.displaces_ ? displaced_by(place.client_, kMargin - 1) : waiting_.end();
-    if (leaving == waiting_.end()) {
-      waiting_.push_back(std::move(entering));
-    } else {
-      why = refusal(leaving->client, 1);
-      free_place(leaving->client);
-      displaced = std::exchange(*leaving, std::move(entering));
-      std::rotate(leaving, std::next(leaving), waiting_.end());  // to the end
-    }
     place.queue_ = nullptr;
     --admitted_;
+    if (place.displaces_) --displacing_;
+    size_t leaving = waiting_.size();
+    // The place has become one of the client's meanwhile.
+    if (place.displaces_ && free_places() == 0) leaving = displaced_by(place.client_, kMargin - 1);
+    if (leaving < waiting_.size()) {
+      const auto it = waiting_.begin() + static_cast<std::ptrdiff_t>(leaving);
+      why = refusal(it->client, 1);
+      free_place(it->client);
+      displaced = std::move(*it);
+      waiting_.erase(it);
+    }
+    waiting_.push_back({place.client_, std::move(job), started_});
   }
   work_available_.notify_one();
   if (displaced) displaced->job.refuse(*why);
@@ -143,33 +144,40 @@ bool JobQueue::has_more(const QueueClient& other, const QueueClient& client, siz
   return places(other, same) >= places(client, same) + by;
 }
 
-std::deque<JobQueue::Waiting>::iterator JobQueue::newest_of_who_has_most() {
-  const auto places = [this](const QueueClient& of) {
-    const Held& held = held_.at(of.who);
-    return std::pair(held.all, held.connections.at(of.connection));
+// The number of a waiting job, of this client's alone if one is named; if there is none, of how
+// many wait.
+size_t JobQueue::newest_of_who_has_most(const std::string* of) const {
+  const auto places = [this](const Waiting& waiting) {
+    const Held& held = held_.at(waiting.client.who);
+    return std::pair(held.all, held.connections.at(waiting.client.connection));
   };
-  auto newest = waiting_.end();
-  for (auto waiting = waiting_.end(); waiting != waiting_.begin();) {
-    --waiting;
-    if (newest != waiting_.end() && waiting->client == newest->client) continue;
-    if (newest == waiting_.end() || places(waiting->client) > places(newest->client)) {
-      newest = waiting;
-    }
+  size_t newest = waiting_.size();
+  for (size_t i = waiting_.size(); i-- > 0;) {
+    const Waiting& waiting = waiting_[i];
+    if (of != nullptr && waiting.client.who != *of) continue;
+    if (newest < waiting_.size() && waiting.client == waiting_[newest].client) continue;
+    if (newest == waiting_.size() || places(waiting) > places(waiting_[newest])) newest = i;
   }
   return newest;
 }
 
-// The end if nothing is.
-std::deque<JobQueue::Waiting>::iterator JobQueue::displaced_by(const QueueClient& client,
-                                                               size_t margin) {
-  const auto newest = newest_of_who_has_most();
-  if (newest == waiting_.end() || has_more(newest->client, client, margin)) return newest;
-  return waiting_.end();
+// A job of who has most, or else of a connection of the same client's; likewise.
+size_t JobQueue::displaced_by(const QueueClient& client, size_t margin) const {
+  const size_t none = waiting_.size();
+  // Each of those who were admitted so will take one.
+  if (displacing_ >= none) return none;
+  for (const std::string* of : {static_cast<const std::string*>(nullptr), &client.who}) {
+    const size_t newest = newest_of_who_has_most(of);
+    if (newest < none && has_more(waiting_[newest].client, client, margin)) return newest;
+  }
+  return none;
 }
 
-void JobQueue::give_back(const QueueClient& client, std::optional<double> comes_again_in) {
+void JobQueue::give_back(const Place& place, std::optional<double> comes_again_in) {
+  const QueueClient& client = place.client_;
   const std::lock_guard lock(mutex_);
   --admitted_;
+  if (place.displaces_) --displacing_;
   free_place(client);
   if (!comes_again_in) return;
   std::erase_if(notes_, [&](const Note& note) { return note.client == client; });
@@ -217,9 +225,11 @@ double JobQueue::seconds_until_next_end() const {
   return running_ == 0 ? kIdleRetrySeconds : seconds_of_ends(1);
 }
 
-bool JobQueue::full() const {
+bool JobQueue::admits_newcomers() const {
   const std::lock_guard lock(mutex_);
-  return free_places() == 0;
+  const QueueClient newcomer;
+  return !closed_ && (free_places() > kept_places(newcomer, notes_.end()) ||
+                      displaced_by(newcomer, kMargin) < waiting_.size());
 }
 
 size_t JobQueue::running() const {
@@ -235,6 +245,19 @@ size_t JobQueue::waiting() const {
 size_t JobQueue::free_places() const {
   const size_t places = capacity_ + thread_count_;
   return places - std::min(places, waiting_.size() + running_ + admitted_);
+}
+
+// For those who were noted before `end`, and have not much already: who has does not come before
+// who has little, whoever asked first.
+size_t JobQueue::kept_places(const QueueClient& client, Notes::const_iterator end) const {
+  const auto now = Clock::now();
+  std::set<std::string_view> others;
+  size_t kept = 0;
+  for (auto note = notes_.begin(); note != end; ++note) {
+    if (note->until < now || has_more(note->client, client, kMargin)) continue;
+    if (note->client.who == client.who || others.insert(note->client.who).second) ++kept;
+  }
+  return std::min(kept, std::max<size_t>(capacity_, 1));
 }
 
 double JobQueue::seconds_until_free(size_t places) const {
@@ -253,13 +276,15 @@ void JobQueue::forget_old_notes() {
 }
 
 JobQueue::Waiting JobQueue::take_next() {
-  const auto last_start = [](const auto& starts, const std::string& name) {
+  // Who is new comes as if a job of theirs had begun just before the last one when they came.
+  const auto last_turn = [](const auto& starts, const std::string& name, uint64_t since) {
     const auto found = starts.find(name);
-    return found == starts.end() ? 0 : found->second;
+    return found == starts.end() ? 2 * since : 2 * found->second + 1;
   };
   const auto turn = [&](const Waiting& waiting) {
-    return std::pair(last_start(last_start_, waiting.client.who),
-                     last_start(last_start_of_connection_, waiting.client.connection));
+    return std::pair(
+        last_turn(last_start_, waiting.client.who, waiting.since),
+        last_turn(last_start_of_connection_, waiting.client.connection, waiting.since));
   };
   const auto next = std::ranges::min_element(waiting_, {}, turn);  // the first of equals
   Waiting taken = std::move(*next);

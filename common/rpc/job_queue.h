@@ -32,12 +32,14 @@ struct QueueClient {
 // Fair to clients, however often they ask and however much: first to those who ask, then to the
 // connections of each.
 //  - The waiting job that runs next is one of who was served least recently, of the connection that
-//    was.
+//    was; who is new counts as served when they came.
 //  - Who finds no place although another has at least two more than they have gets one; the newest
-//    waiting job of who has most is refused in its stead, once theirs is there.
-//  - Whose connection is refused is noted, and places that become free are kept for those who are,
-//    in the order in which they first asked, until a little after the time that they were told to
-//    come again. Who is to come again at once is noted before all others, if free places are rare.
+//    waiting job of who has most is refused in its stead, once theirs is there, if there is no
+//    other place by then. The same holds between the connections of each.
+//  - Whose connection is refused is noted, and places to wait that become free are kept for those
+//    who are, in the order in which they first asked, one for all connections of another, until a
+//    little after the time that they were told to come again. Who is to come again at once is noted
+//    before all others, if free places are rare. No thread idles for who may never come.
 // Thread-safe.
 class JobQueue {
  public:
@@ -62,13 +64,13 @@ class JobQueue {
     Place& operator=(const Place&) = delete;
     Place& operator=(Place&&) = delete;
     ~Place() {
-      if (queue_ != nullptr) queue_->give_back(client_, {});
+      if (queue_ != nullptr) queue_->give_back(*this, {});
     }
 
     // Gives it back and keeps it for the same client, who will come again: at once, or after the
     // time that they are told.
     void keep_for_client(double seconds = 0) {
-      std::exchange(queue_, nullptr)->give_back(client_, seconds);
+      std::exchange(queue_, nullptr)->give_back(*this, seconds);
     }
 
    private:
@@ -107,7 +109,8 @@ class JobQueue {
   // About how long until a job that runs ends; a second if none does.
   double seconds_until_next_end() const;
 
-  bool full() const;
+  // Whether a client whom nobody knows would be admitted.
+  bool admits_newcomers() const;
 
   // Jobs that run now, and jobs that were submitted and do not run yet.
   size_t running() const;
@@ -119,12 +122,14 @@ class JobQueue {
   struct Waiting {
     QueueClient client;
     Job job;
+    uint64_t since;  // jobs that had begun when it came
   };
   // A client for whom a place is kept.
   struct Note {
     QueueClient client;
     Clock::time_point until;
   };
+  using Notes = std::deque<Note>;
   // Places of a client: of jobs that run or wait, and those without a job yet.
   struct Held {
     size_t all = 0;
@@ -133,19 +138,20 @@ class JobQueue {
 
   // All of them require the lock.
   size_t free_places() const;
+  size_t kept_places(const QueueClient& client, Notes::const_iterator end) const;
   double seconds_until_free(size_t places) const;
   double seconds_of_ends(double ends) const;
   void forget_old_notes();
   void take_place(const QueueClient& client);
   void free_place(const QueueClient& client);
   bool has_more(const QueueClient& other, const QueueClient& client, size_t by) const;
-  std::deque<Waiting>::iterator newest_of_who_has_most();
-  std::deque<Waiting>::iterator displaced_by(const QueueClient& client, size_t margin);
+  size_t newest_of_who_has_most(const std::string* of = nullptr) const;
+  size_t displaced_by(const QueueClient& client, size_t margin) const;
   StatusError refusal(const QueueClient& client, size_t places);
   Waiting take_next();
 
   // Keeps it for the client if they will come again, in so many seconds.
-  void give_back(const QueueClient& client, std::optional<double> comes_again_in);
+  void give_back(const Place& place, std::optional<double> comes_again_in);
   void work();
 
   const size_t capacity_;
@@ -154,13 +160,14 @@ class JobQueue {
   std::condition_variable work_available_;
   std::condition_variable idle_;
   std::deque<Waiting> waiting_;
-  std::deque<Note> notes_;
+  Notes notes_;
   std::map<std::string, Held> held_;  // by who
   // Of who, and of their connections: the number of a job.
   std::unordered_map<std::string, uint64_t> last_start_, last_start_of_connection_;
   uint64_t started_ = 0;
   double seconds_per_job_;  // recently
   size_t admitted_ = 0;     // places without a job yet
+  size_t displacing_ = 0;   // of them, those that displace a job
   size_t running_ = 0;
   bool closed_ = false;                // no more jobs
   bool stopping_ = false;              // no more work

@@ -67,7 +67,7 @@ bool CallDesk::drain(duration<double> patience) {
 }
 
 bool CallDesk::can_take_work() const {
-  return !queue_.full() &&
+  return queue_.admits_newcomers() &&
          (options_.memory_bytes == 0 || memory_.used() < options_.memory_bytes / 10 * 9);
 }
 

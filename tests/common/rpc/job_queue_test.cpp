@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <functional>
 #include <future>
 #include <memory>
 #include <string>
@@ -11,6 +12,7 @@
 #include "common/error.h"
 #include "common/rpc/status.h"
 #include "itn/v1/render.pb.h"
+#include "tests/support/process.h"
 
 namespace itn {
 namespace {
@@ -43,9 +45,7 @@ TEST(JobQueue, RefusesMoreThanItsCapacity) {
   Blocker blocker(queue);
   const auto add = [&] { submit(queue, {{}, [&] { ++done; }, [] {}}); };
   add();
-  EXPECT_FALSE(queue.full());
   add();
-  EXPECT_TRUE(queue.full());
   try {
     add();
     FAIL() << "accepted";
@@ -109,9 +109,9 @@ TEST(JobQueue, GivesBackAPlaceThatWasNotUsed) {
   JobQueue queue(1, 0);
   {
     const JobQueue::Place place = queue.admit(client("a"));
-    EXPECT_TRUE(queue.full());
+    EXPECT_FALSE(queue.admits_newcomers());
   }
-  EXPECT_FALSE(queue.full());
+  EXPECT_TRUE(queue.admits_newcomers());
 }
 
 // Who was refused comes before who asks all the time.
@@ -157,6 +157,35 @@ TEST(JobQueue, KeepsNoneOfManyFreePlaces) {
   for (int i = 0; i < 100; ++i) queue.admit(client(std::to_string(i))).keep_for_client();
   std::vector<JobQueue::Place> places;
   for (int i = 0; i < 7; ++i) places.push_back(queue.admit(client("another")));
+}
+
+// Of who was refused, few may ever come again.
+TEST(JobQueue, KeepsNoThreadForWhoIsToComeAgain) {
+  JobQueue queue(1, 4);
+  Blocker blocker(queue);
+  for (const char* name : {"b", "c", "d", "e"}) submit(queue, {{}, [] {}, [] {}}, client(name));
+  for (int i = 0; i < 50; ++i) {
+    EXPECT_THROW(queue.admit(client(std::to_string(i))), StatusError);
+  }
+  EXPECT_FALSE(queue.admits_newcomers());
+  blocker.release();
+  ASSERT_TRUE(testing::eventually([&] { return queue.running() + queue.waiting() == 0; }));
+  EXPECT_TRUE(queue.admits_newcomers());
+  queue.admit(client("new"));
+}
+
+TEST(JobQueue, KeepsOnePlaceForAllConnectionsOfAnother) {
+  JobQueue queue(1, 3);
+  Blocker blocker(queue);
+  for (const char* name : {"b", "c", "d"}) submit(queue, {{}, [] {}, [] {}}, client(name));
+  for (const char* name : {"x1", "x2", "x3"}) {
+    EXPECT_THROW(queue.admit({"x", name}), StatusError);
+  }
+  EXPECT_THROW(queue.admit(client("y")), StatusError);
+  blocker.release();
+  ASSERT_TRUE(testing::eventually([&] { return queue.running() + queue.waiting() == 0; }));
+  const JobQueue::Place of_x = queue.admit({"x", "x1"});
+  queue.admit(client("y"));
 }
 
 // Jobs that note who they are of, in the order in which they run, or that they were refused.
@@ -218,6 +247,30 @@ TEST(JobQueue, TakesTurnsOfClientsAndThenOfTheirConnections) {
   EXPECT_EQ(ledger.ran(), "x1 y x2 y x3 x1 x2 x1 ");
 }
 
+// Each of whom comes when the one before is served.
+TEST(JobQueue, NewcomersDoNotKeepOthersWaiting) {
+  JobQueue queue(1, 5);
+  Ledger ledger(queue);
+  Blocker blocker(queue);  // of "a"
+  ledger.add(client("a"), "a");
+  std::promise<void> last_came;
+  const std::function<void(int)> come = [&](int number) {
+    submit(queue,
+           {{},
+            [&, number] {
+              ledger.add(client(std::to_string(number)), std::to_string(number));
+              number < 3 ? come(number + 1) : last_came.set_value();
+            },
+            [] {}},
+           client("new " + std::to_string(number)));
+  };
+  come(1);
+  blocker.release();
+  last_came.get_future().wait();
+  queue.drain();
+  EXPECT_TRUE(ledger.ran().starts_with("a ")) << ledger.ran();
+}
+
 TEST(JobQueue, GivesWhoHasFewAPlaceOfWhoHasMost) {
   JobQueue queue(1, 4);
   Ledger ledger(queue);
@@ -245,6 +298,50 @@ TEST(JobQueue, GivesAConnectionAPlaceOfAnotherOfTheSameClient) {
   blocker.release();
   queue.drain();
   EXPECT_EQ(ledger.ran(), "1 4 2 ");
+}
+
+// Although another client has more, but not two more than these have together.
+TEST(JobQueue, GivesAConnectionAPlaceOfAnotherWhoeverHasMost) {
+  JobQueue queue(1, 6);
+  Ledger ledger(queue);
+  Blocker blocker(queue);  // of "a"
+  for (const char* name : {"a1", "a2", "a3"}) EXPECT_TRUE(ledger.add(client("a"), name));
+  for (const char* name : {"1", "2", "3"}) EXPECT_TRUE(ledger.add({"b", "first"}, name));
+  EXPECT_TRUE(ledger.add({"b", "second"}, "4"));
+  EXPECT_EQ(ledger.refused(), "3 ");
+  blocker.release();
+  queue.drain();
+}
+
+// A place was free when the job came that was to take another's.
+TEST(JobQueue, TakesNoPlaceAwayThatIsNotNeeded) {
+  JobQueue queue(2, 2);
+  Ledger ledger(queue);
+  Blocker first(queue), second(queue);
+  std::promise<void> third_runs, release_third;
+  submit(queue, {{}, [&] { third_runs.set_value(), release_third.get_future().wait(); }, [] {}});
+  EXPECT_TRUE(ledger.add(client("a"), "a4"));
+  JobQueue::Place place = queue.admit(client("b"));
+  first.release();
+  third_runs.get_future().wait();
+  queue.submit(std::move(place), {{}, [] {}, [] {}});
+  EXPECT_EQ(ledger.refused(), "");
+  second.release();
+  release_third.set_value();
+  queue.drain();
+}
+
+TEST(JobQueue, PromisesEachPlaceOnce) {
+  JobQueue queue(1, 1);
+  Ledger ledger(queue);
+  Blocker blocker(queue);
+  EXPECT_TRUE(ledger.add(client("a"), "a1"));
+  EXPECT_TRUE(queue.admits_newcomers());
+  const JobQueue::Place place = queue.admit(client("b"));
+  EXPECT_FALSE(queue.admits_newcomers());
+  EXPECT_THROW(queue.admit(client("c")), StatusError);
+  blocker.release();
+  queue.drain();
 }
 
 // What is admitted and then found to be wrong costs nobody a place.

@@ -188,7 +188,7 @@ TEST_F(QueuedCallTest, ThatDoesNotStopIsNotWaitedFor) {
   auto running = call_apart(1);
   ASSERT_TRUE(testing::eventually([&] { return desk().running() == 1; }));
   auto waiting = call_apart(2);
-  ASSERT_TRUE(testing::eventually([&] { return !desk().can_take_work(); }));
+  ASSERT_TRUE(testing::eventually([&] { return desk().waiting() == 1; }));
   const auto start = std::chrono::steady_clock::now();
   EXPECT_FALSE(desk().drain(0s));
   EXPECT_GE(std::chrono::steady_clock::now() - start, stop_patience);
