@@ -39,7 +39,7 @@ Load::~Load() {
   pacer_ = std::jthread();
   stop_.request_stop();
   std::unique_lock lock(mutex_);
-  changed_.wait(lock, [this] { return outstanding_ == 0; });
+  changed_.wait(lock, [this] { return outstanding_ == 0 && ending_ == 0; });
 }
 
 Load::Clock::time_point Load::next_arrival() {
@@ -58,6 +58,10 @@ void Load::pace(const std::stop_token& stop) {
       changed_.wait_until(lock, stop, next, [&] { return due_.top() < next; });
       continue;
     }
+    if (outstanding_ == most_outstanding_) {
+      changed_.wait(lock, stop, [this] { return outstanding_ < most_outstanding_; });
+      continue;
+    }
     due_.pop();
     if (is_open()) due_.push(next_arrival());
     begin(next, lock);
@@ -65,10 +69,6 @@ void Load::pace(const std::stop_token& stop) {
 }
 
 void Load::begin(Clock::time_point due, std::unique_lock<std::mutex>& lock) {
-  if (outstanding_ == most_outstanding_) {
-    overdue_.push_back(due);
-    return;
-  }
   ++outstanding_;
   lock.unlock();
   const Clock::time_point made = Clock::now();
@@ -81,20 +81,25 @@ void Load::ended(const grpc::Status& status, Clock::time_point due, Clock::time_
   const Clock::time_point now = Clock::now();
   std::unique_lock lock(mutex_);
   record(status, due, made, now);
-  if (--outstanding_; stop_.stop_requested()) {
-    changed_.notify_all();
-    return;
+  --outstanding_;
+  // While the next call begins, that one may end, and be the last that the destructor waits for.
+  ++ending_;
+  if (!is_open() && !stop_.stop_requested()) {
+    if (status.ok()) {
+      begin(now, lock);
+    } else {
+      due_.push(now + retry_after(status).value_or(kPatienceAfterFailure));
+    }
   }
-  if (!overdue_.empty()) {
-    const Clock::time_point next = overdue_.front();
-    overdue_.pop_front();
-    begin(next, lock);
-  } else if (!is_open() && status.ok()) {
-    begin(now, lock);
-  } else if (!is_open()) {
-    due_.push(now + retry_after(status).value_or(kPatienceAfterFailure));
-  }
+  --ending_;
   changed_.notify_all();
+}
+
+// Under way, or due and not made.
+size_t Load::unfinished(Clock::time_point now) const {
+  const double overdue =
+      is_open() ? std::max(in_seconds(now - due_.top()), 0.0) * options_.rate : 0;
+  return outstanding_ + static_cast<size_t>(overdue);
 }
 
 void Load::record(const grpc::Status& status, Clock::time_point due, Clock::time_point made,
@@ -117,6 +122,7 @@ BenchWindow Load::measure(double seconds, size_t least_calls, double most_second
                       [&] { return window_.ended() >= least_calls; });
   const Clock::time_point now = Clock::now();
   window_.seconds = in_seconds(now - std::exchange(window_start_, now));
+  window_.unfinished = unfinished(now);
   return std::exchange(window_, {});
 }
 

@@ -7,7 +7,6 @@
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
-#include <deque>
 #include <functional>
 #include <mutex>
 #include <optional>
@@ -26,7 +25,7 @@ struct LoadOptions {
   // or, where it was not answered, when the server says, or a little later.
   size_t callers = 1;
   // Open loop, if > 0: so many calls a second. Of those that are due, up to max_outstanding are
-  // under way, the others wait here.
+  // under way, the others are made when these end.
   double rate = 0;
   ArrivalDistribution distribution = ArrivalDistribution::kConstant;
   uint64_t seed = 0;
@@ -61,8 +60,9 @@ class Load {
   bool is_open() const { return options_.rate > 0; }
   Clock::time_point next_arrival();
   void pace(const std::stop_token& stop);
-  // Both with the lock held, which the first gives up for a while.
+  // These with the lock held, which the first gives up for a while.
   void begin(Clock::time_point due, std::unique_lock<std::mutex>& lock);
+  size_t unfinished(Clock::time_point now) const;
   void record(const grpc::Status& status, Clock::time_point due, Clock::time_point made,
               Clock::time_point now);
   void ended(const grpc::Status& status, Clock::time_point due, Clock::time_point made);
@@ -77,8 +77,8 @@ class Load {
   Arrivals arrivals_;
   // When calls that were not made yet are due: the next of an open loop, callers who wait.
   std::priority_queue<Clock::time_point, std::vector<Clock::time_point>, std::greater<>> due_;
-  std::deque<Clock::time_point> overdue_;  // those that must wait until others end
   size_t outstanding_ = 0;
+  size_t ending_ = 0;   // threads in ended()
   BenchWindow window_;  // since window_start_
   Clock::time_point window_start_ = start_;
   std::jthread pacer_;  // last: it uses what is above

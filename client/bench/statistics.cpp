@@ -22,7 +22,8 @@ BenchFigures figures_of(const BenchWindow& window) {
           .p50 = percentile(latencies, 0.5),
           .p90 = percentile(latencies, 0.9),
           .p99 = percentile(latencies, 0.99),
-          .late_p99 = percentile(lateness, 0.99)};
+          .late_p99 = percentile(lateness, 0.99),
+          .unfinished = window.unfinished};
 }
 
 bool agree(std::span<const BenchFigures> windows, double tolerance) {
@@ -34,8 +35,13 @@ bool agree(std::span<const BenchFigures> windows, double tolerance) {
              return std::abs(window.*figure - mean) <= tolerance * mean;
            });
   };
+  const auto falls_no_further_behind = [](const BenchFigures& window, const BenchFigures& next) {
+    return next.unfinished <= window.unfinished;
+  };
   return is_steady(&BenchFigures::calls_per_second) && is_steady(&BenchFigures::p50) &&
-         is_steady(&BenchFigures::p99);
+         is_steady(&BenchFigures::p99) &&
+         (windows.size() < 2 ||
+          std::ranges::adjacent_find(windows, falls_no_further_behind) != windows.end());
 }
 
 BenchWindow joined(std::span<const BenchWindow> windows) {
@@ -46,24 +52,27 @@ BenchWindow joined(std::span<const BenchWindow> windows) {
     all.lateness.insert(all.lateness.end(), window.lateness.begin(), window.lateness.end());
     all.refused += window.refused;
     for (const auto& [status, count] : window.failed) all.failed[status] += count;
+    all.unfinished = window.unfinished;
   }
   return all;
 }
 
 BenchResult measure_until_stable(const BenchEnd& end, const std::function<BenchWindow()>& measure) {
-  std::vector<BenchWindow> windows;
+  std::vector<BenchWindow> last;
   std::vector<BenchFigures> figures;
-  const auto last = [](const auto& all) {
-    return std::span(all).last(std::min(all.size(), kWindowsThatAgree));
-  };
+  size_t measured = 0;
   bool stable = false, answered = true;
-  while (!stable && answered && windows.size() < end.max_windows) {
-    windows.push_back(measure());
-    figures.push_back(figures_of(windows.back()));
-    answered = windows.back().answered() > 0 || windows.back().ended() == 0;
-    stable = figures.size() >= kWindowsThatAgree && agree(last(figures), end.tolerance);
+  while (!stable && answered && measured < end.max_windows) {
+    if (measured++ >= kWindowsThatAgree) {
+      last.erase(last.begin());
+      figures.erase(figures.begin());
+    }
+    last.push_back(measure());
+    figures.push_back(figures_of(last.back()));
+    answered = last.back().answered() > 0 || last.back().ended() == 0;
+    stable = figures.size() == kWindowsThatAgree && agree(figures, end.tolerance);
   }
-  return {.last = joined(last(windows)), .windows = windows.size(), .stable = stable};
+  return {.last = joined(last), .windows = measured, .stable = stable};
 }
 
 }  // namespace itn

@@ -24,6 +24,8 @@ struct BenchWindow {
   uint64_t refused = 0;                    // the server was busy and said when to come again
   std::map<std::string, uint64_t> failed;  // all others that were not OK, by status
 
+  uint64_t unfinished = 0;  // at its end: calls under way, or due and not made
+
   uint64_t answered() const { return latencies.size(); }
   uint64_t ended() const { return lateness.size(); }
 };
@@ -33,12 +35,14 @@ struct BenchFigures {
   double calls_per_second = 0;       // answered OK
   double p50 = 0, p90 = 0, p99 = 0;  // of their latencies, in seconds
   double late_p99 = 0;               // of the lateness, in seconds
+  uint64_t unfinished = 0;
 };
 
 BenchFigures figures_of(const BenchWindow& window);
 
 // Whether throughput, p50 and p99 of each are within a part `tolerance` of their means over all.
-// Not where nothing was answered.
+// Not where nothing was answered, or where each leaves more calls unfinished than the one before:
+// more is asked of the server than it can do, and latencies grow for as long as one looks.
 bool agree(std::span<const BenchFigures> windows, double tolerance);
 
 // As one.
@@ -54,7 +58,7 @@ struct BenchEnd {
 };
 
 struct BenchResult {
-  BenchWindow last;    // the last kWindowsThatAgree, or as many as there are
+  BenchWindow last;    // the last kWindowsThatAgree together, or as many as there are
   size_t windows = 0;  // measured
   bool stable = false;
 };

@@ -152,7 +152,13 @@ std::string call_of(const BenchOptions& options, const Connector& connector) {
 }
 
 BenchRequest request_of(const BenchOptions& options, const std::string& call) {
-  if (call == kPredict) return bench_request(predict_request(options));
+  if (call == kPredict) {
+    if (!options.derivatives.empty()) {
+      throw Error(ErrorKind::kUsage,
+                  "--derivatives are a worker's, and " + options.address + " is a predictor");
+    }
+    return bench_request(predict_request(options));
+  }
   if (!options.image.empty() || !options.model.empty() || !options.version.empty()) {
     throw Error(ErrorKind::kUsage, "--image, --model and --model-version are for predictors, and " +
                                        options.address + " is a worker");
@@ -160,8 +166,8 @@ BenchRequest request_of(const BenchOptions& options, const std::string& call) {
   return bench_request(render_job(options));
 }
 
-BenchCaller caller_to(const BenchOptions& options, const Connector& connector) {
-  const std::string call = call_of(options, connector);
+BenchCaller caller_to(const BenchOptions& options, const Connector& connector,
+                      const std::string& call) {
   std::vector<std::shared_ptr<grpc::Channel>> channels;
   for (int i = 0; i < options.connections; ++i) {
     channels.push_back(connector.connect_to(options.address));
@@ -212,12 +218,13 @@ std::vector<LoadOptions> loads_of(const BenchOptions& options) {
 
 void bench(const BenchOptions& options) {
   const Connector connector(options.security);
-  BenchCaller caller = caller_to(options, connector);
+  const std::string call = call_of(options, connector);
+  BenchCaller caller = caller_to(options, connector, call);
   double units_per_call = 0;
   const grpc::Status first = connector.explained(caller.try_once(units_per_call), options.address);
   throw_if_interrupted();
   if (first.error_code() == grpc::StatusCode::UNIMPLEMENTED) {
-    throw Error(ErrorKind::kUnavailable, options.address + " does not know " + options.call);
+    throw Error(ErrorKind::kUnavailable, options.address + " does not know " + call);
   }
   if (!first.ok()) throw to_error(first, options.address);
   const BenchFormat format = format_of(options.format);
@@ -304,31 +311,34 @@ void add_measurement_flags(CLI::App& command, BenchOptions& options) {
 }
 
 void add_request_flags(CLI::App& command, BenchOptions& options) {
-  command.add_option("--scene", options.scene,
-                     "Scene file to be rendered, as itn render takes. Default: a cube on the "
-                     "ground under sun and sky");
-  command.add_option("--size", options.size,
-                     "WIDTHxHEIGHT in pixels, instead of the scene's. Default scene: 128x128");
-  command.add_option("--spp", options.spp, "Samples per pixel")
-      ->check(kSppRange)
-      ->capture_default_str();
-  command.add_option("--sigma-t", options.material.sigma_t, "Extinction coefficient, in 1/mm")
-      ->check(number_in(kMinSigmaT, kMaxSigmaT))
-      ->capture_default_str();
-  command.add_option("--albedo", options.material.albedo, "Single-scattering albedo")
-      ->check(number_in(0.0, 1.0))
-      ->capture_default_str();
-  command.add_option("--g", options.material.g, "Mean cosine of scattering")
-      ->check(number_in(-kMaxAbsG, kMaxAbsG))
-      ->capture_default_str();
+  const std::vector<CLI::Option*> of_a_render = {
+      command.add_option("--scene", options.scene,
+                         "Scene file to be rendered, as itn render takes. Default: a cube on the "
+                         "ground under sun and sky"),
+      command.add_option("--size", options.size,
+                         "WIDTHxHEIGHT in pixels, instead of the scene's. Default scene: 128x128"),
+      command.add_option("--spp", options.spp, "Samples per pixel")
+          ->check(kSppRange)
+          ->capture_default_str(),
+      command.add_option("--sigma-t", options.material.sigma_t, "Extinction coefficient, in 1/mm")
+          ->check(number_in(kMinSigmaT, kMaxSigmaT))
+          ->capture_default_str(),
+      command.add_option("--albedo", options.material.albedo, "Single-scattering albedo")
+          ->check(number_in(0.0, 1.0))
+          ->capture_default_str(),
+      command.add_option("--g", options.material.g, "Mean cosine of scattering")
+          ->check(number_in(-kMaxAbsG, kMaxAbsG))
+          ->capture_default_str()};
   command
       .add_option("--derivatives", options.derivatives,
                   "Derivative images to ask a worker for, as of itn render. Default: none")
       ->delimiter(',')
       ->allow_extra_args(false);
-  command.add_option("--image", options.image,
-                     "EXR to ask a predictor about, with the channels Y and mask.Y, as itn render "
-                     "writes. Default: the render of the flags above, made in this process");
+  CLI::Option* image = command.add_option("--image", options.image,
+                                          "EXR to ask a predictor about, with the channels Y and "
+                                          "mask.Y, as itn render writes. Default: "
+                                          "the render of the flags above, made in this process");
+  for (CLI::Option* render : of_a_render) image->excludes(render);
   command
       .add_option("--model", options.model,
                   "Of the predictor's models, this one; default: the predictor's own default")

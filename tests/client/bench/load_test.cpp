@@ -135,6 +135,41 @@ TEST(ClosedLoop, WaitsAsLongAsABusyServerSays) {
   EXPECT_EQ(calls.held(), 1U) << "the other's";
 }
 
+// The call that began when another ended is the last that ends, and is still being begun.
+TEST(ClosedLoop, EndsWhenItsCallsHaveBegunAndEnded) {
+  std::mutex mutex;
+  std::condition_variable changed;
+  std::deque<Load::Done> held;
+  bool may_go_on = false, destroyed = false;
+  auto load = std::make_unique<Load>(LoadOptions{.callers = 1},
+                                     [&](const std::stop_token& /*stop*/, Load::Done done) {
+                                       std::unique_lock lock(mutex);
+                                       const bool first = held.empty();
+                                       held.push_back(std::move(done));
+                                       changed.notify_all();
+                                       changed.wait(lock, [&] { return first || may_go_on; });
+                                     });
+  const auto call = [&](size_t number) {
+    std::unique_lock lock(mutex);
+    changed.wait(lock, [&] { return held.size() > number; });
+    return held[number];
+  };
+  std::jthread ends_the_first(call(0), grpc::Status::OK);
+  const Load::Done end_second = call(1);
+  std::jthread destroys([&] {
+    load.reset();
+    const std::lock_guard lock(mutex);
+    destroyed = true;
+    changed.notify_all();
+  });
+  end_second(grpc::Status::CANCELLED);
+  std::unique_lock lock(mutex);
+  EXPECT_FALSE(changed.wait_for(lock, 50ms, [&] { return destroyed; }));
+  may_go_on = true;
+  changed.notify_all();
+  EXPECT_TRUE(changed.wait_for(lock, testing::kPatience, [&] { return destroyed; }));
+}
+
 TEST(OpenLoop, MakesCallsWhetherOrNotOthersEnd) {
   HeldCalls calls;
   const RunningLoad load({.rate = 1000}, calls);
@@ -144,12 +179,20 @@ TEST(OpenLoop, MakesCallsWhetherOrNotOthersEnd) {
 TEST(OpenLoop, HasNoMoreCallsUnderWayThanTheMost) {
   HeldCalls calls;
   const RunningLoad load({.rate = 1000, .max_outstanding = 4}, calls);
-  ASSERT_TRUE(wait_until(Clock::now() + 50ms)) << "50 are due";
+  for (size_t made = 4; made < 50; ++made) {
+    ASSERT_TRUE(calls.wait_until_made(made));
+    EXPECT_LE(calls.held(), 4U);
+    calls.end_one();
+  }
+}
+
+TEST(OpenLoop, TellsHowManyCallsWait) {
+  HeldCalls calls;
+  const RunningLoad load({.rate = 1000, .max_outstanding = 4}, calls);
+  const auto after = Clock::now();  // the first was due before
   ASSERT_TRUE(calls.wait_until_made(4));
-  EXPECT_EQ(calls.made(), 4U);
-  calls.end_one();
-  ASSERT_TRUE(calls.wait_until_made(5));
-  EXPECT_EQ(calls.held(), 4U);
+  ASSERT_TRUE(wait_until(after + 50ms));
+  EXPECT_GE(so_far(load, 0).unfinished, 50U);
 }
 
 // The server answers none for a while, in which most calls wait for others to end: what their

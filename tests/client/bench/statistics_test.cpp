@@ -51,6 +51,14 @@ TEST(Agreement, IsInThroughputAndInBothPercentiles) {
   EXPECT_TRUE(agree(windows, 0.1)) << "of p90, nothing is asked";
 }
 
+TEST(Agreement, IsNotWhereMoreAndMoreIsLeftUnfinished) {
+  std::vector<BenchFigures> windows(3, kSteady);
+  for (size_t i = 0; i < 3; ++i) windows[i].unfinished = 10 + i;
+  EXPECT_FALSE(agree(windows, 0.1));
+  windows[2].unfinished = 10;
+  EXPECT_TRUE(agree(windows, 0.1)) << "it is more sometimes";
+}
+
 TEST(Agreement, IsNotWhereNothingIsAnswered) {
   EXPECT_FALSE(agree(std::vector<BenchFigures>(3), 0.1));
 }
