@@ -80,6 +80,7 @@ class Runner {
         run_(run),
         best_(run, there),
         log_(run.folder, trainer.steps_taken()),
+        logged_(trainer.steps_taken()),
         saved_(trainer.steps_taken()),
         finished_(finished) {}
 
@@ -113,6 +114,7 @@ class Runner {
         *metrics.mutable_validation() = run_.validate(model);
         best_.meet(model, metrics.validation());
       }
+      logged_ = step;
       log_.append(metrics);
       if (step % run_.checkpoint_every == 0 && step < steps) {
         save();
@@ -130,6 +132,9 @@ class Runner {
   void save() {
     if (trainer_.steps_taken() == saved_) {
       return;
+    }
+    if (trainer_.steps_taken() != logged_) {
+      throw Error(ErrorKind::kIo, "its validation did not end, and is to be done again");
     }
     log_.flush();
     write_latest_checkpoint(run_.folder, checkpoint());
@@ -184,8 +189,9 @@ class Runner {
   const TrainingRun& run_;
   Best best_;
   MetricsLog log_;
-  uint64_t saved_;  // step of the latest checkpoint
-  bool finished_;   // it is of the last step and complete
+  uint64_t logged_;  // step of the latest metrics that were given to the log
+  uint64_t saved_;   // step of the latest checkpoint
+  bool finished_;    // it is of the last step and complete
 };
 
 // For the message of a run that was stopped: where the next one begins.

@@ -7,6 +7,7 @@
 #include <cstring>
 #include <fstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "client/training/learning_rate.h"
@@ -201,6 +202,33 @@ TEST_F(TrainingRunTest, KeepsTheBestModel) {
   EXPECT_DOUBLE_EQ(checkpoint().training().best_score(), 0.7);
   EXPECT_EQ(checkpoint().training().validations_since(), 3U);
   EXPECT_NO_THROW(Predictor::load(folder_ / kBestCheckpointName));
+}
+
+TEST_F(TrainingRunTest, TakesAStepAgainWhoseValidationFailed) {
+  TrainingRun r = run();
+  r.validate_every = 5;
+  r.checkpoint_every = 3;
+  bool fails = true;
+  r.validate = [&](const v1::Model& model) {
+    if (model.step() == 10 && std::exchange(fails, false)) {
+      throw Error(ErrorKind::kIo, "no space left on device");
+    }
+    return all_of(model.step() == 10 ? 0.5 : 1);
+  };
+  try {
+    train_rn(config(v1::TrainingConfig::RN, 12), r);
+    FAIL() << "the validation did not fail";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("continues after step 9"));
+  }
+  train_rn(config(v1::TrainingConfig::RN, 12), r);
+  const std::vector<std::string> lines = lines_of(folder_ / "metrics.jsonl");
+  ASSERT_EQ(lines.size(), 12U) << "each step once";
+  for (size_t step = 1; step <= 12; ++step) {
+    EXPECT_EQ(lines[step - 1].find("validation") != std::string::npos, step % 5 == 0 || step == 12)
+        << lines[step - 1];
+  }
+  EXPECT_EQ(best().step(), 10U);
 }
 
 TEST_F(TrainingRunTest, EndsEarlyWhenPatienceIsOver) {
