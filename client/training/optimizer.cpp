@@ -89,6 +89,8 @@ Optimizer::Optimizer(const EncoderNetwork& encoder, const v1::TrainingConfig& co
 }
 
 Optimizer::~Optimizer() = default;
+Optimizer::Optimizer(Optimizer&&) noexcept = default;
+Optimizer& Optimizer::operator=(Optimizer&&) noexcept = default;
 
 void Optimizer::step(double learning_rate) {
   for (torch::optim::OptimizerParamGroup& group : adam_->param_groups()) {

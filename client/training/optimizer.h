@@ -24,6 +24,8 @@ class Optimizer {
   // Of the configuration's kind and precision, for the parameters that the network has now.
   Optimizer(const EncoderNetwork& encoder, const v1::TrainingConfig& config);
   ~Optimizer();
+  Optimizer(Optimizer&&) noexcept;
+  Optimizer& operator=(Optimizer&&) noexcept;
 
   // Requires that all parameters have gradients.
   void step(double learning_rate);

@@ -52,8 +52,8 @@ if slow netem delay 150ms 30ms loss 1% rate 4mbit; then
 elif slow tbf rate 500kbit burst 3kb latency 2s; then
   how="500 kbit/s"  # without netem nothing is late or lost by itself
 else
-  echo "no slow link: neither netem nor tbf is here: $(tail -n 1 "$folder/tc.log")"
-  exit 0
+  echo "skipped: no slow link: neither netem nor tbf is here: $(tail -n 1 "$folder/tc.log")"
+  exit 77
 fi
 # The worker behind it has none of the scenes yet.
 kill -KILL "$worker_a"

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
@@ -268,7 +269,9 @@ struct Series {
   void expect_level(int calls_between) const {
     const Estimated found = fitted_slope(values);
     const double scale = 1000.0 / calls_between / unit;
-    const double t = found.standard_error > 0 ? found.mean / found.standard_error : 0;
+    const double steady =
+        found.mean > 0 ? HUGE_VAL : 0;  // the same at each look, or exactly a line
+    const double t = found.standard_error > 0 ? found.mean / found.standard_error : steady;
     std::printf("  %-16s %9.2f at first, %9.2f at last, %+.4f +- %.4f in 1000 calls, t = %+.2f\n",
                 name, values.front() / unit, values.back() / unit, found.mean * scale,
                 found.standard_error * scale, t);

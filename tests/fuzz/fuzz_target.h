@@ -15,8 +15,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size);
 
 namespace itn::testing {
 
-// Inputs, or ways to read them, that were not refused: a corpus of which nothing is accepted tests
-// nothing.
+// Inputs, or ways to read them, that were not refused: a corpus file that is refused leads nowhere.
 inline uint64_t accepted = 0;
 
 [[noreturn]] inline void fail(const std::string& reason) {

@@ -1,6 +1,8 @@
-// Manifests of datasets; the scene of each image is made as a training does.
+// Manifests of datasets, as they are and with a checksum that is right; the scene of each image is
+// made as a training does.
 #include "client/dataset/dataset.h"
 #include "client/dataset/shape_set.h"
+#include "common/scene/scene_bytes.h"
 #include "tests/fuzz/fuzz_target.h"
 #include "tests/fuzz/message_mutation.h"
 #include "tests/support/temporary_folder.h"
@@ -27,19 +29,34 @@ class DatasetFolder {
   testing::TemporaryFolder folder_;
 };
 
+std::string with_checksum(const std::string& text) {
+  const std::string line = to_text(v1::Dataset());
+  const std::string name = line.substr(0, line.rfind(' ') + 1);
+  const size_t end = text.find('\n');
+  const std::string below =
+      text.starts_with(name) && end != std::string::npos ? text.substr(end + 1) : text;
+  return name + to_hex(sha256(below)) + '\n' + below;
+}
+
+void expect_answer(const std::filesystem::path& folder) {
+  testing::expect_answer([&] {
+    DatasetReader dataset(folder);
+    for (const v1::DatasetItem& item : dataset.manifest().items()) {
+      dataset.digest(item);
+      dataset.scene(item);
+    }
+  });
+}
+
 }  // namespace
 }  // namespace itn
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace itn;
   static const DatasetFolder folder;
-  testing::expect_answer([&] {
-    DatasetReader dataset(folder.write(testing::to_string(data, size)));
-    for (const v1::DatasetItem& item : dataset.manifest().items()) {
-      dataset.digest(item);
-      dataset.scene(item);
-    }
-  });
+  const std::string text = testing::to_string(data, size);
+  expect_answer(folder.write(text));
+  expect_answer(folder.write(with_checksum(text)));
   return 0;
 }
 

@@ -3,8 +3,9 @@
 // it may appear and change at any time and is read again every 10 ms. A process that has told a
 // shifted time says so by a file beside it, ITN_CLOCK_SHIFT_FILE.PID.SECONDS.
 //
-// Shifted are CLOCK_REALTIME in all its forms, and what waits until a time by it. The monotonic
-// clock is not, as when a clock is really set.
+// Shifted are the calls below, which ask for CLOCK_REALTIME or wait until a time by it; what makes
+// such system calls by itself sees the machine's time. The monotonic clock is not shifted, as when a
+// clock is really set.
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <pthread.h>
