@@ -10,8 +10,8 @@
 
 #include "client/dataset/studio.h"
 #include "common/error.h"
+#include "common/scene/field_check.h"
 #include "common/vec.h"
-#include "server/render/field_check.h"
 
 namespace itn {
 namespace {

@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "common/error.h"
+#include "common/scene/field_check.h"
 #include "common/scene/scene_bytes.h"
-#include "server/render/field_check.h"
 
 namespace itn {
 namespace {

@@ -8,7 +8,7 @@
 
 namespace itn {
 
-// Throws Error as in field_check.h; environment maps with a `path` are refused.
+// Throws Error as in common/scene/field_check.h; environment maps with a `path` are refused.
 tracer::LightDescription build_light(const std::string& field, const v1::Light& proto);
 
 }  // namespace itn

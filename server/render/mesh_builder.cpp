@@ -7,8 +7,8 @@
 
 #include "common/error.h"
 #include "common/geometry/shapes.h"
+#include "common/scene/field_check.h"
 #include "common/scene/scene_bytes.h"
-#include "server/render/field_check.h"
 #include "server/tracer/scene/object.h"
 
 namespace itn {

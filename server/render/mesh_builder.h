@@ -13,7 +13,7 @@
 namespace itn {
 
 // Builds meshes as long as all of them together stay within the limit of triangles. All functions
-// throw Error as in field_check.h.
+// throw Error as in common/scene/field_check.h.
 class MeshBuilder {
  public:
   explicit MeshBuilder(uint64_t max_triangles) : max_triangles_(max_triangles) {}

@@ -8,9 +8,9 @@
 
 #include "common/error.h"
 #include "common/rpc/wire_array.h"
+#include "common/scene/field_check.h"
 #include "common/scene/material_proto.h"
 #include "server/render/derivatives.h"
-#include "server/render/field_check.h"
 
 namespace itn {
 namespace {

@@ -9,7 +9,8 @@
 
 namespace itn {
 
-// Checks the request but for its scene. This and the following throw Error as in field_check.h.
+// Checks the request but for its scene. This and the following throw Error as in
+// common/scene/field_check.h.
 tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
                                     const RenderLimits& limits);
 

@@ -4,8 +4,8 @@
 
 #include "common/error.h"
 #include "common/rpc/wire_check.h"
+#include "common/scene/field_check.h"
 #include "common/scene/scene_bytes.h"
-#include "server/render/field_check.h"
 #include "server/render/light_builder.h"
 #include "server/render/mesh_builder.h"
 #include "server/render/view_builder.h"

@@ -1,6 +1,6 @@
 // From the scene that came over the wire to what the tracer takes: every field is checked against
 // the range that its comment in scene.proto states, before anything is allocated for it. All
-// functions throw Error as in field_check.h.
+// functions throw Error as in common/scene/field_check.h.
 #pragma once
 
 #include <cstdint>

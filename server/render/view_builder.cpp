@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 
 #include "common/error.h"
-#include "server/render/field_check.h"
+#include "common/scene/field_check.h"
 
 namespace itn {
 namespace {

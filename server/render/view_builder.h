@@ -8,7 +8,7 @@
 
 namespace itn {
 
-// Both throw Error as in field_check.h.
+// Both throw Error as in common/scene/field_check.h.
 tracer::CameraDescription build_camera(const v1::Camera& proto);
 tracer::FilmDescription build_film(const v1::Film& proto, uint64_t max_pixels);
 

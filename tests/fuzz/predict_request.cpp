@@ -5,9 +5,9 @@
 #include <memory>
 
 #include "common/learning/checkpoint.h"
+#include "common/scene/field_check.h"
 #include "itn/v1/predict.pb.h"
 #include "server/predict/predict_server.h"
-#include "server/render/field_check.h"
 #include "tests/common/learning/familiar_model.h"
 #include "tests/fuzz/fuzz_target.h"
 #include "tests/fuzz/message_mutation.h"

@@ -1,4 +1,4 @@
-#include "server/render/field_check.h"
+#include "common/scene/field_check.h"
 
 #include <google/protobuf/unknown_field_set.h>
 
