@@ -30,13 +30,22 @@ void submit(JobQueue& queue, JobQueue::Job job, const QueueClient& from = client
 class Blocker {
  public:
   explicit Blocker(JobQueue& queue) {
-    submit(queue, {{}, [this] { started_.set_value(), release_.get_future().wait(); }, [] {}});
-    started_.get_future().wait();
+    submit(queue, {{},
+                   [state = state_] {
+                     state->started.set_value();
+                     state->release.get_future().wait();
+                   },
+                   [] {}});
+    state_->started.get_future().wait();
   }
-  void release() { release_.set_value(); }
+  void release() { state_->release.set_value(); }
 
  private:
-  std::promise<void> started_, release_;
+  struct State {
+    std::promise<void> started, release;
+  };
+  // The job's too, which may still look at it when the test has gone on.
+  std::shared_ptr<State> state_ = std::make_shared<State>();
 };
 
 TEST(JobQueue, RefusesMoreThanItsCapacity) {
