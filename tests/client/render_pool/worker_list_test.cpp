@@ -64,7 +64,7 @@ TEST(WorkerList, TakesAddressesAsTheyAre) {
 TEST(WorkerList, RefusesWhatIsNoWorker) {
   for (const std::string entry :
        {"host", "host:0", "host:70000", ":1", "http://host:1", "", "dns:///", "dns:///host",
-        "dns:///host:x", "dns://server/host:1"}) {
+        "dns:///host:x", "dns://server/host:1", "::1", "fe80::1:50051", "[::1"}) {
     expect_error(ErrorKind::kUsage, {"\"" + entry + "\"", "PORT"}, [&] { WorkerList({entry}); });
   }
 }
