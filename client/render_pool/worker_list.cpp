@@ -232,19 +232,24 @@ void WorkerList::follow(Source& source, const std::stop_token& stop) {
       spdlog::warn("{}: {}", printable(source.entry), finding->problem);
     }
     source.problem = finding->problem;
-    if (finding->addresses && *finding->addresses != source.addresses) {
-      source.addresses = std::move(*finding->addresses);
-      try {
-        changed_(all());
-      } catch (const Error& error) {
-        spdlog::warn("{}: {}", printable(source.entry), error.what());
-      }
-    }
+    const bool change = finding->addresses && *finding->addresses != source.addresses;
+    if (change) source.addresses = std::move(*finding->addresses);
+    if (change || !refusal_.empty()) tell(source);
     const uint64_t seen = times_wanted_;
     wanted_.wait_for(lock, stop, kAtMostEvery, [] { return false; });
     wanted_.wait_for(lock, stop, source.every - kAtMostEvery,
                      [&] { return times_wanted_ != seen; });
     if (stop.stop_requested()) return;
+  }
+}
+
+void WorkerList::tell(const Source& source) {
+  try {
+    changed_(all());
+    refusal_.clear();
+  } catch (const Error& error) {
+    if (refusal_ != error.what()) spdlog::warn("{}: {}", printable(source.entry), error.what());
+    refusal_ = error.what();
   }
 }
 
