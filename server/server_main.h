@@ -17,7 +17,7 @@
 #include "common/flags.h"
 #include "common/logging.h"
 #include "common/rpc/grpc_server.h"
-#include "common/rpc/listener.h"
+#include "common/rpc/host_port.h"
 #include "common/rpc/memory_plan.h"
 #include "common/rpc/metrics_file.h"
 #include "common/rpc/queued_call.h"
@@ -72,15 +72,14 @@ inline void add_security_flags(CLI::App& app, ServerSecurity& security) {
 // `own_bytes`: of memory, for the program itself.
 inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t own_bytes,
                              std::string& listen, ServerSecurity& security,
-                             std::optional<bool>& reflection,
-                             ServerFlags& flags) {
+                             std::optional<bool>& reflection, ServerFlags& flags) {
   app.add_option("--listen", listen,
                  "HOST:PORT or [IPV6]:PORT to listen on; port 0 takes any that is free; 0.0.0.0 is "
                  "all IPv4 addresses, [::] all addresses. Addresses that other machines reach want "
                  "--tls-cert or --insecure")
       ->check([](const std::string& address) {
         try {
-          parse_listen_address(address);
+          parse_host_port(address, PortZero::kAnyFree);
           return std::string();
         } catch (const Error& error) {
           return std::string(error.what());
