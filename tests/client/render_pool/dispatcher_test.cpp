@@ -531,6 +531,7 @@ TEST_F(DispatcherTest, CountsAttemptsThatAreLostTogetherOnce) {
     now += 1h;
     const Attempt second = next(1);
     ASSERT_TRUE(first && second) << i;
+    now += 1s;
     finish(first, failure(StatusCode::UNAVAILABLE, "Socket closed"));
     now += 1s;
     finish(second, failure(StatusCode::UNAVAILABLE, "Socket closed"));
