@@ -26,7 +26,9 @@ constexpr std::string_view kHealthService = "/grpc.health.v1.Health/";
 class WatchedCertificates {
  public:
   explicit WatchedCertificates(CertificateFiles files)
-      : files_(std::move(files)), stamps_(stamps()), next_(read_certificates(files_)) {}
+      : files_(std::move(files)),
+        stamps_(stamps()),
+        next_(read_certificates(files_, Side::kServer)) {}
 
   // What gRPC is to use from now on; nothing if that is what it has.
   std::optional<Certificates> take_next() {
@@ -34,7 +36,7 @@ class WatchedCertificates {
     if (const Stamps now = stamps(); now != stamps_) {
       stamps_ = now;
       try {
-        next_ = read_certificates(files_);
+        next_ = read_certificates(files_, Side::kServer);
         spdlog::info("the certificate {} has been read again", files_.certificate);
       } catch (const Error& error) {
         spdlog::warn("the certificate has changed and cannot be used, the former stays in use: {}",

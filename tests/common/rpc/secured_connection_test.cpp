@@ -134,6 +134,7 @@ TEST_F(SecuredConnection, IsMadeByMutualTlsWithClientsOfTheAuthorityAlone) {
   ClientSecurity stranger = theirs_->client();
   stranger.files.authority = ours_->path("ca.pem");
   expect_unavailable(stranger, server.address(), "the server does not accept the certificate");
+  expect_unavailable(stranger, server.address(), "or is it not one for clients");
 }
 
 TEST_F(SecuredConnection, IsNotMadeToAServerOfAnotherAuthority) {
@@ -188,7 +189,8 @@ TEST_F(SecuredConnection, IsNotMadeIfOneSideAloneEncrypts) {
   EXPECT_TRUE(answers({}, plain));
   expect_unavailable({}, encrypted.address(), "the server encrypts its connections: give --tls-ca");
   expect_unavailable(ours_->anonymous_client(), plain.address(),
-                     "the server does not encrypt its connections");
+                     "the server does not encrypt its connections: start it with --tls-cert and "
+                     "--tls-key, or leave out --tls-ca, and ITN_TLS_CA");
 }
 
 TEST_F(SecuredConnection, SaysNothingOfItsOwnWhereNobodyIs) {
