@@ -294,6 +294,25 @@ TEST(Token, IsWantedOfCallsButOfHealthChecks) {
   EXPECT_TRUE(ask(without, server.address(), kHealth).ok());
 }
 
+// Who runs the server sees that somebody tries, and nothing of what.
+TEST(Token, IsMissedInTheLogNowAndThen) {
+  const TemporaryFolder folder;
+  const testing::CapturedLog log;
+  {
+    const Server server({.files = {}, .token_file = folder.write("server", kToken)});
+    const Connector stranger(
+        {.files = {}, .server_name = "", .token_file = folder.write("client", kOtherToken)});
+    for (int i = 0; i < 3; ++i) ask(stranger, server.address());
+  }
+  const std::string text = log.text();
+  const size_t line = text.find("calls refused for want of a right token: 1;");
+  EXPECT_NE(line, std::string::npos) << text;
+  EXPECT_EQ(text.find("refused for want of a right token", text.find('\n', line)),
+            std::string::npos);
+  EXPECT_EQ(text.find(kToken), std::string::npos);
+  EXPECT_EQ(text.find(kOtherToken), std::string::npos);
+}
+
 // On a connection that stays.
 TEST(Token, MayChange) {
   const TemporaryFolder folder;
