@@ -42,7 +42,7 @@ TEST(Logging, JsonLinesHaveFieldsOfTheirOwn) {
     ::testing::internal::CaptureStderr();
     set_up_logging("info", format);
     const LogField fields[] = {{"method", std::string("a \"b\"")}, {"queue_ms", 0.25}};
-    log_with_fields("a call", fields);
+    log_with_fields(spdlog::level::info, "a call", fields);
     spdlog::info("another");
     return ::testing::internal::GetCapturedStderr();
   };
