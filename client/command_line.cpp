@@ -17,6 +17,7 @@
 #include "common/logging.h"
 #include "common/progress.h"
 #include "common/rpc/grpc_server.h"
+#include "common/suggestion.h"
 
 namespace itn {
 namespace {
@@ -46,10 +47,6 @@ const CLI::App* command_of(const CLI::App& app, const Arguments& arguments) {
   return found == commands.end() ? nullptr : *found;
 }
 
-std::string flag_of(const std::string& argument) {
-  return argument.substr(0, argument.find('='));
-}
-
 // --- Lists ---
 
 bool is_list(const CLI::App& command, const std::string& argument) {
@@ -68,46 +65,9 @@ std::string without_spaces_at_commas(const std::string& list) {
 
 // --- Names ---
 
-// How many letters are to be changed, left out, put in, or exchanged with their neighbour.
-size_t edit_distance(const std::string& a, const std::string& b) {
-  std::vector<std::vector<size_t>> d(a.size() + 1, std::vector<size_t>(b.size() + 1));
-  for (size_t i = 0; i <= a.size(); ++i) d[i][0] = i;
-  for (size_t j = 0; j <= b.size(); ++j) d[0][j] = j;
-  for (size_t i = 1; i <= a.size(); ++i) {
-    for (size_t j = 1; j <= b.size(); ++j) {
-      d[i][j] = std::min(
-          {d[i - 1][j] + 1, d[i][j - 1] + 1, d[i - 1][j - 1] + (a[i - 1] == b[j - 1] ? 0 : 1)});
-      if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1]) {
-        d[i][j] = std::min(d[i][j], d[i - 2][j - 2] + 1);
-      }
-    }
-  }
-  return d[a.size()][b.size()];
-}
-
-// "; did you mean X?", or nothing if no name is near.
-std::string suggestion(const std::string& name, const Arguments& names) {
-  const auto distance = [&](const std::string& other) {
-    return other.starts_with(name) ? 0 : edit_distance(name, other);  // an abbreviation
-  };
-  const auto nearest = std::ranges::min_element(names, {}, distance);
-  if (nearest == names.end() || distance(*nearest) > std::max<size_t>(1, name.size() / 3)) {
-    return "";
-  }
-  return fmt::format("; did you mean {}?", *nearest);
-}
-
 Arguments names_of_commands(const CLI::App& app) {
   Arguments names;
   for (const CLI::App* command : commands_of(app)) names.push_back(command->get_name());
-  return names;
-}
-
-Arguments names_of_flags(const CLI::App& command) {
-  Arguments names;
-  for (const CLI::Option* option : command.get_options()) {
-    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
-  }
   return names;
 }
 
@@ -161,14 +121,12 @@ std::string unknown_name(const CLI::App& app, const Arguments& arguments) {
                        suggestion(*name, names_of_commands(app)));
   }
   for (const std::string& argument : arguments) {
+    if (!is_unknown_flag(app, argument)) continue;
     const std::string flag = flag_of(argument);
-    if (!flag.starts_with("--") || flag == "--" || app.get_option_no_throw(flag) != nullptr) {
-      continue;
-    }
     if (command == nullptr) {
       return fmt::format("there is no flag {}{}", flag, suggestion(flag, names_of_flags(app)));
     }
-    if (command->get_option_no_throw(flag) == nullptr) {
+    if (is_unknown_flag(*command, argument)) {
       return fmt::format("itn {} has no flag {}{}", command->get_name(), flag,
                          suggestion(flag, names_of_flags(*command)));
     }

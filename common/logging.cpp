@@ -71,10 +71,11 @@ std::string json_escaped(std::string_view text) {
   return escaped;
 }
 
-void log_with_fields(const std::string& message, std::span<const LogField> fields) {
+void log_with_fields(spdlog::level::level_enum level, const std::string& message,
+                     std::span<const LogField> fields) {
   // spdlog formats on the thread that logs.
   fields_of_message = fields;
-  spdlog::info("{}", message);
+  spdlog::log(level, "{}", message);
   fields_of_message = {};
 }
 

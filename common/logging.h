@@ -1,6 +1,8 @@
 // Logging for every program of itn: to stderr, through spdlog.
 #pragma once
 
+#include <spdlog/common.h>
+
 #include <span>
 #include <string>
 #include <string_view>
@@ -23,9 +25,10 @@ struct LogField {
   std::variant<std::string, double> value;  // in JSON, a number reads back the same
 };
 
-// Logs the message, at level info; in LogFormat::kJson with the fields as further ones of its
+// Logs the message; in LogFormat::kJson with the fields as further ones of its
 // object. People find in the message what there is to know.
-void log_with_fields(const std::string& message, std::span<const LogField> fields);
+void log_with_fields(spdlog::level::level_enum level, const std::string& message,
+                     std::span<const LogField> fields);
 
 // As the inside of a JSON string (RFC 8259), in ASCII: bytes that are not are written as \u00NN.
 std::string json_escaped(std::string_view text);

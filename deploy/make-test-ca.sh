@@ -30,6 +30,19 @@ folder=$1
 shift
 days=30
 
+names="DNS:localhost,IP:127.0.0.1,IP:::1"
+for name in "$@"; do
+  if [[ ! $name =~ ^[A-Za-z0-9.:*-]+$ ]]; then
+    echo "make-test-ca.sh: \"$name\" is neither a name nor an IP address" >&2
+    exit 2
+  fi
+  if [[ $name == *:* || $name =~ ^[0-9]+(\.[0-9]+){3}$ ]]; then
+    names+=",IP:$name"
+  else
+    names+=",DNS:$name"
+  fi
+done
+
 # Keys are for their owner alone.
 umask 077
 mkdir -p "$folder"
@@ -75,18 +88,6 @@ if ! openssl x509 -in ca.pem -noout -checkend $((days * 24 * 3600 / 2)) >/dev/nu
   exit 1
 fi
 
-names="DNS:localhost,IP:127.0.0.1,IP:::1"
-for name in "$@"; do
-  if [[ ! $name =~ ^[A-Za-z0-9.:*-]+$ ]]; then
-    echo "make-test-ca.sh: \"$name\" is neither a name nor an IP address" >&2
-    exit 2
-  fi
-  if [[ $name == *:* || $name =~ ^[0-9]+(\.[0-9]+){3}$ ]]; then
-    names+=",IP:$name"
-  else
-    names+=",DNS:$name"
-  fi
-done
 signed server serverAuth "subjectAltName=$names"
 signed client clientAuth
 

@@ -23,6 +23,7 @@
 #include "common/rpc/queued_call.h"
 #include "common/rpc/server_security.h"
 #include "common/rpc/shutdown_signal.h"
+#include "common/suggestion.h"
 
 namespace itn {
 
@@ -135,8 +136,9 @@ int server_main(CLI::App& app, const std::string& program, int argc, char** argv
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    const std::string unknown = unknown_flag(app, program, {argv + 1, argv + argc});
     std::fprintf(stderr, "%s: %s\nRun with --help for more information.\n", program.c_str(),
-                 message_of(error).c_str());
+                 (unknown.empty() ? message_of(error) : unknown).c_str());
     return exit_code(ErrorKind::kUsage);
   }
   try {

@@ -11,13 +11,13 @@
 #include "client/commands/command.h"
 #include "client/commands/options.h"
 #include "client/output.h"
+#include "client/predict/predictor_error.h"
 #include "common/error.h"
 #include "common/flags.h"
 #include "common/learning/model_files.h"
 #include "common/printable.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/deadline.h"
-#include "common/rpc/status.h"
 #include "itn/v1/predict.grpc.pb.h"
 
 namespace itn {
@@ -54,7 +54,7 @@ void list_served(const ModelsOptions& options) {
   v1::ListModelsReply reply;
   const grpc::Status status =
       connector.explained(stub->ListModels(&context, {}, &reply), options.predictor);
-  if (!status.ok()) throw to_error(status, "predictor " + options.predictor);
+  if (!status.ok()) throw predictor_error(status, options.predictor);
   for (const v1::ListedModel& model : reply.models()) {
     print_result("{}  {}  step {}  weights {:.12}  {}{}\n", printable(model.name()),
                  model.version().empty() ? "(no version)" : printable(model.version()),

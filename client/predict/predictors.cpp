@@ -1,12 +1,12 @@
 #include "client/predict/predictors.h"
 
-#include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
 #include <memory>
 #include <utility>
 
 #include "client/interrupt.h"
+#include "client/predict/predictor_error.h"
 #include "common/error.h"
 #include "common/learning/checkpoint.h"
 #include "common/learning/predict_reply.h"
@@ -14,7 +14,6 @@
 #include "common/rpc/channel.h"
 #include "common/rpc/deadline.h"
 #include "common/rpc/request_id.h"
-#include "common/rpc/status.h"
 #include "common/rpc/wire_array.h"
 #include "itn/v1/predict.grpc.pb.h"
 
@@ -107,14 +106,9 @@ class RemotePredictor {
   }
 
   void require_ok(const Ended& call) const {
-    if (call.status.error_code() == grpc::StatusCode::UNIMPLEMENTED) {
-      throw Error(ErrorKind::kUnavailable,
-                  fmt::format("{} is not a predictor; itn-predictor is one", address_));
-    }
-    if (!call.status.ok()) {
-      throw to_error(with_request_name(connector_.explained(call.status, address_), call.name),
-                     "predictor " + address_);
-    }
+    if (call.status.ok()) return;
+    throw predictor_error(with_request_name(connector_.explained(call.status, address_), call.name),
+                          address_);
   }
 
   std::string address_;

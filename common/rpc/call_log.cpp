@@ -25,7 +25,7 @@ void CallLog::line(const std::string& text, std::span<const LogField> fields) {
   uint64_t left_out = 0;
   if (!admits(left_out)) return;
   if (left_out > 0) spdlog::info("{} calls were answered without a line here", left_out);
-  log_with_fields(text, fields);
+  log_with_fields(spdlog::level::info, text, fields);
 }
 
 }  // namespace itn

@@ -97,9 +97,19 @@ void require_valid_now(const X509& certificate, const std::string& path) {
   }
 }
 
+// As the other side will. A certificate that does not say what it is for is for both.
+void require_purpose(X509& certificate, Side side, const std::string& path) {
+  const bool server = side == Side::kServer;
+  const uint32_t usage = X509_get_extended_key_usage(&certificate);  // all, if it does not say
+  if ((usage & (server ? XKU_SSL_SERVER : XKU_SSL_CLIENT)) != 0) return;
+  throw invalid_input(
+      fmt::format("the certificate {} is not one for {}: its extendedKeyUsage lacks {}", path,
+                  server ? "servers" : "clients", server ? "serverAuth" : "clientAuth"));
+}
+
 }  // namespace
 
-Certificates read_certificates(const CertificateFiles& files) {
+Certificates read_certificates(const CertificateFiles& files, Side side) {
   Certificates read;
   if (!files.certificate.empty()) {
     read.certificate = read_file(files.certificate, "certificate", kMostBytes);
@@ -114,6 +124,7 @@ Certificates read_certificates(const CertificateFiles& files) {
                       files.key, files.certificate));
     }
     for (const auto& certificate : chain) require_valid_now(*certificate, files.certificate);
+    require_purpose(*chain.front(), side, files.certificate);
   }
   if (!files.authority.empty()) {
     read.authority = read_file(files.authority, "authority's certificate", kMostBytes);

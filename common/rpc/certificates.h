@@ -19,9 +19,13 @@ struct Certificates {
   std::string certificate, key, authority;
 };
 
+// Whose the own certificate is.
+enum class Side { kServer, kClient };
+
 // Throws Error: kIo for a file that cannot be read; kInvalidInput for one that is not such PEM, a
-// key of another certificate, and a certificate that has expired or is not valid yet.
-Certificates read_certificates(const CertificateFiles& files);
+// key of another certificate, a certificate that has expired or is not valid yet, and one whose
+// extendedKeyUsage leaves this side out.
+Certificates read_certificates(const CertificateFiles& files, Side side);
 
 // When a certificate ceases to be valid, e.g. "2030-01-31 12:00 UTC".
 std::string expiry_of(const X509& certificate);

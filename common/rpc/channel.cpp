@@ -79,7 +79,7 @@ std::shared_ptr<grpc::ChannelCredentials> tls_credentials(const CertificateFiles
 
 std::shared_ptr<grpc::ChannelCredentials> make_credentials(const ClientSecurity& security) {
   check_flags(security);
-  read_certificates(security.files);
+  read_certificates(security.files, Side::kClient);
   const bool token = !security.token_file.empty();
   if (!security.encrypts() && !token) return grpc::InsecureChannelCredentials();
   // gRPC lets a token go over TLS, or over TCP that does not leave the machine, which it checks.

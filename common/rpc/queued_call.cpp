@@ -27,6 +27,11 @@ constexpr milliseconds kWatchInterval{50};
 constexpr seconds kReplyPatience{20};
 constexpr double kLeastBytesPerSecond = 4 << 20;
 
+// Whoever is asked to send the scene comes again with it: that is no failure.
+bool asks_for_scene(const grpc::Status& status) {
+  return status.error_code() == grpc::StatusCode::FAILED_PRECONDITION;
+}
+
 }  // namespace
 
 // ---- CallDesk --------------------------------------------------------------------------------
@@ -131,10 +136,7 @@ void QueuedCall::enqueue(const grpc::ByteBuffer* request) {
     try {
       accept(bytes);
     } catch (const StatusError& error) {
-      // Whoever is asked to send the scene need not queue up again for that.
-      if (error.status().error_code() == grpc::StatusCode::FAILED_PRECONDITION) {
-        place.keep_for_client();
-      }
+      if (asks_for_scene(error.status())) place.keep_for_client();  // it need not queue up again
       throw;
     }
   }
@@ -211,7 +213,11 @@ void QueuedCall::log(const CallRecord& record, const grpc::Status& status) const
     line += ", " + error;
     fields.push_back({"error", error});
   }
-  desk_.log_.line(line, fields);
+  if (asks_for_scene(status)) {
+    log_with_fields(spdlog::level::debug, line, fields);
+  } else {
+    desk_.log_.line(line, fields);
+  }
 }
 
 grpc::Status QueuedCall::status_of_stop() const {

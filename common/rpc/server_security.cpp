@@ -12,6 +12,7 @@
 
 #include "common/error.h"
 #include "common/files/file_stamp.h"
+#include "common/rpc/refusal_count.h"
 #include "common/rpc/token_file.h"
 
 namespace itn {
@@ -26,7 +27,9 @@ constexpr std::string_view kHealthService = "/grpc.health.v1.Health/";
 class WatchedCertificates {
  public:
   explicit WatchedCertificates(CertificateFiles files)
-      : files_(std::move(files)), stamps_(stamps()), next_(read_certificates(files_)) {}
+      : files_(std::move(files)),
+        stamps_(stamps()),
+        next_(read_certificates(files_, Side::kServer)) {}
 
   // What gRPC is to use from now on; nothing if that is what it has.
   std::optional<Certificates> take_next() {
@@ -34,7 +37,7 @@ class WatchedCertificates {
     if (const Stamps now = stamps(); now != stamps_) {
       stamps_ = now;
       try {
-        next_ = read_certificates(files_);
+        next_ = read_certificates(files_, Side::kServer);
         spdlog::info("the certificate {} has been read again", files_.certificate);
       } catch (const Error& error) {
         spdlog::warn("the certificate has changed and cannot be used, the former stays in use: {}",
@@ -96,10 +99,27 @@ const char* refusal(TokenFile& tokens, std::span<const grpc_metadata> headers) {
   return "the token is not one of this server's (--token-file)";
 }
 
+// A line now and then: whoever guesses tokens does not fill the disk.
+void log_refusal(RefusalCount& refused, const char* why) {
+  const std::optional<uint64_t> calls = refused.add();
+  if (!calls) return;
+  spdlog::warn("calls refused for want of a right token: {}; the last was told \"{}\"", *calls,
+               why);
+}
+
+struct TokenCheck {
+  explicit TokenCheck(const std::string& file) : tokens(file) {}
+
+  TokenFile tokens;
+  RefusalCount refused;
+};
+
 // As gRPC's callback: for every call.
-void check_call(void* tokens, grpc_auth_context* /*context*/, const grpc_metadata* headers,
+void check_call(void* state, grpc_auth_context* /*context*/, const grpc_metadata* headers,
                 size_t count, grpc_process_auth_metadata_done_cb done, void* call) {
-  const char* const refused = refusal(*static_cast<TokenFile*>(tokens), {headers, count});
+  auto& check = *static_cast<TokenCheck*>(state);
+  const char* const refused = refusal(check.tokens, {headers, count});
+  if (refused) log_refusal(check.refused, refused);
   done(call, nullptr, 0, nullptr, 0, refused ? GRPC_STATUS_UNAUTHENTICATED : GRPC_STATUS_OK,
        refused);
 }
@@ -112,12 +132,12 @@ class Credentials final : public grpc::ServerCredentials {
  public:
   explicit Credentials(const ServerSecurity& security) {
     if (security.encrypts()) watched_.emplace(security.files);
-    if (!security.token_file.empty()) tokens_.emplace(security.token_file);
+    if (!security.token_file.empty()) token_check_.emplace(security.token_file);
     credentials_ = watched_ ? tls_credentials(*watched_, !security.files.authority.empty())
                             : grpc_insecure_server_credentials_create();
-    if (tokens_) {
+    if (token_check_) {
       grpc_server_credentials_set_auth_metadata_processor(
-          credentials_, {.process = check_call, .destroy = [](void*) {}, .state = &*tokens_});
+          credentials_, {.process = check_call, .destroy = [](void*) {}, .state = &*token_check_});
     }
   }
   ~Credentials() override { grpc_server_credentials_release(credentials_); }
@@ -134,7 +154,7 @@ class Credentials final : public grpc::ServerCredentials {
   }
 
   std::optional<WatchedCertificates> watched_;
-  std::optional<TokenFile> tokens_;
+  std::optional<TokenCheck> token_check_;
   grpc_server_credentials* credentials_ = nullptr;
 };
 

@@ -200,8 +200,9 @@ std::string what_is_wrong_with_ours(const CertificateFiles& files) {
   return files.certificate.empty()
              ? "the server wants a certificate of its clients: give --tls-cert and --tls-key"
              : fmt::format(
-                   "the server does not accept the certificate {}: has it expired, or does "
-                   "it not come from the authority in the server's --tls-client-ca?",
+                   "the server does not accept the certificate {}: has it expired, does it "
+                   "not come from the authority in the server's --tls-client-ca, or is it not one "
+                   "for clients (extendedKeyUsage)?",
                    files.certificate);
 }
 
@@ -223,7 +224,7 @@ std::string diagnose_connection(const std::string& address, const ClientSecurity
   }
   if (handshake.server_speaks_otherwise()) {
     return "the server does not encrypt its connections: start it with --tls-cert and --tls-key, "
-           "or leave out --tls-ca";
+           "or leave out --tls-ca, and ITN_TLS_CA in the environment";
   }
   const openssl::Certificate certificate = handshake.certificate();
   if (certificate && handshake.verification() != X509_V_OK) {

@@ -19,6 +19,10 @@ class FirstError final : public google::protobuf::io::ErrorCollector {
   void AddError(int line, google::protobuf::io::ColumnNumber column,
                 const std::string& message) override {
     if (!message_.empty()) return;
+    if (message == "Expected identifier, got: ") {
+      AddError(line, column, "the file ends within a { that is not closed");
+      return;
+    }
     // Both are counted from 0; what is missing has no position.
     message_ = line < 0 ? fmt::format("{}: {}", name_, message)
                         : fmt::format("{}:{}:{}: {}", name_, line + 1, column + 1, message);

@@ -45,7 +45,7 @@ TEST(Logging, JsonLinesHaveFieldsOfTheirOwn) {
                                {"queue_ms", 0.25},
                                {"paths", 123456789.0},
                                {"work_ms", 0.1}};
-    log_with_fields("a call", fields);
+    log_with_fields(spdlog::level::info, "a call", fields);
     spdlog::info("another");
     return ::testing::internal::GetCapturedStderr();
   };

@@ -42,6 +42,21 @@ TEST(ServerMain, EndsWellWhenAllHasEnded) {
   EXPECT_EXIT(std::exit(run(true)), ::testing::ExitedWithCode(0), "drained within 7 s");
 }
 
+TEST(ServerMain, NamesAFlagThatItDoesNotHave) {
+  const auto run_with_port = [] {
+    ServerFlags flags;
+    std::string listen;
+    CLI::App app;
+    app.add_option("--listen", listen);
+    std::string name = "itn-server", flag = "--lisen", value = "5";
+    std::array<char*, 4> argv{name.data(), flag.data(), value.data(), nullptr};
+    return server_main(app, name, 3, argv.data(), flags,
+                       [] { return std::make_unique<StoppedServer>(true); });
+  };
+  EXPECT_EXIT(std::exit(run_with_port()), ::testing::ExitedWithCode(2),
+              "^itn-server: itn-server has no flag --lisen; did you mean --listen\\?\n");
+}
+
 TEST(ServerMain, LeavesWhatDoesNotStop) {
   EXPECT_EXIT(std::exit(run(false)), ::testing::ExitedWithCode(130),
               "drained within 7 s\n.*does not stop: the process ends without it");

@@ -260,6 +260,14 @@ TEST(PredictCommand, SaysThatAWorkerIsNoPredictor) {
   EXPECT_THAT(finished.errors, HasSubstr(address + " is not a predictor"));
 }
 
+TEST(ModelsCommand, SaysThatAWorkerIsNoPredictor) {
+  Process process(worker());
+  const std::string address = process.read_line();
+  const Finished finished = run({ITN, "models", "--predictor", address});
+  EXPECT_EQ(finished.exit_code, 5);
+  EXPECT_THAT(finished.errors, HasSubstr(address + " is not a predictor; itn-predictor is one"));
+}
+
 TEST(Worker, DrainsOnSigterm) {
   const TemporaryFolder folder;
   Process process(worker({"--threads", "1"}, "debug"), true);

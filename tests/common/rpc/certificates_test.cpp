@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdlib>
+#include <filesystem>
 #include <string>
 
 #include "common/error.h"
@@ -31,7 +33,7 @@ class CertificatesTest : public ::testing::Test {
 
   static void expect_refusal(ErrorKind kind, const std::vector<std::string>& parts,
                              const CertificateFiles& files) {
-    expect_error(kind, parts, [&] { read_certificates(files); });
+    expect_error(kind, parts, [&] { read_certificates(files, Side::kServer); });
   }
 
   static inline TestAuthority* authority_ = nullptr;
@@ -39,17 +41,17 @@ class CertificatesTest : public ::testing::Test {
 
 TEST_F(CertificatesTest, AreReadAsTheyAre) {
   const Certificates read =
-      read_certificates({path("server.pem"), path("server.key"), path("ca.pem")});
+      read_certificates({path("server.pem"), path("server.key"), path("ca.pem")}, Side::kServer);
   EXPECT_TRUE(read.certificate.starts_with("-----BEGIN CERTIFICATE-----")) << read.certificate;
   EXPECT_TRUE(read.key.starts_with("-----BEGIN PRIVATE KEY-----"));
   EXPECT_TRUE(read.authority.starts_with("-----BEGIN CERTIFICATE-----")) << read.authority;
   EXPECT_NE(read.certificate, read.authority);
-  EXPECT_EQ(read_certificates({}).certificate, "");
+  EXPECT_EQ(read_certificates({}, Side::kServer).certificate, "");
 }
 
 TEST_F(CertificatesTest, MayBeAChain) {
   authority_->shell("cat server.pem ca.pem >chain.pem");
-  EXPECT_NO_THROW(read_certificates({path("chain.pem"), path("server.key"), ""}));
+  EXPECT_NO_THROW(read_certificates({path("chain.pem"), path("server.key"), ""}, Side::kServer));
   // The key must be that of the first.
   authority_->shell("cat ca.pem server.pem >reversed.pem");
   expect_refusal(ErrorKind::kInvalidInput, {"reversed.pem (of its first"},
@@ -78,6 +80,24 @@ TEST_F(CertificatesTest, SayWhatIsWrongWithThem) {
                  {path("server.pem"), path("locked.key"), ""});
 }
 
+// The other side would refuse it: "unsuitable certificate purpose".
+TEST_F(CertificatesTest, AreForTheSideThatShowsThem) {
+  const CertificateFiles server{path("server.pem"), path("server.key"), ""};
+  const CertificateFiles client{path("client.pem"), path("client.key"), ""};
+  EXPECT_NO_THROW(read_certificates(client, Side::kClient));
+  expect_error(ErrorKind::kInvalidInput, {"client.pem is not one for servers", "serverAuth"},
+               [&] { read_certificates(client, Side::kServer); });
+  expect_error(ErrorKind::kInvalidInput, {"server.pem is not one for clients", "clientAuth"},
+               [&] { read_certificates(server, Side::kClient); });
+  // One that does not say.
+  const TestAuthority other;
+  other.certify_server("IP:127.0.0.1");
+  for (const Side side : {Side::kServer, Side::kClient}) {
+    EXPECT_NO_THROW(
+        read_certificates({other.path("server.pem"), other.path("server.key"), ""}, side));
+  }
+}
+
 TEST_F(CertificatesTest, AreInTime) {
   const TestAuthority other;
   other.let_server_expire();
@@ -85,9 +105,17 @@ TEST_F(CertificatesTest, AreInTime) {
                  {other.path("server.pem"), other.path("server.key"), ""});
   // Of several authorities, one must be.
   other.shell("cat server.pem ca.pem >both.pem");
-  EXPECT_NO_THROW(read_certificates({"", "", other.path("both.pem")}));
+  EXPECT_NO_THROW(read_certificates({"", "", other.path("both.pem")}, Side::kServer));
   expect_refusal(ErrorKind::kInvalidInput, {"server.pem has expired"},
                  {"", "", other.path("server.pem")});
+}
+
+// A folder that is left behind would be taken for that of an authority.
+TEST(MakeTestCa, ChecksNamesBeforeItMakesAnything) {
+  const testing::TemporaryFolder folder;
+  const std::string made = folder.path("ca");
+  EXPECT_NE(std::system((MAKE_TEST_CA " '" + made + "' 'host one' 2>/dev/null").c_str()), 0);
+  EXPECT_FALSE(std::filesystem::exists(made));
 }
 
 }  // namespace

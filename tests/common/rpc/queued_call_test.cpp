@@ -18,8 +18,10 @@
 #include "common/error.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/grpc_server.h"
+#include "common/rpc/status.h"
 #include "common/rpc/wire_check.h"
 #include "itn/v1/render.grpc.pb.h"
+#include "tests/support/captured_log.h"
 #include "tests/support/process.h"
 
 namespace itn {
@@ -27,6 +29,7 @@ namespace {
 
 using namespace std::chrono_literals;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 // What RenderGrad does, by the seed of the request.
 struct Behaviour {
@@ -99,6 +102,7 @@ class QueuedCallTest : public ::testing::Test {
     options.memory_bytes = memory_bytes;
     options.max_time = 0s;
     options.stop_patience = stop_patience;
+    options.log_calls = log_calls;
     service_ = std::make_unique<TestService>(std::move(behaviour), options);
     GrpcServerOptions server;
     server.listen = "127.0.0.1:0";
@@ -131,10 +135,28 @@ class QueuedCallTest : public ::testing::Test {
   CallDesk& desk() { return service_->desk(); }
 
   std::chrono::duration<double> stop_patience = testing::kPatience;
+  bool log_calls = false;
   std::unique_ptr<TestService> service_;
   std::unique_ptr<GrpcServer> server_;
   std::unique_ptr<v1::RenderService::Stub> stub_;
 };
+
+// A failed call in the log wants somebody to look at it; this one is made again with its scene.
+TEST_F(QueuedCallTest, ThatIsAskedForItsSceneIsNoFailureInTheLog) {
+  const testing::CapturedLog log;
+  log_calls = true;
+  serve({.accept =
+             [](uint64_t seed, const grpc::CallbackServerContext&) {
+               if (seed == 1) {
+                 throw StatusError({grpc::StatusCode::FAILED_PRECONDITION, "send the scene"});
+               }
+             }},
+        4);
+  EXPECT_EQ(call(1).error_code(), grpc::StatusCode::FAILED_PRECONDITION);
+  EXPECT_TRUE(call(2).ok());
+  EXPECT_THAT(log.text(), HasSubstr(": OK, waited "));
+  EXPECT_THAT(log.text(), Not(HasSubstr("send the scene")));
+}
 
 // Open when it goes out of scope at the latest.
 class Gate {

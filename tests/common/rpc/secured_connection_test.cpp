@@ -135,6 +135,7 @@ TEST_F(SecuredConnection, IsMadeByMutualTlsWithClientsOfTheAuthorityAlone) {
   ClientSecurity stranger = theirs_->client();
   stranger.files.authority = ours_->path("ca.pem");
   expect_unavailable(stranger, server.address(), "the server does not accept the certificate");
+  expect_unavailable(stranger, server.address(), "or is it not one for clients");
 }
 
 TEST_F(SecuredConnection, IsNotMadeToAServerOfAnotherAuthority) {
@@ -189,7 +190,8 @@ TEST_F(SecuredConnection, IsNotMadeIfOneSideAloneEncrypts) {
   EXPECT_TRUE(answers({}, plain));
   expect_unavailable({}, encrypted.address(), "the server encrypts its connections: give --tls-ca");
   expect_unavailable(ours_->anonymous_client(), plain.address(),
-                     "the server does not encrypt its connections");
+                     "the server does not encrypt its connections: start it with --tls-cert and "
+                     "--tls-key, or leave out --tls-ca, and ITN_TLS_CA");
 }
 
 TEST_F(SecuredConnection, SaysNothingOfItsOwnWhereNobodyIs) {
@@ -291,6 +293,25 @@ TEST(Token, IsWantedOfCallsButOfHealthChecks) {
   expect_failure(ask(without, server.address(), "/grpc.health.v1.Healthy/Check"), kRefused,
                  "wants a token");
   EXPECT_TRUE(ask(without, server.address(), kHealth).ok());
+}
+
+// Who runs the server sees that somebody tries, and nothing of what.
+TEST(Token, IsMissedInTheLogNowAndThen) {
+  const TemporaryFolder folder;
+  const testing::CapturedLog log;
+  {
+    const Server server({.files = {}, .token_file = folder.write("server", kToken)});
+    const Connector stranger(
+        {.files = {}, .server_name = "", .token_file = folder.write("client", kOtherToken)});
+    for (int i = 0; i < 3; ++i) ask(stranger, server.address());
+  }
+  const std::string text = log.text();
+  const size_t line = text.find("calls refused for want of a right token: 1;");
+  EXPECT_NE(line, std::string::npos) << text;
+  EXPECT_EQ(text.find("refused for want of a right token", text.find('\n', line)),
+            std::string::npos);
+  EXPECT_EQ(text.find(kToken), std::string::npos);
+  EXPECT_EQ(text.find(kOtherToken), std::string::npos);
 }
 
 // On a connection that stays.

@@ -68,6 +68,14 @@ TEST(SceneFile, PutsMeshesInThePlaceOfPathsBesideIt) {
   EXPECT_TRUE(scene.surfaces(1).has_rectangle());
 }
 
+TEST(SceneFile, SaysThatABraceIsNotClosed) {
+  const TemporaryFolder folder;
+  const std::string file = folder.write("scene.txt", "object { mesh { builtin: \"cube\" }\n");
+  expect_error(ErrorKind::kInvalidInput,
+               {"scene.txt:2:1: the file ends within a { that is not closed"},
+               [&] { load_scene(file); });
+}
+
 TEST(SceneFile, RepairsMeshesWhereAsked) {
   const TemporaryFolder folder;
   const std::string obj(kObj);
