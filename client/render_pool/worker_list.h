@@ -46,6 +46,9 @@ class WorkerList {
   // and when they change, from one thread at a time. What `changed` throws the first time, this
   // throws; Error later is a warning.
   void watch(Changed changed);
+  // Without watch(): asks all names and files now, unless a stop is requested, and returns all
+  // addresses; of what cannot be told at the moment, those that it told before.
+  Addresses ask(const std::stop_token& stop);
   // Looks at names and files at once, though not more often than once a second.
   void look_again();
 

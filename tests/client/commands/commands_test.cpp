@@ -25,6 +25,7 @@ using ::testing::Key;
 using testing::kSceneFile;
 using testing::Process;
 using testing::run;
+using ::testing::StartsWith;
 using testing::TemporaryFolder;
 
 std::vector<std::string> render(const std::string& scene, const std::string& output,
@@ -183,6 +184,17 @@ TEST(TopCommand, TellsWhatServersAreAt) {
   EXPECT_EQ(table.exit_code, 0) << table.errors;
   EXPECT_THAT(table.output, AllOf(HasSubstr("RenderGrad"), HasSubstr("work p50")));
   EXPECT_THAT(table.output, HasSubstr("127.0.0.1:1 "));
+  // Calls are whole, and being asked for the scene is no failure.
+  EXPECT_THAT(table.output,
+              ContainsRegex("RenderGrad +[0-9]+/[0-9]+ +[0-9]+/[0-9]+ +[1-9][0-9]* +0 "));
+  const Finished listed =
+      run({ITN, "top", "file:" + folder.write("servers", address + " # here").string(), "--once"});
+  EXPECT_EQ(listed.exit_code, 0) << listed.errors;
+  EXPECT_THAT(listed.output, HasSubstr(address));
+  const Finished unlisted = run({ITN, "top", "file:" + folder.path("none"), "--once"});
+  EXPECT_EQ(unlisted.exit_code, 5);
+  EXPECT_THAT(unlisted.output, StartsWith("server  call"));
+  EXPECT_THAT(unlisted.errors, HasSubstr("no such file yet"));
   const Finished json = run({ITN, "top", address + ",127.0.0.1:1", "--once", "--json"});
   EXPECT_THAT(json.output, AllOf(HasSubstr("{\"address\":\"" + address + "\",\"status\":{"),
                                  HasSubstr("\"method\":\"RenderGrad\""),

@@ -119,6 +119,17 @@ TEST(WorkerList, FollowsAFile) {
   EXPECT_THAT(log.text(), HasSubstr("workers:2: \"oops\" is not the address of a server"));
 }
 
+TEST(WorkerList, SaysWhatAFileSaysNow) {
+  const TemporaryFolder folder;
+  WorkerList list({"file:" + folder.write("workers", "a:1\nb:2").string(), "c:3"});
+  EXPECT_EQ(list.ask({}), (Addresses{"a:1", "b:2", "c:3"}));
+  folder.write("workers", "b:2");
+  EXPECT_EQ(list.ask({}), (Addresses{"b:2", "c:3"}));
+  std::filesystem::remove(folder.path("workers"));
+  EXPECT_EQ(list.ask({}), (Addresses{"b:2", "c:3"}));
+  EXPECT_THAT(list.awaited(), HasSubstr("no such file yet"));
+}
+
 TEST(WorkerList, AsksForTheAddressesOfAName) {
   const Followed followed({"dns:///localhost:50051", "dns:///127.0.0.2:7"});
   EXPECT_TRUE(followed.list->can_change());
