@@ -25,7 +25,7 @@ class Fields final : public spdlog::custom_flag_formatter {
     for (const LogField& field : fields_of_message) {
       const std::string* const text = std::get_if<std::string>(&field.value);
       const std::string value = text ? fmt::format("\"{}\"", json_escaped(*text))
-                                     : fmt::format("{:.6g}", std::get<double>(field.value));
+                                     : fmt::format("{}", std::get<double>(field.value));
       fmt::format_to(std::back_inserter(line), ",\"{}\":{}", field.name, value);
     }
   }

@@ -21,8 +21,8 @@ void set_up_logging(const std::string& level = "info", LogFormat format = LogFor
 
 // What a program that reads the log wants to know by itself, beside the message.
 struct LogField {
-  std::string_view name;  // of letters and _
-  std::variant<std::string, double> value;
+  std::string_view name;                    // of letters and _
+  std::variant<std::string, double> value;  // in JSON, a number reads back the same
 };
 
 // Logs the message; in LogFormat::kJson with the fields as further ones of its

@@ -17,7 +17,7 @@
 #include "common/flags.h"
 #include "common/logging.h"
 #include "common/rpc/grpc_server.h"
-#include "common/rpc/listener.h"
+#include "common/rpc/host_port.h"
 #include "common/rpc/memory_plan.h"
 #include "common/rpc/metrics_file.h"
 #include "common/rpc/queued_call.h"
@@ -80,7 +80,7 @@ inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t
                  "--tls-cert or --insecure")
       ->check([](const std::string& address) {
         try {
-          parse_listen_address(address);
+          parse_host_port(address, PortZero::kAnyFree);
           return std::string();
         } catch (const Error& error) {
           return std::string(error.what());

@@ -1,6 +1,8 @@
 // itn predict: optical parameters from photographs.
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstdio>
@@ -307,6 +309,20 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
 
 // --- All of it ---
 
+// The default model makes nothing of how bright a photograph is, as others that come with itn do.
+void warn_of_what_is_not_used(const PredictOptions& options, const v1::PredictBatchReply& reply) {
+  const std::string better = model_for(options);
+  const bool by_default =
+      std::ranges::any_of(reply.outcomes(), [](const v1::PredictOutcome& outcome) {
+        return outcome.reply().model_version().name() == kDefaultModel;
+      });
+  if (better.empty() || !by_default) return;
+  spdlog::warn(
+      "the model {} makes nothing of --{}; --model {} does{}", kDefaultModel,
+      options.photographs.gray_card ? "gray-card" : "exposure", better,
+      options.predictor.empty() ? "" : ", if the predictor has it (itn models --predictor)");
+}
+
 void run(const PredictOptions& options) {
   const std::vector<std::string> files = photograph_files(options.images);
   check(options, files);
@@ -317,12 +333,14 @@ void run(const PredictOptions& options) {
   const auto printer = printer_of(options, several);
   Failures failures;
   std::optional<Answered> for_people;
+  bool warned = false;
   for (size_t done = 0; done < files.size();) {
     const Group group = load_group(options, std::span(files).subspan(done), !several);
     done += group.files.size();
     const bool together = options.one_material && several;
     const v1::PredictBatchReply reply =
         group.loaded.empty() ? v1::PredictBatchReply() : predict(group.loaded, together);
+    if (!std::exchange(warned, true)) warn_of_what_is_not_used(options, reply);
     for (const auto& [prediction, error] : outcomes_of(group, reply)) {
       if (error && !several) throw *error;
       printer->print(prediction);

@@ -187,7 +187,7 @@ Material first_start(const RefineOptions& options, const std::vector<v1::Scene>&
 
 std::string origin_of(const RefineOptions& options) {
   const std::string model = options.init == "network" ? " " + options.model : "";
-  return fmt::format("{} starts from {}{}", options.starts, options.init, model);
+  return fmt::format("--init {} --starts {}{}", options.init, options.starts, model);
 }
 
 // ---- All of it -------------------------------------------------------------------------------

@@ -7,7 +7,6 @@
 #include <future>
 
 #include "client/render_pool/render_pool.h"
-#include "client/render_pool/render_wait.h"
 #include "common/error.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
@@ -87,10 +86,14 @@ void validate(const Observation& observation) {
 
 Synthesize rendered_by(RenderPool& pool, std::stop_token stop) {
   return [&pool, stop](std::span<const SynthesisQuery> queries) {
-    std::vector<std::future<v1::RenderGradReply>> replies;
-    for (const SynthesisQuery& query : queries) replies.push_back(pool.submit(render_job(query)));
+    std::vector<RenderJob> jobs;
+    for (const SynthesisQuery& query : queries) jobs.push_back(render_job(query));
     std::vector<Synthesis> syntheses;
-    for (auto& reply : replies) syntheses.push_back(to_synthesis(wait_for_render(reply, stop)));
+    for (const v1::RenderGradReply& reply : pool.render_split(jobs, [&](double /*fraction*/) {
+           if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
+         })) {
+      syntheses.push_back(to_synthesis(reply));
+    }
     return syntheses;
   };
 }

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <google/protobuf/util/message_differencer.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <cmath>
@@ -59,11 +60,11 @@ void require_same(const v1::RefineState& state, const v1::RefineSettings& wanted
                   std::span<const Observation> observations, const RefineRun& run) {
   const auto other = [&](const std::string& what) {
     return invalid_input(
-        fmt::format("the refinement in {} {}; choose another folder", run.folder.string(), what));
+        fmt::format("choose another folder: the refinement in {} {}", run.folder.string(), what));
   };
   if (state.digest() != digest_of(observations)) throw other("is of other images or scenes");
   if (state.origin() != run.origin) {
-    throw other(fmt::format("began from {}, not {}", state.origin(), run.origin));
+    throw other(fmt::format("began with {}, not {}", state.origin(), run.origin));
   }
   std::string differences;
   google::protobuf::util::MessageDifferencer differencer;
@@ -74,13 +75,31 @@ void require_same(const v1::RefineState& state, const v1::RefineSettings& wanted
   }
 }
 
+std::string how_far(const v1::RefineState& state) {
+  return fmt::format("{} iterations are done", state.trajectory_size());
+}
+
 Refinement begin_or_continue(const v1::RefineSettings& settings,
                              std::span<const Observation> observations, const RefineRun& run) {
   std::optional<v1::RefineState> state = find_state(run.folder);
   if (!state) return Refinement(settings, observations, run.starts());
   raise_limits(settings, *state);
   require_same(*state, settings, observations, run);
+  spdlog::info("{}: {}", run.folder.string(), how_far(*state));
   return Refinement(observations, *state);
+}
+
+// An error says how far it has come.
+const v1::RefineIteration& step(Refinement& refinement, const Synthesize& synthesize,
+                                const RefineRun& run) {
+  try {
+    return refinement.step(synthesize);
+  } catch (const Error& error) {
+    const v1::RefineState state = refinement.state();
+    if (run.folder.empty() || state.trajectory().empty()) throw;
+    throw Error(error.kind(),
+                fmt::format("{}; {}, the same command continues", error.what(), how_far(state)));
+  }
 }
 
 // A square, as panels are; white around an image that is none.
@@ -139,7 +158,7 @@ Refinement refine(const v1::RefineSettings& settings, std::span<const Observatio
                   const Synthesize& synthesize, const RefineRun& run) {
   Refinement refinement = begin_or_continue(with_defaults(settings), observations, run);
   while (!refinement.finished()) {
-    const v1::RefineIteration& iteration = refinement.step(synthesize);
+    const v1::RefineIteration& iteration = step(refinement, synthesize, run);
     if (!run.folder.empty()) {
       v1::RefineState state = refinement.state();
       state.set_origin(run.origin);

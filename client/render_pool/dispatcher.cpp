@@ -27,8 +27,11 @@ constexpr milliseconds kLongestWaitForPlace{30000};
 // That the user waits for a place is said this often.
 constexpr seconds kSayAgain{60};
 
-// That a render is late, if it has taken this long.
+// That a render is late, if it has taken this long; and that a worker was never there.
 constexpr seconds kWorthSaying{5};
+
+// Losses of one render within this time may have one cause.
+constexpr seconds kTogether{5};
 
 constexpr grpc::StatusCode kTooLate = grpc::StatusCode::DEADLINE_EXCEEDED;
 
@@ -72,6 +75,7 @@ struct Dispatcher::Job {
   std::vector<std::shared_ptr<Attempt>> under_way;
   std::vector<Refusal> refusals;    // of workers that cannot do it
   std::vector<std::string> losses;  // under which a worker vanished
+  Clock::time_point last_loss;
 
   bool refused_by(size_t worker) const {
     return std::ranges::any_of(refusals, [&](const Refusal& r) { return r.worker == worker; });
@@ -269,7 +273,7 @@ bool Dispatcher::settle(const std::shared_ptr<Attempt>& attempt, Answer answer,
       break;
     case Outcome::kLost:
       if (worker.up) worker.only_late = answer.status.error_code() == kTooLate;
-      if (was_rendered) job->losses.push_back(fmt::format("{}: {}", who(worker), reason));
+      if (was_rendered) note_loss(*attempt, fmt::format("{}: {}", who(worker), reason), now);
       [[fallthrough]];
     case Outcome::kAway: look_after = take_down(worker, reason, now); break;
   }
@@ -279,9 +283,22 @@ bool Dispatcher::settle(const std::shared_ptr<Attempt>& attempt, Answer answer,
   fail_hopeless(now);
   if (is_left && !job->ended) {
     ++statistics_.retries;
-    spdlog::warn("{}: {}; the render goes to the next free worker", who(worker), reason);
+    spdlog::warn(
+        "{}: {}; the render {}", who(worker), reason,
+        any_up() ? "goes to the next free worker"
+                 : fmt::format("waits for a worker, for {} s at most", in_seconds(give_up_after_)));
   }
   return look_after;
+}
+
+// Two attempts that were under way together and are lost together are one loss: of the network, or
+// because this machine stood still.
+void Dispatcher::note_loss(const Attempt& attempt, const std::string& what, Clock::time_point now) {
+  Job& job = *attempt.job;
+  const bool together =
+      !job.losses.empty() && attempt.started < job.last_loss && now < job.last_loss + kTogether;
+  job.last_loss = now;
+  if (!together) job.losses.push_back(what);
 }
 
 void Dispatcher::succeed(const Attempt& attempt, v1::RenderGradReply reply, Clock::time_point now) {
@@ -352,6 +369,7 @@ void Dispatcher::probed(size_t number, const grpc::Status& status,
   const bool was_unfit = std::exchange(worker.unfit, is_unfit(status));
   if (status.ok()) {
     worker.up = true;
+    worker.never_up = false;
     worker.capabilities = capabilities;
     // It was busy all the time, with others' renders perhaps. How often a render may be lost, its
     // own count says.
@@ -363,6 +381,10 @@ void Dispatcher::probed(size_t number, const grpc::Status& status,
   if (worker.unfit && !was_unfit) spdlog::warn("{}: {}; it is not used", who(worker), reason);
   // That it took too long says less than what was noted before.
   take_down(worker, too_late ? worker.last_failure : reason, now);
+  if (worker.never_up && any_up() && now - *worker.failing_since > kWorthSaying) {
+    worker.never_up = false;
+    spdlog::warn("{}: {}; it is used when it answers", who(worker), worker.last_failure);
+  }
   fail_hopeless(now);
 }
 

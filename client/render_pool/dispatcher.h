@@ -30,7 +30,7 @@ namespace itn {
 //  - A render that a worker cannot do goes to the others; it fails when kMost of them cannot, or
 //  all.
 //  - A render under which a worker vanished, or that reached its deadline, kMost times, is given
-//  up.
+//    up; attempts that are lost together count once.
 //  - A render fails when all workers that could do it have failed for a given time.
 //  - A render that is late gets a second attempt on a worker that has nothing else to do; the first
 //    answer is taken (answers are the same) and the other attempt is cancelled.
@@ -129,6 +129,7 @@ class Dispatcher {
     bool set_aside = false;  // for good
     bool unfit = false;      // as it says itself
     bool left = false;       // is no more when nothing of it is under way
+    bool never_up = true;    // and nobody was told
     bool only_late = false;  // it was taken down for a deadline, and has not answered since
     v1::Capabilities capabilities;
     std::chrono::milliseconds rest{0};
@@ -153,6 +154,7 @@ class Dispatcher {
   Turn second_attempt(size_t worker, Clock::time_point now);
   bool settle(const std::shared_ptr<Attempt>& attempt, Answer answer, Clock::time_point now);
 
+  static void note_loss(const Attempt& attempt, const std::string& what, Clock::time_point now);
   void succeed(const Attempt& attempt, v1::RenderGradReply reply, Clock::time_point now);
   void wait_for_place(Worker& worker, const grpc::Status& status, Clock::time_point now);
   void set_aside(Worker& worker, const std::string& reason);

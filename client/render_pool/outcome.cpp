@@ -32,6 +32,11 @@ std::optional<std::chrono::milliseconds> retry_after(const grpc::Status& status)
 
 std::string describe(const grpc::Status& status) {
   if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) return "it is not a render worker";
+  // As gRPC says it.
+  if (status.error_message().starts_with("keepalive watchdog timeout")) {
+    return "no sign of life for ten seconds" +
+           status.error_message().substr(std::string_view("keepalive watchdog timeout").size());
+  }
   return status.error_message();
 }
 

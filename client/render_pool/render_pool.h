@@ -6,6 +6,7 @@
 #include <functional>
 #include <future>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -60,6 +61,9 @@ class RenderPool {
   // there are does not matter; without a pilot, neither does it that there are tiles: the images
   // are those of `submit`, bit for bit. Throws what the futures of `submit` throw.
   v1::RenderGradReply render_split(const RenderJob& job, const Progress& progress = {});
+  // Several, one after the other, and no worker idles between them.
+  std::vector<v1::RenderGradReply> render_split(std::span<const RenderJob> jobs,
+                                                const Progress& progress = {});
 
   // Jobs that can be under way at once; keep somewhat more submitted. Changes as workers join and
   // leave; never zero.

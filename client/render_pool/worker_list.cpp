@@ -19,6 +19,7 @@
 #include "common/files/read_file.h"
 #include "common/printable.h"
 #include "common/rpc/channel.h"
+#include "common/rpc/host_port.h"
 
 namespace itn {
 namespace {
@@ -44,39 +45,26 @@ struct Finding {
 
 // ---- Names -------------------------------------------------------------------------------------
 
-struct HostPort {
-  std::string host, port;
-};
-
-HostPort split(const std::string& entry) {
-  std::string text = entry.substr(kName.size());
-  if (text.starts_with("///")) text.erase(0, 3);
-  try {
-    check_address(text);
-  } catch (const Error&) {
-    throw Error(ErrorKind::kUsage,
-                fmt::format("\"{}\" is not the name of workers; give dns:///NAME:PORT, e.g. "
-                            "dns:///workers:50051",
-                            printable(entry)));
-  }
-  const size_t colon = text.rfind(':');
-  std::string host = text.substr(0, colon);
-  if (host.starts_with('[') && host.ends_with(']')) host = host.substr(1, host.size() - 2);
-  return {host, text.substr(colon + 1)};
+HostPort name_in(const std::string& entry) {
+  if (std::optional<HostPort> name = endpoint_of_target(entry)) return std::move(*name);
+  throw Error(ErrorKind::kUsage,
+              fmt::format("\"{}\" is not the name of workers; give dns:///NAME:PORT, e.g. "
+                          "dns:///workers:50051",
+                          printable(entry)));
 }
 
-std::string numeric(const sockaddr* address, const std::string& port) {
+HostPort numeric(const sockaddr* address, uint16_t port) {
   std::array<char, INET6_ADDRSTRLEN> text{};
   if (address->sa_family == AF_INET) {
     sockaddr_in ipv4{};
     std::memcpy(&ipv4, address, sizeof(ipv4));
     inet_ntop(AF_INET, &ipv4.sin_addr, text.data(), text.size());
-    return fmt::format("{}:{}", text.data(), port);
+  } else {
+    sockaddr_in6 ipv6{};
+    std::memcpy(&ipv6, address, sizeof(ipv6));
+    inet_ntop(AF_INET6, &ipv6.sin6_addr, text.data(), text.size());
   }
-  sockaddr_in6 ipv6{};
-  std::memcpy(&ipv6, address, sizeof(ipv6));
-  inet_ntop(AF_INET6, &ipv6.sin6_addr, text.data(), text.size());
-  return fmt::format("[{}]:{}", text.data(), port);
+  return {text.data(), port};
 }
 
 // gRPC's own resolver gives its addresses to a balancing policy of its own alone, and none of those
@@ -100,7 +88,7 @@ Finding addresses_of(const HostPort& name) {
     if (error != 0) return {std::nullopt, gai_strerror(error), {}};
     WorkerList::Addresses addresses;
     for (const addrinfo* a = found; a; a = a->ai_next) {
-      addresses.push_back({numeric(a->ai_addr, name.port), name.host});
+      addresses.push_back({numeric(a->ai_addr, name.port).text(), name.host});
     }
     return {std::move(addresses), "", {}};
   }
@@ -178,7 +166,7 @@ WorkerList::WorkerList(const std::vector<std::string>& entries) {
     auto source = std::make_unique<Source>();
     source->entry = entry;
     if (entry.starts_with(kName)) {
-      source->look = [name = split(entry)] { return addresses_of(name); };
+      source->look = [name = name_in(entry)] { return addresses_of(name); };
       source->every = kAskNameEvery;
       source->problem = "not asked yet";
     } else if (entry.starts_with(kFile)) {
@@ -244,14 +232,9 @@ void WorkerList::follow(Source& source, const std::stop_token& stop) {
       spdlog::warn("{}: {}", printable(source.entry), finding->problem);
     }
     source.problem = finding->problem;
-    if (finding->addresses && *finding->addresses != source.addresses) {
-      source.addresses = std::move(*finding->addresses);
-      try {
-        changed_(all());
-      } catch (const Error& error) {
-        spdlog::warn("{}: {}", printable(source.entry), error.what());
-      }
-    }
+    const bool change = finding->addresses && *finding->addresses != source.addresses;
+    if (change) source.addresses = std::move(*finding->addresses);
+    if (change || !refusal_.empty()) tell(source);
     const uint64_t seen = times_wanted_;
     wanted_.wait_for(lock, stop, kAtMostEvery, [] { return false; });
     wanted_.wait_for(lock, stop, source.every - kAtMostEvery,
@@ -271,6 +254,16 @@ WorkerList::Addresses WorkerList::ask(const std::stop_token& stop) {
   }
   const std::lock_guard lock(mutex_);
   return all();
+}
+
+void WorkerList::tell(const Source& source) {
+  try {
+    changed_(all());
+    refusal_.clear();
+  } catch (const Error& error) {
+    if (refusal_ != error.what()) spdlog::warn("{}: {}", printable(source.entry), error.what());
+    refusal_ = error.what();
+  }
 }
 
 WorkerList::Addresses WorkerList::all() const {

@@ -44,7 +44,8 @@ class WorkerList {
 
   // Calls `changed` with all addresses: once before it returns, as far as they are known by then,
   // and when they change, from one thread at a time. What `changed` throws the first time, this
-  // throws; Error later is a warning.
+  // throws; Error later is a warning, and `changed` is called again at each look until it throws
+  // none: what it could not take may be mended without any change here.
   void watch(Changed changed);
   // Without watch(): asks all names and files now, unless a stop is requested, and returns all
   // addresses; of what cannot be told at the moment, those that it told before.
@@ -60,6 +61,8 @@ class WorkerList {
  private:
   struct Source;
   void follow(Source& source, const std::stop_token& stop);
+  // With the lock held, after a look at the source.
+  void tell(const Source& source);
   Addresses all() const;
 
   std::vector<std::unique_ptr<Source>> sources_;
@@ -67,6 +70,7 @@ class WorkerList {
   mutable std::mutex mutex_;
   std::condition_variable_any wanted_;
   uint64_t times_wanted_ = 0;
+  std::string refusal_;                // what `changed` threw the last time; empty: nothing
   std::vector<std::jthread> threads_;  // last: they use what is above
 };
 

@@ -42,7 +42,8 @@ class ObjCheck {
                  fmt::format("the face refers to vertex {}; there are {}", vertex, vertices_));
   }
 
-  // Of the next line up to a comment, and of those that a backslash at its end joins to it.
+  // Of the next line up to a comment, and of those that a backslash at its end joins to it. One at
+  // the end of a comment, as of a path of Windows, joins nothing: a vertex would vanish.
   void read_words() {
     words_.clear();
     for (bool joined = true; joined && !rest_.empty();) {
@@ -50,9 +51,10 @@ class ObjCheck {
       std::string_view text = rest_.substr(0, rest_.find('\n'));
       rest_.remove_prefix(std::min(rest_.size(), text.size() + 1));
       if (text.ends_with('\r')) text.remove_suffix(1);
-      joined = text.ends_with('\\');
+      const size_t comment = text.find('#');
+      joined = comment == std::string_view::npos && text.ends_with('\\');
       if (joined) text.remove_suffix(1);
-      split(text.substr(0, text.find('#')));
+      split(text.substr(0, comment));
     }
   }
 

@@ -7,10 +7,12 @@
 #include <grpcpp/security/tls_credentials_options.h>
 
 #include <map>
+#include <optional>
 #include <utility>
 
 #include "common/error.h"
 #include "common/printable.h"
+#include "common/rpc/host_port.h"
 #include "common/rpc/tls_diagnosis.h"
 #include "common/rpc/token_file.h"
 
@@ -24,26 +26,14 @@ constexpr unsigned int kLookAtFilesEverySeconds = 5;
 
 // gRPC itself takes what has no port for one of port 443.
 void check_address(const std::string& address) {
-  for (const char* scheme : {"dns:", "ipv4:", "ipv6:", "unix:", "unix-abstract:"}) {
-    if (address.starts_with(scheme)) return;
-  }
-  const size_t colon = address.rfind(':');
-  const std::string port = colon == std::string::npos ? "" : address.substr(colon + 1);
-  const bool number = !port.empty() && port.size() <= 5 &&
-                      port.find_first_not_of("0123456789") == std::string::npos &&
-                      std::stoi(port) >= 1 && std::stoi(port) <= 65535;
-  if (number && colon > 0 && address.find('/') == std::string::npos) return;
-  throw Error(ErrorKind::kUsage,
-              fmt::format("\"{}\" is not the address of a server; give HOST:PORT or [IPV6]:PORT, "
-                          "e.g. 127.0.0.1:50051",
-                          printable(address)));
+  if (!has_scheme(address)) parse_host_port(address);
 }
 
 namespace {
 
 bool is_this_machine(const std::string& address) {
-  return address.starts_with("127.") || address.starts_with("localhost:") ||
-         address.starts_with("[::1]:");
+  const std::optional<HostPort> endpoint = endpoint_of_target(address);
+  return endpoint && endpoint->is_loopback();
 }
 
 void check_flags(const ClientSecurity& security) {
@@ -118,8 +108,10 @@ std::shared_ptr<grpc::Channel> Connector::connect_to(const std::string& address)
   grpc::ChannelArguments arguments;
   arguments.SetMaxReceiveMessageSize(-1);
   arguments.SetMaxSendMessageSize(-1);
+  // Longer than a busy machine may stall: a connection that is really lost is mostly closed, and
+  // renders that are late are begun elsewhere long before.
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 2000);
-  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 2000);
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 8000);
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);
   // gRPC's default is 120 s.
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 200);

@@ -4,13 +4,9 @@
 
 #include <memory>
 
-namespace itn {
+#include "common/rpc/host_port.h"
 
-std::string host_of_peer(const std::string& peer) {
-  const size_t colon = peer.rfind(':');
-  const bool has_port = peer.starts_with("ipv4:") || peer.starts_with("ipv6:");
-  return has_port ? peer.substr(0, colon) : peer;
-}
+namespace itn {
 
 QueueClient client_of(const grpc::CallbackServerContext& context) {
   const std::string connection = context.peer();

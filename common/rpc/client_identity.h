@@ -13,8 +13,4 @@ namespace itn {
 // others are their machine. A token, which clients share, tells nobody apart.
 QueueClient client_of(const grpc::CallbackServerContext& context);
 
-// Of a peer as gRPC calls it, "ipv4:10.0.0.1:50123": without the port, which each connection has of
-// its own.
-std::string host_of_peer(const std::string& peer);
-
 }  // namespace itn

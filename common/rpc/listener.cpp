@@ -15,7 +15,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
 #include <fstream>
 #include <limits>
@@ -25,6 +24,7 @@
 
 #include "common/error.h"
 #include "common/printable.h"
+#include "common/rpc/host_port.h"
 
 namespace itn {
 namespace {
@@ -57,24 +57,8 @@ constexpr milliseconds kRecovery{2000};
 constexpr milliseconds kLeastTrimInterval{50};
 constexpr milliseconds kTrimInterval{500};
 
-Error not_an_address(const std::string& text, const char* why) {
-  return Error(ErrorKind::kUsage,
-               fmt::format("\"{}\" is not an address to listen on: {}; give HOST:PORT or "
-                           "[IPV6]:PORT, e.g. 127.0.0.1:50051",
-                           printable(text), why));
-}
-
-uint16_t parse_port(const std::string& text, std::string_view port) {
-  unsigned int value = 0;
-  const auto [end, error] = std::from_chars(port.begin(), port.end(), value);
-  if (port.empty() || error != std::errc() || end != port.end() || value > 65535) {
-    throw not_an_address(text, "its port must be a number in [0, 65535]");
-  }
-  return static_cast<uint16_t>(value);
-}
-
 struct AddressList {
-  explicit AddressList(const ListenAddress& address) {
+  explicit AddressList(const HostPort& address) {
     addrinfo hints = {};
     hints.ai_socktype = SOCK_STREAM;
     hints.ai_flags = AI_PASSIVE;
@@ -96,7 +80,7 @@ void set_option(int socket, int level, int option, int value) {
   setsockopt(socket, level, option, &value, sizeof value);
 }
 
-int port_of(int socket) {
+uint16_t port_of(int socket) {
   sockaddr_storage address = {};
   socklen_t length = sizeof address;
   getsockname(socket, reinterpret_cast<sockaddr*>(&address), &length);
@@ -145,28 +129,6 @@ uint64_t bytes_received(int fd) {
 
 }  // namespace
 
-ListenAddress parse_listen_address(const std::string& text) {
-  const size_t colon = text.rfind(':');
-  if (colon == std::string::npos) throw not_an_address(text, "it has no port");
-  std::string host = text.substr(0, colon);
-  if (host.starts_with('[') && host.ends_with(']')) {
-    host = host.substr(1, host.size() - 2);
-    in6_addr ignored = {};
-    // A scope ("%eth0") may follow the number.
-    if (inet_pton(AF_INET6, host.substr(0, host.find('%')).c_str(), &ignored) != 1) {
-      throw not_an_address(text, "what is in brackets must be an IPv6 address");
-    }
-  } else if (host.find_first_of(":[]") != std::string::npos) {
-    throw not_an_address(text, "an IPv6 address must be in brackets");
-  } else if (host.empty()) {
-    throw not_an_address(text, "it has no host (0.0.0.0 is all of this machine's IPv4 addresses)");
-  }
-  const bool strange = std::any_of(
-      host.begin(), host.end(), [](unsigned char c) { return c <= ' ' || c >= 0x7f || c == '/'; });
-  if (strange) throw not_an_address(text, "its host is neither a name nor a number");
-  return {host, parse_port(text, std::string_view(text).substr(colon + 1))};
-}
-
 uint64_t resident_memory() {
   std::ifstream file("/proc/self/statm");
   uint64_t size = 0, resident = 0;
@@ -175,7 +137,7 @@ uint64_t resident_memory() {
 }
 
 Listener::Listener(const std::string& address, const ListenerOptions& options) : options_(options) {
-  const ListenAddress parsed = parse_listen_address(address);
+  HostPort parsed = parse_host_port(address, PortZero::kAnyFree);
   const AddressList addresses(parsed);
   if (options_.this_machine_only && !is_of_this_machine(*addresses.first->ai_addr)) {
     throw Error(ErrorKind::kUsage,
@@ -190,7 +152,8 @@ Listener::Listener(const std::string& address, const ListenerOptions& options) :
                                             std::generic_category().message(errno)));
   }
   wake_ = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-  address_ = fmt::format("{}:{}", address.substr(0, address.rfind(':')), port_of(socket_));
+  parsed.port = port_of(socket_);
+  address_ = parsed.text();
 }
 
 Listener::~Listener() {

@@ -13,14 +13,6 @@
 
 namespace itn {
 
-struct ListenAddress {
-  std::string host;   // a name or number; IPv6 without its brackets
-  uint16_t port = 0;  // 0: any that is free
-};
-
-// "HOST:PORT" or "[IPV6]:PORT". Throws Error (kUsage) that says what is wrong with anything else.
-ListenAddress parse_listen_address(const std::string& text);
-
 struct ListenerOptions {
   size_t max_connections = 1024;  // more are closed at once
   // Of the process, resident: close to it, the connection that sent most lately is closed, again

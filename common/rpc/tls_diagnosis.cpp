@@ -13,11 +13,11 @@
 #include <cerrno>
 #include <memory>
 #include <optional>
-#include <string_view>
 #include <vector>
 
 #include "common/files/file_descriptor.h"
 #include "common/printable.h"
+#include "common/rpc/host_port.h"
 #include "common/rpc/openssl.h"
 
 namespace itn {
@@ -27,27 +27,11 @@ namespace {
 constexpr timeval kPatience{.tv_sec = 1, .tv_usec = 0};
 constexpr int kMostAnswers = 16;
 
-struct Place {
-  std::string host;  // a name or number; IPv6 without its brackets
-  std::string port;
-};
-
-// Nothing for addresses of other kinds.
-std::optional<Place> place_of(std::string address) {
-  constexpr std::string_view kDns = "dns:///";
-  if (address.starts_with(kDns)) address.erase(0, kDns.size());
-  const size_t colon = address.rfind(':');
-  if (colon == std::string::npos || address.find('/') != std::string::npos) return {};
-  std::string host = address.substr(0, colon);
-  if (host.starts_with('[') && host.ends_with(']')) host = host.substr(1, host.size() - 2);
-  return Place{host, address.substr(colon + 1)};
-}
-
-FileDescriptor connect_socket(const Place& place) {
+FileDescriptor connect_socket(const HostPort& place) {
   addrinfo hints = {};
   hints.ai_socktype = SOCK_STREAM;
   addrinfo* found = nullptr;
-  if (getaddrinfo(place.host.c_str(), place.port.c_str(), &hints, &found) != 0) {
+  if (getaddrinfo(place.host.c_str(), std::to_string(place.port).c_str(), &hints, &found) != 0) {
     return FileDescriptor(-1);
   }
   const std::unique_ptr<addrinfo, openssl::Freeing<freeaddrinfo>> addresses(found);
@@ -225,7 +209,7 @@ std::string what_is_wrong_with_ours(const CertificateFiles& files) {
 }  // namespace
 
 std::string diagnose_connection(const std::string& address, const ClientSecurity& security) {
-  const std::optional<Place> place = place_of(address);
+  const std::optional<HostPort> place = endpoint_of_target(address);
   if (!place) return {};
   const FileDescriptor socket = connect_socket(*place);
   if (socket.get() < 0) return {};

@@ -31,6 +31,21 @@ fs::path file_of(const fs::path& path) {
   return fs::is_directory(path, unknown) ? path / kCheckpointName : path;
 }
 
+bool is_named_as_model(const fs::path& path) {
+  return path.extension() == kExtension;
+}
+
+// Nothing with an error.
+std::vector<fs::path> files_in(const fs::path& folder, std::error_code& error) {
+  std::vector<fs::path> files;
+  for (auto file = fs::directory_iterator(folder, error);
+       !error && file != fs::directory_iterator(); file.increment(error)) {
+    files.push_back(file->path());
+  }
+  if (error) files.clear();
+  return files;
+}
+
 std::string label(const ServedModel& model) {
   return model.version.empty() ? model.name : model.name + " " + model.version;
 }
@@ -130,14 +145,22 @@ ModelStore::ModelStore(const ModelStoreOptions& options) : folder_(options.folde
 }
 
 void ModelStore::warn_once(const std::string& warning) {
-  if (warned_.insert(warning).second) spdlog::warn(warning);
+  if (warnings_.insert(warning).second && !warned_.contains(warning)) spdlog::warn(warning);
+}
+
+std::vector<fs::path> ModelStore::known_in(const fs::path& subfolder) const {
+  std::vector<fs::path> files;
+  for (const Slot& slot : slots_) {
+    if (slot.in_folder && slot.path.parent_path() == subfolder) files.push_back(slot.path);
+  }
+  return files;
 }
 
 std::vector<ModelStore::Slot> ModelStore::slots_of_folder() {
   std::vector<Slot> slots;
   const auto add = [&](const fs::path& path, const std::string& name,
                        const std::optional<std::string>& version) {
-    if (path.extension() != kExtension) return;
+    if (!is_named_as_model(path)) return;
     if (!is_plain(name) || (version && !is_plain(*version))) {
       warn_once(fmt::format(
           "{} is left out: names and versions are of up to 80 printable ASCII characters",
@@ -152,13 +175,21 @@ std::vector<ModelStore::Slot> ModelStore::slots_of_folder() {
   };
   if (folder_.empty()) return slots;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder_)) {
-    std::error_code gone;  // since it was listed
-    if (!entry.is_directory(gone)) {
-      add(entry.path(), entry.path().stem().string(), std::nullopt);
+    const fs::path& path = entry.path();
+    std::error_code error;
+    if (!entry.is_directory(error) && (!error || is_named_as_model(path))) {
+      add(path, path.stem().string(), std::nullopt);
       continue;
     }
-    for (const fs::directory_entry& file : fs::directory_iterator(entry.path())) {
-      add(file.path(), entry.path().filename().string(), file.path().stem().string());
+    std::vector<fs::path> files;
+    if (!error) files = files_in(path, error);
+    if (error) {
+      files = known_in(path);
+      warn_once(fmt::format("{} cannot be read: {}; models found in it before go on answering",
+                            printable(path.string(), 500), error.message()));
+    }
+    for (const fs::path& file : files) {
+      add(file, path.filename().string(), file.stem().string());
     }
   }
   std::ranges::sort(slots, {}, &Slot::path);
@@ -187,7 +218,9 @@ void ModelStore::look_into_folder() {
   try {
     found = slots_of_folder();
   } catch (const fs::filesystem_error& error) {
-    // Not read is not empty: too many open files, or a server of files that is away.
+    // Not read is not empty: too many open files, or a server of files that is away. Nor is what it
+    // was warned of in the folder well again.
+    warnings_.insert(warned_.begin(), warned_.end());
     warn_once(fmt::format("--models {}: {}; its models of before go on answering", folder_.string(),
                           error.code().message()));
     return;
@@ -223,6 +256,7 @@ void ModelStore::refresh(bool again) {
     }
   }
   publish();
+  warned_ = std::exchange(warnings_, {});
 }
 
 void ModelStore::publish() {

@@ -70,20 +70,22 @@ class ModelStore {
     std::optional<ServedModel> served;
   };
 
-  // What the folder has now takes the place of what it had, if it can be read.
+  // What the folder has now takes the place of what it had, if it can be read; so, one by one, do
+  // its subfolders.
   void look_into_folder();
   std::vector<Slot> slots_of_folder();  // throws fs::filesystem_error
-  // Of what is looked at again and again, and stays as it is.
+  std::vector<std::filesystem::path> known_in(const std::filesystem::path& subfolder) const;
+  // Of what is looked at again and again, and stays as it is: again only after a refresh without.
   void warn_once(const std::string& warning);
   void load(Slot& slot) const;
   void publish();
 
   const std::filesystem::path folder_;
-  std::mutex refreshing_;    // guards slots_, default_name_, warned_
+  std::mutex refreshing_;    // guards slots_, default_name_, warned_, warnings_
   std::vector<Slot> slots_;  // those that were named first
   std::string default_name_;
-  std::set<std::string> warned_;
-  mutable std::mutex mutex_;  // guards served_
+  std::set<std::string> warned_, warnings_;  // in the last refresh, in this one
+  mutable std::mutex mutex_;                 // guards served_
   std::vector<ServedModel> served_;
 };
 

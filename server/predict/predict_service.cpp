@@ -142,7 +142,15 @@ class PredictService::Call : public QueuedCall {
   uint64_t max_pixels() const { return service_.options_.max_pixels; }
   const Predictor& predictor() const { return *predictor_; }
 
+  virtual grpc::ByteBuffer answer(const std::stop_token& stop) = 0;
+
  private:
+  // The model goes when it has answered: gRPC may keep the call for longer.
+  grpc::ByteBuffer work(std::stop_token stop) final {
+    const std::shared_ptr<void> afterwards(nullptr, [this](void*) { predictor_.reset(); });
+    return answer(stop);
+  }
+
   PredictService& service_;
   std::shared_ptr<const Predictor> predictor_;
 };
@@ -162,7 +170,7 @@ class PredictService::PredictCall final : public Call {
     find_model(request_);
   }
 
-  grpc::ByteBuffer work(std::stop_token stop) override {
+  grpc::ByteBuffer answer(const std::stop_token& stop) override {
     const uint64_t kept = bytes_of(request_) + bytes_of_inputs(predictor(), 1);
     const auto see = [&](size_t) { return seen(request_, kept, stop); };
     const Predictor::Outcome outcome = std::move(
@@ -200,7 +208,7 @@ class PredictService::BatchCall final : public Call {
     find_model(request_);
   }
 
-  grpc::ByteBuffer work(std::stop_token stop) override {
+  grpc::ByteBuffer answer(const std::stop_token& stop) override {
     uint64_t kept = bytes_of_inputs(predictor(), request_.images_size());
     for (const v1::PredictRequest& image : request_.images()) kept += bytes_of(image);
     memory().resize(kept);

@@ -41,14 +41,18 @@ TEST(Logging, JsonLinesHaveFieldsOfTheirOwn) {
   const auto line = [](LogFormat format) {
     ::testing::internal::CaptureStderr();
     set_up_logging("info", format);
-    const LogField fields[] = {{"method", std::string("a \"b\"")}, {"queue_ms", 0.25}};
+    const LogField fields[] = {{"method", std::string("a \"b\"")},
+                               {"queue_ms", 0.25},
+                               {"paths", 123456789.0},
+                               {"work_ms", 0.1}};
     log_with_fields(spdlog::level::info, "a call", fields);
     spdlog::info("another");
     return ::testing::internal::GetCapturedStderr();
   };
-  EXPECT_THAT(line(LogFormat::kJson),
-              ::testing::HasSubstr("\"message\":\"a call\",\"method\":\"a \\\"b\\\"\","
-                                   "\"queue_ms\":0.25}\n{\"time\""));
+  EXPECT_THAT(
+      line(LogFormat::kJson),
+      ::testing::HasSubstr("\"message\":\"a call\",\"method\":\"a \\\"b\\\"\","
+                           "\"queue_ms\":0.25,\"paths\":123456789,\"work_ms\":0.1}\n{\"time\""));
   EXPECT_THAT(line(LogFormat::kJson), ::testing::EndsWith("\"message\":\"another\"}\n"));
   EXPECT_THAT(line(LogFormat::kText), ::testing::ContainsRegex("info a call\n.*another\n$"));
 }

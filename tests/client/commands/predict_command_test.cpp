@@ -404,6 +404,17 @@ TEST_F(PhotographCommand, AreListedAsCommaSeparatedValues) {
   EXPECT_THAT(finished.output, HasSubstr("bad, \"\"worse\"\".png\",,,,,"));
 }
 
+TEST_F(PhotographCommand, SayWhatTheDefaultModelMakesNothingOf) {
+  const std::string any = folder_.path("any.itn");
+  ASSERT_EQ(
+      run({ITN, "export", shared_->path("first"), "-o", any, "--model-name", "any"}).exit_code, 0);
+  const Finished finished = run({ITN, "predict", image(1), "--model", any, "--exposure", "2"});
+  EXPECT_EQ(finished.exit_code, 0);
+  EXPECT_THAT(finished.errors,
+              HasSubstr("the model any makes nothing of --exposure; --model outdoor does"));
+  EXPECT_EQ(run({ITN, "predict", image(1), "--model", model(), "--exposure", "2"}).errors, "");
+}
+
 TEST_F(PhotographCommand, SayWhatIsWrongWithAGrayCard) {
   const auto errors = [&](const std::string& card) {
     const Finished finished = predict({"--gray-card", card});

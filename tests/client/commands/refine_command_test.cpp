@@ -71,7 +71,9 @@ TEST_F(RefineCommand, GoesOnAfterItWasKilledOrHitALimit) {
   };
   ASSERT_EQ(run(into("straight", "8")).exit_code, 0);
   ASSERT_EQ(run(into("limited", "3")).exit_code, 0);
-  ASSERT_EQ(run(into("limited", "8")).exit_code, 0);
+  const Finished limited = run(into("limited", "8"));
+  ASSERT_EQ(limited.exit_code, 0);
+  EXPECT_THAT(limited.errors, HasSubstr("limited: 3 iterations are done"));
   {
     Process process(into("killed", "8"));
     ASSERT_TRUE(eventually([&] { return fs::exists(shared_->path("killed/state.itn")); }));
@@ -92,6 +94,17 @@ TEST_F(RefineCommand, GoesOnAfterItWasKilledOrHitALimit) {
   EXPECT_THAT(other.errors, AllOf(HasSubstr("other settings"), HasSubstr("spp")));
   const Finished elsewhere = run(into("straight", "8"));
   EXPECT_EQ(elsewhere.exit_code, 0) << "finished: the answer again";
+}
+
+TEST_F(RefineCommand, SaysHowFarItCameWhenItIsInterrupted) {
+  Process process(command({"--init", "12,0.7,0.1", "--spp", "16", "--max-iterations", "10000",
+                           "--max-spp", "1000000", "-o", shared_->path("interrupted")}),
+                  true);
+  ASSERT_TRUE(eventually([&] { return fs::exists(shared_->path("interrupted/state.itn")); }));
+  process.send(SIGINT);
+  EXPECT_THAT(process.read_stderr(), AllOf(HasSubstr("interrupted; "),
+                                           HasSubstr(" are done, the same command continues")));
+  EXPECT_EQ(process.wait(), 130);
 }
 
 TEST_F(RefineCommand, PrintsTheAnswer) {

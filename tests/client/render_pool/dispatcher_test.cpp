@@ -521,6 +521,41 @@ TEST_F(DispatcherTest, GivesUpARenderThatIsNeverAnswered) {
   expect_error(ErrorKind::kUnavailable, {"lost 3 times"}, [&] { future.get(); });
 }
 
+// The network broke, or this machine stood still: that says little about the render.
+TEST_F(DispatcherTest, CountsAttemptsThatAreLostTogetherOnce) {
+  workers(2);
+  Future future = submit();
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_FALSE(is_ready(future)) << i;
+    const Attempt first = next(0);
+    now += 1h;
+    const Attempt second = next(1);
+    ASSERT_TRUE(first && second) << i;
+    now += 1s;
+    finish(first, failure(StatusCode::UNAVAILABLE, "Socket closed"));
+    now += 1s;
+    finish(second, failure(StatusCode::UNAVAILABLE, "Socket closed"));
+    come_up(0);
+    come_up(1);
+  }
+  expect_error(ErrorKind::kUnavailable, {"lost 3 times"}, [&] { future.get(); });
+}
+
+TEST_F(DispatcherTest, SaysOnceWhichWorkerWasNeverThere) {
+  workers(2);
+  const size_t absent = dispatcher->add("worker c");
+  const CapturedLog log;
+  go_down(absent);
+  EXPECT_EQ(log.text(), "") << "it may be about to start";
+  now += 6s;
+  go_down(absent);
+  EXPECT_THAT(log.text(), HasSubstr("worker c: not there; it is used when it answers"));
+  const std::string said = log.text();
+  now += 1h;
+  go_down(absent);
+  EXPECT_EQ(log.text(), said);
+}
+
 TEST_F(DispatcherTest, CountsNoRetryWhileAnotherAttemptIsUnderWay) {
   workers(2);
   Future future = submit();

@@ -13,6 +13,7 @@
 
 #include "client/render_pool/render_pool.h"
 #include "common/error.h"
+#include "common/rpc/host_port.h"
 #include "server/render/render_server.h"
 #include "tests/support/captured_log.h"
 #include "tests/support/expect_error.h"
@@ -109,12 +110,12 @@ TEST(NamedWorkers, AreKnownByTheirName) {
   listening.listen = "127.0.0.1:0";
   listening.security = authority.server();
   const RenderServer server(listening);
-  const std::string port = server.address().substr(server.address().rfind(':'));
+  const HostPort name{"localhost", parse_host_port(server.address()).port};
   RenderPoolOptions options;
   options.security = authority.anonymous_client();
-  options.workers = {"dns:///localhost" + port};
+  options.workers = {"dns:///" + name.text()};
   EXPECT_EQ(RenderPool(options).submit(job(1)).get().width(), 16U);
-  options.workers = {"127.0.0.1" + port};
+  options.workers = {server.address()};
   testing::expect_error(ErrorKind::kUnavailable, {"not for 127.0.0.1, but for localhost"},
                         [&] { RenderPool{options}; });
 }

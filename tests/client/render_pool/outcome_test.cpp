@@ -40,6 +40,8 @@ TEST(Outcome, OfAWorkerThatStops) {
 TEST(Outcome, IsSaidToPeople) {
   EXPECT_EQ(describe({StatusCode::UNAVAILABLE, "Socket closed"}), "Socket closed");
   EXPECT_EQ(describe({StatusCode::UNIMPLEMENTED, ""}), "it is not a render worker");
+  EXPECT_EQ(describe({StatusCode::UNAVAILABLE, "keepalive watchdog timeout (request 1)"}),
+            "no sign of life for ten seconds (request 1)");
 }
 
 }  // namespace

@@ -128,6 +128,20 @@ TEST(RenderPool, PutsASplitRenderTogetherBitForBit) {
   EXPECT_EQ(two.statistics().jobs, 9U);
 }
 
+TEST(RenderPool, SplitsSeveralRenders) {
+  RenderPool pool(pool_of({}));
+  std::vector<RenderJob> jobs(2, large_job());
+  jobs[1].request.set_seed(jobs[0].request.seed() + 1);
+  jobs[1].scene = serialize(cube_scene(16, 12));
+  const std::vector<v1::RenderGradReply> replies = pool.render_split(jobs);
+  ASSERT_EQ(replies.size(), 2U);
+  for (size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(deterministic_bytes(replies[i]), deterministic_bytes(pool.submit(jobs[i]).get()))
+        << i;
+  }
+  EXPECT_TRUE(pool.render_split(std::span<const RenderJob>()).empty());
+}
+
 TEST(RenderPool, SplitsARenderWithAPilotTheSameForAnyNumberOfWorkers) {
   WorkerProcess a, b;
   RenderPool embedded(pool_of({}));
@@ -246,7 +260,7 @@ TEST(RenderPool, NoticesThatItsOnlyWorkerHangs) {
   EXPECT_EQ(render_all(pool, all), expected);
   worker.send(SIGSTOP);
   auto replies = std::async(std::launch::async, [&] { return render_all(pool, all); });
-  EXPECT_TRUE(eventually([&] { return pool.statistics().retries > 0; }));  // 4 s by keepalive
+  EXPECT_TRUE(eventually([&] { return pool.statistics().retries > 0; }));  // 10 s by keepalive
   worker.send(SIGCONT);
   EXPECT_EQ(replies.get(), expected);
 }

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "common/error.h"
 #include "tests/support/captured_log.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/process.h"
@@ -64,7 +65,7 @@ TEST(WorkerList, TakesAddressesAsTheyAre) {
 TEST(WorkerList, RefusesWhatIsNoWorker) {
   for (const std::string entry :
        {"host", "host:0", "host:70000", ":1", "http://host:1", "", "dns:///", "dns:///host",
-        "dns:///host:x", "dns://server/host:1"}) {
+        "dns:///host:x", "dns://server/host:1", "::1", "fe80::1:50051", "[::1"}) {
     expect_error(ErrorKind::kUsage, {"\"" + entry + "\"", "PORT"}, [&] { WorkerList({entry}); });
   }
 }
@@ -128,6 +129,37 @@ TEST(WorkerList, SaysWhatAFileSaysNow) {
   std::filesystem::remove(folder.path("workers"));
   EXPECT_EQ(list.ask({}), (Addresses{"b:2", "c:3"}));
   EXPECT_THAT(list.awaited(), HasSubstr("no such file yet"));
+}
+
+// As certificates that are replaced at that moment: nothing changes in the list when they are
+// there.
+TEST(WorkerList, TellsAgainWhatWasNotTaken) {
+  const testing::CapturedLog log;
+  const TemporaryFolder folder;
+  folder.write("workers", "a:1\n");
+  std::mutex mutex;
+  int calls = 0;
+  Addresses taken;
+  {
+    WorkerList list({"file:" + folder.path("workers")});
+    list.watch([&](const Addresses& addresses) {
+      const std::lock_guard lock(mutex);
+      ++calls;
+      if (calls == 2 || calls == 3) throw Error(ErrorKind::kIo, "no certificate");
+      taken = addresses;
+    });
+    folder.write("new", "a:1\nb:2\n");
+    std::filesystem::rename(folder.path("new"), folder.path("workers"));
+    EXPECT_TRUE(eventually([&] {
+      const std::lock_guard lock(mutex);
+      return taken == Addresses{"a:1", "b:2"};
+    }));
+    EXPECT_EQ(calls, 4);
+  }
+  const std::string text = log.text();
+  const size_t first = text.find("no certificate");
+  EXPECT_NE(first, std::string::npos);
+  EXPECT_EQ(text.find("no certificate", first + 1), std::string::npos) << text;
 }
 
 TEST(WorkerList, AsksForTheAddressesOfAName) {

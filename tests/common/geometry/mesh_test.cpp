@@ -313,7 +313,8 @@ constexpr const char* kQuads =
 
 // A tetrahedron with all that an OBJ file may have beside.
 constexpr const char* kFullObj =
-    "# by hand\nmtllib a.mtl\no t\ng all\ns 1\nv 0 0 0 1 1 1\nv +1 0 0\r\nv 0 2 0 2\nvt 0 0\n"
+    "# by hand \\\nmtllib a.mtl\no t\ng all\ns 1\nv 0 0 0 1 1 1\nv +1 0 0 # C:\\models\\\r\nv 0 2 "
+    "0 2\nvt 0 0\n"
     "vn 0 0 1\nusemtl a\nf 1/1 3/1/1 2//1 # the ground\nf 1 2 \\\n4\nv\t0 0 1\np 1\nl 1 2\nf 1 2\n"
     "f -4 -1 -2\nf 2 3 4";
 

@@ -16,6 +16,7 @@
 #include "common/files/read_file.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/grpc_server.h"
+#include "common/rpc/host_port.h"
 #include "itn/v1/render.grpc.pb.h"
 #include "tests/support/captured_log.h"
 #include "tests/support/expect_error.h"
@@ -159,10 +160,10 @@ TEST_F(SecuredConnection, IsMadeByANameThatIsLookedUp) {
   const TestAuthority authority;
   authority.certify_server("DNS:localhost");
   const Server server(authority.server());
-  const std::string port = server.address().substr(server.address().rfind(':'));
+  const HostPort name{"localhost", parse_host_port(server.address()).port};
   const ClientSecurity client = authority.anonymous_client();
   expect_unavailable(client, server.address(), "not for 127.0.0.1, but for localhost");
-  EXPECT_TRUE(ask(Connector(client), "dns:///localhost" + port).ok());
+  EXPECT_TRUE(ask(Connector(client), "dns:///" + name.text()).ok());
 }
 
 // Ours would not start with such a certificate, but a certificate expires while a server serves.
@@ -341,12 +342,14 @@ TEST(Token, StaysOnThisMachineWithoutTls) {
   const TemporaryFolder folder;
   const Connector connector(
       {.files = {}, .server_name = "", .token_file = folder.write("client", kToken)});
-  for (const char* address : {"192.0.2.1:50051", "worker:50051", "dns:///worker:50051",
-                              "[2001:db8::1]:50051", "localhost.example.org:50051"}) {
+  for (const char* address :
+       {"192.0.2.1:50051", "worker:50051", "dns:///worker:50051", "[2001:db8::1]:50051",
+        "localhost.example.org:50051", "127.example.org:50051"}) {
     expect_error(ErrorKind::kUsage, {address, "unencrypted", "--tls-ca"},
                  [&] { connector.connect_to(address); });
   }
-  for (const char* address : {"127.0.0.1:50051", "localhost:50051", "[::1]:50051"}) {
+  for (const char* address :
+       {"127.0.0.1:50051", "localhost:50051", "[::1]:50051", "dns:///localhost:50051"}) {
     EXPECT_NO_THROW(connector.connect_to(address)) << address;
   }
 }

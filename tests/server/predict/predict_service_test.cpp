@@ -8,6 +8,7 @@
 #include <gmock/gmock.h>
 #include <grpcpp/create_channel.h>
 #include <torch/utils.h>
+#include <unistd.h>
 
 #include "common/learning/checkpoint.h"
 #include "server/predict/predict_server.h"
@@ -484,8 +485,66 @@ TEST_F(PredictServiceTest, KeepsTheModelsOfAFolderThatCannotBeRead) {
   v1::PredictReply reply;
   EXPECT_TRUE(predict("sun", "", reply).ok());
   std::filesystem::rename(away, models);
+  EXPECT_THAT(refreshed(), ::testing::Not(HasSubstr("go on answering")));
+  std::filesystem::rename(models, away);
+  EXPECT_THAT(refreshed(), HasSubstr("go on answering"));  // again, after it was well
+  std::filesystem::rename(away, models);
   std::filesystem::remove(models + "/sun/1.itn");
   EXPECT_THAT(refreshed(), HasSubstr("no longer served"));
+}
+
+// A subfolder that cannot be read is nobody else's loss.
+TEST_F(PredictServiceTest, GoesOnBesideASubfolderThatCannotBeRead) {
+  const std::string models = folder_.path("models");
+  const std::string sun = models + "/sun", away = folder_.path("away");
+  const std::string warning = sun + " cannot be read";
+  write_model(sun + "/1.itn", variant(1));
+  write_model(models + "/moon.itn", variant(2));
+  std::filesystem::create_symlink("loop", models + "/loop");
+  const auto log_of = [](const auto& action) {
+    const testing::CapturedLog log;
+    action();
+    return log.text();
+  };
+  const auto refreshed = [&] { return log_of([&] { models_->refresh(); }); };
+  const auto answers = [&](const std::string& model) {
+    v1::PredictReply reply;
+    return predict(model, "", reply).ok();
+  };
+  EXPECT_THAT(log_of([&] { serve({.models = {}, .folder = models}); }),
+              HasSubstr(models + "/loop cannot be read"));
+  EXPECT_TRUE(answers("sun"));
+  EXPECT_EQ(refreshed(), "");  // said once
+  for (int time = 0; time < 2; ++time) {
+    std::filesystem::rename(sun, away);
+    std::filesystem::create_symlink("sun", sun);
+    std::filesystem::remove(models + "/moon.itn");
+    const std::string log = refreshed();
+    EXPECT_THAT(log, HasSubstr(warning));  // the second time, too
+    EXPECT_THAT(log, HasSubstr("moon.itn is gone"));
+    EXPECT_TRUE(answers("sun"));
+    EXPECT_FALSE(answers("moon"));
+    EXPECT_EQ(refreshed(), "");
+    std::filesystem::remove(sun);
+    std::filesystem::rename(away, sun);
+    write_model(models + "/moon.itn", variant(2));
+    EXPECT_THAT(refreshed(), ::testing::Not(HasSubstr("cannot be read")));
+    EXPECT_TRUE(answers("sun"));
+    EXPECT_TRUE(answers("moon"));
+  }
+}
+
+TEST_F(PredictServiceTest, KeepsTheModelsOfASubfolderThatItMayNotRead) {
+  if (geteuid() == 0) GTEST_SKIP() << "root may read everything";
+  const std::string models = folder_.path("models"), sun = models + "/sun";
+  write_model(sun + "/1.itn", variant(1));
+  write_model(models + "/moon.itn", variant(2));
+  ModelStore store({.models = {}, .folder = models});
+  std::filesystem::permissions(sun, std::filesystem::perms::none);
+  store.refresh();
+  EXPECT_EQ(store.models().size(), 2);
+  EXPECT_EQ(ModelStore({.models = {}, .folder = models}).models().size(), 1);
+  std::filesystem::permissions(sun, std::filesystem::perms::owner_all);
 }
 
 TEST_F(PredictServiceTest, SaysOnceWhatIsLeftOutOfItsFolder) {

@@ -685,6 +685,9 @@ TEST(RenderService, StopsARenderThatTakesTooLong) {
     o.limits.max_spp = 1U << 20;
   }));
   Client client(server.in_process_channel());
+  // The scene is there; to make it may take as long by itself.
+  ASSERT_TRUE(
+      testing::eventually([&] { return client.call(with_scene(small_request())).status.ok(); }));
   auto request = with_scene(endless_request());
   request.set_spp(1000);  // by its number of paths, it might end in time
   request.mutable_material()->set_sigma_t(1e6);
@@ -693,7 +696,8 @@ TEST(RenderService, StopsARenderThatTakesTooLong) {
   EXPECT_EQ(answer.status.error_code(), grpc::RESOURCE_EXHAUSTED);
   EXPECT_THAT(answer.status.error_message(), HasSubstr("rendering 1000 samples per pixel"));
   EXPECT_THAT(answer.status.error_message(), HasSubstr("--max-seconds"));
-  EXPECT_TRUE(client.call(with_scene(small_request())).status.ok());
+  EXPECT_TRUE(
+      testing::eventually([&] { return client.call(with_scene(small_request())).status.ok(); }));
 }
 
 TEST(RenderService, RefusesAtOnceWhatCannotEndInTime) {
@@ -976,9 +980,8 @@ TEST(RenderServer, HasReflectionForKnownClientsOrIfAsked) {
     std::optional<bool> asked;
     bool expected;
   };
-  for (const auto& [insecure, asked, expected] :
-       {Case{false, {}, true}, Case{false, false, false}, Case{true, {}, false},
-        Case{true, true, true}}) {
+  for (const auto& [insecure, asked, expected] : {Case{false, {}, true}, Case{false, false, false},
+                                                  Case{true, {}, false}, Case{true, true, true}}) {
     SCOPED_TRACE(fmt::format("insecure: {}, asked: {}", insecure, asked.value_or(insecure)));
     auto options = one_thread();
     options.listen = "127.0.0.1:0";
