@@ -78,6 +78,9 @@ void be_quiet() {
 
 int parse_and_run(CLI::App& app, Arguments arguments) {
   arguments = with_lists_joined(app, arguments);
+  if (const std::string wrong = empty_entry(app, arguments); !wrong.empty()) {
+    return fail(ErrorKind::kUsage, wrong);
+  }
   try {
     app.parse(Arguments(arguments.rbegin(), arguments.rend()));  // which it wants reversed
     if (!app.get_subcommands().empty()) return 0;
@@ -111,6 +114,22 @@ Arguments with_lists_joined(const CLI::App& app, const Arguments& arguments) {
     list = without_spaces_at_commas(list);
   }
   return result;
+}
+
+std::string empty_entry(const CLI::App& app, const Arguments& arguments) {
+  const CLI::App* command = command_of(app, arguments);
+  if (command == nullptr) return "";
+  for (size_t i = 0; i < arguments.size(); ++i) {
+    if (!is_list(*command, arguments[i])) continue;
+    const std::string flag = flag_of(arguments[i]);
+    const bool follows = flag == arguments[i];
+    if (follows && ++i == arguments.size()) break;
+    const std::string list = follows ? arguments[i] : arguments[i].substr(flag.size() + 1);
+    if (list.starts_with(',') || list.ends_with(',') || list.find(",,") != std::string::npos) {
+      return fmt::format("{} {}: an entry of the list is empty", flag, list);
+    }
+  }
+  return "";
 }
 
 std::string unknown_name(const CLI::App& app, const Arguments& arguments) {

@@ -17,6 +17,10 @@ int run_command_line(int argc, char** argv, const std::function<void(CLI::App&)>
 std::vector<std::string> with_lists_joined(const CLI::App& app,
                                            const std::vector<std::string>& arguments);
 
+// What is wrong with the first list (of flags, with its lists joined) that has an entry without
+// anything in it, as in "1,,2"; empty if none has.
+std::string empty_entry(const CLI::App& app, const std::vector<std::string>& arguments);
+
 // What is wrong with the first command or flag that there is not, and which one may have been
 // meant; empty if all exist.
 std::string unknown_name(const CLI::App& app, const std::vector<std::string>& arguments);

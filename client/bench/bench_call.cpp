@@ -43,7 +43,7 @@ BenchRequest bench_request(const RenderJob& job) {
   result.units = [](const grpc::ByteBuffer& reply) {
     return static_cast<double>(parsed<v1::RenderGradReply>(reply).counters().paths());
   };
-  result.unit = "samples";
+  result.unit = "paths";
   return result;
 }
 

@@ -32,7 +32,7 @@ struct BenchRequest {
   std::string unit;
 };
 
-// The scene travels when the server asks for it, as of every client. In camera paths, "samples".
+// The scene travels when the server asks for it, as of every client. In camera "paths".
 BenchRequest bench_request(const RenderJob& job);
 // In "images".
 BenchRequest bench_request(const v1::PredictRequest& request);

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -18,8 +19,24 @@ std::string list_of(const BenchWindow& window, const char* between, const char* 
   return fmt::format("{}", fmt::join(counts, separator));
 }
 
-std::string in_ms(double seconds) {
-  return fmt::format("{:.{}f}", 1e3 * seconds, seconds < 1 ? 2 : 0);
+// Of a window; one without answers has no latencies, and one without calls nothing that was late.
+struct Times {
+  explicit Times(const BenchWindow& window) {
+    const BenchFigures figures = figures_of(window);
+    if (window.answered() > 0) p50 = figures.p50, p90 = figures.p90, p99 = figures.p99;
+    if (window.ended() > 0) late_p99 = figures.late_p99;
+  }
+
+  std::optional<double> p50, p90, p99, late_p99;  // in seconds
+};
+
+std::string in_ms(std::optional<double> seconds) {
+  return seconds ? fmt::format("{:.{}f}", 1e3 * *seconds, *seconds < 1 ? 2 : 0) : "-";
+}
+
+// For machines.
+std::string exact_ms(std::optional<double> seconds, const char* none) {
+  return seconds ? fmt::format("{:.6g}", 1e3 * *seconds) : none;
 }
 
 // Four digits at least.
@@ -38,10 +55,11 @@ std::string columns(const std::string& load, const std::string& calls, const std
 
 std::string text_line(const BenchRow& row) {
   const BenchFigures figures = figures_of(row.result.last);
+  const Times times(row.result.last);
   const std::string failed = list_of(row.result.last, " ", ", ");
   return columns(fmt::format("{:g}", row.load), rate(figures.calls_per_second),
-                 rate(figures.calls_per_second * row.units_per_call), in_ms(figures.p50),
-                 in_ms(figures.p90), in_ms(figures.p99), in_ms(figures.late_p99),
+                 rate(figures.calls_per_second * row.units_per_call), in_ms(times.p50),
+                 in_ms(times.p90), in_ms(times.p99), in_ms(times.late_p99),
                  fmt::format("{}", row.result.windows), row.result.stable ? "yes" : "no",
                  fmt::format("{}", row.result.last.refused), failed.empty() ? "-" : failed);
 }
@@ -49,10 +67,11 @@ std::string text_line(const BenchRow& row) {
 std::string csv_line(const BenchRow& row, const std::string& unit) {
   const BenchFigures figures = figures_of(row.result.last);
   const BenchWindow& last = row.result.last;
-  return fmt::format("{},{:g},{:.6g},{:.6g},{},{:.6g},{:.6g},{:.6g},{:.6g},{},{},{},{},{}\n",
+  const Times times(last);
+  return fmt::format("{},{:g},{:.6g},{:.6g},{},{},{},{},{},{},{},{},{},{}\n",
                      row.open_loop ? "rate" : "concurrency", row.load, figures.calls_per_second,
-                     figures.calls_per_second * row.units_per_call, unit, 1e3 * figures.p50,
-                     1e3 * figures.p90, 1e3 * figures.p99, 1e3 * figures.late_p99,
+                     figures.calls_per_second * row.units_per_call, unit, exact_ms(times.p50, ""),
+                     exact_ms(times.p90, ""), exact_ms(times.p99, ""), exact_ms(times.late_p99, ""),
                      row.result.windows, row.result.stable, last.answered(), last.refused,
                      list_of(last, ":", " "));
 }
@@ -60,19 +79,21 @@ std::string csv_line(const BenchRow& row, const std::string& unit) {
 std::string json_line(const BenchRow& row, const std::string& unit) {
   const BenchFigures figures = figures_of(row.result.last);
   const BenchWindow& last = row.result.last;
+  const Times times(last);
   std::vector<std::string> failed;
   for (const auto& [status, count] : last.failed) {
     failed.push_back(fmt::format("\"{}\":{}", status, count));
   }
   return fmt::format(
       "{{\"{}\":{:g},\"calls_per_second\":{:.6g},\"units_per_second\":{:.6g},\"unit\":\"{}\","
-      "\"p50_ms\":{:.6g},\"p90_ms\":{:.6g},\"p99_ms\":{:.6g},\"late_p99_ms\":{:.6g},"
+      "\"p50_ms\":{},\"p90_ms\":{},\"p99_ms\":{},\"late_p99_ms\":{},"
       "\"windows\":{},\"stable\":{},\"seconds\":{:.6g},\"ok\":{},\"refused\":{},"
       "\"failed\":{{{}}}}}\n",
       row.open_loop ? "rate" : "concurrency", row.load, figures.calls_per_second,
-      figures.calls_per_second * row.units_per_call, unit, 1e3 * figures.p50, 1e3 * figures.p90,
-      1e3 * figures.p99, 1e3 * figures.late_p99, row.result.windows, row.result.stable,
-      last.seconds, last.answered(), last.refused, fmt::join(failed, ","));
+      figures.calls_per_second * row.units_per_call, unit, exact_ms(times.p50, "null"),
+      exact_ms(times.p90, "null"), exact_ms(times.p99, "null"), exact_ms(times.late_p99, "null"),
+      row.result.windows, row.result.stable, last.seconds, last.answered(), last.refused,
+      fmt::join(failed, ","));
 }
 
 }  // namespace

@@ -18,9 +18,10 @@ struct BenchRow {
 };
 
 // The first line; empty for JSON, whose rows are objects of a line each. `unit`: what is done in a
-// call, e.g. "samples".
+// call, e.g. "paths".
 std::string bench_header(BenchFormat format, bool open_loop, const std::string& unit);
 
+// Latencies of a row without answers are "-", empty in CSV, and null in JSON.
 std::string bench_line(BenchFormat format, const BenchRow& row, const std::string& unit);
 
 }  // namespace itn

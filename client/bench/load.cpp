@@ -107,7 +107,10 @@ void Load::record(const grpc::Status& status, Clock::time_point due, Clock::time
   window_.lateness.push_back(in_seconds(made - due));
   if (status.ok()) {
     window_.latencies.push_back(in_seconds(now - due));
-  } else if (outcome_of(status) == Outcome::kBusy) {
+    return;
+  }
+  window_.last_failure = status;
+  if (outcome_of(status) == Outcome::kBusy) {
     ++window_.refused;
   } else {
     ++window_.failed[status_name(status.error_code())];

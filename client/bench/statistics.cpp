@@ -52,6 +52,7 @@ BenchWindow joined(std::span<const BenchWindow> windows) {
     all.lateness.insert(all.lateness.end(), window.lateness.begin(), window.lateness.end());
     all.refused += window.refused;
     for (const auto& [status, count] : window.failed) all.failed[status] += count;
+    if (!window.last_failure.ok()) all.last_failure = window.last_failure;
     all.unfinished = window.unfinished;
   }
   return all;

@@ -1,6 +1,8 @@
 // What the calls of a benchmark took, and when enough was measured.
 #pragma once
 
+#include <grpcpp/support/status.h>
+
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -23,6 +25,7 @@ struct BenchWindow {
   std::vector<double> lateness;
   uint64_t refused = 0;                    // the server was busy and said when to come again
   std::map<std::string, uint64_t> failed;  // all others that were not OK, by status
+  grpc::Status last_failure{};             // of the last call that was not OK, if there was one
 
   uint64_t unfinished = 0;  // at its end: calls under way, or due and not made
 

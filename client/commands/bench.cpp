@@ -1,5 +1,6 @@
 // itn bench: how fast a running worker or predictor answers, at one load after the other.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <google/protobuf/text_format.h>
 #include <spdlog/spdlog.h>
 
@@ -131,6 +132,15 @@ std::chrono::milliseconds timeout_of(const BenchOptions& options) {
   return std::chrono::milliseconds(static_cast<int64_t>(options.timeout * 1000));
 }
 
+// Of a call that failed: why.
+grpc::Status explained(const grpc::Status& status, const BenchOptions& options,
+                       const Connector& connector) {
+  if (status.error_code() != grpc::StatusCode::DEADLINE_EXCEEDED) {
+    return connector.explained(status, options.address);
+  }
+  return {status.error_code(), fmt::format("no answer within --timeout {:g} s", options.timeout)};
+}
+
 // What the server is for, as it says itself.
 std::string call_of(const BenchOptions& options, const Connector& connector) {
   if (!options.call.empty()) return options.call;
@@ -138,8 +148,7 @@ std::string call_of(const BenchOptions& options, const Connector& connector) {
   grpc::ClientContext context;
   context.set_deadline(deadline_in(timeout_of(options)));
   v1::ServerStatus server;
-  const grpc::Status status =
-      connector.explained(stub->GetStatus(&context, {}, &server), options.address);
+  const grpc::Status status = explained(stub->GetStatus(&context, {}, &server), options, connector);
   if (!status.ok() && status.error_code() != grpc::StatusCode::UNIMPLEMENTED) {
     throw to_error(status, options.address);
   }
@@ -216,12 +225,19 @@ std::vector<LoadOptions> loads_of(const BenchOptions& options) {
   return loads;
 }
 
+// What follows a message about calls that failed; nothing if none had ended.
+std::string in_words(const grpc::Status& last_failure, const BenchOptions& options,
+                     const Connector& connector) {
+  if (last_failure.ok()) return "";
+  return "; the last error: " + explained(last_failure, options, connector).error_message();
+}
+
 void bench(const BenchOptions& options) {
   const Connector connector(options.security);
   const std::string call = call_of(options, connector);
   BenchCaller caller = caller_to(options, connector, call);
   double units_per_call = 0;
-  const grpc::Status first = connector.explained(caller.try_once(units_per_call), options.address);
+  const grpc::Status first = explained(caller.try_once(units_per_call), options, connector);
   throw_if_interrupted();
   if (first.error_code() == grpc::StatusCode::UNIMPLEMENTED) {
     throw Error(ErrorKind::kUnavailable, options.address + " does not know " + call);
@@ -230,19 +246,25 @@ void bench(const BenchOptions& options) {
   const BenchFormat format = format_of(options.format);
   const bool open_loop = !options.rates.empty();
   print_result(bench_header(format, open_loop, caller.unit()));
-  uint64_t answered = 0;
+  std::fflush(stdout);
+  std::vector<double> unanswered;  // loads
+  grpc::Status last_failure;       // at one of them
   for (const LoadOptions& load : loads_of(options)) {
     const BenchRow row{.open_loop = open_loop,
                        .load = open_loop ? load.rate : static_cast<double>(load.callers),
                        .units_per_call = units_per_call,
                        .result = measure(options, load, caller)};
-    answered += row.result.last.answered();
     print_result(bench_line(format, row, caller.unit()));
     std::fflush(stdout);
+    if (row.result.last.answered() > 0) continue;
+    unanswered.push_back(row.load);
+    if (!row.result.last.last_failure.ok()) last_failure = row.result.last.last_failure;
   }
-  if (answered == 0) {
-    throw Error(ErrorKind::kUnavailable, options.address + " answered none of the calls");
-  }
+  if (unanswered.empty()) return;
+  throw Error(ErrorKind::kUnavailable,
+              fmt::format("{} answered no call at {} {:g}{}", options.address,
+                          open_loop ? "--rate" : "--concurrency", fmt::join(unanswered, ", "),
+                          in_words(last_failure, options, connector)));
 }
 
 // ---- Flags -------------------------------------------------------------------------------------
@@ -353,7 +375,7 @@ void add_bench_command(CLI::App& app) {
   const auto options = std::make_shared<BenchOptions>();
   CLI::App* command = app.add_subcommand(
       "bench", "Measure throughput and latencies of a running worker or predictor");
-  command->add_option("server", options->address, "HOST:PORT")->required();
+  command->add_option("server", options->address, "HOST:PORT")->required()->check(kOneServer);
   command
       ->add_option("--call", options->call,
                    "RenderGrad of a worker, or Predict of a predictor. Default: what the server is")

@@ -23,6 +23,14 @@ namespace itn {
 inline const CLI::Validator kSppRange = number_in(1U, 1U << 20);
 inline const CLI::Validator kAnySeed = number_in(uint64_t{0}, UINT64_MAX);
 
+// Of an address where others are lists.
+inline const CLI::Validator kOneServer(
+    [](const std::string& text) {
+      const bool one = text.find(',') == std::string::npos;
+      return one ? std::string() : fmt::format("takes one HOST:PORT, not several: {}", text);
+    },
+    "", "");
+
 // Of names and versions of models, which go to terminals and logs.
 constexpr size_t kMaxModelName = 100;
 inline bool fits_model_name(char c) {

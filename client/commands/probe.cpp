@@ -67,7 +67,7 @@ void add_probe_command(CLI::App& app) {
   const auto options = std::make_shared<ProbeOptions>();
   CLI::App* command = app.add_subcommand(
       "probe", "Ask a worker or predictor for its health; exit code 0 if it serves, else 5");
-  command->add_option("address", options->address, "HOST:PORT")->required();
+  command->add_option("address", options->address, "HOST:PORT")->required()->check(kOneServer);
   command->add_option("--service", options->service,
                       "Full name of a service, e.g. itn.v1.RenderService; empty: the server");
   add_security_flags(*command, options->security);

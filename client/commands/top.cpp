@@ -1,21 +1,26 @@
 // itn top: how workers and predictors are doing.
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <future>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "client/commands/command.h"
 #include "client/commands/options.h"
+#include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
 #include "client/pause.h"
+#include "client/render_pool/worker_list.h"
 #include "common/error.h"
 #include "common/flags.h"
 #include "common/logging.h"
@@ -90,6 +95,10 @@ std::string short_number(double number) {
   return fmt::format("{:.{}f}", number, number < 10 ? 1 : 0);
 }
 
+std::string short_count(uint64_t count) {
+  return count < 10'000 ? fmt::format("{}", count) : short_number(static_cast<double>(count));
+}
+
 // `width`: of the first column, as wide as the longest address.
 std::string row(size_t width, const std::vector<std::string>& cells) {
   return fmt::format("{:<{}}{:<12}{:>9}{:>9}{:>9}{:>9}{:>8}{:>9}{:>9}{:>9}{:>9}{:>14}{:>9}\n",
@@ -114,14 +123,15 @@ std::string rows_of(const v1::ServerStatus& status, const std::string& name, siz
   for (const v1::MethodStatus& method : status.methods()) {
     uint64_t ok = 0, failed = 0;
     for (const v1::AnswerCount& answers : method.answers()) {
+      // Whoever is asked to send the scene comes again with it.
+      if (answers.status() == "FAILED_PRECONDITION") continue;
       (answers.status() == "OK" ? ok : failed) += answers.count();
     }
     text += row(width,
                 {text.empty() ? name : "", printable(method.method(), 11), running, waiting,
-                 short_number(static_cast<double>(ok)), short_number(static_cast<double>(failed)),
-                 short_number(method.lately_per_second()), short_time(method.lately_queue().p50()),
-                 short_time(method.lately_queue().p99()), short_time(method.lately_work().p50()),
-                 short_time(method.lately_work().p99()),
+                 short_count(ok), short_count(failed), short_number(method.lately_per_second()),
+                 short_time(method.lately_queue().p50()), short_time(method.lately_queue().p99()),
+                 short_time(method.lately_work().p50()), short_time(method.lately_work().p99()),
                  short_number(method.lately_units_per_second()) + " " + printable(method.unit(), 8),
                  memory});
   }
@@ -129,7 +139,7 @@ std::string rows_of(const v1::ServerStatus& status, const std::string& name, siz
 }
 
 std::string table_of(const std::vector<Answer>& answers) {
-  size_t width = 0;
+  size_t width = std::string_view("server  ").size();
   for (const Answer& answer : answers) {
     width = std::max(width, printable(answer.address).size() + 2);
   }
@@ -154,23 +164,59 @@ std::string json_of(const std::vector<Answer>& answers) {
   return text;
 }
 
-void top(const TopOptions& options) {
-  const Connector connector(options.security);
-  std::vector<std::unique_ptr<Server>> servers;
-  for (const std::string& address : options.servers) {
-    servers.push_back(std::make_unique<Server>(connector, address, options.timeout));
-  }
-  const bool clears = !options.once && !options.json && ::isatty(STDOUT_FILENO) != 0;
-  while (true) {
+// Those that the command line names, as names and files on it say now.
+class Servers {
+ public:
+  explicit Servers(const TopOptions& options) : options_(options), list_(options.servers) {}
+
+  // All at once.
+  std::vector<Answer> ask() {
+    std::map<std::string, std::unique_ptr<Server>> known = std::move(servers_);
+    servers_.clear();
     std::vector<std::future<Answer>> asked;
-    for (const auto& server : servers) {
+    for (const auto& [address, name] : list_.ask(interruption())) {
+      std::unique_ptr<Server>& server = servers_[address];
+      server = std::move(known[address]);
+      if (!server) {
+        server = std::make_unique<Server>(connector_to(name), address, options_.timeout);
+      }
       asked.push_back(std::async(std::launch::async, [&server] { return server->ask(); }));
     }
     std::vector<Answer> answers;
     for (auto& answer : asked) answers.push_back(answer.get());
+    return answers;
+  }
+
+  // What names and files have to say.
+  std::string awaited() const { return list_.awaited(); }
+
+ private:
+  // To servers that were found by this name, which their certificates say then.
+  const Connector& connector_to(const std::string& name) {
+    std::unique_ptr<Connector>& connector = connectors_[name];
+    if (!connector) {
+      ClientSecurity security = options_.security;
+      if (security.encrypts() && security.server_name.empty()) security.server_name = name;
+      connector = std::make_unique<Connector>(security);
+    }
+    return *connector;
+  }
+
+  const TopOptions& options_;
+  WorkerList list_;
+  std::map<std::string, std::unique_ptr<Connector>> connectors_;
+  std::map<std::string, std::unique_ptr<Server>> servers_;  // by address
+};
+
+void top(const TopOptions& options) {
+  Servers servers(options);
+  const bool clears = !options.once && !options.json && ::isatty(STDOUT_FILENO) != 0;
+  while (true) {
+    const std::vector<Answer> answers = servers.ask();
     if (clears) std::fputs("\x1b[H\x1b[2J", stdout);
     print_result(options.json ? json_of(answers) : table_of(answers));
     std::fflush(stdout);
+    if (answers.empty()) spdlog::warn("there is no server: {}", servers.awaited());
     if (options.once) {
       for (const Answer& answer : answers) {
         if (answer.status) return;
@@ -187,7 +233,10 @@ void add_top_command(CLI::App& app) {
   const auto options = std::make_shared<TopOptions>();
   CLI::App* command = app.add_subcommand(
       "top", "What workers and predictors are at: calls, times until and of their work, memory");
-  command->add_option("servers", options->servers, "HOST:PORT, separated by commas or spaces")
+  command
+      ->add_option("servers", options->servers,
+                   "HOST:PORT, dns:///NAME:PORT or file:PATH, as of --workers, separated by commas "
+                   "or spaces")
       ->required()
       ->delimiter(',');
   add_security_flags(*command, options->security);

@@ -105,7 +105,11 @@ ShapeSet random_shape_set(uint32_t count, uint64_t seed) {
 ShapeSet shape_set(const v1::ShapeSource& source) {
   switch (source.kind_case()) {
     case v1::ShapeSource::kFolder:
-      return load_shape_set(source.folder().path(), source.folder().repair());
+      try {
+        return load_shape_set(source.folder().path(), source.folder().repair());
+      } catch (const Error& error) {
+        throw Error(error.kind(), fmt::format("shapes.folder: {}", error.what()));
+      }
     case v1::ShapeSource::kRandom:
       return random_shape_set(source.random().count(), source.random().seed());
     default: {

@@ -243,6 +243,19 @@ void WorkerList::follow(Source& source, const std::stop_token& stop) {
   }
 }
 
+WorkerList::Addresses WorkerList::ask(const std::stop_token& stop) {
+  for (const auto& source : sources_) {
+    if (!source->look) continue;
+    std::optional<Finding> finding = look(source->look, stop);
+    if (!finding) break;
+    const std::lock_guard lock(mutex_);
+    source->problem = finding->problem;
+    if (finding->addresses) source->addresses = std::move(*finding->addresses);
+  }
+  const std::lock_guard lock(mutex_);
+  return all();
+}
+
 void WorkerList::tell(const Source& source) {
   try {
     changed_(all());

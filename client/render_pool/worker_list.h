@@ -47,6 +47,9 @@ class WorkerList {
   // throws; Error later is a warning, and `changed` is called again at each look until it throws
   // none: what it could not take may be mended without any change here.
   void watch(Changed changed);
+  // Without watch(): asks all names and files now, unless a stop is requested, and returns all
+  // addresses; of what cannot be told at the moment, those that it told before.
+  Addresses ask(const std::stop_token& stop);
   // Looks at names and files at once, though not more often than once a second.
   void look_again();
 

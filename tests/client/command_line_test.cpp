@@ -45,6 +45,18 @@ TEST(CommandLine, ListsMayHaveSpacesAtTheirCommas) {
             (Arguments{"render", "--workers"}));
 }
 
+// CLI11 would drop it.
+TEST(CommandLine, RefusesAnEmptyEntryOfAList) {
+  const SmallApp small;
+  EXPECT_EQ(empty_entry(small.app, {"render", "--workers", "a,,b", "scene"}),
+            "--workers a,,b: an entry of the list is empty");
+  EXPECT_EQ(empty_entry(small.app, {"render", "scene", "--workers=a,"}),
+            "--workers a,: an entry of the list is empty");
+  EXPECT_NE(empty_entry(small.app, {"render", "--workers", ",a"}), "");
+  EXPECT_EQ(empty_entry(small.app, {"render", "my,,scene", "--workers", "a,b"}), "");
+  EXPECT_EQ(empty_entry(small.app, {"render", "scene", "--workers"}), "");
+}
+
 TEST(CommandLine, SaysWhichNameMayHaveBeenMeant) {
   const SmallApp small;
   EXPECT_EQ(unknown_name(small.app, {"rendre"}),

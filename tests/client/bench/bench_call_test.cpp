@@ -49,7 +49,7 @@ TEST(BenchCaller, SendsTheSceneOnceAndCountsWhatWasTraced) {
   double units = 0;
   ASSERT_TRUE(caller.try_once(units).ok());
   EXPECT_EQ(units, 16 * 12 * 8);
-  EXPECT_EQ(caller.unit(), "samples");
+  EXPECT_EQ(caller.unit(), "paths");
   const BenchWindow window = measure(caller, {.callers = 4}, 20);
   EXPECT_GE(window.answered(), 20U);
   EXPECT_EQ(window.ended(), window.answered());

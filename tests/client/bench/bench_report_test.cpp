@@ -8,6 +8,7 @@
 namespace itn {
 namespace {
 
+using ::testing::ContainsRegex;
 using ::testing::HasSubstr;
 
 BenchRow row() {
@@ -26,9 +27,9 @@ BenchRow row() {
 }
 
 TEST(BenchReport, IsATableForPeople) {
-  const std::string header = bench_header(BenchFormat::kText, true, "samples");
-  const std::string line = bench_line(BenchFormat::kText, row(), "samples");
-  EXPECT_THAT(header, HasSubstr("rate   calls/s   samples/s    p50 ms"));
+  const std::string header = bench_header(BenchFormat::kText, true, "paths");
+  const std::string line = bench_line(BenchFormat::kText, row(), "paths");
+  EXPECT_THAT(header, HasSubstr("rate   calls/s     paths/s    p50 ms"));
   EXPECT_THAT(line, HasSubstr(" 20      2.00         200      2.00"));
   EXPECT_THAT(line, HasSubstr(" yes        2  INTERNAL 1\n"));
   EXPECT_EQ(header.find("stable") + 6, line.find("yes") + 3) << "below each other";
@@ -36,18 +37,34 @@ TEST(BenchReport, IsATableForPeople) {
 }
 
 TEST(BenchReport, IsCsvWithAFieldForEachName) {
-  const std::string header = bench_header(BenchFormat::kCsv, true, "samples");
-  const std::string line = bench_line(BenchFormat::kCsv, row(), "samples");
+  const std::string header = bench_header(BenchFormat::kCsv, true, "paths");
+  const std::string line = bench_line(BenchFormat::kCsv, row(), "paths");
   EXPECT_EQ(std::ranges::count(header, ','), std::ranges::count(line, ','));
-  EXPECT_EQ(line, "rate,20,2,200,samples,2,1500,1500,0.1,4,true,4,2,INTERNAL:1\n");
+  EXPECT_EQ(line, "rate,20,2,200,paths,2,1500,1500,0.1,4,true,4,2,INTERNAL:1\n");
 }
 
 TEST(BenchReport, IsAJsonObjectForEachLoad) {
-  EXPECT_EQ(bench_header(BenchFormat::kJson, true, "samples"), "");
-  EXPECT_EQ(bench_line(BenchFormat::kJson, row(), "samples"),
-            "{\"rate\":20,\"calls_per_second\":2,\"units_per_second\":200,\"unit\":\"samples\","
+  EXPECT_EQ(bench_header(BenchFormat::kJson, true, "paths"), "");
+  EXPECT_EQ(bench_line(BenchFormat::kJson, row(), "paths"),
+            "{\"rate\":20,\"calls_per_second\":2,\"units_per_second\":200,\"unit\":\"paths\","
             "\"p50_ms\":2,\"p90_ms\":1500,\"p99_ms\":1500,\"late_p99_ms\":0.1,\"windows\":4,"
             "\"stable\":true,\"seconds\":2,\"ok\":4,\"refused\":2,\"failed\":{\"INTERNAL\":1}}\n");
+}
+
+// A time of 0 would be the best of all.
+TEST(BenchReport, HasNoLatenciesWhereNothingWasAnswered) {
+  BenchRow failed = row();
+  failed.result.stable = false;
+  failed.result.last.latencies.clear();
+  EXPECT_THAT(bench_line(BenchFormat::kText, failed, "paths"),
+              ContainsRegex(" 20 +0\\.00 +0\\.00 +- +- +- +0\\.10 +4 +no "));
+  EXPECT_EQ(bench_line(BenchFormat::kCsv, failed, "paths"),
+            "rate,20,0,0,paths,,,,0.1,4,false,0,2,INTERNAL:1\n");
+  EXPECT_THAT(bench_line(BenchFormat::kJson, failed, "paths"),
+              HasSubstr("\"p50_ms\":null,\"p90_ms\":null,\"p99_ms\":null,\"late_p99_ms\":0.1,"));
+  // Nor any at all where no call has ended.
+  failed.result.last.lateness.clear();
+  EXPECT_THAT(bench_line(BenchFormat::kCsv, failed, "paths"), HasSubstr("paths,,,,,4"));
 }
 
 }  // namespace

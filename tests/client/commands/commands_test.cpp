@@ -25,6 +25,7 @@ using ::testing::Key;
 using testing::kSceneFile;
 using testing::Process;
 using testing::run;
+using ::testing::StartsWith;
 using testing::TemporaryFolder;
 
 std::vector<std::string> render(const std::string& scene, const std::string& output,
@@ -183,6 +184,17 @@ TEST(TopCommand, TellsWhatServersAreAt) {
   EXPECT_EQ(table.exit_code, 0) << table.errors;
   EXPECT_THAT(table.output, AllOf(HasSubstr("RenderGrad"), HasSubstr("work p50")));
   EXPECT_THAT(table.output, HasSubstr("127.0.0.1:1 "));
+  // Calls are whole, and being asked for the scene is no failure.
+  EXPECT_THAT(table.output,
+              ContainsRegex("RenderGrad +[0-9]+/[0-9]+ +[0-9]+/[0-9]+ +[1-9][0-9]* +0 "));
+  const Finished listed =
+      run({ITN, "top", "file:" + folder.write("servers", address + " # here").string(), "--once"});
+  EXPECT_EQ(listed.exit_code, 0) << listed.errors;
+  EXPECT_THAT(listed.output, HasSubstr(address));
+  const Finished unlisted = run({ITN, "top", "file:" + folder.path("none"), "--once"});
+  EXPECT_EQ(unlisted.exit_code, 5);
+  EXPECT_THAT(unlisted.output, StartsWith("server  call"));
+  EXPECT_THAT(unlisted.errors, HasSubstr("no such file yet"));
   const Finished json = run({ITN, "top", address + ",127.0.0.1:1", "--once", "--json"});
   EXPECT_THAT(json.output, AllOf(HasSubstr("{\"address\":\"" + address + "\",\"status\":{"),
                                  HasSubstr("\"method\":\"RenderGrad\""),
@@ -216,14 +228,43 @@ TEST(BenchCommand, MeasuresAWorker) {
                                            "\\{\"concurrency\":3,"));
   const Finished open = with({"--rate", "200", "--request-distribution", "poisson"});
   EXPECT_EQ(open.exit_code, 0) << open.errors;
-  EXPECT_THAT(open.output, ContainsRegex("^ +rate +calls/s +samples/s +p50 ms .*\n +200 "));
+  EXPECT_THAT(open.output, ContainsRegex("^ +rate +calls/s +paths/s +p50 ms .*\n +200 "));
   EXPECT_THAT(with({"--model", "any"}).errors, HasSubstr("is a worker"));
+  EXPECT_THAT(
+      run({ITN, "bench", address, "--spp", "100000", "--size", "512x512", "--timeout", "0.05"})
+          .errors,
+      HasSubstr(address + ": no answer within --timeout 0.05 s"));
+  EXPECT_THAT(with({"--concurrency", "1,,2"}).errors, HasSubstr("--concurrency 1,,2: an entry"));
+  for (const char* command : {"bench", "probe"}) {
+    const Finished several = run({ITN, command, address + "," + address});
+    EXPECT_EQ(several.exit_code, 2);
+    EXPECT_THAT(several.errors, HasSubstr("takes one HOST:PORT"));
+  }
   EXPECT_EQ(with({"--rate", "1", "--concurrency", "1"}).exit_code, 2);
   // What it is told to call is not what there is.
-  EXPECT_EQ(with({"--call", "Predict"}).exit_code, 5);
+  EXPECT_EQ(
+      run({ITN, "bench", address, "--call", "Predict", "--size", "8x6", "--spp", "1"}).exit_code,
+      5);
   process.send(SIGTERM);
   EXPECT_EQ(process.wait(), 0);
   EXPECT_EQ(with({}).exit_code, 5);
+}
+
+TEST(BenchCommand, NamesTheLoadsAtWhichNothingWasAnswered) {
+  Process process(worker());
+  const std::string address = process.read_line();
+  // Never stable: a load ends when it is no longer answered, and the next ones never are.
+  Process bench(
+      {ITN, "bench", address, "--size", "8x6", "--spp", "1", "--window", "0.1", "--window-calls",
+       "1", "--stability", "0", "--max-windows", "1000", "--concurrency", "1,2,3"},
+      true);
+  EXPECT_THAT(bench.read_line(), HasSubstr("calls/s"));
+  process.send(SIGKILL);
+  process.wait();
+  const std::string errors = bench.read_stderr();
+  EXPECT_EQ(bench.wait(), 5);
+  EXPECT_THAT(errors, ContainsRegex(address + " answered no call at --concurrency (1, )?2, 3; the "
+                                              "last error: [^\n]*[a-z]"));
 }
 
 TEST(Worker, LogsCallsAsJsonForMachines) {

@@ -35,6 +35,14 @@ TEST(BuiltinShapeSet, IsBuiltOnce) {
   EXPECT_LT(thread_cpu_seconds() - described, 0.5 * (described - start));
 }
 
+// Which of the folders of a config it is that cannot be read.
+TEST(ShapeSource, IsNamedWhenItsFolderCannotBeRead) {
+  v1::ShapeSource source;
+  source.mutable_folder()->set_path("/nowhere");
+  expect_error(ErrorKind::kIo, "shapes.folder: cannot read /nowhere: No such file",
+               [&] { shape_set(source); });
+}
+
 TEST(RandomShapeSet, IsTheBeginningOfALargerOneAndBuiltWhenItIsAskedFor) {
   const double start = thread_cpu_seconds();
   const ShapeSet many = random_shape_set(1000, 5);

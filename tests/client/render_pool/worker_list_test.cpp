@@ -120,6 +120,17 @@ TEST(WorkerList, FollowsAFile) {
   EXPECT_THAT(log.text(), HasSubstr("workers:2: \"oops\" is not the address of a server"));
 }
 
+TEST(WorkerList, SaysWhatAFileSaysNow) {
+  const TemporaryFolder folder;
+  WorkerList list({"file:" + folder.write("workers", "a:1\nb:2").string(), "c:3"});
+  EXPECT_EQ(list.ask({}), (Addresses{"a:1", "b:2", "c:3"}));
+  folder.write("workers", "b:2");
+  EXPECT_EQ(list.ask({}), (Addresses{"b:2", "c:3"}));
+  std::filesystem::remove(folder.path("workers"));
+  EXPECT_EQ(list.ask({}), (Addresses{"b:2", "c:3"}));
+  EXPECT_THAT(list.awaited(), HasSubstr("no such file yet"));
+}
+
 // As certificates that are replaced at that moment: nothing changes in the list when they are
 // there.
 TEST(WorkerList, TellsAgainWhatWasNotTaken) {
