@@ -59,8 +59,10 @@ void add_flags(CLI::App& app, PredictorOptions& options) {
                  "network together. Answers do not depend on it")
       ->check(number_in(1, 256))
       ->capture_default_str();
-  app.add_option("--threads", options.threads, "Threads of the network; 0: one per processor. On two processors a second one made "
-                 "every answer later")
+  app.add_option(
+         "--threads", options.threads,
+         "Threads of the network; 0: one per processor. On two processors a second one made "
+         "every answer later")
       ->check(number_in(0, 4096))
       ->capture_default_str();
   app.add_option("--max-pixels", options.server.service.max_pixels,

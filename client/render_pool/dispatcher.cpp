@@ -33,8 +33,6 @@ constexpr seconds kWorthSaying{5};
 // Losses of one render within this time may have one cause.
 constexpr seconds kTogether{5};
 
-constexpr grpc::StatusCode kTooLate = grpc::StatusCode::DEADLINE_EXCEEDED;
-
 double in_seconds(Clock::duration duration) {
   return std::chrono::duration<double>(duration).count();
 }
@@ -272,7 +270,7 @@ bool Dispatcher::settle(const std::shared_ptr<Attempt>& attempt, Answer answer,
       }
       break;
     case Outcome::kLost:
-      if (worker.up) worker.only_late = answer.status.error_code() == kTooLate;
+      if (worker.up) worker.only_lost = true;
       if (was_rendered) note_loss(*attempt, fmt::format("{}: {}", who(worker), reason), now);
       [[fallthrough]];
     case Outcome::kAway: look_after = take_down(worker, reason, now); break;
@@ -371,12 +369,12 @@ void Dispatcher::probed(size_t number, const grpc::Status& status,
     worker.up = true;
     worker.never_up = false;
     worker.capabilities = capabilities;
-    // It was busy all the time, with others' renders perhaps. How often a render may be lost, its
-    // own count says.
-    if (std::exchange(worker.only_late, false)) worker.failing_since.reset();
+    // It rendered until it was lost, or was busy with others' renders. How often a render may be
+    // lost, its own count says.
+    if (std::exchange(worker.only_lost, false)) worker.failing_since.reset();
     return;
   }
-  const bool too_late = status.error_code() == kTooLate;
+  const bool too_late = status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED;
   const std::string reason = describe(status);
   if (worker.unfit && !was_unfit) spdlog::warn("{}: {}; it is not used", who(worker), reason);
   // That it took too long says less than what was noted before.

@@ -130,7 +130,7 @@ class Dispatcher {
     bool unfit = false;      // as it says itself
     bool left = false;       // is no more when nothing of it is under way
     bool never_up = true;    // and nobody was told
-    bool only_late = false;  // it was taken down for a deadline, and has not answered since
+    bool only_lost = false;  // it was taken down for a lost render, and has not answered since
     v1::Capabilities capabilities;
     std::chrono::milliseconds rest{0};
     std::chrono::milliseconds back_off{0};             // of a worker that has no place

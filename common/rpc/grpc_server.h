@@ -1,5 +1,5 @@
-// A gRPC server for one service of ours, with health service and perhaps reflection, behind a port, an
-// in-process channel, or both.
+// A gRPC server for one service of ours, with health service and perhaps reflection, behind a port,
+// an in-process channel, or both.
 #pragma once
 
 #include <grpcpp/channel.h>

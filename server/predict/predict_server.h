@@ -15,7 +15,7 @@ struct PredictServerOptions {
   std::string listen;  // as in GrpcServerOptions
   ServerSecurity security = {};
   std::optional<bool> reflection;  // GrpcServerOptions
-  uint64_t max_memory_bytes = 0;  // as in RenderServerOptions
+  uint64_t max_memory_bytes = 0;   // as in RenderServerOptions
   PredictServiceOptions service;
 };
 

@@ -4,8 +4,8 @@
 // shifted time says so by a file beside it, ITN_CLOCK_SHIFT_FILE.PID.SECONDS.
 //
 // Shifted are the calls below, which ask for CLOCK_REALTIME or wait until a time by it; what makes
-// such system calls by itself sees the machine's time. The monotonic clock is not shifted, as when a
-// clock is really set.
+// such system calls by itself sees the machine's time. The monotonic clock is not shifted, as when
+// a clock is really set.
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <pthread.h>
