@@ -69,8 +69,9 @@ std::vector<std::string> named(const google::protobuf::RepeatedPtrField<std::str
                                std::vector<std::string>& names, const char* purpose) {
   for (const std::string& name : wanted) {
     require(std::ranges::count(names, name) == 1,
-            fmt::format("there is no shape \"{}\" to {} with; there are {}", name, purpose,
-                        fmt::join(names, ", ")));
+            fmt::format("there is no shape \"{}\" to {} with; {}", name, purpose,
+                        names.empty() ? "none is left"
+                                      : fmt::format("there are {}", fmt::join(names, ", "))));
     std::erase(names, name);
   }
   return {wanted.begin(), wanted.end()};

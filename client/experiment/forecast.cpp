@@ -111,6 +111,8 @@ v1::Experiment miniature(const v1::Experiment& experiment) {
   if (dataset.shapes().has_random()) {
     dataset.mutable_shapes()->mutable_random()->set_count(
         std::min(kImages / 2, dataset.shapes().random().count()));
+    dataset.clear_test_shapes();  // which may not be among the first
+    dataset.clear_validation_shapes();
   }
   if (dataset.test_shapes().empty()) dataset.set_test_fraction(0.25);
   if (dataset.validation_shapes().empty()) dataset.set_validation_fraction(0.25);

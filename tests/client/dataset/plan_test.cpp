@@ -511,6 +511,11 @@ TEST(DatasetPlan, SaysWhatIsWrong) {
       {"there are 1 shapes", [](auto&, auto& shapes) { shapes.resize(1); }},
       {"two shapes are called", [](auto&, auto& shapes) { shapes[1].name = shapes[0].name; }},
       {"no shape \"teapot\"", [](auto& config, auto&) { config.add_test_shapes("teapot"); }},
+      {"no shape \"teapot\" to test with; none is left",
+       [](auto& config, auto& shapes) {
+         for (const Shape& shape : shapes) config.add_test_shapes(shape.name);
+         config.add_test_shapes("teapot");
+       }},
       {"no shape is left to train with",
        [](auto& config, auto& shapes) {
          for (const Shape& shape : shapes) config.add_test_shapes(shape.name);

@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "client/dataset/plan.h"
+#include "client/dataset/shape_set.h"
 #include "client/experiment/experiment.h"
 #include "client/experiment/experiment_config.h"
 #include "common/scene/text_proto.h"
@@ -37,6 +39,7 @@ TEST(Miniature, OfEveryPresetIsAnExperimentOfAllItsStages) {
     }
     // It can be loaded, and what it is measured by is not made smaller.
     const v1::Experiment again = loaded(to_text_proto(small));
+    EXPECT_NO_THROW(split_shapes(again.dataset(), shape_set(again.dataset().shapes()).shapes));
     EXPECT_EQ(again.dataset().resolution(), whole.dataset().resolution());
     EXPECT_EQ(own_training(again, again.networks(0), 1).batch(),
               own_training(whole, whole.networks(0), 1).batch());
