@@ -48,7 +48,7 @@ inline CLI::Validator one_of(const std::vector<std::string>& values) {
 // What CLI11 has to say of arguments that it could not take, in our words where its own are
 // unclear.
 inline std::string message_of(const CLI::ParseError& error) {
-  const std::string message = error.what();
+  std::string message = error.what();
   const std::string flag = message.substr(0, message.find(':'));
   if (message.find("At Most 1 required") != std::string::npos) {
     return flag + " is given more than once";

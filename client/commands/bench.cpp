@@ -178,6 +178,7 @@ BenchRequest request_of(const BenchOptions& options, const std::string& call) {
 BenchCaller caller_to(const BenchOptions& options, const Connector& connector,
                       const std::string& call) {
   std::vector<std::shared_ptr<grpc::Channel>> channels;
+  channels.reserve(static_cast<size_t>(options.connections));
   for (int i = 0; i < options.connections; ++i) {
     channels.push_back(connector.connect_to(options.address));
   }

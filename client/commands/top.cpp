@@ -183,6 +183,7 @@ class Servers {
       asked.push_back(std::async(std::launch::async, [&server] { return server->ask(); }));
     }
     std::vector<Answer> answers;
+    answers.reserve(asked.size());
     for (auto& answer : asked) answers.push_back(answer.get());
     return answers;
   }

@@ -108,15 +108,6 @@ v1::DatasetConfig other_noise_config(const v1::Experiment& experiment) {
   return config;
 }
 
-std::vector<Material> materials_of(
-    const google::protobuf::RepeatedPtrField<v1::StudyPredictions::Estimate>& estimates) {
-  std::vector<Material> materials;
-  for (const v1::StudyPredictions::Estimate& estimate : estimates) {
-    materials.push_back(from_proto(estimate.material()));
-  }
-  return materials;
-}
-
 // What the dataset of this configuration consists of; with `test_only`, of that alone.
 DatasetPlan plan_of(const v1::DatasetConfig& config, bool test_only) {
   DatasetPlan plan =
@@ -129,6 +120,33 @@ DatasetPlan plan_of(const v1::DatasetConfig& config, bool test_only) {
     shapes.erase(std::remove_if(shapes.begin(), shapes.end(), is_no_test), shapes.end());
   }
   return plan;
+}
+
+// Numbers of the images of the test that are rendered with the other noise, too.
+std::vector<uint32_t> images_of_other_noise(const v1::Experiment& experiment, size_t test_images) {
+  if (!experiment.has_other_noise()) return {};
+  const size_t count = experiment.other_noise_images();
+  return spread(count == 0 ? test_images : count, test_images);
+}
+
+DatasetPlan other_noise_plan(const v1::Experiment& experiment) {
+  DatasetPlan plan = plan_of(other_noise_config(experiment), true);
+  auto& items = *plan.manifest.mutable_items();
+  int kept = 0;
+  for (const uint32_t i : images_of_other_noise(experiment, static_cast<size_t>(items.size()))) {
+    items.SwapElements(kept++, static_cast<int>(i));
+  }
+  items.DeleteSubrange(kept, items.size() - kept);
+  return plan;
+}
+
+std::vector<Material> materials_of(
+    const google::protobuf::RepeatedPtrField<v1::StudyPredictions::Estimate>& estimates) {
+  std::vector<Material> materials;
+  for (const v1::StudyPredictions::Estimate& estimate : estimates) {
+    materials.push_back(from_proto(estimate.material()));
+  }
+  return materials;
 }
 
 // Networks that share their first steps, by what these are.
@@ -444,9 +462,8 @@ std::vector<Stage> Study::stages() {
   stages.push_back(dataset_stage("dataset", folder("data"),
                                  [this] { return plan_of(experiment_.dataset(), false); }));
   if (experiment_.has_other_noise()) {
-    stages.push_back(dataset_stage("other noise", folder("other_noise"), [this] {
-      return plan_of(other_noise_config(experiment_), true);
-    }));
+    stages.push_back(dataset_stage("other noise", folder("other_noise"),
+                                   [this] { return other_noise_plan(experiment_); }));
   }
   stages.push_back(dataset_stage("colours", folder("colours"), [this] {
     DatasetPlan test = plan_of(experiment_.dataset(), true);
@@ -507,7 +524,9 @@ Candidate Study::candidate(const std::string& name, Candidate::Kind kind) {
                       .novel_scene = {},
                       .refinements = {}};
   if (kind != Candidate::Kind::kNetwork) {
-    candidate.other_noise = candidate.as_trained;
+    for (const uint32_t i : images_of_other_noise(experiment_, test().truth.size())) {
+      candidate.other_noise.push_back(candidate.as_trained[i]);
+    }
   } else {
     candidate.other_noise = materials_of(predictions_of(name).other_noise());
   }
@@ -522,7 +541,11 @@ Candidate Study::candidate(const std::string& name, Candidate::Kind kind) {
 }
 
 ExperimentResult Study::result(const std::vector<v1::StageRecord>& records) {
-  TestSet set{.truth = test().truth, .shapes = {}, .rerendered = images().chosen(), .refined = {}};
+  TestSet set{.truth = test().truth,
+              .shapes = {},
+              .other_noise = images_of_other_noise(experiment_, test().truth.size()),
+              .rerendered = images().chosen(),
+              .refined = {}};
   if (experiment_.has_refinement()) {
     set.refined = refined_images(experiment_.refinement(), set.truth.size());
   }

@@ -167,6 +167,9 @@ std::vector<StageForecast> extrapolated(const v1::Experiment& experiment,
   const auto images = [](const v1::Experiment& e, double test) {
     return std::min<double>(e.rerendering().images(), test);
   };
+  const auto other_noise_images = [](const v1::Experiment& e, double test) {
+    return e.other_noise_images() == 0 ? test : std::min<double>(e.other_noise_images(), test);
+  };
   // A look at the validation split, in steps: an image that goes forward only takes about a third.
   const double validations =
       then.validation / 3 / own_training(experiment, experiment.networks(0), 1).batch();
@@ -189,9 +192,11 @@ std::vector<StageForecast> extrapolated(const v1::Experiment& experiment,
       stage.bytes =
           static_cast<uint64_t>(static_cast<double>(bytes_in(folder("data"))) * then.all / now.all);
     } else if (name == "other noise") {
-      stage.seconds *= then.test / now.test;
-      stage.bytes = static_cast<uint64_t>(static_cast<double>(bytes_in(folder("other_noise"))) *
-                                          then.test / now.test);
+      const double grows =
+          other_noise_images(experiment, then.test) / other_noise_images(small, now.test);
+      stage.seconds *= grows;
+      stage.bytes =
+          static_cast<uint64_t>(static_cast<double>(bytes_in(folder("other_noise"))) * grows);
     } else if (name == "learning rate") {
       const fs::path like = experiment.shared_steps() > 0 ? folder("shared") / "1"
                                                           : run_of(experiment.networks(0).name());

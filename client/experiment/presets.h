@@ -47,6 +47,7 @@ dataset {
   pose { turned: 1 }
 }
 other_noise { spp: 64 }
+other_noise_images: 6
 training_preset: "residual"
 training {
   architecture { residual_convolutions { base_channels: 4 blocks: 1 } }
@@ -235,6 +236,7 @@ dataset {
   }
 }
 other_noise { target { target: 0.02 } }
+other_noise_images: 400
 training_preset: "paper"
 training {
   augmentation { noise { min: 0.1 max: 0.1 } }

@@ -115,6 +115,16 @@ void add_published(Table& table) {
   }
 }
 
+TestSet part_of(const TestSet& test, std::span<const uint32_t> images) {
+  TestSet part{.truth = {},
+               .shapes = shapes_of(test, images),
+               .other_noise = {},
+               .rerendered = {},
+               .refined = {}};
+  for (const uint32_t i : images) part.truth.push_back(test.truth[i]);
+  return part;
+}
+
 std::string over(const TestSet& test) {
   return fmt::format("{} images of {} shapes that no network has seen", test.truth.size(),
                      ShapeBootstrap(test.shapes).shapes());
@@ -159,7 +169,8 @@ std::string with_unit(const Column& column) {
 
 }  // namespace
 
-Table table_1(const TestSet& test, std::span<const Candidate> candidates, bool other_noise) {
+Table table_1(const TestSet& whole, std::span<const Candidate> candidates, bool other_noise) {
+  const TestSet test = other_noise ? part_of(whole, whole.other_noise) : whole;
   Table table;
   table.file = other_noise ? "table_1_other_noise" : "table_1";
   table.title = other_noise ? "Table 1 at another noise: errors of the parameters"

@@ -23,7 +23,7 @@ struct Candidate {
   std::string name;
   Kind kind = Kind::kNetwork;
   std::vector<Material> as_trained;   // for each image of the test
-  std::vector<Material> other_noise;  // likewise; empty if there is none
+  std::vector<Material> other_noise;  // for each image of TestSet::other_noise
   // Of each image that was rendered again, in its own scene and in the novel one.
   struct ImageErrors {
     std::vector<double> relative_l2, dissimilarity;
@@ -35,9 +35,10 @@ struct Candidate {
 
 struct TestSet {
   std::vector<Material> truth;
-  std::vector<std::string> shapes;   // of each image
-  std::vector<uint32_t> rerendered;  // numbers of images
-  std::vector<uint32_t> refined;     // likewise
+  std::vector<std::string> shapes;    // of each image
+  std::vector<uint32_t> other_noise;  // numbers of the images that were rendered with that, too
+  std::vector<uint32_t> rerendered;   // and again with the predictions
+  std::vector<uint32_t> refined;
 };
 
 struct Cell {
@@ -68,7 +69,7 @@ struct Table {
 
 // Root-mean-square errors on the test with intervals over shapes, and how far images are.
 // `other_noise`: of the images of the other noise.
-Table table_1(const TestSet& test, std::span<const Candidate> candidates, bool other_noise);
+Table table_1(const TestSet& whole, std::span<const Candidate> candidates, bool other_noise);
 
 // Errors over those of the constant predictor, their mean, and that mean over the first network's.
 Table gain_table(const TestSet& test, std::span<const Candidate> candidates);

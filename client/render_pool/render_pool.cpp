@@ -429,6 +429,7 @@ std::vector<v1::RenderGradReply> RenderPool::render_split(std::span<const Render
   }
   if (progress) progress(1);
   std::vector<v1::RenderGradReply> images;
+  images.reserve(replies.size());
   for (TiledReply& reply : replies) images.push_back(reply.take());
   return images;
 }

@@ -20,10 +20,10 @@ std::vector<float> mean_of_estimates(const v1::RenderGradReply& reply, uint32_t 
   const uint32_t estimates = static_cast<uint32_t>(reply.estimates_size());
   std::vector<double> sum(size_t{reply.width()} * reply.height());
   for (uint32_t k = 0; k < estimates; ++k) {
-    const double samples = (spp - k + estimates - 1) / estimates;
+    const uint32_t samples = (spp - k + estimates - 1) / estimates;
     const std::vector<float> image =
         from_bytes<float>(image_of(reply.estimates(static_cast<int>(k))));
-    for (size_t i = 0; i < sum.size(); ++i) sum[i] += samples / spp * image[i];
+    for (size_t i = 0; i < sum.size(); ++i) sum[i] += static_cast<double>(samples) / spp * image[i];
   }
   return {sum.begin(), sum.end()};
 }

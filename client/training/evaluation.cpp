@@ -295,9 +295,11 @@ void set_unfamiliar(std::span<const MaterialEstimate> estimates, v1::Evaluation:
 }
 
 std::vector<uint32_t> spread(size_t count, size_t total) {
+  const size_t stretches = std::min(count, total);
   std::vector<uint32_t> chosen;
-  for (size_t i = 0; i < std::min(count, total); ++i) {
-    chosen.push_back(static_cast<uint32_t>(i * total / std::min(count, total)));
+  for (size_t i = 0; i < stretches; ++i) {
+    const size_t begin = i * total / stretches, end = (i + 1) * total / stretches;
+    chosen.push_back(static_cast<uint32_t>(begin + derive_seed(0, {i}) % (end - begin)));
   }
   return chosen;
 }

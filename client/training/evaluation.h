@@ -44,7 +44,9 @@ void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate
 // Sets the part of the images that the model finds unfamiliar, if it knows.
 void set_unfamiliar(std::span<const MaterialEstimate> estimates, v1::Evaluation::Row& row);
 
-// `count` of the images, evenly spread over the split.
+// The numbers of `count` of the images, rising, one from each of as many equal stretches of the
+// split, at random, as a fixed stride would meet the same material of a grid again and again. A
+// function of the arguments alone.
 std::vector<uint32_t> spread(size_t count, size_t total);
 
 // One image rendered with a material, at the scene of an item.

@@ -83,8 +83,8 @@ std::shared_ptr<grpc::ChannelCredentials> make_credentials(const ClientSecurity&
   const bool token = !security.token_file.empty();
   if (!security.encrypts() && !token) return grpc::InsecureChannelCredentials();
   // gRPC lets a token go over TLS, or over TCP that does not leave the machine, which it checks.
-  const auto channel = security.encrypts() ? tls_credentials(security.files)
-                                           : grpc::experimental::LocalCredentials(LOCAL_TCP);
+  auto channel = security.encrypts() ? tls_credentials(security.files)
+                                     : grpc::experimental::LocalCredentials(LOCAL_TCP);
   if (!token) return channel;
   return grpc::CompositeChannelCredentials(
       channel, grpc::experimental::MetadataCredentialsFromPlugin(

@@ -249,7 +249,7 @@ size_t JobQueue::free_places() const {
 
 // For those who were noted before `end`, and have not much already: who has does not come before
 // who has little, whoever asked first.
-size_t JobQueue::kept_places(const QueueClient& client, Notes::const_iterator end) const {
+size_t JobQueue::kept_places(const QueueClient& client, const Notes::const_iterator& end) const {
   const auto now = Clock::now();
   std::set<std::string_view> others;
   size_t kept = 0;

@@ -138,7 +138,7 @@ class JobQueue {
 
   // All of them require the lock.
   size_t free_places() const;
-  size_t kept_places(const QueueClient& client, Notes::const_iterator end) const;
+  size_t kept_places(const QueueClient& client, const Notes::const_iterator& end) const;
   double seconds_until_free(size_t places) const;
   double seconds_of_ends(double ends) const;
   void forget_old_notes();

@@ -64,7 +64,7 @@ TEST(BenchCaller, SendsTheSceneOnceAndCountsWhatWasTraced) {
 
 TEST(BenchCaller, HoldsHundredsOfCallsWithFewThreads) {
   constexpr size_t kCalls = 300;
-  std::atomic<size_t> most = 0, running = 0;
+  std::atomic<size_t> running = 0;
   testing::Gate gate;
   const FakeWorker worker([&](const grpc::ServerContext& context,
                               const v1::RenderGradRequest& request, v1::RenderGradReply& reply) {

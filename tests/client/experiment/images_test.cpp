@@ -1,10 +1,12 @@
 #include "client/experiment/images.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <utility>
 #include <vector>
 
+#include "client/training/evaluation.h"
 #include "common/scene/text_proto.h"
 #include "tests/client/experiment/study_fixture.h"
 #include "tests/support/expect_error.h"
@@ -23,7 +25,7 @@ class StudyImagesTest : public SmallStudy {};
 
 TEST_F(StudyImagesTest, AreSpreadOverTheTest) {
   const StudyImages study = images("spread");
-  EXPECT_THAT(study.chosen(), ElementsAre(0, 2, 4));  // of 6
+  EXPECT_EQ(study.chosen(), spread(3, 6));
   EXPECT_EQ(study.shown().size(), 2U);
   EXPECT_EQ(study.resolution(), 16);
 }
@@ -65,9 +67,9 @@ TEST_F(StudyImagesTest, RendersTheReferencesThatAreMissing) {
   StudyImages study = images("again");
   study.render_references(*pool_, nobody, {});
   const std::vector<float> before = study.reference(StudyScene::kNovel, 1);
-  std::filesystem::remove(files_->path("again") + "/reference_novel_0002.exr");
-  expect_error(ErrorKind::kIo, {"reference_novel_0002.exr"},
-               [&] { study.reference(StudyScene::kNovel, 1); });
+  const std::string file = fmt::format("reference_novel_{:04}.exr", study.chosen()[1]);
+  std::filesystem::remove(files_->path("again") + "/" + file);
+  expect_error(ErrorKind::kIo, {file}, [&] { study.reference(StudyScene::kNovel, 1); });
   std::vector<size_t> done;
   study.render_references(*pool_, [&](size_t now, size_t) { done.push_back(now); }, {});
   EXPECT_THAT(done, ElementsAre(5, 6));

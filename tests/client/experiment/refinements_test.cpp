@@ -1,7 +1,9 @@
 #include "client/experiment/refinements.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
+#include "client/training/evaluation.h"
 #include "common/files/atomic_file.h"
 #include "common/scene/text_proto.h"
 #include "tests/client/experiment/study_fixture.h"
@@ -11,7 +13,6 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
-using ::testing::ElementsAre;
 using testing::expect_error;
 
 class StudyRefinementsTest : public SmallStudy {
@@ -21,13 +22,18 @@ class StudyRefinementsTest : public SmallStudy {
     return refine_images(experiment_.refinement(), *dataset_, test_, starts, files_->path(folder),
                          "start", *pool_, [](size_t, size_t) {}, {});
   }
+  // Of refined image k.
+  static std::string file_of(size_t k) {
+    return fmt::format("start_{:04}.textproto",
+                       refined_images(experiment_.refinement(), test_.truth.size())[k]);
+  }
 };
 
 TEST_F(StudyRefinementsTest, TellTheIterationsThatAreAskedFor) {
   const std::vector<Material> starts = wrong_materials();
   const std::vector<v1::StudyRefinement> refined = refine("told", starts);
   const std::vector<uint32_t> images = refined_images(experiment_.refinement(), test_.truth.size());
-  EXPECT_THAT(images, ElementsAre(0, 3));
+  EXPECT_EQ(images, spread(2, 6));
   ASSERT_EQ(refined.size(), 2U);
   for (size_t k = 0; k < refined.size(); ++k) {
     ASSERT_EQ(refined[k].adam_size(), 2);
@@ -49,14 +55,14 @@ TEST_F(StudyRefinementsTest, OfImagesThatAreDoneAreNotDoneAgain) {
   fs::create_directories(folder);
   v1::StudyRefinement done;
   done.add_adam()->set_loss(17);
-  write_file_atomically(folder / "start_0003.textproto", to_text_proto(done));
+  write_file_atomically(folder / file_of(1), to_text_proto(done));
   const std::vector<v1::StudyRefinement> refined = refine("kept", test_.truth);
   EXPECT_EQ(refined[0].adam_size(), 2);
   EXPECT_EQ(to_text_proto(refined[1]), to_text_proto(done));
 }
 
 TEST_F(StudyRefinementsTest, ThatAreNotThereAreAnError) {
-  expect_error(ErrorKind::kIo, {"start_0000.textproto"}, [] {
+  expect_error(ErrorKind::kIo, {file_of(0)}, [] {
     read_refinements(experiment_.refinement(), test_.truth.size(), files_->path("none"), "start");
   });
 }

@@ -15,6 +15,7 @@ using ::testing::HasSubstr;
 TestSet test_set() {
   return {.truth = {{40, 0.5, 0.2}, {100, 0.7, 0.4}, {220, 0.9, 0.6}},
           .shapes = {"a", "a", "b"},
+          .other_noise = {0, 2},
           .rerendered = {0, 2},
           .refined = {}};
 }
@@ -26,7 +27,10 @@ Candidate network(const std::string& name, double factor = 1) {
   for (const Material& m : test_set().truth) {
     candidate.as_trained.push_back(
         {m.sigma_t + 10 * factor, m.albedo - 0.1 * factor, m.g - 0.2 * factor});
-    candidate.other_noise.push_back({m.sigma_t + 20, m.albedo, m.g});
+  }
+  for (const uint32_t i : test_set().other_noise) {
+    const Material m = test_set().truth[i];
+    candidate.other_noise.push_back({m.sigma_t + (i == 0 ? 20 : 40), m.albedo, m.g});
   }
   candidate.same_scene = {.relative_l2 = {0.1, 0.3}, .dissimilarity = {0.01, 0.02}};
   candidate.novel_scene = {.relative_l2 = {0.2, 0.6}, .dissimilarity = {0.03, 0.05}};
@@ -37,7 +41,8 @@ Candidate constant() {
   Candidate candidate;
   candidate.name = "constant predictor";
   candidate.kind = Candidate::Kind::kYardstick;
-  candidate.as_trained = candidate.other_noise = {3, {120, 0.7, 0.4}};
+  candidate.as_trained = {3, {120, 0.7, 0.4}};
+  candidate.other_noise = {2, {120, 0.7, 0.4}};
   return candidate;
 }
 
@@ -74,10 +79,12 @@ TEST(Table1, HasRootMeanSquareErrors) {
   EXPECT_FALSE(table.rows[1].is_published);
 }
 
-TEST(Table1, OfAnotherNoiseHasItsPredictions) {
+TEST(Table1, OfAnotherNoiseHasItsImagesAndPredictions) {
   const std::vector<Candidate> candidates = {constant(), network("A")};
   const Table table = table_1(test_set(), candidates, true);
-  EXPECT_NEAR(value(table, "A", "sigma_t"), 20, 1e-9);
+  EXPECT_THAT(table.caption, HasSubstr("over 2 images of 2 shapes"));
+  EXPECT_NEAR(value(table, "A", "sigma_t"), std::sqrt((400 + 1600) / 2.0), 1e-9);
+  EXPECT_NEAR(value(table, "constant predictor", "sigma_t"), 90, 1e-9);  // of 40 and 220
   EXPECT_NEAR(value(table, "A", "albedo"), 0, 1e-9);
   EXPECT_EQ(table.columns.size(), 7U);
 }
