@@ -20,6 +20,7 @@
 #include "common/rpc/host_port.h"
 #include "common/rpc/memory_plan.h"
 #include "common/rpc/metrics_file.h"
+#include "common/rpc/process_memory.h"
 #include "common/rpc/queued_call.h"
 #include "common/rpc/server_security.h"
 #include "common/rpc/shutdown_signal.h"

@@ -16,7 +16,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <fstream>
 #include <limits>
 #include <memory>
 #include <system_error>
@@ -25,6 +24,7 @@
 #include "common/error.h"
 #include "common/printable.h"
 #include "common/rpc/host_port.h"
+#include "common/rpc/process_memory.h"
 
 namespace itn {
 namespace {
@@ -128,13 +128,6 @@ uint64_t bytes_received(int fd) {
 }
 
 }  // namespace
-
-uint64_t resident_memory() {
-  std::ifstream file("/proc/self/statm");
-  uint64_t size = 0, resident = 0;
-  file >> size >> resident;
-  return resident * static_cast<uint64_t>(sysconf(_SC_PAGESIZE));
-}
 
 Listener::Listener(const std::string& address, const ListenerOptions& options) : options_(options) {
   HostPort parsed = parse_host_port(address, PortZero::kAnyFree);

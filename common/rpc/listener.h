@@ -75,7 +75,4 @@ class Listener {
   std::jthread thread_;                        // last: it uses what is above
 };
 
-// Resident memory of this process, in bytes.
-uint64_t resident_memory();
-
 }  // namespace itn

@@ -1,12 +1,13 @@
 #include "common/rpc/memory_plan.h"
 
 #include <fmt/format.h>
-#include <malloc.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <fstream>
+#include <limits>
+#include <string>
 
 #include "common/error.h"
 
@@ -38,21 +39,35 @@ uint64_t least_memory(uint64_t own_bytes) {
   return (rest * 4 + 3 * kMiB - 1) / (3 * kMiB) * kMiB;
 }
 
+uint64_t least_group_limit(std::istream& groups, const std::filesystem::path& root) {
+  uint64_t least = std::numeric_limits<uint64_t>::max();
+  // Lines are ID:CONTROLLERS:PATH, of version 2 without controllers.
+  for (std::string id, controllers, path; std::getline(groups, id, ':') &&
+                                          std::getline(groups, controllers, ':') &&
+                                          std::getline(groups, path);) {
+    const bool is_v2 = controllers.empty();
+    if (!is_v2 && ("," + controllers + ",").find(",memory,") == std::string::npos) continue;
+    const std::filesystem::path mount = is_v2 ? root : root / "memory";
+    const char* const file_name = is_v2 ? "memory.max" : "memory.limit_in_bytes";
+    // In a container the path may be the host's, which is not there: the group is then the root.
+    for (auto group = std::filesystem::path(path).relative_path();; group = group.parent_path()) {
+      std::ifstream file(mount / group / file_name);
+      if (uint64_t limit = 0; file >> limit) least = std::min(least, limit);  // or "max"
+      if (group.empty()) break;
+    }
+  }
+  return least;
+}
+
 uint64_t default_memory() {
   uint64_t most =
       static_cast<uint64_t>(sysconf(_SC_PHYS_PAGES)) * static_cast<uint64_t>(sysconf(_SC_PAGESIZE));
-  uint64_t group = 0;
-  if (std::ifstream file("/sys/fs/cgroup/memory.max"); file >> group) most = std::min(most, group);
+  std::ifstream groups("/proc/self/cgroup");
+  most = std::min(most, least_group_limit(groups, "/sys/fs/cgroup"));
   most = std::min(4096 * kMiB, most / 4 * 3);
   rlimit limit = {};
   if (getrlimit(RLIMIT_AS, &limit) == 0) most = std::min<uint64_t>(most, limit.rlim_cur / 2);
   return most;
-}
-
-void return_freed_memory() {
-  mallopt(M_MMAP_THRESHOLD, 1 << 20);
-  mallopt(M_TRIM_THRESHOLD, 8 << 20);
-  mallopt(M_ARENA_MAX, 4);
 }
 
 }  // namespace itn

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
+#include <istream>
 
 namespace itn {
 
@@ -21,13 +23,13 @@ MemoryPlan plan_memory(uint64_t total, uint64_t own_bytes, uint64_t max_message_
 uint64_t least_memory(uint64_t own_bytes);
 
 // What a server may take unless it is told otherwise: 4 GiB, but no more than three quarters of
-// what the machine or its control group have, nor half of its limit of address space (ulimit -v),
+// what the machine or its control groups have, nor half of its limit of address space (ulimit -v),
 // of which threads reserve more than they use.
 uint64_t default_memory();
 
-// From now on large arrays go back to the system when they are freed, so that what is resident is
-// what is in use; and threads share a few heaps, as each reserves address space. Call it first in
-// main().
-void return_freed_memory();
+// The least limit in bytes of the control groups of a process, those they are part of included;
+// the largest number if there is none. `groups`: its /proc/PID/cgroup; `root`: where they are
+// mounted, of either version (cgroups(7)).
+uint64_t least_group_limit(std::istream& groups, const std::filesystem::path& root);
 
 }  // namespace itn

@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "common/rpc/listener.h"
+#include "common/rpc/process_memory.h"
 #include "common/rpc/queued_call.h"
 #include "common/rpc/wire_check.h"
 
@@ -22,6 +22,7 @@ v1::ServerStatus StatusService::status() const {
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count());
   status.set_draining(draining_);
   status.set_resident_bytes(resident_memory());
+  status.set_allocated_bytes(allocated_memory());
   status.set_most_resident_bytes(most_resident_bytes_);
   describe_(status);
   return status;

@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include "common/error.h"
-#include "common/rpc/memory_plan.h"
 #include "common/rpc/status.h"
 #include "itn/v1/render.pb.h"
 
@@ -55,16 +54,6 @@ TEST(MemoryBudget, WithoutALimitHasNone) {
   MemoryBudget::Share one(budget);
   one.resize(uint64_t{1} << 60);
   EXPECT_EQ(budget.used(), uint64_t{1} << 60);
-}
-
-TEST(MemoryPlan, DividesWhatThereIsAndNoMore) {
-  const uint64_t mb = uint64_t{1} << 20;
-  for (const uint64_t total : {300 * mb, 1024 * mb, 4096 * mb}) {
-    const MemoryPlan plan = plan_memory(total, 128 * mb, 256 * mb);
-    EXPECT_EQ(128 * mb + plan.transport_bytes + plan.call_bytes + total / 8, total);
-    EXPECT_LE(2 * plan.message_bytes, plan.transport_bytes);
-  }
-  EXPECT_THROW(plan_memory(128 * mb, 128 * mb, 256 * mb), Error);
 }
 
 }  // namespace

@@ -36,6 +36,7 @@ v1::ServerStatus busy() {
   status.set_version("1.2");
   status.set_running(1);
   status.set_resident_bytes(1 << 20);
+  status.set_allocated_bytes(1 << 19);
   status.set_scene_hits(7);
   status.set_scene_misses(2);
   status.set_connections(3);
@@ -97,6 +98,7 @@ TEST(Exposition, IsPrometheusText) {
   EXPECT_EQ(parsed.samples["itn_work_seconds_bucket{" + method + ",le=\"+Inf\"}"], 3);
   EXPECT_DOUBLE_EQ(parsed.samples["itn_work_seconds_sum{" + method + "}"], 3000.021);
   EXPECT_EQ(parsed.samples["itn_resident_memory_bytes{" + server + "}"], 1 << 20);
+  EXPECT_EQ(parsed.samples["itn_allocated_memory_bytes{" + server + "}"], 1 << 19);
   EXPECT_EQ(parsed.types["itn_scene_hits_total"], "counter");
   EXPECT_EQ(parsed.samples["itn_scene_hits_total{" + server + "}"], 7);
   EXPECT_EQ(parsed.samples["itn_scene_misses_total{" + server + "}"], 2);
