@@ -20,31 +20,61 @@ if(ITN_FUZZ)
   target_compile_options(itn_options INTERFACE -fsanitize=fuzzer-no-link)
 endif()
 
-# itn_library(name SOURCES a.cpp ... LINK lib ...): a static library of ours.
+# LibTorch's headers take the compiler eight seconds: it reads them once for all sources of targets
+# with TORCH. Programs are compiled as libraries are, so that they share what it read. GCC's only:
+# clang is for other things here (fuzzing, style).
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  set(CMAKE_CXX_COMPILE_OPTIONS_PIE ${CMAKE_CXX_COMPILE_OPTIONS_PIC})
+  file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/torch_headers.cpp CONTENT "")
+  add_library(torch_headers OBJECT ${CMAKE_BINARY_DIR}/torch_headers.cpp)
+  target_link_libraries(torch_headers PRIVATE itn_options ${TORCH_LIBRARIES})
+  target_compile_options(torch_headers PRIVATE -pthread)
+  target_include_directories(torch_headers SYSTEM PRIVATE ${TORCH_INCLUDE_DIRS})
+  target_precompile_headers(torch_headers PRIVATE <torch/types.h> <torch/nn/module.h>)
+endif()
+
+function(itn_read_torch_headers_once target)
+  if(TARGET torch_headers)
+    target_precompile_headers(${target} REUSE_FROM torch_headers)
+  endif()
+endfunction()
+
+# itn_library(name [TORCH] SOURCES a.cpp ... LINK lib ...): a static library of ours. TORCH: most of
+# its sources include LibTorch's headers.
 function(itn_library name)
-  cmake_parse_arguments(ARG "" "" "SOURCES;LINK" ${ARGN})
+  cmake_parse_arguments(ARG "TORCH" "" "SOURCES;LINK" ${ARGN})
   add_library(${name} STATIC ${ARG_SOURCES})
   target_link_libraries(${name} PUBLIC itn_options ${ARG_LINK})
+  if(ARG_TORCH)
+    itn_read_torch_headers_once(${name})
+  endif()
 endfunction()
 
-# itn_program(name SOURCES a.cpp ... LINK lib ...): a program of ours, called `name`.
+# itn_program(name [TORCH] SOURCES a.cpp ... LINK lib ...): a program of ours, called `name`.
 function(itn_program name)
-  cmake_parse_arguments(ARG "" "" "SOURCES;LINK" ${ARGN})
+  cmake_parse_arguments(ARG "TORCH" "" "SOURCES;LINK" ${ARGN})
   add_executable(${name} ${ARG_SOURCES})
   target_link_libraries(${name} PRIVATE itn_options ${ARG_LINK})
+  if(ARG_TORCH)
+    itn_read_torch_headers_once(${name})
+  endif()
 endfunction()
 
-# itn_test(name LABEL unit|physics|service|e2e SOURCES a.cpp ... LINK lib ...
+# itn_test(name [TORCH] LABEL unit|physics|service|e2e SOURCES a.cpp ... LINK lib ...
 #          [TOGETHER suite ...] [TIMEOUT seconds]): a GoogleTest program, each of its tests one CTest
 # test with this label, but for those of the suites TOGETHER, which share something that is dear to
 # make: each such suite is one CTest test. The time limits are for a machine that has much else to
 # do.
 function(itn_test name)
-  cmake_parse_arguments(ARG "" "LABEL;TIMEOUT" "SOURCES;LINK;TOGETHER" ${ARGN})
+  cmake_parse_arguments(ARG "TORCH" "LABEL;TIMEOUT" "SOURCES;LINK;TOGETHER" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 900)
   endif()
-  itn_program(${name} SOURCES ${ARG_SOURCES} LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
+  set(torch)
+  if(ARG_TORCH)
+    set(torch TORCH)
+  endif()
+  itn_program(${name} ${torch} SOURCES ${ARG_SOURCES} LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
   # Files of tests are below the build's folder: builds beside each other do not meet in them.
   file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/Testing/files)
   set(properties LABELS ${ARG_LABEL} TIMEOUT ${ARG_TIMEOUT}

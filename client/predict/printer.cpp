@@ -113,7 +113,7 @@ class JsonPrinter final : public PredictionPrinter {
 
 // --- CSV (RFC 4180) ---
 
-std::string quoted(std::string_view text) {
+std::string csv_field(std::string_view text) {
   if (text.find_first_of("\",\r\n") == std::string_view::npos) return std::string(text);
   std::string result = "\"";
   for (const char c : text) {
@@ -150,25 +150,26 @@ class CsvPrinter final : public PredictionPrinter {
           "unfamiliarity,warnings,model,error\n");
       begun_ = true;
     }
-    const std::string image = quoted(prediction.image());
+    const std::string image = csv_field(prediction.image());
     for (const v1::Prediction::Channel& c : prediction.channels()) {
       const v1::MaterialPosterior& p = c.posterior();
       const auto number = [&](double value, const v1::ParameterPosterior& parameter) {
         return columns(value, c.has_posterior(), parameter);
       };
       print_result(
-          "{},{},{},{},{},{},{},{},{},{},{},\n", image, quoted(c.channel()),
+          "{},{},{},{},{},{},{},{},{},{},{},\n", image, csv_field(c.channel()),
           number(c.sigma_t(), p.sigma_t()), number(c.albedo(), p.albedo()), number(c.g(), p.g()),
           number(c.sigma_a(), p.sigma_a()), number(c.sigma_s(), p.sigma_s()),
           prediction.has_object_size() ? fmt::format("{:.6g}", prediction.object_size()) : "",
           c.caveats().has_unfamiliarity()
               ? fmt::format("{:.4g}", c.caveats().unfamiliarity().score())
               : "",
-          joined_warnings(c.caveats()), quoted(prediction.model()));
+          joined_warnings(c.caveats()), csv_field(prediction.model()));
     }
     if (prediction.channels_size() == 0) {
       constexpr size_t kColumns = 22;
-      print_result("{}{}{}\n", image, std::string(kColumns - 1, ','), quoted(prediction.error()));
+      print_result("{}{}{}\n", image, std::string(kColumns - 1, ','),
+                   csv_field(prediction.error()));
     }
   }
 
