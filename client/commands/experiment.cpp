@@ -6,6 +6,7 @@
 #include <cmath>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <thread>
 
@@ -86,19 +87,28 @@ uint32_t torch_threads(const ExperimentOptions& options) {
 void print_forecast(const v1::Experiment& experiment, const ExperimentOptions& options) {
   const std::vector<StageForecast> stages =
       forecast(experiment, options.workers.pool_options(), torch_threads(options), interruption());
-  StageForecast all{.name = "all", .seconds = 0, .bytes = 0};
-  size_t width = 0;
+  std::set<std::string> done;
+  if (!options.folder.empty()) done = done_stages(experiment, options.folder);
+  StageForecast all{.name = done.empty() ? "all" : "all that is left", .seconds = 0, .bytes = 0};
+  size_t width = all.name.size();
   for (const StageForecast& stage : stages) {
+    width = std::max(width, stage.name.size());
+    if (done.contains(stage.name)) continue;
     all.seconds += stage.seconds;
     all.bytes += stage.bytes;
-    width = std::max(width, stage.name.size());
   }
   const auto line = [&](const StageForecast& stage) {
     print_result("{:{}}  {:>10}  {:>8.1f} MB\n", stage.name, width,
                  format_duration(std::chrono::seconds(std::llround(stage.seconds))),
                  static_cast<double>(stage.bytes) / 1e6);
   };
-  for (const StageForecast& stage : stages) line(stage);
+  for (const StageForecast& stage : stages) {
+    if (done.contains(stage.name)) {
+      print_result("{:{}}  {:>10}\n", stage.name, width, "done");
+    } else {
+      line(stage);
+    }
+  }
   line(all);
   print_result("Estimated from a miniature of {} images that was made now.\n",
                miniature(experiment).dataset().count());
@@ -153,7 +163,7 @@ void add_experiment_command(CLI::App& app) {
   command->add_flag("--print-config", options->print_config, "Print the preset's file, and end");
   command->add_flag("--dry-run", options->dry_run,
                     "Print the stages with the time and room that they will take, estimated from a "
-                    "miniature of the experiment, and end");
+                    "miniature of the experiment, and end; with -o, what is done there");
   command
       ->add_option("--torch-threads", options->torch_threads,
                    "Threads of the networks; 0: one per processor")

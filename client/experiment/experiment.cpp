@@ -611,6 +611,12 @@ std::vector<std::string> stage_names(const v1::Experiment& experiment) {
   return names;
 }
 
+std::set<std::string> done_stages(const v1::Experiment& experiment, const fs::path& folder) {
+  ExperimentRun run;
+  run.folder = folder;
+  return done_stages(Study(experiment, run).stages(), folder, to_text_proto(experiment));
+}
+
 ExperimentResult run_experiment(const v1::Experiment& experiment, const ExperimentRun& run) {
   const FolderLock lock(run.folder, "itn experiment");
   set_up_folder(experiment, run.folder);

@@ -12,6 +12,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <set>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -37,6 +38,10 @@ struct ExperimentRun {
 
 // Names of all stages, in order.
 std::vector<std::string> stage_names(const v1::Experiment& experiment);
+
+// Names of those that are done in a folder, which need not exist.
+std::set<std::string> done_stages(const v1::Experiment& experiment,
+                                  const std::filesystem::path& folder);
 
 struct ExperimentResult {
   std::vector<Table> tables;

@@ -1,5 +1,6 @@
 #include "client/experiment/stages.h"
 
+#include <algorithm>
 #include <chrono>
 #include <map>
 #include <optional>
@@ -28,6 +29,24 @@ std::optional<v1::StageRecord> record_of(const fs::path& folder, const Stage& st
   return record;
 }
 
+// Of what a stage takes. `outputs`: digests of what is made, by the name of the stage.
+std::string digest_of_inputs(const Stage& stage, const std::string& inputs,
+                             const std::map<std::string, std::string>& outputs) {
+  std::string all = inputs + '\n' + stage.name;
+  for (const std::string& name : stage.after) all += '\n' + outputs.at(name);
+  return to_hex(sha256(all));
+}
+
+// If it was made of inputs with this digest, and is still there.
+std::optional<v1::StageRecord> record_if_done(const fs::path& folder, const Stage& stage,
+                                              const std::string& inputs_digest) {
+  std::optional<v1::StageRecord> record = record_of(folder, stage);
+  if (record && (record->inputs_sha256() != inputs_digest || !fs::exists(stage.output))) {
+    record.reset();
+  }
+  return record;
+}
+
 }  // namespace
 
 void run_stages(std::span<const Stage> stages, const fs::path& folder, const std::string& inputs,
@@ -37,11 +56,8 @@ void run_stages(std::span<const Stage> stages, const fs::path& folder, const std
   std::map<std::string, std::string> outputs;  // digests, by the name of the stage
   for (size_t number = 0; number < stages.size(); ++number) {
     const Stage& stage = stages[number];
-    std::string all_inputs = inputs + '\n' + stage.name;
-    for (const std::string& name : stage.after) all_inputs += '\n' + outputs.at(name);
-    const std::string digest = to_hex(sha256(all_inputs));
-    const std::optional<v1::StageRecord> there = record_of(folder, stage);
-    if (there && there->inputs_sha256() == digest && fs::exists(stage.output)) {
+    const std::string digest = digest_of_inputs(stage, inputs, outputs);
+    if (const auto there = record_if_done(folder, stage, digest)) {
       outputs[stage.name] = there->outputs_sha256();
       report(number, stage, StageState::kDone, *there);
       continue;
@@ -61,6 +77,22 @@ void run_stages(std::span<const Stage> stages, const fs::path& folder, const std
     outputs[stage.name] = record.outputs_sha256();
     report(number, stage, StageState::kEnds, record);
   }
+}
+
+std::set<std::string> done_stages(std::span<const Stage> stages, const fs::path& folder,
+                                  const std::string& inputs) {
+  std::set<std::string> done;
+  std::map<std::string, std::string> outputs;
+  for (const Stage& stage : stages) {
+    const auto is_made = [&](const std::string& name) { return outputs.contains(name); };
+    if (!std::ranges::all_of(stage.after, is_made)) continue;
+    const std::string digest = digest_of_inputs(stage, inputs, outputs);
+    if (const auto there = record_if_done(folder, stage, digest)) {
+      outputs[stage.name] = there->outputs_sha256();
+      done.insert(stage.name);
+    }
+  }
+  return done;
 }
 
 std::vector<v1::StageRecord> stage_records(std::span<const Stage> stages, const fs::path& folder) {

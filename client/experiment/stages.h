@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <set>
 #include <span>
 #include <stop_token>
 #include <string>
@@ -33,6 +34,10 @@ using StageReport = std::function<void(size_t number, const Stage& stage, StageS
 void run_stages(std::span<const Stage> stages, const std::filesystem::path& folder,
                 const std::string& inputs, const std::function<double()>& cpu_seconds,
                 const StageReport& report, const std::stop_token& stop);
+
+// Names of those that run_stages() would leave as they are. The folder need not exist.
+std::set<std::string> done_stages(std::span<const Stage> stages,
+                                  const std::filesystem::path& folder, const std::string& inputs);
 
 // Those of stages that are done, whatever their inputs are, in order.
 std::vector<v1::StageRecord> stage_records(std::span<const Stage> stages,

@@ -17,6 +17,7 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
+using ::testing::ContainsRegex;
 using testing::Finished;
 using ::testing::HasSubstr;
 using ::testing::Not;
@@ -100,6 +101,9 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
   const Finished again = run(smoke(folder.path("whole")));
   EXPECT_EQ(again.output, whole.output);
   EXPECT_THAT(again.errors, Not(HasSubstr("steps/s")));
+  std::vector<std::string> dry = smoke(folder.path("whole"));
+  dry.push_back("--dry-run");
+  EXPECT_THAT(run(dry).output, ContainsRegex("dataset +done(.|\n)*all that is left +0 s "));
   // Another experiment does not go there.
   const std::string other = content(folder.path("whole/experiment.textproto")) + "\nseed: 7\n";
   const Finished refused = run({ITN, "experiment", folder.write("other.textproto", other).string(),

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <set>
 
 #include "common/error.h"
 #include "tests/support/expect_error.h"
@@ -28,13 +29,18 @@ class Stages : public ::testing::Test {
             }};
   }
 
+  std::vector<Stage> stages() { return {stage("first", {}), stage("second", {"first"})}; }
+
+  std::set<std::string> done(const std::string& inputs = "experiment") {
+    return done_stages(stages(), folder_.path(), inputs);
+  }
+
   // The names of those that ran.
   std::vector<std::string> run(const std::string& inputs = "experiment",
                                std::stop_token stop = {}) {
     ran_.clear();
-    const std::vector<Stage> stages = {stage("first", {}), stage("second", {"first"})};
     run_stages(
-        stages, folder_.path(), inputs, [] { return 0.0; },
+        stages(), folder_.path(), inputs, [] { return 0.0; },
         [](size_t, const Stage&, StageState, const v1::StageRecord&) {}, stop);
     return ran_;
   }
@@ -65,6 +71,19 @@ TEST_F(Stages, RunAgainWithoutTheirOutputAndWithOtherInputs) {
   made_ = "2";
   EXPECT_THAT(run(), ElementsAre("first", "second"));
   EXPECT_THAT(run("another experiment"), ElementsAre("first", "second"));
+}
+
+TEST_F(Stages, SayWhichAreDone) {
+  EXPECT_THAT(done(), ElementsAre());
+  fails_ = "second";
+  EXPECT_THROW(run(), Error);
+  EXPECT_THAT(done(), ElementsAre("first"));
+  fails_.clear();
+  run();
+  EXPECT_THAT(done(), ElementsAre("first", "second"));
+  EXPECT_THAT(done("another experiment"), ElementsAre());
+  std::filesystem::remove(folder_.path("first"));
+  EXPECT_THAT(done(), ElementsAre());  // what it will make is not known
 }
 
 TEST_F(Stages, NoneBeginsAfterAStop) {
