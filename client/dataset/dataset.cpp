@@ -66,7 +66,8 @@ std::string contents_digest(const Image& image) {
   for (const auto& [name, plane] : image.channels) all += " " + name + " " + to_bytes(plane);
   for (const auto& [name, value] : image.attributes) {
     if (name == attribute::kContents) continue;
-    all += std::visit([&](const auto& v) { return fmt::format(" {} {}", name, v); }, value);
+    all += std::visit([&, &name = name](const auto& v) { return fmt::format(" {} {}", name, v); },
+                      value);
   }
   return to_hex(sha256(all));
 }
