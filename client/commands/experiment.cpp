@@ -139,7 +139,8 @@ void run(const ExperimentOptions& options) {
   for (const Table& table : result.tables) {
     print_result("{}\n{}{}\n\n", table.title, to_text(table), table.caption);
   }
-  print_result("{}\n", result.report.string());
+  print_result("The intervals are in the report, and in CSV files beside it:\n{}\n",
+               result.report.string());
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "client/dataset/studio.h"
+#include "common/angle.h"
 #include "common/error.h"
 #include "common/scene/field_check.h"
 #include "common/vec.h"

@@ -6,13 +6,13 @@
 #include <vector>
 
 #include "client/dataset/panorama.h"
+#include "common/angle.h"
 #include "common/vec.h"
 
 namespace itn {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr double kRadiansPerDegree = kPi / 180;
 
 // Pixels from top to bottom; even, so that none of them crosses the horizon.
 uint32_t height_of(const v1::Studio& studio) {

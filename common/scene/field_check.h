@@ -7,7 +7,6 @@
 #include <google/protobuf/message.h>
 
 #include <cstdint>
-#include <numbers>
 #include <string>
 #include <vector>
 
@@ -17,8 +16,6 @@
 #include "itn/v1/scene.pb.h"
 
 namespace itn {
-
-inline constexpr double kRadiansPerDegree = std::numbers::pi / 180;
 
 // To be thrown.
 Error missing(const std::string& field);

@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "common/angle.h"
 #include "common/error.h"
 #include "common/scene/field_check.h"
 #include "common/scene/scene_bytes.h"

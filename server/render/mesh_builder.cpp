@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 
+#include "common/angle.h"
 #include "common/error.h"
 #include "common/geometry/shapes.h"
 #include "common/scene/field_check.h"

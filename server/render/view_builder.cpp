@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "common/angle.h"
 #include "common/error.h"
 #include "common/scene/field_check.h"
 

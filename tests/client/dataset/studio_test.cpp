@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "client/dataset/plan.h"
+#include "common/angle.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/text_proto.h"
 #include "common/vec.h"
@@ -14,7 +15,6 @@ namespace itn {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr double kRadiansPerDegree = kPi / 180;
 
 // As the tracer sees it.
 tracer::Lights light_of(const v1::Pixels& pixels) {

@@ -3,8 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 
+#include "common/angle.h"
 #include "common/random.h"
 #include "server/tracer/lights/lights.h"
 
@@ -12,7 +12,6 @@ namespace itn::testing {
 namespace {
 
 using namespace tracer;
-constexpr double kRadiansPerDegree = std::numbers::pi / 180;
 
 struct MonteCarlo {
   double mean, standard_error;
