@@ -75,8 +75,11 @@ function(itn_test name)
     set(torch TORCH)
   endif()
   itn_program(${name} ${torch} SOURCES ${ARG_SOURCES} LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
-  # What takes time is in the libraries: a third less for the compiler, as much for the tests.
-  target_compile_options(${name} PRIVATE $<$<CONFIG:Release>:-O1>)
+  # What takes time is in the libraries: a third less for the compiler, as much for the tests. What was
+  # read of LibTorch was read for the other level.
+  if(NOT ARG_TORCH)
+    target_compile_options(${name} PRIVATE $<$<CONFIG:Release>:-O1>)
+  endif()
   # Files of tests are below the build's folder: builds beside each other do not meet in them.
   file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/Testing/files)
   set(properties LABELS ${ARG_LABEL} TIMEOUT ${ARG_TIMEOUT}

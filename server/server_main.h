@@ -92,7 +92,7 @@ inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t
   app.add_option("--max-memory-mb", flags.max_memory_mb,
                  fmt::format("Most memory of this process, in MiB, {} at least; what does not fit "
                              "is refused. 0: 4096, or three quarters of what the machine or "
-                             "container has, or half of ulimit -v",
+                             "container or service has, or half of ulimit -v",
                              least_memory(own_bytes) >> 20))
       ->check(number_in(0, 1 << 24))
       ->capture_default_str();

@@ -85,10 +85,10 @@ uint32_t torch_threads(const ExperimentOptions& options) {
 }
 
 void print_forecast(const v1::Experiment& experiment, const ExperimentOptions& options) {
-  const std::vector<StageForecast> stages =
-      forecast(experiment, options.workers.pool_options(), torch_threads(options), interruption());
   std::set<std::string> done;
   if (!options.folder.empty()) done = done_stages(experiment, options.folder);
+  const std::vector<StageForecast> stages =
+      forecast(experiment, options.workers.pool_options(), torch_threads(options), interruption());
   StageForecast all{.name = done.empty() ? "all" : "all that is left", .seconds = 0, .bytes = 0};
   size_t width = all.name.size();
   for (const StageForecast& stage : stages) {
@@ -164,7 +164,8 @@ void add_experiment_command(CLI::App& app) {
   command->add_flag("--print-config", options->print_config, "Print the preset's file, and end");
   command->add_flag("--dry-run", options->dry_run,
                     "Print the stages with the time and room that they will take, estimated from a "
-                    "miniature of the experiment, and end; with -o, what is done there");
+                    "miniature of the experiment, and end; with -o, which are done there; one "
+                    "that was stopped counts as a whole");
   command
       ->add_option("--torch-threads", options->torch_threads,
                    "Threads of the networks; 0: one per processor")

@@ -80,11 +80,15 @@ void require_same(const v1::Experiment& there, const v1::Experiment& wanted,
   }
 }
 
-void set_up_folder(const v1::Experiment& experiment, const fs::path& folder) {
+// Whether the experiment was begun in a folder. Throws Error (invalid input) if anything else is
+// there.
+bool was_begun(const v1::Experiment& experiment, const fs::path& folder) {
   const fs::path path = folder / kExperimentName;
   if (fs::exists(path)) {
-    return require_same(read_text<v1::Experiment>(path, "experiment"), experiment, folder);
+    require_same(read_text<v1::Experiment>(path, "experiment"), experiment, folder);
+    return true;
   }
+  if (!fs::exists(folder)) return false;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
     if (entry.path().filename() != FolderLock::kName) {
       throw invalid_input(
@@ -92,7 +96,7 @@ void set_up_folder(const v1::Experiment& experiment, const fs::path& folder) {
                       folder.string(), entry.path().filename().string()));
     }
   }
-  write_text(path, experiment);
+  return false;
 }
 
 v1::DatasetConfig other_noise_config(const v1::Experiment& experiment) {
@@ -612,6 +616,7 @@ std::vector<std::string> stage_names(const v1::Experiment& experiment) {
 }
 
 std::set<std::string> done_stages(const v1::Experiment& experiment, const fs::path& folder) {
+  if (!was_begun(experiment, folder)) return {};
   ExperimentRun run;
   run.folder = folder;
   return done_stages(Study(experiment, run).stages(), folder, to_text_proto(experiment));
@@ -619,7 +624,7 @@ std::set<std::string> done_stages(const v1::Experiment& experiment, const fs::pa
 
 ExperimentResult run_experiment(const v1::Experiment& experiment, const ExperimentRun& run) {
   const FolderLock lock(run.folder, "itn experiment");
-  set_up_folder(experiment, run.folder);
+  if (!was_begun(experiment, run.folder)) write_text(run.folder / kExperimentName, experiment);
   lock.remove_temporary_files();
   Study study(experiment, run);
   const std::vector<Stage> stages = study.stages();

@@ -39,7 +39,8 @@ struct ExperimentRun {
 // Names of all stages, in order.
 std::vector<std::string> stage_names(const v1::Experiment& experiment);
 
-// Names of those that are done in a folder, which need not exist.
+// Names of those that are done in a folder, which need not exist. Throws Error (invalid input) if
+// something else than the experiment is there.
 std::set<std::string> done_stages(const v1::Experiment& experiment,
                                   const std::filesystem::path& folder);
 

@@ -35,7 +35,8 @@ void run_stages(std::span<const Stage> stages, const std::filesystem::path& fold
                 const std::string& inputs, const std::function<double()>& cpu_seconds,
                 const StageReport& report, const std::stop_token& stop);
 
-// Names of those that run_stages() would leave as they are. The folder need not exist.
+// Names of those that run_stages() would leave as they are; none that come after one that is still
+// to be made, as what it will make is not known. The folder need not exist.
 std::set<std::string> done_stages(std::span<const Stage> stages,
                                   const std::filesystem::path& folder, const std::string& inputs);
 

@@ -77,7 +77,7 @@ std::string exposition(const v1::ServerStatus& status, const std::string& server
             static_cast<double>(status.most_waiting()));
   all.gauge("itn_resident_memory_bytes", "Memory of the process.",
             static_cast<double>(status.resident_bytes()));
-  all.gauge("itn_allocated_memory_bytes", "Of it, what was allocated and not freed.",
+  all.gauge("itn_allocated_memory_bytes", "Of the heap, allocated and not freed.",
             static_cast<double>(status.allocated_bytes()));
   all.gauge("itn_resident_memory_max_bytes", "Its limit; 0 if there is none.",
             static_cast<double>(status.most_resident_bytes()));

@@ -22,10 +22,20 @@ v1::ServerStatus StatusService::status() const {
       std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count());
   status.set_draining(draining_);
   status.set_resident_bytes(resident_memory());
-  status.set_allocated_bytes(allocated_memory());
+  status.set_allocated_bytes(allocated_bytes());
   status.set_most_resident_bytes(most_resident_bytes_);
   describe_(status);
   return status;
+}
+
+uint64_t StatusService::allocated_bytes() const {
+  const std::lock_guard lock(mutex_);
+  const auto now = std::chrono::steady_clock::now();
+  if (!counted_ || now - *counted_ > std::chrono::seconds(1)) {
+    allocated_bytes_ = allocated_memory();
+    counted_ = now;
+  }
+  return allocated_bytes_;
 }
 
 grpc::ServerUnaryReactor* StatusService::GetStatus(grpc::CallbackServerContext* context,

@@ -5,6 +5,8 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <mutex>
+#include <optional>
 #include <string>
 
 #include "itn/v1/status.grpc.pb.h"
@@ -30,11 +32,17 @@ class StatusService final
                                       grpc::ByteBuffer* reply) override;
 
  private:
+  // Of the last second, as to add up what is free holds up those who allocate.
+  uint64_t allocated_bytes() const;
+
   const std::string name_;
   const std::function<void(v1::ServerStatus&)> describe_;
   const uint64_t most_resident_bytes_;
   const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   std::atomic<bool> draining_ = false;
+  mutable std::mutex mutex_;  // of what follows
+  mutable std::optional<std::chrono::steady_clock::time_point> counted_;
+  mutable uint64_t allocated_bytes_ = 0;
 };
 
 }  // namespace itn

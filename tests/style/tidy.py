@@ -26,6 +26,8 @@ import sys
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
+LISTED = ROOT / "tests/style/tidy_files.txt"
+FOR_CLANG = ROOT / "tests/fuzz/libtorch_under_clang.h"
 
 
 @functools.lru_cache(maxsize=None)
@@ -51,36 +53,47 @@ def closure(path):
 
 def key(path, checks):
     """Changes when the result may."""
-    digest = hashlib.sha256((ROOT / ".clang-tidy").read_bytes() + checks.encode())
+    digest = hashlib.sha256((ROOT / ".clang-tidy").read_bytes() + FOR_CLANG.read_bytes() +
+                            checks.encode())
     for file in sorted(closure(path)):
         digest.update(str(file.relative_to(ROOT)).encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()
 
 
+def git(*arguments):
+    """What it prints, by line. Throws OSError or CalledProcessError."""
+    return subprocess.run(["git", "-C", str(ROOT), *arguments], capture_output=True, text=True,
+                          check=True).stdout.splitlines()
+
+
 def changed_lately():
     """The files of ours that are not what they were 50 commits ago; None if that is unknown."""
-    result = subprocess.run(["git", "-C", str(ROOT), "diff", "--name-only", "HEAD~50", "--"],
-                            capture_output=True, text=True, check=False)
-    if result.returncode != 0:
+    try:
+        if pathlib.Path(git("rev-parse", "--show-toplevel")[0]).resolve() != ROOT:
+            return None
+        names = git("diff", "--name-only", "HEAD~50", "--")
+        names += git("ls-files", "--others", "--exclude-standard")
+    except (OSError, subprocess.CalledProcessError):
         return None
-    return {ROOT / name for name in result.stdout.splitlines()}
+    return {ROOT / name for name in names}
 
 
 def listed_files():
-    names = (pathlib.Path(__file__).parent / "tidy_files.txt").read_text().split()
-    files = [ROOT / name for name in names]
+    files = [ROOT / name for name in LISTED.read_text().split()]
     changed = changed_lately()
-    everything = changed is None or ROOT / ".clang-tidy" in changed
-    return [file for file in files if everything or closure(file) & changed]
+    if changed is None or {ROOT / ".clang-tidy", LISTED} & changed:
+        return files
+    return [file for file in files if closure(file) & changed]
 
 
 def write_database(build, folder):
     """The compilation database with what clang needs in the place of what GCC has read of LibTorch."""
-    for_clang = f" -include {ROOT}/tests/fuzz/libtorch_under_clang.h"
     entries = json.loads((build / "compile_commands.json").read_text())
     for entry in entries:
-        entry["command"] = re.sub(r" -Winvalid-pch -include \S+cmake_pch\.hxx", for_clang,
-                                  entry["command"])
+        command = re.sub(r" -Winvalid-pch -include \S+cmake_pch\.hxx", "", entry["command"])
+        if "/torch/" in command:
+            command += f" -include {FOR_CLANG}"
+        entry["command"] = command
     (folder / "compile_commands.json").write_text(json.dumps(entries))
 
 
