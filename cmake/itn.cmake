@@ -70,14 +70,12 @@ function(itn_test name)
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 900)
   endif()
-  set(torch)
+  itn_program(${name} SOURCES ${ARG_SOURCES} LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
   if(ARG_TORCH)
-    set(torch TORCH)
-  endif()
-  itn_program(${name} ${torch} SOURCES ${ARG_SOURCES} LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
-  # What takes time is in the libraries: a third less for the compiler, as much for the tests. What was
-  # read of LibTorch was read for the other level.
-  if(NOT ARG_TORCH)
+    itn_read_torch_headers_once(${name})
+  else()
+    # What takes time is in the libraries: a third less for the compiler, as much for the tests. Not
+    # with LibTorch, whose headers were read for the other level.
     target_compile_options(${name} PRIVATE $<$<CONFIG:Release>:-O1>)
   endif()
   # Files of tests are below the build's folder: builds beside each other do not meet in them.
