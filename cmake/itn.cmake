@@ -60,6 +60,18 @@ function(itn_program name)
   endif()
 endfunction()
 
+# Files of tests are below the build's folder: builds beside each other do not meet in them. Threads
+# of LibTorch's wait as they do in our programs (common/passive_waiting.h): where they spin, two
+# tests at a time take ten times as long.
+file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/Testing/files)
+file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/test_environment.cmake @ONLY CONTENT [[
+set(ENV{TEST_TMPDIR} "@CMAKE_BINARY_DIR@/Testing/files")
+set(ENV{OMP_WAIT_POLICY} PASSIVE)
+set(ENV{OPENBLAS_NUM_THREADS} 1)
+]])
+set_property(DIRECTORY ${PROJECT_SOURCE_DIR} APPEND PROPERTY
+             TEST_INCLUDE_FILES ${CMAKE_BINARY_DIR}/test_environment.cmake)
+
 # itn_test(name [TORCH] LABEL unit|physics|service|e2e SOURCES a.cpp ... LINK lib ...
 #          [TOGETHER suite ...] [TIMEOUT seconds]): a GoogleTest program, each of its tests one CTest
 # test with this label, but for those of the suites TOGETHER, which share something that is dear to
@@ -78,10 +90,7 @@ function(itn_test name)
     # with LibTorch, whose headers were read for the other level.
     target_compile_options(${name} PRIVATE $<$<CONFIG:Release>:-O1>)
   endif()
-  # Files of tests are below the build's folder: builds beside each other do not meet in them.
-  file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/Testing/files)
-  set(properties LABELS ${ARG_LABEL} TIMEOUT ${ARG_TIMEOUT}
-                 ENVIRONMENT TEST_TMPDIR=${CMAKE_BINARY_DIR}/Testing/files)
+  set(properties LABELS ${ARG_LABEL} TIMEOUT ${ARG_TIMEOUT})
   foreach(suite IN LISTS ARG_TOGETHER)
     add_test(NAME ${suite} COMMAND ${name} --gtest_filter=${suite}.*)
     set_tests_properties(${suite} PROPERTIES ${properties})
@@ -90,4 +99,14 @@ function(itn_test name)
   list(JOIN ARG_TOGETHER ":" together)
   gtest_discover_tests(${name} DISCOVERY_TIMEOUT 300 TEST_FILTER "*-${together}"
                        PROPERTIES ${properties})
+endfunction()
+
+# itn_avx2_test(name program filter): these tests of a program once more, as LibTorch and oneDNN
+# compute on a processor without AVX-512 (label isa).
+function(itn_avx2_test name program filter)
+  set(files ${CMAKE_BINARY_DIR}/Testing/avx2/${name})
+  file(MAKE_DIRECTORY ${files})
+  add_test(NAME avx2.${name} COMMAND ${program} --gtest_filter=${filter})
+  set_tests_properties(avx2.${name} PROPERTIES LABELS isa TIMEOUT 900
+    ENVIRONMENT "DNNL_MAX_CPU_ISA=AVX2;ATEN_CPU_CAPABILITY=avx2;TEST_TMPDIR=${files}")
 endfunction()

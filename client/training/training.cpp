@@ -303,7 +303,7 @@ v1::Model Trainer::model() const {
 // Eqs. 2 and 3. Torch sees a surrogate of the loss with the same gradient in the outputs: outputs .
 // gradient, where the gradient was computed by the terms and is a constant to it.
 v1::TrainingMetrics Trainer::step() {
-  const v1::TrainingConfig& config = state_.config();
+  const v1::TrainingConfig config = state_.config();  // a copy: the state is replaced
   v1::TrainingState next = state_;
   next.set_step(state_.step() + 1);
   v1::TrainingMetrics metrics;

@@ -72,17 +72,27 @@ nn::Conv2d convolution(int64_t in, int64_t out, int64_t kernel, int64_t stride) 
   return layer;
 }
 
+// What a 1x1 convolution of that stride sees of batch x channels x height x width. The stride is
+// not left to the convolution: oneDNN 2.6 writes beyond the gradient of such weights where there
+// are fewer input channels, and they come last, than a vector has numbers (8, or 16 with AVX-512).
+torch::Tensor subsampled(const torch::Tensor& x, int64_t stride) {
+  return x.slice(2, 0, c10::nullopt, stride)
+      .slice(3, 0, c10::nullopt, stride)
+      .contiguous(torch::MemoryFormat::ChannelsLast);
+}
+
 class ResidualBlock final : public nn::Module {
  public:
   explicit ResidualBlock(const BlockSize& size)
-      : conv1_(register_module("conv1", convolution(size.in, size.out, 3, size.stride))),
+      : stride_(size.stride),
+        conv1_(register_module("conv1", convolution(size.in, size.out, 3, size.stride))),
         norm1_(register_module("norm1", nn::BatchNorm2d(size.out))),
         conv2_(register_module("conv2", convolution(size.out, size.out, 3, 1))),
         norm2_(register_module("norm2", nn::BatchNorm2d(size.out))) {
     // Each block begins as its shortcut (Goyal et al. 2017, Sec. 5.1).
     nn::init::zeros_(norm2_->weight);
     if (has_shortcut(size)) {
-      shortcut_ = register_module("shortcut", convolution(size.in, size.out, 1, size.stride));
+      shortcut_ = register_module("shortcut", convolution(size.in, size.out, 1, 1));
       shortcut_norm_ = register_module("shortcut_norm", nn::BatchNorm2d(size.out));
     }
   }
@@ -90,12 +100,17 @@ class ResidualBlock final : public nn::Module {
   torch::Tensor forward(const torch::Tensor& x) {
     torch::Tensor y = norm1_->forward(convolved(*conv1_, x)).relu_();
     y = norm2_->forward(convolved(*conv2_, y));
-    return (y + (shortcut_ ? shortcut_norm_->forward(convolved(*shortcut_, x)) : x)).relu_();
+    return (y + (shortcut_ ? shortcut_of(x) : x)).relu_();
   }
 
   static bool has_shortcut(const BlockSize& size) { return size.stride != 1; }
 
  private:
+  torch::Tensor shortcut_of(const torch::Tensor& x) {
+    return shortcut_norm_->forward(convolved(*shortcut_, subsampled(x, stride_)));
+  }
+
+  int64_t stride_;
   nn::Conv2d conv1_;
   nn::BatchNorm2d norm1_;
   nn::Conv2d conv2_;

@@ -170,9 +170,12 @@ class TrainingTest : public testing::Test {
     return lines;
   }
 
-  std::filesystem::path folder_ =
-      std::filesystem::path(testing::TempDir()) /
-      (std::string("run-") + testing::UnitTest::GetInstance()->current_test_info()->name());
+  // The same in the process that a death test begins.
+  static std::filesystem::path own_folder() {
+    const ::testing::TestInfo& test = *::testing::UnitTest::GetInstance()->current_test_info();
+    return std::filesystem::path(::testing::TempDir()) / test.test_suite_name() / test.name();
+  }
+  std::filesystem::path folder_ = own_folder();
   std::vector<v1::DatasetItem> items_;
   LabelledImages images_;
   std::optional<PackedInputs> inputs_;
