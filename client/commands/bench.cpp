@@ -230,7 +230,7 @@ std::vector<LoadOptions> loads_of(const BenchOptions& options) {
 std::string in_words(const grpc::Status& last_failure, const BenchOptions& options,
                      const Connector& connector) {
   if (last_failure.ok()) return "";
-  return "; the last error: " + explained(last_failure, options, connector).error_message();
+  return "; the last error: " + message_of(explained(last_failure, options, connector));
 }
 
 void bench(const BenchOptions& options) {

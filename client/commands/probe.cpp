@@ -16,6 +16,7 @@
 #include "common/flags.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/deadline.h"
+#include "common/rpc/status.h"
 
 namespace itn {
 namespace {
@@ -50,7 +51,7 @@ bool serves(const ProbeOptions& options) {
   if (!status.ok()) {
     throw Error(ErrorKind::kUnavailable, fmt::format("{} does not serve{}{}: {}", options.address,
                                                      options.service.empty() ? "" : " ",
-                                                     options.service, status.error_message()));
+                                                     options.service, message_of(status)));
   }
   return response.value() == kServing;
 }

@@ -27,6 +27,7 @@
 #include "common/printable.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/deadline.h"
+#include "common/rpc/status.h"
 #include "itn/v1/status.grpc.pb.h"
 
 namespace itn {
@@ -70,7 +71,7 @@ class Server {
     } else {
       answer.failure = outcome.error_code() == grpc::StatusCode::UNIMPLEMENTED
                            ? "it is neither itn-worker nor itn-predictor of this version"
-                           : outcome.error_message();
+                           : message_of(outcome);
     }
     return answer;
   }

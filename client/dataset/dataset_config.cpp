@@ -441,11 +441,14 @@ void set_defaults(v1::DatasetConfig& config) {
   }
 }
 
-void validate(const v1::DatasetConfig& config) {
+void validate_resolution(uint32_t resolution, const std::string& of) {
   require(
-      std::ranges::count(std::array{16, 32, 64, 128, 256}, static_cast<int>(config.resolution())) ==
-          1,
-      fmt::format("the resolution is {}; it must be 16, 32, 64, 128 or 256", config.resolution()));
+      std::ranges::count(std::array{16U, 32U, 64U, 128U, 256U}, resolution) == 1,
+      fmt::format("{} has a resolution of {}; it must be 16, 32, 64, 128 or 256", of, resolution));
+}
+
+void validate(const v1::DatasetConfig& config) {
+  validate_resolution(config.resolution());
   validate_samples(config);
   require_fraction("test", config.test_fraction());
   require_fraction("validation", config.validation_fraction());

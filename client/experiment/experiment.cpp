@@ -99,6 +99,14 @@ bool was_begun(const v1::Experiment& experiment, const fs::path& folder) {
   return false;
 }
 
+// What killed processes had begun to write, in the folders of the stages too.
+void remove_temporary_files(const FolderLock& lock, const fs::path& folder) {
+  lock.remove_temporary_files();
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(folder)) {
+    if (entry.is_directory()) lock.remove_temporary_files(fs::relative(entry.path(), folder));
+  }
+}
+
 v1::DatasetConfig other_noise_config(const v1::Experiment& experiment) {
   v1::DatasetConfig config = experiment.dataset();
   config.clear_spp();
@@ -625,7 +633,7 @@ std::set<std::string> done_stages(const v1::Experiment& experiment, const fs::pa
 ExperimentResult run_experiment(const v1::Experiment& experiment, const ExperimentRun& run) {
   const FolderLock lock(run.folder, "itn experiment");
   if (!was_begun(experiment, run.folder)) write_text(run.folder / kExperimentName, experiment);
-  lock.remove_temporary_files();
+  remove_temporary_files(lock, run.folder);
   Study study(experiment, run);
   const std::vector<Stage> stages = study.stages();
   run_stages(

@@ -14,6 +14,7 @@
 #include "common/rpc/channel.h"
 #include "common/rpc/deadline.h"
 #include "common/rpc/request_id.h"
+#include "common/rpc/status.h"
 #include "common/rpc/wire_array.h"
 #include "itn/v1/predict.grpc.pb.h"
 
@@ -57,7 +58,7 @@ class RemotePredictor {
       spdlog::warn("{} refuses the photograph (request {})", address_, call.name);
       outcome.clear_reply();
       outcome.set_code(call.status.error_code());
-      outcome.set_message(call.status.error_message());
+      outcome.set_message(message_of(call.status));
       return reply;
     }
     v1::PredictBatchRequest request;

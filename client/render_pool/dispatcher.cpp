@@ -326,7 +326,7 @@ void Dispatcher::wait_for_place(Worker& worker, const grpc::Status& status, Cloc
   if (!under_way_.empty()) return;
   if (said_that_it_waits_ && now - *said_that_it_waits_ < kSayAgain) return;
   said_that_it_waits_ = now;
-  spdlog::warn("{}: {}; waiting for a place", who(worker), status.error_message());
+  spdlog::warn("{}: {}; waiting for a place", who(worker), message_of(status));
 }
 
 void Dispatcher::end(Job& job) {

@@ -1,7 +1,9 @@
 #include "client/render_pool/outcome.h"
 
 #include <algorithm>
+#include <string_view>
 
+#include "common/rpc/status.h"
 #include "itn/v1/render.pb.h"
 
 namespace itn {
@@ -33,11 +35,11 @@ std::optional<std::chrono::milliseconds> retry_after(const grpc::Status& status)
 std::string describe(const grpc::Status& status) {
   if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) return "it is not a render worker";
   // As gRPC says it.
-  if (status.error_message().starts_with("keepalive watchdog timeout")) {
-    return "no sign of life for ten seconds" +
-           status.error_message().substr(std::string_view("keepalive watchdog timeout").size());
-  }
-  return status.error_message();
+  constexpr std::string_view kSilence = "keepalive watchdog timeout";
+  const std::string message = message_of(status);
+  return message.starts_with(kSilence)
+             ? "no sign of life for ten seconds" + message.substr(kSilence.size())
+             : message;
 }
 
 }  // namespace itn

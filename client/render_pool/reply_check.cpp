@@ -47,7 +47,7 @@ void check_images(const v1::RenderGradReply& reply, const v1::RenderGradRequest&
   check_number("the number of estimates", reply.estimates_size(),
                std::max(request.estimates(), 1U));
   for (const v1::Estimate& estimate : reply.estimates()) {
-    check_image("radiance", estimate.radiance(), pixels, -kMost, kMost);
+    check_image("radiance", estimate.radiance(), pixels, 0, kMost);
     check_number("the number of derivatives", estimate.derivatives_size(),
                  derivative_count(request));
     for (const std::string& image : estimate.derivatives()) {
@@ -55,7 +55,7 @@ void check_images(const v1::RenderGradReply& reply, const v1::RenderGradRequest&
     }
     check_number("the number of at_albedos", estimate.at_albedos_size(), request.albedos_size());
     for (const std::string& image : estimate.at_albedos()) {
-      check_image("radiance at an albedo", image, pixels, -kMost, kMost);
+      check_image("radiance at an albedo", image, pixels, 0, kMost);
     }
   }
   check_image("mask", reply.mask(), pixels, 0, 1);

@@ -4,6 +4,7 @@
 
 #include "client/render_pool/reply_check.h"
 #include "common/error.h"
+#include "common/printable.h"
 #include "common/rpc/deadline.h"
 #include "common/rpc/request_id.h"
 
@@ -36,7 +37,7 @@ grpc::Status WorkerConnection::probe(bool patient, const std::stop_token& stop,
     return {grpc::StatusCode::FAILED_PRECONDITION,
             fmt::format("its version is {}, this is " ITN_VERSION
                         ": only the same version gives the same results",
-                        capabilities.version())};
+                        printable(capabilities.version()))};
   }
   return patient || !explain_ ? status : explain_(status);
 }

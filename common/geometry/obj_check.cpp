@@ -88,6 +88,10 @@ class ObjCheck {
   // Of points and lines, which have fewer corners, nothing is made.
   void copy_face() {
     if (words_.size() < 4) return;
+    if (words_.size() > kMaxCorners + 1) {
+      throw wrong(line_, fmt::format("the face has {} corners; it may have at most {}",
+                                     words_.size() - 1, kMaxCorners));
+    }
     result_ += 'f';
     for (size_t i = 1; i < words_.size(); ++i) result_ += fmt::format(" {}", vertex(words_[i]));
     result_ += '\n';

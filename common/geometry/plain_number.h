@@ -1,4 +1,4 @@
-// Numbers in text files of meshes. Internal to mesh_file.
+// Numbers in files of meshes, and how many there may be. Internal to mesh_file.
 #pragma once
 
 #include <charconv>
@@ -7,6 +7,9 @@
 #include <string_view>
 
 namespace itn {
+
+// Of a face: cutting it into triangles takes time by their square.
+inline constexpr size_t kMaxCorners = 1024;
 
 // A longer number is none.
 inline constexpr size_t kMaxNumber = 64;

@@ -169,6 +169,14 @@ class PlyCheck {
                                  element.name));
   }
 
+  // Of the lists of a face one has its corners.
+  void check_corners(const Element& element, uint64_t i, uint64_t items) const {
+    if (element.name == "face" && items > kMaxCorners) {
+      throw wrong(fmt::format("face {} has a list of {} items; a face has at most {} corners", i,
+                              items, kMaxCorners));
+    }
+  }
+
   void copy_text(const Element& element, std::string& result) {
     check_room(element, 2 * element.properties.size());
     for (uint64_t i = 0; i < element.count; ++i) {
@@ -187,6 +195,7 @@ class PlyCheck {
         for (uint64_t k = 0; k < items; ++k) {
           result.append(number(element, i)).push_back(' ');
         }
+        check_corners(element, i, items);
       }
       result.back() = '\n';
     }
@@ -228,6 +237,7 @@ class PlyCheck {
           items = binary_count(property.count_type->size, element, i);
         }
         if (items > (content_.size() - at_) / property.type->size) throw missing(element, i);
+        check_corners(element, i, items);
         at_ += items * property.type->size;
       }
     }

@@ -113,6 +113,16 @@ bool is_of_this_machine(const sockaddr& address) {
          IN6_IS_ADDR_LOOPBACK(&reinterpret_cast<const sockaddr_in6&>(address).sin6_addr);
 }
 
+// See Listener::Connection::peer. An IPv4 address in an IPv6 socket is all that its bytes say.
+std::string peer_of(const sockaddr_storage& address) {
+  if (address.ss_family == AF_INET) {
+    const in_addr& four = reinterpret_cast<const sockaddr_in&>(address).sin_addr;
+    return {reinterpret_cast<const char*>(&four), sizeof four};
+  }
+  const in6_addr& six = reinterpret_cast<const sockaddr_in6&>(address).sin6_addr;
+  return {reinterpret_cast<const char*>(&six), IN6_IS_ADDR_V4MAPPED(&six) ? sizeof six : 8};
+}
+
 // Ends a connection at once: what has arrived and was not read yet is read by nobody.
 void cut(int fd) {
   shutdown(fd, SHUT_RDWR);
@@ -196,18 +206,28 @@ void Listener::run(const std::stop_token& stop, const std::function<void(int)>& 
   }
 }
 
+bool Listener::has_place_for(const std::string& peer) const {
+  const size_t held = std::ranges::count(connections_, peer, &Connection::peer);
+  return connections_.size() + held < options_.max_connections;
+}
+
 bool Listener::accept_all(const std::function<void(int)>& take) {
   for (;;) {
-    const int fd = accept4(socket_, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
+    sockaddr_storage address = {};
+    socklen_t length = sizeof address;
+    const int fd = accept4(socket_, reinterpret_cast<sockaddr*>(&address), &length,
+                           SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (fd < 0) return errno != EMFILE && errno != ENFILE && errno != ENOMEM && errno != ENOBUFS;
-    const int watched =
-        connections_.size() < options_.max_connections ? fcntl(fd, F_DUPFD_CLOEXEC, 0) : -1;
+    std::string peer = peer_of(address);
+    const int watched = has_place_for(peer) ? fcntl(fd, F_DUPFD_CLOEXEC, 0) : -1;
     if (watched < 0) {
-      spdlog::warn("a connection was closed: there are {} already", connections_.size());
+      spdlog::warn(
+          "a connection was closed: there are {} of {} already, and too many of its address",
+          connections_.size(), options_.max_connections);
       ::close(fd);
       continue;
     }
-    connections_.push_back({watched});
+    connections_.push_back({watched, std::move(peer)});
     open_ = connections_.size();
     take(fd);
   }

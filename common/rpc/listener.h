@@ -14,7 +14,9 @@
 namespace itn {
 
 struct ListenerOptions {
-  size_t max_connections = 1024;  // more are closed at once
+  // More are closed at once. So are those of an address that would then hold more than are free:
+  // whoever opens all that they can leaves others half.
+  size_t max_connections = 1024;
   // Of the process, resident: close to it, the connection that sent most lately is closed, again
   // and again, and until that has helped, for two seconds at most, none is accepted. 0: none.
   uint64_t max_memory_bytes = 0;
@@ -48,12 +50,14 @@ class Listener {
  private:
   struct Connection {
     int fd = -1;            // a duplicate of gRPC's: ours to watch and to shut down
+    std::string peer;       // bytes of the other end's address, of IPv6 the network's 64 bits
     uint64_t received = 0;  // bytes, in all
     double lately = 0;      // bytes, the older the less
 
     void look();
   };
 
+  bool has_place_for(const std::string& peer) const;
   // False if the system has no room for one more.
   bool accept_all(const std::function<void(int)>& take);
   void forget(const std::vector<int>& fds);

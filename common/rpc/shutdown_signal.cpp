@@ -5,6 +5,7 @@
 
 #include <cerrno>
 #include <csignal>
+#include <cstdio>
 #include <thread>
 
 #include "common/error.h"
@@ -46,6 +47,7 @@ void ShutdownSignal::wait() {
 void ShutdownSignal::exit_on_next() {
   std::thread([] {
     wait_for_signal();
+    std::fputs("interrupted again: ended at once\n", stderr);
     _exit(exit_code(ErrorKind::kCancelled));
   }).detach();
 }

@@ -12,7 +12,8 @@ class ShutdownSignal {
   // Blocks until a signal arrives that no earlier call has returned for.
   void wait();
 
-  // From now on a further signal ends the process at once, with exit code 130.
+  // From now on a further signal ends the process at once, whatever it does, with a line on stderr
+  // and exit code 130.
   void exit_on_next();
 };
 

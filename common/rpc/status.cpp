@@ -3,6 +3,7 @@
 #include <new>
 #include <system_error>
 
+#include "common/printable.h"
 #include "itn/v1/render.pb.h"
 
 namespace itn {
@@ -37,9 +38,10 @@ ErrorKind kind_of(grpc::StatusCode code) {
   }
 }
 
+constexpr size_t kMostBytes = 2000;
+
 // Within what gRPC lets a header take.
 std::string bounded(const std::string& message) {
-  constexpr size_t kMostBytes = 2000;
   return message.size() > kMostBytes ? message.substr(0, kMostBytes) + "..." : message;
 }
 
@@ -79,9 +81,13 @@ grpc::Status status_of_current_exception() {
   }
 }
 
+std::string message_of(const grpc::Status& status) {
+  return printable(status.error_message(), kMostBytes);
+}
+
 Error to_error(const grpc::Status& status, const std::string& who) {
   const std::string prefix = who.empty() ? "" : who + ": ";
-  return Error(kind_of(status.error_code()), prefix + status.error_message());
+  return Error(kind_of(status.error_code()), prefix + message_of(status));
 }
 
 }  // namespace itn

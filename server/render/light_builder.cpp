@@ -40,6 +40,9 @@ tracer::SunSkyLight build_sun_sky(const std::string& field, const v1::SunSky& pr
   return light;
 }
 
+// Of a panorama, where a sun may be far above all else. Its fourth power is a float's.
+constexpr double kMaxRadiance = 1e9;
+
 void check_pixels(const std::string& field, const v1::Pixels& proto) {
   integer_in(field + ".width", proto.width(), 1, 16384);
   integer_in(field + ".height", proto.height(), 1, 8192);
@@ -64,15 +67,15 @@ tracer::EnvironmentMapLight build_environment_map(const std::string& field,
   tracer::EnvironmentMapLight light;
   light.width = static_cast<int>(proto.pixels().width());
   light.height = static_cast<int>(proto.pixels().height());
+  if (proto.has_scale()) light.scale = in_closed(field + ".scale", proto.scale(), 0, 1e6);
   light.rgb = array_of<float>(pixels + ".rgb", proto.pixels().rgb());
   for (size_t i = 0; i < light.rgb.size(); ++i) {
-    if (!(light.rgb[i] >= 0 && std::isfinite(light.rgb[i]))) {
-      throw invalid_input(fmt::format("{}.rgb is {} at x = {}, y = {}; it must be finite and >= 0",
-                                      pixels, light.rgb[i], i / 3 % light.width,
-                                      i / 3 / light.width));
+    if (!(light.scale * light.rgb[i] >= 0 && light.scale * light.rgb[i] <= kMaxRadiance)) {
+      throw invalid_input(fmt::format(
+          "{}.rgb is {} at x = {}, y = {}; times the scale it must be in [0, {:g}]", pixels,
+          light.rgb[i], i / 3 % light.width, i / 3 / light.width, kMaxRadiance));
     }
   }
-  if (proto.has_scale()) light.scale = in_closed(field + ".scale", proto.scale(), 0, 1e6);
   light.digest = sha256(proto.pixels().rgb());
   light.rotate_y = proto.rotate_y_degrees() * kRadiansPerDegree;
   return light;

@@ -127,9 +127,6 @@ std::string object_key(const v1::Mesh& proto, int first_of_pose) {
 }
 
 void check_extent(const std::string& field, const Mesh& mesh, const tracer::Pose& pose = {}) {
-  if (mesh.triangles.empty()) {
-    throw invalid_input(fmt::format("{} has only triangles that repeat a vertex", field));
-  }
   for (const Vec3f v : mesh.vertices) {
     check_position(field + ", after its transforms,", pose.to_scene(static_cast<Vec3d>(v)));
   }
@@ -236,7 +233,11 @@ Mesh MeshBuilder::from_triangles(const std::string& field, const v1::Triangles& 
   Mesh mesh{array_of<Vec3f>(field + ".positions", proto.positions()),
             array_of<std::array<uint32_t, 3>>(field + ".indices", proto.indices())};
   validate_triangles(mesh, field);
-  return welded(mesh);
+  mesh = welded(mesh);
+  if (mesh.triangles.empty()) {
+    throw invalid_input(fmt::format("{} has only triangles that repeat a vertex", field));
+  }
+  return mesh;
 }
 
 }  // namespace itn

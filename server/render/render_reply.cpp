@@ -1,8 +1,10 @@
 #include "server/render/render_reply.h"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 
+#include "common/error.h"
 #include "common/rpc/wire_array.h"
 #include "server/render/derivatives.h"
 #include "server/render/rendering_loss.h"
@@ -30,17 +32,31 @@ std::vector<float> combine(const tracer::RenderedImages::Estimate& estimate,
   return image;
 }
 
+// Nothing that is not finite leaves the worker as an answer.
+template <typename Number>
+const Number& finite(const Number& number) {
+  if (!std::isfinite(number)) {
+    throw Error(ErrorKind::kInternal, "the render is not finite: a fault of this worker");
+  }
+  return number;
+}
+
+std::string image_bytes(const std::vector<float>& image) {
+  std::ranges::for_each(image, finite<float>);
+  return to_bytes(image);
+}
+
 // Of the image as it would be sent: 0 at the pixels that are not rendered.
 void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
                v1::RenderGradReply& reply) {
   const RenderingLoss loss =
       rendering_loss(from_bytes<float>(request.loss().image()),
                      from_bytes<float>(request.loss().weight()), tracer::means(sums).estimates);
-  reply.set_loss(loss.value);
+  reply.set_loss(finite(loss.value));
   for (const std::vector<double>& weights : derivatives_in(request).weights) {
     double sum = 0;
     for (size_t c = 0; c < weights.size(); ++c) sum += weights[c] * loss.gradient[c];
-    reply.add_loss_gradient(sum);
+    reply.add_loss_gradient(finite(sum));
   }
 }
 
@@ -50,16 +66,16 @@ void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& requ
   const tracer::RenderedImages images = tracer::means(sums);
   for (const auto& estimate : images.estimates) {
     v1::Estimate& proto = *reply.add_estimates();
-    proto.set_radiance(to_bytes(estimate.radiance));
+    proto.set_radiance(image_bytes(estimate.radiance));
     for (const std::vector<double>& weights : derivatives.weights) {
-      proto.add_derivatives(to_bytes(combine(estimate, weights)));
+      proto.add_derivatives(image_bytes(combine(estimate, weights)));
     }
     for (const std::vector<float>& radiance : estimate.at_albedos) {
-      proto.add_at_albedos(to_bytes(radiance));
+      proto.add_at_albedos(image_bytes(radiance));
     }
   }
-  reply.set_mask(to_bytes(images.mask));
-  reply.set_standard_error(to_bytes(images.standard_error));
+  reply.set_mask(image_bytes(images.mask));
+  reply.set_standard_error(image_bytes(images.standard_error));
 }
 
 }  // namespace

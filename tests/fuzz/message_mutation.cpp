@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <iterator>
 #include <limits>
 #include <memory>
@@ -128,12 +129,31 @@ class Mutation {
                                        Limits::min(),
                                        Limits::infinity(),
                                        Limits::quiet_NaN()};
-    switch (below(4)) {
+    switch (below(5)) {
       case 0: return kSome[below(std::size(kSome))];
       case 1: return old * std::pow(10, std::uniform_real_distribution<double>(-3, 3)(random_));
       case 2: return std::nextafter(old, one_in(2) ? Limits::max() : Limits::lowest());
+      case 3: return (one_in(8) ? -1 : 1) * std::ldexp(1, exponent());
       default: return old + std::normal_distribution<double>()(random_);
     }
+  }
+
+  // Of any float, denormal ones among them.
+  int exponent() { return std::uniform_int_distribution<int>(-149, 127)(random_); }
+
+  // Bytes that may be floats: one of them, or all, by another exponent.
+  std::string scaled(std::string bytes) {
+    const size_t count = bytes.size() / sizeof(float);
+    const size_t begin = one_in(2) ? 0 : below(count);
+    const size_t end = begin == 0 ? count : begin + 1;
+    const int by = exponent();
+    for (size_t i = begin; i < end; ++i) {
+      float value = 0;
+      std::memcpy(&value, &bytes[i * sizeof value], sizeof value);
+      value = std::ldexp(value, by);
+      std::memcpy(&bytes[i * sizeof value], &value, sizeof value);
+    }
+    return bytes;
   }
 
   uint64_t integer(uint64_t old) {
@@ -154,6 +174,9 @@ class Mutation {
         change(*inside);
         return inside->SerializeAsString();
       }
+    }
+    if (field.type() == FieldDescriptor::TYPE_BYTES && old.size() >= sizeof(float) && one_in(2)) {
+      return scaled(old);
     }
     constexpr size_t kMostMore = 16;
     std::string bytes = old;

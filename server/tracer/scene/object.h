@@ -13,6 +13,12 @@
 
 namespace itn::tracer {
 
+// What floats resolve: the longest side of an object is this many mm at least, so that products of
+// lengths do not underflow, and this part at least of its largest coordinate and of the distance
+// to the camera, so that coordinates and directions are right to a per cent of it.
+constexpr double kSmallestLength = 1e-6;
+constexpr double kSmallestPart = 2e-5;
+
 class Object {
  public:
   // The mesh bounds a volume (validate_closed). Throws Error (cancelled) soon after a stop is
@@ -23,13 +29,14 @@ class Object {
 
   Mesh mesh;
   Bounds bounds;
-  float extent;  // largest absolute coordinate
+  float extent;   // largest absolute coordinate
+  double length;  // of the longest side of the bounds
   Grid grid;
   Depths depths;
 };
 
 // Checks the mesh and compiles it. `what` names it in messages. Throws Error (invalid input) unless
-// it bounds a volume; Error (cancelled).
+// it bounds a volume that floats resolve; Error (cancelled).
 std::shared_ptr<const Object> compile_object(Mesh mesh, const std::string& what,
                                              const std::stop_token& stop = {});
 

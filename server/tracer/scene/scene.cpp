@@ -36,6 +36,19 @@ void check(const SceneDescription& scene) {
   }
 }
 
+void check_distance(const SceneDescription& scene) {
+  const Object& object = *scene.compiled_object;
+  const Vec3d middle =
+      (static_cast<Vec3d>(object.bounds.min) + static_cast<Vec3d>(object.bounds.max)) * 0.5;
+  const double distance = length(scene.camera.origin - scene.pose.to_scene(middle));
+  if (!(object.length >= kSmallestPart * distance)) {
+    throw invalid_input(
+        fmt::format("object: its longest side is {:g} mm; it must be {:g} at least of the distance "
+                    "to the camera, which is {:g} mm",
+                    object.length, kSmallestPart, distance));
+  }
+}
+
 std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCache& parts,
                                                const std::stop_token& stop) {
   check(scene);
@@ -44,6 +57,7 @@ std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCac
     scene.compiled_object =
         scene.object_key.empty() ? build() : parts.get<Object>(scene.object_key, stop, build);
   }
+  check_distance(scene);
   return std::make_unique<const Scene::Compiled>(std::move(scene), parts);
 }
 

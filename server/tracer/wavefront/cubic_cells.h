@@ -100,8 +100,9 @@ class TriangleAmongCells {
   // The cells of the triangle's own box.
   void range(double a, double b, double c, size_t axis) {
     const auto cell = [&](double x) {
+      // In this order NaN becomes 0.
       return static_cast<int>(
-          std::clamp(x / cells_.edge, 0.0, static_cast<double>(cells_.size[axis] - 1)));
+          std::min(std::max(0.0, x / cells_.edge), static_cast<double>(cells_.size[axis] - 1)));
     };
     first_[axis] = cell(std::min({a, b, c}) - margin_);
     last_[axis] = cell(std::max({a, b, c}) + margin_);

@@ -18,12 +18,14 @@ namespace {
 
 namespace fs = std::filesystem;
 using ::testing::ContainsRegex;
+using ::testing::Each;
 using testing::Finished;
 using ::testing::HasSubstr;
 using ::testing::Not;
 using testing::Process;
 using testing::run;
 using testing::TemporaryFolder;
+using ::testing::Truly;
 
 // Torch's sums depend on its threads in the last bits.
 const std::vector<std::string> kSmoke = {ITN, "experiment", "--preset", "smoke", "--torch-threads",
@@ -61,6 +63,19 @@ std::string but_for_times(const std::string& table_3) {
   return kept;
 }
 
+// In each folder one that a killed process had begun to write.
+std::vector<fs::path> files_begun_below(const fs::path& folder) {
+  std::vector<fs::path> folders{folder}, files;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(folder)) {
+    if (entry.is_directory()) folders.push_back(entry.path());
+  }
+  for (const fs::path& each : folders) {
+    files.push_back(each / "begun.1-1.tmp");
+    std::ofstream(files.back()) << "a part";
+  }
+  return files;
+}
+
 constexpr const char* kTables[] = {"table_1.csv", "table_1_other_noise.csv", "gains.csv",
                                    "by_thickness.csv", "table_2.csv"};
 
@@ -79,7 +94,10 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
     killed.send(SIGKILL);
     killed.wait();
   }
+  const std::vector<fs::path> unfinished = files_begun_below(folder.path("parts"));
+  EXPECT_GT(unfinished.size(), 5U);
   const Finished continued = run(smoke(folder.path("parts")));
+  EXPECT_THAT(unfinished, Each(Truly([](const fs::path& file) { return !fs::exists(file); })));
   ASSERT_EQ(continued.exit_code, 0) << continued.errors;
   EXPECT_THAT(continued.errors, HasSubstr("train ITN+naive: done before"));
   for (const char* table : kTables) {

@@ -381,6 +381,18 @@ TEST_F(DatasetFolder, ReadsAndWritesNothingOutsideOfItself) {
                [&] { reader.image(reader.manifest().items(0)); });
 }
 
+TEST_F(DatasetFolder, RefusesAResolutionThatNoDatasetHas) {
+  render(plan_);
+  for (const uint32_t resolution : {0U, 17U, 1U << 31, ~0U}) {
+    v1::Dataset manifest = plan_.manifest;
+    manifest.mutable_config()->set_resolution(resolution);
+    std::ofstream(folder_ / kManifestName, std::ios::trunc) << to_text(manifest);
+    expect_error(ErrorKind::kInvalidInput,
+                 fmt::format("{} has a resolution of {}", kManifestName, resolution),
+                 [&] { DatasetReader reader(folder_); });
+  }
+}
+
 TEST_F(DatasetFolder, ContinuesFromItsManifestAlone) {
   render(plan_);
   const auto whole = files();

@@ -237,9 +237,23 @@ TEST(FailingWorkers, OfAnotherVersionAreNotUsed) {
     expect_answers(submit(pool, 20));
     EXPECT_EQ(old.renders(), 0);
   }
-  RenderPoolOptions options = pool_of({&old});
   expect_error(ErrorKind::kUnavailable, {old.address(), "0.0.1", ITN_VERSION},
-               [&] { RenderPool pool(options); });
+               [&] { RenderPool pool(pool_of({&old})); });
+}
+
+TEST(FailingWorkers, CannotSteerTheTerminalByTheirVersion) {
+  v1::Capabilities other;
+  other.set_version("\x1b[2J" + std::string(1 << 20, '9'));
+  FakeWorker strange(answers, other);
+  try {
+    RenderPool pool(pool_of({&strange}));
+    FAIL() << "it is used";
+  } catch (const Error& error) {
+    const std::string message = error.what();
+    EXPECT_NE(message.find("\\x1b[2J999"), std::string::npos) << message.substr(0, 300);
+    EXPECT_EQ(message.find('\x1b'), std::string::npos);
+    EXPECT_LT(message.size(), 1000U);
+  }
 }
 
 TEST(FailingWorkers, ThatAreTooSmallLeaveRendersToLargerOnes) {

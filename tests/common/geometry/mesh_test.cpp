@@ -389,6 +389,12 @@ std::string replaced(std::string text, const std::string& from, const std::strin
   return text.replace(text.find(from), from.size(), to);
 }
 
+std::string many_corners(int count) {
+  std::string corners;
+  for (int i = 0; i < count; ++i) corners += i % 2 == 0 ? " 1" : " 2";
+  return corners;
+}
+
 struct BadMeshFile {
   const char* name;
   const char* file;
@@ -481,6 +487,16 @@ const std::vector<BadMeshFile> kBadMeshFiles{
      replaced(kObj, "f 1 4 3", "f 1 -5 3"),
      ErrorKind::kInvalidInput,
      {"a.obj: line 7: the face refers to vertex -5; there are 4"}},
+    {"too_many_corners",
+     "a.ply",
+     replaced(kPly, "3 1 2 3", "1025 1 2 3" + many_corners(1022)),
+     ErrorKind::kInvalidInput,
+     {"a.ply", "face 3 has a list of 1025 items", "at most 1024"}},
+    {"obj_too_many_corners",
+     "a.obj",
+     replaced(kObj, "f 1 4 3", "f 1 4 3" + many_corners(1022)),
+     ErrorKind::kInvalidInput,
+     {"a.obj: line 7: the face has 1025 corners"}},
     {"index", "a.ply", replaced(kPly, "3 1 2 3", "3 1 2 9"), ErrorKind::kInvalidInput, {"a.ply"}},
     {"index_of_a_quad",
      "a.ply",

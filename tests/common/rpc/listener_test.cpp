@@ -1,9 +1,14 @@
 #include "common/rpc/listener.h"
 
+#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "common/error.h"
 #include "common/rpc/host_port.h"
@@ -44,6 +49,58 @@ TEST(Listener, NamesAHostThatIsNotThere) {
     EXPECT_EQ(error.kind(), ErrorKind::kUsage);
     EXPECT_THAT(error.what(), HasSubstr("no.such.host.invalid"));
   }
+}
+
+// A connection to a listener, from an address of this machine.
+class Caller {
+ public:
+  Caller(const Listener& listener, const char* from) : fd_(socket(AF_INET, SOCK_STREAM, 0)) {
+    sockaddr_in here = {};
+    here.sin_family = AF_INET;
+    inet_pton(AF_INET, from, &here.sin_addr);
+    EXPECT_EQ(bind(fd_, reinterpret_cast<sockaddr*>(&here), sizeof here), 0);
+    inet_pton(AF_INET, "127.0.0.1", &here.sin_addr);
+    here.sin_port = htons(parse_host_port(listener.address()).port);
+    EXPECT_EQ(connect(fd_, reinterpret_cast<sockaddr*>(&here), sizeof here), 0);
+  }
+  Caller(Caller&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  ~Caller() {
+    if (fd_ >= 0) close(fd_);
+  }
+
+  // The listener's owner greets those that are taken; others are closed.
+  bool is_taken() const {
+    char greeting = 0;
+    return recv(fd_, &greeting, 1, 0) == 1;
+  }
+
+ private:
+  int fd_;
+};
+
+TEST(Listener, LeavesRoomForOtherAddresses) {
+  Listener listener("127.0.0.1:0", {.max_connections = 8});
+  std::vector<int> taken;
+  listener.start([&](int fd) {
+    EXPECT_EQ(send(fd, "!", 1, 0), 1);
+    taken.push_back(fd);
+  });
+  std::vector<Caller> callers;
+  const auto taken_of = [&](const char* from, int calls) {
+    int count = 0;
+    for (int i = 0; i < calls; ++i) {
+      callers.emplace_back(listener, from);
+      count += callers.back().is_taken() ? 1 : 0;
+    }
+    return count;
+  };
+  EXPECT_EQ(taken_of("127.0.0.1", 20), 4);  // a half
+  EXPECT_EQ(taken_of("127.0.0.2", 20), 2);  // of what is left
+  EXPECT_EQ(taken_of("127.0.0.3", 20), 1);
+  EXPECT_EQ(taken_of("127.0.0.4", 20), 1);
+  EXPECT_EQ(listener.connections(), 8U);
+  listener.close();
+  for (const int fd : taken) close(fd);
 }
 
 }  // namespace

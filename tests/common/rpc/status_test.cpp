@@ -4,6 +4,7 @@
 
 #include <new>
 #include <stdexcept>
+#include <string>
 
 namespace itn {
 namespace {
@@ -38,6 +39,14 @@ TEST(Status, TakesADeadlineAMissingServiceAndAnUnwelcomeClientForUnavailable) {
   EXPECT_EQ(to_error({grpc::DEADLINE_EXCEEDED, ""}, "").kind(), ErrorKind::kUnavailable);
   EXPECT_EQ(to_error({grpc::UNIMPLEMENTED, ""}, "").kind(), ErrorKind::kUnavailable);
   EXPECT_EQ(to_error({grpc::UNAUTHENTICATED, ""}, "").kind(), ErrorKind::kUnavailable);
+}
+
+// What another process says can neither steer the terminal nor fill it.
+TEST(Status, OfAStrangerIsFitToBeShown) {
+  const std::string said = "no\x1b[2J\nroot# " + std::string(1 << 20, 'x');
+  const std::string shown = to_error({grpc::INTERNAL, said}, "worker a:1").what();
+  EXPECT_TRUE(shown.starts_with("worker a:1: no\\x1b[2J\\x0aroot# xxx")) << shown.substr(0, 80);
+  EXPECT_LT(shown.size(), 3000U);
 }
 
 template <typename Exception>

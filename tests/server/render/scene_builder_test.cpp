@@ -16,6 +16,8 @@
 
 #include "common/error.h"
 #include "common/geometry/shapes.h"
+#include "common/rpc/wire_array.h"
+#include "server/tracer/render.h"
 #include "tests/support/process.h"
 #include "tests/support/scenes.h"
 
@@ -77,6 +79,13 @@ const BadScene kBadScenes[] = {
      "scene.camera has a field with the unknown number 77"},
     {"MeshRepair", [](auto& s) { mesh(s).set_repair(true); }, "a worker repairs nothing"},
     {"MeshPath", [](auto& s) { mesh(s).set_path("/etc/passwd"); }, "a worker opens no files"},
+    {"OnlyRepeatedVertices",
+     [](auto& s) {
+       mesh(s).set_normalize(true);
+       mesh(s).mutable_triangles()->set_positions(to_bytes<Vec3f>({{0, 0, 0}, {1, 0, 0}}));
+       mesh(s).mutable_triangles()->set_indices(to_bytes<uint32_t>({0, 1, 0, 1, 1, 0}));
+     },
+     "scene.object.mesh.triangles has only triangles that repeat a vertex"},
     {"UnknownShape", [](auto& s) { mesh(s).set_builtin("teapot-of-utah"); }, "teapot-of-utah"},
     {"NoPositions", [](auto& s) { mesh(s).mutable_triangles()->clear_positions(); },
      "scene.object.mesh.triangles.positions is missing"},
@@ -146,6 +155,12 @@ const BadScene kBadScenes[] = {
     {"MapNegative",
      [](auto& s) { pixels(s, 2, 1, 6).mutable_rgb()->replace(20, 4, to_bytes<float>({-1})); },
      "rgb is -1 at x = 1, y = 0"},
+    {"MapTooBright",
+     [](auto& s) {
+       pixels(s, 2, 1, 6).mutable_rgb()->replace(20, 4, to_bytes<float>({1e8F}));
+       s.mutable_lights(0)->mutable_environment_map()->set_scale(20);
+     },
+     "rgb is 100000000 at x = 1, y = 0; times the scale it must be in [0, 1e+09]"},
     {"Radiance", [](auto& s) { s.mutable_lights(0)->mutable_constant()->set_radiance(-1); },
      "scene.lights[0].constant.radiance is -1"},
     {"NoDirection", [](auto& s) { s.mutable_lights(1)->mutable_directional()->clear_direction(); },
@@ -309,6 +324,79 @@ TEST(SceneBuilder, WeldsTriangleSoup) {
   triangles.set_positions(to_bytes(positions));
   triangles.set_indices(to_bytes(indices));
   EXPECT_EQ(placed_object(scene).vertices.size(), 8U);
+}
+
+// ---- Sizes -------------------------------------------------------------------------------------
+
+// The cube and all around it so many times as large.
+v1::Scene scaled_scene(float factor) {
+  v1::Scene scene = cube_scene();
+  const auto scale = [&](v1::Vec3& v) {
+    v.set_x(factor * v.x());
+    v.set_y(factor * v.y());
+    v.set_z(factor * v.z());
+  };
+  auto& by = *mesh(scene).add_transforms()->mutable_scale();
+  by.set_x(factor);
+  by.set_y(factor);
+  by.set_z(factor);
+  v1::Rectangle& ground = *scene.mutable_surfaces(0)->mutable_rectangle();
+  scale(*ground.mutable_half_u());
+  scale(*ground.mutable_half_v());
+  scale(*scene.mutable_camera()->mutable_origin());
+  scale(*scene.mutable_camera()->mutable_target());
+  return scene;
+}
+
+tracer::RenderedImages render(const v1::Scene& scene, double sigma_t, tracer::Tracer tracer) {
+  const tracer::Scene built(build_scene(scene, RenderLimits()));
+  tracer::RenderRequest request{.material = {sigma_t, 0.9, 0.3}, .sample_count = 64};
+  request.tracer = tracer;
+  return tracer::means(tracer::render_grad(built, request));
+}
+
+// By powers of two nothing is rounded otherwise: the smallest and largest objects have the same
+// image, but where a length is compared with a constant.
+TEST(SceneSize, DoesNotMatter) {
+  for (const auto tracer : {tracer::Tracer::kWavefront, tracer::Tracer::kReference}) {
+    const auto expected = render(scaled_scene(1), 0.5, tracer).estimates.at(0).radiance;
+    for (const int exponent : {-19, -10, 10, 15}) {
+      const auto image =
+          render(scaled_scene(std::ldexp(1.0F, exponent)), std::ldexp(0.5, -exponent), tracer)
+              .estimates.at(0)
+              .radiance;
+      EXPECT_EQ(image, expected) << "2^" << exponent;
+    }
+  }
+}
+
+void expect_refused(const v1::Scene& scene, const char* message) {
+  try {
+    tracer::Scene built(build_scene(scene, RenderLimits()));
+    FAIL() << "accepted";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr(message));
+    EXPECT_EQ(error.kind(), ErrorKind::kInvalidInput);
+  }
+}
+
+TEST(SceneSize, MustBeWhatFloatsResolve) {
+  for (const float factor : {1e-45F, 3e-45F, 1e-44F, 1e-38F, 1e-20F, 9e-7F}) {
+    expect_refused(scaled_scene(factor), "it must be 1e-06 mm at least");
+  }
+  // Far from the origin of its own coordinates, or from the camera.
+  v1::Scene scene = cube_scene();
+  for (v1::Transform* move : {mesh(scene).add_transforms(), mesh(scene).add_transforms()}) {
+    move->mutable_translate()->set_x(2e5F);
+    move = mesh(scene).add_transforms();
+    move->mutable_scale()->set_x(1);
+    move->mutable_scale()->set_y(1);
+    move->mutable_scale()->set_z(1);
+  }
+  expect_refused(scene, "2e-05 of its largest coordinate");
+  scene = cube_scene();
+  scene.mutable_camera()->mutable_origin()->set_x(2e5F);
+  expect_refused(scene, "2e-05 at least of the distance to the camera");
 }
 
 TEST(SceneBuilder, FillsInTheDocumentedDefaults) {
