@@ -17,11 +17,11 @@ constexpr int kWidth = 900, kHeight = 360;
 constexpr int kLeft = 70, kRight = 20, kTop = 40, kBottom = 50;
 
 // Okabe and Ito's, which people with colour blindness can tell apart.
-constexpr std::array<std::array<int, 3>, 6> kColours{
+constexpr std::array<std::array<int, 3>, 6> kCurveColours{
     {{0, 114, 178}, {213, 94, 0}, {0, 158, 115}, {204, 121, 167}, {230, 159, 0}, {86, 180, 233}}};
 
 cv::Scalar colour_of(size_t curve) {
-  const auto& [r, g, b] = kColours[curve % kColours.size()];
+  const auto& [r, g, b] = kCurveColours[curve % kCurveColours.size()];
   return {static_cast<double>(r), static_cast<double>(g), static_cast<double>(b)};
 }
 

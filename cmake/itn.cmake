@@ -33,6 +33,14 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   target_precompile_headers(torch_headers PRIVATE <torch/types.h> <torch/nn/module.h>)
 endif()
 
+# Headers cost more than our lines: files of a target that are compiled together parse them once.
+if(ITN_UNITY)
+  set(CMAKE_UNITY_BUILD ON)
+  set(CMAKE_UNITY_BUILD_BATCH_SIZE 10)
+  # Of types in files that are included.
+  target_compile_options(itn_options INTERFACE $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
+endif()
+
 function(itn_read_torch_headers_once target)
   if(TARGET torch_headers)
     target_precompile_headers(${target} REUSE_FROM torch_headers)
@@ -73,16 +81,18 @@ set_property(DIRECTORY ${PROJECT_SOURCE_DIR} APPEND PROPERTY
              TEST_INCLUDE_FILES ${CMAKE_BINARY_DIR}/test_environment.cmake)
 
 # itn_test(name [TORCH] LABEL unit|physics|service|e2e SOURCES a.cpp ... LINK lib ...
-#          [TOGETHER suite ...] [TIMEOUT seconds]): a GoogleTest program, each of its tests one CTest
+#          [SEPARATE b.cpp ...] [TOGETHER suite ...] [TIMEOUT seconds]): a GoogleTest program, each of its tests one CTest
 # test with this label, but for those of the suites TOGETHER, which share something that is dear to
-# make: each such suite is one CTest test. The time limits are for a machine that has much else to
+# make: each such suite is one CTest test. SEPARATE:
+# sources whose names clash with those of others, that are not compiled with them. The time limits are for a machine that has much else to
 # do.
 function(itn_test name)
-  cmake_parse_arguments(ARG "TORCH" "LABEL;TIMEOUT" "SOURCES;LINK;TOGETHER" ${ARGN})
+  cmake_parse_arguments(ARG "TORCH" "LABEL;TIMEOUT" "SOURCES;LINK;SEPARATE;TOGETHER" ${ARGN})
+  set_source_files_properties(${ARG_SEPARATE} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 900)
   endif()
-  itn_program(${name} SOURCES ${ARG_SOURCES} LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
+  itn_program(${name} SOURCES ${ARG_SOURCES} ${ARG_SEPARATE} LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
   if(ARG_TORCH)
     itn_read_torch_headers_once(${name})
   else()

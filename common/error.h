@@ -35,4 +35,9 @@ inline Error invalid_input(const std::string& message) {
   return Error(ErrorKind::kInvalidInput, message);
 }
 
+// Throws invalid_input(message) otherwise.
+inline void require(bool condition, const std::string& message) {
+  if (!condition) throw invalid_input(message);
+}
+
 }  // namespace itn

@@ -5,6 +5,11 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+
+#include <string>
+
+#include "common/error.h"
+
 namespace itn {
 
 void add_render_command(CLI::App& app);
@@ -25,5 +30,10 @@ void add_export_command(CLI::App& app);
 void add_merge_command(CLI::App& app);
 void add_refine_command(CLI::App& app);
 void add_completion_command(CLI::App& app);
+
+// Throws Error (kUsage) otherwise.
+inline void require_usage(bool condition, const std::string& message) {
+  if (!condition) throw Error(ErrorKind::kUsage, message);
+}
 
 }  // namespace itn

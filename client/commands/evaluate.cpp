@@ -41,7 +41,7 @@ struct EvaluateOptions {
 constexpr const char* kSimilarityPredictor = "similarity predictor";
 
 // One row of the table, and what was predicted for each image.
-struct Candidate {
+struct Contender {
   v1::Evaluation::Row row;
   std::vector<Material> predictions;
 };
@@ -56,24 +56,24 @@ std::vector<double> noise_levels(const EvaluateOptions& options, const v1::Model
 }
 
 // Of who has not looked at the images.
-Candidate yardstick(const std::string& name, std::vector<Material> predictions,
+Contender yardstick(const std::string& name, std::vector<Material> predictions,
                     const LabelledImages& images) {
-  Candidate candidate;
+  Contender candidate;
   candidate.row.set_name(name);
   candidate.predictions = std::move(predictions);
   set_errors(candidate.predictions, images, candidate.row);
   return candidate;
 }
 
-std::vector<Candidate> candidates_of(const EvaluateOptions& options, const LabelledImages& images,
+std::vector<Contender> candidates_of(const EvaluateOptions& options, const LabelledImages& images,
                                      const v1::MaterialChoice& materials) {
-  std::vector<Candidate> candidates;
+  std::vector<Contender> candidates;
   for (const std::string& checkpoint : options.checkpoints) {
     Predictor predictor = Predictor::load(find_model(checkpoint));
     for (const double noise : noise_levels(options, predictor.model())) {
       const std::vector<MaterialEstimate> estimates =
           estimate_all(predictor, images, noise, interruption());
-      Candidate& candidate = candidates.emplace_back();
+      Contender& candidate = candidates.emplace_back();
       candidate.row.set_name(predictor.name() +
                              (noise > 0 ? fmt::format(", noise {:.2g} %", 100 * noise) : ""));
       candidate.row.set_checkpoint(checkpoint);
@@ -97,7 +97,7 @@ std::vector<Candidate> candidates_of(const EvaluateOptions& options, const Label
 
 // Renders some of the images again with every candidate's predictions.
 void add_image_errors(const EvaluateOptions& options, const LabelledImages& images,
-                      const std::vector<Candidate>& candidates, DatasetReader& dataset,
+                      const std::vector<Contender>& candidates, DatasetReader& dataset,
                       RenderPool& pool, v1::Evaluation& evaluation) {
   const std::vector<uint32_t> chosen = spread(options.rerender, images.items.size());
   Progress progress("rerender", "images", chosen.size() * candidates.size());
@@ -116,7 +116,7 @@ void add_image_errors(const EvaluateOptions& options, const LabelledImages& imag
 
 // Of the first checkpoint.
 void write_picture(const EvaluateOptions& options, const LabelledImages& images,
-                   const Candidate& candidate, DatasetReader& dataset, RenderPool& pool) {
+                   const Contender& candidate, DatasetReader& dataset, RenderPool& pool) {
   std::vector<Comparison> rows;
   for (const size_t i : spread(options.picture_items, images.items.size())) {
     rows.push_back(
@@ -224,12 +224,12 @@ void run(const EvaluateOptions& options) {
   DatasetReader dataset(options.dataset);
   const v1::Split split = options.split == "train" ? v1::SPLIT_TRAIN : v1::SPLIT_TEST;
   const LabelledImages images = images_of(dataset, split);
-  const std::vector<Candidate> candidates =
+  const std::vector<Contender> candidates =
       candidates_of(options, images, dataset.manifest().config().materials());
   v1::Evaluation evaluation;
   evaluation.set_split(options.split);
   evaluation.set_items(static_cast<uint32_t>(images.items.size()));
-  for (const Candidate& candidate : candidates) {
+  for (const Contender& candidate : candidates) {
     *evaluation.add_rows() = candidate.row;
   }
   std::optional<RenderPool> pool;

@@ -28,7 +28,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct ExportOptions {
+struct ExportCommand {
   std::string checkpoint;
   std::string output;
   std::string name, version;
@@ -58,7 +58,7 @@ class SplitImages {
 };
 
 // From the training split and, as held out, the validation split.
-void complete(const ExportOptions& options, v1::Model& model) {
+void add_what_was_asked(const ExportCommand& options, v1::Model& model) {
   DatasetReader dataset(options.dataset);
   const fs::path folder = fs::absolute(options.output).parent_path();
   const SplitImages training(dataset, v1::SPLIT_TRAIN, model, folder);
@@ -71,7 +71,7 @@ void complete(const ExportOptions& options, v1::Model& model) {
   }
 }
 
-void run(const ExportOptions& options) {
+void run(const ExportCommand& options) {
   check_writable(options.output);
   set_torch_threads(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
   v1::Checkpoint exported;
@@ -82,7 +82,7 @@ void run(const ExportOptions& options) {
   if (options.common_error) model.set_common_error(*options.common_error);
   if (!options.dataset.empty()) model.clear_familiarity();  // it may be of an earlier version
   const Predictor predictor(model);  // it can be used, and so can its new name
-  if (!options.dataset.empty()) complete(options, model);
+  if (!options.dataset.empty()) add_what_was_asked(options, model);
   const bool knows = model.has_familiarity();
   write_checkpoint(options.output, std::move(exported));
   print_result(
@@ -94,7 +94,7 @@ void run(const ExportOptions& options) {
 }  // namespace
 
 void add_export_command(CLI::App& app) {
-  const auto options = std::make_shared<ExportOptions>();
+  const auto options = std::make_shared<ExportCommand>();
   CLI::App* command = app.add_subcommand(
       "export", "Write a trained model as a file for prediction, without what training needs");
   command

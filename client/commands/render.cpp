@@ -65,10 +65,6 @@ std::string suffix(const std::string& path) {
   return lower(std::filesystem::path(path).extension().string());
 }
 
-void require_usage(bool condition, const std::string& message) {
-  if (!condition) throw Error(ErrorKind::kUsage, message);
-}
-
 // Before the work, so that no render is lost for want of a place to write it to.
 void check_outputs(const RenderOptions& options) {
   // Nobody's scene or mesh is replaced by an image because of a slip of the keyboard.

@@ -64,10 +64,6 @@ void list() {
   }
 }
 
-void require_usage(bool condition, const std::string& message) {
-  if (!condition) throw Error(ErrorKind::kUsage, message);
-}
-
 void check(const ShapesOptions& options) {
   require_usage(options.random == 0 || !options.folder.empty() || !options.sheet.empty(),
                 "--random: say where to: -o FOLDER for files, --sheet FILE for a picture");

@@ -21,10 +21,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-void require(bool condition, const std::string& message) {
-  if (!condition) throw invalid_input(message);
-}
-
 // Null if the image's header has no such number.
 template <typename Number>
 const Number* attribute_of(const Image& image, const char* name) {

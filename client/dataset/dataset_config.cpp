@@ -194,10 +194,6 @@ void merge_defaults(Choices& file, Choices defaults) {
 
 // --- What is out of range ---
 
-void require(bool condition, const std::string& message) {
-  if (!condition) throw invalid_input(message);
-}
-
 void require_fraction(const char* name, double fraction) {
   require(fraction >= 0 && fraction < 1,
           fmt::format("the {} fraction is {}; it must be in [0, 1)", name, fraction));

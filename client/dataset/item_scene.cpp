@@ -17,7 +17,7 @@
 namespace itn {
 namespace {
 
-v1::Vec3 to_proto(Vec3d v) {
+v1::Vec3 vec3_of(Vec3d v) {
   v1::Vec3 proto;
   proto.set_x(static_cast<float>(v.x));
   proto.set_y(static_cast<float>(v.y));
@@ -54,7 +54,7 @@ Heights heights_of(const v1::Triangles& triangles, const v1::Rotation& rotation,
 }
 
 void add_translation(v1::Mesh& mesh, Vec3d offset) {
-  *mesh.add_transforms()->mutable_translate() = to_proto(offset);
+  *mesh.add_transforms()->mutable_translate() = vec3_of(offset);
 }
 
 // Puts the object into the scene. Returns its middle: of the mesh's box, turned with it.
@@ -96,7 +96,7 @@ Vec3d camera_direction(const v1::ItemCamera& camera) {
 // A flash is where the camera is, as far away as all lights.
 void add_flash(v1::Scene& scene, const v1::Flash& flash, const v1::ItemCamera& camera) {
   v1::DirectionalLight& light = *scene.add_lights()->mutable_directional();
-  *light.mutable_direction() = to_proto(camera_direction(camera));
+  *light.mutable_direction() = vec3_of(camera_direction(camera));
   light.set_irradiance(flash.irradiance());
   const double ambient = flash.ambient() * flash.irradiance() / std::numbers::pi;
   if (ambient > 0) {
@@ -134,10 +134,10 @@ void add_camera(v1::Scene& scene, const v1::ItemCamera& item, Vec3d middle) {
   const Vec3d right = normalize(cross(-direction, Vec3d{0, 1, 0}));
   const Vec3d up = cross(right, -direction);
   v1::Camera& camera = *scene.mutable_camera();
-  *camera.mutable_origin() = to_proto(middle + direction * item.distance());
+  *camera.mutable_origin() = vec3_of(middle + direction * item.distance());
   // What it looks at is moved the other way.
   *camera.mutable_target() =
-      to_proto(middle - right * (item.offset_x() * frame) - up * (item.offset_y() * frame));
+      vec3_of(middle - right * (item.offset_x() * frame) - up * (item.offset_y() * frame));
   camera.set_fov_degrees(
       static_cast<float>(2 * std::atan(frame / 2 / item.distance()) / kRadiansPerDegree));
 }

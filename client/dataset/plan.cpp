@@ -45,10 +45,6 @@ enum Choice : uint64_t {
   kPanoramaSplit
 };
 
-void require(bool condition, const std::string& message) {
-  if (!condition) throw invalid_input(message);
-}
-
 // --- Splits ---
 
 // Takes `count` names off the end of `order`.

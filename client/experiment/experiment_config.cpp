@@ -21,10 +21,6 @@
 namespace itn {
 namespace {
 
-void require(bool condition, const std::string& message) {
-  if (!condition) throw invalid_input(message);
-}
-
 void set_refinement_defaults(v1::AnalysisBySynthesis& refinement) {
   const auto set = [](auto& iterations, std::initializer_list<uint32_t> defaults) {
     if (iterations.empty()) iterations.Add(defaults.begin(), defaults.end());

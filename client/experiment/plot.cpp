@@ -17,8 +17,8 @@ constexpr double kLeft = 52, kRight = 10, kTop = 26, kBottom = 40;
 constexpr size_t kMaxPoints = 400;  // of a series
 
 // Okabe and Ito's, which people with colour blindness can tell apart.
-constexpr std::array<const char*, 7> kColours = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
-                                                 "#e69f00", "#56b4e9", "#8c8c8c"};
+constexpr std::array<const char*, 7> kCurveColours = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
+                                                      "#e69f00", "#56b4e9", "#8c8c8c"};
 
 struct Axis {
   double low = HUGE_VAL, high = -HUGE_VAL;  // as drawn: of a logarithmic one exponents of 10
@@ -105,7 +105,7 @@ std::string svg_plot(const Plot& plot, size_t first_colour) {
   }
   for (size_t s = 0; s < plot.series.size(); ++s) {
     const Series& series = plot.series[s];
-    const char* colour = kColours[(first_colour + s) % kColours.size()];
+    const char* colour = kCurveColours[(first_colour + s) % kCurveColours.size()];
     const size_t step = std::max<size_t>(1, (series.x.size() + kMaxPoints - 1) / kMaxPoints);
     std::string points;
     for (size_t i = 0; i < series.x.size(); i += step) {
@@ -126,7 +126,7 @@ std::string plot_legend(const std::vector<std::string>& names) {
   std::string text = "<p class=\"legend\">";
   for (size_t i = 0; i < names.size(); ++i) {
     text += fmt::format("<span><i style=\"background:{}\"></i>{}</span> ",
-                        kColours[i % kColours.size()], escaped(names[i]));
+                        kCurveColours[i % kCurveColours.size()], escaped(names[i]));
   }
   return text + "</p>\n";
 }

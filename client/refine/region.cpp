@@ -11,7 +11,7 @@ namespace {
 
 // How far along the ridge the equations, which are linear, are believed. Beyond, nothing is known:
 // what is not contradicted up to there is not at all.
-constexpr double kFarthest = 2;
+constexpr double kEndOfRidge = 2;
 // Places are so far apart: the nearest to the middle, and each more than the one before by a
 // factor.
 constexpr double kNearest = 1e-4, kGrowth = 1.2;
@@ -32,13 +32,13 @@ Region region_about(const Vector& answer, const Vector& anchor, const ScoreTest&
   constexpr Eigen::Index kRidge = ScoreTest::kRidge;
   const Vector full = test.full_step();
   const double centre = std::isfinite(full[kRidge]) ? full[kRidge] : 0;
-  std::vector<double> along{std::clamp(centre, -kFarthest, kFarthest)};
-  for (double offset = kNearest; offset < 2 * kFarthest; offset *= kGrowth) {
+  std::vector<double> along{std::clamp(centre, -kEndOfRidge, kEndOfRidge)};
+  for (double offset = kNearest; offset < 2 * kEndOfRidge; offset *= kGrowth) {
     for (const double place : {along[0] - offset, along[0] + offset}) {
-      if (std::abs(place) < kFarthest) along.push_back(place);
+      if (std::abs(place) < kEndOfRidge) along.push_back(place);
     }
   }
-  along.insert(along.end(), {-kFarthest, kFarthest});
+  along.insert(along.end(), {-kEndOfRidge, kEndOfRidge});
   std::ranges::sort(along);
 
   std::vector<double> statistics;
@@ -62,7 +62,7 @@ Region region_about(const Vector& answer, const Vector& anchor, const ScoreTest&
                         .covariance = profile.covariance};
     keep_inside(place.x);
     region.places.push_back(place);
-    if (std::abs(a) < kFarthest) continue;
+    if (std::abs(a) < kEndOfRidge) continue;
     place.x[kRidge] = std::copysign(std::numeric_limits<double>::max(), a);
     keep_inside(place.x);
     region.places.push_back(place);

@@ -25,7 +25,7 @@ constexpr milliseconds kLongestRest{2000};
 constexpr milliseconds kLongestWaitForPlace{30000};
 
 // That the user waits for a place is said this often.
-constexpr seconds kSayAgain{60};
+constexpr seconds kSayAgainThatItWaits{60};
 
 // That a render is late, if it has taken this long; and that a worker was never there.
 constexpr seconds kWorthSaying{5};
@@ -324,7 +324,7 @@ void Dispatcher::wait_for_place(Worker& worker, const grpc::Status& status, Cloc
   worker.full_until = now + std::chrono::duration_cast<Clock::duration>(
                                 later * std::chrono::duration<double>(wait));
   if (!under_way_.empty()) return;
-  if (said_that_it_waits_ && now - *said_that_it_waits_ < kSayAgain) return;
+  if (said_that_it_waits_ && now - *said_that_it_waits_ < kSayAgainThatItWaits) return;
   said_that_it_waits_ = now;
   spdlog::warn("{}: {}; waiting for a place", who(worker), message_of(status));
 }

@@ -15,11 +15,7 @@ namespace itn {
 namespace {
 
 // Draws do not depend on each other: a choice that is switched off changes none of the rest.
-enum Choice : uint64_t { kMirror, kShift, kExposure, kNoiseLevel, kNoise, kCamera };
-
-torch::Tensor per_image(const torch::Tensor& values) {
-  return values.view({-1, 1, 1});
-}
+enum AugmentationChoice : uint64_t { kMirror, kShift, kExposure, kNoiseLevel, kNoise, kCamera };
 
 // With planes of their own.
 ImageBatch copied(ImageBatch images) {
@@ -97,8 +93,10 @@ void validate(const v1::Augmentation& augmentation) {
 ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentation,
                      uint64_t seed) {
   const torch::NoGradGuard no_gradient;
-  const auto random = [seed](Choice choice) { return SplitMix(derive_seed(seed, {choice})); };
-  const auto generator = [seed](Choice choice) {
+  const auto random = [seed](AugmentationChoice choice) {
+    return SplitMix(derive_seed(seed, {choice}));
+  };
+  const auto generator = [seed](AugmentationChoice choice) {
     return at::detail::createCPUGenerator(derive_seed(seed, {choice}));
   };
   const int64_t count = images.size();

@@ -15,7 +15,7 @@ namespace itn {
 namespace {
 
 // Draws do not depend on each other: a choice that is switched off changes none of the rest.
-enum Choice : uint64_t {
+enum CameraChoice : uint64_t {
   kTaken,
   kContrast,
   kShoulder,
@@ -35,10 +35,6 @@ constexpr double kBrightestBackground = 3;  // over the object's mean
 // Pixels that are nothing but noise have infinitely much of it; so much is as good.
 constexpr double kMostNoise = 100;
 
-torch::Tensor per_image(const torch::Tensor& values) {
-  return values.view({-1, 1, 1});
-}
-
 // Numbers for some images of a batch, which do not depend on what others of it there are.
 class Draws {
  public:
@@ -51,12 +47,12 @@ class Draws {
     return some;
   }
 
-  torch::Tensor uniform(Choice choice, double low, double high) const {
+  torch::Tensor uniform(CameraChoice choice, double low, double high) const {
     return filled(choice, [=](SplitMix& random) { return low + (high - low) * random.uniform(); });
   }
 
   // By Box and Muller.
-  torch::Tensor normal(Choice choice) const {
+  torch::Tensor normal(CameraChoice choice) const {
     return filled(choice, [](SplitMix& random) {
       const double radius = std::sqrt(-2 * std::log(1 - random.uniform()));
       return radius * std::cos(2 * std::numbers::pi * random.uniform());
@@ -65,7 +61,7 @@ class Draws {
 
  private:
   template <typename Draw>
-  torch::Tensor filled(Choice choice, const Draw& draw) const {
+  torch::Tensor filled(CameraChoice choice, const Draw& draw) const {
     SplitMix random(derive_seed(seed_, {choice}));
     torch::Tensor numbers = torch::empty({count_});
     auto values = numbers.accessor<float, 1>();

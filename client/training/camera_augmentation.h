@@ -14,6 +14,11 @@ void validate(const v1::CameraAugmentation& camera);
 // What `itn train --camera` turns on: about what photographs show of it.
 v1::CameraAugmentation usual_camera();
 
+// Values of images, to be combined with all of their pixels: batch -> batch x 1 x 1.
+inline torch::Tensor per_image(const torch::Tensor& values) {
+  return values.view({-1, 1, 1});
+}
+
 // Whether it changes anything.
 bool does_anything(const v1::CameraAugmentation& camera);
 

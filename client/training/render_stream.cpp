@@ -19,7 +19,7 @@ namespace itn {
 namespace {
 
 // Branches of the tree of random choices below a stream's seeds.
-enum Choice : uint64_t { kCurrentShape = 1, kShapes };
+enum StreamChoice : uint64_t { kCurrentShape = 1, kShapes };
 
 // Images that wait to be taken: enough that a trainer finds some whenever it looks.
 constexpr size_t kMaxReady = 64;

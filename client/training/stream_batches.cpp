@@ -13,10 +13,6 @@
 namespace itn {
 namespace {
 
-void require(bool condition, const char* message) {
-  if (!condition) throw invalid_input(message);
-}
-
 // Images that have come when the step after so many is taken.
 uint64_t images_before(const v1::Stream& stream, uint64_t step, uint32_t batch) {
   return stream.first() +

@@ -18,7 +18,7 @@ namespace itn {
 namespace {
 
 // Branches of the tree of random choices below a run's seed.
-enum Choice : uint64_t { kInitialWeights, kOrder, kRenders, kAugmentation, kMaterialSteps };
+enum TrainingChoice : uint64_t { kInitialWeights, kOrder, kRenders, kAugmentation, kMaterialSteps };
 
 // The two terms are balanced over the first steps and then left alone: from there on the loss that
 // is minimised is one and the same.

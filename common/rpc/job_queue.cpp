@@ -32,10 +32,10 @@ constexpr size_t kMostClients = 1024;
 // fewer.
 constexpr size_t kMargin = 2;
 
-std::chrono::steady_clock::time_point after(double seconds) {
+std::chrono::steady_clock::time_point after(double delay) {
   using Clock = std::chrono::steady_clock;
   return Clock::now() +
-         std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+         std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(delay));
 }
 
 Error stopping() {

@@ -86,11 +86,21 @@ def listed_files():
     return [file for file in files if closure(file) & changed]
 
 
+def compiled_together(entry):
+    """The sources of ours that are compiled by an entry of the database."""
+    if "/Unity/" not in entry["file"]:
+        return [entry["file"]]
+    return re.findall(r'^#include "([^"]+)"', pathlib.Path(entry["file"]).read_text(), re.MULTILINE)
+
+
 def write_database(build, folder):
-    """The compilation database with what clang needs in the place of what GCC has read of LibTorch."""
-    entries = json.loads((build / "compile_commands.json").read_text())
+    """The compilation database, each source by itself, with what clang needs in the place of what GCC
+    has read of LibTorch."""
+    entries = [{**entry, "file": file, "command": entry["command"].replace(entry["file"], file)}
+               for entry in json.loads((build / "compile_commands.json").read_text())
+               for file in compiled_together(entry)]
     for entry in entries:
-        command = re.sub(r" -Winvalid-pch -include \S+cmake_pch\.hxx", "", entry["command"])
+        command = re.sub(r" -Wno-subobject-linkage| -Winvalid-pch -include \S+cmake_pch\.hxx", "", entry["command"])
         if "/torch/" in command:
             command += f" -include {FOR_CLANG}"
         entry["command"] = command

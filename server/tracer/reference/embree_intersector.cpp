@@ -22,7 +22,7 @@ struct Release {
 };
 using Device = std::unique_ptr<RTCDevice, Release<RTCDevice, rtcReleaseDevice>>;
 using EmbreeScene = std::unique_ptr<RTCScene, Release<RTCScene, rtcReleaseScene>>;
-using Geometry = std::unique_ptr<RTCGeometry, Release<RTCGeometry, rtcReleaseGeometry>>;
+using EmbreeGeometry = std::unique_ptr<RTCGeometry, Release<RTCGeometry, rtcReleaseGeometry>>;
 
 // The ray queries, by Embree 3 or 4, which differ in how a filter is passed.
 class EmbreeIntersector final : public Intersector {
@@ -138,7 +138,7 @@ class EmbreeIntersector final : public Intersector {
   }
 
   void attach(const Mesh& mesh, uint32_t number) {
-    const Geometry geometry(rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE));
+    const EmbreeGeometry geometry(rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE));
     auto* vertices = static_cast<Vec3f*>(
         rtcSetNewGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
                                 sizeof(Vec3f), std::max<size_t>(1, mesh.vertices.size())));

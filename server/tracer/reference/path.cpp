@@ -36,7 +36,7 @@
 namespace itn::tracer {
 namespace {
 
-constexpr float kPi = std::numbers::pi_v<float>;
+constexpr float kFloatPi = std::numbers::pi_v<float>;
 
 // A shadow ray through more than this many mean free paths carries less than exp(-50) of its light,
 // which is below the rounding of any sum it could be added to.
@@ -144,7 +144,7 @@ class Walk {
 
     const float cosine = sample_hg(u0, g_);
     const float sine = std::sqrt(std::max(0.0F, 1 - cosine * cosine));
-    const float phi = 2 * kPi * u1;
+    const float phi = 2 * kFloatPi * u1;
     direction_ = itn::normalize(
         Basis<float>(direction_).to_world(sine * std::cos(phi), sine * std::sin(phi), cosine));
     pdf_ = hg_phase(cosine, g_);
@@ -165,16 +165,16 @@ class Walk {
     const Vec3f normal = geometry_.facing_normal(at.on, direction_);
     at_ = at;
     send_shadow_ray([&](Vec3f to_light) {
-      const float pdf = std::max(0.0F, dot(normal, to_light)) / kPi;
+      const float pdf = std::max(0.0F, dot(normal, to_light)) / kFloatPi;
       return Response{pdf, pdf, 0};
     });
 
     const float cosine = std::sqrt(1 - u0);  // density cosine / pi: cosine^2 is uniform
     const float sine = std::sqrt(u0);
-    const float phi = 2 * kPi * u1;
+    const float phi = 2 * kFloatPi * u1;
     direction_ = itn::normalize(
         Basis<float>(normal).to_world(sine * std::cos(phi), sine * std::sin(phi), cosine));
-    pdf_ = cosine / kPi;
+    pdf_ = cosine / kFloatPi;
     competes_ = true;
     crossings_ = 0;
   }

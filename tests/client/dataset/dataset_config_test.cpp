@@ -98,7 +98,7 @@ TEST(DatasetConfig, NoiseTakesThePlaceOfSpp) {
 }
 
 TEST(DatasetConfig, ATypoIsAnErrorWithLineAndColumn) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "dataset-with-a-typo.textproto";
+  const auto path = std::filesystem::path(::testing::TempDir()) / "dataset-with-a-typo.textproto";
   std::ofstream(path) << "count: 5\ncamera {\n  pitsch_degrees { fixed: 3 }\n}\n";
   expect_error(ErrorKind::kInvalidInput,
                path.string() + ":3:18: ", [&] { load_dataset_config(path); });

@@ -42,11 +42,11 @@ inline void expect_error(ErrorKind kind, const std::string& message,
     ADD_FAILURE() << "no error; expected: " << message;
   } catch (const Error& error) {
     EXPECT_EQ(error.kind(), kind);
-    EXPECT_THAT(error.what(), testing::HasSubstr(message));
+    EXPECT_THAT(error.what(), ::testing::HasSubstr(message));
   }
 }
 
-class DatasetFolder : public testing::Test {
+class DatasetFolder : public ::testing::Test {
  protected:
   DatasetFolder() { std::filesystem::remove_all(folder_); }
   ~DatasetFolder() override { std::filesystem::remove_all(folder_); }
@@ -77,8 +77,8 @@ class DatasetFolder : public testing::Test {
   }
 
   std::filesystem::path folder_ =
-      std::filesystem::path(testing::TempDir()) /
-      (std::string("dataset-") + testing::UnitTest::GetInstance()->current_test_info()->name());
+      std::filesystem::path(::testing::TempDir()) /
+      (std::string("dataset-") + ::testing::UnitTest::GetInstance()->current_test_info()->name());
   DatasetPlan plan_ = plan_dataset(small_config(), few_shapes());
 };
 

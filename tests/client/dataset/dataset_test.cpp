@@ -25,7 +25,7 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::HasSubstr;
+using ::testing::HasSubstr;
 
 TEST_F(DatasetFolder, ReadsBackWithTruthAndScene) {
   EXPECT_EQ(render(plan_).done, 8);
@@ -345,7 +345,7 @@ TEST_F(DamagedDataset, ByAShape) {
 // A manifest from a stranger names files; they stay in the folder.
 TEST_F(DatasetFolder, ReadsAndWritesNothingOutsideOfItself) {
   render(plan_);
-  const fs::path outside = fs::path(testing::TempDir()) / "outside-of-the-dataset";
+  const fs::path outside = fs::path(::testing::TempDir()) / "outside-of-the-dataset";
   for (const char* name :
        {"/etc/hostname", "../outside.exr", "images/../../outside.exr", "", "."}) {
     v1::Dataset manifest = plan_.manifest;

@@ -88,9 +88,9 @@ TEST(DatasetPlan, FewShapesAreOneForEachSplitAtLeast) {
   config.add_test_shapes("shape00001");
   config.add_validation_shapes("shape00002");
   const ShapeSplit named = split_shapes(config, nameless(4));
-  EXPECT_THAT(named.test, testing::ElementsAre("shape00001"));
-  EXPECT_THAT(named.validation, testing::ElementsAre("shape00002"));
-  EXPECT_THAT(named.train, testing::ElementsAre("shape00000", "shape00003"));
+  EXPECT_THAT(named.test, ::testing::ElementsAre("shape00001"));
+  EXPECT_THAT(named.validation, ::testing::ElementsAre("shape00002"));
+  EXPECT_THAT(named.train, ::testing::ElementsAre("shape00000", "shape00003"));
 }
 
 // --- Choices ---

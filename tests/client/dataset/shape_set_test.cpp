@@ -11,7 +11,7 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::HasSubstr;
+using ::testing::HasSubstr;
 
 double thread_cpu_seconds() {
   timespec time{};
@@ -83,10 +83,10 @@ TEST_F(DatasetFolder, LoadsWhatItCanOfAFolderOfMeshes) {
   const ShapeSet set = load_shape_set(folder_);
   ASSERT_EQ(set.shapes.size(), 1);
   EXPECT_EQ(set.shapes[0].name, "good");
-  EXPECT_THAT(set.refused, testing::ElementsAre(HasSubstr("open.obj")));
+  EXPECT_THAT(set.refused, ::testing::ElementsAre(HasSubstr("open.obj")));
   const ShapeSet repaired = load_shape_set(folder_, true);  // a triangle alone bounds nothing
   EXPECT_EQ(repaired.shapes.size(), 1);
-  EXPECT_THAT(repaired.refused, testing::ElementsAre(HasSubstr("cannot be repaired")));
+  EXPECT_THAT(repaired.refused, ::testing::ElementsAre(HasSubstr("cannot be repaired")));
   std::ofstream(folder_ / "open.obj") << std::string(tetrahedron).substr(0, 56);
   EXPECT_EQ(load_shape_set(folder_).shapes.size(), 1);
   EXPECT_EQ(load_shape_set(folder_, true).shapes.size(), 2);

@@ -14,7 +14,7 @@
 namespace itn {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+constexpr double kStraightAngle = std::numbers::pi;
 
 // As the tracer sees it.
 tracer::Lights light_of(const v1::Pixels& pixels) {
@@ -44,7 +44,7 @@ double integral(const tracer::Lights& light, const F& f) {
              std::cos(elevation * kRadiansPerDegree);
     }
   }
-  return sum * std::pow(kPi / kRows, 2);
+  return sum * std::pow(kStraightAngle / kRows, 2);
 }
 
 double irradiance_on(const tracer::Lights& light, Vec3d normal) {
@@ -66,7 +66,7 @@ TEST(Studio, IrradianceIsAsAsked) {
     const tracer::Lights light = light_of(studio_panorama(drawn));
     EXPECT_NEAR(irradiance_on(light, {0, 1, 0}) / drawn.irradiance(), 1, 0.01) << i;
     // Below the horizon are the walls, and what of the emitters hangs down there.
-    const double walls = static_cast<double>(drawn.walls() * drawn.irradiance()) / kPi;
+    const double walls = static_cast<double>(drawn.walls() * drawn.irradiance()) / kStraightAngle;
     EXPECT_NEAR(light.radiance(Vec3f{0, -1, 0}) / walls, 1, 1e-5) << i;
   }
   // The smallest there are, and a room without any.
@@ -77,7 +77,7 @@ TEST(Studio, IrradianceIsAsAsked) {
   const v1::Studio room = studio(
       "walls: 1 emitters { is_lamp: true size_degrees: 9 elevation_degrees: 9 strength: 1 }");
   for (const float radiance : from_bytes<float>(studio_panorama(room).rgb())) {
-    EXPECT_FLOAT_EQ(radiance, static_cast<float>(100 / kPi));
+    EXPECT_FLOAT_EQ(radiance, static_cast<float>(100 / kStraightAngle));
   }
 }
 

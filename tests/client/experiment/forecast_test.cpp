@@ -21,7 +21,7 @@ namespace {
 using ::testing::IsSupersetOf;
 using testing::TemporaryFolder;
 
-v1::Experiment loaded(const std::string& text) {
+v1::Experiment experiment_of(const std::string& text) {
   const TemporaryFolder folder;
   return load_experiment(folder.write("e.textproto", text));
 }
@@ -38,7 +38,7 @@ TEST(Miniature, OfEveryPresetIsAnExperimentOfAllItsStages) {
       EXPECT_EQ(network.as_long_as(), "");
     }
     // It can be loaded, and what it is measured by is not made smaller.
-    const v1::Experiment again = loaded(to_text_proto(small));
+    const v1::Experiment again = experiment_of(to_text_proto(small));
     EXPECT_NO_THROW(split_shapes(again.dataset(), shape_set(again.dataset().shapes()).shapes));
     EXPECT_EQ(again.dataset().resolution(), whole.dataset().resolution());
     EXPECT_EQ(own_training(again, again.networks(0), 1).batch(),
@@ -66,7 +66,7 @@ class ExtrapolatedTest : public ::testing::Test {
   }
 
   static v1::Experiment study(const std::string& more = "") {
-    return loaded(R"(
+    return experiment_of(R"(
       dataset {
         count: 2400 resolution: 16 spp: 8
         shapes { builtin { names: ["sphere", "cube", "torus", "cone"] } }

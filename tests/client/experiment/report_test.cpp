@@ -14,7 +14,7 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-void nobody(size_t, size_t) {}
+void no_listener(size_t, size_t) {}
 
 // Of two networks: one that is right, one that is wrong. Neither was trained.
 class ReportTest : public SmallStudy {
@@ -22,15 +22,15 @@ class ReportTest : public SmallStudy {
   static void SetUpTestSuite() {
     SmallStudy::SetUpTestSuite();
     images_.emplace(images("images"));
-    images_->render_references(*pool_, nobody, {});
+    images_->render_references(*pool_, no_listener, {});
     render_dataset(colour_plan(test_plan(), std::vector<uint32_t>{0, 1}), files_->path("colours"),
                    *pool_, [](const DatasetProgress&) {});
     colours_.emplace(files_->path("colours"));
     for (const v1::StudyNetwork& network : experiment_.networks()) {
       const std::string file = file_name_of(network.name());
-      images_->compare(file, materials_of(network.name()), *pool_, nobody, {});
+      images_->compare(file, materials_of(network.name()), *pool_, no_listener, {});
       render_colours(*colours_, std::vector<Material>(6, Material{80, 0.6, 0.3}), 4,
-                     files_->path("images"), file, *pool_, nobody, {});
+                     files_->path("images"), file, *pool_, no_listener, {});
     }
   }
   static void TearDownTestSuite() {

@@ -346,7 +346,7 @@ TEST(CameraAugmentationTest, SaysWhatIsOutOfRange) {
       validate(augmentation);
       ADD_FAILURE() << "no error; expected: " << message;
     } catch (const Error& error) {
-      EXPECT_THAT(error.what(), testing::HasSubstr(message));
+      EXPECT_THAT(error.what(), ::testing::HasSubstr(message));
     }
   };
   using Camera = v1::CameraAugmentation;

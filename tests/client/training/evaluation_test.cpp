@@ -40,7 +40,7 @@ TEST(Evaluation, ErrorsAreRootMeanSquare) {
 // With 64 samples no pixel differs, at the edge either (none of 15,360 in 60 images); with 4 the
 // paths of one in seven that the object covers are all absorbed or miss the lights.
 TEST(Evaluation, RerendersTheSamePixels) {
-  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "rerender";
+  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "rerender";
   std::filesystem::remove_all(folder);
   v1::DatasetConfig config = paper_config(16);
   config.set_spp(64);
@@ -175,9 +175,9 @@ TEST(Evaluation, ImageErrorIsRelativeAndOnTheObject) {
 }
 
 TEST(Evaluation, SpreadTakesEvenlyAndNeverMoreThanThereAre) {
-  EXPECT_THAT(spread(2, 10), testing::ElementsAre(testing::Lt(5), testing::Ge(5)));
-  EXPECT_THAT(spread(5, 3), testing::ElementsAre(0, 1, 2));
-  EXPECT_THAT(spread(0, 3), testing::IsEmpty());
+  EXPECT_THAT(spread(2, 10), ::testing::ElementsAre(::testing::Lt(5), ::testing::Ge(5)));
+  EXPECT_THAT(spread(5, 3), ::testing::ElementsAre(0, 1, 2));
+  EXPECT_THAT(spread(0, 3), ::testing::IsEmpty());
 }
 
 // 24 scenes with the same 12 x 5 x 5 materials: a stride of 180 would see one value of g alone.
@@ -196,7 +196,7 @@ TEST(Evaluation, SpreadMeetsAllOfAGrid) {
 }
 
 TEST(Picture, IsWritten) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "comparison.png";
+  const auto path = std::filesystem::path(::testing::TempDir()) / "comparison.png";
   std::filesystem::remove(path);
   const std::vector<float> dark(64, 0.2F), bright(64, 1);
   write_comparison(path, 8, std::vector<Comparison>{{bright, dark}, {dark, dark}});

@@ -60,7 +60,7 @@ inline std::vector<RenderingLoss> render_batch(std::span<const ImageTermQuery> q
   return result;
 }
 
-class TrainingTest : public testing::Test {
+class TrainingTest : public ::testing::Test {
  protected:
   TrainingTest() {
     torch::set_num_threads(1);

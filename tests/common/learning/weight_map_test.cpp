@@ -8,7 +8,7 @@
 namespace itn {
 namespace {
 
-using testing::Each;
+using ::testing::Each;
 
 constexpr int kSize = 64;
 constexpr float kReach = kSize / 4.0F;

@@ -35,7 +35,7 @@ class DerivativeTest : public ::testing::TestWithParam<Row> {};
 
 constexpr const char* kNames[] = {"sigma_t", "albedo", "g"};
 constexpr int kBatches = 32;
-constexpr int kComparisons = 7 * kCoordinates;
+constexpr int kDerivativeComparisons = 7 * kCoordinates;
 
 Material with(Material material, size_t coordinate, double value) {
   (coordinate == kSigmaT   ? material.sigma_t
@@ -98,7 +98,7 @@ TEST_P(DerivativeTest, IntegratesToTheDifference) {
     const std::string what = std::string(row.name) + ", " + kNames[i];
     const Estimated derivative = integrated_derivative(scene, request, i, row.intervals[i]);
     const Estimated expected = change(scene, request, i, row.intervals[i]);
-    expect_equal(derivative, expected, kComparisons, what);
+    expect_equal(derivative, expected, kDerivativeComparisons, what);
     expect_resolution(difference(derivative, expected), expected.mean, 0.02, what);
   }
 }

@@ -21,7 +21,7 @@ void PrintTo(const Furnace& f, std::ostream* out) {
 
 class FurnaceTest : public ::testing::TestWithParam<Furnace> {};
 
-constexpr int kComparisons = 6 * 4;
+constexpr int kFurnaceComparisons = 6 * 4;
 
 TEST_P(FurnaceTest, RadianceIsOneAndDerivativesVanish) {
   const Scene scene(studio(GetParam().shape, {ConstantEnvironment{1}}));
@@ -30,10 +30,10 @@ TEST_P(FurnaceTest, RadianceIsOneAndDerivativesVanish) {
                                .sample_count = 768,
                                .derivatives = medium_parameters()};
   const FilmEstimate film = estimate_film(scene, settings, 64);
-  expect_equal(film.radiance, {1, 0}, kComparisons, "radiance");
+  expect_equal(film.radiance, {1, 0}, kFurnaceComparisons, "radiance");
   expect_resolution(film.radiance, 1, 0.01, "radiance");
-  expect_equal(film.derivatives[kSigmaT], {0, 0}, kComparisons, "d radiance / d sigma_t");
-  expect_equal(film.derivatives[kG], {0, 0}, kComparisons, "d radiance / d g");
+  expect_equal(film.derivatives[kSigmaT], {0, 0}, kFurnaceComparisons, "d radiance / d sigma_t");
+  expect_equal(film.derivatives[kG], {0, 0}, kFurnaceComparisons, "d radiance / d g");
   // By the radiance, as 0 has no size of its own: what g, or the logarithm of sigma_t, would
   // change.
   expect_resolution(film.derivatives[kSigmaT], 1 / kSigmaT0, 0.02, "d radiance / d sigma_t");
