@@ -81,18 +81,21 @@ set_property(DIRECTORY ${PROJECT_SOURCE_DIR} APPEND PROPERTY
              TEST_INCLUDE_FILES ${CMAKE_BINARY_DIR}/test_environment.cmake)
 
 # itn_test(name [TORCH] LABEL unit|physics|service|e2e SOURCES a.cpp ... LINK lib ...
-#          [SEPARATE b.cpp ...] [TOGETHER suite ...] [TIMEOUT seconds]): a GoogleTest program, each of its tests one CTest
-# test with this label, but for those of the suites TOGETHER, which share something that is dear to
-# make: each such suite is one CTest test. SEPARATE:
-# sources whose names clash with those of others, that are not compiled with them. The time limits are for a machine that has much else to
-# do.
+#          [SEPARATE b.cpp ...] [TOGETHER suite ...] [NIGHTLY pattern ...] [SHARDS n]
+#          [TIMEOUT seconds]): a GoogleTest program, each of its tests one CTest test with this label.
+# SEPARATE: more sources, whose names clash with others'. TOGETHER: suites that share something that
+# is dear to make: each is one CTest test. NIGHTLY: tests with the label nightly instead, as they
+# take long. SHARDS: so many CTest tests run all others of the program, as each start of LibTorch
+# takes half a second. TIMEOUT: five times what the longest takes on a quiet machine, or two minutes.
 function(itn_test name)
-  cmake_parse_arguments(ARG "TORCH" "LABEL;TIMEOUT" "SOURCES;LINK;SEPARATE;TOGETHER" ${ARGN})
+  cmake_parse_arguments(ARG "TORCH" "LABEL;SHARDS;TIMEOUT"
+                        "SOURCES;LINK;SEPARATE;TOGETHER;NIGHTLY" ${ARGN})
   set_source_files_properties(${ARG_SEPARATE} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
   if(NOT ARG_TIMEOUT)
-    set(ARG_TIMEOUT 900)
+    set(ARG_TIMEOUT 120)
   endif()
-  itn_program(${name} SOURCES ${ARG_SOURCES} ${ARG_SEPARATE} LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
+  itn_program(${name} SOURCES ${ARG_SOURCES} ${ARG_SEPARATE}
+              LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
   if(ARG_TORCH)
     itn_read_torch_headers_once(${name})
   else()
@@ -106,9 +109,24 @@ function(itn_test name)
     set_tests_properties(${suite} PROPERTIES ${properties})
   endforeach()
   list(TRANSFORM ARG_TOGETHER APPEND ".*")
-  list(JOIN ARG_TOGETHER ":" together)
-  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 300 TEST_FILTER "*-${together}"
-                       PROPERTIES ${properties})
+  list(JOIN ARG_NIGHTLY ":" nightly)
+  list(JOIN ARG_TOGETHER ":" others)
+  set(others "*-${others}:${nightly}")
+  if(ARG_SHARDS)
+    math(EXPR last "${ARG_SHARDS} - 1")
+    foreach(shard RANGE ${last})
+      add_test(NAME ${name}.${shard} COMMAND ${name} --gtest_filter=${others})
+      set_tests_properties(${name}.${shard} PROPERTIES ${properties}
+        ENVIRONMENT "GTEST_TOTAL_SHARDS=${ARG_SHARDS};GTEST_SHARD_INDEX=${shard}")
+    endforeach()
+  else()
+    gtest_discover_tests(${name} DISCOVERY_TIMEOUT 300 TEST_FILTER "${others}"
+                         PROPERTIES ${properties})
+  endif()
+  if(ARG_NIGHTLY)
+    gtest_discover_tests(${name} DISCOVERY_TIMEOUT 300 TEST_FILTER "${nightly}"
+                         TEST_LIST ${name}_nightly PROPERTIES LABELS nightly TIMEOUT 1800)
+  endif()
 endfunction()
 
 # itn_avx2_test(name program filter): these tests of a program once more, as LibTorch and oneDNN
@@ -117,6 +135,6 @@ function(itn_avx2_test name program filter)
   set(files ${CMAKE_BINARY_DIR}/Testing/avx2/${name})
   file(MAKE_DIRECTORY ${files})
   add_test(NAME avx2.${name} COMMAND ${program} --gtest_filter=${filter})
-  set_tests_properties(avx2.${name} PROPERTIES LABELS isa TIMEOUT 900
+  set_tests_properties(avx2.${name} PROPERTIES LABELS isa TIMEOUT 300
     ENVIRONMENT "DNNL_MAX_CPU_ISA=AVX2;ATEN_CPU_CAPABILITY=avx2;TEST_TMPDIR=${files}")
 endfunction()

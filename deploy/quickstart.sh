@@ -2,7 +2,7 @@
 # The main job of itn, from nothing: installs what is missing, builds, predicts with the model that
 # comes with it; then renders a small dataset, trains an RN and an ITN, compares them on unseen
 # shapes and lights with the constant predictor, and asks a predictor for the material in one image.
-# Under ten minutes on two processors; what is done already is not done again.
+# What is done already is not done again.
 #
 #   deploy/quickstart.sh [FOLDER]      default: out/quickstart
 set -euo pipefail
@@ -13,7 +13,9 @@ bin=build/release/bin
 dataset=$out/dataset
 predictor=
 
-step() { printf '\n== %s\n' "$*"; }
+steps=$(grep -c '^step "' deploy/quickstart.sh)
+step() { printf '\n== %d of %d, after %d:%02d: %s\n' $((++done_)) $steps $((SECONDS / 60)) $((SECONDS % 60)) "$*"; }
+done_=0
 
 stop_predictor() {
   [[ -n $predictor ]] || return 0
@@ -22,9 +24,11 @@ stop_predictor() {
 }
 trap stop_predictor EXIT
 
-step "Install and build"
+step "Install what is missing"
 deploy/bootstrap.sh
-deploy/build.sh itn itn-predictor
+
+step "Build what the first answer needs"
+deploy/build.sh itn
 mkdir -p "$out"
 
 step "Ask a model that comes with itn: an image of sigma_t 60, albedo 0.8, g 0.3"
@@ -37,6 +41,9 @@ step "From a photograph of a mug, 95 mm high, to a material for MaterialX, and a
   --report "$out/mug.html"
 "$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 \
   --format openpbr -o "$out/mug.mtlx"
+
+step "Build the servers: itn-predictor and itn-worker"
+deploy/build.sh itn-predictor itn-worker
 
 step "Render a dataset: 1600 images of 64 x 64 pixels; shapes and lights of the test are apart"
 "$bin/itn" dataset "$dataset" --random-shapes 400 --count 1600 --resolution 64 --noise 6% --rotate \

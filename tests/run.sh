@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Installs what is missing, builds, and runs all tests. Arguments go to ctest, e.g. -L unit or
-# -R Furnace.
+# Installs what is missing, builds, and runs all tests but those that take long (tests/nightly.sh).
+# Arguments go to ctest, e.g. -L unit or -R Furnace.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -8,4 +8,11 @@ deploy/bootstrap.sh
 deploy/build.sh
 # Two at a time at most: the tests of rendering and training use every processor themselves.
 jobs=$(nproc)
-ctest --preset release -j $((jobs < 2 ? jobs : 2)) "$@"
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+code=0
+ctest --preset release -j $((jobs < 2 ? jobs : 2)) -LE nightly "$@" | tee "$log" || code=$?
+echo "The thirty slowest, in seconds:"
+sed -nE 's/.* Test +#[0-9]+: ([^ ]+).* ([0-9.]+) sec$/\2 \1/p' "$log" | sort -rn | head -30
+grep "tests passed" "$log" || true
+exit "$code"

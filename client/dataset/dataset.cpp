@@ -143,7 +143,7 @@ const Message& RecentParts<Message>::get(const fs::path& folder, const Entry& en
 
 DatasetReader::DatasetReader(fs::path folder)
     : folder_(std::move(folder)), manifest_(read_manifest(folder_ / kManifestName)) {
-  validate_resolution(manifest_.config().resolution(), (folder_ / kManifestName).string());
+  validate_resolution(manifest_.config().resolution(), (folder_ / kManifestName).string() + ": ");
   for (const v1::DatasetShape& shape : manifest_.shapes()) {
     shapes_[shape.name()] = &shape;
   }

@@ -437,10 +437,10 @@ void set_defaults(v1::DatasetConfig& config) {
   }
 }
 
-void validate_resolution(uint32_t resolution, const std::string& of) {
+void validate_resolution(uint32_t resolution, const std::string& where) {
   require(
       std::ranges::count(std::array{16U, 32U, 64U, 128U, 256U}, resolution) == 1,
-      fmt::format("{} has a resolution of {}; it must be 16, 32, 64, 128 or 256", of, resolution));
+      fmt::format("{}the resolution is {}; it must be 16, 32, 64, 128 or 256", where, resolution));
 }
 
 void validate(const v1::DatasetConfig& config) {

@@ -37,8 +37,8 @@ void set_defaults(v1::DatasetConfig& config);
 // Throws Error (invalid input) that names what is out of range. For a configuration with all
 // defaults.
 void validate(const v1::DatasetConfig& config);
-// `of` begins the message.
-void validate_resolution(uint32_t resolution, const std::string& of = "the configuration");
+// `where` begins the message.
+void validate_resolution(uint32_t resolution, const std::string& where = "");
 
 // The irradiance of every light, in W/m^2, where all of them have the same one (Model.irradiance in
 // learning.proto); otherwise 0. For a valid configuration.

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/cancellation.h"
 #include "common/error.h"
 #include "common/printable.h"
 
@@ -282,14 +283,18 @@ using Field = std::function<double(Vec3d)>;
 // wherever the field is positive on the sides of the box.
 class MarchingTetrahedra {
  public:
-  MarchingTetrahedra(const Field& field, Vec3d low, Vec3d high, double cell)
+  MarchingTetrahedra(const Field& field, Vec3d low, Vec3d high, double cell,
+                     Cancellation& cancellation)
       : low_(low),
         cell_(cell),
         nx_(cells(high.x - low.x) + 1),
         ny_(cells(high.y - low.y) + 1),
         nz_(cells(high.z - low.z) + 1),
         values_(size_t{nx_} * ny_ * nz_) {
-    for (uint32_t i = 0; i < values_.size(); ++i) values_[i] = field(position(i));
+    for (uint32_t i = 0; i < values_.size(); ++i) {
+      cancellation.turn();
+      values_[i] = field(position(i));
+    }
   }
 
   Mesh triangulate() {
@@ -561,7 +566,7 @@ Mesh make_spring() {
   return open_tube(helix, 0.055, 24);
 }
 
-Mesh make_frame() {
+Mesh make_frame(Cancellation& cancellation) {
   const auto field = [](Vec3d p) {
     // By symmetry only the nearest of the four parallel edges counts in each direction.
     const Vec3d q{std::abs(p.x), std::abs(p.y), std::abs(p.z)};
@@ -569,20 +574,22 @@ Mesh make_frame() {
     d = blend(d, capsule(q, {1, 0, 1}, {1, 1, 1}, 0.12, 0.12), 0.1);
     return blend(d, capsule(q, {0, 1, 1}, {1, 1, 1}, 0.12, 0.12), 0.1);
   };
-  return MarchingTetrahedra(field, {-1.25, -1.25, -1.25}, {1.25, 1.25, 1.25}, 0.0571).triangulate();
+  return MarchingTetrahedra(field, {-1.25, -1.25, -1.25}, {1.25, 1.25, 1.25}, 0.0571, cancellation)
+      .triangulate();
 }
 
-Mesh make_mug() {
+Mesh make_mug(Cancellation& cancellation) {
   const auto field = [](Vec3d p) {
     const double ring = std::hypot(p.x - 0.36, p.y - 0.45) - 0.24;
     const double handle = std::hypot(ring, p.z) - 0.055;
     const double solid = blend(cylinder_field(p, 0.36, 0, 0.9), handle, 0.06);
     return std::max(solid, -cylinder_field(p, 0.29, 0.09, 2));
   };
-  return MarchingTetrahedra(field, {-0.41, -0.05, -0.41}, {0.71, 0.95, 0.41}, 0.0257).triangulate();
+  return MarchingTetrahedra(field, {-0.41, -0.05, -0.41}, {0.71, 0.95, 0.41}, 0.0257, cancellation)
+      .triangulate();
 }
 
-Mesh make_figure() {
+Mesh make_figure(Cancellation& cancellation) {
   const auto field = [](Vec3d p) {
     const Vec3d q{std::abs(p.x), p.y, p.z};                       // left and right alike
     double d = capsule(q, {0, 0.42, 0}, {0, 0.6, 0}, 0.2, 0.15);  // body
@@ -594,10 +601,11 @@ Mesh make_figure() {
     d = blend(d, capsule(q, {0.17, 0.06, 0.02}, {0.19, 0.05, -0.12}, 0.06, 0.05), 0.04);  // feet
     return blend(d, capsule(q, {0, 0.35, 0.15}, {0, 0.18, 0.42}, 0.07, 0.025), 0.08);     // tail
   };
-  return MarchingTetrahedra(field, {-0.52, -0.05, -0.36}, {0.52, 1.36, 0.5}, 0.0203).triangulate();
+  return MarchingTetrahedra(field, {-0.52, -0.05, -0.36}, {0.52, 1.36, 0.5}, 0.0203, cancellation)
+      .triangulate();
 }
 
-Mesh make_tree() {
+Mesh make_tree(Cancellation& cancellation) {
   struct Branch {
     Vec3d from, to;
     double thickness;
@@ -623,33 +631,40 @@ Mesh make_tree() {
     }
     return d;
   };
-  return MarchingTetrahedra(field, {-0.8, -0.25, -0.8}, {0.8, 1.3, 0.8}, 0.0211).triangulate();
+  return MarchingTetrahedra(field, {-0.8, -0.25, -0.8}, {0.8, 1.3, 0.8}, 0.0211, cancellation)
+      .triangulate();
 }
 
 struct Builder {
   ShapeInfo info;
-  Mesh (*make)();
+  Mesh (*make)(Cancellation&);
 };
 
+// Of a shape that takes no time.
+template <Mesh (*make)()>
+Mesh at_once(Cancellation& /*cancellation*/) {
+  return make();
+}
+
 constexpr std::array kBuilders{
-    Builder{{"sphere", "a ball"}, make_sphere},
-    Builder{{"cube", "a box of 12 triangles"}, make_cube},
-    Builder{{"rounded_cube", "a box with soft edges"}, make_rounded_cube},
-    Builder{{"cylinder", "a column, twice as high as wide"}, make_cylinder},
-    Builder{{"cone", "a cone with a sharp tip"}, make_cone},
-    Builder{{"torus", "a thick ring"}, make_torus},
-    Builder{{"smooth_star", "a ball with soft bumps"}, make_smooth_star},
-    Builder{{"urchin", "a ball with thin spikes"}, make_urchin},
-    Builder{{"leaf", "a thin bent plate with a scalloped edge"}, make_leaf},
-    Builder{{"bowl", "a thick shell, open at the top"}, make_bowl},
-    Builder{{"goblet", "a thin-walled cup on a stem"}, make_goblet},
-    Builder{{"mushroom", "a cap with a thin rim on a stem"}, make_mushroom},
-    Builder{{"dumbbell", "two balls and a thin neck"}, make_dumbbell},
-    Builder{{"gear", "a toothed wheel, upright"}, make_gear},
-    Builder{{"fins", "a core with eight thin blades"}, make_fins},
-    Builder{{"twist", "a twisted column of four lobes"}, make_twist},
-    Builder{{"knot", "a tube along a trefoil knot"}, make_knot},
-    Builder{{"spring", "a thin coiled tube"}, make_spring},
+    Builder{{"sphere", "a ball"}, at_once<make_sphere>},
+    Builder{{"cube", "a box of 12 triangles"}, at_once<make_cube>},
+    Builder{{"rounded_cube", "a box with soft edges"}, at_once<make_rounded_cube>},
+    Builder{{"cylinder", "a column, twice as high as wide"}, at_once<make_cylinder>},
+    Builder{{"cone", "a cone with a sharp tip"}, at_once<make_cone>},
+    Builder{{"torus", "a thick ring"}, at_once<make_torus>},
+    Builder{{"smooth_star", "a ball with soft bumps"}, at_once<make_smooth_star>},
+    Builder{{"urchin", "a ball with thin spikes"}, at_once<make_urchin>},
+    Builder{{"leaf", "a thin bent plate with a scalloped edge"}, at_once<make_leaf>},
+    Builder{{"bowl", "a thick shell, open at the top"}, at_once<make_bowl>},
+    Builder{{"goblet", "a thin-walled cup on a stem"}, at_once<make_goblet>},
+    Builder{{"mushroom", "a cap with a thin rim on a stem"}, at_once<make_mushroom>},
+    Builder{{"dumbbell", "two balls and a thin neck"}, at_once<make_dumbbell>},
+    Builder{{"gear", "a toothed wheel, upright"}, at_once<make_gear>},
+    Builder{{"fins", "a core with eight thin blades"}, at_once<make_fins>},
+    Builder{{"twist", "a twisted column of four lobes"}, at_once<make_twist>},
+    Builder{{"knot", "a tube along a trefoil knot"}, at_once<make_knot>},
+    Builder{{"spring", "a thin coiled tube"}, at_once<make_spring>},
     Builder{{"frame", "the twelve edges of a box"}, make_frame},
     Builder{{"mug", "a cup with a handle"}, make_mug},
     Builder{{"figure", "an animal with ears, limbs and a tail"}, make_figure},
@@ -684,8 +699,9 @@ void check_shape_name(std::string_view name) {
   find_builder(name);
 }
 
-Mesh make_shape(std::string_view name) {
-  return normalized(find_builder(name).make());
+Mesh make_shape(std::string_view name, const std::stop_token& stop) {
+  Cancellation cancellation(stop);
+  return normalized(find_builder(name).make(cancellation));
 }
 
 }  // namespace itn

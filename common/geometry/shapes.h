@@ -2,6 +2,7 @@
 #pragma once
 
 #include <span>
+#include <stop_token>
 #include <string>
 #include <string_view>
 
@@ -21,7 +22,8 @@ std::span<const ShapeInfo> builtin_shapes();
 void check_shape_name(std::string_view name);
 
 // Longest side 1 mm, standing on y = 0, centred over the origin; closed and outward oriented.
-// Deterministic. Throws Error (invalid input) that lists the names there are.
-Mesh make_shape(std::string_view name);
+// Deterministic; up to two seconds. Throws Error: kInvalidInput that lists the names there are,
+// kCancelled soon after a stop is asked for.
+Mesh make_shape(std::string_view name, const std::stop_token& stop = {});
 
 }  // namespace itn

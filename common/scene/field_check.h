@@ -17,6 +17,11 @@
 
 namespace itn {
 
+// What a scene may have.
+inline constexpr int kMaxLights = 64;
+inline constexpr int kMaxSurfaces = 1024;
+inline constexpr int kMaxTransforms = 64;  // of a mesh
+
 // To be thrown.
 Error missing(const std::string& field);
 

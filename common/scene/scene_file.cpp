@@ -14,6 +14,7 @@
 #include "common/geometry/mesh_file.h"
 #include "common/geometry/mesh_repair.h"
 #include "common/geometry/shapes.h"
+#include "common/scene/field_check.h"
 #include "common/scene/panorama_file.h"
 #include "common/scene/scene_bytes.h"
 #include "common/scene/text_proto.h"
@@ -76,6 +77,9 @@ void resolve(v1::EnvironmentMap& map, const fs::path& folder) {
 
 v1::Scene load_scene(const fs::path& path) {
   v1::Scene scene = parse(path);
+  // Before files are read for each of them.
+  integer_in("the number of lights", scene.lights_size(), 0, kMaxLights);
+  integer_in("the number of surfaces", scene.surfaces_size(), 0, kMaxSurfaces);
   const fs::path folder = path.parent_path();
   if (scene.object().has_mesh())
     resolve(*scene.mutable_object()->mutable_mesh(), Role::kObject, folder);

@@ -223,7 +223,7 @@ Mesh MeshBuilder::source(const std::string& field, const v1::Mesh& proto) {
 // shapes are, and counts for each place.
 const Mesh& MeshBuilder::shape(const std::string& name) {
   auto made = shapes_.find(name);
-  if (made == shapes_.end()) made = shapes_.emplace(name, make_shape(name)).first;
+  if (made == shapes_.end()) made = shapes_.emplace(name, make_shape(name, stop_)).first;
   count(made->second.triangles.size());
   return made->second;
 }

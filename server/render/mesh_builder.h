@@ -3,7 +3,9 @@
 
 #include <cstdint>
 #include <map>
+#include <stop_token>
 #include <string>
+#include <utility>
 
 #include "common/geometry/mesh.h"
 #include "itn/v1/scene.pb.h"
@@ -13,10 +15,11 @@
 namespace itn {
 
 // Builds meshes as long as all of them together stay within the limit of triangles. All functions
-// throw Error as in common/scene/field_check.h.
+// throw Error as in common/scene/field_check.h, and kCancelled soon after a stop is asked for.
 class MeshBuilder {
  public:
-  explicit MeshBuilder(uint64_t max_triangles) : max_triangles_(max_triangles) {}
+  explicit MeshBuilder(uint64_t max_triangles, std::stop_token stop = {})
+      : max_triangles_(max_triangles), stop_(std::move(stop)) {}
 
   Mesh build(const std::string& field, const v1::Mesh& proto);
   // The object in coordinates of its own, and its pose: the rotations and translations that come
@@ -33,6 +36,7 @@ class MeshBuilder {
   Mesh from_triangles(const std::string& field, const v1::Triangles& proto);
 
   uint64_t max_triangles_;
+  std::stop_token stop_;
   uint64_t triangles_ = 0;
   std::map<std::string, Mesh> shapes_;  // built-in ones
 };

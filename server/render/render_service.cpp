@@ -110,7 +110,8 @@ class RenderService::RenderCall final : public QueuedCall {
     memory().resize(3 * request_bytes_);  // the request, the scene's message, its arrays
     const v1::Scene message = parse_scene(request_.scene());
     tracer::PartCache& parts = service_.cache_.parts();
-    tracer::SceneDescription description = build_scene(message, service_.options_.limits, &parts);
+    tracer::SceneDescription description =
+        build_scene(message, service_.options_.limits, &parts, stop);
     memory().resize(3 * request_bytes_ + tracer::estimated_memory(description));
     return std::make_shared<const tracer::Scene>(std::move(description), parts, stop);
   }

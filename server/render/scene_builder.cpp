@@ -49,13 +49,13 @@ v1::Scene parse_scene(const std::string& bytes) {
 }
 
 tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits& limits,
-                                     tracer::PartCache* parts) {
+                                     tracer::PartCache* parts, const std::stop_token& stop) {
   check_required(scene);
   check_message(scene, "scene");
   tracer::SceneDescription description;
   description.film = build_film(scene.film(), limits.max_pixels);
   description.camera = build_camera(scene.camera());
-  MeshBuilder meshes(limits.max_triangles);
+  MeshBuilder meshes(limits.max_triangles, stop);
   meshes.build_object("scene.object.mesh", scene.object().mesh(), parts, description);
   for (int i = 0; i < scene.surfaces_size(); ++i) {
     description.surfaces.push_back(

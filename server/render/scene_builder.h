@@ -21,18 +21,15 @@ struct RenderLimits {
   uint64_t max_message_bytes = uint64_t{2047} << 20;
 };
 
-inline constexpr int kMaxLights = 64;
-inline constexpr int kMaxSurfaces = 1024;
-inline constexpr int kMaxTransforms = 64;  // of a mesh
-
-// Parses a serialized itn.v1.Scene of no more elements than above. A field that this program does
-// not know is refused: it would change the image somewhere else and not here.
+// Parses a serialized itn.v1.Scene of no more elements than one may have. A field that this program
+// does not know is refused: it would change the image somewhere else and not here.
 v1::Scene parse_scene(const std::string& bytes);
 
 // Meshes with a `path` are refused, as are environment maps. The object's last rotations and
 // translations become its pose. With `parts`, the scene has the keys to share what it is compiled
 // into there, and an object that is held is not built again.
 tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits& limits,
-                                     tracer::PartCache* parts = nullptr);
+                                     tracer::PartCache* parts = nullptr,
+                                     const std::stop_token& stop = {});
 
 }  // namespace itn

@@ -243,7 +243,7 @@ TEST_F(Outputs, SayThatTheCameraDoesNotSeeTheObject) {
   } rows[] = {
       {"target { y: 0.5 }", "target { y: 9 }", "does not see the object: it is in no pixel"},
       {"mesh { builtin: \"cube\" }",
-       "mesh { builtin: \"cube\" transforms { scale { x: 1e-9 y: 1e-9 z: 1e-9 } } }", "see"},
+       "mesh { builtin: \"cube\" transforms { scale { x: 2e-4 y: 2e-4 z: 2e-4 } } }", "see"},
       {"fov_degrees: 22 }\nfilm { width: 16 height: 12 }",
        "fov_degrees: 170 }\nfilm { width: 256 height: 192 }", "hardly sees the object"},
   };

@@ -388,7 +388,7 @@ TEST_F(DatasetFolder, RefusesAResolutionThatNoDatasetHas) {
     manifest.mutable_config()->set_resolution(resolution);
     std::ofstream(folder_ / kManifestName, std::ios::trunc) << to_text(manifest);
     expect_error(ErrorKind::kInvalidInput,
-                 fmt::format("{} has a resolution of {}", kManifestName, resolution),
+                 fmt::format("{}: the resolution is {}", kManifestName, resolution),
                  [&] { DatasetReader reader(folder_); });
   }
 }

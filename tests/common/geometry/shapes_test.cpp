@@ -87,6 +87,15 @@ TEST(Shapes, VolumesAgreeWithClosedForms) {
   inscribed("torus", 2 * kPi * kPi * 0.09 / std::pow(2.6, 3), 0.004);
 }
 
+TEST(Shapes, ThatTakeASecondCanBeStopped) {
+  std::stop_source stop;
+  stop.request_stop();
+  for (const char* name : {"frame", "mug", "figure", "tree"}) {
+    testing::expect_error(ErrorKind::kCancelled, {"cancelled"},
+                          [&] { make_shape(name, stop.get_token()); });
+  }
+}
+
 TEST(Shapes, UnknownNameIsRefusedWithTheNamesThereAre) {
   for (const auto call : {+[] { make_shape("teapot"); }, +[] { check_shape_name("teapot"); }}) {
     testing::expect_error(ErrorKind::kInvalidInput,

@@ -199,6 +199,19 @@ TEST_P(BadSceneTest, IsRefused) {
 INSTANTIATE_TEST_SUITE_P(Table, BadSceneTest, ::testing::ValuesIn(kBadScenes),
                          [](const auto& row) { return std::string(row.param.name); });
 
+// Before the file of each is read.
+TEST(SceneFile, MayNotNameFilesWithoutEnd) {
+  const TemporaryFolder folder;
+  std::string lights, surfaces;
+  for (int i = 0; i <= 64; ++i) lights += "lights { environment_map { path: \"none.exr\" } }\n";
+  for (int i = 0; i <= 1024; ++i) surfaces += "surfaces { mesh { path: \"none.ply\" } }\n";
+  expect_error(ErrorKind::kInvalidInput, {"the number of lights is 65; it must be in [0, 64]"},
+               [&] { load_scene(folder.write("lights", lights)); });
+  expect_error(ErrorKind::kInvalidInput,
+               {"the number of surfaces is 1025; it must be in [0, 1024]"},
+               [&] { load_scene(folder.write("surfaces", surfaces)); });
+}
+
 TEST(SceneFile, DoesNotWaitForAFifo) {
   const TemporaryFolder folder;
   ASSERT_EQ(::mkfifo(folder.path("fifo").c_str(), 0600), 0);
