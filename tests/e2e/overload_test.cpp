@@ -22,6 +22,7 @@
 
 #include "client/render_pool/outcome.h"
 #include "itn/v1/render.grpc.pb.h"
+#include "tests/support/paths.h"
 #include "tests/support/scenes.h"
 #include "tests/support/server_process.h"
 #include "tests/support/statistics.h"
@@ -206,8 +207,8 @@ double most_with_work(const ServerProcess& worker, std::map<std::string, double>
 // that a render takes of a processor, and by how much of the time it has something to render,
 // whether it gets a processor for it or not.
 TEST(Overload, OfTwiceItsCapacityLeavesAWorkerMostOfIt) {
-  const ServerProcess worker(
-      ITN_WORKER, {"--threads", "1", "--max-memory-mb", std::to_string(int(kMemoryMegabytes))});
+  const ServerProcess worker(testing::kItnWorker, {"--threads", "1", "--max-memory-mb",
+                                                   std::to_string(int(kMemoryMegabytes))});
   std::vector<Client> clients;
   for (int i = 0; i < kClients; ++i) clients.emplace_back(worker.address());
 

@@ -29,6 +29,7 @@
 #include "itn/v1/status.grpc.pb.h"
 #include "tests/support/disc_image.h"
 #include "tests/support/health.h"
+#include "tests/support/paths.h"
 #include "tests/support/scenes.h"
 #include "tests/support/server_process.h"
 #include "tests/support/statistics.h"
@@ -335,12 +336,13 @@ void soak(const ServerProcess& server, Caller caller) {
 }
 
 TEST(Soak, OfAWorker) {
-  const ServerProcess worker(ITN_WORKER, {"--threads", "1", "--cache-mb", "8"});
+  const ServerProcess worker(testing::kItnWorker, {"--threads", "1", "--cache-mb", "8"});
   soak(worker, call_worker);
 }
 
 TEST(Soak, OfAPredictor) {
-  const ServerProcess predictor(ITN_PREDICTOR, {"--threads", "1", "--model", MODEL});
+  const ServerProcess predictor(testing::kItnPredictor,
+                                {"--threads", "1", "--model", testing::source("models/any.itn")});
   soak(predictor, call_predictor);
 }
 

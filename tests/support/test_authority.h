@@ -8,6 +8,7 @@
 
 #include "common/rpc/channel.h"
 #include "common/rpc/server_security.h"
+#include "tests/support/paths.h"
 #include "tests/support/temporary_folder.h"
 
 namespace itn::testing {
@@ -17,7 +18,7 @@ class TestAuthority {
   // Whether there is what makes certificates.
   static bool is_possible() { return std::system("command -v openssl >/dev/null") == 0; }
 
-  TestAuthority() { shell(MAKE_TEST_CA " \"$PWD\""); }
+  TestAuthority() { shell(testing::source("deploy/make-test-ca.sh") + " \"$PWD\""); }
 
   std::string path(const std::string& name) const { return folder_.path(name); }
 

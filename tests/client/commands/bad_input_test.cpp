@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "common/image/image.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/scene_files.h"
 
@@ -44,7 +45,7 @@ Arguments render(const TemporaryFolder& folder, const std::string& scene_file,
                                               {"--spp", "2"},
                                               {"--threads", "1"}};
   for (const auto& [flag, value] : changes) flags[flag] = value;
-  Arguments command = {ITN, "render", scene_file};
+  Arguments command = {testing::kItn, "render", scene_file};
   for (const auto& [flag, value] : flags) command.push_back(flag + "=" + value);
   return command;
 }
@@ -88,16 +89,16 @@ std::string exr_with(const TemporaryFolder& folder, float value) {
 }
 
 const BadInput kBadInputs[] = {
-    {"NoCommand", [](auto&) { return Arguments{ITN}; }, 2, {"Usage", "render"}},
+    {"NoCommand", [](auto&) { return Arguments{testing::kItn}; }, 2, {"Usage", "render"}},
     {"UnknownCommand",
      [](auto&) {
-       return Arguments{ITN, "rendre"};
+       return Arguments{testing::kItn, "rendre"};
      },
      2,
      {"no command rendre; did you mean render?"}},
     {"NoScene",
      [](auto&) {
-       return Arguments{ITN, "render"};
+       return Arguments{testing::kItn, "render"};
      },
      2,
      {"itn: scene is required"}},
@@ -202,33 +203,36 @@ const BadInput kBadInputs[] = {
     {"OpenMeshOfADataset",
      [](auto& folder) {
        folder.write("open.obj", kOpenMesh);
-       return Arguments{ITN, "dataset", folder.path("data"), "--shapes", folder.path("")};
+       return Arguments{testing::kItn, "dataset", folder.path("data"), "--shapes", folder.path("")};
      },
      3,
      {"open.obj is not closed: 3 open edges", "can be repaired: --repair"}},
     {"NoPanorama",
      [](auto& folder) {
-       return Arguments{ITN, "dataset", folder.path("data"), "--panoramas", folder.path("")};
+       return Arguments{testing::kItn, "dataset", folder.path("data"), "--panoramas",
+                        folder.path("")};
      },
      3,
      {"holds no EXR file"}},
     {"PanoramaThatIsNone",
      [](auto& folder) {
        folder.write("room.exr", "not an image");
-       return Arguments{ITN, "dataset", folder.path("data"), "--panoramas", folder.path("")};
+       return Arguments{testing::kItn, "dataset", folder.path("data"), "--panoramas",
+                        folder.path("")};
      },
      3,
      {"no panorama in ", "room.exr is not a complete OpenEXR image"}},
     {"PanoramaThatIsSquare",
      [](auto& folder) {
        exr_with(folder, 1);
-       return Arguments{ITN, "dataset", folder.path("data"), "--panoramas", folder.path("")};
+       return Arguments{testing::kItn, "dataset", folder.path("data"), "--panoramas",
+                        folder.path("")};
      },
      3,
      {"image.exr has 4 x 4 pixels", "twice as wide as high"}},
     {"PanoramasOfNoFolder",
      [](auto& folder) {
-       return Arguments{ITN, "dataset", folder.path("data"), "--config",
+       return Arguments{testing::kItn, "dataset", folder.path("data"), "--config",
                         folder.write("file.textproto", "lights { panoramas {} }")};
      },
      3,
@@ -236,7 +240,7 @@ const BadInput kBadInputs[] = {
     {"EmitterOfANegativeSize",
      [](auto& folder) {
        return Arguments{
-           ITN, "dataset", folder.path("data"), "--config",
+           testing::kItn, "dataset", folder.path("data"), "--config",
            folder.write("file.textproto",
                         "lights { studio { emitter { size_degrees { fixed: -5 } } } }")};
      },
@@ -244,7 +248,7 @@ const BadInput kBadInputs[] = {
      {"lights[0].studio.emitter.size_degrees is -5; it must be in [4, 120]"}},
     {"MisspeltFieldOfAStudio",
      [](auto& folder) {
-       return Arguments{ITN, "dataset", folder.path("data"), "--config",
+       return Arguments{testing::kItn, "dataset", folder.path("data"), "--config",
                         folder.write("file.textproto", "lights {\n  studio { wals {} }\n}")};
      },
      3,
@@ -264,50 +268,52 @@ const BadInput kBadInputs[] = {
      {"bad.obj: line 5: the face refers to vertex -9; there are 3"}},
     {"OneImage",
      [](auto& folder) {
-       return Arguments{ITN, "dataset", folder.path("data"), "--count", "1"};
+       return Arguments{testing::kItn, "dataset", folder.path("data"), "--count", "1"};
      },
      2,
      {"itn: --count: 1 is not a whole number in [2, "}},
     {"NoTestImage",
      [](auto& folder) {
-       return Arguments{ITN,  "dataset", folder.path("data"), "--count", "4", "--test-fraction",
-                        "0.1"};
+       return Arguments{testing::kItn,     "dataset", folder.path("data"), "--count", "4",
+                        "--test-fraction", "0.1"};
      },
      3,
      {"of 4 images, with a test fraction of 0.1, 0 are to test with", "more images"}},
     {"RangeOfNan",
      [](auto& folder) {
-       return Arguments{ITN, "dataset", folder.path("data"), "--sigma-t", "nan", "3"};
+       return Arguments{testing::kItn, "dataset", folder.path("data"), "--sigma-t", "nan", "3"};
      },
      2,
      {"itn: --sigma-t: nan is not a number in [1e-06, "}},
     {"HalfARange",
      [](auto& folder) {
-       return Arguments{ITN, "dataset", folder.path("data"), "--sigma-t", "3"};
+       return Arguments{testing::kItn, "dataset", folder.path("data"), "--sigma-t", "3"};
      },
      2,
      {"itn: --sigma-t", "MIN MAX"}},
     {"AzimuthNan",
      [](auto& folder) {
-       return Arguments{ITN, "dataset", folder.path("data"), "--train-azimuths", "1,nan"};
+       return Arguments{testing::kItn, "dataset", folder.path("data"), "--train-azimuths", "1,nan"};
      },
      2,
      {"itn: --train-azimuths: nan is not a number in [-360, 360]"}},
     {"ResumeNothing",
      [](auto& folder) {
-       return Arguments{ITN, "train", "--resume", "-o", folder.path("nope")};
+       return Arguments{testing::kItn, "train", "--resume", "-o", folder.path("nope")};
      },
      4,
      {"there is no run in", "nope to continue", "begins one"}},
     {"EpochsNan",
      [](auto& folder) {
-       return Arguments{ITN, "train", "data", "-o", folder.path("run"), "--epochs", "nan"};
+       return Arguments{testing::kItn,      "train",    "data", "-o",
+                        folder.path("run"), "--epochs", "nan"};
      },
      2,
      {"itn: --epochs: nan is not a number in (0, 1000000)"}},
     {"LambdaNan",
      [](auto& folder) {
-       return Arguments{ITN, "train", "data", "-o", folder.path("run"), "--lambda", "nan"};
+       return Arguments{testing::kItn,      "train",    "data", "-o",
+                        folder.path("run"), "--lambda", "nan"};
      },
      2,
      {"itn: --lambda: nan is not a number in [0, "}},
@@ -330,104 +336,108 @@ const BadInput kBadInputs[] = {
      {"map.exr"}},
     {"ProbeWithoutAPort",
      [](auto&) {
-       return Arguments{ITN, "probe", "localhost"};
+       return Arguments{testing::kItn, "probe", "localhost"};
      },
      2,
      {"\"localhost\" is not the address of a server", "HOST:PORT"}},
     {"ProbeAWebAddress",
      [](auto&) {
-       return Arguments{ITN, "probe", "http://localhost:50051"};
+       return Arguments{testing::kItn, "probe", "http://localhost:50051"};
      },
      2,
      {"is not the address of a server", "HOST:PORT"}},
     {"ProbeNobody",
      [](auto&) {
-       return Arguments{ITN, "probe", "127.0.0.1:1"};
+       return Arguments{testing::kItn, "probe", "127.0.0.1:1"};
      },
      5,
      {"127.0.0.1:1 does not serve"}},
     {"PredictNan",
      [](auto& folder) {
-       return Arguments{ITN, "predict", exr_with(folder, std::numeric_limits<float>::quiet_NaN()),
-                        "--predictor", "127.0.0.1:1"};
+       return Arguments{testing::kItn, "predict",
+                        exr_with(folder, std::numeric_limits<float>::quiet_NaN()), "--predictor",
+                        "127.0.0.1:1"};
      },
      3,
      {"image.exr", "nan"}},
     {"PredictPng",
      [](auto& folder) {
-       return Arguments{ITN, "predict", folder.write("photo.png", "\x89PNG\r\n\x1a\n and more"),
-                        "--predictor", "127.0.0.1:1"};
+       return Arguments{testing::kItn, "predict",
+                        folder.write("photo.png", "\x89PNG\r\n\x1a\n and more"), "--predictor",
+                        "127.0.0.1:1"};
      },
      6,
      {"photo.png begins as a PNG image and is not a complete one"}},
     {"PredictJpeg",
      [](auto& folder) {
-       return Arguments{ITN, "predict", folder.write("photo.exr", "\xff\xd8\xff\xe0 and more"),
-                        "--predictor", "127.0.0.1:1"};
+       return Arguments{testing::kItn, "predict",
+                        folder.write("photo.exr", "\xff\xd8\xff\xe0 and more"), "--predictor",
+                        "127.0.0.1:1"};
      },
      6,
      {"photo.exr begins as a JPEG image and is not a complete one: it was cut short"}},
     {"PredictText",
      [](auto& folder) {
-       return Arguments{ITN, "predict", folder.write("photo.txt", "a letter"), "--predictor",
-                        "127.0.0.1:1"};
+       return Arguments{testing::kItn, "predict", folder.write("photo.txt", "a letter"),
+                        "--predictor", "127.0.0.1:1"};
      },
      3,
      {"photo.txt is text; a photograph is an OpenEXR, PNG, JPEG, TIFF"}},
     {"PredictNoModel",
      [](auto& folder) {
-       return Arguments{ITN, "predict", exr_with(folder, 1), "--model",
+       return Arguments{testing::kItn, "predict", exr_with(folder, 1), "--model",
                         folder.write("model.itn", "not a model")};
      },
      3,
      {"model.itn is not a checkpoint"}},
     {"PredictOldModel",
      [](auto& folder) {
-       return Arguments{ITN, "predict", exr_with(folder, 1), "--model",
+       return Arguments{testing::kItn, "predict", exr_with(folder, 1), "--model",
                         folder.write("model.itn", "ITNCKPT1")};
      },
      3,
      {"model.itn was written by an earlier version", "Train the network again"}},
     {"PredictTruncatedModel",
      [](auto& folder) {
-       return Arguments{ITN, "predict", exr_with(folder, 1), "--model",
+       return Arguments{testing::kItn, "predict", exr_with(folder, 1), "--model",
                         folder.write("model.itn", "ITNCKPT2")};
      },
      6,
      {"model.itn is damaged"}},
     {"NobodyPredicts",
      [](auto& folder) {
-       return Arguments{ITN, "predict", exr_with(folder, 1), "--predictor", "127.0.0.1:1"};
+       return Arguments{testing::kItn, "predict", exr_with(folder, 1), "--predictor",
+                        "127.0.0.1:1"};
      },
      5,
      {"127.0.0.1:1"}},
     {"TrainOnNothing",
      [](auto& folder) {
-       return Arguments{ITN, "train", folder.path("missing"), "-o", folder.path("run")};
+       return Arguments{testing::kItn, "train", folder.path("missing"), "-o", folder.path("run")};
      },
      4,
      {"missing"}},
     {"WorkerFlag",
      [](auto&) {
-       return Arguments{ITN_WORKER, "--renders", "0"};
+       return Arguments{testing::kItnWorker, "--renders", "0"};
      },
      2,
      {"itn-worker: --renders: 0 is not a whole number in [1, 1024]"}},
     {"WorkerSeconds",
      [](auto&) {
-       return Arguments{ITN_WORKER, "--max-seconds", "nan"};
+       return Arguments{testing::kItnWorker, "--max-seconds", "nan"};
      },
      2,
      {"itn-worker: --max-seconds: nan is not a number in [0, "}},
     {"WorkerMemory",
      [](auto&) {
-       return Arguments{ITN_WORKER, "--max-memory-mb", "255"};
+       return Arguments{testing::kItnWorker, "--max-memory-mb", "255"};
      },
      2,
      {"itn-worker: --max-memory-mb is 255; it must be at least 256"}},
     {"WorkerAddress",
      [](auto&) {
-       return Arguments{ITN_WORKER, "--listen", "nowhere"};
+       return Arguments{testing::kItnWorker, "--listen", "nowhere"};
      },
      2,
      {"nowhere", "it has no port", "HOST:PORT"}},

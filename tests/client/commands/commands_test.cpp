@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "common/image/image.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/scene_files.h"
 
@@ -30,15 +31,15 @@ using testing::TemporaryFolder;
 
 std::vector<std::string> render(const std::string& scene, const std::string& output,
                                 const std::vector<std::string>& more = {}) {
-  std::vector<std::string> command = {ITN, "render",   scene, "-o",  output, "--sigma-t",
-                                      "5", "--albedo", "0.9", "--g", "0.3"};
+  std::vector<std::string> command = {testing::kItn, "render",   scene, "-o",  output, "--sigma-t",
+                                      "5",           "--albedo", "0.9", "--g", "0.3"};
   command.insert(command.end(), more.begin(), more.end());
   return command;
 }
 
 std::vector<std::string> worker(const std::vector<std::string>& more = {},
                                 const std::string& log_level = "error") {
-  std::vector<std::string> command = {ITN_WORKER, "--listen", "127.0.0.1:0", "--log-level",
+  std::vector<std::string> command = {testing::kItnWorker, "--listen", "127.0.0.1:0", "--log-level",
                                       log_level};
   command.insert(command.end(), more.begin(), more.end());
   return command;
@@ -139,7 +140,7 @@ TEST(RenderCommand, WritesTheSameFileInEveryArrangement) {
 TEST(RenderCommand, TakesTheSceneAfterItsListFlags) {
   const TemporaryFolder folder;
   const std::string scene = folder.write("scene.textproto", kSceneFile);
-  const Finished finished = run({ITN, "render", "--sigma-t", "5", "--albedo", "0.9",
+  const Finished finished = run({testing::kItn, "render", "--sigma-t", "5", "--albedo", "0.9",
                                  "--derivatives", "g", scene, "-o", folder.path("out.exr")});
   EXPECT_EQ(finished.exit_code, 0) << finished.errors;
 }
@@ -161,14 +162,14 @@ TEST(ProbeCommand, TellsWhetherAWorkerServes) {
   Process process(worker());
   const std::string address = process.read_line();
   for (const char* service : {"", "itn.v1.RenderService"}) {
-    const Finished finished = run({ITN, "probe", address, "--service", service});
+    const Finished finished = run({testing::kItn, "probe", address, "--service", service});
     EXPECT_EQ(finished.exit_code, 0) << finished.errors;
     EXPECT_EQ(finished.output, "SERVING\n");
   }
-  EXPECT_EQ(run({ITN, "probe", address, "--service", "no.such.Service"}).exit_code, 5);
+  EXPECT_EQ(run({testing::kItn, "probe", address, "--service", "no.such.Service"}).exit_code, 5);
   process.send(SIGTERM);
   EXPECT_EQ(process.wait(), 0);
-  EXPECT_EQ(run({ITN, "probe", address}).exit_code, 5);
+  EXPECT_EQ(run({testing::kItn, "probe", address}).exit_code, 5);
 }
 
 TEST(TopCommand, TellsWhatServersAreAt) {
@@ -180,7 +181,7 @@ TEST(TopCommand, TellsWhatServersAreAt) {
                        {"--film", "8x6", "--spp", "4", "--workers", address}))
                 .exit_code,
             0);
-  const Finished table = run({ITN, "top", address, "127.0.0.1:1", "--once"});
+  const Finished table = run({testing::kItn, "top", address, "127.0.0.1:1", "--once"});
   EXPECT_EQ(table.exit_code, 0) << table.errors;
   EXPECT_THAT(table.output, AllOf(HasSubstr("RenderGrad"), HasSubstr("work p50")));
   EXPECT_THAT(table.output, HasSubstr("127.0.0.1:1 "));
@@ -188,18 +189,19 @@ TEST(TopCommand, TellsWhatServersAreAt) {
   EXPECT_THAT(table.output,
               ContainsRegex("RenderGrad +[0-9]+/[0-9]+ +[0-9]+/[0-9]+ +[1-9][0-9]* +0 "));
   const Finished listed =
-      run({ITN, "top", "file:" + folder.write("servers", address + " # here").string(), "--once"});
+      run({testing::kItn, "top", "file:" + folder.write("servers", address + " # here").string(),
+           "--once"});
   EXPECT_EQ(listed.exit_code, 0) << listed.errors;
   EXPECT_THAT(listed.output, HasSubstr(address));
-  const Finished unlisted = run({ITN, "top", "file:" + folder.path("none"), "--once"});
+  const Finished unlisted = run({testing::kItn, "top", "file:" + folder.path("none"), "--once"});
   EXPECT_EQ(unlisted.exit_code, 5);
   EXPECT_THAT(unlisted.output, StartsWith("server  call"));
   EXPECT_THAT(unlisted.errors, HasSubstr("no such file yet"));
-  const Finished json = run({ITN, "top", address + ",127.0.0.1:1", "--once", "--json"});
+  const Finished json = run({testing::kItn, "top", address + ",127.0.0.1:1", "--once", "--json"});
   EXPECT_THAT(json.output, AllOf(HasSubstr("{\"address\":\"" + address + "\",\"status\":{"),
                                  HasSubstr("\"method\":\"RenderGrad\""),
                                  HasSubstr("{\"address\":\"127.0.0.1:1\",\"failure\":\"")));
-  EXPECT_EQ(run({ITN, "top", "127.0.0.1:1", "--once"}).exit_code, 5);
+  EXPECT_EQ(run({testing::kItn, "top", "127.0.0.1:1", "--once"}).exit_code, 5);
   process.send(SIGTERM);
   EXPECT_THAT(process.read_stderr(), HasSubstr(": OK, waited "));
   EXPECT_EQ(process.wait(), 0);
@@ -212,9 +214,9 @@ TEST(BenchCommand, MeasuresAWorker) {
   Process process(worker());
   const std::string address = process.read_line();
   const std::vector<std::string> bench = {
-      ITN,     "bench",       address,    "--size",        "8x6",
-      "--spp", "1",           "--window", "0.01",          "--window-calls",
-      "5",     "--stability", "1000",     "--derivatives", "g,light[0].scale"};
+      testing::kItn, "bench",       address,    "--size",        "8x6",
+      "--spp",       "1",           "--window", "0.01",          "--window-calls",
+      "5",           "--stability", "1000",     "--derivatives", "g,light[0].scale"};
   const auto with = [&](const std::vector<std::string>& more) {
     std::vector<std::string> command = bench;
     command.insert(command.end(), more.begin(), more.end());
@@ -230,20 +232,21 @@ TEST(BenchCommand, MeasuresAWorker) {
   EXPECT_EQ(open.exit_code, 0) << open.errors;
   EXPECT_THAT(open.output, ContainsRegex("^ +rate +calls/s +paths/s +p50 ms .*\n +200 "));
   EXPECT_THAT(with({"--model", "any"}).errors, HasSubstr("is a worker"));
-  EXPECT_THAT(
-      run({ITN, "bench", address, "--spp", "100000", "--size", "512x512", "--timeout", "0.05"})
-          .errors,
-      HasSubstr(address + ": no answer within --timeout 0.05 s"));
+  EXPECT_THAT(run({testing::kItn, "bench", address, "--spp", "100000", "--size", "512x512",
+                   "--timeout", "0.05"})
+                  .errors,
+              HasSubstr(address + ": no answer within --timeout 0.05 s"));
   EXPECT_THAT(with({"--concurrency", "1,,2"}).errors, HasSubstr("--concurrency 1,,2: an entry"));
   for (const char* command : {"bench", "probe"}) {
-    const Finished several = run({ITN, command, address + "," + address});
+    const Finished several = run({testing::kItn, command, address + "," + address});
     EXPECT_EQ(several.exit_code, 2);
     EXPECT_THAT(several.errors, HasSubstr("takes one HOST:PORT"));
   }
   EXPECT_EQ(with({"--rate", "1", "--concurrency", "1"}).exit_code, 2);
   // What it is told to call is not what there is.
   EXPECT_EQ(
-      run({ITN, "bench", address, "--call", "Predict", "--size", "8x6", "--spp", "1"}).exit_code,
+      run({testing::kItn, "bench", address, "--call", "Predict", "--size", "8x6", "--spp", "1"})
+          .exit_code,
       5);
   process.send(SIGTERM);
   EXPECT_EQ(process.wait(), 0);
@@ -254,10 +257,10 @@ TEST(BenchCommand, NamesTheLoadsAtWhichNothingWasAnswered) {
   Process process(worker());
   const std::string address = process.read_line();
   // Never stable: a load ends when it is no longer answered, and the next ones never are.
-  Process bench(
-      {ITN, "bench", address, "--size", "8x6", "--spp", "1", "--window", "0.1", "--window-calls",
-       "1", "--stability", "0", "--max-windows", "1000", "--concurrency", "1,2,3"},
-      true);
+  Process bench({testing::kItn, "bench", address, "--size", "8x6", "--spp", "1", "--window", "0.1",
+                 "--window-calls", "1", "--stability", "0", "--max-windows", "1000",
+                 "--concurrency", "1,2,3"},
+                true);
   EXPECT_THAT(bench.read_line(), HasSubstr("calls/s"));
   process.send(SIGKILL);
   process.wait();
@@ -270,8 +273,8 @@ TEST(BenchCommand, NamesTheLoadsAtWhichNothingWasAnswered) {
 TEST(Worker, LogsCallsAsJsonForMachines) {
   Process process(worker({"--log-format", "json"}, "info"), true);
   const std::string address = process.read_line();
-  EXPECT_EQ(run({ITN, "bench", address, "--size", "8x6", "--spp", "1", "--max-windows", "1",
-                 "--window", "0.001", "--window-calls", "1"})
+  EXPECT_EQ(run({testing::kItn, "bench", address, "--size", "8x6", "--spp", "1", "--max-windows",
+                 "1", "--window", "0.001", "--window-calls", "1"})
                 .exit_code,
             0);
   process.send(SIGTERM);
@@ -296,7 +299,8 @@ TEST(PredictCommand, SaysThatAWorkerIsNoPredictor) {
   write_exr(folder.path("image.exr"), image);
   Process process(worker());
   const std::string address = process.read_line();
-  const Finished finished = run({ITN, "predict", folder.path("image.exr"), "--predictor", address});
+  const Finished finished =
+      run({testing::kItn, "predict", folder.path("image.exr"), "--predictor", address});
   EXPECT_EQ(finished.exit_code, 5);
   EXPECT_THAT(finished.errors, HasSubstr(address + " is not a predictor"));
 }
@@ -304,7 +308,7 @@ TEST(PredictCommand, SaysThatAWorkerIsNoPredictor) {
 TEST(ModelsCommand, SaysThatAWorkerIsNoPredictor) {
   Process process(worker());
   const std::string address = process.read_line();
-  const Finished finished = run({ITN, "models", "--predictor", address});
+  const Finished finished = run({testing::kItn, "models", "--predictor", address});
   EXPECT_EQ(finished.exit_code, 5);
   EXPECT_THAT(finished.errors, HasSubstr(address + " is not a predictor; itn-predictor is one"));
 }
@@ -342,19 +346,19 @@ TEST(Worker, StopsAtOnceOnASecondSignal) {
 
 TEST(Programs, SayInTheirHelpWhatMayBeGiven) {
   EXPECT_THAT(
-      run({ITN, "render", "--help"}).output,
+      run({testing::kItn, "render", "--help"}).output,
       AllOf(HasSubstr("--spp UINT:in [1, 1048576]=64"), HasSubstr("--albedo FLOAT:in [0, 1]"),
             HasSubstr("--g FLOAT:in [-0.99, 0.99]=0")));
-  EXPECT_THAT(run({ITN, "dataset", "--help"}).output,
+  EXPECT_THAT(run({testing::kItn, "dataset", "--help"}).output,
               AllOf(HasSubstr("--sigma-t MIN MAX:in [1e-06, 1000000]"),
                     HasSubstr("log-uniform; default 30 276"),
                     HasSubstr("uniform; default 0.39 0.95"), HasSubstr("uniform; default 0 0.8")));
-  EXPECT_THAT(run({ITN_WORKER, "--help"}).output, HasSubstr("in MiB, 256 at least"));
+  EXPECT_THAT(run({testing::kItnWorker, "--help"}).output, HasSubstr("in MiB, 256 at least"));
 }
 
 TEST(Programs, TellTheirVersion) {
-  EXPECT_EQ(run({ITN, "--version"}).output, "itn " ITN_VERSION "\n");
-  EXPECT_EQ(run({ITN_WORKER, "--version"}).output, "itn-worker " ITN_VERSION "\n");
+  EXPECT_EQ(run({testing::kItn, "--version"}).output, "itn " ITN_VERSION "\n");
+  EXPECT_EQ(run({testing::kItnWorker, "--version"}).output, "itn-worker " ITN_VERSION "\n");
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_folder.h"
 
@@ -28,8 +29,8 @@ using testing::TemporaryFolder;
 using ::testing::Truly;
 
 // Torch's sums depend on its threads in the last bits.
-const std::vector<std::string> kSmoke = {ITN, "experiment", "--preset", "smoke", "--torch-threads",
-                                         "1", "-o"};
+const std::vector<std::string> kSmoke = {testing::kItn,     "experiment", "--preset", "smoke",
+                                         "--torch-threads", "1",          "-o"};
 
 std::vector<std::string> smoke(const std::string& folder) {
   std::vector<std::string> arguments = kSmoke;
@@ -124,8 +125,9 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
   EXPECT_THAT(run(dry).output, ContainsRegex("dataset +done(.|\n)*all that is left +0 s "));
   // Another experiment does not go there.
   const std::string other = content(folder.path("whole/experiment.textproto")) + "\nseed: 7\n";
-  const Finished refused = run({ITN, "experiment", folder.write("other.textproto", other).string(),
-                                "-o", folder.path("whole")});
+  const Finished refused =
+      run({testing::kItn, "experiment", folder.write("other.textproto", other).string(), "-o",
+           folder.path("whole")});
   EXPECT_EQ(refused.exit_code, 3);
   EXPECT_THAT(refused.errors, HasSubstr("another experiment"));
   EXPECT_THAT(refused.errors, HasSubstr("seed"));
@@ -133,11 +135,13 @@ TEST(ExperimentCommand, KilledAndContinuedGivesTheSameTables) {
 
 TEST(ExperimentCommand, PrintsItsPresets) {
   const TemporaryFolder folder;
-  const Finished printed = run({ITN, "experiment", "--preset", "small", "--print-config"});
+  const Finished printed =
+      run({testing::kItn, "experiment", "--preset", "small", "--print-config"});
   ASSERT_EQ(printed.exit_code, 0) << printed.errors;
   EXPECT_THAT(printed.output, HasSubstr("ITN+similar+map"));
   const fs::path typo = folder.write("typo.textproto", printed.output + "sead: 3\n");
-  const Finished refused = run({ITN, "experiment", typo.string(), "-o", folder.path("x")});
+  const Finished refused =
+      run({testing::kItn, "experiment", typo.string(), "-o", folder.path("x")});
   EXPECT_EQ(refused.exit_code, 3);
   EXPECT_THAT(refused.errors, HasSubstr("typo.textproto:"));
   EXPECT_THAT(refused.errors, HasSubstr("sead"));
@@ -145,7 +149,7 @@ TEST(ExperimentCommand, PrintsItsPresets) {
 }
 
 TEST(ExperimentCommand, DryRunSaysWhatItWillTake) {
-  const Finished printed = run({ITN, "experiment", "--preset", "smoke", "--dry-run"});
+  const Finished printed = run({testing::kItn, "experiment", "--preset", "smoke", "--dry-run"});
   ASSERT_EQ(printed.exit_code, 0) << printed.errors;
   EXPECT_THAT(printed.output, HasSubstr("train ITN+similar+map "));
   EXPECT_THAT(printed.output, HasSubstr("\nall "));
@@ -154,13 +158,15 @@ TEST(ExperimentCommand, DryRunSaysWhatItWillTake) {
 // Its steps are many times as dear as those of an RN, by which it would take fifty times as many.
 TEST(ExperimentCommand, AnItnAsLongAsAnotherTakesAboutAsManySteps) {
   const TemporaryFolder folder;
-  const std::string file = run({ITN, "experiment", "--preset", "smoke", "--print-config"}).output;
+  const std::string file =
+      run({testing::kItn, "experiment", "--preset", "smoke", "--print-config"}).output;
   const std::string networks = file.substr(0, file.find("networks {")) + R"(
     networks { name: "RN" settings { loss: RN } }
     networks { name: "ITN" settings { loss: ITN spp: 512 } }
     networks { name: "ITN, as long" settings { loss: ITN spp: 512 } as_long_as: "ITN" })";
-  const Finished finished = run({ITN, "experiment", folder.write("e.textproto", networks).string(),
-                                 "--torch-threads", "1", "-o", folder.path("run")});
+  const Finished finished =
+      run({testing::kItn, "experiment", folder.write("e.textproto", networks).string(),
+           "--torch-threads", "1", "-o", folder.path("run")});
   ASSERT_EQ(finished.exit_code, 0) << finished.errors;
   std::ifstream cost(folder.path("run/networks/itn_as_long/cost.textproto"));
   std::string name;
@@ -174,7 +180,8 @@ TEST(ExperimentCommand, AnItnAsLongAsAnotherTakesAboutAsManySteps) {
 // Nothing that was done before says what its steps cost.
 TEST(ExperimentCommand, AnRnAsLongAsAnotherNeedsNoSharedStart) {
   const TemporaryFolder folder;
-  std::string file = run({ITN, "experiment", "--preset", "smoke", "--print-config"}).output;
+  std::string file =
+      run({testing::kItn, "experiment", "--preset", "smoke", "--print-config"}).output;
   file.resize(file.find("networks {"));
   const std::string shared = "shared_steps: 30";
   ASSERT_THAT(file, HasSubstr(shared));
@@ -182,8 +189,9 @@ TEST(ExperimentCommand, AnRnAsLongAsAnotherNeedsNoSharedStart) {
   file += R"(
     networks { name: "ITN" settings { loss: ITN spp: 64 } }
     networks { name: "RN, as long" settings { loss: RN } as_long_as: "ITN" })";
-  const Finished finished = run({ITN, "experiment", folder.write("e.textproto", file).string(),
-                                 "--torch-threads", "1", "-o", folder.path("run")});
+  const Finished finished =
+      run({testing::kItn, "experiment", folder.write("e.textproto", file).string(),
+           "--torch-threads", "1", "-o", folder.path("run")});
   ASSERT_EQ(finished.exit_code, 0) << finished.errors;
   EXPECT_THAT(finished.output, HasSubstr("RN, as long"));
 }

@@ -10,6 +10,7 @@
 #include "common/image/attributes.h"
 #include "common/image/image.h"
 #include "common/image/preview.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_folder.h"
 
@@ -47,7 +48,7 @@ class MergeCommand : public ::testing::Test {
   }
 
   Finished merge(const Arguments& more) const {
-    Arguments arguments{ITN, "merge", "-o", folder_.path("out.exr")};
+    Arguments arguments{testing::kItn, "merge", "-o", folder_.path("out.exr")};
     arguments.insert(arguments.end(), photographs_.begin(), photographs_.end());
     arguments.insert(arguments.end(), more.begin(), more.end());
     return run(arguments);
@@ -86,7 +87,7 @@ TEST_F(MergeCommand, TakesExposuresFromExif) {
     float seconds, f_number;
     int iso;
   };
-  Arguments arguments{ITN, "merge", "-o", folder_.path("out.exr"), "--response", "srgb"};
+  Arguments arguments{testing::kItn, "merge", "-o", folder_.path("out.exr"), "--response", "srgb"};
   for (const Taken& taken :
        {Taken{0.0125F, 4, 100}, Taken{0.0125F, 4, 400}, Taken{0.0125F, 8, 100}}) {
     arguments.push_back(folder_.path("photo" + std::to_string(arguments.size()) + ".jpg"));
@@ -119,7 +120,7 @@ TEST_F(MergeCommand, SaysWhatIsWrong) {
   finished = merge({"--seconds", "1,2,1/0"});
   EXPECT_EQ(finished.exit_code, 2);
   EXPECT_THAT(finished.errors, HasSubstr("1/0 is not a time in seconds"));
-  finished = run({ITN, "merge", photographs_[0], "-o", folder_.path("out.exr")});
+  finished = run({testing::kItn, "merge", photographs_[0], "-o", folder_.path("out.exr")});
   EXPECT_EQ(finished.exit_code, 2);
   EXPECT_THAT(finished.errors, HasSubstr("two photographs at least"));
   write_png(photographs_[1], 4, 2, std::vector<unsigned char>(24, 100));
@@ -133,13 +134,14 @@ TEST_F(MergeCommand, SaysWhatIsWrong) {
 
 TEST_F(MergeCommand, WritesOverNoPhotographAndUnderNoOtherFormatsName) {
   const auto to = [this](const std::string& output) {
-    return run({ITN, "merge", photographs_[0], photographs_[1], "--seconds", "1/4,1", "--response",
-                "srgb", "-o", output});
+    return run({testing::kItn, "merge", photographs_[0], photographs_[1], "--seconds", "1/4,1",
+                "--response", "srgb", "-o", output});
   };
   ASSERT_EQ(to(folder_.path("first.exr")).exit_code, 0);
   ASSERT_EQ(to(folder_.path("second")).exit_code, 0);
-  Finished finished = run({ITN, "merge", folder_.path("first.exr"), folder_.path("second"),
-                           "--seconds", "1,4", "-o", folder_.path("./first.exr")});
+  Finished finished =
+      run({testing::kItn, "merge", folder_.path("first.exr"), folder_.path("second"), "--seconds",
+           "1,4", "-o", folder_.path("./first.exr")});
   EXPECT_EQ(finished.exit_code, 2);
   EXPECT_THAT(finished.errors, HasSubstr("that is the input " + folder_.path("first.exr")));
   finished = to(folder_.path("new.png"));
@@ -148,8 +150,8 @@ TEST_F(MergeCommand, WritesOverNoPhotographAndUnderNoOtherFormatsName) {
 }
 
 TEST_F(MergeCommand, IsKnownToHelpAndCompletion) {
-  EXPECT_THAT(run({ITN, "--help"}).output, HasSubstr("merge"));
-  EXPECT_THAT(run({ITN, "completion", "bash"}).output, HasSubstr("merge) words=\""));
+  EXPECT_THAT(run({testing::kItn, "--help"}).output, HasSubstr("merge"));
+  EXPECT_THAT(run({testing::kItn, "completion", "bash"}).output, HasSubstr("merge) words=\""));
 }
 
 }  // namespace

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "common/image/image.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/scene_files.h"
 
@@ -34,15 +35,15 @@ using Arguments = std::vector<std::string>;
 
 Arguments render(const std::string& scene, const std::string& output, const Arguments& more = {},
                  const std::string& spp = "2") {
-  Arguments command = {ITN, "render",   scene, "-o",    output, "--sigma-t",
-                       "5", "--albedo", "0.9", "--spp", spp};
+  Arguments command = {testing::kItn, "render",   scene, "-o",    output, "--sigma-t",
+                       "5",           "--albedo", "0.9", "--spp", spp};
   command.insert(command.end(), more.begin(), more.end());
   return command;
 }
 
 // With redirections, pipes and the like.
 Finished shell(const std::string& command) {
-  return run({"/bin/bash", "-c", "itn() { \"" ITN "\" \"$@\"; }; " + command});
+  return run({"/bin/bash", "-c", "itn() { \"" + testing::kItn + "\" \"$@\"; }; " + command});
 }
 
 // --- Outputs that are no regular file ---
@@ -159,11 +160,12 @@ TEST_F(Outputs, OfOtherCommandsAreFoundBeforeTheWorkToo) {
     Arguments command;
     const char* message;
   } rows[] = {
-      {{ITN, "dataset", folder_.path("file/data"), "--count", "100000"}, "file is not a folder"},
-      {{ITN, "train", folder_.path("data"), "-o", folder_.path("file/run")},
+      {{testing::kItn, "dataset", folder_.path("file/data"), "--count", "100000"},
        "file is not a folder"},
-      {{ITN, "evaluate", folder_.path("run"), "--dataset", folder_.path("data"), "--picture",
-        folder_.path("no/picture.png")},
+      {{testing::kItn, "train", folder_.path("data"), "-o", folder_.path("file/run")},
+       "file is not a folder"},
+      {{testing::kItn, "evaluate", folder_.path("run"), "--dataset", folder_.path("data"),
+        "--picture", folder_.path("no/picture.png")},
        "no/picture.png: No such file"},
   };
   for (const auto& row : rows) {
@@ -180,14 +182,14 @@ TEST_F(Outputs, ATableIsNotLostWithItsPicture) {
     GTEST_SKIP() << "device nodes cannot be created here";
   }
   const std::string data = folder_.path("data"), model = folder_.path("run");
-  for (const Arguments& command :
-       {Arguments{ITN, "dataset", data, "--count", "8", "--resolution", "16", "--spp", "1"},
-        Arguments{ITN, "train", data, "-o", model, "--steps", "1", "--batch", "2",
-                  "--base-channels", "1"}}) {
+  for (const Arguments& command : {Arguments{testing::kItn, "dataset", data, "--count", "8",
+                                             "--resolution", "16", "--spp", "1"},
+                                   Arguments{testing::kItn, "train", data, "-o", model, "--steps",
+                                             "1", "--batch", "2", "--base-channels", "1"}}) {
     const Finished finished = run(command);
     ASSERT_EQ(finished.exit_code, 0) << finished.errors;
   }
-  const Finished finished = run({ITN, "evaluate", model, "--dataset", data, "--spp", "1",
+  const Finished finished = run({testing::kItn, "evaluate", model, "--dataset", data, "--spp", "1",
                                  "--picture", full, "--picture-items", "1"});
   EXPECT_EQ(finished.exit_code, 4);
   EXPECT_THAT(finished.errors, HasSubstr("full: No space left"));
@@ -259,25 +261,25 @@ TEST_F(Outputs, SayThatTheCameraDoesNotSeeTheObject) {
 // --- Two programs ---
 
 TEST(Programs, OnlyTheLearningOneLoadsLibTorch) {
-  EXPECT_THAT(run({"/usr/bin/ldd", ITN}).output, Not(HasSubstr("torch")));
-  EXPECT_THAT(run({"/usr/bin/ldd", ITN_LEARN}).output, HasSubstr("torch"));
+  EXPECT_THAT(run({"/usr/bin/ldd", testing::kItn}).output, Not(HasSubstr("torch")));
+  EXPECT_THAT(run({"/usr/bin/ldd", testing::kItnLearn}).output, HasSubstr("torch"));
 }
 
 TEST(Programs, ItnRunsTheLearningOneBesideIt) {
   const TemporaryFolder folder;
   // Through a link, as package managers make them.
-  fs::create_symlink(ITN, folder.path("itn"));
+  fs::create_symlink(testing::kItn, folder.path("itn"));
   const Finished linked = run({folder.path("itn"), "train", "--help"});
   EXPECT_EQ(linked.exit_code, 0) << linked.errors;
   EXPECT_THAT(linked.output, HasSubstr("--checkpoint-every"));
   // As installed on a machine that has both, and on one that has not.
   fs::remove(folder.path("itn"));
-  fs::copy_file(ITN, folder.path("itn"));
+  fs::copy_file(testing::kItn, folder.path("itn"));
   const Finished alone = run({folder.path("itn"), "train", "data", "-o", "run"});
   EXPECT_EQ(alone.exit_code, 4);
   EXPECT_THAT(alone.errors, HasSubstr("itn-learn: No such file or directory"));
   EXPECT_EQ(run({folder.path("itn"), "shapes"}).exit_code, 0);
-  fs::copy_file(ITN_LEARN, folder.path("itn-learn"));
+  fs::copy_file(testing::kItnLearn, folder.path("itn-learn"));
   EXPECT_EQ(run({folder.path("itn"), "train", "--help"}).exit_code, 0);
 }
 

@@ -14,6 +14,7 @@
 
 #include "common/image/image.h"
 #include "common/image/preview.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_folder.h"
 
@@ -43,12 +44,14 @@ class PredictCommand : public ::testing::Test {
   static void SetUpTestSuite() {
     shared_ = new TemporaryFolder;
     for (const Arguments& command :
-         {Arguments{ITN, "dataset", shared_->path("data"), "--count", "80", "--resolution", "16",
-                    "--spp", "1", "--test-shapes", "cube"},
-          Arguments{ITN, "train", shared_->path("data"), "-o", shared_->path("first"), "--batch",
-                    "2", "--base-channels", "1", "--steps", "3", "--model-version", "0.9"},
-          Arguments{ITN, "export", shared_->path("first"), "-o", shared_->path("small.itn"),
-                    "--model-name", "small", "--model-version", "1.2"}}) {
+         {Arguments{testing::kItn, "dataset", shared_->path("data"), "--count", "80",
+                    "--resolution", "16", "--spp", "1", "--test-shapes", "cube"},
+          Arguments{testing::kItn, "train", shared_->path("data"), "-o", shared_->path("first"),
+                    "--batch", "2", "--base-channels", "1", "--steps", "3", "--model-version",
+                    "0.9"},
+          Arguments{testing::kItn, "export", shared_->path("first"), "-o",
+                    shared_->path("small.itn"), "--model-name", "small", "--model-version",
+                    "1.2"}}) {
       const Finished finished = run(command);
       ASSERT_EQ(finished.exit_code, 0) << finished.errors;
     }
@@ -77,56 +80,58 @@ class PredictCommand : public ::testing::Test {
 // --- The model ---
 
 TEST_F(PredictCommand, SaysWhichModelAnswered) {
-  const Finished table = run({ITN, "predict", image(0), "--model", model()});
+  const Finished table = run({testing::kItn, "predict", image(0), "--model", model()});
   EXPECT_EQ(table.exit_code, 0) << table.errors;
   EXPECT_THAT(table.output, AllOf(HasSubstr("model: small 1.2, step 3, weights "),
                                   Not(HasSubstr("without a version")),
                                   Not(HasSubstr("does not know the images"))));
-  const Finished json = run({ITN, "predict", image(0), "--model", model(), "--json"});
+  const Finished json = run({testing::kItn, "predict", image(0), "--model", model(), "--json"});
   EXPECT_THAT(json.output,
               AllOf(HasSubstr(R"("model":"small 1.2, step 3")"), HasSubstr(R"("version":"1.2")"),
                     HasSubstr(R"("sha256":")"), HasSubstr(R"("unfamiliarity":{"score":)"),
                     HasSubstr(R"("at_bounds":[)")));
   // Its run is called by its folder, and has the version that was given.
-  const Finished of_run = run({ITN, "predict", image(0), "--model", shared_->path("first")});
+  const Finished of_run =
+      run({testing::kItn, "predict", image(0), "--model", shared_->path("first")});
   EXPECT_THAT(of_run.output, HasSubstr("model: first 0.9, step 3"));
 }
 
 TEST_F(PredictCommand, SaysThatAModelHasNoVersionAndKnowsNoImages) {
   const Finished trained =
-      run({ITN, "train", shared_->path("data"), "-o", folder_.path("run"), "--batch", "2",
+      run({testing::kItn, "train", shared_->path("data"), "-o", folder_.path("run"), "--batch", "2",
            "--base-channels", "1", "--steps", "1", "--init", shared_->path("first")});
   ASSERT_EQ(trained.exit_code, 0) << trained.errors;
-  EXPECT_THAT(run({ITN, "predict", image(0), "--model", folder_.path("run")}).output,
+  EXPECT_THAT(run({testing::kItn, "predict", image(0), "--model", folder_.path("run")}).output,
               HasSubstr("model: run, step 1 (without a version)"));
   // Too few images to say what they are like.
-  ASSERT_EQ(run({ITN, "dataset", folder_.path("few"), "--count", "8", "--resolution", "16", "--spp",
-                 "1", "--test-shapes", "cube"})
+  ASSERT_EQ(run({testing::kItn, "dataset", folder_.path("few"), "--count", "8", "--resolution",
+                 "16", "--spp", "1", "--test-shapes", "cube"})
                 .exit_code,
             0);
-  ASSERT_EQ(run({ITN, "train", folder_.path("few"), "-o", folder_.path("blind"), "--batch", "2",
-                 "--base-channels", "1", "--steps", "1"})
+  ASSERT_EQ(run({testing::kItn, "train", folder_.path("few"), "-o", folder_.path("blind"),
+                 "--batch", "2", "--base-channels", "1", "--steps", "1"})
                 .exit_code,
             0);
-  EXPECT_THAT(run({ITN, "predict", image(0), "--model", folder_.path("blind")}).output,
+  EXPECT_THAT(run({testing::kItn, "predict", image(0), "--model", folder_.path("blind")}).output,
               HasSubstr("It does not know the images of its training"));
 }
 
 TEST_F(PredictCommand, TakesModelsByName) {
   ship();
   for (const Arguments& flags : {Arguments{}, Arguments{"--model", "studio"}}) {
-    Arguments command{ITN, "predict", image(0)};
+    Arguments command{testing::kItn, "predict", image(0)};
     command.insert(command.end(), flags.begin(), flags.end());
     const Finished finished = run(command);
     EXPECT_EQ(finished.exit_code, 0) << finished.errors;
     EXPECT_THAT(finished.output, HasSubstr("model: small 1.2"));
   }
-  const Finished list = run({ITN, "models"});
+  const Finished list = run({testing::kItn, "models"});
   EXPECT_EQ(list.exit_code, 0) << list.errors;
   EXPECT_THAT(list.output, AllOf(HasSubstr("Sun and sky (default)"), HasSubstr("studio"),
                                  HasSubstr("(no card)")));
-  Process predictor({ITN_PREDICTOR, "--listen", "127.0.0.1:0", "--log-level", "warning"});
-  const Finished remote = run({ITN, "predict", image(0), "--predictor", predictor.read_line()});
+  Process predictor({testing::kItnPredictor, "--listen", "127.0.0.1:0", "--log-level", "warning"});
+  const Finished remote =
+      run({testing::kItn, "predict", image(0), "--predictor", predictor.read_line()});
   EXPECT_EQ(remote.exit_code, 0) << remote.errors;
   EXPECT_THAT(remote.output, HasSubstr("model: small 1.2, step 3"));
 }
@@ -135,17 +140,17 @@ TEST_F(PredictCommand, AsksAPredictorForOneOfItsModels) {
   ship();
   const std::string own = folder_.path("own.itn");
   const auto export_version = [&](const std::string& version) {
-    const Finished finished =
-        run({ITN, "export", shared_->path("first"), "-o", own, "--model-version", version});
+    const Finished finished = run(
+        {testing::kItn, "export", shared_->path("first"), "-o", own, "--model-version", version});
     ASSERT_EQ(finished.exit_code, 0) << finished.errors;
   };
   export_version("7");
-  Process predictor({ITN_PREDICTOR, "--model", "any", "--model", "mine=" + own, "--listen",
+  Process predictor({testing::kItnPredictor, "--model", "any", "--model", "mine=" + own, "--listen",
                      "127.0.0.1:0", "--reload-seconds", "0"},
                     true);
   const std::string address = predictor.read_line();
   const auto ask = [&](const Arguments& flags) {
-    Arguments command{ITN, "predict", image(0), "--predictor", address};
+    Arguments command{testing::kItn, "predict", image(0), "--predictor", address};
     command.insert(command.end(), flags.begin(), flags.end());
     return run(command);
   };
@@ -158,7 +163,7 @@ TEST_F(PredictCommand, AsksAPredictorForOneOfItsModels) {
   const std::string request = unknown.errors.substr(unknown.errors.find("(request ") + 9, 16);
   const std::string line = "Predict " + request + " of ipv4:";
   EXPECT_THAT(predictor.read_stderr_until(line), HasSubstr(line));
-  const Finished list = run({ITN, "models", "--predictor", address});
+  const Finished list = run({testing::kItn, "models", "--predictor", address});
   EXPECT_EQ(list.exit_code, 0) << list.errors;
   EXPECT_THAT(list.output, AllOf(HasSubstr("Sun and sky (default)"), HasSubstr("mine  7  step 3")));
   export_version("8");
@@ -169,14 +174,15 @@ TEST_F(PredictCommand, AsksAPredictorForOneOfItsModels) {
 
 TEST_F(PredictCommand, SaysWhichModelIsMissing) {
   ::setenv("ITN_MODELS", folder_.path("models").c_str(), 1);
-  for (const Arguments& command : {Arguments{ITN, "predict", image(0)}, Arguments{ITN_PREDICTOR}}) {
+  for (const Arguments& command :
+       {Arguments{testing::kItn, "predict", image(0)}, Arguments{testing::kItnPredictor}}) {
     const Finished finished = run(command);
     EXPECT_EQ(finished.exit_code, 4);
     EXPECT_THAT(finished.errors, AllOf(HasSubstr("any, is missing"), HasSubstr("--model FILE")));
   }
-  EXPECT_EQ(run({ITN, "models"}).exit_code, 4);
+  EXPECT_EQ(run({testing::kItn, "models"}).exit_code, 4);
   ship();
-  const Finished misspelt = run({ITN, "predict", image(0), "--model", "studoi"});
+  const Finished misspelt = run({testing::kItn, "predict", image(0), "--model", "studoi"});
   EXPECT_EQ(misspelt.exit_code, 4);
   EXPECT_THAT(misspelt.errors, HasSubstr("there are any, studio"));
 }
@@ -184,18 +190,19 @@ TEST_F(PredictCommand, SaysWhichModelIsMissing) {
 // --- Many images ---
 
 TEST_F(PredictCommand, AnswersManyImagesHereAndThereTheSame) {
-  Process predictor({ITN_PREDICTOR, "--model", model(), "--listen", "127.0.0.1:0", "--threads", "1",
-                     "--log-level", "warning"});
+  Process predictor({testing::kItnPredictor, "--model", model(), "--listen", "127.0.0.1:0",
+                     "--threads", "1", "--log-level", "warning"});
   const std::string address = predictor.read_line();
   const std::string images = shared_->path("data/images");
-  const Finished here = run({ITN, "predict", images, "--model", model(), "--json"});
-  const Finished there = run({ITN, "predict", images, "--predictor", address, "--json"});
+  const Finished here = run({testing::kItn, "predict", images, "--model", model(), "--json"});
+  const Finished there = run({testing::kItn, "predict", images, "--predictor", address, "--json"});
   EXPECT_EQ(here.exit_code, 0) << here.errors;
   EXPECT_EQ(there.exit_code, 0) << there.errors;
   EXPECT_EQ(std::ranges::count(here.output, '\n'), 80);
   EXPECT_EQ(here.output, there.output);
   EXPECT_LT(here.output.find("000000.exr"), here.output.find("000079.exr"));
-  const Finished table = run({ITN, "predict", image(1), image(2), "--predictor", address});
+  const Finished table =
+      run({testing::kItn, "predict", image(1), image(2), "--predictor", address});
   EXPECT_EQ(count(table.output, "sigma_t [1/mm]"), 1);
   EXPECT_EQ(count(table.output, "model: "), 1);
   EXPECT_LT(table.output.find(image(1)), table.output.find(image(2)));
@@ -203,18 +210,18 @@ TEST_F(PredictCommand, AnswersManyImagesHereAndThereTheSame) {
 
 // Half as many are asked for until it takes them.
 TEST_F(PredictCommand, AsksASmallPredictorForFewerAtATime) {
-  Process predictor({ITN_PREDICTOR, "--model", model(), "--listen", "127.0.0.1:0", "--max-pixels",
-                     "600", "--threads", "1", "--log-level", "warning"});
+  Process predictor({testing::kItnPredictor, "--model", model(), "--listen", "127.0.0.1:0",
+                     "--max-pixels", "600", "--threads", "1", "--log-level", "warning"});
   const std::string address = predictor.read_line();
-  const Finished finished =
-      run({ITN, "predict", shared_->path("data/images"), "--predictor", address, "--json"});
+  const Finished finished = run(
+      {testing::kItn, "predict", shared_->path("data/images"), "--predictor", address, "--json"});
   EXPECT_EQ(finished.exit_code, 0) << finished.errors;
   EXPECT_EQ(count(finished.output, R"("sigma_t":)"), 80);
 }
 
 TEST_F(PredictCommand, LosesNoneOfManyForOneThatIsBad) {
   const std::string bad = folder_.write("bad.exr", "no image");
-  const Arguments command{ITN, "predict", image(1), bad, image(2), "--model", model()};
+  const Arguments command{testing::kItn, "predict", image(1), bad, image(2), "--model", model()};
   const Finished table = run(command);
   EXPECT_EQ(table.exit_code, 3);
   EXPECT_THAT(table.errors, HasSubstr("1 of 3 images could not be used"));
@@ -240,8 +247,8 @@ TEST_F(PredictCommand, TakesMasksOfTheSameNamesFromAFolder) {
     write_exr(folder_.path("masks/" + std::to_string(i) + ".exr"), mask);
   }
   const auto predict = [&](const std::string& mask) {
-    return run({ITN, "predict", folder_.path("photos"), "--mask", folder_.path(mask), "--model",
-                model(), "--json"});
+    return run({testing::kItn, "predict", folder_.path("photos"), "--mask", folder_.path(mask),
+                "--model", model(), "--json"});
   };
   const Finished finished = predict("masks");
   EXPECT_EQ(finished.exit_code, 0) << finished.errors;
@@ -285,7 +292,7 @@ class PhotographCommand : public PredictCommand {
   }
 
   Finished predict(const Arguments& more) const {
-    Arguments command{ITN, "predict", photo_, "--mask", mask_, "--model", model()};
+    Arguments command{testing::kItn, "predict", photo_, "--mask", mask_, "--model", model()};
     command.insert(command.end(), more.begin(), more.end());
     return run(command);
   }
@@ -304,16 +311,17 @@ TEST_F(PhotographCommand, AreReadAndWarnedAbout) {
   const Finished known = predict({"--object-size", "40", "--exposure", "2"});
   EXPECT_THAT(known.output,
               AllOf(Not(HasSubstr("size unknown")), Not(HasSubstr("exposure unknown"))));
-  const Finished without_mask = run({ITN, "predict", photo_, "--model", model()});
+  const Finished without_mask = run({testing::kItn, "predict", photo_, "--model", model()});
   EXPECT_EQ(without_mask.exit_code, 3);
   EXPECT_THAT(without_mask.errors, AllOf(HasSubstr("--mask"), HasSubstr("--background auto")));
 }
 
 TEST_F(PhotographCommand, AnswersHereAndThereTheSame) {
-  Process predictor({ITN_PREDICTOR, "--model", model(), "--listen", "127.0.0.1:0", "--threads", "1",
-                     "--log-level", "warning"});
+  Process predictor({testing::kItnPredictor, "--model", model(), "--listen", "127.0.0.1:0",
+                     "--threads", "1", "--log-level", "warning"});
   const Arguments known{"--object-size", "40", "--exposure", "2", "--json"};
-  Arguments there{ITN, "predict", photo_, "--mask", mask_, "--predictor", predictor.read_line()};
+  Arguments there{testing::kItn,        "predict", photo_, "--mask", mask_, "--predictor",
+                  predictor.read_line()};
   there.insert(there.end(), known.begin(), known.end());
   const Finished here = predict(known);
   EXPECT_EQ(here.output, run(there).output);
@@ -337,11 +345,11 @@ TEST_F(PhotographCommand, AreWrittenAsMaterialsOfRenderers) {
   EXPECT_EQ(predict({"--format", "renderman"}).exit_code, 2);
   EXPECT_EQ(predict({"-o", file}).exit_code, 2);
   const Finished several =
-      run({ITN, "predict", image(1), image(2), "--model", model(), "--format", "pbrt"});
+      run({testing::kItn, "predict", image(1), image(2), "--model", model(), "--format", "pbrt"});
   EXPECT_EQ(several.exit_code, 2);
   EXPECT_THAT(several.errors, HasSubstr("-o must be a folder"));
-  ASSERT_EQ(run({ITN, "predict", image(1), image(2), "--model", model(), "--format", "pbrt", "-o",
-                 folder_.path("")})
+  ASSERT_EQ(run({testing::kItn, "predict", image(1), image(2), "--model", model(), "--format",
+                 "pbrt", "-o", folder_.path("")})
                 .exit_code,
             0);
   EXPECT_TRUE(fs::exists(folder_.path("000001.pbrt")));
@@ -353,8 +361,9 @@ TEST_F(PhotographCommand, OfTheSameNameAreNotWrittenOverEachOther) {
   fs::create_directories(folder_.path("materials"));
   const std::string other = folder_.path("other/photo.exr");
   fs::copy(image(2), other);
-  const Finished finished = run({ITN, "predict", image(1), image(2), other, photo_, "--model",
-                                 model(), "--format", "pbrt", "-o", folder_.path("materials")});
+  const Finished finished =
+      run({testing::kItn, "predict", image(1), image(2), other, photo_, "--model", model(),
+           "--format", "pbrt", "-o", folder_.path("materials")});
   EXPECT_EQ(finished.exit_code, 2);
   EXPECT_THAT(finished.errors, AllOf(HasSubstr("would both be written to"), HasSubstr(other)));
   // Of one image a folder is as good as a file.
@@ -370,11 +379,11 @@ TEST_F(PhotographCommand, ThatThePredictorRefusesLoseNoOthers) {
   for (float& y : dazzling.channels.at("Y")) y = 1e30F;
   write_exr(folder_.path("photos/a.exr"), dazzling);
   fs::copy(image(2), folder_.path("photos/b.exr"));
-  Process predictor({ITN_PREDICTOR, "--model", model(), "--listen", "127.0.0.1:0", "--threads", "1",
-                     "--log-level", "warning"});
+  Process predictor({testing::kItnPredictor, "--model", model(), "--listen", "127.0.0.1:0",
+                     "--threads", "1", "--log-level", "warning"});
   const std::string address = predictor.read_line();
   const auto outputs = [&](const Arguments& images) {
-    Arguments here{ITN, "predict", "--exposure", "1e12", "--format", "csv"};
+    Arguments here{testing::kItn, "predict", "--exposure", "1e12", "--format", "csv"};
     here.insert(here.end(), images.begin(), images.end());
     Arguments there = here;
     here.insert(here.end(), {"--model", model()});
@@ -395,8 +404,8 @@ TEST_F(PhotographCommand, ThatThePredictorRefusesLoseNoOthers) {
 
 TEST_F(PhotographCommand, AreListedAsCommaSeparatedValues) {
   const std::string bad = folder_.write("bad, \"worse\".png", "no image");
-  const Finished finished =
-      run({ITN, "predict", image(1), bad, image(2), "--model", model(), "--format", "csv"});
+  const Finished finished = run(
+      {testing::kItn, "predict", image(1), bad, image(2), "--model", model(), "--format", "csv"});
   EXPECT_NE(finished.exit_code, 0);
   const std::string columns = finished.output.substr(0, finished.output.find('\n'));
   EXPECT_EQ(count(columns, ","), 21);
@@ -406,13 +415,16 @@ TEST_F(PhotographCommand, AreListedAsCommaSeparatedValues) {
 
 TEST_F(PhotographCommand, SayWhatTheDefaultModelMakesNothingOf) {
   const std::string any = folder_.path("any.itn");
-  ASSERT_EQ(
-      run({ITN, "export", shared_->path("first"), "-o", any, "--model-name", "any"}).exit_code, 0);
-  const Finished finished = run({ITN, "predict", image(1), "--model", any, "--exposure", "2"});
+  ASSERT_EQ(run({testing::kItn, "export", shared_->path("first"), "-o", any, "--model-name", "any"})
+                .exit_code,
+            0);
+  const Finished finished =
+      run({testing::kItn, "predict", image(1), "--model", any, "--exposure", "2"});
   EXPECT_EQ(finished.exit_code, 0);
   EXPECT_THAT(finished.errors,
               HasSubstr("the model any makes nothing of --exposure; --model outdoor does"));
-  EXPECT_EQ(run({ITN, "predict", image(1), "--model", model(), "--exposure", "2"}).errors, "");
+  EXPECT_EQ(run({testing::kItn, "predict", image(1), "--model", model(), "--exposure", "2"}).errors,
+            "");
 }
 
 TEST_F(PhotographCommand, SayWhatIsWrongWithAGrayCard) {
@@ -435,17 +447,19 @@ TEST_F(PredictCommand, WarnsOfAnImageThatIsLikeNoneOfItsTraining) {
   Image photo = read_exr(image(1));
   for (float& y : photo.channels.at("Y")) y *= 1000;
   write_exr(folder_.path("bright.exr"), photo);
-  const Finished finished = run({ITN, "predict", folder_.path("bright.exr"), "--model", model()});
+  const Finished finished =
+      run({testing::kItn, "predict", folder_.path("bright.exr"), "--model", model()});
   EXPECT_EQ(finished.exit_code, 0) << finished.errors;
   EXPECT_THAT(finished.output,
               AllOf(HasSubstr("UNFAMILIAR"), HasSubstr("do not trust this answer (mean radiance")));
   // The best model of a run knows its images as the last one does.
   ASSERT_TRUE(fs::exists(shared_->path("first/best.itn")));
-  EXPECT_THAT(
-      run({ITN, "predict", folder_.path("bright.exr"), "--model", shared_->path("first/best.itn")})
-          .output,
-      HasSubstr("UNFAMILIAR"));
-  const Finished table = run({ITN, "evaluate", model(), "--dataset", shared_->path("data")});
+  EXPECT_THAT(run({testing::kItn, "predict", folder_.path("bright.exr"), "--model",
+                   shared_->path("first/best.itn")})
+                  .output,
+              HasSubstr("UNFAMILIAR"));
+  const Finished table =
+      run({testing::kItn, "evaluate", model(), "--dataset", shared_->path("data")});
   EXPECT_THAT(table.output, HasSubstr("unfamiliar to the network: "));
 }
 
@@ -454,11 +468,11 @@ TEST_F(PredictCommand, ExportsAModelWithoutItsTraining) {
   const auto whole = static_cast<double>(fs::file_size(shared_->path("first/checkpoint.itn")));
   EXPECT_LT(static_cast<double>(fs::file_size(model())), 0.6 * whole);
   // Of a dataset it learns what images are like.
-  const Finished finished = run({ITN, "export", model(), "-o", folder_.path("model.itn"),
+  const Finished finished = run({testing::kItn, "export", model(), "-o", folder_.path("model.itn"),
                                  "--dataset", shared_->path("data")});
   EXPECT_EQ(finished.exit_code, 0) << finished.errors;
   EXPECT_THAT(finished.output, HasSubstr("small 1.2, step 3"));
-  const Finished bad_name = run({ITN, "export", model(), "-o", folder_.path("model.itn"),
+  const Finished bad_name = run({testing::kItn, "export", model(), "-o", folder_.path("model.itn"),
                                  "--model-name", std::string(101, 'x')});
   EXPECT_EQ(bad_name.exit_code, 2);
   EXPECT_THAT(bad_name.errors, HasSubstr("at most 100 printable ASCII characters"));
@@ -510,13 +524,13 @@ TEST_F(PredictForPeople, RendersTheSceneWithTheAnswer) {
         .string();
   };
   const std::string photo = folder_.path("render.exr");
-  ASSERT_EQ(run({ITN, "render", scene("width: 32 height: 32"), "-o", photo, "--sigma-t", "50",
-                 "--albedo", "0.9", "--spp", "4", "--pixels", "object"})
+  ASSERT_EQ(run({testing::kItn, "render", scene("width: 32 height: 32"), "-o", photo, "--sigma-t",
+                 "50", "--albedo", "0.9", "--spp", "4", "--pixels", "object"})
                 .exit_code,
             0);
   const auto with_scene = [&](const std::string& film) {
-    return run(
-        {ITN, "predict", photo, "--model", model(), "--picture", picture_, "--scene", scene(film)});
+    return run({testing::kItn, "predict", photo, "--model", model(), "--picture", picture_,
+                "--scene", scene(film)});
   };
   const Finished finished = with_scene("width: 64 height: 64");  // is made as small
   ASSERT_EQ(finished.exit_code, 0) << finished.errors;
@@ -529,11 +543,12 @@ TEST_F(PredictForPeople, RendersTheSceneWithTheAnswer) {
 TEST_F(PredictForPeople, TakesOneImageOrOneMaterial) {
   // Only models that answer distributions can combine what they say of several images.
   const Finished trained =
-      run({ITN, "train", shared_->path("data"), "-o", folder_.path("residual"), "--preset",
-           "residual", "--batch", "2", "--base-channels", "4", "--steps", "2"});
+      run({testing::kItn, "train", shared_->path("data"), "-o", folder_.path("residual"),
+           "--preset", "residual", "--batch", "2", "--base-channels", "4", "--steps", "2"});
   ASSERT_EQ(trained.exit_code, 0) << trained.errors;
   const auto of_two = [&](const Arguments& more) {
-    Arguments command{ITN, "predict", image(1), image(2), "--model", folder_.path("residual")};
+    Arguments command{testing::kItn, "predict", image(1),
+                      image(2),      "--model", folder_.path("residual")};
     command.insert(command.end(), more.begin(), more.end());
     return run(command);
   };

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "common/image/image.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/scene_files.h"
 #include "tests/support/temporary_folder.h"
@@ -46,7 +47,7 @@ class RefineCommand : public ::testing::Test {
   static void SetUpTestSuite() {
     shared_ = new TemporaryFolder;
     std::ofstream(shared_->path("scene.textproto")) << kSceneFile;
-    const Finished rendered = run({ITN, "render", shared_->path("scene.textproto"), "-o",
+    const Finished rendered = run({testing::kItn, "render", shared_->path("scene.textproto"), "-o",
                                    shared_->path("image.exr"), "--sigma-t", "8", "--albedo", "0.8",
                                    "--g", "0.3", "--spp", "64", "--pixels", "object"});
     ASSERT_EQ(rendered.exit_code, 0) << rendered.errors;
@@ -54,7 +55,7 @@ class RefineCommand : public ::testing::Test {
   static void TearDownTestSuite() { delete shared_; }
 
   static Arguments command(const Arguments& more) {
-    Arguments arguments{ITN, "refine", shared_->path("image.exr"), "--scene",
+    Arguments arguments{testing::kItn, "refine", shared_->path("image.exr"), "--scene",
                         shared_->path("scene.textproto")};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return arguments;
@@ -136,21 +137,23 @@ TEST_F(RefineCommand, SaysWhatIsWrong) {
   refuse(command({"--init", "mean", "--method", "newton"}), 2, {"gauss-newton, adam"});
   refuse(command({"--scene", shared_->path("scene.textproto")}), 2, {"1 images and 2 scenes"});
   std::ofstream(shared_->path("other.textproto")) << replaced(kSceneFile, "width: 16", "width: 20");
-  refuse({ITN, "refine", shared_->path("image.exr"), "--scene", shared_->path("other.textproto")},
+  refuse({testing::kItn, "refine", shared_->path("image.exr"), "--scene",
+          shared_->path("other.textproto")},
          3, {"16 x 12", "20 x 12"});
-  refuse({ITN, "refine", shared_->path("none.exr"), "--scene", shared_->path("scene.textproto")}, 4,
-         {"none.exr"});
+  refuse({testing::kItn, "refine", shared_->path("none.exr"), "--scene",
+          shared_->path("scene.textproto")},
+         4, {"none.exr"});
   Image dark = read_exr(shared_->path("image.exr"));
   dark.channels["mask.Y"].assign(dark.channels["mask.Y"].size(), 0);
   write_exr(shared_->path("dark.exr"), dark);
-  refuse({ITN, "refine", shared_->path("dark.exr"), "--scene", shared_->path("scene.textproto"),
-          "--init", "mean"},
+  refuse({testing::kItn, "refine", shared_->path("dark.exr"), "--scene",
+          shared_->path("scene.textproto"), "--init", "mean"},
          3, {"dark.exr", "no pixel on the object"});
   dark.channels.erase("mask.Y");
   write_exr(shared_->path("maskless.exr"), dark);
-  refuse(
-      {ITN, "refine", shared_->path("maskless.exr"), "--scene", shared_->path("scene.textproto")},
-      3, {"no network could say where to start", "mask.Y", "--init mean"});
+  refuse({testing::kItn, "refine", shared_->path("maskless.exr"), "--scene",
+          shared_->path("scene.textproto")},
+         3, {"no network could say where to start", "mask.Y", "--init mean"});
 }
 
 }  // namespace

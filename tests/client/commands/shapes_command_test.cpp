@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_folder.h"
 
@@ -24,7 +25,7 @@ using testing::run;
 using testing::TemporaryFolder;
 
 Finished shapes(std::vector<std::string> flags) {
-  flags.insert(flags.begin(), {ITN, "shapes"});
+  flags.insert(flags.begin(), {testing::kItn, "shapes"});
   return run(flags);
 }
 
@@ -84,8 +85,8 @@ TEST(ShapesCommand, ItsFilesCanBeRendered) {
     lights { sun_sky { turbidity: 3 sun_elevation_degrees: 60 sun_angular_radius_degrees: 18.75 } }
     camera { origin { y: 9.28 z: -32.8 } target { y: 0.5 } fov_degrees: 2.5 }
     film { width: 32 height: 32 })");
-  const Finished finished = run({ITN, "render", scene, "-o", folder.path("out.exr"), "--sigma-t",
-                                 "30", "--albedo", "0.8", "--spp", "4", "--json"});
+  const Finished finished = run({testing::kItn, "render", scene, "-o", folder.path("out.exr"),
+                                 "--sigma-t", "30", "--albedo", "0.8", "--spp", "4", "--json"});
   EXPECT_EQ(finished.exit_code, 0) << finished.errors;
   EXPECT_THAT(finished.output, HasSubstr("\"invalid_samples\":0"));
 }

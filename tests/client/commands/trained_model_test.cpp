@@ -4,6 +4,7 @@
 #include <string>
 
 #include "common/learning/checkpoint.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_folder.h"
 
@@ -18,7 +19,7 @@ v1::Model model_of(const std::string& path) {
 TEST(TrainedModel, SaysWhatIrradianceItsImagesHaveAndWhatCamerasDidToThem) {
   const TemporaryFolder folder;
   const auto train = [&](const std::string& preset, const std::string& run_folder) {
-    return run({ITN_PROGRAM,
+    return run({testing::kItn,
                 "train",
                 "--stream",
                 preset,
@@ -46,7 +47,7 @@ TEST(TrainedModel, SaysWhatIrradianceItsImagesHaveAndWhatCamerasDidToThem) {
   EXPECT_EQ(model_of(any).irradiance(), 100);
   EXPECT_GT(model_of(any).camera().blur(), 0);
   const std::string model = folder.path("model.itn");
-  const Finished exported = run({ITN_PROGRAM, "export", any, "-o", model});
+  const Finished exported = run({testing::kItn, "export", any, "-o", model});
   ASSERT_EQ(exported.exit_code, 0) << exported.errors;
   EXPECT_EQ(model_of(model).irradiance(), 100);
   EXPECT_GT(model_of(model).camera().blur(), 0);
@@ -60,11 +61,11 @@ TEST(TrainedModel, GoesOnFromOneOfTheOtherExposure) {
   const TemporaryFolder folder;
   const auto train = [&](const char* preset, const std::string& run_folder,
                          const std::vector<std::string>& more) {
-    std::vector<std::string> command = {ITN_PROGRAM, "train",    "--stream",        preset,
-                                        "-o",        run_folder, "--preset",        "residual",
-                                        "--batch",   "2",        "--base-channels", "4",
-                                        "--held",    "4",        "--first-images",  "4",
-                                        "--steps",   "1",        "--torch-threads", "1"};
+    std::vector<std::string> command = {testing::kItn, "train",    "--stream",        preset,
+                                        "-o",          run_folder, "--preset",        "residual",
+                                        "--batch",     "2",        "--base-channels", "4",
+                                        "--held",      "4",        "--first-images",  "4",
+                                        "--steps",     "1",        "--torch-threads", "1"};
     command.insert(command.end(), more.begin(), more.end());
     return run(command);
   };

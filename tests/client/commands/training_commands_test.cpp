@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "common/image/image.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_folder.h"
 
@@ -49,19 +50,20 @@ class TrainingCommands : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     shared_ = new TemporaryFolder;
-    const Finished finished = run(Arguments{ITN, "dataset", shared_->path("data")} + kDatasetFlags);
+    const Finished finished =
+        run(Arguments{testing::kItn, "dataset", shared_->path("data")} + kDatasetFlags);
     ASSERT_EQ(finished.exit_code, 0) << finished.errors;
   }
   static void TearDownTestSuite() { delete shared_; }
 
   static Arguments train(const std::string& folder, const Arguments& more) {
-    return Arguments{ITN,       "train", shared_->path("data"), "-o", folder,
-                     "--batch", "2",     "--base-channels",     "1",  "--torch-threads",
-                     "1"} +
+    return Arguments{
+               testing::kItn,     "train", shared_->path("data"), "-o", folder, "--batch", "2",
+               "--base-channels", "1",     "--torch-threads",     "1"} +
            more;
   }
   static Arguments resume(const std::string& folder, const Arguments& more = {}) {
-    return Arguments{ITN, "train", "--resume", "-o", folder} + more;
+    return Arguments{testing::kItn, "train", "--resume", "-o", folder} + more;
   }
 
   static inline const Arguments kDatasetFlags = {"--count", "8", "--resolution",  "16",
@@ -106,7 +108,7 @@ TEST_F(TrainingCommands, ResumeRefusesAFlagThatDiffers) {
     EXPECT_THAT(finished.errors, HasSubstr(row.message));
   }
   // Without --resume flags mean what they mean for a new run.
-  const Finished other = run({ITN, "train", shared_->path("data"), "-o", run_folder});
+  const Finished other = run({testing::kItn, "train", shared_->path("data"), "-o", run_folder});
   EXPECT_EQ(other.exit_code, 3);
   EXPECT_THAT(other.errors, AllOf(HasSubstr("batch: 2 -> 60"), HasSubstr("--resume")));
 }
@@ -117,16 +119,16 @@ TEST_F(TrainingCommands, ResumeSaysWhatItMisses) {
   EXPECT_THAT(nothing.errors, HasSubstr("there is no run in " + folder_.path("run")));
   EXPECT_FALSE(fs::exists(folder_.path("run")));
   fs::copy(shared_->path("data"), folder_.path("data"), fs::copy_options::recursive);
-  ASSERT_EQ(run({ITN, "train", folder_.path("data"), "-o", folder_.path("run"), "--batch", "2",
-                 "--base-channels", "1", "--steps", "2"})
+  ASSERT_EQ(run({testing::kItn, "train", folder_.path("data"), "-o", folder_.path("run"), "--batch",
+                 "2", "--base-channels", "1", "--steps", "2"})
                 .exit_code,
             0);
   fs::rename(folder_.path("data"), folder_.path("moved"));
   const Finished moved = run(resume(folder_.path("run"), {"--steps", "3"}));
   EXPECT_EQ(moved.exit_code, 4);
   EXPECT_THAT(moved.errors, HasSubstr(folder_.path("data")));
-  EXPECT_EQ(run({ITN, "train", folder_.path("moved"), "--resume", "-o", folder_.path("run"),
-                 "--steps", "3"})
+  EXPECT_EQ(run({testing::kItn, "train", folder_.path("moved"), "--resume", "-o",
+                 folder_.path("run"), "--steps", "3"})
                 .exit_code,
             0);
 }
@@ -136,7 +138,8 @@ TEST_F(TrainingCommands, AStreamIsOfAnyPreset) {
     const std::string run_folder = folder_.path(preset);
     const Arguments flags = {"--batch",        "2", "--base-channels", "1", "--held", "2",
                              "--first-images", "2", "--torch-threads", "1"};
-    const Arguments command = Arguments{ITN, "train", "--stream", preset, "-o", run_folder} + flags;
+    const Arguments command =
+        Arguments{testing::kItn, "train", "--stream", preset, "-o", run_folder} + flags;
     const Finished finished = run(command + Arguments{"--steps", "1"});
     ASSERT_EQ(finished.exit_code, 0) << finished.errors;
     EXPECT_EQ(line_count(run_folder + "/metrics.jsonl"), 1);
@@ -157,7 +160,7 @@ TEST_F(TrainingCommands, AStreamUnderPanoramasGoesOnSomewhereElse) {
   const fs::path here = fs::current_path();
   fs::current_path(folder_.path());
   const Finished first =
-      run({ITN, "train", "--stream", "stream.textproto", "-o", run_folder, "--batch", "2",
+      run({testing::kItn, "train", "--stream", "stream.textproto", "-o", run_folder, "--batch", "2",
            "--base-channels", "1", "--held", "4", "--first-images", "4", "--steps", "1"});
   fs::current_path(here);
   ASSERT_EQ(first.exit_code, 0) << first.errors;
@@ -231,7 +234,7 @@ TEST_F(TrainingCommands, ADamagedCheckpointIsNamedAndThePreviousOffered) {
   const std::string offer = "mv " + run_folder + "/checkpoint.previous.itn " + checkpoint;
   for (const Arguments& command :
        {resume(run_folder),
-        Arguments{ITN, "evaluate", run_folder, "--dataset", shared_->path("data")}}) {
+        Arguments{testing::kItn, "evaluate", run_folder, "--dataset", shared_->path("data")}}) {
     const Finished finished = run(command);
     EXPECT_EQ(finished.exit_code, 6);
     EXPECT_THAT(finished.errors, AllOf(HasSubstr(checkpoint + " is damaged"),
@@ -244,13 +247,15 @@ TEST_F(TrainingCommands, ADamagedCheckpointIsNamedAndThePreviousOffered) {
 TEST_F(TrainingCommands, EvaluateFindsAnUnwritablePictureFirst) {
   const std::string run_folder = folder_.path("run");
   ASSERT_EQ(run(train(run_folder, {"--steps", "1"})).exit_code, 0);
-  const Finished finished = run({ITN, "evaluate", run_folder, "--dataset", shared_->path("data"),
-                                 "--picture", folder_.path("none/picture.png")});
+  const Finished finished =
+      run({testing::kItn, "evaluate", run_folder, "--dataset", shared_->path("data"), "--picture",
+           folder_.path("none/picture.png")});
   EXPECT_EQ(finished.exit_code, 4);
   EXPECT_EQ(finished.output, "");
   EXPECT_THAT(finished.errors, HasSubstr("none/picture.png"));
-  const Finished written = run({ITN, "evaluate", run_folder, "--dataset", shared_->path("data"),
-                                "--spp", "1", "--picture", folder_.path("picture.png")});
+  const Finished written =
+      run({testing::kItn, "evaluate", run_folder, "--dataset", shared_->path("data"), "--spp", "1",
+           "--picture", folder_.path("picture.png")});
   EXPECT_EQ(written.exit_code, 0) << written.errors;
   EXPECT_TRUE(fs::exists(folder_.path("picture.png")));
 }
@@ -267,7 +272,7 @@ TEST_F(TrainingCommands, AStreamIsThatOfTheFileButForTheFlags) {
   std::ofstream(file) << kStreamFile;
   const auto config = [&](const Arguments& flags) {
     const Finished finished =
-        run(Arguments{ITN, "train", "--config", file, "--print-config"} + flags);
+        run(Arguments{testing::kItn, "train", "--config", file, "--print-config"} + flags);
     EXPECT_EQ(finished.exit_code, 0) << finished.errors;
     return finished.output;
   };
@@ -280,8 +285,8 @@ TEST_F(TrainingCommands, AStreamIsThatOfTheFileButForTheFlags) {
                     HasSubstr("resolution: 16")));
   EXPECT_THAT(config({"--stream", "outdoor"}),
               AllOf(HasSubstr("capacity: 40"), HasSubstr("resolution: 64")));
-  const Finished both =
-      run({ITN, "train", shared_->path("data"), "--config", file, "-o", folder_.path("run")});
+  const Finished both = run(
+      {testing::kItn, "train", shared_->path("data"), "--config", file, "-o", folder_.path("run")});
   EXPECT_EQ(both.exit_code, 2);
   EXPECT_THAT(both.errors, HasSubstr("a dataset is named, and the configuration has a stream"));
 }
@@ -291,7 +296,7 @@ TEST_F(TrainingCommands, AStreamThatIsResumedIsValidatedAsBefore) {
   std::ofstream(file) << kStreamFile;
   fs::copy(shared_->path("data"), folder_.path("data"), fs::copy_options::recursive);
   const Finished begun =
-      run({ITN, "train", "--config", file, "--validation-dataset", folder_.path("data"),
+      run({testing::kItn, "train", "--config", file, "--validation-dataset", folder_.path("data"),
            "--validate-every", "3", "--torch-threads", "1", "-o", run_folder});
   ASSERT_EQ(begun.exit_code, 0) << begun.errors;
   const auto validated = [&] {  // the steps
@@ -326,11 +331,12 @@ TEST_F(TrainingCommands, ALinearImageTermNeedsDerivativeImages) {
   EXPECT_EQ(refused.exit_code, 3);
   EXPECT_THAT(refused.errors, HasSubstr("has no derivative images; itn dataset --derivatives"));
   const std::string data = folder_.path("data");
-  const Finished dataset = run({ITN, "dataset", data, "--count", "6", "--resolution", "16", "--spp",
-                                "2", "--test-shapes", "cube", "--derivatives"});
+  const Finished dataset = run({testing::kItn, "dataset", data, "--count", "6", "--resolution",
+                                "16", "--spp", "2", "--test-shapes", "cube", "--derivatives"});
   ASSERT_EQ(dataset.exit_code, 0) << dataset.errors;
-  const Finished trained = run(Arguments{ITN, "train", data, "-o", folder_.path("linear")} +
-                               linear + Arguments{"--batch", "2", "--base-channels", "1"});
+  const Finished trained =
+      run(Arguments{testing::kItn, "train", data, "-o", folder_.path("linear")} + linear +
+          Arguments{"--batch", "2", "--base-channels", "1"});
   EXPECT_EQ(trained.exit_code, 0) << trained.errors;
   EXPECT_THAT(trained.output, HasSubstr("image loss"));
 }
@@ -348,14 +354,14 @@ TEST_F(TrainingCommands, ADatasetIsContinuedByItsFolderAlone) {
   const std::string data = folder_.path("data");
   fs::copy(shared_->path("data"), data, fs::copy_options::recursive);
   fs::remove(data + "/images/000003.exr");
-  const Finished again = run({ITN, "dataset", data, "--json"});
+  const Finished again = run({testing::kItn, "dataset", data, "--json"});
   ASSERT_EQ(again.exit_code, 0) << again.errors;
   EXPECT_THAT(again.output, HasSubstr("\"kept\":7"));
   EXPECT_EQ(content(data + "/images/000003.exr"), content(shared_->path("data/images/000003.exr")));
   // The command that began it.
-  EXPECT_THAT(run(Arguments{ITN, "dataset", data, "--json"} + kDatasetFlags).output,
+  EXPECT_THAT(run(Arguments{testing::kItn, "dataset", data, "--json"} + kDatasetFlags).output,
               HasSubstr("\"kept\":8"));
-  const Finished other = run({ITN, "dataset", data, "--spp", "2"});
+  const Finished other = run({testing::kItn, "dataset", data, "--spp", "2"});
   EXPECT_EQ(other.exit_code, 3);
   EXPECT_THAT(other.errors, HasSubstr("spp: 1 -> 2"));
 }
@@ -372,8 +378,8 @@ TEST_F(TrainingCommands, ADatasetUnderPanoramasIsContinued) {
   folder_.write("panoramas/d.exr", "not an image");
   const std::string data = folder_.path("data");
   const Arguments begin =
-      Arguments{ITN, "dataset",      data, "--json",  "--preset", "studio",  "--spp",
-                "1", "--resolution", "16", "--count", "8",        "--shapes"} +
+      Arguments{testing::kItn, "dataset",      data, "--json",  "--preset", "studio",  "--spp",
+                "1",           "--resolution", "16", "--count", "8",        "--shapes"} +
       Arguments{folder_.path("meshes")};
   const Arguments with = {"--panoramas", folder_.path("panoramas")};
   fs::create_directories(folder_.path("meshes"));
@@ -390,7 +396,7 @@ TEST_F(TrainingCommands, ADatasetUnderPanoramasIsContinued) {
   const Finished without = run(begin);
   EXPECT_EQ(without.exit_code, 3);
   EXPECT_THAT(without.errors, HasSubstr("panoramas"));
-  const Arguments more = {ITN, "dataset", data, "--json", "--count"};
+  const Arguments more = {testing::kItn, "dataset", data, "--json", "--count"};
   EXPECT_THAT(run(more + Arguments{"9"} + with).output, HasSubstr("\"kept\":8"));
   // What was lost comes back with its folder.
   const std::string map = content(data + "/panoramas/b.map");
@@ -405,7 +411,8 @@ TEST_F(TrainingCommands, ADatasetUnderPanoramasIsContinued) {
 }
 
 TEST_F(TrainingCommands, ADatasetWithAReversedRangeIsRefused) {
-  const Finished finished = run({ITN, "dataset", folder_.path("data"), "--sigma-t", "300", "30"});
+  const Finished finished =
+      run({testing::kItn, "dataset", folder_.path("data"), "--sigma-t", "300", "30"});
   EXPECT_EQ(finished.exit_code, 3);
   EXPECT_THAT(finished.errors,
               HasSubstr("range of sigma_t is [300, 30]; its minimum must not exceed"));
@@ -420,8 +427,8 @@ TEST_F(TrainingCommands, ADatasetOfManyShapesIsSummarised) {
     std::ofstream(folder_.path("meshes/mesh" + std::to_string(i) + ".obj")) << tetrahedron;
   }
   const Finished finished =
-      run({ITN, "dataset", folder_.path("data"), "--shapes", folder_.path("meshes"), "--count", "4",
-           "--resolution", "16", "--spp", "1", "--validation-fraction", "0.2"});
+      run({testing::kItn, "dataset", folder_.path("data"), "--shapes", folder_.path("meshes"),
+           "--count", "4", "--resolution", "16", "--spp", "1", "--validation-fraction", "0.2"});
   ASSERT_EQ(finished.exit_code, 0) << finished.errors;
   EXPECT_THAT(finished.output,
               AllOf(HasSubstr("2 training images of 66 shapes"),

@@ -12,6 +12,7 @@
 
 #include "common/error.h"
 #include "tests/support/expect_error.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_folder.h"
 
@@ -186,7 +187,8 @@ Medium read_pbrt(const std::string& text) {
 std::map<std::string, std::string> run_blender(const std::string& script) {
   const testing::TemporaryFolder folder;
   const testing::Finished finished = testing::run(
-      {"/usr/bin/env", "PYTHONDONTWRITEBYTECODE=1", std::string("PYTHONPATH=") + BLENDER_STAND_IN,
+      {"/usr/bin/env", "PYTHONDONTWRITEBYTECODE=1",
+       std::string("PYTHONPATH=") + testing::source("tests/client/exports/blender_stand_in"),
        "python3", folder.write("material.py", script).string()});
   EXPECT_EQ(finished.exit_code, 0) << finished.errors;
   std::map<std::string, std::string> said;

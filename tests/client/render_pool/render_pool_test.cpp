@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "common/error.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/scenes.h"
 #include "tests/support/server_process.h"
@@ -36,7 +37,7 @@ class WorkerProcess : public testing::ServerProcess {
  public:
   explicit WorkerProcess(const std::string& listen = "127.0.0.1:0",
                          std::vector<std::string> flags = {})
-      : ServerProcess(ITN_WORKER, with_one_thread(std::move(flags)), listen) {}
+      : ServerProcess(testing::kItnWorker, with_one_thread(std::move(flags)), listen) {}
 
  private:
   static std::vector<std::string> with_one_thread(std::vector<std::string> flags) {

@@ -22,6 +22,7 @@
 #include "common/learning/checkpoint.h"
 #include "common/learning/familiarity.h"
 #include "common/learning/predictor.h"
+#include "tests/support/paths.h"
 #include "tests/support/temporary_folder.h"
 
 namespace itn {
@@ -31,7 +32,7 @@ namespace fs = std::filesystem;
 
 std::vector<fs::path> model_files() {
   std::vector<fs::path> files;
-  for (const fs::directory_entry& entry : fs::directory_iterator(SHIPPED_MODELS)) {
+  for (const fs::directory_entry& entry : fs::directory_iterator(testing::source("models"))) {
     if (entry.path().extension() == ".itn") files.push_back(entry.path());
   }
   return files;
@@ -57,7 +58,7 @@ constexpr uint32_t kImages = 60;
 
 struct World {
   explicit World(const std::string& name)
-      : predictor(Predictor::load(fs::path(SHIPPED_MODELS) / (name + ".itn"))) {
+      : predictor(Predictor::load(fs::path(testing::source("models")) / (name + ".itn"))) {
     v1::DatasetConfig config = preset_config(name == "card" ? "any" : name);
     config.set_count(kImages);
     config.set_seed(0x5eed);

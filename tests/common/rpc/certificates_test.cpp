@@ -8,6 +8,7 @@
 
 #include "common/error.h"
 #include "tests/support/expect_error.h"
+#include "tests/support/paths.h"
 #include "tests/support/test_authority.h"
 
 namespace itn {
@@ -114,7 +115,10 @@ TEST_F(CertificatesTest, AreInTime) {
 TEST(MakeTestCa, ChecksNamesBeforeItMakesAnything) {
   const testing::TemporaryFolder folder;
   const std::string made = folder.path("ca");
-  EXPECT_NE(std::system((MAKE_TEST_CA " '" + made + "' 'host one' 2>/dev/null").c_str()), 0);
+  EXPECT_NE(std::system((testing::source("deploy/make-test-ca.sh") + " '" + made +
+                         "' 'host one' 2>/dev/null")
+                            .c_str()),
+            0);
   EXPECT_FALSE(std::filesystem::exists(made));
 }
 

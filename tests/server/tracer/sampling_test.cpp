@@ -16,6 +16,7 @@
 #include "server/tracer/sampler.h"
 #include "server/tracer/wavefront/wavefront.h"
 #include "tests/server/tracer/scenes.h"
+#include "tests/support/paths.h"
 
 namespace itn::testing {
 namespace {
@@ -148,9 +149,8 @@ TEST(SkyTest, EqualsThePublishedModel) {
 
 TEST(SkyTest, EqualsTheCheckFile) {
   const char* folder = std::getenv("ITN_VALIDATION_DATA");
-  const std::string path =
-      std::string(folder != nullptr ? folder : ITN_SOURCE_DIR "/../shared/data") +
-      "/hosek_wilkie_rgb_check.csv";
+  const std::string path = std::string(folder != nullptr ? folder : source("../shared/data")) +
+                           "/hosek_wilkie_rgb_check.csv";
   std::ifstream file(path);
   if (!file) {
     GTEST_SKIP() << "no validation data at " << path << " (set ITN_VALIDATION_DATA)";
