@@ -33,10 +33,28 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   target_precompile_headers(torch_headers PRIVATE <torch/types.h> <torch/nn/module.h>)
 endif()
 
-# Headers cost more than our lines: files of a target that are compiled together parse them once.
+# itn_batches(out name a.cpp ...): files that are compiled in their place, each of which includes ten
+# of them: headers cost more than our lines. As CMake's unity builds, but by paths within the
+# repository, so that what is compiled is the same in every clone.
+function(itn_batches out name)
+  list(LENGTH ARGN count)
+  if(NOT ITN_UNITY OR count LESS 2)
+    set(${out} ${ARGN} PARENT_SCOPE)
+    return()
+  endif()
+  file(RELATIVE_PATH folder ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_SOURCE_DIR})
+  math(EXPR last "${count} - 1")
+  foreach(first RANGE 0 ${last} 10)
+    list(SUBLIST ARGN ${first} 10 includes)
+    list(TRANSFORM includes REPLACE "(.+)" "#include \"${folder}/\\1\"")
+    list(JOIN includes "\n" includes)
+    set(batch ${CMAKE_CURRENT_BINARY_DIR}/batches/${name}_${first}.cpp)
+    file(CONFIGURE OUTPUT ${batch} CONTENT "${includes}\n" @ONLY)
+    list(APPEND batches ${batch})
+  endforeach()
+  set(${out} ${batches} PARENT_SCOPE)
+endfunction()
 if(ITN_UNITY)
-  set(CMAKE_UNITY_BUILD ON)
-  set(CMAKE_UNITY_BUILD_BATCH_SIZE 10)
   # Of types in files that are included.
   target_compile_options(itn_options INTERFACE $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
 endif()
@@ -47,21 +65,25 @@ function(itn_read_torch_headers_once target)
   endif()
 endfunction()
 
-# itn_library(name [TORCH] SOURCES a.cpp ... LINK lib ...): a static library of ours. TORCH: most of
-# its sources include LibTorch's headers.
+# itn_library(name [TORCH] SOURCES a.cpp ... [SEPARATE b.cpp ...] LINK lib ...): a static library of
+# ours. TORCH: most of its sources include LibTorch's headers. SEPARATE: more sources, each compiled
+# by itself, as its names clash with others'.
 function(itn_library name)
-  cmake_parse_arguments(ARG "TORCH" "" "SOURCES;LINK" ${ARGN})
-  add_library(${name} STATIC ${ARG_SOURCES})
+  cmake_parse_arguments(ARG "TORCH" "" "SOURCES;SEPARATE;LINK" ${ARGN})
+  itn_batches(batches ${name} ${ARG_SOURCES})
+  add_library(${name} STATIC ${batches} ${ARG_SEPARATE})
   target_link_libraries(${name} PUBLIC itn_options ${ARG_LINK})
   if(ARG_TORCH)
     itn_read_torch_headers_once(${name})
   endif()
 endfunction()
 
-# itn_program(name [TORCH] SOURCES a.cpp ... LINK lib ...): a program of ours, called `name`.
+# itn_program(name [TORCH] SOURCES a.cpp ... [SEPARATE b.cpp ...] LINK lib ...): a program of ours,
+# called `name`.
 function(itn_program name)
-  cmake_parse_arguments(ARG "TORCH" "" "SOURCES;LINK" ${ARGN})
-  add_executable(${name} ${ARG_SOURCES})
+  cmake_parse_arguments(ARG "TORCH" "" "SOURCES;SEPARATE;LINK" ${ARGN})
+  itn_batches(batches ${name} ${ARG_SOURCES})
+  add_executable(${name} ${batches} ${ARG_SEPARATE})
   target_link_libraries(${name} PRIVATE itn_options ${ARG_LINK})
   if(ARG_TORCH)
     itn_read_torch_headers_once(${name})
@@ -83,18 +105,17 @@ set_property(DIRECTORY ${PROJECT_SOURCE_DIR} APPEND PROPERTY
 # itn_test(name [TORCH] LABEL unit|physics|service|e2e SOURCES a.cpp ... LINK lib ...
 #          [SEPARATE b.cpp ...] [TOGETHER suite ...] [NIGHTLY pattern ...] [SHARDS n]
 #          [TIMEOUT seconds]): a GoogleTest program, each of its tests one CTest test with this label.
-# SEPARATE: more sources, whose names clash with others'. TOGETHER: suites that share something that
+# TOGETHER: suites that share something that
 # is dear to make: each is one CTest test. NIGHTLY: tests with the label nightly instead, as they
 # take long. SHARDS: so many CTest tests run all others of the program, as each start of LibTorch
 # takes half a second. TIMEOUT: five times what the longest takes on a quiet machine, or two minutes.
 function(itn_test name)
   cmake_parse_arguments(ARG "TORCH" "LABEL;SHARDS;TIMEOUT"
                         "SOURCES;LINK;SEPARATE;TOGETHER;NIGHTLY" ${ARGN})
-  set_source_files_properties(${ARG_SEPARATE} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
-  itn_program(${name} SOURCES ${ARG_SOURCES} ${ARG_SEPARATE}
+  itn_program(${name} SOURCES ${ARG_SOURCES} SEPARATE ${ARG_SEPARATE}
               LINK ${ARG_LINK} GTest::gmock GTest::gtest_main)
   if(ARG_TORCH)
     itn_read_torch_headers_once(${name})

@@ -88,9 +88,10 @@ def listed_files():
 
 def compiled_together(entry):
     """The sources of ours that are compiled by an entry of the database."""
-    if "/Unity/" not in entry["file"]:
+    if "/batches/" not in entry["file"]:
         return [entry["file"]]
-    return re.findall(r'^#include "([^"]+)"', pathlib.Path(entry["file"]).read_text(), re.MULTILINE)
+    names = re.findall(r'^#include "([^"]+)"', pathlib.Path(entry["file"]).read_text(), re.MULTILINE)
+    return [str(ROOT / name) for name in names]
 
 
 def write_database(build, folder):
