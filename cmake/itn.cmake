@@ -105,10 +105,10 @@ set_property(DIRECTORY ${PROJECT_SOURCE_DIR} APPEND PROPERTY
 # itn_test(name [TORCH] LABEL unit|physics|service|e2e SOURCES a.cpp ... LINK lib ...
 #          [SEPARATE b.cpp ...] [TOGETHER suite ...] [NIGHTLY pattern ...] [SHARDS n]
 #          [TIMEOUT seconds]): a GoogleTest program, each of its tests one CTest test with this label.
-# TOGETHER: suites that share something that
-# is dear to make: each is one CTest test. NIGHTLY: tests with the label nightly instead, as they
-# take long. SHARDS: so many CTest tests run all others of the program, as each start of LibTorch
-# takes half a second. TIMEOUT: five times what the longest takes on a quiet machine, or two minutes.
+# TOGETHER: suites that share something that is dear to make: each is one CTest test. NIGHTLY: tests
+# with the label nightly instead, as they take long. SHARDS: so many CTest tests run all others of the
+# program, as each start of LibTorch takes half a second. TIMEOUT: for a machine that has six other
+# things to do, by default two minutes.
 function(itn_test name)
   cmake_parse_arguments(ARG "TORCH" "LABEL;SHARDS;TIMEOUT"
                         "SOURCES;LINK;SEPARATE;TOGETHER;NIGHTLY" ${ARGN})

@@ -82,7 +82,6 @@ google::protobuf::RepeatedPtrField<v1::StudyPredictions::Estimate> estimates_of(
 v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
                               const NetworkRun& run) {
   const FolderLock lock(run.folder, "itn experiment");
-  lock.remove_temporary_files();
   const std::optional<v1::Checkpoint> there = find_checkpoint(run.folder);
   const std::optional<v1::Model> init =
       run.init ? std::optional(read_checkpoint(*run.init / kBestCheckpointName).model())

@@ -44,7 +44,7 @@ StatusError busy(const std::string& message, double retry_after_seconds);
 // Error nor a StatusError is INTERNAL. Messages are cut at 2000 bytes: they travel as a header.
 grpc::Status status_of_current_exception();
 
-// What a server said, fit to be shown: one line, of at most 2000 bytes (printable).
+// What a server said, fit to be shown: one line, of its first 2000 bytes (printable.h).
 std::string message_of(const grpc::Status& status);
 
 // Of a call that failed; `who` answered it (e.g. "worker 10.0.0.1:50051") and begins the message,

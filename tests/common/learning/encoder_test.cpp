@@ -17,14 +17,6 @@ namespace {
 using testing::AddressSpaceLimit;
 using testing::expect_error;
 
-v1::Model untrained(uint32_t resolution, uint32_t base_channels) {
-  v1::Model model;
-  model.set_resolution(resolution);
-  model.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(base_channels);
-  model.set_output(v1::POINT);
-  return model;
-}
-
 TEST(Encoder, OfThePaperHasSevenConvolutionsTo1024Channels) {
   int64_t count = 0;
   for (const torch::Tensor& p : new_encoder(untrained(128, 16))->parameters()) {
@@ -44,16 +36,6 @@ TEST(Encoder, TakesEveryResolutionToThreeNumbers) {
     const torch::Tensor output = encoder->forward(torch::rand({2, 2, resolution, resolution}));
     EXPECT_EQ(output.sizes(), torch::IntArrayRef({2, 3})) << resolution;
   }
-}
-
-v1::Model untrained_residual(uint32_t resolution, uint32_t base_channels, uint32_t blocks) {
-  v1::Model model = untrained(resolution, 1);
-  auto& sizes = *model.mutable_architecture()->mutable_residual_convolutions();
-  sizes.set_base_channels(base_channels);
-  sizes.set_blocks(blocks);
-  model.set_input(v1::RATIOS);
-  model.set_output(v1::GAUSSIAN);
-  return model;
 }
 
 TEST(Encoder, HasTheTensorsThatItIsExpectedToHave) {

@@ -10,6 +10,7 @@
 
 #include "common/learning/encoder.h"
 #include "common/learning/network_input.h"
+#include "tests/common/learning/model_for_tests.h"
 #include "tests/support/bfloat16.h"
 
 namespace itn {
@@ -22,26 +23,6 @@ TEST(GuardedMemory, EndsAProcessThatWritesBeyondIt) {
   };
   EXPECT_DEATH(write_at(0), "beyond its end");
   EXPECT_DEATH(write_at(16), "");
-}
-
-v1::Model plain(uint32_t resolution, uint32_t base_channels) {
-  v1::Model model;
-  model.set_resolution(resolution);
-  model.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(base_channels);
-  model.set_input(v1::LUMINANCE_AND_WEIGHT);
-  model.set_output(v1::POINT);
-  return model;
-}
-
-v1::Model residual(uint32_t resolution, uint32_t base_channels, uint32_t blocks) {
-  v1::Model model;
-  model.set_resolution(resolution);
-  auto& sizes = *model.mutable_architecture()->mutable_residual_convolutions();
-  sizes.set_base_channels(base_channels);
-  sizes.set_blocks(blocks);
-  model.set_input(v1::RATIOS);
-  model.set_output(v1::GAUSSIAN);
-  return model;
 }
 
 // A step of training and a prediction.
@@ -81,17 +62,17 @@ TEST_P(KernelBounds, AreThoseOfTheTensorsInResidualNetworks) {
   for (const uint32_t resolution : {16, 32, 64}) {
     for (const uint32_t base_channels : {4, 5, 6, 7, 8, 9, 12, 15, 16, 17}) {
       use_in_all_ways(fmt::format("residual, {} base channels", base_channels),
-                      residual(resolution, base_channels, 1));
+                      untrained_residual(resolution, base_channels, 1));
     }
   }
-  use_in_all_ways("residual, 4 base channels, 3 blocks", residual(32, 4, 3));
+  use_in_all_ways("residual, 4 base channels, 3 blocks", untrained_residual(32, 4, 3));
 }
 
 TEST_P(KernelBounds, AreThoseOfTheTensorsInPlainNetworks) {
   for (const uint32_t resolution : {16, 32}) {
     for (const uint32_t base_channels : {1, 2, 3, 4, 5, 6, 7, 8, 9, 15, 17}) {
       use_in_all_ways(fmt::format("plain, {} base channels", base_channels),
-                      plain(resolution, base_channels));
+                      untrained(resolution, base_channels));
     }
   }
 }

@@ -1,4 +1,4 @@
-// A small untrained model.
+// Models of random weights, and what a network is made from.
 #pragma once
 
 #include "common/learning/encoder.h"
@@ -16,6 +16,26 @@ inline v1::MaterialRange paper_range() {
   range.mutable_g()->set_min(0);
   range.mutable_g()->set_max(0.8);
   return range;
+}
+
+// What new_encoder() needs: without weights.
+inline v1::Model untrained(uint32_t resolution, uint32_t base_channels) {
+  v1::Model model;
+  model.set_resolution(resolution);
+  model.mutable_architecture()->mutable_plain_convolutions()->set_base_channels(base_channels);
+  model.set_input(v1::LUMINANCE_AND_WEIGHT);
+  model.set_output(v1::POINT);
+  return model;
+}
+
+inline v1::Model untrained_residual(uint32_t resolution, uint32_t base_channels, uint32_t blocks) {
+  v1::Model model = untrained(resolution, 1);
+  auto& sizes = *model.mutable_architecture()->mutable_residual_convolutions();
+  sizes.set_base_channels(base_channels);
+  sizes.set_blocks(blocks);
+  model.set_input(v1::RATIOS);
+  model.set_output(v1::GAUSSIAN);
+  return model;
 }
 
 inline v1::Model small_model(v1::Parameterization parameterization = v1::SIMILARITY,
