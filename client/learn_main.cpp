@@ -17,7 +17,6 @@ int main(int argc, char** argv) {
     itn::add_refine_command(app);
     itn::add_models_command(app);
     itn::add_top_command(app);
-    itn::add_bench_command(app);
     itn::add_merge_command(app);
     itn::add_completion_command(app);
   });

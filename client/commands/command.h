@@ -16,7 +16,6 @@ void add_render_command(CLI::App& app);
 void add_shapes_command(CLI::App& app);
 void add_probe_command(CLI::App& app);
 void add_top_command(CLI::App& app);
-void add_bench_command(CLI::App& app);
 void add_dataset_command(CLI::App& app);
 
 void add_models_command(CLI::App& app);

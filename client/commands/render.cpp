@@ -5,8 +5,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <numeric>
@@ -15,7 +17,6 @@
 
 #include "client/commands/command.h"
 #include "client/commands/options.h"
-#include "client/commands/render_request.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
@@ -106,9 +107,54 @@ void check_combinations(const RenderOptions& options) {
 
 // ---- The request -----------------------------------------------------------------------------
 
+// `size`: WIDTHxHEIGHT in pixels.
+void set_film(const std::string& size, v1::Film& film) {
+  unsigned width = 0;
+  unsigned height = 0;
+  int used = 0;
+  if (std::sscanf(size.c_str(), "%5ux%5u%n", &width, &height, &used) != 2 ||
+      used != static_cast<int>(size.size())) {
+    throw Error(ErrorKind::kUsage,
+                fmt::format("--film: {} is not WIDTHxHEIGHT in pixels, e.g. 128x128", size));
+  }
+  film.set_width(width);
+  film.set_height(height);
+}
+
+// The medium's parameter of this name; PARAMETER_UNSPECIFIED if it has none.
+v1::Parameter medium_parameter(const std::string& name) {
+  std::string upper = name;
+  std::ranges::transform(upper, upper.begin(), [](unsigned char c) { return std::toupper(c); });
+  v1::Parameter value = v1::PARAMETER_UNSPECIFIED;
+  if (lower(name) == name) v1::Parameter_Parse(upper, &value);
+  return value;
+}
+
+// A parameter of the scene, as "light[0].scale", is the worker's to read.
+void add_derivative(const std::string& name, v1::RenderGradRequest& request) {
+  if (const v1::Parameter parameter = medium_parameter(name)) {
+    request.add_derivatives(parameter);
+  } else if (name.find('[') != std::string::npos) {
+    request.add_scene_derivatives(name);
+  } else {
+    throw Error(ErrorKind::kUsage,
+                fmt::format("--derivatives: {} is not one of sigma_t, albedo, g, sigma_a, sigma_s, "
+                            "sigma_s_reduced, surface[K].reflectance, light[K].scale",
+                            name));
+  }
+}
+
+// The names in the order of the reply: those of the medium first.
+std::vector<std::string> in_order_of_reply(std::vector<std::string> names) {
+  std::stable_partition(names.begin(), names.end(), [](const std::string& name) {
+    return medium_parameter(name) != v1::PARAMETER_UNSPECIFIED;
+  });
+  return names;
+}
+
 RenderJob make_job(const RenderOptions& options) {
   v1::Scene scene = load_scene(options.scene);
-  if (!options.film.empty()) set_film("--film", options.film, *scene.mutable_film());
+  if (!options.film.empty()) set_film(options.film, *scene.mutable_film());
   RenderJob job;
   job.scene = serialize(scene);
   *job.request.mutable_material() = to_proto(Material{options.sigma_t, options.albedo, options.g});

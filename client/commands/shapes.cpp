@@ -1,16 +1,13 @@
 // itn shapes: what can be written as `builtin` in a scene file, and shapes made at random; as a
-// list, as files, as a picture.
+// list or as files.
 #include <fmt/format.h>
 
-#include <algorithm>
-#include <cmath>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <string>
 
 #include "client/commands/command.h"
-#include "client/contact_sheet.h"
 #include "client/interrupt.h"
 #include "client/output.h"
 #include "common/error.h"
@@ -27,16 +24,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A larger picture would be of no use.
-constexpr size_t kMostOnSheet = 1024;
 constexpr size_t kMostRandom = 10'000'000;
 
 struct ShapesOptions {
   size_t random = 0;  // 0: the built-in ones
   uint64_t seed = 0;
   std::string folder;
-  std::string sheet;
-  int side = 0;  // 0: by the number of shapes
 };
 
 // The shapes that are asked for.
@@ -62,22 +55,6 @@ void list() {
   for (const ShapeInfo& shape : builtin_shapes()) {
     print_result("{:<16} {}\n", shape.name, shape.description);
   }
-}
-
-void check(const ShapesOptions& options) {
-  require_usage(options.random == 0 || !options.folder.empty() || !options.sheet.empty(),
-                "--random: say where to: -o FOLDER for files, --sheet FILE for a picture");
-  if (!options.sheet.empty()) {
-    const std::string suffix = fs::path(options.sheet).extension().string();
-    require_usage(suffix.empty() || suffix == ".png" || suffix == ".PNG",
-                  fmt::format("--sheet {}: it is written as PNG, name it .png", options.sheet));
-    require_usage(options.random <= kMostOnSheet,
-                  fmt::format("--sheet: a picture of {} shapes is too large to look at; ask for {} "
-                              "at most",
-                              options.random, kMostOnSheet));
-    check_writable(options.sheet);
-  }
-  if (!options.folder.empty()) check_folder_writable(options.folder);
 }
 
 // Whether it is there already. A file of that name that is something else is nobody's to replace.
@@ -114,31 +91,13 @@ void write_files(const Shapes& shapes, const fs::path& folder) {
   print_result("{}: {} shapes written{}\n", folder.string(), written, there);
 }
 
-void write_sheet(const Shapes& shapes, const ShapesOptions& options) {
-  const auto columns =
-      static_cast<size_t>(std::ceil(std::sqrt(static_cast<double>(shapes.count()))));
-  // About 1600 pixels across, as far as shapes stay recognisable.
-  const int side =
-      options.side > 0 ? options.side : std::clamp(1600 / static_cast<int>(columns), 96, 320);
-  Progress progress("drawing", "shapes", shapes.count());
-  write_contact_sheet(options.sheet, shapes.count(), columns, side, [&](size_t i) {
-    throw_if_interrupted();
-    progress.update(i);
-    return shapes.mesh(i);
-  });
-  progress.update(shapes.count());
-  progress.finish();
-  print_result(fmt::format("{}: {} to {}, row by row\n", options.sheet, shapes.name(0),
-                           shapes.name(shapes.count() - 1)),
-               is_stdout(options.sheet) ? stderr : stdout);
-}
-
 void run(const ShapesOptions& options) {
-  check(options);
-  const Shapes shapes(options);
-  if (!options.folder.empty()) write_files(shapes, options.folder);
-  if (!options.sheet.empty()) write_sheet(shapes, options);
-  if (options.folder.empty() && options.sheet.empty()) list();
+  if (options.folder.empty()) {
+    require_usage(options.random == 0, "--random: say where to: -o FOLDER");
+    return list();
+  }
+  check_folder_writable(options.folder);
+  write_files(Shapes(options), options.folder);
 }
 
 }  // namespace
@@ -146,7 +105,7 @@ void run(const ShapesOptions& options) {
 void add_shapes_command(CLI::App& app) {
   const auto options = std::make_shared<ShapesOptions>();
   CLI::App* command = app.add_subcommand(
-      "shapes", "List the built-in shapes, or make any number of random ones: files, a picture");
+      "shapes", "List the built-in shapes, or write them, or any number of random ones, as files");
   CLI::Option* random =
       command
           ->add_option("--random", options->random,
@@ -159,13 +118,6 @@ void add_shapes_command(CLI::App& app) {
       ->capture_default_str();
   command->add_option("-o,--output", options->folder,
                       "Folder to write the shapes to, as NAME.ply; what is there stays");
-  CLI::Option* sheet = command->add_option(
-      "--sheet", options->sheet, "PNG file to draw all shapes in, row by row; -: standard output");
-  command
-      ->add_option("--side", options->side,
-                   "Pixels along a side of each shape's square; default: by their number")
-      ->check(CLI::Range(16, 1024))
-      ->needs(sheet);
   command->callback([options] { run(*options); });
 }
 

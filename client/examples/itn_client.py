@@ -23,6 +23,7 @@ import tempfile
 
 ESTIMATES = 8  # independent, so that their spread tells the error of their mean
 SCENE_DERIVATIVES = ["surface[0].reflectance"]
+PROTO = pathlib.Path(__file__).resolve().parents[2] / "proto"
 
 
 class Failure(Exception):
@@ -181,7 +182,7 @@ def parse_arguments():
                         help="secret that the servers want of calls")
     parser.add_argument("--proto", metavar="DIR", type=pathlib.Path,
                         help="folder of itn/v1/*.proto (default: that of this repository)",
-                        default=pathlib.Path(__file__).resolve().parents[2] / "proto")
+                        default=PROTO)
     arguments = parser.parse_args()
     if not arguments.tls_ca and (arguments.tls_cert or arguments.tls_server_name or
                                  arguments.token_file):

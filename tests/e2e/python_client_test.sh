@@ -49,3 +49,11 @@ fails 5 "worker 127.0.0.1:1: " --worker 127.0.0.1:1
 fails 5 "$address is not a worker; itn-worker is one" --worker "$address"
 fails 5 "$worker is not a predictor; itn-predictor is one" --worker "$worker" --predictor "$worker"
 fails 4 "there is no itn/v1/scene.proto in it" --proto "$folder"
+
+# The load that tests/bench puts on servers, in Python, too.
+/usr/bin/python3 "$ITN_SOURCE/tests/bench/load.py" "$worker" --seconds 0.2 --size 8 --spp 1 \
+  --concurrency 1,3 | tee "$folder/load"
+/usr/bin/python3 "$ITN_SOURCE/tests/bench/load.py" "$address" --predict --seconds 0.2 --rate 20 |
+  tee -a "$folder/load"
+# Two headers and three loads, at each of which calls were answered and none failed.
+[[ $(grep -cE '^(callers|rate) .* [1-9][0-9.]+ .* 0$' "$folder/load") == 3 ]] || fail "load.py"

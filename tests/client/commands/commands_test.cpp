@@ -167,6 +167,9 @@ TEST(ProbeCommand, TellsWhetherAWorkerServes) {
     EXPECT_EQ(finished.output, "SERVING\n");
   }
   EXPECT_EQ(run({testing::kItn, "probe", address, "--service", "no.such.Service"}).exit_code, 5);
+  const Finished several = run({testing::kItn, "probe", address + "," + address});
+  EXPECT_EQ(several.exit_code, 2);
+  EXPECT_THAT(several.errors, HasSubstr("takes one HOST:PORT"));
   process.send(SIGTERM);
   EXPECT_EQ(process.wait(), 0);
   EXPECT_EQ(run({testing::kItn, "probe", address}).exit_code, 5);
@@ -210,71 +213,12 @@ TEST(TopCommand, TellsWhatServersAreAt) {
       HasSubstr("itn_calls_total{server=\"" + address + "\",method=\"RenderGrad\",status=\"OK\"}"));
 }
 
-TEST(BenchCommand, MeasuresAWorker) {
-  Process process(worker());
-  const std::string address = process.read_line();
-  const std::vector<std::string> bench = {
-      testing::kItn, "bench",       address,    "--size",        "8x6",
-      "--spp",       "1",           "--window", "0.01",          "--window-calls",
-      "5",           "--stability", "1000",     "--derivatives", "g,light[0].scale"};
-  const auto with = [&](const std::vector<std::string>& more) {
-    std::vector<std::string> command = bench;
-    command.insert(command.end(), more.begin(), more.end());
-    return run(command);
-  };
-  const Finished closed = with({"--concurrency", "1,3", "--format", "json"});
-  EXPECT_EQ(closed.exit_code, 0) << closed.errors;
-  EXPECT_THAT(closed.output, ContainsRegex("^\\{\"concurrency\":1,\"calls_per_second\":[^\n]+"
-                                           "\"windows\":3,\"stable\":true,[^\n]+\"refused\":0,"
-                                           "\"failed\":\\{\\}\\}\n"
-                                           "\\{\"concurrency\":3,"));
-  const Finished open = with({"--rate", "200", "--request-distribution", "poisson"});
-  EXPECT_EQ(open.exit_code, 0) << open.errors;
-  EXPECT_THAT(open.output, ContainsRegex("^ +rate +calls/s +paths/s +p50 ms .*\n +200 "));
-  EXPECT_THAT(with({"--model", "any"}).errors, HasSubstr("is a worker"));
-  EXPECT_THAT(run({testing::kItn, "bench", address, "--spp", "100000", "--size", "512x512",
-                   "--timeout", "0.05"})
-                  .errors,
-              HasSubstr(address + ": no answer within --timeout 0.05 s"));
-  EXPECT_THAT(with({"--concurrency", "1,,2"}).errors, HasSubstr("--concurrency 1,,2: an entry"));
-  for (const char* command : {"bench", "probe"}) {
-    const Finished several = run({testing::kItn, command, address + "," + address});
-    EXPECT_EQ(several.exit_code, 2);
-    EXPECT_THAT(several.errors, HasSubstr("takes one HOST:PORT"));
-  }
-  EXPECT_EQ(with({"--rate", "1", "--concurrency", "1"}).exit_code, 2);
-  // What it is told to call is not what there is.
-  EXPECT_EQ(
-      run({testing::kItn, "bench", address, "--call", "Predict", "--size", "8x6", "--spp", "1"})
-          .exit_code,
-      5);
-  process.send(SIGTERM);
-  EXPECT_EQ(process.wait(), 0);
-  EXPECT_EQ(with({}).exit_code, 5);
-}
-
-TEST(BenchCommand, NamesTheLoadsAtWhichNothingWasAnswered) {
-  Process process(worker());
-  const std::string address = process.read_line();
-  // Never stable: a load ends when it is no longer answered, and the next ones never are.
-  Process bench({testing::kItn, "bench", address, "--size", "8x6", "--spp", "1", "--window", "0.1",
-                 "--window-calls", "1", "--stability", "0", "--max-windows", "1000",
-                 "--concurrency", "1,2,3"},
-                true);
-  EXPECT_THAT(bench.read_line(), HasSubstr("calls/s"));
-  process.send(SIGKILL);
-  process.wait();
-  const std::string errors = bench.read_stderr();
-  EXPECT_EQ(bench.wait(), 5);
-  EXPECT_THAT(errors, ContainsRegex(address + " answered no call at --concurrency (1, )?2, 3; the "
-                                              "last error: [^\n]*[a-z]"));
-}
-
 TEST(Worker, LogsCallsAsJsonForMachines) {
   Process process(worker({"--log-format", "json"}, "info"), true);
   const std::string address = process.read_line();
-  EXPECT_EQ(run({testing::kItn, "bench", address, "--size", "8x6", "--spp", "1", "--max-windows",
-                 "1", "--window", "0.001", "--window-calls", "1"})
+  const TemporaryFolder folder;
+  EXPECT_EQ(run(render(folder.write("scene.textproto", kSceneFile), folder.path("out.exr"),
+                       {"--film", "8x6", "--spp", "1", "--workers", address}))
                 .exit_code,
             0);
   process.send(SIGTERM);

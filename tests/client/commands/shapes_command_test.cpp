@@ -40,17 +40,6 @@ std::set<std::string> names_in(const fs::path& folder) {
   return names;
 }
 
-// Width and height, from the first chunk.
-std::pair<unsigned, unsigned> size_of_png(const std::string& png) {
-  EXPECT_EQ(png.substr(1, 3), "PNG");
-  const auto number = [&](size_t at) {
-    unsigned value = 0;
-    for (size_t i = 0; i < 4; ++i) value = value << 8 | static_cast<unsigned char>(png.at(at + i));
-    return value;
-  };
-  return {number(16), number(20)};
-}
-
 TEST(ShapesCommand, ListsThem) {
   const Finished finished = shapes({});
   EXPECT_EQ(finished.exit_code, 0);
@@ -109,18 +98,6 @@ TEST(ShapesCommand, ReplacesNothing) {
   EXPECT_EQ(names_in(folder.path()).size(), 1U);
 }
 
-TEST(ShapesCommand, DrawsAContactSheet) {
-  const TemporaryFolder folder;
-  const std::string sheet = folder.path("sheet.png");
-  ASSERT_EQ(shapes({"--random", "3", "--sheet", sheet, "--side", "64"}).exit_code, 0);
-  EXPECT_EQ(size_of_png(content(sheet)), std::pair(128U, 128U));  // two rows of two
-  ASSERT_EQ(shapes({"--sheet", folder.path("builtin.png")}).exit_code, 0);
-  EXPECT_NE(content(folder.path("builtin.png")), content(sheet));
-  const Finished piped = shapes({"--random", "1", "--side", "64", "--sheet", "-"});
-  EXPECT_EQ(size_of_png(piped.output), std::pair(64U, 64U));
-  EXPECT_THAT(piped.errors, HasSubstr("random-0-0"));
-}
-
 struct BadFlags {
   const char* name;
   std::vector<std::string> flags;
@@ -151,10 +128,6 @@ INSTANTIATE_TEST_SUITE_P(
         {"not_a_number", {"--random", "many", "-o", "@x"}, 2, "--random"},
         {"negative_seed", {"--random", "1", "--seed", "-1", "-o", "@x"}, 2, "--seed"},
         {"seed_of_nothing", {"--seed", "1", "-o", "@x"}, 2, "--seed requires --random"},
-        {"side_of_nothing", {"--side", "64", "-o", "@x"}, 2, "--side requires --sheet"},
-        {"large_sheet", {"--random", "1025", "--sheet", "@x.png"}, 2, "too large to look at"},
-        {"no_png", {"--sheet", "@x.exr"}, 2, "name it .png"},
-        {"no_folder", {"--sheet", "@nowhere/x.png"}, 4, "nowhere"},
         {"no_output", {"-o", "/dev/null/x"}, 4, "/dev/null"},
     }),
     [](const auto& row) { return row.param.name; });
