@@ -16,7 +16,6 @@ int main(int argc, char** argv) {
     itn::add_predict_command(app);
     itn::add_refine_command(app);
     itn::add_models_command(app);
-    itn::add_top_command(app);
     itn::add_merge_command(app);
     itn::add_completion_command(app);
   });

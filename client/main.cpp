@@ -41,7 +41,6 @@ void add_commands(CLI::App& app) {
   add_render_command(app);
   add_shapes_command(app);
   add_probe_command(app);
-  add_top_command(app);
   add_dataset_command(app);
   add_models_command(app);
   for (const LearningCommand& command : kLearningCommands) {

@@ -87,7 +87,7 @@ class Program {
 
   const std::string& address() const { return server_.address(); }
   bool drain(std::chrono::duration<double> patience) { return server_.drain(patience); }
-  v1::ServerStatus status() const { return server_.status(); }
+  ServerMetrics metrics() const { return server_.metrics(); }
 
  private:
   std::shared_ptr<ModelStore> models_;

@@ -19,7 +19,7 @@
 #include "common/rpc/grpc_server.h"
 #include "common/rpc/host_port.h"
 #include "common/rpc/memory_plan.h"
-#include "common/rpc/metrics_file.h"
+#include "common/rpc/metrics.h"
 #include "common/rpc/process_memory.h"
 #include "common/rpc/queued_call.h"
 #include "common/rpc/server_security.h"
@@ -113,10 +113,10 @@ inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t
                  "Lines for people, or one JSON object a line, with time (UTC), level and message")
       ->check(one_of({"text", "json"}))
       ->capture_default_str();
-  const auto metrics = app.add_option(
-      "--metrics-file", flags.metrics_file,
-      "Write the server's status there, for Prometheus (node_exporter's textfile collector reads "
-      "*.prom files of a folder)");
+  const auto metrics = app.add_option("--metrics-file", flags.metrics_file,
+                                      "Write counts of calls, their times and memory there, for "
+                                      "Prometheus (node_exporter's textfile collector reads "
+                                      "*.prom files of a folder)");
   app.add_option("--metrics-seconds", flags.metrics_seconds, "How often, in seconds")
       ->check(number_in(1.0, 86400.0))
       ->needs(metrics)
@@ -124,9 +124,9 @@ inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t
   app.set_version_flag("--version", program + " " ITN_VERSION);
 }
 
-// Parses the flags, calls `start`, which returns a pointer to a server with address(), status() and
-// drain(), prints the address as one line on stdout, and waits for SIGTERM or SIGINT; then lets the
-// server finish what is under way. Returns the exit code; if something does not stop, ends the
+// Parses the flags, calls `start`, which returns a pointer to a server with address(), metrics()
+// and drain(), prints the address as one line on stdout, and waits for SIGTERM or SIGINT; then lets
+// the server finish what is under way. Returns the exit code; if something does not stop, ends the
 // process with that of an interruption.
 template <typename Start>
 int server_main(CLI::App& app, const std::string& program, int argc, char** argv,
@@ -152,7 +152,7 @@ int server_main(CLI::App& app, const std::string& program, int argc, char** argv
     if (!flags.metrics_file.empty()) {
       metrics.emplace(flags.metrics_file, server->address(),
                       std::chrono::duration<double>(flags.metrics_seconds),
-                      [&] { return server->status(); });
+                      [&] { return server->metrics(); });
     }
     std::printf("%s\n", server->address().c_str());
     std::fflush(stdout);

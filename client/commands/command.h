@@ -15,7 +15,6 @@ namespace itn {
 void add_render_command(CLI::App& app);
 void add_shapes_command(CLI::App& app);
 void add_probe_command(CLI::App& app);
-void add_top_command(CLI::App& app);
 void add_dataset_command(CLI::App& app);
 
 void add_models_command(CLI::App& app);

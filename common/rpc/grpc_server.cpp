@@ -123,8 +123,7 @@ GrpcServerOptions within_memory(GrpcServerOptions options, uint64_t own_bytes) {
 }
 
 GrpcServer::GrpcServer(const GrpcServerOptions& options, grpc::Service& service,
-                       const std::string& name, std::function<bool()> can_take_work,
-                       std::initializer_list<grpc::Service*> others)
+                       const std::string& name, std::function<bool()> can_take_work)
     : name_(name), can_take_work_(std::move(can_take_work)) {
   grpc::EnableDefaultHealthCheckService(true);
   grpc::ServerBuilder builder;
@@ -134,7 +133,6 @@ GrpcServer::GrpcServer(const GrpcServerOptions& options, grpc::Service& service,
   builder.SetOption(std::make_unique<ReflectionOption>(
       options.reflection.value_or(options.security.knows_clients())));
   builder.RegisterService(&service);
-  for (grpc::Service* other : others) builder.RegisterService(other);
   if (!options.listen.empty()) {
     credentials_ = make_credentials(options.security);
     const bool open = options.security.encrypts() || options.security.insecure;
@@ -170,10 +168,10 @@ std::shared_ptr<grpc::Channel> GrpcServer::in_process_channel() {
   return server_->InProcessChannel(arguments);
 }
 
-void GrpcServer::describe(v1::ServerStatus& status) const {
+void GrpcServer::describe(ServerMetrics& metrics) const {
   if (!listener_) return;
-  status.set_connections(listener_->connections());
-  status.set_most_connections(listener_->max_connections());
+  metrics.connections = listener_->connections();
+  metrics.max_connections = listener_->max_connections();
 }
 
 void GrpcServer::stop_serving() {

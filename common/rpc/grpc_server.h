@@ -10,7 +10,6 @@
 #include <condition_variable>
 #include <cstdint>
 #include <functional>
-#include <initializer_list>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -19,8 +18,8 @@
 #include <thread>
 
 #include "common/rpc/listener.h"
+#include "common/rpc/metrics.h"
 #include "common/rpc/server_security.h"
-#include "itn/v1/status.pb.h"
 
 namespace itn {
 
@@ -50,10 +49,8 @@ class GrpcServer {
   // and is not about to stop. Throws Error: kUsage if `listen` is no address, or one that other
   // machines reach although connections are not encrypted and `security.insecure` is not set; kIo
   // if it cannot listen; as make_credentials().
-  // Others, if given, are offered beside it.
   GrpcServer(const GrpcServerOptions& options, grpc::Service& service, const std::string& name,
-             std::function<bool()> can_take_work,
-             std::initializer_list<grpc::Service*> others = {});
+             std::function<bool()> can_take_work);
   // Cancels what is under way.
   ~GrpcServer();
   GrpcServer(const GrpcServer&) = delete;
@@ -64,8 +61,8 @@ class GrpcServer {
 
   std::shared_ptr<grpc::Channel> in_process_channel();
 
-  // Sets what it knows of the server's status: its connections.
-  void describe(v1::ServerStatus& status) const;
+  // Sets what it knows: its connections.
+  void describe(ServerMetrics& metrics) const;
 
   // Health checks are answered NOT_SERVING from now on.
   void stop_serving();

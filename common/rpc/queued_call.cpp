@@ -76,12 +76,12 @@ bool CallDesk::can_take_work() const {
          (options_.memory_bytes == 0 || memory_.used() < options_.memory_bytes / 10 * 9);
 }
 
-void CallDesk::describe(v1::ServerStatus& status) const {
-  status.set_running(running());
-  status.set_waiting(waiting());
-  status.set_most_running(static_cast<uint64_t>(options_.threads));
-  status.set_most_waiting(options_.queue_capacity);
-  statistics_.describe(status);
+void CallDesk::describe(ServerMetrics& metrics) const {
+  metrics.running = running();
+  metrics.waiting = waiting();
+  metrics.max_running = static_cast<uint64_t>(options_.threads);
+  metrics.max_waiting = options_.queue_capacity;
+  metrics.methods = counts_.methods();
 }
 
 void CallDesk::add(QueuedCall* call) {
@@ -186,7 +186,7 @@ void QueuedCall::tell(const grpc::Status& status) noexcept try {
     record.times = {.queue = seconds(arrived_.time_since_epoch().count(), began),
                     .work = seconds(began, answered_)};
   }
-  desk_.statistics_.record(record);
+  desk_.counts_.record(record);
   if (!desk_.options_.log_calls) return;
   log(record, status);
 } catch (const std::bad_alloc&) {

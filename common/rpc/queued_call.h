@@ -21,7 +21,6 @@
 #include <utility>
 
 #include "common/rpc/call_log.h"
-#include "common/rpc/call_statistics.h"
 #include "common/rpc/job_queue.h"
 #include "common/rpc/memory_budget.h"
 
@@ -65,8 +64,8 @@ class CallDesk {
   size_t running() const { return queue_.running(); }
   size_t waiting() const { return queue_.waiting(); }
 
-  // Sets what it knows of the server's status: its calls.
-  void describe(v1::ServerStatus& status) const;
+  // Sets what it knows: its calls.
+  void describe(ServerMetrics& metrics) const;
 
  private:
   friend class QueuedCall;
@@ -77,7 +76,7 @@ class CallDesk {
   void watch(const std::stop_token& stop);
 
   const CallDeskOptions options_;
-  CallStatistics statistics_;
+  CallCounts counts_;
   CallLog log_;
   MemoryBudget memory_;
   mutable std::mutex mutex_;
@@ -130,7 +129,7 @@ class QueuedCall : public grpc::ServerUnaryReactor {
   void enqueue(const grpc::ByteBuffer* request);
   void run();
   void finish(const grpc::Status& status);
-  void tell(const grpc::Status& status) noexcept;  // statistics and log
+  void tell(const grpc::Status& status) noexcept;  // counts and log
   void log(const CallRecord& record, const grpc::Status& status) const;
   grpc::Status status_of_stop() const;
   void stop(Reason reason);

@@ -3,18 +3,21 @@
 
 #include <grpcpp/channel.h>
 
+#include <atomic>
 #include <chrono>
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <utility>
 
 #include "common/rpc/grpc_server.h"
-#include "common/rpc/status_service.h"
+#include "common/rpc/metrics.h"
+#include "common/rpc/process_memory.h"
 
 namespace itn {
 
 // A Service answers its calls at a CallDesk: it has full_name(), can_take_work(), describe() and
-// drain(). Beside it is a StatusService.
+// drain().
 template <typename Service>
 class ServiceServer {
  public:
@@ -23,15 +26,9 @@ class ServiceServer {
   template <typename... Arguments>
   explicit ServiceServer(const GrpcServerOptions& options, Arguments&&... arguments)
       : service_(std::forward<Arguments>(arguments)...),
-        status_(
-            Service::full_name(),
-            [this](v1::ServerStatus& status) {
-              service_.describe(status);
-              server_.describe(status);
-            },
-            options.process_bytes),
+        max_resident_bytes_(options.process_bytes),
         server_(options, service_, Service::full_name(),
-                [this] { return service_.can_take_work(); }, {&status_}) {}
+                [this] { return service_.can_take_work(); }) {}
   // Stops what is under way and answers it UNAVAILABLE.
   ~ServiceServer() { service_.drain(std::chrono::seconds(0)); }
   ServiceServer(const ServiceServer&) = delete;
@@ -40,7 +37,19 @@ class ServiceServer {
   // HOST:PORT, with the port that was taken.
   const std::string& address() const { return server_.address(); }
 
-  v1::ServerStatus status() const { return status_.status(); }
+  ServerMetrics metrics() const {
+    ServerMetrics metrics;
+    metrics.service = Service::full_name();
+    metrics.uptime_seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    metrics.draining = draining_;
+    metrics.resident_bytes = resident_memory();
+    metrics.max_resident_bytes = max_resident_bytes_;
+    metrics.allocated_bytes = allocated_memory();
+    service_.describe(metrics);
+    server_.describe(metrics);
+    return metrics;
+  }
 
   std::shared_ptr<grpc::Channel> in_process_channel() { return server_.in_process_channel(); }
 
@@ -48,7 +57,7 @@ class ServiceServer {
   // are answered, or `patience` later, when what is left is stopped and answered UNAVAILABLE, too.
   // False if something does not stop (see CallDesk::drain).
   bool drain(std::chrono::duration<double> patience) {
-    status_.set_draining();
+    draining_ = true;
     server_.stop_serving();
     const bool stopped = service_.drain(patience);
     server_.close_connections();
@@ -60,7 +69,9 @@ class ServiceServer {
 
  private:
   Service service_;
-  StatusService status_;
+  const uint64_t max_resident_bytes_;
+  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  std::atomic<bool> draining_ = false;
   GrpcServer server_;  // last: it calls the service
 };
 

@@ -1,5 +1,6 @@
 #include "common/rpc/status.h"
 
+#include <iterator>
 #include <new>
 #include <system_error>
 
@@ -79,6 +80,28 @@ grpc::Status status_of_current_exception() {
   } catch (...) {
     return {grpc::StatusCode::INTERNAL, "unknown exception"};
   }
+}
+
+std::string status_name(grpc::StatusCode code) {
+  static constexpr const char* kNames[] = {"OK",
+                                           "CANCELLED",
+                                           "UNKNOWN",
+                                           "INVALID_ARGUMENT",
+                                           "DEADLINE_EXCEEDED",
+                                           "NOT_FOUND",
+                                           "ALREADY_EXISTS",
+                                           "PERMISSION_DENIED",
+                                           "RESOURCE_EXHAUSTED",
+                                           "FAILED_PRECONDITION",
+                                           "ABORTED",
+                                           "OUT_OF_RANGE",
+                                           "UNIMPLEMENTED",
+                                           "INTERNAL",
+                                           "UNAVAILABLE",
+                                           "DATA_LOSS",
+                                           "UNAUTHENTICATED"};
+  const auto number = static_cast<size_t>(code);
+  return number < std::size(kNames) ? kNames[number] : std::to_string(number);
 }
 
 std::string message_of(const grpc::Status& status) {

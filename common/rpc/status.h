@@ -44,6 +44,9 @@ StatusError busy(const std::string& message, double retry_after_seconds);
 // Error nor a StatusError is INTERNAL. Messages are cut at 2000 bytes: they travel as a header.
 grpc::Status status_of_current_exception();
 
+// As gRPC's documents write it, e.g. "NOT_FOUND".
+std::string status_name(grpc::StatusCode code);
+
 // What a server said, fit to be shown: one line, of its first 2000 bytes (printable.h).
 std::string message_of(const grpc::Status& status);
 

@@ -51,7 +51,7 @@ class PredictService final
 
   bool can_take_work() const { return desk_.can_take_work(); }
 
-  void describe(v1::ServerStatus& status) const { desk_.describe(status); }
+  void describe(ServerMetrics& metrics) const { desk_.describe(metrics); }
 
   // See CallDesk.
   bool drain(std::chrono::duration<double> patience) { return desk_.drain(patience); }

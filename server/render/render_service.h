@@ -47,11 +47,11 @@ class RenderService final
   size_t running() const { return desk_.running(); }
   size_t waiting() const { return desk_.waiting(); }
 
-  void describe(v1::ServerStatus& status) const {
-    desk_.describe(status);
-    status.set_scene_bytes(cache_.memory());
-    status.set_scene_hits(cache_.hits());
-    status.set_scene_misses(cache_.misses());
+  void describe(ServerMetrics& metrics) const {
+    desk_.describe(metrics);
+    metrics.scene_bytes = cache_.memory();
+    metrics.scene_hits = cache_.hits();
+    metrics.scene_misses = cache_.misses();
   }
 
   // See CallDesk.

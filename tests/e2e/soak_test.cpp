@@ -1,5 +1,5 @@
 // Mixed calls to a worker and to a predictor, thousands of them: good ones of several sizes, some
-// that are cancelled or late, bad ones, and questions about health and status, over connections
+// that are cancelled or late, bad ones, and questions about health, over connections
 // that come and go. What is allocated, file descriptors and threads do not grow, and equal requests
 // get equal bytes, at the end as at the beginning. Resident memory has a loose limit: it moves in
 // steps of the heap, the later the fewer, which no line tells from a leak in a few minutes.
@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <fstream>
 #include <functional>
 #include <future>
 #include <map>
@@ -24,15 +25,17 @@
 #include <vector>
 
 #include "common/rpc/deadline.h"
+#include "common/rpc/status.h"
 #include "itn/v1/predict.grpc.pb.h"
 #include "itn/v1/render.grpc.pb.h"
-#include "itn/v1/status.grpc.pb.h"
 #include "tests/support/disc_image.h"
 #include "tests/support/health.h"
 #include "tests/support/paths.h"
+#include "tests/support/process.h"
 #include "tests/support/scenes.h"
 #include "tests/support/server_process.h"
 #include "tests/support/statistics.h"
+#include "tests/support/temporary_folder.h"
 
 namespace itn::testing {
 namespace {
@@ -53,29 +56,15 @@ size_t one_of(Random& random, size_t count) {
   return std::uniform_int_distribution<size_t>(0, count - 1)(random);
 }
 
-std::string name_of(const grpc::Status& status) {
-  static const std::map<grpc::StatusCode, std::string> names = {
-      {grpc::OK, "OK"},
-      {grpc::CANCELLED, "CANCELLED"},
-      {grpc::INVALID_ARGUMENT, "INVALID_ARGUMENT"},
-      {grpc::DEADLINE_EXCEEDED, "DEADLINE_EXCEEDED"},
-      {grpc::NOT_FOUND, "NOT_FOUND"},
-      {grpc::RESOURCE_EXHAUSTED, "RESOURCE_EXHAUSTED"},
-      {grpc::FAILED_PRECONDITION, "FAILED_PRECONDITION"},
-      {grpc::UNAVAILABLE, "UNAVAILABLE"}};
-  const auto found = names.find(status.error_code());
-  return found != names.end() ? found->second : std::to_string(status.error_code());
-}
-
 // What came of all calls. Thread-safe.
 class Outcomes {
  public:
   // `kind`: of the call; `expected`: the only status, or empty for any.
   void add(const std::string& kind, const grpc::Status& status, const std::string& expected) {
     const std::lock_guard lock(mutex_);
-    ++counts_[kind + ": " + name_of(status)];
-    if (!expected.empty() && name_of(status) != expected && ++reported_ < 10) {
-      ADD_FAILURE() << kind << ": " << name_of(status) << " (" << status.error_message()
+    ++counts_[kind + ": " + status_name(status)];
+    if (!expected.empty() && status_name(status) != expected && ++reported_ < 10) {
+      ADD_FAILURE() << kind << ": " << status_name(status) << " (" << status.error_message()
                     << ") rather than " << expected;
     }
   }
@@ -117,18 +106,6 @@ grpc::Status call(grpc::ClientContext& context, const Begin& begin,
     context.TryCancel();
   }
   return status.get();
-}
-
-// ---- What both servers are asked ---------------------------------------------------------------
-
-grpc::Status ask_for_status(const Channel& channel, v1::ServerStatus& reply) {
-  grpc::ClientContext context;
-  return v1::StatusService::NewStub(channel)->GetStatus(&context, {}, &reply);
-}
-
-grpc::Status ask_for_status(const Channel& channel) {
-  v1::ServerStatus reply;
-  return ask_for_status(channel, reply);
 }
 
 // ---- A worker ----------------------------------------------------------------------------------
@@ -206,8 +183,6 @@ void call_worker(const Channel& channel, Random& random, Outcomes& outcomes) {
   } else if (kind < 85) {
     v1::Capabilities capabilities;
     outcomes.add("capabilities", stub->GetCapabilities(&context, {}, &capabilities), "OK");
-  } else if (kind < 93) {
-    outcomes.add("status", ask_for_status(channel), "OK");
   } else {
     outcomes.add("health", health(channel, "itn.v1.RenderService").first, "OK");
   }
@@ -254,8 +229,6 @@ void call_predictor(const Channel& channel, Random& random, Outcomes& outcomes) 
   } else if (kind < 85) {
     v1::ListModelsReply models;
     outcomes.add("models", stub->ListModels(&context, {}, &models), "OK");
-  } else if (kind < 93) {
-    outcomes.add("status", ask_for_status(channel), "OK");
   } else {
     outcomes.add("health", health(channel, "itn.v1.PredictService").first, "OK");
   }
@@ -292,7 +265,29 @@ Channel connect_to(const ServerProcess& server) {
   return grpc::CreateCustomChannel(server.address(), grpc::InsecureChannelCredentials(), arguments);
 }
 
-void soak(const ServerProcess& server, Caller caller) {
+// Of the server's --metrics-file.
+double metric(const std::string& path, const std::string& name) {
+  std::ifstream file(path);
+  for (std::string line; std::getline(file, line);) {
+    if (line.starts_with(name + "{")) return std::stod(line.substr(line.rfind(' ')));
+  }
+  ADD_FAILURE() << path << " has no " << name;
+  return 0;
+}
+
+// What the server says that it has allocated from now on.
+double allocated_bytes(const std::string& metrics) {
+  const double before = metric(metrics, "itn_uptime_seconds");
+  EXPECT_TRUE(eventually([&] { return metric(metrics, "itn_uptime_seconds") > before; }));
+  return metric(metrics, "itn_allocated_memory_bytes");
+}
+
+void soak(const char* program, std::vector<std::string> flags, Caller caller) {
+  const TemporaryFolder folder;
+  const std::string metrics = folder.path("itn.prom");
+  flags.insert(flags.end(),
+               {"--threads", "1", "--metrics-file", metrics, "--metrics-seconds", "1"});
+  const ServerProcess server(program, flags);
   {  // A server knows its latest thousand clients.
     Outcomes ignored;
     Random random(0);
@@ -316,11 +311,10 @@ void soak(const ServerProcess& server, Caller caller) {
       }
     }
     if (look < warm_up) continue;
-    v1::ServerStatus status;
-    ASSERT_TRUE(ask_for_status(connect_to(server), status).ok());
-    ASSERT_GT(status.allocated_bytes(), 1U << 20);
+    const double bytes = allocated_bytes(metrics);
+    ASSERT_GT(bytes, 1 << 20);
     if (look == warm_up) resident_at_first = server.resident_bytes();
-    allocated.values.push_back(static_cast<double>(status.allocated_bytes()));
+    allocated.values.push_back(bytes);
     descriptors.values.push_back(server.descriptors());
     threads.values.push_back(server.threads());
   }
@@ -336,14 +330,11 @@ void soak(const ServerProcess& server, Caller caller) {
 }
 
 TEST(Soak, OfAWorker) {
-  const ServerProcess worker(testing::kItnWorker, {"--threads", "1", "--cache-mb", "8"});
-  soak(worker, call_worker);
+  soak(testing::kItnWorker, {"--cache-mb", "8"}, call_worker);
 }
 
 TEST(Soak, OfAPredictor) {
-  const ServerProcess predictor(testing::kItnPredictor,
-                                {"--threads", "1", "--model", testing::source("models/any.itn")});
-  soak(predictor, call_predictor);
+  soak(testing::kItnPredictor, {"--model", testing::source("models/any.itn")}, call_predictor);
 }
 
 }  // namespace

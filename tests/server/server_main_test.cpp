@@ -18,7 +18,7 @@ class StoppedServer {
  public:
   explicit StoppedServer(bool stops) : stops_(stops) { raise(SIGTERM); }
   std::string address() const { return "here"; }
-  v1::ServerStatus status() const { return {}; }
+  ServerMetrics metrics() const { return {}; }
   bool drain(std::chrono::duration<double> patience) const {
     std::fprintf(stderr, "drained within %g s\n", patience.count());
     return stops_;

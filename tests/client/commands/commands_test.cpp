@@ -175,36 +175,14 @@ TEST(ProbeCommand, TellsWhetherAWorkerServes) {
   EXPECT_EQ(run({testing::kItn, "probe", address}).exit_code, 5);
 }
 
-TEST(TopCommand, TellsWhatServersAreAt) {
+TEST(Worker, WritesItsMetrics) {
   const TemporaryFolder folder;
   Process process(worker({"--metrics-file", folder.path("itn.prom")}, "info"), true);
   const std::string address = process.read_line();
-  const std::string scene = folder.write("scene.textproto", kSceneFile);
-  ASSERT_EQ(run(render(scene, folder.path("out.exr"),
+  ASSERT_EQ(run(render(folder.write("scene.textproto", kSceneFile), folder.path("out.exr"),
                        {"--film", "8x6", "--spp", "4", "--workers", address}))
                 .exit_code,
             0);
-  const Finished table = run({testing::kItn, "top", address, "127.0.0.1:1", "--once"});
-  EXPECT_EQ(table.exit_code, 0) << table.errors;
-  EXPECT_THAT(table.output, AllOf(HasSubstr("RenderGrad"), HasSubstr("work p50")));
-  EXPECT_THAT(table.output, HasSubstr("127.0.0.1:1 "));
-  // Calls are whole, and being asked for the scene is no failure.
-  EXPECT_THAT(table.output,
-              ContainsRegex("RenderGrad +[0-9]+/[0-9]+ +[0-9]+/[0-9]+ +[1-9][0-9]* +0 "));
-  const Finished listed =
-      run({testing::kItn, "top", "file:" + folder.write("servers", address + " # here").string(),
-           "--once"});
-  EXPECT_EQ(listed.exit_code, 0) << listed.errors;
-  EXPECT_THAT(listed.output, HasSubstr(address));
-  const Finished unlisted = run({testing::kItn, "top", "file:" + folder.path("none"), "--once"});
-  EXPECT_EQ(unlisted.exit_code, 5);
-  EXPECT_THAT(unlisted.output, StartsWith("server  call"));
-  EXPECT_THAT(unlisted.errors, HasSubstr("no such file yet"));
-  const Finished json = run({testing::kItn, "top", address + ",127.0.0.1:1", "--once", "--json"});
-  EXPECT_THAT(json.output, AllOf(HasSubstr("{\"address\":\"" + address + "\",\"status\":{"),
-                                 HasSubstr("\"method\":\"RenderGrad\""),
-                                 HasSubstr("{\"address\":\"127.0.0.1:1\",\"failure\":\"")));
-  EXPECT_EQ(run({testing::kItn, "top", "127.0.0.1:1", "--once"}).exit_code, 5);
   process.send(SIGTERM);
   EXPECT_THAT(process.read_stderr(), HasSubstr(": OK, waited "));
   EXPECT_EQ(process.wait(), 0);

@@ -41,6 +41,13 @@ TEST(Status, TakesADeadlineAMissingServiceAndAnUnwelcomeClientForUnavailable) {
   EXPECT_EQ(to_error({grpc::UNAUTHENTICATED, ""}, "").kind(), ErrorKind::kUnavailable);
 }
 
+TEST(Status, HasItsName) {
+  EXPECT_EQ(status_name(grpc::StatusCode::OK), "OK");
+  EXPECT_EQ(status_name(grpc::StatusCode::NOT_FOUND), "NOT_FOUND");
+  EXPECT_EQ(status_name(grpc::StatusCode::UNAUTHENTICATED), "UNAUTHENTICATED");
+  EXPECT_EQ(status_name(static_cast<grpc::StatusCode>(99)), "99");
+}
+
 // What another process says can neither steer the terminal nor fill it.
 TEST(Status, OfAStrangerIsFitToBeShown) {
   const std::string said = "no\x1b[2J\nroot# " + std::string(1 << 20, 'x');

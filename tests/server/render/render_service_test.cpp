@@ -832,58 +832,46 @@ TEST_P(Stops, ARenderThatWaits) {
   }));
 }
 
-// However full it is, and without counting as a call.
-TEST(RenderService, TellsItsStatusWhileItIsBusy) {
+TEST(RenderService, CountsItsCallsWhileItIsBusy) {
   RenderServer server(options_with([](auto& o) { o.queue_capacity = 1; }));
   Client client(server.in_process_channel());
-  const auto stub = v1::StatusService::NewStub(server.in_process_channel());
-  const auto ask = [&] {
-    grpc::ClientContext context;
-    v1::ServerStatus status;
-    EXPECT_TRUE(stub->GetStatus(&context, {}, &status).ok());
-    return status;
-  };
-  EXPECT_EQ(ask().methods_size(), 0);
+  EXPECT_TRUE(server.metrics().methods.empty());
   EXPECT_TRUE(client.call(with_scene(small_request())).status.ok());
   // An answered call has its thread for a moment more, in which the next would wait.
-  ASSERT_TRUE(testing::eventually([&] { return ask().running() == 0; }));
+  ASSERT_TRUE(testing::eventually([&] { return server.metrics().running == 0; }));
   grpc::ClientContext first, second;
   auto running = std::async(
       std::launch::async, [&] { return client.call(first, with_scene(endless_request())).status; });
-  ASSERT_TRUE(testing::eventually([&] { return ask().running() == 1; }));
+  ASSERT_TRUE(testing::eventually([&] { return server.metrics().running == 1; }));
   auto waiting = std::async(std::launch::async, [&] {
     return client.call(second, with_scene(endless_request())).status;
   });
-  ASSERT_TRUE(testing::eventually([&] { return ask().waiting() == 1; }));
+  ASSERT_TRUE(testing::eventually([&] { return server.metrics().waiting == 1; }));
   EXPECT_EQ(client.call(with_scene(small_request())).status.error_code(), grpc::UNAVAILABLE);
-  const v1::ServerStatus busy = ask();
-  EXPECT_EQ(busy.service(), "itn.v1.RenderService");
-  EXPECT_EQ(busy.most_running(), 1U);
-  EXPECT_EQ(busy.most_waiting(), 1U);
-  EXPECT_GT(busy.scene_bytes(), 0U);
-  EXPECT_GT(busy.resident_bytes(), 1U << 20);
+  const ServerMetrics busy = server.metrics();
+  EXPECT_EQ(busy.service, "itn.v1.RenderService");
+  EXPECT_EQ(busy.max_running, 1U);
+  EXPECT_EQ(busy.max_waiting, 1U);
+  EXPECT_GT(busy.scene_bytes, 0U);
+  EXPECT_GT(busy.resident_bytes, 1U << 20);
   first.TryCancel();
   second.TryCancel();
   running.wait();
   waiting.wait();
-  const v1::ServerStatus after = ask();
-  ASSERT_EQ(after.methods_size(), 1);
-  const v1::MethodStatus& method = after.methods(0);
-  EXPECT_EQ(method.method(), "RenderGrad");
-  std::map<std::string, uint64_t> answers;
-  for (const v1::AnswerCount& count : method.answers()) answers[count.status()] = count.count();
-  EXPECT_EQ(answers["OK"], 1U);
-  EXPECT_EQ(answers["UNAVAILABLE"], 1U);
-  EXPECT_GT(method.units(), 0);
+  const ServerMetrics after = server.metrics();
+  ASSERT_EQ(after.methods.size(), 1U);
+  const CallCounts::Method& method = after.methods.at("RenderGrad");
+  EXPECT_EQ(method.answers.at(grpc::StatusCode::OK), 1U);
+  EXPECT_EQ(method.answers.at(grpc::StatusCode::UNAVAILABLE), 1U);
+  EXPECT_GT(method.units, 0);
 }
 
-// As its status tells.
 TEST(RenderService, CountsItsScenesAndItsConnections) {
   auto options = options_with([](auto&) {});
   options.listen = "127.0.0.1:0";
   RenderServer server(options);
-  EXPECT_EQ(server.status().connections(), 0U);
-  EXPECT_EQ(server.status().most_connections(), 1024U);
+  EXPECT_EQ(server.metrics().connections, 0U);
+  EXPECT_EQ(server.metrics().max_connections, 1024U);
   {
     const Connector connector;
     Client one(connector.connect_to(server.address())), two(connector.connect_to(server.address()));
@@ -892,11 +880,11 @@ TEST(RenderService, CountsItsScenesAndItsConnections) {
     auto named = small_request();
     named.set_scene_digest(sha256(serialize(cube_scene())->bytes));
     EXPECT_TRUE(two.call(named).status.ok());
-    EXPECT_EQ(server.status().connections(), 2U);
-    EXPECT_EQ(server.status().scene_misses(), 1U);
-    EXPECT_EQ(server.status().scene_hits(), 2U);
+    EXPECT_EQ(server.metrics().connections, 2U);
+    EXPECT_EQ(server.metrics().scene_misses, 1U);
+    EXPECT_EQ(server.metrics().scene_hits, 2U);
   }
-  EXPECT_TRUE(testing::eventually([&] { return server.status().connections() == 0; }));
+  EXPECT_TRUE(testing::eventually([&] { return server.metrics().connections == 0; }));
 }
 
 // A cache that is too small for a scene keeps it for those who wait for it.

@@ -1,4 +1,4 @@
-#include "common/rpc/metrics_file.h"
+#include "common/rpc/metrics.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,7 +12,6 @@
 #include <string>
 
 #include "common/error.h"
-#include "common/rpc/call_statistics.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_folder.h"
 
@@ -22,27 +21,28 @@ namespace {
 using ::testing::HasSubstr;
 using testing::TemporaryFolder;
 
-v1::ServerStatus busy() {
-  CallStatistics statistics;
-  for (const double work : {0.001, 0.02, 3000.0}) {
-    statistics.record({.method = "RenderGrad",
-                       .status = grpc::StatusCode::OK,
-                       .times = CallRecord::Times{.queue = 0.5, .work = work},
-                       .units = 100,
-                       .unit = "paths"});
-  }
-  v1::ServerStatus status;
-  status.set_service("itn.v1.RenderService");
-  status.set_version("1.2");
-  status.set_running(1);
-  status.set_resident_bytes(1 << 20);
-  status.set_allocated_bytes(1 << 19);
-  status.set_scene_hits(7);
-  status.set_scene_misses(2);
-  status.set_connections(3);
-  status.set_most_connections(1024);
-  statistics.describe(status);
-  return status;
+CallRecord worked(double queue, double work) {
+  return {.method = "RenderGrad",
+          .status = grpc::StatusCode::OK,
+          .times = CallRecord::Times{.queue = queue, .work = work},
+          .units = 100,
+          .unit = "paths"};
+}
+
+ServerMetrics busy() {
+  CallCounts counts;
+  for (const double work : {0.001, 0.02, 3000.0}) counts.record(worked(0.5, work));
+  ServerMetrics metrics;
+  metrics.service = "itn.v1.RenderService";
+  metrics.running = 1;
+  metrics.resident_bytes = 1 << 20;
+  metrics.allocated_bytes = 1 << 19;
+  metrics.scene_hits = 7;
+  metrics.scene_misses = 2;
+  metrics.connections = 3;
+  metrics.max_connections = 1024;
+  metrics.methods = counts.methods();
+  return metrics;
 }
 
 // A reader of the format, strict where it is: every sample belongs to the family before it, and no
@@ -83,8 +83,38 @@ Parsed parse(const std::string& text) {
   return parsed;
 }
 
-TEST(Exposition, IsPrometheusText) {
-  Parsed parsed = parse(exposition(busy(), "127.0.0.1:5"));
+TEST(LatencyHistogram, IsByOctaves) {
+  LatencyHistogram histogram;
+  for (const double seconds : {0.0, 1e-9, 1e-4, 1.01e-4, 2e-4, 2.01e-4, 1e9}) {
+    histogram.add(seconds);
+  }
+  EXPECT_EQ(histogram.counts[0], 3U);
+  EXPECT_EQ(histogram.counts[1], 2U);
+  EXPECT_EQ(histogram.counts[2], 1U);
+  EXPECT_EQ(histogram.counts[25], 1U);
+  EXPECT_DOUBLE_EQ(histogram.sum, 1e9 + 6.02e-4);
+}
+
+TEST(CallCounts, CountsCallsByStatusAndTimesThoseThatWereWorkedOn) {
+  CallCounts counts;
+  for (int i = 0; i < 3; ++i) counts.record(worked(0.01, 0.1));
+  counts.record({.method = "RenderGrad",
+                 .status = grpc::StatusCode::UNAVAILABLE,
+                 .times = std::nullopt,
+                 .units = 0,
+                 .unit = "paths"});
+  const CallCounts::Methods methods = counts.methods();
+  ASSERT_EQ(methods.size(), 1U);
+  const CallCounts::Method& method = methods.at("RenderGrad");
+  EXPECT_EQ(method.answers.at(grpc::StatusCode::OK), 3U);
+  EXPECT_EQ(method.answers.at(grpc::StatusCode::UNAVAILABLE), 1U);
+  EXPECT_DOUBLE_EQ(method.queue.sum, 0.03);
+  EXPECT_DOUBLE_EQ(method.work.sum, 0.3);
+  EXPECT_EQ(method.units, 300);
+}
+
+TEST(PrometheusText, IsPrometheusText) {
+  Parsed parsed = parse(prometheus_text(busy(), "127.0.0.1:5"));
   EXPECT_EQ(parsed.types["itn_calls_total"], "counter");
   EXPECT_EQ(parsed.types["itn_work_seconds"], "histogram");
   const std::string server = "server=\"127.0.0.1:5\"";
@@ -106,24 +136,52 @@ TEST(Exposition, IsPrometheusText) {
   EXPECT_EQ(parsed.samples["itn_connections_max{" + server + "}"], 1024);
 }
 
-TEST(Exposition, OfAServerThatNobodyHasCalled) {
+// Whoever draws them has these names.
+TEST(PrometheusText, KeepsItsNames) {
+  std::string names;
+  for (const auto& [name, type] : parse(prometheus_text(busy(), "")).types) {
+    names += name + " " + type + "\n";
+  }
+  EXPECT_EQ(names, R"(itn_allocated_memory_bytes gauge
+itn_calls_running gauge
+itn_calls_running_max gauge
+itn_calls_total counter
+itn_calls_waiting gauge
+itn_calls_waiting_max gauge
+itn_connections gauge
+itn_connections_max gauge
+itn_draining gauge
+itn_info gauge
+itn_queue_seconds histogram
+itn_resident_memory_bytes gauge
+itn_resident_memory_max_bytes gauge
+itn_scene_hits_total counter
+itn_scene_memory_bytes gauge
+itn_scene_misses_total counter
+itn_uptime_seconds gauge
+itn_work_seconds histogram
+itn_work_units_total counter
+)");
+}
+
+TEST(PrometheusText, OfAServerThatNobodyHasCalled) {
   EXPECT_EQ(
-      parse(exposition(v1::ServerStatus(), "")).samples.count("itn_calls_running{server=\"\"}"),
+      parse(prometheus_text(ServerMetrics(), "")).samples.count("itn_calls_running{server=\"\"}"),
       1U);
 }
 
 TEST(MetricsFile, IsThereAtOnceAndAtTheEnd) {
   const TemporaryFolder folder;
   const std::string path = folder.path("itn.prom");
-  v1::ServerStatus status = busy();
+  ServerMetrics metrics = busy();
   const auto content = [&] {
     std::ifstream file(path);
     return std::string(std::istreambuf_iterator<char>(file), {});
   };
   {
-    const MetricsFile file(path, "a", std::chrono::hours(1), [&] { return status; });
+    const MetricsFile file(path, "a", std::chrono::hours(1), [&] { return metrics; });
     EXPECT_THAT(content(), HasSubstr("itn_calls_running{server=\"a\"} 1\n"));
-    status.set_running(4);
+    metrics.running = 4;
   }
   EXPECT_THAT(content(), HasSubstr("itn_calls_running{server=\"a\"} 4\n"));
 }
