@@ -24,11 +24,7 @@ namespace {
 struct PredictorOptions {
   ModelStoreOptions models;
   double reload_seconds = 2;
-  PredictServerOptions server{.listen = "127.0.0.1:50052",
-                              .security = {},
-                              .reflection = {},
-                              .max_memory_bytes = 0,
-                              .service = {}};
+  PredictServerOptions server;
   int threads = 1;
   ServerFlags flags;
 };
@@ -73,8 +69,7 @@ void add_flags(CLI::App& app, PredictorOptions& options) {
                  "Requests that may wait; more are answered UNAVAILABLE")
       ->check(number_in(0, 10'000))
       ->capture_default_str();
-  add_server_flags(app, "itn-predictor", PredictServer::kOwnBytes, options.server.listen,
-                   options.server.security, options.server.reflection, options.flags);
+  add_server_flags(app, "itn-predictor", PredictServer::kOwnBytes, options.server, options.flags);
 }
 
 // A server, and what keeps its models as their files are.
@@ -97,6 +92,7 @@ class Program {
 
 int run(int argc, char** argv) {
   PredictorOptions options;
+  options.server.listen = "127.0.0.1:50052";
   CLI::App app("Predictor of itn: optical parameters of the object in an image, over gRPC.");
   add_flags(app, options);
   return server_main(app, "itn-predictor", argc, argv, options.flags, [&] {

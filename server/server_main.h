@@ -73,9 +73,8 @@ inline void add_security_flags(CLI::App& app, ServerSecurity& security) {
 
 // `own_bytes`: of memory, for the program itself.
 inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t own_bytes,
-                             std::string& listen, ServerSecurity& security,
-                             std::optional<bool>& reflection, ServerFlags& flags) {
-  app.add_option("--listen", listen,
+                             GrpcServerOptions& server, ServerFlags& flags) {
+  app.add_option("--listen", server.listen,
                  "HOST:PORT or [IPV6]:PORT to listen on; port 0 takes any that is free; 0.0.0.0 is "
                  "all IPv4 addresses, [::] all addresses. Addresses that other machines reach want "
                  "--tls-cert or --insecure")
@@ -88,7 +87,7 @@ inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t
         }
       })
       ->capture_default_str();
-  add_security_flags(app, security);
+  add_security_flags(app, server.security);
   app.add_option("--max-memory-mb", flags.max_memory_mb,
                  fmt::format("Most memory of this process, in MiB, {} at least; what does not fit "
                              "is refused. 0: 4096, or three quarters of what the machine or "
@@ -103,9 +102,6 @@ inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t
                              kStopPatience.count(), exit_code(ErrorKind::kCancelled)))
       ->check(number_in(0.0, 86400.0))
       ->capture_default_str();
-  app.add_flag("--reflection,!--no-reflection", reflection,
-               "gRPC server reflection. By default for clients on this machine, or who must show a "
-               "certificate or token: the limits on memory do not hold for it");
   app.add_option("--log-level", flags.log_level, "What to log on stderr")
       ->check(one_of({"debug", "info", "warning", "error", "off"}))
       ->capture_default_str();

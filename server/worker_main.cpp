@@ -11,11 +11,7 @@ namespace itn {
 namespace {
 
 struct WorkerOptions {
-  RenderServerOptions server{.listen = "127.0.0.1:50051",
-                             .security = {},
-                             .reflection = {},
-                             .max_memory_bytes = 0,
-                             .service = {}};
+  RenderServerOptions server;
   uint64_t max_message_mb = 256;
   uint64_t cache_mb = 512;
   ServerFlags flags;
@@ -59,12 +55,12 @@ void add_flags(CLI::App& app, WorkerOptions& options) {
          "Largest request and largest reply, in MiB; at most a sixteenth of --max-memory-mb")
       ->check(number_in(1, 2047))
       ->capture_default_str();
-  add_server_flags(app, "itn-worker", RenderServer::kOwnBytes, options.server.listen,
-                   options.server.security, options.server.reflection, options.flags);
+  add_server_flags(app, "itn-worker", RenderServer::kOwnBytes, options.server, options.flags);
 }
 
 int run(int argc, char** argv) {
   WorkerOptions options;
+  options.server.listen = "127.0.0.1:50051";
   CLI::App app(
       "Render worker of itn: images of translucent objects and their derivatives, over gRPC.");
   add_flags(app, options);

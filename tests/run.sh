@@ -13,6 +13,6 @@ trap 'rm -f "$log"' EXIT
 code=0
 ctest --preset release -j $((jobs < 2 ? jobs : 2)) -LE nightly "$@" | tee "$log" || code=$?
 echo "The thirty slowest, in seconds:"
-sed -nE 's/.* Test +#[0-9]+: ([^ ]+).* ([0-9.]+) sec$/\2 \1/p' "$log" | sort -rn | head -30
+sed -nE 's/.* Test +#[0-9]+: ([^ ]+).* ([0-9.]+) sec$/\2 \1/p' "$log" | sort -rn | sed -n 1,30p
 grep "tests passed" "$log" || true
 exit "$code"

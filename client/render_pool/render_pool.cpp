@@ -178,7 +178,6 @@ class RenderPool::Impl {
           });
     }
     RenderServerOptions options;
-    options.reflection = false;
     options.service.threads = options_.embedded_threads;
     options.service.cache_bytes = options_.embedded_cache_bytes;
     embedded_ = std::make_unique<RenderServer>(options);

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <google/protobuf/stubs/logging.h>
 #include <grpc/support/log.h>
-#include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/resource_quota.h>
 #include <grpcpp/server_builder.h>
@@ -31,31 +30,6 @@ constexpr int kMaxHeaderBytes = 16 << 10;
 // At a time: gRPC begins every call in what it has read before it notices that the connection was
 // closed, and a call of a hundred bytes takes eight thousand.
 constexpr int kMaxReadBytes = 64 << 10;
-
-// Readiness changes when it has been otherwise for a second: a queue that is full for a moment does
-// not take a server out of a balancer's list.
-constexpr milliseconds kLookInterval{100};
-constexpr int kLooksToChange = 10;
-
-// gRPC's reflection library adds itself to every server of a process that is linked with it; this
-// leaves it in or takes it out for one server.
-class ReflectionOption final : public grpc::ServerBuilderOption {
- public:
-  explicit ReflectionOption(bool enabled) : enabled_(enabled) {}
-
-  void UpdateArguments(grpc::ChannelArguments* /*args*/) override {}
-
-  void UpdatePlugins(std::vector<std::unique_ptr<grpc::ServerBuilderPlugin>>* plugins) override {
-    grpc::reflection::ProtoServerReflectionPlugin reflection;
-    std::erase_if(*plugins, [&](const auto& p) { return p->name() == reflection.name(); });
-    if (enabled_) {
-      plugins->push_back(std::make_unique<grpc::reflection::ProtoServerReflectionPlugin>());
-    }
-  }
-
- private:
-  bool enabled_;
-};
 
 int in_ms(milliseconds duration) {
   return static_cast<int>(duration.count());
@@ -115,38 +89,35 @@ void log_libraries_through_spdlog() {
 }
 
 GrpcServerOptions within_memory(GrpcServerOptions options, uint64_t own_bytes) {
-  if (options.process_bytes == 0) return options;
-  const MemoryPlan plan = plan_memory(options.process_bytes, own_bytes, options.max_message_bytes);
+  if (options.max_memory_bytes == 0) return options;
+  const MemoryPlan plan =
+      plan_memory(options.max_memory_bytes, own_bytes, options.max_message_bytes);
   options.max_message_bytes = plan.message_bytes;
   options.transport_bytes = plan.transport_bytes;
   return options;
 }
 
 GrpcServer::GrpcServer(const GrpcServerOptions& options, grpc::Service& service,
-                       const std::string& name, std::function<bool()> can_take_work)
-    : name_(name), can_take_work_(std::move(can_take_work)) {
+                       const std::string& name) {
   grpc::EnableDefaultHealthCheckService(true);
   grpc::ServerBuilder builder;
   set_connection_arguments(builder);
   set_limits(builder, options);
   refuse_compression(builder);
-  builder.SetOption(std::make_unique<ReflectionOption>(
-      options.reflection.value_or(options.security.knows_clients())));
   builder.RegisterService(&service);
   if (!options.listen.empty()) {
     credentials_ = make_credentials(options.security);
     const bool open = options.security.encrypts() || options.security.insecure;
     listener_ = std::make_unique<Listener>(
         options.listen,
-        ListenerOptions{.max_memory_bytes = options.process_bytes, .this_machine_only = !open});
+        ListenerOptions{.max_memory_bytes = options.max_memory_bytes, .this_machine_only = !open});
     address_ = listener_->address();
     acceptor_ = builder.experimental().AddExternalConnectionAcceptor(
         grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, credentials_);
   }
   server_ = builder.BuildAndStart();
   if (!server_) throw Error(ErrorKind::kInternal, "gRPC cannot start a server");
-  server_->GetHealthCheckService()->SetServingStatus(name_, true);
-  readiness_ = std::jthread([this](const std::stop_token& stop) { watch_readiness(stop); });
+  server_->GetHealthCheckService()->SetServingStatus(name, true);
   if (listener_) {
     listener_->start([this](int fd) {
       grpc::experimental::ExternalConnectionAcceptor::NewConnectionParameters connection;
@@ -175,27 +146,11 @@ void GrpcServer::describe(ServerMetrics& metrics) const {
 }
 
 void GrpcServer::stop_serving() {
-  readiness_ = std::jthread();
   server_->GetHealthCheckService()->Shutdown();
 }
 
 void GrpcServer::close_connections() {
-  readiness_ = std::jthread();
   if (listener_) listener_->close();
-}
-
-void GrpcServer::watch_readiness(const std::stop_token& stop) {
-  bool serving = true;
-  int changed_for = 0;  // looks
-  std::unique_lock lock(mutex_);
-  while (!never_.wait_for(lock, stop, kLookInterval, [] { return false; }) &&
-         !stop.stop_requested()) {
-    changed_for = can_take_work_() == serving ? 0 : changed_for + 1;
-    if (changed_for < kLooksToChange) continue;
-    changed_for = 0;
-    serving = !serving;
-    server_->GetHealthCheckService()->SetServingStatus(name_, serving);
-  }
 }
 
 }  // namespace itn

@@ -1,5 +1,5 @@
-// A gRPC server for one service of ours, with health service and perhaps reflection, behind a port,
-// an in-process channel, or both.
+// A gRPC server for one service of ours, with gRPC's health service, behind a port, an
+// in-process channel, or both.
 #pragma once
 
 #include <grpcpp/channel.h>
@@ -7,15 +7,9 @@
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
-#include <condition_variable>
 #include <cstdint>
-#include <functional>
 #include <memory>
-#include <mutex>
-#include <optional>
-#include <stop_token>
 #include <string>
-#include <thread>
 
 #include "common/rpc/listener.h"
 #include "common/rpc/metrics.h"
@@ -27,30 +21,25 @@ struct GrpcServerOptions {
   // HOST:PORT or [IPV6]:PORT; port 0 takes any that is free. Empty: only in_process_channel() leads
   // here.
   std::string listen;
-  ServerSecurity security;  // of connections to that address
-  // gRPC's own service for it reads requests without our limits: a message of 16 MiB may take 500.
-  // Unset: where clients are known (ServerSecurity::knows_clients()).
-  std::optional<bool> reflection;
+  ServerSecurity security;                            // of connections to that address
   uint64_t max_message_bytes = uint64_t{2047} << 20;  // of a request and of a reply
   // What gRPC may hold of messages that arrive; beyond it, it stops reading and closes connections.
   // 0: no limit.
   uint64_t transport_bytes = 0;
-  uint64_t process_bytes = 0;  // see ListenerOptions::max_memory_bytes
+  uint64_t max_memory_bytes = 0;  // of the process, resident (see ListenerOptions); 0: no limit
 };
 
 // The same options with the limits of messages that plan_memory() leaves a process of
-// `process_bytes`; unchanged if that is 0. Throws as plan_memory().
+// `max_memory_bytes`; unchanged if that is 0. Throws as plan_memory().
 GrpcServerOptions within_memory(GrpcServerOptions options, uint64_t own_bytes);
 
 class GrpcServer {
  public:
-  // `name` is the full name of the service. Health checks of it tell whether it can take work now
-  // (it is asked `can_take_work` from time to time), health checks of "" whether the server runs
-  // and is not about to stop. Throws Error: kUsage if `listen` is no address, or one that other
-  // machines reach although connections are not encrypted and `security.insecure` is not set; kIo
-  // if it cannot listen; as make_credentials().
-  GrpcServer(const GrpcServerOptions& options, grpc::Service& service, const std::string& name,
-             std::function<bool()> can_take_work);
+  // `name` is the full name of the service. Health checks of it, and of "", tell whether the server
+  // runs and is not about to stop. Throws Error: kUsage if `listen` is no address, or one that
+  // other machines reach although connections are not encrypted and `security.insecure` is not set;
+  // kIo if it cannot listen; as make_credentials().
+  GrpcServer(const GrpcServerOptions& options, grpc::Service& service, const std::string& name);
   // Cancels what is under way.
   ~GrpcServer();
   GrpcServer(const GrpcServer&) = delete;
@@ -72,18 +61,11 @@ class GrpcServer {
   void close_connections();
 
  private:
-  void watch_readiness(const std::stop_token& stop);
-
-  const std::string name_;
-  const std::function<bool()> can_take_work_;
   std::string address_;
   std::shared_ptr<grpc::ServerCredentials> credentials_;
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor_;
   std::unique_ptr<Listener> listener_;
   std::unique_ptr<grpc::Server> server_;
-  std::mutex mutex_;
-  std::condition_variable_any never_;
-  std::jthread readiness_;  // last: it uses what is above
 };
 
 // What gRPC and protobuf themselves log goes to our log, as debug messages. To be called at start.

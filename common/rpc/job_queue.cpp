@@ -225,13 +225,6 @@ double JobQueue::seconds_until_next_end() const {
   return running_ == 0 ? kIdleRetrySeconds : seconds_of_ends(1);
 }
 
-bool JobQueue::admits_newcomers() const {
-  const std::lock_guard lock(mutex_);
-  const QueueClient newcomer;
-  return !closed_ && (free_places() > kept_places(newcomer, notes_.end()) ||
-                      displaced_by(newcomer, kMargin) < waiting_.size());
-}
-
 size_t JobQueue::running() const {
   const std::lock_guard lock(mutex_);
   return running_;

@@ -109,9 +109,6 @@ class JobQueue {
   // About how long until a job that runs ends; a second if none does.
   double seconds_until_next_end() const;
 
-  // Whether a client whom nobody knows would be admitted.
-  bool admits_newcomers() const;
-
   // Jobs that run now, and jobs that were submitted and do not run yet.
   size_t running() const;
   size_t waiting() const;

@@ -71,11 +71,6 @@ bool CallDesk::drain(duration<double> patience) {
   return true;
 }
 
-bool CallDesk::can_take_work() const {
-  return queue_.admits_newcomers() &&
-         (options_.memory_bytes == 0 || memory_.used() < options_.memory_bytes / 10 * 9);
-}
-
 void CallDesk::describe(ServerMetrics& metrics) const {
   metrics.running = running();
   metrics.waiting = waiting();

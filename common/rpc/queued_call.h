@@ -57,9 +57,6 @@ class CallDesk {
   // waited for: returns false, and the process can only be ended.
   bool drain(std::chrono::duration<double> patience);
 
-  // Whether a call that came now would be accepted, of a client whom nobody knows.
-  bool can_take_work() const;
-
   // Calls that are worked on now, and calls that were accepted and wait for a thread.
   size_t running() const { return queue_.running(); }
   size_t waiting() const { return queue_.waiting(); }

@@ -20,11 +20,6 @@ struct ServerSecurity {
   bool insecure = false;
 
   bool encrypts() const { return !files.certificate.empty(); }
-  // Whether nobody is answered but clients who show a certificate or a token, or are on this
-  // machine.
-  bool knows_clients() const {
-    return !files.authority.empty() || !token_file.empty() || (!encrypts() && !insecure);
-  }
 };
 
 // Must outlive the server. Files that have changed are read again for the next connection (the

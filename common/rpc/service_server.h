@@ -1,4 +1,4 @@
-// A service of ours with its server, health service and reflection: what all server programs are.
+// A service of ours with its server and health service: what all server programs are.
 #pragma once
 
 #include <grpcpp/channel.h>
@@ -16,7 +16,7 @@
 
 namespace itn {
 
-// A Service answers its calls at a CallDesk: it has full_name(), can_take_work(), describe() and
+// A Service answers its calls at a CallDesk: it has full_name(), describe() and
 // drain().
 template <typename Service>
 class ServiceServer {
@@ -26,9 +26,8 @@ class ServiceServer {
   template <typename... Arguments>
   explicit ServiceServer(const GrpcServerOptions& options, Arguments&&... arguments)
       : service_(std::forward<Arguments>(arguments)...),
-        max_resident_bytes_(options.process_bytes),
-        server_(options, service_, Service::full_name(),
-                [this] { return service_.can_take_work(); }) {}
+        max_resident_bytes_(options.max_memory_bytes),
+        server_(options, service_, Service::full_name()) {}
   // Stops what is under way and answers it UNAVAILABLE.
   ~ServiceServer() { service_.drain(std::chrono::seconds(0)); }
   ServiceServer(const ServiceServer&) = delete;

@@ -13,13 +13,9 @@ uint64_t max_message_bytes(uint64_t max_pixels) {
 }
 
 GrpcServerOptions server_options(const PredictServerOptions& options) {
-  return within_memory({.listen = options.listen,
-                        .security = options.security,
-                        .reflection = options.reflection,
-                        .max_message_bytes = max_message_bytes(options.service.max_pixels),
-                        .transport_bytes = 0,
-                        .process_bytes = options.max_memory_bytes},
-                       PredictServer::kOwnBytes);
+  GrpcServerOptions server = options;
+  server.max_message_bytes = max_message_bytes(options.service.max_pixels);
+  return within_memory(server, PredictServer::kOwnBytes);
 }
 
 PredictServiceOptions service_options(const PredictServerOptions& options) {

@@ -1,21 +1,16 @@
-// A predictor: the prediction service with health service and reflection.
+// A predictor: the prediction service behind a port.
 #pragma once
 
 #include <cstdint>
 #include <memory>
-#include <optional>
-#include <string>
 
 #include "common/rpc/service_server.h"
 #include "server/predict/predict_service.h"
 
 namespace itn {
 
-struct PredictServerOptions {
-  std::string listen;  // as in GrpcServerOptions
-  ServerSecurity security = {};
-  std::optional<bool> reflection;  // GrpcServerOptions
-  uint64_t max_memory_bytes = 0;   // as in RenderServerOptions
+// As RenderServerOptions.
+struct PredictServerOptions : GrpcServerOptions {
   PredictServiceOptions service;
 };
 

@@ -49,8 +49,6 @@ class PredictService final
 
   static std::string full_name() { return v1::PredictService::service_full_name(); }
 
-  bool can_take_work() const { return desk_.can_take_work(); }
-
   void describe(ServerMetrics& metrics) const { desk_.describe(metrics); }
 
   // See CallDesk.

@@ -20,13 +20,9 @@ RenderServiceOptions service_options(const RenderServerOptions& options) {
 }
 
 GrpcServerOptions server_options(const RenderServerOptions& options) {
-  return within_memory({.listen = options.listen,
-                        .security = options.security,
-                        .reflection = options.reflection,
-                        .max_message_bytes = options.service.limits.max_message_bytes,
-                        .transport_bytes = 0,
-                        .process_bytes = options.max_memory_bytes},
-                       RenderServer::kOwnBytes);
+  GrpcServerOptions server = options;
+  server.max_message_bytes = options.service.limits.max_message_bytes;
+  return within_memory(server, RenderServer::kOwnBytes);
 }
 
 }  // namespace

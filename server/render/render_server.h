@@ -1,24 +1,17 @@
-// A render worker: the render service with health service and reflection, behind a port, an
-// in-process channel, or both.
+// A render worker: the render service behind a port, an in-process channel, or both.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
-#include <optional>
-#include <string>
 
 #include "common/rpc/service_server.h"
 #include "server/render/render_service.h"
 
 namespace itn {
 
-struct RenderServerOptions {
-  std::string listen;  // as in GrpcServerOptions
-  ServerSecurity security = {};
-  std::optional<bool> reflection;  // GrpcServerOptions
-  // Of the process, resident; 0: no limit. Lowers the limits of the service to what fits
-  // (plan_memory).
-  uint64_t max_memory_bytes = 0;
+// `max_memory_bytes` lowers the limits of the service to what fits (plan_memory); messages are
+// bounded by those limits.
+struct RenderServerOptions : GrpcServerOptions {
   RenderServiceOptions service;
 };
 

@@ -43,7 +43,6 @@ class RenderService final
 
   static std::string full_name() { return v1::RenderService::service_full_name(); }
 
-  bool can_take_work() const { return desk_.can_take_work(); }
   size_t running() const { return desk_.running(); }
   size_t waiting() const { return desk_.waiting(); }
 

@@ -175,12 +175,12 @@ int run(int argc, char** argv) {
       *checkpoint.mutable_model() = random_model(options);
       write_checkpoint(options.model, checkpoint);
     }
+    PredictServerOptions serving;
+    serving.listen = "127.0.0.1:0";
+    serving.service.max_batch = options.max_batch;
     server = std::make_unique<PredictServer>(
         std::make_shared<ModelStore>(ModelStoreOptions{.models = {options.model}, .folder = {}}),
-        PredictServerOptions{.listen = "127.0.0.1:0",
-                             .reflection = false,
-                             .max_memory_bytes = 0,
-                             .service = {.max_batch = options.max_batch}});
+        serving);
     options.predictor = server->address();
   }
   grpc::ChannelArguments arguments;

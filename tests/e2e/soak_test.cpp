@@ -62,10 +62,10 @@ class Outcomes {
   // `kind`: of the call; `expected`: the only status, or empty for any.
   void add(const std::string& kind, const grpc::Status& status, const std::string& expected) {
     const std::lock_guard lock(mutex_);
-    ++counts_[kind + ": " + status_name(status)];
-    if (!expected.empty() && status_name(status) != expected && ++reported_ < 10) {
-      ADD_FAILURE() << kind << ": " << status_name(status) << " (" << status.error_message()
-                    << ") rather than " << expected;
+    ++counts_[kind + ": " + status_name(status.error_code())];
+    if (!expected.empty() && status_name(status.error_code()) != expected && ++reported_ < 10) {
+      ADD_FAILURE() << kind << ": " << status_name(status.error_code()) << " ("
+                    << status.error_message() << ") rather than " << expected;
     }
   }
 
@@ -282,7 +282,7 @@ double allocated_bytes(const std::string& metrics) {
   return metric(metrics, "itn_allocated_memory_bytes");
 }
 
-void soak(const char* program, std::vector<std::string> flags, Caller caller) {
+void soak(const std::string& program, std::vector<std::string> flags, Caller caller) {
   const TemporaryFolder folder;
   const std::string metrics = folder.path("itn.prom");
   flags.insert(flags.end(),

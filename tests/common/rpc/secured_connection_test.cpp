@@ -35,8 +35,6 @@ using testing::TestAuthority;
 
 constexpr const char* kCapabilities = "/itn.v1.RenderService/GetCapabilities";
 constexpr const char* kHealth = "/grpc.health.v1.Health/Check";
-constexpr const char* kReflection =
-    "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo";
 
 class AnsweringService final : public v1::RenderService::CallbackService {
  public:
@@ -56,12 +54,11 @@ class Server {
             {
                 .listen = listen,
                 .security = security,
-                .reflection = true,
                 .max_message_bytes = 1 << 20,
                 .transport_bytes = 0,
-                .process_bytes = 0,
+                .max_memory_bytes = 0,
             },
-            service_, "itn.v1.RenderService", [] { return true; }) {}
+            service_, "itn.v1.RenderService") {}
 
   const std::string& address() const { return server_.address(); }
 
@@ -289,7 +286,6 @@ TEST(Token, IsWantedOfCallsButOfHealthChecks) {
   expect_failure(ask(with(kOtherToken), server.address()), kRefused, "not one of this server's");
   const Connector without;
   expect_failure(ask(without, server.address()), kRefused, "this server wants a token");
-  expect_failure(ask(without, server.address(), kReflection), kRefused, "wants a token");
   expect_failure(ask(without, server.address(), "/grpc.health.v1.Healthy/Check"), kRefused,
                  "wants a token");
   EXPECT_TRUE(ask(without, server.address(), kHealth).ok());

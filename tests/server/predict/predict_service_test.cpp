@@ -84,9 +84,10 @@ class PredictServiceTest : public ::testing::Test {
 
   void serve(const ModelStoreOptions& models) {
     models_ = std::make_shared<ModelStore>(models);
-    server_ = std::make_unique<PredictServer>(
-        models_, PredictServerOptions{
-                     .listen = "127.0.0.1:0", .reflection = {}, .service = {.max_pixels = 1000}});
+    PredictServerOptions options;
+    options.listen = "127.0.0.1:0";
+    options.service.max_pixels = 1000;
+    server_ = std::make_unique<PredictServer>(models_, options);
     stub_ = v1::PredictService::NewStub(
         grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
   }

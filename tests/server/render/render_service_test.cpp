@@ -934,7 +934,7 @@ TEST(RenderService, ServerThatGoesAwayCancelsWhatRuns) {
   EXPECT_FALSE(busy.get().ok());
 }
 
-// ---- Health and reflection ---------------------------------------------------------------------
+// ---- Health ------------------------------------------------------------------------------------
 
 TEST(RenderServer, TellsItsHealth) {
   auto options = one_thread();
@@ -946,38 +946,6 @@ TEST(RenderServer, TellsItsHealth) {
     EXPECT_EQ(serving, 1U) << service;
   }
   EXPECT_EQ(health(connect(server), "no.such.Service").first.error_code(), grpc::NOT_FOUND);
-}
-
-// Asks the reflection service for anything.
-grpc::StatusCode reflection_answer(const RenderServer& server) {
-  grpc::TemplatedGenericStub<google::protobuf::StringValue, google::protobuf::StringValue> stub(
-      connect(server));
-  grpc::ClientContext context;
-  context.set_deadline(std::chrono::system_clock::now() + 5s);
-  google::protobuf::StringValue request, response;
-  std::promise<grpc::Status> done;
-  stub.UnaryCall(&context, "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
-                 grpc::StubOptions(), &request, &response,
-                 [&](grpc::Status status) { done.set_value(std::move(status)); });
-  return done.get_future().get().error_code();
-}
-
-TEST(RenderServer, HasReflectionForKnownClientsOrIfAsked) {
-  struct Case {
-    bool insecure;
-    std::optional<bool> asked;
-    bool expected;
-  };
-  for (const auto& [insecure, asked, expected] : {Case{false, {}, true}, Case{false, false, false},
-                                                  Case{true, {}, false}, Case{true, true, true}}) {
-    SCOPED_TRACE(fmt::format("insecure: {}, asked: {}", insecure, asked.value_or(insecure)));
-    auto options = one_thread();
-    options.listen = "127.0.0.1:0";
-    options.security.insecure = insecure;
-    options.reflection = asked;
-    RenderServer server(options);
-    EXPECT_EQ(reflection_answer(server) != grpc::UNIMPLEMENTED, expected);
-  }
 }
 
 TEST(RenderServer, DoesNotShareAPort) {
@@ -1047,19 +1015,5 @@ TEST(RenderServer, AnswersUnavailableWhatIsNotDoneInTimeWhenItStops) {
 }
 
 // Health of the service is whether it takes work, that of the server whether it is there.
-TEST(RenderServer, IsNotReadyWhileItsQueueIsFull) {
-  BusyServer busy(0, "127.0.0.1:0");
-  const auto channel = connect(busy.server());
-  const auto becomes = [&](uint32_t state) {
-    return testing::eventually(
-        [&] { return health(channel, "itn.v1.RenderService").second == state; });
-  };
-  EXPECT_TRUE(becomes(2));
-  EXPECT_EQ(health(channel, "").second, 1U);
-  busy.context().TryCancel();
-  EXPECT_EQ(busy.end().error_code(), grpc::CANCELLED);
-  EXPECT_TRUE(becomes(1));
-}
-
 }  // namespace
 }  // namespace itn
