@@ -23,7 +23,6 @@
 #include "client/render_pool/render_pool.h"
 #include "client/training/camera_augmentation.h"
 #include "client/training/dataset_training.h"
-#include "client/training/stream_batches.h"
 #include "client/training/training_config.h"
 #include "client/training/training_run.h"
 #include "client/training/validation.h"
@@ -43,16 +42,12 @@ namespace fs = std::filesystem;
 
 struct TrainOptions {
   std::string dataset;
-  std::string stream;  // preset or dataset file
-  uint32_t held = 0, first_images = 0;
-  double reuse = 0;
-  std::string validation_dataset;
   std::string folder;
   std::string preset = "paper";
   std::string config;  // file
   bool print_config = false;
   std::string loss, parameterization, distribution, exposure, architecture, schedule, precision,
-      optimizer, image_term, image_weights;
+      optimizer, image_weights;
   std::string init;
   std::string model_name, model_version;
   uint32_t resolution = 0;
@@ -77,14 +72,6 @@ struct TrainOptions {
   WorkerFlags workers;
   bool json = false;
 };
-
-// A preset by its name, or a dataset file.
-v1::DatasetConfig stream_images(const std::string& what) {
-  for (const DatasetPreset& preset : dataset_presets()) {
-    if (what == preset.name) return preset_config(what);
-  }
-  return load_dataset_config(what);
-}
 
 uint64_t steps_of(const TrainOptions& options, size_t items, uint32_t batch) {
   if (options.steps) {
@@ -143,10 +130,6 @@ class Flags {
     if (given("--estimates")) config.set_estimates(options_.estimates);
     if (given("--pilot-spp")) config.set_pilot_spp(options_.pilot_spp);
     if (options_.lambda) config.set_lambda(*options_.lambda);
-    if (given("--image-term")) {
-      config.set_image_term(options_.image_term == "linear" ? v1::TrainingConfig::LINEAR
-                                                            : v1::TrainingConfig::RENDERED);
-    }
     if (given("--image-weights")) {
       config.set_image_weights(options_.image_weights == "uniform"
                                    ? v1::TrainingConfig::UNIFORM
@@ -154,7 +137,6 @@ class Flags {
     }
     clear_what_is_of_another_loss(config);
     set_augmentation(*config.mutable_augmentation());
-    set_stream(config);
     return config;
   }
 
@@ -208,16 +190,6 @@ class Flags {
         augmentation.clear_camera();
       }
     }
-  }
-
-  void set_stream(v1::TrainingConfig& config) const {
-    if (given("--stream")) {
-      *config.mutable_stream()->mutable_images() = stream_images(options_.stream);
-    }
-    if (given("--held")) config.mutable_stream()->set_capacity(options_.held);
-    if (given("--first-images")) config.mutable_stream()->set_first(options_.first_images);
-    if (given("--reuse")) config.mutable_stream()->set_reuse(options_.reuse);
-    if (config.has_stream()) complete(*config.mutable_stream(), config.batch());
   }
 
   const TrainOptions& options_;
@@ -283,18 +255,6 @@ std::string full_path(const fs::path& folder) {
   return fs::absolute(folder).lexically_normal().string();
 }
 
-// A folder that a run was started with; `command` names another.
-const std::string& remembered(const char* what, const std::string& folder, const char* command,
-                              const TrainOptions& options) {
-  if (!fs::exists(folder)) {
-    throw Error(ErrorKind::kIo,
-                fmt::format("the {} of this run was in {} and is not there any more; where is it? "
-                            "{} {}",
-                            what, folder, command, options.folder));
-  }
-  return folder;
-}
-
 // The dataset: the one that is named, or the one that the run was started with.
 std::string dataset_folder(const TrainOptions& options,
                            const std::optional<v1::Checkpoint>& there) {
@@ -311,37 +271,23 @@ std::string dataset_folder(const TrainOptions& options,
                 "which dataset? itn train DATASET -o RUN (only a run that is "
                 "resumed knows it: itn train --resume -o RUN)");
   }
-  return remembered("dataset", there->training().dataset(), "itn train DATASET --resume -o",
-                    options);
-}
-
-// Likewise the one that a stream is validated on; empty if there is none.
-std::string validation_folder(const TrainOptions& options,
-                              const std::optional<v1::Checkpoint>& there) {
-  if (!options.validation_dataset.empty() || !options.resume || !there) {
-    return options.validation_dataset;
+  const std::string& folder = there->training().dataset();
+  if (folder.empty()) {
+    throw invalid_input(
+        fmt::format("the run in {} learned from a stream of renders, which itn 0.2 has no more; "
+                    "itn train DATASET -o RUN --init {} goes on from its model",
+                    options.folder, options.folder));
   }
-  const std::string& folder = there->training().validation_dataset();
-  if (folder.empty() || options.validate_every == 0) {
-    return folder;
+  if (!fs::exists(folder)) {
+    throw Error(ErrorKind::kIo,
+                fmt::format("the dataset of this run was in {} and is not there any more; where is "
+                            "it? itn train DATASET --resume -o {}",
+                            folder, options.folder));
   }
-  return remembered("validation dataset", folder,
-                    "itn train --validation-dataset DATASET --resume -o", options);
+  return folder;
 }
 
-// Of datasets, for whoever continues a run; empty: none.
-struct Folders {
-  std::string dataset, validation;
-};
-
-// Of the dataset, if there is one, it has any, and they are asked for.
-std::unique_ptr<ValidationSet> validation_set(DatasetReader* dataset, const PackedFormat& format,
-                                              const TrainOptions& options, double noise) {
-  if (options.validate_every == 0 || dataset == nullptr) return nullptr;
-  return validation_set(*dataset, format, options.folder, noise, interruption());
-}
-
-// Everything of a call that does not depend on where its images come from.
+// One call: what it was told, and its folder.
 class Training {
  public:
   Training(const TrainOptions& options, const CLI::App& command)
@@ -402,18 +348,16 @@ class Training {
     return there_ ? v1::Model() : start_model(init_, fit(), images);
   }
 
-  // Runs `train` with what every run has, and prints what became of it. `images`: those of training
-  // at its end.
+  // Runs `train` with what every run has, and prints what became of it. `images`: those of
+  // training.
   template <typename Train>
-  void run(const v1::TrainingConfig& config, const Folders& folders,
-           const std::function<ImageSource()>& images, const ValidationSet* validation,
-           const RenderPool* pool, const Train& train) {
+  void run(const v1::TrainingConfig& config, const std::string& dataset, const ImageSource& images,
+           const ValidationSet* validation, const RenderPool* pool, const Train& train) {
     v1::TrainingSummary summary;
     std::optional<Progress> progress;
     std::string validated;  // as it is shown
     TrainingRun run{.folder = options_.folder,
-                    .dataset = folders.dataset,
-                    .validation_dataset = folders.validation,
+                    .dataset = dataset,
                     .checkpoint_every = options_.checkpoint_every,
                     .model_name = model_name(),
                     .model_version = options_.model_version,
@@ -486,12 +430,17 @@ class Training {
   std::optional<v1::Model> init_;
 };
 
-void train_with_dataset(Training& training) {
-  const TrainOptions& options = training.options();
-  if (!options.validation_dataset.empty()) {
-    throw Error(ErrorKind::kUsage,
-                "--validation-dataset goes with --stream; a dataset has a validation split itself");
+void run(const TrainOptions& given, const CLI::App& command) {
+  if (given.print_config) {
+    print_result("{}", to_text_proto(Flags(given, command).over(base_config(given))));
+    return;
   }
+  if (given.folder.empty()) {
+    throw Error(ErrorKind::kUsage, "where to? itn train DATASET -o RUN");
+  }
+  check_folder_writable(given.folder);
+  Training training(given, command);
+  const TrainOptions& options = training.options();
   DatasetReader dataset(dataset_folder(options, training.there()));
   const LabelledImages images = images_of(dataset, v1::SPLIT_TRAIN);
   // What is asked for.
@@ -505,83 +454,23 @@ void train_with_dataset(Training& training) {
   const PackedInputs inputs(images, format, options.folder, interruption(),
                             moves_materials(config));
   const std::unique_ptr<ValidationSet> validation =
-      validation_set(&dataset, format, options, config.augmentation().noise().max());
+      options.validate_every == 0
+          ? nullptr
+          : validation_set(dataset, format, options.folder, config.augmentation().noise().max(),
+                           interruption());
   const v1::Model model = training.start(dataset.manifest().config(), [&] {
     return fit_model(images, inputs.mean_radiance(), material_range(dataset.manifest().config()),
                      config);
   });
   // Train.
   std::optional<RenderPool> pool;
-  const ImageTermSource image_term = image_term_source(
-      config, images, [&]() -> RenderPool& { return pool.emplace(options.workers.pool_options()); },
+  const ImageTerm image_term = image_term_of(
+      config, [&]() -> RenderPool& { return pool.emplace(options.workers.pool_options()); },
       interruption());
-  training.run(
-      config, {.dataset = full_path(dataset.folder()), .validation = ""},
-      [&] { return source_of(inputs); }, validation.get(), pool ? &*pool : nullptr,
-      [&](const TrainingRun& run) {
-        return train(config, images, inputs, model, image_term, run);
-      });
-}
-
-void train_with_stream(Training& training) {
-  const TrainOptions& options = training.options();
-  if (!options.dataset.empty()) {
-    throw Error(ErrorKind::kUsage,
-                "a dataset is named, and the configuration has a stream; a run learns from one of "
-                "them");
-  }
-  // What is asked for.
-  v1::TrainingConfig config = training.config();
-  const v1::Stream& stream = config.stream();
-  if (config.loss() == v1::TrainingConfig::ITN) {
-    throw invalid_input(
-        "a stream has no image term: --stream goes with --loss rn; an ITN can go on from there "
-        "with a dataset and --init");
-  }
-  if (config.steps() == 0 && !options.steps) {
-    throw Error(ErrorKind::kUsage, "a stream has no end: how many --steps?");
-  }
-  training.complete(config, stream.capacity());
-  const PackedFormat format{
-      .resolution = resolution_of(config, static_cast<int>(stream.images().resolution())),
-      .input = config.input()};
-  training.check(config, format.resolution);
-  // Render what the next step needs.
-  std::string validated_on = validation_folder(options, training.there());
-  std::optional<DatasetReader> dataset;
-  if (!validated_on.empty() && options.validate_every > 0) {
-    dataset.emplace(validated_on);
-    validated_on = full_path(validated_on);
-  }
-  const std::unique_ptr<ValidationSet> validation = validation_set(
-      dataset ? &*dataset : nullptr, format, options, config.augmentation().noise().max());
-  RenderPool pool(options.workers.pool_options());
-  auto batches = std::make_unique<StreamBatches>(
-      stream, format, training.there() ? training.there()->training().step() : 0, config.batch(),
-      config.seed(), pool, options.folder, interruption());
-  const v1::Model model = training.start(stream.images(), [&] {
-    return fit_model(batches->truth(), batches->resolution(), batches->mean_radiance(),
-                     material_range(stream.images()), config);
-  });
-  // Train.
-  const StreamBatches& stream_batches = *batches;
-  training.run(
-      config, {.dataset = "", .validation = validated_on}, [&] { return stream_batches.held(); },
-      validation.get(), &pool,
-      [&](const TrainingRun& run) { return train(config, std::move(batches), model, run); });
-}
-
-void run(const TrainOptions& options, const CLI::App& command) {
-  if (options.print_config) {
-    print_result("{}", to_text_proto(Flags(options, command).over(base_config(options))));
-    return;
-  }
-  if (options.folder.empty()) {
-    throw Error(ErrorKind::kUsage, "where to? itn train DATASET -o RUN");
-  }
-  check_folder_writable(options.folder);
-  Training training(options, command);
-  training.config().has_stream() ? train_with_stream(training) : train_with_dataset(training);
+  training.run(config, full_path(dataset.folder()), source_of(inputs), validation.get(),
+               pool ? &*pool : nullptr, [&](const TrainingRun& run) {
+                 return train(config, images, inputs, model, image_term, run);
+               });
 }
 
 }  // namespace
@@ -592,29 +481,6 @@ void add_train_command(CLI::App& app) {
       "train", "Train a network with a dataset; the same command continues what was stopped");
   command->add_option("dataset", options->dataset,
                       "Folder that itn dataset wrote; --resume knows it");
-  CLI::Option* stream = command->add_option(
-      "--stream", options->stream,
-      "Instead of a dataset: images of endless random shapes, rendered while the network learns; "
-      "the name of a preset of itn dataset, or a dataset file. --resume knows it; after a pause "
-      "the images that were held are rendered again");
-  stream->excludes("dataset");
-  command
-      ->add_option("--reuse", options->reuse,
-                   "Times that each image of a stream is shown, on average: a step waits for "
-                   "images, or images for a step")
-      ->check(number_in(1.0, 1000.0))
-      ->default_str(fmt::format("{}", kStreamReuse));
-  command
-      ->add_option("--held", options->held,
-                   "Images of a stream, the newest, that a step draws its batch from")
-      ->check(number_in(1U, 1U << 24))
-      ->default_str(fmt::format("{}", kStreamCapacity));
-  command->add_option("--first-images", options->first_images, "Of a stream, before the first step")
-      ->check(number_in(1U, 1U << 24))
-      ->default_str(fmt::format("{}", kStreamFirst));
-  command->add_option("--validation-dataset", options->validation_dataset,
-                      "Folder of a dataset whose validation split a stream is validated on; "
-                      "--resume knows it");
   command->add_option("-o,--output", options->folder, "Folder of the run; required to train");
   command
       ->add_option("--preset", options->preset,
@@ -754,13 +620,6 @@ void add_train_command(CLI::App& app) {
                    "with; 0: the weights of the last step; default: 0 (paper), 0.999")
       ->check(number_in(0.0, 0.999999));
   command
-      ->add_option(
-          "--image-term", options->image_term,
-          "Of the ITN loss. rendered: each prediction is rendered in each step; linear: the "
-          "dataset's derivative images say how far its image is (itn dataset "
-          "--derivatives), and nothing is rendered. Default: rendered")
-      ->check(one_of({"rendered", "linear"}));
-  command
       ->add_option("--image-weights", options->image_weights,
                    "How pixels count in the image term. map: most near edges; uniform: all of the "
                    "object alike. Default: map")
@@ -798,7 +657,7 @@ void add_train_command(CLI::App& app) {
       ->capture_default_str();
   command->add_flag(
       "--resume", options->resume,
-      "Continue the folder's run, if there is one: its flags, the datasets too, need not "
+      "Continue the folder's run, if there is one: its flags, the dataset too, need not "
       "be given again, and those that are must be the same; --steps may be more");
   command
       ->add_option("--torch-threads", options->torch_threads,

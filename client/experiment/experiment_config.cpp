@@ -115,13 +115,10 @@ void validate_networks(const v1::Experiment& experiment) {
     } catch (const Error& error) {
       throw Error(error.kind(), fmt::format("{}: {}", name, error.what()));
     }
-    require(!network.settings().has_stream() && !experiment.training().has_stream(),
-            fmt::format("{}: it has a stream; an experiment's networks see the same images", name));
     const v1::TrainingConfig own = own_training(experiment, network, 1e-4);
-    require(experiment.dataset().derivatives() ||
-                (own.image_term() != v1::TrainingConfig::LINEAR && !moves_materials(own)),
-            fmt::format("{}: image_term LINEAR and augmentation.material_step take derivative "
-                        "images: dataset {{ derivatives: true }}",
+    require(experiment.dataset().derivatives() || !moves_materials(own),
+            fmt::format("{}: augmentation.material_step takes derivative images: dataset {{ "
+                        "derivatives: true }}",
                         name));
   }
 }

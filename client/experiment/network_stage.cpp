@@ -104,21 +104,20 @@ v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
                   fit_model(images, inputs.mean_radiance(),
                             material_range(dataset.manifest().config()), config),
                   dataset.manifest().config());
-  const ImageTermSource image_term = image_term_source(config, images, run.pool, run.stop);
+  const ImageTerm image_term = image_term_of(config, run.pool, run.stop);
   // Train.
   StepClock clock(run.cpu_seconds);
   clock.begin();
   train(config, images, inputs, start, image_term,
         {.folder = run.folder,
          .dataset = fs::absolute(dataset.folder()).string(),
-         .validation_dataset = "",
          .checkpoint_every = run.validate_every,
          .model_name = there ? "" : run.model_name,
          .model_version = "",
          .validate = [&](const v1::Model& now) { return validation->validation.measure(now); },
          .validate_every = run.validate_every,
          .patience = 0,
-         .complete = completion([&] { return source_of(inputs); }, validation.get(), run.stop),
+         .complete = completion(source_of(inputs), validation.get(), run.stop),
          .report =
              [&](const v1::TrainingMetrics& metrics) {
                clock.step();

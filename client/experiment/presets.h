@@ -150,11 +150,6 @@ networks {
   as_long_as: "ITN, 64 spp"
 }
 networks {
-  name: "ITN, linear term"
-  settings { loss: ITN image_term: LINEAR }
-  as_long_as: "ITN, 64 spp"
-}
-networks {
   name: "RN, as long"
   settings { loss: RN }
   as_long_as: "ITN, 64 spp"

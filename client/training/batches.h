@@ -13,7 +13,7 @@
 namespace itn {
 
 struct TrainingImages {
-  std::vector<uint32_t> items;  // their numbers in the LabelledImages; none if they are of a stream
+  std::vector<uint32_t> items;  // their numbers in the LabelledImages
   ImageBatch images;
   std::vector<Material> truth;
 };
@@ -30,11 +30,8 @@ class Batches {
   // Of the images, in pixels a side.
   virtual int resolution() const = 0;
 
-  // Images that had come when this step was taken; of a dataset all.
-  virtual uint64_t images_until(uint64_t step) const = 0;
-
-  // That of_step() has waited for images so far.
-  virtual double waited_seconds() const { return 0; }
+  // Of an epoch.
+  virtual uint64_t image_count() const = 0;
 };
 
 // All images of a split, each once in every epoch.
@@ -45,7 +42,7 @@ class DatasetBatches final : public Batches {
 
   TrainingImages of_step(uint64_t step, uint32_t size) override;
   int resolution() const override { return inputs_.format().resolution; }
-  uint64_t images_until(uint64_t /*step*/) const override { return images_.items.size(); }
+  uint64_t image_count() const override { return images_.items.size(); }
 
  private:
   const LabelledImages& images_;

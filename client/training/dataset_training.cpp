@@ -4,7 +4,6 @@
 
 #include "client/dataset/dataset_config.h"
 #include "client/training/complete_model.h"
-#include "client/training/image_metric.h"
 #include "client/training/image_term.h"
 
 namespace itn {
@@ -40,10 +39,10 @@ v1::Model start_model(const std::optional<v1::Model>& init, const v1::Model& fit
   return model;
 }
 
-std::function<void(v1::Model&)> completion(std::function<ImageSource()> images,
-                                           const ValidationSet* validation, std::stop_token stop) {
+std::function<void(v1::Model&)> completion(ImageSource images, const ValidationSet* validation,
+                                           std::stop_token stop) {
   return [images = std::move(images), validation, stop = std::move(stop)](v1::Model& model) {
-    complete_model(images(),
+    complete_model(images,
                    validation != nullptr
                        ? HeldOutImages{source_of(validation->inputs), validation->images.truth}
                        : HeldOutImages{},
@@ -51,16 +50,13 @@ std::function<void(v1::Model&)> completion(std::function<ImageSource()> images,
   };
 }
 
-ImageTermSource image_term_source(const v1::TrainingConfig& config, const LabelledImages& images,
-                                  const std::function<RenderPool&()>& pool, std::stop_token stop) {
+ImageTerm image_term_of(const v1::TrainingConfig& config, const std::function<RenderPool&()>& pool,
+                        std::stop_token stop) {
   if (config.loss() != v1::TrainingConfig::ITN) return {};
-  if (config.image_term() == v1::TrainingConfig::LINEAR) {
-    return image_metrics(images, config.image_weights(), stop);
-  }
   return rendered_image_term(
       pool(),
       {.spp = config.spp(), .estimates = config.estimates(), .pilot_spp = config.pilot_spp()},
-      stop);
+      std::move(stop));
 }
 
 }  // namespace itn

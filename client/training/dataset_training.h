@@ -44,14 +44,14 @@ int resolution_of(const v1::TrainingConfig& config, int images);
 v1::Model start_model(const std::optional<v1::Model>& init, const v1::Model& fitted,
                       const v1::DatasetConfig& images);
 
-// Of a model whose run is over (TrainingRun::complete). `images`: those of training, asked for
-// then. The validation set, which may be null, must outlive it.
-std::function<void(v1::Model&)> completion(std::function<ImageSource()> images,
-                                           const ValidationSet* validation, std::stop_token stop);
+// Of a model whose run is over (TrainingRun::complete). `images`: those of training. The validation
+// set, which may be null, must outlive it.
+std::function<void(v1::Model&)> completion(ImageSource images, const ValidationSet* validation,
+                                           std::stop_token stop);
 
-// What the loss of the configuration needs; nothing for RN. `pool`: called if something is
-// rendered; what it returns must outlive the result.
-ImageTermSource image_term_source(const v1::TrainingConfig& config, const LabelledImages& images,
-                                  const std::function<RenderPool&()>& pool, std::stop_token stop);
+// What the loss of the configuration needs; empty for RN. `pool`: called if something is rendered;
+// what it returns must outlive the result.
+ImageTerm image_term_of(const v1::TrainingConfig& config, const std::function<RenderPool&()>& pool,
+                        std::stop_token stop);
 
 }  // namespace itn

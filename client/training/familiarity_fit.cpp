@@ -12,7 +12,6 @@ namespace itn {
 namespace {
 
 constexpr size_t kMostImages = 4096, kMostSpoilt = 1024, kFewestImages = 32;
-constexpr size_t kImagesAtATime = 32;
 // Where samples ran out, an image shows little else than noise; if those counted as what is usual,
 // noise would.
 constexpr double kMuchNoise = 1.5;  // over the median

@@ -1,4 +1,4 @@
-// Images at hand for whoever measures a trained network: of a dataset's split or of a stream.
+// Images at hand for whoever measures a trained network: of a dataset's split.
 #pragma once
 
 #include <cstddef>
@@ -11,6 +11,9 @@
 #include "common/material.h"
 
 namespace itn {
+
+// That go through a network together when it is measured.
+inline constexpr size_t kImagesAtATime = 32;
 
 // By number, at the resolution of a model.
 struct ImageSource {

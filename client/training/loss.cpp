@@ -4,6 +4,7 @@
 
 #include "client/dataset/sampler.h"
 #include "common/learning/gaussian.h"
+#include "common/learning/weight_map.h"
 
 namespace itn {
 namespace {
@@ -33,6 +34,13 @@ std::unique_ptr<Loss> distance_to_truth(v1::OutputDistribution output, double me
     return std::make_unique<LikelihoodLoss>(mean_weight);
   }
   return std::make_unique<RegressionLoss>();
+}
+
+std::vector<float> image_weights(const DatasetImage& image, int resolution,
+                                 v1::TrainingConfig::ImageWeights weights) {
+  return weights == v1::TrainingConfig::UNIFORM
+             ? image.mask
+             : weight_map(resolution, resolution, image.radiance, image.mask);
 }
 
 ImageLoss::ImageLoss(const OutputSpace& space, const LabelledImages& images, ImageTerm image_term,
@@ -73,42 +81,6 @@ LossTerm ImageLoss::evaluate(const Batch& batch, const torch::Tensor& outputs) {
     }
     term.value += losses[i].value / static_cast<double>(count);
   }
-  return term;
-}
-
-LinearImageLoss::LinearImageLoss(const OutputSpace& space, const LabelledImages& images,
-                                 std::span<const ImageMetric> metrics) {
-  const auto count = static_cast<int64_t>(metrics.size());
-  torch::Tensor by_material = torch::empty({count, 3, 3}, torch::kFloat64);
-  torch::Tensor jacobians = torch::empty({count, 3, 3}, torch::kFloat64);
-  auto m = by_material.accessor<double, 3>(), j = jacobians.accessor<double, 3>();
-  for (int64_t item = 0; item < count; ++item) {
-    const auto at = static_cast<size_t>(item);
-    const Jacobian jacobian = space.output_jacobian(images.truth[at]);
-    for (size_t i = 0; i < 3; ++i) {
-      for (size_t k = 0; k < 3; ++k) {
-        const auto row = static_cast<int64_t>(i), column = static_cast<int64_t>(k);
-        m[item][row][column] = metrics[at][i][k];
-        j[item][row][column] = jacobian[i][k];
-      }
-    }
-  }
-  const auto [values, vectors] =
-      torch::linalg_eigh(jacobians.transpose(1, 2).matmul(by_material).matmul(jacobians));
-  metrics_ = vectors.matmul(torch::diag_embed(values.clamp_min(0)))
-                 .matmul(vectors.transpose(1, 2))
-                 .to(torch::kFloat32);
-}
-
-LossTerm LinearImageLoss::evaluate(const Batch& batch, const torch::Tensor& outputs) {
-  const torch::Tensor difference = outputs.slice(1, 0, 3) - batch.targets;
-  const std::vector<int64_t> items(batch.items.begin(), batch.items.end());
-  const torch::Tensor pull =
-      metrics_.index_select(0, torch::tensor(items)).matmul(difference.unsqueeze(2)).squeeze(2);
-  LossTerm term;
-  term.value = (difference * pull).sum(1).mean().item<double>();
-  term.gradient = torch::zeros_like(outputs);
-  term.gradient.slice(1, 0, 3) = 2 * pull;
   return term;
 }
 

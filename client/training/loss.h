@@ -5,10 +5,10 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <vector>
 
 #include <torch/types.h>
 
-#include "client/training/image_metric.h"
 #include "client/training/image_term.h"
 #include "client/training/training_set.h"
 #include "common/learning/parameterization.h"
@@ -56,6 +56,10 @@ class LikelihoodLoss final : public Loss {
 // The one that fits the output distribution. `mean_weight`: of LikelihoodLoss.
 std::unique_ptr<Loss> distance_to_truth(v1::OutputDistribution output, double mean_weight);
 
+// How much the pixels of an image count: w, in [0, 1].
+std::vector<float> image_weights(const DatasetImage& image, int resolution,
+                                 v1::TrainingConfig::ImageWeights weights);
+
 // Distance of the re-rendered image to the input (Eq. 10), through the renderer's gradients. The
 // material that is rendered is that of the first three outputs: the best guess, or the centre of
 // the Gaussian.
@@ -73,21 +77,6 @@ class ImageLoss final : public Loss {
   ImageTerm image_term_;
   v1::TrainingConfig::ImageWeights weights_;
   uint64_t seed_;
-};
-
-// The same distance to second order around the truth: d^T M d, where d is how far the first three
-// outputs are from those of the truth. M is that of image_metric.h, in the outputs' coordinates;
-// directions in which its noise has made it negative count nothing. Renders nothing.
-class LinearImageLoss final : public Loss {
- public:
-  // `metrics`: by the number of the item, in sigma_t, albedo and g.
-  LinearImageLoss(const OutputSpace& space, const LabelledImages& images,
-                  std::span<const ImageMetric> metrics);
-
-  LossTerm evaluate(const Batch& batch, const torch::Tensor& outputs) override;
-
- private:
-  torch::Tensor metrics_;  // items x 3 x 3
 };
 
 // A loss that torch can differentiate in the place of one that it cannot: its value means nothing;

@@ -23,7 +23,7 @@ class MovedMaterials final : public Batches {
 
   TrainingImages of_step(uint64_t step, uint32_t size) override;
   int resolution() const override { return batches_->resolution(); }
-  uint64_t images_until(uint64_t step) const override { return batches_->images_until(step); }
+  uint64_t image_count() const override { return batches_->image_count(); }
 
  private:
   Material moved(const Material& material, const Triple& normal) const;

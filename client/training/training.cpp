@@ -183,9 +183,8 @@ void validate(const v1::TrainingConfig& config) {
   require(config.input() != v1::NETWORK_INPUT_UNSPECIFIED, "an input is needed");
   require(config.exposure() != v1::EXPOSURE_UNSPECIFIED, "exposure must be known or unknown");
   validate(config.augmentation());
-  require(
-      !moves_materials(config) || (config.loss() == v1::TrainingConfig::RN && !config.has_stream()),
-      "augmentation.material_step changes what images are of: it takes the loss RN and a dataset");
+  require(!moves_materials(config) || config.loss() == v1::TrainingConfig::RN,
+          "augmentation.material_step changes what images are of: it takes the loss RN");
   require(!moves_materials(config) || !needs_weight_map(config.input()),
           "augmentation.material_step changes the luminance, from which the input "
           "LUMINANCE_AND_WEIGHT has a weight map: it takes the input RATIOS");
@@ -215,14 +214,11 @@ void validate(const v1::TrainingConfig& config) {
           "max_gradient_norm must be >= 0");
   require(config.weight_average_decay() >= 0 && config.weight_average_decay() < 1,
           "weight_average_decay must be in [0, 1)");
-  require(v1::TrainingConfig::ImageTerm_IsValid(config.image_term()),
-          "image_term must be RENDERED or LINEAR");
   require(v1::TrainingConfig::ImageWeights_IsValid(config.image_weights()),
           "image_weights must be WEIGHT_MAP or UNIFORM");
   require(!config.has_lambda() || (config.lambda() >= 0 && std::isfinite(config.lambda())),
           "lambda must be >= 0");
-  if (config.loss() == v1::TrainingConfig::ITN &&
-      config.image_term() != v1::TrainingConfig::LINEAR) {
+  if (config.loss() == v1::TrainingConfig::ITN) {
     require(config.estimates() >= 2 && config.estimates() <= 16,
             "estimates must be in [2, 16]: products of one estimate with itself are biased");
     require(config.spp() >= config.estimates(), "spp must be as large as estimates at least");
@@ -250,17 +246,12 @@ Trainer::Trainer(v1::TrainingConfig config, std::unique_ptr<Batches> batches,
 }
 
 Trainer::Trainer(v1::TrainingConfig config, const LabelledImages& images,
-                 const PackedInputs& inputs, const v1::Model& start, ImageTermSource image_term)
+                 const PackedInputs& inputs, const v1::Model& start, ImageTerm image_term)
     : Trainer(config, batches_of(config, images, inputs, start), start) {
   if (config.loss() != v1::TrainingConfig::ITN) return;
-  if (config.image_term() == v1::TrainingConfig::LINEAR) {
-    image_loss_ = std::make_unique<LinearImageLoss>(space_, images,
-                                                    std::get<std::vector<ImageMetric>>(image_term));
-  } else {
-    image_loss_ =
-        std::make_unique<ImageLoss>(space_, images, std::get<ImageTerm>(std::move(image_term)),
-                                    config.image_weights(), derive_seed(config.seed(), {kRenders}));
-  }
+  image_loss_ =
+      std::make_unique<ImageLoss>(space_, images, std::move(image_term), config.image_weights(),
+                                  derive_seed(config.seed(), {kRenders}));
 }
 
 void Trainer::restore(const v1::Checkpoint& checkpoint) {
@@ -308,7 +299,6 @@ v1::TrainingMetrics Trainer::step() {
   next.set_step(state_.step() + 1);
   v1::TrainingMetrics metrics;
   // Take the batch of this step.
-  const double waited = batches_->waited_seconds();
   const TrainingImages taken = batches_->of_step(state_.step(), config.batch());
   const Batch batch{.step = state_.step(),
                     .items = taken.items,
@@ -356,10 +346,9 @@ v1::TrainingMetrics Trainer::step() {
   }
   state_ = next;
   metrics.set_step(static_cast<uint32_t>(state_.step()));
-  metrics.set_images(batches_->images_until(state_.step() - 1));
+  metrics.set_images(batches_->image_count());
   metrics.set_epoch(static_cast<double>(state_.step()) * config.batch() /
                     static_cast<double>(metrics.images()));
-  metrics.set_waited_seconds(batches_->waited_seconds() - waited);
   return metrics;
 }
 

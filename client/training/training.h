@@ -4,13 +4,11 @@
 
 #include <memory>
 #include <optional>
-#include <variant>
 #include <vector>
 
 #include <torch/types.h>
 
 #include "client/training/batches.h"
-#include "client/training/image_metric.h"
 #include "client/training/image_term.h"
 #include "client/training/loss.h"
 #include "client/training/optimizer.h"
@@ -35,10 +33,6 @@ class Diverged : public Error {
   using Error::Error;
 };
 
-// What the image term of an ITN comes from: a renderer, or the metric of every image
-// (image_metric.h).
-using ImageTermSource = std::variant<ImageTerm, std::vector<ImageMetric>>;
-
 // The state of a training run. What it does depends on configuration, images and renders alone
 // (and, in the last bits, on the number of torch's threads): a run that continues from a checkpoint
 // ends with the same weights, bit for bit, as one that was never stopped. Torch draws no random
@@ -46,12 +40,10 @@ using ImageTermSource = std::variant<ImageTerm, std::vector<ImageMetric>>;
 class Trainer {
  public:
   // A new run from random weights, or from those of `start` (a model trained before; its
-  // coordinates, scale and bounds are kept). `image_term` is needed for the ITN loss only, of the
-  // kind that the configuration says. Images and inputs must outlive it.
+  // coordinates, scale and bounds are kept). `image_term` is needed for the ITN loss
+  // only. Images and inputs must outlive it.
   Trainer(v1::TrainingConfig config, const LabelledImages& images, const PackedInputs& inputs,
-          const v1::Model& start, ImageTermSource image_term);
-  // From any source of images, for the RN loss.
-  Trainer(v1::TrainingConfig config, std::unique_ptr<Batches> batches, const v1::Model& start);
+          const v1::Model& start, ImageTerm image_term);
 
   // Continues from a checkpoint of a trainer with the same configuration (it may have had fewer
   // steps) and model. Throws Error (invalid input) if it is not one.
@@ -72,6 +64,8 @@ class Trainer {
   uint64_t steps_taken() const { return state_.step(); }
 
  private:
+  Trainer(v1::TrainingConfig config, std::unique_ptr<Batches> batches, const v1::Model& start);
+
   // What the network is shown of the images of a step.
   torch::Tensor input_of(const ImageBatch& images, uint64_t step) const;
   // One step of the optimizer along the gradient that the parameters hold.

@@ -78,13 +78,9 @@ v1::TrainingConfig overridden(v1::TrainingConfig config, const v1::TrainingConfi
 }
 
 void clear_what_is_of_another_loss(v1::TrainingConfig& config) {
-  const bool itn = config.loss() == v1::TrainingConfig::ITN;
-  if (!itn) {
+  if (config.loss() != v1::TrainingConfig::ITN) {
     config.clear_lambda();
-    config.clear_image_term();
     config.clear_image_weights();
-  }
-  if (!itn || config.image_term() == v1::TrainingConfig::LINEAR) {  // nothing is rendered
     config.clear_spp();
     config.clear_estimates();
     config.clear_pilot_spp();

@@ -148,7 +148,6 @@ class Runner {
     v1::Checkpoint checkpoint = trainer_.checkpoint();
     v1::TrainingState& state = *checkpoint.mutable_training();
     state.set_dataset(run_.dataset);
-    state.set_validation_dataset(run_.validation_dataset);
     state.set_checkpoint_every(run_.checkpoint_every);
     state.set_validate_every(run_.validate_every);
     state.set_patience(run_.patience);
@@ -205,42 +204,6 @@ std::string how_far(uint64_t steps, uint64_t saved) {
       steps, saved < steps ? fmt::format(" after step {}", saved) : "");
 }
 
-// `new_trainer`: makes one from the model that a run starts with.
-template <typename NewTrainer>
-TrainingEnd train_with(const v1::TrainingConfig& config, const v1::Model& start,
-                       const TrainingRun& run, const NewTrainer& new_trainer) {
-  const std::optional<v1::Checkpoint> there = find_checkpoint(run.folder);
-  if (there) {
-    require_same_config(there->training(), config, run.folder);
-  }
-  v1::Model from = there ? there->model() : start;
-  if (!run.model_name.empty()) from.set_name(run.model_name);
-  if (!run.model_version.empty()) from.set_version(run.model_version);
-  Trainer trainer = new_trainer(from);
-  if (there) {
-    trainer.restore(*there);
-  }
-  Runner runner(
-      trainer, run, there ? there->training() : v1::TrainingState(),
-      there && there->model().has_familiarity() && there->training().step() == config.steps());
-  try {
-    try {
-      return runner.until(config.steps());
-    } catch (const Diverged&) {
-      throw;
-    } catch (const Error& error) {
-      runner.keep();
-      throw Error(error.kind(), error.what() + how_far(trainer.steps_taken(), runner.saved()));
-    }
-  } catch (const Diverged& error) {
-    throw Diverged(error.kind(), fmt::format("{}. {}", error.what(),
-                                             runner.saved() == 0
-                                                 ? "No checkpoint was written"
-                                                 : fmt::format("The checkpoint of step {} is kept",
-                                                               runner.saved())));
-  }
-}
-
 // A zero that was said is as good as one that was not.
 v1::TrainingConfig without_zeros(v1::TrainingConfig config) {
   v1::Augmentation& augmentation = *config.mutable_augmentation();
@@ -278,18 +241,38 @@ void require_same_config(const v1::TrainingState& there, v1::TrainingConfig want
 }
 
 TrainingEnd train(const v1::TrainingConfig& config, const LabelledImages& images,
-                  const PackedInputs& inputs, const v1::Model& start,
-                  const ImageTermSource& image_term, const TrainingRun& run) {
-  return train_with(config, start, run, [&](const v1::Model& from) {
-    return Trainer(config, images, inputs, from, image_term);
-  });
-}
-
-TrainingEnd train(const v1::TrainingConfig& config, std::unique_ptr<Batches> batches,
-                  const v1::Model& start, const TrainingRun& run) {
-  return train_with(config, start, run, [&](const v1::Model& from) {
-    return Trainer(config, std::move(batches), from);
-  });
+                  const PackedInputs& inputs, const v1::Model& start, const ImageTerm& image_term,
+                  const TrainingRun& run) {
+  const std::optional<v1::Checkpoint> there = find_checkpoint(run.folder);
+  if (there) {
+    require_same_config(there->training(), config, run.folder);
+  }
+  v1::Model from = there ? there->model() : start;
+  if (!run.model_name.empty()) from.set_name(run.model_name);
+  if (!run.model_version.empty()) from.set_version(run.model_version);
+  Trainer trainer(config, images, inputs, from, image_term);
+  if (there) {
+    trainer.restore(*there);
+  }
+  Runner runner(
+      trainer, run, there ? there->training() : v1::TrainingState(),
+      there && there->model().has_familiarity() && there->training().step() == config.steps());
+  try {
+    try {
+      return runner.until(config.steps());
+    } catch (const Diverged&) {
+      throw;
+    } catch (const Error& error) {
+      runner.keep();
+      throw Error(error.kind(), error.what() + how_far(trainer.steps_taken(), runner.saved()));
+    }
+  } catch (const Diverged& error) {
+    throw Diverged(error.kind(), fmt::format("{}. {}", error.what(),
+                                             runner.saved() == 0
+                                                 ? "No checkpoint was written"
+                                                 : fmt::format("The checkpoint of step {} is kept",
+                                                               runner.saved())));
+  }
 }
 
 }  // namespace itn

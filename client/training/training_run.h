@@ -17,7 +17,6 @@ namespace itn {
 struct TrainingRun {
   std::filesystem::path folder;
   std::string dataset;              // its folder, for whoever continues the run
-  std::string validation_dataset;   // likewise, of a stream
   uint64_t checkpoint_every = 100;  // steps
   // What the model is called from now on; empty: what it is called already.
   std::string model_name, model_version;
@@ -44,12 +43,8 @@ struct TrainingEnd {
 // Throws Error (invalid input) if the folder's run is of another configuration (says what differs;
 // `steps` may).
 TrainingEnd train(const v1::TrainingConfig& config, const LabelledImages& images,
-                  const PackedInputs& inputs, const v1::Model& start,
-                  const ImageTermSource& image_term, const TrainingRun& run);
-
-// Likewise from any source of images.
-TrainingEnd train(const v1::TrainingConfig& config, std::unique_ptr<Batches> batches,
-                  const v1::Model& start, const TrainingRun& run);
+                  const PackedInputs& inputs, const v1::Model& start, const ImageTerm& image_term,
+                  const TrainingRun& run);
 
 // Throws Error (invalid input) unless a run of the first configuration can go on with the second:
 // says what differs, but for the number of steps, which may only not be below those taken.

@@ -12,7 +12,7 @@ namespace itn {
 namespace {
 
 constexpr uint64_t kNoiseSeed = 1;  // whatever the run's: runs are compared by their validation
-constexpr size_t kImagesAtATime = 64;
+constexpr size_t kValidationBatch = 64;
 
 }  // namespace
 
@@ -22,8 +22,8 @@ Validation::Validation(const LabelledImages& images, const PackedInputs& inputs,
 v1::ValidationMetrics Validation::measure(const v1::Model& model) const {
   Predictor predictor(model);
   std::vector<Material> predictions;
-  for (size_t first = 0; first < images_.items.size(); first += kImagesAtATime) {
-    std::vector<uint32_t> items(std::min(kImagesAtATime, images_.items.size() - first));
+  for (size_t first = 0; first < images_.items.size(); first += kValidationBatch) {
+    std::vector<uint32_t> items(std::min(kValidationBatch, images_.items.size() - first));
     std::iota(items.begin(), items.end(), static_cast<uint32_t>(first));
     const ImageBatch batch =
         with_noise(inputs_.batch(items), noise_, derive_seed(kNoiseSeed, {first}));

@@ -17,7 +17,6 @@ namespace itn {
 namespace {
 
 constexpr size_t kMostImages = 4096, kFewestImages = 256;
-constexpr size_t kImagesAtATime = 32;
 
 // Rows of three or nine numbers.
 template <typename Row>

@@ -1,8 +1,7 @@
 // image_term_bench: what the image term of an inverse transport network tells it, and what that
-// costs. For images of a dataset with derivative images, and a network's answers to them: signal
+// costs. For images of a dataset, and a network's answers to them: signal
 // and noise of the term's gradient by samples per pixel, in the coordinates of the network's
-// outputs; how far it points where the distance to the truth points; and how far the linear term,
-// which renders nothing, agrees with it.
+// outputs; and how far it points where the distance to the truth points.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -15,7 +14,6 @@
 #include "client/dataset/dataset.h"
 #include "client/render_pool/render_pool.h"
 #include "client/training/evaluation.h"
-#include "client/training/image_metric.h"
 #include "client/training/image_term.h"
 #include "client/training/loss.h"
 #include "client/training/training_set.h"
@@ -62,8 +60,7 @@ Moments moments(const std::vector<Triple>& values) {
 
 // What a network answers to one image, and what follows from the truth alone.
 struct Answer {
-  Triple output{}, target{}, regression{}, linear{};
-  double linear_value = 0;
+  Triple output{}, target{}, regression{};
   bool clamped = false;
 };
 
@@ -80,11 +77,9 @@ class Bench {
     answer();
     fmt::print("{} images, {} renders of each\n", images_.items.size(), options_.repeats);
     fmt::print("clamped answers: {:.1f} %\n\n", 100 * share_clamped());
-    fmt::print("{:>5} {:>9}  {:^26}  {:^26}  {:>10} {:>10} {:>10}\n", "spp", "CPU ms",
-               "signal (first second third)", "noise over signal", "to truth", "linear to",
-               "linear");
-    fmt::print("{:>5} {:>9}  {:^26}  {:^26}  {:>10} {:>10} {:>10}\n", "", "a render", "", "",
-               "(cosine)", "(cosine)", "over exact");
+    fmt::print("{:>5} {:>9}  {:^26}  {:^26}  {:>10}\n", "spp", "CPU ms",
+               "signal (first second third)", "noise over signal", "to truth");
+    fmt::print("{:>5} {:>9}  {:^26}  {:^26}  {:>10}\n", "", "a render", "", "", "(cosine)");
     for (const uint32_t spp : options_.spp) row(spp);
   }
 
@@ -99,8 +94,6 @@ class Bench {
   void answer() {
     const std::vector<MaterialEstimate> estimates =
         estimate_all(predictor_, images_, predictor_.model().noise());
-    const std::vector<ImageMetric> metrics = image_metrics(images_, v1::TrainingConfig::WEIGHT_MAP);
-    LinearImageLoss linear(space_, images_, metrics);
     for (size_t i = 0; i < images_.items.size(); ++i) {
       Answer a;
       std::copy_n(estimates[i].outputs.begin(), 3, a.output.begin());
@@ -110,21 +103,8 @@ class Bench {
       for (size_t k = 0; k < 3; ++k) {
         a.clamped = a.clamped || std::abs(inside[k] - a.output[k]) > 1e-6;
       }
-      const auto item = static_cast<uint32_t>(i);
-      const LossTerm term = linear.evaluate(
-          {.step = 0, .items = {&item, 1}, .targets = row_of(a.target)}, row_of(a.output));
-      a.linear_value = term.value;
-      for (size_t k = 0; k < 3; ++k) {
-        a.linear[k] = term.gradient[0][static_cast<int64_t>(k)].item<double>();
-      }
       answers_.push_back(a);
     }
-  }
-
-  static torch::Tensor row_of(const Triple& t) {
-    return torch::tensor(
-               {static_cast<float>(t[0]), static_cast<float>(t[1]), static_cast<float>(t[2])})
-        .unsqueeze(0);
   }
 
   double share_clamped() const {
@@ -137,22 +117,18 @@ class Bench {
     const ImageTerm term = rendered_image_term(
         pool, {.spp = spp, .estimates = spp < 4 ? 2U : 4U, .pilot_spp = spp < 16 ? 0U : 4U});
     Triple signal{}, noise{};
-    double to_truth = 0, to_linear = 0, value = 0, linear_value = 0;
+    double to_truth = 0;
     size_t pointed = 0;
     for (size_t i = 0; i < answers_.size(); ++i) {
       const Answer& a = answers_[i];
-      double mean_value = 0;
-      const Moments m = moments(gradients(i, term, mean_value));
+      const Moments m = moments(gradients(i, term));
       for (size_t k = 0; k < 3; ++k) {
         // The square of a mean has its variance in it.
         signal[k] += m.mean[k] * m.mean[k] - m.variance[k] / options_.repeats;
         noise[k] += m.variance[k];
       }
-      value += mean_value;
-      linear_value += a.linear_value;
-      if (dot(m.mean, m.mean) > 0 && dot(a.linear, a.linear) > 0) {
+      if (dot(m.mean, m.mean) > 0) {
         to_truth += cosine(m.mean, a.regression);
-        to_linear += cosine(m.mean, a.linear);
         ++pointed;
       }
     }
@@ -160,16 +136,14 @@ class Bench {
     const auto root = [&](double sum) { return std::sqrt(std::max(0.0, sum) / n); };
     const double renders = n * options_.repeats;
     fmt::print(
-        "{:>5} {:>9.2f}  {:>8.4f} {:>8.4f} {:>8.4f}  {:>8.2f} {:>8.2f} {:>8.2f}  {:>10.3f} "
-        "{:>10.3f} {:>10.3f}\n",
-        spp, 1e3 * pool.statistics().cpu_seconds / renders, root(signal[0]), root(signal[1]),
+        "{:>5} {:>9.2f}  {:>8.4f} {:>8.4f} {:>8.4f}  {:>8.2f} {:>8.2f} {:>8.2f}  {:>10.3f}\n", spp,
+        1e3 * pool.statistics().cpu_seconds / renders, root(signal[0]), root(signal[1]),
         root(signal[2]), root(noise[0]) / root(signal[0]), root(noise[1]) / root(signal[1]),
-        root(noise[2]) / root(signal[2]), to_truth / static_cast<double>(pointed),
-        to_linear / static_cast<double>(pointed), linear_value / value);
+        root(noise[2]) / root(signal[2]), to_truth / static_cast<double>(pointed));
   }
 
   // In the outputs, by repeated renders of the answer to one image.
-  std::vector<Triple> gradients(size_t i, const ImageTerm& term, double& mean_value) {
+  std::vector<Triple> gradients(size_t i, const ImageTerm& term) {
     const DatasetImage image = images_.read(i);
     const std::vector<float> weight =
         image_weights(image, images_.resolution, v1::TrainingConfig::WEIGHT_MAP);
@@ -183,7 +157,6 @@ class Bench {
     }
     std::vector<Triple> result;
     for (const RenderingLoss& loss : term(queries)) {
-      mean_value += loss.value / options_.repeats;
       result.push_back(space_.output_gradient(
           answers_[i].output, {loss.gradient[0], loss.gradient[1], loss.gradient[2]}));
     }
@@ -204,8 +177,7 @@ class Bench {
 int main(int argc, char** argv) {
   itn::Options options;
   CLI::App app("What the image term of an inverse transport network tells it, and what it costs");
-  app.add_option("dataset", options.dataset, "Dataset with derivative images (training split)")
-      ->required();
+  app.add_option("dataset", options.dataset, "Dataset (training split)")->required();
   app.add_option("model", options.model, "Network: a run, a checkpoint or a model's name")
       ->required();
   app.add_option("--images", options.images, "First so many of the split")->capture_default_str();

@@ -133,41 +133,6 @@ TEST_F(TrainingCommands, ResumeSaysWhatItMisses) {
             0);
 }
 
-TEST_F(TrainingCommands, AStreamIsOfAnyPreset) {
-  for (const char* preset : {"studio", "any"}) {
-    const std::string run_folder = folder_.path(preset);
-    const Arguments flags = {"--batch",        "2", "--base-channels", "1", "--held", "2",
-                             "--first-images", "2", "--torch-threads", "1"};
-    const Arguments command =
-        Arguments{testing::kItn, "train", "--stream", preset, "-o", run_folder} + flags;
-    const Finished finished = run(command + Arguments{"--steps", "1"});
-    ASSERT_EQ(finished.exit_code, 0) << finished.errors;
-    EXPECT_EQ(line_count(run_folder + "/metrics.jsonl"), 1);
-    const Finished resumed = run(resume(run_folder, {"--steps", "2"}));
-    EXPECT_EQ(resumed.exit_code, 0) << resumed.errors;
-    EXPECT_EQ(line_count(run_folder + "/metrics.jsonl"), 2);
-  }
-}
-
-TEST_F(TrainingCommands, AStreamUnderPanoramasGoesOnSomewhereElse) {
-  fs::create_directories(folder_.path("panoramas"));
-  Image map{.width = 8, .height = 4, .channels = {}, .attributes = {}};
-  map.channels["Y"].assign(32, 1);
-  write_exr(folder_.path("panoramas/a.exr"), map);
-  folder_.write("stream.textproto",
-                "resolution: 16 spp: 4 lights { panoramas { folder: \"panoramas\" } }");
-  const std::string run_folder = folder_.path("run");
-  const fs::path here = fs::current_path();
-  fs::current_path(folder_.path());
-  const Finished first =
-      run({testing::kItn, "train", "--stream", "stream.textproto", "-o", run_folder, "--batch", "2",
-           "--base-channels", "1", "--held", "4", "--first-images", "4", "--steps", "1"});
-  fs::current_path(here);
-  ASSERT_EQ(first.exit_code, 0) << first.errors;
-  const Finished second = run(resume(run_folder, {"--steps", "2"}));
-  EXPECT_EQ(second.exit_code, 0) << second.errors;
-}
-
 // 130: the same command continues.
 TEST_F(TrainingCommands, ContinuesAfterAnInterruptionByTheSameCommand) {
   const std::string run_folder = folder_.path("run");
@@ -258,94 +223,6 @@ TEST_F(TrainingCommands, EvaluateFindsAnUnwritablePictureFirst) {
            "--picture", folder_.path("picture.png")});
   EXPECT_EQ(written.exit_code, 0) << written.errors;
   EXPECT_TRUE(fs::exists(folder_.path("picture.png")));
-}
-
-// --- itn train --stream ---
-
-// Small images of few samples.
-constexpr const char* kStreamFile =
-    "batch: 2 steps: 4 architecture { plain_convolutions { base_channels: 1 } }\n"
-    "stream { capacity: 40 first: 4 images { resolution: 16 spp: 1 } }\n";
-
-TEST_F(TrainingCommands, AStreamIsThatOfTheFileButForTheFlags) {
-  const std::string file = folder_.path("stream.textproto");
-  std::ofstream(file) << kStreamFile;
-  const auto config = [&](const Arguments& flags) {
-    const Finished finished =
-        run(Arguments{testing::kItn, "train", "--config", file, "--print-config"} + flags);
-    EXPECT_EQ(finished.exit_code, 0) << finished.errors;
-    return finished.output;
-  };
-  // What neither says has its default.
-  EXPECT_THAT(config({}),
-              AllOf(HasSubstr("capacity: 40"), HasSubstr("first: 4"), HasSubstr("reuse: 8"),
-                    HasSubstr("resolution: 16"), HasSubstr("pitch_degrees")));
-  EXPECT_THAT(config({"--held", "50", "--reuse", "2.5"}),
-              AllOf(HasSubstr("capacity: 50"), HasSubstr("first: 4"), HasSubstr("reuse: 2.5"),
-                    HasSubstr("resolution: 16")));
-  EXPECT_THAT(config({"--stream", "outdoor"}),
-              AllOf(HasSubstr("capacity: 40"), HasSubstr("resolution: 64")));
-  const Finished both = run(
-      {testing::kItn, "train", shared_->path("data"), "--config", file, "-o", folder_.path("run")});
-  EXPECT_EQ(both.exit_code, 2);
-  EXPECT_THAT(both.errors, HasSubstr("a dataset is named, and the configuration has a stream"));
-}
-
-TEST_F(TrainingCommands, AStreamThatIsResumedIsValidatedAsBefore) {
-  const std::string file = folder_.path("stream.textproto"), run_folder = folder_.path("run");
-  std::ofstream(file) << kStreamFile;
-  fs::copy(shared_->path("data"), folder_.path("data"), fs::copy_options::recursive);
-  const Finished begun =
-      run({testing::kItn, "train", "--config", file, "--validation-dataset", folder_.path("data"),
-           "--validate-every", "3", "--torch-threads", "1", "-o", run_folder});
-  ASSERT_EQ(begun.exit_code, 0) << begun.errors;
-  const auto validated = [&] {  // the steps
-    std::vector<int> steps;
-    std::ifstream lines(run_folder + "/metrics.jsonl");
-    int step = 1;
-    for (std::string line; std::getline(lines, line); ++step) {
-      if (line.find("\"validation\"") != std::string::npos) steps.push_back(step);
-    }
-    return steps;
-  };
-  EXPECT_THAT(validated(), ElementsAre(3, 4));
-  const Finished resumed = run(resume(run_folder, {"--steps", "8"}));
-  ASSERT_EQ(resumed.exit_code, 0) << resumed.errors;
-  EXPECT_THAT(validated(), ElementsAre(3, 4, 6, 8));
-  // It has moved.
-  fs::rename(folder_.path("data"), folder_.path("moved"));
-  const Finished lost = run(resume(run_folder, {"--steps", "9"}));
-  EXPECT_EQ(lost.exit_code, 4);
-  EXPECT_THAT(lost.errors,
-              AllOf(HasSubstr("the validation dataset of this run was in " + folder_.path("data")),
-                    HasSubstr("--validation-dataset DATASET --resume")));
-  const Finished found =
-      run(resume(run_folder, {"--steps", "9", "--validation-dataset", folder_.path("moved")}));
-  ASSERT_EQ(found.exit_code, 0) << found.errors;
-  EXPECT_THAT(validated(), ElementsAre(3, 4, 6, 8, 9));
-}
-
-TEST_F(TrainingCommands, ALinearImageTermNeedsDerivativeImages) {
-  const Arguments linear = {"--loss", "itn", "--image-term", "linear", "--steps", "3"};
-  const Finished refused = run(train(folder_.path("run"), linear));
-  EXPECT_EQ(refused.exit_code, 3);
-  EXPECT_THAT(refused.errors, HasSubstr("has no derivative images; itn dataset --derivatives"));
-  const std::string data = folder_.path("data");
-  const Finished dataset = run({testing::kItn, "dataset", data, "--count", "6", "--resolution",
-                                "16", "--spp", "2", "--test-shapes", "cube", "--derivatives"});
-  ASSERT_EQ(dataset.exit_code, 0) << dataset.errors;
-  const Finished trained =
-      run(Arguments{testing::kItn, "train", data, "-o", folder_.path("linear")} + linear +
-          Arguments{"--batch", "2", "--base-channels", "1"});
-  EXPECT_EQ(trained.exit_code, 0) << trained.errors;
-  EXPECT_THAT(trained.output, HasSubstr("image loss"));
-}
-
-TEST_F(TrainingCommands, ADatasetIsValidatedOnItsOwnSplit) {
-  const Finished finished = run(
-      train(folder_.path("run"), {"--steps", "1", "--validation-dataset", shared_->path("data")}));
-  EXPECT_EQ(finished.exit_code, 2);
-  EXPECT_THAT(finished.errors, HasSubstr("--validation-dataset goes with --stream"));
 }
 
 // --- itn dataset ---

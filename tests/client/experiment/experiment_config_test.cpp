@@ -51,8 +51,6 @@ TEST(ExperimentFile, WhatIsOutOfRangeIsNamed) {
   expect_refused(file("networks { name: \"B\" as_long_as: \"C\" }"), {"B: as_long_as is \"C\""});
   expect_refused(file("networks { name: \"B\" settings { output: GAUSSIAN } }"),
                  {"B: ", "UNBOUNDED"});
-  expect_refused(file("networks { name: \"B\" settings { loss: ITN image_term: LINEAR } }"),
-                 {"B: ", "derivatives: true"});
   expect_refused(file("networks { name: \"B\" settings { input: RATIOS augmentation { "
                       "material_step: 0.1 } } }"),
                  {"B: ", "material_step", "derivatives: true"});

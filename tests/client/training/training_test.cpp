@@ -122,67 +122,6 @@ TEST_F(TrainingTest, ImageTermAloneLowersTheImageLoss) {
   EXPECT_LT(mean_of_20(losses, 280), 0.3 * mean_of_20(losses, 0));
 }
 
-// Of a renderer that is linear in the material, in coordinates that are too.
-TEST_F(TrainingTest, LinearImageTermIsTheRenderedOneOfALinearRenderer) {
-  const OutputSpace space(start(v1::NAIVE));
-  const ImageTerm exact = [](std::span<const ImageTermQuery> queries) {
-    std::vector<RenderingLoss> losses;
-    for (const ImageTermQuery& q : queries) {
-      const std::vector<RenderEstimate> estimates(2, render(q.material, 0, 0));
-      losses.push_back(rendering_loss(q.image, q.weight, estimates));
-    }
-    return losses;
-  };
-  for (const auto weights : {v1::TrainingConfig::WEIGHT_MAP, v1::TrainingConfig::UNIFORM}) {
-    ImageLoss rendered(space, images_, exact, weights, 0);
-    LinearImageLoss linear(space, images_, image_metrics(images_, weights));
-    const std::vector<uint32_t> items{3, 7, 5};
-    torch::Tensor targets = torch::empty({3, 3});
-    for (int64_t i = 0; i < 3; ++i) {
-      const Triple z = space.standardized(images_.truth[items[static_cast<size_t>(i)]]);
-      for (int64_t k = 0; k < 3; ++k) targets[i][k] = z[static_cast<size_t>(k)];
-    }
-    torch::manual_seed(2);
-    const torch::Tensor outputs = targets + 0.1 * torch::randn({3, 3});
-    const Batch batch{.step = 0, .items = items, .targets = targets};
-    const LossTerm a = rendered.evaluate(batch, outputs), b = linear.evaluate(batch, outputs);
-    EXPECT_NEAR(a.value, b.value, 1e-4 * a.value);
-    EXPECT_TRUE(torch::allclose(a.gradient, b.gradient, 1e-3, 1e-6)) << a.gradient << "\n"
-                                                                     << b.gradient;
-  }
-}
-
-// What noise has made negative would be a reward for being wrong.
-TEST_F(TrainingTest, LinearImageTermIsNeverNegative) {
-  const OutputSpace space(start());
-  std::vector<ImageMetric> metrics(kItems, ImageMetric{{{1e-4, 0, 0}, {0, -2, 0.5}, {0, 0.5, 1}}});
-  LinearImageLoss loss(space, images_, metrics);
-  torch::manual_seed(2);
-  const std::vector<uint32_t> items = all_items();
-  const torch::Tensor targets = torch::randn({kItems, 3});
-  const Batch batch{.step = 0, .items = items, .targets = targets};
-  for (int i = 0; i < 100; ++i) {
-    const torch::Tensor outputs = torch::randn({kItems, 3});
-    const LossTerm term = loss.evaluate(batch, outputs);
-    EXPECT_GE(term.value, 0);
-    // Further out along the gradient is further from the image.
-    EXPECT_GE(((outputs - targets) * term.gradient).sum(1).min().item<float>(), -1e-4F);
-  }
-}
-
-TEST_F(TrainingTest, LinearImageTermAloneLowersTheImageLoss) {
-  v1::TrainingConfig c = config(v1::TrainingConfig::ITN, 300);
-  c.set_image_term(v1::TrainingConfig::LINEAR);
-  c.clear_spp();
-  c.clear_estimates();
-  c.set_lambda(1e6);
-  std::vector<double> losses;
-  TrainingRun r = run();
-  r.report = [&](const v1::TrainingMetrics& m) { losses.push_back(m.image_loss()); };
-  train(c, images_, *inputs_, start(), image_metrics(images_, c.image_weights()), r);
-  EXPECT_LT(mean_of_20(losses, 280), 0.3 * mean_of_20(losses, 0));
-}
-
 TEST_F(TrainingTest, BothTermsPullAboutEquallyHard) {
   std::vector<double> lambdas;
   TrainingRun r = run();
