@@ -2,8 +2,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
-#include <cmath>
 #include <memory>
 #include <optional>
 #include <set>
@@ -14,7 +12,6 @@
 #include "client/commands/options.h"
 #include "client/experiment/experiment.h"
 #include "client/experiment/experiment_config.h"
-#include "client/experiment/forecast.h"
 #include "client/interrupt.h"
 #include "client/output.h"
 #include "common/error.h"
@@ -84,34 +81,13 @@ uint32_t torch_threads(const ExperimentOptions& options) {
                                    : std::max(1U, std::thread::hardware_concurrency());
 }
 
-void print_forecast(const v1::Experiment& experiment, const ExperimentOptions& options) {
+// Which stages there are, and which are done.
+void print_stages(const v1::Experiment& experiment, const ExperimentOptions& options) {
   std::set<std::string> done;
   if (!options.folder.empty()) done = done_stages(experiment, options.folder);
-  const std::vector<StageForecast> stages =
-      forecast(experiment, options.workers.pool_options(), torch_threads(options), interruption());
-  StageForecast all{.name = done.empty() ? "all" : "all that is left", .seconds = 0, .bytes = 0};
-  size_t width = all.name.size();
-  for (const StageForecast& stage : stages) {
-    width = std::max(width, stage.name.size());
-    if (done.contains(stage.name)) continue;
-    all.seconds += stage.seconds;
-    all.bytes += stage.bytes;
+  for (const std::string& stage : stage_names(experiment)) {
+    print_result("{}{}\n", stage, done.contains(stage) ? ": done" : "");
   }
-  const auto line = [&](const StageForecast& stage) {
-    print_result("{:{}}  {:>10}  {:>8.1f} MB\n", stage.name, width,
-                 format_duration(std::chrono::seconds(std::llround(stage.seconds))),
-                 static_cast<double>(stage.bytes) / 1e6);
-  };
-  for (const StageForecast& stage : stages) {
-    if (done.contains(stage.name)) {
-      print_result("{:{}}  {:>10}\n", stage.name, width, "done");
-    } else {
-      line(stage);
-    }
-  }
-  line(all);
-  print_result("Estimated from a miniature of {} images that was made now.\n",
-               miniature(experiment).dataset().count());
 }
 
 void run(const ExperimentOptions& options) {
@@ -120,7 +96,7 @@ void run(const ExperimentOptions& options) {
     return;
   }
   const v1::Experiment experiment = experiment_of(options);
-  if (options.dry_run) return print_forecast(experiment, options);
+  if (options.dry_run) return print_stages(experiment, options);
   if (options.folder.empty()) {
     throw Error(ErrorKind::kUsage, "where to? itn experiment FILE -o FOLDER");
   }
@@ -163,9 +139,7 @@ void add_experiment_command(CLI::App& app) {
                       "Folder of the experiment; required to run it");
   command->add_flag("--print-config", options->print_config, "Print the preset's file, and end");
   command->add_flag("--dry-run", options->dry_run,
-                    "Print the stages with the time and room that they will take, estimated from a "
-                    "miniature of the experiment, and end; with -o, which are done there; one "
-                    "that was stopped counts as a whole");
+                    "Print the stages, with -o which of them are done there, and end");
   command
       ->add_option("--torch-threads", options->torch_threads,
                    "Threads of the networks; 0: one per processor")

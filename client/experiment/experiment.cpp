@@ -44,8 +44,6 @@ constexpr const char* kRateName = "learning_rate.textproto";
 // To learn what a step costs.
 constexpr uint64_t kTrialSteps = 20;
 constexpr const char* kTruth = "truth, rendered again";
-constexpr const char* kConstant = "constant predictor";
-constexpr const char* kSimilarity = "similarity predictor";
 
 template <typename Message>
 Message read_text(const fs::path& path, const std::string& what) {
@@ -608,8 +606,7 @@ ExperimentResult Study::result(const std::vector<v1::StageRecord>& records) {
                                : folder("shared") / start->second.file / "metrics.jsonl",
          .predictions = predictions_of(network.name())});
   }
-  result.report = folder("report.html");
-  write_file_atomically(result.report, report_page(report));
+  result.report = write_report(report, run_.folder);
   return result;
 }
 

@@ -5,7 +5,7 @@
 //   rates/, shared/, networks/   runs (itn train)
 //   predictions/, images/, image_errors/   what the networks say of the test
 //   stages/                what is done
-//   table_1.csv, ..., report.html
+//   table_1.csv, ..., report.md, report/
 #pragma once
 
 #include <cstdint>
@@ -46,7 +46,7 @@ std::set<std::string> done_stages(const v1::Experiment& experiment,
 
 struct ExperimentResult {
   std::vector<Table> tables;
-  std::filesystem::path report;  // HTML
+  std::filesystem::path report;  // Markdown
 };
 
 // Does what is not done yet. Throws Error: kInvalidInput if the folder holds another experiment

@@ -1,4 +1,4 @@
-// An experiment as a page for people: one HTML file that needs nothing else.
+// An experiment for people: a Markdown page, and pictures in a folder beside it.
 #pragma once
 
 #include <filesystem>
@@ -33,6 +33,8 @@ struct StudyReport {
   std::vector<v1::StageRecord> stages;
 };
 
-std::string report_page(const StudyReport& report);
+// Writes `folder`/report.md, whose path it returns, and pictures into `folder`/report. Throws Error
+// (kIo).
+std::filesystem::path write_report(const StudyReport& report, const std::filesystem::path& folder);
 
 }  // namespace itn

@@ -28,9 +28,6 @@ constexpr std::array<Quantity, 7> kQuantities = {{
 }};
 constexpr size_t kParameters = 3;  // the first of them
 
-constexpr const char* kConstant = "constant predictor";
-constexpr const char* kSimilarity = "similarity predictor";
-
 std::vector<double> values_of(const Quantity& quantity, std::span<const Material> materials) {
   std::vector<double> values;
   for (const Material& material : materials) values.push_back(quantity.of(material));

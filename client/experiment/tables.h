@@ -13,6 +13,10 @@
 
 namespace itn {
 
+// Names of candidates.
+inline constexpr const char* kConstant = "constant predictor";
+inline constexpr const char* kSimilarity = "similarity predictor";
+
 // What a row of the tables is about.
 struct Candidate {
   enum class Kind {
