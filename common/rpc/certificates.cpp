@@ -2,24 +2,39 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <openssl/bio.h>
 #include <openssl/err.h>
+#include <openssl/evp.h>
 #include <openssl/pem.h>
+#include <openssl/x509.h>
+#include <openssl/x509v3.h>
 
 #include <algorithm>
 #include <ctime>
+#include <memory>
 #include <vector>
 
 #include "common/error.h"
 #include "common/files/read_file.h"
-#include "common/rpc/openssl.h"
 
 namespace itn {
 namespace {
 
+template <auto Free>
+struct Freeing {
+  template <typename T>
+  void operator()(T* object) const {
+    Free(object);
+  }
+};
+using Bio = std::unique_ptr<BIO, Freeing<BIO_free>>;
+using Certificate = std::unique_ptr<X509, Freeing<X509_free>>;
+using Key = std::unique_ptr<EVP_PKEY, Freeing<EVP_PKEY_free>>;
+
 constexpr uint64_t kMostBytes = 1 << 20;  // the authorities that a browser trusts take a quarter
 
-openssl::Bio reader_of(const std::string& pem) {
-  return openssl::Bio(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size())));
+Bio reader_of(const std::string& pem) {
+  return Bio(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size())));
 }
 
 std::string as_text(const ASN1_TIME* time) {
@@ -37,10 +52,9 @@ bool is_not_valid_yet(const X509& certificate) {
 }
 
 // At least one.
-std::vector<openssl::Certificate> parse_certificates(const std::string& pem,
-                                                     const std::string& path) {
-  std::vector<openssl::Certificate> certificates;
-  const openssl::Bio reader = reader_of(pem);
+std::vector<Certificate> parse_certificates(const std::string& pem, const std::string& path) {
+  std::vector<Certificate> certificates;
+  const Bio reader = reader_of(pem);
   ERR_clear_error();
   while (X509* next = PEM_read_bio_X509(reader.get(), nullptr, nullptr, nullptr)) {
     certificates.emplace_back(next);
@@ -60,16 +74,15 @@ std::vector<openssl::Certificate> parse_certificates(const std::string& pem,
   return certificates;
 }
 
-openssl::Key parse_key(const std::string& pem, const std::string& path) {
-  const openssl::Bio reader = reader_of(pem);
+Key parse_key(const std::string& pem, const std::string& path) {
+  const Bio reader = reader_of(pem);
   bool wants_passphrase = false;
   // Without this, OpenSSL would ask for one on the terminal.
   const auto no_passphrase = [](char*, int, int, void* asked) {
     *static_cast<bool*>(asked) = true;
     return -1;
   };
-  openssl::Key key(
-      PEM_read_bio_PrivateKey(reader.get(), nullptr, no_passphrase, &wants_passphrase));
+  Key key(PEM_read_bio_PrivateKey(reader.get(), nullptr, no_passphrase, &wants_passphrase));
   ERR_clear_error();
   if (wants_passphrase) {
     throw invalid_input(
@@ -88,7 +101,7 @@ void require_valid_now(const X509& certificate, const std::string& path) {
   if (has_expired(certificate)) {
     throw invalid_input(
         fmt::format("the certificate {} has expired: it was valid until {}; renew it", path,
-                    expiry_of(certificate)));
+                    as_text(X509_get0_notAfter(&certificate))));
   }
   if (is_not_valid_yet(certificate)) {
     throw invalid_input(
@@ -115,7 +128,7 @@ Certificates read_certificates(const CertificateFiles& files, Side side) {
     read.certificate = read_file(files.certificate, "certificate", kMostBytes);
     read.key = read_file(files.key, "key", kMostBytes);
     const auto chain = parse_certificates(read.certificate, files.certificate);
-    const openssl::Key key = parse_key(read.key, files.key);
+    const Key key = parse_key(read.key, files.key);
     if (X509_check_private_key(chain.front().get(), key.get()) != 1) {
       ERR_clear_error();
       throw invalid_input(
@@ -135,10 +148,6 @@ Certificates read_certificates(const CertificateFiles& files, Side side) {
     if (!any) require_valid_now(*authorities.front(), files.authority);
   }
   return read;
-}
-
-std::string expiry_of(const X509& certificate) {
-  return as_text(X509_get0_notAfter(&certificate));
 }
 
 }  // namespace itn

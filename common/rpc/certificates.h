@@ -1,8 +1,6 @@
 // Certificates and keys in PEM files, checked before anything relies on them.
 #pragma once
 
-#include <openssl/x509.h>
-
 #include <string>
 
 namespace itn {
@@ -26,8 +24,5 @@ enum class Side { kServer, kClient };
 // key of another certificate, a certificate that has expired or is not valid yet, and one whose
 // extendedKeyUsage leaves this side out.
 Certificates read_certificates(const CertificateFiles& files, Side side);
-
-// When a certificate ceases to be valid, e.g. "2030-01-31 12:00 UTC".
-std::string expiry_of(const X509& certificate);
 
 }  // namespace itn

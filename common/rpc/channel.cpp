@@ -13,7 +13,6 @@
 #include "common/error.h"
 #include "common/printable.h"
 #include "common/rpc/host_port.h"
-#include "common/rpc/tls_diagnosis.h"
 #include "common/rpc/token_file.h"
 
 namespace itn {
@@ -124,11 +123,27 @@ std::shared_ptr<grpc::Channel> Connector::connect_to(const std::string& address)
 
 grpc::Status Connector::explained(const grpc::Status& status, const std::string& address) const {
   // A server of ours that is unavailable says why, in details.
-  if (status.error_code() != grpc::StatusCode::UNAVAILABLE || !status.error_details().empty()) {
-    return status;
+  const bool no_connection = status.error_code() == grpc::StatusCode::UNAVAILABLE &&
+                             status.error_details().empty() &&
+                             status.error_message().find("refused") == std::string::npos;
+  const std::optional<HostPort> place = endpoint_of_target(address);
+  if (!no_connection || !place) return status;
+  const auto& [files, server_name, token] = security_;
+  std::string hint = "if the server encrypts its connections, give --tls-ca";
+  if (security_.encrypts()) {
+    hint = fmt::format(
+        "its certificate must be of the authority in {} (--tls-ca), for {} (--tls-server-name), "
+        "and valid now; {}; if the server does not encrypt its connections, leave out --tls-ca and "
+        "ITN_TLS_CA",
+        files.authority, server_name.empty() ? place->host : server_name,
+        files.certificate.empty()
+            ? "if it wants one of its clients, give --tls-cert and --tls-key"
+            : fmt::format("it must accept that in {} (--tls-cert)", files.certificate));
   }
-  const std::string why = diagnose_connection(address, security_);
-  return why.empty() ? status : grpc::Status(status.error_code(), why);
+  return {status.error_code(),
+          fmt::format("{}. If a server is there: {}. `openssl s_client -connect "
+                      "{}` shows its side",
+                      status.error_message(), hint, place->text())};
 }
 
 }  // namespace itn

@@ -47,8 +47,8 @@ class Connector {
   // token that would leave this machine without TLS.
   std::shared_ptr<grpc::Channel> connect_to(const std::string& address) const;
 
-  // The status of a call to this address. Where it failed for want of a connection, looks for the
-  // reason, which gRPC hardly tells, by a handshake of its own; takes some seconds at most.
+  // The status of a call to this address. Where it failed for want of a connection, it also says
+  // how the client tried to make one, as gRPC hardly tells what the server disliked.
   grpc::Status explained(const grpc::Status& status, const std::string& address) const;
 
  private:

@@ -66,7 +66,7 @@ echo "== Probes"
 [[ $(itn probe "$one" "${known[@]}") == SERVING ]] || fail "not serving"
 [[ $(itn probe "$two" --service itn.v1.RenderService "${known[@]}") == SERVING ]] || fail "not serving"
 fails 5 "give --tls-cert and --tls-key" itn probe "$one" --tls-ca "$ca/ca.pem"
-fails 5 "the server encrypts its connections" itn probe "$one"
+fails 5 "if the server encrypts its connections" itn probe "$one"
 
 echo "== A predictor"
 itn dataset "$folder/dataset" --count 16 --resolution 16 --spp 4 2>/dev/null

@@ -116,7 +116,7 @@ TEST(NamedWorkers, AreKnownByTheirName) {
   options.workers = {"dns:///" + name.text()};
   EXPECT_EQ(RenderPool(options).submit(job(1)).get().width(), 16U);
   options.workers = {server.address()};
-  testing::expect_error(ErrorKind::kUnavailable, {"not for 127.0.0.1, but for localhost"},
+  testing::expect_error(ErrorKind::kUnavailable, {"for 127.0.0.1 (--tls-server-name)"},
                         [&] { RenderPool{options}; });
 }
 
