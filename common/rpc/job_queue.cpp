@@ -28,8 +28,8 @@ constexpr double kGraceSeconds = 0.5;
 constexpr double kAtOnceSeconds = 2;
 // More clients than this are not told apart.
 constexpr size_t kMostClients = 1024;
-// Who has so many places more than another may lose one to them, after which they still do not have
-// fewer.
+// Who has so many places more than another does not come before them; as many, where they are free,
+// anybody may have.
 constexpr size_t kMargin = 2;
 
 std::chrono::steady_clock::time_point after(double delay) {
@@ -45,9 +45,7 @@ Error stopping() {
 }  // namespace
 
 JobQueue::JobQueue(int threads, size_t capacity)
-    : capacity_(capacity),
-      thread_count_(static_cast<size_t>(threads)),
-      seconds_per_job_(kFirstGuessSeconds) {
+    : capacity_(capacity), thread_count_(static_cast<size_t>(threads)) {
   threads_.reserve(thread_count_);
   for (size_t i = 0; i < thread_count_; ++i) threads_.emplace_back([this] { work(); });
 }
@@ -69,43 +67,30 @@ JobQueue::Place JobQueue::admit(const QueueClient& client) {
   if (closed_) throw stopping();
   forget_old_notes();
   const auto note = std::ranges::find(notes_, client, &Note::client);
-  const size_t kept = kept_places(client, note);
-  const bool free = free_places() > kept;
-  if (!free && displaced_by(client, kMargin) == waiting_.size()) throw refusal(client, kept + 1);
+  const size_t ahead = clients_ahead(client, note);
+  const size_t kept = std::min(ahead, std::max<size_t>(capacity_, 1));
+  if (free_places() <= kept || has_its_share(client)) throw refusal(client, ahead);
   if (note != notes_.end()) notes_.erase(note);
   take_place(client);
   ++admitted_;
-  if (!free) ++displacing_;
-  return {*this, client, !free};
+  return {*this, client};
 }
 
 void JobQueue::submit(Place place, Job job) {
-  std::optional<Waiting> displaced;
-  std::optional<StatusError> why;
   {
     const std::lock_guard lock(mutex_);
     if (closed_) throw stopping();
     place.queue_ = nullptr;
     --admitted_;
-    if (place.displaces_) --displacing_;
-    size_t leaving = waiting_.size();
-    // The place has become one of the client's meanwhile.
-    if (place.displaces_ && free_places() == 0) leaving = displaced_by(place.client_, kMargin - 1);
-    if (leaving < waiting_.size()) {
-      const auto it = waiting_.begin() + static_cast<std::ptrdiff_t>(leaving);
-      why = refusal(it->client, 1);
-      free_place(it->client);
-      displaced = std::move(*it);
-      waiting_.erase(it);
-    }
     waiting_.push_back({place.client_, std::move(job), started_});
   }
   work_available_.notify_one();
-  if (displaced) displaced->job.refuse(*why);
 }
 
-StatusError JobQueue::refusal(const QueueClient& client, size_t places) {
-  const double seconds = seconds_until_free(places);
+// Told the time of their turn: when those ahead of them, and they, have places.
+StatusError JobQueue::refusal(const QueueClient& client, size_t ahead) {
+  const size_t ends = ahead + 1 - std::min(ahead, free_places());
+  const double seconds = seconds_of_ends(static_cast<double>(ends));
   const auto until = after(kGraceFactor * seconds + kGraceSeconds);
   if (const auto note = std::ranges::find(notes_, client, &Note::client); note != notes_.end()) {
     note->until = until;
@@ -144,40 +129,10 @@ bool JobQueue::has_more(const QueueClient& other, const QueueClient& client, siz
   return places(other, same) >= places(client, same) + by;
 }
 
-// The number of a waiting job, of this client's alone if one is named; if there is none, of how
-// many wait.
-size_t JobQueue::newest_of_who_has_most(const std::string* of) const {
-  const auto places = [this](const Waiting& waiting) {
-    const Held& held = held_.at(waiting.client.who);
-    return std::pair(held.all, held.connections.at(waiting.client.connection));
-  };
-  size_t newest = waiting_.size();
-  for (size_t i = waiting_.size(); i-- > 0;) {
-    const Waiting& waiting = waiting_[i];
-    if (of != nullptr && waiting.client.who != *of) continue;
-    if (newest < waiting_.size() && waiting.client == waiting_[newest].client) continue;
-    if (newest == waiting_.size() || places(waiting) > places(waiting_[newest])) newest = i;
-  }
-  return newest;
-}
-
-// A job of who has most, or else of a connection of the same client's; likewise.
-size_t JobQueue::displaced_by(const QueueClient& client, size_t margin) const {
-  const size_t none = waiting_.size();
-  // Each of those who were admitted so will take one.
-  if (displacing_ >= none) return none;
-  for (const std::string* of : {static_cast<const std::string*>(nullptr), &client.who}) {
-    const size_t newest = newest_of_who_has_most(of);
-    if (newest < none && has_more(waiting_[newest].client, client, margin)) return newest;
-  }
-  return none;
-}
-
 void JobQueue::give_back(const Place& place, std::optional<double> comes_again_in) {
   const QueueClient& client = place.client_;
   const std::lock_guard lock(mutex_);
   --admitted_;
-  if (place.displaces_) --displacing_;
   free_place(client);
   if (!comes_again_in) return;
   std::erase_if(notes_, [&](const Note& note) { return note.client == client; });
@@ -208,12 +163,6 @@ void JobQueue::close() {
   closed_ = true;
 }
 
-void JobQueue::drain() {
-  std::unique_lock lock(mutex_);
-  closed_ = true;
-  idle_.wait(lock, [this] { return waiting_.empty() && running_ == 0; });
-}
-
 bool JobQueue::drain_for(std::chrono::duration<double> patience) {
   std::unique_lock lock(mutex_);
   closed_ = true;
@@ -240,26 +189,48 @@ size_t JobQueue::free_places() const {
   return places - std::min(places, waiting_.size() + running_ + admitted_);
 }
 
-// For those who were noted before `end`, and have not much already: who has does not come before
-// who has little, whoever asked first.
-size_t JobQueue::kept_places(const QueueClient& client, const Notes::const_iterator& end) const {
-  const auto now = Clock::now();
+// Who was noted before `end`, and has not much already: who has does not come before who has
+// little, whoever asked first.
+size_t JobQueue::clients_ahead(const QueueClient& client, const Notes::const_iterator& end) const {
   std::set<std::string_view> others;
-  size_t kept = 0;
+  size_t ahead = 0;
   for (auto note = notes_.begin(); note != end; ++note) {
-    if (note->until < now || has_more(note->client, client, kMargin)) continue;
-    if (note->client.who == client.who || others.insert(note->client.who).second) ++kept;
+    if (has_more(note->client, client, kMargin)) continue;
+    if (note->client.who == client.who || others.insert(note->client.who).second) ++ahead;
   }
-  return std::min(kept, std::max<size_t>(capacity_, 1));
+  return ahead;
 }
 
-double JobQueue::seconds_until_free(size_t places) const {
-  const auto ends = static_cast<double>(places - std::min(places, free_places()));
-  return seconds_of_ends(ends);
+// Among all, or its connection among those of the same client.
+bool JobQueue::has_its_share(const QueueClient& client) const {
+  const size_t share = std::max(kMargin, free_places());
+  // Who asks for one thing after the other comes again soon.
+  const auto served_lately = [&](const auto& starts, const std::string& but) {
+    return std::ranges::any_of(starts, [&](const auto& start) {
+      return start.first != but && start.second + 2 * thread_count_ > started_;
+    });
+  };
+  const auto held = held_.find(client.who);
+  if (held == held_.end()) return false;
+  const auto is_another = [&](const Note& note) { return note.client.who != client.who; };
+  if (held->second.all >= share && (held_.size() > 1 || served_lately(last_start_, client.who) ||
+                                    std::ranges::any_of(notes_, is_another))) {
+    return true;
+  }
+  const auto& connections = held->second.connections;
+  const auto own = connections.find(client.connection);
+  const auto is_another_of_theirs = [&](const Note& note) {
+    return note.client.who == client.who && note.client.connection != client.connection;
+  };
+  return own != connections.end() && own->second >= share &&
+         (connections.size() > 1 || served_lately(last_start_of_connection_, client.connection) ||
+          std::ranges::any_of(notes_, is_another_of_theirs));
 }
 
 double JobQueue::seconds_of_ends(double ends) const {
-  return std::clamp(ends * seconds_per_job_ / static_cast<double>(thread_count_),
+  // Before a job has ended nobody knows: who asks again soon will be told better.
+  if (!seconds_per_job_) return kFirstGuessSeconds;
+  return std::clamp(ends * *seconds_per_job_ / static_cast<double>(thread_count_),
                     kLeastRetrySeconds, kMostRetrySeconds);
 }
 
@@ -305,7 +276,10 @@ void JobQueue::work() {
     dropped ? next.job.drop() : next.job.run();
     const std::chrono::duration<double> took = Clock::now() - start;
     lock.lock();
-    if (!dropped) seconds_per_job_ += kRecency * (took.count() - seconds_per_job_);
+    if (!dropped) {
+      const double before = seconds_per_job_.value_or(took.count());
+      seconds_per_job_ = before + kRecency * (took.count() - before);
+    }
     --running_;
     free_place(next.client);
     if (waiting_.empty() && running_ == 0) idle_.notify_all();

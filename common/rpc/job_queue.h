@@ -33,13 +33,13 @@ struct QueueClient {
 // connections of each.
 //  - The waiting job that runs next is one of who was served least recently, of the connection that
 //    was; who is new counts as served when they came.
-//  - Who finds no place although another has at least two more than they have gets one; the newest
-//    waiting job of who has most is refused in its stead, once theirs is there, if there is no
-//    other place by then. The same holds between the connections of each.
+//  - While others have places, are to come again or were served by one of the latest jobs, nobody
+//    has more places than are free, but for two.
 //  - Whose connection is refused is noted, and places to wait that become free are kept for those
 //    who are, in the order in which they first asked, one for all connections of another, until a
-//    little after the time that they were told to come again. Who is to come again at once is noted
-//    before all others, if free places are rare. No thread idles for who may never come.
+//    little after the time that they were told to come again: that of their turn. Who is to come
+//    again at once is noted before all others, if free places are rare. No thread idles for who may
+//    never come.
 // Thread-safe.
 class JobQueue {
  public:
@@ -47,19 +47,14 @@ class JobQueue {
     std::stop_token stop;
     std::function<void()> run;   // on a thread of the queue
     std::function<void()> drop;  // instead of `run`, if a stop was requested while it waited
-    // Instead of `run`, if another takes its place: with the status to be answered (busy).
-    std::function<void(const StatusError&)> refuse = [](const StatusError&) {};
   };
 
   // A place in the queue, given back when it goes out of scope unless a job was submitted to it.
   class Place {
    public:
-    Place(JobQueue& queue, QueueClient client, bool displaces)
-        : queue_(&queue), client_(std::move(client)), displaces_(displaces) {}
+    Place(JobQueue& queue, QueueClient client) : queue_(&queue), client_(std::move(client)) {}
     Place(Place&& other) noexcept
-        : queue_(std::exchange(other.queue_, nullptr)),
-          client_(std::move(other.client_)),
-          displaces_(other.displaces_) {}
+        : queue_(std::exchange(other.queue_, nullptr)), client_(std::move(other.client_)) {}
     Place(const Place&) = delete;
     Place& operator=(const Place&) = delete;
     Place& operator=(Place&&) = delete;
@@ -77,7 +72,6 @@ class JobQueue {
     friend class JobQueue;
     JobQueue* queue_;
     QueueClient client_;
-    bool displaces_;  // a waiting job, once a job is submitted to it
   };
 
   // `threads` jobs run at a time while up to `capacity` wait.
@@ -103,7 +97,6 @@ class JobQueue {
 
   // Takes no more jobs, and returns when those that wait or run have ended; false if they have not
   // within `patience`.
-  void drain();
   bool drain_for(std::chrono::duration<double> patience);
 
   // About how long until a job that runs ends; a second if none does.
@@ -135,16 +128,14 @@ class JobQueue {
 
   // All of them require the lock.
   size_t free_places() const;
-  size_t kept_places(const QueueClient& client, const Notes::const_iterator& end) const;
-  double seconds_until_free(size_t places) const;
+  size_t clients_ahead(const QueueClient& client, const Notes::const_iterator& end) const;
+  bool has_its_share(const QueueClient& client) const;
   double seconds_of_ends(double ends) const;
   void forget_old_notes();
   void take_place(const QueueClient& client);
   void free_place(const QueueClient& client);
   bool has_more(const QueueClient& other, const QueueClient& client, size_t by) const;
-  size_t newest_of_who_has_most(const std::string* of = nullptr) const;
-  size_t displaced_by(const QueueClient& client, size_t margin) const;
-  StatusError refusal(const QueueClient& client, size_t places);
+  StatusError refusal(const QueueClient& client, size_t ahead);
   Waiting take_next();
 
   // Keeps it for the client if they will come again, in so many seconds.
@@ -162,9 +153,8 @@ class JobQueue {
   // Of who, and of their connections: the number of a job.
   std::unordered_map<std::string, uint64_t> last_start_, last_start_of_connection_;
   uint64_t started_ = 0;
-  double seconds_per_job_;  // recently
-  size_t admitted_ = 0;     // places without a job yet
-  size_t displacing_ = 0;   // of them, those that displace a job
+  std::optional<double> seconds_per_job_;  // recently; none has ended yet
+  size_t admitted_ = 0;                    // places without a job yet
   size_t running_ = 0;
   bool closed_ = false;                // no more jobs
   bool stopping_ = false;              // no more work

@@ -137,11 +137,9 @@ void QueuedCall::enqueue(const grpc::ByteBuffer* request) {
   }
   accepted_ = true;
   desk_.add(this);
-  desk_.queue_.submit(std::move(place),
-                      {.stop = stop_.get_token(),
-                       .run = [this] { run(); },
-                       .drop = [this] { finish(status_of_stop()); },
-                       .refuse = [this](const StatusError& busy) { finish(busy.status()); }});
+  desk_.queue_.submit(std::move(place), {.stop = stop_.get_token(),
+                                         .run = [this] { run(); },
+                                         .drop = [this] { finish(status_of_stop()); }});
 }
 
 void QueuedCall::run() {

@@ -3,10 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <chrono>
 #include <functional>
 #include <future>
 #include <memory>
 #include <string>
+#include <thread>
 #include <utility>
 
 #include "common/error.h"
@@ -26,16 +28,22 @@ void submit(JobQueue& queue, JobQueue::Job job, const QueueClient& from = client
   queue.submit(queue.admit(from), std::move(job));
 }
 
+void drain(JobQueue& queue) {
+  EXPECT_TRUE(queue.drain_for(std::chrono::hours(1)));
+}
+
 // Occupies a thread of the queue until told otherwise.
 class Blocker {
  public:
-  explicit Blocker(JobQueue& queue) {
-    submit(queue, {{},
-                   [state = state_] {
-                     state->started.set_value();
-                     state->release.get_future().wait();
-                   },
-                   [] {}});
+  explicit Blocker(JobQueue& queue, const QueueClient& from = client("a")) {
+    submit(queue,
+           {{},
+            [state = state_] {
+              state->started.set_value();
+              state->release.get_future().wait();
+            },
+            [] {}},
+           from);
     state_->started.get_future().wait();
   }
   void release() { state_->release.set_value(); }
@@ -66,7 +74,7 @@ TEST(JobQueue, RefusesMoreThanItsCapacity) {
     EXPECT_LE(details.retry_after_seconds(), 10);
   }
   blocker.release();
-  queue.drain();
+  drain(queue);
   EXPECT_EQ(done, 2);
 }
 
@@ -74,7 +82,7 @@ TEST(JobQueue, WithoutRoomToWaitStillRuns) {
   std::atomic<int> done = 0;
   JobQueue queue(1, 0);
   submit(queue, {{}, [&] { ++done; }, [] {}});
-  queue.drain();
+  drain(queue);
   EXPECT_EQ(done, 1);
 }
 
@@ -89,14 +97,14 @@ TEST(JobQueue, DropsStoppedJobsAndFreesTheirPlaces) {
   EXPECT_EQ(dropped, 1);
   submit(queue, {{}, [&] { ++run; }, [] {}});
   blocker.release();
-  queue.drain();
+  drain(queue);
   EXPECT_EQ(run, 1);
   EXPECT_EQ(dropped, 1);
 }
 
 TEST(JobQueue, TakesNothingOnceDrained) {
   JobQueue queue(2, 2);
-  queue.drain();
+  drain(queue);
   EXPECT_THROW(queue.admit(client("a")), Error);
 }
 
@@ -195,7 +203,7 @@ TEST(JobQueue, KeepsOnePlaceForAllConnectionsOfAnother) {
   queue.admit(client("y"));
 }
 
-// Jobs that note who they are of, in the order in which they run, or that they were refused.
+// Jobs that note who they are of, in the order in which they run.
 class Ledger {
  public:
   explicit Ledger(JobQueue& queue) : queue_(queue) {}
@@ -203,17 +211,7 @@ class Ledger {
   // False if there was no place.
   bool add(const QueueClient& from, const std::string& name) {
     try {
-      submit(queue_,
-             {.stop = {},
-              .run = [this, name] { ran_ += name + " "; },
-              .drop = [] {},
-              .refuse =
-                  [this, name](const StatusError& busy) {
-                    v1::Busy details;
-                    EXPECT_TRUE(details.ParseFromString(busy.status().error_details()));
-                    EXPECT_GT(details.retry_after_seconds(), 0);
-                    refused_ += name + " ";
-                  }},
+      submit(queue_, {.stop = {}, .run = [this, name] { ran_ += name + " "; }, .drop = [] {}},
              from);
       return true;
     } catch (const StatusError&) {
@@ -223,11 +221,10 @@ class Ledger {
 
   // After drain().
   const std::string& ran() const { return ran_; }
-  const std::string& refused() const { return refused_; }
 
  private:
   JobQueue& queue_;
-  std::string ran_, refused_;
+  std::string ran_;
 };
 
 TEST(JobQueue, RunsNextWhoseTurnWasLongestAgo) {
@@ -236,13 +233,13 @@ TEST(JobQueue, RunsNextWhoseTurnWasLongestAgo) {
   Blocker blocker(queue);
   for (const char* name : {"a", "a", "a", "b", "c"}) ledger.add(client(name), name);
   blocker.release();
-  queue.drain();
+  drain(queue);
   EXPECT_EQ(ledger.ran(), "b c a a a ");
 }
 
 // More connections are not more turns; between those of one, turns are as fair.
 TEST(JobQueue, TakesTurnsOfClientsAndThenOfTheirConnections) {
-  JobQueue queue(1, 8);
+  JobQueue queue(1, 20);
   Ledger ledger(queue);
   Blocker blocker(queue);  // of "a"
   for (const char* connection : {"x1", "x1", "x1", "x2", "x2", "x3"}) {
@@ -250,7 +247,7 @@ TEST(JobQueue, TakesTurnsOfClientsAndThenOfTheirConnections) {
   }
   for (int i = 0; i < 2; ++i) ledger.add(client("y"), "y");
   blocker.release();
-  queue.drain();
+  drain(queue);
   EXPECT_EQ(ledger.ran(), "x1 y x2 y x3 x1 x2 x1 ");
 }
 
@@ -274,103 +271,66 @@ TEST(JobQueue, NewcomersDoNotKeepOthersWaiting) {
   come(1);
   blocker.release();
   last_came.get_future().wait();
-  queue.drain();
+  drain(queue);
   EXPECT_TRUE(ledger.ran().starts_with("a ")) << ledger.ran();
 }
 
-TEST(JobQueue, GivesWhoHasFewAPlaceOfWhoHasMost) {
-  JobQueue queue(1, 4);
+// Whoever comes first.
+TEST(JobQueue, LetsNobodyHaveMoreThanIsFreeWhileOthersAreThere) {
+  JobQueue queue(1, 9);
   Ledger ledger(queue);
   Blocker blocker(queue);  // of "a", as what follows
-  for (const char* name : {"a1", "a2", "a3", "a4"}) EXPECT_TRUE(ledger.add(client("a"), name));
-  EXPECT_FALSE(ledger.add(client("a"), "a5"));
-  EXPECT_TRUE(ledger.add(client("b"), "b1"));
-  EXPECT_EQ(ledger.refused(), "a4 ");
-  EXPECT_TRUE(ledger.add(client("b"), "b2"));
-  EXPECT_EQ(ledger.refused(), "a4 a3 ") << "a has three places, b two";
-  EXPECT_FALSE(ledger.add(client("b"), "b3")) << "it would have more than a";
-  EXPECT_EQ(queue.waiting(), 4U);
+  for (int i = 0; i < 6; ++i) EXPECT_TRUE(ledger.add(client("a"), "a"));
+  EXPECT_TRUE(ledger.add(client("b"), "b"));
+  EXPECT_FALSE(ledger.add(client("a"), "a")) << "it has seven of ten, and two are free";
+  EXPECT_FALSE(ledger.add({"a", "another connection"}, "a"));
+  EXPECT_TRUE(ledger.add(client("b"), "b"));
+  EXPECT_FALSE(ledger.add(client("b"), "b")) << "it has two, and one is free";
+  EXPECT_TRUE(ledger.add(client("c"), "c"));
   blocker.release();
-  queue.drain();
-  EXPECT_EQ(ledger.ran(), "b1 a1 b2 a2 ");
+  drain(queue);
+  EXPECT_EQ(ledger.ran(), "b c a b a a a a a ");
 }
 
-TEST(JobQueue, GivesAConnectionAPlaceOfAnotherOfTheSameClient) {
-  JobQueue queue(1, 3);
+TEST(JobQueue, LetsNoConnectionHaveMoreThanIsFreeWhileOthersOfTheSameClientAreThere) {
+  JobQueue queue(1, 9);
   Ledger ledger(queue);
-  Blocker blocker(queue);
-  for (const char* name : {"1", "2", "3"}) EXPECT_TRUE(ledger.add({"a", "first"}, name));
-  EXPECT_TRUE(ledger.add({"a", "second"}, "4"));
-  EXPECT_EQ(ledger.refused(), "3 ");
+  Blocker blocker(queue, {"x", "first"});
+  for (int i = 0; i < 6; ++i) EXPECT_TRUE(ledger.add({"x", "first"}, "1"));
+  EXPECT_TRUE(ledger.add({"x", "second"}, "2"));
+  EXPECT_FALSE(ledger.add({"x", "first"}, "1"));
+  EXPECT_TRUE(ledger.add({"x", "second"}, "2"));
   blocker.release();
-  queue.drain();
-  EXPECT_EQ(ledger.ran(), "1 4 2 ");
+  drain(queue);
+  EXPECT_EQ(ledger.ran(), "2 1 2 1 1 1 1 1 ");
 }
 
-// Although another client has more, but not two more than these have together.
-TEST(JobQueue, GivesAConnectionAPlaceOfAnotherWhoeverHasMost) {
-  JobQueue queue(1, 6);
-  Ledger ledger(queue);
-  Blocker blocker(queue);  // of "a"
-  for (const char* name : {"a1", "a2", "a3"}) EXPECT_TRUE(ledger.add(client("a"), name));
-  for (const char* name : {"1", "2", "3"}) EXPECT_TRUE(ledger.add({"b", "first"}, name));
-  EXPECT_TRUE(ledger.add({"b", "second"}, "4"));
-  EXPECT_EQ(ledger.refused(), "3 ");
-  blocker.release();
-  queue.drain();
-}
-
-// A place was free when the job came that was to take another's.
-TEST(JobQueue, TakesNoPlaceAwayThatIsNotNeeded) {
-  JobQueue queue(2, 2);
-  Ledger ledger(queue);
-  Blocker first(queue), second(queue);
-  std::promise<void> third_runs, release_third;
-  submit(queue, {{}, [&] { third_runs.set_value(), release_third.get_future().wait(); }, [] {}});
-  EXPECT_TRUE(ledger.add(client("a"), "a4"));
-  JobQueue::Place place = queue.admit(client("b"));
-  first.release();
-  third_runs.get_future().wait();
-  queue.submit(std::move(place), {{}, [] {}, [] {}});
-  EXPECT_EQ(ledger.refused(), "");
-  second.release();
-  release_third.set_value();
-  queue.drain();
-}
-
-TEST(JobQueue, PromisesEachPlaceOnce) {
-  JobQueue queue(1, 1);
-  Ledger ledger(queue);
-  Blocker blocker(queue);
-  EXPECT_TRUE(ledger.add(client("a"), "a1"));
-  const JobQueue::Place place = queue.admit(client("b"));
-  EXPECT_THROW(queue.admit(client("c")), StatusError);
-  blocker.release();
-  queue.drain();
-}
-
-// What is admitted and then found to be wrong costs nobody a place.
-TEST(JobQueue, TakesNoPlaceAwayBeforeThereIsAJobForIt) {
-  JobQueue queue(1, 3);
-  Ledger ledger(queue);
-  Blocker blocker(queue);
-  for (const char* name : {"a1", "a2", "a3"}) ledger.add(client("a"), name);
-  { const JobQueue::Place place = queue.admit(client("b")); }
-  EXPECT_EQ(ledger.refused(), "");
-  {
-    JobQueue::Place place = queue.admit(client("b"));
-    place.keep_for_client();
+double told_time(JobQueue& queue, const QueueClient& from) {
+  try {
+    queue.admit(from);
+  } catch (const StatusError& error) {
+    v1::Busy details;
+    EXPECT_TRUE(details.ParseFromString(error.status().error_details()));
+    return details.retry_after_seconds();
   }
-  EXPECT_EQ(ledger.refused(), "");
-  blocker.release();
-  queue.drain();
-  EXPECT_EQ(ledger.ran(), "a1 a2 a3 ");
+  ADD_FAILURE() << "accepted";
+  return 0;
 }
 
-TEST(JobQueue, TakesNoPlaceAwayFromAJobThatRuns) {
-  JobQueue queue(1, 0);
+// Each of the connections of one; all of another are one.
+TEST(JobQueue, TellsWhoIsRefusedTheTimeOfTheirTurn) {
+  JobQueue queue(1, 2);
+  submit(queue, {{}, [] { std::this_thread::sleep_for(std::chrono::milliseconds(200)); }, [] {}});
+  ASSERT_TRUE(testing::eventually([&] { return queue.running() + queue.waiting() == 0; }));
   Blocker blocker(queue);
-  EXPECT_THROW(queue.admit(client("b")), StatusError);
+  for (const char* name : {"b", "c"}) submit(queue, {{}, [] {}, [] {}}, client(name));
+  const double first = told_time(queue, {"x", "x1"});
+  EXPECT_GE(first, 0.2);
+  for (const int turn : {2, 3, 4}) {
+    EXPECT_DOUBLE_EQ(told_time(queue, {"x", "x" + std::to_string(turn)}), turn * first);
+  }
+  EXPECT_DOUBLE_EQ(told_time(queue, client("y")), 2 * first);
+  EXPECT_DOUBLE_EQ(told_time(queue, {"x", "x1"}), first) << "it has its turn already";
   blocker.release();
 }
 
