@@ -16,7 +16,7 @@
 #include "common/flags.h"
 #include "common/logging.h"
 #include "common/progress.h"
-#include "common/rpc/grpc_server.h"
+#include "common/rpc/library_log.h"
 #include "common/suggestion.h"
 
 namespace itn {

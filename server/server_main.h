@@ -18,6 +18,7 @@
 #include "common/logging.h"
 #include "common/rpc/grpc_server.h"
 #include "common/rpc/host_port.h"
+#include "common/rpc/library_log.h"
 #include "common/rpc/memory_plan.h"
 #include "common/rpc/metrics.h"
 #include "common/rpc/process_memory.h"

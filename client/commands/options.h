@@ -15,7 +15,7 @@
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
-#include "common/rpc/channel.h"
+#include "common/rpc/client_security.h"
 
 namespace itn {
 

@@ -16,7 +16,7 @@
 
 #include "client/dataset/item_renderer.h"
 #include "client/dataset/noise.h"
-#include "client/render_pool/render_wait.h"
+#include "client/render_pool/render_pool.h"
 #include "client/render_pool/reply_images.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"

@@ -9,7 +9,7 @@
 
 #include "client/dataset/dataset_render.h"
 #include "client/dataset/item_scene.h"
-#include "client/render_pool/render_wait.h"
+#include "client/render_pool/render_pool.h"
 #include "client/training/evaluation.h"
 #include "common/geometry/shapes.h"
 #include "common/image/image.h"

@@ -9,7 +9,7 @@
 
 #include "client/dataset/studio.h"
 #include "client/interrupt.h"
-#include "client/render_pool/render_wait.h"
+#include "client/render_pool/render_pool.h"
 #include "common/error.h"
 #include "common/geometry/mesh.h"
 #include "common/image/preview.h"

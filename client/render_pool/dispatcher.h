@@ -44,14 +44,6 @@ class Dispatcher {
 
   static constexpr int kMost = 3;
 
-  struct Statistics {
-    uint64_t jobs = 0;             // that succeeded
-    uint64_t retries = 0;          // attempts after one that failed
-    uint64_t second_attempts = 0;  // at renders that were late
-    uint64_t scenes_sent = 0;      // scenes that a worker did not hold
-    double cpu_seconds = 0;        // spent by the workers on what succeeded
-  };
-
   struct Job;
 
   // One render on its way through one worker.
@@ -117,7 +109,7 @@ class Dispatcher {
   bool has_workers() const;
   // Each worker with what is known of its last failure.
   std::string last_failures() const;
-  const Statistics& statistics() const { return statistics_; }
+  const RenderStatistics& statistics() const { return statistics_; }
 
   // Cancels all renders; their futures throw Error (kCancelled).
   void close();
@@ -172,7 +164,7 @@ class Dispatcher {
   std::map<uint64_t, std::shared_ptr<Attempt>> under_way_;  // by number: the oldest first
   uint64_t next_attempt_ = 0;
   RenderTimes times_;
-  Statistics statistics_;
+  RenderStatistics statistics_;
   std::optional<Clock::time_point> said_that_it_waits_;
   std::minstd_rand random_{std::random_device{}()};
   bool closed_ = false;

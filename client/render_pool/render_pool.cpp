@@ -13,6 +13,8 @@
 #include <thread>
 #include <utility>
 
+#include "client/render_pool/dispatcher.h"
+#include "client/render_pool/render_worker.h"
 #include "client/render_pool/tiles.h"
 #include "client/render_pool/worker_connection.h"
 #include "client/render_pool/worker_list.h"
@@ -99,7 +101,7 @@ class RenderPool::Impl {
     return std::max(static_cast<int>(members_.size()), 1);
   }
 
-  Statistics statistics() const {
+  RenderStatistics statistics() const {
     const std::lock_guard lock(mutex_);
     return dispatcher_.statistics();
   }
@@ -437,8 +439,18 @@ int RenderPool::parallelism() const {
   return impl_->workers() * kJobsPerWorker;
 }
 
-RenderPool::Statistics RenderPool::statistics() const {
+RenderStatistics RenderPool::statistics() const {
   return impl_->statistics();
+}
+
+v1::RenderGradReply wait_for_render(std::future<v1::RenderGradReply>& future,
+                                    const std::stop_token& stop) {
+  do {
+    if (stop.stop_requested()) {
+      throw Error(ErrorKind::kCancelled, "interrupted");
+    }
+  } while (future.wait_for(milliseconds(100)) != std::future_status::ready);
+  return future.get();
 }
 
 }  // namespace itn

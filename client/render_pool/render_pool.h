@@ -7,16 +7,17 @@
 #include <future>
 #include <memory>
 #include <span>
+#include <stop_token>
 #include <string>
 #include <vector>
 
-#include "client/render_pool/dispatcher.h"
 #include "client/render_pool/render_job.h"
-#include "client/render_pool/render_worker.h"
-#include "common/rpc/channel.h"
+#include "common/rpc/client_security.h"
 #include "itn/v1/render.pb.h"
 
 namespace itn {
+
+class RenderWorker;
 
 struct RenderPoolOptions {
   // As worker_list.h says; empty: an embedded worker behind gRPC's in-process channel.
@@ -69,12 +70,16 @@ class RenderPool {
   // leave; never zero.
   int parallelism() const;
 
-  using Statistics = Dispatcher::Statistics;
-  Statistics statistics() const;
+  RenderStatistics statistics() const;
 
  private:
   class Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+// A reply that was submitted. Throws Error (kCancelled) within a tenth of a second after a stop is
+// requested, and what the future throws.
+v1::RenderGradReply wait_for_render(std::future<v1::RenderGradReply>& future,
+                                    const std::stop_token& stop);
 
 }  // namespace itn

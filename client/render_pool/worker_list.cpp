@@ -18,7 +18,7 @@
 #include "common/error.h"
 #include "common/files/read_file.h"
 #include "common/printable.h"
-#include "common/rpc/channel.h"
+#include "common/rpc/client_security.h"
 #include "common/rpc/host_port.h"
 
 namespace itn {

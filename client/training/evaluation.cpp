@@ -6,7 +6,7 @@
 #include <numeric>
 
 #include "client/dataset/sampler.h"
-#include "client/render_pool/render_wait.h"
+#include "client/render_pool/render_pool.h"
 #include "client/training/augmentation.h"
 #include "client/training/noise_map.h"
 #include "client/training/shape_bootstrap.h"

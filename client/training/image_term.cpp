@@ -3,7 +3,6 @@
 #include <future>
 
 #include "client/render_pool/render_pool.h"
-#include "client/render_pool/render_wait.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 

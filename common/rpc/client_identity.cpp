@@ -1,6 +1,7 @@
 #include "common/rpc/client_identity.h"
 
 #include <grpcpp/security/auth_context.h>
+#include <grpcpp/server_context.h>
 
 #include <memory>
 

@@ -1,11 +1,11 @@
 // Who calls, as far as a server can tell.
 #pragma once
 
-#include <grpcpp/server_context.h>
-
-#include <string>
-
 #include "common/rpc/job_queue.h"
+
+namespace grpc {
+class CallbackServerContext;
+}
 
 namespace itn {
 

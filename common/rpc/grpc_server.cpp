@@ -1,12 +1,9 @@
 #include "common/rpc/grpc_server.h"
 
 #include <fmt/format.h>
-#include <google/protobuf/stubs/logging.h>
-#include <grpc/support/log.h>
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/resource_quota.h>
 #include <grpcpp/server_builder.h>
-#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <chrono>
@@ -14,7 +11,6 @@
 #include <utility>
 
 #include "common/error.h"
-#include "common/printable.h"
 #include "common/rpc/memory_plan.h"
 
 namespace itn {
@@ -74,19 +70,7 @@ void set_limits(grpc::ServerBuilder& builder, const GrpcServerOptions& options) 
   }
 }
 
-void log_grpc(gpr_log_func_args* args) {
-  spdlog::debug("gRPC: {} ({}:{})", args->message, args->file, args->line);
-}
-
 }  // namespace
-
-void log_libraries_through_spdlog() {
-  gpr_set_log_function(log_grpc);
-  google::protobuf::SetLogHandler(
-      [](google::protobuf::LogLevel, const char* file, int line, const std::string& message) {
-        spdlog::debug("protobuf: {} ({}:{})", printable(message, 500), file, line);
-      });
-}
 
 GrpcServerOptions within_memory(GrpcServerOptions options, uint64_t own_bytes) {
   if (options.max_memory_bytes == 0) return options;

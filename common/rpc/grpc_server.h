@@ -68,7 +68,4 @@ class GrpcServer {
   std::unique_ptr<grpc::Server> server_;
 };
 
-// What gRPC and protobuf themselves log goes to our log, as debug messages. To be called at start.
-void log_libraries_through_spdlog();
-
 }  // namespace itn

@@ -41,17 +41,14 @@ uint64_t least_memory(uint64_t own_bytes) {
 
 uint64_t least_group_limit(std::istream& groups, const std::filesystem::path& root) {
   uint64_t least = std::numeric_limits<uint64_t>::max();
-  // Lines are ID:CONTROLLERS:PATH, of version 2 without controllers.
+  // Lines are ID:CONTROLLERS:PATH, without controllers: version 2.
   for (std::string id, controllers, path; std::getline(groups, id, ':') &&
                                           std::getline(groups, controllers, ':') &&
                                           std::getline(groups, path);) {
-    const bool is_v2 = controllers.empty();
-    if (!is_v2 && ("," + controllers + ",").find(",memory,") == std::string::npos) continue;
-    const std::filesystem::path mount = is_v2 ? root : root / "memory";
-    const char* const file_name = is_v2 ? "memory.max" : "memory.limit_in_bytes";
+    if (!controllers.empty()) continue;
     // In a container the path may be the host's, which is not there: the group is then the root.
     for (auto group = std::filesystem::path(path).relative_path();; group = group.parent_path()) {
-      std::ifstream file(mount / group / file_name);
+      std::ifstream file(root / group / "memory.max");
       if (uint64_t limit = 0; file >> limit) least = std::min(least, limit);  // or "max"
       if (group.empty()) break;
     }

@@ -208,8 +208,9 @@ void QueuedCall::log(const CallRecord& record, const grpc::Status& status) const
   }
   if (asks_for_scene(status)) {
     log_with_fields(spdlog::level::debug, line, fields);
-  } else {
-    desk_.log_.line(line, fields);
+  } else if (const auto left_out = desk_.log_limit_.admit()) {
+    if (*left_out > 0) spdlog::info("{} calls were answered without a line here", *left_out);
+    log_with_fields(spdlog::level::info, line, fields);
   }
 }
 

@@ -20,8 +20,8 @@
 #include <unordered_set>
 #include <utility>
 
-#include "common/rpc/call_log.h"
 #include "common/rpc/job_queue.h"
+#include "common/rpc/log_limit.h"
 #include "common/rpc/memory_budget.h"
 
 namespace itn {
@@ -74,7 +74,7 @@ class CallDesk {
 
   const CallDeskOptions options_;
   CallCounts counts_;
-  CallLog log_;
+  LogLimit log_limit_{50, std::chrono::seconds(1)};  // lines of calls
   MemoryBudget memory_;
   mutable std::mutex mutex_;
   std::condition_variable_any changed_;

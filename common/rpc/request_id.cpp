@@ -1,6 +1,8 @@
 #include "common/rpc/request_id.h"
 
 #include <fmt/format.h>
+#include <grpcpp/client_context.h>
+#include <grpcpp/server_context.h>
 
 #include <algorithm>
 #include <atomic>

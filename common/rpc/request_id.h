@@ -1,11 +1,14 @@
 // What a call is called in the logs of both sides.
 #pragma once
 
-#include <grpcpp/client_context.h>
-#include <grpcpp/server_context.h>
 #include <grpcpp/support/status.h>
 
 #include <string>
+
+namespace grpc {
+class CallbackServerContext;
+class ClientContext;
+}  // namespace grpc
 
 namespace itn {
 

@@ -1,6 +1,7 @@
 #include "common/rpc/server_security.h"
 
 #include <grpc/grpc_security.h>
+#include <grpcpp/security/server_credentials.h>
 #include <spdlog/spdlog.h>
 
 #include <array>
@@ -12,7 +13,7 @@
 
 #include "common/error.h"
 #include "common/files/file_stamp.h"
-#include "common/rpc/refusal_count.h"
+#include "common/rpc/log_limit.h"
 #include "common/rpc/token_file.h"
 
 namespace itn {
@@ -100,18 +101,18 @@ const char* refusal(TokenFile& tokens, std::span<const grpc_metadata> headers) {
 }
 
 // A line now and then: whoever guesses tokens does not fill the disk.
-void log_refusal(RefusalCount& refused, const char* why) {
-  const std::optional<uint64_t> calls = refused.add();
-  if (!calls) return;
-  spdlog::warn("calls refused for want of a right token: {}; the last was told \"{}\"", *calls,
-               why);
+void log_refusal(LogLimit& limit, const char* why) {
+  const std::optional<uint64_t> left_out = limit.admit();
+  if (!left_out) return;
+  spdlog::warn("calls refused for want of a right token: {}; the last was told \"{}\"",
+               *left_out + 1, why);
 }
 
 struct TokenCheck {
   explicit TokenCheck(const std::string& file) : tokens(file) {}
 
   TokenFile tokens;
-  RefusalCount refused;
+  LogLimit log_limit{1, std::chrono::seconds(10)};
 };
 
 // As gRPC's callback: for every call.
@@ -119,7 +120,7 @@ void check_call(void* state, grpc_auth_context* /*context*/, const grpc_metadata
                 size_t count, grpc_process_auth_metadata_done_cb done, void* call) {
   auto& check = *static_cast<TokenCheck*>(state);
   const char* const refused = refusal(check.tokens, {headers, count});
-  if (refused) log_refusal(check.refused, refused);
+  if (refused) log_refusal(check.log_limit, refused);
   done(call, nullptr, 0, nullptr, 0, refused ? GRPC_STATUS_UNAUTHENTICATED : GRPC_STATUS_OK,
        refused);
 }

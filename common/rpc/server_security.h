@@ -1,12 +1,14 @@
 // What a server demands of its connections and calls: TLS, clients' certificates, a token.
 #pragma once
 
-#include <grpcpp/security/server_credentials.h>
-
 #include <memory>
 #include <string>
 
 #include "common/rpc/certificates.h"
+
+namespace grpc {
+class ServerCredentials;
+}
 
 namespace itn {
 

@@ -5,11 +5,14 @@
 #include <google/protobuf/descriptor.h>
 #include <google/protobuf/io/zero_copy_stream.h>
 #include <google/protobuf/message.h>
-#include <grpcpp/support/byte_buffer.h>
 
 #include <cstdint>
 #include <string>
 #include <unordered_map>
+
+namespace grpc {
+class ByteBuffer;
+}
 
 namespace itn {
 

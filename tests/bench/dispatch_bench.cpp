@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "client/render_pool/render_pool.h"
+#include "client/render_pool/render_worker.h"
 #include "common/flags.h"
 #include "tests/support/cpu_time.h"
 #include "tests/support/scenes.h"
@@ -188,7 +189,7 @@ void run(Flags flags) {
   double busy = 0;
   for (const SleepingWorker* worker : workers)
     busy += worker->busy_seconds(begin, times.last_begun());
-  const RenderPool::Statistics statistics = pool.statistics();
+  const RenderStatistics statistics = pool.statistics();
   fmt::print(
       "{} workers, {} renders: utilisation {:.1f} % while any waited ({:.2f} of {:.2f} s), {:.0f} "
       "renders/s, {:.1f} us of processor time each, {} wrong, {} second attempts, {} retries\n",

@@ -15,7 +15,6 @@
 
 #include "client/refine/refinement.h"
 #include "client/render_pool/render_pool.h"
-#include "client/render_pool/render_wait.h"
 #include "client/render_pool/reply_images.h"
 #include "common/random.h"
 #include "common/rpc/wire_array.h"

@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "common/rpc/channel.h"
+#include "common/rpc/client_security.h"
 #include "common/rpc/server_security.h"
 #include "tests/support/paths.h"
 #include "tests/support/temporary_folder.h"

@@ -100,21 +100,6 @@ TEST(FailingWorkers, TellACancelledRenderFromOneThatWeCancel) {
   expect_answers(submit(pool, 5));
 }
 
-TEST(FailingWorkers, EndARenderThatIsWrongAtOnce) {
-  FakeWorker a(fails(StatusCode::INVALID_ARGUMENT)), b(fails(StatusCode::INVALID_ARGUMENT));
-  RenderPool pool(pool_of({&a, &b}));
-  expect_error(ErrorKind::kInvalidInput, {"worker 127.0.0.1:", "oh"},
-               [&] { pool.submit(job(1)).get(); });
-  EXPECT_EQ(a.renders() + b.renders(), 1);
-}
-
-TEST(FailingWorkers, EndARenderThatNoneOfThemCanDo) {
-  FakeWorker a(fails(StatusCode::INTERNAL)), b(fails(StatusCode::INTERNAL));
-  RenderPool pool(pool_of({&a, &b}));
-  expect_error(ErrorKind::kInternal, {a.address() + ": oh", b.address() + ": oh"},
-               [&] { pool.submit(job(1)).get(); });
-}
-
 // More clients than the worker has places; no client gives up after any time at all.
 TEST(FailingWorkers, ServeAllClientsOfABusyOne) {
   Gate gate;
@@ -164,70 +149,6 @@ TEST(FailingWorkers, DoNotHoldUpWhatAnIdleOneCanDo) {
   EXPECT_EQ(pool.statistics().retries, 0U);
 }
 
-TEST(FailingWorkers, AreSetAsideForAnAnswerThatCannotBeRight) {
-  const testing::CapturedLog log;
-  std::string bad_name;
-  {
-    FakeWorker good(answers);
-    FakeWorker bad([](const ServerContext& context, const Request& request, Reply& reply) {
-      answers(context, request, reply);
-      const float nan = std::numeric_limits<float>::quiet_NaN();
-      reply.mutable_estimates(1)->set_radiance(to_bytes(std::vector<float>(16 * 12, nan)));
-      return Status::OK;
-    });
-    bad_name = "worker " + bad.address();
-    RenderPool pool(pool_of({&bad, &good}));
-    ASSERT_TRUE(eventually([&] {
-      expect_answers(submit(pool, 4));
-      return bad.renders() > 0;
-    }));
-    expect_answers(submit(pool, 4));  // whatever was on its way to it is back
-    const int renders = bad.renders();
-    expect_answers(submit(pool, 20));
-    EXPECT_EQ(bad.renders(), renders);
-  }
-  EXPECT_THAT(log.text(), ::testing::HasSubstr(bad_name + ": the reply cannot be right: radiance"));
-}
-
-// To a client, a worker that dies looks like one that says nothing but UNAVAILABLE.
-TEST(FailingWorkers, EndARenderThatKillsThem) {
-  const auto dies_of_13 = [](const ServerContext& context, const Request& request, Reply& reply) {
-    return request.seed() == 13 ? Status(StatusCode::UNAVAILABLE, "Socket closed")
-                                : answers(context, request, reply);
-  };
-  FakeWorker a(dies_of_13), b(dies_of_13);
-  RenderPool pool(pool_of({&a, &b}));
-  auto poison = pool.submit(job(13));
-  expect_error(ErrorKind::kUnavailable, {"seed 13 was lost 3 times", "Socket closed"},
-               [&] { poison.get(); });
-  expect_answers(submit(pool, 10));
-}
-
-// Three are lost; the others never see it, and everything else is rendered, once.
-TEST(FailingWorkers, AreNotAllKilledByOneRender) {
-  std::atomic<int> victims = 0;
-  const auto dies_of_13 = [&](const ServerContext& context, const Request& request, Reply& reply) {
-    if (request.seed() != 13) return answers(context, request, reply);
-    ++victims;
-    return Status(StatusCode::UNAVAILABLE, "Socket closed");
-  };
-  std::vector<std::unique_ptr<FakeWorker>> workers;
-  std::vector<const FakeWorker*> pointers;
-  for (int i = 0; i < 8; ++i) {
-    workers.push_back(std::make_unique<FakeWorker>(dies_of_13));
-    pointers.push_back(workers.back().get());
-  }
-  RenderPool pool(pool_of(pointers));
-  expect_answers(submit(pool, 12));
-  // By itself: what is lost behind another render of its worker is not held against it, as a worker
-  // renders one after the other, which these do not.
-  expect_error(ErrorKind::kUnavailable, {"the render of scene ", "seed 13 was lost 3 times"},
-               [&] { pool.submit(job(13)).get(); });
-  expect_answers(submit(pool, 12));
-  EXPECT_EQ(victims, 3);
-  EXPECT_EQ(pool.statistics().jobs, 24U);
-}
-
 TEST(FailingWorkers, OfAnotherVersionAreNotUsed) {
   v1::Capabilities other;
   other.set_version("0.0.1");
@@ -254,14 +175,6 @@ TEST(FailingWorkers, CannotSteerTheTerminalByTheirVersion) {
     EXPECT_EQ(message.find('\x1b'), std::string::npos);
     EXPECT_LT(message.size(), 1000U);
   }
-}
-
-TEST(FailingWorkers, ThatAreTooSmallLeaveRendersToLargerOnes) {
-  v1::Capabilities few_pixels;
-  few_pixels.set_max_pixels(100);
-  FakeWorker small(fails(StatusCode::RESOURCE_EXHAUSTED), few_pixels), large(answers);
-  RenderPool pool(pool_of({&small, &large}));
-  expect_answers(submit(pool, 20));
 }
 
 // By which it is found in the worker's log.

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "client/render_pool/render_pool.h"
+#include "client/render_pool/render_worker.h"
 #include "common/error.h"
 #include "common/rpc/host_port.h"
 #include "server/render/render_server.h"

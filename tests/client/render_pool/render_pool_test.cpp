@@ -323,15 +323,6 @@ TEST(RenderPool, WaitsForPlaceInABusyWorker) {
   EXPECT_EQ(render_all(pool, all), render_all(embedded, all));
 }
 
-TEST(RenderPool, GivesUpWhenAllWorkersStayAway) {
-  auto worker = std::make_unique<WorkerProcess>();
-  auto options = pool_of({worker->address()});
-  options.give_up_after = 700ms;
-  RenderPool pool(options);
-  worker.reset();
-  EXPECT_EQ(kind_of_failure(pool.submit(jobs(1)[0])), ErrorKind::kUnavailable);
-}
-
 TEST(RenderPool, GivesUpARenderThatTakesTooLong) {
   auto options = pool_of({});
   options.deadline = 100ms;
@@ -384,18 +375,6 @@ TEST(RenderPool, NamesTheWorkersIfNoneAnswers) {
     EXPECT_THAT(error.what(), HasSubstr("127.0.0.1:1"));
     EXPECT_THAT(error.what(), HasSubstr("127.0.0.1:2"));
   }
-}
-
-TEST(RenderPool, DoesNotRetryWhatIsWrong) {
-  RenderPool pool(pool_of({}));
-  RenderJob bad = jobs(1)[0];
-  bad.request.mutable_material()->set_albedo(1.2);
-  EXPECT_EQ(kind_of_failure(pool.submit(bad)), ErrorKind::kInvalidInput);
-  bad = jobs(1)[0];
-  bad.scene = serialize(cube_scene(40000, 25000));
-  EXPECT_EQ(kind_of_failure(pool.submit(bad)), ErrorKind::kLimit);
-  EXPECT_THROW(pool.render_split(bad), Error);
-  EXPECT_EQ(pool.statistics().retries, 0U);
 }
 
 TEST(RenderPool, CancelsWhatIsUnderWayWhenItGoesAway) {

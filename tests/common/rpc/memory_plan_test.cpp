@@ -62,16 +62,11 @@ TEST_F(GroupLimitTest, IsOfTheRootInAContainer) {
   EXPECT_EQ(limit_of("0::/of/the/host\n"), 4000U);
 }
 
-TEST_F(GroupLimitTest, MayBeOfTheFirstVersion) {
-  write("memory/jobs/memory.limit_in_bytes", "6000");
-  write("memory.max", "1");  // of no group of this process
-  EXPECT_EQ(limit_of("4:cpu,cpuacct:/jobs\n3:hugetlb,memory:/jobs/one\n"), 6000U);
-}
-
 TEST_F(GroupLimitTest, IsNoneWhereNothingSaysOne) {
   write("jobs/memory.max", "max");
   EXPECT_EQ(limit_of("0::/jobs\n"), kNoLimit);
   EXPECT_EQ(limit_of(""), kNoLimit);
+  EXPECT_EQ(limit_of("4:cpu,cpuacct:/jobs\n3:hugetlb,memory:/jobs\n"), kNoLimit);  // version 1
   EXPECT_EQ(limit_of("what is this"), kNoLimit);
 }
 

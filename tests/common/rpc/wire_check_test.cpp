@@ -1,6 +1,7 @@
 #include "common/rpc/wire_check.h"
 
 #include <gmock/gmock.h>
+#include <grpcpp/support/byte_buffer.h>
 #include <gtest/gtest.h>
 
 #include <string>
