@@ -56,8 +56,8 @@ std::vector<double> noise_levels(const EvaluateOptions& options, const v1::Model
 }
 
 // Of who has not looked at the images.
-Contender yardstick(const std::string& name, std::vector<Material> predictions,
-                    const LabelledImages& images) {
+Contender baseline(const std::string& name, std::vector<Material> predictions,
+                   const LabelledImages& images) {
   Contender candidate;
   candidate.row.set_name(name);
   candidate.predictions = std::move(predictions);
@@ -87,10 +87,10 @@ std::vector<Contender> candidates_of(const EvaluateOptions& options, const Label
       set_likelihood(predictor, estimates, images, candidate.row);
     }
   }
-  candidates.push_back(yardstick("constant predictor", constant_predictions(images), images));
+  candidates.push_back(baseline("constant predictor", constant_predictions(images), images));
   if (std::optional<std::vector<Material>> predictions =
           similarity_predictions(images, materials)) {
-    candidates.push_back(yardstick(kSimilarityPredictor, std::move(*predictions), images));
+    candidates.push_back(baseline(kSimilarityPredictor, std::move(*predictions), images));
   }
   return candidates;
 }

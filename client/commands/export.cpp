@@ -13,7 +13,7 @@
 #include "client/dataset/dataset.h"
 #include "client/interrupt.h"
 #include "client/output.h"
-#include "client/training/complete_model.h"
+#include "client/training/finalize_model.h"
 #include "client/training/packed_inputs.h"
 #include "client/training/training_set.h"
 #include "common/error.h"
@@ -33,7 +33,7 @@ struct ExportCommand {
   std::string output;
   std::string name, version;
   std::string dataset;
-  std::optional<double> common_error;
+  std::optional<double> error_correlation;
 };
 
 // The images of a split, as the model is shown them; none if it is empty.
@@ -63,8 +63,8 @@ void add_what_was_asked(const ExportCommand& options, v1::Model& model) {
   const fs::path folder = fs::absolute(options.output).parent_path();
   const SplitImages training(dataset, v1::SPLIT_TRAIN, model, folder);
   const SplitImages validation(dataset, v1::SPLIT_VALIDATION, model, folder);
-  complete_model(training.source(), validation.held_out(), model, interruption());
-  if (!model.has_familiarity()) {
+  finalize_model(training.source(), validation.held_out(), model, interruption());
+  if (!model.has_outlier_model()) {
     throw invalid_input(
         fmt::format("{} has {} images in its training split: too few to say what they are like",
                     options.dataset, training.source().count));
@@ -79,11 +79,11 @@ void run(const ExportCommand& options) {
   model = read_checkpoint(find_model(options.checkpoint)).model();
   if (!options.name.empty()) model.set_name(options.name);
   if (!options.version.empty()) model.set_version(options.version);
-  if (options.common_error) model.set_common_error(*options.common_error);
-  if (!options.dataset.empty()) model.clear_familiarity();  // it may be of an earlier version
+  if (options.error_correlation) model.set_error_correlation(*options.error_correlation);
+  if (!options.dataset.empty()) model.clear_outlier_model();  // it may be of an earlier version
   const Predictor predictor(model);  // it can be used, and so can its new name
   if (!options.dataset.empty()) add_what_was_asked(options, model);
-  const bool knows = model.has_familiarity();
+  const bool knows = model.has_outlier_model();
   write_checkpoint(options.output, std::move(exported));
   print_result(
       "{}: {}, {:.1f} MB{}\n", options.output, predictor.name(),
@@ -116,7 +116,7 @@ void add_export_command(CLI::App& app) {
       "has seen, so that it will know what it has not; its validation split, of 256 images at "
       "least, how wide its answers must be; a run does so at its end");
   command
-      ->add_option("--common-error", options->common_error,
+      ->add_option("--common-error", options->error_correlation,
                    "Correlation of the errors in two images of one object, for itn predict "
                    "--one-material; default: as before")
       ->check(number_in(0.0, 1.0));

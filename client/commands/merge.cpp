@@ -26,7 +26,7 @@ namespace itn {
 namespace {
 
 // Exposures that are closer are taken for one.
-constexpr double kLeastRatio = 1.1;
+constexpr double kMinRatio = 1.1;
 
 struct MergeOptions {
   std::vector<std::string> photographs;
@@ -96,7 +96,7 @@ void find_exposures(const MergeOptions& options, std::vector<Bracketed>& bracket
     bracket[i].exposure = seconds_of(options, bracket, i) * sensitivity[i] * aperture[i];
   }
   const auto [least, most] = std::ranges::minmax(bracket, {}, &Bracketed::exposure);
-  if (most.exposure < kLeastRatio * least.exposure) {
+  if (most.exposure < kMinRatio * least.exposure) {
     throw invalid_input(fmt::format(
         "all photographs have an exposure of {:.4g} s: merging needs different ones, or --seconds "
         "where the files are wrong",

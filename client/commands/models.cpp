@@ -53,7 +53,7 @@ void list_served(const ModelsOptions& options) {
   context.set_deadline(deadline_in(std::chrono::duration<double>(options.timeout)));
   v1::ListModelsReply reply;
   const grpc::Status status =
-      connector.explained(stub->ListModels(&context, {}, &reply), options.predictor);
+      connector.with_cause(stub->ListModels(&context, {}, &reply), options.predictor);
   if (!status.ok()) throw predictor_error(status, options.predictor);
   for (const v1::ListedModel& model : reply.models()) {
     print_result("{}  {}  step {}  weights {:.12}  {}{}\n", printable(model.name()),

@@ -289,7 +289,7 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
     const v1::PredictOutcome& outcome = reply.outcomes(static_cast<int>(i));
     if (outcome.code() != grpc::StatusCode::OK) continue;
     const PredictInput& photograph = group.loaded[i];
-    rows.push_back(seen_panels(photograph));
+    rows.push_back(network_view_panels(photograph));
     if (scene) {
       const auto again = rerendered_panels(
           photograph,

@@ -47,7 +47,7 @@ bool serves(const ProbeOptions& options) {
   std::promise<grpc::Status> done;
   stub.UnaryCall(&context, kCheckMethod, grpc::StubOptions(), &request, &response,
                  [&](grpc::Status status) { done.set_value(std::move(status)); });
-  const grpc::Status status = connector.explained(done.get_future().get(), options.address);
+  const grpc::Status status = connector.with_cause(done.get_future().get(), options.address);
   if (!status.ok()) {
     throw Error(ErrorKind::kUnavailable, fmt::format("{} does not serve{}{}: {}", options.address,
                                                      options.service.empty() ? "" : " ",

@@ -131,11 +131,11 @@ Material parsed_material(const std::string& text) {
   }
   const Material material{numbers[0], numbers[1], numbers[2]};
   const auto in = [](double value, double min, double max) { return min <= value && value <= max; };
-  if (!in(material.sigma_t, kLeastSigmaT, kMostSigmaT) || !in(material.albedo, 0, 1) ||
+  if (!in(material.sigma_t, kMinRefinedSigmaT, kMaxRefinedSigmaT) || !in(material.albedo, 0, 1) ||
       !in(material.g, -kMaxAbsG, kMaxAbsG)) {
     throw usage(fmt::format(
         "--init: of {}, sigma_t must be in [{}, {}], the albedo in [0, 1], g in [-{}, {}]", text,
-        kLeastSigmaT, kMostSigmaT, kMaxAbsG, kMaxAbsG));
+        kMinRefinedSigmaT, kMaxRefinedSigmaT, kMaxAbsG, kMaxAbsG));
   }
   return material;
 }

@@ -37,7 +37,7 @@
 namespace itn {
 namespace {
 
-struct RenderOptions {
+struct RenderFlags {
   std::string scene;
   std::string output;
   std::string png;
@@ -67,7 +67,7 @@ std::string suffix(const std::string& path) {
 }
 
 // Before the work, so that no render is lost for want of a place to write it to.
-void check_outputs(const RenderOptions& options) {
+void check_outputs(const RenderFlags& options) {
   // Nobody's scene or mesh is replaced by an image because of a slip of the keyboard.
   const auto may_be = [](const std::string& path, const char* expected) {
     return suffix(path).empty() || suffix(path) == expected;
@@ -94,7 +94,7 @@ void check_outputs(const RenderOptions& options) {
 }
 
 // Flags that are right by themselves, but not together.
-void check_combinations(const RenderOptions& options) {
+void check_combinations(const RenderFlags& options) {
   require_usage(options.tracer != "reference" || options.pilot_spp == 0,
                 fmt::format("--tracer reference and --pilot-spp {}: the reference has no pilot; "
                             "leave out one of the two",
@@ -152,7 +152,7 @@ std::vector<std::string> in_order_of_reply(std::vector<std::string> names) {
   return names;
 }
 
-RenderJob make_job(const RenderOptions& options) {
+RenderJob make_job(const RenderFlags& options) {
   v1::Scene scene = load_scene(options.scene);
   if (!options.film.empty()) set_film(options.film, *scene.mutable_film());
   RenderJob job;
@@ -168,7 +168,7 @@ RenderJob make_job(const RenderOptions& options) {
   return job;
 }
 
-v1::RenderGradReply render(const RenderOptions& options, const RenderJob& job) {
+v1::RenderGradReply render(const RenderFlags& options, const RenderJob& job) {
   RenderPool pool(options.workers.pool_options());
   Progress progress("rendering", "samples per pixel", options.spp);
   auto reply = pool.render_split(job, [&](double fraction) {
@@ -181,7 +181,7 @@ v1::RenderGradReply render(const RenderOptions& options, const RenderJob& job) {
 
 // ---- The file --------------------------------------------------------------------------------
 
-void add_channels(const v1::RenderGradReply& reply, const RenderOptions& options, Image& image) {
+void add_channels(const v1::RenderGradReply& reply, const RenderFlags& options, Image& image) {
   image.channels["Y"] = mean_radiance(reply, options.spp);
   const std::vector<std::string> derivatives = in_order_of_reply(options.derivatives);
   for (size_t d = 0; d < derivatives.size(); ++d) {
@@ -203,7 +203,7 @@ void add_channels(const v1::RenderGradReply& reply, const RenderOptions& options
   }
 }
 
-Image make_image(const v1::RenderGradReply& reply, const RenderOptions& options,
+Image make_image(const v1::RenderGradReply& reply, const RenderFlags& options,
                  const RenderJob& job) {
   Image image;
   image.width = static_cast<int>(reply.width());
@@ -273,7 +273,7 @@ double mean_over_object(const Image& image) {
   return weight > 0 ? sum / weight : 0;
 }
 
-void print_json(const v1::RenderGradReply& reply, const RenderOptions& options, const Image& image,
+void print_json(const v1::RenderGradReply& reply, const RenderFlags& options, const Image& image,
                 double seconds) {
   const v1::Counters& counters = reply.counters();
   google::protobuf::Struct result;
@@ -296,7 +296,7 @@ void print_json(const v1::RenderGradReply& reply, const RenderOptions& options, 
   print_result("{}\n", to_json(result));
 }
 
-void print_text(const v1::RenderGradReply& reply, const RenderOptions& options, const Image& image,
+void print_text(const v1::RenderGradReply& reply, const RenderFlags& options, const Image& image,
                 double seconds) {
   const v1::Counters& counters = reply.counters();
   std::string text = fmt::format("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n",
@@ -310,7 +310,7 @@ void print_text(const v1::RenderGradReply& reply, const RenderOptions& options, 
   print_result(text, is_stdout(options.output) ? stderr : stdout);
 }
 
-void run(const RenderOptions& options) {
+void run(const RenderFlags& options) {
   const auto start = std::chrono::steady_clock::now();
   check_combinations(options);
   check_outputs(options);
@@ -328,7 +328,7 @@ void run(const RenderOptions& options) {
 }  // namespace
 
 void add_render_command(CLI::App& app) {
-  const auto options = std::make_shared<RenderOptions>();
+  const auto options = std::make_shared<RenderFlags>();
   CLI::App* command = app.add_subcommand("render", "Render a scene and its derivatives to an EXR");
   command
       ->add_option("scene", options->scene,

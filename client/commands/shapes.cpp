@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr size_t kMostRandom = 10'000'000;
+constexpr size_t kMaxRandom = 10'000'000;
 
 struct ShapesOptions {
   size_t random = 0;  // 0: the built-in ones
@@ -111,7 +111,7 @@ void add_shapes_command(CLI::App& app) {
           ->add_option("--random", options->random,
                        "So many random shapes instead: random-SEED-0, random-SEED-1, ...; the "
                        "first ones of a larger number are the same")
-          ->check(CLI::Range(size_t{1}, kMostRandom));
+          ->check(CLI::Range(size_t{1}, kMaxRandom));
   command->add_option("--seed", options->seed, "Of the random shapes")
       ->check(CLI::NonNegativeNumber)
       ->needs(random)

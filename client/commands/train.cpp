@@ -185,7 +185,7 @@ class Flags {
     if (given("--material-step")) augmentation.set_material_step(options_.material_step);
     if (given("--camera")) {
       if (options_.camera) {
-        *augmentation.mutable_camera() = usual_camera();
+        *augmentation.mutable_camera() = default_camera_augmentation();
       } else {
         augmentation.clear_camera();
       }
@@ -452,7 +452,7 @@ void run(const TrainOptions& given, const CLI::App& command) {
   training.check(config, format.resolution);
   // Read.
   const PackedInputs inputs(images, format, options.folder, interruption(),
-                            moves_materials(config));
+                            has_first_order_augmentation(config));
   const std::unique_ptr<ValidationSet> validation =
       options.validate_every == 0
           ? nullptr
@@ -464,7 +464,7 @@ void run(const TrainOptions& given, const CLI::App& command) {
   });
   // Train.
   std::optional<RenderPool> pool;
-  const ImageTerm image_term = image_term_of(
+  const RerenderingEvaluator image_term = image_term_of(
       config, [&]() -> RenderPool& { return pool.emplace(options.workers.pool_options()); },
       interruption());
   training.run(config, full_path(dataset.folder()), source_of(inputs), validation.get(),

@@ -253,7 +253,7 @@ class Study {
   v1::StudyPredictions predictions_of(const std::string& name) const;
   // What is rendered for a row of the tables.
   std::vector<Material> materials_for(const std::string& name);
-  std::vector<std::string> yardsticks();
+  std::vector<std::string> baselines();
 
   const v1::Experiment& experiment_;
   const ExperimentRun& run_;
@@ -457,7 +457,7 @@ Stage Study::refinement_stage(const std::string& candidate, std::vector<std::str
 }
 
 // Who has not looked at the images, and the truth itself.
-std::vector<std::string> Study::yardsticks() {
+std::vector<std::string> Study::baselines() {
   std::vector<std::string> names = {kConstant};
   const v1::MaterialChoice& materials = experiment_.dataset().materials();
   if (similarity_predictions({}, materials).has_value()) {
@@ -488,7 +488,7 @@ std::vector<Stage> Study::stages() {
     stages.push_back(prediction_stage(network));
   }
   stages.push_back(reference_stage());
-  for (const std::string& name : yardsticks()) stages.push_back(error_stage(name, {}));
+  for (const std::string& name : baselines()) stages.push_back(error_stage(name, {}));
   for (const v1::StudyNetwork& network : experiment_.networks()) {
     stages.push_back(error_stage(network.name(), {"predict " + network.name()}));
     stages.push_back(colour_stage(network));
@@ -561,9 +561,9 @@ ExperimentResult Study::result(const std::vector<v1::StageRecord>& records) {
   }
   for (const v1::DatasetItem* item : test().items) set.shapes.push_back(item->shape());
   std::vector<Candidate> candidates;
-  for (const std::string& name : yardsticks()) {
+  for (const std::string& name : baselines()) {
     candidates.push_back(
-        candidate(name, name == kTruth ? Candidate::Kind::kTruth : Candidate::Kind::kYardstick));
+        candidate(name, name == kTruth ? Candidate::Kind::kTruth : Candidate::Kind::kBaseline));
   }
   for (const v1::StudyNetwork& network : experiment_.networks()) {
     candidates.push_back(candidate(network.name(), Candidate::Kind::kNetwork));

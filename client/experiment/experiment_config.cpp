@@ -116,7 +116,7 @@ void validate_networks(const v1::Experiment& experiment) {
       throw Error(error.kind(), fmt::format("{}: {}", name, error.what()));
     }
     const v1::TrainingConfig own = own_training(experiment, network, 1e-4);
-    require(experiment.dataset().derivatives() || !moves_materials(own),
+    require(experiment.dataset().derivatives() || !has_first_order_augmentation(own),
             fmt::format("{}: augmentation.material_step takes derivative images: dataset {{ "
                         "derivatives: true }}",
                         name));

@@ -96,7 +96,8 @@ v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
   const LabelledImages images = images_of(dataset, v1::SPLIT_TRAIN);
   const PackedFormat format{.resolution = resolution_of(config, images.resolution),
                             .input = config.input()};
-  const PackedInputs inputs(images, format, run.folder, run.stop, moves_materials(config));
+  const PackedInputs inputs(images, format, run.folder, run.stop,
+                            has_first_order_augmentation(config));
   const std::unique_ptr<ValidationSet> validation =
       validation_set(dataset, format, run.folder, config.augmentation().noise().max(), run.stop);
   const v1::Model start =
@@ -104,7 +105,7 @@ v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
                   fit_model(images, inputs.mean_radiance(),
                             material_range(dataset.manifest().config()), config),
                   dataset.manifest().config());
-  const ImageTerm image_term = image_term_of(config, run.pool, run.stop);
+  const RerenderingEvaluator image_term = image_term_of(config, run.pool, run.stop);
   // Train.
   StepClock clock(run.cpu_seconds);
   clock.begin();

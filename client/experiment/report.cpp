@@ -50,7 +50,7 @@ std::string table_head(const std::vector<std::string>& cells) {
 std::vector<double> best_of(const Table& table) {
   std::vector<double> best(table.columns.size(), HUGE_VAL);
   for (const Row& row : table.rows) {
-    if (row.is_published || row.is_yardstick) continue;
+    if (row.is_published || row.is_baseline) continue;
     for (size_t c = 0; c < best.size(); ++c) {
       if (row.cells[c]) best[c] = std::min(best[c], row.cells[c]->value);
     }
@@ -79,7 +79,7 @@ std::string section_of(const Table& table) {
     cells = {row.name};
     for (size_t c = 0; c < table.columns.size(); ++c) {
       const std::optional<Cell>& cell = row.cells[c];
-      const bool is_best = table.columns[c].is_error && !row.is_published && !row.is_yardstick &&
+      const bool is_best = table.columns[c].is_error && !row.is_published && !row.is_baseline &&
                            cell && cell->value == best[c];
       cells.push_back(cell ? text_of(*cell, table.columns[c], is_best) : "");
     }

@@ -53,7 +53,7 @@ std::vector<double> errors_of(const Quantity& quantity, std::span<const Material
 }
 
 bool is_constant(const Candidate& candidate) {
-  return candidate.kind == Candidate::Kind::kYardstick && candidate.name == kConstant;
+  return candidate.kind == Candidate::Kind::kBaseline && candidate.name == kConstant;
 }
 
 std::vector<double> errors_of(const Quantity& quantity, const Candidate& candidate,
@@ -70,7 +70,7 @@ Cell cell(const Estimate& estimate) {
 Row row_of(const Candidate& candidate) {
   return {.name = candidate.name,
           .is_published = false,
-          .is_yardstick = candidate.kind != Candidate::Kind::kNetwork,
+          .is_baseline = candidate.kind != Candidate::Kind::kNetwork,
           .cells = {}};
 }
 
@@ -105,7 +105,7 @@ constexpr std::array<Published, 3> kPublished = {{
 
 void add_published(Table& table) {
   for (const Published& published : kPublished) {
-    Row row{.name = published.name, .is_published = true, .is_yardstick = false, .cells = {}};
+    Row row{.name = published.name, .is_published = true, .is_baseline = false, .cells = {}};
     for (const double error : published.errors) row.cells.emplace_back(Cell{error, {}, {}});
     row.cells.resize(table.columns.size());
     table.rows.push_back(std::move(row));

@@ -21,8 +21,8 @@ inline constexpr const char* kSimilarity = "similarity predictor";
 struct Candidate {
   enum class Kind {
     kNetwork,
-    kYardstick,  // has not looked at the images
-    kTruth,      // the materials of the test themselves: what is left is noise of the renders
+    kBaseline,  // has not looked at the images
+    kTruth,     // the materials of the test themselves: what is left is noise of the renders
   };
   std::string name;
   Kind kind = Kind::kNetwork;
@@ -59,7 +59,7 @@ struct Column {
 struct Row {
   std::string name;
   bool is_published = false;  // of a paper, on its own data
-  bool is_yardstick = false;
+  bool is_baseline = false;
   std::vector<std::optional<Cell>> cells;  // as many as columns
 };
 

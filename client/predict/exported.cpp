@@ -8,7 +8,7 @@
 
 #include "client/exports/rgb_material.h"
 #include "client/output.h"
-#include "client/predict/caveats.h"
+#include "client/predict/answer_warnings.h"
 #include "client/predict/prediction.h"
 #include "common/files/atomic_file.h"
 
@@ -53,7 +53,7 @@ void warn_of_common_g(const v1::Prediction& prediction) {
 void warn(const v1::Prediction& prediction) {
   warn_of_common_g(prediction);
   for (const v1::Prediction::Channel& channel : prediction.channels()) {
-    const v1::Unfamiliarity& unfamiliarity = channel.caveats().unfamiliarity();
+    const v1::OutlierScore& unfamiliarity = channel.caveats().unfamiliarity();
     if (unfamiliarity.unfamiliar()) {
       spdlog::warn("{}, channel {}: unfamiliar, do not trust this answer ({})", prediction.image(),
                    channel.channel(), unfamiliarity.reason());

@@ -94,7 +94,7 @@ double scale_of(const PredictInput& photograph, std::span<const float> rendered)
 
 }  // namespace
 
-PanelRow seen_panels(const PredictInput& photograph) {
+PanelRow network_view_panels(const PredictInput& photograph) {
   const FramedPhotograph& framed = photograph.photograph;
   const Pixels pixels(framed);
   const float white = pixels.white();

@@ -13,7 +13,7 @@ namespace itn {
 //   photograph  in colour if it has three channels; white is the 99th percentile on the object
 //   mask        the same, darker outside of the object, whose outline is orange
 //   weight map  common/learning/weight_map.h, of the luminance: black 0, red, yellow, white 1
-PanelRow seen_panels(const PredictInput& photograph);
+PanelRow network_view_panels(const PredictInput& photograph);
 
 // Beside them, for an image of the object alone (channels interleaved, of the photograph's size) by
 // a renderer:

@@ -89,7 +89,7 @@ class RemotePredictor {
   Ended made(Method method, const Request& request, Reply& reply) const {
     grpc::ClientContext context;
     context.set_deadline(deadline_in(timeout_));
-    const std::string name = name_request(context);
+    const std::string name = assign_request_id(context);
     return {((*stub_).*method)(&context, request, &reply), name};
   }
 
@@ -108,7 +108,7 @@ class RemotePredictor {
 
   void require_ok(const Ended& call) const {
     if (call.status.ok()) return;
-    throw predictor_error(with_request_name(connector_.explained(call.status, address_), call.name),
+    throw predictor_error(with_request_id(connector_.with_cause(call.status, address_), call.name),
                           address_);
   }
 

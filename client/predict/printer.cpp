@@ -8,7 +8,7 @@
 
 #include "client/json.h"
 #include "client/output.h"
-#include "client/predict/caveats.h"
+#include "client/predict/answer_warnings.h"
 
 namespace itn {
 namespace {
@@ -32,7 +32,7 @@ void print_interval(const v1::MaterialPosterior& p) {
   }
 }
 
-void print_caveats(const v1::Caveats& caveats) {
+void print_warnings(const v1::AnswerWarnings& caveats) {
   if (caveats.at_bounds_size() > 0) {
     std::vector<std::string> ends;
     for (const int bound : caveats.at_bounds()) {
@@ -41,7 +41,7 @@ void print_caveats(const v1::Caveats& caveats) {
     print_result("         at an end of what the model can answer, and perhaps beyond it: {}\n",
                  fmt::join(ends, ", "));
   }
-  const v1::Unfamiliarity& unfamiliarity = caveats.unfamiliarity();
+  const v1::OutlierScore& unfamiliarity = caveats.unfamiliarity();
   if (unfamiliarity.unfamiliar()) {
     print_result(
         "         UNFAMILIAR, {:.1f} times as far from the images of training as 99 % of such "
@@ -91,7 +91,7 @@ class TextPrinter final : public PredictionPrinter {
     print_result("{:7}  {:14.4g}  {:7.4f}  {:7.4f}  {:14.4g}  {:14.4g}\n", c.channel(), c.sigma_t(),
                  c.albedo(), c.g(), c.sigma_a(), c.sigma_s());
     if (c.has_posterior()) print_interval(c.posterior());
-    print_caveats(c.caveats());
+    print_warnings(c.caveats());
     for (const v1::Warning& warning : c.caveats().warnings()) {
       if (!in_all_channels(prediction, warning)) print_result("         {}\n", warning.text());
     }
@@ -129,7 +129,7 @@ std::string columns(double value, bool has_posterior, const v1::ParameterPosteri
                        : fmt::format("{:.6g},,", value);
 }
 
-std::string joined_warnings(const v1::Caveats& caveats) {
+std::string joined_warnings(const v1::AnswerWarnings& caveats) {
   std::vector<std::string> kinds;
   for (const v1::Warning& warning : caveats.warnings()) {
     kinds.push_back(v1::Warning::Kind_Name(warning.kind()));

@@ -12,7 +12,7 @@
 
 #include "client/page/page.h"
 #include "client/page/page_frame.h"
-#include "client/predict/caveats.h"
+#include "client/predict/answer_warnings.h"
 #include "client/predict/exported.h"
 
 namespace itn {
@@ -288,8 +288,8 @@ std::vector<Limit> limits_of(const v1::Prediction& prediction) {
                : fmt::format("{}: {}", channel.channel(), sentence(text));
   };
   for (const Channel& channel : prediction.channels()) {
-    const v1::Caveats& caveats = channel.caveats();
-    const v1::Unfamiliarity& unfamiliarity = caveats.unfamiliarity();
+    const v1::AnswerWarnings& caveats = channel.caveats();
+    const v1::OutlierScore& unfamiliarity = caveats.unfamiliarity();
     if (unfamiliarity.unfamiliar()) {
       grave.push_back(
           {of_channel(channel,

@@ -16,7 +16,7 @@ namespace itn {
 
 struct ReportedPhotograph {
   v1::Prediction prediction;  // of this one alone
-  PanelRow panels;            // seen_panels(), and rerendered_panels() if there is a scene
+  PanelRow panels;            // network_view_panels(), and rerendered_panels() if there is a scene
 };
 
 struct Report {

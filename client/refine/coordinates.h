@@ -3,26 +3,26 @@
 // the third, and the logarithm of the exposure if it is unknown.
 #pragma once
 
-#include "client/refine/evidence.h"
 #include "client/refine/matrix.h"
+#include "client/refine/normal_equations.h"
 #include "common/material.h"
 
 namespace itn {
 
 // What the tracer can render, but for where nothing can be told any more.
-inline constexpr double kLeastSigmaT = 1e-3, kMostSigmaT = 1e4;  // in 1/mm
+inline constexpr double kMinRefinedSigmaT = 1e-3, kMaxRefinedSigmaT = 1e4;  // in 1/mm
 
 // Three coordinates. The material is moved inside of what there are coordinates for.
 Vector coordinates_of(const Material& material);
 
 Material material_at(const Vector& coordinates);
 double exposure_at(const Vector& coordinates);
-Viewpoint viewpoint_at(const Vector& coordinates);
+Linearization linearize(const Vector& coordinates);
 
 // Moves coordinates to the nearest that a material can have.
-void keep_inside(Vector& coordinates);
+void clamp_to_domain(Vector& coordinates);
 
 // d (ln sigma_t, albedo, g, ln exposure) / d coordinates.
-Matrix readable_jacobian(const Vector& coordinates);
+Matrix physical_jacobian(const Vector& coordinates);
 
 }  // namespace itn

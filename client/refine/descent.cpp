@@ -3,16 +3,16 @@
 #include <algorithm>
 #include <cmath>
 
-#include "client/refine/answer.h"
+#include "client/refine/refine_result.h"
 #include "common/error.h"
 #include "common/random.h"
 
 namespace itn {
 namespace {
 
-constexpr double kMostTrust = 0.7;
-// Evidence from this far away, in coordinates, counts half, and from farther away soon hardly, as
-// the equations are linear.
+constexpr double kMaxTrust = 0.7;
+// ImageEquations from this far away, in coordinates, counts half, and from farther away soon
+// hardly, as the equations are linear.
 constexpr double kHalfMemory = 0.05;
 // Likewise of instruments, which need not be exact.
 constexpr double kHalfInstruments = 0.4;
@@ -29,9 +29,9 @@ constexpr double kSmallStep = 0.2;
 // A loss that rose by more standard errors than this did rise.
 constexpr double kRise = 4;
 // So often is the answer looked at with the most samples once it does not move any more.
-constexpr uint32_t kMostLooks = 3;
+constexpr uint32_t kMaxLooks = 3;
 // Samples grow at most by this factor from one iteration to the next.
-constexpr double kMostGrowth = 16;
+constexpr double kMaxGrowth = 16;
 
 // The largest part, over ln sigma_t, albedo and g, of the variance that is noise of the renders.
 double render_share(const Matrix& readable, const Matrix& all, const Matrix& renders) {
@@ -44,10 +44,10 @@ double render_share(const Matrix& readable, const Matrix& all, const Matrix& ren
 }  // namespace
 
 // One render of each image, and what they say together.
-struct Descent::Sight {
-  std::vector<Evidence::Look> looks;
+struct Descent::Evaluation {
+  std::vector<ImageEquations::Residuals> per_image;
   Vector x;
-  Equations equations;
+  NormalEquations equations;
   double loss = 0, loss_standard_error = 0, loss_of_noise = 0;
   double cpu_seconds = 0;
 };
@@ -57,14 +57,14 @@ Descent::Descent(const v1::RefineSettings& settings, std::span<const Observation
     : settings_(settings),
       observations_(observations),
       x_(coordinates_of(start)),
-      trust_(kMostTrust),
+      trust_radius_(kMaxTrust),
       spp_(settings.spp()) {
   for (const Observation& observation : observations) {
-    evidence_.emplace_back(observation, settings.weights());
+    image_equations_.emplace_back(observation, settings.weights());
   }
 }
 
-Descent::Sight Descent::look(const Synthesize& synthesize, uint64_t seed) {
+Descent::Evaluation Descent::evaluate(const Synthesize& synthesize, uint64_t seed) {
   std::vector<SynthesisQuery> queries;
   for (size_t i = 0; i < observations_.size(); ++i) {
     queries.push_back({.observation = &observations_[i],
@@ -73,95 +73,97 @@ Descent::Sight Descent::look(const Synthesize& synthesize, uint64_t seed) {
                        .seed = derive_seed(seed, {iterations_, i})});
   }
   const std::vector<Synthesis> syntheses = synthesize(queries);
-  Sight sight;
-  sight.x = x_;
+  Evaluation evaluation;
+  evaluation.x = x_;
   if (settings_.unknown_exposure() && x_.size() == 3) {
-    sight.x.conservativeResize(4);
-    sight.x[3] = std::log(evidence_[0].exposure(syntheses[0]));
+    evaluation.x.conservativeResize(4);
+    evaluation.x[3] = std::log(image_equations_[0].exposure(syntheses[0]));
   }
-  sight.equations = Equations(sight.x.size());
+  evaluation.equations = NormalEquations(evaluation.x.size());
   double squares = 0, variance = 0, energy = 0, noise = 0;
   for (size_t i = 0; i < syntheses.size(); ++i) {
-    const Evidence::Look& look = sight.looks.emplace_back(
-        evidence_[i].look(syntheses[i], spp_, viewpoint_at(sight.x), is_adam()));
-    add(look.equations, 1, sight.equations);
-    squares += look.squares;
-    variance += look.squares_variance;
-    energy += look.energy;
-    noise += look.noise;
-    sight.cpu_seconds += syntheses[i].cpu_seconds;
+    const ImageEquations::Residuals& residuals = evaluation.per_image.emplace_back(
+        image_equations_[i].evaluate(syntheses[i], spp_, linearize(evaluation.x), is_adam()));
+    add(residuals.equations, 1, evaluation.equations);
+    squares += residuals.squares;
+    variance += residuals.squares_variance;
+    energy += residuals.energy;
+    noise += residuals.noise;
+    evaluation.cpu_seconds += syntheses[i].cpu_seconds;
   }
-  sight.loss = squares / energy;
-  sight.loss_standard_error = std::sqrt(variance) / energy;
-  sight.loss_of_noise = noise / energy;
-  return sight;
+  evaluation.loss = squares / energy;
+  evaluation.loss_standard_error = std::sqrt(variance) / energy;
+  evaluation.loss_of_noise = noise / energy;
+  return evaluation;
 }
 
-void Descent::take(const Sight& sight) {
+void Descent::accumulate(const Evaluation& evaluation) {
   // What was seen from the last place, as it is seen from here.
-  double memory = 0, long_memory = 0;
-  Vector moved = Vector::Zero(sight.x.size());
+  double decay = 0, long_decay = 0;
+  Vector moved = Vector::Zero(evaluation.x.size());
   if (samples_ > 0) {
-    moved = sight.x - anchor_;
+    moved = evaluation.x - linearization_point_;
     Vector counted = moved;
     counted[ScoreTest::kRidge] *= kAlongRidge;
     const double squared = counted.squaredNorm();
-    memory = 1 / (1 + std::pow(squared / (kHalfMemory * kHalfMemory), 2));
-    long_memory = 1 / (1 + squared / (kHalfInstruments * kHalfInstruments));
-    equations_.gradient -= equations_.curvature * moved;
+    decay = 1 / (1 + std::pow(squared / (kHalfMemory * kHalfMemory), 2));
+    long_decay = 1 / (1 + squared / (kHalfInstruments * kHalfInstruments));
+    normal_equations_.gradient -= normal_equations_.curvature * moved;
   } else {
-    equations_ = Equations(sight.x.size());
+    normal_equations_ = NormalEquations(evaluation.x.size());
   }
-  equations_ = scaled(equations_, memory);
-  add(sight.equations, spp_, equations_);
-  samples_ = memory * samples_ + spp_;
-  for (size_t i = 0; i < evidence_.size(); ++i)
-    evidence_[i].take(sight.looks[i], moved, memory, long_memory);
-  anchor_ = sight.x;
-  loss_ = sight.loss;
-  loss_standard_error_ = sight.loss_standard_error;
-  loss_of_noise_ = sight.loss_of_noise;
+  normal_equations_ = scaled(normal_equations_, decay);
+  add(evaluation.equations, spp_, normal_equations_);
+  samples_ = decay * samples_ + spp_;
+  for (size_t i = 0; i < image_equations_.size(); ++i)
+    image_equations_[i].accumulate(evaluation.per_image[i], moved, decay, long_decay);
+  linearization_point_ = evaluation.x;
+  loss_ = evaluation.loss;
+  loss_standard_error_ = evaluation.loss_standard_error;
+  loss_of_noise_ = evaluation.loss_of_noise;
 }
 
 ScoreTest Descent::test() const {
-  const Eigen::Index n = equations_.gradient.size();
+  const Eigen::Index n = normal_equations_.gradient.size();
   Matrix moments = Matrix::Zero(n + n * n, n + n * n);
-  for (const Evidence& evidence : evidence_) moments += evidence.moments();
-  return {equations_.curvature, equations_.gradient, moments};
+  for (const ImageEquations& image_equations : image_equations_)
+    moments += image_equations.moments();
+  return {normal_equations_.curvature, normal_equations_.gradient, moments};
 }
 
 // Of the noise of the renders alone.
 ScoreTest Descent::render_test() const {
-  const Eigen::Index n = equations_.gradient.size();
+  const Eigen::Index n = normal_equations_.gradient.size();
   Matrix moments = Matrix::Zero(n + n * n, n + n * n);
-  for (const Evidence& evidence : evidence_) moments += evidence.moments();
+  for (const ImageEquations& image_equations : image_equations_)
+    moments += image_equations.moments();
   moments.topRows(n).setZero();
   moments.leftCols(n).setZero();
-  moments.topLeftCorner(n, n) = equations_.render_noise;
-  return {equations_.curvature, equations_.gradient, moments};
+  moments.topLeftCorner(n, n) = normal_equations_.render_noise;
+  return {normal_equations_.curvature, normal_equations_.gradient, moments};
 }
 
 Region Descent::region() const {
-  return region_about(x_, anchor_, test());
+  return region_about(x_, linearization_point_, test());
 }
 
 bool Descent::is_under_way() const {
-  return test().statistic(x_ - anchor_) > static_cast<double>(x_.size());
+  return test().statistic(x_ - linearization_point_) > static_cast<double>(x_.size());
 }
 
 Descent::Step Descent::newton_step() const {
   const ScoreTest all = test(), renders = render_test();
-  const Vector best = all.best_step(trust_);
-  const Vector nowhere = Vector::Zero(anchor_.size());
+  const Vector best = all.best_step(trust_radius_);
+  const Vector nowhere = Vector::Zero(linearization_point_.size());
   const double length = best.norm();
   if (!std::isfinite(length)) return {.taken = nowhere};
   const auto per_coordinate = [&](double gain) {
-    return std::sqrt(std::max(0.0, gain) / static_cast<double>(anchor_.size()));
+    return std::sqrt(std::max(0.0, gain) / static_cast<double>(linearization_point_.size()));
   };
-  return {
-      .taken = best * std::min(1.0, trust_ / length),
-      .over_noise = per_coordinate(renders.statistic(nowhere) - renders.statistic(best)),
-      .over_uncertainty = per_coordinate(all.height(nowhere, trust_) - all.height(best, trust_))};
+  return {.taken = best * std::min(1.0, trust_radius_ / length),
+          .over_noise = per_coordinate(renders.statistic(nowhere) - renders.statistic(best)),
+          .over_uncertainty =
+              per_coordinate(all.height(nowhere, trust_radius_) - all.height(best, trust_radius_))};
 }
 
 // Kingma and Ba, "Adam: a method for stochastic optimization", ICLR 2015.
@@ -189,7 +191,8 @@ void Descent::plan(const Step& step, double deviation, double share) {
   const bool is_there = step.over_noise <= kNoiseStep || step.over_uncertainty <= kSmallStep;
   if (is_there) {
     // Whatever the deviation is: one that is small by chance must not be what ends it.
-    if (spp_ == settings_.max_spp() && ++looks_ == kMostLooks) end_ = v1::RefineResult::MAX_SPP;
+    if (spp_ == settings_.max_spp() && ++renders_at_max_spp_ == kMaxLooks)
+      end_ = v1::RefineResult::MAX_SPP;
     if (deviation <= settings_.tolerance()) end_ = v1::RefineResult::TOLERANCE;
     if (share <= kRenderShare) end_ = v1::RefineResult::NOISE_OF_IMAGE;
   }
@@ -197,43 +200,43 @@ void Descent::plan(const Step& step, double deviation, double share) {
   if (!is_there && step.over_noise * step.taken.norm() > kNoiseStep) return;
   // Samples that are missing, if the variance falls with their number.
   const double wanted = samples_ * share / ((1 - std::min(share, 0.99)) * kRenderShare);
-  const double growth = std::clamp((wanted - samples_) / spp_, 2.0, kMostGrowth);
+  const double growth = std::clamp((wanted - samples_) / spp_, 2.0, kMaxGrowth);
   spp_ = static_cast<uint32_t>(std::min<double>(growth * spp_, settings_.max_spp()));
 }
 
 v1::RefineIteration Descent::step(const Synthesize& synthesize, uint64_t seed) {
-  const Sight sight = look(synthesize, seed);
+  const Evaluation evaluation = evaluate(synthesize, seed);
   ++iterations_;
   v1::RefineIteration told;
   told.set_iteration(iterations_);
-  const Material material = material_at(sight.x);
+  const Material material = material_at(evaluation.x);
   told.mutable_material()->set_sigma_t(material.sigma_t);
   told.mutable_material()->set_albedo(material.albedo);
   told.mutable_material()->set_g(material.g);
-  told.set_exposure(exposure_at(sight.x));
+  told.set_exposure(exposure_at(evaluation.x));
   told.set_spp(spp_);
-  told.set_loss(sight.loss);
-  told.set_loss_standard_error(sight.loss_standard_error);
-  told.set_cpu_seconds(sight.cpu_seconds);
+  told.set_loss(evaluation.loss);
+  told.set_loss_standard_error(evaluation.loss_standard_error);
+  told.set_cpu_seconds(evaluation.cpu_seconds);
 
   const bool rose =
-      samples_ > 0 &&
-      sight.loss - loss_ > kRise * std::hypot(sight.loss_standard_error, loss_standard_error_);
+      samples_ > 0 && evaluation.loss - loss_ >
+                          kRise * std::hypot(evaluation.loss_standard_error, loss_standard_error_);
   told.set_rejected(rose && !is_adam());
   if (told.rejected()) {
-    trust_ /= 4;
+    trust_radius_ /= 4;
   } else {
-    take(sight);
-    trust_ = std::min(2 * trust_, kMostTrust);
+    accumulate(evaluation);
+    trust_radius_ = std::min(2 * trust_radius_, kMaxTrust);
   }
-  const Step step = is_adam() ? adam_step(sight.equations.gradient) : newton_step();
-  x_ = anchor_ + step.taken;
-  keep_inside(x_);
+  const Step step = is_adam() ? adam_step(evaluation.equations.gradient) : newton_step();
+  x_ = linearization_point_ + step.taken;
+  clamp_to_domain(x_);
   told.set_step_over_noise(step.over_noise);
-  const Eigen::Vector3d deviations = readable_deviations(region());
+  const Eigen::Vector3d deviations = physical_deviations(region());
   for (const double deviation : deviations) told.add_standard_deviations(deviation);
-  const double share =
-      render_share(readable_jacobian(anchor_), test().covariance(), render_test().covariance());
+  const double share = render_share(physical_jacobian(linearization_point_), test().covariance(),
+                                    render_test().covariance());
   told.set_render_share(share);
   plan(step, deviations.maxCoeff(), share);
   return told;
@@ -264,17 +267,18 @@ v1::RefineStartState Descent::state() const {
   state.set_spp(spp_);
   state.set_iterations(iterations_);
   state.set_end(end_);
-  state.set_trust(trust_);
+  state.set_trust_radius(trust_radius_);
   state.set_samples(samples_);
-  state.set_looks(looks_);
-  set(state.mutable_anchor(), anchor_);
+  state.set_renders_at_max_spp(renders_at_max_spp_);
+  set(state.mutable_linearization_point(), linearization_point_);
   state.set_loss(loss_);
   state.set_loss_standard_error(loss_standard_error_);
   state.set_loss_of_noise(loss_of_noise_);
-  for (const Evidence& evidence : evidence_) *state.add_images() = evidence.state();
-  set(state.mutable_curvature(), equations_.curvature.reshaped<Eigen::RowMajor>());
-  set(state.mutable_gradient(), equations_.gradient);
-  set(state.mutable_render_noise(), equations_.render_noise.reshaped<Eigen::RowMajor>());
+  for (const ImageEquations& image_equations : image_equations_)
+    *state.add_images() = image_equations.state();
+  set(state.mutable_curvature(), normal_equations_.curvature.reshaped<Eigen::RowMajor>());
+  set(state.mutable_gradient(), normal_equations_.gradient);
+  set(state.mutable_render_noise(), normal_equations_.render_noise.reshaped<Eigen::RowMajor>());
   set(state.mutable_first_moment(), first_moment_);
   set(state.mutable_second_moment(), second_moment_);
   return state;
@@ -287,29 +291,29 @@ Descent::Descent(const v1::RefineSettings& settings, std::span<const Observation
   const int seen = state.samples() > 0 ? n : 0;
   const bool fits = (n == 3 || (n == 4 && settings.unknown_exposure())) &&
                     state.images_size() == static_cast<int>(observations.size()) &&
-                    state.anchor_size() == seen && state.gradient_size() == seen &&
+                    state.linearization_point_size() == seen && state.gradient_size() == seen &&
                     state.curvature_size() == seen * seen &&
                     state.render_noise_size() == seen * seen &&
                     (state.first_moment_size() == 0 || state.first_moment_size() == n) &&
                     state.second_moment_size() == state.first_moment_size();
   if (!fits) throw invalid_input("the state of the refinement is damaged");
   x_ = vector_of(state.coordinates());
-  anchor_ = vector_of(state.anchor());
+  linearization_point_ = vector_of(state.linearization_point());
   spp_ = state.spp();
   iterations_ = state.iterations();
   end_ = state.end();
-  trust_ = state.trust();
+  trust_radius_ = state.trust_radius();
   samples_ = state.samples();
-  looks_ = state.looks();
+  renders_at_max_spp_ = state.renders_at_max_spp();
   loss_ = state.loss();
   loss_standard_error_ = state.loss_standard_error();
   loss_of_noise_ = state.loss_of_noise();
-  for (size_t i = 0; i < evidence_.size(); ++i) {
-    evidence_[i].restore(state.images(static_cast<int>(i)), static_cast<size_t>(n));
+  for (size_t i = 0; i < image_equations_.size(); ++i) {
+    image_equations_[i].restore(state.images(static_cast<int>(i)), static_cast<size_t>(n));
   }
-  equations_.curvature = square_of(state.curvature());
-  equations_.gradient = vector_of(state.gradient());
-  equations_.render_noise = square_of(state.render_noise());
+  normal_equations_.curvature = square_of(state.curvature());
+  normal_equations_.gradient = vector_of(state.gradient());
+  normal_equations_.render_noise = square_of(state.render_noise());
   first_moment_ = vector_of(state.first_moment());
   second_moment_ = vector_of(state.second_moment());
 }

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "client/refine/coordinates.h"
-#include "client/refine/evidence.h"
 #include "client/refine/matrix.h"
+#include "client/refine/normal_equations.h"
 #include "client/refine/observation.h"
 #include "client/refine/region.h"
 #include "client/refine/score_test.h"
@@ -16,12 +16,12 @@
 namespace itn {
 
 // Gauss-Newton, whose steps are as long as their noise lets them be trusted: each goes to the best
-// guess of where the answer lies for one who expects it about `trust` away in every coordinate
-// (client/refine/score_test.h), and is no longer than that. So a direction that the image hardly
-// tells is not gone along until there are samples enough (the similarity ridge), while quiet steps
-// are Newton's. A step after which the loss is higher is taken back, and the trust reduced
-// (Levenberg-Marquardt). Evidence of earlier iterations counts with that of the new one, the less
-// the farther it came from. A step within its own noise calls for more samples.
+// guess of where the answer lies for one who expects it about `trust_radius` away in every
+// coordinate (client/refine/score_test.h), and is no longer than that. So a direction that the
+// image hardly tells is not gone along until there are samples enough (the similarity ridge), while
+// quiet steps are Newton's. A step after which the loss is higher is taken back, and the radius
+// reduced (Levenberg-Marquardt). The equations of earlier iterations count with those of the new
+// one, the less the farther it came from. A step within its own noise calls for more samples.
 class Descent {
  public:
   Descent(const v1::RefineSettings& settings, std::span<const Observation> observations,
@@ -56,9 +56,9 @@ class Descent {
     Vector taken;
     double over_noise = 0, over_uncertainty = 0;
   };
-  struct Sight;
-  Sight look(const Synthesize& synthesize, uint64_t seed);
-  void take(const Sight& sight);
+  struct Evaluation;
+  Evaluation evaluate(const Synthesize& synthesize, uint64_t seed);
+  void accumulate(const Evaluation& evaluation);
   Step newton_step() const;
   Step adam_step(const Vector& gradient);
   ScoreTest test() const;
@@ -69,14 +69,14 @@ class Descent {
 
   v1::RefineSettings settings_;
   std::span<const Observation> observations_;
-  std::vector<Evidence> evidence_;
-  Equations equations_;
-  Vector x_, anchor_;
+  std::vector<ImageEquations> image_equations_;
+  NormalEquations normal_equations_;
+  Vector x_, linearization_point_;
   double samples_ = 0;
-  double trust_ = 1;
+  double trust_radius_ = 1;
   double loss_ = 0, loss_standard_error_ = 0, loss_of_noise_ = 0;
   uint32_t spp_ = 0, iterations_ = 0;
-  uint32_t looks_ = 0;  // with the most samples, where it does not move any more
+  uint32_t renders_at_max_spp_ = 0;  // with the most samples, where it does not move any more
   Vector first_moment_, second_moment_;
   v1::RefineResult::End end_ = v1::RefineResult::UNFINISHED;
 };

@@ -11,7 +11,7 @@
 
 #include "common/material.h"
 #include "common/scene/scene_bytes.h"
-#include "server/render/rendering_loss.h"
+#include "server/render/weighted_image_loss.h"
 
 namespace itn {
 

@@ -7,9 +7,9 @@
 #include <cmath>
 #include <limits>
 
-#include "client/refine/answer.h"
 #include "client/refine/coordinates.h"
 #include "client/refine/descent.h"
+#include "client/refine/refine_result.h"
 #include "common/error.h"
 #include "common/random.h"
 #include "common/rpc/wire_array.h"
@@ -21,16 +21,16 @@ namespace {
 constexpr uint32_t kScoutIterations = 4;
 // Losses that differ by fewer standard errors than this are one as good as the other.
 constexpr double kSameLoss = 2;
-constexpr uint32_t kLeastSpp = 4, kMostSpp = 1U << 20;
+constexpr uint32_t kMinSpp = 4, kMaxSpp = 1U << 20;
 
 void check(const v1::RefineSettings& settings) {
   const auto require = [](bool right, const std::string& message) {
     if (!right) throw invalid_input(message);
   };
-  require(settings.spp() >= kLeastSpp && settings.max_spp() <= kMostSpp &&
+  require(settings.spp() >= kMinSpp && settings.max_spp() <= kMaxSpp &&
               settings.spp() <= settings.max_spp(),
           fmt::format("spp {} and max_spp {} must be in [{}, {}], the second at least the first",
-                      settings.spp(), settings.max_spp(), kLeastSpp, kMostSpp));
+                      settings.spp(), settings.max_spp(), kMinSpp, kMaxSpp));
   require(settings.time_limit() >= 0, "time_limit must be at least 0");
   require(settings.tolerance() >= 0 && settings.tolerance() <= 1, "tolerance must be in [0, 1]");
   require(settings.learning_rate() > 0 && std::isfinite(settings.learning_rate()),
@@ -44,10 +44,10 @@ void check(std::span<const Observation> observations) {
 
 void check_start(const Material& start) {
   validate(start);
-  if (start.sigma_t < kLeastSigmaT || start.sigma_t > kMostSigmaT) {
+  if (start.sigma_t < kMinRefinedSigmaT || start.sigma_t > kMaxRefinedSigmaT) {
     throw invalid_input(
         fmt::format("a start of sigma_t {} cannot be refined; it must be in [{}, {}]",
-                    start.sigma_t, kLeastSigmaT, kMostSigmaT));
+                    start.sigma_t, kMinRefinedSigmaT, kMaxRefinedSigmaT));
   }
 }
 
@@ -75,7 +75,7 @@ std::vector<Material> starts_around(const Material& start, size_t count) {
       const double place = 0.5 + static_cast<double>(i) / std::pow(kRoot, c + 1);
       x[c] += kSpread * (place - std::floor(place) - 0.5);
     }
-    keep_inside(x);
+    clamp_to_domain(x);
     starts.push_back(material_at(x));
   }
   return starts;
@@ -186,7 +186,7 @@ v1::RefineResult Refinement::result() const {
   if (trajectory_.empty()) throw Error(ErrorKind::kInternal, "no iteration was made");
   const size_t chosen = best();
   const Descent& descent = descents_[chosen];
-  v1::RefineResult result = answer_of(descent.region());
+  v1::RefineResult result = refine_result(descent.region());
   result.set_end(descent.end());
   result.set_iterations(descent.iterations());
   result.set_total_iterations(static_cast<uint32_t>(trajectory_.size()));

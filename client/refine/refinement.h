@@ -8,7 +8,7 @@
 //
 // Damped Gauss-Newton steps in UNBOUNDED coordinates (common/learning/parameterization.h), by
 // normal equations whose every product is one of independent quantities, so that the noise of the
-// renders biases neither them nor the answer (client/refine/evidence.h).
+// renders biases neither them nor the answer (client/refine/normal_equations.h).
 #pragma once
 
 #include <span>

@@ -28,7 +28,8 @@ double edge(const ScoreTest& test, double inside, double outside, double statist
 
 }  // namespace
 
-Region region_about(const Vector& answer, const Vector& anchor, const ScoreTest& test) {
+Region region_about(const Vector& answer, const Vector& linearization_point,
+                    const ScoreTest& test) {
   constexpr Eigen::Index kRidge = ScoreTest::kRidge;
   const Vector full = test.full_step();
   const double centre = std::isfinite(full[kRidge]) ? full[kRidge] : 0;
@@ -54,18 +55,18 @@ Region region_about(const Vector& answer, const Vector& anchor, const ScoreTest&
     }
   }
 
-  Region region{.answer = answer, .places = {}, .covariance = test.covariance()};
+  Region region{.answer = answer, .ridge_points = {}, .covariance = test.covariance()};
   for (const double a : along) {
     const ScoreTest::Profile profile = test.profile(a);
-    Region::Place place{.x = anchor + profile.step,
-                        .statistic = profile.statistic - least,
-                        .covariance = profile.covariance};
-    keep_inside(place.x);
-    region.places.push_back(place);
+    Region::RidgePoint place{.x = linearization_point + profile.step,
+                             .statistic = profile.statistic - least,
+                             .covariance = profile.covariance};
+    clamp_to_domain(place.x);
+    region.ridge_points.push_back(place);
     if (std::abs(a) < kEndOfRidge) continue;
     place.x[kRidge] = std::copysign(std::numeric_limits<double>::max(), a);
-    keep_inside(place.x);
-    region.places.push_back(place);
+    clamp_to_domain(place.x);
+    region.ridge_points.push_back(place);
   }
   return region;
 }
@@ -84,7 +85,7 @@ Vector gradient(const Quantity& quantity, const Vector& x) {
 
 std::pair<double, double> range(const Region& region, const Quantity& quantity, double quantile) {
   double low = quantity(region.answer), high = low;
-  for (const Region::Place& place : region.places) {
+  for (const Region::RidgePoint& place : region.ridge_points) {
     if (place.statistic > quantile) continue;
     const Vector slope = gradient(quantity, place.x);
     const double variance = slope.dot(place.covariance * slope);

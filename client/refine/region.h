@@ -1,4 +1,4 @@
-// The materials that the evidence does not contradict, about an answer.
+// The materials that the images do not contradict, about an answer.
 #pragma once
 
 #include <functional>
@@ -10,21 +10,21 @@
 
 namespace itn {
 
-// By coordinates (client/refine/coordinates.h): places side by side along the similarity ridge, at
+// By coordinates (client/refine/coordinates.h): points along the similarity ridge, at
 // each the best of those across it.
 struct Region {
-  struct Place {
+  struct RidgePoint {
     Vector x;
     double statistic = 0;  // above the least; chi-squared of 1 degree of freedom at the truth
     Matrix covariance;     // across the ridge
   };
   Vector answer;
-  std::vector<Place> places;
+  std::vector<RidgePoint> ridge_points;
   Matrix covariance;  // of all coordinates by linear error propagation: for correlations alone
 };
 
-// `anchor`: where the test was made.
-Region region_about(const Vector& answer, const Vector& anchor, const ScoreTest& test);
+// `linearization_point`: where the test was made.
+Region region_about(const Vector& answer, const Vector& linearization_point, const ScoreTest& test);
 
 using Quantity = std::function<double(const Vector& x)>;
 

@@ -70,7 +70,7 @@ Vector ScoreTest::best_step(double length) const {
   constexpr int kIntervals = 40, kThirds = 16;
   const auto step = [&](double along) { return profile(along, 1 / (length * length)).step; };
   const auto height_at = [&](double along) { return height(step(along), length); };
-  // The lowest of some places, and then the lowest between its neighbours.
+  // The lowest of some points, and then the lowest between its neighbours.
   const double spacing = 2 * length / kIntervals;
   double lowest = 0, least = height_at(0);
   for (int i = 0; i <= kIntervals; ++i) {

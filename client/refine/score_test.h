@@ -1,7 +1,7 @@
-// Which places the evidence does not contradict.
+// Which materials the images do not contradict.
 //
-// At a step d to the truth the score s - H d (client/refine/evidence.h) has mean 0 and a covariance
-// S(d) that the pixels tell, noise of H included, so that
+// At a step d to the truth the score s - H d (client/refine/normal_equations.h) has mean 0 and a
+// covariance S(d) that the pixels tell, noise of H included, so that
 //
 //   Q(d) = (s - H d)' S(d)^-1 (s - H d)
 //

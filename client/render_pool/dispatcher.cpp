@@ -53,7 +53,7 @@ double samples(const RenderJob& job) {
 }
 
 // Of another version (WorkerConnection::probe), or not a render worker.
-bool is_unfit(const grpc::Status& status) {
+bool is_incompatible(const grpc::Status& status) {
   return status.error_code() == grpc::StatusCode::FAILED_PRECONDITION ||
          status.error_code() == grpc::StatusCode::UNIMPLEMENTED;
 }
@@ -104,7 +104,7 @@ void Dispatcher::remove(size_t number, Clock::time_point now) {
   const auto worker = workers_.find(number);
   worker->second.left = true;
   if (worker->second.under_way.empty()) workers_.erase(worker);
-  fail_hopeless(now);
+  fail_unservable(now);
 }
 
 // ---- Renders to workers ------------------------------------------------------------------------
@@ -114,7 +114,7 @@ std::future<v1::RenderGradReply> Dispatcher::submit(RenderJob render, Clock::tim
   job->render = std::move(render);
   job->submitted = now;
   auto future = job->promise.get_future();
-  if (const std::optional<Error> error = hopeless(*job, now)) {
+  if (const std::optional<Error> error = unservable(*job, now)) {
     fail(*job, *error);
   } else {
     waiting_.push_back(std::move(job));
@@ -127,7 +127,7 @@ Dispatcher::Turn Dispatcher::next(size_t number, Clock::time_point now) {
   if (!worker.up || closed_) return {};
   if (now < worker.full_until) return {nullptr, worker.full_until};
   const auto job = first_for(number);
-  if (job == waiting_.end()) return second_attempt(number, now);
+  if (job == waiting_.end()) return hedge(number, now);
   const std::shared_ptr<Job> taken = *job;
   waiting_.erase(job);
   return {begin(taken, number, now)};
@@ -148,7 +148,7 @@ bool Dispatcher::may_take(size_t number, const Job& job) const {
   if (job.refused_by(number)) return false;
   if (fits(workers_.at(number).capabilities, job.render)) return true;
   for (const auto& [i, other] : workers_) {
-    if (!other.set_aside && !other.left && (other.up || !other.failing_since) &&
+    if (!other.excluded && !other.left && (other.up || !other.failing_since) &&
         !job.refused_by(i) && fits(other.capabilities, job.render)) {
       return false;
     }
@@ -164,35 +164,35 @@ bool has_one_attempt(const Dispatcher::Job& job) {
 
 }  // namespace
 
-Dispatcher::Late Dispatcher::late(Clock::time_point now) const {
-  Late late;
+Dispatcher::Stragglers Dispatcher::stragglers(Clock::time_point now) const {
+  Stragglers stragglers;
   for (const auto& [number, attempt] : under_way_) {
     if (!has_one_attempt(*attempt->job)) continue;
-    late.next = attempt->started + times_.late_after();
-    if (late.next > now) return late;
-    ++late.count;
+    stragglers.next = attempt->started + times_.straggler_after();
+    if (stragglers.next > now) return stragglers;
+    ++stragglers.count;
   }
-  late.next = Clock::time_point::max();
-  return late;
+  stragglers.next = Clock::time_point::max();
+  return stragglers;
 }
 
 // Of the renders that are late, the one that began first.
-Dispatcher::Turn Dispatcher::second_attempt(size_t number, Clock::time_point now) {
+Dispatcher::Turn Dispatcher::hedge(size_t number, Clock::time_point now) {
   const Worker& worker = workers_.at(number);
   if (!worker.under_way.empty()) return {};
-  const auto late = std::ranges::find_if(under_way_, [&](const auto& entry) {
+  const auto stragglers = std::ranges::find_if(under_way_, [&](const auto& entry) {
     const Attempt& attempt = *entry.second;
-    return attempt.started + times_.late_after() > now ||
+    return attempt.started + times_.straggler_after() > now ||
            (has_one_attempt(*attempt.job) && may_take(number, *attempt.job));
   });
-  if (late == under_way_.end()) return {};
-  const Attempt& attempt = *late->second;
+  if (stragglers == under_way_.end()) return {};
+  const Attempt& attempt = *stragglers->second;
   const Clock::duration taken = now - attempt.started;
-  if (taken < times_.late_after()) return {};  // and so are all that began later
+  if (taken < times_.straggler_after()) return {};  // and so are all that began later
   spdlog::log(taken < kWorthSaying ? spdlog::level::debug : spdlog::level::info,
               "{}: a render has taken {:.1f} s; {} renders it, too",
               who(workers_.at(attempt.worker)), in_seconds(taken), who(worker));
-  ++statistics_.second_attempts;
+  ++statistics_.hedges;
   return {begin(attempt.job, number, now)};
 }
 
@@ -222,15 +222,15 @@ std::shared_ptr<Dispatcher::Attempt> Dispatcher::begin(const std::shared_ptr<Job
 
 bool Dispatcher::finish(const std::shared_ptr<Attempt>& attempt, Answer answer,
                         Clock::time_point now) {
-  const bool look_after = settle(attempt, std::move(answer), now);
+  const bool look_after = on_outcome(attempt, std::move(answer), now);
   const auto worker = workers_.find(attempt->worker);
   if (!worker->second.left) return look_after;
   if (worker->second.under_way.empty()) workers_.erase(worker);
   return false;
 }
 
-bool Dispatcher::settle(const std::shared_ptr<Attempt>& attempt, Answer answer,
-                        Clock::time_point now) {
+bool Dispatcher::on_outcome(const std::shared_ptr<Attempt>& attempt, Answer answer,
+                            Clock::time_point now) {
   Worker& worker = workers_.at(attempt->worker);
   const std::shared_ptr<Job> job = attempt->job;
   // Workers render in the order in which they are asked, as far as is known here: those behind the
@@ -259,7 +259,7 @@ bool Dispatcher::settle(const std::shared_ptr<Attempt>& attempt, Answer answer,
     case Outcome::kBusy: wait_for_place(worker, answer.status, now); break;
     case Outcome::kInvalid: fail(*job, to_error(answer.status, worker.name)); break;
     case Outcome::kFaulty:
-      set_aside(worker, reason);
+      exclude(worker, reason);
       job->refusals.push_back({attempt->worker, to_error(answer.status, worker.name)});
       break;
     case Outcome::kFailed:
@@ -278,7 +278,7 @@ bool Dispatcher::settle(const std::shared_ptr<Attempt>& attempt, Answer answer,
   const bool is_left = !job->ended && job->under_way.empty();
   if (is_left) waiting_.push_front(job);
   if (answer.outcome == Outcome::kBusy) return false;
-  fail_hopeless(now);
+  fail_unservable(now);
   if (is_left && !job->ended) {
     ++statistics_.retries;
     spdlog::warn(
@@ -302,8 +302,8 @@ void Dispatcher::note_loss(const Attempt& attempt, const std::string& what, Cloc
 void Dispatcher::succeed(const Attempt& attempt, v1::RenderGradReply reply, Clock::time_point now) {
   Worker& worker = workers_.at(attempt.worker);
   worker.failing_since.reset();
-  worker.rest = kFirstRest;
-  worker.back_off = {};
+  worker.probe_delay = kFirstRest;
+  worker.busy_delay = {};
   worker.full_until = {};          // what it has answered has left its place
   if (attempt.job->ended) return;  // the other attempt was a moment faster
   times_.add(now - attempt.started, samples(attempt.render()));
@@ -315,9 +315,9 @@ void Dispatcher::succeed(const Attempt& attempt, v1::RenderGradReply reply, Cloc
 
 void Dispatcher::wait_for_place(Worker& worker, const grpc::Status& status, Clock::time_point now) {
   worker.failing_since.reset();
-  worker.back_off = std::clamp(2 * worker.back_off, kFirstRest, kLongestRest);
+  worker.busy_delay = std::clamp(2 * worker.busy_delay, kFirstRest, kLongestRest);
   const milliseconds wait =
-      std::min(retry_after(status).value_or(worker.back_off), kLongestWaitForPlace);
+      std::min(retry_after(status).value_or(worker.busy_delay), kLongestWaitForPlace);
   // Those who are sent away together do not come back together; the room that a worker keeps for us
   // is not kept for long.
   const double later = std::uniform_real_distribution<double>(1, 1.1)(random_);
@@ -347,24 +347,24 @@ bool Dispatcher::take_down(Worker& worker, const std::string& reason, Clock::tim
   return std::exchange(worker.up, false);
 }
 
-void Dispatcher::set_aside(Worker& worker, const std::string& reason) {
+void Dispatcher::exclude(Worker& worker, const std::string& reason) {
   spdlog::warn("{}: {}; it is set aside for good", who(worker), reason);
-  worker.set_aside = true;
+  worker.excluded = true;
   worker.up = false;
   worker.last_failure = reason;
 }
 
-milliseconds Dispatcher::take_rest(size_t worker) {
-  const milliseconds rest = workers_.at(worker).rest;
-  workers_.at(worker).rest = std::clamp(2 * rest, kFirstRest, kLongestRest);
-  return rest;
+milliseconds Dispatcher::next_probe_delay(size_t worker) {
+  const milliseconds probe_delay = workers_.at(worker).probe_delay;
+  workers_.at(worker).probe_delay = std::clamp(2 * probe_delay, kFirstRest, kLongestRest);
+  return probe_delay;
 }
 
-void Dispatcher::probed(size_t number, const grpc::Status& status,
-                        const v1::Capabilities& capabilities, Clock::time_point now) {
+void Dispatcher::on_probe(size_t number, const grpc::Status& status,
+                          const v1::Capabilities& capabilities, Clock::time_point now) {
   Worker& worker = workers_.at(number);
-  if (worker.set_aside) return;
-  const bool was_unfit = std::exchange(worker.unfit, is_unfit(status));
+  if (worker.excluded) return;
+  const bool was_unfit = std::exchange(worker.incompatible, is_incompatible(status));
   if (status.ok()) {
     worker.up = true;
     worker.never_up = false;
@@ -376,14 +376,15 @@ void Dispatcher::probed(size_t number, const grpc::Status& status,
   }
   const bool too_late = status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED;
   const std::string reason = describe(status);
-  if (worker.unfit && !was_unfit) spdlog::warn("{}: {}; it is not used", who(worker), reason);
+  if (worker.incompatible && !was_unfit)
+    spdlog::warn("{}: {}; it is not used", who(worker), reason);
   // That it took too long says less than what was noted before.
   take_down(worker, too_late ? worker.last_failure : reason, now);
   if (worker.never_up && any_up() && now - *worker.failing_since > kWorthSaying) {
     worker.never_up = false;
     spdlog::warn("{}: {}; it is used when it answers", who(worker), worker.last_failure);
   }
-  fail_hopeless(now);
+  fail_unservable(now);
 }
 
 bool Dispatcher::any_up() const {
@@ -407,9 +408,9 @@ std::string Dispatcher::last_failures() const {
 
 // ---- Renders that fail -------------------------------------------------------------------------
 
-void Dispatcher::fail_hopeless(Clock::time_point now) {
+void Dispatcher::fail_unservable(Clock::time_point now) {
   std::erase_if(waiting_, [&](const std::shared_ptr<Job>& job) {
-    const std::optional<Error> error = hopeless(*job, now);
+    const std::optional<Error> error = unservable(*job, now);
     if (error) fail(*job, *error);
     return error.has_value();
   });
@@ -417,17 +418,17 @@ void Dispatcher::fail_hopeless(Clock::time_point now) {
 
 // Why no worker will do it, if so. One that is up will get to it; one that answers but fails every
 // render is not up while it rests.
-std::optional<Error> Dispatcher::hopeless(const Job& job, Clock::time_point now) const {
-  if (job.losses.size() >= kMost) {
+std::optional<Error> Dispatcher::unservable(const Job& job, Clock::time_point now) const {
+  if (job.losses.size() >= kMaxFailures) {
     return Error(ErrorKind::kUnavailable,
                  fmt::format("{} was lost {} times and is given up: {}", describe(job.render),
                              job.losses.size(), fmt::join(job.losses, "; ")));
   }
-  if (job.refusals.size() >= kMost) return job.all_refusals();
+  if (job.refusals.size() >= kMaxFailures) return job.all_refusals();
   if (!has_workers()) return {};
   bool one_is_left = false;
   for (const auto& [i, worker] : workers_) {
-    if (worker.left || worker.set_aside || job.refused_by(i)) continue;
+    if (worker.left || worker.excluded || job.refused_by(i)) continue;
     if (worker.up || !worker.failing_since) return {};
     if (now - std::max(*worker.failing_since, job.submitted) < give_up_after_) return {};
     one_is_left = true;

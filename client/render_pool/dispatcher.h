@@ -27,12 +27,14 @@ namespace itn {
 //  - A worker that has no place is asked again when it says; that is no failure, however often.
 //  - A worker that is away, or failed, rests and is asked whether it is there before it gets more.
 //  - A worker that gave an answer that cannot be right gets nothing any more.
-//  - A render that a worker cannot do goes to the others; it fails when kMost of them cannot, or
-//  all.
-//  - A render under which a worker vanished, or that reached its deadline, kMost times, is given
+//  - A render that a worker cannot do goes to the others; it fails when kMaxFailures of them
+//  cannot, or all.
+//  - A render under which a worker vanished, or that reached its deadline, kMaxFailures times, is
+//  given
 //    up; attempts that are lost together count once.
 //  - A render fails when all workers that could do it have failed for a given time.
-//  - A render that is late gets a second attempt on a worker that has nothing else to do; the first
+//  - A render that is late gets a second attempt (a hedge) on a worker that has nothing else to do;
+//  the first
 //    answer is taken (answers are the same) and the other attempt is cancelled.
 //  - A worker may join at any time, or leave: what is under way there goes on. Without any worker,
 //    renders wait for one to join.
@@ -42,7 +44,7 @@ class Dispatcher {
  public:
   using Clock = std::chrono::steady_clock;
 
-  static constexpr int kMost = 3;
+  static constexpr int kMaxFailures = 3;
 
   struct Job;
 
@@ -87,11 +89,11 @@ class Dispatcher {
 
   // How many renders are late and have one attempt alone, and when there will be one more (max: not
   // of those that have begun).
-  struct Late {
+  struct Stragglers {
     size_t count = 0;
     Clock::time_point next = Clock::time_point::max();
   };
-  Late late(Clock::time_point now) const;
+  Stragglers stragglers(Clock::time_point now) const;
 
   // What became of an attempt. Returns whether the worker is to be asked if it is there, as it was
   // up and is not.
@@ -99,10 +101,10 @@ class Dispatcher {
 
   // How long the worker is to rest before it is asked whether it is there; longer each time until a
   // render succeeds.
-  std::chrono::milliseconds take_rest(size_t worker);
+  std::chrono::milliseconds next_probe_delay(size_t worker);
   // What it answered.
-  void probed(size_t worker, const grpc::Status& status, const v1::Capabilities& capabilities,
-              Clock::time_point now);
+  void on_probe(size_t worker, const grpc::Status& status, const v1::Capabilities& capabilities,
+                Clock::time_point now);
 
   bool any_up() const;
   // Whether there is any that has not left, up or not.
@@ -117,15 +119,15 @@ class Dispatcher {
  private:
   struct Worker {
     std::string name;
-    bool up = false;         // takes renders; otherwise it rests, or has not answered yet
-    bool set_aside = false;  // for good
-    bool unfit = false;      // as it says itself
-    bool left = false;       // is no more when nothing of it is under way
-    bool never_up = true;    // and nobody was told
-    bool only_lost = false;  // it was taken down for a lost render, and has not answered since
+    bool up = false;            // takes renders; otherwise it rests, or has not answered yet
+    bool excluded = false;      // for good
+    bool incompatible = false;  // as it says itself
+    bool left = false;          // is no more when nothing of it is under way
+    bool never_up = true;       // and nobody was told
+    bool only_lost = false;     // it was taken down for a lost render, and has not answered since
     v1::Capabilities capabilities;
-    std::chrono::milliseconds rest{0};
-    std::chrono::milliseconds back_off{0};             // of a worker that has no place
+    std::chrono::milliseconds probe_delay{0};
+    std::chrono::milliseconds busy_delay{0};           // of a worker that has no place
     Clock::time_point full_until;                      // it has no place
     std::optional<Clock::time_point> failing_since;    // nothing has succeeded since
     std::deque<std::shared_ptr<Attempt>> under_way{};  // the oldest first
@@ -143,19 +145,19 @@ class Dispatcher {
   std::shared_ptr<Attempt> begin(const std::shared_ptr<Job>& job, size_t worker,
                                  Clock::time_point now);
   bool may_take(size_t worker, const Job& job) const;
-  Turn second_attempt(size_t worker, Clock::time_point now);
-  bool settle(const std::shared_ptr<Attempt>& attempt, Answer answer, Clock::time_point now);
+  Turn hedge(size_t worker, Clock::time_point now);
+  bool on_outcome(const std::shared_ptr<Attempt>& attempt, Answer answer, Clock::time_point now);
 
   static void note_loss(const Attempt& attempt, const std::string& what, Clock::time_point now);
   void succeed(const Attempt& attempt, v1::RenderGradReply reply, Clock::time_point now);
   void wait_for_place(Worker& worker, const grpc::Status& status, Clock::time_point now);
-  void set_aside(Worker& worker, const std::string& reason);
+  void exclude(Worker& worker, const std::string& reason);
   bool take_down(Worker& worker, const std::string& reason, Clock::time_point now);
 
   void fail(Job& job, const Error& error);
   void end(Job& job);
-  void fail_hopeless(Clock::time_point now);
-  std::optional<Error> hopeless(const Job& job, Clock::time_point now) const;
+  void fail_unservable(Clock::time_point now);
+  std::optional<Error> unservable(const Job& job, Clock::time_point now) const;
 
   std::map<size_t, Worker> workers_;
   size_t next_worker_ = 0;

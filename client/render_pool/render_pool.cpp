@@ -146,7 +146,7 @@ class RenderPool::Impl {
     Member& joined = *members_.emplace(address, std::move(member)).first->second;
     for (int i = 0; i < kJobsPerWorker; ++i) {
       joined.threads.emplace_back([this, &joined, first = i == 0] {
-        if (first) bring_up(joined);
+        if (first) reconnect(joined);
         serve(joined);
         const std::lock_guard lock(mutex_);
         --joined.running;
@@ -176,7 +176,7 @@ class RenderPool::Impl {
       return std::make_unique<WorkerConnection>(
           connector->connect_to(worker.address),
           [connector, address = worker.address](const grpc::Status& status) {
-            return connector->explained(status, address);
+            return connector->with_cause(status, address);
           });
     }
     RenderServerOptions options;
@@ -223,7 +223,7 @@ class RenderPool::Impl {
       if (!look_after) continue;
       lock.unlock();
       list_.look_again();
-      bring_up(member);
+      reconnect(member);
       lock.lock();
     }
   }
@@ -233,7 +233,7 @@ class RenderPool::Impl {
     while (!member.stopping()) {
       const Dispatcher::Turn turn = dispatcher_.next(member.number, Clock::now());
       if (turn.attempt) return turn.attempt;
-      park(member, lock, turn.until);
+      idle(member, lock, turn.until);
     }
     return nullptr;
   }
@@ -251,35 +251,35 @@ class RenderPool::Impl {
   }
 
   // Rests and asks until the worker answers; meanwhile, its other threads wait.
-  void bring_up(Member& member) {
+  void reconnect(Member& member) {
     bool patient = false;  // impatient at first: that tells why there is no connection
     grpc::Status status;
     do {
-      rest(member);
+      probe_delay(member);
       do {
         v1::Capabilities capabilities;
         status = member.connection->probe(std::exchange(patient, true), member.stop.get_token(),
                                           capabilities);
         const std::lock_guard lock(mutex_);
         if (member.stopping()) return;
-        dispatcher_.probed(member.number, status, capabilities, Clock::now());
+        dispatcher_.on_probe(member.number, status, capabilities, Clock::now());
         probed_.notify_all();
         wake_parked();
       } while (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED);
     } while (!status.ok());
   }
 
-  void rest(Member& member) {
+  void probe_delay(Member& member) {
     std::unique_lock lock(mutex_);
     if (member.stopping()) return;
-    const auto until = Clock::now() + dispatcher_.take_rest(member.number);
+    const auto until = Clock::now() + dispatcher_.next_probe_delay(member.number);
     member.released.wait_until(lock, until, [&] { return member.stopping(); });
   }
 
   // ---- Threads that wait for something to do ----
 
   // Waits until the thread is woken, or until then.
-  void park(Member& member, std::unique_lock<std::mutex>& lock, Clock::time_point until) {
+  void idle(Member& member, std::unique_lock<std::mutex>& lock, Clock::time_point until) {
     count_parked(member, +1);
     wake_parked();  // whoever was woken for what this one may not take, has told nobody else
     const auto done = [&] { return member.woken > 0 || member.stopping(); };
@@ -328,8 +328,8 @@ class RenderPool::Impl {
     std::unique_lock lock(mutex_);
     while (!stopping_) {
       const auto now = Clock::now();
-      const Dispatcher::Late late = dispatcher_.late(now);
-      wake_idle(late.count);
+      const Dispatcher::Stragglers stragglers = dispatcher_.stragglers(now);
+      wake_idle(stragglers.count);
       if (dispatcher_.has_workers()) {
         said.reset();
       } else if (dispatcher_.waiting() > 0 && (!said || now - *said > kSayAgain)) {
@@ -339,7 +339,7 @@ class RenderPool::Impl {
         lock.lock();
         continue;
       }
-      stopped_.wait_until(lock, std::min(late.next, now + kLookForLateEvery));
+      stopped_.wait_until(lock, std::min(stragglers.next, now + kLookForLateEvery));
     }
   }
 

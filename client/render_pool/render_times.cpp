@@ -16,8 +16,8 @@ constexpr Duration kLeast = std::chrono::milliseconds(100);
 // Scenes and materials of one training differ in cost by less than that, and who shares a worker
 // with others waits in its queue for less.
 constexpr double kDeadlineFactor = 30;
-constexpr double kLeastDeadlineSeconds = 30;
-constexpr double kMostDeadlineSeconds = 24 * 3600;
+constexpr double kMinDeadlineSeconds = 30;
+constexpr double kMaxDeadlineSeconds = 24 * 3600;
 
 }  // namespace
 
@@ -28,14 +28,14 @@ void RenderTimes::add(Duration time, double samples) {
   for (const Render& render : latest_) times.push_back(render.time);
   const auto middle = times.begin() + static_cast<ptrdiff_t>(times.size() / 2);
   std::nth_element(times.begin(), middle, times.end());
-  late_after_ = std::max(kLeast, kLateFactor * *middle);
+  straggler_after_ = std::max(kLeast, kLateFactor * *middle);
 }
 
 std::chrono::milliseconds RenderTimes::deadline(double samples) const {
   if (latest_.empty()) return {};
   const auto slowest = std::ranges::max_element(latest_, {}, &Render::seconds_per_sample);
   const double seconds = std::clamp(kDeadlineFactor * slowest->seconds_per_sample * samples,
-                                    kLeastDeadlineSeconds, kMostDeadlineSeconds);
+                                    kMinDeadlineSeconds, kMaxDeadlineSeconds);
   return std::chrono::milliseconds(static_cast<int64_t>(1000 * seconds));
 }
 

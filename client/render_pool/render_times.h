@@ -14,7 +14,7 @@ class RenderTimes {
 
   // A render is late after several times the median of the latest ones, which tells a worker that
   // is held from renders that differ. As long as none is known: after some seconds.
-  std::chrono::steady_clock::duration late_after() const { return late_after_; }
+  std::chrono::steady_clock::duration straggler_after() const { return straggler_after_; }
 
   // What none of so many samples should exceed, for a worker that lives and never answers: many
   // times what the slowest of the latest renders would have taken. Zero as long as none is known.
@@ -27,7 +27,7 @@ class RenderTimes {
   };
 
   std::deque<Render> latest_;
-  std::chrono::steady_clock::duration late_after_ = std::chrono::seconds(5);
+  std::chrono::steady_clock::duration straggler_after_ = std::chrono::seconds(5);
 };
 
 }  // namespace itn

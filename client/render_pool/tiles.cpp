@@ -10,7 +10,7 @@ namespace {
 // Of a tile: a few tenths of a second of work, far more than a request costs.
 constexpr double kSamplesPerTile = 1 << 18;
 // On a side, so that the pilot's margin is little against the tile, and no image has too many.
-constexpr double kLeastSide = 16;
+constexpr double kMinSide = 16;
 
 // Where part i of n begins.
 uint32_t begin_of(uint32_t i, uint32_t n, uint32_t length) {
@@ -28,7 +28,7 @@ v1::Tile pixels_of(const RenderJob& job) {
 }
 
 std::vector<v1::Tile> tiles_of(const v1::Tile& whole, uint32_t spp) {
-  const double side = std::max(std::sqrt(kSamplesPerTile / std::max(spp, 1U)), kLeastSide);
+  const double side = std::max(std::sqrt(kSamplesPerTile / std::max(spp, 1U)), kMinSide);
   const auto number = [&](uint32_t length) {
     return static_cast<uint32_t>(std::max(1.0, std::round(length / side)));
   };

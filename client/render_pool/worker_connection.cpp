@@ -69,14 +69,14 @@ grpc::Status WorkerConnection::call(const v1::RenderGradRequest& request, millis
   grpc::ClientContext context;
   context.set_deadline(deadline_in(deadline));
   const std::stop_callback cancel(stop, [&] { context.TryCancel(); });
-  const std::string name = name_request(context);
+  const std::string name = assign_request_id(context);
   reply.Clear();
   grpc::Status status = stub_->RenderGrad(&context, request, &reply);
   if (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED) {
     const double seconds = std::chrono::duration<double>(deadline).count();
     status = {status.error_code(), fmt::format("no answer within {} s", seconds)};
   }
-  return explain_ ? with_request_name(status, name) : status;
+  return explain_ ? with_request_id(status, name) : status;
 }
 
 }  // namespace itn

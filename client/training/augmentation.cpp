@@ -108,7 +108,7 @@ ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentat
   if (augmentation.shift() > 0) {
     shift(result, augmentation.shift(), random(kShift));
   }
-  result = photographed(result, augmentation.camera(), derive_seed(seed, {kCamera}));
+  result = with_camera_effects(result, augmentation.camera(), derive_seed(seed, {kCamera}));
   if (augmentation.exposure() > 0) {
     result.luminance =
         result.luminance *

@@ -8,7 +8,7 @@ DatasetBatches::DatasetBatches(const LabelledImages& images, const PackedInputs&
       inputs_(inputs),
       sampler_(static_cast<uint32_t>(images.items.size()), seed) {}
 
-TrainingImages DatasetBatches::of_step(uint64_t step, uint32_t size) {
+TrainingImages DatasetBatches::batch_at(uint64_t step, uint32_t size) {
   TrainingImages result{.items = sampler_.batch(step, size), .images = {}, .truth = {}};
   result.images = inputs_.batch(result.items);
   for (const uint32_t item : result.items) {

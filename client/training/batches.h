@@ -25,7 +25,7 @@ class Batches {
   // For the step after so many. A function of its arguments and of what it was made of: whoever
   // asks again, or goes on after a pause, gets the same. Steps must not be asked for in falling
   // order, but for the last one again. May throw Error.
-  virtual TrainingImages of_step(uint64_t step, uint32_t size) = 0;
+  virtual TrainingImages batch_at(uint64_t step, uint32_t size) = 0;
 
   // Of the images, in pixels a side.
   virtual int resolution() const = 0;
@@ -40,7 +40,7 @@ class DatasetBatches final : public Batches {
   // What is referred to must outlive it. `seed`: of the order.
   DatasetBatches(const LabelledImages& images, const PackedInputs& inputs, uint64_t seed);
 
-  TrainingImages of_step(uint64_t step, uint32_t size) override;
+  TrainingImages batch_at(uint64_t step, uint32_t size) override;
   int resolution() const override { return inputs_.format().resolution; }
   uint64_t image_count() const override { return images_.items.size(); }
 

@@ -33,7 +33,7 @@ enum CameraChoice : uint64_t {
 constexpr double kNothing = 1e-6, kNoLight = 1e-20;
 constexpr double kBrightestBackground = 3;  // over the object's mean
 // Pixels that are nothing but noise have infinitely much of it; so much is as good.
-constexpr double kMostNoise = 100;
+constexpr double kMaxNoise = 100;
 
 // Numbers for some images of a batch, which do not depend on what others of it there are.
 class Draws {
@@ -107,7 +107,7 @@ torch::Tensor luminance_of_object(const ImageBatch& images) {
 
 ObjectLayer object_layer(const ImageBatch& images) {
   const torch::Tensor radiance = luminance_of_object(images) * images.mask;
-  return {images.mask, radiance, (images.noise.clamp_max(kMostNoise) * radiance).square()};
+  return {images.mask, radiance, (images.noise.clamp_max(kMaxNoise) * radiance).square()};
 }
 
 // images x size x size: each row the weights of a Gaussian about its number; they sum to 1.
@@ -286,7 +286,7 @@ void validate(const v1::CameraAugmentation& camera) {
   require_in("mask", camera.mask(), 8);
 }
 
-v1::CameraAugmentation usual_camera() {
+v1::CameraAugmentation default_camera_augmentation() {
   v1::CameraAugmentation camera;
   camera.set_share(0.8);
   camera.set_contrast(0.2);
@@ -298,15 +298,15 @@ v1::CameraAugmentation usual_camera() {
   return camera;
 }
 
-bool does_anything(const v1::CameraAugmentation& camera) {
+bool changes_images(const v1::CameraAugmentation& camera) {
   return (!camera.has_share() || camera.share() > 0) &&
          (camera.contrast() > 0 || camera.shoulder() > 0 || camera.vignetting() > 0 ||
           camera.blur() > 0 || camera.clipped() > 0 || camera.mask() > 0);
 }
 
-ImageBatch photographed(const ImageBatch& images, const v1::CameraAugmentation& camera,
-                        uint64_t seed) {
-  if (!does_anything(camera)) return images;
+ImageBatch with_camera_effects(const ImageBatch& images, const v1::CameraAugmentation& camera,
+                               uint64_t seed) {
+  if (!changes_images(camera)) return images;
   const torch::NoGradGuard no_gradient;
   const Draws all(seed, images.size());
   const double share = camera.has_share() ? camera.share() : 1;

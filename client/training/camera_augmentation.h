@@ -12,7 +12,7 @@ namespace itn {
 void validate(const v1::CameraAugmentation& camera);
 
 // What `itn train --camera` turns on: about what photographs show of it.
-v1::CameraAugmentation usual_camera();
+v1::CameraAugmentation default_camera_augmentation();
 
 // Values of images, to be combined with all of their pixels: batch -> batch x 1 x 1.
 inline torch::Tensor per_image(const torch::Tensor& values) {
@@ -20,7 +20,7 @@ inline torch::Tensor per_image(const torch::Tensor& values) {
 }
 
 // Whether it changes anything.
-bool does_anything(const v1::CameraAugmentation& camera);
+bool changes_images(const v1::CameraAugmentation& camera);
 
 // Each image as cameras and masks drawn by hand might have made it. A function of its arguments
 // alone; the result may share storage with the input, which stays as it is. `images`: luminance,
@@ -40,7 +40,7 @@ bool does_anything(const v1::CameraAugmentation& camera);
 // is clipped; under blur the variance of a L becomes (G^2 * (n a L)^2), for pixels whose noise has
 // nothing in common; the background has none. (Blur leaves noise that neighbours share, which the
 // white noise added to images afterwards does not: it is a fraction of that.)
-ImageBatch photographed(const ImageBatch& images, const v1::CameraAugmentation& camera,
-                        uint64_t seed);
+ImageBatch with_camera_effects(const ImageBatch& images, const v1::CameraAugmentation& camera,
+                               uint64_t seed);
 
 }  // namespace itn

@@ -3,8 +3,8 @@
 #include <utility>
 
 #include "client/dataset/dataset_config.h"
-#include "client/training/complete_model.h"
-#include "client/training/image_term.h"
+#include "client/training/finalize_model.h"
+#include "client/training/rerendering_loss.h"
 
 namespace itn {
 
@@ -42,7 +42,7 @@ v1::Model start_model(const std::optional<v1::Model>& init, const v1::Model& fit
 std::function<void(v1::Model&)> completion(ImageSource images, const ValidationSet* validation,
                                            std::stop_token stop) {
   return [images = std::move(images), validation, stop = std::move(stop)](v1::Model& model) {
-    complete_model(images,
+    finalize_model(images,
                    validation != nullptr
                        ? HeldOutImages{source_of(validation->inputs), validation->images.truth}
                        : HeldOutImages{},
@@ -50,10 +50,10 @@ std::function<void(v1::Model&)> completion(ImageSource images, const ValidationS
   };
 }
 
-ImageTerm image_term_of(const v1::TrainingConfig& config, const std::function<RenderPool&()>& pool,
-                        std::stop_token stop) {
+RerenderingEvaluator image_term_of(const v1::TrainingConfig& config,
+                                   const std::function<RenderPool&()>& pool, std::stop_token stop) {
   if (config.loss() != v1::TrainingConfig::ITN) return {};
-  return rendered_image_term(
+  return pool_rerendering(
       pool(),
       {.spp = config.spp(), .estimates = config.estimates(), .pilot_spp = config.pilot_spp()},
       std::move(stop));

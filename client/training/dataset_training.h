@@ -51,7 +51,7 @@ std::function<void(v1::Model&)> completion(ImageSource images, const ValidationS
 
 // What the loss of the configuration needs; empty for RN. `pool`: called if something is rendered;
 // what it returns must outlive the result.
-ImageTerm image_term_of(const v1::TrainingConfig& config, const std::function<RenderPool&()>& pool,
-                        std::stop_token stop);
+RerenderingEvaluator image_term_of(const v1::TrainingConfig& config,
+                                   const std::function<RenderPool&()>& pool, std::stop_token stop);
 
 }  // namespace itn

@@ -22,11 +22,11 @@ namespace {
 
 constexpr size_t kBatch = 32;  // images that are estimated at a time
 
-Triple as_triple(const Material& m) {
+MaterialCoordinates as_triple(const Material& m) {
   return {m.sigma_t, m.albedo, m.g};
 }
 
-void set(const Triple& values, v1::Evaluation::Triple& proto) {
+void set(const MaterialCoordinates& values, v1::Evaluation::Triple& proto) {
   proto.set_sigma_t(values[0]);
   proto.set_albedo(values[1]);
   proto.set_g(values[2]);
@@ -38,23 +38,23 @@ double quantile(std::vector<double> values, double probability) {
   return values[static_cast<size_t>(at)];
 }
 
-Triple squared_error(const Material& prediction, const Material& truth) {
-  Triple squares;
+MaterialCoordinates squared_error(const Material& prediction, const Material& truth) {
+  MaterialCoordinates squares;
   for (size_t k = 0; k < 3; ++k) {
     squares[k] = std::pow(as_triple(prediction)[k] - as_triple(truth)[k], 2);
   }
   return squares;
 }
 
-void add(const Triple& terms, Triple& sum) {
+void add(const MaterialCoordinates& terms, MaterialCoordinates& sum) {
   for (size_t k = 0; k < 3; ++k) {
     sum[k] += terms[k];
   }
 }
 
 // Of sums of squared errors of so many predictions.
-Triple root_mean(const Triple& squares, size_t count) {
-  Triple roots;
+MaterialCoordinates root_mean(const MaterialCoordinates& squares, size_t count) {
+  MaterialCoordinates roots;
   for (size_t k = 0; k < 3; ++k) {
     roots[k] = std::sqrt(squares[k] / static_cast<double>(count));
   }
@@ -67,14 +67,14 @@ double root_ratio(double squares, double of_constant) {
 
 // Sums of squared errors, and of those of the constant predictor.
 struct Squares {
-  Triple ours{}, constant{};
+  MaterialCoordinates ours{}, constant{};
 
   void add(const Squares& other) {
     itn::add(other.ours, ours);
     itn::add(other.constant, constant);
   }
-  Triple ratio() const {
-    Triple result;
+  MaterialCoordinates ratio() const {
+    MaterialCoordinates result;
     for (size_t k = 0; k < 3; ++k) {
       result[k] = root_ratio(ours[k], constant[k]);
     }
@@ -134,11 +134,11 @@ void set_intervals(std::span<const Squares> squares, const LabelledImages& image
 }
 
 // Parts of the truths inside of their 90 % intervals.
-Triple coverage_of(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
-                   std::span<const size_t> items) {
-  Triple inside{};
+MaterialCoordinates coverage_of(std::span<const MaterialEstimate> estimates,
+                                const LabelledImages& images, std::span<const size_t> items) {
+  MaterialCoordinates inside{};
   for (const size_t i : items) {
-    const Triple truth = as_triple(images.truth[i]);
+    const MaterialCoordinates truth = as_triple(images.truth[i]);
     for (size_t k = 0; k < 3; ++k) {
       const ParameterPosterior& p = estimates[i].posterior->material.parameters[k];
       inside[k] += p.low <= truth[k] && truth[k] <= p.high ? 1 : 0;
@@ -152,7 +152,7 @@ Triple coverage_of(std::span<const MaterialEstimate> estimates, const LabelledIm
 
 void set_third(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
                std::span<const size_t> items, v1::Evaluation::Third& third) {
-  Triple squares{};
+  MaterialCoordinates squares{};
   for (const size_t i : items) {
     add(squared_error(estimates[i].material, images.truth[i]), squares);
   }
@@ -226,7 +226,8 @@ void set_errors(std::span<const Material> predictions, const LabelledImages& ima
   row.set_sigma_s_reduced(rmse([](const Material& m) { return m.sigma_s_reduced(); }));
 }
 
-Triple relative_errors(std::span<const Material> predictions, const LabelledImages& images) {
+MaterialCoordinates relative_errors(std::span<const Material> predictions,
+                                    const LabelledImages& images) {
   return sum_of(squares_of(predictions, images)).ratio();
 }
 
@@ -272,7 +273,7 @@ void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate
   for (int64_t i = 0; i < count; ++i) {
     const auto item = static_cast<size_t>(i);
     sum += predictor.log_likelihood(estimates[item], images.truth[item]);
-    const Triple z = predictor.standardized(images.truth[item]);
+    const MaterialCoordinates z = predictor.standardized(images.truth[item]);
     for (int64_t k = 0; k < 3; ++k) {
       rows[i][k] = z[static_cast<size_t>(k)];
     }

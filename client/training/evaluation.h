@@ -29,7 +29,8 @@ void set_errors(std::span<const Material> predictions, const LabelledImages& ima
 
 // The errors of sigma_t, albedo and g over those of the constant predictor; infinite where the
 // truth is one and the same.
-Triple relative_errors(std::span<const Material> predictions, const LabelledImages& images);
+MaterialCoordinates relative_errors(std::span<const Material> predictions,
+                                    const LabelledImages& images);
 
 // Sets what the row says beside them: errors relative to the constant predictor's, with bootstrap
 // intervals over the shapes of the items; median relative errors; the thirds in sigma_t; and, if

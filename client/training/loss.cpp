@@ -9,7 +9,7 @@
 namespace itn {
 namespace {
 
-Triple row(const torch::Tensor& doubles, size_t index) {
+MaterialCoordinates row(const torch::Tensor& doubles, size_t index) {
   const double* values = doubles[static_cast<int64_t>(index)].data_ptr<double>();
   return {values[0], values[1], values[2]};
 }
@@ -29,7 +29,7 @@ LossTerm LikelihoodLoss::evaluate(const Batch& batch, const torch::Tensor& outpu
   return {losses.mean().item<double>(), leaf.grad()};
 }
 
-std::unique_ptr<Loss> distance_to_truth(v1::OutputDistribution output, double mean_weight) {
+std::unique_ptr<Loss> make_regression_loss(v1::OutputDistribution output, double mean_weight) {
   if (output == v1::GAUSSIAN) {
     return std::make_unique<LikelihoodLoss>(mean_weight);
   }
@@ -43,20 +43,21 @@ std::vector<float> image_weights(const DatasetImage& image, int resolution,
              : weight_map(resolution, resolution, image.radiance, image.mask);
 }
 
-ImageLoss::ImageLoss(const OutputSpace& space, const LabelledImages& images, ImageTerm image_term,
-                     v1::TrainingConfig::ImageWeights weights, uint64_t seed)
+RerenderingLoss::RerenderingLoss(const OutputSpace& space, const LabelledImages& images,
+                                 RerenderingEvaluator image_term,
+                                 v1::TrainingConfig::ImageWeights weights, uint64_t seed)
     : space_(space),
       images_(images),
-      image_term_(std::move(image_term)),
+      rerendering_(std::move(image_term)),
       weights_(weights),
       seed_(seed) {}
 
-LossTerm ImageLoss::evaluate(const Batch& batch, const torch::Tensor& outputs) {
+LossTerm RerenderingLoss::evaluate(const Batch& batch, const torch::Tensor& outputs) {
   const size_t count = batch.items.size();
   const torch::Tensor predictions = outputs.to(torch::kFloat64);
   // Render every prediction, and compare it with its input.
   std::vector<std::vector<float>> images, weights;
-  std::vector<ImageTermQuery> queries;
+  std::vector<RerenderingQuery> queries;
   for (size_t i = 0; i < count; ++i) {
     DatasetImage image = images_.read(batch.items[i]);
     weights.push_back(image_weights(image, images_.resolution, weights_));
@@ -67,14 +68,14 @@ LossTerm ImageLoss::evaluate(const Batch& batch, const torch::Tensor& outputs) {
                        .material = space_.material(row(predictions, i)),
                        .seed = derive_seed(seed_, {batch.step, i})});
   }
-  const std::vector<RenderingLoss> losses = image_term_(queries);
+  const std::vector<LossWithGradient> losses = rerendering_(queries);
   // Carry the gradients back to the outputs.
   LossTerm term;
   term.gradient = torch::zeros_like(outputs);
   auto gradient = term.gradient.accessor<float, 2>();
   for (size_t i = 0; i < count; ++i) {
     const std::vector<double>& g = losses[i].gradient;  // by sigma_t, albedo and g
-    const Triple by_output =
+    const MaterialCoordinates by_output =
         space_.output_gradient(row(predictions, i), {g.at(0), g.at(1), g.at(2)});
     for (size_t k = 0; k < 3; ++k) {
       gradient[static_cast<int64_t>(i)][static_cast<int64_t>(k)] = static_cast<float>(by_output[k]);

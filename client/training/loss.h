@@ -9,7 +9,7 @@
 
 #include <torch/types.h>
 
-#include "client/training/image_term.h"
+#include "client/training/rerendering_loss.h"
 #include "client/training/training_set.h"
 #include "common/learning/parameterization.h"
 
@@ -54,7 +54,7 @@ class LikelihoodLoss final : public Loss {
 };
 
 // The one that fits the output distribution. `mean_weight`: of LikelihoodLoss.
-std::unique_ptr<Loss> distance_to_truth(v1::OutputDistribution output, double mean_weight);
+std::unique_ptr<Loss> make_regression_loss(v1::OutputDistribution output, double mean_weight);
 
 // How much the pixels of an image count: w, in [0, 1].
 std::vector<float> image_weights(const DatasetImage& image, int resolution,
@@ -63,18 +63,19 @@ std::vector<float> image_weights(const DatasetImage& image, int resolution,
 // Distance of the re-rendered image to the input (Eq. 10), through the renderer's gradients. The
 // material that is rendered is that of the first three outputs: the best guess, or the centre of
 // the Gaussian.
-class ImageLoss final : public Loss {
+class RerenderingLoss final : public Loss {
  public:
   // What is referred to must outlive it. `seed`: of the renders.
-  ImageLoss(const OutputSpace& space, const LabelledImages& images, ImageTerm image_term,
-            v1::TrainingConfig::ImageWeights weights, uint64_t seed);
+  RerenderingLoss(const OutputSpace& space, const LabelledImages& images,
+                  RerenderingEvaluator image_term, v1::TrainingConfig::ImageWeights weights,
+                  uint64_t seed);
 
   LossTerm evaluate(const Batch& batch, const torch::Tensor& outputs) override;
 
  private:
   const OutputSpace& space_;
   const LabelledImages& images_;
-  ImageTerm image_term_;
+  RerenderingEvaluator rerendering_;
   v1::TrainingConfig::ImageWeights weights_;
   uint64_t seed_;
 };

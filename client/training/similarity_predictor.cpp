@@ -36,7 +36,7 @@ double determinant(const Jacobian& j) {
 Material mean_of_similar(const Material& material, const v1::MaterialChoice& materials) {
   const v1::Interval& range =
       materials.g().has_uniform() ? materials.g().uniform() : materials.g().log_uniform();
-  Triple at = to_coordinates(v1::SIMILARITY, material);
+  MaterialCoordinates at = to_coordinates(v1::SIMILARITY, material);
   Material sum{.sigma_t = 0, .albedo = 0, .g = 0};
   double weights = 0;
   for (int i = 0; i < kSteps; ++i) {

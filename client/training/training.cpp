@@ -9,8 +9,8 @@
 
 #include "client/training/augmentation.h"
 #include "client/training/camera_augmentation.h"
+#include "client/training/first_order_augmentation.h"
 #include "client/training/learning_rate.h"
-#include "client/training/moved_materials.h"
 #include "common/error.h"
 #include "common/random.h"
 
@@ -28,7 +28,7 @@ torch::Tensor standardized_targets(const OutputSpace& space, const std::vector<M
   torch::Tensor targets = torch::empty({static_cast<int64_t>(truth.size()), 3});
   auto values = targets.accessor<float, 2>();
   for (size_t i = 0; i < truth.size(); ++i) {
-    const Triple target = space.standardized(truth[i]);
+    const MaterialCoordinates target = space.standardized(truth[i]);
     for (size_t k = 0; k < 3; ++k) {
       values[static_cast<int64_t>(i)][static_cast<int64_t>(k)] = static_cast<float>(target[k]);
     }
@@ -75,12 +75,12 @@ v1::Model model_to_train(v1::Model model, const v1::TrainingConfig& config) {
   model.set_noise(config.augmentation().noise().max());
   model.set_mirrored(config.augmentation().mirror());
   model.clear_camera();
-  if (does_anything(config.augmentation().camera())) {
+  if (changes_images(config.augmentation().camera())) {
     *model.mutable_camera() = config.augmentation().camera();
   }
   model.clear_weights();
-  model.clear_familiarity();
-  model.clear_widths();
+  model.clear_outlier_model();
+  model.clear_calibration();
   return model;
 }
 
@@ -144,10 +144,10 @@ std::unique_ptr<Batches> batches_of(const v1::TrainingConfig& config, const Labe
                                     const PackedInputs& inputs, const v1::Model& model) {
   std::unique_ptr<Batches> batches =
       std::make_unique<DatasetBatches>(images, inputs, derive_seed(config.seed(), {kOrder}));
-  if (!moves_materials(config)) return batches;
-  return std::make_unique<MovedMaterials>(std::move(batches), *inputs.derivatives(), model.bounds(),
-                                          config.augmentation().material_step(),
-                                          derive_seed(config.seed(), {kMaterialSteps}));
+  if (!has_first_order_augmentation(config)) return batches;
+  return std::make_unique<FirstOrderAugmentation>(
+      std::move(batches), *inputs.derivatives(), model.bounds(),
+      config.augmentation().material_step(), derive_seed(config.seed(), {kMaterialSteps}));
 }
 
 const v1::TrainingConfig& validated(const v1::TrainingConfig& config) {
@@ -157,7 +157,7 @@ const v1::TrainingConfig& validated(const v1::TrainingConfig& config) {
 
 }  // namespace
 
-bool moves_materials(const v1::TrainingConfig& config) {
+bool has_first_order_augmentation(const v1::TrainingConfig& config) {
   return config.augmentation().material_step() > 0;
 }
 
@@ -183,12 +183,12 @@ void validate(const v1::TrainingConfig& config) {
   require(config.input() != v1::NETWORK_INPUT_UNSPECIFIED, "an input is needed");
   require(config.exposure() != v1::EXPOSURE_UNSPECIFIED, "exposure must be known or unknown");
   validate(config.augmentation());
-  require(!moves_materials(config) || config.loss() == v1::TrainingConfig::RN,
+  require(!has_first_order_augmentation(config) || config.loss() == v1::TrainingConfig::RN,
           "augmentation.material_step changes what images are of: it takes the loss RN");
-  require(!moves_materials(config) || !needs_weight_map(config.input()),
+  require(!has_first_order_augmentation(config) || !needs_weight_map(config.input()),
           "augmentation.material_step changes the luminance, from which the input "
           "LUMINANCE_AND_WEIGHT has a weight map: it takes the input RATIOS");
-  require(!does_anything(config.augmentation().camera()) || !needs_weight_map(config.input()),
+  require(!changes_images(config.augmentation().camera()) || !needs_weight_map(config.input()),
           "augmentation.camera changes masks and luminance, from which the input "
           "LUMINANCE_AND_WEIGHT has a weight map: it takes the input RATIOS");
   require(!config.architecture().has_residual_convolutions() || config.input() == v1::RATIOS,
@@ -233,7 +233,7 @@ Trainer::Trainer(v1::TrainingConfig config, std::unique_ptr<Batches> batches,
       space_(model_),
       encoder_(initial_encoder(config, start)),
       optimizer_(*encoder_, config),
-      regression_loss_(distance_to_truth(config.output(), config.mean_weight())) {
+      regression_loss_(make_regression_loss(config.output(), config.mean_weight())) {
   if (start.resolution() != static_cast<uint32_t>(batches_->resolution())) {
     throw invalid_input(
         fmt::format("the network is for {0} x {0} pixels; the images have {1} x {1}",
@@ -246,12 +246,13 @@ Trainer::Trainer(v1::TrainingConfig config, std::unique_ptr<Batches> batches,
 }
 
 Trainer::Trainer(v1::TrainingConfig config, const LabelledImages& images,
-                 const PackedInputs& inputs, const v1::Model& start, ImageTerm image_term)
+                 const PackedInputs& inputs, const v1::Model& start,
+                 RerenderingEvaluator image_term)
     : Trainer(config, batches_of(config, images, inputs, start), start) {
   if (config.loss() != v1::TrainingConfig::ITN) return;
-  image_loss_ =
-      std::make_unique<ImageLoss>(space_, images, std::move(image_term), config.image_weights(),
-                                  derive_seed(config.seed(), {kRenders}));
+  image_loss_ = std::make_unique<RerenderingLoss>(space_, images, std::move(image_term),
+                                                  config.image_weights(),
+                                                  derive_seed(config.seed(), {kRenders}));
 }
 
 void Trainer::restore(const v1::Checkpoint& checkpoint) {
@@ -299,7 +300,7 @@ v1::TrainingMetrics Trainer::step() {
   next.set_step(state_.step() + 1);
   v1::TrainingMetrics metrics;
   // Take the batch of this step.
-  const TrainingImages taken = batches_->of_step(state_.step(), config.batch());
+  const TrainingImages taken = batches_->batch_at(state_.step(), config.batch());
   const Batch batch{.step = state_.step(),
                     .items = taken.items,
                     .targets = standardized_targets(space_, taken.truth)};
@@ -373,7 +374,7 @@ void Trainer::require_finite_answers() const {
     return;
   }
   const uint64_t last = state_.step() - 1;
-  const TrainingImages taken = batches_->of_step(last, state_.config().batch());
+  const TrainingImages taken = batches_->batch_at(last, state_.config().batch());
   const torch::NoGradGuard no_gradient;
   encoder_->eval();
   if (!is_finite(encoder_->forward(input_of(taken.images, last)))) {

@@ -9,9 +9,9 @@
 #include <torch/types.h>
 
 #include "client/training/batches.h"
-#include "client/training/image_term.h"
 #include "client/training/loss.h"
 #include "client/training/optimizer.h"
+#include "client/training/rerendering_loss.h"
 #include "client/training/training_set.h"
 #include "client/training/weight_average.h"
 #include "common/error.h"
@@ -24,7 +24,7 @@ namespace itn {
 void validate(const v1::TrainingConfig& config);
 
 // Whether images become those of other materials, for which the inputs need derivatives.
-bool moves_materials(const v1::TrainingConfig& config);
+bool has_first_order_augmentation(const v1::TrainingConfig& config);
 
 // Answers, loss, gradient or weights are not finite any more (invalid input): with these settings
 // the training leads nowhere.
@@ -43,7 +43,7 @@ class Trainer {
   // coordinates, scale and bounds are kept). `image_term` is needed for the ITN loss
   // only. Images and inputs must outlive it.
   Trainer(v1::TrainingConfig config, const LabelledImages& images, const PackedInputs& inputs,
-          const v1::Model& start, ImageTerm image_term);
+          const v1::Model& start, RerenderingEvaluator image_term);
 
   // Continues from a checkpoint of a trainer with the same configuration (it may have had fewer
   // steps) and model. Throws Error (invalid input) if it is not one.

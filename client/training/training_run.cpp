@@ -210,7 +210,7 @@ v1::TrainingConfig without_zeros(v1::TrainingConfig config) {
   if (!augmentation.mirror()) augmentation.clear_mirror();
   if (augmentation.shift() == 0) augmentation.clear_shift();
   if (augmentation.exposure() == 0) augmentation.clear_exposure();
-  if (!does_anything(augmentation.camera())) augmentation.clear_camera();
+  if (!changes_images(augmentation.camera())) augmentation.clear_camera();
   if (augmentation.material_step() == 0) augmentation.clear_material_step();
   if (config.warmup_steps() == 0) config.clear_warmup_steps();
   if (config.weight_decay() == 0) config.clear_weight_decay();
@@ -241,8 +241,8 @@ void require_same_config(const v1::TrainingState& there, v1::TrainingConfig want
 }
 
 TrainingEnd train(const v1::TrainingConfig& config, const LabelledImages& images,
-                  const PackedInputs& inputs, const v1::Model& start, const ImageTerm& image_term,
-                  const TrainingRun& run) {
+                  const PackedInputs& inputs, const v1::Model& start,
+                  const RerenderingEvaluator& image_term, const TrainingRun& run) {
   const std::optional<v1::Checkpoint> there = find_checkpoint(run.folder);
   if (there) {
     require_same_config(there->training(), config, run.folder);
@@ -256,7 +256,7 @@ TrainingEnd train(const v1::TrainingConfig& config, const LabelledImages& images
   }
   Runner runner(
       trainer, run, there ? there->training() : v1::TrainingState(),
-      there && there->model().has_familiarity() && there->training().step() == config.steps());
+      there && there->model().has_outlier_model() && there->training().step() == config.steps());
   try {
     try {
       return runner.until(config.steps());

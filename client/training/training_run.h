@@ -27,7 +27,7 @@ struct TrainingRun {
   uint64_t validate_every = 500;
   uint64_t patience = 0;
   // Optional: adds to a model that will not be trained any further what images tell of it (its
-  // familiarity, the widths of its answers). At the end, to the last model and the best.
+  // outlier_model, the widths of its answers). At the end, to the last model and the best.
   std::function<void(v1::Model&)> complete;
   std::function<void(const v1::TrainingMetrics&)> report;
   std::stop_token stop;
@@ -43,8 +43,8 @@ struct TrainingEnd {
 // Throws Error (invalid input) if the folder's run is of another configuration (says what differs;
 // `steps` may).
 TrainingEnd train(const v1::TrainingConfig& config, const LabelledImages& images,
-                  const PackedInputs& inputs, const v1::Model& start, const ImageTerm& image_term,
-                  const TrainingRun& run);
+                  const PackedInputs& inputs, const v1::Model& start,
+                  const RerenderingEvaluator& image_term, const TrainingRun& run);
 
 // Throws Error (invalid input) unless a run of the first configuration can go on with the second:
 // says what differs, but for the number of steps, which may only not be below those taken.

@@ -10,9 +10,10 @@ namespace itn {
 namespace {
 
 void fit_coordinates(std::span<const Material> truth, v1::Model& model) {
-  Triple sum{}, squares{};
+  MaterialCoordinates sum{}, squares{};
   for (const Material& material : truth) {
-    const Triple c = to_coordinates(model.parameterization(), material, g_interval(model.bounds()));
+    const MaterialCoordinates c =
+        to_coordinates(model.parameterization(), material, g_interval(model.bounds()));
     for (size_t i = 0; i < 3; ++i) {
       sum[i] += c[i];
       squares[i] += c[i] * c[i];

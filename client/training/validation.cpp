@@ -31,7 +31,7 @@ v1::ValidationMetrics Validation::measure(const v1::Model& model) const {
       predictions.push_back(estimate.material);
     }
   }
-  const Triple errors = relative_errors(predictions, images_);
+  const MaterialCoordinates errors = relative_errors(predictions, images_);
   v1::ValidationMetrics metrics;
   metrics.set_sigma_t(errors[0]);
   metrics.set_albedo(errors[1]);

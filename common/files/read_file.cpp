@@ -28,13 +28,13 @@ Error cannot_read(const std::string& name, int error_number) {
 // To the end of the file, which may have grown, or never have said its size (as those of /proc).
 std::string read_to_end(int fd, uint64_t expected_bytes, uint64_t max_bytes,
                         const std::string& name) {
-  constexpr uint64_t kLeastStep = 1 << 16;
+  constexpr uint64_t kMinStep = 1 << 16;
   std::string content;
   uint64_t size = 0;
   for (;;) {
     if (size == content.size()) {
       // One byte beyond what is expected sees the end.
-      content.resize(std::max(size + std::max(size / 2, kLeastStep), expected_bytes + 1));
+      content.resize(std::max(size + std::max(size / 2, kMinStep), expected_bytes + 1));
     }
     const ssize_t count = ::read(fd, content.data() + size, content.size() - size);
     if (count < 0 && errno == EINTR) continue;

@@ -17,13 +17,13 @@ namespace {
 
 // The longer side of the copy that is looked at.
 constexpr int kCopySide = 512;
-constexpr int kLeastSide = 16;
-constexpr double kLeastObject = 0.005;  // of the photograph
-constexpr double kMostOfBorder = 0.5;
+constexpr int kMinSide = 16;
+constexpr double kMinObject = 0.005;  // of the photograph
+constexpr double kMaxOfBorder = 0.5;
 // A pixel is taken for the object at first where it differs from the background by so many times
 // what the border itself does, and by so much of the range of tones at least.
 constexpr double kDeviations = 4;
-constexpr double kLeastDifference = 0.02;
+constexpr double kMinDifference = 0.02;
 constexpr int kIterations = 5;
 
 // OpenCV's views do not know of constness; nothing is written into this one.
@@ -39,7 +39,7 @@ cv::Mat small_copy(const cv::Mat& photograph) {
   if (scale < 1) {
     // A strip keeps some pixels across.
     const auto scaled = [&](int side) {
-      return std::max(std::min(side, kLeastSide), static_cast<int>(std::lround(side * scale)));
+      return std::max(std::min(side, kMinSide), static_cast<int>(std::lround(side * scale)));
     };
     cv::resize(copy, copy, {scaled(copy.cols), scaled(copy.rows)}, 0, 0, cv::INTER_AREA);
   }
@@ -121,7 +121,7 @@ cv::Mat without_background(const cv::Mat& image, const cv::Mat& border) {
 }
 
 bool is_large_enough(const cv::Mat& object) {
-  return cv::countNonZero(object) >= kLeastObject * static_cast<double>(object.total());
+  return cv::countNonZero(object) >= kMinObject * static_cast<double>(object.total());
 }
 
 // How far each pixel is from the background.
@@ -144,7 +144,7 @@ Error no_object(const char* why) {
 // From which difference on a pixel is taken for the object at first. Of the border's own
 // differences the median counts, as a part of the object may be there.
 double least_difference(const cv::Mat& difference, const cv::Mat& border) {
-  return std::max(kDeviations * median(difference, border), kLeastDifference);
+  return std::max(kDeviations * median(difference, border), kMinDifference);
 }
 
 // By GrabCut, from the pixels `first`.
@@ -193,11 +193,11 @@ double part_along_border(const cv::Mat& mask) {
 
 std::vector<float> mask_from_background(int width, int height, int channels,
                                         std::span<const float> pixels) {
-  if (width < kLeastSide || height < kLeastSide) {
+  if (width < kMinSide || height < kMinSide) {
     throw invalid_input(fmt::format(
         "the photograph has {} x {} pixels: too few to tell an object from its background; {} x {} "
         "are the least",
-        width, height, kLeastSide, kLeastSide));
+        width, height, kMinSide, kMinSide));
   }
   const cv::Mat image = tones(small_copy(view(width, height, channels, pixels)));
   const cv::Mat border = border_of(image.size());
@@ -209,7 +209,7 @@ std::vector<float> mask_from_background(int width, int height, int channels,
   if (!is_large_enough(object) || median(difference, object) < least) {
     throw no_object("nothing of some size differs from its border");
   }
-  if (part_along_border(object) > kMostOfBorder) {
+  if (part_along_border(object) > kMaxOfBorder) {
     throw no_object("what differs lies along most of its border");
   }
   cv::Mat whole;

@@ -146,8 +146,8 @@ int64_t channel_count(const Imf::Header& header) {
 // before its pixels.
 int64_t least_bytes_of_chunks(const Imf::Header& header, int64_t width, int64_t height,
                               const std::string& name) {
-  constexpr int64_t kMostLinesOfAChunk = 256;
-  int64_t chunks = (height + kMostLinesOfAChunk - 1) / kMostLinesOfAChunk;
+  constexpr int64_t kMaxLinesOfAChunk = 256;
+  int64_t chunks = (height + kMaxLinesOfAChunk - 1) / kMaxLinesOfAChunk;
   if (const auto* tiles = header.findTypedAttribute<Imf::TileDescriptionAttribute>("tiles")) {
     const Imf::TileDescription& tile = tiles->value();
     if (tile.xSize < 1 || tile.xSize > kMaxTileSide || tile.ySize < 1 ||

@@ -11,7 +11,7 @@
 namespace itn {
 
 // What a network is between.
-struct EncoderEnds {
+struct EncoderShape {
   uint32_t resolution = 0;     // of the input, a power of two in [16, 256]
   int64_t input_channels = 0;  // network_input.h
   int64_t outputs = 0;
@@ -20,11 +20,11 @@ struct EncoderEnds {
 // Each pair of functions throws Error (invalid input) if the architecture's numbers are out of
 // range. The shapes are those of all_tensors() of the network; nothing is allocated for them.
 std::vector<TensorShape> tensor_shapes(const v1::PlainConvolutions& architecture,
-                                       const EncoderEnds& ends);
-Encoder new_encoder(const v1::PlainConvolutions& architecture, const EncoderEnds& ends);
+                                       const EncoderShape& ends);
+Encoder new_encoder(const v1::PlainConvolutions& architecture, const EncoderShape& ends);
 
 std::vector<TensorShape> tensor_shapes(const v1::ResidualConvolutions& architecture,
-                                       const EncoderEnds& ends);
-Encoder new_encoder(const v1::ResidualConvolutions& architecture, const EncoderEnds& ends);
+                                       const EncoderShape& ends);
+Encoder new_encoder(const v1::ResidualConvolutions& architecture, const EncoderShape& ends);
 
 }  // namespace itn

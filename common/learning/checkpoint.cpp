@@ -49,10 +49,10 @@ std::vector<v1::Tensor*> tensors_of(v1::Checkpoint& checkpoint) {
   for (v1::Tensor& tensor : *checkpoint.mutable_model()->mutable_weights()) {
     tensors.push_back(&tensor);
   }
-  if (checkpoint.model().has_familiarity()) {
-    v1::Familiarity& familiarity = *checkpoint.mutable_model()->mutable_familiarity();
+  if (checkpoint.model().has_outlier_model()) {
+    v1::OutlierModel& outlier_model = *checkpoint.mutable_model()->mutable_outlier_model();
     for (v1::PrincipalGaussian* gaussian :
-         {familiarity.mutable_embedding(), familiarity.mutable_statistics()}) {
+         {outlier_model.mutable_embedding(), outlier_model.mutable_statistics()}) {
       tensors.push_back(gaussian->mutable_mean());
       tensors.push_back(gaussian->mutable_axes());
     }

@@ -23,7 +23,7 @@ inline constexpr const char* kBestCheckpointName = "best.itn";
 //   uint64         size of the data
 //   32 bytes       SHA-256 of message and data
 //   message        a serialized itn.v1.Checkpoint whose tensors have no data
-//   data           of its tensors, one after the other: the model's weights, its familiarity's,
+//   data           of its tensors, one after the other: the model's weights, its outlier_model's,
 //                  the optimizer's, the run's own
 //
 // At any moment `path` is either the old file or the new one, whole. Throws Error (kIo).

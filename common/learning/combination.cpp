@@ -32,7 +32,7 @@ Gaussian prior_of(const v1::Model& model) {
     const Material material{std::exp(between(0, std::log(range.min[0]), std::log(range.max[0]))),
                             between(1, range.min[1], range.max[1]),
                             between(2, range.min[2], range.max[2])};
-    const Triple z = space.standardized(material);
+    const MaterialCoordinates z = space.standardized(material);
     for (int64_t k = 0; k < 3; ++k) rows[i][k] = z[static_cast<size_t>(k)];
   }
   const torch::Tensor mean = points.mean(0);
@@ -52,15 +52,15 @@ torch::Tensor at_least(const torch::Tensor& precision, const torch::Tensor& prio
 
 }  // namespace
 
-Combination::Combination(const v1::Model& model) : common_error_(model.common_error()) {
+Combination::Combination(const v1::Model& model) : error_correlation_(model.error_correlation()) {
   if (model.output() != v1::GAUSSIAN) {
     throw invalid_input(
         "the model answers no distributions, so that answers for several images cannot be "
         "combined; one of --preset residual does");
   }
-  if (!(common_error_ >= 0 && common_error_ <= 1)) {
+  if (!(error_correlation_ >= 0 && error_correlation_ <= 1)) {
     throw invalid_input(
-        fmt::format("model.common_error is {}; it must be in [0, 1]", common_error_));
+        fmt::format("model.error_correlation is {}; it must be in [0, 1]", error_correlation_));
   }
   log_size_unit_ = model.standard_deviation(0);
   prior_ = prior_of(model);
@@ -69,7 +69,7 @@ Combination::Combination(const v1::Model& model) : common_error_(model.common_er
 std::array<double, kGaussianOutputs> Combination::operator()(
     std::span<const ImageAnswer> answers) const {
   if (answers.size() == 1) return answers.front().outputs;
-  const double weight = 1 / (1 + static_cast<double>(answers.size() - 1) * common_error_);
+  const double weight = 1 / (1 + static_cast<double>(answers.size() - 1) * error_correlation_);
   torch::Tensor precision = prior_.precision.clone();
   torch::Tensor information = prior_.precision.matmul(prior_.mean);
   for (const ImageAnswer& answer : answers) {

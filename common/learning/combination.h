@@ -9,7 +9,7 @@
 //
 // with precision P and mean p_i of the prior. If the errors in two images of one object had nothing
 // in common, c would be 1. They have, since the network misunderstands a shape in the same way
-// twice: r is their correlation (Model.common_error), and n images tell as much as n c would.
+// twice: r is their correlation (Model.error_correlation), and n images tell as much as n c would.
 #pragma once
 
 #include <array>
@@ -38,7 +38,7 @@ class Combination {
   std::array<double, kGaussianOutputs> operator()(std::span<const ImageAnswer> answers) const;
 
  private:
-  double common_error_;
+  double error_correlation_;
   double log_size_unit_;  // standard deviation of the first coordinate
   Gaussian prior_;
 };

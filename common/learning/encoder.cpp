@@ -37,7 +37,7 @@ constexpr const char* kLastLayer = "head.weight";  // of every architecture
 template <typename Use>
 auto with_architecture(const v1::Model& model, const Use& use) {
   validate_resolution(model.resolution());
-  const EncoderEnds ends{model.resolution(), input_channels(model), output_count(model)};
+  const EncoderShape ends{model.resolution(), input_channels(model), output_count(model)};
   switch (model.architecture().kind_case()) {
     case v1::Architecture::kPlainConvolutions:
       return use(model.architecture().plain_convolutions(), ends);
@@ -61,7 +61,7 @@ int64_t output_count(const v1::Model& model) {
 }
 
 std::vector<TensorShape> tensor_shapes(const v1::Model& model) {
-  return with_architecture(model, [](const auto& architecture, const EncoderEnds& ends) {
+  return with_architecture(model, [](const auto& architecture, const EncoderShape& ends) {
     return tensor_shapes(architecture, ends);
   });
 }
@@ -72,7 +72,7 @@ int64_t embedding_size(const v1::Model& model) {
 }
 
 Encoder new_encoder(const v1::Model& model) {
-  return with_architecture(model, [](const auto& architecture, const EncoderEnds& ends) {
+  return with_architecture(model, [](const auto& architecture, const EncoderShape& ends) {
     return new_encoder(architecture, ends);
   });
 }

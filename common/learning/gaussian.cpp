@@ -21,7 +21,7 @@ constexpr int64_t kPoints = 2048;  // quantiles of 5 % are means of some hundred
 // Standard normal points in three dimensions: those of Sobol's net, each in the middle of its cell,
 // through the inverse of the normal distribution function; then with mean 0 and covariance 1 to the
 // last bits, so that what is linear in them is exact.
-std::vector<Triple> normal_points() {
+std::vector<MaterialCoordinates> normal_points() {
   constexpr int64_t kBits = 30;  // of torch's direction numbers
   torch::Tensor directions = torch::zeros({3, kBits}, torch::kInt64);
   at::_sobol_engine_initialize_state_(directions, 3);
@@ -34,7 +34,7 @@ std::vector<Triple> normal_points() {
   const torch::Tensor covariance = normal.t().matmul(normal) / static_cast<double>(kPoints);
   const torch::Tensor root = at::linalg_cholesky(covariance);
   normal = at::linalg_solve(root, normal.t()).t().contiguous();
-  std::vector<Triple> points;
+  std::vector<MaterialCoordinates> points;
   const auto rows = normal.accessor<double, 2>();
   for (int64_t i = 0; i < kPoints; ++i) {
     points.push_back({rows[i][0], rows[i][1], rows[i][2]});
@@ -47,7 +47,8 @@ double log_precision(double output) {
 }
 
 // Undoes z = D T d, line by line.
-Triple coordinates(std::span<const double, kGaussianOutputs> o, const Triple& z) {
+MaterialCoordinates coordinates(std::span<const double, kGaussianOutputs> o,
+                                const MaterialCoordinates& z) {
   const double d0 = z[0] * std::exp(-log_precision(o[3]));
   const double d1 = z[1] * std::exp(-log_precision(o[4])) - o[6] * d0;
   const double d2 = z[2] * std::exp(-log_precision(o[5])) - o[7] * d0 - o[8] * d1;
@@ -82,9 +83,9 @@ double quantile(std::vector<double> values, double probability) {
   return std::lerp(low, high, at - static_cast<double>(below));
 }
 
-TriplePosterior describe(const Samples& samples) {
+JointPosterior describe(const Samples& samples) {
   constexpr double kLow = 0.05, kHigh = 0.95;
-  TriplePosterior result;
+  JointPosterior result;
   for (size_t i = 0; i < 3; ++i) {
     ParameterPosterior& p = result.parameters[i];
     p.mean = mean_of(samples[i]);
@@ -119,13 +120,13 @@ torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch:
   return 0.5 * z.square().sum(1) - l.sum(1) + normalisation;
 }
 
-torch::Tensor corrected(const torch::Tensor& outputs, const torch::Tensor& widths) {
+torch::Tensor calibrated(const torch::Tensor& outputs, const torch::Tensor& widths) {
   const torch::Tensor precisions =
       outputs.slice(1, 3, 6) + widths[0] + widths[1] * outputs.slice(1, 0, 1);
   return torch::cat({outputs.slice(1, 0, 3), precisions, outputs.slice(1, 6, 9)}, 1);
 }
 
-torch::Tensor to_tensor(const v1::WidthCorrection& widths) {
+torch::Tensor to_tensor(const v1::Calibration& widths) {
   torch::Tensor tensor = torch::empty({2, 3}, torch::kFloat64);
   int64_t row = 0;
   for (const auto* numbers : {&widths.offset(), &widths.slope()}) {
@@ -181,15 +182,15 @@ Material Posterior::mean() const {
 }
 
 Posterior posterior(const OutputSpace& space, std::span<const double, kGaussianOutputs> outputs) {
-  static const std::vector<Triple> points = normal_points();
+  static const std::vector<MaterialCoordinates> points = normal_points();
   if (!std::ranges::all_of(outputs, [](double x) { return std::isfinite(x); })) {
     throw invalid_input("the network's prediction is not finite");
   }
   Samples material, scattering;
-  for (const Triple& point : points) {
+  for (const MaterialCoordinates& point : points) {
     const Material m = space.material(coordinates(outputs, point));
-    const Triple first{m.sigma_t, m.albedo, m.g};
-    const Triple second{m.sigma_a(), m.sigma_s(), m.sigma_s_reduced()};
+    const MaterialCoordinates first{m.sigma_t, m.albedo, m.g};
+    const MaterialCoordinates second{m.sigma_a(), m.sigma_s(), m.sigma_s_reduced()};
     for (size_t i = 0; i < 3; ++i) {
       material[i].push_back(first[i]);
       scattering[i].push_back(second[i]);

@@ -31,11 +31,11 @@ torch::Tensor negative_log_likelihood(const torch::Tensor& outputs, const torch:
 
 // The outputs with other widths, log-precision l_k + offset_k + slope_k m_0. `widths`: 2 x 3,
 // offsets and slopes, in which the result can be differentiated.
-torch::Tensor corrected(const torch::Tensor& outputs, const torch::Tensor& widths);
+torch::Tensor calibrated(const torch::Tensor& outputs, const torch::Tensor& widths);
 
 // Offsets and slopes, 2 x 3, double. Throws Error (invalid input) unless there are three finite
 // numbers of each.
-torch::Tensor to_tensor(const v1::WidthCorrection& widths);
+torch::Tensor to_tensor(const v1::Calibration& widths);
 
 // The same Gaussian by its mean and its precision, the inverse of its covariance.
 struct Gaussian {
@@ -54,14 +54,14 @@ struct ParameterPosterior {
 
 // Three parameters at a time, and the correlations of the first with the second, the first with the
 // third, and the second with the third (0 where one of them is certain).
-struct TriplePosterior {
+struct JointPosterior {
   std::array<ParameterPosterior, 3> parameters;
   std::array<double, 3> correlations{};
 };
 
 struct Posterior {
-  TriplePosterior material;    // sigma_t, albedo, g
-  TriplePosterior scattering;  // sigma_a, sigma_s, sigma_s_reduced
+  JointPosterior material;    // sigma_t, albedo, g
+  JointPosterior scattering;  // sigma_a, sigma_s, sigma_s_reduced
 
   // Of all single answers the one with the smallest expected squared error in each parameter.
   Material mean() const;

@@ -10,15 +10,15 @@
 namespace itn {
 namespace {
 
-Triple as_triple(const Material& m) {
+MaterialCoordinates as_triple(const Material& m) {
   return {m.sigma_t, m.albedo, m.g};
 }
-Material as_material(const Triple& t) {
+Material as_material(const MaterialCoordinates& t) {
   return {t[0], t[1], t[2]};
 }
 
-Triple clamp(const Triple& value, const Box& box) {
-  Triple result;
+MaterialCoordinates clamp(const MaterialCoordinates& value, const Box& box) {
+  MaterialCoordinates result;
   for (size_t i = 0; i < 3; ++i) {
     result[i] = std::clamp(value[i], box.min[i], box.max[i]);
   }
@@ -26,7 +26,8 @@ Triple clamp(const Triple& value, const Box& box) {
 }
 
 // Drops what would push a clamped value further out: descent moves along minus the gradient.
-Triple clamp_gradient(const Triple& value, const Box& box, Triple gradient) {
+MaterialCoordinates clamp_gradient(const MaterialCoordinates& value, const Box& box,
+                                   MaterialCoordinates gradient) {
   for (size_t i = 0; i < 3; ++i) {
     const bool outward =
         (value[i] < box.min[i] && gradient[i] > 0) || (value[i] > box.max[i] && gradient[i] < 0);
@@ -45,11 +46,11 @@ Box coordinate_box(v1::Parameterization parameterization, const Box& materials,
   box.min.fill(HUGE_VAL);
   box.max.fill(-HUGE_VAL);
   for (unsigned corner = 0; corner < 8; ++corner) {
-    Triple at;
+    MaterialCoordinates at;
     for (size_t i = 0; i < 3; ++i) {
       at[i] = (corner >> i & 1U) != 0 ? materials.max[i] : materials.min[i];
     }
-    const Triple c = to_coordinates(parameterization, as_material(at), g);
+    const MaterialCoordinates c = to_coordinates(parameterization, as_material(at), g);
     for (size_t i = 0; i < 3; ++i) {
       box.min[i] = std::min(box.min[i], c[i]);
       box.max[i] = std::max(box.max[i], c[i]);
@@ -76,7 +77,7 @@ void require_three(const char* what, int count) {
 // An image tells (sigma_t*, albedo*) well and g badly; in these coordinates the three are apart.
 namespace {
 
-Triple to_similarity(const Material& m) {
+MaterialCoordinates to_similarity(const Material& m) {
   const double reduction = 1 - m.albedo * m.g;
   return {m.sigma_t * reduction, m.albedo * (1 - m.g) / reduction, m.g};
 }
@@ -84,7 +85,7 @@ Triple to_similarity(const Material& m) {
 // With q = 1 - g and D = 1 - g (1 - albedo*):
 //   sigma_t = sigma_a + sigma_s = sigma_t* (1 - albedo*) + sigma_t* albedo* / q = sigma_t* D / q
 //   albedo  = sigma_s / sigma_t = albedo* / D.
-Material from_similarity(const Triple& c) {
+Material from_similarity(const MaterialCoordinates& c) {
   const auto [reduced_sigma_t, reduced_albedo, g] = c;
   const double q = 1 - g;
   const double d = 1 - g * (1 - reduced_albedo);
@@ -93,7 +94,7 @@ Material from_similarity(const Triple& c) {
 
 // By dD/d albedo* = g, dD/dg = -(1 - albedo*), dq/dg = -1, and
 // d(D/q)/dg = (-(1 - albedo*) q + D) / q^2 = albedo* / q^2.
-Jacobian similarity_jacobian(const Triple& c) {
+Jacobian similarity_jacobian(const MaterialCoordinates& c) {
   const auto [reduced_sigma_t, reduced_albedo, g] = c;
   const double q = 1 - g;
   const double d = 1 - g * (1 - reduced_albedo);
@@ -113,25 +114,25 @@ double logistic(double x) {
   return 1 / (1 + std::exp(-x));
 }
 
-Triple similarity_of_unbounded(const Triple& c, const OpenInterval& g) {
+MaterialCoordinates similarity_of_unbounded(const MaterialCoordinates& c, const OpenInterval& g) {
   return {std::exp(c[0]), logistic(c[1]), g.min + (g.max - g.min) * logistic(c[2])};
 }
 
 }  // namespace
 
-Triple to_coordinates(v1::Parameterization parameterization, const Material& m,
-                      const OpenInterval& g) {
+MaterialCoordinates to_coordinates(v1::Parameterization parameterization, const Material& m,
+                                   const OpenInterval& g) {
   if (parameterization == v1::NAIVE) {
     return as_triple(m);
   }
-  const Triple c = to_similarity(m);
+  const MaterialCoordinates c = to_similarity(m);
   if (parameterization == v1::SIMILARITY) {
     return c;
   }
   return {std::log(c[0]), logit(c[1]), logit((c[2] - g.min) / (g.max - g.min))};
 }
 
-Material from_coordinates(v1::Parameterization parameterization, const Triple& c,
+Material from_coordinates(v1::Parameterization parameterization, const MaterialCoordinates& c,
                           const OpenInterval& g) {
   switch (parameterization) {
     case v1::NAIVE: return as_material(c);
@@ -140,7 +141,8 @@ Material from_coordinates(v1::Parameterization parameterization, const Triple& c
   }
 }
 
-Jacobian jacobian(v1::Parameterization parameterization, const Triple& c, const OpenInterval& g) {
+Jacobian jacobian(v1::Parameterization parameterization, const MaterialCoordinates& c,
+                  const OpenInterval& g) {
   if (parameterization == v1::NAIVE) {
     return {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
   }
@@ -148,11 +150,11 @@ Jacobian jacobian(v1::Parameterization parameterization, const Triple& c, const 
     return similarity_jacobian(c);
   }
   // By the chain rule; the derivative of the logistic function p is p (1 - p).
-  const Triple s = similarity_of_unbounded(c, g);
+  const MaterialCoordinates s = similarity_of_unbounded(c, g);
   const double u = logistic(c[2]);
-  const Triple inner{s[0], s[1] * (1 - s[1]), (g.max - g.min) * u * (1 - u)};
+  const MaterialCoordinates inner{s[0], s[1] * (1 - s[1]), (g.max - g.min) * u * (1 - u)};
   Jacobian j = similarity_jacobian(s);
-  for (Triple& row : j) {
+  for (MaterialCoordinates& row : j) {
     for (size_t k = 0; k < 3; ++k) {
       row[k] *= inner[k];
     }
@@ -239,16 +241,16 @@ OutputSpace::OutputSpace(const v1::Model& model)
   coordinate_box_ = coordinate_box(parameterization_, material_box_, g_);
 }
 
-Triple OutputSpace::standardized(const Material& material) const {
-  Triple c = to_coordinates(parameterization_, material, g_);
+MaterialCoordinates OutputSpace::standardized(const Material& material) const {
+  MaterialCoordinates c = to_coordinates(parameterization_, material, g_);
   for (size_t i = 0; i < 3; ++i) {
     c[i] = (c[i] - mean_[i]) / standard_deviation_[i];
   }
   return c;
 }
 
-Triple OutputSpace::coordinates(const Triple& output) const {
-  Triple c;
+MaterialCoordinates OutputSpace::coordinates(const MaterialCoordinates& output) const {
+  MaterialCoordinates c;
   for (size_t i = 0; i < 3; ++i) {
     if (!std::isfinite(output[i])) {
       throw invalid_input("the network's prediction is not finite");
@@ -258,33 +260,34 @@ Triple OutputSpace::coordinates(const Triple& output) const {
   return c;
 }
 
-Material OutputSpace::material(const Triple& output) const {
-  const Triple inside = clamp(coordinates(output), coordinate_box_);
+Material OutputSpace::material(const MaterialCoordinates& output) const {
+  const MaterialCoordinates inside = clamp(coordinates(output), coordinate_box_);
   return as_material(
       clamp(as_triple(from_coordinates(parameterization_, inside, g_)), material_box_));
 }
 
 Jacobian OutputSpace::output_jacobian(const Material& material) const {
   Jacobian j = jacobian(parameterization_, to_coordinates(parameterization_, material, g_), g_);
-  for (Triple& row : j) {
+  for (MaterialCoordinates& row : j) {
     for (size_t k = 0; k < 3; ++k) row[k] *= standard_deviation_[k];
   }
   return j;
 }
 
-Triple OutputSpace::output_gradient(const Triple& output, const Triple& material_gradient) const {
-  const Triple raw = coordinates(output);
-  const Triple inside = clamp(raw, coordinate_box_);
-  const Triple by_material = clamp_gradient(
+MaterialCoordinates OutputSpace::output_gradient(
+    const MaterialCoordinates& output, const MaterialCoordinates& material_gradient) const {
+  const MaterialCoordinates raw = coordinates(output);
+  const MaterialCoordinates inside = clamp(raw, coordinate_box_);
+  const MaterialCoordinates by_material = clamp_gradient(
       as_triple(from_coordinates(parameterization_, inside, g_)), material_box_, material_gradient);
   const Jacobian j = jacobian(parameterization_, inside, g_);
-  Triple by_coordinate{};
+  MaterialCoordinates by_coordinate{};
   for (size_t i = 0; i < 3; ++i) {
     for (size_t k = 0; k < 3; ++k) {
       by_coordinate[i] += j[k][i] * by_material[k];
     }
   }
-  Triple gradient = clamp_gradient(raw, coordinate_box_, by_coordinate);
+  MaterialCoordinates gradient = clamp_gradient(raw, coordinate_box_, by_coordinate);
   for (size_t i = 0; i < 3; ++i) {
     gradient[i] *= standard_deviation_[i];
   }

@@ -10,10 +10,10 @@
 namespace itn {
 
 // (sigma_t, albedo, g), or coordinates that stand for them.
-using Triple = std::array<double, 3>;
+using MaterialCoordinates = std::array<double, 3>;
 
 // jacobian[i][j] = d (sigma_t, albedo, g)_i / d coordinate_j.
-using Jacobian = std::array<Triple, 3>;
+using Jacobian = std::array<MaterialCoordinates, 3>;
 
 // Where g lies in UNBOUNDED coordinates: bounds of the model, so that a Gaussian over a coordinate
 // can say that nothing is known of g. The other parameterizations do not look at it.
@@ -23,19 +23,19 @@ struct OpenInterval {
 
 // Requires albedo * g < 1. UNBOUNDED: a reduced albedo or g at the end of its interval or beyond
 // counts as one just inside, so that every material has finite coordinates.
-Triple to_coordinates(v1::Parameterization parameterization, const Material& material,
-                      const OpenInterval& g = {});
+MaterialCoordinates to_coordinates(v1::Parameterization parameterization, const Material& material,
+                                   const OpenInterval& g = {});
 
 // The exact inverse. Requires g < 1 and, for SIMILARITY, a reduced albedo in (0, 1].
-Material from_coordinates(v1::Parameterization parameterization, const Triple& coordinates,
-                          const OpenInterval& g = {});
+Material from_coordinates(v1::Parameterization parameterization,
+                          const MaterialCoordinates& coordinates, const OpenInterval& g = {});
 
 // Of from_coordinates, under the same requirements.
-Jacobian jacobian(v1::Parameterization parameterization, const Triple& coordinates,
+Jacobian jacobian(v1::Parameterization parameterization, const MaterialCoordinates& coordinates,
                   const OpenInterval& g = {});
 
 struct Box {
-  Triple min{}, max{};
+  MaterialCoordinates min{}, max{};
 };
 
 Box to_box(const v1::MaterialRange& range);
@@ -59,11 +59,11 @@ class OutputSpace {
   explicit OutputSpace(const v1::Model& model);
 
   // What the network should answer for this material.
-  Triple standardized(const Material& material) const;
+  MaterialCoordinates standardized(const Material& material) const;
 
   // The material that an output stands for, clamped. Throws Error (invalid input) if it is not
   // finite.
-  Material material(const Triple& output) const;
+  Material material(const MaterialCoordinates& output) const;
 
   // d (sigma_t, albedo, g)_i / d output_j at standardized(material).
   Jacobian output_jacobian(const Material& material) const;
@@ -71,14 +71,15 @@ class OutputSpace {
   // The gradient of a loss in the output, from its gradient in (sigma_t, albedo, g) at
   // material(output). Where the output is clamped, the part of the gradient whose descent would
   // push it further out is dropped; the part that pulls it back passes.
-  Triple output_gradient(const Triple& output, const Triple& material_gradient) const;
+  MaterialCoordinates output_gradient(const MaterialCoordinates& output,
+                                      const MaterialCoordinates& material_gradient) const;
 
  private:
-  Triple coordinates(const Triple& output) const;
+  MaterialCoordinates coordinates(const MaterialCoordinates& output) const;
 
   v1::Parameterization parameterization_;
   OpenInterval g_;
-  Triple mean_{}, standard_deviation_{};
+  MaterialCoordinates mean_{}, standard_deviation_{};
   Box material_box_;    // predictions end here
   Box coordinate_box_;  // the smallest that contains the material box; from_coordinates is safe in
                         // it

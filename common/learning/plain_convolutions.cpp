@@ -5,7 +5,7 @@
 
 #include "common/error.h"
 #include "common/learning/architectures.h"
-#include "common/learning/same_bits_layers.h"
+#include "common/learning/batch_invariant_layers.h"
 
 namespace itn {
 namespace {
@@ -14,7 +14,7 @@ struct Block {
   int64_t in, out;  // channels
 };
 
-std::vector<Block> blocks_of(const v1::PlainConvolutions& architecture, const EncoderEnds& ends) {
+std::vector<Block> blocks_of(const v1::PlainConvolutions& architecture, const EncoderShape& ends) {
   if (architecture.base_channels() < 1 || architecture.base_channels() > 64) {
     throw invalid_input(
         fmt::format("base_channels is {}; it must be in [1, 64]", architecture.base_channels()));
@@ -50,12 +50,12 @@ class PlainConvolutionNetwork final : public EncoderNetwork {
     torch::Tensor x = input;
     for (torch::nn::AnyModule& layer : *convolutions_) {
       const auto convolution = std::dynamic_pointer_cast<torch::nn::Conv2dImpl>(layer.ptr());
-      x = convolution ? convolved(*convolution, x) : layer.forward(x);
+      x = convolution ? batch_invariant_conv2d(*convolution, x) : layer.forward(x);
     }
     return x.flatten(1);
   }
   torch::Tensor answer(const torch::Tensor& embedding) override {
-    return each_by_itself(*head_, embedding);
+    return batch_invariant_linear(*head_, embedding);
   }
 
  private:
@@ -66,7 +66,7 @@ class PlainConvolutionNetwork final : public EncoderNetwork {
 }  // namespace
 
 std::vector<TensorShape> tensor_shapes(const v1::PlainConvolutions& architecture,
-                                       const EncoderEnds& ends) {
+                                       const EncoderShape& ends) {
   constexpr size_t kLayersPerBlock = 3;
   const std::vector<Block> blocks = blocks_of(architecture, ends);
   std::vector<TensorShape> shapes;
@@ -80,7 +80,7 @@ std::vector<TensorShape> tensor_shapes(const v1::PlainConvolutions& architecture
   return shapes;
 }
 
-Encoder new_encoder(const v1::PlainConvolutions& architecture, const EncoderEnds& ends) {
+Encoder new_encoder(const v1::PlainConvolutions& architecture, const EncoderShape& ends) {
   return std::make_shared<PlainConvolutionNetwork>(blocks_of(architecture, ends), ends.outputs);
 }
 

@@ -45,12 +45,12 @@ v1::PredictReply to_reply(std::span<const MaterialEstimate> estimates,
     if (estimate.posterior) {
       *reply.add_posteriors() = to_proto(*estimate.posterior);
     }
-    v1::Caveats& caveats = *reply.add_caveats();
+    v1::AnswerWarnings& caveats = *reply.add_caveats();
     for (const v1::MaterialBound bound : estimate.at_bounds) {
       caveats.add_at_bounds(bound);
     }
     if (estimate.unfamiliarity) {
-      v1::Unfamiliarity& unfamiliarity = *caveats.mutable_unfamiliarity();
+      v1::OutlierScore& unfamiliarity = *caveats.mutable_unfamiliarity();
       unfamiliarity.set_score(estimate.unfamiliarity->score);
       unfamiliarity.set_rank(estimate.unfamiliarity->rank);
       unfamiliarity.set_unfamiliar(estimate.unfamiliarity->unfamiliar);

@@ -59,7 +59,7 @@ void throw_if_stopped(const std::stop_token& stop) {
 }
 
 // The more unfamiliar of both.
-void take_worse(const std::optional<Unfamiliarity>& other, std::optional<Unfamiliarity>& worst) {
+void take_worse(const std::optional<OutlierScore>& other, std::optional<OutlierScore>& worst) {
   if (other && (!worst || other->score > worst->score)) worst = other;
 }
 
@@ -106,17 +106,17 @@ Predictor Predictor::load(const std::filesystem::path& checkpoint) {
 
 Predictor::Predictor(const v1::Model& model)
     : model_(model), version_(version_of(model)), space_(model), encoder_(load_encoder(model)) {
-  if (model.has_familiarity()) {
-    familiarity_.emplace(model.familiarity(), embedding_size(model));
+  if (model.has_outlier_model()) {
+    outlier_detector_.emplace(model.outlier_model(), embedding_size(model));
   }
-  if (model.has_widths()) {
+  if (model.has_calibration()) {
     if (model.output() != v1::GAUSSIAN) {
       throw invalid_input("the model corrects the widths of answers that have none");
     }
-    widths_ = to_tensor(model.widths());
+    calibration_ = to_tensor(model.calibration());
   }
   model_.clear_weights();
-  model_.clear_familiarity();
+  model_.clear_outlier_model();
   const int64_t side = model.resolution();
   noise_ = torch::randn({1, side, side}, at::detail::createCPUGenerator(kNoiseSeed));
 }
@@ -125,8 +125,8 @@ ImageBatch Predictor::as_noisy_as_training(const ImageBatch& images) const {
   return brought_up_to_noise(images, torch::full({images.size()}, model_.noise()), noise_);
 }
 
-SeenPhotograph Predictor::seen(const Photograph& photograph, const v1::Capture& capture,
-                               const std::stop_token& stop) const {
+NetworkView Predictor::seen(const Photograph& photograph, const v1::Capture& capture,
+                            const std::stop_token& stop) const {
   validate(photograph, stop);
   validate(capture, photograph.channels);
   const FramedPhotograph square = framed(photograph, stop);
@@ -177,7 +177,7 @@ std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured,
     const torch::Tensor outputs = outputs_of(image.embedding);
     const double* o = outputs.data_ptr<double>();
     estimates.push_back(estimate_of({o, o + outputs.size(1)}, object_sizes[i]));
-    if (familiarity_) estimates.back().unfamiliarity = familiarity_->of(image).front();
+    if (outlier_detector_) estimates.back().unfamiliarity = outlier_detector_->of(image).front();
   }
   return estimates;
 }
@@ -226,19 +226,19 @@ Features Predictor::features_of(const ImageBatch& as_measured, const Embed& embe
 
 torch::Tensor Predictor::outputs_of(const torch::Tensor& embedding) const {
   torch::Tensor outputs = encoder_->answer(embedding).to(torch::kFloat64);
-  if (widths_) outputs = corrected(outputs, *widths_);
+  if (calibration_) outputs = calibrated(outputs, *calibration_);
   return outputs.contiguous();
 }
 
 Predictor::Outcomes Predictor::estimate_each(size_t count,
-                                             const std::function<SeenPhotograph(size_t)>& seen,
+                                             const std::function<NetworkView(size_t)>& seen,
                                              bool one_material, const std::stop_token& stop) const {
   return estimate_each(count, seen, one_material, stop,
                        [this](const torch::Tensor& input) { return embed(input); });
 }
 
 Predictor::Outcomes Predictor::estimate_each(size_t count,
-                                             const std::function<SeenPhotograph(size_t)>& seen,
+                                             const std::function<NetworkView(size_t)>& seen,
                                              bool one_material, const std::stop_token& stop,
                                              const Embed& embed) const {
   const auto at_a_time = static_cast<size_t>(inputs_at_a_time() / (1 + int64_t{model_.mirrored()}));
@@ -266,7 +266,7 @@ Predictor::Outcomes Predictor::estimate_each(size_t count,
   for (size_t i = 0; i < count; ++i) {
     throw_if_stopped(stop);
     try {
-      SeenPhotograph photograph = seen(i);
+      NetworkView photograph = seen(i);
       const size_t channels = photograph.warnings.size();
       waiting.push_back(std::move(photograph.channels));
       photograph_sizes[i] = photograph.object_size;
@@ -306,7 +306,7 @@ std::vector<MaterialEstimate> Predictor::combined(
   for (size_t channel = 0; !images.empty() && channel < images.front()->size(); ++channel) {
     std::vector<ImageAnswer> answers;
     std::vector<v1::Warning> warnings;
-    std::optional<Unfamiliarity> unfamiliarity;
+    std::optional<OutlierScore> unfamiliarity;
     for (size_t i = 0; i < images.size(); ++i) {
       throw_if_stopped(stop);
       if (images[i]->size() != images.front()->size()) {
@@ -348,7 +348,7 @@ std::vector<Material> Predictor::predict(const Photograph& photograph,
 }
 
 double Predictor::log_likelihood(const MaterialEstimate& estimate, const Material& truth) const {
-  const Triple z = space_.standardized(truth);
+  const MaterialCoordinates z = space_.standardized(truth);
   return -negative_log_likelihood(
               torch::tensor(estimate.outputs, torch::kFloat64).unsqueeze(0),
               torch::tensor(std::vector<double>(z.begin(), z.end()), torch::kFloat64).unsqueeze(0))

@@ -15,9 +15,9 @@
 #include "common/learning/capture.h"
 #include "common/learning/combination.h"
 #include "common/learning/encoder.h"
-#include "common/learning/familiarity.h"
 #include "common/learning/gaussian.h"
 #include "common/learning/network_input.h"
+#include "common/learning/outlier_detector.h"
 #include "common/learning/parameterization.h"
 #include "common/material.h"
 #include "itn/v1/predict.pb.h"
@@ -32,12 +32,12 @@ struct MaterialEstimate {
   // Where the 90 % intervals, or the best guess of a network without any, reach an end of what the
   // model can answer.
   std::vector<v1::MaterialBound> at_bounds;
-  std::optional<Unfamiliarity> unfamiliarity;  // of a model with familiarity
-  std::vector<v1::Warning> warnings;           // of a photograph
+  std::optional<OutlierScore> unfamiliarity;  // of a model with outlier_model
+  std::vector<v1::Warning> warnings;          // of a photograph
 };
 
 // What a network sees of a photograph, and what is known of it beside.
-struct SeenPhotograph {
+struct NetworkView {
   ImageBatch channels;  // as images of the model's resolution, on the scale of its training
   std::optional<double> object_size;               // longest side, in mm; absent if nobody knows
   std::vector<std::vector<v1::Warning>> warnings;  // by channel
@@ -96,10 +96,10 @@ class Predictor {
   // no more at a time than memory should be taken for. Throws Error (cancelled) after a stop,
   // before the next of them, and Error (invalid input) if photographs of one material have not the
   // same channels, the size of some objects alone is known, or the model answers no distributions.
-  Outcomes estimate_each(size_t count, const std::function<SeenPhotograph(size_t)>& seen,
+  Outcomes estimate_each(size_t count, const std::function<NetworkView(size_t)>& seen,
                          bool one_material, const std::stop_token& stop = {}) const;
   // Likewise, through the network by `embed`, which gets inputs_at_a_time() at most.
-  Outcomes estimate_each(size_t count, const std::function<SeenPhotograph(size_t)>& seen,
+  Outcomes estimate_each(size_t count, const std::function<NetworkView(size_t)>& seen,
                          bool one_material, const std::stop_token& stop, const Embed& embed) const;
 
   // What the network makes of its inputs. A row depends on no other, bit for bit.
@@ -113,15 +113,17 @@ class Predictor {
   Features features(const ImageBatch& images) const;
 
   // What estimate() sees of a photograph.
-  SeenPhotograph seen(const Photograph& photograph, const v1::Capture& capture = {},
-                      const std::stop_token& stop = {}) const;
+  NetworkView seen(const Photograph& photograph, const v1::Capture& capture = {},
+                   const std::stop_token& stop = {}) const;
 
   // Of a network with the output GAUSSIAN: the logarithm of the density that an estimate gives the
   // truth, in the coordinates of standardized().
   double log_likelihood(const MaterialEstimate& estimate, const Material& truth) const;
 
   // A material in the coordinates in which the network answers.
-  Triple standardized(const Material& material) const { return space_.standardized(material); }
+  MaterialCoordinates standardized(const Material& material) const {
+    return space_.standardized(material);
+  }
 
   std::string name() const;
   const v1::ModelVersion& version() const { return version_; }
@@ -140,13 +142,13 @@ class Predictor {
                                          std::span<const std::optional<double>> object_sizes,
                                          const std::stop_token& stop) const;
 
-  v1::Model model_;  // without the weights and familiarity
+  v1::Model model_;  // without the weights and outlier_model
   v1::ModelVersion version_;
   OutputSpace space_;
   Encoder encoder_;
-  std::optional<FamiliarityMeasure> familiarity_;
-  std::optional<torch::Tensor> widths_;  // as to_tensor()
-  torch::Tensor noise_;                  // 1 x resolution x resolution, standard normal
+  std::optional<OutlierDetector> outlier_detector_;
+  std::optional<torch::Tensor> calibration_;  // as to_tensor()
+  torch::Tensor noise_;                       // 1 x resolution x resolution, standard normal
 };
 
 }  // namespace itn

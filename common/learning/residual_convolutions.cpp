@@ -16,7 +16,7 @@
 
 #include "common/error.h"
 #include "common/learning/architectures.h"
-#include "common/learning/same_bits_layers.h"
+#include "common/learning/batch_invariant_layers.h"
 
 namespace itn {
 namespace {
@@ -42,7 +42,7 @@ struct NetworkSize {
   int64_t pooled() const { return 2 * stages.back().back().out + 2 * (input_channels - 1) + 1; }
 };
 
-NetworkSize size_of(const v1::ResidualConvolutions& architecture, const EncoderEnds& ends) {
+NetworkSize size_of(const v1::ResidualConvolutions& architecture, const EncoderShape& ends) {
   const auto require = [](const char* name, uint32_t value, uint32_t min, uint32_t max) {
     if (value < min || value > max) {
       throw invalid_input(fmt::format("{} is {}; it must be in [{}, {}]", name, value, min, max));
@@ -98,8 +98,8 @@ class ResidualBlock final : public nn::Module {
   }
 
   torch::Tensor forward(const torch::Tensor& x) {
-    torch::Tensor y = norm1_->forward(convolved(*conv1_, x)).relu_();
-    y = norm2_->forward(convolved(*conv2_, y));
+    torch::Tensor y = norm1_->forward(batch_invariant_conv2d(*conv1_, x)).relu_();
+    y = norm2_->forward(batch_invariant_conv2d(*conv2_, y));
     return (y + (shortcut_ ? shortcut_of(x) : x)).relu_();
   }
 
@@ -107,7 +107,7 @@ class ResidualBlock final : public nn::Module {
 
  private:
   torch::Tensor shortcut_of(const torch::Tensor& x) {
-    return shortcut_norm_->forward(convolved(*shortcut_, subsampled(x, stride_)));
+    return shortcut_norm_->forward(batch_invariant_conv2d(*shortcut_, subsampled(x, stride_)));
   }
 
   int64_t stride_;
@@ -159,7 +159,7 @@ class ResidualConvolutionNetwork final : public EncoderNetwork {
     const torch::Tensor mask = input.slice(1, planes);
     // Channels last: all layers keep it, and are half again as fast with it.
     torch::Tensor x = input.contiguous(torch::MemoryFormat::ChannelsLast);
-    x = stem_norm_->forward(convolved(*stem_, x)).relu_();
+    x = stem_norm_->forward(batch_invariant_conv2d(*stem_, x)).relu_();
     for (const auto& block : *blocks_) {
       x = block->as<ResidualBlock>()->forward(x);
     }
@@ -169,11 +169,11 @@ class ResidualConvolutionNetwork final : public EncoderNetwork {
     const torch::Tensor pooled = torch::cat(
         {masked_mean(x, cells), maximum, input_statistics(input.slice(1, 0, planes), mask)}, 1);
     // A rectifier would leave 18 of the 128 alive: the first steps of a fast optimizer are large.
-    return torch::silu(each_by_itself(*embedding_, pooled));
+    return torch::silu(batch_invariant_linear(*embedding_, pooled));
   }
 
   torch::Tensor answer(const torch::Tensor& embedding) override {
-    return each_by_itself(*head_, embedding);
+    return batch_invariant_linear(*head_, embedding);
   }
 
  private:
@@ -186,7 +186,7 @@ class ResidualConvolutionNetwork final : public EncoderNetwork {
 }  // namespace
 
 std::vector<TensorShape> tensor_shapes(const v1::ResidualConvolutions& architecture,
-                                       const EncoderEnds& ends) {
+                                       const EncoderShape& ends) {
   const NetworkSize size = size_of(architecture, ends);
   std::vector<TensorShape> learned, running;
   const auto add_convolution = [&](const std::string& name, int64_t in, int64_t out,
@@ -225,7 +225,7 @@ std::vector<TensorShape> tensor_shapes(const v1::ResidualConvolutions& architect
   return learned;
 }
 
-Encoder new_encoder(const v1::ResidualConvolutions& architecture, const EncoderEnds& ends) {
+Encoder new_encoder(const v1::ResidualConvolutions& architecture, const EncoderShape& ends) {
   return std::make_shared<ResidualConvolutionNetwork>(size_of(architecture, ends));
 }
 

@@ -31,7 +31,7 @@ using Bio = std::unique_ptr<BIO, Freeing<BIO_free>>;
 using Certificate = std::unique_ptr<X509, Freeing<X509_free>>;
 using Key = std::unique_ptr<EVP_PKEY, Freeing<EVP_PKEY_free>>;
 
-constexpr uint64_t kMostBytes = 1 << 20;  // the authorities that a browser trusts take a quarter
+constexpr uint64_t kMaxBytes = 1 << 20;  // the authorities that a browser trusts take a quarter
 
 Bio reader_of(const std::string& pem) {
   return Bio(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size())));
@@ -125,8 +125,8 @@ void require_purpose(X509& certificate, Side side, const std::string& path) {
 Certificates read_certificates(const CertificateFiles& files, Side side) {
   Certificates read;
   if (!files.certificate.empty()) {
-    read.certificate = read_file(files.certificate, "certificate", kMostBytes);
-    read.key = read_file(files.key, "key", kMostBytes);
+    read.certificate = read_file(files.certificate, "certificate", kMaxBytes);
+    read.key = read_file(files.key, "key", kMaxBytes);
     const auto chain = parse_certificates(read.certificate, files.certificate);
     const Key key = parse_key(read.key, files.key);
     if (X509_check_private_key(chain.front().get(), key.get()) != 1) {
@@ -140,7 +140,7 @@ Certificates read_certificates(const CertificateFiles& files, Side side) {
     require_purpose(*chain.front(), side, files.certificate);
   }
   if (!files.authority.empty()) {
-    read.authority = read_file(files.authority, "authority's certificate", kMostBytes);
+    read.authority = read_file(files.authority, "authority's certificate", kMaxBytes);
     const auto authorities = parse_certificates(read.authority, files.authority);
     // Of several, the former and the next for instance, one must be of use.
     const bool any = std::ranges::any_of(

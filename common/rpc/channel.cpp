@@ -121,7 +121,7 @@ std::shared_ptr<grpc::Channel> Connector::connect_to(const std::string& address)
   return grpc::CreateCustomChannel(address, credentials_, arguments);
 }
 
-grpc::Status Connector::explained(const grpc::Status& status, const std::string& address) const {
+grpc::Status Connector::with_cause(const grpc::Status& status, const std::string& address) const {
   // A server of ours that is unavailable says why, in details.
   const bool no_connection = status.error_code() == grpc::StatusCode::UNAVAILABLE &&
                              status.error_details().empty() &&

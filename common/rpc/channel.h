@@ -33,7 +33,7 @@ class Connector {
 
   // The status of a call to this address. Where it failed for want of a connection, it also says
   // how the client tried to make one, as gRPC hardly tells what the server disliked.
-  grpc::Status explained(const grpc::Status& status, const std::string& address) const;
+  grpc::Status with_cause(const grpc::Status& status, const std::string& address) const;
 
  private:
   ClientSecurity security_;

@@ -17,8 +17,8 @@ namespace {
 constexpr double kFirstGuessSeconds = 0.2;
 // The most recent job counts so much for the mean.
 constexpr double kRecency = 0.2;
-constexpr double kLeastRetrySeconds = 0.05;
-constexpr double kMostRetrySeconds = 10;
+constexpr double kMinRetrySeconds = 0.05;
+constexpr double kMaxRetrySeconds = 10;
 // What no job holds is held by requests that come in and answers that go out.
 constexpr double kIdleRetrySeconds = 1;
 // A place is kept so much longer than the client was told to stay away.
@@ -27,7 +27,7 @@ constexpr double kGraceSeconds = 0.5;
 // For a client that will ask again at once.
 constexpr double kAtOnceSeconds = 2;
 // More clients than this are not told apart.
-constexpr size_t kMostClients = 1024;
+constexpr size_t kMaxClients = 1024;
 // Who has so many places more than another does not come before them; as many, where they are free,
 // anybody may have.
 constexpr size_t kMargin = 2;
@@ -62,21 +62,21 @@ JobQueue::~JobQueue() {
   for (const Waiting& waiting : dropped) waiting.job.drop();
 }
 
-JobQueue::Place JobQueue::admit(const QueueClient& client) {
+JobQueue::QueueSlot JobQueue::admit(const QueueClient& client) {
   const std::lock_guard lock(mutex_);
   if (closed_) throw stopping();
-  forget_old_notes();
-  const auto note = std::ranges::find(notes_, client, &Note::client);
+  drop_expired_reservations();
+  const auto note = std::ranges::find(reservations_, client, &Reservation::client);
   const size_t ahead = clients_ahead(client, note);
   const size_t kept = std::min(ahead, std::max<size_t>(capacity_, 1));
-  if (free_places() <= kept || has_its_share(client)) throw refusal(client, ahead);
-  if (note != notes_.end()) notes_.erase(note);
-  take_place(client);
+  if (free_slots() <= kept || has_its_share(client)) throw refusal(client, ahead);
+  if (note != reservations_.end()) reservations_.erase(note);
+  take_slot(client);
   ++admitted_;
   return {*this, client};
 }
 
-void JobQueue::submit(Place place, Job job) {
+void JobQueue::submit(QueueSlot place, Job job) {
   {
     const std::lock_guard lock(mutex_);
     if (closed_) throw stopping();
@@ -89,28 +89,29 @@ void JobQueue::submit(Place place, Job job) {
 
 // Told the time of their turn: when those ahead of them, and they, have places.
 StatusError JobQueue::refusal(const QueueClient& client, size_t ahead) {
-  const size_t ends = ahead + 1 - std::min(ahead, free_places());
+  const size_t ends = ahead + 1 - std::min(ahead, free_slots());
   const double seconds = seconds_of_ends(static_cast<double>(ends));
   const auto until = after(kGraceFactor * seconds + kGraceSeconds);
-  if (const auto note = std::ranges::find(notes_, client, &Note::client); note != notes_.end()) {
+  if (const auto note = std::ranges::find(reservations_, client, &Reservation::client);
+      note != reservations_.end()) {
     note->until = until;
-  } else if (notes_.size() < kMostClients) {
-    notes_.push_back({client, until});
+  } else if (reservations_.size() < kMaxClients) {
+    reservations_.push_back({client, until});
   }
   return busy(
       fmt::format("this server is busy: {} run, {} wait, {} arrive, {} connections are to come "
                   "again; come again in {:.2f} s",
-                  running_, waiting_.size(), admitted_, notes_.size(), seconds),
+                  running_, waiting_.size(), admitted_, reservations_.size(), seconds),
       seconds);
 }
 
-void JobQueue::take_place(const QueueClient& client) {
+void JobQueue::take_slot(const QueueClient& client) {
   Held& held = held_[client.who];
   ++held.all;
   ++held.connections[client.connection];
 }
 
-void JobQueue::free_place(const QueueClient& client) {
+void JobQueue::release_slot(const QueueClient& client) {
   const auto held = held_.find(client.who);
   const auto connection = held->second.connections.find(client.connection);
   if (--connection->second == 0) held->second.connections.erase(connection);
@@ -129,18 +130,18 @@ bool JobQueue::has_more(const QueueClient& other, const QueueClient& client, siz
   return places(other, same) >= places(client, same) + by;
 }
 
-void JobQueue::give_back(const Place& place, std::optional<double> comes_again_in) {
+void JobQueue::give_back(const QueueSlot& place, std::optional<double> comes_again_in) {
   const QueueClient& client = place.client_;
   const std::lock_guard lock(mutex_);
   --admitted_;
-  free_place(client);
+  release_slot(client);
   if (!comes_again_in) return;
-  std::erase_if(notes_, [&](const Note& note) { return note.client == client; });
+  std::erase_if(reservations_, [&](const Reservation& note) { return note.client == client; });
   // Who comes at once finds one that is free; and of connections that ask once and go, none is
   // kept.
-  if (*comes_again_in == 0 && free_places() > notes_.size() + 1) return;
-  if (notes_.size() >= kMostClients) return;
-  notes_.push_front({client, after(kGraceFactor * *comes_again_in + kAtOnceSeconds)});
+  if (*comes_again_in == 0 && free_slots() > reservations_.size() + 1) return;
+  if (reservations_.size() >= kMaxClients) return;
+  reservations_.push_front({client, after(kGraceFactor * *comes_again_in + kAtOnceSeconds)});
 }
 
 void JobQueue::drop_stopped() {
@@ -152,7 +153,7 @@ void JobQueue::drop_stopped() {
         [](const Waiting& waiting) { return !waiting.job.stop.stop_requested(); });
     dropped.assign(std::make_move_iterator(first), std::make_move_iterator(waiting_.end()));
     waiting_.erase(first, waiting_.end());
-    for (const Waiting& waiting : dropped) free_place(waiting.client);
+    for (const Waiting& waiting : dropped) release_slot(waiting.client);
     if (waiting_.empty() && running_ == 0) idle_.notify_all();
   }
   for (const Waiting& waiting : dropped) waiting.job.drop();
@@ -184,17 +185,18 @@ size_t JobQueue::waiting() const {
   return waiting_.size();
 }
 
-size_t JobQueue::free_places() const {
+size_t JobQueue::free_slots() const {
   const size_t places = capacity_ + thread_count_;
   return places - std::min(places, waiting_.size() + running_ + admitted_);
 }
 
 // Who was noted before `end`, and has not much already: who has does not come before who has
 // little, whoever asked first.
-size_t JobQueue::clients_ahead(const QueueClient& client, const Notes::const_iterator& end) const {
+size_t JobQueue::clients_ahead(const QueueClient& client,
+                               const Reservations::const_iterator& end) const {
   std::set<std::string_view> others;
   size_t ahead = 0;
-  for (auto note = notes_.begin(); note != end; ++note) {
+  for (auto note = reservations_.begin(); note != end; ++note) {
     if (has_more(note->client, client, kMargin)) continue;
     if (note->client.who == client.who || others.insert(note->client.who).second) ++ahead;
   }
@@ -203,7 +205,7 @@ size_t JobQueue::clients_ahead(const QueueClient& client, const Notes::const_ite
 
 // Among all, or its connection among those of the same client.
 bool JobQueue::has_its_share(const QueueClient& client) const {
-  const size_t share = std::max(kMargin, free_places());
+  const size_t share = std::max(kMargin, free_slots());
   // Who asks for one thing after the other comes again soon.
   const auto served_lately = [&](const auto& starts, const std::string& but) {
     return std::ranges::any_of(starts, [&](const auto& start) {
@@ -212,31 +214,31 @@ bool JobQueue::has_its_share(const QueueClient& client) const {
   };
   const auto held = held_.find(client.who);
   if (held == held_.end()) return false;
-  const auto is_another = [&](const Note& note) { return note.client.who != client.who; };
+  const auto is_another = [&](const Reservation& note) { return note.client.who != client.who; };
   if (held->second.all >= share && (held_.size() > 1 || served_lately(last_start_, client.who) ||
-                                    std::ranges::any_of(notes_, is_another))) {
+                                    std::ranges::any_of(reservations_, is_another))) {
     return true;
   }
   const auto& connections = held->second.connections;
   const auto own = connections.find(client.connection);
-  const auto is_another_of_theirs = [&](const Note& note) {
+  const auto is_another_of_theirs = [&](const Reservation& note) {
     return note.client.who == client.who && note.client.connection != client.connection;
   };
   return own != connections.end() && own->second >= share &&
          (connections.size() > 1 || served_lately(last_start_of_connection_, client.connection) ||
-          std::ranges::any_of(notes_, is_another_of_theirs));
+          std::ranges::any_of(reservations_, is_another_of_theirs));
 }
 
 double JobQueue::seconds_of_ends(double ends) const {
   // Before a job has ended nobody knows: who asks again soon will be told better.
   if (!seconds_per_job_) return kFirstGuessSeconds;
-  return std::clamp(ends * *seconds_per_job_ / static_cast<double>(thread_count_),
-                    kLeastRetrySeconds, kMostRetrySeconds);
+  return std::clamp(ends * *seconds_per_job_ / static_cast<double>(thread_count_), kMinRetrySeconds,
+                    kMaxRetrySeconds);
 }
 
-void JobQueue::forget_old_notes() {
+void JobQueue::drop_expired_reservations() {
   const auto now = Clock::now();
-  std::erase_if(notes_, [&](const Note& note) { return note.until < now; });
+  std::erase_if(reservations_, [&](const Reservation& note) { return note.until < now; });
 }
 
 JobQueue::Waiting JobQueue::take_next() {
@@ -255,7 +257,7 @@ JobQueue::Waiting JobQueue::take_next() {
   waiting_.erase(next);
   ++started_;
   const auto note_start = [this](auto& starts, const std::string& name) {
-    if (starts.size() >= kMostClients) starts.clear();
+    if (starts.size() >= kMaxClients) starts.clear();
     starts[name] = started_;
   };
   note_start(last_start_, taken.client.who);
@@ -281,7 +283,7 @@ void JobQueue::work() {
       seconds_per_job_ = before + kRecency * (took.count() - before);
     }
     --running_;
-    free_place(next.client);
+    release_slot(next.client);
     if (waiting_.empty() && running_ == 0) idle_.notify_all();
   }
 }

@@ -50,21 +50,21 @@ class JobQueue {
   };
 
   // A place in the queue, given back when it goes out of scope unless a job was submitted to it.
-  class Place {
+  class QueueSlot {
    public:
-    Place(JobQueue& queue, QueueClient client) : queue_(&queue), client_(std::move(client)) {}
-    Place(Place&& other) noexcept
+    QueueSlot(JobQueue& queue, QueueClient client) : queue_(&queue), client_(std::move(client)) {}
+    QueueSlot(QueueSlot&& other) noexcept
         : queue_(std::exchange(other.queue_, nullptr)), client_(std::move(other.client_)) {}
-    Place(const Place&) = delete;
-    Place& operator=(const Place&) = delete;
-    Place& operator=(Place&&) = delete;
-    ~Place() {
+    QueueSlot(const QueueSlot&) = delete;
+    QueueSlot& operator=(const QueueSlot&) = delete;
+    QueueSlot& operator=(QueueSlot&&) = delete;
+    ~QueueSlot() {
       if (queue_ != nullptr) queue_->give_back(*this, {});
     }
 
     // Gives it back and keeps it for the same client, who will come again: at once, or after the
     // time that they are told.
-    void keep_for_client(double seconds = 0) {
+    void reserve_for_client(double seconds = 0) {
       std::exchange(queue_, nullptr)->give_back(*this, seconds);
     }
 
@@ -83,11 +83,11 @@ class JobQueue {
 
   // Throws StatusError (busy, with the time after which to ask again) if there is no place for this
   // client, Error (kUnavailable) if the queue is closed.
-  Place admit(const QueueClient& client);
+  QueueSlot admit(const QueueClient& client);
 
   // The job takes the place. Throws Error (kUnavailable) if the queue was closed meanwhile; then
   // neither of its functions is called.
-  void submit(Place place, Job job);
+  void submit(QueueSlot place, Job job);
 
   // Drops the waiting jobs whose stop was requested, on the caller's thread.
   void drop_stopped();
@@ -115,11 +115,11 @@ class JobQueue {
     uint64_t since;  // jobs that had begun when it came
   };
   // A client for whom a place is kept.
-  struct Note {
+  struct Reservation {
     QueueClient client;
     Clock::time_point until;
   };
-  using Notes = std::deque<Note>;
+  using Reservations = std::deque<Reservation>;
   // Places of a client: of jobs that run or wait, and those without a job yet.
   struct Held {
     size_t all = 0;
@@ -127,19 +127,19 @@ class JobQueue {
   };
 
   // All of them require the lock.
-  size_t free_places() const;
-  size_t clients_ahead(const QueueClient& client, const Notes::const_iterator& end) const;
+  size_t free_slots() const;
+  size_t clients_ahead(const QueueClient& client, const Reservations::const_iterator& end) const;
   bool has_its_share(const QueueClient& client) const;
   double seconds_of_ends(double ends) const;
-  void forget_old_notes();
-  void take_place(const QueueClient& client);
-  void free_place(const QueueClient& client);
+  void drop_expired_reservations();
+  void take_slot(const QueueClient& client);
+  void release_slot(const QueueClient& client);
   bool has_more(const QueueClient& other, const QueueClient& client, size_t by) const;
   StatusError refusal(const QueueClient& client, size_t ahead);
   Waiting take_next();
 
   // Keeps it for the client if they will come again, in so many seconds.
-  void give_back(const Place& place, std::optional<double> comes_again_in);
+  void give_back(const QueueSlot& place, std::optional<double> comes_again_in);
   void work();
 
   const size_t capacity_;
@@ -148,7 +148,7 @@ class JobQueue {
   std::condition_variable work_available_;
   std::condition_variable idle_;
   std::deque<Waiting> waiting_;
-  Notes notes_;
+  Reservations reservations_;
   std::map<std::string, Held> held_;  // by who
   // Of who, and of their connections: the number of a job.
   std::unordered_map<std::string, uint64_t> last_start_, last_start_of_connection_;

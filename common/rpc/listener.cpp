@@ -54,7 +54,7 @@ constexpr milliseconds kRecovery{2000};
 
 // Calls are small, and what they leave in the heap stays resident until the heap is trimmed: when
 // memory is tight and has grown, and every so often, but not always, as others wait for the heap.
-constexpr milliseconds kLeastTrimInterval{50};
+constexpr milliseconds kMinTrimInterval{50};
 constexpr milliseconds kTrimInterval{500};
 
 struct AddressList {
@@ -248,7 +248,7 @@ uint64_t Listener::trimmed_memory(uint64_t most) {
   if (resident <= options_.max_memory_bytes / kTightPart) return resident;
   const auto since = steady_clock::now() - last_trim_;
   const bool grown = resident > after_trim_ + options_.max_memory_bytes / kGrowth;
-  if (resident > most || (grown && since > kLeastTrimInterval) || since > kTrimInterval) {
+  if (resident > most || (grown && since > kMinTrimInterval) || since > kTrimInterval) {
     malloc_trim(0);
     last_trim_ = steady_clock::now();
     after_trim_ = resident_memory();

@@ -15,7 +15,7 @@ namespace itn {
 namespace {
 
 constexpr uint64_t kMiB = uint64_t{1} << 20;
-constexpr uint64_t kLeastForCalls = 64 * kMiB;
+constexpr uint64_t kMinForCalls = 64 * kMiB;
 
 }  // namespace
 
@@ -25,7 +25,7 @@ MemoryPlan plan_memory(uint64_t total, uint64_t own_bytes, uint64_t max_message_
                   .call_bytes = 0};
   // The listener closes connections when the last eighth is touched: it is left free.
   const uint64_t taken = own_bytes + plan.transport_bytes + total / 8;
-  if (total < taken + kLeastForCalls) {
+  if (total < taken + kMinForCalls) {
     throw Error(ErrorKind::kUsage, fmt::format("--max-memory-mb is {}; it must be at least {}",
                                                total / kMiB, least_memory(own_bytes) / kMiB));
   }
@@ -35,7 +35,7 @@ MemoryPlan plan_memory(uint64_t total, uint64_t own_bytes, uint64_t max_message_
 
 uint64_t least_memory(uint64_t own_bytes) {
   // A quarter is for messages that arrive, or left free.
-  const uint64_t rest = own_bytes + kLeastForCalls;
+  const uint64_t rest = own_bytes + kMinForCalls;
   return (rest * 4 + 3 * kMiB - 1) / (3 * kMiB) * kMiB;
 }
 

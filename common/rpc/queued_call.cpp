@@ -25,7 +25,7 @@ constexpr milliseconds kWatchInterval{50};
 
 // A reply waits for its reader so long and no longer: this, and its bytes over this rate.
 constexpr seconds kReplyPatience{20};
-constexpr double kLeastBytesPerSecond = 4 << 20;
+constexpr double kMinBytesPerSecond = 4 << 20;
 
 // Whoever is asked to send the scene comes again with it: that is no failure.
 bool asks_for_scene(const grpc::Status& status) {
@@ -34,20 +34,21 @@ bool asks_for_scene(const grpc::Status& status) {
 
 }  // namespace
 
-// ---- CallDesk --------------------------------------------------------------------------------
+// ---- CallScheduler
+// --------------------------------------------------------------------------------
 
-CallDesk::CallDesk(const CallDeskOptions& options)
+CallScheduler::CallScheduler(const CallSchedulerOptions& options)
     : options_(options),
       memory_(options.memory_bytes,
               {options.memory_beside, [this] { return queue_.seconds_until_next_end(); }}),
       queue_(options.threads, options.queue_capacity),
       watchdog_([this](const std::stop_token& stop) { watch(stop); }) {}
 
-CallDesk::~CallDesk() {
+CallScheduler::~CallScheduler() {
   while (!drain(duration<double>(0))) spdlog::warn("still waiting for work that does not stop");
 }
 
-bool CallDesk::drain(duration<double> patience) {
+bool CallScheduler::drain(duration<double> patience) {
   queue_.close();
   std::unique_lock lock(mutex_);
   const auto none = [this] { return calls_.empty(); };
@@ -71,7 +72,7 @@ bool CallDesk::drain(duration<double> patience) {
   return true;
 }
 
-void CallDesk::describe(ServerMetrics& metrics) const {
+void CallScheduler::describe(ServerMetrics& metrics) const {
   metrics.running = running();
   metrics.waiting = waiting();
   metrics.max_running = static_cast<uint64_t>(options_.threads);
@@ -79,32 +80,32 @@ void CallDesk::describe(ServerMetrics& metrics) const {
   metrics.methods = counts_.methods();
 }
 
-void CallDesk::add(QueuedCall* call) {
+void CallScheduler::add(QueuedCall* call) {
   const std::lock_guard lock(mutex_);
   calls_.insert(call);
   changed_.notify_all();
 }
 
-void CallDesk::remove(QueuedCall* call) {
+void CallScheduler::remove(QueuedCall* call) {
   const std::lock_guard lock(mutex_);
   calls_.erase(call);
   changed_.notify_all();
 }
 
-void CallDesk::watch(const std::stop_token& stop) {
+void CallScheduler::watch(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
   while (!stop.stop_requested()) {
     changed_.wait(lock, stop, [this] { return !calls_.empty(); });
-    for (QueuedCall* call : calls_) call->look_at_clock(QueuedCall::Clock::now());
+    for (QueuedCall* call : calls_) call->check_time_limit(QueuedCall::Clock::now());
     changed_.wait_for(lock, stop, kWatchInterval, [] { return false; });
   }
 }
 
 // ---- QueuedCall ------------------------------------------------------------------------------
 
-QueuedCall::QueuedCall(CallDesk& desk, grpc::CallbackServerContext& context,
+QueuedCall::QueuedCall(CallScheduler& scheduler, grpc::CallbackServerContext& context,
                        grpc::ByteBuffer& reply)
-    : desk_(desk), context_(context), reply_(reply), memory_(desk.memory_) {}
+    : scheduler_(scheduler), context_(context), reply_(reply), memory_(scheduler.memory_) {}
 
 void QueuedCall::start(const grpc::ByteBuffer* request) {
   try {
@@ -115,7 +116,7 @@ void QueuedCall::start(const grpc::ByteBuffer* request) {
 }
 
 void QueuedCall::enqueue(const grpc::ByteBuffer* request) {
-  JobQueue::Place place = desk_.queue_.admit(client_of(context_));
+  JobQueue::QueueSlot place = scheduler_.queue_.admit(client_of(context_));
   {
     // gRPC would keep the bytes until the call is done with, and says "const" of what nobody else
     // looks at.
@@ -125,21 +126,21 @@ void QueuedCall::enqueue(const grpc::ByteBuffer* request) {
       memory_.resize(2 * bytes.Length());  // and the message that it becomes
     } catch (const StatusError&) {
       // Memory is for whoever comes when there is some; a place is not what keeps this one waiting.
-      place.keep_for_client(desk_.queue_.seconds_until_next_end());
+      place.reserve_for_client(scheduler_.queue_.seconds_until_next_end());
       throw;
     }
     try {
       accept(bytes);
     } catch (const StatusError& error) {
-      if (asks_for_scene(error.status())) place.keep_for_client();  // it need not queue up again
+      if (asks_for_scene(error.status())) place.reserve_for_client();  // it need not queue up again
       throw;
     }
   }
   accepted_ = true;
-  desk_.add(this);
-  desk_.queue_.submit(std::move(place), {.stop = stop_.get_token(),
-                                         .run = [this] { run(); },
-                                         .drop = [this] { finish(status_of_stop()); }});
+  scheduler_.add(this);
+  scheduler_.queue_.submit(std::move(place), {.stop = stop_.get_token(),
+                                              .run = [this] { run(); },
+                                              .drop = [this] { finish(status_of_stop()); }});
 }
 
 void QueuedCall::run() {
@@ -179,14 +180,14 @@ void QueuedCall::tell(const grpc::Status& status) noexcept try {
     record.times = {.queue = seconds(arrived_.time_since_epoch().count(), began),
                     .work = seconds(began, answered_)};
   }
-  desk_.counts_.record(record);
-  if (!desk_.options_.log_calls) return;
+  scheduler_.counts_.record(record);
+  if (!scheduler_.options_.log_calls) return;
   log(record, status);
 } catch (const std::bad_alloc&) {
 }
 
 void QueuedCall::log(const CallRecord& record, const grpc::Status& status) const {
-  const std::string request = request_name(context_), client = printable(context_.peer());
+  const std::string request = request_id_of(context_), client = printable(context_.peer());
   std::string line =
       fmt::format("{} {} of {}: {}", method(), request, client, status_name(status.error_code()));
   std::vector<LogField> fields = {{"method", std::string(method())},
@@ -208,7 +209,7 @@ void QueuedCall::log(const CallRecord& record, const grpc::Status& status) const
   }
   if (asks_for_scene(status)) {
     log_with_fields(spdlog::level::debug, line, fields);
-  } else if (const auto left_out = desk_.log_limit_.admit()) {
+  } else if (const auto left_out = scheduler_.log_limit_.admit()) {
     if (*left_out > 0) spdlog::info("{} calls were answered without a line here", *left_out);
     log_with_fields(spdlog::level::info, line, fields);
   }
@@ -220,7 +221,7 @@ grpc::Status QueuedCall::status_of_stop() const {
       return {grpc::StatusCode::RESOURCE_EXHAUSTED,
               fmt::format("{} took longer than the {:g} s that this server gives a request "
                           "(--max-seconds): ask for less at a time",
-                          activity(), desk_.options_.max_time.count())};
+                          activity(), scheduler_.options_.max_time.count())};
     case Reason::kServer:
       return to_status(Error(ErrorKind::kUnavailable, "this server is stopping"));
     case Reason::kClient:
@@ -232,11 +233,11 @@ grpc::Status QueuedCall::status_of_stop() const {
 // By the client, by a lost connection, or because the deadline has passed.
 void QueuedCall::OnCancel() {
   stop(Reason::kClient);
-  desk_.queue_.drop_stopped();
+  scheduler_.queue_.drop_stopped();
 }
 
 void QueuedCall::OnDone() {
-  if (accepted_) desk_.remove(this);
+  if (accepted_) scheduler_.remove(this);
   delete this;
 }
 
@@ -246,18 +247,18 @@ void QueuedCall::stop(Reason reason) {
   stop_.request_stop();
 }
 
-void QueuedCall::look_at_clock(Clock::time_point now) {
+void QueuedCall::check_time_limit(Clock::time_point now) {
   const auto since = [&](Clock::rep time) {
     return duration<double>(now.time_since_epoch() - Clock::duration(time)).count();
   };
   if (const Clock::rep answered = answered_; answered != 0) {
     const double patience = static_cast<double>(kReplyPatience.count()) +
-                            static_cast<double>(reply_bytes_) / kLeastBytesPerSecond;
+                            static_cast<double>(reply_bytes_) / kMinBytesPerSecond;
     if (since(answered) > patience) context_.TryCancel();
     return;
   }
   const Clock::rep began = began_;
-  const double most = desk_.options_.max_time.count();
+  const double most = scheduler_.options_.max_time.count();
   if (began != 0 && most > 0 && since(began) > most) stop(Reason::kTime);
 }
 

@@ -31,7 +31,7 @@ class QueuedCall;
 // Work that was told to stop has this long before a server no longer waits for it.
 inline constexpr std::chrono::seconds kStopPatience{10};
 
-struct CallDeskOptions {
+struct CallSchedulerOptions {
   int threads = 1;             // calls worked on at a time
   size_t queue_capacity = 16;  // calls that wait
   uint64_t memory_bytes = 0;   // of all calls together; 0: no limit
@@ -43,13 +43,13 @@ struct CallDeskOptions {
 };
 
 // What the calls of a server share. Thread-safe.
-class CallDesk {
+class CallScheduler {
  public:
-  explicit CallDesk(const CallDeskOptions& options);
+  explicit CallScheduler(const CallSchedulerOptions& options);
   // As drain() without patience, and waits for work that does not stop, however long.
-  ~CallDesk();
-  CallDesk(const CallDesk&) = delete;
-  CallDesk& operator=(const CallDesk&) = delete;
+  ~CallScheduler();
+  CallScheduler(const CallScheduler&) = delete;
+  CallScheduler& operator=(const CallScheduler&) = delete;
 
   // Answers further calls UNAVAILABLE. Returns when those accepted before are answered and their
   // answers have left for the client, at most `patience` later: then what is still under way is
@@ -72,7 +72,7 @@ class CallDesk {
   // Stops calls that take too long, and takes back answers that nobody reads.
   void watch(const std::stop_token& stop);
 
-  const CallDeskOptions options_;
+  const CallSchedulerOptions options_;
   CallCounts counts_;
   LogLimit log_limit_{50, std::chrono::seconds(1)};  // lines of calls
   MemoryBudget memory_;
@@ -94,7 +94,8 @@ class QueuedCall : public grpc::ServerUnaryReactor {
   void OnDone() final;
 
  protected:
-  QueuedCall(CallDesk& desk, grpc::CallbackServerContext& context, grpc::ByteBuffer& reply);
+  QueuedCall(CallScheduler& scheduler, grpc::CallbackServerContext& context,
+             grpc::ByteBuffer& reply);
   ~QueuedCall() override = default;
 
   // Parses and checks what is quickly checked, on a thread of gRPC. Throws what the call is to be
@@ -119,7 +120,7 @@ class QueuedCall : public grpc::ServerUnaryReactor {
   MemoryBudget::Share& memory() { return memory_; }
 
  private:
-  friend class CallDesk;
+  friend class CallScheduler;
   using Clock = std::chrono::steady_clock;
   enum class Reason { kNone, kClient, kTime, kServer };
 
@@ -130,9 +131,9 @@ class QueuedCall : public grpc::ServerUnaryReactor {
   void log(const CallRecord& record, const grpc::Status& status) const;
   grpc::Status status_of_stop() const;
   void stop(Reason reason);
-  void look_at_clock(Clock::time_point now);  // by the watchdog
+  void check_time_limit(Clock::time_point now);  // by the watchdog
 
-  CallDesk& desk_;
+  CallScheduler& scheduler_;
   grpc::CallbackServerContext& context_;
   grpc::ByteBuffer& reply_;
   MemoryBudget::Share memory_;

@@ -26,7 +26,7 @@ uint64_t seed() {
 
 }  // namespace
 
-std::string name_request(grpc::ClientContext& context) {
+std::string assign_request_id(grpc::ClientContext& context) {
   static const uint64_t process = seed();
   static std::atomic<uint64_t> calls = 0;
   std::string name = fmt::format("{:016x}", derive_seed(process, {calls++}));
@@ -34,13 +34,13 @@ std::string name_request(grpc::ClientContext& context) {
   return name;
 }
 
-grpc::Status with_request_name(const grpc::Status& status, const std::string& name) {
+grpc::Status with_request_id(const grpc::Status& status, const std::string& name) {
   if (status.ok()) return status;
   return {status.error_code(), fmt::format("{} (request {})", status.error_message(), name),
           status.error_details()};
 }
 
-std::string request_name(const grpc::CallbackServerContext& context) {
+std::string request_id_of(const grpc::CallbackServerContext& context) {
   const auto& metadata = context.client_metadata();
   const auto name = metadata.find(kKey);
   if (name == metadata.end()) return "-";

@@ -14,13 +14,13 @@ namespace itn {
 
 // Gives the call a name of its own, 16 hexadecimal digits, which travels with it as the metadata
 // "x-request-id"; returns it.
-std::string name_request(grpc::ClientContext& context);
+std::string assign_request_id(grpc::ClientContext& context);
 
 // Of a call that failed: its message ends with the call's name, by which the server's log knows it.
-grpc::Status with_request_name(const grpc::Status& status, const std::string& name);
+grpc::Status with_request_id(const grpc::Status& status, const std::string& name);
 
 // What the client calls it; "-" if it has no name, "?" if that is not of 1 to 64 letters, digits,
 // and any of "._-": it is part of a line, and must not look like others.
-std::string request_name(const grpc::CallbackServerContext& context);
+std::string request_id_of(const grpc::CallbackServerContext& context);
 
 }  // namespace itn

@@ -16,7 +16,7 @@
 
 namespace itn {
 
-// A Service answers its calls at a CallDesk: it has full_name(), describe() and
+// A Service answers its calls at a CallScheduler: it has full_name(), describe() and
 // drain().
 template <typename Service>
 class ServiceServer {
@@ -54,7 +54,7 @@ class ServiceServer {
 
   // Reports NOT_SERVING and answers new requests UNAVAILABLE; returns when those accepted before
   // are answered, or `patience` later, when what is left is stopped and answered UNAVAILABLE, too.
-  // False if something does not stop (see CallDesk::drain).
+  // False if something does not stop (see CallScheduler::drain).
   bool drain(std::chrono::duration<double> patience) {
     draining_ = true;
     server_.stop_serving();

@@ -95,10 +95,10 @@ constexpr uint64_t kNetworkBytes = uint64_t{32} << 20;
 
 // What is made of photographs for the network, until it has seen them: planes of its resolution.
 uint64_t bytes_of_inputs(const Predictor& predictor, int64_t images) {
-  constexpr int64_t kPlanes = 20, kMostChannels = 3;
+  constexpr int64_t kPlanes = 20, kMaxChannels = 3;
   const int64_t side = predictor.model().resolution();
   const int64_t at_once =
-      std::min(images * kMostChannels, predictor.inputs_at_a_time() + kMostChannels);
+      std::min(images * kMaxChannels, predictor.inputs_at_a_time() + kMaxChannels);
   return static_cast<uint64_t>(at_once * side * side * kPlanes) * sizeof(float);
 }
 
@@ -112,7 +112,7 @@ uint64_t bytes_of(const v1::PredictRequest& request) {
 class PredictService::Call : public QueuedCall {
  public:
   Call(PredictService& service, grpc::CallbackServerContext& context, grpc::ByteBuffer& reply)
-      : QueuedCall(service.desk_, context, reply), service_(service) {}
+      : QueuedCall(service.scheduler_, context, reply), service_(service) {}
 
  protected:
   template <typename Request>
@@ -121,11 +121,10 @@ class PredictService::Call : public QueuedCall {
   }
 
   // `kept`: bytes of all that the call holds beside.
-  SeenPhotograph seen(const v1::PredictRequest& image, uint64_t kept, const std::stop_token& stop) {
+  NetworkView seen(const v1::PredictRequest& image, uint64_t kept, const std::stop_token& stop) {
     const std::lock_guard one_at_a_time(service_.preparing_);
     memory().resize(kept + image.image().size() * kImages);
-    SeenPhotograph result =
-        predictor_->seen(RequestPhotograph(image).view(), image.capture(), stop);
+    NetworkView result = predictor_->seen(RequestPhotograph(image).view(), image.capture(), stop);
     memory().resize(kept);
     return result;
   }
@@ -234,11 +233,12 @@ PredictService::PredictService(std::shared_ptr<const ModelStore> models,
     : options_(options),
       models_(std::move(models)),
       network_(options.max_batch),
-      desk_({.threads = options.max_batch,
-             .queue_capacity = options.queue_capacity,
-             .memory_bytes = options.memory_bytes > 0 ? options.memory_bytes - kNetworkBytes : 0,
-             .max_time = std::chrono::seconds(0),
-             .log_calls = options.log_calls}) {}
+      scheduler_(
+          {.threads = options.max_batch,
+           .queue_capacity = options.queue_capacity,
+           .memory_bytes = options.memory_bytes > 0 ? options.memory_bytes - kNetworkBytes : 0,
+           .max_time = std::chrono::seconds(0),
+           .log_calls = options.log_calls}) {}
 
 grpc::ServerUnaryReactor* PredictService::Predict(grpc::CallbackServerContext* context,
                                                   const grpc::ByteBuffer* request,

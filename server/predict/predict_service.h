@@ -49,10 +49,10 @@ class PredictService final
 
   static std::string full_name() { return v1::PredictService::service_full_name(); }
 
-  void describe(ServerMetrics& metrics) const { desk_.describe(metrics); }
+  void describe(ServerMetrics& metrics) const { scheduler_.describe(metrics); }
 
-  // See CallDesk.
-  bool drain(std::chrono::duration<double> patience) { return desk_.drain(patience); }
+  // See CallScheduler.
+  bool drain(std::chrono::duration<double> patience) { return scheduler_.drain(patience); }
 
  private:
   class Call;
@@ -63,7 +63,7 @@ class PredictService final
   const std::shared_ptr<const ModelStore> models_;
   std::mutex preparing_;  // photographs are, one at a time, as each may take much memory
   NetworkThread network_;
-  CallDesk desk_;  // last: its threads use what is above
+  CallScheduler scheduler_;  // last: its threads use what is above
 };
 
 }  // namespace itn

@@ -7,8 +7,8 @@
 #include "common/error.h"
 #include "common/rpc/wire_array.h"
 #include "server/render/derivatives.h"
-#include "server/render/rendering_loss.h"
 #include "server/render/request_check.h"
+#include "server/render/weighted_image_loss.h"
 
 namespace itn {
 namespace {
@@ -49,9 +49,9 @@ std::string image_bytes(const std::vector<float>& image) {
 // Of the image as it would be sent: 0 at the pixels that are not rendered.
 void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
                v1::RenderGradReply& reply) {
-  const RenderingLoss loss =
-      rendering_loss(from_bytes<float>(request.loss().image()),
-                     from_bytes<float>(request.loss().weight()), tracer::means(sums).estimates);
+  const LossWithGradient loss = weighted_image_loss(from_bytes<float>(request.loss().image()),
+                                                    from_bytes<float>(request.loss().weight()),
+                                                    tracer::means(sums).estimates);
   reply.set_loss(finite(loss.value));
   for (const std::vector<double>& weights : derivatives_in(request).weights) {
     double sum = 0;

@@ -16,7 +16,7 @@
 #include "common/scene/scene_bytes.h"
 #include "server/render/memory_estimate.h"
 #include "server/render/render_reply.h"
-#include "server/render/rendering_loss.h"
+#include "server/render/weighted_image_loss.h"
 
 namespace itn {
 namespace {
@@ -46,7 +46,7 @@ StatusError scene_not_held(const std::string& digest) {
 class RenderService::RenderCall final : public QueuedCall {
  public:
   RenderCall(RenderService& service, grpc::CallbackServerContext& context, grpc::ByteBuffer& reply)
-      : QueuedCall(service.desk_, context, reply), service_(service) {}
+      : QueuedCall(service.scheduler_, context, reply), service_(service) {}
 
  private:
   void accept(const grpc::ByteBuffer& bytes) override {
@@ -157,12 +157,12 @@ class RenderService::RenderCall final : public QueuedCall {
 RenderService::RenderService(const RenderServiceOptions& options)
     : options_(with_defaults(options)),
       cache_(options_.cache_bytes),
-      desk_({.threads = options_.renders,
-             .queue_capacity = options_.queue_capacity,
-             .memory_bytes = options_.memory_bytes,
-             .memory_beside = [this] { return cache_.excess(); },
-             .max_time = std::chrono::duration<double>(options_.max_seconds),
-             .log_calls = options_.log_calls}) {}
+      scheduler_({.threads = options_.renders,
+                  .queue_capacity = options_.queue_capacity,
+                  .memory_bytes = options_.memory_bytes,
+                  .memory_beside = [this] { return cache_.excess(); },
+                  .max_time = std::chrono::duration<double>(options_.max_seconds),
+                  .log_calls = options_.log_calls}) {}
 
 grpc::ServerUnaryReactor* RenderService::RenderGrad(grpc::CallbackServerContext* context,
                                                     const grpc::ByteBuffer* request,

@@ -43,25 +43,25 @@ class RenderService final
 
   static std::string full_name() { return v1::RenderService::service_full_name(); }
 
-  size_t running() const { return desk_.running(); }
-  size_t waiting() const { return desk_.waiting(); }
+  size_t running() const { return scheduler_.running(); }
+  size_t waiting() const { return scheduler_.waiting(); }
 
   void describe(ServerMetrics& metrics) const {
-    desk_.describe(metrics);
+    scheduler_.describe(metrics);
     metrics.scene_bytes = cache_.memory();
     metrics.scene_hits = cache_.hits();
     metrics.scene_misses = cache_.misses();
   }
 
-  // See CallDesk.
-  bool drain(std::chrono::duration<double> patience) { return desk_.drain(patience); }
+  // See CallScheduler.
+  bool drain(std::chrono::duration<double> patience) { return scheduler_.drain(patience); }
 
  private:
   class RenderCall;
 
   const RenderServiceOptions options_;
   SceneCache cache_;
-  CallDesk desk_;  // last: its threads use what is above
+  CallScheduler scheduler_;  // last: its threads use what is above
 };
 
 }  // namespace itn

@@ -15,7 +15,7 @@ constexpr int kBlur = 2;
 constexpr double kMostSamples = 1 << 20;
 
 // Least standard deviation that a pixel is thought to have, of the mean.
-constexpr double kLeastDeviation = 0.25;
+constexpr double kMinDeviation = 0.25;
 
 // In their order in the film.
 std::vector<uint32_t> rendered_pixels(const Scene::Compiled& scene, const RenderRequest& request) {
@@ -94,12 +94,12 @@ std::vector<double> sample_shares(const std::vector<uint32_t>& pixels,
   for (const double d : deviation) {
     total += d;
   }
-  const double least = kLeastDeviation * total / static_cast<double>(pixels.size());
+  const double least = kMinDeviation * total / static_cast<double>(pixels.size());
   double sum = 0;
   for (size_t i = 0; i < pixels.size(); ++i) {
     const double weight =
         request.sampling_weights.empty() ? 1 : double{request.sampling_weights[pixels[i]]};
-    shares[i] = weight * (least + (1 - kLeastDeviation) * deviation[i]);
+    shares[i] = weight * (least + (1 - kMinDeviation) * deviation[i]);
     sum += shares[i];
   }
   if (!(sum > 0)) {

@@ -85,9 +85,9 @@ struct Switches {
   // One of the two direction sampling techniques that multiple importance sampling combines. Phase
   // sampling alone cannot see a DistantLight.
   enum class Techniques { kBoth, kLightsOnly, kPhaseOnly } techniques = Techniques::kBoth;
-  // Instead of Tuning's roulette by weight and depth, UsualRoulette: walks as long as those of the
-  // reference.
-  bool usual_roulette = false;
+  // Instead of Tuning's roulette by weight and depth, ThroughputRoulette: walks as long as those of
+  // the reference.
+  bool throughput_roulette = false;
   // Low-discrepancy points for film position and first flight.
   bool stratified = true;
   // Samples where the pilot finds the noise; else as many in every pixel.
@@ -99,9 +99,9 @@ struct Switches {
 
 // Roulette as path tracers usually play it, and the reference always: from this vertex on, paths
 // survive with the probability of their weight, at most this.
-struct UsualRoulette {
+struct ThroughputRoulette {
   static constexpr uint32_t kFirstVertex = 20;
-  static constexpr float kMostSurvival = 0.95F;
+  static constexpr float kMaxSurvival = 0.95F;
 };
 
 struct RenderOptions {

@@ -41,7 +41,7 @@ std::array<uint32_t, 4> philox(std::array<uint32_t, 4> counter, std::array<uint3
 using Uniforms = std::array<float, 5>;
 
 // One number of 48 bits from two of 24.
-inline double fine(float high, float low) {
+inline double uniform_48(float high, float low) {
   return double{high} + double{low} * 0x1p-24;
 }
 

@@ -134,7 +134,7 @@ double decision_microseconds(int workers, int jobs) {
   const auto now = Clock::now();
   std::vector<std::shared_ptr<Dispatcher::Attempt>> under_way;
   for (int i = 0; i < workers; ++i) {
-    dispatcher.probed(dispatcher.add(std::to_string(i)), grpc::Status::OK, {}, now);
+    dispatcher.on_probe(dispatcher.add(std::to_string(i)), grpc::Status::OK, {}, now);
   }
   const auto count = static_cast<size_t>(workers);
   std::vector<std::future<v1::RenderGradReply>> futures;
@@ -194,8 +194,7 @@ void run(Flags flags) {
       "{} workers, {} renders: utilisation {:.1f} % while any waited ({:.2f} of {:.2f} s), {:.0f} "
       "renders/s, {:.1f} us of processor time each, {} wrong, {} second attempts, {} retries\n",
       flags.workers, flags.jobs, 100 * busy / (window * flags.workers), window, seconds,
-      flags.jobs / seconds, 1e6 * cpu / flags.jobs, wrong, statistics.second_attempts,
-      statistics.retries);
+      flags.jobs / seconds, 1e6 * cpu / flags.jobs, wrong, statistics.hedges, statistics.retries);
   fmt::print("the dispatcher's decisions alone: {:.2f} us for each render\n",
              decision_microseconds(flags.workers, 100000));
 }

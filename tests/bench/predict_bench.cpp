@@ -61,7 +61,8 @@ v1::Model random_model(const Options& options) {
   set(*model.mutable_bounds()->mutable_sigma_t(), 20, 300);
   set(*model.mutable_bounds()->mutable_albedo(), 0.35, 0.97);
   set(*model.mutable_bounds()->mutable_g(), -0.1, 0.9);
-  const Triple mean = to_coordinates(v1::UNBOUNDED, {100, 0.7, 0.4}, g_interval(model.bounds()));
+  const MaterialCoordinates mean =
+      to_coordinates(v1::UNBOUNDED, {100, 0.7, 0.4}, g_interval(model.bounds()));
   for (const double m : mean) {
     model.add_mean(m);
     model.add_standard_deviation(0.7);

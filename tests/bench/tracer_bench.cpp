@@ -28,10 +28,10 @@
 #include "common/learning/weight_map.h"
 #include "common/scene/scene_bytes.h"
 #include "server/render/render_reply.h"
-#include "server/render/rendering_loss.h"
 #include "server/render/request_check.h"
 #include "server/render/scene_builder.h"
 #include "server/render/scene_cache.h"
+#include "server/render/weighted_image_loss.h"
 #include "server/tracer/render.h"
 #include "server/tracer/scene/compiled_scene.h"
 
@@ -147,7 +147,7 @@ struct Target {
   std::vector<float> image, weight, sampling_weights;
 };
 
-// The terms of the loss gradient, by pixel (see server/render/rendering_loss.h).
+// The terms of the loss gradient, by pixel (see server/render/weighted_image_loss.h).
 std::vector<double> gradient_terms(const RenderedImages& images, const Target& target,
                                    size_t coordinate) {
   const auto count = static_cast<double>(images.estimates.size());
@@ -258,7 +258,7 @@ std::vector<Variant> without_each(const Variant& full) {
       changed(full, "no shadow ray roulette",
               [](Variant& v) { v.options.tuning.shadow_ray_roulette = 0; }),
       changed(full, "usual walk roulette",
-              [](Variant& v) { v.options.switches.usual_roulette = true; }),
+              [](Variant& v) { v.options.switches.throughput_roulette = true; }),
       changed(full, "no roulette by depth",
               [](Variant& v) { v.options.tuning.depth_roulette = 0; }),
       changed(full, "no stratification", [](Variant& v) { v.options.switches.stratified = false; }),
@@ -304,7 +304,7 @@ void compare_scenes(const Options& options) {
       }));
       variants.push_back(changed(variants[0], "same walks", [](Variant& v) {
         v.request.tracer = Tracer::kWavefront;
-        v.options.switches.usual_roulette = true;
+        v.options.switches.throughput_roulette = true;
       }));
       if (options.each) {
         for (Variant& variant : without_each(variants[1])) {
@@ -557,7 +557,7 @@ void parts_row(int repetitions) {
       return 0;
     });
     steps.time("grid", [&] { return Grid(description.object).memory(); });
-    steps.time("depths", [&] { return Depths(description.object).memory(); });
+    steps.time("depths", [&] { return DepthGrid(description.object).memory(); });
     steps.time("camera inside",
                [&] { return winding_number(description.object, description.camera.origin); });
     steps.time("lights",

@@ -36,7 +36,7 @@ using Seconds = std::chrono::duration<double>;
 constexpr int kClients = 4;
 constexpr double kSecondsOfARender = 0.02;
 constexpr double kMemoryMegabytes = 512;
-constexpr double kLeastOfCapacity = 0.8;
+constexpr double kMinOfCapacity = 0.8;
 
 double seconds_of_overload() {
   const char* wanted = std::getenv("ITN_OVERLOAD_SECONDS");
@@ -280,7 +280,7 @@ TEST(Overload, OfTwiceItsCapacityLeavesAWorkerMostOfIt) {
   EXPECT_EQ(without_hint, 0U) << "refused without a time to come again";
   EXPECT_GT(refused.size(), answers.size() / 4) << "this was no overload";
   EXPECT_LT(peak, kMemoryMegabytes * (1 << 20));
-  EXPECT_GT(part, kLeastOfCapacity);
+  EXPECT_GT(part, kMinOfCapacity);
 }
 
 }  // namespace

@@ -178,9 +178,9 @@ class Mutation {
     if (field.type() == FieldDescriptor::TYPE_BYTES && old.size() >= sizeof(float) && one_in(2)) {
       return scaled(old);
     }
-    constexpr size_t kMostMore = 16;
+    constexpr size_t kMaxMore = 16;
     std::string bytes = old;
-    bytes.resize(old.size() + kMostMore);
+    bytes.resize(old.size() + kMaxMore);
     bytes.resize(
         LLVMFuzzerMutate(reinterpret_cast<uint8_t*>(bytes.data()), old.size(), bytes.size()));
     if (field.type() == FieldDescriptor::TYPE_STRING) {  // UTF-8, or it is no message any more

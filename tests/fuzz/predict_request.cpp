@@ -29,7 +29,7 @@ std::unique_ptr<PredictServer> small_server() {
   };
   const auto models = std::make_shared<const ModelStore>(
       ModelStoreOptions{.models = {written("point", small_model()),
-                                   written("gaussian", model_with_familiarity(discs, 16))},
+                                   written("gaussian", model_with_outlier_model(discs, 16))},
                         .folder = {}});
   PredictServerOptions options;
   options.service = {

@@ -30,8 +30,8 @@ namespace {
 namespace fs = std::filesystem;
 
 // An input takes a thousandth of this.
-constexpr unsigned kMostSeconds = 120;
-constexpr size_t kMostMore = 1024;  // bytes that a mutation may add
+constexpr unsigned kMaxSeconds = 120;
+constexpr size_t kMaxMore = 1024;  // bytes that a mutation may add
 
 std::mt19937 byte_mutations;
 char current_input[512];
@@ -52,7 +52,7 @@ size_t below(size_t n) {
 void run(const std::string& input) {
   // A copy of its own, so that a sanitizer sees reads beyond its end.
   const std::vector<uint8_t> bytes(input.begin(), input.end());
-  alarm(kMostSeconds);
+  alarm(kMaxSeconds);
   LLVMFuzzerTestOneInput(bytes.data(), bytes.size());
   alarm(0);
 }
@@ -60,7 +60,7 @@ void run(const std::string& input) {
 std::string mutated(const std::string& whole, unsigned seed) {
   byte_mutations.seed(seed);
   std::string bytes = whole;
-  bytes.resize(whole.size() + kMostMore);
+  bytes.resize(whole.size() + kMaxMore);
   auto* const data = reinterpret_cast<uint8_t*>(bytes.data());
   const auto mutate = [&](size_t size) {
     return LLVMFuzzerCustomMutator != nullptr

@@ -12,15 +12,15 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Arrival arrival(const EnvironmentMap& light, Vectors direction) {
+HWY_INLINE Emission emission(const EnvironmentMap& light, Vectors direction) {
   const EnvironmentMapTable& map = light.table();
   const Vectors d = turned(light.to_map(), direction);
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Floats width = set(static_cast<float>(map.width()));
   const Floats height = set(static_cast<float>(map.height()));
-  const Floats u = turn_of(d.x, hn::Neg(d.z));
+  const Floats u = atan2_turns(d.x, hn::Neg(d.z));
   const Floats across = hn::Sqrt(plus_product(hn::Mul(d.x, d.x), d.z, d.z));
-  const Floats v = hn::Mul(set(2.0F), turn_of(across, d.y));
+  const Floats v = hn::Mul(set(2.0F), atan2_turns(across, d.y));
 
   const Floats x = hn::Sub(hn::Mul(u, width), set(0.5F)),
                y = hn::Sub(hn::Mul(v, height), set(0.5F));
@@ -73,7 +73,7 @@ HWY_INLINE Vectors sample(const EnvironmentMap& light, const Words& words, Float
   const Floats y = mix(gather(map.edges(), row), gather(map.edges() + 1, row), u1);
   const Floats r = hn::Sqrt(
       hn::Max(hn::Zero(FloatTag()), hn::Mul(hn::Sub(set(1.0F), y), hn::Add(set(1.0F), y))));
-  const SinCos azimuth = sin_cos_of_turn(turn);
+  const SinCos azimuth = sin_cos_2pi(turn);
   return renormalize(
       turned_back(light.to_map(), {hn::Mul(r, azimuth.sin), y, hn::Neg(hn::Mul(r, azimuth.cos))}));
 }

@@ -26,7 +26,7 @@ HWY_INLINE Floats gather(const float* table, Ints index) {
 }
 
 // What arrives from directions: radiance, and the density per steradian with which they are drawn.
-struct Arrival {
+struct Emission {
   Floats radiance, pdf;
 };
 

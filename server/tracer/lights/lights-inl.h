@@ -16,27 +16,27 @@ HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
 // One light, unless it is distant.
-HWY_INLINE Arrival arrival(const Lights::Light& light, Vectors d) {
+HWY_INLINE Emission emission(const Lights::Light& light, Vectors d) {
   if (const auto* sky = std::get_if<SkyLight>(&light.kind)) {
-    return arrival(*sky, d);
+    return emission(*sky, d);
   }
   if (const auto* sun = std::get_if<SunDisc>(&light.kind)) {
-    return arrival(*sun, d);
+    return emission(*sun, d);
   }
   if (const auto* map = std::get_if<EnvironmentMap>(&light.kind)) {
-    return arrival(*map, d);
+    return emission(*map, d);
   }
   if (const auto* uniform = std::get_if<UniformLight>(&light.kind)) {
-    return arrival(*uniform, d);
+    return emission(*uniform, d);
   }
   return {hn::Zero(FloatTag()), hn::Zero(FloatTag())};
 }
 
 // All lights but distant ones: radiance, and density of `sample`.
-HWY_INLINE Arrival arrival(const Lights& lights, Vectors d) {
-  Arrival all{hn::Zero(FloatTag()), hn::Zero(FloatTag())};
+HWY_INLINE Emission emission(const Lights& lights, Vectors d) {
+  Emission all{hn::Zero(FloatTag()), hn::Zero(FloatTag())};
   for (const Lights::Light& light : lights.all()) {
-    const Arrival part = arrival(light, d);
+    const Emission part = emission(light, d);
     all.radiance = hn::Add(all.radiance, part.radiance);
     all.pdf = plus_product(all.pdf, part.pdf, set(static_cast<float>(light.probability)));
   }
@@ -45,19 +45,19 @@ HWY_INLINE Arrival arrival(const Lights& lights, Vectors d) {
 
 // Directions towards the light. For distant ones, `pdf` is 0 and `radiance` is irradiance /
 // probability, the weight of the draw; else the weight is radiance / pdf.
-struct LightDraw {
+struct LightSamples {
   Vectors direction;
   Floats radiance, pdf;
 };
 
 // From the words of one counter, and of another one where there is a map. The lower bytes of the
 // first three words are left for a fifth uniform number.
-HWY_INLINE LightDraw sample(const Lights& lights, const Words& words, const Words& more) {
+HWY_INLINE LightSamples sample(const Lights& lights, const Words& words, const Words& more) {
   const Floats choice = uniform(words.w[0]), cell = uniform(words.w[1]), coin = uniform(words.w[2]);
   const Floats u0 = coarse_uniform(hn::ShiftRight<16>(words.w[3]));
   const Floats u1 = coarse_uniform(hn::And(words.w[3], set(uint32_t{0xFFFF})));
   const Floats zero = hn::Zero(FloatTag());
-  LightDraw draw{{zero, set(1.0F), zero}, zero, zero};
+  LightSamples draw{{zero, set(1.0F), zero}, zero, zero};
   Floats distant_weight = zero;
   Floats from = set(-1.0F);
   for (const Lights::Light& light : lights.all()) {
@@ -84,7 +84,7 @@ HWY_INLINE LightDraw sample(const Lights& lights, const Words& words, const Word
     draw.direction = if_then_else(chosen, direction, draw.direction);
   }
   const Mask distant = hn::Gt(distant_weight, zero);
-  const Arrival light = arrival(lights, draw.direction);
+  const Emission light = emission(lights, draw.direction);
   // A direction on the very rim of the sun may fall outside it by rounding.
   const Mask possible = hn::AndNot(distant, hn::Gt(light.pdf, zero));
   draw.pdf = hn::IfThenElseZero(possible, light.pdf);
@@ -93,12 +93,12 @@ HWY_INLINE LightDraw sample(const Lights& lights, const Words& words, const Word
   return draw;
 }
 
-// The part of arrival(lights, d).radiance that is due to one description.
+// The part of emission(lights, d).radiance that is due to one description.
 HWY_INLINE Floats radiance_of(const Lights& lights, size_t number, Vectors d) {
   Floats sum = hn::Zero(FloatTag());
   for (const Lights::Light& light : lights.all()) {
     if (light.number == number) {
-      sum = hn::Add(sum, arrival(light, d).radiance);
+      sum = hn::Add(sum, emission(light, d).radiance);
     }
   }
   return sum;
@@ -106,7 +106,7 @@ HWY_INLINE Floats radiance_of(const Lights& lights, size_t number, Vectors d) {
 
 // The part of a draw's radiance that is due to one description; `words` are those of the draw.
 HWY_INLINE Floats radiance_of(const Lights& lights, size_t number, const Words& words,
-                              const LightDraw& draw) {
+                              const LightSamples& draw) {
   const Floats choice = uniform(words.w[0]);
   Floats part = hn::IfThenElseZero(hn::Gt(draw.pdf, hn::Zero(FloatTag())),
                                    radiance_of(lights, number, draw.direction));

@@ -12,7 +12,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Arrival arrival(const SkyLight& sky, Vectors direction) {
+HWY_INLINE Emission emission(const SkyLight& sky, Vectors direction) {
   const SkyTable& table = sky.table();
   const float* const values = table.values();
   const Vectors d = sky.is_turned() ? turned(sky.to_sky(), direction) : direction;

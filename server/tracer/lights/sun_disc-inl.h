@@ -12,7 +12,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Arrival arrival(const SunDisc& sun, Vectors d) {
+HWY_INLINE Emission emission(const SunDisc& sun, Vectors d) {
   const Vectors off = d - set(sun.basis().n);
   const Mask inside =
       hn::Le(hn::Mul(set(0.5F), dot(off, off)), set(static_cast<float>(sun.one_minus_cos())));
@@ -23,7 +23,7 @@ HWY_INLINE Arrival arrival(const SunDisc& sun, Vectors d) {
 HWY_INLINE Vectors sample(const SunDisc& sun, Floats u0, Floats u1) {
   const Floats z = hn::Mul(u0, set(static_cast<float>(sun.one_minus_cos())));
   const Floats sin_theta = hn::Sqrt(hn::Mul(z, hn::Sub(set(2.0F), z)));
-  const SinCos phi = sin_cos_of_turn(u1);
+  const SinCos phi = sin_cos_2pi(u1);
   const Floats x = hn::Mul(sin_theta, phi.cos), y = hn::Mul(sin_theta, phi.sin);
   return renormalize(set(sun.basis().s) * x + set(sun.basis().t) * y +
                      set(sun.basis().n) * hn::Sub(set(1.0F), z));

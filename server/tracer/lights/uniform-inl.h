@@ -12,7 +12,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Arrival arrival(const UniformLight& light, Vectors) {
+HWY_INLINE Emission emission(const UniformLight& light, Vectors) {
   constexpr auto kPdf = static_cast<float>(UniformLight::kPdf);
   return {set(static_cast<float>(light.radiance({}))), set(kPdf)};
 }
@@ -20,7 +20,7 @@ HWY_INLINE Arrival arrival(const UniformLight& light, Vectors) {
 HWY_INLINE Vectors sample(const UniformLight&, Floats u0, Floats u1) {
   const Floats y = hn::Sub(set(1.0F), hn::Add(u0, u0));
   const Floats r = hn::Sqrt(hn::Max(hn::Zero(FloatTag()), hn::Sub(set(1.0F), hn::Mul(y, y))));
-  const SinCos phi = sin_cos_of_turn(u1);
+  const SinCos phi = sin_cos_2pi(u1);
   return {hn::Mul(r, phi.cos), y, hn::Mul(r, phi.sin)};
 }
 

@@ -50,7 +50,7 @@ size_t Geometry::memory() const {
   return sum;
 }
 
-RayResult Geometry::follow(const Interaction& from, Vec3f direction, float budget,
+RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_medium_length,
                            const BoundaryModel* model) const {
   const Line line(from.position, direction, from.on, extent_);
   RayResult ray;
@@ -83,16 +83,17 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float budge
   };
   for (int crossings = 0; crossings < kMaxCrossings; ++crossings) {
     if (inside) {
-      const float end = t + (budget - ray.in_medium);
+      const float end = t + (max_medium_length - ray.medium_length);
       const Hit hit = intersector_->closest(line, from_distance(last_exit), end, Wanted::kExit);
       if (!hit.found) {
-        ray.in_medium = budget;
+        ray.medium_length = max_medium_length;
         ray.at = {line.at(end), true, {}};
-        ray.end = may_contain(ray.at.position) ? RayResult::End::kSpent : RayResult::End::kLeaked;
+        ray.end =
+            may_contain(ray.at.position) ? RayResult::End::kInMedium : RayResult::End::kLeaked;
         return ray;
       }
       const float exit = std::max(t, hit.t);
-      ray.in_medium += exit - t;
+      ray.medium_length += exit - t;
       t = exit;
       if (hit.on_surface()) {
         ray.at = surface_interaction(line, hit, true);

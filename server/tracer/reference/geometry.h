@@ -32,14 +32,14 @@ struct Interaction {
 // How a straight line through the scene ended.
 struct RayResult {
   enum class End {
-    kSpent,    // the path length in the medium reached the budget
-    kSurface,  // met an opaque surface
-    kEscaped,  // left the scene
-    kLeaked,   // no exit in front though believed inside: rounding has misplaced the point
-    kCrossing  // met the boundary, which bends light
+    kInMedium,  // the path length in the medium reached max_medium_length
+    kSurface,   // met an opaque surface
+    kEscaped,   // left the scene
+    kLeaked,    // no exit in front though believed inside: rounding has misplaced the point
+    kCrossing   // met the boundary, which bends light
   } end = End::kEscaped;
   Interaction at;                // where it ended, before a crossing; not set if escaped or leaked
-  float in_medium = 0;           // length travelled inside the medium, in mm
+  float medium_length = 0;       // length travelled inside the medium, in mm
   bool entered = false;          // the medium was entered, or at its boundary, or started in
   float transmittance = 1;       // of the boundaries passed
   BoundaryInteraction crossing;  // set if it ended in one
@@ -53,9 +53,10 @@ class Geometry {
   Geometry(const Geometry&) = delete;
   Geometry& operator=(const Geometry&) = delete;
 
-  // Follows a straight line until `budget` mm of it lie in the medium, or to a surface, or out of
-  // the scene. `direction` is of unit length. Without a model the boundary is index-matched.
-  RayResult follow(const Interaction& from, Vec3f direction, float budget,
+  // Follows a straight line until `max_medium_length` mm of it lie in the medium, or to a surface,
+  // or out of the scene. `direction` is of unit length. Without a model the boundary is
+  // index-matched.
+  RayResult follow(const Interaction& from, Vec3f direction, float max_medium_length,
                    const BoundaryModel* model = nullptr) const;
 
   // Unit normal of a surface's triangle, on the side that `direction` arrives at.

@@ -72,15 +72,15 @@ class Walk {
         throw Error(ErrorKind::kCancelled, "the render was stopped");
       }
       const Uniforms u = sampler_.at(vertex_, Sampler::kWalk);
-      const RayResult ray = fly(u[0]);
+      const RayResult ray = sample_flight(u[0]);
       switch (ray.end) {
         case RayResult::End::kLeaked: result_.leaked = true; return result_;
         case RayResult::End::kEscaped: add_escape(); return result_;
         case RayResult::End::kSurface: reflect(ray.at, u[1], u[2]); break;
-        case RayResult::End::kSpent: scatter(ray.at, u[1], u[2]); break;
+        case RayResult::End::kInMedium: scatter(ray.at, u[1], u[2]); break;
         case RayResult::End::kCrossing: cross(ray); break;
       }
-      if (result_.leaked || !survive(u[3])) {
+      if (result_.leaked || !russian_roulette(u[3])) {
         return result_;
       }
     }
@@ -96,15 +96,15 @@ class Walk {
 
   // One free flight. As flights are memoryless, one path length serves for all the parts of the
   // line that lie inside the medium.
-  RayResult fly(float u) {
+  RayResult sample_flight(float u) {
     const RayResult ray =
         geometry_.follow(at_, direction_, -std::log(1 - u) / sigma_t_, switches_.boundary);
     multiply_weight(ray.transmittance);
     if (ray.entered) {
       ++result_.steps;
-      score_sigma_t_ -= ray.in_medium;
+      score_sigma_t_ -= ray.medium_length;
     }
-    if (ray.end == RayResult::End::kSpent) {
+    if (ray.end == RayResult::End::kInMedium) {
       score_sigma_t_ += 1 / sigma_t_;
     }
     if (vertex_ == 1) {
@@ -116,7 +116,7 @@ class Walk {
   // Light that the walk meets by itself, after leaving the scene.
   void add_escape() {
     float mis_weight = 1;
-    if (competes_) {
+    if (use_mis_) {
       switch (switches_.techniques) {
         case Switches::Techniques::kLightsOnly: return;
         case Switches::Techniques::kPhaseOnly: break;
@@ -131,10 +131,10 @@ class Walk {
 
   // A scattering in the medium: sends a shadow ray, then draws the next direction.
   void scatter(const Interaction& at, float u0, float u1) {
-    weight_derivative_ = weight_derivative_ * albedo_ + weight_;
+    dweight_dalbedo_ = dweight_dalbedo_ * albedo_ + weight_;
     weight_ *= albedo_;
     for (const size_t i : reflectances_) {
-      weight_by_reflectance_[i] *= albedo_;
+      dweight_dreflectance_[i] *= albedo_;
     }
     at_ = at;
     send_shadow_ray([&](Vec3f to_light) {
@@ -149,7 +149,7 @@ class Walk {
         Basis<float>(direction_).to_world(sine * std::cos(phi), sine * std::sin(phi), cosine));
     pdf_ = hg_phase(cosine, g_);
     score_g_ += hg_score(cosine, g_);
-    competes_ = true;
+    use_mis_ = true;
     crossings_ = 0;
   }
 
@@ -158,10 +158,10 @@ class Walk {
     const float reflectance = scene_.surfaces[at.on.surface].reflectance;
     for (const size_t i : reflectances_) {
       const bool own = request_.derivatives[i].index == at.on.surface;
-      weight_by_reflectance_[i] = weight_by_reflectance_[i] * reflectance + (own ? weight_ : 0);
+      dweight_dreflectance_[i] = dweight_dreflectance_[i] * reflectance + (own ? weight_ : 0);
     }
     weight_ *= reflectance;
-    weight_derivative_ *= reflectance;
+    dweight_dalbedo_ *= reflectance;
     const Vec3f normal = geometry_.facing_normal(at.on, direction_);
     at_ = at;
     send_shadow_ray([&](Vec3f to_light) {
@@ -175,7 +175,7 @@ class Walk {
     direction_ = itn::normalize(
         Basis<float>(normal).to_world(sine * std::cos(phi), sine * std::sin(phi), cosine));
     pdf_ = cosine / kFloatPi;
-    competes_ = true;
+    use_mis_ = true;
     crossings_ = 0;
   }
 
@@ -191,15 +191,15 @@ class Walk {
     at_.inside ^= sample.event == BoundarySample::Event::kTransmitted;
     direction_ = sample.direction;
     multiply_weight(sample.event == BoundarySample::Event::kAbsorbed ? 0 : sample.weight);
-    competes_ = false;
+    use_mis_ = false;
   }
 
   // By a factor that no derivative is asked for in.
   void multiply_weight(float factor) {
     weight_ *= factor;
-    weight_derivative_ *= factor;
+    dweight_dalbedo_ *= factor;
     for (const size_t i : reflectances_) {
-      weight_by_reflectance_[i] *= factor;
+      dweight_dreflectance_[i] *= factor;
     }
   }
 
@@ -217,7 +217,7 @@ class Walk {
       return;
     }
     const Uniforms u = sampler_.at(vertex_, Sampler::kShadowRay);
-    const LightSample light = scene_.lights.sample(fine(u[0], u[1]), u[2], u[3]);
+    const LightSample light = scene_.lights.sample(uniform_48(u[0], u[1]), u[2], u[3]);
     const Response response = respond_to(light.direction);
     if (!(light.weight * response.value > 0)) {
       return;
@@ -233,11 +233,11 @@ class Walk {
     if (ray.end != RayResult::End::kEscaped) {
       return;
     }
-    const float dimming = ray.transmittance * std::exp(-sigma_t_ * ray.in_medium);
+    const float dimming = ray.transmittance * std::exp(-sigma_t_ * ray.medium_length);
     const auto arriving = [&](float weight) {
       return weight * response.value * mis_weight * dimming;
     };
-    add(arriving(light.weight), score_sigma_t_ - ray.in_medium, score_g_ + response.score_g,
+    add(arriving(light.weight), score_sigma_t_ - ray.medium_length, score_g_ + response.score_g,
         [&](size_t number) { return arriving(scene_.lights.weight(light, number)); });
   }
 
@@ -250,10 +250,10 @@ class Walk {
       double& derivative = result_.derivatives[i];
       switch (request_.derivatives[i].kind) {
         case Parameter::kSigmaT: derivative += contribution * double{score_sigma_t}; break;
-        case Parameter::kAlbedo: derivative += double{weight_derivative_} * double{light}; break;
+        case Parameter::kAlbedo: derivative += double{dweight_dalbedo_} * double{light}; break;
         case Parameter::kG: derivative += contribution * double{score_g}; break;
         case Parameter::kReflectance:
-          derivative += double{weight_by_reflectance_[i]} * double{light};
+          derivative += double{dweight_dreflectance_[i]} * double{light};
           break;
         case Parameter::kLightScale:
           derivative += double{weight_} * double{part_of(request_.derivatives[i].index)};
@@ -265,22 +265,22 @@ class Walk {
   // Russian roulette: a path of low weight ends, or goes on with the weight of those that ended.
   // Where reflectances are differentiated, a path is worth the derivative of its weight too: behind
   // a black surface that is all there is.
-  bool survive(float u) {
-    float worth = weight_;
+  bool russian_roulette(float u) {
+    float importance = weight_;
     for (const size_t i : reflectances_) {
-      worth = std::max(worth, weight_by_reflectance_[i]);
+      importance = std::max(importance, dweight_dreflectance_[i]);
     }
-    if (vertex_ < UsualRoulette::kFirstVertex) {
-      return worth > 0 || weight_derivative_ > 0;
+    if (vertex_ < ThroughputRoulette::kFirstVertex) {
+      return importance > 0 || dweight_dalbedo_ > 0;
     }
-    const float probability = std::min(UsualRoulette::kMostSurvival, worth);
+    const float probability = std::min(ThroughputRoulette::kMaxSurvival, importance);
     if (u >= probability) {
       return false;
     }
     weight_ /= probability;
-    weight_derivative_ /= probability;
+    dweight_dalbedo_ /= probability;
     for (const size_t i : reflectances_) {
-      weight_by_reflectance_[i] /= probability;
+      dweight_dreflectance_[i] /= probability;
     }
     return true;
   }
@@ -298,14 +298,14 @@ class Walk {
   Vec3f direction_;
   // Whether shadow rays look for the light ahead too: not on the camera's ray, nor behind a
   // boundary that bends light.
-  bool competes_ = false;
+  bool use_mis_ = false;
   uint32_t crossings_ = 0;  // of a boundary that bends light, in a row
   float pdf_ = 0;           // per steradian, with which direction_ was drawn
   float weight_ = 1;
-  float weight_derivative_ = 0;  // d weight / d albedo
+  float dweight_dalbedo_ = 0;  // d weight / d albedo
   // d weight / d reflectance, for the derivatives asked for that are in reflectances.
   std::vector<size_t> reflectances_;
-  std::array<float, kMaxDerivatives> weight_by_reflectance_{};
+  std::array<float, kMaxDerivatives> dweight_dreflectance_{};
   float score_sigma_t_ = 0;  // d log f / d sigma_t, in mm
   float score_g_ = 0;        // d log f / d g
 };

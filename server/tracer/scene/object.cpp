@@ -41,11 +41,12 @@ Object::Object(Mesh closed, const std::stop_token& stop)
       extent(largest_coordinate(bounds)),
       length(longest_side(bounds)),
       grid(mesh, stop),
-      depths(mesh, stop) {}
+      depth_grid(mesh, stop) {}
 
 size_t Object::memory() const {
   return sizeof(*this) + mesh.vertices.size() * sizeof(Vec3f) +
-         mesh.triangles.size() * sizeof(std::array<uint32_t, 3>) + grid.memory() + depths.memory();
+         mesh.triangles.size() * sizeof(std::array<uint32_t, 3>) + grid.memory() +
+         depth_grid.memory();
 }
 
 std::shared_ptr<const Object> compile_object(Mesh mesh, const std::string& what,

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "common/geometry/mesh.h"
-#include "server/tracer/wavefront/depths.h"
+#include "server/tracer/wavefront/depth_grid.h"
 #include "server/tracer/wavefront/grid.h"
 
 namespace itn::tracer {
@@ -32,7 +32,7 @@ class Object {
   float extent;   // largest absolute coordinate
   double length;  // of the longest side of the bounds
   Grid grid;
-  Depths depths;
+  DepthGrid depth_grid;
 };
 
 // Checks the mesh and compiles it. `what` names it in messages. Throws Error (invalid input) unless

@@ -52,7 +52,7 @@ class Looker {
     rays_->position.set(count_, from.origin);
     rays_->direction.set(count_, from.direction);
     rays_->interaction[count_] = 0;
-    rays_->budget[count_] = 0;
+    rays_->max_medium_length[count_] = 0;
     pixel_of_ray_[count_++] = pixel;
     if (count_ == kSlots) {
       follow_all();

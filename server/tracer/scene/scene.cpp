@@ -69,7 +69,7 @@ size_t estimated_memory(const SceneDescription& description) {
   const size_t triangles = description.object.triangles.size();
   size_t sum = 0;
   if (!description.compiled_object) {
-    sum += Grid::most_memory(triangles) + Depths::most_memory() +
+    sum += Grid::most_memory(triangles) + DepthGrid::most_memory() +
            (kByTriangleInEmbree + kByTriangleInChecks) * triangles;
   }
   for (const DiffuseSurface& surface : description.surfaces) {

@@ -20,7 +20,7 @@ namespace {
 constexpr double kCellEdge = 1.6;
 // Cells along the longest side, at least: in a mesh of few large triangles most flights then stay
 // among empty cells.
-constexpr double kLeastCells = 24;
+constexpr double kMinCells = 24;
 
 // What a grid may cost: the same of every mesh by the number of its triangles, however thin, large
 // or often repeated they are. Scans take a fifth to a half of it; where a mesh would take more, its
@@ -104,7 +104,7 @@ Grid::Grid(const Mesh& mesh, const std::stop_token& stop) {
   Cancellation cancellation(stop);
   choose_cells(mesh, cancellation);
   fill(mesh, cancellation);
-  measure_reaches(stop);
+  measure_skips(stop);
   mark_inside(cancellation);
 }
 
@@ -125,7 +125,7 @@ void Grid::choose_cells(const Mesh& mesh, Cancellation& cancellation) {
   const double longest = std::max({extent.x, extent.y, extent.z});
   double cell =
       kCellEdge * std::sqrt(2 * area(mesh, cancellation) / static_cast<double>(triangles));
-  cell = std::min(cell, longest / kLeastCells);
+  cell = std::min(cell, longest / kMinCells);
   const ExpectedTouches expected(mesh, cancellation);
   cell = std::max(cell, expected.edge_for(static_cast<double>(most_references(triangles))));
   // A margin of a quarter cell all around, so that the outermost layer touches nothing by rounding.
@@ -277,13 +277,13 @@ void Grid::add_cell(const Mesh& mesh, size_t cell_index, std::span<const uint32_
 // neighbours ahead, as it is their union with the cell. Cells are visited against the octant's
 // direction, so that what is ahead is known: the layer before in z, and the row before in y. Rows
 // have a spare place in front, for what is outside the grid.
-void Grid::measure_reaches(const std::stop_token& stop) {
-  reaches.assign(cells.size() * 8 + 3, 1);  // spare bytes, as they are read four at a time
+void Grid::measure_skips(const std::stop_token& stop) {
+  skips.assign(cells.size() * 8 + 3, 1);  // spare bytes, as they are read four at a time
   const auto along = [&](int octant, int axis, int i) {
     return octant >> axis & 1 ? i : size[axis] - 1 - i;
   };
   const auto measure = [&](int octant) {
-    constexpr uint8_t kOutside = kMaxReach - 1;
+    constexpr uint8_t kOutside = kMaxSkip - 1;
     const size_t row = static_cast<size_t>(size[0]) + 1;
     std::vector<uint8_t> ahead((size[1] + 1) * row, kOutside), layer = ahead, least(row);
     for (int k = 0; k < size[2]; ++k) {
@@ -305,9 +305,9 @@ void Grid::measure_reaches(const std::stop_token& stop) {
           if (cells[cell] & kOccupied) {
             here[i] = 0;
           } else {
-            const int reach = std::min({least[i], least[i - 1], here[i - 1]}) + 1;
-            reaches[cell * 8 + octant] = static_cast<uint8_t>(reach);
-            here[i] = static_cast<uint8_t>(std::min<int>(reach, kOutside));
+            const int skip = std::min({least[i], least[i - 1], here[i - 1]}) + 1;
+            skips[cell * 8 + octant] = static_cast<uint8_t>(skip);
+            here[i] = static_cast<uint8_t>(std::min<int>(skip, kOutside));
           }
         }
       }
@@ -408,7 +408,7 @@ void Grid::mark_inside(Cancellation& cancellation) {
 }
 
 size_t Grid::memory() const {
-  return cells.size() * sizeof(uint32_t) + reaches.size() + occupied.size() * sizeof(OccupiedCell) +
+  return cells.size() * sizeof(uint32_t) + skips.size() + occupied.size() * sizeof(OccupiedCell) +
          blocks.size() * (sizeof(TriangleBlock) + sizeof(numbers.front()));
 }
 

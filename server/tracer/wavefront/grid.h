@@ -61,11 +61,11 @@ class Grid {
   float slab_scale = 1;              // above all a . (x - middle) of a cell
   std::vector<uint32_t> cells;       // x fastest
   // For every cell and octant of directions, the edge in cells of the largest empty cube that has
-  // the cell in its corner and reaches ahead, at most kMaxReach; what lies outside the grid is
+  // the cell in its corner and reaches ahead, at most kMaxSkip; what lies outside the grid is
   // empty. Eight bytes a cell, by octant: bit 0 set if x falls, 1 if y, 2 if z. 1 for occupied
   // cells. A line that leaves the object is out of the grid in a step or two.
-  std::vector<uint8_t> reaches;
-  static constexpr int kMaxReach = 255;
+  std::vector<uint8_t> skips;
+  static constexpr int kMaxSkip = 255;
   std::vector<OccupiedCell> occupied;
   std::vector<TriangleBlock> blocks;
   // The numbers that the triangles of a block have in the mesh.
@@ -81,7 +81,7 @@ class Grid {
   void fill(const Mesh& mesh, Cancellation& cancellation);
   void add_cell(const Mesh& mesh, size_t cell_index, std::span<const uint32_t> triangles,
                 Cancellation& cancellation);
-  void measure_reaches(const std::stop_token& stop);
+  void measure_skips(const std::stop_token& stop);
   bool lies_inside(int x, int y, int z, Cancellation& cancellation) const;
   void mark_inside(Cancellation& cancellation);
 };

@@ -99,7 +99,7 @@ struct SinCos {
 
 // sin and cos of 2 pi u for u in [0, 1], to 1e-7 absolute. The turn is cut into quarters around
 // multiples of pi/2; what is left, |r| <= pi/4, goes into the two series.
-HWY_INLINE SinCos sin_cos_of_turn(Floats u) {
+HWY_INLINE SinCos sin_cos_2pi(Floats u) {
   const IntTag di;
   const FloatTag d;
   const Floats quarter = hn::Round(hn::Mul(u, set(4.0F)));
@@ -126,7 +126,7 @@ HWY_INLINE SinCos sin_cos_of_turn(Floats u) {
 
 // atan2(y, x) / 2 pi, wrapped to [0, 1), to 1e-7; 0 where both are 0. The quotient t of the smaller
 // and the larger is brought below tan(pi/8) by atan t = pi/4 + atan((t - 1) / (t + 1)).
-HWY_INLINE Floats turn_of(Floats y, Floats x) {
+HWY_INLINE Floats atan2_turns(Floats y, Floats x) {
   const Floats ax = hn::Abs(x), ay = hn::Abs(y), zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Floats t = hn::Div(hn::Min(ax, ay), hn::Max(hn::Max(ax, ay), set(1e-30F)));
   const Mask far = hn::Gt(t, set(0.41421356F));
@@ -178,7 +178,7 @@ HWY_INLINE Vectors if_then_else(Mask mask, Vectors a, Vectors b) {
 }
 
 // (x, y, z) in the orthonormal basis whose third vector is n (see Basis in common/vec.h).
-HWY_INLINE Vectors around(Vectors n, Floats x, Floats y, Floats z) {
+HWY_INLINE Vectors frame_to_world(Vectors n, Floats x, Floats y, Floats z) {
   const Floats sign = hn::CopySign(set(1.0F), n.z);
   const Floats a = hn::Div(set(-1.0F), hn::Add(sign, n.z));
   const Floats b = hn::Mul(hn::Mul(n.x, n.y), a);

@@ -14,14 +14,14 @@ struct Obstacles {
   // In the coordinates of the object's mesh.
   Obstacles(std::shared_ptr<const Object> object, const std::vector<DiffuseSurface>& diffuse)
       : grid(object->grid),
-        depths(object->depths),
+        depth_grid(object->depth_grid),
         bounds(object->bounds),
         extent(object->extent),
         surfaces(diffuse),
         kept_(std::move(object)) {}
 
   const Grid& grid;
-  const Depths& depths;
+  const DepthGrid& depth_grid;
   const Bounds& bounds;  // of the object
   const float extent;    // largest absolute coordinate of the object
   const Surfaces surfaces;

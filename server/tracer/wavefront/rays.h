@@ -12,13 +12,13 @@ struct Rays {
   // In: what the position is at, see below; out: the end.
   UintColumn interaction{};
   // In: the length in the medium to travel at most, in mm.
-  FloatColumn budget{};
+  FloatColumn max_medium_length{};
   // Out: the length travelled inside the medium, in mm; and how the line ended, an End, with
   // kEntered set if it entered the medium, or started in it.
-  FloatColumn in_medium{};
+  FloatColumn medium_length{};
   UintColumn outcome{};
 
-  enum End : uint32_t { kSpent, kSurface, kEscaped, kLeaked, kCrossing };
+  enum End : uint32_t { kInMedium, kSurface, kEscaped, kLeaked, kCrossing };
   static constexpr int kEnteredBit = 3;
   static constexpr uint32_t kEndMask = 7, kEntered = 1 << kEnteredBit;
 

@@ -38,7 +38,7 @@ void follow_rays(const Obstacles& obstacles, Rays& rays, size_t count) {
 
 void evaluate_all(const Lights& lights, LightProbe& probe, size_t count) {
   for (size_t i = 0; i < count; i += lanes()) {
-    const Arrival light = arrival(lights, load(probe.direction, i));
+    const Emission light = emission(lights, load(probe.direction, i));
     store(light.radiance, probe.radiance, i);
     store(light.pdf, probe.pdf, i);
   }
@@ -49,17 +49,17 @@ void draw_all(const Lights& lights, uint64_t seed, LightProbe& probe, size_t cou
     const Uints number = hn::Iota(UintTag(), static_cast<uint32_t>(i)), zero = hn::Zero(UintTag());
     const Words words = philox(zero, zero, number, zero, seed);
     const Words more = philox(zero, set(uint32_t{1}), number, zero, seed);
-    const LightDraw light = sample(lights, words, more);
+    const LightSamples light = sample(lights, words, more);
     store(light.direction, probe.direction, i);
     store(light.radiance, probe.radiance, i);
     store(light.pdf, probe.pdf, i);
   }
 }
 
-void look_up_all(const Depths& depths, const VectorColumn& points, FloatColumn& thirds,
+void look_up_all(const DepthGrid& depth_grid, const VectorColumn& points, FloatColumn& quantized,
                  size_t count) {
   for (size_t i = 0; i < count; i += lanes()) {
-    store(depth_in_thirds(depths, load(points, i)), thirds, i);
+    store(quantized_depth(depth_grid, load(points, i)), quantized, i);
   }
 }
 
@@ -89,13 +89,13 @@ void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count) {
   HWY_DYNAMIC_DISPATCH(evaluate_all)(lights, probe, count);
 }
 
-void draw_lights(const Lights& lights, uint64_t seed, LightProbe& probe, size_t count) {
+void sample_lights(const Lights& lights, uint64_t seed, LightProbe& probe, size_t count) {
   HWY_DYNAMIC_DISPATCH(draw_all)(lights, seed, probe, count);
 }
 
-void look_up_depths(const Depths& depths, const VectorColumn& points, FloatColumn& thirds,
-                    size_t count) {
-  HWY_DYNAMIC_DISPATCH(look_up_all)(depths, points, thirds, count);
+void look_up_quantized_depth(const DepthGrid& depth_grid, const VectorColumn& points,
+                             FloatColumn& quantized, size_t count) {
+  HWY_DYNAMIC_DISPATCH(look_up_all)(depth_grid, points, quantized, count);
 }
 
 }  // namespace itn::tracer

@@ -28,12 +28,12 @@ struct LightProbe {
 };
 // Radiance and pdf of `probe.direction`.
 void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count);
-// Draws `count` directions (see LightDraw in lights-inl.h) with the random numbers of samples 0 ..
-// count-1 of pixel 0.
-void draw_lights(const Lights& lights, uint64_t seed, LightProbe& probe, size_t count);
+// Draws `count` directions (see LightSamples in lights-inl.h) with the random numbers of samples 0
+// .. count-1 of pixel 0.
+void sample_lights(const Lights& lights, uint64_t seed, LightProbe& probe, size_t count);
 
-// Looks up Depths::thirds at `count` points, for tests.
-void look_up_depths(const Depths& depths, const VectorColumn& points, FloatColumn& thirds,
-                    size_t count);
+// Looks up DepthGrid::quantized at `count` points, for tests.
+void look_up_quantized_depth(const DepthGrid& depth_grid, const VectorColumn& points,
+                             FloatColumn& quantized, size_t count);
 
 }  // namespace itn::tracer

@@ -66,7 +66,7 @@ class ReportTest : public SmallStudy {
                 .title = "Errors & more",
                 .caption = "A caption.",
                 .columns = {{"sigma_t", "1/mm", 1}, {"spread", "", 1, false}},
-                .rows = {{.name = "constant", .is_yardstick = true, .cells = cells(1, 1)},
+                .rows = {{.name = "constant", .is_baseline = true, .cells = cells(1, 1)},
                          {.name = "RN+naive", .cells = cells(5, 5)},
                          {.name = "ITN+naive", .cells = cells(3, 3)},
                          {.name = "theirs", .is_published = true, .cells = cells(2, 2)}}}};

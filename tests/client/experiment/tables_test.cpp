@@ -40,7 +40,7 @@ Candidate network(const std::string& name, double factor = 1) {
 Candidate constant() {
   Candidate candidate;
   candidate.name = "constant predictor";
-  candidate.kind = Candidate::Kind::kYardstick;
+  candidate.kind = Candidate::Kind::kBaseline;
   candidate.as_trained = {3, {120, 0.7, 0.4}};
   candidate.other_noise = {2, {120, 0.7, 0.4}};
   return candidate;

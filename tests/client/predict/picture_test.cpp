@@ -59,7 +59,7 @@ std::vector<float> render_of(const PredictInput& input, float factor) {
 const std::vector<float> kColour{0.5F, 2, 1};  // white is 2
 
 TEST(PredictPicture, ShowsThePhotographWithWhiteAsOnTheObject) {
-  const PanelRow row = seen_panels(photograph(kColour));
+  const PanelRow row = network_view_panels(photograph(kColour));
   ASSERT_EQ(row.size(), 3);
   for (const Panel& panel : row) {
     EXPECT_EQ(panel.side, kSide);
@@ -67,11 +67,12 @@ TEST(PredictPicture, ShowsThePhotographWithWhiteAsOnTheObject) {
   }
   EXPECT_EQ(row[0].pixels[at(3, 3)], (Rgb{to_srgb_byte(0.25F), 255, to_srgb_byte(0.5F)}));
   EXPECT_EQ(row[0].pixels[at(0, 0)], kWhite);
-  EXPECT_EQ(seen_panels(photograph({7}))[0].pixels[at(3, 3)], kWhite) << "of one channel: gray";
+  EXPECT_EQ(network_view_panels(photograph({7}))[0].pixels[at(3, 3)], kWhite)
+      << "of one channel: gray";
 }
 
 TEST(PredictPicture, DrawsTheOutlineOfTheMaskAndDimsWhatIsOutside) {
-  const PanelRow row = seen_panels(photograph(kColour));
+  const PanelRow row = network_view_panels(photograph(kColour));
   EXPECT_EQ(std::ranges::count(row[1].pixels, kOrange), 12) << "the border of a square of 4 x 4";
   EXPECT_EQ(row[1].pixels[at(2, 5)], kOrange);
   EXPECT_EQ(row[1].pixels[at(3, 4)], row[0].pixels[at(3, 4)]);
@@ -83,11 +84,11 @@ TEST(PredictPicture, DrawsTheOutlineOfTheMaskAndDimsWhatIsOutside) {
 TEST(PredictPicture, OutlinesAnObjectThatFillsTheFrameAtItsEdges) {
   PredictInput input = photograph(kColour);
   std::ranges::fill(input.photograph.mask, 1.0F);
-  EXPECT_EQ(std::ranges::count(seen_panels(input)[1].pixels, kOrange), 4 * (kSide - 1));
+  EXPECT_EQ(std::ranges::count(network_view_panels(input)[1].pixels, kOrange), 4 * (kSide - 1));
 }
 
 TEST(PredictPicture, ShowsTheWeightMapBrightestAtEdges) {
-  const Panel weights = seen_panels(photograph(kColour))[2];
+  const Panel weights = network_view_panels(photograph(kColour))[2];
   const auto brightness = [&](int x, int y) {
     const Rgb pixel = weights.pixels[at(x, y)];
     return pixel[0] + pixel[1] + pixel[2];
@@ -101,7 +102,7 @@ TEST(PredictPicture, ShowsARerenderingAndItsDifference) {
   const PredictInput input = photograph(kColour);
   const PanelRow same = rerendered_panels(input, render_of(input, 1));
   ASSERT_EQ(same.size(), 2);
-  EXPECT_EQ(same[0].pixels[at(3, 3)], seen_panels(input)[0].pixels[at(3, 3)]);
+  EXPECT_EQ(same[0].pixels[at(3, 3)], network_view_panels(input)[0].pixels[at(3, 3)]);
   EXPECT_EQ(same[0].pixels[at(0, 0)], kBlack);
   EXPECT_THAT(same[1].pixels, Each(kWhite)) << "what is outside of the mask is not compared";
   EXPECT_EQ(rerendered_panels(input, render_of(input, 3))[1].pixels[at(3, 3)], kRed);
@@ -130,7 +131,7 @@ TEST(Panels, AreEnlargedByAWholeNumberAndStandBesideOneAnother) {
   EXPECT_EQ(enlargement(256), 1);
   const TemporaryFolder folder;
   const Panel dark{.side = 100, .pixels = std::vector<Rgb>(10'000, kBlack)};
-  PanelRow row = seen_panels(photograph(kColour));
+  PanelRow row = network_view_panels(photograph(kColour));
   write_panels(folder.path("panels.png"), std::vector<PanelRow>{row, {dark, dark}});
   std::ifstream file(folder.path("panels.png"), std::ios::binary);
   const DecodedPng png = decoded_png(

@@ -170,7 +170,7 @@ TEST(Report, SaysFirstWhatLimitsTheAnswer) {
     size.set_kind(v1::Warning::SIZE_UNKNOWN);
     size.set_text("size unknown: a");
   }
-  v1::Caveats& second = *answer.mutable_channels(1)->mutable_caveats();
+  v1::AnswerWarnings& second = *answer.mutable_channels(1)->mutable_caveats();
   v1::Warning& black = *second.add_warnings();
   black.set_kind(v1::Warning::BLACK);
   black.set_text("it is dark");

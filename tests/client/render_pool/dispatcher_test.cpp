@@ -68,10 +68,10 @@ class DispatcherTest : public ::testing::Test {
     return *dispatcher;
   }
   void come_up(size_t worker, const v1::Capabilities& capabilities = {}) {
-    dispatcher->probed(worker, grpc::Status::OK, capabilities, now);
+    dispatcher->on_probe(worker, grpc::Status::OK, capabilities, now);
   }
   void go_down(size_t worker) {
-    dispatcher->probed(worker, {StatusCode::UNAVAILABLE, "not there"}, {}, now);
+    dispatcher->on_probe(worker, {StatusCode::UNAVAILABLE, "not there"}, {}, now);
   }
   Future submit(uint64_t seed = 1) { return dispatcher->submit(render(seed), now); }
   Attempt next(size_t worker) { return dispatcher->next(worker, now).attempt; }
@@ -208,8 +208,8 @@ TEST_F(DispatcherTest, FailsEverythingWhenAllWorkersAreSetAside) {
   faulty.outcome = Outcome::kFaulty;
   finish(next(0), faulty);
   expect_error(ErrorKind::kInternal, {"worker a: the loss is nan"}, [&] { future.get(); });
-  Future late = submit(3);
-  for (Future* other : {&waiting, &late}) {
+  Future stragglers = submit(3);
+  for (Future* other : {&waiting, &stragglers}) {
     expect_error(ErrorKind::kUnavailable, {"no render worker is left (worker a: the loss is nan)"},
                  [&] { other->get(); });
   }
@@ -386,13 +386,13 @@ TEST_F(DispatcherTest, GivesALateRenderToAnIdleWorker) {
   Future future = submit();
   const Attempt held = next(0);
   EXPECT_EQ(next(1), nullptr);
-  Dispatcher::Late late = dispatcher->late(now);
-  EXPECT_EQ(late.count, 0U);
-  EXPECT_EQ(late.next - now, 4s);
-  now = late.next;
-  EXPECT_EQ(dispatcher->late(now).count, 1U);
+  Dispatcher::Stragglers stragglers = dispatcher->stragglers(now);
+  EXPECT_EQ(stragglers.count, 0U);
+  EXPECT_EQ(stragglers.next - now, 4s);
+  now = stragglers.next;
+  EXPECT_EQ(dispatcher->stragglers(now).count, 1U);
   const Attempt second = next(1);
-  EXPECT_EQ(dispatcher->late(now).count, 0U);
+  EXPECT_EQ(dispatcher->stragglers(now).count, 0U);
   ASSERT_TRUE(second);
   EXPECT_EQ(next(1), nullptr);  // two attempts are enough
   EXPECT_FALSE(held->stop.stop_requested());
@@ -400,7 +400,7 @@ TEST_F(DispatcherTest, GivesALateRenderToAnIdleWorker) {
   EXPECT_EQ(future.get().loss(), 2);
   EXPECT_TRUE(held->stop.stop_requested());
   EXPECT_TRUE(finish(held, failure(StatusCode::CANCELLED)));  // rests
-  EXPECT_EQ(dispatcher->statistics().second_attempts, 1U);
+  EXPECT_EQ(dispatcher->statistics().hedges, 1U);
   EXPECT_EQ(dispatcher->statistics().retries, 0U);
 }
 

@@ -143,7 +143,7 @@ TEST(FailingWorkers, DoNotHoldUpWhatAnIdleOneCanDo) {
   for (int step = 0; step < 3; ++step) expect_answers(submit(pool, 8));
   ASSERT_TRUE(eventually([&] {
     expect_answers(submit(pool, 8));
-    return pool.statistics().second_attempts > 0;
+    return pool.statistics().hedges > 0;
   }));
   EXPECT_TRUE(eventually([&] { return cancelled > 0; }));  // nobody waits for it any more
   EXPECT_EQ(pool.statistics().retries, 0U);

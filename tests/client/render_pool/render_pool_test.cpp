@@ -248,7 +248,7 @@ TEST(RenderPool, SurvivesAWorkerThatHangs) {
   RenderPool embedded(pool_of({}));
   const auto all = jobs(6);
   EXPECT_EQ(render_all(pool, all), render_all(embedded, all));
-  EXPECT_GT(pool.statistics().retries + pool.statistics().second_attempts, 0U);
+  EXPECT_GT(pool.statistics().retries + pool.statistics().hedges, 0U);
   hanging.send(SIGCONT);
 }
 

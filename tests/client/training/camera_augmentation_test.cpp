@@ -66,20 +66,20 @@ double at(const torch::Tensor& images, int64_t i, int64_t y, int64_t x) {
 TEST(CameraAugmentationTest, WithoutAnyDefectImagesStayAsTheyAre) {
   const ImageBatch batch = images();
   v1::CameraAugmentation camera;
-  EXPECT_FALSE(does_anything(camera));
-  EXPECT_TRUE(photographed(batch, camera, 1).luminance.equal(batch.luminance));
-  camera = usual_camera();
-  EXPECT_TRUE(does_anything(camera));
+  EXPECT_FALSE(changes_images(camera));
+  EXPECT_TRUE(with_camera_effects(batch, camera, 1).luminance.equal(batch.luminance));
+  camera = default_camera_augmentation();
+  EXPECT_TRUE(changes_images(camera));
   camera.set_share(0);
-  EXPECT_FALSE(does_anything(camera));
-  EXPECT_TRUE(photographed(batch, camera, 1).luminance.equal(batch.luminance));
+  EXPECT_FALSE(changes_images(camera));
+  EXPECT_TRUE(with_camera_effects(batch, camera, 1).luminance.equal(batch.luminance));
 }
 
 TEST(CameraAugmentationTest, IsAFunctionOfTheSeed) {
   const ImageBatch batch = images();
-  const ImageBatch a = photographed(batch, usual_camera(), 1),
-                   b = photographed(batch, usual_camera(), 1),
-                   c = photographed(batch, usual_camera(), 2);
+  const ImageBatch a = with_camera_effects(batch, default_camera_augmentation(), 1),
+                   b = with_camera_effects(batch, default_camera_augmentation(), 1),
+                   c = with_camera_effects(batch, default_camera_augmentation(), 2);
   EXPECT_TRUE(a.luminance.equal(b.luminance));
   EXPECT_TRUE(a.mask.equal(b.mask));
   EXPECT_TRUE(a.noise.equal(b.noise));
@@ -89,10 +89,10 @@ TEST(CameraAugmentationTest, IsAFunctionOfTheSeed) {
 }
 
 TEST(CameraAugmentationTest, OnlyTheShareIsChanged) {
-  v1::CameraAugmentation camera = usual_camera();
+  v1::CameraAugmentation camera = default_camera_augmentation();
   camera.set_share(0.3);
   const ImageBatch batch = images();
-  const ImageBatch result = photographed(batch, camera, 3);
+  const ImageBatch result = with_camera_effects(batch, camera, 3);
   int changed = 0;
   for (int64_t i = 0; i < kImages; ++i) {
     if (result.luminance[i].equal(batch.luminance[i])) {
@@ -109,7 +109,7 @@ TEST(CameraAugmentationTest, ContrastIsAPowerThatLeavesTheMeanWhereItWas) {
   v1::CameraAugmentation camera;
   camera.set_contrast(0.2);
   const ImageBatch batch = images();
-  const ImageBatch result = photographed(batch, camera, 4);
+  const ImageBatch result = with_camera_effects(batch, camera, 4);
   std::vector<double> logarithms;
   for (int64_t i = 0; i < kImages; ++i) {
     const double c =
@@ -128,7 +128,7 @@ TEST(CameraAugmentationTest, AShoulderCompressesHighlights) {
   v1::CameraAugmentation camera;
   camera.set_shoulder(2);
   const ImageBatch batch = images();
-  const ImageBatch result = photographed(batch, camera, 5);
+  const ImageBatch result = with_camera_effects(batch, camera, 5);
   std::vector<double> strengths;
   for (int64_t i = 0; i < kImages; ++i) {
     // With Y = y (1 + s) / (1 + s y) for y = a and y = b, s follows from the ratio of both.
@@ -146,7 +146,7 @@ TEST(CameraAugmentationTest, VignettingDarkensTowardsTheCorners) {
   v1::CameraAugmentation camera;
   camera.set_vignetting(0.5);
   const ImageBatch batch = uniform_images();
-  const ImageBatch result = photographed(batch, camera, 6);
+  const ImageBatch result = with_camera_effects(batch, camera, 6);
   const double r2 = std::pow(7.5 / 16, 2);  // of the object's corners, pixels off the middle
   std::vector<double> strengths;
   for (int64_t i = 0; i < kImages; ++i) {
@@ -170,7 +170,7 @@ TEST(CameraAugmentationTest, BlurIsAGaussian) {
   batch.luminance.fill_(0);
   batch.luminance.select(1, 16).select(1, 16).fill_(1);
   batch.noise.fill_(0.1);
-  const ImageBatch result = photographed(batch, camera, 7);
+  const ImageBatch result = with_camera_effects(batch, camera, 7);
   const torch::Tensor distance = torch::arange(kSize, torch::kFloat32) - 16;
   std::vector<double> deviations;
   for (int64_t i = 0; i < kImages; ++i) {
@@ -199,8 +199,8 @@ TEST(CameraAugmentationTest, BlurTakesNoiseAway) {
   ImageBatch noisy = uniform_images();
   torch::manual_seed(1);
   noisy.luminance = noisy.luminance * (1 + 0.1 * torch::randn({kImages, kSize, kSize}));
-  const ImageBatch quiet = photographed(uniform_images(), camera, 8),
-                   result = photographed(noisy, camera, 8);
+  const ImageBatch quiet = with_camera_effects(uniform_images(), camera, 8),
+                   result = with_camera_effects(noisy, camera, 8);
   // In the middle, where no border matters: what is said, over what is.
   const auto middle = [](const torch::Tensor& t) { return t.narrow(1, 12, 8).narrow(2, 12, 8); };
   const torch::Tensor said = middle(quiet.noise).square().mean({1, 2});
@@ -218,7 +218,7 @@ TEST(CameraAugmentationTest, EverySecondImageLosesItsHighlights) {
   torch::manual_seed(2);
   ImageBatch batch = images();
   batch.luminance = torch::rand({kImages, kSize, kSize}) * batch.mask;  // no two are the same
-  const ImageBatch result = photographed(batch, camera, 9);
+  const ImageBatch result = with_camera_effects(batch, camera, 9);
   std::vector<double> parts;
   int untouched = 0;
   for (int64_t i = 0; i < kImages; ++i) {
@@ -243,7 +243,7 @@ TEST(CameraAugmentationTest, AMaskThatIsOffHasBackgroundInIt) {
   v1::CameraAugmentation camera;
   camera.set_mask(2);
   const ImageBatch batch = uniform_images();
-  const ImageBatch result = photographed(batch, camera, 10);
+  const ImageBatch result = with_camera_effects(batch, camera, 10);
   std::vector<double> areas, x, backgrounds;
   const torch::Tensor columns = torch::arange(kSize, torch::kFloat32);
   for (int64_t i = 0; i < kImages; ++i) {
@@ -281,7 +281,7 @@ TEST(CameraAugmentationTest, TheBorderIsAsBrightAsTheObjectNearby) {
   ImageBatch batch = uniform_images();
   inside(batch.mask).select(1, 0).fill_(0.5);
   inside(batch.luminance).select(1, 0).fill_(50);
-  const ImageBatch result = photographed(batch, camera, 14);
+  const ImageBatch result = with_camera_effects(batch, camera, 14);
   EXPECT_TRUE(result.mask.equal(batch.mask));
   const torch::Tensor border = inside(result.luminance).select(1, 0);
   EXPECT_NEAR(border.min().item<double>(), 2, 1e-4);
@@ -296,7 +296,7 @@ TEST(CameraAugmentationTest, BlurMixesObjectAndBackground) {
   v1::CameraAugmentation camera;
   camera.set_blur(1.5);
   const ImageBatch batch = uniform_images();
-  const ImageBatch result = photographed(batch, camera, 11);
+  const ImageBatch result = with_camera_effects(batch, camera, 11);
   EXPECT_TRUE(result.mask.equal(batch.mask));
   int brighter = 0, darker = 0;
   for (int64_t i = 0; i < kImages; ++i) {
@@ -317,7 +317,7 @@ TEST(CameraAugmentationTest, LeavesNoNumberThatIsNone) {
   ImageBatch nothing = images();
   nothing.mask.fill_(0);
   for (const ImageBatch& batch : {black, noise, nothing}) {
-    const ImageBatch result = photographed(batch, usual_camera(), 12);
+    const ImageBatch result = with_camera_effects(batch, default_camera_augmentation(), 12);
     for (const torch::Tensor& plane : {result.luminance, result.mask}) {
       EXPECT_TRUE(torch::isfinite(plane).all().item<bool>());
       EXPECT_GE(plane.min().item<double>(), 0);
@@ -329,7 +329,7 @@ TEST(CameraAugmentationTest, LeavesNoNumberThatIsNone) {
 // Before noise is added, which fills up to the level what the camera has left of a render's.
 TEST(CameraAugmentationTest, ComesBeforeNoise) {
   v1::Augmentation augmentation;
-  *augmentation.mutable_camera() = usual_camera();
+  *augmentation.mutable_camera() = default_camera_augmentation();
   augmentation.mutable_noise()->set_min(0.3);
   augmentation.mutable_noise()->set_max(0.3);
   const ImageBatch result = augmented(images(), augmentation, 13);
@@ -338,7 +338,7 @@ TEST(CameraAugmentationTest, ComesBeforeNoise) {
 }
 
 TEST(CameraAugmentationTest, SaysWhatIsOutOfRange) {
-  EXPECT_NO_THROW(validate(usual_camera()));
+  EXPECT_NO_THROW(validate(default_camera_augmentation()));
   const auto expect = [](const std::string& message, void (*change)(v1::CameraAugmentation&)) {
     v1::Augmentation augmentation;
     change(*augmentation.mutable_camera());

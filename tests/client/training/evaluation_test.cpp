@@ -102,7 +102,7 @@ TEST(Evaluation, NoConstantBeatsTheMeanOfTheTruth) {
 }
 
 TEST(Evaluation, RelativeErrorsAreThoseOverTheConstantPredictors) {
-  const Triple half = relative_errors(
+  const MaterialCoordinates half = relative_errors(
       std::vector<Material>{{150, 0.5, 0.15}, {200, 0.6, 0.3}, {250, 0.7, 0.45}}, three());
   for (const double ratio : half) {
     EXPECT_DOUBLE_EQ(ratio, 0.5);

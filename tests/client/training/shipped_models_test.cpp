@@ -16,11 +16,11 @@
 #include "client/dataset/shape_set.h"
 #include "client/training/augmentation.h"
 #include "client/training/evaluation.h"
-#include "client/training/familiarity_fit.h"
+#include "client/training/outlier_fit.h"
 #include "client/training/packed_inputs.h"
 #include "client/training/training_set.h"
 #include "common/learning/checkpoint.h"
-#include "common/learning/familiarity.h"
+#include "common/learning/outlier_detector.h"
 #include "common/learning/predictor.h"
 #include "tests/support/paths.h"
 #include "tests/support/temporary_folder.h"
@@ -45,7 +45,7 @@ TEST(ShippedModels, AreSmallAndNamedAndHaveCards) {
     const v1::Model model = read_checkpoint(file).model();
     EXPECT_EQ(model.name(), file.stem());
     EXPECT_FALSE(model.version().empty()) << file;
-    EXPECT_TRUE(model.has_familiarity()) << file;
+    EXPECT_TRUE(model.has_outlier_model()) << file;
     EXPECT_EQ(model.output(), v1::GAUSSIAN) << file;
     fs::path card = file;
     EXPECT_TRUE(fs::exists(card.replace_extension(".md"))) << card;

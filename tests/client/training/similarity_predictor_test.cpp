@@ -59,7 +59,7 @@ TEST(SimilarityPredictor, IsTheMeanOfAllMaterialsThatShareTheReducedParameters) 
     std::vector<double> larger;  // errors of answers that are 1 % larger
     for (size_t i = 0; i < predictions.size(); ++i) {
       const double error = as_array(predictions[i])[k] - as_array(images.truth[i])[k];
-      const Triple reduced = to_coordinates(v1::SIMILARITY, images.truth[i]);
+      const MaterialCoordinates reduced = to_coordinates(v1::SIMILARITY, images.truth[i]);
       products[0].push_back(error);
       products[1].push_back(error * reduced[0]);
       products[2].push_back(error * reduced[1]);

@@ -30,7 +30,7 @@ inline double radiance(const Material& m, size_t p) {
   const double v = static_cast<double>(p / kSize) / kSize;
   return 0.2 + 2 * m.albedo * u + 3 * m.g * v * v + m.sigma_t / 100 * u * v;
 }
-inline Triple derivatives(size_t p) {
+inline MaterialCoordinates derivatives(size_t p) {
   const double u = static_cast<double>(p % kSize) / kSize;
   const double v = static_cast<double>(p / kSize) / kSize;
   return {u * v / 100, 2 * u, 3 * v * v};
@@ -50,12 +50,12 @@ inline RenderEstimate render(const Material& m, double noise, uint64_t seed) {
   return estimate;
 }
 
-inline std::vector<RenderingLoss> render_batch(std::span<const ImageTermQuery> queries) {
-  std::vector<RenderingLoss> result;
-  for (const ImageTermQuery& q : queries) {
+inline std::vector<LossWithGradient> render_batch(std::span<const RerenderingQuery> queries) {
+  std::vector<LossWithGradient> result;
+  for (const RerenderingQuery& q : queries) {
     const std::vector<RenderEstimate> estimates{render(q.material, 0.2, derive_seed(q.seed, {0})),
                                                 render(q.material, 0.2, derive_seed(q.seed, {1}))};
-    result.push_back(rendering_loss(q.image, q.weight, estimates));
+    result.push_back(weighted_image_loss(q.image, q.weight, estimates));
   }
   return result;
 }

@@ -28,9 +28,9 @@ using ::testing::HasSubstr;
 TEST_F(TrainingTest, FitsCoordinatesAndScaleToTheTruth) {
   for (const auto parameterization : {v1::NAIVE, v1::SIMILARITY}) {
     const OutputSpace space(start(parameterization));
-    Triple sum{}, squares{};
+    MaterialCoordinates sum{}, squares{};
     for (const Material& truth : images_.truth) {
-      const Triple z = space.standardized(truth);
+      const MaterialCoordinates z = space.standardized(truth);
       for (size_t i = 0; i < 3; ++i) {
         sum[i] += z[i] / kItems;
         squares[i] += z[i] * z[i] / kItems;
@@ -64,15 +64,16 @@ TEST_F(TrainingTest, RenderGradientReachesTheWeights) {
       double mean = 0;
       for (int64_t i = 0; i < kItems; ++i) {
         const double* z = outputs[i].data_ptr<double>();
-        const Triple output{z[0], z[1], z[2]};
+        const MaterialCoordinates output{z[0], z[1], z[2]};
         const std::vector<RenderEstimate> estimates(2, render(space.material(output), 0, 0));
         const std::span<const float> weight(inputs[i][1].data_ptr<float>(), kPixels);
         const auto item = static_cast<size_t>(i);
-        const RenderingLoss loss = rendering_loss(images_.read(item).radiance, weight, estimates);
+        const LossWithGradient loss =
+            weighted_image_loss(images_.read(item).radiance, weight, estimates);
         mean += loss.value / kItems;
         if (gradients != nullptr) {
           const std::vector<double>& d = loss.gradient;
-          const Triple g = space.output_gradient(output, {d.at(0), d.at(1), d.at(2)});
+          const MaterialCoordinates g = space.output_gradient(output, {d.at(0), d.at(1), d.at(2)});
           for (int64_t k = 0; k < 3; ++k) {
             (*gradients)[i][k] = g[static_cast<size_t>(k)];
           }
@@ -193,7 +194,7 @@ INSTANTIATE_TEST_SUITE_P(Losses, ResumeTest,
 TEST_F(TrainingTest, AFailedStepChangesNothing) {
   const v1::TrainingConfig c = config(v1::TrainingConfig::ITN);
   bool fail = false;
-  Trainer trainer(c, images_, *inputs_, start(), [&](std::span<const ImageTermQuery> queries) {
+  Trainer trainer(c, images_, *inputs_, start(), [&](std::span<const RerenderingQuery> queries) {
     if (fail) {
       throw Error(ErrorKind::kUnavailable, "no worker answers");
     }
@@ -388,7 +389,7 @@ TEST_F(ResidualTrainingTest, ImageTermAloneLowersTheImageLoss) {
 TEST_F(ResidualTrainingTest, AFailedStepLeavesTheRunningStatistics) {
   bool fail = false;
   Trainer trainer(residual(v1::TrainingConfig::ITN), images_, *inputs_, residual_start(),
-                  [&](std::span<const ImageTermQuery> queries) {
+                  [&](std::span<const RerenderingQuery> queries) {
                     if (fail) {
                       throw Error(ErrorKind::kUnavailable, "no worker answers");
                     }
@@ -419,8 +420,8 @@ TEST_F(TrainingTest, ThatDivergesEndsWithAnErrorAndNoCheckpoint) {
 TEST_F(TrainingTest, ThatDivergesKeepsTheLastGoodCheckpoint) {
   for (const double bad : {static_cast<double>(NAN), HUGE_VAL}) {
     uint64_t calls = 0;
-    const auto spoiled = [&](std::span<const ImageTermQuery> queries) {
-      std::vector<RenderingLoss> losses = render_batch(queries);
+    const auto spoiled = [&](std::span<const RerenderingQuery> queries) {
+      std::vector<LossWithGradient> losses = render_batch(queries);
       if (++calls == 7) {
         losses[2].gradient[1] = bad;
       }

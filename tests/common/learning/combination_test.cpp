@@ -35,7 +35,7 @@ TEST(Combination, IsThePosteriorOfAllImages) {
   // What the combination takes for the prior is what it makes of images that tell nothing: of n
   // answers that are the prior, the prior.
   const OutputSpace space(model);
-  std::vector<Triple> truths;
+  std::vector<MaterialCoordinates> truths;
   torch::Tensor z = torch::empty({4000, 3}, torch::kFloat64);
   torch::manual_seed(2);
   const torch::Tensor uniform = torch::rand({4000, 3}, torch::kFloat64);
@@ -44,7 +44,7 @@ TEST(Combination, IsThePosteriorOfAllImages) {
     const auto between = [&](int64_t k, double min, double max) {
       return min + (max - min) * uniform[i][k].item<double>();
     };
-    const Triple coordinates = space.standardized(
+    const MaterialCoordinates coordinates = space.standardized(
         {std::exp(between(0, std::log(range.min[0]), std::log(range.max[0]))),
          between(1, range.min[1], range.max[1]), between(2, range.min[2], range.max[2])});
     for (int64_t k = 0; k < 3; ++k) z[i][k] = coordinates[static_cast<size_t>(k)];
@@ -76,12 +76,12 @@ TEST(Combination, OfOneImageIsItsAnswer) {
 
 TEST(Combination, OfErrorsThatAllImagesShareIsNoSurerThanOne) {
   v1::Model model = residual_model();
-  model.set_common_error(1);
+  model.set_error_correlation(1);
   const std::vector<ImageAnswer> same(5, {kOne, 1});
   const Gaussian one = to_gaussian(kOne), all = to_gaussian(Combination(model)(same));
   EXPECT_LT(distance(all.mean, one.mean), 1e-9);
   EXPECT_LT(distance(all.precision, one.precision), 1e-9);
-  model.set_common_error(0);
+  model.set_error_correlation(0);
   const Gaussian surer = to_gaussian(Combination(model)(same));
   EXPECT_GT(torch::linalg_det(surer.precision).item<double>(),
             20 * torch::linalg_det(one.precision).item<double>());

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "common/learning/familiarity.h"
+#include "common/learning/outlier_detector.h"
 #include "common/learning/predictor.h"
 #include "tests/common/learning/model_for_tests.h"
 
@@ -29,15 +29,15 @@ inline ImageBatch discs(int64_t count, int64_t side, uint64_t seed) {
 using MakeImages = ImageBatch (*)(int64_t count, int64_t side, uint64_t seed);
 
 // A residual_model().
-inline v1::Model model_with_familiarity(MakeImages images = discs, int resolution = 32) {
+inline v1::Model model_with_outlier_model(MakeImages images = discs, int resolution = 32) {
   v1::Model model = residual_model(resolution);
   Predictor predictor(model);
   const ImageBatch training = images(400, resolution, 1);
-  *model.mutable_familiarity() =
-      fit_familiarity(predictor.features(training),
-                      {.encoded = image_statistics(model, encoded_for_screen(training)),
-                       .shuffled = image_statistics(model, shuffled(training))},
-                      predictor.features(images(400, resolution, 2)));
+  *model.mutable_outlier_model() =
+      fit_outlier_model(predictor.features(training),
+                        {.encoded = image_statistics(model, tone_mapped(training)),
+                         .shuffled = image_statistics(model, shuffled(training))},
+                        predictor.features(images(400, resolution, 2)));
   return model;
 }
 

@@ -104,7 +104,7 @@ TEST(Gaussian, PosteriorIsThatOfManyRandomDraws) {
       }
     }
     for (size_t group = 0; group < 2; ++group) {
-      const TriplePosterior& p = group == 0 ? quick.material : quick.scattering;
+      const JointPosterior& p = group == 0 ? quick.material : quick.scattering;
       std::array<torch::Tensor, 3> v;
       for (size_t k = 0; k < 3; ++k) {
         v[k] = torch::tensor(values[3 * group + k], torch::kFloat64);
@@ -190,18 +190,18 @@ TEST(Gaussian, PosteriorIsTheSameEveryTimeAndStaysInsideTheBounds) {
 }
 
 TEST(Gaussian, CorrectedWidthsFollowTheFirstMean) {
-  v1::WidthCorrection widths;
+  v1::Calibration widths;
   for (const double offset : {0.1, -0.2, 0.3}) widths.add_offset(offset);
   for (const double slope : {0.0, 0.5, -1.0}) widths.add_slope(slope);
   torch::Tensor outputs = torch::arange(1, 10, torch::kFloat64).view({1, 9});
   outputs[0][0] = -2;
   const torch::Tensor expected =
       torch::tensor({-2.0, 2.0, 3.0, 4.1, 3.8, 8.3, 7.0, 8.0, 9.0}, torch::kFloat64).view({1, 9});
-  EXPECT_TRUE(torch::allclose(corrected(outputs, to_tensor(widths)), expected));
+  EXPECT_TRUE(torch::allclose(calibrated(outputs, to_tensor(widths)), expected));
 }
 
 TEST(Gaussian, ACorrectionOfOtherThanThreeFiniteNumbersIsRefused) {
-  v1::WidthCorrection widths;
+  v1::Calibration widths;
   EXPECT_THROW(to_tensor(widths), Error);
   for (int k = 0; k < 3; ++k) {
     widths.add_offset(0);

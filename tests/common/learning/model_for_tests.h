@@ -49,7 +49,8 @@ inline v1::Model small_model(v1::Parameterization parameterization = v1::SIMILAR
   model.set_exposure(v1::EXPOSURE_KNOWN);
   model.set_parameterization(parameterization);
   *model.mutable_bounds() = prediction_bounds(paper_range());
-  const Triple mean = to_coordinates(parameterization, {100, 0.7, 0.4}, g_interval(model.bounds()));
+  const MaterialCoordinates mean =
+      to_coordinates(parameterization, {100, 0.7, 0.4}, g_interval(model.bounds()));
   for (int i = 0; i < 3; ++i) {
     model.add_mean(mean[i]);
     model.add_standard_deviation(parameterization == v1::UNBOUNDED ? 0.7 : mean[i] / 4);

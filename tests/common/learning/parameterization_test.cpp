@@ -14,7 +14,7 @@ const v1::Parameterization kAll[] = {v1::NAIVE, v1::SIMILARITY, v1::UNBOUNDED};
 const Material kMaterials[] = {
     {30, 0.39, 0}, {100, 0.87, 0.4}, {276, 0.95, 0.8}, {50, 0.6, -0.05}, {200, 0.74, 0.2}};
 
-Triple as_triple(const Material& m) {
+MaterialCoordinates as_triple(const Material& m) {
   return {m.sigma_t, m.albedo, m.g};
 }
 
@@ -31,7 +31,7 @@ TEST(Parameterization, IsInvertedExactly) {
 
 TEST(Parameterization, ReducedCoordinatesKeepAbsorptionAndReducedScattering) {
   for (const Material& m : kMaterials) {
-    const Triple c = to_coordinates(v1::SIMILARITY, m);
+    const MaterialCoordinates c = to_coordinates(v1::SIMILARITY, m);
     const Material isotropic{c[0], c[1], 0};
     EXPECT_NEAR(isotropic.sigma_a(), m.sigma_a(), 1e-12 * m.sigma_t);
     EXPECT_NEAR(isotropic.sigma_s(), m.sigma_s_reduced(), 1e-12 * m.sigma_t);
@@ -41,7 +41,8 @@ TEST(Parameterization, ReducedCoordinatesKeepAbsorptionAndReducedScattering) {
 TEST(Parameterization, SimilarMediaDifferInTheLastCoordinateOnly) {
   // Same sigma_a and sigma_s (1 - g): 5 and 30.
   const Material a{35, 30.0 / 35, 0}, b{65, 60.0 / 65, 0.5};
-  const Triple ca = to_coordinates(v1::SIMILARITY, a), cb = to_coordinates(v1::SIMILARITY, b);
+  const MaterialCoordinates ca = to_coordinates(v1::SIMILARITY, a),
+                            cb = to_coordinates(v1::SIMILARITY, b);
   EXPECT_NEAR(ca[0], cb[0], 1e-12);
   EXPECT_NEAR(ca[1], cb[1], 1e-12);
   EXPECT_NE(ca[2], cb[2]);
@@ -50,15 +51,15 @@ TEST(Parameterization, SimilarMediaDifferInTheLastCoordinateOnly) {
 TEST(Parameterization, JacobianAgreesWithFiniteDifferences) {
   for (const auto parameterization : kAll) {
     for (const Material& m : kMaterials) {
-      const Triple c = to_coordinates(parameterization, m);
+      const MaterialCoordinates c = to_coordinates(parameterization, m);
       const Jacobian j = jacobian(parameterization, c);
       for (size_t k = 0; k < 3; ++k) {
         const double h = 1e-6 * std::max(1.0, std::abs(c[k]));
-        Triple up = c, down = c;
+        MaterialCoordinates up = c, down = c;
         up[k] += h;
         down[k] -= h;
-        const Triple high = as_triple(from_coordinates(parameterization, up));
-        const Triple low = as_triple(from_coordinates(parameterization, down));
+        const MaterialCoordinates high = as_triple(from_coordinates(parameterization, up));
+        const MaterialCoordinates low = as_triple(from_coordinates(parameterization, down));
         for (size_t i = 0; i < 3; ++i) {
           const double expected = (high[i] - low[i]) / (2 * h);
           EXPECT_NEAR(j[i][k], expected, 1e-7 * (1 + std::abs(expected))) << i << ", " << k;
@@ -70,7 +71,7 @@ TEST(Parameterization, JacobianAgreesWithFiniteDifferences) {
 
 TEST(PredictionBounds, OfThePapersRangesAreThePapersClamps) {
   const Box box = to_box(prediction_bounds(paper_range()));
-  const Triple min{20, 0.35, -0.1}, max{300, 0.97, 0.9};
+  const MaterialCoordinates min{20, 0.35, -0.1}, max{300, 0.97, 0.9};
   for (size_t i = 0; i < 3; ++i) {
     EXPECT_NEAR(box.min[i], min[i], 1e-12);
     EXPECT_NEAR(box.max[i], max[i], 1e-12);
@@ -105,7 +106,7 @@ TEST(OutputSpace, KeepsAnyOutputInsideItsBounds) {
     for (const double a : {-1e9, -30., -3., 0., 3., 30., 1e9}) {
       for (const double b : {-1e9, -30., -3., 0., 3., 30., 1e9}) {
         for (const double c : {-1e9, -30., -3., 0., 3., 30., 1e9}) {
-          const Triple m = as_triple(space.material({a, b, c}));
+          const MaterialCoordinates m = as_triple(space.material({a, b, c}));
           for (size_t i = 0; i < 3; ++i) {
             EXPECT_GE(m[i], box.min[i]);
             EXPECT_LE(m[i], box.max[i]);
@@ -120,7 +121,7 @@ TEST(OutputSpace, KeepsAnyOutputInsideItsBounds) {
 double loss(const Material& m) {
   return std::pow((m.sigma_t - 90) / 50, 2) + std::pow((m.albedo - 0.8) / 0.2, 2) + m.g * m.albedo;
 }
-Triple loss_gradient(const Material& m) {
+MaterialCoordinates loss_gradient(const Material& m) {
   return {2 * (m.sigma_t - 90) / 2500, 2 * (m.albedo - 0.8) / 0.04 + m.g, m.albedo};
 }
 
@@ -128,11 +129,11 @@ TEST(OutputSpace, GradientAgreesWithFiniteDifferencesInside) {
   for (const auto parameterization : kAll) {
     const OutputSpace space(small_model(parameterization));
     for (const Material& m : kMaterials) {
-      const Triple z = space.standardized(m);
-      const Triple gradient = space.output_gradient(z, loss_gradient(m));
+      const MaterialCoordinates z = space.standardized(m);
+      const MaterialCoordinates gradient = space.output_gradient(z, loss_gradient(m));
       for (size_t k = 0; k < 3; ++k) {
         constexpr double kStep = 1e-5;
-        Triple up = z, down = z;
+        MaterialCoordinates up = z, down = z;
         up[k] += kStep;
         down[k] -= kStep;
         const double expected =
@@ -147,14 +148,15 @@ TEST(OutputSpace, JacobianAgreesWithFiniteDifferences) {
   for (const auto parameterization : kAll) {
     const OutputSpace space(small_model(parameterization));
     for (const Material& m : kMaterials) {
-      const Triple z = space.standardized(m);
+      const MaterialCoordinates z = space.standardized(m);
       const Jacobian j = space.output_jacobian(m);
       for (size_t k = 0; k < 3; ++k) {
         constexpr double kStep = 1e-5;
-        Triple up = z, down = z;
+        MaterialCoordinates up = z, down = z;
         up[k] += kStep;
         down[k] -= kStep;
-        const Triple high = as_triple(space.material(up)), low = as_triple(space.material(down));
+        const MaterialCoordinates high = as_triple(space.material(up)),
+                                  low = as_triple(space.material(down));
         for (size_t i = 0; i < 3; ++i) {
           const double expected = (high[i] - low[i]) / (2 * kStep);
           EXPECT_NEAR(j[i][k], expected, 1e-6 * (1 + std::abs(expected)));
@@ -166,10 +168,10 @@ TEST(OutputSpace, JacobianAgreesWithFiniteDifferences) {
 
 TEST(OutputSpace, GradientBeyondABoundPullsBackButDoesNotPushOut) {
   const OutputSpace space(small_model(v1::NAIVE));
-  const Triple above = space.standardized({1000, 0.7, 0.4});
+  const MaterialCoordinates above = space.standardized({1000, 0.7, 0.4});
   EXPECT_GT(space.output_gradient(above, {1, 0, 0})[0], 0);   // descent lowers sigma_t
   EXPECT_EQ(space.output_gradient(above, {-1, 0, 0})[0], 0);  // descent would raise it
-  const Triple below = space.standardized({1, 0.7, 0.4});
+  const MaterialCoordinates below = space.standardized({1, 0.7, 0.4});
   EXPECT_LT(space.output_gradient(below, {-1, 0, 0})[0], 0);
   EXPECT_EQ(space.output_gradient(below, {1, 0, 0})[0], 0);
 }

@@ -130,8 +130,8 @@ TEST(Predictor, CorrectsItsWidths) {
   v1::Model model = residual_model(32);
   Predictor before(model);
   for (int k = 0; k < 3; ++k) {
-    model.mutable_widths()->add_offset(-std::log(2.0));
-    model.mutable_widths()->add_slope(0);
+    model.mutable_calibration()->add_offset(-std::log(2.0));
+    model.mutable_calibration()->add_slope(0);
   }
   Predictor after(model);
   const Pixels image = disc(32, 32, 1, 16, 16, 10.8);
@@ -144,10 +144,10 @@ TEST(Predictor, CorrectsItsWidths) {
               narrow.posterior->material.parameters[k].standard_deviation);
   }
   v1::Model damaged = model;
-  damaged.mutable_widths()->clear_slope();
+  damaged.mutable_calibration()->clear_slope();
   expect_error(ErrorKind::kInvalidInput, {"widths"}, [&] { Predictor{damaged}; });
   v1::Model point = small_model();
-  *point.mutable_widths() = model.widths();
+  *point.mutable_calibration() = model.calibration();
   expect_error(ErrorKind::kInvalidInput, {"widths"}, [&] { Predictor{point}; });
 }
 

@@ -125,7 +125,7 @@ TEST(JobQueue, DropsWhatWaitsWhenItGoesAway) {
 TEST(JobQueue, GivesBackAPlaceThatWasNotUsed) {
   JobQueue queue(1, 0);
   {
-    const JobQueue::Place place = queue.admit(client("a"));
+    const JobQueue::QueueSlot place = queue.admit(client("a"));
     EXPECT_THROW(queue.admit(client("b")), StatusError);
   }
   queue.admit(client("b"));
@@ -135,44 +135,44 @@ TEST(JobQueue, GivesBackAPlaceThatWasNotUsed) {
 TEST(JobQueue, KeepsAFreePlaceForWhoWasRefusedFirst) {
   JobQueue queue(1, 0);
   {
-    const JobQueue::Place place = queue.admit(client("greedy"));
+    const JobQueue::QueueSlot place = queue.admit(client("greedy"));
     EXPECT_THROW(queue.admit(client("polite")), StatusError);
     EXPECT_THROW(queue.admit(client("greedy")), StatusError);
   }
   EXPECT_THROW(queue.admit(client("greedy")), StatusError);
   EXPECT_THROW(queue.admit(client("third")), StatusError);
-  { const JobQueue::Place place = queue.admit(client("polite")); }
-  { const JobQueue::Place place = queue.admit(client("greedy")); }
-  { const JobQueue::Place place = queue.admit(client("third")); }
+  { const JobQueue::QueueSlot place = queue.admit(client("polite")); }
+  { const JobQueue::QueueSlot place = queue.admit(client("greedy")); }
+  { const JobQueue::QueueSlot place = queue.admit(client("third")); }
 }
 
 TEST(JobQueue, KeepsThePlaceOfWhoWillComeAgainAtOnce) {
   JobQueue queue(1, 0);
-  JobQueue::Place place = queue.admit(client("a"));
+  JobQueue::QueueSlot place = queue.admit(client("a"));
   EXPECT_THROW(queue.admit(client("b")), StatusError);
-  place.keep_for_client();
+  place.reserve_for_client();
   EXPECT_THROW(queue.admit(client("b")), StatusError);
-  { const JobQueue::Place again = queue.admit(client("a")); }
-  { const JobQueue::Place other = queue.admit(client("b")); }
+  { const JobQueue::QueueSlot again = queue.admit(client("a")); }
+  { const JobQueue::QueueSlot other = queue.admit(client("b")); }
 }
 
 TEST(JobQueue, KeepsOnePlaceForAClientHoweverOftenTheyAreToComeAgain) {
   JobQueue queue(2, 0);
   {
-    JobQueue::Place first = queue.admit(client("a"));
-    JobQueue::Place second = queue.admit(client("a"));
-    first.keep_for_client();
-    second.keep_for_client();
+    JobQueue::QueueSlot first = queue.admit(client("a"));
+    JobQueue::QueueSlot second = queue.admit(client("a"));
+    first.reserve_for_client();
+    second.reserve_for_client();
   }
-  { const JobQueue::Place other = queue.admit(client("b")); }
+  { const JobQueue::QueueSlot other = queue.admit(client("b")); }
 }
 
 // Connections that are told to come again, and do not: as long as there are places, nobody waits
 // for them.
 TEST(JobQueue, KeepsNoneOfManyFreePlaces) {
   JobQueue queue(2, 6);
-  for (int i = 0; i < 100; ++i) queue.admit(client(std::to_string(i))).keep_for_client();
-  std::vector<JobQueue::Place> places;
+  for (int i = 0; i < 100; ++i) queue.admit(client(std::to_string(i))).reserve_for_client();
+  std::vector<JobQueue::QueueSlot> places;
   for (int i = 0; i < 7; ++i) places.push_back(queue.admit(client("another")));
 }
 
@@ -199,7 +199,7 @@ TEST(JobQueue, KeepsOnePlaceForAllConnectionsOfAnother) {
   EXPECT_THROW(queue.admit(client("y")), StatusError);
   blocker.release();
   ASSERT_TRUE(testing::eventually([&] { return queue.running() + queue.waiting() == 0; }));
-  const JobQueue::Place of_x = queue.admit({"x", "x1"});
+  const JobQueue::QueueSlot of_x = queue.admit({"x", "x1"});
   queue.admit(client("y"));
 }
 

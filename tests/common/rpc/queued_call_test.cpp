@@ -51,8 +51,8 @@ uint64_t seed_of(grpc::ByteBuffer request) {
 class TestService final
     : public v1::RenderService::WithRawCallbackMethod_RenderGrad<v1::RenderService::Service> {
  public:
-  TestService(Behaviour behaviour, CallDeskOptions options)
-      : behaviour_(std::move(behaviour)), desk_(options) {}
+  TestService(Behaviour behaviour, CallSchedulerOptions options)
+      : behaviour_(std::move(behaviour)), scheduler_(options) {}
 
   grpc::ServerUnaryReactor* RenderGrad(grpc::CallbackServerContext* context,
                                        const grpc::ByteBuffer* request,
@@ -64,13 +64,13 @@ class TestService final
     return call;
   }
 
-  CallDesk& desk() { return desk_; }
+  CallScheduler& scheduler() { return scheduler_; }
 
  private:
   class Call final : public QueuedCall {
    public:
     Call(TestService& service, grpc::CallbackServerContext& context, grpc::ByteBuffer& reply)
-        : QueuedCall(service.desk_, context, reply), service_(service), context_(context) {}
+        : QueuedCall(service.scheduler_, context, reply), service_(service), context_(context) {}
 
    private:
     void accept(const grpc::ByteBuffer& bytes) override {
@@ -92,13 +92,13 @@ class TestService final
   };
 
   const Behaviour behaviour_;
-  CallDesk desk_;
+  CallScheduler scheduler_;
 };
 
 class QueuedCallTest : public ::testing::Test {
  protected:
   void serve(Behaviour behaviour, size_t queue_capacity, uint64_t memory_bytes = 0) {
-    CallDeskOptions options;
+    CallSchedulerOptions options;
     options.queue_capacity = queue_capacity;
     options.memory_bytes = memory_bytes;
     options.max_time = 0s;
@@ -133,7 +133,7 @@ class QueuedCallTest : public ::testing::Test {
   std::unique_ptr<v1::RenderService::Stub> another_client() const {
     return v1::RenderService::NewStub(Connector().connect_to(server_->address()));
   }
-  CallDesk& desk() { return service_->desk(); }
+  CallScheduler& scheduler() { return service_->scheduler(); }
 
   std::chrono::duration<double> stop_patience = testing::kPatience;
   bool log_calls = false;
@@ -191,7 +191,7 @@ TEST_F(QueuedCallTest, ThatIsCancelledWhileItIsAcceptedLeavesItsPlace) {
              }},
         1);
   auto first = call_apart(1);
-  ASSERT_TRUE(testing::eventually([&] { return desk().running() == 1; }));
+  ASSERT_TRUE(testing::eventually([&] { return scheduler().running() == 1; }));
   grpc::ClientContext context;
   auto cancelled = call_apart(2, context);
   ASSERT_TRUE(testing::eventually([&] { return comes_in.load(); }));
@@ -202,7 +202,7 @@ TEST_F(QueuedCallTest, ThatIsCancelledWhileItIsAcceptedLeavesItsPlace) {
   std::vector<std::future<grpc::Status>> others;
   EXPECT_TRUE(testing::eventually([&] {
     others.push_back(call_apart(4));
-    return desk().waiting() == 1;
+    return scheduler().waiting() == 1;
   }));
   gate.open();
   EXPECT_TRUE(first.get().ok());
@@ -214,17 +214,17 @@ TEST_F(QueuedCallTest, ThatDoesNotStopIsNotWaitedFor) {
   stop_patience = 0.2s;
   serve({.work = [&](uint64_t, const std::stop_token&) { gate.pass(); }}, 1);
   auto running = call_apart(1);
-  ASSERT_TRUE(testing::eventually([&] { return desk().running() == 1; }));
+  ASSERT_TRUE(testing::eventually([&] { return scheduler().running() == 1; }));
   auto waiting = call_apart(2);
-  ASSERT_TRUE(testing::eventually([&] { return desk().waiting() == 1; }));
+  ASSERT_TRUE(testing::eventually([&] { return scheduler().waiting() == 1; }));
   const auto start = std::chrono::steady_clock::now();
-  EXPECT_FALSE(desk().drain(0s));
+  EXPECT_FALSE(scheduler().drain(0s));
   EXPECT_GE(std::chrono::steady_clock::now() - start, stop_patience);
   EXPECT_EQ(waiting.get().error_code(), grpc::StatusCode::UNAVAILABLE);
   EXPECT_EQ(running.wait_for(0s), std::future_status::timeout);
   gate.open();
   EXPECT_TRUE(running.get().ok());
-  EXPECT_TRUE(testing::eventually([&] { return desk().drain(0s); }));
+  EXPECT_TRUE(testing::eventually([&] { return scheduler().drain(0s); }));
 }
 
 TEST_F(QueuedCallTest, ThatStopsLateIsWaitedFor) {
@@ -235,8 +235,8 @@ TEST_F(QueuedCallTest, ThatStopsLateIsWaitedFor) {
              }},
         1);
   auto running = call_apart(1);
-  ASSERT_TRUE(testing::eventually([&] { return desk().running() == 1; }));
-  EXPECT_TRUE(desk().drain(0s));
+  ASSERT_TRUE(testing::eventually([&] { return scheduler().running() == 1; }));
+  EXPECT_TRUE(scheduler().drain(0s));
   EXPECT_EQ(running.get().error_code(), grpc::StatusCode::UNAVAILABLE);
 }
 
@@ -345,7 +345,8 @@ TEST_F(QueuedCallTest, ThatComesOneAtATimeGetsHalfOfAServerThatIsFlooded) {
       }
     });
   }
-  ASSERT_TRUE(testing::eventually([&] { return desk().running() == 1 && desk().waiting() == 8; }));
+  ASSERT_TRUE(testing::eventually(
+      [&] { return scheduler().running() == 1 && scheduler().waiting() == 8; }));
   std::jthread asking([&] {
     for (int answers = 0; answers < kPoliteCalls && !over;) {
       const grpc::Status status = ask(polite, kPolite);

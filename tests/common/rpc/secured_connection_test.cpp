@@ -79,7 +79,7 @@ grpc::Status ask(const Connector& connector, const std::string& address,
   std::promise<grpc::Status> done;
   stub.UnaryCall(&context, method, grpc::StubOptions(), &request, &reply,
                  [&](grpc::Status status) { done.set_value(std::move(status)); });
-  return connector.explained(done.get_future().get(), address);
+  return connector.with_cause(done.get_future().get(), address);
 }
 
 bool answers(const ClientSecurity& client, const Server& server) {

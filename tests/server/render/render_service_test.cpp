@@ -29,8 +29,8 @@
 #include "server/render/memory_estimate.h"
 #include "server/render/render_reply.h"
 #include "server/render/render_server.h"
-#include "server/render/rendering_loss.h"
 #include "server/render/request_check.h"
+#include "server/render/weighted_image_loss.h"
 #include "tests/support/health.h"
 #include "tests/support/process.h"
 #include "tests/support/raw_call.h"
@@ -194,7 +194,7 @@ TEST(RenderService, AnswersWithLossAndGradient) {
                           from_bytes<float>(e.derivatives(2))},
                          {}});
   }
-  const RenderingLoss expected = rendering_loss(image, weight, estimates);
+  const LossWithGradient expected = weighted_image_loss(image, weight, estimates);
 
   set_loss(request, image, weight);
   const Answer answer = client.call(request);
@@ -235,7 +235,7 @@ TEST(RenderService, CountsPixelsThatAreNotRenderedInTheLoss) {
   }
   const auto dark = std::count(estimates[0].radiance.begin(), estimates[0].radiance.end(), 0.0F);
   ASSERT_GT(dark, 20);
-  const RenderingLoss expected = rendering_loss(image, weight, estimates);
+  const LossWithGradient expected = weighted_image_loss(image, weight, estimates);
   set_loss(request, image, weight);
   const Answer answer = client.call(request);
   ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
@@ -267,7 +267,7 @@ TEST(RenderService, PutsTheSamplesOfALossWhereItNeedsThem) {
   tracer::RenderRequest asked = build_request(request, {});
   asked.sampling_weights = loss_sampling_weights(image, weight);
   const tracer::FilmSums sums = render_grad(scene, asked);
-  const RenderingLoss expected = rendering_loss(image, weight, means(sums).estimates);
+  const LossWithGradient expected = weighted_image_loss(image, weight, means(sums).estimates);
   EXPECT_DOUBLE_EQ(answer.reply.loss(), expected.value);
   EXPECT_DOUBLE_EQ(answer.reply.loss_gradient(0), expected.gradient.at(0));
 }
@@ -298,7 +298,7 @@ TEST(RenderService, GivesDerivativesInTheScene) {
   const Answer loss = client.call(request);
   ASSERT_TRUE(loss.status.ok()) << loss.status.error_message();
   const tracer::Scene scene(build_scene(parse_scene(request.scene()), {}));
-  const RenderingLoss expected = rendering_loss(
+  const LossWithGradient expected = weighted_image_loss(
       image, weight, means(render_grad(scene, build_request(request, {}))).estimates);
   ASSERT_EQ(loss.reply.loss_gradient_size(), 3);
   EXPECT_DOUBLE_EQ(loss.reply.loss_gradient(2), expected.gradient.back());

@@ -189,12 +189,12 @@ TEST(BoundaryTest, ShadowRaysSeeThroughAStraightBoundary) {
     return estimate_film(scene, request_for(tracer, {5, 0.9, 0.3}, 128), 32,
                          tracer == Tracer::kWavefront ? 1 : 1000, options);
   };
-  const FilmEstimate alone = rendered(Tracer::kReference, Switches::Techniques::kPhaseOnly);
+  const FilmEstimate delta_bounce = rendered(Tracer::kReference, Switches::Techniques::kPhaseOnly);
   for (const Tracer tracer : kTracers) {
     for (const auto techniques : {Switches::Techniques::kBoth, Switches::Techniques::kLightsOnly}) {
       const FilmEstimate film = rendered(tracer, techniques);
-      expect_equal(film.radiance, alone.radiance, 4, name_of(tracer));
-      expect_resolution(film.radiance, alone.radiance.mean, 0.02, name_of(tracer));
+      expect_equal(film.radiance, delta_bounce.radiance, 4, name_of(tracer));
+      expect_resolution(film.radiance, delta_bounce.radiance.mean, 0.02, name_of(tracer));
     }
   }
 }

@@ -72,7 +72,7 @@ constexpr Variant kVariants[] = {
     {"no walk roulette to speak of",
      [](RenderRequest&, RenderOptions& o) { o.tuning.walk_roulette = 1e-3; }},
     {"the usual walk roulette",
-     [](RenderRequest&, RenderOptions& o) { o.switches.usual_roulette = true; }},
+     [](RenderRequest&, RenderOptions& o) { o.switches.throughput_roulette = true; }},
     {"much roulette by depth",
      [](RenderRequest&, RenderOptions& o) { o.tuning.depth_roulette = 1.5; }},
     {"no stratification", [](RenderRequest&, RenderOptions& o) { o.switches.stratified = false; }},
@@ -148,10 +148,10 @@ TEST(AlbedosTest, FromOneWalkAreThoseOfTheirOwn) {
     }
   }
   for (size_t a = 0; a < means_at.size(); ++a) {
-    RenderRequest alone = together;
-    alone.albedos.clear();
-    alone.material.albedo = together.albedos[a];
-    const FilmEstimate own = estimate_film(scene, alone, 96, 501);
+    RenderRequest delta_bounce = together;
+    delta_bounce.albedos.clear();
+    delta_bounce.material.albedo = together.albedos[a];
+    const FilmEstimate own = estimate_film(scene, delta_bounce, 96, 501);
     expect_equal(over_batches(means_at[a]), own.radiance, 3,
                  "albedo " + std::to_string(together.albedos[a]));
     expect_resolution(over_batches(means_at[a]), own.radiance.mean, 0.01, "at albedo");
@@ -308,7 +308,7 @@ TEST_P(TrainingGradientTest, IsUnbiased) {
       s.seed = seed;
       s.estimates = 2;
       const RenderOptions simple{.tuning = {.shadow_ray_roulette = 0},
-                                 .switches = {.usual_roulette = true, .stratified = false}};
+                                 .switches = {.throughput_roulette = true, .stratified = false}};
       expected.push_back(loss_of(s, simple)[c.coordinate]);
     }
     settings.sample_count = 16;

@@ -42,13 +42,13 @@ class Lines {
     }
   }
 
-  RayResult follow(const Interaction& from, Vec3f direction, float budget) const {
+  RayResult follow(const Interaction& from, Vec3f direction, float max_medium_length) const {
     if (geometry_) {
-      return geometry_->follow(from, direction, budget);
+      return geometry_->follow(from, direction, max_medium_length);
     }
     rays_->position.set(0, from.position);
     rays_->direction.set(0, direction);
-    rays_->budget[0] = budget;
+    rays_->max_medium_length[0] = max_medium_length;
     rays_->interaction[0] = from.inside ? Rays::kInside : 0;
     const auto& first = obstacles_->surfaces.first_triangle_of_mesh;
     if (from.on.surface != SurfaceTriangle::kNone) {
@@ -57,7 +57,7 @@ class Lines {
     tracer::follow(*obstacles_, *rays_, 1);
     RayResult ray;
     ray.end = static_cast<End>(rays_->outcome[0] & Rays::kEndMask);
-    ray.in_medium = rays_->in_medium[0];
+    ray.medium_length = rays_->medium_length[0];
     ray.entered = (rays_->outcome[0] & Rays::kEntered) != 0;
     ray.at.position = rays_->position.at(0);
     ray.at.inside = (rays_->interaction[0] & Rays::kInside) != 0;
@@ -88,10 +88,10 @@ TEST_P(GeometryTest, LengthInsideABox) {
   const RayResult across = geometry.follow({{-5, 1, 0.1F}, false, {}}, {1, 0, 0}, kInfinity);
   EXPECT_EQ(across.end, End::kEscaped);
   EXPECT_TRUE(across.entered);
-  EXPECT_NEAR(across.in_medium, 2, 1e-5);
+  EXPECT_NEAR(across.medium_length, 2, 1e-5);
   const RayResult from_within = geometry.follow({{0, 1, 0.1F}, true, {}}, {0, 1, 0}, kInfinity);
   EXPECT_EQ(from_within.end, End::kEscaped);
-  EXPECT_NEAR(from_within.in_medium, 1, 1e-5);
+  EXPECT_NEAR(from_within.medium_length, 1, 1e-5);
   const RayResult beside = geometry.follow({{-5, 3, 0}, false, {}}, {1, 0, 0}, kInfinity);
   EXPECT_EQ(beside.end, End::kEscaped);
   EXPECT_FALSE(beside.entered);
@@ -101,7 +101,7 @@ TEST_P(GeometryTest, BudgetIsSpentInTheMediumOnly) {
   const Lines geometry(GetParam(), merged({box({0, 0, 0}, {1, 1, 1}), box({3, 0, 0}, {4, 1, 1})}),
                        {});
   const RayResult ray = geometry.follow({{-1, 0.4F, 0.5F}, false, {}}, {1, 0, 0}, 1.5F);
-  EXPECT_EQ(ray.end, End::kSpent);
+  EXPECT_EQ(ray.end, End::kInMedium);
   EXPECT_NEAR(ray.at.position.x, 3.5, 1e-5);
   EXPECT_TRUE(ray.at.inside);
 }
@@ -112,7 +112,7 @@ TEST_P(GeometryTest, TouchingParts) {
                        {});
   for (const float y : {0.1F, 0.3F, 0.77F}) {
     const RayResult ray = geometry.follow({{-1, y, 0.4F}, false, {}}, {1, 0, 0}, kInfinity);
-    EXPECT_NEAR(ray.in_medium, 2, 1e-5);
+    EXPECT_NEAR(ray.medium_length, 2, 1e-5);
   }
 }
 
@@ -123,11 +123,11 @@ TEST_P(GeometryTest, StandingOnTheFloor) {
   const RayResult to_floor = geometry.follow({{0, 1, 0}, true, {}}, down, kInfinity);
   ASSERT_EQ(to_floor.end, End::kSurface);
   EXPECT_NEAR(to_floor.at.position.y, 0, 1e-7);
-  EXPECT_NEAR(to_floor.in_medium, 1 / -down.y, 1e-5);
+  EXPECT_NEAR(to_floor.medium_length, 1 / -down.y, 1e-5);
   // And up again, whichever of the two coincident planes was met first.
   const RayResult up = geometry.follow(to_floor.at, {0, 1, 0}, kInfinity);
   EXPECT_EQ(up.end, End::kEscaped);
-  EXPECT_NEAR(up.in_medium, 2, 1e-5);
+  EXPECT_NEAR(up.medium_length, 2, 1e-5);
 }
 
 TEST_P(GeometryTest, CavityIsOutside) {
@@ -137,7 +137,7 @@ TEST_P(GeometryTest, CavityIsOutside) {
   }
   const Lines geometry(GetParam(), merged({box({0, 0, 0}, {1, 1, 1}), cavity}), {});
   const RayResult ray = geometry.follow({{-1, 0.51F, 0.49F}, false, {}}, {1, 0, 0}, kInfinity);
-  EXPECT_NEAR(ray.in_medium, 0.5, 1e-5);
+  EXPECT_NEAR(ray.medium_length, 0.5, 1e-5);
 }
 
 // Lines in random directions from points inside come out, once, on every shape; lines from far away
@@ -161,7 +161,7 @@ TEST_P(GeometryTest, LeaksAreRare) {
       const RayResult ray = geometry.follow(from, direction, -std::log(1 - u[2]) / 100);
       ++lines;
       leaks += ray.end == End::kLeaked ? 1 : 0;
-      from = ray.end == End::kSpent ? ray.at : Interaction{};
+      from = ray.end == End::kInMedium ? ray.at : Interaction{};
     }
   }
   EXPECT_GT(lines, 500'000U);
@@ -188,7 +188,7 @@ TEST(TracersTest, AgreeLineByLine) {
       const RayResult a = embree.follow(from, itn::normalize(direction), kInfinity);
       const RayResult b = grid.follow(from, itn::normalize(direction), kInfinity);
       ++lines;
-      different += a.end != b.end || std::abs(a.in_medium - b.in_medium) > 1e-4F ? 1 : 0;
+      different += a.end != b.end || std::abs(a.medium_length - b.medium_length) > 1e-4F ? 1 : 0;
     }
     EXPECT_GT(lines, 10'000);
     EXPECT_LE(different, 2) << shape << ", of " << lines << " lines";  // grazing an edge
@@ -278,7 +278,7 @@ TEST(TracersTest, AgreeLineByLineOnHardMeshes) {
       const RayResult a = embree.follow(from, direction, kInfinity);
       const RayResult b = grid.follow(from, direction, kInfinity);
       entered += a.entered ? 1 : 0;
-      different += a.end != b.end || std::abs(a.in_medium - b.in_medium) > 1e-4F ? 1 : 0;
+      different += a.end != b.end || std::abs(a.medium_length - b.medium_length) > 1e-4F ? 1 : 0;
     }
     EXPECT_GT(entered, 20) << row.name;
     EXPECT_LE(different, 5) << row.name << ", of " << kLines << " lines";  // grazing an edge
@@ -289,18 +289,18 @@ TEST(TracersTest, AgreeLineByLineOnHardMeshes) {
 // not straight.
 TEST(DepthsTest, TellTheDistanceToTheBoundary) {
   const Mesh box = make_shape("cube");
-  const Depths depths(box);
+  const DepthGrid depth_grid(box);
   const Bounds sides = bounds(box);
-  const double edge = depths.cells.edge;
-  const auto [nx, ny, nz] = depths.cells.size;
+  const double edge = depth_grid.cells.edge;
+  const auto [nx, ny, nz] = depth_grid.cells.size;
   double deepest = 0;
   for (int z = 0; z < nz; ++z) {
     for (int y = 0; y < ny; ++y) {
       for (int x = 0; x < nx; ++x) {
-        const Vec3d p = depths.cells.low + Vec3d{x + 0.5, y + 0.5, z + 0.5} * edge;
+        const Vec3d p = depth_grid.cells.low + Vec3d{x + 0.5, y + 0.5, z + 0.5} * edge;
         const double depth = std::min({p.x - sides.min.x, sides.max.x - p.x, p.y - sides.min.y,
                                        sides.max.y - p.y, p.z - sides.min.z, sides.max.z - p.z});
-        const double told = depths.thirds[depths.cells.index(x, y, z)] * edge / 3;
+        const double told = depth_grid.quantized[depth_grid.cells.index(x, y, z)] * edge / 3;
         EXPECT_NEAR(told, depth, 1.01 * edge) << x << " " << y << " " << z;
         deepest = std::max(deepest, told);
       }
@@ -311,11 +311,11 @@ TEST(DepthsTest, TellTheDistanceToTheBoundary) {
 
 // Many points at a time, of a body of three different sides, and beside it.
 TEST(DepthsTest, AreLookedUpWhereThePointsAre) {
-  const Depths depths(make_shape("leaf"));
-  const auto [nx, ny, nz] = depths.cells.size;
+  const DepthGrid depth_grid(make_shape("leaf"));
+  const auto [nx, ny, nz] = depth_grid.cells.size;
   EXPECT_TRUE(nx != ny && ny != nz && nz != nx);
   const auto points = std::make_unique<VectorColumn>();
-  const auto thirds = std::make_unique<FloatColumn>();
+  const auto quantized = std::make_unique<FloatColumn>();
   for (uint32_t batch = 0; batch < 200; ++batch) {
     std::vector<float> expected;
     for (uint32_t i = 0; i < kSlots; ++i) {
@@ -325,19 +325,21 @@ TEST(DepthsTest, AreLookedUpWhereThePointsAre) {
         return i == 0 ? size - 0.5 : (1.2 * double{v} - 0.1) * size;
       };
       const double x = place(u[0], nx), y = place(u[1], ny), z = place(u[2], nz);
-      points->set(i, static_cast<Vec3f>(depths.cells.low + Vec3d{x, y, z} * depths.cells.edge));
+      points->set(
+          i, static_cast<Vec3f>(depth_grid.cells.low + Vec3d{x, y, z} * depth_grid.cells.edge));
       const auto cell = [](double c, int size) {
         return std::clamp(static_cast<int>(std::floor(c)), 0, size - 1);
       };
-      expected.push_back(depths.thirds[depths.cells.index(cell(x, nx), cell(y, ny), cell(z, nz))]);
+      expected.push_back(
+          depth_grid.quantized[depth_grid.cells.index(cell(x, nx), cell(y, ny), cell(z, nz))]);
     }
-    look_up_depths(depths, *points, *thirds, kSlots);
+    look_up_quantized_depth(depth_grid, *points, *quantized, kSlots);
     int different = 0;  // rounding decides at the faces of cells
     for (uint32_t i = 0; i < kSlots; ++i) {
-      different += (*thirds)[i] != expected[i] ? 1 : 0;
+      different += (*quantized)[i] != expected[i] ? 1 : 0;
     }
     EXPECT_LE(different, 2) << "batch " << batch;
-    EXPECT_EQ((*thirds)[0], expected[0]);
+    EXPECT_EQ((*quantized)[0], expected[0]);
   }
 }
 

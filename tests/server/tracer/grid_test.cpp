@@ -18,7 +18,7 @@
 #include "server/tracer/sampler.h"
 #include "server/tracer/scene/scene.h"
 #include "server/tracer/wavefront/cubic_cells.h"
-#include "server/tracer/wavefront/depths.h"
+#include "server/tracer/wavefront/depth_grid.h"
 #include "tests/support/hard_meshes.h"
 
 namespace itn::testing {
@@ -155,9 +155,9 @@ INSTANTIATE_TEST_SUITE_P(
 TEST_P(HardMeshTest, CostsWhatItsTrianglesAllow) {
   const Mesh mesh = GetParam().make();
   const Grid grid(mesh);
-  const Depths depths(mesh);
+  const DepthGrid depth_grid(mesh);
   EXPECT_LE(grid.memory(), Grid::most_memory(mesh.triangles.size()));
-  EXPECT_LE(depths.memory(), Depths::most_memory());
+  EXPECT_LE(depth_grid.memory(), DepthGrid::most_memory());
   EXPECT_GE(grid.occupied.size(), 1U);
   EXPECT_EQ(std::count_if(grid.cells.begin(), grid.cells.end(),
                           [](uint32_t word) { return (word & Grid::kOccupied) != 0; }),
@@ -213,13 +213,13 @@ TEST(EstimatedMemoryTest, CoversTheSceneAndGrowsWithItsParts) {
   scene.lights = {ConstantEnvironment{}};
   scene.camera = {.origin = {0, 0.5, -5}, .target = {0, 0.5, 0}};
   scene.film = {8, 8, Channel::kLuminance};
-  const size_t alone = estimated_memory(scene);
+  const size_t delta_bounce = estimated_memory(scene);
   scene.surfaces.push_back({make_shape("frame"), 0.5F});
   EnvironmentMapLight map{.width = 256, .height = 128, .rgb = {}};
   map.rgb.assign(size_t{3} * 256 * 128, 1.0F);
   scene.lights.push_back(map);
   const size_t all = estimated_memory(scene);
-  EXPECT_GT(all, alone + 256 * 128 * 12);
+  EXPECT_GT(all, delta_bounce + 256 * 128 * 12);
   EXPECT_LE(Scene(scene).memory(), all);
   EXPECT_LT(all, 100U << 20);
 }
@@ -282,7 +282,7 @@ void expect_stops(const std::function<void(std::stop_token)>& work) {
 TEST(GridTest, StopsAtAnyMoment) {
   for (const Mesh& mesh : {cone_fan(40'000), needles(10'000)}) {
     expect_stops([&](const std::stop_token& stop) { Grid(mesh, stop); });
-    expect_stops([&](const std::stop_token& stop) { Depths(mesh, stop); });
+    expect_stops([&](const std::stop_token& stop) { DepthGrid(mesh, stop); });
   }
 }
 

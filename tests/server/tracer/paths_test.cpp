@@ -14,7 +14,7 @@ std::unique_ptr<Paths> some_paths() {
   auto paths = std::make_unique<Paths>();
   paths->weight_at_albedos.resize(2);
   paths->radiance_at_albedos.resize(2);
-  paths->weight_by_reflectance.resize(1);
+  paths->dweight_dreflectance.resize(1);
   paths->d_reflectance.resize(1);
   paths->d_light.resize(3);
   return paths;
@@ -60,7 +60,7 @@ TEST(PathsTest, APathBeginsWithNothingOfTheLast) {
   EXPECT_EQ(paths->weight_at_albedos[1][3], 1);
   EXPECT_EQ(paths->vertex[3], 1U);
   EXPECT_EQ(paths->alive[3], 1U);
-  EXPECT_EQ(paths->alone[3], 1U);
+  EXPECT_EQ(paths->delta_bounce[3], 1U);
 }
 
 TEST(PathsTest, AFactorMultipliesAllWeights) {

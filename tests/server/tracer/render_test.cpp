@@ -163,7 +163,7 @@ TEST(RenderTest, InstructionSetsDoNotMatter) {
 // With the same roulette, walks are as long as those of the reference.
 TEST(RenderTest, TheUsualRouletteWalksAsFarAsTheReference) {
   RenderRequest s = request();
-  const RenderOptions usual{.switches = {.usual_roulette = true}};
+  const RenderOptions usual{.switches = {.throughput_roulette = true}};
   std::vector<double> ratios;
   for (s.seed = 0; s.seed < 64; ++s.seed) {
     RenderRequest reference = s;

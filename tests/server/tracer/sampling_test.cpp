@@ -251,7 +251,7 @@ TEST_P(LightTest, SamplesFollowTheDensity) {
     power.push_back(4 * kPi * double{lights.radiance(d)});
     moment.push_back(power.back() * smooth(d));
     const Uniforms v = Sampler(3, 0, 0).at(i, 1);
-    const LightSample sample = lights.sample(fine(v[0], v[1]), v[2], v[3]);
+    const LightSample sample = lights.sample(uniform_48(v[0], v[1]), v[2], v[3]);
     EXPECT_NEAR(length(sample.direction), 1, 1e-5);
     sampled_power.push_back(sample.weight);
     sampled_moment.push_back(double{sample.weight} * smooth(sample.direction));
@@ -296,7 +296,7 @@ TEST_P(LightTest, TheWavefrontHasTheSameLights) {
               ? 1
               : 0;
     }
-    draw_lights(lights, 100 + batch, *probe, kSlots);
+    sample_lights(lights, 100 + batch, *probe, kSlots);
     for (uint32_t i = 0; i < kSlots; ++i) {
       const Vec3f d = probe->direction.at(i);
       EXPECT_NEAR(length(d), 1, 1e-5);
@@ -305,7 +305,7 @@ TEST_P(LightTest, TheWavefrontHasTheSameLights) {
       const float weight = density > 0 ? probe->radiance[i] / density : probe->radiance[i];
       wavefront.push_back(weight * (1 + 0.5F * d.x + 0.3F * d.y * d.z));
       const Uniforms v = Sampler(5, 0, batch).at(i, 1);
-      const LightSample sample = lights.sample(fine(v[0], v[1]), v[2], v[3]);
+      const LightSample sample = lights.sample(uniform_48(v[0], v[1]), v[2], v[3]);
       scalar.push_back(sample.weight * (1 + 0.5F * sample.direction.x +
                                         0.3F * sample.direction.y * sample.direction.z));
     }

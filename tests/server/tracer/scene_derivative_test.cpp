@@ -106,13 +106,13 @@ TEST(SceneDerivativeTest, InScalesIsTheImageOfThatLight) {
   SceneDescription only_sun = corner(0.4F, 0.6F), only_rest = corner(0.4F, 0.6F);
   only_sun.lights.pop_back();
   only_rest.lights.erase(only_rest.lights.begin());
-  const std::vector<SceneDescription> alone{only_sun, only_rest};
+  const std::vector<SceneDescription> delta_bounce{only_sun, only_rest};
   RenderRequest request = corner_request(Tracer::kWavefront);
   request.derivatives = kAllOfTheCorner;
   const FilmEstimate film = estimate_film(Scene(corner(0.4F, 0.6F)), request, 24);
   request.derivatives.clear();
-  for (size_t l = 0; l < alone.size(); ++l) {
-    const Estimated image = estimate_film(Scene(alone[l]), request, 24, 501).radiance;
+  for (size_t l = 0; l < delta_bounce.size(); ++l) {
+    const Estimated image = estimate_film(Scene(delta_bounce[l]), request, 24, 501).radiance;
     expect_equal(film.derivatives[2 + l], image, 2, "light " + std::to_string(l));
     expect_resolution(film.derivatives[2 + l], image.mean, 0.02, "light");
   }

@@ -19,7 +19,7 @@
 #include <cstdint>
 
 #include "server/tracer/boundary.h"
-#include "server/tracer/wavefront/lines/glance-inl.h"
+#include "server/tracer/wavefront/lines/early_out-inl.h"
 #include "server/tracer/wavefront/lines/grid_steps-inl.h"
 #include "server/tracer/wavefront/lines/surface_search-inl.h"
 #include "server/tracer/wavefront/lines/triangle_test-inl.h"
@@ -44,7 +44,7 @@ class LineFollower {
 
   void run() {
     // What ends where it begins needs no line.
-    pending_count_ = glance(obstacles_, rays_, count_, report_, at_boundary_, pending_);
+    pending_count_ = early_out(obstacles_, rays_, count_, report_, at_boundary_, pending_);
     for (;;) {
       const LineBits waiting = busy_ & ~stepping_;
       for (size_t v = 0; v < kLines; v += lanes()) {
@@ -103,14 +103,14 @@ class LineFollower {
     store(fresh, slack, lines_.slack, v);
     store(fresh, start, lines_.t, v);
     const Floats zero = hn::Zero(FloatTag());
-    store(fresh, zero, lines_.in_medium, v);
+    store(fresh, zero, lines_.medium_length, v);
     store(fresh, zero, lines_.last_exit, v);
     store(fresh, zero, lines_.last_entry, v);
     if constexpr (AtBoundary::kAsks) {
       store(fresh, set(1.0F), line_crossings_.transmittance, v);
     }
-    const Floats budget = gather(rays_.budget);
-    store(fresh, budget, lines_.budget, v);
+    const Floats max_medium_length = gather(rays_.max_medium_length);
+    store(fresh, max_medium_length, lines_.max_medium_length, v);
     const Uints interaction = hn::GatherIndex(UintTag(), rays_.interaction.data(), ray);
     const Uints inside = hn::And(interaction, set(Rays::kInside));
     store(fresh, inside, lines_.inside, v);
@@ -126,7 +126,7 @@ class LineFollower {
     store(fresh, set(kInfinity), lines_.surface_t, v);
     store(fresh, set(Surfaces::kNone), lines_.surface, v);
     if (!obstacles_.surfaces.empty()) {
-      begin_surfaces(obstacles_.surfaces, lines_, fresh, v, position, direction, budget,
+      begin_surfaces(obstacles_.surfaces, lines_, fresh, v, position, direction, max_medium_length,
                      interaction);
     }
   }
@@ -145,7 +145,8 @@ class LineFollower {
     // The next larger float: these are not negative.
     const Floats beyond = hn::BitCast(d, hn::Add(hn::BitCast(UintTag(), last), set(uint32_t{1})));
     const Floats t_min = hn::Max(hn::Sub(t, load(lines_.slack, v)), beyond);
-    const Floats rest = hn::Add(t, hn::Sub(load(lines_.budget, v), load(lines_.in_medium, v)));
+    const Floats rest =
+        hn::Add(t, hn::Sub(load(lines_.max_medium_length, v), load(lines_.medium_length, v)));
     const Floats end =
         hn::Min(load(lines_.surface_t, v), hn::IfThenElse(inside, rest, set(kInfinity)));
     store(where, t_min, lines_.t_min, v);
@@ -199,10 +200,10 @@ class LineFollower {
       entries = hn::AndNot(bent, entries);
     }
     const Floats travelled = hn::IfThenElseZero(inside, hn::Sub(stop, t));
-    const Mask spent = hn::AndNot(at_surface, hn::And(missed, inside));
-    const Floats in_medium = hn::IfThenElse(spent, load(lines_.budget, v),
-                                            hn::Add(load(lines_.in_medium, v), travelled));
-    store(where, in_medium, lines_.in_medium, v);
+    const Mask at_limit = hn::AndNot(at_surface, hn::And(missed, inside));
+    const Floats medium_length = hn::IfThenElse(at_limit, load(lines_.max_medium_length, v),
+                                                hn::Add(load(lines_.medium_length, v), travelled));
+    store(where, medium_length, lines_.medium_length, v);
     store(crossed, stop, lines_.t, v);
     store(exits, hit, lines_.last_exit, v);
     store(entries, hit, lines_.last_entry, v);
@@ -218,11 +219,11 @@ class LineFollower {
       end_point = if_then_else(bent, line_crossings_.point.load(v), end_point);
     }
     const Mask lost =
-        hn::Or(hn::AndNot(may_be_inside(obstacles_, end_point, load(lines_.word, v)), spent),
+        hn::Or(hn::AndNot(may_be_inside(obstacles_, end_point, load(lines_.word, v)), at_limit),
                hn::And(crossed, hn::RebindMask(d, hn::Gt(crossings, set(kMaxCrossings)))));
     Uints how = set(uint32_t{Rays::kEscaped});
     how = hn::IfThenElse(for_uints(at_surface), set(uint32_t{Rays::kSurface}), how);
-    how = hn::IfThenElse(for_uints(spent), set(uint32_t{Rays::kSpent}), how);
+    how = hn::IfThenElse(for_uints(at_limit), set(uint32_t{Rays::kInMedium}), how);
     Mask ended = hn::Or(missed, lost);
     if constexpr (AtBoundary::kAsks) {
       how = hn::IfThenElse(for_uints(bent), set(uint32_t{Rays::kCrossing}), how);
@@ -280,7 +281,7 @@ class LineFollower {
     const auto write = [&](Floats from, FloatColumn& column) {
       hn::ScatterIndex(from, FloatTag(), column.data(), ray);
     };
-    write(load(lines_.in_medium, v), rays_.in_medium);
+    write(load(lines_.medium_length, v), rays_.medium_length);
     const Uints entered = hn::ShiftLeft<Rays::kEnteredBit>(load(lines_.entered, v));
     hn::ScatterIndex(hn::Or(how, entered), UintTag(), rays_.outcome.data(), ray);
     if constexpr (AtBoundary::kAsks) {

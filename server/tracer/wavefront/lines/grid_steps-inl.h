@@ -54,7 +54,7 @@ HWY_INLINE void begin_in_grid(const Grid& grid, Lines& lines, Mask fresh, size_t
 // A cell's word, and the edge of the empty cube ahead of it.
 struct CellWords {
   Uints word;
-  Floats reach;
+  Floats skip;
 };
 HWY_INLINE CellWords read_cell(const Grid& grid, Vectors cell, Uints octant) {
   const IntTag di;
@@ -63,11 +63,11 @@ HWY_INLINE CellWords read_cell(const Grid& grid, Vectors cell, Uints octant) {
   const Ints index =
       hn::ConvertTo(di, plus_product(plus_product(cell.x, cell.y, row), cell.z, layer));
   const auto* const cells = reinterpret_cast<const int32_t*>(grid.cells.data());
-  const auto* const reaches = reinterpret_cast<const int32_t*>(grid.reaches.data());
+  const auto* const skips = reinterpret_cast<const int32_t*>(grid.skips.data());
   const Ints byte = hn::Add(hn::ShiftLeft<3>(index), hn::BitCast(di, octant));
-  const Ints reach = hn::And(hn::GatherOffset(di, reaches, byte), hn::Set(di, Grid::kMaxReach));
+  const Ints skip = hn::And(hn::GatherOffset(di, skips, byte), hn::Set(di, Grid::kMaxSkip));
   return {hn::BitCast(UintTag(), hn::GatherIndex(di, cells, index)),
-          hn::ConvertTo(FloatTag(), reach)};
+          hn::ConvertTo(FloatTag(), skip)};
 }
 
 // Lines between two distances, where they pass through a cell; for crossings of which side
@@ -156,9 +156,9 @@ HWY_INLINE Mask enter_grid(const Grid& grid, Lines& lines, Mask where, size_t v,
 // to test there.
 HWY_INLINE Mask look(const Grid& grid, Lines& lines, Mask stepping, size_t v) {
   const Vectors cell = lines.cell.load(v);
-  const auto [word, reach] = read_cell(grid, cell, load(lines.octant, v));
+  const auto [word, skip] = read_cell(grid, cell, load(lines.octant, v));
   store(stepping, word, lines.word, v);
-  store(reach, lines.reach, v);
+  store(skip, lines.skip, v);
   const Mask occupied = hn::And(stepping, not_zero(hn::And(word, set(Grid::kOccupied))));
   if (hn::AllFalse(FloatTag(), occupied)) {
     return occupied;
@@ -186,10 +186,10 @@ HWY_INLINE Mask advance(const Grid& grid, Lines& lines, Mask stepping, size_t v)
   const FloatTag d;
   const Vectors x0 = lines.cells_origin.load(v), dx = lines.cells_direction.load(v);
   const Vectors mm = lines.mm_per_cell.load(v), cell = lines.cell.load(v);
-  const Floats one = set(1.0F), zero = hn::Zero(d), reach = load(lines.reach, v);
+  const Floats one = set(1.0F), zero = hn::Zero(d), skip = load(lines.skip, v);
   // Cells from here to the face that the line leaves through.
   const auto to_face = [&](Floats slope) {
-    return hn::IfThenElse(hn::Lt(slope, zero), hn::Sub(one, reach), reach);
+    return hn::IfThenElse(hn::Lt(slope, zero), hn::Sub(one, skip), skip);
   };
   const auto leave = [&](Floats c, Floats from, Floats slope, Floats scale) {
     return hn::Mul(hn::Add(hn::Sub(c, from), to_face(slope)), scale);
@@ -203,14 +203,14 @@ HWY_INLINE Mask advance(const Grid& grid, Lines& lines, Mask stepping, size_t v)
   const Mask along_x = hn::Eq(t, leave_x);
   const Mask along_y = hn::AndNot(along_x, hn::Eq(t, leave_y));
   const Mask along_z = hn::Not(hn::Or(along_x, along_y));
-  const Floats before = hn::Sub(reach, one);
+  const Floats before = hn::Sub(skip, one);
   const auto move = [&](Mask along, Floats c, Floats from, Floats slope, int size) {
     // The cells of the cube ahead, within the grid.
     const Floats far =
         hn::Clamp(hn::Add(c, hn::CopySign(before, slope)), zero, set(static_cast<float>(size - 1)));
     const Floats low = hn::Min(c, far), high = hn::Max(c, far);
     const Floats follow = hn::Clamp(hn::Floor(plus_product(from, slope, t)), low, high);
-    return hn::IfThenElse(along, hn::Add(c, hn::CopySign(reach, slope)), follow);
+    return hn::IfThenElse(along, hn::Add(c, hn::CopySign(skip, slope)), follow);
   };
   const Vectors next{move(along_x, cell.x, x0.x, dx.x, grid.size[0]),
                      move(along_y, cell.y, x0.y, dx.y, grid.size[1]),

@@ -77,10 +77,10 @@ struct Lines {
   PerLineVectors mm_per_cell{};
   PerLine<uint32_t> octant{};    // of the direction
   PerLine<uint32_t> steepest{};  // axis that the line is nearest to
-  PerLine<float> slack{}, budget{};
+  PerLine<float> slack{}, max_medium_length{};
 
   // How far it has come, where it last left and entered the medium, and what it knows of surfaces.
-  PerLine<float> t{}, in_medium{};
+  PerLine<float> t{}, medium_length{};
   PerLine<float> last_exit{}, last_entry{};
   PerLine<uint32_t> inside{}, entered{}, crossings{};
   PerLine<float> surface_t{};
@@ -91,7 +91,7 @@ struct Lines {
   PerLine<float> t_min{}, end{}, grid_end{}, hit{}, side{};
   // The cell that it is in, where it entered that, its word, and the edge of the empty cube ahead.
   PerLineVectors cell{};
-  PerLine<float> entered_cell{}, reach{};
+  PerLine<float> entered_cell{}, skip{};
   PerLine<uint32_t> word{};
 };
 

@@ -26,7 +26,7 @@ HWY_INLINE Uints surface_of(Uints interaction) {
 constexpr float kFar = 1e30F;
 
 // Whether lines of this length may meet the box of the surfaces.
-HWY_INLINE Mask reaches_surfaces(const Surfaces& surfaces, Vectors position, Vectors direction,
+HWY_INLINE Mask may_hit_surfaces(const Surfaces& surfaces, Vectors position, Vectors direction,
                                  Floats length, Floats slack) {
   const Bounds& box = surfaces.bounds;
   const auto overlaps = [&](Floats p, Floats q, float low, float high) {
@@ -99,14 +99,15 @@ inline void find_surfaces(const Surfaces& surfaces, Lines& lines, Mask where, si
 // Surfaces are looked for once for every line whose direction leads to their box: as soon as it
 // is outside, or may reach the box inside.
 inline void begin_surfaces(const Surfaces& surfaces, Lines& lines, Mask fresh, size_t v,
-                           Vectors position, Vectors direction, Floats budget, Uints interaction) {
+                           Vectors position, Vectors direction, Floats max_medium_length,
+                           Uints interaction) {
   const Mask inside = not_zero(hn::And(interaction, set(Rays::kInside)));
   store(fresh, surface_of(interaction), lines.excluded, v);
   const Floats slack = load(lines.slack, v);
 
-  const Mask ever = reaches_surfaces(surfaces, position, direction, set(kFar), slack);
-  const Mask soon =
-      hn::Or(reaches_surfaces(surfaces, position, direction, budget, slack), hn::Not(inside));
+  const Mask ever = may_hit_surfaces(surfaces, position, direction, set(kFar), slack);
+  const Mask soon = hn::Or(
+      may_hit_surfaces(surfaces, position, direction, max_medium_length, slack), hn::Not(inside));
   store(fresh, hn::IfThenElseZero(for_uints(ever), set(uint32_t{1})), lines.surface_unknown, v);
   find_surfaces(surfaces, lines, hn::And(fresh, soon), v);
 }

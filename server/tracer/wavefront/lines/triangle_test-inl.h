@@ -106,7 +106,7 @@ class TriangleTest {
           hn::Store(v, tag, entry.sides[1].data());
           hn::Store(w, tag, entry.sides[2].data());
           for (size_t k = 0; k < 3; ++k) {
-            entry.depths[k] = block.corners[k][shear.z].data() + i;
+            entry.depth_grid[k] = block.corners[k][shear.z].data() + i;
           }
           entry.c_z = shear.c_z;
           entry.per_z = shear.per_z;
@@ -135,9 +135,9 @@ class TriangleTest {
       for (LineBits bits = entry->hits; bits != 0; bits &= bits - 1) {
         const int i = std::countr_zero(bits);
         const float u = entry->sides[0][i], v = entry->sides[1][i], w = entry->sides[2][i];
-        const float z =
-            (u * entry->depths[0][i] + v * entry->depths[1][i] + w * entry->depths[2][i]) /
-            (u + v + w);
+        const float z = (u * entry->depth_grid[0][i] + v * entry->depth_grid[1][i] +
+                         w * entry->depth_grid[2][i]) /
+                        (u + v + w);
         const float t = entry->to_c + (z - entry->c_z) * entry->per_z;
         const float end = std::min(lines.end[line], lines.hit[line]);
         if constexpr (AtBoundary::kAsks) {
@@ -161,8 +161,8 @@ class TriangleTest {
     LineBits hits;
     int line;
     uint32_t first;  // of its triangles, as its block * kSize + place in it; if a model asks
-    std::array<const float*, 3> depths;  // of the corners, along the axis nearest to the line
-    float c_z, per_z, to_c;              // t = to_c + (z - c_z) per_z
+    std::array<const float*, 3> depth_grid;  // of the corners, along the axis nearest to the line
+    float c_z, per_z, to_c;                  // t = to_c + (z - c_z) per_z
   };
   Passed passed_[kPassed];
 };

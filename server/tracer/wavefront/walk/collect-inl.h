@@ -50,14 +50,14 @@ HWY_INLINE void collect(Wavefront<AtBoundary>& wave, const Slots& at, Floats lig
   if (wave.medium_derivatives) {
     const Scores score = scores();
     at.add(hn::Mul(contribution, score.sigma_t), paths.d_sigma_t);
-    at.add(hn::Mul(at.get(paths.weight_derivative), light), paths.d_albedo);
+    at.add(hn::Mul(at.get(paths.dweight_dalbedo), light), paths.d_albedo);
     at.add(hn::Mul(contribution, score.g), paths.d_g);
   }
   for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
     at.add(hn::Mul(at.get(paths.weight_at_albedos[a]), light), paths.radiance_at_albedos[a]);
   }
   for (size_t r = 0; r < paths.d_reflectance.size(); ++r) {
-    at.add(hn::Mul(at.get(paths.weight_by_reflectance[r]), light), paths.d_reflectance[r]);
+    at.add(hn::Mul(at.get(paths.dweight_dreflectance[r]), light), paths.d_reflectance[r]);
   }
   for (size_t l = 0; l < paths.d_light.size(); ++l) {
     at.add(part_of(l, weight), paths.d_light[l]);

@@ -38,7 +38,7 @@ void cross(Wavefront<AtBoundary>& wave, size_t slot) {
   const bool passes = sample.event == BoundarySample::Event::kTransmitted;
   paths.rays.interaction[slot] = inside != passes ? Rays::kInside : 0;
   paths.rays.direction.set(slot, sample.direction);
-  paths.alone[slot] = paths.alive[slot] = 1;
+  paths.delta_bounce[slot] = paths.alive[slot] = 1;
   for_each_column(paths.weights(), [&](FloatColumn& weight) { weight[slot] *= sample.weight; });
 }
 

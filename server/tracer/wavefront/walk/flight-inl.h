@@ -17,7 +17,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 // Free flights of all paths. As flights are memoryless, one path length serves for all the parts
 // of the line that lie inside the medium.
 template <typename AtBoundary>
-void fly(Wavefront<AtBoundary>& wave) {
+void sample_flights(Wavefront<AtBoundary>& wave) {
   Paths& paths = wave.paths;
   const Floats zero = hn::Zero(FloatTag());
   for (size_t i = 0; i < wave.count; i += lanes()) {
@@ -26,7 +26,7 @@ void fly(Wavefront<AtBoundary>& wave) {
     const Floats u0 =
         hn::IfThenElse(is(vertex, 1), load(paths.first_flight, i), uniform(words.w[0]));
     const Floats depth = hn::Sub(zero, log(hn::Sub(set(1.0F), u0)));
-    store(hn::Mul(depth, set(1 / wave.sigma_t)), paths.rays.budget, i);
+    store(hn::Mul(depth, set(1 / wave.sigma_t)), paths.rays.max_medium_length, i);
     store(uniform(words.w[1]), paths.u1, i);
     store(uniform(words.w[2]), paths.u2, i);
     store(uniform(words.w[3]), paths.u3, i);
@@ -44,11 +44,11 @@ void fly(Wavefront<AtBoundary>& wave) {
 // pixel's value is the multiple that takes away most of the noise (a control variate: Williams,
 // "Simple statistical gradient-following algorithms", 1992). Likewise for g, in scatter.
 template <typename AtBoundary>
-HWY_INLINE void book_flight(Wavefront<AtBoundary>& wave, size_t i, Mask spent) {
+HWY_INLINE void update_scores(Wavefront<AtBoundary>& wave, size_t i, Mask scattered) {
   Paths& paths = wave.paths;
   if (wave.medium_derivatives) {
-    const Floats length = load(paths.rays.in_medium, i);
-    const Floats score = hn::Sub(hn::IfThenElseZero(spent, set(1 / wave.sigma_t)), length);
+    const Floats length = load(paths.rays.medium_length, i);
+    const Floats score = hn::Sub(hn::IfThenElseZero(scattered, set(1 / wave.sigma_t)), length);
     store(hn::Add(load(paths.score_sigma_t, i), score), paths.score_sigma_t, i);
     store(plus_product(load(paths.control_sigma_t, i), score, load(paths.weight, i)),
           paths.control_sigma_t, i);

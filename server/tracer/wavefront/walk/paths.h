@@ -36,16 +36,16 @@ struct PathState {
   UintState<> hit{}, leaked{}, steps{};  // see PathEstimate
   // Whether no shadow ray looks for the light ahead too: on the camera's ray, and behind a boundary
   // that bends light. How many of those were crossed in a row.
-  UintState<1> alone{};
+  UintState<1> delta_bounce{};
   UintState<> crossings{};
   FloatState<> pdf{};  // per steradian, of the last direction
 
   // The weight W, d W / d albedo, and the scores d log f / d sigma_t in mm and d log f / dg.
   FloatState<1> weight{};
-  FloatState<> weight_derivative{};
+  FloatState<> dweight_dalbedo{};
   FloatState<> score_sigma_t{}, score_g{};
 
-  // Collected so far, and control variates (see book_flight and scatter).
+  // Collected so far, and control variates (see update_scores and scatter).
   FloatState<> radiance{}, d_sigma_t{}, d_albedo{}, d_g{};
   FloatState<> control_sigma_t{}, control_g{};
 
@@ -53,20 +53,21 @@ struct PathState {
   FloatStates<1> weight_at_albedos{};
   FloatStates<> radiance_at_albedos{};
   // For the surfaces that derivatives are asked for in: d W / d reflectance, and what is collected.
-  FloatStates<> weight_by_reflectance{}, d_reflectance{};
+  FloatStates<> dweight_dreflectance{}, d_reflectance{};
   // The same for lights.
   FloatStates<> d_light{};
 
   // The list of all columns: what moves a path, and begins one, goes through it.
   auto columns() {
-    return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps, alone,
-                    crossings, pdf, weight, weight_derivative, score_sigma_t, score_g, radiance,
-                    d_sigma_t, d_albedo, d_g, control_sigma_t, control_g, weight_at_albedos,
-                    radiance_at_albedos, weight_by_reflectance, d_reflectance, d_light);
+    return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps,
+                    delta_bounce, crossings, pdf, weight, dweight_dalbedo, score_sigma_t, score_g,
+                    radiance, d_sigma_t, d_albedo, d_g, control_sigma_t, control_g,
+                    weight_at_albedos, radiance_at_albedos, dweight_dreflectance, d_reflectance,
+                    d_light);
   }
   // Those that a factor of the path's weight multiplies.
   auto weights() {
-    return std::tie(weight, weight_derivative, weight_at_albedos, weight_by_reflectance);
+    return std::tie(weight, dweight_dalbedo, weight_at_albedos, dweight_dreflectance);
   }
 };
 
@@ -117,8 +118,8 @@ struct ShadowRays {
   Rays rays;
   UintColumn slot{};  // of the path
   // Light that would arrive undimmed, scattered and weighted: without the path's weight, and with
-  // what the path is worth following for.
-  FloatColumn light{}, worth{};
+  // the importance of the path.
+  FloatColumn light{}, importance{};
   FloatColumn score_g{};                     // of the path, with that of the turn to the light
   std::vector<FloatColumn> parts_of_lights;  // of `light`, for the derivatives asked for in lights
   size_t count = 0;

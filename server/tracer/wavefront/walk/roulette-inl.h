@@ -11,38 +11,38 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "server/tracer/wavefront/depths.h"
+#include "server/tracer/wavefront/depth_grid.h"
 #include "server/tracer/wavefront/walk/state-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// Depths::thirds where points are.
-HWY_INLINE Floats depth_in_thirds(const Depths& depths, Vectors x) {
+// DepthGrid::quantized where points are.
+HWY_INLINE Floats quantized_depth(const DepthGrid& depth_grid, Vectors x) {
   const IntTag di;
-  const auto per_edge = static_cast<float>(1 / depths.cells.edge);
+  const auto per_edge = static_cast<float>(1 / depth_grid.cells.edge);
   const auto cell = [&](Floats position, double low, int size) {
     const Floats place = hn::Mul(hn::Sub(position, set(static_cast<float>(low))), set(per_edge));
     return hn::ConvertTo(di,
                          hn::Clamp(place, hn::Zero(FloatTag()), set(static_cast<float>(size - 1))));
   };
-  const auto [nx, ny, nz] = depths.cells.size;
-  const Vec3d& low = depths.cells.low;
+  const auto [nx, ny, nz] = depth_grid.cells.size;
+  const Vec3d& low = depth_grid.cells.low;
   const Ints row = hn::Add(hn::Mul(cell(x.z, low.z, nz), hn::Set(di, ny)), cell(x.y, low.y, ny));
   const Ints index = hn::Add(hn::Mul(row, hn::Set(di, nx)), cell(x.x, low.x, nx));
-  const auto* const words = reinterpret_cast<const int32_t*>(depths.thirds.data());
+  const auto* const words = reinterpret_cast<const int32_t*>(depth_grid.quantized.data());
   const Ints word = hn::GatherIndex(di, words, hn::ShiftRight<2>(index));
   const Ints shift = hn::ShiftLeft<3>(hn::And(index, hn::Set(di, 3)));
   return hn::ConvertTo(FloatTag(), hn::And(hn::Shr(word, shift), hn::Set(di, 255)));
 }
 
-// How the roulette of walks judges them (survive). The more there is to gain, the
+// How the roulette of walks judges them (russian_roulette). The more there is to gain, the
 // shorter the paths that are stopped: derivatives depend on longer paths than the image, and thin
 // objects on shorter ones than thick. Measured best, in variance times time, on a cube, a thin leaf
 // and a figure.
 struct WalkRoulette {
   float per_threshold;  // 1 / that below which paths play
-  float fall_off;       // of the light with depth, in a third of a cell of the depths
+  float attenuation;    // of the light with depth, in a third of a cell of the depths
 
   WalkRoulette(const Scene::Compiled& scene, const RenderRequest& request, const Tuning& tuning) {
     const Vec3f size = scene.obstacles.bounds.max - scene.obstacles.bounds.min;
@@ -54,20 +54,20 @@ struct WalkRoulette {
                              : thin                    ? 0.2
                                                        : 0.25;
     per_threshold = static_cast<float>(1 / std::max(threshold, 1e-20));
-    // See light_left.
+    // See remaining_light.
     const double kappa = sigma_t * std::min(1.0, std::sqrt(3 * (1 - albedo) * (1 - albedo * g)));
     const double part = tuning.depth_roulette >= 0 ? tuning.depth_roulette
                         : !derivatives             ? 0.8
                                                    : 0.5;
     // In media so thick that light falls off within a cell, depths are too coarse to be believed.
-    constexpr double kMostByCell = 0.7;
-    const double by_cell = part * kappa * scene.obstacles.depths.cells.edge;
-    fall_off = static_cast<float>(std::min(by_cell, kMostByCell) / 3);
+    constexpr double kMaxByCell = 0.7;
+    const double by_cell = part * kappa * scene.obstacles.depth_grid.cells.edge;
+    attenuation = static_cast<float>(std::min(by_cell, kMaxByCell) / 3);
   }
 };
 
 // Survivors of the roulette by depth gain at most exp(4) in weight: more would be fireflies.
-constexpr float kLeastExponent = -4;
+constexpr float kMinExponent = -4;
 
 // How much light is left where the path is, of that below the boundary: it falls off as
 // exp(-kappa z) with the depth z, by diffusion theory with
@@ -75,40 +75,41 @@ constexpr float kLeastExponent = -4;
 // which is too steep where it exceeds sigma_t. As this knows nothing of where the light comes
 // from, nor of paths that bring it back, only a part of it is believed.
 template <typename AtBoundary>
-HWY_INLINE Floats light_left(const Wavefront<AtBoundary>& wave, const WalkRoulette& roulette,
-                             size_t i) {
+HWY_INLINE Floats remaining_light(const Wavefront<AtBoundary>& wave, const WalkRoulette& roulette,
+                                  size_t i) {
   const Paths& paths = wave.paths;
   const Mask inside = not_zero(hn::And(load(paths.rays.interaction, i), set(Rays::kInside)));
-  const Floats thirds = hn::IfThenElseZero(
-      inside, depth_in_thirds(wave.scene.obstacles.depths, load(paths.rays.position, i)));
-  const Floats exponent = hn::Mul(thirds, set(-roulette.fall_off));
-  return exp(hn::Max(exponent, set(kLeastExponent)));
+  const Floats quantized = hn::IfThenElseZero(
+      inside, quantized_depth(wave.scene.obstacles.depth_grid, load(paths.rays.position, i)));
+  const Floats exponent = hn::Mul(quantized, set(-roulette.attenuation));
+  return exp(hn::Max(exponent, set(kMinExponent)));
 }
 
 // As path tracers usually play it.
-inline Floats usual_survival(const Paths& paths, size_t i) {
-  const Mask begun =
-      hn::RebindMask(FloatTag(), hn::Gt(hn::BitCast(IntTag(), load(paths.vertex, i)),
-                                        hn::Set(IntTag(), int{UsualRoulette::kFirstVertex} - 1)));
-  Floats worth = load(paths.weight, i);
-  for (const FloatColumn& derivative : paths.weight_by_reflectance) {
-    worth = hn::Max(worth, load(derivative, i));
+inline Floats throughput_survival(const Paths& paths, size_t i) {
+  const Mask begun = hn::RebindMask(
+      FloatTag(), hn::Gt(hn::BitCast(IntTag(), load(paths.vertex, i)),
+                         hn::Set(IntTag(), int{ThroughputRoulette::kFirstVertex} - 1)));
+  Floats importance = load(paths.weight, i);
+  for (const FloatColumn& derivative : paths.dweight_dreflectance) {
+    importance = hn::Max(importance, load(derivative, i));
   }
-  return hn::IfThenElse(begun, hn::Min(set(UsualRoulette::kMostSurvival), worth), set(1.0F));
+  return hn::IfThenElse(begun, hn::Min(set(ThroughputRoulette::kMaxSurvival), importance),
+                        set(1.0F));
 }
 
 // Russian roulette: a path that is worth little ends, or goes on for those that ended.
 template <typename AtBoundary>
-void survive(Wavefront<AtBoundary>& wave, const WalkRoulette& roulette) {
+void russian_roulette(Wavefront<AtBoundary>& wave, const WalkRoulette& roulette) {
   Paths& paths = wave.paths;
   const Floats one = set(1.0F);
   for (size_t i = 0; i < wave.count; i += lanes()) {
     const Floats probability =
-        wave.switches.usual_roulette
-            ? usual_survival(paths, i)
-            : hn::Min(one,
-                      hn::Mul(hn::Mul(worth_following(paths, i), light_left(wave, roulette, i)),
-                              set(roulette.per_threshold)));
+        wave.switches.throughput_roulette
+            ? throughput_survival(paths, i)
+            : hn::Min(one, hn::Mul(hn::Mul(path_importance(paths, i),
+                                           remaining_light(wave, roulette, i)),
+                                   set(roulette.per_threshold)));
     const Mask survives =
         hn::And(hn::Lt(load(paths.u3, i), probability), hn::Not(not_zero(load(paths.leaked, i))));
     const Floats factor = hn::Div(one, hn::Max(probability, set(1e-30F)));

@@ -53,9 +53,9 @@ HWY_INLINE void multiply_by_factor(Wavefront<AtBoundary>& wave, size_t i,
   Paths& paths = wave.paths;
   const Floats factor = vertices.factor, weight = load(paths.weight, i);
   store(hn::Mul(weight, factor), paths.weight, i);
-  store(hn::Add(hn::Mul(load(paths.weight_derivative, i), factor),
+  store(hn::Add(hn::Mul(load(paths.dweight_dalbedo, i), factor),
                 hn::IfThenElseZero(vertices.in_medium, weight)),
-        paths.weight_derivative, i);
+        paths.dweight_dalbedo, i);
   for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
     FloatColumn& other_weight = paths.weight_at_albedos[a];
     const Floats albedo = set(static_cast<float>(wave.request.albedos[a]));
@@ -67,7 +67,7 @@ HWY_INLINE void multiply_by_factor(Wavefront<AtBoundary>& wave, size_t i,
     const auto below = [](uint32_t n) { return hn::Set(IntTag(), static_cast<int32_t>(n) - 1); };
     const auto own = hn::AndNot(hn::Gt(vertices.triangles, below(wave.reflecting[r].end)),
                                 hn::Gt(vertices.triangles, below(wave.reflecting[r].first)));
-    FloatColumn& derivative = paths.weight_by_reflectance[r];
+    FloatColumn& derivative = paths.dweight_dreflectance[r];
     const Floats gain = hn::IfThenElseZero(hn::RebindMask(FloatTag(), own), weight);
     store(plus_product(gain, load(derivative, i), factor), derivative, i);
   }
@@ -76,7 +76,7 @@ HWY_INLINE void multiply_by_factor(Wavefront<AtBoundary>& wave, size_t i,
 // Draws the next direction: Henyey-Greenstein around the last one, or the cosine law around the
 // normal (its pdf is cosine / pi: cosine^2 is uniform).
 template <typename AtBoundary>
-HWY_INLINE void turn(Wavefront<AtBoundary>& wave, size_t i, const Vertices& vertices) {
+HWY_INLINE void sample_direction(Wavefront<AtBoundary>& wave, size_t i, const Vertices& vertices) {
   Paths& paths = wave.paths;
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Floats u1 = load(paths.u1, i);
@@ -91,20 +91,21 @@ HWY_INLINE void turn(Wavefront<AtBoundary>& wave, size_t i, const Vertices& vert
     sine = hn::IfThenElse(in_medium, sine, hn::Sqrt(u1));
     pdf = hn::IfThenElse(in_medium, pdf, hn::Mul(diffuse, set(std::numbers::inv_pi_v<float>)));
   }
-  const SinCos phi = sin_cos_of_turn(load(paths.u2, i));
-  const Vectors direction =
-      renormalize(around(vertices.axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
+  const SinCos phi = sin_cos_2pi(load(paths.u2, i));
+  const Vectors direction = renormalize(
+      frame_to_world(vertices.axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
   // Paths that have ended keep their direction: NaN would slow the lanes down.
   const Vectors before = load(paths.rays.direction, i);
   store(if_then_else(vertices.where, direction, before), paths.rays.direction, i);
   store(pdf, paths.pdf, i);
-  // A control variate, as in book_flight.
+  // A control variate, as in update_scores.
   if (wave.medium_derivatives) {
     const Floats score = hn::IfThenElseZero(vertices.in_medium, phase.score);
     store(hn::Add(load(paths.score_g, i), score), paths.score_g, i);
     store(plus_product(load(paths.control_g, i), score, load(paths.weight, i)), paths.control_g, i);
   }
-  store(hn::IfThenZeroElse(for_uints(vertices.where), load(paths.alone, i)), paths.alone, i);
+  store(hn::IfThenZeroElse(for_uints(vertices.where), load(paths.delta_bounce, i)),
+        paths.delta_bounce, i);
 }
 
 // What happens at the vertices of the paths in slots i, i + 1 ..., where there are any.
@@ -122,7 +123,7 @@ void scatter(Wavefront<AtBoundary>& wave, size_t i, Mask where, Mask in_medium) 
   if (wave.switches.techniques != Switches::Techniques::kPhaseOnly) {
     send_shadow_rays(wave, i, vertices);
   }
-  turn(wave, i, vertices);
+  sample_direction(wave, i, vertices);
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

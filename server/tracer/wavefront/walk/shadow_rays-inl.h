@@ -46,7 +46,7 @@ void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& ver
   const Words words = random(wave, i, vertex, Sampler::kShadowRay);
   const Words more =
       wave.scene.lights.has_maps() ? random(wave, i, vertex, Sampler::kMap) : Words{};
-  const LightDraw light = sample(wave.scene.lights, words, more);
+  const LightSamples light = sample(wave.scene.lights, words, more);
   const Floats cosine = dot(vertices.axis, light.direction);
   auto [value, score] = hg_phase(cosine, wave.g);
   if (!vertices.all_in_medium) {
@@ -57,17 +57,17 @@ void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& ver
   // The weight of the draw, radiance / pdf, times that of multiple importance sampling,
   // pdf / (pdf + value): `value` is also the pdf with which the walk would go there by itself.
   // Distant lights have no pdf: what they bring is as it is.
-  const Floats competing = wave.switches.techniques == Switches::Techniques::kBoth ? value : zero;
+  const Floats phase_pdf = wave.switches.techniques == Switches::Techniques::kBoth ? value : zero;
   const Floats pdf_sum =
-      hn::IfThenElse(hn::Gt(light.pdf, zero), hn::Add(light.pdf, competing), set(1.0F));
+      hn::IfThenElse(hn::Gt(light.pdf, zero), hn::Add(light.pdf, phase_pdf), set(1.0F));
   const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), pdf_sum);
-  const Floats worth = hn::Mul(worth_following(paths, i), undimmed);
+  const Floats importance = hn::Mul(path_importance(paths, i), undimmed);
   Floats limit = set(kMaxOpticalDepth);
   Mask sent = hn::And(vertices.where, hn::Gt(undimmed, zero));
   if (wave.shadow_ray_threshold > 0) {
     const Floats u = hn::Sub(set(1.0F), fifth_uniform(words));
-    limit = hn::Min(limit, log(hn::Div(worth, hn::Mul(u, set(wave.shadow_ray_threshold)))));
-    sent = hn::And(sent, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
+    limit = hn::Min(limit, log(hn::Div(importance, hn::Mul(u, set(wave.shadow_ray_threshold)))));
+    sent = hn::And(sent, hn::And(hn::Gt(importance, zero), hn::Gt(limit, zero)));
   }
 
   const size_t at = shadow_rays.count;
@@ -85,9 +85,9 @@ void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& ver
   append_vectors(load(paths.rays.position, i), shadow_rays.rays.position);
   append_vectors(light.direction, shadow_rays.rays.direction);
   append_uints(load(paths.rays.interaction, i), shadow_rays.rays.interaction);
-  append(hn::Mul(limit, set(1 / wave.sigma_t)), shadow_rays.rays.budget);
+  append(hn::Mul(limit, set(1 / wave.sigma_t)), shadow_rays.rays.max_medium_length);
   append(undimmed, shadow_rays.light);
-  append(worth, shadow_rays.worth);
+  append(importance, shadow_rays.importance);
   if (wave.medium_derivatives) {
     append(hn::Add(load(paths.score_g, i), score), shadow_rays.score_g);
   }
@@ -124,11 +124,11 @@ void trace_shadow_rays(Wavefront<AtBoundary>& wave) {
     if (hn::AllFalse(d, arrived)) {
       continue;
     }
-    const Floats length = load(shadow_rays.rays.in_medium, i);
+    const Floats length = load(shadow_rays.rays.medium_length, i);
     const Floats dimming = exp(hn::Mul(length, set(-wave.sigma_t)));
     Floats survival = set(1.0F);
     if (wave.shadow_ray_threshold > 0) {
-      survival = hn::Min(survival, hn::Mul(hn::Mul(load(shadow_rays.worth, i), dimming),
+      survival = hn::Min(survival, hn::Mul(hn::Mul(load(shadow_rays.importance, i), dimming),
                                            set(1 / wave.shadow_ray_threshold)));
     }
     const auto arriving = [&](const FloatColumn& undimmed) {

@@ -52,7 +52,7 @@ struct Wavefront {
     }
     paths.weight_at_albedos.resize(asked.albedos.size());
     paths.radiance_at_albedos.resize(asked.albedos.size());
-    paths.weight_by_reflectance.resize(reflecting.size());
+    paths.dweight_dreflectance.resize(reflecting.size());
     paths.d_reflectance.resize(reflecting.size());
     paths.d_light.resize(differentiated_lights.size());
     shadow_rays.parts_of_lights.resize(differentiated_lights.size());
@@ -88,17 +88,17 @@ HWY_INLINE void multiply_weights(Paths& paths, size_t i, Floats factor) {
                   [&](FloatColumn& weight) { store(hn::Mul(load(weight, i), factor), weight, i); });
 }
 
-// What a path is worth following for. In thick media of high albedo the derivative comes from
+// The importance of a path, for roulette. In thick media of high albedo the derivative comes from
 // long paths, whose W is small but whose dW/d albedo is not; so does the derivative in the
 // reflectance of a dark surface, from paths of a few reflections.
-HWY_INLINE Floats worth_following(const Paths& paths, size_t i) {
+HWY_INLINE Floats path_importance(const Paths& paths, size_t i) {
   constexpr float kRouletteDerivative = 0.05F, kRouletteReflectance = 0.25F;
-  Floats worth = hn::Max(load(paths.weight, i),
-                         hn::Mul(set(kRouletteDerivative), load(paths.weight_derivative, i)));
-  for (const FloatColumn& derivative : paths.weight_by_reflectance) {
-    worth = hn::Max(worth, hn::Mul(set(kRouletteReflectance), load(derivative, i)));
+  Floats importance = hn::Max(load(paths.weight, i),
+                              hn::Mul(set(kRouletteDerivative), load(paths.dweight_dalbedo, i)));
+  for (const FloatColumn& derivative : paths.dweight_dreflectance) {
+    importance = hn::Max(importance, hn::Mul(set(kRouletteReflectance), load(derivative, i)));
   }
-  return worth;
+  return importance;
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -22,7 +22,7 @@
 //               line is what follows it, one of a few (lines/follow-inl.h)
 //   weight W    what light at the end of the path counts: the product of the factors along it
 //   score       the derivative of the logarithm of the path's density by a parameter
-//   alone       with the light ahead: no shadow ray looks for it, so the path counts all of it
+//   delta bounce  the last vertex draws no shadow ray: light ahead counts whole
 #if defined(ITN_TRACER_WAVEFRONT_WALK_WALK_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef ITN_TRACER_WAVEFRONT_WALK_WALK_INL_H_
 #undef ITN_TRACER_WAVEFRONT_WALK_WALK_INL_H_
@@ -36,11 +36,11 @@
 
 #include "common/error.h"
 #include "server/tracer/film_writer.h"
+#include "server/tracer/wavefront/walk/add_emission-inl.h"
 #include "server/tracer/wavefront/walk/begin-inl.h"
 #include "server/tracer/wavefront/walk/cross-inl.h"
-#include "server/tracer/wavefront/walk/delivery.h"
 #include "server/tracer/wavefront/walk/flight-inl.h"
-#include "server/tracer/wavefront/walk/meet_light-inl.h"
+#include "server/tracer/wavefront/walk/path_recorder.h"
 #include "server/tracer/wavefront/walk/roulette-inl.h"
 #include "server/tracer/wavefront/walk/scatter-inl.h"
 #include "server/tracer/wavefront/walk/shadow_rays-inl.h"
@@ -58,22 +58,22 @@ void interact(Wavefront<AtBoundary>& wave) {
   for (size_t i = 0; i < wave.count; i += lanes()) {
     const Mask live = hn::FirstN(FloatTag(), wave.count - i);
     const Uints end = hn::And(load(paths.rays.outcome, i), set(Rays::kEndMask));
-    const Mask spent = is(end, Rays::kSpent), surface = is(end, Rays::kSurface);
-    book_flight(wave, i, spent);
+    const Mask scattered = is(end, Rays::kInMedium), surface = is(end, Rays::kSurface);
+    update_scores(wave, i, scattered);
     if constexpr (AtBoundary::kAsks) {
       multiply_weights(paths, i, load(wave.at_boundary_of_walks.crossings.transmittance, i));
     }
     const Mask escaped = hn::And(live, is(end, Rays::kEscaped));
     if (!hn::AllFalse(FloatTag(), escaped)) {
-      meet_light(wave, i, escaped);
+      add_emission(wave, i, escaped);
     }
     const Uints one = set(uint32_t{1}), none = hn::Zero(UintTag());
     store(hn::IfThenElse(for_uints(is(end, Rays::kLeaked)), one, none), paths.leaked, i);
-    const Mask goes_on = hn::Or(spent, surface);
+    const Mask goes_on = hn::Or(scattered, surface);
     store(hn::IfThenElse(for_uints(goes_on), one, none), paths.alive, i);
     const Mask vertices = hn::And(live, goes_on);
     if (!hn::AllFalse(FloatTag(), vertices)) {
-      scatter(wave, i, vertices, spent);
+      scatter(wave, i, vertices, scattered);
     }
     if constexpr (AtBoundary::kAsks) {
       for (Bits bits = bits_of(hn::And(live, is(end, Rays::kCrossing))); bits != 0;
@@ -93,7 +93,7 @@ class Walk {
       : wave_(scene, request, options),
         roulette_(scene, request, options.tuning),
         source_(scene, request, options.switches, queue),
-        delivery_(request, wave_.paths, film) {}
+        recorder_(request, wave_.paths, film) {}
 
   void run(const std::stop_token& stop) {
     fill();
@@ -101,10 +101,10 @@ class Walk {
       if (stop.stop_requested()) {
         throw Error(ErrorKind::kCancelled, "the render was stopped");
       }
-      fly(wave_);
+      sample_flights(wave_);
       interact(wave_);
       trace_shadow_rays(wave_);
-      survive(wave_, roulette_);
+      russian_roulette(wave_, roulette_);
       finish();
     }
   }
@@ -116,14 +116,14 @@ class Walk {
     }
   }
 
-  // Delivers paths that have ended, and puts new ones in their place; where there are no more, the
+  // Records paths that have ended, and puts new ones in their place; where there are no more, the
   // last path moves there.
   void finish() {
     for (size_t slot = wave_.count; slot-- > 0;) {
       if (wave_.paths.alive[slot] != 0) {
         continue;
       }
-      delivery_.deliver(slot);
+      recorder_.record(slot);
       if (source_.begin_path(wave_.paths, slot)) {
         continue;
       }
@@ -137,7 +137,7 @@ class Walk {
   Wavefront<AtBoundary> wave_;
   const WalkRoulette roulette_;
   PathSource source_;
-  Delivery delivery_;
+  PathRecorder recorder_;
 };
 
 }  // namespace itn::tracer::HWY_NAMESPACE

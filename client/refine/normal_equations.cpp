@@ -1,0 +1,403 @@
+#include "client/refine/normal_equations.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/error.h"
+#include "common/learning/weight_map.h"
+
+namespace itn {
+namespace {
+
+using Plane = std::vector<double>;  // by pixel that counts
+
+// One estimate, on the scale of the image and in the coordinates.
+struct Estimate {
+  Plane radiance;
+  std::vector<Plane> derivatives;
+};
+
+Estimate estimate_of(const RenderEstimate& render, std::span<const uint32_t> pixels,
+                     const Linearization& at) {
+  Estimate estimate;
+  for (const uint32_t p : pixels) estimate.radiance.push_back(at.exposure * render.radiance[p]);
+  for (size_t c = 0; c < 3; ++c) {
+    Plane& derivative = estimate.derivatives.emplace_back();
+    for (const uint32_t p : pixels) {
+      double sum = 0;
+      for (size_t i = 0; i < 3; ++i) sum += render.derivatives[i][p] * at.jacobian(i, c);
+      derivative.push_back(at.exposure * sum);
+    }
+  }
+  if (at.exposure_is_coordinate) estimate.derivatives.push_back(estimate.radiance);
+  return estimate;
+}
+
+void add(const Plane& terms, double factor, Plane& sum) {
+  sum.resize(terms.size());
+  for (size_t p = 0; p < terms.size(); ++p) sum[p] += factor * terms[p];
+}
+
+// The slope of y against x.
+double slope(const Plane& x, const Plane& y) {
+  double mean_x = 0, mean_y = 0, xx = 0, xy = 0;
+  const auto count = static_cast<double>(x.size());
+  for (size_t i = 0; i < x.size(); ++i) {
+    mean_x += x[i] / count;
+    mean_y += y[i] / count;
+  }
+  for (size_t i = 0; i < x.size(); ++i) {
+    xx += (x[i] - mean_x) * (x[i] - mean_x);
+    xy += (x[i] - mean_x) * (y[i] - mean_y);
+  }
+  return xx > 0 ? xy / xx : 0;
+}
+
+Plane at_pixels(std::span<const float> image, std::span<const uint32_t> pixels) {
+  Plane values;
+  for (const uint32_t p : pixels) values.push_back(image[p]);
+  return values;
+}
+
+}  // namespace
+
+NormalEquations scaled(NormalEquations equations, double factor) {
+  equations.curvature *= factor;
+  equations.gradient *= factor;
+  equations.render_noise *= factor * factor;
+  return equations;
+}
+
+void add(const NormalEquations& terms, double factor, NormalEquations& sum) {
+  const NormalEquations counted = scaled(terms, factor);
+  sum.curvature += counted.curvature;
+  sum.gradient += counted.gradient;
+  sum.render_noise += counted.render_noise;
+}
+
+ImageEquations::ImageEquations(const Observation& observation, v1::RefineSettings::Weights weights)
+    : observation_(observation), weights_(weights) {}
+
+// ---- Pixels and their weights ----------------------------------------------------------------
+
+void ImageEquations::choose_pixels(std::span<const float> coverage) {
+  constexpr float kHalf = 0.5F;
+  if (coverage.size() != observation_.radiance.size()) {
+    throw invalid_input(observation_.name + ": the render has another size");
+  }
+  for (uint32_t p = 0; p < coverage.size(); ++p) {
+    const bool given = observation_.mask.empty() || observation_.mask[p] > kHalf;
+    if (given && coverage[p] > kHalf) pixels_.push_back(p);
+  }
+  if (pixels_.empty()) {
+    throw invalid_input(observation_.name +
+                        ": no pixel of the mask sees the object of the scene; do image, mask and "
+                        "scene belong together?");
+  }
+  weigh_pixels();
+}
+
+void ImageEquations::weigh_pixels() {
+  const uint32_t width = observation_.scene->width, height = observation_.scene->height;
+  std::vector<int64_t> ridge_points(observation_.radiance.size(), -1);
+  for (size_t i = 0; i < pixels_.size(); ++i) ridge_points[pixels_[i]] = static_cast<int64_t>(i);
+  neighbours_.assign(pixels_.size(), {});
+  for (size_t i = 0; i < pixels_.size(); ++i) {
+    const uint32_t x = pixels_[i] % width, y = pixels_[i] / width;
+    for (uint32_t v = y == 0 ? 0 : y - 1; v <= std::min(y + 1, height - 1); ++v) {
+      for (uint32_t u = x == 0 ? 0 : x - 1; u <= std::min(x + 1, width - 1); ++u) {
+        // A binomial filter: the nearer ones are listed as often as they count.
+        const int64_t place = ridge_points[size_t{v} * width + u];
+        const size_t times = (u == x ? 2U : 1U) * (v == y ? 2U : 1U);
+        if (place >= 0)
+          neighbours_[i].insert(neighbours_[i].end(), times, static_cast<uint32_t>(place));
+      }
+    }
+  }
+  image_ = at_pixels(observation_.radiance, pixels_);
+  mean_ = 0;
+  for (const double value : image_) mean_ += value / static_cast<double>(image_.size());
+  if (!(mean_ > 0)) throw invalid_input(observation_.name + ": the image is black on the object");
+
+  // Where nothing is known of the noise: as of light that is counted, 5 % at the mean.
+  constexpr double kRelativeNoise = 0.05;
+  const Plane smooth = smoothed(smoothed(image_));
+  noise_exponent_ = 1;
+  noise_at_mean_ = kRelativeNoise * kRelativeNoise * mean_ * mean_;
+  squared_noise_.assign(pixels_.size(), 0);
+  if (!observation_.noise.empty()) {
+    Plane log_radiance, log_noise;
+    double sum = 0, law = 0;
+    for (size_t i = 0; i < pixels_.size(); ++i) {
+      const double noise = observation_.noise[pixels_[i]];
+      squared_noise_[i] = noise * noise;
+      if (!(noise > 0) || !(smooth[i] > 0)) continue;
+      log_radiance.push_back(std::log(smooth[i]));
+      log_noise.push_back(2 * std::log(noise));
+    }
+    noise_exponent_ = std::clamp(slope(log_radiance, log_noise), 0.0, 3.0);
+    for (size_t i = 0; i < pixels_.size(); ++i) {
+      sum += squared_noise_[i];
+      law += 1 / inverse_variance(smooth[i]);
+    }
+    if (sum > 0) noise_at_mean_ *= sum / law;
+  }
+  map_.clear();
+  if (weights_ == v1::RefineSettings::MAP) {
+    std::vector<float> mask(observation_.radiance.size());
+    for (const uint32_t p : pixels_) mask[p] = 1;
+    std::vector<float> luminance = observation_.radiance;
+    for (float& value : luminance) value = std::max(value, 0.0F);
+    const std::vector<float> map =
+        weight_map(static_cast<int>(width), static_cast<int>(height), luminance, mask);
+    map_ = at_pixels(map, pixels_);
+    for (double& weight : map_) weight *= weight;
+  }
+  fixed_weights_.clear();
+  for (size_t i = 0; i < pixels_.size(); ++i) {
+    fixed_weights_.push_back(weights_ == v1::RefineSettings::NOISE ? inverse_variance(smooth[i])
+                             : weights_ == v1::RefineSettings::MAP ? map_[i]
+                                                                   : 1);
+  }
+}
+
+// The variance of a pixel's noise follows its radiance as a power of it. A function of the radiance
+// alone, so that a pixel does not count less for being too bright by chance.
+double ImageEquations::inverse_variance(double radiance) const {
+  constexpr double kDarkest = 0.02;  // of the mean
+  const double relative = std::max(radiance / mean_, kDarkest);
+  return 1 / (noise_at_mean_ * std::pow(relative, noise_exponent_));
+}
+
+std::vector<double> ImageEquations::smoothed(const std::vector<double>& values) const {
+  Plane result;
+  for (const std::vector<uint32_t>& neighbours : neighbours_) {
+    double sum = 0;
+    for (const uint32_t n : neighbours) sum += values[n];
+    result.push_back(sum / static_cast<double>(neighbours.size()));
+  }
+  return result;
+}
+
+// ---- Looking ---------------------------------------------------------------------------------
+
+double ImageEquations::exposure(const Synthesis& synthesis) {
+  if (pixels_.empty()) choose_pixels(synthesis.mask);
+  double image = 0, render = 0;
+  for (const RenderEstimate& estimate : synthesis.estimates) {
+    for (size_t i = 0; i < pixels_.size(); ++i) {
+      image += image_[i];
+      render += estimate.radiance[pixels_[i]];
+    }
+  }
+  return render > 0 ? image / render : 1;
+}
+
+ImageEquations::Residuals ImageEquations::evaluate(const Synthesis& synthesis, uint32_t spp,
+                                                   const Linearization& at, bool plain) {
+  if (pixels_.empty()) choose_pixels(synthesis.mask);
+  const size_t coordinates = at.coordinates(), count = pixels_.size();
+  const size_t estimate_count = synthesis.estimates.size();
+  const auto k_count = static_cast<double>(estimate_count);
+
+  std::vector<Estimate> estimates;
+  for (const RenderEstimate& render : synthesis.estimates) {
+    estimates.push_back(estimate_of(render, pixels_, at));
+  }
+  Residuals residuals;
+  residuals.samples = spp;
+  residuals.derivatives.resize(coordinates);
+  for (const Estimate& estimate : estimates) {
+    add(estimate.radiance, 1 / k_count, residuals.radiance);
+    for (size_t c = 0; c < coordinates; ++c) {
+      add(estimate.derivatives[c], 1 / k_count, residuals.derivatives[c]);
+    }
+  }
+
+  // What all but this estimate say of a plane, and what was seen before.
+  const double past = plain ? 0 : samples_, now = spp;
+  const auto without = [&](const Plane& own, const Plane& mean, const Plane& before) {
+    Plane result(count);
+    const double samples = past + now * (k_count - 1) / k_count;
+    for (size_t i = 0; i < count; ++i) {
+      const double others = now * (mean[i] - own[i] / k_count);
+      result[i] = ((past > 0 ? before[i] : 0) + others) / samples;
+    }
+    return plain ? result : smoothed(smoothed(result));
+  };
+
+  residuals.equations = NormalEquations(static_cast<Eigen::Index>(coordinates));
+  residuals.scores.assign(coordinates, Plane(count));
+  residuals.slopes.assign(coordinates * coordinates, Plane(count));
+  std::vector<std::vector<Plane>> scores;       // by estimate, coordinate, pixel
+  std::vector<std::vector<Plane>> instruments;  // likewise, with their weights
+  for (const Estimate& estimate : estimates) {
+    Plane weights = fixed_weights_;
+    if (weights_ == v1::RefineSettings::NOISE && !plain) {
+      const Plane guide = without(estimate.radiance, residuals.radiance, radiance_);
+      for (size_t i = 0; i < count; ++i) weights[i] = inverse_variance(guide[i]);
+    }
+    std::vector<Plane>& own = scores.emplace_back(coordinates, Plane(count));
+    std::vector<Plane>& weighted = instruments.emplace_back(coordinates, Plane(count));
+    for (size_t c = 0; c < coordinates; ++c) {
+      const Plane instrument = without(estimate.derivatives[c], residuals.derivatives[c],
+                                       derivatives_.empty() ? Plane() : derivatives_[c]);
+      for (size_t i = 0; i < count; ++i) {
+        const double z = weighted[c][i] = weights[i] * instrument[i];
+        own[c][i] = z * (image_[i] - estimate.radiance[i]);
+        residuals.scores[c][i] += own[c][i] / k_count;
+        for (size_t d = 0; d < coordinates; ++d) {
+          residuals.slopes[c * coordinates + d][i] += z * estimate.derivatives[d][i] / k_count;
+        }
+      }
+    }
+  }
+  // The noise of the instruments meets what is left of the image. With the variance v of one
+  // estimate of M / K samples, it has that of all n samples, v M / (K n); instruments that leave
+  // out one estimate each, n' samples behind them, differ by v (M / K n')^2.
+  const double n = past + now, without_one = past + now * (k_count - 1) / k_count;
+  const double leverage = without_one * without_one / (n * (k_count - 1) * now / k_count);
+  const auto noise_of_instruments = [&](size_t c, size_t d) {
+    double sum = 0;
+    for (size_t i = 0; i < count; ++i) {
+      double mean_c = 0, mean_d = 0, covariance = 0;
+      for (const std::vector<Plane>& z : instruments) {
+        mean_c += z[c][i] / k_count;
+        mean_d += z[d][i] / k_count;
+      }
+      for (const std::vector<Plane>& z : instruments) {
+        covariance += (z[c][i] - mean_c) * (z[d][i] - mean_d);
+      }
+      const double left = image_[i] - residuals.radiance[i];
+      sum += left * left * covariance;
+    }
+    return leverage * sum;
+  };
+  for (size_t c = 0; c < coordinates; ++c) {
+    for (size_t i = 0; i < count; ++i) residuals.equations.gradient[c] += residuals.scores[c][i];
+    for (size_t d = 0; d < coordinates; ++d) {
+      for (const double slope : residuals.slopes[c * coordinates + d]) {
+        residuals.equations.curvature(c, d) += slope;
+      }
+      double sum = 0;
+      for (const std::vector<Plane>& own : scores) {
+        for (size_t i = 0; i < count; ++i) {
+          sum += (own[c][i] - residuals.scores[c][i]) * (own[d][i] - residuals.scores[d][i]);
+        }
+      }
+      residuals.equations.render_noise(c, d) =
+          sum / (k_count * (k_count - 1)) + noise_of_instruments(c, d);
+    }
+  }
+
+  // (I - T)^2 from different estimates: the squared mean less its own variance.
+  for (size_t i = 0; i < count; ++i) {
+    const double w = fixed_weights_[i];
+    const double difference = image_[i] - residuals.radiance[i];
+    double variance = 0;
+    for (const Estimate& estimate : estimates) {
+      variance +=
+          std::pow(estimate.radiance[i] - residuals.radiance[i], 2) / (k_count * (k_count - 1));
+    }
+    residuals.squares += w * (difference * difference - variance);
+    residuals.squares_variance += w * w * variance * (4 * difference * difference + 2 * variance);
+    residuals.energy += w * image_[i] * image_[i];
+    residuals.noise += w * squared_noise_[i];
+  }
+  return residuals;
+}
+
+void ImageEquations::accumulate(const Residuals& residuals, const Vector& moved, double decay,
+                                double long_decay) {
+  const size_t coordinates = residuals.scores.size(), count = pixels_.size();
+  if (samples_ == 0) {
+    radiance_.assign(count, 0);
+    derivatives_.assign(coordinates, Plane(count));
+    scores_.assign(coordinates, Plane(count));
+    slopes_.assign(coordinates * coordinates, Plane(count));
+  } else {
+    scores_ = scores_after(moved);
+  }
+  const auto mix = [&](Plane& sum, double part, const Plane& now) {
+    for (size_t i = 0; i < count; ++i) sum[i] = part * sum[i] + residuals.samples * now[i];
+  };
+  samples_ = long_decay * samples_ + residuals.samples;
+  mix(radiance_, long_decay, residuals.radiance);
+  for (size_t c = 0; c < coordinates; ++c) {
+    mix(derivatives_[c], long_decay, residuals.derivatives[c]);
+    mix(scores_[c], decay, residuals.scores[c]);
+  }
+  for (size_t s = 0; s < slopes_.size(); ++s) mix(slopes_[s], decay, residuals.slopes[s]);
+}
+
+std::vector<std::vector<double>> ImageEquations::scores_after(const Vector& step) const {
+  std::vector<Plane> scores = scores_;
+  for (size_t c = 0; c < scores.size(); ++c) {
+    for (size_t d = 0; d < scores.size(); ++d) {
+      add(slopes_[c * scores.size() + d], -step[d], scores[c]);
+    }
+  }
+  return scores;
+}
+
+Matrix ImageEquations::moments() const {
+  const auto count = static_cast<Eigen::Index>(pixels_.size());
+  const auto coordinates = static_cast<Eigen::Index>(scores_.size());
+  Eigen::MatrixXd terms(count, coordinates * (1 + coordinates));
+  Eigen::Index column = 0;
+  for (const std::vector<Plane>* planes : {&scores_, &slopes_}) {
+    for (const Plane& plane : *planes) {
+      terms.col(column++) = Eigen::Map<const Vector>(plane.data(), count);
+    }
+  }
+  return terms.transpose() * terms;
+}
+
+// ---- State -----------------------------------------------------------------------------------
+
+v1::RefineImageState ImageEquations::state() const {
+  v1::RefineImageState state;
+  state.mutable_pixels()->Add(pixels_.begin(), pixels_.end());
+  state.set_samples(samples_);
+  state.mutable_radiance()->Add(radiance_.begin(), radiance_.end());
+  for (const Plane& plane : derivatives_) {
+    state.mutable_derivatives()->Add(plane.begin(), plane.end());
+  }
+  for (const Plane& plane : scores_) state.mutable_scores()->Add(plane.begin(), plane.end());
+  for (const Plane& plane : slopes_) state.mutable_slopes()->Add(plane.begin(), plane.end());
+  return state;
+}
+
+void ImageEquations::restore(const v1::RefineImageState& state, size_t coordinates) {
+  const auto count = state.pixels_size();
+  const auto planes = static_cast<int>(coordinates) * count;
+  const bool rising = std::ranges::adjacent_find(state.pixels(), std::ranges::greater_equal()) ==
+                      state.pixels().end();
+  const bool seen = state.radiance_size() > 0;
+  if (!rising || (count > 0 && state.pixels(count - 1) >= observation_.radiance.size()) ||
+      (seen && (state.radiance_size() != count || state.derivatives_size() != planes ||
+                state.scores_size() != planes ||
+                state.slopes_size() != planes * static_cast<int>(coordinates)))) {
+    throw invalid_input("the state of the refinement is damaged");
+  }
+  pixels_.assign(state.pixels().begin(), state.pixels().end());
+  if (pixels_.empty()) return;
+  weigh_pixels();
+  if (!seen) return;
+  samples_ = state.samples();
+  radiance_.assign(state.radiance().begin(), state.radiance().end());
+  const auto planes_of = [count](const auto& values) {
+    std::vector<Plane> result;
+    for (int first = 0; first < values.size(); first += count) {
+      result.emplace_back(values.begin() + first, values.begin() + first + count);
+    }
+    return result;
+  };
+  derivatives_ = planes_of(state.derivatives());
+  scores_ = planes_of(state.scores());
+  slopes_ = planes_of(state.slopes());
+}
+
+}  // namespace itn

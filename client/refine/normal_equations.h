@@ -1,0 +1,118 @@
+// What the pixels of one image say about where its material lies, collected over the iterations.
+//
+// The answer x solves sum_p Z_p (I_p - T_p(x)) = 0 over the pixels: image I, render T and, for each
+// coordinate, an instrument Z_p. Whatever the instruments are, the solution is unbiased as long as
+// they do not depend on the noise of I and T (instrumental variables: Reiersol, "Confluence
+// analysis by means of instrumental sets of variables", 1945); it is the quietest where Z_p = w_p
+// dT_p/dx, w_p the inverse variance of I_p. So each estimate T_k of a render is multiplied with the
+// derivatives by the other estimates, and by the renders of iterations before, smoothed over the
+// neighbours: instruments that are quiet, and owe nothing to T_k. By Newton's method,
+//
+//   H step = s,  s = sum_p mean_k Z_pk (I_p - T_pk),  H = sum_p mean_k Z_pk dT_pk/dx',
+//
+// every product one of independent numbers, so that H and s are unbiased given the instruments.
+//
+// What is left in s has the covariance S = sum_p s_p s_p', as pixels are independent (White, "A
+// heteroskedasticity-consistent covariance matrix estimator", Econometrica 1980): noise of image
+// and renders together, of which that of the renders shows in how the estimates differ. The
+// answer has the covariance H^-1 S H^-T.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "client/refine/matrix.h"
+#include "client/refine/observation.h"
+#include "itn/v1/refine.pb.h"
+
+namespace itn {
+
+// Where a render is made, in coordinates x: ln sigma_t*, logit albedo*, logit g (UNBOUNDED), and
+// the logarithm of the exposure if it is a coordinate.
+struct Linearization {
+  Matrix jacobian;  // 3 x 3: d (sigma_t, albedo, g) / d x
+  double exposure = 1;
+  bool exposure_is_coordinate = false;
+
+  size_t coordinates() const { return exposure_is_coordinate ? 4 : 3; }
+};
+
+// Sums over the pixels.
+struct NormalEquations {
+  Matrix curvature;     // H
+  Vector gradient;      // s
+  Matrix render_noise;  // the part of the covariance of s that is noise of the renders
+
+  explicit NormalEquations(Eigen::Index coordinates = 0)
+      : curvature(Matrix::Zero(coordinates, coordinates)),
+        gradient(Vector::Zero(coordinates)),
+        render_noise(Matrix::Zero(coordinates, coordinates)) {}
+};
+
+// Of terms that count `factor` times: of a covariance its square.
+NormalEquations scaled(NormalEquations equations, double factor);
+void add(const NormalEquations& terms, double factor, NormalEquations& sum);
+
+class ImageEquations {
+ public:
+  // The observation must outlive it.
+  ImageEquations(const Observation& observation, v1::RefineSettings::Weights weights);
+
+  // What one render says, by pixel and all in all.
+  struct Residuals {
+    double samples = 0;                            // per pixel
+    std::vector<double> radiance;                  // times the exposure
+    std::vector<std::vector<double>> derivatives;  // of that, by coordinate
+    std::vector<std::vector<double>> scores;       // by coordinate
+    std::vector<std::vector<double>> slopes;       // minus those of scores, row by row as H
+    NormalEquations equations;
+    // Weighted sum of the squared difference to the image, its variance as far as it is noise of
+    // the render, and the weighted energy of the image. Weights are the same in all iterations.
+    double squares = 0, squares_variance = 0, energy = 0;
+    // Of that sum, what the image's noise explains; 0 if it is not known.
+    double noise = 0;
+  };
+
+  // `plain`: the instruments are the other estimates' derivatives as they are, so that s is minus
+  // the gradient of the weighted squared difference over 2. The first render decides which pixels
+  // count. Throws Error (invalid input) if the render does not fit, or no pixel sees the object.
+  Residuals evaluate(const Synthesis& synthesis, uint32_t spp, const Linearization& at, bool plain);
+
+  // Adds it to what was seen before, `moved` in coordinates from here: the scores of that, as they
+  // are here, count `decay` times as much as they did, and what instruments are made of, which
+  // need not be exact, `long_decay` times.
+  void accumulate(const Residuals& residuals, const Vector& moved, double decay, double long_decay);
+
+  // Of all that was taken, each render's terms times its samples: sums of the products of each
+  // pixel's terms of s and of H, row by row (client/refine/score_test.h).
+  Matrix moments() const;
+
+  // Of image over render, the ratio of their sums.
+  double exposure(const Synthesis& synthesis);
+
+  v1::RefineImageState state() const;
+  // Throws Error (invalid input) if it does not fit.
+  void restore(const v1::RefineImageState& state, size_t coordinates);
+
+ private:
+  void choose_pixels(std::span<const float> coverage);
+  void weigh_pixels();
+  double inverse_variance(double radiance) const;
+  std::vector<std::vector<double>> scores_after(const Vector& step) const;
+  std::vector<double> smoothed(const std::vector<double>& values) const;
+
+  const Observation& observation_;
+  v1::RefineSettings::Weights weights_;
+  std::vector<uint32_t> pixels_;
+  std::vector<std::vector<uint32_t>> neighbours_;  // of each pixel, itself and those around it
+  std::vector<double> image_, fixed_weights_, squared_noise_;  // by pixel that counts
+  std::vector<double> map_;                                    // of MAP
+  double mean_ = 0;                                            // of the image
+  double noise_at_mean_ = 0, noise_exponent_ = 0;
+  double samples_ = 0;
+  std::vector<double> radiance_;
+  std::vector<std::vector<double>> derivatives_, scores_, slopes_;
+};
+
+}  // namespace itn

@@ -1,0 +1,133 @@
+#include "client/refine/refine_result.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <string>
+
+#include "client/refine/coordinates.h"
+#include "common/scene/material_proto.h"
+
+namespace itn {
+namespace {
+
+constexpr double kNormal95 = 1.959963984540054;
+
+double logit(double u) {
+  return std::log(u / (1 - u));
+}
+double logistic(double v) {
+  return 1 / (1 + std::exp(-v));
+}
+
+// A quantity on a scale on which its distribution is taken for a Gaussian.
+struct Scale {
+  double (*to)(double);
+  double (*from)(double);
+  double (*slope)(double value);  // d value / d scale
+};
+const Scale kPositive{[](double v) { return std::log(v); }, [](double s) { return std::exp(s); },
+                      [](double v) { return v; }};
+const Scale kFraction{logit, logistic, [](double v) { return v * (1 - v); }};
+const Scale kCosine{[](double v) { return logit((1 + v) / 2); },
+                    [](double s) { return 2 * logistic(s) - 1; },
+                    [](double v) { return (1 - v * v) / 2; }};
+
+v1::RefinedParameter parameter(const Quantity& quantity, const Scale& scale, const Region& region) {
+  const Quantity on_scale = [&](const Vector& x) { return scale.to(quantity(x)); };
+  const auto [low_90, high_90] = range(region, on_scale, kQuantile90);
+  const auto [low_95, high_95] = range(region, on_scale, kQuantile95);
+  const double value = quantity(region.answer);
+  v1::RefinedParameter result;
+  result.set_value(value);
+  result.set_standard_deviation((high_95 - low_95) / (2 * kNormal95) * scale.slope(value));
+  result.set_low_90(scale.from(low_90));
+  result.set_high_90(scale.from(high_90));
+  result.set_low_95(scale.from(low_95));
+  result.set_high_95(scale.from(high_95));
+  return result;
+}
+
+v1::RefinedParameter parameter(double (*value)(const Material&), const Scale& scale,
+                               const Region& region) {
+  return parameter([value](const Vector& x) { return value(material_at(x)); }, scale, region);
+}
+
+double sigma_t(const Material& m) {
+  return m.sigma_t;
+}
+double albedo(const Material& m) {
+  return m.albedo;
+}
+double g(const Material& m) {
+  return m.g;
+}
+
+std::string with_interval(const v1::RefinedParameter& p) {
+  return fmt::format("{:.4g} ({:.4g} to {:.4g})", p.value(), p.low_95(), p.high_95());
+}
+
+// By how much the upper end of the interval is above the lower, as a factor.
+double width(const v1::RefinedParameter& p) {
+  return p.high_95() / p.low_95();
+}
+
+// Where one direction in the space of materials can hardly be told, which one, and what is known.
+void add_remarks(v1::RefineResult& result) {
+  constexpr double kWideFactor = 1.5;  // of a 95 % interval
+  constexpr double kWideG = 0.3, kWideAlbedo = 0.2;
+  const v1::RefinedParameter& g = result.g();
+  const bool sigma_t_is_wide = !(width(result.sigma_t()) < kWideFactor);
+  const bool g_is_wide = !(g.high_95() - g.low_95() < kWideG);
+  const bool reduced_is_known =
+      std::log(width(result.sigma_s_reduced())) < std::log(width(result.sigma_t())) / 2;
+  if ((sigma_t_is_wide || g_is_wide) && reduced_is_known) {
+    result.add_remarks(fmt::format(
+        "sigma_t and g cannot be told apart: materials along the similarity ridge, with the same "
+        "sigma_s (1 - g) and sigma_a, look alike here. Known are sigma_s (1 - g) = {} and sigma_a "
+        "= {} per mm; more samples in the image, a thinner part of the object or another light "
+        "would tell the rest",
+        with_interval(result.sigma_s_reduced()), with_interval(result.sigma_a())));
+  } else {
+    if (sigma_t_is_wide) result.add_remarks("sigma_t can hardly be told from this");
+    if (g_is_wide) result.add_remarks("g can hardly be told from this");
+  }
+  if (!(result.albedo().high_95() - result.albedo().low_95() < kWideAlbedo)) {
+    result.add_remarks(result.has_exposure()
+                           ? "the albedo can hardly be told, as a darker exposure of a brighter "
+                             "material looks alike: find out the exposure"
+                           : "the albedo can hardly be told from this");
+  }
+}
+
+}  // namespace
+
+Eigen::Vector3d physical_deviations(const Region& region) {
+  const v1::RefinedParameter of_sigma_t = parameter(sigma_t, kPositive, region);
+  return {of_sigma_t.standard_deviation() / of_sigma_t.value(),
+          parameter(albedo, kFraction, region).standard_deviation(),
+          parameter(g, kCosine, region).standard_deviation()};
+}
+
+v1::RefineResult refine_result(const Region& region) {
+  const Vector& x = region.answer;
+  v1::RefineResult result;
+  *result.mutable_material() = to_proto(material_at(x));
+  *result.mutable_sigma_t() = parameter(sigma_t, kPositive, region);
+  *result.mutable_albedo() = parameter(albedo, kFraction, region);
+  *result.mutable_g() = parameter(g, kCosine, region);
+  *result.mutable_sigma_a() =
+      parameter([](const Material& m) { return m.sigma_a(); }, kPositive, region);
+  *result.mutable_sigma_s_reduced() =
+      parameter([](const Material& m) { return m.sigma_s_reduced(); }, kPositive, region);
+  if (x.size() > 3) *result.mutable_exposure() = parameter(exposure_at, kPositive, region);
+  const Matrix jacobian = physical_jacobian(x);
+  const Matrix readable = jacobian * region.covariance * jacobian.transpose();
+  for (const auto& [i, j] : {std::pair{0, 1}, {0, 2}, {1, 2}}) {
+    result.add_correlations(readable(i, j) / std::sqrt(readable(i, i) * readable(j, j)));
+  }
+  add_remarks(result);
+  return result;
+}
+
+}  // namespace itn

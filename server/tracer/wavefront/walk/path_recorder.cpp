@@ -1,0 +1,41 @@
+#include "server/tracer/wavefront/walk/path_recorder.h"
+
+namespace itn::tracer {
+
+PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, FilmWriter& film)
+    : paths_(paths), film_(film) {
+  size_t reflectance = 0, light = 0;
+  for (const Parameter& parameter : request.derivatives) {
+    switch (parameter.kind) {
+      case Parameter::kSigmaT:
+        derivatives_.push_back({&paths.d_sigma_t, &paths.control_sigma_t});
+        break;
+      case Parameter::kAlbedo: derivatives_.push_back({&paths.d_albedo}); break;
+      case Parameter::kG: derivatives_.push_back({&paths.d_g, &paths.control_g}); break;
+      case Parameter::kReflectance:
+        derivatives_.push_back({&paths.d_reflectance[reflectance++]});
+        break;
+      case Parameter::kLightScale: derivatives_.push_back({&paths.d_light[light++]}); break;
+    }
+  }
+}
+
+void PathRecorder::record(size_t slot) {
+  estimate_.hit = paths_.hit[slot] != 0;
+  estimate_.leaked = paths_.leaked[slot] != 0;
+  estimate_.steps = paths_.steps[slot];
+  estimate_.radiance = paths_.radiance[slot];
+  const float expected = paths_.expected[slot];
+  for (size_t i = 0; i < derivatives_.size(); ++i) {
+    const auto [collected, control_variate] = derivatives_[i];
+    estimate_.derivatives[i] = control_variate != nullptr
+                                   ? (*collected)[slot] - expected * (*control_variate)[slot]
+                                   : (*collected)[slot];
+  }
+  for (size_t a = 0; a < paths_.radiance_at_albedos.size(); ++a) {
+    estimate_.at_albedos[a] = paths_.radiance_at_albedos[a][slot];
+  }
+  film_.add({paths_.pixel[slot], paths_.sample[slot], expected}, estimate_);
+}
+
+}  // namespace itn::tracer
