@@ -34,7 +34,7 @@ mkdir -p "$out"
 step "Ask a model that comes with itn: an image of sigma_t 60, albedo 0.8, g 0.3"
 "$bin/itn" render client/examples/cube.textproto -o "$out/cube.exr" --sigma-t 60 --albedo 0.8 \
   --g 0.3 --spp 64
-"$bin/itn" predict "$out/cube.exr" --exposure 1 --object-size 1
+"$bin/itn" predict "$out/cube.exr" --radiance-scale 1 --object-size 1
 
 step "From a photograph of a mug, 95 mm high, to a material for MaterialX, and a page about it"
 "$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 \
@@ -50,12 +50,12 @@ step "Render a dataset: 1600 images of 64 x 64 pixels; shapes and lights of the 
   --validation-fraction 0.17
 
 step "Train a regressor network (RN) that answers distributions"
-"$bin/itn" train "$dataset" -o "$out/rn" --preset residual --base-channels 16 --noise 0.12 \
+"$bin/itn" train "$dataset" -o "$out/rn" --preset residual --base-channels 16 --add-noise 12% \
   --batch 16 --steps 2500 --resume
 
 step "Train an inverse transport network (ITN) from there, with renders in the loss"
 "$bin/itn" train "$dataset" -o "$out/itn" --preset residual --loss itn --init "$out/rn" \
-  --base-channels 16 --noise 0.12 --batch 8 --steps 25 --lr 1e-4 --spp 64 --resume
+  --base-channels 16 --add-noise 12% --batch 8 --steps 25 --learning-rate 1e-4 --spp 64 --resume
 
 step "Errors on shapes and lights that neither has seen, at training's noise and at half of it"
 "$bin/itn" evaluate "$out/itn" "$out/rn" --dataset "$dataset" --noise-levels --rerender 10 \

@@ -56,7 +56,7 @@ void add_flags(CLI::App& app, PredictorOptions& options) {
       ->check(number_in(1, 256))
       ->capture_default_str();
   app.add_option(
-         "--threads", options.threads,
+         "--network-threads,--threads", options.threads,
          "Threads of the network; 0: one per processor. On two processors a second one made "
          "every answer later")
       ->check(number_in(0, 4096))

@@ -390,7 +390,7 @@ void add_dataset_command(CLI::App& app) {
       ->excludes(spp);
   command->add_flag("--derivatives", options->derivatives,
                     "Derivative images, too, in sigma_t, albedo and g, for itn train "
-                    "--material-step: 1.2 times the time, five times the room");
+                    "--first-order-step: 1.2 times the time, five times the room");
   command
       ->add_option("--seed", options->seed,
                    "Of all choices but the random shapes (--shape-seed); default 0")

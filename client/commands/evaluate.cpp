@@ -83,7 +83,7 @@ std::vector<Contender> candidates_of(const EvaluateOptions& options, const Label
       }
       set_errors(candidate.predictions, images, candidate.row);
       set_details(estimates, images, candidate.row);
-      set_unfamiliar(estimates, candidate.row);
+      set_outlier_fraction(estimates, candidate.row);
       set_likelihood(predictor, estimates, images, candidate.row);
     }
   }
@@ -152,8 +152,9 @@ void print_details(const v1::Evaluation::Row& row) {
         "  mean log-likelihood of the truth {:.3f}; of the Gaussian of all truths {:.3f}\n",
         row.log_likelihood(), row.constant_log_likelihood());
   }
-  if (row.has_unfamiliar()) {
-    print_result("  unfamiliar to the network: {:.1f} % of the images\n", 100 * row.unfamiliar());
+  if (row.has_outlier_fraction()) {
+    print_result("  unfamiliar to the network: {:.1f} % of the images\n",
+                 100 * row.outlier_fraction());
   }
   const bool intervals = row.has_coverage();
   print_result("  {:20}  {:>25}{}\n", "", "RMSE: sigma_t, albedo, g",
@@ -174,7 +175,7 @@ void print_details(const v1::Evaluation::Row& row) {
   rmse.set_albedo(row.albedo());
   rmse.set_g(row.g());
   print_line("all", rmse, row.coverage());
-  for (const v1::Evaluation::Third& third : row.thirds()) {
+  for (const v1::Evaluation::Tercile& third : row.terciles()) {
     print_line(
         fmt::format("sigma_t {:.0f} to {:.0f}", third.sigma_t().min(), third.sigma_t().max()),
         third.rmse(), third.coverage());
@@ -210,7 +211,7 @@ void print(const v1::Evaluation& evaluation) {
         "materials look alike,\nand nothing else: who is better has told such materials apart.\n");
   }
   for (const v1::Evaluation::Row& row : evaluation.rows()) {
-    if (row.thirds_size() > 0) {
+    if (row.terciles_size() > 0) {
       print_details(row);
     }
   }
@@ -276,7 +277,7 @@ void add_evaluate_command(CLI::App& app) {
   command->add_flag(
       "--noise-levels", options->noise_levels,
       "Evaluate each network also with noise added up to the level that it was trained "
-      "at (itn train --noise), and up to half of that");
+      "at (itn train --add-noise), and up to half of that");
   command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.Evaluation)");
   add_worker_flags(*command, options->workers);
   command->callback([options] { run(*options); });

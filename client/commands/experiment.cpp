@@ -141,7 +141,7 @@ void add_experiment_command(CLI::App& app) {
   command->add_flag("--dry-run", options->dry_run,
                     "Print the stages, with -o which of them are done there, and end");
   command
-      ->add_option("--torch-threads", options->torch_threads,
+      ->add_option("--network-threads,--torch-threads", options->torch_threads,
                    "Threads of the networks; 0: one per processor")
       ->check(number_in(0, 4096))
       ->capture_default_str();

@@ -116,7 +116,7 @@ void add_export_command(CLI::App& app) {
       "has seen, so that it will know what it has not; its validation split, of 256 images at "
       "least, how wide its answers must be; a run does so at its end");
   command
-      ->add_option("--common-error", options->error_correlation,
+      ->add_option("--error-correlation,--common-error", options->error_correlation,
                    "Correlation of the errors in two images of one object, for itn predict "
                    "--one-material; default: as before")
       ->check(number_in(0.0, 1.0));

@@ -32,7 +32,6 @@ struct MergeOptions {
   std::vector<std::string> photographs;
   std::string output;
   std::vector<std::string> seconds;
-  std::string method = "debevec";
   std::string response = "estimate";
 };
 
@@ -150,8 +149,6 @@ void run(const MergeOptions& options) {
                                                options.seconds.size(), names.size()));
   }
   check_output(options);
-  const MergeMethod method =
-      options.method == "debevec" ? MergeMethod::kDebevec : MergeMethod::kRobertson;
 
   // What they are, and a sample of each.
   std::vector<Bracketed> bracket;
@@ -175,7 +172,7 @@ void run(const MergeOptions& options) {
                                           : estimate_response(samples);
   }
 
-  ExposureMerge merge(method, std::move(response));
+  ExposureMerge merge(std::move(response));
   std::vector<double> exposures;
   for (const Bracketed& photograph : bracket) {
     merge.add(read(photograph.name), photograph.exposure, photograph.name);
@@ -188,7 +185,7 @@ void run(const MergeOptions& options) {
   }
   image.attributes = {{attribute::kVersion, ITN_VERSION},
                       {attribute::kExposures, fmt::format("{:.6g}", fmt::join(exposures, ","))},
-                      {attribute::kMergeMethod, options.method},
+                      {attribute::kMergeMethod, "debevec"},
                       {attribute::kResponse, response_name}};
   write_exr(options.output, image);
   print_result(fmt::format("{}: {} photographs, exposures of {:.4g} to {:.4g} s; radiance per "
@@ -223,12 +220,6 @@ void add_merge_command(CLI::App& app) {
       ->delimiter(',')
       ->allow_extra_args(false)
       ->check(kSeconds);
-  command
-      ->add_option("--method", options->method,
-                   "How photographs are weighted, and the response estimated: after Debevec and "
-                   "Malik, or after Robertson, Borman and Stevenson")
-      ->check(one_of({"debevec", "robertson"}))
-      ->capture_default_str();
   command
       ->add_option("--response", options->response,
                    "The camera's curve from light to the files' values: estimated from the "

@@ -319,7 +319,7 @@ void warn_of_what_is_not_used(const PredictOptions& options, const v1::PredictBa
   if (better.empty() || !by_default) return;
   spdlog::warn(
       "the model {} makes nothing of --{}; --model {} does{}", kDefaultModel,
-      options.photographs.gray_card ? "gray-card" : "exposure", better,
+      options.photographs.gray_card ? "gray-card" : "radiance-scale", better,
       options.predictor.empty() ? "" : ", if the predictor has it (itn models --predictor)");
 }
 
@@ -412,7 +412,7 @@ void add_photograph_flags(CLI::App& command, PhotographOptions& options) {
       ->check(number_in(1e-3, 1e6));
   const auto exposure =
       command
-          .add_option("--exposure", options.exposure,
+          .add_option("--radiance-scale,--exposure", options.exposure,
                       "The image times this is radiance on the scale of the model's training: for "
                       "outdoor in W/(m^2 sr) as of sun_sky in scene.proto")
           ->check(number_in(1e-12, 1e12));
@@ -422,7 +422,7 @@ void add_photograph_flags(CLI::App& command, PhotographOptions& options) {
       "X,Y,W,H: pixels of a gray card that lies flat beside the object, facing up; by flash alone "
       "it faces the camera");
   card->excludes(exposure);
-  command.add_option("--gray", options.gray, "Reflectance of the gray card")
+  command.add_option("--gray-reflectance,--gray", options.gray, "Reflectance of the gray card")
       ->check(number_in(0.01, 1.0))
       ->needs(card)
       ->capture_default_str();
@@ -437,12 +437,13 @@ void add_flags_for_people(CLI::App& command, PredictOptions& options) {
       "it, outlined; the weight map, black 0 to white 1; with --scene also the re-rendering and "
       "the difference, red where the re-rendering is brighter, blue where it is darker");
   command
-      .add_option("--scene", options.scene,
-                  "Scene file, as itn render takes, that shows the object as the framed image "
-                  "does, on a square film: it is rendered with the answer for --picture. The "
-                  "object may have any size. The re-rendering is compared with the image times "
-                  "--exposure; without it, of images encoded for a screen or with a gray card, "
-                  "brought to their mean")
+      .add_option(
+          "--scene", options.scene,
+          "Scene file, as itn render takes, that shows the object as the framed image "
+          "does, on a square film: it is rendered with the answer for --picture. The "
+          "object may have any size. The re-rendering is compared with the image times "
+          "--radiance-scale; without it, of images encoded for a screen or with a gray card, "
+          "brought to their mean")
       ->needs(picture);
   command.add_option("--report", options.report,
                      "HTML file to write, of one image or one material: a page that needs no other "
@@ -494,13 +495,14 @@ void add_predict_command(CLI::App& app) {
   command->add_flag("--one-material", options->one_material,
                     "All images, up to 64, show one material, in other light or from other sides: "
                     "answer from all of them together, too");
-  command->add_option("--model", options->model,
-                      fmt::format("Predict in this process, by a model that itn models lists, a "
-                                  "checkpoint or the folder of a run; default: {}, with "
-                                  "--gray-card card, with --exposure outdoor, with --flash flash. "
-                                  "With --predictor: by that one of its models (itn models "
-                                  "--predictor lists them); default: the predictor's",
-                                  kDefaultModel));
+  command->add_option(
+      "--model", options->model,
+      fmt::format("Predict in this process, by a model that itn models lists, a "
+                  "checkpoint or the folder of a run; default: {}, with "
+                  "--gray-card card, with --radiance-scale outdoor, with --flash flash. "
+                  "With --predictor: by that one of its models (itn models "
+                  "--predictor lists them); default: the predictor's",
+                  kDefaultModel));
   command
       ->add_flag("--flash", options->flash,
                  "The only light is a flash at the camera: by the model flash")

@@ -303,13 +303,20 @@ void add_flags(CLI::App& command, RefineOptions& options) {
       ->check(one_of({"gauss-newton", "adam"}))
       ->capture_default_str();
   command
-      .add_option("--weights", options.weights,
+      .add_option("--pixel-weights,--weights", options.weights,
                   "How pixels count: noise: by the inverse variance of their noise; map: by the "
                   "squared weight map, near edges; none: all the same")
       ->check(one_of({"noise", "map", "none"}))
       ->capture_default_str();
+  command
+      .add_option_function<std::string>(
+          "--exposure",
+          [&options](const std::string& text) { options.unknown_exposure = text == "unknown"; },
+          "unknown: the images are the renders times one factor, which is found, too; default: "
+          "known")
+      ->check(one_of({"known", "unknown"}));
   command.add_flag("--unknown-exposure", options.unknown_exposure,
-                   "The images are the renders times one factor, which is found, too");
+                   "The same as --exposure unknown");
   const CLI::Validator spp_range = number_in(4U, 1U << 20);
   command
       .add_option("--spp", options.spp,

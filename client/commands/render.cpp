@@ -72,10 +72,11 @@ void check_outputs(const RenderFlags& options) {
   const auto may_be = [](const std::string& path, const char* expected) {
     return suffix(path).empty() || suffix(path) == expected;
   };
-  require_usage(may_be(options.output, ".exr"),
-                fmt::format("--output {}: it is written as OpenEXR, name it .exr; --png writes a "
-                            "picture to look at",
-                            options.output));
+  require_usage(
+      may_be(options.output, ".exr"),
+      fmt::format("--output {}: it is written as OpenEXR, name it .exr; --picture writes a "
+                  "picture to look at",
+                  options.output));
   std::error_code absent;
   require_usage(!std::filesystem::equivalent(options.output, options.scene, absent),
                 fmt::format("--output {}: that is the scene file", options.output));
@@ -85,11 +86,11 @@ void check_outputs(const RenderFlags& options) {
                 "--json and the image cannot both go to standard output");
   if (options.png.empty()) return;
   require_usage(may_be(options.png, ".png"),
-                fmt::format("--png {}: it is written as PNG, name it .png", options.png));
+                fmt::format("--picture {}: it is written as PNG, name it .png", options.png));
   require_usage(std::filesystem::path(options.png).lexically_normal() !=
                         std::filesystem::path(options.output).lexically_normal() &&
                     !is_stdout(options.png),
-                fmt::format("--png {}: it needs a file of its own", options.png));
+                fmt::format("--picture {}: it needs a file of its own", options.png));
   check_writable(options.png);
 }
 
@@ -107,15 +108,18 @@ void check_combinations(const RenderFlags& options) {
 
 // ---- The request -----------------------------------------------------------------------------
 
-// `size`: WIDTHxHEIGHT in pixels.
+// `size`: N or WIDTHxHEIGHT in pixels.
 void set_film(const std::string& size, v1::Film& film) {
   unsigned width = 0;
   unsigned height = 0;
   int used = 0;
-  if (std::sscanf(size.c_str(), "%5ux%5u%n", &width, &height, &used) != 2 ||
-      used != static_cast<int>(size.size())) {
-    throw Error(ErrorKind::kUsage,
-                fmt::format("--film: {} is not WIDTHxHEIGHT in pixels, e.g. 128x128", size));
+  const auto all = [&](int found) { return found > 0 && used == static_cast<int>(size.size()); };
+  if (all(std::sscanf(size.c_str(), "%5u%n", &width, &used))) {
+    height = width;
+  } else if (!all(std::sscanf(size.c_str(), "%5ux%5u%n", &width, &height, &used))) {
+    throw Error(
+        ErrorKind::kUsage,
+        fmt::format("--resolution: {} is not N or WIDTHxHEIGHT in pixels, e.g. 128x96", size));
   }
   film.set_width(width);
   film.set_height(height);
@@ -377,8 +381,9 @@ void add_render_command(CLI::App& app) {
                    "wavefront: the fast one; reference: plain path tracing, to check it against")
       ->check(one_of({"wavefront", "reference"}))
       ->capture_default_str();
-  command->add_option("--film", options->film, "WIDTHxHEIGHT in pixels, instead of the scene's");
-  command->add_option("--png", options->png, "Also write a picture to look at");
+  command->add_option("--resolution,--film", options->film,
+                      "N or WIDTHxHEIGHT in pixels, instead of the scene's");
+  command->add_option("--picture,--png", options->png, "Also write a picture to look at");
   command->add_flag("--json", options->json, "Print the result as JSON");
   add_worker_flags(*command, options->workers);
   command->callback([options] { run(*options); });

@@ -93,7 +93,7 @@ void write_files(const Shapes& shapes, const fs::path& folder) {
 
 void run(const ShapesOptions& options) {
   if (options.folder.empty()) {
-    require_usage(options.random == 0, "--random: say where to: -o FOLDER");
+    require_usage(options.random == 0, "--random-shapes: say where to: -o FOLDER");
     return list();
   }
   check_folder_writable(options.folder);
@@ -108,11 +108,11 @@ void add_shapes_command(CLI::App& app) {
       "shapes", "List the built-in shapes, or write them, or any number of random ones, as files");
   CLI::Option* random =
       command
-          ->add_option("--random", options->random,
+          ->add_option("--random-shapes,--random", options->random,
                        "So many random shapes instead: random-SEED-0, random-SEED-1, ...; the "
                        "first ones of a larger number are the same")
           ->check(CLI::Range(size_t{1}, kMaxRandom));
-  command->add_option("--seed", options->seed, "Of the random shapes")
+  command->add_option("--shape-seed,--seed", options->seed, "Of the random shapes")
       ->check(CLI::NonNegativeNumber)
       ->needs(random)
       ->capture_default_str();

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -9,6 +10,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -73,6 +75,19 @@ struct TrainOptions {
   bool json = false;
 };
 
+// 5% as 0.05.
+const CLI::Validator kPercentToPart(
+    [](std::string& text) {
+      double percent = 0;
+      const char* const end = text.data() + text.size();
+      const auto [unit, error] = std::from_chars(text.data(), end, percent);
+      if (error == std::errc() && unit + 1 == end && *unit == '%') {
+        text = fmt::format("{}", percent / 100);
+      }
+      return std::string();
+    },
+    "", "");
+
 uint64_t steps_of(const TrainOptions& options, size_t items, uint32_t batch) {
   if (options.steps) {
     return *options.steps;
@@ -120,7 +135,7 @@ class Flags {
     }
     if (given("--resolution")) config.set_resolution(options_.resolution);
     if (given("--batch")) config.set_batch(options_.batch);
-    if (given("--lr")) config.set_learning_rate(options_.learning_rate);
+    if (given("--learning-rate")) config.set_learning_rate(options_.learning_rate);
     if (given("--warmup-steps")) config.set_warmup_steps(options_.warmup_steps);
     if (given("--weight-decay")) config.set_weight_decay(options_.weight_decay);
     if (given("--max-gradient-norm")) config.set_max_gradient_norm(options_.max_gradient_norm);
@@ -130,7 +145,7 @@ class Flags {
     if (given("--estimates")) config.set_estimates(options_.estimates);
     if (given("--pilot-spp")) config.set_pilot_spp(options_.pilot_spp);
     if (options_.lambda) config.set_lambda(*options_.lambda);
-    if (given("--image-weights")) {
+    if (given("--pixel-weights")) {
       config.set_image_weights(options_.image_weights == "uniform"
                                    ? v1::TrainingConfig::UNIFORM
                                    : v1::TrainingConfig::WEIGHT_MAP);
@@ -175,14 +190,14 @@ class Flags {
   }
 
   void set_augmentation(v1::Augmentation& augmentation) const {
-    if (given("--noise")) {
+    if (given("--add-noise")) {
       augmentation.mutable_noise()->set_min(options_.noise.front());
       augmentation.mutable_noise()->set_max(options_.noise.back());
     }
     if (given("--mirror")) augmentation.set_mirror(options_.mirror);
     if (given("--shift")) augmentation.set_shift(options_.shift);
     if (given("--exposure-jitter")) augmentation.set_exposure(options_.exposure_jitter);
-    if (given("--material-step")) augmentation.set_material_step(options_.material_step);
+    if (given("--first-order-step")) augmentation.set_material_step(options_.material_step);
     if (given("--camera")) {
       if (options_.camera) {
         *augmentation.mutable_camera() = default_camera_augmentation();
@@ -322,7 +337,7 @@ class Training {
     if (!goes_on() && !flags_.given("--warmup-steps")) {  // not most of a short run
       config.set_warmup_steps(std::min(config.warmup_steps(), config.steps() / 10));
     }
-    if (!goes_on() || flags_.given("--torch-threads")) {
+    if (!goes_on() || flags_.given("--network-threads")) {
       config.set_torch_threads(static_cast<uint32_t>(options_.torch_threads));
     }
     if (!goes_on() || flags_.given("--init")) {
@@ -531,11 +546,12 @@ void add_train_command(CLI::App& app) {
                    "default: their own")
       ->check(one_of({"0", "16", "32", "64", "128", "256"}));
   command
-      ->add_option("--noise", options->noise,
+      ->add_option("--add-noise,--noise", options->noise,
                    "LEVEL or MIN MAX: relative noise of a pixel that every image is brought up to, "
                    "afresh in each step, so that noise tells nothing of the material; 0: none is "
                    "added")
       ->expected(1, 2)
+      ->transform(kPercentToPart)
       ->check(number_in(0.0, 1.0));
   command->add_flag("--mirror,!--no-mirror", options->mirror,
                     "Show every second image with left and right exchanged");
@@ -548,7 +564,7 @@ void add_train_command(CLI::App& app) {
                    "Multiply each image by a factor whose logarithm has this standard deviation")
       ->check(number_in(0.0, 3.0));
   command
-      ->add_option("--material-step", options->material_step,
+      ->add_option("--first-order-step,--material-step", options->material_step,
                    "Make each image that of another material, to first order, by the dataset's "
                    "derivative images (itn dataset --derivatives): standard deviation of the step "
                    "in ln reduced sigma_t and the logits of reduced albedo and g")
@@ -595,7 +611,9 @@ void add_train_command(CLI::App& app) {
           "has instructions for it (avx512_bf16 in /proc/cpuinfo), otherwise slower; "
           "default: float32")
       ->check(one_of({"float32", "bfloat16"}));
-  command->add_option("--lr", options->learning_rate, "Learning rate; default: 1e-4 (paper), 4e-3")
+  command
+      ->add_option("--learning-rate,--lr", options->learning_rate,
+                   "Learning rate; default: 1e-4 (paper), 4e-3")
       ->check(number_in(0.0, 1e30, Ends::kExcluded));
   command
       ->add_option("--schedule", options->schedule,
@@ -620,7 +638,7 @@ void add_train_command(CLI::App& app) {
                    "with; 0: the weights of the last step; default: 0 (paper), 0.999")
       ->check(number_in(0.0, 0.999999));
   command
-      ->add_option("--image-weights", options->image_weights,
+      ->add_option("--pixel-weights,--image-weights", options->image_weights,
                    "How pixels count in the image term. map: most near edges; uniform: all of the "
                    "object alike. Default: map")
       ->check(one_of({"map", "uniform"}));
@@ -660,7 +678,7 @@ void add_train_command(CLI::App& app) {
       "Continue the folder's run, if there is one: its flags, the dataset too, need not "
       "be given again, and those that are must be the same; --steps may be more");
   command
-      ->add_option("--torch-threads", options->torch_threads,
+      ->add_option("--network-threads,--torch-threads", options->torch_threads,
                    "Threads of the network; 0: one per processor. The last bits depend on it: a "
                    "run keeps the number that it began with. To go on by the same command on "
                    "a machine of other processors, give the number; --resume knows it")

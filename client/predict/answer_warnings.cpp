@@ -6,12 +6,12 @@ namespace itn {
 
 std::string in_words(v1::MaterialBound bound) {
   switch (bound) {
-    case v1::SIGMA_T_LEAST: return "the least sigma_t";
-    case v1::SIGMA_T_MOST: return "the greatest sigma_t";
-    case v1::ALBEDO_LEAST: return "the least albedo";
-    case v1::ALBEDO_MOST: return "the greatest albedo";
-    case v1::G_LEAST: return "the least g";
-    case v1::G_MOST: return "the greatest g";
+    case v1::SIGMA_T_MIN: return "the least sigma_t";
+    case v1::SIGMA_T_MAX: return "the greatest sigma_t";
+    case v1::ALBEDO_MIN: return "the least albedo";
+    case v1::ALBEDO_MAX: return "the greatest albedo";
+    case v1::G_MIN: return "the least g";
+    case v1::G_MAX: return "the greatest g";
     default: return "an end";
   }
 }

@@ -20,7 +20,7 @@ std::string exported(const v1::Prediction& prediction, const ExportFormat& forma
                      ExportOptions options) {
   bool unfamiliar = false;
   for (const v1::Prediction::Channel& c : prediction.channels()) {
-    unfamiliar = unfamiliar || c.caveats().unfamiliarity().unfamiliar();
+    unfamiliar = unfamiliar || c.caveats().outlier().is_outlier();
   }
   if (prediction.has_object_size()) options.object_size_mm = prediction.object_size();
   options.provenance = fmt::format("{}, image {}{}", prediction.model(), prediction.image(),
@@ -53,10 +53,10 @@ void warn_of_common_g(const v1::Prediction& prediction) {
 void warn(const v1::Prediction& prediction) {
   warn_of_common_g(prediction);
   for (const v1::Prediction::Channel& channel : prediction.channels()) {
-    const v1::OutlierScore& unfamiliarity = channel.caveats().unfamiliarity();
-    if (unfamiliarity.unfamiliar()) {
+    const v1::OutlierScore& outlier = channel.caveats().outlier();
+    if (outlier.is_outlier()) {
       spdlog::warn("{}, channel {}: unfamiliar, do not trust this answer ({})", prediction.image(),
-                   channel.channel(), unfamiliarity.reason());
+                   channel.channel(), outlier.reason());
     }
   }
   for (const v1::Prediction::Channel& channel : prediction.channels()) {

@@ -41,12 +41,12 @@ void print_warnings(const v1::AnswerWarnings& caveats) {
     print_result("         at an end of what the model can answer, and perhaps beyond it: {}\n",
                  fmt::join(ends, ", "));
   }
-  const v1::OutlierScore& unfamiliarity = caveats.unfamiliarity();
-  if (unfamiliarity.unfamiliar()) {
+  const v1::OutlierScore& outlier = caveats.outlier();
+  if (outlier.is_outlier()) {
     print_result(
         "         UNFAMILIAR, {:.1f} times as far from the images of training as 99 % of such "
         "images: do not trust this answer ({})\n",
-        unfamiliarity.score(), unfamiliarity.reason());
+        outlier.score(), outlier.reason());
   }
 }
 
@@ -78,7 +78,7 @@ class TextPrinter final : public PredictionPrinter {
     print_result(
         "model: {}{}{}{}\n", last_.model(), model.version().empty() ? " (without a version)" : "",
         model.sha256().empty() ? "" : ", weights ", model.sha256().substr(0, kShortDigest));
-    if (!last_.channels(0).caveats().has_unfamiliarity()) {
+    if (!last_.channels(0).caveats().has_outlier()) {
       print_result(
           "It does not know the images of its training: whether it was trained for images like "
           "{} is not said.\n",
@@ -147,7 +147,7 @@ class CsvPrinter final : public PredictionPrinter {
       print_result(
           "image,channel,sigma_t,sigma_t_low,sigma_t_high,albedo,albedo_low,albedo_high,g,g_low,"
           "g_high,sigma_a,sigma_a_low,sigma_a_high,sigma_s,sigma_s_low,sigma_s_high,object_size,"
-          "unfamiliarity,warnings,model,error\n");
+          "outlier_score,warnings,model,error\n");
       begun_ = true;
     }
     const std::string image = csv_field(prediction.image());
@@ -161,9 +161,7 @@ class CsvPrinter final : public PredictionPrinter {
           number(c.sigma_t(), p.sigma_t()), number(c.albedo(), p.albedo()), number(c.g(), p.g()),
           number(c.sigma_a(), p.sigma_a()), number(c.sigma_s(), p.sigma_s()),
           prediction.has_object_size() ? fmt::format("{:.6g}", prediction.object_size()) : "",
-          c.caveats().has_unfamiliarity()
-              ? fmt::format("{:.4g}", c.caveats().unfamiliarity().score())
-              : "",
+          c.caveats().has_outlier() ? fmt::format("{:.4g}", c.caveats().outlier().score()) : "",
           joined_warnings(c.caveats()), csv_field(prediction.model()));
     }
     if (prediction.channels_size() == 0) {

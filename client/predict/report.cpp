@@ -289,13 +289,13 @@ std::vector<Limit> limits_of(const v1::Prediction& prediction) {
   };
   for (const Channel& channel : prediction.channels()) {
     const v1::AnswerWarnings& caveats = channel.caveats();
-    const v1::OutlierScore& unfamiliarity = caveats.unfamiliarity();
-    if (unfamiliarity.unfamiliar()) {
+    const v1::OutlierScore& outlier = caveats.outlier();
+    if (outlier.is_outlier()) {
       grave.push_back(
           {of_channel(channel,
                       fmt::format("the photograph is unfamiliar to the model, {:.1f} times as far "
                                   "from the images of its training as 99 % of such images: {}",
-                                  unfamiliarity.score(), unfamiliarity.reason())),
+                                  outlier.score(), outlier.reason())),
            true});
     }
     for (const v1::Warning& warning : caveats.warnings()) {
@@ -315,7 +315,7 @@ std::vector<Limit> limits_of(const v1::Prediction& prediction) {
                              channel.has_posterior() ? "the 90 % interval" : "the best guess",
                              fmt::join(ends, " and ")))});
   }
-  if (!prediction.channels(0).caveats().has_unfamiliarity()) {
+  if (!prediction.channels(0).caveats().has_outlier()) {
     others.push_back(
         {"The model does not know the images of its training: whether it was trained "
          "for photographs like this is not said."});

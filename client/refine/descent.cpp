@@ -34,7 +34,7 @@ constexpr uint32_t kMaxLooks = 3;
 constexpr double kMaxGrowth = 16;
 
 // The largest part, over ln sigma_t, albedo and g, of the variance that is noise of the renders.
-double render_share(const Matrix& readable, const Matrix& all, const Matrix& renders) {
+double render_noise_fraction(const Matrix& readable, const Matrix& all, const Matrix& renders) {
   const auto variances = [&](const Matrix& covariance) {
     return (readable * covariance * readable.transpose()).diagonal().head(3).array().eval();
   };
@@ -48,7 +48,7 @@ struct Descent::Evaluation {
   std::vector<ImageEquations::Residuals> per_image;
   Vector x;
   NormalEquations equations;
-  double loss = 0, loss_standard_error = 0, loss_of_noise = 0;
+  double loss = 0, loss_standard_error = 0, noise_loss = 0;
   double cpu_seconds = 0;
 };
 
@@ -93,7 +93,7 @@ Descent::Evaluation Descent::evaluate(const Synthesize& synthesize, uint64_t see
   }
   evaluation.loss = squares / energy;
   evaluation.loss_standard_error = std::sqrt(variance) / energy;
-  evaluation.loss_of_noise = noise / energy;
+  evaluation.noise_loss = noise / energy;
   return evaluation;
 }
 
@@ -120,7 +120,7 @@ void Descent::accumulate(const Evaluation& evaluation) {
   linearization_point_ = evaluation.x;
   loss_ = evaluation.loss;
   loss_standard_error_ = evaluation.loss_standard_error;
-  loss_of_noise_ = evaluation.loss_of_noise;
+  noise_loss_ = evaluation.noise_loss;
 }
 
 ScoreTest Descent::test() const {
@@ -232,12 +232,12 @@ v1::RefineIteration Descent::step(const Synthesize& synthesize, uint64_t seed) {
   const Step step = is_adam() ? adam_step(evaluation.equations.gradient) : newton_step();
   x_ = linearization_point_ + step.taken;
   clamp_to_domain(x_);
-  told.set_step_over_noise(step.over_noise);
+  told.set_step_to_noise(step.over_noise);
   const Eigen::Vector3d deviations = physical_deviations(region());
   for (const double deviation : deviations) told.add_standard_deviations(deviation);
-  const double share = render_share(physical_jacobian(linearization_point_), test().covariance(),
-                                    render_test().covariance());
-  told.set_render_share(share);
+  const double share = render_noise_fraction(physical_jacobian(linearization_point_),
+                                             test().covariance(), render_test().covariance());
+  told.set_render_noise_fraction(share);
   plan(step, deviations.maxCoeff(), share);
   return told;
 }
@@ -273,7 +273,7 @@ v1::RefineStartState Descent::state() const {
   set(state.mutable_linearization_point(), linearization_point_);
   state.set_loss(loss_);
   state.set_loss_standard_error(loss_standard_error_);
-  state.set_loss_of_noise(loss_of_noise_);
+  state.set_noise_loss(noise_loss_);
   for (const ImageEquations& image_equations : image_equations_)
     *state.add_images() = image_equations.state();
   set(state.mutable_curvature(), normal_equations_.curvature.reshaped<Eigen::RowMajor>());
@@ -307,7 +307,7 @@ Descent::Descent(const v1::RefineSettings& settings, std::span<const Observation
   renders_at_max_spp_ = state.renders_at_max_spp();
   loss_ = state.loss();
   loss_standard_error_ = state.loss_standard_error();
-  loss_of_noise_ = state.loss_of_noise();
+  noise_loss_ = state.noise_loss();
   for (size_t i = 0; i < image_equations_.size(); ++i) {
     image_equations_[i].restore(state.images(static_cast<int>(i)), static_cast<size_t>(n));
   }

@@ -21,7 +21,7 @@ namespace itn {
 // image hardly tells is not gone along until there are samples enough (the similarity ridge), while
 // quiet steps are Newton's. A step after which the loss is higher is taken back, and the radius
 // reduced (Levenberg-Marquardt). The equations of earlier iterations count with those of the new
-// one, the less the farther it came from. A step within its own noise calls for more samples.
+// one, the less the farther they came from. A step within its own noise calls for more samples.
 class Descent {
  public:
   Descent(const v1::RefineSettings& settings, std::span<const Observation> observations,
@@ -40,7 +40,7 @@ class Descent {
   double loss() const { return loss_; }
   double loss_standard_error() const { return loss_standard_error_; }
   // Of the part of that loss that the image's own noise explains; 0 if it is not known.
-  double loss_of_noise() const { return loss_of_noise_; }
+  double noise_loss() const { return noise_loss_; }
 
   const Vector& answer() const { return x_; }  // as it stands
   // Where else it may be.
@@ -74,7 +74,7 @@ class Descent {
   Vector x_, linearization_point_;
   double samples_ = 0;
   double trust_radius_ = 1;
-  double loss_ = 0, loss_standard_error_ = 0, loss_of_noise_ = 0;
+  double loss_ = 0, loss_standard_error_ = 0, noise_loss_ = 0;
   uint32_t spp_ = 0, iterations_ = 0;
   uint32_t renders_at_max_spp_ = 0;  // with the most samples, where it does not move any more
   Vector first_moment_, second_moment_;

@@ -198,8 +198,8 @@ std::string to_text(const v1::RefineResult& result) {
                       result.correlations(0), result.correlations(1), result.correlations(2));
   text += fmt::format("difference of image and render: {:.2g} %",
                       100 * std::sqrt(std::max(0.0, result.loss())));
-  if (result.loss_of_noise() > 0) {
-    text += fmt::format("; noise of the image: {:.2g} %", 100 * std::sqrt(result.loss_of_noise()));
+  if (result.noise_loss() > 0) {
+    text += fmt::format("; noise of the image: {:.2g} %", 100 * std::sqrt(result.noise_loss()));
   }
   text += fmt::format("\n{} iterations, {:.1f} CPU-s, {:.1f} s: {}\n", result.total_iterations(),
                       result.cpu_seconds(), result.seconds(), in_words(result.end()));

@@ -193,7 +193,7 @@ v1::RefineResult Refinement::result() const {
   result.set_best_start(static_cast<uint32_t>(chosen));
   result.set_loss(descent.loss());
   result.set_loss_standard_error(descent.loss_standard_error());
-  result.set_loss_of_noise(descent.loss_of_noise());
+  result.set_noise_loss(descent.noise_loss());
   double cpu_seconds = 0;
   for (const v1::RefineIteration& iteration : trajectory_) cpu_seconds += iteration.cpu_seconds();
   result.set_cpu_seconds(cpu_seconds);
@@ -207,7 +207,7 @@ v1::RefineResult Refinement::result() const {
   }
   // Beyond its own noise an image should not differ from its render.
   constexpr double kMisfit = 1.5;
-  const double noise = descent.loss_of_noise();
+  const double noise = descent.noise_loss();
   if (noise > 0 && descent.loss() - 4 * descent.loss_standard_error() > kMisfit * noise) {
     result.add_remarks(fmt::format(
         "the renders do not come as near to the image as its noise would let them: they differ by "

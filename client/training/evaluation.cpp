@@ -151,7 +151,7 @@ MaterialCoordinates coverage_of(std::span<const MaterialEstimate> estimates,
 }
 
 void set_third(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
-               std::span<const size_t> items, v1::Evaluation::Third& third) {
+               std::span<const size_t> items, v1::Evaluation::Tercile& third) {
   MaterialCoordinates squares{};
   for (const size_t i : items) {
     add(squared_error(estimates[i].material, images.truth[i]), squares);
@@ -257,7 +257,7 @@ void set_details(std::span<const MaterialEstimate> estimates, const LabelledImag
       order, [&](size_t a, size_t b) { return images.truth[a].sigma_t < images.truth[b].sigma_t; });
   for (size_t third = 0; third < 3 && order.size() >= 3; ++third) {
     const size_t begin = third * order.size() / 3, end = (third + 1) * order.size() / 3;
-    set_third(estimates, images, std::span(order).subspan(begin, end - begin), *row.add_thirds());
+    set_third(estimates, images, std::span(order).subspan(begin, end - begin), *row.add_terciles());
   }
 }
 
@@ -286,13 +286,13 @@ void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate
                                           torch::linalg_det(covariance).log().item<double>()));
 }
 
-void set_unfamiliar(std::span<const MaterialEstimate> estimates, v1::Evaluation::Row& row) {
-  if (!estimates.front().unfamiliarity) {
+void set_outlier_fraction(std::span<const MaterialEstimate> estimates, v1::Evaluation::Row& row) {
+  if (!estimates.front().outlier) {
     return;
   }
   const auto count = std::ranges::count_if(
-      estimates, [](const MaterialEstimate& e) { return e.unfamiliarity->unfamiliar; });
-  row.set_unfamiliar(static_cast<double>(count) / static_cast<double>(estimates.size()));
+      estimates, [](const MaterialEstimate& e) { return e.outlier->is_outlier; });
+  row.set_outlier_fraction(static_cast<double>(count) / static_cast<double>(estimates.size()));
 }
 
 std::vector<uint32_t> spread(size_t count, size_t total) {

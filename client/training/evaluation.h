@@ -43,7 +43,7 @@ void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate
                     const LabelledImages& images, v1::Evaluation::Row& row);
 
 // Sets the part of the images that the model finds unfamiliar, if it knows.
-void set_unfamiliar(std::span<const MaterialEstimate> estimates, v1::Evaluation::Row& row);
+void set_outlier_fraction(std::span<const MaterialEstimate> estimates, v1::Evaluation::Row& row);
 
 // The numbers of `count` of the images, rising, one from each of as many equal stretches of the
 // split, at random, as a fixed stride would meet the same material of a grid again and again. A

@@ -9,9 +9,9 @@
 namespace itn {
 
 // Sets the model's outlier_model (measure_outlier_model()), which it loses if there are too few
-// images to measure it by, and its widths (measure_calibration()), which stay as they are if there
-// are too few. A model that was trained with cameras is shown all images through cameras. Throws
-// Error (cancelled) soon after a stop.
+// images to measure it by, and its calibration (measure_calibration()), which stays as it is if
+// there are too few. A model that was trained with cameras is shown all images through cameras.
+// Throws Error (cancelled) soon after a stop.
 void finalize_model(const ImageSource& training, const HeldOutImages& held_out, v1::Model& model,
                     const std::stop_token& stop = {});
 

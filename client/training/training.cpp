@@ -391,7 +391,7 @@ torch::Tensor Trainer::input_of(const ImageBatch& images, uint64_t step) const {
 Diverged Trainer::diverged(const char* what) const {
   return {ErrorKind::kInvalidInput,
           fmt::format("the training has diverged: {} not finite after step {}; a smaller learning "
-                      "rate than {:g} may help (--lr)",
+                      "rate than {:g} may help (--learning-rate)",
                       what, state_.step(), state_.config().learning_rate())};
 }
 

@@ -27,7 +27,7 @@ struct TrainingRun {
   uint64_t validate_every = 500;
   uint64_t patience = 0;
   // Optional: adds to a model that will not be trained any further what images tell of it (its
-  // outlier_model, the widths of its answers). At the end, to the last model and the best.
+  // outlier_model, its calibration). At the end, to the last model and the best.
   std::function<void(v1::Model&)> complete;
   std::function<void(const v1::TrainingMetrics&)> report;
   std::stop_token stop;

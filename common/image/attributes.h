@@ -29,7 +29,7 @@ inline constexpr const char* kContents =
     "itn.contents_sha256";  // of all else, see contents_digest()
 // Of photographs that were merged.
 inline constexpr const char* kExposures = "itn.exposures";  // seconds, as text: 0.0125,0.05,0.2
-inline constexpr const char* kMergeMethod = "itn.merge_method";  // debevec or robertson
+inline constexpr const char* kMergeMethod = "itn.merge_method";  // debevec
 inline constexpr const char* kResponse = "itn.response";         // estimate, srgb or linear
 
 }  // namespace itn::attribute

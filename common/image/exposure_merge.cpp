@@ -27,13 +27,8 @@ constexpr size_t kParts = 8;
 constexpr double kBlack = 1.5 / 255;
 constexpr double kWhite = 253.5 / 255;
 
-double weight_of(MergeMethod method, double encoded) {
-  if (encoded < kBlack || encoded > kWhite) return 0;
-  const double from_middle = std::abs(2 * encoded - 1);
-  if (method == MergeMethod::kDebevec) return 1 - from_middle;
-  // A Gaussian that is brought to 0 at both ends, and to 1 in the middle.
-  const double at_the_ends = std::exp(-4.0);
-  return (std::exp(-4 * from_middle * from_middle) - at_the_ends) / (1 - at_the_ends);
+double weight_of(double encoded) {
+  return encoded < kBlack || encoded > kWhite ? 0 : 1 - std::abs(2 * encoded - 1);
 }
 
 double light_of(const std::array<float, 256>& response, double encoded) {
@@ -170,18 +165,15 @@ void ExposureMerge::add_channel(size_t channel, const std::vector<float>& plane,
     const double value = std::max(0.0F, plane[pixel]);
     const double code = srgb_of_linear(scale * value);
     const double light = encoded && response_ ? light_of((*response_)[channel], code) : value;
-    const double weight = weight_of(method_, code);
+    const double weight = weight_of(code);
     if (weight == 0) {
       // Clipped values are lower bounds, of which the highest counts, and black ones, negative
       // here, upper bounds, of which the lowest does; where there are both, the former.
       const double bound = code > 0.5 ? light / exposure : -light / exposure;
       sums.bound[pixel] = std::max(sums.bound[pixel], static_cast<float>(bound));
-    } else if (method_ == MergeMethod::kDebevec) {
+    } else {
       sums.weight[pixel] += static_cast<float>(weight);
       sums.value[pixel] += static_cast<float>(weight * std::log(light / exposure));
-    } else {
-      sums.weight[pixel] += static_cast<float>(weight * exposure * exposure);
-      sums.value[pixel] += static_cast<float>(weight * exposure * light);
     }
   }
 }
@@ -200,8 +192,7 @@ Image ExposureMerge::merged() const {
         continue;
       }
       any_exposed = true;
-      const float mean = sums.value[pixel] / sums.weight[pixel];
-      plane[pixel] = method_ == MergeMethod::kDebevec ? std::exp(mean) : mean;
+      plane[pixel] = std::exp(sums.value[pixel] / sums.weight[pixel]);
     }
   }
   if (clipped_count() > 0) image.channels["clipped.Y"] = clipped_everywhere();

@@ -12,17 +12,6 @@
 
 namespace itn {
 
-// What of the exposures of a pixel counts how much:
-enum class MergeMethod {
-  // Debevec and Malik, "Recovering high dynamic range radiance maps from photographs", SIGGRAPH
-  // 1997: the mean of logarithms, with weights that fall linearly from the middle to both ends.
-  kDebevec,
-  // Robertson, Borman and Stevenson, "Estimation-theoretic approach to dynamic range enhancement
-  // using multiple exposures", JEI 12(2), 2003: the maximum likelihood, with Gaussian weights; long
-  // exposures, which have less noise, count more.
-  kRobertson,
-};
-
 // Linear light at the encoded values 0, 1/255, ..., 1, by channel.
 using Response = std::vector<std::array<float, 256>>;
 
@@ -46,12 +35,13 @@ ExposureSample sample_exposure(const PhotographFile& photograph, double exposure
 // not tell the response, or are not of one size.
 Response estimate_response(const std::vector<ExposureSample>& samples);
 
-// Takes one photograph at a time: its memory does not grow with their number.
+// The mean of the logarithms, with weights that fall linearly from the middle of the encoded values
+// to both ends (Debevec and Malik, "Recovering high dynamic range radiance maps from photographs",
+// SIGGRAPH 1997). Takes one photograph at a time: its memory does not grow with their number.
 class ExposureMerge {
  public:
   // No response: the files are linear.
-  ExposureMerge(MergeMethod method, std::optional<Response> response)
-      : method_(method), response_(std::move(response)) {}
+  explicit ExposureMerge(std::optional<Response> response) : response_(std::move(response)) {}
 
   // Throws Error (invalid input) if its size or channels are not those of the ones before. `name`
   // is for messages.
@@ -76,7 +66,6 @@ class ExposureMerge {
   void add_channel(size_t channel, const std::vector<float>& plane, bool encoded, float top,
                    double exposure);
 
-  MergeMethod method_;
   std::optional<Response> response_;
   int width_ = 0;
   int height_ = 0;

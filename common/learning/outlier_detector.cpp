@@ -393,8 +393,8 @@ std::vector<OutlierScore> OutlierDetector::of(const Features& images) const {
     u.rank =
         static_cast<double>(std::ranges::upper_bound(quantiles_, u.score) - quantiles_.begin()) /
         static_cast<double>(quantiles_.size());
-    u.unfamiliar = u.score > 1;
-    if (u.unfamiliar) {
+    u.is_outlier = u.score > 1;
+    if (u.is_outlier) {
       const auto at = [i](const torch::Tensor& distance) { return distance[i].item<double>(); };
       // What tells encoded images from proper ones means nothing of images that are neither.
       const bool encoded =

@@ -64,7 +64,7 @@ v1::OutlierModel fit_outlier_model(const Features& training, const CorruptedStat
 // See v1::OutlierScore.
 struct OutlierScore {
   double score = 0, rank = 0;
-  bool unfamiliar = false;
+  bool is_outlier = false;
   std::string reason;
 };
 

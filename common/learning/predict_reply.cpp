@@ -49,12 +49,12 @@ v1::PredictReply to_reply(std::span<const MaterialEstimate> estimates,
     for (const v1::MaterialBound bound : estimate.at_bounds) {
       caveats.add_at_bounds(bound);
     }
-    if (estimate.unfamiliarity) {
-      v1::OutlierScore& unfamiliarity = *caveats.mutable_unfamiliarity();
-      unfamiliarity.set_score(estimate.unfamiliarity->score);
-      unfamiliarity.set_rank(estimate.unfamiliarity->rank);
-      unfamiliarity.set_unfamiliar(estimate.unfamiliarity->unfamiliar);
-      unfamiliarity.set_reason(estimate.unfamiliarity->reason);
+    if (estimate.outlier) {
+      v1::OutlierScore& outlier = *caveats.mutable_outlier();
+      outlier.set_score(estimate.outlier->score);
+      outlier.set_rank(estimate.outlier->rank);
+      outlier.set_is_outlier(estimate.outlier->is_outlier);
+      outlier.set_reason(estimate.outlier->reason);
     }
     caveats.mutable_warnings()->Assign(estimate.warnings.begin(), estimate.warnings.end());
   }

@@ -41,10 +41,10 @@ std::vector<v1::MaterialBound> bounds_reached(const MaterialEstimate& estimate,
     if (high >= max - kAtBound * (max - min)) reached.push_back(most);
   };
   const Material& m = estimate.material;
-  look(0, m.sigma_t, range.sigma_t().min(), range.sigma_t().max(), v1::SIGMA_T_LEAST,
-       v1::SIGMA_T_MOST);
-  look(1, m.albedo, range.albedo().min(), range.albedo().max(), v1::ALBEDO_LEAST, v1::ALBEDO_MOST);
-  look(2, m.g, range.g().min(), range.g().max(), v1::G_LEAST, v1::G_MOST);
+  look(0, m.sigma_t, range.sigma_t().min(), range.sigma_t().max(), v1::SIGMA_T_MIN,
+       v1::SIGMA_T_MAX);
+  look(1, m.albedo, range.albedo().min(), range.albedo().max(), v1::ALBEDO_MIN, v1::ALBEDO_MAX);
+  look(2, m.g, range.g().min(), range.g().max(), v1::G_MIN, v1::G_MAX);
   return reached;
 }
 
@@ -177,7 +177,7 @@ std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured,
     const torch::Tensor outputs = outputs_of(image.embedding);
     const double* o = outputs.data_ptr<double>();
     estimates.push_back(estimate_of({o, o + outputs.size(1)}, object_sizes[i]));
-    if (outlier_detector_) estimates.back().unfamiliarity = outlier_detector_->of(image).front();
+    if (outlier_detector_) estimates.back().outlier = outlier_detector_->of(image).front();
   }
   return estimates;
 }
@@ -306,7 +306,7 @@ std::vector<MaterialEstimate> Predictor::combined(
   for (size_t channel = 0; !images.empty() && channel < images.front()->size(); ++channel) {
     std::vector<ImageAnswer> answers;
     std::vector<v1::Warning> warnings;
-    std::optional<OutlierScore> unfamiliarity;
+    std::optional<OutlierScore> outlier;
     for (size_t i = 0; i < images.size(); ++i) {
       throw_if_stopped(stop);
       if (images[i]->size() != images.front()->size()) {
@@ -319,12 +319,12 @@ std::vector<MaterialEstimate> Predictor::combined(
       std::ranges::copy(estimate.outputs, answer.outputs.begin());
       answer.object_size = sizes[i].value_or(1);
       add_new(estimate.warnings, warnings);
-      take_worse(estimate.unfamiliarity, unfamiliarity);
+      take_worse(estimate.outlier, outlier);
     }
     const auto outputs = combination(answers);
     result.push_back(estimate_of({outputs.begin(), outputs.end()}, sizes.front().value_or(1)));
     result.back().warnings = std::move(warnings);
-    result.back().unfamiliarity = std::move(unfamiliarity);
+    result.back().outlier = std::move(outlier);
   }
   return result;
 }

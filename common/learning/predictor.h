@@ -32,8 +32,8 @@ struct MaterialEstimate {
   // Where the 90 % intervals, or the best guess of a network without any, reach an end of what the
   // model can answer.
   std::vector<v1::MaterialBound> at_bounds;
-  std::optional<OutlierScore> unfamiliarity;  // of a model with outlier_model
-  std::vector<v1::Warning> warnings;          // of a photograph
+  std::optional<OutlierScore> outlier;  // of a model with outlier_model
+  std::vector<v1::Warning> warnings;    // of a photograph
 };
 
 // What a network sees of a photograph, and what is known of it beside.

@@ -334,7 +334,7 @@ void print(const char* name, const v1::Evaluation::Row& row) {
              error(row.relative().sigma_t(), row.relative_sigma_t()),
              error(row.relative().albedo(), row.relative_albedo()),
              error(row.relative().g(), row.relative_g()), 100 * row.coverage().sigma_t(),
-             100 * row.coverage().albedo(), 100 * row.coverage().g(), 100 * row.unfamiliar());
+             100 * row.coverage().albedo(), 100 * row.coverage().g(), 100 * row.outlier_fraction());
   std::fflush(stdout);
 }
 
@@ -369,7 +369,7 @@ void run(const Options& options) {
       v1::Evaluation::Row result;
       set_errors(predictions, images, result);
       set_details(estimates, images, result);
-      set_unfamiliar(estimates, result);
+      set_outlier_fraction(estimates, result);
       print(row.name, result);
     }
   }

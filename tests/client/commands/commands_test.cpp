@@ -52,10 +52,10 @@ std::string content(const std::string& path) {
 
 TEST(RenderCommand, WritesLayersAndHeader) {
   const TemporaryFolder folder;
-  const Finished finished =
-      run(render(folder.write("scene.textproto", kSceneFile), folder.path("out.exr"),
-                 {"--spp", "9", "--seed", "3", "--estimates", "2", "--film", "8x6", "--derivatives",
-                  "g,sigma_s_reduced", "--png", folder.path("out.png"), "--json"}));
+  const Finished finished = run(render(
+      folder.write("scene.textproto", kSceneFile), folder.path("out.exr"),
+      {"--spp", "9", "--seed", "3", "--estimates", "2", "--resolution", "8x6", "--derivatives",
+       "g,sigma_s_reduced", "--picture", folder.path("out.png"), "--json"}));
   ASSERT_EQ(finished.exit_code, 0) << finished.errors;
   EXPECT_THAT(finished.output, HasSubstr("\"invalid_samples\":0"));
   EXPECT_EQ(content(folder.path("out.png")).substr(1, 3), "PNG");

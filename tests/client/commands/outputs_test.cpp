@@ -123,7 +123,7 @@ TEST_F(Outputs, ThatCannotBeWrittenAreFoundBeforeTheWork) {
       {"-o", folder_.path("no/out.exr"), "No such file", 4},
       {"-o", folder_.path(""), "it is a folder", 4},
       {"--png", folder_.path("no/out.png"), "No such file", 4},
-      {"-o", folder_.path("out.png"), "written as OpenEXR, name it .exr; --png", 2},
+      {"-o", folder_.path("out.png"), "written as OpenEXR, name it .exr; --picture", 2},
       {"-o", folder_.path("out.JPG"), "written as OpenEXR", 2},
       {"-o", scene(), "name it .exr", 2},
       {"-o", folder_.path("mesh.ply"), "name it .exr", 2},

@@ -88,7 +88,7 @@ TEST_F(PredictCommand, SaysWhichModelAnswered) {
   const Finished json = run({testing::kItn, "predict", image(0), "--model", model(), "--json"});
   EXPECT_THAT(json.output,
               AllOf(HasSubstr(R"("model":"small 1.2, step 3")"), HasSubstr(R"("version":"1.2")"),
-                    HasSubstr(R"("sha256":")"), HasSubstr(R"("unfamiliarity":{"score":)"),
+                    HasSubstr(R"("sha256":")"), HasSubstr(R"("outlier":{"score":)"),
                     HasSubstr(R"("at_bounds":[)")));
   // Its run is called by its folder, and has the version that was given.
   const Finished of_run =
@@ -422,7 +422,7 @@ TEST_F(PhotographCommand, SayWhatTheDefaultModelMakesNothingOf) {
       run({testing::kItn, "predict", image(1), "--model", any, "--exposure", "2"});
   EXPECT_EQ(finished.exit_code, 0);
   EXPECT_THAT(finished.errors,
-              HasSubstr("the model any makes nothing of --exposure; --model outdoor does"));
+              HasSubstr("the model any makes nothing of --radiance-scale; --model outdoor does"));
   EXPECT_EQ(run({testing::kItn, "predict", image(1), "--model", model(), "--exposure", "2"}).errors,
             "");
 }

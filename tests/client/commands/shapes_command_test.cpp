@@ -127,7 +127,10 @@ INSTANTIATE_TEST_SUITE_P(
         {"too_many", {"--random", "10000001", "-o", "@x"}, 2, "--random"},
         {"not_a_number", {"--random", "many", "-o", "@x"}, 2, "--random"},
         {"negative_seed", {"--random", "1", "--seed", "-1", "-o", "@x"}, 2, "--seed"},
-        {"seed_of_nothing", {"--seed", "1", "-o", "@x"}, 2, "--seed requires --random"},
+        {"seed_of_nothing",
+         {"--seed", "1", "-o", "@x"},
+         2,
+         "--shape-seed requires --random-shapes"},
         {"no_output", {"-o", "/dev/null/x"}, 4, "/dev/null"},
     }),
     [](const auto& row) { return row.param.name; });

@@ -90,6 +90,23 @@ TEST_F(TrainingCommands, ResumeNeedsNoFlagAgain) {
   EXPECT_EQ(run(train(b, flags + Arguments{"--steps", "6"})).exit_code, 0);
 }
 
+// Under their names of 0.1, too.
+TEST_F(TrainingCommands, FlagsHaveSeveralNames) {
+  const auto config = [](const Arguments& flags) {
+    const Finished finished = run(Arguments{testing::kItn, "train", "--print-config"} + flags);
+    EXPECT_EQ(finished.exit_code, 0) << finished.errors;
+    return finished.output;
+  };
+  const std::string now =
+      config({"--learning-rate", "0.002", "--add-noise", "5%", "0.2", "--loss", "itn",
+              "--pixel-weights", "uniform", "--first-order-step", "0.3"});
+  EXPECT_THAT(now, AllOf(HasSubstr("learning_rate: 0.002"), HasSubstr("min: 0.05"),
+                         HasSubstr("max: 0.2"), HasSubstr("UNIFORM"), HasSubstr("0.3")));
+  EXPECT_EQ(config({"--lr", "0.002", "--noise", "0.05", "0.2", "--loss", "itn", "--image-weights",
+                    "uniform", "--material-step", "0.3"}),
+            now);
+}
+
 TEST_F(TrainingCommands, ResumeRefusesAFlagThatDiffers) {
   const std::string run_folder = folder_.path("run");
   ASSERT_EQ(run(train(run_folder, {"--steps", "2"})).exit_code, 0);
@@ -175,7 +192,7 @@ TEST_F(TrainingCommands, ChecksItsFlagsBeforeAnythingElse) {
     const Finished finished = run(train(folder_.path("run"), {"--lr", rate}));
     EXPECT_EQ(finished.exit_code, 2) << rate;
     EXPECT_THAT(finished.errors,
-                AllOf(HasSubstr("itn: --lr: "), HasSubstr("is not a number in (0, "),
+                AllOf(HasSubstr("itn: --learning-rate: "), HasSubstr("is not a number in (0, "),
                       Not(HasSubstr("frame #"))));
   }
   const Finished steps = run(train(folder_.path("run"), {"--steps", "0"}));
@@ -187,7 +204,7 @@ TEST_F(TrainingCommands, ChecksItsFlagsBeforeAnythingElse) {
 TEST_F(TrainingCommands, ADivergedRunFailsAndKeepsNoCheckpoint) {
   const Finished finished = run(train(folder_.path("run"), {"--steps", "9", "--lr", "1e15"}));
   EXPECT_EQ(finished.exit_code, 3);
-  EXPECT_THAT(finished.errors, AllOf(HasSubstr("has diverged"), HasSubstr("--lr")));
+  EXPECT_THAT(finished.errors, AllOf(HasSubstr("has diverged"), HasSubstr("--learning-rate")));
   EXPECT_FALSE(fs::exists(folder_.path("run/checkpoint.itn")));
 }
 

@@ -41,7 +41,7 @@ v1::Prediction prediction(const std::vector<std::string>& channels) {
     *channel.mutable_posterior()->mutable_sigma_t() = posterior(10, 100);
     *channel.mutable_posterior()->mutable_albedo() = posterior(0.25, 0.75);
     *channel.mutable_posterior()->mutable_g() = posterior(-0.5, 0);
-    channel.mutable_caveats()->mutable_unfamiliarity()->set_score(0.5);
+    channel.mutable_caveats()->mutable_outlier()->set_score(0.5);
   }
   return result;
 }
@@ -149,8 +149,8 @@ TEST(Report, EscapesWhatStrangersWrote) {
   v1::Prediction::Channel& channel = *answer.mutable_channels(0);
   channel.set_channel(hostile);
   channel.mutable_caveats()->add_warnings()->set_text(hostile);
-  channel.mutable_caveats()->mutable_unfamiliarity()->set_unfamiliar(true);
-  channel.mutable_caveats()->mutable_unfamiliarity()->set_reason(hostile);
+  channel.mutable_caveats()->mutable_outlier()->set_is_outlier(true);
+  channel.mutable_caveats()->mutable_outlier()->set_reason(hostile);
   Report report = report_of(answer);
   report.photographs.push_back(report.photographs.front());
   report.prediction.set_combined(true);
@@ -174,11 +174,11 @@ TEST(Report, SaysFirstWhatLimitsTheAnswer) {
   v1::Warning& black = *second.add_warnings();
   black.set_kind(v1::Warning::BLACK);
   black.set_text("it is dark");
-  second.add_at_bounds(v1::SIGMA_T_MOST);
-  second.add_at_bounds(v1::G_LEAST);
-  second.mutable_unfamiliarity()->set_unfamiliar(true);
-  second.mutable_unfamiliarity()->set_score(3);
-  second.mutable_unfamiliarity()->set_reason("mean radiance");
+  second.add_at_bounds(v1::SIGMA_T_MAX);
+  second.add_at_bounds(v1::G_MIN);
+  second.mutable_outlier()->set_is_outlier(true);
+  second.mutable_outlier()->set_score(3);
+  second.mutable_outlier()->set_reason("mean radiance");
   const std::vector<Limit> limits = limits_of(answer);
   ASSERT_EQ(limits.size(), 4);
   EXPECT_TRUE(limits[0].is_grave);
@@ -198,7 +198,7 @@ TEST(Report, SaysThatNothingIsKnownToLimitIt) {
   EXPECT_THAT(limits_of(prediction({"Y"})), IsEmpty());
   EXPECT_THAT(report_page(report_of(prediction({"Y"}))), HasSubstr("Nothing known to limit it"));
   v1::Prediction blind = prediction({"Y"});
-  blind.mutable_channels(0)->mutable_caveats()->clear_unfamiliarity();
+  blind.mutable_channels(0)->mutable_caveats()->clear_outlier();
   ASSERT_EQ(limits_of(blind).size(), 1);
   EXPECT_FALSE(limits_of(blind)[0].is_grave);
   EXPECT_THAT(limits_of(blind)[0].text, HasSubstr("does not know the images of its training"));

@@ -150,16 +150,16 @@ TEST(Evaluation, DetailsAreThoseOfEstimatesThatAreKnown) {
   EXPECT_EQ(row.coverage().sigma_t(), 1);
   EXPECT_EQ(row.coverage().albedo(), 0);
   EXPECT_NEAR(row.coverage().g(), 0.5, 1e-9);
-  ASSERT_EQ(row.thirds_size(), 3);
+  ASSERT_EQ(row.terciles_size(), 3);
   const std::array<double, 3> inside{1, 0.5, 0};
   for (int third = 0; third < 3; ++third) {
-    EXPECT_EQ(row.thirds(third).items(), 30);
-    EXPECT_EQ(row.thirds(third).sigma_t().min(), 100 + 30 * third);
-    EXPECT_EQ(row.thirds(third).sigma_t().max(), 129 + 30 * third);
-    EXPECT_NEAR(row.thirds(third).coverage().g(), inside[static_cast<size_t>(third)], 1e-9);
+    EXPECT_EQ(row.terciles(third).items(), 30);
+    EXPECT_EQ(row.terciles(third).sigma_t().min(), 100 + 30 * third);
+    EXPECT_EQ(row.terciles(third).sigma_t().max(), 129 + 30 * third);
+    EXPECT_NEAR(row.terciles(third).coverage().g(), inside[static_cast<size_t>(third)], 1e-9);
   }
   // The middle third is where the constant is near the truth.
-  EXPECT_LT(row.thirds(1).rmse().sigma_t(), 0.5 * row.thirds(0).rmse().sigma_t());
+  EXPECT_LT(row.terciles(1).rmse().sigma_t(), 0.5 * row.terciles(0).rmse().sigma_t());
   std::vector<double> errors;
   for (size_t i = 0; i < items.size(); ++i) {
     errors.push_back(std::abs(estimates[i].material.sigma_t / images.truth[i].sigma_t - 1));

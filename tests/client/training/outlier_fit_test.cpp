@@ -112,7 +112,7 @@ class FamiliarityFit : public ::testing::Test {
     Predictor predictor(world_->model);
     double unfamiliar = 0;
     const std::vector<MaterialEstimate> estimates = predictor.estimate(images);
-    for (const MaterialEstimate& e : estimates) unfamiliar += e.unfamiliarity->unfamiliar ? 1 : 0;
+    for (const MaterialEstimate& e : estimates) unfamiliar += e.outlier->is_outlier ? 1 : 0;
     return unfamiliar / static_cast<double>(estimates.size());
   }
 

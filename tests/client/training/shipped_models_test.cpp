@@ -100,7 +100,7 @@ class ShippedModel : public ::testing::TestWithParam<const char*> {
   int64_t unfamiliar(const ImageBatch& images) {
     int64_t count = 0;
     for (const MaterialEstimate& estimate : world_->predictor.estimate(images)) {
-      count += estimate.unfamiliarity->unfamiliar ? 1 : 0;
+      count += estimate.outlier->is_outlier ? 1 : 0;
     }
     return count;
   }

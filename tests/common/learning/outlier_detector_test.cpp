@@ -26,7 +26,7 @@ ImageBatch of_luminance(const ImageBatch& images, const torch::Tensor& luminance
 
 double part_unfamiliar(const std::vector<MaterialEstimate>& estimates) {
   return static_cast<double>(std::ranges::count_if(
-             estimates, [](const auto& e) { return e.unfamiliarity->unfamiliar; })) /
+             estimates, [](const auto& e) { return e.outlier->is_outlier; })) /
          static_cast<double>(estimates.size());
 }
 
@@ -37,9 +37,9 @@ TEST(OutlierModel, IsOfImagesLikeThoseItWasFittedTo) {
   EXPECT_LE(part_unfamiliar(estimates), 0.03);
   double mean_rank = 0;
   for (const MaterialEstimate& e : estimates) {
-    EXPECT_EQ(e.unfamiliarity->unfamiliar, e.unfamiliarity->score > 1);
-    EXPECT_EQ(e.unfamiliarity->reason.empty(), !e.unfamiliarity->unfamiliar);
-    mean_rank += e.unfamiliarity->rank / 300;
+    EXPECT_EQ(e.outlier->is_outlier, e.outlier->score > 1);
+    EXPECT_EQ(e.outlier->reason.empty(), !e.outlier->is_outlier);
+    mean_rank += e.outlier->rank / 300;
   }
   EXPECT_NEAR(mean_rank, 0.5, 0.07);  // uniform
   const ImageBatch few = discs(20, 32, 4);
@@ -55,9 +55,9 @@ TEST(OutlierModel, SaysWhatIsUnusual) {
   const ImageBatch proper = discs(20, 32, 4);
   for (const MaterialEstimate& e :
        predictor.estimate(of_luminance(proper, 20 * proper.luminance))) {
-    EXPECT_TRUE(e.unfamiliarity->unfamiliar);
-    EXPECT_THAT(e.unfamiliarity->reason, HasSubstr("mean radiance of the object: "));
-    EXPECT_EQ(e.unfamiliarity->rank, 1);
+    EXPECT_TRUE(e.outlier->is_outlier);
+    EXPECT_THAT(e.outlier->reason, HasSubstr("mean radiance of the object: "));
+    EXPECT_EQ(e.outlier->rank, 1);
   }
 }
 
@@ -88,13 +88,12 @@ TEST(OutlierModel, IsPartOfTheReply) {
   const v1::PredictReply reply = to_reply(
       predictor.estimate(of_luminance(proper, 50 * proper.luminance)), predictor.version());
   ASSERT_EQ(reply.caveats_size(), 1);
-  EXPECT_TRUE(reply.caveats(0).unfamiliarity().unfamiliar());
-  EXPECT_GT(reply.caveats(0).unfamiliarity().score(), 1);
-  EXPECT_NE(reply.caveats(0).unfamiliarity().reason(), "");
+  EXPECT_TRUE(reply.caveats(0).outlier().is_outlier());
+  EXPECT_GT(reply.caveats(0).outlier().score(), 1);
+  EXPECT_NE(reply.caveats(0).outlier().reason(), "");
   // Of a model that has none there is nothing to say.
   Predictor without(residual_model());
-  EXPECT_FALSE(
-      to_reply(without.estimate(proper), without.version()).caveats(0).has_unfamiliarity());
+  EXPECT_FALSE(to_reply(without.estimate(proper), without.version()).caveats(0).has_outlier());
 }
 
 TEST(OutlierModel, SurvivesACheckpoint) {
@@ -196,11 +195,11 @@ TEST(OutlierModel, OfSeveralImagesOfOneMaterialIsThatOfTheMostUnfamiliar) {
   };
   const Predictor::Outcomes outcomes = predictor.estimate_each(3, seen, true);
   const auto& bright = std::get<std::vector<MaterialEstimate>>(outcomes.each[1])[0];
-  EXPECT_TRUE(bright.unfamiliarity->unfamiliar);
+  EXPECT_TRUE(bright.outlier->is_outlier);
   ASSERT_EQ(outcomes.combined.size(), 1);
-  ASSERT_TRUE(outcomes.combined[0].unfamiliarity.has_value());
-  EXPECT_TRUE(outcomes.combined[0].unfamiliarity->unfamiliar);
-  EXPECT_EQ(outcomes.combined[0].unfamiliarity->score, bright.unfamiliarity->score);
+  ASSERT_TRUE(outcomes.combined[0].outlier.has_value());
+  EXPECT_TRUE(outcomes.combined[0].outlier->is_outlier);
+  EXPECT_EQ(outcomes.combined[0].outlier->score, bright.outlier->score);
 }
 
 }  // namespace

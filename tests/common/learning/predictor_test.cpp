@@ -456,7 +456,7 @@ TEST(Predictor, SaysWhereItReachesTheEndOfWhatItCanAnswer) {
   model.mutable_bounds()->mutable_sigma_t()->set_min(guess.sigma_t);
   model.mutable_bounds()->mutable_albedo()->set_max(guess.albedo);
   EXPECT_THAT(Predictor(model).estimate(image.photograph())[0].at_bounds,
-              ::testing::ElementsAre(v1::SIGMA_T_LEAST, v1::ALBEDO_MOST));
+              ::testing::ElementsAre(v1::SIGMA_T_MIN, v1::ALBEDO_MAX));
 }
 
 // Of a distribution it is the interval that counts.
@@ -468,9 +468,9 @@ TEST(Predictor, SaysWhichIntervalsReachTheEndOfWhatItCanAnswer) {
   model.mutable_bounds()->mutable_sigma_t()->set_max(0.5 * (sigma_t.mean + sigma_t.high));
   const MaterialEstimate after = Predictor(model).estimate(image.photograph())[0];
   EXPECT_LT(after.material.sigma_t, 0.99 * model.bounds().sigma_t().max());
-  EXPECT_THAT(after.at_bounds, ::testing::Contains(v1::SIGMA_T_MOST));
+  EXPECT_THAT(after.at_bounds, ::testing::Contains(v1::SIGMA_T_MAX));
   const v1::PredictReply reply = to_reply(std::vector{after}, {});
-  EXPECT_THAT(reply.caveats(0).at_bounds(), ::testing::Contains(v1::SIGMA_T_MOST));
+  EXPECT_THAT(reply.caveats(0).at_bounds(), ::testing::Contains(v1::SIGMA_T_MAX));
 }
 
 }  // namespace
