@@ -71,7 +71,7 @@ Arguments names_of_commands(const CLI::App& app) {
   return names;
 }
 
-void be_quiet() {
+void set_quiet() {
   silence_progress();
   spdlog::set_level(spdlog::level::warn);
 }
@@ -165,9 +165,9 @@ int run_command_line(int argc, char** argv, const std::function<void(CLI::App&)>
     app.set_version_flag("--version", "itn " ITN_VERSION);
     add_commands(app);
     constexpr const char* kQuiet = "No progress; results, warnings and errors alone";
-    app.add_flag_callback("-q,--quiet", be_quiet, kQuiet);
+    app.add_flag_callback("-q,--quiet", set_quiet, kQuiet);
     for (CLI::App* command : app.get_subcommands({})) {
-      command->add_flag_callback("-q,--quiet", be_quiet, kQuiet);
+      command->add_flag_callback("-q,--quiet", set_quiet, kQuiet);
     }
     const int code = parse_and_run(app, Arguments(argv + 1, argv + argc));
     finish_output();

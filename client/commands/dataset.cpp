@@ -157,11 +157,11 @@ void set_splits(const DatasetOptions& options, const CLI::App& command, v1::Data
 // What the flags say, over the file or the preset; of a dataset that is continued without one of
 // these, over what it has.
 v1::DatasetConfig config_of(const DatasetOptions& options, const CLI::App& command,
-                            const std::optional<v1::Dataset>& there) {
-  const bool is_new = !options.config.empty() || !options.preset.empty() || !there;
+                            const std::optional<v1::Dataset>& existing) {
+  const bool is_new = !options.config.empty() || !options.preset.empty() || !existing;
   v1::DatasetConfig config = !options.config.empty()   ? load_dataset_config(options.config)
                              : !options.preset.empty() ? preset_config(options.preset)
-                             : there                   ? there->config()
+                             : existing                ? existing->config()
                                                        : preset_config("paper");
   if (!options.shapes.empty()) {
     config.mutable_shapes()->mutable_folder()->set_path(options.shapes);
@@ -200,20 +200,21 @@ std::optional<v1::Dataset> manifest_in(const std::string& folder) {
 // that it holds; render_dataset() says what differs.
 DatasetPlan plan_of(const DatasetOptions& options, const CLI::App& command,
                     v1::DatasetSummary& summary) {
-  const std::optional<v1::Dataset> there = manifest_in(options.folder);
-  const v1::DatasetConfig config = config_of(options, command, there);
+  const std::optional<v1::Dataset> existing = manifest_in(options.folder);
+  const v1::DatasetConfig config = config_of(options, command, existing);
   const bool names_shapes =
       config.shapes().has_folder() && !config.shapes().folder().path().empty();
   const v1::PanoramaChoice* choice = panoramas_of(config);
   const bool names_panoramas = choice != nullptr && !choice->folder().empty();
-  if (there && !names_shapes && !names_panoramas) {
-    require_same_config(*there, config, options.folder);
-    return config.count() == there->config().count() ? DatasetPlan{*there, {}}
-                                                     : extended(*there, config.count());
+  if (existing && !names_shapes && !names_panoramas) {
+    require_same_config(*existing, config, options.folder);
+    return config.count() == existing->config().count() ? DatasetPlan{*existing, {}}
+                                                        : extended(*existing, config.count());
   }
-  const ShapeSet shapes = there && !names_shapes ? shape_set(*there) : shape_set(config.shapes());
+  const ShapeSet shapes =
+      existing && !names_shapes ? shape_set(*existing) : shape_set(config.shapes());
   const PanoramaSet panoramas =
-      there && !names_panoramas ? panorama_set(*there) : panorama_set(config);
+      existing && !names_panoramas ? panorama_set(*existing) : panorama_set(config);
   const auto refuse = [](const std::vector<std::string>& messages, auto* refused) {
     for (const std::string& message : messages) spdlog::warn("not used: {}", message);
     refused->Assign(messages.begin(), messages.end());

@@ -126,7 +126,7 @@ void write_picture(const EvaluateOptions& options, const LabelledImages& images,
   write_comparison(options.picture, images.resolution, rows);
 }
 
-std::string three(const v1::Evaluation::Triple& t, int decimals) {
+std::string format_parameters(const v1::Evaluation::Triple& t, int decimals) {
   return fmt::format("{:7.{}f}  {:7.{}f}  {:7.{}f}", t.sigma_t(), decimals, t.albedo(), decimals,
                      t.g(), decimals);
 }
@@ -163,11 +163,11 @@ void print_details(const v1::Evaluation::Row& row) {
     t.set_sigma_t(100 * t.sigma_t());
     t.set_albedo(100 * t.albedo());
     t.set_g(100 * t.g());
-    return three(t, 1);
+    return format_parameters(t, 1);
   };
   const auto print_line = [&](const std::string& name, const v1::Evaluation::Triple& rmse,
                               const v1::Evaluation::Triple& coverage) {
-    print_result("  {:20}  {}{}\n", name, three(rmse, 4),
+    print_result("  {:20}  {}{}\n", name, format_parameters(rmse, 4),
                  intervals ? "   " + percent(coverage) : "");
   };
   v1::Evaluation::Triple rmse;

@@ -58,7 +58,7 @@ class SplitImages {
 };
 
 // From the training split and, as held out, the validation split.
-void add_what_was_asked(const ExportCommand& options, v1::Model& model) {
+void measure_on_dataset(const ExportCommand& options, v1::Model& model) {
   DatasetReader dataset(options.dataset);
   const fs::path folder = fs::absolute(options.output).parent_path();
   const SplitImages training(dataset, v1::SPLIT_TRAIN, model, folder);
@@ -82,7 +82,7 @@ void run(const ExportCommand& options) {
   if (options.error_correlation) model.set_error_correlation(*options.error_correlation);
   if (!options.dataset.empty()) model.clear_outlier_model();  // it may be of an earlier version
   const Predictor predictor(model);  // it can be used, and so can its new name
-  if (!options.dataset.empty()) add_what_was_asked(options, model);
+  if (!options.dataset.empty()) measure_on_dataset(options, model);
   const bool knows = model.has_outlier_model();
   write_checkpoint(options.output, std::move(exported));
   print_result(

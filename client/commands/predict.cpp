@@ -310,7 +310,7 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
 // --- All of it ---
 
 // The default model makes nothing of how bright a photograph is, as others that come with itn do.
-void warn_of_what_is_not_used(const PredictOptions& options, const v1::PredictBatchReply& reply) {
+void warn_unused_inputs(const PredictOptions& options, const v1::PredictBatchReply& reply) {
   const std::string better = model_for(options);
   const bool by_default =
       std::ranges::any_of(reply.outcomes(), [](const v1::PredictOutcome& outcome) {
@@ -340,7 +340,7 @@ void run(const PredictOptions& options) {
     const bool together = options.one_material && several;
     const v1::PredictBatchReply reply =
         group.loaded.empty() ? v1::PredictBatchReply() : predict(group.loaded, together);
-    if (!std::exchange(warned, true)) warn_of_what_is_not_used(options, reply);
+    if (!std::exchange(warned, true)) warn_unused_inputs(options, reply);
     for (const auto& [prediction, error] : outcomes_of(group, reply)) {
       if (error && !several) throw *error;
       printer->print(prediction);

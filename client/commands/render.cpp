@@ -252,7 +252,7 @@ double coverage(const Image& image) {
   return std::accumulate(mask.begin(), mask.end(), 0.0) / static_cast<double>(mask.size());
 }
 
-void warn_if_hardly_seen(const Image& image) {
+void warn_small_object(const Image& image) {
   constexpr double kTiny = 1e-3;
   const double covered = coverage(image);
   const double pixels = static_cast<double>(image.width) * image.height;
@@ -321,7 +321,7 @@ void run(const RenderFlags& options) {
   const RenderJob job = make_job(options);
   const v1::RenderGradReply reply = render(options, job);
   const Image image = make_image(reply, options, job);
-  warn_if_hardly_seen(image);
+  warn_small_object(image);
   write_exr(options.output, image);
   if (!options.png.empty()) write_preview(options.png, image);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;

@@ -86,9 +86,9 @@ void write_files(const Shapes& shapes, const fs::path& folder) {
     progress.update(i + 1);
   }
   progress.finish();
-  const std::string there =
+  const std::string existing =
       written < shapes.count() ? fmt::format(", {} were there", shapes.count() - written) : "";
-  print_result("{}: {} shapes written{}\n", folder.string(), written, there);
+  print_result("{}: {} shapes written{}\n", folder.string(), written, existing);
 }
 
 void run(const ShapesOptions& options) {

@@ -107,7 +107,7 @@ class Flags {
 
   // `base`, but for what is on the command line: that of the run that is resumed, or that of
   // preset and file.
-  v1::TrainingConfig over(v1::TrainingConfig config) const {
+  v1::TrainingConfig applied_to(v1::TrainingConfig config) const {
     set_network(config);
     if (given("--loss")) {
       config.set_loss(options_.loss == "itn" ? v1::TrainingConfig::ITN : v1::TrainingConfig::RN);
@@ -150,7 +150,7 @@ class Flags {
                                    ? v1::TrainingConfig::UNIFORM
                                    : v1::TrainingConfig::WEIGHT_MAP);
     }
-    clear_what_is_of_another_loss(config);
+    clear_unused_loss_fields(config);
     set_augmentation(*config.mutable_augmentation());
     return config;
   }
@@ -220,11 +220,12 @@ v1::TrainingConfig base_config(const TrainOptions& options) {
 // Throws unless a run of this configuration can start from a model trained before.
 void require_same_network(const v1::Model& init, const v1::TrainingConfig& config, int resolution,
                           const std::string& name) {
-  const auto require_same = [&](const char* what, const std::string& there,
+  const auto require_same = [&](const char* what, const std::string& existing,
                                 const std::string& here) {
-    if (there != here) {
-      throw invalid_input(fmt::format(
-          "{}: its {} is {}, that of this run {}; they must be the same", name, what, there, here));
+    if (existing != here) {
+      throw invalid_input(
+          fmt::format("{}: its {} is {}, that of this run {}; they must be the same", name, what,
+                      existing, here));
     }
   };
   require_same("resolution", std::to_string(init.resolution()), std::to_string(resolution));
@@ -272,11 +273,11 @@ std::string full_path(const fs::path& folder) {
 
 // The dataset: the one that is named, or the one that the run was started with.
 std::string dataset_folder(const TrainOptions& options,
-                           const std::optional<v1::Checkpoint>& there) {
+                           const std::optional<v1::Checkpoint>& existing) {
   if (!options.dataset.empty()) {
     return options.dataset;
   }
-  if (!there && options.resume) {
+  if (!existing && options.resume) {
     throw Error(ErrorKind::kIo,
                 fmt::format("there is no run in {} to continue; itn train DATASET -o {} begins one",
                             options.folder, options.folder));
@@ -286,7 +287,7 @@ std::string dataset_folder(const TrainOptions& options,
                 "which dataset? itn train DATASET -o RUN (only a run that is "
                 "resumed knows it: itn train --resume -o RUN)");
   }
-  const std::string& folder = there->training().dataset();
+  const std::string& folder = existing->training().dataset();
   if (folder.empty()) {
     throw invalid_input(
         fmt::format("the run in {} learned from a stream of renders, which itn 0.2 has no more; "
@@ -309,7 +310,7 @@ class Training {
       : options_(options),
         flags_(options, command),
         lock_(options.folder, "itn train"),
-        there_(find_checkpoint(options.folder)),
+        existing_(find_checkpoint(options.folder)),
         init_(options.init.empty()
                   ? std::nullopt
                   : std::optional(read_checkpoint(find_model(options.init)).model())) {
@@ -319,14 +320,14 @@ class Training {
     }
   }
 
-  const std::optional<v1::Checkpoint>& there() const { return there_; }
-  bool goes_on() const { return there_ && options_.resume; }
+  const std::optional<v1::Checkpoint>& existing_run() const { return existing_; }
+  bool goes_on() const { return existing_ && options_.resume; }
   const Flags& flags() const { return flags_; }
   const TrainOptions& options() const { return options_; }
 
   // What preset, file, flags and the run that goes on say together.
   v1::TrainingConfig config() const {
-    return flags_.over(goes_on() ? there_->training().config() : base_config(options_));
+    return flags_.applied_to(goes_on() ? existing_->training().config() : base_config(options_));
   }
 
   // What follows from the rest. `images`: of an epoch.
@@ -347,9 +348,9 @@ class Training {
 
   // Throws unless the run can be trained like this; then torch may be used.
   void check(const v1::TrainingConfig& config, int resolution) {
-    if (there_) {
-      require_same_config(there_->training(), config, options_.folder);
-      if (options_.resume) remember(there_->training());
+    if (existing_) {
+      require_same_config(existing_->training(), config, options_.folder);
+      if (options_.resume) remember(existing_->training());
     } else if (init_) {
       require_same_network(*init_, config, resolution, options_.init);
     }
@@ -360,7 +361,7 @@ class Training {
   // The model of a new run with such images; `fit` makes one without weights.
   template <typename Fit>
   v1::Model start(const v1::DatasetConfig& images, const Fit& fit) const {
-    return there_ ? v1::Model() : start_model(init_, fit(), images);
+    return existing_ ? v1::Model() : start_model(init_, fit(), images);
   }
 
   // Runs `train` with what every run has, and prints what became of it. `images`: those of
@@ -419,19 +420,19 @@ class Training {
 
  private:
   // How the run that goes on was kept, but for what is on the command line.
-  void remember(const v1::TrainingState& there) {
+  void remember(const v1::TrainingState& existing) {
     if (!flags_.given("--checkpoint-every")) {
-      options_.checkpoint_every = std::max<uint64_t>(1, there.checkpoint_every());
+      options_.checkpoint_every = std::max<uint64_t>(1, existing.checkpoint_every());
     }
-    if (!flags_.given("--validate-every") && there.has_validate_every()) {
-      options_.validate_every = there.validate_every();
+    if (!flags_.given("--validate-every") && existing.has_validate_every()) {
+      options_.validate_every = existing.validate_every();
     }
-    if (!flags_.given("--patience")) options_.patience = there.patience();
+    if (!flags_.given("--patience")) options_.patience = existing.patience();
   }
 
   // What was asked for; of a new run that of its folder.
   std::string model_name() const {
-    if (!options_.model_name.empty() || there_) return options_.model_name;
+    if (!options_.model_name.empty() || existing_) return options_.model_name;
     fs::path folder = fs::absolute(options_.folder).lexically_normal();
     if (!folder.has_filename()) folder = folder.parent_path();
     return as_model_name(folder.filename().string());
@@ -441,13 +442,13 @@ class Training {
   TrainOptions options_;
   Flags flags_;
   FolderLock lock_;
-  std::optional<v1::Checkpoint> there_;
+  std::optional<v1::Checkpoint> existing_;
   std::optional<v1::Model> init_;
 };
 
 void run(const TrainOptions& given, const CLI::App& command) {
   if (given.print_config) {
-    print_result("{}", to_text_proto(Flags(given, command).over(base_config(given))));
+    print_result("{}", to_text_proto(Flags(given, command).applied_to(base_config(given))));
     return;
   }
   if (given.folder.empty()) {
@@ -456,7 +457,7 @@ void run(const TrainOptions& given, const CLI::App& command) {
   check_folder_writable(given.folder);
   Training training(given, command);
   const TrainOptions& options = training.options();
-  DatasetReader dataset(dataset_folder(options, training.there()));
+  DatasetReader dataset(dataset_folder(options, training.existing_run()));
   const LabelledImages images = images_of(dataset, v1::SPLIT_TRAIN);
   // What is asked for.
   v1::TrainingConfig config = training.config();

@@ -169,7 +169,7 @@ bool is_group(const Message& message) {
 }
 
 // Removes the default of all that the file has, so that the two can be merged.
-void make_way(Message& defaults, const Message& file) {
+void clear_overridden(Message& defaults, const Message& file) {
   std::vector<const FieldDescriptor*> fields;
   file.GetReflection()->ListFields(file, &fields);
   const auto* reflection = defaults.GetReflection();
@@ -177,8 +177,8 @@ void make_way(Message& defaults, const Message& file) {
     if (!field->is_repeated() && field->message_type() != nullptr &&
         reflection->HasField(defaults, field) &&
         is_group(reflection->GetMessage(defaults, field))) {
-      make_way(*reflection->MutableMessage(&defaults, field),
-               file.GetReflection()->GetMessage(file, field));
+      clear_overridden(*reflection->MutableMessage(&defaults, field),
+                       file.GetReflection()->GetMessage(file, field));
     } else {
       reflection->ClearField(&defaults, field);
     }
@@ -187,7 +187,7 @@ void make_way(Message& defaults, const Message& file) {
 
 template <typename Choices>
 void merge_defaults(Choices& file, Choices defaults) {
-  make_way(defaults, file);
+  clear_overridden(defaults, file);
   defaults.MergeFrom(file);
   file = std::move(defaults);
 }

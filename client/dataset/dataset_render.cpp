@@ -39,11 +39,11 @@ constexpr uint64_t kPilotBranch = 2;
 
 // The first lines of what differs, e.g. "modified: spp: 64 -> 256"; empty if nothing does.
 template <typename Message>
-std::string difference(const Message& there, const Message& wanted) {
+std::string difference(const Message& existing, const Message& wanted) {
   std::string text;
   MessageDifferencer differencer;
   differencer.ReportDifferencesToString(&text);
-  differencer.Compare(there, wanted);
+  differencer.Compare(existing, wanted);
   constexpr size_t kMaxLines = 4;
   size_t end = 0;
   for (size_t line = 0; line < kMaxLines && end != std::string::npos; ++line) {
@@ -61,21 +61,21 @@ Error another_dataset(const fs::path& folder, const std::string& differences) {
 
 // The dataset that is there must be the beginning of the one that is planned. A shape whose digest
 // is not known before it is built has that of its file.
-void require_beginning(const v1::Dataset& there, v1::Dataset& planned, const fs::path& folder) {
+void require_beginning(const v1::Dataset& existing, v1::Dataset& planned, const fs::path& folder) {
   // Items follow from the configuration and the shapes, so the configuration says it best.
-  require_same_config(there, planned.config(), folder);
-  for (int i = 0; i < std::min(there.shapes_size(), planned.shapes_size()); ++i) {
+  require_same_config(existing, planned.config(), folder);
+  for (int i = 0; i < std::min(existing.shapes_size(), planned.shapes_size()); ++i) {
     if (planned.shapes(i).sha256().empty()) {
-      planned.mutable_shapes(i)->set_sha256(there.shapes(i).sha256());
+      planned.mutable_shapes(i)->set_sha256(existing.shapes(i).sha256());
     }
   }
   v1::Dataset beginning = planned;
-  beginning.mutable_config()->set_count(there.config().count());
-  if (beginning.items_size() > there.items_size()) {
-    beginning.mutable_items()->DeleteSubrange(there.items_size(),
-                                              beginning.items_size() - there.items_size());
+  beginning.mutable_config()->set_count(existing.config().count());
+  if (beginning.items_size() > existing.items_size()) {
+    beginning.mutable_items()->DeleteSubrange(existing.items_size(),
+                                              beginning.items_size() - existing.items_size());
   }
-  const std::string differences = difference(there, beginning);
+  const std::string differences = difference(existing, beginning);
   if (!differences.empty()) throw another_dataset(folder, differences);
 }
 
@@ -242,7 +242,7 @@ Image image_of(const DatasetReader& dataset, const Group& group, size_t member, 
 }
 
 template <typename Action>
-auto or_say_how_far(const DatasetProgress& progress, const Action& action) {
+auto with_progress_in_error(const DatasetProgress& progress, const Action& action) {
   try {
     return action();
   } catch (const Error& error) {
@@ -266,17 +266,17 @@ ItemRenderer::Source source_of(DatasetReader& dataset, const std::vector<const G
 
 }  // namespace
 
-void require_same_config(const v1::Dataset& there, const v1::DatasetConfig& wanted,
+void require_same_config(const v1::Dataset& existing, const v1::DatasetConfig& wanted,
                          const fs::path& folder) {
-  if (wanted.count() < there.config().count()) {
+  if (wanted.count() < existing.config().count()) {
     throw invalid_input(
         fmt::format("{} holds {} images, and {} are asked for; images can be added, not taken "
                     "away: choose another folder",
-                    folder.string(), there.config().count(), wanted.count()));
+                    folder.string(), existing.config().count(), wanted.count()));
   }
   v1::DatasetConfig same_count = wanted;
-  same_count.set_count(there.config().count());
-  const std::string differences = difference(there.config(), same_count);
+  same_count.set_count(existing.config().count());
+  const std::string differences = difference(existing.config(), same_count);
   if (!differences.empty()) {
     throw another_dataset(folder, differences);
   }
@@ -347,7 +347,7 @@ DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderP
   ItemRenderer renderer(dataset.manifest().config(), pool, source_of(dataset, waiting));
   const auto wait = [&](std::future<v1::RenderGradReply>& reply) {
     v1::RenderGradReply done =
-        or_say_how_far(progress, [&] { return wait_for_render(reply, stop); });
+        with_progress_in_error(progress, [&] { return wait_for_render(reply, stop); });
     progress.paths += done.counters().paths();
     progress.dropped += dropped(done.counters());
     return done;
@@ -357,7 +357,7 @@ DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderP
     for (size_t member = 0; member < group.size(); ++member) {
       if (missing.contains(group[member])) {
         const Image image = image_of(dataset, group, member, rendered->spp, rendered->reply);
-        or_say_how_far(progress, [&] { write_exr(folder / group[member]->file(), image); });
+        with_progress_in_error(progress, [&] { write_exr(folder / group[member]->file(), image); });
         ++progress.done;
         report(progress);
       }

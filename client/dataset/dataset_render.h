@@ -22,7 +22,7 @@ struct DatasetProgress {
 
 // Throws Error (invalid input) that says what differs unless the dataset in the folder has this
 // configuration, or would have it with more images.
-void require_same_config(const v1::Dataset& there, const v1::DatasetConfig& wanted,
+void require_same_config(const v1::Dataset& existing, const v1::DatasetConfig& wanted,
                          const std::filesystem::path& folder);
 
 // The render of an item: of the object alone, as a network does not see the floor.

@@ -61,8 +61,8 @@ size_t share_of(double fraction, size_t count) {
 }
 
 // Takes those names out of `names`.
-std::vector<std::string> named(const google::protobuf::RepeatedPtrField<std::string>& wanted,
-                               std::vector<std::string>& names, const char* purpose) {
+std::vector<std::string> take_named(const google::protobuf::RepeatedPtrField<std::string>& wanted,
+                                    std::vector<std::string>& names, const char* purpose) {
   for (const std::string& name : wanted) {
     require(std::ranges::count(names, name) == 1,
             fmt::format("there is no shape \"{}\" to {} with; {}", name, purpose,
@@ -189,7 +189,7 @@ v1::Material draw_material(const v1::MaterialChoice& materials, const Choices& c
                    quantile(materials.g(), u[2])});
 }
 
-v1::Rotation about(double x, double y, double z, double degrees) {
+v1::Rotation axis_rotation(double x, double y, double z, double degrees) {
   v1::Rotation rotation;
   rotation.mutable_axis()->set_x(static_cast<float>(x));
   rotation.mutable_axis()->set_y(static_cast<float>(y));
@@ -203,8 +203,9 @@ v1::Rotation any_rotation(const std::array<double, 3>& u) {
   constexpr double kTurn = 2 * std::numbers::pi;
   const double a = std::sqrt(1 - u[0]), b = std::sqrt(u[0]);
   const double w = b * std::cos(kTurn * u[2]);
-  return about(a * std::sin(kTurn * u[1]), a * std::cos(kTurn * u[1]), b * std::sin(kTurn * u[2]),
-               2 * std::acos(std::clamp(w, -1.0, 1.0)) * 180 / std::numbers::pi);
+  return axis_rotation(a * std::sin(kTurn * u[1]), a * std::cos(kTurn * u[1]),
+                       b * std::sin(kTurn * u[2]),
+                       2 * std::acos(std::clamp(w, -1.0, 1.0)) * 180 / std::numbers::pi);
 }
 
 void draw_pose(const v1::PoseChoice& pose, const Choices& choices, v1::DatasetItem& item) {
@@ -212,7 +213,7 @@ void draw_pose(const v1::PoseChoice& pose, const Choices& choices, v1::DatasetIt
   const auto u = [&](uint64_t axis) { return choices.number(derive_seed(kRotation, {axis})); };
   switch (weighted(weights, choices.number(kPoseKind))) {
     case 0: return;
-    case 1: *item.mutable_rotation() = about(0, 1, 0, 360 * u(0)); return;
+    case 1: *item.mutable_rotation() = axis_rotation(0, 1, 0, 360 * u(0)); return;
     default: *item.mutable_rotation() = any_rotation({u(0), u(1), u(2)});
   }
 }
@@ -473,8 +474,8 @@ ShapeSplit split_shapes(const v1::DatasetConfig& config, std::span<const Shape> 
                       total == 2 ? "; with --validation-fraction 0 two are enough" : ""));
   std::vector<std::string> names(unique.begin(), unique.end());
   ShapeSplit split;
-  split.test = named(config.test_shapes(), names, "test");
-  split.validation = named(config.validation_shapes(), names, "validate");
+  split.test = take_named(config.test_shapes(), names, "test");
+  split.validation = take_named(config.validation_shapes(), names, "validate");
   // The rest in a random order, of which those take what have none yet, and leave one.
   std::vector<std::string> rest;
   for (const uint32_t i : permutation(static_cast<uint32_t>(names.size()),
@@ -587,16 +588,16 @@ DatasetPlan plan_dataset(const v1::DatasetConfig& config, std::span<const Shape>
   return plan;
 }
 
-DatasetPlan extended(const v1::Dataset& there, uint32_t count) {
-  const v1::DatasetConfig& config = there.config();
+DatasetPlan extended(const v1::Dataset& existing, uint32_t count) {
+  const v1::DatasetConfig& config = existing.config();
   require(!is_grid(config), "a grid of materials is complete as it is; it takes no count");
   require(count >= config.count(),
           fmt::format("there are {} images already, and {} are asked for; images can be added, not "
                       "taken away: choose another folder",
                       config.count(), count));
-  DatasetPlan plan{there, {}};
+  DatasetPlan plan{existing, {}};
   plan.manifest.mutable_config()->set_count(count);
-  add_items(plan.manifest, split_shapes(there), split_panoramas(there));
+  add_items(plan.manifest, split_shapes(existing), split_panoramas(existing));
   return plan;
 }
 

@@ -65,6 +65,6 @@ DatasetPlan plan_dataset(const v1::DatasetConfig& config, std::span<const Shape>
 
 // The plan of a dataset that is there, with more items: those that it has are its first ones.
 // Throws Error (invalid input) if it has more than `count`, or is a grid.
-DatasetPlan extended(const v1::Dataset& there, uint32_t count);
+DatasetPlan extended(const v1::Dataset& existing, uint32_t count);
 
 }  // namespace itn

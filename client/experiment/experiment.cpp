@@ -65,12 +65,12 @@ double process_cpu_seconds() {
   return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
 }
 
-void require_same(const v1::Experiment& there, const v1::Experiment& wanted,
+void require_same(const v1::Experiment& existing, const v1::Experiment& wanted,
                   const fs::path& folder) {
   std::string differences;
   google::protobuf::util::MessageDifferencer differencer;
   differencer.ReportDifferencesToString(&differences);
-  if (!differencer.Compare(there, wanted)) {
+  if (!differencer.Compare(existing, wanted)) {
     throw invalid_input(
         fmt::format("{} holds another experiment; choose another folder, or the same experiment to "
                     "continue it. Differences:\n{}",
@@ -151,9 +151,9 @@ DatasetPlan other_noise_plan(const v1::Experiment& experiment) {
 }
 
 std::vector<Material> materials_of(
-    const google::protobuf::RepeatedPtrField<v1::StudyPredictions::Estimate>& estimates) {
+    const google::protobuf::RepeatedPtrField<v1::ExperimentPredictions::Estimate>& estimates) {
   std::vector<Material> materials;
-  for (const v1::StudyPredictions::Estimate& estimate : estimates) {
+  for (const v1::ExperimentPredictions::Estimate& estimate : estimates) {
     materials.push_back(from_proto(estimate.material()));
   }
   return materials;
@@ -162,19 +162,19 @@ std::vector<Material> materials_of(
 // Networks that share their first steps, by what these are.
 struct SharedStart {
   std::string file;
-  const v1::StudyNetwork* first;  // that they are trained for
+  const v1::ExperimentNetwork* first;  // that they are trained for
 };
 
-class Study {
+class ExperimentRunner {
  public:
-  Study(const v1::Experiment& experiment, const ExperimentRun& run)
+  ExperimentRunner(const v1::Experiment& experiment, const ExperimentRun& run)
       : experiment_(experiment), run_(run) {
     if (experiment.shared_steps() == 0) return;
-    for (const v1::StudyNetwork& network : experiment.networks()) {
+    for (const v1::ExperimentNetwork& network : experiment.networks()) {
       const std::string key = shared_training(experiment, network, 1).SerializeAsString();
-      const auto [there, is_new] = shared_.try_emplace(key);
-      if (is_new) there->second = {fmt::format("{}", shared_.size()), &network};
-      start_of_[network.name()] = there->second;
+      const auto [existing, is_new] = shared_.try_emplace(key);
+      if (is_new) existing->second = {fmt::format("{}", shared_.size()), &network};
+      start_of_[network.name()] = existing->second;
     }
   }
 
@@ -192,18 +192,18 @@ class Study {
                       std::function<DatasetPlan()> plan);
   Stage rate_stage();
   Stage shared_stage(const SharedStart& start);
-  Stage network_stage(const v1::StudyNetwork& network);
-  Stage prediction_stage(const v1::StudyNetwork& network);
+  Stage network_stage(const v1::ExperimentNetwork& network);
+  Stage prediction_stage(const v1::ExperimentNetwork& network);
   Stage reference_stage();
   Stage refinement_stage(const std::string& candidate, std::vector<std::string> after);
   Stage error_stage(const std::string& candidate, std::vector<std::string> after);
-  Stage colour_stage(const v1::StudyNetwork& network);
+  Stage colour_stage(const v1::ExperimentNetwork& network);
 
   std::string train(const std::string& stage, const fs::path& folder, v1::TrainingConfig config,
                     std::optional<fs::path> init, const std::string& model_name);
 
   fs::path folder(const fs::path& below) const { return run_.folder / below; }
-  fs::path network_folder(const v1::StudyNetwork& network) const {
+  fs::path network_folder(const v1::ExperimentNetwork& network) const {
     return folder("networks") / file_name_of(network.name());
   }
   fs::path predictions_path(const std::string& name) const {
@@ -212,7 +212,9 @@ class Study {
   fs::path errors_path(const std::string& name) const {
     return folder("image_errors") / (file_name_of(name) + ".textproto");
   }
-  static std::string stage_of(const v1::StudyNetwork& network) { return "train " + network.name(); }
+  static std::string stage_of(const v1::ExperimentNetwork& network) {
+    return "train " + network.name();
+  }
   static std::string stage_of(const SharedStart& start) { return "shared start " + start.file; }
 
   RenderPool& pool() {
@@ -236,21 +238,21 @@ class Study {
     if (!test_) test_ = images_of(dataset(), v1::SPLIT_TEST);
     return *test_;
   }
-  StudyImages& images() {
+  ExperimentImages& images() {
     if (!images_) images_.emplace(experiment_.rerendering(), dataset(), test(), folder("images"));
     return *images_;
   }
   double rate() { return read_text<v1::RateChoice>(folder(kRateName), "learning rate").rate(); }
   // That take as much processor time as the network that it is to take as long as took for its own
   // steps.
-  uint64_t steps_in_time_of(const v1::StudyNetwork& network);
+  uint64_t steps_in_time_of(const v1::ExperimentNetwork& network);
   // A run whose steps cost as much as those of the network: of an RN its shared start; otherwise a
   // short one of its own.
-  fs::path run_like(const v1::StudyNetwork& network);
-  const v1::StudyNetwork& network_of(const std::string& name) const;
+  fs::path run_like(const v1::ExperimentNetwork& network);
+  const v1::ExperimentNetwork& network_of(const std::string& name) const;
 
   Candidate candidate(const std::string& name, Candidate::Kind kind);
-  v1::StudyPredictions predictions_of(const std::string& name) const;
+  v1::ExperimentPredictions predictions_of(const std::string& name) const;
   // What is rendered for a row of the tables.
   std::vector<Material> materials_for(const std::string& name);
   std::vector<std::string> baselines();
@@ -262,11 +264,11 @@ class Study {
   std::optional<RenderPool> pool_;
   std::optional<DatasetReader> dataset_, other_noise_, colours_;
   std::optional<LabelledImages> test_;
-  std::optional<StudyImages> images_;
+  std::optional<ExperimentImages> images_;
 };
 
-Stage Study::dataset_stage(const std::string& name, const fs::path& folder,
-                           std::function<DatasetPlan()> plan) {
+Stage ExperimentRunner::dataset_stage(const std::string& name, const fs::path& folder,
+                                      std::function<DatasetPlan()> plan) {
   return {name, {}, folder / kManifestName, [=, this] {
             render_dataset(
                 plan(), folder, pool(),
@@ -279,9 +281,9 @@ Stage Study::dataset_stage(const std::string& name, const fs::path& folder,
 }
 
 // Trains, and returns what tells the weights from others.
-std::string Study::train(const std::string& stage, const fs::path& folder,
-                         v1::TrainingConfig config, std::optional<fs::path> init,
-                         const std::string& model_name) {
+std::string ExperimentRunner::train(const std::string& stage, const fs::path& folder,
+                                    v1::TrainingConfig config, std::optional<fs::path> init,
+                                    const std::string& model_name) {
   const uint64_t steps = config.steps();
   train_network(std::move(config), dataset(),
                 {.folder = folder,
@@ -301,7 +303,7 @@ std::string Study::train(const std::string& stage, const fs::path& folder,
 }
 
 // Short runs of the first network; that of the least validation error has the rate of all.
-Stage Study::rate_stage() {
+Stage ExperimentRunner::rate_stage() {
   const std::string name = "learning rate";
   const fs::path path = folder(kRateName);
   return {name, {"dataset"}, path, [=, this] {
@@ -333,7 +335,7 @@ Stage Study::rate_stage() {
           }};
 }
 
-Stage Study::shared_stage(const SharedStart& start) {
+Stage ExperimentRunner::shared_stage(const SharedStart& start) {
   const fs::path path = folder("shared") / start.file;
   const std::string name = stage_of(start);
   return {name, {"dataset", "learning rate"}, path / kBestCheckpointName, [=, this] {
@@ -342,7 +344,7 @@ Stage Study::shared_stage(const SharedStart& start) {
           }};
 }
 
-Stage Study::network_stage(const v1::StudyNetwork& network) {
+Stage ExperimentRunner::network_stage(const v1::ExperimentNetwork& network) {
   const std::string name = stage_of(network);
   const fs::path path = network_folder(network);
   std::vector<std::string> after = {"dataset", "learning rate"};
@@ -360,18 +362,18 @@ Stage Study::network_stage(const v1::StudyNetwork& network) {
           }};
 }
 
-const v1::StudyNetwork& Study::network_of(const std::string& name) const {
-  return *std::ranges::find(experiment_.networks(), name, &v1::StudyNetwork::name);
+const v1::ExperimentNetwork& ExperimentRunner::network_of(const std::string& name) const {
+  return *std::ranges::find(experiment_.networks(), name, &v1::ExperimentNetwork::name);
 }
 
-uint64_t Study::steps_in_time_of(const v1::StudyNetwork& network) {
+uint64_t ExperimentRunner::steps_in_time_of(const v1::ExperimentNetwork& network) {
   const double time = read_cost(network_folder(network_of(network.as_long_as()))).cpu_seconds();
   const v1::NetworkCost cost = read_cost(run_like(network));
   const double of_a_step = cost.cpu_seconds() / static_cast<double>(cost.steps());
   return std::max<uint64_t>(1, static_cast<uint64_t>(time / of_a_step));
 }
 
-fs::path Study::run_like(const v1::StudyNetwork& network) {
+fs::path ExperimentRunner::run_like(const v1::ExperimentNetwork& network) {
   v1::TrainingConfig config = own_training(experiment_, network, rate());
   const auto start = start_of_.find(network.name());
   const bool goes_on = start != start_of_.end();
@@ -386,7 +388,7 @@ fs::path Study::run_like(const v1::StudyNetwork& network) {
   return trial;
 }
 
-Stage Study::prediction_stage(const v1::StudyNetwork& network) {
+Stage ExperimentRunner::prediction_stage(const v1::ExperimentNetwork& network) {
   const std::string name = "predict " + network.name();
   std::vector<std::string> after = {"dataset", "colours", stage_of(network)};
   if (experiment_.has_other_noise()) after.emplace_back("other noise");
@@ -398,7 +400,7 @@ Stage Study::prediction_stage(const v1::StudyNetwork& network) {
           }};
 }
 
-Stage Study::reference_stage() {
+Stage ExperimentRunner::reference_stage() {
   const std::string name = "images of the truth";
   return {name, {"dataset"}, folder("images"), [=, this] {
             images().render_references(
@@ -409,7 +411,7 @@ Stage Study::reference_stage() {
           }};
 }
 
-Stage Study::error_stage(const std::string& candidate, std::vector<std::string> after) {
+Stage ExperimentRunner::error_stage(const std::string& candidate, std::vector<std::string> after) {
   const std::string name = "images of " + candidate;
   after.insert(after.begin(), {"dataset", "images of the truth"});
   const fs::path path = errors_path(candidate);
@@ -423,7 +425,7 @@ Stage Study::error_stage(const std::string& candidate, std::vector<std::string> 
           }};
 }
 
-Stage Study::colour_stage(const v1::StudyNetwork& network) {
+Stage ExperimentRunner::colour_stage(const v1::ExperimentNetwork& network) {
   const std::string name = "colours of " + network.name();
   const std::string file = file_name_of(network.name());
   return {name,
@@ -439,13 +441,14 @@ Stage Study::colour_stage(const v1::StudyNetwork& network) {
           }};
 }
 
-Stage Study::refinement_stage(const std::string& candidate, std::vector<std::string> after) {
+Stage ExperimentRunner::refinement_stage(const std::string& candidate,
+                                         std::vector<std::string> after) {
   const std::string name = "refine from " + candidate;
   after.insert(after.begin(), "dataset");
   return {
       name, after, folder("refinements"), [=, this] {
         std::string outputs;
-        for (const v1::StudyRefinement& refinement : refine_images(
+        for (const v1::ExperimentRefinement& refinement : refine_images(
                  experiment_.refinement(), dataset(), test(), materials_for(candidate),
                  folder("refinements"), file_name_of(candidate), pool(),
                  [&](size_t done, size_t total) { run_.progress(name, "images", done, total, ""); },
@@ -457,7 +460,7 @@ Stage Study::refinement_stage(const std::string& candidate, std::vector<std::str
 }
 
 // Who has not looked at the images, and the truth itself.
-std::vector<std::string> Study::baselines() {
+std::vector<std::string> ExperimentRunner::baselines() {
   std::vector<std::string> names = {kConstant};
   const v1::MaterialChoice& materials = experiment_.dataset().materials();
   if (similarity_predictions({}, materials).has_value()) {
@@ -467,7 +470,7 @@ std::vector<std::string> Study::baselines() {
   return names;
 }
 
-std::vector<Stage> Study::stages() {
+std::vector<Stage> ExperimentRunner::stages() {
   std::vector<Stage> stages;
   stages.push_back(dataset_stage("dataset", folder("data"),
                                  [this] { return plan_of(experiment_.dataset(), false); }));
@@ -482,31 +485,31 @@ std::vector<Stage> Study::stages() {
   }));
   stages.push_back(rate_stage());
   for (const auto& [key, start] : shared_) stages.push_back(shared_stage(start));
-  for (const v1::StudyNetwork& network : experiment_.networks())
+  for (const v1::ExperimentNetwork& network : experiment_.networks())
     stages.push_back(network_stage(network));
-  for (const v1::StudyNetwork& network : experiment_.networks()) {
+  for (const v1::ExperimentNetwork& network : experiment_.networks()) {
     stages.push_back(prediction_stage(network));
   }
   stages.push_back(reference_stage());
   for (const std::string& name : baselines()) stages.push_back(error_stage(name, {}));
-  for (const v1::StudyNetwork& network : experiment_.networks()) {
+  for (const v1::ExperimentNetwork& network : experiment_.networks()) {
     stages.push_back(error_stage(network.name(), {"predict " + network.name()}));
     stages.push_back(colour_stage(network));
   }
   if (experiment_.has_refinement()) {
     stages.push_back(refinement_stage(kConstant, {}));
-    for (const v1::StudyNetwork& network : experiment_.networks()) {
+    for (const v1::ExperimentNetwork& network : experiment_.networks()) {
       stages.push_back(refinement_stage(network.name(), {"predict " + network.name()}));
     }
   }
   return stages;
 }
 
-v1::StudyPredictions Study::predictions_of(const std::string& name) const {
-  return read_text<v1::StudyPredictions>(predictions_path(name), "predictions");
+v1::ExperimentPredictions ExperimentRunner::predictions_of(const std::string& name) const {
+  return read_text<v1::ExperimentPredictions>(predictions_path(name), "predictions");
 }
 
-std::vector<Material> Study::materials_for(const std::string& name) {
+std::vector<Material> ExperimentRunner::materials_for(const std::string& name) {
   if (name == kTruth) return test().truth;
   if (name == kConstant) return constant_predictions(test());
   if (name == kSimilarity) {
@@ -516,16 +519,16 @@ std::vector<Material> Study::materials_for(const std::string& name) {
 }
 
 Candidate::ImageErrors image_errors_of(
-    const google::protobuf::RepeatedPtrField<v1::StudyImageErrors::Errors>& errors) {
+    const google::protobuf::RepeatedPtrField<v1::ExperimentImageErrors::Errors>& errors) {
   Candidate::ImageErrors result;
-  for (const v1::StudyImageErrors::Errors& e : errors) {
+  for (const v1::ExperimentImageErrors::Errors& e : errors) {
     result.relative_l2.push_back(e.relative_l2());
     result.dissimilarity.push_back(e.dissimilarity());
   }
   return result;
 }
 
-Candidate Study::candidate(const std::string& name, Candidate::Kind kind) {
+Candidate ExperimentRunner::candidate(const std::string& name, Candidate::Kind kind) {
   Candidate candidate{.name = name,
                       .kind = kind,
                       .as_trained = materials_for(name),
@@ -540,7 +543,7 @@ Candidate Study::candidate(const std::string& name, Candidate::Kind kind) {
   } else {
     candidate.other_noise = materials_of(predictions_of(name).other_noise());
   }
-  const auto errors = read_text<v1::StudyImageErrors>(errors_path(name), "image errors");
+  const auto errors = read_text<v1::ExperimentImageErrors>(errors_path(name), "image errors");
   candidate.same_scene = image_errors_of(errors.same_scene());
   candidate.novel_scene = image_errors_of(errors.novel_scene());
   if (experiment_.has_refinement() && (kind == Candidate::Kind::kNetwork || name == kConstant)) {
@@ -550,7 +553,7 @@ Candidate Study::candidate(const std::string& name, Candidate::Kind kind) {
   return candidate;
 }
 
-ExperimentResult Study::result(const std::vector<v1::StageRecord>& records) {
+ExperimentResult ExperimentRunner::result(const std::vector<v1::StageRecord>& records) {
   TestSet set{.truth = test().truth,
               .shapes = {},
               .other_noise = images_of_other_noise(experiment_, test().truth.size()),
@@ -565,7 +568,7 @@ ExperimentResult Study::result(const std::vector<v1::StageRecord>& records) {
     candidates.push_back(
         candidate(name, name == kTruth ? Candidate::Kind::kTruth : Candidate::Kind::kBaseline));
   }
-  for (const v1::StudyNetwork& network : experiment_.networks()) {
+  for (const v1::ExperimentNetwork& network : experiment_.networks()) {
     candidates.push_back(candidate(network.name(), Candidate::Kind::kNetwork));
   }
   ExperimentResult result;
@@ -585,17 +588,17 @@ ExperimentResult Study::result(const std::vector<v1::StageRecord>& records) {
     write_file_atomically(folder(table.file + ".csv"), to_csv(table));
   }
   // Report.
-  StudyReport report{.experiment = experiment_,
-                     .tables = result.tables,
-                     .test = set,
-                     .candidates = candidates,
-                     .networks = {},
-                     .images = images(),
-                     .colours = colours(),
-                     .pictures = folder("images"),
-                     .rate = read_text<v1::RateChoice>(folder(kRateName), "learning rate"),
-                     .stages = records};
-  for (const v1::StudyNetwork& network : experiment_.networks()) {
+  ExperimentReport report{.experiment = experiment_,
+                          .tables = result.tables,
+                          .test = set,
+                          .candidates = candidates,
+                          .networks = {},
+                          .images = images(),
+                          .colours = colours(),
+                          .pictures = folder("images"),
+                          .rate = read_text<v1::RateChoice>(folder(kRateName), "learning rate"),
+                          .stages = records};
+  for (const v1::ExperimentNetwork& network : experiment_.networks()) {
     const auto start = start_of_.find(network.name());
     report.networks.push_back(
         {.name = network.name(),
@@ -614,7 +617,7 @@ ExperimentResult Study::result(const std::vector<v1::StageRecord>& records) {
 
 std::vector<std::string> stage_names(const v1::Experiment& experiment) {
   const ExperimentRun nowhere;
-  Study study(experiment, nowhere);
+  ExperimentRunner study(experiment, nowhere);
   std::vector<std::string> names;
   for (const Stage& stage : study.stages()) names.push_back(stage.name);
   return names;
@@ -624,14 +627,14 @@ std::set<std::string> done_stages(const v1::Experiment& experiment, const fs::pa
   if (!was_begun(experiment, folder)) return {};
   ExperimentRun run;
   run.folder = folder;
-  return done_stages(Study(experiment, run).stages(), folder, to_text_proto(experiment));
+  return done_stages(ExperimentRunner(experiment, run).stages(), folder, to_text_proto(experiment));
 }
 
 ExperimentResult run_experiment(const v1::Experiment& experiment, const ExperimentRun& run) {
   const FolderLock lock(run.folder, "itn experiment");
   if (!was_begun(experiment, run.folder)) write_text(run.folder / kExperimentName, experiment);
   remove_temporary_files(lock, run.folder);
-  Study study(experiment, run);
+  ExperimentRunner study(experiment, run);
   const std::vector<Stage> stages = study.stages();
   run_stages(
       stages, run.folder, to_text_proto(experiment), [&] { return study.cpu_seconds(); },

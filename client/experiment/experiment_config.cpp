@@ -94,7 +94,7 @@ bool fits_name(char c) {
 void validate_networks(const v1::Experiment& experiment) {
   require(experiment.networks_size() > 0, "there are no networks");
   std::set<std::string> names, files;
-  for (const v1::StudyNetwork& network : experiment.networks()) {
+  for (const v1::ExperimentNetwork& network : experiment.networks()) {
     const std::string& name = network.name();
     require(
         !name.empty() && name.size() <= 60 && std::ranges::all_of(name, fits_name),
@@ -172,8 +172,8 @@ v1::Experiment parsed(const std::string& text, const std::string& name) {
 }
 
 // What all say, and then what this one does.
-v1::TrainingConfig training_of(const v1::Experiment& experiment, const v1::StudyNetwork& network,
-                               double rate) {
+v1::TrainingConfig training_of(const v1::Experiment& experiment,
+                               const v1::ExperimentNetwork& network, double rate) {
   v1::TrainingConfig config =
       overridden(training_preset(experiment.training_preset()), experiment.training());
   config = overridden(std::move(config), network.settings());
@@ -249,22 +249,22 @@ v1::Experiment load_experiment(const std::filesystem::path& path) {
   return parsed(read_file(path, "experiment"), path.string());
 }
 
-v1::TrainingConfig own_training(const v1::Experiment& experiment, const v1::StudyNetwork& network,
-                                double rate) {
+v1::TrainingConfig own_training(const v1::Experiment& experiment,
+                                const v1::ExperimentNetwork& network, double rate) {
   const bool goes_on = experiment.shared_steps() > 0;
   v1::TrainingConfig config =
       training_of(experiment, network, goes_on ? rate * experiment.rate_factor() : rate);
   set_steps(experiment.steps(), config);
-  clear_what_is_of_another_loss(config);
+  clear_unused_loss_fields(config);
   return config;
 }
 
 v1::TrainingConfig shared_training(const v1::Experiment& experiment,
-                                   const v1::StudyNetwork& network, double rate) {
+                                   const v1::ExperimentNetwork& network, double rate) {
   v1::TrainingConfig config = training_of(experiment, network, rate);
   config.set_loss(v1::TrainingConfig::RN);
   set_steps(experiment.shared_steps(), config);
-  clear_what_is_of_another_loss(config);
+  clear_unused_loss_fields(config);
   return config;
 }
 
@@ -272,7 +272,7 @@ v1::TrainingConfig search_training(const v1::Experiment& experiment, double rate
   v1::TrainingConfig config = training_of(experiment, experiment.networks(0), rate);
   config.set_loss(v1::TrainingConfig::RN);
   set_steps(experiment.rate_search().steps(), config);
-  clear_what_is_of_another_loss(config);
+  clear_unused_loss_fields(config);
   return config;
 }
 

@@ -32,13 +32,13 @@ v1::Experiment load_experiment(const std::filesystem::path& path);
 
 // What a network is trained by, from its own start on: `steps`, the schedule and the augmentation
 // of all, its own loss and parameterization. `rate`: that of the search.
-v1::TrainingConfig own_training(const v1::Experiment& experiment, const v1::StudyNetwork& network,
-                                double rate);
+v1::TrainingConfig own_training(const v1::Experiment& experiment,
+                                const v1::ExperimentNetwork& network, double rate);
 
 // Likewise what it shares with others: an RN of shared_steps. Networks for which this is equal
 // share it.
 v1::TrainingConfig shared_training(const v1::Experiment& experiment,
-                                   const v1::StudyNetwork& network, double rate);
+                                   const v1::ExperimentNetwork& network, double rate);
 
 // What a learning rate is tried by: an RN, otherwise the first network.
 v1::TrainingConfig search_training(const v1::Experiment& experiment, double rate);

@@ -57,8 +57,8 @@ void write_image(const fs::path& path, int side, std::vector<float> radiance,
 
 }  // namespace
 
-StudyImages::StudyImages(const v1::Rerendering& settings, DatasetReader& dataset,
-                         const LabelledImages& test, fs::path folder)
+ExperimentImages::ExperimentImages(const v1::Rerendering& settings, DatasetReader& dataset,
+                                   const LabelledImages& test, fs::path folder)
     : settings_(settings),
       dataset_(dataset),
       test_(test),
@@ -67,14 +67,14 @@ StudyImages::StudyImages(const v1::Rerendering& settings, DatasetReader& dataset
   for (const uint32_t k : spread(settings.shown(), chosen_.size())) shown_.push_back(k);
 }
 
-fs::path StudyImages::file(const std::string& name, StudyScene scene, size_t k) const {
+fs::path ExperimentImages::file(const std::string& name, ExperimentScene scene, size_t k) const {
   return folder_ / fmt::format("{}_{}_{:04}.exr", name,
-                               scene == StudyScene::kSame ? "same" : "novel", chosen_[k]);
+                               scene == ExperimentScene::kSame ? "same" : "novel", chosen_[k]);
 }
 
-std::shared_ptr<const SerializedScene> StudyImages::scene_of(StudyScene scene, size_t k) {
+std::shared_ptr<const SerializedScene> ExperimentImages::scene_of(ExperimentScene scene, size_t k) {
   const v1::DatasetItem& item = *test_.items[chosen_[k]];
-  if (scene == StudyScene::kSame) return dataset_.scene(item);
+  if (scene == ExperimentScene::kSame) return dataset_.scene(item);
   if (!novel_) {
     v1::DatasetItem novel = *test_.items.front();
     novel.clear_rotation();
@@ -88,19 +88,19 @@ std::shared_ptr<const SerializedScene> StudyImages::scene_of(StudyScene scene, s
   return novel_;
 }
 
-RenderJob StudyImages::job(StudyScene scene, size_t k, const Material& material, uint32_t spp,
-                           uint64_t branch) {
+RenderJob ExperimentImages::job(ExperimentScene scene, size_t k, const Material& material,
+                                uint32_t spp, uint64_t branch) {
   v1::DatasetItem item = *test_.items[chosen_[k]];
   *item.mutable_material() = to_proto(material);
   item.set_seed(derive_seed(item.seed(), {branch, static_cast<uint64_t>(scene)}));
   return render_job(scene_of(scene, k), item, spp);
 }
 
-void StudyImages::render_references(RenderPool& pool, const ImageProgress& progress,
-                                    std::stop_token stop) {
+void ExperimentImages::render_references(RenderPool& pool, const ImageProgress& progress,
+                                         std::stop_token stop) {
   fs::create_directories(folder_);
-  std::vector<std::pair<StudyScene, size_t>> missing;
-  for (const StudyScene scene : kStudyScenes) {
+  std::vector<std::pair<ExperimentScene, size_t>> missing;
+  for (const ExperimentScene scene : kExperimentScenes) {
     for (size_t k = 0; k < chosen_.size(); ++k) {
       if (!fs::exists(file(kReference, scene, k))) missing.emplace_back(scene, k);
     }
@@ -125,12 +125,13 @@ void StudyImages::render_references(RenderPool& pool, const ImageProgress& progr
       });
 }
 
-v1::StudyImageErrors StudyImages::compare(const std::string& name,
-                                          const std::vector<Material>& materials, RenderPool& pool,
-                                          const ImageProgress& progress, std::stop_token stop) {
-  v1::StudyImageErrors result;
+v1::ExperimentImageErrors ExperimentImages::compare(const std::string& name,
+                                                    const std::vector<Material>& materials,
+                                                    RenderPool& pool, const ImageProgress& progress,
+                                                    std::stop_token stop) {
+  v1::ExperimentImageErrors result;
   const size_t count = chosen_.size(), total = 2 * count;
-  const auto place = [&](size_t i) { return std::pair(kStudyScenes[i / count], i % count); };
+  const auto place = [&](size_t i) { return std::pair(kExperimentScenes[i / count], i % count); };
   progress(0, total);
   render_all(
       total,
@@ -143,8 +144,8 @@ v1::StudyImageErrors StudyImages::compare(const std::string& name,
         const auto [scene, k] = place(i);
         std::vector<float> rendered = from_bytes<float>(reply.estimates(0).radiance());
         const std::vector<float> truth = reference(scene, k);
-        v1::StudyImageErrors::Errors& errors =
-            scene == StudyScene::kSame ? *result.add_same_scene() : *result.add_novel_scene();
+        v1::ExperimentImageErrors::Errors& errors =
+            scene == ExperimentScene::kSame ? *result.add_same_scene() : *result.add_novel_scene();
         errors.set_relative_l2(relative_image_error(truth, rendered, mask(scene, k)));
         errors.set_dissimilarity(1 - ms_ssim(resolution(), truth, rendered));
         if (std::ranges::find(shown_, k) != shown_.end()) {
@@ -155,15 +156,16 @@ v1::StudyImageErrors StudyImages::compare(const std::string& name,
   return result;
 }
 
-std::vector<float> StudyImages::reference(StudyScene scene, size_t k) const {
+std::vector<float> ExperimentImages::reference(ExperimentScene scene, size_t k) const {
   return read_exr(file(kReference, scene, k)).channel("Y");
 }
 
-std::vector<float> StudyImages::mask(StudyScene scene, size_t k) const {
+std::vector<float> ExperimentImages::mask(ExperimentScene scene, size_t k) const {
   return read_exr(file(kReference, scene, k)).channel("mask.Y");
 }
 
-std::vector<float> StudyImages::picture(const std::string& name, StudyScene scene, size_t k) const {
+std::vector<float> ExperimentImages::picture(const std::string& name, ExperimentScene scene,
+                                             size_t k) const {
   return read_exr(file(name, scene, k)).channel("Y");
 }
 

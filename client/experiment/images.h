@@ -17,22 +17,23 @@
 namespace itn {
 
 // The scenes that materials are rendered in.
-enum class StudyScene {
+enum class ExperimentScene {
   kSame,   // that of the test's image
   kNovel,  // one that is the same for all (Rerendering in experiment.proto)
 };
-inline constexpr StudyScene kStudyScenes[] = {StudyScene::kSame, StudyScene::kNovel};
+inline constexpr ExperimentScene kExperimentScenes[] = {ExperimentScene::kSame,
+                                                        ExperimentScene::kNovel};
 
 // What to tell while images are rendered; called with how many of how many are done.
 using ImageProgress = std::function<void(size_t done, size_t total)>;
 
 // Images of the test that are rendered again, and their references: the truth, in four times the
 // samples.
-class StudyImages {
+class ExperimentImages {
  public:
   // `folder`: where references and pictures are. `test` and dataset must outlive it.
-  StudyImages(const v1::Rerendering& settings, DatasetReader& dataset, const LabelledImages& test,
-              std::filesystem::path folder);
+  ExperimentImages(const v1::Rerendering& settings, DatasetReader& dataset,
+                   const LabelledImages& test, std::filesystem::path folder);
 
   // Numbers of the test's images, evenly spread.
   const std::vector<uint32_t>& chosen() const { return chosen_; }
@@ -46,22 +47,22 @@ class StudyImages {
   // Renders a material for each image of the test that is chosen, compares them with the
   // references, and keeps those that are shown. `name`: a file's. The random numbers are the same
   // whatever the materials.
-  v1::StudyImageErrors compare(const std::string& name, const std::vector<Material>& materials,
-                               RenderPool& pool, const ImageProgress& progress,
-                               std::stop_token stop);
+  v1::ExperimentImageErrors compare(const std::string& name, const std::vector<Material>& materials,
+                                    RenderPool& pool, const ImageProgress& progress,
+                                    std::stop_token stop);
 
   // Of the chosen image number `k`. Throws Error (kIo) if it has not been rendered.
-  std::vector<float> reference(StudyScene scene, size_t k) const;
+  std::vector<float> reference(ExperimentScene scene, size_t k) const;
   // Of one that is shown.
-  std::vector<float> picture(const std::string& name, StudyScene scene, size_t k) const;
+  std::vector<float> picture(const std::string& name, ExperimentScene scene, size_t k) const;
 
  private:
-  std::filesystem::path file(const std::string& name, StudyScene scene, size_t k) const;
+  std::filesystem::path file(const std::string& name, ExperimentScene scene, size_t k) const;
   // Of the chosen image number `k`, with a material in the place of its own.
-  RenderJob job(StudyScene scene, size_t k, const Material& material, uint32_t spp,
+  RenderJob job(ExperimentScene scene, size_t k, const Material& material, uint32_t spp,
                 uint64_t branch);
-  std::shared_ptr<const SerializedScene> scene_of(StudyScene scene, size_t k);
-  std::vector<float> mask(StudyScene scene, size_t k) const;
+  std::shared_ptr<const SerializedScene> scene_of(ExperimentScene scene, size_t k);
+  std::vector<float> mask(ExperimentScene scene, size_t k) const;
 
   v1::Rerendering settings_;
   DatasetReader& dataset_;

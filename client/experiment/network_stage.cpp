@@ -61,12 +61,12 @@ void set(const ParameterPosterior& posterior, v1::Interval& interval) {
   interval.set_max(posterior.high);
 }
 
-google::protobuf::RepeatedPtrField<v1::StudyPredictions::Estimate> estimates_of(
+google::protobuf::RepeatedPtrField<v1::ExperimentPredictions::Estimate> estimates_of(
     Predictor& predictor, DatasetReader& dataset, std::stop_token stop) {
-  google::protobuf::RepeatedPtrField<v1::StudyPredictions::Estimate> result;
+  google::protobuf::RepeatedPtrField<v1::ExperimentPredictions::Estimate> result;
   for (const MaterialEstimate& estimate :
        estimate_all(predictor, images_of(dataset, v1::SPLIT_TEST), 0, std::move(stop))) {
-    v1::StudyPredictions::Estimate& proto = *result.Add();
+    v1::ExperimentPredictions::Estimate& proto = *result.Add();
     *proto.mutable_material() = to_proto(estimate.material);
     if (!estimate.posterior) continue;
     const auto& parameters = estimate.posterior->material.parameters;
@@ -82,14 +82,15 @@ google::protobuf::RepeatedPtrField<v1::StudyPredictions::Estimate> estimates_of(
 v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
                               const NetworkRun& run) {
   const FolderLock lock(run.folder, "itn experiment");
-  const std::optional<v1::Checkpoint> there = find_checkpoint(run.folder);
+  const std::optional<v1::Checkpoint> existing = find_checkpoint(run.folder);
   const std::optional<v1::Model> init =
       run.init ? std::optional(read_checkpoint(*run.init / kBestCheckpointName).model())
                : std::nullopt;
   config.set_dataset_sha256(to_hex(sha256(to_text(dataset.manifest()))));
   config.set_init_sha256(init ? weights_sha256(*init) : "");
   // The last bits depend on it: a run keeps the number that it began with.
-  config.set_torch_threads(there ? there->training().config().torch_threads() : run.torch_threads);
+  config.set_torch_threads(existing ? existing->training().config().torch_threads()
+                                    : run.torch_threads);
   validate(config);
   set_torch_threads(static_cast<int>(config.torch_threads()));
   // Read.
@@ -113,7 +114,7 @@ v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
         {.folder = run.folder,
          .dataset = fs::absolute(dataset.folder()).string(),
          .checkpoint_every = run.validate_every,
-         .model_name = there ? "" : run.model_name,
+         .model_name = existing ? "" : run.model_name,
          .model_version = "",
          .validate = [&](const v1::Model& now) { return validation->validation.measure(now); },
          .validate_every = run.validate_every,
@@ -143,11 +144,11 @@ double best_score(const fs::path& folder) {
   return read_checkpoint(folder).training().best_score();
 }
 
-v1::StudyPredictions predict_test(const fs::path& folder, DatasetReader& dataset,
-                                  DatasetReader* other_noise, DatasetReader& colours,
-                                  std::stop_token stop) {
+v1::ExperimentPredictions predict_test(const fs::path& folder, DatasetReader& dataset,
+                                       DatasetReader* other_noise, DatasetReader& colours,
+                                       std::stop_token stop) {
   Predictor predictor = Predictor::load(folder / kBestCheckpointName);
-  v1::StudyPredictions predictions;
+  v1::ExperimentPredictions predictions;
   *predictions.mutable_as_trained() = estimates_of(predictor, dataset, stop);
   if (other_noise != nullptr) {
     *predictions.mutable_other_noise() = estimates_of(predictor, *other_noise, stop);

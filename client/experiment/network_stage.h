@@ -38,8 +38,8 @@ v1::NetworkCost read_cost(const std::filesystem::path& folder);
 double best_score(const std::filesystem::path& folder);
 
 // What the run's best model says of each image of the tests. `other_noise`: null if there is none.
-v1::StudyPredictions predict_test(const std::filesystem::path& folder, DatasetReader& dataset,
-                                  DatasetReader* other_noise, DatasetReader& colours,
-                                  std::stop_token stop);
+v1::ExperimentPredictions predict_test(const std::filesystem::path& folder, DatasetReader& dataset,
+                                       DatasetReader* other_noise, DatasetReader& colours,
+                                       std::stop_token stop);
 
 }  // namespace itn

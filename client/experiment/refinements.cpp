@@ -17,20 +17,20 @@ namespace fs = std::filesystem;
 
 namespace {
 
-using Iterates = google::protobuf::RepeatedPtrField<v1::StudyRefinement::Iterate>;
+using Iterates = google::protobuf::RepeatedPtrField<v1::ExperimentRefinement::Iterate>;
 
 fs::path file_of(const fs::path& folder, const std::string& name, uint32_t image) {
   return folder / fmt::format("{}_{:04}.textproto", name, image);
 }
 
 // The iterations that are told; where the refinement ended before, its last.
-Iterates told(const std::vector<v1::RefineIteration>& trajectory,
-              const google::protobuf::RepeatedField<uint32_t>& iterations) {
+Iterates select_iterations(const std::vector<v1::RefineIteration>& trajectory,
+                           const google::protobuf::RepeatedField<uint32_t>& iterations) {
   Iterates result;
   for (const uint32_t iteration : iterations) {
     const size_t count = std::min<size_t>(iteration, trajectory.size());
     const v1::RefineIteration& at = trajectory[count - 1];
-    v1::StudyRefinement::Iterate& iterate = *result.Add();
+    v1::ExperimentRefinement::Iterate& iterate = *result.Add();
     *iterate.mutable_material() = at.material();
     iterate.set_loss(at.loss());
     double cpu_seconds = 0;
@@ -45,7 +45,7 @@ Iterates refined(const v1::RefineSettings& settings, const Observation& observat
                  const Synthesize& synthesize) {
   Refinement refinement(settings, std::span(&observation, 1), {start});
   while (!refinement.finished()) refinement.step(synthesize);
-  return told(refinement.trajectory(), iterations);
+  return select_iterations(refinement.trajectory(), iterations);
 }
 
 }  // namespace
@@ -54,7 +54,7 @@ std::vector<uint32_t> refined_images(const v1::AnalysisBySynthesis& settings, si
   return spread(settings.images(), test_images);
 }
 
-std::vector<v1::StudyRefinement> refine_images(
+std::vector<v1::ExperimentRefinement> refine_images(
     const v1::AnalysisBySynthesis& settings, DatasetReader& dataset, const LabelledImages& test,
     std::span<const Material> starts, const fs::path& folder, const std::string& name,
     RenderPool& pool, const std::function<void(size_t, size_t)>& progress, std::stop_token stop) {
@@ -86,7 +86,7 @@ std::vector<v1::StudyRefinement> refine_images(
       observation.radiance = image.radiance;
       observation.mask = image.mask;
       observation.noise = image.standard_error;
-      v1::StudyRefinement refinement;
+      v1::ExperimentRefinement refinement;
       *refinement.mutable_adam() =
           refined(with_defaults(adam), observation, starts[i], settings.iterations(), synthesize);
       *refinement.mutable_gauss_newton() =
@@ -100,10 +100,10 @@ std::vector<v1::StudyRefinement> refine_images(
   return read_refinements(settings, test.items.size(), folder, name);
 }
 
-std::vector<v1::StudyRefinement> read_refinements(const v1::AnalysisBySynthesis& settings,
-                                                  size_t test_images, const fs::path& folder,
-                                                  const std::string& name) {
-  std::vector<v1::StudyRefinement> result;
+std::vector<v1::ExperimentRefinement> read_refinements(const v1::AnalysisBySynthesis& settings,
+                                                       size_t test_images, const fs::path& folder,
+                                                       const std::string& name) {
+  std::vector<v1::ExperimentRefinement> result;
   for (const uint32_t i : refined_images(settings, test_images)) {
     const fs::path path = file_of(folder, name, i);
     parse_text_proto(read_file(path, "refinement"), path.string(), result.emplace_back());

@@ -23,15 +23,15 @@ std::vector<uint32_t> refined_images(const v1::AnalysisBySynthesis& settings, si
 // at a time. Each image that is done is a file in `folder`, whose name begins with `name`, and is
 // not done again. `progress` is called with how many are done. Throws what refinements throw, and
 // Error (cancelled) soon after a stop.
-std::vector<v1::StudyRefinement> refine_images(
+std::vector<v1::ExperimentRefinement> refine_images(
     const v1::AnalysisBySynthesis& settings, DatasetReader& dataset, const LabelledImages& test,
     std::span<const Material> starts, const std::filesystem::path& folder, const std::string& name,
     RenderPool& pool, const std::function<void(size_t, size_t)>& progress, std::stop_token stop);
 
 // Those that are done. Throws Error (kIo) if some are not.
-std::vector<v1::StudyRefinement> read_refinements(const v1::AnalysisBySynthesis& settings,
-                                                  size_t test_images,
-                                                  const std::filesystem::path& folder,
-                                                  const std::string& name);
+std::vector<v1::ExperimentRefinement> read_refinements(const v1::AnalysisBySynthesis& settings,
+                                                       size_t test_images,
+                                                       const std::filesystem::path& folder,
+                                                       const std::string& name);
 
 }  // namespace itn

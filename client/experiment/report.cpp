@@ -100,8 +100,8 @@ std::string material_text(const Material& m) {
 }
 
 // Of each image shown a row of renders, and a row of their differences to the truth.
-std::string scene_section(const StudyReport& report, StudyScene scene, const std::string& title,
-                          const fs::path& file) {
+std::string scene_section(const ExperimentReport& report, ExperimentScene scene,
+                          const std::string& title, const fs::path& file) {
   const int side = report.images.resolution();
   std::vector<PanelRow> rows;
   std::vector<std::string> cells = {"truth"};
@@ -153,7 +153,7 @@ Panel colour_panel(const ColourPicture& colours, int side, float white) {
   return panel;
 }
 
-std::string colour_section(const StudyReport& report, const fs::path& file) {
+std::string colour_section(const ExperimentReport& report, const fs::path& file) {
   const int side = report.colours.resolution();
   const size_t count = static_cast<size_t>(report.colours.manifest().items_size()) / kColours;
   std::vector<PanelRow> rows;
@@ -187,7 +187,7 @@ std::vector<v1::TrainingMetrics> metrics_in(const fs::path& path) {
   return metrics;
 }
 
-std::string training_section(const StudyReport& report, const fs::path& file) {
+std::string training_section(const ExperimentReport& report, const fs::path& file) {
   std::array<Chart, 3> charts = {
       {{.title = "Distance to the truth (training)",
         .x_name = "steps",
@@ -234,7 +234,7 @@ std::string training_section(const StudyReport& report, const fs::path& file) {
 // --- Analysis by synthesis ---
 
 // How Table 3 goes on, as Fig. 7 of the paper.
-std::string refinement_section(const StudyReport& report, const fs::path& file) {
+std::string refinement_section(const ExperimentReport& report, const fs::path& file) {
   const auto table = std::ranges::find(report.tables, "table_3", &Table::file);
   if (table == report.tables.end()) return {};
   const v1::AnalysisBySynthesis& settings = report.experiment.refinement();
@@ -261,7 +261,7 @@ std::string refinement_section(const StudyReport& report, const fs::path& file) 
 
 // --- Stated uncertainties ---
 
-std::string calibration_section(const StudyReport& report) {
+std::string calibration_section(const ExperimentReport& report) {
   std::string rows;
   for (const ReportedNetwork& network : report.networks) {
     const auto& estimates = network.predictions.as_trained();
@@ -291,7 +291,7 @@ std::string calibration_section(const StudyReport& report) {
 
 // --- What it took ---
 
-std::string cost_section(const StudyReport& report) {
+std::string cost_section(const ExperimentReport& report) {
   std::string text =
       "Networks of one parameterization share their first steps, with the loss of an RN; then each "
       "goes on by itself. Processor time is of these steps, renders included.\n\n" +
@@ -324,7 +324,7 @@ std::string cost_section(const StudyReport& report) {
 
 }  // namespace
 
-fs::path write_report(const StudyReport& report, const fs::path& folder) {
+fs::path write_report(const ExperimentReport& report, const fs::path& folder) {
   const fs::path pictures = folder / "report";
   fs::create_directories(pictures);
   std::string text =
@@ -332,9 +332,10 @@ fs::path write_report(const StudyReport& report, const fs::path& folder) {
       "translucent material off one image (Che et al., ICCP 2020), on images that none of them has "
       "learned from.\n\n";
   for (const Table& table : report.tables) text += section_of(table);
-  text += scene_section(report, StudyScene::kSame, "Scenes of the test", pictures / "scenes.png");
+  text +=
+      scene_section(report, ExperimentScene::kSame, "Scenes of the test", pictures / "scenes.png");
   text += colour_section(report, pictures / "colours.png");
-  text += scene_section(report, StudyScene::kNovel, "The novel scene", pictures / "novel.png");
+  text += scene_section(report, ExperimentScene::kNovel, "The novel scene", pictures / "novel.png");
   text += refinement_section(report, pictures / "refinement.png");
   text += calibration_section(report);
   text += training_section(report, pictures / "training.png");

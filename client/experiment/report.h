@@ -17,16 +17,16 @@ struct ReportedNetwork {
   v1::NetworkCost cost;
   std::filesystem::path metrics;         // metrics.jsonl of its run
   std::filesystem::path shared_metrics;  // and of the one that it goes on from; may be empty
-  v1::StudyPredictions predictions;
+  v1::ExperimentPredictions predictions;
 };
 
-struct StudyReport {
+struct ExperimentReport {
   const v1::Experiment& experiment;
   const std::vector<Table>& tables;
   const TestSet& test;
   const std::vector<Candidate>& candidates;
   std::vector<ReportedNetwork> networks;
-  const StudyImages& images;
+  const ExperimentImages& images;
   const DatasetReader& colours;    // of colour_plan()
   std::filesystem::path pictures;  // where render_colours() wrote
   v1::RateChoice rate;
@@ -35,6 +35,7 @@ struct StudyReport {
 
 // Writes `folder`/report.md, whose path it returns, and pictures into `folder`/report. Throws Error
 // (kIo).
-std::filesystem::path write_report(const StudyReport& report, const std::filesystem::path& folder);
+std::filesystem::path write_report(const ExperimentReport& report,
+                                   const std::filesystem::path& folder);
 
 }  // namespace itn

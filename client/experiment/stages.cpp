@@ -57,9 +57,9 @@ void run_stages(std::span<const Stage> stages, const fs::path& folder, const std
   for (size_t number = 0; number < stages.size(); ++number) {
     const Stage& stage = stages[number];
     const std::string digest = digest_of_inputs(stage, inputs, outputs);
-    if (const auto there = record_if_done(folder, stage, digest)) {
-      outputs[stage.name] = there->outputs_sha256();
-      report(number, stage, StageState::kDone, *there);
+    if (const auto existing = record_if_done(folder, stage, digest)) {
+      outputs[stage.name] = existing->outputs_sha256();
+      report(number, stage, StageState::kDone, *existing);
       continue;
     }
     if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
@@ -87,8 +87,8 @@ std::set<std::string> done_stages(std::span<const Stage> stages, const fs::path&
     const auto is_made = [&](const std::string& name) { return outputs.contains(name); };
     if (!std::ranges::all_of(stage.after, is_made)) continue;
     const std::string digest = digest_of_inputs(stage, inputs, outputs);
-    if (const auto there = record_if_done(folder, stage, digest)) {
-      outputs[stage.name] = there->outputs_sha256();
+    if (const auto existing = record_if_done(folder, stage, digest)) {
+      outputs[stage.name] = existing->outputs_sha256();
       done.insert(stage.name);
     }
   }

@@ -364,16 +364,16 @@ Table table_3(const TestSet& test, std::span<const Candidate> candidates,
       row.cells.emplace_back(cell(shapes.estimate(
           terms, [](std::span<const double> means) { return mean_relative_error(means); })));
     };
-    const auto adam = [](const v1::StudyRefinement& r) -> const auto& {
+    const auto adam = [](const v1::ExperimentRefinement& r) -> const auto& {
       return r.adam();
     };
-    const auto newton = [](const v1::StudyRefinement& r) -> const auto& {
+    const auto newton = [](const v1::ExperimentRefinement& r) -> const auto& {
       return r.gauss_newton();
     };
     for (int i = 0; i < settings.iterations_size(); ++i) add(adam, i);
     for (int i = 0; i < settings.gauss_newton_iterations_size(); ++i) add(newton, i);
     double adam_seconds = 0, newton_seconds = 0;
-    for (const v1::StudyRefinement& refinement : candidate.refinements) {
+    for (const v1::ExperimentRefinement& refinement : candidate.refinements) {
       adam_seconds += refinement.adam().rbegin()->cpu_seconds();
       newton_seconds += refinement.gauss_newton().rbegin()->cpu_seconds();
     }

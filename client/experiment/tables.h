@@ -34,7 +34,7 @@ struct Candidate {
   };
   ImageErrors same_scene, novel_scene;
   // Of each image that was refined, from what this one says of it; empty if there were none.
-  std::vector<v1::StudyRefinement> refinements;
+  std::vector<v1::ExperimentRefinement> refinements;
 };
 
 struct TestSet {

@@ -96,7 +96,7 @@ std::vector<float> mask_from_file(const Content& content, const std::string& nam
 }
 
 // Alpha that is 1 everywhere says nothing.
-bool tells_object(const std::vector<float>& alpha) {
+bool has_mask(const std::vector<float>& alpha) {
   return std::ranges::any_of(alpha, [](float a) { return !is_on_object(a); });
 }
 
@@ -109,7 +109,7 @@ std::vector<float> mask_of(const Content& content, const std::string& name,
   }
   const Image& image = content.file.image;
   if (image.has("mask.Y")) return image.channel("mask.Y");
-  if (image.has("A") && tells_object(image.channel("A"))) return image.channel("A");
+  if (image.has("A") && has_mask(image.channel("A"))) return image.channel("A");
   throw invalid_input(fmt::format(
       "{} has neither a channel mask.Y nor a transparent background that say where the object is; "
       "give a mask with --mask, or, if the background is plain, --background auto",

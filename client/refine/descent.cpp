@@ -207,23 +207,23 @@ void Descent::plan(const Step& step, double deviation, double share) {
 v1::RefineIteration Descent::step(const Synthesize& synthesize, uint64_t seed) {
   const Evaluation evaluation = evaluate(synthesize, seed);
   ++iterations_;
-  v1::RefineIteration told;
-  told.set_iteration(iterations_);
+  v1::RefineIteration iteration;
+  iteration.set_iteration(iterations_);
   const Material material = material_at(evaluation.x);
-  told.mutable_material()->set_sigma_t(material.sigma_t);
-  told.mutable_material()->set_albedo(material.albedo);
-  told.mutable_material()->set_g(material.g);
-  told.set_exposure(exposure_at(evaluation.x));
-  told.set_spp(spp_);
-  told.set_loss(evaluation.loss);
-  told.set_loss_standard_error(evaluation.loss_standard_error);
-  told.set_cpu_seconds(evaluation.cpu_seconds);
+  iteration.mutable_material()->set_sigma_t(material.sigma_t);
+  iteration.mutable_material()->set_albedo(material.albedo);
+  iteration.mutable_material()->set_g(material.g);
+  iteration.set_exposure(exposure_at(evaluation.x));
+  iteration.set_spp(spp_);
+  iteration.set_loss(evaluation.loss);
+  iteration.set_loss_standard_error(evaluation.loss_standard_error);
+  iteration.set_cpu_seconds(evaluation.cpu_seconds);
 
   const bool rose =
       samples_ > 0 && evaluation.loss - loss_ >
                           kRise * std::hypot(evaluation.loss_standard_error, loss_standard_error_);
-  told.set_rejected(rose && !is_adam());
-  if (told.rejected()) {
+  iteration.set_rejected(rose && !is_adam());
+  if (iteration.rejected()) {
     trust_radius_ /= 4;
   } else {
     accumulate(evaluation);
@@ -232,14 +232,14 @@ v1::RefineIteration Descent::step(const Synthesize& synthesize, uint64_t seed) {
   const Step step = is_adam() ? adam_step(evaluation.equations.gradient) : newton_step();
   x_ = linearization_point_ + step.taken;
   clamp_to_domain(x_);
-  told.set_step_to_noise(step.over_noise);
+  iteration.set_step_to_noise(step.over_noise);
   const Eigen::Vector3d deviations = physical_deviations(region());
-  for (const double deviation : deviations) told.add_standard_deviations(deviation);
+  for (const double deviation : deviations) iteration.add_standard_deviations(deviation);
   const double share = render_noise_fraction(physical_jacobian(linearization_point_),
                                              test().covariance(), render_test().covariance());
-  told.set_render_noise_fraction(share);
+  iteration.set_render_noise_fraction(share);
   plan(step, deviations.maxCoeff(), share);
-  return told;
+  return iteration;
 }
 
 // ---- State -----------------------------------------------------------------------------------

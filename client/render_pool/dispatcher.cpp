@@ -25,7 +25,7 @@ constexpr milliseconds kLongestRest{2000};
 constexpr milliseconds kLongestWaitForPlace{30000};
 
 // That the user waits for a place is said this often.
-constexpr seconds kSayAgainThatItWaits{60};
+constexpr seconds kWaitNoticeInterval{60};
 
 // That a render is late, if it has taken this long; and that a worker was never there.
 constexpr seconds kWorthSaying{5};
@@ -191,7 +191,7 @@ Dispatcher::Turn Dispatcher::hedge(size_t number, Clock::time_point now) {
   if (taken < times_.straggler_after()) return {};  // and so are all that began later
   spdlog::log(taken < kWorthSaying ? spdlog::level::debug : spdlog::level::info,
               "{}: a render has taken {:.1f} s; {} renders it, too",
-              who(workers_.at(attempt.worker)), in_seconds(taken), who(worker));
+              label(workers_.at(attempt.worker)), in_seconds(taken), label(worker));
   ++statistics_.hedges;
   return {begin(attempt.job, number, now)};
 }
@@ -258,7 +258,7 @@ bool Dispatcher::on_outcome(const std::shared_ptr<Attempt>& attempt, Answer answ
     case Outcome::kAnswered: break;
     case Outcome::kBusy: wait_for_place(worker, answer.status, now); break;
     case Outcome::kInvalid: fail(*job, to_error(answer.status, worker.name)); break;
-    case Outcome::kFaulty:
+    case Outcome::kBadReply:
       exclude(worker, reason);
       job->refusals.push_back({attempt->worker, to_error(answer.status, worker.name)});
       break;
@@ -271,9 +271,9 @@ bool Dispatcher::on_outcome(const std::shared_ptr<Attempt>& attempt, Answer answ
       break;
     case Outcome::kLost:
       if (worker.up) worker.only_lost = true;
-      if (was_rendered) note_loss(*attempt, fmt::format("{}: {}", who(worker), reason), now);
+      if (was_rendered) note_loss(*attempt, fmt::format("{}: {}", label(worker), reason), now);
       [[fallthrough]];
-    case Outcome::kAway: look_after = take_down(worker, reason, now); break;
+    case Outcome::kUnreachable: look_after = take_down(worker, reason, now); break;
   }
   const bool is_left = !job->ended && job->under_way.empty();
   if (is_left) waiting_.push_front(job);
@@ -282,7 +282,7 @@ bool Dispatcher::on_outcome(const std::shared_ptr<Attempt>& attempt, Answer answ
   if (is_left && !job->ended) {
     ++statistics_.retries;
     spdlog::warn(
-        "{}: {}; the render {}", who(worker), reason,
+        "{}: {}; the render {}", label(worker), reason,
         any_up() ? "goes to the next free worker"
                  : fmt::format("waits for a worker, for {} s at most", in_seconds(give_up_after_)));
   }
@@ -324,9 +324,9 @@ void Dispatcher::wait_for_place(Worker& worker, const grpc::Status& status, Cloc
   worker.full_until = now + std::chrono::duration_cast<Clock::duration>(
                                 later * std::chrono::duration<double>(wait));
   if (!under_way_.empty()) return;
-  if (said_that_it_waits_ && now - *said_that_it_waits_ < kSayAgainThatItWaits) return;
-  said_that_it_waits_ = now;
-  spdlog::warn("{}: {}; waiting for a place", who(worker), message_of(status));
+  if (last_wait_notice_ && now - *last_wait_notice_ < kWaitNoticeInterval) return;
+  last_wait_notice_ = now;
+  spdlog::warn("{}: {}; waiting for a place", label(worker), message_of(status));
 }
 
 void Dispatcher::end(Job& job) {
@@ -348,7 +348,7 @@ bool Dispatcher::take_down(Worker& worker, const std::string& reason, Clock::tim
 }
 
 void Dispatcher::exclude(Worker& worker, const std::string& reason) {
-  spdlog::warn("{}: {}; it is set aside for good", who(worker), reason);
+  spdlog::warn("{}: {}; it is set aside for good", label(worker), reason);
   worker.excluded = true;
   worker.up = false;
   worker.last_failure = reason;
@@ -377,12 +377,12 @@ void Dispatcher::on_probe(size_t number, const grpc::Status& status,
   const bool too_late = status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED;
   const std::string reason = describe(status);
   if (worker.incompatible && !was_unfit)
-    spdlog::warn("{}: {}; it is not used", who(worker), reason);
+    spdlog::warn("{}: {}; it is not used", label(worker), reason);
   // That it took too long says less than what was noted before.
   take_down(worker, too_late ? worker.last_failure : reason, now);
   if (worker.never_up && any_up() && now - *worker.failing_since > kWorthSaying) {
     worker.never_up = false;
-    spdlog::warn("{}: {}; it is used when it answers", who(worker), worker.last_failure);
+    spdlog::warn("{}: {}; it is used when it answers", label(worker), worker.last_failure);
   }
   fail_unservable(now);
 }
@@ -401,7 +401,7 @@ std::string Dispatcher::last_failures() const {
   for (const auto& [number, worker] : workers_) {
     if (worker.left) continue;
     failures +=
-        fmt::format("{}{}: {}", failures.empty() ? "" : "; ", who(worker), worker.last_failure);
+        fmt::format("{}{}: {}", failures.empty() ? "" : "; ", label(worker), worker.last_failure);
   }
   return failures;
 }

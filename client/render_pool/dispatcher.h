@@ -135,7 +135,7 @@ class Dispatcher {
   };
 
   // The worker's name in messages.
-  static std::string who(const Worker& worker) {
+  static std::string label(const Worker& worker) {
     return worker.name.empty() ? "the embedded worker" : worker.name;
   }
 
@@ -167,7 +167,7 @@ class Dispatcher {
   uint64_t next_attempt_ = 0;
   RenderTimes times_;
   RenderStatistics statistics_;
-  std::optional<Clock::time_point> said_that_it_waits_;
+  std::optional<Clock::time_point> last_wait_notice_;
   std::minstd_rand random_{std::random_device{}()};
   bool closed_ = false;
 };

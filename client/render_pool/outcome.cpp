@@ -13,10 +13,10 @@ Outcome outcome_of(const grpc::Status& status) {
     case grpc::StatusCode::OK: return Outcome::kAnswered;
     case grpc::StatusCode::UNAVAILABLE:
       if (status.error_details().empty()) return Outcome::kLost;
-      return retry_after(status) ? Outcome::kBusy : Outcome::kAway;
+      return retry_after(status) ? Outcome::kBusy : Outcome::kUnreachable;
     case grpc::StatusCode::CANCELLED:
     case grpc::StatusCode::UNAUTHENTICATED:
-    case grpc::StatusCode::UNIMPLEMENTED: return Outcome::kAway;
+    case grpc::StatusCode::UNIMPLEMENTED: return Outcome::kUnreachable;
     case grpc::StatusCode::DEADLINE_EXCEEDED: return Outcome::kLost;
     case grpc::StatusCode::INVALID_ARGUMENT: return Outcome::kInvalid;
     default: return Outcome::kFailed;

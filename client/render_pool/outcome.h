@@ -11,24 +11,25 @@ namespace itn {
 
 enum class Outcome {
   kAnswered,
-  kBusy,     // the worker lives and has no place: nothing failed
-  kAway,     // it is not there, or stops: the render has nothing to do with it
-  kLost,     // it vanished, or the deadline passed, with the render under way
-  kFailed,   // it could not do this render: another worker may
-  kInvalid,  // no worker can do this render
-  kFaulty,   // it gave an answer that cannot be right; no status says so, the check of a reply does
+  kBusy,         // the worker lives and has no place: nothing failed
+  kUnreachable,  // it is not there, or stops: the render has nothing to do with it
+  kLost,         // it vanished, or the deadline passed, with the render under way
+  kFailed,       // it could not do this render: another worker may
+  kInvalid,      // no worker can do this render
+  kBadReply,     // it gave an answer that cannot be right; no status says so, the check of a reply
+                 // does
 };
 
 //   OK                              kAnswered
 //   UNAVAILABLE with a v1::Busy     kBusy
-//   UNAVAILABLE with a v1::Stopping kAway
+//   UNAVAILABLE with a v1::Stopping kUnreachable
 //   UNAVAILABLE without details     kLost: gRPC says so of a connection that broke
-//   CANCELLED                       kAway: what we cancelled ourselves is nobody's outcome
+//   CANCELLED                       kUnreachable: what we cancelled ourselves is nobody's outcome
 //   DEADLINE_EXCEEDED               kLost
 //   INVALID_ARGUMENT                kInvalid
-//   UNIMPLEMENTED                   kAway: it is not a render worker
-//   UNAUTHENTICATED                 kAway: its token and ours differ, for a moment if one changes
-//   RESOURCE_EXHAUSTED, INTERNAL, UNKNOWN, ABORTED, DATA_LOSS and all others: kFailed
+//   UNIMPLEMENTED                   kUnreachable: it is not a render worker
+//   UNAUTHENTICATED                 kUnreachable: its token and ours differ, for a moment if one
+//   changes RESOURCE_EXHAUSTED, INTERNAL, UNKNOWN, ABORTED, DATA_LOSS and all others: kFailed
 Outcome outcome_of(const grpc::Status& status);
 
 // When a busy worker wants to be asked again; nothing if it does not say.

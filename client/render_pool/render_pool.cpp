@@ -243,7 +243,7 @@ class RenderPool::Impl {
     if (attempt.suspect) {
       v1::Capabilities ignored;
       const grpc::Status status = member.connection->probe(false, stop, ignored);
-      if (!status.ok()) return {.outcome = Outcome::kAway, .status = status, .reply = {}};
+      if (!status.ok()) return {.outcome = Outcome::kUnreachable, .status = status, .reply = {}};
     }
     milliseconds deadline = options_.deadline;
     if (attempt.deadline > milliseconds(0)) deadline = std::min(deadline, attempt.deadline);

@@ -14,7 +14,7 @@ namespace itn {
 
 // What became of one attempt at a render.
 struct Answer {
-  Outcome outcome = Outcome::kAway;
+  Outcome outcome = Outcome::kUnreachable;
   grpc::Status status;        // the message is for people where the outcome is not kAnswered
   v1::RenderGradReply reply;  // checked (reply_check.h), where the outcome is kAnswered
   bool scene_sent = false;    // the worker did not hold the scene

@@ -14,17 +14,17 @@
 namespace itn {
 namespace {
 
-Error wrong(const std::string& what) {
+Error bad_reply(const std::string& what) {
   return Error(ErrorKind::kInternal, "the reply cannot be right: " + what);
 }
 
 void check_number(const char* what, uint64_t number, uint64_t expected) {
   if (number != expected)
-    throw wrong(fmt::format("{} is {} rather than {}", what, number, expected));
+    throw bad_reply(fmt::format("{} is {} rather than {}", what, number, expected));
 }
 
 void check_finite(const char* what, double value) {
-  if (!std::isfinite(value)) throw wrong(fmt::format("{} is {}", what, value));
+  if (!std::isfinite(value)) throw bad_reply(fmt::format("{} is {}", what, value));
 }
 
 // An image of float32 whose values are in [least, most], and not NaN.
@@ -35,7 +35,7 @@ void check_image(const char* what, const std::string& bytes, uint64_t pixels, fl
     float value = 0;
     std::memcpy(&value, bytes.data() + at, sizeof value);
     if (!(value >= least && value <= most)) {
-      throw wrong(fmt::format("{} of pixel {} is {}", what, at / sizeof value, value));
+      throw bad_reply(fmt::format("{} of pixel {} is {}", what, at / sizeof value, value));
     }
   }
 }
@@ -70,8 +70,8 @@ void check_loss(const v1::RenderGradReply& reply, const v1::RenderGradRequest& r
 
 void check_counters(const v1::Counters& counters) {
   if (counters.invalid_samples() > counters.paths() || counters.leaks() > counters.paths()) {
-    throw wrong(fmt::format("{} invalid samples and {} leaks of {} paths",
-                            counters.invalid_samples(), counters.leaks(), counters.paths()));
+    throw bad_reply(fmt::format("{} invalid samples and {} leaks of {} paths",
+                                counters.invalid_samples(), counters.leaks(), counters.paths()));
   }
   check_finite("cpu_seconds", counters.cpu_seconds());
 }

@@ -58,7 +58,7 @@ Answer WorkerConnection::render(const RenderJob& job, milliseconds deadline,
   try {
     check_reply(answer.reply, job);
   } catch (const Error& error) {
-    answer.outcome = Outcome::kFaulty;
+    answer.outcome = Outcome::kBadReply;
     answer.status = {grpc::StatusCode::INTERNAL, error.what()};
   }
   return answer;

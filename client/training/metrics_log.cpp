@@ -49,20 +49,20 @@ struct Column {
 };
 
 std::vector<Column> columns_of(const v1::TrainingMetrics& m) {
-  const auto if_there = [](bool there, double value) {
-    return there ? std::optional(value) : std::nullopt;
+  const auto if_known = [](bool known, double value) {
+    return known ? std::optional(value) : std::nullopt;
   };
   const bool validated = m.has_validation();
   return {{"step", m.step()},
           {"epoch", m.epoch()},
           {"regression_loss", m.regression_loss()},
-          {"image_loss", if_there(m.has_image_loss(), m.image_loss())},
-          {"lambda", if_there(m.has_lambda(), m.lambda())},
+          {"image_loss", if_known(m.has_image_loss(), m.image_loss())},
+          {"lambda", if_known(m.has_lambda(), m.lambda())},
           {"learning_rate", m.learning_rate()},
           {"seconds", m.seconds()},
-          {"validation_sigma_t", if_there(validated, m.validation().sigma_t())},
-          {"validation_albedo", if_there(validated, m.validation().albedo())},
-          {"validation_g", if_there(validated, m.validation().g())}};
+          {"validation_sigma_t", if_known(validated, m.validation().sigma_t())},
+          {"validation_albedo", if_known(validated, m.validation().albedo())},
+          {"validation_g", if_known(validated, m.validation().g())}};
 }
 
 std::string names() {

@@ -16,7 +16,7 @@ constexpr size_t kMaxImages = 4096, kMaxSpoilt = 1024, kFewestImages = 32;
 // noise would.
 constexpr double kMuchNoise = 1.5;  // over the median
 
-ImageBatch as_they_are(const ImageBatch& images) {
+ImageBatch unchanged(const ImageBatch& images) {
   return images;
 }
 
@@ -44,7 +44,7 @@ torch::Tensor mean_noise(const ImageBatch& images) {
 
 // Of the images, changed.
 Shown show(Predictor& predictor, const ImageSource& source, std::span<const uint32_t> numbers,
-           const std::stop_token& stop, ImageBatch (*change)(const ImageBatch&) = as_they_are) {
+           const std::stop_token& stop, ImageBatch (*change)(const ImageBatch&) = unchanged) {
   std::vector<torch::Tensor> embeddings, statistics, noises;
   for (size_t first = 0; first < numbers.size(); first += kImagesAtATime) {
     if (stop.stop_requested()) {

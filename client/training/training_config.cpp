@@ -77,7 +77,7 @@ v1::TrainingConfig overridden(v1::TrainingConfig config, const v1::TrainingConfi
   return config;
 }
 
-void clear_what_is_of_another_loss(v1::TrainingConfig& config) {
+void clear_unused_loss_fields(v1::TrainingConfig& config) {
   if (config.loss() != v1::TrainingConfig::ITN) {
     config.clear_lambda();
     config.clear_image_weights();

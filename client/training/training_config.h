@@ -24,7 +24,7 @@ v1::TrainingConfig training_preset(const std::string& name);
 v1::TrainingConfig overridden(v1::TrainingConfig config, const v1::TrainingConfig& given);
 
 // Clears what says nothing with the loss and image term that the configuration has.
-void clear_what_is_of_another_loss(v1::TrainingConfig& config);
+void clear_unused_loss_fields(v1::TrainingConfig& config);
 
 // The preset with the fields that the file, protobuf text format of TrainingConfig, has. Throws
 // Error: kIo; kInvalidInput with line and column.

@@ -75,10 +75,10 @@ class Best {
 class Runner {
  public:
   // `finished`: the run's checkpoint is complete.
-  Runner(Trainer& trainer, const TrainingRun& run, const v1::TrainingState& there, bool finished)
+  Runner(Trainer& trainer, const TrainingRun& run, const v1::TrainingState& existing, bool finished)
       : trainer_(trainer),
         run_(run),
-        best_(run, there),
+        best_(run, existing),
         log_(run.folder, trainer.steps_taken()),
         logged_(trainer.steps_taken()),
         saved_(trainer.steps_taken()),
@@ -222,17 +222,17 @@ v1::TrainingConfig without_zeros(v1::TrainingConfig config) {
 
 }  // namespace
 
-void require_same_config(const v1::TrainingState& there, v1::TrainingConfig wanted,
+void require_same_config(const v1::TrainingState& existing, v1::TrainingConfig wanted,
                          const fs::path& folder) {
-  if (wanted.steps() < there.step()) {
+  if (wanted.steps() < existing.step()) {
     throw invalid_input(fmt::format("the run in {} has taken {} steps; {} are fewer",
-                                    folder.string(), there.step(), wanted.steps()));
+                                    folder.string(), existing.step(), wanted.steps()));
   }
-  wanted.set_steps(there.config().steps());
+  wanted.set_steps(existing.config().steps());
   std::string text;
   google::protobuf::util::MessageDifferencer differencer;
   differencer.ReportDifferencesToString(&text);
-  if (!differencer.Compare(without_zeros(there.config()), without_zeros(wanted))) {
+  if (!differencer.Compare(without_zeros(existing.config()), without_zeros(wanted))) {
     throw invalid_input(fmt::format(
         "the run in {} has another configuration; --resume continues it with its own (more steps "
         "are possible), or choose another folder. Differences:\n{}",
@@ -243,20 +243,20 @@ void require_same_config(const v1::TrainingState& there, v1::TrainingConfig want
 TrainingEnd train(const v1::TrainingConfig& config, const LabelledImages& images,
                   const PackedInputs& inputs, const v1::Model& start,
                   const RerenderingEvaluator& image_term, const TrainingRun& run) {
-  const std::optional<v1::Checkpoint> there = find_checkpoint(run.folder);
-  if (there) {
-    require_same_config(there->training(), config, run.folder);
+  const std::optional<v1::Checkpoint> existing = find_checkpoint(run.folder);
+  if (existing) {
+    require_same_config(existing->training(), config, run.folder);
   }
-  v1::Model from = there ? there->model() : start;
+  v1::Model from = existing ? existing->model() : start;
   if (!run.model_name.empty()) from.set_name(run.model_name);
   if (!run.model_version.empty()) from.set_version(run.model_version);
   Trainer trainer(config, images, inputs, from, image_term);
-  if (there) {
-    trainer.restore(*there);
+  if (existing) {
+    trainer.restore(*existing);
   }
-  Runner runner(
-      trainer, run, there ? there->training() : v1::TrainingState(),
-      there && there->model().has_outlier_model() && there->training().step() == config.steps());
+  Runner runner(trainer, run, existing ? existing->training() : v1::TrainingState(),
+                existing && existing->model().has_outlier_model() &&
+                    existing->training().step() == config.steps());
   try {
     try {
       return runner.until(config.steps());

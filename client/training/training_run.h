@@ -48,7 +48,7 @@ TrainingEnd train(const v1::TrainingConfig& config, const LabelledImages& images
 
 // Throws Error (invalid input) unless a run of the first configuration can go on with the second:
 // says what differs, but for the number of steps, which may only not be below those taken.
-void require_same_config(const v1::TrainingState& there, v1::TrainingConfig wanted,
+void require_same_config(const v1::TrainingState& existing, v1::TrainingConfig wanted,
                          const std::filesystem::path& folder);
 
 }  // namespace itn

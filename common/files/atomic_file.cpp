@@ -125,13 +125,13 @@ class TemporaryFile {
 };
 
 // By the rights that the process has now, as opening would.
-bool may(const fs::path& path, int mode) {
+bool has_access(const fs::path& path, int mode) {
   return ::faccessat(AT_FDCWD, path.c_str(), mode, AT_EACCESS) == 0;
 }
 
 void refuse_unwritable(const fs::path& target, const struct stat& status) {
   if (S_ISDIR(status.st_mode)) throw cannot_write(target, "it is a folder");
-  if (!may(target, W_OK)) throw cannot_write(target, errno);
+  if (!has_access(target, W_OK)) throw cannot_write(target, errno);
 }
 
 bool is_replaced(const std::optional<struct stat>& status) {
@@ -180,13 +180,14 @@ void check_writable(const fs::path& target) {
 
 void check_folder_writable(const fs::path& folder) {
   // The nearest that exists, in which the others would be created.
-  fs::path there = fs::absolute(folder).lexically_normal();
+  fs::path existing = fs::absolute(folder).lexically_normal();
   std::error_code ignored;
-  while (!fs::exists(there, ignored) && there.has_relative_path()) there = there.parent_path();
-  if (!fs::is_directory(there, ignored)) {
-    throw cannot_write(folder, fmt::format("{} is not a folder", there.string()));
+  while (!fs::exists(existing, ignored) && existing.has_relative_path())
+    existing = existing.parent_path();
+  if (!fs::is_directory(existing, ignored)) {
+    throw cannot_write(folder, fmt::format("{} is not a folder", existing.string()));
   }
-  if (!may(there, W_OK | X_OK)) throw cannot_write(folder, errno);
+  if (!has_access(existing, W_OK | X_OK)) throw cannot_write(folder, errno);
 }
 
 std::string name_of_output(const fs::path& target) {

@@ -41,7 +41,7 @@ std::vector<std::string> channels_of(const PhotographFile& photograph, const std
   return radiance_channels(photograph.image, name);
 }
 
-Error does_not_tell() {
+Error undetermined_response() {
   return invalid_input(
       "the photographs do not tell the camera's response: they need parts of every brightness, and "
       "exposure times that are right; --response srgb needs neither");
@@ -95,7 +95,7 @@ ExposureSample sample_exposure(const PhotographFile& photograph, double exposure
 }
 
 Response estimate_response(const std::vector<ExposureSample>& samples) {
-  if (!has_all_tones(samples)) throw does_not_tell();
+  if (!has_all_tones(samples)) throw undetermined_response();
   const int channels = samples.front().channels;
   std::vector<cv::Mat> images;
   std::vector<float> exposures;
@@ -114,7 +114,7 @@ Response estimate_response(const std::vector<ExposureSample>& samples) {
     const auto light = [&](int code) { return curves.ptr<float>(code)[channel]; };
     const bool rises = light(32) > 0 && light(128) > light(32) && light(224) > light(128) &&
                        std::isfinite(light(224));
-    if (!rises) throw does_not_tell();
+    if (!rises) throw undetermined_response();
     const double scale = linear_of_srgb(128 / 255.0) / light(128);
     for (int code = 0; code < 256; ++code) {
       response[static_cast<size_t>(channel)][static_cast<size_t>(code)] =

@@ -165,7 +165,7 @@ bool is_exr(std::string_view bytes) {
 }
 
 // What itn merge wrote of the photographs that it merged.
-void take_what_merging_lost(PhotographFile& file) {
+void restore_unmerged_attributes(PhotographFile& file) {
   if (file.image.has("clipped.Y")) {
     const std::vector<float>& clipped = file.image.channel("clipped.Y");
     file.clipped.assign(clipped.begin(), clipped.end());
@@ -213,7 +213,7 @@ PhotographFile decode_photograph(std::string_view bytes, const std::string& name
   if (is_exr(bytes)) {
     PhotographFile file;
     file.image = decode_exr(bytes, name);
-    take_what_merging_lost(file);
+    restore_unmerged_attributes(file);
     return file;
   }
   const EncodedPixels pixels = pixels_of(bytes, name);

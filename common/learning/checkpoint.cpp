@@ -161,7 +161,7 @@ v1::Checkpoint read_one(const fs::path& path) {
 }
 
 // What can be done about a damaged checkpoint in the folder of a run.
-std::string way_out(const fs::path& folder) {
+std::string recovery_hint(const fs::path& folder) {
   const fs::path previous = folder / kPreviousCheckpointName;
   try {
     const v1::Checkpoint checkpoint = read_one(previous);
@@ -234,7 +234,7 @@ v1::Checkpoint read_checkpoint(const fs::path& path) {
     if (error.kind() != ErrorKind::kDataLoss) {
       throw;
     }
-    throw Error(error.kind(), fmt::format("{}. {}", error.what(), way_out(path)));
+    throw Error(error.kind(), fmt::format("{}. {}", error.what(), recovery_hint(path)));
   }
 }
 

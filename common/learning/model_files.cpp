@@ -22,7 +22,7 @@ bool is_name(const std::string& model) {
   return model.find('/') == std::string::npos && !model.ends_with(kExtension);
 }
 
-std::string models_there() {
+std::string available_models() {
   std::vector<std::string> names;
   for (const ShippedModel& model : shipped_models()) names.push_back(model.name);
   const std::string folder = models_folder().string();
@@ -88,9 +88,9 @@ fs::path find_model(const std::string& model) {
       model.empty()
           ? fmt::format("no model is named, and the one that is taken then, {}, is missing: "
                         "{}; give one that itn train made with --model FILE",
-                        name, models_there())
+                        name, available_models())
           : fmt::format("{} is neither a file or folder nor the name of a model: {}", model,
-                        models_there()));
+                        available_models()));
 }
 
 }  // namespace itn

@@ -305,11 +305,11 @@ std::shared_ptr<const Predictor> ModelStore::find(const std::string& name,
     throw_not_found(fmt::format("this predictor has no version {} of the model {}; it has {}",
                                 printable(version), wanted, fmt::join(versions, ", ")));
   }
-  const std::string there = names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "));
+  const std::string existing = names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "));
   throw_not_found(
       wanted.empty()
-          ? fmt::format("this predictor has no default model: name one; it has {}", there)
-          : fmt::format("this predictor has no model {}; it has {}", printable(wanted), there));
+          ? fmt::format("this predictor has no default model: name one; it has {}", existing)
+          : fmt::format("this predictor has no model {}; it has {}", printable(wanted), existing));
 }
 
 }  // namespace itn

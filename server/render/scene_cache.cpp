@@ -38,10 +38,10 @@ SceneCache::ScenePtr SceneCache::get_or_build(const std::string& digest,
 }
 
 uint64_t SceneCache::excess_of(const tracer::Scene& scene) const {
-  return beyond_budget(scene.memory() + parts_.memory(scene.part_keys()));
+  return over_budget(scene.memory() + parts_.memory(scene.part_keys()));
 }
 
-uint64_t SceneCache::beyond_budget(size_t bytes) const {
+uint64_t SceneCache::over_budget(size_t bytes) const {
   return bytes - std::min(bytes, parts_.budget());
 }
 

@@ -40,11 +40,11 @@ class SceneCache {
 
   // Bytes beyond the budget, of all that is held; and those that this scene, one of the cache,
   // would take beyond it if it were alone.
-  uint64_t excess() const { return beyond_budget(parts_.memory()); }
+  uint64_t excess() const { return over_budget(parts_.memory()); }
   uint64_t excess_of(const tracer::Scene& scene) const;
 
  private:
-  uint64_t beyond_budget(size_t bytes) const;
+  uint64_t over_budget(size_t bytes) const;
   ScenePtr in_use(ScenePtr held);
 
   tracer::PartCache parts_;

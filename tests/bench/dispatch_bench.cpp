@@ -19,6 +19,7 @@
 #include <thread>
 #include <vector>
 
+#include "client/render_pool/dispatcher.h"
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/render_worker.h"
 #include "common/flags.h"
@@ -92,7 +93,7 @@ class SleepingWorker final : public RenderWorker {
     const Clock::time_point end = free_at_;
     wait_.wait_until(lock, stop, end, [] { return false; });
     if (stop.stop_requested()) {
-      return {.outcome = Outcome::kAway, .status = grpc::Status::CANCELLED, .reply = {}};
+      return {.outcome = Outcome::kUnreachable, .status = grpc::Status::CANCELLED, .reply = {}};
     }
     Answer answer{.outcome = Outcome::kAnswered, .status = {}, .reply = {}};
     answer.reply.set_loss(static_cast<double>(job.request.seed()));

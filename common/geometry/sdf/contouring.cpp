@@ -369,15 +369,15 @@ class Contouring {
 
   void set_normals() {
     // Differences along the diagonals of a cube: four points instead of six.
-    constexpr std::array<Vec3f, 4> kAway{Vec3f{1, -1, -1}, Vec3f{-1, -1, 1}, Vec3f{-1, 1, -1},
-                                         Vec3f{1, 1, 1}};
+    constexpr std::array<Vec3f, 4> kUnreachable{Vec3f{1, -1, -1}, Vec3f{-1, -1, 1},
+                                                Vec3f{-1, 1, -1}, Vec3f{1, 1, 1}};
     const float step = 0.01F * cell_;
     evaluate(
         solid_, 4 * crossings_.size(),
-        [&](size_t i) { return crossings_[i / 4].position + kAway[i % 4] * step; },
+        [&](size_t i) { return crossings_[i / 4].position + kUnreachable[i % 4] * step; },
         [&](size_t i, float distance) {
           Vec3f& normal = crossings_[i / 4].normal;
-          normal = normal + kAway[i % 4] * distance;
+          normal = normal + kUnreachable[i % 4] * distance;
         });
     for (Crossing& c : crossings_) {
       const float size = length(c.normal);

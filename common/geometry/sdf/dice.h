@@ -70,7 +70,7 @@ class Dice {
     return {{c, -s, 0}, {s, c, 0}, {0, 0, 1}};
   }
   // That takes the y axis to a unit vector.
-  static Rotation<float> y_to(Vec3f to) {
+  static Rotation<float> rotation_from_y(Vec3f to) {
     const Basis<float> basis(to);
     // Columns t, n, s: right-handed.
     return Rotation<float>{basis.t, basis.n, basis.s}.inverse();

@@ -195,11 +195,12 @@ TEST_F(PredictCommand, AnswersManyImagesHereAndThereTheSame) {
   const std::string address = predictor.read_line();
   const std::string images = shared_->path("data/images");
   const Finished here = run({testing::kItn, "predict", images, "--model", model(), "--json"});
-  const Finished there = run({testing::kItn, "predict", images, "--predictor", address, "--json"});
+  const Finished existing =
+      run({testing::kItn, "predict", images, "--predictor", address, "--json"});
   EXPECT_EQ(here.exit_code, 0) << here.errors;
-  EXPECT_EQ(there.exit_code, 0) << there.errors;
+  EXPECT_EQ(existing.exit_code, 0) << existing.errors;
   EXPECT_EQ(std::ranges::count(here.output, '\n'), 80);
-  EXPECT_EQ(here.output, there.output);
+  EXPECT_EQ(here.output, existing.output);
   EXPECT_LT(here.output.find("000000.exr"), here.output.find("000079.exr"));
   const Finished table =
       run({testing::kItn, "predict", image(1), image(2), "--predictor", address});
@@ -320,11 +321,11 @@ TEST_F(PhotographCommand, AnswersHereAndThereTheSame) {
   Process predictor({testing::kItnPredictor, "--model", model(), "--listen", "127.0.0.1:0",
                      "--threads", "1", "--log-level", "warning"});
   const Arguments known{"--object-size", "40", "--exposure", "2", "--json"};
-  Arguments there{testing::kItn,        "predict", photo_, "--mask", mask_, "--predictor",
-                  predictor.read_line()};
-  there.insert(there.end(), known.begin(), known.end());
+  Arguments existing{testing::kItn,        "predict", photo_, "--mask", mask_, "--predictor",
+                     predictor.read_line()};
+  existing.insert(existing.end(), known.begin(), known.end());
   const Finished here = predict(known);
-  EXPECT_EQ(here.output, run(there).output);
+  EXPECT_EQ(here.output, run(existing).output);
   EXPECT_THAT(here.output, AllOf(HasSubstr(R"("object_size":40)"), HasSubstr(R"("ENCODED")")));
 }
 
@@ -385,10 +386,10 @@ TEST_F(PhotographCommand, ThatThePredictorRefusesLoseNoOthers) {
   const auto outputs = [&](const Arguments& images) {
     Arguments here{testing::kItn, "predict", "--exposure", "1e12", "--format", "csv"};
     here.insert(here.end(), images.begin(), images.end());
-    Arguments there = here;
+    Arguments existing = here;
     here.insert(here.end(), {"--model", model()});
-    there.insert(there.end(), {"--predictor", address});
-    const Finished by_itself = run(here), by_predictor = run(there);
+    existing.insert(existing.end(), {"--predictor", address});
+    const Finished by_itself = run(here), by_predictor = run(existing);
     EXPECT_EQ(by_itself.output, by_predictor.output);
     EXPECT_EQ(by_itself.exit_code, 3);
     EXPECT_EQ(by_predictor.exit_code, 3);

@@ -109,7 +109,7 @@ TEST(ExperimentNetworks, DifferInWhatTheySayAlone) {
   itn.clear_pilot_spp();
   EXPECT_EQ(to_text_proto(itn), to_text_proto(rn));
   // A seed of its own.
-  v1::StudyNetwork seeded = experiment.networks(0);
+  v1::ExperimentNetwork seeded = experiment.networks(0);
   seeded.mutable_settings()->set_seed(9);
   EXPECT_EQ(own_training(experiment, seeded, 0.01).seed(), 9U);
   EXPECT_EQ(shared_training(experiment, seeded, 0.01).seed(), 9U);

@@ -8,7 +8,7 @@
 
 #include "client/training/evaluation.h"
 #include "common/scene/text_proto.h"
-#include "tests/client/experiment/study_fixture.h"
+#include "tests/client/experiment/experiment_fixture.h"
 #include "tests/support/expect_error.h"
 
 namespace itn {
@@ -21,24 +21,25 @@ using ::testing::Lt;
 
 void nobody(size_t, size_t) {}
 
-class StudyImagesTest : public SmallStudy {};
+class ExperimentImagesTest : public SmallExperiment {};
 
-TEST_F(StudyImagesTest, AreSpreadOverTheTest) {
-  const StudyImages study = images("spread");
+TEST_F(ExperimentImagesTest, AreSpreadOverTheTest) {
+  const ExperimentImages study = images("spread");
   EXPECT_EQ(study.chosen(), spread(3, 6));
   EXPECT_EQ(study.shown().size(), 2U);
   EXPECT_EQ(study.resolution(), 16);
 }
 
-TEST_F(StudyImagesTest, ComparesWithTheTruthInBothScenes) {
-  StudyImages study = images("compared");
+TEST_F(ExperimentImagesTest, ComparesWithTheTruthInBothScenes) {
+  ExperimentImages study = images("compared");
   std::vector<std::pair<size_t, size_t>> progress;
   study.render_references(
       *pool_, [&](size_t done, size_t total) { progress.emplace_back(done, total); }, {});
   EXPECT_EQ(progress.front(), std::pair(size_t{0}, size_t{6}));
   EXPECT_EQ(progress.back(), std::pair(size_t{6}, size_t{6}));
-  const v1::StudyImageErrors truth = study.compare("truth", test_.truth, *pool_, nobody, {});
-  const v1::StudyImageErrors wrong = study.compare("wrong", wrong_materials(), *pool_, nobody, {});
+  const v1::ExperimentImageErrors truth = study.compare("truth", test_.truth, *pool_, nobody, {});
+  const v1::ExperimentImageErrors wrong =
+      study.compare("wrong", wrong_materials(), *pool_, nobody, {});
   ASSERT_EQ(truth.same_scene_size(), 3);
   ASSERT_EQ(truth.novel_scene_size(), 3);
   for (int k = 0; k < 3; ++k) {
@@ -50,34 +51,35 @@ TEST_F(StudyImagesTest, ComparesWithTheTruthInBothScenes) {
     EXPECT_LT(truth.novel_scene(k).dissimilarity(), wrong.novel_scene(k).dissimilarity());
   }
   // The novel scene is another one, and the same whatever the image was of.
-  EXPECT_NE(study.reference(StudyScene::kSame, 0), study.reference(StudyScene::kNovel, 0));
+  EXPECT_NE(study.reference(ExperimentScene::kSame, 0),
+            study.reference(ExperimentScene::kNovel, 0));
   // Those that are shown are kept.
-  EXPECT_EQ(study.picture("wrong", StudyScene::kNovel, study.shown()[0]).size(), 256U);
+  EXPECT_EQ(study.picture("wrong", ExperimentScene::kNovel, study.shown()[0]).size(), 256U);
 }
 
 // Candidates differ by their materials alone, never by the luck of their renders.
-TEST_F(StudyImagesTest, RendersAllCandidatesWithTheSameRandomNumbers) {
-  StudyImages study = images("random");
+TEST_F(ExperimentImagesTest, RendersAllCandidatesWithTheSameRandomNumbers) {
+  ExperimentImages study = images("random");
   study.render_references(*pool_, nobody, {});
   EXPECT_EQ(to_text_proto(study.compare("a", test_.truth, *pool_, nobody, {})),
             to_text_proto(study.compare("b", test_.truth, *pool_, nobody, {})));
 }
 
-TEST_F(StudyImagesTest, RendersTheReferencesThatAreMissing) {
-  StudyImages study = images("again");
+TEST_F(ExperimentImagesTest, RendersTheReferencesThatAreMissing) {
+  ExperimentImages study = images("again");
   study.render_references(*pool_, nobody, {});
-  const std::vector<float> before = study.reference(StudyScene::kNovel, 1);
+  const std::vector<float> before = study.reference(ExperimentScene::kNovel, 1);
   const std::string file = fmt::format("reference_novel_{:04}.exr", study.chosen()[1]);
   std::filesystem::remove(files_->path("again") + "/" + file);
-  expect_error(ErrorKind::kIo, {file}, [&] { study.reference(StudyScene::kNovel, 1); });
+  expect_error(ErrorKind::kIo, {file}, [&] { study.reference(ExperimentScene::kNovel, 1); });
   std::vector<size_t> done;
   study.render_references(*pool_, [&](size_t now, size_t) { done.push_back(now); }, {});
   EXPECT_THAT(done, ElementsAre(5, 6));
-  EXPECT_EQ(study.reference(StudyScene::kNovel, 1), before);
+  EXPECT_EQ(study.reference(ExperimentScene::kNovel, 1), before);
 }
 
-TEST_F(StudyImagesTest, StopsWhenItIsTold) {
-  StudyImages study = images("stopped");
+TEST_F(ExperimentImagesTest, StopsWhenItIsTold) {
+  ExperimentImages study = images("stopped");
   std::stop_source stop;
   stop.request_stop();
   expect_error(ErrorKind::kCancelled, {},

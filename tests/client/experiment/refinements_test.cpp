@@ -6,7 +6,7 @@
 #include "client/training/evaluation.h"
 #include "common/files/atomic_file.h"
 #include "common/scene/text_proto.h"
-#include "tests/client/experiment/study_fixture.h"
+#include "tests/client/experiment/experiment_fixture.h"
 #include "tests/support/expect_error.h"
 
 namespace itn {
@@ -15,10 +15,10 @@ namespace {
 namespace fs = std::filesystem;
 using testing::expect_error;
 
-class StudyRefinementsTest : public SmallStudy {
+class ExperimentRefinementsTest : public SmallExperiment {
  protected:
-  static std::vector<v1::StudyRefinement> refine(const std::string& folder,
-                                                 std::span<const Material> starts) {
+  static std::vector<v1::ExperimentRefinement> refine(const std::string& folder,
+                                                      std::span<const Material> starts) {
     return refine_images(experiment_.refinement(), *dataset_, test_, starts, files_->path(folder),
                          "start", *pool_, [](size_t, size_t) {}, {});
   }
@@ -29,9 +29,9 @@ class StudyRefinementsTest : public SmallStudy {
   }
 };
 
-TEST_F(StudyRefinementsTest, TellTheIterationsThatAreAskedFor) {
+TEST_F(ExperimentRefinementsTest, TellTheIterationsThatAreAskedFor) {
   const std::vector<Material> starts = wrong_materials();
-  const std::vector<v1::StudyRefinement> refined = refine("told", starts);
+  const std::vector<v1::ExperimentRefinement> refined = refine("told", starts);
   const std::vector<uint32_t> images = refined_images(experiment_.refinement(), test_.truth.size());
   EXPECT_EQ(images, spread(2, 6));
   ASSERT_EQ(refined.size(), 2U);
@@ -50,18 +50,18 @@ TEST_F(StudyRefinementsTest, TellTheIterationsThatAreAskedFor) {
   }
 }
 
-TEST_F(StudyRefinementsTest, OfImagesThatAreDoneAreNotDoneAgain) {
+TEST_F(ExperimentRefinementsTest, OfImagesThatAreDoneAreNotDoneAgain) {
   const fs::path folder = files_->path("kept");
   fs::create_directories(folder);
-  v1::StudyRefinement done;
+  v1::ExperimentRefinement done;
   done.add_adam()->set_loss(17);
   write_file_atomically(folder / file_of(1), to_text_proto(done));
-  const std::vector<v1::StudyRefinement> refined = refine("kept", test_.truth);
+  const std::vector<v1::ExperimentRefinement> refined = refine("kept", test_.truth);
   EXPECT_EQ(refined[0].adam_size(), 2);
   EXPECT_EQ(to_text_proto(refined[1]), to_text_proto(done));
 }
 
-TEST_F(StudyRefinementsTest, ThatAreNotThereAreAnError) {
+TEST_F(ExperimentRefinementsTest, ThatAreNotThereAreAnError) {
   expect_error(ErrorKind::kIo, {file_of(0)}, [] {
     read_refinements(experiment_.refinement(), test_.truth.size(), files_->path("none"), "start");
   });

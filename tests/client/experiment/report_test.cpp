@@ -8,7 +8,7 @@
 
 #include "common/files/read_file.h"
 #include "common/scene/material_proto.h"
-#include "tests/client/experiment/study_fixture.h"
+#include "tests/client/experiment/experiment_fixture.h"
 #include "tests/support/temporary_folder.h"
 
 namespace itn {
@@ -20,16 +20,16 @@ using ::testing::Not;
 void no_listener(size_t, size_t) {}
 
 // Of two networks: one that is right, one that is wrong. Neither was trained.
-class ReportTest : public SmallStudy {
+class ReportTest : public SmallExperiment {
  protected:
   static void SetUpTestSuite() {
-    SmallStudy::SetUpTestSuite();
+    SmallExperiment::SetUpTestSuite();
     images_.emplace(images("images"));
     images_->render_references(*pool_, no_listener, {});
     render_dataset(colour_plan(test_plan(), std::vector<uint32_t>{0, 1}), files_->path("colours"),
                    *pool_, [](const DatasetProgress&) {});
     colours_.emplace(files_->path("colours"));
-    for (const v1::StudyNetwork& network : experiment_.networks()) {
+    for (const v1::ExperimentNetwork& network : experiment_.networks()) {
       const std::string file = file_name_of(network.name());
       images_->compare(file, materials_of(network.name()), *pool_, no_listener, {});
       render_colours(*colours_, std::vector<Material>(6, Material{80, 0.6, 0.3}), 4,
@@ -39,7 +39,7 @@ class ReportTest : public SmallStudy {
   static void TearDownTestSuite() {
     colours_.reset();
     images_.reset();
-    SmallStudy::TearDownTestSuite();
+    SmallExperiment::TearDownTestSuite();
   }
 
   static DatasetPlan test_plan() {
@@ -57,7 +57,7 @@ class ReportTest : public SmallStudy {
   ReportTest() {
     set_.truth = test_.truth;
     for (const v1::DatasetItem* item : test_.items) set_.shapes.push_back(item->shape());
-    for (const v1::StudyNetwork& network : experiment_.networks()) {
+    for (const v1::ExperimentNetwork& network : experiment_.networks()) {
       Candidate& candidate = candidates_.emplace_back();
       candidate.name = network.name();
       candidate.as_trained = materials_of(network.name());
@@ -101,7 +101,7 @@ class ReportTest : public SmallStudy {
     return std::filesystem::file_size(folder_.path("report/" + name)) > 500;
   }
 
-  static inline std::optional<StudyImages> images_;
+  static inline std::optional<ExperimentImages> images_;
   static inline std::optional<DatasetReader> colours_;
   const testing::TemporaryFolder folder_;
   TestSet set_;
@@ -153,7 +153,7 @@ TEST_F(ReportTest, CountsTheTruthsInTheStatedIntervals) {
   ReportedNetwork& network = add_network("ITN+naive", "");
   EXPECT_THAT(page(), HasSubstr("they answer points"));
   for (size_t i = 0; i < test_.truth.size(); ++i) {
-    v1::StudyPredictions::Estimate& estimate = *network.predictions.add_as_trained();
+    v1::ExperimentPredictions::Estimate& estimate = *network.predictions.add_as_trained();
     *estimate.mutable_material() = to_proto(test_.truth[i]);
     const auto around = [](double value) {
       v1::Interval interval;

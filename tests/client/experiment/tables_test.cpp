@@ -128,8 +128,8 @@ TEST(Table3, HasErrorsByIteration) {
   settings.add_gauss_newton_iterations(1);
   Candidate a = network("A");
   for (const uint32_t i : test.refined) {
-    v1::StudyRefinement& refinement = a.refinements.emplace_back();
-    const auto add = [](v1::StudyRefinement::Iterate& iterate, const Material& m) {
+    v1::ExperimentRefinement& refinement = a.refinements.emplace_back();
+    const auto add = [](v1::ExperimentRefinement::Iterate& iterate, const Material& m) {
       iterate.mutable_material()->set_sigma_t(m.sigma_t);
       iterate.mutable_material()->set_albedo(m.albedo);
       iterate.mutable_material()->set_g(m.g);

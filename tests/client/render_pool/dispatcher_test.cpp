@@ -189,7 +189,7 @@ TEST_F(DispatcherTest, SetsAsideAWorkerWhoseAnswerCannotBeRight) {
   const CapturedLog log;
   Future future = submit();
   Answer faulty = failure(StatusCode::INTERNAL, "the loss is nan");
-  faulty.outcome = Outcome::kFaulty;
+  faulty.outcome = Outcome::kBadReply;
   EXPECT_FALSE(finish(next(0), faulty));  // nobody asks after it any more
   come_up(0);
   Future another = submit(2);
@@ -205,7 +205,7 @@ TEST_F(DispatcherTest, FailsEverythingWhenAllWorkersAreSetAside) {
   workers(1);
   Future future = submit(1), waiting = submit(2);
   Answer faulty = failure(StatusCode::INTERNAL, "the loss is nan");
-  faulty.outcome = Outcome::kFaulty;
+  faulty.outcome = Outcome::kBadReply;
   finish(next(0), faulty);
   expect_error(ErrorKind::kInternal, {"worker a: the loss is nan"}, [&] { future.get(); });
   Future stragglers = submit(3);

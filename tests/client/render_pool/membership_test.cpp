@@ -214,7 +214,7 @@ class HastyWorker final : public RenderWorker {
   Answer render(const RenderJob& job, std::chrono::milliseconds /*deadline*/,
                 const std::stop_token& /*stop*/) override {
     if (fails_ && ++renders_ % 7 == 0) {
-      return {.outcome = Outcome::kAway, .status = grpc::Status::CANCELLED, .reply = {}};
+      return {.outcome = Outcome::kUnreachable, .status = grpc::Status::CANCELLED, .reply = {}};
     }
     Answer answer{.outcome = Outcome::kAnswered, .status = {}, .reply = {}};
     answer.reply.set_loss(static_cast<double>(job.request.seed()));

@@ -16,9 +16,9 @@ TEST(Outcome, OfStatuses) {
   EXPECT_EQ(outcome_of(grpc::Status::OK), Outcome::kAnswered);
   EXPECT_EQ(outcome(StatusCode::UNAVAILABLE), Outcome::kLost);
   EXPECT_EQ(outcome(StatusCode::DEADLINE_EXCEEDED), Outcome::kLost);
-  EXPECT_EQ(outcome(StatusCode::CANCELLED), Outcome::kAway);
-  EXPECT_EQ(outcome(StatusCode::UNIMPLEMENTED), Outcome::kAway);
-  EXPECT_EQ(outcome(StatusCode::UNAUTHENTICATED), Outcome::kAway);
+  EXPECT_EQ(outcome(StatusCode::CANCELLED), Outcome::kUnreachable);
+  EXPECT_EQ(outcome(StatusCode::UNIMPLEMENTED), Outcome::kUnreachable);
+  EXPECT_EQ(outcome(StatusCode::UNAUTHENTICATED), Outcome::kUnreachable);
   EXPECT_EQ(outcome(StatusCode::INVALID_ARGUMENT), Outcome::kInvalid);
   for (const StatusCode code :
        {StatusCode::RESOURCE_EXHAUSTED, StatusCode::INTERNAL, StatusCode::UNKNOWN,
@@ -34,7 +34,7 @@ TEST(Outcome, OfAWorkerThatSaysWhenItHasAPlace) {
 
 TEST(Outcome, OfAWorkerThatStops) {
   const Error stopping(ErrorKind::kUnavailable, "this server is stopping");
-  EXPECT_EQ(outcome_of(to_status(stopping)), Outcome::kAway);
+  EXPECT_EQ(outcome_of(to_status(stopping)), Outcome::kUnreachable);
 }
 
 TEST(Outcome, IsSaidToPeople) {

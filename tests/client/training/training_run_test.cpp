@@ -318,16 +318,16 @@ TEST(TrainingConfigTest, PresetsAreValid) {
 }
 
 TEST(TrainingConfigTest, AZeroThatWasSaidIsAsGoodAsOneThatWasNot) {
-  v1::TrainingState there;
-  *there.mutable_config() = training_preset("paper");
-  v1::TrainingConfig wanted = there.config();
+  v1::TrainingState existing;
+  *existing.mutable_config() = training_preset("paper");
+  v1::TrainingConfig wanted = existing.config();
   wanted.set_weight_decay(0);
   wanted.set_warmup_steps(0);
   wanted.mutable_augmentation()->set_mirror(false);
   wanted.mutable_augmentation()->mutable_camera()->set_blur(0);
-  EXPECT_NO_THROW(require_same_config(there, wanted, "run"));
+  EXPECT_NO_THROW(require_same_config(existing, wanted, "run"));
   wanted.set_weight_decay(0.1);
-  EXPECT_THROW(require_same_config(there, wanted, "run"), Error);
+  EXPECT_THROW(require_same_config(existing, wanted, "run"), Error);
 }
 
 TEST(TrainingConfigTest, AFileSaysWhatDiffersFromThePreset) {

@@ -56,7 +56,7 @@ Solid crystals(Dice& dice) {
     const Vec3f up = normalize(Vec3f{d.x, std::abs(d.y) + dice.between(0, 0.8F), d.z});
     solid = united(std::move(solid),
                    turned(crystal(dice, dice.between(0.12F, 0.26F), dice.between(0.6F, 1.2F)),
-                          Dice::y_to(up)));
+                          Dice::rotation_from_y(up)));
   }
   return solid;
 }

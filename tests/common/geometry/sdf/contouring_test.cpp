@@ -42,7 +42,7 @@ struct VolumeRow {
 
 std::vector<VolumeRow> volumes() {
   const Solid cube = box({0.5F, 0.5F, 0.5F});
-  const Rotation<float> askew = Dice::y_to(normalize(Vec3f{1, 2, 3}));
+  const Rotation<float> askew = Dice::rotation_from_y(normalize(Vec3f{1, 2, 3}));
   const double ball_volume = 4 * kPiD / 3 * 0.512;
   return {
       {"ball", ball(0.8F), ball_volume, 0.003},
@@ -107,7 +107,8 @@ INSTANTIATE_TEST_SUITE_P(Table, ContouredVolume, ::testing::ValuesIn(volumes()),
 
 TEST(Contoured, CornersStaySharp) {
   for (const bool askew : {false, true}) {
-    const Rotation<float> pose = askew ? Dice::y_to(normalize(Vec3f{1, 2, 3})) : Rotation<float>{};
+    const Rotation<float> pose =
+        askew ? Dice::rotation_from_y(normalize(Vec3f{1, 2, 3})) : Rotation<float>{};
     const Mesh mesh = contoured(turned(box({0.8F, 0.6F, 0.5F}), pose), kTriangles);
     const float area = 4 * (0.8F * 0.6F + 0.6F * 0.5F + 0.5F * 0.8F) * 2;
     const float cell = std::sqrt(3 * area / static_cast<float>(mesh.triangles.size()));

@@ -85,7 +85,7 @@ std::vector<SolidRow> solids() {
       {"displaced", displaced(some(), waves(2)), 0.3F},
       {"creased", creased(some(), waves(2)), 0.3F},
       {"moved", moved(some(), {0.1F, 0.2F, 0.3F}), 0.99F},
-      {"turned", turned(some(), Dice::y_to(normalize(Vec3f{1, 2, 3}))), 0.99F},
+      {"turned", turned(some(), Dice::rotation_from_y(normalize(Vec3f{1, 2, 3}))), 0.99F},
       {"scaled", scaled(some(), 0.4F), 0.99F},
       {"stretched", stretched(some(), {0.5F, 1.5F, 1}), 0.99F},
       {"elongated", elongated(some(), {0.2F, 0, 0.3F}), 0.99F},

@@ -32,7 +32,7 @@ networks { name: "ITN+naive" settings { loss: ITN parameterization: NAIVE } }
 )";
 
 // Rendered once for all tests of a suite.
-class SmallStudy : public ::testing::Test {
+class SmallExperiment : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     files_ = std::make_unique<testing::TemporaryFolder>();
@@ -50,8 +50,8 @@ class SmallStudy : public ::testing::Test {
     files_.reset();
   }
 
-  static StudyImages images(const std::string& folder) {
-    return StudyImages(experiment_.rerendering(), *dataset_, test_, files_->path(folder));
+  static ExperimentImages images(const std::string& folder) {
+    return ExperimentImages(experiment_.rerendering(), *dataset_, test_, files_->path(folder));
   }
   // For each image of the test: much darker than it, or much brighter.
   static std::vector<Material> wrong_materials() {
