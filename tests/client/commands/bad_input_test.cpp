@@ -107,7 +107,7 @@ const BadInput kBadInputs[] = {
     {"NotANumber", flag("--spp", "many"), 2, {"--spp"}},
     {"NegativeSpp", flag("--spp", "-1"), 2, {"--spp"}},
     {"UnknownDerivative", flag("--derivatives", "sigma_t,ior"), 2, {"ior", "sigma_s_reduced"}},
-    {"BadFilm", flag("--film", "128"), 2, {"--film: 128", "128x128"}},
+    {"BadFilm", flag("--film", "128y96"), 2, {"--resolution: 128y96", "128x96"}},
     {"Albedo", flag("--albedo", "1.2"), 2, {"itn: --albedo: 1.2 is not a number in [0, 1]"}},
     {"AlbedoNan", flag("--albedo", "nan"), 2, {"itn: --albedo: nan is not a number in [0, 1]"}},
     {"G", flag("--g", "1"), 2, {"itn: --g: 1 is not a number in [-0.99, 0.99]"}},

@@ -126,7 +126,7 @@ INSTANTIATE_TEST_SUITE_P(
         {"none", {"--random", "0", "-o", "@x"}, 2, "--random"},
         {"too_many", {"--random", "10000001", "-o", "@x"}, 2, "--random"},
         {"not_a_number", {"--random", "many", "-o", "@x"}, 2, "--random"},
-        {"negative_seed", {"--random", "1", "--seed", "-1", "-o", "@x"}, 2, "--seed"},
+        {"negative_seed", {"--random", "1", "--seed", "-1", "-o", "@x"}, 2, "--shape-seed"},
         {"seed_of_nothing",
          {"--seed", "1", "-o", "@x"},
          2,
