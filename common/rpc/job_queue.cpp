@@ -257,8 +257,12 @@ JobQueue::Waiting JobQueue::take_next() {
   waiting_.erase(next);
   ++started_;
   const auto note_start = [this](auto& starts, const std::string& name) {
-    if (starts.size() >= kMaxClients) starts.clear();
     starts[name] = started_;
+    // Whoever was served longest ago is new again.
+    if (starts.size() > kMaxClients) {
+      starts.erase(
+          std::ranges::min_element(starts, {}, [](const auto& start) { return start.second; }));
+    }
   };
   note_start(last_start_, taken.client.who);
   note_start(last_start_of_connection_, taken.client.connection);

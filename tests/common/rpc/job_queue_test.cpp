@@ -251,6 +251,24 @@ TEST(JobQueue, TakesTurnsOfClientsAndThenOfTheirConnections) {
   EXPECT_EQ(ledger.ran(), "x1 y x2 y x3 x1 x2 x1 ");
 }
 
+// Of more than a thousand, the one who was served longest ago counts as new; the others keep their
+// turns.
+TEST(JobQueue, RemembersTheLatestThousandClients) {
+  JobQueue queue(1, 5);
+  const auto serve = [&](const std::string& name) {
+    submit(queue, {{}, [] {}, [] {}}, client(name));
+    ASSERT_TRUE(testing::eventually([&] { return queue.running() + queue.waiting() == 0; }));
+  };
+  for (int i = 0; i < 1500; ++i) serve(std::to_string(i));
+  Ledger ledger(queue);
+  Blocker blocker(queue);
+  ledger.add(client("new"), "new");
+  ledger.add(client("1000"), "known");
+  blocker.release();
+  drain(queue);
+  EXPECT_EQ(ledger.ran(), "known new ");
+}
+
 // Each of whom comes when the one before is served.
 TEST(JobQueue, NewcomersDoNotKeepOthersWaiting) {
   JobQueue queue(1, 5);
