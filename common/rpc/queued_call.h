@@ -23,6 +23,7 @@
 #include "common/rpc/job_queue.h"
 #include "common/rpc/log_limit.h"
 #include "common/rpc/memory_budget.h"
+#include "common/rpc/metrics.h"
 
 namespace itn {
 

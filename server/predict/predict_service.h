@@ -9,6 +9,7 @@
 #include <string>
 
 #include "common/learning/predictor.h"
+#include "common/rpc/metrics.h"
 #include "common/rpc/queued_call.h"
 #include "itn/v1/predict.grpc.pb.h"
 #include "server/predict/model_store.h"

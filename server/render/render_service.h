@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <string>
 
+#include "common/rpc/metrics.h"
 #include "common/rpc/queued_call.h"
 #include "itn/v1/render.grpc.pb.h"
 #include "server/render/request_check.h"
