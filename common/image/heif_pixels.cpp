@@ -7,17 +7,11 @@
 
 #include "common/error.h"
 #include "common/image/encoded_pixels.h"
+#include "common/releaser.h"
 
 namespace itn {
 namespace {
 
-template <auto release>
-struct Releaser {
-  template <typename T>
-  void operator()(T* object) const {
-    release(object);
-  }
-};
 using Context = std::unique_ptr<heif_context, Releaser<heif_context_free>>;
 using Handle = std::unique_ptr<heif_image_handle, Releaser<heif_image_handle_release>>;
 using Decoded = std::unique_ptr<heif_image, Releaser<heif_image_release>>;

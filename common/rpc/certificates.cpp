@@ -16,20 +16,14 @@
 
 #include "common/error.h"
 #include "common/files/read_file.h"
+#include "common/releaser.h"
 
 namespace itn {
 namespace {
 
-template <auto Free>
-struct Freeing {
-  template <typename T>
-  void operator()(T* object) const {
-    Free(object);
-  }
-};
-using Bio = std::unique_ptr<BIO, Freeing<BIO_free>>;
-using Certificate = std::unique_ptr<X509, Freeing<X509_free>>;
-using Key = std::unique_ptr<EVP_PKEY, Freeing<EVP_PKEY_free>>;
+using Bio = std::unique_ptr<BIO, Releaser<BIO_free>>;
+using Certificate = std::unique_ptr<X509, Releaser<X509_free>>;
+using Key = std::unique_ptr<EVP_PKEY, Releaser<EVP_PKEY_free>>;
 
 constexpr uint64_t kMaxBytes = 1 << 20;  // the authorities that a browser trusts take a quarter
 

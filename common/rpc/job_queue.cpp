@@ -205,28 +205,26 @@ size_t JobQueue::clients_ahead(const QueueClient& client,
 
 // Among all, or its connection among those of the same client.
 bool JobQueue::has_its_share(const QueueClient& client) const {
-  const size_t share = std::max(kMargin, free_slots());
-  // Who asks for one thing after the other comes again soon.
-  const auto served_lately = [&](const auto& starts, const std::string& but) {
-    return std::ranges::any_of(starts, [&](const auto& start) {
-      return start.first != but && start.second + 2 * thread_count_ > started_;
-    });
-  };
   const auto held = held_.find(client.who);
   if (held == held_.end()) return false;
-  const auto is_another = [&](const Reservation& note) { return note.client.who != client.who; };
-  if (held->second.all >= share && (held_.size() > 1 || served_lately(last_start_, client.who) ||
-                                    std::ranges::any_of(reservations_, is_another))) {
-    return true;
-  }
+  // `name` holds so many places beside others, who are there, were served lately or are to come
+  // again: who asks for one thing after the other comes again soon.
+  const auto is_full = [this](size_t places, size_t holders, const auto& starts,
+                              const std::string& name, const auto& is_another) {
+    return places >= std::max(kMargin, free_slots()) &&
+           (holders > 1 || std::ranges::any_of(reservations_, is_another) ||
+            std::ranges::any_of(starts, [&](const auto& start) {
+              return start.first != name && start.second + 2 * thread_count_ > started_;
+            }));
+  };
   const auto& connections = held->second.connections;
   const auto own = connections.find(client.connection);
-  const auto is_another_of_theirs = [&](const Reservation& note) {
-    return note.client.who == client.who && note.client.connection != client.connection;
-  };
-  return own != connections.end() && own->second >= share &&
-         (connections.size() > 1 || served_lately(last_start_of_connection_, client.connection) ||
-          std::ranges::any_of(reservations_, is_another_of_theirs));
+  return is_full(held->second.all, held_.size(), last_start_, client.who,
+                 [&](const Reservation& r) { return r.client.who != client.who; }) ||
+         is_full(own == connections.end() ? 0 : own->second, connections.size(),
+                 last_start_of_connection_, client.connection, [&](const Reservation& r) {
+                   return r.client.who == client.who && r.client.connection != client.connection;
+                 });
 }
 
 double JobQueue::seconds_of_ends(double ends) const {
