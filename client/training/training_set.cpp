@@ -55,17 +55,12 @@ LabelledImages images_of(DatasetReader& dataset, v1::Split split) {
 
 v1::Model fit_model(const LabelledImages& images, double mean_radiance,
                     const v1::MaterialRange& range, const v1::TrainingConfig& config) {
-  return fit_model(images.truth, images.resolution, mean_radiance, range, config);
-}
-
-v1::Model fit_model(std::span<const Material> truth, int resolution, double mean_radiance,
-                    const v1::MaterialRange& range, const v1::TrainingConfig& config) {
   if (!(mean_radiance > 0)) {
     throw invalid_input("the objects are black in all images of the training split");
   }
   v1::Model model;
   model.set_resolution(config.resolution() != 0 ? config.resolution()
-                                                : static_cast<uint32_t>(resolution));
+                                                : static_cast<uint32_t>(images.resolution));
   *model.mutable_architecture() = config.architecture();
   model.set_output(config.output());
   model.set_input(config.input());
@@ -73,7 +68,7 @@ v1::Model fit_model(std::span<const Material> truth, int resolution, double mean
   model.set_parameterization(config.parameterization());
   model.set_image_scale(1 / mean_radiance);
   *model.mutable_bounds() = prediction_bounds(range);
-  fit_coordinates(truth, model);
+  fit_coordinates(images.truth, model);
   return model;
 }
 

@@ -34,8 +34,5 @@ LabelledImages images_of(DatasetReader& dataset, v1::Split split);
 // input) if all images are black or all materials are the same in some coordinate.
 v1::Model fit_model(const LabelledImages& images, double mean_radiance,
                     const v1::MaterialRange& range, const v1::TrainingConfig& config);
-// Likewise, of images of this resolution with this truth.
-v1::Model fit_model(std::span<const Material> truth, int resolution, double mean_radiance,
-                    const v1::MaterialRange& range, const v1::TrainingConfig& config);
 
 }  // namespace itn
