@@ -10,7 +10,7 @@ packages=(
   # Services
   libgrpc++-dev protobuf-compiler protobuf-compiler-grpc libprotobuf-dev libssl-dev
   # Rendering
-  libembree-dev libhwy-dev libassimp-dev libeigen3-dev
+  libembree-dev libhwy-dev libeigen3-dev
   # Random shapes
   libmeshoptimizer-dev
   # Learning; without an optimised BLAS, LibTorch is some thirty times slower

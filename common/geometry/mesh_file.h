@@ -1,4 +1,4 @@
-// Mesh files, apart from mesh.h so that a program that reads none does not load Assimp.
+// Mesh files.
 #pragma once
 
 #include <filesystem>
@@ -8,11 +8,10 @@
 
 namespace itn {
 
-// Reads PLY, OBJ or STL, welded; opens no other file, whatever the mesh names. Throws Error: kIo
-// (missing, unreadable, not a regular file), kInvalidInput (no triangles, non-finite vertices, an
-// index out of range, a face of more than 1024 corners, a PLY file with a word where a number
-// should be), kDataLoss (a PLY or binary STL file that was cut short, or promises more than it
-// holds).
+// Reads PLY, OBJ or STL, welded; opens no other file, whatever the mesh names. Faces may be concave
+// polygons of at most 1024 corners. Throws Error: kIo (missing, unreadable, not a regular file),
+// kInvalidInput (no triangles, non-finite vertices, an index out of range, a word where a number
+// should be), kDataLoss (a file that was cut short, or promises more than it holds).
 Mesh load_mesh(const std::filesystem::path& path);
 
 // The bytes of a binary PLY file, from which load_mesh reads the same mesh, bit for bit, if it is
