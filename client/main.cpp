@@ -1,14 +1,24 @@
-// itn: the command line. Loads no LibTorch: what needs a network is handed over to itn-learn.
+// itn: the command line. LibTorch takes half a second and 150 MB to load, so the commands that need
+// a network are in a program of their own, itn-learn: itn becomes it when one of them is called.
+#include <fmt/format.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <cerrno>
 #include <cstdio>
+#include <filesystem>
 #include <span>
+#include <sstream>
 #include <string>
+#include <system_error>
+#include <vector>
 
 #include "client/command_line.h"
 #include "client/commands/command.h"
-#include "client/learning_program.h"
 #include "client/output.h"
 #include "common/error.h"
+#include "common/files/read_file.h"
+#include "common/passive_waiting.h"
 
 namespace itn {
 namespace {
@@ -35,6 +45,30 @@ bool is_learning_command(std::span<char*> arguments) {
          std::ranges::any_of(kLearningCommands, [&](const LearningCommand& c) {
            return std::string(*name) == c.name;
          });
+}
+
+// Runs itn-learn, which lies in the folder of this program, with the arguments of this process in
+// its place. Throws Error (kIo) if it cannot be run.
+[[noreturn]] void become_learning_program() {
+  const std::filesystem::path program =
+      std::filesystem::read_symlink("/proc/self/exe").parent_path() / "itn-learn";
+  std::vector<std::string> arguments;
+  std::istringstream command_line(read_file("/proc/self/cmdline", "command line"));
+  for (std::string argument; std::getline(command_line, argument, '\0');) {
+    arguments.push_back(argument);
+  }
+  std::vector<char*> argv;
+  for (std::string& argument : arguments) argv.push_back(argument.data());
+  argv.push_back(nullptr);
+  wait_passively();
+  ::execv(program.c_str(), argv.data());
+  const int error_number = errno;
+  throw Error(
+      ErrorKind::kIo,
+      fmt::format("networks are the part of the program itn-learn, which belongs beside itn; "
+                  "cannot run {}: {}",
+                  program.string(),
+                  std::error_code(error_number, std::generic_category()).message()));
 }
 
 void add_commands(CLI::App& app) {

@@ -58,6 +58,21 @@ Rgb diverging(float difference) {
                         : Rgb{to_byte(fade), to_byte(fade), 255};
 }
 
+PanelRow compared(std::span<const float> image, std::span<const float> render, int width,
+                  int height, float white) {
+  const auto side = static_cast<size_t>(std::max(width, height));
+  const Panel empty{.side = static_cast<int>(side),
+                    .pixels = std::vector<Rgb>(side * side, Rgb{255, 255, 255})};
+  PanelRow panels(3, empty);
+  for (size_t p = 0; p < image.size(); ++p) {
+    const size_t at = p / width * side + p % width;
+    panels[0].pixels[at] = gray(image[p] / white);
+    panels[1].pixels[at] = gray(render[p] / white);
+    panels[2].pixels[at] = diverging((render[p] - image[p]) / white);
+  }
+  return panels;
+}
+
 int enlargement(int side) {
   return (kMinSide + side - 1) / side;
 }

@@ -28,6 +28,11 @@ using PanelRow = std::vector<Panel>;  // not empty, all of one side
 // The whole number by which write_panels() enlarges a panel of this side, to 256 pixels or more.
 int enlargement(int side);
 
+// Image, render and their signed difference (render - image), over the level that is shown as
+// white; squares, white around an image that is none.
+PanelRow compared(std::span<const float> image, std::span<const float> render, int width,
+                  int height, float white);
+
 // Rows below one another, 8 white pixels between panels.
 void write_panels(const std::filesystem::path& path, std::span<const PanelRow> rows);
 

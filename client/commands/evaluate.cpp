@@ -13,10 +13,11 @@
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
-#include "client/picture.h"
+#include "client/panels.h"
 #include "client/training/evaluation.h"
 #include "client/training/similarity_predictor.h"
 #include "common/error.h"
+#include "common/image/preview.h"
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
 #include "common/learning/model_files.h"
@@ -117,13 +118,15 @@ void add_image_errors(const EvaluateOptions& options, const LabelledImages& imag
 // Of the first checkpoint.
 void write_picture(const EvaluateOptions& options, const LabelledImages& images,
                    const Contender& candidate, DatasetReader& dataset, RenderPool& pool) {
-  std::vector<Comparison> rows;
+  std::vector<PanelRow> rows;
   for (const size_t i : spread(options.picture_items, images.items.size())) {
+    const std::vector<float> input = images.read(i).radiance;
+    const std::vector<float> rendered = rerender(
+        dataset, pool, *images.items[i], candidate.predictions[i], options.spp, interruption());
     rows.push_back(
-        {images.read(i).radiance, rerender(dataset, pool, *images.items[i],
-                                           candidate.predictions[i], options.spp, interruption())});
+        compared(input, rendered, images.resolution, images.resolution, white_level(input)));
   }
-  write_comparison(options.picture, images.resolution, rows);
+  write_panels(options.picture, rows);
 }
 
 std::string format_parameters(const v1::Evaluation::Triple& t, int decimals) {

@@ -141,9 +141,8 @@ Material parsed_material(const std::string& text) {
 }
 
 double longest_side(const v1::Scene& scene) {
-  const Bounds box =
-      bounds(MeshBuilder(UINT64_MAX).build("scene.object.mesh", scene.object().mesh()));
-  return std::max({box.max.x - box.min.x, box.max.y - box.min.y, box.max.z - box.min.z});
+  return longest_side(
+      bounds(MeshBuilder(UINT64_MAX).build("scene.object.mesh", scene.object().mesh())));
 }
 
 // What a network sees in the images; of colours what is nearest to the films'.

@@ -1,8 +1,10 @@
 #include "client/dataset/dataset_render.h"
 
 #include <algorithm>
+#include <deque>
 #include <fstream>
 #include <functional>
+#include <future>
 #include <iterator>
 #include <map>
 #include <optional>
@@ -14,7 +16,6 @@
 #include <google/protobuf/util/message_differencer.h>
 #include <spdlog/spdlog.h>
 
-#include "client/dataset/item_renderer.h"
 #include "client/dataset/noise.h"
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/reply_images.h"
@@ -251,18 +252,80 @@ auto with_progress_in_error(const DatasetProgress& progress, const Action& actio
   }
 }
 
-// The groups as work for an ItemRenderer, numbered by their order.
-ItemRenderer::Source source_of(DatasetReader& dataset, const std::vector<const Group*>& groups) {
-  return [&dataset, &groups, next = size_t{0}]() mutable -> std::optional<ItemRenderer::Work> {
-    if (next == groups.size()) return std::nullopt;
-    const Group& group = *groups[next];
-    ItemRenderer::Work work{next++, *group.front(), dataset.scene(*group.front()), {}};
-    for (size_t i = 1; i < group.size(); ++i) {
-      work.albedos.push_back(group[i]->material().albedo());
-    }
-    return work;
+// Renders one group after the other, after its pilot if there is a noise target, with enough of
+// both under way that no worker is ever idle. What it renders does not depend on when.
+class GroupRenderer {
+ public:
+  struct Rendered {
+    const Group* group;
+    uint32_t spp = 0;
+    v1::RenderGradReply reply;
   };
-}
+  // Waits for a render, and throws what became of it.
+  using Wait = std::function<v1::RenderGradReply(std::future<v1::RenderGradReply>&)>;
+
+  // All must outlive it.
+  GroupRenderer(DatasetReader& dataset, const std::vector<const Group*>& groups, RenderPool& pool)
+      : dataset_(dataset), config_(dataset.manifest().config()), groups_(groups), pool_(pool) {}
+
+  // In the order of the groups; nothing after the last.
+  std::optional<Rendered> next(const Wait& wait) {
+    while (renders_.size() < ahead() && submit_next(wait)) {
+    }
+    if (renders_.empty()) return std::nullopt;
+    Pending front = std::move(renders_.front());
+    renders_.pop_front();
+    return Rendered{front.group, front.spp, wait(front.reply)};
+  }
+
+ private:
+  struct Pending {
+    const Group* group;
+    std::shared_ptr<const SerializedScene> scene;  // of a pilot
+    uint32_t spp = 0;
+    std::future<v1::RenderGradReply> reply;
+  };
+
+  // Workers may join and leave.
+  size_t ahead() const { return 2 * static_cast<size_t>(pool_.parallelism()) + 1; }
+
+  bool submit_next(const Wait& wait) {
+    if (!config_.has_noise()) {
+      if (next_ == groups_.size()) return false;
+      const Group& group = *groups_[next_++];
+      submit(group, dataset_.scene(*group.front()), config_.spp());
+      return true;
+    }
+    for (; pilots_.size() < ahead() && next_ < groups_.size(); ++next_) {
+      const Group& group = *groups_[next_];
+      std::shared_ptr<const SerializedScene> scene = dataset_.scene(*group.front());
+      RenderJob pilot = pilot_job(scene, *group.front(), config_.noise());
+      pilots_.push_back({&group, std::move(scene), 0, pool_.submit(std::move(pilot))});
+    }
+    if (pilots_.empty()) return false;
+    Pending pilot = std::move(pilots_.front());
+    pilots_.pop_front();
+    const double noise = relative_noise(wait(pilot.reply));
+    submit(*pilot.group, std::move(pilot.scene), spp_for(config_.noise(), noise));
+    return true;
+  }
+
+  void submit(const Group& group, std::shared_ptr<const SerializedScene> scene, uint32_t spp) {
+    RenderJob job = render_job(std::move(scene), *group.front(), spp);
+    for (size_t i = 1; i < group.size(); ++i) {
+      job.request.add_albedos(group[i]->material().albedo());
+    }
+    if (config_.derivatives()) ask_for_derivatives(job);
+    renders_.push_back({&group, nullptr, spp, pool_.submit(std::move(job))});
+  }
+
+  DatasetReader& dataset_;
+  const v1::DatasetConfig& config_;
+  const std::vector<const Group*>& groups_;
+  RenderPool& pool_;
+  size_t next_ = 0;  // of the groups
+  std::deque<Pending> pilots_, renders_;
+};
 
 }  // namespace
 
@@ -344,7 +407,7 @@ DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderP
   progress.done = progress.kept;
   report(progress);
   // Render the rest.
-  ItemRenderer renderer(dataset.manifest().config(), pool, source_of(dataset, waiting));
+  GroupRenderer renderer(dataset, waiting, pool);
   const auto wait = [&](std::future<v1::RenderGradReply>& reply) {
     v1::RenderGradReply done =
         with_progress_in_error(progress, [&] { return wait_for_render(reply, stop); });
@@ -353,7 +416,7 @@ DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderP
     return done;
   };
   while (const auto rendered = renderer.next(wait)) {
-    const Group& group = *waiting[rendered->number];
+    const Group& group = *rendered->group;
     for (size_t member = 0; member < group.size(); ++member) {
       if (missing.contains(group[member])) {
         const Image image = image_of(dataset, group, member, rendered->spp, rendered->reply);

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <openssl/evp.h>
 
 #include <algorithm>
 #include <array>
@@ -10,16 +11,52 @@
 #include <string_view>
 #include <utility>
 
-#include "client/page/page.h"
-#include "client/page/page_frame.h"
+#include "client/output.h"
+#include "client/panels.h"
 #include "client/predict/answer_warnings.h"
 #include "client/predict/exported.h"
+#include "client/predict/page_frame.h"
 
 namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
 using Channel = v1::Prediction::Channel;
+
+// --- HTML ---
+
+// As the text of an element or a quoted attribute, without control characters.
+std::string escaped(std::string_view text) {
+  std::string result;
+  for (const char c : for_terminal(text)) {
+    switch (c) {
+      case '&': result += "&amp;"; break;
+      case '<': result += "&lt;"; break;
+      case '>': result += "&gt;"; break;
+      case '"': result += "&quot;"; break;
+      case '\'': result += "&#39;"; break;
+      default: result += c;
+    }
+  }
+  return result;
+}
+
+std::string base64(std::string_view bytes) {
+  std::string result(4 * ((bytes.size() + 2) / 3) + 1, '\0');
+  const int size = EVP_EncodeBlock(reinterpret_cast<unsigned char*>(result.data()),
+                                   reinterpret_cast<const unsigned char*>(bytes.data()),
+                                   static_cast<int>(bytes.size()));
+  result.resize(static_cast<size_t>(size));
+  return result;
+}
+
+// `kind`: its class in the style; `caption` is HTML.
+std::string figure(const Panel& panel, std::string_view kind, std::string_view caption) {
+  return fmt::format(
+      "<figure class=\"{}\"><img src=\"data:image/png;base64,{}\" width=\"{}\" height=\"{}\" "
+      "alt=\"{}\"><figcaption>{}</figcaption></figure>\n",
+      kind, base64(encode_png(panel)), panel.side, panel.side, caption, caption);
+}
 
 // --- Text ---
 
@@ -328,7 +365,9 @@ std::string report_page(const Report& report) {
   const std::string body = head_of(report) + trust_of(report.prediction) + photographs_of(report) +
                            numbers_of(report) + swatches_of(report) + exports_of(report) +
                            model_of(report.prediction);
-  return page(title_of(report), body, kReportScript);
+  return fmt::format(kReportPage, fmt::arg("title", escaped(title_of(report))),
+                     fmt::arg("style", kReportStyle), fmt::arg("body", body),
+                     fmt::arg("script", kReportScript));
 }
 
 }  // namespace itn

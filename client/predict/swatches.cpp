@@ -64,9 +64,7 @@ double longest_side(const v1::Scene& scene) {
   tracer::SceneDescription description;
   MeshBuilder(RenderLimits().max_triangles)
       .build_object("scene.object.mesh", scene.object().mesh(), nullptr, description);
-  const Bounds box = bounds(description.object);
-  const Vec3f extent = box.max - box.min;
-  return std::max({extent.x, extent.y, extent.z});
+  return longest_side(bounds(description.object));
 }
 
 // --- Swatches ---

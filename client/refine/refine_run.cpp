@@ -102,20 +102,7 @@ const v1::RefineIteration& step(Refinement& refinement, const Synthesize& synthe
   }
 }
 
-// A square, as panels are; white around an image that is none.
-Panel panel_of(uint32_t width, uint32_t height, const std::function<Rgb(size_t)>& colour) {
-  const uint32_t side = std::max(width, height);
-  Panel panel{.side = static_cast<int>(side),
-              .pixels = std::vector<Rgb>(size_t{side} * side, Rgb{255, 255, 255})};
-  for (uint32_t y = 0; y < height; ++y) {
-    for (uint32_t x = 0; x < width; ++x) {
-      panel.pixels[size_t{y} * side + x] = colour(size_t{y} * width + x);
-    }
-  }
-  return panel;
-}
-
-PanelRow compared(const Observation& observation, const Synthesis& fit, double exposure) {
+PanelRow panels_of(const Observation& observation, const Synthesis& fit, double exposure) {
   std::vector<float> image, rendered;
   std::vector<float> on_object;
   for (size_t p = 0; p < observation.radiance.size(); ++p) {
@@ -129,13 +116,8 @@ PanelRow compared(const Observation& observation, const Synthesis& fit, double e
     rendered.push_back(counts ? static_cast<float>(exposure * mean) : 0);
     if (counts) on_object.push_back(observation.radiance[p]);
   }
-  const float white = white_level(on_object);
-  const auto panel = [&](const std::function<Rgb(size_t)>& colour) {
-    return panel_of(observation.scene->width, observation.scene->height, colour);
-  };
-  return {panel([&](size_t p) { return gray(image[p] / white); }),
-          panel([&](size_t p) { return gray(rendered[p] / white); }),
-          panel([&](size_t p) { return diverging((rendered[p] - image[p]) / white); })};
+  return compared(image, rendered, static_cast<int>(observation.scene->width),
+                  static_cast<int>(observation.scene->height), white_level(on_object));
 }
 
 const char* in_words(v1::RefineResult::End end) {
@@ -175,7 +157,7 @@ void write_outcome(const fs::path& folder, const v1::RefineResult& result,
   write_file_atomically(folder / "result.json", to_json(result) + "\n");
   std::vector<PanelRow> rows;
   for (size_t i = 0; i < observations.size(); ++i) {
-    rows.push_back(compared(observations[i], fits[i], exposure));
+    rows.push_back(panels_of(observations[i], fits[i], exposure));
   }
   write_panels(folder / "picture.png", rows);
 }

@@ -32,7 +32,7 @@ Refinement refine(const v1::RefineSettings& settings, std::span<const Observatio
                   const Synthesize& synthesize, const RefineRun& run);
 
 // Writes result.json (v1::RefineResult), and picture.png: a row for each image of target, fit and
-// difference on the object, as by write_comparison() of client/picture.h. `fits`: renders of the
+// difference on the object, as by compared() of client/panels.h. `fits`: renders of the
 // answer, times its exposure. Throws Error (kIo).
 void write_outcome(const std::filesystem::path& folder, const v1::RefineResult& result,
                    std::span<const Observation> observations, std::span<const Synthesis> fits,

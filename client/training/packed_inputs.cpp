@@ -1,28 +1,84 @@
 #include "client/training/packed_inputs.h"
 
+#include <fmt/format.h>
+
 #include <vector>
 
 #include "client/training/in_parallel.h"
+#include "client/training/noise_map.h"
+#include "common/error.h"
 
 namespace itn {
+namespace {
+
+// Of each image.
+int plane_count(const PackedFormat& format) {
+  return needs_weight_map(format.input) ? 4 : 3;
+}
+
+size_t image_bytes(const PackedFormat& format) {
+  const auto side = static_cast<size_t>(format.resolution);
+  return static_cast<size_t>(plane_count(format)) * side * side * sizeof(float);
+}
+
+// Over the object of an image, weighted by the mask.
+struct ObjectSums {
+  double radiance = 0, area = 0;  // the area in pixels
+};
+
+void add(ObjectSums& sums, const DatasetImage& image) {
+  for (size_t p = 0; p < image.mask.size(); ++p) {
+    sums.radiance += static_cast<double>(image.mask[p]) * image.radiance[p];
+    sums.area += image.mask[p];
+  }
+}
+
+}  // namespace
 
 PackedInputs::PackedInputs(const LabelledImages& images, const PackedFormat& format,
                            const std::filesystem::path& folder, std::stop_token stop,
                            bool derivatives)
-    : packed_(format, images.items.size(), folder) {
+    : format_(format), records_(images.items.size(), image_bytes(format), folder) {
   pack(images, stop);
   if (derivatives) derivatives_.emplace(images, format.resolution, folder, stop);
 }
 
 void PackedInputs::pack(const LabelledImages& images, const std::stop_token& stop) {
-  std::vector<ObjectSums> sums(images.items.size());
+  if (format_.resolution > images.resolution) {
+    throw invalid_input(fmt::format(
+        "the network is for {0} x {0} pixels; the images have {1} x {1}, which are fewer",
+        format_.resolution, images.resolution));
+  }
+  std::vector<ObjectSums> sums(size());
   in_parallel(sums.size(), stop, [&](size_t i) {
     const DatasetImage image = images.read(i);
-    sums[i] = object_sums(image);
-    packed_.put(i, images.resolution, image);
+    add(sums[i], image);
+    ImageBatch packed =
+        resampled(images.resolution, image.radiance, image.mask, format_.resolution, format_.input);
+    packed.noise = noise_map(image, images.resolution, format_.resolution);
+    records_.put(i, torch::cat(planes_of(packed)).data_ptr());
   });
   // In the order of the images, so that the last bits are always the same.
-  mean_radiance_ = itn::mean_radiance(sums);
+  ObjectSums all;
+  for (const ObjectSums& image : sums) {
+    all.radiance += image.radiance;
+    all.area += image.area;
+  }
+  if (all.area > 0) mean_radiance_ = all.radiance / all.area;
+}
+
+ImageBatch PackedInputs::batch(std::span<const uint32_t> items) const {
+  const torch::Tensor planes =
+      torch::empty({static_cast<int64_t>(items.size()), plane_count(format_), format_.resolution,
+                    format_.resolution});
+  for (size_t i = 0; i < items.size(); ++i) {
+    records_.get(items[i], planes[static_cast<int64_t>(i)].data_ptr());
+  }
+  const bool weight = needs_weight_map(format_.input);
+  return {.luminance = planes.select(1, 0),
+          .mask = planes.select(1, 1),
+          .weight = weight ? planes.select(1, 2) : torch::Tensor(),
+          .noise = planes.select(1, weight ? 3 : 2)};
 }
 
 }  // namespace itn

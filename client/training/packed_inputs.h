@@ -1,4 +1,4 @@
-// What a network takes of every image of a split.
+// What a network takes of every image of a split, at hand without being in memory.
 #pragma once
 
 #include <cstdint>
@@ -8,13 +8,20 @@
 #include <stop_token>
 
 #include "client/training/packed_derivatives.h"
-#include "client/training/packed_images.h"
+#include "client/training/scratch_records.h"
 #include "client/training/training_set.h"
 #include "common/learning/network_input.h"
 
 namespace itn {
 
-// Reads, decodes, resamples and packs each image once. A batch is read from there.
+// What of the images a network will be shown (network_input()).
+struct PackedFormat {
+  int resolution = 0;  // a side; the images' own, or less: then they are averaged down
+  v1::NetworkInput input = v1::LUMINANCE_AND_WEIGHT;
+};
+
+// Reads, decodes, resamples and packs each image once: luminance, mask, maybe the weight map, and
+// noise, 12 or 16 bytes for each pixel. A batch is read from there.
 class PackedInputs {
  public:
   // `folder`: where the files are. `derivatives`: of the dataset, are packed, too. Throws Error:
@@ -24,22 +31,24 @@ class PackedInputs {
                const std::filesystem::path& folder, std::stop_token stop = {},
                bool derivatives = false);
 
-  ImageBatch batch(std::span<const uint32_t> items) const { return packed_.batch(items); }
+  // Throws Error (kIo).
+  ImageBatch batch(std::span<const uint32_t> items) const;
 
   // Null unless they were packed.
   const PackedDerivatives* derivatives() const { return derivatives_ ? &*derivatives_ : nullptr; }
 
-  size_t size() const { return packed_.size(); }
+  size_t size() const { return records_.size(); }
 
-  const PackedFormat& format() const { return packed_.format(); }
+  const PackedFormat& format() const { return format_; }
 
-  // Over the objects of all images, weighted by the masks.
+  // Over the objects of all images, weighted by the masks; 0 if there are none.
   double mean_radiance() const { return mean_radiance_; }
 
  private:
   void pack(const LabelledImages& images, const std::stop_token& stop);
 
-  PackedImages packed_;
+  PackedFormat format_;
+  ScratchRecords records_;
   std::optional<PackedDerivatives> derivatives_;
   double mean_radiance_ = 0;
 };

@@ -214,6 +214,11 @@ Bounds bounds(const Mesh& mesh) {
   return box;
 }
 
+double longest_side(const Bounds& box) {
+  const Vec3d extent = Vec3d(box.max) - Vec3d(box.min);
+  return std::max({extent.x, extent.y, extent.z});
+}
+
 Mesh transformed(const Mesh& mesh, const Affine& m) {
   Mesh result = mesh;
   for (Vec3f& p : result.vertices) {
@@ -228,7 +233,7 @@ Mesh transformed(const Mesh& mesh, const Affine& m) {
 Mesh normalized(const Mesh& mesh) {
   const Bounds box = bounds(mesh);
   const Vec3d low(box.min), extent = Vec3d(box.max) - low;
-  const double longest = std::max({extent.x, extent.y, extent.z});
+  const double longest = longest_side(box);
   if (!(longest > 0)) throw invalid_input("a mesh of no extent cannot be normalized");
   const double s = 1 / longest;
   return transformed(mesh, {s, 0, 0, -s * (low.x + extent.x / 2),  //

@@ -23,6 +23,9 @@ struct Bounds {
 // Of a mesh with at least one vertex.
 Bounds bounds(const Mesh& mesh);
 
+// In mm.
+double longest_side(const Bounds& box);
+
 // A 3x4 affine map, row by row: the last column is the translation.
 using Affine = std::array<double, 12>;
 

@@ -1,6 +1,8 @@
 #include "common/rpc/queued_call.h"
 
 #include <fmt/format.h>
+#include <grpcpp/security/auth_context.h>
+#include <grpcpp/server_context.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -10,12 +12,25 @@
 #include "common/error.h"
 #include "common/logging.h"
 #include "common/printable.h"
-#include "common/rpc/client_identity.h"
+#include "common/rpc/host_port.h"
 #include "common/rpc/request_id.h"
 #include "common/rpc/status.h"
 
 namespace itn {
 namespace {
+
+// Who showed a certificate is who it names, however many machines and connections they call from;
+// others are their machine. A token, which clients share, tells nobody apart.
+QueueClient client_of(const grpc::CallbackServerContext& context) {
+  const std::string connection = context.peer();
+  const std::shared_ptr<const grpc::AuthContext> shown = context.auth_context();
+  if (!shown || !shown->IsPeerAuthenticated()) return {host_of_peer(connection), connection};
+  std::string who = "certificate";
+  for (const grpc::string_ref& name : shown->GetPeerIdentity()) {
+    who.append(" ").append(name.data(), name.size());
+  }
+  return {who, connection};
+}
 
 using std::chrono::duration;
 using std::chrono::milliseconds;

@@ -2,12 +2,11 @@
 
 #include <cstdint>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "common/image/channels.h"
 #include "common/image/image.h"
-#include "common/scene/scene_bytes.h"
+#include "common/rpc/wire_array.h"
 
 namespace itn {
 
@@ -18,15 +17,13 @@ v1::Pixels load_panorama(const std::filesystem::path& path) {
     return image.channel(channels[channels.size() == 1 ? 0 : colour]);
   };
   const auto &r = plane(0), &g = plane(1), &b = plane(2);
-  std::string rgb;
-  rgb.reserve(3 * sizeof(float) * r.size());
-  for (size_t i = 0; i < r.size(); ++i) {
-    for (const float value : {r[i], g[i], b[i]}) append_little_endian(rgb, value);
-  }
+  std::vector<float> rgb;
+  rgb.reserve(3 * r.size());
+  for (size_t i = 0; i < r.size(); ++i) rgb.insert(rgb.end(), {r[i], g[i], b[i]});
   v1::Pixels pixels;
   pixels.set_width(static_cast<uint32_t>(image.width));
   pixels.set_height(static_cast<uint32_t>(image.height));
-  pixels.set_rgb(std::move(rgb));
+  pixels.set_rgb(to_bytes(rgb));
   return pixels;
 }
 

@@ -6,9 +6,9 @@
 #include <openssl/evp.h>
 
 #include <limits>
-#include <utility>
 
 #include "common/error.h"
+#include "common/rpc/wire_array.h"
 
 namespace itn {
 namespace {
@@ -20,17 +20,9 @@ uint64_t triangle_count(const v1::Mesh& mesh) {
 }  // namespace
 
 void set_triangles(v1::Mesh& proto, const Mesh& mesh) {
-  std::string positions, indices;
-  positions.reserve(12 * mesh.vertices.size());
-  indices.reserve(12 * mesh.triangles.size());
-  for (const Vec3f& p : mesh.vertices) {
-    for (const float coordinate : {p.x, p.y, p.z}) append_little_endian(positions, coordinate);
-  }
-  for (const auto& triangle : mesh.triangles) {
-    for (const uint32_t vertex : triangle) append_little_endian(indices, vertex);
-  }
-  proto.mutable_triangles()->set_positions(std::move(positions));
-  proto.mutable_triangles()->set_indices(std::move(indices));
+  static_assert(sizeof(Vec3f) == 3 * sizeof(float));
+  proto.mutable_triangles()->set_positions(to_bytes(mesh.vertices));
+  proto.mutable_triangles()->set_indices(to_bytes(mesh.triangles));
 }
 
 std::shared_ptr<const SerializedScene> serialize(const v1::Scene& scene) {

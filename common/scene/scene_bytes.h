@@ -1,7 +1,6 @@
 // The form in which a scene travels: bytes and their digest.
 #pragma once
 
-#include <bit>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -31,13 +30,5 @@ std::string sha256(const std::string& bytes);
 
 // As two lower-case digits a byte.
 std::string to_hex(const std::string& bytes);
-
-// The number's four bytes, lowest first, as the protos want arrays.
-inline void append_little_endian(std::string& bytes, uint32_t value) {
-  for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>(value >> shift));
-}
-inline void append_little_endian(std::string& bytes, float value) {
-  append_little_endian(bytes, std::bit_cast<uint32_t>(value));
-}
 
 }  // namespace itn

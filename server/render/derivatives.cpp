@@ -5,7 +5,6 @@
 #include <set>
 
 #include "common/error.h"
-#include "server/render/chain_rule.h"
 
 namespace itn {
 namespace {
@@ -36,6 +35,32 @@ tracer::Parameter scene_parameter(const v1::RenderGradRequest& request, int i) {
 }
 
 }  // namespace
+
+// With sigma_a = sigma_t (1 - albedo) and sigma_s = sigma_t albedo, conversely
+//   sigma_t = sigma_a + sigma_s,   albedo = sigma_s / (sigma_a + sigma_s),
+// so that at fixed g
+//   d sigma_t / d sigma_a = 1,     d albedo / d sigma_a = -sigma_s / sigma_t^2 = -albedo / sigma_t,
+//   d sigma_t / d sigma_s = 1,     d albedo / d sigma_s =  sigma_a / sigma_t^2 = (1 - albedo) /
+//   sigma_t.
+// In the coordinates (sigma_a, sigma_s_reduced, g), sigma_s = sigma_s_reduced / (1 - g): at fixed
+// sigma_a and g, d/d sigma_s_reduced = (d/d sigma_s) / (1 - g).
+std::array<double, 3> chain_rule(v1::Parameter parameter, const Material& material) {
+  const double albedo_by_sigma_a = -material.albedo / material.sigma_t;
+  const double albedo_by_sigma_s = (1 - material.albedo) / material.sigma_t;
+  const double sigma_s_by_reduced = 1 / (1 - material.g);
+  switch (parameter) {
+    case v1::SIGMA_T: return {1, 0, 0};
+    case v1::ALBEDO: return {0, 1, 0};
+    case v1::G: return {0, 0, 1};
+    case v1::SIGMA_A: return {1, albedo_by_sigma_a, 0};
+    case v1::SIGMA_S: return {1, albedo_by_sigma_s, 0};
+    case v1::SIGMA_S_REDUCED:
+      return {sigma_s_by_reduced, albedo_by_sigma_s * sigma_s_by_reduced, 0};
+    default: break;
+  }
+  throw invalid_input(
+      fmt::format("{} is not a parameter that has a derivative", static_cast<int>(parameter)));
+}
 
 Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material& material) {
   const std::vector<tracer::Parameter>& medium = tracer::medium_parameters();

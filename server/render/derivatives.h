@@ -1,7 +1,7 @@
 // The derivatives that a request asks for, in terms of those that the tracer accumulates.
 #pragma once
 
-#include <span>
+#include <array>
 #include <vector>
 
 #include "common/material.h"
@@ -21,6 +21,11 @@ struct Derivatives {
 inline int derivative_count(const v1::RenderGradRequest& request) {
   return request.derivatives_size() + request.scene_derivatives_size();
 }
+
+// Weights (w_t, w_a, w_g) with which the derivatives in sigma_t, albedo and g add up to the
+// derivative in `parameter`. Throws Error (invalid input) for PARAMETER_UNSPECIFIED or an unknown
+// value.
+std::array<double, 3> chain_rule(v1::Parameter parameter, const Material& material);
 
 // Throws Error (invalid input) where a derivative is unknown, or asked for twice.
 Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material& material);

@@ -150,13 +150,10 @@ std::string text_stl_of(const Mesh& mesh) {
 
 std::string binary_stl_of(const Mesh& mesh) {
   std::string bytes(80, ' ');
-  append_little_endian(bytes, static_cast<uint32_t>(mesh.triangles.size()));
+  bytes += to_bytes(std::vector{static_cast<uint32_t>(mesh.triangles.size())});
   for (const auto& t : mesh.triangles) {
     bytes.append(12, '\0');  // the normal
-    for (const uint32_t i : t) {
-      const Vec3f v = mesh.vertices[i];
-      for (const float coordinate : {v.x, v.y, v.z}) append_little_endian(bytes, coordinate);
-    }
+    for (const uint32_t i : t) bytes += to_bytes(std::vector{mesh.vertices[i]});
     bytes.append(2, '\0');
   }
   return bytes;

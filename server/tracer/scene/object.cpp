@@ -17,11 +17,6 @@ float largest_coordinate(const Bounds& box) {
       {reach(box.min.x, box.max.x), reach(box.min.y, box.max.y), reach(box.min.z, box.max.z)});
 }
 
-double longest_side(const Bounds& box) {
-  const Vec3d extent = static_cast<Vec3d>(box.max) - static_cast<Vec3d>(box.min);
-  return std::max({extent.x, extent.y, extent.z});
-}
-
 void check_length(const Mesh& mesh, const std::string& what) {
   const Bounds box = bounds(mesh);
   const double least = std::max(kSmallestLength, kSmallestPart * double{largest_coordinate(box)});

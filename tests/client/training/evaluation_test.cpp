@@ -10,7 +10,6 @@
 #include "client/dataset/dataset_config.h"
 #include "client/dataset/dataset_render.h"
 #include "client/dataset/plan.h"
-#include "client/picture.h"
 #include "common/geometry/shapes.h"
 
 namespace itn {
@@ -193,15 +192,6 @@ TEST(Evaluation, SpreadMeetsAllOfAGrid) {
   EXPECT_GE(sigma_t.size(), 11U);
   EXPECT_EQ(albedo.size(), 5U);
   EXPECT_EQ(g.size(), 5U);
-}
-
-TEST(Picture, IsWritten) {
-  const auto path = std::filesystem::path(::testing::TempDir()) / "comparison.png";
-  std::filesystem::remove(path);
-  const std::vector<float> dark(64, 0.2F), bright(64, 1);
-  write_comparison(path, 8, std::vector<Comparison>{{bright, dark}, {dark, dark}});
-  EXPECT_GT(std::filesystem::file_size(path), 100);
-  std::filesystem::remove(path);
 }
 
 }  // namespace

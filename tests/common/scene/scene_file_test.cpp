@@ -18,6 +18,8 @@
 namespace itn {
 namespace {
 
+using namespace std::string_literals;
+
 using testing::expect_error;
 using testing::TemporaryFolder;
 
@@ -270,10 +272,10 @@ TEST(SceneBytes, SerializeKeepsTheSceneAndItsDigest) {
 }
 
 TEST(SceneBytes, ArraysAreLittleEndian) {
-  std::string bytes;
-  append_little_endian(bytes, uint32_t{0x01020304});
-  append_little_endian(bytes, 1.0F);
-  EXPECT_EQ(bytes, std::string("\x04\x03\x02\x01\x00\x00\x80\x3f", 8));
+  v1::Mesh mesh;
+  set_triangles(mesh, {{{1, 0, -2}}, {{0x01020304, 0, 5}}});
+  EXPECT_EQ(mesh.triangles().positions(), "\0\0\x80\x3f\0\0\0\0\0\0\0\xc0"s);
+  EXPECT_EQ(mesh.triangles().indices(), "\x04\x03\x02\x01\0\0\0\0\x05\0\0\0"s);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "server/render/chain_rule.h"
+#include "server/render/derivatives.h"
 
 #include <gtest/gtest.h>
 
