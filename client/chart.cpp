@@ -33,9 +33,7 @@ struct Range {
 
 // From the fraction `tail` of the values to 1 - `tail`, and a little more.
 Range range_of(std::vector<double> values, double tail) {
-  if (values.empty()) {
-    return {0, 1};
-  }
+  if (values.empty()) return {0, 1};
   std::ranges::sort(values);
   const auto at = [&](double part) {
     return values[static_cast<size_t>(part * static_cast<double>(values.size() - 1))];
@@ -53,9 +51,7 @@ std::vector<Point> points_of(const Chart& chart, const Curve& curve) {
   std::vector<Point> points;
   for (size_t i = 0; i < curve.x.size(); ++i) {
     const double y = chart.log_y ? std::log10(curve.y[i]) : curve.y[i];
-    if (std::isfinite(curve.x[i]) && std::isfinite(y)) {
-      points.push_back({curve.x[i], y});
-    }
+    if (std::isfinite(curve.x[i]) && std::isfinite(y)) points.push_back({curve.x[i], y});
   }
   return points;
 }
@@ -97,9 +93,7 @@ class Field {
     for (size_t i = 1; i < points.size(); ++i) {
       cv::line(picture_, at(points[i - 1]), at(points[i]), colour, 1, cv::LINE_AA);
     }
-    if (points.size() == 1) {
-      cv::circle(picture_, at(points[0]), 3, colour, cv::FILLED, cv::LINE_AA);
-    }
+    if (points.size() == 1) cv::circle(picture_, at(points[0]), 3, colour, cv::FILLED, cv::LINE_AA);
   }
 
   void legend(const Chart& chart) const {
@@ -131,9 +125,7 @@ void draw(const Chart& chart, const cv::Mat& picture) {
   const Field field(picture, range_of(x, 0), range_of(y, 0.01));
   field.text(chart.title, {kWidth / 2, kTop / 2}, 0.55);
   field.axes(chart.log_y);
-  for (size_t i = 0; i < curves.size(); ++i) {
-    field.curve(curves[i], colour_of(i));
-  }
+  for (size_t i = 0; i < curves.size(); ++i) field.curve(curves[i], colour_of(i));
   field.legend(chart);
   field.text(chart.x_name, {kWidth - 60, kHeight - 10});
 }

@@ -12,9 +12,7 @@ std::string to_json(const google::protobuf::Message& message) {
   options.always_print_primitive_fields = true;
   std::string json;
   const auto status = google::protobuf::util::MessageToJsonString(message, &json, options);
-  if (!status.ok()) {
-    throw Error(ErrorKind::kInternal, status.ToString());
-  }
+  if (!status.ok()) throw Error(ErrorKind::kInternal, status.ToString());
   return json;
 }
 

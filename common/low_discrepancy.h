@@ -31,9 +31,7 @@ constexpr SobolDirections sobol_directions() {
   v[1][1] = 3U << 30;
   for (size_t i = 1; i < 32; ++i) {
     v[0][i] = v[0][i - 1] ^ v[0][i - 1] >> 1;
-    if (i >= 2) {
-      v[1][i] = v[1][i - 1] ^ v[1][i - 2] ^ v[1][i - 2] >> 2;
-    }
+    if (i >= 2) v[1][i] = v[1][i - 1] ^ v[1][i - 2] ^ v[1][i - 2] >> 2;
   }
   return v;
 }

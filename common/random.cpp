@@ -18,9 +18,7 @@ uint64_t SplitMix::below(uint64_t count) {
   // Rejects the incomplete last stretch of the 64-bit range.
   const uint64_t rejected = -count % count;  // 2^64 mod count
   uint64_t value = next();
-  while (value < rejected) {
-    value = next();
-  }
+  while (value < rejected) value = next();
   return value % count;
 }
 

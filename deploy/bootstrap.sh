@@ -20,7 +20,7 @@ packages=(
   # Command line and logs
   libcli11-dev libfmt-dev libspdlog-dev
   # Tests
-  libgtest-dev libgmock-dev clang-format clang-tidy
+  libgtest-dev libgmock-dev libpugixml-dev clang-format clang-tidy
   # Certificates for tests and trials
   openssl
   # The client in another language that the tests run

@@ -127,9 +127,7 @@ void set_materials(const DatasetOptions& options, const CLI::App& command,
   if (command.count("--albedo") > 0) {
     *materials.mutable_albedo() = uniform(options.albedo.first, options.albedo.second);
   }
-  if (command.count("--g") > 0) {
-    *materials.mutable_g() = uniform(options.g.first, options.g.second);
-  }
+  if (command.count("--g") > 0) *materials.mutable_g() = uniform(options.g.first, options.g.second);
 }
 
 void set_splits(const DatasetOptions& options, const CLI::App& command, v1::DatasetConfig& config) {
@@ -229,9 +227,7 @@ DatasetProgress render(const DatasetOptions& options, DatasetPlan plan, RenderPo
   const DatasetProgress result = render_dataset(
       std::move(plan), options.folder, pool,
       [&](const DatasetProgress& now) {
-        if (!progress) {
-          progress.emplace("dataset", "images", now.total, now.done);
-        }
+        if (!progress) progress.emplace("dataset", "images", now.total, now.done);
         progress->update(now.done);
       },
       interruption());
@@ -292,9 +288,7 @@ void print_config(const DatasetOptions& options, const CLI::App& command) {
 
 void run(const DatasetOptions& options, const CLI::App& command) {
   if (options.print_config) return print_config(options, command);
-  if (options.folder.empty()) {
-    throw Error(ErrorKind::kUsage, "which folder? itn dataset FOLDER");
-  }
+  if (options.folder.empty()) throw Error(ErrorKind::kUsage, "which folder? itn dataset FOLDER");
   const auto start = std::chrono::steady_clock::now();
   check_folder_writable(options.folder);
   v1::DatasetSummary summary;

@@ -17,9 +17,9 @@
 #include "client/training/evaluation.h"
 #include "client/training/similarity_predictor.h"
 #include "common/error.h"
-#include "common/image/preview.h"
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
+#include "common/image/preview.h"
 #include "common/learning/model_files.h"
 #include "common/progress.h"
 
@@ -50,9 +50,7 @@ struct Contender {
 // The noise to evaluate a model at: as the images are, or what it was trained at as well, and half
 // of that, a quarter of the variance.
 std::vector<double> noise_levels(const EvaluateOptions& options, const v1::Model& model) {
-  if (!options.noise_levels || model.noise() == 0) {
-    return {0};
-  }
+  if (!options.noise_levels || model.noise() == 0) return {0};
   return {model.noise(), model.noise() / 2, 0};
 }
 
@@ -200,9 +198,7 @@ void print(const v1::Evaluation& evaluation) {
   for (const v1::Evaluation::Row& row : evaluation.rows()) {
     print_result("{:{}}  {:14.2f}  {:7.4f}  {:7.4f}", row.name(), width, row.sigma_t(),
                  row.albedo(), row.g());
-    if (row.has_image()) {
-      print_result("  {:7.4f}  {:9.4f}", row.image(), row.dissimilarity());
-    }
+    if (row.has_image()) print_result("  {:7.4f}  {:9.4f}", row.image(), row.dissimilarity());
     print_result("\n");
   }
   print_result(
@@ -214,16 +210,12 @@ void print(const v1::Evaluation& evaluation) {
         "materials look alike,\nand nothing else: who is better has told such materials apart.\n");
   }
   for (const v1::Evaluation::Row& row : evaluation.rows()) {
-    if (row.terciles_size() > 0) {
-      print_details(row);
-    }
+    if (row.terciles_size() > 0) print_details(row);
   }
 }
 
 void run(const EvaluateOptions& options) {
-  if (!options.picture.empty()) {
-    check_writable(options.picture);
-  }
+  if (!options.picture.empty()) check_writable(options.picture);
   set_torch_threads(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
   DatasetReader dataset(options.dataset);
   const v1::Split split = options.split == "train" ? v1::SPLIT_TRAIN : v1::SPLIT_TEST;
@@ -233,9 +225,7 @@ void run(const EvaluateOptions& options) {
   v1::Evaluation evaluation;
   evaluation.set_split(options.split);
   evaluation.set_items(static_cast<uint32_t>(images.items.size()));
-  for (const Contender& candidate : candidates) {
-    *evaluation.add_rows() = candidate.row;
-  }
+  for (const Contender& candidate : candidates) *evaluation.add_rows() = candidate.row;
   std::optional<RenderPool> pool;
   if (options.rerender > 0 || !options.picture.empty()) {
     pool.emplace(options.workers.pool_options());

@@ -89,9 +89,7 @@ const CLI::Validator kPercentToPart(
     "", "");
 
 uint64_t steps_of(const TrainOptions& options, size_t items, uint32_t batch) {
-  if (options.steps) {
-    return *options.steps;
-  }
+  if (options.steps) return *options.steps;
   constexpr double kDefaultEpochs = 50;  // of the paper
   return static_cast<uint64_t>(
       std::ceil(options.epochs.value_or(kDefaultEpochs) * static_cast<double>(items) / batch));
@@ -240,9 +238,7 @@ void require_same_network(const v1::Model& init, const v1::TrainingConfig& confi
 
 std::string note_of(const v1::TrainingMetrics& metrics) {
   std::string note = fmt::format("regression {:.4f}", metrics.regression_loss());
-  if (metrics.has_image_loss()) {
-    note += fmt::format("  image {:.5f}", metrics.image_loss());
-  }
+  if (metrics.has_image_loss()) note += fmt::format("  image {:.5f}", metrics.image_loss());
   return note;
 }
 
@@ -274,9 +270,7 @@ std::string full_path(const fs::path& folder) {
 // The dataset: the one that is named, or the one that the run was started with.
 std::string dataset_folder(const TrainOptions& options,
                            const std::optional<v1::Checkpoint>& existing) {
-  if (!options.dataset.empty()) {
-    return options.dataset;
-  }
+  if (!options.dataset.empty()) return options.dataset;
   if (!existing && options.resume) {
     throw Error(ErrorKind::kIo,
                 fmt::format("there is no run in {} to continue; itn train DATASET -o {} begins one",
@@ -384,9 +378,7 @@ class Training {
                     .report = {},
                     .stop = interruption()};
     run.report = [&](const v1::TrainingMetrics& metrics) {
-      if (!progress) {
-        progress.emplace("train", "steps", config.steps(), metrics.step() - 1);
-      }
+      if (!progress) progress.emplace("train", "steps", config.steps(), metrics.step() - 1);
       if (metrics.has_validation()) {
         const v1::ValidationMetrics& v = metrics.validation();
         validated =
@@ -401,9 +393,7 @@ class Training {
     }
     run.complete = completion(images, validation, interruption());
     const TrainingEnd end = train(run);
-    if (progress) {
-      progress->finish();
-    }
+    if (progress) progress->finish();
     // Report.
     const fs::path checkpoint = fs::path(options_.folder) / kCheckpointName;
     summary.set_checkpoint(checkpoint.string());
@@ -451,9 +441,7 @@ void run(const TrainOptions& given, const CLI::App& command) {
     print_result("{}", to_text_proto(Flags(given, command).applied_to(base_config(given))));
     return;
   }
-  if (given.folder.empty()) {
-    throw Error(ErrorKind::kUsage, "where to? itn train DATASET -o RUN");
-  }
+  if (given.folder.empty()) throw Error(ErrorKind::kUsage, "where to? itn train DATASET -o RUN");
   check_folder_writable(given.folder);
   Training training(given, command);
   const TrainOptions& options = training.options();

@@ -86,12 +86,8 @@ v1::Dataset read_manifest(const fs::path& path) {
             std::ranges::find(relative, fs::path("..")) == relative.end(),
         fmt::format("{}: \"{}\" is not a file in the folder of the dataset", path.string(), file));
   };
-  for (const v1::DatasetShape& shape : manifest.shapes()) {
-    require_inside(shape.file());
-  }
-  for (const v1::DatasetPanorama& panorama : manifest.panoramas()) {
-    require_inside(panorama.file());
-  }
+  for (const v1::DatasetShape& shape : manifest.shapes()) require_inside(shape.file());
+  for (const v1::DatasetPanorama& panorama : manifest.panoramas()) require_inside(panorama.file());
   for (int i = 0; i < manifest.items_size(); ++i) {
     require_inside(manifest.items(i).file());
     check_item(manifest.items(i), fmt::format("{}: items[{}]", path.string(), i));
@@ -144,9 +140,7 @@ const Message& RecentParts<Message>::get(const fs::path& folder, const Entry& en
 DatasetReader::DatasetReader(fs::path folder)
     : folder_(std::move(folder)), manifest_(read_manifest(folder_ / kManifestName)) {
   validate_resolution(manifest_.config().resolution(), (folder_ / kManifestName).string() + ": ");
-  for (const v1::DatasetShape& shape : manifest_.shapes()) {
-    shapes_[shape.name()] = &shape;
-  }
+  for (const v1::DatasetShape& shape : manifest_.shapes()) shapes_[shape.name()] = &shape;
   for (const v1::DatasetPanorama& panorama : manifest_.panoramas()) {
     panoramas_[panorama.name()] = &panorama;
   }
@@ -171,9 +165,7 @@ int DatasetReader::resolution() const {
 std::vector<const v1::DatasetItem*> DatasetReader::items(v1::Split split) const {
   std::vector<const v1::DatasetItem*> result;
   for (const v1::DatasetItem& item : manifest_.items()) {
-    if (item.split() == split) {
-      result.push_back(&item);
-    }
+    if (item.split() == split) result.push_back(&item);
   }
   return result;
 }

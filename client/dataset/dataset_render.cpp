@@ -132,9 +132,7 @@ void set_up_folder(DatasetPlan& plan, const fs::path& folder, const std::stop_to
 }
 
 bool is_rendered(const DatasetReader& dataset, const v1::DatasetItem& item, const fs::path& file) {
-  if (!fs::exists(file)) {
-    return false;
-  }
+  if (!fs::exists(file)) return false;
   try {
     dataset.image(item);
     return true;
@@ -340,9 +338,7 @@ void require_same_config(const v1::Dataset& existing, const v1::DatasetConfig& w
   v1::DatasetConfig same_count = wanted;
   same_count.set_count(existing.config().count());
   const std::string differences = difference(existing.config(), same_count);
-  if (!differences.empty()) {
-    throw another_dataset(folder, differences);
-  }
+  if (!differences.empty()) throw another_dataset(folder, differences);
 }
 
 RenderJob render_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,
@@ -400,9 +396,7 @@ DatasetProgress render_dataset(DatasetPlan plan, const fs::path& folder, RenderP
         complete = false;
       }
     }
-    if (!complete) {
-      waiting.push_back(&group);
-    }
+    if (!complete) waiting.push_back(&group);
   }
   progress.done = progress.kept;
   report(progress);

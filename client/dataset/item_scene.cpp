@@ -106,9 +106,7 @@ void add_flash(v1::Scene& scene, const v1::Flash& flash, const v1::ItemCamera& c
 
 // `pixels` are of irradiance 1.
 void add_panorama(v1::Scene& scene, const v1::Panorama& panorama, const v1::Pixels* pixels) {
-  if (pixels == nullptr) {
-    throw Error(ErrorKind::kInternal, "the panorama of an item is missing");
-  }
+  if (pixels == nullptr) throw Error(ErrorKind::kInternal, "the panorama of an item is missing");
   v1::EnvironmentMap& map = *scene.add_lights()->mutable_environment_map();
   *map.mutable_pixels() = *pixels;
   map.set_scale(panorama.irradiance());

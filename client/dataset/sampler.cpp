@@ -10,17 +10,13 @@ std::vector<uint32_t> permutation(uint32_t count, uint64_t seed) {
   std::iota(order.begin(), order.end(), 0U);
   SplitMix random(seed);
   // Fisher-Yates.
-  for (uint32_t i = count; i > 1; --i) {
-    std::swap(order[i - 1], order[random.below(i)]);
-  }
+  for (uint32_t i = count; i > 1; --i) std::swap(order[i - 1], order[random.below(i)]);
   return order;
 }
 
 std::vector<uint32_t> EpochSampler::batch(uint64_t step, uint32_t size) {
   std::vector<uint32_t> items(size);
-  for (uint32_t i = 0; i < size; ++i) {
-    items[i] = item(step * size + i);
-  }
+  for (uint32_t i = 0; i < size; ++i) items[i] = item(step * size + i);
   return items;
 }
 

@@ -463,9 +463,7 @@ Stage ExperimentRunner::refinement_stage(const std::string& candidate,
 std::vector<std::string> ExperimentRunner::baselines() {
   std::vector<std::string> names = {kConstant};
   const v1::MaterialChoice& materials = experiment_.dataset().materials();
-  if (similarity_predictions({}, materials).has_value()) {
-    names.emplace_back(kSimilarity);
-  }
+  if (similarity_predictions({}, materials).has_value()) names.emplace_back(kSimilarity);
   names.emplace_back(kTruth);
   return names;
 }

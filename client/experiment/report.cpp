@@ -196,9 +196,7 @@ std::string training_section(const ExperimentReport& report, const fs::path& fil
        {.title = "Validation error over the constant's", .x_name = "steps", .curves = {}},
        {.title = "Image term (training)", .x_name = "steps", .log_y = true, .curves = {}}}};
   for (const ReportedNetwork& network : report.networks) {
-    for (Chart& chart : charts) {
-      chart.curves.push_back({.name = network.name, .x = {}, .y = {}});
-    }
+    for (Chart& chart : charts) chart.curves.push_back({.name = network.name, .x = {}, .y = {}});
     const auto add = [&](size_t chart, double step, double value) {
       charts[chart].curves.back().x.push_back(step);
       charts[chart].curves.back().y.push_back(value);

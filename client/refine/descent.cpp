@@ -169,9 +169,7 @@ Descent::Step Descent::newton_step() const {
 // Kingma and Ba, "Adam: a method for stochastic optimization", ICLR 2015.
 Descent::Step Descent::adam_step(const Vector& gradient) {
   constexpr double kFirst = 0.9, kSecond = 0.999, kTiny = 1e-30;
-  if (first_moment_.size() == 0) {
-    first_moment_ = second_moment_ = Vector::Zero(gradient.size());
-  }
+  if (first_moment_.size() == 0) first_moment_ = second_moment_ = Vector::Zero(gradient.size());
   first_moment_ = kFirst * first_moment_ + (1 - kFirst) * gradient;
   second_moment_ = kSecond * second_moment_ + (1 - kSecond) * gradient.cwiseAbs2();
   const Vector mean = first_moment_ / (1 - std::pow(kFirst, iterations_));

@@ -446,9 +446,7 @@ RenderStatistics RenderPool::statistics() const {
 v1::RenderGradReply wait_for_render(std::future<v1::RenderGradReply>& future,
                                     const std::stop_token& stop) {
   do {
-    if (stop.stop_requested()) {
-      throw Error(ErrorKind::kCancelled, "interrupted");
-    }
+    if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
   } while (future.wait_for(milliseconds(100)) != std::future_status::ready);
   return future.get();
 }

@@ -30,9 +30,7 @@ ImageBatch copied(ImageBatch images) {
 torch::Tensor shifted(const torch::Tensor& image, int64_t dx, int64_t dy) {
   const int64_t height = image.size(-2), width = image.size(-1);
   torch::Tensor result = torch::zeros_like(image);
-  if (std::abs(dx) >= width || std::abs(dy) >= height) {
-    return result;
-  }
+  if (std::abs(dx) >= width || std::abs(dy) >= height) return result;
   const auto window = [&](const torch::Tensor& of, int64_t x, int64_t y) {
     return of.narrow(-2, std::max<int64_t>(y, 0), height - std::abs(y))
         .narrow(-1, std::max<int64_t>(x, 0), width - std::abs(x));
@@ -44,9 +42,7 @@ torch::Tensor shifted(const torch::Tensor& image, int64_t dx, int64_t dy) {
 void mirror(const ImageBatch& images, SplitMix random) {
   for (int64_t i = 0; i < images.size(); ++i) {
     if (random.uniform() < 0.5) {
-      for (const torch::Tensor& plane : planes_of(images)) {
-        plane[i] = plane[i].flip(-1);
-      }
+      for (const torch::Tensor& plane : planes_of(images)) plane[i] = plane[i].flip(-1);
     }
   }
 }
@@ -57,9 +53,7 @@ void shift(const ImageBatch& images, uint32_t pixels, SplitMix random) {
   };
   for (int64_t i = 0; i < images.size(); ++i) {
     const int64_t dx = offset(), dy = offset();
-    for (const torch::Tensor& plane : planes_of(images)) {
-      plane[i] = shifted(plane[i], dx, dy);
-    }
+    for (const torch::Tensor& plane : planes_of(images)) plane[i] = shifted(plane[i], dx, dy);
   }
 }
 
@@ -102,12 +96,8 @@ ImageBatch augmented(const ImageBatch& images, const v1::Augmentation& augmentat
   const int64_t count = images.size();
   const bool moves = augmentation.mirror() || augmentation.shift() > 0;
   ImageBatch result = moves ? copied(images) : images;
-  if (augmentation.mirror()) {
-    mirror(result, random(kMirror));
-  }
-  if (augmentation.shift() > 0) {
-    shift(result, augmentation.shift(), random(kShift));
-  }
+  if (augmentation.mirror()) mirror(result, random(kMirror));
+  if (augmentation.shift() > 0) shift(result, augmentation.shift(), random(kShift));
   result = with_camera_effects(result, augmentation.camera(), derive_seed(seed, {kCamera}));
   if (augmentation.exposure() > 0) {
     result.luminance =

@@ -11,9 +11,7 @@ DatasetBatches::DatasetBatches(const LabelledImages& images, const PackedInputs&
 TrainingImages DatasetBatches::batch_at(uint64_t step, uint32_t size) {
   TrainingImages result{.items = sampler_.batch(step, size), .images = {}, .truth = {}};
   result.images = inputs_.batch(result.items);
-  for (const uint32_t item : result.items) {
-    result.truth.push_back(images_.truth[item]);
-  }
+  for (const uint32_t item : result.items) result.truth.push_back(images_.truth[item]);
   return result;
 }
 

@@ -63,9 +63,7 @@ std::optional<v1::Calibration> measure_calibration(const v1::Model& model,
   std::vector<std::vector<double>> outputs;
   std::vector<MaterialCoordinates> truth;
   for (size_t first = 0; first < shown.size(); first += kImagesAtATime) {
-    if (stop.stop_requested()) {
-      throw Error(ErrorKind::kCancelled, "interrupted");
-    }
+    if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
     const std::span<const uint32_t> numbers =
         std::span(shown).subspan(first, std::min(kImagesAtATime, shown.size() - first));
     for (MaterialEstimate& estimate : predictor.estimate(held_out.images.batch(numbers))) {

@@ -47,17 +47,13 @@ MaterialCoordinates squared_error(const Material& prediction, const Material& tr
 }
 
 void add(const MaterialCoordinates& terms, MaterialCoordinates& sum) {
-  for (size_t k = 0; k < 3; ++k) {
-    sum[k] += terms[k];
-  }
+  for (size_t k = 0; k < 3; ++k) sum[k] += terms[k];
 }
 
 // Of sums of squared errors of so many predictions.
 MaterialCoordinates root_mean(const MaterialCoordinates& squares, size_t count) {
   MaterialCoordinates roots;
-  for (size_t k = 0; k < 3; ++k) {
-    roots[k] = std::sqrt(squares[k] / static_cast<double>(count));
-  }
+  for (size_t k = 0; k < 3; ++k) roots[k] = std::sqrt(squares[k] / static_cast<double>(count));
   return roots;
 }
 
@@ -75,9 +71,7 @@ struct Squares {
   }
   MaterialCoordinates ratio() const {
     MaterialCoordinates result;
-    for (size_t k = 0; k < 3; ++k) {
-      result[k] = root_ratio(ours[k], constant[k]);
-    }
+    for (size_t k = 0; k < 3; ++k) result[k] = root_ratio(ours[k], constant[k]);
     return result;
   }
 };
@@ -96,17 +90,13 @@ std::vector<Squares> squares_of(std::span<const Material> predictions,
 
 Squares sum_of(std::span<const Squares> terms) {
   Squares sum;
-  for (const Squares& term : terms) {
-    sum.add(term);
-  }
+  for (const Squares& term : terms) sum.add(term);
   return sum;
 }
 
 std::vector<Material> materials_of(std::span<const MaterialEstimate> estimates) {
   std::vector<Material> materials;
-  for (const MaterialEstimate& estimate : estimates) {
-    materials.push_back(estimate.material);
-  }
+  for (const MaterialEstimate& estimate : estimates) materials.push_back(estimate.material);
   return materials;
 }
 
@@ -114,9 +104,7 @@ std::vector<Material> materials_of(std::span<const MaterialEstimate> estimates) 
 void set_intervals(std::span<const Squares> squares, const LabelledImages& images,
                    v1::Evaluation::Row& row) {
   std::vector<std::string> shapes;
-  for (const v1::DatasetItem* item : images.items) {
-    shapes.push_back(item->shape());
-  }
+  for (const v1::DatasetItem* item : images.items) shapes.push_back(item->shape());
   const ShapeBootstrap bootstrap(shapes);
   v1::Interval* const intervals[] = {row.mutable_relative_sigma_t(), row.mutable_relative_albedo(),
                                      row.mutable_relative_g()};
@@ -144,18 +132,14 @@ MaterialCoordinates coverage_of(std::span<const MaterialEstimate> estimates,
       inside[k] += p.low <= truth[k] && truth[k] <= p.high ? 1 : 0;
     }
   }
-  for (double& part : inside) {
-    part /= static_cast<double>(items.size());
-  }
+  for (double& part : inside) part /= static_cast<double>(items.size());
   return inside;
 }
 
 void set_third(std::span<const MaterialEstimate> estimates, const LabelledImages& images,
                std::span<const size_t> items, v1::Evaluation::Tercile& third) {
   MaterialCoordinates squares{};
-  for (const size_t i : items) {
-    add(squared_error(estimates[i].material, images.truth[i]), squares);
-  }
+  for (const size_t i : items) add(squared_error(estimates[i].material, images.truth[i]), squares);
   third.mutable_sigma_t()->set_min(images.truth[items.front()].sigma_t);
   third.mutable_sigma_t()->set_max(images.truth[items.back()].sigma_t);
   third.set_items(static_cast<uint32_t>(items.size()));
@@ -171,9 +155,7 @@ std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledI
                                            double noise, std::stop_token stop) {
   std::vector<MaterialEstimate> estimates;
   for (size_t first = 0; first < images.items.size(); first += kBatch) {
-    if (stop.stop_requested()) {
-      throw Error(ErrorKind::kCancelled, "interrupted");
-    }
+    if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
     std::vector<ImageBatch> batch;
     for (size_t i = first; i < std::min(first + kBatch, images.items.size()); ++i) {
       const DatasetImage image = images.read(i);
@@ -187,9 +169,7 @@ std::vector<MaterialEstimate> estimate_all(Predictor& predictor, const LabelledI
           noise_map(image, images.resolution, static_cast<int>(predictor.model().resolution()));
     }
     ImageBatch all = concatenated(batch);
-    if (noise > 0) {
-      all = with_noise(std::move(all), noise, derive_seed(0, {first}));
-    }
+    if (noise > 0) all = with_noise(std::move(all), noise, derive_seed(0, {first}));
     for (MaterialEstimate& estimate : predictor.estimate(all)) {
       estimates.push_back(std::move(estimate));
     }
@@ -263,9 +243,7 @@ void set_details(std::span<const MaterialEstimate> estimates, const LabelledImag
 
 void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate> estimates,
                     const LabelledImages& images, v1::Evaluation::Row& row) {
-  if (predictor.model().output() != v1::GAUSSIAN) {
-    return;
-  }
+  if (predictor.model().output() != v1::GAUSSIAN) return;
   const auto count = static_cast<int64_t>(estimates.size());
   double sum = 0;
   torch::Tensor truths = torch::empty({count, 3}, torch::kFloat64);
@@ -274,9 +252,7 @@ void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate
     const auto item = static_cast<size_t>(i);
     sum += predictor.log_likelihood(estimates[item], images.truth[item]);
     const MaterialCoordinates z = predictor.standardized(images.truth[item]);
-    for (int64_t k = 0; k < 3; ++k) {
-      rows[i][k] = z[static_cast<size_t>(k)];
-    }
+    for (int64_t k = 0; k < 3; ++k) rows[i][k] = z[static_cast<size_t>(k)];
   }
   row.set_log_likelihood(sum / static_cast<double>(count));
   // The mean log-density of points under the Gaussian that fits them best.
@@ -287,9 +263,7 @@ void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate
 }
 
 void set_outlier_fraction(std::span<const MaterialEstimate> estimates, v1::Evaluation::Row& row) {
-  if (!estimates.front().outlier) {
-    return;
-  }
+  if (!estimates.front().outlier) return;
   const auto count = std::ranges::count_if(
       estimates, [](const MaterialEstimate& e) { return e.outlier->is_outlier; });
   row.set_outlier_fraction(static_cast<double>(count) / static_cast<double>(estimates.size()));

@@ -30,9 +30,7 @@ LossTerm LikelihoodLoss::evaluate(const Batch& batch, const torch::Tensor& outpu
 }
 
 std::unique_ptr<Loss> make_regression_loss(v1::OutputDistribution output, double mean_weight) {
-  if (output == v1::GAUSSIAN) {
-    return std::make_unique<LikelihoodLoss>(mean_weight);
-  }
+  if (output == v1::GAUSSIAN) return std::make_unique<LikelihoodLoss>(mean_weight);
   return std::make_unique<RegressionLoss>();
 }
 

@@ -67,9 +67,7 @@ std::vector<Column> columns_of(const v1::TrainingMetrics& m) {
 
 std::string names() {
   std::vector<std::string> fields;
-  for (const Column& column : columns_of({})) {
-    fields.emplace_back(column.name);
-  }
+  for (const Column& column : columns_of({})) fields.emplace_back(column.name);
   return fmt::format("{}", fmt::join(fields, ","));
 }
 

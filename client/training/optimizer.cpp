@@ -148,9 +148,7 @@ void Optimizer::restore(const v1::OptimizerState& state) {
     return;
   }
   int index = 0;
-  for (Kernel& kernel : kernels_) {
-    copy_values(state.tensors(index++), kernel.momentum);
-  }
+  for (Kernel& kernel : kernels_) copy_values(state.tensors(index++), kernel.momentum);
   for (const Parameter& parameter : parameters_) {
     auto moments = std::make_unique<torch::optim::AdamParamState>();
     moments->step(static_cast<int64_t>(steps_));

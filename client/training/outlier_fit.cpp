@@ -47,9 +47,7 @@ Shown show(Predictor& predictor, const ImageSource& source, std::span<const uint
            const std::stop_token& stop, ImageBatch (*change)(const ImageBatch&) = unchanged) {
   std::vector<torch::Tensor> embeddings, statistics, noises;
   for (size_t first = 0; first < numbers.size(); first += kImagesAtATime) {
-    if (stop.stop_requested()) {
-      throw Error(ErrorKind::kCancelled, "interrupted");
-    }
+    if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
     const ImageBatch images =
         source.batch(numbers.subspan(first, std::min(kImagesAtATime, numbers.size() - first)));
     const Features features = predictor.features(change(images));

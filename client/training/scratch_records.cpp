@@ -28,13 +28,9 @@ int open_unnamed(const fs::path& folder) {
   if (descriptor < 0) {  // not every file system has such files
     std::string name = (folder / "inputs-XXXXXX").string();
     descriptor = ::mkostemp(name.data(), O_CLOEXEC);
-    if (descriptor >= 0) {
-      ::unlink(name.c_str());
-    }
+    if (descriptor >= 0) ::unlink(name.c_str());
   }
-  if (descriptor < 0) {
-    throw cannot("write", folder.string(), errno);
-  }
+  if (descriptor < 0) throw cannot("write", folder.string(), errno);
   return descriptor;
 }
 
@@ -43,12 +39,8 @@ template <typename Call, typename Byte>
 int transfer(Call call, Byte* data, size_t size, size_t offset) {
   while (size > 0) {
     const ssize_t done = call(data, size, static_cast<off_t>(offset));
-    if (done < 0 && errno == EINTR) {
-      continue;
-    }
-    if (done <= 0) {
-      return done < 0 ? errno : EIO;
-    }
+    if (done < 0 && errno == EINTR) continue;
+    if (done <= 0) return done < 0 ? errno : EIO;
     data += done;
     size -= static_cast<size_t>(done);
     offset += static_cast<size_t>(done);

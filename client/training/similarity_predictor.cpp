@@ -19,9 +19,7 @@ bool is_interval(const v1::Distribution& distribution) {
 double density(const v1::Distribution& distribution, double x) {
   const v1::Interval& range =
       distribution.has_uniform() ? distribution.uniform() : distribution.log_uniform();
-  if (x < range.min() || x > range.max()) {
-    return 0;
-  }
+  if (x < range.min() || x > range.max()) return 0;
   return distribution.has_uniform() ? 1 : 1 / x;
 }
 

@@ -54,9 +54,7 @@ double balance(const LossTerm& regression, const LossTerm& image, v1::TrainingSt
 }
 
 Encoder initial_encoder(const v1::TrainingConfig& config, const v1::Model& start) {
-  if (start.weights_size() > 0) {
-    return load_encoder(start);
-  }
+  if (start.weights_size() > 0) return load_encoder(start);
   torch::manual_seed(derive_seed(config.seed(), {kInitialWeights}));
   return new_encoder(start);
 }
@@ -126,9 +124,7 @@ class RunningStatistics {
   }
   ~RunningStatistics() {
     const torch::NoGradGuard no_gradient;
-    for (auto& [tensor, value] : before_) {
-      tensor.copy_(value);
-    }
+    for (auto& [tensor, value] : before_) tensor.copy_(value);
   }
   RunningStatistics(const RunningStatistics&) = delete;
   RunningStatistics& operator=(const RunningStatistics&) = delete;
@@ -163,9 +159,7 @@ bool has_first_order_augmentation(const v1::TrainingConfig& config) {
 
 void validate(const v1::TrainingConfig& config) {
   const auto require = [](bool condition, const char* message) {
-    if (!condition) {
-      throw invalid_input(message);
-    }
+    if (!condition) throw invalid_input(message);
   };
   require(config.loss() == v1::TrainingConfig::RN || config.loss() == v1::TrainingConfig::ITN,
           "loss must be RN or ITN");
@@ -239,9 +233,7 @@ Trainer::Trainer(v1::TrainingConfig config, std::unique_ptr<Batches> batches,
         fmt::format("the network is for {0} x {0} pixels; the images have {1} x {1}",
                     start.resolution(), batches_->resolution()));
   }
-  if (config.weight_average_decay() > 0) {
-    average_.emplace(*encoder_, config.weight_average_decay());
-  }
+  if (config.weight_average_decay() > 0) average_.emplace(*encoder_, config.weight_average_decay());
   *state_.mutable_config() = std::move(config);
 }
 
@@ -309,9 +301,7 @@ v1::TrainingMetrics Trainer::step() {
   RunningStatistics statistics(*encoder_);
   const torch::Tensor outputs =
       forward(*encoder_, input_of(taken.images, state_.step()), config.precision());
-  if (!is_finite(outputs)) {
-    throw diverged("the network's answers are");
-  }
+  if (!is_finite(outputs)) throw diverged("the network's answers are");
   // Add up the terms of the loss.
   const LossTerm regression = regression_loss_->evaluate(batch, outputs.detach());
   torch::Tensor gradient = regression.gradient;
@@ -330,21 +320,15 @@ v1::TrainingMetrics Trainer::step() {
   encoder_->zero_grad();
   surrogate_loss(outputs, gradient).backward();
   for (const torch::Tensor& parameter : encoder_->parameters()) {
-    if (!is_finite(parameter.grad())) {
-      throw diverged("the gradient is");
-    }
+    if (!is_finite(parameter.grad())) throw diverged("the gradient is");
   }
   metrics.set_learning_rate(learning_rate(config, state_.step()));
   descend(metrics.learning_rate());
   statistics.keep();
   for (const torch::Tensor& parameter : encoder_->parameters()) {
-    if (!is_finite(parameter)) {
-      throw diverged("the weights are");
-    }
+    if (!is_finite(parameter)) throw diverged("the weights are");
   }
-  if (average_) {
-    average_->update(*encoder_);
-  }
+  if (average_) average_->update(*encoder_);
   state_ = next;
   metrics.set_step(static_cast<uint32_t>(state_.step()));
   metrics.set_images(batches_->image_count());
@@ -370,9 +354,7 @@ void Trainer::descend(double rate) {
 }
 
 void Trainer::require_finite_answers() const {
-  if (state_.step() == 0) {
-    return;
-  }
+  if (state_.step() == 0) return;
   const uint64_t last = state_.step() - 1;
   const TrainingImages taken = batches_->batch_at(last, state_.config().batch());
   const torch::NoGradGuard no_gradient;

@@ -67,12 +67,8 @@ v1::TrainingConfig training_preset(const std::string& name) {
 }
 
 v1::TrainingConfig overridden(v1::TrainingConfig config, const v1::TrainingConfig& given) {
-  if (given.has_architecture()) {
-    config.clear_architecture();
-  }
-  if (given.augmentation().has_noise()) {
-    config.mutable_augmentation()->clear_noise();
-  }
+  if (given.has_architecture()) config.clear_architecture();
+  if (given.augmentation().has_noise()) config.mutable_augmentation()->clear_noise();
   config.MergeFrom(given);
   return config;
 }

@@ -104,9 +104,7 @@ class Runner {
         finish();
         return {.stopped_early = true};
       }
-      if (run_.stop.stop_requested()) {
-        throw Error(ErrorKind::kCancelled, "interrupted");
-      }
+      if (run_.stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
       v1::TrainingMetrics metrics = timed_step(trainer_);
       const uint64_t step = trainer_.steps_taken();
       if (run_.validate && (step % run_.validate_every == 0 || step == steps)) {
@@ -116,12 +114,8 @@ class Runner {
       }
       logged_ = step;
       log_.append(metrics);
-      if (step % run_.checkpoint_every == 0 && step < steps) {
-        save();
-      }
-      if (run_.report) {
-        run_.report(metrics);
-      }
+      if (step % run_.checkpoint_every == 0 && step < steps) save();
+      if (run_.report) run_.report(metrics);
     }
     finish();
     return {};
@@ -130,9 +124,7 @@ class Runner {
   // Once for each step. A checkpoint is written only of a network that answers, and of steps whose
   // metrics are written: from what is there the run goes on without a gap.
   void save() {
-    if (trainer_.steps_taken() == saved_) {
-      return;
-    }
+    if (trainer_.steps_taken() == saved_) return;
     if (trainer_.steps_taken() != logged_) {
       throw Error(ErrorKind::kIo, "its validation did not end, and is to be done again");
     }
@@ -244,16 +236,12 @@ TrainingEnd train(const v1::TrainingConfig& config, const LabelledImages& images
                   const PackedInputs& inputs, const v1::Model& start,
                   const RerenderingEvaluator& image_term, const TrainingRun& run) {
   const std::optional<v1::Checkpoint> existing = find_checkpoint(run.folder);
-  if (existing) {
-    require_same_config(existing->training(), config, run.folder);
-  }
+  if (existing) require_same_config(existing->training(), config, run.folder);
   v1::Model from = existing ? existing->model() : start;
   if (!run.model_name.empty()) from.set_name(run.model_name);
   if (!run.model_version.empty()) from.set_version(run.model_version);
   Trainer trainer(config, images, inputs, from, image_term);
-  if (existing) {
-    trainer.restore(*existing);
-  }
+  if (existing) trainer.restore(*existing);
   Runner runner(trainer, run, existing ? existing->training() : v1::TrainingState(),
                 existing && existing->model().has_outlier_model() &&
                     existing->training().step() == config.steps());

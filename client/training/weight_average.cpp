@@ -12,17 +12,13 @@ void WeightAverage::update(const EncoderNetwork& encoder) {
   const auto n = static_cast<double>(++updates_);
   const double decay = std::min(decay_, (1 + n) / (10 + n));
   const std::vector<NamedTensor> tensors = all_tensors(encoder);
-  for (size_t i = 0; i < tensors.size(); ++i) {
-    means_[i].tensor.lerp_(tensors[i].tensor, 1 - decay);
-  }
+  for (size_t i = 0; i < tensors.size(); ++i) means_[i].tensor.lerp_(tensors[i].tensor, 1 - decay);
 }
 
 void WeightAverage::restore(const EncoderNetwork& encoder, uint64_t updates) {
   updates_ = updates;
   means_ = all_tensors(encoder);
-  for (NamedTensor& mean : means_) {
-    mean.tensor = mean.tensor.detach().clone();
-  }
+  for (NamedTensor& mean : means_) mean.tensor = mean.tensor.detach().clone();
 }
 
 }  // namespace itn

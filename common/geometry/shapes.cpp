@@ -137,8 +137,7 @@ Mesh warped(Mesh mesh, const std::function<Vec3d(Vec3d)>& warp) {
   return mesh;
 }
 
-// --- Tubes: a circle swept along a curve
-// -----------------------------------------------------------
+// --- Tubes: a circle swept along a curve ---
 
 // Carries `normal` along from one tangent to the next without twist (parallel transport).
 Vec3d transported(Vec3d normal, Vec3d tangent) {
@@ -393,8 +392,7 @@ double blend(double a, double b, double fillet) {
   return std::min(a, b) - h * h * fillet / 4;
 }
 
-// --- The shapes
-// --------------------------------------------------------------------------------------
+// --- The shapes ---
 
 Mesh make_sphere() {
   return star([](Vec3d) { return 1.0; });
@@ -402,9 +400,7 @@ Mesh make_sphere() {
 
 Mesh make_cube() {
   Mesh mesh;
-  for (int i = 0; i < 8; ++i) {
-    add_vertex(mesh, {double(i & 1), double(i >> 1 & 1), double(i >> 2)});
-  }
+  for (int i = 0; i < 8; ++i) add_vertex(mesh, {double(i & 1), double(i >> 1 & 1), double(i >> 2)});
   add_quad(mesh, 0, 2, 3, 1);
   add_quad(mesh, 4, 5, 7, 6);
   add_quad(mesh, 0, 1, 5, 4);

@@ -15,9 +15,7 @@ namespace {
 constexpr double kObjectFraction = 1 / 1.48;
 
 void throw_if_stopped(const std::stop_token& stop) {
-  if (stop.stop_requested()) {
-    throw Error(ErrorKind::kCancelled, "the prediction was cancelled");
-  }
+  if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "the prediction was cancelled");
 }
 
 std::span<const float> row_of(std::span<const float> values, int y, size_t per_row) {
@@ -54,9 +52,7 @@ Extent extent_of_object(const Photograph& p, const std::stop_token& stop) {
     throw_if_stopped(stop);
     const auto row = row_of(p.mask, y, p.width);
     const auto first = std::ranges::find_if(row, is_on_object);
-    if (first == row.end()) {
-      continue;
-    }
+    if (first == row.end()) continue;
     const auto last = std::find_if(row.rbegin(), row.rend(), is_on_object);
     extent.left = std::min(extent.left, static_cast<int>(first - row.begin()));
     extent.right = std::max(extent.right, static_cast<int>(row.rend() - last) - 1);
@@ -67,9 +63,7 @@ Extent extent_of_object(const Photograph& p, const std::stop_token& stop) {
 }
 
 Square frame(const Photograph& p, Framing framing, const std::stop_token& stop) {
-  if (framing == Framing::kSquareWhole && p.width == p.height) {
-    return {0, 0, p.width};
-  }
+  if (framing == Framing::kSquareWhole && p.width == p.height) return {0, 0, p.width};
   const Extent object = extent_of_object(p, stop);
   const int width = object.right - object.left + 1;
   const int height = object.bottom - object.top + 1;
@@ -117,9 +111,7 @@ std::vector<float> averaged(const Photograph& p, std::span<const float> values, 
       double* sum = &row_sums[static_cast<size_t>(cell) * channels];
       for (int c = 0; c < channels; ++c, ++value) {
         sum[c] += part * *value;
-        if (part < 1) {
-          sum[c + channels] += (1 - part) * *value;
-        }
+        if (part < 1) sum[c + channels] += (1 - part) * *value;
       }
     }
     // Into the result.
@@ -127,9 +119,7 @@ std::vector<float> averaged(const Photograph& p, std::span<const float> values, 
     for (size_t i = 0; i < row_size; ++i) {
       double* sum = &sums[cell * row_size + i];
       *sum += part * row_sums[i];
-      if (part < 1) {
-        sum[row_size] += (1 - part) * row_sums[i];
-      }
+      if (part < 1) sum[row_size] += (1 - part) * row_sums[i];
     }
   }
   const double area = std::pow(static_cast<double>(square.side) / side, 2);
@@ -169,9 +159,7 @@ void validate(const Photograph& p, const std::stop_token& stop) {
   for (int channel = 0; black && channel < p.channels; ++channel) {
     black = is_black(p, channel, stop);
   }
-  if (black) {
-    throw invalid_input("the image is black wherever the mask says that the object is");
-  }
+  if (black) throw invalid_input("the image is black wherever the mask says that the object is");
 }
 
 bool is_black(const Photograph& p, int channel, const std::stop_token& stop) {

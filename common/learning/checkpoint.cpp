@@ -59,9 +59,7 @@ std::vector<v1::Tensor*> tensors_of(v1::Checkpoint& checkpoint) {
   }
   if (checkpoint.training().has_optimizer()) {
     auto& optimizer = *checkpoint.mutable_training()->mutable_optimizer();
-    for (v1::Tensor& tensor : *optimizer.mutable_tensors()) {
-      tensors.push_back(&tensor);
-    }
+    for (v1::Tensor& tensor : *optimizer.mutable_tensors()) tensors.push_back(&tensor);
   }
   if (checkpoint.training().weights_size() > 0) {
     for (v1::Tensor& tensor : *checkpoint.mutable_training()->mutable_weights()) {
@@ -105,9 +103,7 @@ Header read_header(std::string_view file, const fs::path& path) {
 std::optional<uint64_t> data_size(const v1::Tensor& tensor, uint64_t limit) {
   uint64_t size = sizeof(float);
   for (const uint64_t n : tensor.shape()) {
-    if (n != 0 && size > limit / n) {
-      return std::nullopt;
-    }
+    if (n != 0 && size > limit / n) return std::nullopt;
     size *= n;
   }
   return size <= limit ? std::optional(size) : std::nullopt;
@@ -134,14 +130,10 @@ void complete(v1::Checkpoint& checkpoint) {
     if (message.input() == v1::NETWORK_INPUT_UNSPECIFIED) {
       message.set_input(v1::LUMINANCE_AND_WEIGHT);
     }
-    if (message.exposure() == v1::EXPOSURE_UNSPECIFIED) {
-      message.set_exposure(v1::EXPOSURE_KNOWN);
-    }
+    if (message.exposure() == v1::EXPOSURE_UNSPECIFIED) message.set_exposure(v1::EXPOSURE_KNOWN);
   };
   set(*checkpoint.mutable_model());
-  if (checkpoint.training().has_config()) {
-    set(*checkpoint.mutable_training()->mutable_config());
-  }
+  if (checkpoint.training().has_config()) set(*checkpoint.mutable_training()->mutable_config());
 }
 
 v1::Checkpoint read_one(const fs::path& path) {
@@ -180,12 +172,8 @@ void keep_as(const fs::path& from, const fs::path& to) {
   std::error_code error;
   fs::remove(temporary, error);
   fs::create_hard_link(from, temporary, error);
-  if (error) {
-    fs::copy_file(from, temporary, error);
-  }
-  if (!error) {
-    fs::rename(temporary, to, error);
-  }
+  if (error) fs::copy_file(from, temporary, error);
+  if (!error) fs::rename(temporary, to, error);
   if (error) {
     std::error_code ignored;
     fs::remove(temporary, ignored);
@@ -214,16 +202,12 @@ void write_checkpoint(const fs::path& path, v1::Checkpoint checkpoint) {
 
 void write_latest_checkpoint(const fs::path& folder, v1::Checkpoint checkpoint) {
   const fs::path latest = folder / kCheckpointName;
-  if (fs::exists(latest)) {
-    keep_as(latest, folder / kPreviousCheckpointName);
-  }
+  if (fs::exists(latest)) keep_as(latest, folder / kPreviousCheckpointName);
   write_checkpoint(latest, std::move(checkpoint));
 }
 
 v1::Checkpoint read_checkpoint(const fs::path& path) {
-  if (!fs::is_directory(path)) {
-    return read_one(path);
-  }
+  if (!fs::is_directory(path)) return read_one(path);
   const fs::path latest = path / kCheckpointName;
   try {
     if (!fs::exists(latest) && fs::exists(path / kPreviousCheckpointName)) {
@@ -231,9 +215,7 @@ v1::Checkpoint read_checkpoint(const fs::path& path) {
     }
     return read_one(latest);
   } catch (const Error& error) {
-    if (error.kind() != ErrorKind::kDataLoss) {
-      throw;
-    }
+    if (error.kind() != ErrorKind::kDataLoss) throw;
     throw Error(error.kind(), fmt::format("{}. {}", error.what(), recovery_hint(path)));
   }
 }
@@ -247,9 +229,7 @@ std::optional<v1::Checkpoint> find_checkpoint(const fs::path& folder) {
 
 std::string weights_sha256(const v1::Model& model) {
   std::string digests;
-  for (const v1::Tensor& tensor : model.weights()) {
-    digests += sha256(tensor.SerializeAsString());
-  }
+  for (const v1::Tensor& tensor : model.weights()) digests += sha256(tensor.SerializeAsString());
   return to_hex(sha256(digests));
 }
 

@@ -36,9 +36,7 @@ std::vector<MaterialCoordinates> normal_points() {
   normal = at::linalg_solve(root, normal.t()).t().contiguous();
   std::vector<MaterialCoordinates> points;
   const auto rows = normal.accessor<double, 2>();
-  for (int64_t i = 0; i < kPoints; ++i) {
-    points.push_back({rows[i][0], rows[i][1], rows[i][2]});
-  }
+  for (int64_t i = 0; i < kPoints; ++i) points.push_back({rows[i][0], rows[i][1], rows[i][2]});
   return points;
 }
 
@@ -67,9 +65,7 @@ double mean_of(const std::vector<double>& values) {
 double covariance(const std::vector<double>& a, double mean_a, const std::vector<double>& b,
                   double mean_b) {
   double sum = 0;
-  for (size_t i = 0; i < a.size(); ++i) {
-    sum += (a[i] - mean_a) * (b[i] - mean_b);
-  }
+  for (size_t i = 0; i < a.size(); ++i) sum += (a[i] - mean_a) * (b[i] - mean_b);
   return sum / static_cast<double>(a.size());
 }
 

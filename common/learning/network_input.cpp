@@ -46,9 +46,7 @@ torch::Tensor ratio(const torch::Tensor& y, const torch::Tensor& mean) {
 torch::Tensor ratio_planes(const v1::Model& model, const ImageBatch& images) {
   const torch::Tensor& mask = images.mask;
   torch::Tensor y = images.luminance * static_cast<float>(model.image_scale());
-  if (model.exposure() == v1::EXPOSURE_UNKNOWN) {
-    y = ratio(y, object_mean(y * mask, mask));
-  }
+  if (model.exposure() == v1::EXPOSURE_UNKNOWN) y = ratio(y, object_mean(y * mask, mask));
   const torch::Tensor masked = y * mask;
   return torch::stack(
       {torch::log(y + kBlack) * mask, kLocalGain * (ratio(y, local_mean(masked, mask)) - 1) * mask,
@@ -78,12 +76,8 @@ bool needs_weight_map(v1::NetworkInput input) {
 }
 
 int64_t input_channels(const v1::Model& model) {
-  if (needs_weight_map(model.input())) {
-    return 2;
-  }
-  if (model.input() == v1::RATIOS) {
-    return 4;
-  }
+  if (needs_weight_map(model.input())) return 2;
+  if (model.input() == v1::RATIOS) return 4;
   throw invalid_input("the model's input is not one that this version of itn knows");
 }
 
@@ -153,9 +147,7 @@ ImageBatch concatenated(std::span<const ImageBatch> batches) {
   const auto all = [&](torch::Tensor ImageBatch::*member) {
     std::vector<torch::Tensor> tensors;
     for (const ImageBatch& batch : batches) {
-      if (!(batch.*member).defined()) {
-        return torch::Tensor();
-      }
+      if (!(batch.*member).defined()) return torch::Tensor();
       tensors.push_back(batch.*member);
     }
     return torch::cat(tensors);

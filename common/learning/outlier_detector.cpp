@@ -413,9 +413,7 @@ std::string OutlierDetector::unusual(const torch::Tensor& statistics) const {
   const torch::Tensor z = (statistics - statistics_.mean) / deviations_;
   const auto most = z.abs().argmax().item<int64_t>();
   const double deviation = z[most].item<double>();
-  if (std::abs(deviation) < kRemarkable) {
-    return "it looks like none of them";
-  }
+  if (std::abs(deviation) < kRemarkable) return "it looks like none of them";
   const double factor = std::exp((statistics[most] - statistics_.mean[most]).item<double>());
   return fmt::format("{}: {:.2g} times what is usual", kNames[static_cast<size_t>(most)], factor);
 }

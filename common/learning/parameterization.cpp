@@ -19,9 +19,7 @@ Material as_material(const MaterialCoordinates& t) {
 
 MaterialCoordinates clamp(const MaterialCoordinates& value, const Box& box) {
   MaterialCoordinates result;
-  for (size_t i = 0; i < 3; ++i) {
-    result[i] = std::clamp(value[i], box.min[i], box.max[i]);
-  }
+  for (size_t i = 0; i < 3; ++i) result[i] = std::clamp(value[i], box.min[i], box.max[i]);
   return result;
 }
 
@@ -31,9 +29,7 @@ MaterialCoordinates clamp_gradient(const MaterialCoordinates& value, const Box& 
   for (size_t i = 0; i < 3; ++i) {
     const bool outward =
         (value[i] < box.min[i] && gradient[i] > 0) || (value[i] > box.max[i] && gradient[i] < 0);
-    if (outward) {
-      gradient[i] = 0;
-    }
+    if (outward) gradient[i] = 0;
   }
   return gradient;
 }
@@ -122,13 +118,9 @@ MaterialCoordinates similarity_of_unbounded(const MaterialCoordinates& c, const 
 
 MaterialCoordinates to_coordinates(v1::Parameterization parameterization, const Material& m,
                                    const OpenInterval& g) {
-  if (parameterization == v1::NAIVE) {
-    return as_triple(m);
-  }
+  if (parameterization == v1::NAIVE) return as_triple(m);
   const MaterialCoordinates c = to_similarity(m);
-  if (parameterization == v1::SIMILARITY) {
-    return c;
-  }
+  if (parameterization == v1::SIMILARITY) return c;
   return {std::log(c[0]), logit(c[1]), logit((c[2] - g.min) / (g.max - g.min))};
 }
 
@@ -143,21 +135,15 @@ Material from_coordinates(v1::Parameterization parameterization, const MaterialC
 
 Jacobian jacobian(v1::Parameterization parameterization, const MaterialCoordinates& c,
                   const OpenInterval& g) {
-  if (parameterization == v1::NAIVE) {
-    return {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
-  }
-  if (parameterization == v1::SIMILARITY) {
-    return similarity_jacobian(c);
-  }
+  if (parameterization == v1::NAIVE) return {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+  if (parameterization == v1::SIMILARITY) return similarity_jacobian(c);
   // By the chain rule; the derivative of the logistic function p is p (1 - p).
   const MaterialCoordinates s = similarity_of_unbounded(c, g);
   const double u = logistic(c[2]);
   const MaterialCoordinates inner{s[0], s[1] * (1 - s[1]), (g.max - g.min) * u * (1 - u)};
   Jacobian j = similarity_jacobian(s);
   for (MaterialCoordinates& row : j) {
-    for (size_t k = 0; k < 3; ++k) {
-      row[k] *= inner[k];
-    }
+    for (size_t k = 0; k < 3; ++k) row[k] *= inner[k];
   }
   return j;
 }
@@ -243,18 +229,14 @@ OutputSpace::OutputSpace(const v1::Model& model)
 
 MaterialCoordinates OutputSpace::standardized(const Material& material) const {
   MaterialCoordinates c = to_coordinates(parameterization_, material, g_);
-  for (size_t i = 0; i < 3; ++i) {
-    c[i] = (c[i] - mean_[i]) / standard_deviation_[i];
-  }
+  for (size_t i = 0; i < 3; ++i) c[i] = (c[i] - mean_[i]) / standard_deviation_[i];
   return c;
 }
 
 MaterialCoordinates OutputSpace::coordinates(const MaterialCoordinates& output) const {
   MaterialCoordinates c;
   for (size_t i = 0; i < 3; ++i) {
-    if (!std::isfinite(output[i])) {
-      throw invalid_input("the network's prediction is not finite");
-    }
+    if (!std::isfinite(output[i])) throw invalid_input("the network's prediction is not finite");
     c[i] = mean_[i] + standard_deviation_[i] * output[i];
   }
   return c;
@@ -266,14 +248,6 @@ Material OutputSpace::material(const MaterialCoordinates& output) const {
       clamp(as_triple(from_coordinates(parameterization_, inside, g_)), material_box_));
 }
 
-Jacobian OutputSpace::output_jacobian(const Material& material) const {
-  Jacobian j = jacobian(parameterization_, to_coordinates(parameterization_, material, g_), g_);
-  for (MaterialCoordinates& row : j) {
-    for (size_t k = 0; k < 3; ++k) row[k] *= standard_deviation_[k];
-  }
-  return j;
-}
-
 MaterialCoordinates OutputSpace::output_gradient(
     const MaterialCoordinates& output, const MaterialCoordinates& material_gradient) const {
   const MaterialCoordinates raw = coordinates(output);
@@ -283,14 +257,10 @@ MaterialCoordinates OutputSpace::output_gradient(
   const Jacobian j = jacobian(parameterization_, inside, g_);
   MaterialCoordinates by_coordinate{};
   for (size_t i = 0; i < 3; ++i) {
-    for (size_t k = 0; k < 3; ++k) {
-      by_coordinate[i] += j[k][i] * by_material[k];
-    }
+    for (size_t k = 0; k < 3; ++k) by_coordinate[i] += j[k][i] * by_material[k];
   }
   MaterialCoordinates gradient = clamp_gradient(raw, coordinate_box_, by_coordinate);
-  for (size_t i = 0; i < 3; ++i) {
-    gradient[i] *= standard_deviation_[i];
-  }
+  for (size_t i = 0; i < 3; ++i) gradient[i] *= standard_deviation_[i];
   return gradient;
 }
 

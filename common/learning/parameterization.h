@@ -65,9 +65,6 @@ class OutputSpace {
   // finite.
   Material material(const MaterialCoordinates& output) const;
 
-  // d (sigma_t, albedo, g)_i / d output_j at standardized(material).
-  Jacobian output_jacobian(const Material& material) const;
-
   // The gradient of a loss in the output, from its gradient in (sigma_t, albedo, g) at
   // material(output). Where the output is clamped, the part of the gradient whose descent would
   // push it further out is dropped; the part that pulls it back passes.

@@ -42,13 +42,9 @@ v1::PredictReply to_reply(std::span<const MaterialEstimate> estimates,
   v1::PredictReply reply;
   for (const MaterialEstimate& estimate : estimates) {
     *reply.add_materials() = itn::to_proto(estimate.material);
-    if (estimate.posterior) {
-      *reply.add_posteriors() = to_proto(*estimate.posterior);
-    }
+    if (estimate.posterior) *reply.add_posteriors() = to_proto(*estimate.posterior);
     v1::AnswerWarnings& caveats = *reply.add_caveats();
-    for (const v1::MaterialBound bound : estimate.at_bounds) {
-      caveats.add_at_bounds(bound);
-    }
+    for (const v1::MaterialBound bound : estimate.at_bounds) caveats.add_at_bounds(bound);
     if (estimate.outlier) {
       v1::OutlierScore& outlier = *caveats.mutable_outlier();
       outlier.set_score(estimate.outlier->score);

@@ -53,9 +53,7 @@ std::optional<double> size_of(const v1::Capture& capture) {
 }
 
 void throw_if_stopped(const std::stop_token& stop) {
-  if (stop.stop_requested()) {
-    throw Error(ErrorKind::kCancelled, "the prediction was cancelled");
-  }
+  if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "the prediction was cancelled");
 }
 
 // The more unfamiliar of both.
@@ -341,9 +339,7 @@ std::vector<MaterialEstimate> Predictor::estimate(const Photograph& photograph,
 std::vector<Material> Predictor::predict(const Photograph& photograph,
                                          const std::stop_token& stop) const {
   std::vector<Material> materials;
-  for (const MaterialEstimate& a : estimate(photograph, {}, stop)) {
-    materials.push_back(a.material);
-  }
+  for (const MaterialEstimate& a : estimate(photograph, {}, stop)) materials.push_back(a.material);
   return materials;
 }
 

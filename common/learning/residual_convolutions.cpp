@@ -160,9 +160,7 @@ class ResidualConvolutionNetwork final : public EncoderNetwork {
     // Channels last: all layers keep it, and are half again as fast with it.
     torch::Tensor x = input.contiguous(torch::MemoryFormat::ChannelsLast);
     x = stem_norm_->forward(batch_invariant_conv2d(*stem_, x)).relu_();
-    for (const auto& block : *blocks_) {
-      x = block->as<ResidualBlock>()->forward(x);
-    }
+    for (const auto& block : *blocks_) x = block->as<ResidualBlock>()->forward(x);
     // Pool over the cells that see the object.
     const torch::Tensor cells = torch::adaptive_avg_pool2d(mask, {x.size(2), x.size(3)});
     const torch::Tensor maximum = (x * (cells > 0)).amax({2, 3});

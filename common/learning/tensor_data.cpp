@@ -21,9 +21,7 @@ std::string printable(const std::string& name) {
   constexpr size_t kMaxLength = 60;
   std::string text = name.substr(0, kMaxLength);
   for (char& c : text) {
-    if (c < ' ' || c > '~') {
-      c = '?';
-    }
+    if (c < ' ' || c > '~') c = '?';
   }
   return text;
 }
@@ -74,9 +72,7 @@ v1::Tensor to_proto(const std::string& name, const torch::Tensor& tensor) {
   v1::Tensor proto;
   proto.set_name(name);
   proto.set_type(v1::Tensor::FLOAT32);
-  for (const int64_t size : values.sizes()) {
-    proto.add_shape(static_cast<uint64_t>(size));
-  }
+  for (const int64_t size : values.sizes()) proto.add_shape(static_cast<uint64_t>(size));
   proto.set_data(values.data_ptr<float>(), values.nbytes());
   return proto;
 }
@@ -89,17 +85,13 @@ void validate_shapes(const google::protobuf::RepeatedPtrField<v1::Tensor>& tenso
                                     expected.size(),
                                     expected.empty() ? "none" : expected.front().name + " ..."));
   }
-  for (size_t i = 0; i < count; ++i) {
-    require_shape(tensors[static_cast<int>(i)], expected[i]);
-  }
+  for (size_t i = 0; i < count; ++i) require_shape(tensors[static_cast<int>(i)], expected[i]);
 }
 
 void validate(const google::protobuf::RepeatedPtrField<v1::Tensor>& tensors,
               const std::vector<TensorShape>& expected) {
   validate_shapes(tensors, expected);
-  for (const v1::Tensor& tensor : tensors) {
-    require_finite(tensor);
-  }
+  for (const v1::Tensor& tensor : tensors) require_finite(tensor);
 }
 
 void copy_values(const v1::Tensor& tensor, torch::Tensor& destination) {

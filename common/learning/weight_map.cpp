@@ -28,13 +28,9 @@ cv::Mat on_object(int width, int height, std::span<const float> mask) {
 float white_level(std::span<const float> luminance, std::span<const float> mask) {
   std::vector<float> values;
   for (size_t i = 0; i < luminance.size(); ++i) {
-    if (mask[i] > kOnObject) {
-      values.push_back(luminance[i]);
-    }
+    if (mask[i] > kOnObject) values.push_back(luminance[i]);
   }
-  if (values.empty()) {
-    return 0;
-  }
+  if (values.empty()) return 0;
   const auto nth = values.begin() + static_cast<ptrdiff_t>(kWhitePercentile *
                                                            static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), nth, values.end());
@@ -70,9 +66,7 @@ std::vector<float> weight_map(int width, int height, std::span<const float> lumi
                               std::span<const float> mask) {
   const cv::Mat object = on_object(width, height, mask);
   std::vector<float> weights(mask.size(), 0);
-  if (cv::countNonZero(object) == 0) {
-    return weights;
-  }
+  if (cv::countNonZero(object) == 0) return weights;
   // Edges: those inside, and the silhouette.
   cv::Mat edges;
   cv::Canny(display_values(width, height, luminance, mask), edges, kWeakEdge, kStrongEdge);

@@ -42,9 +42,7 @@ std::string parse_host(std::string_view text, std::string_view host) {
   if (strange) throw not_an_address(text, "its host is neither a name nor a number");
   if (host.starts_with('[') && host.ends_with(']')) {
     host = host.substr(1, host.size() - 2);
-    if (!is_ipv6(host)) {
-      throw not_an_address(text, "what is in brackets must be an IPv6 address");
-    }
+    if (!is_ipv6(host)) throw not_an_address(text, "what is in brackets must be an IPv6 address");
   } else if (host.find_first_of(":[]") != std::string_view::npos) {
     throw not_an_address(text, "an IPv6 address must be in brackets");
   }

@@ -49,8 +49,7 @@ bool asks_for_scene(const grpc::Status& status) {
 
 }  // namespace
 
-// ---- CallScheduler
-// --------------------------------------------------------------------------------
+// ---- CallScheduler ----
 
 CallScheduler::CallScheduler(const CallSchedulerOptions& options)
     : options_(options),

@@ -70,9 +70,7 @@ class WireChecker {
         static_cast<int>(length) > bytes_.BytesUntilLimit()) {
       throw malformed();
     }
-    if (packed) {
-      return check_packed(*field, own_type, static_cast<int>(length), path, counts);
-    }
+    if (packed) return check_packed(*field, own_type, static_cast<int>(length), path, counts);
     count(*field, 1, path, counts);
     if (field->cpp_type() != FieldDescriptor::CPPTYPE_MESSAGE) {
       if (!bytes_.Skip(static_cast<int>(length))) throw malformed();

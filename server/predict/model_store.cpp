@@ -188,9 +188,7 @@ std::vector<ModelStore::Slot> ModelStore::slots_of_folder() {
       warn_once(fmt::format("{} cannot be read: {}; models found in it before go on answering",
                             printable(path.string(), 500), error.message()));
     }
-    for (const fs::path& file : files) {
-      add(file, path.filename().string(), file.stem().string());
-    }
+    for (const fs::path& file : files) add(file, path.filename().string(), file.stem().string());
   }
   std::ranges::sort(slots, {}, &Slot::path);
   return slots;

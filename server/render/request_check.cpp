@@ -23,12 +23,8 @@ void check_loss(const v1::RenderGradRequest& request) {
         "biased",
         request.estimates()));
   }
-  if (request.has_tile()) {
-    throw invalid_input("loss and tile cannot both be asked for");
-  }
-  if (!request.albedos().empty()) {
-    throw invalid_input("loss and albedos cannot both be asked for");
-  }
+  if (request.has_tile()) throw invalid_input("loss and tile cannot both be asked for");
+  if (!request.albedos().empty()) throw invalid_input("loss and albedos cannot both be asked for");
 }
 
 // Values of an image of the target; `positive`: none may be negative.

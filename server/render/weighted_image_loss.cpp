@@ -25,9 +25,7 @@ void check_sizes(std::span<const float> image, std::span<const float> weight,
       fits = fits && derivative.size() == image.size();
     }
   }
-  if (!fits) {
-    throw invalid_input("the estimates differ, or do not have the size of the image");
-  }
+  if (!fits) throw invalid_input("the estimates differ, or do not have the size of the image");
 }
 
 double weighted_energy(std::span<const float> image, std::span<const float> weight) {
@@ -36,9 +34,7 @@ double weighted_energy(std::span<const float> image, std::span<const float> weig
     const double value = static_cast<double>(weight[p]) * image[p];
     energy += value * value;
   }
-  if (!(energy > 0)) {
-    throw invalid_input("the image is black where its weight map is not 0");
-  }
+  if (!(energy > 0)) throw invalid_input("the image is black where its weight map is not 0");
   return energy;
 }
 
@@ -69,9 +65,7 @@ LossWithGradient weighted_image_loss(std::span<const float> image, std::span<con
   loss.gradient.resize(estimates[0].derivatives.size());
   for (size_t p = 0; p < image.size(); ++p) {
     const double w2 = static_cast<double>(weight[p]) * weight[p];
-    if (w2 == 0) {
-      continue;
-    }
+    if (w2 == 0) continue;
     const auto difference = [](const RenderEstimate&, double d) { return d; };
     loss.value += w2 * scale * pair_sum(image[p], estimates, p, difference);
     for (size_t i = 0; i < loss.gradient.size(); ++i) {

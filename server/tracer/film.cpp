@@ -21,9 +21,7 @@ std::vector<float> averages(const std::vector<int64_t>& sums, double quantum,
 std::vector<uint32_t> all_counts(const FilmSums& sums) {
   std::vector<uint32_t> result(sums.squares.size());
   for (const auto& estimate : sums.estimates) {
-    for (size_t i = 0; i < result.size(); ++i) {
-      result[i] += estimate.counts[i];
-    }
+    for (size_t i = 0; i < result.size(); ++i) result[i] += estimate.counts[i];
   }
   return result;
 }
@@ -31,9 +29,7 @@ std::vector<uint32_t> all_counts(const FilmSums& sums) {
 std::vector<float> standard_errors(const FilmSums& sums, const std::vector<uint32_t>& counts) {
   std::vector<float> result(sums.squares.size());
   for (size_t i = 0; i < result.size(); ++i) {
-    if (counts[i] < 2) {
-      continue;
-    }
+    if (counts[i] < 2) continue;
     double total = 0;
     for (const auto& estimate : sums.estimates) {
       total += static_cast<double>(estimate.radiance[i]) * sums.quantum;

@@ -27,9 +27,7 @@ double power_of_two_near(double x) {
 // radiance.
 double derivative_unit(const Parameter& parameter, const Scene::Compiled& scene,
                        const Material& material) {
-  if (parameter.kind != Parameter::kSigmaT) {
-    return 1;
-  }
+  if (parameter.kind != Parameter::kSigmaT) return 1;
   const Bounds& box = scene.obstacles.bounds;
   const double size = static_cast<double>(length(box.max - box.min));
   return power_of_two_near(std::min(1 / material.sigma_t, size));
@@ -77,9 +75,7 @@ FilmWriter::FilmWriter(FilmSums& film)
       albedos_(film.estimates[0].at_albedos.size()),
       per_radiance_(1 / film.quantum),
       per_square_(1 / film.squares_quantum) {
-  for (size_t i = 0; i < derivatives_; ++i) {
-    per_derivative_[i] = 1 / film.derivative_quanta[i];
-  }
+  for (size_t i = 0; i < derivatives_; ++i) per_derivative_[i] = 1 / film.derivative_quanta[i];
 }
 
 void FilmWriter::add(const PathSample& sample, const PathEstimate& path) {
@@ -125,9 +121,7 @@ bool FilmWriter::collect(const PathEstimate& path, PixelSums& sums) const {
   for (size_t a = 0; a < albedos_; ++a) {
     representable = representable && std::abs(path.at_albedos[a] * per_radiance_) < kMaxQuanta;
   }
-  if (!representable) {
-    return false;
-  }
+  if (!representable) return false;
   sums.radiance += std::llrint(radiance);
   sums.squares += std::llrint(std::min(path.radiance * path.radiance * per_square_, kMaxQuanta));
   for (size_t i = 0; i < derivatives_; ++i) {
@@ -140,9 +134,7 @@ bool FilmWriter::collect(const PathEstimate& path, PixelSums& sums) const {
 }
 
 void FilmWriter::flush(const PixelSums& sums) {
-  if (sums.pixel == PixelSums::kNone) {
-    return;
-  }
+  if (sums.pixel == PixelSums::kNone) return;
   // Integers add up to the same in any order.
   const auto add_to = [](int64_t& sum, int64_t by) {
     std::atomic_ref(sum).fetch_add(by, std::memory_order_relaxed);
@@ -153,9 +145,7 @@ void FilmWriter::flush(const PixelSums& sums) {
   for (size_t i = 0; i < derivatives_; ++i) {
     add_to(estimate.derivatives[i][pixel], sums.derivatives[i]);
   }
-  for (size_t a = 0; a < albedos_; ++a) {
-    add_to(estimate.at_albedos[a][pixel], sums.at_albedos[a]);
-  }
+  for (size_t a = 0; a < albedos_; ++a) add_to(estimate.at_albedos[a][pixel], sums.at_albedos[a]);
   add_to(film_->squares[pixel], sums.squares);
   add_to(film_->hits[pixel], sums.hits);
 }

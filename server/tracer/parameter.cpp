@@ -44,17 +44,13 @@ std::string name_of(const Parameter& parameter) {
 
 Parameter parameter_named(std::string_view name) {
   for (const Parameter& parameter : medium_parameters()) {
-    if (name == name_of(parameter)) {
-      return parameter;
-    }
+    if (name == name_of(parameter)) return parameter;
   }
   uint32_t index = 0;
   if (read_indexed(name, "surface[", "].reflectance", index)) {
     return {Parameter::kReflectance, index};
   }
-  if (read_indexed(name, "light[", "].scale", index)) {
-    return {Parameter::kLightScale, index};
-  }
+  if (read_indexed(name, "light[", "].scale", index)) return {Parameter::kLightScale, index};
   throw invalid_input(
       fmt::format("{} is not a parameter; there are sigma_t, albedo, g, surface[K].reflectance and "
                   "light[K].scale, K counting from 0",

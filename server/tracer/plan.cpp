@@ -87,13 +87,9 @@ std::vector<double> sample_shares(const std::vector<uint32_t>& pixels,
                                   const std::vector<double>& deviation,
                                   const RenderRequest& request, bool adaptive) {
   std::vector<double> shares(pixels.size(), 1);
-  if (!adaptive) {
-    return shares;
-  }
+  if (!adaptive) return shares;
   double total = 0;
-  for (const double d : deviation) {
-    total += d;
-  }
+  for (const double d : deviation) total += d;
   const double least = kMinDeviation * total / static_cast<double>(pixels.size());
   double sum = 0;
   for (size_t i = 0; i < pixels.size(); ++i) {
@@ -102,12 +98,8 @@ std::vector<double> sample_shares(const std::vector<uint32_t>& pixels,
     shares[i] = weight * (least + (1 - kMinDeviation) * deviation[i]);
     sum += shares[i];
   }
-  if (!(sum > 0)) {
-    return std::vector<double>(pixels.size(), 1);
-  }
-  for (double& share : shares) {
-    share *= static_cast<double>(pixels.size()) / sum;
-  }
+  if (!(sum > 0)) return std::vector<double>(pixels.size(), 1);
+  for (double& share : shares) share *= static_cast<double>(pixels.size()) / sum;
   return shares;
 }
 
@@ -166,9 +158,7 @@ Plan plan_from_pilot(const Scene::Compiled& scene, const RenderRequest& request,
       sample_shares(pixels, deviation, request, options.switches.adaptive);
   Plan plan;
   for (size_t i = 0; i < pixels.size(); ++i) {
-    if (shares[i] == 0) {
-      continue;
-    }
+    if (shares[i] == 0) continue;
     // Every estimate gets as many, so that all are as good.
     const double each =
         std::clamp(std::round(shares[i] * request.sample_count / request.estimates), 1.0,

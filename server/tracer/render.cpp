@@ -41,9 +41,7 @@ FilmSums render(const Scene::Compiled& scene, const RenderRequest& request,
     writer.close();
     writer.counters.cpu_seconds += thread_cpu_seconds() - start;
   });
-  for (const FilmWriter& writer : writers) {
-    add(film.counters, writer.counters);
-  }
+  for (const FilmWriter& writer : writers) add(film.counters, writer.counters);
   return film;
 }
 

@@ -59,9 +59,7 @@ class Sampler {
   Uniforms at(uint32_t vertex, uint32_t purpose) const {
     const auto bits = philox({vertex, purpose, sample_, pixel_}, key_);
     Uniforms u;
-    for (size_t i = 0; i < 4; ++i) {
-      u[i] = static_cast<float>(bits[i] >> 8) * 0x1p-24F;
-    }
+    for (size_t i = 0; i < 4; ++i) u[i] = static_cast<float>(bits[i] >> 8) * 0x1p-24F;
     u[4] = static_cast<float>((bits[0] & 255) << 16 | (bits[1] & 255) << 8 | (bits[2] & 255)) *
            0x1p-24F;
     return u;

@@ -27,15 +27,11 @@ inline void on_threads(size_t count, const std::function<void(size_t)>& work) {
   };
   {
     std::vector<std::jthread> threads;
-    for (size_t i = 1; i < count; ++i) {
-      threads.emplace_back(guarded, i);
-    }
+    for (size_t i = 1; i < count; ++i) threads.emplace_back(guarded, i);
     guarded(0);
   }
   for (const std::exception_ptr& error : errors) {
-    if (error) {
-      std::rethrow_exception(error);
-    }
+    if (error) std::rethrow_exception(error);
   }
 }
 

@@ -99,9 +99,7 @@ void bench(const Options& options, const std::string& architecture, uint32_t bas
   const Speed prediction =
       measure(options, [&] { encoder->forward(network_input(model, images)); });
   int64_t weights = 0;
-  for (const NamedTensor& named : all_tensors(*encoder)) {
-    weights += named.tensor.numel();
-  }
+  for (const NamedTensor& named : all_tensors(*encoder)) weights += named.tensor.numel();
   fmt::print("{:12} {:5} {:6} {:11.2f}  {:12.0f} {:8.2f}  {:12.0f} {:8.2f}\n", architecture, base,
              blocks, static_cast<double>(weights) / 1e6, training.per_second,
              training.cpu_seconds_per_1000, prediction.per_second, prediction.cpu_seconds_per_1000);

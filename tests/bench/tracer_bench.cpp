@@ -79,9 +79,7 @@ class Moments {
   }
   double total_mean() const {
     double total = 0;
-    for (const double s : sum_) {
-      total += s / count_;
-    }
+    for (const double s : sum_) total += s / count_;
     return total;
   }
   double total_variance() const {
@@ -201,9 +199,7 @@ std::vector<Tally> compare(const Scene& scene, std::vector<Variant> variants,
       RenderRequest& request = variants[v].request;
       request.seed = static_cast<uint64_t>(1 + repetition);
       request.pixels = Pixels::kObject;
-      if (variants[v].knows_loss) {
-        request.sampling_weights = target.sampling_weights;
-      }
+      if (variants[v].knows_loss) request.sampling_weights = target.sampling_weights;
       const FilmSums sums = render_grad(scene, request, variants[v].options);
       const RenderedImages images = means(sums);
       Tally& tally = tallies[v];
@@ -307,9 +303,7 @@ void compare_scenes(const Options& options) {
         v.options.switches.throughput_roulette = true;
       }));
       if (options.each) {
-        for (Variant& variant : without_each(variants[1])) {
-          variants.push_back(std::move(variant));
-        }
+        for (Variant& variant : without_each(variants[1])) variants.push_back(std::move(variant));
       }
       const std::vector<Tally> tallies = compare(scene, variants, options);
       std::string text;
@@ -354,9 +348,7 @@ double peak_memory() {
   while (file != nullptr && std::fgets(line, sizeof line, file) != nullptr) {
     std::sscanf(line, "VmHWM: %lf", &kilobytes);
   }
-  if (file != nullptr) {
-    std::fclose(file);
-  }
+  if (file != nullptr) std::fclose(file);
   return kilobytes / 1024;
 }
 
@@ -375,20 +367,14 @@ Mesh bumpy_ball(int n) {
   };
   mesh.vertices = {place(0, 0), place(n, 0)};
   for (int i = 1; i < n; ++i) {
-    for (int j = 0; j < 2 * n; ++j) {
-      mesh.vertices.push_back(place(i, j));
-    }
+    for (int j = 0; j < 2 * n; ++j) mesh.vertices.push_back(place(i, j));
   }
   for (int i = 0; i < n; ++i) {
     for (int j = 0; j < 2 * n; ++j) {
       const uint32_t a = number(i, j), b = number(i + 1, j), c = number(i + 1, j + 1),
                      d = number(i, j + 1);
-      if (i + 1 < n) {
-        mesh.triangles.push_back({a, b, c});
-      }
-      if (i > 0) {
-        mesh.triangles.push_back({a, c, d});
-      }
+      if (i + 1 < n) mesh.triangles.push_back({a, b, c});
+      if (i > 0) mesh.triangles.push_back({a, c, d});
     }
   }
   return mesh;
@@ -414,15 +400,11 @@ void measure_scaling(const Options&) {
         what, resolution, spp, mesh.triangles.size(), set_up, wall, cpu, peak_memory());
     std::fflush(stdout);
   };
-  for (const uint32_t spp : {1U, 16U, 64U, 256U, 1024U}) {
-    row("spp", 128, spp, 64);
-  }
+  for (const uint32_t spp : {1U, 16U, 64U, 256U, 1024U}) row("spp", 128, spp, 64);
   for (const int resolution : {32, 64, 128, 256, 512, 1024}) {
     row("pixels", resolution, resolution > 512 ? 16 : 64, 64);
   }
-  for (const int n : {16, 50, 158, 500}) {
-    row("triangles", 128, 64, n);
-  }
+  for (const int n : {16, 50, 158, 500}) row("triangles", 128, 64, n);
 }
 
 // ---- Where the time of a small render goes --------------------------------------------------
@@ -457,9 +439,7 @@ class Steps {
  private:
   std::vector<double>& entry(const std::string& step) {
     for (auto& [name, values] : steps_) {
-      if (name == step) {
-        return values;
-      }
+      if (name == step) return values;
     }
     return steps_.emplace_back(step, std::vector<double>()).second;
   }
@@ -522,9 +502,7 @@ void set_up_row(New what, const char* name, int resolution, uint32_t spp, int re
   answer(wire_scene(mesh, resolution).SerializeAsString(), request, cache, ignored);
   for (int i = 1; i <= repetitions; ++i) {
     Mesh other = mesh;
-    if (what == New::kMesh) {
-      other.vertices[0].y += 1e-4F * static_cast<float>(i);
-    }
+    if (what == New::kMesh) other.vertices[0].y += 1e-4F * static_cast<float>(i);
     v1::Scene scene = wire_scene(other, resolution);
     if (what == New::kPose) {
       v1::Rotation& turn =
@@ -621,9 +599,7 @@ void measure_dataset(const Options& options) {
     for (const char* shape :
          {"cube", "smooth_star", "figure", "bunny", "armadillo", "dragon_40k"}) {
       const Mesh mesh = find_mesh(shape, options.data);
-      if (mesh.triangles.empty()) {
-        continue;
-      }
+      if (mesh.triangles.empty()) continue;
       const Scene scene(paper_scene(mesh, options.resolution));
       for (size_t i = 0; i < kGridSigmaT.size(); ++i, ++renders) {
         // A Latin square over the grid; random materials: golden ratio points of the same ranges.
@@ -681,18 +657,12 @@ void soak(const Options& options) {
   Counters total;
   const auto& shapes = builtin_shapes();
   std::vector<std::string> names;
-  for (const auto& shape : shapes) {
-    names.emplace_back(shape.name);
-  }
-  for (const char* name : {"bunny", "armadillo", "dragon_40k"}) {
-    names.emplace_back(name);
-  }
+  for (const auto& shape : shapes) names.emplace_back(shape.name);
+  for (const char* name : {"bunny", "armadillo", "dragon_40k"}) names.emplace_back(name);
   for (uint64_t round = 0; static_cast<double>(total.paths) < options.paths; ++round) {
     for (const std::string& name : names) {
       const Mesh mesh = find_mesh(name, options.data);
-      if (mesh.triangles.empty()) {
-        continue;
-      }
+      if (mesh.triangles.empty()) continue;
       const Scene scene(paper_scene(mesh, options.resolution));
       for (const Material& material : kMaterials) {
         RenderRequest request{.material = material,

@@ -17,9 +17,7 @@ void expect_error(ErrorKind kind, const std::vector<std::string>& parts, F&& cal
     call();
   } catch (const Error& error) {
     EXPECT_EQ(exit_code(error.kind()), exit_code(kind)) << error.what();
-    for (const std::string& part : parts) {
-      EXPECT_THAT(error.what(), ::testing::HasSubstr(part));
-    }
+    for (const std::string& part : parts) EXPECT_THAT(error.what(), ::testing::HasSubstr(part));
     return;
   }
   ADD_FAILURE() << "no error was thrown";

@@ -25,13 +25,9 @@ struct Estimated {
 inline Estimated over_batches(const std::vector<double>& values) {
   const double n = static_cast<double>(values.size());
   double sum = 0, squares = 0;
-  for (const double v : values) {
-    sum += v;
-  }
+  for (const double v : values) sum += v;
   const double mean = sum / n;
-  for (const double v : values) {
-    squares += (v - mean) * (v - mean);
-  }
+  for (const double v : values) squares += (v - mean) * (v - mean);
   return {mean, std::sqrt(squares / (n - 1) / n), n - 1};
 }
 
@@ -82,9 +78,7 @@ inline Estimated difference(const Estimated& a, const Estimated& b) {
 // 26.7.4), which is a finite sum of powers of the cosine of theta = arctan(t / sqrt n). Others are
 // rounded down, which errs on the side of larger tails; from 10^5 on it is the normal distribution.
 inline double two_sided_tail(double t, double degrees_of_freedom) {
-  if (!(degrees_of_freedom < 1e5)) {
-    return std::erfc(t / std::numbers::sqrt2);
-  }
+  if (!(degrees_of_freedom < 1e5)) return std::erfc(t / std::numbers::sqrt2);
   const int n = static_cast<int>(degrees_of_freedom);
   const double theta = std::atan(t / std::sqrt(n));
   const double cosine = std::cos(theta), sine = std::sin(theta);
@@ -103,9 +97,7 @@ inline double two_sided_tail(double t, double degrees_of_freedom) {
 inline double t_threshold(int comparisons, double degrees_of_freedom) {
   const double each = -std::expm1(std::log1p(-1e-3) / comparisons);
   double low = 0, high = 1;  // by bisection
-  while (two_sided_tail(high, degrees_of_freedom) > each) {
-    high *= 2;
-  }
+  while (two_sided_tail(high, degrees_of_freedom) > each) high *= 2;
   while (high - low > 1e-6 * high) {
     const double middle = (low + high) / 2;
     (two_sided_tail(middle, degrees_of_freedom) > each ? low : high) = middle;

@@ -33,8 +33,7 @@ void evaluate(const Solid& solid, size_t count, Point point, Use use) {
   }
 }
 
-// --- The cube and its sheets
-// ----------------------------------------------------------------------
+// --- The cube and its sheets ---
 
 // Corner c of a cell is at (c & 1, c >> 1 & 1, c >> 2 & 1). Edge 4 axis + k runs along an axis; the
 // bits of k are its place along the next two.
@@ -101,8 +100,7 @@ constexpr auto kSheets = [] {
   return table;
 }();
 
-// --- Where a sheet's vertex is
-// --------------------------------------------------------------------
+// --- Where a sheet's vertex is ---
 
 struct Crossing {
   uint32_t node = 0;  // at the low end of the edge
@@ -145,8 +143,7 @@ class Meeting {
   size_t count_ = 0;
 };
 
-// --- The grid
-// -------------------------------------------------------------------------------------
+// --- The grid ---
 
 // Where the surface is, and how much of it, seen from afar.
 struct Survey {

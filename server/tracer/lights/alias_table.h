@@ -39,9 +39,7 @@ class AliasTable {
       }
     }
     for (const auto& rest : {small, large}) {
-      for (const uint32_t i : rest) {
-        entries_[i] = {1, i};
-      }
+      for (const uint32_t i : rest) entries_[i] = {1, i};
     }
   }
 

@@ -98,16 +98,12 @@ void EnvironmentMapTable::weigh_pixels() {
     inverse_angles_.push_back(static_cast<float>(1 / solid_angle));
     for (int column = 0; column < width_; ++column) {
       double sum = 0;
-      for (int i = 0; i < 9; ++i) {
-        sum += value(column + i % 3 - 1, row + i / 3 - 1);
-      }
+      for (int i = 0; i < 9; ++i) sum += value(column + i % 3 - 1, row + i / 3 - 1);
       weights.push_back(sum / 9 * solid_angle);
       power_ += value(column, row) * solid_angle;
     }
   }
-  if (power_ > 0) {
-    cells_.emplace(weights);
-  }
+  if (power_ > 0) cells_.emplace(weights);
 }
 
 }  // namespace itn::tracer

@@ -17,18 +17,10 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 // One light, unless it is distant.
 HWY_INLINE Emission emission(const Lights::Light& light, Vectors d) {
-  if (const auto* sky = std::get_if<SkyLight>(&light.kind)) {
-    return emission(*sky, d);
-  }
-  if (const auto* sun = std::get_if<SunDisc>(&light.kind)) {
-    return emission(*sun, d);
-  }
-  if (const auto* map = std::get_if<EnvironmentMap>(&light.kind)) {
-    return emission(*map, d);
-  }
-  if (const auto* uniform = std::get_if<UniformLight>(&light.kind)) {
-    return emission(*uniform, d);
-  }
+  if (const auto* sky = std::get_if<SkyLight>(&light.kind)) return emission(*sky, d);
+  if (const auto* sun = std::get_if<SunDisc>(&light.kind)) return emission(*sun, d);
+  if (const auto* map = std::get_if<EnvironmentMap>(&light.kind)) return emission(*map, d);
+  if (const auto* uniform = std::get_if<UniformLight>(&light.kind)) return emission(*uniform, d);
   return {hn::Zero(FloatTag()), hn::Zero(FloatTag())};
 }
 
@@ -64,9 +56,7 @@ HWY_INLINE LightSamples sample(const Lights& lights, const Words& words, const W
     const Floats to = set(light.cumulative);
     const Mask chosen = hn::And(hn::Ge(choice, from), hn::Lt(choice, to));
     from = to;
-    if (hn::AllFalse(FloatTag(), chosen)) {
-      continue;
-    }
+    if (hn::AllFalse(FloatTag(), chosen)) continue;
     Vectors direction = draw.direction;
     if (const auto* sky = std::get_if<SkyLight>(&light.kind)) {
       direction = sample(*sky, cell, coin, u0, u1);
@@ -97,9 +87,7 @@ HWY_INLINE LightSamples sample(const Lights& lights, const Words& words, const W
 HWY_INLINE Floats radiance_of(const Lights& lights, size_t number, Vectors d) {
   Floats sum = hn::Zero(FloatTag());
   for (const Lights::Light& light : lights.all()) {
-    if (light.number == number) {
-      sum = hn::Add(sum, emission(light, d).radiance);
-    }
+    if (light.number == number) sum = hn::Add(sum, emission(light, d).radiance);
   }
   return sum;
 }

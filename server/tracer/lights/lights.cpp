@@ -34,9 +34,7 @@ template <typename Use>
 void if_not_distant(const Lights::Light& light, const Use& use) {
   std::visit(
       [&](const auto& kind) {
-        if constexpr (!std::is_same_v<decltype(kind), const DistantSource&>) {
-          use(kind);
-        }
+        if constexpr (!std::is_same_v<decltype(kind), const DistantSource&>) use(kind);
       },
       light.kind);
 }
@@ -138,9 +136,7 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channe
     std::visit(builder, description);
     ++builder.number;
   }
-  for (const Light& light : lights_) {
-    power_ += light.probability;
-  }
+  for (const Light& light : lights_) power_ += light.probability;
   if (!(power_ > 0)) {
     throw invalid_input("nothing shines: a scene needs at least one light with radiance > 0");
   }
@@ -178,9 +174,7 @@ float Lights::radiance(Vec3f direction, size_t number) const {
 }
 
 float Lights::weight(const LightSample& sample, size_t number) const {
-  if (sample.pdf > 0) {
-    return radiance(sample.direction, number) / sample.pdf;
-  }
+  if (sample.pdf > 0) return radiance(sample.direction, number) / sample.pdf;
   return sample.number == number ? sample.weight : 0;
 }
 

@@ -83,9 +83,7 @@ SkyTable::SkyTable(double turbidity, double ground_albedo, double sun_elevation,
       cells_(weigh_cells()) {}
 
 double SkyTable::radiance(Vec3f d) const {
-  if (d.y < 0) {
-    return 0;
-  }
+  if (d.y < 0) return 0;
   const Position p = locate(d);
   const auto at = [&](int column, int row) { return values_[index(column, row)]; };
   return std::lerp(std::lerp(at(p.column, p.row), at(p.column + 1, p.row), p.x),
@@ -95,9 +93,7 @@ double SkyTable::radiance(Vec3f d) const {
 // Within a cell uniform in a and s. With d omega = dy d phi, dy = 2 (1 - s) ds, and
 // d phi / da = 1 / (f^2 + (1 - f)^2) where f is the fraction of a.
 double SkyTable::pdf(Vec3f d) const {
-  if (d.y < 0) {
-    return 0;
-  }
+  if (d.y < 0) return 0;
   const Position p = locate(d);
   const float f = p.fraction;
   const float probability =

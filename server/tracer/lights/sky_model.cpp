@@ -101,9 +101,7 @@ Rgb sun_irradiance(double turbidity, double sun_elevation) {
     const double irradiance = planck(w * 1e-9, kTemperature) * kSolidAngle *
                               transmittance(w * 1e-3, turbidity, sun_elevation);
     const auto matching = colour_matching(w);
-    for (size_t i = 0; i < 3; ++i) {
-      xyz[i] += irradiance * matching[i] * 1e-9;
-    }
+    for (size_t i = 0; i < 3; ++i) xyz[i] += irradiance * matching[i] * 1e-9;
   }
   // XYZ to linear sRGB, IEC 61966-2-1.
   const auto [x, y, z] = xyz;

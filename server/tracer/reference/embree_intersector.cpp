@@ -29,9 +29,7 @@ class EmbreeIntersector final : public Intersector {
  public:
   EmbreeIntersector(const Mesh& object, const std::vector<Mesh>& surfaces)
       : device_(rtcNewDevice(nullptr)), scene_(device_ ? rtcNewScene(device_.get()) : nullptr) {
-    if (!scene_) {
-      throw std::runtime_error("Embree could not start");
-    }
+    if (!scene_) throw std::runtime_error("Embree could not start");
     rtcSetSceneBuildQuality(scene_.get(), RTC_BUILD_QUALITY_HIGH);
 #if RTC_VERSION_MAJOR >= 4
     rtcSetSceneFlags(scene_.get(),
@@ -39,12 +37,8 @@ class EmbreeIntersector final : public Intersector {
 #else
     rtcSetSceneFlags(scene_.get(), RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION);
 #endif
-    if (!object.triangles.empty()) {
-      attach(object, kObject);
-    }
-    for (size_t i = 0; i < surfaces.size(); ++i) {
-      attach(surfaces[i], static_cast<uint32_t>(i) + 1);
-    }
+    if (!object.triangles.empty()) attach(object, kObject);
+    for (size_t i = 0; i < surfaces.size(); ++i) attach(surfaces[i], static_cast<uint32_t>(i) + 1);
     rtcCommitScene(scene_.get());
     if (rtcGetDeviceError(device_.get()) != RTC_ERROR_NONE) {
       throw std::runtime_error("Embree could not build the scene (out of memory?)");
@@ -132,9 +126,7 @@ class EmbreeIntersector final : public Intersector {
       accepted =
           hit.geomID - 1 != context.excluded.surface || hit.primID != context.excluded.triangle;
     }
-    if (!accepted) {
-      arguments->valid[0] = 0;
-    }
+    if (!accepted) arguments->valid[0] = 0;
   }
 
   void attach(const Mesh& mesh, uint32_t number) {
@@ -145,9 +137,7 @@ class EmbreeIntersector final : public Intersector {
     auto* triangles = static_cast<std::array<uint32_t, 3>*>(rtcSetNewGeometryBuffer(
         geometry.get(), RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, sizeof(std::array<uint32_t, 3>),
         std::max<size_t>(1, mesh.triangles.size())));
-    if (vertices == nullptr || triangles == nullptr) {
-      throw std::bad_alloc();
-    }
+    if (vertices == nullptr || triangles == nullptr) throw std::bad_alloc();
     std::copy(mesh.vertices.begin(), mesh.vertices.end(), vertices);
     std::copy(mesh.triangles.begin(), mesh.triangles.end(), triangles);
     triangles_ += mesh.triangles.size();

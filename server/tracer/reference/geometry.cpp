@@ -63,9 +63,7 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
   };
   // Asks the model about a crossing at t; whether the line goes on.
   const auto passes = [&](const Hit& hit) {
-    if (model == nullptr) {
-      return true;
-    }
+    if (model == nullptr) return true;
     const auto [point, normal] = intersector_->crossing(hit);
     const BoundaryInteraction at{.point = point,
                                  .normal = normal,
@@ -100,9 +98,7 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
         ray.end = RayResult::End::kSurface;
         return ray;
       }
-      if (!passes(hit)) {
-        return ray;
-      }
+      if (!passes(hit)) return ray;
       last_exit = hit.t;
       inside = false;
     } else {
@@ -119,9 +115,7 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
         return ray;
       }
       ray.entered = true;
-      if (!passes(hit)) {
-        return ray;
-      }
+      if (!passes(hit)) return ray;
       last_entry = hit.t;
       inside = true;
     }

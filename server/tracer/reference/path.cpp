@@ -59,9 +59,7 @@ class Walk {
         g_(static_cast<float>(request.material.g)),
         geometry_(scene.geometry()) {
     for (size_t i = 0; i < request.derivatives.size(); ++i) {
-      if (request.derivatives[i].kind == Parameter::kReflectance) {
-        reflectances_.push_back(i);
-      }
+      if (request.derivatives[i].kind == Parameter::kReflectance) reflectances_.push_back(i);
     }
   }
 
@@ -80,9 +78,7 @@ class Walk {
         case RayResult::End::kInMedium: scatter(ray.at, u[1], u[2]); break;
         case RayResult::End::kCrossing: cross(ray); break;
       }
-      if (result_.leaked || !russian_roulette(u[3])) {
-        return result_;
-      }
+      if (result_.leaked || !russian_roulette(u[3])) return result_;
     }
   }
 
@@ -104,12 +100,8 @@ class Walk {
       ++result_.steps;
       score_sigma_t_ -= ray.medium_length;
     }
-    if (ray.end == RayResult::End::kInMedium) {
-      score_sigma_t_ += 1 / sigma_t_;
-    }
-    if (vertex_ == 1) {
-      result_.hit = ray.entered;
-    }
+    if (ray.end == RayResult::End::kInMedium) score_sigma_t_ += 1 / sigma_t_;
+    if (vertex_ == 1) result_.hit = ray.entered;
     return ray;
   }
 
@@ -133,9 +125,7 @@ class Walk {
   void scatter(const Interaction& at, float u0, float u1) {
     dweight_dalbedo_ = dweight_dalbedo_ * albedo_ + weight_;
     weight_ *= albedo_;
-    for (const size_t i : reflectances_) {
-      dweight_dreflectance_[i] *= albedo_;
-    }
+    for (const size_t i : reflectances_) dweight_dreflectance_[i] *= albedo_;
     at_ = at;
     send_shadow_ray([&](Vec3f to_light) {
       const float cosine = dot(direction_, to_light);
@@ -198,9 +188,7 @@ class Walk {
   void multiply_weight(float factor) {
     weight_ *= factor;
     dweight_dalbedo_ *= factor;
-    for (const size_t i : reflectances_) {
-      dweight_dreflectance_[i] *= factor;
-    }
+    for (const size_t i : reflectances_) dweight_dreflectance_[i] *= factor;
   }
 
   // What a vertex does with light from a direction.
@@ -213,26 +201,18 @@ class Walk {
   // Next-event estimation: light along one direction drawn from the lights, dimmed by the medium.
   template <typename RespondTo>
   void send_shadow_ray(const RespondTo& respond_to) {
-    if (switches_.techniques == Switches::Techniques::kPhaseOnly) {
-      return;
-    }
+    if (switches_.techniques == Switches::Techniques::kPhaseOnly) return;
     const Uniforms u = sampler_.at(vertex_, Sampler::kShadowRay);
     const LightSample light = scene_.lights.sample(uniform_48(u[0], u[1]), u[2], u[3]);
     const Response response = respond_to(light.direction);
-    if (!(light.weight * response.value > 0)) {
-      return;
-    }
+    if (!(light.weight * response.value > 0)) return;
     const bool competes = light.pdf > 0 && switches_.techniques == Switches::Techniques::kBoth;
     const float mis_weight = competes ? light.pdf / (light.pdf + response.pdf) : 1;
 
     const RayResult ray =
         geometry_.follow(at_, light.direction, kMaxOpticalDepth / sigma_t_, switches_.boundary);
-    if (ray.end == RayResult::End::kLeaked) {
-      result_.leaked = true;
-    }
-    if (ray.end != RayResult::End::kEscaped) {
-      return;
-    }
+    if (ray.end == RayResult::End::kLeaked) result_.leaked = true;
+    if (ray.end != RayResult::End::kEscaped) return;
     const float dimming = ray.transmittance * std::exp(-sigma_t_ * ray.medium_length);
     const auto arriving = [&](float weight) {
       return weight * response.value * mis_weight * dimming;
@@ -270,18 +250,12 @@ class Walk {
     for (const size_t i : reflectances_) {
       importance = std::max(importance, dweight_dreflectance_[i]);
     }
-    if (vertex_ < ThroughputRoulette::kFirstVertex) {
-      return importance > 0 || dweight_dalbedo_ > 0;
-    }
+    if (vertex_ < ThroughputRoulette::kFirstVertex) return importance > 0 || dweight_dalbedo_ > 0;
     const float probability = std::min(ThroughputRoulette::kMaxSurvival, importance);
-    if (u >= probability) {
-      return false;
-    }
+    if (u >= probability) return false;
     weight_ /= probability;
     dweight_dalbedo_ /= probability;
-    for (const size_t i : reflectances_) {
-      dweight_dreflectance_[i] /= probability;
-    }
+    for (const size_t i : reflectances_) dweight_dreflectance_[i] /= probability;
     return true;
   }
 

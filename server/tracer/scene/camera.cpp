@@ -42,9 +42,7 @@ Camera::FilmBox Camera::film_box(Vec3d low, Vec3d high) const {
                           corner & 4 ? high.z : low.z} -
                     origin_;
     const double depth = dot(v, forward_);
-    if (!(depth > 1e-6 * length(v))) {
-      return {-kInfinity, -kInfinity, kInfinity, kInfinity, 0};
-    }
+    if (!(depth > 1e-6 * length(v))) return {-kInfinity, -kInfinity, kInfinity, kInfinity, 0};
     const double x = (dot(v, right_) / depth + half_width_) / scale_;
     const double y = (dot(v, down_) / depth + half_height_) / scale_;
     box = {std::min(box.left, x), std::min(box.top, y), std::max(box.right, x),

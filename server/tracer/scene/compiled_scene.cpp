@@ -22,9 +22,7 @@ bool contains(const Bounds& box, Vec3d p) {
 }
 
 std::vector<DiffuseSurface> to_object(const Pose& pose, std::vector<DiffuseSurface> surfaces) {
-  for (DiffuseSurface& surface : surfaces) {
-    surface.mesh = to_object(pose, std::move(surface.mesh));
-  }
+  for (DiffuseSurface& surface : surfaces) surface.mesh = to_object(pose, std::move(surface.mesh));
   return surfaces;
 }
 
@@ -86,28 +84,20 @@ const std::vector<uint32_t>& Scene::Compiled::object_pixels(int threads,
                                                             const std::stop_token& stop) const {
   {
     const std::lock_guard lock(mutex_);
-    if (object_pixels_) {
-      return object_pixels_->pixels;
-    }
+    if (object_pixels_) return object_pixels_->pixels;
   }
   const auto found = parts_.get<ObjectPixels>(object_pixels_key_, stop, [&] {
     return std::make_shared<const ObjectPixels>(*this, threads, stop);
   });
   const std::lock_guard lock(mutex_);
-  if (!object_pixels_) {
-    object_pixels_ = found;
-  }
+  if (!object_pixels_) object_pixels_ = found;
   return object_pixels_->pixels;
 }
 
 size_t Scene::Compiled::memory() const {
   size_t sum = sizeof(*this) + obstacles.surfaces.memory();
-  if (!object_is_shared_) {
-    sum += object->memory();
-  }
-  for (const std::string& key : part_keys) {
-    sum += sizeof(std::string) + key.size();
-  }
+  if (!object_is_shared_) sum += object->memory();
+  for (const std::string& key : part_keys) sum += sizeof(std::string) + key.size();
   for (const DiffuseSurface& surface : surfaces) {
     sum += surface.mesh.vertices.size() * sizeof(Vec3f) +
            surface.mesh.triangles.size() * sizeof(std::array<uint32_t, 3>);

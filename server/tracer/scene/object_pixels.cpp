@@ -45,29 +45,21 @@ class Looker {
     const int ray_column = ray % kMaskRays, ray_row = ray / kMaskRays;
     const double x = column + (ray_column + 0.5) / kMaskRays;
     const double y = row + (ray_row + 0.5) / kMaskRays;
-    if (!scene_.film_box.contains(x, y)) {
-      return;
-    }
+    if (!scene_.film_box.contains(x, y)) return;
     const CameraRay from = scene_.camera_ray(x, y);
     rays_->position.set(count_, from.origin);
     rays_->direction.set(count_, from.direction);
     rays_->interaction[count_] = 0;
     rays_->max_medium_length[count_] = 0;
     pixel_of_ray_[count_++] = pixel;
-    if (count_ == kSlots) {
-      follow_all();
-    }
+    if (count_ == kSlots) follow_all();
   }
 
   void follow_all() {
-    if (stop_.stop_requested()) {
-      throw Error(ErrorKind::kCancelled, "the render was stopped");
-    }
+    if (stop_.stop_requested()) throw Error(ErrorKind::kCancelled, "the render was stopped");
     follow(scene_.obstacles, *rays_, count_);
     for (size_t i = 0; i < count_; ++i) {
-      if (rays_->outcome[i] & Rays::kEntered) {
-        sees_[pixel_of_ray_[i]] = 1;
-      }
+      if (rays_->outcome[i] & Rays::kEntered) sees_[pixel_of_ray_[i]] = 1;
     }
     count_ = 0;
   }
@@ -109,9 +101,7 @@ ObjectPixels::ObjectPixels(const Scene::Compiled& scene, int threads, const std:
       for_pixels([&](uint32_t pixel) { looker.look(pixel, kFirstRay); });
       for_pixels([&](uint32_t pixel) {
         for (int ray = 0; ray < kRaysPerPixel && !sees[pixel]; ++ray) {
-          if (ray != kFirstRay) {
-            looker.look(pixel, ray);
-          }
+          if (ray != kFirstRay) looker.look(pixel, ray);
         }
       });
     }
@@ -121,9 +111,7 @@ ObjectPixels::ObjectPixels(const Scene::Compiled& scene, int threads, const std:
   for (int y = box.top; y < box.bottom; ++y) {
     for (int x = box.left; x < box.right; ++x) {
       const uint32_t pixel = static_cast<uint32_t>(y) * width + static_cast<uint32_t>(x);
-      if (sees[pixel]) {
-        pixels.push_back(pixel);
-      }
+      if (sees[pixel]) pixels.push_back(pixel);
     }
   }
 }

@@ -28,18 +28,12 @@ std::shared_ptr<const void> PartCache::get_any(const std::string& key, const std
     std::unique_lock lock(mutex_);
     for (auto entry = move_to_front(key); entry != entries_.end(); entry = move_to_front(key)) {
       const std::shared_ptr<Build> under_way = entry->build;
-      if (!under_way) {
-        return entry->part.value;
-      }
+      if (!under_way) return entry->part.value;
       if (!built_.wait(lock, stop, [&] { return under_way->done; })) {
         throw Error(ErrorKind::kCancelled, "stopped while a part of the scene was being compiled");
       }
-      if (under_way->error) {
-        std::rethrow_exception(under_way->error);
-      }
-      if (under_way->value) {
-        return under_way->value;
-      }
+      if (under_way->error) std::rethrow_exception(under_way->error);
+      if (under_way->value) return under_way->value;
     }
     Entries added;  // in both tables, or, where there is no memory for it, in none
     added.push_front({key, {}, std::make_shared<Build>()});
@@ -64,9 +58,7 @@ std::shared_ptr<const void> PartCache::find_any(const std::string& key) {
 
 void PartCache::touch(std::span<const std::string> keys) {
   const std::lock_guard lock(mutex_);
-  for (const std::string& key : keys) {
-    move_to_front(key);
-  }
+  for (const std::string& key : keys) move_to_front(key);
 }
 
 void PartCache::trim() {
@@ -92,9 +84,7 @@ size_t PartCache::memory(std::span<const std::string> keys) const {
 // Requires the lock.
 PartCache::Entries::iterator PartCache::move_to_front(const std::string& key) {
   const auto found = by_key_.find(key);
-  if (found == by_key_.end()) {
-    return entries_.end();
-  }
+  if (found == by_key_.end()) return entries_.end();
   entries_.splice(entries_.begin(), entries_, found->second);
   return entries_.begin();
 }
@@ -106,9 +96,7 @@ void PartCache::finish(const std::string& key, Part part, const std::exception_p
   Build& build = *entry->build;
   build.done = true;
   build.value = part.value;
-  if (error && !is_cancelled(error)) {
-    build.error = error;
-  }
+  if (error && !is_cancelled(error)) build.error = error;
   built_.notify_all();
   if (error) {
     by_key_.erase(key);
@@ -128,9 +116,7 @@ void PartCache::evict() {
   for (auto entry = entries_.end(); memory_ > budget_ && entry != entries_.begin();) {
     --entry;
     const bool in_use = entry->part.value.use_count() > 1;
-    if (entry->build || in_use) {
-      continue;
-    }
+    if (entry->build || in_use) continue;
     memory_ -= entry->part.memory;
     by_key_.erase(entry->key);
     entry = entries_.erase(entry);

@@ -16,9 +16,7 @@ struct Pose {
 
 // A mesh of the scene in the coordinates of the object.
 inline Mesh to_object(const Pose& pose, Mesh mesh) {
-  for (Vec3f& v : mesh.vertices) {
-    v = static_cast<Vec3f>(pose.to_object(static_cast<Vec3d>(v)));
-  }
+  for (Vec3f& v : mesh.vertices) v = static_cast<Vec3f>(pose.to_object(static_cast<Vec3d>(v)));
   return mesh;
 }
 

@@ -62,9 +62,7 @@ class TriangleAmongCells {
     range(a.x, b.x, c.x, 0);
     range(a.y, b.y, c.y, 1);
     range(a.z, b.z, c.z, 2);
-    if (in_one_cell()) {
-      return;
-    }
+    if (in_one_cell()) return;
     normal_ = cross(b - a, c - a);
     offset_ = dot(normal_, a);
     for (size_t k = 0; k < 3; ++k) {
@@ -118,9 +116,7 @@ class TriangleAmongCells {
       for (int z = box.first[2]; z <= box.last[2]; ++z) {
         for (int y = box.first[1]; y <= box.last[1]; ++y) {
           for (int x = box.first[0]; x <= box.last[0]; ++x) {
-            if (touches({{x, y, z}, {x, y, z}})) {
-              visit(cells_.index(x, y, z));
-            }
+            if (touches({{x, y, z}, {x, y, z}})) visit(cells_.index(x, y, z));
           }
         }
       }
@@ -153,9 +149,7 @@ class TriangleAmongCells {
       const bool meet = (at.x + reach.x >= low.x) & (at.x - reach.x <= high.x) &
                         (at.y + reach.y >= low.y) & (at.y - reach.y <= high.y) &
                         (at.z + reach.z >= low.z) & (at.z - reach.z <= high.z);
-      if (!meet) {
-        return false;
-      }
+      if (!meet) return false;
     }
     return true;
   }

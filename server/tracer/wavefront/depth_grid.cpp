@@ -45,9 +45,7 @@ DepthGrid::DepthGrid(const Mesh& mesh, const std::stop_token& stop) {
   const Row outside(nx + 2, kFarthest);
   Row here = outside, near = outside;
   const auto look_at = [&](int y, int z, int cost) {
-    if (y < 0 || y >= ny || z < 0 || z >= nz) {
-      return;
-    }
+    if (y < 0 || y >= ny || z < 0 || z >= nz) return;
     std::copy_n(&quantized[cells.index(0, y, z)], nx, near.begin() + 1);
     for (int i = 1; i <= nx; ++i) {
       const int across = std::min(near[i - 1], near[i + 1]);

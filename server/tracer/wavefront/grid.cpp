@@ -55,9 +55,7 @@ constexpr double kAxisLength = 127;
 
 Vec3d axis_of(const std::vector<Vec3d>& normals) {
   Vec3d sum{};
-  for (const Vec3d& n : normals) {
-    sum = sum + n;
-  }
+  for (const Vec3d& n : normals) sum = sum + n;
   // The two sides of a thin sheet cancel: either will do.
   const Vec3d direction = length(sum) > 0.1 ? itn::normalize(sum)
                           : normals.empty() ? Vec3d{0, 1, 0}
@@ -71,9 +69,7 @@ Vec3d axis_of(const std::vector<Vec3d>& normals) {
 uint32_t cone_of(const std::vector<Vec3d>& normals, Vec3d axis) {
   constexpr double kNone = 255;
   double least = 1;
-  for (const Vec3d& n : normals) {
-    least = std::min(least, dot(n, axis) / length(axis));
-  }
+  for (const Vec3d& n : normals) least = std::min(least, dot(n, axis) / length(axis));
   constexpr double kMargin = 1.5;  // against rounding, of a direction and of slivers' normals
   const double threshold =
       least > 0 ? std::ceil(length(axis) * std::sqrt(std::max(0.0, 1 - least * least)) + kMargin)
@@ -134,9 +130,7 @@ void Grid::choose_cells(const Mesh& mesh, Cancellation& cancellation) {
     return cells_along(extent.x) * cells_along(extent.y) * cells_along(extent.z) >
            static_cast<double>(most_cells(triangles));
   };
-  while (too_many()) {
-    cell *= 1.05;
-  }
+  while (too_many()) cell *= 1.05;
   place_cells(box, cell);
 }
 
@@ -254,9 +248,7 @@ void Grid::add_cell(const Mesh& mesh, size_t cell_index, std::span<const uint32_
     }
     const auto exact = [&](size_t k) { return static_cast<Vec3d>(mesh.vertices[triangle[k]]); };
     const Vec3d normal = cross(exact(1) - exact(0), exact(2) - exact(0));
-    if (length(normal) > 0) {
-      normals.push_back(itn::normalize(normal));
-    }
+    if (length(normal) > 0) normals.push_back(itn::normalize(normal));
   }
   const Vec3d axis = axis_of(normals);
   double lowest = 1, highest = -1;
@@ -294,9 +286,7 @@ void Grid::measure_skips(const std::stop_token& stop) {
         const uint8_t* const in_yz = &ahead[j * row];
         const uint8_t* const in_y = &layer[j * row];
         uint8_t* const here = &layer[(j + 1) * row];
-        for (size_t i = 0; i < row; ++i) {
-          least[i] = std::min({in_z[i], in_yz[i], in_y[i]});
-        }
+        for (size_t i = 0; i < row; ++i) least[i] = std::min({in_z[i], in_yz[i], in_y[i]});
         const size_t first = (static_cast<size_t>(along(octant, 2, k)) * size[1] +
                               static_cast<size_t>(along(octant, 1, j))) *
                              size[0];
@@ -316,9 +306,7 @@ void Grid::measure_skips(const std::stop_token& stop) {
   };
   const size_t threads = std::min<size_t>(8, thread_count(0));
   on_threads(threads, [&](size_t thread) {
-    for (size_t octant = thread; octant < 8; octant += threads) {
-      measure(static_cast<int>(octant));
-    }
+    for (size_t octant = thread; octant < 8; octant += threads) measure(static_cast<int>(octant));
   });
 }
 
@@ -330,9 +318,7 @@ bool Grid::lies_inside(int x, int y, int z, Cancellation& cancellation) const {
                    low.z + (z + 0.2823) * edge};
   for (; x < size[0]; ++x) {
     const uint32_t word = cells[(static_cast<size_t>(z) * size[1] + y) * size[0] + x];
-    if (!(word & kOccupied)) {
-      continue;
-    }
+    if (!(word & kOccupied)) continue;
     const OccupiedCell& cell = occupied[word & kPayload];
     double nearest = low.x + (x + 1.0) * edge - from.x;  // crossings beyond belong to later cells
     bool found = false, leaves = false;
@@ -349,9 +335,7 @@ bool Grid::lies_inside(int x, int y, int z, Cancellation& cancellation) const {
         // lines/triangle_test-inl.h), here for the direction (1, 0, 0).
         const double slope = cross(c - a, e - a).x;
         const auto passes = [&](Vec3d p, Vec3d q) { return (p.y * q.z - p.z * q.y) * slope >= 0; };
-        if (slope == 0 || !passes(a, c) || !passes(c, e) || !passes(e, a)) {
-          continue;
-        }
+        if (slope == 0 || !passes(a, c) || !passes(c, e) || !passes(e, a)) continue;
         const double t = dot(cross(c - a, e - a), a) / slope;
         if (t >= 0 && t < nearest) {
           nearest = t;
@@ -360,9 +344,7 @@ bool Grid::lies_inside(int x, int y, int z, Cancellation& cancellation) const {
         }
       }
     }
-    if (found) {
-      return leaves;
-    }
+    if (found) return leaves;
   }
   return false;
 }
@@ -372,9 +354,7 @@ void Grid::mark_inside(Cancellation& cancellation) {
   std::vector<bool> visited(cells.size());
   std::vector<uint32_t> pending, component;
   for (uint32_t seed = 0; seed < cells.size(); ++seed) {
-    if (visited[seed] || (cells[seed] & kOccupied)) {
-      continue;
-    }
+    if (visited[seed] || (cells[seed] & kOccupied)) continue;
     component.clear();
     pending = {seed};
     visited[seed] = true;
@@ -400,9 +380,7 @@ void Grid::mark_inside(Cancellation& cancellation) {
     }
     if (lies_inside(static_cast<int>(seed % size[0]), static_cast<int>(seed / size[0] % size[1]),
                     static_cast<int>(seed / size[0] / size[1]), cancellation)) {
-      for (const uint32_t at : component) {
-        cells[at] |= kInside;
-      }
+      for (const uint32_t at : component) cells[at] |= kInside;
     }
   }
 }

@@ -36,9 +36,7 @@ class PixelSequences {
     for (size_t i = 0; i < samples.size(); ++i) {
       const Sequence& sequence = sequence_of(samples[i]);
       exact[i] = sobol_point(samples[i].sample / estimates_);
-      for (size_t k = 0; k < 3; ++k) {
-        scrambles[k][i] = sequence.scrambles[k];
-      }
+      for (size_t k = 0; k < 3; ++k) scrambles[k][i] = sequence.scrambles[k];
     }
     for (size_t k = 0; k < 3; ++k) {
       for (size_t i = 0; i < samples.size(); ++i) {

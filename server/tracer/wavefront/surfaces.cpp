@@ -29,13 +29,9 @@ Surfaces::Surfaces(const std::vector<DiffuseSurface>& surfaces) {
       ++triangles;
     }
   }
-  for (Vectors* vectors : {&corners[0], &corners[1], &corners[2], &normals}) {
-    vectors->push_back({});
-  }
+  for (Vectors* vectors : {&corners[0], &corners[1], &corners[2], &normals}) vectors->push_back({});
   reflectances.push_back(0);
-  if (triangles > kFew) {
-    many = make_embree_intersector({}, meshes);
-  }
+  if (triangles > kFew) many = make_embree_intersector({}, meshes);
 }
 
 bool Surfaces::in_front(Vec3d origin, Vec3d direction, double length) const {

@@ -21,9 +21,7 @@ namespace itn {
 namespace {
 
 using ::testing::HasSubstr;
-using testing::kSceneFile;
-using testing::replaced;
-using testing::TemporaryFolder;
+using namespace testing;
 
 using Arguments = std::vector<std::string>;
 

@@ -19,15 +19,10 @@ namespace {
 using ::testing::AllOf;
 using ::testing::ContainsRegex;
 using ::testing::ElementsAre;
-using testing::eventually;
-using testing::Finished;
+using namespace testing;
 using ::testing::HasSubstr;
 using ::testing::Key;
-using testing::kSceneFile;
-using testing::Process;
-using testing::run;
 using ::testing::StartsWith;
-using testing::TemporaryFolder;
 
 std::vector<std::string> render(const std::string& scene, const std::string& output,
                                 const std::vector<std::string>& more = {}) {

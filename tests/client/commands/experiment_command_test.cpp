@@ -20,12 +20,9 @@ namespace {
 namespace fs = std::filesystem;
 using ::testing::AllOf;
 using ::testing::Each;
-using testing::Finished;
+using namespace testing;
 using ::testing::HasSubstr;
 using ::testing::Not;
-using testing::Process;
-using testing::run;
-using testing::TemporaryFolder;
 using ::testing::Truly;
 
 // Torch's sums depend on its threads in the last bits.

@@ -18,10 +18,8 @@ namespace itn {
 namespace {
 
 using ::testing::AllOf;
-using testing::Finished;
+using namespace testing;
 using ::testing::HasSubstr;
-using testing::run;
-using testing::TemporaryFolder;
 
 using Arguments = std::vector<std::string>;
 

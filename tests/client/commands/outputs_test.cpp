@@ -23,13 +23,9 @@ namespace {
 
 namespace fs = std::filesystem;
 using ::testing::AllOf;
-using testing::Finished;
+using namespace testing;
 using ::testing::HasSubstr;
-using testing::kSceneFile;
 using ::testing::Not;
-using testing::replaced;
-using testing::run;
-using testing::TemporaryFolder;
 
 using Arguments = std::vector<std::string>;
 

@@ -23,12 +23,9 @@ namespace {
 
 namespace fs = std::filesystem;
 using ::testing::AllOf;
-using testing::Finished;
+using namespace testing;
 using ::testing::HasSubstr;
 using ::testing::Not;
-using testing::Process;
-using testing::run;
-using testing::TemporaryFolder;
 
 using Arguments = std::vector<std::string>;
 

@@ -21,14 +21,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using ::testing::AllOf;
-using testing::eventually;
-using testing::Finished;
+using namespace testing;
 using ::testing::HasSubstr;
-using testing::kSceneFile;
-using testing::Process;
-using testing::replaced;
-using testing::run;
-using testing::TemporaryFolder;
 
 using Arguments = std::vector<std::string>;
 

@@ -18,11 +18,9 @@ namespace {
 
 namespace fs = std::filesystem;
 using ::testing::ElementsAre;
-using testing::Finished;
+using namespace testing;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-using testing::run;
-using testing::TemporaryFolder;
 
 Finished shapes(std::vector<std::string> flags) {
   flags.insert(flags.begin(), {testing::kItn, "shapes"});

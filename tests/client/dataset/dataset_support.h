@@ -57,9 +57,7 @@ class DatasetFolder : public ::testing::Test {
     return render_dataset(
         plan, folder_, pool,
         [&](const DatasetProgress& p) {
-          if (p.done - p.kept >= stop_after) {
-            stop.request_stop();
-          }
+          if (p.done - p.kept >= stop_after) stop.request_stop();
         },
         stop.get_token());
   }

@@ -31,9 +31,7 @@ TEST(Sampler, ABatchDependsOnItsStepAlone) {
 TEST(Sampler, ABatchMayBeLargerThanTheSet) {
   EpochSampler sampler(3, 5);
   const std::vector<uint32_t> batch = sampler.batch(0, 7);
-  for (uint32_t item = 0; item < 3; ++item) {
-    EXPECT_GE(std::ranges::count(batch, item), 2);
-  }
+  for (uint32_t item = 0; item < 3; ++item) EXPECT_GE(std::ranges::count(batch, item), 2);
 }
 
 }  // namespace

@@ -10,8 +10,7 @@
 namespace itn {
 namespace {
 
-using testing::expect_error;
-using testing::TemporaryFolder;
+using namespace testing;
 
 // The smallest experiment that is one, and more fields.
 std::string file(const std::string& more = "") {

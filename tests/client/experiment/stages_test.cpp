@@ -14,8 +14,7 @@ namespace itn {
 namespace {
 
 using ::testing::ElementsAre;
-using testing::expect_error;
-using testing::TemporaryFolder;
+using namespace testing;
 
 // Two stages, the second of which takes what the first makes.
 class Stages : public ::testing::Test {

@@ -10,6 +10,8 @@
 #include <sstream>
 #include <vector>
 
+#include <pugixml.hpp>
+
 #include "common/error.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/paths.h"
@@ -22,6 +24,7 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Not;
+using namespace std::string_literals;
 
 using Rgb = std::array<double, 3>;
 
@@ -56,85 +59,28 @@ std::string only_match(const std::string& text, const std::string& pattern) {
   return first == end ? "" : (*first)[1].str();
 }
 
-// ---- XML: enough of it to see that a document is well formed and what its elements say.
+// ---- XML
 
-struct Element {
-  std::string tag;
-  std::map<std::string, std::string> attributes;
-  std::vector<Element> children;
+pugi::xml_document parse_xml(const std::string& text) {
+  pugi::xml_document document;
+  const auto result =
+      document.load_string(text.c_str(), pugi::parse_default | pugi::parse_comments);
+  if (!result) throw std::runtime_error(result.description());
+  return document;
+}
 
-  const Element& child(const std::string& key, const std::string& value) const {
-    for (const Element& element : children) {
-      const auto found = element.attributes.find(key);
-      if (found != element.attributes.end() && found->second == value) return element;
-    }
-    throw std::runtime_error("no " + key + "=" + value + " in " + tag);
-  }
-  std::string value(const std::string& name) const { return child("name", name).at("value"); }
-  std::string at(const std::string& key) const { return attributes.at(key); }
-};
+// The element below this one whose attribute `key` has the value.
+pugi::xml_node child(const pugi::xml_node& parent, const std::string& key,
+                     const std::string& value) {
+  const pugi::xml_node found = parent.find_child(
+      [&](const pugi::xml_node& node) { return node.attribute(key.c_str()).value() == value; });
+  if (!found) throw std::runtime_error("no " + key + "=" + value + " in " + parent.name());
+  return found;
+}
 
-class XmlReader {
- public:
-  explicit XmlReader(const std::string& text) : rest_(text) {
-    take(R"(^<\?xml version="1\.0"[^>]*\?>\s*)");
-    skip_comments();
-    root_ = element();
-    skip_comments();
-    EXPECT_EQ(rest_, "");
-  }
-  const Element& root() const { return root_; }
-  const std::vector<std::string>& comments() const { return comments_; }
-
- private:
-  // What the pattern, and its parentheses, match at the beginning of the rest; goes behind it.
-  std::vector<std::string> take(const std::string& pattern) {
-    std::smatch match;
-    if (!std::regex_search(rest_, match, std::regex(pattern))) {
-      throw std::runtime_error("not " + pattern + ": " + rest_.substr(0, 60));
-    }
-    std::vector<std::string> parts;
-    for (const auto& part : match) parts.push_back(part);
-    rest_ = std::string(match.suffix());
-    return parts;
-  }
-  void skip_comments() {
-    while (rest_.starts_with("<!--")) {
-      const size_t end = rest_.find("--", 4);
-      if (end == std::string::npos || rest_[end + 2] != '>') {
-        throw std::runtime_error("-- in a comment: " + rest_.substr(0, end + 10));
-      }
-      comments_.push_back(rest_.substr(4, end - 4));
-      rest_ = rest_.substr(end + 3);
-      rest_ = rest_.substr(std::min(rest_.find_first_not_of(" \n"), rest_.size()));
-    }
-  }
-  Element element() {
-    Element result;
-    const std::vector<std::string> open =
-        take(R"re(^<([a-z_]+)((?:\s+[a-z]+="[^"<&]*")*)\s*(/?)>\s*)re");
-    result.tag = open[1];
-    const std::string attributes = open[2];
-    const std::regex attribute(R"re(([a-z]+)="([^"]*)")re");
-    for (std::sregex_iterator i(attributes.begin(), attributes.end(), attribute), end; i != end;
-         ++i) {
-      result.attributes[(*i)[1]] = (*i)[2];
-    }
-    if (open[3] == "/") {
-      skip_comments();
-      return result;
-    }
-    skip_comments();
-    while (!rest_.starts_with("</")) result.children.push_back(element());
-    take("^</" + result.tag + R"(>\s*)");
-    skip_comments();
-    return result;
-  }
-
-  std::string rest_;
-  Element root_;
-  std::vector<std::string> comments_;
-};
+std::string value(const pugi::xml_node& parent, const std::string& name) {
+  return child(parent, "name", name).attribute("value").value();
+}
 
 // ---- What the parameters mean.
 
@@ -149,19 +95,18 @@ Medium from_albedo(const Rgb& sigma_t, const Rgb& albedo, double g) {
 
 // Mitsuba 3, "Homogeneous medium": `scale` multiplies sigma_t; RGB values are in [0, 1].
 Medium read_mitsuba(const std::string& text) {
-  const XmlReader xml(text);
-  EXPECT_EQ(xml.root().tag, "scene");
-  EXPECT_EQ(xml.root().child("type", "null").tag, "bsdf");
-  const Element& medium = xml.root().child("type", "homogeneous");
-  const Element& phase = medium.child("type", "hg");
-  const double scale = parse_numbers(medium.value("scale")).at(0);
-  Rgb sigma_t = parse_rgb(medium.value("sigma_t"));
+  const pugi::xml_document xml = parse_xml(text);
+  const pugi::xml_node scene = xml.child("scene");
+  EXPECT_STREQ(child(scene, "type", "null").name(), "bsdf");
+  const pugi::xml_node medium = child(scene, "type", "homogeneous");
+  const double scale = parse_numbers(value(medium, "scale")).at(0);
+  Rgb sigma_t = parse_rgb(value(medium, "sigma_t"));
   for (double& channel : sigma_t) {
-    EXPECT_TRUE(medium.child("name", "sigma_t").tag != "rgb" || channel <= 1);
+    EXPECT_TRUE(child(medium, "name", "sigma_t").name() != "rgb"s || channel <= 1);
     channel *= scale;
   }
-  return from_albedo(sigma_t, parse_rgb(medium.value("albedo")),
-                     parse_numbers(phase.value("g")).at(0));
+  return from_albedo(sigma_t, parse_rgb(value(medium, "albedo")),
+                     parse_numbers(value(child(medium, "type", "hg"), "g")).at(0));
 }
 
 // pbrt-v4, HomogeneousMedium::Create(): `scale` multiplies both.
@@ -232,13 +177,13 @@ Medium read_arnold(const std::string& text) {
 }
 
 Medium read_openpbr_transmission(const std::string& text) {
-  const XmlReader xml(text);
-  const Element& shader = xml.root().child("name", "jade_volume_shader");
-  EXPECT_EQ(shader.value("transmission_weight"), "1");
-  return from_transmission(parse_rgb(shader.value("transmission_color")),
-                           parse_numbers(shader.value("transmission_depth")).at(0),
-                           parse_rgb(shader.value("transmission_scatter")),
-                           parse_numbers(shader.value("transmission_scatter_anisotropy")).at(0));
+  const pugi::xml_document xml = parse_xml(text);
+  const pugi::xml_node shader = child(xml.document_element(), "name", "jade_volume_shader");
+  EXPECT_EQ(value(shader, "transmission_weight"), "1");
+  return from_transmission(parse_rgb(value(shader, "transmission_color")),
+                           parse_numbers(value(shader, "transmission_depth")).at(0),
+                           parse_rgb(value(shader, "transmission_scatter")),
+                           parse_numbers(value(shader, "transmission_scatter_anisotropy")).at(0));
 }
 
 // OpenPBR Surface 1.1, "Subsurface": from the diffuse albedo C to the albedo. The specification
@@ -250,14 +195,14 @@ double albedo_of(double color, double g) {
 }
 
 Medium read_openpbr_subsurface(const std::string& text) {
-  const XmlReader xml(text);
-  const Element& shader = xml.root().child("name", "jade_shader");
-  EXPECT_EQ(shader.value("subsurface_weight"), "1");
-  EXPECT_EQ(shader.value("specular_weight"), "0");
-  const double g = parse_numbers(shader.value("subsurface_scatter_anisotropy")).at(0);
-  const double radius = parse_numbers(shader.value("subsurface_radius")).at(0);
-  Rgb sigma_t = parse_rgb(shader.value("subsurface_radius_scale"));
-  Rgb albedo = parse_rgb(shader.value("subsurface_color"));
+  const pugi::xml_document xml = parse_xml(text);
+  const pugi::xml_node shader = child(xml.document_element(), "name", "jade_shader");
+  EXPECT_EQ(value(shader, "subsurface_weight"), "1");
+  EXPECT_EQ(value(shader, "specular_weight"), "0");
+  const double g = parse_numbers(value(shader, "subsurface_scatter_anisotropy")).at(0);
+  const double radius = parse_numbers(value(shader, "subsurface_radius")).at(0);
+  Rgb sigma_t = parse_rgb(value(shader, "subsurface_radius_scale"));
+  Rgb albedo = parse_rgb(value(shader, "subsurface_color"));
   for (size_t c = 0; c < 3; ++c) {
     EXPECT_LE(sigma_t[c], 1);
     sigma_t[c] = 1 / (radius * sigma_t[c]);
@@ -330,8 +275,9 @@ TEST_P(Export, TakesWhatOnlyScattersAndWhatOnlyAbsorbs) {
 std::string all_comments(const std::string& text) {
   std::string comments;
   if (text.starts_with("<?xml")) {
-    const XmlReader xml(text);
-    for (const std::string& comment : xml.comments()) comments += comment;
+    const pugi::xml_document xml = parse_xml(text);
+    for (const auto& comment : xml.select_nodes("//comment()")) comments += comment.node().value();
+    EXPECT_THAT(comments, Not(HasSubstr("--")));
     return comments;
   }
   std::istringstream lines(text);

@@ -14,10 +14,8 @@
 namespace itn {
 namespace {
 
-using testing::decoded_png;
-using testing::DecodedPng;
+using namespace testing;
 using ::testing::Each;
-using testing::TemporaryFolder;
 
 constexpr int kSide = 8;
 constexpr Rgb kWhite{255, 255, 255}, kBlack{0, 0, 0}, kRed{255, 0, 0}, kBlue{0, 0, 255};

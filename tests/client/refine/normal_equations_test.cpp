@@ -15,11 +15,7 @@
 namespace itn {
 namespace {
 
-using testing::Estimated;
-using testing::expect_equal;
-using testing::expect_error;
-using testing::over_batches;
-using testing::SyntheticModel;
+using namespace testing;
 
 constexpr Material kTruth{60, 0.8, 0.3}, kHere{66, 0.78, 0.25};
 constexpr uint32_t kSpp = 8;

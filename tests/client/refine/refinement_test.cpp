@@ -17,8 +17,7 @@
 namespace itn {
 namespace {
 
-using testing::expect_error;
-using testing::SyntheticModel;
+using namespace testing;
 
 constexpr Material kTruth{60, 0.8, 0.3}, kStart{90, 0.6, 0};
 
@@ -60,9 +59,7 @@ TEST(Refinement, IntervalsCoverTheTruth) {
     inside[2] += has(r.g(), kTruth.g);
   }
   const double sigma = std::sqrt(0.95 * 0.05 / kImages);
-  for (const int count : inside) {
-    EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
-  }
+  for (const int count : inside) EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
 }
 
 // Where the renders that are allowed hardly tell g, chance must not make it look as if they did,

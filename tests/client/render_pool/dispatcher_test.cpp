@@ -21,9 +21,7 @@ namespace {
 
 using namespace std::chrono_literals;
 using grpc::StatusCode;
-using testing::busy;
-using testing::CapturedLog;
-using testing::expect_error;
+using namespace testing;
 using ::testing::HasSubstr;
 using ::testing::Not;
 

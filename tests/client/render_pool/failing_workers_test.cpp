@@ -26,11 +26,7 @@ using namespace std::chrono_literals;
 using grpc::ServerContext;
 using grpc::Status;
 using grpc::StatusCode;
-using testing::answers;
-using testing::eventually;
-using testing::expect_error;
-using testing::FakeWorker;
-using testing::Gate;
+using namespace testing;
 using Request = v1::RenderGradRequest;
 using Reply = v1::RenderGradReply;
 

@@ -29,12 +29,8 @@ namespace {
 
 using namespace std::chrono_literals;
 using grpc::ServerContext;
-using testing::answers;
-using testing::eventually;
-using testing::FakeWorker;
-using testing::Gate;
+using namespace testing;
 using ::testing::HasSubstr;
-using testing::TemporaryFolder;
 using Request = v1::RenderGradRequest;
 using Reply = v1::RenderGradReply;
 

@@ -25,13 +25,8 @@ namespace itn {
 namespace {
 
 using namespace std::chrono_literals;
-using testing::cube_scene;
-using testing::deterministic_bytes;
-using testing::endless_request;
-using testing::eventually;
+using namespace testing;
 using ::testing::HasSubstr;
-using testing::own_cpu_seconds;
-using testing::small_request;
 
 class WorkerProcess : public testing::ServerProcess {
  public:

@@ -19,9 +19,7 @@
 namespace itn {
 namespace {
 
-using testing::eventually;
-using testing::expect_error;
-using testing::TemporaryFolder;
+using namespace testing;
 using Addresses = WorkerList::Addresses;
 using ::testing::HasSubstr;
 

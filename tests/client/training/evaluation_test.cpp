@@ -103,9 +103,7 @@ TEST(Evaluation, NoConstantBeatsTheMeanOfTheTruth) {
 TEST(Evaluation, RelativeErrorsAreThoseOverTheConstantPredictors) {
   const MaterialCoordinates half = relative_errors(
       std::vector<Material>{{150, 0.5, 0.15}, {200, 0.6, 0.3}, {250, 0.7, 0.45}}, three());
-  for (const double ratio : half) {
-    EXPECT_DOUBLE_EQ(ratio, 0.5);
-  }
+  for (const double ratio : half) EXPECT_DOUBLE_EQ(ratio, 0.5);
   LabelledImages one;
   one.truth = {{100, 0.4, 0.2}};  // the constant predictor is right
   for (const double ratio : relative_errors(std::vector<Material>{{100, 0.5, 0.2}}, one)) {

@@ -17,9 +17,7 @@ DatasetImage image(float radiance, float standard_error) {
   DatasetImage image{.radiance = std::vector<float>(kPixels, radiance),
                      .mask = std::vector<float>(kPixels, 1),
                      .standard_error = std::vector<float>(kPixels, standard_error)};
-  for (size_t y = 0; y < kSide; ++y) {
-    image.mask[y * kSide] = image.mask[y * kSide + 1] = 0;
-  }
+  for (size_t y = 0; y < kSide; ++y) image.mask[y * kSide] = image.mask[y * kSide + 1] = 0;
   return image;
 }
 

@@ -172,9 +172,7 @@ Answers answers(DatasetReader& dataset, const QuietImages& quiet, double level) 
                   fit_model(learned, inputs.mean_radiance(),
                             material_range(dataset.manifest().config()), config),
                   {});
-  while (trainer.steps_taken() < kSteps) {
-    trainer.step();
-  }
+  while (trainer.steps_taken() < kSteps) trainer.step();
   std::vector<uint32_t> items(result.images.items.size());
   std::iota(items.begin(), items.end(), 0U);
   const ImageBatch batch = others.batch(items);

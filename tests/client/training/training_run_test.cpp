@@ -29,9 +29,7 @@ using ::testing::HasSubstr;
 std::vector<std::string> lines_of(const fs::path& path) {
   std::ifstream file(path);
   std::vector<std::string> lines;
-  for (std::string line; std::getline(file, line);) {
-    lines.push_back(line);
-  }
+  for (std::string line; std::getline(file, line);) lines.push_back(line);
   return lines;
 }
 
@@ -291,9 +289,7 @@ TEST_F(TrainingRunTest, ValidatesByErrorsOverTheConstantPredictors) {
   Predictor predictor(model);
   const std::vector<MaterialEstimate> estimates = predictor.estimate(inputs_->batch(all_items()));
   double error = 0, mean = 0, spread = 0;
-  for (const Material& truth : images_.truth) {
-    mean += truth.albedo / kItems;
-  }
+  for (const Material& truth : images_.truth) mean += truth.albedo / kItems;
   for (size_t i = 0; i < kItems; ++i) {
     error += std::pow(estimates[i].material.albedo - images_.truth[i].albedo, 2);
     spread += std::pow(mean - images_.truth[i].albedo, 2);

@@ -54,9 +54,7 @@ TEST_F(TrainingTest, RenderGradientReachesTheWeights) {
     encoder->to(torch::kFloat64);
     {  // predictions well inside the bounds, where the loss is smooth
       const torch::NoGradGuard no_gradient;
-      for (torch::Tensor& head : encoder->named_children()["head"]->parameters()) {
-        head *= 0.01;
-      }
+      for (torch::Tensor& head : encoder->named_children()["head"]->parameters()) head *= 0.01;
     }
     const torch::Tensor inputs = network_input(model, inputs_->batch(all_items()));
     const torch::Tensor wide = inputs.to(torch::kFloat64);
@@ -74,9 +72,7 @@ TEST_F(TrainingTest, RenderGradientReachesTheWeights) {
         if (gradients != nullptr) {
           const std::vector<double>& d = loss.gradient;
           const MaterialCoordinates g = space.output_gradient(output, {d.at(0), d.at(1), d.at(2)});
-          for (int64_t k = 0; k < 3; ++k) {
-            (*gradients)[i][k] = g[static_cast<size_t>(k)];
-          }
+          for (int64_t k = 0; k < 3; ++k) (*gradients)[i][k] = g[static_cast<size_t>(k)];
         }
       }
       return mean;
@@ -103,9 +99,7 @@ TEST_F(TrainingTest, RenderGradientReachesTheWeights) {
 
 double mean_of_20(const std::vector<double>& values, size_t first) {
   double sum = 0;
-  for (size_t i = first; i < first + 20; ++i) {
-    sum += values.at(i) / 20;
-  }
+  for (size_t i = first; i < first + 20; ++i) sum += values.at(i) / 20;
   return sum;
 }
 
@@ -131,9 +125,7 @@ TEST_F(TrainingTest, BothTermsPullAboutEquallyHard) {
   const v1::TrainingState state = checkpoint().training();
   EXPECT_EQ(state.balance_steps(), 10);
   EXPECT_DOUBLE_EQ(lambdas[9] * state.image_gradient(), state.regression_gradient());
-  for (size_t i = 10; i < lambdas.size(); ++i) {
-    EXPECT_EQ(lambdas[i], lambdas[9]);
-  }
+  for (size_t i = 10; i < lambdas.size(); ++i) EXPECT_EQ(lambdas[i], lambdas[9]);
 }
 
 class ResumeTest : public TrainingTest,
@@ -151,9 +143,7 @@ TEST_P(ResumeTest, AfterAStopEndsWithTheSameWeights) {
     TrainingRun r = run();
     r.stop = stop.get_token();
     r.report = [&](const v1::TrainingMetrics& m) {
-      if (m.step() >= stop_at) {
-        stop.request_stop();
-      }
+      if (m.step() >= stop_at) stop.request_stop();
     };
     EXPECT_THROW(train(config(GetParam()), images_, *inputs_, start(), render_batch, r), Error);
     EXPECT_EQ(checkpoint().training().step(), stop_at);
@@ -172,9 +162,7 @@ TEST_P(ResumeTest, AfterAKillEndsWithTheSameWeights) {
   begin_anew();
   TrainingRun r = run();
   r.report = [&](const v1::TrainingMetrics& m) {
-    if (m.step() == 11) {
-      std::raise(SIGKILL);
-    }
+    if (m.step() == 11) std::raise(SIGKILL);
   };
   EXPECT_EXIT(train(config(GetParam()), images_, *inputs_, start(), render_batch, r),
               ::testing::KilledBySignal(SIGKILL), "");
@@ -195,9 +183,7 @@ TEST_F(TrainingTest, AFailedStepChangesNothing) {
   const v1::TrainingConfig c = config(v1::TrainingConfig::ITN);
   bool fail = false;
   Trainer trainer(c, images_, *inputs_, start(), [&](std::span<const RerenderingQuery> queries) {
-    if (fail) {
-      throw Error(ErrorKind::kUnavailable, "no worker answers");
-    }
+    if (fail) throw Error(ErrorKind::kUnavailable, "no worker answers");
     return render_batch(queries);
   });
   trainer.step();
@@ -223,9 +209,7 @@ void expect_error(const std::vector<std::string>& parts, const std::function<voi
     ADD_FAILURE() << "no error; expected: " << parts.front();
   } catch (const Error& error) {
     EXPECT_EQ(error.kind(), ErrorKind::kInvalidInput);
-    for (const std::string& part : parts) {
-      EXPECT_THAT(error.what(), HasSubstr(part));
-    }
+    for (const std::string& part : parts) EXPECT_THAT(error.what(), HasSubstr(part));
   }
 }
 
@@ -333,9 +317,7 @@ TEST_F(ResidualTrainingTest, LearnsTheTruthAndHowSureItMayBe) {
   Predictor predictor = Predictor::load(folder_);
   const std::vector<MaterialEstimate> estimates = predictor.estimate(inputs_->batch(all_items()));
   double error = 0, spread = 0, prior = 0, mean = 0;
-  for (const Material& m : images_.truth) {
-    mean += m.albedo / kItems;
-  }
+  for (const Material& m : images_.truth) mean += m.albedo / kItems;
   for (size_t i = 0; i < kItems; ++i) {
     error += std::pow(estimates[i].material.albedo - images_.truth[i].albedo, 2);
     spread += std::pow(estimates[i].posterior->material.parameters[1].standard_deviation, 2);
@@ -368,9 +350,7 @@ TEST_F(ResidualTrainingTest, AfterAStopEndsWithTheSameWeights) {
     TrainingRun r = run();
     r.stop = stop.get_token();
     r.report = [&](const v1::TrainingMetrics& m) {
-      if (m.step() == 6) {
-        stop.request_stop();
-      }
+      if (m.step() == 6) stop.request_stop();
     };
     EXPECT_THROW(train(c, images_, *inputs_, residual_start(), render_batch, r), Error);
     train(c, images_, *inputs_, residual_start(), render_batch, run());
@@ -390,9 +370,7 @@ TEST_F(ResidualTrainingTest, AFailedStepLeavesTheRunningStatistics) {
   bool fail = false;
   Trainer trainer(residual(v1::TrainingConfig::ITN), images_, *inputs_, residual_start(),
                   [&](std::span<const RerenderingQuery> queries) {
-                    if (fail) {
-                      throw Error(ErrorKind::kUnavailable, "no worker answers");
-                    }
+                    if (fail) throw Error(ErrorKind::kUnavailable, "no worker answers");
                     return render_batch(queries);
                   });
   trainer.step();
@@ -422,9 +400,7 @@ TEST_F(TrainingTest, ThatDivergesKeepsTheLastGoodCheckpoint) {
     uint64_t calls = 0;
     const auto spoiled = [&](std::span<const RerenderingQuery> queries) {
       std::vector<LossWithGradient> losses = render_batch(queries);
-      if (++calls == 7) {
-        losses[2].gradient[1] = bad;
-      }
+      if (++calls == 7) losses[2].gradient[1] = bad;
       return losses;
     };
     const v1::TrainingConfig c = config(v1::TrainingConfig::ITN);
@@ -519,9 +495,7 @@ TEST_F(TrainingTest, PackedInputsOfAnotherResolutionAreAverages) {
     DatasetImage image{.radiance = std::vector<float>(4 * kPixels),
                        .mask = std::vector<float>(4 * kPixels, 1),
                        .standard_error = std::vector<float>(4 * kPixels, 0.2F)};
-    for (size_t p = 0; p < image.radiance.size(); ++p) {
-      image.radiance[p] = p % 2 == 0 ? 1.0F : 3.0F;
-    }
+    for (size_t p = 0; p < image.radiance.size(); ++p) image.radiance[p] = p % 2 == 0 ? 1.0F : 3.0F;
     return image;
   };
   const PackedInputs inputs(large, {.resolution = kSize, .input = v1::RATIOS}, folder_);
@@ -537,9 +511,7 @@ TEST_F(TrainingTest, PackedInputsOfAnotherResolutionAreAverages) {
 TEST_F(TrainingTest, PackedInputsSayWhyTheyCannotBeMade) {
   LabelledImages broken = images_;
   broken.read = [this](size_t i) {
-    if (i == 5) {
-      throw Error(ErrorKind::kDataLoss, "000005.exr is damaged");
-    }
+    if (i == 5) throw Error(ErrorKind::kDataLoss, "000005.exr is damaged");
     return images_.read(i);
   };
   try {

@@ -15,9 +15,7 @@ Encoder small_encoder() {
 
 void fill(const Encoder& encoder, double value) {
   const torch::NoGradGuard no_gradient;
-  for (torch::Tensor& parameter : encoder->parameters()) {
-    parameter.fill_(value);
-  }
+  for (torch::Tensor& parameter : encoder->parameters()) parameter.fill_(value);
 }
 
 // A network whose weights are the means.

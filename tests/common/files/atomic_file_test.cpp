@@ -20,8 +20,7 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::expect_error;
-using testing::TemporaryFolder;
+using namespace testing;
 
 std::string contents(const fs::path& path) {
   std::ifstream in(path, std::ios::binary);

@@ -18,8 +18,7 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::expect_error;
-using testing::TemporaryFolder;
+using namespace testing;
 
 TEST(FolderLock, NamesTheProcessThatHoldsIt) {
   const TemporaryFolder folder;

@@ -13,8 +13,7 @@
 namespace itn {
 namespace {
 
-using testing::expect_error;
-using testing::TemporaryFolder;
+using namespace testing;
 
 // Files of this process have no room beyond a size, as on a disk that is full.
 class FileSizeLimit {

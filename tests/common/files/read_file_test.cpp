@@ -17,8 +17,7 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::expect_error;
-using testing::TemporaryFolder;
+using namespace testing;
 
 TEST(ReadFile, ReadsEverySize) {
   const TemporaryFolder folder;

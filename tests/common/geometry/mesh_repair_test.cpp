@@ -15,9 +15,7 @@
 namespace itn {
 namespace {
 
-using testing::expect_error;
-using testing::scaled;
-using testing::together;
+using namespace testing;
 
 // Takes out the triangles around a vertex: a hole of as many edges.
 size_t punch(Mesh& mesh, uint32_t vertex) {

@@ -27,8 +27,7 @@ namespace itn {
 namespace {
 
 using namespace std::string_literals;
-using testing::expect_error;
-using testing::TemporaryFolder;
+using namespace testing;
 
 // The unit cube centred over the origin, y in [0, 1].
 Mesh cube() {
@@ -224,8 +223,7 @@ TEST(ValidateClosed, TakesWellUnderASecondForAMillionTriangles) {
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(5));
 }
 
-// --- Bad meshes: a row each
-// -------------------------------------------------------------------------
+// --- Bad meshes: a row each ---
 
 struct BadMesh {
   const char* name;
@@ -289,8 +287,7 @@ TEST_P(BadMeshTest, IsRefused) {
 INSTANTIATE_TEST_SUITE_P(Table, BadMeshTest, ::testing::ValuesIn(kBadMeshes),
                          [](const auto& row) { return std::string(row.param.name); });
 
-// --- Mesh files
-// ---------------------------------------------------------------------------------------
+// --- Mesh files ---
 
 // A tetrahedron of volume 1/6 in each format.
 constexpr const char* kPly =

@@ -18,8 +18,7 @@
 namespace itn {
 namespace {
 
-using testing::expect_error;
-using testing::TemporaryFolder;
+using namespace testing;
 
 constexpr int kWidth = 240;
 constexpr int kHeight = 180;

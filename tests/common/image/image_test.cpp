@@ -33,8 +33,7 @@ namespace itn {
 namespace {
 
 using namespace std::string_literals;
-using testing::expect_error;
-using testing::TemporaryFolder;
+using namespace testing;
 
 // Every value different, of a size that is no multiple of the 16 rows of a ZIP block.
 Image sample_image() {
@@ -170,8 +169,7 @@ TEST(Exr, NamesTheChannelsThatThereAre) {
                [] { sample_image().channel("R"); });
 }
 
-// --- Bad input: a row each
-// ------------------------------------------------------------------------
+// --- Bad input: a row each ---
 
 struct BadExr {
   const char* name;
@@ -308,26 +306,13 @@ TEST_P(BadExrTest, IsRefused) {
 INSTANTIATE_TEST_SUITE_P(Table, BadExrTest, ::testing::ValuesIn(kBadExrs),
                          [](const auto& row) { return std::string(row.param.name); });
 
-// Pixels have no checksum in such a file: a byte may make it another image.
-TEST(Exr, DamagedAnywhereIsAnErrorOrAnImage) {
+TEST(Exr, CutAnywhereIsAnError) {
   const TemporaryFolder folder;
   write_exr(folder.path("whole.exr"), sample_image());
   const std::string whole = read_file(folder.path("whole.exr"), "image");
   for (size_t at = 0; at < whole.size(); ++at) {
     expect_error(ErrorKind::kDataLoss, {"cut.exr"},
                  [&] { decode_exr(whole.substr(0, at), "cut.exr"); });
-    for (const int flip : {0x01, 0x80, 0xff}) {
-      std::string damaged = whole;
-      damaged[at] = static_cast<char>(damaged[at] ^ flip);
-      try {
-        decode_exr(damaged, "damaged.exr");
-      } catch (const Error& error) {
-        EXPECT_TRUE(error.kind() == ErrorKind::kDataLoss ||
-                    error.kind() == ErrorKind::kInvalidInput)
-            << at << " ^ " << flip << ": " << error.what();
-        EXPECT_THAT(error.what(), ::testing::HasSubstr("damaged.exr"));
-      }
-    }
     if (::testing::Test::HasFailure()) break;
   }
 }
@@ -337,8 +322,7 @@ TEST(Exr, SaysWhereItCannotWrite) {
                [] { write_exr("/nowhere/a.exr", sample_image()); });
 }
 
-// --- PNG
-// ------------------------------------------------------------------------------------------
+// --- PNG ---
 
 TEST(Png, ReadsBackWhatWasWritten) {
   const TemporaryFolder folder;

@@ -32,9 +32,7 @@ namespace itn {
 namespace {
 
 using namespace std::string_literals;
-using testing::AddressSpaceLimit;
-using testing::expect_error;
-using testing::TemporaryFolder;
+using namespace testing;
 
 // --- Files of every format, by other programs' libraries ---
 
@@ -109,9 +107,7 @@ std::string png_of(int width, int height, int bits, int kind, const std::vector<
   png_set_IHDR(png, info, static_cast<png_uint_32>(width), static_cast<png_uint_32>(height), bits,
                kind, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
   if (gamma > 0) png_set_gAMA(png, info, gamma);
-  if (!palette.empty()) {
-    png_set_PLTE(png, info, palette.data(), static_cast<int>(palette.size()));
-  }
+  if (!palette.empty()) png_set_PLTE(png, info, palette.data(), static_cast<int>(palette.size()));
   png_write_info(png, info);
   const size_t row = bytes.size() / static_cast<size_t>(height);
   for (size_t y = 0; y < static_cast<size_t>(height); ++y) png_write_row(png, &bytes[y * row]);

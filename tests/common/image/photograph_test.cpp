@@ -70,9 +70,7 @@ TEST(Photograph, OfAnyOtherASquareAboutTheObjectIsCutOut) {
       const size_t from = static_cast<size_t>(top + y) * p.width + left + x;
       const size_t to = static_cast<size_t>(y) * square.side + x;
       ASSERT_EQ(square.mask[to], p.mask[from]);
-      for (size_t c = 0; c < 3; ++c) {
-        ASSERT_EQ(square.pixels[to * 3 + c], p.values[from * 3 + c]);
-      }
+      for (size_t c = 0; c < 3; ++c) ASSERT_EQ(square.pixels[to * 3 + c], p.values[from * 3 + c]);
     }
   }
 }

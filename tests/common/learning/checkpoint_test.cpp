@@ -22,8 +22,7 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::AddressSpaceLimit;
-using testing::expect_error;
+using namespace testing;
 
 class CheckpointTest : public ::testing::Test {
  protected:
@@ -238,9 +237,7 @@ TEST_F(CheckpointTest, ThatIsSmallCannotMakeALargeAllocation) {
   v1::Checkpoint wrapping = huge;  // 4 * 2^40 * 2^22 bytes are 0 in 64 bits
   wrapping.mutable_model()->mutable_weights(0)->add_shape(uint64_t{1} << 22);
   v1::Checkpoint crowded = checkpoint_;
-  for (int i = 0; i < 200'000; ++i) {
-    crowded.mutable_model()->add_weights();
-  }
+  for (int i = 0; i < 200'000; ++i) crowded.mutable_model()->add_weights();
   v1::Checkpoint with_data = huge;
   with_data.mutable_model()->mutable_weights(0)->set_data("data");
   const std::string files[] = {

@@ -14,14 +14,11 @@
 namespace itn {
 namespace {
 
-using testing::AddressSpaceLimit;
-using testing::expect_error;
+using namespace testing;
 
 TEST(Encoder, OfThePaperHasSevenConvolutionsTo1024Channels) {
   int64_t count = 0;
-  for (const torch::Tensor& p : new_encoder(untrained(128, 16))->parameters()) {
-    count += p.numel();
-  }
+  for (const torch::Tensor& p : new_encoder(untrained(128, 16))->parameters()) count += p.numel();
   int64_t expected = 0;
   for (int64_t block = 0, in = 2, out = 16; block < 7; ++block, in = out, out *= 2) {
     expected += in * out * 9 + out;

@@ -33,9 +33,7 @@ torch::Tensor factor(const Outputs& o) {
   t[2][0] = o[7];
   t[2][1] = o[8];
   torch::Tensor d = torch::zeros({3, 3}, torch::kFloat64);
-  for (int i = 0; i < 3; ++i) {
-    d[i][i] = std::exp(log_precision(o[3 + i]));
-  }
+  for (int i = 0; i < 3; ++i) d[i][i] = std::exp(log_precision(o[3 + i]));
   return d.matmul(t);
 }
 
@@ -99,9 +97,7 @@ TEST(Gaussian, PosteriorIsThatOfManyRandomDraws) {
       const Material m = space.material({rows[i][0], rows[i][1], rows[i][2]});
       const std::array<double, 6> all{m.sigma_t,   m.albedo,    m.g,
                                       m.sigma_a(), m.sigma_s(), m.sigma_s_reduced()};
-      for (size_t k = 0; k < 6; ++k) {
-        values[k].push_back(all[k]);
-      }
+      for (size_t k = 0; k < 6; ++k) values[k].push_back(all[k]);
     }
     for (size_t group = 0; group < 2; ++group) {
       const JointPosterior& p = group == 0 ? quick.material : quick.scattering;
@@ -170,9 +166,7 @@ TEST(Gaussian, PosteriorIsTheSameEveryTimeAndStaysInsideTheBounds) {
   const OutputSpace space(model);
   const Box box = to_box(model.bounds());
   Outputs hopeless{};
-  for (size_t i = 3; i < 6; ++i) {
-    hopeless[i] = -50;
-  }
+  for (size_t i = 3; i < 6; ++i) hopeless[i] = -50;
   Outputs far{};
   far.fill(1e6);
   for (const Outputs& o : {kWide, hopeless, far}) {

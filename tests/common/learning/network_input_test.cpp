@@ -58,9 +58,7 @@ TEST(RatioInput, HasTheRatiosToTheLocalMeanAndTheObjectsMean) {
   constexpr double kSigma = 2;
   double object_sum = 0;
   for (int y = 16; y < 48; ++y) {
-    for (int x = 16; x < 48; ++x) {
-      object_sum += luminance(y, x) / (32 * 32);
-    }
+    for (int x = 16; x < 48; ++x) object_sum += luminance(y, x) / (32 * 32);
   }
   for (const auto& [py, px] : {std::pair{30, 31}, {16, 16}, {47, 20}}) {
     double sum = 0, weights = 0;

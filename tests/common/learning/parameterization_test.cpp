@@ -144,28 +144,6 @@ TEST(OutputSpace, GradientAgreesWithFiniteDifferencesInside) {
   }
 }
 
-TEST(OutputSpace, JacobianAgreesWithFiniteDifferences) {
-  for (const auto parameterization : kAll) {
-    const OutputSpace space(small_model(parameterization));
-    for (const Material& m : kMaterials) {
-      const MaterialCoordinates z = space.standardized(m);
-      const Jacobian j = space.output_jacobian(m);
-      for (size_t k = 0; k < 3; ++k) {
-        constexpr double kStep = 1e-5;
-        MaterialCoordinates up = z, down = z;
-        up[k] += kStep;
-        down[k] -= kStep;
-        const MaterialCoordinates high = as_triple(space.material(up)),
-                                  low = as_triple(space.material(down));
-        for (size_t i = 0; i < 3; ++i) {
-          const double expected = (high[i] - low[i]) / (2 * kStep);
-          EXPECT_NEAR(j[i][k], expected, 1e-6 * (1 + std::abs(expected)));
-        }
-      }
-    }
-  }
-}
-
 TEST(OutputSpace, GradientBeyondABoundPullsBackButDoesNotPushOut) {
   const OutputSpace space(small_model(v1::NAIVE));
   const MaterialCoordinates above = space.standardized({1000, 0.7, 0.4});

@@ -75,9 +75,7 @@ TEST(Predictor, OfADistributionAnswersItsMeanAndItsIntervals) {
 TEST(Predictor, OfUnknownExposureDoesNotSeeIt) {
   const Pixels image = disc(32, 32, 1, 16, 16, 10.8);
   Pixels bright = image;
-  for (float& y : bright.values) {
-    y *= 10;
-  }
+  for (float& y : bright.values) y *= 10;
   Predictor unknown(residual_model(32, v1::EXPOSURE_UNKNOWN)), known(residual_model(32));
   EXPECT_NEAR(unknown.predict(bright.photograph())[0].sigma_t,
               unknown.predict(image.photograph())[0].sigma_t, 1e-2);
@@ -168,9 +166,7 @@ TEST(Predictor, TakesEachChannelByItself) {
   const std::vector<Material> all = predictor.predict(colour.photograph());
   for (size_t c = 0; c < 3; ++c) {
     Pixels one{16, 16, 1, {}, colour.mask};
-    for (size_t i = c; i < colour.values.size(); i += 3) {
-      one.values.push_back(colour.values[i]);
-    }
+    for (size_t i = c; i < colour.values.size(); i += 3) one.values.push_back(colour.values[i]);
     const Material alone = predictor.predict(one.photograph())[0];
     EXPECT_NEAR(alone.sigma_t, all[c].sigma_t, 1e-3);
     EXPECT_NEAR(alone.albedo, all[c].albedo, 1e-5);

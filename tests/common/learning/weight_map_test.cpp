@@ -22,9 +22,7 @@ struct Picture {
 Picture square() {
   Picture p;
   for (int y = 8; y < 56; ++y) {
-    for (int x = 8; x < 56; ++x) {
-      p.mask[y * kSize + x] = 1;
-    }
+    for (int x = 8; x < 56; ++x) p.mask[y * kSize + x] = 1;
   }
   return p;
 }
@@ -54,9 +52,7 @@ TEST(WeightMap, IsZeroOffTheObjectAndInRange) {
 TEST(WeightMap, FindsAnEdgeInsideTheObject) {
   Picture p = square();
   for (int y = 0; y < kSize; ++y) {
-    for (int x = 32; x < kSize; ++x) {
-      p.luminance[y * kSize + x] = 0.1F;
-    }
+    for (int x = 32; x < kSize; ++x) p.luminance[y * kSize + x] = 0.1F;
   }
   const std::vector<float> w = weights(p);
   EXPECT_GT(w[32 * kSize + 32], 0.85);
@@ -66,22 +62,16 @@ TEST(WeightMap, FindsAnEdgeInsideTheObject) {
 TEST(WeightMap, DoesNotDependOnTheScaleOfTheImage) {
   Picture p = square();
   std::mt19937 random(1);
-  for (float& y : p.luminance) {
-    y = std::uniform_real_distribution<float>(0, 1)(random);
-  }
+  for (float& y : p.luminance) y = std::uniform_real_distribution<float>(0, 1)(random);
   const std::vector<float> w = weights(p);
-  for (float& y : p.luminance) {
-    y *= 1024;
-  }
+  for (float& y : p.luminance) y *= 1024;
   EXPECT_EQ(weights(p), w);
 }
 
 TEST(WeightMap, IgnoresTheNoiseOfARender) {
   Picture p = square();
   std::mt19937 random(1);
-  for (float& y : p.luminance) {
-    y = std::normal_distribution<float>(1, 0.05F)(random);
-  }
+  for (float& y : p.luminance) y = std::normal_distribution<float>(1, 0.05F)(random);
   EXPECT_LT(weights(p)[32 * kSize + 32], 0.01);
 }
 

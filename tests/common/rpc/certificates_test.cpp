@@ -14,8 +14,7 @@
 namespace itn {
 namespace {
 
-using testing::expect_error;
-using testing::TestAuthority;
+using namespace testing;
 
 class CertificatesTest : public ::testing::Test {
  protected:

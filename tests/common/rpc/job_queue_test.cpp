@@ -181,9 +181,7 @@ TEST(JobQueue, KeepsNoThreadForWhoIsToComeAgain) {
   JobQueue queue(1, 4);
   Blocker blocker(queue);
   for (const char* name : {"b", "c", "d", "e"}) submit(queue, {{}, [] {}, [] {}}, client(name));
-  for (int i = 0; i < 50; ++i) {
-    EXPECT_THROW(queue.admit(client(std::to_string(i))), StatusError);
-  }
+  for (int i = 0; i < 50; ++i) EXPECT_THROW(queue.admit(client(std::to_string(i))), StatusError);
   blocker.release();
   ASSERT_TRUE(testing::eventually([&] { return queue.running() + queue.waiting() == 0; }));
   queue.admit(client("new"));
@@ -193,9 +191,7 @@ TEST(JobQueue, KeepsOnePlaceForAllConnectionsOfAnother) {
   JobQueue queue(1, 3);
   Blocker blocker(queue);
   for (const char* name : {"b", "c", "d"}) submit(queue, {{}, [] {}, [] {}}, client(name));
-  for (const char* name : {"x1", "x2", "x3"}) {
-    EXPECT_THROW(queue.admit({"x", name}), StatusError);
-  }
+  for (const char* name : {"x1", "x2", "x3"}) EXPECT_THROW(queue.admit({"x", name}), StatusError);
   EXPECT_THROW(queue.admit(client("y")), StatusError);
   blocker.release();
   ASSERT_TRUE(testing::eventually([&] { return queue.running() + queue.waiting() == 0; }));

@@ -26,13 +26,9 @@
 namespace itn {
 namespace {
 
-using testing::copy_over;
-using testing::eventually;
-using testing::expect_error;
+using namespace testing;
 using ::testing::HasSubstr;
 using ::testing::Not;
-using testing::TemporaryFolder;
-using testing::TestAuthority;
 
 constexpr const char* kCapabilities = "/itn.v1.RenderService/GetCapabilities";
 constexpr const char* kHealth = "/grpc.health.v1.Health/Check";

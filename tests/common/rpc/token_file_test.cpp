@@ -12,8 +12,7 @@
 namespace itn {
 namespace {
 
-using testing::expect_error;
-using testing::TemporaryFolder;
+using namespace testing;
 
 const std::string kOne = "0123456789abcdef";
 const std::string kOther = "fedcba9876543210";

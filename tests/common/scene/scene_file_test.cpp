@@ -20,8 +20,7 @@ namespace {
 
 using namespace std::string_literals;
 
-using testing::expect_error;
-using testing::TemporaryFolder;
+using namespace testing;
 
 constexpr const char* kObj =
     "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
@@ -134,8 +133,7 @@ TEST(SceneFile, ReadsStandardInput) {
   EXPECT_EQ(scene.film().width(), 64U);
 }
 
-// --- Bad scene files: a row each
-// ------------------------------------------------------------------------
+// --- Bad scene files: a row each ---
 
 struct BadScene {
   const char* name;
@@ -246,8 +244,7 @@ TEST(SceneFile, MissingFileIsAnIoError) {
                [] { load_scene("gone.txt"); });
 }
 
-// --- Bytes and digests
-// -------------------------------------------------------------------------------------
+// --- Bytes and digests ---
 
 // FIPS 180-4 examples.
 TEST(SceneBytes, Sha256) {

@@ -41,12 +41,8 @@ namespace {
 
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
-using testing::cube_scene;
-using testing::deterministic_bytes;
-using testing::endless_request;
+using namespace testing;
 using ::testing::HasSubstr;
-using testing::health;
-using testing::small_request;
 
 struct Answer {
   grpc::Status status;
@@ -705,48 +701,6 @@ TEST(RenderService, RefusesAtOnceWhatCannotEndInTime) {
   const Answer answer = Client(server.in_process_channel()).call(with_scene(endless_request()));
   EXPECT_EQ(answer.status.error_code(), grpc::RESOURCE_EXHAUSTED);
   EXPECT_THAT(answer.status.error_message(), HasSubstr("take more than 2 s"));
-}
-
-// ---- Fairness ----------------------------------------------------------------------------------
-
-// One client asks all the time; the others come again when they are told to. With room for one
-// render and none to wait, everybody gets a turn.
-TEST(RenderService, GivesPoliteClientsTheirShare) {
-  constexpr int kPolite = 3, kEach = 6;
-  auto options = options_with([](auto& o) { o.queue_capacity = 0; });
-  options.listen = "127.0.0.1:0";
-  RenderServer server(options);
-  std::atomic<bool> done = false;
-  std::atomic<int> greedy_successes = 0;
-  std::jthread greedy([&] {
-    Client client(connect(server));
-    while (!done) {
-      if (client.call(with_scene(small_request(200))).status.ok()) ++greedy_successes;
-    }
-  });
-  std::vector<std::future<bool>> polite;
-  for (int i = 0; i < kPolite; ++i) {
-    polite.push_back(std::async(std::launch::async, [&] {
-      Client client(connect(server));
-      const auto start = Clock::now();
-      for (int successes = 0; successes < kEach;) {
-        const Answer answer = client.call(with_scene(small_request(200)));
-        if (answer.status.ok()) {
-          ++successes;
-          continue;
-        }
-        v1::Busy busy;
-        if (!busy.ParseFromString(answer.status.error_details())) return false;
-        if (Clock::now() - start > 120s) return false;
-        std::this_thread::sleep_for(std::chrono::duration<double>(busy.retry_after_seconds()));
-      }
-      return true;
-    }));
-  }
-  for (auto& client : polite) EXPECT_TRUE(client.get());
-  done = true;
-  greedy.join();
-  EXPECT_LE(greedy_successes, 3 * kPolite * kEach);
 }
 
 // ---- Stopping ----------------------------------------------------------------------------------

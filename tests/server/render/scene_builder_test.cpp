@@ -24,10 +24,8 @@
 namespace itn {
 namespace {
 
-using testing::cube_scene;
+using namespace testing;
 using ::testing::HasSubstr;
-using testing::parse_text;
-using testing::small_request;
 
 // ---- Refusals --------------------------------------------------------------------------------
 

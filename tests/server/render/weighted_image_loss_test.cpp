@@ -112,16 +112,12 @@ std::array<double, 4> z_scores(size_t estimates, bool same_samples) {
 
 TEST(LossWithGradient, IsUnbiasedFromIndependentEstimates) {
   for (const size_t estimates : {2U, 3U, 4U}) {
-    for (const double z : z_scores(estimates, false)) {
-      EXPECT_LT(std::abs(z), kBound) << estimates;
-    }
+    for (const double z : z_scores(estimates, false)) EXPECT_LT(std::abs(z), kBound) << estimates;
   }
 }
 
 TEST(LossWithGradient, IsBiasedFromTheSameSamplesTwice) {
-  for (const double z : z_scores(2, true)) {
-    EXPECT_GT(std::abs(z), 2 * kBound);
-  }
+  for (const double z : z_scores(2, true)) EXPECT_GT(std::abs(z), 2 * kBound);
 }
 
 TEST(LossWithGradient, IsExactWithoutNoise) {
@@ -132,9 +128,7 @@ TEST(LossWithGradient, IsExactWithoutNoise) {
   const LossWithGradient loss = weighted_image_loss(in.image, in.weight, twice);
   EXPECT_NEAR(loss.value, exact_loss(in, pi), 1e-6);
   const Parameters gradient = exact_gradient(in, pi);
-  for (size_t i = 0; i < 3; ++i) {
-    EXPECT_NEAR(loss.gradient[i], gradient[i], 1e-6);
-  }
+  for (size_t i = 0; i < 3; ++i) EXPECT_NEAR(loss.gradient[i], gradient[i], 1e-6);
 }
 
 TEST(LossWithGradient, OfTwoEstimatesIsTheCrossedProduct) {
@@ -156,17 +150,13 @@ TEST(LossWithGradient, DoesNotDependOnExposure) {
                                         SyntheticRenderer::estimate({0.3, 0.6, 0.4}, 0.5, random)};
   const LossWithGradient before = weighted_image_loss(in.image, in.weight, estimates);
   const auto scale = [](std::vector<float>& values) {
-    for (float& value : values) {
-      value *= 8;
-    }
+    for (float& value : values) value *= 8;
   };
   std::vector<float> brighter = in.image;
   scale(brighter);
   for (RenderEstimate& estimate : estimates) {
     scale(estimate.radiance);
-    for (auto& derivative : estimate.derivatives) {
-      scale(derivative);
-    }
+    for (auto& derivative : estimate.derivatives) scale(derivative);
   }
   const LossWithGradient after = weighted_image_loss(brighter, in.weight, estimates);
   EXPECT_DOUBLE_EQ(after.value, before.value);

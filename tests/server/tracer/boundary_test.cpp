@@ -86,9 +86,7 @@ class HalfMirror : public CheckedModel {
   BoundarySample sample(const BoundaryInteraction& at,
                         const std::array<float, 5>& u) const override {
     check(at);
-    if (u[0] < absorbed_) {
-      return {};
-    }
+    if (u[0] < absorbed_) return {};
     if (u[0] < absorbed_ + reflected_) {
       const Vec3f mirrored = at.direction - at.normal * (2 * dot(at.direction, at.normal));
       return {Event::kReflected, itn::normalize(mirrored), 1, 0};

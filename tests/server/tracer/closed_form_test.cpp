@@ -122,17 +122,13 @@ class HFunction {
   explicit HFunction(double albedo) : albedo_(albedo), h_(kNodes, 1.0) {
     for (int iteration = 0; iteration < 200; ++iteration) {
       std::vector<double> next(kNodes);
-      for (int i = 0; i < kNodes; ++i) {
-        next[i] = (*this)(node(i));
-      }
+      for (int i = 0; i < kNodes; ++i) next[i] = (*this)(node(i));
       h_ = std::move(next);
     }
   }
   double operator()(double mu) const {
     double integral = 0;
-    for (int i = 0; i < kNodes; ++i) {
-      integral += node(i) * h_[i] / (mu + node(i)) / kNodes;
-    }
+    for (int i = 0; i < kNodes; ++i) integral += node(i) * h_[i] / (mu + node(i)) / kNodes;
     return 1 / (std::sqrt(1 - albedo_) + albedo_ / 2 * integral);
   }
 

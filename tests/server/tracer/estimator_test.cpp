@@ -141,9 +141,7 @@ TEST(AlbedosTest, FromOneWalkAreThoseOfTheirOwn) {
     const RenderedImages images = means(render_grad(scene, together));
     for (size_t a = 0; a < means_at.size(); ++a) {
       double sum = 0;
-      for (const float v : images.estimates[0].at_albedos[a]) {
-        sum += v;
-      }
+      for (const float v : images.estimates[0].at_albedos[a]) sum += v;
       means_at[a].push_back(sum / static_cast<double>(images.mask.size()));
     }
   }
@@ -165,9 +163,7 @@ class LossGradientTest : public ::testing::Test {
  protected:
   LossGradientTest() : scene_(studio("cube", {paper_sun_sky()}, 0.5F)) {
     compare_with({40, 0.9, 0.2});
-    for (size_t p = 0; p < target_.size(); ++p) {
-      weight_.push_back(static_cast<float>(p % 4) / 3);
-    }
+    for (size_t p = 0; p < target_.size(); ++p) weight_.push_back(static_cast<float>(p % 4) / 3);
   }
 
   void compare_with(const Material& material) {
@@ -207,9 +203,7 @@ class LossGradientTest : public ::testing::Test {
     for (size_t p = 0; p < target_.size(); ++p) {
       for (size_t i = 0; i < count; ++i) {
         for (size_t j = 0; j < count; ++j) {
-          if (i == j || images.mask[p] == 0) {
-            continue;
-          }
+          if (i == j || images.mask[p] == 0) continue;
           const double w = weight_[p];
           for (size_t c = 0; c < images.estimates[j].derivatives.size(); ++c) {
             result[c] += 2 * w * residual(images, i, p) *

@@ -43,9 +43,7 @@ class Lines {
   }
 
   RayResult follow(const Interaction& from, Vec3f direction, float max_medium_length) const {
-    if (geometry_) {
-      return geometry_->follow(from, direction, max_medium_length);
-    }
+    if (geometry_) return geometry_->follow(from, direction, max_medium_length);
     rays_->position.set(0, from.position);
     rays_->direction.set(0, direction);
     rays_->max_medium_length[0] = max_medium_length;
@@ -132,9 +130,7 @@ TEST_P(GeometryTest, StandingOnTheFloor) {
 
 TEST_P(GeometryTest, CavityIsOutside) {
   Mesh cavity = box({0.25F, 0.25F, 0.25F}, {0.75F, 0.75F, 0.75F});
-  for (auto& triangle : cavity.triangles) {
-    std::swap(triangle[1], triangle[2]);
-  }
+  for (auto& triangle : cavity.triangles) std::swap(triangle[1], triangle[2]);
   const Lines geometry(GetParam(), merged({box({0, 0, 0}, {1, 1, 1}), cavity}), {});
   const RayResult ray = geometry.follow({{-1, 0.51F, 0.49F}, false, {}}, {1, 0, 0}, kInfinity);
   EXPECT_NEAR(ray.medium_length, 0.5, 1e-5);
@@ -154,9 +150,7 @@ TEST_P(GeometryTest, LeaksAreRare) {
       const Vec3f direction = itn::normalize(Vec3f{r * std::cos(phi), y, r * std::sin(phi)});
       if (!from.inside) {  // start again from outside, aimed at the middle of the shape
         from = {Vec3f{0, 0.5F, 0} - direction * 3, false, {}};
-        if (from.position.y < 0) {
-          continue;
-        }
+        if (from.position.y < 0) continue;
       }
       const RayResult ray = geometry.follow(from, direction, -std::log(1 - u[2]) / 100);
       ++lines;
@@ -182,9 +176,7 @@ TEST(TracersTest, AgreeLineByLine) {
       const Vec3f direction{r * std::cos(phi), y, r * std::sin(phi)};
       const Vec3f target{v[0] - 0.5F, v[1], v[2] - 0.5F};
       const Interaction from{target - itn::normalize(direction) * 3, false, {}};
-      if (from.position.y < 0.01F) {
-        continue;
-      }
+      if (from.position.y < 0.01F) continue;
       const RayResult a = embree.follow(from, itn::normalize(direction), kInfinity);
       const RayResult b = grid.follow(from, itn::normalize(direction), kInfinity);
       ++lines;
@@ -335,9 +327,7 @@ TEST(DepthsTest, AreLookedUpWhereThePointsAre) {
     }
     look_up_quantized_depth(depth_grid, *points, *quantized, kSlots);
     int different = 0;  // rounding decides at the faces of cells
-    for (uint32_t i = 0; i < kSlots; ++i) {
-      different += (*quantized)[i] != expected[i] ? 1 : 0;
-    }
+    for (uint32_t i = 0; i < kSlots; ++i) different += (*quantized)[i] != expected[i] ? 1 : 0;
     EXPECT_LE(different, 2) << "batch " << batch;
     EXPECT_EQ((*quantized)[0], expected[0]);
   }

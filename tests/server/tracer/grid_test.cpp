@@ -38,12 +38,8 @@ std::vector<Vec3d> clipped(const std::vector<Vec3d>& polygon, int axis, double l
   for (size_t i = 0; i < polygon.size(); ++i) {
     const Vec3d p = polygon[i], q = polygon[(i + 1) % polygon.size()];
     const double a = beyond(p), b = beyond(q);
-    if (a <= 0) {
-      result.push_back(p);
-    }
-    if ((a < 0 && b > 0) || (a > 0 && b < 0)) {
-      result.push_back(p + (q - p) * (a / (a - b)));
-    }
+    if (a <= 0) result.push_back(p);
+    if ((a < 0 && b > 0) || (a > 0 && b < 0)) result.push_back(p + (q - p) * (a / (a - b)));
   }
   return result;
 }
@@ -68,9 +64,7 @@ Mesh random_triangle(uint32_t number) {
   if (number % 3 == 1) {  // a sliver
     mesh.vertices[2] = mesh.vertices[0] * 0.5F + mesh.vertices[1] * 0.5F + Vec3f{0, 1e-5F, 0};
   } else if (number % 3 == 2) {  // in a plane of an axis
-    for (Vec3f& p : mesh.vertices) {
-      p.y = u[3];
-    }
+    for (Vec3f& p : mesh.vertices) p.y = u[3];
   }
   return mesh;
 }
@@ -82,9 +76,7 @@ TEST(TriangleAmongCellsTest, TouchesTheCellsThatItMeetsAndNoOthers) {
   for (uint32_t number = 0; number < 60; ++number) {
     const Mesh mesh = random_triangle(number);
     std::vector<Vec3d> triangle;
-    for (const Vec3f& p : mesh.vertices) {
-      triangle.push_back(static_cast<Vec3d>(p));
-    }
+    for (const Vec3f& p : mesh.vertices) triangle.push_back(static_cast<Vec3d>(p));
     std::multiset<size_t> found;
     TriangleAmongCells(cells, mesh, mesh.triangles[0], margin).for_each([&](size_t cell) {
       found.insert(cell);
@@ -195,9 +187,7 @@ TEST_P(HardMeshTest, TrianglesAreFoundWhereTheyAre) {
             same = same && block.corners[c][0][k] == expected.x &&
                    block.corners[c][1][k] == expected.y && block.corners[c][2][k] == expected.z;
           }
-          if (same) {
-            return true;
-          }
+          if (same) return true;
         }
         return false;
       };
@@ -252,9 +242,7 @@ double time_to_stop(double after, const std::function<void(std::stop_token)>& wo
       std::this_thread::yield();
     }
   });
-  while (!started) {
-    std::this_thread::yield();
-  }
+  while (!started) std::this_thread::yield();
   clockid_t clock{};
   pthread_getcpuclockid(worker.native_handle(), &clock);
   double asked = 0;

@@ -51,9 +51,7 @@ std::vector<LightDescription> every_light() {
 
 std::vector<Parameter> all_scales(size_t lights) {
   std::vector<Parameter> scales;
-  for (uint32_t k = 0; k < lights; ++k) {
-    scales.push_back({Parameter::kLightScale, k});
-  }
+  for (uint32_t k = 0; k < lights; ++k) scales.push_back({Parameter::kLightScale, k});
   return scales;
 }
 
@@ -80,9 +78,7 @@ TEST(ParameterTest, TheLightsAddUpToTheImage) {
       }
       EXPECT_NEAR(sum, image.radiance[p], 2e-5 * (image.radiance[p] + 1)) << "pixel " << p;
     }
-    for (size_t k = 0; k < lights.size(); ++k) {
-      EXPECT_EQ(totals[k] > 0, k != 4) << "light " << k;
-    }
+    for (size_t k = 0; k < lights.size(); ++k) EXPECT_EQ(totals[k] > 0, k != 4) << "light " << k;
   }
 }
 

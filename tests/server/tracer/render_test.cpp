@@ -184,9 +184,7 @@ TEST(RenderTest, SamplesGoToImportantPixels) {
   const size_t pixels = render_grad(mug_in_the_sun(), s).squares.size();
   s.sampling_weights.assign(pixels, 1);
   const FilmSums even = render_grad(mug_in_the_sun(), s);
-  for (size_t p = 0; p < pixels; ++p) {
-    s.sampling_weights[p] = static_cast<float>(p % 3);
-  }
+  for (size_t p = 0; p < pixels; ++p) s.sampling_weights[p] = static_cast<float>(p % 3);
   const FilmSums sums = render_grad(mug_in_the_sun(), s);
   std::array<double, 3> ratio{};
   for (size_t p = 0; p < pixels; ++p) {
@@ -239,9 +237,7 @@ TEST(RenderTest, APilotMovesSamplesToTheNoise) {
   uint32_t least = UINT32_MAX, most = 0;
   for (size_t p = 0; p < sums.squares.size(); ++p) {
     uint32_t n = 0;
-    for (const auto& estimate : sums.estimates) {
-      n += estimate.counts[p];
-    }
+    for (const auto& estimate : sums.estimates) n += estimate.counts[p];
     total += n;
     least = std::min(least, n);
     most = std::max(most, n);
@@ -304,9 +300,7 @@ TEST(RenderTest, SamplesOfEstimate) {
   for (uint32_t count = 1; count < 12; ++count) {
     for (uint32_t k = 0; k < 3; ++k) {
       uint32_t expected = 0;
-      for (uint32_t i = 0; i < count; ++i) {
-        expected += i % 3 == k ? 1 : 0;
-      }
+      for (uint32_t i = 0; i < count; ++i) expected += i % 3 == k ? 1 : 0;
       EXPECT_EQ(samples_of_estimate(count, k, 3), expected) << count << " " << k;
     }
   }
@@ -430,9 +424,7 @@ TEST(SceneTest, RefusesOpenAndInsideOutMeshes) {
     EXPECT_NE(std::string(error.what()).find("open edge"), std::string::npos) << error.what();
   }
   SceneDescription inverted = studio("cube", {ConstantEnvironment{1}});
-  for (auto& triangle : inverted.object.triangles) {
-    std::swap(triangle[0], triangle[1]);
-  }
+  for (auto& triangle : inverted.object.triangles) std::swap(triangle[0], triangle[1]);
   EXPECT_THROW(Scene{inverted}, Error);
 }
 

@@ -152,9 +152,7 @@ TEST(SkyTest, EqualsTheCheckFile) {
   const std::string path = std::string(folder != nullptr ? folder : source("../shared/data")) +
                            "/hosek_wilkie_rgb_check.csv";
   std::ifstream file(path);
-  if (!file) {
-    GTEST_SKIP() << "no validation data at " << path << " (set ITN_VALIDATION_DATA)";
-  }
+  if (!file) GTEST_SKIP() << "no validation data at " << path << " (set ITN_VALIDATION_DATA)";
   std::string line;
   std::getline(file, line);
   int cases = 0;
@@ -188,9 +186,7 @@ TEST(SkyTest, TheTableFollowsTheModel) {
       const double table = lights.radiance(static_cast<Vec3f>(d));
       table_sum += table;
       model_sum += model;
-      if (gamma > 0.02) {
-        worst = std::max(worst, std::abs(table / model - 1));
-      }
+      if (gamma > 0.02) worst = std::max(worst, std::abs(table / model - 1));
     }
     EXPECT_NEAR(table_sum / model_sum, 1, 3e-3) << "elevation " << elevation;
   }
@@ -337,9 +333,7 @@ TEST(LowDiscrepancyTest, PrefixesAreStratified) {
           ++count[dimension][static_cast<size_t>(point[dimension] * static_cast<float>(n))];
         }
       }
-      for (const auto& intervals : count) {
-        EXPECT_EQ(intervals, std::vector<int>(n, 1));
-      }
+      for (const auto& intervals : count) EXPECT_EQ(intervals, std::vector<int>(n, 1));
     }
   }
 }

@@ -36,9 +36,7 @@ std::shared_ptr<const Number> number(int value) {
 
 // Returns when others wait for the part that is being built.
 void until_someone_asks(const std::atomic<int>& asking, int how_many) {
-  while (asking < how_many) {
-    std::this_thread::yield();
-  }
+  while (asking < how_many) std::this_thread::yield();
 }
 
 TEST(PartCache, TakesOverFromABuilderThatWasCancelled) {
@@ -91,9 +89,7 @@ TEST(PartCache, ForgetsTheLeastRecentlyUsed) {
   cache.get<Number>("a", {}, [] { return number(1); });
   const size_t each = cache.memory();
   PartCache small(2 * each);
-  for (const char* key : {"a", "b"}) {
-    small.get<Number>(key, {}, [] { return number(1); });
-  }
+  for (const char* key : {"a", "b"}) small.get<Number>(key, {}, [] { return number(1); });
   small.touch(std::vector<std::string>{"a"});
   small.get<Number>("c", {}, [] { return number(1); });
   EXPECT_NE(small.find<Number>("a"), nullptr);
@@ -124,9 +120,7 @@ TEST(ObjectPixelsTest, AreThoseOfWhichARaySeesTheObject) {
           sees ||
           scene.compiled().geometry().follow({from.origin, false, {}}, from.direction, 0).entered;
     }
-    if (sees) {
-      expected.push_back(pixel);
-    }
+    if (sees) expected.push_back(pixel);
   }
   std::vector<uint32_t> different;
   std::set_symmetric_difference(one.pixels.begin(), one.pixels.end(), expected.begin(),

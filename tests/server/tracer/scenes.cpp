@@ -37,9 +37,7 @@ SceneDescription studio(const std::string& shape, std::vector<LightDescription> 
   SceneDescription scene;
   scene.object = make_shape(shape);
   const Bounds box = bounds(scene.object);
-  if (ground >= 0) {
-    scene.surfaces.push_back({horizontal_square(0, 20), ground});
-  }
+  if (ground >= 0) scene.surfaces.push_back({horizontal_square(0, 20), ground});
   scene.lights = std::move(lights);
   const double middle = static_cast<double>(box.max.y) / 2;
   scene.camera.origin = {0, middle + 8.78, -32.8};
@@ -64,9 +62,7 @@ double film_mean(const FilmSums& sums, int layer, size_t k) {
       layer < 0 ? sums.quantum : sums.derivative_quanta[static_cast<size_t>(layer)];
   double sum = 0;
   for (size_t p = 0; p < values.size(); ++p) {
-    if (estimate.counts[p] > 0) {
-      sum += static_cast<double>(values[p]) / estimate.counts[p];
-    }
+    if (estimate.counts[p] > 0) sum += static_cast<double>(values[p]) / estimate.counts[p];
   }
   return sum * quantum / static_cast<double>(values.size());
 }

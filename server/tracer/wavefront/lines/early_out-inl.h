@@ -80,9 +80,7 @@ inline Mask end_in_first_cell(const Obstacles& obstacles, Rays& rays, Report rep
     done = hn::AndNot(
         may_hit_surfaces(obstacles.surfaces, position, direction, max_medium_length, slack), done);
   }
-  if (hn::AllFalse(d, done)) {
-    return done;
-  }
+  if (hn::AllFalse(d, done)) return done;
   store(hn::IfThenElse(done, max_medium_length, load(rays.medium_length, i)), rays.medium_length,
         i);
   const Uints outcome = set(Rays::kInMedium | Rays::kEntered), inside = set(Rays::kInside);
@@ -107,12 +105,8 @@ HWY_INLINE size_t early_out(const Obstacles& obstacles, Rays& rays, size_t count
     const Mask live = hn::FirstN(d, count - i);
     const Mask inside = not_zero(hn::And(load(rays.interaction, i), set(Rays::kInside)));
     Mask done = hn::And(live, inside);
-    if constexpr (AtBoundary::kAsks) {
-      store(set(1.0F), at_boundary.crossings.transmittance, i);
-    }
-    if (!hn::AllFalse(d, done)) {
-      done = end_in_first_cell(obstacles, rays, report, i, done);
-    }
+    if constexpr (AtBoundary::kAsks) store(set(1.0F), at_boundary.crossings.transmittance, i);
+    if (!hn::AllFalse(d, done)) done = end_in_first_cell(obstacles, rays, report, i, done);
     const Uints number = hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i)));
     hn::CompressStore(number, for_uints(hn::AndNot(done, live)), UintTag(),
                       pending.data() + pending_count);

@@ -48,27 +48,17 @@ class LineFollower {
     for (;;) {
       const LineBits waiting = busy_ & ~stepping_;
       for (size_t v = 0; v < kLines; v += lanes()) {
-        if (any(waiting, v)) {
-          conclude(mask_of(waiting, v), v);
-        }
+        if (any(waiting, v)) conclude(mask_of(waiting, v), v);
       }
       const LineBits fresh = take_rays();
-      if (busy_ == 0) {
-        return;
-      }
+      if (busy_ == 0) return;
       const LineBits turning = fresh | (waiting & busy_);
       for (size_t v = 0; v < kLines; v += lanes()) {
-        if (any(fresh, v)) {
-          begin_lines(mask_of(fresh, v), v);
-        }
-        if (any(turning, v)) {
-          begin_queries(mask_of(turning, v), v);
-        }
+        if (any(fresh, v)) begin_lines(mask_of(fresh, v), v);
+        if (any(turning, v)) begin_queries(mask_of(turning, v), v);
       }
       const int enough = next_ < pending_count_ ? kLines / 4 : 0;
-      while (std::popcount(stepping_) > enough) {
-        step();
-      }
+      while (std::popcount(stepping_) > enough) step();
     }
   }
 
@@ -106,9 +96,7 @@ class LineFollower {
     store(fresh, zero, lines_.medium_length, v);
     store(fresh, zero, lines_.last_exit, v);
     store(fresh, zero, lines_.last_entry, v);
-    if constexpr (AtBoundary::kAsks) {
-      store(fresh, set(1.0F), line_crossings_.transmittance, v);
-    }
+    if constexpr (AtBoundary::kAsks) store(fresh, set(1.0F), line_crossings_.transmittance, v);
     const Floats max_medium_length = gather(rays_.max_medium_length);
     store(fresh, max_medium_length, lines_.max_medium_length, v);
     const Uints interaction = hn::GatherIndex(UintTag(), rays_.interaction.data(), ray);
@@ -163,9 +151,7 @@ class LineFollower {
   HWY_INLINE void step() {
     LineBits to_test = 0;
     for (size_t v = 0; v < kLines; v += lanes()) {
-      if (any(stepping_, v)) {
-        to_test |= bits_of(look(grid_, lines_, mask_of(stepping_, v), v), v);
-      }
+      if (any(stepping_, v)) to_test |= bits_of(look(grid_, lines_, mask_of(stepping_, v), v), v);
     }
     triangle_test_.test(grid_, lines_, line_crossings_, to_test);
     LineBits stepping = 0;
@@ -294,9 +280,7 @@ class LineFollower {
       hn::ScatterIndex(load(line_crossings_.triangle, v), UintTag(), crossings.triangle.data(),
                        ray);
     }
-    if (report_ == Report::kLengths) {
-      return;
-    }
+    if (report_ == Report::kLengths) return;
     Uints what = load(lines_.inside, v);
     if (!hn::AllFalse(FloatTag(), at_surface)) {
       const Surfaces& surfaces = obstacles_.surfaces;

@@ -160,9 +160,7 @@ HWY_INLINE Mask look(const Grid& grid, Lines& lines, Mask stepping, size_t v) {
   store(stepping, word, lines.word, v);
   store(skip, lines.skip, v);
   const Mask occupied = hn::And(stepping, not_zero(hn::And(word, set(Grid::kOccupied))));
-  if (hn::AllFalse(FloatTag(), occupied)) {
-    return occupied;
-  }
+  if (hn::AllFalse(FloatTag(), occupied)) return occupied;
   // Where the lines leave the cell, or end.
   const Vectors x0 = lines.cells_origin.load(v), dx = lines.cells_direction.load(v);
   const Vectors mm = lines.mm_per_cell.load(v);

@@ -62,9 +62,7 @@ inline void find_many_surfaces(const Surfaces& surfaces, Lines& lines, LineBits 
 inline void find_surfaces(const Surfaces& surfaces, Lines& lines, Mask where, size_t v) {
   where = hn::And(where, not_zero(load(lines.surface_unknown, v)));
   const FloatTag d;
-  if (hn::AllFalse(d, where)) {
-    return;
-  }
+  if (hn::AllFalse(d, where)) return;
   store(where, hn::Zero(UintTag()), lines.surface_unknown, v);
   if (surfaces.many) {
     find_many_surfaces(surfaces, lines, bits_of(where, v));

@@ -105,9 +105,7 @@ class TriangleTest {
           hn::Store(u, tag, entry.sides[0].data());
           hn::Store(v, tag, entry.sides[1].data());
           hn::Store(w, tag, entry.sides[2].data());
-          for (size_t k = 0; k < 3; ++k) {
-            entry.depth_grid[k] = block.corners[k][shear.z].data() + i;
-          }
+          for (size_t k = 0; k < 3; ++k) entry.depth_grid[k] = block.corners[k][shear.z].data() + i;
           entry.c_z = shear.c_z;
           entry.per_z = shear.per_z;
           entry.to_c = shear.to_c;

@@ -32,9 +32,7 @@ class PathSource {
 
   // Puts the next path into a slot, with the camera's ray. False if there is none.
   bool begin_path(Paths& paths, size_t slot) {
-    if (next_ == count_ && !take_samples()) {
-      return false;
-    }
+    if (next_ == count_ && !take_samples()) return false;
     const PathSample& sample = samples_[next_];
     const CameraRay& ray = camera_rays_[next_];
     paths.begin(slot);
@@ -62,9 +60,7 @@ class PathSource {
       for (size_t i = 0; i < count_; ++i) {
         const Uniforms u =
             Sampler(request_.seed, taken[i].pixel, taken[i].sample).at(0, Sampler::kFilm);
-        for (size_t k = 0; k < 3; ++k) {
-          film_points_[k][i] = u[k];
-        }
+        for (size_t k = 0; k < 3; ++k) film_points_[k][i] = u[k];
       }
     }
     const auto width = static_cast<uint32_t>(scene_.film.width);

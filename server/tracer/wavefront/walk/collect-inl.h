@@ -59,9 +59,7 @@ HWY_INLINE void collect(Wavefront<AtBoundary>& wave, const Slots& at, Floats lig
   for (size_t r = 0; r < paths.d_reflectance.size(); ++r) {
     at.add(hn::Mul(at.get(paths.dweight_dreflectance[r]), light), paths.d_reflectance[r]);
   }
-  for (size_t l = 0; l < paths.d_light.size(); ++l) {
-    at.add(part_of(l, weight), paths.d_light[l]);
-  }
+  for (size_t l = 0; l < paths.d_light.size(); ++l) at.add(part_of(l, weight), paths.d_light[l]);
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

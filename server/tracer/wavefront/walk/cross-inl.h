@@ -32,9 +32,7 @@ void cross(Wavefront<AtBoundary>& wave, size_t slot) {
     paths.leaked[slot] = 1;
     return;
   }
-  if (sample.event == BoundarySample::Event::kAbsorbed) {
-    return;
-  }
+  if (sample.event == BoundarySample::Event::kAbsorbed) return;
   const bool passes = sample.event == BoundarySample::Event::kTransmitted;
   paths.rays.interaction[slot] = inside != passes ? Rays::kInside : 0;
   paths.rays.direction.set(slot, sample.direction);

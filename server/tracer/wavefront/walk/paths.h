@@ -78,9 +78,7 @@ void for_each_column(const List& list, const Visit& visit) {
     if constexpr (requires { Entry::kAtStart; }) {
       visit(entry);
     } else {
-      for (auto& column : entry) {
-        visit(column);
-      }
+      for (auto& column : entry) visit(column);
     }
   };
   std::apply([&](auto&... entries) { (visit_all(entries), ...); }, list);

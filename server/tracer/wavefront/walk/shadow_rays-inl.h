@@ -88,9 +88,7 @@ void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& ver
   append(hn::Mul(limit, set(1 / wave.sigma_t)), shadow_rays.rays.max_medium_length);
   append(undimmed, shadow_rays.light);
   append(importance, shadow_rays.importance);
-  if (wave.medium_derivatives) {
-    append(hn::Add(load(paths.score_g, i), score), shadow_rays.score_g);
-  }
+  if (wave.medium_derivatives) append(hn::Add(load(paths.score_g, i), score), shadow_rays.score_g);
   for (size_t l = 0; l < wave.differentiated_lights.size(); ++l) {
     const Floats part = radiance_of(wave.scene.lights, wave.differentiated_lights[l], words, light);
     append(hn::Div(hn::Mul(part, value), pdf_sum), shadow_rays.parts_of_lights[l]);
@@ -121,9 +119,7 @@ void trace_shadow_rays(Wavefront<AtBoundary>& wave) {
                        paths.leaked.data(), slot);
     }
     const Mask arrived = hn::And(live, is(end, Rays::kEscaped));
-    if (hn::AllFalse(d, arrived)) {
-      continue;
-    }
+    if (hn::AllFalse(d, arrived)) continue;
     const Floats length = load(shadow_rays.rays.medium_length, i);
     const Floats dimming = exp(hn::Mul(length, set(-wave.sigma_t)));
     Floats survival = set(1.0F);

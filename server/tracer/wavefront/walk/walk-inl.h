@@ -64,17 +64,13 @@ void interact(Wavefront<AtBoundary>& wave) {
       multiply_weights(paths, i, load(wave.at_boundary_of_walks.crossings.transmittance, i));
     }
     const Mask escaped = hn::And(live, is(end, Rays::kEscaped));
-    if (!hn::AllFalse(FloatTag(), escaped)) {
-      add_emission(wave, i, escaped);
-    }
+    if (!hn::AllFalse(FloatTag(), escaped)) add_emission(wave, i, escaped);
     const Uints one = set(uint32_t{1}), none = hn::Zero(UintTag());
     store(hn::IfThenElse(for_uints(is(end, Rays::kLeaked)), one, none), paths.leaked, i);
     const Mask goes_on = hn::Or(scattered, surface);
     store(hn::IfThenElse(for_uints(goes_on), one, none), paths.alive, i);
     const Mask vertices = hn::And(live, goes_on);
-    if (!hn::AllFalse(FloatTag(), vertices)) {
-      scatter(wave, i, vertices, scattered);
-    }
+    if (!hn::AllFalse(FloatTag(), vertices)) scatter(wave, i, vertices, scattered);
     if constexpr (AtBoundary::kAsks) {
       for (Bits bits = bits_of(hn::And(live, is(end, Rays::kCrossing))); bits != 0;
            bits &= bits - 1) {
@@ -98,9 +94,7 @@ class Walk {
   void run(const std::stop_token& stop) {
     fill();
     while (wave_.count > 0) {
-      if (stop.stop_requested()) {
-        throw Error(ErrorKind::kCancelled, "the render was stopped");
-      }
+      if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "the render was stopped");
       sample_flights(wave_);
       interact(wave_);
       trace_shadow_rays(wave_);
@@ -111,26 +105,18 @@ class Walk {
 
  private:
   void fill() {
-    while (wave_.count < kSlots && source_.begin_path(wave_.paths, wave_.count)) {
-      ++wave_.count;
-    }
+    while (wave_.count < kSlots && source_.begin_path(wave_.paths, wave_.count)) ++wave_.count;
   }
 
   // Records paths that have ended, and puts new ones in their place; where there are no more, the
   // last path moves there.
   void finish() {
     for (size_t slot = wave_.count; slot-- > 0;) {
-      if (wave_.paths.alive[slot] != 0) {
-        continue;
-      }
+      if (wave_.paths.alive[slot] != 0) continue;
       recorder_.record(slot);
-      if (source_.begin_path(wave_.paths, slot)) {
-        continue;
-      }
+      if (source_.begin_path(wave_.paths, slot)) continue;
       --wave_.count;
-      if (slot != wave_.count) {
-        wave_.paths.move(wave_.count, slot);
-      }
+      if (slot != wave_.count) wave_.paths.move(wave_.count, slot);
     }
   }
 
