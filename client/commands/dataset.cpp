@@ -419,7 +419,7 @@ void add_dataset_command(CLI::App& app) {
             number_in(0.0, 1.0));
   add_range("--g", options->g, "Of the materials, uniform; default 0 0.8",
             number_in(-kMaxAbsG, kMaxAbsG));
-  command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.DatasetSummary)");
+  add_format_flags(*command, options->json, "itn.v1.DatasetSummary");
   add_worker_flags(*command, options->workers);
   command->callback([options, command] { run(*options, *command); });
 }

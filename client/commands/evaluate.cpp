@@ -271,7 +271,7 @@ void add_evaluate_command(CLI::App& app) {
       "--noise-levels", options->noise_levels,
       "Evaluate each network also with noise added up to the level that it was trained "
       "at (itn train --add-noise), and up to half of that");
-  command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.Evaluation)");
+  add_format_flags(*command, options->json, "itn.v1.Evaluation");
   add_worker_flags(*command, options->workers);
   command->callback([options] { run(*options); });
 }

@@ -90,6 +90,16 @@ inline void add_security_flags(CLI::App& app, ClientSecurity& security) {
   token->envname("ITN_TOKEN_FILE");
 }
 
+// --format and, for short, --json. `message`: what JSON is of.
+inline void add_format_flags(CLI::App& app, bool& json, const std::string& message) {
+  app.add_option_function<std::string>(
+         "--format", [&json](const std::string& format) { json = format == "json"; },
+         "Print the result as text or as JSON (" + message + ")")
+      ->check(one_of({"text", "json"}))
+      ->default_str("text");
+  app.add_flag("--json", json, "--format json");
+}
+
 struct WorkerFlags {
   std::vector<std::string> workers;
   ClientSecurity security;

@@ -348,7 +348,7 @@ void add_flags(CLI::App& command, RefineOptions& options) {
   command.add_option("-o,--output", options.output,
                      "Folder for trajectory.jsonl, result.json, picture.png (target, fit, "
                      "difference) and the state, from which the same command goes on");
-  command.add_flag("--json", options.json, "Print the result as JSON (itn.v1.RefineResult)");
+  add_format_flags(command, options.json, "itn.v1.RefineResult");
 }
 
 }  // namespace

@@ -384,7 +384,7 @@ void add_render_command(CLI::App& app) {
   command->add_option("--resolution,--film", options->film,
                       "N or WIDTHxHEIGHT in pixels, instead of the scene's");
   command->add_option("--picture,--png", options->png, "Also write a picture to look at");
-  command->add_flag("--json", options->json, "Print the result as JSON");
+  add_format_flags(*command, options->json, "of its size, means, counters and times");
   add_worker_flags(*command, options->workers);
   command->callback([options] { run(*options); });
 }

@@ -61,7 +61,7 @@ struct TrainOptions {
   std::optional<double> lambda;
   std::vector<double> noise;  // one level, or the lowest and the highest
   double exposure_jitter = 0;
-  double material_step = 0;
+  double first_order_step = 0;
   double mean_weight = 0;
   bool mirror = false;
   bool camera = false;
@@ -195,7 +195,7 @@ class Flags {
     if (given("--mirror")) augmentation.set_mirror(options_.mirror);
     if (given("--shift")) augmentation.set_shift(options_.shift);
     if (given("--exposure-jitter")) augmentation.set_exposure(options_.exposure_jitter);
-    if (given("--first-order-step")) augmentation.set_material_step(options_.material_step);
+    if (given("--first-order-step")) augmentation.set_first_order_step(options_.first_order_step);
     if (given("--camera")) {
       if (options_.camera) {
         *augmentation.mutable_camera() = default_camera_augmentation();
@@ -553,7 +553,7 @@ void add_train_command(CLI::App& app) {
                    "Multiply each image by a factor whose logarithm has this standard deviation")
       ->check(number_in(0.0, 3.0));
   command
-      ->add_option("--first-order-step,--material-step", options->material_step,
+      ->add_option("--first-order-step,--material-step", options->first_order_step,
                    "Make each image that of another material, to first order, by the dataset's "
                    "derivative images (itn dataset --derivatives): standard deviation of the step "
                    "in ln reduced sigma_t and the logits of reduced albedo and g")
@@ -673,7 +673,7 @@ void add_train_command(CLI::App& app) {
                    "a machine of other processors, give the number; --resume knows it")
       ->check(number_in(0, 4096))
       ->capture_default_str();
-  command->add_flag("--json", options->json, "Print the result as JSON (itn.v1.TrainingSummary)");
+  add_format_flags(*command, options->json, "itn.v1.TrainingSummary");
   add_worker_flags(*command, options->workers);
   command->callback([options, command] { run(*options, *command); });
 }

@@ -323,7 +323,7 @@ v1::ItemLight draw_light(const v1::DatasetConfig& config, v1::Split split,
       break;
     case v1::LightChoice::kPanoramas:
       *item.mutable_panorama() =
-          draw_panorama(light.panoramas(), panoramas.of(split), kind, choices);
+          draw_panorama(light.panoramas(), panoramas.names(split), kind, choices);
       break;
     default: *item.mutable_sun_sky() = draw_sun(light.sun_sky(), split, kind, choices);
   }
@@ -453,7 +453,7 @@ void add_items(v1::Dataset& manifest, const ShapeSplit& shapes, const PanoramaSp
 
 }  // namespace
 
-const std::vector<std::string>& ShapeSplit::of(v1::Split split) const {
+const std::vector<std::string>& ShapeSplit::names(v1::Split split) const {
   return split == v1::SPLIT_TEST ? test : split == v1::SPLIT_VALIDATION ? validation : train;
 }
 
@@ -506,7 +506,7 @@ ShapeSplit split_shapes(const v1::Dataset& manifest) {
           .test = names_in(manifest.shapes(), v1::SPLIT_TEST)};
 }
 
-const std::vector<std::string>& PanoramaSplit::of(v1::Split split) const {
+const std::vector<std::string>& PanoramaSplit::names(v1::Split split) const {
   const std::vector<std::string>& own = split == v1::SPLIT_TEST         ? test
                                         : split == v1::SPLIT_VALIDATION ? validation
                                                                         : train;
@@ -549,7 +549,7 @@ v1::DatasetItem plan_item(const v1::DatasetConfig& config, const ShapeSplit& sha
                           const PanoramaSplit& panoramas) {
   const Place place = place_of(config, index);
   const Choices choices(config, place);
-  const std::vector<std::string>& names = shapes.of(place.split);
+  const std::vector<std::string>& names = shapes.names(place.split);
   v1::DatasetItem item = draw_scene(
       config, place.split, names.at(choices.in_turn(kShape, names.size())), panoramas, choices);
   *item.mutable_material() = draw_material(config.materials(), choices);
@@ -575,7 +575,7 @@ DatasetPlan plan_dataset(const v1::DatasetConfig& config, std::span<const Shape>
   // Choose the items.
   if (is_grid(config)) {
     for (const v1::Split part : {v1::SPLIT_TRAIN, v1::SPLIT_VALIDATION, v1::SPLIT_TEST}) {
-      add_grid(plan.manifest, part, split.of(part));
+      add_grid(plan.manifest, part, split.names(part));
     }
     return plan;
   }

@@ -19,7 +19,7 @@ namespace itn {
 struct ShapeSplit {
   std::vector<std::string> train, validation, test;
 
-  const std::vector<std::string>& of(v1::Split split) const;
+  const std::vector<std::string>& names(v1::Split split) const;
 };
 
 // As the configuration names them; otherwise a random choice by its fractions, of at least one for
@@ -34,7 +34,7 @@ struct PanoramaSplit {
   std::vector<std::string> train, validation, test;
 
   // Those of the training for a split that has none.
-  const std::vector<std::string>& of(v1::Split split) const;
+  const std::vector<std::string>& names(v1::Split split) const;
 };
 
 // A random choice by the fractions of the shapes: one for the test at least if there are two, for

@@ -625,7 +625,8 @@ std::set<std::string> done_stages(const v1::Experiment& experiment, const fs::pa
   if (!was_begun(experiment, folder)) return {};
   ExperimentRun run;
   run.folder = folder;
-  return done_stages(ExperimentRunner(experiment, run).stages(), folder, to_text_proto(experiment));
+  return done_stages(ExperimentRunner(experiment, run).stages(), folder,
+                     to_text_proto_of_01(experiment));
 }
 
 ExperimentResult run_experiment(const v1::Experiment& experiment, const ExperimentRun& run) {
@@ -635,7 +636,7 @@ ExperimentResult run_experiment(const v1::Experiment& experiment, const Experime
   ExperimentRunner study(experiment, run);
   const std::vector<Stage> stages = study.stages();
   run_stages(
-      stages, run.folder, to_text_proto(experiment), [&] { return study.cpu_seconds(); },
+      stages, run.folder, to_text_proto_of_01(experiment), [&] { return study.cpu_seconds(); },
       run.report, run.stop);
   return study.result(stage_records(stages, run.folder));
 }

@@ -117,7 +117,7 @@ void validate_networks(const v1::Experiment& experiment) {
     }
     const v1::TrainingConfig own = own_training(experiment, network, 1e-4);
     require(experiment.dataset().derivatives() || !has_first_order_augmentation(own),
-            fmt::format("{}: augmentation.material_step takes derivative images: dataset {{ "
+            fmt::format("{}: augmentation.first_order_step takes derivative images: dataset {{ "
                         "derivatives: true }}",
                         name));
   }

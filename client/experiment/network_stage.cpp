@@ -40,7 +40,7 @@ class StepClock {
   }
   bool has_steps() const { return steps_ > 0; }
 
-  v1::NetworkCost of(uint64_t steps) const {
+  v1::NetworkCost cost(uint64_t steps) const {
     const double scale = static_cast<double>(steps) / static_cast<double>(steps_);
     v1::NetworkCost cost;
     cost.set_steps(steps);
@@ -128,7 +128,7 @@ v1::NetworkCost train_network(v1::TrainingConfig config, DatasetReader& dataset,
          .stop = run.stop});
   // Killed between its last step and its end, it has told already.
   if (!clock.has_steps() && fs::exists(run.folder / kCostName)) return read_cost(run.folder);
-  const v1::NetworkCost cost = clock.has_steps() ? clock.of(config.steps()) : v1::NetworkCost();
+  const v1::NetworkCost cost = clock.has_steps() ? clock.cost(config.steps()) : v1::NetworkCost();
   write_file_atomically(run.folder / kCostName, to_text_proto(cost));
   return cost;
 }

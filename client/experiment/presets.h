@@ -156,7 +156,7 @@ networks {
 }
 networks {
   name: "RN, moved materials"
-  settings { loss: RN augmentation { material_step: 0.3 } }
+  settings { loss: RN augmentation { first_order_step: 0.3 } }
   as_long_as: "ITN, 64 spp"
 }
 )";

@@ -14,7 +14,7 @@ struct Quantity {
   const char* name;
   const char* unit;
   int decimals;
-  double (*of)(const Material&);
+  double (*value)(const Material&);
 };
 
 constexpr std::array<Quantity, 7> kQuantities = {{
@@ -30,7 +30,7 @@ constexpr size_t kParameters = 3;  // the first of them
 
 std::vector<double> values_of(const Quantity& quantity, std::span<const Material> materials) {
   std::vector<double> values;
-  for (const Material& material : materials) values.push_back(quantity.of(material));
+  for (const Material& material : materials) values.push_back(quantity.value(material));
   return values;
 }
 
@@ -47,7 +47,7 @@ std::vector<double> errors_of(const Quantity& quantity, std::span<const Material
                               std::span<const Material> truth) {
   std::vector<double> errors;
   for (size_t i = 0; i < truth.size(); ++i) {
-    errors.push_back(quantity.of(predictions[i]) - quantity.of(truth[i]));
+    errors.push_back(quantity.value(predictions[i]) - quantity.value(truth[i]));
   }
   return errors;
 }
@@ -356,7 +356,7 @@ Table table_3(const TestSet& test, std::span<const Candidate> candidates,
         const Material refined{at.sigma_t(), at.albedo(), at.g()};
         for (size_t k = 0; k < kParameters; ++k) {
           const double error =
-              kQuantities[k].of(refined) - kQuantities[k].of(test.truth[test.refined[n]]);
+              kQuantities[k].value(refined) - kQuantities[k].value(test.truth[test.refined[n]]);
           terms[k].push_back(error * error);
         }
       }

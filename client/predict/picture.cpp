@@ -30,10 +30,10 @@ class Pixels {
       : photograph_(photograph), channels_(static_cast<size_t>(photograph.channels)) {}
 
   size_t count() const { return photograph_.mask.size(); }
-  std::span<const float> of(std::span<const float> interleaved, size_t p) const {
+  std::span<const float> pixel(std::span<const float> interleaved, size_t p) const {
     return interleaved.subspan(p * channels_, channels_);
   }
-  std::span<const float> operator[](size_t p) const { return of(photograph_.pixels, p); }
+  std::span<const float> operator[](size_t p) const { return pixel(photograph_.pixels, p); }
   bool on_object(size_t p) const { return is_on_object(photograph_.mask[p]); }
 
   // On the object, and beside what is not.
@@ -59,7 +59,7 @@ class Pixels {
   double mean_luminance(std::span<const float> interleaved) const {
     double sum = 0, weight = 0;
     for (size_t p = 0; p < count(); ++p) {
-      sum += static_cast<double>(photograph_.mask[p]) * luminance(of(interleaved, p));
+      sum += static_cast<double>(photograph_.mask[p]) * luminance(pixel(interleaved, p));
       weight += photograph_.mask[p];
     }
     return sum / weight;
@@ -116,7 +116,7 @@ PanelRow rerendered_panels(const PredictInput& photograph, std::span<const float
   const float factor = static_cast<float>(scale_of(photograph, rendered)) / white;
   PanelRow row(2, {.side = framed.side, .pixels = {}});
   for (size_t p = 0; p < pixels.count(); ++p) {
-    const std::span<const float> again = pixels.of(rendered, p);
+    const std::span<const float> again = pixels.pixel(rendered, p);
     const float mask = framed.mask[p], brightness = luminance(again) * factor;
     row[0].pixels.push_back(colour(again, factor));
     row[1].pixels.push_back(

@@ -124,7 +124,7 @@ std::future<v1::RenderGradReply> Dispatcher::submit(RenderJob render, Clock::tim
 
 Dispatcher::Turn Dispatcher::next(size_t number, Clock::time_point now) {
   const Worker& worker = workers_.at(number);
-  if (!worker.up || closed_) return {};
+  if (!worker.connected || closed_) return {};
   if (now < worker.full_until) return {nullptr, worker.full_until};
   const auto job = first_for(number);
   if (job == waiting_.end()) return hedge(number, now);
@@ -135,7 +135,7 @@ Dispatcher::Turn Dispatcher::next(size_t number, Clock::time_point now) {
 
 bool Dispatcher::has_render_for(size_t number, Clock::time_point now) const {
   const Worker& worker = workers_.at(number);
-  return worker.up && now >= worker.full_until && first_for(number) != waiting_.end();
+  return worker.connected && now >= worker.full_until && first_for(number) != waiting_.end();
 }
 
 Dispatcher::Waiting::const_iterator Dispatcher::first_for(size_t number) const {
@@ -148,7 +148,7 @@ bool Dispatcher::may_take(size_t number, const Job& job) const {
   if (job.refused_by(number)) return false;
   if (fits(workers_.at(number).capabilities, job.render)) return true;
   for (const auto& [i, other] : workers_) {
-    if (!other.excluded && !other.left && (other.up || !other.failing_since) &&
+    if (!other.excluded && !other.left && (other.connected || !other.failing_since) &&
         !job.refused_by(i) && fits(other.capabilities, job.render)) {
       return false;
     }
@@ -235,7 +235,7 @@ bool Dispatcher::on_outcome(const std::shared_ptr<Attempt>& attempt, Answer answ
   const std::shared_ptr<Job> job = attempt->job;
   // Workers render in the order in which they are asked, as far as is known here: those behind the
   // first are lost with it, whichever of them is heard of first.
-  if (answer.outcome == Outcome::kLost && worker.up) {
+  if (answer.outcome == Outcome::kLost && worker.connected) {
     for (const auto& a : worker.under_way) a->only_waited = a != worker.under_way.front();
   }
   const bool was_rendered = worker.under_way.front() == attempt && !attempt->only_waited;
@@ -250,7 +250,7 @@ bool Dispatcher::on_outcome(const std::shared_ptr<Attempt>& attempt, Answer answ
   if (attempt->stop.stop_requested()) {
     if (!job->ended) fail(*job, Error(ErrorKind::kCancelled, "the render pool was closed"));
     // It was late, and may be so with whatever it gets next: not at once.
-    return std::exchange(worker.up, false);
+    return std::exchange(worker.connected, false);
   }
   const std::string reason = describe(answer.status);
   bool look_after = false;
@@ -270,7 +270,7 @@ bool Dispatcher::on_outcome(const std::shared_ptr<Attempt>& attempt, Answer answ
       }
       break;
     case Outcome::kLost:
-      if (worker.up) worker.only_lost = true;
+      if (worker.connected) worker.only_lost = true;
       if (was_rendered) note_loss(*attempt, fmt::format("{}: {}", label(worker), reason), now);
       [[fallthrough]];
     case Outcome::kUnreachable: look_after = take_down(worker, reason, now); break;
@@ -281,10 +281,10 @@ bool Dispatcher::on_outcome(const std::shared_ptr<Attempt>& attempt, Answer answ
   fail_unservable(now);
   if (is_left && !job->ended) {
     ++statistics_.retries;
-    spdlog::warn(
-        "{}: {}; the render {}", label(worker), reason,
-        any_up() ? "goes to the next free worker"
-                 : fmt::format("waits for a worker, for {} s at most", in_seconds(give_up_after_)));
+    spdlog::warn("{}: {}; the render {}", label(worker), reason,
+                 any_connected() ? "goes to the next free worker"
+                                 : fmt::format("waits for a worker, for {} s at most",
+                                               in_seconds(give_up_after_)));
   }
   return look_after;
 }
@@ -344,13 +344,13 @@ void Dispatcher::fail(Job& job, const Error& error) {
 bool Dispatcher::take_down(Worker& worker, const std::string& reason, Clock::time_point now) {
   worker.last_failure = reason;
   if (!worker.failing_since) worker.failing_since = now;
-  return std::exchange(worker.up, false);
+  return std::exchange(worker.connected, false);
 }
 
 void Dispatcher::exclude(Worker& worker, const std::string& reason) {
   spdlog::warn("{}: {}; it is set aside for good", label(worker), reason);
   worker.excluded = true;
-  worker.up = false;
+  worker.connected = false;
   worker.last_failure = reason;
 }
 
@@ -366,8 +366,8 @@ void Dispatcher::on_probe(size_t number, const grpc::Status& status,
   if (worker.excluded) return;
   const bool was_unfit = std::exchange(worker.incompatible, is_incompatible(status));
   if (status.ok()) {
-    worker.up = true;
-    worker.never_up = false;
+    worker.connected = true;
+    worker.never_connected = false;
     worker.capabilities = capabilities;
     // It rendered until it was lost, or was busy with others' renders. How often a render may be
     // lost, its own count says.
@@ -380,16 +380,16 @@ void Dispatcher::on_probe(size_t number, const grpc::Status& status,
     spdlog::warn("{}: {}; it is not used", label(worker), reason);
   // That it took too long says less than what was noted before.
   take_down(worker, too_late ? worker.last_failure : reason, now);
-  if (worker.never_up && any_up() && now - *worker.failing_since > kWorthSaying) {
-    worker.never_up = false;
+  if (worker.never_connected && any_connected() && now - *worker.failing_since > kWorthSaying) {
+    worker.never_connected = false;
     spdlog::warn("{}: {}; it is used when it answers", label(worker), worker.last_failure);
   }
   fail_unservable(now);
 }
 
-bool Dispatcher::any_up() const {
+bool Dispatcher::any_connected() const {
   return std::ranges::any_of(
-      workers_, [](const auto& entry) { return entry.second.up && !entry.second.left; });
+      workers_, [](const auto& entry) { return entry.second.connected && !entry.second.left; });
 }
 
 bool Dispatcher::has_workers() const {
@@ -416,8 +416,8 @@ void Dispatcher::fail_unservable(Clock::time_point now) {
   });
 }
 
-// Why no worker will do it, if so. One that is up will get to it; one that answers but fails every
-// render is not up while it rests.
+// Why no worker will do it, if so. One that is connected will get to it; one that answers but fails
+// every render is not connected while it rests.
 std::optional<Error> Dispatcher::unservable(const Job& job, Clock::time_point now) const {
   if (job.losses.size() >= kMaxFailures) {
     return Error(ErrorKind::kUnavailable,
@@ -429,7 +429,7 @@ std::optional<Error> Dispatcher::unservable(const Job& job, Clock::time_point no
   bool one_is_left = false;
   for (const auto& [i, worker] : workers_) {
     if (worker.left || worker.excluded || job.refused_by(i)) continue;
-    if (worker.up || !worker.failing_since) return {};
+    if (worker.connected || !worker.failing_since) return {};
     if (now - std::max(*worker.failing_since, job.submitted) < give_up_after_) return {};
     one_is_left = true;
   }

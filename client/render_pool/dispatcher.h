@@ -28,10 +28,9 @@ namespace itn {
 //  - A worker that is away, or failed, rests and is asked whether it is there before it gets more.
 //  - A worker that gave an answer that cannot be right gets nothing any more.
 //  - A render that a worker cannot do goes to the others; it fails when kMaxFailures of them
-//  cannot, or all.
+//    cannot, or all.
 //  - A render under which a worker vanished, or that reached its deadline, kMaxFailures times, is
-//  given
-//    up; attempts that are lost together count once.
+//    given up; attempts that are lost together count once.
 //  - A render fails when all workers that could do it have failed for a given time.
 //  - A render that is late gets a second attempt (a hedge) on a worker that has nothing else to do;
 //  the first
@@ -95,8 +94,8 @@ class Dispatcher {
   };
   Stragglers stragglers(Clock::time_point now) const;
 
-  // What became of an attempt. Returns whether the worker is to be asked if it is there, as it was
-  // up and is not.
+  // What became of an attempt. Returns whether the worker is to be asked if it is there: it was
+  // connected, and is not any more.
   bool finish(const std::shared_ptr<Attempt>& attempt, Answer answer, Clock::time_point now);
 
   // How long the worker is to rest before it is asked whether it is there; longer each time until a
@@ -106,8 +105,8 @@ class Dispatcher {
   void on_probe(size_t worker, const grpc::Status& status, const v1::Capabilities& capabilities,
                 Clock::time_point now);
 
-  bool any_up() const;
-  // Whether there is any that has not left, up or not.
+  bool any_connected() const;
+  // Whether there is any that has not left, connected or not.
   bool has_workers() const;
   // Each worker with what is known of its last failure.
   std::string last_failures() const;
@@ -119,12 +118,12 @@ class Dispatcher {
  private:
   struct Worker {
     std::string name;
-    bool up = false;            // takes renders; otherwise it rests, or has not answered yet
-    bool excluded = false;      // for good
-    bool incompatible = false;  // as it says itself
-    bool left = false;          // is no more when nothing of it is under way
-    bool never_up = true;       // and nobody was told
-    bool only_lost = false;     // it was taken down for a lost render, and has not answered since
+    bool connected = false;       // takes renders; otherwise it rests, or has not answered yet
+    bool excluded = false;        // for good
+    bool incompatible = false;    // as it says itself
+    bool left = false;            // is no more when nothing of it is under way
+    bool never_connected = true;  // and nobody was told
+    bool only_lost = false;       // it was taken down for a lost render, and has not answered since
     v1::Capabilities capabilities;
     std::chrono::milliseconds probe_delay{0};
     std::chrono::milliseconds busy_delay{0};           // of a worker that has no place

@@ -198,10 +198,10 @@ class RenderPool::Impl {
 
   void wait_for_first_worker() {
     std::unique_lock lock(mutex_);
-    const bool up =
-        probed_.wait_for(lock, options_.connect_within, [this] { return dispatcher_.any_up(); });
+    const bool connected = probed_.wait_for(lock, options_.connect_within,
+                                            [this] { return dispatcher_.any_connected(); });
     said_who_is_there_ = true;
-    if (up || !dispatcher_.has_workers()) return;
+    if (connected || !dispatcher_.has_workers()) return;
     throw Error(ErrorKind::kUnavailable,
                 "no render worker answers (" + dispatcher_.last_failures() + ")");
   }
@@ -222,7 +222,7 @@ class RenderPool::Impl {
       wake_parked();
       if (!look_after) continue;
       lock.unlock();
-      list_.look_again();
+      list_.refresh();
       reconnect(member);
       lock.lock();
     }
@@ -335,7 +335,8 @@ class RenderPool::Impl {
       } else if (dispatcher_.waiting() > 0 && (!said || now - *said > kSayAgain)) {
         said = now;
         lock.unlock();
-        spdlog::warn("there are no render workers; waiting for addresses from {}", list_.awaited());
+        spdlog::warn("there are no render workers; waiting for addresses from {}",
+                     list_.unresolved());
         lock.lock();
         continue;
       }

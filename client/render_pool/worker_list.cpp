@@ -203,7 +203,7 @@ void WorkerList::watch(Changed changed) {
   }
 }
 
-void WorkerList::look_again() {
+void WorkerList::refresh() {
   const std::lock_guard lock(mutex_);
   ++times_wanted_;
   wanted_.notify_all();
@@ -234,7 +234,7 @@ void WorkerList::follow(Source& source, const std::stop_token& stop) {
     source.problem = finding->problem;
     const bool change = finding->addresses && *finding->addresses != source.addresses;
     if (change) source.addresses = std::move(*finding->addresses);
-    if (change || !refusal_.empty()) tell(source);
+    if (change || !refusal_.empty()) notify(source);
     const uint64_t seen = times_wanted_;
     wanted_.wait_for(lock, stop, kAtMostEvery, [] { return false; });
     wanted_.wait_for(lock, stop, source.every - kAtMostEvery,
@@ -243,7 +243,7 @@ void WorkerList::follow(Source& source, const std::stop_token& stop) {
   }
 }
 
-WorkerList::Addresses WorkerList::ask(const std::stop_token& stop) {
+WorkerList::Addresses WorkerList::resolve(const std::stop_token& stop) {
   for (const auto& source : sources_) {
     if (!source->look) continue;
     std::optional<Finding> finding = look(source->look, stop);
@@ -256,7 +256,7 @@ WorkerList::Addresses WorkerList::ask(const std::stop_token& stop) {
   return all();
 }
 
-void WorkerList::tell(const Source& source) {
+void WorkerList::notify(const Source& source) {
   try {
     changed_(all());
     refusal_.clear();
@@ -277,7 +277,7 @@ WorkerList::Addresses WorkerList::all() const {
   return all;
 }
 
-std::string WorkerList::awaited() const {
+std::string WorkerList::unresolved() const {
   const std::lock_guard lock(mutex_);
   std::string text;
   for (const auto& source : sources_) {

@@ -49,20 +49,20 @@ class WorkerList {
   void watch(Changed changed);
   // Without watch(): asks all names and files now, unless a stop is requested, and returns all
   // addresses; of what cannot be told at the moment, those that it told before.
-  Addresses ask(const std::stop_token& stop);
+  Addresses resolve(const std::stop_token& stop);
   // Looks at names and files at once, though not more often than once a second.
-  void look_again();
+  void refresh();
 
   // Whether it has names or files.
   bool can_change() const;
   // What each name or file has to say: "dns:///workers:50051 (Name or service not known)".
-  std::string awaited() const;
+  std::string unresolved() const;
 
  private:
   struct Source;
   void follow(Source& source, const std::stop_token& stop);
   // With the lock held, after a look at the source.
-  void tell(const Source& source);
+  void notify(const Source& source);
   Addresses all() const;
 
   std::vector<std::unique_ptr<Source>> sources_;

@@ -80,7 +80,7 @@ void validate(const v1::Augmentation& augmentation) {
   require_in("exposure", augmentation.exposure(), 0, 3);
   require_in("noise.max", augmentation.noise().max(), 0, 1);
   require_in("noise.min", augmentation.noise().min(), 0, augmentation.noise().max());
-  require_in("material_step", augmentation.material_step(), 0, 2);
+  require_in("first_order_step", augmentation.first_order_step(), 0, 2);
   validate(augmentation.camera());
 }
 

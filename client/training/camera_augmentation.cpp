@@ -41,7 +41,7 @@ class Draws {
   Draws(uint64_t seed, int64_t count) : seed_(seed), count_(count), which_(torch::arange(count)) {}
 
   // For these of its images alone.
-  Draws of(const torch::Tensor& which) const {
+  Draws subset(const torch::Tensor& which) const {
     Draws some = *this;
     some.which_ = which;
     return some;
@@ -317,7 +317,7 @@ ImageBatch with_camera_effects(const ImageBatch& images, const v1::CameraAugment
   const auto selected = [&](const torch::Tensor& plane) { return plane.index_select(0, taken); };
   const ImageBatch photographs = taken_by_camera(
       {selected(images.luminance), selected(images.mask), {}, selected(images.noise)}, camera,
-      all.of(taken));
+      all.subset(taken));
   return {replaced(images.luminance, photographs.luminance),
           replaced(images.mask, photographs.mask),
           {},

@@ -42,7 +42,7 @@ Estimate ShapeBootstrap::estimate(
   for (size_t k = 0; k < terms.size(); ++k) {
     for (size_t i = 0; i < group_.size(); ++i) sums[k][group_[i]] += terms[k][i];
   }
-  const auto of = [&](std::span<const size_t> groups) {
+  const auto apply = [&](std::span<const size_t> groups) {
     double images = 0;
     for (const size_t group : groups) images += sizes_[group];
     std::vector<double> means;
@@ -56,9 +56,9 @@ Estimate ShapeBootstrap::estimate(
   std::vector<size_t> all(sizes_.size());
   for (size_t i = 0; i < all.size(); ++i) all[i] = i;
   std::vector<double> values;
-  for (const std::vector<size_t>& draw : draws_) values.push_back(of(draw));
+  for (const std::vector<size_t>& draw : draws_) values.push_back(apply(draw));
   std::ranges::sort(values);
-  return {.value = of(all), .low = quantile(values, kLow), .high = quantile(values, kHigh)};
+  return {.value = apply(all), .low = quantile(values, kLow), .high = quantile(values, kHigh)};
 }
 
 Estimate ShapeBootstrap::root_mean_square(std::span<const double> errors) const {

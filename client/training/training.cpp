@@ -143,7 +143,7 @@ std::unique_ptr<Batches> batches_of(const v1::TrainingConfig& config, const Labe
   if (!has_first_order_augmentation(config)) return batches;
   return std::make_unique<FirstOrderAugmentation>(
       std::move(batches), *inputs.derivatives(), model.bounds(),
-      config.augmentation().material_step(), derive_seed(config.seed(), {kMaterialSteps}));
+      config.augmentation().first_order_step(), derive_seed(config.seed(), {kMaterialSteps}));
 }
 
 const v1::TrainingConfig& validated(const v1::TrainingConfig& config) {
@@ -154,7 +154,7 @@ const v1::TrainingConfig& validated(const v1::TrainingConfig& config) {
 }  // namespace
 
 bool has_first_order_augmentation(const v1::TrainingConfig& config) {
-  return config.augmentation().material_step() > 0;
+  return config.augmentation().first_order_step() > 0;
 }
 
 void validate(const v1::TrainingConfig& config) {
@@ -178,9 +178,9 @@ void validate(const v1::TrainingConfig& config) {
   require(config.exposure() != v1::EXPOSURE_UNSPECIFIED, "exposure must be known or unknown");
   validate(config.augmentation());
   require(!has_first_order_augmentation(config) || config.loss() == v1::TrainingConfig::RN,
-          "augmentation.material_step changes what images are of: it takes the loss RN");
+          "augmentation.first_order_step changes what images are of: it takes the loss RN");
   require(!has_first_order_augmentation(config) || !needs_weight_map(config.input()),
-          "augmentation.material_step changes the luminance, from which the input "
+          "augmentation.first_order_step changes the luminance, from which the input "
           "LUMINANCE_AND_WEIGHT has a weight map: it takes the input RATIOS");
   require(!changes_images(config.augmentation().camera()) || !needs_weight_map(config.input()),
           "augmentation.camera changes masks and luminance, from which the input "

@@ -60,11 +60,11 @@ std::optional<TiffDirectory> TiffDirectory::first(std::string_view file) {
   if (file.size() < 8) return std::nullopt;
   const bool little_endian = file.starts_with("II");
   if (!little_endian && !file.starts_with("MM")) return std::nullopt;
-  return at(file, little_endian, integer(file, 4, 4, little_endian));
+  return read_at(file, little_endian, integer(file, 4, 4, little_endian));
 }
 
-std::optional<TiffDirectory> TiffDirectory::at(std::string_view file, bool little_endian,
-                                               size_t offset) {
+std::optional<TiffDirectory> TiffDirectory::read_at(std::string_view file, bool little_endian,
+                                                    size_t offset) {
   if (file.size() < 2 || offset > file.size() - 2) return std::nullopt;
   const size_t count = integer(file, offset, 2, little_endian);
   if (count * kEntryBytes > file.size() - offset - 2) return std::nullopt;
@@ -92,7 +92,7 @@ std::optional<double> TiffDirectory::number(uint16_t tag, size_t index) const {
 std::optional<TiffDirectory> TiffDirectory::directory(uint16_t tag) const {
   const auto offset = number(tag);
   if (!offset || !(*offset >= 0 && *offset <= UINT32_MAX)) return std::nullopt;
-  return at(file_, little_endian_, static_cast<size_t>(*offset));
+  return read_at(file_, little_endian_, static_cast<size_t>(*offset));
 }
 
 // The numbers of the tags: Exif 2.3 (CIPA DC-008), section 4.6.

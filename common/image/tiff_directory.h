@@ -24,7 +24,8 @@ class TiffDirectory {
   TiffDirectory(std::string_view file, bool little_endian, size_t entries, size_t count)
       : file_(file), little_endian_(little_endian), entries_(entries), count_(count) {}
 
-  static std::optional<TiffDirectory> at(std::string_view file, bool little_endian, size_t offset);
+  static std::optional<TiffDirectory> read_at(std::string_view file, bool little_endian,
+                                              size_t offset);
 
   std::string_view file_;
   bool little_endian_;

@@ -383,7 +383,7 @@ torch::Tensor OutlierDetector::along(const torch::Tensor& direction, const Featu
   return (images.statistics - statistics_.mean).matmul(direction).clamp_min(0);
 }
 
-std::vector<OutlierScore> OutlierDetector::of(const Features& images) const {
+std::vector<OutlierScore> OutlierDetector::scores(const Features& images) const {
   const Distances distances = this->distances(images);
   const torch::Tensor scores = distances.largest();
   std::vector<OutlierScore> result;

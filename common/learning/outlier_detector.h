@@ -74,7 +74,7 @@ class OutlierDetector {
   OutlierDetector(const v1::OutlierModel& outlier_model, int64_t embedding_size);
 
   // One for each image.
-  std::vector<OutlierScore> of(const Features& images) const;
+  std::vector<OutlierScore> scores(const Features& images) const;
 
   // Each over its threshold: images, double.
   struct Distances {

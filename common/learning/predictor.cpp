@@ -175,7 +175,7 @@ std::vector<MaterialEstimate> Predictor::estimate(const ImageBatch& as_measured,
     const torch::Tensor outputs = outputs_of(image.embedding);
     const double* o = outputs.data_ptr<double>();
     estimates.push_back(estimate_of({o, o + outputs.size(1)}, object_sizes[i]));
-    if (outlier_detector_) estimates.back().outlier = outlier_detector_->of(image).front();
+    if (outlier_detector_) estimates.back().outlier = outlier_detector_->scores(image).front();
   }
   return estimates;
 }

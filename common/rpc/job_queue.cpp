@@ -21,14 +21,14 @@ constexpr double kMinRetrySeconds = 0.05;
 constexpr double kMaxRetrySeconds = 10;
 // What no job holds is held by requests that come in and answers that go out.
 constexpr double kIdleRetrySeconds = 1;
-// A place is kept so much longer than the client was told to stay away.
+// A slot is kept so much longer than the client was told to stay away.
 constexpr double kGraceFactor = 1.5;
 constexpr double kGraceSeconds = 0.5;
 // For a client that will ask again at once.
 constexpr double kAtOnceSeconds = 2;
 // More clients than this are not told apart.
 constexpr size_t kMaxClients = 1024;
-// Who has so many places more than another does not come before them; as many, where they are free,
+// Who has so many slots more than another does not come before them; as many, where they are free,
 // anybody may have.
 constexpr size_t kMargin = 2;
 
@@ -66,35 +66,35 @@ JobQueue::QueueSlot JobQueue::admit(const QueueClient& client) {
   const std::lock_guard lock(mutex_);
   if (closed_) throw stopping();
   drop_expired_reservations();
-  const auto note = std::ranges::find(reservations_, client, &Reservation::client);
-  const size_t ahead = clients_ahead(client, note);
+  const auto reservation = std::ranges::find(reservations_, client, &Reservation::client);
+  const size_t ahead = clients_ahead(client, reservation);
   const size_t kept = std::min(ahead, std::max<size_t>(capacity_, 1));
   if (free_slots() <= kept || has_its_share(client)) throw refusal(client, ahead);
-  if (note != reservations_.end()) reservations_.erase(note);
+  if (reservation != reservations_.end()) reservations_.erase(reservation);
   take_slot(client);
   ++admitted_;
   return {*this, client};
 }
 
-void JobQueue::submit(QueueSlot place, Job job) {
+void JobQueue::submit(QueueSlot slot, Job job) {
   {
     const std::lock_guard lock(mutex_);
     if (closed_) throw stopping();
-    place.queue_ = nullptr;
+    slot.queue_ = nullptr;
     --admitted_;
-    waiting_.push_back({place.client_, std::move(job), started_});
+    waiting_.push_back({slot.client_, std::move(job), started_});
   }
   work_available_.notify_one();
 }
 
-// Told the time of their turn: when those ahead of them, and they, have places.
+// Told the time of their turn: when those ahead of them, and they, have slots.
 StatusError JobQueue::refusal(const QueueClient& client, size_t ahead) {
   const size_t ends = ahead + 1 - std::min(ahead, free_slots());
   const double seconds = seconds_of_ends(static_cast<double>(ends));
   const auto until = after(kGraceFactor * seconds + kGraceSeconds);
-  if (const auto note = std::ranges::find(reservations_, client, &Reservation::client);
-      note != reservations_.end()) {
-    note->until = until;
+  if (const auto reservation = std::ranges::find(reservations_, client, &Reservation::client);
+      reservation != reservations_.end()) {
+    reservation->until = until;
   } else if (reservations_.size() < kMaxClients) {
     reservations_.push_back({client, until});
   }
@@ -119,7 +119,7 @@ void JobQueue::release_slot(const QueueClient& client) {
 }
 
 bool JobQueue::has_more(const QueueClient& other, const QueueClient& client, size_t by) const {
-  const auto places = [this](const QueueClient& of, bool by_connection) -> size_t {
+  const auto slots = [this](const QueueClient& of, bool by_connection) -> size_t {
     const auto held = held_.find(of.who);
     if (held == held_.end()) return 0;
     if (!by_connection) return held->second.all;
@@ -127,16 +127,17 @@ bool JobQueue::has_more(const QueueClient& other, const QueueClient& client, siz
     return connection == held->second.connections.end() ? 0 : connection->second;
   };
   const bool same = other.who == client.who;
-  return places(other, same) >= places(client, same) + by;
+  return slots(other, same) >= slots(client, same) + by;
 }
 
-void JobQueue::give_back(const QueueSlot& place, std::optional<double> comes_again_in) {
-  const QueueClient& client = place.client_;
+void JobQueue::give_back(const QueueSlot& slot, std::optional<double> comes_again_in) {
+  const QueueClient& client = slot.client_;
   const std::lock_guard lock(mutex_);
   --admitted_;
   release_slot(client);
   if (!comes_again_in) return;
-  std::erase_if(reservations_, [&](const Reservation& note) { return note.client == client; });
+  std::erase_if(reservations_,
+                [&](const Reservation& reservation) { return reservation.client == client; });
   // Who comes at once finds one that is free; and of connections that ask once and go, none is
   // kept.
   if (*comes_again_in == 0 && free_slots() > reservations_.size() + 1) return;
@@ -186,19 +187,20 @@ size_t JobQueue::waiting() const {
 }
 
 size_t JobQueue::free_slots() const {
-  const size_t places = capacity_ + thread_count_;
-  return places - std::min(places, waiting_.size() + running_ + admitted_);
+  const size_t slots = capacity_ + thread_count_;
+  return slots - std::min(slots, waiting_.size() + running_ + admitted_);
 }
 
-// Who was noted before `end`, and has not much already: who has does not come before who has
-// little, whoever asked first.
+// Who has a reservation before `end`, and holds not much already: who does is not before a client
+// that holds little, whoever asked first.
 size_t JobQueue::clients_ahead(const QueueClient& client,
                                const Reservations::const_iterator& end) const {
   std::set<std::string_view> others;
   size_t ahead = 0;
-  for (auto note = reservations_.begin(); note != end; ++note) {
-    if (has_more(note->client, client, kMargin)) continue;
-    if (note->client.who == client.who || others.insert(note->client.who).second) ++ahead;
+  for (auto reservation = reservations_.begin(); reservation != end; ++reservation) {
+    if (has_more(reservation->client, client, kMargin)) continue;
+    if (reservation->client.who == client.who || others.insert(reservation->client.who).second)
+      ++ahead;
   }
   return ahead;
 }
@@ -207,11 +209,11 @@ size_t JobQueue::clients_ahead(const QueueClient& client,
 bool JobQueue::has_its_share(const QueueClient& client) const {
   const auto held = held_.find(client.who);
   if (held == held_.end()) return false;
-  // `name` holds so many places beside others, who are there, were served lately or are to come
+  // `name` holds so many slots beside others, who are there, were served lately or are to come
   // again: who asks for one thing after the other comes again soon.
-  const auto is_full = [this](size_t places, size_t holders, const auto& starts,
+  const auto is_full = [this](size_t slots, size_t holders, const auto& starts,
                               const std::string& name, const auto& is_another) {
-    return places >= std::max(kMargin, free_slots()) &&
+    return slots >= std::max(kMargin, free_slots()) &&
            (holders > 1 || std::ranges::any_of(reservations_, is_another) ||
             std::ranges::any_of(starts, [&](const auto& start) {
               return start.first != name && start.second + 2 * thread_count_ > started_;
@@ -236,7 +238,8 @@ double JobQueue::seconds_of_ends(double ends) const {
 
 void JobQueue::drop_expired_reservations() {
   const auto now = Clock::now();
-  std::erase_if(reservations_, [&](const Reservation& note) { return note.until < now; });
+  std::erase_if(reservations_,
+                [&](const Reservation& reservation) { return reservation.until < now; });
 }
 
 JobQueue::Waiting JobQueue::take_next() {
@@ -254,7 +257,7 @@ JobQueue::Waiting JobQueue::take_next() {
   Waiting taken = std::move(*next);
   waiting_.erase(next);
   ++started_;
-  const auto note_start = [this](auto& starts, const std::string& name) {
+  const auto record_start = [this](auto& starts, const std::string& name) {
     starts[name] = started_;
     // Whoever was served longest ago is new again.
     if (starts.size() > kMaxClients) {
@@ -262,8 +265,8 @@ JobQueue::Waiting JobQueue::take_next() {
           std::ranges::min_element(starts, {}, [](const auto& start) { return start.second; }));
     }
   };
-  note_start(last_start_, taken.client.who);
-  note_start(last_start_of_connection_, taken.client.connection);
+  record_start(last_start_, taken.client.who);
+  record_start(last_start_of_connection_, taken.client.connection);
   return taken;
 }
 

@@ -31,14 +31,14 @@ struct QueueClient {
 
 // Fair to clients, however often they ask and however much: first to those who ask, then to the
 // connections of each.
-//  - The waiting job that runs next is one of who was served least recently, of the connection that
-//    was; who is new counts as served when they came.
-//  - While others have places, are to come again or were served by one of the latest jobs, nobody
-//    has more places than are free, but for two.
-//  - Whose connection is refused is noted, and places to wait that become free are kept for those
-//    who are, in the order in which they first asked, one for all connections of another, until a
-//    little after the time that they were told to come again: that of their turn. Who is to come
-//    again at once is noted before all others, if free places are rare. No thread idles for who may
+//  - The waiting job that runs next is of the client that was served least recently, and of their
+//    connection that was. A new client counts as served when they came.
+//  - While others hold slots, have a reservation or were served by one of the latest jobs, nobody
+//    holds more slots than are free, but for two.
+//  - A connection that is refused gets a reservation. Slots to wait that become free are kept for
+//    reservations in their order, one for all connections of another client, until a little after
+//    the time that the client was told to come again: that of their turn. Who is to come again at
+//    once goes before all others, if free slots are rare. No thread idles for a client that may
 //    never come.
 // Thread-safe.
 class JobQueue {
@@ -49,7 +49,7 @@ class JobQueue {
     std::function<void()> drop;  // instead of `run`, if a stop was requested while it waited
   };
 
-  // A place in the queue, given back when it goes out of scope unless a job was submitted to it.
+  // A slot in the queue, given back when it goes out of scope unless a job was submitted to it.
   class QueueSlot {
    public:
     QueueSlot(JobQueue& queue, QueueClient client) : queue_(&queue), client_(std::move(client)) {}
@@ -81,13 +81,13 @@ class JobQueue {
   JobQueue(const JobQueue&) = delete;
   JobQueue& operator=(const JobQueue&) = delete;
 
-  // Throws StatusError (busy, with the time after which to ask again) if there is no place for this
+  // Throws StatusError (busy, with the time after which to ask again) if there is no slot for this
   // client, Error (kUnavailable) if the queue is closed.
   QueueSlot admit(const QueueClient& client);
 
-  // The job takes the place. Throws Error (kUnavailable) if the queue was closed meanwhile; then
+  // The job takes the slot. Throws Error (kUnavailable) if the queue was closed meanwhile; then
   // neither of its functions is called.
-  void submit(QueueSlot place, Job job);
+  void submit(QueueSlot slot, Job job);
 
   // Drops the waiting jobs whose stop was requested, on the caller's thread.
   void drop_stopped();
@@ -114,13 +114,13 @@ class JobQueue {
     Job job;
     uint64_t since;  // jobs that had begun when it came
   };
-  // A client for whom a place is kept.
+  // A client for whom a slot is kept.
   struct Reservation {
     QueueClient client;
     Clock::time_point until;
   };
   using Reservations = std::deque<Reservation>;
-  // Places of a client: of jobs that run or wait, and those without a job yet.
+  // Slots of a client: of jobs that run or wait, and those without a job yet.
   struct Held {
     size_t all = 0;
     std::map<std::string, size_t> connections;
@@ -139,7 +139,7 @@ class JobQueue {
   Waiting take_next();
 
   // Keeps it for the client if they will come again, in so many seconds.
-  void give_back(const QueueSlot& place, std::optional<double> comes_again_in);
+  void give_back(const QueueSlot& slot, std::optional<double> comes_again_in);
   void work();
 
   const size_t capacity_;
@@ -154,7 +154,7 @@ class JobQueue {
   std::unordered_map<std::string, uint64_t> last_start_, last_start_of_connection_;
   uint64_t started_ = 0;
   std::optional<double> seconds_per_job_;  // recently; none has ended yet
-  size_t admitted_ = 0;                    // places without a job yet
+  size_t admitted_ = 0;                    // slots without a job yet
   size_t running_ = 0;
   bool closed_ = false;                // no more jobs
   bool stopping_ = false;              // no more work

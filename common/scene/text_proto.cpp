@@ -4,6 +4,7 @@
 #include <google/protobuf/io/tokenizer.h>
 #include <google/protobuf/text_format.h>
 
+#include <string_view>
 #include <utility>
 
 #include "common/error.h"
@@ -40,6 +41,16 @@ class FirstError final : public google::protobuf::io::ErrorCollector {
   std::string message_;
 };
 
+// A field of text files whose name itn 0.1 wrote otherwise.
+constexpr std::string_view kFieldOf01 = "material_step:", kField = "first_order_step:";
+
+std::string replaced(std::string text, std::string_view before, std::string_view after) {
+  for (size_t at = 0; (at = text.find(before, at)) != std::string::npos; at += after.size()) {
+    text.replace(at, before.size(), after);
+  }
+  return text;
+}
+
 }  // namespace
 
 std::string to_text_proto(const google::protobuf::Message& message) {
@@ -48,12 +59,16 @@ std::string to_text_proto(const google::protobuf::Message& message) {
   return text;
 }
 
+std::string to_text_proto_of_01(const google::protobuf::Message& message) {
+  return replaced(to_text_proto(message), kField, kFieldOf01);
+}
+
 void parse_text_proto(const std::string& text, const std::string& name,
                       google::protobuf::Message& message) {
   FirstError error(name);
   google::protobuf::TextFormat::Parser parser;
   parser.RecordErrorsTo(&error);
-  const bool parsed = parser.ParseFromString(text, &message);
+  const bool parsed = parser.ParseFromString(replaced(text, kFieldOf01, kField), &message);
   if (!parsed || !error.message().empty()) throw invalid_input(error.message());
 }
 

@@ -56,7 +56,7 @@ class Sampler {
         sample_(sample) {}
 
   // The upper 24 bits of four words, and the lower 8 bits of three.
-  Uniforms at(uint32_t vertex, uint32_t purpose) const {
+  Uniforms uniforms(uint32_t vertex, uint32_t purpose) const {
     const auto bits = philox({vertex, purpose, sample_, pixel_}, key_);
     Uniforms u;
     for (size_t i = 0; i < 4; ++i) u[i] = static_cast<float>(bits[i] >> 8) * 0x1p-24F;

@@ -19,7 +19,7 @@ HWY_INLINE Emission emission(const EnvironmentMap& light, Vectors direction) {
   const Floats width = set(static_cast<float>(map.width()));
   const Floats height = set(static_cast<float>(map.height()));
   const Floats u = atan2_turns(d.x, hn::Neg(d.z));
-  const Floats across = hn::Sqrt(plus_product(hn::Mul(d.x, d.x), d.z, d.z));
+  const Floats across = hn::Sqrt(mul_add(d.z, d.z, hn::Mul(d.x, d.x)));
   const Floats v = hn::Mul(set(2.0F), atan2_turns(across, d.y));
 
   const Floats x = hn::Sub(hn::Mul(u, width), set(0.5F)),

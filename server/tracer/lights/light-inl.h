@@ -19,7 +19,7 @@ HWY_INLINE Floats to_float(Ints v) {
   return hn::ConvertTo(FloatTag(), v);
 }
 HWY_INLINE Floats mix(Floats a, Floats b, Floats t) {
-  return plus_product(a, t, hn::Sub(b, a));
+  return mul_add(t, hn::Sub(b, a), a);
 }
 HWY_INLINE Floats gather(const float* table, Ints index) {
   return hn::GatherIndex(FloatTag(), table, index);

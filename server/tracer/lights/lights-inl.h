@@ -30,7 +30,7 @@ HWY_INLINE Emission emission(const Lights& lights, Vectors d) {
   for (const Lights::Light& light : lights.all()) {
     const Emission part = emission(light, d);
     all.radiance = hn::Add(all.radiance, part.radiance);
-    all.pdf = plus_product(all.pdf, part.pdf, set(static_cast<float>(light.probability)));
+    all.pdf = mul_add(part.pdf, set(static_cast<float>(light.probability)), all.pdf);
   }
   return all;
 }

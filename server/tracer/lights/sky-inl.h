@@ -44,12 +44,12 @@ HWY_INLINE Emission emission(const SkyLight& sky, Vectors direction) {
       mix(mix(gather(values, here), gather(values, beside), fx),
           mix(gather(values + kColumns, here), gather(values + kColumns, beside), fx), fy);
 
-  const Floats cell = plus_product(hn::Floor(hn::Mul(column, set(1.0F / SkyTable::kMerged))),
-                                   hn::Floor(hn::Mul(row, set(1.0F / SkyTable::kMerged))),
-                                   set(static_cast<float>(SkyTable::kCellColumns)));
+  const Floats cell = mul_add(hn::Floor(hn::Mul(row, set(1.0F / SkyTable::kMerged))),
+                              set(static_cast<float>(SkyTable::kCellColumns)),
+                              hn::Floor(hn::Mul(column, set(1.0F / SkyTable::kMerged))));
   const Floats probability = gather(table.cells().probabilities(), to_int(cell));
   const Floats rest = hn::Sub(one, fraction);
-  const Floats stretch = plus_product(hn::Mul(fraction, fraction), rest, rest);
+  const Floats stretch = mul_add(rest, rest, hn::Mul(fraction, fraction));
   const Floats pdf = hn::Mul(hn::Mul(hn::Mul(probability, stretch),
                                      set((SkyTable::kCellColumns / 4.0F) * SkyTable::kCellRows)),
                              per_below);
@@ -70,8 +70,8 @@ HWY_INLINE Vectors sample(const SkyLight& sky, Floats cell01, Floats coin, Float
   const Floats side = hn::Min(hn::Floor(a), set(3.0F));
   const Floats f = hn::Sub(a, side), rest = hn::Sub(one, f);
   const Floats y = hn::Min(one, hn::Mul(s, hn::Sub(set(2.0F), s)));
-  const Floats r = hn::Mul(
-      hn::Sub(one, s), hn::Sqrt(hn::Div(hn::Add(one, y), plus_product(hn::Mul(f, f), rest, rest))));
+  const Floats r = hn::Mul(hn::Sub(one, s),
+                           hn::Sqrt(hn::Div(hn::Add(one, y), mul_add(rest, rest, hn::Mul(f, f)))));
   const Floats rf = hn::Mul(r, f), rr = hn::Mul(r, rest);
   // Quarter turns of (r f, -r (1 - f)).
   const Mask odd = hn::Or(hn::Eq(side, one), hn::Eq(side, set(3.0F)));

@@ -69,7 +69,7 @@ class Walk {
       if (vertex_ % kStopInterval == 1 && stop.stop_requested()) {
         throw Error(ErrorKind::kCancelled, "the render was stopped");
       }
-      const Uniforms u = sampler_.at(vertex_, Sampler::kWalk);
+      const Uniforms u = sampler_.uniforms(vertex_, Sampler::kWalk);
       const RayResult ray = sample_flight(u[0]);
       switch (ray.end) {
         case RayResult::End::kLeaked: result_.leaked = true; return result_;
@@ -84,7 +84,7 @@ class Walk {
 
  private:
   void start_at_camera(int x, int y) {
-    const Uniforms u = sampler_.at(0, Sampler::kFilm);
+    const Uniforms u = sampler_.uniforms(0, Sampler::kFilm);
     const CameraRay ray = scene_.camera_ray(x + double{u[0]}, y + double{u[1]});
     direction_ = ray.direction;
     at_ = {ray.origin, scene_.camera_inside, {}};
@@ -171,7 +171,7 @@ class Walk {
 
   // The boundary bends the path. Shadow rays end there: behind it, light is the walk's alone.
   void cross(const RayResult& ray) {
-    const Uniforms u = sampler_.at(vertex_, Sampler::kBoundary);
+    const Uniforms u = sampler_.uniforms(vertex_, Sampler::kBoundary);
     const BoundarySample sample = switches_.boundary->sample(ray.crossing, u);
     if (++crossings_ > BoundaryModel::kMostCrossings) {
       result_.leaked = true;
@@ -202,7 +202,7 @@ class Walk {
   template <typename RespondTo>
   void send_shadow_ray(const RespondTo& respond_to) {
     if (switches_.techniques == Switches::Techniques::kPhaseOnly) return;
-    const Uniforms u = sampler_.at(vertex_, Sampler::kShadowRay);
+    const Uniforms u = sampler_.uniforms(vertex_, Sampler::kShadowRay);
     const LightSample light = scene_.lights.sample(uniform_48(u[0], u[1]), u[2], u[3]);
     const Response response = respond_to(light.direction);
     if (!(light.weight * response.value > 0)) return;

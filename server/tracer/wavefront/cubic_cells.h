@@ -32,7 +32,7 @@ class ExpectedTouches {
   ExpectedTouches(const Mesh& mesh, Cancellation& cancellation);
 
   // With cells of this edge.
-  double at(double edge) const { return triangles_ + (widths_ + areas_ / edge) / edge; }
+  double for_edge(double edge) const { return triangles_ + (widths_ + areas_ / edge) / edge; }
   // The smallest edge with at most this many; `most` is above the number of triangles.
   double edge_for(double most) const {
     const double half = widths_ / 2, rest = most - triangles_;

@@ -30,7 +30,7 @@ HWY_INLINE Bits bits_of(Mask mask, size_t v = 0) {
   return (bytes[0] | static_cast<Bits>(bytes[1]) << 8) << v;
 }
 // Whether any of that vector's is in the set.
-HWY_INLINE bool any(Bits bits, size_t v) {
+HWY_INLINE bool any_set(Bits bits, size_t v) {
   return (bits >> v & ((Bits{1} << lanes()) - 1)) != 0;
 }
 
@@ -40,7 +40,7 @@ HWY_INLINE Mask not_zero(Uints v) {
 HWY_INLINE hn::Mask<UintTag> for_uints(Mask mask) {
   return hn::RebindMask(UintTag(), mask);
 }
-HWY_INLINE Mask is(Uints v, uint32_t constant) {
+HWY_INLINE Mask equals(Uints v, uint32_t constant) {
   return hn::RebindMask(FloatTag(), hn::Eq(v, set(constant)));
 }
 

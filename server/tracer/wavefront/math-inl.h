@@ -39,13 +39,13 @@ HWY_INLINE Uints set(uint32_t v) {
   return hn::Set(UintTag(), v);
 }
 
-// a + b c, rounded once.
-HWY_INLINE Floats plus_product(Floats a, Floats b, Floats c) {
+// a b + c, rounded once.
+HWY_INLINE Floats mul_add(Floats a, Floats b, Floats c) {
 #if HWY_NATIVE_FMA
-  return hn::MulAdd(b, c, a);
+  return hn::MulAdd(a, b, c);
 #else
   static_assert(HWY_TARGET == HWY_SCALAR);
-  return set(std::fma(hn::GetLane(b), hn::GetLane(c), hn::GetLane(a)));
+  return set(std::fma(hn::GetLane(a), hn::GetLane(b), hn::GetLane(c)));
 #endif
 }
 
@@ -63,14 +63,14 @@ HWY_INLINE Floats log(Floats x) {
   const Floats one = set(1.0F);
   const Floats s = hn::Div(hn::Sub(m, one), hn::Add(m, one));
   const Floats s2 = hn::Mul(s, s);
-  Floats series = plus_product(set(1.0F / 7), s2, set(1.0F / 9));
-  series = plus_product(set(1.0F / 5), s2, series);
-  series = plus_product(set(1.0F / 3), s2, series);
-  series = plus_product(one, s2, series);
+  Floats series = mul_add(s2, set(1.0F / 9), set(1.0F / 7));
+  series = mul_add(s2, series, set(1.0F / 5));
+  series = mul_add(s2, series, set(1.0F / 3));
+  series = mul_add(s2, series, one);
   // ln 2 in two parts, of which the first has few digits, so that its product is exact.
   constexpr float kLn2High = 0.693359375F, kLn2Low = -2.12194440e-4F;
-  const Floats low = plus_product(hn::Mul(exponent, set(kLn2Low)), hn::Add(s, s), series);
-  return plus_product(low, exponent, set(kLn2High));
+  const Floats low = mul_add(hn::Add(s, s), series, hn::Mul(exponent, set(kLn2Low)));
+  return mul_add(exponent, set(kLn2High), low);
 }
 
 // exp x to 2e-7, for x in [-87, 88]; below, exp(-87). With x = k ln 2 + r, |r| <= ln 2 / 2: eight
@@ -82,13 +82,13 @@ HWY_INLINE Floats exp(Floats x) {
   const Floats k = hn::Round(hn::Mul(x, set(std::numbers::log2e_v<float>)));
   Floats r = hn::Sub(x, hn::Mul(k, set(0.693359375F)));
   r = hn::Sub(r, hn::Mul(k, set(-2.12194440e-4F)));
-  Floats series = plus_product(set(1.0F / 720), r, set(1.0F / 5040));
-  series = plus_product(set(1.0F / 120), r, series);
-  series = plus_product(set(1.0F / 24), r, series);
-  series = plus_product(set(1.0F / 6), r, series);
-  series = plus_product(set(0.5F), r, series);
-  series = plus_product(set(1.0F), r, series);
-  series = plus_product(set(1.0F), r, series);
+  Floats series = mul_add(r, set(1.0F / 5040), set(1.0F / 720));
+  series = mul_add(r, series, set(1.0F / 120));
+  series = mul_add(r, series, set(1.0F / 24));
+  series = mul_add(r, series, set(1.0F / 6));
+  series = mul_add(r, series, set(0.5F));
+  series = mul_add(r, series, set(1.0F));
+  series = mul_add(r, series, set(1.0F));
   const Ints scale = hn::ShiftLeft<23>(hn::Add(hn::ConvertTo(di, k), hn::Set(di, 127)));
   return hn::Mul(series, hn::BitCast(d, scale));
 }
@@ -106,14 +106,14 @@ HWY_INLINE SinCos sin_cos_2pi(Floats u) {
   const Floats r =
       hn::Mul(hn::Sub(hn::Mul(u, set(4.0F)), quarter), set(std::numbers::pi_v<float> / 2));
   const Floats r2 = hn::Mul(r, r);
-  Floats sine = plus_product(set(-1.0F / 5040), r2, set(1.0F / 362880));
-  sine = plus_product(set(1.0F / 120), r2, sine);
-  sine = plus_product(set(-1.0F / 6), r2, sine);
-  sine = hn::Mul(r, plus_product(set(1.0F), r2, sine));
-  Floats cosine = plus_product(set(-1.0F / 720), r2, set(1.0F / 40320));
-  cosine = plus_product(set(1.0F / 24), r2, cosine);
-  cosine = plus_product(set(-0.5F), r2, cosine);
-  cosine = plus_product(set(1.0F), r2, cosine);
+  Floats sine = mul_add(r2, set(1.0F / 362880), set(-1.0F / 5040));
+  sine = mul_add(r2, sine, set(1.0F / 120));
+  sine = mul_add(r2, sine, set(-1.0F / 6));
+  sine = hn::Mul(r, mul_add(r2, sine, set(1.0F)));
+  Floats cosine = mul_add(r2, set(1.0F / 40320), set(-1.0F / 720));
+  cosine = mul_add(r2, cosine, set(1.0F / 24));
+  cosine = mul_add(r2, cosine, set(-0.5F));
+  cosine = mul_add(r2, cosine, set(1.0F));
   // Quarter q turns (cos, sin) by q right angles.
   const Ints q = hn::ConvertTo(di, quarter);
   const auto swap = hn::RebindMask(d, hn::Ne(hn::And(q, hn::Set(di, 1)), hn::Zero(di)));
@@ -132,9 +132,9 @@ HWY_INLINE Floats atan2_turns(Floats y, Floats x) {
   const Mask far = hn::Gt(t, set(0.41421356F));
   const Floats r = hn::IfThenElse(far, hn::Div(hn::Sub(t, one), hn::Add(t, one)), t);
   const Floats r2 = hn::Mul(r, r);
-  Floats series = plus_product(set(-1.0F / 15), r2, set(1.0F / 17));
+  Floats series = mul_add(r2, set(1.0F / 17), set(-1.0F / 15));
   for (const float term : {1.0F / 13, -1.0F / 11, 1.0F / 9, -1.0F / 7, 1.0F / 5, -1.0F / 3, 1.0F}) {
-    series = plus_product(set(term), r2, series);
+    series = mul_add(r2, series, set(term));
   }
   Floats turn = hn::Mul(hn::Mul(r, series), set(0.5F * std::numbers::inv_pi_v<float>));
   turn = hn::Add(turn, hn::IfThenElseZero(far, set(0.125F)));
@@ -161,7 +161,7 @@ HWY_INLINE Vectors operator*(Vectors a, Floats s) {
   return {hn::Mul(a.x, s), hn::Mul(a.y, s), hn::Mul(a.z, s)};
 }
 HWY_INLINE Floats dot(Vectors a, Vectors b) {
-  return plus_product(plus_product(hn::Mul(a.x, b.x), a.y, b.y), a.z, b.z);
+  return mul_add(a.z, b.z, mul_add(a.y, b.y, hn::Mul(a.x, b.x)));
 }
 HWY_INLINE Vectors cross(Vectors a, Vectors b) {
   return {hn::Sub(hn::Mul(a.y, b.z), hn::Mul(a.z, b.y)),
@@ -170,7 +170,7 @@ HWY_INLINE Vectors cross(Vectors a, Vectors b) {
 }
 // Of vectors whose length is 1 but for rounding: a step of Newton's method for 1 / length.
 HWY_INLINE Vectors renormalize(Vectors a) {
-  return a * plus_product(set(1.5F), set(-0.5F), dot(a, a));
+  return a * mul_add(set(-0.5F), dot(a, a), set(1.5F));
 }
 HWY_INLINE Vectors if_then_else(Mask mask, Vectors a, Vectors b) {
   return {hn::IfThenElse(mask, a.x, b.x), hn::IfThenElse(mask, a.y, b.y),
@@ -183,11 +183,11 @@ HWY_INLINE Vectors frame_to_world(Vectors n, Floats x, Floats y, Floats z) {
   const Floats a = hn::Div(set(-1.0F), hn::Add(sign, n.z));
   const Floats b = hn::Mul(hn::Mul(n.x, n.y), a);
   const Floats n_xa = hn::Mul(n.x, a), n_ya = hn::Mul(n.y, a);
-  const Vectors s{plus_product(set(1.0F), hn::Mul(sign, n.x), n_xa), hn::Mul(sign, b),
+  const Vectors s{mul_add(hn::Mul(sign, n.x), n_xa, set(1.0F)), hn::Mul(sign, b),
                   hn::Neg(hn::Mul(sign, n.x))};
-  const Vectors t{b, plus_product(sign, n.y, n_ya), hn::Neg(n.y)};
+  const Vectors t{b, mul_add(n.y, n_ya, sign), hn::Neg(n.y)};
   const auto sum = [&](Floats sx, Floats tx, Floats nx) {
-    return plus_product(plus_product(hn::Mul(sx, x), tx, y), nx, z);
+    return mul_add(nx, z, mul_add(tx, y, hn::Mul(sx, x)));
   };
   return {sum(s.x, t.x, n.x), sum(s.y, t.y, n.y), sum(s.z, t.z, n.z)};
 }
@@ -206,12 +206,12 @@ HWY_INLINE Phase hg_phase(Floats cos_theta, float g) {
 }
 HWY_INLINE Floats sample_hg(Floats u, float g) {
   const Floats x = hn::Sub(hn::Add(u, u), set(1.0F));
-  const Floats denominator = plus_product(set(1.0F), set(g), x);
+  const Floats denominator = mul_add(set(g), x, set(1.0F));
   const Floats x2 = hn::Mul(x, x);
   const Floats cubic = hn::Mul(set(g * 0.5F), hn::Sub(x2, set(1.0F)));
   const Floats square = hn::Mul(set(g), hn::Add(x, cubic));
   const Floats linear = hn::Mul(set(0.5F), hn::Add(x2, set(3.0F)));
-  const Floats numerator = plus_product(x, set(g), hn::Add(linear, square));
+  const Floats numerator = mul_add(set(g), hn::Add(linear, square), x);
   return hn::Clamp(hn::Div(numerator, hn::Mul(denominator, denominator)), set(-1.0F), set(1.0F));
 }
 

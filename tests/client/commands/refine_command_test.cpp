@@ -111,7 +111,7 @@ TEST_F(RefineCommand, PrintsTheAnswer) {
   EXPECT_THAT(text.output, AllOf(HasSubstr("sigma_t"), HasSubstr("95 % interval"),
                                  HasSubstr("image / render"), HasSubstr("--max-iterations")));
   Arguments json = arguments;
-  json.push_back("--json");
+  json.insert(json.end(), {"--format", "json"});
   const Finished machine = run(command(json));
   EXPECT_THAT(machine.output,
               AllOf(HasSubstr("\"end\":\"MAX_ITERATIONS\""), HasSubstr("\"total_iterations\":4")));

@@ -161,9 +161,9 @@ TEST_F(Panoramas, TheTestSeesNoneOfTheTraining) {
   const PanoramaSplit three = split_of(3);
   EXPECT_EQ(three.test.size() * three.validation.size() * three.train.size(), 1);
   const PanoramaSplit two = split_of(2);
-  EXPECT_NE(two.of(v1::SPLIT_TEST), two.of(v1::SPLIT_TRAIN));
-  EXPECT_EQ(two.of(v1::SPLIT_VALIDATION), two.of(v1::SPLIT_TRAIN));
-  EXPECT_EQ(split_of(1).of(v1::SPLIT_TEST), split_of(1).of(v1::SPLIT_TRAIN));
+  EXPECT_NE(two.names(v1::SPLIT_TEST), two.names(v1::SPLIT_TRAIN));
+  EXPECT_EQ(two.names(v1::SPLIT_VALIDATION), two.names(v1::SPLIT_TRAIN));
+  EXPECT_EQ(split_of(1).names(v1::SPLIT_TEST), split_of(1).names(v1::SPLIT_TRAIN));
   std::vector<Panorama> twins(2, {"a", "", {}});
   expect_error(ErrorKind::kInvalidInput, "two panoramas are called \"a\"",
                [&] { split_panoramas(preset_config("outdoor"), twins); });

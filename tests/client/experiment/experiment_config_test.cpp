@@ -51,11 +51,24 @@ TEST(ExperimentFile, WhatIsOutOfRangeIsNamed) {
   expect_refused(file("networks { name: \"B\" settings { output: GAUSSIAN } }"),
                  {"B: ", "UNBOUNDED"});
   expect_refused(file("networks { name: \"B\" settings { input: RATIOS augmentation { "
-                      "material_step: 0.1 } } }"),
-                 {"B: ", "material_step", "derivatives: true"});
+                      "first_order_step: 0.1 } } }"),
+                 {"B: ", "first_order_step", "derivatives: true"});
   expect_refused(file("training_preset: \"best\""), {"\"best\"", "paper"});
   expect_refused(file("rerendering { novel_shape: \"teapot\" }"), {"novel_shape", "teapot"});
   expect_refused(file("refinement { iterations: [1, 5, 5] }"), {"refinement.iterations", "rise"});
+}
+
+// A file of itn 0.1 is read, and what was made of it then is known by its text of then.
+TEST(ExperimentFile, UnderstandsTheNamesOf01) {
+  const auto with_step = [](const char* name) {
+    return loaded(
+        file("dataset { derivatives: true } networks { name: \"B\" settings { input: RATIOS "
+             "augmentation { " +
+             std::string(name) + ": 0.5 } } }"));
+  };
+  const v1::Experiment experiment = with_step("material_step");
+  EXPECT_EQ(to_text_proto(experiment), to_text_proto(with_step("first_order_step")));
+  EXPECT_THAT(to_text_proto_of_01(experiment), ::testing::HasSubstr("material_step: 0.5\n"));
 }
 
 TEST(ExperimentFile, PresetsAreFilesThatCanBeRead) {

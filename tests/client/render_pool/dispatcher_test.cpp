@@ -593,7 +593,7 @@ TEST_F(DispatcherTest, TakesTheAnswerOfAWorkerThatHasLeft) {
   Future future = submit(1), waiting = submit(2);
   const Attempt attempt = next(0);
   dispatcher->remove(0, now);
-  EXPECT_FALSE(dispatcher->has_workers() || dispatcher->any_up());
+  EXPECT_FALSE(dispatcher->has_workers() || dispatcher->any_connected());
   EXPECT_FALSE(finish(attempt, answer(1)));
   EXPECT_EQ(future.get().loss(), 1);
   EXPECT_FALSE(is_ready(waiting));

@@ -100,19 +100,19 @@ TEST(WorkerList, FollowsAFile) {
   {
     const Followed followed({"file:" + file});
     EXPECT_EQ(followed.listener.addresses(), Addresses());
-    EXPECT_THAT(followed.list->awaited(), HasSubstr("workers (no such file yet)"));
+    EXPECT_THAT(followed.list->unresolved(), HasSubstr("workers (no such file yet)"));
     folder.write("workers", "a:1\n");
     EXPECT_TRUE(followed.listener.hears({"a:1"}));
     folder.write("workers", "a:1\noops\nb:2\n");  // the others are used
     EXPECT_TRUE(followed.listener.hears({"a:1", "b:2"}));
     folder.write("workers", "# nobody\n");
     EXPECT_TRUE(followed.listener.hears({}));
-    EXPECT_THAT(followed.list->awaited(), HasSubstr("workers (no address in it)"));
+    EXPECT_THAT(followed.list->unresolved(), HasSubstr("workers (no address in it)"));
     folder.write("workers", "c:3\n");
     EXPECT_TRUE(followed.listener.hears({"c:3"}));
     std::filesystem::remove(file);  // as for a moment when it is replaced
     EXPECT_TRUE(eventually(
-        [&] { return followed.list->awaited().find("no such file yet") != std::string::npos; }));
+        [&] { return followed.list->unresolved().find("no such file yet") != std::string::npos; }));
     EXPECT_EQ(followed.listener.addresses(), Addresses{"c:3"});
   }
   EXPECT_THAT(log.text(), HasSubstr("workers:2: \"oops\" is not the address of a server"));
@@ -121,12 +121,12 @@ TEST(WorkerList, FollowsAFile) {
 TEST(WorkerList, SaysWhatAFileSaysNow) {
   const TemporaryFolder folder;
   WorkerList list({"file:" + folder.write("workers", "a:1\nb:2").string(), "c:3"});
-  EXPECT_EQ(list.ask({}), (Addresses{"a:1", "b:2", "c:3"}));
+  EXPECT_EQ(list.resolve({}), (Addresses{"a:1", "b:2", "c:3"}));
   folder.write("workers", "b:2");
-  EXPECT_EQ(list.ask({}), (Addresses{"b:2", "c:3"}));
+  EXPECT_EQ(list.resolve({}), (Addresses{"b:2", "c:3"}));
   std::filesystem::remove(folder.path("workers"));
-  EXPECT_EQ(list.ask({}), (Addresses{"b:2", "c:3"}));
-  EXPECT_THAT(list.awaited(), HasSubstr("no such file yet"));
+  EXPECT_EQ(list.resolve({}), (Addresses{"b:2", "c:3"}));
+  EXPECT_THAT(list.unresolved(), HasSubstr("no such file yet"));
 }
 
 // As certificates that are replaced at that moment: nothing changes in the list when they are
@@ -175,8 +175,8 @@ TEST(WorkerList, WaitsForANameThatNobodyKnows) {
   const Followed followed({"dns:///nobody.invalid:1"});
   // Whatever the name server of this machine says, or that there is none.
   EXPECT_TRUE(eventually(
-      [&] { return followed.list->awaited().find("not asked yet") == std::string::npos; }));
-  EXPECT_THAT(followed.list->awaited(), HasSubstr("dns:///nobody.invalid:1 ("));
+      [&] { return followed.list->unresolved().find("not asked yet") == std::string::npos; }));
+  EXPECT_THAT(followed.list->unresolved(), HasSubstr("dns:///nobody.invalid:1 ("));
   EXPECT_EQ(followed.listener.addresses(), Addresses());
 }
 

@@ -91,15 +91,16 @@ TEST_F(MovedMaterialsTest, AFunctionOfSeedAndStep) {
 
 TEST_F(MovedMaterialsTest, TakesTheRegressionLoss) {
   v1::TrainingConfig rn = config(v1::TrainingConfig::RN), itn = config(v1::TrainingConfig::ITN);
-  rn.mutable_augmentation()->set_material_step(0.3);
-  itn.mutable_augmentation()->set_material_step(0.3);
+  rn.mutable_augmentation()->set_first_order_step(0.3);
+  itn.mutable_augmentation()->set_first_order_step(0.3);
   // The weight map would be that of the image before.
-  testing::expect_error(ErrorKind::kInvalidInput, {"material_step", "RATIOS"},
+  testing::expect_error(ErrorKind::kInvalidInput, {"first_order_step", "RATIOS"},
                         [&] { validate(rn); });
   rn.set_input(v1::RATIOS);
   itn.set_input(v1::RATIOS);
   EXPECT_NO_THROW(validate(rn));
-  testing::expect_error(ErrorKind::kInvalidInput, {"material_step", "RN"}, [&] { validate(itn); });
+  testing::expect_error(ErrorKind::kInvalidInput, {"first_order_step", "RN"},
+                        [&] { validate(itn); });
 }
 
 }  // namespace

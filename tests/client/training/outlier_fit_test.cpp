@@ -86,7 +86,7 @@ struct World {
   v1::Model model;
 };
 
-class FamiliarityFit : public ::testing::Test {
+class OutlierFit : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     set_torch_threads(1);
@@ -124,13 +124,13 @@ class FamiliarityFit : public ::testing::Test {
   static inline World* world_ = nullptr;
 };
 
-TEST_F(FamiliarityFit, ProperImagesOfOtherShapesAreFamiliar) {
+TEST_F(OutlierFit, ProperImagesOfOtherShapesAreFamiliar) {
   EXPECT_LE(part_unfamiliar(test_images()), 0.03);
   const double noise = world_->model.noise();
   EXPECT_LE(part_unfamiliar(with_noise(test_images(), noise, 1)), 0.03);
 }
 
-TEST_F(FamiliarityFit, BlackAndWhiteAreUnfamiliar) {
+TEST_F(OutlierFit, BlackAndWhiteAreUnfamiliar) {
   EXPECT_EQ(part_unfamiliar(changed([](auto y) { return 0 * y; })), 1) << "black";
   const double usual = 1 / world_->model.image_scale();
   EXPECT_EQ(part_unfamiliar(changed([&](auto y) { return usual * torch::ones_like(y); })), 1)
@@ -139,7 +139,7 @@ TEST_F(FamiliarityFit, BlackAndWhiteAreUnfamiliar) {
 
 // Encoded for a screen: white stays white, and noise becomes less as contrast does (if it did not,
 // it would tell). Many such images could be of softer materials.
-TEST_F(FamiliarityFit, MostEncodedImagesAreUnfamiliar) {
+TEST_F(OutlierFit, MostEncodedImagesAreUnfamiliar) {
   ImageBatch images = test_images();
   const torch::Tensor w = white(images);
   images.luminance = w * (images.luminance / w).pow(1 / 2.2);
@@ -147,7 +147,7 @@ TEST_F(FamiliarityFit, MostEncodedImagesAreUnfamiliar) {
   EXPECT_GE(part_unfamiliar(images), 0.5);
 }
 
-TEST_F(FamiliarityFit, IsAFunctionOfItsArguments) {
+TEST_F(OutlierFit, IsAFunctionOfItsArguments) {
   const auto measured = [] {
     return measure_outlier_model(world_->model, source_of(*world_->training_inputs),
                                  source_of(*world_->validation_inputs));
@@ -157,7 +157,7 @@ TEST_F(FamiliarityFit, IsAFunctionOfItsArguments) {
   EXPECT_LT(measured()->ByteSizeLong(), 100'000);  // of a model of megabytes
 }
 
-TEST_F(FamiliarityFit, DoesWithoutHeldOutImages) {
+TEST_F(OutlierFit, DoesWithoutHeldOutImages) {
   const std::optional<v1::OutlierModel> outlier_model =
       measure_outlier_model(world_->model, source_of(*world_->training_inputs), {});
   ASSERT_TRUE(outlier_model);
@@ -165,7 +165,7 @@ TEST_F(FamiliarityFit, DoesWithoutHeldOutImages) {
 }
 
 // Held-out images of which noise hides nearly everything are none.
-TEST_F(FamiliarityFit, DoesWithoutNoisyImages) {
+TEST_F(OutlierFit, DoesWithoutNoisyImages) {
   ImageSource noisy = source_of(*world_->validation_inputs);
   noisy.batch = [proper = noisy.batch](std::span<const uint32_t> numbers) {
     ImageBatch images = proper(numbers);
@@ -178,7 +178,7 @@ TEST_F(FamiliarityFit, DoesWithoutNoisyImages) {
 }
 
 // Of the 270 validation images, which are enough.
-TEST_F(FamiliarityFit, ACompleteModelKnowsItsWidthsToo) {
+TEST_F(OutlierFit, ACompleteModelKnowsItsWidthsToo) {
   ASSERT_TRUE(world_->model.has_calibration());
   v1::Model again = world_->model;
   const HeldOutImages validation{source_of(*world_->validation_inputs), world_->validation.truth};

@@ -144,7 +144,7 @@ TEST_P(GeometryTest, LeaksAreRare) {
     const Lines geometry(GetParam(), make_shape(shape.name), {{horizontal_square(0, 20), 0.5F}});
     Interaction from;
     for (uint32_t i = 0; i < 40'000; ++i) {
-      const Uniforms u = Sampler(5, 0, 0).at(i, 0);
+      const Uniforms u = Sampler(5, 0, 0).uniforms(i, 0);
       const float y = 1 - 2 * u[0], r = std::sqrt(std::max(0.0F, 1 - y * y));
       const float phi = 6.2831853F * u[1];
       const Vec3f direction = itn::normalize(Vec3f{r * std::cos(phi), y, r * std::sin(phi)});
@@ -170,7 +170,7 @@ TEST(TracersTest, AgreeLineByLine) {
     const Lines grid(Tracer::kWavefront, make_shape(shape), floor);
     int different = 0, lines = 0;
     for (uint32_t i = 0; i < 40'000; ++i) {
-      const Uniforms u = Sampler(6, 0, 0).at(i, 0), v = Sampler(6, 0, 0).at(i, 1);
+      const Uniforms u = Sampler(6, 0, 0).uniforms(i, 0), v = Sampler(6, 0, 0).uniforms(i, 1);
       const float y = 1 - 2 * u[0], r = std::sqrt(std::max(0.0F, 1 - y * y));
       const float phi = 6.2831853F * u[1];
       const Vec3f direction{r * std::cos(phi), y, r * std::sin(phi)};
@@ -213,7 +213,7 @@ TEST(SurfacesTest, AreInFrontInHoweverManyTriangles) {
   int in_front = 0, different = 0;
   constexpr uint32_t kLines = 20'000;
   for (uint32_t i = 0; i < kLines; ++i) {
-    const Uniforms u = Sampler(9, 0, 0).at(i, 0), v = Sampler(9, 0, 0).at(i, 1);
+    const Uniforms u = Sampler(9, 0, 0).uniforms(i, 0), v = Sampler(9, 0, 0).uniforms(i, 1);
     const Vec3d from{3.0 * u[0] - 1.5, 1.0 + u[1], 3.0 * u[2] - 1.5};
     const Vec3d to{3.0 * v[0] - 1.5, 2.0 * v[1] - 1, 3.0 * v[2] - 1.5};
     const Vec3d direction = (to - from) * 0.5;  // not of unit length
@@ -234,7 +234,7 @@ TEST(SurfacesTest, AreFoundQuicklyAmongManyTriangles) {
   const std::clock_t start = std::clock();  // of the processor, not of a busy machine
   int found = 0;
   for (uint32_t i = 0; i < 100'000; ++i) {
-    const Uniforms u = Sampler(10, 0, 0).at(i, 0);
+    const Uniforms u = Sampler(10, 0, 0).uniforms(i, 0);
     const Vec3d through{u[0] - 0.5, u[1], u[2] - 0.5};
     found += surfaces.in_front({0, 0.5, -3}, through - Vec3d{0, 0.5, -3}, 2) ? 1 : 0;
   }
@@ -260,7 +260,7 @@ TEST(TracersTest, AgreeLineByLineOnHardMeshes) {
     int different = 0, entered = 0;
     constexpr uint32_t kLines = 5000;
     for (uint32_t i = 0; i < kLines; ++i) {
-      const Uniforms u = Sampler(11, 0, 0).at(i, 0), v = Sampler(11, 0, 0).at(i, 1);
+      const Uniforms u = Sampler(11, 0, 0).uniforms(i, 0), v = Sampler(11, 0, 0).uniforms(i, 1);
       const float y = 1 - 2 * u[0], r = std::sqrt(std::max(0.0F, 1 - y * y));
       const float phi = 6.2831853F * u[1];
       const Vec3f direction = itn::normalize(Vec3f{r * std::cos(phi), y, r * std::sin(phi)});
@@ -311,7 +311,7 @@ TEST(DepthsTest, AreLookedUpWhereThePointsAre) {
   for (uint32_t batch = 0; batch < 200; ++batch) {
     std::vector<float> expected;
     for (uint32_t i = 0; i < kSlots; ++i) {
-      const Uniforms u = Sampler(8, 0, batch).at(i, 0);
+      const Uniforms u = Sampler(8, 0, batch).uniforms(i, 0);
       // In cells; a tenth of the range outside at either end. The first is in the last cell.
       const auto place = [&](float v, int size) {
         return i == 0 ? size - 0.5 : (1.2 * double{v} - 0.1) * size;

@@ -59,7 +59,7 @@ bool meets(const CubicCells& cells, const std::vector<Vec3d>& triangle, std::arr
 Mesh random_triangle(uint32_t number) {
   const Sampler random(31, number, 0);
   Mesh mesh{{}, {{0, 1, 2}}};
-  const Uniforms u = random.at(0, 0), v = random.at(0, 1), w = random.at(0, 2);
+  const Uniforms u = random.uniforms(0, 0), v = random.uniforms(0, 1), w = random.uniforms(0, 2);
   mesh.vertices = {{u[0], u[1], u[2]}, {v[0], v[1], v[2]}, {w[0], w[1], w[2]}};
   if (number % 3 == 1) {  // a sliver
     mesh.vertices[2] = mesh.vertices[0] * 0.5F + mesh.vertices[1] * 0.5F + Vec3f{0, 1e-5F, 0};
@@ -106,14 +106,14 @@ TEST(ExpectedTouchesTest, AreTheMeanOverPlacesOfTheGrid) {
     double sum = 0;
     constexpr int kPlaces = 4000;
     for (uint32_t i = 0; i < kPlaces; ++i) {
-      const Uniforms u = Sampler(32, number, 0).at(i, 0);
+      const Uniforms u = Sampler(32, number, 0).uniforms(i, 0);
       const CubicCells cells{
           Vec3d{u[0], u[1], u[2]} * edge - Vec3d{edge, edge, edge} * 2, edge, {16, 16, 16}};
       TriangleAmongCells(cells, mesh, mesh.triangles[0], 0).for_each([&](size_t) { ++sum; });
     }
     const ExpectedTouches expected(mesh, never);
-    EXPECT_NEAR(sum / kPlaces / expected.at(edge), 1, 0.02) << "triangle " << number;
-    EXPECT_NEAR(expected.at(expected.edge_for(37)), 37, 1e-6);
+    EXPECT_NEAR(sum / kPlaces / expected.for_edge(edge), 1, 0.02) << "triangle " << number;
+    EXPECT_NEAR(expected.for_edge(expected.edge_for(37)), 37, 1e-6);
   }
 }
 
@@ -166,7 +166,7 @@ TEST_P(HardMeshTest, TrianglesAreFoundWhereTheyAre) {
       return static_cast<Vec3d>(mesh.vertices[mesh.triangles[t][k]]);
     };
     for (uint32_t i = 0; i < 20; ++i) {
-      const Uniforms u = Sampler(33, 0, 0).at(i, 0);
+      const Uniforms u = Sampler(33, 0, 0).uniforms(i, 0);
       const double a = std::sqrt(u[0]), b = double{u[1]} * a;
       const Vec3d p = corner(0) * (1 - a) + corner(1) * (a - b) + corner(2) * b;
       const auto place = [&](double x, float low, int size) {

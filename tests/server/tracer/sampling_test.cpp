@@ -43,13 +43,13 @@ TEST(PhiloxTest, KnownAnswers) {
 }
 
 TEST(SamplerTest, EveryCoordinateOfTheCounterMatters) {
-  const Uniforms u = Sampler(1, 2, 3).at(4, 5);
-  EXPECT_NE(u, Sampler(9, 2, 3).at(4, 5));
-  EXPECT_NE(u, Sampler(uint64_t{1} << 32 | 1, 2, 3).at(4, 5));
-  EXPECT_NE(u, Sampler(1, 9, 3).at(4, 5));
-  EXPECT_NE(u, Sampler(1, 2, 9).at(4, 5));
-  EXPECT_NE(u, Sampler(1, 2, 3).at(9, 5));
-  EXPECT_NE(u, Sampler(1, 2, 3).at(4, 9));
+  const Uniforms u = Sampler(1, 2, 3).uniforms(4, 5);
+  EXPECT_NE(u, Sampler(9, 2, 3).uniforms(4, 5));
+  EXPECT_NE(u, Sampler(uint64_t{1} << 32 | 1, 2, 3).uniforms(4, 5));
+  EXPECT_NE(u, Sampler(1, 9, 3).uniforms(4, 5));
+  EXPECT_NE(u, Sampler(1, 2, 9).uniforms(4, 5));
+  EXPECT_NE(u, Sampler(1, 2, 3).uniforms(9, 5));
+  EXPECT_NE(u, Sampler(1, 2, 3).uniforms(4, 9));
   for (const float v : u) {
     EXPECT_GE(v, 0.0F);
     EXPECT_LT(v, 1.0F);
@@ -79,7 +79,7 @@ TEST_P(PhaseTest, SamplesFollowTheDensity) {
   const auto g = static_cast<float>(GetParam());
   std::vector<double> cosine, legendre, score, score_cosine;
   for (uint32_t i = 0; i < 100'000; ++i) {
-    for (const float u : Sampler(1, 0, 0).at(i, 0)) {
+    for (const float u : Sampler(1, 0, 0).uniforms(i, 0)) {
       const double c = sample_hg(u, g);
       const double s = hg_score(static_cast<float>(c), g);
       cosine.push_back(c);
@@ -241,12 +241,12 @@ TEST_P(LightTest, SamplesFollowTheDensity) {
   };
   std::vector<double> density, power, moment, sampled_power, sampled_moment;
   for (uint32_t i = 0; i < 400'000; ++i) {
-    const Uniforms u = Sampler(3, 0, 0).at(i, 0);
+    const Uniforms u = Sampler(3, 0, 0).uniforms(i, 0);
     const Vec3f d = uniform_direction(u);
     density.push_back(4 * kPi * double{lights.pdf(d)});
     power.push_back(4 * kPi * double{lights.radiance(d)});
     moment.push_back(power.back() * smooth(d));
-    const Uniforms v = Sampler(3, 0, 0).at(i, 1);
+    const Uniforms v = Sampler(3, 0, 0).uniforms(i, 1);
     const LightSample sample = lights.sample(uniform_48(v[0], v[1]), v[2], v[3]);
     EXPECT_NEAR(length(sample.direction), 1, 1e-5);
     sampled_power.push_back(sample.weight);
@@ -280,7 +280,7 @@ TEST_P(LightTest, TheWavefrontHasTheSameLights) {
   std::vector<double> scalar, wavefront;
   for (uint32_t batch = 0; batch < 200; ++batch) {
     for (uint32_t i = 0; i < kSlots; ++i) {
-      probe->direction.set(i, uniform_direction(Sampler(4, 0, batch).at(i, 0)));
+      probe->direction.set(i, uniform_direction(Sampler(4, 0, batch).uniforms(i, 0)));
     }
     evaluate_lights(lights, *probe, kSlots);
     for (uint32_t i = 0; i < kSlots; ++i) {
@@ -300,7 +300,7 @@ TEST_P(LightTest, TheWavefrontHasTheSameLights) {
       const float density = probe->pdf[i];
       const float weight = density > 0 ? probe->radiance[i] / density : probe->radiance[i];
       wavefront.push_back(weight * (1 + 0.5F * d.x + 0.3F * d.y * d.z));
-      const Uniforms v = Sampler(5, 0, batch).at(i, 1);
+      const Uniforms v = Sampler(5, 0, batch).uniforms(i, 1);
       const LightSample sample = lights.sample(uniform_48(v[0], v[1]), v[2], v[3]);
       scalar.push_back(sample.weight * (1 + 0.5F * sample.direction.x +
                                         0.3F * sample.direction.y * sample.direction.z));

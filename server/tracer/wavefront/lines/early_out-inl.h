@@ -62,7 +62,7 @@ inline Mask end_in_first_cell(const Obstacles& obstacles, Rays& rays, Report rep
   const auto [word, reach] = read_cell(grid, cell, octant_of(direction));
   // The end lies in the cube ahead.
   const auto within = [&, reach = reach](Floats c, Floats from, Floats slope) {
-    const Floats to = hn::Sub(plus_product(from, slope, end), c);
+    const Floats to = hn::Sub(mul_add(slope, end, from), c);
     const Mask falls = hn::Lt(slope, hn::Zero(d));
     const Floats ahead = hn::IfThenElse(falls, hn::Sub(set(1.0F), to), to);
     return hn::And(hn::Ge(ahead, hn::Zero(d)), hn::Le(ahead, reach));

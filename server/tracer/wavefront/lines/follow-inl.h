@@ -48,14 +48,14 @@ class LineFollower {
     for (;;) {
       const LineBits waiting = busy_ & ~stepping_;
       for (size_t v = 0; v < kLines; v += lanes()) {
-        if (any(waiting, v)) conclude(mask_of(waiting, v), v);
+        if (any_set(waiting, v)) conclude(mask_of(waiting, v), v);
       }
       const LineBits fresh = take_rays();
       if (busy_ == 0) return;
       const LineBits turning = fresh | (waiting & busy_);
       for (size_t v = 0; v < kLines; v += lanes()) {
-        if (any(fresh, v)) begin_lines(mask_of(fresh, v), v);
-        if (any(turning, v)) begin_queries(mask_of(turning, v), v);
+        if (any_set(fresh, v)) begin_lines(mask_of(fresh, v), v);
+        if (any_set(turning, v)) begin_queries(mask_of(turning, v), v);
       }
       const int enough = next_ < pending_count_ ? kLines / 4 : 0;
       while (std::popcount(stepping_) > enough) step();
@@ -151,12 +151,13 @@ class LineFollower {
   HWY_INLINE void step() {
     LineBits to_test = 0;
     for (size_t v = 0; v < kLines; v += lanes()) {
-      if (any(stepping_, v)) to_test |= bits_of(look(grid_, lines_, mask_of(stepping_, v), v), v);
+      if (any_set(stepping_, v))
+        to_test |= bits_of(look(grid_, lines_, mask_of(stepping_, v), v), v);
     }
     triangle_test_.test(grid_, lines_, line_crossings_, to_test);
     LineBits stepping = 0;
     for (size_t v = 0; v < kLines; v += lanes()) {
-      if (any(stepping_, v)) {
+      if (any_set(stepping_, v)) {
         stepping |= bits_of(advance(grid_, lines_, mask_of(stepping_, v), v), v);
       }
     }

@@ -22,7 +22,7 @@ HWY_INLINE Vectors in_cells(const Grid& grid, Vectors x) {
 
 // Number along an axis of the cell at a distance.
 HWY_INLINE Floats cell_at(Floats from, Floats slope, Floats distance, int size) {
-  return hn::Clamp(hn::Floor(plus_product(from, slope, distance)), hn::Zero(FloatTag()),
+  return hn::Clamp(hn::Floor(mul_add(slope, distance, from)), hn::Zero(FloatTag()),
                    set(static_cast<float>(size - 1)));
 }
 
@@ -60,8 +60,7 @@ HWY_INLINE CellWords read_cell(const Grid& grid, Vectors cell, Uints octant) {
   const IntTag di;
   const Floats row = set(static_cast<float>(grid.size[0]));
   const Floats layer = set(static_cast<float>(grid.size[0]) * static_cast<float>(grid.size[1]));
-  const Ints index =
-      hn::ConvertTo(di, plus_product(plus_product(cell.x, cell.y, row), cell.z, layer));
+  const Ints index = hn::ConvertTo(di, mul_add(cell.z, layer, mul_add(cell.y, row, cell.x)));
   const auto* const cells = reinterpret_cast<const int32_t*>(grid.cells.data());
   const auto* const skips = reinterpret_cast<const int32_t*>(grid.skips.data());
   const Ints byte = hn::Add(hn::ShiftLeft<3>(index), hn::BitCast(di, octant));
@@ -106,12 +105,12 @@ HWY_INLINE Mask may_cross(const Grid& grid, Uints words, Mask where, Vectors cel
 
   // a . (x - middle) at both ends.
   const Floats half = set(0.5F), edge = set(grid.edge);
-  const Vectors middle{plus_product(set(grid.low.x), hn::Add(cell.x, half), edge),
-                       plus_product(set(grid.low.y), hn::Add(cell.y, half), edge),
-                       plus_product(set(grid.low.z), hn::Add(cell.z, half), edge)};
+  const Vectors middle{mul_add(hn::Add(cell.x, half), edge, set(grid.low.x)),
+                       mul_add(hn::Add(cell.y, half), edge, set(grid.low.y)),
+                       mul_add(hn::Add(cell.z, half), edge, set(grid.low.z))};
   const Floats at_origin = dot(line.origin - middle, axis);
-  const Floats first = plus_product(at_origin, slope, line.from);
-  const Floats last = plus_product(at_origin, slope, line.to);
+  const Floats first = mul_add(slope, line.from, at_origin);
+  const Floats last = mul_add(slope, line.to, at_origin);
   const Ints slab = hn::GatherIndex(di, occupied + kSlab, at);
   const Floats scale = set(grid.slab_scale), per_unit = set(2.0F / 65535 * grid.slab_scale);
   const Floats high = hn::Sub(
@@ -207,7 +206,7 @@ HWY_INLINE Mask advance(const Grid& grid, Lines& lines, Mask stepping, size_t v)
     const Floats far =
         hn::Clamp(hn::Add(c, hn::CopySign(before, slope)), zero, set(static_cast<float>(size - 1)));
     const Floats low = hn::Min(c, far), high = hn::Max(c, far);
-    const Floats follow = hn::Clamp(hn::Floor(plus_product(from, slope, t)), low, high);
+    const Floats follow = hn::Clamp(hn::Floor(mul_add(slope, t, from)), low, high);
     return hn::IfThenElse(along, hn::Add(c, hn::CopySign(skip, slope)), follow);
   };
   const Vectors next{move(along_x, cell.x, x0.x, dx.x, grid.size[0]),

@@ -66,8 +66,8 @@ HWY_INLINE Sides sides(const TriangleBlock& block, size_t i, const Shear& shear)
       return hn::Load(FloatTag(), block.corners[k][axis].data() + i);
     };
     const Floats z = along(shear.z);
-    return Point{hn::Sub(plus_product(along(shear.x), set(-shear.by_x), z), set(shear.c_x)),
-                 hn::Sub(plus_product(along(shear.y), set(-shear.by_y), z), set(shear.c_y))};
+    return Point{hn::Sub(mul_add(set(-shear.by_x), z, along(shear.x)), set(shear.c_x)),
+                 hn::Sub(mul_add(set(-shear.by_y), z, along(shear.y)), set(shear.c_y))};
   };
   const auto side = [](Point from, Point to) {
     return hn::Sub(hn::Mul(from.x, to.y), hn::Mul(from.y, to.x));

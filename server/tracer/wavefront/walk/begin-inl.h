@@ -59,7 +59,7 @@ class PathSource {
     } else {
       for (size_t i = 0; i < count_; ++i) {
         const Uniforms u =
-            Sampler(request_.seed, taken[i].pixel, taken[i].sample).at(0, Sampler::kFilm);
+            Sampler(request_.seed, taken[i].pixel, taken[i].sample).uniforms(0, Sampler::kFilm);
         for (size_t k = 0; k < 3; ++k) film_points_[k][i] = u[k];
       }
     }

@@ -27,7 +27,7 @@ void cross(Wavefront<AtBoundary>& wave, size_t slot) {
                                       .direction = paths.rays.direction.at(slot),
                                       .triangle = crossings.triangle[slot],
                                       .leaving = inside},
-                                     sampler.at(paths.vertex[slot], Sampler::kBoundary));
+                                     sampler.uniforms(paths.vertex[slot], Sampler::kBoundary));
   if (++paths.crossings[slot] > BoundaryModel::kMostCrossings) {
     paths.leaked[slot] = 1;
     return;

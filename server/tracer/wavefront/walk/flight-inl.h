@@ -24,7 +24,7 @@ void sample_flights(Wavefront<AtBoundary>& wave) {
     const Uints vertex = load(paths.vertex, i);
     const Words words = random(wave, i, vertex, Sampler::kWalk);
     const Floats u0 =
-        hn::IfThenElse(is(vertex, 1), load(paths.first_flight, i), uniform(words.w[0]));
+        hn::IfThenElse(equals(vertex, 1), load(paths.first_flight, i), uniform(words.w[0]));
     const Floats depth = hn::Sub(zero, log(hn::Sub(set(1.0F), u0)));
     store(hn::Mul(depth, set(1 / wave.sigma_t)), paths.rays.max_medium_length, i);
     store(uniform(words.w[1]), paths.u1, i);
@@ -50,13 +50,13 @@ HWY_INLINE void update_scores(Wavefront<AtBoundary>& wave, size_t i, Mask scatte
     const Floats length = load(paths.rays.medium_length, i);
     const Floats score = hn::Sub(hn::IfThenElseZero(scattered, set(1 / wave.sigma_t)), length);
     store(hn::Add(load(paths.score_sigma_t, i), score), paths.score_sigma_t, i);
-    store(plus_product(load(paths.control_sigma_t, i), score, load(paths.weight, i)),
+    store(mul_add(score, load(paths.weight, i), load(paths.control_sigma_t, i)),
           paths.control_sigma_t, i);
   }
   const Uints entered =
       hn::And(hn::ShiftRight<Rays::kEnteredBit>(load(paths.rays.outcome, i)), set(uint32_t{1}));
   store(hn::Add(load(paths.steps, i), entered), paths.steps, i);
-  const auto first = for_uints(is(load(paths.vertex, i), 1));
+  const auto first = for_uints(equals(load(paths.vertex, i), 1));
   store(hn::IfThenElse(first, entered, load(paths.hit, i)), paths.hit, i);
 }
 

@@ -69,7 +69,7 @@ HWY_INLINE void multiply_by_factor(Wavefront<AtBoundary>& wave, size_t i,
                                 hn::Gt(vertices.triangles, below(wave.reflecting[r].first)));
     FloatColumn& derivative = paths.dweight_dreflectance[r];
     const Floats gain = hn::IfThenElseZero(hn::RebindMask(FloatTag(), own), weight);
-    store(plus_product(gain, load(derivative, i), factor), derivative, i);
+    store(mul_add(load(derivative, i), factor, gain), derivative, i);
   }
 }
 
@@ -102,7 +102,7 @@ HWY_INLINE void sample_direction(Wavefront<AtBoundary>& wave, size_t i, const Ve
   if (wave.medium_derivatives) {
     const Floats score = hn::IfThenElseZero(vertices.in_medium, phase.score);
     store(hn::Add(load(paths.score_g, i), score), paths.score_g, i);
-    store(plus_product(load(paths.control_g, i), score, load(paths.weight, i)), paths.control_g, i);
+    store(mul_add(score, load(paths.weight, i), load(paths.control_g, i)), paths.control_g, i);
   }
   store(hn::IfThenZeroElse(for_uints(vertices.where), load(paths.delta_bounce, i)),
         paths.delta_bounce, i);

@@ -112,13 +112,13 @@ void trace_shadow_rays(Wavefront<AtBoundary>& wave) {
     const Ints slot =
         hn::BitCast(IntTag(), hn::IfThenElse(for_uints(live), load(shadow_rays.slot, i),
                                              set(static_cast<uint32_t>(kSlots))));
-    const Mask leaked = hn::And(live, is(end, Rays::kLeaked));
+    const Mask leaked = hn::And(live, equals(end, Rays::kLeaked));
     if (!hn::AllFalse(d, leaked)) {
       const Uints before = hn::GatherIndex(UintTag(), paths.leaked.data(), slot);
       hn::ScatterIndex(hn::IfThenElse(for_uints(leaked), set(uint32_t{1}), before), UintTag(),
                        paths.leaked.data(), slot);
     }
-    const Mask arrived = hn::And(live, is(end, Rays::kEscaped));
+    const Mask arrived = hn::And(live, equals(end, Rays::kEscaped));
     if (hn::AllFalse(d, arrived)) continue;
     const Floats length = load(shadow_rays.rays.medium_length, i);
     const Floats dimming = exp(hn::Mul(length, set(-wave.sigma_t)));

@@ -58,21 +58,21 @@ void interact(Wavefront<AtBoundary>& wave) {
   for (size_t i = 0; i < wave.count; i += lanes()) {
     const Mask live = hn::FirstN(FloatTag(), wave.count - i);
     const Uints end = hn::And(load(paths.rays.outcome, i), set(Rays::kEndMask));
-    const Mask scattered = is(end, Rays::kInMedium), surface = is(end, Rays::kSurface);
+    const Mask scattered = equals(end, Rays::kInMedium), surface = equals(end, Rays::kSurface);
     update_scores(wave, i, scattered);
     if constexpr (AtBoundary::kAsks) {
       multiply_weights(paths, i, load(wave.at_boundary_of_walks.crossings.transmittance, i));
     }
-    const Mask escaped = hn::And(live, is(end, Rays::kEscaped));
+    const Mask escaped = hn::And(live, equals(end, Rays::kEscaped));
     if (!hn::AllFalse(FloatTag(), escaped)) add_emission(wave, i, escaped);
     const Uints one = set(uint32_t{1}), none = hn::Zero(UintTag());
-    store(hn::IfThenElse(for_uints(is(end, Rays::kLeaked)), one, none), paths.leaked, i);
+    store(hn::IfThenElse(for_uints(equals(end, Rays::kLeaked)), one, none), paths.leaked, i);
     const Mask goes_on = hn::Or(scattered, surface);
     store(hn::IfThenElse(for_uints(goes_on), one, none), paths.alive, i);
     const Mask vertices = hn::And(live, goes_on);
     if (!hn::AllFalse(FloatTag(), vertices)) scatter(wave, i, vertices, scattered);
     if constexpr (AtBoundary::kAsks) {
-      for (Bits bits = bits_of(hn::And(live, is(end, Rays::kCrossing))); bits != 0;
+      for (Bits bits = bits_of(hn::And(live, equals(end, Rays::kCrossing))); bits != 0;
            bits &= bits - 1) {
         cross(wave, i + static_cast<size_t>(std::countr_zero(bits)));
       }
