@@ -9,7 +9,7 @@ Needs protoc with its gRPC plugin, grpcio, protobuf and numpy (Debian: protobuf-
 python3-grpcio, python3-protobuf, python3-numpy). Prints what it found as JSON: means over the
 object with their standard errors, and whether each derivative agrees with its finite difference.
 
-What fails is said in one line; exit codes are those of the command line (README, Errors), and 1 if
+What fails is said in one line; exit codes are those of the command line (docs/errors.md), and 1 if
 a derivative does not agree.
 """
 import argparse

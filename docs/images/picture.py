@@ -1,0 +1,81 @@
+#!/usr/bin/python3
+"""Makes the pictures of the README from renders, as PNG or JPEG (Debian: python3-openimageio, python3-numpy).
+
+  picture.py colour RED.exr GREEN.exr BLUE.exr OUT             three channels as one sRGB picture
+  picture.py derivatives IMAGE.exr OUT                     dY/dsigma_t, dY/dalbedo, dY/dg beside one another
+  picture.py refinement TARGET.exr A.exr B.exr ... OUT     renders beside their target, and the difference
+"""
+import sys
+
+import numpy as np
+import OpenImageIO as oiio
+
+
+def layers(path):
+    image = oiio.ImageInput.open(path)
+    if image is None:
+        sys.exit(f"picture.py: cannot read {path}: {oiio.geterror()}")
+    names, spec = image.spec().channelnames, image.spec()
+    pixels = image.read_image(oiio.FLOAT)
+    return {name: pixels[:, :, i] for i, name in enumerate(names)}, spec
+
+
+def srgb(linear):
+    x = np.clip(linear, 0, 1)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+
+
+def diverging(x):
+    """White at 0, red above, blue below; full colour at -1 and 1."""
+    fade = 1 - np.clip(np.abs(x), 0, 1)
+    up, down = np.stack([np.ones_like(x), fade, fade], -1), np.stack([fade, fade, np.ones_like(x)], -1)
+    return np.where((x > 0)[..., None], up, down)
+
+
+def write(path, rgb):
+    pixels = (np.clip(rgb, 0, 1) * 255 + 0.5).astype(np.uint8)
+    out = oiio.ImageOutput.create(path)
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8)
+    spec.attribute("Compression", "jpeg:92")  # if it is one
+    out.open(path, spec)
+    out.write_image(pixels)
+    out.close()
+
+
+def half(image):
+    """Averaged down by two."""
+    return (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2]) / 4
+
+
+def colour(red, green, blue, out):
+    rgb = np.stack([layers(p)[0]["Y"] for p in (red, green, blue)], -1)
+    write(out, srgb(rgb / np.percentile(rgb, 99.5)))
+
+
+def derivatives(path, out):
+    image, spec = layers(path)
+    on = image["mask.Y"] > 0.5
+    mean = image["Y"][on].mean()
+    sigma_t, albedo = (spec.get_float_attribute(f"itn.{name}") for name in ("sigma_t", "albedo"))
+    panels = []
+    for name, factor in (("sigma_t", sigma_t), ("albedo", 1 - albedo), ("g", 1.0)):
+        step = half(factor * image[f"{name}.Y"] / mean)
+        full = np.percentile(np.abs(step[half(on.astype(float)) > 0.5]), 99)
+        print(f"{name}: full colour is {full:.3g} of the mean radiance of the object")
+        panels.append(diverging(step / full))
+    write(out, np.concatenate(panels, 1))
+
+
+def refinement(target, *renders_and_out):
+    *renders, out = renders_and_out
+    images = [layers(p)[0]["Y"] for p in (target, *renders)]
+    white = np.percentile(images[0], 99)
+    panels = [np.repeat(srgb(y / white)[..., None], 3, -1) for y in images]
+    panels.append(diverging(8 * (images[-1] - images[0]) / white))
+    write(out, np.concatenate(panels, 1))
+
+
+COMMANDS = {"colour": colour, "derivatives": derivatives, "refinement": refinement}
+if len(sys.argv) < 4 or sys.argv[1] not in COMMANDS:
+    sys.exit(__doc__)
+COMMANDS[sys.argv[1]](*sys.argv[2:])
