@@ -22,6 +22,7 @@
 #include "common/image/preview.h"
 #include "common/learning/model_files.h"
 #include "common/progress.h"
+#include "common/scene/material_proto.h"
 
 namespace itn {
 namespace {
@@ -34,6 +35,7 @@ struct EvaluateOptions {
   uint32_t spp = 256;
   std::string picture;
   uint32_t picture_items = 2;
+  uint32_t examples = 0;
   WorkerFlags workers;
   bool noise_levels = false;
   bool json = false;
@@ -45,6 +47,7 @@ constexpr const char* kSimilarityPredictor = "similarity predictor";
 struct Contender {
   v1::Evaluation::Row row;
   std::vector<Material> predictions;
+  std::vector<MaterialEstimate> estimates;  // of a network
 };
 
 // The noise to evaluate a model at: as the images are, or what it was trained at as well, and half
@@ -84,6 +87,7 @@ std::vector<Contender> candidates_of(const EvaluateOptions& options, const Label
       set_details(estimates, images, candidate.row);
       set_outlier_fraction(estimates, candidate.row);
       set_likelihood(predictor, estimates, images, candidate.row);
+      candidate.estimates = estimates;
     }
   }
   candidates.push_back(baseline("constant predictor", constant_predictions(images), images));
@@ -183,6 +187,36 @@ void print_details(const v1::Evaluation::Row& row) {
   }
 }
 
+// Single answers beside their truth, of images spread over all.
+void print_examples(uint32_t count, const Contender& candidate, const LabelledImages& images) {
+  print_result("\n{}: answers beside the truth; * where the 90 % interval does not hold it\n",
+               candidate.row.name());
+  int held = 0, intervals = 0;
+  for (const size_t i : spread(count, images.items.size())) {
+    const Material truth = from_proto(images.items[i]->material());
+    const MaterialEstimate& estimate = candidate.estimates[i];
+    print_result("  {}:", images.items[i]->file());
+    const auto print_one = [&](size_t k, const char* name, double true_value, double answer,
+                               int decimals) {
+      print_result("  {} {:.{}f}, truth {:.{}f}", name, answer, decimals, true_value, decimals);
+      if (!estimate.posterior) return;
+      const ParameterPosterior& p = estimate.posterior->material.parameters[k];
+      const bool holds = p.low <= true_value && true_value <= p.high;
+      print_result(" in {:.{}f} to {:.{}f}{}", p.low, decimals, p.high, decimals,
+                   holds ? "" : " *");
+      ++intervals;
+      held += holds ? 1 : 0;
+    };
+    print_one(0, "sigma_t", truth.sigma_t, estimate.material.sigma_t, 0);
+    print_one(1, "albedo", truth.albedo, estimate.material.albedo, 2);
+    print_one(2, "g", truth.g, estimate.material.g, 2);
+    print_result("\n");
+  }
+  if (intervals > 0) {
+    print_result("  {} of {} intervals hold the truth; 90 % of all should.\n", held, intervals);
+  }
+}
+
 void print(const v1::Evaluation& evaluation) {
   print_result("RMSE over {} {} images{}\n", evaluation.items(), evaluation.split(),
                evaluation.rerendered() > 0
@@ -233,7 +267,12 @@ void run(const EvaluateOptions& options) {
   if (options.rerender > 0) {
     add_image_errors(options, images, candidates, dataset, *pool, evaluation);
   }
-  options.json ? print_result("{}\n", to_json(evaluation)) : print(evaluation);
+  if (options.json) {
+    print_result("{}\n", to_json(evaluation));
+  } else {
+    print(evaluation);
+    if (options.examples > 0) print_examples(options.examples, candidates.front(), images);
+  }
   if (!options.picture.empty()) {
     std::fflush(stdout);  // the table is there whatever becomes of the picture
     write_picture(options, images, candidates.front(), dataset, *pool);
@@ -266,6 +305,11 @@ void add_evaluate_command(CLI::App& app) {
                       "PNG to write: input, re-rendering by the first checkpoint, difference");
   command->add_option("--picture-items", options->picture_items, "Rows of the picture")
       ->check(number_in(1U, 100U))
+      ->capture_default_str();
+  command
+      ->add_option("--examples", options->examples,
+                   "Answers of the first checkpoint to print beside their truth")
+      ->check(number_in(0U, 1000U))
       ->capture_default_str();
   command->add_flag(
       "--noise-levels", options->noise_levels,

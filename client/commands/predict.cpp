@@ -27,6 +27,7 @@
 #include "client/predict/predictors.h"
 #include "client/predict/printer.h"
 #include "client/predict/report.h"
+#include "client/predict/same_photograph.h"
 #include "client/predict/swatches.h"
 #include "client/render_pool/render_pool.h"
 #include "common/error.h"
@@ -238,6 +239,19 @@ void check(const PredictOptions& options, const std::vector<std::string>& files)
   check_file("--report", options.report, ".html");
 }
 
+// Each photograph by itself and, of one material, those that are different together.
+v1::PredictBatchReply predictions_of(const Predict& predict, const Group& group, bool together) {
+  if (group.loaded.empty()) return {};
+  if (!together) return predict(group.loaded, false);
+  std::vector<std::string> told;
+  const std::vector<PredictInput> different = different_photographs(group.loaded, told);
+  for (const std::string& sentence : told) spdlog::warn("{}", sentence);
+  if (told.empty()) return predict(group.loaded, true);
+  v1::PredictBatchReply reply = predict(group.loaded, false);
+  *reply.mutable_combined() = predict(different, true).combined();
+  return reply;
+}
+
 // Of one material, by the photographs of a group that could be used.
 v1::Prediction combined_prediction(const Group& group, const v1::PredictBatchReply& reply) {
   std::string names;
@@ -338,8 +352,7 @@ void run(const PredictOptions& options) {
     const Group group = load_group(options, std::span(files).subspan(done), !several);
     done += group.files.size();
     const bool together = options.one_material && several;
-    const v1::PredictBatchReply reply =
-        group.loaded.empty() ? v1::PredictBatchReply() : predict(group.loaded, together);
+    const v1::PredictBatchReply reply = predictions_of(predict, group, together);
     if (!std::exchange(warned, true)) warn_unused_inputs(options, reply);
     for (const auto& [prediction, error] : outcomes_of(group, reply)) {
       if (error && !several) throw *error;

@@ -221,7 +221,7 @@ std::span<const ExperimentPreset> experiment_presets() {
       std::string(kSmallExperiment) + kFiveNetworks.data(),
       std::string(kPaperExperiment) + kFiveNetworks.data(), few_shapes_experiment()};
   static const std::array<ExperimentPreset, 5> kPresets = {{
-      {"smoke", "whether everything works, in a minute or two", kFiles[0]},
+      {"smoke", "whether everything works, in less than a minute", kFiles[0]},
       {"small", "results that mean something, in less than an hour on two cores", kFiles[1]},
       {"ablation", "what the image term is worth, by how it is made", kAblationExperiment},
       {"few_shapes", "what the image term is worth where shapes are few, with three seeds",

@@ -16,8 +16,8 @@ struct ExperimentPreset {
   std::string_view file;         // an experiment file, with comments
 };
 
-// "smoke": whether everything works, in a minute or two. "small": results that mean something, in
-// less than an hour. "paper": the protocol of Che et al. 2020, in days.
+// "smoke": whether everything works, in less than a minute. "small": results that mean something,
+// in less than an hour. "paper": the protocol of Che et al. 2020, in days.
 std::span<const ExperimentPreset> experiment_presets();
 
 // Throws Error (invalid input) that lists the names there are.

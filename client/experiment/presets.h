@@ -36,7 +36,7 @@ networks {
 )";
 
 inline constexpr std::string_view kSmokeExperiment =
-    R"(# Whether everything works: a minute or two. Its numbers mean nothing.
+    R"(# Whether everything works: less than a minute. Its numbers mean nothing.
 dataset {
   count: 60
   resolution: 32

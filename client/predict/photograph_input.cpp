@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <array>
@@ -83,6 +84,34 @@ std::string mask_in_folder(const fs::path& folder, const std::string& photograph
   return found.front();
 }
 
+// The part of the photograph that is the object's, and of its border.
+struct Coverage {
+  double all = 0, border = 0;
+};
+
+Coverage coverage_of(const std::vector<float>& mask, int width, int height) {
+  size_t all = 0, border = 0;
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      if (!is_on_object(mask[static_cast<size_t>(y) * width + x])) continue;
+      ++all;
+      if (x == 0 || y == 0 || x == width - 1 || y == height - 1) ++border;
+    }
+  }
+  return {static_cast<double>(all) / static_cast<double>(mask.size()),
+          static_cast<double>(border) / std::max(1, 2 * (width + height) - 4)};
+}
+
+// A soft brush leaves gray where white is meant.
+void brighten(std::vector<float>& mask, const std::string& path) {
+  constexpr float kLeast = 0.1F;
+  const float most = std::ranges::max(mask);
+  if (is_on_object(most) || most < kLeast) return;
+  spdlog::warn("{}: its brightest value is {:.2g} of white; that is taken for the object", path,
+               most);
+  for (float& value : mask) value /= most;
+}
+
 std::vector<float> mask_from_file(const Content& content, const std::string& name,
                                   const std::string& mask) {
   const std::string path = fs::is_directory(mask) ? mask_in_folder(mask, name) : mask;
@@ -92,7 +121,28 @@ std::vector<float> mask_from_file(const Content& content, const std::string& nam
         fmt::format("the mask {} is {} x {} pixels, {} is {} x {}; they must be the same", path,
                     file.width, file.height, name, content.width(), content.height()));
   }
+  brighten(file.values, path);
+  constexpr double kMuch = 0.9;
+  const Coverage coverage = coverage_of(file.values, file.width, file.height);
+  if (coverage.all > kMuch || coverage.border > kMuch) {
+    throw invalid_input(fmt::format(
+        "the mask {} covers {:.0f} % of the photograph and {:.0f} % of its border: is it inverted? "
+        "White is the object, black what is around it",
+        path, 100 * coverage.all, 100 * coverage.border));
+  }
   return std::move(file.values);
+}
+
+std::vector<float> mask_of_background(const Content& content, const std::string& name) {
+  std::vector<float> mask = mask_from_background(
+      content.width(), content.height(), static_cast<int>(content.channels.size()), content.pixels);
+  const Coverage coverage = coverage_of(mask, content.width(), content.height());
+  spdlog::warn(
+      "{}: what differs from the background is {:.0f} % of the photograph{}; a shadow may be taken "
+      "for the object: look at --picture",
+      name, 100 * coverage.all,
+      coverage.border > 0 ? ", touches its border, and so may be no object at all" : "");
+  return mask;
 }
 
 // Alpha that is 1 everywhere says nothing.
@@ -103,10 +153,7 @@ bool has_mask(const std::vector<float>& alpha) {
 std::vector<float> mask_of(const Content& content, const std::string& name,
                            const PhotographOptions& options) {
   if (!options.mask.empty()) return mask_from_file(content, name, options.mask);
-  if (options.mask_by_background) {
-    return mask_from_background(content.width(), content.height(),
-                                static_cast<int>(content.channels.size()), content.pixels);
-  }
+  if (options.mask_by_background) return mask_of_background(content, name);
   const Image& image = content.file.image;
   if (image.has("mask.Y")) return image.channel("mask.Y");
   if (image.has("A") && has_mask(image.channel("A"))) return image.channel("A");
@@ -187,6 +234,14 @@ Framing framing_of(const PhotographOptions& options, const Image& image) {
 
 PredictInput load_photograph(const std::string& file, const PhotographOptions& options) {
   const Content content = read_content(file);
+  if (options.exposure && content.file.encoded) {
+    throw invalid_input(fmt::format(
+        "{}: a scale of radiance (--radiance-scale) is for linear images; this one is encoded for "
+        "a "
+        "screen, by a curve and an exposure that nobody knows. Leave the scale out, or put a gray "
+        "card beside the object (--gray-card)",
+        file));
+  }
   const std::vector<float> mask = mask_of(content, file, options);
   const Photograph photograph{content.width(), content.height(),
                               static_cast<int>(content.channels.size()), content.pixels, mask};

@@ -365,6 +365,7 @@ void Dispatcher::on_probe(size_t number, const grpc::Status& status,
   Worker& worker = workers_.at(number);
   if (worker.excluded) return;
   const bool was_unfit = std::exchange(worker.incompatible, is_incompatible(status));
+  worker.refuses = worker.incompatible || status.error_code() == grpc::StatusCode::UNAUTHENTICATED;
   if (status.ok()) {
     worker.connected = true;
     worker.never_connected = false;
@@ -394,6 +395,12 @@ bool Dispatcher::any_connected() const {
 
 bool Dispatcher::has_workers() const {
   return std::ranges::any_of(workers_, [](const auto& entry) { return !entry.second.left; });
+}
+
+bool Dispatcher::all_refuse() const {
+  return has_workers() && std::ranges::all_of(workers_, [](const auto& entry) {
+           return entry.second.left || entry.second.refuses;
+         });
 }
 
 std::string Dispatcher::last_failures() const {

@@ -108,6 +108,9 @@ class Dispatcher {
   bool any_connected() const;
   // Whether there is any that has not left, connected or not.
   bool has_workers() const;
+  // Whether there are workers, and each has answered that it takes no renders of ours: of another
+  // version, none at all, or with another token.
+  bool all_refuse() const;
   // Each worker with what is known of its last failure.
   std::string last_failures() const;
   const RenderStatistics& statistics() const { return statistics_; }
@@ -121,6 +124,7 @@ class Dispatcher {
     bool connected = false;       // takes renders; otherwise it rests, or has not answered yet
     bool excluded = false;        // for good
     bool incompatible = false;    // as it says itself
+    bool refuses = false;         // likewise, or it wants another token
     bool left = false;            // is no more when nothing of it is under way
     bool never_connected = true;  // and nobody was told
     bool only_lost = false;       // it was taken down for a lost render, and has not answered since

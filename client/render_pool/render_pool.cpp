@@ -198,10 +198,10 @@ class RenderPool::Impl {
 
   void wait_for_first_worker() {
     std::unique_lock lock(mutex_);
-    const bool connected = probed_.wait_for(lock, options_.connect_within,
-                                            [this] { return dispatcher_.any_connected(); });
+    probed_.wait_for(lock, options_.connect_within,
+                     [this] { return dispatcher_.any_connected() || dispatcher_.all_refuse(); });
     said_who_is_there_ = true;
-    if (connected || !dispatcher_.has_workers()) return;
+    if (dispatcher_.any_connected() || !dispatcher_.has_workers()) return;
     throw Error(ErrorKind::kUnavailable,
                 "no render worker answers (" + dispatcher_.last_failures() + ")");
   }

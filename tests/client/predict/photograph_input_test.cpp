@@ -8,6 +8,7 @@
 
 #include "common/error.h"
 #include "common/image/image.h"
+#include "common/image/photograph_file.h"
 #include "common/image/preview.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_folder.h"
@@ -190,13 +191,38 @@ TEST_F(PhotographInput, SeesWhatIsLost) {
   PhotographOptions options;
   options.mask = folder_.path("mask.png");
   options.object_size = 40;
-  options.exposure = 3;
   const v1::Capture capture = load_photograph(folder_.path("photo.png"), options).capture;
   EXPECT_TRUE(capture.encoded());
   EXPECT_TRUE(capture.cut_by_frame());
   EXPECT_DOUBLE_EQ(capture.clipped(), 0.25);
   EXPECT_EQ(capture.object_size(), 40);
-  EXPECT_EQ(capture.exposure(), 3);
+  // No factor makes radiance of it.
+  options.exposure = 3;
+  expect_error(ErrorKind::kInvalidInput, {"photo.png", "--radiance-scale", "linear", "--gray-card"},
+               [&] { load_photograph(folder_.path("photo.png"), options); });
+  write_exr(folder_.path("linear.exr"), read_photograph(folder_.path("photo.png")).image);
+  EXPECT_EQ(load_photograph(folder_.path("linear.exr"), options).capture.exposure(), 3);
+}
+
+// Gray on the object, as a soft brush leaves it, and the wrong way round.
+TEST_F(PhotographInput, TakesSoftMasksAndRefusesInvertedOnes) {
+  const std::string photo = exr("photo.exr");
+  const auto with = [&](unsigned char on, unsigned char off) {
+    std::vector<unsigned char> rgb;
+    for (int i = 0; i < kWidth * kHeight; ++i) {
+      rgb.insert(rgb.end(), 3, on_object(i % kWidth, i / kWidth) ? on : off);
+    }
+    write_png(folder_.path("soft.png"), kWidth, kHeight, rgb);
+    PhotographOptions options;
+    options.mask = folder_.path("soft.png");
+    return load_photograph(photo, options).photograph;
+  };
+  EXPECT_EQ(with(100, 0).mask, load_photograph(photo, with_mask()).photograph.mask);
+  for (const int on : {0, 255}) {
+    expect_error(ErrorKind::kInvalidInput, {"soft.png covers", "inverted"},
+                 [&] { with(static_cast<unsigned char>(on), 255); });
+  }
+  expect_error(ErrorKind::kInvalidInput, {"photo.exr"}, [&] { with(0, 0); });
 }
 
 TEST_F(PhotographInput, OfFoldersAllPhotographsAreMeantByName) {

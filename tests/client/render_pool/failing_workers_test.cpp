@@ -154,8 +154,11 @@ TEST(FailingWorkers, OfAnotherVersionAreNotUsed) {
     expect_answers(submit(pool, 20));
     EXPECT_EQ(old.renders(), 0);
   }
+  // At once, as no other answer will come.
+  RenderPoolOptions options = pool_of({&old});
+  options.connect_within = std::chrono::hours(1);
   expect_error(ErrorKind::kUnavailable, {old.address(), "0.0.1", ITN_VERSION},
-               [&] { RenderPool pool(pool_of({&old})); });
+               [&] { RenderPool pool(options); });
 }
 
 TEST(FailingWorkers, CannotSteerTheTerminalByTheirVersion) {

@@ -1,0 +1,77 @@
+#include "client/predict/same_photograph.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/error.h"
+
+namespace itn {
+namespace {
+
+constexpr int kSignatureSide = 32;
+constexpr double kNearlySame = 0.05;
+
+// The radiance of the object over its mean, averaged down to 32 x 32; 0 around it.
+std::vector<double> signature(const FramedPhotograph& photograph) {
+  std::vector<double> sums(kSignatureSide * kSignatureSide),
+      counts(kSignatureSide * kSignatureSide);
+  const auto side = static_cast<size_t>(photograph.side);
+  const auto channels = static_cast<size_t>(photograph.channels);
+  double sum = 0, area = 0;
+  for (size_t p = 0; p < photograph.mask.size(); ++p) {
+    const size_t cell =
+        p / side * kSignatureSide / side * kSignatureSide + p % side * kSignatureSide / side;
+    double value = 0;
+    for (size_t c = 0; c < channels; ++c) value += photograph.pixels[p * channels + c];
+    value *= static_cast<double>(photograph.mask[p]);
+    sums[cell] += value;
+    counts[cell] += 1;
+    sum += value;
+    area += static_cast<double>(photograph.mask[p]);
+  }
+  for (size_t i = 0; i < sums.size(); ++i) sums[i] *= area / (std::max(counts[i], 1.0) * sum);
+  return sums;
+}
+
+double difference(const std::vector<double>& a, const std::vector<double>& b) {
+  double squares = 0, norm = 0;
+  for (size_t i = 0; i < a.size(); ++i) {
+    squares += (a[i] - b[i]) * (a[i] - b[i]);
+    norm += a[i] * a[i];
+  }
+  return std::sqrt(squares / norm);
+}
+
+}  // namespace
+
+std::vector<PredictInput> different_photographs(std::span<const PredictInput> photographs,
+                                                std::vector<std::string>& told) {
+  std::vector<PredictInput> result;
+  std::vector<std::vector<double>> signatures;
+  for (const PredictInput& photograph : photographs) {
+    const std::vector<double> own = signature(photograph.photograph);
+    bool is_new = true;
+    for (size_t i = 0; i < result.size() && is_new; ++i) {
+      if (result[i].photograph.pixels == photograph.photograph.pixels &&
+          result[i].photograph.mask == photograph.photograph.mask) {
+        throw invalid_input(
+            fmt::format("{} and {} are the same photograph: of one material, photographs in other "
+                        "light or from other sides say more; the same one twice says nothing",
+                        result[i].name, photograph.name));
+      }
+      if (difference(signatures[i], own) < kNearlySame) {
+        told.push_back(fmt::format("{} is nearly the same photograph as {}, and does not count",
+                                   photograph.name, result[i].name));
+        is_new = false;
+      }
+    }
+    if (!is_new) continue;
+    result.push_back(photograph);
+    signatures.push_back(own);
+  }
+  return result;
+}
+
+}  // namespace itn
