@@ -46,22 +46,28 @@ std::string table_head(const std::vector<std::string>& cells) {
 
 // --- Tables ---
 
-// The best of the networks in each column.
-std::vector<double> best_of(const Table& table) {
-  std::vector<double> best(table.columns.size(), HUGE_VAL);
-  for (const Row& row : table.rows) {
-    if (row.is_published || row.is_baseline) continue;
-    for (size_t c = 0; c < best.size(); ++c) {
-      if (row.cells[c]) best[c] = std::min(best[c], row.cells[c]->value);
-    }
-  }
-  return best;
+bool is_network(const Row& row) {
+  return !row.is_published && !row.is_baseline;
 }
 
-std::string text_of(const Cell& cell, const Column& column, bool is_best) {
+// Whether this network is the best of a column of errors beyond doubt: its interval lies below
+// those of all others.
+bool is_best(const Table& table, const Row& row, size_t column) {
+  if (!table.columns[column].is_error || !is_network(row)) return false;
+  const std::optional<Cell>& own = row.cells[column];
+  if (!own || !own->high) return false;
+  return std::ranges::all_of(table.rows, [&](const Row& other) {
+    const std::optional<Cell>& cell = other.cells[column];
+    return &other == &row || !is_network(other) || !cell || (cell->low && *own->high < *cell->low);
+  });
+}
+
+std::string text_of(const Cell& cell, const Column& column, bool is_bold) {
   std::string text = fmt::format("{:.{}f}", cell.value, column.decimals);
-  if (is_best) text = "**" + text + "**";
-  if (cell.low && cell.high) {
+  if (is_bold) text = "**" + text + "**";
+  if (cell.low && cell.high && *cell.low == *cell.high) {
+    text += " (-)";  // one shape has no interval
+  } else if (cell.low && cell.high) {
     text +=
         fmt::format(" ({:.{}f}-{:.{}f})", *cell.low, column.decimals, *cell.high, column.decimals);
   }
@@ -69,7 +75,6 @@ std::string text_of(const Cell& cell, const Column& column, bool is_best) {
 }
 
 std::string section_of(const Table& table) {
-  const std::vector<double> best = best_of(table);
   std::vector<std::string> cells = {""};
   for (const Column& column : table.columns) {
     cells.push_back(column.name + (column.unit.empty() ? "" : fmt::format(" [{}]", column.unit)));
@@ -79,9 +84,7 @@ std::string section_of(const Table& table) {
     cells = {row.name};
     for (size_t c = 0; c < table.columns.size(); ++c) {
       const std::optional<Cell>& cell = row.cells[c];
-      const bool is_best = table.columns[c].is_error && !row.is_published && !row.is_baseline &&
-                           cell && cell->value == best[c];
-      cells.push_back(cell ? text_of(*cell, table.columns[c], is_best) : "");
+      cells.push_back(cell ? text_of(*cell, table.columns[c], is_best(table, row, c)) : "");
     }
     text += table_row(cells);
   }
@@ -329,6 +332,16 @@ fs::path write_report(const ExperimentReport& report, const fs::path& folder) {
       "# Inverse transport networks compared\n\nNetworks that read sigma_t, albedo and g of a "
       "translucent material off one image (Che et al., ICCP 2020), on images that none of them has "
       "learned from.\n\n";
+  constexpr uint64_t kFewSteps = 100;
+  if (report.experiment.shared_steps() + report.experiment.steps() < kFewSteps) {
+    text +=
+        "**These numbers mean nothing**: the networks took a few steps each, to show that "
+        "everything "
+        "works.\n\n";
+  }
+  text +=
+      "Bold: the best network of a column, if its interval lies below those of all others. (-): of "
+      "one shape there is no interval.\n\n";
   for (const Table& table : report.tables) text += section_of(table);
   text +=
       scene_section(report, ExperimentScene::kSame, "Scenes of the test", pictures / "scenes.png");

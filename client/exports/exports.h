@@ -5,6 +5,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "client/exports/rgb_material.h"
 
@@ -21,6 +22,8 @@ struct ExportOptions {
   std::optional<double> object_size_mm{};
   // Where the material comes from (model, image), for the file's comment. May be empty.
   std::string provenance{};
+  // Further lines of that comment, as intervals and what limits the answer.
+  std::vector<std::string> notes{};
 };
 
 struct ExportFormat {

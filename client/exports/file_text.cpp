@@ -66,6 +66,9 @@ std::vector<std::string> heading(const ExportOptions& options, std::string_view 
   if (!options.provenance.empty()) {
     lines.push_back("from " + printable(options.provenance, kLongestProvenance));
   }
+  for (const std::string& note : options.notes) {
+    lines.push_back(printable(note, kLongestProvenance));
+  }
   lines.push_back(fmt::format("1 scene unit = {} mm", number(options.mm_per_scene_unit)));
 
   const double size_mm = options.object_size_mm.value_or(1);

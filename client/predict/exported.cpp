@@ -16,15 +16,29 @@ namespace itn {
 
 namespace fs = std::filesystem;
 
+namespace {
+
+std::string intervals_of(const v1::Prediction::Channel& channel) {
+  const v1::MaterialPosterior& p = channel.posterior();
+  return fmt::format(
+      "{}: 90 % intervals: sigma_t {:.4g} to {:.4g} 1/mm, albedo {:.3f} to {:.3f}, g {:.3f} to "
+      "{:.3f}",
+      channel.channel(), p.sigma_t().low(), p.sigma_t().high(), p.albedo().low(), p.albedo().high(),
+      p.g().low(), p.g().high());
+}
+
+}  // namespace
+
 std::string exported(const v1::Prediction& prediction, const ExportFormat& format,
                      ExportOptions options) {
-  bool unfamiliar = false;
-  for (const v1::Prediction::Channel& c : prediction.channels()) {
-    unfamiliar = unfamiliar || c.caveats().outlier().is_outlier();
-  }
   if (prediction.has_object_size()) options.object_size_mm = prediction.object_size();
-  options.provenance = fmt::format("{}, image {}{}", prediction.model(), prediction.image(),
-                                   unfamiliar ? "; UNFAMILIAR image: do not trust this" : "");
+  options.provenance = fmt::format("{}, image {}", prediction.model(), prediction.image());
+  for (const v1::Prediction::Channel& channel : prediction.channels()) {
+    if (channel.has_posterior()) options.notes.push_back(intervals_of(channel));
+  }
+  for (const Limit& limit : limits_of(prediction)) {
+    options.notes.push_back((limit.is_grave ? "DO NOT TRUST THIS: " : "") + limit.text);
+  }
   return format.write(rgb_material(materials_of_1_mm(prediction)), options);
 }
 

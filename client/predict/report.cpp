@@ -60,12 +60,6 @@ std::string figure(const Panel& panel, std::string_view kind, std::string_view c
 
 // --- Text ---
 
-std::string sentence(std::string text) {
-  if (text.empty()) return text;
-  text[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(text[0])));
-  return text.back() == '.' ? text : text + '.';
-}
-
 std::string number(double value, bool is_coefficient) {
   const std::string text =
       is_coefficient ? fmt::format("{:.4g}", value) : fmt::format("{:.3f}", value);
@@ -316,50 +310,6 @@ std::string model_of(const v1::Prediction& prediction) {
 }
 
 }  // namespace
-
-std::vector<Limit> limits_of(const v1::Prediction& prediction) {
-  std::vector<Limit> grave, others;
-  const auto of_channel = [&](const Channel& channel, const std::string& text) {
-    return prediction.channels_size() == 1
-               ? sentence(text)
-               : fmt::format("{}: {}", channel.channel(), sentence(text));
-  };
-  for (const Channel& channel : prediction.channels()) {
-    const v1::AnswerWarnings& caveats = channel.caveats();
-    const v1::OutlierScore& outlier = caveats.outlier();
-    if (outlier.is_outlier()) {
-      grave.push_back(
-          {of_channel(channel,
-                      fmt::format("the photograph is unfamiliar to the model, {:.1f} times as far "
-                                  "from the images of its training as 99 % of such images: {}",
-                                  outlier.score(), outlier.reason())),
-           true});
-    }
-    for (const v1::Warning& warning : caveats.warnings()) {
-      if (!in_all_channels(prediction, warning)) {
-        others.push_back({of_channel(channel, warning.text())});
-      } else if (&channel == &prediction.channels(0)) {
-        others.push_back({sentence(warning.text())});
-      }
-    }
-    if (caveats.at_bounds_size() == 0) continue;
-    std::vector<std::string> ends;
-    for (const int bound : caveats.at_bounds()) {
-      ends.push_back(in_words(static_cast<v1::MaterialBound>(bound)));
-    }
-    others.push_back({of_channel(
-        channel, fmt::format("{} reaches {} that the model can answer; the material may lie beyond",
-                             channel.has_posterior() ? "the 90 % interval" : "the best guess",
-                             fmt::join(ends, " and ")))});
-  }
-  if (!prediction.channels(0).caveats().has_outlier()) {
-    others.push_back(
-        {"The model does not know the images of its training: whether it was trained "
-         "for photographs like this is not said."});
-  }
-  grave.insert(grave.end(), others.begin(), others.end());
-  return grave;
-}
 
 std::string report_page(const Report& report) {
   const std::string body = head_of(report) + trust_of(report.prediction) + photographs_of(report) +

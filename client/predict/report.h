@@ -28,13 +28,6 @@ struct Report {
   ExportOptions exports;  // size and provenance are the prediction's
 };
 
-// What limits how far the answer can be trusted; in words, the worst first.
-struct Limit {
-  std::string text;
-  bool is_grave = false;  // the answer should not be trusted
-};
-std::vector<Limit> limits_of(const v1::Prediction& prediction);
-
 // Images are in the page; it loads nothing. Text from elsewhere (names, messages) is escaped.
 std::string report_page(const Report& report);
 

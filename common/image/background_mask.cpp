@@ -120,10 +120,6 @@ cv::Mat without_background(const cv::Mat& image, const cv::Mat& border) {
   return rest;
 }
 
-bool is_large_enough(const cv::Mat& object) {
-  return cv::countNonZero(object) >= kMinObject * static_cast<double>(object.total());
-}
-
 // How far each pixel is from the background.
 cv::Mat distance(const cv::Mat& rest) {
   cv::Mat squares, sum;
@@ -131,6 +127,28 @@ cv::Mat distance(const cv::Mat& rest) {
   cv::transform(squares, sum, cv::Matx13f(1, 1, 1));
   cv::sqrt(sum, sum);
   return sum;
+}
+
+// Where the photograph is darker than its background and has its colour, though what differs from
+// the background has another: shadows. Nowhere in a gray photograph, or of a gray object.
+cv::Mat shadows(const cv::Mat& copy, const cv::Mat& border, const cv::Mat& differs) {
+  constexpr double kColoured = 0.2, kLikeBackground = 0.4;  // of log ratios; of the object's
+  const cv::Mat none(copy.size(), CV_8U, cv::Scalar(0));
+  if (cv::countNonZero(differs) == 0) return none;
+  cv::Mat light = cv::max(copy, 0.0F), logarithm, mean, chroma;
+  cv::log(light + cv::Scalar::all(1e-4 * cv::norm(light, cv::NORM_INF)), logarithm);
+  cv::medianBlur(logarithm, logarithm, 5);
+  const cv::Mat ratios = without_background(logarithm, border);
+  cv::transform(ratios, mean, cv::Matx13f(1 / 3.0F, 1 / 3.0F, 1 / 3.0F));
+  cv::merge(std::vector<cv::Mat>(3, mean), chroma);
+  chroma = distance(ratios - chroma);
+  const double of_object = median(chroma, differs);
+  if (of_object < kColoured) return none;
+  return (mean < 0) & (chroma < kLikeBackground * of_object);
+}
+
+bool is_large_enough(const cv::Mat& object) {
+  return cv::countNonZero(object) >= kMinObject * static_cast<double>(object.total());
 }
 
 Error no_object(const char* why) {
@@ -199,13 +217,16 @@ std::vector<float> mask_from_background(int width, int height, int channels,
         "are the least",
         width, height, kMinSide, kMinSide));
   }
-  const cv::Mat image = tones(small_copy(view(width, height, channels, pixels)));
+  const cv::Mat copy = small_copy(view(width, height, channels, pixels));
+  const cv::Mat image = tones(copy);
   const cv::Mat border = border_of(image.size());
   const cv::Mat rest = without_background(image, border);
   const cv::Mat difference = distance(rest);
   const double least = least_difference(difference, border);
+  const cv::Mat first = difference > least;
+  const cv::Mat shadow = shadows(copy, border, first);
   const cv::Mat object =
-      without_holes(largest_part(object_pixels(rest, border, difference > least)));
+      without_holes(largest_part(object_pixels(rest, border, first & ~shadow) & ~shadow));
   if (!is_large_enough(object) || median(difference, object) < least) {
     throw no_object("nothing of some size differs from its border");
   }

@@ -10,6 +10,9 @@ namespace itn {
 // roughly, to a pixel or two of an image of 512. The background, which the border of the photograph
 // shows, may change smoothly, as under one lamp, and may be lighter or darker than the object.
 //
+// Shadows are told from the object by their colour, if the object has another than the background;
+// else they may be taken for a part of it.
+//
 // `pixels` are linear, of any scale, 1 or 3 channels interleaved, top row first. Always the same
 // for the same photograph. By GrabCut (Rother, Kolmogorov and Blake, SIGGRAPH 2004). Throws Error
 // (invalid input) if there is nothing that could be an object: what differs from the border is less

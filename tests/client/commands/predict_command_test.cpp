@@ -306,9 +306,8 @@ TEST_F(PhotographCommand, AreReadAndWarnedAbout) {
                                      HasSubstr("size unknown"), HasSubstr("exposure unknown"),
                                      HasSubstr("encoded for a screen")));
   EXPECT_EQ(count(finished.output, "size unknown"), 1) << "what holds for all channels, once";
-  const Finished known = predict({"--object-size", "40", "--exposure", "2"});
-  EXPECT_THAT(known.output,
-              AllOf(Not(HasSubstr("size unknown")), Not(HasSubstr("exposure unknown"))));
+  const Finished known = predict({"--object-size", "40"});
+  EXPECT_THAT(known.output, AllOf(Not(HasSubstr("size unknown")), HasSubstr("exposure unknown")));
   const Finished without_mask = run({testing::kItn, "predict", photo_, "--model", model()});
   EXPECT_EQ(without_mask.exit_code, 3);
   EXPECT_THAT(without_mask.errors, AllOf(HasSubstr("--mask"), HasSubstr("--background auto")));
@@ -317,7 +316,7 @@ TEST_F(PhotographCommand, AreReadAndWarnedAbout) {
 TEST_F(PhotographCommand, AnswersHereAndThereTheSame) {
   Process predictor({testing::kItnPredictor, "--model", model(), "--listen", "127.0.0.1:0",
                      "--threads", "1", "--log-level", "warning"});
-  const Arguments known{"--object-size", "40", "--exposure", "2", "--json"};
+  const Arguments known{"--object-size", "40", "--json"};
   Arguments existing{testing::kItn,        "predict", photo_, "--mask", mask_, "--predictor",
                      predictor.read_line()};
   existing.insert(existing.end(), known.begin(), known.end());
@@ -330,7 +329,9 @@ TEST_F(PhotographCommand, AreWrittenAsMaterialsOfRenderers) {
   const Finished printed = predict({"--format", "mitsuba", "--object-size", "40"});
   ASSERT_EQ(printed.exit_code, 0) << printed.errors;
   EXPECT_THAT(printed.output, AllOf(HasSubstr("<medium"), HasSubstr("sigma_t"), HasSubstr("40 mm"),
-                                    HasSubstr("small 1.2")));
+                                    HasSubstr("small 1.2"),
+                                    HasSubstr("DO NOT TRUST THIS: R: The photograph is unfamiliar"),
+                                    HasSubstr("ncoded for a screen")));
   EXPECT_THAT(printed.errors, HasSubstr("encoded for a screen"));
   const std::string file = folder_.path("wax.mtlx");
   ASSERT_EQ(predict({"--format", "openpbr", "-o", file, "--material-name", "wax"}).exit_code, 0);

@@ -123,8 +123,16 @@ TEST_F(ReportTest, MarksTheBestNetworkOfAColumnOfErrors) {
   EXPECT_THAT(text, HasSubstr("## Errors & more"));
   EXPECT_THAT(text, HasSubstr("| ITN+naive | **3.0** (2.5-3.5) | 3.0 |"));
   // Not what is no network, nor where less is not better.
-  EXPECT_EQ(count(text, "**"), 2U);
+  EXPECT_EQ(count(text, " **"), 1U);
   EXPECT_THAT(text, HasSubstr("Published: Che et al."));
+  EXPECT_THAT(text, HasSubstr("**These numbers mean nothing**"));  // of 8 steps
+}
+
+TEST_F(ReportTest, MarksNoneWhereIntervalsOverlap) {
+  tables_[0].rows[1].cells = cells(3.4, 5);
+  EXPECT_THAT(page(), HasSubstr("| ITN+naive | 3.0 (2.5-3.5) | 3.0 |"));
+  tables_[0].rows[2].cells[0] = Cell{3, 3, 3};  // of one shape
+  EXPECT_THAT(page(), HasSubstr("| 3.0 (-) | 3.0 |"));
 }
 
 TEST_F(ReportTest, ShowsTruthAndNetworksInBothScenesAndInColour) {

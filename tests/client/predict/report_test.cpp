@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "client/predict/answer_warnings.h"
+#include "client/predict/exported.h"
 #include "tests/client/predict/decoded_png.h"
 
 namespace itn {
@@ -266,6 +268,16 @@ TEST(Report, HasTheMaterialsOfAllRenderers) {
   }
   EXPECT_EQ(matches(page, "(<pre>[^<])").size(), export_formats().size());
   EXPECT_THAT(page, HasSubstr("&lt;medium"));
+}
+
+TEST(Exported, HasIntervalsAndWhatLimitsTheAnswerInItsComment) {
+  v1::Prediction answer = prediction({"Y"});
+  answer.mutable_channels(0)->mutable_caveats()->add_warnings()->set_text("too dark");
+  EXPECT_THAT(
+      exported(answer, export_format("pbrt"), {}),
+      ::testing::AllOf(HasSubstr("# Y: 90 % intervals: sigma_t 10 to 100 1/mm, albedo 0.250 to "
+                                 "0.750, g -0.500 to 0.000\n"),
+                       HasSubstr("# Too dark.\n")));
 }
 
 }  // namespace

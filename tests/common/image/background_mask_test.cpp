@@ -156,6 +156,27 @@ const std::vector<Scene> kScenes{
 
 class BackgroundMaskTest : public ::testing::TestWithParam<Scene> {};
 
+// A shadow beside it, lit by the sky: darker than the ground, and a little bluer.
+TEST(BackgroundMask, LeavesOutShadowsOfAColouredObject) {
+  Picture picture = ball({.name = "shadow",
+                          .width = 300,
+                          .height = 300,
+                          .object = {.8F, .55F, .25F},
+                          .background = {.7F, .7F, .7F},
+                          .noise = 0.05F});
+  for (int y = 0; y < picture.height; ++y) {
+    for (int x = 0; x < picture.width; ++x) {
+      const size_t p = static_cast<size_t>(y) * picture.width + x;
+      const double u = (x - 215) / 55.0, v = (y - 230) / 30.0;
+      if (picture.mask[p] > 0 || u * u + v * v > 1) continue;
+      for (size_t c = 0; c < 3; ++c) {
+        picture.pixels[3 * p + c] *= std::array{0.40F, 0.43F, 0.48F}[c];
+      }
+    }
+  }
+  EXPECT_GT(intersection_over_union(mask_of(picture), picture.mask), 0.95);
+}
+
 TEST_P(BackgroundMaskTest, FindsTheBall) {
   const Picture picture = ball(GetParam());
   const std::vector<float> mask = mask_of(picture);
