@@ -218,6 +218,7 @@ DatasetPlan plan_of(const DatasetOptions& options, const CLI::App& command,
     refused->Assign(messages.begin(), messages.end());
   };
   refuse(shapes.refused, summary.mutable_refused_shapes());
+  for (const std::string& message : shapes.alike) spdlog::warn("{}", message);
   refuse(panoramas.refused, summary.mutable_refused_panoramas());
   return plan_dataset(config, shapes.shapes, panoramas.panoramas);
 }

@@ -33,6 +33,7 @@
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_file.h"
+#include "server/render/mesh_builder.h"
 
 namespace itn {
 namespace {
@@ -189,10 +190,13 @@ void add_channels(const v1::RenderGradReply& reply, const RenderFlags& options, 
   image.channels["Y"] = mean_radiance(reply, options.spp);
   const std::vector<std::string> derivatives = in_order_of_reply(options.derivatives);
   for (size_t d = 0; d < derivatives.size(); ++d) {
-    image.channels[derivatives[d] + ".Y"] =
-        mean_of_estimates(reply, options.spp, [d](const v1::Estimate& e) -> const std::string& {
-          return e.derivatives(static_cast<int>(d));
-        });
+    const auto derivative = [d](const v1::Estimate& e) -> const std::string& {
+      return e.derivatives(static_cast<int>(d));
+    };
+    image.channels[derivatives[d] + ".Y"] = mean_of_estimates(reply, options.spp, derivative);
+    if (reply.estimates_size() == 1) continue;
+    image.channels["stderr." + derivatives[d] + ".Y"] =
+        standard_error_of_estimates(reply, derivative);
   }
   image.channels["mask.Y"] = from_bytes<float>(reply.mask());
   image.channels["stderr.Y"] = from_bytes<float>(reply.standard_error());
@@ -252,6 +256,28 @@ double coverage(const Image& image) {
   return std::accumulate(mask.begin(), mask.end(), 0.0) / static_cast<double>(mask.size());
 }
 
+// What of the object is outside of the film is not in the image.
+bool leaves_film(const Image& image) {
+  const std::vector<float>& mask = image.channel("mask.Y");
+  for (int y = 0; y < image.height; ++y) {
+    const bool whole_row = y == 0 || y == image.height - 1;
+    for (int x = 0; x < image.width; x += whole_row ? 1 : std::max(1, image.width - 1)) {
+      if (mask[static_cast<size_t>(y) * image.width + x] > 0) return true;
+    }
+  }
+  return false;
+}
+
+// As it lies in the scene, in mm.
+std::string size_of_object(const RenderJob& job) {
+  v1::Scene scene;
+  scene.ParseFromString(job.scene->bytes);
+  const Bounds box =
+      bounds(MeshBuilder(UINT64_MAX).build("scene.object.mesh", scene.object().mesh()));
+  const Vec3f size = box.max - box.min;
+  return fmt::format("{:.3g} x {:.3g} x {:.3g} mm", size.x, size.y, size.z);
+}
+
 void warn_small_object(const Image& image) {
   constexpr double kTiny = 1e-3;
   const double covered = coverage(image);
@@ -300,13 +326,16 @@ void print_json(const v1::RenderGradReply& reply, const RenderFlags& options, co
   print_result("{}\n", to_json(result));
 }
 
-void print_text(const v1::RenderGradReply& reply, const RenderFlags& options, const Image& image,
-                double seconds) {
+void print_text(const v1::RenderGradReply& reply, const RenderFlags& options, const RenderJob& job,
+                const Image& image, double seconds) {
   const v1::Counters& counters = reply.counters();
-  std::string text = fmt::format("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n",
-                                 name_of_output(options.output), reply.width(), reply.height(),
-                                 options.spp, seconds) +
-                     fmt::format("mean radiance on the object: {:.6g}\n", mean_over_object(image));
+  std::string text =
+      fmt::format("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n",
+                  name_of_output(options.output), reply.width(), reply.height(), options.spp,
+                  seconds) +
+      fmt::format("object: {}, {:.2g} % of the film{}\n", size_of_object(job),
+                  100 * coverage(image), leaves_film(image) ? ", cut by its edge" : "") +
+      fmt::format("mean radiance on the object: {:.6g}\n", mean_over_object(image));
   if (counters.invalid_samples() > 0 || counters.leaks() > 0) {
     text += fmt::format("dropped: {} invalid samples, {} leaks of {} paths\n",
                         counters.invalid_samples(), counters.leaks(), counters.paths());
@@ -326,7 +355,7 @@ void run(const RenderFlags& options) {
   if (!options.png.empty()) write_preview(options.png, image);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   options.json ? print_json(reply, options, image, elapsed.count())
-               : print_text(reply, options, image, elapsed.count());
+               : print_text(reply, options, job, image, elapsed.count());
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #include "client/dataset/shape_set.h"
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <utility>
 
@@ -35,6 +36,28 @@ Mesh load_shape(const fs::path& file, bool repair, bool say) {
   return normalized(mesh);
 }
 
+// What a shape keeps when it is turned, scaled or mirrored.
+struct Invariants {
+  size_t triangles;
+  double roundness;  // the cube of the area over the square of the volume
+
+  bool operator==(const Invariants& other) const {
+    constexpr double kRounding = 1e-4;
+    return triangles == other.triangles &&
+           std::abs(roundness - other.roundness) < kRounding * roundness;
+  }
+};
+
+Invariants invariants_of(const Mesh& mesh) {
+  double area = 0;
+  for (const auto& [a, b, c] : mesh.triangles) {
+    const Vec3d p(mesh.vertices[a]), q(mesh.vertices[b]), r(mesh.vertices[c]);
+    area += length(cross(q - p, r - p)) / 2;
+  }
+  const double volume = signed_volume(mesh);
+  return {mesh.triangles.size(), area * area * area / (volume * volume)};
+}
+
 // The bytes of its file in a dataset.
 std::string serialized(const Mesh& mesh) {
   v1::Mesh proto;
@@ -47,11 +70,6 @@ Shape described(std::string name, const std::string& bytes, std::function<std::s
 }
 
 }  // namespace
-
-Shape describe_shape(std::string name, std::function<Mesh()> load) {
-  const std::string bytes = serialized(load());
-  return described(std::move(name), bytes, [load = std::move(load)] { return serialized(load()); });
-}
 
 Shape describe_shape(std::string name, const Mesh& mesh) {
   const auto bytes = std::make_shared<const std::string>(serialized(mesh));
@@ -71,12 +89,21 @@ ShapeSet builtin_shape_set(std::span<const std::string> names) {
 
 ShapeSet load_shape_set(const fs::path& folder, bool repair) {
   ShapeSet set;
+  std::vector<Invariants> invariants;  // by shape
   for (const fs::path& file : files_with({".ply", ".obj", ".stl"}, folder)) {
     try {
-      const auto load = [file, repair, first = true]() mutable {
-        return load_shape(file, repair, std::exchange(first, false));
-      };
-      set.shapes.push_back(describe_shape(file.stem().string(), load));
+      const Mesh mesh = load_shape(file, repair, true);
+      const Invariants own = invariants_of(mesh);
+      if (const auto same = std::ranges::find(invariants, own); same != invariants.end()) {
+        set.alike.push_back(fmt::format(
+            "{} is the shape of {} again, as it is, turned, scaled or mirrored: a test that has "
+            "one "
+            "of them while training has the other is too easy",
+            file.string(), set.shapes[static_cast<size_t>(same - invariants.begin())].name));
+      }
+      invariants.push_back(own);
+      const auto load = [file, repair] { return serialized(load_shape(file, repair, false)); };
+      set.shapes.push_back(described(file.stem().string(), serialized(mesh), load));
     } catch (const Error& error) {
       set.refused.emplace_back(error.what());
     }

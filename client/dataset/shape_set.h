@@ -21,15 +21,13 @@ struct Shape {
   std::function<std::string()> to_file;
 };
 
-// Loads the mesh once to look at it, and again for its file. Throws what `load` throws.
-Shape describe_shape(std::string name, std::function<Mesh()> load);
-
 // Keeps the bytes of the file.
 Shape describe_shape(std::string name, const Mesh& mesh);
 
 struct ShapeSet {
   std::vector<Shape> shapes;         // in the order of their names
   std::vector<std::string> refused;  // one message for each file that cannot be used
+  std::vector<std::string> alike;    // one message for each file that repeats another's shape
 };
 
 // All of them, or those of these names. Throws Error (invalid input) that lists the names there
@@ -37,8 +35,9 @@ struct ShapeSet {
 ShapeSet builtin_shape_set(std::span<const std::string> names = {});
 
 // The PLY, OBJ and STL files in a folder (not its subfolders), normalised. Throws Error: kIo (no
-// such folder), kInvalidInput (none of them can be used: says why for each). With `repair`, those
-// that are nearly closed are closed (mesh_repair.h), and what was changed is logged.
+// such folder), kInvalidInput (none of them can be used: says why for each). A shape that is
+// another one, turned, scaled or mirrored, is used, and told. With `repair`, those that are nearly
+// closed are closed (mesh_repair.h), and what was changed is logged.
 ShapeSet load_shape_set(const std::filesystem::path& folder, bool repair = false);
 
 // The first of an endless family (random_shape.h). None is built before its file is asked for.

@@ -1,6 +1,8 @@
 // What the estimates of a render are together, and what they are called in files.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -31,6 +33,27 @@ std::vector<float> mean_of_estimates(const v1::RenderGradReply& reply, uint32_t 
 inline std::vector<float> mean_radiance(const v1::RenderGradReply& reply, uint32_t spp) {
   return mean_of_estimates(
       reply, spp, [](const v1::Estimate& e) -> const std::string& { return e.radiance(); });
+}
+
+// Of that mean, by how far the estimates are apart: of K estimates with K - 1 degrees of freedom.
+// There must be two at least.
+std::vector<float> standard_error_of_estimates(const v1::RenderGradReply& reply,
+                                               const auto& image_of) {
+  const int count = reply.estimates_size();
+  std::vector<double> sum(size_t{reply.width()} * reply.height()), squares(sum.size());
+  for (const v1::Estimate& estimate : reply.estimates()) {
+    const std::vector<float> image = from_bytes<float>(image_of(estimate));
+    for (size_t i = 0; i < sum.size(); ++i) {
+      sum[i] += image[i];
+      squares[i] += static_cast<double>(image[i]) * image[i];
+    }
+  }
+  std::vector<float> result;
+  for (size_t i = 0; i < sum.size(); ++i) {
+    const double deviations = std::max(0.0, squares[i] - sum[i] * sum[i] / count);
+    result.push_back(static_cast<float>(std::sqrt(deviations / (count - 1.0) / count)));
+  }
+  return result;
 }
 
 // The channel of estimate k of a derivative image, e.g. "estimate0.sigma_t.Y".

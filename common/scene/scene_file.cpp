@@ -52,6 +52,17 @@ Mesh load_closed_mesh(const fs::path& path) {
   return mesh;
 }
 
+float mm_per(v1::LengthUnit unit) {
+  switch (unit) {
+    case v1::MM: return 1;
+    case v1::CM: return 10;
+    case v1::M: return 1000;
+    case v1::INCH: return 25.4F;
+    default:
+      throw invalid_input(fmt::format("a mesh has the unknown unit {}", static_cast<int>(unit)));
+  }
+}
+
 enum class Role { kObject, kSurface };  // which need not be closed
 
 void resolve(v1::Mesh& mesh, Role role, const fs::path& folder) {
@@ -60,10 +71,17 @@ void resolve(v1::Mesh& mesh, Role role, const fs::path& folder) {
     const auto load = mesh.repair()           ? load_repaired_mesh
                       : role == Role::kObject ? load_closed_mesh
                                               : load_mesh;
-    set_triangles(mesh, load(path));
+    Mesh loaded = load(path);
+    if (mesh.unit() != v1::MM) {
+      for (Vec3f& vertex : loaded.vertices) vertex = vertex * mm_per(mesh.unit());
+    }
+    set_triangles(mesh, loaded);
     mesh.clear_repair();
+    mesh.clear_unit();
   } else if (mesh.repair()) {
     throw invalid_input("repair is set for a mesh without a path; only files are repaired");
+  } else if (mesh.unit() != v1::MM) {
+    throw invalid_input("unit is set for a mesh without a path; built-in shapes are in mm");
   } else if (mesh.has_builtin()) {
     check_shape_name(mesh.builtin());  // the worker builds it
   }

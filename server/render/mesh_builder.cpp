@@ -204,6 +204,10 @@ Mesh MeshBuilder::own_coordinates(const std::string& field, const v1::Mesh& prot
 }
 
 Mesh MeshBuilder::source(const std::string& field, const v1::Mesh& proto) {
+  if (proto.unit() != v1::MM) {
+    throw invalid_input(fmt::format(
+        "{}.unit is set; a worker takes millimetres alone: send the triangles in mm", field));
+  }
   if (proto.repair()) {
     throw invalid_input(fmt::format(
         "{}.repair is set; a worker repairs nothing: send the repaired triangles", field));

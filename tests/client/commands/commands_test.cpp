@@ -61,7 +61,8 @@ TEST(RenderCommand, WritesLayersAndHeader) {
               ElementsAre(Key("Y"), Key("estimate0.Y"), Key("estimate0.g.Y"),
                           Key("estimate0.sigma_s_reduced.Y"), Key("estimate1.Y"),
                           Key("estimate1.g.Y"), Key("estimate1.sigma_s_reduced.Y"), Key("g.Y"),
-                          Key("mask.Y"), Key("sigma_s_reduced.Y"), Key("stderr.Y")));
+                          Key("mask.Y"), Key("sigma_s_reduced.Y"), Key("stderr.Y"),
+                          Key("stderr.g.Y"), Key("stderr.sigma_s_reduced.Y")));
   EXPECT_EQ(image.attributes.at("itn.sigma_t"), Attribute(5.0));
   EXPECT_EQ(image.attributes.at("itn.albedo"), Attribute(0.9));
   EXPECT_EQ(image.attributes.at("itn.g"), Attribute(0.3));
@@ -77,6 +78,9 @@ TEST(RenderCommand, WritesLayersAndHeader) {
     const float expected =
         (5 * image.channel("estimate0.Y")[i] + 4 * image.channel("estimate1.Y")[i]) / 9;
     EXPECT_NEAR(mean[i], expected, 1e-6F * expected);
+    const float distance =
+        std::abs(image.channel("estimate0.g.Y")[i] - image.channel("estimate1.g.Y")[i]);
+    EXPECT_NEAR(image.channel("stderr.g.Y")[i], distance / 2, 1e-4F * distance + 1e-6F);
   }
 }
 

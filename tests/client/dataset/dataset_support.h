@@ -20,8 +20,7 @@ namespace itn {
 inline std::vector<Shape> few_shapes() {
   std::vector<Shape> shapes;
   for (const ShapeInfo& info : builtin_shapes().first(5)) {
-    shapes.push_back(
-        describe_shape(std::string(info.name), [name = info.name] { return make_shape(name); }));
+    shapes.push_back(describe_shape(std::string(info.name), make_shape(info.name)));
   }
   return shapes;
 }

@@ -11,6 +11,7 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 double thread_cpu_seconds() {
@@ -90,6 +91,12 @@ TEST_F(DatasetFolder, LoadsWhatItCanOfAFolderOfMeshes) {
   std::ofstream(folder_ / "open.obj") << std::string(tetrahedron).substr(0, 56);
   EXPECT_EQ(load_shape_set(folder_).shapes.size(), 1);
   EXPECT_EQ(load_shape_set(folder_, true).shapes.size(), 2);
+  // Mirrored and larger, so that its triangles turn round.
+  std::ofstream(folder_ / "mirrored.obj")
+      << "v 0 0 0\nv -3 0 0\nv 0 3 0\nv 0 0 3\nf 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n";
+  EXPECT_THAT(load_shape_set(folder_).alike,
+              ::testing::ElementsAre(AllOf(HasSubstr("mirrored.obj"), HasSubstr("shape of good"))));
+  fs::remove(folder_ / "mirrored.obj");
   fs::remove(folder_ / "good.obj");
   expect_error(ErrorKind::kInvalidInput, "can be used", [&] { load_shape_set(folder_); });
   fs::remove(folder_ / "open.obj");

@@ -46,7 +46,7 @@ TEST(Evaluation, RerendersTheSamePixels) {
   config.set_count(4);
   std::vector<Shape> shapes;
   for (const char* name : {"cube", "torus", "sphere"}) {
-    shapes.push_back(describe_shape(name, [name] { return make_shape(name); }));
+    shapes.push_back(describe_shape(name, make_shape(name)));
   }
   RenderPool pool({});
   render_dataset(plan_dataset(config, shapes), folder, pool, [](const DatasetProgress&) {});

@@ -68,8 +68,7 @@ void render(const v1::DatasetConfig& config, const std::filesystem::path& folder
             RenderPool& pool) {
   std::vector<Shape> shapes;
   for (const ShapeInfo& info : builtin_shapes()) {
-    shapes.push_back(
-        describe_shape(std::string(info.name), [name = info.name] { return make_shape(name); }));
+    shapes.push_back(describe_shape(std::string(info.name), make_shape(info.name)));
   }
   render_dataset(plan_dataset(config, shapes), folder, pool, [](const DatasetProgress&) {});
 }

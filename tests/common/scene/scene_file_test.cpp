@@ -12,6 +12,7 @@
 #include "common/error.h"
 #include "common/image/image.h"
 #include "common/logging.h"
+#include "common/rpc/wire_array.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_folder.h"
 
@@ -94,6 +95,14 @@ TEST(SceneFile, RepairsMeshesWhereAsked) {
   EXPECT_EQ(closed.object().mesh().triangles().indices().size(), 4U * 12);
   EXPECT_FALSE(closed.object().mesh().repair());  // a worker need not know
   EXPECT_THROW(load("builtin: \"cube\" repair: true"), Error);
+  // In centimetres.
+  const v1::Scene large = load("path: \"open.obj\" repair: true unit: CM");
+  const auto in_mm = from_bytes<float>(closed.object().mesh().triangles().positions()),
+             from_cm = from_bytes<float>(large.object().mesh().triangles().positions());
+  ASSERT_EQ(in_mm.size(), from_cm.size());
+  for (size_t i = 0; i < in_mm.size(); ++i) EXPECT_EQ(from_cm[i], 10 * in_mm[i]);
+  EXPECT_EQ(large.object().mesh().unit(), v1::MM);
+  EXPECT_THROW(load("builtin: \"cube\" unit: CM"), Error);
 }
 
 TEST(SceneFile, PutsPixelsInThePlaceOfPanoramas) {

@@ -75,6 +75,7 @@ const BadScene kBadScenes[] = {
        camera->GetReflection()->MutableUnknownFields(camera)->AddVarint(77, 1);
      },
      "scene.camera has a field with the unknown number 77"},
+    {"MeshUnit", [](auto& s) { mesh(s).set_unit(v1::CM); }, "millimetres alone"},
     {"MeshRepair", [](auto& s) { mesh(s).set_repair(true); }, "a worker repairs nothing"},
     {"MeshPath", [](auto& s) { mesh(s).set_path("/etc/passwd"); }, "a worker opens no files"},
     {"OnlyRepeatedVertices",
