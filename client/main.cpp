@@ -23,28 +23,11 @@
 namespace itn {
 namespace {
 
-// Commands that are in itn-learn alone; it knows their flags.
-struct LearningCommand {
-  const char* name;
-  const char* description;
-};
-constexpr LearningCommand kLearningCommands[] = {
-    {"predict", "Optical parameters of the object in a photograph, or in many"},
-    {"refine", "Refine a material until renders of a known scene are like the image"},
-    {"train", "Train a network with a dataset"},
-    {"evaluate", "Errors of trained networks on a dataset, beside the constant predictor"},
-    {"experiment", "The networks and tables of Che et al. 2020, and a report"},
-    {"export", "Write a trained model as a file for prediction"},
-    {"merge", "Photographs of a scene at several exposures, from a tripod, as one linear EXR"},
-    {"completion", "Print a script that completes commands and flags in a shell"},
-};
-
 bool is_learning_command(std::span<char*> arguments) {
   const auto name = std::ranges::find_if(arguments, [](const char* a) { return a[0] != '-'; });
   return name != arguments.end() &&
-         std::ranges::any_of(kLearningCommands, [&](const LearningCommand& c) {
-           return std::string(*name) == c.name;
-         });
+         std::ranges::any_of(kLearningCommands,
+                             [&](const LearningCommand& c) { return c.name == *name; });
 }
 
 // Runs itn-learn, which lies in the folder of this program, with the arguments of this process in
@@ -78,7 +61,7 @@ void add_commands(CLI::App& app) {
   add_dataset_command(app);
   add_models_command(app);
   for (const LearningCommand& command : kLearningCommands) {
-    app.add_subcommand(command.name, command.description);  // for --help and suggestions
+    add_learning_command(app, command.name);  // for --help and suggestions
   }
 }
 

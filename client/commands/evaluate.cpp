@@ -252,7 +252,9 @@ void run(const EvaluateOptions& options) {
   if (!options.picture.empty()) check_writable(options.picture);
   set_torch_threads(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
   DatasetReader dataset(options.dataset);
-  const v1::Split split = options.split == "train" ? v1::SPLIT_TRAIN : v1::SPLIT_TEST;
+  const v1::Split split = options.split == "train"        ? v1::SPLIT_TRAIN
+                          : options.split == "validation" ? v1::SPLIT_VALIDATION
+                                                          : v1::SPLIT_TEST;
   const LabelledImages images = images_of(dataset, split);
   const std::vector<Contender> candidates =
       candidates_of(options, images, dataset.manifest().config().materials());
@@ -283,15 +285,14 @@ void run(const EvaluateOptions& options) {
 
 void add_evaluate_command(CLI::App& app) {
   const auto options = std::make_shared<EvaluateOptions>();
-  CLI::App* command = app.add_subcommand(
-      "evaluate", "Errors of trained networks on a dataset, beside the constant predictor");
+  CLI::App* command = add_learning_command(app, "evaluate");
   command
       ->add_option("checkpoints", options->checkpoints,
                    "Checkpoints, folders of runs, or models that itn models lists")
       ->required();
   command->add_option("--dataset", options->dataset, "Folder that itn dataset wrote")->required();
   command->add_option("--split", options->split, "Images to evaluate on")
-      ->check(one_of({"test", "train"}))
+      ->check(one_of({"test", "validation", "train"}))
       ->capture_default_str();
   command
       ->add_option("--rerender", options->rerender,

@@ -123,10 +123,7 @@ void run(const ExperimentOptions& options) {
 
 void add_experiment_command(CLI::App& app) {
   const auto options = std::make_shared<ExperimentOptions>();
-  CLI::App* command = app.add_subcommand(
-      "experiment",
-      "The networks and tables of Che et al. 2020: dataset, training, comparison, report; the same "
-      "command continues what was stopped");
+  CLI::App* command = add_learning_command(app, "experiment");
   CLI::Option* file = command->add_option(
       "file", options->file, "Experiment file (protobuf text format of itn.v1.Experiment)");
   std::string presets;

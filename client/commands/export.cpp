@@ -95,8 +95,7 @@ void run(const ExportCommand& options) {
 
 void add_export_command(CLI::App& app) {
   const auto options = std::make_shared<ExportCommand>();
-  CLI::App* command = app.add_subcommand(
-      "export", "Write a trained model as a file for prediction, without what training needs");
+  CLI::App* command = add_learning_command(app, "export");
   command
       ->add_option(
           "checkpoint", options->checkpoint,

@@ -199,8 +199,7 @@ void run(const MergeOptions& options) {
 
 void add_merge_command(CLI::App& app) {
   const auto options = std::make_shared<MergeOptions>();
-  CLI::App* command = app.add_subcommand(
-      "merge", "Photographs of a scene at several exposures, from a tripod, as one linear EXR");
+  CLI::App* command = add_learning_command(app, "merge");
   command
       ->add_option("photographs", options->photographs,
                    "Two or more, of one size: JPEG, PNG, TIFF, HEIC, WebP; or linear: OpenEXR, "

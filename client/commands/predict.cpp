@@ -496,8 +496,7 @@ void add_output_flags(CLI::App& command, PredictOptions& options) {
 
 void add_predict_command(CLI::App& app) {
   const auto options = std::make_shared<PredictOptions>();
-  CLI::App* command =
-      app.add_subcommand("predict", "Optical parameters of the object in a photograph, or in many");
+  CLI::App* command = add_learning_command(app, "predict");
   command
       ->add_option("image", options->images,
                    "Photograph: EXR or Radiance HDR of linear radiance; PNG, JPEG, TIFF, HEIC or "

@@ -355,8 +355,7 @@ void add_flags(CLI::App& command, RefineOptions& options) {
 
 void add_refine_command(CLI::App& app) {
   const auto options = std::make_shared<RefineOptions>();
-  CLI::App* command = app.add_subcommand(
-      "refine", "Refine a material until renders of a known scene are like the image");
+  CLI::App* command = add_learning_command(app, "refine");
   add_flags(*command, *options);
   add_worker_flags(*command, options->workers);
   command->callback([options] { run(*options); });

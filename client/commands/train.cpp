@@ -481,8 +481,7 @@ void run(const TrainOptions& given, const CLI::App& command) {
 
 void add_train_command(CLI::App& app) {
   const auto options = std::make_shared<TrainOptions>();
-  CLI::App* command = app.add_subcommand(
-      "train", "Train a network with a dataset; the same command continues what was stopped");
+  CLI::App* command = add_learning_command(app, "train");
   command->add_option("dataset", options->dataset,
                       "Folder that itn dataset wrote; --resume knows it");
   command->add_option("-o,--output", options->folder, "Folder of the run; required to train");
@@ -510,7 +509,8 @@ void add_train_command(CLI::App& app) {
       ->check(one_of({"paper", "residual"}));
   command
       ->add_option("--base-channels", options->base_channels,
-                   "Of the first convolution; default: 16 (paper), 32 (residual)")
+                   "Of the first convolution: in [1, 64], default 16 (paper); in [4, 128], default "
+                   "32 (residual)")
       ->check(number_in(1U, 128U));
   command->add_option("--blocks", options->blocks, "Of each stage (residual)")
       ->check(number_in(1U, 4U));

@@ -174,6 +174,8 @@ def check_reference():
             kept = ROOT / "docs/reference" / file.name
             if not kept.exists() or kept.read_text() != file.read_text():
                 fault(kept, "is not what docs/generate/reference.py makes of the protos")
+            for row in re.findall(r"^\| `(\w+)` .*\|  \|$", file.read_text(), re.M):
+                fault(kept, f"{row} has no comment in its proto")
 
 
 def check_figures():

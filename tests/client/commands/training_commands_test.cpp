@@ -233,9 +233,12 @@ TEST_F(TrainingCommands, EvaluateFindsAnUnwritablePictureFirst) {
   EXPECT_THAT(finished.errors, HasSubstr("none/picture.png"));
   const Finished written =
       run({testing::kItn, "evaluate", run_folder, "--dataset", shared_->path("data"), "--spp", "1",
-           "--picture", folder_.path("picture.png")});
+           "--picture", folder_.path("picture.png"), "--split", "train", "--examples", "2"});
   EXPECT_EQ(written.exit_code, 0) << written.errors;
   EXPECT_TRUE(fs::exists(folder_.path("picture.png")));
+  EXPECT_THAT(written.output,
+              AllOf(HasSubstr("train images"), HasSubstr("images/000000.exr:  sigma_t "),
+                    HasSubstr(", truth ")));
 }
 
 // --- itn dataset ---
