@@ -40,7 +40,7 @@ def sentences(text):
     text = re.sub(r"`[^`]*`", "code", text)
     text = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", text)
     for paragraph in re.split(r"\n\s*\n|\n\s*(?:[-*]|\d+\.)\s", text):
-        for sentence in re.split(r"(?<=[.:?!;])[\s*]+", " ".join(paragraph.split())):
+        for sentence in re.split(r"(?<=[.?!])[\s*]+", " ".join(paragraph.split())):
             if sentence:
                 yield sentence
 
