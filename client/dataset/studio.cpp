@@ -16,8 +16,8 @@ constexpr double kPi = std::numbers::pi;
 
 // Pixels from top to bottom; even, so that none of them crosses the horizon.
 uint32_t height_of(const v1::Studio& studio) {
-  constexpr double kPixelsAcross = 4, kLeast = 64;
-  double height = kLeast;
+  constexpr double kPixelsAcross = 4, kMinHeight = 64;
+  double height = kMinHeight;
   for (const v1::Emitter& emitter : studio.emitters()) {
     const double shortest =
         static_cast<double>(emitter.size_degrees()) * (emitter.is_lamp() ? 1 : emitter.aspect());

@@ -104,9 +104,9 @@ Coverage coverage_of(const std::vector<float>& mask, int width, int height) {
 
 // A soft brush leaves gray where white is meant.
 void brighten(std::vector<float>& mask, const std::string& path) {
-  constexpr float kLeast = 0.1F;
+  constexpr float kMinBrightness = 0.1F;
   const float most = std::ranges::max(mask);
-  if (is_on_object(most) || most < kLeast) return;
+  if (is_on_object(most) || most < kMinBrightness) return;
   spdlog::warn("{}: its brightest value is {:.2g} of white; that is taken for the object", path,
                most);
   for (float& value : mask) value /= most;

@@ -27,9 +27,9 @@ std::optional<std::chrono::milliseconds> retry_after(const grpc::Status& status)
   v1::Busy busy;
   if (!busy.ParseFromString(status.error_details()) || !(busy.retry_after_seconds() > 0)) return {};
   // Whatever a server says: not at once, and not in days.
-  constexpr double kLeast = 0.001, kMost = 3600;
-  return std::chrono::milliseconds(
-      static_cast<int64_t>(1000 * std::clamp(busy.retry_after_seconds(), kLeast, kMost)));
+  constexpr double kMinSeconds = 0.001, kMaxSeconds = 3600;
+  return std::chrono::milliseconds(static_cast<int64_t>(
+      1000 * std::clamp(busy.retry_after_seconds(), kMinSeconds, kMaxSeconds)));
 }
 
 std::string describe(const grpc::Status& status) {

@@ -11,7 +11,7 @@ using Duration = std::chrono::steady_clock::duration;
 constexpr size_t kRemembered = 64;
 constexpr int kLateFactor = 4;
 // Renders of a millisecond are not worth a second attempt for being four times as long.
-constexpr Duration kLeast = std::chrono::milliseconds(100);
+constexpr Duration kMinTime = std::chrono::milliseconds(100);
 
 // Scenes and materials of one training differ in cost by less than that, and who shares a worker
 // with others waits in its queue for less.
@@ -28,7 +28,7 @@ void RenderTimes::add(Duration time, double samples) {
   for (const Render& render : latest_) times.push_back(render.time);
   const auto middle = times.begin() + static_cast<ptrdiff_t>(times.size() / 2);
   std::nth_element(times.begin(), middle, times.end());
-  straggler_after_ = std::max(kLeast, kLateFactor * *middle);
+  straggler_after_ = std::max(kMinTime, kLateFactor * *middle);
 }
 
 std::chrono::milliseconds RenderTimes::deadline(double samples) const {

@@ -40,26 +40,26 @@ void check_image(const char* what, const std::string& bytes, uint64_t pixels, fl
   }
 }
 
-constexpr float kMost = std::numeric_limits<float>::max();
+constexpr float kMaxValue = std::numeric_limits<float>::max();
 
 void check_images(const v1::RenderGradReply& reply, const v1::RenderGradRequest& request,
                   uint64_t pixels) {
   check_number("the number of estimates", reply.estimates_size(),
                std::max(request.estimates(), 1U));
   for (const v1::Estimate& estimate : reply.estimates()) {
-    check_image("radiance", estimate.radiance(), pixels, 0, kMost);
+    check_image("radiance", estimate.radiance(), pixels, 0, kMaxValue);
     check_number("the number of derivatives", estimate.derivatives_size(),
                  derivative_count(request));
     for (const std::string& image : estimate.derivatives()) {
-      check_image("a derivative", image, pixels, -kMost, kMost);
+      check_image("a derivative", image, pixels, -kMaxValue, kMaxValue);
     }
     check_number("the number of at_albedos", estimate.at_albedos_size(), request.albedos_size());
     for (const std::string& image : estimate.at_albedos()) {
-      check_image("radiance at an albedo", image, pixels, 0, kMost);
+      check_image("radiance at an albedo", image, pixels, 0, kMaxValue);
     }
   }
   check_image("mask", reply.mask(), pixels, 0, 1);
-  check_image("standard_error", reply.standard_error(), pixels, 0, kMost);
+  check_image("standard_error", reply.standard_error(), pixels, 0, kMaxValue);
 }
 
 void check_loss(const v1::RenderGradReply& reply, const v1::RenderGradRequest& request) {

@@ -15,7 +15,7 @@
 namespace itn {
 namespace {
 
-constexpr size_t kLeast = 16, kMost = 4096;  // characters
+constexpr size_t kMinCharacters = 16, kMaxCharacters = 4096;
 
 std::string sha256(const std::string& text) {
   std::string digest(SHA256_DIGEST_LENGTH, '\0');
@@ -32,13 +32,14 @@ std::string header_of(const std::string& token) {
 void check_token(const std::string& token, const std::string& path, int line) {
   const bool printable =
       std::ranges::all_of(token, [](unsigned char c) { return c > ' ' && c <= '~'; });
-  if (printable && token.size() >= kLeast && token.size() <= kMost) return;
-  throw invalid_input(fmt::format(
-      "the token file {}: line {} {}; \"openssl rand -hex 32\" makes a "
-      "good token",
-      path, line,
-      printable ? fmt::format("has {} characters rather than {} to {}", token.size(), kLeast, kMost)
-                : "has a space or what is not printable ASCII"));
+  if (printable && token.size() >= kMinCharacters && token.size() <= kMaxCharacters) return;
+  throw invalid_input(
+      fmt::format("the token file {}: line {} {}; \"openssl rand -hex 32\" makes a "
+                  "good token",
+                  path, line,
+                  printable ? fmt::format("has {} characters rather than {} to {}", token.size(),
+                                          kMinCharacters, kMaxCharacters)
+                            : "has a space or what is not printable ASCII"));
 }
 
 std::vector<std::string> parse_tokens(const std::string& text, const std::string& path) {

@@ -15,7 +15,7 @@
 //     for the light that it meets on the line behind such a crossing: no weight of multiple
 //     importance sampling applies there. DistantLight, which no walk meets by itself, is thus not
 //     seen through a boundary that bends.
-// A path of the second kind that crosses more than kMostCrossings times in a row, without
+// A path of the second kind that crosses more than kMaxConsecutiveCrossings times in a row, without
 // scattering or reflection by a surface in between, counts as trapped by rounding, and is dropped
 // as leaked.
 //
@@ -61,7 +61,7 @@ struct BoundarySample {
 
 class BoundaryModel {
  public:
-  static constexpr uint32_t kMostCrossings = 1000;
+  static constexpr uint32_t kMaxConsecutiveCrossings = 1000;
 
   virtual ~BoundaryModel() = default;
 

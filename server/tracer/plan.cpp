@@ -11,9 +11,6 @@ namespace {
 // Half the side of the square of pixels that are averaged.
 constexpr int kBlur = 2;
 
-// In a pixel, whatever its weight: as many as may be asked for.
-constexpr double kMostSamples = 1 << 20;
-
 // Least standard deviation that a pixel is thought to have, of the mean.
 constexpr double kMinDeviation = 0.25;
 
@@ -159,10 +156,11 @@ Plan plan_from_pilot(const Scene::Compiled& scene, const RenderRequest& request,
   Plan plan;
   for (size_t i = 0; i < pixels.size(); ++i) {
     if (shares[i] == 0) continue;
-    // Every estimate gets as many, so that all are as good.
+    // Every estimate gets as many, so that all are as good; a pixel gets what may be asked for at
+    // most.
     const double each =
         std::clamp(std::round(shares[i] * request.sample_count / request.estimates), 1.0,
-                   std::max(1.0, std::floor(kMostSamples / request.estimates)));
+                   std::max(1.0, std::floor(double{kMaxSamples} / request.estimates)));
     plan.pixels.push_back(
         {pixels[i], static_cast<uint32_t>(each) * request.estimates,
          static_cast<float>(options.tuning.control_variate * mean[pilot.index_of(pixels[i])]), 0});

@@ -173,7 +173,7 @@ class Walk {
   void cross(const RayResult& ray) {
     const Uniforms u = sampler_.uniforms(vertex_, Sampler::kBoundary);
     const BoundarySample sample = switches_.boundary->sample(ray.crossing, u);
-    if (++crossings_ > BoundaryModel::kMostCrossings) {
+    if (++crossings_ > BoundaryModel::kMaxConsecutiveCrossings) {
       result_.leaked = true;
       return;
     }

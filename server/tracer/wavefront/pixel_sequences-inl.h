@@ -25,14 +25,14 @@ namespace itn::tracer::HWY_NAMESPACE {
 // sequences of their own.
 class PixelSequences {
  public:
-  static constexpr size_t kMost = 128;                     // samples at a time
-  using Points = std::array<std::array<float, kMost>, 3>;  // by coordinate
+  static constexpr size_t kMaxSamples = 128;                     // samples at a time
+  using Points = std::array<std::array<float, kMaxSamples>, 3>;  // by coordinate
 
   PixelSequences(uint64_t seed, uint32_t estimates) : seed_(seed), estimates_(estimates) {}
 
   void draw(std::span<const PathSample> samples, Points& points) {
-    std::array<std::array<uint32_t, 3>, kMost> exact;
-    std::array<std::array<uint32_t, kMost>, 3> scrambles;
+    std::array<std::array<uint32_t, 3>, kMaxSamples> exact;
+    std::array<std::array<uint32_t, kMaxSamples>, 3> scrambles;
     for (size_t i = 0; i < samples.size(); ++i) {
       const Sequence& sequence = sequence_of(samples[i]);
       exact[i] = sobol_point(samples[i].sample / estimates_);

@@ -78,8 +78,8 @@ class PathSource {
   WorkQueue& queue_;
   // Paths that have not begun, with the random numbers of film position and first flight.
   PixelSequences sequences_;
-  std::array<PathSample, PixelSequences::kMost> samples_;
-  std::array<CameraRay, PixelSequences::kMost> camera_rays_;
+  std::array<PathSample, PixelSequences::kMaxSamples> samples_;
+  std::array<CameraRay, PixelSequences::kMaxSamples> camera_rays_;
   PixelSequences::Points film_points_;
   size_t count_ = 0, next_ = 0;
 };

@@ -28,7 +28,7 @@ void cross(Wavefront<AtBoundary>& wave, size_t slot) {
                                       .triangle = crossings.triangle[slot],
                                       .leaving = inside},
                                      sampler.uniforms(paths.vertex[slot], Sampler::kBoundary));
-  if (++paths.crossings[slot] > BoundaryModel::kMostCrossings) {
+  if (++paths.crossings[slot] > BoundaryModel::kMaxConsecutiveCrossings) {
     paths.leaked[slot] = 1;
     return;
   }

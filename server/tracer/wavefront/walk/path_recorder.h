@@ -27,7 +27,7 @@ class PathRecorder {
 
   const Paths& paths_;
   FilmWriter& film_;
-  PathEstimate estimate_;                       // of the path that is delivered
+  PathEstimate estimate_;                       // of the path that is recorded
   std::vector<DerivativeColumns> derivatives_;  // in the order of the request
 };
 
