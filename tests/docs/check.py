@@ -2,11 +2,12 @@
 """What README.md and docs/ say is so. Exit code 1 with a line for each thing that is not.
 
   check.py words          lengths, sentences, flags, paths, links and anchors of all pages
-  check.py run PAGE       runs the page's fences `sh run`, in one shell; 77: there are no network namespaces
+  check.py run PAGE       runs the page's fences `sh run`, in one shell; 77: there are no network namespaces,
+                          or what draws pictures is missing
   check.py nightly PAGE   those of `sh run` and `sh nightly`
 
-A fence says what it is: sh run, sh nightly, sh show (needs root, or a cluster), textproto scene or dataset, output, text (of
-other programs)."""
+A fence says what it is: sh run, sh nightly, sh show (needs root, or a cluster), textproto scene or dataset, output,
+text (of other programs)."""
 import os
 import pathlib
 import re
@@ -195,6 +196,10 @@ def run(page, kinds):
     script = "".join(text for kind, text in fences(page) if kind in kinds)
     if not script:
         sys.exit(f"{page} has no fence to run")
+    if "picture.py" in script and subprocess.run(["/usr/bin/python3", "-c", "import OpenImageIO"],
+                                                 capture_output=True).returncode != 0:
+        print("SKIPPED: pictures need python3-openimageio")
+        sys.exit(77)
     alone = ["unshare", "--map-root-user", "--net", "--pid", "--fork", "--kill-child"]
     if subprocess.run([*alone, "true"], capture_output=True).returncode != 0:
         print("SKIPPED: no network namespaces here")
