@@ -73,7 +73,7 @@ std::vector<Contender> candidates_of(const EvaluateOptions& options, const Label
   for (const std::string& checkpoint : options.checkpoints) {
     Predictor predictor = Predictor::load(find_model(checkpoint));
     for (const double noise : noise_levels(options, predictor.model())) {
-      const std::vector<MaterialEstimate> estimates =
+      std::vector<MaterialEstimate> estimates =
           estimate_all(predictor, images, noise, interruption());
       Contender& candidate = candidates.emplace_back();
       candidate.row.set_name(predictor.name() +
@@ -87,7 +87,7 @@ std::vector<Contender> candidates_of(const EvaluateOptions& options, const Label
       set_details(estimates, images, candidate.row);
       set_outlier_fraction(estimates, candidate.row);
       set_likelihood(predictor, estimates, images, candidate.row);
-      candidate.estimates = estimates;
+      candidate.estimates = std::move(estimates);
     }
   }
   candidates.push_back(baseline("constant predictor", constant_predictions(images), images));

@@ -244,11 +244,13 @@ v1::PredictBatchReply predictions_of(const Predict& predict, const Group& group,
   if (group.loaded.empty()) return {};
   if (!together) return predict(group.loaded, false);
   std::vector<std::string> told;
-  const std::vector<PredictInput> different = different_photographs(group.loaded, told);
+  const std::vector<size_t> different = different_photographs(group.loaded, told);
   for (const std::string& sentence : told) spdlog::warn("{}", sentence);
   if (told.empty()) return predict(group.loaded, true);
   v1::PredictBatchReply reply = predict(group.loaded, false);
-  *reply.mutable_combined() = predict(different, true).combined();
+  std::vector<PredictInput> counted;
+  for (const size_t i : different) counted.push_back(group.loaded[i]);
+  *reply.mutable_combined() = predict(counted, true).combined();
   return reply;
 }
 

@@ -140,17 +140,12 @@ Material parsed_material(const std::string& text) {
   return material;
 }
 
-double longest_side(const v1::Scene& scene) {
-  return longest_side(
-      bounds(MeshBuilder(UINT64_MAX).build("scene.object.mesh", scene.object().mesh())));
-}
-
 // What a network sees in the images; of colours what is nearest to the films'.
 Material network_guess(const RefineOptions& options, const std::vector<v1::Scene>& scenes) {
   std::vector<PredictInput> inputs;
   for (size_t i = 0; i < options.images.size(); ++i) {
     PhotographOptions photograph;
-    photograph.object_size = longest_side(scenes[i]);
+    photograph.object_size = longest_side(object_bounds(scenes[i]));
     if (!options.unknown_exposure) photograph.exposure = 1;
     inputs.push_back(load_photograph(options.images[i], photograph));
   }

@@ -272,8 +272,7 @@ bool leaves_film(const Image& image) {
 std::string size_of_object(const RenderJob& job) {
   v1::Scene scene;
   scene.ParseFromString(job.scene->bytes);
-  const Bounds box =
-      bounds(MeshBuilder(UINT64_MAX).build("scene.object.mesh", scene.object().mesh()));
+  const Bounds box = object_bounds(scene);
   const Vec3f size = box.max - box.min;
   return fmt::format("{:.3g} x {:.3g} x {:.3g} mm", size.x, size.y, size.z);
 }

@@ -46,30 +46,30 @@ double difference(const std::vector<double>& a, const std::vector<double>& b) {
 
 }  // namespace
 
-std::vector<PredictInput> different_photographs(std::span<const PredictInput> photographs,
-                                                std::vector<std::string>& told) {
-  std::vector<PredictInput> result;
+std::vector<size_t> different_photographs(std::span<const PredictInput> photographs,
+                                          std::vector<std::string>& told) {
+  std::vector<size_t> result;
   std::vector<std::vector<double>> signatures;
-  for (const PredictInput& photograph : photographs) {
-    const std::vector<double> own = signature(photograph.photograph);
-    bool is_new = true;
-    for (size_t i = 0; i < result.size() && is_new; ++i) {
-      if (result[i].photograph.pixels == photograph.photograph.pixels &&
-          result[i].photograph.mask == photograph.photograph.mask) {
+  for (size_t n = 0; n < photographs.size(); ++n) {
+    const PredictInput& own = photographs[n];
+    signatures.push_back(signature(own.photograph));
+    const auto same = std::ranges::find_if(result, [&](size_t i) {
+      const PredictInput& other = photographs[i];
+      if (other.photograph.pixels == own.photograph.pixels &&
+          other.photograph.mask == own.photograph.mask) {
         throw invalid_input(
             fmt::format("{} and {} are the same photograph: of one material, photographs in other "
                         "light or from other sides say more; the same one twice says nothing",
-                        result[i].name, photograph.name));
+                        other.name, own.name));
       }
-      if (difference(signatures[i], own) < kNearlySame) {
-        told.push_back(fmt::format("{} is nearly the same photograph as {}, and does not count",
-                                   photograph.name, result[i].name));
-        is_new = false;
-      }
+      return difference(signatures[i], signatures[n]) < kNearlySame;
+    });
+    if (same == result.end()) {
+      result.push_back(n);
+    } else {
+      told.push_back(fmt::format("{} is nearly the same photograph as {}, and does not count",
+                                 own.name, photographs[*same].name));
     }
-    if (!is_new) continue;
-    result.push_back(photograph);
-    signatures.push_back(own);
   }
   return result;
 }

@@ -28,8 +28,8 @@ enum class Outcome {
 //   DEADLINE_EXCEEDED               kLost
 //   INVALID_ARGUMENT                kInvalid
 //   UNIMPLEMENTED                   kUnreachable: it is not a render worker
-//   UNAUTHENTICATED                 kUnreachable: its token and ours differ, for a moment if one
-//   changes RESOURCE_EXHAUSTED, INTERNAL, UNKNOWN, ABORTED, DATA_LOSS and all others: kFailed
+//   UNAUTHENTICATED                 kUnreachable: its token and ours differ, or do for a moment
+//   all others                      kFailed, RESOURCE_EXHAUSTED and INTERNAL among them
 Outcome outcome_of(const grpc::Status& status);
 
 // When a busy worker wants to be asked again; nothing if it does not say.

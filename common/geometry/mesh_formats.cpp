@@ -110,10 +110,6 @@ std::string_view take_line(std::string_view& text) {
   return line;
 }
 
-std::string_view shown(std::string_view word) {
-  return word.substr(0, 64);
-}
-
 Error cut_short(const std::string& what, const std::string& reason) {
   return Error(ErrorKind::kDataLoss, fmt::format("{} was cut short: {}", what, reason));
 }

@@ -46,9 +46,6 @@ std::string_view take_word(std::string_view& text);
 // The next line of the text, without its end; the text loses it.
 std::string_view take_line(std::string_view& text);
 
-// A word for a message, of a length that fits into one.
-std::string_view shown(std::string_view word);
-
 Error cut_short(const std::string& what, const std::string& reason);
 
 }  // namespace itn

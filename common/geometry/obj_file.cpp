@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "common/geometry/mesh_formats.h"
+#include "common/printable.h"
 
 namespace itn {
 namespace {
@@ -61,8 +62,8 @@ class ObjReader {
     for (size_t i = 0; i < count; ++i) {
       const std::optional<double> number = number_in(words_[i + 1]);
       if (!number) {
-        throw wrong(line_,
-                    fmt::format("there is \"{}\" where a number should be", shown(words_[i + 1])));
+        throw wrong(line_, fmt::format("there is \"{}\" where a number should be",
+                                       printable(words_[i + 1])));
       }
       values[i] = *number;
     }
@@ -87,7 +88,7 @@ class ObjReader {
     int64_t given = 0;
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), given);
     if (error == std::errc::invalid_argument || end != word.data() + word.size()) {
-      throw wrong(line_, fmt::format("the face has the corner \"{}\"", shown(corner)));
+      throw wrong(line_, fmt::format("the face has the corner \"{}\"", printable(corner)));
     }
     if (error != std::errc() || given == 0 || given < -vertex_count() || given > kMaxIndex) {
       throw missing_vertex(line_, given);

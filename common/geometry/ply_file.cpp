@@ -12,6 +12,7 @@
 #include <type_traits>
 
 #include "common/geometry/mesh_formats.h"
+#include "common/printable.h"
 
 namespace itn {
 namespace {
@@ -232,7 +233,7 @@ class PlyReader {
       const std::optional<double> value = number_in(word);
       if (!value) {
         throw wrong(fmt::format("number {} of element \"{}\" has \"{}\" where a number should be",
-                                i, element.name, shown(word)));
+                                i, element.name, printable(word)));
       }
       return *value;
     }

@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "common/geometry/mesh_formats.h"
+#include "common/printable.h"
 
 namespace itn {
 namespace {
@@ -50,7 +51,7 @@ Mesh read_text(std::string_view content, const std::string& what) {
         const std::string_view word = take_word(line);
         const std::optional<double> value = number_in(word);
         if (!value) {
-          throw wrong(fmt::format("there is \"{}\" where a number should be", shown(word)));
+          throw wrong(fmt::format("there is \"{}\" where a number should be", printable(word)));
         }
         corners[corner_count].*axis = static_cast<float>(*value);
       }

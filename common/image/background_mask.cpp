@@ -59,16 +59,21 @@ float median(const cv::Mat& values, const cv::Mat& mask) {
   return *middle;
 }
 
+// Of radiance, and a little for black.
+cv::Mat logarithm_of(const cv::Mat& light) {
+  const double largest = cv::norm(light, cv::NORM_INF);
+  if (!(largest > 0)) throw invalid_input("the photograph is black: there is no object in it");
+  cv::Mat logarithm;
+  cv::log(light + cv::Scalar::all(1e-4 * largest), logarithm);
+  return logarithm;
+}
+
 // Tones in [0, 1) of any radiance, the mean one near the middle: v / (v + mean), as in Reinhard et
 // al., "Photographic tone reproduction for digital images", SIGGRAPH 2002. The mean is the
 // geometric one, which a highlight does not move.
 cv::Mat tones(const cv::Mat& copy) {
-  cv::Mat light = cv::max(copy, 0.0F);
-  cv::Mat logarithm;
-  const double largest = cv::norm(light, cv::NORM_INF);
-  if (!(largest > 0)) throw invalid_input("the photograph is black: there is no object in it");
-  cv::log(light + cv::Scalar::all(1e-4 * largest), logarithm);
-  const cv::Scalar mean = cv::mean(logarithm);
+  const cv::Mat light = cv::max(copy, 0.0F);
+  const cv::Scalar mean = cv::mean(logarithm_of(light));
   const double middle = std::exp((mean[0] + mean[1] + mean[2]) / 3);
   cv::Mat compressed;
   cv::divide(light, light + cv::Scalar::all(middle), compressed);
@@ -135,8 +140,7 @@ cv::Mat shadows(const cv::Mat& copy, const cv::Mat& border, const cv::Mat& diffe
   constexpr double kColoured = 0.2, kLikeBackground = 0.4;  // of log ratios; of the object's
   const cv::Mat none(copy.size(), CV_8U, cv::Scalar(0));
   if (cv::countNonZero(differs) == 0) return none;
-  cv::Mat light = cv::max(copy, 0.0F), logarithm, mean, chroma;
-  cv::log(light + cv::Scalar::all(1e-4 * cv::norm(light, cv::NORM_INF)), logarithm);
+  cv::Mat logarithm = logarithm_of(cv::max(copy, 0.0F)), mean, chroma;
   cv::medianBlur(logarithm, logarithm, 5);
   const cv::Mat ratios = without_background(logarithm, border);
   cv::transform(ratios, mean, cv::Matx13f(1 / 3.0F, 1 / 3.0F, 1 / 3.0F));

@@ -155,6 +155,10 @@ Mesh MeshBuilder::build(const std::string& field, const v1::Mesh& proto) {
   return mesh;
 }
 
+Bounds object_bounds(const v1::Scene& scene) {
+  return bounds(MeshBuilder(UINT64_MAX).build("scene.object.mesh", scene.object().mesh()));
+}
+
 void MeshBuilder::build_object(const std::string& field, const v1::Mesh& proto,
                                tracer::PartCache* parts, tracer::SceneDescription& description) {
   const int first = first_of_pose(proto);

@@ -41,4 +41,7 @@ class MeshBuilder {
   std::map<std::string, Mesh> shapes_;  // built-in ones
 };
 
+// Of the scene's object after its transforms, in mm, however many triangles it has.
+Bounds object_bounds(const v1::Scene& scene);
+
 }  // namespace itn

@@ -8,6 +8,7 @@
 
 A fence says what it is: sh run, sh nightly, sh show (needs root, or a cluster), textproto scene or dataset, output,
 text (of other programs)."""
+import functools
 import os
 import pathlib
 import re
@@ -67,11 +68,10 @@ def check_lengths():
 
 # --- Flags ---
 
-def help_of(words, known={}):
-    if words not in known:
-        result = subprocess.run([str(PROGRAMS / words[0]), *words[1:], "--help"], capture_output=True, text=True)
-        known[words] = set(re.findall(r"--[a-z][a-z0-9-]*", result.stdout)) if result.returncode == 0 else None
-    return known[words]
+@functools.cache
+def help_of(words):
+    result = subprocess.run([str(PROGRAMS / words[0]), *words[1:], "--help"], capture_output=True, text=True)
+    return set(re.findall(r"--[a-z][a-z0-9-]*", result.stdout)) if result.returncode == 0 else None
 
 
 def commands():

@@ -40,8 +40,8 @@ TEST(SamePhotograph, ABurstCountsOnce) {
   std::vector<std::string> told;
   const auto different = different_photographs(photographs, told);
   ASSERT_EQ(different.size(), 2U);
-  EXPECT_EQ(different[0].name, "a");
-  EXPECT_EQ(different[1].name, "c");
+  EXPECT_EQ(photographs[different[0]].name, "a");
+  EXPECT_EQ(photographs[different[1]].name, "c");
   EXPECT_THAT(told, ElementsAre(HasSubstr("b is nearly the same photograph as a")));
 }
 
