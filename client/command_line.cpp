@@ -160,7 +160,8 @@ int run_command_line(int argc, char** argv, const std::function<void(CLI::App&)>
     std::signal(SIGXFSZ, SIG_IGN);  // so is a size that the user's files may not have (ulimit -f)
     set_up_logging();
     log_libraries_through_spdlog();
-    CLI::App app("Optical parameters of a translucent material from a single photograph.", "itn");
+    CLI::App app("Renders translucent objects and finds the optical parameters of their material.",
+                 "itn");
     app.require_subcommand(0, 1);
     app.set_version_flag("--version", "itn " ITN_VERSION);
     add_commands(app);

@@ -45,7 +45,8 @@ std::string bash_script(const CLI::App& app) {
 }  // namespace
 
 void add_completion_command(CLI::App& app) {
-  CLI::App* command = add_learning_command(app, "completion");
+  CLI::App* command = app.add_subcommand(
+      "completion", "Print a script that completes commands and flags in a shell");
   const auto shell = std::make_shared<std::string>();
   command->add_option("shell", *shell, "bash")->required()->check(one_of({"bash"}));
   command->callback([shell, &app] { print_result(bash_script(app)); });

@@ -2,14 +2,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <memory>
 #include <optional>
 #include <string>
 #include <thread>
 #include <vector>
 
-#include "client/commands/command.h"
-#include "client/commands/options.h"
+#include "client/commands/evaluate.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
@@ -18,7 +16,6 @@
 #include "client/training/similarity_predictor.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/flags.h"
 #include "common/image/preview.h"
 #include "common/learning/model_files.h"
 #include "common/progress.h"
@@ -26,20 +23,6 @@
 
 namespace itn {
 namespace {
-
-struct EvaluateOptions {
-  std::vector<std::string> checkpoints;
-  std::string dataset;
-  std::string split = "test";
-  uint32_t rerender = 0;
-  uint32_t spp = 256;
-  std::string picture;
-  uint32_t picture_items = 2;
-  uint32_t examples = 0;
-  WorkerFlags workers;
-  bool noise_levels = false;
-  bool json = false;
-};
 
 constexpr const char* kSimilarityPredictor = "similarity predictor";
 
@@ -248,7 +231,9 @@ void print(const v1::Evaluation& evaluation) {
   }
 }
 
-void run(const EvaluateOptions& options) {
+}  // namespace
+
+void run_evaluate(const EvaluateOptions& options) {
   if (!options.picture.empty()) check_writable(options.picture);
   set_torch_threads(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
   DatasetReader dataset(options.dataset);
@@ -279,46 +264,6 @@ void run(const EvaluateOptions& options) {
     std::fflush(stdout);  // the table is there whatever becomes of the picture
     write_picture(options, images, candidates.front(), dataset, *pool);
   }
-}
-
-}  // namespace
-
-void add_evaluate_command(CLI::App& app) {
-  const auto options = std::make_shared<EvaluateOptions>();
-  CLI::App* command = add_learning_command(app, "evaluate");
-  command
-      ->add_option("checkpoints", options->checkpoints,
-                   "Checkpoints, folders of runs, or models that itn models lists")
-      ->required();
-  command->add_option("--dataset", options->dataset, "Folder that itn dataset wrote")->required();
-  command->add_option("--split", options->split, "Images to evaluate on")
-      ->check(one_of({"test", "validation", "train"}))
-      ->capture_default_str();
-  command
-      ->add_option("--rerender", options->rerender,
-                   "Images to render again with every prediction, for the image error")
-      ->check(number_in(0U, UINT32_MAX))
-      ->capture_default_str();
-  command->add_option("--spp", options->spp, "Samples per pixel of these renders")
-      ->check(kSppRange)
-      ->capture_default_str();
-  command->add_option("--picture", options->picture,
-                      "PNG to write: input, re-rendering by the first checkpoint, difference");
-  command->add_option("--picture-items", options->picture_items, "Rows of the picture")
-      ->check(number_in(1U, 100U))
-      ->capture_default_str();
-  command
-      ->add_option("--examples", options->examples,
-                   "Answers of the first checkpoint to print beside their truth")
-      ->check(number_in(0U, 1000U))
-      ->capture_default_str();
-  command->add_flag(
-      "--noise-levels", options->noise_levels,
-      "Evaluate each network also with noise added up to the level that it was trained "
-      "at (itn train --add-noise), and up to half of that");
-  add_format_flags(*command, options->json, "itn.v1.Evaluation");
-  add_worker_flags(*command, options->workers);
-  command->callback([options] { run(*options); });
 }
 
 }  // namespace itn

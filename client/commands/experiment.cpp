@@ -2,33 +2,24 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <memory>
 #include <optional>
 #include <set>
 #include <string>
 #include <thread>
 
-#include "client/commands/command.h"
-#include "client/commands/options.h"
+#include "client/commands/experiment.h"
+#include "client/experiment/presets.h"
+
 #include "client/experiment/experiment.h"
 #include "client/experiment/experiment_config.h"
 #include "client/interrupt.h"
 #include "client/output.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/flags.h"
 #include "common/progress.h"
 
 namespace itn {
 namespace {
-
-struct ExperimentOptions {
-  std::string file, preset, folder;
-  bool print_config = false;
-  bool dry_run = false;
-  int torch_threads = 0;
-  WorkerFlags workers;
-};
 
 v1::Experiment experiment_of(const ExperimentOptions& options) {
   if (options.file.empty() && options.preset.empty()) {
@@ -90,7 +81,9 @@ void print_stages(const v1::Experiment& experiment, const ExperimentOptions& opt
   }
 }
 
-void run(const ExperimentOptions& options) {
+}  // namespace
+
+void run_experiment(const ExperimentOptions& options) {
   if (options.print_config && !options.preset.empty()) {
     print_result("{}", find_experiment_preset(options.preset).file);
     return;
@@ -117,33 +110,6 @@ void run(const ExperimentOptions& options) {
   }
   print_result("The intervals are in the report, and in CSV files beside it:\n{}\n",
                result.report.string());
-}
-
-}  // namespace
-
-void add_experiment_command(CLI::App& app) {
-  const auto options = std::make_shared<ExperimentOptions>();
-  CLI::App* command = add_learning_command(app, "experiment");
-  CLI::Option* file = command->add_option(
-      "file", options->file, "Experiment file (protobuf text format of itn.v1.Experiment)");
-  std::string presets;
-  for (const ExperimentPreset& preset : experiment_presets()) {
-    presets +=
-        fmt::format("{}{} ({})", presets.empty() ? "" : ", ", preset.name, preset.description);
-  }
-  command->add_option("--preset", options->preset, "Instead: " + presets)->excludes(file);
-  command->add_option("-o,--output", options->folder,
-                      "Folder of the experiment; required to run it");
-  command->add_flag("--print-config", options->print_config, "Print the preset's file, and end");
-  command->add_flag("--dry-run", options->dry_run,
-                    "Print the stages, with -o which of them are done there, and end");
-  command
-      ->add_option("--network-threads,--torch-threads", options->torch_threads,
-                   "Threads of the networks; 0: one per processor")
-      ->check(number_in(0, 4096))
-      ->capture_default_str();
-  add_worker_flags(*command, options->workers);
-  command->callback([options] { run(*options); });
 }
 
 }  // namespace itn

@@ -3,13 +3,10 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <memory>
 #include <optional>
-#include <string>
 #include <thread>
 
-#include "client/commands/command.h"
-#include "client/commands/options.h"
+#include "client/commands/export.h"
 #include "client/dataset/dataset.h"
 #include "client/interrupt.h"
 #include "client/output.h"
@@ -18,7 +15,6 @@
 #include "client/training/training_set.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/flags.h"
 #include "common/learning/checkpoint.h"
 #include "common/learning/model_files.h"
 #include "common/learning/predictor.h"
@@ -27,14 +23,6 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
-
-struct ExportCommand {
-  std::string checkpoint;
-  std::string output;
-  std::string name, version;
-  std::string dataset;
-  std::optional<double> error_correlation;
-};
 
 // The images of a split, as the model is shown them; none if it is empty.
 class SplitImages {
@@ -58,7 +46,7 @@ class SplitImages {
 };
 
 // From the training split and, as held out, the validation split.
-void measure_on_dataset(const ExportCommand& options, v1::Model& model) {
+void measure_on_dataset(const ModelExportOptions& options, v1::Model& model) {
   DatasetReader dataset(options.dataset);
   const fs::path folder = fs::absolute(options.output).parent_path();
   const SplitImages training(dataset, v1::SPLIT_TRAIN, model, folder);
@@ -71,7 +59,9 @@ void measure_on_dataset(const ExportCommand& options, v1::Model& model) {
   }
 }
 
-void run(const ExportCommand& options) {
+}  // namespace
+
+void run_export(const ModelExportOptions& options) {
   check_writable(options.output);
   set_torch_threads(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
   v1::Checkpoint exported;
@@ -89,37 +79,6 @@ void run(const ExportCommand& options) {
       "{}: {}, {:.1f} MB{}\n", options.output, predictor.name(),
       static_cast<double>(fs::file_size(options.output)) / 1e6,
       knows ? "" : "; it does not know what the images of its training are like (--dataset)");
-}
-
-}  // namespace
-
-void add_export_command(CLI::App& app) {
-  const auto options = std::make_shared<ExportCommand>();
-  CLI::App* command = add_learning_command(app, "export");
-  command
-      ->add_option(
-          "checkpoint", options->checkpoint,
-          "Checkpoint, folder of a run (its last model; RUN/best.itn is its best), or name "
-          "of a model that itn models lists")
-      ->required();
-  command->add_option("-o,--output", options->output, "File to write")->required();
-  command->add_option("--model-name", options->name, "What answers call it; default: as before")
-      ->check(kModelName);
-  command
-      ->add_option("--model-version", options->version,
-                   "What answers say of its version, e.g. 1.2.0; default: as before")
-      ->check(kModelName);
-  command->add_option(
-      "--dataset", options->dataset,
-      "Folder of a dataset like that of the training: its training split tells the model what it "
-      "has seen, so that it will know what it has not; its validation split, of 256 images at "
-      "least, how wide its answers must be; a run does so at its end");
-  command
-      ->add_option("--error-correlation,--common-error", options->error_correlation,
-                   "Correlation of the errors in two images of one object, for itn predict "
-                   "--one-material; default: as before")
-      ->check(number_in(0.0, 1.0));
-  command->callback([options] { run(*options); });
 }
 
 }  // namespace itn

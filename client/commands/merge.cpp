@@ -4,20 +4,17 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
-#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "client/commands/command.h"
+#include "client/commands/merge.h"
 #include "client/commands/options.h"
 #include "client/interrupt.h"
 #include "client/output.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
-#include "common/flags.h"
 #include "common/image/attributes.h"
 #include "common/image/exposure_merge.h"
 #include "common/image/photograph_file.h"
@@ -27,32 +24,6 @@ namespace {
 
 // Exposures that are closer are taken for one.
 constexpr double kMinRatio = 1.1;
-
-struct MergeOptions {
-  std::vector<std::string> photographs;
-  std::string output;
-  std::vector<std::string> seconds;
-  std::string response = "estimate";
-};
-
-// Seconds of a text like 0.25 or 1/4.
-std::optional<double> parse_seconds(const std::string& text) {
-  const size_t slash = text.find('/');
-  double above = 0, below = 1;
-  const bool read =
-      CLI::detail::lexical_cast(text.substr(0, slash), above) &&
-      (slash == std::string::npos || CLI::detail::lexical_cast(text.substr(slash + 1), below));
-  const double seconds = above / below;
-  return read && above > 0 && below > 0 && std::isfinite(seconds) ? std::optional(seconds)
-                                                                  : std::nullopt;
-}
-
-const CLI::Validator kSeconds(
-    [](const std::string& text) {
-      return parse_seconds(text) ? std::string()
-                                 : text + " is not a time in seconds, as 1/60 or 0.25";
-    },
-    "", "");
 
 // What is known of a photograph before it is merged.
 struct Bracketed {
@@ -75,7 +46,7 @@ std::vector<double> relative_light(const std::vector<Bracketed>& bracket, const 
 }
 
 double seconds_of(const MergeOptions& options, const std::vector<Bracketed>& bracket, size_t i) {
-  if (!options.seconds.empty()) return *parse_seconds(options.seconds[i]);
+  if (!options.seconds.empty()) return options.seconds[i];
   if (const auto seconds = bracket[i].taken.exposure_seconds) return *seconds;
   throw invalid_input(fmt::format(
       "{} does not say for how long it was exposed: give the times of all, as --seconds 1/60,1/15",
@@ -136,7 +107,9 @@ void check_alike(const Bracketed& first, const PhotographFile& file, const std::
   }
 }
 
-void run(const MergeOptions& options) {
+}  // namespace
+
+void run_merge(const MergeOptions& options) {
   const std::vector<std::string>& names = options.photographs;
   if (names.size() < 2) {
     throw Error(ErrorKind::kUsage, "merge: name two photographs at least, of different exposures");
@@ -193,39 +166,6 @@ void run(const MergeOptions& options) {
                            options.output, bracket.size(), std::ranges::min(exposures),
                            std::ranges::max(exposures)),
                is_stdout(options.output) ? stderr : stdout);
-}
-
-}  // namespace
-
-void add_merge_command(CLI::App& app) {
-  const auto options = std::make_shared<MergeOptions>();
-  CLI::App* command = add_learning_command(app, "merge");
-  command
-      ->add_option("photographs", options->photographs,
-                   "Two or more, of one size: JPEG, PNG, TIFF, HEIC, WebP; or linear: OpenEXR, "
-                   "Radiance HDR, TIFF of floating-point numbers")
-      ->required();
-  command
-      ->add_option(
-          "-o,--output", options->output,
-          "EXR file to write: R, G, B (or Y) on a linear scale, which is the files' own (1 "
-          "is white) for an exposure of one second at the aperture and sensitivity of the "
-          "first: relative, not in W/(m^2 sr)")
-      ->required();
-  command
-      ->add_option("--seconds", options->seconds,
-                   "Exposure times, as 1/60,1/15,1/4, in the order of the photographs; default: "
-                   "from EXIF. Where f-number and ISO are in EXIF and differ, they count as well")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->check(kSeconds);
-  command
-      ->add_option("--response", options->response,
-                   "The camera's curve from light to the files' values: estimated from the "
-                   "photographs, or sRGB's; linear files have none")
-      ->check(one_of({"estimate", "srgb"}))
-      ->capture_default_str();
-  command->callback([options] { run(*options); });
 }
 
 }  // namespace itn

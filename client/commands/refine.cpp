@@ -1,20 +1,15 @@
 // itn refine: the material of an object of known shape in known light, by analysis by synthesis.
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
-#include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
-#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "client/commands/command.h"
-#include "client/commands/options.h"
+#include "client/commands/refine.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
@@ -40,21 +35,6 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
-
-struct RefineOptions {
-  std::vector<std::string> images, scenes;
-  std::string init = "network";
-  std::string model;
-  uint32_t starts = 1;
-  std::string method = "gauss-newton", weights = "noise";
-  bool unknown_exposure = false;
-  uint32_t spp = 0, max_spp = 0, max_iterations = 0;
-  double time_limit = 0, tolerance = 0.002, learning_rate = 0.05;
-  uint64_t seed = 0;
-  std::string output;
-  bool json = false;
-  WorkerFlags workers;
-};
 
 Error usage(const std::string& message) {
   return Error(ErrorKind::kUsage, message);
@@ -223,7 +203,9 @@ std::vector<Synthesis> render_fits(const Refinement& refinement,
   return synthesize(queries);
 }
 
-void run(const RefineOptions& options) {
+}  // namespace
+
+void run_refine(const RefineOptions& options) {
   const v1::RefineSettings settings = settings_of(options);
   if (options.init != "network" && options.init != "mean") parsed_material(options.init);
   std::optional<FolderLock> lock;
@@ -260,100 +242,6 @@ void run(const RefineOptions& options) {
                   render_fits(refinement, observations, synthesize), refinement.exposure());
   }
   options.json ? print_result("{}\n", to_json(result)) : print_result(to_text(result));
-}
-
-void add_flags(CLI::App& command, RefineOptions& options) {
-  command
-      .add_option(
-          "images", options.images,
-          "Images of one material, of linear radiance on the scale of their scenes' lights, "
-          "of the size of their films: EXR, or others as for itn predict. Of an EXR, mask.Y "
-          "says which pixels count (default: where the scene shows the object), and "
-          "stderr.Y how noisy they are")
-      ->required();
-  command
-      .add_option(
-          "--scene", options.scenes,
-          "Scene file (text format of itn.v1.Scene); once for all images, or once for each, "
-          "in order")
-      ->required()
-      ->allow_extra_args(false);
-  command
-      .add_option("--init", options.init,
-                  "Where to start: network (its answer to the images, which then need a mask.Y), "
-                  "mean (91,0.67,0.4), or SIGMA_T,ALBEDO,G, the first in 1/mm")
-      ->capture_default_str();
-  command.add_option("--model", options.model,
-                     "Of --init network: a checkpoint, the folder of a run, or a model that itn "
-                     "models lists; default: any");
-  command
-      .add_option("--starts", options.starts,
-                  "Starts, spread about --init; the best after four iterations of each goes on")
-      ->check(number_in(1U, 64U))
-      ->capture_default_str();
-  command
-      .add_option("--method", options.method,
-                  "gauss-newton; adam: for comparison, 150 iterations at --spp by default")
-      ->check(one_of({"gauss-newton", "adam"}))
-      ->capture_default_str();
-  command
-      .add_option("--pixel-weights,--weights", options.weights,
-                  "How pixels count: noise: by the inverse variance of their noise; map: by the "
-                  "squared weight map, near edges; none: all the same")
-      ->check(one_of({"noise", "map", "none"}))
-      ->capture_default_str();
-  command
-      .add_option_function<std::string>(
-          "--exposure",
-          [&options](const std::string& text) { options.unknown_exposure = text == "unknown"; },
-          "unknown: the images are the renders times one factor, which is found, too; default: "
-          "known")
-      ->check(one_of({"known", "unknown"}));
-  command.add_flag("--unknown-exposure", options.unknown_exposure,
-                   "The same as --exposure unknown");
-  const CLI::Validator spp_range = number_in(4U, 1U << 20);
-  command
-      .add_option("--spp", options.spp,
-                  "Samples per pixel and image of the first iteration; default 64")
-      ->check(spp_range);
-  command
-      .add_option("--max-spp", options.max_spp,
-                  "Samples per pixel and image of an iteration at most; as many behind the answer "
-                  "are enough; default 4096, or --spp if that is more")
-      ->check(spp_range);
-  command
-      .add_option("--max-iterations", options.max_iterations, "Of a start; default 40, of adam 150")
-      ->check(number_in(1U, 100000U));
-  command
-      .add_option("--time-limit", options.time_limit,
-                  "In seconds; ends after the iteration in which they are over; 0: none")
-      ->check(number_in(0.0, 1e9))
-      ->capture_default_str();
-  command
-      .add_option("--tolerance", options.tolerance,
-                  "End when the standard deviations of ln sigma_t, albedo and g are no larger")
-      ->check(number_in(0.0, 1.0))
-      ->capture_default_str();
-  command.add_option("--learning-rate", options.learning_rate, "Of adam, in unbounded coordinates")
-      ->check(number_in(1e-6, 10.0))
-      ->capture_default_str();
-  command.add_option("--seed", options.seed, "Of the random numbers")
-      ->check(kAnySeed)
-      ->capture_default_str();
-  command.add_option("-o,--output", options.output,
-                     "Folder for trajectory.jsonl, result.json, picture.png (target, fit, "
-                     "difference) and the state, from which the same command goes on");
-  add_format_flags(command, options.json, "itn.v1.RefineResult");
-}
-
-}  // namespace
-
-void add_refine_command(CLI::App& app) {
-  const auto options = std::make_shared<RefineOptions>();
-  CLI::App* command = add_learning_command(app, "refine");
-  add_flags(*command, *options);
-  add_worker_flags(*command, options->workers);
-  command->callback([options] { run(*options); });
 }
 
 }  // namespace itn

@@ -190,55 +190,7 @@ void set_steps(uint64_t steps, v1::TrainingConfig& config) {
   }
 }
 
-// RN and ITN from three seeds, the first with other weights of the image term, too.
-std::string few_shapes_experiment() {
-  constexpr int kSeeds = 3;
-  std::string file(kFewShapesExperiment);
-  const auto add = [&](const std::string& name, int seed, const std::string& settings,
-                       const std::string& rest = "") {
-    file += fmt::format("networks {{ name: \"{}\" settings {{ seed: {} {} }} {} }}\n", name, seed,
-                        settings, rest);
-  };
-  for (int seed = 1; seed <= kSeeds; ++seed) {
-    const auto named = [&](const char* kind) { return fmt::format("{}, {}", kind, seed); };
-    add(named("RN+naive"), seed, "loss: RN parameterization: NAIVE");
-    add(named("ITN+naive"), seed, "loss: ITN parameterization: NAIVE image_weights: UNIFORM");
-    add(named("RN+naive, time of ITN"), seed, "loss: RN parameterization: NAIVE",
-        fmt::format("as_long_as: \"{}\"", named("ITN+naive")));
-  }
-  for (const char* lambda : {"2", "10", "50"}) {
-    add(fmt::format("ITN+naive, lambda {}", lambda), 1,
-        fmt::format("loss: ITN parameterization: NAIVE image_weights: UNIFORM lambda: {}", lambda));
-  }
-  return file;
-}
-
 }  // namespace
-
-std::span<const ExperimentPreset> experiment_presets() {
-  static const std::array<std::string, 4> kFiles = {
-      std::string(kSmokeExperiment) + kFiveNetworks.data(),
-      std::string(kSmallExperiment) + kFiveNetworks.data(),
-      std::string(kPaperExperiment) + kFiveNetworks.data(), few_shapes_experiment()};
-  static const std::array<ExperimentPreset, 5> kPresets = {{
-      {"smoke", "whether everything works, in less than a minute", kFiles[0]},
-      {"small", "results that mean something, in less than an hour on two cores", kFiles[1]},
-      {"ablation", "what the image term is worth, by how it is made", kAblationExperiment},
-      {"few_shapes", "what the image term is worth where shapes are few, with three seeds",
-       kFiles[3]},
-      {"paper", "the protocol of Che et al. 2020, in days", kFiles[2]},
-  }};
-  return kPresets;
-}
-
-const ExperimentPreset& find_experiment_preset(std::string_view name) {
-  std::string names;
-  for (const ExperimentPreset& preset : experiment_presets()) {
-    if (preset.name == name) return preset;
-    names += fmt::format("{}{}", names.empty() ? "" : ", ", preset.name);
-  }
-  throw invalid_input(fmt::format("there is no preset \"{}\"; there are {}", name, names));
-}
 
 v1::Experiment experiment_of_preset(std::string_view name) {
   const ExperimentPreset& preset = find_experiment_preset(name);

@@ -10,19 +10,6 @@
 
 namespace itn {
 
-struct ExperimentPreset {
-  std::string_view name;
-  std::string_view description;  // one line
-  std::string_view file;         // an experiment file, with comments
-};
-
-// "smoke": whether everything works, in less than a minute. "small": results that mean something,
-// in less than an hour. "paper": the protocol of Che et al. 2020, in days.
-std::span<const ExperimentPreset> experiment_presets();
-
-// Throws Error (invalid input) that lists the names there are.
-const ExperimentPreset& find_experiment_preset(std::string_view name);
-
 // With all defaults. Throws as load_experiment() and find_experiment_preset().
 v1::Experiment experiment_of_preset(std::string_view name);
 

@@ -265,9 +265,9 @@ TEST(Programs, ItnRunsTheLearningOneBesideIt) {
   const TemporaryFolder folder;
   // Through a link, as package managers make them.
   fs::create_symlink(testing::kItn, folder.path("itn"));
-  const Finished linked = run({folder.path("itn"), "train", "--help"});
+  const Finished linked = run({folder.path("itn"), "train", "--print-config"});
   EXPECT_EQ(linked.exit_code, 0) << linked.errors;
-  EXPECT_THAT(linked.output, HasSubstr("--checkpoint-every"));
+  EXPECT_THAT(linked.output, HasSubstr("architecture"));
   // As installed on a machine that has both, and on one that has not.
   fs::remove(folder.path("itn"));
   fs::copy_file(testing::kItn, folder.path("itn"));
@@ -276,7 +276,21 @@ TEST(Programs, ItnRunsTheLearningOneBesideIt) {
   EXPECT_THAT(alone.errors, HasSubstr("itn-learn: No such file or directory"));
   EXPECT_EQ(run({folder.path("itn"), "shapes"}).exit_code, 0);
   fs::copy_file(testing::kItnLearn, folder.path("itn-learn"));
-  EXPECT_EQ(run({folder.path("itn"), "train", "--help"}).exit_code, 0);
+  EXPECT_EQ(run({folder.path("itn"), "train", "--print-config"}).exit_code, 0);
+}
+
+TEST(Programs, HelpAndMistakesNeedNoLearningOne) {
+  const TemporaryFolder folder;
+  fs::copy_file(testing::kItn, folder.path("itn"));
+  const Finished help = run({folder.path("itn"), "train", "--help"});
+  EXPECT_EQ(help.exit_code, 0) << help.errors;
+  EXPECT_THAT(help.output, HasSubstr("--checkpoint-every"));
+  const Finished mistaken = run({folder.path("itn"), "predict", "a.jpg", "--maks", "b.png"});
+  EXPECT_EQ(mistaken.exit_code, 2);
+  EXPECT_THAT(mistaken.errors, HasSubstr("did you mean --mask?"));
+  const Finished completion = run({folder.path("itn"), "completion", "bash"});
+  EXPECT_EQ(completion.exit_code, 0) << completion.errors;
+  EXPECT_THAT(completion.output, HasSubstr("--gray-card"));
 }
 
 TEST(Programs, CompleteThemselvesInBash) {

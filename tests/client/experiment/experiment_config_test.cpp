@@ -1,4 +1,5 @@
 #include "client/experiment/experiment_config.h"
+#include "client/experiment/presets.h"
 
 #include <gtest/gtest.h>
 

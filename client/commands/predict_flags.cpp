@@ -1,0 +1,183 @@
+// itn predict: its flags.
+#include <fmt/format.h>
+
+#include <array>
+#include <cstdlib>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "client/commands/command.h"
+#include "client/commands/options.h"
+#include "client/commands/predict.h"
+#include "client/exports/exports.h"
+#include "common/flags.h"
+#include "common/learning/model_files.h"
+
+namespace itn {
+namespace {
+
+// X,Y,W,H in pixels.
+PixelRectangle parsed_rectangle(const std::string& text) {
+  std::array<int, 4> numbers{};
+  size_t count = 0;
+  const char* at = text.c_str();
+  for (; count < numbers.size(); ++count) {
+    char* end = nullptr;
+    const long number = std::strtol(at, &end, 10);
+    const bool last = count + 1 == numbers.size();
+    if (end == at || number < 0 || number > 16384 || *end != (last ? '\0' : ',')) break;
+    numbers[count] = static_cast<int>(number);
+    at = end + 1;
+  }
+  if (count < numbers.size() || numbers[2] == 0 || numbers[3] == 0) {
+    throw CLI::ValidationError("--gray-card",
+                               "it must be X,Y,W,H: left, top, width and height in pixels, such as "
+                               "120,40,32,32");
+  }
+  return {numbers[0], numbers[1], numbers[2], numbers[3]};
+}
+
+void add_photograph_flags(CLI::App& command, PhotographOptions& options) {
+  const auto mask = command.add_option(
+      "--mask", options.mask,
+      "Image that is bright (above half) on the object: PNG or another, of an EXR the channel "
+      "mask.Y, Y, L, R or A; or a folder with one of the same name for each image. Default: the "
+      "image's own channel mask.Y, or alpha");
+  command
+      .add_option_function<std::string>(
+          "--background", [&options](const std::string&) { options.mask_by_background = true; },
+          "auto: find the object before a plain background")
+      ->check(CLI::IsMember({"auto"}))
+      ->excludes(mask);
+  command
+      .add_option_function<std::string>(
+          "--frame",
+          [&options](const std::string& frame) {
+            options.framing = frame == "whole" ? Framing::kSquareWhole : Framing::kObject;
+          },
+          "What the network sees: a square about the object, or the whole of a square image that "
+          "was framed like those of training. Default: whole for files with a channel mask.Y, as "
+          "renders have, otherwise object")
+      ->check(CLI::IsMember({"object", "whole"}));
+  command
+      .add_option("--object-size", options.object_size,
+                  "Longest side of the object, in mm. Default: unknown, and sigma_t is for an "
+                  "object of 1 mm")
+      ->check(number_in(1e-3, 1e6));
+  const auto exposure =
+      command
+          .add_option("--radiance-scale,--exposure", options.exposure,
+                      "The image times this is radiance on the scale of the model's training: for "
+                      "outdoor in W/(m^2 sr) as of sun_sky in scene.proto")
+          ->check(number_in(1e-12, 1e12));
+  const auto card = command.add_option_function<std::string>(
+      "--gray-card",
+      [&options](const std::string& text) { options.gray_card = parsed_rectangle(text); },
+      "X,Y,W,H: pixels of a gray card that lies flat beside the object, facing up; by flash alone "
+      "it faces the camera");
+  card->excludes(exposure);
+  command.add_option("--gray-reflectance,--gray", options.gray, "Reflectance of the gray card")
+      ->check(number_in(0.01, 1.0))
+      ->needs(card)
+      ->capture_default_str();
+}
+
+// Of one image or one material.
+void add_flags_for_people(CLI::App& command, PredictOptions& options) {
+  const auto picture = command.add_option(
+      "--picture", options.picture,
+      "PNG file to write, of one image or one material: a row for each image, of what the network "
+      "saw: the photograph as framed, white at its 99th percentile on the object; the mask over "
+      "it, outlined; the weight map, black 0 to white 1; with --scene also the re-rendering and "
+      "the difference, red where the re-rendering is brighter, blue where it is darker");
+  command
+      .add_option(
+          "--scene", options.scene,
+          "Scene file, as itn render takes, that shows the object as the framed image "
+          "does, on a square film: it is rendered with the answer for --picture. The "
+          "object may have any size. The re-rendering is compared with the image times "
+          "--radiance-scale; without it, of images encoded for a screen or with a gray card, "
+          "brought to their mean")
+      ->needs(picture);
+  command.add_option("--report", options.report,
+                     "HTML file to write, of one image or one material: a page that needs no other "
+                     "file, with the answer, what limits it, the panels of --picture, renders of "
+                     "the material, and its files for all renderers");
+}
+
+void add_output_flags(CLI::App& command, PredictOptions& options) {
+  std::vector<std::string> formats{"text", "json", "csv"};
+  std::string exports;
+  for (const ExportFormat& format : export_formats()) {
+    formats.emplace_back(format.name);
+    exports += fmt::format("; {}: {}", format.name, format.description);
+  }
+  command
+      .add_option("--format", options.format,
+                  "text: a table; json: itn.v1.Prediction, one a line; csv" + exports)
+      ->check(CLI::IsMember(formats))
+      ->capture_default_str();
+  command.add_option("-o,--output", options.output,
+                     "File for a renderer's material, or a folder for those of several images; "
+                     "default: standard output");
+  command.add_option("--material-name", options.exports.name, "In a renderer's file")
+      ->capture_default_str();
+  command
+      .add_option_function<std::string>(
+          "--scene-unit",
+          [&options](const std::string& unit) {
+            options.exports.mm_per_scene_unit = unit == "m" ? 1000 : unit == "cm" ? 10 : 1;
+          },
+          "Unit of length of the renderer's scene")
+      ->check(CLI::IsMember({"mm", "cm", "m"}))
+      ->default_str("mm");
+}
+
+}  // namespace
+
+void add_predict_command(CLI::App& app) {
+  const auto options = std::make_shared<PredictOptions>();
+  CLI::App* command =
+      app.add_subcommand("predict", "Optical parameters of the object in a photograph, or in many");
+  command
+      ->add_option("image", options->images,
+                   "Photograph: EXR or Radiance HDR of linear radiance; PNG, JPEG, TIFF, HEIC or "
+                   "WebP, which are taken through the curve of sRGB; -: standard input. Several, "
+                   "or a folder of them: one that cannot be used loses none of the others")
+      ->required();
+  add_photograph_flags(*command, options->photographs);
+  command->add_flag("--one-material", options->one_material,
+                    "All images, up to 64, show one material, in other light or from other sides: "
+                    "answer from all of them together, too");
+  command->add_option(
+      "--model", options->model,
+      fmt::format("Predict in this process, by a model that itn models lists, a "
+                  "checkpoint or the folder of a run; default: {}, with "
+                  "--gray-card card, with --radiance-scale outdoor, with --flash flash. "
+                  "With --predictor: by that one of its models (itn models "
+                  "--predictor lists them); default: the predictor's",
+                  kDefaultModel));
+  command
+      ->add_flag("--flash", options->flash,
+                 "The only light is a flash at the camera: by the model flash")
+      ->excludes("--model");
+  const auto predictor = command->add_option("--predictor", options->predictor,
+                                             "HOST:PORT of an itn-predictor to ask");
+  add_security_flags(*command, options->security);
+  command
+      ->add_option("--model-version", options->version,
+                   "Version of the predictor's model; default: its newest")
+      ->needs(predictor);
+  command->add_option("--timeout", options->timeout, "Of a call, in seconds")
+      ->check(number_in(0.01, 3600.0))
+      ->capture_default_str();
+  add_output_flags(*command, *options);
+  add_flags_for_people(*command, *options);
+  command->add_flag_callback(
+      "--json", [options] { options->format = "json"; },
+      "--format json: itn.v1.Prediction, of several images one a line");
+  command->callback([options] { run_predict(*options); });
+}
+
+}  // namespace itn

@@ -1,0 +1,29 @@
+// The material of an object of known shape in known light, by analysis by synthesis.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "client/commands/options.h"
+
+namespace itn {
+
+struct RefineOptions {
+  std::vector<std::string> images, scenes;
+  std::string init = "network";
+  std::string model;
+  uint32_t starts = 1;
+  std::string method = "gauss-newton", weights = "noise";
+  bool unknown_exposure = false;
+  uint32_t spp = 0, max_spp = 0, max_iterations = 0;
+  double time_limit = 0, tolerance = 0.002, learning_rate = 0.05;
+  uint64_t seed = 0;
+  std::string output;
+  bool json = false;
+  WorkerFlags workers;
+};
+
+void run_refine(const RefineOptions& options);
+
+}  // namespace itn

@@ -1,0 +1,233 @@
+// itn train: its flags.
+#include <fmt/format.h>
+
+#include <charconv>
+#include <memory>
+#include <string>
+#include <system_error>
+
+#include "client/commands/command.h"
+#include "client/commands/options.h"
+#include "client/commands/train.h"
+#include "client/training/training_config.h"
+#include "common/flags.h"
+
+namespace itn {
+namespace {
+
+// 5% as 0.05.
+const CLI::Validator kPercentToPart(
+    [](std::string& text) {
+      double percent = 0;
+      const char* const end = text.data() + text.size();
+      const auto [unit, error] = std::from_chars(text.data(), end, percent);
+      if (error == std::errc() && unit + 1 == end && *unit == '%') {
+        text = fmt::format("{}", percent / 100);
+      }
+      return std::string();
+    },
+    "", "");
+
+}  // namespace
+
+void add_train_command(CLI::App& app) {
+  const auto options = std::make_shared<TrainOptions>();
+  CLI::App* command = app.add_subcommand(
+      "train", "Train a network with a dataset; the same command continues what was stopped");
+  command->add_option("dataset", options->dataset,
+                      "Folder that itn dataset wrote; --resume knows it");
+  command->add_option("-o,--output", options->folder, "Folder of the run; required to train");
+  command
+      ->add_option("--preset", options->preset,
+                   "Where a new run's configuration starts; paper: that of Che et al. 2020; "
+                   "residual: a residual network that answers a distribution, Muon, cosine "
+                   "schedule, augmentation. The defaults of most flags are the preset's")
+      ->check(one_of(training_presets()))
+      ->capture_default_str();
+  command->add_option("--config", options->config,
+                      "File with fields of itn.v1.TrainingConfig (text format) in the place of the "
+                      "preset's; flags win over both");
+  command->add_flag("--print-config", options->print_config,
+                    "Print the configuration that preset, file and flags make, and end");
+  command
+      ->add_option("--loss", options->loss,
+                   "rn: distance to the truth; itn: and of the re-rendered image to the input")
+      ->check(one_of({"rn", "itn"}));
+  command
+      ->add_option("--architecture", options->architecture,
+                   "Layers of the network; paper: convolution, ReLU and pooling down to one pixel, "
+                   "of luminance and weight map; residual: a residual network of log luminance and "
+                   "its ratios to means")
+      ->check(one_of({"paper", "residual"}));
+  command
+      ->add_option("--base-channels", options->base_channels,
+                   "Of the first convolution: in [1, 64], default 16 (paper); in [4, 128], default "
+                   "32 (residual)")
+      ->check(number_in(1U, 128U));
+  command->add_option("--blocks", options->blocks, "Of each stage (residual)")
+      ->check(number_in(1U, 4U));
+  command
+      ->add_option("--distribution", options->distribution,
+                   "What the network answers; point: a best guess; gaussian: a distribution; "
+                   "default: gaussian for the residual architecture, otherwise point")
+      ->check(one_of({"point", "gaussian"}));
+  command
+      ->add_option("--parameterization", options->parameterization,
+                   "Coordinates to learn; default: unbounded for a gaussian, otherwise similarity")
+      ->check(one_of({"naive", "similarity", "unbounded"}));
+  command
+      ->add_option(
+          "--exposure", options->exposure,
+          "Whether the radiance of photographs will be on the dataset's scale; unknown: the "
+          "network learns to do without; default: known")
+      ->check(one_of({"known", "unknown"}));
+  command
+      ->add_option("--resolution", options->resolution,
+                   "Of the network's input, in pixels: the images are averaged down; 0, the "
+                   "default: their own")
+      ->check(one_of({"0", "16", "32", "64", "128", "256"}));
+  command
+      ->add_option("--add-noise,--noise", options->noise,
+                   "LEVEL or MIN MAX: relative noise of a pixel that every image is brought up to, "
+                   "afresh in each step, so that noise tells nothing of the material; 0: none is "
+                   "added")
+      ->expected(1, 2)
+      ->transform(kPercentToPart)
+      ->check(number_in(0.0, 1.0));
+  command->add_flag("--mirror,!--no-mirror", options->mirror,
+                    "Show every second image with left and right exchanged");
+  command
+      ->add_option("--shift", options->shift,
+                   "Move each image by up to so many pixels in x and in y")
+      ->check(number_in(0U, 64U));
+  command
+      ->add_option("--exposure-jitter", options->exposure_jitter,
+                   "Multiply each image by a factor whose logarithm has this standard deviation")
+      ->check(number_in(0.0, 3.0));
+  command
+      ->add_option("--first-order-step,--material-step", options->first_order_step,
+                   "Make each image that of another material, to first order, by the dataset's "
+                   "derivative images (itn dataset --derivatives): standard deviation of the step "
+                   "in ln reduced sigma_t and the logits of reduced albedo and g")
+      ->check(number_in(0.0, 2.0));
+  command->add_flag(
+      "--camera,!--no-camera", options->camera,
+      "Show four of five images as cameras and masks drawn by hand make them: another tone curve, "
+      "darker corners, out of focus, clipped, the mask a pixel off (CameraAugmentation in "
+      "learning.proto)");
+  command->add_option(
+      "--init", options->init,
+      "Checkpoint, run or name of a model (itn models) to start from, e.g. of an RN "
+      "for an ITN");
+  command
+      ->add_option("--model-name", options->model_name,
+                   "What answers call the model; default: the name of the run's folder")
+      ->check(kModelName);
+  command
+      ->add_option("--model-version", options->model_version,
+                   "Of the model, in answers, e.g. 1.2.0; default: none")
+      ->check(kModelName);
+  CLI::Option* steps = command->add_option("--steps", options->steps, "Steps to take")
+                           ->check(number_in(uint64_t{1}, uint64_t{UINT32_MAX}));
+  command->add_option("--epochs", options->epochs, "Instead of steps; default 50")
+      ->check(number_in(0.0, 1e6, Ends::kExcluded))
+      ->excludes(steps);
+  command->add_option("--batch", options->batch, "Images per step; default: 60 (paper), 32")
+      ->check(number_in(1U, 65536U));
+  command
+      ->add_option("--mean-weight", options->mean_weight,
+                   "Of the squared distance of a Gaussian's mean to the truth, beside minus the "
+                   "log-density of the truth; default: 0 (paper), 2")
+      ->check(number_in(0.0, 1e30));
+  command
+      ->add_option(
+          "--optimizer", options->optimizer,
+          "adam, or muon, which learns more in each step: orthogonal steps of the kernels, "
+          "Adam's of the rest; default: adam (paper), muon")
+      ->check(one_of({"adam", "muon"}));
+  command
+      ->add_option(
+          "--precision", options->precision,
+          "Of the network's products while it learns; bfloat16: faster where the processor "
+          "has instructions for it (avx512_bf16 in /proc/cpuinfo), otherwise slower; "
+          "default: float32")
+      ->check(one_of({"float32", "bfloat16"}));
+  command
+      ->add_option("--learning-rate,--lr", options->learning_rate,
+                   "Learning rate; default: 1e-4 (paper), 4e-3")
+      ->check(number_in(0.0, 1e30, Ends::kExcluded));
+  command
+      ->add_option("--schedule", options->schedule,
+                   "Of the learning rate; cosine: rises, then falls to a hundredth at the last "
+                   "step; default: constant (paper), cosine")
+      ->check(one_of({"constant", "cosine"}));
+  command
+      ->add_option("--warmup-steps", options->warmup_steps,
+                   "In which it rises (cosine); default: 200, or a tenth of all")
+      ->check(number_in(uint64_t{0}, uint64_t{UINT32_MAX}));
+  command
+      ->add_option("--weight-decay", options->weight_decay,
+                   "Of matrices and kernels, times the learning rate; default: 0 (paper), 0.02")
+      ->check(number_in(0.0, 1.0));
+  command
+      ->add_option("--max-gradient-norm", options->max_gradient_norm,
+                   "Longer gradients are shortened to this; 0: never; default: 0 (paper), 5")
+      ->check(number_in(0.0, 1e30));
+  command
+      ->add_option("--weight-average", options->weight_average,
+                   "Decay of the running mean of the weights, which is what the model predicts "
+                   "with; 0: the weights of the last step; default: 0 (paper), 0.999")
+      ->check(number_in(0.0, 0.999999));
+  command
+      ->add_option("--pixel-weights,--image-weights", options->image_weights,
+                   "How pixels count in the image term. map: most near edges; uniform: all of the "
+                   "object alike. Default: map")
+      ->check(one_of({"map", "uniform"}));
+  command->add_option("--spp", options->spp, "Samples per pixel of each render (itn); default 256")
+      ->check(kSppRange);
+  command
+      ->add_option("--estimates", options->estimates,
+                   "Independent estimates that the samples are shared out to (itn); default 4")
+      ->check(number_in(2U, 16U));
+  command
+      ->add_option("--pilot-spp", options->pilot_spp,
+                   "Samples per pixel of each render's pilot, which makes it quieter (itn); 0: "
+                   "none; default 4")
+      ->check(number_in(0U, 64U));
+  command
+      ->add_option("--lambda", options->lambda,
+                   "Weight of the image term (itn); default: balanced on the first ten steps")
+      ->check(number_in(0.0, 1e30));
+  command
+      ->add_option("--validate-every", options->validate_every,
+                   "Steps between two looks at the dataset's validation split, if it has one; the "
+                   "best model is kept as best.itn; 0: never")
+      ->check(number_in(uint64_t{0}, uint64_t{1} << 30))
+      ->capture_default_str();
+  command
+      ->add_option("--patience", options->patience,
+                   "End after so many validations without a better one; 0: never")
+      ->check(number_in(uint64_t{0}, uint64_t{1} << 30))
+      ->capture_default_str();
+  command->add_option("--seed", options->seed, "Of weights, order and renders; default 0")
+      ->check(kAnySeed);
+  command->add_option("--checkpoint-every", options->checkpoint_every, "Steps")
+      ->check(number_in(uint64_t{1}, uint64_t{1} << 30))
+      ->capture_default_str();
+  command->add_flag(
+      "--resume", options->resume,
+      "Continue the folder's run, if there is one: its flags, the dataset too, need not "
+      "be given again, and those that are must be the same; --steps may be more");
+  command
+      ->add_option("--network-threads,--torch-threads", options->torch_threads,
+                   "Threads of the network; 0: one per processor. The last bits depend on it: a "
+                   "run keeps the number that it began with. To go on by the same command on "
+                   "a machine of other processors, give the number; --resume knows it")
+      ->check(number_in(0, 4096))
+      ->capture_default_str();
+  add_format_flags(*command, options->json, "itn.v1.TrainingSummary");
+  add_worker_flags(*command, options->workers);
+  command->callback([options, command] { run_train(*options, *command); });
+}
+
+}  // namespace itn
