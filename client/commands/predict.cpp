@@ -31,6 +31,7 @@
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/learning/model_files.h"
+#include "common/progress.h"
 #include "common/rpc/status.h"
 #include "common/scene/scene_file.h"
 
@@ -206,6 +207,9 @@ void check(const PredictOptions& options, const std::vector<std::string>& files)
   if (files.size() > 1 && !options.one_material && !(options.picture + options.report).empty()) {
     throw usage("--picture and --report are of one image, or of several with --one-material");
   }
+  if (!options.scene.empty() && (options.picture + options.report).empty()) {
+    throw usage("--scene is rendered for --picture or --report; name one of them");
+  }
   if (files.size() > 1 && !options.scene.empty()) {
     throw usage("--scene is of one image: others show the object from elsewhere");
   }
@@ -277,6 +281,10 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
   std::fflush(stdout);  // the answer is there whatever becomes of them
   const auto& [group, reply, answer] = answered;
   RenderPool pool{RenderPoolOptions()};
+  Progress progress("rendering", "pictures",
+                    (scene ? 1 : 0) + (options.report.empty() ? 0 : kSwatches));
+  auto count = [&, done = 0]() mutable { progress.update(++done); };
+  if (scene || !options.report.empty()) progress.update(0);
   Report report;
   report.prediction = answer;
   std::vector<PanelRow> rows;
@@ -287,8 +295,8 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
     rows.push_back(network_view_panels(photograph));
     if (scene) {
       const auto again = rerendered_panels(
-          photograph,
-          rerendered(pool, *scene, photograph.photograph.side, materials_of_1_mm(answer)));
+          photograph, rerendered(pool, *scene, photograph, materials_of_1_mm(answer), options.spp));
+      count();
       rows.back().insert(rows.back().end(), again.begin(), again.end());
     }
     report.photographs.push_back(
@@ -296,9 +304,10 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
   }
   if (!options.picture.empty()) write_panels(options.picture, rows);
   if (options.report.empty()) return;
-  report.swatches = render_swatches(pool, materials_of_1_mm(answer));
+  report.swatches = render_swatches(pool, materials_of_1_mm(answer), options.spp, count);
   if (options.predictor.empty()) report.range = range_of_model(model_of(options));
   report.exports = options.exports;
+  progress.finish();
   write_file_atomically(options.report, report_page(report));
 }
 

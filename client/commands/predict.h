@@ -1,6 +1,7 @@
 // Optical parameters from photographs.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -23,8 +24,9 @@ struct PredictOptions {
   double timeout = 60;  // in seconds
   std::string format = "text";
   std::string picture;  // a PNG file
-  std::string scene;    // to render again for the picture
   std::string report;   // an HTML file
+  std::string scene;    // to render with the answer, for both
+  uint32_t spp = 256;   // of renders for them
   std::string output;   // of exports: a file, or a folder for several; empty: standard output
   ExportOptions exports;
 };

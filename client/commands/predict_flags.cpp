@@ -85,25 +85,26 @@ void add_photograph_flags(CLI::App& command, PhotographOptions& options) {
 
 // Of one image or one material.
 void add_flags_for_people(CLI::App& command, PredictOptions& options) {
-  const auto picture = command.add_option(
+  command.add_option(
       "--picture", options.picture,
       "PNG file to write, of one image or one material: a row for each image, of what the network "
       "saw: the photograph as framed, white at its 99th percentile on the object; the mask over "
       "it, outlined; the weight map, black 0 to white 1; with --scene also the re-rendering and "
       "the difference, red where the re-rendering is brighter, blue where it is darker");
-  command
-      .add_option(
-          "--scene", options.scene,
-          "Scene file, as itn render takes, that shows the object as the framed image "
-          "does, on a square film: it is rendered with the answer for --picture. The "
-          "object may have any size. The re-rendering is compared with the image times "
-          "--radiance-scale; without it, of images encoded for a screen or with a gray card, "
-          "brought to their mean")
-      ->needs(picture);
   command.add_option("--report", options.report,
                      "HTML file to write, of one image or one material: a page that needs no other "
                      "file, with the answer, what limits it, the panels of --picture, renders of "
                      "the material, and its files for all renderers");
+  command.add_option("--scene", options.scene,
+                     "Scene file, as itn render takes, that shows what the photograph shows, with "
+                     "sides of the same ratio: its object is rendered with the answer for "
+                     "--picture and --report. The object may have any size. The re-rendering is "
+                     "compared with the image times --radiance-scale; without it, of images "
+                     "encoded for a screen or with a gray card, brought to their mean");
+  command
+      .add_option("--spp", options.spp, "Samples per pixel of renders for --picture and --report")
+      ->check(kSppRange)
+      ->capture_default_str();
 }
 
 void add_output_flags(CLI::App& command, PredictOptions& options) {

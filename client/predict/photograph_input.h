@@ -33,6 +33,8 @@ struct PredictInput {
   std::vector<std::string> channels;  // names: Y, or R, G, B
   FramedPhotograph photograph;
   v1::Capture capture;
+  int width = 0, height = 0;  // before it was framed, in pixels
+  Square frame;               // there
 };
 
 // Reads the file ("-": standard input), finds out where the object is, frames it, and measures what

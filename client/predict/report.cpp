@@ -105,10 +105,22 @@ std::string trust_of(const v1::Prediction& prediction) {
 
 // --- The photographs ---
 
+constexpr size_t kNetworkView = 3;  // panels of network_view_panels(); others are of a scene
 constexpr std::array<std::string_view, 5> kPanelNames = {
     "The photograph as framed", "The mask: the object, outlined",
     "The weight map: where the material shows most", "The scene rendered with the answer",
     "Difference: red where the render is brighter, blue where darker"};
+
+// Of a scene that shows what the photograph shows; empty without one.
+std::string rerendering_of(const Report& report) {
+  const PanelRow& panels = report.photographs.front().panels;
+  if (panels.size() <= kNetworkView) return "";
+  return "<section><h2>The photograph beside a render of the answer</h2>\n<div class=\"row\">\n" +
+         figure(panels[0], "panel", "The photograph") +
+         figure(panels[kNetworkView], "panel", kPanelNames[kNetworkView]) +
+         figure(panels[kNetworkView + 1], "panel", kPanelNames[kNetworkView + 1]) +
+         "</div></section>\n";
+}
 
 std::string photographs_of(const Report& report) {
   std::string text = "<section><h2>What the network saw</h2>\n";
@@ -118,7 +130,7 @@ std::string photographs_of(const Report& report) {
                           escaped(fs::path(photograph.prediction.image()).filename().string()));
     }
     text += "<div class=\"row\">\n";
-    for (size_t i = 0; i < photograph.panels.size(); ++i) {
+    for (size_t i = 0; i < kNetworkView; ++i) {
       text += figure(photograph.panels[i], "panel", kPanelNames.at(i));
     }
     text += "</div>\n";
@@ -312,9 +324,9 @@ std::string model_of(const v1::Prediction& prediction) {
 }  // namespace
 
 std::string report_page(const Report& report) {
-  const std::string body = head_of(report) + trust_of(report.prediction) + photographs_of(report) +
-                           numbers_of(report) + swatches_of(report) + exports_of(report) +
-                           model_of(report.prediction);
+  const std::string body = head_of(report) + trust_of(report.prediction) + rerendering_of(report) +
+                           photographs_of(report) + numbers_of(report) + swatches_of(report) +
+                           exports_of(report) + model_of(report.prediction);
   return fmt::format(kReportPage, fmt::arg("title", escaped(title_of(report))),
                      fmt::arg("style", kReportStyle), fmt::arg("body", body),
                      fmt::arg("script", kReportScript));

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <future>
 #include <utility>
 
@@ -69,7 +70,7 @@ double longest_side(const v1::Scene& scene) {
 
 // --- Swatches ---
 
-constexpr int kSide = 128;  // in pixels
+constexpr int kSide = 256;  // in pixels
 
 // Sun from the side and a little from behind, so that some of it comes through.
 v1::Light sun_and_sky() {
@@ -147,26 +148,38 @@ Panel panel_of(const std::vector<float>& image) {
 
 }  // namespace
 
-std::vector<float> rerendered(RenderPool& pool, v1::Scene scene, int side,
-                              std::span<const Material> materials) {
-  constexpr uint32_t kSpp = 256;
+std::vector<float> rerendered(RenderPool& pool, v1::Scene scene, const PredictInput& photograph,
+                              std::span<const Material> materials, uint32_t spp) {
   v1::Film& film = *scene.mutable_film();
-  if (film.width() != film.height()) {
-    throw invalid_input(fmt::format(
-        "the film of the scene is {} x {} pixels; to be compared with the square that the network "
-        "saw, it must be a square",
-        film.width(), film.height()));
+  const double width = photograph.width, height = photograph.height;
+  if (std::abs(film.width() * height - film.height() * width) > std::max(width, height)) {
+    throw invalid_input(
+        fmt::format("the film of the scene is {} x {} pixels, the photograph {} x {}; the scene "
+                    "must show what the photograph shows, with sides of the same ratio",
+                    film.width(), film.height(), photograph.width, photograph.height));
   }
-  film.set_width(static_cast<uint32_t>(side));
-  film.set_height(static_cast<uint32_t>(side));
+  // As fine as the photograph, but no finer than twice what the network sees.
+  const int side = photograph.photograph.side;
+  const double scale = std::min(1.0, 2.0 * side / photograph.frame.side);
+  const auto scaled = [scale](double pixels) {
+    return static_cast<int>(std::lround(scale * pixels));
+  };
+  film.set_width(static_cast<uint32_t>(scaled(width)));
+  film.set_height(static_cast<uint32_t>(scaled(height)));
+  const Square frame{scaled(photograph.frame.left), scaled(photograph.frame.top),
+                     std::max(side, scaled(photograph.frame.side))};
+  const double pixels_in_one = std::pow(static_cast<double>(frame.side) / side, 2);
   const double length = longest_side(scene);
   std::vector<Material> as_large(materials.begin(), materials.end());
   for (Material& material : as_large) material.sigma_t /= length;
-  return interleaved(submit(pool, std::move(scene), as_large, kSpp, v1::OBJECT_PIXELS));
+  const auto samples = static_cast<uint32_t>(std::ceil(spp / pixels_in_one));
+  const int film_width = static_cast<int>(film.width());
+  return averaged(interleaved(submit(pool, std::move(scene), as_large, samples, v1::OBJECT_PIXELS)),
+                  static_cast<int>(materials.size()), film_width, frame, side, interruption());
 }
 
-std::vector<Swatch> render_swatches(RenderPool& pool, std::span<const Material> materials) {
-  constexpr uint32_t kSpp = 64;
+std::vector<Swatch> render_swatches(RenderPool& pool, std::span<const Material> materials,
+                                    uint32_t spp, const std::function<void()>& rendered) {
   std::vector<Swatch> swatches;
   std::vector<Channels> renders;
   for (const auto& [light, light_name] :
@@ -174,11 +187,12 @@ std::vector<Swatch> render_swatches(RenderPool& pool, std::span<const Material> 
     for (const auto& [shape, shape_name] :
          {std::pair{"smooth_star", "Smooth star"}, std::pair{"cube", "Cube"}}) {
       swatches.push_back({shape_name, light_name, {}});
-      renders.push_back(submit(pool, scene_of(shape, light), materials, kSpp, v1::ALL_PIXELS));
+      renders.push_back(submit(pool, scene_of(shape, light), materials, spp, v1::ALL_PIXELS));
     }
   }
   for (size_t i = 0; i < swatches.size(); ++i) {
     swatches[i].picture = panel_of(interleaved(std::move(renders[i])));
+    rendered();
   }
   return swatches;
 }

@@ -37,10 +37,6 @@ void require_values(const char* what, std::span<const float> values, const Photo
   }
 }
 
-struct Square {
-  int left, top, side;  // it may reach beyond the photograph
-};
-
 // Of the pixels on the object.
 struct Extent {
   int left, top, right, bottom;  // inclusive
@@ -62,15 +58,6 @@ Extent extent_of_object(const Photograph& p, const std::stop_token& stop) {
   return extent;
 }
 
-Square frame(const Photograph& p, Framing framing, const std::stop_token& stop) {
-  if (framing == Framing::kSquareWhole && p.width == p.height) return {0, 0, p.width};
-  const Extent object = extent_of_object(p, stop);
-  const int width = object.right - object.left + 1;
-  const int height = object.bottom - object.top + 1;
-  const int side = static_cast<int>(std::lround(std::max(width, height) / kObjectFraction));
-  return {object.left + (width - side) / 2, object.top + (height - side) / 2, side};
-}
-
 // How the pixels of a line are shared out to the cells of a coarser one: this part of a pixel falls
 // into this cell, the rest into the next.
 struct Share {
@@ -88,44 +75,6 @@ std::vector<Share> shares(int pixels, int cells) {
     const int cell = static_cast<int>(x / width);
     result.push_back({cell, std::min(1.0, (cell + 1) * width - x)});
   }
-  return result;
-}
-
-// Brings the square to `side` pixels a side, without ever holding the whole of it: each row of the
-// photograph is averaged along itself, and added to the one or two rows of the result that it is a
-// part of.
-std::vector<float> averaged(const Photograph& p, std::span<const float> values, int channels,
-                            const Square& square, int side, const std::stop_token& stop) {
-  const std::vector<Share> share = shares(square.side, side);
-  const size_t row_size = static_cast<size_t>(side) * channels;
-  std::vector<double> sums(row_size * side), row_sums(row_size);
-  const int left = std::max(0, square.left), right = std::min(p.width, square.left + square.side);
-  const int top = std::max(0, square.top), bottom = std::min(p.height, square.top + square.side);
-  for (int y = top; y < bottom; ++y) {
-    throw_if_stopped(stop);
-    // Along the row.
-    std::ranges::fill(row_sums, 0);
-    const float* value = &values[(static_cast<size_t>(y) * p.width + left) * channels];
-    for (int x = left; x < right; ++x) {
-      const auto [cell, part] = share[x - square.left];
-      double* sum = &row_sums[static_cast<size_t>(cell) * channels];
-      for (int c = 0; c < channels; ++c, ++value) {
-        sum[c] += part * *value;
-        if (part < 1) sum[c + channels] += (1 - part) * *value;
-      }
-    }
-    // Into the result.
-    const auto [cell, part] = share[y - square.top];
-    for (size_t i = 0; i < row_size; ++i) {
-      double* sum = &sums[cell * row_size + i];
-      *sum += part * row_sums[i];
-      if (part < 1) sum[row_size] += (1 - part) * row_sums[i];
-    }
-  }
-  const double area = std::pow(static_cast<double>(square.side) / side, 2);
-  std::vector<float> result(sums.size());
-  std::ranges::transform(sums, result.begin(),
-                         [area](double sum) { return static_cast<float>(sum / area); });
   return result;
 }
 
@@ -182,8 +131,51 @@ bool reaches_edge(const Photograph& p, const std::stop_token& stop) {
          object.bottom == p.height - 1;
 }
 
-int framed_side(const Photograph& photograph, Framing framing, const std::stop_token& stop) {
-  return frame(photograph, framing, stop).side;
+Square frame(const Photograph& p, Framing framing, const std::stop_token& stop) {
+  if (framing == Framing::kSquareWhole && p.width == p.height) return {0, 0, p.width};
+  const Extent object = extent_of_object(p, stop);
+  const int width = object.right - object.left + 1;
+  const int height = object.bottom - object.top + 1;
+  const int side = static_cast<int>(std::lround(std::max(width, height) / kObjectFraction));
+  return {object.left + (width - side) / 2, object.top + (height - side) / 2, side};
+}
+
+// Without ever holding the whole of the square: each row of the photograph is averaged along
+// itself, and added to the one or two rows of the result that it is a part of.
+std::vector<float> averaged(std::span<const float> values, int channels, int width,
+                            const Square& square, int side, const std::stop_token& stop) {
+  const int height = static_cast<int>(values.size()) / channels / width;
+  const std::vector<Share> share = shares(square.side, side);
+  const size_t row_size = static_cast<size_t>(side) * channels;
+  std::vector<double> sums(row_size * side), row_sums(row_size);
+  const int left = std::max(0, square.left), right = std::min(width, square.left + square.side);
+  const int top = std::max(0, square.top), bottom = std::min(height, square.top + square.side);
+  for (int y = top; y < bottom; ++y) {
+    throw_if_stopped(stop);
+    // Along the row.
+    std::ranges::fill(row_sums, 0);
+    const float* value = &values[(static_cast<size_t>(y) * width + left) * channels];
+    for (int x = left; x < right; ++x) {
+      const auto [cell, part] = share[x - square.left];
+      double* sum = &row_sums[static_cast<size_t>(cell) * channels];
+      for (int c = 0; c < channels; ++c, ++value) {
+        sum[c] += part * *value;
+        if (part < 1) sum[c + channels] += (1 - part) * *value;
+      }
+    }
+    // Into the result.
+    const auto [cell, part] = share[y - square.top];
+    for (size_t i = 0; i < row_size; ++i) {
+      double* sum = &sums[cell * row_size + i];
+      *sum += part * row_sums[i];
+      if (part < 1) sum[row_size] += (1 - part) * row_sums[i];
+    }
+  }
+  const double area = std::pow(static_cast<double>(square.side) / side, 2);
+  std::vector<float> result(sums.size());
+  std::ranges::transform(sums, result.begin(),
+                         [area](double sum) { return static_cast<float>(sum / area); });
+  return result;
 }
 
 FramedPhotograph framed(const Photograph& photograph, const std::stop_token& stop,
@@ -191,7 +183,7 @@ FramedPhotograph framed(const Photograph& photograph, const std::stop_token& sto
   const Square square = frame(photograph, framing, stop);
   const int side = std::min(square.side, kMaxFrameSide);
   const auto at_side = [&](std::span<const float> values, int channels) {
-    return averaged(photograph, values, channels, square, side, stop);
+    return averaged(values, channels, photograph.width, square, side, stop);
   };
   return {side, photograph.channels, at_side(photograph.pixels, photograph.channels),
           at_side(photograph.mask, 1)};

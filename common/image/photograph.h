@@ -67,8 +67,18 @@ struct FramedPhotograph {
 FramedPhotograph framed(const Photograph& photograph, const std::stop_token& stop = {},
                         Framing framing = Framing::kSquareWhole);
 
-// Of the square, in pixels of the photograph, before it is brought down.
-int framed_side(const Photograph& photograph, Framing framing = Framing::kSquareWhole,
-                const std::stop_token& stop = {});
+// In pixels from the photograph's left and top; it may reach beyond.
+struct Square {
+  int left = 0, top = 0, side = 0;
+};
+
+// The square that framed() takes, before it is brought down.
+Square frame(const Photograph& photograph, Framing framing = Framing::kSquareWhole,
+             const std::stop_token& stop = {});
+
+// A square of an image of `width` pixels a row (channels interleaved), averaged down to `side`
+// pixels, a power of two at most its own; black beyond the image.
+std::vector<float> averaged(std::span<const float> values, int channels, int width,
+                            const Square& square, int side, const std::stop_token& stop = {});
 
 }  // namespace itn

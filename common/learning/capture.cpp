@@ -65,7 +65,7 @@ std::vector<v1::Warning> common_warnings(const Photograph& photograph, const v1:
                                          "albedo"
                                        : "")));
   }
-  const int side = framed_side(photograph, Framing::kSquareWhole, stop);
+  const int side = frame(photograph, Framing::kSquareWhole, stop).side;
   if (side < static_cast<int>(model.resolution())) {
     result.push_back(warning(v1::Warning::SMALL,
                              fmt::format("small: the object's frame has {} pixels a side, the "

@@ -500,7 +500,7 @@ class PredictForPeople : public PhotographCommand {
 
 TEST_F(PredictForPeople, DrawsWhatItSawAndWritesAPage) {
   const Finished finished = predict({"--object-size", "40", "--picture", picture_, "--report",
-                                     report_, "--material-name", "wax"});
+                                     report_, "--material-name", "wax", "--spp", "4"});
   ASSERT_EQ(finished.exit_code, 0) << finished.errors;
   EXPECT_THAT(finished.output, HasSubstr("model: small 1.2"));
   const auto [width, height] = size_of_png(picture_);
@@ -529,14 +529,16 @@ TEST_F(PredictForPeople, RendersTheSceneWithTheAnswer) {
             0);
   const auto with_scene = [&](const std::string& film) {
     return run({testing::kItn, "predict", photo, "--model", model(), "--picture", picture_,
-                "--scene", scene(film)});
+                "--report", report_, "--spp", "4", "--scene", scene(film)});
   };
   const Finished finished = with_scene("width: 64 height: 64");  // is made as small
   ASSERT_EQ(finished.exit_code, 0) << finished.errors;
   EXPECT_EQ(size_of_png(picture_), (std::pair{5 * 256 + 4 * 8, 256}));
+  EXPECT_EQ(count(text_of(report_), "data:image/png"), 3 + 3 + 4) << "beside the photograph, too";
+  EXPECT_THAT(finished.errors, HasSubstr("rendering 5/5 pictures"));
   const Finished wide = with_scene("width: 64 height: 32");
   EXPECT_EQ(wide.exit_code, 3);
-  EXPECT_THAT(wide.errors, AllOf(HasSubstr("64 x 32"), HasSubstr("must be a square")));
+  EXPECT_THAT(wide.errors, AllOf(HasSubstr("64 x 32"), HasSubstr("the photograph 32 x 32")));
 }
 
 TEST_F(PredictForPeople, TakesOneImageOrOneMaterial) {
@@ -556,7 +558,8 @@ TEST_F(PredictForPeople, TakesOneImageOrOneMaterial) {
   EXPECT_THAT(two.errors, HasSubstr("--one-material"));
   EXPECT_EQ(of_two({"--report", report_}).exit_code, 2);
   EXPECT_FALSE(fs::exists(picture_) || fs::exists(report_));
-  const Finished together = of_two({"--one-material", "--picture", picture_, "--report", report_});
+  const Finished together =
+      of_two({"--one-material", "--picture", picture_, "--report", report_, "--spp", "4"});
   ASSERT_EQ(together.exit_code, 0) << together.errors;
   EXPECT_EQ(size_of_png(picture_), (std::pair{3 * 256 + 2 * 8, 2 * 256 + 8}));
   EXPECT_THAT(text_of(report_), AllOf(HasSubstr("from 2 photographs"), HasSubstr("000001.exr"),

@@ -77,8 +77,8 @@ TEST(Photograph, OfAnyOtherASquareAboutTheObjectIsCutOut) {
 
 TEST(Photograph, ASquareOneIsFramedAboutTheObjectIfItShallBe) {
   const Pixels p = picture(120, 120, 1, 50, 30, 81, 60);
-  EXPECT_EQ(framed_side(p.view()), 120);
-  EXPECT_EQ(framed_side(p.view(), Framing::kObject), 46);
+  EXPECT_EQ(frame(p.view()).side, 120);
+  EXPECT_EQ(frame(p.view(), Framing::kObject).side, 46);
   const FramedPhotograph square = framed(p.view(), {}, Framing::kObject);
   ASSERT_EQ(square.side, 46);
   EXPECT_EQ(square.pixels.front(), p.values[(30 - 8) * 120 + 50 - 7]);
