@@ -21,6 +21,8 @@ packages=(
   libcli11-dev libfmt-dev libspdlog-dev
   # Tests
   libgtest-dev libgmock-dev libpugixml-dev clang-format clang-tidy
+  # Pages of the manual
+  help2man
   # Certificates for tests and trials
   openssl
   # The client in another language that the tests run

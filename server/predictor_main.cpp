@@ -93,7 +93,8 @@ class Program {
 int run(int argc, char** argv) {
   PredictorOptions options;
   options.server.listen = "127.0.0.1:50052";
-  CLI::App app("Predictor of itn: optical parameters of the object in an image, over gRPC.");
+  CLI::App app("Predictor of itn: optical parameters of the object in an image, over gRPC.",
+               "itn-predictor");
   add_flags(app, options);
   return server_main(app, "itn-predictor", argc, argv, options.flags, [&] {
     const int processors = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));

@@ -62,7 +62,8 @@ int run(int argc, char** argv) {
   WorkerOptions options;
   options.server.listen = "127.0.0.1:50051";
   CLI::App app(
-      "Render worker of itn: images of translucent objects and their derivatives, over gRPC.");
+      "Render worker of itn: images of translucent objects and their derivatives, over gRPC.",
+      "itn-worker");
   add_flags(app, options);
   return server_main(app, "itn-worker", argc, argv, options.flags, [&] {
     options.server.service.limits.max_message_bytes = options.max_message_mb << 20;

@@ -7,6 +7,8 @@
 #include <algorithm>
 #include <cstdint>
 #include <filesystem>
+#include <map>
+#include <optional>
 #include <string>
 #include <system_error>
 #include <vector>
@@ -16,6 +18,7 @@
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
 #include "common/rpc/client_security.h"
+#include "itn/v1/scene.pb.h"
 
 namespace itn {
 
@@ -61,6 +64,16 @@ inline void require_no_input(const std::string& flag, const std::string& output,
     throw Error(ErrorKind::kUsage,
                 fmt::format("{} {}: that is the input {}; name another file", flag, output, input));
   }
+}
+
+// For load_scene().
+inline void add_mesh_unit_flag(CLI::App& app, std::optional<v1::LengthUnit>& unit) {
+  const std::map<std::string, v1::LengthUnit> units{
+      {"mm", v1::MM}, {"cm", v1::CM}, {"m", v1::M}, {"inch", v1::INCH}};
+  app.add_option_function<std::string>(
+         "--mesh-unit", [&unit, units](const std::string& name) { unit = units.at(name); },
+         "Unit of length of the scene's mesh files. Default: what the scene says of each, or mm")
+      ->check(one_of({"mm", "cm", "m", "inch"}));
 }
 
 // How connections to workers and predictors are secured; defaults are in the environment.

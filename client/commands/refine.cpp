@@ -86,7 +86,9 @@ std::vector<v1::Scene> load_scenes(const RefineOptions& options) {
         options.images.size(), options.scenes.size()));
   }
   std::vector<v1::Scene> scenes;
-  for (const std::string& file : options.scenes) scenes.push_back(load_scene(file));
+  for (const std::string& file : options.scenes) {
+    scenes.push_back(load_scene(file, options.mesh_unit));
+  }
   scenes.resize(options.images.size(), scenes.front());
   return scenes;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,7 @@ namespace itn {
 
 struct RefineOptions {
   std::vector<std::string> images, scenes;
+  std::optional<v1::LengthUnit> mesh_unit;
   std::string init = "network";
   std::string model;
   uint32_t starts = 1;

@@ -25,6 +25,7 @@ void add_flags(CLI::App& command, RefineOptions& options) {
           "in order")
       ->required()
       ->allow_extra_args(false);
+  add_mesh_unit_flag(command, options.mesh_unit);
   command
       .add_option("--init", options.init,
                   "Where to start: network (its answer to the images, which then need a mask.Y), "

@@ -38,6 +38,7 @@ namespace {
 
 struct RenderFlags {
   std::string scene;
+  std::optional<v1::LengthUnit> mesh_unit;
   std::string output;
   std::string png;
   std::string film;
@@ -156,7 +157,7 @@ std::vector<std::string> in_order_of_reply(std::vector<std::string> names) {
 }
 
 RenderJob make_job(const RenderFlags& options) {
-  v1::Scene scene = load_scene(options.scene);
+  v1::Scene scene = load_scene(options.scene, options.mesh_unit);
   if (!options.film.empty()) set_film(options.film, *scene.mutable_film());
   RenderJob job;
   job.scene = serialize(scene);
@@ -364,6 +365,7 @@ void add_render_command(CLI::App& app) {
       ->add_option("scene", options->scene,
                    "Scene file (text format of itn.v1.Scene); -: standard input")
       ->required();
+  add_mesh_unit_flag(*command, options->mesh_unit);
   command->add_option("-o,--output", options->output, "EXR file to write; -: standard output")
       ->required();
   command->add_option("--sigma-t", options->sigma_t, "Extinction coefficient, in 1/mm")

@@ -138,7 +138,7 @@ cv::Mat distance(const cv::Mat& rest) {
 // the background has another: shadows. Nowhere in a gray photograph, or of a gray object.
 cv::Mat shadows(const cv::Mat& copy, const cv::Mat& border, const cv::Mat& differs) {
   constexpr double kColoured = 0.2, kLikeBackground = 0.4;  // of log ratios; of the object's
-  const cv::Mat none(copy.size(), CV_8U, cv::Scalar(0));
+  cv::Mat none(copy.size(), CV_8U, cv::Scalar(0));
   if (cv::countNonZero(differs) == 0) return none;
   cv::Mat logarithm = logarithm_of(cv::max(copy, 0.0F)), mean, chroma;
   cv::medianBlur(logarithm, logarithm, 5);

@@ -93,16 +93,21 @@ void resolve(v1::EnvironmentMap& map, const fs::path& folder) {
 
 }  // namespace
 
-v1::Scene load_scene(const fs::path& path) {
+v1::Scene load_scene(const fs::path& path, std::optional<v1::LengthUnit> mesh_unit) {
   v1::Scene scene = parse(path);
   // Before files are read for each of them.
   integer_in("the number of lights", scene.lights_size(), 0, kMaxLights);
   integer_in("the number of surfaces", scene.surfaces_size(), 0, kMaxSurfaces);
   const fs::path folder = path.parent_path();
-  if (scene.object().has_mesh())
-    resolve(*scene.mutable_object()->mutable_mesh(), Role::kObject, folder);
+  const auto resolve_mesh = [&](v1::Mesh& mesh, Role role) {
+    if (mesh_unit && mesh.has_path()) mesh.set_unit(*mesh_unit);
+    resolve(mesh, role, folder);
+  };
+  if (scene.object().has_mesh()) {
+    resolve_mesh(*scene.mutable_object()->mutable_mesh(), Role::kObject);
+  }
   for (v1::Surface& surface : *scene.mutable_surfaces()) {
-    if (surface.has_mesh()) resolve(*surface.mutable_mesh(), Role::kSurface, folder);
+    if (surface.has_mesh()) resolve_mesh(*surface.mutable_mesh(), Role::kSurface);
   }
   for (v1::Light& light : *scene.mutable_lights()) {
     if (light.has_environment_map()) resolve(*light.mutable_environment_map(), folder);

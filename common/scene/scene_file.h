@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 
 #include "common/scene/scene_bytes.h"
 #include "itn/v1/scene.pb.h"
@@ -13,7 +14,9 @@ namespace itn {
 // trusted as a command line: its paths are relative to its folder, and may be absolute or leave it.
 // What they name must be regular files of bounded size. Throws Error: kIo; kInvalidInput with file,
 // line and column (unknown field, syntax), or with the name of the mesh or image that cannot be
-// used; kDataLoss (damaged image). Ranges are checked where the scene is built.
-v1::Scene load_scene(const std::filesystem::path& path);
+// used; kDataLoss (damaged image). Ranges are checked where the scene is built. `mesh_unit`: of the
+// lengths of all mesh files, instead of what the scene says of each.
+v1::Scene load_scene(const std::filesystem::path& path,
+                     std::optional<v1::LengthUnit> mesh_unit = {});
 
 }  // namespace itn

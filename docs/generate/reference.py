@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Writes docs/reference from the protos: a page for each, a table for each message.
+"""Writes docs/reference: a page for each proto, with a table for each message, and one of all commands.
 
   docs/generate/reference.py [FOLDER]     default: docs/reference
 
-Needs protoc and python3-protobuf."""
+Needs protoc, python3-protobuf and the programs, in the folder ITN_BIN (default: build/release/bin)."""
+import os
 import pathlib
 import re
 import subprocess
@@ -22,6 +23,7 @@ PAGES = {
     "render": "the render service",
     "predict": "the prediction service",
 }
+PROGRAMS = pathlib.Path(os.environ.get("ITN_BIN", ROOT / "build/release/bin"))
 MESSAGE, ENUM, SERVICE = 4, 5, 6  # numbers of fields in FileDescriptorProto
 FIELD = descriptor_pb2.FieldDescriptorProto
 
@@ -119,6 +121,31 @@ def types_in(prefix, messages, enums):
         yield from types_in(f"{prefix}.{message.name}", message.nested_type, message.enum_type)
 
 
+def cell(text):
+    return text.replace("|", "\\|").replace("<", "&lt;")
+
+
+def help_of(*words):
+    text = subprocess.run([PROGRAMS / words[0], *words[1:], "--help"], capture_output=True, text=True, check=True)
+    return text.stdout
+
+
+def command_page():
+    """Of what --help says: an entry is a flag and its text, on this line or on the next."""
+    names = re.findall(r"^  ([a-z]+) ", help_of("itn").split("Subcommands:")[1], re.M)
+    commands = [*(("itn", name) for name in names), ("itn-worker",), ("itn-predictor",)]
+    lines = ["# Commands", "", "What `--help` says of each. Made by `docs/generate/reference.py`.", ""]
+    for command in commands:
+        title, usage, rest = help_of(*command).split("\n", 2)
+        lines += [f"## {' '.join(command)}", "", f"{cell(title)}.".replace("..", "."), "",
+                  f"`{usage.removeprefix('Usage: ')}`", "", "| | |", "|---|---|"]
+        for flag, text in re.findall(r"^  (\S.*?)(?:  +|\n {10,})(\S.*)$", rest, re.M):
+            if not flag.startswith("-h,"):
+                lines.append(f"| `{flag}` | {cell(text)} |")
+        lines.append("")
+    return "\n".join(lines).rstrip() + "\n"
+
+
 def main():
     folder = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else ROOT / "docs/reference")
     files = [f for f in descriptors() if f.package == "itn.v1"]
@@ -128,9 +155,10 @@ def main():
     for file in files:
         page = Page(file, home)
         (folder / f"{page.name}.md").write_text(page.text())
-    index = "\n".join(f"| [{name}]({name}.md) | {about} |" for name, about in PAGES.items())
+    (folder / "commands.md").write_text(command_page())
+    index = "| [commands](commands.md) | every flag of every command |\n" + "\n".join(f"| [{name}]({name}.md) | {about} |" for name, about in PAGES.items())
     (folder / "README.md").write_text(
-        "# Reference\n\nEvery field of every file and message, with unit, range and default. Text files are protobuf "
+        "# Reference\n\nEvery flag of every command, and every field of every file and message, with unit, range and default. Text files are protobuf "
         "text format of\nthese messages. Made by `docs/generate/reference.py`.\n\n| page | of |\n|---|---|\n" + index + "\n")
 
 

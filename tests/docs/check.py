@@ -179,6 +179,21 @@ def check_reference():
                 fault(kept, f"{row} has no comment in its proto")
 
 
+def check_manual():
+    """Of each command a page that has its flags."""
+    if shutil.which("help2man") is None:
+        print("no help2man: pages of the manual are not checked")
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([ROOT / "docs/generate/manual.sh", PROGRAMS, folder], check=True)
+        for program in [("itn-worker",), ("itn-predictor",), *(("itn", name) for name in commands())]:
+            page = pathlib.Path(folder) / ("-".join(program) + ".1")
+            told = page.read_text().replace("\\-", "-") if page.exists() else ""
+            for flag in help_of(program):
+                if flag not in told:
+                    fault(ROOT / "docs/generate/manual.sh", f"{page.name} has no {flag}")
+
+
 def check_figures():
     rows = (ROOT / "docs/figures.tsv").read_text().splitlines()[1:]
     known = {number for row in rows for number in re.findall(r"\d+(?:\.\d+)?", row.split("\t")[1])}
@@ -221,7 +236,8 @@ def run(page, kinds):
 
 def main():
     if sys.argv[1:] == ["words"]:
-        for check in (check_lengths, check_flags, check_links, check_fences, check_reference, check_figures):
+        for check in (check_lengths, check_flags, check_links, check_fences, check_reference, check_manual,
+                      check_figures):
             check()
         for line in faults:
             print("FAILED:", line, file=sys.stderr)

@@ -103,6 +103,12 @@ TEST(SceneFile, RepairsMeshesWhereAsked) {
   for (size_t i = 0; i < in_mm.size(); ++i) EXPECT_EQ(from_cm[i], 10 * in_mm[i]);
   EXPECT_EQ(large.object().mesh().unit(), v1::MM);
   EXPECT_THROW(load("builtin: \"cube\" unit: CM"), Error);
+  // What the scene says does not count if the unit is told.
+  folder.write("scene.txt",
+               "object { mesh { path: \"open.obj\" repair: true unit: M } } "
+               "surfaces { mesh { builtin: \"cube\" } }");
+  EXPECT_EQ(load_scene(folder.path() / "scene.txt", v1::CM).object().SerializeAsString(),
+            large.object().SerializeAsString());
 }
 
 TEST(SceneFile, PutsPixelsInThePlaceOfPanoramas) {
