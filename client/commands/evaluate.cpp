@@ -141,8 +141,7 @@ void print_details(const v1::Evaluation::Row& row) {
         row.log_likelihood(), row.constant_log_likelihood());
   }
   if (row.has_outlier_fraction()) {
-    print_result("  unfamiliar to the network: {:.1f} % of the images\n",
-                 100 * row.outlier_fraction());
+    print_result("  outliers: {:.1f} % of the images\n", 100 * row.outlier_fraction());
   }
   const bool intervals = row.has_coverage();
   print_result("  {:20}  {:>25}{}\n", "", "RMSE: sigma_t, albedo, g",

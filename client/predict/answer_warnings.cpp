@@ -51,7 +51,7 @@ std::vector<Limit> limits_of(const v1::Prediction& prediction) {
     if (outlier.is_outlier()) {
       grave.push_back(
           {of_channel(channel,
-                      fmt::format("the photograph is unfamiliar to the model, {:.1f} times as far "
+                      fmt::format("the photograph is an outlier, {:.1f} times as far "
                                   "from the images of its training as 99 % of such images: {}",
                                   outlier.score(), outlier.reason())),
            true});

@@ -69,7 +69,7 @@ void warn(const v1::Prediction& prediction) {
   for (const v1::Prediction::Channel& channel : prediction.channels()) {
     const v1::OutlierScore& outlier = channel.caveats().outlier();
     if (outlier.is_outlier()) {
-      spdlog::warn("{}, channel {}: unfamiliar, do not trust this answer ({})", prediction.image(),
+      spdlog::warn("{}, channel {}: an outlier, do not trust this answer ({})", prediction.image(),
                    channel.channel(), outlier.reason());
     }
   }

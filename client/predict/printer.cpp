@@ -44,7 +44,7 @@ void print_warnings(const v1::AnswerWarnings& caveats) {
   const v1::OutlierScore& outlier = caveats.outlier();
   if (outlier.is_outlier()) {
     print_result(
-        "         UNFAMILIAR, {:.1f} times as far from the images of training as 99 % of such "
+        "         OUTLIER, {:.1f} times as far from the images of training as 99 % of such "
         "images: do not trust this answer ({})\n",
         outlier.score(), outlier.reason());
   }

@@ -42,7 +42,7 @@ void set_details(std::span<const MaterialEstimate> estimates, const LabelledImag
 void set_likelihood(const Predictor& predictor, std::span<const MaterialEstimate> estimates,
                     const LabelledImages& images, v1::Evaluation::Row& row);
 
-// Sets the part of the images that the model finds unfamiliar, if it knows.
+// Sets the part of the images that are outliers to the model, if it knows.
 void set_outlier_fraction(std::span<const MaterialEstimate> estimates, v1::Evaluation::Row& row);
 
 // The numbers of `count` of the images, rising, one from each of as many equal stretches of the

@@ -56,7 +56,7 @@ void throw_if_stopped(const std::stop_token& stop) {
   if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "the prediction was cancelled");
 }
 
-// The more unfamiliar of both.
+// The farther of both.
 void take_worse(const std::optional<OutlierScore>& other, std::optional<OutlierScore>& worst) {
   if (other && (!worst || other->score > worst->score)) worst = other;
 }

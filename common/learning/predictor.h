@@ -86,7 +86,7 @@ class Predictor {
   struct Outcomes {
     std::vector<Outcome> each;
     // What those that could be used say together of one material, with the size of the first's
-    // object, all their warnings, and as unfamiliar as the most unfamiliar of them; empty if that
+    // object, all their warnings, and the outlier score of the farthest of them; empty if that
     // was not asked for, or there is none.
     std::vector<MaterialEstimate> combined;
   };

@@ -349,7 +349,7 @@ void run(const Options& options) {
     const bool card = predictor.model().exposure() != v1::EXPOSURE_UNKNOWN;
     fmt::print(
         "{} on {} images of {}: errors over the constant predictor's, truths in the 90 % "
-        "intervals, flagged as unfamiliar\n",
+        "intervals, flagged as outliers\n",
         predictor.name(), test_images(dataset, options.images).items.size(), options.dataset);
     fmt::print("{:34} {:>20} {:>20} {:>20}  {:>13}  {:>5}\n", "", "sigma_t", "albedo", "g",
                "coverage", "flag");

@@ -330,7 +330,7 @@ TEST_F(PhotographCommand, AreWrittenAsMaterialsOfRenderers) {
   ASSERT_EQ(printed.exit_code, 0) << printed.errors;
   EXPECT_THAT(printed.output, AllOf(HasSubstr("<medium"), HasSubstr("sigma_t"), HasSubstr("40 mm"),
                                     HasSubstr("small 1.2"),
-                                    HasSubstr("DO NOT TRUST THIS: R: The photograph is unfamiliar"),
+                                    HasSubstr("DO NOT TRUST THIS: R: The photograph is an outlier"),
                                     HasSubstr("ncoded for a screen")));
   EXPECT_THAT(printed.errors, HasSubstr("encoded for a screen"));
   const std::string file = folder_.path("wax.mtlx");
@@ -450,16 +450,16 @@ TEST_F(PredictCommand, WarnsOfAnImageThatIsLikeNoneOfItsTraining) {
       run({testing::kItn, "predict", folder_.path("bright.exr"), "--model", model()});
   EXPECT_EQ(finished.exit_code, 0) << finished.errors;
   EXPECT_THAT(finished.output,
-              AllOf(HasSubstr("UNFAMILIAR"), HasSubstr("do not trust this answer (mean radiance")));
+              AllOf(HasSubstr("OUTLIER"), HasSubstr("do not trust this answer (mean radiance")));
   // The best model of a run knows its images as the last one does.
   ASSERT_TRUE(fs::exists(shared_->path("first/best.itn")));
   EXPECT_THAT(run({testing::kItn, "predict", folder_.path("bright.exr"), "--model",
                    shared_->path("first/best.itn")})
                   .output,
-              HasSubstr("UNFAMILIAR"));
+              HasSubstr("OUTLIER"));
   const Finished table =
       run({testing::kItn, "evaluate", model(), "--dataset", shared_->path("data")});
-  EXPECT_THAT(table.output, HasSubstr("unfamiliar to the network: "));
+  EXPECT_THAT(table.output, HasSubstr("outliers: "));
 }
 
 TEST_F(PredictCommand, ExportsAModelWithoutItsTraining) {

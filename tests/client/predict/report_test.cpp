@@ -184,7 +184,7 @@ TEST(Report, SaysFirstWhatLimitsTheAnswer) {
   const std::vector<Limit> limits = limits_of(answer);
   ASSERT_EQ(limits.size(), 4);
   EXPECT_TRUE(limits[0].is_grave);
-  EXPECT_THAT(limits[0].text, AllOf(HasSubstr("G: The photograph is unfamiliar"),
+  EXPECT_THAT(limits[0].text, AllOf(HasSubstr("G: The photograph is an outlier"),
                                     HasSubstr("3.0 times"), HasSubstr("mean radiance.")));
   EXPECT_EQ(limits[1].text, "Size unknown: a.") << "what holds for all channels, once";
   EXPECT_EQ(limits[2].text, "G: It is dark.");

@@ -31,7 +31,7 @@ constexpr int kSide = 32;
 constexpr PackedFormat kFormat{.resolution = kSide, .input = v1::RATIOS};
 
 // Images in the set-up of the paper, of random shapes, of which each split has its own. (Of images
-// that vary more, less is unfamiliar.)
+// that vary more, fewer are outliers.)
 struct World {
   World() {
     v1::DatasetConfig config = paper_config(kSide);
@@ -108,12 +108,12 @@ class OutlierFit : public ::testing::Test {
     return images;
   }
 
-  static double part_unfamiliar(const ImageBatch& images) {
+  static double part_outliers(const ImageBatch& images) {
     Predictor predictor(world_->model);
-    double unfamiliar = 0;
+    double outliers = 0;
     const std::vector<MaterialEstimate> estimates = predictor.estimate(images);
-    for (const MaterialEstimate& e : estimates) unfamiliar += e.outlier->is_outlier ? 1 : 0;
-    return unfamiliar / static_cast<double>(estimates.size());
+    for (const MaterialEstimate& e : estimates) outliers += e.outlier->is_outlier ? 1 : 0;
+    return outliers / static_cast<double>(estimates.size());
   }
 
   // As bright as a photograph's white.
@@ -125,26 +125,26 @@ class OutlierFit : public ::testing::Test {
 };
 
 TEST_F(OutlierFit, ProperImagesOfOtherShapesAreFamiliar) {
-  EXPECT_LE(part_unfamiliar(test_images()), 0.03);
+  EXPECT_LE(part_outliers(test_images()), 0.03);
   const double noise = world_->model.noise();
-  EXPECT_LE(part_unfamiliar(with_noise(test_images(), noise, 1)), 0.03);
+  EXPECT_LE(part_outliers(with_noise(test_images(), noise, 1)), 0.03);
 }
 
-TEST_F(OutlierFit, BlackAndWhiteAreUnfamiliar) {
-  EXPECT_EQ(part_unfamiliar(changed([](auto y) { return 0 * y; })), 1) << "black";
+TEST_F(OutlierFit, BlackAndWhiteAreOutliers) {
+  EXPECT_EQ(part_outliers(changed([](auto y) { return 0 * y; })), 1) << "black";
   const double usual = 1 / world_->model.image_scale();
-  EXPECT_EQ(part_unfamiliar(changed([&](auto y) { return usual * torch::ones_like(y); })), 1)
+  EXPECT_EQ(part_outliers(changed([&](auto y) { return usual * torch::ones_like(y); })), 1)
       << "white";
 }
 
 // Encoded for a screen: white stays white, and noise becomes less as contrast does (if it did not,
 // it would tell). Many such images could be of softer materials.
-TEST_F(OutlierFit, MostEncodedImagesAreUnfamiliar) {
+TEST_F(OutlierFit, MostEncodedImagesAreOutliers) {
   ImageBatch images = test_images();
   const torch::Tensor w = white(images);
   images.luminance = w * (images.luminance / w).pow(1 / 2.2);
   images.noise = images.noise / 2.2;
-  EXPECT_GE(part_unfamiliar(images), 0.5);
+  EXPECT_GE(part_outliers(images), 0.5);
 }
 
 TEST_F(OutlierFit, IsAFunctionOfItsArguments) {

@@ -97,7 +97,7 @@ class ShippedModel : public ::testing::TestWithParam<const char*> {
   }
   static void TearDownTestSuite() { worlds_.clear(); }
 
-  int64_t unfamiliar(const ImageBatch& images) {
+  int64_t count_outliers(const ImageBatch& images) {
     int64_t count = 0;
     for (const MaterialEstimate& estimate : world_->predictor.estimate(images)) {
       count += estimate.outlier->is_outlier ? 1 : 0;
@@ -132,7 +132,7 @@ TEST_P(ShippedModel, KnowsMoreThanTheTruthsThemselves) {
 TEST_P(ShippedModel, KnowsProperImages) {
   // Four to seven in a hundred are flagged, as the cards say, mostly noisy ones: of 54 more than 10
   // one time in a thousand at most.
-  EXPECT_LE(unfamiliar(world_->images), 10);
+  EXPECT_LE(count_outliers(world_->images), 10);
 }
 
 // A mirror ball under a sky with a sun, on a chequered floor, seen from afar; `turn`: of the sun.
@@ -179,19 +179,19 @@ TEST_P(ShippedModel, KnowsWhatItHasNotSeen) {
   const int64_t all = world_->images.size();
   const v1::Model& model = world_->predictor.model();
   const double usual = 1 / model.image_scale();
-  EXPECT_EQ(unfamiliar(changed([](auto y) { return 0 * y; })), all) << "black";
-  EXPECT_GE(unfamiliar(changed([&](auto y) { return usual * torch::ones_like(y); })), all / 2)
+  EXPECT_EQ(count_outliers(changed([](auto y) { return 0 * y; })), all) << "black";
+  EXPECT_GE(count_outliers(changed([&](auto y) { return usual * torch::ones_like(y); })), all / 2)
       << "blank";
   torch::manual_seed(1);
-  EXPECT_GE(unfamiliar(changed([&](auto y) { return 2 * usual * torch::rand_like(y); })),
+  EXPECT_GE(count_outliers(changed([&](auto y) { return 2 * usual * torch::rand_like(y); })),
             all * 9 / 10)
       << "noise";
   if (model.exposure() != v1::EXPOSURE_UNKNOWN) {
-    EXPECT_GE(unfamiliar(changed([](auto y) { return 10 * y; })), all / 2) << "ten times";
+    EXPECT_GE(count_outliers(changed([](auto y) { return 10 * y; })), all / 2) << "ten times";
   }
   for (const double turn : {-2.0, -0.5, 0.5, 1.5}) {
     const int64_t resolution = world_->images.luminance.size(-1);
-    EXPECT_EQ(unfamiliar(chrome_ball(resolution, usual, turn)), 1) << "chrome, " << turn;
+    EXPECT_EQ(count_outliers(chrome_ball(resolution, usual, turn)), 1) << "chrome, " << turn;
   }
 }
 

@@ -24,7 +24,7 @@ ImageBatch of_luminance(const ImageBatch& images, const torch::Tensor& luminance
   return result;
 }
 
-double part_unfamiliar(const std::vector<MaterialEstimate>& estimates) {
+double part_outliers(const std::vector<MaterialEstimate>& estimates) {
   return static_cast<double>(std::ranges::count_if(
              estimates, [](const auto& e) { return e.outlier->is_outlier; })) /
          static_cast<double>(estimates.size());
@@ -34,7 +34,7 @@ TEST(OutlierModel, IsOfImagesLikeThoseItWasFittedTo) {
   Predictor predictor(model_with_outlier_model());
   const ImageBatch proper = discs(300, 32, 3);
   const std::vector<MaterialEstimate> estimates = predictor.estimate(proper);
-  EXPECT_LE(part_unfamiliar(estimates), 0.03);
+  EXPECT_LE(part_outliers(estimates), 0.03);
   double mean_rank = 0;
   for (const MaterialEstimate& e : estimates) {
     EXPECT_EQ(e.outlier->is_outlier, e.outlier->score > 1);
@@ -43,9 +43,9 @@ TEST(OutlierModel, IsOfImagesLikeThoseItWasFittedTo) {
   }
   EXPECT_NEAR(mean_rank, 0.5, 0.07);  // uniform
   const ImageBatch few = discs(20, 32, 4);
-  EXPECT_EQ(part_unfamiliar(predictor.estimate(of_luminance(few, 0 * few.luminance))), 1);
-  EXPECT_EQ(part_unfamiliar(predictor.estimate(of_luminance(few, few.mask))), 1);
-  EXPECT_EQ(part_unfamiliar(predictor.estimate(
+  EXPECT_EQ(part_outliers(predictor.estimate(of_luminance(few, 0 * few.luminance))), 1);
+  EXPECT_EQ(part_outliers(predictor.estimate(of_luminance(few, few.mask))), 1);
+  EXPECT_EQ(part_outliers(predictor.estimate(
                 of_luminance(few, torch::rand(few.luminance.sizes()) * few.mask))),
             1);
 }
@@ -184,7 +184,7 @@ TEST(ImageStatistics, AreThoseOfAnImageThatIsKnown) {
                   .item<bool>());
 }
 
-TEST(OutlierModel, OfSeveralImagesOfOneMaterialIsThatOfTheMostUnfamiliar) {
+TEST(OutlierModel, OfSeveralImagesOfOneMaterialIsThatOfTheFarthestOutlier) {
   Predictor predictor(model_with_outlier_model());
   const ImageBatch proper = discs(1, 32, 3);
   const auto seen = [&](size_t i) {
