@@ -34,6 +34,7 @@
 #include "server/render/weighted_image_loss.h"
 #include "server/tracer/render.h"
 #include "server/tracer/scene/compiled_scene.h"
+#include "tests/bench/tracer_bits.h"
 
 namespace itn {
 namespace {
@@ -724,5 +725,7 @@ int main(int argc, char** argv) {
   add("soak", "Counts leaks and invalid samples", itn::soak)
       ->add_option("--paths", options.paths, "To trace at least")
       ->capture_default_str();
+  app.add_subcommand("bits", "Digests of all sums: to compare two builds by")
+      ->callback(itn::print_bits);
   CLI11_PARSE(app, argc, argv);
 }

@@ -1,0 +1,185 @@
+#include "tests/bench/tracer_bits.h"
+
+#include <fmt/format.h>
+#include <hwy/targets.h>
+
+#include <cmath>
+#include <numbers>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "common/geometry/mesh.h"
+#include "common/geometry/shapes.h"
+#include "common/scene/scene_bytes.h"
+#include "server/tracer/render.h"
+
+namespace itn {
+namespace {
+
+using namespace tracer;
+
+// --- Scenes ---
+
+constexpr int kWidth = 24, kHeight = 18;
+
+// A square floor of 2 n^2 triangles.
+DiffuseSurface floor_of(int n) {
+  constexpr float kHalf = 20;
+  Mesh mesh;
+  const auto place = [n](int i) {
+    return kHalf * (2 * static_cast<float>(i) / static_cast<float>(n) - 1);
+  };
+  for (int i = 0; i <= n; ++i) {
+    for (int j = 0; j <= n; ++j) mesh.vertices.push_back({place(i), 0, place(j)});
+  }
+  const auto number = [n](int i, int j) { return static_cast<uint32_t>(i * (n + 1) + j); };
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < n; ++j) {
+      mesh.triangles.push_back({number(i, j), number(i, j + 1), number(i + 1, j + 1)});
+      mesh.triangles.push_back({number(i, j), number(i + 1, j + 1), number(i + 1, j)});
+    }
+  }
+  return {std::move(mesh), 0.45F};
+}
+
+EnvironmentMapLight environment_map() {
+  EnvironmentMapLight map{.width = 8, .height = 4, .rgb = {}, .scale = 2, .rotate_y = 0.7};
+  for (int i = 0; i < 3 * map.width * map.height; ++i) {
+    map.rgb.push_back(static_cast<float>(i * 37 % 11) * (i == 40 ? 30.0F : 1.0F));
+  }
+  return map;
+}
+
+SceneDescription scene_of(const std::string& shape) {
+  SceneDescription scene;
+  scene.object = make_shape(shape);
+  scene.camera = {.origin = {0, 9, -32.8}, .target = {0, 0.45, 0}, .fov = 0.05};
+  scene.film = {kWidth, kHeight, Channel::kLuminance};
+  return scene;
+}
+
+std::vector<std::pair<std::string, SceneDescription>> scenes() {
+  std::vector<std::pair<std::string, SceneDescription>> result;
+  SceneDescription mug = scene_of("mug");
+  mug.surfaces = {floor_of(1)};
+  mug.lights = {SunSkyLight{.sun_azimuth = 0.9, .sun_angular_radius = 0.1}};
+  result.emplace_back("mug_sun_floor", mug);
+  SceneDescription many = std::move(mug);
+  many.surfaces = {floor_of(7)};  // too many triangles to look at each
+  result.emplace_back("mug_many_triangles", std::move(many));
+  SceneDescription star = scene_of("smooth_star");
+  star.surfaces = {floor_of(1)};
+  star.lights = {environment_map(), ConstantEnvironment{0.5}};
+  star.film.channel = Channel::kGreen;
+  result.emplace_back("star_map_constant", std::move(star));
+  SceneDescription distant = scene_of("cube");
+  distant.surfaces = {floor_of(1)};
+  distant.lights = {DistantLight{.direction = {0.4, 0.8, -0.5}, .irradiance = 3}};
+  result.emplace_back("cube_distant", std::move(distant));
+  SceneDescription inside = scene_of("goblet");
+  inside.lights = {ConstantEnvironment{1}, SunSkyLight{}};
+  inside.camera = {.origin = {0, 0.05, 0}, .target = {0.3, 0.5, 0.2}, .fov = 1.2};
+  result.emplace_back("goblet_camera_inside", std::move(inside));
+  SceneDescription posed = scene_of("gear");
+  posed.surfaces = {floor_of(1)};
+  posed.lights = {SunSkyLight{.sun_azimuth = 2, .sun_angular_radius = 0.05}};
+  posed.pose = {.rotation = {Vec3d{0, 0.6, -0.8}, Vec3d{0, 0.8, 0.6}, Vec3d{1, 0, 0}},
+                .translation = {0.1, 0.6, 0.2}};
+  result.emplace_back("gear_posed", std::move(posed));
+  return result;
+}
+
+// --- Requests ---
+
+struct Ask {
+  std::string name;
+  RenderRequest request;
+  RenderOptions options = {.threads = 2};
+  bool of_reference = true;  // as well
+};
+
+std::vector<Ask> asks(const Scene& scene) {
+  const RenderRequest image{
+      .material = {80, 0.85, 0.3}, .sample_count = 8, .seed = 5, .estimates = 2};
+  RenderRequest derivatives = image;
+  derivatives.derivatives = medium_parameters();
+  if (scene.surface_count() > 0) derivatives.derivatives.push_back({Parameter::kReflectance, 0});
+  derivatives.derivatives.push_back({Parameter::kLightScale, 0});
+  std::vector<Ask> result = {{"image", image}, {"derivatives", derivatives}};
+  const auto add = [&](const char* name, const auto& change, bool of_reference = true) {
+    Ask& ask = result.emplace_back(Ask{name, derivatives});
+    change(ask);
+    ask.of_reference = of_reference;
+  };
+  add(
+      "albedos",
+      [](Ask& a) {
+        a.request.albedos = {0.2, 0.6};
+      },
+      false);
+  add(
+      "pilot", [](Ask& a) { a.request.pilot_spp = 4; }, false);
+  add("tile", [](Ask& a) { a.request.tile = Tile{8, 6, 9, 7}; });
+  add("object_pixels", [](Ask& a) { a.request.pixels = Pixels::kObject; });
+  add("backward", [](Ask& a) { a.request.material.g = -0.6; });
+  add("white", [](Ask& a) { a.request.material.albedo = 1; });
+  add("usual_roulette", [](Ask& a) { a.options.switches.throughput_roulette = true; });
+  add("unstratified", [](Ask& a) { a.options.switches.stratified = false; });
+  add("lights_only",
+      [](Ask& a) { a.options.switches.techniques = Switches::Techniques::kLightsOnly; });
+  add("phase_only",
+      [](Ask& a) { a.options.switches.techniques = Switches::Techniques::kPhaseOnly; });
+  return result;
+}
+
+// --- Digests ---
+
+template <typename T>
+void append(std::string& bytes, const std::vector<T>& values) {
+  bytes.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
+}
+
+std::string digest_of(const FilmSums& sums) {
+  std::string bytes;
+  append(bytes, std::vector{sums.quantum, sums.squares_quantum});
+  append(bytes, sums.derivative_quanta);
+  for (const FilmSums::EstimateSums& estimate : sums.estimates) {
+    append(bytes, estimate.counts);
+    append(bytes, estimate.radiance);
+    for (const auto& plane : estimate.derivatives) append(bytes, plane);
+    for (const auto& plane : estimate.at_albedos) append(bytes, plane);
+  }
+  append(bytes, sums.squares);
+  append(bytes, sums.hits);
+  append(bytes, std::vector{sums.counters.paths, sums.counters.steps, sums.counters.invalid_samples,
+                            sums.counters.leaks});
+  return to_hex(sha256(bytes)).substr(0, 16);
+}
+
+}  // namespace
+
+void print_bits() {
+  for (auto& [name, description] : scenes()) {
+    const Scene scene(std::move(description));
+    for (Ask& ask : asks(scene)) {
+      const auto print = [&](const char* tracer) {
+        fmt::print("{} {} {} {}\n", name, ask.name, tracer,
+                   digest_of(render_grad(scene, ask.request, ask.options)));
+      };
+      const int64_t supported = hwy::SupportedTargets();
+      for (const auto& [target, tracer] :
+           {std::pair{HWY_AVX3, "avx512"}, {HWY_AVX2, "avx2"}, {HWY_SCALAR, "scalar"}}) {
+        if (target != HWY_SCALAR && (supported & target) == 0) continue;
+        hwy::SetSupportedTargetsForTest(target);
+        print(tracer);
+        hwy::SetSupportedTargetsForTest(0);
+      }
+      if (!ask.of_reference) continue;
+      ask.request.tracer = Tracer::kReference;
+      print("reference");
+    }
+  }
+}
+
+}  // namespace itn
