@@ -7,7 +7,7 @@
 #include <stop_token>
 
 #include "common/error.h"
-#include "server/tracer/threads.h"
+#include "common/threads.h"
 
 namespace itn {
 
@@ -16,7 +16,7 @@ namespace itn {
 inline void in_parallel(size_t count, const std::stop_token& stop,
                         const std::function<void(size_t)>& work) {
   std::atomic<size_t> next = 0;
-  tracer::on_threads(tracer::thread_count(0), [&](size_t) {
+  on_threads(thread_count(0), [&](size_t) {
     try {
       for (size_t i = next++; i < count; i = next++) {
         if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");

@@ -6,7 +6,7 @@
 
 #include "common/material.h"
 #include "itn/v1/render.pb.h"
-#include "server/tracer/parameter.h"
+#include "server/tracer/parameters/parameter.h"
 
 namespace itn {
 

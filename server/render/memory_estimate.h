@@ -4,7 +4,7 @@
 #include <cstdint>
 
 #include "itn/v1/render.pb.h"
-#include "server/tracer/request.h"
+#include "server/tracer/request/request.h"
 
 namespace itn {
 

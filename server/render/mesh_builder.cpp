@@ -10,7 +10,7 @@
 #include "common/geometry/shapes.h"
 #include "common/scene/field_check.h"
 #include "common/scene/scene_bytes.h"
-#include "server/tracer/scene/object.h"
+#include "server/tracer/geometry/object.h"
 
 namespace itn {
 namespace {
@@ -159,8 +159,8 @@ Bounds object_bounds(const v1::Scene& scene) {
   return bounds(MeshBuilder(UINT64_MAX).build("scene.object.mesh", scene.object().mesh()));
 }
 
-void MeshBuilder::build_object(const std::string& field, const v1::Mesh& proto,
-                               tracer::PartCache* parts, tracer::SceneDescription& description) {
+void MeshBuilder::build_object(const std::string& field, const v1::Mesh& proto, PartCache* parts,
+                               tracer::SceneDescription& description) {
   const int first = first_of_pose(proto);
   description.pose = to_pose(build_transforms(field, proto, first, proto.transforms_size()));
   if (parts != nullptr) {

@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "common/geometry/mesh.h"
+#include "common/part_cache.h"
 #include "itn/v1/scene.pb.h"
-#include "server/tracer/scene/part_cache.h"
 #include "server/tracer/scene/scene.h"
 
 namespace itn {
@@ -24,7 +24,7 @@ class MeshBuilder {
   Mesh build(const std::string& field, const v1::Mesh& proto);
   // The object in coordinates of its own, and its pose: the rotations and translations that come
   // last. With `parts`, sets its key, and takes it from there if it is held.
-  void build_object(const std::string& field, const v1::Mesh& proto, tracer::PartCache* parts,
+  void build_object(const std::string& field, const v1::Mesh& proto, PartCache* parts,
                     tracer::SceneDescription& description);
   tracer::DiffuseSurface build_surface(const std::string& field, const v1::Surface& proto);
 

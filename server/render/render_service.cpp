@@ -109,7 +109,7 @@ class RenderService::RenderCall final : public QueuedCall {
   SceneCache::ScenePtr build(const std::stop_token& stop) {
     memory().resize(3 * request_bytes_);  // the request, the scene's message, its arrays
     const v1::Scene message = parse_scene(request_.scene());
-    tracer::PartCache& parts = service_.cache_.parts();
+    PartCache& parts = service_.cache_.parts();
     tracer::SceneDescription description =
         build_scene(message, service_.options_.limits, &parts, stop);
     memory().resize(3 * request_bytes_ + tracer::estimated_memory(description));

@@ -5,7 +5,7 @@
 
 #include "itn/v1/render.pb.h"
 #include "server/render/scene_builder.h"
-#include "server/tracer/request.h"
+#include "server/tracer/request/request.h"
 
 namespace itn {
 

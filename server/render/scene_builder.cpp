@@ -4,12 +4,12 @@
 
 #include "common/angle.h"
 #include "common/error.h"
+#include "common/part_cache.h"
 #include "common/rpc/wire_check.h"
 #include "common/scene/field_check.h"
 #include "common/scene/scene_bytes.h"
 #include "server/render/light_builder.h"
 #include "server/render/mesh_builder.h"
-#include "server/tracer/scene/part_cache.h"
 
 namespace itn {
 namespace {
@@ -81,7 +81,7 @@ std::string digest_of_surfaces(const v1::Scene& scene) {
   std::string bytes;
   for (const v1::Surface& surface : scene.surfaces()) {
     const std::string one = surface.SerializeAsString();
-    bytes += tracer::part_key("", one.size()) + one;
+    bytes += part_key("", one.size()) + one;
   }
   return sha256(bytes);
 }
@@ -95,7 +95,7 @@ v1::Scene parse_scene(const std::string& bytes) {
 }
 
 tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits& limits,
-                                     tracer::PartCache* parts, const std::stop_token& stop) {
+                                     PartCache* parts, const std::stop_token& stop) {
   check_required(scene);
   check_message(scene, "scene");
   tracer::SceneDescription description;

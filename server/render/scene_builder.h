@@ -7,7 +7,7 @@
 #include <string>
 
 #include "itn/v1/scene.pb.h"
-#include "server/tracer/request.h"
+#include "server/tracer/request/request.h"
 #include "server/tracer/scene/scene.h"
 
 namespace itn {
@@ -29,7 +29,6 @@ v1::Scene parse_scene(const std::string& bytes);
 // translations become its pose. With `parts`, the scene has the keys to share what it is compiled
 // into there, and an object that is held is not built again.
 tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits& limits,
-                                     tracer::PartCache* parts = nullptr,
-                                     const std::stop_token& stop = {});
+                                     PartCache* parts = nullptr, const std::stop_token& stop = {});
 
 }  // namespace itn

@@ -8,7 +8,7 @@
 #include <stop_token>
 #include <string>
 
-#include "server/tracer/scene/part_cache.h"
+#include "common/part_cache.h"
 #include "server/tracer/scene/scene.h"
 
 namespace itn {
@@ -31,7 +31,7 @@ class SceneCache {
                         const std::stop_token& stop = {});
 
   // For scenes to be built with.
-  tracer::PartCache& parts() { return parts_; }
+  PartCache& parts() { return parts_; }
   size_t memory() const { return parts_.memory(); }
 
   // How often a scene was there that was asked for, and how often one was built.
@@ -47,7 +47,7 @@ class SceneCache {
   uint64_t over_budget(size_t bytes) const;
   ScenePtr in_use(ScenePtr held);
 
-  tracer::PartCache parts_;
+  PartCache parts_;
   std::atomic<uint64_t> hits_ = 0, misses_ = 0;
 };
 

@@ -4,13 +4,13 @@
 
 #include <vector>
 
-#include "server/tracer/film_writer.h"
-#include "server/tracer/plan.h"
+#include "common/threads.h"
+#include "server/tracer/film/film_writer.h"
+#include "server/tracer/film/plan.h"
+#include "server/tracer/film/work_queue.h"
 #include "server/tracer/reference/path.h"
 #include "server/tracer/scene/compiled_scene.h"
-#include "server/tracer/threads.h"
 #include "server/tracer/wavefront/wavefront.h"
-#include "server/tracer/work_queue.h"
 
 namespace itn::tracer {
 namespace {

@@ -4,8 +4,8 @@
 
 #include <stop_token>
 
-#include "server/tracer/film.h"
-#include "server/tracer/request.h"
+#include "server/tracer/film/film.h"
+#include "server/tracer/request/request.h"
 #include "server/tracer/scene/scene.h"
 
 namespace itn::tracer {

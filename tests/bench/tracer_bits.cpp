@@ -124,7 +124,7 @@ std::vector<Ask> asks(const Scene& scene) {
   add("object_pixels", [](Ask& a) { a.request.pixels = Pixels::kObject; });
   add("backward", [](Ask& a) { a.request.material.g = -0.6; });
   add("white", [](Ask& a) { a.request.material.albedo = 1; });
-  add("usual_roulette", [](Ask& a) { a.options.switches.throughput_roulette = true; });
+  add("throughput_roulette", [](Ask& a) { a.options.switches.throughput_roulette = true; });
   add("unstratified", [](Ask& a) { a.options.switches.stratified = false; });
   add("lights_only",
       [](Ask& a) { a.options.switches.techniques = Switches::Techniques::kLightsOnly; });

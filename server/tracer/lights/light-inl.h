@@ -6,8 +6,8 @@
 #define ITN_TRACER_LIGHTS_LIGHT_INL_H_
 #endif
 
-#include "server/tracer/lights/alias_table.h"
-#include "server/tracer/wavefront/random-inl.h"
+#include "server/tracer/random/alias_table.h"
+#include "server/tracer/random/philox-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {

@@ -9,8 +9,6 @@
 namespace itn::tracer {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 // The mean of f over [0, 1] by the midpoint rule.
 template <typename F>
 double mean(int count, const F& f) {
@@ -26,10 +24,10 @@ double sky_irradiance(const SunSkyLight& light, Channel channel) {
   constexpr int kHeights = 48, kAzimuths = 32;
   const Sky sky(light.turbidity, light.ground_albedo, light.sun_elevation);
   const double sun_y = std::sin(light.sun_elevation), sun_r = std::cos(light.sun_elevation);
-  return 2 * kPi * mean(kHeights, [&](double s) {
+  return 2 * std::numbers::pi * mean(kHeights, [&](double s) {
            const double y = s * (2 - s), r = std::sqrt(1 - y * y);
            return 2 * (1 - s) * y * mean(kAzimuths, [&](double u) {
-                    const double cos_gamma = y * sun_y + r * sun_r * std::cos(kPi * u);
+                    const double cos_gamma = y * sun_y + r * sun_r * std::cos(std::numbers::pi * u);
                     return select(sky.radiance(y, std::acos(std::clamp(cos_gamma, -1.0, 1.0))),
                                   channel);
                   });
@@ -49,7 +47,7 @@ double height_around(double sun_elevation, double psi) {
 double sun_irradiance_from_above(const SunSkyLight& light, Channel channel) {
   constexpr int kCircles = 64;
   const double radius = light.sun_angular_radius;
-  const double solid_angle = 4 * kPi * std::pow(std::sin(radius / 2), 2);
+  const double solid_angle = 4 * std::numbers::pi * std::pow(std::sin(radius / 2), 2);
   const double facing = select(sun_irradiance(light.turbidity, light.sun_elevation), channel);
   return facing / solid_angle * radius * mean(kCircles, [&](double u) {
            return height_around(light.sun_elevation, u * radius) * std::sin(u * radius);

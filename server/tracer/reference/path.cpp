@@ -30,8 +30,8 @@
 #include <vector>
 
 #include "common/error.h"
-#include "server/tracer/phase.h"
-#include "server/tracer/sampler.h"
+#include "server/tracer/phase/phase.h"
+#include "server/tracer/random/sampler.h"
 
 namespace itn::tracer {
 namespace {

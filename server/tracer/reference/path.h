@@ -4,10 +4,10 @@
 
 #include <stop_token>
 
-#include "server/tracer/film_writer.h"
-#include "server/tracer/request.h"
+#include "server/tracer/film/film_writer.h"
+#include "server/tracer/film/work_queue.h"
+#include "server/tracer/request/request.h"
 #include "server/tracer/scene/compiled_scene.h"
-#include "server/tracer/work_queue.h"
 
 namespace itn::tracer {
 

@@ -7,13 +7,13 @@
 #include <string>
 #include <vector>
 
+#include "common/part_cache.h"
+#include "server/tracer/geometry/line_geometry.h"
+#include "server/tracer/geometry/object.h"
+#include "server/tracer/geometry/obstacles.h"
 #include "server/tracer/lights/lights.h"
-#include "server/tracer/reference/geometry.h"
 #include "server/tracer/scene/camera.h"
-#include "server/tracer/scene/object.h"
-#include "server/tracer/scene/part_cache.h"
 #include "server/tracer/scene/scene.h"
-#include "server/tracer/wavefront/obstacles.h"
 
 namespace itn::tracer {
 

@@ -7,7 +7,7 @@
 #include <numeric>
 
 #include "common/error.h"
-#include "server/tracer/threads.h"
+#include "common/threads.h"
 #include "server/tracer/wavefront/wavefront.h"
 
 namespace itn::tracer {

@@ -5,10 +5,10 @@
 #include <limits>
 
 #include "common/error.h"
+#include "common/part_cache.h"
+#include "server/tracer/geometry/object.h"
+#include "server/tracer/geometry/surface_triangles.h"
 #include "server/tracer/scene/compiled_scene.h"
-#include "server/tracer/scene/object.h"
-#include "server/tracer/scene/part_cache.h"
-#include "server/tracer/wavefront/surfaces.h"
 
 namespace itn::tracer {
 namespace {

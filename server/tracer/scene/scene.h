@@ -21,10 +21,13 @@
 #include "common/vec.h"
 #include "server/tracer/scene/pose.h"
 
+namespace itn {
+class PartCache;
+}
+
 namespace itn::tracer {
 
 class Object;
-class PartCache;
 
 // Reflects with radiance = reflectance * irradiance / pi on both sides.
 struct DiffuseSurface {

@@ -13,9 +13,9 @@
 #include <span>
 
 #include "common/low_discrepancy.h"
-#include "server/tracer/request.h"
-#include "server/tracer/sampler.h"
-#include "server/tracer/work_queue.h"
+#include "server/tracer/film/work_queue.h"
+#include "server/tracer/random/sampler.h"
+#include "server/tracer/request/request.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {

@@ -1,17 +1,15 @@
-// The wavefront, compiled for every instruction set with fused multiply-add that Highway knows, and
-// for none at all, and chosen at run time. Multiplications and additions are fused where the code
-// says so, not where the compiler likes (-ffp-contract=off), so that every width computes the same
-// bits.
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4)
-// Without any, one lane at a time: emulated vectors, which some compilers get, round twice.
-#define HWY_BROKEN_EMU128 1
+// The wavefront, compiled for every instruction set of simd/targets.h, and chosen at run time.
+// Multiplications and additions are fused where the code says so, not where the compiler likes
+// (-ffp-contract=off), so that every width computes the same bits.
+#include "server/tracer/simd/targets.h"
+// After targets.h:
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "server/tracer/wavefront/wavefront.cpp"
 #include <hwy/foreach_target.h>
 // After foreach_target.h:
 #include <hwy/highway.h>
 
-#include "server/tracer/sampler.h"
+#include "server/tracer/random/sampler.h"
 #include "server/tracer/wavefront/walk/walk-inl.h"
 #include "server/tracer/wavefront/wavefront.h"
 

@@ -5,11 +5,11 @@
 
 #include <stop_token>
 
-#include "server/tracer/film_writer.h"
-#include "server/tracer/request.h"
+#include "server/tracer/film/film_writer.h"
+#include "server/tracer/film/work_queue.h"
+#include "server/tracer/geometry/rays.h"
+#include "server/tracer/request/request.h"
 #include "server/tracer/scene/compiled_scene.h"
-#include "server/tracer/wavefront/rays.h"
-#include "server/tracer/work_queue.h"
 
 namespace itn::tracer {
 

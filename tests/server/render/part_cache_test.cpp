@@ -1,5 +1,5 @@
 // Memory that runs out while a part is built, at every place where it may.
-#include "server/tracer/scene/part_cache.h"
+#include "common/part_cache.h"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 // The seam between the tracers and models of the medium's boundary: by models whose effect is
 // known.
-#include "server/tracer/boundary.h"
+#include "server/tracer/boundary/boundary.h"
 
 #include <gtest/gtest.h>
 

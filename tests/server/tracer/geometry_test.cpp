@@ -1,12 +1,12 @@
 // Straight lines through the boundary: lengths inside, order, and the places where rounding bites.
-#include "server/tracer/reference/geometry.h"
+#include "server/tracer/geometry/line_geometry.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <ctime>
 
-#include "server/tracer/sampler.h"
+#include "server/tracer/random/sampler.h"
 #include "server/tracer/wavefront/wavefront.h"
 #include "tests/server/tracer/scenes.h"
 #include "tests/support/hard_meshes.h"

@@ -1,5 +1,5 @@
 // Which cells triangles are looked for in, what that costs at most, and that it can be stopped.
-#include "server/tracer/wavefront/grid.h"
+#include "server/tracer/geometry/grid.h"
 
 #include <gtest/gtest.h>
 #include <pthread.h>
@@ -15,10 +15,10 @@
 #include <vector>
 
 #include "common/error.h"
-#include "server/tracer/sampler.h"
+#include "server/tracer/geometry/cubic_cells.h"
+#include "server/tracer/geometry/depth_grid.h"
+#include "server/tracer/random/sampler.h"
 #include "server/tracer/scene/scene.h"
-#include "server/tracer/wavefront/cubic_cells.h"
-#include "server/tracer/wavefront/depth_grid.h"
 #include "tests/support/hard_meshes.h"
 
 namespace itn::testing {

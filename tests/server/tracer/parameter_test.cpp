@@ -1,4 +1,4 @@
-#include "server/tracer/parameter.h"
+#include "server/tracer/parameters/parameter.h"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,6 @@
 // What a render promises: the same bits in every arrangement, sums of parts, cancellation, errors.
-// Those that the tracer is compiled for.
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SSE4)
-
+#include "server/tracer/simd/targets.h"
+// After targets.h:
 #include "server/tracer/render.h"
 
 #include <gtest/gtest.h>

@@ -14,10 +14,10 @@
 #include <vector>
 
 #include "common/error.h"
+#include "common/part_cache.h"
 #include "server/tracer/render.h"
 #include "server/tracer/scene/compiled_scene.h"
 #include "server/tracer/scene/object_pixels.h"
-#include "server/tracer/scene/part_cache.h"
 #include "tests/server/tracer/scenes.h"
 
 namespace itn::testing {

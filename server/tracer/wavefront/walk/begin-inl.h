@@ -11,9 +11,9 @@
 #include <cstdint>
 #include <span>
 
+#include "server/tracer/film/work_queue.h"
 #include "server/tracer/wavefront/pixel_sequences-inl.h"
 #include "server/tracer/wavefront/walk/state-inl.h"
-#include "server/tracer/work_queue.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {

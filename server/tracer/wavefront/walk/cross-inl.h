@@ -1,4 +1,4 @@
-// Crossings of a boundary that bends light (server/tracer/boundary.h).
+// Crossings of a boundary that bends light (server/tracer/boundary/boundary.h).
 #if defined(ITN_TRACER_WAVEFRONT_WALK_CROSS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef ITN_TRACER_WAVEFRONT_WALK_CROSS_INL_H_
 #undef ITN_TRACER_WAVEFRONT_WALK_CROSS_INL_H_
@@ -8,7 +8,7 @@
 
 #include <cstddef>
 
-#include "server/tracer/boundary.h"
+#include "server/tracer/boundary/boundary.h"
 #include "server/tracer/wavefront/walk/state-inl.h"
 
 HWY_BEFORE_NAMESPACE();

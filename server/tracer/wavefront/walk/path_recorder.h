@@ -4,8 +4,8 @@
 #include <cstddef>
 #include <vector>
 
-#include "server/tracer/film_writer.h"
-#include "server/tracer/request.h"
+#include "server/tracer/film/film_writer.h"
+#include "server/tracer/request/request.h"
 #include "server/tracer/wavefront/walk/paths.h"
 
 namespace itn::tracer {

@@ -6,8 +6,8 @@
 #include <tuple>
 #include <vector>
 
-#include "server/tracer/wavefront/columns.h"
-#include "server/tracer/wavefront/rays.h"
+#include "server/tracer/geometry/rays.h"
+#include "server/tracer/simd/columns.h"
 
 namespace itn::tracer {
 

@@ -11,7 +11,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "server/tracer/wavefront/depth_grid.h"
+#include "server/tracer/geometry/depth_grid.h"
 #include "server/tracer/wavefront/walk/state-inl.h"
 
 HWY_BEFORE_NAMESPACE();

@@ -10,7 +10,7 @@
 #include <cstdint>
 #include <numbers>
 
-#include "server/tracer/wavefront/lines/surface_search-inl.h"
+#include "server/tracer/geometry/lines/surface_search-inl.h"
 #include "server/tracer/wavefront/walk/shadow_rays-inl.h"
 
 HWY_BEFORE_NAMESPACE();

@@ -9,8 +9,8 @@
 #include <cstddef>
 #include <numbers>
 
+#include "server/tracer/geometry/lines/follow-inl.h"
 #include "server/tracer/lights/lights-inl.h"
-#include "server/tracer/wavefront/lines/follow-inl.h"
 #include "server/tracer/wavefront/walk/collect-inl.h"
 
 HWY_BEFORE_NAMESPACE();

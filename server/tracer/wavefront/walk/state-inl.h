@@ -11,11 +11,11 @@
 #include <numbers>
 #include <vector>
 
-#include "server/tracer/request.h"
-#include "server/tracer/sampler.h"
+#include "server/tracer/geometry/lines/lines-inl.h"
+#include "server/tracer/random/philox-inl.h"
+#include "server/tracer/random/sampler.h"
+#include "server/tracer/request/request.h"
 #include "server/tracer/scene/compiled_scene.h"
-#include "server/tracer/wavefront/lines/lines-inl.h"
-#include "server/tracer/wavefront/random-inl.h"
 #include "server/tracer/wavefront/walk/paths.h"
 
 HWY_BEFORE_NAMESPACE();

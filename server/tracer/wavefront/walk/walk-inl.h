@@ -35,7 +35,8 @@
 #include <stop_token>
 
 #include "common/error.h"
-#include "server/tracer/film_writer.h"
+#include "server/tracer/film/film_writer.h"
+#include "server/tracer/film/work_queue.h"
 #include "server/tracer/wavefront/walk/add_emission-inl.h"
 #include "server/tracer/wavefront/walk/begin-inl.h"
 #include "server/tracer/wavefront/walk/cross-inl.h"
@@ -44,7 +45,6 @@
 #include "server/tracer/wavefront/walk/roulette-inl.h"
 #include "server/tracer/wavefront/walk/scatter-inl.h"
 #include "server/tracer/wavefront/walk/shadow_rays-inl.h"
-#include "server/tracer/work_queue.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {

@@ -1,0 +1,77 @@
+#include "server/tracer/film/film.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace itn::tracer {
+namespace {
+
+// Sums by the numbers of their samples.
+std::vector<float> averages(const std::vector<int64_t>& sums, double quantum,
+                            const std::vector<uint32_t>& counts) {
+  std::vector<float> result(sums.size());
+  for (size_t i = 0; i < sums.size(); ++i) {
+    result[i] = counts[i] == 0 ? 0.0F
+                               : static_cast<float>(static_cast<double>(sums[i]) * quantum /
+                                                    static_cast<double>(counts[i]));
+  }
+  return result;
+}
+
+std::vector<uint32_t> all_counts(const FilmSums& sums) {
+  std::vector<uint32_t> result(sums.squares.size());
+  for (const auto& estimate : sums.estimates) {
+    for (size_t i = 0; i < result.size(); ++i) result[i] += estimate.counts[i];
+  }
+  return result;
+}
+
+std::vector<float> standard_errors(const FilmSums& sums, const std::vector<uint32_t>& counts) {
+  std::vector<float> result(sums.squares.size());
+  for (size_t i = 0; i < result.size(); ++i) {
+    if (counts[i] < 2) continue;
+    double total = 0;
+    for (const auto& estimate : sums.estimates) {
+      total += static_cast<double>(estimate.radiance[i]) * sums.quantum;
+    }
+    const double n = counts[i], mean = total / n;
+    const double mean_square = static_cast<double>(sums.squares[i]) * sums.squares_quantum / n;
+    result[i] = static_cast<float>(std::sqrt(std::max(0.0, mean_square - mean * mean) / (n - 1)));
+  }
+  return result;
+}
+
+}  // namespace
+
+void add(Counters& into, const Counters& part) {
+  into.paths += part.paths;
+  into.steps += part.steps;
+  into.invalid_samples += part.invalid_samples;
+  into.leaks += part.leaks;
+  into.cpu_seconds += part.cpu_seconds;
+}
+
+uint32_t samples_of_estimate(uint32_t count, uint32_t k, uint32_t estimates) {
+  return (count + estimates - 1 - k) / estimates;
+}
+
+RenderedImages means(const FilmSums& sums) {
+  RenderedImages images;
+  for (const auto& estimate : sums.estimates) {
+    auto& image = images.estimates.emplace_back();
+    image.radiance = averages(estimate.radiance, sums.quantum, estimate.counts);
+    for (size_t i = 0; i < estimate.derivatives.size(); ++i) {
+      image.derivatives.push_back(
+          averages(estimate.derivatives[i], sums.derivative_quanta[i], estimate.counts));
+    }
+    for (const std::vector<int64_t>& radiance : estimate.at_albedos) {
+      image.at_albedos.push_back(averages(radiance, sums.quantum, estimate.counts));
+    }
+  }
+  const std::vector<uint32_t> counts = all_counts(sums);
+  images.mask = averages(sums.hits, 1, counts);
+  images.standard_error = standard_errors(sums, counts);
+  return images;
+}
+
+}  // namespace itn::tracer

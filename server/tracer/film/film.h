@@ -1,0 +1,69 @@
+// What a render leaves behind: sums over samples, by pixel, and the images that they make.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "server/tracer/parameters/parameter.h"
+
+namespace itn::tracer {
+
+// What happened. `invalid_samples` and `leaks` are dropped (they count as 0 radiance).
+struct Counters {
+  uint64_t paths = 0;
+  uint64_t steps = 0;  // free flights inside the medium
+  uint64_t invalid_samples = 0;
+  uint64_t leaks = 0;
+  double cpu_seconds = 0;
+};
+void add(Counters& into, const Counters& part);
+
+// Sums over samples in fixed point: value = integer * quantum. Integer sums have no order, so they
+// do not depend on threads. Arrays are those of the tile that is rendered, top row first.
+struct FilmSums {
+  int width = 0, height = 0;  // of the tile
+  int x = 0, y = 0;           // where it begins in the camera's film
+  int film_width = 0;
+  double quantum = 0;          // of radiance; a power of two
+  double squares_quantum = 0;  // of squares
+  // Of derivatives, in the order of RenderRequest::derivatives.
+  std::vector<double> derivative_quanta;
+
+  struct EstimateSums {
+    std::vector<uint32_t> counts;  // of samples
+    std::vector<int64_t> radiance;
+    std::vector<std::vector<int64_t>> derivatives;  // in the order of RenderRequest::derivatives
+    std::vector<std::vector<int64_t>> at_albedos;   // radiance for RenderRequest::albedos
+  };
+  std::vector<EstimateSums> estimates;
+  std::vector<int64_t> squares;  // of radiance, over all estimates; each at most 2^42 quanta
+  std::vector<int64_t> hits;     // camera rays that meet the object
+  Counters counters;
+
+  // Where a pixel, numbered in the camera's film, is in the arrays.
+  size_t index_of(uint32_t pixel) const {
+    const auto column = static_cast<int>(pixel % static_cast<uint32_t>(film_width));
+    const auto row = static_cast<int>(pixel / static_cast<uint32_t>(film_width));
+    return static_cast<size_t>(row - y) * static_cast<size_t>(width) +
+           static_cast<size_t>(column - x);
+  }
+};
+
+// Of so many samples, those that belong to estimate k of K.
+uint32_t samples_of_estimate(uint32_t count, uint32_t k, uint32_t estimates);
+
+// Means over the samples, 0 where there are none; all arrays width * height, top row first.
+struct RenderedImages {
+  struct Estimate {
+    std::vector<float> radiance;
+    std::vector<std::vector<float>> derivatives;  // in the order of RenderRequest::derivatives
+    std::vector<std::vector<float>> at_albedos;   // for RenderRequest::albedos
+  };
+  std::vector<Estimate> estimates;
+  std::vector<float> mask;            // fraction of camera rays that meet the object
+  std::vector<float> standard_error;  // of the mean radiance over all samples; 0 for less than two
+};
+
+RenderedImages means(const FilmSums& sums);
+
+}  // namespace itn::tracer

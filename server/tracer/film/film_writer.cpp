@@ -1,0 +1,153 @@
+#include "server/tracer/film/film_writer.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <numbers>
+
+namespace itn::tracer {
+namespace {
+
+// Radiance is counted in 2^-20 of a power of two near the lights' mean radiance: far below what a
+// sample is worth. A sample may be 2^22 times that mean, as when the camera looks into the smallest
+// sun, and 2^20 of them do not overflow 63 bits.
+constexpr int kQuantumBits = 20;
+constexpr double kMaxQuanta = 0x1p42;
+
+// Squares are counted in 2^-30 of the mean's square, so that dark pixels have a standard error too,
+// and cut off at 2^42 quanta, a radiance of 64 times the mean.
+constexpr int kSquaresQuantumBits = 30;
+
+double power_of_two_near(double x) {
+  return std::exp2(std::round(std::log2(x)));
+}
+
+// In units of the quantum of radiance. The derivative in sigma_t is of the order of radiance times
+// a free path, or times the size of the object where that is shorter; the others of that of
+// radiance.
+double derivative_unit(const Parameter& parameter, const Scene::Compiled& scene,
+                       const Material& material) {
+  if (parameter.kind != Parameter::kSigmaT) return 1;
+  const Bounds& box = scene.obstacles.bounds;
+  const double size = static_cast<double>(length(box.max - box.min));
+  return power_of_two_near(std::min(1 / material.sigma_t, size));
+}
+
+}  // namespace
+
+FilmSums empty_film(const Scene::Compiled& scene, const RenderRequest& request, const Plan& plan) {
+  FilmSums film;
+  const Tile tile = tile_of(scene, request);
+  film.width = static_cast<int>(tile.width);
+  film.height = static_cast<int>(tile.height);
+  film.x = static_cast<int>(tile.x);
+  film.y = static_cast<int>(tile.y);
+  film.film_width = scene.film.width;
+  const double mean = power_of_two_near(scene.lights.power() / (4 * std::numbers::pi));
+  film.quantum = std::ldexp(mean, -kQuantumBits);
+  film.squares_quantum = std::ldexp(mean * mean, -kSquaresQuantumBits);
+  for (const Parameter& parameter : request.derivatives) {
+    film.derivative_quanta.push_back(film.quantum *
+                                     derivative_unit(parameter, scene, request.material));
+  }
+  const auto pixels = static_cast<size_t>(film.width) * static_cast<size_t>(film.height);
+  film.squares.resize(pixels);
+  film.hits.resize(pixels);
+  film.estimates.resize(request.estimates);
+  for (uint32_t k = 0; k < request.estimates; ++k) {
+    auto& estimate = film.estimates[k];
+    estimate.counts.resize(pixels);
+    for (const PlannedPixel& p : plan.pixels) {
+      estimate.counts[film.index_of(p.pixel)] =
+          samples_of_estimate(p.sample_count, k, request.estimates);
+    }
+    estimate.radiance.resize(pixels);
+    estimate.derivatives.assign(request.derivatives.size(), std::vector<int64_t>(pixels));
+    estimate.at_albedos.assign(request.albedos.size(), std::vector<int64_t>(pixels));
+  }
+  return film;
+}
+
+FilmWriter::FilmWriter(FilmSums& film)
+    : film_(&film),
+      estimates_(static_cast<uint32_t>(film.estimates.size())),
+      derivatives_(film.derivative_quanta.size()),
+      albedos_(film.estimates[0].at_albedos.size()),
+      per_radiance_(1 / film.quantum),
+      per_square_(1 / film.squares_quantum) {
+  for (size_t i = 0; i < derivatives_; ++i) per_derivative_[i] = 1 / film.derivative_quanta[i];
+}
+
+void FilmWriter::add(const PathSample& sample, const PathEstimate& path) {
+  ++counters.paths;
+  counters.steps += path.steps;
+  const uint32_t estimate = sample.sample % estimates_;
+  PixelSums& sums = collected_[(sample.pixel * estimates_ + estimate) % kCollected];
+  if (sums.pixel != sample.pixel || sums.estimate != estimate) {
+    flush(sums);
+    restart(sums, sample.pixel, estimate);
+  }
+  sums.hits += path.hit ? 1 : 0;
+  if (path.leaked) {
+    ++counters.leaks;
+  } else if (!collect(path, sums)) {
+    ++counters.invalid_samples;
+  }
+}
+
+void FilmWriter::close() {
+  for (PixelSums& sums : collected_) {
+    flush(sums);
+    sums.pixel = PixelSums::kNone;
+  }
+}
+
+void FilmWriter::restart(PixelSums& sums, uint32_t pixel, uint32_t estimate) const {
+  sums.pixel = pixel;
+  sums.estimate = estimate;
+  sums.hits = sums.radiance = sums.squares = 0;
+  std::fill_n(sums.derivatives.begin(), derivatives_, 0);
+  std::fill_n(sums.at_albedos.begin(), albedos_, 0);
+}
+
+// Adds a path to sums, unless it is NaN, infinite or beyond their range: the one door for these.
+bool FilmWriter::collect(const PathEstimate& path, PixelSums& sums) const {
+  const double radiance = path.radiance * per_radiance_;
+  bool representable = std::abs(radiance) < kMaxQuanta;  // false for NaN
+  for (size_t i = 0; i < derivatives_; ++i) {
+    representable =
+        representable && std::abs(path.derivatives[i] * per_derivative_[i]) < kMaxQuanta;
+  }
+  for (size_t a = 0; a < albedos_; ++a) {
+    representable = representable && std::abs(path.at_albedos[a] * per_radiance_) < kMaxQuanta;
+  }
+  if (!representable) return false;
+  sums.radiance += std::llrint(radiance);
+  sums.squares += std::llrint(std::min(path.radiance * path.radiance * per_square_, kMaxQuanta));
+  for (size_t i = 0; i < derivatives_; ++i) {
+    sums.derivatives[i] += std::llrint(path.derivatives[i] * per_derivative_[i]);
+  }
+  for (size_t a = 0; a < albedos_; ++a) {
+    sums.at_albedos[a] += std::llrint(path.at_albedos[a] * per_radiance_);
+  }
+  return true;
+}
+
+void FilmWriter::flush(const PixelSums& sums) {
+  if (sums.pixel == PixelSums::kNone) return;
+  // Integers add up to the same in any order.
+  const auto add_to = [](int64_t& sum, int64_t by) {
+    std::atomic_ref(sum).fetch_add(by, std::memory_order_relaxed);
+  };
+  const size_t pixel = film_->index_of(sums.pixel);
+  auto& estimate = film_->estimates[sums.estimate];
+  add_to(estimate.radiance[pixel], sums.radiance);
+  for (size_t i = 0; i < derivatives_; ++i) {
+    add_to(estimate.derivatives[i][pixel], sums.derivatives[i]);
+  }
+  for (size_t a = 0; a < albedos_; ++a) add_to(estimate.at_albedos[a][pixel], sums.at_albedos[a]);
+  add_to(film_->squares[pixel], sums.squares);
+  add_to(film_->hits[pixel], sums.hits);
+}
+
+}  // namespace itn::tracer

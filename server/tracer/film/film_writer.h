@@ -1,0 +1,63 @@
+// How paths get onto the film. Internal to the tracer.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "server/tracer/film/film.h"
+#include "server/tracer/film/plan.h"
+#include "server/tracer/film/work_queue.h"
+#include "server/tracer/request/request.h"
+#include "server/tracer/scene/compiled_scene.h"
+
+namespace itn::tracer {
+
+// What one path from the camera contributes to its pixel. Of the arrays, as many values count as
+// were asked for.
+struct PathEstimate {
+  double radiance = 0;
+  std::array<double, kMaxDerivatives> derivatives{};  // for RenderRequest::derivatives
+  std::array<double, kMaxAlbedos> at_albedos{};       // radiance for RenderRequest::albedos
+  bool hit = false;                                   // the camera ray meets the object
+  bool leaked = false;                                // to be dropped
+  uint32_t steps = 0;                                 // free flights inside the medium
+};
+
+// An empty film for a render.
+FilmSums empty_film(const Scene::Compiled& scene, const RenderRequest& request, const Plan& plan);
+
+// One thread's way to the film. Paths of a pixel come one soon after the other, so their sums are
+// collected here before they go to the film, where other threads may be adding to the same pixels.
+class FilmWriter {
+ public:
+  explicit FilmWriter(FilmSums& film);
+  void add(const PathSample& sample, const PathEstimate& path);
+  // To be called when all is added.
+  void close();
+
+  Counters counters;
+
+ private:
+  // Sums over some samples of an estimate of a pixel.
+  struct PixelSums {
+    static constexpr uint32_t kNone = ~0U;
+    uint32_t pixel = kNone, estimate = 0;
+    int64_t hits = 0, radiance = 0, squares = 0;
+    std::array<int64_t, kMaxDerivatives> derivatives{};
+    std::array<int64_t, kMaxAlbedos> at_albedos{};
+  };
+  bool collect(const PathEstimate& path, PixelSums& sums) const;
+  // Adds them to the film.
+  void flush(const PixelSums& sums);
+  void restart(PixelSums& sums, uint32_t pixel, uint32_t estimate) const;
+
+  static constexpr size_t kCollected = 64;
+  FilmSums* film_;
+  uint32_t estimates_;
+  size_t derivatives_, albedos_;  // how many of each
+  double per_radiance_, per_square_;
+  std::array<double, kMaxDerivatives> per_derivative_{};
+  std::array<PixelSums, kCollected> collected_{};
+};
+
+}  // namespace itn::tracer

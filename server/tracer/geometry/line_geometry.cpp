@@ -1,0 +1,152 @@
+#include "server/tracer/geometry/line_geometry.h"
+
+#include <algorithm>
+#include <cfloat>
+#include <cmath>
+
+namespace itn::tracer {
+namespace {
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+// More crossings than this on one line mean that rounding has trapped it.
+constexpr int kMaxCrossings = 100000;
+
+float max_abs(Vec3f v) {
+  return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)});
+}
+
+}  // namespace
+
+Line::Line(Vec3f position, Vec3f unit, SurfaceTriangle on, float extent)
+    : direction(unit), slack(4 * FLT_EPSILON * std::max(extent, max_abs(position))), excluded(on) {
+  start = 2 * slack;
+  origin = position - unit * start;
+}
+
+Geometry::Geometry(const Mesh& object, const std::vector<DiffuseSurface>& surfaces)
+    : bounds_(bounds(object)) {
+  for (const DiffuseSurface& surface : surfaces) {
+    surfaces_.push_back(surface.mesh);
+    std::vector<Vec3f>& normals = surface_normals_.emplace_back();
+    for (const auto& [a, b, c] : surface.mesh.triangles) {
+      const auto vertex = [&](uint32_t i) { return static_cast<Vec3d>(surface.mesh.vertices[i]); };
+      normals.push_back(
+          static_cast<Vec3f>(itn::normalize(cross(vertex(b) - vertex(a), vertex(c) - vertex(a)))));
+    }
+  }
+  extent_ = std::max(max_abs(bounds_.min), max_abs(bounds_.max));
+  intersector_ = make_embree_intersector(object, surfaces_);
+}
+
+Geometry::~Geometry() = default;
+
+size_t Geometry::memory() const {
+  size_t sum = sizeof(*this) + intersector_->memory();
+  for (size_t i = 0; i < surfaces_.size(); ++i) {
+    sum += (surfaces_[i].vertices.size() + surfaces_[i].triangles.size() +
+            surface_normals_[i].size()) *
+           sizeof(Vec3f);
+  }
+  return sum;
+}
+
+RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_medium_length,
+                           const BoundaryModel* model) const {
+  const Line line(from.position, direction, from.on, extent_);
+  RayResult ray;
+  bool inside = from.inside;
+  ray.entered = inside;
+  float t = line.start;
+  float last_exit = 0, last_entry = 0;  // distances; crossings of a kind lie beyond the last one
+  const auto from_distance = [&](float last) {
+    return std::max(t - line.slack, std::nextafter(last, kInfinity));
+  };
+  // Asks the model about a crossing at t; whether the line goes on.
+  const auto passes = [&](const Hit& hit) {
+    if (model == nullptr) return true;
+    const auto [point, normal] = intersector_->crossing(hit);
+    const BoundaryInteraction at{.point = point,
+                                 .normal = normal,
+                                 .direction = line.direction,
+                                 .triangle = hit.triangle,
+                                 .leaving = inside};
+    if (model->straight()) {
+      ray.transmittance *= model->transmittance(at);
+      return true;
+    }
+    ray.at = {at.point, inside, {}};
+    ray.crossing = at;
+    ray.end = RayResult::End::kCrossing;
+    return false;
+  };
+  for (int crossings = 0; crossings < kMaxCrossings; ++crossings) {
+    if (inside) {
+      const float end = t + (max_medium_length - ray.medium_length);
+      const Hit hit = intersector_->closest(line, from_distance(last_exit), end, Wanted::kExit);
+      if (!hit.found) {
+        ray.medium_length = max_medium_length;
+        ray.at = {line.at(end), true, {}};
+        ray.end =
+            may_contain(ray.at.position) ? RayResult::End::kInMedium : RayResult::End::kLeaked;
+        return ray;
+      }
+      const float exit = std::max(t, hit.t);
+      ray.medium_length += exit - t;
+      t = exit;
+      if (hit.on_surface()) {
+        ray.at = surface_interaction(line, hit, true);
+        ray.end = RayResult::End::kSurface;
+        return ray;
+      }
+      if (!passes(hit)) return ray;
+      last_exit = hit.t;
+      inside = false;
+    } else {
+      const Hit hit =
+          intersector_->closest(line, from_distance(last_entry), kInfinity, Wanted::kEntry);
+      if (!hit.found) {
+        ray.end = RayResult::End::kEscaped;
+        return ray;
+      }
+      t = std::max(t, hit.t);
+      if (hit.on_surface()) {
+        ray.at = surface_interaction(line, hit, false);
+        ray.end = RayResult::End::kSurface;
+        return ray;
+      }
+      ray.entered = true;
+      if (!passes(hit)) return ray;
+      last_entry = hit.t;
+      inside = true;
+    }
+  }
+  ray.end = RayResult::End::kLeaked;
+  return ray;
+}
+
+bool Geometry::may_contain(Vec3f p) const {
+  const float margin = 16 * FLT_EPSILON * extent_;
+  const auto within = [&](float v, float low, float high) {
+    return v >= low - margin && v <= high + margin;
+  };
+  return within(p.x, bounds_.min.x, bounds_.max.x) && within(p.y, bounds_.min.y, bounds_.max.y) &&
+         within(p.z, bounds_.min.z, bounds_.max.z);
+}
+
+// The point is put into the plane of its triangle, so that a level floor stays level.
+Interaction Geometry::surface_interaction(const Line& line, const Hit& hit, bool inside) const {
+  const SurfaceTriangle on = hit.surface;
+  const Mesh& mesh = surfaces_[on.surface];
+  const auto normal = static_cast<Vec3d>(surface_normals_[on.surface][on.triangle]);
+  const auto corner = static_cast<Vec3d>(mesh.vertices[mesh.triangles[on.triangle][0]]);
+  const Vec3d p =
+      static_cast<Vec3d>(line.origin) + static_cast<Vec3d>(line.direction) * double{hit.t};
+  return {static_cast<Vec3f>(p - normal * dot(p - corner, normal)), inside, on};
+}
+
+Vec3f Geometry::facing_normal(SurfaceTriangle at, Vec3f direction) const {
+  const Vec3f normal = surface_normals_[at.surface][at.triangle];
+  return dot(normal, direction) < 0 ? normal : -normal;
+}
+
+}  // namespace itn::tracer

@@ -1,0 +1,337 @@
+// Follows many straight lines at a time through the medium, the surfaces and out of the scene: the
+// rules are those of Geometry::follow (geometry/line_geometry.h), line by line.
+//
+// A line is a sequence of queries: inside the medium for its next exit, outside for its next entry.
+// A query steps from cell to cell of the grid (grid_steps-inl.h). kLines of them step at a time,
+// several vectors full, so that the processor has other work while one waits for memory. A line
+// whose query has ended waits until most of them have, then all that wait take their turn: the
+// crossing is booked, and the next query of the line or a new line begins. Triangles are tested for
+// one line at a time (triangle_test-inl.h).
+#if defined(ITN_TRACER_GEOMETRY_LINES_FOLLOW_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_GEOMETRY_LINES_FOLLOW_INL_H_
+#undef ITN_TRACER_GEOMETRY_LINES_FOLLOW_INL_H_
+#else
+#define ITN_TRACER_GEOMETRY_LINES_FOLLOW_INL_H_
+#endif
+
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+
+#include "server/tracer/boundary/boundary.h"
+#include "server/tracer/geometry/lines/early_out-inl.h"
+#include "server/tracer/geometry/lines/grid_steps-inl.h"
+#include "server/tracer/geometry/lines/surface_search-inl.h"
+#include "server/tracer/geometry/lines/triangle_test-inl.h"
+#include "server/tracer/geometry/obstacles.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+// The state machine of the lines. A line is free; or busy with a ray, and then either its query is
+// stepping, or it waits for its turn: for the crossing to be booked, and for the next query.
+template <typename AtBoundary>
+class LineFollower {
+ public:
+  LineFollower(const Obstacles& obstacles, Rays& rays, size_t count, Report report,
+               AtBoundary& at_boundary)
+      : obstacles_(obstacles),
+        grid_(obstacles.grid),
+        rays_(rays),
+        count_(count),
+        report_(report),
+        at_boundary_(at_boundary) {}
+
+  void run() {
+    // What ends where it begins needs no line.
+    pending_count_ = early_out(obstacles_, rays_, count_, report_, at_boundary_, pending_);
+    for (;;) {
+      const LineBits waiting = busy_ & ~stepping_;
+      for (size_t v = 0; v < kLines; v += lanes()) {
+        if (any_set(waiting, v)) conclude(mask_of(waiting, v), v);
+      }
+      const LineBits fresh = take_rays();
+      if (busy_ == 0) return;
+      const LineBits turning = fresh | (waiting & busy_);
+      for (size_t v = 0; v < kLines; v += lanes()) {
+        if (any_set(fresh, v)) begin_lines(mask_of(fresh, v), v);
+        if (any_set(turning, v)) begin_queries(mask_of(turning, v), v);
+      }
+      const int enough = next_ < pending_count_ ? kLines / 4 : 0;
+      while (std::popcount(stepping_) > enough) step();
+    }
+  }
+
+ private:
+  // Gives the next rays to lines that are free; returns the lines that got one.
+  LineBits take_rays() {
+    LineBits taken = 0;
+    for (LineBits free = kAllLines & ~busy_; free != 0 && next_ < pending_count_;
+         free &= free - 1) {
+      const int line = std::countr_zero(free);
+      lines_.ray[line] = pending_[next_++];
+      taken |= LineBits{1} << line;
+    }
+    busy_ |= taken;
+    return taken;
+  }
+
+  // What lines know of the rays that they were given.
+  void begin_lines(Mask fresh, size_t v) {
+    const Ints ray = hn::BitCast(IntTag(), load(lines_.ray, v));
+    const auto gather = [&](const FloatColumn& column) {
+      return hn::GatherIndex(FloatTag(), column.data(), ray);
+    };
+    const auto gather_vectors = [&](const VectorColumn& column) {
+      return Vectors{gather(column.x), gather(column.y), gather(column.z)};
+    };
+    const Vectors position = gather_vectors(rays_.position);
+    const Vectors direction = gather_vectors(rays_.direction);
+    const auto [slack, start, origin] = start_of(obstacles_, position, direction);
+    lines_.origin.store(fresh, origin, v);
+    lines_.direction.store(fresh, direction, v);
+    store(fresh, slack, lines_.slack, v);
+    store(fresh, start, lines_.t, v);
+    const Floats zero = hn::Zero(FloatTag());
+    store(fresh, zero, lines_.medium_length, v);
+    store(fresh, zero, lines_.last_exit, v);
+    store(fresh, zero, lines_.last_entry, v);
+    if constexpr (AtBoundary::kAsks) store(fresh, set(1.0F), line_crossings_.transmittance, v);
+    const Floats max_medium_length = gather(rays_.max_medium_length);
+    store(fresh, max_medium_length, lines_.max_medium_length, v);
+    const Uints interaction = hn::GatherIndex(UintTag(), rays_.interaction.data(), ray);
+    const Uints inside = hn::And(interaction, set(Rays::kInside));
+    store(fresh, inside, lines_.inside, v);
+    store(fresh, inside, lines_.entered, v);
+    store(fresh, hn::Zero(UintTag()), lines_.crossings, v);
+
+    begin_in_grid(grid_, lines_, fresh, v, origin, direction);
+    const Floats x = hn::Abs(direction.x), y = hn::Abs(direction.y), z = hn::Abs(direction.z);
+    const Uints zero_or_one = hn::IfThenElseZero(for_uints(hn::Gt(y, x)), set(uint32_t{1}));
+    store(fresh, hn::IfThenElse(for_uints(hn::Gt(z, hn::Max(x, y))), set(uint32_t{2}), zero_or_one),
+          lines_.steepest, v);
+
+    store(fresh, set(kInfinity), lines_.surface_t, v);
+    store(fresh, set(Surfaces::kNone), lines_.surface, v);
+    if (!obstacles_.surfaces.empty()) {
+      begin_surfaces(obstacles_.surfaces, lines_, fresh, v, position, direction, max_medium_length,
+                     interaction);
+    }
+  }
+
+  // The next query of lines: inside for an exit within the rest of the budget, outside for an
+  // entry, both up to the surface.
+  void begin_queries(Mask where, size_t v) {
+    const FloatTag d;
+    const Mask inside = not_zero(load(lines_.inside, v));
+    if (!obstacles_.surfaces.empty()) {
+      find_surfaces(obstacles_.surfaces, lines_, hn::AndNot(inside, where), v);
+    }
+    const Floats t = load(lines_.t, v);
+    const Floats last =
+        hn::IfThenElse(inside, load(lines_.last_exit, v), load(lines_.last_entry, v));
+    // The next larger float: these are not negative.
+    const Floats beyond = hn::BitCast(d, hn::Add(hn::BitCast(UintTag(), last), set(uint32_t{1})));
+    const Floats t_min = hn::Max(hn::Sub(t, load(lines_.slack, v)), beyond);
+    const Floats rest =
+        hn::Add(t, hn::Sub(load(lines_.max_medium_length, v), load(lines_.medium_length, v)));
+    const Floats end =
+        hn::Min(load(lines_.surface_t, v), hn::IfThenElse(inside, rest, set(kInfinity)));
+    store(where, t_min, lines_.t_min, v);
+    store(where, end, lines_.end, v);
+    store(where, set(kInfinity), lines_.hit, v);
+    store(where, hn::IfThenElse(inside, set(1.0F), set(-1.0F)), lines_.side, v);
+    // Counts as inside until a cell says otherwise.
+    store(where, set(Grid::kInside), lines_.word, v);
+
+    stepping_ |= bits_of(enter_grid(grid_, lines_, where, v, t_min, end), v);
+  }
+
+  // All lines under way look at the cell that they are in, and take a step.
+  HWY_INLINE void step() {
+    LineBits to_test = 0;
+    for (size_t v = 0; v < kLines; v += lanes()) {
+      if (any_set(stepping_, v))
+        to_test |= bits_of(look(grid_, lines_, mask_of(stepping_, v), v), v);
+    }
+    triangle_test_.test(grid_, lines_, line_crossings_, to_test);
+    LineBits stepping = 0;
+    for (size_t v = 0; v < kLines; v += lanes()) {
+      if (any_set(stepping_, v)) {
+        stepping |= bits_of(advance(grid_, lines_, mask_of(stepping_, v), v), v);
+      }
+    }
+    stepping_ = stepping;
+  }
+
+  // Books what queries have found: goes on to the next query of the line, or ends it.
+  void conclude(Mask where, size_t v) {
+    const FloatTag d;
+    const Mask inside = not_zero(load(lines_.inside, v));
+    const Floats hit = load(lines_.hit, v), surface_t = load(lines_.surface_t, v),
+                 t = load(lines_.t, v);
+    const Mask crossed = hn::And(where, hn::Lt(hit, hn::Min(surface_t, set(kInfinity))));
+    const Mask missed = hn::AndNot(crossed, where);
+
+    Mask exits = hn::And(crossed, inside), entries = hn::AndNot(inside, crossed);
+    const Floats end = load(lines_.end, v);
+    const Mask at_surface =
+        hn::And(missed, hn::And(hn::Eq(end, surface_t), hn::Lt(surface_t, set(kInfinity))));
+    const Floats stop = hn::Max(t, hn::IfThenElse(crossed, hit, end));
+    // Lines that the boundary bends end there, before the crossing.
+    [[maybe_unused]] Mask bent = crossed;
+    if constexpr (AtBoundary::kAsks) {
+      store(entries, set(uint32_t{1}), lines_.entered, v);
+      bent = ask(crossed, v);
+      exits = hn::AndNot(bent, exits);
+      entries = hn::AndNot(bent, entries);
+    }
+    const Floats travelled = hn::IfThenElseZero(inside, hn::Sub(stop, t));
+    const Mask at_limit = hn::AndNot(at_surface, hn::And(missed, inside));
+    const Floats medium_length = hn::IfThenElse(at_limit, load(lines_.max_medium_length, v),
+                                                hn::Add(load(lines_.medium_length, v), travelled));
+    store(where, medium_length, lines_.medium_length, v);
+    store(crossed, stop, lines_.t, v);
+    store(exits, hit, lines_.last_exit, v);
+    store(entries, hit, lines_.last_entry, v);
+    const Uints one = set(uint32_t{1});
+    store(exits, hn::Zero(UintTag()), lines_.inside, v);
+    store(entries, one, lines_.inside, v);
+    store(entries, one, lines_.entered, v);
+    const Uints crossings = hn::Add(load(lines_.crossings, v), one);
+    store(crossed, crossings, lines_.crossings, v);
+
+    Vectors end_point = lines_.origin.load(v) + lines_.direction.load(v) * end;
+    if constexpr (AtBoundary::kAsks) {
+      end_point = if_then_else(bent, line_crossings_.point.load(v), end_point);
+    }
+    const Mask lost =
+        hn::Or(hn::AndNot(may_be_inside(obstacles_, end_point, load(lines_.word, v)), at_limit),
+               hn::And(crossed, hn::RebindMask(d, hn::Gt(crossings, set(kMaxCrossings)))));
+    Uints how = set(uint32_t{Rays::kEscaped});
+    how = hn::IfThenElse(for_uints(at_surface), set(uint32_t{Rays::kSurface}), how);
+    how = hn::IfThenElse(for_uints(at_limit), set(uint32_t{Rays::kInMedium}), how);
+    Mask ended = hn::Or(missed, lost);
+    if constexpr (AtBoundary::kAsks) {
+      how = hn::IfThenElse(for_uints(bent), set(uint32_t{Rays::kCrossing}), how);
+      ended = hn::Or(ended, bent);
+    }
+    how = hn::IfThenElse(for_uints(lost), set(uint32_t{Rays::kLeaked}), how);
+    if (!hn::AllFalse(d, ended)) {
+      end_lines(ended, v, how, at_surface, end_point);
+      busy_ &= ~bits_of(ended, v);
+    }
+  }
+
+  // Asks the model about crossings; returns the lines that it bends. The point is that of the
+  // barycentric coordinates: it is as near to the boundary as it can be, however far the line has
+  // come. The normal is that of the corners which are tested.
+  Mask ask(Mask crossed, size_t v) {
+    LineBits bent = 0;
+    for (LineBits bits = bits_of(crossed, v); bits != 0; bits &= bits - 1) {
+      const int line = std::countr_zero(bits);
+      const uint32_t block = line_crossings_.hit[line] / TriangleBlock::kSize;
+      const uint32_t lane = line_crossings_.hit[line] % TriangleBlock::kSize;
+      const auto corner = [&](size_t k) {
+        const auto& axes = grid_.blocks[block].corners[k];
+        return Vec3d{double{axes[0][lane]}, double{axes[1][lane]}, double{axes[2][lane]}};
+      };
+      const Vec3d a = corner(0), b = corner(1), c = corner(2);
+      const Vec3d normal = itn::cross(b - a, c - a);
+      const auto sides = static_cast<Vec3d>(line_crossings_.sides.at(line));
+      const Vec3d in_cell =
+          (a * sides.x + b * sides.y + c * sides.z) * (1 / (sides.x + sides.y + sides.z));
+      const auto middle = static_cast<Vec3d>(grid_.occupied[line_crossings_.cell[line]].middle);
+      const BoundaryInteraction at{.point = static_cast<Vec3f>(middle + in_cell),
+                                   .normal = static_cast<Vec3f>(itn::normalize(normal)),
+                                   .direction = lines_.direction.at(line),
+                                   .triangle = grid_.numbers[block][lane],
+                                   .leaving = lines_.inside[line] != 0};
+      if (at_boundary_.model.straight()) {
+        line_crossings_.transmittance[line] *= at_boundary_.model.transmittance(at);
+      } else {
+        line_crossings_.triangle[line] = at.triangle;
+        line_crossings_.point.set(line, at.point);
+        line_crossings_.normal.set(line, at.normal);
+        bent |= LineBits{1} << line;
+      }
+    }
+    return mask_of(bent, v);
+  }
+
+  // Writes results. A point on a surface is put into the plane of its triangle, so that a level
+  // floor stays level.
+  void end_lines(Mask ended, size_t v, Uints how, Mask at_surface, Vectors end_point) {
+    // Lines that have not ended write to the spare place behind the last slot.
+    const Ints ray = hn::BitCast(IntTag(), hn::IfThenElse(for_uints(ended), load(lines_.ray, v),
+                                                          set(static_cast<uint32_t>(kSlots))));
+    const auto write = [&](Floats from, FloatColumn& column) {
+      hn::ScatterIndex(from, FloatTag(), column.data(), ray);
+    };
+    write(load(lines_.medium_length, v), rays_.medium_length);
+    const Uints entered = hn::ShiftLeft<Rays::kEnteredBit>(load(lines_.entered, v));
+    hn::ScatterIndex(hn::Or(how, entered), UintTag(), rays_.outcome.data(), ray);
+    if constexpr (AtBoundary::kAsks) {
+      Crossings& crossings = at_boundary_.crossings;
+      write(load(line_crossings_.transmittance, v), crossings.transmittance);
+      const Vectors normal = line_crossings_.normal.load(v);
+      write(normal.x, crossings.normal.x);
+      write(normal.y, crossings.normal.y);
+      write(normal.z, crossings.normal.z);
+      hn::ScatterIndex(load(line_crossings_.triangle, v), UintTag(), crossings.triangle.data(),
+                       ray);
+    }
+    if (report_ == Report::kLengths) return;
+    Uints what = load(lines_.inside, v);
+    if (!hn::AllFalse(FloatTag(), at_surface)) {
+      const Surfaces& surfaces = obstacles_.surfaces;
+      const Uints triangle = hn::IfThenElseZero(for_uints(at_surface), load(lines_.surface, v));
+      const Ints index = hn::BitCast(IntTag(), triangle);
+      const auto gather = [&](const Surfaces::Vectors& from) {
+        return Vectors{hn::GatherIndex(FloatTag(), from.x.data(), index),
+                       hn::GatherIndex(FloatTag(), from.y.data(), index),
+                       hn::GatherIndex(FloatTag(), from.z.data(), index)};
+      };
+      const Vectors normal = gather(surfaces.normals);
+      const Floats off = dot(end_point - gather(surfaces.corners[0]), normal);
+      end_point = if_then_else(at_surface, end_point - normal * off, end_point);
+      const Uints number = hn::ShiftLeft<1>(hn::Add(triangle, set(uint32_t{1})));
+      what = hn::Or(what, hn::IfThenElseZero(for_uints(at_surface), number));
+    }
+    write(end_point.x, rays_.position.x);
+    write(end_point.y, rays_.position.y);
+    write(end_point.z, rays_.position.z);
+    hn::ScatterIndex(what, UintTag(), rays_.interaction.data(), ray);
+  }
+
+  // More crossings than this on one line mean that rounding has trapped it.
+  static constexpr uint32_t kMaxCrossings = 100000;
+
+  const Obstacles& obstacles_;
+  const Grid& grid_;
+  Rays& rays_;
+  const size_t count_;
+  const Report report_;
+  AtBoundary& at_boundary_;
+  UintColumn pending_;  // rays to be followed
+  size_t pending_count_ = 0;
+  size_t next_ = 0;        // of the pending rays
+  LineBits busy_ = 0;      // lines that have a ray
+  LineBits stepping_ = 0;  // lines whose query is under way
+
+  Lines lines_;
+  [[no_unique_address]] typename AtBoundary::LineCrossings line_crossings_;
+  TriangleTest<AtBoundary> triangle_test_;
+};
+
+// Follows the first `count` rays.
+template <typename AtBoundary>
+HWY_INLINE void follow_lines(const Obstacles& obstacles, Rays& rays, size_t count, Report report,
+                             AtBoundary& at_boundary) {
+  LineFollower<AtBoundary>(obstacles, rays, count, report, at_boundary).run();
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

@@ -1,0 +1,44 @@
+// Straight lines to be followed, and how each of them ended (see RayResult in
+// geometry/line_geometry.h).
+#pragma once
+
+#include "server/tracer/simd/columns.h"
+
+namespace itn::tracer {
+
+struct Rays {
+  // In, and where it ended out (unless it escaped or leaked).
+  VectorColumn position, direction;
+  // In: what the position is at, see below; out: the end.
+  UintColumn interaction{};
+  // In: the length in the medium to travel at most, in mm.
+  FloatColumn max_medium_length{};
+  // Out: the length travelled inside the medium, in mm; and how the line ended, an End, with
+  // kEntered set if it entered the medium, or started in it.
+  FloatColumn medium_length{};
+  UintColumn outcome{};
+
+  enum End : uint32_t { kInMedium, kSurface, kEscaped, kLeaked, kCrossing };
+  static constexpr int kEnteredBit = 3;
+  static constexpr uint32_t kEndMask = 7, kEntered = 1 << kEnteredBit;
+
+  // An interaction: bit 0 set inside the medium; above it the number of the surface's triangle that
+  // the point lies on, plus 1, or 0.
+  static constexpr uint32_t kInside = 1;
+  static constexpr uint32_t on_surface(uint32_t triangle) { return (triangle + 1) << 1; }
+  static constexpr uint32_t surface_of(uint32_t interaction) { return (interaction >> 1) - 1; }
+};
+
+// What lines that ask a BoundaryModel know besides, by ray.
+struct Crossings {
+  FloatColumn transmittance{};  // of the boundaries passed
+  // Of the crossing that the line ended in, if it did: where it is and which way is the ray's,
+  // whose interaction is that before it.
+  UintColumn triangle{};
+  VectorColumn normal{};  // of unit length, outwards
+};
+
+// What is asked of the rays that are followed: where each ended, or only how, and how long it was.
+enum class Report { kEnds, kLengths };
+
+}  // namespace itn::tracer

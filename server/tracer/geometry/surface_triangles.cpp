@@ -1,0 +1,74 @@
+#include "server/tracer/geometry/surface_triangles.h"
+
+#include <algorithm>
+#include <limits>
+
+namespace itn::tracer {
+
+Surfaces::Surfaces(const std::vector<DiffuseSurface>& surfaces) {
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  bounds = {{kInfinity, kInfinity, kInfinity}, {-kInfinity, -kInfinity, -kInfinity}};
+  std::vector<Mesh> meshes;
+  for (const DiffuseSurface& surface : surfaces) {
+    first_triangle_of_mesh.push_back(static_cast<uint32_t>(triangles));
+    meshes.push_back(surface.mesh);
+    for (const auto& triangle : surface.mesh.triangles) {
+      Vec3d corner[3];
+      for (size_t k = 0; k < 3; ++k) {
+        const Vec3f v = surface.mesh.vertices[triangle[k]];
+        corners[k].push_back(v);
+        corner[k] = static_cast<Vec3d>(v);
+        bounds.min = {std::min(bounds.min.x, v.x), std::min(bounds.min.y, v.y),
+                      std::min(bounds.min.z, v.z)};
+        bounds.max = {std::max(bounds.max.x, v.x), std::max(bounds.max.y, v.y),
+                      std::max(bounds.max.z, v.z)};
+      }
+      normals.push_back(
+          static_cast<Vec3f>(itn::normalize(cross(corner[1] - corner[0], corner[2] - corner[0]))));
+      reflectances.push_back(surface.reflectance);
+      ++triangles;
+    }
+  }
+  for (Vectors* vectors : {&corners[0], &corners[1], &corners[2], &normals}) vectors->push_back({});
+  reflectances.push_back(0);
+  if (triangles > kFew) many = make_embree_intersector({}, meshes);
+}
+
+bool Surfaces::in_front(Vec3d origin, Vec3d direction, double length) const {
+  const Vec3d end = origin + direction * length;
+  const auto apart = [](double a, double b, float low, float high) {
+    return std::max(a, b) < double{low} || std::min(a, b) > double{high};
+  };
+  if (empty() || apart(origin.x, end.x, bounds.min.x, bounds.max.x) ||
+      apart(origin.y, end.y, bounds.min.y, bounds.max.y) ||
+      apart(origin.z, end.z, bounds.min.z, bounds.max.z)) {
+    return false;
+  }
+  if (many) {
+    // A little further, as distances are rounded: to say yes too often does no harm.
+    constexpr double kFurther = 1 + 1e-4;
+    Line line(static_cast<Vec3f>(origin), static_cast<Vec3f>(direction), {}, 0);
+    line.origin = static_cast<Vec3f>(origin);
+    return many->closest(line, 0, static_cast<float>(length * kFurther), Wanted::kSurfaceOnly)
+        .found;
+  }
+  for (size_t i = 0; i < triangles; ++i) {
+    const auto corner = [&](size_t k) { return static_cast<Vec3d>(corners[k].at(i)) - origin; };
+    const Vec3d a = corner(0), b = corner(1), c = corner(2), n = cross(b - a, c - a);
+    const double slope = dot(n, direction), t = dot(n, a) / slope;
+    const auto same_side = [&](Vec3d p, Vec3d q) {
+      return dot(direction, cross(p, q)) * slope >= 0;
+    };
+    if (slope != 0 && t >= 0 && t <= length && same_side(a, b) && same_side(b, c) &&
+        same_side(c, a)) {
+      return true;
+    }
+  }
+  return false;
+}
+
+size_t Surfaces::memory() const {
+  return sizeof(*this) + reflectances.size() * kBytesByTriangle + (many ? many->memory() : 0);
+}
+
+}  // namespace itn::tracer

@@ -1,0 +1,60 @@
+#include "server/tracer/parameters/parameter.h"
+
+#include <fmt/format.h>
+
+#include <charconv>
+
+#include "common/error.h"
+
+namespace itn::tracer {
+namespace {
+
+// Reads "PREFIX[INDEX]SUFFIX" with an INDEX as it is printed: no sign, no leading zero.
+bool read_indexed(std::string_view name, std::string_view prefix, std::string_view suffix,
+                  uint32_t& index) {
+  if (!name.starts_with(prefix) || !name.ends_with(suffix) ||
+      name.size() <= prefix.size() + suffix.size()) {
+    return false;
+  }
+  name.remove_prefix(prefix.size());
+  name.remove_suffix(suffix.size());
+  const auto [end, error] = std::from_chars(name.data(), name.data() + name.size(), index);
+  return error == std::errc{} && end == name.data() + name.size() &&
+         (name.size() == 1 || name.front() != '0');
+}
+
+}  // namespace
+
+const std::vector<Parameter>& medium_parameters() {
+  static const std::vector<Parameter> parameters{
+      {Parameter::kSigmaT}, {Parameter::kAlbedo}, {Parameter::kG}};
+  return parameters;
+}
+
+std::string name_of(const Parameter& parameter) {
+  switch (parameter.kind) {
+    case Parameter::kSigmaT: return "sigma_t";
+    case Parameter::kAlbedo: return "albedo";
+    case Parameter::kG: return "g";
+    case Parameter::kReflectance: return fmt::format("surface[{}].reflectance", parameter.index);
+    case Parameter::kLightScale: return fmt::format("light[{}].scale", parameter.index);
+  }
+  throw Error(ErrorKind::kInternal, "a parameter of no kind");
+}
+
+Parameter parameter_named(std::string_view name) {
+  for (const Parameter& parameter : medium_parameters()) {
+    if (name == name_of(parameter)) return parameter;
+  }
+  uint32_t index = 0;
+  if (read_indexed(name, "surface[", "].reflectance", index)) {
+    return {Parameter::kReflectance, index};
+  }
+  if (read_indexed(name, "light[", "].scale", index)) return {Parameter::kLightScale, index};
+  throw invalid_input(
+      fmt::format("{} is not a parameter; there are sigma_t, albedo, g, surface[K].reflectance and "
+                  "light[K].scale, K counting from 0",
+                  name));
+}
+
+}  // namespace itn::tracer

@@ -1,0 +1,120 @@
+#include "server/tracer/request/request.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/error.h"
+
+namespace itn::tracer {
+namespace {
+
+void check_samples(const RenderRequest& request) {
+  if (request.sample_count < 1 || request.sample_count > kMaxSamples) {
+    throw invalid_input(
+        fmt::format("spp is {}; it must be in [1, {}]", request.sample_count, kMaxSamples));
+  }
+}
+
+void check_estimates(const RenderRequest& request) {
+  const uint32_t most = std::min(kMaxEstimates, request.sample_count);
+  if (request.estimates < 1 || request.estimates > most) {
+    throw invalid_input(
+        fmt::format("estimates is {}; it must be in [1, {}]", request.estimates, most));
+  }
+}
+
+void check_albedos(const RenderRequest& request) {
+  if (request.albedos.size() > kMaxAlbedos) {
+    throw invalid_input(fmt::format("the number of albedos is {}; it must be in [0, {}]",
+                                    request.albedos.size(), kMaxAlbedos));
+  }
+  for (size_t i = 0; i < request.albedos.size(); ++i) {
+    if (!(request.albedos[i] >= 0 && request.albedos[i] <= request.material.albedo)) {
+      throw invalid_input(
+          fmt::format("albedos[{}] is {}; it must be in [0, {}], the albedo of the material", i,
+                      request.albedos[i], request.material.albedo));
+    }
+  }
+}
+
+void check_derivatives(const RenderRequest& request) {
+  const std::vector<Parameter>& derivatives = request.derivatives;
+  if (derivatives.size() > kMaxDerivatives) {
+    throw invalid_input(fmt::format("the number of derivatives is {}; it must be in [0, {}]",
+                                    derivatives.size(), kMaxDerivatives));
+  }
+  for (size_t i = 0; i < derivatives.size(); ++i) {
+    if (std::find(derivatives.begin(), derivatives.begin() + static_cast<ptrdiff_t>(i),
+                  derivatives[i]) != derivatives.begin() + static_cast<ptrdiff_t>(i)) {
+      throw invalid_input(
+          fmt::format("the derivative in {} is asked for twice", name_of(derivatives[i])));
+    }
+  }
+}
+
+void check_weights(const RenderRequest& request, size_t pixels) {
+  const std::vector<float>& weights = request.sampling_weights;
+  const bool possible = std::all_of(weights.begin(), weights.end(),
+                                    [](float w) { return w >= 0 && std::isfinite(w); });
+  if ((!weights.empty() && weights.size() != pixels) || !possible) {
+    throw invalid_input(
+        fmt::format("there are {} sampling weights; there must be none, or one for each of the {} "
+                    "pixels, finite and not negative",
+                    weights.size(), pixels));
+  }
+}
+
+void check_tile(const Tile& tile, const Scene& scene) {
+  const auto inside = [](uint64_t first, uint64_t count, int length) {
+    return count > 0 && first + count <= static_cast<uint64_t>(length);
+  };
+  if (!inside(tile.x, tile.width, scene.width()) || !inside(tile.y, tile.height, scene.height())) {
+    throw invalid_input(fmt::format(
+        "tile is {} x {} pixels at ({}, {}); it must hold a pixel and lie in the film, {} x {}",
+        tile.width, tile.height, tile.x, tile.y, scene.width(), scene.height()));
+  }
+}
+
+void check_index(const Parameter& parameter, size_t count, const char* what) {
+  if (parameter.index >= count) {
+    const std::string have = count == 0 ? fmt::format("the scene has no {}", what)
+                             : count == 1
+                                 ? fmt::format("the scene has one {}, number 0", what)
+                                 : fmt::format("the scene has {}s 0 to {}", what, count - 1);
+    throw invalid_input(fmt::format("no derivative in {}: {}", name_of(parameter), have));
+  }
+}
+
+}  // namespace
+
+void validate(const RenderRequest& request) {
+  itn::validate(request.material);
+  check_samples(request);
+  check_estimates(request);
+  check_albedos(request);
+  check_derivatives(request);
+  if (request.pilot_spp > kMaxPilotSpp) {
+    throw invalid_input(
+        fmt::format("pilot_spp is {}; it must be in [0, {}]", request.pilot_spp, kMaxPilotSpp));
+  }
+  if (request.tracer == Tracer::kReference && (!request.albedos.empty() || request.pilot_spp > 0)) {
+    throw invalid_input("the reference tracer knows neither albedos nor pilot_spp");
+  }
+}
+
+void validate(const RenderRequest& request, const Scene& scene) {
+  validate(request);
+  if (request.tile) check_tile(*request.tile, scene);
+  check_weights(request, static_cast<size_t>(scene.width()) * static_cast<size_t>(scene.height()));
+  for (const Parameter& parameter : request.derivatives) {
+    if (parameter.kind == Parameter::kReflectance) {
+      check_index(parameter, scene.surface_count(), "surface");
+    } else if (parameter.kind == Parameter::kLightScale) {
+      check_index(parameter, scene.light_count(), "light");
+    }
+  }
+}
+
+}  // namespace itn::tracer

@@ -1,0 +1,120 @@
+// What is asked of a render, and how it goes about it.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "common/material.h"
+#include "server/tracer/boundary/boundary.h"
+#include "server/tracer/parameters/parameter.h"
+#include "server/tracer/scene/scene.h"
+
+namespace itn::tracer {
+
+// How paths are traced: many at a time in stages, or one after the other through Embree. The second
+// is plain path tracing, and the first is tested against it: the same integrals, other estimators;
+// what they share is the random numbers, the light sources, the scene's compiled form and the film.
+enum class Tracer { kWavefront, kReference };
+
+// Which pixels are rendered. Those of the object are the ones that one of 4 x 4 camera rays, spread
+// evenly over the pixel, shows to see it; all others stay 0.
+enum class Pixels { kAll, kObject };
+
+// A rectangle of pixels of the film.
+struct Tile {
+  uint32_t x = 0, y = 0;  // of the pixel at its left, top
+  uint32_t width = 0, height = 0;
+};
+
+constexpr uint32_t kMaxSamples = 1U << 20;
+constexpr uint32_t kMaxEstimates = 16;
+constexpr size_t kMaxAlbedos = 16;
+constexpr size_t kMaxDerivatives = 32;
+constexpr uint32_t kMaxPilotSpp = 64;
+
+// What is asked for: the result depends on scene and request (and on Tuning and Switches, which are
+// the same for everybody but tests and benchmarks).
+struct RenderRequest {
+  Material material;
+  uint32_t sample_count = 16;  // per pixel, in [1, kMaxSamples]
+  // The part of the film that is rendered; nothing: all of it. Without a pilot, its pixels are
+  // those of the whole, bit for bit. With one, samples are spread over the tile instead of the
+  // film.
+  std::optional<Tile> tile = {};
+  uint64_t seed = 0;
+  // Which derivative images to accumulate, in this order, none twice. At most kMaxDerivatives.
+  std::vector<Parameter> derivatives = {};
+  // Sample i contributes to estimate i mod `estimates`, in [1, kMaxEstimates].
+  uint32_t estimates = 1;
+  Tracer tracer = Tracer::kWavefront;
+  Pixels pixels = Pixels::kAll;
+  // Albedos, at most that of the material, whose images are estimated from the same paths: where a
+  // path of albedo a has weight a^n, it has weight b^n for b. At most kMaxAlbedos; not by the
+  // reference.
+  std::vector<double> albedos = {};
+  // Samples per pixel of a pilot: an independent, coarse render of the same seed, whose samples are
+  // not used in the image, but say where samples are needed and what control variate to subtract
+  // (film/plan.h). 0: none. At most kMaxPilotSpp; not by the reference.
+  uint32_t pilot_spp = 0;
+  // By pixel, how much its noise matters, on any scale, >= 0: with a pilot, a pixel gets samples in
+  // proportion to that times its standard deviation, and none for 0. Empty: all matter the same.
+  std::vector<float> sampling_weights = {};
+};
+
+// How estimators are tuned: what makes the wavefront quicker or quieter. The defaults are measured.
+struct Tuning {
+  // Shadow rays that carry less than this fraction of the lights' mean radiance are decided by
+  // roulette before they are traced. More is faster and noisier; 0 traces them all.
+  double shadow_ray_roulette = 0.25;
+  // Paths of less weight than this play roulette at every vertex. Below 0: 0.2 to 0.35, by what is
+  // rendered.
+  double walk_roulette = -1;
+  // Paths deep in the medium count as of less weight there: the fraction of diffusion theory's
+  // exponent for the fall-off of light with depth that is believed. 0: depth does not matter. Below
+  // 0: 0.5 or 0.8, by what is rendered.
+  double depth_roulette = -1;
+  // Fraction of the pilot's radiance that multiplies the control variates of the derivatives in
+  // sigma_t and g; 0: none.
+  double control_variate = 0.85;
+};
+
+// What tests and benchmarks switch off, or put back to what path tracers usually do.
+struct Switches {
+  // One of the two direction sampling techniques that multiple importance sampling combines. Phase
+  // sampling alone cannot see a DistantLight.
+  enum class Techniques { kBoth, kLightsOnly, kPhaseOnly } techniques = Techniques::kBoth;
+  // Instead of Tuning's roulette by weight and depth, ThroughputRoulette: walks as long as those of
+  // the reference.
+  bool throughput_roulette = false;
+  // Low-discrepancy points for film position and first flight.
+  bool stratified = true;
+  // Samples where the pilot finds the noise; else as many in every pixel.
+  bool adaptive = true;
+  // What the boundary of the medium does to light; null: nothing, as it is index-matched. To be
+  // kept alive by the caller.
+  const BoundaryModel* boundary = nullptr;
+};
+
+// Roulette as path tracers usually play it, and the reference always: from this vertex on, paths
+// survive with the probability of their weight, at most this.
+struct ThroughputRoulette {
+  static constexpr uint32_t kFirstVertex = 20;
+  static constexpr float kMaxSurvival = 0.95F;
+};
+
+struct RenderOptions {
+  Tuning tuning = {};
+  Switches switches = {};
+  int threads = 0;  // 0: all; without influence on the result
+};
+
+// Throws Error (invalid input) that names the field which is out of its range, as far as that does
+// not depend on the scene: the one place where the ranges of a request are checked.
+void validate(const RenderRequest& request);
+// The same, and what depends on the scene: one sampling weight for each pixel, derivatives in
+// parameters that it has.
+void validate(const RenderRequest& request, const Scene& scene);
+
+}  // namespace itn::tracer

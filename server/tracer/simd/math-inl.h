@@ -1,0 +1,221 @@
+// Elementary functions for many numbers at a time. Of additions, multiplications, divisions, square
+// roots and fused multiply-adds, each rounded once and fused where it says so, so that every
+// instruction set computes the same bits; libraries fuse where the processor can. Errors are
+// relative, against the exact result.
+#if defined(ITN_TRACER_SIMD_MATH_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_SIMD_MATH_INL_H_
+#undef ITN_TRACER_SIMD_MATH_INL_H_
+#else
+#define ITN_TRACER_SIMD_MATH_INL_H_
+#endif
+
+#include <hwy/highway.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "server/tracer/simd/columns.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+using FloatTag = hn::CappedTag<float, kMaxLanes>;
+using IntTag = hn::RebindToSigned<FloatTag>;
+using UintTag = hn::RebindToUnsigned<FloatTag>;
+using Floats = hn::Vec<FloatTag>;
+using Ints = hn::Vec<IntTag>;
+using Uints = hn::Vec<UintTag>;
+using Mask = hn::Mask<FloatTag>;
+
+HWY_INLINE size_t lanes() {
+  return hn::Lanes(FloatTag());
+}
+
+HWY_INLINE Floats set(float v) {
+  return hn::Set(FloatTag(), v);
+}
+HWY_INLINE Uints set(uint32_t v) {
+  return hn::Set(UintTag(), v);
+}
+
+// a b + c, rounded once.
+HWY_INLINE Floats mul_add(Floats a, Floats b, Floats c) {
+#if HWY_NATIVE_FMA
+  return hn::MulAdd(a, b, c);
+#else
+  static_assert(HWY_TARGET == HWY_SCALAR);
+  return set(std::fma(hn::GetLane(a), hn::GetLane(b), hn::GetLane(c)));
+#endif
+}
+
+// ln x for positive normal x, to 2e-7 of the result or of 1e-7 near x = 1. With x = m 2^e, m in
+// [sqrt 1/2, sqrt 2), and s = (m - 1) / (m + 1): ln m = 2 artanh s = 2 s (1 + s^2/3 + s^4/5 + ...),
+// |s| < 0.172, so five terms leave 2e-9.
+HWY_INLINE Floats log(Floats x) {
+  const IntTag di;
+  const FloatTag d;
+  constexpr int32_t kSqrtHalf = 0x3F3504F3, kMantissa = 0x007FFFFF;
+  const Ints bits = hn::Sub(hn::BitCast(di, x), hn::Set(di, kSqrtHalf));
+  const Floats exponent = hn::ConvertTo(d, hn::ShiftRight<23>(bits));
+  const Floats m =
+      hn::BitCast(d, hn::Add(hn::And(bits, hn::Set(di, kMantissa)), hn::Set(di, kSqrtHalf)));
+  const Floats one = set(1.0F);
+  const Floats s = hn::Div(hn::Sub(m, one), hn::Add(m, one));
+  const Floats s2 = hn::Mul(s, s);
+  Floats series = mul_add(s2, set(1.0F / 9), set(1.0F / 7));
+  series = mul_add(s2, series, set(1.0F / 5));
+  series = mul_add(s2, series, set(1.0F / 3));
+  series = mul_add(s2, series, one);
+  // ln 2 in two parts, of which the first has few digits, so that its product is exact.
+  constexpr float kLn2High = 0.693359375F, kLn2Low = -2.12194440e-4F;
+  const Floats low = mul_add(hn::Add(s, s), series, hn::Mul(exponent, set(kLn2Low)));
+  return mul_add(exponent, set(kLn2High), low);
+}
+
+// exp x to 2e-7, for x in [-87, 88]; below, exp(-87). With x = k ln 2 + r, |r| <= ln 2 / 2: eight
+// terms of the series in r leave 5e-9.
+HWY_INLINE Floats exp(Floats x) {
+  const IntTag di;
+  const FloatTag d;
+  x = hn::Max(x, set(-87.0F));
+  const Floats k = hn::Round(hn::Mul(x, set(std::numbers::log2e_v<float>)));
+  Floats r = hn::Sub(x, hn::Mul(k, set(0.693359375F)));
+  r = hn::Sub(r, hn::Mul(k, set(-2.12194440e-4F)));
+  Floats series = mul_add(r, set(1.0F / 5040), set(1.0F / 720));
+  series = mul_add(r, series, set(1.0F / 120));
+  series = mul_add(r, series, set(1.0F / 24));
+  series = mul_add(r, series, set(1.0F / 6));
+  series = mul_add(r, series, set(0.5F));
+  series = mul_add(r, series, set(1.0F));
+  series = mul_add(r, series, set(1.0F));
+  const Ints scale = hn::ShiftLeft<23>(hn::Add(hn::ConvertTo(di, k), hn::Set(di, 127)));
+  return hn::Mul(series, hn::BitCast(d, scale));
+}
+
+struct SinCos {
+  Floats sin, cos;
+};
+
+// sin and cos of 2 pi u for u in [0, 1], to 1e-7 absolute. The turn is cut into quarters around
+// multiples of pi/2; what is left, |r| <= pi/4, goes into the two series.
+HWY_INLINE SinCos sin_cos_2pi(Floats u) {
+  const IntTag di;
+  const FloatTag d;
+  const Floats quarter = hn::Round(hn::Mul(u, set(4.0F)));
+  const Floats r =
+      hn::Mul(hn::Sub(hn::Mul(u, set(4.0F)), quarter), set(std::numbers::pi_v<float> / 2));
+  const Floats r2 = hn::Mul(r, r);
+  Floats sine = mul_add(r2, set(1.0F / 362880), set(-1.0F / 5040));
+  sine = mul_add(r2, sine, set(1.0F / 120));
+  sine = mul_add(r2, sine, set(-1.0F / 6));
+  sine = hn::Mul(r, mul_add(r2, sine, set(1.0F)));
+  Floats cosine = mul_add(r2, set(1.0F / 40320), set(-1.0F / 720));
+  cosine = mul_add(r2, cosine, set(1.0F / 24));
+  cosine = mul_add(r2, cosine, set(-0.5F));
+  cosine = mul_add(r2, cosine, set(1.0F));
+  // Quarter q turns (cos, sin) by q right angles.
+  const Ints q = hn::ConvertTo(di, quarter);
+  const auto swap = hn::RebindMask(d, hn::Ne(hn::And(q, hn::Set(di, 1)), hn::Zero(di)));
+  const Floats s = hn::IfThenElse(swap, cosine, sine);
+  const Floats c = hn::IfThenElse(swap, sine, cosine);
+  const Ints sign_of_s = hn::ShiftLeft<30>(hn::And(q, hn::Set(di, 2)));
+  const Ints sign_of_c = hn::ShiftLeft<30>(hn::And(hn::Add(q, hn::Set(di, 1)), hn::Set(di, 2)));
+  return {hn::Xor(s, hn::BitCast(d, sign_of_s)), hn::Xor(c, hn::BitCast(d, sign_of_c))};
+}
+
+// atan2(y, x) / 2 pi, wrapped to [0, 1), to 1e-7; 0 where both are 0. The quotient t of the smaller
+// and the larger is brought below tan(pi/8) by atan t = pi/4 + atan((t - 1) / (t + 1)).
+HWY_INLINE Floats atan2_turns(Floats y, Floats x) {
+  const Floats ax = hn::Abs(x), ay = hn::Abs(y), zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Floats t = hn::Div(hn::Min(ax, ay), hn::Max(hn::Max(ax, ay), set(1e-30F)));
+  const Mask far = hn::Gt(t, set(0.41421356F));
+  const Floats r = hn::IfThenElse(far, hn::Div(hn::Sub(t, one), hn::Add(t, one)), t);
+  const Floats r2 = hn::Mul(r, r);
+  Floats series = mul_add(r2, set(1.0F / 17), set(-1.0F / 15));
+  for (const float term : {1.0F / 13, -1.0F / 11, 1.0F / 9, -1.0F / 7, 1.0F / 5, -1.0F / 3, 1.0F}) {
+    series = mul_add(r2, series, set(term));
+  }
+  Floats turn = hn::Mul(hn::Mul(r, series), set(0.5F * std::numbers::inv_pi_v<float>));
+  turn = hn::Add(turn, hn::IfThenElseZero(far, set(0.125F)));
+  turn = hn::IfThenElse(hn::Gt(ay, ax), hn::Sub(set(0.25F), turn), turn);
+  turn = hn::IfThenElse(hn::Lt(x, zero), hn::Sub(set(0.5F), turn), turn);
+  return hn::IfThenElse(hn::Lt(y, zero), hn::Sub(one, turn), turn);
+}
+
+// Three-vectors.
+struct Vectors {
+  Floats x, y, z;
+};
+
+HWY_INLINE Vectors set(Vec3f v) {
+  return {set(v.x), set(v.y), set(v.z)};
+}
+HWY_INLINE Vectors operator+(Vectors a, Vectors b) {
+  return {hn::Add(a.x, b.x), hn::Add(a.y, b.y), hn::Add(a.z, b.z)};
+}
+HWY_INLINE Vectors operator-(Vectors a, Vectors b) {
+  return {hn::Sub(a.x, b.x), hn::Sub(a.y, b.y), hn::Sub(a.z, b.z)};
+}
+HWY_INLINE Vectors operator*(Vectors a, Floats s) {
+  return {hn::Mul(a.x, s), hn::Mul(a.y, s), hn::Mul(a.z, s)};
+}
+HWY_INLINE Floats dot(Vectors a, Vectors b) {
+  return mul_add(a.z, b.z, mul_add(a.y, b.y, hn::Mul(a.x, b.x)));
+}
+HWY_INLINE Vectors cross(Vectors a, Vectors b) {
+  return {hn::Sub(hn::Mul(a.y, b.z), hn::Mul(a.z, b.y)),
+          hn::Sub(hn::Mul(a.z, b.x), hn::Mul(a.x, b.z)),
+          hn::Sub(hn::Mul(a.x, b.y), hn::Mul(a.y, b.x))};
+}
+// Of vectors whose length is 1 but for rounding: a step of Newton's method for 1 / length.
+HWY_INLINE Vectors renormalize(Vectors a) {
+  return a * mul_add(set(-0.5F), dot(a, a), set(1.5F));
+}
+HWY_INLINE Vectors if_then_else(Mask mask, Vectors a, Vectors b) {
+  return {hn::IfThenElse(mask, a.x, b.x), hn::IfThenElse(mask, a.y, b.y),
+          hn::IfThenElse(mask, a.z, b.z)};
+}
+
+// (x, y, z) in the orthonormal basis whose third vector is n (see Basis in common/vec.h).
+HWY_INLINE Vectors frame_to_world(Vectors n, Floats x, Floats y, Floats z) {
+  const Floats sign = hn::CopySign(set(1.0F), n.z);
+  const Floats a = hn::Div(set(-1.0F), hn::Add(sign, n.z));
+  const Floats b = hn::Mul(hn::Mul(n.x, n.y), a);
+  const Floats n_xa = hn::Mul(n.x, a), n_ya = hn::Mul(n.y, a);
+  const Vectors s{mul_add(hn::Mul(sign, n.x), n_xa, set(1.0F)), hn::Mul(sign, b),
+                  hn::Neg(hn::Mul(sign, n.x))};
+  const Vectors t{b, mul_add(n.y, n_ya, sign), hn::Neg(n.y)};
+  const auto sum = [&](Floats sx, Floats tx, Floats nx) {
+    return mul_add(nx, z, mul_add(tx, y, hn::Mul(sx, x)));
+  };
+  return {sum(s.x, t.x, n.x), sum(s.y, t.y, n.y), sum(s.z, t.z, n.z)};
+}
+
+// Henyey-Greenstein, as in server/tracer/phase/phase.h.
+struct Phase {
+  Floats value, score;
+};
+HWY_INLINE Phase hg_phase(Floats cos_theta, float g) {
+  const Floats q = hn::Sub(set(1 + g * g), hn::Mul(set(2 * g), cos_theta));
+  const Floats per_q = hn::Div(set(1.0F), q);
+  const Floats norm = set((1 - g * g) * (0.25F * std::numbers::inv_pi_v<float>));
+  return {hn::Mul(hn::Mul(norm, per_q), hn::Sqrt(per_q)),
+          hn::Sub(set(-2 * g / (1 - g * g)),
+                  hn::Mul(hn::Mul(set(3.0F), hn::Sub(set(g), cos_theta)), per_q))};
+}
+HWY_INLINE Floats sample_hg(Floats u, float g) {
+  const Floats x = hn::Sub(hn::Add(u, u), set(1.0F));
+  const Floats denominator = mul_add(set(g), x, set(1.0F));
+  const Floats x2 = hn::Mul(x, x);
+  const Floats cubic = hn::Mul(set(g * 0.5F), hn::Sub(x2, set(1.0F)));
+  const Floats square = hn::Mul(set(g), hn::Add(x, cubic));
+  const Floats linear = hn::Mul(set(0.5F), hn::Add(x2, set(3.0F)));
+  const Floats numerator = mul_add(set(g), hn::Add(linear, square), x);
+  return hn::Clamp(hn::Div(numerator, hn::Mul(denominator, denominator)), set(-1.0F), set(1.0F));
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif
