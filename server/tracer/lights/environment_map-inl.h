@@ -14,7 +14,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 HWY_INLINE Emission emission(const EnvironmentMap& light, Vectors direction) {
   const EnvironmentMapTable& map = light.table();
-  const Vectors d = turned(light.to_map(), direction);
+  const Vectors d = rotated(light.to_map(), direction);
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Floats width = set(static_cast<float>(map.width()));
   const Floats height = set(static_cast<float>(map.height()));
@@ -75,7 +75,7 @@ HWY_INLINE Vectors sample(const EnvironmentMap& light, const Words& words, Float
       hn::Max(hn::Zero(FloatTag()), hn::Mul(hn::Sub(set(1.0F), y), hn::Add(set(1.0F), y))));
   const SinCos azimuth = sin_cos_2pi(turn);
   return renormalize(
-      turned_back(light.to_map(), {hn::Mul(r, azimuth.sin), y, hn::Neg(hn::Mul(r, azimuth.cos))}));
+      rotated_back(light.to_map(), {hn::Mul(r, azimuth.sin), y, hn::Neg(hn::Mul(r, azimuth.cos))}));
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

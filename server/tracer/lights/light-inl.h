@@ -31,11 +31,11 @@ struct Emission {
 };
 
 // Directions turned by a rotation, and back.
-HWY_INLINE Vectors turned(const Rotation<float>& r, Vectors d) {
+HWY_INLINE Vectors rotated(const Rotation<float>& r, Vectors d) {
   return {dot(set(r.x), d), dot(set(r.y), d), dot(set(r.z), d)};
 }
-HWY_INLINE Vectors turned_back(const Rotation<float>& r, Vectors d) {
-  return turned(r.inverse(), d);
+HWY_INLINE Vectors rotated_back(const Rotation<float>& r, Vectors d) {
+  return rotated(r.inverse(), d);
 }
 
 // Drawn from an alias table: i of n, unless a coin turns it into another.

@@ -15,7 +15,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 HWY_INLINE Emission emission(const SkyLight& sky, Vectors direction) {
   const SkyTable& table = sky.table();
   const float* const values = table.values();
-  const Vectors d = sky.is_turned() ? turned(sky.to_sky(), direction) : direction;
+  const Vectors d = sky.is_turned() ? rotated(sky.to_sky(), direction) : direction;
   constexpr int kColumns = SkyTable::kColumns, kRows = SkyTable::kRows;
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   // Sides 0..3 begin at -z, +x, +z, -x.
@@ -80,7 +80,7 @@ HWY_INLINE Vectors sample(const SkyLight& sky, Floats cell01, Floats coin, Float
   const Floats x = hn::IfThenElse(odd, rr, rf), z = hn::IfThenElse(odd, rf, rr);
   const Vectors d{hn::IfThenElse(left, hn::Sub(zero, x), x), y,
                   hn::IfThenElse(back, z, hn::Sub(zero, z))};
-  return sky.is_turned() ? turned_back(sky.to_sky(), d) : d;
+  return sky.is_turned() ? rotated_back(sky.to_sky(), d) : d;
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -34,12 +34,12 @@ struct Rectangle {
 };
 
 // Follows rays of pixels, many at a time, and marks the pixels that see the object.
-class Looker {
+class MaskTracer {
  public:
-  Looker(const Scene::Compiled& scene, std::vector<uint8_t>& sees, const std::stop_token& stop)
+  MaskTracer(const Scene::Compiled& scene, std::vector<uint8_t>& sees, const std::stop_token& stop)
       : scene_(scene), sees_(sees), stop_(stop), rays_(std::make_unique<Rays>()) {}
 
-  void look(uint32_t pixel, int ray) {
+  void add(uint32_t pixel, int ray) {
     const auto width = static_cast<uint32_t>(scene_.film.width);
     const uint32_t column = pixel % width, row = pixel / width;
     const int ray_column = ray % kMaskRays, ray_row = ray / kMaskRays;
@@ -88,7 +88,7 @@ ObjectPixels::ObjectPixels(const Scene::Compiled& scene, int threads, const std:
   constexpr int kRows = 4;  // that a thread takes at a time
   std::atomic<int> next = box.top;
   const auto look_at_rows = [&](size_t) {
-    Looker looker(scene, sees, stop);
+    MaskTracer mask_tracer(scene, sees, stop);
     for (int top = next.fetch_add(kRows); top < box.bottom; top = next.fetch_add(kRows)) {
       const auto for_pixels = [&](const auto& visit) {
         for (int y = top; y < std::min(top + kRows, box.bottom); ++y) {
@@ -96,12 +96,12 @@ ObjectPixels::ObjectPixels(const Scene::Compiled& scene, int threads, const std:
             visit(static_cast<uint32_t>(y) * width + static_cast<uint32_t>(x));
           }
         }
-        looker.follow_all();
+        mask_tracer.follow_all();
       };
-      for_pixels([&](uint32_t pixel) { looker.look(pixel, kFirstRay); });
+      for_pixels([&](uint32_t pixel) { mask_tracer.add(pixel, kFirstRay); });
       for_pixels([&](uint32_t pixel) {
         for (int ray = 0; ray < kRaysPerPixel && !sees[pixel]; ++ray) {
-          if (ray != kFirstRay) looker.look(pixel, ray);
+          if (ray != kFirstRay) mask_tracer.add(pixel, ray);
         }
       });
     }

@@ -152,7 +152,7 @@ class LineFollower {
     LineBits to_test = 0;
     for (size_t v = 0; v < kLines; v += lanes()) {
       if (any_set(stepping_, v))
-        to_test |= bits_of(look(grid_, lines_, mask_of(stepping_, v), v), v);
+        to_test |= bits_of(read_cells(grid_, lines_, mask_of(stepping_, v), v), v);
     }
     triangle_test_.test(grid_, lines_, line_crossings_, to_test);
     LineBits stepping = 0;

@@ -153,7 +153,7 @@ HWY_INLINE Mask enter_grid(const Grid& grid, Lines& lines, Mask where, size_t v,
 
 // Of the lines that are stepping, reads the words of their cells; returns those that have triangles
 // to test there.
-HWY_INLINE Mask look(const Grid& grid, Lines& lines, Mask stepping, size_t v) {
+HWY_INLINE Mask read_cells(const Grid& grid, Lines& lines, Mask stepping, size_t v) {
   const Vectors cell = lines.cell.load(v);
   const auto [word, skip] = read_cell(grid, cell, load(lines.octant, v));
   store(stepping, word, lines.word, v);

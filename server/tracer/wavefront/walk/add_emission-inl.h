@@ -9,7 +9,7 @@
 #include <cstddef>
 
 #include "server/tracer/lights/lights-inl.h"
-#include "server/tracer/wavefront/walk/collect-inl.h"
+#include "server/tracer/wavefront/walk/contribution-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
@@ -29,8 +29,8 @@ void add_emission(Wavefront<AtBoundary>& wave, size_t i, Mask escaped) {
   }
   mis_weight = hn::IfThenElse(delta_bounce, set(1.0F), mis_weight);
   const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));
-  collect(
-      wave, Consecutive{i}, radiance,
+  add_contribution(
+      wave, SlotRange{i}, radiance,
       [&] {
         return Scores{load(paths.score_sigma_t, i), load(paths.score_g, i)};
       },

@@ -11,7 +11,7 @@
 
 #include "server/tracer/geometry/lines/follow-inl.h"
 #include "server/tracer/lights/lights-inl.h"
-#include "server/tracer/wavefront/walk/collect-inl.h"
+#include "server/tracer/wavefront/walk/contribution-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
@@ -135,8 +135,8 @@ void trace_shadow_rays(Wavefront<AtBoundary>& wave) {
       return hn::IfThenElseZero(arrived,
                                 wave.shadow_ray_threshold > 0 ? hn::Div(dimmed, survival) : dimmed);
     };
-    const Scattered at{slot};
-    collect(
+    const SlotGather at{slot};
+    add_contribution(
         wave, at, arriving(shadow_rays.light),
         [&] {
           return Scores{hn::Sub(at.get(paths.score_sigma_t), length), load(shadow_rays.score_g, i)};

@@ -1,9 +1,9 @@
 // Adds light to what paths have collected, and to its derivatives.
-#if defined(ITN_TRACER_WAVEFRONT_WALK_COLLECT_INL_H_) == defined(HWY_TARGET_TOGGLE)
-#ifdef ITN_TRACER_WAVEFRONT_WALK_COLLECT_INL_H_
-#undef ITN_TRACER_WAVEFRONT_WALK_COLLECT_INL_H_
+#if defined(ITN_TRACER_WAVEFRONT_WALK_CONTRIBUTION_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_WAVEFRONT_WALK_CONTRIBUTION_INL_H_
+#undef ITN_TRACER_WAVEFRONT_WALK_CONTRIBUTION_INL_H_
 #else
-#define ITN_TRACER_WAVEFRONT_WALK_COLLECT_INL_H_
+#define ITN_TRACER_WAVEFRONT_WALK_CONTRIBUTION_INL_H_
 #endif
 
 #include <cstddef>
@@ -15,7 +15,7 @@ HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
 // The paths that light arrives on: those in slots i, i + 1 ...
-struct Consecutive {
+struct SlotRange {
   size_t i;
   HWY_INLINE Floats get(const FloatColumn& column) const { return load(column, i); }
   HWY_INLINE void add(Floats by, FloatColumn& column) const {
@@ -24,7 +24,7 @@ struct Consecutive {
 };
 
 // Those in any slots, all different but for the spare one.
-struct Scattered {
+struct SlotGather {
   Ints slots;
   HWY_INLINE Floats get(const FloatColumn& column) const { return gather(column.data(), slots); }
   HWY_INLINE void add(Floats by, FloatColumn& column) const {
@@ -41,8 +41,8 @@ struct Scores {
 // `part_of(l, weight)` is the part of weight times light that is due to light l of
 // Wavefront::differentiated_lights. Of lanes where none arrives, light and parts are 0.
 template <typename AtBoundary, typename Slots, typename GetScores, typename PartOf>
-HWY_INLINE void collect(Wavefront<AtBoundary>& wave, const Slots& at, Floats light,
-                        const GetScores& scores, const PartOf& part_of) {
+HWY_INLINE void add_contribution(Wavefront<AtBoundary>& wave, const Slots& at, Floats light,
+                                 const GetScores& scores, const PartOf& part_of) {
   Paths& paths = wave.paths;
   const Floats weight = at.get(paths.weight);
   const Floats contribution = hn::Mul(weight, light);
