@@ -18,7 +18,7 @@
 #include "common/vec.h"
 #include "server/tracer/boundary/boundary.h"
 #include "server/tracer/geometry/intersector.h"
-#include "server/tracer/scene/scene.h"
+#include "server/tracer/surfaces/surface.h"
 
 namespace itn::tracer {
 

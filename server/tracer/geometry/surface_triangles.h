@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "server/tracer/geometry/intersector.h"
-#include "server/tracer/scene/scene.h"
+#include "server/tracer/surfaces/surface.h"
 
 namespace itn::tracer {
 

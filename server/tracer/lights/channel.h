@@ -1,8 +1,8 @@
 // Which part of a colour is rendered.
 #pragma once
 
+#include "server/tracer/lights/descriptions.h"
 #include "server/tracer/lights/sky_model.h"
-#include "server/tracer/scene/scene.h"
 
 namespace itn::tracer {
 

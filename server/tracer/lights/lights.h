@@ -9,12 +9,12 @@
 
 #include "common/part_cache.h"
 #include "common/vec.h"
+#include "server/tracer/lights/descriptions.h"
 #include "server/tracer/lights/distant.h"
 #include "server/tracer/lights/environment_map.h"
 #include "server/tracer/lights/sky.h"
 #include "server/tracer/lights/sun_disc.h"
 #include "server/tracer/lights/uniform.h"
-#include "server/tracer/scene/scene.h"
 
 namespace itn::tracer {
 

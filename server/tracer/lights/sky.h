@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "common/vec.h"
+#include "server/tracer/lights/descriptions.h"
 #include "server/tracer/lights/sky_model.h"
 #include "server/tracer/random/alias_table.h"
-#include "server/tracer/scene/scene.h"
 
 namespace itn::tracer {
 

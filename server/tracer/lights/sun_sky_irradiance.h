@@ -2,7 +2,7 @@
 #pragma once
 
 #include "server/tracer/lights/channel.h"
-#include "server/tracer/scene/scene.h"
+#include "server/tracer/lights/descriptions.h"
 
 namespace itn::tracer {
 

@@ -8,7 +8,7 @@
 
 #include "common/error.h"
 #include "common/threads.h"
-#include "server/tracer/wavefront/wavefront.h"
+#include "server/tracer/geometry/lines/follow.h"
 
 namespace itn::tracer {
 namespace {

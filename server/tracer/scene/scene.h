@@ -14,12 +14,13 @@
 #include <memory>
 #include <stop_token>
 #include <string>
-#include <variant>
 #include <vector>
 
 #include "common/geometry/mesh.h"
 #include "common/vec.h"
+#include "server/tracer/lights/descriptions.h"
 #include "server/tracer/scene/pose.h"
+#include "server/tracer/surfaces/surface.h"
 
 namespace itn {
 class PartCache;
@@ -29,55 +30,12 @@ namespace itn::tracer {
 
 class Object;
 
-// Reflects with radiance = reflectance * irradiance / pi on both sides.
-struct DiffuseSurface {
-  Mesh mesh;
-  float reflectance = 0.5F;
-};
-
-// Clear sky of Hosek and Wilkie with a sun of constant radiance over its disc.
-struct SunSkyLight {
-  double turbidity = 3;              // [1, 10]
-  double ground_albedo = 0.15;       // [0, 1]
-  double sun_elevation = 1.0471976;  // [0, pi/2]
-  double sun_azimuth = 0;            // 0 is -z, pi/2 is +x
-  double sun_angular_radius = 0.00465;
-  double sun_scale = 1;
-  double sky_scale = 1;
-};
-
-// Latitude-longitude panorama, u = atan2(x, -z) / 2 pi, v = acos(y) / pi, bilinear.
-struct EnvironmentMapLight {
-  int width = 0;
-  int height = 0;
-  std::vector<float> rgb;  // 3 * width * height, top row first
-  double scale = 1;
-  double rotate_y = 0;
-  // Of the pixels, for scenes that share them; empty: not shared.
-  std::string digest = {};
-};
-
-struct ConstantEnvironment {
-  double radiance = 1;
-};
-
-struct DistantLight {
-  Vec3d direction{0, 1, 0};  // towards the light
-  double irradiance = 1;     // on a surface that faces it
-};
-
-using LightDescription =
-    std::variant<SunSkyLight, EnvironmentMapLight, ConstantEnvironment, DistantLight>;
-
 struct CameraDescription {
   Vec3d origin;
   Vec3d target;
   Vec3d up{0, 1, 0};
   double fov = 0.698;  // horizontal
 };
-
-// Which part of coloured lights is rendered.
-enum class Channel { kLuminance, kRed, kGreen, kBlue };
 
 struct FilmDescription {
   int width = 0;

@@ -6,8 +6,9 @@
 #include <cmath>
 #include <ctime>
 
+#include "server/tracer/geometry/lines/follow.h"
 #include "server/tracer/random/sampler.h"
-#include "server/tracer/wavefront/wavefront.h"
+#include "tests/server/tracer/lane_probes.h"
 #include "tests/server/tracer/scenes.h"
 #include "tests/support/hard_meshes.h"
 

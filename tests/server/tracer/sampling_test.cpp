@@ -14,7 +14,7 @@
 #include "server/tracer/lights/sky_model.h"
 #include "server/tracer/phase/phase.h"
 #include "server/tracer/random/sampler.h"
-#include "server/tracer/wavefront/wavefront.h"
+#include "tests/server/tracer/lane_probes.h"
 #include "tests/server/tracer/scenes.h"
 #include "tests/support/paths.h"
 

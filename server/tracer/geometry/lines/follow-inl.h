@@ -324,13 +324,6 @@ class LineFollower {
   TriangleTest<AtBoundary> triangle_test_;
 };
 
-// Follows the first `count` rays.
-template <typename AtBoundary>
-HWY_INLINE void follow_lines(const Obstacles& obstacles, Rays& rays, size_t count, Report report,
-                             AtBoundary& at_boundary) {
-  LineFollower<AtBoundary>(obstacles, rays, count, report, at_boundary).run();
-}
-
 }  // namespace itn::tracer::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 

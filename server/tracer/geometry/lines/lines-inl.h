@@ -11,6 +11,7 @@
 #include <limits>
 
 #include "server/tracer/boundary/boundary.h"
+#include "server/tracer/geometry/obstacles.h"
 #include "server/tracer/geometry/rays.h"
 #include "server/tracer/simd/lanes-inl.h"
 
@@ -123,6 +124,11 @@ struct Modelled {
     PerLineVectors point{}, normal{};
   };
 };
+
+// Follows the first `count` rays. Compiled for both of these in follow.cpp, apart from the walk.
+template <typename AtBoundary>
+void follow_lines(const Obstacles& obstacles, Rays& rays, size_t count, Report report,
+                  AtBoundary& at_boundary);
 
 }  // namespace itn::tracer::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();

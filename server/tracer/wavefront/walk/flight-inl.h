@@ -8,7 +8,7 @@
 
 #include <cstddef>
 
-#include "server/tracer/geometry/lines/follow-inl.h"
+#include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/wavefront/walk/state-inl.h"
 
 HWY_BEFORE_NAMESPACE();

@@ -9,7 +9,7 @@
 #include <cstddef>
 #include <numbers>
 
-#include "server/tracer/geometry/lines/follow-inl.h"
+#include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/lights/lights-inl.h"
 #include "server/tracer/wavefront/walk/contribution-inl.h"
 

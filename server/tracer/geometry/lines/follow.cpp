@@ -1,0 +1,41 @@
+#include "server/tracer/simd/targets.h"
+// After targets.h:
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "server/tracer/geometry/lines/follow.cpp"
+#include <hwy/foreach_target.h>
+// After foreach_target.h:
+#include <hwy/highway.h>
+
+#include "server/tracer/geometry/lines/follow-inl.h"
+#include "server/tracer/geometry/lines/follow.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+template <typename AtBoundary>
+void follow_lines(const Obstacles& obstacles, Rays& rays, size_t count, Report report,
+                  AtBoundary& at_boundary) {
+  LineFollower<AtBoundary>(obstacles, rays, count, report, at_boundary).run();
+}
+template void follow_lines(const Obstacles&, Rays&, size_t, Report, IndexMatched&);
+template void follow_lines(const Obstacles&, Rays&, size_t, Report, Modelled&);
+
+void follow_rays(const Obstacles& obstacles, Rays& rays, size_t count) {
+  IndexMatched passes;
+  follow_lines(obstacles, rays, count, Report::kEnds, passes);
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace itn::tracer {
+
+HWY_EXPORT(follow_rays);
+
+void follow(const Obstacles& obstacles, Rays& rays, size_t count) {
+  HWY_DYNAMIC_DISPATCH(follow_rays)(obstacles, rays, count);
+}
+
+}  // namespace itn::tracer
+#endif

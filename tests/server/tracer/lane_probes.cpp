@@ -1,0 +1,68 @@
+#include "server/tracer/simd/targets.h"
+// After targets.h:
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "tests/server/tracer/lane_probes.cpp"
+#include <hwy/foreach_target.h>
+// After foreach_target.h:
+#include <hwy/highway.h>
+
+#include "server/tracer/geometry/depth_grid-inl.h"
+#include "server/tracer/lights/lights-inl.h"
+#include "server/tracer/random/philox-inl.h"
+#include "tests/server/tracer/lane_probes.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+void evaluate_all(const Lights& lights, LightProbe& probe, size_t count) {
+  for (size_t i = 0; i < count; i += lanes()) {
+    const Emission light = emission(lights, load(probe.direction, i));
+    store(light.radiance, probe.radiance, i);
+    store(light.pdf, probe.pdf, i);
+  }
+}
+
+void draw_all(const Lights& lights, uint64_t seed, LightProbe& probe, size_t count) {
+  for (size_t i = 0; i < count; i += lanes()) {
+    const Uints number = hn::Iota(UintTag(), static_cast<uint32_t>(i)), zero = hn::Zero(UintTag());
+    const Words words = philox(zero, zero, number, zero, seed);
+    const Words more = philox(zero, set(uint32_t{1}), number, zero, seed);
+    const LightSamples light = sample(lights, words, more);
+    store(light.direction, probe.direction, i);
+    store(light.radiance, probe.radiance, i);
+    store(light.pdf, probe.pdf, i);
+  }
+}
+
+void look_up_all(const DepthGrid& depth_grid, const VectorColumn& points, FloatColumn& quantized,
+                 size_t count) {
+  for (size_t i = 0; i < count; i += lanes()) {
+    store(quantized_depth(depth_grid, load(points, i)), quantized, i);
+  }
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace itn::tracer {
+
+HWY_EXPORT(evaluate_all);
+HWY_EXPORT(draw_all);
+HWY_EXPORT(look_up_all);
+
+void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count) {
+  HWY_DYNAMIC_DISPATCH(evaluate_all)(lights, probe, count);
+}
+
+void sample_lights(const Lights& lights, uint64_t seed, LightProbe& probe, size_t count) {
+  HWY_DYNAMIC_DISPATCH(draw_all)(lights, seed, probe, count);
+}
+
+void look_up_quantized_depth(const DepthGrid& depth_grid, const VectorColumn& points,
+                             FloatColumn& quantized, size_t count) {
+  HWY_DYNAMIC_DISPATCH(look_up_all)(depth_grid, points, quantized, count);
+}
+
+}  // namespace itn::tracer
+#endif

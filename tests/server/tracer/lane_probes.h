@@ -1,0 +1,28 @@
+// What the tracer computes many at a time, one call for each: evaluates and draws lights, looks up
+// depths, by the instruction set that there is.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "server/tracer/geometry/depth_grid.h"
+#include "server/tracer/lights/lights.h"
+#include "server/tracer/simd/columns.h"
+
+namespace itn::tracer {
+
+struct LightProbe {
+  FloatColumn radiance{}, pdf{};
+  VectorColumn direction{};
+};
+// Radiance and pdf of `probe.direction`.
+void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count);
+// Draws `count` directions (see LightSamples in lights-inl.h) with the random numbers of samples 0
+// .. count-1 of pixel 0.
+void sample_lights(const Lights& lights, uint64_t seed, LightProbe& probe, size_t count);
+
+// Looks up DepthGrid::quantized at `count` points.
+void look_up_quantized_depth(const DepthGrid& depth_grid, const VectorColumn& points,
+                             FloatColumn& quantized, size_t count);
+
+}  // namespace itn::tracer
