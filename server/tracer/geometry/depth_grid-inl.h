@@ -1,4 +1,4 @@
-// Depths, looked up at many points at a time.
+// Looks up depths at many points at a time.
 #if defined(ITN_TRACER_GEOMETRY_DEPTH_GRID_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef ITN_TRACER_GEOMETRY_DEPTH_GRID_INL_H_
 #undef ITN_TRACER_GEOMETRY_DEPTH_GRID_INL_H_
