@@ -51,7 +51,7 @@ size_t Geometry::memory() const {
 }
 
 RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_medium_length,
-                           const BoundaryModel* model) const {
+                           bool stops_at_boundary) const {
   const Line line(from.position, direction, from.on, extent_);
   RayResult ray;
   bool inside = from.inside;
@@ -61,21 +61,16 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
   const auto from_distance = [&](float last) {
     return std::max(t - line.slack, std::nextafter(last, kInfinity));
   };
-  // Asks the model about a crossing at t; whether the line goes on.
+  // Whether the line goes on at a crossing.
   const auto passes = [&](const Hit& hit) {
-    if (model == nullptr) return true;
+    if (!stops_at_boundary) return true;
     const auto [point, normal] = intersector_->crossing(hit);
-    const BoundaryInteraction at{.point = point,
-                                 .normal = normal,
-                                 .direction = line.direction,
-                                 .triangle = hit.triangle,
-                                 .leaving = inside};
-    if (model->straight()) {
-      ray.transmittance *= model->transmittance(at);
-      return true;
-    }
-    ray.at = {at.point, inside, {}};
-    ray.crossing = at;
+    ray.at = {point, inside, {}};
+    ray.crossing = {.point = point,
+                    .normal = normal,
+                    .direction = line.direction,
+                    .triangle = hit.triangle,
+                    .leaving = inside};
     ray.end = RayResult::End::kCrossing;
     return false;
   };

@@ -16,7 +16,7 @@
 
 #include "common/geometry/mesh.h"
 #include "common/vec.h"
-#include "server/tracer/boundary/boundary.h"
+#include "server/tracer/boundary/crossing.h"
 #include "server/tracer/geometry/intersector.h"
 #include "server/tracer/surfaces/surface.h"
 
@@ -36,13 +36,12 @@ struct RayResult {
     kSurface,   // met an opaque surface
     kEscaped,   // left the scene
     kLeaked,    // no exit in front though believed inside: rounding has misplaced the point
-    kCrossing   // met the boundary, which bends light
+    kCrossing   // met the boundary, where it was to stop
   } end = End::kEscaped;
-  Interaction at;                // where it ended, before a crossing; not set if escaped or leaked
-  float medium_length = 0;       // length travelled inside the medium, in mm
-  bool entered = false;          // the medium was entered, or at its boundary, or started in
-  float transmittance = 1;       // of the boundaries passed
-  BoundaryInteraction crossing;  // set if it ended in one
+  Interaction at;           // where it ended, before a crossing; not set if escaped or leaked
+  float medium_length = 0;  // length travelled inside the medium, in mm
+  bool entered = false;     // the medium was entered, or at its boundary, or started in
+  Crossing crossing;        // set if it ended in one
 };
 
 class Geometry {
@@ -54,10 +53,10 @@ class Geometry {
   Geometry& operator=(const Geometry&) = delete;
 
   // Follows a straight line until `max_medium_length` mm of it lie in the medium, or to a surface,
-  // or out of the scene. `direction` is of unit length. Without a model the boundary is
-  // index-matched.
+  // or out of the scene. `direction` is of unit length. Stops at the boundary, or
+  // passes it.
   RayResult follow(const Interaction& from, Vec3f direction, float max_medium_length,
-                   const BoundaryModel* model = nullptr) const;
+                   bool stops_at_boundary = false) const;
 
   // Unit normal of a surface's triangle, on the side that `direction` arrives at.
   Vec3f facing_normal(SurfaceTriangle at, Vec3f direction) const;

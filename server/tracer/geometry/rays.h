@@ -29,12 +29,10 @@ struct Rays {
   static constexpr uint32_t surface_of(uint32_t interaction) { return (interaction >> 1) - 1; }
 };
 
-// What lines that ask a BoundaryModel know besides, by ray.
+// Of rays that end in a crossing of the boundary: where it is and which way the ray goes is the
+// ray's, whose interaction is that before it.
 struct Crossings {
-  FloatColumn transmittance{};  // of the boundaries passed
-  // Of the crossing that the line ended in, if it did: where it is and which way is the ray's,
-  // whose interaction is that before it.
-  UintColumn triangle{};
+  UintColumn triangle{};  // its number in the object's mesh
   VectorColumn normal{};  // of unit length, outwards
 };
 

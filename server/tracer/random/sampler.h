@@ -10,7 +10,7 @@
 //   n       kShadowRay  light and cell    reference: a direction in the cell; wavefront: a coin, a
 //                                         direction in the cell, and u4 for the roulette
 //   n       kMap        wavefront, in an environment map: a pixel (u0, u1), a coin (u2)
-//   n       kBoundary   whatever a BoundaryModel makes of u0 .. u4
+//   n       kBoundary   whatever the boundary makes of u0 .. u4
 //
 // In the wavefront, film position and first flight are rather the three coordinates of a scrambled
 // Sobol sequence (common/low_discrepancy.h), whose scrambles are drawn by kSequence.

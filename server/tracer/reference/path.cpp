@@ -57,6 +57,7 @@ class Walk {
         sigma_t_(static_cast<float>(request.material.sigma_t)),
         albedo_(static_cast<float>(request.material.albedo)),
         g_(static_cast<float>(request.material.g)),
+        stops_at_boundary_(stops_lines(scene.boundary)),
         geometry_(scene.geometry()) {
     for (size_t i = 0; i < request.derivatives.size(); ++i) {
       if (request.derivatives[i].kind == Parameter::kReflectance) reflectances_.push_back(i);
@@ -94,8 +95,7 @@ class Walk {
   // line that lie inside the medium.
   RayResult sample_flight(float u) {
     const RayResult ray =
-        geometry_.follow(at_, direction_, -std::log(1 - u) / sigma_t_, switches_.boundary);
-    multiply_weight(ray.transmittance);
+        geometry_.follow(at_, direction_, -std::log(1 - u) / sigma_t_, stops_at_boundary_);
     if (ray.entered) {
       ++result_.steps;
       score_sigma_t_ -= ray.medium_length;
@@ -169,18 +169,18 @@ class Walk {
     crossings_ = 0;
   }
 
-  // The boundary bends the path. Shadow rays end there: behind it, light is the walk's alone.
+  // The boundary sends the path on. Shadow rays end there: behind it, light is the walk's alone.
   void cross(const RayResult& ray) {
     const Uniforms u = sampler_.uniforms(vertex_, Sampler::kBoundary);
-    const BoundarySample sample = switches_.boundary->sample(ray.crossing, u);
-    if (++crossings_ > BoundaryModel::kMaxConsecutiveCrossings) {
+    const BoundarySample next = sample(scene_.boundary, ray.crossing, u);
+    if (++crossings_ > kMaxConsecutiveCrossings) {
       result_.leaked = true;
       return;
     }
     at_ = ray.at;
-    at_.inside ^= sample.event == BoundarySample::Event::kTransmitted;
-    direction_ = sample.direction;
-    multiply_weight(sample.event == BoundarySample::Event::kAbsorbed ? 0 : sample.weight);
+    at_.inside ^= next.event == BoundarySample::Event::kTransmitted;
+    direction_ = next.direction;
+    multiply_weight(next.event == BoundarySample::Event::kAbsorbed ? 0 : next.weight);
     use_mis_ = false;
   }
 
@@ -210,10 +210,10 @@ class Walk {
     const float mis_weight = competes ? light.pdf / (light.pdf + response.pdf) : 1;
 
     const RayResult ray =
-        geometry_.follow(at_, light.direction, kMaxOpticalDepth / sigma_t_, switches_.boundary);
+        geometry_.follow(at_, light.direction, kMaxOpticalDepth / sigma_t_, stops_at_boundary_);
     if (ray.end == RayResult::End::kLeaked) result_.leaked = true;
     if (ray.end != RayResult::End::kEscaped) return;
-    const float dimming = ray.transmittance * std::exp(-sigma_t_ * ray.medium_length);
+    const float dimming = std::exp(-sigma_t_ * ray.medium_length);
     const auto arriving = [&](float weight) {
       return weight * response.value * mis_weight * dimming;
     };
@@ -264,6 +264,7 @@ class Walk {
   const Switches& switches_;
   const Sampler& sampler_;
   const float sigma_t_, albedo_, g_;
+  const bool stops_at_boundary_;
   const Geometry& geometry_;
 
   PathEstimate result_;
@@ -271,9 +272,9 @@ class Walk {
   Interaction at_;
   Vec3f direction_;
   // Whether shadow rays look for the light ahead too: not on the camera's ray, nor behind a
-  // boundary that bends light.
+  // boundary at which lines stop.
   bool use_mis_ = false;
-  uint32_t crossings_ = 0;  // of a boundary that bends light, in a row
+  uint32_t crossings_ = 0;  // of such a boundary, in a row
   float pdf_ = 0;           // per steradian, with which direction_ was drawn
   float weight_ = 1;
   float dweight_dalbedo_ = 0;  // d weight / d albedo

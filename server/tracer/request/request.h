@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "common/material.h"
-#include "server/tracer/boundary/boundary.h"
 #include "server/tracer/parameters/parameter.h"
 #include "server/tracer/scene/scene.h"
 
@@ -92,9 +91,6 @@ struct Switches {
   bool stratified = true;
   // Samples where the pilot finds the noise; else as many in every pixel.
   bool adaptive = true;
-  // What the boundary of the medium does to light; null: nothing, as it is index-matched. To be
-  // kept alive by the caller.
-  const BoundaryModel* boundary = nullptr;
 };
 
 // Roulette as path tracers usually play it, and the reference always: from this vertex on, paths

@@ -46,6 +46,7 @@ struct Scene::Compiled {
   size_t memory() const;
 
   std::shared_ptr<const Object> object;
+  Boundary boundary;
   std::vector<DiffuseSurface> surfaces;
   Obstacles obstacles;
   std::vector<std::string> part_keys;  // of all parts that the scene holds, or will

@@ -18,6 +18,7 @@
 
 #include "common/geometry/mesh.h"
 #include "common/vec.h"
+#include "server/tracer/boundary/boundary.h"
 #include "server/tracer/lights/descriptions.h"
 #include "server/tracer/scene/pose.h"
 #include "server/tracer/surfaces/surface.h"
@@ -48,6 +49,7 @@ struct SceneDescription {
   // The same, compiled before; `object` is not looked at then.
   std::shared_ptr<const Object> compiled_object = nullptr;
   Pose pose = {};  // of the object
+  Boundary boundary = {};
   std::vector<DiffuseSurface> surfaces;
   std::vector<LightDescription> lights;
   CameraDescription camera;

@@ -22,10 +22,10 @@ void run_wavefront(const Scene::Compiled& scene, const RenderRequest& request,
   const auto run = [&]<typename AtBoundary>(std::type_identity<AtBoundary>) {
     std::make_unique<Walk<AtBoundary>>(scene, request, options, queue, film)->run(stop);
   };
-  if (options.switches.boundary == nullptr) {
-    run(std::type_identity<IndexMatched>());
+  if (stops_lines(scene.boundary)) {
+    run(std::type_identity<StopAtBoundary>());
   } else {
-    run(std::type_identity<Modelled>());
+    run(std::type_identity<PassBoundary>());
   }
 }
 

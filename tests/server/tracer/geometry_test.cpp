@@ -43,8 +43,11 @@ class Lines {
     }
   }
 
-  RayResult follow(const Interaction& from, Vec3f direction, float max_medium_length) const {
-    if (geometry_) return geometry_->follow(from, direction, max_medium_length);
+  RayResult follow(const Interaction& from, Vec3f direction, float max_medium_length,
+                   bool stops_at_boundary = false) const {
+    if (geometry_) {
+      return geometry_->follow(from, direction, max_medium_length, stops_at_boundary);
+    }
     rays_->position.set(0, from.position);
     rays_->direction.set(0, direction);
     rays_->max_medium_length[0] = max_medium_length;
@@ -53,7 +56,12 @@ class Lines {
     if (from.on.surface != SurfaceTriangle::kNone) {
       rays_->interaction[0] |= Rays::on_surface(first[from.on.surface] + from.on.triangle);
     }
-    tracer::follow(*obstacles_, *rays_, 1);
+    Crossings crossings;
+    if (stops_at_boundary) {
+      follow_to_boundary(*obstacles_, *rays_, crossings, 1);
+    } else {
+      tracer::follow(*obstacles_, *rays_, 1);
+    }
     RayResult ray;
     ray.end = static_cast<End>(rays_->outcome[0] & Rays::kEndMask);
     ray.medium_length = rays_->medium_length[0];
@@ -64,6 +72,12 @@ class Lines {
       const uint32_t triangle = Rays::surface_of(rays_->interaction[0]);
       const auto mesh = std::upper_bound(first.begin(), first.end(), triangle) - 1;
       ray.at.on = {static_cast<uint32_t>(mesh - first.begin()), triangle - *mesh};
+    } else if (ray.end == End::kCrossing) {
+      ray.crossing = {.point = ray.at.position,
+                      .normal = crossings.normal.at(0),
+                      .direction = direction,
+                      .triangle = crossings.triangle[0],
+                      .leaving = ray.at.inside};
     }
     return ray;
   }
@@ -164,6 +178,50 @@ TEST_P(GeometryTest, LeaksAreRare) {
 }
 
 // The two tracers share no code here: the same lines must give the same lengths and ends.
+// That a crossing lies on its triangle, within the three edges, and that the rest fits.
+void expect_on(const Mesh& mesh, const Crossing& at) {
+  ASSERT_LT(at.triangle, mesh.triangles.size());
+  const auto corner = [&](size_t k) {
+    return static_cast<Vec3d>(mesh.vertices[mesh.triangles[at.triangle][k]]);
+  };
+  const Vec3d a = corner(0), b = corner(1), c = corner(2);
+  const Vec3d normal = itn::normalize(cross(b - a, c - a));
+  EXPECT_GT(dot(normal, static_cast<Vec3d>(at.normal)), 1 - 1e-4);
+  EXPECT_EQ(dot(at.direction, at.normal) > 0, at.leaving);
+  const auto point = static_cast<Vec3d>(at.point);
+  EXPECT_NEAR(dot(point - a, normal), 0, 1e-4);
+  for (const auto& [from, to] : {std::pair{a, b}, {b, c}, {c, a}}) {
+    EXPECT_GT(dot(cross(itn::normalize(to - from), point - from), normal), -1e-4);
+  }
+}
+
+TEST_P(GeometryTest, StopsAtTheBoundaryWhereItIs) {
+  const Mesh knot = make_shape("knot");
+  const Lines lines(GetParam(), knot, {});
+  int crossed = 0;
+  for (uint32_t i = 0; i < 300; ++i) {
+    const Uniforms u = Sampler(12, 0, 0).uniforms(i, 0), v = Sampler(12, 0, 0).uniforms(i, 1);
+    const Vec3f target{u[0] - 0.5F, u[1] * 0.8F, u[2] - 0.5F};
+    const Vec3f direction = itn::normalize(Vec3f{v[0] - 0.5F, v[1] - 0.5F, v[2] - 0.5F});
+    Interaction at{target - direction * 3.0F, false, {}};
+    // To the first crossing, from there to the next, and so on.
+    for (;;) {
+      const RayResult ray = lines.follow(at, direction, kInfinity, true);
+      if (ray.end != End::kCrossing) {
+        EXPECT_EQ(ray.end, End::kEscaped);
+        break;
+      }
+      ++crossed;
+      EXPECT_TRUE(ray.entered);
+      EXPECT_EQ(ray.crossing.leaving, at.inside);
+      EXPECT_EQ(ray.medium_length > 0, at.inside);
+      expect_on(knot, ray.crossing);
+      at = {ray.crossing.point, !at.inside, {}};
+    }
+  }
+  EXPECT_GT(crossed, 200);
+}
+
 TEST(TracersTest, AgreeLineByLine) {
   for (const char* shape : {"cube", "smooth_star", "gear", "mug", "leaf"}) {
     const std::vector<DiffuseSurface> floor = {{horizontal_square(0, 20), 0.5F}};

@@ -7,6 +7,7 @@
 #include <hwy/highway.h>
 
 #include "server/tracer/geometry/depth_grid-inl.h"
+#include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/lights/lights-inl.h"
 #include "server/tracer/random/philox-inl.h"
 #include "tests/server/tracer/lane_probes.h"
@@ -34,6 +35,12 @@ void draw_all(const Lights& lights, uint64_t seed, LightProbe& probe, size_t cou
   }
 }
 
+void follow_all(const Obstacles& obstacles, Rays& rays, Crossings& crossings, size_t count) {
+  StopAtBoundary stop;
+  follow_lines(obstacles, rays, count, Report::kEnds, stop);
+  crossings = stop.crossings;
+}
+
 void look_up_all(const DepthGrid& depth_grid, const VectorColumn& points, FloatColumn& quantized,
                  size_t count) {
   for (size_t i = 0; i < count; i += lanes()) {
@@ -50,6 +57,7 @@ namespace itn::tracer {
 HWY_EXPORT(evaluate_all);
 HWY_EXPORT(draw_all);
 HWY_EXPORT(look_up_all);
+HWY_EXPORT(follow_all);
 
 void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count) {
   HWY_DYNAMIC_DISPATCH(evaluate_all)(lights, probe, count);
@@ -57,6 +65,11 @@ void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count) {
 
 void sample_lights(const Lights& lights, uint64_t seed, LightProbe& probe, size_t count) {
   HWY_DYNAMIC_DISPATCH(draw_all)(lights, seed, probe, count);
+}
+
+void follow_to_boundary(const Obstacles& obstacles, Rays& rays, Crossings& crossings,
+                        size_t count) {
+  HWY_DYNAMIC_DISPATCH(follow_all)(obstacles, rays, crossings, count);
 }
 
 void look_up_quantized_depth(const DepthGrid& depth_grid, const VectorColumn& points,

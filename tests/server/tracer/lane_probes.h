@@ -6,6 +6,8 @@
 #include <cstdint>
 
 #include "server/tracer/geometry/depth_grid.h"
+#include "server/tracer/geometry/obstacles.h"
+#include "server/tracer/geometry/rays.h"
 #include "server/tracer/lights/lights.h"
 #include "server/tracer/simd/columns.h"
 
@@ -20,6 +22,9 @@ void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count);
 // Draws `count` directions (see LightSamples in lights-inl.h) with the random numbers of samples 0
 // .. count-1 of pixel 0.
 void sample_lights(const Lights& lights, uint64_t seed, LightProbe& probe, size_t count);
+
+// Follows the first `count` rays to the boundary at most.
+void follow_to_boundary(const Obstacles& obstacles, Rays& rays, Crossings& crossings, size_t count);
 
 // Looks up DepthGrid::quantized at `count` points.
 void look_up_quantized_depth(const DepthGrid& depth_grid, const VectorColumn& points,

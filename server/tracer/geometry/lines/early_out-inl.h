@@ -96,16 +96,14 @@ inline Mask end_in_first_cell(const Obstacles& obstacles, Rays& rays, Report rep
 // empty cube, or in an occupied cell without coming near its triangles. These are found out in
 // the order of the rays, a vector at a time, and are done; the numbers of the others, which are
 // left to be followed, are put into `pending`. Returns how many those are.
-template <typename AtBoundary>
 HWY_INLINE size_t early_out(const Obstacles& obstacles, Rays& rays, size_t count, Report report,
-                            AtBoundary& at_boundary, UintColumn& pending) {
+                            UintColumn& pending) {
   const FloatTag d;
   size_t pending_count = 0;
   for (size_t i = 0; i < count; i += lanes()) {
     const Mask live = hn::FirstN(d, count - i);
     const Mask inside = not_zero(hn::And(load(rays.interaction, i), set(Rays::kInside)));
     Mask done = hn::And(live, inside);
-    if constexpr (AtBoundary::kAsks) store(set(1.0F), at_boundary.crossings.transmittance, i);
     if (!hn::AllFalse(d, done)) done = end_in_first_cell(obstacles, rays, report, i, done);
     const Uints number = hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i)));
     hn::CompressStore(number, for_uints(hn::AndNot(done, live)), UintTag(),

@@ -18,7 +18,6 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "server/tracer/boundary/boundary.h"
 #include "server/tracer/geometry/lines/early_out-inl.h"
 #include "server/tracer/geometry/lines/grid_steps-inl.h"
 #include "server/tracer/geometry/lines/surface_search-inl.h"
@@ -44,7 +43,7 @@ class LineFollower {
 
   void run() {
     // What ends where it begins needs no line.
-    pending_count_ = early_out(obstacles_, rays_, count_, report_, at_boundary_, pending_);
+    pending_count_ = early_out(obstacles_, rays_, count_, report_, pending_);
     for (;;) {
       const LineBits waiting = busy_ & ~stepping_;
       for (size_t v = 0; v < kLines; v += lanes()) {
@@ -96,7 +95,6 @@ class LineFollower {
     store(fresh, zero, lines_.medium_length, v);
     store(fresh, zero, lines_.last_exit, v);
     store(fresh, zero, lines_.last_entry, v);
-    if constexpr (AtBoundary::kAsks) store(fresh, set(1.0F), line_crossings_.transmittance, v);
     const Floats max_medium_length = gather(rays_.max_medium_length);
     store(fresh, max_medium_length, lines_.max_medium_length, v);
     const Uints interaction = hn::GatherIndex(UintTag(), rays_.interaction.data(), ray);
@@ -173,37 +171,32 @@ class LineFollower {
     const Mask crossed = hn::And(where, hn::Lt(hit, hn::Min(surface_t, set(kInfinity))));
     const Mask missed = hn::AndNot(crossed, where);
 
-    Mask exits = hn::And(crossed, inside), entries = hn::AndNot(inside, crossed);
+    const Mask exits = hn::And(crossed, inside), entries = hn::AndNot(inside, crossed);
     const Floats end = load(lines_.end, v);
     const Mask at_surface =
         hn::And(missed, hn::And(hn::Eq(end, surface_t), hn::Lt(surface_t, set(kInfinity))));
     const Floats stop = hn::Max(t, hn::IfThenElse(crossed, hit, end));
-    // Lines that the boundary bends end there, before the crossing.
-    [[maybe_unused]] Mask bent = crossed;
-    if constexpr (AtBoundary::kAsks) {
-      store(entries, set(uint32_t{1}), lines_.entered, v);
-      bent = ask(crossed, v);
-      exits = hn::AndNot(bent, exits);
-      entries = hn::AndNot(bent, entries);
-    }
+    if constexpr (AtBoundary::kStops) locate(crossed, v);
     const Floats travelled = hn::IfThenElseZero(inside, hn::Sub(stop, t));
     const Mask at_limit = hn::AndNot(at_surface, hn::And(missed, inside));
     const Floats medium_length = hn::IfThenElse(at_limit, load(lines_.max_medium_length, v),
                                                 hn::Add(load(lines_.medium_length, v), travelled));
     store(where, medium_length, lines_.medium_length, v);
     store(crossed, stop, lines_.t, v);
-    store(exits, hit, lines_.last_exit, v);
-    store(entries, hit, lines_.last_entry, v);
     const Uints one = set(uint32_t{1});
-    store(exits, hn::Zero(UintTag()), lines_.inside, v);
-    store(entries, one, lines_.inside, v);
     store(entries, one, lines_.entered, v);
+    if constexpr (!AtBoundary::kStops) {  // else lines end before the crossing
+      store(exits, hit, lines_.last_exit, v);
+      store(entries, hit, lines_.last_entry, v);
+      store(exits, hn::Zero(UintTag()), lines_.inside, v);
+      store(entries, one, lines_.inside, v);
+    }
     const Uints crossings = hn::Add(load(lines_.crossings, v), one);
     store(crossed, crossings, lines_.crossings, v);
 
     Vectors end_point = lines_.origin.load(v) + lines_.direction.load(v) * end;
-    if constexpr (AtBoundary::kAsks) {
-      end_point = if_then_else(bent, line_crossings_.point.load(v), end_point);
+    if constexpr (AtBoundary::kStops) {
+      end_point = if_then_else(crossed, line_crossings_.point.load(v), end_point);
     }
     const Mask lost =
         hn::Or(hn::AndNot(may_be_inside(obstacles_, end_point, load(lines_.word, v)), at_limit),
@@ -212,9 +205,9 @@ class LineFollower {
     how = hn::IfThenElse(for_uints(at_surface), set(uint32_t{Rays::kSurface}), how);
     how = hn::IfThenElse(for_uints(at_limit), set(uint32_t{Rays::kInMedium}), how);
     Mask ended = hn::Or(missed, lost);
-    if constexpr (AtBoundary::kAsks) {
-      how = hn::IfThenElse(for_uints(bent), set(uint32_t{Rays::kCrossing}), how);
-      ended = hn::Or(ended, bent);
+    if constexpr (AtBoundary::kStops) {
+      how = hn::IfThenElse(for_uints(crossed), set(uint32_t{Rays::kCrossing}), how);
+      ended = where;
     }
     how = hn::IfThenElse(for_uints(lost), set(uint32_t{Rays::kLeaked}), how);
     if (!hn::AllFalse(d, ended)) {
@@ -223,11 +216,10 @@ class LineFollower {
     }
   }
 
-  // Asks the model about crossings; returns the lines that it bends. The point is that of the
-  // barycentric coordinates: it is as near to the boundary as it can be, however far the line has
-  // come. The normal is that of the corners which are tested.
-  Mask ask(Mask crossed, size_t v) {
-    LineBits bent = 0;
+  // Where lines have crossed the boundary. The point is that of the barycentric coordinates: it is
+  // as near to the boundary as it can be, however far the line has come. The normal is that of the
+  // corners which are tested.
+  void locate(Mask crossed, size_t v) {
     for (LineBits bits = bits_of(crossed, v); bits != 0; bits &= bits - 1) {
       const int line = std::countr_zero(bits);
       const uint32_t block = line_crossings_.hit[line] / TriangleBlock::kSize;
@@ -237,26 +229,15 @@ class LineFollower {
         return Vec3d{double{axes[0][lane]}, double{axes[1][lane]}, double{axes[2][lane]}};
       };
       const Vec3d a = corner(0), b = corner(1), c = corner(2);
-      const Vec3d normal = itn::cross(b - a, c - a);
       const auto sides = static_cast<Vec3d>(line_crossings_.sides.at(line));
       const Vec3d in_cell =
           (a * sides.x + b * sides.y + c * sides.z) * (1 / (sides.x + sides.y + sides.z));
       const auto middle = static_cast<Vec3d>(grid_.occupied[line_crossings_.cell[line]].middle);
-      const BoundaryInteraction at{.point = static_cast<Vec3f>(middle + in_cell),
-                                   .normal = static_cast<Vec3f>(itn::normalize(normal)),
-                                   .direction = lines_.direction.at(line),
-                                   .triangle = grid_.numbers[block][lane],
-                                   .leaving = lines_.inside[line] != 0};
-      if (at_boundary_.model.straight()) {
-        line_crossings_.transmittance[line] *= at_boundary_.model.transmittance(at);
-      } else {
-        line_crossings_.triangle[line] = at.triangle;
-        line_crossings_.point.set(line, at.point);
-        line_crossings_.normal.set(line, at.normal);
-        bent |= LineBits{1} << line;
-      }
+      line_crossings_.triangle[line] = grid_.numbers[block][lane];
+      line_crossings_.point.set(line, static_cast<Vec3f>(middle + in_cell));
+      line_crossings_.normal.set(line,
+                                 static_cast<Vec3f>(itn::normalize(itn::cross(b - a, c - a))));
     }
-    return mask_of(bent, v);
   }
 
   // Writes results. A point on a surface is put into the plane of its triangle, so that a level
@@ -271,9 +252,8 @@ class LineFollower {
     write(load(lines_.medium_length, v), rays_.medium_length);
     const Uints entered = hn::ShiftLeft<Rays::kEnteredBit>(load(lines_.entered, v));
     hn::ScatterIndex(hn::Or(how, entered), UintTag(), rays_.outcome.data(), ray);
-    if constexpr (AtBoundary::kAsks) {
+    if constexpr (AtBoundary::kStops) {
       Crossings& crossings = at_boundary_.crossings;
-      write(load(line_crossings_.transmittance, v), crossings.transmittance);
       const Vectors normal = line_crossings_.normal.load(v);
       write(normal.x, crossings.normal.x);
       write(normal.y, crossings.normal.y);

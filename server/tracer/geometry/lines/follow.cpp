@@ -17,11 +17,11 @@ void follow_lines(const Obstacles& obstacles, Rays& rays, size_t count, Report r
                   AtBoundary& at_boundary) {
   LineFollower<AtBoundary>(obstacles, rays, count, report, at_boundary).run();
 }
-template void follow_lines(const Obstacles&, Rays&, size_t, Report, IndexMatched&);
-template void follow_lines(const Obstacles&, Rays&, size_t, Report, Modelled&);
+template void follow_lines(const Obstacles&, Rays&, size_t, Report, PassBoundary&);
+template void follow_lines(const Obstacles&, Rays&, size_t, Report, StopAtBoundary&);
 
 void follow_rays(const Obstacles& obstacles, Rays& rays, size_t count) {
-  IndexMatched passes;
+  PassBoundary passes;
   follow_lines(obstacles, rays, count, Report::kEnds, passes);
 }
 

@@ -10,7 +10,6 @@
 #include <cstddef>
 #include <limits>
 
-#include "server/tracer/boundary/boundary.h"
 #include "server/tracer/geometry/obstacles.h"
 #include "server/tracer/geometry/rays.h"
 #include "server/tracer/simd/lanes-inl.h"
@@ -96,25 +95,20 @@ struct Lines {
   PerLine<uint32_t> word{};
 };
 
-// What becomes of lines at the boundary of the medium, known when the code is compiled: nothing, as
-// it is index-matched, and the lines ask nobody.
-struct IndexMatched {
-  static constexpr bool kAsks = false;
-  explicit IndexMatched(const BoundaryModel* /*none*/ = nullptr) {}
+// What lines do at the boundary of the medium, known when the code is compiled: they pass, and note
+// nothing.
+struct PassBoundary {
+  static constexpr bool kStops = false;
   struct LineCrossings {};
 };
 
-// A model is asked at every crossing.
-struct Modelled {
-  static constexpr bool kAsks = true;
-  explicit Modelled(const BoundaryModel* asked) : model(*asked) {}
-
-  const BoundaryModel& model;
+// They stop.
+struct StopAtBoundary {
+  static constexpr bool kStops = true;
   Crossings crossings;  // of the rays
 
   // What lines under way know in addition.
   struct LineCrossings {
-    PerLine<float> transmittance{};
     // Of the nearest hit: the triangle, as its block * kSize + place in it; the number of the cell;
     // and the barycentric coordinates times a common factor.
     PerLine<uint32_t> hit{}, cell{};

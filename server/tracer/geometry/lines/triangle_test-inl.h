@@ -109,7 +109,7 @@ class TriangleTest {
           entry.c_z = shear.c_z;
           entry.per_z = shear.per_z;
           entry.to_c = shear.to_c;
-          if constexpr (AtBoundary::kAsks) {
+          if constexpr (AtBoundary::kStops) {
             entry.first = b * TriangleBlock::kSize + static_cast<uint32_t>(i);
           }
           passed += entry.hits != 0 ? 1 : 0;
@@ -138,7 +138,7 @@ class TriangleTest {
                         (u + v + w);
         const float t = entry->to_c + (z - entry->c_z) * entry->per_z;
         const float end = std::min(lines.end[line], lines.hit[line]);
-        if constexpr (AtBoundary::kAsks) {
+        if constexpr (AtBoundary::kStops) {
           if (t >= lines.t_min[line] && t <= end) {
             crossings.hit[line] = entry->first + static_cast<uint32_t>(i);
             crossings.cell[line] = lines.word[line] & Grid::kPayload;

@@ -35,7 +35,7 @@ struct PathState {
   UintState<1> alive{};
   UintState<> hit{}, leaked{}, steps{};  // see PathEstimate
   // Whether no shadow ray looks for the light ahead too: on the camera's ray, and behind a boundary
-  // that bends light. How many of those were crossed in a row.
+  // at which lines stop. How many of those were crossed in a row.
   UintState<1> delta_bounce{};
   UintState<> crossings{};
   FloatState<> pdf{};  // per steradian, of the last direction

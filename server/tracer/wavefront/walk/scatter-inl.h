@@ -113,7 +113,7 @@ template <typename AtBoundary>
 void scatter(Wavefront<AtBoundary>& wave, size_t i, Mask where, Mask in_medium) {
   Vertices vertices =
       vertices_of(wave.paths, wave.scene.obstacles.surfaces, wave.albedo, i, where, in_medium);
-  if constexpr (AtBoundary::kAsks) {
+  if constexpr (AtBoundary::kStops) {
     // Paths at the boundary keep their weight.
     vertices.factor = hn::IfThenElse(where, vertices.factor, set(1.0F));
     UintColumn& crossings = wave.paths.crossings;

@@ -128,10 +128,7 @@ void trace_shadow_rays(Wavefront<AtBoundary>& wave) {
                                            set(1 / wave.shadow_ray_threshold)));
     }
     const auto arriving = [&](const FloatColumn& undimmed) {
-      Floats dimmed = hn::Mul(load(undimmed, i), dimming);
-      if constexpr (AtBoundary::kAsks) {
-        dimmed = hn::Mul(dimmed, load(wave.at_boundary_of_shadow_rays.crossings.transmittance, i));
-      }
+      const Floats dimmed = hn::Mul(load(undimmed, i), dimming);
       return hn::IfThenElseZero(arrived,
                                 wave.shadow_ray_threshold > 0 ? hn::Div(dimmed, survival) : dimmed);
     };

@@ -27,7 +27,7 @@ inline bool asks_for_medium(const RenderRequest& request) {
                      [](const Parameter& p) { return p.of_medium(); });
 }
 
-// AtBoundary: IndexMatched or Modelled.
+// AtBoundary: PassBoundary or StopAtBoundary.
 template <typename AtBoundary>
 struct Wavefront {
   Wavefront(const Scene::Compiled& compiled, const RenderRequest& asked,
@@ -40,9 +40,7 @@ struct Wavefront {
         g(static_cast<float>(asked.material.g)),
         medium_derivatives(asks_for_medium(asked)),
         shadow_ray_threshold(static_cast<float>(options.tuning.shadow_ray_roulette *
-                                                compiled.lights.power() / (4 * std::numbers::pi))),
-        at_boundary_of_walks(options.switches.boundary),
-        at_boundary_of_shadow_rays(options.switches.boundary) {
+                                                compiled.lights.power() / (4 * std::numbers::pi))) {
     for (const Parameter& parameter : asked.derivatives) {
       if (parameter.kind == Parameter::kReflectance) {
         reflecting.push_back(compiled.obstacles.surfaces.triangles_of(parameter.index));

@@ -60,9 +60,6 @@ void interact(Wavefront<AtBoundary>& wave) {
     const Uints end = hn::And(load(paths.rays.outcome, i), set(Rays::kEndMask));
     const Mask scattered = equals(end, Rays::kInMedium), surface = equals(end, Rays::kSurface);
     update_scores(wave, i, scattered);
-    if constexpr (AtBoundary::kAsks) {
-      multiply_weights(paths, i, load(wave.at_boundary_of_walks.crossings.transmittance, i));
-    }
     const Mask escaped = hn::And(live, equals(end, Rays::kEscaped));
     if (!hn::AllFalse(FloatTag(), escaped)) add_emission(wave, i, escaped);
     const Uints one = set(uint32_t{1}), none = hn::Zero(UintTag());
@@ -71,7 +68,7 @@ void interact(Wavefront<AtBoundary>& wave) {
     store(hn::IfThenElse(for_uints(goes_on), one, none), paths.alive, i);
     const Mask vertices = hn::And(live, goes_on);
     if (!hn::AllFalse(FloatTag(), vertices)) scatter(wave, i, vertices, scattered);
-    if constexpr (AtBoundary::kAsks) {
+    if constexpr (AtBoundary::kStops) {
       for (Bits bits = bits_of(hn::And(live, equals(end, Rays::kCrossing))); bits != 0;
            bits &= bits - 1) {
         cross(wave, i + static_cast<size_t>(std::countr_zero(bits)));
@@ -80,7 +77,7 @@ void interact(Wavefront<AtBoundary>& wave) {
   }
 }
 
-// One thread's walk through the samples of a queue. AtBoundary: IndexMatched or Modelled.
+// One thread's walk through the samples of a queue. AtBoundary: PassBoundary or StopAtBoundary.
 template <typename AtBoundary>
 class Walk {
  public:
