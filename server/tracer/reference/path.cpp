@@ -20,6 +20,10 @@
 //
 // Sampling densities, roulette and the weights of multiple importance sampling are functions of the
 // current pi that are not differentiated: they only choose how the integral of f S is estimated.
+#include "server/tracer/simd/targets.h"
+// After targets.h:
+#include <hwy/highway.h>
+
 #include "server/tracer/reference/path.h"
 
 #include <algorithm>
@@ -30,11 +34,14 @@
 #include <vector>
 
 #include "common/error.h"
-#include "server/tracer/phase/phase.h"
+#include "server/tracer/phase/phase_function.h"
 #include "server/tracer/random/sampler.h"
 
 namespace itn::tracer {
 namespace {
+
+using HWY_NAMESPACE::evaluate;
+using HWY_NAMESPACE::sample_cosine;
 
 constexpr float kFloatPi = std::numbers::pi_v<float>;
 
@@ -56,7 +63,7 @@ class Walk {
         sampler_(sampler),
         sigma_t_(static_cast<float>(request.material.sigma_t)),
         albedo_(static_cast<float>(request.material.albedo)),
-        g_(static_cast<float>(request.material.g)),
+        phase_(HenyeyGreenstein{static_cast<float>(request.material.g)}),
         stops_at_boundary_(stops_lines(scene.boundary)),
         geometry_(scene.geometry()) {
     for (size_t i = 0; i < request.derivatives.size(); ++i) {
@@ -128,17 +135,18 @@ class Walk {
     for (const size_t i : reflectances_) dweight_dreflectance_[i] *= albedo_;
     at_ = at;
     send_shadow_ray([&](Vec3f to_light) {
-      const float cosine = dot(direction_, to_light);
-      return Response{hg_phase(cosine, g_), hg_phase(cosine, g_), hg_score(cosine, g_)};
+      const auto [value, score] = evaluate(phase_, dot(direction_, to_light));
+      return Response{value, value, score};
     });
 
-    const float cosine = sample_hg(u0, g_);
+    const float cosine = sample_cosine(phase_, u0);
     const float sine = std::sqrt(std::max(0.0F, 1 - cosine * cosine));
     const float phi = 2 * kFloatPi * u1;
     direction_ = itn::normalize(
         Basis<float>(direction_).to_world(sine * std::cos(phi), sine * std::sin(phi), cosine));
-    pdf_ = hg_phase(cosine, g_);
-    score_g_ += hg_score(cosine, g_);
+    const auto [value, score] = evaluate(phase_, cosine);
+    pdf_ = value;
+    score_g_ += score;
     use_mis_ = true;
     crossings_ = 0;
   }
@@ -263,7 +271,8 @@ class Walk {
   const RenderRequest& request_;
   const Switches& switches_;
   const Sampler& sampler_;
-  const float sigma_t_, albedo_, g_;
+  const float sigma_t_, albedo_;
+  const PhaseFunction phase_;
   const bool stops_at_boundary_;
   const Geometry& geometry_;
 

@@ -192,29 +192,6 @@ HWY_INLINE Vectors frame_to_world(Vectors n, Floats x, Floats y, Floats z) {
   return {sum(s.x, t.x, n.x), sum(s.y, t.y, n.y), sum(s.z, t.z, n.z)};
 }
 
-// Henyey-Greenstein, as in server/tracer/phase/phase.h.
-struct Phase {
-  Floats value, score;
-};
-HWY_INLINE Phase hg_phase(Floats cos_theta, float g) {
-  const Floats q = hn::Sub(set(1 + g * g), hn::Mul(set(2 * g), cos_theta));
-  const Floats per_q = hn::Div(set(1.0F), q);
-  const Floats norm = set((1 - g * g) * (0.25F * std::numbers::inv_pi_v<float>));
-  return {hn::Mul(hn::Mul(norm, per_q), hn::Sqrt(per_q)),
-          hn::Sub(set(-2 * g / (1 - g * g)),
-                  hn::Mul(hn::Mul(set(3.0F), hn::Sub(set(g), cos_theta)), per_q))};
-}
-HWY_INLINE Floats sample_hg(Floats u, float g) {
-  const Floats x = hn::Sub(hn::Add(u, u), set(1.0F));
-  const Floats denominator = mul_add(set(g), x, set(1.0F));
-  const Floats x2 = hn::Mul(x, x);
-  const Floats cubic = hn::Mul(set(g * 0.5F), hn::Sub(x2, set(1.0F)));
-  const Floats square = hn::Mul(set(g), hn::Add(x, cubic));
-  const Floats linear = hn::Mul(set(0.5F), hn::Add(x2, set(3.0F)));
-  const Floats numerator = mul_add(set(g), hn::Add(linear, square), x);
-  return hn::Clamp(hn::Div(numerator, hn::Mul(denominator, denominator)), set(-1.0F), set(1.0F));
-}
-
 }  // namespace itn::tracer::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 

@@ -9,11 +9,30 @@
 #include "server/tracer/geometry/depth_grid-inl.h"
 #include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/lights/lights-inl.h"
+#include "server/tracer/phase/phase_function.h"
 #include "server/tracer/random/philox-inl.h"
 #include "tests/server/tracer/lane_probes.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
+
+void probe_phase_in_lanes(const PhaseFunction& phase, PhaseProbe& probe) {
+  for (size_t i = 0; i < kSlots; i += lanes()) {
+    const PhaseValue<Floats> at = evaluate(phase, load(probe.cosine, i));
+    store(at.value, probe.value, i);
+    store(at.score, probe.score, i);
+    store(sample_cosine(phase, load(probe.u, i)), probe.drawn, i);
+  }
+}
+
+void probe_phase_singly(const PhaseFunction& phase, PhaseProbe& probe) {
+  for (size_t i = 0; i < kSlots; ++i) {
+    const PhaseValue<float> at = evaluate(phase, probe.cosine[i]);
+    probe.value[i] = at.value;
+    probe.score[i] = at.score;
+    probe.drawn[i] = sample_cosine(phase, probe.u[i]);
+  }
+}
 
 void evaluate_all(const Lights& lights, LightProbe& probe, size_t count) {
   for (size_t i = 0; i < count; i += lanes()) {
@@ -54,10 +73,19 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace itn::tracer {
 
+HWY_EXPORT(probe_phase_in_lanes);
 HWY_EXPORT(evaluate_all);
 HWY_EXPORT(draw_all);
 HWY_EXPORT(look_up_all);
 HWY_EXPORT(follow_all);
+
+void probe_phase(const PhaseFunction& phase, PhaseProbe& probe, bool in_lanes) {
+  if (in_lanes) {
+    HWY_DYNAMIC_DISPATCH(probe_phase_in_lanes)(phase, probe);
+  } else {
+    HWY_STATIC_DISPATCH(probe_phase_singly)(phase, probe);
+  }
+}
 
 void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count) {
   HWY_DYNAMIC_DISPATCH(evaluate_all)(lights, probe, count);

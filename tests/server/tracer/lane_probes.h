@@ -9,9 +9,17 @@
 #include "server/tracer/geometry/obstacles.h"
 #include "server/tracer/geometry/rays.h"
 #include "server/tracer/lights/lights.h"
+#include "server/tracer/phase/phase_function.h"
 #include "server/tracer/simd/columns.h"
 
 namespace itn::tracer {
+
+// A phase function at all of `cosine`, and the cosines that all of `u` draw: in lanes, or one by
+// one, as the reference computes them.
+struct PhaseProbe {
+  FloatColumn cosine{}, value{}, score{}, u{}, drawn{};
+};
+void probe_phase(const PhaseFunction& phase, PhaseProbe& probe, bool in_lanes);
 
 struct LightProbe {
   FloatColumn radiance{}, pdf{};

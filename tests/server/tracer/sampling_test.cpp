@@ -2,17 +2,19 @@
 // that is sampled from.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
 #include <numbers>
 #include <sstream>
+#include <tuple>
+#include <vector>
 
 #include "common/error.h"
 #include "common/low_discrepancy.h"
 #include "server/tracer/lights/lights.h"
 #include "server/tracer/lights/sky_model.h"
-#include "server/tracer/phase/phase.h"
 #include "server/tracer/random/sampler.h"
 #include "tests/server/tracer/lane_probes.h"
 #include "tests/server/tracer/scenes.h"
@@ -56,60 +58,82 @@ TEST(SamplerTest, EveryCoordinateOfTheCounterMatters) {
   }
 }
 
-class PhaseTest : public ::testing::TestWithParam<double> {};
+// Mean cosine, and whether in lanes or one by one.
+class PhaseTest : public ::testing::TestWithParam<std::tuple<double, bool>> {
+ protected:
+  double g() const { return std::get<0>(GetParam()); }
+  void probe(PhaseProbe& probe) const {
+    probe_phase(HenyeyGreenstein{static_cast<float>(g())}, probe, std::get<1>(GetParam()));
+  }
+};
 
 // By the midpoint rule in cos_theta, fine enough for the peak at |g| = 0.99.
 TEST_P(PhaseTest, IsNormalisedAndHasMeanCosineG) {
-  const auto g = static_cast<float>(GetParam());
-  constexpr int kSteps = 2'000'000;
+  constexpr int kSteps = 4000 * static_cast<int>(kSlots);
+  const auto point = [](int i) { return static_cast<float>(-1 + 2 * (i + 0.5) / kSteps); };
   double norm = 0, mean = 0;
-  for (int i = 0; i < kSteps; ++i) {
-    const double cosine = -1 + 2 * (i + 0.5) / kSteps;
-    const double p = hg_phase(static_cast<float>(cosine), g);
-    norm += 2 * kPi * p * 2 / kSteps;
-    mean += 2 * kPi * p * cosine * 2 / kSteps;
+  PhaseProbe probed;
+  for (int first = 0; first < kSteps; first += static_cast<int>(kSlots)) {
+    for (size_t i = 0; i < kSlots; ++i) probed.cosine[i] = point(first + static_cast<int>(i));
+    probe(probed);
+    for (size_t i = 0; i < kSlots; ++i) {
+      const double part = 2 * kPi * double{probed.value[i]} * 2 / kSteps;
+      norm += part;
+      mean += part * double{probed.cosine[i]};
+    }
   }
   EXPECT_NEAR(norm, 1, 2e-3);
-  EXPECT_NEAR(mean, GetParam(), 2e-3);
+  EXPECT_NEAR(mean, g(), 2e-3);
 }
 
 // The first two moments of the samples: E cos = g, E P2(cos) = g^2 (Legendre moments of the phase
 // function). The score has expectation 0 and, by parts, E(score cos) = d E cos / dg = 1.
 TEST_P(PhaseTest, SamplesFollowTheDensity) {
-  const auto g = static_cast<float>(GetParam());
   std::vector<double> cosine, legendre, score, score_cosine;
-  for (uint32_t i = 0; i < 100'000; ++i) {
-    for (const float u : Sampler(1, 0, 0).uniforms(i, 0)) {
-      const double c = sample_hg(u, g);
-      const double s = hg_score(static_cast<float>(c), g);
+  PhaseProbe probed;
+  for (uint32_t batch = 0; batch < 800; ++batch) {
+    for (uint32_t i = 0; i < kSlots; ++i) {
+      probed.u[i] = Sampler(1, 0, batch).uniforms(i / 4, 0)[i % 4];
+    }
+    probe(probed);
+    probed.cosine = probed.drawn;
+    probe(probed);
+    for (size_t i = 0; i < kSlots; ++i) {
+      const double c = double{probed.cosine[i]}, s = double{probed.score[i]};
       cosine.push_back(c);
       legendre.push_back(1.5 * c * c - 0.5);
       score.push_back(s);
       score_cosine.push_back(s * c);
     }
   }
-  constexpr int kComparisons = 4 * 8;
-  expect_equal(over_batches(cosine), {GetParam(), 0}, kComparisons, "cos");
-  expect_equal(over_batches(legendre), {GetParam() * GetParam(), 0}, kComparisons, "P2");
+  constexpr int kComparisons = 4 * 16;
+  expect_equal(over_batches(cosine), {g(), 0}, kComparisons, "cos");
+  expect_equal(over_batches(legendre), {g() * g(), 0}, kComparisons, "P2");
   expect_equal(over_batches(score), {0, 0}, kComparisons, "score");
   expect_equal(over_batches(score_cosine), {1, 0}, kComparisons, "score cos");
 }
 
 TEST_P(PhaseTest, ScoreIsTheDerivativeOfTheLogarithm) {
   constexpr double kStep = 1e-3;
-  for (const float cosine : {-1.0F, -0.3F, 0.0F, 0.5F, 0.9F}) {
+  const std::vector<float> cosines = {-1.0F, -0.3F, 0.0F, 0.5F, 0.9F};
+  PhaseProbe probed;
+  std::ranges::copy(cosines, probed.cosine.begin());
+  probe(probed);
+  for (size_t i = 0; i < cosines.size(); ++i) {
     const auto log_p = [&](double g) {
-      const double q = 1 + g * g - 2 * g * static_cast<double>(cosine);
+      const double q = 1 + g * g - 2 * g * double{cosines[i]};
       return std::log((1 - g * g) / std::pow(q, 1.5));
     };
-    const double slope = (log_p(GetParam() + kStep) - log_p(GetParam() - kStep)) / (2 * kStep);
-    const double score = hg_score(cosine, static_cast<float>(GetParam()));
-    EXPECT_NEAR(score, slope, 0.01 * std::max(1.0, std::abs(slope))) << "cos_theta " << cosine;
+    const double slope = (log_p(g() + kStep) - log_p(g() - kStep)) / (2 * kStep);
+    EXPECT_NEAR(double{probed.score[i]}, slope, 0.01 * std::max(1.0, std::abs(slope)))
+        << "cos_theta " << cosines[i];
   }
 }
 
 INSTANTIATE_TEST_SUITE_P(MeanCosines, PhaseTest,
-                         ::testing::Values(-0.9, -0.5, 0.0, 1e-6, 0.01, 0.4, 0.8, 0.98));
+                         ::testing::Combine(::testing::Values(-0.9, -0.5, 0.0, 1e-6, 0.01, 0.4, 0.8,
+                                                              0.98),
+                                            ::testing::Bool()));
 
 // Evaluated cases of the published model: turbidity, ground albedo, sun elevation, theta, gamma,
 // RGB.

@@ -73,16 +73,16 @@ HWY_INLINE void multiply_by_factor(Wavefront<AtBoundary>& wave, size_t i,
   }
 }
 
-// Draws the next direction: Henyey-Greenstein around the last one, or the cosine law around the
+// Draws the next direction: by the phase function around the last one, or the cosine law around the
 // normal (its pdf is cosine / pi: cosine^2 is uniform).
 template <typename AtBoundary>
 HWY_INLINE void sample_direction(Wavefront<AtBoundary>& wave, size_t i, const Vertices& vertices) {
   Paths& paths = wave.paths;
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Floats u1 = load(paths.u1, i);
-  Floats cosine = sample_hg(u1, wave.g);
+  Floats cosine = sample_cosine(wave.phase, u1);
   Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
-  const Phase phase = hg_phase(cosine, wave.g);
+  const PhaseValue<Floats> phase = evaluate(wave.phase, cosine);
   Floats pdf = phase.value;
   if (!vertices.all_in_medium) {
     const Mask in_medium = vertices.in_medium;

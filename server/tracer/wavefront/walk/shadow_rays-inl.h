@@ -48,7 +48,7 @@ void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& ver
       wave.scene.lights.has_maps() ? random(wave, i, vertex, Sampler::kMap) : Words{};
   const LightSamples light = sample(wave.scene.lights, words, more);
   const Floats cosine = dot(vertices.axis, light.direction);
-  auto [value, score] = hg_phase(cosine, wave.g);
+  auto [value, score] = evaluate(wave.phase, cosine);
   if (!vertices.all_in_medium) {
     const Floats diffuse = hn::Mul(hn::Max(zero, cosine), set(std::numbers::inv_pi_v<float>));
     value = hn::IfThenElse(vertices.in_medium, value, diffuse);

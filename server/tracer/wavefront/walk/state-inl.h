@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "server/tracer/geometry/lines/lines-inl.h"
+#include "server/tracer/phase/phase_function.h"
 #include "server/tracer/random/philox-inl.h"
 #include "server/tracer/random/sampler.h"
 #include "server/tracer/request/request.h"
@@ -37,7 +38,7 @@ struct Wavefront {
         switches(options.switches),
         sigma_t(static_cast<float>(asked.material.sigma_t)),
         albedo(static_cast<float>(asked.material.albedo)),
-        g(static_cast<float>(asked.material.g)),
+        phase(HenyeyGreenstein{static_cast<float>(asked.material.g)}),
         medium_derivatives(asks_for_medium(asked)),
         shadow_ray_threshold(static_cast<float>(options.tuning.shadow_ray_roulette *
                                                 compiled.lights.power() / (4 * std::numbers::pi))) {
@@ -59,7 +60,8 @@ struct Wavefront {
   const Scene::Compiled& scene;
   const RenderRequest& request;
   const Switches& switches;
-  const float sigma_t, albedo, g;
+  const float sigma_t, albedo;
+  const PhaseFunction phase;
   const bool medium_derivatives;
   const float shadow_ray_threshold;  // of their roulette, as a radiance; 0: all are traced
   // The triangles of the surfaces, and the lights, that derivatives are asked for in.
