@@ -89,7 +89,7 @@ tracer::LightDescription build_light(const std::string& field, const v1::Light& 
     case v1::Light::kEnvironmentMap:
       return build_environment_map(field + ".environment_map", proto.environment_map());
     case v1::Light::kConstant: {
-      tracer::ConstantEnvironment light;
+      tracer::ConstantLight light;
       if (proto.constant().has_radiance()) {
         light.radiance =
             in_closed(field + ".constant.radiance", proto.constant().radiance(), 0, 1e9);
@@ -97,7 +97,7 @@ tracer::LightDescription build_light(const std::string& field, const v1::Light& 
       return light;
     }
     case v1::Light::kDirectional: {
-      tracer::DistantLight light;
+      tracer::DirectionalLight light;
       light.direction =
           normalize(non_zero(field + ".directional.direction", proto.directional().direction()));
       if (proto.directional().has_irradiance()) {

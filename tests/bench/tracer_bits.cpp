@@ -70,15 +70,15 @@ std::vector<std::pair<std::string, SceneDescription>> scenes() {
   result.emplace_back("mug_many_triangles", std::move(many));
   SceneDescription star = scene_of("smooth_star");
   star.surfaces = {floor_of(1)};
-  star.lights = {environment_map(), ConstantEnvironment{0.5}};
+  star.lights = {environment_map(), ConstantLight{0.5}};
   star.film.channel = Channel::kGreen;
   result.emplace_back("star_map_constant", std::move(star));
   SceneDescription distant = scene_of("cube");
   distant.surfaces = {floor_of(1)};
-  distant.lights = {DistantLight{.direction = {0.4, 0.8, -0.5}, .irradiance = 3}};
+  distant.lights = {DirectionalLight{.direction = {0.4, 0.8, -0.5}, .irradiance = 3}};
   result.emplace_back("cube_distant", std::move(distant));
   SceneDescription inside = scene_of("goblet");
-  inside.lights = {ConstantEnvironment{1}, SunSkyLight{}};
+  inside.lights = {ConstantLight{1}, SunSkyLight{}};
   inside.camera = {.origin = {0, 0.05, 0}, .target = {0.3, 0.5, 0.2}, .fov = 1.2};
   result.emplace_back("goblet_camera_inside", std::move(inside));
   SceneDescription posed = scene_of("gear");

@@ -5,7 +5,8 @@
 // draws the direction to go on with. Shadow rays end at such a boundary and bring nothing, as the
 // straight line to the light is not a path of light. In return, nothing competes with the walk for
 // the light that it meets on the line behind such a crossing: no weight of multiple importance
-// sampling applies there. DistantLight, which no walk meets by itself, is thus not seen through it.
+// sampling applies there. DirectionalLight, which no walk meets by itself, is thus not seen through
+// it.
 //
 // A path that crosses more than kMaxConsecutiveCrossings times in a row, without scattering or
 // reflection by a surface in between, counts as trapped by rounding, and is dropped as leaked.

@@ -5,7 +5,8 @@
 #include <variant>
 #include <vector>
 
-#include "common/vec.h"
+#include "server/tracer/lights/constant.h"
+#include "server/tracer/lights/directional.h"
 
 namespace itn::tracer {
 
@@ -34,16 +35,7 @@ struct EnvironmentMapLight {
   std::string digest = {};
 };
 
-struct ConstantEnvironment {
-  double radiance = 1;
-};
-
-struct DistantLight {
-  Vec3d direction{0, 1, 0};  // towards the light
-  double irradiance = 1;     // on a surface that faces it
-};
-
 using LightDescription =
-    std::variant<SunSkyLight, EnvironmentMapLight, ConstantEnvironment, DistantLight>;
+    std::variant<SunSkyLight, EnvironmentMapLight, ConstantLight, DirectionalLight>;
 
 }  // namespace itn::tracer

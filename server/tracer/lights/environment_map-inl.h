@@ -48,7 +48,9 @@ HWY_INLINE Emission emission(const EnvironmentMap& light, Vectors direction) {
   return {radiance, pdf};
 }
 
-HWY_INLINE Vectors sample(const EnvironmentMap& light, const Words& words, Floats u0, Floats u1) {
+HWY_INLINE Vectors sample(const EnvironmentMap& light, const LightUniforms& u) {
+  const Words& words = u.more;
+  const Floats u0 = u.u0, u1 = u.u1;
   const EnvironmentMapTable& map = light.table();
   // A pixel of n from 64 bits: the upper half of their product with n.
   const auto n = static_cast<uint32_t>(map.width()) * static_cast<uint32_t>(map.height());

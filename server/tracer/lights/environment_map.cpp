@@ -48,7 +48,7 @@ EnvironmentMapTable::EnvironmentMapTable(const EnvironmentMapLight& light, Chann
   weigh_pixels();
 }
 
-double EnvironmentMapTable::radiance(Vec3f d) const {
+double EnvironmentMapTable::radiance_of(Vec3f d) const {
   const double x = map_u(d) * width_ - 0.5;
   const double y = map_v(d) * height_ - 0.5;
   const double fx = x - std::floor(x), fy = y - std::floor(y);

@@ -20,7 +20,7 @@ class EnvironmentMapTable {
   // scaled.
   EnvironmentMapTable(const EnvironmentMapLight& light, Channel channel);
 
-  double radiance(Vec3f d) const;
+  double radiance_of(Vec3f d) const;
   double pdf(Vec3f d) const;
   Vec3f sample(double u, float u0, float u1) const;
   double power() const { return power_; }
@@ -44,14 +44,16 @@ class EnvironmentMapTable {
   std::optional<AliasTable> cells_;
 };
 
-// See UniformLight for what its functions mean.
+// See ConstantLight for what its functions mean.
 class EnvironmentMap {
  public:
+  static constexpr bool kDelta = false;
+
   // `to_map`: turns directions into those of the table.
   EnvironmentMap(std::shared_ptr<const EnvironmentMapTable> table, const Rotation<double>& to_map)
       : table_(std::move(table)), to_map_(to_map) {}
 
-  double radiance(Vec3f d) const { return table_->radiance(to_map_(d)); }
+  double radiance_of(Vec3f d) const { return table_->radiance_of(to_map_(d)); }
   double pdf(Vec3f d) const { return table_->pdf(to_map_(d)); }
   Vec3f sample(double u, float u0, float u1) const {
     return to_map_.inverse()(table_->sample(u, u0, u1));

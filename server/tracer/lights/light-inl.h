@@ -8,6 +8,7 @@
 
 #include "server/tracer/random/alias_table.h"
 #include "server/tracer/random/philox-inl.h"
+#include "server/tracer/simd/either-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
@@ -28,6 +29,13 @@ HWY_INLINE Floats gather(const float* table, Ints index) {
 // What arrives from directions: radiance, and the density per steradian with which they are drawn.
 struct Emission {
   Floats radiance, pdf;
+};
+
+// What a direction is drawn by: uniform numbers in [0, 1), for a cell, a coin and a place within;
+// and the words of another counter, which are there if a light is a map.
+struct LightUniforms {
+  Floats cell, coin, u0, u1;
+  Words more;
 };
 
 // Directions turned by a rotation, and back.

@@ -6,25 +6,25 @@
 #define ITN_TRACER_LIGHTS_LIGHTS_INL_H_
 #endif
 
+#include "server/tracer/lights/constant-inl.h"
 #include "server/tracer/lights/environment_map-inl.h"
 #include "server/tracer/lights/lights.h"
 #include "server/tracer/lights/sky-inl.h"
 #include "server/tracer/lights/sun_disc-inl.h"
-#include "server/tracer/lights/uniform-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// One light, unless it is distant.
+// One light, unless it is a delta.
 HWY_INLINE Emission emission(const Lights::Light& light, Vectors d) {
-  if (const auto* sky = std::get_if<SkyLight>(&light.kind)) return emission(*sky, d);
-  if (const auto* sun = std::get_if<SunDisc>(&light.kind)) return emission(*sun, d);
-  if (const auto* map = std::get_if<EnvironmentMap>(&light.kind)) return emission(*map, d);
-  if (const auto* uniform = std::get_if<UniformLight>(&light.kind)) return emission(*uniform, d);
-  return {hn::Zero(FloatTag()), hn::Zero(FloatTag())};
+  Emission result{hn::Zero(FloatTag()), hn::Zero(FloatTag())};
+  visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
+    if constexpr (!Kind::kDelta) result = emission(kind, d);
+  });
+  return result;
 }
 
-// All lights but distant ones: radiance, and density of `sample`.
+// All lights but deltas: radiance, and density of `sample`.
 HWY_INLINE Emission emission(const Lights& lights, Vectors d) {
   Emission all{hn::Zero(FloatTag()), hn::Zero(FloatTag())};
   for (const Lights::Light& light : lights.all()) {
@@ -35,7 +35,7 @@ HWY_INLINE Emission emission(const Lights& lights, Vectors d) {
   return all;
 }
 
-// Directions towards the light. For distant ones, `pdf` is 0 and `radiance` is irradiance /
+// Directions towards the light. For deltas, `pdf` is 0 and `radiance` is irradiance /
 // probability, the weight of the draw; else the weight is radiance / pdf.
 struct LightSamples {
   Vectors direction;
@@ -45,12 +45,13 @@ struct LightSamples {
 // From the words of one counter, and of another one where there is a map. The lower bytes of the
 // first three words are left for a fifth uniform number.
 HWY_INLINE LightSamples sample(const Lights& lights, const Words& words, const Words& more) {
-  const Floats choice = uniform(words.w[0]), cell = uniform(words.w[1]), coin = uniform(words.w[2]);
-  const Floats u0 = coarse_uniform(hn::ShiftRight<16>(words.w[3]));
-  const Floats u1 = coarse_uniform(hn::And(words.w[3], set(uint32_t{0xFFFF})));
+  const Floats choice = uniform(words.w[0]);
+  const LightUniforms uniforms{uniform(words.w[1]), uniform(words.w[2]),
+                               coarse_uniform(hn::ShiftRight<16>(words.w[3])),
+                               coarse_uniform(hn::And(words.w[3], set(uint32_t{0xFFFF}))), more};
   const Floats zero = hn::Zero(FloatTag());
   LightSamples draw{{zero, set(1.0F), zero}, zero, zero};
-  Floats distant_weight = zero;
+  Floats delta_weight = zero;
   Floats from = set(-1.0F);
   for (const Lights::Light& light : lights.all()) {
     const Floats to = set(light.cumulative);
@@ -58,28 +59,23 @@ HWY_INLINE LightSamples sample(const Lights& lights, const Words& words, const W
     from = to;
     if (hn::AllFalse(FloatTag(), chosen)) continue;
     Vectors direction = draw.direction;
-    if (const auto* sky = std::get_if<SkyLight>(&light.kind)) {
-      direction = sample(*sky, cell, coin, u0, u1);
-    } else if (const auto* sun = std::get_if<SunDisc>(&light.kind)) {
-      direction = sample(*sun, u0, u1);
-    } else if (const auto* map = std::get_if<EnvironmentMap>(&light.kind)) {
-      direction = sample(*map, more, u0, u1);
-    } else if (const auto* uniform_light = std::get_if<UniformLight>(&light.kind)) {
-      direction = sample(*uniform_light, u0, u1);
-    } else if (const auto* distant = std::get_if<DistantSource>(&light.kind)) {
-      direction = set(distant->direction);
-      const auto weight = static_cast<float>(distant->irradiance / light.probability);
-      distant_weight = hn::IfThenElse(chosen, set(weight), distant_weight);
-    }
+    visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
+      if constexpr (Kind::kDelta) {
+        direction = set(static_cast<Vec3f>(kind.direction));
+        const auto weight = static_cast<float>(kind.power() / light.probability);
+        delta_weight = hn::IfThenElse(chosen, set(weight), delta_weight);
+      } else {
+        direction = sample(kind, uniforms);
+      }
+    });
     draw.direction = if_then_else(chosen, direction, draw.direction);
   }
-  const Mask distant = hn::Gt(distant_weight, zero);
+  const Mask delta = hn::Gt(delta_weight, zero);
   const Emission light = emission(lights, draw.direction);
   // A direction on the very rim of the sun may fall outside it by rounding.
-  const Mask possible = hn::AndNot(distant, hn::Gt(light.pdf, zero));
+  const Mask possible = hn::AndNot(delta, hn::Gt(light.pdf, zero));
   draw.pdf = hn::IfThenElseZero(possible, light.pdf);
-  draw.radiance =
-      hn::IfThenElse(distant, distant_weight, hn::IfThenElseZero(possible, light.radiance));
+  draw.radiance = hn::IfThenElse(delta, delta_weight, hn::IfThenElseZero(possible, light.radiance));
   return draw;
 }
 
@@ -101,7 +97,7 @@ HWY_INLINE Floats radiance_of(const Lights& lights, size_t number, const Words& 
   Floats from = set(-1.0F);
   for (const Lights::Light& light : lights.all()) {
     const Floats to = set(light.cumulative);
-    if (light.number == number && std::holds_alternative<DistantSource>(light.kind)) {
+    if (light.number == number && is_delta(light)) {
       part = hn::IfThenElse(hn::And(hn::Ge(choice, from), hn::Lt(choice, to)), draw.radiance, part);
     }
     from = to;

@@ -29,12 +29,12 @@ Rotation<double> turned_back(double azimuth) {
   return {{c, 0, s}, {0, 1, 0}, {-s, 0, c}};
 }
 
-// Calls `use` with the light, unless it is distant.
+// Calls `use` with the light, unless it is a delta.
 template <typename Use>
-void if_not_distant(const Lights::Light& light, const Use& use) {
+void if_no_delta(const Lights::Light& light, const Use& use) {
   std::visit(
-      [&](const auto& kind) {
-        if constexpr (!std::is_same_v<decltype(kind), const DistantSource&>) use(kind);
+      [&]<typename Kind>(const Kind& kind) {
+        if constexpr (!Kind::kDelta) use(kind);
       },
       light.kind);
 }
@@ -91,18 +91,17 @@ class Lights::Builder {
     lights_.has_maps_ = true;
   }
 
-  void operator()(const ConstantEnvironment& light) {
+  void operator()(const ConstantLight& light) {
     check("constant.radiance", light.radiance, 0, 1e9);
-    add(UniformLight(light.radiance));
+    add(light);
   }
 
-  void operator()(const DistantLight& light) {
+  void operator()(const DirectionalLight& light) {
     check("directional.irradiance", light.irradiance, 0, 1e9);
     if (!is_finite(light.direction) || !(length(light.direction) > 0)) {
       throw invalid_input("directional.direction must be finite and not zero");
     }
-    add(DistantSource{static_cast<Vec3f>(to_scene_.inverse()(itn::normalize(light.direction))),
-                      light.irradiance});
+    add(DirectionalLight{to_scene_.inverse()(itn::normalize(light.direction)), light.irradiance});
   }
 
   size_t number = 0;  // of the description
@@ -158,7 +157,7 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channe
 float Lights::radiance(Vec3f direction) const {
   double sum = 0;
   for (const Light& light : lights_) {
-    if_not_distant(light, [&](const auto& kind) { sum += kind.radiance(direction); });
+    if_no_delta(light, [&](const auto& kind) { sum += kind.radiance_of(direction); });
   }
   return static_cast<float>(sum);
 }
@@ -167,7 +166,7 @@ float Lights::radiance(Vec3f direction, size_t number) const {
   double sum = 0;
   for (const Light& light : lights_) {
     if (light.number == number) {
-      if_not_distant(light, [&](const auto& kind) { sum += kind.radiance(direction); });
+      if_no_delta(light, [&](const auto& kind) { sum += kind.radiance_of(direction); });
     }
   }
   return static_cast<float>(sum);
@@ -181,8 +180,7 @@ float Lights::weight(const LightSample& sample, size_t number) const {
 float Lights::pdf(Vec3f direction) const {
   double sum = 0;
   for (const Light& light : lights_) {
-    if_not_distant(light,
-                   [&](const auto& kind) { sum += light.probability * kind.pdf(direction); });
+    if_no_delta(light, [&](const auto& kind) { sum += light.probability * kind.pdf(direction); });
   }
   return static_cast<float>(sum);
 }
@@ -194,14 +192,14 @@ LightSample Lights::sample(double u, float u0, float u1) const {
     below += light->probability;
     ++light;
   }
-  if (const auto* distant = std::get_if<DistantSource>(&light->kind)) {
-    return {distant->direction, static_cast<float>(distant->irradiance / light->probability), 0,
-            light->number};
+  if (const auto* delta = std::get_if<DirectionalLight>(&light->kind)) {
+    return {static_cast<Vec3f>(delta->direction),
+            static_cast<float>(delta->power() / light->probability), 0, light->number};
   }
   // What is left of u, once the choice is made, is uniform again.
   const double rest = std::clamp((u - below) / light->probability, 0.0, 1.0);
   Vec3f direction;
-  if_not_distant(*light, [&](const auto& kind) { direction = kind.sample(rest, u0, u1); });
+  if_no_delta(*light, [&](const auto& kind) { direction = kind.sample(rest, u0, u1); });
   const float p = pdf(direction);
   // A direction on the very rim of the sun may fall outside it by rounding.
   return {direction, p > 0 ? radiance(direction) / p : 0, p, light->number};

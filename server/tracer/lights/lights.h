@@ -9,17 +9,18 @@
 
 #include "common/part_cache.h"
 #include "common/vec.h"
+#include "server/tracer/lights/constant.h"
 #include "server/tracer/lights/descriptions.h"
-#include "server/tracer/lights/distant.h"
+#include "server/tracer/lights/directional.h"
 #include "server/tracer/lights/environment_map.h"
 #include "server/tracer/lights/sky.h"
 #include "server/tracer/lights/sun_disc.h"
-#include "server/tracer/lights/uniform.h"
 
 namespace itn::tracer {
 
 // A direction towards the light, drawn with density `pdf` per steradian. The direction of a
-// DistantLight cannot be hit by chance: its pdf is 0, and it needs no multiple importance sampling.
+// DirectionalLight cannot be hit by chance: its pdf is 0, and it needs no multiple importance
+// sampling.
 struct LightSample {
   Vec3f direction;
   float weight = 0;  // radiance / pdf; distant: irradiance / probability of choosing it
@@ -57,7 +58,7 @@ class Lights {
 
   // Those that shine, each drawn with its probability.
   struct Light {
-    std::variant<UniformLight, SunDisc, SkyLight, EnvironmentMap, DistantSource> kind;
+    std::variant<ConstantLight, SunDisc, SkyLight, EnvironmentMap, DirectionalLight> kind;
     float cumulative = 0;    // of the probabilities, up to and including this one
     double probability = 0;  // proportional to power
     size_t number = 0;       // of its description; a sun and its sky have the same
@@ -72,5 +73,10 @@ class Lights {
   double power_ = 0;
   bool has_maps_ = false;
 };
+
+// Whether its direction cannot be hit by chance.
+inline bool is_delta(const Lights::Light& light) {
+  return std::visit([]<typename Kind>(const Kind&) { return Kind::kDelta; }, light.kind);
+}
 
 }  // namespace itn::tracer

@@ -58,7 +58,8 @@ HWY_INLINE Emission emission(const SkyLight& sky, Vectors direction) {
           hn::IfThenElseZero(up, pdf)};
 }
 
-HWY_INLINE Vectors sample(const SkyLight& sky, Floats cell01, Floats coin, Floats u0, Floats u1) {
+HWY_INLINE Vectors sample(const SkyLight& sky, const LightUniforms& u) {
+  const auto& [cell01, coin, u0, u1, more] = u;
   constexpr float kColumns = SkyTable::kCellColumns, kRows = SkyTable::kCellRows;
   const Floats one = set(1.0F), zero = hn::Zero(FloatTag());
   const Floats cell = to_float(

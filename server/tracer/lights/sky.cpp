@@ -82,7 +82,7 @@ SkyTable::SkyTable(double turbidity, double ground_albedo, double sun_elevation,
       values_(tabulate(Sky(turbidity, ground_albedo, sun_elevation), sun_elevation, channel)),
       cells_(weigh_cells()) {}
 
-double SkyTable::radiance(Vec3f d) const {
+double SkyTable::radiance_of(Vec3f d) const {
   if (d.y < 0) return 0;
   const Position p = locate(d);
   const auto at = [&](int column, int row) { return values_[index(column, row)]; };

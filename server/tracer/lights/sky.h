@@ -27,7 +27,7 @@ class SkyTable {
   // Numbers in the ranges of SunSkyLight.
   SkyTable(double turbidity, double ground_albedo, double sun_elevation, Channel channel);
 
-  double radiance(Vec3f d) const;
+  double radiance_of(Vec3f d) const;
   double pdf(Vec3f d) const;
   Vec3f sample(double u, float u0, float u1) const;
   double power() const { return power_; }  // radiance integrated over all directions
@@ -51,9 +51,11 @@ class SkyTable {
   AliasTable cells_;
 };
 
-// See UniformLight for what its functions mean.
+// See ConstantLight for what its functions mean.
 class SkyLight {
  public:
+  static constexpr bool kDelta = false;
+
   // `to_sky`: turns directions into those of the table.
   SkyLight(std::shared_ptr<const SkyTable> table, const Rotation<double>& to_sky, double scale)
       : table_(std::move(table)),
@@ -61,7 +63,7 @@ class SkyLight {
         is_turned_(to_sky_ != Rotation<float>()),
         scale_(scale) {}
 
-  double radiance(Vec3f d) const { return scale_ * table_->radiance(to_sky_(d)); }
+  double radiance_of(Vec3f d) const { return scale_ * table_->radiance_of(to_sky_(d)); }
   double pdf(Vec3f d) const { return table_->pdf(to_sky_(d)); }
   Vec3f sample(double u, float u0, float u1) const {
     return to_sky_.inverse()(table_->sample(u, u0, u1));

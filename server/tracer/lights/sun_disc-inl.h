@@ -20,10 +20,10 @@ HWY_INLINE Emission emission(const SunDisc& sun, Vectors d) {
           hn::IfThenElseZero(inside, set(static_cast<float>(sun.disc_pdf())))};
 }
 
-HWY_INLINE Vectors sample(const SunDisc& sun, Floats u0, Floats u1) {
-  const Floats z = hn::Mul(u0, set(static_cast<float>(sun.one_minus_cos())));
+HWY_INLINE Vectors sample(const SunDisc& sun, const LightUniforms& u) {
+  const Floats z = hn::Mul(u.u0, set(static_cast<float>(sun.one_minus_cos())));
   const Floats sin_theta = hn::Sqrt(hn::Mul(z, hn::Sub(set(2.0F), z)));
-  const SinCos phi = sin_cos_2pi(u1);
+  const SinCos phi = sin_cos_2pi(u.u1);
   const Floats x = hn::Mul(sin_theta, phi.cos), y = hn::Mul(sin_theta, phi.sin);
   return renormalize(set(sun.basis().s) * x + set(sun.basis().t) * y +
                      set(sun.basis().n) * hn::Sub(set(1.0F), z));

@@ -8,9 +8,11 @@
 
 namespace itn::tracer {
 
-// See UniformLight for what its functions mean.
+// See ConstantLight for what its functions mean.
 class SunDisc {
  public:
+  static constexpr bool kDelta = false;
+
   // `irradiance`: on a surface that faces it, as if all of it came from the axis.
   SunDisc(Vec3d axis, double half_angle, double irradiance)
       : basis_(static_cast<Vec3f>(axis)),
@@ -18,7 +20,7 @@ class SunDisc {
         solid_angle_(2 * std::numbers::pi * one_minus_cos_),
         radiance_(irradiance / solid_angle_) {}
 
-  double radiance(Vec3f d) const { return inside(d) ? radiance_ : 0; }
+  double radiance_of(Vec3f d) const { return inside(d) ? radiance_ : 0; }
   double pdf(Vec3f d) const { return inside(d) ? 1 / solid_angle_ : 0; }
 
   // With z = 1 - cos_theta uniform in [0, 1 - cos(half_angle)]; sin_theta = sqrt(z (2 - z)) holds

@@ -82,7 +82,7 @@ struct Tuning {
 // What tests and benchmarks switch off, or put back to what path tracers usually do.
 struct Switches {
   // One of the two direction sampling techniques that multiple importance sampling combines. Phase
-  // sampling alone cannot see a DistantLight.
+  // sampling alone cannot see a DirectionalLight.
   enum class Techniques { kBoth, kLightsOnly, kPhaseOnly } techniques = Techniques::kBoth;
   // Instead of Tuning's roulette by weight and depth, ThroughputRoulette: walks as long as those of
   // the reference.

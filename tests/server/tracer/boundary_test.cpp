@@ -23,7 +23,7 @@ constexpr double kChord = 0.7;
 SceneDescription slab() {
   SceneDescription description;
   description.object = box({-0.5F, 0, -0.5F}, {0.5F, static_cast<float>(kChord), 0.5F});
-  description.lights = {ConstantEnvironment{1}};
+  description.lights = {ConstantLight{1}};
   description.camera = {
       .origin = {0.03, 5, 0.02}, .target = {0.03, 4, 0.02}, .up = {0, 0, 1}, .fov = 1e-4 / 5};
   description.film = {4, 4};
@@ -45,7 +45,7 @@ RenderRequest request_for(Tracer tracer, Material material, uint32_t samples) {
 // A boundary that lets all pass lets the image be, in expectation: flights are drawn anew at every
 // crossing, and the walk finds alone what shadow rays found.
 TEST(BoundaryTest, AMirrorOfNothingIsIndexMatchedInExpectation) {
-  SceneDescription description = knot_on_ground(ConstantEnvironment{1});
+  SceneDescription description = knot_on_ground(ConstantLight{1});
   const Scene scene(description);
   description.boundary = PartialMirror{};
   const Scene behind_mirror(std::move(description));
@@ -90,7 +90,7 @@ TEST(BoundaryTest, ReflectsBetweenTwoMirrors) {
 
 // Where nothing is lost, all has the light's radiance, however the boundary mirrors.
 TEST(BoundaryTest, AMirroredObjectVanishesInAFurnace) {
-  SceneDescription description = studio("cube", {ConstantEnvironment{1}});
+  SceneDescription description = studio("cube", {ConstantLight{1}});
   description.boundary = PartialMirror{.reflected = 0.5F};
   const Scene scene(std::move(description));
   for (const Tracer tracer : kTracers) {

@@ -25,7 +25,7 @@ CameraDescription looking_down(double from_y) {
 TEST(BeerLambertTest, LightIsDimmedAlongTheChord) {
   SceneDescription description;
   description.object = box({-0.5F, 0, -0.5F}, {0.5F, 0.7F, 0.5F});
-  description.lights = {ConstantEnvironment{1}};
+  description.lights = {ConstantLight{1}};
   description.camera = looking_down(5);
   description.film = {4, 4};
   const Scene scene(std::move(description));
@@ -46,7 +46,7 @@ TEST(BeerLambertTest, LightIsDimmedAlongTheChord) {
 TEST(BeerLambertTest, DerivativeOfAThinMedium) {
   SceneDescription description;
   description.object = box({-0.5F, 0, -0.5F}, {0.5F, 0.01F, 0.5F});
-  description.lights = {ConstantEnvironment{1}};
+  description.lights = {ConstantLight{1}};
   description.camera = looking_down(5);
   description.film = {4, 4};
   const FilmSums sums = render_grad(
@@ -62,7 +62,7 @@ TEST(BeerLambertTest, DerivativeOfAThinMedium) {
 TEST(SingleScatteringTest, DerivativeAtAlbedoZero) {
   SceneDescription description;
   description.object = box({-1, 0, -1}, {1, 0.5F, 1});
-  description.lights = {DistantLight{{0, 1, 0}, 3}};
+  description.lights = {DirectionalLight{{0, 1, 0}, 3}};
   description.camera = looking_down(4);
   description.film = {4, 4};
   const Scene scene(std::move(description));
@@ -94,7 +94,7 @@ class VanDeHulstTest : public ::testing::Test {
     // So wide that no light reaches the sides, which are 100 mean free paths away.
     description.object = box({-10, 0, -10}, {10, kThickness, 10});
     description.surfaces = {{horizontal_square(screen_height, 1e4F), 0}};
-    description.lights = {ConstantEnvironment{1}};
+    description.lights = {ConstantLight{1}};
     description.camera = looking_down(0.5);
     description.film = {8, 8};
     const Scene scene(std::move(description));
@@ -151,7 +151,7 @@ TEST(ChandrasekharTest, HalfSpace) {
     SceneDescription description;
     description.object = box({-60, -60, -60}, {60, 0, 60});
     const double sine = std::sqrt(1 - row.mu_0 * row.mu_0);
-    description.lights = {DistantLight{{sine, row.mu_0, 0}, 2}};
+    description.lights = {DirectionalLight{{sine, row.mu_0, 0}, 2}};
     description.camera = looking_down(3);
     description.film = {4, 4};
     const Scene scene(std::move(description));
@@ -170,7 +170,7 @@ TEST(LambertTest, GroundUnderADistantLight) {
   SceneDescription description;
   description.object = box({5, 0, 5}, {6, 1, 6});
   description.surfaces = {{horizontal_square(0, 20), 0.6F}};
-  description.lights = {DistantLight{{0, 0.8, 0.6}, 5}};
+  description.lights = {DirectionalLight{{0, 0.8, 0.6}, 5}};
   description.camera = looking_down(4);
   description.film = {2, 2};
   const Scene scene(std::move(description));

@@ -104,9 +104,9 @@ TEST_P(DerivativeTest, IntegratesToTheDifference) {
 }
 
 const LightDescription kSunSky = paper_sun_sky();
-const LightDescription kFromBehind = DistantLight{{0.3, 0.4, 1}, 3};
+const LightDescription kFromBehind = DirectionalLight{{0.3, 0.4, 1}, 3};
 LightDescription everywhere(float radiance) {
-  return ConstantEnvironment{radiance};
+  return ConstantLight{radiance};
 }
 
 INSTANTIATE_TEST_SUITE_P(

@@ -24,7 +24,7 @@ class FurnaceTest : public ::testing::TestWithParam<Furnace> {};
 constexpr int kFurnaceComparisons = 6 * 4;
 
 TEST_P(FurnaceTest, RadianceIsOneAndDerivativesVanish) {
-  const Scene scene(studio(GetParam().shape, {ConstantEnvironment{1}}));
+  const Scene scene(studio(GetParam().shape, {ConstantLight{1}}));
   constexpr double kSigmaT0 = 5;
   const RenderRequest settings{.material = {kSigmaT0, 1, GetParam().g},
                                .sample_count = 768,
@@ -53,7 +53,7 @@ INSTANTIATE_TEST_SUITE_P(Shapes, FurnaceTest,
 // With a white ground too: the object stands on it, coplanar triangles touching.
 TEST(FurnaceGroundTest, AWhiteGroundChangesNothing) {
   for (const char* shape : {"cube", "torus"}) {
-    const Scene scene(studio(shape, {ConstantEnvironment{1}}, 1));
+    const Scene scene(studio(shape, {ConstantLight{1}}, 1));
     const FilmEstimate film =
         estimate_film(scene, {.material = {10, 1, 0.3}, .sample_count = 64}, 32);
     expect_equal(film.radiance, {1, 0}, 2, shape);

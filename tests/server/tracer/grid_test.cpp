@@ -200,7 +200,7 @@ TEST_P(HardMeshTest, TrianglesAreFoundWhereTheyAre) {
 TEST(EstimatedMemoryTest, CoversTheSceneAndGrowsWithItsParts) {
   SceneDescription scene;
   scene.object = make_shape("smooth_star");
-  scene.lights = {ConstantEnvironment{}};
+  scene.lights = {ConstantLight{}};
   scene.camera = {.origin = {0, 0.5, -5}, .target = {0, 0.5, 0}};
   scene.film = {8, 8, Channel::kLuminance};
   const size_t delta_bounce = estimated_memory(scene);

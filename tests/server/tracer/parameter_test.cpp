@@ -45,8 +45,8 @@ std::vector<LightDescription> every_light() {
   for (int i = 0; i < 3 * map.width * map.height; ++i) {
     map.rgb.push_back(static_cast<float>(i * 7 % 11) / 5);
   }
-  return {paper_sun_sky(),        ConstantEnvironment{0.3}, DistantLight{{0.3, 1, -0.2}, 2}, map,
-          ConstantEnvironment{0}, ConstantEnvironment{0.5}};
+  return {paper_sun_sky(),  ConstantLight{0.3}, DirectionalLight{{0.3, 1, -0.2}, 2}, map,
+          ConstantLight{0}, ConstantLight{0.5}};
 }
 
 std::vector<Parameter> all_scales(size_t lights) {
@@ -99,7 +99,7 @@ TEST(ParameterTest, OrderAndCompanyDoNotMatter) {
 }
 
 TEST(ParameterTest, RefusesWhatTheSceneDoesNotHave) {
-  const Scene scene(studio("cube", {ConstantEnvironment{1}}, 0.5F));
+  const Scene scene(studio("cube", {ConstantLight{1}}, 0.5F));
   const auto refused = [&](std::vector<Parameter> derivatives) -> std::string {
     RenderRequest request{.material = {30, 0.8, 0.3}};
     request.derivatives = std::move(derivatives);

@@ -144,7 +144,7 @@ TEST(RenderTest, InstructionSetsDoNotMatter) {
   s.albedos = {0.5};
   s.derivatives.push_back({Parameter::kReflectance, 0});
   s.derivatives.push_back({Parameter::kLightScale, 0});
-  const Scene map_lit(studio("twist", {ConstantEnvironment{0.2}, small_map()}, 0.5F, 16));
+  const Scene map_lit(studio("twist", {ConstantLight{0.2}, small_map()}, 0.5F, 16));
   for (const Scene* scene : {&mug_in_the_sun(), &map_lit}) {
     const FilmSums best = render_grad(*scene, s);
     int sets = 0;
@@ -209,7 +209,7 @@ TEST(RenderTest, ExtremesOfImportance) {
 
 // A camera in the mug: parts of the object's box lie behind it.
 TEST(RenderTest, ObjectPixelsOfANearCamera) {
-  SceneDescription near = studio("mug", {ConstantEnvironment{1}}, 0.5F, 24);
+  SceneDescription near = studio("mug", {ConstantLight{1}}, 0.5F, 24);
   near.camera.origin = {0, 0.9, 0};
   near.camera.target = {0, 0.5, 0.4};
   near.camera.fov = 1.9;
@@ -364,7 +364,7 @@ TEST(RenderTest, TheSunItselfIsNotDropped) {
 // A surface in front of the object hides it: the camera ray starts at the object's box, but what
 // stands before the box counts.
 TEST(RenderTest, ASurfaceMayStandInFront) {
-  SceneDescription description = studio("cube", {ConstantEnvironment{1}}, -1, 4);
+  SceneDescription description = studio("cube", {ConstantLight{1}}, -1, 4);
   Mesh screen = box({-2, -2, -10}, {2, 6, -9.9F});
   description.surfaces.push_back({screen, 0});
   const Scene scene(std::move(description));
@@ -414,7 +414,7 @@ TEST(RenderTest, RefusesBadSettings) {
 }
 
 TEST(SceneTest, RefusesOpenAndInsideOutMeshes) {
-  SceneDescription open = studio("cube", {ConstantEnvironment{1}});
+  SceneDescription open = studio("cube", {ConstantLight{1}});
   open.object.triangles.pop_back();
   try {
     const Scene scene(open);
@@ -422,7 +422,7 @@ TEST(SceneTest, RefusesOpenAndInsideOutMeshes) {
   } catch (const Error& error) {
     EXPECT_NE(std::string(error.what()).find("open edge"), std::string::npos) << error.what();
   }
-  SceneDescription inverted = studio("cube", {ConstantEnvironment{1}});
+  SceneDescription inverted = studio("cube", {ConstantLight{1}});
   for (auto& triangle : inverted.object.triangles) std::swap(triangle[0], triangle[1]);
   EXPECT_THROW(Scene{inverted}, Error);
 }

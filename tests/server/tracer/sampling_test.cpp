@@ -289,12 +289,11 @@ TEST_P(LightTest, SamplesFollowTheDensity) {
   EXPECT_NEAR(over_batches(power).mean, lights.power(), 0.03 * lights.power());
 }
 
-INSTANTIATE_TEST_SUITE_P(Kinds, LightTest,
-                         ::testing::Values(LightRow{"sun and sky", paper_sun_sky(1.0)},
-                                           LightRow{"sky", SunSkyLight{.sun_elevation = 0.3,
-                                                                       .sun_scale = 0}},
-                                           LightRow{"map", checkered_map()},
-                                           LightRow{"constant", ConstantEnvironment{2}}));
+INSTANTIATE_TEST_SUITE_P(
+    Kinds, LightTest,
+    ::testing::Values(LightRow{"sun and sky", paper_sun_sky(1.0)},
+                      LightRow{"sky", SunSkyLight{.sun_elevation = 0.3, .sun_scale = 0}},
+                      LightRow{"map", checkered_map()}, LightRow{"constant", ConstantLight{2}}));
 
 // The wavefront evaluates the same tables, many directions at a time.
 TEST_P(LightTest, TheWavefrontHasTheSameLights) {
@@ -421,12 +420,12 @@ TEST(LightsTest, RefusesBadNumbers) {
   short_map.rgb.pop_back();
   const std::vector<LightDescription> bad = {SunSkyLight{.turbidity = 11},
                                              SunSkyLight{.sun_elevation = -0.1},
-                                             ConstantEnvironment{-1},
-                                             ConstantEnvironment{std::nan("")},
-                                             DistantLight{{0, 0, 0}, 1},
+                                             ConstantLight{-1},
+                                             ConstantLight{std::nan("")},
+                                             DirectionalLight{{0, 0, 0}, 1},
                                              negative,
                                              short_map,
-                                             ConstantEnvironment{0}};
+                                             ConstantLight{0}};
   for (size_t i = 0; i < bad.size(); ++i) {
     EXPECT_THROW(Lights({bad[i]}, Channel::kLuminance), Error) << "row " << i;
   }

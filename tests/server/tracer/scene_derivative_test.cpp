@@ -21,7 +21,7 @@ TEST(SceneDerivativeTest, OfALambertianFloor) {
   const RenderOptions no_roulette{.tuning = {.shadow_ray_roulette = 0}};
   for (const float reflectance : {0.0F, 0.3F, 1.0F}) {
     SceneDescription description =
-        studio("cube", {DistantLight{{0.6, kCosine, 0}, kIrradiance}}, reflectance, 4);
+        studio("cube", {DirectionalLight{{0.6, kCosine, 0}, kIrradiance}}, reflectance, 4);
     description.object = box({-0.5F, -3, -0.5F}, {0.5F, -2, 0.5F});
     const Scene scene(std::move(description));
     for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
@@ -43,7 +43,7 @@ TEST(SceneDerivativeTest, OfALambertianFloor) {
 TEST(SceneDerivativeTest, OfAConstantLight) {
   SceneDescription description;
   description.object = box({-0.5F, 0, -0.5F}, {0.5F, 0.7F, 0.5F});
-  description.lights = {ConstantEnvironment{1}};
+  description.lights = {ConstantLight{1}};
   description.camera = {
       .origin = {0.03, 5, 0.02}, .target = {0.03, 4, 0.02}, .up = {0, 0, 1}, .fov = 1e-4 / 5};
   description.film = {4, 4};
@@ -58,7 +58,7 @@ TEST(SceneDerivativeTest, OfAConstantLight) {
 
 // Two surfaces that see each other and the object: radiance is a polynomial in their reflectances.
 SceneDescription corner(float floor, float wall) {
-  SceneDescription scene = studio("mug", {paper_sun_sky(), ConstantEnvironment{20}}, floor);
+  SceneDescription scene = studio("mug", {paper_sun_sky(), ConstantLight{20}}, floor);
   scene.surfaces.push_back({box({-3, -0.1F, 0.8F}, {3, 2, 1}), wall});
   return scene;
 }

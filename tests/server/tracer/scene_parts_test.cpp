@@ -99,7 +99,7 @@ TEST(PartCache, ForgetsTheLeastRecentlyUsed) {
 
 // 4096 x 4096 pixels are looked at for seconds, unless that is stopped.
 TEST(ObjectPixelsTest, AreNotLookedForAfterAStop) {
-  const Scene scene(studio("sphere", {ConstantEnvironment{1}}, -1, 4096));
+  const Scene scene(studio("sphere", {ConstantLight{1}}, -1, 4096));
   std::stop_source stop;
   stop.request_stop();
   EXPECT_THROW(scene.compiled().object_pixels(1, stop.get_token()), Error);
@@ -107,7 +107,7 @@ TEST(ObjectPixelsTest, AreNotLookedForAfterAStop) {
 
 // Those that any of their rays shows to see the object, whatever was tried first and by whom.
 TEST(ObjectPixelsTest, AreThoseOfWhichARaySeesTheObject) {
-  const Scene scene(studio("knot", {ConstantEnvironment{1}}, 0.5F, 24));
+  const Scene scene(studio("knot", {ConstantLight{1}}, 0.5F, 24));
   const ObjectPixels one(scene.compiled(), 1, {}), many(scene.compiled(), 3, {});
   EXPECT_EQ(one.pixels, many.pixels);
   std::vector<uint32_t> expected;
@@ -163,8 +163,8 @@ class PoseTest : public ::testing::TestWithParam<PoseRow> {};
 TEST_P(PoseTest, IsWhereTheMeshStands) {
   SceneDescription posed = studio(
       "figure",
-      {paper_sun_sky(0.5), striped_map(), ConstantEnvironment{5}, DistantLight{{1, 1, -1}, 30}},
-      0.5F, 16);
+      {paper_sun_sky(0.5), striped_map(), ConstantLight{5}, DirectionalLight{{1, 1, -1}, 30}}, 0.5F,
+      16);
   posed.pose = GetParam().pose;
   SceneDescription moved = posed;
   moved.pose = {};

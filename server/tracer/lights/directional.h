@@ -5,10 +5,11 @@
 
 namespace itn::tracer {
 
-struct DistantSource {
-  Vec3f direction;        // towards the light, a unit vector
-  double irradiance = 0;  // on a surface that faces it
+struct DirectionalLight {
+  Vec3d direction{0, 1, 0};  // towards the light; of unit length once it is compiled
+  double irradiance = 1;     // on a surface that faces it
 
+  static constexpr bool kDelta = true;
   double power() const { return irradiance; }
 };
 

@@ -9,18 +9,20 @@
 
 namespace itn::tracer {
 
-// Like every kind of light but DistantLight, it answers for unit directions:
-//   radiance(d)
+// Like every kind of light but DirectionalLight, it answers for unit directions:
+//   radiance_of(d)
 //   pdf(d)             the density per steradian with which `sample` draws d
 //   sample(u, u0, u1)  a direction from uniform numbers in [0, 1): u chooses among cells, of which
 //                      there may be millions, u0 and u1 a direction within
 //   power()            radiance integrated over all directions
-// The same for many directions at a time is in uniform-inl.h.
-class UniformLight {
- public:
-  explicit UniformLight(double radiance) : radiance_(radiance) {}
+// The same for many directions at a time is in constant-inl.h.
+struct ConstantLight {
+  double radiance = 1;
 
-  double radiance(Vec3f) const { return radiance_; }
+  static constexpr bool kDelta = false;
+  static constexpr double kPdf = 1 / (4 * std::numbers::pi);
+
+  double radiance_of(Vec3f) const { return radiance; }
   double pdf(Vec3f) const { return kPdf; }
   Vec3f sample([[maybe_unused]] double u, float u0, float u1) const {
     const float y = 1 - 2 * u0;
@@ -28,12 +30,7 @@ class UniformLight {
     const float phi = 2 * std::numbers::pi_v<float> * u1;
     return {r * std::cos(phi), y, r * std::sin(phi)};
   }
-  double power() const { return radiance_ / kPdf; }
-
-  static constexpr double kPdf = 1 / (4 * std::numbers::pi);
-
- private:
-  double radiance_;
+  double power() const { return radiance / kPdf; }
 };
 
 }  // namespace itn::tracer

@@ -1,0 +1,30 @@
+// ConstantLight for many directions at a time.
+#if defined(ITN_TRACER_LIGHTS_CONSTANT_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_LIGHTS_CONSTANT_INL_H_
+#undef ITN_TRACER_LIGHTS_CONSTANT_INL_H_
+#else
+#define ITN_TRACER_LIGHTS_CONSTANT_INL_H_
+#endif
+
+#include "server/tracer/lights/constant.h"
+#include "server/tracer/lights/light-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+HWY_INLINE Emission emission(const ConstantLight& light, Vectors) {
+  constexpr auto kPdf = static_cast<float>(ConstantLight::kPdf);
+  return {set(static_cast<float>(light.radiance)), set(kPdf)};
+}
+
+HWY_INLINE Vectors sample(const ConstantLight&, const LightUniforms& u) {
+  const Floats y = hn::Sub(set(1.0F), hn::Add(u.u0, u.u0));
+  const Floats r = hn::Sqrt(hn::Max(hn::Zero(FloatTag()), hn::Sub(set(1.0F), hn::Mul(y, y))));
+  const SinCos phi = sin_cos_2pi(u.u1);
+  return {hn::Mul(r, phi.cos), y, hn::Mul(r, phi.sin)};
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif
