@@ -16,6 +16,16 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
+void draw_all_uniforms(uint64_t seed, uint32_t pixel, uint32_t vertex, uint32_t purpose,
+                       std::array<FloatColumn, 5>& uniforms) {
+  for (size_t i = 0; i < kSlots; i += lanes()) {
+    const Uints number = hn::Iota(UintTag(), static_cast<uint32_t>(i));
+    const Words words = philox(set(vertex), set(purpose), number, set(pixel), seed);
+    for (size_t k = 0; k < 4; ++k) store(uniform(words.w[k]), uniforms[k], i);
+    store(fifth_uniform(words), uniforms[4], i);
+  }
+}
+
 void probe_phase_in_lanes(const PhaseFunction& phase, PhaseProbe& probe) {
   for (size_t i = 0; i < kSlots; i += lanes()) {
     const PhaseValue<Floats> at = evaluate(phase, load(probe.cosine, i));
@@ -73,11 +83,17 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace itn::tracer {
 
+HWY_EXPORT(draw_all_uniforms);
 HWY_EXPORT(probe_phase_in_lanes);
 HWY_EXPORT(evaluate_all);
 HWY_EXPORT(draw_all);
 HWY_EXPORT(look_up_all);
 HWY_EXPORT(follow_all);
+
+void draw_uniforms(uint64_t seed, uint32_t pixel, uint32_t vertex, uint32_t purpose,
+                   std::array<FloatColumn, 5>& uniforms) {
+  HWY_DYNAMIC_DISPATCH(draw_all_uniforms)(seed, pixel, vertex, purpose, uniforms);
+}
 
 void probe_phase(const PhaseFunction& phase, PhaseProbe& probe, bool in_lanes) {
   if (in_lanes) {

@@ -2,6 +2,7 @@
 // depths, by the instruction set that there is.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
@@ -13,6 +14,10 @@
 #include "server/tracer/simd/columns.h"
 
 namespace itn::tracer {
+
+// Sampler(seed, pixel, i).uniforms(vertex, purpose), the number u_k in column k.
+void draw_uniforms(uint64_t seed, uint32_t pixel, uint32_t vertex, uint32_t purpose,
+                   std::array<FloatColumn, 5>& uniforms);
 
 // A phase function at all of `cosine`, and the cosines that all of `u` draw: in lanes, or one by
 // one, as the reference computes them.

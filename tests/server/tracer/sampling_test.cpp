@@ -44,6 +44,19 @@ TEST(PhiloxTest, KnownAnswers) {
             (Counter{0xd16cfe09, 0x94fdcceb, 0x5001e420, 0x24126ea1}));
 }
 
+TEST(SamplerTest, LanesDrawTheSameNumbers) {
+  std::array<FloatColumn, 5> uniforms;
+  for (const uint64_t seed : {uint64_t{1}, uint64_t{0xfedcba9876543210}}) {
+    for (const uint32_t vertex : {0U, 7U, 0xffffffffU}) {
+      draw_uniforms(seed, 12345, vertex, Sampler::kShadowRay, uniforms);
+      for (uint32_t i = 0; i < kSlots; ++i) {
+        const Uniforms expected = Sampler(seed, 12345, i).uniforms(vertex, Sampler::kShadowRay);
+        for (size_t k = 0; k < 5; ++k) ASSERT_EQ(uniforms[k][i], expected[k]) << i << ", u" << k;
+      }
+    }
+  }
+}
+
 TEST(SamplerTest, EveryCoordinateOfTheCounterMatters) {
   const Uniforms u = Sampler(1, 2, 3).uniforms(4, 5);
   EXPECT_NE(u, Sampler(9, 2, 3).uniforms(4, 5));
