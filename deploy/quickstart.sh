@@ -40,10 +40,10 @@ step "Read it off the image alone: coarse, with intervals that say how coarse"
 
 step "From a picture of a mug, 95 mm high, to a material for MaterialX, and a page about it"
 "$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 \
-  --report "$out/mug.html"
+  --report "$out/mug.html" --scene client/examples/mug.textproto
 "$bin/itn" predict client/examples/mug.jpg --mask client/examples/mug_mask.png --object-size 95 \
   --format openpbr -o "$out/mug.mtlx"
-say "The picture is a render of ours. Look at $out/mug.html."
+say "The picture is a render of ours. Look at $out/mug.html: the picture stands beside a render of the answer."
 
 step "Render a dataset: 1600 images of 64 x 64 pixels; shapes and lights of the test are apart"
 "$bin/itn" dataset "$dataset" --random-shapes 400 --count 1600 --resolution 64 --noise 6% --rotate \
