@@ -12,7 +12,7 @@ version=$(itn --version)
 
 # The first line of a help text is the page's title.
 page() {
-  help2man --no-info --version-string="$version" --name="$($1 --help | sed 1q)" --output="$folder/${1// /-}.1" "$1"
+  help2man --no-info --version-string="$version" --name="$($1 --help | sed -n 1p)" --output="$folder/${1// /-}.1" "$1"
 }
 
 for program in itn itn-worker itn-predictor; do page "$program"; done
