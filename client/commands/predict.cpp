@@ -281,10 +281,10 @@ void write_for_people(const PredictOptions& options, const std::optional<v1::Sce
   std::fflush(stdout);  // the answer is there whatever becomes of them
   const auto& [group, reply, answer] = answered;
   RenderPool pool{RenderPoolOptions()};
-  Progress progress("rendering", "pictures",
-                    (scene ? 1 : 0) + (options.report.empty() ? 0 : kSwatches));
+  const size_t pictures = (scene ? 1 : 0) + (options.report.empty() ? 0 : kSwatches);
+  Progress progress("rendering", "pictures", pictures);
   auto count = [&, done = 0]() mutable { progress.update(++done); };
-  if (scene || !options.report.empty()) progress.update(0);
+  if (pictures > 0) progress.update(0);
   Report report;
   report.prediction = answer;
   std::vector<PanelRow> rows;

@@ -250,14 +250,12 @@ PredictInput load_photograph(const std::string& file, const PhotographOptions& o
   } catch (const Error& error) {
     throw Error(error.kind(), fmt::format("{}: {}", file, error.what()));
   }
-  const Framing framing = framing_of(options, content.file.image);
   return {.name = file,
           .channels = content.channels,
-          .photograph = framed(photograph, interruption(), framing),
+          .photograph = framed(photograph, interruption(), framing_of(options, content.file.image)),
           .capture = capture_of(content, photograph, mask, file, options),
           .width = content.width(),
-          .height = content.height(),
-          .frame = frame(photograph, framing, interruption())};
+          .height = content.height()};
 }
 
 std::vector<std::string> photograph_files(const std::vector<std::string>& arguments) {

@@ -34,7 +34,6 @@ struct PredictInput {
   FramedPhotograph photograph;
   v1::Capture capture;
   int width = 0, height = 0;  // before it was framed, in pixels
-  Square frame;               // there
 };
 
 // Reads the file ("-": standard input), finds out where the object is, frames it, and measures what

@@ -160,14 +160,14 @@ std::vector<float> rerendered(RenderPool& pool, v1::Scene scene, const PredictIn
   }
   // As fine as the photograph, but no finer than twice what the network sees.
   const int side = photograph.photograph.side;
-  const double scale = std::min(1.0, 2.0 * side / photograph.frame.side);
+  const Square& square = photograph.photograph.square;
+  const double scale = std::min(1.0, 2.0 * side / square.side);
   const auto scaled = [scale](double pixels) {
     return static_cast<int>(std::lround(scale * pixels));
   };
   film.set_width(static_cast<uint32_t>(scaled(width)));
   film.set_height(static_cast<uint32_t>(scaled(height)));
-  const Square frame{scaled(photograph.frame.left), scaled(photograph.frame.top),
-                     std::max(side, scaled(photograph.frame.side))};
+  const Square frame{scaled(square.left), scaled(square.top), std::max(side, scaled(square.side))};
   const double pixels_in_one = std::pow(static_cast<double>(frame.side) / side, 2);
   const double length = longest_side(scene);
   std::vector<Material> as_large(materials.begin(), materials.end());

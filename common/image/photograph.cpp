@@ -186,7 +186,7 @@ FramedPhotograph framed(const Photograph& photograph, const std::stop_token& sto
     return averaged(values, channels, photograph.width, square, side, stop);
   };
   return {side, photograph.channels, at_side(photograph.pixels, photograph.channels),
-          at_side(photograph.mask, 1)};
+          at_side(photograph.mask, 1), square};
 }
 
 }  // namespace itn

@@ -46,12 +46,18 @@ enum class Framing {
 // larger one holds nothing more for it.
 inline constexpr int kMaxFrameSide = 256;
 
+// In pixels from the photograph's left and top; it may reach beyond.
+struct Square {
+  int left = 0, top = 0, side = 0;
+};
+
 // A square photograph with its own storage.
 struct FramedPhotograph {
   int side = 0;
   int channels = 1;
   std::vector<float> pixels;
   std::vector<float> mask;
+  Square square = {};  // that it was, of the photograph that was framed
 
   Photograph view() const { return {side, side, channels, pixels, mask}; }
 };
@@ -66,11 +72,6 @@ struct FramedPhotograph {
 // `photograph` must be valid. Takes memory for kMaxFrameSide^2 pixels, whatever its size.
 FramedPhotograph framed(const Photograph& photograph, const std::stop_token& stop = {},
                         Framing framing = Framing::kSquareWhole);
-
-// In pixels from the photograph's left and top; it may reach beyond.
-struct Square {
-  int left = 0, top = 0, side = 0;
-};
 
 // The square that framed() takes, before it is brought down.
 Square frame(const Photograph& photograph, Framing framing = Framing::kSquareWhole,

@@ -44,8 +44,7 @@ PredictInput photograph_of(RenderPool& pool, int width, int height) {
           .photograph = framed(photograph),
           .capture = {},
           .width = width,
-          .height = height,
-          .frame = frame(photograph)};
+          .height = height};
 }
 
 // Pixels that are of the object in one and not in the other, as a part of the object's.
@@ -62,7 +61,7 @@ TEST(Rerendered, LiesWhereThePhotographsObjectDoes) {
   RenderPool pool{RenderPoolOptions()};
   for (const int width : {96, 960}) {  // as fine as the photograph, and coarser
     const PredictInput photograph = photograph_of(pool, width, width * 2 / 3);
-    ASSERT_GT(photograph.frame.left, 0);
+    ASSERT_GT(photograph.photograph.square.left, 0);
     const std::vector<float> rendered =
         rerendered(pool, wide_scene(48, 32), photograph, kMaterial, 64);
     EXPECT_LT(mismatch(photograph.photograph.mask, rendered), width == 96 ? 0.01 : 0.03);
