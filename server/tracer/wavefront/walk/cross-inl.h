@@ -18,7 +18,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 template <typename AtBoundary>
 void cross(Wavefront<AtBoundary>& wave, size_t slot) {
   Paths& paths = wave.paths;
-  const Crossings& crossings = wave.at_boundary_of_walks.crossings;
+  const Crossings& crossings = wave.at_boundary.crossings;
   const bool inside = (paths.rays.interaction[slot] & Rays::kInside) != 0;
   const Sampler sampler(wave.request.seed, paths.pixel[slot], paths.sample[slot]);
   const BoundarySample next =

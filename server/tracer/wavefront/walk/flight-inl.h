@@ -31,8 +31,7 @@ void sample_flights(Wavefront<AtBoundary>& wave) {
     store(uniform(words.w[2]), paths.u2, i);
     store(uniform(words.w[3]), paths.u3, i);
   }
-  follow_lines(wave.scene.obstacles, paths.rays, wave.count, Report::kEnds,
-               wave.at_boundary_of_walks);
+  follow_lines(wave.scene.obstacles, paths.rays, wave.count, Report::kEnds, wave.at_boundary);
 }
 
 // What flights add to scores and counts.

@@ -103,7 +103,7 @@ void trace_shadow_rays(Wavefront<AtBoundary>& wave) {
   Paths& paths = wave.paths;
   ShadowRays& shadow_rays = wave.shadow_rays;
   follow_lines(wave.scene.obstacles, shadow_rays.rays, shadow_rays.count, Report::kLengths,
-               wave.at_boundary_of_shadow_rays);
+               wave.at_boundary);
   const FloatTag d;
   for (size_t i = 0; i < shadow_rays.count; i += lanes()) {
     const Mask live = hn::FirstN(d, shadow_rays.count - i);

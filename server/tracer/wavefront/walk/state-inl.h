@@ -71,7 +71,7 @@ struct Wavefront {
   Paths paths;
   size_t count = 0;  // of paths under way, in slots 0 .. count - 1
   ShadowRays shadow_rays;
-  AtBoundary at_boundary_of_walks, at_boundary_of_shadow_rays;
+  AtBoundary at_boundary;  // of the lines that were followed last
 };
 
 // The random numbers of vertices of the paths in slots i, i + 1 ...
