@@ -1,36 +1,50 @@
 // Light of one radiance from all directions.
-#pragma once
+#ifndef ITN_TRACER_LIGHTS_CONSTANT_H_
+#define ITN_TRACER_LIGHTS_CONSTANT_H_
 
-#include <algorithm>
-#include <cmath>
 #include <numbers>
-
-#include "common/vec.h"
 
 namespace itn::tracer {
 
-// Like every kind of light but DirectionalLight, it answers for unit directions:
-//   radiance_of(d)
-//   pdf(d)             the density per steradian with which `sample` draws d
-//   sample(u, u0, u1)  a direction from uniform numbers in [0, 1): u chooses among cells, of which
-//                      there may be millions, u0 and u1 a direction within
-//   power()            radiance integrated over all directions
-// The same for many directions at a time is in constant-inl.h.
 struct ConstantLight {
   double radiance = 1;
 
   static constexpr bool kDelta = false;
   static constexpr double kPdf = 1 / (4 * std::numbers::pi);
 
-  double radiance_of(Vec3f) const { return radiance; }
-  double pdf(Vec3f) const { return kPdf; }
-  Vec3f sample([[maybe_unused]] double u, float u0, float u1) const {
-    const float y = 1 - 2 * u0;
-    const float r = std::sqrt(std::max(0.0F, 1 - y * y));
-    const float phi = 2 * std::numbers::pi_v<float> * u1;
-    return {r * std::cos(phi), y, r * std::sin(phi)};
-  }
   double power() const { return radiance / kPdf; }
 };
 
 }  // namespace itn::tracer
+
+#endif
+
+// What it computes, once for each set of instructions.
+#if defined(ITN_KERNEL) && defined(ITN_TRACER_LIGHTS_CONSTANT_MATHS_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_LIGHTS_CONSTANT_MATHS_
+#undef ITN_TRACER_LIGHTS_CONSTANT_MATHS_
+#else
+#define ITN_TRACER_LIGHTS_CONSTANT_MATHS_
+#endif
+
+#include "server/tracer/lights/light-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+HWY_INLINE Emission emission(const ConstantLight& light, Vectors) {
+  constexpr auto kPdf = static_cast<float>(ConstantLight::kPdf);
+  return {set(static_cast<float>(light.radiance)), set(kPdf)};
+}
+
+HWY_INLINE Vectors sample(const ConstantLight&, const LightUniforms& u) {
+  const Floats y = hn::Sub(set(1.0F), hn::Add(u.u0, u.u0));
+  const Floats r = hn::Sqrt(hn::Max(hn::Zero(FloatTag()), hn::Sub(set(1.0F), hn::Mul(y, y))));
+  const SinCos phi = sin_cos_2pi(u.u1);
+  return {hn::Mul(r, phi.cos), y, hn::Mul(r, phi.sin)};
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

@@ -10,21 +10,6 @@
 #include "server/tracer/lights/channel.h"
 
 namespace itn::tracer {
-namespace {
-
-// u = atan2(x, -z) / 2 pi wrapped to [0, 1).
-double map_u(Vec3f d) {
-  const double u =
-      std::atan2(static_cast<double>(d.x), static_cast<double>(-d.z)) / (2 * std::numbers::pi);
-  return u - std::floor(u);
-}
-
-double map_v(Vec3f d) {
-  return std::acos(std::clamp(static_cast<double>(d.y), -1.0, 1.0)) / std::numbers::pi;
-}
-
-}  // namespace
-
 EnvironmentMapTable::EnvironmentMapTable(const EnvironmentMapLight& light, Channel channel)
     : width_(light.width),
       height_(light.height),
@@ -46,32 +31,6 @@ EnvironmentMapTable::EnvironmentMapTable(const EnvironmentMapLight& light, Chann
     }
   }
   weigh_pixels();
-}
-
-double EnvironmentMapTable::radiance_of(Vec3f d) const {
-  const double x = map_u(d) * width_ - 0.5;
-  const double y = map_v(d) * height_ - 0.5;
-  const double fx = x - std::floor(x), fy = y - std::floor(y);
-  const int column = static_cast<int>(std::floor(x)), row = static_cast<int>(std::floor(y));
-  return std::lerp(std::lerp(value(column, row), value(column + 1, row), fx),
-                   std::lerp(value(column, row + 1), value(column + 1, row + 1), fx), fy);
-}
-
-// Within a pixel uniform in azimuth and in y.
-double EnvironmentMapTable::pdf(Vec3f d) const {
-  const int column = std::min(static_cast<int>(map_u(d) * width_), width_ - 1);
-  const int row = std::clamp(static_cast<int>(map_v(d) * height_), 0, height_ - 1);
-  return static_cast<double>(cells_->probability(static_cast<size_t>(row) * width_ + column)) *
-         static_cast<double>(inverse_angles_[row]);
-}
-
-Vec3f EnvironmentMapTable::sample(double u, float u0, float u1) const {
-  const uint32_t cell = cells_->sample(u);
-  const auto row = static_cast<int>(cell) / width_;
-  const double azimuth = 2 * std::numbers::pi * (cell % width_ + double{u0}) / width_;
-  const double y = std::lerp(double{edges_[row]}, double{edges_[row + 1]}, double{u1});
-  const double r = std::sqrt(std::max(0.0, 1 - y * y));
-  return static_cast<Vec3f>(Vec3d{r * std::sin(azimuth), y, -r * std::cos(azimuth)});
 }
 
 size_t EnvironmentMapTable::memory() const {

@@ -1,5 +1,6 @@
 // The light of a panorama.
-#pragma once
+#ifndef ITN_TRACER_LIGHTS_ENVIRONMENT_MAP_H_
+#define ITN_TRACER_LIGHTS_ENVIRONMENT_MAP_H_
 
 #include <cstddef>
 #include <memory>
@@ -20,9 +21,6 @@ class EnvironmentMapTable {
   // scaled.
   EnvironmentMapTable(const EnvironmentMapLight& light, Channel channel);
 
-  double radiance_of(Vec3f d) const;
-  double pdf(Vec3f d) const;
-  Vec3f sample(double u, float u0, float u1) const;
   double power() const { return power_; }
   size_t memory() const;
 
@@ -44,7 +42,6 @@ class EnvironmentMapTable {
   std::optional<AliasTable> cells_;
 };
 
-// See ConstantLight for what its functions mean.
 class EnvironmentMap {
  public:
   static constexpr bool kDelta = false;
@@ -53,11 +50,6 @@ class EnvironmentMap {
   EnvironmentMap(std::shared_ptr<const EnvironmentMapTable> table, const Rotation<double>& to_map)
       : table_(std::move(table)), to_map_(to_map) {}
 
-  double radiance_of(Vec3f d) const { return table_->radiance_of(to_map_(d)); }
-  double pdf(Vec3f d) const { return table_->pdf(to_map_(d)); }
-  Vec3f sample(double u, float u0, float u1) const {
-    return to_map_.inverse()(table_->sample(u, u0, u1));
-  }
   double power() const { return table_->power(); }
 
   const EnvironmentMapTable& table() const { return *table_; }
@@ -69,3 +61,92 @@ class EnvironmentMap {
 };
 
 }  // namespace itn::tracer
+
+#endif
+
+// What it computes, once for each set of instructions.
+#if defined(ITN_KERNEL) && \
+    defined(ITN_TRACER_LIGHTS_ENVIRONMENT_MAP_MATHS_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_LIGHTS_ENVIRONMENT_MAP_MATHS_
+#undef ITN_TRACER_LIGHTS_ENVIRONMENT_MAP_MATHS_
+#else
+#define ITN_TRACER_LIGHTS_ENVIRONMENT_MAP_MATHS_
+#endif
+
+#include "server/tracer/lights/light-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+HWY_INLINE Emission emission(const EnvironmentMap& light, Vectors direction) {
+  const EnvironmentMapTable& map = light.table();
+  const Vectors d = rotated(light.to_map(), direction);
+  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Floats width = set(static_cast<float>(map.width()));
+  const Floats height = set(static_cast<float>(map.height()));
+  const Floats u = atan2_turns(d.x, hn::Neg(d.z));
+  const Floats across = hn::Sqrt(mul_add(d.z, d.z, hn::Mul(d.x, d.x)));
+  const Floats v = hn::Mul(set(2.0F), atan2_turns(across, d.y));
+
+  const Floats x = hn::Sub(hn::Mul(u, width), set(0.5F)),
+               y = hn::Sub(hn::Mul(v, height), set(0.5F));
+  const Floats column = hn::Floor(x), row = hn::Floor(y);
+  const Floats fx = hn::Sub(x, column), fy = hn::Sub(y, row);
+  const auto wrapped = [&](Floats c) {
+    c = hn::IfThenElse(hn::Lt(c, zero), hn::Add(c, width), c);
+    return to_int(hn::IfThenElse(hn::Ge(c, width), hn::Sub(c, width), c));
+  };
+  const auto start = [&](Floats r) {
+    return hn::Mul(to_int(hn::Clamp(r, zero, hn::Sub(height, one))),
+                   hn::Set(IntTag(), map.width()));
+  };
+  const Ints c0 = wrapped(column), c1 = wrapped(hn::Add(column, one));
+  const Ints r0 = start(row), r1 = start(hn::Add(row, one));
+  const auto value = [&](Ints r, Ints c) { return gather(map.values(), hn::Add(r, c)); };
+  const Floats radiance =
+      mix(mix(value(r0, c0), value(r0, c1), fx), mix(value(r1, c0), value(r1, c1), fx), fy);
+
+  const Floats pixel_row = hn::Clamp(hn::Floor(hn::Mul(v, height)), zero, hn::Sub(height, one));
+  const Ints pixel_column = to_int(hn::Min(hn::Floor(hn::Mul(u, width)), hn::Sub(width, one)));
+  const Floats probability =
+      gather(map.cells().probabilities(), hn::Add(start(pixel_row), pixel_column));
+  const Floats pdf = hn::Mul(probability, gather(map.inverse_angles(), to_int(pixel_row)));
+  return {radiance, pdf};
+}
+
+HWY_INLINE Vectors sample(const EnvironmentMap& light, const LightUniforms& u) {
+  const Words& words = u.more;
+  const Floats u0 = u.u0, u1 = u.u1;
+  const EnvironmentMapTable& map = light.table();
+  // A pixel of n from 64 bits: the upper half of their product with n.
+  const auto n = static_cast<uint32_t>(map.width()) * static_cast<uint32_t>(map.height());
+  const WideProduct high = multiply(words.w[0], n), low = multiply(words.w[1], n);
+  const Uints sum = hn::Add(high.low, low.high);
+  const Uints carry = hn::IfThenElseZero(hn::Lt(sum, high.low), set(uint32_t{1}));
+  const Ints first = hn::BitCast(IntTag(), hn::Add(high.high, carry));
+  const Ints pixel = draw(map.cells().entries(), first, uniform(words.w[2]));
+  // Row and column by a division that rounding may have put off by one.
+  const Ints width = hn::Set(IntTag(), map.width()), one = hn::Set(IntTag(), 1);
+  Ints row = to_int(hn::Mul(to_float(pixel), set(1.0F / static_cast<float>(map.width()))));
+  Ints column = hn::Sub(pixel, hn::Mul(row, width));
+  const auto under = hn::Lt(column, hn::Zero(IntTag()));
+  row = hn::IfThenElse(under, hn::Sub(row, one), row);
+  column = hn::IfThenElse(under, hn::Add(column, width), column);
+  const auto over = hn::Not(hn::Lt(column, width));
+  row = hn::IfThenElse(over, hn::Add(row, one), row);
+  column = hn::IfThenElse(over, hn::Sub(column, width), column);
+
+  const Floats turn =
+      hn::Mul(hn::Add(to_float(column), u0), set(1.0F / static_cast<float>(map.width())));
+  const Floats y = mix(gather(map.edges(), row), gather(map.edges() + 1, row), u1);
+  const Floats r = hn::Sqrt(
+      hn::Max(hn::Zero(FloatTag()), hn::Mul(hn::Sub(set(1.0F), y), hn::Add(set(1.0F), y))));
+  const SinCos azimuth = sin_cos_2pi(turn);
+  return renormalize(
+      rotated_back(light.to_map(), {hn::Mul(r, azimuth.sin), y, hn::Neg(hn::Mul(r, azimuth.cos))}));
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

@@ -6,11 +6,9 @@
 #define ITN_TRACER_LIGHTS_LIGHTS_INL_H_
 #endif
 
-#include "server/tracer/lights/constant-inl.h"
-#include "server/tracer/lights/environment_map-inl.h"
+#include "server/tracer/lights/kinds.h"
+#include "server/tracer/lights/light-inl.h"
 #include "server/tracer/lights/lights.h"
-#include "server/tracer/lights/sky-inl.h"
-#include "server/tracer/lights/sun_disc-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {

@@ -1,3 +1,7 @@
+#include "server/tracer/simd/targets.h"
+// After targets.h:
+#include <hwy/highway.h>
+
 #include "server/tracer/lights/lights.h"
 
 #include <fmt/format.h>
@@ -7,13 +11,17 @@
 #include <limits>
 #include <memory>
 #include <numbers>
-#include <type_traits>
 #include <utility>
 
 #include "common/error.h"
+#include "server/tracer/lights/lights-inl.h"
 
 namespace itn::tracer {
 namespace {
+
+// One lane, of a processor of no kind in particular.
+namespace lanes = HWY_NAMESPACE;
+namespace hn = lanes::hn;
 
 constexpr double kPi = std::numbers::pi;
 
@@ -27,16 +35,6 @@ void check(const char* name, double value, double low, double high) {
 Rotation<double> turned_back(double azimuth) {
   const double c = std::cos(azimuth), s = std::sin(azimuth);
   return {{c, 0, s}, {0, 1, 0}, {-s, 0, c}};
-}
-
-// Calls `use` with the light, unless it is a delta.
-template <typename Use>
-void if_no_delta(const Lights::Light& light, const Use& use) {
-  std::visit(
-      [&]<typename Kind>(const Kind& kind) {
-        if constexpr (!Kind::kDelta) use(kind);
-      },
-      light.kind);
 }
 
 }  // namespace
@@ -155,21 +153,15 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channe
 }
 
 float Lights::radiance(Vec3f direction) const {
-  double sum = 0;
-  for (const Light& light : lights_) {
-    if_no_delta(light, [&](const auto& kind) { sum += kind.radiance_of(direction); });
-  }
-  return static_cast<float>(sum);
+  return hn::GetLane(lanes::emission(*this, lanes::set(direction)).radiance);
 }
 
 float Lights::radiance(Vec3f direction, size_t number) const {
-  double sum = 0;
-  for (const Light& light : lights_) {
-    if (light.number == number) {
-      if_no_delta(light, [&](const auto& kind) { sum += kind.radiance_of(direction); });
-    }
-  }
-  return static_cast<float>(sum);
+  return hn::GetLane(lanes::radiance_of(*this, number, lanes::set(direction)));
+}
+
+float Lights::pdf(Vec3f direction) const {
+  return hn::GetLane(lanes::emission(*this, lanes::set(direction)).pdf);
 }
 
 float Lights::weight(const LightSample& sample, size_t number) const {
@@ -177,32 +169,18 @@ float Lights::weight(const LightSample& sample, size_t number) const {
   return sample.number == number ? sample.weight : 0;
 }
 
-float Lights::pdf(Vec3f direction) const {
-  double sum = 0;
-  for (const Light& light : lights_) {
-    if_no_delta(light, [&](const auto& kind) { sum += light.probability * kind.pdf(direction); });
-  }
-  return static_cast<float>(sum);
-}
-
-LightSample Lights::sample(double u, float u0, float u1) const {
-  auto light = lights_.begin();
-  double below = 0;
-  while (light + 1 != lights_.end() && u >= below + light->probability) {
-    below += light->probability;
-    ++light;
-  }
-  if (const auto* delta = std::get_if<DirectionalLight>(&light->kind)) {
-    return {static_cast<Vec3f>(delta->direction),
-            static_cast<float>(delta->power() / light->probability), 0, light->number};
-  }
-  // What is left of u, once the choice is made, is uniform again.
-  const double rest = std::clamp((u - below) / light->probability, 0.0, 1.0);
-  Vec3f direction;
-  if_no_delta(*light, [&](const auto& kind) { direction = kind.sample(rest, u0, u1); });
-  const float p = pdf(direction);
-  // A direction on the very rim of the sun may fall outside it by rounding.
-  return {direction, p > 0 ? radiance(direction) / p : 0, p, light->number};
+LightSample Lights::sample(const RandomWords& words, const RandomWords& more) const {
+  const auto one_lane = [](const RandomWords& w) {
+    return lanes::Words{lanes::set(w[0]), lanes::set(w[1]), lanes::set(w[2]), lanes::set(w[3])};
+  };
+  const lanes::LightSamples draw = lanes::sample(*this, one_lane(words), one_lane(more));
+  const float choice = hn::GetLane(lanes::uniform(lanes::set(words[0])));
+  const auto chosen =
+      std::ranges::find_if(lights_, [&](const Light& light) { return choice < light.cumulative; });
+  const float radiance = hn::GetLane(draw.radiance), pdf = hn::GetLane(draw.pdf);
+  const Vec3f direction{hn::GetLane(draw.direction.x), hn::GetLane(draw.direction.y),
+                        hn::GetLane(draw.direction.z)};
+  return {direction, pdf > 0 ? radiance / pdf : radiance, pdf, chosen->number};
 }
 
 }  // namespace itn::tracer

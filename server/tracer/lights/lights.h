@@ -1,5 +1,5 @@
-// All the light of a scene: a sum of distant lights, evaluated and sampled as one. The same for
-// many directions at a time is in lights-inl.h.
+// All the light of a scene: a sum of distant lights, evaluated and sampled as one. For many
+// directions at a time: lights-inl.h.
 #pragma once
 
 #include <cstddef>
@@ -9,12 +9,9 @@
 
 #include "common/part_cache.h"
 #include "common/vec.h"
-#include "server/tracer/lights/constant.h"
 #include "server/tracer/lights/descriptions.h"
-#include "server/tracer/lights/directional.h"
-#include "server/tracer/lights/environment_map.h"
-#include "server/tracer/lights/sky.h"
-#include "server/tracer/lights/sun_disc.h"
+#include "server/tracer/lights/kinds.h"
+#include "server/tracer/random/sampler.h"
 
 namespace itn::tracer {
 
@@ -46,8 +43,8 @@ class Lights {
   float weight(const LightSample& sample, size_t number) const;
   // Density per steradian with which `sample` draws a direction.
   float pdf(Vec3f direction) const;
-  // From uniform numbers in [0, 1), u of more than 40 bits.
-  LightSample sample(double u, float u0, float u1) const;
+  // From the words of one counter, and of another one where there is a map.
+  LightSample sample(const RandomWords& words, const RandomWords& more) const;
 
   // Radiance integrated over all directions, plus the distant lights' irradiances; in W/m^2.
   double power() const { return power_; }
@@ -58,7 +55,7 @@ class Lights {
 
   // Those that shine, each drawn with its probability.
   struct Light {
-    std::variant<ConstantLight, SunDisc, SkyLight, EnvironmentMap, DirectionalLight> kind;
+    LightKind kind;
     float cumulative = 0;    // of the probabilities, up to and including this one
     double probability = 0;  // proportional to power
     size_t number = 0;       // of its description; a sun and its sky have the same

@@ -14,25 +14,6 @@ size_t index(int column, int row) {
   return static_cast<size_t>(row) * kColumns + column % kColumns;
 }
 
-// Where a direction is in the table.
-struct Position {
-  int column, row;
-  float x, y;      // within the cell
-  float fraction;  // of the diamond angle
-};
-
-Position locate(Vec3f d) {
-  // Sides 0..3 begin at -z, +x, +z, -x: azimuth grows from -z towards +x.
-  const float ax = std::abs(d.x), az = std::abs(d.z), sum = std::max(ax + az, 1e-30F);
-  const int side = d.x >= 0 ? (d.z < 0 ? 0 : 1) : (d.z >= 0 ? 2 : 3);
-  const float fraction = (side % 2 == 0 ? ax : az) / sum;
-  const float x = (static_cast<float>(side) + fraction) * (kColumns / 4.0F);
-  const float y = (1 - std::sqrt(1 - std::min(1.0F, d.y))) * kRows;
-  const int column = std::min(static_cast<int>(x), kColumns - 1);
-  const int row = std::min(static_cast<int>(y), kRows - 1);
-  return {column, row, x - static_cast<float>(column), y - static_cast<float>(row), fraction};
-}
-
 // Of diamond angle a in [0, 4] and s in [0, 1].
 Vec3f direction(float a, float s) {
   const int side = std::min(static_cast<int>(a), 3);
@@ -81,34 +62,6 @@ SkyTable::SkyTable(double turbidity, double ground_albedo, double sun_elevation,
     : sun_irradiance_(select(tracer::sun_irradiance(turbidity, sun_elevation), channel)),
       values_(tabulate(Sky(turbidity, ground_albedo, sun_elevation), sun_elevation, channel)),
       cells_(weigh_cells()) {}
-
-double SkyTable::radiance_of(Vec3f d) const {
-  if (d.y < 0) return 0;
-  const Position p = locate(d);
-  const auto at = [&](int column, int row) { return values_[index(column, row)]; };
-  return std::lerp(std::lerp(at(p.column, p.row), at(p.column + 1, p.row), p.x),
-                   std::lerp(at(p.column, p.row + 1), at(p.column + 1, p.row + 1), p.x), p.y);
-}
-
-// Within a cell uniform in a and s. With d omega = dy d phi, dy = 2 (1 - s) ds, and
-// d phi / da = 1 / (f^2 + (1 - f)^2) where f is the fraction of a.
-double SkyTable::pdf(Vec3f d) const {
-  if (d.y < 0) return 0;
-  const Position p = locate(d);
-  const float f = p.fraction;
-  const float probability =
-      cells_.probability(static_cast<size_t>(p.row / kMerged) * kCellColumns + p.column / kMerged);
-  return probability * (kCellColumns / 4.0F) * kCellRows * (f * f + (1 - f) * (1 - f)) /
-         std::max(2 * std::sqrt(1 - std::min(1.0F, d.y)), 1e-12F);
-}
-
-Vec3f SkyTable::sample(double u, float u0, float u1) const {
-  const uint32_t cell = cells_.sample(u);
-  const uint32_t column = cell % kCellColumns, row = cell / kCellColumns;
-  const float a = (static_cast<float>(column) + u0) * (4.0F / kCellColumns);
-  const float s = (static_cast<float>(row) + u1) / kCellRows;
-  return direction(a, s);
-}
 
 size_t SkyTable::memory() const {
   return sizeof(*this) + values_.size() * sizeof(float) + cells_.memory();

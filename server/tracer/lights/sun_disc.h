@@ -1,5 +1,6 @@
 // A disc of constant radiance: the cone of directions within an angle of its axis.
-#pragma once
+#ifndef ITN_TRACER_LIGHTS_SUN_DISC_H_
+#define ITN_TRACER_LIGHTS_SUN_DISC_H_
 
 #include <cmath>
 #include <numbers>
@@ -8,7 +9,6 @@
 
 namespace itn::tracer {
 
-// See ConstantLight for what its functions mean.
 class SunDisc {
  public:
   static constexpr bool kDelta = false;
@@ -20,34 +20,56 @@ class SunDisc {
         solid_angle_(2 * std::numbers::pi * one_minus_cos_),
         radiance_(irradiance / solid_angle_) {}
 
-  double radiance_of(Vec3f d) const { return inside(d) ? radiance_ : 0; }
-  double pdf(Vec3f d) const { return inside(d) ? 1 / solid_angle_ : 0; }
-
-  // With z = 1 - cos_theta uniform in [0, 1 - cos(half_angle)]; sin_theta = sqrt(z (2 - z)) holds
-  // for a narrow sun too, where 1 - cos_theta^2 would cancel.
-  Vec3f sample([[maybe_unused]] double u, float u0, float u1) const {
-    const float z = u0 * static_cast<float>(one_minus_cos_);
-    const float sin_theta = std::sqrt(z * (2 - z));
-    const float phi = 2 * std::numbers::pi_v<float> * u1;
-    return itn::normalize(
-        basis_.to_world(sin_theta * std::cos(phi), sin_theta * std::sin(phi), 1 - z));
-  }
   double power() const { return radiance_ * solid_angle_; }
 
   const Basis<float>& basis() const { return basis_; }
   double one_minus_cos() const { return one_minus_cos_; }
-  double disc_radiance() const { return radiance_; }
-  double disc_pdf() const { return 1 / solid_angle_; }
+  double radiance() const { return radiance_; }
+  double pdf() const { return 1 / solid_angle_; }
 
  private:
-  // |d - axis|^2 = 2 (1 - cos_theta): no cancellation for a narrow sun.
-  bool inside(Vec3f d) const {
-    const Vec3f difference = d - basis_.n;
-    return 0.5 * static_cast<double>(dot(difference, difference)) <= one_minus_cos_;
-  }
-
   Basis<float> basis_;
   double one_minus_cos_, solid_angle_, radiance_;
 };
 
 }  // namespace itn::tracer
+
+#endif
+
+// What it computes, once for each set of instructions.
+#if defined(ITN_KERNEL) && defined(ITN_TRACER_LIGHTS_SUN_DISC_MATHS_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_LIGHTS_SUN_DISC_MATHS_
+#undef ITN_TRACER_LIGHTS_SUN_DISC_MATHS_
+#else
+#define ITN_TRACER_LIGHTS_SUN_DISC_MATHS_
+#endif
+
+#include "server/tracer/lights/light-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+HWY_INLINE Emission emission(const SunDisc& sun, Vectors d) {
+  const Vectors off = d - set(sun.basis().n);
+  // |d - axis|^2 = 2 (1 - cos_theta): no cancellation for a narrow sun.
+  const Mask inside =
+      hn::Le(hn::Mul(set(0.5F), dot(off, off)), set(static_cast<float>(sun.one_minus_cos())));
+  return {hn::IfThenElseZero(inside, set(static_cast<float>(sun.radiance()))),
+          hn::IfThenElseZero(inside, set(static_cast<float>(sun.pdf())))};
+}
+
+// With z = 1 - cos_theta uniform in [0, 1 - cos(half_angle)]; sin_theta = sqrt(z (2 - z)) holds for
+// a narrow sun too, where 1 - cos_theta^2 would cancel.
+HWY_INLINE Vectors sample(const SunDisc& sun, const LightUniforms& u) {
+  const Floats z = hn::Mul(u.u0, set(static_cast<float>(sun.one_minus_cos())));
+  const Floats sin_theta = hn::Sqrt(hn::Mul(z, hn::Sub(set(2.0F), z)));
+  const SinCos phi = sin_cos_2pi(u.u1);
+  const Floats x = hn::Mul(sin_theta, phi.cos), y = hn::Mul(sin_theta, phi.sin);
+  return renormalize(set(sun.basis().s) * x + set(sun.basis().t) * y +
+                     set(sun.basis().n) * hn::Sub(set(1.0F), z));
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

@@ -2,7 +2,6 @@
 // Generating Discrete Random Variables with General Distributions", 1977, with Vose's construction.
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <numeric>
@@ -43,14 +42,6 @@ class AliasTable {
     }
   }
 
-  uint32_t sample(double u) const {
-    const double scaled = u * static_cast<double>(entries_.size());
-    const auto i = std::min(static_cast<size_t>(scaled), entries_.size() - 1);
-    const Entry& entry = entries_[i];
-    return scaled - static_cast<double>(i) < double{entry.own} ? static_cast<uint32_t>(i)
-                                                               : entry.other;
-  }
-  float probability(size_t cell) const { return probabilities_[cell]; }
   const Entry* entries() const { return entries_.data(); }
   const float* probabilities() const { return probabilities_.data(); }
   size_t memory() const { return entries_.size() * (sizeof(Entry) + sizeof(float)); }

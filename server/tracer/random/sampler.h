@@ -7,9 +7,8 @@
 //   vertex  purpose     u0, u1            u2        u3              u4
 //   0       kFilm       film position     flight 1  -               -
 //   n       kWalk       flight, angle     azimuth   roulette        -
-//   n       kShadowRay  light and cell    reference: a direction in the cell; wavefront: a coin, a
-//                                         direction in the cell, and u4 for the roulette
-//   n       kMap        wavefront, in an environment map: a pixel (u0, u1), a coin (u2)
+//   n       kShadowRay  light, cell       a coin    a direction     roulette of the wavefront
+//   n       kMap        a pixel           a coin    -               -
 //   n       kBoundary   whatever the boundary makes of u0 .. u4
 //
 // In the wavefront, film position and first flight are rather the three coordinates of a scrambled
@@ -40,10 +39,7 @@ std::array<uint32_t, 4> philox(std::array<uint32_t, 4> counter, std::array<uint3
 // Numbers in [0, 1), multiples of 2^-24, so that 1 - u is in (0, 1] exactly.
 using Uniforms = std::array<float, 5>;
 
-// One number of 48 bits from two of 24.
-inline double uniform_48(float high, float low) {
-  return double{high} + double{low} * 0x1p-24;
-}
+using RandomWords = std::array<uint32_t, 4>;
 
 // The random numbers of one sample of one pixel.
 class Sampler {
@@ -55,9 +51,12 @@ class Sampler {
         pixel_(pixel),
         sample_(sample) {}
 
+  RandomWords words(uint32_t vertex, uint32_t purpose) const {
+    return philox({vertex, purpose, sample_, pixel_}, key_);
+  }
   // The upper 24 bits of four words, and the lower 8 bits of three.
   Uniforms uniforms(uint32_t vertex, uint32_t purpose) const {
-    const auto bits = philox({vertex, purpose, sample_, pixel_}, key_);
+    const RandomWords bits = words(vertex, purpose);
     Uniforms u;
     for (size_t i = 0; i < 4; ++i) u[i] = static_cast<float>(bits[i] >> 8) * 0x1p-24F;
     u[4] = static_cast<float>((bits[0] & 255) << 16 | (bits[1] & 255) << 8 | (bits[2] & 255)) *

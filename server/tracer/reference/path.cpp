@@ -210,8 +210,8 @@ class Walk {
   template <typename RespondTo>
   void send_shadow_ray(const RespondTo& respond_to) {
     if (switches_.techniques == Switches::Techniques::kPhaseOnly) return;
-    const Uniforms u = sampler_.uniforms(vertex_, Sampler::kShadowRay);
-    const LightSample light = scene_.lights.sample(uniform_48(u[0], u[1]), u[2], u[3]);
+    const LightSample light = scene_.lights.sample(sampler_.words(vertex_, Sampler::kShadowRay),
+                                                   sampler_.words(vertex_, Sampler::kMap));
     const Response response = respond_to(light.direction);
     if (!(light.weight * response.value > 0)) return;
     const bool competes = light.pdf > 0 && switches_.techniques == Switches::Techniques::kBoth;

@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "common/angle.h"
-#include "common/random.h"
 #include "server/tracer/lights/lights.h"
+#include "server/tracer/random/sampler.h"
 
 namespace itn::testing {
 namespace {
@@ -21,12 +21,10 @@ struct MonteCarlo {
 MonteCarlo irradiance_by_chance(const SunSkyLight& light, Channel channel) {
   const Lights lights({light}, channel);
   constexpr int kSamples = 200'000;
-  SplitMix random(1);
+  const Sampler sampler(1, 0, 0);
   double sum = 0, squares = 0;
-  for (int i = 0; i < kSamples; ++i) {
-    const double u = random.uniform();
-    const auto u0 = static_cast<float>(random.uniform()), u1 = static_cast<float>(random.uniform());
-    const LightSample sample = lights.sample(u, u0, u1);
+  for (uint32_t i = 0; i < kSamples; ++i) {
+    const LightSample sample = lights.sample(sampler.words(i, 0), sampler.words(i, 1));
     const double value = static_cast<double>(sample.weight) * std::max(0.0F, sample.direction.y);
     sum += value;
     squares += value * value;
