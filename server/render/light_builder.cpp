@@ -1,8 +1,13 @@
 #include "server/render/light_builder.h"
 
 #include <fmt/format.h>
+#include <google/protobuf/descriptor.h>
 
 #include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <utility>
+#include <variant>
 
 #include "common/angle.h"
 #include "common/error.h"
@@ -12,33 +17,8 @@
 namespace itn {
 namespace {
 
-tracer::SunSkyLight build_sun_sky(const std::string& field, const v1::SunSky& proto) {
-  tracer::SunSkyLight light;
-  if (proto.has_turbidity()) {
-    light.turbidity = in_closed(field + ".turbidity", proto.turbidity(), 1, 10);
-  }
-  if (proto.has_ground_albedo()) {
-    light.ground_albedo = in_closed(field + ".ground_albedo", proto.ground_albedo(), 0, 1);
-  }
-  const double elevation =
-      proto.has_sun_elevation_degrees()
-          ? in_closed(field + ".sun_elevation_degrees", proto.sun_elevation_degrees(), 0, 90)
-          : 60;
-  const double radius = proto.has_sun_angular_radius_degrees()
-                            ? in_closed(field + ".sun_angular_radius_degrees",
-                                        proto.sun_angular_radius_degrees(), 0.1F, 45)
-                            : 0.2665;
-  light.sun_elevation = elevation * kRadiansPerDegree;
-  light.sun_angular_radius = radius * kRadiansPerDegree;
-  light.sun_azimuth = proto.sun_azimuth_degrees() * kRadiansPerDegree;
-  if (proto.has_sun_scale()) {
-    light.sun_scale = in_closed(field + ".sun_scale", proto.sun_scale(), 0, 1e6);
-  }
-  if (proto.has_sky_scale()) {
-    light.sky_scale = in_closed(field + ".sky_scale", proto.sky_scale(), 0, 1e6);
-  }
-  return light;
-}
+using google::protobuf::FieldDescriptor;
+using google::protobuf::Message;
 
 // Of a panorama, where a sun may be far above all else. Its fourth power is a float's.
 constexpr double kMaxRadiance = 1e9;
@@ -53,62 +33,101 @@ void check_pixels(const std::string& field, const v1::Pixels& proto) {
   }
 }
 
-tracer::EnvironmentMapLight build_environment_map(const std::string& field,
-                                                  const v1::EnvironmentMap& proto) {
-  if (proto.source_case() == v1::EnvironmentMap::kPath) {
-    throw invalid_input(
-        fmt::format("{}.path is set; a worker opens no files: send the pixels", field));
-  }
-  if (proto.source_case() != v1::EnvironmentMap::kPixels) {
-    throw missing(field + ": one of pixels and path");
-  }
-  const std::string pixels = field + ".pixels";
-  check_pixels(pixels, proto.pixels());
-  tracer::EnvironmentMapLight light;
-  light.width = static_cast<int>(proto.pixels().width());
-  light.height = static_cast<int>(proto.pixels().height());
-  if (proto.has_scale()) light.scale = in_closed(field + ".scale", proto.scale(), 0, 1e6);
-  light.rgb = array_of<float>(pixels + ".rgb", proto.pixels().rgb());
-  for (size_t i = 0; i < light.rgb.size(); ++i) {
-    if (!(light.scale * light.rgb[i] >= 0 && light.scale * light.rgb[i] <= kMaxRadiance)) {
-      throw invalid_input(fmt::format(
-          "{}.rgb is {} at x = {}, y = {}; times the scale it must be in [0, {:g}]", pixels,
-          light.rgb[i], i / 3 % light.width, i / 3 / light.width, kMaxRadiance));
+// Reads the fields of a description from a message in which they have the same names.
+class FieldReader {
+ public:
+  FieldReader(std::string path, const Message& message)
+      : path_(std::move(path)), message_(message) {}
+
+  void number(const char* name, double& value, double low, double high) const {
+    if (const FieldDescriptor* field = find(name)) {
+      value = in_closed(path(name), message_.GetReflection()->GetFloat(message_, field), low, high);
     }
   }
-  light.digest = sha256(proto.pixels().rgb());
-  light.rotate_y = proto.rotate_y_degrees() * kRadiansPerDegree;
-  return light;
+  void angle(const char* name, double& radians, double low = -kInfinity,
+             double high = kInfinity) const {
+    if (double degrees = NAN; number(name, degrees, low, high), !std::isnan(degrees)) {
+      radians = degrees * kRadiansPerDegree;
+    }
+  }
+  void direction(const char* name, Vec3d& value) const {
+    value = normalize(non_zero(path(name), vec(name)));
+  }
+  void pixels(const char* name, tracer::EnvironmentMapLight& map) const {
+    const auto& proto = static_cast<const v1::EnvironmentMap&>(message_);
+    if (proto.has_path()) {
+      throw invalid_input(
+          fmt::format("{} is set; a worker opens no files: send the pixels", path("path")));
+    }
+    if (!proto.has_pixels()) throw missing(path_ + ": one of pixels and path");
+    const std::string pixels = path(name);
+    check_pixels(pixels, proto.pixels());
+    map.width = static_cast<int>(proto.pixels().width());
+    map.height = static_cast<int>(proto.pixels().height());
+    map.rgb = array_of<float>(pixels + ".rgb", proto.pixels().rgb());
+    for (size_t i = 0; i < map.rgb.size(); ++i) {
+      if (!(map.scale * map.rgb[i] >= 0 && map.scale * map.rgb[i] <= kMaxRadiance)) {
+        throw invalid_input(
+            fmt::format("{}.rgb is {} at x = {}, y = {}; times the scale it must be in [0, {:g}]",
+                        pixels, map.rgb[i], i / 3 % map.width, i / 3 / map.width, kMaxRadiance));
+      }
+    }
+    map.digest = sha256(proto.pixels().rgb());
+  }
+
+ private:
+  static constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+  std::string path(const char* name) const { return path_ + "." + name; }
+  // Null if it is not set.
+  const FieldDescriptor* find(const char* name) const {
+    const FieldDescriptor* field = message_.GetDescriptor()->FindFieldByName(name);
+    return message_.GetReflection()->HasField(message_, field) ? field : nullptr;
+  }
+  v1::Vec3 vec(const char* name) const {
+    const FieldDescriptor* field = find(name);
+    return field == nullptr ? v1::Vec3()
+                            : static_cast<const v1::Vec3&>(
+                                  message_.GetReflection()->GetMessage(message_, field));
+  }
+
+  const std::string path_;
+  const Message& message_;
+};
+
+// The description that the field of `Light` is called by.
+template <size_t number = 0>
+tracer::LightDescription describe(const std::string& name) {
+  using Description = std::variant_alternative_t<number, tracer::LightDescription>;
+  if (name == Description::kName) return Description();
+  if constexpr (number + 1 < std::variant_size_v<tracer::LightDescription>) {
+    return describe<number + 1>(name);
+  } else {
+    throw std::logic_error("no light is called " + name);
+  }
+}
+
+// "sun_sky, environment_map, constant and directional"
+std::string names_of(const google::protobuf::OneofDescriptor& kinds) {
+  std::string names;
+  for (int i = 0; i < kinds.field_count(); ++i) {
+    const bool last = i + 1 == kinds.field_count();
+    names += (i == 0 ? "" : last ? " and " : ", ") + kinds.field(i)->name();
+  }
+  return names;
 }
 
 }  // namespace
 
 tracer::LightDescription build_light(const std::string& field, const v1::Light& proto) {
-  switch (proto.kind_case()) {
-    case v1::Light::kSunSky: return build_sun_sky(field + ".sun_sky", proto.sun_sky());
-    case v1::Light::kEnvironmentMap:
-      return build_environment_map(field + ".environment_map", proto.environment_map());
-    case v1::Light::kConstant: {
-      tracer::ConstantLight light;
-      if (proto.constant().has_radiance()) {
-        light.radiance =
-            in_closed(field + ".constant.radiance", proto.constant().radiance(), 0, 1e9);
-      }
-      return light;
-    }
-    case v1::Light::kDirectional: {
-      tracer::DirectionalLight light;
-      light.direction =
-          normalize(non_zero(field + ".directional.direction", proto.directional().direction()));
-      if (proto.directional().has_irradiance()) {
-        light.irradiance =
-            in_closed(field + ".directional.irradiance", proto.directional().irradiance(), 0, 1e9);
-      }
-      return light;
-    }
-    case v1::Light::KIND_NOT_SET: break;
-  }
-  throw missing(field + ": one of sun_sky, environment_map, constant and directional");
+  const auto& kinds = *proto.GetDescriptor()->FindOneofByName("kind");
+  const FieldDescriptor* kind = proto.GetReflection()->GetOneofFieldDescriptor(proto, &kinds);
+  if (kind == nullptr) throw missing(field + ": one of " + names_of(kinds));
+  const FieldReader reader(field + "." + kind->name(),
+                           proto.GetReflection()->GetMessage(proto, kind));
+  tracer::LightDescription light = describe(kind->name());
+  std::visit([&]<typename Kind>(Kind& description) { Kind::fields(description, reader); }, light);
+  return light;
 }
 
 }  // namespace itn

@@ -1,10 +1,11 @@
 // Which part of a colour is rendered.
 #pragma once
 
-#include "server/tracer/lights/descriptions.h"
 #include "server/tracer/lights/sky_model.h"
 
 namespace itn::tracer {
+
+enum class Channel { kLuminance, kRed, kGreen, kBlue };
 
 inline double select(const Rgb& c, Channel channel) {
   switch (channel) {

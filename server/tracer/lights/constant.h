@@ -4,10 +4,19 @@
 
 #include <numbers>
 
+#include "server/tracer/lights/light_frame.h"
+
 namespace itn::tracer {
 
 struct ConstantLight {
   double radiance = 1;
+
+  static constexpr const char* kName = "constant";
+  template <typename Self, typename Fields>
+  static void fields(Self& self, Fields& to) {
+    to.number("radiance", self.radiance, 0, 1e9);
+  }
+  ConstantLight compile(const LightFrame& /*frame*/) const { return *this; }
 
   static constexpr bool kDelta = false;
   static constexpr double kPdf = 1 / (4 * std::numbers::pi);

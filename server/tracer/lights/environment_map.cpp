@@ -7,9 +7,26 @@
 #include <numbers>
 
 #include "common/error.h"
-#include "server/tracer/lights/channel.h"
 
 namespace itn::tracer {
+
+EnvironmentMap EnvironmentMapLight::compile(const LightFrame& frame) const {
+  if (width < 1 || height < 1 || rgb.size() != 3 * static_cast<size_t>(width) * height) {
+    throw invalid_input(fmt::format("environment map: {} x {} pixels do not go with {} numbers",
+                                    width, height, rgb.size()));
+  }
+  const auto build = [&] {
+    return std::make_shared<const EnvironmentMapTable>(*this, frame.channel);
+  };
+  const auto table =
+      digest.empty() ? build()
+                     : frame.table<EnvironmentMapTable>(
+                           part_key("map" + digest, width, height, scale, frame.channel), build);
+  // A panorama turned by r, counter-clockwise seen from above, shows at azimuth a what stood at
+  // a + r: azimuth grows from -z towards +x.
+  return {table, turned_back(-rotate_y).after(frame.to_scene)};
+}
+
 EnvironmentMapTable::EnvironmentMapTable(const EnvironmentMapLight& light, Channel channel)
     : width_(light.width),
       height_(light.height),

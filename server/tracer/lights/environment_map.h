@@ -5,14 +5,37 @@
 #include <cstddef>
 #include <memory>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
 #include "common/vec.h"
-#include "server/tracer/lights/descriptions.h"
+#include "server/tracer/lights/light_frame.h"
 #include "server/tracer/random/alias_table.h"
 
 namespace itn::tracer {
+
+class EnvironmentMap;
+
+// Latitude-longitude panorama, u = atan2(x, -z) / 2 pi, v = acos(y) / pi, bilinear.
+struct EnvironmentMapLight {
+  int width = 0;
+  int height = 0;
+  std::vector<float> rgb;  // 3 * width * height, top row first
+  double scale = 1;
+  double rotate_y = 0;
+  // Of the pixels, for scenes that share them; empty: not shared.
+  std::string digest = {};
+
+  static constexpr const char* kName = "environment_map";
+  template <typename Self, typename Fields>
+  static void fields(Self& self, Fields& to) {
+    to.number("scale", self.scale, 0, 1e6);
+    to.angle("rotate_y_degrees", self.rotate_y);
+    to.pixels("pixels", self);
+  }
+  EnvironmentMap compile(const LightFrame& frame) const;
+};
 
 // Radiances of a panorama's pixels, in its own orientation, and how directions are drawn.
 class EnvironmentMapTable {

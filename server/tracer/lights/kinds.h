@@ -1,5 +1,13 @@
-// The list of lights as they are rendered. A kind is a file, as sun_disc.h, and an entry here. It
-// says
+// The lists of lights: as they are described, and as they are rendered. A new one is a file, as
+// directional.h, an entry in both, and a message in the Light of itn/v1/scene.proto.
+//
+// A description says
+//   kName             its field in that message
+//   fields(self, to)  each of its own fields, as to.number("irradiance", self.irradiance, 0, 1e9):
+//                     how it is called in its message, and its range; of an angle, in degrees
+//   compile(frame)    what it is rendered as, in the coordinates of the object; more than one as a
+//                     tuple
+// What is rendered says
 //   kDelta             whether no direction hits it by chance
 //   power()            its radiance integrated over all directions; of a delta, its irradiance
 // and computes, for many unit directions at a time,
@@ -14,11 +22,15 @@
 #include "server/tracer/lights/environment_map.h"
 #include "server/tracer/lights/sky.h"
 #include "server/tracer/lights/sun_disc.h"
+#include "server/tracer/lights/sun_sky.h"
 
 #ifndef ITN_TRACER_LIGHTS_KINDS_H_
 #define ITN_TRACER_LIGHTS_KINDS_H_
 
 namespace itn::tracer {
+
+using LightDescription =
+    std::variant<SunSkyLight, EnvironmentMapLight, ConstantLight, DirectionalLight>;
 
 using LightKind = std::variant<ConstantLight, SunDisc, SkyLight, EnvironmentMap, DirectionalLight>;
 

@@ -9,131 +9,75 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <memory>
-#include <numbers>
+#include <string>
+#include <tuple>
 #include <utility>
 
+#include "common/angle.h"
 #include "common/error.h"
 #include "server/tracer/lights/lights-inl.h"
 
 namespace itn::tracer {
 namespace {
 
-// One lane, of a processor of no kind in particular.
+// One lane, without any special instructions.
 namespace lanes = HWY_NAMESPACE;
 namespace hn = lanes::hn;
 
-constexpr double kPi = std::numbers::pi;
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-void check(const char* name, double value, double low, double high) {
-  if (!(value >= low && value <= high)) {
-    throw invalid_input(fmt::format("{} is {}; it must be in [{}, {}]", name, value, low, high));
+// Of every field of a description: throws unless it is in its range.
+struct FieldCheck {
+  std::string light;
+
+  void number(const char* name, double value, double low, double high) const {
+    if (!(value >= low && value <= high)) {
+      throw invalid_input(
+          fmt::format("{}.{} is {}; it must be in [{}, {}]", light, name, value, low, high));
+    }
   }
-}
+  void angle(const char* name, double radians, double low = -kInfinity,
+             double high = kInfinity) const {
+    // Back from radians, 90 degrees may be the next larger number.
+    number(name, std::round(radians / kRadiansPerDegree * 1e9) / 1e9, low, high);
+  }
+  void direction(const char* name, Vec3d value) const {
+    if (!is_finite(value) || !(length(value) > 0)) {
+      throw invalid_input(fmt::format("{}.{} must be finite and not zero", light, name));
+    }
+  }
+  // Looked at when they are compiled.
+  void pixels(const char* /*name*/, const EnvironmentMapLight& /*map*/) const {}
+};
 
-// About +y, so that what stood at `azimuth` comes to stand over -z.
+}  // namespace
+
 Rotation<double> turned_back(double azimuth) {
   const double c = std::cos(azimuth), s = std::sin(azimuth);
   return {{c, 0, s}, {0, 1, 0}, {-s, 0, c}};
 }
 
-}  // namespace
-
-class Lights::Builder {
- public:
-  Builder(Lights& lights, Channel channel, const Rotation<double>& to_scene, PartCache& parts,
-          std::vector<std::string>& part_keys)
-      : lights_(lights),
-        channel_(channel),
-        to_scene_(to_scene),
-        parts_(parts),
-        part_keys_(part_keys) {}
-
-  void operator()(const SunSkyLight& light) {
-    check("sun_sky.turbidity", light.turbidity, 1, 10);
-    check("sun_sky.ground_albedo", light.ground_albedo, 0, 1);
-    check("sun_sky.sun_elevation (radians)", light.sun_elevation, 0, kPi / 2 + 1e-6);
-    check("sun_sky.sun_angular_radius (radians)", light.sun_angular_radius, 1.7e-3, kPi / 4 + 1e-6);
-    check("sun_sky.sun_scale", light.sun_scale, 0, 1e6);
-    check("sun_sky.sky_scale", light.sky_scale, 0, 1e6);
-    const auto table = parts_.get<SkyTable>(
-        keep("sky", light.turbidity, light.ground_albedo, light.sun_elevation, channel_), {}, [&] {
-          return std::make_shared<const SkyTable>(light.turbidity, light.ground_albedo,
-                                                  light.sun_elevation, channel_);
-        });
-    add(SkyLight(table, turned_back(light.sun_azimuth).after(to_scene_), light.sky_scale));
-    const double cos_elevation = std::cos(light.sun_elevation);
-    const Vec3d sun{std::sin(light.sun_azimuth) * cos_elevation, std::sin(light.sun_elevation),
-                    -std::cos(light.sun_azimuth) * cos_elevation};
-    add(SunDisc(to_scene_.inverse()(sun), light.sun_angular_radius,
-                light.sun_scale * table->sun_irradiance()));
-  }
-
-  void operator()(const EnvironmentMapLight& light) {
-    check("environment_map.scale", light.scale, 0, 1e6);
-    if (light.width < 1 || light.height < 1 ||
-        light.rgb.size() != 3 * static_cast<size_t>(light.width) * light.height) {
-      throw invalid_input(fmt::format("environment map: {} x {} pixels do not go with {} numbers",
-                                      light.width, light.height, light.rgb.size()));
-    }
-    const auto build = [&] { return std::make_shared<const EnvironmentMapTable>(light, channel_); };
-    const auto table =
-        light.digest.empty()
-            ? build()
-            : parts_.get<EnvironmentMapTable>(
-                  keep("map" + light.digest, light.width, light.height, light.scale, channel_), {},
-                  build);
-    // A panorama turned by r, counter-clockwise seen from above, shows at azimuth a what stood at
-    // a + r: azimuth grows from -z towards +x.
-    add(EnvironmentMap(table, turned_back(-light.rotate_y).after(to_scene_)));
-    lights_.has_maps_ = true;
-  }
-
-  void operator()(const ConstantLight& light) {
-    check("constant.radiance", light.radiance, 0, 1e9);
-    add(light);
-  }
-
-  void operator()(const DirectionalLight& light) {
-    check("directional.irradiance", light.irradiance, 0, 1e9);
-    if (!is_finite(light.direction) || !(length(light.direction) > 0)) {
-      throw invalid_input("directional.direction must be finite and not zero");
-    }
-    add(DirectionalLight{to_scene_.inverse()(itn::normalize(light.direction)), light.irradiance});
-  }
-
-  size_t number = 0;  // of the description
-
- private:
-  template <typename Kind>
-  void add(Kind kind) {
-    if (const double power = kind.power(); power > 0) {
-      lights_.lights_.push_back({std::move(kind), 0, power, number});
-    }
-  }
-
-  template <typename... Numbers>
-  const std::string& keep(const std::string& what, const Numbers&... numbers) {
-    return part_keys_.emplace_back(part_key(what, numbers...));
-  }
-
-  Lights& lights_;
-  const Channel channel_;
-  const Rotation<double>& to_scene_;
-  PartCache& parts_;
-  std::vector<std::string>& part_keys_;
-};
-
-Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channel,
-               const Rotation<double>& to_scene, PartCache& parts,
-               std::vector<std::string>& part_keys)
+Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFrame& frame)
     : count_(descriptions.size()) {
-  Builder builder(*this, channel, to_scene, parts, part_keys);
+  size_t number = 0;  // of the description
+  const auto add = [&]<typename Kind>(Kind&& kind) {
+    const double power = kind.power();
+    if (power > 0) lights_.push_back({std::forward<Kind>(kind), 0, power, number});
+  };
+  const auto compile = [&]<typename Description>(const Description& light) {
+    const FieldCheck check{Description::kName};
+    Description::fields(light, check);
+    std::apply([&](auto&&... kinds) { (add(std::move(kinds)), ...); },
+               std::tuple(light.compile(frame)));
+  };
   for (const LightDescription& description : descriptions) {
-    std::visit(builder, description);
-    ++builder.number;
+    std::visit(compile, description);
+    ++number;
   }
-  for (const Light& light : lights_) power_ += light.probability;
+  for (const Light& light : lights_) {
+    power_ += light.probability;
+    has_maps_ |= std::holds_alternative<EnvironmentMap>(light.kind);
+  }
   if (!(power_ > 0)) {
     throw invalid_input("nothing shines: a scene needs at least one light with radiance > 0");
   }
@@ -149,7 +93,7 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channe
 Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channel) {
   PartCache parts(std::numeric_limits<size_t>::max());
   std::vector<std::string> part_keys;
-  *this = Lights(descriptions, channel, {}, parts, part_keys);
+  *this = Lights(descriptions, {channel, {}, parts, part_keys});
 }
 
 float Lights::radiance(Vec3f direction) const {

@@ -3,14 +3,12 @@
 #pragma once
 
 #include <cstddef>
-#include <string>
 #include <variant>
 #include <vector>
 
-#include "common/part_cache.h"
 #include "common/vec.h"
-#include "server/tracer/lights/descriptions.h"
 #include "server/tracer/lights/kinds.h"
+#include "server/tracer/lights/light_frame.h"
 #include "server/tracer/random/sampler.h"
 
 namespace itn::tracer {
@@ -28,11 +26,8 @@ struct LightSample {
 // The lights of a scene. Directions are unit vectors.
 class Lights {
  public:
-  // Takes the tables of skies and panoramas from `parts`, under keys that are appended to
-  // `part_keys`. `to_scene`: directions of those who ask into the scene's, which the descriptions
-  // are in. Throws Error (invalid input) if a number is out of range or nothing shines.
-  Lights(const std::vector<LightDescription>& descriptions, Channel channel,
-         const Rotation<double>& to_scene, PartCache& parts, std::vector<std::string>& part_keys);
+  // Throws Error (invalid input) if a number is out of range or nothing shines.
+  Lights(const std::vector<LightDescription>& descriptions, const LightFrame& frame);
   // On their own.
   Lights(const std::vector<LightDescription>& descriptions, Channel channel);
 
@@ -63,8 +58,6 @@ class Lights {
   const std::vector<Light>& all() const { return lights_; }
 
  private:
-  class Builder;
-
   size_t count_;
   std::vector<Light> lights_;
   double power_ = 0;

@@ -1,8 +1,7 @@
 // How much light sun and sky give, without tracing any.
 #pragma once
 
-#include "server/tracer/lights/channel.h"
-#include "server/tracer/lights/descriptions.h"
+#include "server/tracer/lights/sun_sky.h"
 
 namespace itn::tracer {
 

@@ -19,7 +19,7 @@
 #include "common/geometry/mesh.h"
 #include "common/vec.h"
 #include "server/tracer/boundary/boundary.h"
-#include "server/tracer/lights/descriptions.h"
+#include "server/tracer/lights/kinds.h"
 #include "server/tracer/scene/pose.h"
 #include "server/tracer/surfaces/surface.h"
 

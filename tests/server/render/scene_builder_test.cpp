@@ -8,6 +8,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <map>
 #include <numbers>
 #include <ostream>
 #include <string>
@@ -417,6 +418,46 @@ TEST(SceneBuilder, FillsInTheDocumentedDefaults) {
   EXPECT_EQ(built.camera.up, (Vec3d{0, 1, 0}));
   EXPECT_FLOAT_EQ(built.surfaces.at(0).reflectance, 0.5F);
   EXPECT_EQ(built.film.channel, tracer::Channel::kLuminance);
+}
+
+// The names by which descriptions of lights know their fields.
+struct FieldNames {
+  std::vector<std::string> names;
+
+  void number(const char* name, double, double, double) { names.emplace_back(name); }
+  void angle(const char* name, double, double = 0, double = 0) { names.emplace_back(name); }
+  void direction(const char* name, const Vec3d&) { names.emplace_back(name); }
+  void pixels(const char* name, const tracer::EnvironmentMapLight&) {
+    names.insert(names.end(), {name, "path"});
+  }
+};
+
+template <typename... Kinds>
+std::map<std::string, std::vector<std::string>> fields_of(std::variant<Kinds...> /*type*/) {
+  std::map<std::string, std::vector<std::string>> result;
+  const auto note = [&]<typename Kind>(const Kind& light) {
+    FieldNames fields;
+    Kind::fields(light, fields);
+    result[Kind::kName] = fields.names;
+  };
+  (note(Kinds()), ...);
+  return result;
+}
+
+TEST(SceneBuilder, EveryFieldOfEveryLightIsRead) {
+  std::map<std::string, std::vector<std::string>> messages;
+  const auto& light = *v1::Light::descriptor();
+  for (int i = 0; i < light.field_count(); ++i) {
+    const auto& message = *light.field(i)->message_type();
+    for (int k = 0; k < message.field_count(); ++k) {
+      messages[light.field(i)->name()].push_back(message.field(k)->name());
+    }
+  }
+  const auto read = fields_of(tracer::LightDescription());
+  ASSERT_EQ(read.size(), messages.size());
+  for (const auto& [name, fields] : messages) {
+    EXPECT_THAT(read.at(name), ::testing::UnorderedElementsAreArray(fields)) << name;
+  }
 }
 
 TEST(SceneBuilder, ZeroIsNotAbsent) {
