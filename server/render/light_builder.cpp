@@ -53,6 +53,9 @@ class FieldReader {
   void direction(const char* name, Vec3d& value) const {
     value = normalize(non_zero(path(name), vec(name)));
   }
+  void position(const char* name, Vec3d& value) const {
+    value = check_position(path(name), to_vec(vec(name)));
+  }
   void pixels(const char* name, tracer::EnvironmentMapLight& map) const {
     const auto& proto = static_cast<const v1::EnvironmentMap&>(message_);
     if (proto.has_path()) {

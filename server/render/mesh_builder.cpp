@@ -108,7 +108,7 @@ int first_of_pose(const v1::Mesh& proto) {
   return first;
 }
 
-tracer::Pose to_pose(const Affine& m) {
+Pose to_pose(const Affine& m) {
   return {{{m[0], m[1], m[2]}, {m[4], m[5], m[6]}, {m[8], m[9], m[10]}}, {m[3], m[7], m[11]}};
 }
 
@@ -126,7 +126,7 @@ std::string object_key(const v1::Mesh& proto, int first_of_pose) {
          sha256(proto.triangles().indices());
 }
 
-void check_extent(const std::string& field, const Mesh& mesh, const tracer::Pose& pose = {}) {
+void check_extent(const std::string& field, const Mesh& mesh, const Pose& pose = {}) {
   for (const Vec3f v : mesh.vertices) {
     check_position(field + ", after its transforms,", pose.to_scene(static_cast<Vec3d>(v)));
   }

@@ -51,12 +51,13 @@ size_t Geometry::memory() const {
 }
 
 RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_medium_length,
-                           bool stops_at_boundary) const {
+                           bool stops_at_boundary, float distance) const {
   const Line line(from.position, direction, from.on, extent_);
   RayResult ray;
   bool inside = from.inside;
   ray.entered = inside;
   float t = line.start;
+  const float reach = line.start + distance;
   float last_exit = 0, last_entry = 0;  // distances; crossings of a kind lie beyond the last one
   const auto from_distance = [&](float last) {
     return std::max(t - line.slack, std::nextafter(last, kInfinity));
@@ -76,8 +77,12 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
   };
   for (int crossings = 0; crossings < kMaxCrossings; ++crossings) {
     if (inside) {
-      const float end = t + (max_medium_length - ray.medium_length);
+      const float end = std::min(reach, t + (max_medium_length - ray.medium_length));
       const Hit hit = intersector_->closest(line, from_distance(last_exit), end, Wanted::kExit);
+      if (!hit.found && end == reach && reach < kInfinity) {
+        ray.medium_length += end - t;
+        return ray;
+      }
       if (!hit.found) {
         ray.medium_length = max_medium_length;
         ray.at = {line.at(end), true, {}};
@@ -97,12 +102,8 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
       last_exit = hit.t;
       inside = false;
     } else {
-      const Hit hit =
-          intersector_->closest(line, from_distance(last_entry), kInfinity, Wanted::kEntry);
-      if (!hit.found) {
-        ray.end = RayResult::End::kEscaped;
-        return ray;
-      }
+      const Hit hit = intersector_->closest(line, from_distance(last_entry), reach, Wanted::kEntry);
+      if (!hit.found) return ray;
       t = std::max(t, hit.t);
       if (hit.on_surface()) {
         ray.at = surface_interaction(line, hit, false);

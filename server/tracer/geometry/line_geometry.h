@@ -11,6 +11,7 @@
 //      that a point that rounding has put just beyond the boundary still finds its crossing there.
 #pragma once
 
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -34,7 +35,7 @@ struct RayResult {
   enum class End {
     kInMedium,  // the path length in the medium reached max_medium_length
     kSurface,   // met an opaque surface
-    kEscaped,   // left the scene
+    kEscaped,   // left the scene, or came as far as it should
     kLeaked,    // no exit in front though believed inside: rounding has misplaced the point
     kCrossing   // met the boundary, where it was to stop
   } end = End::kEscaped;
@@ -53,10 +54,11 @@ class Geometry {
   Geometry& operator=(const Geometry&) = delete;
 
   // Follows a straight line until `max_medium_length` mm of it lie in the medium, or to a surface,
-  // or out of the scene. `direction` is of unit length. Stops at the boundary, or
-  // passes it.
+  // or for `distance` mm, or out of the scene. `direction` is of unit length. Stops at the
+  // boundary, or passes it.
   RayResult follow(const Interaction& from, Vec3f direction, float max_medium_length,
-                   bool stops_at_boundary = false) const;
+                   bool stops_at_boundary = false,
+                   float distance = std::numeric_limits<float>::infinity()) const;
 
   // Unit normal of a surface's triangle, on the side that `direction` arrives at.
   Vec3f facing_normal(SurfaceTriangle at, Vec3f direction) const;

@@ -13,6 +13,10 @@ struct Rays {
   UintColumn interaction{};
   // In: the length in the medium to travel at most, in mm.
   FloatColumn max_medium_length{};
+  // In, where they are bounded: how far to go at most, in mm, maybe infinite. Who comes as far has
+  // escaped, as whoever leaves the scene.
+  bool bounded = false;
+  FloatColumn distance{};
   // Out: the length travelled inside the medium, in mm; and how the line ended, an End, with
   // kEntered set if it entered the medium, or started in it.
   FloatColumn medium_length{};

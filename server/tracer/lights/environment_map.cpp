@@ -24,7 +24,7 @@ EnvironmentMap EnvironmentMapLight::compile(const LightFrame& frame) const {
                            part_key("map" + digest, width, height, scale, frame.channel), build);
   // A panorama turned by r, counter-clockwise seen from above, shows at azimuth a what stood at
   // a + r: azimuth grows from -z towards +x.
-  return {table, turned_back(-rotate_y).after(frame.to_scene)};
+  return {table, turned_back(-rotate_y).after(frame.pose.rotation)};
 }
 
 EnvironmentMapTable::EnvironmentMapTable(const EnvironmentMapLight& light, Channel channel)

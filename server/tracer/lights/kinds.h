@@ -10,10 +10,12 @@
 // What is rendered says
 //   kDelta             whether no direction hits it by chance
 //   power()            its radiance integrated over all directions; of a delta, its irradiance
-// and computes, for many unit directions at a time,
-//   emission(kind, d)  radiance, and the density per steradian with which `sample` draws d; not of
-//                      a delta
-//   sample(kind, u)    a direction towards it; not of a delta, which has its `direction`
+// and computes, for many places or unit directions at a time, unless it is a delta,
+//   emission(kind, d)  radiance, and the density per steradian with which `sample` draws d
+//   sample(kind, u)    a direction towards it
+// and if it is one,
+//   kDistant           whether shadow rays to it leave the scene
+//   beam(kind, from)   what it sends there
 // Who follows one path at a time has one lane.
 #include <variant>
 

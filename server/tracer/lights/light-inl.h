@@ -31,6 +31,13 @@ struct Emission {
   Floats radiance, pdf;
 };
 
+// What a delta sends to places: from which direction, how far from there, in mm, infinite if it is
+// distant; and its irradiance as a multiple of power().
+struct Beam {
+  Vectors direction;
+  Floats distance, irradiance;
+};
+
 // What a direction is drawn by: uniform numbers in [0, 1), for a cell, a coin and a place within;
 // and the words of another counter, which are there if a light is a map.
 struct LightUniforms {

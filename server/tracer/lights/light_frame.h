@@ -5,15 +5,17 @@
 #include <string>
 #include <vector>
 
+#include "common/geometry/mesh.h"
+#include "common/geometry/pose.h"
 #include "common/part_cache.h"
-#include "common/vec.h"
 #include "server/tracer/lights/channel.h"
 
 namespace itn::tracer {
 
 struct LightFrame {
   Channel channel;
-  Rotation<double> to_scene;  // of directions
+  Pose pose;           // of the object
+  const Mesh& object;  // closed, or of no triangles
   PartCache& parts;
   std::vector<std::string>& part_keys;  // of what lights take from `parts`: to be appended to
 

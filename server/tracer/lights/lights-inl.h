@@ -33,22 +33,23 @@ HWY_INLINE Emission emission(const Lights& lights, Vectors d) {
   return all;
 }
 
-// Directions towards the light. For deltas, `pdf` is 0 and `radiance` is irradiance /
-// probability, the weight of the draw; else the weight is radiance / pdf.
+// Directions towards the light, and how far it is. For deltas, `pdf` is 0 and `radiance` is
+// irradiance / probability, the weight of the draw; else the weight is radiance / pdf.
 struct LightSamples {
   Vectors direction;
-  Floats radiance, pdf;
+  Floats distance, radiance, pdf;
 };
 
 // From the words of one counter, and of another one where there is a map. The lower bytes of the
 // first three words are left for a fifth uniform number.
-HWY_INLINE LightSamples sample(const Lights& lights, const Words& words, const Words& more) {
+HWY_INLINE LightSamples sample(const Lights& lights, Vectors from_where, const Words& words,
+                               const Words& more) {
   const Floats choice = uniform(words.w[0]);
   const LightUniforms uniforms{uniform(words.w[1]), uniform(words.w[2]),
                                coarse_uniform(hn::ShiftRight<16>(words.w[3])),
                                coarse_uniform(hn::And(words.w[3], set(uint32_t{0xFFFF}))), more};
   const Floats zero = hn::Zero(FloatTag());
-  LightSamples draw{{zero, set(1.0F), zero}, zero, zero};
+  LightSamples draw{{zero, set(1.0F), zero}, set(kInfinity), zero, zero};
   Floats delta_weight = zero;
   Floats from = set(-1.0F);
   for (const Lights::Light& light : lights.all()) {
@@ -59,9 +60,12 @@ HWY_INLINE LightSamples sample(const Lights& lights, const Words& words, const W
     Vectors direction = draw.direction;
     visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
       if constexpr (Kind::kDelta) {
-        direction = set(static_cast<Vec3f>(kind.direction));
+        const Beam arriving = beam(kind, from_where);
+        direction = arriving.direction;
+        draw.distance = hn::IfThenElse(chosen, arriving.distance, draw.distance);
         const auto weight = static_cast<float>(kind.power() / light.probability);
-        delta_weight = hn::IfThenElse(chosen, set(weight), delta_weight);
+        delta_weight =
+            hn::IfThenElse(chosen, hn::Mul(set(weight), arriving.irradiance), delta_weight);
       } else {
         direction = sample(kind, uniforms);
       }

@@ -46,6 +46,9 @@ struct FieldCheck {
       throw invalid_input(fmt::format("{}.{} must be finite and not zero", light, name));
     }
   }
+  void position(const char* name, Vec3d value) const {
+    if (!is_finite(value)) throw invalid_input(fmt::format("{}.{} must be finite", light, name));
+  }
   // Looked at when they are compiled.
   void pixels(const char* /*name*/, const EnvironmentMapLight& /*map*/) const {}
 };
@@ -76,6 +79,11 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
   }
   for (const Light& light : lights_) {
     power_ += light.probability;
+    std::visit(
+        [&]<typename Kind>(const Kind& /*kind*/) {
+          if constexpr (Kind::kDelta) has_near_ |= !Kind::kDistant;
+        },
+        light.kind);
     has_maps_ |= std::holds_alternative<EnvironmentMap>(light.kind);
   }
   if (!(power_ > 0)) {
@@ -93,7 +101,7 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
 Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channel) {
   PartCache parts(std::numeric_limits<size_t>::max());
   std::vector<std::string> part_keys;
-  *this = Lights(descriptions, {channel, {}, parts, part_keys});
+  *this = Lights(descriptions, {channel, {}, {}, parts, part_keys});
 }
 
 float Lights::radiance(Vec3f direction) const {
@@ -113,18 +121,20 @@ float Lights::weight(const LightSample& sample, size_t number) const {
   return sample.number == number ? sample.weight : 0;
 }
 
-LightSample Lights::sample(const RandomWords& words, const RandomWords& more) const {
+LightSample Lights::sample(Vec3f from, const RandomWords& words, const RandomWords& more) const {
   const auto one_lane = [](const RandomWords& w) {
     return lanes::Words{lanes::set(w[0]), lanes::set(w[1]), lanes::set(w[2]), lanes::set(w[3])};
   };
-  const lanes::LightSamples draw = lanes::sample(*this, one_lane(words), one_lane(more));
+  const lanes::LightSamples draw =
+      lanes::sample(*this, lanes::set(from), one_lane(words), one_lane(more));
   const float choice = hn::GetLane(lanes::uniform(lanes::set(words[0])));
   const auto chosen =
       std::ranges::find_if(lights_, [&](const Light& light) { return choice < light.cumulative; });
   const float radiance = hn::GetLane(draw.radiance), pdf = hn::GetLane(draw.pdf);
   const Vec3f direction{hn::GetLane(draw.direction.x), hn::GetLane(draw.direction.y),
                         hn::GetLane(draw.direction.z)};
-  return {direction, pdf > 0 ? radiance / pdf : radiance, pdf, chosen->number};
+  return {direction, hn::GetLane(draw.distance), pdf > 0 ? radiance / pdf : radiance, pdf,
+          chosen->number};
 }
 
 }  // namespace itn::tracer

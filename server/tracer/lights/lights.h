@@ -1,4 +1,4 @@
-// All the light of a scene: a sum of distant lights, evaluated and sampled as one. For many
+// All the light of a scene: a sum of lights, evaluated and sampled as one. For many
 // directions at a time: lights-inl.h.
 #pragma once
 
@@ -13,12 +13,12 @@
 
 namespace itn::tracer {
 
-// A direction towards the light, drawn with density `pdf` per steradian. The direction of a
-// DirectionalLight cannot be hit by chance: its pdf is 0, and it needs no multiple importance
-// sampling.
+// A direction towards the light, drawn with density `pdf` per steradian. That of a delta cannot be
+// hit by chance: its pdf is 0, and it needs no multiple importance sampling.
 struct LightSample {
   Vec3f direction;
-  float weight = 0;  // radiance / pdf; distant: irradiance / probability of choosing it
+  float distance = 0;  // of the light, in mm, or infinite
+  float weight = 0;    // radiance / pdf; of a delta, irradiance / probability of choosing it
   float pdf = 0;
   size_t number = 0;  // of the description of the light that was chosen
 };
@@ -31,18 +31,21 @@ class Lights {
   // On their own.
   Lights(const std::vector<LightDescription>& descriptions, Channel channel);
 
-  // Of everything but distant lights.
+  // Of everything but deltas.
   float radiance(Vec3f direction) const;
   // The parts of radiance and of a sample's weight that are due to one description.
   float radiance(Vec3f direction, size_t number) const;
   float weight(const LightSample& sample, size_t number) const;
   // Density per steradian with which `sample` draws a direction.
   float pdf(Vec3f direction) const;
-  // From the words of one counter, and of another one where there is a map.
-  LightSample sample(const RandomWords& words, const RandomWords& more) const;
+  // From the words of one counter, and of another one where there is a map. `from`: in mm, in the
+  // coordinates of the object.
+  LightSample sample(Vec3f from, const RandomWords& words, const RandomWords& more) const;
 
-  // Radiance integrated over all directions, plus the distant lights' irradiances; in W/m^2.
+  // Radiance integrated over all directions, plus the irradiances of deltas; in W/m^2.
   double power() const { return power_; }
+  // Whether shadow rays end at lights.
+  bool has_near() const { return has_near_; }
   bool has_maps() const { return has_maps_; }
 
   // As many as there are descriptions, those that do not shine too.
@@ -61,7 +64,7 @@ class Lights {
   size_t count_;
   std::vector<Light> lights_;
   double power_ = 0;
-  bool has_maps_ = false;
+  bool has_near_ = false, has_maps_ = false;
 };
 
 // Whether its direction cannot be hit by chance.

@@ -13,8 +13,8 @@ std::tuple<SkyLight, SunDisc> SunSkyLight::compile(const LightFrame& frame) cons
   const double cos_elevation = std::cos(sun_elevation);
   const Vec3d sun{std::sin(sun_azimuth) * cos_elevation, std::sin(sun_elevation),
                   -std::cos(sun_azimuth) * cos_elevation};
-  return {SkyLight(table, turned_back(sun_azimuth).after(frame.to_scene), sky_scale),
-          SunDisc(frame.to_scene.inverse()(sun), sun_angular_radius,
+  return {SkyLight(table, turned_back(sun_azimuth).after(frame.pose.rotation), sky_scale),
+          SunDisc(frame.pose.rotation.inverse()(sun), sun_angular_radius,
                   sun_scale * table->sun_irradiance())};
 }
 

@@ -210,15 +210,17 @@ class Walk {
   template <typename RespondTo>
   void send_shadow_ray(const RespondTo& respond_to) {
     if (switches_.techniques == Switches::Techniques::kPhaseOnly) return;
-    const LightSample light = scene_.lights.sample(sampler_.words(vertex_, Sampler::kShadowRay),
-                                                   sampler_.words(vertex_, Sampler::kMap));
+    const LightSample light =
+        scene_.lights.sample(at_.position, sampler_.words(vertex_, Sampler::kShadowRay),
+                             sampler_.words(vertex_, Sampler::kMap));
     const Response response = respond_to(light.direction);
     if (!(light.weight * response.value > 0)) return;
     const bool competes = light.pdf > 0 && switches_.techniques == Switches::Techniques::kBoth;
     const float mis_weight = competes ? light.pdf / (light.pdf + response.pdf) : 1;
 
     const RayResult ray =
-        geometry_.follow(at_, light.direction, kMaxOpticalDepth / sigma_t_, stops_at_boundary_);
+        geometry_.follow(at_, light.direction, kMaxOpticalDepth / sigma_t_, stops_at_boundary_,
+                         light.distance);
     if (ray.end == RayResult::End::kLeaked) result_.leaked = true;
     if (ray.end != RayResult::End::kEscaped) return;
     const float dimming = std::exp(-sigma_t_ * ray.medium_length);

@@ -48,7 +48,7 @@ Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts)
       boundary(scene.boundary),
       surfaces(to_object(scene.pose, std::move(scene.surfaces))),
       obstacles(object, surfaces),
-      lights(scene.lights, {scene.film.channel, scene.pose.rotation, parts, part_keys}),
+      lights(scene.lights, {scene.film.channel, scene.pose, object->mesh, parts, part_keys}),
       camera(to_object(scene.pose, scene.camera), scene.film),
       film(scene.film),
       camera_inside(contains(object->bounds, camera.origin()) &&

@@ -17,10 +17,10 @@
 #include <vector>
 
 #include "common/geometry/mesh.h"
+#include "common/geometry/pose.h"
 #include "common/vec.h"
 #include "server/tracer/boundary/boundary.h"
 #include "server/tracer/lights/kinds.h"
-#include "server/tracer/scene/pose.h"
 #include "server/tracer/surfaces/surface.h"
 
 namespace itn {

@@ -12,6 +12,7 @@
 #include <hwy/highway.h>
 
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "server/tracer/simd/columns.h"
@@ -27,6 +28,8 @@ using Floats = hn::Vec<FloatTag>;
 using Ints = hn::Vec<IntTag>;
 using Uints = hn::Vec<UintTag>;
 using Mask = hn::Mask<FloatTag>;
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 HWY_INLINE size_t lanes() {
   return hn::Lanes(FloatTag());

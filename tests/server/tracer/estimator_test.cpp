@@ -11,23 +11,6 @@ namespace {
 using namespace tracer;
 using Techniques = Switches::Techniques;
 
-// Expects that two estimates of an image agree with all of its derivatives, and that an error of 2
-// % in any of them would have shown. What the derivatives are measured by is their own size, unless
-// `scales` says otherwise.
-void expect_same_film(const FilmEstimate& a, const FilmEstimate& b, int comparisons,
-                      const std::string& what,
-                      const std::array<double, kCoordinates>& scales = {}) {
-  constexpr const char* kNames[] = {"sigma_t", "albedo", "g"};
-  expect_equal(a.radiance, b.radiance, comparisons, what);
-  expect_resolution(difference(a.radiance, b.radiance), b.radiance.mean, 0.02, what);
-  for (size_t i = 0; i < kCoordinates; ++i) {
-    const Estimated &x = a.derivatives[i], &y = b.derivatives[i];
-    const std::string name = what + ", d/d " + kNames[i];
-    expect_equal(x, y, comparisons, name);
-    expect_resolution(difference(x, y), scales[i] > 0 ? scales[i] : y.mean, 0.02, name);
-  }
-}
-
 // Images and derivatives from light sampling alone, phase sampling alone, and both combined. Phase
 // sampling finds the sun by chance and needs more samples.
 TEST(MultipleImportanceSamplingTest, TechniquesAgree) {

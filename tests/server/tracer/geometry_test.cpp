@@ -44,10 +44,12 @@ class Lines {
   }
 
   RayResult follow(const Interaction& from, Vec3f direction, float max_medium_length,
-                   bool stops_at_boundary = false) const {
+                   bool stops_at_boundary = false, float distance = kInfinity) const {
     if (geometry_) {
-      return geometry_->follow(from, direction, max_medium_length, stops_at_boundary);
+      return geometry_->follow(from, direction, max_medium_length, stops_at_boundary, distance);
     }
+    rays_->bounded = distance < kInfinity;
+    rays_->distance[0] = distance;
     rays_->position.set(0, from.position);
     rays_->direction.set(0, direction);
     rays_->max_medium_length[0] = max_medium_length;
@@ -117,6 +119,38 @@ TEST_P(GeometryTest, BudgetIsSpentInTheMediumOnly) {
   EXPECT_EQ(ray.end, End::kInMedium);
   EXPECT_NEAR(ray.at.position.x, 3.5, 1e-5);
   EXPECT_TRUE(ray.at.inside);
+}
+
+TEST_P(GeometryTest, EndsAtItsDistance) {
+  const Lines geometry(GetParam(),
+                       merged({box({-1, 0, -1}, {1, 2, 1}), box({2, 0, -1}, {4, 2, 1})}),
+                       {{horizontal_square(-1, 20), 0.5F}});
+  const auto follow = [&](Vec3f from, bool inside, Vec3f direction, float distance,
+                          float max_medium_length = kInfinity) {
+    return geometry.follow({from, inside, {}}, direction, max_medium_length, false, distance);
+  };
+  const Vec3f left{-5, 1, 0.1F}, middle{0, 1, 0.1F};
+  struct Row {
+    float distance, medium_length;
+  };
+  for (const Row row : {Row{3, 0}, Row{4.5F, 0.5F}, Row{6.5F, 2}, Row{8, 3}, Row{1000, 4}}) {
+    const RayResult ray = follow(left, false, {1, 0, 0}, row.distance);
+    EXPECT_EQ(ray.end, End::kEscaped) << row.distance;
+    EXPECT_NEAR(ray.medium_length, row.medium_length, 1e-5);
+    EXPECT_EQ(ray.entered, row.medium_length > 0);
+  }
+  // In the cell that it begins in, and beyond; with a length in the medium that ends before, or
+  // not.
+  for (const float distance : {1e-3F, 0.25F, 0.75F}) {
+    const RayResult ray = follow(middle, true, {1, 0, 0}, distance);
+    EXPECT_EQ(ray.end, End::kEscaped) << distance;
+    EXPECT_NEAR(ray.medium_length, distance, 1e-5);
+    EXPECT_EQ(follow(middle, true, {1, 0, 0}, distance, 2 * distance).end, End::kEscaped);
+    EXPECT_EQ(follow(middle, true, {1, 0, 0}, distance, distance / 2).end, End::kInMedium);
+  }
+  // Before a surface, and behind it.
+  EXPECT_EQ(follow(middle, true, {0, -1, 0}, 1.9F).end, End::kEscaped);
+  EXPECT_EQ(follow(middle, true, {0, -1, 0}, 2.1F).end, End::kSurface);
 }
 
 // Two boxes that share a face: the exit of one and the entry of the other coincide.
@@ -236,8 +270,10 @@ TEST(TracersTest, AgreeLineByLine) {
       const Vec3f target{v[0] - 0.5F, v[1], v[2] - 0.5F};
       const Interaction from{target - itn::normalize(direction) * 3, false, {}};
       if (from.position.y < 0.01F) continue;
-      const RayResult a = embree.follow(from, itn::normalize(direction), kInfinity);
-      const RayResult b = grid.follow(from, itn::normalize(direction), kInfinity);
+      const float distance = i % 2 == 0 ? kInfinity : 6 * u[2];
+      const RayResult a =
+          embree.follow(from, itn::normalize(direction), kInfinity, false, distance);
+      const RayResult b = grid.follow(from, itn::normalize(direction), kInfinity, false, distance);
       ++lines;
       different += a.end != b.end || std::abs(a.medium_length - b.medium_length) > 1e-4F ? 1 : 0;
     }

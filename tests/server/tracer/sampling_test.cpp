@@ -284,7 +284,7 @@ TEST_P(LightTest, SamplesFollowTheDensity) {
     power.push_back(4 * kPi * double{lights.radiance(d)});
     moment.push_back(power.back() * smooth(d));
     const Sampler sampler(3, 0, 0);
-    const LightSample sample = lights.sample(sampler.words(i, 1), sampler.words(i, 2));
+    const LightSample sample = lights.sample({}, sampler.words(i, 1), sampler.words(i, 2));
     EXPECT_NEAR(length(sample.direction), 1, 1e-5);
     sampled_power.push_back(sample.weight);
     sampled_moment.push_back(double{sample.weight} * smooth(sample.direction));
@@ -325,7 +325,7 @@ TEST_P(LightTest, EveryLaneIsTheSame) {
     sample_lights(lights, 100 + batch, *probe, kSlots);
     for (uint32_t i = 0; i < kSlots; ++i) {
       const Sampler sampler(100 + batch, 0, i);
-      const LightSample sample = lights.sample(sampler.words(0, 0), sampler.words(0, 1));
+      const LightSample sample = lights.sample({}, sampler.words(0, 0), sampler.words(0, 1));
       ASSERT_EQ(probe->direction.at(i), sample.direction);
       ASSERT_EQ(probe->pdf[i], sample.pdf);
       ASSERT_EQ(sample.pdf, lights.pdf(sample.direction));

@@ -88,4 +88,18 @@ FilmEstimate estimate_film(const Scene& scene, RenderRequest request, int batche
   return result;
 }
 
+void expect_same_film(const FilmEstimate& a, const FilmEstimate& b, int comparisons,
+                      const std::string& what, const std::vector<double>& scales) {
+  expect_equal(a.radiance, b.radiance, comparisons, what);
+  expect_resolution(difference(a.radiance, b.radiance), b.radiance.mean, 0.02, what);
+  ASSERT_EQ(a.derivatives.size(), b.derivatives.size());
+  for (size_t i = 0; i < a.derivatives.size(); ++i) {
+    const Estimated &x = a.derivatives[i], &y = b.derivatives[i];
+    const std::string name = what + ", derivative " + std::to_string(i);
+    expect_equal(x, y, comparisons, name);
+    const double scale = i < scales.size() && scales[i] > 0 ? scales[i] : y.mean;
+    expect_resolution(difference(x, y), scale, 0.02, name);
+  }
+}
+
 }  // namespace itn::testing

@@ -41,4 +41,10 @@ struct FilmEstimate {
 FilmEstimate estimate_film(const tracer::Scene& scene, tracer::RenderRequest request, int batches,
                            uint64_t first_seed = 1, const tracer::RenderOptions& options = {});
 
+// Expects that two estimates of an image agree with all of its derivatives, and that an error of 2
+// % in any of them would have shown. What the derivatives are measured by is their own size, unless
+// `scales` says otherwise.
+void expect_same_film(const FilmEstimate& a, const FilmEstimate& b, int comparisons,
+                      const std::string& what, const std::vector<double>& scales = {});
+
 }  // namespace itn::testing

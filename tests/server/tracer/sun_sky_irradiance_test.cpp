@@ -24,7 +24,7 @@ MonteCarlo irradiance_by_chance(const SunSkyLight& light, Channel channel) {
   const Sampler sampler(1, 0, 0);
   double sum = 0, squares = 0;
   for (uint32_t i = 0; i < kSamples; ++i) {
-    const LightSample sample = lights.sample(sampler.words(i, 0), sampler.words(i, 1));
+    const LightSample sample = lights.sample({}, sampler.words(i, 0), sampler.words(i, 1));
     const double value = static_cast<double>(sample.weight) * std::max(0.0F, sample.direction.y);
     sum += value;
     squares += value * value;

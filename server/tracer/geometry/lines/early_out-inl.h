@@ -104,6 +104,9 @@ HWY_INLINE size_t early_out(const Obstacles& obstacles, Rays& rays, size_t count
     const Mask live = hn::FirstN(d, count - i);
     const Mask inside = not_zero(hn::And(load(rays.interaction, i), set(Rays::kInside)));
     Mask done = hn::And(live, inside);
+    if (rays.bounded) {
+      done = hn::And(done, hn::Le(load(rays.max_medium_length, i), load(rays.distance, i)));
+    }
     if (!hn::AllFalse(d, done)) done = end_in_first_cell(obstacles, rays, report, i, done);
     const Uints number = hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i)));
     hn::CompressStore(number, for_uints(hn::AndNot(done, live)), UintTag(),

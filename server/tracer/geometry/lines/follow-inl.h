@@ -97,6 +97,7 @@ class LineFollower {
     store(fresh, zero, lines_.last_entry, v);
     const Floats max_medium_length = gather(rays_.max_medium_length);
     store(fresh, max_medium_length, lines_.max_medium_length, v);
+    if (rays_.bounded) store(fresh, hn::Add(start, gather(rays_.distance)), lines_.reach, v);
     const Uints interaction = hn::GatherIndex(UintTag(), rays_.interaction.data(), ray);
     const Uints inside = hn::And(interaction, set(Rays::kInside));
     store(fresh, inside, lines_.inside, v);
@@ -133,8 +134,8 @@ class LineFollower {
     const Floats t_min = hn::Max(hn::Sub(t, load(lines_.slack, v)), beyond);
     const Floats rest =
         hn::Add(t, hn::Sub(load(lines_.max_medium_length, v), load(lines_.medium_length, v)));
-    const Floats end =
-        hn::Min(load(lines_.surface_t, v), hn::IfThenElse(inside, rest, set(kInfinity)));
+    Floats end = hn::Min(load(lines_.surface_t, v), hn::IfThenElse(inside, rest, set(kInfinity)));
+    if (rays_.bounded) end = hn::Min(end, load(lines_.reach, v));
     store(where, t_min, lines_.t_min, v);
     store(where, end, lines_.end, v);
     store(where, set(kInfinity), lines_.hit, v);
@@ -178,7 +179,11 @@ class LineFollower {
     const Floats stop = hn::Max(t, hn::IfThenElse(crossed, hit, end));
     if constexpr (AtBoundary::kStops) locate(crossed, v);
     const Floats travelled = hn::IfThenElseZero(inside, hn::Sub(stop, t));
-    const Mask at_limit = hn::AndNot(at_surface, hn::And(missed, inside));
+    Mask at_limit = hn::AndNot(at_surface, hn::And(missed, inside));
+    if (rays_.bounded) {
+      at_limit = hn::And(at_limit,
+                         hn::Or(hn::Lt(end, load(lines_.reach, v)), hn::Ge(end, set(kInfinity))));
+    }
     const Floats medium_length = hn::IfThenElse(at_limit, load(lines_.max_medium_length, v),
                                                 hn::Add(load(lines_.medium_length, v), travelled));
     store(where, medium_length, lines_.medium_length, v);

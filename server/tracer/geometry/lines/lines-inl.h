@@ -8,7 +8,6 @@
 
 #include <array>
 #include <cstddef>
-#include <limits>
 
 #include "server/tracer/geometry/obstacles.h"
 #include "server/tracer/geometry/rays.h"
@@ -63,8 +62,6 @@ struct PerLineVectors {
   }
 };
 
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
-
 // By line; values of free lines are never used, but are loaded. Distances are along the line, in
 // mm, from an origin that lies a little behind its start (rule 3 of geometry/line_geometry.h).
 struct Lines {
@@ -78,6 +75,7 @@ struct Lines {
   PerLine<uint32_t> octant{};    // of the direction
   PerLine<uint32_t> steepest{};  // axis that the line is nearest to
   PerLine<float> slack{}, max_medium_length{};
+  PerLine<float> reach{};  // where it ends, if rays are bounded
 
   // How far it has come, where it last left and entered the medium, and what it knows of surfaces.
   PerLine<float> t{}, medium_length{};

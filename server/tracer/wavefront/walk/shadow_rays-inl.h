@@ -46,7 +46,10 @@ void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& ver
   const Words words = random(wave, i, vertex, Sampler::kShadowRay);
   const Words more =
       wave.scene.lights.has_maps() ? random(wave, i, vertex, Sampler::kMap) : Words{};
-  const LightSamples light = sample(wave.scene.lights, words, more);
+  // Paths that have escaped are at no place.
+  const Vectors position =
+      if_then_else(vertices.where, load(paths.rays.position, i), Vectors{zero, zero, zero});
+  const LightSamples light = sample(wave.scene.lights, position, words, more);
   const Floats cosine = dot(vertices.axis, light.direction);
   auto [value, score] = evaluate(wave.phase, cosine);
   if (!vertices.all_in_medium) {
@@ -56,7 +59,7 @@ void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& ver
   }
   // The weight of the draw, radiance / pdf, times that of multiple importance sampling,
   // pdf / (pdf + value): `value` is also the pdf with which the walk would go there by itself.
-  // Distant lights have no pdf: what they bring is as it is.
+  // Deltas have no pdf: what they bring is as it is.
   const Floats phase_pdf = wave.switches.techniques == Switches::Techniques::kBoth ? value : zero;
   const Floats pdf_sum =
       hn::IfThenElse(hn::Gt(light.pdf, zero), hn::Add(light.pdf, phase_pdf), set(1.0F));
@@ -82,10 +85,11 @@ void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& ver
   const auto append_uints = [&](Uints v, UintColumn& column) {
     hn::CompressStore(v, for_uints(sent), UintTag(), column.data() + at);
   };
-  append_vectors(load(paths.rays.position, i), shadow_rays.rays.position);
+  append_vectors(position, shadow_rays.rays.position);
   append_vectors(light.direction, shadow_rays.rays.direction);
   append_uints(load(paths.rays.interaction, i), shadow_rays.rays.interaction);
   append(hn::Mul(limit, set(1 / wave.sigma_t)), shadow_rays.rays.max_medium_length);
+  if (shadow_rays.rays.bounded) append(light.distance, shadow_rays.rays.distance);
   append(undimmed, shadow_rays.light);
   append(importance, shadow_rays.importance);
   if (wave.medium_derivatives) append(hn::Add(load(paths.score_g, i), score), shadow_rays.score_g);

@@ -55,6 +55,7 @@ struct Wavefront {
     paths.d_reflectance.resize(reflecting.size());
     paths.d_light.resize(differentiated_lights.size());
     shadow_rays.parts_of_lights.resize(differentiated_lights.size());
+    shadow_rays.rays.bounded = compiled.lights.has_near();
   }
 
   const Scene::Compiled& scene;

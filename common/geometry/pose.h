@@ -4,7 +4,7 @@
 #include "common/geometry/mesh.h"
 #include "common/vec.h"
 
-namespace itn::tracer {
+namespace itn {
 
 struct Pose {
   Rotation<double> rotation;
@@ -20,4 +20,4 @@ inline Mesh to_object(const Pose& pose, Mesh mesh) {
   return mesh;
 }
 
-}  // namespace itn::tracer
+}  // namespace itn
