@@ -92,7 +92,10 @@ std::vector<std::pair<std::string, SceneDescription>> scenes() {
       SunSkyLight{.sun_elevation = kElevation, .sun_azimuth = 2, .sun_angular_radius = 0.05}};
   posed.pose = {.rotation = {Vec3d{0, 0.6, -0.8}, Vec3d{0, 0.8, 0.6}, Vec3d{1, 0, 0}},
                 .translation = {0.1, 0.6, 0.2}};
+  SceneDescription lamp = posed;
+  lamp.lights = {PointLight{{0.5, 1.5, 1}, 2e-6}, ConstantLight{0.1}};
   result.emplace_back("gear_posed", std::move(posed));
+  result.emplace_back("gear_lamp", std::move(lamp));
   return result;
 }
 

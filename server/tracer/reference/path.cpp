@@ -218,9 +218,8 @@ class Walk {
     const bool competes = light.pdf > 0 && switches_.techniques == Switches::Techniques::kBoth;
     const float mis_weight = competes ? light.pdf / (light.pdf + response.pdf) : 1;
 
-    const RayResult ray =
-        geometry_.follow(at_, light.direction, kMaxOpticalDepth / sigma_t_, stops_at_boundary_,
-                         light.distance);
+    const RayResult ray = geometry_.follow(at_, light.direction, kMaxOpticalDepth / sigma_t_,
+                                           stops_at_boundary_, light.distance);
     if (ray.end == RayResult::End::kLeaked) result_.leaked = true;
     if (ray.end != RayResult::End::kEscaped) return;
     const float dimming = std::exp(-sigma_t_ * ray.medium_length);

@@ -46,7 +46,7 @@ std::vector<LightDescription> every_light() {
     map.rgb.push_back(static_cast<float>(i * 7 % 11) / 5);
   }
   return {paper_sun_sky(),  ConstantLight{0.3}, DirectionalLight{{0.3, 1, -0.2}, 2}, map,
-          ConstantLight{0}, ConstantLight{0.5}};
+          ConstantLight{0}, ConstantLight{0.5}, PointLight{{0.5, 2, 1}, 1e-6}};
 }
 
 std::vector<Parameter> all_scales(size_t lights) {

@@ -145,7 +145,8 @@ TEST(RenderTest, InstructionSetsDoNotMatter) {
   s.derivatives.push_back({Parameter::kReflectance, 0});
   s.derivatives.push_back({Parameter::kLightScale, 0});
   const Scene map_lit(studio("twist", {ConstantLight{0.2}, small_map()}, 0.5F, 16));
-  for (const Scene* scene : {&mug_in_the_sun(), &map_lit}) {
+  const Scene lamp_lit(studio("cube", {PointLight{{1, 2, 0}, 4e-6}, ConstantLight{0.2}}, 0.5F, 16));
+  for (const Scene* scene : {&mug_in_the_sun(), &map_lit, &lamp_lit}) {
     const FilmSums best = render_grad(*scene, s);
     int sets = 0;
     for (const int64_t target : hwy::SupportedAndGeneratedTargets()) {
