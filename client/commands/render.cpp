@@ -141,10 +141,12 @@ void add_derivative(const std::string& name, v1::RenderGradRequest& request) {
   } else if (name.find('[') != std::string::npos) {
     request.add_scene_derivatives(name);
   } else {
-    throw Error(ErrorKind::kUsage,
-                fmt::format("--derivatives: {} is not one of sigma_t, albedo, g, sigma_a, sigma_s, "
-                            "sigma_s_reduced, surface[K].reflectance, light[K].scale",
-                            name));
+    throw Error(
+        ErrorKind::kUsage,
+        fmt::format("--derivatives: {} is not one of sigma_t, albedo, g, sigma_a, sigma_s, "
+                    "sigma_s_reduced, surface[K].reflectance, surface[K].checkerboard.even, "
+                    "surface[K].checkerboard.odd, light[K].scale",
+                    name));
   }
 }
 
@@ -386,7 +388,8 @@ void add_render_command(CLI::App& app) {
   command
       ->add_option("--derivatives", options->derivatives,
                    "Layers to add, separated by commas: sigma_t, albedo, g, sigma_a, sigma_s, "
-                   "sigma_s_reduced, surface[K].reflectance, light[K].scale (K-th of the scene "
+                   "sigma_s_reduced, surface[K].reflectance, surface[K].checkerboard.even or odd, "
+                   "light[K].scale (K-th of the scene "
                    "file, from 0; the scale of a light is 1)")
       ->delimiter(',')
       ->allow_extra_args(false);

@@ -10,6 +10,7 @@
 #include "common/geometry/shapes.h"
 #include "common/scene/field_check.h"
 #include "common/scene/scene_bytes.h"
+#include "server/render/field_reader.h"
 #include "server/tracer/geometry/object.h"
 
 namespace itn {
@@ -177,13 +178,23 @@ void MeshBuilder::build_object(const std::string& field, const v1::Mesh& proto, 
   }
 }
 
+tracer::Reflectance build_reflectance(const std::string& field, const v1::Surface& proto) {
+  tracer::UniformReflectance uniform;
+  const FieldReader reader(field, proto);
+  tracer::UniformReflectance::fields(uniform, reader);
+  const auto* pattern = set_field(proto, "pattern");
+  if (pattern == nullptr) return uniform;
+  if (proto.has_reflectance()) {
+    throw invalid_input(
+        fmt::format("{} has reflectance and {}; it must have one of them", field, pattern->name()));
+  }
+  return read_kind<tracer::Reflectance>(field, proto, *pattern);
+}
+
 tracer::DiffuseSurface MeshBuilder::build_surface(const std::string& field,
                                                   const v1::Surface& proto) {
   tracer::DiffuseSurface surface;
-  if (proto.has_reflectance()) {
-    surface.reflectance =
-        static_cast<float>(in_closed(field + ".reflectance", proto.reflectance(), 0, 1));
-  }
+  surface.reflectance = build_reflectance(field, proto);
   switch (proto.shape_case()) {
     case v1::Surface::kRectangle:
       count(2);

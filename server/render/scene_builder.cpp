@@ -8,7 +8,7 @@
 #include "common/rpc/wire_check.h"
 #include "common/scene/field_check.h"
 #include "common/scene/scene_bytes.h"
-#include "server/render/light_builder.h"
+#include "server/render/field_reader.h"
 #include "server/render/mesh_builder.h"
 
 namespace itn {
@@ -87,6 +87,12 @@ std::string digest_of_surfaces(const v1::Scene& scene) {
 }
 
 }  // namespace
+
+tracer::LightDescription build_light(const std::string& field, const v1::Light& proto) {
+  const auto* kind = set_field(proto, "kind");
+  if (kind == nullptr) throw missing(field + ": one of " + names_of(proto, "kind"));
+  return read_kind<tracer::LightDescription>(field, proto, *kind);
+}
 
 v1::Scene parse_scene(const std::string& bytes) {
   v1::Scene scene;

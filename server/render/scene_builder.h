@@ -25,6 +25,9 @@ struct RenderLimits {
 // does not know is refused: it would change the image somewhere else and not here.
 v1::Scene parse_scene(const std::string& bytes);
 
+// Throws Error as in common/scene/field_check.h; environment maps with a `path` are refused.
+tracer::LightDescription build_light(const std::string& field, const v1::Light& proto);
+
 // Meshes with a `path` are refused, as are environment maps. The object's last rotations and
 // translations become its pose. With `parts`, the scene has the keys to share what it is compiled
 // into there, and an object that is held is not built again.

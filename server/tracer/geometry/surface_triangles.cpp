@@ -12,6 +12,12 @@ Surfaces::Surfaces(const std::vector<DiffuseSurface>& surfaces) {
   for (const DiffuseSurface& surface : surfaces) {
     first_triangle_of_mesh.push_back(static_cast<uint32_t>(triangles));
     meshes.push_back(surface.mesh);
+    const auto* uniform = std::get_if<UniformReflectance>(&surface.reflectance);
+    if (uniform == nullptr) {
+      const auto count = static_cast<uint32_t>(surface.mesh.triangles.size());
+      const uint32_t first = first_triangle_of_mesh.back();
+      patterned.push_back({{first, first + count}, surface.reflectance});
+    }
     for (const auto& triangle : surface.mesh.triangles) {
       Vec3d corner[3];
       for (size_t k = 0; k < 3; ++k) {
@@ -25,7 +31,7 @@ Surfaces::Surfaces(const std::vector<DiffuseSurface>& surfaces) {
       }
       normals.push_back(
           static_cast<Vec3f>(itn::normalize(cross(corner[1] - corner[0], corner[2] - corner[0]))));
-      reflectances.push_back(surface.reflectance);
+      reflectances.push_back(uniform == nullptr ? 0 : uniform->value);
       ++triangles;
     }
   }

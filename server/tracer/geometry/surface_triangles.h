@@ -50,7 +50,13 @@ struct Surfaces {
     Vec3f at(size_t i) const { return {x[i], y[i], z[i]}; }
   };
   Vectors corners[3], normals;
+  // The reflectance of those that are uniform; the others are patterned.
   std::vector<float> reflectances;
+  struct Pattern {
+    Range triangles;
+    Reflectance reflectance;
+  };
+  std::vector<Pattern> patterned;
   Bounds bounds{};                               // of all of them
   std::unique_ptr<Intersector> many;             // null for a few
   std::vector<uint32_t> first_triangle_of_mesh;  // the number of a mesh's triangle 0

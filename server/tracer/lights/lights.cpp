@@ -13,8 +13,8 @@
 #include <tuple>
 #include <utility>
 
-#include "common/angle.h"
 #include "common/error.h"
+#include "common/fields.h"
 #include "server/tracer/lights/lights-inl.h"
 
 namespace itn::tracer {
@@ -23,35 +23,6 @@ namespace {
 // One lane, without any special instructions.
 namespace lanes = HWY_NAMESPACE;
 namespace hn = lanes::hn;
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-// Of every field of a description: throws unless it is in its range.
-struct FieldCheck {
-  std::string light;
-
-  void number(const char* name, double value, double low, double high) const {
-    if (!(value >= low && value <= high)) {
-      throw invalid_input(
-          fmt::format("{}.{} is {}; it must be in [{}, {}]", light, name, value, low, high));
-    }
-  }
-  void angle(const char* name, double radians, double low = -kInfinity,
-             double high = kInfinity) const {
-    // Back from radians, 90 degrees may be the next larger number.
-    number(name, std::round(radians / kRadiansPerDegree * 1e9) / 1e9, low, high);
-  }
-  void direction(const char* name, Vec3d value) const {
-    if (!is_finite(value) || !(length(value) > 0)) {
-      throw invalid_input(fmt::format("{}.{} must be finite and not zero", light, name));
-    }
-  }
-  void position(const char* name, Vec3d value) const {
-    if (!is_finite(value)) throw invalid_input(fmt::format("{}.{} must be finite", light, name));
-  }
-  // Looked at when they are compiled.
-  void pixels(const char* /*name*/, const EnvironmentMapLight& /*map*/) const {}
-};
 
 }  // namespace
 
@@ -68,12 +39,11 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
     if (power > 0) lights_.push_back({std::forward<Kind>(kind), 0, power, number});
   };
   const auto compile = [&]<typename Description>(const Description& light) {
-    const FieldCheck check{Description::kName};
-    Description::fields(light, check);
     std::apply([&](auto&&... kinds) { (add(std::move(kinds)), ...); },
                std::tuple(light.compile(frame)));
   };
   for (const LightDescription& description : descriptions) {
+    check_fields("", description);
     std::visit(compile, description);
     ++number;
   }

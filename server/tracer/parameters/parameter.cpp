@@ -5,13 +5,16 @@
 #include <charconv>
 
 #include "common/error.h"
+#include "common/fields.h"
+#include "server/tracer/surfaces/reflectance.h"
 
 namespace itn::tracer {
 namespace {
 
-// Reads "PREFIX[INDEX]SUFFIX" with an INDEX as it is printed: no sign, no leading zero.
-bool read_indexed(std::string_view name, std::string_view prefix, std::string_view suffix,
+// Reads "PREFIX[INDEX].SUFFIX" with an INDEX as it is printed: no sign, no leading zero.
+bool read_indexed(std::string_view name, std::string_view prefix, std::string suffix,
                   uint32_t& index) {
+  suffix = "]." + suffix;
   if (!name.starts_with(prefix) || !name.ends_with(suffix) ||
       name.size() <= prefix.size() + suffix.size()) {
     return false;
@@ -36,7 +39,9 @@ std::string name_of(const Parameter& parameter) {
     case Parameter::kSigmaT: return "sigma_t";
     case Parameter::kAlbedo: return "albedo";
     case Parameter::kG: return "g";
-    case Parameter::kReflectance: return fmt::format("surface[{}].reflectance", parameter.index);
+    case Parameter::kReflectance:
+      return fmt::format("surface[{}].{}", parameter.index,
+                         slots_of<Reflectance>().at(parameter.slot).name);
     case Parameter::kLightScale: return fmt::format("light[{}].scale", parameter.index);
   }
   throw Error(ErrorKind::kInternal, "a parameter of no kind");
@@ -47,14 +52,19 @@ Parameter parameter_named(std::string_view name) {
     if (name == name_of(parameter)) return parameter;
   }
   uint32_t index = 0;
-  if (read_indexed(name, "surface[", "].reflectance", index)) {
-    return {Parameter::kReflectance, index};
+  std::string names;  // of all
+  const std::vector<Slot>& reflectances = slots_of<Reflectance>();
+  for (uint32_t slot = 0; slot < reflectances.size(); ++slot) {
+    if (read_indexed(name, "surface[", reflectances[slot].name, index)) {
+      return {Parameter::kReflectance, index, slot};
+    }
+    names += (slot == 0 ? "" : ", ") + ("surface[K]." + reflectances[slot].name);
   }
-  if (read_indexed(name, "light[", "].scale", index)) return {Parameter::kLightScale, index};
+  if (read_indexed(name, "light[", "scale", index)) return {Parameter::kLightScale, index};
   throw invalid_input(
-      fmt::format("{} is not a parameter; there are sigma_t, albedo, g, surface[K].reflectance and "
-                  "light[K].scale, K counting from 0",
-                  name));
+      fmt::format("{} is not a parameter; there are sigma_t, albedo, g, {} and light[K].scale, K "
+                  "counting from 0",
+                  name, names));
 }
 
 }  // namespace itn::tracer

@@ -13,12 +13,13 @@ struct Parameter {
     kSigmaT,  // of the medium, in 1/mm; so is the derivative's unit, radiance * mm
     kAlbedo,
     kG,
-    kReflectance,  // of surfaces[index]
+    kReflectance,  // a slot of the reflectance of surfaces[index]
     // A factor on all that lights[index] sends out, which is 1 in every scene: the derivative is
     // the part of the radiance that comes from this light.
     kLightScale,
   } kind = kSigmaT;
   uint32_t index = 0;  // of the surface or light; 0 for the medium
+  uint32_t slot = 0;   // in slots_of<Reflectance>(); else 0
 
   bool operator==(const Parameter&) const = default;
   bool of_medium() const { return kind <= kG; }
@@ -28,7 +29,8 @@ struct Parameter {
 // follow by the chain rule.
 const std::vector<Parameter>& medium_parameters();
 
-// "sigma_t", "albedo", "g", "surface[0].reflectance", "light[1].scale".
+// "sigma_t", "albedo", "g", "surface[0].reflectance", "surface[0].checkerboard.even",
+// "light[1].scale".
 std::string name_of(const Parameter& parameter);
 
 // Throws Error (invalid input), which says what names there are.

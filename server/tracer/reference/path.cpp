@@ -34,6 +34,7 @@
 #include <vector>
 
 #include "common/error.h"
+#include "common/fields.h"
 #include "server/tracer/phase/phase_function.h"
 #include "server/tracer/random/sampler.h"
 
@@ -41,7 +42,10 @@ namespace itn::tracer {
 namespace {
 
 using HWY_NAMESPACE::evaluate;
+using HWY_NAMESPACE::reflectance_at;
+using HWY_NAMESPACE::reflectance_slope;
 using HWY_NAMESPACE::sample_cosine;
+using HWY_NAMESPACE::hn::GetLane;
 
 constexpr float kFloatPi = std::numbers::pi_v<float>;
 
@@ -153,10 +157,15 @@ class Walk {
 
   // A diffuse reflection: likewise, with the cosine law.
   void reflect(const Interaction& at, float u0, float u1) {
-    const float reflectance = scene_.surfaces[at.on.surface].reflectance;
+    const Reflectance& kind = scene_.surfaces[at.on.surface].reflectance;
+    const auto position = HWY_NAMESPACE::set(at.position);
+    const float reflectance = GetLane(reflectance_at(kind, position));
     for (const size_t i : reflectances_) {
-      const bool own = request_.derivatives[i].index == at.on.surface;
-      dweight_dreflectance_[i] = dweight_dreflectance_[i] * reflectance + (own ? weight_ : 0);
+      const Parameter& parameter = request_.derivatives[i];
+      const size_t slot = slots_of<Reflectance>()[parameter.slot].number;
+      const float slope =
+          parameter.index == at.on.surface ? GetLane(reflectance_slope(kind, slot, position)) : 0;
+      dweight_dreflectance_[i] = dweight_dreflectance_[i] * reflectance + slope * weight_;
     }
     weight_ *= reflectance;
     dweight_dalbedo_ *= reflectance;

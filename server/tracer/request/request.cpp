@@ -6,6 +6,8 @@
 #include <cmath>
 
 #include "common/error.h"
+#include "common/fields.h"
+#include "server/tracer/scene/compiled_scene.h"
 
 namespace itn::tracer {
 namespace {
@@ -87,6 +89,18 @@ void check_index(const Parameter& parameter, size_t count, const char* what) {
   }
 }
 
+// Whether the surface has the parameter's slot.
+void check_slot(const Parameter& parameter, const Reflectance& reflectance) {
+  const std::vector<Slot>& slots = slots_of<Reflectance>();
+  if (slots[parameter.slot].kind == reflectance.index()) return;
+  std::string have;
+  for (uint32_t slot = 0; slot < slots.size(); ++slot) {
+    if (slots[slot].kind != reflectance.index()) continue;
+    have += (have.empty() ? "" : ", ") + name_of({parameter.kind, parameter.index, slot});
+  }
+  throw invalid_input(fmt::format("no derivative in {}: there is {}", name_of(parameter), have));
+}
+
 }  // namespace
 
 void validate(const RenderRequest& request) {
@@ -111,6 +125,7 @@ void validate(const RenderRequest& request, const Scene& scene) {
   for (const Parameter& parameter : request.derivatives) {
     if (parameter.kind == Parameter::kReflectance) {
       check_index(parameter, scene.surface_count(), "surface");
+      check_slot(parameter, scene.compiled().surfaces[parameter.index].reflectance);
     } else if (parameter.kind == Parameter::kLightScale) {
       check_index(parameter, scene.light_count(), "light");
     }

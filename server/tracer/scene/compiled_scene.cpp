@@ -22,7 +22,11 @@ bool contains(const Bounds& box, Vec3d p) {
 }
 
 std::vector<DiffuseSurface> to_object(const Pose& pose, std::vector<DiffuseSurface> surfaces) {
-  for (DiffuseSurface& surface : surfaces) surface.mesh = to_object(pose, std::move(surface.mesh));
+  for (DiffuseSurface& surface : surfaces) {
+    surface.mesh = to_object(pose, std::move(surface.mesh));
+    surface.reflectance = std::visit(
+        [&](const auto& kind) -> Reflectance { return kind.compile(pose); }, surface.reflectance);
+  }
   return surfaces;
 }
 

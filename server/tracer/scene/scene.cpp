@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "common/error.h"
+#include "common/fields.h"
 #include "common/part_cache.h"
 #include "server/tracer/geometry/object.h"
 #include "server/tracer/geometry/surface_triangles.h"
@@ -29,10 +30,7 @@ void check(const SceneDescription& scene) {
   for (size_t i = 0; i < scene.surfaces.size(); ++i) {
     const DiffuseSurface& surface = scene.surfaces[i];
     validate_triangles(surface.mesh, fmt::format("surfaces[{}]", i));
-    if (!(surface.reflectance >= 0 && surface.reflectance <= 1)) {
-      throw invalid_input(fmt::format("surfaces[{}]: reflectance is {}; it must be in [0, 1]", i,
-                                      surface.reflectance));
-    }
+    check_fields(fmt::format("surfaces[{}]: ", i), surface.reflectance);
   }
 }
 

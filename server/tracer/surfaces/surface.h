@@ -1,14 +1,21 @@
 // Opaque surfaces beside the object.
 #pragma once
 
+#include <utility>
+
 #include "common/geometry/mesh.h"
+#include "server/tracer/surfaces/reflectance.h"
 
 namespace itn::tracer {
 
 // Reflects with radiance = reflectance * irradiance / pi on both sides.
 struct DiffuseSurface {
+  DiffuseSurface() = default;
+  DiffuseSurface(Mesh of, Reflectance by) : mesh(std::move(of)), reflectance(by) {}
+  DiffuseSurface(Mesh of, float by) : mesh(std::move(of)), reflectance(UniformReflectance{by}) {}
+
   Mesh mesh;
-  float reflectance = 0.5F;
+  Reflectance reflectance;
 };
 
 }  // namespace itn::tracer

@@ -133,6 +133,18 @@ const BadScene kBadScenes[] = {
      "scene.surfaces[0].reflectance is 1.5; it must be in [0, 1]"},
     {"ReflectanceNan", [](auto& s) { s.mutable_surfaces(0)->set_reflectance(kNan); },
      "scene.surfaces[0].reflectance is nan"},
+    {"Board",
+     [](auto& s) {
+       s.mutable_surfaces(0)->set_reflectance(0.5F);
+       s.mutable_surfaces(0)->mutable_checkerboard()->set_odd(0.5F);
+     },
+     "scene.surfaces[0] has reflectance and checkerboard; it must have one of them"},
+    {"BoardOdd",
+     [](auto& s) {
+       s.mutable_surfaces(0)->clear_reflectance();
+       s.mutable_surfaces(0)->mutable_checkerboard()->set_odd(2);
+     },
+     "scene.surfaces[0].checkerboard.odd is 2; it must be in [0, 1]"},
     {"FlatRectangle",
      [](auto& s) {
        auto* r = s.mutable_surfaces(0)->mutable_rectangle();
@@ -421,7 +433,7 @@ TEST(SceneBuilder, FillsInTheDocumentedDefaults) {
   EXPECT_DOUBLE_EQ(sky.sky_scale, 1);
   EXPECT_DOUBLE_EQ(built.camera.fov, 40 * degree);
   EXPECT_EQ(built.camera.up, (Vec3d{0, 1, 0}));
-  EXPECT_FLOAT_EQ(built.surfaces.at(0).reflectance, 0.5F);
+  EXPECT_EQ(std::get<tracer::UniformReflectance>(built.surfaces.at(0).reflectance).value, 0.5F);
   EXPECT_EQ(built.film.channel, tracer::Channel::kLuminance);
 }
 
@@ -473,7 +485,7 @@ TEST(SceneBuilder, ZeroIsNotAbsent) {
   sky.set_sun_scale(0);
   sky.set_sun_elevation_degrees(0);
   const auto built = build_scene(scene, RenderLimits());
-  EXPECT_EQ(built.surfaces.at(0).reflectance, 0);
+  EXPECT_EQ(std::get<tracer::UniformReflectance>(built.surfaces.at(0).reflectance).value, 0);
   EXPECT_EQ(std::get<tracer::SunSkyLight>(built.lights.at(0)).sun_scale, 0);
   EXPECT_EQ(std::get<tracer::SunSkyLight>(built.lights.at(0)).sun_elevation, 0);
 }

@@ -14,12 +14,14 @@ TEST(ParameterTest, NamesAreReadAsTheyArePrinted) {
   std::vector<Parameter> all = medium_parameters();
   for (const uint32_t index : {0U, 1U, 10U, 4294967295U}) {
     all.push_back({Parameter::kReflectance, index});
+    all.push_back({Parameter::kReflectance, index, 2});
     all.push_back({Parameter::kLightScale, index});
   }
   for (const Parameter& parameter : all) {
     EXPECT_EQ(parameter_named(name_of(parameter)), parameter) << name_of(parameter);
   }
   EXPECT_EQ(name_of({Parameter::kReflectance, 2}), "surface[2].reflectance");
+  EXPECT_EQ(name_of({Parameter::kReflectance, 2, 1}), "surface[2].checkerboard.even");
   EXPECT_EQ(name_of({Parameter::kLightScale, 0}), "light[0].scale");
 }
 

@@ -11,10 +11,18 @@
 #include <numbers>
 
 #include "server/tracer/geometry/lines/surface_search-inl.h"
+#include "server/tracer/surfaces/reflectance.h"
 #include "server/tracer/wavefront/walk/shadow_rays-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
+
+// Whether triangles are of a range: from `first` on, and before `end`.
+HWY_INLINE Mask among(Surfaces::Range range, Ints triangles) {
+  const auto below = [](uint32_t n) { return hn::Set(IntTag(), static_cast<int32_t>(n) - 1); };
+  return hn::RebindMask(FloatTag(), hn::AndNot(hn::Gt(triangles, below(range.end)),
+                                               hn::Gt(triangles, below(range.first))));
+}
 
 HWY_INLINE Vertices vertices_of(const Paths& paths, const Surfaces& surfaces, float albedo,
                                 size_t i, Mask where, Mask in_medium) {
@@ -33,7 +41,12 @@ HWY_INLINE Vertices vertices_of(const Paths& paths, const Surfaces& surfaces, fl
     const Ints at = hn::BitCast(IntTag(), hn::IfThenElseZero(on_surface, triangle));
     vertices.triangles =
         hn::BitCast(IntTag(), hn::IfThenElse(on_surface, triangle, set(Surfaces::kNone)));
-    const Floats reflectance = gather(surfaces.reflectances.data(), at);
+    Floats reflectance = gather(surfaces.reflectances.data(), at);
+    for (const Surfaces::Pattern& pattern : surfaces.patterned) {
+      reflectance = hn::IfThenElse(
+          among(pattern.triangles, vertices.triangles),
+          reflectance_at(pattern.reflectance, load(paths.rays.position, i)), reflectance);
+    }
     vertices.factor = hn::IfThenElse(in_medium, vertices.factor, reflectance);
     const Vectors normal{gather(surfaces.normals.x.data(), at),
                          gather(surfaces.normals.y.data(), at),
@@ -63,12 +76,11 @@ HWY_INLINE void multiply_by_factor(Wavefront<AtBoundary>& wave, size_t i,
           other_weight, i);
   }
   for (size_t r = 0; r < wave.reflecting.size(); ++r) {
-    // From `first` on, and before `end`.
-    const auto below = [](uint32_t n) { return hn::Set(IntTag(), static_cast<int32_t>(n) - 1); };
-    const auto own = hn::AndNot(hn::Gt(vertices.triangles, below(wave.reflecting[r].end)),
-                                hn::Gt(vertices.triangles, below(wave.reflecting[r].first)));
+    const auto& [triangles, reflectance, slot] = wave.reflecting[r];
+    const Floats slope = reflectance_slope(reflectance, slot, load(paths.rays.position, i));
     FloatColumn& derivative = paths.dweight_dreflectance[r];
-    const Floats gain = hn::IfThenElseZero(hn::RebindMask(FloatTag(), own), weight);
+    const Floats gain =
+        hn::IfThenElseZero(among(triangles, vertices.triangles), hn::Mul(weight, slope));
     store(mul_add(load(derivative, i), factor, gain), derivative, i);
   }
 }

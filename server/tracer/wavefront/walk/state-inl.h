@@ -11,6 +11,7 @@
 #include <numbers>
 #include <vector>
 
+#include "common/fields.h"
 #include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/phase/phase_function.h"
 #include "server/tracer/random/philox-inl.h"
@@ -44,7 +45,9 @@ struct Wavefront {
                                                 compiled.lights.power() / (4 * std::numbers::pi))) {
     for (const Parameter& parameter : asked.derivatives) {
       if (parameter.kind == Parameter::kReflectance) {
-        reflecting.push_back(compiled.obstacles.surfaces.triangles_of(parameter.index));
+        reflecting.push_back({compiled.obstacles.surfaces.triangles_of(parameter.index),
+                              compiled.surfaces[parameter.index].reflectance,
+                              slots_of<Reflectance>()[parameter.slot].number});
       } else if (parameter.kind == Parameter::kLightScale) {
         differentiated_lights.push_back(parameter.index);
       }
@@ -65,8 +68,13 @@ struct Wavefront {
   const PhaseFunction phase;
   const bool medium_derivatives;
   const float shadow_ray_threshold;  // of their roulette, as a radiance; 0: all are traced
-  // The triangles of the surfaces, and the lights, that derivatives are asked for in.
-  std::vector<Surfaces::Range> reflecting;
+  // The slots of surfaces, and the lights, that derivatives are asked for in.
+  struct SurfaceSlot {
+    Surfaces::Range triangles;
+    const Reflectance& reflectance;
+    size_t number;  // in its kind
+  };
+  std::vector<SurfaceSlot> reflecting;
   std::vector<size_t> differentiated_lights;
 
   Paths paths;

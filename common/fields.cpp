@@ -1,0 +1,34 @@
+#include "common/fields.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "common/angle.h"
+#include "common/error.h"
+
+namespace itn {
+
+void FieldCheck::number(const char* name, double value, double low, double high) const {
+  if (!(value >= low && value <= high)) {
+    throw invalid_input(
+        fmt::format("{}{} is {}; it must be in [{}, {}]", of_, name, value, low, high));
+  }
+}
+
+// Back from radians, 90 degrees may be the next larger number.
+void FieldCheck::angle(const char* name, double radians, double low, double high) const {
+  number(name, std::round(radians / kRadiansPerDegree * 1e9) / 1e9, low, high);
+}
+
+void FieldCheck::direction(const char* name, Vec3d value) const {
+  if (!is_finite(value) || !(length(value) > 0)) {
+    throw invalid_input(fmt::format("{}{} must be finite and not zero", of_, name));
+  }
+}
+
+void FieldCheck::position(const char* name, Vec3d value) const {
+  if (!is_finite(value)) throw invalid_input(fmt::format("{}{} must be finite", of_, name));
+}
+
+}  // namespace itn

@@ -1,0 +1,109 @@
+// The fields of what a scene consists of: a light, a reflectance, a phase function.
+//
+// A kind of these lists its own, by the names that they have in its message, with their ranges,
+//   template <typename Self, typename Fields>
+//   static void fields(Self& self, Fields& to) {
+//     to.number("turbidity", self.turbidity, 1, 10);
+//   }
+// for who reads, checks or names them:
+//   number(name, value, low, high)
+//   slot(name, value, low, high)     a number that images have a derivative in
+//   angle(name, radians, low, high)  the range in degrees
+//   direction(name, vector)          of any length but 0
+//   position(name, vector)           in mm; or the edge of something
+//   pixels(name, map)                of a panorama
+// Kinds are held in a std::variant, and have a kName, that of the field of their message.
+#pragma once
+
+#include <limits>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "common/vec.h"
+
+namespace itn {
+
+// Throws Error (invalid input) unless a field is in its range.
+class FieldCheck {
+ public:
+  explicit FieldCheck(std::string of) : of_(std::move(of)) {}
+
+  void number(const char* name, double value, double low, double high) const;
+  void slot(const char* name, double value, double low, double high) const {
+    number(name, value, low, high);
+  }
+  void angle(const char* name, double radians,
+             double low = -std::numeric_limits<double>::infinity(),
+             double high = std::numeric_limits<double>::infinity()) const;
+  void direction(const char* name, Vec3d value) const;
+  void position(const char* name, Vec3d value) const;
+  // Looked at when they are compiled.
+  template <typename Map>
+  void pixels(const char* /*name*/, const Map& /*map*/) const {}
+
+ private:
+  const std::string of_;
+};
+
+template <typename... Kinds>
+void check_fields(const std::string& of, const std::variant<Kinds...>& kind) {
+  const FieldCheck check(of);
+  std::visit([&]<typename Kind>(const Kind& it) { Kind::fields(it, check); }, kind);
+}
+
+// The slots of a kind.
+struct SlotNames {
+  std::vector<std::string> names;
+
+  template <typename Number>
+  void slot(const char* name, const Number& /*value*/, double /*low*/, double /*high*/) {
+    names.emplace_back(name);
+  }
+  template <typename... Any>
+  void number(const Any&... /*field*/) {}
+  template <typename... Any>
+  void angle(const Any&... /*field*/) {}
+  template <typename... Any>
+  void direction(const Any&... /*field*/) {}
+  template <typename... Any>
+  void position(const Any&... /*field*/) {}
+  template <typename... Any>
+  void pixels(const Any&... /*field*/) {}
+};
+
+// A slot of some kind of a list.
+struct Slot {
+  size_t kind, number;  // of the kind in the list, of the slot in the kind
+  std::string name;     // as "checkerboard.even", or "reflectance" of a kind without a name
+};
+
+namespace fields_internal {
+template <typename Kind>
+void append_slots(size_t kind, std::vector<Slot>& slots) {
+  const Kind any{};
+  SlotNames of_kind;
+  Kind::fields(any, of_kind);
+  const std::string prefix = Kind::kName;
+  for (size_t i = 0; i < of_kind.names.size(); ++i) {
+    slots.push_back({kind, i, prefix.empty() ? of_kind.names[i] : prefix + "." + of_kind.names[i]});
+  }
+}
+template <typename... Kinds>
+std::vector<Slot> slots_of(const std::variant<Kinds...>* /*type*/) {
+  std::vector<Slot> slots;
+  size_t kind = 0;
+  (append_slots<Kinds>(kind++, slots), ...);
+  return slots;
+}
+}  // namespace fields_internal
+
+// Those of all kinds, in the order of the list.
+template <typename Variant>
+const std::vector<Slot>& slots_of() {
+  static const std::vector<Slot> slots =
+      fields_internal::slots_of(static_cast<const Variant*>(nullptr));
+  return slots;
+}
+
+}  // namespace itn

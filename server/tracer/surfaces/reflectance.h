@@ -1,0 +1,50 @@
+// The list of reflectances of surfaces. A kind is a file, as checkerboard.h, an entry here, and a
+// message in the Surface of itn/v1/scene.proto. It says its fields (common/fields.h) and
+//   compile(pose)                       itself in the coordinates of the object
+// and computes, at many points of surfaces at a time, in mm,
+//   reflectance_at(kind, p)
+//   reflectance_slope(kind, slot, p)    its derivative in one of its slots
+#include <variant>
+
+#include "server/tracer/surfaces/checkerboard.h"
+#include "server/tracer/surfaces/uniform_reflectance.h"
+
+#ifndef ITN_TRACER_SURFACES_REFLECTANCE_H_
+#define ITN_TRACER_SURFACES_REFLECTANCE_H_
+
+namespace itn::tracer {
+
+using Reflectance = std::variant<UniformReflectance, Checkerboard>;
+
+}  // namespace itn::tracer
+
+#endif
+
+#if defined(ITN_KERNEL) && \
+    defined(ITN_TRACER_SURFACES_REFLECTANCE_MATHS_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_SURFACES_REFLECTANCE_MATHS_
+#undef ITN_TRACER_SURFACES_REFLECTANCE_MATHS_
+#else
+#define ITN_TRACER_SURFACES_REFLECTANCE_MATHS_
+#endif
+
+#include "server/tracer/simd/either-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+HWY_INLINE Floats reflectance_at(const Reflectance& reflectance, Vectors p) {
+  Floats result = hn::Zero(FloatTag());
+  visit_kind(reflectance, [&](const auto& kind) { result = reflectance_at(kind, p); });
+  return result;
+}
+HWY_INLINE Floats reflectance_slope(const Reflectance& reflectance, size_t slot, Vectors p) {
+  Floats result = hn::Zero(FloatTag());
+  visit_kind(reflectance, [&](const auto& kind) { result = reflectance_slope(kind, slot, p); });
+  return result;
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif
