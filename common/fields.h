@@ -106,4 +106,12 @@ const std::vector<Slot>& slots_of() {
   return slots;
 }
 
+// Of the kind that it is.
+template <typename Variant>
+size_t slot_count(const Variant& kind) {
+  size_t count = 0;
+  for (const Slot& slot : slots_of<Variant>()) count += slot.kind == kind.index() ? 1 : 0;
+  return count;
+}
+
 }  // namespace itn

@@ -31,6 +31,7 @@
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_file.h"
+#include "common/scene/text_proto.h"
 #include "server/render/mesh_builder.h"
 
 namespace itn {
@@ -42,7 +43,9 @@ struct RenderFlags {
   std::string output;
   std::string png;
   std::string film;
-  double sigma_t = 0, albedo = 0, g = 0;
+  double sigma_t = 0, albedo = 0;
+  std::optional<double> g;
+  std::string phase;
   uint32_t spp = 64;
   uint64_t seed = 0;
   std::vector<std::string> derivatives;
@@ -134,19 +137,19 @@ v1::Parameter medium_parameter(const std::string& name) {
   return value;
 }
 
-// A parameter of the scene, as "light[0].scale", is the worker's to read.
+// A parameter of the scene or phase function, as "light[0].scale", is the worker's to read.
 void add_derivative(const std::string& name, v1::RenderGradRequest& request) {
   if (const v1::Parameter parameter = medium_parameter(name)) {
     request.add_derivatives(parameter);
-  } else if (name.find('[') != std::string::npos) {
+  } else if (name.find('.') != std::string::npos) {
     request.add_scene_derivatives(name);
   } else {
-    throw Error(
-        ErrorKind::kUsage,
-        fmt::format("--derivatives: {} is not one of sigma_t, albedo, g, sigma_a, sigma_s, "
-                    "sigma_s_reduced, surface[K].reflectance, surface[K].checkerboard.even, "
-                    "surface[K].checkerboard.odd, light[K].scale",
-                    name));
+    throw Error(ErrorKind::kUsage,
+                fmt::format("--derivatives: {} is not one of sigma_t, albedo, g, sigma_a, sigma_s, "
+                            "sigma_s_reduced, two_term.g_1, two_term.g_2, two_term.weight, "
+                            "surface[K].reflectance, surface[K].checkerboard.even, "
+                            "surface[K].checkerboard.odd, light[K].scale",
+                            name));
   }
 }
 
@@ -163,7 +166,11 @@ RenderJob make_job(const RenderFlags& options) {
   if (!options.film.empty()) set_film(options.film, *scene.mutable_film());
   RenderJob job;
   job.scene = serialize(scene);
-  *job.request.mutable_material() = to_proto(Material{options.sigma_t, options.albedo, options.g});
+  *job.request.mutable_material() =
+      to_proto(Material{options.sigma_t, options.albedo, options.g.value_or(0)});
+  if (!options.phase.empty()) {
+    parse_text_proto(options.phase, "--phase", *job.request.mutable_phase());
+  }
   job.request.set_spp(options.spp);
   job.request.set_seed(options.seed);
   job.request.set_estimates(options.estimates);
@@ -225,7 +232,6 @@ Image make_image(const v1::RenderGradReply& reply, const RenderFlags& options,
       {attribute::kSceneSha256, to_hex(job.scene->digest)},
       {attribute::kSigmaT, options.sigma_t},
       {attribute::kAlbedo, options.albedo},
-      {attribute::kG, options.g},
       {attribute::kSpp, static_cast<int>(options.spp)},
       {attribute::kSeed, std::to_string(options.seed)},
       {attribute::kEstimates, static_cast<int>(options.estimates)},
@@ -237,6 +243,11 @@ Image make_image(const v1::RenderGradReply& reply, const RenderFlags& options,
       {attribute::kInvalidSamples, count(counters.invalid_samples())},
       {attribute::kLeaks, count(counters.leaks())},
   };
+  if (options.phase.empty()) {
+    image.attributes[attribute::kG] = options.g.value_or(0);
+  } else {
+    image.attributes[attribute::kPhase] = options.phase;
+  }
   return image;
 }
 
@@ -376,9 +387,14 @@ void add_render_command(CLI::App& app) {
   command->add_option("--albedo", options->albedo, "Single-scattering albedo")
       ->check(number_in(0.0, 1.0))
       ->required();
-  command->add_option("--g", options->g, "Mean cosine of scattering")
-      ->check(number_in(-kMaxAbsG, kMaxAbsG))
-      ->capture_default_str();
+  CLI::Option* g = command->add_option("--g", options->g, "Mean cosine of scattering")
+                       ->check(number_in(-kMaxAbsG, kMaxAbsG))
+                       ->default_str("0");
+  command
+      ->add_option("--phase", options->phase,
+                   "Phase function instead of Henyey and Greenstein's with --g, text format of "
+                   "itn.v1.PhaseFunction: 'two_term { g_1: 0.8 g_2: -0.3 weight: 0.9 }'")
+      ->excludes(g);
   command->add_option("--spp", options->spp, "Samples per pixel")
       ->check(kSppRange)
       ->capture_default_str();
@@ -388,7 +404,8 @@ void add_render_command(CLI::App& app) {
   command
       ->add_option("--derivatives", options->derivatives,
                    "Layers to add, separated by commas: sigma_t, albedo, g, sigma_a, sigma_s, "
-                   "sigma_s_reduced, surface[K].reflectance, surface[K].checkerboard.even or odd, "
+                   "sigma_s_reduced, two_term.g_1, two_term.g_2, two_term.weight, "
+                   "surface[K].reflectance, surface[K].checkerboard.even or odd, "
                    "light[K].scale (K-th of the scene "
                    "file, from 0; the scale of a light is 1)")
       ->delimiter(',')

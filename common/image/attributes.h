@@ -9,6 +9,7 @@ inline constexpr const char* kSceneSha256 = "itn.scene_sha256";  // of the scene
 inline constexpr const char* kSigmaT = "itn.sigma_t";            // in 1/mm
 inline constexpr const char* kAlbedo = "itn.albedo";
 inline constexpr const char* kG = "itn.g";
+inline constexpr const char* kPhase = "itn.phase";  // instead of g: an itn.v1.PhaseFunction
 inline constexpr const char* kSpp = "itn.spp";
 inline constexpr const char* kSeed = "itn.seed";
 inline constexpr const char* kEstimates = "itn.estimates";

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <set>
 
 #include "common/error.h"
@@ -27,7 +28,8 @@ tracer::Parameter scene_parameter(const v1::RenderGradRequest& request, int i) {
     }
   }
   const tracer::Parameter parameter = tracer::parameter_named(name);
-  if (parameter.of_medium()) {
+  const std::vector<tracer::Parameter>& medium = tracer::medium_parameters();
+  if (std::ranges::find(medium, parameter) != medium.end()) {
     throw invalid_input(fmt::format(
         "scene_derivatives[{}] is {}; those of the medium are asked for in derivatives", i, name));
   }

@@ -11,6 +11,7 @@
 #include "common/scene/field_check.h"
 #include "common/scene/material_proto.h"
 #include "server/render/derivatives.h"
+#include "server/render/field_reader.h"
 
 namespace itn {
 namespace {
@@ -78,6 +79,17 @@ void check_scene_fields(const v1::RenderGradRequest& request) {
   }
 }
 
+tracer::PhaseFunction build_phase(const v1::RenderGradRequest& request) {
+  const v1::PhaseFunction& phase = request.phase();
+  const auto* kind = set_field(phase, "kind");
+  if (kind == nullptr) throw missing("phase: one of " + names_of(phase, "kind"));
+  if (request.material().g() != 0) {
+    throw invalid_input(
+        fmt::format("material.g is {} beside a phase; it must be absent", request.material().g()));
+  }
+  return read_kind<tracer::PhaseFunction>("phase", phase, *kind);
+}
+
 }  // namespace
 
 Material build_material(const v1::Material& proto) {
@@ -94,6 +106,10 @@ tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
   if (!request.has_material()) throw missing("material");
   tracer::RenderRequest built;
   built.material = build_material(request.material());
+  if (request.has_phase()) {
+    built.phase = build_phase(request);
+    built.material.g = tracer::mean_cosine(built);
+  }
   built.seed = request.seed();
   built.sample_count = request.spp();
   if (request.has_tile()) {

@@ -8,7 +8,7 @@
 
 #include "server/tracer/random/alias_table.h"
 #include "server/tracer/random/philox-inl.h"
-#include "server/tracer/simd/either-inl.h"
+#include "server/tracer/simd/kinds-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {

@@ -6,6 +6,7 @@
 
 #include "common/error.h"
 #include "common/fields.h"
+#include "server/tracer/phase/phase_function.h"
 #include "server/tracer/surfaces/reflectance.h"
 
 namespace itn::tracer {
@@ -30,7 +31,7 @@ bool read_indexed(std::string_view name, std::string_view prefix, std::string su
 
 const std::vector<Parameter>& medium_parameters() {
   static const std::vector<Parameter> parameters{
-      {Parameter::kSigmaT}, {Parameter::kAlbedo}, {Parameter::kG}};
+      {Parameter::kSigmaT}, {Parameter::kAlbedo}, {Parameter::kPhase}};
   return parameters;
 }
 
@@ -38,7 +39,7 @@ std::string name_of(const Parameter& parameter) {
   switch (parameter.kind) {
     case Parameter::kSigmaT: return "sigma_t";
     case Parameter::kAlbedo: return "albedo";
-    case Parameter::kG: return "g";
+    case Parameter::kPhase: return slots_of<PhaseFunction>().at(parameter.slot).name;
     case Parameter::kReflectance:
       return fmt::format("surface[{}].{}", parameter.index,
                          slots_of<Reflectance>().at(parameter.slot).name);
@@ -51,20 +52,23 @@ Parameter parameter_named(std::string_view name) {
   for (const Parameter& parameter : medium_parameters()) {
     if (name == name_of(parameter)) return parameter;
   }
+  std::string names = "sigma_t, albedo";  // of all
+  const std::vector<Slot>& phases = slots_of<PhaseFunction>();
+  for (uint32_t slot = 0; slot < phases.size(); ++slot) {
+    if (name == phases[slot].name) return {Parameter::kPhase, 0, slot};
+    names += ", " + phases[slot].name;
+  }
   uint32_t index = 0;
-  std::string names;  // of all
   const std::vector<Slot>& reflectances = slots_of<Reflectance>();
   for (uint32_t slot = 0; slot < reflectances.size(); ++slot) {
     if (read_indexed(name, "surface[", reflectances[slot].name, index)) {
       return {Parameter::kReflectance, index, slot};
     }
-    names += (slot == 0 ? "" : ", ") + ("surface[K]." + reflectances[slot].name);
+    names += ", surface[K]." + reflectances[slot].name;
   }
   if (read_indexed(name, "light[", "scale", index)) return {Parameter::kLightScale, index};
-  throw invalid_input(
-      fmt::format("{} is not a parameter; there are sigma_t, albedo, g, {} and light[K].scale, K "
-                  "counting from 0",
-                  name, names));
+  throw invalid_input(fmt::format(
+      "{} is not a parameter; there are {} and light[K].scale, K counting from 0", name, names));
 }
 
 }  // namespace itn::tracer

@@ -12,25 +12,25 @@ struct Parameter {
   enum Kind : uint8_t {
     kSigmaT,  // of the medium, in 1/mm; so is the derivative's unit, radiance * mm
     kAlbedo,
-    kG,
+    kPhase,        // a slot of the phase function: of Henyey and Greenstein's, g
     kReflectance,  // a slot of the reflectance of surfaces[index]
     // A factor on all that lights[index] sends out, which is 1 in every scene: the derivative is
     // the part of the radiance that comes from this light.
     kLightScale,
   } kind = kSigmaT;
   uint32_t index = 0;  // of the surface or light; 0 for the medium
-  uint32_t slot = 0;   // in slots_of<Reflectance>(); else 0
+  uint32_t slot = 0;   // in slots_of<Reflectance>() or slots_of<PhaseFunction>(); else 0
 
   bool operator==(const Parameter&) const = default;
-  bool of_medium() const { return kind <= kG; }
+  bool of_medium() const { return kind <= kPhase; }
 };
 
-// sigma_t, albedo and g: the coordinates that derivatives of the medium are accumulated in; others
-// follow by the chain rule.
+// sigma_t, albedo and g: the coordinates that derivatives of a medium of Henyey and Greenstein are
+// accumulated in; others follow by the chain rule.
 const std::vector<Parameter>& medium_parameters();
 
-// "sigma_t", "albedo", "g", "surface[0].reflectance", "surface[0].checkerboard.even",
-// "light[1].scale".
+// "sigma_t", "albedo", "g", "two_term.weight", "surface[0].reflectance",
+// "surface[0].checkerboard.even", "light[1].scale".
 std::string name_of(const Parameter& parameter);
 
 // Throws Error (invalid input), which says what names there are.

@@ -4,10 +4,19 @@
 #ifndef ITN_TRACER_PHASE_HENYEY_GREENSTEIN_H_
 #define ITN_TRACER_PHASE_HENYEY_GREENSTEIN_H_
 
+#include "common/material.h"
+
 namespace itn::tracer {
 
 struct HenyeyGreenstein {
   float g = 0;  // mean cosine
+
+  static constexpr const char* kName = "";  // a field of the material itself
+  template <typename Self, typename Fields>
+  static void fields(Self& self, Fields& to) {
+    to.slot("g", self.g, -kMaxAbsG, kMaxAbsG);
+  }
+  double mean_cosine() const { return double{g}; }
 };
 
 }  // namespace itn::tracer
@@ -33,13 +42,13 @@ namespace itn::tracer::HWY_NAMESPACE {
 // p(cos_theta) = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos_theta)^(3/2)). Taking the logarithm of p and
 // differentiating term by term, the score is
 //   -2 g / (1 - g^2) - 3 (g - cos_theta) / (1 + g^2 - 2 g cos_theta).
-template <typename F>
-HWY_INLINE PhaseValue<F> evaluate(const HenyeyGreenstein& phase, F cos_theta) {
+HWY_INLINE PhaseValue evaluate(const HenyeyGreenstein& phase, Floats cosine) {
   const float g = phase.g;
-  const F per_q = splat<F>(1) / (splat<F>(1 + g * g) - splat<F>(2 * g) * cos_theta);
-  const F norm = splat<F>((1 - g * g) * (0.25F * std::numbers::inv_pi_v<float>));
-  return {norm * per_q * square_root(per_q),
-          splat<F>(-2 * g / (1 - g * g)) - splat<F>(3) * (splat<F>(g) - cos_theta) * per_q};
+  const Floats per_q = hn::Div(set(1.0F), hn::Sub(set(1 + g * g), hn::Mul(set(2 * g), cosine)));
+  const Floats norm = set((1 - g * g) * (0.25F * std::numbers::inv_pi_v<float>));
+  const Floats score = hn::Sub(set(-2 * g / (1 - g * g)),
+                               hn::Mul(hn::Mul(set(3.0F), hn::Sub(set(g), cosine)), per_q));
+  return {hn::Mul(hn::Mul(norm, per_q), hn::Sqrt(per_q)), {score}};
 }
 
 // Draws cos_theta with density 2 pi p. The distribution function inverts to
@@ -47,15 +56,14 @@ HWY_INLINE PhaseValue<F> evaluate(const HenyeyGreenstein& phase, F cos_theta) {
 // Bringing both terms over (1 + g x)^2 makes the numerator divisible by 2 g; what is left has no
 // cancellation at g = 0, where it is cos_theta = x:
 //   cos_theta = [x + g (x^2 + 3) / 2 + g^2 x + g^3 (x^2 - 1) / 2] / (1 + g x)^2.
-template <typename F>
-HWY_INLINE F sample_cosine(const HenyeyGreenstein& phase, F u) {
+HWY_INLINE Floats sample_cosine(const HenyeyGreenstein& phase, Floats u) {
   const float g = phase.g;
-  const F x = (u + u) - splat<F>(1), x2 = x * x;
-  const F denominator = mul_add(splat<F>(g), x, splat<F>(1));
-  const F linear = splat<F>(0.5F) * (x2 + splat<F>(3));
-  const F square = splat<F>(g) * (x + splat<F>(g * 0.5F) * (x2 - splat<F>(1)));
-  const F numerator = mul_add(splat<F>(g), linear + square, x);
-  return clamp(numerator / (denominator * denominator), -1, 1);
+  const Floats x = hn::Sub(hn::Add(u, u), set(1.0F)), x2 = hn::Mul(x, x);
+  const Floats denominator = mul_add(set(g), x, set(1.0F));
+  const Floats linear = hn::Mul(set(0.5F), hn::Add(x2, set(3.0F)));
+  const Floats square = hn::Mul(set(g), hn::Add(x, hn::Mul(set(g * 0.5F), hn::Sub(x2, set(1.0F)))));
+  const Floats numerator = mul_add(set(g), hn::Add(linear, square), x);
+  return hn::Clamp(hn::Div(numerator, hn::Mul(denominator, denominator)), set(-1.0F), set(1.0F));
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -1,14 +1,20 @@
-// The list of phase functions. A kind is a file, as henyey_greenstein.h, and an entry here.
-#ifndef ITN_TRACER_PHASE_PHASE_FUNCTION_H_
-#define ITN_TRACER_PHASE_PHASE_FUNCTION_H_
-
+// The list of phase functions. A kind is a file, as two_term.h, an entry here, and a message in the
+// PhaseFunction of itn/v1/render.proto. It says its fields (common/fields.h), of which at most
+// kMaxPhaseSlots are slots, and its mean_cosine(); and computes, for many angles at a time,
+//   evaluate(kind, cosine)    value and scores (phase_value-inl.h)
+//   sample_cosine(kind, u)    a cosine that is distributed so, from a uniform number in [0, 1)
 #include <variant>
 
 #include "server/tracer/phase/henyey_greenstein.h"
+#include "server/tracer/phase/slots.h"
+#include "server/tracer/phase/two_term.h"
+
+#ifndef ITN_TRACER_PHASE_PHASE_FUNCTION_H_
+#define ITN_TRACER_PHASE_PHASE_FUNCTION_H_
 
 namespace itn::tracer {
 
-using PhaseFunction = std::variant<HenyeyGreenstein>;
+using PhaseFunction = std::variant<HenyeyGreenstein, TwoTerm>;
 
 }  // namespace itn::tracer
 
@@ -22,22 +28,20 @@ using PhaseFunction = std::variant<HenyeyGreenstein>;
 #define ITN_TRACER_PHASE_PHASE_FUNCTION_MATHS_
 #endif
 
-#include "server/tracer/phase/henyey_greenstein.h"
 #include "server/tracer/phase/phase_value-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-template <typename F>
-HWY_INLINE PhaseValue<F> evaluate(const PhaseFunction& phase, F cos_theta) {
-  PhaseValue<F> result{splat<F>(0), splat<F>(0)};
-  visit_kind(phase, [&](const auto& kind) { result = evaluate(kind, cos_theta); });
+HWY_INLINE PhaseValue evaluate(const PhaseFunction& phase, Floats cosine) {
+  const Floats zero = hn::Zero(FloatTag());
+  PhaseValue result{zero, {zero, zero, zero}};
+  visit_kind(phase, [&](const auto& kind) { result = evaluate(kind, cosine); });
   return result;
 }
 
-template <typename F>
-HWY_INLINE F sample_cosine(const PhaseFunction& phase, F u) {
-  F result = splat<F>(1);
+HWY_INLINE Floats sample_cosine(const PhaseFunction& phase, Floats u) {
+  Floats result = set(1.0F);
   visit_kind(phase, [&](const auto& kind) { result = sample_cosine(kind, u); });
   return result;
 }

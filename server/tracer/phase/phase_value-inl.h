@@ -6,15 +6,15 @@
 #define ITN_TRACER_PHASE_PHASE_VALUE_INL_H_
 #endif
 
-#include "server/tracer/simd/either-inl.h"
+#include "server/tracer/phase/slots.h"
+#include "server/tracer/simd/kinds-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-template <typename F>
 struct PhaseValue {
-  F value;  // per steradian
-  F score;  // its logarithm's derivative in the parameter
+  Floats value;                   // per steradian
+  Floats scores[kMaxPhaseSlots];  // its logarithm's derivatives in the slots of the kind
 };
 
 }  // namespace itn::tracer::HWY_NAMESPACE

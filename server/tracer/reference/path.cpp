@@ -57,6 +57,14 @@ constexpr float kMaxOpticalDepth = 50;
 // at its start: well under a millisecond.
 constexpr uint32_t kStopInterval = 512;
 
+// By slot of the phase function.
+using Scores = std::array<float, kMaxPhaseSlots>;
+Scores sum(const Scores& a, const Scores& b) {
+  Scores result;
+  for (size_t s = 0; s < a.size(); ++s) result[s] = a[s] + b[s];
+  return result;
+}
+
 class Walk {
  public:
   Walk(const Scene::Compiled& scene, const RenderRequest& request, const Switches& switches,
@@ -67,7 +75,8 @@ class Walk {
         sampler_(sampler),
         sigma_t_(static_cast<float>(request.material.sigma_t)),
         albedo_(static_cast<float>(request.material.albedo)),
-        phase_(HenyeyGreenstein{static_cast<float>(request.material.g)}),
+        phase_(phase_of(request)),
+        phase_slots_(slot_count(phase_)),
         stops_at_boundary_(stops_lines(scene.boundary)),
         geometry_(scene.geometry()) {
     for (size_t i = 0; i < request.derivatives.size(); ++i) {
@@ -128,7 +137,7 @@ class Walk {
           break;
       }
     }
-    add(scene_.lights.radiance(direction_) * mis_weight, score_sigma_t_, score_g_,
+    add(scene_.lights.radiance(direction_) * mis_weight, score_sigma_t_, score_phase_,
         [&](size_t light) { return scene_.lights.radiance(direction_, light) * mis_weight; });
   }
 
@@ -139,18 +148,18 @@ class Walk {
     for (const size_t i : reflectances_) dweight_dreflectance_[i] *= albedo_;
     at_ = at;
     send_shadow_ray([&](Vec3f to_light) {
-      const auto [value, score] = evaluate(phase_, dot(direction_, to_light));
-      return Response{value, value, score};
+      const auto [value, scores] = at_angle(dot(direction_, to_light));
+      return Response{value, value, scores};
     });
 
-    const float cosine = sample_cosine(phase_, u0);
+    const float cosine = GetLane(sample_cosine(phase_, HWY_NAMESPACE::set(u0)));
     const float sine = std::sqrt(std::max(0.0F, 1 - cosine * cosine));
     const float phi = 2 * kFloatPi * u1;
     direction_ = itn::normalize(
         Basis<float>(direction_).to_world(sine * std::cos(phi), sine * std::sin(phi), cosine));
-    const auto [value, score] = evaluate(phase_, cosine);
+    const auto [value, scores] = at_angle(cosine);
     pdf_ = value;
-    score_g_ += score;
+    score_phase_ = sum(score_phase_, scores);
     use_mis_ = true;
     crossings_ = 0;
   }
@@ -173,7 +182,7 @@ class Walk {
     at_ = at;
     send_shadow_ray([&](Vec3f to_light) {
       const float pdf = std::max(0.0F, dot(normal, to_light)) / kFloatPi;
-      return Response{pdf, pdf, 0};
+      return Response{pdf, pdf, {}};
     });
 
     const float cosine = std::sqrt(1 - u0);  // density cosine / pi: cosine^2 is uniform
@@ -212,8 +221,20 @@ class Walk {
   struct Response {
     float value;    // fraction scattered per steradian, the weight apart
     float pdf;      // with which the walk would go there by itself, per steradian
-    float score_g;  // d log value / dg
+    Scores scores;  // d log value / d slot of the phase function
   };
+
+  // What the phase function says of an angle.
+  struct AtAngle {
+    float value;
+    Scores scores;
+  };
+  AtAngle at_angle(float cosine) const {
+    const auto lane = evaluate(phase_, HWY_NAMESPACE::set(cosine));
+    AtAngle result{GetLane(lane.value), {}};
+    for (size_t s = 0; s < phase_slots_; ++s) result.scores[s] = GetLane(lane.scores[s]);
+    return result;
+  }
 
   // Next-event estimation: light along one direction drawn from the lights, dimmed by the medium.
   template <typename RespondTo>
@@ -235,13 +256,14 @@ class Walk {
     const auto arriving = [&](float weight) {
       return weight * response.value * mis_weight * dimming;
     };
-    add(arriving(light.weight), score_sigma_t_ - ray.medium_length, score_g_ + response.score_g,
+    add(arriving(light.weight), score_sigma_t_ - ray.medium_length,
+        sum(score_phase_, response.scores),
         [&](size_t number) { return arriving(scene_.lights.weight(light, number)); });
   }
 
   // Adds light that arrives along the path with the given scores; part_of(k) is that of light k.
   template <typename PartOf>
-  void add(float light, float score_sigma_t, float score_g, const PartOf& part_of) {
+  void add(float light, float score_sigma_t, const Scores& score_phase, const PartOf& part_of) {
     const double contribution = double{weight_} * double{light};
     result_.radiance += contribution;
     for (size_t i = 0; i < request_.derivatives.size(); ++i) {
@@ -249,7 +271,11 @@ class Walk {
       switch (request_.derivatives[i].kind) {
         case Parameter::kSigmaT: derivative += contribution * double{score_sigma_t}; break;
         case Parameter::kAlbedo: derivative += double{dweight_dalbedo_} * double{light}; break;
-        case Parameter::kG: derivative += contribution * double{score_g}; break;
+        case Parameter::kPhase: {
+          const size_t slot = slots_of<PhaseFunction>()[request_.derivatives[i].slot].number;
+          derivative += contribution * double{score_phase[slot]};
+          break;
+        }
         case Parameter::kReflectance:
           derivative += double{dweight_dreflectance_[i]} * double{light};
           break;
@@ -283,6 +309,7 @@ class Walk {
   const Sampler& sampler_;
   const float sigma_t_, albedo_;
   const PhaseFunction phase_;
+  const size_t phase_slots_;
   const bool stops_at_boundary_;
   const Geometry& geometry_;
 
@@ -301,7 +328,7 @@ class Walk {
   std::vector<size_t> reflectances_;
   std::array<float, kMaxDerivatives> dweight_dreflectance_{};
   float score_sigma_t_ = 0;  // d log f / d sigma_t, in mm
-  float score_g_ = 0;        // d log f / d g
+  Scores score_phase_{};     // d log f / d slot of the phase function
 };
 
 }  // namespace

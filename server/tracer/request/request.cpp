@@ -89,13 +89,14 @@ void check_index(const Parameter& parameter, size_t count, const char* what) {
   }
 }
 
-// Whether the surface has the parameter's slot.
-void check_slot(const Parameter& parameter, const Reflectance& reflectance) {
-  const std::vector<Slot>& slots = slots_of<Reflectance>();
-  if (slots[parameter.slot].kind == reflectance.index()) return;
+// Whether what the parameter is of has its slot.
+template <typename Kinds>
+void check_slot(const Parameter& parameter, const Kinds& kinds) {
+  const std::vector<Slot>& slots = slots_of<Kinds>();
+  if (slots[parameter.slot].kind == kinds.index()) return;
   std::string have;
   for (uint32_t slot = 0; slot < slots.size(); ++slot) {
-    if (slots[slot].kind != reflectance.index()) continue;
+    if (slots[slot].kind != kinds.index()) continue;
     have += (have.empty() ? "" : ", ") + name_of({parameter.kind, parameter.index, slot});
   }
   throw invalid_input(fmt::format("no derivative in {}: there is {}", name_of(parameter), have));
@@ -103,12 +104,26 @@ void check_slot(const Parameter& parameter, const Reflectance& reflectance) {
 
 }  // namespace
 
+PhaseFunction phase_of(const RenderRequest& request) {
+  return request.phase.value_or(HenyeyGreenstein{static_cast<float>(request.material.g)});
+}
+
+double mean_cosine(const RenderRequest& request) {
+  if (!request.phase) return request.material.g;
+  return std::visit([](const auto& kind) { return kind.mean_cosine(); }, *request.phase);
+}
+
 void validate(const RenderRequest& request) {
   itn::validate(request.material);
   check_samples(request);
   check_estimates(request);
   check_albedos(request);
   check_derivatives(request);
+  const PhaseFunction phase = phase_of(request);
+  check_fields("phase.", phase);
+  for (const Parameter& parameter : request.derivatives) {
+    if (parameter.kind == Parameter::kPhase) check_slot(parameter, phase);
+  }
   if (request.pilot_spp > kMaxPilotSpp) {
     throw invalid_input(
         fmt::format("pilot_spp is {}; it must be in [0, {}]", request.pilot_spp, kMaxPilotSpp));

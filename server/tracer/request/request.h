@@ -8,6 +8,7 @@
 
 #include "common/material.h"
 #include "server/tracer/parameters/parameter.h"
+#include "server/tracer/phase/phase_function.h"
 #include "server/tracer/scene/scene.h"
 
 namespace itn::tracer {
@@ -37,6 +38,8 @@ constexpr uint32_t kMaxPilotSpp = 64;
 // the same for everybody but tests and benchmarks).
 struct RenderRequest {
   Material material;
+  // Instead of Henyey and Greenstein's with material.g, which does not matter then.
+  std::optional<PhaseFunction> phase = {};
   uint32_t sample_count = 16;  // per pixel, in [1, kMaxSamples]
   // The part of the film that is rendered; nothing: all of it. Without a pilot, its pixels are
   // those of the whole, bit for bit. With one, samples are spread over the tile instead of the
@@ -105,6 +108,9 @@ struct RenderOptions {
   Switches switches = {};
   int threads = 0;  // 0: all; without influence on the result
 };
+
+PhaseFunction phase_of(const RenderRequest& request);
+double mean_cosine(const RenderRequest& request);
 
 // Throws Error (invalid input) that names the field which is out of its range, as far as that does
 // not depend on the scene: the one place where the ranges of a request are checked.

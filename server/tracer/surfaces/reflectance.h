@@ -28,7 +28,7 @@ using Reflectance = std::variant<UniformReflectance, Checkerboard>;
 #define ITN_TRACER_SURFACES_REFLECTANCE_MATHS_
 #endif
 
-#include "server/tracer/simd/either-inl.h"
+#include "server/tracer/simd/kinds-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {

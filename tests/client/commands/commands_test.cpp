@@ -120,6 +120,27 @@ TEST(RenderCommand, WritesDerivativesInTheScene) {
   EXPECT_THAT(absent.errors, HasSubstr("surface[1].reflectance"));
 }
 
+TEST(RenderCommand, TakesAPhaseFunction) {
+  const TemporaryFolder folder;
+  const std::string scene = folder.write("scene.textproto", kSceneFile);
+  const auto with = [&](const std::vector<std::string>& flags) {
+    std::vector<std::string> command = {
+        testing::kItn, "render", scene,      "-o", folder.path("out.exr"),
+        "--sigma-t",   "5",      "--albedo", "0.9"};
+    command.insert(command.end(), flags.begin(), flags.end());
+    return run(command);
+  };
+  const Finished finished = with({"--spp", "4", "--film", "8x6", "--phase", "two_term { g_1: 0.6 }",
+                                  "--derivatives", "two_term.weight,albedo"});
+  ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  EXPECT_THAT(read_exr(folder.path("out.exr")).channels,
+              ElementsAre(Key("Y"), Key("albedo.Y"), Key("mask.Y"), Key("stderr.Y"),
+                          Key("two_term.weight.Y")));
+  EXPECT_EQ(with({"--phase", "two_term { g_3: 0.6 }"}).exit_code, 3);
+  EXPECT_EQ(with({"--phase", "two_term { }", "--g", "0.3"}).exit_code, 2);
+  EXPECT_EQ(with({"--phase", "two_term { }", "--derivatives", "g"}).exit_code, 3);
+}
+
 TEST(RenderCommand, WritesTheSameFileInEveryArrangement) {
   const TemporaryFolder folder;
   Process a(worker({"--threads", "1"})), b(worker({"--threads", "2"}));

@@ -525,6 +525,39 @@ TEST(RequestBuilder, HasTheDocumentedDefaults) {
   EXPECT_TRUE(built.derivatives.empty());
 }
 
+TEST(RequestBuilder, TakesAPhaseFunction) {
+  v1::RenderGradRequest request = request_of_any_scene();
+  request.clear_derivatives();
+  request.mutable_material()->clear_g();
+  request.mutable_phase()->mutable_two_term()->set_weight(0.25F);
+  request.add_scene_derivatives("two_term.weight");
+  const auto built = build_request(request, RenderLimits());
+  const auto phase = std::get<tracer::TwoTerm>(built.phase.value());
+  EXPECT_EQ(phase.weight, 0.25F);
+  EXPECT_EQ(phase.g_1, 0.8F);
+  EXPECT_NEAR(built.material.g, 0.25 * 0.8 + 0.75 * -0.3, 1e-6);
+  EXPECT_EQ(tracer::name_of(built.derivatives.at(0)), "two_term.weight");
+
+  const auto refusal = [&](const auto& spoil) -> std::string {
+    v1::RenderGradRequest bad = request;
+    spoil(bad);
+    try {
+      build_request(bad, RenderLimits());
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_EQ(refusal([](auto& r) { r.mutable_phase()->mutable_two_term()->set_g_2(1); }),
+            "phase.two_term.g_2 is 1; it must be in [-0.99, 0.99]");
+  EXPECT_EQ(refusal([](auto& r) { r.mutable_phase()->clear_two_term(); }),
+            "phase: one of two_term is missing; it is required");
+  EXPECT_EQ(refusal([](auto& r) { r.mutable_material()->set_g(0.5); }),
+            "material.g is 0.5 beside a phase; it must be absent");
+  EXPECT_EQ(refusal([](auto& r) { r.add_derivatives(v1::G); }),
+            "no derivative in g: there is two_term.g_1, two_term.g_2, two_term.weight");
+}
+
 TEST(ReplySize, IsBounded) {
   const v1::RenderGradRequest request = small_request();  // 2 estimates of 1 + 6 images, 2 others
   RenderLimits limits;

@@ -5,7 +5,10 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <functional>
 
+#include "common/error.h"
+#include "server/tracer/parameters/parameter.h"
 #include "tests/server/tracer/scenes.h"
 
 namespace itn::testing {
@@ -37,18 +40,22 @@ constexpr const char* kNames[] = {"sigma_t", "albedo", "g"};
 constexpr int kBatches = 32;
 constexpr int kDerivativeComparisons = 7 * kCoordinates;
 
-Material with(Material material, size_t coordinate, double value) {
-  (coordinate == kSigmaT   ? material.sigma_t
-   : coordinate == kAlbedo ? material.albedo
-                           : material.g) = value;
-  return material;
+// Gives the number in which derivative i is another value.
+using Setter = std::function<void(RenderRequest& request, double value)>;
+
+Setter setter_of(size_t coordinate) {
+  return [coordinate](RenderRequest& request, double value) {
+    (coordinate == kSigmaT   ? request.material.sigma_t
+     : coordinate == kAlbedo ? request.material.albedo
+                             : request.material.g) = value;
+  };
 }
 
 // By Gauss and Legendre's formula with five points (Abramowitz and Stegun, "Handbook of
 // Mathematical Functions", 25.4.30), which is exact for polynomials of degree 9. In ln(sigma_t), in
 // which images are nearly polynomials over a decade, as they are not in sigma_t.
-Estimated integrated_derivative(const Scene& scene, RenderRequest request, size_t coordinate,
-                                const Interval& interval) {
+Estimated integrated_derivative(const Scene& scene, RenderRequest request, size_t derivative,
+                                const Setter& set, const Interval& interval, bool logarithmic) {
   struct Node {
     double x, weight;
   };
@@ -57,49 +64,53 @@ Estimated integrated_derivative(const Scene& scene, RenderRequest request, size_
                                            {0, 0.5688888888888889},
                                            {0.5384693101056831, 0.4786286704993665},
                                            {0.9061798459386640, 0.2369268850561891}}};
-  const bool logarithmic = coordinate == kSigmaT;
   const double low = logarithmic ? std::log(interval.low) : interval.low;
   const double high = logarithmic ? std::log(interval.high) : interval.high;
-  const Material material = request.material;
   std::vector<double> integrals;
   for (uint64_t b = 0; b < kBatches; ++b) {
     double integral = 0;
     for (size_t n = 0; n < kNodes.size(); ++n) {
       const double u = (low + high + kNodes[n].x * (high - low)) / 2;
       const double x = logarithmic ? std::exp(u) : u;
-      request.material = with(material, coordinate, x);
+      set(request, x);
       request.seed = kNodes.size() * b + n;
       const FilmSums sums = render_grad(scene, request);
       EXPECT_EQ(sums.counters.invalid_samples, 0U);
-      const double derivative = film_mean(sums, static_cast<int>(coordinate));
-      integral += kNodes[n].weight * (high - low) / 2 * derivative * (logarithmic ? x : 1);
+      integral += kNodes[n].weight * (high - low) / 2 *
+                  film_mean(sums, static_cast<int>(derivative)) * (logarithmic ? x : 1);
     }
     integrals.push_back(integral);
   }
   return over_batches(integrals);
 }
 
-Estimated change(const Scene& scene, RenderRequest request, size_t coordinate,
+Estimated change(const Scene& scene, RenderRequest request, const Setter& set,
                  const Interval& interval) {
-  const Material material = request.material;
   request.derivatives.clear();
-  request.material = with(material, coordinate, interval.high);
+  set(request, interval.high);
   const Estimated after = estimate_film(scene, request, kBatches, 1000).radiance;
-  request.material = with(material, coordinate, interval.low);
+  set(request, interval.low);
   return difference(after, estimate_film(scene, request, kBatches, 2000).radiance);
+}
+
+void expect_integral(const Scene& scene, RenderRequest request, size_t derivative,
+                     const Setter& set, const Interval& interval, const std::string& what,
+                     bool logarithmic = false) {
+  request.sample_count = interval.spp;
+  const Estimated integral =
+      integrated_derivative(scene, request, derivative, set, interval, logarithmic);
+  const Estimated expected = change(scene, request, set, interval);
+  expect_equal(integral, expected, kDerivativeComparisons, what);
+  expect_resolution(difference(integral, expected), expected.mean, 0.02, what);
 }
 
 TEST_P(DerivativeTest, IntegratesToTheDifference) {
   const Row& row = GetParam();
   const Scene scene(studio(row.shape, row.lights, row.ground));
-  RenderRequest request{.material = row.material, .derivatives = medium_parameters()};
+  const RenderRequest request{.material = row.material, .derivatives = medium_parameters()};
   for (size_t i = 0; i < kCoordinates; ++i) {
-    request.sample_count = row.intervals[i].spp;
-    const std::string what = std::string(row.name) + ", " + kNames[i];
-    const Estimated derivative = integrated_derivative(scene, request, i, row.intervals[i]);
-    const Estimated expected = change(scene, request, i, row.intervals[i]);
-    expect_equal(derivative, expected, kDerivativeComparisons, what);
-    expect_resolution(difference(derivative, expected), expected.mean, 0.02, what);
+    expect_integral(scene, request, i, setter_of(i), row.intervals[i],
+                    std::string(row.name) + ", " + kNames[i], i == kSigmaT);
   }
 }
 
@@ -107,6 +118,80 @@ const LightDescription kSunSky = paper_sun_sky();
 const LightDescription kFromBehind = DirectionalLight{{0.3, 0.4, 1}, 3};
 LightDescription everywhere(float radiance) {
   return ConstantLight{radiance};
+}
+
+// A phase function of more than one number, in a thin medium that is lit from the front.
+constexpr TwoTerm kTwoTerms{.g_1 = 0.1F, .g_2 = -0.4F, .weight = 0.7F};
+
+RenderRequest request_in_two_terms() {
+  RenderRequest request{.material = {3, 0.8, 0}, .phase = kTwoTerms};
+  for (const char* name : {"two_term.g_1", "two_term.g_2", "two_term.weight"}) {
+    request.derivatives.push_back(parameter_named(name));
+  }
+  return request;
+}
+
+TEST(TwoTermTest, DerivativesIntegrateToTheDifference) {
+  const Scene scene(studio("sphere", {DirectionalLight{{0.2, 0.3, -1}, 3}, everywhere(0.02F)}));
+  const auto set = [](float TwoTerm::*number) {
+    return [number](RenderRequest& request, double value) {
+      TwoTerm phase = kTwoTerms;
+      phase.*number = static_cast<float>(value);
+      request.phase = phase;
+    };
+  };
+  const RenderRequest request = request_in_two_terms();
+  expect_integral(scene, request, 0, set(&TwoTerm::g_1), {-0.5, 0.4, 128}, "g_1");
+  expect_integral(scene, request, 1, set(&TwoTerm::g_2), {-0.6, 0.2, 128}, "g_2");
+  expect_integral(scene, request, 2, set(&TwoTerm::weight), {0.1, 0.95, 128}, "weight");
+}
+
+TEST(TwoTermTest, AgreesWithTheReference) {
+  const Scene scene(studio("sphere", {DirectionalLight{{0.2, 0.3, -1}, 3}, everywhere(0.02F)}));
+  const auto film_by = [&](Tracer tracer, uint64_t seed) {
+    RenderRequest request = request_in_two_terms();
+    request.sample_count = 256;
+    request.tracer = tracer;
+    return estimate_film(scene, request, 64, seed);
+  };
+  expect_same_film(film_by(Tracer::kWavefront, 1), film_by(Tracer::kReference, 301), 4,
+                   "two terms");
+}
+
+// All weight on the first term: the same image, to the bit, and the same derivative.
+TEST(TwoTermTest, OfOneTermIsThatOne) {
+  const Scene scene(studio("mug", {paper_sun_sky()}, 0.5F));
+  RenderRequest request{.material = {30, 0.8, 0.5}, .sample_count = 16};
+  request.phase = HenyeyGreenstein{0.5F};
+  request.derivatives = {parameter_named("g")};
+  const FilmSums one = render_grad(scene, request);
+  request.phase = TwoTerm{.g_1 = 0.5F, .g_2 = -0.2F, .weight = 1};
+  request.derivatives = {parameter_named("two_term.g_1")};
+  const FilmSums two = render_grad(scene, request);
+  EXPECT_EQ(one.estimates[0].radiance, two.estimates[0].radiance);
+  EXPECT_NEAR(film_mean(one, 0), film_mean(two, 0), 1e-5 * std::abs(film_mean(one, 0)));
+}
+
+TEST(TwoTermTest, RefusesWhatItIsNot) {
+  const Scene scene(studio("cube", {ConstantLight{1}}));
+  const auto message_of = [&](const RenderRequest& request) -> std::string {
+    try {
+      render_grad(scene, request);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  RenderRequest request{.material = {30, 0.8, 0}, .phase = TwoTerm{}};
+  request.derivatives = {parameter_named("g")};
+  EXPECT_EQ(message_of(request),
+            "no derivative in g: there is two_term.g_1, two_term.g_2, two_term.weight");
+  request.derivatives = {parameter_named("two_term.weight")};
+  EXPECT_EQ(message_of(request), "");
+  request.phase = std::nullopt;
+  EXPECT_EQ(message_of(request), "no derivative in two_term.weight: there is g");
+  request.phase = TwoTerm{.g_2 = -1};
+  EXPECT_EQ(message_of(request), "phase.g_2 is -1; it must be in [-0.99, 0.99]");
 }
 
 INSTANTIATE_TEST_SUITE_P(

@@ -6,6 +6,7 @@
 // After foreach_target.h:
 #include <hwy/highway.h>
 
+#include "common/fields.h"
 #include "server/tracer/geometry/depth_grid-inl.h"
 #include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/lights/lights-inl.h"
@@ -28,19 +29,10 @@ void draw_all_uniforms(uint64_t seed, uint32_t pixel, uint32_t vertex, uint32_t 
 
 void probe_phase_in_lanes(const PhaseFunction& phase, PhaseProbe& probe) {
   for (size_t i = 0; i < kSlots; i += lanes()) {
-    const PhaseValue<Floats> at = evaluate(phase, load(probe.cosine, i));
+    const PhaseValue at = evaluate(phase, load(probe.cosine, i));
     store(at.value, probe.value, i);
-    store(at.score, probe.score, i);
+    for (size_t s = 0; s < slot_count(phase); ++s) store(at.scores[s], probe.scores[s], i);
     store(sample_cosine(phase, load(probe.u, i)), probe.drawn, i);
-  }
-}
-
-void probe_phase_singly(const PhaseFunction& phase, PhaseProbe& probe) {
-  for (size_t i = 0; i < kSlots; ++i) {
-    const PhaseValue<float> at = evaluate(phase, probe.cosine[i]);
-    probe.value[i] = at.value;
-    probe.score[i] = at.score;
-    probe.drawn[i] = sample_cosine(phase, probe.u[i]);
   }
 }
 
@@ -95,12 +87,8 @@ void draw_uniforms(uint64_t seed, uint32_t pixel, uint32_t vertex, uint32_t purp
   HWY_DYNAMIC_DISPATCH(draw_all_uniforms)(seed, pixel, vertex, purpose, uniforms);
 }
 
-void probe_phase(const PhaseFunction& phase, PhaseProbe& probe, bool in_lanes) {
-  if (in_lanes) {
-    HWY_DYNAMIC_DISPATCH(probe_phase_in_lanes)(phase, probe);
-  } else {
-    HWY_STATIC_DISPATCH(probe_phase_singly)(phase, probe);
-  }
+void probe_phase(const PhaseFunction& phase, PhaseProbe& probe) {
+  HWY_DYNAMIC_DISPATCH(probe_phase_in_lanes)(phase, probe);
 }
 
 void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count) {

@@ -19,12 +19,12 @@ namespace itn::tracer {
 void draw_uniforms(uint64_t seed, uint32_t pixel, uint32_t vertex, uint32_t purpose,
                    std::array<FloatColumn, 5>& uniforms);
 
-// A phase function at all of `cosine`, and the cosines that all of `u` draw: in lanes, or one by
-// one, as the reference computes them.
+// A phase function at all of `cosine`, and the cosines that all of `u` draw.
 struct PhaseProbe {
-  FloatColumn cosine{}, value{}, score{}, u{}, drawn{};
+  FloatColumn cosine{}, value{}, u{}, drawn{};
+  FloatColumn scores[kMaxPhaseSlots];
 };
-void probe_phase(const PhaseFunction& phase, PhaseProbe& probe, bool in_lanes);
+void probe_phase(const PhaseFunction& phase, PhaseProbe& probe);
 
 struct LightProbe {
   FloatColumn radiance{}, pdf{};

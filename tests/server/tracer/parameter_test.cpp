@@ -23,6 +23,7 @@ TEST(ParameterTest, NamesAreReadAsTheyArePrinted) {
   EXPECT_EQ(name_of({Parameter::kReflectance, 2}), "surface[2].reflectance");
   EXPECT_EQ(name_of({Parameter::kReflectance, 2, 1}), "surface[2].checkerboard.even");
   EXPECT_EQ(name_of({Parameter::kLightScale, 0}), "light[0].scale");
+  EXPECT_EQ(parameter_named("two_term.weight"), (Parameter{Parameter::kPhase, 0, 3}));
 }
 
 TEST(ParameterTest, RefusesOtherNames) {
@@ -87,12 +88,12 @@ TEST(ParameterTest, TheLightsAddUpToTheImage) {
 TEST(ParameterTest, OrderAndCompanyDoNotMatter) {
   const Scene scene(studio("mug", every_light(), 0.5F, 8));
   RenderRequest request{.material = {30, 0.8, 0.3}, .sample_count = 16};
-  request.derivatives = {{Parameter::kG},
+  request.derivatives = {{Parameter::kPhase},
                          {Parameter::kReflectance, 0},
                          {Parameter::kLightScale, 2},
                          {Parameter::kSigmaT}};
   const FilmSums four = render_grad(scene, request);
-  request.derivatives = {{Parameter::kSigmaT}, {Parameter::kReflectance, 0}, {Parameter::kG}};
+  request.derivatives = {{Parameter::kSigmaT}, {Parameter::kReflectance, 0}, {Parameter::kPhase}};
   const FilmSums three = render_grad(scene, request);
   EXPECT_EQ(three.estimates[0].radiance, four.estimates[0].radiance);
   EXPECT_EQ(three.estimates[0].derivatives[0], four.estimates[0].derivatives[3]);
@@ -118,7 +119,8 @@ TEST(ParameterTest, RefusesWhatTheSceneDoesNotHave) {
             "no derivative in surface[1].reflectance: the scene has one surface, number 0");
   EXPECT_EQ(refused({{Parameter::kLightScale, 7}}),
             "no derivative in light[7].scale: the scene has one light, number 0");
-  EXPECT_EQ(refused({{Parameter::kG}, {Parameter::kG}}), "the derivative in g is asked for twice");
+  EXPECT_EQ(refused({{Parameter::kPhase}, {Parameter::kPhase}}),
+            "the derivative in g is asked for twice");
 }
 
 }  // namespace

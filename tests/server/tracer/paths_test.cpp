@@ -12,6 +12,9 @@ using namespace tracer;
 // Some columns of every list whose length depends on the request.
 std::unique_ptr<Paths> some_paths() {
   auto paths = std::make_unique<Paths>();
+  paths->score_phase.resize(1);
+  paths->d_phase.resize(1);
+  paths->control_phase.resize(1);
   paths->weight_at_albedos.resize(2);
   paths->radiance_at_albedos.resize(2);
   paths->dweight_dreflectance.resize(1);
@@ -19,7 +22,7 @@ std::unique_ptr<Paths> some_paths() {
   paths->d_light.resize(3);
   return paths;
 }
-constexpr int kColumns = 22 + 9;
+constexpr int kColumns = 19 + 12;
 
 // Another number in every column of a slot.
 void fill(Paths& paths, size_t slot) {

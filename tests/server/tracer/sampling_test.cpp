@@ -71,17 +71,27 @@ TEST(SamplerTest, EveryCoordinateOfTheCounterMatters) {
   }
 }
 
-// Mean cosine, and whether in lanes or one by one.
-class PhaseTest : public ::testing::TestWithParam<std::tuple<double, bool>> {
+// A phase function, and by slot the derivative of its mean cosine.
+struct PhaseRow {
+  PhaseFunction phase;
+  double legendre;  // the mean of P2(cos)
+  std::vector<double> slopes;
+};
+
+void PrintTo(const PhaseRow& row, std::ostream* out) {
+  *out << "kind " << row.phase.index() << ", second moment " << row.legendre;
+}
+
+class PhaseTest : public ::testing::TestWithParam<PhaseRow> {
  protected:
-  double g() const { return std::get<0>(GetParam()); }
-  void probe(PhaseProbe& probe) const {
-    probe_phase(HenyeyGreenstein{static_cast<float>(g())}, probe, std::get<1>(GetParam()));
+  void probe(PhaseProbe& probe) const { probe_phase(GetParam().phase, probe); }
+  double mean_cosine() const {
+    return std::visit([](const auto& kind) { return kind.mean_cosine(); }, GetParam().phase);
   }
 };
 
 // By the midpoint rule in cos_theta, fine enough for the peak at |g| = 0.99.
-TEST_P(PhaseTest, IsNormalisedAndHasMeanCosineG) {
+TEST_P(PhaseTest, IsNormalisedAndHasItsMeanCosine) {
   constexpr int kSteps = 4000 * static_cast<int>(kSlots);
   const auto point = [](int i) { return static_cast<float>(-1 + 2 * (i + 0.5) / kSteps); };
   double norm = 0, mean = 0;
@@ -96,13 +106,15 @@ TEST_P(PhaseTest, IsNormalisedAndHasMeanCosineG) {
     }
   }
   EXPECT_NEAR(norm, 1, 2e-3);
-  EXPECT_NEAR(mean, g(), 2e-3);
+  EXPECT_NEAR(mean, mean_cosine(), 2e-3);
 }
 
-// The first two moments of the samples: E cos = g, E P2(cos) = g^2 (Legendre moments of the phase
-// function). The score has expectation 0 and, by parts, E(score cos) = d E cos / dg = 1.
+// The first two moments of the samples: E cos and E P2(cos), of Henyey and Greenstein's g and g^2
+// (Legendre moments). A score has expectation 0 and, by parts, E(score cos) = d E cos / d slot.
 TEST_P(PhaseTest, SamplesFollowTheDensity) {
-  std::vector<double> cosine, legendre, score, score_cosine;
+  const std::vector<double>& slopes = GetParam().slopes;
+  std::vector<double> cosine, legendre;
+  std::vector<std::vector<double>> score(slopes.size()), score_cosine(slopes.size());
   PhaseProbe probed;
   for (uint32_t batch = 0; batch < 800; ++batch) {
     for (uint32_t i = 0; i < kSlots; ++i) {
@@ -112,41 +124,74 @@ TEST_P(PhaseTest, SamplesFollowTheDensity) {
     probed.cosine = probed.drawn;
     probe(probed);
     for (size_t i = 0; i < kSlots; ++i) {
-      const double c = double{probed.cosine[i]}, s = double{probed.score[i]};
+      const double c = double{probed.cosine[i]};
       cosine.push_back(c);
       legendre.push_back(1.5 * c * c - 0.5);
-      score.push_back(s);
-      score_cosine.push_back(s * c);
+      for (size_t s = 0; s < slopes.size(); ++s) {
+        score[s].push_back(double{probed.scores[s][i]});
+        score_cosine[s].push_back(score[s].back() * c);
+      }
     }
   }
-  constexpr int kComparisons = 4 * 16;
-  expect_equal(over_batches(cosine), {g(), 0}, kComparisons, "cos");
-  expect_equal(over_batches(legendre), {g() * g(), 0}, kComparisons, "P2");
-  expect_equal(over_batches(score), {0, 0}, kComparisons, "score");
-  expect_equal(over_batches(score_cosine), {1, 0}, kComparisons, "score cos");
-}
-
-TEST_P(PhaseTest, ScoreIsTheDerivativeOfTheLogarithm) {
-  constexpr double kStep = 1e-3;
-  const std::vector<float> cosines = {-1.0F, -0.3F, 0.0F, 0.5F, 0.9F};
-  PhaseProbe probed;
-  std::ranges::copy(cosines, probed.cosine.begin());
-  probe(probed);
-  for (size_t i = 0; i < cosines.size(); ++i) {
-    const auto log_p = [&](double g) {
-      const double q = 1 + g * g - 2 * g * double{cosines[i]};
-      return std::log((1 - g * g) / std::pow(q, 1.5));
-    };
-    const double slope = (log_p(g() + kStep) - log_p(g() - kStep)) / (2 * kStep);
-    EXPECT_NEAR(double{probed.score[i]}, slope, 0.01 * std::max(1.0, std::abs(slope)))
-        << "cos_theta " << cosines[i];
+  constexpr int kComparisons = 8 * 12;
+  expect_equal(over_batches(cosine), {mean_cosine(), 0}, kComparisons, "cos");
+  expect_equal(over_batches(legendre), {GetParam().legendre, 0}, kComparisons, "P2");
+  for (size_t s = 0; s < slopes.size(); ++s) {
+    expect_equal(over_batches(score[s]), {0, 0}, kComparisons, "score");
+    expect_equal(over_batches(score_cosine[s]), {slopes[s], 0}, kComparisons, "score cos");
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(MeanCosines, PhaseTest,
-                         ::testing::Combine(::testing::Values(-0.9, -0.5, 0.0, 1e-6, 0.01, 0.4, 0.8,
-                                                              0.98),
-                                            ::testing::Bool()));
+// Adds to one slot of a phase function.
+struct SlotAdder {
+  size_t number;
+  float by;
+  void slot(const char* /*name*/, float& value, double /*low*/, double /*high*/) {
+    if (number-- == 0) value += by;
+  }
+};
+PhaseFunction moved(PhaseFunction phase, size_t slot, float by) {
+  SlotAdder fields{slot, by};
+  std::visit([&]<typename Kind>(Kind& kind) { Kind::fields(kind, fields); }, phase);
+  return phase;
+}
+
+TEST_P(PhaseTest, ScoresAreTheDerivativesOfTheLogarithm) {
+  constexpr float kStep = 1e-3F;
+  const std::vector<float> cosines = {-1.0F, -0.3F, 0.0F, 0.5F, 0.9F};
+  PhaseProbe at, above, below;
+  for (PhaseProbe* probe : {&at, &above, &below}) {
+    std::ranges::copy(cosines, probe->cosine.begin());
+  }
+  probe(at);
+  for (size_t s = 0; s < GetParam().slopes.size(); ++s) {
+    probe_phase(moved(GetParam().phase, s, kStep), above);
+    probe_phase(moved(GetParam().phase, s, -kStep), below);
+    for (size_t i = 0; i < cosines.size(); ++i) {
+      const double slope = (std::log(double{above.value[i]}) - std::log(double{below.value[i]})) /
+                           (2 * double{kStep});
+      EXPECT_NEAR(double{at.scores[s][i]}, slope, 0.01 * std::max(1.0, std::abs(slope)))
+          << "slot " << s << ", cos_theta " << cosines[i];
+    }
+  }
+}
+
+PhaseRow henyey_greenstein(double g) {
+  return {HenyeyGreenstein{static_cast<float>(g)}, g * g, {1}};
+}
+PhaseRow two_term(double g_1, double g_2, double weight) {
+  return {TwoTerm{static_cast<float>(g_1), static_cast<float>(g_2), static_cast<float>(weight)},
+          weight * g_1 * g_1 + (1 - weight) * g_2 * g_2,
+          {weight, 1 - weight, g_1 - g_2}};
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, PhaseTest,
+                         ::testing::Values(henyey_greenstein(-0.9), henyey_greenstein(-0.5),
+                                           henyey_greenstein(0), henyey_greenstein(1e-6),
+                                           henyey_greenstein(0.01), henyey_greenstein(0.4),
+                                           henyey_greenstein(0.8), henyey_greenstein(0.98),
+                                           two_term(0.8, -0.3, 0.9), two_term(0.6, 0.1, 0.3),
+                                           two_term(0.5, -0.5, 0.01)));
 
 // Evaluated cases of the published model: turbidity, ground albedo, sun elevation, theta, gamma,
 // RGB.

@@ -30,10 +30,8 @@ void add_emission(Wavefront<AtBoundary>& wave, size_t i, Mask escaped) {
   mis_weight = hn::IfThenElse(delta_bounce, set(1.0F), mis_weight);
   const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));
   add_contribution(
-      wave, SlotRange{i}, radiance,
-      [&] {
-        return Scores{load(paths.score_sigma_t, i), load(paths.score_g, i)};
-      },
+      wave, SlotRange{i}, radiance, [&] { return load(paths.score_sigma_t, i); },
+      [&](size_t s) { return load(paths.score_phase[s], i); },
       [&](size_t l, Floats weight) {
         const Floats part = radiance_of(wave.scene.lights, wave.differentiated_lights[l],
                                         load(paths.rays.direction, i));

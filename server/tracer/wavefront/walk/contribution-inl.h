@@ -32,26 +32,25 @@ struct SlotGather {
   }
 };
 
-// d log f / d sigma_t in mm, d log f / dg.
-struct Scores {
-  Floats sigma_t, g;
-};
-
-// Light that arrives along paths, which weigh it: `scores()` are those of the whole path, and
-// `part_of(l, weight)` is the part of weight times light that is due to light l of
-// Wavefront::differentiated_lights. Of lanes where none arrives, light and parts are 0.
-template <typename AtBoundary, typename Slots, typename GetScores, typename PartOf>
+// Light that arrives along paths, which weigh it: `score_sigma_t()`, in mm, and `score_phase(slot)`
+// are those of the whole path, and `part_of(l, weight)` is the part of weight times light that is
+// due to light l of Wavefront::differentiated_lights. Of lanes where none arrives, light and parts
+// are 0.
+template <typename AtBoundary, typename Slots, typename ScoreSigmaT, typename ScorePhase,
+          typename PartOf>
 HWY_INLINE void add_contribution(Wavefront<AtBoundary>& wave, const Slots& at, Floats light,
-                                 const GetScores& scores, const PartOf& part_of) {
+                                 const ScoreSigmaT& score_sigma_t, const ScorePhase& score_phase,
+                                 const PartOf& part_of) {
   Paths& paths = wave.paths;
   const Floats weight = at.get(paths.weight);
   const Floats contribution = hn::Mul(weight, light);
   at.add(contribution, paths.radiance);
   if (wave.medium_derivatives) {
-    const Scores score = scores();
-    at.add(hn::Mul(contribution, score.sigma_t), paths.d_sigma_t);
+    at.add(hn::Mul(contribution, score_sigma_t()), paths.d_sigma_t);
     at.add(hn::Mul(at.get(paths.dweight_dalbedo), light), paths.d_albedo);
-    at.add(hn::Mul(contribution, score.g), paths.d_g);
+  }
+  for (size_t s = 0; s < paths.d_phase.size(); ++s) {
+    at.add(hn::Mul(contribution, score_phase(s)), paths.d_phase[s]);
   }
   for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
     at.add(hn::Mul(at.get(paths.weight_at_albedos[a]), light), paths.radiance_at_albedos[a]);

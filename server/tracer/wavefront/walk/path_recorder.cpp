@@ -1,5 +1,7 @@
 #include "server/tracer/wavefront/walk/path_recorder.h"
 
+#include "common/fields.h"
+
 namespace itn::tracer {
 
 PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, FilmWriter& film)
@@ -11,7 +13,11 @@ PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, Fil
         derivatives_.push_back({&paths.d_sigma_t, &paths.control_sigma_t});
         break;
       case Parameter::kAlbedo: derivatives_.push_back({&paths.d_albedo}); break;
-      case Parameter::kG: derivatives_.push_back({&paths.d_g, &paths.control_g}); break;
+      case Parameter::kPhase: {
+        const size_t slot = slots_of<PhaseFunction>()[parameter.slot].number;
+        derivatives_.push_back({&paths.d_phase[slot], &paths.control_phase[slot]});
+        break;
+      }
       case Parameter::kReflectance:
         derivatives_.push_back({&paths.d_reflectance[reflectance++]});
         break;

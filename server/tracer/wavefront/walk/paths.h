@@ -40,14 +40,16 @@ struct PathState {
   UintState<> crossings{};
   FloatState<> pdf{};  // per steradian, of the last direction
 
-  // The weight W, d W / d albedo, and the scores d log f / d sigma_t in mm and d log f / dg.
+  // The weight W, d W / d albedo, and the score d log f / d sigma_t in mm.
   FloatState<1> weight{};
   FloatState<> dweight_dalbedo{};
-  FloatState<> score_sigma_t{}, score_g{};
+  FloatState<> score_sigma_t{};
 
   // Collected so far, and control variates (see update_scores and scatter).
-  FloatState<> radiance{}, d_sigma_t{}, d_albedo{}, d_g{};
-  FloatState<> control_sigma_t{}, control_g{};
+  FloatState<> radiance{}, d_sigma_t{}, d_albedo{};
+  FloatState<> control_sigma_t{};
+  // The scores in the slots of the phase function, what is collected, and control variates.
+  FloatStates<> score_phase{}, d_phase{}, control_phase{};
 
   // W and radiance for RenderRequest::albedos.
   FloatStates<1> weight_at_albedos{};
@@ -60,8 +62,8 @@ struct PathState {
   // The list of all columns: what moves a path, and begins one, goes through it.
   auto columns() {
     return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps,
-                    delta_bounce, crossings, pdf, weight, dweight_dalbedo, score_sigma_t, score_g,
-                    radiance, d_sigma_t, d_albedo, d_g, control_sigma_t, control_g,
+                    delta_bounce, crossings, pdf, weight, dweight_dalbedo, score_sigma_t, radiance,
+                    d_sigma_t, d_albedo, control_sigma_t, score_phase, d_phase, control_phase,
                     weight_at_albedos, radiance_at_albedos, dweight_dreflectance, d_reflectance,
                     d_light);
   }
@@ -118,7 +120,7 @@ struct ShadowRays {
   // Light that would arrive undimmed, scattered and weighted: without the path's weight, and with
   // the importance of the path.
   FloatColumn light{}, importance{};
-  FloatColumn score_g{};                     // of the path, with that of the turn to the light
+  std::vector<FloatColumn> score_phase;      // of the path, with that of the turn to the light
   std::vector<FloatColumn> parts_of_lights;  // of `light`, for the derivatives asked for in lights
   size_t count = 0;
 };

@@ -27,7 +27,8 @@ struct WalkRoulette {
 
   WalkRoulette(const Scene::Compiled& scene, const RenderRequest& request, const Tuning& tuning) {
     const Vec3f size = scene.obstacles.bounds.max - scene.obstacles.bounds.min;
-    const auto& [sigma_t, albedo, g] = request.material;
+    const double sigma_t = request.material.sigma_t, albedo = request.material.albedo;
+    const double g = mean_cosine(request);
     const bool derivatives = asks_for_medium(request);
     const bool thin = sigma_t * double{std::max({size.x, size.y, size.z})} < 50;
     const double threshold = tuning.walk_roulette >= 0 ? tuning.walk_roulette

@@ -94,7 +94,7 @@ HWY_INLINE void sample_direction(Wavefront<AtBoundary>& wave, size_t i, const Ve
   const Floats u1 = load(paths.u1, i);
   Floats cosine = sample_cosine(wave.phase, u1);
   Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
-  const PhaseValue<Floats> phase = evaluate(wave.phase, cosine);
+  const PhaseValue phase = evaluate(wave.phase, cosine);
   Floats pdf = phase.value;
   if (!vertices.all_in_medium) {
     const Mask in_medium = vertices.in_medium;
@@ -111,10 +111,11 @@ HWY_INLINE void sample_direction(Wavefront<AtBoundary>& wave, size_t i, const Ve
   store(if_then_else(vertices.where, direction, before), paths.rays.direction, i);
   store(pdf, paths.pdf, i);
   // A control variate, as in update_scores.
-  if (wave.medium_derivatives) {
-    const Floats score = hn::IfThenElseZero(vertices.in_medium, phase.score);
-    store(hn::Add(load(paths.score_g, i), score), paths.score_g, i);
-    store(mul_add(score, load(paths.weight, i), load(paths.control_g, i)), paths.control_g, i);
+  for (size_t s = 0; s < paths.score_phase.size(); ++s) {
+    const Floats score = hn::IfThenElseZero(vertices.in_medium, phase.scores[s]);
+    FloatColumn &sum = paths.score_phase[s], &control = paths.control_phase[s];
+    store(hn::Add(load(sum, i), score), sum, i);
+    store(mul_add(score, load(paths.weight, i), load(control, i)), control, i);
   }
   store(hn::IfThenZeroElse(for_uints(vertices.where), load(paths.delta_bounce, i)),
         paths.delta_bounce, i);

@@ -51,11 +51,10 @@ void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& ver
       if_then_else(vertices.where, load(paths.rays.position, i), Vectors{zero, zero, zero});
   const LightSamples light = sample(wave.scene.lights, position, words, more);
   const Floats cosine = dot(vertices.axis, light.direction);
-  auto [value, score] = evaluate(wave.phase, cosine);
+  auto [value, scores] = evaluate(wave.phase, cosine);
   if (!vertices.all_in_medium) {
     const Floats diffuse = hn::Mul(hn::Max(zero, cosine), set(std::numbers::inv_pi_v<float>));
     value = hn::IfThenElse(vertices.in_medium, value, diffuse);
-    score = hn::IfThenElseZero(vertices.in_medium, score);
   }
   // The weight of the draw, radiance / pdf, times that of multiple importance sampling,
   // pdf / (pdf + value): `value` is also the pdf with which the walk would go there by itself.
@@ -92,7 +91,11 @@ void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& ver
   if (shadow_rays.rays.bounded) append(light.distance, shadow_rays.rays.distance);
   append(undimmed, shadow_rays.light);
   append(importance, shadow_rays.importance);
-  if (wave.medium_derivatives) append(hn::Add(load(paths.score_g, i), score), shadow_rays.score_g);
+  for (size_t s = 0; s < shadow_rays.score_phase.size(); ++s) {
+    const Floats score =
+        vertices.all_in_medium ? scores[s] : hn::IfThenElseZero(vertices.in_medium, scores[s]);
+    append(hn::Add(load(paths.score_phase[s], i), score), shadow_rays.score_phase[s]);
+  }
   for (size_t l = 0; l < wave.differentiated_lights.size(); ++l) {
     const Floats part = radiance_of(wave.scene.lights, wave.differentiated_lights[l], words, light);
     append(hn::Div(hn::Mul(part, value), pdf_sum), shadow_rays.parts_of_lights[l]);
@@ -139,9 +142,8 @@ void trace_shadow_rays(Wavefront<AtBoundary>& wave) {
     const SlotGather at{slot};
     add_contribution(
         wave, at, arriving(shadow_rays.light),
-        [&] {
-          return Scores{hn::Sub(at.get(paths.score_sigma_t), length), load(shadow_rays.score_g, i)};
-        },
+        [&] { return hn::Sub(at.get(paths.score_sigma_t), length); },
+        [&](size_t s) { return load(shadow_rays.score_phase[s], i); },
         [&](size_t l, Floats weight) {
           return hn::Mul(weight, arriving(shadow_rays.parts_of_lights[l]));
         });

@@ -23,7 +23,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// Whether derivatives in the medium are asked for; all three are computed then.
+// Whether derivatives in the medium are asked for; all of it are computed then.
 inline bool asks_for_medium(const RenderRequest& request) {
   return std::any_of(request.derivatives.begin(), request.derivatives.end(),
                      [](const Parameter& p) { return p.of_medium(); });
@@ -39,7 +39,7 @@ struct Wavefront {
         switches(options.switches),
         sigma_t(static_cast<float>(asked.material.sigma_t)),
         albedo(static_cast<float>(asked.material.albedo)),
-        phase(HenyeyGreenstein{static_cast<float>(asked.material.g)}),
+        phase(phase_of(asked)),
         medium_derivatives(asks_for_medium(asked)),
         shadow_ray_threshold(static_cast<float>(options.tuning.shadow_ray_roulette *
                                                 compiled.lights.power() / (4 * std::numbers::pi))) {
@@ -51,6 +51,12 @@ struct Wavefront {
       } else if (parameter.kind == Parameter::kLightScale) {
         differentiated_lights.push_back(parameter.index);
       }
+    }
+    if (medium_derivatives) {
+      for (auto* columns : {&paths.score_phase, &paths.d_phase, &paths.control_phase}) {
+        columns->resize(slot_count(phase));
+      }
+      shadow_rays.score_phase.resize(paths.score_phase.size());
     }
     paths.weight_at_albedos.resize(asked.albedos.size());
     paths.radiance_at_albedos.resize(asked.albedos.size());
