@@ -22,6 +22,11 @@ inline int derivative_count(const v1::RenderGradRequest& request) {
   return request.derivatives_size() + request.scene_derivatives_size();
 }
 
+// And how many images of them are answered.
+inline uint64_t derivative_images(const v1::RenderGradRequest& request) {
+  return request.has_loss() || request.has_gradient() ? 0 : derivative_count(request);
+}
+
 // Weights (w_t, w_a, w_g) with which the derivatives in sigma_t, albedo and g add up to the
 // derivative in `parameter`. Throws Error (invalid input) for PARAMETER_UNSPECIFIED or an unknown
 // value.

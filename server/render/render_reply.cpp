@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <string>
 
 #include "common/error.h"
@@ -14,7 +15,7 @@ namespace itn {
 namespace {
 
 Derivatives derivatives_in(const v1::RenderGradRequest& request) {
-  return derivatives_of(request, build_material(request.material()));
+  return derivatives_of(request, build_medium(request));
 }
 
 // In double, as the terms may cancel; a zero weight leaves its image out, so that an asked
@@ -30,6 +31,12 @@ std::vector<float> combine(const tracer::RenderedImages::Estimate& estimate,
   std::transform(sum.begin(), sum.end(), image.begin(),
                  [](double value) { return static_cast<float>(value); });
   return image;
+}
+
+double combined(std::span<const double> gradient, const std::vector<double>& weights) {
+  double sum = 0;
+  for (size_t c = 0; c < weights.size(); ++c) sum += weights[c] * gradient[c];
+  return sum;
 }
 
 // Nothing that is not finite leaves the worker as an answer.
@@ -54,9 +61,7 @@ void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& reques
                                                     tracer::means(sums).estimates);
   reply.set_loss(finite(loss.value));
   for (const std::vector<double>& weights : derivatives_in(request).weights) {
-    double sum = 0;
-    for (size_t c = 0; c < weights.size(); ++c) sum += weights[c] * loss.gradient[c];
-    reply.add_loss_gradient(finite(sum));
+    reply.add_loss_gradient(finite(combined(loss.gradient, weights)));
   }
 }
 
@@ -68,8 +73,13 @@ void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& requ
     v1::Estimate& proto = *reply.add_estimates();
     proto.set_radiance(image_bytes(estimate.radiance));
     for (const std::vector<double>& weights : derivatives.weights) {
-      proto.add_derivatives(image_bytes(combine(estimate, weights)));
+      if (request.has_gradient()) {
+        proto.add_gradient(finite(combined(estimate.gradient, weights)));
+      } else {
+        proto.add_derivatives(image_bytes(combine(estimate, weights)));
+      }
     }
+    proto.set_light_gradient(image_bytes(estimate.map_gradient));
     for (const std::vector<float>& radiance : estimate.at_albedos) {
       proto.add_at_albedos(image_bytes(radiance));
     }

@@ -63,11 +63,12 @@ class RenderService::RenderCall final : public QueuedCall {
     const SceneCache::ScenePtr scene = find_or_build_scene(stop);
     const RenderLimits& limits = service_.options_.limits;
     tracer::validate(asked_, *scene);
-    check_reply_size(scene->width(), scene->height(), request_, limits);
+    const uint64_t map_pixels = tracer::map_pixels(asked_, *scene);
+    check_reply_size(scene->width(), scene->height(), request_, limits, map_pixels);
     const uint64_t pixels = pixel_count(scene->width(), scene->height(), request_);
     check_time(pixels);
     memory().resize(request_bytes_);  // the scene counts by itself as far as its cache is too small
-    memory().resize(request_bytes_ + film_memory(pixels, request_, asked_),
+    memory().resize(request_bytes_ + film_memory(pixels, request_, asked_, map_pixels),
                     service_.cache_.excess_of(*scene));
     if (request_.has_loss() && asked_.pilot_spp > 0) {
       asked_.sampling_weights = loss_sampling_weights(from_bytes<float>(request_.loss().image()),

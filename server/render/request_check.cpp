@@ -55,6 +55,17 @@ void check_target(const v1::LossTarget& loss, int width, int height) {
   throw invalid_input("loss: the image is black where its weight is not 0");
 }
 
+void build_gradient(const v1::RenderGradRequest& request, tracer::RenderRequest& built) {
+  if (!request.has_gradient()) return;
+  if (request.has_loss()) throw invalid_input("gradient and loss cannot both be asked for");
+  built.gradient_weights = array_of<float>("gradient.weight", request.gradient().weight());
+  if (request.gradient().has_light()) built.gradient_light = request.gradient().light();
+  if (built.pilot_spp == 0) return;
+  for (const float weight : built.gradient_weights) {
+    built.sampling_weights.push_back(std::abs(weight));
+  }
+}
+
 void build_tracer(const v1::RenderGradRequest& request, tracer::RenderRequest& built) {
   if (!v1::RenderedPixels_IsValid(request.pixels())) {
     throw invalid_input(
@@ -79,7 +90,16 @@ void check_scene_fields(const v1::RenderGradRequest& request) {
   }
 }
 
-tracer::PhaseFunction build_phase(const v1::RenderGradRequest& request) {
+}  // namespace
+
+Material build_material(const v1::Material& proto) {
+  const Material material = from_proto(proto);
+  validate(material);
+  return material;
+}
+
+std::optional<tracer::PhaseFunction> build_phase(const v1::RenderGradRequest& request) {
+  if (!request.has_phase()) return std::nullopt;
   const v1::PhaseFunction& phase = request.phase();
   const auto* kind = set_field(phase, "kind");
   if (kind == nullptr) throw missing("phase: one of " + names_of(phase, "kind"));
@@ -90,12 +110,11 @@ tracer::PhaseFunction build_phase(const v1::RenderGradRequest& request) {
   return read_kind<tracer::PhaseFunction>("phase", phase, *kind);
 }
 
-}  // namespace
-
-Material build_material(const v1::Material& proto) {
-  const Material material = from_proto(proto);
-  validate(material);
-  return material;
+Material build_medium(const v1::RenderGradRequest& request) {
+  tracer::RenderRequest built{.material = build_material(request.material()),
+                              .phase = build_phase(request)};
+  built.material.g = tracer::mean_cosine(built);
+  return built.material;
 }
 
 // The ranges of what goes to the tracer as it is are checked there.
@@ -105,11 +124,8 @@ tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
   check_scene_fields(request);
   if (!request.has_material()) throw missing("material");
   tracer::RenderRequest built;
-  built.material = build_material(request.material());
-  if (request.has_phase()) {
-    built.phase = build_phase(request);
-    built.material.g = tracer::mean_cosine(built);
-  }
+  built.material = build_medium(request);
+  built.phase = build_phase(request);
   built.seed = request.seed();
   built.sample_count = request.spp();
   if (request.has_tile()) {
@@ -120,6 +136,7 @@ tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
   check_loss(request);
   built.albedos.assign(request.albedos().begin(), request.albedos().end());
   built.pilot_spp = request.pilot_spp();
+  build_gradient(request, built);
   build_tracer(request, built);
   built.estimates = std::max(request.estimates(), 1U);
   tracer::validate(built);
@@ -133,15 +150,15 @@ uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request
 }
 
 void check_reply_size(int width, int height, const v1::RenderGradRequest& request,
-                      const RenderLimits& limits) {
+                      const RenderLimits& limits, uint64_t map_pixels) {
   const uint64_t estimates = std::max(request.estimates(), 1U);
-  const auto derivatives = static_cast<uint64_t>(derivative_count(request));
+  const uint64_t derivatives = derivative_images(request);
   const uint64_t albedos = request.albedos_size();
   const uint64_t pixels = pixel_count(width, height, request);
   if (request.has_loss()) check_target(request.loss(), width, height);
   // Estimates, mask and standard error.
   const uint64_t bytes_per_pixel = sizeof(float) * (estimates * (1 + derivatives + albedos) + 2);
-  const uint64_t bytes = bytes_per_pixel * pixels;
+  const uint64_t bytes = bytes_per_pixel * pixels + sizeof(float) * estimates * map_pixels;
   if (bytes > limits.max_message_bytes) {
     throw Error(ErrorKind::kLimit,
                 fmt::format("the images of the reply would take {} bytes; this worker sends at "

@@ -15,13 +15,16 @@ tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
                                     const RenderLimits& limits);
 
 Material build_material(const v1::Material& material);
+// With the mean cosine of the phase function that is asked for.
+Material build_medium(const v1::RenderGradRequest& request);
 
 // Of the tile that is asked for, or of the film.
 uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request);
 
 // Checks the request against its scene: throws kInvalidInput if the loss's image has another size,
-// kLimit if the reply to this (checked) request would not fit into a message.
+// kLimit if the reply to this (checked) request would not fit into a message. `map_pixels`: see
+// tracer::map_pixels.
 void check_reply_size(int width, int height, const v1::RenderGradRequest& request,
-                      const RenderLimits& limits);
+                      const RenderLimits& limits, uint64_t map_pixels = 0);
 
 }  // namespace itn

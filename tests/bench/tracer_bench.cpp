@@ -652,6 +652,48 @@ void measure_dataset(const Options& options) {
   }
 }
 
+// CPU time of a gradient in numbers, in numbers and the pixels of a panorama, and of derivative
+// images, over that of the image alone; and of the image from walks as long as theirs.
+void measure_gradient(const Options& options) {
+  EnvironmentMapLight map{.width = 512, .height = 256, .rgb = {}};
+  for (int i = 0; i < map.width * map.height; ++i) {
+    const auto bright = static_cast<float>(1 + i % 97 * (i / map.width % 5));
+    map.rgb.insert(map.rgb.end(), {bright, bright, bright});
+  }
+  for (const Material& material : kMaterials) {
+    SceneDescription description = paper_scene(make_shape("smooth_star"), options.resolution);
+    description.lights.emplace_back(map);
+    const Scene scene(std::move(description));
+    const RenderRequest image{.material = material, .sample_count = 64};
+    RenderRequest derivatives = image;
+    derivatives.derivatives = medium_parameters();
+    derivatives.derivatives.push_back({Parameter::kReflectance, 0});
+    for (uint32_t k : {0U, 1U}) derivatives.derivatives.push_back({Parameter::kLightScale, k});
+    RenderRequest gradient = derivatives;
+    gradient.gradient_weights.assign(static_cast<size_t>(scene.width()) * scene.height(), 1);
+    RenderRequest in_pixels = gradient;
+    in_pixels.gradient_light = 1;
+    const RenderOptions as_long{
+        .tuning = {.walk_roulette = material.sigma_t < 50 ? 0.2 : 0.25, .depth_roulette = 0.5}};
+    std::vector<std::vector<double>> seconds(5);
+    for (int repetition = 0; repetition < options.repetitions; ++repetition) {
+      size_t kind = 0;
+      for (RenderRequest request : {image, derivatives, gradient, in_pixels}) {
+        request.seed = static_cast<uint64_t>(repetition);
+        seconds[kind++].push_back(render_grad(scene, request).counters.cpu_seconds);
+      }
+      seconds[kind].push_back(render_grad(scene, image, as_long).counters.cpu_seconds);
+    }
+    const auto ratio = [&](size_t kind) { return median(seconds[kind]) / median(seconds[0]); };
+    fmt::print(
+        "{{\"sigma_t\": {}, \"albedo\": {}, \"g\": {}, \"image_cpu_seconds\": {:.3g}, "
+        "\"six_derivative_images\": {:.3f}, \"gradient_in_six\": {:.3f}, "
+        "\"and_in_131072_pixels\": {:.3f}, \"image_of_walks_as_long\": {:.3f}}}\n",
+        material.sigma_t, material.albedo, material.g, median(seconds[0]), ratio(1), ratio(2),
+        ratio(3), ratio(4));
+  }
+}
+
 // Renders until so many paths are traced, across shapes, materials and views, and counts what went
 // wrong.
 void soak(const Options& options) {
@@ -722,6 +764,7 @@ int main(int argc, char** argv) {
   add("dataset", "Images of 2 % error per CPU-hour", itn::measure_dataset);
   add("setup", "Where the time of a small render goes", itn::measure_set_up);
   add("training", "Renders with a loss a second", itn::measure_training);
+  add("gradient", "Time of gradients, over that of the image", itn::measure_gradient);
   add("soak", "Counts leaks and invalid samples", itn::soak)
       ->add_option("--paths", options.paths, "To trace at least")
       ->capture_default_str();

@@ -64,6 +64,14 @@ RenderedImages means(const FilmSums& sums) {
       image.derivatives.push_back(
           averages(estimate.derivatives[i], sums.derivative_quanta[i], estimate.counts));
     }
+    for (size_t i = 0; i < estimate.gradient.size(); ++i) {
+      image.gradient.push_back(static_cast<double>(estimate.gradient[i]) *
+                               sums.derivative_quanta[i] * sums.gradient_unit);
+    }
+    for (const int64_t sum : estimate.map_gradient) {
+      image.map_gradient.push_back(
+          static_cast<float>(static_cast<double>(sum) * sums.map_quantum * sums.gradient_unit));
+    }
     for (const std::vector<int64_t>& radiance : estimate.at_albedos) {
       image.at_albedos.push_back(averages(radiance, sums.quantum, estimate.counts));
     }

@@ -28,11 +28,17 @@ struct FilmSums {
   double squares_quantum = 0;  // of squares
   // Of derivatives, in the order of RenderRequest::derivatives.
   std::vector<double> derivative_quanta;
+  // Of a gradient (RenderRequest::gradient_weights), which is a sum over paths of a factor by
+  // estimate and pixel, times the unit, times the path's derivative: weight / samples, with a
+  // largest factor of about 1.
+  std::vector<std::vector<float>> gradient_factors;
+  double gradient_unit = 0, map_quantum = 0;
 
   struct EstimateSums {
     std::vector<uint32_t> counts;  // of samples
     std::vector<int64_t> radiance;
     std::vector<std::vector<int64_t>> derivatives;  // in the order of RenderRequest::derivatives
+    std::vector<int64_t> gradient, map_gradient;    // instead
     std::vector<std::vector<int64_t>> at_albedos;   // radiance for RenderRequest::albedos
   };
   std::vector<EstimateSums> estimates;
@@ -58,6 +64,8 @@ struct RenderedImages {
     std::vector<float> radiance;
     std::vector<std::vector<float>> derivatives;  // in the order of RenderRequest::derivatives
     std::vector<std::vector<float>> at_albedos;   // for RenderRequest::albedos
+    std::vector<double> gradient = {};            // instead of derivatives, in their order
+    std::vector<float> map_gradient = {};         // by pixel of the panorama, top row first
   };
   std::vector<Estimate> estimates;
   std::vector<float> mask;            // fraction of camera rays that meet the object

@@ -18,6 +18,11 @@ constexpr double kMaxQuanta = 0x1p42;
 // and cut off at 2^42 quanta, a radiance of 64 times the mean.
 constexpr int kSquaresQuantumBits = 30;
 
+// Integers add up to the same in any order.
+void add_to(int64_t& sum, int64_t by) {
+  std::atomic_ref(sum).fetch_add(by, std::memory_order_relaxed);
+}
+
 double power_of_two_near(double x) {
   return std::exp2(std::round(std::log2(x)));
 }
@@ -31,6 +36,39 @@ double derivative_unit(const Parameter& parameter, const Scene::Compiled& scene,
   const Bounds& box = scene.obstacles.bounds;
   const double size = static_cast<double>(length(box.max - box.min));
   return power_of_two_near(std::min(1 / material.sigma_t, size));
+}
+
+// Radiance per radiance of the panorama, of order 1, is counted in this.
+constexpr double kMapQuantum = 0x1p-24;
+
+void prepare_gradient(const Scene::Compiled& scene, const RenderRequest& request, const Plan& plan,
+                      FilmSums& film) {
+  const std::vector<float>& weights = request.gradient_weights;
+  double largest = 0;
+  for (const float w : weights) largest = std::max(largest, std::abs(double{w}));
+  uint32_t fewest = ~0U;
+  for (const auto& estimate : film.estimates) {
+    for (const uint32_t count : estimate.counts) {
+      if (count > 0) fewest = std::min(fewest, count);
+    }
+  }
+  film.gradient_unit = largest / fewest;
+  for (auto& estimate : film.estimates) {
+    std::vector<float>& factors = film.gradient_factors.emplace_back(estimate.counts.size());
+    for (const PlannedPixel& p : plan.pixels) {
+      const size_t i = film.index_of(p.pixel);
+      if (estimate.counts[i] == 0) continue;
+      factors[i] =
+          static_cast<float>(double{weights[p.pixel]} / largest * fewest / estimate.counts[i]);
+    }
+    estimate.gradient.resize(request.derivatives.size());
+    if (request.gradient_light) {
+      const EnvironmentMapTable& map = scene.lights.map_of(*request.gradient_light)->table();
+      film.map_quantum = kMapQuantum * map.scale();
+      estimate.map_gradient.resize(static_cast<size_t>(map.width()) *
+                                   static_cast<size_t>(map.height()));
+    }
+  }
 }
 
 }  // namespace
@@ -62,20 +100,32 @@ FilmSums empty_film(const Scene::Compiled& scene, const RenderRequest& request, 
           samples_of_estimate(p.sample_count, k, request.estimates);
     }
     estimate.radiance.resize(pixels);
-    estimate.derivatives.assign(request.derivatives.size(), std::vector<int64_t>(pixels));
+    if (request.gradient_weights.empty()) {
+      estimate.derivatives.assign(request.derivatives.size(), std::vector<int64_t>(pixels));
+    }
     estimate.at_albedos.assign(request.albedos.size(), std::vector<int64_t>(pixels));
   }
+  if (!request.gradient_weights.empty()) prepare_gradient(scene, request, plan, film);
   return film;
 }
 
 FilmWriter::FilmWriter(FilmSums& film)
     : film_(&film),
       estimates_(static_cast<uint32_t>(film.estimates.size())),
+      is_gradient_(!film.gradient_factors.empty()),
       derivatives_(film.derivative_quanta.size()),
       albedos_(film.estimates[0].at_albedos.size()),
       per_radiance_(1 / film.quantum),
       per_square_(1 / film.squares_quantum) {
   for (size_t i = 0; i < derivatives_; ++i) per_derivative_[i] = 1 / film.derivative_quanta[i];
+  if (is_gradient_) gradients_.resize(estimates_);
+}
+
+void FilmWriter::add_to_map(uint32_t pixel, uint32_t sample, size_t map_pixel,
+                            double per_radiance) {
+  const uint32_t k = sample % estimates_;
+  const double part = per_radiance * double{film_->gradient_factors[k][film_->index_of(pixel)]};
+  add_to(film_->estimates[k].map_gradient[map_pixel], std::llrint(part / kMapQuantum));
 }
 
 void FilmWriter::add(const PathSample& sample, const PathEstimate& path) {
@@ -100,6 +150,12 @@ void FilmWriter::close() {
     flush(sums);
     sums.pixel = PixelSums::kNone;
   }
+  for (size_t k = 0; k < gradients_.size(); ++k) {
+    for (size_t i = 0; i < derivatives_; ++i) {
+      add_to(film_->estimates[k].gradient[i], gradients_[k][i]);
+    }
+    gradients_[k] = {};
+  }
 }
 
 void FilmWriter::restart(PixelSums& sums, uint32_t pixel, uint32_t estimate) const {
@@ -111,7 +167,7 @@ void FilmWriter::restart(PixelSums& sums, uint32_t pixel, uint32_t estimate) con
 }
 
 // Adds a path to sums, unless it is NaN, infinite or beyond their range: the one door for these.
-bool FilmWriter::collect(const PathEstimate& path, PixelSums& sums) const {
+bool FilmWriter::collect(const PathEstimate& path, PixelSums& sums) {
   const double radiance = path.radiance * per_radiance_;
   bool representable = std::abs(radiance) < kMaxQuanta;  // false for NaN
   for (size_t i = 0; i < derivatives_; ++i) {
@@ -124,8 +180,16 @@ bool FilmWriter::collect(const PathEstimate& path, PixelSums& sums) const {
   if (!representable) return false;
   sums.radiance += std::llrint(radiance);
   sums.squares += std::llrint(std::min(path.radiance * path.radiance * per_square_, kMaxQuanta));
-  for (size_t i = 0; i < derivatives_; ++i) {
-    sums.derivatives[i] += std::llrint(path.derivatives[i] * per_derivative_[i]);
+  if (is_gradient_) {
+    const double factor{film_->gradient_factors[sums.estimate][film_->index_of(sums.pixel)]};
+    for (size_t i = 0; i < derivatives_; ++i) {
+      gradients_[sums.estimate][i] +=
+          std::llrint(factor * path.derivatives[i] * per_derivative_[i]);
+    }
+  } else {
+    for (size_t i = 0; i < derivatives_; ++i) {
+      sums.derivatives[i] += std::llrint(path.derivatives[i] * per_derivative_[i]);
+    }
   }
   for (size_t a = 0; a < albedos_; ++a) {
     sums.at_albedos[a] += std::llrint(path.at_albedos[a] * per_radiance_);
@@ -135,14 +199,10 @@ bool FilmWriter::collect(const PathEstimate& path, PixelSums& sums) const {
 
 void FilmWriter::flush(const PixelSums& sums) {
   if (sums.pixel == PixelSums::kNone) return;
-  // Integers add up to the same in any order.
-  const auto add_to = [](int64_t& sum, int64_t by) {
-    std::atomic_ref(sum).fetch_add(by, std::memory_order_relaxed);
-  };
   const size_t pixel = film_->index_of(sums.pixel);
   auto& estimate = film_->estimates[sums.estimate];
   add_to(estimate.radiance[pixel], sums.radiance);
-  for (size_t i = 0; i < derivatives_; ++i) {
+  for (size_t i = 0; i < estimate.derivatives.size(); ++i) {
     add_to(estimate.derivatives[i][pixel], sums.derivatives[i]);
   }
   for (size_t a = 0; a < albedos_; ++a) add_to(estimate.at_albedos[a][pixel], sums.at_albedos[a]);

@@ -32,6 +32,8 @@ class FilmWriter {
  public:
   explicit FilmWriter(FilmSums& film);
   void add(const PathSample& sample, const PathEstimate& path);
+  // Light that reaches the pixel of a sample from a pixel of the panorama, per radiance there.
+  void add_to_map(uint32_t pixel, uint32_t sample, size_t map_pixel, double per_radiance);
   // To be called when all is added.
   void close();
 
@@ -46,7 +48,7 @@ class FilmWriter {
     std::array<int64_t, kMaxDerivatives> derivatives{};
     std::array<int64_t, kMaxAlbedos> at_albedos{};
   };
-  bool collect(const PathEstimate& path, PixelSums& sums) const;
+  bool collect(const PathEstimate& path, PixelSums& sums);
   // Adds them to the film.
   void flush(const PixelSums& sums);
   void restart(PixelSums& sums, uint32_t pixel, uint32_t estimate) const;
@@ -54,7 +56,10 @@ class FilmWriter {
   static constexpr size_t kCollected = 64;
   FilmSums* film_;
   uint32_t estimates_;
-  size_t derivatives_, albedos_;  // how many of each
+  bool is_gradient_;
+  size_t derivatives_, albedos_;  // how many images of each
+  // Of estimates, by derivative: collected here until close().
+  std::vector<std::array<int64_t, kMaxDerivatives>> gradients_;
   double per_radiance_, per_square_;
   std::array<double, kMaxDerivatives> per_derivative_{};
   std::array<PixelSums, kCollected> collected_{};

@@ -30,6 +30,7 @@ EnvironmentMap EnvironmentMapLight::compile(const LightFrame& frame) const {
 EnvironmentMapTable::EnvironmentMapTable(const EnvironmentMapLight& light, Channel channel)
     : width_(light.width),
       height_(light.height),
+      scale_(light.scale),
       values_(static_cast<size_t>(width_) * static_cast<size_t>(height_)) {
   for (size_t i = 0; i < values_.size(); ++i) {
     const Rgb c{light.rgb[3 * i], light.rgb[3 * i + 1], light.rgb[3 * i + 2]};

@@ -45,6 +45,7 @@ class EnvironmentMapTable {
   EnvironmentMapTable(const EnvironmentMapLight& light, Channel channel);
 
   double power() const { return power_; }
+  double scale() const { return scale_; }  // of the radiances, by which pixels are multiplied
   size_t memory() const;
 
   int width() const { return width_; }
@@ -60,6 +61,7 @@ class EnvironmentMapTable {
   void weigh_pixels();
 
   int width_, height_;
+  double scale_;
   std::vector<float> values_, edges_, inverse_angles_;
   double power_ = 0;
   std::optional<AliasTable> cells_;
@@ -101,7 +103,13 @@ class EnvironmentMap {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Emission emission(const EnvironmentMap& light, Vectors direction) {
+// Where the map is looked up: its pixel at (u, v), and the four pixels between whose middles that
+// is, at the fractions fx and fy, numbered row by row.
+struct MapPlace {
+  Floats u, v, fx, fy;
+  Ints upper[2], lower[2];
+};
+HWY_INLINE MapPlace place_of(const EnvironmentMap& light, Vectors direction) {
   const EnvironmentMapTable& map = light.table();
   const Vectors d = rotated(light.to_map(), direction);
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
@@ -125,14 +133,24 @@ HWY_INLINE Emission emission(const EnvironmentMap& light, Vectors direction) {
   };
   const Ints c0 = wrapped(column), c1 = wrapped(hn::Add(column, one));
   const Ints r0 = start(row), r1 = start(hn::Add(row, one));
-  const auto value = [&](Ints r, Ints c) { return gather(map.values(), hn::Add(r, c)); };
-  const Floats radiance =
-      mix(mix(value(r0, c0), value(r0, c1), fx), mix(value(r1, c0), value(r1, c1), fx), fy);
+  return {u, v, fx, fy, {hn::Add(r0, c0), hn::Add(r0, c1)}, {hn::Add(r1, c0), hn::Add(r1, c1)}};
+}
 
-  const Floats pixel_row = hn::Clamp(hn::Floor(hn::Mul(v, height)), zero, hn::Sub(height, one));
-  const Ints pixel_column = to_int(hn::Min(hn::Floor(hn::Mul(u, width)), hn::Sub(width, one)));
+HWY_INLINE Emission emission(const EnvironmentMap& light, Vectors direction) {
+  const EnvironmentMapTable& map = light.table();
+  const MapPlace at = place_of(light, direction);
+  const auto value = [&](Ints pixel) { return gather(map.values(), pixel); };
+  const Floats radiance = mix(mix(value(at.upper[0]), value(at.upper[1]), at.fx),
+                              mix(value(at.lower[0]), value(at.lower[1]), at.fx), at.fy);
+
+  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Floats width = set(static_cast<float>(map.width()));
+  const Floats height = set(static_cast<float>(map.height()));
+  const Floats pixel_row = hn::Clamp(hn::Floor(hn::Mul(at.v, height)), zero, hn::Sub(height, one));
+  const Ints pixel_column = to_int(hn::Min(hn::Floor(hn::Mul(at.u, width)), hn::Sub(width, one)));
   const Floats probability =
-      gather(map.cells().probabilities(), hn::Add(start(pixel_row), pixel_column));
+      gather(map.cells().probabilities(),
+             hn::Add(hn::Mul(to_int(pixel_row), hn::Set(IntTag(), map.width())), pixel_column));
   const Floats pdf = hn::Mul(probability, gather(map.inverse_angles(), to_int(pixel_row)));
   return {radiance, pdf};
 }

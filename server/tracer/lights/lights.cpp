@@ -74,6 +74,13 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channe
   *this = Lights(descriptions, {channel, {}, {}, parts, part_keys});
 }
 
+const EnvironmentMap* Lights::map_of(size_t number) const {
+  for (const Light& light : lights_) {
+    if (light.number == number) return std::get_if<EnvironmentMap>(&light.kind);
+  }
+  return nullptr;
+}
+
 float Lights::radiance(Vec3f direction) const {
   return hn::GetLane(lanes::emission(*this, lanes::set(direction)).radiance);
 }

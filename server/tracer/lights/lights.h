@@ -48,6 +48,9 @@ class Lights {
   bool has_near() const { return has_near_; }
   bool has_maps() const { return has_maps_; }
 
+  // The panorama that a description was compiled to, or null.
+  const EnvironmentMap* map_of(size_t number) const;
+
   // As many as there are descriptions, those that do not shine too.
   size_t count() const { return count_; }
 

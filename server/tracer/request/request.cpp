@@ -68,6 +68,33 @@ void check_weights(const RenderRequest& request, size_t pixels) {
   }
 }
 
+void check_gradient(const RenderRequest& request, const Scene& scene) {
+  const std::vector<float>& weights = request.gradient_weights;
+  const auto pixels = static_cast<size_t>(scene.width()) * static_cast<size_t>(scene.height());
+  const auto finite = [](float w) { return std::isfinite(w); };
+  const auto zero = [](float w) { return w == 0; };
+  if (weights.size() != pixels || !std::ranges::all_of(weights, finite) ||
+      std::ranges::all_of(weights, zero)) {
+    throw invalid_input(fmt::format(
+        "there are {} gradient weights; there must be one for each of the {} pixels, finite and "
+        "not all 0",
+        weights.size(), pixels));
+  }
+}
+
+void check_gradient_light(const RenderRequest& request, const Scene& scene) {
+  const uint32_t number = *request.gradient_light;
+  if (request.gradient_weights.empty()) {
+    throw invalid_input("a gradient in a light's pixels needs gradient weights");
+  }
+  if (request.tracer == Tracer::kReference) {
+    throw invalid_input("the reference tracer knows no gradient in a light's pixels");
+  }
+  if (scene.compiled().lights.map_of(number) == nullptr) {
+    throw invalid_input(fmt::format("lights[{}] is no panorama that shines", number));
+  }
+}
+
 void check_tile(const Tile& tile, const Scene& scene) {
   const auto inside = [](uint64_t first, uint64_t count, int length) {
     return count > 0 && first + count <= static_cast<uint64_t>(length);
@@ -113,6 +140,12 @@ double mean_cosine(const RenderRequest& request) {
   return std::visit([](const auto& kind) { return kind.mean_cosine(); }, *request.phase);
 }
 
+size_t map_pixels(const RenderRequest& request, const Scene& scene) {
+  if (!request.gradient_light) return 0;
+  const EnvironmentMapTable& map = scene.compiled().lights.map_of(*request.gradient_light)->table();
+  return static_cast<size_t>(map.width()) * static_cast<size_t>(map.height());
+}
+
 void validate(const RenderRequest& request) {
   itn::validate(request.material);
   check_samples(request);
@@ -137,6 +170,8 @@ void validate(const RenderRequest& request, const Scene& scene) {
   validate(request);
   if (request.tile) check_tile(*request.tile, scene);
   check_weights(request, static_cast<size_t>(scene.width()) * static_cast<size_t>(scene.height()));
+  if (!request.gradient_weights.empty()) check_gradient(request, scene);
+  if (request.gradient_light) check_gradient_light(request, scene);
   for (const Parameter& parameter : request.derivatives) {
     if (parameter.kind == Parameter::kReflectance) {
       check_index(parameter, scene.surface_count(), "surface");

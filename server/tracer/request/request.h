@@ -48,6 +48,11 @@ struct RenderRequest {
   uint64_t seed = 0;
   // Which derivative images to accumulate, in this order, none twice. At most kMaxDerivatives.
   std::vector<Parameter> derivatives = {};
+  // By pixel of the film, a weight of any sign: instead of derivative images, the gradient of the
+  // sum over the pixels of weight * radiance, a number for each of `derivatives`. Empty: images.
+  std::vector<float> gradient_weights = {};
+  // And its gradient in the pixels of this light, a panorama. Not by the reference.
+  std::optional<uint32_t> gradient_light = {};
   // Sample i contributes to estimate i mod `estimates`, in [1, kMaxEstimates].
   uint32_t estimates = 1;
   Tracer tracer = Tracer::kWavefront;
@@ -111,6 +116,9 @@ struct RenderOptions {
 
 PhaseFunction phase_of(const RenderRequest& request);
 double mean_cosine(const RenderRequest& request);
+// How many there are in the panorama that a gradient is asked for in; 0 without. Of a valid
+// request.
+size_t map_pixels(const RenderRequest& request, const Scene& scene);
 
 // Throws Error (invalid input) that names the field which is out of its range, as far as that does
 // not depend on the scene: the one place where the ranges of a request are checked.

@@ -318,6 +318,93 @@ TEST(RenderService, RefusesDerivativesThatTheSceneDoesNotHave) {
   EXPECT_THAT(message("surface.reflectance"), HasSubstr("surface[K].reflectance"));
 }
 
+// Of the weighted sum of the images that the same request has, in the same order.
+TEST(RenderService, AnswersWithAGradient) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::Scene scene = cube_scene();
+  auto& map = *scene.add_lights()->mutable_environment_map()->mutable_pixels();
+  map.set_width(4);
+  map.set_height(2);
+  map.set_rgb(to_bytes(std::vector<float>(3 * 8, 0.5F)));
+  const auto number = static_cast<uint32_t>(scene.lights_size() - 1);
+  const std::string scale = "light[" + std::to_string(number) + "].scale";
+  v1::RenderGradRequest request = small_request();
+  request.add_scene_derivatives(scale);
+  request = with_scene(request, scene);
+  const Answer images = client.call(request);
+  ASSERT_TRUE(images.status.ok()) << images.status.error_message();
+  const v1::Estimate& image = images.reply.estimates(1);
+  std::vector<float> weights(from_bytes<float>(image.radiance()).size());
+  for (size_t p = 0; p < weights.size(); ++p) weights[p] = static_cast<float>(p % 5) - 1;
+  request.mutable_gradient()->set_weight(to_bytes(weights));
+  const Answer answer = client.call(request);
+  ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+  const v1::Estimate& estimate = answer.reply.estimates(1);
+  EXPECT_EQ(estimate.derivatives_size(), 0);
+  ASSERT_EQ(estimate.gradient_size(), image.derivatives_size());
+  for (int i = 0; i < estimate.gradient_size(); ++i) {
+    const auto derivative = from_bytes<float>(image.derivatives(i));
+    double sum = 0, size = 0;
+    for (size_t p = 0; p < weights.size(); ++p) {
+      sum += double{weights[p]} * double{derivative[p]};
+      size += std::abs(double{weights[p]} * double{derivative[p]});
+    }
+    EXPECT_NEAR(estimate.gradient(i), sum, 1e-4 * size) << i;
+  }
+  EXPECT_TRUE(estimate.light_gradient().empty());
+
+  request.mutable_gradient()->set_light(number);
+  const Answer in_pixels = client.call(request);
+  ASSERT_TRUE(in_pixels.status.ok()) << in_pixels.status.error_message();
+  const v1::Estimate& with_pixels = in_pixels.reply.estimates(1);
+  double by_pixels = 0;
+  for (const float g : from_bytes<float>(with_pixels.light_gradient()))
+    by_pixels += 0.5 * double{g};
+  const double whole = with_pixels.gradient(with_pixels.gradient_size() - 1);
+  EXPECT_NEAR(by_pixels, whole, 1e-3 * std::abs(whole) + 1e-6);
+
+  const auto refusal = [&](const auto& spoil) {
+    v1::RenderGradRequest bad = request;
+    spoil(bad);
+    return client.call(bad).status.error_message();
+  };
+  using ::testing::HasSubstr;
+  EXPECT_THAT(refusal([](auto& r) { r.mutable_loss(); }), HasSubstr("cannot both be asked for"));
+  EXPECT_THAT(refusal([](auto& r) { r.mutable_gradient()->clear_weight(); }),
+              HasSubstr("gradient.weight is missing"));
+  EXPECT_THAT(refusal([](auto& r) { r.mutable_gradient()->mutable_weight()->resize(8); }),
+              HasSubstr("there are 2 gradient weights"));
+  EXPECT_THAT(refusal([](auto& r) { r.mutable_gradient()->set_light(0); }),
+              HasSubstr("lights[0] is no panorama"));
+}
+
+// Its mean cosine is the g of the chain rule: at fixed sigma_a and phase function,
+// d/d sigma_s_reduced = (d/d sigma_t + (1 - albedo) / sigma_t d/d albedo) / (1 - mean cosine).
+TEST(RenderService, AppliesTheChainRuleToAPhaseFunction) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::RenderGradRequest request = small_request();
+  request.mutable_material()->clear_g();
+  request.mutable_phase()->mutable_two_term()->set_weight(0.5F);
+  request.clear_derivatives();
+  for (const auto parameter : {v1::SIGMA_T, v1::ALBEDO, v1::SIGMA_S_REDUCED}) {
+    request.add_derivatives(parameter);
+  }
+  const Answer answer = client.call(with_scene(request));
+  ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+  const v1::Estimate& image = answer.reply.estimates(0);
+  const auto by_sigma_t = from_bytes<float>(image.derivatives(0));
+  const auto by_albedo = from_bytes<float>(image.derivatives(1));
+  const auto by_reduced = from_bytes<float>(image.derivatives(2));
+  const double sigma_t = request.material().sigma_t(), albedo = request.material().albedo();
+  for (size_t p = 0; p < by_reduced.size(); ++p) {
+    const double expected =
+        (double{by_sigma_t[p]} + (1 - albedo) / sigma_t * double{by_albedo[p]}) / (1 - 0.25);
+    EXPECT_NEAR(by_reduced[p], expected, 1e-5 * (1 + std::abs(expected)));
+  }
+}
+
 TEST(RenderService, GivesSeveralAlbedosInTheOrderAsked) {
   RenderServer server(one_thread());
   Client client(server.in_process_channel());

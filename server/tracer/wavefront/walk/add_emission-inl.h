@@ -37,6 +37,11 @@ void add_emission(Wavefront<AtBoundary>& wave, size_t i, Mask escaped) {
                                         load(paths.rays.direction, i));
         return hn::IfThenElseZero(escaped, hn::Mul(hn::Mul(weight, part), mis_weight));
       });
+  if (wave.differentiated_map != nullptr) {
+    const Ints slots = hn::Iota(IntTag(), static_cast<int32_t>(i));
+    add_to_map(wave, load(paths.rays.direction, i), escaped,
+               hn::Mul(load(paths.weight, i), mis_weight), slots);
+  }
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

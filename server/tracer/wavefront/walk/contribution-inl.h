@@ -6,8 +6,11 @@
 #define ITN_TRACER_WAVEFRONT_WALK_CONTRIBUTION_INL_H_
 #endif
 
+#include <bit>
 #include <cstddef>
+#include <cstdint>
 
+#include "server/tracer/lights/environment_map.h"
 #include "server/tracer/lights/light-inl.h"
 #include "server/tracer/wavefront/walk/state-inl.h"
 
@@ -59,6 +62,31 @@ HWY_INLINE void add_contribution(Wavefront<AtBoundary>& wave, const Slots& at, F
     at.add(hn::Mul(at.get(paths.dweight_dreflectance[r]), light), paths.d_reflectance[r]);
   }
   for (size_t l = 0; l < paths.d_light.size(); ++l) at.add(part_of(l, weight), paths.d_light[l]);
+}
+
+// The same, for the gradient in the panorama's pixels: light from `direction` arrives where
+// `arrived` says, `per_radiance` of what is sent there, the path's weight included. `slots` are the
+// paths'.
+template <typename AtBoundary>
+void add_to_map(Wavefront<AtBoundary>& wave, Vectors direction, Mask arrived, Floats per_radiance,
+                Ints slots) {
+  const MapPlace at = place_of(*wave.differentiated_map, direction);
+  const Floats one = set(1.0F), left = hn::Sub(one, at.fx), top = hn::Sub(one, at.fy);
+  const Ints pixels[] = {at.upper[0], at.upper[1], at.lower[0], at.lower[1]};
+  const Floats shares[] = {hn::Mul(left, top), hn::Mul(at.fx, top), hn::Mul(left, at.fy),
+                           hn::Mul(at.fx, at.fy)};
+  alignas(64) int32_t slot[kMaxLanes], pixel[kMaxLanes];
+  alignas(64) float part[kMaxLanes];
+  hn::Store(slots, IntTag(), slot);
+  for (size_t k = 0; k < 4; ++k) {
+    hn::Store(pixels[k], IntTag(), pixel);
+    hn::Store(hn::Mul(per_radiance, shares[k]), FloatTag(), part);
+    for (Bits bits = bits_of(arrived); bits != 0; bits &= bits - 1) {
+      const auto lane = static_cast<size_t>(std::countr_zero(bits));
+      wave.film.add_to_map(wave.paths.pixel[slot[lane]], wave.paths.sample[slot[lane]],
+                           static_cast<size_t>(pixel[lane]), double{part[lane]});
+    }
+  }
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -122,6 +122,7 @@ struct ShadowRays {
   FloatColumn light{}, importance{};
   std::vector<FloatColumn> score_phase;      // of the path, with that of the turn to the light
   std::vector<FloatColumn> parts_of_lights;  // of `light`, for the derivatives asked for in lights
+  std::vector<FloatColumn> per_radiance;     // `light` by radiance, for a gradient in a panorama
   size_t count = 0;
 };
 

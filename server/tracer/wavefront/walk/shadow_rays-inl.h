@@ -63,9 +63,16 @@ void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& ver
   const Floats pdf_sum =
       hn::IfThenElse(hn::Gt(light.pdf, zero), hn::Add(light.pdf, phase_pdf), set(1.0F));
   const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), pdf_sum);
-  const Floats importance = hn::Mul(path_importance(paths, i), undimmed);
+  // What decides whether it is sent. For a gradient in a panorama, dark places count as well.
+  Floats worth = undimmed, per_radiance = zero;
+  if (wave.differentiated_map != nullptr) {
+    const auto mean = static_cast<float>(wave.scene.lights.power() / (4 * std::numbers::pi));
+    per_radiance = hn::IfThenElseZero(hn::Gt(light.pdf, zero), hn::Div(value, pdf_sum));
+    worth = hn::Max(worth, hn::Mul(per_radiance, set(mean)));
+  }
+  const Floats importance = hn::Mul(path_importance(paths, i), worth);
   Floats limit = set(kMaxOpticalDepth);
-  Mask sent = hn::And(vertices.where, hn::Gt(undimmed, zero));
+  Mask sent = hn::And(vertices.where, hn::Gt(worth, zero));
   if (wave.shadow_ray_threshold > 0) {
     const Floats u = hn::Sub(set(1.0F), fifth_uniform(words));
     limit = hn::Min(limit, log(hn::Div(importance, hn::Mul(u, set(wave.shadow_ray_threshold)))));
@@ -90,6 +97,7 @@ void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& ver
   append(hn::Mul(limit, set(1 / wave.sigma_t)), shadow_rays.rays.max_medium_length);
   if (shadow_rays.rays.bounded) append(light.distance, shadow_rays.rays.distance);
   append(undimmed, shadow_rays.light);
+  if (wave.differentiated_map != nullptr) append(per_radiance, shadow_rays.per_radiance[0]);
   append(importance, shadow_rays.importance);
   for (size_t s = 0; s < shadow_rays.score_phase.size(); ++s) {
     const Floats score =
@@ -147,6 +155,10 @@ void trace_shadow_rays(Wavefront<AtBoundary>& wave) {
         [&](size_t l, Floats weight) {
           return hn::Mul(weight, arriving(shadow_rays.parts_of_lights[l]));
         });
+    if (wave.differentiated_map != nullptr) {
+      add_to_map(wave, load(shadow_rays.rays.direction, i), arrived,
+                 hn::Mul(at.get(paths.weight), arriving(shadow_rays.per_radiance[0])), slot);
+    }
   }
 }
 

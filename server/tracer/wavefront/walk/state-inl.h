@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "common/fields.h"
+#include "server/tracer/film/film_writer.h"
 #include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/phase/phase_function.h"
 #include "server/tracer/random/philox-inl.h"
@@ -33,8 +34,9 @@ inline bool asks_for_medium(const RenderRequest& request) {
 template <typename AtBoundary>
 struct Wavefront {
   Wavefront(const Scene::Compiled& compiled, const RenderRequest& asked,
-            const RenderOptions& options)
-      : scene(compiled),
+            const RenderOptions& options, FilmWriter& to)
+      : film(to),
+        scene(compiled),
         request(asked),
         switches(options.switches),
         sigma_t(static_cast<float>(asked.material.sigma_t)),
@@ -52,6 +54,10 @@ struct Wavefront {
         differentiated_lights.push_back(parameter.index);
       }
     }
+    if (asked.gradient_light) {
+      differentiated_map = compiled.lights.map_of(*asked.gradient_light);
+      shadow_rays.per_radiance.resize(1);
+    }
     if (medium_derivatives) {
       for (auto* columns : {&paths.score_phase, &paths.d_phase, &paths.control_phase}) {
         columns->resize(slot_count(phase));
@@ -67,6 +73,7 @@ struct Wavefront {
     shadow_rays.rays.bounded = compiled.lights.has_near();
   }
 
+  FilmWriter& film;
   const Scene::Compiled& scene;
   const RenderRequest& request;
   const Switches& switches;
@@ -82,6 +89,8 @@ struct Wavefront {
   };
   std::vector<SurfaceSlot> reflecting;
   std::vector<size_t> differentiated_lights;
+  // The panorama in whose pixels a gradient is asked for, or null.
+  const EnvironmentMap* differentiated_map = nullptr;
 
   Paths paths;
   size_t count = 0;  // of paths under way, in slots 0 .. count - 1

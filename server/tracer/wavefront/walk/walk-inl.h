@@ -83,7 +83,7 @@ class Walk {
  public:
   Walk(const Scene::Compiled& scene, const RenderRequest& request, const RenderOptions& options,
        WorkQueue& queue, FilmWriter& film)
-      : wave_(scene, request, options),
+      : wave_(scene, request, options, film),
         roulette_(scene, request, options.tuning),
         source_(scene, request, options.switches, queue),
         recorder_(request, wave_.paths, film) {}
