@@ -32,6 +32,7 @@
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_file.h"
 #include "common/scene/text_proto.h"
+#include "server/render/derivatives.h"
 #include "server/render/mesh_builder.h"
 
 namespace itn {
@@ -128,39 +129,6 @@ void set_film(const std::string& size, v1::Film& film) {
   film.set_height(height);
 }
 
-// The medium's parameter of this name; PARAMETER_UNSPECIFIED if it has none.
-v1::Parameter medium_parameter(const std::string& name) {
-  std::string upper = name;
-  std::ranges::transform(upper, upper.begin(), [](unsigned char c) { return std::toupper(c); });
-  v1::Parameter value = v1::PARAMETER_UNSPECIFIED;
-  if (lower(name) == name) v1::Parameter_Parse(upper, &value);
-  return value;
-}
-
-// A parameter of the scene or phase function, as "light[0].scale", is the worker's to read.
-void add_derivative(const std::string& name, v1::RenderGradRequest& request) {
-  if (const v1::Parameter parameter = medium_parameter(name)) {
-    request.add_derivatives(parameter);
-  } else if (name.find('.') != std::string::npos) {
-    request.add_scene_derivatives(name);
-  } else {
-    throw Error(ErrorKind::kUsage,
-                fmt::format("--derivatives: {} is not one of sigma_t, albedo, g, sigma_a, sigma_s, "
-                            "sigma_s_reduced, two_term.g_1, two_term.g_2, two_term.weight, "
-                            "surface[K].reflectance, surface[K].checkerboard.even, "
-                            "surface[K].checkerboard.odd, light[K].scale",
-                            name));
-  }
-}
-
-// The names in the order of the reply: those of the medium first.
-std::vector<std::string> in_order_of_reply(std::vector<std::string> names) {
-  std::stable_partition(names.begin(), names.end(), [](const std::string& name) {
-    return medium_parameter(name) != v1::PARAMETER_UNSPECIFIED;
-  });
-  return names;
-}
-
 RenderJob make_job(const RenderFlags& options) {
   v1::Scene scene = load_scene(options.scene, options.mesh_unit);
   if (!options.film.empty()) set_film(options.film, *scene.mutable_film());
@@ -177,7 +145,7 @@ RenderJob make_job(const RenderFlags& options) {
   job.request.set_pilot_spp(options.pilot_spp);
   job.request.set_pixels(options.pixels == "object" ? v1::OBJECT_PIXELS : v1::ALL_PIXELS);
   job.request.set_tracer(options.tracer == "reference" ? v1::REFERENCE : v1::WAVEFRONT);
-  for (const std::string& name : options.derivatives) add_derivative(name, job.request);
+  for (const std::string& name : options.derivatives) job.request.add_parameters(name);
   return job;
 }
 
@@ -196,7 +164,7 @@ v1::RenderGradReply render(const RenderFlags& options, const RenderJob& job) {
 
 void add_channels(const v1::RenderGradReply& reply, const RenderFlags& options, Image& image) {
   image.channels["Y"] = mean_radiance(reply, options.spp);
-  const std::vector<std::string> derivatives = in_order_of_reply(options.derivatives);
+  const std::vector<std::string>& derivatives = options.derivatives;
   for (size_t d = 0; d < derivatives.size(); ++d) {
     const auto derivative = [d](const v1::Estimate& e) -> const std::string& {
       return e.derivatives(static_cast<int>(d));
@@ -403,11 +371,19 @@ void add_render_command(CLI::App& app) {
       ->capture_default_str();
   command
       ->add_option("--derivatives", options->derivatives,
-                   "Layers to add, separated by commas: sigma_t, albedo, g, sigma_a, sigma_s, "
-                   "sigma_s_reduced, two_term.g_1, two_term.g_2, two_term.weight, "
-                   "surface[K].reflectance, surface[K].checkerboard.even or odd, "
-                   "light[K].scale (K-th of the scene "
-                   "file, from 0; the scale of a light is 1)")
+                   fmt::format("Layers to add, separated by commas: {} (K-th of the scene file, "
+                               "from 0; the scale of a light is 1)",
+                               fmt::join(parameter_names(), ", ")))
+      ->check(CLI::Validator(
+          [](std::string& name) -> std::string {
+            try {
+              check_parameter_name(name);
+            } catch (const Error& error) {
+              return error.what();
+            }
+            return "";
+          },
+          ""))
       ->delimiter(',')
       ->allow_extra_args(false);
   command->add_option("--estimates", options->estimates, "Independent estimates, as further layers")

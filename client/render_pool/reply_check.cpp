@@ -49,7 +49,7 @@ void check_images(const v1::RenderGradReply& reply, const v1::RenderGradRequest&
   for (const v1::Estimate& estimate : reply.estimates()) {
     check_image("radiance", estimate.radiance(), pixels, 0, kMaxValue);
     check_number("the number of derivatives", estimate.derivatives_size(),
-                 derivative_count(request));
+                 static_cast<int>(derivative_images(request)));
     for (const std::string& image : estimate.derivatives()) {
       check_image("a derivative", image, pixels, -kMaxValue, kMaxValue);
     }

@@ -1,14 +1,34 @@
 #include "server/render/derivatives.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
-#include <set>
+#include <cctype>
+#include <optional>
 
 #include "common/error.h"
 
 namespace itn {
 namespace {
+
+std::string lower(std::string text) {
+  std::ranges::transform(text, text.begin(), [](unsigned char c) { return std::tolower(c); });
+  return text;
+}
+
+std::string name_of(v1::Parameter parameter) {
+  return lower(v1::Parameter_Name(parameter));
+}
+
+// Nothing if it is not of the medium.
+std::optional<v1::Parameter> medium_parameter(const std::string& name) {
+  for (int value = v1::Parameter_MIN + 1; value <= v1::Parameter_MAX; ++value) {
+    const auto parameter = static_cast<v1::Parameter>(value);
+    if (name_of(parameter) == name) return parameter;
+  }
+  return std::nullopt;
+}
 
 v1::Parameter checked(const v1::RenderGradRequest& request, int i) {
   const v1::Parameter parameter = request.derivatives(i);
@@ -20,20 +40,32 @@ v1::Parameter checked(const v1::RenderGradRequest& request, int i) {
   return parameter;
 }
 
-tracer::Parameter scene_parameter(const v1::RenderGradRequest& request, int i) {
-  const std::string& name = request.scene_derivatives(i);
-  for (int before = 0; before < i; ++before) {
-    if (request.scene_derivatives(before) == name) {
-      throw invalid_input(fmt::format("scene_derivatives[{}] is {} again", i, name));
+// Names of all derivatives, in the order of the reply.
+std::vector<std::string> names_in(const v1::RenderGradRequest& request) {
+  std::vector<std::string> names;
+  const auto add = [&](const char* list, int i, const std::string& name, const std::string& said) {
+    if (std::ranges::find(names, name) != names.end()) {
+      throw invalid_input(fmt::format("{}[{}] is {} again", list, i, said));
     }
+    names.push_back(name);
+  };
+  for (int i = 0; i < request.derivatives_size(); ++i) {
+    const v1::Parameter parameter = checked(request, i);
+    add("derivatives", i, name_of(parameter), v1::Parameter_Name(parameter));
   }
-  const tracer::Parameter parameter = tracer::parameter_named(name);
-  const std::vector<tracer::Parameter>& medium = tracer::medium_parameters();
-  if (std::ranges::find(medium, parameter) != medium.end()) {
-    throw invalid_input(fmt::format(
-        "scene_derivatives[{}] is {}; those of the medium are asked for in derivatives", i, name));
+  for (int i = 0; i < request.scene_derivatives_size(); ++i) {
+    const std::string& name = request.scene_derivatives(i);
+    if (medium_parameter(name)) {
+      throw invalid_input(fmt::format(
+          "scene_derivatives[{}] is {}; those of the medium are asked for in derivatives", i,
+          name));
+    }
+    add("scene_derivatives", i, name, name);
   }
-  return parameter;
+  for (int i = 0; i < request.parameters_size(); ++i) {
+    add("parameters", i, request.parameters(i), request.parameters(i));
+  }
+  return names;
 }
 
 }  // namespace
@@ -64,17 +96,35 @@ std::array<double, 3> chain_rule(v1::Parameter parameter, const Material& materi
       fmt::format("{} is not a parameter that has a derivative", static_cast<int>(parameter)));
 }
 
+std::vector<std::string> parameter_names() {
+  std::vector<std::string> names;
+  for (int value = v1::Parameter_MIN + 1; value <= v1::Parameter_MAX; ++value) {
+    names.push_back(name_of(static_cast<v1::Parameter>(value)));
+  }
+  for (const std::string& name : tracer::parameter_names()) {
+    if (!medium_parameter(name)) names.push_back(name);
+  }
+  return names;
+}
+
+void check_parameter_name(const std::string& name) {
+  if (medium_parameter(name)) return;
+  try {
+    tracer::parameter_named(name);
+  } catch (const Error&) {
+    throw invalid_input(fmt::format("{} is not a parameter; there are {}, K counting from 0", name,
+                                    fmt::join(parameter_names(), ", ")));
+  }
+}
+
 Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material& material) {
+  const std::vector<std::string> names = names_in(request);
   const std::vector<tracer::Parameter>& medium = tracer::medium_parameters();
   std::vector<std::array<double, 3>> rows;  // by derivative, in all parameters of the medium
-  std::set<int> seen;
-  for (int i = 0; i < request.derivatives_size(); ++i) {
-    const v1::Parameter parameter = checked(request, i);
-    if (!seen.insert(parameter).second) {
-      throw invalid_input(
-          fmt::format("derivatives[{}] is {} again", i, v1::Parameter_Name(parameter)));
-    }
-    rows.push_back(chain_rule(parameter, material));
+  for (const std::string& name : names) {
+    check_parameter_name(name);
+    const auto parameter = medium_parameter(name);
+    rows.push_back(parameter ? chain_rule(*parameter, material) : std::array<double, 3>{});
   }
   Derivatives result;
   result.weights.resize(rows.size());
@@ -85,11 +135,11 @@ Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material&
     result.parameters.push_back(medium[c]);
     for (size_t i = 0; i < rows.size(); ++i) result.weights[i].push_back(rows[i][c]);
   }
-  for (int i = 0; i < request.scene_derivatives_size(); ++i) {
-    result.parameters.push_back(scene_parameter(request, i));
-    // By this parameter alone.
-    std::vector<double>& weights = result.weights.emplace_back(result.parameters.size());
-    weights.back() = 1;
+  for (size_t i = 0; i < names.size(); ++i) {
+    if (medium_parameter(names[i])) continue;
+    result.weights[i].resize(result.parameters.size());
+    result.weights[i].push_back(1);  // by this parameter alone
+    result.parameters.push_back(tracer::parameter_named(names[i]));
   }
   for (auto& weights : result.weights) weights.resize(result.parameters.size());
   return result;

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
+#include <string>
 #include <vector>
 
 #include "common/material.h"
@@ -10,7 +12,7 @@
 
 namespace itn {
 
-// Derivative i of the reply, those of the medium before those of the scene, is
+// Derivative i of the reply is
 // sum_j weights[i][j] d/d parameters[j].
 struct Derivatives {
   std::vector<tracer::Parameter> parameters;  // no more than are needed
@@ -19,7 +21,7 @@ struct Derivatives {
 
 // How many a request asks for.
 inline int derivative_count(const v1::RenderGradRequest& request) {
-  return request.derivatives_size() + request.scene_derivatives_size();
+  return request.derivatives_size() + request.scene_derivatives_size() + request.parameters_size();
 }
 
 // And how many images of them are answered.
@@ -31,6 +33,11 @@ inline uint64_t derivative_images(const v1::RenderGradRequest& request) {
 // derivative in `parameter`. Throws Error (invalid input) for PARAMETER_UNSPECIFIED or an unknown
 // value.
 std::array<double, 3> chain_rule(v1::Parameter parameter, const Material& material);
+
+// All names that RenderGradRequest.parameters may have, with K for any number.
+std::vector<std::string> parameter_names();
+// Throws Error (invalid input), which says what names there are.
+void check_parameter_name(const std::string& name);
 
 // Throws Error (invalid input) where a derivative is unknown, or asked for twice.
 Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material& material);

@@ -1,6 +1,7 @@
 #include "server/tracer/parameters/parameter.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <charconv>
 
@@ -48,15 +49,21 @@ std::string name_of(const Parameter& parameter) {
   throw Error(ErrorKind::kInternal, "a parameter of no kind");
 }
 
+std::vector<std::string> parameter_names() {
+  std::vector<std::string> names = {"sigma_t", "albedo"};
+  for (const Slot& slot : slots_of<PhaseFunction>()) names.push_back(slot.name);
+  for (const Slot& slot : slots_of<Reflectance>()) names.push_back("surface[K]." + slot.name);
+  names.emplace_back("light[K].scale");
+  return names;
+}
+
 Parameter parameter_named(std::string_view name) {
   for (const Parameter& parameter : medium_parameters()) {
     if (name == name_of(parameter)) return parameter;
   }
-  std::string names = "sigma_t, albedo";  // of all
   const std::vector<Slot>& phases = slots_of<PhaseFunction>();
   for (uint32_t slot = 0; slot < phases.size(); ++slot) {
     if (name == phases[slot].name) return {Parameter::kPhase, 0, slot};
-    names += ", " + phases[slot].name;
   }
   uint32_t index = 0;
   const std::vector<Slot>& reflectances = slots_of<Reflectance>();
@@ -64,11 +71,10 @@ Parameter parameter_named(std::string_view name) {
     if (read_indexed(name, "surface[", reflectances[slot].name, index)) {
       return {Parameter::kReflectance, index, slot};
     }
-    names += ", surface[K]." + reflectances[slot].name;
   }
   if (read_indexed(name, "light[", "scale", index)) return {Parameter::kLightScale, index};
-  throw invalid_input(fmt::format(
-      "{} is not a parameter; there are {} and light[K].scale, K counting from 0", name, names));
+  throw invalid_input(fmt::format("{} is not a parameter; there are {}, K counting from 0", name,
+                                  fmt::join(parameter_names(), ", ")));
 }
 
 }  // namespace itn::tracer

@@ -33,6 +33,9 @@ const std::vector<Parameter>& medium_parameters();
 // "surface[0].checkerboard.even", "light[1].scale".
 std::string name_of(const Parameter& parameter);
 
+// All names, with K for any number.
+std::vector<std::string> parameter_names();
+
 // Throws Error (invalid input), which says what names there are.
 Parameter parameter_named(std::string_view name);
 

@@ -148,7 +148,7 @@ const BadInput kBadInputs[] = {
      },
      2,
      {"itn: ", "another"}},
-    {"RepeatedDerivative", flag("--derivatives", "g,g"), 3, {"G again"}},
+    {"RepeatedDerivative", flag("--derivatives", "g,g"), 3, {"g again"}},
     {"TooManyEstimates", flag("--estimates", "3"), 2, {"--estimates 3 and --spp 2"}},
     {"BillionPixels", flag("--film", "40000x25000"), 7, {"1000000000", "at most"}},
     {"NoWorker", flag("--workers", "127.0.0.1:1"), 5, {"no render worker answers", "127.0.0.1:1"}},

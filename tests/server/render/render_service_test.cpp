@@ -300,6 +300,33 @@ TEST(RenderService, GivesDerivativesInTheScene) {
   EXPECT_DOUBLE_EQ(loss.reply.loss_gradient(2), expected.gradient.back());
 }
 
+// One list says all that the two others do, in any order.
+TEST(RenderService, TakesParametersOfAllKindsByName) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::RenderGradRequest by_lists = small_request();
+  by_lists.clear_derivatives();
+  v1::RenderGradRequest by_name = by_lists;
+  by_lists.add_derivatives(v1::G);
+  by_lists.add_derivatives(v1::SIGMA_S_REDUCED);
+  by_lists.add_scene_derivatives("light[0].scale");
+  for (const char* name : {"sigma_s_reduced", "light[0].scale", "g"}) by_name.add_parameters(name);
+  const Answer lists = client.call(with_scene(by_lists)), names = client.call(with_scene(by_name));
+  ASSERT_TRUE(names.status.ok()) << names.status.error_message();
+  const v1::Estimate &a = lists.reply.estimates(0), &b = names.reply.estimates(0);
+  ASSERT_EQ(b.derivatives_size(), 3);
+  EXPECT_EQ(b.derivatives(0), a.derivatives(1));
+  EXPECT_EQ(b.derivatives(1), a.derivatives(2));
+  EXPECT_EQ(b.derivatives(2), a.derivatives(0));
+
+  by_name.add_parameters("g");
+  EXPECT_EQ(client.call(with_scene(by_name)).status.error_message(), "parameters[3] is g again");
+  by_name.set_parameters(3, "ior");
+  EXPECT_THAT(
+      client.call(with_scene(by_name)).status.error_message(),
+      ::testing::HasSubstr("ior is not a parameter; there are sigma_t, albedo, g, sigma_a"));
+}
+
 TEST(RenderService, RefusesDerivativesThatTheSceneDoesNotHave) {
   RenderServer server(one_thread());
   Client client(server.in_process_channel());
