@@ -46,10 +46,15 @@ class FieldCheck {
   const std::string of_;
 };
 
+// `of`: what the kind is of, as "surfaces[0]: ".
 template <typename... Kinds>
 void check_fields(const std::string& of, const std::variant<Kinds...>& kind) {
-  const FieldCheck check(of);
-  std::visit([&]<typename Kind>(const Kind& it) { Kind::fields(it, check); }, kind);
+  const auto check = [&]<typename Kind>(const Kind& it) {
+    const std::string name = Kind::kName;
+    const FieldCheck fields(name.empty() ? of : of + name + ".");
+    Kind::fields(it, fields);
+  };
+  std::visit(check, kind);
 }
 
 // The slots of a kind.

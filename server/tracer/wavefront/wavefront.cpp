@@ -19,14 +19,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 void run_wavefront(const Scene::Compiled& scene, const RenderRequest& request,
                    const RenderOptions& options, WorkQueue& queue, FilmWriter& film,
                    const std::stop_token& stop) {
-  const auto run = [&]<typename AtBoundary>(std::type_identity<AtBoundary>) {
-    std::make_unique<Walk<AtBoundary>>(scene, request, options, queue, film)->run(stop);
-  };
-  if (stops_lines(scene.boundary)) {
-    run(std::type_identity<StopAtBoundary>());
-  } else {
-    run(std::type_identity<PassBoundary>());
-  }
+  std::make_unique<Walk>(scene, request, options, queue, film)->run(stop);
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -128,7 +128,7 @@ TEST(CheckerboardTest, RefusesWhatItIsNot) {
   EXPECT_EQ(message_of([&] { render_grad(mug_on(UniformReflectance{1}), request); }),
             "no derivative in surface[0].checkerboard.odd: there is surface[0].reflectance");
   EXPECT_EQ(message_of([&] { mug_on(small_board(0, 1.5F)); }),
-            "surfaces[0]: odd is 1.5; it must be in [0, 1]");
+            "surfaces[0]: checkerboard.odd is 1.5; it must be in [0, 1]");
   Checkerboard flat = small_board(1, 0);
   flat.edge_v = flat.edge_u * -2;
   EXPECT_EQ(message_of([&] { mug_on(flat); }),

@@ -191,7 +191,7 @@ TEST(TwoTermTest, RefusesWhatItIsNot) {
   request.phase = std::nullopt;
   EXPECT_EQ(message_of(request), "no derivative in two_term.weight: there is g");
   request.phase = TwoTerm{.g_2 = -1};
-  EXPECT_EQ(message_of(request), "phase.g_2 is -1; it must be in [-0.99, 0.99]");
+  EXPECT_EQ(message_of(request), "phase.two_term.g_2 is -1; it must be in [-0.99, 0.99]");
 }
 
 INSTANTIATE_TEST_SUITE_P(

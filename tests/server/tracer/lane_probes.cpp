@@ -57,9 +57,7 @@ void draw_all(const Lights& lights, uint64_t seed, LightProbe& probe, size_t cou
 }
 
 void follow_all(const Obstacles& obstacles, Rays& rays, Crossings& crossings, size_t count) {
-  StopAtBoundary stop;
-  follow_lines(obstacles, rays, count, Report::kEnds, stop);
-  crossings = stop.crossings;
+  follow_lines(obstacles, rays, count, Report::kEnds, &crossings);
 }
 
 void look_up_all(const DepthGrid& depth_grid, const VectorColumn& points, FloatColumn& quantized,

@@ -158,13 +158,16 @@ struct PoseRow {
 
 class PoseTest : public ::testing::TestWithParam<PoseRow> {};
 
-// A pose does what turning and moving the mesh does: with every kind of light, with a ground, with
-// both tracers.
+// A pose does what turning and moving the mesh does: with every kind of light, with a ground that
+// has a pattern, with both tracers.
 TEST_P(PoseTest, IsWhereTheMeshStands) {
-  SceneDescription posed = studio(
-      "figure",
-      {paper_sun_sky(0.5), striped_map(), ConstantLight{5}, DirectionalLight{{1, 1, -1}, 30}}, 0.5F,
-      16);
+  SceneDescription posed =
+      studio("figure",
+             {paper_sun_sky(0.5), striped_map(), ConstantLight{5}, DirectionalLight{{1, 1, -1}, 30},
+              PointLight{{1, 1.5, -1}, 1e-4}},
+             0.5F, 16);
+  posed.surfaces[0].reflectance =
+      Checkerboard{.corner = {0.1, 0, 0}, .edge_u = {0.5, 0, 0}, .edge_v = {0.2, 0, 0.4}};
   posed.pose = GetParam().pose;
   SceneDescription moved = posed;
   moved.pose = {};

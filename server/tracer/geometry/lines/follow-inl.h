@@ -33,7 +33,7 @@ template <typename AtBoundary>
 class LineFollower {
  public:
   LineFollower(const Obstacles& obstacles, Rays& rays, size_t count, Report report,
-               AtBoundary& at_boundary)
+               Crossings* at_boundary)
       : obstacles_(obstacles),
         grid_(obstacles.grid),
         rays_(rays),
@@ -258,7 +258,7 @@ class LineFollower {
     const Uints entered = hn::ShiftLeft<Rays::kEnteredBit>(load(lines_.entered, v));
     hn::ScatterIndex(hn::Or(how, entered), UintTag(), rays_.outcome.data(), ray);
     if constexpr (AtBoundary::kStops) {
-      Crossings& crossings = at_boundary_.crossings;
+      Crossings& crossings = *at_boundary_;
       const Vectors normal = line_crossings_.normal.load(v);
       write(normal.x, crossings.normal.x);
       write(normal.y, crossings.normal.y);
@@ -297,8 +297,8 @@ class LineFollower {
   Rays& rays_;
   const size_t count_;
   const Report report_;
-  AtBoundary& at_boundary_;
-  UintColumn pending_;  // rays to be followed
+  Crossings* const at_boundary_;  // null for those that pass
+  UintColumn pending_;            // rays to be followed
   size_t pending_count_ = 0;
   size_t next_ = 0;        // of the pending rays
   LineBits busy_ = 0;      // lines that have a ray

@@ -12,17 +12,17 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-template <typename AtBoundary>
 void follow_lines(const Obstacles& obstacles, Rays& rays, size_t count, Report report,
-                  AtBoundary& at_boundary) {
-  LineFollower<AtBoundary>(obstacles, rays, count, report, at_boundary).run();
+                  Crossings* at_boundary) {
+  if (at_boundary == nullptr) {
+    LineFollower<PassBoundary>(obstacles, rays, count, report, nullptr).run();
+  } else {
+    LineFollower<StopAtBoundary>(obstacles, rays, count, report, at_boundary).run();
+  }
 }
-template void follow_lines(const Obstacles&, Rays&, size_t, Report, PassBoundary&);
-template void follow_lines(const Obstacles&, Rays&, size_t, Report, StopAtBoundary&);
 
 void follow_rays(const Obstacles& obstacles, Rays& rays, size_t count) {
-  PassBoundary passes;
-  follow_lines(obstacles, rays, count, Report::kEnds, passes);
+  follow_lines(obstacles, rays, count, Report::kEnds, nullptr);
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -103,7 +103,6 @@ struct PassBoundary {
 // They stop.
 struct StopAtBoundary {
   static constexpr bool kStops = true;
-  Crossings crossings;  // of the rays
 
   // What lines under way know in addition.
   struct LineCrossings {
@@ -117,10 +116,10 @@ struct StopAtBoundary {
   };
 };
 
-// Follows the first `count` rays. Compiled for both of these in follow.cpp, apart from the walk.
-template <typename AtBoundary>
+// Follows the first `count` rays. They stop at the boundary, and say where, if `at_boundary` is not
+// null. Compiled in follow.cpp, apart from the walk.
 void follow_lines(const Obstacles& obstacles, Rays& rays, size_t count, Report report,
-                  AtBoundary& at_boundary);
+                  Crossings* at_boundary);
 
 }  // namespace itn::tracer::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();

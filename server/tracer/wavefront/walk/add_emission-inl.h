@@ -15,8 +15,7 @@ HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
 // Light that walks meet by themselves, after leaving the scene.
-template <typename AtBoundary>
-void add_emission(Wavefront<AtBoundary>& wave, size_t i, Mask escaped) {
+inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
   const Paths& paths = wave.paths;
   const Emission light = emission(wave.scene.lights, load(paths.rays.direction, i));
   const Mask delta_bounce = not_zero(load(paths.delta_bounce, i));

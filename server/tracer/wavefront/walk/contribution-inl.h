@@ -39,9 +39,8 @@ struct SlotGather {
 // are those of the whole path, and `part_of(l, weight)` is the part of weight times light that is
 // due to light l of Wavefront::differentiated_lights. Of lanes where none arrives, light and parts
 // are 0.
-template <typename AtBoundary, typename Slots, typename ScoreSigmaT, typename ScorePhase,
-          typename PartOf>
-HWY_INLINE void add_contribution(Wavefront<AtBoundary>& wave, const Slots& at, Floats light,
+template <typename Slots, typename ScoreSigmaT, typename ScorePhase, typename PartOf>
+HWY_INLINE void add_contribution(Wavefront& wave, const Slots& at, Floats light,
                                  const ScoreSigmaT& score_sigma_t, const ScorePhase& score_phase,
                                  const PartOf& part_of) {
   Paths& paths = wave.paths;
@@ -67,9 +66,8 @@ HWY_INLINE void add_contribution(Wavefront<AtBoundary>& wave, const Slots& at, F
 // The same, for the gradient in the panorama's pixels: light from `direction` arrives where
 // `arrived` says, `per_radiance` of what is sent there, the path's weight included. `slots` are the
 // paths'.
-template <typename AtBoundary>
-void add_to_map(Wavefront<AtBoundary>& wave, Vectors direction, Mask arrived, Floats per_radiance,
-                Ints slots) {
+inline void add_to_map(Wavefront& wave, Vectors direction, Mask arrived, Floats per_radiance,
+                       Ints slots) {
   const MapPlace at = place_of(*wave.differentiated_map, direction);
   const Floats one = set(1.0F), left = hn::Sub(one, at.fx), top = hn::Sub(one, at.fy);
   const Ints pixels[] = {at.upper[0], at.upper[1], at.lower[0], at.lower[1]};

@@ -15,10 +15,9 @@ HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
 // The boundary sends a path on. Shadow rays end there: behind it, light is the walk's alone.
-template <typename AtBoundary>
-void cross(Wavefront<AtBoundary>& wave, size_t slot) {
+inline void cross(Wavefront& wave, size_t slot) {
   Paths& paths = wave.paths;
-  const Crossings& crossings = wave.at_boundary.crossings;
+  const Crossings& crossings = wave.crossings;
   const bool inside = (paths.rays.interaction[slot] & Rays::kInside) != 0;
   const Sampler sampler(wave.request.seed, paths.pixel[slot], paths.sample[slot]);
   const BoundarySample next =

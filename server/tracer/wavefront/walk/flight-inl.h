@@ -16,8 +16,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 // Free flights of all paths. As flights are memoryless, one path length serves for all the parts
 // of the line that lie inside the medium.
-template <typename AtBoundary>
-void sample_flights(Wavefront<AtBoundary>& wave) {
+inline void sample_flights(Wavefront& wave) {
   Paths& paths = wave.paths;
   const Floats zero = hn::Zero(FloatTag());
   for (size_t i = 0; i < wave.count; i += lanes()) {
@@ -31,7 +30,7 @@ void sample_flights(Wavefront<AtBoundary>& wave) {
     store(uniform(words.w[2]), paths.u2, i);
     store(uniform(words.w[3]), paths.u3, i);
   }
-  follow_lines(wave.scene.obstacles, paths.rays, wave.count, Report::kEnds, wave.at_boundary);
+  follow_lines(wave.scene.obstacles, paths.rays, wave.count, Report::kEnds, wave.at_boundary());
 }
 
 // What flights add to scores and counts.
@@ -42,8 +41,7 @@ void sample_flights(Wavefront<AtBoundary>& wave) {
 // the light that a path finds after a flight is about W times what it finds from the camera, the
 // pixel's value is the multiple that takes away most of the noise (a control variate: Williams,
 // "Simple statistical gradient-following algorithms", 1992). Likewise for g, in scatter.
-template <typename AtBoundary>
-HWY_INLINE void update_scores(Wavefront<AtBoundary>& wave, size_t i, Mask scattered) {
+HWY_INLINE void update_scores(Wavefront& wave, size_t i, Mask scattered) {
   Paths& paths = wave.paths;
   if (wave.medium_derivatives) {
     const Floats length = load(paths.rays.medium_length, i);

@@ -56,9 +56,7 @@ constexpr float kMinExponent = -4;
 //   kappa = sqrt(3 (1 - albedo) (1 - albedo g)) sigma_t,
 // which is too steep where it exceeds sigma_t. As this knows nothing of where the light comes
 // from, nor of paths that bring it back, only a part of it is believed.
-template <typename AtBoundary>
-HWY_INLINE Floats remaining_light(const Wavefront<AtBoundary>& wave, const WalkRoulette& roulette,
-                                  size_t i) {
+HWY_INLINE Floats remaining_light(const Wavefront& wave, const WalkRoulette& roulette, size_t i) {
   const Paths& paths = wave.paths;
   const Mask inside = not_zero(hn::And(load(paths.rays.interaction, i), set(Rays::kInside)));
   const Floats quantized = hn::IfThenElseZero(
@@ -81,8 +79,7 @@ inline Floats throughput_survival(const Paths& paths, size_t i) {
 }
 
 // Russian roulette: a path that is worth little ends, or goes on for those that ended.
-template <typename AtBoundary>
-void russian_roulette(Wavefront<AtBoundary>& wave, const WalkRoulette& roulette) {
+inline void russian_roulette(Wavefront& wave, const WalkRoulette& roulette) {
   Paths& paths = wave.paths;
   const Floats one = set(1.0F);
   for (size_t i = 0; i < wave.count; i += lanes()) {

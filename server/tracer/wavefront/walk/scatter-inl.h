@@ -60,9 +60,7 @@ HWY_INLINE Vertices vertices_of(const Paths& paths, const Surfaces& surfaces, fl
 
 // W takes the factor. dW/d albedo takes it too, and W where the factor is the albedo; likewise
 // dW/d reflectance, for the reflectance of some triangles.
-template <typename AtBoundary>
-HWY_INLINE void multiply_by_factor(Wavefront<AtBoundary>& wave, size_t i,
-                                   const Vertices& vertices) {
+HWY_INLINE void multiply_by_factor(Wavefront& wave, size_t i, const Vertices& vertices) {
   Paths& paths = wave.paths;
   const Floats factor = vertices.factor, weight = load(paths.weight, i);
   store(hn::Mul(weight, factor), paths.weight, i);
@@ -87,8 +85,7 @@ HWY_INLINE void multiply_by_factor(Wavefront<AtBoundary>& wave, size_t i,
 
 // Draws the next direction: by the phase function around the last one, or the cosine law around the
 // normal (its pdf is cosine / pi: cosine^2 is uniform).
-template <typename AtBoundary>
-HWY_INLINE void sample_direction(Wavefront<AtBoundary>& wave, size_t i, const Vertices& vertices) {
+HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vertices) {
   Paths& paths = wave.paths;
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Floats u1 = load(paths.u1, i);
@@ -122,11 +119,10 @@ HWY_INLINE void sample_direction(Wavefront<AtBoundary>& wave, size_t i, const Ve
 }
 
 // What happens at the vertices of the paths in slots i, i + 1 ..., where there are any.
-template <typename AtBoundary>
-void scatter(Wavefront<AtBoundary>& wave, size_t i, Mask where, Mask in_medium) {
+inline void scatter(Wavefront& wave, size_t i, Mask where, Mask in_medium) {
   Vertices vertices =
       vertices_of(wave.paths, wave.scene.obstacles.surfaces, wave.albedo, i, where, in_medium);
-  if constexpr (AtBoundary::kStops) {
+  if (wave.stops_at_boundary) {
     // Paths at the boundary keep their weight.
     vertices.factor = hn::IfThenElse(where, vertices.factor, set(1.0F));
     UintColumn& crossings = wave.paths.crossings;

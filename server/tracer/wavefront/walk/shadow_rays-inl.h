@@ -36,8 +36,7 @@ struct Vertices {
 // it survive with probability min(1, v exp(-x) / tau), carrying at least tau then: with one
 // uniform number u that means x <= log(v / (u tau)), a limit on the depth that is known
 // beforehand.
-template <typename AtBoundary>
-void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& vertices) {
+inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices) {
   const Paths& paths = wave.paths;
   ShadowRays& shadow_rays = wave.shadow_rays;
   const FloatTag d;
@@ -113,12 +112,11 @@ void send_shadow_rays(Wavefront<AtBoundary>& wave, size_t i, const Vertices& ver
 }
 
 // Traces the shadow rays, and adds the light that they bring, dimmed by the medium.
-template <typename AtBoundary>
-void trace_shadow_rays(Wavefront<AtBoundary>& wave) {
+inline void trace_shadow_rays(Wavefront& wave) {
   Paths& paths = wave.paths;
   ShadowRays& shadow_rays = wave.shadow_rays;
   follow_lines(wave.scene.obstacles, shadow_rays.rays, shadow_rays.count, Report::kLengths,
-               wave.at_boundary);
+               wave.at_boundary());
   const FloatTag d;
   for (size_t i = 0; i < shadow_rays.count; i += lanes()) {
     const Mask live = hn::FirstN(d, shadow_rays.count - i);

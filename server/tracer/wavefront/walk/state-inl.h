@@ -30,8 +30,6 @@ inline bool asks_for_medium(const RenderRequest& request) {
                      [](const Parameter& p) { return p.of_medium(); });
 }
 
-// AtBoundary: PassBoundary or StopAtBoundary.
-template <typename AtBoundary>
 struct Wavefront {
   Wavefront(const Scene::Compiled& compiled, const RenderRequest& asked,
             const RenderOptions& options, FilmWriter& to)
@@ -44,7 +42,8 @@ struct Wavefront {
         phase(phase_of(asked)),
         medium_derivatives(asks_for_medium(asked)),
         shadow_ray_threshold(static_cast<float>(options.tuning.shadow_ray_roulette *
-                                                compiled.lights.power() / (4 * std::numbers::pi))) {
+                                                compiled.lights.power() / (4 * std::numbers::pi))),
+        stops_at_boundary(stops_lines(compiled.boundary)) {
     for (const Parameter& parameter : asked.derivatives) {
       if (parameter.kind == Parameter::kReflectance) {
         reflecting.push_back({compiled.obstacles.surfaces.triangles_of(parameter.index),
@@ -95,13 +94,14 @@ struct Wavefront {
   Paths paths;
   size_t count = 0;  // of paths under way, in slots 0 .. count - 1
   ShadowRays shadow_rays;
-  AtBoundary at_boundary;  // of the lines that were followed last
+  // Whether lines stop at the boundary, and then where those that were followed last did.
+  const bool stops_at_boundary;
+  Crossings crossings;
+  Crossings* at_boundary() { return stops_at_boundary ? &crossings : nullptr; }
 };
 
 // The random numbers of vertices of the paths in slots i, i + 1 ...
-template <typename AtBoundary>
-HWY_INLINE Words random(const Wavefront<AtBoundary>& wave, size_t i, Uints vertex,
-                        Sampler::Purpose purpose) {
+HWY_INLINE Words random(const Wavefront& wave, size_t i, Uints vertex, Sampler::Purpose purpose) {
   return philox(vertex, set(uint32_t{purpose}), load(wave.paths.sample, i),
                 load(wave.paths.pixel, i), wave.request.seed);
 }

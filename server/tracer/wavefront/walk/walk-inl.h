@@ -51,8 +51,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 // What happens at the ends of the flights: light is met, or the path is scattered,
 // reflected or bent.
-template <typename AtBoundary>
-void interact(Wavefront<AtBoundary>& wave) {
+inline void interact(Wavefront& wave) {
   Paths& paths = wave.paths;
   wave.shadow_rays.count = 0;
   for (size_t i = 0; i < wave.count; i += lanes()) {
@@ -68,7 +67,7 @@ void interact(Wavefront<AtBoundary>& wave) {
     store(hn::IfThenElse(for_uints(goes_on), one, none), paths.alive, i);
     const Mask vertices = hn::And(live, goes_on);
     if (!hn::AllFalse(FloatTag(), vertices)) scatter(wave, i, vertices, scattered);
-    if constexpr (AtBoundary::kStops) {
+    if (wave.stops_at_boundary) {
       for (Bits bits = bits_of(hn::And(live, equals(end, Rays::kCrossing))); bits != 0;
            bits &= bits - 1) {
         cross(wave, i + static_cast<size_t>(std::countr_zero(bits)));
@@ -77,8 +76,7 @@ void interact(Wavefront<AtBoundary>& wave) {
   }
 }
 
-// One thread's walk through the samples of a queue. AtBoundary: PassBoundary or StopAtBoundary.
-template <typename AtBoundary>
+// One thread's walk through the samples of a queue.
 class Walk {
  public:
   Walk(const Scene::Compiled& scene, const RenderRequest& request, const RenderOptions& options,
@@ -117,7 +115,7 @@ class Walk {
     }
   }
 
-  Wavefront<AtBoundary> wave_;
+  Wavefront wave_;
   const WalkRoulette roulette_;
   PathSource source_;
   PathRecorder recorder_;
