@@ -35,7 +35,7 @@ using testing::parse_text;
 
 // --- Requests ---
 
-// A light of each kind, a surface of each shape, transforms of each kind.
+// A light of each kind, a surface of each shape and reflectance, transforms of each kind.
 v1::Scene full_scene() {
   auto scene = parse_text<v1::Scene>(R"(
     object { mesh {
@@ -46,11 +46,14 @@ v1::Scene full_scene() {
       transforms { translate { x: 0.1 } } } }
     surfaces { rectangle { center { y: -0.1 } half_u { x: 20 } half_v { z: -20 } } reflectance: 0.3 }
     surfaces { mesh { builtin: "cube" transforms { translate { x: 3 } } } reflectance: 0.7 }
+    surfaces { rectangle { center { z: 5 } half_u { x: 20 } half_v { y: 20 } }
+               checkerboard { even: 0.6 odd: 0.1 corner { x: 1 } edge_u { x: 3 } edge_v { y: 2 } } }
     lights { sun_sky { turbidity: 3 ground_albedo: 0.2 sun_elevation_degrees: 40
                        sun_azimuth_degrees: 20 sun_angular_radius_degrees: 5 } }
     lights { environment_map { pixels { width: 4 height: 2 } scale: 2 rotate_y_degrees: 10 } }
     lights { constant { radiance: 0.3 } }
     lights { directional { direction { x: 1 y: 2 z: -1 } irradiance: 2 } }
+    lights { point { position { x: 2 y: 3 z: -1 } intensity: 1e-5 } }
     camera { origin { y: 1.5 z: -4 } target { y: 0.5 } up { y: 1 } fov_degrees: 22 }
     film { width: 6 height: 5 channel: GREEN })");
   *scene.mutable_object()->mutable_mesh()->mutable_triangles() = testing::cube();
@@ -213,6 +216,18 @@ void make_corpus(const fs::path& folder) {
           request.add_scene_derivatives("light[1].scale");
           request.set_pilot_spp(2);
           *request.mutable_tile() = parse_text<v1::Tile>("x: 1 y: 1 width: 3 height: 2");
+        }));
+  write("render_request/gradient", render_request(full_scene(), [](auto& request) {
+          request.mutable_material()->clear_g();
+          request.clear_derivatives();
+          *request.mutable_phase() =
+              parse_text<v1::PhaseFunction>("two_term { g_1: 0.7 g_2: -0.2 weight: 0.8 }");
+          for (const char* name : {"sigma_s_reduced", "two_term.weight",
+                                   "surface[2].checkerboard.odd", "light[4].scale"}) {
+            request.add_parameters(name);
+          }
+          request.mutable_gradient()->set_weight(to_bytes(std::vector<float>(6 * 5, 0.5F)));
+          request.mutable_gradient()->set_light(1);
         }));
   write("render_request/loss", loss_request());
   write("render_request/reference", render_request(full_scene(), [](auto& request) {
