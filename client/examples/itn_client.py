@@ -22,7 +22,7 @@ import sys
 import tempfile
 
 ESTIMATES = 8  # independent, so that their spread tells the error of their mean
-SCENE_DERIVATIVES = ["surface[0].reflectance"]
+PARAMETERS = ["sigma_t", "albedo", "g", "surface[0].reflectance"]
 PROTO = pathlib.Path(__file__).resolve().parents[2] / "proto"
 
 
@@ -84,12 +84,18 @@ def cube_on_the_ground(pb, reflectance=0.5):
     return scene.SerializeToString()
 
 
-def render(worker, pb, scene, albedo, derivatives=(), scene_derivatives=()):
-    """One call. The scene is named by its digest, and sent only if the worker asks for it."""
+def render(worker, pb, scene, albedo, parameters=(), weights=None):
+    """One call. The scene is named by its digest, and sent only if the worker asks for it.
+
+    With weights, an image of them: instead of derivative images, the gradient of the sum over the pixels
+    of weight times radiance.
+    """
     request = pb.RenderGradRequest(
         scene_digest=hashlib.sha256(scene).digest(),
         material=pb.Material(sigma_t=30, albedo=albedo, g=0.3), spp=64 * ESTIMATES, seed=1,
-        derivatives=derivatives, scene_derivatives=scene_derivatives, estimates=ESTIMATES)
+        parameters=parameters, estimates=ESTIMATES)
+    if weights is not None:
+        request.gradient.weight = weights.astype("<f4").tobytes()
     try:
         return worker.RenderGrad(request, timeout=120)
     except grpc.RpcError as error:
@@ -123,8 +129,7 @@ def compared(derivatives, differences):
 def render_and_compare(worker, render_pb2, scene_pb2):
     """What is printed of the renders, and the image and mask of the first."""
     scene = cube_on_the_ground(scene_pb2)
-    parameters = [render_pb2.SIGMA_T, render_pb2.ALBEDO, render_pb2.G]
-    reply = render(worker, render_pb2, scene, 0.8, parameters, SCENE_DERIVATIVES)
+    reply = render(worker, render_pb2, scene, 0.8, PARAMETERS)
     mask = image(reply, reply.mask)
     on_object = mask > 0.5
 
@@ -134,10 +139,8 @@ def render_and_compare(worker, render_pb2, scene_pb2):
     def radiance_of(answer):
         return of_estimates(answer, lambda e: e.radiance)
 
-    # Those of the medium come first, then those of the scene, in the order of the request.
-    names = [render_pb2.Parameter.Name(p).lower() for p in parameters] + SCENE_DERIVATIVES
     derivatives = {name: of_estimates(reply, lambda e, k=k: e.derivatives[k])
-                   for k, name in enumerate(names)}
+                   for k, name in enumerate(PARAMETERS)}
     # Finite differences, with the same random numbers.
     differences = {
         "albedo": (radiance_of(render(worker, render_pb2, scene, 0.81)) -
@@ -150,6 +153,12 @@ def render_and_compare(worker, render_pb2, scene_pb2):
         result[f"d radiance / d {name}"] = (
             compared(values, differences[name]) if name in differences
             else {"derivative": mean_and_error(values)})
+    # The same without images: the mean over the object is a weighted sum of the pixels.
+    gradient = render(worker, render_pb2, scene, 0.8, PARAMETERS, on_object / on_object.sum())
+    numbers = np.array([e.gradient for e in gradient.estimates])
+    images = np.array([derivatives[name] for name in PARAMETERS]).T
+    result["gradient is that of the images"] = {
+        "agrees": bool(np.allclose(numbers, images, rtol=1e-3, atol=1e-5))}
     return result, np.mean([image(reply, e.radiance) for e in reply.estimates], axis=0), mask
 
 

@@ -28,6 +28,7 @@ for name in ("albedo", "surface[0].reflectance"):
     # Known well enough for agreement to mean something.
     assert 0 < derivative["standard error"] < 0.1 * derivative["mean"], (name, row)
     assert abs(derivative["mean"] / difference["mean"] - 1) < 0.05, (name, row)
+assert result["gradient is that of the images"]["agrees"], result
 radiance = result["radiance"]
 assert radiance["mean"] > 1 and 0 < radiance["standard error"] < 0.1 * radiance["mean"], radiance
 assert result["d radiance / d g"]["derivative"]["mean"] != 0, result
