@@ -22,11 +22,20 @@ HWY_INLINE Emission emission(const Lights::Light& light, Vectors d) {
   return result;
 }
 
-// All lights but deltas: radiance, and density of `sample`.
-HWY_INLINE Emission emission(const Lights& lights, Vectors d) {
+// Nobody wants to know which light it comes from.
+struct NoParts {
+  HWY_INLINE void add_radiance(size_t /*number*/, Floats /*radiance*/) {}
+  HWY_INLINE void add_chosen(size_t /*number*/, Mask /*chosen*/) {}
+};
+
+// All lights but deltas: radiance, and density of `sample`. `parts` hears of each light, by the
+// number of its description.
+template <typename Parts = NoParts>
+HWY_INLINE Emission emission(const Lights& lights, Vectors d, Parts&& parts = {}) {
   Emission all{hn::Zero(FloatTag()), hn::Zero(FloatTag())};
   for (const Lights::Light& light : lights.all()) {
     const Emission part = emission(light, d);
+    parts.add_radiance(light.number, part.radiance);
     all.radiance = hn::Add(all.radiance, part.radiance);
     all.pdf = mul_add(part.pdf, set(static_cast<float>(light.probability)), all.pdf);
   }
@@ -41,9 +50,11 @@ struct LightSamples {
 };
 
 // From the words of one counter, and of another one where there is a map. The lower bytes of the
-// first three words are left for a fifth uniform number.
+// first three words are left for a fifth uniform number. `parts` hears of the radiance in the
+// direction that is drawn, which counts where pdf > 0, and where a delta is chosen.
+template <typename Parts = NoParts>
 HWY_INLINE LightSamples sample(const Lights& lights, Vectors from_where, const Words& words,
-                               const Words& more) {
+                               const Words& more, Parts&& parts = {}) {
   const Floats choice = uniform(words.w[0]);
   const LightUniforms uniforms{uniform(words.w[1]), uniform(words.w[2]),
                                coarse_uniform(hn::ShiftRight<16>(words.w[3])),
@@ -61,6 +72,7 @@ HWY_INLINE LightSamples sample(const Lights& lights, Vectors from_where, const W
     visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
       if constexpr (Kind::kDelta) {
         const Beam arriving = beam(kind, from_where);
+        parts.add_chosen(light.number, chosen);
         direction = arriving.direction;
         draw.distance = hn::IfThenElse(chosen, arriving.distance, draw.distance);
         const auto weight = static_cast<float>(kind.power() / light.probability);
@@ -73,38 +85,12 @@ HWY_INLINE LightSamples sample(const Lights& lights, Vectors from_where, const W
     draw.direction = if_then_else(chosen, direction, draw.direction);
   }
   const Mask delta = hn::Gt(delta_weight, zero);
-  const Emission light = emission(lights, draw.direction);
+  const Emission light = emission(lights, draw.direction, parts);
   // A direction on the very rim of the sun may fall outside it by rounding.
   const Mask possible = hn::AndNot(delta, hn::Gt(light.pdf, zero));
   draw.pdf = hn::IfThenElseZero(possible, light.pdf);
   draw.radiance = hn::IfThenElse(delta, delta_weight, hn::IfThenElseZero(possible, light.radiance));
   return draw;
-}
-
-// The part of emission(lights, d).radiance that is due to one description.
-HWY_INLINE Floats radiance_of(const Lights& lights, size_t number, Vectors d) {
-  Floats sum = hn::Zero(FloatTag());
-  for (const Lights::Light& light : lights.all()) {
-    if (light.number == number) sum = hn::Add(sum, emission(light, d).radiance);
-  }
-  return sum;
-}
-
-// The part of a draw's radiance that is due to one description; `words` are those of the draw.
-HWY_INLINE Floats radiance_of(const Lights& lights, size_t number, const Words& words,
-                              const LightSamples& draw) {
-  const Floats choice = uniform(words.w[0]);
-  Floats part = hn::IfThenElseZero(hn::Gt(draw.pdf, hn::Zero(FloatTag())),
-                                   radiance_of(lights, number, draw.direction));
-  Floats from = set(-1.0F);
-  for (const Lights::Light& light : lights.all()) {
-    const Floats to = set(light.cumulative);
-    if (light.number == number && is_delta(light)) {
-      part = hn::IfThenElse(hn::And(hn::Ge(choice, from), hn::Lt(choice, to)), draw.radiance, part);
-    }
-    from = to;
-  }
-  return part;
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

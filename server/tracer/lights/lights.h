@@ -70,9 +70,4 @@ class Lights {
   bool has_near_ = false, has_maps_ = false;
 };
 
-// Whether its direction cannot be hit by chance.
-inline bool is_delta(const Lights::Light& light) {
-  return std::visit([]<typename Kind>(const Kind&) { return Kind::kDelta; }, light.kind);
-}
-
 }  // namespace itn::tracer

@@ -17,7 +17,8 @@ namespace itn::tracer::HWY_NAMESPACE {
 // Light that walks meet by themselves, after leaving the scene.
 inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
   const Paths& paths = wave.paths;
-  const Emission light = emission(wave.scene.lights, load(paths.rays.direction, i));
+  LightParts parts(wave.differentiated_lights);
+  const Emission light = emission(wave.scene.lights, load(paths.rays.direction, i), parts);
   const Mask delta_bounce = not_zero(load(paths.delta_bounce, i));
   const Floats pdf = load(paths.pdf, i);
   Floats mis_weight = set(1.0F);
@@ -32,9 +33,7 @@ inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
       wave, SlotRange{i}, radiance, [&] { return load(paths.score_sigma_t, i); },
       [&](size_t s) { return load(paths.score_phase[s], i); },
       [&](size_t l, Floats weight) {
-        const Floats part = radiance_of(wave.scene.lights, wave.differentiated_lights[l],
-                                        load(paths.rays.direction, i));
-        return hn::IfThenElseZero(escaped, hn::Mul(hn::Mul(weight, part), mis_weight));
+        return hn::IfThenElseZero(escaped, hn::Mul(hn::Mul(weight, parts.radiance[l]), mis_weight));
       });
   if (wave.differentiated_map != nullptr) {
     const Ints slots = hn::Iota(IntTag(), static_cast<int32_t>(i));

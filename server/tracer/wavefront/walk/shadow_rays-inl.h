@@ -48,7 +48,8 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   // Paths that have escaped are at no place.
   const Vectors position =
       if_then_else(vertices.where, load(paths.rays.position, i), Vectors{zero, zero, zero});
-  const LightSamples light = sample(wave.scene.lights, position, words, more);
+  LightParts parts(wave.differentiated_lights);
+  const LightSamples light = sample(wave.scene.lights, position, words, more, parts);
   const Floats cosine = dot(vertices.axis, light.direction);
   auto [value, scores] = evaluate(wave.phase, cosine);
   if (!vertices.all_in_medium) {
@@ -104,7 +105,9 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
     append(hn::Add(load(paths.score_phase[s], i), score), shadow_rays.score_phase[s]);
   }
   for (size_t l = 0; l < wave.differentiated_lights.size(); ++l) {
-    const Floats part = radiance_of(wave.scene.lights, wave.differentiated_lights[l], words, light);
+    const Floats part =
+        hn::IfThenElse(parts.chosen[l], light.radiance,
+                       hn::IfThenElseZero(hn::Gt(light.pdf, zero), parts.radiance[l]));
     append(hn::Div(hn::Mul(part, value), pdf_sum), shadow_rays.parts_of_lights[l]);
   }
   append_uints(hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i))), shadow_rays.slot);

@@ -100,6 +100,31 @@ struct Wavefront {
   Crossings* at_boundary() { return stops_at_boundary ? &crossings : nullptr; }
 };
 
+// The parts of radiance that are due to some descriptions of lights: who `sample` and `emission`
+// tell.
+struct LightParts {
+  explicit LightParts(const std::vector<size_t>& of) : numbers(of) {
+    for (size_t l = 0; l < numbers.size(); ++l) {
+      radiance[l] = hn::Zero(FloatTag());
+      chosen[l] = hn::FirstN(FloatTag(), 0);
+    }
+  }
+  HWY_INLINE void add_radiance(size_t number, Floats by) {
+    for (size_t l = 0; l < numbers.size(); ++l) {
+      if (numbers[l] == number) radiance[l] = hn::Add(radiance[l], by);
+    }
+  }
+  HWY_INLINE void add_chosen(size_t number, Mask where) {
+    for (size_t l = 0; l < numbers.size(); ++l) {
+      if (numbers[l] == number) chosen[l] = hn::Or(chosen[l], where);
+    }
+  }
+
+  const std::vector<size_t>& numbers;
+  Floats radiance[kMaxDerivatives];
+  Mask chosen[kMaxDerivatives];  // where it is a delta that is drawn
+};
+
 // The random numbers of vertices of the paths in slots i, i + 1 ...
 HWY_INLINE Words random(const Wavefront& wave, size_t i, Uints vertex, Sampler::Purpose purpose) {
   return philox(vertex, set(uint32_t{purpose}), load(wave.paths.sample, i),
