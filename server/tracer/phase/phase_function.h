@@ -8,13 +8,14 @@
 #include "server/tracer/phase/henyey_greenstein.h"
 #include "server/tracer/phase/slots.h"
 #include "server/tracer/phase/two_term.h"
+#include "server/tracer/phase/von_mises_fisher.h"
 
 #ifndef ITN_TRACER_PHASE_PHASE_FUNCTION_H_
 #define ITN_TRACER_PHASE_PHASE_FUNCTION_H_
 
 namespace itn::tracer {
 
-using PhaseFunction = std::variant<HenyeyGreenstein, TwoTerm>;
+using PhaseFunction = std::variant<HenyeyGreenstein, TwoTerm, VonMisesFisher>;
 
 }  // namespace itn::tracer
 

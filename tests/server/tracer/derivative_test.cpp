@@ -158,6 +158,16 @@ TEST(TwoTermTest, AgreesWithTheReference) {
                    "two terms");
 }
 
+TEST(VonMisesFisherTest, DerivativeIntegratesToTheDifference) {
+  const Scene scene(studio("sphere", {DirectionalLight{{0.2, 0.3, -1}, 3}, everywhere(0.02F)}));
+  RenderRequest request{.material = {3, 0.8, 0}, .phase = VonMisesFisher{}};
+  request.derivatives = {parameter_named("von_mises_fisher.kappa")};
+  const auto set = [](RenderRequest& to, double value) {
+    to.phase = VonMisesFisher{static_cast<float>(value)};
+  };
+  expect_integral(scene, request, 0, set, {0.1, 2, 128}, "kappa");
+}
+
 // All weight on the first term: the same image, to the bit, and the same derivative.
 TEST(TwoTermTest, OfOneTermIsThatOne) {
   const Scene scene(studio("mug", {paper_sun_sky()}, 0.5F));

@@ -185,13 +185,21 @@ PhaseRow two_term(double g_1, double g_2, double weight) {
           {weight, 1 - weight, g_1 - g_2}};
 }
 
-INSTANTIATE_TEST_SUITE_P(Kinds, PhaseTest,
-                         ::testing::Values(henyey_greenstein(-0.9), henyey_greenstein(-0.5),
-                                           henyey_greenstein(0), henyey_greenstein(1e-6),
-                                           henyey_greenstein(0.01), henyey_greenstein(0.4),
-                                           henyey_greenstein(0.8), henyey_greenstein(0.98),
-                                           two_term(0.8, -0.3, 0.9), two_term(0.6, 0.1, 0.3),
-                                           two_term(0.5, -0.5, 0.01)));
+// E cos = coth kappa - 1 / kappa = m and E cos^2 = 1 - 2 m / kappa.
+PhaseRow von_mises_fisher(double kappa) {
+  const double m = 1 / std::tanh(kappa) - 1 / kappa;
+  return {VonMisesFisher{static_cast<float>(kappa)},
+          1 - 3 * m / kappa,
+          {1 / (kappa * kappa) - 1 / std::pow(std::sinh(kappa), 2)}};
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Kinds, PhaseTest,
+    ::testing::Values(henyey_greenstein(-0.9), henyey_greenstein(-0.5), henyey_greenstein(0),
+                      henyey_greenstein(1e-6), henyey_greenstein(0.01), henyey_greenstein(0.4),
+                      henyey_greenstein(0.8), henyey_greenstein(0.98), two_term(0.8, -0.3, 0.9),
+                      two_term(0.6, 0.1, 0.3), two_term(0.5, -0.5, 0.01), von_mises_fisher(0.05),
+                      von_mises_fisher(1), von_mises_fisher(8), von_mises_fisher(40)));
 
 // Evaluated cases of the published model: turbidity, ground albedo, sun elevation, theta, gamma,
 // RGB.
