@@ -551,7 +551,7 @@ TEST(RequestBuilder, TakesAPhaseFunction) {
   EXPECT_EQ(refusal([](auto& r) { r.mutable_phase()->mutable_two_term()->set_g_2(1); }),
             "phase.two_term.g_2 is 1; it must be in [-0.99, 0.99]");
   EXPECT_EQ(refusal([](auto& r) { r.mutable_phase()->clear_two_term(); }),
-            "phase: one of two_term is missing; it is required");
+            "phase: one of two_term and von_mises_fisher is missing; it is required");
   EXPECT_EQ(refusal([](auto& r) { r.mutable_material()->set_g(0.5); }),
             "material.g is 0.5 beside a phase; it must be absent");
   EXPECT_EQ(refusal([](auto& r) { r.add_derivatives(v1::G); }),
