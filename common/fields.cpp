@@ -9,11 +9,13 @@
 
 namespace itn {
 
-void FieldCheck::number(const char* name, double value, double low, double high) const {
+// Negated comparisons, so that NaN fails too.
+double in_closed(const std::string& field, double value, double low, double high) {
   if (!(value >= low && value <= high)) {
     throw invalid_input(
-        fmt::format("{}{} is {}; it must be in [{}, {}]", of_, name, value, low, high));
+        fmt::format("{} is {}; it must be in [{:.6g}, {:.6g}]", field, value, low, high));
   }
+  return value;
 }
 
 // Back from radians, 90 degrees may be the next larger number.

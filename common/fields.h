@@ -24,12 +24,18 @@
 
 namespace itn {
 
+// The value. Throws Error (invalid input) with the name of the field, its value and its range. NaN
+// is in no range.
+double in_closed(const std::string& field, double value, double low, double high);
+
 // Throws Error (invalid input) unless a field is in its range.
 class FieldCheck {
  public:
   explicit FieldCheck(std::string of) : of_(std::move(of)) {}
 
-  void number(const char* name, double value, double low, double high) const;
+  void number(const char* name, double value, double low, double high) const {
+    in_closed(of_ + name, value, low, high);
+  }
   void slot(const char* name, double value, double low, double high) const {
     number(name, value, low, high);
   }

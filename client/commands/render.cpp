@@ -377,7 +377,7 @@ void add_render_command(CLI::App& app) {
       ->check(CLI::Validator(
           [](std::string& name) -> std::string {
             try {
-              check_parameter_name(name);
+              parameter_of(name);
             } catch (const Error& error) {
               return error.what();
             }

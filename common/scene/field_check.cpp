@@ -15,15 +15,6 @@ Error missing(const std::string& field) {
   return invalid_input(fmt::format("{} is missing; it is required", field));
 }
 
-// Negated comparisons, so that NaN fails too.
-double in_closed(const std::string& field, double value, double low, double high) {
-  if (!(value >= low && value <= high)) {
-    throw invalid_input(
-        fmt::format("{} is {}; it must be in [{:.6g}, {:.6g}]", field, value, low, high));
-  }
-  return value;
-}
-
 uint32_t integer_in(const std::string& field, uint64_t value, uint64_t low, uint64_t high) {
   if (value < low || value > high) {
     throw invalid_input(fmt::format("{} is {}; it must be in [{}, {}]", field, value, low, high));

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "common/error.h"
+#include "common/fields.h"
 #include "common/rpc/wire_array.h"
 #include "common/vec.h"
 #include "itn/v1/scene.pb.h"
@@ -25,8 +26,6 @@ inline constexpr int kMaxTransforms = 64;  // of a mesh
 // To be thrown.
 Error missing(const std::string& field);
 
-// NaN is in no range.
-double in_closed(const std::string& field, double value, double low, double high);
 uint32_t integer_in(const std::string& field, uint64_t value, uint64_t low, uint64_t high);
 
 // Throws kLimit.

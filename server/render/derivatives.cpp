@@ -12,22 +12,20 @@
 namespace itn {
 namespace {
 
-std::string lower(std::string text) {
-  std::ranges::transform(text, text.begin(), [](unsigned char c) { return std::tolower(c); });
-  return text;
-}
-
+// "SIGMA_T" as "sigma_t".
 std::string name_of(v1::Parameter parameter) {
-  return lower(v1::Parameter_Name(parameter));
+  std::string name = v1::Parameter_Name(parameter);
+  std::ranges::transform(name, name.begin(), [](unsigned char c) { return std::tolower(c); });
+  return name;
 }
 
 // Nothing if it is not of the medium.
 std::optional<v1::Parameter> medium_parameter(const std::string& name) {
-  for (int value = v1::Parameter_MIN + 1; value <= v1::Parameter_MAX; ++value) {
-    const auto parameter = static_cast<v1::Parameter>(value);
-    if (name_of(parameter) == name) return parameter;
-  }
-  return std::nullopt;
+  std::string upper = name;
+  std::ranges::transform(upper, upper.begin(), [](unsigned char c) { return std::toupper(c); });
+  v1::Parameter parameter = v1::PARAMETER_UNSPECIFIED;
+  const bool known = v1::Parameter_Parse(upper, &parameter) && name_of(parameter) == name;
+  return known && parameter != v1::PARAMETER_UNSPECIFIED ? std::optional(parameter) : std::nullopt;
 }
 
 v1::Parameter checked(const v1::RenderGradRequest& request, int i) {
@@ -107,10 +105,11 @@ std::vector<std::string> parameter_names() {
   return names;
 }
 
-void check_parameter_name(const std::string& name) {
-  if (medium_parameter(name)) return;
+// A parameter of the medium, or one that the tracer accumulates by itself.
+std::variant<v1::Parameter, tracer::Parameter> parameter_of(const std::string& name) {
+  if (const auto parameter = medium_parameter(name)) return *parameter;
   try {
-    tracer::parameter_named(name);
+    return tracer::parameter_named(name);
   } catch (const Error&) {
     throw invalid_input(fmt::format("{} is not a parameter; there are {}, K counting from 0", name,
                                     fmt::join(parameter_names(), ", ")));
@@ -118,13 +117,17 @@ void check_parameter_name(const std::string& name) {
 }
 
 Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material& material) {
-  const std::vector<std::string> names = names_in(request);
   const std::vector<tracer::Parameter>& medium = tracer::medium_parameters();
-  std::vector<std::array<double, 3>> rows;  // by derivative, in all parameters of the medium
-  for (const std::string& name : names) {
-    check_parameter_name(name);
-    const auto parameter = medium_parameter(name);
-    rows.push_back(parameter ? chain_rule(*parameter, material) : std::array<double, 3>{});
+  // By derivative: in all parameters of the medium, or in one that is none of these.
+  std::vector<std::array<double, 3>> rows;
+  std::vector<std::optional<tracer::Parameter>> others;
+  for (const std::string& name : names_in(request)) {
+    const auto parameter = parameter_of(name);
+    const auto* of_medium = std::get_if<v1::Parameter>(&parameter);
+    rows.push_back(of_medium != nullptr ? chain_rule(*of_medium, material)
+                                        : std::array<double, 3>{});
+    others.push_back(of_medium != nullptr ? std::nullopt
+                                          : std::optional(std::get<tracer::Parameter>(parameter)));
   }
   Derivatives result;
   result.weights.resize(rows.size());
@@ -135,11 +138,11 @@ Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material&
     result.parameters.push_back(medium[c]);
     for (size_t i = 0; i < rows.size(); ++i) result.weights[i].push_back(rows[i][c]);
   }
-  for (size_t i = 0; i < names.size(); ++i) {
-    if (medium_parameter(names[i])) continue;
+  for (size_t i = 0; i < others.size(); ++i) {
+    if (!others[i]) continue;
     result.weights[i].resize(result.parameters.size());
     result.weights[i].push_back(1);  // by this parameter alone
-    result.parameters.push_back(tracer::parameter_named(names[i]));
+    result.parameters.push_back(*others[i]);
   }
   for (auto& weights : result.weights) weights.resize(result.parameters.size());
   return result;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "common/material.h"
@@ -36,8 +37,9 @@ std::array<double, 3> chain_rule(v1::Parameter parameter, const Material& materi
 
 // All names that RenderGradRequest.parameters may have, with K for any number.
 std::vector<std::string> parameter_names();
-// Throws Error (invalid input), which says what names there are.
-void check_parameter_name(const std::string& name);
+// What a name of these stands for: of the medium, or what the tracer accumulates as it is. Throws
+// Error (invalid input), which says what names there are.
+std::variant<v1::Parameter, tracer::Parameter> parameter_of(const std::string& name);
 
 // Throws Error (invalid input) where a derivative is unknown, or asked for twice.
 Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material& material);

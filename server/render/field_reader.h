@@ -61,21 +61,28 @@ const google::protobuf::FieldDescriptor* set_field(const google::protobuf::Messa
                                                    const std::string& oneof);
 std::string names_of(const google::protobuf::Message& message, const std::string& oneof);
 
-// The kind whose message is set in a oneof of the same names. `field`: the path of the message that
-// has the oneof, one of whose fields is set.
+// The kind of the list from `number` on that has a name.
 template <typename Variant, size_t number = 0>
-Variant read_kind(const std::string& field, const google::protobuf::Message& message,
-                  const google::protobuf::FieldDescriptor& set) {
+Variant kind_named(const std::string& name) {
   if constexpr (number < std::variant_size_v<Variant>) {
     using Kind = std::variant_alternative_t<number, Variant>;
-    if (set.name() != Kind::kName) return read_kind<Variant, number + 1>(field, message, set);
-    Kind kind;
-    const FieldReader reader(field + "." + set.name(),
-                             message.GetReflection()->GetMessage(message, &set));
-    Kind::fields(kind, reader);
-    return kind;
+    return name == Kind::kName ? Variant(Kind()) : kind_named<Variant, number + 1>(name);
   }
-  throw Error(ErrorKind::kInternal, field + "." + set.name() + " is no kind");
+  throw Error(ErrorKind::kInternal, name + " is no kind");
+}
+
+// The kind whose message is set in a oneof of the same names. `field`: the path of the message that
+// has the oneof, one of whose fields is required.
+template <typename Variant>
+Variant read_kind(const std::string& field, const google::protobuf::Message& message,
+                  const std::string& oneof) {
+  const google::protobuf::FieldDescriptor* set = set_field(message, oneof);
+  if (set == nullptr) throw missing(field + ": one of " + names_of(message, oneof));
+  const FieldReader reader(field + "." + set->name(),
+                           message.GetReflection()->GetMessage(message, set));
+  Variant result = kind_named<Variant>(set->name());
+  std::visit([&]<typename Kind>(Kind& kind) { Kind::fields(kind, reader); }, result);
+  return result;
 }
 
 }  // namespace itn

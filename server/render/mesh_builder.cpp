@@ -188,7 +188,7 @@ tracer::Reflectance build_reflectance(const std::string& field, const v1::Surfac
     throw invalid_input(
         fmt::format("{} has reflectance and {}; it must have one of them", field, pattern->name()));
   }
-  return read_kind<tracer::Reflectance>(field, proto, *pattern);
+  return read_kind<tracer::Reflectance>(field, proto, "pattern");
 }
 
 tracer::DiffuseSurface MeshBuilder::build_surface(const std::string& field,

@@ -8,15 +8,10 @@
 #include "common/error.h"
 #include "common/rpc/wire_array.h"
 #include "server/render/derivatives.h"
-#include "server/render/request_check.h"
 #include "server/render/weighted_image_loss.h"
 
 namespace itn {
 namespace {
-
-Derivatives derivatives_in(const v1::RenderGradRequest& request) {
-  return derivatives_of(request, build_medium(request));
-}
 
 // In double, as the terms may cancel; a zero weight leaves its image out, so that an asked
 // coordinate is returned as it is.
@@ -55,19 +50,18 @@ std::string image_bytes(const std::vector<float>& image) {
 
 // Of the image as it would be sent: 0 at the pixels that are not rendered.
 void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
-               v1::RenderGradReply& reply) {
+               const Derivatives& derivatives, v1::RenderGradReply& reply) {
   const LossWithGradient loss = weighted_image_loss(from_bytes<float>(request.loss().image()),
                                                     from_bytes<float>(request.loss().weight()),
                                                     tracer::means(sums).estimates);
   reply.set_loss(finite(loss.value));
-  for (const std::vector<double>& weights : derivatives_in(request).weights) {
+  for (const std::vector<double>& weights : derivatives.weights) {
     reply.add_loss_gradient(finite(combined(loss.gradient, weights)));
   }
 }
 
 void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
-                 v1::RenderGradReply& reply) {
-  const Derivatives derivatives = derivatives_in(request);
+                 const Derivatives& derivatives, v1::RenderGradReply& reply) {
   const tracer::RenderedImages images = tracer::means(sums);
   for (const auto& estimate : images.estimates) {
     v1::Estimate& proto = *reply.add_estimates();
@@ -90,14 +84,16 @@ void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& requ
 
 }  // namespace
 
-v1::RenderGradReply make_reply(const tracer::FilmSums& sums, const v1::RenderGradRequest& request) {
+v1::RenderGradReply make_reply(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
+                               const Material& material) {
+  const Derivatives derivatives = derivatives_of(request, material);
   v1::RenderGradReply reply;
   reply.set_width(static_cast<uint32_t>(sums.width));
   reply.set_height(static_cast<uint32_t>(sums.height));
   if (request.has_loss()) {
-    fill_loss(sums, request, reply);
+    fill_loss(sums, request, derivatives, reply);
   } else {
-    fill_images(sums, request, reply);
+    fill_images(sums, request, derivatives, reply);
   }
   v1::Counters& counters = *reply.mutable_counters();
   counters.set_paths(sums.counters.paths);

@@ -81,7 +81,7 @@ class RenderService::RenderCall final : public QueuedCall {
         *scene, asked_, {.threads = service_.options_.threads}, std::move(stop));
     log(sums);
     paths_ = sums.counters.paths;
-    return serialized(make_reply(sums, request_));
+    return serialized(make_reply(sums, request_, asked_.material));
   }
 
   std::string_view method() const override { return "RenderGrad"; }

@@ -66,6 +66,16 @@ void build_gradient(const v1::RenderGradRequest& request, tracer::RenderRequest&
   }
 }
 
+void build_phase(const v1::RenderGradRequest& request, tracer::RenderRequest& built) {
+  if (!request.has_phase()) return;
+  built.phase = read_kind<tracer::PhaseFunction>("phase", request.phase(), "kind");
+  if (built.material.g != 0) {
+    throw invalid_input(
+        fmt::format("material.g is {} beside a phase; it must be absent", built.material.g));
+  }
+  built.material.g = tracer::mean_cosine(built);
+}
+
 void build_tracer(const v1::RenderGradRequest& request, tracer::RenderRequest& built) {
   if (!v1::RenderedPixels_IsValid(request.pixels())) {
     throw invalid_input(
@@ -98,25 +108,6 @@ Material build_material(const v1::Material& proto) {
   return material;
 }
 
-std::optional<tracer::PhaseFunction> build_phase(const v1::RenderGradRequest& request) {
-  if (!request.has_phase()) return std::nullopt;
-  const v1::PhaseFunction& phase = request.phase();
-  const auto* kind = set_field(phase, "kind");
-  if (kind == nullptr) throw missing("phase: one of " + names_of(phase, "kind"));
-  if (request.material().g() != 0) {
-    throw invalid_input(
-        fmt::format("material.g is {} beside a phase; it must be absent", request.material().g()));
-  }
-  return read_kind<tracer::PhaseFunction>("phase", phase, *kind);
-}
-
-Material build_medium(const v1::RenderGradRequest& request) {
-  tracer::RenderRequest built{.material = build_material(request.material()),
-                              .phase = build_phase(request)};
-  built.material.g = tracer::mean_cosine(built);
-  return built.material;
-}
-
 // The ranges of what goes to the tracer as it is are checked there.
 tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
                                     const RenderLimits& limits) {
@@ -124,8 +115,8 @@ tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
   check_scene_fields(request);
   if (!request.has_material()) throw missing("material");
   tracer::RenderRequest built;
-  built.material = build_medium(request);
-  built.phase = build_phase(request);
+  built.material = build_material(request.material());
+  build_phase(request, built);
   built.seed = request.seed();
   built.sample_count = request.spp();
   if (request.has_tile()) {

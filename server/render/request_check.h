@@ -9,14 +9,12 @@
 
 namespace itn {
 
-// Checks the request but for its scene. This and the following throw Error as in
-// common/scene/field_check.h.
+// Checks the request but for its scene. Its material has the mean cosine of its phase function.
+// This and the following throw Error as in common/scene/field_check.h.
 tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
                                     const RenderLimits& limits);
 
 Material build_material(const v1::Material& material);
-// With the mean cosine of the phase function that is asked for.
-Material build_medium(const v1::RenderGradRequest& request);
 
 // Of the tile that is asked for, or of the film.
 uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request);

@@ -89,9 +89,7 @@ std::string digest_of_surfaces(const v1::Scene& scene) {
 }  // namespace
 
 tracer::LightDescription build_light(const std::string& field, const v1::Light& proto) {
-  const auto* kind = set_field(proto, "kind");
-  if (kind == nullptr) throw missing(field + ": one of " + names_of(proto, "kind"));
-  return read_kind<tracer::LightDescription>(field, proto, *kind);
+  return read_kind<tracer::LightDescription>(field, proto, "kind");
 }
 
 v1::Scene parse_scene(const std::string& bytes) {

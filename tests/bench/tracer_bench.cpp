@@ -482,7 +482,8 @@ void answer(const std::string& bytes, const v1::RenderGradRequest& request, Scen
   const RenderRequest asked = build_request(request, RenderLimits());
   steps.time("object pixels", [&] { return scene->compiled().object_pixels().size(); });
   const FilmSums sums = steps.time("paths", [&] { return render_grad(*scene, asked); });
-  steps.time("reply", [&] { return make_reply(sums, request).SerializeAsString().size(); });
+  steps.time("reply",
+             [&] { return make_reply(sums, request, asked.material).SerializeAsString().size(); });
 }
 
 // What of a scene is new to the worker.

@@ -53,6 +53,12 @@ void prepare_gradient(const Scene::Compiled& scene, const RenderRequest& request
     }
   }
   film.gradient_unit = largest / fewest;
+  size_t map_pixels = 0;
+  if (request.gradient_light) {
+    const EnvironmentMapTable& map = scene.lights.map_of(*request.gradient_light)->table();
+    film.map_quantum = kMapQuantum * map.scale();
+    map_pixels = map.pixels();
+  }
   for (auto& estimate : film.estimates) {
     std::vector<float>& factors = film.gradient_factors.emplace_back(estimate.counts.size());
     for (const PlannedPixel& p : plan.pixels) {
@@ -62,12 +68,7 @@ void prepare_gradient(const Scene::Compiled& scene, const RenderRequest& request
           static_cast<float>(double{weights[p.pixel]} / largest * fewest / estimate.counts[i]);
     }
     estimate.gradient.resize(request.derivatives.size());
-    if (request.gradient_light) {
-      const EnvironmentMapTable& map = scene.lights.map_of(*request.gradient_light)->table();
-      film.map_quantum = kMapQuantum * map.scale();
-      estimate.map_gradient.resize(static_cast<size_t>(map.width()) *
-                                   static_cast<size_t>(map.height()));
-    }
+    estimate.map_gradient.resize(map_pixels);
   }
 }
 

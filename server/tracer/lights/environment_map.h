@@ -50,6 +50,7 @@ class EnvironmentMapTable {
 
   int width() const { return width_; }
   int height() const { return height_; }
+  size_t pixels() const { return values_.size(); }
   const float* values() const { return values_.data(); }
   // y at the edges of the rows, falling; and of a pixel, by row, 1 / solid angle.
   const float* edges() const { return edges_.data(); }

@@ -1,24 +1,17 @@
-// The lists of lights: as they are described, and as they are rendered. A new
-// one is a file, as directional.h, an entry in both, and a message in the Light
-// of itn/v1/scene.proto.
+// The lists of lights: as they are described, and as they are rendered. A new one is a file, as
+// directional.h, an entry in both, and a message in the Light of itn/v1/scene.proto.
 //
 // A description says
 //   kName             its field in that message
-//   fields(self, to)  each of its own fields, as to.number("irradiance",
-//   self.irradiance, 0, 1e9):
-//                     how it is called in its message, and its range; of an
-//                     angle, in degrees
-//   compile(frame)    what it is rendered as, in the coordinates of the object;
-//   more than one as a
+//   fields(self, to)  its own fields (common/fields.h)
+//   compile(frame)    what it is rendered as, in the coordinates of the object; more than one as a
 //                     tuple
 // What is rendered says
 //   kDelta             whether no direction hits it by chance
-//   power()            its radiance integrated over all directions; of a delta,
-//   its irradiance
-// and computes, for many places or unit directions at a time, unless it is a
-// delta,
-//   emission(kind, d)  radiance, and the density per steradian with which
-//   `sample` draws d sample(kind, u)    a direction towards it
+//   power()            its radiance integrated over all directions; of a delta, its irradiance
+// and computes, for many places or unit directions at a time, unless it is a delta,
+//   emission(kind, d)  radiance, and the density per steradian with which `sample` draws d
+//   sample(kind, u)    a direction towards it
 // and if it is one,
 //   kDistant           whether shadow rays to it leave the scene
 //   beam(kind, from)   what it sends there

@@ -68,9 +68,8 @@ void check_weights(const RenderRequest& request, size_t pixels) {
   }
 }
 
-void check_gradient(const RenderRequest& request, const Scene& scene) {
+void check_gradient(const RenderRequest& request, size_t pixels) {
   const std::vector<float>& weights = request.gradient_weights;
-  const auto pixels = static_cast<size_t>(scene.width()) * static_cast<size_t>(scene.height());
   const auto finite = [](float w) { return std::isfinite(w); };
   const auto zero = [](float w) { return w == 0; };
   if (weights.size() != pixels || !std::ranges::all_of(weights, finite) ||
@@ -142,8 +141,7 @@ double mean_cosine(const RenderRequest& request) {
 
 size_t map_pixels(const RenderRequest& request, const Scene& scene) {
   if (!request.gradient_light) return 0;
-  const EnvironmentMapTable& map = scene.compiled().lights.map_of(*request.gradient_light)->table();
-  return static_cast<size_t>(map.width()) * static_cast<size_t>(map.height());
+  return scene.compiled().lights.map_of(*request.gradient_light)->table().pixels();
 }
 
 void validate(const RenderRequest& request) {
@@ -169,8 +167,9 @@ void validate(const RenderRequest& request) {
 void validate(const RenderRequest& request, const Scene& scene) {
   validate(request);
   if (request.tile) check_tile(*request.tile, scene);
-  check_weights(request, static_cast<size_t>(scene.width()) * static_cast<size_t>(scene.height()));
-  if (!request.gradient_weights.empty()) check_gradient(request, scene);
+  const auto pixels = static_cast<size_t>(scene.width()) * static_cast<size_t>(scene.height());
+  check_weights(request, pixels);
+  if (!request.gradient_weights.empty()) check_gradient(request, pixels);
   if (request.gradient_light) check_gradient_light(request, scene);
   for (const Parameter& parameter : request.derivatives) {
     if (parameter.kind == Parameter::kReflectance) {
