@@ -107,6 +107,10 @@ tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits&
   description.camera = build_camera(scene.camera());
   MeshBuilder meshes(limits.max_triangles, stop);
   meshes.build_object("scene.object.mesh", scene.object().mesh(), parts, description);
+  if (set_field(scene.object(), "refraction") != nullptr) {
+    description.boundary =
+        read_kind<tracer::Boundary>("scene.object", scene.object(), "refraction");
+  }
   for (int i = 0; i < scene.surfaces_size(); ++i) {
     description.surfaces.push_back(
         meshes.build_surface(fmt::format("scene.surfaces[{}]", i), scene.surfaces(i)));

@@ -1,17 +1,16 @@
 // The medium and what is around it have one index of refraction: light passes as if there were no
-// boundary.
+// boundary, and nobody asks what it does.
 #pragma once
-
-#include <array>
-
-#include "server/tracer/boundary/crossing.h"
 
 namespace itn::tracer {
 
 struct IndexMatched {
-  BoundarySample sample(const Crossing& at, const std::array<float, 5>& /*u*/) const {
-    return {BoundarySample::Event::kTransmitted, at.direction, 1};
-  }
+  static constexpr const char* kName = "";
+  template <typename Self, typename Fields>
+  static void fields(Self& /*self*/, Fields& /*to*/) {}
+
+  static constexpr bool kStopsLines = false, kDelta = true;
+  double relative_index() const { return 1; }
 };
 
 }  // namespace itn::tracer

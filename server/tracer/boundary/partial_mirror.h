@@ -1,23 +1,53 @@
 // A film on the boundary that mirrors a part of the light, absorbs another, and lets the rest pass
-// straight, whatever its direction. Closed forms are known of it, for tests.
-#pragma once
-
-#include <array>
-
-#include "common/vec.h"
-#include "server/tracer/boundary/crossing.h"
+// straight, whatever its direction. Closed forms are known of it, for tests: no scene of a request
+// has it.
+#ifndef ITN_TRACER_BOUNDARY_PARTIAL_MIRROR_H_
+#define ITN_TRACER_BOUNDARY_PARTIAL_MIRROR_H_
 
 namespace itn::tracer {
 
 struct PartialMirror {
   float reflected = 0, absorbed = 0;  // parts of the light, together at most 1
 
-  BoundarySample sample(const Crossing& at, const std::array<float, 5>& u) const {
-    if (u[0] < absorbed) return {};
-    if (u[0] >= absorbed + reflected) return {BoundarySample::Event::kTransmitted, at.direction, 1};
-    const Vec3f mirrored = at.direction - at.normal * (2 * dot(at.direction, at.normal));
-    return {BoundarySample::Event::kReflected, itn::normalize(mirrored), 1};
+  static constexpr const char* kName = "partial_mirror";
+  template <typename Self, typename Fields>
+  static void fields(Self& self, Fields& to) {
+    to.number("reflected", self.reflected, 0, 1);
+    to.number("absorbed", self.absorbed, 0, 1);
   }
+
+  static constexpr bool kStopsLines = true, kDelta = true;
+  double relative_index() const { return 1; }
 };
 
 }  // namespace itn::tracer
+
+#endif
+
+// What it computes, once for each set of instructions.
+#if defined(ITN_KERNEL) && \
+    defined(ITN_TRACER_BOUNDARY_PARTIAL_MIRROR_MATHS_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_BOUNDARY_PARTIAL_MIRROR_MATHS_
+#undef ITN_TRACER_BOUNDARY_PARTIAL_MIRROR_MATHS_
+#else
+#define ITN_TRACER_BOUNDARY_PARTIAL_MIRROR_MATHS_
+#endif
+
+#include "server/tracer/boundary/fresnel-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+HWY_INLINE BoundarySample sample(const PartialMirror& film, const Crossing& at,
+                                 const Words& words) {
+  const Floats u = uniform(words.w[0]), zero = hn::Zero(FloatTag());
+  const Mask absorbed = hn::Lt(u, set(film.absorbed));
+  const Mask transmitted = hn::Ge(u, set(film.absorbed + film.reflected));
+  return {if_then_else(transmitted, at.direction, mirrored(at.direction, at.normal)), transmitted,
+          hn::IfThenElse(absorbed, zero, set(1.0F)), zero};
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

@@ -67,11 +67,8 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
     if (!stops_at_boundary) return true;
     const auto [point, normal] = intersector_->crossing(hit);
     ray.at = {point, inside, {}};
-    ray.crossing = {.point = point,
-                    .normal = normal,
-                    .direction = line.direction,
-                    .triangle = hit.triangle,
-                    .leaving = inside};
+    ray.normal = normal;
+    ray.triangle = hit.triangle;
     ray.end = RayResult::End::kCrossing;
     return false;
   };

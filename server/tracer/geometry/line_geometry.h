@@ -17,7 +17,6 @@
 
 #include "common/geometry/mesh.h"
 #include "common/vec.h"
-#include "server/tracer/boundary/crossing.h"
 #include "server/tracer/geometry/intersector.h"
 #include "server/tracer/surfaces/surface.h"
 
@@ -42,7 +41,9 @@ struct RayResult {
   Interaction at;           // where it ended, before a crossing; not set if escaped or leaked
   float medium_length = 0;  // length travelled inside the medium, in mm
   bool entered = false;     // the medium was entered, or at its boundary, or started in
-  Crossing crossing;        // set if it ended in one
+  // Set if it ended in a crossing: of the object's mesh, and its normal of unit length, outwards.
+  uint32_t triangle = SurfaceTriangle::kNone;
+  Vec3f normal;
 };
 
 class Geometry {

@@ -35,15 +35,20 @@
 
 #include "common/error.h"
 #include "common/fields.h"
+#include "server/tracer/boundary/boundary.h"
 #include "server/tracer/phase/phase_function.h"
 #include "server/tracer/random/sampler.h"
 
 namespace itn::tracer {
 namespace {
 
+using HWY_NAMESPACE::BoundarySample;
+using HWY_NAMESPACE::BoundaryValue;
+using HWY_NAMESPACE::Crossing;
 using HWY_NAMESPACE::evaluate;
 using HWY_NAMESPACE::reflectance_at;
 using HWY_NAMESPACE::reflectance_slope;
+using HWY_NAMESPACE::sample;
 using HWY_NAMESPACE::sample_cosine;
 using HWY_NAMESPACE::hn::GetLane;
 
@@ -109,6 +114,10 @@ class Walk {
     const CameraRay ray = scene_.camera_ray(x + double{u[0]}, y + double{u[1]});
     direction_ = ray.direction;
     at_ = {ray.origin, scene_.camera_inside, {}};
+    if (scene_.camera_inside) {  // see boundary/crossing-inl.h
+      const double index = relative_index(scene_.boundary);
+      weight_ = static_cast<float>(index * index);
+    }
   }
 
   // One free flight. As flights are memoryless, one path length serves for all the parts of the
@@ -195,19 +204,33 @@ class Walk {
     crossings_ = 0;
   }
 
-  // The boundary sends the path on. Shadow rays end there: behind it, light is the walk's alone.
+  // The boundary reflects the path or lets it through.
   void cross(const RayResult& ray) {
-    const Uniforms u = sampler_.uniforms(vertex_, Sampler::kBoundary);
-    const BoundarySample next = sample(scene_.boundary, ray.crossing, u);
     if (++crossings_ > kMaxConsecutiveCrossings) {
       result_.leaked = true;
       return;
     }
-    at_ = ray.at;
-    at_.inside ^= next.event == BoundarySample::Event::kTransmitted;
-    direction_ = next.direction;
-    multiply_weight(next.event == BoundarySample::Event::kAbsorbed ? 0 : next.weight);
-    use_mis_ = false;
+    const bool leaving = ray.at.inside;
+    const Crossing at = crossing_of(HWY_NAMESPACE::set(direction_), HWY_NAMESPACE::set(ray.normal),
+                                    FirstN(HWY_NAMESPACE::FloatTag(), leaving ? 1 : 0));
+    at_ = {ray.at.position, false, {}};
+    if (!is_delta(scene_.boundary)) {
+      send_shadow_ray([&](Vec3f to_light) {
+        if (!(dot(ray.normal, to_light) > 0)) return Response{};
+        const BoundaryValue light = evaluate(scene_.boundary, at, HWY_NAMESPACE::set(to_light));
+        return Response{GetLane(light.value), GetLane(light.pdf), {}};
+      });
+    }
+    const RandomWords words = sampler_.words(vertex_, Sampler::kBoundary);
+    const BoundarySample next =
+        sample(scene_.boundary, at,
+               {HWY_NAMESPACE::set(words[0]), HWY_NAMESPACE::set(words[1]),
+                HWY_NAMESPACE::set(words[2]), HWY_NAMESPACE::set(words[3])});
+    at_.inside = leaving != AllTrue(HWY_NAMESPACE::FloatTag(), next.transmitted);
+    direction_ = {GetLane(next.direction.x), GetLane(next.direction.y), GetLane(next.direction.z)};
+    multiply_weight(GetLane(next.weight));
+    pdf_ = GetLane(next.pdf);
+    use_mis_ = !is_delta(scene_.boundary);
   }
 
   // By a factor that no derivative is asked for in.
@@ -240,6 +263,7 @@ class Walk {
   template <typename RespondTo>
   void send_shadow_ray(const RespondTo& respond_to) {
     if (switches_.techniques == Switches::Techniques::kPhaseOnly) return;
+    if (at_.inside && stops_at_boundary_) return;  // it would end there
     const LightSample light =
         scene_.lights.sample(at_.position, sampler_.words(vertex_, Sampler::kShadowRay),
                              sampler_.words(vertex_, Sampler::kMap));
@@ -318,7 +342,7 @@ class Walk {
   Interaction at_;
   Vec3f direction_;
   // Whether shadow rays look for the light ahead too: not on the camera's ray, nor behind a
-  // boundary at which lines stop.
+  // boundary that is a delta.
   bool use_mis_ = false;
   uint32_t crossings_ = 0;  // of such a boundary, in a row
   float pdf_ = 0;           // per steradian, with which direction_ was drawn

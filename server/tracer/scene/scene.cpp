@@ -19,6 +19,24 @@ size_t size_of(const Mesh& mesh) {
          mesh.triangles.size() * sizeof(std::array<uint32_t, 3>);
 }
 
+// A path behind a smooth boundary meets lights by chance alone.
+void check_lights_are_found(const SceneDescription& scene) {
+  const auto name = [](const auto& kind) { return kind.kName; };
+  for (size_t i = 0; i < scene.lights.size(); ++i) {
+    const bool by_chance = std::visit(
+        [](const auto& kind) {
+          if constexpr (requires { kind.kDelta; }) return !kind.kDelta;
+          return true;
+        },
+        scene.lights[i]);
+    if (by_chance) continue;
+    throw invalid_input(fmt::format(
+        "lights[{}].{} cannot be seen through object.{}, which is smooth: no path finds such a "
+        "light; a light that is not, or a rough boundary, can be rendered",
+        i, std::visit(name, scene.lights[i]), std::visit(name, scene.boundary)));
+  }
+}
+
 void check(const SceneDescription& scene) {
   if (scene.film.width < 1 || scene.film.height < 1 ||
       static_cast<int64_t>(scene.film.width) * scene.film.height >
@@ -32,6 +50,8 @@ void check(const SceneDescription& scene) {
     validate_triangles(surface.mesh, fmt::format("surfaces[{}]", i));
     check_fields(fmt::format("surfaces[{}]: ", i), surface.reflectance);
   }
+  check_fields("object.", scene.boundary);
+  if (stops_lines(scene.boundary) && is_delta(scene.boundary)) check_lights_are_found(scene);
 }
 
 void check_distance(const SceneDescription& scene) {

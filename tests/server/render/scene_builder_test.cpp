@@ -145,6 +145,8 @@ const BadScene kBadScenes[] = {
        s.mutable_surfaces(0)->mutable_checkerboard()->set_odd(2);
      },
      "scene.surfaces[0].checkerboard.odd is 2; it must be in [0, 1]"},
+    {"Index", [](auto& s) { s.mutable_object()->mutable_dielectric()->set_index(3); },
+     "scene.object.dielectric.index is 3; it must be in [1, 2.5]"},
     {"FlatRectangle",
      [](auto& s) {
        auto* r = s.mutable_surfaces(0)->mutable_rectangle();
@@ -437,11 +439,12 @@ TEST(SceneBuilder, FillsInTheDocumentedDefaults) {
   EXPECT_EQ(built.film.channel, tracer::Channel::kLuminance);
 }
 
-// The names by which descriptions of lights know their fields.
+// The names by which kinds know their fields.
 struct FieldNames {
   std::vector<std::string> names;
 
   void number(const char* name, double, double, double) { names.emplace_back(name); }
+  void slot(const char* name, double, double, double) { names.emplace_back(name); }
   void angle(const char* name, double, double = 0, double = 0) { names.emplace_back(name); }
   void direction(const char* name, const Vec3d&) { names.emplace_back(name); }
   void position(const char* name, const Vec3d&) { names.emplace_back(name); }
@@ -453,29 +456,44 @@ struct FieldNames {
 template <typename... Kinds>
 std::map<std::string, std::vector<std::string>> fields_of(std::variant<Kinds...> /*type*/) {
   std::map<std::string, std::vector<std::string>> result;
-  const auto note = [&]<typename Kind>(const Kind& light) {
+  const auto note = [&]<typename Kind>(const Kind& kind) {
     FieldNames fields;
-    Kind::fields(light, fields);
+    Kind::fields(kind, fields);
     result[Kind::kName] = fields.names;
   };
   (note(Kinds()), ...);
   return result;
 }
 
-TEST(SceneBuilder, EveryFieldOfEveryLightIsRead) {
-  std::map<std::string, std::vector<std::string>> messages;
-  const auto& light = *v1::Light::descriptor();
-  for (int i = 0; i < light.field_count(); ++i) {
-    const auto& message = *light.field(i)->message_type();
-    for (int k = 0; k < message.field_count(); ++k) {
-      messages[light.field(i)->name()].push_back(message.field(k)->name());
-    }
+// The fields of the messages of a oneof are those of the kinds of the same names.
+template <typename Variant>
+void expect_all_are_read(const google::protobuf::OneofDescriptor& oneof) {
+  const auto read = fields_of(Variant());
+  for (int i = 0; i < oneof.field_count(); ++i) {
+    std::vector<std::string> names;
+    const auto& message = *oneof.field(i)->message_type();
+    for (int k = 0; k < message.field_count(); ++k) names.push_back(message.field(k)->name());
+    ASSERT_TRUE(read.contains(oneof.field(i)->name())) << oneof.field(i)->name();
+    EXPECT_THAT(read.at(oneof.field(i)->name()), ::testing::UnorderedElementsAreArray(names));
   }
-  const auto read = fields_of(tracer::LightDescription());
-  ASSERT_EQ(read.size(), messages.size());
-  for (const auto& [name, fields] : messages) {
-    EXPECT_THAT(read.at(name), ::testing::UnorderedElementsAreArray(fields)) << name;
-  }
+}
+
+TEST(SceneBuilder, EveryFieldOfEveryKindIsRead) {
+  expect_all_are_read<tracer::LightDescription>(*v1::Light::descriptor()->FindOneofByName("kind"));
+  expect_all_are_read<tracer::Boundary>(*v1::Object::descriptor()->FindOneofByName("refraction"));
+  expect_all_are_read<tracer::Reflectance>(*v1::Surface::descriptor()->FindOneofByName("pattern"));
+  EXPECT_EQ(std::variant_size_v<tracer::LightDescription>,
+            v1::Light::descriptor()->FindOneofByName("kind")->field_count());
+}
+
+TEST(SceneBuilder, TakesABoundary) {
+  v1::Scene scene = cube_scene();
+  EXPECT_FALSE(stops_lines(build_scene(scene, RenderLimits()).boundary));
+  scene.mutable_object()->mutable_dielectric();
+  const auto boundary = [&] { return build_scene(scene, RenderLimits()).boundary; };
+  EXPECT_EQ(std::get<tracer::Dielectric>(boundary()).index, 1.5F);
+  scene.mutable_object()->mutable_dielectric()->set_index(1.33F);
+  EXPECT_EQ(std::get<tracer::Dielectric>(boundary()).index, 1.33F);
 }
 
 TEST(SceneBuilder, ZeroIsNotAbsent) {

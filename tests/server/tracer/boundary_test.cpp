@@ -1,11 +1,14 @@
 // Boundaries at which lines stop, by a kind whose effect is known.
 #include "server/tracer/boundary/boundary.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <string>
 
+#include "common/angle.h"
+#include "common/error.h"
 #include "tests/server/tracer/scenes.h"
 
 namespace itn::testing {
@@ -18,14 +21,18 @@ std::string name_of(Tracer tracer) {
   return tracer == Tracer::kWavefront ? "wavefront" : "reference";
 }
 
-// A slab of 0.7 mm under a constant light, seen at right angles.
+// A slab under a constant light, seen under an angle to its normal. It is wide.
 constexpr double kChord = 0.7;
-SceneDescription slab() {
+SceneDescription slab(double thickness = kChord, double angle = 0) {
   SceneDescription description;
-  description.object = box({-0.5F, 0, -0.5F}, {0.5F, static_cast<float>(kChord), 0.5F});
+  const auto half = static_cast<float>(100 * thickness);
+  description.object = box({-half, 0, -half}, {half, static_cast<float>(thickness), half});
   description.lights = {ConstantLight{1}};
-  description.camera = {
-      .origin = {0.03, 5, 0.02}, .target = {0.03, 4, 0.02}, .up = {0, 0, 1}, .fov = 1e-4 / 5};
+  const Vec3d target{0.03, thickness, 0.02};
+  description.camera = {.origin = target + Vec3d{5 * std::sin(angle), 5 * std::cos(angle), 0},
+                        .target = target,
+                        .up = {0, 0, 1},
+                        .fov = 1e-4 / 5};
   description.film = {4, 4};
   return description;
 }
@@ -88,17 +95,124 @@ TEST(BoundaryTest, ReflectsBetweenTwoMirrors) {
   }
 }
 
-// Where nothing is lost, all has the light's radiance, however the boundary mirrors.
-TEST(BoundaryTest, AMirroredObjectVanishesInAFurnace) {
-  SceneDescription description = studio("cube", {ConstantLight{1}});
-  description.boundary = PartialMirror{.reflected = 0.5F};
+// Where nothing is lost, all has the light's radiance, however the boundary mirrors or refracts.
+TEST(BoundaryTest, AnObjectVanishesInAFurnace) {
+  for (const Boundary boundary :
+       {Boundary(PartialMirror{.reflected = 0.5F}), Boundary(Dielectric{1}),
+        Boundary(Dielectric{1.5F}), Boundary(Dielectric{2.5F})}) {
+    for (const char* shape : {"cube", "knot"}) {
+      SceneDescription description = studio(shape, {ConstantLight{1}});
+      description.boundary = boundary;
+      const Scene scene(std::move(description));
+      for (const Tracer tracer : kTracers) {
+        const FilmEstimate film = estimate_film(scene, request_for(tracer, {3, 1, 0.5}, 128), 32);
+        EXPECT_NEAR(film.radiance.mean, 1, 4 * film.radiance.standard_error + 1e-6)
+            << name_of(tracer);
+        expect_resolution(film.radiance, 1, 0.02, "furnace");
+        EXPECT_EQ(film.counters.leaks, 0U);
+      }
+    }
+  }
+}
+
+// Inside, the radiance is index^2 times that of the light outside.
+TEST(DielectricTest, RadianceInsideGrowsWithTheSquareOfTheIndex) {
+  SceneDescription description = studio("sphere", {ConstantLight{1}});
+  description.camera = {.origin = {0, 0.5, 0}, .target = {0, 0.5, 1}};
+  description.boundary = Dielectric{1.5F};
   const Scene scene(std::move(description));
   for (const Tracer tracer : kTracers) {
     const FilmEstimate film = estimate_film(scene, request_for(tracer, {3, 1, 0.5}, 128), 32);
-    EXPECT_NEAR(film.radiance.mean, 1, 4 * film.radiance.standard_error + 1e-6) << name_of(tracer);
-    expect_resolution(film.radiance, 1, 0.02, "furnace");
-    EXPECT_EQ(film.counters.leaks, 0U);
+    EXPECT_NEAR(film.radiance.mean, 2.25, 4 * film.radiance.standard_error + 1e-6);
+    expect_resolution(film.radiance, 2.25, 0.02, name_of(tracer));
   }
+}
+
+// A slab that absorbs: the series of ReflectsBetweenTwoMirrors, with Fresnel's reflectances, and
+// the length of the way that Snell's law gives.
+TEST(DielectricTest, ASlabThatAbsorbsReflectsAndRefracts) {
+  for (const auto& [index, degrees] :
+       {std::pair{1.33, 0.0}, {1.5, 0.0}, {2.5, 0.0}, {1.5, 50.0}, {1.5, 80.0}, {1.0, 50.0}}) {
+    const double angle = degrees * kRadiansPerDegree, cosine = std::cos(angle);
+    SceneDescription description = slab(kChord, angle);
+    description.boundary = Dielectric{static_cast<float>(index)};
+    const Scene scene(std::move(description));
+    const double refracted = std::sqrt(1 - std::pow(std::sin(angle) / index, 2));
+    const double r_s = (cosine - index * refracted) / (cosine + index * refracted);
+    const double r_p = (index * cosine - refracted) / (index * cosine + refracted);
+    const double reflected = (r_s * r_s + r_p * r_p) / 2, passed = 1 - reflected;
+    const double length = kChord / refracted, a = std::exp(-length);
+    const double expected = reflected + passed * passed * a / (1 - reflected * a);
+    const double slope = -length * passed * passed * a / std::pow(1 - reflected * a, 2);
+    for (const Tracer tracer : kTracers) {
+      const std::string what = fmt::format("{} {} at {}", name_of(tracer), index, degrees);
+      const FilmEstimate film = estimate_film(scene, request_for(tracer, {1, 0, 0}, 2048), 32);
+      expect_equal(film.radiance, {expected, 0}, 24, what);
+      expect_resolution(film.radiance, expected, 0.01, what);
+      expect_equal(film.derivatives[kSigmaT], {slope, 0}, 24, what + " d / d sigma_t");
+      expect_resolution(film.derivatives[kSigmaT], slope, 0.05, what);
+    }
+  }
+}
+
+// Slabs that scatter, under light from above and below: the sum of the total reflectance and
+// transmittance for a beam at right angles, by the adding-doubling method (iadpython 0.5, 32
+// quadrature points; the thick one 0.2600 by Giovanelli, "Reflection by semi-infinite diffusers",
+// Optica Acta 1955).
+TEST(DielectricTest, SlabsThatScatterByAddingDoubling) {
+  struct Row {
+    double albedo, optical_thickness, g, index, expected;
+  };
+  for (const Row& row : {Row{0.9, 60, 0, 1.5, 0.25994}, Row{0.9, 1, 0, 1.5, 0.22200 + 0.50596},
+                         Row{0.95, 10, 0.5, 1.33, 0.29161 + 0.05567}}) {
+    SceneDescription description = slab();
+    description.boundary = Dielectric{static_cast<float>(row.index)};
+    const Scene scene(std::move(description));
+    for (const Tracer tracer : kTracers) {
+      const FilmEstimate film = estimate_film(
+          scene, request_for(tracer, {row.optical_thickness / kChord, row.albedo, row.g}, 2048),
+          32);
+      const std::string what = fmt::format("{} {}", name_of(tracer), row.expected);
+      expect_equal(film.radiance, {row.expected, 1e-4}, 6, what);
+      expect_resolution(film.radiance, row.expected, 0.01, what);
+    }
+  }
+}
+
+// Both tracers, between surfaces and under a light that is not the same everywhere.
+TEST(DielectricTest, TracersAgree) {
+  SceneDescription description = knot_on_ground(paper_sun_sky());
+  description.boundary = Dielectric{1.5F};
+  const Scene scene(std::move(description));
+  RenderRequest request = request_for(Tracer::kWavefront, {5, 0.9, 0.3}, 2048);
+  request.derivatives.push_back({Parameter::kReflectance, 0});
+  request.derivatives.push_back({Parameter::kLightScale, 0});
+  const FilmEstimate wavefront = estimate_film(scene, request, 32);
+  request.tracer = Tracer::kReference;
+  const FilmEstimate reference = estimate_film(scene, request, 32, 1000);
+  // By what the image changes with the logarithms of sigma_t and g at most.
+  const double radiance = wavefront.radiance.mean;
+  expect_same_film(wavefront, reference, 6, "a dielectric knot", {radiance / 5, 0, radiance / 0.3});
+}
+
+TEST(DielectricTest, WhatItCannotDoIsRefused) {
+  const auto refused = [](SceneDescription description) -> std::string {
+    try {
+      const Scene scene(std::move(description));
+      return "";
+    } catch (const Error& error) {
+      return error.what();
+    }
+  };
+  SceneDescription description = slab();
+  description.boundary = Dielectric{0.75F};
+  EXPECT_EQ(refused(description), "object.dielectric.index is 0.75; it must be in [1, 2.5]");
+  description.boundary = Dielectric{1.3F};
+  EXPECT_EQ(refused(description), "");
+  description.lights.emplace_back(DirectionalLight{});
+  EXPECT_EQ(refused(description),
+            "lights[1].directional cannot be seen through object.dielectric, which is smooth: no "
+            "path finds such a light; a light that is not, or a rough boundary, can be rendered");
 }
 
 }  // namespace

@@ -19,11 +19,13 @@ namespace itn::tracer::HWY_NAMESPACE {
 inline void sample_flights(Wavefront& wave) {
   Paths& paths = wave.paths;
   const Floats zero = hn::Zero(FloatTag());
+  // A line that stops at the boundary flies nowhere in the medium before.
+  const uint32_t first = wave.stops_at_boundary && !wave.scene.camera_inside ? 2 : 1;
   for (size_t i = 0; i < wave.count; i += lanes()) {
     const Uints vertex = load(paths.vertex, i);
     const Words words = random(wave, i, vertex, Sampler::kWalk);
     const Floats u0 =
-        hn::IfThenElse(equals(vertex, 1), load(paths.first_flight, i), uniform(words.w[0]));
+        hn::IfThenElse(equals(vertex, first), load(paths.first_flight, i), uniform(words.w[0]));
     const Floats depth = hn::Sub(zero, log(hn::Sub(set(1.0F), u0)));
     store(hn::Mul(depth, set(1 / wave.sigma_t)), paths.rays.max_medium_length, i);
     store(uniform(words.w[1]), paths.u1, i);

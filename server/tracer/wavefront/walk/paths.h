@@ -35,7 +35,7 @@ struct PathState {
   UintState<1> alive{};
   UintState<> hit{}, leaked{}, steps{};  // see PathEstimate
   // Whether no shadow ray looks for the light ahead too: on the camera's ray, and behind a boundary
-  // at which lines stop. How many of those were crossed in a row.
+  // that is a delta. How many boundaries at which lines stop were crossed in a row.
   UintState<1> delta_bounce{};
   UintState<> crossings{};
   FloatState<> pdf{};  // per steradian, of the last direction

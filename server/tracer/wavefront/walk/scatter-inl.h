@@ -1,4 +1,4 @@
-// Vertices: scatterings in the medium, and diffuse reflections.
+// Vertices: scatterings in the medium, diffuse reflections, and crossings of its boundary.
 #if defined(ITN_TRACER_WAVEFRONT_WALK_SCATTER_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef ITN_TRACER_WAVEFRONT_WALK_SCATTER_INL_H_
 #undef ITN_TRACER_WAVEFRONT_WALK_SCATTER_INL_H_
@@ -24,36 +24,46 @@ HWY_INLINE Mask among(Surfaces::Range range, Ints triangles) {
                                                hn::Gt(triangles, below(range.first))));
 }
 
-HWY_INLINE Vertices vertices_of(const Paths& paths, const Surfaces& surfaces, float albedo,
-                                size_t i, Mask where, Mask in_medium) {
+HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium, Mask on_surface,
+                                Mask at_boundary) {
   const FloatTag d;
+  const Paths& paths = wave.paths;
+  const Surfaces& surfaces = wave.scene.obstacles.surfaces;
   const Vectors before = load(paths.rays.direction, i);
-  Vertices vertices{.where = where,
-                    .in_medium = in_medium,
-                    .all_in_medium = hn::AllTrue(d, hn::Or(in_medium, hn::Not(where))),
+  Vertices vertices{.in_medium = in_medium,
+                    .on_surface = on_surface,
+                    .at_boundary = at_boundary,
+                    .any_on_surface = !hn::AllFalse(d, on_surface),
+                    .any_at_boundary = !hn::AllFalse(d, at_boundary),
+                    .crossing = {},
                     .axis = before,
-                    .factor = set(albedo),
+                    .factor = set(wave.albedo),
                     .triangles = hn::Set(IntTag(), -1)};
-  if (!vertices.all_in_medium) {
+  if (vertices.any_at_boundary) {
+    const Mask inside = not_zero(hn::And(load(paths.rays.interaction, i), set(Rays::kInside)));
+    vertices.crossing = crossing_of(before, load(wave.crossings.normal, i), inside);
+    vertices.factor = hn::IfThenElse(at_boundary, set(1.0F), vertices.factor);
+  }
+  if (vertices.any_on_surface) {
     const Floats zero = hn::Zero(d);
-    const auto on_surface = for_uints(hn::AndNot(in_medium, where));
+    const auto reflects = for_uints(on_surface);
     const Uints triangle = surface_of(load(paths.rays.interaction, i));
-    const Ints at = hn::BitCast(IntTag(), hn::IfThenElseZero(on_surface, triangle));
+    const Ints at = hn::BitCast(IntTag(), hn::IfThenElseZero(reflects, triangle));
     vertices.triangles =
-        hn::BitCast(IntTag(), hn::IfThenElse(on_surface, triangle, set(Surfaces::kNone)));
+        hn::BitCast(IntTag(), hn::IfThenElse(reflects, triangle, set(Surfaces::kNone)));
     Floats reflectance = gather(surfaces.reflectances.data(), at);
     for (const Surfaces::Pattern& pattern : surfaces.patterned) {
       reflectance = hn::IfThenElse(
           among(pattern.triangles, vertices.triangles),
           reflectance_at(pattern.reflectance, load(paths.rays.position, i)), reflectance);
     }
-    vertices.factor = hn::IfThenElse(in_medium, vertices.factor, reflectance);
+    vertices.factor = hn::IfThenElse(on_surface, reflectance, vertices.factor);
     const Vectors normal{gather(surfaces.normals.x.data(), at),
                          gather(surfaces.normals.y.data(), at),
                          gather(surfaces.normals.z.data(), at)};
     const Mask flip = hn::Ge(dot(normal, before), zero);
     const Vectors facing = if_then_else(flip, Vectors{zero, zero, zero} - normal, normal);
-    vertices.axis = if_then_else(in_medium, before, facing);
+    vertices.axis = if_then_else(on_surface, facing, before);
   }
   return vertices;
 }
@@ -83,8 +93,23 @@ HWY_INLINE void multiply_by_factor(Wavefront& wave, size_t i, const Vertices& ve
   }
 }
 
-// Draws the next direction: by the phase function around the last one, or the cosine law around the
-// normal (its pdf is cosine / pi: cosine^2 is uniform).
+// At the boundary: draws the next direction with its pdf, and which side it is on.
+inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& direction,
+                  Floats& pdf) {
+  Paths& paths = wave.paths;
+  const Mask where = vertices.at_boundary;
+  const BoundarySample next = sample(wave.scene.boundary, vertices.crossing,
+                                     random(wave, i, load(paths.vertex, i), Sampler::kBoundary));
+  direction = if_then_else(where, next.direction, direction);
+  pdf = hn::IfThenElse(where, next.pdf, pdf);
+  multiply_weights(paths, i, hn::IfThenElse(where, next.weight, set(1.0F)));
+  const Uints toggled =
+      hn::IfThenElseZero(for_uints(hn::And(where, next.transmitted)), set(Rays::kInside));
+  store(hn::Xor(load(paths.rays.interaction, i), toggled), paths.rays.interaction, i);
+}
+
+// Draws the next direction: by the phase function around the last one, by the cosine law around the
+// normal (its pdf is cosine / pi: cosine^2 is uniform), or as the boundary says.
 HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vertices) {
   Paths& paths = wave.paths;
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
@@ -93,20 +118,16 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
   Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
   const PhaseValue phase = evaluate(wave.phase, cosine);
   Floats pdf = phase.value;
-  if (!vertices.all_in_medium) {
-    const Mask in_medium = vertices.in_medium;
+  if (vertices.any_on_surface) {
+    const Mask on_surface = vertices.on_surface;
     const Floats diffuse = hn::Sqrt(hn::Sub(one, u1));
-    cosine = hn::IfThenElse(in_medium, cosine, diffuse);
-    sine = hn::IfThenElse(in_medium, sine, hn::Sqrt(u1));
-    pdf = hn::IfThenElse(in_medium, pdf, hn::Mul(diffuse, set(std::numbers::inv_pi_v<float>)));
+    cosine = hn::IfThenElse(on_surface, diffuse, cosine);
+    sine = hn::IfThenElse(on_surface, hn::Sqrt(u1), sine);
+    pdf = hn::IfThenElse(on_surface, hn::Mul(diffuse, set(std::numbers::inv_pi_v<float>)), pdf);
   }
   const SinCos phi = sin_cos_2pi(load(paths.u2, i));
-  const Vectors direction = renormalize(
+  Vectors direction = renormalize(
       frame_to_world(vertices.axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
-  // Paths that have ended keep their direction: NaN would slow the lanes down.
-  const Vectors before = load(paths.rays.direction, i);
-  store(if_then_else(vertices.where, direction, before), paths.rays.direction, i);
-  store(pdf, paths.pdf, i);
   // A control variate, as in update_scores.
   for (size_t s = 0; s < paths.score_phase.size(); ++s) {
     const Floats score = hn::IfThenElseZero(vertices.in_medium, phase.scores[s]);
@@ -114,25 +135,38 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
     store(hn::Add(load(sum, i), score), sum, i);
     store(mul_add(score, load(paths.weight, i), load(control, i)), control, i);
   }
-  store(hn::IfThenZeroElse(for_uints(vertices.where), load(paths.delta_bounce, i)),
-        paths.delta_bounce, i);
+  if (vertices.any_at_boundary) cross(wave, i, vertices, direction, pdf);
+  // Paths that have ended keep their direction: NaN would slow the lanes down.
+  const Vectors before = load(paths.rays.direction, i);
+  store(if_then_else(vertices.where(), direction, before), paths.rays.direction, i);
+  store(pdf, paths.pdf, i);
+  const auto where = for_uints(vertices.where());
+  store(hn::IfThenZeroElse(where, load(paths.delta_bounce, i)), paths.delta_bounce, i);
+}
+
+// Counts the crossings of paths at the boundary, and drops those that rounding has trapped.
+inline void count_crossings(Wavefront& wave, size_t i, Mask at_boundary) {
+  Paths& paths = wave.paths;
+  const Uints one = set(uint32_t{1}), before = load(paths.crossings, i);
+  const Uints count = hn::IfThenElseZero(for_uints(at_boundary), hn::Add(before, one));
+  store(count, paths.crossings, i);
+  store(hn::IfThenElse(hn::Gt(count, set(kMaxConsecutiveCrossings)), one, load(paths.leaked, i)),
+        paths.leaked, i);
+  if (wave.boundary_is_delta) {
+    store(hn::IfThenElse(for_uints(at_boundary), one, load(paths.delta_bounce, i)),
+          paths.delta_bounce, i);
+  }
 }
 
 // What happens at the vertices of the paths in slots i, i + 1 ..., where there are any.
-inline void scatter(Wavefront& wave, size_t i, Mask where, Mask in_medium) {
-  Vertices vertices =
-      vertices_of(wave.paths, wave.scene.obstacles.surfaces, wave.albedo, i, where, in_medium);
-  if (wave.stops_at_boundary) {
-    // Paths at the boundary keep their weight.
-    vertices.factor = hn::IfThenElse(where, vertices.factor, set(1.0F));
-    UintColumn& crossings = wave.paths.crossings;
-    store(hn::IfThenZeroElse(for_uints(where), load(crossings, i)), crossings, i);
-  }
+inline void scatter(Wavefront& wave, size_t i, Mask in_medium, Mask on_surface, Mask at_boundary) {
+  const Vertices vertices = vertices_of(wave, i, in_medium, on_surface, at_boundary);
   multiply_by_factor(wave, i, vertices);
   if (wave.switches.techniques != Switches::Techniques::kPhaseOnly) {
     send_shadow_rays(wave, i, vertices);
   }
   sample_direction(wave, i, vertices);
+  if (wave.stops_at_boundary) count_crossings(wave, i, at_boundary);
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -22,13 +22,23 @@ constexpr float kMaxOpticalDepth = 50;
 
 // Where paths that are sent on have arrived.
 struct Vertices {
-  Mask where;      // there are any
-  Mask in_medium;  // scatterings; the others are diffuse reflections
-  bool all_in_medium;
+  Mask in_medium, on_surface, at_boundary;  // scatterings, diffuse reflections, crossings
+  bool any_on_surface, any_at_boundary;
+  Crossing crossing;  // if there is any
   Vectors axis;    // that the next direction is drawn around: the last one, or the surface's normal
-  Floats factor;   // albedo or reflectance
+  Floats factor;   // albedo or reflectance; at a boundary 1
   Ints triangles;  // that reflect, or -1
+
+  Mask where() const { return hn::Or(hn::Or(in_medium, on_surface), at_boundary); }
 };
+
+// Those from which shadow rays are sent that do not end at the boundary of the medium.
+HWY_INLINE Mask sending(const Wavefront& wave, size_t i, const Vertices& vertices) {
+  if (!wave.stops_at_boundary) return vertices.where();
+  const Mask inside = not_zero(hn::And(load(wave.paths.rays.interaction, i), set(Rays::kInside)));
+  const Mask outside = hn::AndNot(inside, vertices.on_surface);
+  return wave.boundary_is_delta ? outside : hn::Or(outside, vertices.at_boundary);
+}
 
 // Next-event estimation: light along one direction drawn from the lights.
 //
@@ -40,6 +50,8 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   const Paths& paths = wave.paths;
   ShadowRays& shadow_rays = wave.shadow_rays;
   const FloatTag d;
+  Mask sent = sending(wave, i, vertices);
+  if (hn::AllFalse(d, sent)) return;
   const Floats zero = hn::Zero(d);
   const Uints vertex = load(paths.vertex, i);
   const Words words = random(wave, i, vertex, Sampler::kShadowRay);
@@ -47,19 +59,29 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
       wave.scene.lights.has_maps() ? random(wave, i, vertex, Sampler::kMap) : Words{};
   // Paths that have escaped are at no place.
   const Vectors position =
-      if_then_else(vertices.where, load(paths.rays.position, i), Vectors{zero, zero, zero});
+      if_then_else(vertices.where(), load(paths.rays.position, i), Vectors{zero, zero, zero});
   LightParts parts(wave.differentiated_lights);
   const LightSamples light = sample(wave.scene.lights, position, words, more, parts);
   const Floats cosine = dot(vertices.axis, light.direction);
   auto [value, scores] = evaluate(wave.phase, cosine);
-  if (!vertices.all_in_medium) {
+  if (vertices.any_on_surface) {
     const Floats diffuse = hn::Mul(hn::Max(zero, cosine), set(std::numbers::inv_pi_v<float>));
-    value = hn::IfThenElse(vertices.in_medium, value, diffuse);
+    value = hn::IfThenElse(vertices.on_surface, diffuse, value);
+  }
+  Floats walk_pdf = value;  // with which the walk would go there by itself
+  if (vertices.any_at_boundary) {
+    const Crossing& at = vertices.crossing;
+    const BoundaryValue boundary = evaluate(wave.scene.boundary, at, light.direction);
+    const Floats side = dot(at.normal, light.direction);  // outside is above 0, unless it leaves
+    const Mask outside = hn::Gt(hn::IfThenElse(at.leaving, hn::Neg(side), side), zero);
+    value =
+        hn::IfThenElse(vertices.at_boundary, hn::IfThenElseZero(outside, boundary.value), value);
+    walk_pdf = hn::IfThenElse(vertices.at_boundary, boundary.pdf, walk_pdf);
   }
   // The weight of the draw, radiance / pdf, times that of multiple importance sampling,
-  // pdf / (pdf + value): `value` is also the pdf with which the walk would go there by itself.
-  // Deltas have no pdf: what they bring is as it is.
-  const Floats phase_pdf = wave.switches.techniques == Switches::Techniques::kBoth ? value : zero;
+  // pdf / (pdf + walk_pdf). Deltas have no pdf: what they bring is as it is.
+  const Floats phase_pdf =
+      wave.switches.techniques == Switches::Techniques::kBoth ? walk_pdf : zero;
   const Floats pdf_sum =
       hn::IfThenElse(hn::Gt(light.pdf, zero), hn::Add(light.pdf, phase_pdf), set(1.0F));
   const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), pdf_sum);
@@ -72,7 +94,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   }
   const Floats importance = hn::Mul(path_importance(paths, i), worth);
   Floats limit = set(kMaxOpticalDepth);
-  Mask sent = hn::And(vertices.where, hn::Gt(worth, zero));
+  sent = hn::And(sent, hn::Gt(worth, zero));
   if (wave.shadow_ray_threshold > 0) {
     const Floats u = hn::Sub(set(1.0F), fifth_uniform(words));
     limit = hn::Min(limit, log(hn::Div(importance, hn::Mul(u, set(wave.shadow_ray_threshold)))));
@@ -93,15 +115,16 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   };
   append_vectors(position, shadow_rays.rays.position);
   append_vectors(light.direction, shadow_rays.rays.direction);
-  append_uints(load(paths.rays.interaction, i), shadow_rays.rays.interaction);
+  const Uints interaction = load(paths.rays.interaction, i);
+  append_uints(hn::IfThenZeroElse(for_uints(vertices.at_boundary), interaction),
+               shadow_rays.rays.interaction);
   append(hn::Mul(limit, set(1 / wave.sigma_t)), shadow_rays.rays.max_medium_length);
   if (shadow_rays.rays.bounded) append(light.distance, shadow_rays.rays.distance);
   append(undimmed, shadow_rays.light);
   if (wave.differentiated_map != nullptr) append(per_radiance, shadow_rays.per_radiance[0]);
   append(importance, shadow_rays.importance);
   for (size_t s = 0; s < shadow_rays.score_phase.size(); ++s) {
-    const Floats score =
-        vertices.all_in_medium ? scores[s] : hn::IfThenElseZero(vertices.in_medium, scores[s]);
+    const Floats score = hn::IfThenElseZero(vertices.in_medium, scores[s]);
     append(hn::Add(load(paths.score_phase[s], i), score), shadow_rays.score_phase[s]);
   }
   for (size_t l = 0; l < wave.differentiated_lights.size(); ++l) {

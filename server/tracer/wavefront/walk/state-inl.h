@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "common/fields.h"
+#include "server/tracer/boundary/boundary.h"
 #include "server/tracer/film/film_writer.h"
 #include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/phase/phase_function.h"
@@ -43,7 +44,8 @@ struct Wavefront {
         medium_derivatives(asks_for_medium(asked)),
         shadow_ray_threshold(static_cast<float>(options.tuning.shadow_ray_roulette *
                                                 compiled.lights.power() / (4 * std::numbers::pi))),
-        stops_at_boundary(stops_lines(compiled.boundary)) {
+        stops_at_boundary(stops_lines(compiled.boundary)),
+        boundary_is_delta(is_delta(compiled.boundary)) {
     for (const Parameter& parameter : asked.derivatives) {
       if (parameter.kind == Parameter::kReflectance) {
         reflecting.push_back({compiled.obstacles.surfaces.triangles_of(parameter.index),
@@ -96,6 +98,7 @@ struct Wavefront {
   ShadowRays shadow_rays;
   // Whether lines stop at the boundary, and then where those that were followed last did.
   const bool stops_at_boundary;
+  const bool boundary_is_delta;
   Crossings crossings;
   Crossings* at_boundary() { return stops_at_boundary ? &crossings : nullptr; }
 };

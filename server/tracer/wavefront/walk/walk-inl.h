@@ -5,7 +5,7 @@
 // The words of this folder:
 //   path        a random walk from the camera to the light, and what it has collected so far: a
 //               sample of a pixel (PathSample)
-//   vertex      where a path scatters, is reflected or is bent; the camera is vertex 0
+//   vertex      where a path scatters, is reflected or is refracted; the camera is vertex 0
 //   slot        the number of a path while it is under way; when it ends, another takes its slot
 //   column      one number for every slot (columns.h): what is known of a path stands in the same
 //               slot of many columns (paths.h)
@@ -30,7 +30,6 @@
 #define ITN_TRACER_WAVEFRONT_WALK_WALK_INL_H_
 #endif
 
-#include <bit>
 #include <cstddef>
 #include <stop_token>
 
@@ -39,7 +38,6 @@
 #include "server/tracer/film/work_queue.h"
 #include "server/tracer/wavefront/walk/add_emission-inl.h"
 #include "server/tracer/wavefront/walk/begin-inl.h"
-#include "server/tracer/wavefront/walk/cross-inl.h"
 #include "server/tracer/wavefront/walk/flight-inl.h"
 #include "server/tracer/wavefront/walk/path_recorder.h"
 #include "server/tracer/wavefront/walk/roulette-inl.h"
@@ -50,7 +48,7 @@ HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
 // What happens at the ends of the flights: light is met, or the path is scattered,
-// reflected or bent.
+// reflected or refracted.
 inline void interact(Wavefront& wave) {
   Paths& paths = wave.paths;
   wave.shadow_rays.count = 0;
@@ -63,15 +61,11 @@ inline void interact(Wavefront& wave) {
     if (!hn::AllFalse(FloatTag(), escaped)) add_emission(wave, i, escaped);
     const Uints one = set(uint32_t{1}), none = hn::Zero(UintTag());
     store(hn::IfThenElse(for_uints(equals(end, Rays::kLeaked)), one, none), paths.leaked, i);
-    const Mask goes_on = hn::Or(scattered, surface);
+    const Mask crossed = equals(end, Rays::kCrossing);
+    const Mask goes_on = hn::Or(hn::Or(scattered, surface), crossed);
     store(hn::IfThenElse(for_uints(goes_on), one, none), paths.alive, i);
-    const Mask vertices = hn::And(live, goes_on);
-    if (!hn::AllFalse(FloatTag(), vertices)) scatter(wave, i, vertices, scattered);
-    if (wave.stops_at_boundary) {
-      for (Bits bits = bits_of(hn::And(live, equals(end, Rays::kCrossing))); bits != 0;
-           bits &= bits - 1) {
-        cross(wave, i + static_cast<size_t>(std::countr_zero(bits)));
-      }
+    if (!hn::AllFalse(FloatTag(), hn::And(live, goes_on))) {
+      scatter(wave, i, hn::And(live, scattered), hn::And(live, surface), hn::And(live, crossed));
     }
   }
 }
