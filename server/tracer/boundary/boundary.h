@@ -23,6 +23,7 @@
 #include "server/tracer/boundary/dielectric.h"
 #include "server/tracer/boundary/index_matched.h"
 #include "server/tracer/boundary/partial_mirror.h"
+#include "server/tracer/boundary/rough_dielectric.h"
 #include "server/tracer/boundary/slots.h"
 
 #ifndef ITN_TRACER_BOUNDARY_BOUNDARY_H_
@@ -30,7 +31,7 @@
 
 namespace itn::tracer {
 
-using Boundary = std::variant<IndexMatched, PartialMirror, Dielectric>;
+using Boundary = std::variant<IndexMatched, PartialMirror, Dielectric, RoughDielectric>;
 
 constexpr uint32_t kMaxConsecutiveCrossings = 1000000;
 
@@ -64,7 +65,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 // Of a boundary that stops lines.
 HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, const Words& words) {
   const Floats zero = hn::Zero(FloatTag());
-  BoundarySample result{at.direction, hn::FirstN(FloatTag(), 0), zero, zero};
+  BoundarySample result{at.direction, hn::FirstN(FloatTag(), 0), zero, zero, {zero}};
   visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
     if constexpr (Kind::kStopsLines) result = sample(kind, at, words);
   });
@@ -74,7 +75,7 @@ HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, c
 // Nothing of one that is a delta.
 HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& at, Vectors to) {
   const Floats zero = hn::Zero(FloatTag());
-  BoundaryValue result{zero, zero, {zero, zero}};
+  BoundaryValue result{zero, zero, {zero}};
   visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
     if constexpr (!Kind::kDelta) result = evaluate(kind, at, to);
   });

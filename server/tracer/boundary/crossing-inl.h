@@ -33,9 +33,10 @@ HWY_INLINE Crossing crossing_of(Vectors direction, Vectors outwards, Mask leavin
 // In which directions paths go on.
 struct BoundarySample {
   Vectors direction;
-  Mask transmitted;  // to the other side
-  Floats weight;     // value / pdf; 0: the light is absorbed
-  Floats pdf;        // per steradian; of a boundary that is a delta, 0
+  Mask transmitted;                  // to the other side
+  Floats weight;                     // value / pdf; 0: the light is absorbed
+  Floats pdf;                        // per steradian; of a boundary that is a delta, 0
+  Floats scores[kMaxBoundarySlots];  // see BoundaryValue
 };
 
 // What light from a direction brings.

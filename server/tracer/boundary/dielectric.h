@@ -47,7 +47,10 @@ HWY_INLINE BoundarySample sample(const Dielectric& boundary, const Crossing& at,
   return {
       if_then_else(transmitted, refracted(at.direction, at.normal, cosine, refracted_cosine, index),
                    mirrored(at.direction, at.normal)),
-      transmitted, set(1.0F), zero};
+      transmitted,
+      set(1.0F),
+      zero,
+      {zero}};
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -43,8 +43,11 @@ HWY_INLINE BoundarySample sample(const PartialMirror& film, const Crossing& at,
   const Floats u = uniform(words.w[0]), zero = hn::Zero(FloatTag());
   const Mask absorbed = hn::Lt(u, set(film.absorbed));
   const Mask transmitted = hn::Ge(u, set(film.absorbed + film.reflected));
-  return {if_then_else(transmitted, at.direction, mirrored(at.direction, at.normal)), transmitted,
-          hn::IfThenElse(absorbed, zero, set(1.0F)), zero};
+  return {if_then_else(transmitted, at.direction, mirrored(at.direction, at.normal)),
+          transmitted,
+          hn::IfThenElse(absorbed, zero, set(1.0F)),
+          zero,
+          {zero}};
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -5,6 +5,6 @@
 
 namespace itn::tracer {
 
-constexpr size_t kMaxBoundarySlots = 2;
+constexpr size_t kMaxBoundarySlots = 1;
 
 }  // namespace itn::tracer

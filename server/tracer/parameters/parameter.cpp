@@ -7,6 +7,7 @@
 
 #include "common/error.h"
 #include "common/fields.h"
+#include "server/tracer/boundary/boundary.h"
 #include "server/tracer/phase/phase_function.h"
 #include "server/tracer/surfaces/reflectance.h"
 
@@ -41,6 +42,7 @@ std::string name_of(const Parameter& parameter) {
     case Parameter::kSigmaT: return "sigma_t";
     case Parameter::kAlbedo: return "albedo";
     case Parameter::kPhase: return slots_of<PhaseFunction>().at(parameter.slot).name;
+    case Parameter::kBoundary: return slots_of<Boundary>().at(parameter.slot).name;
     case Parameter::kReflectance:
       return fmt::format("surface[{}].{}", parameter.index,
                          slots_of<Reflectance>().at(parameter.slot).name);
@@ -52,6 +54,7 @@ std::string name_of(const Parameter& parameter) {
 std::vector<std::string> parameter_names() {
   std::vector<std::string> names = {"sigma_t", "albedo"};
   for (const Slot& slot : slots_of<PhaseFunction>()) names.push_back(slot.name);
+  for (const Slot& slot : slots_of<Boundary>()) names.push_back(slot.name);
   for (const Slot& slot : slots_of<Reflectance>()) names.push_back("surface[K]." + slot.name);
   names.emplace_back("light[K].scale");
   return names;
@@ -64,6 +67,10 @@ Parameter parameter_named(std::string_view name) {
   const std::vector<Slot>& phases = slots_of<PhaseFunction>();
   for (uint32_t slot = 0; slot < phases.size(); ++slot) {
     if (name == phases[slot].name) return {Parameter::kPhase, 0, slot};
+  }
+  const std::vector<Slot>& boundaries = slots_of<Boundary>();
+  for (uint32_t slot = 0; slot < boundaries.size(); ++slot) {
+    if (name == boundaries[slot].name) return {Parameter::kBoundary, 0, slot};
   }
   uint32_t index = 0;
   const std::vector<Slot>& reflectances = slots_of<Reflectance>();

@@ -13,13 +13,14 @@ struct Parameter {
     kSigmaT,  // of the medium, in 1/mm; so is the derivative's unit, radiance * mm
     kAlbedo,
     kPhase,        // a slot of the phase function: of Henyey and Greenstein's, g
+    kBoundary,     // a slot of the boundary of the medium
     kReflectance,  // a slot of the reflectance of surfaces[index]
     // A factor on all that lights[index] sends out, which is 1 in every scene: the derivative is
     // the part of the radiance that comes from this light.
     kLightScale,
   } kind = kSigmaT;
   uint32_t index = 0;  // of the surface or light; 0 for the medium
-  uint32_t slot = 0;   // in slots_of<Reflectance>() or slots_of<PhaseFunction>(); else 0
+  uint32_t slot = 0;   // in slots_of<> the kinds of what the parameter is of; else 0
 
   bool operator==(const Parameter&) const = default;
   bool of_medium() const { return kind <= kPhase; }
@@ -29,8 +30,8 @@ struct Parameter {
 // accumulated in; others follow by the chain rule.
 const std::vector<Parameter>& medium_parameters();
 
-// "sigma_t", "albedo", "g", "two_term.weight", "surface[0].reflectance",
-// "surface[0].checkerboard.even", "light[1].scale".
+// "sigma_t", "albedo", "g", "two_term.weight", "rough_dielectric.roughness",
+// "surface[0].reflectance", "surface[0].checkerboard.even", "light[1].scale".
 std::string name_of(const Parameter& parameter);
 
 // All names, with K for any number.

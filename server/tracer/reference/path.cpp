@@ -62,8 +62,13 @@ constexpr float kMaxOpticalDepth = 50;
 // at its start: well under a millisecond.
 constexpr uint32_t kStopInterval = 512;
 
-// By slot of the phase function.
-using Scores = std::array<float, kMaxPhaseSlots>;
+// By slot of the phase function, and behind them of the boundary.
+using Scores = std::array<float, kMaxPhaseSlots + kMaxBoundarySlots>;
+Scores boundary_scores(const HWY_NAMESPACE::Floats (&by_slot)[kMaxBoundarySlots]) {
+  Scores result{};
+  for (size_t s = 0; s < kMaxBoundarySlots; ++s) result[kMaxPhaseSlots + s] = GetLane(by_slot[s]);
+  return result;
+}
 Scores sum(const Scores& a, const Scores& b) {
   Scores result;
   for (size_t s = 0; s < a.size(); ++s) result[s] = a[s] + b[s];
@@ -146,7 +151,7 @@ class Walk {
           break;
       }
     }
-    add(scene_.lights.radiance(direction_) * mis_weight, score_sigma_t_, score_phase_,
+    add(scene_.lights.radiance(direction_) * mis_weight, score_sigma_t_, score_slots_,
         [&](size_t light) { return scene_.lights.radiance(direction_, light) * mis_weight; });
   }
 
@@ -168,7 +173,7 @@ class Walk {
         Basis<float>(direction_).to_world(sine * std::cos(phi), sine * std::sin(phi), cosine));
     const auto [value, scores] = at_angle(cosine);
     pdf_ = value;
-    score_phase_ = sum(score_phase_, scores);
+    score_slots_ = sum(score_slots_, scores);
     use_mis_ = true;
     crossings_ = 0;
   }
@@ -218,7 +223,7 @@ class Walk {
       send_shadow_ray([&](Vec3f to_light) {
         if (!(dot(ray.normal, to_light) > 0)) return Response{};
         const BoundaryValue light = evaluate(scene_.boundary, at, HWY_NAMESPACE::set(to_light));
-        return Response{GetLane(light.value), GetLane(light.pdf), {}};
+        return Response{GetLane(light.value), GetLane(light.pdf), boundary_scores(light.scores)};
       });
     }
     const RandomWords words = sampler_.words(vertex_, Sampler::kBoundary);
@@ -229,6 +234,7 @@ class Walk {
     at_.inside = leaving != AllTrue(HWY_NAMESPACE::FloatTag(), next.transmitted);
     direction_ = {GetLane(next.direction.x), GetLane(next.direction.y), GetLane(next.direction.z)};
     multiply_weight(GetLane(next.weight));
+    score_slots_ = sum(score_slots_, boundary_scores(next.scores));
     pdf_ = GetLane(next.pdf);
     use_mis_ = !is_delta(scene_.boundary);
   }
@@ -244,7 +250,7 @@ class Walk {
   struct Response {
     float value;    // fraction scattered per steradian, the weight apart
     float pdf;      // with which the walk would go there by itself, per steradian
-    Scores scores;  // d log value / d slot of the phase function
+    Scores scores;  // d log value / d slot
   };
 
   // What the phase function says of an angle.
@@ -281,13 +287,13 @@ class Walk {
       return weight * response.value * mis_weight * dimming;
     };
     add(arriving(light.weight), score_sigma_t_ - ray.medium_length,
-        sum(score_phase_, response.scores),
+        sum(score_slots_, response.scores),
         [&](size_t number) { return arriving(scene_.lights.weight(light, number)); });
   }
 
   // Adds light that arrives along the path with the given scores; part_of(k) is that of light k.
   template <typename PartOf>
-  void add(float light, float score_sigma_t, const Scores& score_phase, const PartOf& part_of) {
+  void add(float light, float score_sigma_t, const Scores& score_slots, const PartOf& part_of) {
     const double contribution = double{weight_} * double{light};
     result_.radiance += contribution;
     for (size_t i = 0; i < request_.derivatives.size(); ++i) {
@@ -297,7 +303,12 @@ class Walk {
         case Parameter::kAlbedo: derivative += double{dweight_dalbedo_} * double{light}; break;
         case Parameter::kPhase: {
           const size_t slot = slots_of<PhaseFunction>()[request_.derivatives[i].slot].number;
-          derivative += contribution * double{score_phase[slot]};
+          derivative += contribution * double{score_slots[slot]};
+          break;
+        }
+        case Parameter::kBoundary: {
+          const size_t slot = slots_of<Boundary>()[request_.derivatives[i].slot].number;
+          derivative += contribution * double{score_slots[kMaxPhaseSlots + slot]};
           break;
         }
         case Parameter::kReflectance:
@@ -352,7 +363,7 @@ class Walk {
   std::vector<size_t> reflectances_;
   std::array<float, kMaxDerivatives> dweight_dreflectance_{};
   float score_sigma_t_ = 0;  // d log f / d sigma_t, in mm
-  Scores score_phase_{};     // d log f / d slot of the phase function
+  Scores score_slots_{};     // d log f / d slot
 };
 
 }  // namespace

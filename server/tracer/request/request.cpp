@@ -125,7 +125,9 @@ void check_slot(const Parameter& parameter, const Kinds& kinds) {
     if (slots[slot].kind != kinds.index()) continue;
     have += (have.empty() ? "" : ", ") + name_of({parameter.kind, parameter.index, slot});
   }
-  throw invalid_input(fmt::format("no derivative in {}: there is {}", name_of(parameter), have));
+  throw invalid_input(fmt::format(
+      "no derivative in {}: {}", name_of(parameter),
+      have.empty() ? "there is none in what the scene has instead" : "there is " + have));
 }
 
 }  // namespace
@@ -172,7 +174,9 @@ void validate(const RenderRequest& request, const Scene& scene) {
   if (!request.gradient_weights.empty()) check_gradient(request, pixels);
   if (request.gradient_light) check_gradient_light(request, scene);
   for (const Parameter& parameter : request.derivatives) {
-    if (parameter.kind == Parameter::kReflectance) {
+    if (parameter.kind == Parameter::kBoundary) {
+      check_slot(parameter, scene.compiled().boundary);
+    } else if (parameter.kind == Parameter::kReflectance) {
       check_index(parameter, scene.surface_count(), "surface");
       check_slot(parameter, scene.compiled().surfaces[parameter.index].reflectance);
     } else if (parameter.kind == Parameter::kLightScale) {

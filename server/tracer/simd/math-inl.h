@@ -175,6 +175,9 @@ HWY_INLINE Vectors cross(Vectors a, Vectors b) {
 HWY_INLINE Vectors renormalize(Vectors a) {
   return a * mul_add(set(-0.5F), dot(a, a), set(1.5F));
 }
+HWY_INLINE Vectors normalize(Vectors a) {
+  return a * hn::Div(set(1.0F), hn::Sqrt(dot(a, a)));
+}
 HWY_INLINE Vectors if_then_else(Mask mask, Vectors a, Vectors b) {
   return {hn::IfThenElse(mask, a.x, b.x), hn::IfThenElse(mask, a.y, b.y),
           hn::IfThenElse(mask, a.z, b.z)};

@@ -195,6 +195,104 @@ TEST(DielectricTest, TracersAgree) {
   expect_same_film(wavefront, reference, 6, "a dielectric knot", {radiance / 5, 0, radiance / 0.3});
 }
 
+// A rough boundary under every kind of light that a path can, or cannot, find by itself.
+SceneDescription rough_knot(float index, float roughness) {
+  SceneDescription description =
+      studio("knot", {ConstantLight{1}, DirectionalLight{{0.5, 0.8, -0.3}, 2}}, 0.5F);
+  description.boundary = RoughDielectric{index, roughness};
+  return description;
+}
+
+const Parameter kRoughness = parameter_named("rough_dielectric.roughness");
+
+TEST(RoughDielectricTest, TracersAgree) {
+  const Scene scene(rough_knot(1.5F, 0.25F));
+  RenderRequest request = request_for(Tracer::kWavefront, {5, 0.9, 0.3}, 2048);
+  request.derivatives.push_back(kRoughness);
+  request.derivatives.push_back({Parameter::kReflectance, 0});
+  request.derivatives.push_back({Parameter::kLightScale, 1});
+  const FilmEstimate wavefront = estimate_film(scene, request, 32);
+  request.tracer = Tracer::kReference;
+  const FilmEstimate reference = estimate_film(scene, request, 32, 1000);
+  const double radiance = wavefront.radiance.mean;
+  expect_same_film(wavefront, reference, 8, "a rough knot",
+                   {radiance / 5, 0, radiance / 0.3, radiance / 0.25});
+}
+
+// What the walk finds by itself, and what shadow rays find, are the same.
+TEST(RoughDielectricTest, TechniquesAgree) {
+  SceneDescription description = rough_knot(1.5F, 0.25F);
+  description.lights = {paper_sun_sky()};
+  const Scene scene(std::move(description));
+  for (const Tracer tracer : kTracers) {
+    const RenderRequest request = request_for(tracer, {5, 0.9, 0.3}, 256);
+    const auto by = [&](Switches::Techniques techniques) {
+      return estimate_film(scene, request, 32, 1, {.switches = {.techniques = techniques}});
+    };
+    const FilmEstimate both = by(Switches::Techniques::kBoth);
+    for (const auto& alone :
+         {by(Switches::Techniques::kLightsOnly), by(Switches::Techniques::kPhaseOnly)}) {
+      expect_equal(alone.radiance, both.radiance, 4, name_of(tracer) + " radiance");
+      expect_resolution(alone.radiance, both.radiance.mean, 0.02, "radiance");
+    }
+  }
+}
+
+// Where the microfacets are nearly level, it is smooth.
+TEST(RoughDielectricTest, WithoutRoughnessIsSmooth) {
+  SceneDescription description = knot_on_ground(ConstantLight{1});
+  description.boundary = RoughDielectric{1.5F, 0.005F};
+  const Scene rough(description);
+  description.boundary = Dielectric{1.5F};
+  const Scene smooth(std::move(description));
+  for (const Tracer tracer : kTracers) {
+    const RenderRequest request = request_for(tracer, {5, 0.9, 0.3}, 256);
+    const FilmEstimate a = estimate_film(rough, request, 32),
+                       b = estimate_film(smooth, request, 32, 1000);
+    expect_equal(a.radiance, b.radiance, 2, name_of(tracer));
+    expect_resolution(a.radiance, b.radiance.mean, 0.01, "radiance");
+  }
+}
+
+// Central differences with common random numbers.
+TEST(RoughDielectricTest, TheDerivativeInRoughnessEqualsFiniteDifferences) {
+  constexpr float kAlpha = 0.4F, kStep = 0.04F;
+  constexpr int kBatches = 32;
+  const Scene above(rough_knot(1.4F, kAlpha + kStep)), below(rough_knot(1.4F, kAlpha - kStep));
+  RenderRequest request{.material = {5, 0.8, 0.3}, .sample_count = 4096};
+  std::vector<double> slopes;
+  for (request.seed = 1000; request.seed < 1000 + kBatches; ++request.seed) {
+    slopes.push_back(
+        (film_mean(render_grad(above, request), -1) - film_mean(render_grad(below, request), -1)) /
+        double{2 * kStep});
+  }
+  const Estimated expected = over_batches(slopes);
+  request.derivatives = {kRoughness};
+  const FilmEstimate film = estimate_film(Scene(rough_knot(1.4F, kAlpha)), request, kBatches);
+  expect_equal(film.derivatives[0], expected, 1, "d / d roughness");
+  expect_resolution(film.derivatives[0], expected.mean, 0.02, "d / d roughness");
+  expect_resolution(expected, expected.mean, 0.03, "differences");
+}
+
+TEST(RoughDielectricTest, DerivativesAreOfTheBoundaryThatThereIs) {
+  const auto refused = [](Boundary boundary) -> std::string {
+    SceneDescription description = slab();
+    description.boundary = boundary;
+    RenderRequest request;
+    request.derivatives = {kRoughness};
+    try {
+      validate(request, Scene(std::move(description)));
+      return "";
+    } catch (const Error& error) {
+      return error.what();
+    }
+  };
+  EXPECT_EQ(refused(RoughDielectric{}), "");
+  EXPECT_EQ(
+      refused(Dielectric{}),
+      "no derivative in rough_dielectric.roughness: there is none in what the scene has instead");
+}
+
 TEST(DielectricTest, WhatItCannotDoIsRefused) {
   const auto refused = [](SceneDescription description) -> std::string {
     try {

@@ -7,6 +7,7 @@
 #include <hwy/highway.h>
 
 #include "common/fields.h"
+#include "server/tracer/boundary/boundary.h"
 #include "server/tracer/geometry/depth_grid-inl.h"
 #include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/lights/lights-inl.h"
@@ -33,6 +34,33 @@ void probe_phase_in_lanes(const PhaseFunction& phase, PhaseProbe& probe) {
     store(at.value, probe.value, i);
     for (size_t s = 0; s < slot_count(phase); ++s) store(at.scores[s], probe.scores[s], i);
     store(sample_cosine(phase, load(probe.u, i)), probe.drawn, i);
+  }
+}
+
+Crossing crossing_of(const BoundaryProbe& probe) {
+  return crossing_of(set(probe.direction), set(probe.outwards),
+                     hn::FirstN(FloatTag(), probe.leaving ? lanes() : 0));
+}
+
+void evaluate_boundary_in_lanes(const Boundary& boundary, BoundaryProbe& probe) {
+  const Crossing at = crossing_of(probe);
+  for (size_t i = 0; i < kSlots; i += lanes()) {
+    const BoundaryValue light = evaluate(boundary, at, load(probe.to, i));
+    store(light.value, probe.value, i);
+    store(light.pdf, probe.pdf, i);
+    for (size_t s = 0; s < kMaxBoundarySlots; ++s) store(light.scores[s], probe.scores[s], i);
+  }
+}
+
+void sample_boundary_in_lanes(const Boundary& boundary, uint32_t pixel, BoundaryProbe& probe) {
+  const Crossing at = crossing_of(probe);
+  for (size_t i = 0; i < kSlots; i += lanes()) {
+    const Uints number = hn::Iota(UintTag(), static_cast<uint32_t>(i)), zero = hn::Zero(UintTag());
+    const BoundarySample next = sample(boundary, at, philox(zero, zero, number, set(pixel), 1));
+    store(next.direction, probe.to, i);
+    store(next.weight, probe.weight, i);
+    store(next.pdf, probe.pdf, i);
+    for (size_t s = 0; s < kMaxBoundarySlots; ++s) store(next.scores[s], probe.scores[s], i);
   }
 }
 
@@ -75,6 +103,8 @@ namespace itn::tracer {
 
 HWY_EXPORT(draw_all_uniforms);
 HWY_EXPORT(probe_phase_in_lanes);
+HWY_EXPORT(evaluate_boundary_in_lanes);
+HWY_EXPORT(sample_boundary_in_lanes);
 HWY_EXPORT(evaluate_all);
 HWY_EXPORT(draw_all);
 HWY_EXPORT(look_up_all);
@@ -87,6 +117,13 @@ void draw_uniforms(uint64_t seed, uint32_t pixel, uint32_t vertex, uint32_t purp
 
 void probe_phase(const PhaseFunction& phase, PhaseProbe& probe) {
   HWY_DYNAMIC_DISPATCH(probe_phase_in_lanes)(phase, probe);
+}
+
+void evaluate_boundary(const Boundary& boundary, BoundaryProbe& probe) {
+  HWY_DYNAMIC_DISPATCH(evaluate_boundary_in_lanes)(boundary, probe);
+}
+void sample_boundary(const Boundary& boundary, uint32_t pixel, BoundaryProbe& probe) {
+  HWY_DYNAMIC_DISPATCH(sample_boundary_in_lanes)(boundary, pixel, probe);
 }
 
 void evaluate_lights(const Lights& lights, LightProbe& probe, size_t count) {

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "server/tracer/boundary/boundary.h"
 #include "server/tracer/geometry/depth_grid.h"
 #include "server/tracer/geometry/obstacles.h"
 #include "server/tracer/geometry/rays.h"
@@ -25,6 +26,18 @@ struct PhaseProbe {
   FloatColumn scores[kMaxPhaseSlots];
 };
 void probe_phase(const PhaseFunction& phase, PhaseProbe& probe);
+
+// A path that arrives at a boundary, and directions there: `to` is what evaluates, or what is drawn
+// with the random numbers of samples 0 .. kSlots - 1 of a pixel.
+struct BoundaryProbe {
+  Vec3f direction, outwards;
+  bool leaving = false;
+  VectorColumn to{};
+  FloatColumn value{}, pdf{}, weight{};
+  FloatColumn scores[kMaxBoundarySlots];
+};
+void evaluate_boundary(const Boundary& boundary, BoundaryProbe& probe);
+void sample_boundary(const Boundary& boundary, uint32_t pixel, BoundaryProbe& probe);
 
 struct LightProbe {
   FloatColumn radiance{}, pdf{};

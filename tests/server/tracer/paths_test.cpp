@@ -12,8 +12,8 @@ using namespace tracer;
 // Some columns of every list whose length depends on the request.
 std::unique_ptr<Paths> some_paths() {
   auto paths = std::make_unique<Paths>();
-  paths->score_phase.resize(1);
-  paths->d_phase.resize(1);
+  paths->score_slots.resize(1);
+  paths->d_slots.resize(1);
   paths->control_phase.resize(1);
   paths->weight_at_albedos.resize(2);
   paths->radiance_at_albedos.resize(2);

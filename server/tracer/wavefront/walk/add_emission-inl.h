@@ -31,7 +31,7 @@ inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
   const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));
   add_contribution(
       wave, SlotRange{i}, radiance, [&] { return load(paths.score_sigma_t, i); },
-      [&](size_t s) { return load(paths.score_phase[s], i); },
+      [&](size_t s) { return load(paths.score_slots[s], i); },
       [&](size_t l, Floats weight) {
         return hn::IfThenElseZero(escaped, hn::Mul(hn::Mul(weight, parts.radiance[l]), mis_weight));
       });

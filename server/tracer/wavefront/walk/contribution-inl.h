@@ -35,13 +35,13 @@ struct SlotGather {
   }
 };
 
-// Light that arrives along paths, which weigh it: `score_sigma_t()`, in mm, and `score_phase(slot)`
+// Light that arrives along paths, which weigh it: `score_sigma_t()`, in mm, and `score_slot(s)`
 // are those of the whole path, and `part_of(l, weight)` is the part of weight times light that is
 // due to light l of Wavefront::differentiated_lights. Of lanes where none arrives, light and parts
 // are 0.
-template <typename Slots, typename ScoreSigmaT, typename ScorePhase, typename PartOf>
+template <typename Slots, typename ScoreSigmaT, typename ScoreSlot, typename PartOf>
 HWY_INLINE void add_contribution(Wavefront& wave, const Slots& at, Floats light,
-                                 const ScoreSigmaT& score_sigma_t, const ScorePhase& score_phase,
+                                 const ScoreSigmaT& score_sigma_t, const ScoreSlot& score_slot,
                                  const PartOf& part_of) {
   Paths& paths = wave.paths;
   const Floats weight = at.get(paths.weight);
@@ -51,8 +51,8 @@ HWY_INLINE void add_contribution(Wavefront& wave, const Slots& at, Floats light,
     at.add(hn::Mul(contribution, score_sigma_t()), paths.d_sigma_t);
     at.add(hn::Mul(at.get(paths.dweight_dalbedo), light), paths.d_albedo);
   }
-  for (size_t s = 0; s < paths.d_phase.size(); ++s) {
-    at.add(hn::Mul(contribution, score_phase(s)), paths.d_phase[s]);
+  for (size_t s = 0; s < paths.d_slots.size(); ++s) {
+    at.add(hn::Mul(contribution, score_slot(s)), paths.d_slots[s]);
   }
   for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
     at.add(hn::Mul(at.get(paths.weight_at_albedos[a]), light), paths.radiance_at_albedos[a]);

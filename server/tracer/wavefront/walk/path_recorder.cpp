@@ -15,7 +15,12 @@ PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, Fil
       case Parameter::kAlbedo: derivatives_.push_back({&paths.d_albedo}); break;
       case Parameter::kPhase: {
         const size_t slot = slots_of<PhaseFunction>()[parameter.slot].number;
-        derivatives_.push_back({&paths.d_phase[slot], &paths.control_phase[slot]});
+        derivatives_.push_back({&paths.d_slots[slot], &paths.control_phase[slot]});
+        break;
+      }
+      case Parameter::kBoundary: {
+        const size_t slot = slots_of<Boundary>()[parameter.slot].number;
+        derivatives_.push_back({&paths.d_slots[paths.control_phase.size() + slot]});
         break;
       }
       case Parameter::kReflectance:

@@ -48,8 +48,9 @@ struct PathState {
   // Collected so far, and control variates (see update_scores and scatter).
   FloatState<> radiance{}, d_sigma_t{}, d_albedo{};
   FloatState<> control_sigma_t{};
-  // The scores in the slots of the phase function, what is collected, and control variates.
-  FloatStates<> score_phase{}, d_phase{}, control_phase{};
+  // The scores in the slots of the phase function, and behind them in those of the boundary; what
+  // is collected; and control variates for the phase function's.
+  FloatStates<> score_slots{}, d_slots{}, control_phase{};
 
   // W and radiance for RenderRequest::albedos.
   FloatStates<1> weight_at_albedos{};
@@ -63,7 +64,7 @@ struct PathState {
   auto columns() {
     return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps,
                     delta_bounce, crossings, pdf, weight, dweight_dalbedo, score_sigma_t, radiance,
-                    d_sigma_t, d_albedo, control_sigma_t, score_phase, d_phase, control_phase,
+                    d_sigma_t, d_albedo, control_sigma_t, score_slots, d_slots, control_phase,
                     weight_at_albedos, radiance_at_albedos, dweight_dreflectance, d_reflectance,
                     d_light);
   }
@@ -99,6 +100,8 @@ static_assert(size_of_all(static_cast<decltype(PathState().columns())*>(nullptr)
 struct Paths : PathState {
   Rays rays;                     // of the flight
   FloatColumn u1{}, u2{}, u3{};  // random numbers of the vertex
+  // What the boundary multiplies the path's weight by, once the vertex's shadow rays are traced.
+  FloatColumn crossing_weight{};
 
   void move(size_t from, size_t to) {
     rays.position.set(to, rays.position.at(from));
@@ -120,7 +123,7 @@ struct ShadowRays {
   // Light that would arrive undimmed, scattered and weighted: without the path's weight, and with
   // the importance of the path.
   FloatColumn light{}, importance{};
-  std::vector<FloatColumn> score_phase;      // of the path, with that of the turn to the light
+  std::vector<FloatColumn> score_slots;      // of the path, with that of the turn to the light
   std::vector<FloatColumn> parts_of_lights;  // of `light`, for the derivatives asked for in lights
   std::vector<FloatColumn> per_radiance;     // `light` by radiance, for a gradient in a panorama
   size_t count = 0;

@@ -83,6 +83,7 @@ inline void russian_roulette(Wavefront& wave, const WalkRoulette& roulette) {
   Paths& paths = wave.paths;
   const Floats one = set(1.0F);
   for (size_t i = 0; i < wave.count; i += lanes()) {
+    if (wave.stops_at_boundary) multiply_weights(paths, i, load(paths.crossing_weight, i));
     const Floats probability =
         wave.switches.throughput_roulette
             ? throughput_survival(paths, i)

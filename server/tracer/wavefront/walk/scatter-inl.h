@@ -102,7 +102,12 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
                                      random(wave, i, load(paths.vertex, i), Sampler::kBoundary));
   direction = if_then_else(where, next.direction, direction);
   pdf = hn::IfThenElse(where, next.pdf, pdf);
-  multiply_weights(paths, i, hn::IfThenElse(where, next.weight, set(1.0F)));
+  store(hn::IfThenElse(where, next.weight, set(1.0F)), paths.crossing_weight, i);
+  const size_t phase_slots = paths.control_phase.size();
+  for (size_t s = phase_slots; s < paths.score_slots.size(); ++s) {
+    const Floats score = hn::IfThenElseZero(where, next.scores[s - phase_slots]);
+    store(hn::Add(load(paths.score_slots[s], i), score), paths.score_slots[s], i);
+  }
   const Uints toggled =
       hn::IfThenElseZero(for_uints(hn::And(where, next.transmitted)), set(Rays::kInside));
   store(hn::Xor(load(paths.rays.interaction, i), toggled), paths.rays.interaction, i);
@@ -129,13 +134,17 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
   Vectors direction = renormalize(
       frame_to_world(vertices.axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
   // A control variate, as in update_scores.
-  for (size_t s = 0; s < paths.score_phase.size(); ++s) {
+  for (size_t s = 0; s < paths.control_phase.size(); ++s) {
     const Floats score = hn::IfThenElseZero(vertices.in_medium, phase.scores[s]);
-    FloatColumn &sum = paths.score_phase[s], &control = paths.control_phase[s];
+    FloatColumn &sum = paths.score_slots[s], &control = paths.control_phase[s];
     store(hn::Add(load(sum, i), score), sum, i);
     store(mul_add(score, load(paths.weight, i), load(control, i)), control, i);
   }
-  if (vertices.any_at_boundary) cross(wave, i, vertices, direction, pdf);
+  if (vertices.any_at_boundary) {
+    cross(wave, i, vertices, direction, pdf);
+  } else {
+    store(one, paths.crossing_weight, i);
+  }
   // Paths that have ended keep their direction: NaN would slow the lanes down.
   const Vectors before = load(paths.rays.direction, i);
   store(if_then_else(vertices.where(), direction, before), paths.rays.direction, i);

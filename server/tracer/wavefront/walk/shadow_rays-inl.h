@@ -69,6 +69,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
     value = hn::IfThenElse(vertices.on_surface, diffuse, value);
   }
   Floats walk_pdf = value;  // with which the walk would go there by itself
+  Floats boundary_scores[kMaxBoundarySlots] = {zero};
   if (vertices.any_at_boundary) {
     const Crossing& at = vertices.crossing;
     const BoundaryValue boundary = evaluate(wave.scene.boundary, at, light.direction);
@@ -77,6 +78,9 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
     value =
         hn::IfThenElse(vertices.at_boundary, hn::IfThenElseZero(outside, boundary.value), value);
     walk_pdf = hn::IfThenElse(vertices.at_boundary, boundary.pdf, walk_pdf);
+    for (size_t s = 0; s < kMaxBoundarySlots; ++s) {
+      boundary_scores[s] = hn::IfThenElseZero(vertices.at_boundary, boundary.scores[s]);
+    }
   }
   // The weight of the draw, radiance / pdf, times that of multiple importance sampling,
   // pdf / (pdf + walk_pdf). Deltas have no pdf: what they bring is as it is.
@@ -123,9 +127,11 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   append(undimmed, shadow_rays.light);
   if (wave.differentiated_map != nullptr) append(per_radiance, shadow_rays.per_radiance[0]);
   append(importance, shadow_rays.importance);
-  for (size_t s = 0; s < shadow_rays.score_phase.size(); ++s) {
-    const Floats score = hn::IfThenElseZero(vertices.in_medium, scores[s]);
-    append(hn::Add(load(paths.score_phase[s], i), score), shadow_rays.score_phase[s]);
+  const size_t phase_slots = paths.control_phase.size();
+  for (size_t s = 0; s < shadow_rays.score_slots.size(); ++s) {
+    const Floats score = s < phase_slots ? hn::IfThenElseZero(vertices.in_medium, scores[s])
+                                         : boundary_scores[s - phase_slots];
+    append(hn::Add(load(paths.score_slots[s], i), score), shadow_rays.score_slots[s]);
   }
   for (size_t l = 0; l < wave.differentiated_lights.size(); ++l) {
     const Floats part =
@@ -175,7 +181,7 @@ inline void trace_shadow_rays(Wavefront& wave) {
     add_contribution(
         wave, at, arriving(shadow_rays.light),
         [&] { return hn::Sub(at.get(paths.score_sigma_t), length); },
-        [&](size_t s) { return load(shadow_rays.score_phase[s], i); },
+        [&](size_t s) { return load(shadow_rays.score_slots[s], i); },
         [&](size_t l, Floats weight) {
           return hn::Mul(weight, arriving(shadow_rays.parts_of_lights[l]));
         });

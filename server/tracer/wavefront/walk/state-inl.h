@@ -31,6 +31,11 @@ inline bool asks_for_medium(const RenderRequest& request) {
                      [](const Parameter& p) { return p.of_medium(); });
 }
 
+inline bool asks_for_boundary(const RenderRequest& request) {
+  return std::any_of(request.derivatives.begin(), request.derivatives.end(),
+                     [](const Parameter& p) { return p.kind == Parameter::kBoundary; });
+}
+
 struct Wavefront {
   Wavefront(const Scene::Compiled& compiled, const RenderRequest& asked,
             const RenderOptions& options, FilmWriter& to)
@@ -59,12 +64,13 @@ struct Wavefront {
       differentiated_map = compiled.lights.map_of(*asked.gradient_light);
       shadow_rays.per_radiance.resize(1);
     }
-    if (medium_derivatives) {
-      for (auto* columns : {&paths.score_phase, &paths.d_phase, &paths.control_phase}) {
-        columns->resize(slot_count(phase));
-      }
-      shadow_rays.score_phase.resize(paths.score_phase.size());
-    }
+    const size_t phase_slots = medium_derivatives ? slot_count(phase) : 0;
+    const size_t slots =
+        phase_slots + (asks_for_boundary(asked) ? slot_count(compiled.boundary) : 0);
+    paths.control_phase.resize(phase_slots);
+    paths.score_slots.resize(slots);
+    paths.d_slots.resize(slots);
+    shadow_rays.score_slots.resize(slots);
     paths.weight_at_albedos.resize(asked.albedos.size());
     paths.radiance_at_albedos.resize(asked.albedos.size());
     paths.dweight_dreflectance.resize(reflecting.size());

@@ -1,0 +1,146 @@
+// A rough surface between two transparent media: microfacets of the distribution GGX, each smooth
+// (Walter et al., "Microfacet models for refraction through rough surfaces", EGSR 2007). Light that
+// meets more than one of them is lost.
+#ifndef ITN_TRACER_BOUNDARY_ROUGH_DIELECTRIC_H_
+#define ITN_TRACER_BOUNDARY_ROUGH_DIELECTRIC_H_
+
+namespace itn::tracer {
+
+struct RoughDielectric {
+  // Of refraction, of the medium, relative to what is around it. No score is known in it: the
+  // directions that level microfacets refract to, n.m = 0, are where the model ends, not at 0, and
+  // they turn with the index.
+  float index = 1.5F;
+  float roughness = 0.25F;  // alpha of GGX
+
+  static constexpr const char* kName = "rough_dielectric";
+  template <typename Self, typename Fields>
+  static void fields(Self& self, Fields& to) {
+    to.number("index", self.index, 1.1, 2.5);
+    to.slot("roughness", self.roughness, 0.001, 1);
+  }
+
+  static constexpr bool kStopsLines = true, kDelta = false;
+  double relative_index() const { return double{index}; }
+};
+
+}  // namespace itn::tracer
+
+#endif
+
+// What it computes, once for each set of instructions.
+#if defined(ITN_KERNEL) && \
+    defined(ITN_TRACER_BOUNDARY_ROUGH_DIELECTRIC_MATHS_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_BOUNDARY_ROUGH_DIELECTRIC_MATHS_
+#undef ITN_TRACER_BOUNDARY_ROUGH_DIELECTRIC_MATHS_
+#else
+#define ITN_TRACER_BOUNDARY_ROUGH_DIELECTRIC_MATHS_
+#endif
+
+#include <numbers>
+
+#include "server/tracer/boundary/fresnel-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+// How much of the microfacets that face a direction it sees (Smith's G_1), with c the cosine of its
+// angle to the normal, and the derivative of the logarithm of that in alpha:
+//   2 c / (c + r),    r^2 = c^2 + alpha^2 (1 - c^2).
+struct Seen {
+  Floats part, score;
+};
+HWY_INLINE Seen seen(Floats cosine, float alpha) {
+  const Floats c2 = hn::Mul(cosine, cosine);
+  const Floats sine2 = hn::Max(hn::Zero(FloatTag()), hn::Sub(set(1.0F), c2));
+  const Floats r = hn::Sqrt(mul_add(set(alpha * alpha), sine2, c2)), sum = hn::Add(cosine, r);
+  return {hn::Div(hn::Add(cosine, cosine), sum),
+          hn::Neg(hn::Div(hn::Mul(set(alpha), sine2), hn::Mul(r, sum)))};
+}
+
+// Along the boundary there is nothing to divide by.
+HWY_INLINE Floats cosine_of_arrival(const Crossing& at) {
+  return hn::Max(hn::Neg(dot(at.direction, at.normal)), set(1e-6F));
+}
+
+// With i the direction back to where the path came from, o where it goes, m the normal of the
+// microfacet that sends it there, n that of the boundary, and alpha the roughness, i sees m with
+// the density
+//   G_1(i) (i.m) D / (i.n),    D = alpha^2 / (pi (alpha^2 (m.n)^2 + |m x n|^2)^2).
+// With e the index ahead, and F the reflectance by Fresnel, m and the density of o are
+//   m ~ i + o,      pdf = F density / (4 (i.m))                       of a reflection,
+//   m ~ i + e o,    pdf = (1 - F) density e^2 |o.m| / |i + e o|^2     of a refraction,
+// and value = pdf G_1(o): what of it o sees.
+HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossing& at, Vectors o) {
+  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const float alpha = boundary.roughness, alpha2 = alpha * alpha;
+  const Vectors n = at.normal, i = Vectors{zero, zero, zero} - at.direction;
+  const Floats i_n = cosine_of_arrival(at), o_n = dot(o, n);
+  const Mask reflects = hn::Gt(o_n, zero);
+  const Floats e = index_ahead(boundary.index, at.leaving);
+
+  const Vectors h = i + o * hn::IfThenElse(reflects, one, e);
+  const Floats h2 = hn::Max(dot(h, h), set(1e-12F));
+  const Vectors m = h * hn::Div(hn::CopySign(one, dot(h, n)), hn::Sqrt(h2));
+  const Floats i_m = dot(i, m), o_m = dot(o, m), n_m = dot(n, m);
+  const Mask on_their_sides = hn::Not(hn::Xor(reflects, hn::Gt(o_m, zero)));
+  const Mask possible = hn::And(hn::Gt(i_m, zero), on_their_sides);
+
+  const Vectors off = cross(m, n);
+  const Floats n_m2 = hn::Mul(n_m, n_m), spread = mul_add(set(alpha2), n_m2, dot(off, off));
+  const Seen by_i = seen(i_n, alpha), by_o = seen(hn::Abs(o_n), alpha);
+  const Floats density = hn::Div(hn::Mul(set(alpha2 * std::numbers::inv_pi_v<float>), by_i.part),
+                                 hn::Mul(i_n, hn::Mul(spread, spread)));  // without i.m
+  const Floats reflected = fresnel(hn::Max(i_m, zero), e).reflected;
+  const Floats reflection = hn::Mul(set(0.25F), reflected);
+  const Floats refraction = hn::Div(
+      hn::Mul(hn::Mul(hn::Sub(one, reflected), i_m), hn::Mul(hn::Mul(e, e), hn::Abs(o_m))), h2);
+  const Floats pdf = hn::IfThenElseZero(
+      possible, hn::Mul(density, hn::IfThenElse(reflects, reflection, refraction)));
+  const Floats score =
+      hn::Sub(hn::Add(by_i.score, by_o.score),
+              hn::Sub(hn::Div(hn::Mul(set(4 * alpha), n_m2), spread), set(2 / alpha)));
+  return {hn::Mul(pdf, by_o.part), pdf, {hn::IfThenElseZero(possible, score)}};
+}
+
+// Draws the microfacet among those that i sees (Dupuy, Benyoub, "Sampling visible GGX normals with
+// spherical caps", HPG 2023), then whether it reflects.
+HWY_INLINE BoundarySample sample(const RoughDielectric& boundary, const Crossing& at,
+                                 const Words& words) {
+  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Vectors n = at.normal;
+  const Floats alpha = set(boundary.roughness), i_n = cosine_of_arrival(at);
+  // With all stretched along the boundary so that the microfacets make a hemisphere.
+  const auto stretched = [&](Vectors v, Floats v_n) {
+    return normalize((v - n * v_n) * alpha + n * v_n);
+  };
+  const Vectors w = stretched(Vectors{zero, zero, zero} - at.direction, i_n);
+  const Floats w_n = dot(w, n);
+  const Floats z = hn::Sub(hn::Mul(hn::Sub(one, uniform(words.w[0])), hn::Add(one, w_n)), w_n);
+  const Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(z, z))));
+  const SinCos phi = sin_cos_2pi(uniform(words.w[1]));
+  const Vectors h = w + frame_to_world(n, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), z);
+  const Vectors m = stretched(h, hn::Max(dot(h, n), set(1e-7F)));
+
+  const Floats i_m = hn::Max(zero, hn::Neg(dot(at.direction, m)));
+  const Floats index = index_ahead(boundary.index, at.leaving);
+  const auto [reflected, refracted_cosine] = fresnel(i_m, index);
+  const Mask transmitted = hn::Ge(uniform(words.w[2]), reflected);
+  const Vectors o =
+      if_then_else(transmitted, refracted(at.direction, m, i_m, refracted_cosine, index),
+                   mirrored(at.direction, m));
+  const Floats o_n = dot(o, n);
+  const Mask on_its_side = hn::Xor(transmitted, hn::Gt(o_n, zero));
+  const BoundaryValue drawn = evaluate(boundary, at, o);
+  const Mask possible = hn::And(on_its_side, hn::Gt(drawn.pdf, zero));
+  return {o,
+          transmitted,
+          hn::IfThenElseZero(possible, seen(hn::Abs(o_n), boundary.roughness).part),
+          hn::Max(drawn.pdf, set(1e-20F)),
+          {drawn.scores[0]}};
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

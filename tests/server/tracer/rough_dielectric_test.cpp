@@ -1,0 +1,256 @@
+// The model of rough refraction, against its formulas as they are published.
+#include "server/tracer/boundary/rough_dielectric.h"
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <numbers>
+
+#include "server/tracer/random/sampler.h"
+#include "tests/server/tracer/lane_probes.h"
+#include "tests/support/statistics.h"
+
+namespace itn::testing {
+namespace {
+
+using namespace tracer;
+constexpr double kPi = std::numbers::pi;
+constexpr Vec3d kOutwards{0.36, 0.48, 0.8};
+
+// Walter et al. 2007, equations 16 to 22, 33 and 34: f |o.n| for a path that goes from i back to
+// where it came from on to o, where the index is n_i and n_o, radiance being counted over index^2.
+double walter(Vec3d i, Vec3d o, double n_i, double n_o, double alpha) {
+  const double cos_i = dot(i, kOutwards), cos_o = dot(o, kOutwards);
+  const bool reflects = cos_i * cos_o > 0;
+  Vec3d h = reflects ? i + o : i * -n_i - o * n_o;
+  h = itn::normalize(h);
+  if (dot(h, kOutwards) * cos_i < 0) h = -h;  // on the side of i
+  const double i_h = dot(i, h), o_h = dot(o, h);
+  if (i_h <= 0 || (reflects ? o_h <= 0 : o_h >= 0)) return 0;
+  const auto tangent2 = [&](Vec3d v) { return 1 / std::pow(dot(v, kOutwards), 2) - 1; };
+  const double cos_h = dot(h, kOutwards);
+  const double d =
+      alpha * alpha / (kPi * std::pow(cos_h, 4) * std::pow(alpha * alpha + tangent2(h), 2));
+  const auto shadowing = [&](Vec3d v) {
+    return 2 / (1 + std::sqrt(1 + alpha * alpha * tangent2(v)));
+  };
+  const double g = shadowing(i) * shadowing(o);
+  const double k2 = std::pow(n_o / n_i, 2) - 1 + i_h * i_h;
+  double f = 1;
+  if (k2 > 0) {
+    const double k = std::sqrt(k2), c = i_h;
+    f = 0.5 * std::pow((k - c) / (k + c), 2) *
+        (1 + std::pow((c * (k + c) - 1) / (c * (k - c) + 1), 2));
+  }
+  if (reflects) return f * g * d / (4 * std::abs(cos_i));
+  return i_h * -o_h * n_o * n_o * (1 - f) * g * d /
+         (std::abs(cos_i) * std::pow(n_i * i_h + n_o * o_h, 2));
+}
+
+struct Case {
+  double index, roughness;
+  bool leaving;
+  double cosine;  // of the angle that the path arrives under
+};
+std::vector<Case> cases() {
+  std::vector<Case> all;
+  for (const double index : {1.1, 1.33, 1.5, 2.5}) {
+    for (const double roughness : {0.003, 0.1, 0.25, 1.0}) {
+      for (const bool leaving : {false, true}) {
+        for (const double cosine : {1.0, 0.7, 0.05}) {
+          all.push_back({index, roughness, leaving, cosine});
+        }
+      }
+    }
+  }
+  return all;
+}
+
+RoughDielectric boundary_of(const Case& row) {
+  return {static_cast<float>(row.index), static_cast<float>(row.roughness)};
+}
+std::string name_of(const Case& row) {
+  return fmt::format("index {} roughness {} {} {}", row.index, row.roughness,
+                     row.leaving ? "leaving" : "entering", row.cosine);
+}
+
+// The path of a case arrives.
+BoundaryProbe probe_of(const Case& row) {
+  BoundaryProbe probe;
+  const Basis<double> basis(kOutwards);
+  const double sine = std::sqrt(1 - row.cosine * row.cosine);
+  probe.direction = static_cast<Vec3f>(
+      basis.to_world(0.6 * sine, 0.8 * sine, row.leaving ? row.cosine : -row.cosine));
+  probe.outwards = static_cast<Vec3f>(kOutwards);
+  probe.leaving = row.leaving;
+  return probe;
+}
+double oracle(const Case& row, const BoundaryProbe& probe, size_t slot, double roughness) {
+  const auto unit = [](Vec3f v) { return itn::normalize(static_cast<Vec3d>(v)); };
+  return walter(unit(-probe.direction), unit(probe.to.at(slot)), row.leaving ? row.index : 1,
+                row.leaving ? 1 : row.index, roughness);
+}
+
+// Directions that are drawn, and the same turned a little: where the model is not 0.
+TEST(RoughDielectricTest, IsTheModelOfWalterWithItsSlopes) {
+  for (const Case& row : cases()) {
+    BoundaryProbe probe = probe_of(row);
+    sample_boundary(boundary_of(row), 0, probe);
+    for (size_t k = 0; k < kSlots; ++k) {
+      const Uniforms u = Sampler(3, 0, static_cast<uint32_t>(k)).uniforms(0, 0);
+      const float turn = static_cast<float>(row.roughness) * 0.3F;
+      probe.to.set(
+          k, itn::normalize(probe.to.at(k) + Vec3f{u[0] - 0.5F, u[1] - 0.5F, u[2] - 0.5F} * turn));
+    }
+    evaluate_boundary(boundary_of(row), probe);
+    size_t looked_at = 0;
+    for (size_t k = 0; k < kSlots; ++k) {
+      const double cosine = dot(static_cast<Vec3d>(probe.to.at(k)), kOutwards);
+      if (std::abs(cosine) < 1e-3) continue;  // rounding decides on which side it is
+      const double expected = oracle(row, probe, k, row.roughness);
+      // What rounding of directions does to the microfacet's, over how wide the model is.
+      const double rounding = 3e-3 + 2e-6 / ((row.index - 1) * row.roughness);
+      EXPECT_NEAR(double{probe.value[k]}, expected, rounding * (expected + 1e-3)) << name_of(row);
+      if (expected < 1e-3) continue;
+      ++looked_at;
+      const double step = row.roughness * 1e-4;
+      const auto log_at = [&](double roughness) {
+        return std::log(oracle(row, probe, k, roughness));
+      };
+      const double by_roughness =
+          (log_at(row.roughness + step) - log_at(row.roughness - step)) / (2 * step);
+      EXPECT_NEAR(double{probe.scores[0][k]}, by_roughness,
+                  3 * rounding * (std::abs(by_roughness) + 1 / row.roughness))
+          << name_of(row);
+    }
+    EXPECT_GT(looked_at, kSlots / 4) << name_of(row);
+  }
+}
+
+// Integrals over all directions, by the midpoint rule.
+double integral(const RoughDielectric& boundary, BoundaryProbe& probe,
+                const std::function<double(const BoundaryProbe&, size_t)>& integrand) {
+  constexpr int kRings = 2048, kAround = 2 * static_cast<int>(kSlots);
+  const Basis<double> basis(kOutwards);
+  double sum = 0;
+  for (int ring = 0; ring < kRings; ++ring) {
+    const double z = (2 * ring + 1.0) / kRings - 1, s = std::sqrt(1 - z * z);
+    for (int first = 0; first < kAround; first += static_cast<int>(kSlots)) {
+      for (size_t k = 0; k < kSlots; ++k) {
+        const double phi = 2 * kPi * (first + static_cast<double>(k) + 0.5) / kAround;
+        probe.to.set(k,
+                     static_cast<Vec3f>(basis.to_world(s * std::cos(phi), s * std::sin(phi), z)));
+      }
+      evaluate_boundary(boundary, probe);
+      for (size_t k = 0; k < kSlots; ++k) {
+        sum += integrand(probe, k);
+      }
+    }
+  }
+  return sum * 4 * kPi / kRings / kAround;
+}
+
+// The density of what is drawn integrates to the part that is not lost, and so do its moments; the
+// weight is the value over it.
+TEST(RoughDielectricTest, SamplesFollowTheDensity) {
+  const std::vector<std::function<double(Vec3d)>> moments{
+      [](Vec3d) { return 1.0; }, [](Vec3d o) { return dot(o, kOutwards); },
+      [](Vec3d o) { return dot(o, kOutwards) > 0 ? 1.0 : 0.0; }, [](Vec3d o) { return o.x; },
+      [](Vec3d o) { return o.y * o.z; }};
+  for (const Case& row :
+       {Case{1.5, 0.25, false, 0.7}, Case{1.5, 0.25, true, 0.8}, Case{1.33, 1, false, 0.3},
+        Case{2.5, 0.5, true, 0.5}, Case{1.5, 1, true, 0.7}}) {
+    std::vector<std::vector<double>> drawn(moments.size());
+    BoundaryProbe probe = probe_of(row);
+    for (uint32_t batch = 0; batch < 2000; ++batch) {
+      sample_boundary(boundary_of(row), batch, probe);
+      BoundaryProbe again = probe;
+      evaluate_boundary(boundary_of(row), again);
+      std::vector<double> sums(moments.size());
+      for (size_t k = 0; k < kSlots; ++k) {
+        if (!(probe.weight[k] > 0)) continue;
+        EXPECT_NEAR(double{probe.weight[k]}, double{again.value[k] / again.pdf[k]}, 1e-4);
+        for (size_t m = 0; m < moments.size(); ++m) {
+          sums[m] += moments[m](static_cast<Vec3d>(probe.to.at(k))) / kSlots;
+        }
+      }
+      for (size_t m = 0; m < moments.size(); ++m) drawn[m].push_back(sums[m]);
+    }
+    for (size_t m = 0; m < moments.size(); ++m) {
+      const std::string what = name_of(row) + fmt::format(", moment {}", m);
+      const double expected =
+          integral(boundary_of(row), probe, [&](const BoundaryProbe& p, size_t k) {
+            return double{p.pdf[k]} * moments[m](static_cast<Vec3d>(p.to.at(k)));
+          });
+      expect_equal(over_batches(drawn[m]), {expected, 2e-5}, 25, what);
+      if (m == 0) expect_resolution(over_batches(drawn[m]), expected, 0.01, what);
+    }
+  }
+}
+
+// The derivative of what goes on, and of where it goes, is that of the value times the score.
+TEST(RoughDielectricTest, ScoresIntegrateToDerivatives) {
+  const auto z = [](Vec3d o) { return dot(o, kOutwards); };
+  for (const auto& moment : std::vector<std::function<double(Vec3d)>>{
+           [](Vec3d) { return 1.0; }, z, [](Vec3d o) { return o.x; }}) {
+    for (const Case& row : {Case{1.5, 0.25, false, 0.7}, Case{1.5, 0.4, true, 0.8},
+                            Case{1.4, 0.4, true, 0.5}, Case{2.5, 0.5, true, 0.5}}) {
+      const auto at = [&](double roughness, bool slope) {
+        BoundaryProbe probe = probe_of(row);
+        const RoughDielectric boundary = boundary_of({row.index, roughness, {}, {}});
+        return integral(boundary, probe, [&](const BoundaryProbe& p, size_t k) {
+          return double{p.value[k]} * (slope ? double{p.scores[0][k]} : 1.0) *
+                 moment(static_cast<Vec3d>(p.to.at(k)));
+        });
+      };
+      constexpr double kStep = 0.01;
+      const double expected =
+          (at(row.roughness + kStep, false) - at(row.roughness - kStep, false)) / (2 * kStep);
+      EXPECT_NEAR(at(row.roughness, true), expected, 0.005 * std::abs(expected) + 2e-4)
+          << name_of(row);
+    }
+  }
+}
+
+// What goes from i to o goes from o to i, by the measure of directions that refraction keeps,
+// index^2 cos_theta d omega.
+TEST(RoughDielectricTest, IsReciprocal) {
+  const Case row{1.5, 0.4, false, 0.6};
+  BoundaryProbe probe = probe_of(row);
+  sample_boundary(boundary_of(row), 0, probe);
+  evaluate_boundary(boundary_of(row), probe);
+  for (size_t k = 0; k < kSlots; ++k) {
+    const Vec3f o = probe.to.at(k);
+    const float o_n = std::abs(dot(o, probe.outwards));
+    if (o_n < 1e-2F) continue;
+    BoundaryProbe back = probe;
+    back.direction = -o;
+    back.leaving = dot(o, probe.outwards) < 0;
+    back.to.set(0, -probe.direction);
+    evaluate_boundary(boundary_of(row), back);
+    const float index2_o = back.leaving ? 2.25F : 1;
+    const float there = probe.value[k] / (o_n * index2_o);
+    const float here = back.value[0] / static_cast<float>(row.cosine);
+    EXPECT_NEAR(there, here, 2e-3F * (there + 1e-3F));
+  }
+}
+
+// Nothing is won; light that meets more than one microfacet is lost, little where there is little
+// roughness.
+TEST(RoughDielectricTest, AtMostAllOfTheLightGoesOn) {
+  for (const Case& row : cases()) {
+    BoundaryProbe probe = probe_of(row);
+    double sum = 0;
+    for (uint32_t batch = 0; batch < 20; ++batch) {
+      sample_boundary(boundary_of(row), batch, probe);
+      for (size_t k = 0; k < kSlots; ++k) sum += double{probe.weight[k]} / (20 * kSlots);
+    }
+    EXPECT_LE(sum, 1 + 1e-5) << name_of(row);
+    EXPECT_GT(sum, row.roughness < 0.2 && row.cosine > 0.5 ? 0.95 : 0.1) << name_of(row);
+  }
+}
+
+}  // namespace
+}  // namespace itn::testing
