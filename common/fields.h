@@ -8,6 +8,7 @@
 // for who reads, checks or names them:
 //   number(name, value, low, high)
 //   slot(name, value, low, high)     a number that images have a derivative in
+//   flag(name, value)                a bool
 //   angle(name, radians, low, high)  the range in degrees
 //   direction(name, vector)          of any length but 0
 //   position(name, vector)           in mm; or the edge of something
@@ -39,6 +40,7 @@ class FieldCheck {
   void slot(const char* name, double value, double low, double high) const {
     number(name, value, low, high);
   }
+  void flag(const char* /*name*/, bool /*value*/) const {}
   void angle(const char* name, double radians,
              double low = -std::numeric_limits<double>::infinity(),
              double high = std::numeric_limits<double>::infinity()) const;
@@ -73,6 +75,8 @@ struct SlotNames {
   }
   template <typename... Any>
   void number(const Any&... /*field*/) {}
+  template <typename... Any>
+  void flag(const Any&... /*field*/) {}
   template <typename... Any>
   void angle(const Any&... /*field*/) {}
   template <typename... Any>

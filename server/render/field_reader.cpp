@@ -45,6 +45,11 @@ const v1::Vec3* FieldReader::vec(const char* name) const {
              : &static_cast<const v1::Vec3&>(message_.GetReflection()->GetMessage(message_, field));
 }
 
+void FieldReader::flag(const char* name, bool& value) const {
+  const FieldDescriptor* field = present(message_, name);
+  if (field != nullptr) value = message_.GetReflection()->GetBool(message_, field);
+}
+
 void FieldReader::direction(const char* name, Vec3d& value) const {
   const v1::Vec3* read = vec(name);
   value = normalize(non_zero(path(name), read == nullptr ? v1::Vec3() : *read));

@@ -32,6 +32,7 @@ class FieldReader {
   void slot(const char* name, Number& value, double low, double high) const {
     number(name, value, low, high);
   }
+  void flag(const char* name, bool& value) const;
   void angle(const char* name, double& radians,
              double low = -std::numeric_limits<double>::infinity(),
              double high = std::numeric_limits<double>::infinity()) const {

@@ -13,6 +13,7 @@
 #include "common/geometry/shapes.h"
 #include "common/scene/scene_bytes.h"
 #include "server/tracer/render.h"
+#include "server/tracer/scene/compiled_scene.h"
 
 namespace itn {
 namespace {
@@ -96,6 +97,15 @@ std::vector<std::pair<std::string, SceneDescription>> scenes() {
   lamp.lights = {PointLight{{0.5, 1.5, 1}, 2e-6}, ConstantLight{0.1}};
   result.emplace_back("gear_posed", std::move(posed));
   result.emplace_back("gear_lamp", std::move(lamp));
+  SceneDescription smooth = scene_of("smooth_star");
+  smooth.surfaces = {floor_of(1)};
+  smooth.lights = {SunSkyLight{.sun_elevation = kElevation, .sun_angular_radius = 0.1}};
+  smooth.boundary = Dielectric{1.5F};
+  SceneDescription rough = smooth;
+  rough.lights.emplace_back(DirectionalLight{.direction = {0.4, 0.8, -0.5}, .irradiance = 3});
+  rough.boundary = RoughDielectric{1.33F, 0.3F};
+  result.emplace_back("star_dielectric", std::move(smooth));
+  result.emplace_back("star_rough_dielectric", std::move(rough));
   return result;
 }
 
@@ -115,6 +125,8 @@ std::vector<Ask> asks(const Scene& scene) {
   derivatives.derivatives = medium_parameters();
   if (scene.surface_count() > 0) derivatives.derivatives.push_back({Parameter::kReflectance, 0});
   derivatives.derivatives.push_back({Parameter::kLightScale, 0});
+  if (!is_delta(scene.compiled().boundary))
+    derivatives.derivatives.push_back({Parameter::kBoundary});
   std::vector<Ask> result = {{"image", image}, {"derivatives", derivatives}};
   const auto add = [&](const char* name, const auto& change, bool of_reference = true) {
     Ask& ask = result.emplace_back(Ask{name, derivatives});

@@ -5,6 +5,7 @@
 //                     exits in one go
 //   kDelta            whether the directions that it draws have no density
 //   relative_index()  of refraction, of the medium, relative to what is around it
+//   compile()         itself with what it computes beforehand
 // and computes, for many paths at a time (boundary/crossing-inl.h),
 //   sample(kind, crossing, words)     how they go on
 //   evaluate(kind, crossing, to)      unless it is a delta: what light from a direction brings them
@@ -40,6 +41,9 @@ inline bool stops_lines(const Boundary& boundary) {
 }
 inline bool is_delta(const Boundary& boundary) {
   return std::visit([](const auto& kind) { return kind.kDelta; }, boundary);
+}
+inline Boundary compile(const Boundary& boundary) {
+  return std::visit([](const auto& kind) -> Boundary { return kind.compile(); }, boundary);
 }
 inline double relative_index(const Boundary& boundary) {
   return std::visit([](const auto& kind) { return kind.relative_index(); }, boundary);

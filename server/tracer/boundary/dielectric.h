@@ -15,6 +15,8 @@ struct Dielectric {
     to.number("index", self.index, 1, 2.5);
   }
 
+  Dielectric compile() const { return *this; }
+
   static constexpr bool kStopsLines = true, kDelta = true;
   double relative_index() const { return double{index}; }
 };

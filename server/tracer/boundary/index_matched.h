@@ -9,6 +9,8 @@ struct IndexMatched {
   template <typename Self, typename Fields>
   static void fields(Self& /*self*/, Fields& /*to*/) {}
 
+  IndexMatched compile() const { return *this; }
+
   static constexpr bool kStopsLines = false, kDelta = true;
   double relative_index() const { return 1; }
 };

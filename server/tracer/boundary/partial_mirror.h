@@ -16,6 +16,8 @@ struct PartialMirror {
     to.number("absorbed", self.absorbed, 0, 1);
   }
 
+  PartialMirror compile() const { return *this; }
+
   static constexpr bool kStopsLines = true, kDelta = true;
   double relative_index() const { return 1; }
 };

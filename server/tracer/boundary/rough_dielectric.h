@@ -1,10 +1,26 @@
 // A rough surface between two transparent media: microfacets of the distribution GGX, each smooth
 // (Walter et al., "Microfacet models for refraction through rough surfaces", EGSR 2007). Light that
-// meets more than one of them is lost.
+// meets more than one of them, which that model loses, goes on without a preferred direction.
 #ifndef ITN_TRACER_BOUNDARY_ROUGH_DIELECTRIC_H_
 #define ITN_TRACER_BOUNDARY_ROUGH_DIELECTRIC_H_
 
+#include <array>
+#include <cstddef>
+#include <memory>
+
 namespace itn::tracer {
+
+// Which part M of the light that arrives under an angle meets more than one microfacet.
+struct LostLight {
+  // By side, first that around the medium, and by the root of the angle's cosine at equal distances
+  // in [0, 1]: M, and its derivative in the roughness.
+  static constexpr size_t kCosines = 32;
+  std::array<float, 2 * kCosines> part{}, slope{};
+  // By side: the mean of M over light from all directions alike.
+  std::array<float, 2> mean{};
+  // 1 / (mean outside + index^2 mean inside), and its derivative in the roughness.
+  float norm = 0, norm_slope = 0;
+};
 
 struct RoughDielectric {
   // Of refraction, of the medium, relative to what is around it. No score is known in it: the
@@ -13,12 +29,19 @@ struct RoughDielectric {
   float index = 1.5F;
   float roughness = 0.25F;  // alpha of GGX
 
+  // Walter's model alone, as in other renderers: what meets more than one microfacet is lost.
+  bool single_scattering = false;
+  // Once it is compiled, unless that is so.
+  std::shared_ptr<const LostLight> lost = nullptr;
+
   static constexpr const char* kName = "rough_dielectric";
   template <typename Self, typename Fields>
   static void fields(Self& self, Fields& to) {
     to.number("index", self.index, 1.1, 2.5);
     to.slot("roughness", self.roughness, 0.001, 1);
+    to.flag("single_scattering", self.single_scattering);
   }
+  RoughDielectric compile() const;
 
   static constexpr bool kStopsLines = true, kDelta = false;
   double relative_index() const { return double{index}; }
@@ -71,7 +94,7 @@ HWY_INLINE Floats cosine_of_arrival(const Crossing& at) {
 //   m ~ i + o,      pdf = F density / (4 (i.m))                       of a reflection,
 //   m ~ i + e o,    pdf = (1 - F) density e^2 |o.m| / |i + e o|^2     of a refraction,
 // and value = pdf G_1(o): what of it o sees.
-HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossing& at, Vectors o) {
+HWY_INLINE BoundaryValue walter(const RoughDielectric& boundary, const Crossing& at, Vectors o) {
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const float alpha = boundary.roughness, alpha2 = alpha * alpha;
   const Vectors n = at.normal, i = Vectors{zero, zero, zero} - at.direction;
@@ -103,10 +126,58 @@ HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossin
   return {hn::Mul(pdf, by_o.part), pdf, {hn::IfThenElseZero(possible, score)}};
 }
 
-// Draws the microfacet among those that i sees (Dupuy, Benyoub, "Sampling visible GGX normals with
-// spherical caps", HPG 2023), then whether it reflects.
-HWY_INLINE BoundarySample sample(const RoughDielectric& boundary, const Crossing& at,
-                                 const Words& words) {
+// Of light that arrives under angles on either side.
+struct Lost {
+  Floats part, slope;
+};
+HWY_INLINE Lost lost_at(const LostLight& table, Mask inside, Floats cosine) {
+  constexpr auto kLast = static_cast<float>(LostLight::kCosines - 1);
+  const Floats place = hn::Mul(hn::Sqrt(hn::Min(cosine, set(1.0F))), set(kLast));
+  const Floats below = hn::Min(hn::Floor(place), set(kLast - 1)), t = hn::Sub(place, below);
+  const Floats first = hn::IfThenElseZero(inside, set(kLast + 1));
+  const Ints k = hn::ConvertTo(IntTag(), hn::Add(first, below));
+  const auto mixed = [&](const auto& column) {
+    const Floats a = hn::GatherIndex(FloatTag(), column.data(), k);
+    return mul_add(t, hn::Sub(hn::GatherIndex(FloatTag(), column.data() + 1, k), a), a);
+  };
+  return {mixed(table.part), mixed(table.slope)};
+}
+
+// To Walter's value, light is added that keeps all: with M of the two angles and sides, n_o the
+// index where it goes, and the norm K,
+//   M(i) M(o) K n_o^2 |o.n| / pi,
+// which over all o, on both sides, makes M(i), and is reciprocal (after Kulla, Conty, "Revisiting
+// physically based shading at Imageworks", SIGGRAPH course 2017). It is drawn with probability
+// M(i), by the means on both sides, and the cosine law.
+HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossing& at, Vectors o) {
+  const BoundaryValue once = walter(boundary, at, o);
+  if (boundary.lost == nullptr) return once;
+  const LostLight& table = *boundary.lost;
+  const Floats zero = hn::Zero(FloatTag());
+  const Floats o_n = dot(o, at.normal), cosine = hn::Abs(o_n);
+  const Mask inside = hn::Xor(at.leaving, hn::Le(o_n, zero));
+  const Lost i_lost = lost_at(table, at.leaving, cosine_of_arrival(at));
+  const Lost o_lost = lost_at(table, inside, cosine);
+  const Floats index2 = hn::IfThenElse(inside, set(boundary.index * boundary.index), set(1.0F));
+  const Floats law = hn::Mul(hn::Mul(index2, cosine), set(std::numbers::inv_pi_v<float>));
+  const Floats both = hn::Mul(i_lost.part, o_lost.part);
+  const Floats more = hn::Mul(hn::Mul(both, law), set(table.norm));
+  const Floats both_slope = mul_add(i_lost.slope, o_lost.part, hn::Mul(i_lost.part, o_lost.slope));
+  const Floats more_slope =
+      hn::Mul(law, mul_add(both_slope, set(table.norm), hn::Mul(both, set(table.norm_slope))));
+  const Floats mean = hn::IfThenElse(inside, set(table.mean[1]), set(table.mean[0]));
+  const Floats more_pdf = hn::Mul(hn::Mul(law, mean), set(table.norm));
+  const Floats value = hn::Add(once.value, more);
+  const Floats slope = mul_add(once.value, once.scores[0], more_slope);
+  return {value,
+          mul_add(i_lost.part, hn::Sub(more_pdf, once.pdf), once.pdf),
+          {hn::Div(slope, hn::Max(value, set(1e-20F)))}};
+}
+
+// The microfacet, among those that i sees (Dupuy, Benyoub, "Sampling visible GGX normals with
+// spherical caps", HPG 2023).
+HWY_INLINE Vectors sample_microfacet(const RoughDielectric& boundary, const Crossing& at, Floats u0,
+                                     Floats u1) {
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Vectors n = at.normal;
   const Floats alpha = set(boundary.roughness), i_n = cosine_of_arrival(at);
@@ -116,27 +187,45 @@ HWY_INLINE BoundarySample sample(const RoughDielectric& boundary, const Crossing
   };
   const Vectors w = stretched(Vectors{zero, zero, zero} - at.direction, i_n);
   const Floats w_n = dot(w, n);
-  const Floats z = hn::Sub(hn::Mul(hn::Sub(one, uniform(words.w[0])), hn::Add(one, w_n)), w_n);
+  const Floats z = hn::Sub(hn::Mul(hn::Sub(one, u0), hn::Add(one, w_n)), w_n);
   const Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(z, z))));
-  const SinCos phi = sin_cos_2pi(uniform(words.w[1]));
+  const SinCos phi = sin_cos_2pi(u1);
   const Vectors h = w + frame_to_world(n, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), z);
-  const Vectors m = stretched(h, hn::Max(dot(h, n), set(1e-7F)));
+  return stretched(h, hn::Max(dot(h, n), set(1e-7F)));
+}
 
+HWY_INLINE BoundarySample sample(const RoughDielectric& boundary, const Crossing& at,
+                                 const Words& words) {
+  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Floats u0 = uniform(words.w[0]), u1 = uniform(words.w[1]), u2 = uniform(words.w[2]);
+  const Vectors m = sample_microfacet(boundary, at, u0, u1);
   const Floats i_m = hn::Max(zero, hn::Neg(dot(at.direction, m)));
   const Floats index = index_ahead(boundary.index, at.leaving);
   const auto [reflected, refracted_cosine] = fresnel(i_m, index);
-  const Mask transmitted = hn::Ge(uniform(words.w[2]), reflected);
-  const Vectors o =
-      if_then_else(transmitted, refracted(at.direction, m, i_m, refracted_cosine, index),
-                   mirrored(at.direction, m));
-  const Floats o_n = dot(o, n);
-  const Mask on_its_side = hn::Xor(transmitted, hn::Gt(o_n, zero));
+  Mask transmitted = hn::Ge(u2, reflected);
+  Vectors o = if_then_else(transmitted, refracted(at.direction, m, i_m, refracted_cosine, index),
+                           mirrored(at.direction, m));
+  if (boundary.lost != nullptr) {
+    const LostLight& table = *boundary.lost;
+    const Lost lost = lost_at(table, at.leaving, cosine_of_arrival(at));
+    const Mask more = hn::Lt(uniform(words.w[3]), lost.part);
+    const Mask outside = hn::Lt(u2, set(table.norm * table.mean[0]));
+    const Mask through = hn::Not(hn::Xor(at.leaving, outside));
+    const SinCos phi = sin_cos_2pi(u1);
+    const Floats sine = hn::Sqrt(u0), cosine = hn::Sqrt(hn::Sub(one, u0));
+    const Vectors spread = frame_to_world(at.normal, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin),
+                                          hn::IfThenElse(through, hn::Neg(cosine), cosine));
+    o = if_then_else(more, spread, o);
+    transmitted = hn::Or(hn::And(more, through), hn::AndNot(more, transmitted));
+  }
   const BoundaryValue drawn = evaluate(boundary, at, o);
+  const Mask on_its_side = hn::Xor(transmitted, hn::Gt(dot(o, at.normal), zero));
   const Mask possible = hn::And(on_its_side, hn::Gt(drawn.pdf, zero));
+  const Floats pdf = hn::Max(drawn.pdf, set(1e-20F));
   return {o,
           transmitted,
-          hn::IfThenElseZero(possible, seen(hn::Abs(o_n), boundary.roughness).part),
-          hn::Max(drawn.pdf, set(1e-20F)),
+          hn::IfThenElseZero(possible, hn::Div(drawn.value, pdf)),
+          pdf,
           {drawn.scores[0]}};
 }
 

@@ -49,7 +49,7 @@ std::string geometry_key(const SceneDescription& scene, bool has_surfaces) {
 
 Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts)
     : object(std::move(scene.compiled_object)),
-      boundary(scene.boundary),
+      boundary(compile(scene.boundary)),
       surfaces(to_object(scene.pose, std::move(scene.surfaces))),
       obstacles(object, surfaces),
       lights(scene.lights, {scene.film.channel, scene.pose, object->mesh, parts, part_keys}),

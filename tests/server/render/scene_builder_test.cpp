@@ -445,6 +445,7 @@ struct FieldNames {
 
   void number(const char* name, double, double, double) { names.emplace_back(name); }
   void slot(const char* name, double, double, double) { names.emplace_back(name); }
+  void flag(const char* name, bool) { names.emplace_back(name); }
   void angle(const char* name, double, double = 0, double = 0) { names.emplace_back(name); }
   void direction(const char* name, const Vec3d&) { names.emplace_back(name); }
   void position(const char* name, const Vec3d&) { names.emplace_back(name); }

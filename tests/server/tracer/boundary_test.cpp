@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <memory>
 #include <string>
 
 #include "common/angle.h"
@@ -97,7 +98,7 @@ TEST(BoundaryTest, ReflectsBetweenTwoMirrors) {
 
 // Where nothing is lost, all has the light's radiance, however the boundary mirrors or refracts.
 TEST(BoundaryTest, AnObjectVanishesInAFurnace) {
-  for (const Boundary boundary :
+  for (const Boundary& boundary :
        {Boundary(PartialMirror{.reflected = 0.5F}), Boundary(Dielectric{1}),
         Boundary(Dielectric{1.5F}), Boundary(Dielectric{2.5F})}) {
     for (const char* shape : {"cube", "knot"}) {
@@ -106,8 +107,10 @@ TEST(BoundaryTest, AnObjectVanishesInAFurnace) {
       const Scene scene(std::move(description));
       for (const Tracer tracer : kTracers) {
         const FilmEstimate film = estimate_film(scene, request_for(tracer, {3, 1, 0.5}, 128), 32);
-        EXPECT_NEAR(film.radiance.mean, 1, 4 * film.radiance.standard_error + 1e-6)
-            << name_of(tracer);
+        // A rough one loses or wins some 1e-4 at each of some crossings, as its tables do.
+        const double rounding = is_delta(boundary) ? 1e-6 : 2e-3;
+        EXPECT_NEAR(film.radiance.mean, 1, 4 * film.radiance.standard_error + rounding)
+            << name_of(tracer) << " " << shape;
         expect_resolution(film.radiance, 1, 0.02, "furnace");
         EXPECT_EQ(film.counters.leaks, 0U);
       }
@@ -196,10 +199,10 @@ TEST(DielectricTest, TracersAgree) {
 }
 
 // A rough boundary under every kind of light that a path can, or cannot, find by itself.
-SceneDescription rough_knot(float index, float roughness) {
+SceneDescription rough_knot(float index, float roughness, bool single_scattering = false) {
   SceneDescription description =
       studio("knot", {ConstantLight{1}, DirectionalLight{{0.5, 0.8, -0.3}, 2}}, 0.5F);
-  description.boundary = RoughDielectric{index, roughness};
+  description.boundary = RoughDielectric{index, roughness, single_scattering};
   return description;
 }
 
@@ -225,7 +228,7 @@ TEST(RoughDielectricTest, TechniquesAgree) {
   description.lights = {paper_sun_sky()};
   const Scene scene(std::move(description));
   for (const Tracer tracer : kTracers) {
-    const RenderRequest request = request_for(tracer, {5, 0.9, 0.3}, 256);
+    const RenderRequest request = request_for(tracer, {5, 0.9, 0.3}, 512);
     const auto by = [&](Switches::Techniques techniques) {
       return estimate_film(scene, request, 32, 1, {.switches = {.techniques = techniques}});
     };
@@ -258,20 +261,27 @@ TEST(RoughDielectricTest, WithoutRoughnessIsSmooth) {
 TEST(RoughDielectricTest, TheDerivativeInRoughnessEqualsFiniteDifferences) {
   constexpr float kAlpha = 0.4F, kStep = 0.04F;
   constexpr int kBatches = 32;
-  const Scene above(rough_knot(1.4F, kAlpha + kStep)), below(rough_knot(1.4F, kAlpha - kStep));
-  RenderRequest request{.material = {5, 0.8, 0.3}, .sample_count = 4096};
-  std::vector<double> slopes;
-  for (request.seed = 1000; request.seed < 1000 + kBatches; ++request.seed) {
-    slopes.push_back(
-        (film_mean(render_grad(above, request), -1) - film_mean(render_grad(below, request), -1)) /
-        double{2 * kStep});
+  for (const bool single_scattering : {false, true}) {
+    const auto scene = [&](float roughness) {
+      return std::make_unique<Scene>(rough_knot(1.4F, roughness, single_scattering));
+    };
+    const auto above = scene(kAlpha + kStep), below = scene(kAlpha - kStep);
+    RenderRequest request{.material = {5, 0.8, 0.3}, .sample_count = 4096};
+    std::vector<double> slopes;
+    for (request.seed = 1000; request.seed < 1000 + kBatches; ++request.seed) {
+      slopes.push_back((film_mean(render_grad(*above, request), -1) -
+                        film_mean(render_grad(*below, request), -1)) /
+                       double{2 * kStep});
+    }
+    const Estimated expected = over_batches(slopes);
+    request.derivatives = {kRoughness};
+    const FilmEstimate film = estimate_film(*scene(kAlpha), request, kBatches);
+    expect_equal(film.derivatives[0], expected, 2, "d / d roughness");
+    // Where no light is lost, hardly any is won or lost by roughness: 2 % of the image.
+    const double scale = single_scattering ? expected.mean : film.radiance.mean / double{kAlpha};
+    expect_resolution(film.derivatives[0], scale, 0.02, "d / d roughness");
+    expect_resolution(expected, scale, 0.03, "differences");
   }
-  const Estimated expected = over_batches(slopes);
-  request.derivatives = {kRoughness};
-  const FilmEstimate film = estimate_film(Scene(rough_knot(1.4F, kAlpha)), request, kBatches);
-  expect_equal(film.derivatives[0], expected, 1, "d / d roughness");
-  expect_resolution(film.derivatives[0], expected.mean, 0.02, "d / d roughness");
-  expect_resolution(expected, expected.mean, 0.03, "differences");
 }
 
 TEST(RoughDielectricTest, DerivativesAreOfTheBoundaryThatThereIs) {

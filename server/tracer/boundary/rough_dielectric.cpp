@@ -1,0 +1,128 @@
+#include "server/tracer/simd/targets.h"
+// After targets.h:
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "server/tracer/boundary/rough_dielectric.cpp"
+#include <hwy/foreach_target.h>
+// After foreach_target.h:
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "server/tracer/boundary/rough_dielectric.h"
+
+#ifndef ITN_TRACER_BOUNDARY_ROUGH_DIELECTRIC_LATTICE_
+#define ITN_TRACER_BOUNDARY_ROUGH_DIELECTRIC_LATTICE_
+namespace itn::tracer {
+// The microfacets that are averaged over: a lattice of so many points in so many rows.
+constexpr size_t kRows = 64, kInRow = 64;
+constexpr float kGolden = 0.618034F;
+}  // namespace itn::tracer
+#endif
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+// Of the light that arrives, which part goes on by the microfacets of a row, and the derivative of
+// that in the roughness.
+void follow_microfacets(const RoughDielectric& boundary, bool leaving, float cosine, size_t row,
+                        float (&part)[kInRow], float (&slope)[kInRow]) {
+  const FloatTag d;
+  const Floats zero = hn::Zero(d), one = set(1.0F), half = set(0.5F);
+  const float sine = std::sqrt(1 - cosine * cosine);
+  const Crossing at = crossing_of(set(Vec3f{sine, 0, leaving ? cosine : -cosine}),
+                                  set(Vec3f{0, 0, 1}), hn::FirstN(d, leaving ? lanes() : 0));
+  const Floats index = index_ahead(boundary.index, at.leaving);
+  for (size_t k = 0; k < kInRow; k += lanes()) {
+    const Floats number = hn::Iota(d, static_cast<float>(row * kInRow + k));
+    const Floats u0 = hn::Mul(hn::Add(number, half), set(1.0F / (kRows * kInRow)));
+    const Floats turns = hn::Mul(number, set(kGolden)), u1 = hn::Sub(turns, hn::Floor(turns));
+    const Vectors m = sample_microfacet(boundary, at, u0, u1);
+    const Floats i_m = hn::Max(zero, hn::Neg(dot(at.direction, m)));
+    const auto [reflected, refracted_cosine] = fresnel(i_m, index);
+    Floats sum = zero, slopes = zero;
+    const auto add = [&, reflected = reflected](Vectors to, bool transmitted) {
+      const BoundaryValue value = walter(boundary, at, to);
+      const Floats off = dot(to, at.normal);
+      const Mask on_its_side = hn::Gt(transmitted ? hn::Neg(off) : off, zero);
+      const Mask possible = hn::And(on_its_side, hn::Gt(value.pdf, zero));
+      const Floats probability = transmitted ? hn::Sub(one, reflected) : reflected;
+      const Floats weight = hn::Div(value.value, hn::Max(value.pdf, set(1e-20F)));
+      const Floats added = hn::IfThenElseZero(possible, hn::Mul(probability, weight));
+      sum = hn::Add(sum, added);
+      slopes = mul_add(added, value.scores[0], slopes);
+    };
+    add(mirrored(at.direction, m), false);
+    add(refracted(at.direction, m, i_m, refracted_cosine, index), true);
+    hn::StoreU(sum, d, part + k);
+    hn::StoreU(slopes, d, slope + k);
+  }
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace itn::tracer {
+
+HWY_EXPORT(follow_microfacets);
+
+namespace {
+
+constexpr size_t kCosines = LostLight::kCosines;
+
+// The integral over directions of a function of the cosine that is linear between the places of the
+// table, times cosine / pi.
+double mean(const float* table) {
+  constexpr size_t kParts = 64 * (kCosines - 1);
+  double sum = 0;
+  for (size_t k = 0; k < kParts; ++k) {
+    const double root = (static_cast<double>(k) + 0.5) / kParts;
+    const double place = root * static_cast<double>(kCosines - 1);
+    const auto below = static_cast<size_t>(place);
+    const double t = place - static_cast<double>(below);
+    const double value = double{table[below]} * (1 - t) + double{table[below + 1]} * t;
+    sum += value * 4 * root * root * root / kParts;  // 2 c dc
+  }
+  return sum;
+}
+
+void add_lost(const RoughDielectric& boundary, bool inside, LostLight& table) {
+  for (size_t k = 0; k < kCosines; ++k) {
+    const float root = static_cast<float>(k) / (kCosines - 1);
+    double part = 0, slope = 0;
+    for (size_t row = 0; row < kRows; ++row) {
+      float parts[kInRow], slopes[kInRow];
+      HWY_DYNAMIC_DISPATCH(follow_microfacets)
+      (boundary, inside, std::max(root * root, 1e-4F), row, parts, slopes);
+      for (size_t column = 0; column < kInRow; ++column) {
+        part += double{parts[column]} / (kRows * kInRow);
+        slope += double{slopes[column]} / (kRows * kInRow);
+      }
+    }
+    const size_t at = (inside ? kCosines : 0) + k;
+    table.part[at] = static_cast<float>(std::clamp(1 - part, 1e-6, 1.0));
+    table.slope[at] = static_cast<float>(-slope);
+  }
+}
+
+}  // namespace
+
+RoughDielectric RoughDielectric::compile() const {
+  RoughDielectric result = *this;
+  if (single_scattering) return result;
+  LostLight table;
+  for (const bool inside : {false, true}) add_lost(*this, inside, table);
+  const double index2 = double{index} * double{index};
+  const double outside = mean(table.part.data()), inside = mean(table.part.data() + kCosines);
+  const double slope = mean(table.slope.data()) + index2 * mean(table.slope.data() + kCosines);
+  const double norm = 1 / (outside + index2 * inside);
+  table.mean = {static_cast<float>(outside), static_cast<float>(inside)};
+  table.norm = static_cast<float>(norm);
+  table.norm_slope = static_cast<float>(-norm * norm * slope);
+  result.lost = std::make_shared<const LostLight>(table);
+  return result;
+}
+
+}  // namespace itn::tracer
+#endif
