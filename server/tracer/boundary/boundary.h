@@ -61,13 +61,14 @@ inline double relative_index(const Boundary& boundary) {
 #define ITN_TRACER_BOUNDARY_BOUNDARY_MATHS_
 #endif
 
-#include "server/tracer/boundary/crossing-inl.h"
+#include "server/tracer/boundary/fresnel-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// Of a boundary that stops lines.
-HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, const Words& words) {
+// By the normal that it says, as if it were flat.
+HWY_INLINE BoundarySample sample_flat(const Boundary& boundary, const Crossing& at,
+                                      const Words& words) {
   const Floats zero = hn::Zero(FloatTag());
   BoundarySample result{at.direction, hn::FirstN(FloatTag(), 0), zero, zero, {zero}};
   visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
@@ -76,14 +77,55 @@ HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, c
   return result;
 }
 
-// Nothing of one that is a delta.
-HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& at, Vectors to) {
+HWY_INLINE BoundaryValue evaluate_flat(const Boundary& boundary, const Crossing& at, Vectors to) {
   const Floats zero = hn::Zero(FloatTag());
   BoundaryValue result{zero, zero, {zero}};
   visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
     if constexpr (!Kind::kDelta) result = evaluate(kind, at, to);
   });
   return result;
+}
+
+// Where triangles stand for a smooth surface, a direction that is reflected from the one side of
+// the surface may be on the other side of the triangle. It is mirrored at the triangle then, and so
+// is one that is refracted: no light is lost, and none leaks. So a direction `to` has come about by
+// itself, or as the mirror image of one, or both.
+
+// Nothing of a boundary that is a delta.
+HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& at, Vectors to) {
+  if (at.flat) return evaluate_flat(boundary, at, to);
+  const Floats zero = hn::Zero(FloatTag());
+  const Mask reflects = hn::Gt(dot(to, at.flat_normal), zero);
+  BoundaryValue sum{zero, zero, {zero}};
+  for (const Vectors from : {to, mirrored(to, at.flat_normal)}) {
+    const Mask same = hn::Not(hn::Xor(reflects, hn::Gt(dot(from, at.normal), zero)));
+    const BoundaryValue part = evaluate_flat(boundary, at, from);
+    const Floats value = hn::IfThenElseZero(same, part.value);
+    sum.value = hn::Add(sum.value, value);
+    sum.pdf = hn::Add(sum.pdf, hn::IfThenElseZero(same, part.pdf));
+    for (size_t s = 0; s < kMaxBoundarySlots; ++s) {
+      sum.scores[s] = mul_add(value, part.scores[s], sum.scores[s]);
+    }
+  }
+  for (Floats& score : sum.scores) score = hn::Div(score, hn::Max(sum.value, set(1e-20F)));
+  return sum;
+}
+
+// Of a boundary that stops lines.
+HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, const Words& words) {
+  BoundarySample next = sample_flat(boundary, at, words);
+  if (at.flat) return next;
+  const Floats zero = hn::Zero(FloatTag());
+  const Mask reflects = hn::Gt(dot(next.direction, at.flat_normal), zero);
+  next.direction = if_then_else(hn::Xor(reflects, next.transmitted), next.direction,
+                                mirrored(next.direction, at.flat_normal));
+  if (is_delta(boundary)) return next;
+  const BoundaryValue drawn = evaluate(boundary, at, next.direction);
+  const Mask possible = hn::And(hn::Gt(next.weight, zero), hn::Gt(drawn.pdf, zero));
+  next.pdf = hn::Max(drawn.pdf, set(1e-20F));
+  next.weight = hn::IfThenElseZero(possible, hn::Div(drawn.value, next.pdf));
+  for (size_t s = 0; s < kMaxBoundarySlots; ++s) next.scores[s] = drawn.scores[s];
+  return next;
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

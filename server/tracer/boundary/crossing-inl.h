@@ -19,15 +19,32 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 struct Crossing {
   Vectors direction;  // in which paths arrive
-  Vectors normal;     // of the boundary, on the side that they arrive at
-  Mask leaving;       // whether that is the side of the medium
+  // On the side that they arrive at: of the boundary, and of the triangle that stands for it.
+  Vectors normal, flat_normal;
+  Mask leaving;  // whether that is the side of the medium
+  bool flat;     // these are the same
 };
 
-// `outwards`: the normal on the outer side.
-HWY_INLINE Crossing crossing_of(Vectors direction, Vectors outwards, Mask leaving) {
+// The normals on the outer side.
+HWY_INLINE Crossing crossing_of(Vectors direction, Vectors outwards, Vectors flat_outwards,
+                                Mask leaving, bool flat) {
   const Floats zero = hn::Zero(FloatTag());
-  return {direction, if_then_else(leaving, Vectors{zero, zero, zero} - outwards, outwards),
-          leaving};
+  const auto facing = [&](Vectors n) {
+    return if_then_else(leaving, Vectors{zero, zero, zero} - n, n);
+  };
+  const Vectors flat_normal = facing(flat_outwards);
+  if (flat) return {direction, flat_normal, flat_normal, leaving, true};
+  // Where a mirror would send light through the triangle, the normal is bent until it does not:
+  // halfway between where the path comes from, and a direction that is just outside.
+  const Vectors normal = facing(outwards), back = Vectors{zero, zero, zero} - direction;
+  const Vectors mirror = normal * hn::Mul(set(2.0F), dot(back, normal)) - back;
+  const Floats height = dot(mirror, flat_normal);
+  const Floats arrival = hn::Max(dot(back, flat_normal), set(1e-6F));
+  const Floats least = hn::Min(hn::Mul(set(0.9F), arrival), set(0.01F));
+  const Vectors lifted = normalize(mirror + flat_normal * hn::Sub(least, height));
+  const Vectors bent = normalize(back + lifted);
+  const Mask through = hn::Or(hn::Lt(height, least), hn::Le(dot(back, normal), zero));
+  return {direction, if_then_else(through, bent, normal), flat_normal, leaving, false};
 }
 
 // In which directions paths go on.

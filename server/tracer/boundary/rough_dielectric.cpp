@@ -30,8 +30,9 @@ void follow_microfacets(const RoughDielectric& boundary, bool leaving, float cos
   const FloatTag d;
   const Floats zero = hn::Zero(d), one = set(1.0F), half = set(0.5F);
   const float sine = std::sqrt(1 - cosine * cosine);
-  const Crossing at = crossing_of(set(Vec3f{sine, 0, leaving ? cosine : -cosine}),
-                                  set(Vec3f{0, 0, 1}), hn::FirstN(d, leaving ? lanes() : 0));
+  const Vectors up = set(Vec3f{0, 0, 1});
+  const Crossing at = crossing_of(set(Vec3f{sine, 0, leaving ? cosine : -cosine}), up, up,
+                                  hn::FirstN(d, leaving ? lanes() : 0), true);
   const Floats index = index_ahead(boundary.index, at.leaving);
   for (size_t k = 0; k < kInRow; k += lanes()) {
     const Floats number = hn::Iota(d, static_cast<float>(row * kInRow + k));

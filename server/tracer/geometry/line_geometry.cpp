@@ -69,6 +69,8 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
     ray.at = {point, inside, {}};
     ray.normal = normal;
     ray.triangle = hit.triangle;
+    ray.v = hit.v;
+    ray.w = hit.w;
     ray.end = RayResult::End::kCrossing;
     return false;
   };

@@ -41,8 +41,10 @@ struct RayResult {
   Interaction at;           // where it ended, before a crossing; not set if escaped or leaked
   float medium_length = 0;  // length travelled inside the medium, in mm
   bool entered = false;     // the medium was entered, or at its boundary, or started in
-  // Set if it ended in a crossing: of the object's mesh, and its normal of unit length, outwards.
+  // Set if it ended in a crossing: the triangle of the object's mesh, the barycentric coordinates
+  // of its second and third corner, and its normal of unit length, outwards.
   uint32_t triangle = SurfaceTriangle::kNone;
+  float v = 0, w = 0;
   Vec3f normal;
 };
 

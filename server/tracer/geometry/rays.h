@@ -37,7 +37,8 @@ struct Rays {
 // ray's, whose interaction is that before it.
 struct Crossings {
   UintColumn triangle{};  // its number in the object's mesh
-  VectorColumn normal{};  // of unit length, outwards
+  // Of unit length, outwards: of the triangle, and of the smooth surface that it stands for.
+  VectorColumn normal{}, smooth_normal{};
 };
 
 // What is asked of the rays that are followed: where each ended, or only how, and how long it was.

@@ -216,8 +216,12 @@ class Walk {
       return;
     }
     const bool leaving = ray.at.inside;
-    const Crossing at = crossing_of(HWY_NAMESPACE::set(direction_), HWY_NAMESPACE::set(ray.normal),
-                                    FirstN(HWY_NAMESPACE::FloatTag(), leaving ? 1 : 0));
+    const CornerNormals& normals = scene_.obstacles.corner_normals;
+    const Crossing at =
+        crossing_of(HWY_NAMESPACE::set(direction_),
+                    HWY_NAMESPACE::set(normals.at(ray.triangle, ray.v, ray.w, ray.normal)),
+                    HWY_NAMESPACE::set(ray.normal),
+                    FirstN(HWY_NAMESPACE::FloatTag(), leaving ? 1 : 0), normals.flat());
     at_ = {ray.at.position, false, {}};
     if (!is_delta(scene_.boundary)) {
       send_shadow_ray([&](Vec3f to_light) {

@@ -35,6 +35,11 @@ CameraDescription to_object(const Pose& pose, const CameraDescription& camera) {
           pose.rotation.inverse()(camera.up), camera.fov};
 }
 
+CornerNormals corner_normals(const SceneDescription& scene, const Mesh& object) {
+  const bool asked = scene.smooth_angle > 0 && stops_lines(scene.boundary);
+  return asked ? CornerNormals(object, scene.smooth_angle) : CornerNormals();
+}
+
 // Of what lines meet. Unlike any other if it is not said what that depends on.
 std::string geometry_key(const SceneDescription& scene, bool has_surfaces) {
   static std::atomic<uint64_t> others = 0;
@@ -51,7 +56,7 @@ Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts)
     : object(std::move(scene.compiled_object)),
       boundary(compile(scene.boundary)),
       surfaces(to_object(scene.pose, std::move(scene.surfaces))),
-      obstacles(object, surfaces),
+      obstacles(object, surfaces, corner_normals(scene, object->mesh)),
       lights(scene.lights, {scene.film.channel, scene.pose, object->mesh, parts, part_keys}),
       camera(to_object(scene.pose, scene.camera), scene.film),
       film(scene.film),
@@ -100,7 +105,7 @@ const std::vector<uint32_t>& Scene::Compiled::object_pixels(int threads,
 }
 
 size_t Scene::Compiled::memory() const {
-  size_t sum = sizeof(*this) + obstacles.surfaces.memory();
+  size_t sum = sizeof(*this) + obstacles.surfaces.memory() + obstacles.corner_normals.memory();
   if (!object_is_shared_) sum += object->memory();
   for (const std::string& key : part_keys) sum += sizeof(std::string) + key.size();
   for (const DiffuseSurface& surface : surfaces) {

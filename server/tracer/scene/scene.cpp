@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <limits>
+#include <numbers>
 
 #include "common/error.h"
 #include "common/fields.h"
@@ -51,6 +52,7 @@ void check(const SceneDescription& scene) {
     check_fields(fmt::format("surfaces[{}]: ", i), surface.reflectance);
   }
   check_fields("object.", scene.boundary);
+  in_closed("object.smooth_angle", scene.smooth_angle, 0, std::numbers::pi);
   if (stops_lines(scene.boundary) && is_delta(scene.boundary)) check_lights_are_found(scene);
 }
 
@@ -82,13 +84,14 @@ std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCac
 }  // namespace
 
 size_t estimated_memory(const SceneDescription& description) {
-  constexpr size_t kByTriangleInEmbree = 250;  // and while its tree is built
-  constexpr size_t kByTriangleInChecks = 200;  // edges, parts
+  constexpr size_t kByTriangleInEmbree = 250;   // and while its tree is built
+  constexpr size_t kByTriangleInChecks = 200;   // edges, parts
+  constexpr size_t kByTriangleInNormals = 120;  // of corners, and while they are computed
   const size_t triangles = description.object.triangles.size();
   size_t sum = 0;
   if (!description.compiled_object) {
-    sum += Grid::most_memory(triangles) + DepthGrid::most_memory() +
-           (kByTriangleInEmbree + kByTriangleInChecks) * triangles;
+    sum += kByTriangleInNormals * triangles + Grid::most_memory(triangles) +
+           DepthGrid::most_memory() + (kByTriangleInEmbree + kByTriangleInChecks) * triangles;
   }
   for (const DiffuseSurface& surface : description.surfaces) {
     constexpr size_t kCopies = 3;  // of the compiled scene, of both tracers

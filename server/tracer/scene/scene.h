@@ -50,6 +50,9 @@ struct SceneDescription {
   std::shared_ptr<const Object> compiled_object = nullptr;
   Pose pose = {};  // of the object
   Boundary boundary = {};
+  // In radians: triangles that meet under less bound one smooth surface (CornerNormals), where the
+  // boundary reflects and refracts. 0: flat.
+  double smooth_angle = 0;
   std::vector<DiffuseSurface> surfaces;
   std::vector<LightDescription> lights;
   CameraDescription camera;

@@ -147,6 +147,10 @@ const BadScene kBadScenes[] = {
      "scene.surfaces[0].checkerboard.odd is 2; it must be in [0, 1]"},
     {"Index", [](auto& s) { s.mutable_object()->mutable_dielectric()->set_index(3); },
      "scene.object.dielectric.index is 3; it must be in [1, 2.5]"},
+    {"Roughness", [](auto& s) { s.mutable_object()->mutable_rough_dielectric()->set_roughness(0); },
+     "scene.object.rough_dielectric.roughness is 0; it must be in [0.001, 1]"},
+    {"SmoothAngle", [](auto& s) { s.mutable_object()->set_smooth_angle_degrees(181); },
+     "scene.object.smooth_angle_degrees is 181; it must be in [0, 180]"},
     {"FlatRectangle",
      [](auto& s) {
        auto* r = s.mutable_surfaces(0)->mutable_rectangle();
@@ -495,6 +499,16 @@ TEST(SceneBuilder, TakesABoundary) {
   EXPECT_EQ(std::get<tracer::Dielectric>(boundary()).index, 1.5F);
   scene.mutable_object()->mutable_dielectric()->set_index(1.33F);
   EXPECT_EQ(std::get<tracer::Dielectric>(boundary()).index, 1.33F);
+  v1::RoughDielectric& rough = *scene.mutable_object()->mutable_rough_dielectric();
+  EXPECT_FALSE(std::get<tracer::RoughDielectric>(boundary()).single_scattering);
+  EXPECT_EQ(std::get<tracer::RoughDielectric>(boundary()).roughness, 0.25F);
+  rough.set_roughness(0.5F);
+  rough.set_single_scattering(true);
+  EXPECT_TRUE(std::get<tracer::RoughDielectric>(boundary()).single_scattering);
+  EXPECT_EQ(std::get<tracer::RoughDielectric>(boundary()).roughness, 0.5F);
+  EXPECT_EQ(build_scene(scene, RenderLimits()).smooth_angle, 0);
+  scene.mutable_object()->set_smooth_angle_degrees(90);
+  EXPECT_DOUBLE_EQ(build_scene(scene, RenderLimits()).smooth_angle, std::numbers::pi / 2);
 }
 
 TEST(SceneBuilder, ZeroIsNotAbsent) {

@@ -4,8 +4,12 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <map>
 #include <memory>
+#include <numbers>
 #include <string>
 
 #include "common/angle.h"
@@ -101,9 +105,11 @@ TEST(BoundaryTest, AnObjectVanishesInAFurnace) {
   for (const Boundary& boundary :
        {Boundary(PartialMirror{.reflected = 0.5F}), Boundary(Dielectric{1}),
         Boundary(Dielectric{1.5F}), Boundary(Dielectric{2.5F})}) {
-    for (const char* shape : {"cube", "knot"}) {
+    for (const auto& [shape, smooth_angle] :
+         {std::pair{"cube", 0.0}, {"knot", 0.0}, {"knot", 1.0}, {"smooth_star", 3.0}}) {
       SceneDescription description = studio(shape, {ConstantLight{1}});
       description.boundary = boundary;
+      description.smooth_angle = smooth_angle;
       const Scene scene(std::move(description));
       for (const Tracer tracer : kTracers) {
         const FilmEstimate film = estimate_film(scene, request_for(tracer, {3, 1, 0.5}, 128), 32);
@@ -158,6 +164,93 @@ TEST(DielectricTest, ASlabThatAbsorbsReflectsAndRefracts) {
   }
 }
 
+// A unit sphere of 2,048 triangles: an octahedron whose triangles are cut in four, four times.
+Mesh sphere_of_triangles() {
+  Mesh mesh = {
+      {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}},
+      {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4}, {2, 0, 5}, {1, 2, 5}, {3, 1, 5}, {0, 3, 5}}};
+  for (int level = 0; level < 4; ++level) {
+    std::map<std::pair<uint32_t, uint32_t>, uint32_t> middles;
+    const auto middle = [&](uint32_t a, uint32_t b) {
+      const auto number = static_cast<uint32_t>(mesh.vertices.size());
+      const auto [found, is_new] = middles.try_emplace(std::minmax(a, b), number);
+      if (is_new) mesh.vertices.push_back(itn::normalize(mesh.vertices[a] + mesh.vertices[b]));
+      return found->second;
+    };
+    const auto before = std::move(mesh.triangles);
+    mesh.triangles.clear();
+    for (const auto& [a, b, c] : before) {
+      const uint32_t ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
+      mesh.triangles.insert(mesh.triangles.end(),
+                            {{a, ab, ca}, {ab, b, bc}, {ca, bc, c}, {ab, bc, ca}});
+    }
+  }
+  return mesh;
+}
+
+// A sphere of glass, seen from far, under light that is 1 + y from direction (x, y, z). A path
+// meets the sphere under one angle theta all the time, whose sine is the distance of its line to
+// the middle; it goes on turned by pi - 2 theta if it is reflected outside, and by 2 (theta -
+// theta') + k (pi - 2 theta') after k reflections inside, with theta' the angle inside.
+TEST(DielectricTest, ASphereOfTrianglesIsASphere) {
+  constexpr double kIndex = 1.5, kHalf = 0.64, kDistance = 1000, kPi = std::numbers::pi;
+  constexpr int kPixels = 16;
+  const auto expected = [](double x, double y) {
+    const double sine = std::hypot(x, y), theta = std::asin(sine);
+    const double inside = std::asin(sine / kIndex), cosine = std::cos(theta),
+                 refracted = std::cos(inside);
+    const double r_s = (cosine - kIndex * refracted) / (cosine + kIndex * refracted);
+    const double r_p = (kIndex * cosine - refracted) / (kIndex * cosine + refracted);
+    const double r = (r_s * r_s + r_p * r_p) / 2;
+    const auto light = [&](double turn) {
+      return 1 - std::sin(turn) * y / sine;
+    };  // towards the axis
+    double sum = r * light(2 * theta - kPi);
+    for (int k = 0; k < 30; ++k) {
+      sum +=
+          (1 - r) * (1 - r) * std::pow(r, k) * light(2 * (theta - inside) + k * (kPi - 2 * inside));
+    }
+    return sum;
+  };
+  const auto error = [&](double smooth_angle, Tracer tracer) {
+    EnvironmentMapLight map{.width = 4, .height = 256, .rgb = {}, .scale = 1, .rotate_y = 0};
+    for (int p = 0; p < 3 * map.width * map.height; ++p) {
+      const int row = p / (3 * map.width);
+      map.rgb.push_back(static_cast<float>(1 + std::cos(kPi * (row + 0.5) / map.height)));
+    }
+    SceneDescription description;
+    description.object = sphere_of_triangles();
+    description.smooth_angle = smooth_angle;
+    description.boundary = Dielectric{static_cast<float>(kIndex)};
+    description.lights = {map};
+    description.camera = {
+        .origin = {0, 0, kDistance}, .target = {}, .fov = 2 * std::atan(kHalf / kDistance)};
+    description.film = {kPixels, kPixels};
+    RenderRequest request = request_for(tracer, {1e-6, 1, 0}, 8192);
+    request.derivatives.clear();
+    const FilmSums sums = render_grad(Scene(std::move(description)), request);
+    const auto& estimate = sums.estimates[0];
+    double squares = 0;
+    for (size_t p = 0; p < kPixels * kPixels; ++p) {
+      const auto at = [&](size_t pixel) {
+        return kHalf * ((2 * static_cast<double>(pixel) + 1) / kPixels - 1);
+      };
+      const double truth = expected(at(p % kPixels), -at(p / kPixels));
+      const double got =
+          sums.quantum * static_cast<double>(estimate.radiance[p]) / estimate.counts[p];
+      squares += (got / truth - 1) * (got / truth - 1) / (kPixels * kPixels);
+    }
+    return std::sqrt(squares);
+  };
+  for (const Tracer tracer : kTracers) {
+    const double flat = error(0, tracer), smooth = error(0.5, tracer);
+    std::printf("  %s: root mean square error %.4f flat, %.4f smooth\n", name_of(tracer).c_str(),
+                flat, smooth);
+    EXPECT_LT(smooth, 0.004);
+    EXPECT_GT(flat, 2 * smooth);
+  }
+}
+
 // Slabs that scatter, under light from above and below: the sum of the total reflectance and
 // transmittance for a beam at right angles, by the adding-doubling method (iadpython 0.5, 32
 // quadrature points; the thick one 0.2600 by Giovanelli, "Reflection by semi-infinite diffusers",
@@ -209,7 +302,9 @@ SceneDescription rough_knot(float index, float roughness, bool single_scattering
 const Parameter kRoughness = parameter_named("rough_dielectric.roughness");
 
 TEST(RoughDielectricTest, TracersAgree) {
-  const Scene scene(rough_knot(1.5F, 0.25F));
+  SceneDescription description = rough_knot(1.5F, 0.25F);
+  description.smooth_angle = 1;
+  const Scene scene(std::move(description));
   RenderRequest request = request_for(Tracer::kWavefront, {5, 0.9, 0.3}, 2048);
   request.derivatives.push_back(kRoughness);
   request.derivatives.push_back({Parameter::kReflectance, 0});
@@ -226,6 +321,8 @@ TEST(RoughDielectricTest, TracersAgree) {
 TEST(RoughDielectricTest, TechniquesAgree) {
   SceneDescription description = rough_knot(1.5F, 0.25F);
   description.lights = {paper_sun_sky()};
+  description.object = make_shape("smooth_star");
+  description.smooth_angle = 1;
   const Scene scene(std::move(description));
   for (const Tracer tracer : kTracers) {
     const RenderRequest request = request_for(tracer, {5, 0.9, 0.3}, 512);

@@ -38,8 +38,9 @@ void probe_phase_in_lanes(const PhaseFunction& phase, PhaseProbe& probe) {
 }
 
 Crossing crossing_of(const BoundaryProbe& probe) {
-  return crossing_of(set(probe.direction), set(probe.outwards),
-                     hn::FirstN(FloatTag(), probe.leaving ? lanes() : 0));
+  const Vectors outwards = set(probe.outwards);
+  return crossing_of(set(probe.direction), outwards, outwards,
+                     hn::FirstN(FloatTag(), probe.leaving ? lanes() : 0), true);
 }
 
 void evaluate_boundary_in_lanes(const Boundary& boundary, BoundaryProbe& probe) {

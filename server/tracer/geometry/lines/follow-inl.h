@@ -238,10 +238,16 @@ class LineFollower {
       const Vec3d in_cell =
           (a * sides.x + b * sides.y + c * sides.z) * (1 / (sides.x + sides.y + sides.z));
       const auto middle = static_cast<Vec3d>(grid_.occupied[line_crossings_.cell[line]].middle);
-      line_crossings_.triangle[line] = grid_.numbers[block][lane];
+      const uint32_t triangle = grid_.numbers[block][lane];
+      const auto normal = static_cast<Vec3f>(itn::normalize(itn::cross(b - a, c - a)));
+      const auto part = [&](double side) {
+        return static_cast<float>(side / (sides.x + sides.y + sides.z));
+      };
+      line_crossings_.triangle[line] = triangle;
       line_crossings_.point.set(line, static_cast<Vec3f>(middle + in_cell));
-      line_crossings_.normal.set(line,
-                                 static_cast<Vec3f>(itn::normalize(itn::cross(b - a, c - a))));
+      line_crossings_.normal.set(line, normal);
+      line_crossings_.smooth_normal.set(
+          line, obstacles_.corner_normals.at(triangle, part(sides.y), part(sides.z), normal));
     }
   }
 
@@ -259,10 +265,14 @@ class LineFollower {
     hn::ScatterIndex(hn::Or(how, entered), UintTag(), rays_.outcome.data(), ray);
     if constexpr (AtBoundary::kStops) {
       Crossings& crossings = *at_boundary_;
-      const Vectors normal = line_crossings_.normal.load(v);
-      write(normal.x, crossings.normal.x);
-      write(normal.y, crossings.normal.y);
-      write(normal.z, crossings.normal.z);
+      const auto write_vectors = [&](const PerLineVectors& from, VectorColumn& to) {
+        const Vectors values = from.load(v);
+        write(values.x, to.x);
+        write(values.y, to.y);
+        write(values.z, to.z);
+      };
+      write_vectors(line_crossings_.normal, crossings.normal);
+      write_vectors(line_crossings_.smooth_normal, crossings.smooth_normal);
       hn::ScatterIndex(load(line_crossings_.triangle, v), UintTag(), crossings.triangle.data(),
                        ray);
     }

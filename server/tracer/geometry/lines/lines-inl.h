@@ -112,7 +112,7 @@ struct StopAtBoundary {
     PerLineVectors sides{};
     // Of the crossing that a line ends in.
     PerLine<uint32_t> triangle{};
-    PerLineVectors point{}, normal{};
+    PerLineVectors point{}, normal{}, smooth_normal{};
   };
 };
 

@@ -41,7 +41,10 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium,
                     .triangles = hn::Set(IntTag(), -1)};
   if (vertices.any_at_boundary) {
     const Mask inside = not_zero(hn::And(load(paths.rays.interaction, i), set(Rays::kInside)));
-    vertices.crossing = crossing_of(before, load(wave.crossings.normal, i), inside);
+    const Crossings& crossings = wave.crossings;
+    vertices.crossing =
+        crossing_of(before, load(crossings.smooth_normal, i), load(crossings.normal, i), inside,
+                    wave.scene.obstacles.corner_normals.flat());
     vertices.factor = hn::IfThenElse(at_boundary, set(1.0F), vertices.factor);
   }
   if (vertices.any_on_surface) {

@@ -73,7 +73,8 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   if (vertices.any_at_boundary) {
     const Crossing& at = vertices.crossing;
     const BoundaryValue boundary = evaluate(wave.scene.boundary, at, light.direction);
-    const Floats side = dot(at.normal, light.direction);  // outside is above 0, unless it leaves
+    const Floats side =
+        dot(at.flat_normal, light.direction);  // outside is above 0, unless it leaves
     const Mask outside = hn::Gt(hn::IfThenElse(at.leaving, hn::Neg(side), side), zero);
     value =
         hn::IfThenElse(vertices.at_boundary, hn::IfThenElseZero(outside, boundary.value), value);

@@ -1,0 +1,43 @@
+// Normals that change steadily over a mesh which stands for a smooth surface.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "common/geometry/mesh.h"
+#include "common/vec.h"
+
+namespace itn::tracer {
+
+class CornerNormals {
+ public:
+  // Flat triangles.
+  CornerNormals() = default;
+  // Triangles whose normals are less than `smooth_angle` apart, in radians, bound one surface where
+  // they share a vertex: there, its normal is their mean, weighted by their angles at the vertex
+  // (Thuermer, Wuethrich, "Computing vertex normals from polygonal facets", JGT 1998). Vertices of
+  // more than kMaxFan triangles are left out, as points of cones are.
+  CornerNormals(const Mesh& mesh, double smooth_angle);
+
+  static constexpr size_t kMaxFan = 256;
+
+  bool flat() const { return by_triangle_.empty(); }
+  // At barycentric coordinates of the second and third corner, of unit length, outwards; of flat
+  // triangles `own`.
+  Vec3f at(uint32_t triangle, float v, float w, Vec3f own) const {
+    if (flat()) return own;
+    const auto& [a, b, c] = by_triangle_[triangle];
+    const Vec3f sum = a * (1 - v - w) + b * v + c * w;
+    const float squared = dot(sum, sum);
+    return squared > 0.01F ? sum * (1 / std::sqrt(squared)) : own;
+  }
+  size_t memory() const { return by_triangle_.size() * sizeof(by_triangle_.front()); }
+
+ private:
+  std::vector<std::array<Vec3f, 3>> by_triangle_;
+};
+
+}  // namespace itn::tracer
