@@ -104,6 +104,7 @@ double median(std::vector<double> values) {
 struct Options {
   std::string data;
   std::string only;
+  std::string boundary = "matched";
   uint32_t spp = 64;
   int repetitions = 4;
   int resolution = 128;
@@ -277,6 +278,12 @@ void use_instructions(const std::string& name) {
   }
 }
 
+Boundary boundary_named(const std::string& name) {
+  if (name == "smooth") return Dielectric{1.5F};
+  if (name == "rough") return RoughDielectric{1.5F, 0.25F};
+  return IndexMatched{};
+}
+
 // Every scene and material: {"scene": ..., "material": [...], "variants": {...}} lines.
 void compare_scenes(const Options& options) {
   for (const char* shape :
@@ -289,7 +296,9 @@ void compare_scenes(const Options& options) {
       fmt::print(stderr, "no {} in {}: left out\n", shape, options.data);
       continue;
     }
-    const Scene scene(paper_scene(mesh, options.resolution));
+    SceneDescription description = paper_scene(mesh, options.resolution);
+    description.boundary = boundary_named(options.boundary);
+    const Scene scene(std::move(description));
     for (const Material& material : kMaterials) {
       std::vector<Variant> variants = {reference(material, options.spp),
                                        wavefront(material, options.spp)};
@@ -758,6 +767,9 @@ int main(int argc, char** argv) {
   };
   CLI::App* compare = add("compare", "Wavefront against reference", itn::compare_scenes);
   compare->add_option("--only", options.only, "Scenes whose name contains this");
+  compare->add_option("--boundary", options.boundary, "Of the objects, of index 1.5")
+      ->check(CLI::IsMember({"matched", "smooth", "rough"}))
+      ->capture_default_str();
   compare->add_option("--spp", options.spp, "Samples per pixel")->capture_default_str();
   compare->add_flag("--each", options.each, "Also the wavefront without each of its techniques");
   add("paper", "The cube that the paper's renderer was timed with", itn::time_paper_scene);
