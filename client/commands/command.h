@@ -14,6 +14,7 @@ namespace itn {
 
 void add_render_command(CLI::App& app);
 void add_shapes_command(CLI::App& app);
+void add_materials_command(CLI::App& app);
 void add_probe_command(CLI::App& app);
 void add_dataset_command(CLI::App& app);
 void add_models_command(CLI::App& app);

@@ -27,6 +27,7 @@
 #include "common/image/image.h"
 #include "common/image/preview.h"
 #include "common/material.h"
+#include "common/measured_media.h"
 #include "common/progress.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
@@ -44,6 +45,8 @@ struct RenderFlags {
   std::string output;
   std::string png;
   std::string film;
+  std::string material;    // a measured one; then sigma_t, albedo and g follow from it
+  double object_size = 0;  // 0: as in the scene
   double sigma_t = 0, albedo = 0;
   std::optional<double> g;
   std::string phase;
@@ -129,8 +132,26 @@ void set_film(const std::string& size, v1::Film& film) {
   film.set_height(height);
 }
 
-RenderJob make_job(const RenderFlags& options) {
+// The channel of a measured medium that a film shows. Luminance is mostly green.
+size_t channel_of(const v1::Film& film) {
+  return film.channel() == v1::Film::RED ? 0 : film.channel() == v1::Film::BLUE ? 2 : 1;
+}
+
+void set_measured(const v1::Scene& scene, RenderFlags& options) {
+  Material material = measured_medium(options.material).material(channel_of(scene.film()));
+  if (options.object_size > 0) {
+    const Bounds box = object_bounds(scene);
+    const Vec3f size = box.max - box.min;
+    material.sigma_t *= options.object_size / double{std::max({size.x, size.y, size.z})};
+  }
+  options.sigma_t = material.sigma_t;
+  options.albedo = material.albedo;
+  options.g = material.g;
+}
+
+RenderJob make_job(RenderFlags& options) {
   v1::Scene scene = load_scene(options.scene, options.mesh_unit);
+  if (!options.material.empty()) set_measured(scene, options);
   if (!options.film.empty()) set_film(options.film, *scene.mutable_film());
   RenderJob job;
   job.scene = serialize(scene);
@@ -315,6 +336,12 @@ void print_text(const v1::RenderGradReply& reply, const RenderFlags& options, co
       fmt::format("object: {}, {:.2g} % of the film{}\n", size_of_object(job),
                   100 * coverage(image), leaves_film(image) ? ", cut by its edge" : "") +
       fmt::format("mean radiance on the object: {:.6g}\n", mean_over_object(image));
+  if (!options.material.empty()) {
+    const MeasuredMedium& medium = measured_medium(options.material);
+    text += fmt::format("{} ({}), index {}: here sigma_t {:.4g} / mm, albedo {:.5g}, g {:.3g}\n",
+                        medium.name, medium.source, medium.index, options.sigma_t, options.albedo,
+                        *options.g);
+  }
   if (counters.invalid_samples() > 0 || counters.leaks() > 0) {
     text += fmt::format("dropped: {} invalid samples, {} leaks of {} paths\n",
                         counters.invalid_samples(), counters.leaks(), counters.paths());
@@ -322,7 +349,7 @@ void print_text(const v1::RenderGradReply& reply, const RenderFlags& options, co
   print_result(text, is_stdout(options.output) ? stderr : stdout);
 }
 
-void run(const RenderFlags& options) {
+void run(RenderFlags options) {
   const auto start = std::chrono::steady_clock::now();
   check_combinations(options);
   check_outputs(options);
@@ -350,11 +377,9 @@ void add_render_command(CLI::App& app) {
   command->add_option("-o,--output", options->output, "EXR file to write; -: standard output")
       ->required();
   command->add_option("--sigma-t", options->sigma_t, "Extinction coefficient, in 1/mm")
-      ->check(number_in(kMinSigmaT, kMaxSigmaT))
-      ->required();
+      ->check(number_in(kMinSigmaT, kMaxSigmaT));
   command->add_option("--albedo", options->albedo, "Single-scattering albedo")
-      ->check(number_in(0.0, 1.0))
-      ->required();
+      ->check(number_in(0.0, 1.0));
   CLI::Option* g = command->add_option("--g", options->g, "Mean cosine of scattering")
                        ->check(number_in(-kMaxAbsG, kMaxAbsG))
                        ->default_str("0");
@@ -363,6 +388,18 @@ void add_render_command(CLI::App& app) {
                    "Phase function instead of Henyey and Greenstein's with --g, text format of "
                    "itn.v1.PhaseFunction: 'two_term { g_1: 0.8 g_2: -0.3 weight: 0.9 }'")
       ->excludes(g);
+  CLI::Option* material =
+      command
+          ->add_option("--material", options->material,
+                       "Instead of --sigma-t, --albedo and --g, a measured medium (itn materials), "
+                       "in the film's channel; for LUMINANCE, in GREEN")
+          ->excludes("--sigma-t", "--albedo", "--g", "--phase");
+  command
+      ->add_option("--object-size", options->object_size,
+                   "With --material, the longest side of what the object stands for, in mm. "
+                   "Default: the object's own")
+      ->check(number_in(1e-6, 1e6))
+      ->needs(material);
   command->add_option("--spp", options->spp, "Samples per pixel")
       ->check(kSppRange)
       ->capture_default_str();
@@ -410,7 +447,12 @@ void add_render_command(CLI::App& app) {
   command->add_option("--picture,--png", options->png, "Also write a picture to look at");
   add_format_flags(*command, options->json, "of its size, means, counters and times");
   add_worker_flags(*command, options->workers);
-  command->callback([options] { run(*options); });
+  command->callback([command, options] {
+    const bool has_coefficients = command->count("--sigma-t") > 0 && command->count("--albedo") > 0;
+    require_usage(has_coefficients || !options->material.empty(),
+                  "--sigma-t and --albedo are required, or --material");
+    run(*options);
+  });
 }
 
 }  // namespace itn
