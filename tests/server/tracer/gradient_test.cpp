@@ -55,29 +55,34 @@ std::vector<float> weights_of(const Scene& scene) {
 
 // The same paths as the images have, so the same to the rounding of their sums.
 TEST(GradientTest, IsTheWeightedSumOfTheDerivativeImages) {
-  const Scene scene(lit_by(panorama()));
-  const std::vector<float> weights = weights_of(scene);
-  for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
-    RenderRequest request{.material = {30, 0.8, 0.3}, .sample_count = 33, .estimates = 2};
-    request.derivatives = parameters();
-    request.tracer = tracer;
-    request.pilot_spp = tracer == Tracer::kWavefront ? 2 : 0;
-    const RenderedImages images = means(render_grad(scene, request));
-    request.gradient_weights = weights;
-    const RenderedImages gradients = means(render_grad(scene, request));
-    for (size_t k = 0; k < images.estimates.size(); ++k) {
-      EXPECT_EQ(gradients.estimates[k].radiance, images.estimates[k].radiance);
-      EXPECT_TRUE(gradients.estimates[k].derivatives.empty());
-      ASSERT_EQ(gradients.estimates[k].gradient.size(), request.derivatives.size());
-      for (size_t i = 0; i < request.derivatives.size(); ++i) {
-        double sum = 0, size = 0;
-        for (size_t p = 0; p < weights.size(); ++p) {
-          const double part = double{weights[p]} * double{images.estimates[k].derivatives[i][p]};
-          sum += part;
-          size += std::abs(part);
+  for (const bool rough : {false, true}) {
+    SceneDescription description = lit_by(panorama());
+    if (rough) description.boundary = RoughDielectric{};
+    const Scene scene(std::move(description));
+    const std::vector<float> weights = weights_of(scene);
+    for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
+      RenderRequest request{.material = {30, 0.8, 0.3}, .sample_count = 33, .estimates = 2};
+      request.derivatives = parameters();
+      if (rough) request.derivatives.push_back(parameter_named("rough_dielectric.roughness"));
+      request.tracer = tracer;
+      request.pilot_spp = tracer == Tracer::kWavefront ? 2 : 0;
+      const RenderedImages images = means(render_grad(scene, request));
+      request.gradient_weights = weights;
+      const RenderedImages gradients = means(render_grad(scene, request));
+      for (size_t k = 0; k < images.estimates.size(); ++k) {
+        EXPECT_EQ(gradients.estimates[k].radiance, images.estimates[k].radiance);
+        EXPECT_TRUE(gradients.estimates[k].derivatives.empty());
+        ASSERT_EQ(gradients.estimates[k].gradient.size(), request.derivatives.size());
+        for (size_t i = 0; i < request.derivatives.size(); ++i) {
+          double sum = 0, size = 0;
+          for (size_t p = 0; p < weights.size(); ++p) {
+            const double part = double{weights[p]} * double{images.estimates[k].derivatives[i][p]};
+            sum += part;
+            size += std::abs(part);
+          }
+          EXPECT_NEAR(gradients.estimates[k].gradient[i], sum, 1e-5 * size)
+              << name_of(request.derivatives[i]);
         }
-        EXPECT_NEAR(gradients.estimates[k].gradient[i], sum, 1e-5 * size)
-            << name_of(request.derivatives[i]);
       }
     }
   }
@@ -98,19 +103,24 @@ TEST(GradientTest, ThreadsDoNotMatter) {
 // Radiance is linear in the pixels: what each of them sends adds up to what the panorama does.
 TEST(GradientTest, PixelsAddUpToTheLight) {
   const EnvironmentMapLight map = panorama();
-  const Scene scene(lit_by(map));
-  RenderRequest request{.material = {30, 0.8, 0.3}, .sample_count = 64};
-  request.derivatives = parameters();
-  request.gradient_weights = weights_of(scene);
-  request.gradient_light = 0;
-  const RenderedImages images = means(render_grad(scene, request));
-  const auto& [radiance, derivatives, at_albedos, gradient, by_pixel] = images.estimates[0];
-  ASSERT_EQ(by_pixel.size(), size_t{kWidth * kHeight});
-  double sum = 0;
-  for (size_t i = 0; i < by_pixel.size(); ++i) {
-    sum += double{by_pixel[i]} * double{map.rgb[3 * i + 1]};
+  for (const Boundary& boundary :
+       {Boundary(IndexMatched()), Boundary(Dielectric()), Boundary(RoughDielectric())}) {
+    SceneDescription description = lit_by(map);
+    description.boundary = boundary;
+    const Scene scene(std::move(description));
+    RenderRequest request{.material = {30, 0.8, 0.3}, .sample_count = 64};
+    request.derivatives = parameters();
+    request.gradient_weights = weights_of(scene);
+    request.gradient_light = 0;
+    const RenderedImages images = means(render_grad(scene, request));
+    const auto& [radiance, derivatives, at_albedos, gradient, by_pixel] = images.estimates[0];
+    ASSERT_EQ(by_pixel.size(), size_t{kWidth * kHeight});
+    double sum = 0;
+    for (size_t i = 0; i < by_pixel.size(); ++i) {
+      sum += double{by_pixel[i]} * double{map.rgb[3 * i + 1]};
+    }
+    EXPECT_NEAR(sum, gradient[kMapScale], 1e-4 * std::abs(gradient[kMapScale]));
   }
-  EXPECT_NEAR(sum, gradient[kMapScale], 1e-4 * std::abs(gradient[kMapScale]));
 }
 
 // What a part of the panorama sends, by its pixels' gradient in a scene where it is dark or bright,
