@@ -35,7 +35,7 @@ using testing::parse_text;
 
 // --- Requests ---
 
-// A light of each kind, a surface of each shape and reflectance, transforms of each kind.
+// A boundary, a light of each kind, a surface of each shape and reflectance, transforms of each kind.
 v1::Scene full_scene() {
   auto scene = parse_text<v1::Scene>(R"(
     object { mesh {
@@ -43,7 +43,9 @@ v1::Scene full_scene() {
       transforms { scale { x: 2 y: 1 z: 1 } }
       transforms { matrix { m: [1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  0, 0, 0, 1] } }
       transforms { rotate { axis { y: 1 } angle_degrees: 30 } }
-      transforms { translate { x: 0.1 } } } }
+      transforms { translate { x: 0.1 } } }
+      rough_dielectric { index: 1.4 roughness: 0.3 single_scattering: true }
+      smooth_angle_degrees: 100 }
     surfaces { rectangle { center { y: -0.1 } half_u { x: 20 } half_v { z: -20 } } reflectance: 0.3 }
     surfaces { mesh { builtin: "cube" transforms { translate { x: 3 } } } reflectance: 0.7 }
     surfaces { rectangle { center { z: 5 } half_u { x: 20 } half_v { y: 20 } }
