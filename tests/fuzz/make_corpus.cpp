@@ -35,7 +35,8 @@ using testing::parse_text;
 
 // --- Requests ---
 
-// A boundary, a light of each kind, a surface of each shape and reflectance, transforms of each kind.
+// A boundary, a light of each kind, a surface of each shape and reflectance, transforms of each
+// kind.
 v1::Scene full_scene() {
   auto scene = parse_text<v1::Scene>(R"(
     object { mesh {
