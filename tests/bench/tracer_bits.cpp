@@ -104,8 +104,11 @@ std::vector<std::pair<std::string, SceneDescription>> scenes() {
   SceneDescription rough = smooth;
   rough.lights.emplace_back(DirectionalLight{.direction = {0.4, 0.8, -0.5}, .irradiance = 3});
   rough.boundary = RoughDielectric{1.33F, 0.3F};
+  SceneDescription interpolated = rough;
+  interpolated.smooth_angle = 1;
   result.emplace_back("star_dielectric", std::move(smooth));
   result.emplace_back("star_rough_dielectric", std::move(rough));
+  result.emplace_back("star_interpolated_normals", std::move(interpolated));
   return result;
 }
 
@@ -125,8 +128,9 @@ std::vector<Ask> asks(const Scene& scene) {
   derivatives.derivatives = medium_parameters();
   if (scene.surface_count() > 0) derivatives.derivatives.push_back({Parameter::kReflectance, 0});
   derivatives.derivatives.push_back({Parameter::kLightScale, 0});
-  if (!is_delta(scene.compiled().boundary))
+  if (!is_delta(scene.compiled().boundary)) {
     derivatives.derivatives.push_back({Parameter::kBoundary});
+  }
   std::vector<Ask> result = {{"image", image}, {"derivatives", derivatives}};
   const auto add = [&](const char* name, const auto& change, bool of_reference = true) {
     Ask& ask = result.emplace_back(Ask{name, derivatives});
