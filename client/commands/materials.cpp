@@ -25,8 +25,10 @@ std::string swatch(const MeasuredMedium& medium) {
 }
 
 void list() {
-  print_result("{:<28} {:<8} {:<30} {:<26} {:<20} {:<6} {}\n", "name", "colour",
-               "sigma_t in 1/mm: R, G, B", "albedo", "g", "index", "source");
+  const auto print_row = [](const auto&... columns) {
+    print_result("{:<28} {:<8} {:<30} {:<26} {:<20} {:<6} {}\n", columns...);
+  };
+  print_row("name", "colour", "sigma_t in 1/mm: R, G, B", "albedo", "g", "index", "source");
   for (const MeasuredMedium& medium : measured_media()) {
     const auto columns = [&](const char* format, double Material::*member) {
       std::string text;
@@ -35,9 +37,9 @@ void list() {
       }
       return text;
     };
-    print_result("{:<28} {:<8} {:<30} {:<26} {:<20} {:<6} {}\n", medium.name, swatch(medium),
-                 columns("{:<10.4g}", &Material::sigma_t), columns("{:.5f}  ", &Material::albedo),
-                 columns("{:.3f}  ", &Material::g), medium.index, medium.source);
+    print_row(medium.name, swatch(medium), columns("{:<10.4g}", &Material::sigma_t),
+              columns("{:.5f}  ", &Material::albedo), columns("{:.3f}  ", &Material::g),
+              medium.index, medium.source);
   }
 }
 

@@ -7,7 +7,7 @@
 //   relative_index()  of refraction, of the medium, relative to what is around it
 //   compile()         itself with what it computes beforehand
 // and computes, for many paths at a time (boundary/crossing-inl.h),
-//   sample(kind, crossing, words)     how they go on
+//   draw(kind, crossing, words)       how they go on
 //   evaluate(kind, crossing, to)      unless it is a delta: what light from a direction brings them
 //
 // At a boundary that stops lines, a crossing is a vertex of the path. Shadow rays end there and
@@ -66,17 +66,7 @@ inline double relative_index(const Boundary& boundary) {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// By the normal that it says, as if it were flat.
-HWY_INLINE BoundarySample sample_flat(const Boundary& boundary, const Crossing& at,
-                                      const Words& words) {
-  const Floats zero = hn::Zero(FloatTag());
-  BoundarySample result{at.direction, hn::FirstN(FloatTag(), 0), zero, zero, {zero}};
-  visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
-    if constexpr (Kind::kStopsLines) result = sample(kind, at, words);
-  });
-  return result;
-}
-
+// By the normal that the crossing says, as if it were that of the triangle.
 HWY_INLINE BoundaryValue evaluate_flat(const Boundary& boundary, const Crossing& at, Vectors to) {
   const Floats zero = hn::Zero(FloatTag());
   BoundaryValue result{zero, zero, {zero}};
@@ -113,18 +103,27 @@ HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& at, 
 
 // Of a boundary that stops lines.
 HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, const Words& words) {
-  BoundarySample next = sample_flat(boundary, at, words);
-  if (at.flat) return next;
   const Floats zero = hn::Zero(FloatTag());
-  const Mask reflects = hn::Gt(dot(next.direction, at.flat_normal), zero);
-  next.direction = if_then_else(hn::Xor(reflects, next.transmitted), next.direction,
-                                mirrored(next.direction, at.flat_normal));
-  if (is_delta(boundary)) return next;
-  const BoundaryValue drawn = evaluate(boundary, at, next.direction);
-  const Mask possible = hn::And(hn::Gt(next.weight, zero), hn::Gt(drawn.pdf, zero));
-  next.pdf = hn::Max(drawn.pdf, set(1e-20F));
-  next.weight = hn::IfThenElseZero(possible, hn::Div(drawn.value, next.pdf));
-  for (size_t s = 0; s < kMaxBoundarySlots; ++s) next.scores[s] = drawn.scores[s];
+  BoundaryDraw drawn{at.direction, hn::FirstN(FloatTag(), 0), zero};
+  visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
+    if constexpr (Kind::kStopsLines) drawn = draw(kind, at, words);
+  });
+  Vectors direction = drawn.direction;
+  if (!at.flat) {
+    const Mask reflects = hn::Gt(dot(direction, at.flat_normal), zero);
+    direction = if_then_else(hn::Xor(reflects, drawn.transmitted), direction,
+                             mirrored(direction, at.flat_normal));
+  }
+  if (is_delta(boundary)) return {direction, drawn.transmitted, drawn.weight, zero, {zero}};
+  const BoundaryValue value = evaluate(boundary, at, direction);
+  const Mask possible = hn::And(hn::Gt(drawn.weight, zero), hn::Gt(value.pdf, zero));
+  const Floats pdf = hn::Max(value.pdf, set(1e-20F));
+  BoundarySample next{direction,
+                      drawn.transmitted,
+                      hn::IfThenElseZero(possible, hn::Div(value.value, pdf)),
+                      pdf,
+                      {zero}};
+  for (size_t s = 0; s < kMaxBoundarySlots; ++s) next.scores[s] = value.scores[s];
   return next;
 }
 

@@ -48,6 +48,13 @@ HWY_INLINE Crossing crossing_of(Vectors direction, Vectors outwards, Vectors fla
 }
 
 // In which directions paths go on.
+struct BoundaryDraw {
+  Vectors direction;
+  Mask transmitted;  // to the other side
+  Floats weight;     // of a delta; else 1, or 0 where there is no such way
+};
+
+// The same, with what is known of them.
 struct BoundarySample {
   Vectors direction;
   Mask transmitted;                  // to the other side

@@ -39,20 +39,14 @@ struct Dielectric {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE BoundarySample sample(const Dielectric& boundary, const Crossing& at,
-                                 const Words& words) {
-  const Floats zero = hn::Zero(FloatTag());
-  const Floats cosine = hn::Max(zero, hn::Neg(dot(at.direction, at.normal)));
+HWY_INLINE BoundaryDraw draw(const Dielectric& boundary, const Crossing& at, const Words& words) {
+  const Floats cosine = hn::Max(hn::Zero(FloatTag()), hn::Neg(dot(at.direction, at.normal)));
   const Floats index = index_ahead(boundary.index, at.leaving);
   const auto [reflected, refracted_cosine] = fresnel(cosine, index);
   const Mask transmitted = hn::Ge(uniform(words.w[0]), reflected);
-  return {
-      if_then_else(transmitted, refracted(at.direction, at.normal, cosine, refracted_cosine, index),
-                   mirrored(at.direction, at.normal)),
-      transmitted,
-      set(1.0F),
-      zero,
-      {zero}};
+  const Vectors through = refracted(at.direction, at.normal, cosine, refracted_cosine, index);
+  return {if_then_else(transmitted, through, mirrored(at.direction, at.normal)), transmitted,
+          set(1.0F)};
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -7,26 +7,19 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "server/tracer/boundary/rough_dielectric.h"
 
-#ifndef ITN_TRACER_BOUNDARY_ROUGH_DIELECTRIC_LATTICE_
-#define ITN_TRACER_BOUNDARY_ROUGH_DIELECTRIC_LATTICE_
-namespace itn::tracer {
-// The microfacets that are averaged over: a lattice of so many points in so many rows.
-constexpr size_t kRows = 64, kInRow = 64;
-constexpr float kGolden = 0.618034F;
-}  // namespace itn::tracer
-#endif
-
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// Of the light that arrives, which part goes on by the microfacets of a row, and the derivative of
-// that in the roughness.
-void follow_microfacets(const RoughDielectric& boundary, bool leaving, float cosine, size_t row,
-                        float (&part)[kInRow], float (&slope)[kInRow]) {
+// Of the light that arrives, which part goes on, and the derivative of that in the roughness:
+// averaged over a lattice of microfacets.
+std::array<double, 2> going_on(const RoughDielectric& boundary, bool leaving, float cosine) {
+  constexpr size_t kMicrofacets = 4096;
+  constexpr float kGolden = 0.618034F;
   const FloatTag d;
   const Floats zero = hn::Zero(d), one = set(1.0F), half = set(0.5F);
   const float sine = std::sqrt(1 - cosine * cosine);
@@ -34,9 +27,10 @@ void follow_microfacets(const RoughDielectric& boundary, bool leaving, float cos
   const Crossing at = crossing_of(set(Vec3f{sine, 0, leaving ? cosine : -cosine}), up, up,
                                   hn::FirstN(d, leaving ? lanes() : 0), true);
   const Floats index = index_ahead(boundary.index, at.leaving);
-  for (size_t k = 0; k < kInRow; k += lanes()) {
-    const Floats number = hn::Iota(d, static_cast<float>(row * kInRow + k));
-    const Floats u0 = hn::Mul(hn::Add(number, half), set(1.0F / (kRows * kInRow)));
+  double part = 0, slope = 0;
+  for (size_t k = 0; k < kMicrofacets; k += lanes()) {
+    const Floats number = hn::Iota(d, static_cast<float>(k));
+    const Floats u0 = hn::Mul(hn::Add(number, half), set(1.0F / kMicrofacets));
     const Floats turns = hn::Mul(number, set(kGolden)), u1 = hn::Sub(turns, hn::Floor(turns));
     const Vectors m = sample_microfacet(boundary, at, u0, u1);
     const Floats i_m = hn::Max(zero, hn::Neg(dot(at.direction, m)));
@@ -55,9 +49,16 @@ void follow_microfacets(const RoughDielectric& boundary, bool leaving, float cos
     };
     add(mirrored(at.direction, m), false);
     add(refracted(at.direction, m, i_m, refracted_cosine, index), true);
-    hn::StoreU(sum, d, part + k);
-    hn::StoreU(slopes, d, slope + k);
+    // One after the other, so that every width of vectors adds up to the same.
+    alignas(64) float parts[kMaxLanes], part_slopes[kMaxLanes];
+    hn::Store(sum, d, parts);
+    hn::Store(slopes, d, part_slopes);
+    for (size_t lane = 0; lane < lanes(); ++lane) {
+      part += double{parts[lane]} / kMicrofacets;
+      slope += double{part_slopes[lane]} / kMicrofacets;
+    }
   }
+  return {part, slope};
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE
@@ -66,7 +67,7 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace itn::tracer {
 
-HWY_EXPORT(follow_microfacets);
+HWY_EXPORT(going_on);
 
 namespace {
 
@@ -91,16 +92,8 @@ double mean(const float* table) {
 void add_lost(const RoughDielectric& boundary, bool inside, LostLight& table) {
   for (size_t k = 0; k < kCosines; ++k) {
     const float root = static_cast<float>(k) / (kCosines - 1);
-    double part = 0, slope = 0;
-    for (size_t row = 0; row < kRows; ++row) {
-      float parts[kInRow], slopes[kInRow];
-      HWY_DYNAMIC_DISPATCH(follow_microfacets)
-      (boundary, inside, std::max(root * root, 1e-4F), row, parts, slopes);
-      for (size_t column = 0; column < kInRow; ++column) {
-        part += double{parts[column]} / (kRows * kInRow);
-        slope += double{slopes[column]} / (kRows * kInRow);
-      }
-    }
+    const auto [part, slope] =
+        HWY_DYNAMIC_DISPATCH(going_on)(boundary, inside, std::max(root * root, 1e-4F));
     const size_t at = (inside ? kCosines : 0) + k;
     table.part[at] = static_cast<float>(std::clamp(1 - part, 1e-6, 1.0));
     table.slope[at] = static_cast<float>(-slope);

@@ -194,8 +194,8 @@ HWY_INLINE Vectors sample_microfacet(const RoughDielectric& boundary, const Cros
   return stretched(h, hn::Max(dot(h, n), set(1e-7F)));
 }
 
-HWY_INLINE BoundarySample sample(const RoughDielectric& boundary, const Crossing& at,
-                                 const Words& words) {
+HWY_INLINE BoundaryDraw draw(const RoughDielectric& boundary, const Crossing& at,
+                             const Words& words) {
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Floats u0 = uniform(words.w[0]), u1 = uniform(words.w[1]), u2 = uniform(words.w[2]);
   const Vectors m = sample_microfacet(boundary, at, u0, u1);
@@ -218,15 +218,8 @@ HWY_INLINE BoundarySample sample(const RoughDielectric& boundary, const Crossing
     o = if_then_else(more, spread, o);
     transmitted = hn::Or(hn::And(more, through), hn::AndNot(more, transmitted));
   }
-  const BoundaryValue drawn = evaluate(boundary, at, o);
   const Mask on_its_side = hn::Xor(transmitted, hn::Gt(dot(o, at.normal), zero));
-  const Mask possible = hn::And(on_its_side, hn::Gt(drawn.pdf, zero));
-  const Floats pdf = hn::Max(drawn.pdf, set(1e-20F));
-  return {o,
-          transmitted,
-          hn::IfThenElseZero(possible, hn::Div(drawn.value, pdf)),
-          pdf,
-          {drawn.scores[0]}};
+  return {o, transmitted, hn::IfThenElseZero(on_its_side, one)};
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -37,7 +37,8 @@ struct Rays {
 // ray's, whose interaction is that before it.
 struct Crossings {
   UintColumn triangle{};  // its number in the object's mesh
-  // Of unit length, outwards: of the triangle, and of the smooth surface that it stands for.
+  // Of unit length, outwards: of the triangle, and of the smooth surface that it stands for, unless
+  // all are flat.
   VectorColumn normal{}, smooth_normal{};
 };
 

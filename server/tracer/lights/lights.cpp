@@ -104,11 +104,8 @@ float Lights::weight(const LightSample& sample, size_t number) const {
 }
 
 LightSample Lights::sample(Vec3f from, const RandomWords& words, const RandomWords& more) const {
-  const auto one_lane = [](const RandomWords& w) {
-    return lanes::Words{lanes::set(w[0]), lanes::set(w[1]), lanes::set(w[2]), lanes::set(w[3])};
-  };
   const lanes::LightSamples draw =
-      lanes::sample(*this, lanes::set(from), one_lane(words), one_lane(more));
+      lanes::sample(*this, lanes::set(from), lanes::set(words), lanes::set(more));
   const float choice = hn::GetLane(lanes::uniform(lanes::set(words[0])));
   const auto chosen =
       std::ranges::find_if(lights_, [&](const Light& light) { return choice < light.cumulative; });

@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <charconv>
+#include <optional>
 
 #include "common/error.h"
 #include "common/fields.h"
@@ -27,6 +28,16 @@ bool read_indexed(std::string_view name, std::string_view prefix, std::string su
   const auto [end, error] = std::from_chars(name.data(), name.data() + name.size(), index);
   return error == std::errc{} && end == name.data() + name.size() &&
          (name.size() == 1 || name.front() != '0');
+}
+
+// The number of a slot of a list of kinds.
+template <typename Kinds>
+std::optional<uint32_t> slot_named(std::string_view name) {
+  const std::vector<Slot>& slots = slots_of<Kinds>();
+  for (uint32_t slot = 0; slot < slots.size(); ++slot) {
+    if (name == slots[slot].name) return slot;
+  }
+  return std::nullopt;
 }
 
 }  // namespace
@@ -64,14 +75,8 @@ Parameter parameter_named(std::string_view name) {
   for (const Parameter& parameter : medium_parameters()) {
     if (name == name_of(parameter)) return parameter;
   }
-  const std::vector<Slot>& phases = slots_of<PhaseFunction>();
-  for (uint32_t slot = 0; slot < phases.size(); ++slot) {
-    if (name == phases[slot].name) return {Parameter::kPhase, 0, slot};
-  }
-  const std::vector<Slot>& boundaries = slots_of<Boundary>();
-  for (uint32_t slot = 0; slot < boundaries.size(); ++slot) {
-    if (name == boundaries[slot].name) return {Parameter::kBoundary, 0, slot};
-  }
+  if (const auto slot = slot_named<PhaseFunction>(name)) return {Parameter::kPhase, 0, *slot};
+  if (const auto slot = slot_named<Boundary>(name)) return {Parameter::kBoundary, 0, *slot};
   uint32_t index = 0;
   const std::vector<Slot>& reflectances = slots_of<Reflectance>();
   for (uint32_t slot = 0; slot < reflectances.size(); ++slot) {

@@ -37,6 +37,9 @@ HWY_INLINE WideProduct multiply(Uints a, uint32_t constant) {
 struct Words {
   Uints w[4];
 };
+HWY_INLINE Words set(const RandomWords& words) {
+  return {{set(words[0]), set(words[1]), set(words[2]), set(words[3])}};
+}
 
 HWY_INLINE Words philox(Uints c0, Uints c1, Uints c2, Uints c3, uint64_t seed) {
   auto k0 = static_cast<uint32_t>(seed), k1 = static_cast<uint32_t>(seed >> 32);

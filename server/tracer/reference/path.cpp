@@ -119,10 +119,7 @@ class Walk {
     const CameraRay ray = scene_.camera_ray(x + double{u[0]}, y + double{u[1]});
     direction_ = ray.direction;
     at_ = {ray.origin, scene_.camera_inside, {}};
-    if (scene_.camera_inside) {  // see boundary/crossing-inl.h
-      const double index = relative_index(scene_.boundary);
-      weight_ = static_cast<float>(index * index);
-    }
+    weight_ = scene_.camera_weight;
   }
 
   // One free flight. As flights are memoryless, one path length serves for all the parts of the
@@ -231,10 +228,7 @@ class Walk {
       });
     }
     const RandomWords words = sampler_.words(vertex_, Sampler::kBoundary);
-    const BoundarySample next =
-        sample(scene_.boundary, at,
-               {HWY_NAMESPACE::set(words[0]), HWY_NAMESPACE::set(words[1]),
-                HWY_NAMESPACE::set(words[2]), HWY_NAMESPACE::set(words[3])});
+    const BoundarySample next = sample(scene_.boundary, at, HWY_NAMESPACE::set(words));
     at_.inside = leaving != AllTrue(HWY_NAMESPACE::FloatTag(), next.transmitted);
     direction_ = {GetLane(next.direction.x), GetLane(next.direction.y), GetLane(next.direction.z)};
     multiply_weight(GetLane(next.weight));

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <utility>
 
 #include "server/tracer/scene/object_pixels.h"
@@ -62,6 +63,7 @@ Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts)
       film(scene.film),
       camera_inside(contains(object->bounds, camera.origin()) &&
                     winding_number(object->mesh, camera.origin()) > 0.5),
+      camera_weight(camera_inside ? static_cast<float>(std::pow(relative_index(boundary), 2)) : 1),
       box(enlarged(obstacles.bounds)),
       film_box(camera.film_box(static_cast<Vec3d>(box.min), static_cast<Vec3d>(box.max))),
       parts_(parts),

@@ -53,7 +53,9 @@ struct Scene::Compiled {
   Lights lights;
   Camera camera;
   FilmDescription film;
-  bool camera_inside;        // the medium
+  bool camera_inside;  // the medium
+  // The radiance at the camera over that which paths count (boundary/crossing-inl.h).
+  float camera_weight;
   Bounds box;                // of the object, a little enlarged
   Camera::FilmBox film_box;  // of that box
 

@@ -22,6 +22,24 @@ namespace {
 using namespace tracer;
 constexpr Tracer kTracers[] = {Tracer::kWavefront, Tracer::kReference};
 
+// What a call is refused with; nothing if it is not.
+template <typename Call>
+std::string message_of(const Call& call) {
+  try {
+    call();
+    return "";
+  } catch (const Error& error) {
+    return error.what();
+  }
+}
+
+// Fresnel's reflectance, by the cosines on both sides.
+double reflectance(double cosine, double refracted, double index) {
+  const double r_s = (cosine - index * refracted) / (cosine + index * refracted);
+  const double r_p = (index * cosine - refracted) / (index * cosine + refracted);
+  return (r_s * r_s + r_p * r_p) / 2;
+}
+
 std::string name_of(Tracer tracer) {
   return tracer == Tracer::kWavefront ? "wavefront" : "reference";
 }
@@ -77,9 +95,17 @@ TEST(BoundaryTest, AMirrorOfNothingIsIndexMatchedInExpectation) {
 }
 
 // A slab between two mirrors of reflectance R, transmittance T and the dimming a = exp(-sigma_t d)
-// between them, without scattering: what comes back and what comes through are geometric series,
-// which together make
+// between them, without scattering, at sigma_t = 1: what comes back and what comes through are
+// geometric series, which together make
 //   L = R + T^2 a / (1 - R a),    dL/dsigma_t = -d T^2 a / (1 - R a)^2.
+struct BetweenMirrors {
+  double radiance, slope;
+};
+BetweenMirrors between_mirrors(double reflected, double passed, double length) {
+  const double a = std::exp(-length), back = 1 - reflected * a, through = passed * passed * a;
+  return {reflected + through / back, -length * through / (back * back)};
+}
+
 TEST(BoundaryTest, ReflectsBetweenTwoMirrors) {
   for (const auto& [reflected, absorbed] : {std::pair{0.4, 0.0}, {0.4, 0.2}, {0.0, 0.3}}) {
     SceneDescription description = slab();
@@ -87,11 +113,8 @@ TEST(BoundaryTest, ReflectsBetweenTwoMirrors) {
         PartialMirror{static_cast<float>(reflected), static_cast<float>(absorbed)};
     const Scene scene(std::move(description));
     for (const Tracer tracer : kTracers) {
-      const double passed = 1 - reflected - absorbed;
       const FilmEstimate film = estimate_film(scene, request_for(tracer, {1, 0, 0}, 2048), 32);
-      const double a = std::exp(-kChord);
-      const double expected = reflected + passed * passed * a / (1 - reflected * a);
-      const double slope = -kChord * passed * passed * a / std::pow(1 - reflected * a, 2);
+      const auto [expected, slope] = between_mirrors(reflected, 1 - reflected - absorbed, kChord);
       expect_equal(film.radiance, {expected, 0}, 12, name_of(tracer) + " radiance");
       expect_resolution(film.radiance, expected, 0.01, "radiance");
       expect_equal(film.derivatives[kSigmaT], {slope, 0}, 12, name_of(tracer) + " d / d sigma_t");
@@ -147,12 +170,8 @@ TEST(DielectricTest, ASlabThatAbsorbsReflectsAndRefracts) {
     description.boundary = Dielectric{static_cast<float>(index)};
     const Scene scene(std::move(description));
     const double refracted = std::sqrt(1 - std::pow(std::sin(angle) / index, 2));
-    const double r_s = (cosine - index * refracted) / (cosine + index * refracted);
-    const double r_p = (index * cosine - refracted) / (index * cosine + refracted);
-    const double reflected = (r_s * r_s + r_p * r_p) / 2, passed = 1 - reflected;
-    const double length = kChord / refracted, a = std::exp(-length);
-    const double expected = reflected + passed * passed * a / (1 - reflected * a);
-    const double slope = -length * passed * passed * a / std::pow(1 - reflected * a, 2);
+    const double reflected = reflectance(cosine, refracted, index);
+    const auto [expected, slope] = between_mirrors(reflected, 1 - reflected, kChord / refracted);
     for (const Tracer tracer : kTracers) {
       const std::string what = fmt::format("{} {} at {}", name_of(tracer), index, degrees);
       const FilmEstimate film = estimate_film(scene, request_for(tracer, {1, 0, 0}, 2048), 32);
@@ -199,9 +218,7 @@ TEST(DielectricTest, ASphereOfTrianglesIsASphere) {
     const double sine = std::hypot(x, y), theta = std::asin(sine);
     const double inside = std::asin(sine / kIndex), cosine = std::cos(theta),
                  refracted = std::cos(inside);
-    const double r_s = (cosine - kIndex * refracted) / (cosine + kIndex * refracted);
-    const double r_p = (kIndex * cosine - refracted) / (kIndex * cosine + refracted);
-    const double r = (r_s * r_s + r_p * r_p) / 2;
+    const double r = reflectance(cosine, refracted, kIndex);
     const auto light = [&](double turn) {
       return 1 - std::sin(turn) * y / sine;
     };  // towards the axis
@@ -275,6 +292,18 @@ TEST(DielectricTest, SlabsThatScatterByAddingDoubling) {
   }
 }
 
+// With all derivatives, each resolved by its own size, or by this part of the radiance: what the
+// image changes with the logarithm of the parameter at most.
+void expect_tracers_agree(const Scene& scene, RenderRequest request, int comparisons,
+                          const std::string& what, std::vector<double> parts) {
+  request.tracer = Tracer::kWavefront;
+  const FilmEstimate wavefront = estimate_film(scene, request, 32);
+  request.tracer = Tracer::kReference;
+  const FilmEstimate reference = estimate_film(scene, request, 32, 1000);
+  for (double& part : parts) part *= wavefront.radiance.mean;
+  expect_same_film(wavefront, reference, comparisons, what, parts);
+}
+
 // Both tracers, between surfaces and under a light that is not the same everywhere.
 TEST(DielectricTest, TracersAgree) {
   SceneDescription description = knot_on_ground(paper_sun_sky());
@@ -283,12 +312,7 @@ TEST(DielectricTest, TracersAgree) {
   RenderRequest request = request_for(Tracer::kWavefront, {5, 0.9, 0.3}, 2048);
   request.derivatives.push_back({Parameter::kReflectance, 0});
   request.derivatives.push_back({Parameter::kLightScale, 0});
-  const FilmEstimate wavefront = estimate_film(scene, request, 32);
-  request.tracer = Tracer::kReference;
-  const FilmEstimate reference = estimate_film(scene, request, 32, 1000);
-  // By what the image changes with the logarithms of sigma_t and g at most.
-  const double radiance = wavefront.radiance.mean;
-  expect_same_film(wavefront, reference, 6, "a dielectric knot", {radiance / 5, 0, radiance / 0.3});
+  expect_tracers_agree(scene, request, 6, "a dielectric knot", {1 / 5.0, 0, 1 / 0.3});
 }
 
 // A rough boundary under every kind of light that a path can, or cannot, find by itself.
@@ -309,12 +333,7 @@ TEST(RoughDielectricTest, TracersAgree) {
   request.derivatives.push_back(kRoughness);
   request.derivatives.push_back({Parameter::kReflectance, 0});
   request.derivatives.push_back({Parameter::kLightScale, 1});
-  const FilmEstimate wavefront = estimate_film(scene, request, 32);
-  request.tracer = Tracer::kReference;
-  const FilmEstimate reference = estimate_film(scene, request, 32, 1000);
-  const double radiance = wavefront.radiance.mean;
-  expect_same_film(wavefront, reference, 8, "a rough knot",
-                   {radiance / 5, 0, radiance / 0.3, radiance / 0.25});
+  expect_tracers_agree(scene, request, 8, "a rough knot", {1 / 5.0, 0, 1 / 0.3, 1 / 0.25});
 }
 
 // What the walk finds by itself, and what shadow rays find, are the same.
@@ -382,17 +401,12 @@ TEST(RoughDielectricTest, TheDerivativeInRoughnessEqualsFiniteDifferences) {
 }
 
 TEST(RoughDielectricTest, DerivativesAreOfTheBoundaryThatThereIs) {
-  const auto refused = [](Boundary boundary) -> std::string {
+  const auto refused = [](const Boundary& boundary) {
     SceneDescription description = slab();
     description.boundary = boundary;
     RenderRequest request;
     request.derivatives = {kRoughness};
-    try {
-      validate(request, Scene(std::move(description)));
-      return "";
-    } catch (const Error& error) {
-      return error.what();
-    }
+    return message_of([&] { validate(request, Scene(std::move(description))); });
   };
   EXPECT_EQ(refused(RoughDielectric{}), "");
   EXPECT_EQ(
@@ -401,13 +415,8 @@ TEST(RoughDielectricTest, DerivativesAreOfTheBoundaryThatThereIs) {
 }
 
 TEST(DielectricTest, WhatItCannotDoIsRefused) {
-  const auto refused = [](SceneDescription description) -> std::string {
-    try {
-      const Scene scene(std::move(description));
-      return "";
-    } catch (const Error& error) {
-      return error.what();
-    }
+  const auto refused = [](const SceneDescription& description) {
+    return message_of([&] { const Scene scene(description); });
   };
   SceneDescription description = slab();
   description.boundary = Dielectric{0.75F};

@@ -246,6 +246,7 @@ class LineFollower {
       line_crossings_.triangle[line] = triangle;
       line_crossings_.point.set(line, static_cast<Vec3f>(middle + in_cell));
       line_crossings_.normal.set(line, normal);
+      if (obstacles_.corner_normals.flat()) continue;
       line_crossings_.smooth_normal.set(
           line, obstacles_.corner_normals.at(triangle, part(sides.y), part(sides.z), normal));
     }
@@ -272,7 +273,9 @@ class LineFollower {
         write(values.z, to.z);
       };
       write_vectors(line_crossings_.normal, crossings.normal);
-      write_vectors(line_crossings_.smooth_normal, crossings.smooth_normal);
+      if (!obstacles_.corner_normals.flat()) {
+        write_vectors(line_crossings_.smooth_normal, crossings.smooth_normal);
+      }
       hn::ScatterIndex(load(line_crossings_.triangle, v), UintTag(), crossings.triangle.data(),
                        ray);
     }

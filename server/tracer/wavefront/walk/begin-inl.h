@@ -36,12 +36,8 @@ class PathSource {
     const PathSample& sample = samples_[next_];
     const CameraRay& ray = camera_rays_[next_];
     paths.begin(slot);
-    if (scene_.camera_inside) {  // see boundary/crossing-inl.h
-      const double index = relative_index(scene_.boundary);
-      for_each_column(paths.weights(), [&](FloatColumn& weight) {
-        weight[slot] *= static_cast<float>(index * index);
-      });
-    }
+    for_each_column(paths.weights(),
+                    [&](FloatColumn& weight) { weight[slot] *= scene_.camera_weight; });
     paths.pixel[slot] = sample.pixel;
     paths.sample[slot] = sample.sample;
     paths.expected[slot] = sample.expected;

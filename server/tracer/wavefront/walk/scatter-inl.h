@@ -96,11 +96,23 @@ HWY_INLINE void multiply_by_factor(Wavefront& wave, size_t i, const Vertices& ve
   }
 }
 
-// At the boundary: draws the next direction with its pdf, and which side it is on.
+// At a boundary that stops lines: draws the next direction with its pdf, and which side it is on.
+// Paths that rounding has trapped there are dropped.
 inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& direction,
                   Floats& pdf) {
   Paths& paths = wave.paths;
   const Mask where = vertices.at_boundary;
+  const Uints one = set(uint32_t{1});
+  const Uints count = hn::IfThenElseZero(for_uints(where), hn::Add(load(paths.crossings, i), one));
+  store(count, paths.crossings, i);
+  store(set(1.0F), paths.crossing_weight, i);
+  if (!vertices.any_at_boundary) return;
+  store(hn::IfThenElse(hn::Gt(count, set(kMaxConsecutiveCrossings)), one, load(paths.leaked, i)),
+        paths.leaked, i);
+  if (wave.boundary_is_delta) {
+    store(hn::IfThenElse(for_uints(where), one, load(paths.delta_bounce, i)), paths.delta_bounce,
+          i);
+  }
   const BoundarySample next = sample(wave.scene.boundary, vertices.crossing,
                                      random(wave, i, load(paths.vertex, i), Sampler::kBoundary));
   direction = if_then_else(where, next.direction, direction);
@@ -143,31 +155,13 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
     store(hn::Add(load(sum, i), score), sum, i);
     store(mul_add(score, load(paths.weight, i), load(control, i)), control, i);
   }
-  if (vertices.any_at_boundary) {
-    cross(wave, i, vertices, direction, pdf);
-  } else {
-    store(one, paths.crossing_weight, i);
-  }
+  const auto where = for_uints(vertices.where());
+  store(hn::IfThenZeroElse(where, load(paths.delta_bounce, i)), paths.delta_bounce, i);
+  if (wave.stops_at_boundary) cross(wave, i, vertices, direction, pdf);
   // Paths that have ended keep their direction: NaN would slow the lanes down.
   const Vectors before = load(paths.rays.direction, i);
   store(if_then_else(vertices.where(), direction, before), paths.rays.direction, i);
   store(pdf, paths.pdf, i);
-  const auto where = for_uints(vertices.where());
-  store(hn::IfThenZeroElse(where, load(paths.delta_bounce, i)), paths.delta_bounce, i);
-}
-
-// Counts the crossings of paths at the boundary, and drops those that rounding has trapped.
-inline void count_crossings(Wavefront& wave, size_t i, Mask at_boundary) {
-  Paths& paths = wave.paths;
-  const Uints one = set(uint32_t{1}), before = load(paths.crossings, i);
-  const Uints count = hn::IfThenElseZero(for_uints(at_boundary), hn::Add(before, one));
-  store(count, paths.crossings, i);
-  store(hn::IfThenElse(hn::Gt(count, set(kMaxConsecutiveCrossings)), one, load(paths.leaked, i)),
-        paths.leaked, i);
-  if (wave.boundary_is_delta) {
-    store(hn::IfThenElse(for_uints(at_boundary), one, load(paths.delta_bounce, i)),
-          paths.delta_bounce, i);
-  }
 }
 
 // What happens at the vertices of the paths in slots i, i + 1 ..., where there are any.
@@ -178,7 +172,6 @@ inline void scatter(Wavefront& wave, size_t i, Mask in_medium, Mask on_surface, 
     send_shadow_rays(wave, i, vertices);
   }
   sample_direction(wave, i, vertices);
-  if (wave.stops_at_boundary) count_crossings(wave, i, at_boundary);
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE
