@@ -84,14 +84,18 @@ std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCac
 }  // namespace
 
 size_t estimated_memory(const SceneDescription& description) {
-  constexpr size_t kByTriangleInEmbree = 250;   // and while its tree is built
-  constexpr size_t kByTriangleInChecks = 200;   // edges, parts
-  constexpr size_t kByTriangleInNormals = 120;  // of corners, and while they are computed
+  constexpr size_t kByTriangleInEmbree = 250;  // and while its tree is built
+  constexpr size_t kByTriangleInChecks = 200;  // edges, parts
   const size_t triangles = description.object.triangles.size();
   size_t sum = 0;
   if (!description.compiled_object) {
-    sum += kByTriangleInNormals * triangles + Grid::most_memory(triangles) +
-           DepthGrid::most_memory() + (kByTriangleInEmbree + kByTriangleInChecks) * triangles;
+    sum += Grid::most_memory(triangles) + DepthGrid::most_memory() +
+           (kByTriangleInEmbree + kByTriangleInChecks) * triangles;
+  }
+  if (description.smooth_angle > 0) {
+    constexpr size_t kByTriangleInNormals = 120;  // of corners, and while they are computed
+    const auto& compiled = description.compiled_object;
+    sum += kByTriangleInNormals * (compiled ? compiled->mesh.triangles.size() : triangles);
   }
   for (const DiffuseSurface& surface : description.surfaces) {
     constexpr size_t kCopies = 3;  // of the compiled scene, of both tracers

@@ -214,6 +214,20 @@ TEST(EstimatedMemoryTest, CoversTheSceneAndGrowsWithItsParts) {
   EXPECT_LT(all, 100U << 20);
 }
 
+// Normals are interpolated whether the object was compiled before or not, and only if asked for.
+TEST(EstimatedMemoryTest, CountsInterpolatedNormals) {
+  SceneDescription scene;
+  scene.object = make_shape("smooth_star");
+  const size_t normals = scene.object.triangles.size() * 3 * sizeof(Vec3f);
+  for (const bool compiled : {false, true}) {
+    if (compiled) scene.compiled_object = compile_object(make_shape("smooth_star"), "object");
+    scene.smooth_angle = 0;
+    const size_t flat = estimated_memory(scene);
+    scene.smooth_angle = 1;
+    EXPECT_GE(estimated_memory(scene), flat + normals);
+  }
+}
+
 // ---- Stopping --------------------------------------------------------------------------------
 
 double cpu_seconds(clockid_t clock) {
