@@ -29,7 +29,7 @@
 #include "common/rpc/status.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_file.h"
-#include "server/render/mesh_builder.h"
+#include "server/scene_compiler/mesh_builder.h"
 
 namespace itn {
 namespace {

@@ -33,8 +33,8 @@
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_file.h"
 #include "common/scene/text_proto.h"
-#include "server/render/derivatives.h"
-#include "server/render/mesh_builder.h"
+#include "server/scene_compiler/derivatives.h"
+#include "server/scene_compiler/mesh_builder.h"
 
 namespace itn {
 namespace {

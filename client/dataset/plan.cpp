@@ -18,7 +18,7 @@
 #include "common/low_discrepancy.h"
 #include "common/random.h"
 #include "common/scene/material_proto.h"
-#include "server/render/scene_builder.h"
+#include "server/scene_compiler/scene_builder.h"
 #include "server/tracer/lights/sun_sky_irradiance.h"
 
 namespace itn {

@@ -17,8 +17,8 @@
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"
-#include "server/render/mesh_builder.h"
-#include "server/render/scene_builder.h"
+#include "server/scene_compiler/mesh_builder.h"
+#include "server/scene_compiler/scene_builder.h"
 
 namespace itn {
 namespace {

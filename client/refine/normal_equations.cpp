@@ -19,7 +19,7 @@ struct Estimate {
   std::vector<Plane> derivatives;
 };
 
-Estimate estimate_of(const RenderEstimate& render, std::span<const uint32_t> pixels,
+Estimate estimate_of(const tracer::RenderEstimate& render, std::span<const uint32_t> pixels,
                      const Linearization& at) {
   Estimate estimate;
   for (const uint32_t p : pixels) estimate.radiance.push_back(at.exposure * render.radiance[p]);
@@ -186,7 +186,7 @@ std::vector<double> ImageEquations::smoothed(const std::vector<double>& values) 
 double ImageEquations::exposure(const Synthesis& synthesis) {
   if (pixels_.empty()) choose_pixels(synthesis.mask);
   double image = 0, render = 0;
-  for (const RenderEstimate& estimate : synthesis.estimates) {
+  for (const tracer::RenderEstimate& estimate : synthesis.estimates) {
     for (size_t i = 0; i < pixels_.size(); ++i) {
       image += image_[i];
       render += estimate.radiance[pixels_[i]];
@@ -203,7 +203,7 @@ ImageEquations::Residuals ImageEquations::evaluate(const Synthesis& synthesis, u
   const auto k_count = static_cast<double>(estimate_count);
 
   std::vector<Estimate> estimates;
-  for (const RenderEstimate& render : synthesis.estimates) {
+  for (const tracer::RenderEstimate& render : synthesis.estimates) {
     estimates.push_back(estimate_of(render, pixels_, at));
   }
   Residuals residuals;

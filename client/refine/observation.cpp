@@ -56,7 +56,7 @@ RenderJob render_job(const SynthesisQuery& query) {
 Synthesis to_synthesis(const v1::RenderGradReply& reply) {
   Synthesis synthesis;
   for (const v1::Estimate& estimate : reply.estimates()) {
-    RenderEstimate& to = synthesis.estimates.emplace_back();
+    tracer::RenderEstimate& to = synthesis.estimates.emplace_back();
     to.radiance = from_bytes<float>(estimate.radiance());
     for (const std::string& derivative : estimate.derivatives()) {
       to.derivatives.push_back(from_bytes<float>(derivative));

@@ -11,7 +11,7 @@
 
 #include "common/material.h"
 #include "common/scene/scene_bytes.h"
-#include "server/render/weighted_image_loss.h"
+#include "server/tracer/film/weighted_image_loss.h"
 
 namespace itn {
 
@@ -40,7 +40,7 @@ struct SynthesisQuery {
 
 struct Synthesis {
   // Independent of one another, at least 2; derivatives in sigma_t, albedo, g.
-  std::vector<RenderEstimate> estimates;
+  std::vector<tracer::RenderEstimate> estimates;
   std::vector<float> mask;  // part of each pixel that the object covers
   double cpu_seconds = 0;
 };

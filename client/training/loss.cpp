@@ -66,7 +66,7 @@ LossTerm RerenderingLoss::evaluate(const Batch& batch, const torch::Tensor& outp
                        .material = space_.material(row(predictions, i)),
                        .seed = derive_seed(seed_, {batch.step, i})});
   }
-  const std::vector<LossWithGradient> losses = rerendering_(queries);
+  const std::vector<tracer::LossWithGradient> losses = rerendering_(queries);
   // Carry the gradients back to the outputs.
   LossTerm term;
   term.gradient = torch::zeros_like(outputs);

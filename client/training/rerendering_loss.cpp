@@ -35,7 +35,7 @@ RerenderingEvaluator pool_rerendering(RenderPool& pool, const RerenderingSetting
     for (const RerenderingQuery& query : queries) {
       replies.push_back(pool.submit(render_job(query, settings)));
     }
-    std::vector<LossWithGradient> losses;
+    std::vector<tracer::LossWithGradient> losses;
     for (auto& future : replies) {
       const v1::RenderGradReply reply = wait_for_render(future, stop);
       losses.push_back(

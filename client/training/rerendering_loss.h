@@ -11,7 +11,7 @@
 
 #include "common/material.h"
 #include "common/scene/scene_bytes.h"
-#include "server/render/weighted_image_loss.h"
+#include "server/tracer/film/weighted_image_loss.h"
 
 namespace itn {
 
@@ -27,7 +27,7 @@ struct RerenderingQuery {
 // For each query an unbiased estimate of the loss and of its gradient in (sigma_t, albedo, g). May
 // throw Error.
 using RerenderingEvaluator =
-    std::function<std::vector<LossWithGradient>(std::span<const RerenderingQuery>)>;
+    std::function<std::vector<tracer::LossWithGradient>(std::span<const RerenderingQuery>)>;
 
 struct RerenderingSettings {
   uint32_t spp = 256;      // samples per pixel, over all estimates

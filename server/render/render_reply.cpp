@@ -7,8 +7,7 @@
 
 #include "common/error.h"
 #include "common/rpc/wire_array.h"
-#include "server/render/derivatives.h"
-#include "server/render/weighted_image_loss.h"
+#include "server/tracer/film/weighted_image_loss.h"
 
 namespace itn {
 namespace {
@@ -50,23 +49,23 @@ std::string image_bytes(const std::vector<float>& image) {
 
 // Of the image as it would be sent: 0 at the pixels that are not rendered.
 void fill_loss(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
-               const Derivatives& derivatives, v1::RenderGradReply& reply) {
-  const LossWithGradient loss = weighted_image_loss(from_bytes<float>(request.loss().image()),
-                                                    from_bytes<float>(request.loss().weight()),
-                                                    tracer::means(sums).estimates);
+               const DerivativeWeights& derivative_weights, v1::RenderGradReply& reply) {
+  const tracer::LossWithGradient loss = tracer::weighted_image_loss(
+      from_bytes<float>(request.loss().image()), from_bytes<float>(request.loss().weight()),
+      tracer::means(sums).estimates);
   reply.set_loss(finite(loss.value));
-  for (const std::vector<double>& weights : derivatives.weights) {
+  for (const std::vector<double>& weights : derivative_weights) {
     reply.add_loss_gradient(finite(combined(loss.gradient, weights)));
   }
 }
 
 void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
-                 const Derivatives& derivatives, v1::RenderGradReply& reply) {
+                 const DerivativeWeights& derivative_weights, v1::RenderGradReply& reply) {
   const tracer::RenderedImages images = tracer::means(sums);
   for (const auto& estimate : images.estimates) {
     v1::Estimate& proto = *reply.add_estimates();
     proto.set_radiance(image_bytes(estimate.radiance));
-    for (const std::vector<double>& weights : derivatives.weights) {
+    for (const std::vector<double>& weights : derivative_weights) {
       if (request.has_gradient()) {
         proto.add_gradient(finite(combined(estimate.gradient, weights)));
       } else {
@@ -85,15 +84,14 @@ void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& requ
 }  // namespace
 
 v1::RenderGradReply make_reply(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
-                               const Material& material) {
-  const Derivatives derivatives = derivatives_of(request, material);
+                               const DerivativeWeights& derivative_weights) {
   v1::RenderGradReply reply;
   reply.set_width(static_cast<uint32_t>(sums.width));
   reply.set_height(static_cast<uint32_t>(sums.height));
   if (request.has_loss()) {
-    fill_loss(sums, request, derivatives, reply);
+    fill_loss(sums, request, derivative_weights, reply);
   } else {
-    fill_images(sums, request, derivatives, reply);
+    fill_images(sums, request, derivative_weights, reply);
   }
   v1::Counters& counters = *reply.mutable_counters();
   counters.set_paths(sums.counters.paths);

@@ -2,14 +2,14 @@
 #pragma once
 
 #include "itn/v1/render.pb.h"
+#include "server/scene_compiler/derivatives.h"
 #include "server/tracer/render.h"
 
 namespace itn {
 
-// The reply to `request`, of the material that build_request makes of it: images, or a loss if it
-// asks for one. A loss needs the derivatives, throws Error (invalid input) where its image is
-// black.
+// The reply to `request`: images, or a loss if it asks for one. `derivative_weights`: see
+// BuiltRequest. A loss throws Error (invalid input) where its image is black.
 v1::RenderGradReply make_reply(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
-                               const Material& material);
+                               const DerivativeWeights& derivative_weights);
 
 }  // namespace itn

@@ -14,9 +14,8 @@
 #include "common/rpc/wire_array.h"
 #include "common/rpc/wire_check.h"
 #include "common/scene/scene_bytes.h"
-#include "server/render/memory_estimate.h"
 #include "server/render/render_reply.h"
-#include "server/render/weighted_image_loss.h"
+#include "server/tracer/film/weighted_image_loss.h"
 
 namespace itn {
 namespace {
@@ -51,7 +50,7 @@ class RenderService::RenderCall final : public QueuedCall {
  private:
   void accept(const grpc::ByteBuffer& bytes) override {
     parse_checked(bytes, "request", kElementLimits, request_);
-    asked_ = build_request(request_, service_.options_.limits);
+    built_ = build_request(request_, service_.options_.limits);
     if (request_.scene().empty()) {
       scene_ = service_.cache_.find(request_.scene_digest());
       if (!scene_) throw scene_not_held(request_.scene_digest());
@@ -62,26 +61,26 @@ class RenderService::RenderCall final : public QueuedCall {
   grpc::ByteBuffer work(std::stop_token stop) override {
     const SceneCache::ScenePtr scene = find_or_build_scene(stop);
     const RenderLimits& limits = service_.options_.limits;
-    tracer::validate(asked_, *scene);
-    const uint64_t map_pixels = tracer::map_pixels(asked_, *scene);
+    tracer::validate(built_.asked, *scene);
+    const uint64_t map_pixels = tracer::map_pixels(built_.asked, *scene);
     check_reply_size(scene->width(), scene->height(), request_, limits, map_pixels);
     const uint64_t pixels = pixel_count(scene->width(), scene->height(), request_);
     check_time(pixels);
     memory().resize(request_bytes_);  // the scene counts by itself as far as its cache is too small
-    memory().resize(request_bytes_ + film_memory(pixels, request_, asked_, map_pixels),
+    memory().resize(request_bytes_ + film_memory(pixels, request_, built_.asked, map_pixels),
                     service_.cache_.excess_of(*scene));
-    if (request_.has_loss() && asked_.pilot_spp > 0) {
-      asked_.sampling_weights = loss_sampling_weights(from_bytes<float>(request_.loss().image()),
-                                                      from_bytes<float>(request_.loss().weight()));
+    if (request_.has_loss() && built_.asked.pilot_spp > 0) {
+      built_.asked.sampling_weights = tracer::loss_sampling_weights(
+          from_bytes<float>(request_.loss().image()), from_bytes<float>(request_.loss().weight()));
     }
     phase_ = Phase::kRender;
     spdlog::debug("rendering {} of {}x{} pixels, {} spp", pixels, scene->width(), scene->height(),
-                  asked_.sample_count);
+                  built_.asked.sample_count);
     const tracer::FilmSums sums = tracer::render_grad(
-        *scene, asked_, {.threads = service_.options_.threads}, std::move(stop));
+        *scene, built_.asked, {.threads = service_.options_.threads}, std::move(stop));
     log(sums);
     paths_ = sums.counters.paths;
-    return serialized(make_reply(sums, request_, asked_.material));
+    return serialized(make_reply(sums, request_, built_.derivative_weights));
   }
 
   std::string_view method() const override { return "RenderGrad"; }
@@ -89,10 +88,10 @@ class RenderService::RenderCall final : public QueuedCall {
   std::string_view unit() const override { return "paths"; }
 
   std::string activity() const override {
-    const Material& m = asked_.material;
+    const Material& m = built_.asked.material;
     if (phase_ == Phase::kScene) return "building the scene";
     return fmt::format("rendering {} samples per pixel at sigma_t {:g}, albedo {:g}, g {:g}",
-                       asked_.sample_count, m.sigma_t, m.albedo, m.g);
+                       built_.asked.sample_count, m.sigma_t, m.albedo, m.g);
   }
 
   // Lets go of a scene that was found: it is in use until the render ends, not until the answer is
@@ -121,26 +120,27 @@ class RenderService::RenderCall final : public QueuedCall {
   void check_time(uint64_t pixels) const {
     constexpr double kPathsPerThreadSecond = 1e8;
     const double most = service_.options_.max_seconds;
-    const double paths = static_cast<double>(pixels) * asked_.sample_count;
+    const double paths = static_cast<double>(pixels) * built_.asked.sample_count;
     const double least = paths / (kPathsPerThreadSecond * service_.options_.threads);
-    if (most > 0 && asked_.pixels == tracer::Pixels::kAll && least > most) {
+    if (most > 0 && built_.asked.pixels == tracer::Pixels::kAll && least > most) {
       throw Error(
           ErrorKind::kLimit,
           fmt::format("{} samples of {} pixels take more than {:.0f} s; this worker gives a "
                       "request {:g} s (--max-seconds): ask for fewer at a time",
-                      asked_.sample_count, pixels, least, most));
+                      built_.asked.sample_count, pixels, least, most));
     }
   }
 
   void log(const tracer::FilmSums& sums) const {
-    const Material& m = asked_.material;
+    const Material& m = built_.asked.material;
     const tracer::Counters& counters = sums.counters;
     spdlog::debug("rendered {}x{}, {} spp, sigma_t {} albedo {} g {}: {:.2f} CPU-seconds, {} leaks",
-                  sums.width, sums.height, asked_.sample_count, m.sigma_t, m.albedo, m.g,
+                  sums.width, sums.height, built_.asked.sample_count, m.sigma_t, m.albedo, m.g,
                   counters.cpu_seconds, counters.leaks);
     if (counters.invalid_samples > 0) {
       spdlog::warn("dropped {} invalid samples of {} paths (seed {}, sigma_t {}, albedo {}, g {})",
-                   counters.invalid_samples, counters.paths, asked_.seed, m.sigma_t, m.albedo, m.g);
+                   counters.invalid_samples, counters.paths, built_.asked.seed, m.sigma_t, m.albedo,
+                   m.g);
     }
   }
 
@@ -150,7 +150,7 @@ class RenderService::RenderCall final : public QueuedCall {
   v1::RenderGradRequest request_;
   uint64_t request_bytes_ = 0;
   SceneCache::ScenePtr scene_;  // of a request that waits and names one: it stays until then
-  tracer::RenderRequest asked_;
+  BuiltRequest built_;
   uint64_t paths_ = 0;
   std::atomic<Phase> phase_ = Phase::kScene;
 };

@@ -9,8 +9,8 @@
 #include "common/rpc/metrics.h"
 #include "common/rpc/queued_call.h"
 #include "itn/v1/render.grpc.pb.h"
-#include "server/render/request_check.h"
 #include "server/render/scene_cache.h"
+#include "server/scene_compiler/request_builder.h"
 
 namespace itn {
 

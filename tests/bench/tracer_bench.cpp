@@ -28,10 +28,10 @@
 #include "common/learning/weight_map.h"
 #include "common/scene/scene_bytes.h"
 #include "server/render/render_reply.h"
-#include "server/render/request_check.h"
-#include "server/render/scene_builder.h"
 #include "server/render/scene_cache.h"
-#include "server/render/weighted_image_loss.h"
+#include "server/scene_compiler/request_builder.h"
+#include "server/scene_compiler/scene_builder.h"
+#include "server/tracer/film/weighted_image_loss.h"
 #include "server/tracer/render.h"
 #include "server/tracer/scene/compiled_scene.h"
 #include "tests/bench/tracer_bits.h"
@@ -147,7 +147,7 @@ struct Target {
   std::vector<float> image, weight, sampling_weights;
 };
 
-// The terms of the loss gradient, by pixel (see server/render/weighted_image_loss.h).
+// The terms of the loss gradient, by pixel (see server/tracer/film/weighted_image_loss.h).
 std::vector<double> gradient_terms(const RenderedImages& images, const Target& target,
                                    size_t coordinate) {
   const auto count = static_cast<double>(images.estimates.size());
@@ -188,7 +188,7 @@ Target make_target(const Scene& scene, const Material& material, int resolution)
   const RenderedImages images = means(render_grad(scene, request));
   Target target{images.estimates[0].radiance, {}, {}};
   target.weight = weight_map(resolution, resolution, target.image, images.mask);
-  target.sampling_weights = loss_sampling_weights(target.image, target.weight);
+  target.sampling_weights = tracer::loss_sampling_weights(target.image, target.weight);
   return target;
 }
 
@@ -488,11 +488,12 @@ void answer(const std::string& bytes, const v1::RenderGradRequest& request, Scen
           build_scene(parse_scene(bytes), RenderLimits(), &cache.parts()), cache.parts());
     });
   });
-  const RenderRequest asked = build_request(request, RenderLimits());
+  const BuiltRequest built = build_request(request, RenderLimits());
   steps.time("object pixels", [&] { return scene->compiled().object_pixels().size(); });
-  const FilmSums sums = steps.time("paths", [&] { return render_grad(*scene, asked); });
-  steps.time("reply",
-             [&] { return make_reply(sums, request, asked.material).SerializeAsString().size(); });
+  const FilmSums sums = steps.time("paths", [&] { return render_grad(*scene, built.asked); });
+  steps.time("reply", [&] {
+    return make_reply(sums, request, built.derivative_weights).SerializeAsString().size();
+  });
 }
 
 // What of a scene is new to the worker.

@@ -4,7 +4,7 @@
 #include "common/geometry/mesh_file.h"
 #include "common/geometry/shapes.h"
 #include "common/image/image.h"
-#include "server/render/scene_builder.h"
+#include "server/scene_compiler/scene_builder.h"
 #include "tests/fuzz/fuzz_target.h"
 #include "tests/fuzz/message_mutation.h"
 #include "tests/support/temporary_folder.h"

@@ -8,7 +8,7 @@
 #include "common/geometry/mesh.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/scene_bytes.h"
-#include "server/render/mesh_builder.h"
+#include "server/scene_compiler/mesh_builder.h"
 #include "tests/client/dataset/dataset_support.h"
 #include "tests/support/expect_error.h"
 

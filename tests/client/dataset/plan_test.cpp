@@ -11,7 +11,7 @@
 #include "client/dataset/dataset.h"
 #include "client/dataset/distribution.h"
 #include "common/vec.h"
-#include "server/render/scene_builder.h"
+#include "server/scene_compiler/scene_builder.h"
 #include "server/tracer/lights/sun_sky_irradiance.h"
 #include "tests/client/dataset/dataset_support.h"
 

@@ -89,7 +89,7 @@ class SyntheticModel {
     Gaussian1D gaussian(seed);
     const double noise = noise_ * std::sqrt(static_cast<double>(kEstimates) / spp);
     for (size_t k = 0; k < kEstimates; ++k) {
-      RenderEstimate& estimate = synthesis.estimates.emplace_back();
+      tracer::RenderEstimate& estimate = synthesis.estimates.emplace_back();
       estimate.derivatives.resize(3);
       for (size_t p = 0; p < kPixels; ++p) {
         const double exact = radiance(p, m), off = gaussian();

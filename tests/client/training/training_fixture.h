@@ -36,9 +36,9 @@ inline MaterialCoordinates derivatives(size_t p) {
   return {u * v / 100, 2 * u, 3 * v * v};
 }
 
-inline RenderEstimate render(const Material& m, double noise, uint64_t seed) {
+inline tracer::RenderEstimate render(const Material& m, double noise, uint64_t seed) {
   SplitMix random(seed);
-  RenderEstimate estimate;
+  tracer::RenderEstimate estimate;
   estimate.derivatives.resize(3);
   for (size_t p = 0; p < kPixels; ++p) {
     const double error = noise * (random.uniform() - 0.5);
@@ -50,12 +50,14 @@ inline RenderEstimate render(const Material& m, double noise, uint64_t seed) {
   return estimate;
 }
 
-inline std::vector<LossWithGradient> render_batch(std::span<const RerenderingQuery> queries) {
-  std::vector<LossWithGradient> result;
+inline std::vector<tracer::LossWithGradient> render_batch(
+    std::span<const RerenderingQuery> queries) {
+  std::vector<tracer::LossWithGradient> result;
   for (const RerenderingQuery& q : queries) {
-    const std::vector<RenderEstimate> estimates{render(q.material, 0.2, derive_seed(q.seed, {0})),
-                                                render(q.material, 0.2, derive_seed(q.seed, {1}))};
-    result.push_back(weighted_image_loss(q.image, q.weight, estimates));
+    const std::vector<tracer::RenderEstimate> estimates{
+        render(q.material, 0.2, derive_seed(q.seed, {0})),
+        render(q.material, 0.2, derive_seed(q.seed, {1}))};
+    result.push_back(tracer::weighted_image_loss(q.image, q.weight, estimates));
   }
   return result;
 }
@@ -85,7 +87,7 @@ class TrainingTest : public ::testing::Test {
       return image;
     };
     images_.derivatives = [this](size_t i) {
-      const RenderEstimate exact = render(images_.truth[i], 0, 0);
+      const tracer::RenderEstimate exact = render(images_.truth[i], 0, 0);
       DerivativeImages images;
       for (auto& estimate : images) std::ranges::copy(exact.derivatives, estimate.begin());
       return images;

@@ -26,11 +26,10 @@
 #include "common/rpc/wire_array.h"
 #include "common/scene/scene_bytes.h"
 #include "itn/v1/render.grpc.pb.h"
-#include "server/render/memory_estimate.h"
 #include "server/render/render_reply.h"
 #include "server/render/render_server.h"
-#include "server/render/request_check.h"
-#include "server/render/weighted_image_loss.h"
+#include "server/scene_compiler/request_builder.h"
+#include "server/tracer/film/weighted_image_loss.h"
 #include "tests/support/health.h"
 #include "tests/support/process.h"
 #include "tests/support/raw_call.h"
@@ -183,14 +182,14 @@ TEST(RenderService, AnswersWithLossAndGradient) {
   const std::vector<float> mask = from_bytes<float>(images.mask());
   std::vector<float> weight(pixels);
   for (size_t p = 0; p < pixels; ++p) weight[p] = static_cast<float>(p % 3) * (mask[p] > 0 ? 1 : 0);
-  std::vector<RenderEstimate> estimates;
+  std::vector<tracer::RenderEstimate> estimates;
   for (const v1::Estimate& e : images.estimates()) {
     estimates.push_back({from_bytes<float>(e.radiance()),
                          {from_bytes<float>(e.derivatives(0)), from_bytes<float>(e.derivatives(1)),
                           from_bytes<float>(e.derivatives(2))},
                          {}});
   }
-  const LossWithGradient expected = weighted_image_loss(image, weight, estimates);
+  const tracer::LossWithGradient expected = tracer::weighted_image_loss(image, weight, estimates);
 
   set_loss(request, image, weight);
   const Answer answer = client.call(request);
@@ -224,14 +223,14 @@ TEST(RenderService, CountsPixelsThatAreNotRenderedInTheLoss) {
   const v1::RenderGradReply images = client.call(request).reply;
   const size_t pixels = size_t{images.width()} * images.height();
   const std::vector<float> image(pixels, 5), weight(pixels, 1);
-  std::vector<RenderEstimate> estimates;
+  std::vector<tracer::RenderEstimate> estimates;
   for (const v1::Estimate& e : images.estimates()) {
     estimates.push_back(
         {from_bytes<float>(e.radiance()), {from_bytes<float>(e.derivatives(0))}, {}});
   }
   const auto dark = std::count(estimates[0].radiance.begin(), estimates[0].radiance.end(), 0.0F);
   ASSERT_GT(dark, 20);
-  const LossWithGradient expected = weighted_image_loss(image, weight, estimates);
+  const tracer::LossWithGradient expected = tracer::weighted_image_loss(image, weight, estimates);
   set_loss(request, image, weight);
   const Answer answer = client.call(request);
   ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
@@ -260,10 +259,11 @@ TEST(RenderService, PutsTheSamplesOfALossWhereItNeedsThem) {
   const Answer answer = client.call(request);
   ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
 
-  tracer::RenderRequest asked = build_request(request, {});
-  asked.sampling_weights = loss_sampling_weights(image, weight);
+  tracer::RenderRequest asked = build_request(request, {}).asked;
+  asked.sampling_weights = tracer::loss_sampling_weights(image, weight);
   const tracer::FilmSums sums = render_grad(scene, asked);
-  const LossWithGradient expected = weighted_image_loss(image, weight, means(sums).estimates);
+  const tracer::LossWithGradient expected =
+      tracer::weighted_image_loss(image, weight, means(sums).estimates);
   EXPECT_DOUBLE_EQ(answer.reply.loss(), expected.value);
   EXPECT_DOUBLE_EQ(answer.reply.loss_gradient(0), expected.gradient.at(0));
 }
@@ -294,8 +294,8 @@ TEST(RenderService, GivesDerivativesInTheScene) {
   const Answer loss = client.call(request);
   ASSERT_TRUE(loss.status.ok()) << loss.status.error_message();
   const tracer::Scene scene(build_scene(parse_scene(request.scene()), {}));
-  const LossWithGradient expected = weighted_image_loss(
-      image, weight, means(render_grad(scene, build_request(request, {}))).estimates);
+  const tracer::LossWithGradient expected = tracer::weighted_image_loss(
+      image, weight, means(render_grad(scene, build_request(request, {}).asked)).estimates);
   ASSERT_EQ(loss.reply.loss_gradient_size(), 3);
   EXPECT_DOUBLE_EQ(loss.reply.loss_gradient(2), expected.gradient.back());
 }
@@ -731,7 +731,7 @@ v1::RenderGradRequest request_of(uint64_t bytes, v1::Scene scene) {
   v1::RenderGradRequest request = small_request(1);
   request.clear_derivatives();
   request.set_estimates(1);
-  const uint64_t by_pixel = film_memory(1, request, build_request(with_scene(request), {}));
+  const uint64_t by_pixel = film_memory(1, request, build_request(with_scene(request), {}).asked);
   scene.mutable_film()->set_width(static_cast<uint32_t>(bytes / by_pixel / 64));
   scene.mutable_film()->set_height(64);
   return with_scene(request, scene);

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "common/scene/scene_bytes.h"
-#include "server/render/scene_builder.h"
+#include "server/scene_compiler/scene_builder.h"
 #include "server/tracer/render.h"
 #include "server/tracer/scene/compiled_scene.h"
 #include "tests/support/scenes.h"

@@ -13,11 +13,11 @@
 
 namespace itn {
 
-// Derivative i of the reply is
-// sum_j weights[i][j] d/d parameters[j].
+// Derivative i of the reply is sum_j weights[i][j] d/d parameters[j].
+using DerivativeWeights = std::vector<std::vector<double>>;
 struct Derivatives {
   std::vector<tracer::Parameter> parameters;  // no more than are needed
-  std::vector<std::vector<double>> weights;   // by derivative asked for, then by parameter
+  DerivativeWeights weights;
 };
 
 // How many a request asks for.

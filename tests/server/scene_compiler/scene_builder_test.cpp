@@ -1,6 +1,6 @@
-#include "server/render/scene_builder.h"
+#include "server/scene_compiler/scene_builder.h"
 
-#include "server/render/request_check.h"
+#include "server/scene_compiler/request_builder.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -535,7 +535,7 @@ TEST(RequestBuilder, TakesWhatTheRequestSays) {
   v1::RenderGradRequest request = request_of_any_scene();
   request.mutable_tile()->set_x(2);
   request.mutable_tile()->set_height(5);
-  const auto built = build_request(request, RenderLimits());
+  const tracer::RenderRequest built = build_request(request, RenderLimits()).asked;
   EXPECT_EQ(built.material, (Material{8, 0.9, 0.3}));
   EXPECT_EQ(built.sample_count, 8U);
   EXPECT_EQ(built.tile.value().x, 2U);
@@ -550,7 +550,7 @@ TEST(RequestBuilder, HasTheDocumentedDefaults) {
   request.clear_derivatives();
   request.clear_estimates();
   request.clear_seed();
-  const auto built = build_request(request, RenderLimits());
+  const tracer::RenderRequest built = build_request(request, RenderLimits()).asked;
   EXPECT_EQ(built.sample_count, 8U);
   EXPECT_FALSE(built.tile);
   EXPECT_EQ(built.seed, 0U);
@@ -564,7 +564,7 @@ TEST(RequestBuilder, TakesAPhaseFunction) {
   request.mutable_material()->clear_g();
   request.mutable_phase()->mutable_two_term()->set_weight(0.25F);
   request.add_scene_derivatives("two_term.weight");
-  const auto built = build_request(request, RenderLimits());
+  const tracer::RenderRequest built = build_request(request, RenderLimits()).asked;
   const auto phase = std::get<tracer::TwoTerm>(built.phase.value());
   EXPECT_EQ(phase.weight, 0.25F);
   EXPECT_EQ(phase.g_1, 0.8F);

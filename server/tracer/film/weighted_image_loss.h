@@ -5,13 +5,13 @@
 #include <span>
 #include <vector>
 
-#include "server/tracer/render.h"
+#include "server/tracer/film/film.h"
 
-namespace itn {
+namespace itn::tracer {
 
 // One estimate of the image T, and of its derivatives with respect to any parameters; all per
 // pixel.
-using RenderEstimate = tracer::RenderedImages::Estimate;
+using RenderEstimate = RenderedImages::Estimate;
 
 struct LossWithGradient {
   double value = 0;
@@ -41,7 +41,7 @@ struct LossWithGradient {
 LossWithGradient weighted_image_loss(std::span<const float> image, std::span<const float> weight,
                                      std::span<const RenderEstimate> estimates);
 
-// Where samples are needed for the gradient (tracer::RenderRequest::sampling_weights). The noise of
+// Where samples are needed for the gradient (RenderRequest::sampling_weights). The noise of
 // the term of pixel p, w_p^2 (T_p - I_p) dT_p, is that of T_p or dT_p times w_p^2 and dT_p or T_p -
 // I_p, and these are in proportion to T_p, more or less, which is about I_p:
 //
@@ -52,4 +52,4 @@ LossWithGradient weighted_image_loss(std::span<const float> image, std::span<con
 std::vector<float> loss_sampling_weights(std::span<const float> image,
                                          std::span<const float> weight);
 
-}  // namespace itn
+}  // namespace itn::tracer

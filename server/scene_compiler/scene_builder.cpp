@@ -1,4 +1,4 @@
-#include "server/render/scene_builder.h"
+#include "server/scene_compiler/scene_builder.h"
 
 #include <fmt/format.h>
 
@@ -8,8 +8,8 @@
 #include "common/rpc/wire_check.h"
 #include "common/scene/field_check.h"
 #include "common/scene/scene_bytes.h"
-#include "server/render/field_reader.h"
-#include "server/render/mesh_builder.h"
+#include "server/scene_compiler/field_reader.h"
+#include "server/scene_compiler/mesh_builder.h"
 
 namespace itn {
 namespace {

@@ -1,4 +1,4 @@
-#include "server/render/derivatives.h"
+#include "server/scene_compiler/derivatives.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>

@@ -1,4 +1,4 @@
-#include "server/render/field_reader.h"
+#include "server/scene_compiler/field_reader.h"
 
 #include <fmt/format.h>
 

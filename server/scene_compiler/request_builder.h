@@ -1,20 +1,24 @@
-// A render request but for its scene: what it asks for, checked.
+// A render request but for its scene: what it asks for, checked, and what that takes.
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 #include "itn/v1/render.pb.h"
-#include "server/render/scene_builder.h"
+#include "server/scene_compiler/derivatives.h"
+#include "server/scene_compiler/scene_builder.h"
 #include "server/tracer/request/request.h"
 
 namespace itn {
 
+struct BuiltRequest {
+  tracer::RenderRequest asked;
+  DerivativeWeights derivative_weights;  // of asked.derivatives
+};
+
 // Checks the request but for its scene. Its material has the mean cosine of its phase function.
 // This and the following throw Error as in common/scene/field_check.h.
-tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
-                                    const RenderLimits& limits);
-
-Material build_material(const v1::Material& material);
+BuiltRequest build_request(const v1::RenderGradRequest& request, const RenderLimits& limits);
 
 // Of the tile that is asked for, or of the film.
 uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request);
@@ -24,5 +28,11 @@ uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request
 // tracer::map_pixels.
 void check_reply_size(int width, int height, const v1::RenderGradRequest& request,
                       const RenderLimits& limits, uint64_t map_pixels = 0);
+
+// What a render takes of memory beside its scene, known before it is allocated, in bytes: the sums,
+// those of the pilot, the images that are made of them, and the reply. A little more than what is
+// taken.
+uint64_t film_memory(uint64_t pixels, const v1::RenderGradRequest& request,
+                     const tracer::RenderRequest& asked, uint64_t map_pixels = 0);
 
 }  // namespace itn

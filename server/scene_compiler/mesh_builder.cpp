@@ -1,4 +1,4 @@
-#include "server/render/mesh_builder.h"
+#include "server/scene_compiler/mesh_builder.h"
 
 #include <fmt/format.h>
 
@@ -10,7 +10,7 @@
 #include "common/geometry/shapes.h"
 #include "common/scene/field_check.h"
 #include "common/scene/scene_bytes.h"
-#include "server/render/field_reader.h"
+#include "server/scene_compiler/field_reader.h"
 #include "server/tracer/geometry/object.h"
 
 namespace itn {

@@ -1,4 +1,4 @@
-#include "server/render/derivatives.h"
+#include "server/scene_compiler/derivatives.h"
 
 #include <gtest/gtest.h>
 

@@ -1,17 +1,17 @@
-#include "server/render/request_check.h"
+#include "server/scene_compiler/request_builder.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "common/error.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/field_check.h"
 #include "common/scene/material_proto.h"
-#include "server/render/derivatives.h"
-#include "server/render/field_reader.h"
+#include "server/scene_compiler/field_reader.h"
 
 namespace itn {
 namespace {
@@ -100,22 +100,24 @@ void check_scene_fields(const v1::RenderGradRequest& request) {
   }
 }
 
-}  // namespace
+// Planned samples of a pixel, its place among those of the object, its sampling weight.
+constexpr uint64_t kPlanPerPixel = 64;
 
-Material build_material(const v1::Material& proto) {
-  const Material material = from_proto(proto);
-  validate(material);
-  return material;
+uint64_t sums_per_pixel(uint64_t estimates, uint64_t derivatives, uint64_t albedos) {
+  return estimates * (sizeof(uint32_t) + sizeof(int64_t) * (1 + derivatives + albedos)) +
+         2 * sizeof(int64_t);
 }
 
+}  // namespace
+
 // The ranges of what goes to the tracer as it is are checked there.
-tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
-                                    const RenderLimits& limits) {
+BuiltRequest build_request(const v1::RenderGradRequest& request, const RenderLimits& limits) {
   check_message(request, "request");
   check_scene_fields(request);
   if (!request.has_material()) throw missing("material");
   tracer::RenderRequest built;
-  built.material = build_material(request.material());
+  built.material = from_proto(request.material());
+  validate(built.material);
   build_phase(request, built);
   built.seed = request.seed();
   built.sample_count = request.spp();
@@ -123,7 +125,8 @@ tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
     const v1::Tile& tile = request.tile();
     built.tile = tracer::Tile{tile.x(), tile.y(), tile.width(), tile.height()};
   }
-  built.derivatives = derivatives_of(request, built.material).parameters;
+  Derivatives derivatives = derivatives_of(request, built.material);
+  built.derivatives = std::move(derivatives.parameters);
   check_loss(request);
   built.albedos.assign(request.albedos().begin(), request.albedos().end());
   built.pilot_spp = request.pilot_spp();
@@ -132,7 +135,7 @@ tracer::RenderRequest build_request(const v1::RenderGradRequest& request,
   built.estimates = std::max(request.estimates(), 1U);
   tracer::validate(built);
   within_limit("spp", request.spp(), limits.max_spp);
-  return built;
+  return {std::move(built), std::move(derivatives.weights)};
 }
 
 uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request) {
@@ -156,6 +159,25 @@ void check_reply_size(int width, int height, const v1::RenderGradRequest& reques
                             "most {}: ask for fewer pixels, estimates or derivatives",
                             bytes, limits.max_message_bytes));
   }
+}
+
+uint64_t film_memory(uint64_t pixels, const v1::RenderGradRequest& request,
+                     const tracer::RenderRequest& asked, uint64_t map_pixels) {
+  const uint64_t estimates = asked.estimates, albedos = asked.albedos.size();
+  const bool is_gradient = request.has_gradient();
+  const uint64_t derivatives = is_gradient ? 0 : asked.derivatives.size();
+  const uint64_t sums = sums_per_pixel(estimates, derivatives, albedos);
+  const auto images = [&](uint64_t derivative_images) {
+    return sizeof(float) * (estimates * (1 + derivative_images + albedos) + 2);
+  };
+  uint64_t bytes = kPlanPerPixel + sums;
+  if (asked.pilot_spp > 0) bytes += sums;
+  bytes += images(derivatives) + 3 * sizeof(double);  // of which those of the reply are combined
+  if (!request.has_loss()) bytes += 2 * images(derivative_images(request));
+  // Its weights, and its factors.
+  if (is_gradient) bytes += sizeof(float) * (2 + estimates);
+  const uint64_t bytes_of_map_pixel = estimates * (sizeof(int64_t) + 3 * sizeof(float));
+  return bytes * pixels + bytes_of_map_pixel * map_pixels;
 }
 
 }  // namespace itn
