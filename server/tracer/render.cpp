@@ -7,7 +7,6 @@
 #include "common/threads.h"
 #include "server/tracer/film/film_writer.h"
 #include "server/tracer/film/plan.h"
-#include "server/tracer/film/work_queue.h"
 #include "server/tracer/reference/path.h"
 #include "server/tracer/scene/compiled_scene.h"
 #include "server/tracer/wavefront/wavefront.h"

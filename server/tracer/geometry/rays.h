@@ -6,6 +6,10 @@
 
 namespace itn::tracer {
 
+// A shadow ray through more than this many mean free paths carries less than exp(-50) of its light,
+// which is below the rounding of any sum it could be added to.
+constexpr float kMaxOpticalDepth = 50;
+
 struct Rays {
   // In, and where it ended out (unless it escaped or leaked).
   VectorColumn position, direction;

@@ -36,6 +36,7 @@
 #include "common/error.h"
 #include "common/fields.h"
 #include "server/tracer/boundary/boundary.h"
+#include "server/tracer/geometry/rays.h"
 #include "server/tracer/phase/phase_function.h"
 #include "server/tracer/random/sampler.h"
 
@@ -53,10 +54,6 @@ using HWY_NAMESPACE::sample_cosine;
 using HWY_NAMESPACE::hn::GetLane;
 
 constexpr float kFloatPi = std::numbers::pi_v<float>;
-
-// A shadow ray through more than this many mean free paths carries less than exp(-50) of its light,
-// which is below the rounding of any sum it could be added to.
-constexpr float kMaxOpticalDepth = 50;
 
 // How many vertices of a path are visited between two looks at the stop token, the first look being
 // at its start: well under a millisecond.

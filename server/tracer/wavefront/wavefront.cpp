@@ -1,4 +1,30 @@
-// The wavefront, compiled for every instruction set of simd/targets.h, and chosen at run time.
+// Paths in stages: every path of the wavefront flies, then all interact, then all shadow rays are
+// traced, and so on. The algorithm is that of reference/path.cpp, where the estimators are derived;
+// what is added here to make it quicker or quieter is derived where it stands.
+//
+// The words of this folder:
+//   path        a random walk from the camera to the light, and what it has collected so far: a
+//               sample of a pixel (PathSample)
+//   vertex      where a path scatters, is reflected or is refracted; the camera is vertex 0
+//   slot        the number of a path while it is under way; when it ends, another takes its slot
+//   column      one number for every slot (columns.h): what is known of a path stands in the same
+//               slot of many columns (paths.h)
+//   lane        an instruction works on as many neighbouring slots as the processor has lanes: `i`
+//               is the first of these slots, and a Mask says which lanes are meant
+//   wavefront   the paths under way, in slots 0 .. count - 1, and what they go through
+//               (state-inl.h)
+//   stage       a function that takes all paths a step further; they are called in Walk::run
+//   flight      the straight way of a path to its next vertex, through a length in the medium that
+//               is drawn beforehand (flight-inl.h)
+//   shadow ray  the straight way from a vertex to a light, whose light it brings
+//               (shadow_rays-inl.h)
+//   ray, line   a ray is a straight way that is asked for, by a flight or to a light (rays.h); a
+//               line is what follows it, one of a few (lines/follow-inl.h)
+//   weight W    what light at the end of the path counts: the product of the factors along it
+//   score       the derivative of the logarithm of the path's density by a parameter
+//   delta bounce  the last vertex draws no shadow ray: light ahead counts whole
+//
+// It is compiled for every instruction set of simd/targets.h, and chosen at run time.
 // Multiplications and additions are fused where the code says so, not where the compiler likes
 // (-ffp-contract=off), so that every width computes the same bits.
 #include "server/tracer/simd/targets.h"
@@ -9,12 +35,89 @@
 // After foreach_target.h:
 #include <hwy/highway.h>
 
-#include "server/tracer/random/sampler.h"
-#include "server/tracer/wavefront/walk/walk-inl.h"
+#include <cstddef>
+#include <memory>
+#include <stop_token>
+
+#include "common/error.h"
+#include "server/tracer/wavefront/walk/begin-inl.h"
+#include "server/tracer/wavefront/walk/contribution-inl.h"
+#include "server/tracer/wavefront/walk/flight-inl.h"
+#include "server/tracer/wavefront/walk/roulette-inl.h"
+#include "server/tracer/wavefront/walk/scatter-inl.h"
+#include "server/tracer/wavefront/walk/shadow_rays-inl.h"
 #include "server/tracer/wavefront/wavefront.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
+
+// What happens at the ends of the flights: light is met, or the path is scattered,
+// reflected or refracted.
+inline void interact(Wavefront& wave) {
+  Paths& paths = wave.paths;
+  wave.shadow_rays.count = 0;
+  for (size_t i = 0; i < wave.count; i += lanes()) {
+    const Mask live = hn::FirstN(FloatTag(), wave.count - i);
+    const Uints end = hn::And(load(paths.rays.outcome, i), set(Rays::kEndMask));
+    const Mask scattered = equals(end, Rays::kInMedium), surface = equals(end, Rays::kSurface);
+    update_scores(wave, i, scattered);
+    const Mask escaped = hn::And(live, equals(end, Rays::kEscaped));
+    if (!hn::AllFalse(FloatTag(), escaped)) add_emission(wave, i, escaped);
+    const Uints one = set(uint32_t{1}), none = hn::Zero(UintTag());
+    store(hn::IfThenElse(for_uints(equals(end, Rays::kLeaked)), one, none), paths.leaked, i);
+    const Mask crossed = equals(end, Rays::kCrossing);
+    const Mask goes_on = hn::Or(hn::Or(scattered, surface), crossed);
+    store(hn::IfThenElse(for_uints(goes_on), one, none), paths.alive, i);
+    if (!hn::AllFalse(FloatTag(), hn::And(live, goes_on))) {
+      scatter(wave, i, hn::And(live, scattered), hn::And(live, surface), hn::And(live, crossed));
+    }
+  }
+}
+
+// One thread's walk through the samples of a queue.
+class Walk {
+ public:
+  Walk(const Scene::Compiled& scene, const RenderRequest& request, const RenderOptions& options,
+       WorkQueue& queue, FilmWriter& film)
+      : wave_(scene, request, options, film),
+        roulette_(scene, request, options.tuning),
+        source_(scene, request, options.switches, queue),
+        recorder_(request, wave_.paths, film) {}
+
+  void run(const std::stop_token& stop) {
+    fill();
+    while (wave_.count > 0) {
+      if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "the render was stopped");
+      sample_flights(wave_);
+      interact(wave_);
+      trace_shadow_rays(wave_);
+      russian_roulette(wave_, roulette_);
+      finish();
+    }
+  }
+
+ private:
+  void fill() {
+    while (wave_.count < kSlots && source_.begin_path(wave_.paths, wave_.count)) ++wave_.count;
+  }
+
+  // Records paths that have ended, and puts new ones in their place; where there are no more, the
+  // last path moves there.
+  void finish() {
+    for (size_t slot = wave_.count; slot-- > 0;) {
+      if (wave_.paths.alive[slot] != 0) continue;
+      recorder_.record(slot);
+      if (source_.begin_path(wave_.paths, slot)) continue;
+      --wave_.count;
+      if (slot != wave_.count) wave_.paths.move(wave_.count, slot);
+    }
+  }
+
+  Wavefront wave_;
+  const WalkRoulette roulette_;
+  PathSource source_;
+  PathRecorder recorder_;
+};
 
 void run_wavefront(const Scene::Compiled& scene, const RenderRequest& request,
                    const RenderOptions& options, WorkQueue& queue, FilmWriter& film,

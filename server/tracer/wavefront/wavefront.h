@@ -6,7 +6,7 @@
 #include <stop_token>
 
 #include "server/tracer/film/film_writer.h"
-#include "server/tracer/film/work_queue.h"
+#include "server/tracer/film/plan.h"
 #include "server/tracer/request/request.h"
 #include "server/tracer/scene/compiled_scene.h"
 

@@ -11,7 +11,7 @@
 #include <cstdint>
 
 #include "server/tracer/lights/environment_map.h"
-#include "server/tracer/lights/light-inl.h"
+#include "server/tracer/lights/lights-inl.h"
 #include "server/tracer/wavefront/walk/state-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -84,6 +84,34 @@ inline void add_to_map(Wavefront& wave, Vectors direction, Mask arrived, Floats 
       wave.film.add_to_map(wave.paths.pixel[slot[lane]], wave.paths.sample[slot[lane]],
                            static_cast<size_t>(pixel[lane]), double{part[lane]});
     }
+  }
+}
+
+// Light that walks meet by themselves, after leaving the scene.
+inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
+  const Paths& paths = wave.paths;
+  LightParts parts(wave.differentiated_lights);
+  const Emission light = emission(wave.scene.lights, load(paths.rays.direction, i), parts);
+  const Mask delta_bounce = not_zero(load(paths.delta_bounce, i));
+  const Floats pdf = load(paths.pdf, i);
+  Floats mis_weight = set(1.0F);
+  switch (wave.switches.techniques) {
+    case Switches::Techniques::kLightsOnly: mis_weight = hn::Zero(FloatTag()); break;
+    case Switches::Techniques::kPhaseOnly: break;
+    case Switches::Techniques::kBoth: mis_weight = hn::Div(pdf, hn::Add(pdf, light.pdf)); break;
+  }
+  mis_weight = hn::IfThenElse(delta_bounce, set(1.0F), mis_weight);
+  const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));
+  add_contribution(
+      wave, SlotRange{i}, radiance, [&] { return load(paths.score_sigma_t, i); },
+      [&](size_t s) { return load(paths.score_slots[s], i); },
+      [&](size_t l, Floats weight) {
+        return hn::IfThenElseZero(escaped, hn::Mul(hn::Mul(weight, parts.radiance[l]), mis_weight));
+      });
+  if (wave.differentiated_map != nullptr) {
+    const Ints slots = hn::Iota(IntTag(), static_cast<int32_t>(i));
+    add_to_map(wave, load(paths.rays.direction, i), escaped,
+               hn::Mul(load(paths.weight, i), mis_weight), slots);
   }
 }
 

@@ -6,7 +6,9 @@
 #include <tuple>
 #include <vector>
 
+#include "server/tracer/film/film_writer.h"
 #include "server/tracer/geometry/rays.h"
+#include "server/tracer/request/request.h"
 #include "server/tracer/simd/columns.h"
 
 namespace itn::tracer {
@@ -127,6 +129,28 @@ struct ShadowRays {
   std::vector<FloatColumn> parts_of_lights;  // of `light`, for the derivatives asked for in lights
   std::vector<FloatColumn> per_radiance;     // `light` by radiance, for a gradient in a panorama
   size_t count = 0;
+};
+
+// How paths that have ended get onto the film.
+class PathRecorder {
+ public:
+  // `paths` has the columns that the request needs.
+  PathRecorder(const RenderRequest& request, const Paths& paths, FilmWriter& film);
+
+  // Of the path in a slot.
+  void record(size_t slot);
+
+ private:
+  // Where a derivative is collected, and its control variate, if it has one.
+  struct DerivativeColumns {
+    const FloatColumn* collected;
+    const FloatColumn* control_variate = nullptr;
+  };
+
+  const Paths& paths_;
+  FilmWriter& film_;
+  PathEstimate estimate_;                       // of the path that is recorded
+  std::vector<DerivativeColumns> derivatives_;  // in the order of the request
 };
 
 }  // namespace itn::tracer

@@ -16,10 +16,6 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// A shadow ray through more than this many mean free paths carries less than exp(-50) of its light,
-// which is below the rounding of any sum it could be added to.
-constexpr float kMaxOpticalDepth = 50;
-
 // Where paths that are sent on have arrived.
 struct Vertices {
   Mask in_medium, on_surface, at_boundary;  // scatterings, diffuse reflections, crossings

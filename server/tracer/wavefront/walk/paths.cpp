@@ -1,4 +1,4 @@
-#include "server/tracer/wavefront/walk/path_recorder.h"
+#include "server/tracer/wavefront/walk/paths.h"
 
 #include "common/fields.h"
 
