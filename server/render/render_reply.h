@@ -7,8 +7,8 @@
 
 namespace itn {
 
-// The reply to `request`: images, or a loss if it asks for one. `derivative_weights`: see
-// BuiltRequest. A loss throws Error (invalid input) where its image is black.
+// The reply to `request`: images, or a loss if it asks for one. A loss throws Error (invalid input)
+// where its image is black. The weights are those of build_request.
 v1::RenderGradReply make_reply(const tracer::FilmSums& sums, const v1::RenderGradRequest& request,
                                const DerivativeWeights& derivative_weights);
 

@@ -103,6 +103,11 @@ void check_scene_fields(const v1::RenderGradRequest& request) {
 // Planned samples of a pixel, its place among those of the object, its sampling weight.
 constexpr uint64_t kPlanPerPixel = 64;
 
+// In bytes: estimates, mask and standard error.
+uint64_t images_per_pixel(uint64_t estimates, uint64_t derivatives, uint64_t albedos) {
+  return sizeof(float) * (estimates * (1 + derivatives + albedos) + 2);
+}
+
 uint64_t sums_per_pixel(uint64_t estimates, uint64_t derivatives, uint64_t albedos) {
   return estimates * (sizeof(uint32_t) + sizeof(int64_t) * (1 + derivatives + albedos)) +
          2 * sizeof(int64_t);
@@ -150,9 +155,8 @@ void check_reply_size(int width, int height, const v1::RenderGradRequest& reques
   const uint64_t albedos = request.albedos_size();
   const uint64_t pixels = pixel_count(width, height, request);
   if (request.has_loss()) check_target(request.loss(), width, height);
-  // Estimates, mask and standard error.
-  const uint64_t bytes_per_pixel = sizeof(float) * (estimates * (1 + derivatives + albedos) + 2);
-  const uint64_t bytes = bytes_per_pixel * pixels + sizeof(float) * estimates * map_pixels;
+  const uint64_t bytes = images_per_pixel(estimates, derivatives, albedos) * pixels +
+                         sizeof(float) * estimates * map_pixels;
   if (bytes > limits.max_message_bytes) {
     throw Error(ErrorKind::kLimit,
                 fmt::format("the images of the reply would take {} bytes; this worker sends at "
@@ -168,7 +172,7 @@ uint64_t film_memory(uint64_t pixels, const v1::RenderGradRequest& request,
   const uint64_t derivatives = is_gradient ? 0 : asked.derivatives.size();
   const uint64_t sums = sums_per_pixel(estimates, derivatives, albedos);
   const auto images = [&](uint64_t derivative_images) {
-    return sizeof(float) * (estimates * (1 + derivative_images + albedos) + 2);
+    return images_per_pixel(estimates, derivative_images, albedos);
   };
   uint64_t bytes = kPlanPerPixel + sums;
   if (asked.pilot_spp > 0) bytes += sums;
