@@ -89,6 +89,25 @@ materials {
 }
 )";
 
+// What has a surface and hardly absorbs, as wax, marble and milk, on a ground that may have a
+// pattern.
+constexpr std::string_view kGlossyAndBright =
+    R"(ground {
+  probability: 0.9
+  reflectance { uniform { min: 0.05 max: 0.8 } }
+  checkered: 0.3
+}
+boundary {
+  index { uniform { min: 1.3 max: 1.6 } }
+  roughness { log_uniform { min: 0.05 max: 0.5 } }
+}
+materials {
+  sigma_t { log_uniform { min: 20 max: 400 } }
+  albedo { complement_log_uniform { min: 0.3 max: 0.9999 } }
+  g { uniform { min: -0.1 max: 0.9 } }
+}
+)";
+
 // What lights them: fields of a LightChoice.
 constexpr std::string_view kSunAndSky =
     R"(  sun_sky {
@@ -119,6 +138,17 @@ constexpr std::string_view kFlash =
   }
 )";
 
+// The defaults of a lamp, in a room that is not quite dark.
+constexpr std::string_view kLamp =
+    R"(  lamp {
+    irradiance { fixed: 100 }
+    distance { log_uniform { min: 1.5 max: 10 } }
+    azimuth_degrees { uniform { min: 0 max: 360 } }
+    elevation_degrees { uniform { min: 15 max: 80 } }
+    ambient { log_uniform { min: 0.001 max: 0.02 } }
+  }
+)";
+
 // The defaults of a studio.
 constexpr std::string_view kStudio =
     R"(  studio {
@@ -144,13 +174,14 @@ struct WeightedLight {
 };
 
 // A dataset file of photographs under some lights; `about` is the comment it opens with.
-std::string photographs(std::string_view about, std::initializer_list<WeightedLight> lights) {
+std::string photographs(std::string_view about, std::initializer_list<WeightedLight> lights,
+                        std::string_view ground_and_material = kAnyGroundAndMaterial) {
   std::string file = fmt::format("# {}\n{}", about, kAnyPoseAndCamera);
   for (const auto& [weight, kind] : lights) {
     file += lights.size() == 1 ? fmt::format("lights {{\n{}}}\n", kind)
                                : fmt::format("lights {{\n  weight: {}\n{}}}\n", weight, kind);
   }
-  return file + std::string(kAnyGroundAndMaterial);
+  return file.append(ground_and_material);
 }
 
 v1::DatasetConfig parsed(std::string_view text, const std::string& name) {
@@ -197,6 +228,10 @@ void merge_defaults(Choices& file, Choices defaults) {
 void require_fraction(const char* name, double fraction) {
   require(fraction >= 0 && fraction < 1,
           fmt::format("the {} fraction is {}; it must be in [0, 1)", name, fraction));
+}
+
+void require_part(const std::string& name, double part) {
+  require(part >= 0 && part <= 1, fmt::format("{} is {}; it must be in [0, 1]", name, part));
 }
 
 void validate_samples(const v1::DatasetConfig& config) {
@@ -265,14 +300,21 @@ void validate_sun(const std::string& name, const v1::SunSkyChoice& sun) {
   require_apart(sun);
 }
 
+void validate_lamp(const std::string& name, const v1::LampChoice& lamp) {
+  validate(name + "irradiance", lamp.irradiance(), 0, kMaxIrradiance);
+  validate(name + "distance", lamp.distance(), 1, 1000);
+  validate(name + "azimuth_degrees", lamp.azimuth_degrees(), -kMaxAzimuth, kMaxAzimuth);
+  validate(name + "elevation_degrees", lamp.elevation_degrees(), 0, 90);
+  validate(name + "ambient", lamp.ambient(), 0, 10);
+}
+
 void validate_flash(const std::string& name, const v1::FlashChoice& flash) {
   validate(name + "irradiance", flash.irradiance(), 0, kMaxIrradiance);
   validate(name + "ambient", flash.ambient(), 0, 10);
 }
 
 void validate_emitter(const std::string& name, const v1::EmitterChoice& emitter) {
-  require(emitter.lamps() >= 0 && emitter.lamps() <= 1,
-          fmt::format("{}lamps is {}; it must be in [0, 1]", name, emitter.lamps()));
+  require_part(name + "lamps", emitter.lamps());
   validate(name + "azimuth_degrees", emitter.azimuth_degrees(), -kMaxAzimuth, kMaxAzimuth);
   validate(name + "elevation_degrees", emitter.elevation_degrees(), 0, 90);
   validate(name + "size_degrees", emitter.size_degrees(), 4, 120);
@@ -309,10 +351,29 @@ void validate_light(const std::string& field, const v1::LightChoice& light) {
     case v1::LightChoice::kStudio: return validate_studio(field + ".studio.", light.studio());
     case v1::LightChoice::kPanoramas:
       return validate_panoramas(field + ".panoramas.", light.panoramas());
+    case v1::LightChoice::kLamp: return validate_lamp(field + ".lamp.", light.lamp());
     case v1::LightChoice::KIND_NOT_SET: break;
   }
-  throw invalid_input(
-      fmt::format("{} says no light; it is a sun_sky, a flash, a studio or panoramas", field));
+  throw invalid_input(fmt::format(
+      "{} says no light; it is a sun_sky, a flash, a studio, panoramas or a lamp", field));
+}
+
+void validate_ground(const v1::GroundChoice& ground) {
+  require_part("ground.probability", ground.probability());
+  validate("reflectance", ground.reflectance(), 0, 1);
+  require_part("ground.checkered", ground.checkered());
+  if (ground.checkered() == 0) return;
+  validate("ground.other_reflectance", ground.other_reflectance(), 0, 1);
+  validate("ground.square", ground.square(), 0.01, 20);
+}
+
+void validate_boundary(const v1::BoundaryChoice& boundary) {
+  require_part("boundary.probability", boundary.probability());
+  validate("boundary.index", boundary.index(), 1.1, 2.5);
+  validate("boundary.roughness", boundary.roughness(), 0.001, 1);
+  require(boundary.smooth_angle_degrees() >= 0 && boundary.smooth_angle_degrees() <= 180,
+          fmt::format("boundary.smooth_angle_degrees is {}; it must be in [0, 180]",
+                      boundary.smooth_angle_degrees()));
 }
 
 // 0 where it is what it is.
@@ -321,6 +382,7 @@ v1::Distribution irradiance_of(const v1::LightChoice& light) {
     case v1::LightChoice::kFlash: return light.flash().irradiance();
     case v1::LightChoice::kStudio: return light.studio().irradiance();
     case v1::LightChoice::kPanoramas: return light.panoramas().irradiance();
+    case v1::LightChoice::kLamp: return light.lamp().irradiance();
     default: break;
   }
   return light.sun_sky().has_irradiance() ? light.sun_sky().irradiance() : fixed(0);
@@ -361,6 +423,12 @@ std::span<const DatasetPreset> dataset_presets() {
                                 "network that knows nothing of the light, or only how bright a "
                                 "white card is in it.",
                                 {{2, kSunAndSkyOfOneIrradiance}, {2, kStudio}, {1, kFlash}})},
+      DatasetPreset{
+          "glossy", "any light, near lamps too, on things with a surface that shines",
+          photographs("As `any`, and by lamps nearby, of what has a surface that reflects "
+                      "and refracts, and absorbs as little as milk or marble.",
+                      {{2, kSunAndSkyOfOneIrradiance}, {2, kStudio}, {1, kFlash}, {1, kLamp}},
+                      kGlossyAndBright)},
   };
   return kPresets;
 }
@@ -415,6 +483,12 @@ void set_defaults(v1::DatasetConfig& config) {
       parse_text_proto(std::string(kStudio), "studio", studio);
       merge_defaults(*light.mutable_studio(), studio.studio());
     }
+    if (light.has_lamp()) {
+      v1::LightChoice lamp;
+      parse_text_proto(std::string(kLamp), "lamp", lamp);
+      *lamp.mutable_lamp()->mutable_ambient() = fixed(0);
+      merge_defaults(*light.mutable_lamp(), lamp.lamp());
+    }
     if (light.has_panoramas()) {
       v1::PanoramaChoice panoramas;
       *panoramas.mutable_irradiance() = fixed(100);
@@ -428,6 +502,21 @@ void set_defaults(v1::DatasetConfig& config) {
     }
   }
   merge_defaults(config, defaults);
+  // What is absent of these stays so, as in datasets that know nothing of them.
+  if (config.has_boundary()) {
+    v1::BoundaryChoice boundary;
+    boundary.set_probability(1);
+    *boundary.mutable_index() = uniform(1.3, 1.6);
+    *boundary.mutable_roughness() = log_uniform(0.05, 0.5);
+    boundary.set_smooth_angle_degrees(30);
+    merge_defaults(*config.mutable_boundary(), boundary);
+  }
+  if (config.ground().checkered() > 0) {
+    v1::GroundChoice ground;
+    *ground.mutable_other_reflectance() = uniform(0.05, 0.8);
+    *ground.mutable_square() = log_uniform(0.1, 1);
+    merge_defaults(*config.mutable_ground(), ground);
+  }
   if (config.has_noise()) {
     v1::NoiseTarget noise;
     noise.set_min_spp(4);
@@ -461,10 +550,8 @@ void validate(const v1::DatasetConfig& config) {
   }
   require(std::ranges::count_if(config.lights(), &v1::LightChoice::has_panoramas) <= 1,
           "two lights are panoramas; one can be, of a folder that holds all of them");
-  require(
-      config.ground().probability() >= 0 && config.ground().probability() <= 1,
-      fmt::format("ground.probability is {}; it must be in [0, 1]", config.ground().probability()));
-  validate("reflectance", config.ground().reflectance(), 0, 1);
+  validate_ground(config.ground());
+  if (config.has_boundary()) validate_boundary(config.boundary());
   validate("sigma_t", config.materials().sigma_t(), kMinSigmaT, kMaxSigmaT);
   validate("albedo", config.materials().albedo(), 0, 1);
   validate("g", config.materials().g(), -kMaxAbsG, kMaxAbsG);

@@ -11,6 +11,7 @@ namespace itn {
 v1::Distribution fixed(double value);
 v1::Distribution uniform(double min, double max);
 v1::Distribution log_uniform(double min, double max);
+v1::Distribution complement_log_uniform(double min, double max);
 
 // Throws Error (invalid input) with the name unless all that can be drawn lies in [low, high].
 void validate(const std::string& name, const v1::Distribution& distribution, double low,
@@ -18,6 +19,9 @@ void validate(const std::string& name, const v1::Distribution& distribution, dou
 
 // The value at `u` in [0, 1) of a valid distribution: uniform numbers give the distribution.
 double quantile(const v1::Distribution& distribution, double u);
+
+// Of an interval: the density at `x`, without the factor that makes its integral 1.
+double density(const v1::Distribution& distribution, double x);
 
 // The least and the greatest value.
 v1::Interval range_of(const v1::Distribution& distribution);

@@ -61,6 +61,8 @@ void add_translation(v1::Mesh& mesh, Vec3d offset) {
 Vec3d add_object(v1::Scene& scene, const v1::DatasetItem& item, const v1::Triangles& triangles) {
   v1::Mesh& mesh = *scene.mutable_object()->mutable_mesh();
   *mesh.mutable_triangles() = triangles;
+  if (item.has_boundary()) *scene.mutable_object()->mutable_rough_dielectric() = item.boundary();
+  scene.mutable_object()->set_smooth_angle_degrees(item.smooth_angle_degrees());
   v1::Rotation rotation;  // none
   rotation.mutable_axis()->set_y(1);
   const Vec3d centre{0, heights_of(triangles, rotation, {}).max / 2, 0};
@@ -79,12 +81,17 @@ Vec3d add_object(v1::Scene& scene, const v1::DatasetItem& item, const v1::Triang
   return set_down;
 }
 
-void add_ground(v1::Scene& scene, float reflectance) {
+void add_ground(v1::Scene& scene, const v1::DatasetItem& item) {
+  if (!item.has_ground_reflectance() && !item.has_ground_checkerboard()) return;
   v1::Surface& ground = *scene.add_surfaces();
   ground.mutable_rectangle()->mutable_center();
   ground.mutable_rectangle()->mutable_half_u()->set_x(20);
   ground.mutable_rectangle()->mutable_half_v()->set_z(-20);
-  ground.set_reflectance(reflectance);
+  if (item.has_ground_checkerboard()) {
+    *ground.mutable_checkerboard() = item.ground_checkerboard();
+  } else {
+    ground.set_reflectance(item.ground_reflectance());
+  }
 }
 
 // From the object to the camera.
@@ -93,15 +100,33 @@ Vec3d camera_direction(const v1::ItemCamera& camera) {
   return {0, std::sin(pitch), -std::cos(pitch)};
 }
 
-// A flash is where the camera is, as far away as all lights.
+// Light from everywhere, `part` of what brings this irradiance.
+void add_ambient(v1::Scene& scene, float part, float irradiance) {
+  const double radiance = part * irradiance / std::numbers::pi;
+  if (radiance > 0) {
+    scene.add_lights()->mutable_constant()->set_radiance(static_cast<float>(radiance));
+  }
+}
+
+// A flash is where the camera is, and infinitely far away.
 void add_flash(v1::Scene& scene, const v1::Flash& flash, const v1::ItemCamera& camera) {
   v1::DirectionalLight& light = *scene.add_lights()->mutable_directional();
   *light.mutable_direction() = vec3_of(camera_direction(camera));
   light.set_irradiance(flash.irradiance());
-  const double ambient = flash.ambient() * flash.irradiance() / std::numbers::pi;
-  if (ambient > 0) {
-    scene.add_lights()->mutable_constant()->set_radiance(static_cast<float>(ambient));
-  }
+  add_ambient(scene, flash.ambient(), flash.irradiance());
+}
+
+// About the middle of the object.
+void add_lamp(v1::Scene& scene, const v1::Lamp& lamp, Vec3d middle) {
+  const double azimuth = lamp.azimuth_degrees() * kRadiansPerDegree;
+  const double elevation = lamp.elevation_degrees() * kRadiansPerDegree;
+  const Vec3d direction{std::cos(elevation) * std::sin(azimuth), std::sin(elevation),
+                        -std::cos(elevation) * std::cos(azimuth)};
+  const double metres = lamp.distance() / 1000;
+  v1::PointLight& light = *scene.add_lights()->mutable_point();
+  *light.mutable_position() = vec3_of(middle + direction * lamp.distance());
+  light.set_intensity(static_cast<float>(lamp.irradiance() * metres * metres));
+  add_ambient(scene, lamp.ambient(), lamp.irradiance());
 }
 
 // `pixels` are of irradiance 1.
@@ -113,10 +138,12 @@ void add_panorama(v1::Scene& scene, const v1::Panorama& panorama, const v1::Pixe
   map.set_rotate_y_degrees(panorama.azimuth_degrees());
 }
 
-void add_lights(v1::Scene& scene, const v1::DatasetItem& item, const v1::Pixels* panorama) {
+void add_lights(v1::Scene& scene, const v1::DatasetItem& item, const v1::Pixels* panorama,
+                Vec3d middle) {
   const v1::ItemLight& light = item.light();
   switch (light.kind_case()) {
     case v1::ItemLight::kFlash: return add_flash(scene, light.flash(), item.camera());
+    case v1::ItemLight::kLamp: return add_lamp(scene, light.lamp(), middle);
     case v1::ItemLight::kPanorama: return add_panorama(scene, light.panorama(), panorama);
     case v1::ItemLight::kStudio:
       *scene.add_lights()->mutable_environment_map()->mutable_pixels() =
@@ -165,8 +192,8 @@ v1::Scene scene_of(const v1::DatasetItem& item, const v1::Triangles& triangles, 
                    const v1::Pixels* panorama) {
   v1::Scene scene;
   const Vec3d middle = add_object(scene, item, triangles);
-  if (item.has_ground_reflectance()) add_ground(scene, item.ground_reflectance());
-  add_lights(scene, item, panorama);
+  add_ground(scene, item);
+  add_lights(scene, item, panorama, middle);
   add_camera(scene, item.camera(), middle);
   scene.mutable_film()->set_width(resolution);
   scene.mutable_film()->set_height(resolution);

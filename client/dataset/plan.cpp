@@ -42,7 +42,9 @@ enum Choice : uint64_t {
   kGround,
   kReflectance,
   kRenderSeed,
-  kPanoramaSplit
+  kPanoramaSplit,
+  kBoundary,
+  kCheckerboard
 };
 
 // --- Splits ---
@@ -307,6 +309,19 @@ v1::Panorama draw_panorama(const v1::PanoramaChoice& choice, const std::vector<s
   return panorama;
 }
 
+v1::Lamp draw_lamp(const v1::LampChoice& choice, uint64_t light, const Choices& choices) {
+  const auto draw = [&](uint64_t number, const v1::Distribution& distribution) {
+    return choices.draw(derive_seed(kLight, {light, number}), distribution);
+  };
+  v1::Lamp lamp;
+  lamp.set_irradiance(draw(0, choice.irradiance()));
+  lamp.set_distance(draw(1, choice.distance()));
+  lamp.set_azimuth_degrees(draw(2, choice.azimuth_degrees()));
+  lamp.set_elevation_degrees(draw(3, choice.elevation_degrees()));
+  lamp.set_ambient(draw(4, choice.ambient()));
+  return lamp;
+}
+
 v1::ItemLight draw_light(const v1::DatasetConfig& config, v1::Split split,
                          const PanoramaSplit& panoramas, const Choices& choices) {
   std::vector<double> weights;
@@ -325,9 +340,46 @@ v1::ItemLight draw_light(const v1::DatasetConfig& config, v1::Split split,
       *item.mutable_panorama() =
           draw_panorama(light.panoramas(), panoramas.names(split), kind, choices);
       break;
+    case v1::LightChoice::kLamp:
+      *item.mutable_lamp() = draw_lamp(light.lamp(), kind, choices);
+      break;
     default: *item.mutable_sun_sky() = draw_sun(light.sun_sky(), split, kind, choices);
   }
   return item;
+}
+
+// Squares that are turned about the origin.
+v1::Checkerboard draw_checkerboard(const v1::GroundChoice& ground, const Choices& choices) {
+  const auto branch = [](uint64_t number) { return derive_seed(kCheckerboard, {number}); };
+  const float side = choices.draw(branch(1), ground.square());
+  const double turn = 2 * std::numbers::pi * choices.number(branch(2));
+  const auto u = static_cast<float>(std::cos(turn)), v = static_cast<float>(std::sin(turn));
+  v1::Checkerboard board;
+  board.set_even(choices.draw(kReflectance, ground.reflectance()));
+  board.set_odd(choices.draw(branch(3), ground.other_reflectance()));
+  board.mutable_edge_u()->set_x(side * u);
+  board.mutable_edge_u()->set_z(side * v);
+  board.mutable_edge_v()->set_x(-side * v);
+  board.mutable_edge_v()->set_z(side * u);
+  return board;
+}
+
+void draw_ground(const v1::GroundChoice& ground, const Choices& choices, v1::DatasetItem& item) {
+  if (choices.number(kGround) >= ground.probability()) return;
+  if (choices.number(derive_seed(kCheckerboard, {0})) < ground.checkered()) {
+    *item.mutable_ground_checkerboard() = draw_checkerboard(ground, choices);
+  } else {
+    item.set_ground_reflectance(choices.draw(kReflectance, ground.reflectance()));
+  }
+}
+
+void draw_boundary(const v1::BoundaryChoice& choice, const Choices& choices,
+                   v1::DatasetItem& item) {
+  const auto branch = [](uint64_t number) { return derive_seed(kBoundary, {number}); };
+  if (choices.number(branch(0)) >= choice.probability()) return;
+  item.mutable_boundary()->set_index(choices.draw(branch(1), choice.index()));
+  item.mutable_boundary()->set_roughness(choices.draw(branch(2), choice.roughness()));
+  item.set_smooth_angle_degrees(choice.smooth_angle_degrees());
 }
 
 // All but the material; and the seed and the name, which are the item's own.
@@ -340,10 +392,8 @@ v1::DatasetItem draw_scene(const v1::DatasetConfig& config, v1::Split split,
   draw_pose(config.pose(), choices, item);
   *item.mutable_camera() = draw_camera(config.camera(), choices);
   *item.mutable_light() = draw_light(config, split, panoramas, choices);
-  const float reflectance = choices.draw(kReflectance, config.ground().reflectance());
-  if (choices.number(kGround) < config.ground().probability()) {
-    item.set_ground_reflectance(reflectance);
-  }
+  draw_ground(config.ground(), choices, item);
+  if (config.has_boundary()) draw_boundary(config.boundary(), choices, item);
   return item;
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "client/dataset/distribution.h"
 #include "common/learning/parameterization.h"
 
 namespace itn {
@@ -10,18 +11,6 @@ namespace {
 
 // Of g, over which the mean is taken.
 constexpr int kSteps = 1024;
-
-bool is_interval(const v1::Distribution& distribution) {
-  return distribution.has_uniform() || distribution.has_log_uniform();
-}
-
-// Of an interval, without the factor that makes it a density.
-double density(const v1::Distribution& distribution, double x) {
-  const v1::Interval& range =
-      distribution.has_uniform() ? distribution.uniform() : distribution.log_uniform();
-  if (x < range.min() || x > range.max()) return 0;
-  return distribution.has_uniform() ? 1 : 1 / x;
-}
 
 double determinant(const Jacobian& j) {
   return j[0][0] * (j[1][1] * j[2][2] - j[1][2] * j[2][1]) -
@@ -32,8 +21,7 @@ double determinant(const Jacobian& j) {
 // Similar materials are a curve along g. A step of it weighs what the distributions hold there: in
 // reduced coordinates, their density times the volume that the change of coordinates makes.
 Material mean_of_similar(const Material& material, const v1::MaterialChoice& materials) {
-  const v1::Interval& range =
-      materials.g().has_uniform() ? materials.g().uniform() : materials.g().log_uniform();
+  const v1::Interval range = range_of(materials.g());
   MaterialCoordinates at = to_coordinates(v1::SIMILARITY, material);
   Material sum{.sigma_t = 0, .albedo = 0, .g = 0};
   double weights = 0;
@@ -59,8 +47,8 @@ Material mean_of_similar(const Material& material, const v1::MaterialChoice& mat
 
 std::optional<std::vector<Material>> similarity_predictions(const LabelledImages& images,
                                                             const v1::MaterialChoice& materials) {
-  if (materials.sampling() == v1::MaterialChoice::GRID || !is_interval(materials.sigma_t()) ||
-      !is_interval(materials.albedo()) || !is_interval(materials.g())) {
+  if (materials.sampling() == v1::MaterialChoice::GRID || is_list(materials.sigma_t()) ||
+      is_list(materials.albedo()) || is_list(materials.g())) {
     return std::nullopt;
   }
   std::vector<Material> predictions;

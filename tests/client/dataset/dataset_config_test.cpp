@@ -22,12 +22,29 @@ TEST(Distribution, QuantilesAndRanges) {
   EXPECT_EQ(quantile(fixed(7), 0.3), 7);
   EXPECT_DOUBLE_EQ(quantile(uniform(2, 4), 0.25), 2.5);
   EXPECT_DOUBLE_EQ(quantile(log_uniform(1, 100), 0.5), 10);
+  EXPECT_NEAR(quantile(complement_log_uniform(0.9, 0.9999), 1.0 / 3), 0.99, 1e-12);
+  EXPECT_NEAR(quantile(complement_log_uniform(0, 0.9), 1), 0.9, 1e-12);
   EXPECT_EQ(quantile(list, 0), 3);
   EXPECT_EQ(quantile(list, 0.34), 1);
   EXPECT_EQ(quantile(list, 0.999999), 2);
   EXPECT_EQ(range_of(list).min(), 1);
   EXPECT_EQ(range_of(list).max(), 3);
   EXPECT_EQ(range_of(fixed(7)).max(), 7);
+}
+
+// A quantile's slope is the reciprocal of the density, but for one factor.
+TEST(Distribution, DensitiesAreThoseOfQuantiles) {
+  constexpr double kStep = 1e-4;
+  for (const v1::Distribution& distribution :
+       {uniform(2, 4), log_uniform(1, 100), complement_log_uniform(0.3, 0.9999)}) {
+    const auto factor = [&](double u) {
+      const double slope =
+          (quantile(distribution, u + kStep) - quantile(distribution, u - kStep)) / (2 * kStep);
+      return slope * density(distribution, quantile(distribution, u));
+    };
+    for (const double u : {0.01, 0.3, 0.99}) EXPECT_NEAR(factor(u) / factor(0.5), 1, 1e-4) << u;
+    EXPECT_EQ(density(distribution, range_of(distribution).max() + 1e-9), 0);
+  }
 }
 
 TEST(Distribution, SaysWhatIsWrong) {
@@ -41,8 +58,9 @@ TEST(Distribution, SaysWhatIsWrong) {
   expect("range of x is [4, 2]; its minimum must not exceed its maximum", uniform(4, 2));
   expect("range of x is [4, 20]; it must lie in [-1, 10]", uniform(4, 20));
   expect("logarithm needs a minimum above 0", log_uniform(0, 2));
+  expect("1 minus it needs a maximum below 1", complement_log_uniform(0, 1));
   expect("x is one of an empty list", list);
-  expect("one of fixed, uniform, log_uniform and one_of", {});
+  expect("one of fixed, uniform, log_uniform, one_of and complement_log_uniform", {});
 }
 
 TEST(DatasetConfig, PresetsAreValidAndReadBackEqual) {
@@ -71,6 +89,23 @@ TEST(DatasetConfig, WhatIsAbsentIsThePapers) {
   EXPECT_FALSE(config.lights(0).sun_sky().has_test_azimuth_degrees());  // as those of training
   EXPECT_EQ(config.lights(1).sun_sky().test_azimuth_degrees().one_of().value_size(), 6);
   EXPECT_EQ(config.lights(1).sun_sky().azimuth_degrees().one_of().value_size(), 4);
+}
+
+// Files without a surface, a lamp and a checkerboard mean what they did before there were any.
+TEST(DatasetConfig, WhatIsNotAskedForStaysAbsent) {
+  const v1::DatasetConfig paper = preset_config("paper");
+  EXPECT_FALSE(paper.has_boundary());
+  EXPECT_FALSE(paper.ground().has_square());
+  const v1::DatasetConfig config =
+      parsed("boundary { roughness { fixed: 0.2 } } ground { checkered: 0.5 } lights { lamp {} }");
+  EXPECT_EQ(config.boundary().probability(), 1);
+  EXPECT_EQ(config.boundary().roughness().fixed(), 0.2);
+  EXPECT_EQ(config.boundary().index().uniform().max(), 1.6);
+  EXPECT_EQ(config.boundary().smooth_angle_degrees(), 30);
+  EXPECT_EQ(config.ground().square().log_uniform().max(), 1);
+  EXPECT_EQ(config.ground().reflectance().fixed(), 0.5);
+  EXPECT_EQ(config.lights(0).lamp().distance().log_uniform().min(), 1.5);
+  EXPECT_EQ(config.lights(0).lamp().ambient().fixed(), 0);
 }
 
 TEST(DatasetConfig, WhatIsAbsentOfAStudioIsThePresets) {
@@ -151,6 +186,16 @@ TEST(DatasetConfig, SaysWhatIsOutOfRange) {
        "two lights are panoramas"},
       {"shapes { random { count: 1 } }", "shapes.random.count is 1"},
       {"lights { weight: 1 }", "lights[0] says no light"},
+      {"lights { lamp { distance { fixed: 0.5 } } }", "lights[0].lamp.distance is 0.5"},
+      {"lights { lamp { elevation_degrees { fixed: -1 } } }",
+       "lights[0].lamp.elevation_degrees is -1"},
+      {"boundary { probability: 1.5 }", "boundary.probability is 1.5; it must be in [0, 1]"},
+      {"boundary { index { fixed: 1 } }", "boundary.index is 1; it must be in [1.1, 2.5]"},
+      {"boundary { roughness { fixed: 0 } }", "boundary.roughness is 0; it must be in [0.001, 1]"},
+      {"boundary { smooth_angle_degrees: 181 }", "boundary.smooth_angle_degrees is 181"},
+      {"ground { checkered: 2 }", "ground.checkered is 2"},
+      {"ground { checkered: 1 square { fixed: 0 } }", "ground.square is 0"},
+      {"ground { checkered: 1 other_reflectance { fixed: 2 } }", "ground.other_reflectance is 2"},
       {"pose { turned: -1 }", "weights of pose"},
       {"ground { probability: 2 }", "ground.probability is 2"},
       {"camera { pitch_degrees { fixed: 90 } }", "pitch_degrees is 90"},

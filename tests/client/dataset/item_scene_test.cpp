@@ -99,6 +99,41 @@ TEST(ItemScene, AFlashIsWhereTheCameraIs) {
   EXPECT_NEAR(scene.lights(1).constant().radiance(), 5 / std::numbers::pi, 1e-5);
 }
 
+// A lamp of 8 W/m^2 at 5 mm: 8 (0.005)^2 W/sr, from the middle of the object.
+TEST(ItemScene, ALampStandsAboutTheMiddle) {
+  v1::DatasetItem item = upright_item();
+  v1::Lamp& lamp = *item.mutable_light()->mutable_lamp();
+  lamp.set_irradiance(8);
+  lamp.set_distance(5);
+  lamp.set_azimuth_degrees(90);
+  lamp.set_elevation_degrees(30);
+  lamp.set_ambient(0.5F);
+  const v1::Scene scene = scene_of(item, triangles_of("cube"), 64);
+  ASSERT_EQ(scene.lights_size(), 2);
+  const v1::PointLight& light = scene.lights(0).point();
+  EXPECT_NEAR(light.position().x(), 5 * std::sqrt(0.75), 1e-5);
+  EXPECT_NEAR(light.position().y(), 0.5 + 2.5, 1e-5);
+  EXPECT_NEAR(light.position().z(), 0, 1e-5);
+  EXPECT_NEAR(light.intensity(), 2e-4, 1e-9);
+  EXPECT_NEAR(scene.lights(1).constant().radiance(), 4 / std::numbers::pi, 1e-5);
+}
+
+TEST(ItemScene, HasTheSurfaceAndTheGroundOfTheItem) {
+  v1::DatasetItem item = upright_item();
+  item.mutable_boundary()->set_index(1.4F);
+  item.mutable_boundary()->set_roughness(0.3F);
+  item.set_smooth_angle_degrees(40);
+  item.clear_ground_reflectance();
+  item.mutable_ground_checkerboard()->set_odd(0.7F);
+  const v1::Scene scene = scene_of(item, triangles_of("cube"), 64);
+  EXPECT_EQ(scene.object().rough_dielectric().index(), 1.4F);
+  EXPECT_EQ(scene.object().rough_dielectric().roughness(), 0.3F);
+  EXPECT_EQ(scene.object().smooth_angle_degrees(), 40);
+  ASSERT_EQ(scene.surfaces_size(), 1);
+  EXPECT_EQ(scene.surfaces(0).checkerboard().odd(), 0.7F);
+  EXPECT_FALSE(scene.surfaces(0).has_reflectance());
+}
+
 // Offsets move the object in the image: to the right, and upwards.
 TEST(ItemScene, OffsetsAreThoseOfTheImage) {
   v1::DatasetItem item = upright_item();

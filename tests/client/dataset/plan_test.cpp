@@ -145,6 +145,35 @@ const Numbers& outdoor_numbers() {
   return kNumbers;
 }
 
+// Of a thing with a surface, on squares, by a lamp.
+const Numbers& glossy_numbers() {
+  static const Numbers kNumbers = {
+      {"shape", [](const auto& i) { return std::stod(i.shape().substr(5)); }},
+      {"albedo", [](const auto& i) { return i.material().albedo(); }},
+      {"pitch", [](const auto& i) { return i.camera().pitch_degrees(); }},
+      {"index", [](const auto& i) { return i.boundary().index(); }},
+      {"roughness", [](const auto& i) { return i.boundary().roughness(); }},
+      {"even", [](const auto& i) { return i.ground_checkerboard().even(); }},
+      {"odd", [](const auto& i) { return i.ground_checkerboard().odd(); }},
+      {"square",
+       [](const auto& i) {
+         const v1::Vec3& edge = i.ground_checkerboard().edge_u();
+         return std::hypot(edge.x(), edge.z());
+       }},
+      {"turn",
+       [](const auto& i) {
+         const v1::Vec3& edge = i.ground_checkerboard().edge_u();
+         return std::atan2(edge.z(), edge.x());
+       }},
+      {"irradiance", [](const auto& i) { return i.light().lamp().irradiance(); }},
+      {"lamp distance", [](const auto& i) { return i.light().lamp().distance(); }},
+      {"azimuth", [](const auto& i) { return i.light().lamp().azimuth_degrees(); }},
+      {"elevation", [](const auto& i) { return i.light().lamp().elevation_degrees(); }},
+      {"ambient", [](const auto& i) { return i.light().lamp().ambient(); }},
+  };
+  return kNumbers;
+}
+
 // Of a studio with two soft boxes.
 const Numbers& studio_numbers() {
   static const Numbers kNumbers = [] {
@@ -256,6 +285,48 @@ TEST(DatasetPlan, EveryChoiceIsIndependentOfEveryOther) {
   std::vector<v1::DatasetItem> items;
   for (uint64_t i = 1000; i < 7000; ++i) items.push_back(plan_item(config, shapes, i));
   expect_independent(items, outdoor_numbers());
+}
+
+TEST(DatasetPlan, EveryChoiceOfSurfaceLampAndCheckerboardIsIndependentOfEveryOther) {
+  v1::DatasetConfig config = training_alone("glossy");
+  config.clear_lights();
+  v1::LampChoice& lamp = *config.add_lights()->mutable_lamp();
+  *lamp.mutable_irradiance() = uniform(10, 100);
+  *lamp.mutable_ambient() = uniform(0, 1);
+  config.mutable_ground()->set_probability(1);
+  config.mutable_ground()->set_checkered(1);
+  set_defaults(config);
+  const ShapeSplit shapes = split_shapes(config, nameless(64));
+  std::vector<v1::DatasetItem> items;
+  for (uint64_t i = 1000; i < 7000; ++i) items.push_back(plan_item(config, shapes, i));
+  expect_independent(items, glossy_numbers());
+}
+
+// A surface that all have, or a pattern of some grounds, changes nothing else that is drawn.
+TEST(DatasetPlan, SurfacesAndPatternsAreDrawnBesideTheRest) {
+  const v1::DatasetConfig plain = training_alone("outdoor");
+  v1::DatasetConfig config = plain;
+  config.mutable_boundary()->set_probability(0.75);
+  config.mutable_ground()->set_checkered(0.25);
+  set_defaults(config);
+  const ShapeSplit shapes = split_shapes(config, nameless(3));
+  int boundaries = 0, grounds = 0, checkered = 0;
+  for (uint64_t i = 0; i < 6400; ++i) {
+    v1::DatasetItem item = plan_item(config, shapes, i);
+    boundaries += item.has_boundary() ? 1 : 0;
+    EXPECT_EQ(item.smooth_angle_degrees(), item.has_boundary() ? 30 : 0);
+    item.clear_boundary();
+    item.clear_smooth_angle_degrees();
+    if (item.has_ground_checkerboard()) {
+      ++checkered;
+      item.set_ground_reflectance(item.ground_checkerboard().even());
+      item.clear_ground_checkerboard();
+    }
+    grounds += item.has_ground_reflectance() ? 1 : 0;
+    EXPECT_EQ(item.SerializeAsString(), plan_item(plain, shapes, i).SerializeAsString()) << i;
+  }
+  EXPECT_EQ(boundaries, 4800);
+  EXPECT_NEAR(checkered, 0.25 * grounds, 4 * std::sqrt(0.1875 * grounds));
 }
 
 TEST(DatasetPlan, EveryChoiceOfAStudioIsIndependentOfEveryOther) {
