@@ -5,6 +5,8 @@
 //                     exits in one go
 //   kDelta            whether the directions that it draws have no density
 //   relative_index()  of refraction, of the medium, relative to what is around it
+//   refraction_spread()  unless it is a delta: of light that comes in on a line, how wide it is
+//                     inside, the median angle in radians, roughly
 //   compile()         itself with what it computes beforehand
 // and computes, for many paths at a time (boundary/crossing-inl.h),
 //   draw(kind, crossing, words)       how they go on
@@ -12,7 +14,8 @@
 //
 // At a boundary that stops lines, a crossing is a vertex of the path. Shadow rays end there and
 // bring nothing, as the straight line to the light is not a path of light: only from vertices
-// outside are any sent, those at the boundary among them unless it is a delta. Behind a delta
+// outside are any sent, those at the boundary among them unless it is a delta. From scatterings
+// inside, the wavefront sends some that are refracted. Behind a delta
 // nothing competes with the walk for the light that it meets, and no weight of multiple importance
 // sampling applies. A light that is a delta is not seen through it: such a scene is refused.
 //
@@ -41,6 +44,17 @@ inline bool stops_lines(const Boundary& boundary) {
 }
 inline bool is_delta(const Boundary& boundary) {
   return std::visit([](const auto& kind) { return kind.kDelta; }, boundary);
+}
+// 0 of a delta.
+inline double refraction_spread(const Boundary& boundary) {
+  return std::visit(
+      []<typename Kind>(const Kind& kind) -> double {
+        if constexpr (Kind::kDelta)
+          return 0;
+        else
+          return kind.refraction_spread();
+      },
+      boundary);
 }
 inline Boundary compile(const Boundary& boundary) {
   return std::visit([](const auto& kind) -> Boundary { return kind.compile(); }, boundary);

@@ -45,6 +45,7 @@ struct RoughDielectric {
 
   static constexpr bool kStopsLines = true, kDelta = false;
   double relative_index() const { return double{index}; }
+  double refraction_spread() const { return double{roughness} * (1 - 1 / double{index}); }
 };
 
 }  // namespace itn::tracer

@@ -44,7 +44,7 @@ using RandomWords = std::array<uint32_t, 4>;
 // The random numbers of one sample of one pixel.
 class Sampler {
  public:
-  enum Purpose : uint32_t { kFilm, kWalk, kShadowRay, kMap, kSequence, kBoundary };
+  enum Purpose : uint32_t { kFilm, kWalk, kShadowRay, kMap, kSequence, kBoundary, kRefraction };
 
   Sampler(uint64_t seed, uint32_t pixel, uint32_t sample)
       : key_{static_cast<uint32_t>(seed), static_cast<uint32_t>(seed >> 32)},

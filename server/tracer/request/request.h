@@ -99,6 +99,8 @@ struct Switches {
   bool stratified = true;
   // Samples where the pilot finds the noise; else as many in every pixel.
   bool adaptive = true;
+  // Shadow rays through boundaries that are not deltas.
+  bool refracted_shadow_rays = true;
 };
 
 // Roulette as path tracers usually play it, and the reference always: from this vertex on, paths

@@ -66,6 +66,23 @@ HWY_INLINE void store(Vectors v, VectorColumn& column, size_t i) {
   store(v.z, column.z, i);
 }
 
+// Puts those of some lanes behind one another, from number `at` on.
+struct Append {
+  Mask where;
+  size_t at;
+  HWY_INLINE void operator()(Floats v, FloatColumn& column) const {
+    hn::CompressStore(v, where, FloatTag(), column.data() + at);
+  }
+  HWY_INLINE void operator()(Vectors v, VectorColumn& column) const {
+    (*this)(v.x, column.x);
+    (*this)(v.y, column.y);
+    (*this)(v.z, column.z);
+  }
+  HWY_INLINE void operator()(Uints v, UintColumn& column) const {
+    hn::CompressStore(v, for_uints(where), UintTag(), column.data() + at);
+  }
+};
+
 }  // namespace itn::tracer::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 

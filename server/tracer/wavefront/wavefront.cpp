@@ -18,6 +18,8 @@
 //               is drawn beforehand (flight-inl.h)
 //   shadow ray  the straight way from a vertex to a light, whose light it brings
 //               (shadow_rays-inl.h)
+//   refracted shadow ray  one that is sent towards the boundary, which bends it to a light
+//               (refracted_rays-inl.h)
 //   ray, line   a ray is a straight way that is asked for, by a flight or to a light (rays.h); a
 //               line is what follows it, one of a few (lines/follow-inl.h)
 //   weight W    what light at the end of the path counts: the product of the factors along it
@@ -43,6 +45,7 @@
 #include "server/tracer/wavefront/walk/begin-inl.h"
 #include "server/tracer/wavefront/walk/contribution-inl.h"
 #include "server/tracer/wavefront/walk/flight-inl.h"
+#include "server/tracer/wavefront/walk/refracted_rays-inl.h"
 #include "server/tracer/wavefront/walk/roulette-inl.h"
 #include "server/tracer/wavefront/walk/scatter-inl.h"
 #include "server/tracer/wavefront/walk/shadow_rays-inl.h"
@@ -55,7 +58,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 // reflected or refracted.
 inline void interact(Wavefront& wave) {
   Paths& paths = wave.paths;
-  wave.shadow_rays.count = 0;
+  wave.shadow_rays.count = wave.refracted_rays.count = 0;
   for (size_t i = 0; i < wave.count; i += lanes()) {
     const Mask live = hn::FirstN(FloatTag(), wave.count - i);
     const Uints end = hn::And(load(paths.rays.outcome, i), set(Rays::kEndMask));
@@ -90,6 +93,7 @@ class Walk {
       if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "the render was stopped");
       sample_flights(wave_);
       interact(wave_);
+      if (wave_.refracts_shadow_rays) cross_refracted_rays(wave_);
       trace_shadow_rays(wave_);
       russian_roulette(wave_, roulette_);
       finish();

@@ -357,6 +357,43 @@ TEST(RoughDielectricTest, TechniquesAgree) {
   }
 }
 
+// Shadow rays that are refracted take noise away, and nothing else: seen from outside, under a sun,
+// a sky and a lamp nearby; and from inside.
+TEST(RoughDielectricTest, RefractedShadowRaysAreFair) {
+  SceneDescription outside = rough_knot(1.5F, 0.5F);
+  outside.object = make_shape("smooth_star");
+  outside.smooth_angle = 1;
+  outside.surfaces.clear();
+  outside.lights = {paper_sun_sky(),
+                    PointLight{.position = {0.6F, 1.2F, -0.9F}, .intensity = 1e-5F}};
+  SceneDescription inside = rough_knot(1.4F, 0.2F);
+  inside.object = make_shape("cube");
+  inside.camera.origin = {0, 0.5, -0.4};
+  inside.camera.fov = 1;
+  struct Case {
+    const char* name;
+    const SceneDescription& description;
+    Material material;
+    uint32_t spp;
+  };
+  for (const auto& [name, description, material, spp] :
+       {Case{"from outside", outside, {8, 0.85, 0.4}, 4096},
+        Case{"from inside", inside, {3, 0.8, 0.3}, 4096}}) {
+    const Scene scene(description);
+    RenderRequest request = request_for(Tracer::kWavefront, material, spp);
+    request.derivatives.push_back(kRoughness);
+    for (const uint32_t light : {0U, 1U}) {
+      request.derivatives.push_back({Parameter::kLightScale, light});
+    }
+    const FilmEstimate with = estimate_film(scene, request, 32);
+    const FilmEstimate without =
+        estimate_film(scene, request, 32, 1000, {.switches = {.refracted_shadow_rays = false}});
+    const double mean = with.radiance.mean;
+    expect_same_film(with, without, 14, name,
+                     {mean / material.sigma_t, 0, mean / 0.3, mean / 0.3, mean, mean});
+  }
+}
+
 // Where the microfacets are nearly level, it is smooth.
 TEST(RoughDielectricTest, WithoutRoughnessIsSmooth) {
   SceneDescription description = knot_on_ground(ConstantLight{1});

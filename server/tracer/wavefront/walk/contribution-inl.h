@@ -98,7 +98,12 @@ inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
   switch (wave.switches.techniques) {
     case Switches::Techniques::kLightsOnly: mis_weight = hn::Zero(FloatTag()); break;
     case Switches::Techniques::kPhaseOnly: break;
-    case Switches::Techniques::kBoth: mis_weight = hn::Div(pdf, hn::Add(pdf, light.pdf)); break;
+    case Switches::Techniques::kBoth: {
+      Floats others = light.pdf;
+      if (wave.refracts_shadow_rays) others = mul_add(load(paths.odds[0], i), others, others);
+      mis_weight = hn::Div(pdf, hn::Add(pdf, others));
+      break;
+    }
   }
   mis_weight = hn::IfThenElse(delta_bounce, set(1.0F), mis_weight);
   const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));

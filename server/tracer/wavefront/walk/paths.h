@@ -41,6 +41,10 @@ struct PathState {
   UintState<1> delta_bounce{};
   UintState<> crossings{};
   FloatState<> pdf{};  // per steradian, of the last direction
+  // Where shadow rays are refracted (refracted_rays-inl.h): x, y and z of the normal where the path
+  // last met the boundary; `pdf` if the last vertex was a scattering, or 0; and the odds for light
+  // ahead if it was a crossing, or 0.
+  FloatStates<> last_normal{}, scattered_pdf{}, odds{};
 
   // The weight W, d W / d albedo, and the score d log f / d sigma_t in mm.
   FloatState<1> weight{};
@@ -65,10 +69,10 @@ struct PathState {
   // The list of all columns: what moves a path, and begins one, goes through it.
   auto columns() {
     return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps,
-                    delta_bounce, crossings, pdf, weight, dweight_dalbedo, score_sigma_t, radiance,
-                    d_sigma_t, d_albedo, control_sigma_t, score_slots, d_slots, control_phase,
-                    weight_at_albedos, radiance_at_albedos, dweight_dreflectance, d_reflectance,
-                    d_light);
+                    delta_bounce, crossings, pdf, last_normal, scattered_pdf, odds, weight,
+                    dweight_dalbedo, score_sigma_t, radiance, d_sigma_t, d_albedo, control_sigma_t,
+                    score_slots, d_slots, control_phase, weight_at_albedos, radiance_at_albedos,
+                    dweight_dreflectance, d_reflectance, d_light);
   }
   // Those that a factor of the path's weight multiplies.
   auto weights() {
@@ -128,6 +132,23 @@ struct ShadowRays {
   std::vector<FloatColumn> score_slots;      // of the path, with that of the turn to the light
   std::vector<FloatColumn> parts_of_lights;  // of `light`, for the derivatives asked for in lights
   std::vector<FloatColumn> per_radiance;     // `light` by radiance, for a gradient in a panorama
+  FloatColumn length_before{};  // in the medium, of those that come through the boundary
+  size_t count = 0;
+};
+
+// Shadow rays on their way to the boundary (refracted_rays-inl.h).
+struct RefractedRays {
+  Rays rays;
+  UintColumn slot{};         // of the path
+  FloatColumn phase{};       // value of the phase function for the direction,
+  FloatColumn pdf{};         // with which that was drawn, per steradian
+  FloatColumn importance{};  // of the path
+  // The light, as it was drawn: see LightSamples.
+  VectorColumn to_light;
+  FloatColumn distance{}, radiance{}, light_pdf{};
+  std::vector<FloatColumn> score_slots;  // of the path, with that of the direction
+  std::vector<FloatColumn>
+      parts_of_lights;  // of `radiance`, for the derivatives asked for in lights
   size_t count = 0;
 };
 

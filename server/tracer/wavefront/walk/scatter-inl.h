@@ -106,6 +106,7 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   const Uints count = hn::IfThenElseZero(for_uints(where), hn::Add(load(paths.crossings, i), one));
   store(count, paths.crossings, i);
   store(set(1.0F), paths.crossing_weight, i);
+  if (wave.refracts_shadow_rays) store(hn::Zero(FloatTag()), paths.odds[0], i);
   if (!vertices.any_at_boundary) return;
   store(hn::IfThenElse(hn::Gt(count, set(kMaxConsecutiveCrossings)), one, load(paths.leaked, i)),
         paths.leaked, i);
@@ -122,6 +123,21 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   for (size_t s = phase_slots; s < paths.score_slots.size(); ++s) {
     const Floats score = hn::IfThenElseZero(where, next.scores[s - phase_slots]);
     store(hn::Add(load(paths.score_slots[s], i), score), paths.score_slots[s], i);
+  }
+  if (wave.refracts_shadow_rays) {
+    // Who leaves the medium goes on to light far away, if to any: others than that end at none.
+    const Floats odds = refraction_odds(wave, i, direction, set(kInfinity));
+    store(hn::IfThenElseZero(where, odds), paths.odds[0], i);
+    const Vectors outwards =
+        if_then_else(vertices.crossing.leaving, set(Vec3f{}) - vertices.crossing.normal,
+                     vertices.crossing.normal);
+    const auto keep = [&](Floats coordinate, size_t k) {
+      store(hn::IfThenElse(where, coordinate, load(paths.last_normal[k], i)), paths.last_normal[k],
+            i);
+    };
+    keep(outwards.x, 0);
+    keep(outwards.y, 1);
+    keep(outwards.z, 2);
   }
   const Uints toggled =
       hn::IfThenElseZero(for_uints(hn::And(where, next.transmitted)), set(Rays::kInside));
@@ -158,6 +174,9 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
   const auto where = for_uints(vertices.where());
   store(hn::IfThenZeroElse(where, load(paths.delta_bounce, i)), paths.delta_bounce, i);
   if (wave.stops_at_boundary) cross(wave, i, vertices, direction, pdf);
+  if (wave.refracts_shadow_rays) {
+    store(hn::IfThenElseZero(vertices.in_medium, phase.value), paths.scattered_pdf[0], i);
+  }
   // Paths that have ended keep their direction: NaN would slow the lanes down.
   const Vectors before = load(paths.rays.direction, i);
   store(if_then_else(vertices.where(), direction, before), paths.rays.direction, i);

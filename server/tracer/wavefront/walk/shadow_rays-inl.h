@@ -12,6 +12,7 @@
 #include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/lights/lights-inl.h"
 #include "server/tracer/wavefront/walk/contribution-inl.h"
+#include "server/tracer/wavefront/walk/refracted_rays-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
@@ -36,6 +37,11 @@ HWY_INLINE Mask sending(const Wavefront& wave, size_t i, const Vertices& vertice
   return wave.boundary_is_delta ? outside : hn::Or(outside, vertices.at_boundary);
 }
 
+// Whether some send refracted ones.
+HWY_INLINE bool any_refracted(const Wavefront& wave, const Vertices& vertices) {
+  return wave.refracts_shadow_rays && !hn::AllFalse(FloatTag(), vertices.in_medium);
+}
+
 // Next-event estimation: light along one direction drawn from the lights.
 //
 // Roulette before anything is traced: a shadow ray through optical depth x carries v exp(-x). Let
@@ -47,7 +53,8 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   ShadowRays& shadow_rays = wave.shadow_rays;
   const FloatTag d;
   Mask sent = sending(wave, i, vertices);
-  if (hn::AllFalse(d, sent)) return;
+  const bool refracted = any_refracted(wave, vertices);
+  if (hn::AllFalse(d, sent) && !refracted) return;
   const Floats zero = hn::Zero(d);
   const Uints vertex = load(paths.vertex, i);
   const Words words = random(wave, i, vertex, Sampler::kShadowRay);
@@ -58,6 +65,11 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
       if_then_else(vertices.where(), load(paths.rays.position, i), Vectors{zero, zero, zero});
   LightParts parts(wave.differentiated_lights);
   const LightSamples light = sample(wave.scene.lights, position, words, more, parts);
+  const Floats roulette = hn::Sub(set(1.0F), fifth_uniform(words));
+  if (refracted) {
+    send_refracted_rays(wave, i, vertices.in_medium, position, light, parts, roulette);
+    if (hn::AllFalse(d, sent)) return;
+  }
   const Floats cosine = dot(vertices.axis, light.direction);
   auto [value, scores] = evaluate(wave.phase, cosine);
   if (vertices.any_on_surface) {
@@ -83,42 +95,31 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   // pdf / (pdf + walk_pdf). Deltas have no pdf: what they bring is as it is.
   const Floats phase_pdf =
       wave.switches.techniques == Switches::Techniques::kBoth ? walk_pdf : zero;
-  const Floats pdf_sum =
+  Floats pdf_sum =
       hn::IfThenElse(hn::Gt(light.pdf, zero), hn::Add(light.pdf, phase_pdf), set(1.0F));
+  if (wave.refracts_shadow_rays && vertices.any_at_boundary) {
+    const Floats odds = refraction_odds(wave, i, light.direction, light.distance);
+    const Floats light_pdf = hn::IfThenElse(hn::Gt(light.pdf, zero), light.pdf, set(1.0F));
+    pdf_sum = hn::Add(pdf_sum, hn::IfThenElseZero(vertices.at_boundary, hn::Mul(odds, light_pdf)));
+  }
   const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), pdf_sum);
   // What decides whether it is sent. For a gradient in a panorama, dark places count as well.
   Floats worth = undimmed, per_radiance = zero;
   if (wave.differentiated_map != nullptr) {
-    const auto mean = static_cast<float>(wave.scene.lights.power() / (4 * std::numbers::pi));
     per_radiance = hn::IfThenElseZero(hn::Gt(light.pdf, zero), hn::Div(value, pdf_sum));
-    worth = hn::Max(worth, hn::Mul(per_radiance, set(mean)));
+    worth = hn::Max(worth, hn::Mul(per_radiance, set(wave.mean_radiance())));
   }
   const Floats importance = hn::Mul(path_importance(paths, i), worth);
-  Floats limit = set(kMaxOpticalDepth);
-  sent = hn::And(sent, hn::Gt(worth, zero));
-  if (wave.shadow_ray_threshold > 0) {
-    const Floats u = hn::Sub(set(1.0F), fifth_uniform(words));
-    limit = hn::Min(limit, log(hn::Div(importance, hn::Mul(u, set(wave.shadow_ray_threshold)))));
-    sent = hn::And(sent, hn::And(hn::Gt(importance, zero), hn::Gt(limit, zero)));
-  }
+  const Floats limit = depth_limit(wave, importance, roulette);
+  sent = hn::And(sent, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
 
-  const size_t at = shadow_rays.count;
-  const auto append = [&](Floats v, FloatColumn& column) {
-    hn::CompressStore(v, sent, d, column.data() + at);
-  };
-  const auto append_vectors = [&](Vectors v, VectorColumn& column) {
-    append(v.x, column.x);
-    append(v.y, column.y);
-    append(v.z, column.z);
-  };
-  const auto append_uints = [&](Uints v, UintColumn& column) {
-    hn::CompressStore(v, for_uints(sent), UintTag(), column.data() + at);
-  };
-  append_vectors(position, shadow_rays.rays.position);
-  append_vectors(light.direction, shadow_rays.rays.direction);
+  const Append append{sent, shadow_rays.count};
+  append(position, shadow_rays.rays.position);
+  append(light.direction, shadow_rays.rays.direction);
   const Uints interaction = load(paths.rays.interaction, i);
-  append_uints(hn::IfThenZeroElse(for_uints(vertices.at_boundary), interaction),
-               shadow_rays.rays.interaction);
+  append(hn::IfThenZeroElse(for_uints(vertices.at_boundary), interaction),
+         shadow_rays.rays.interaction);
+  if (wave.refracts_shadow_rays) append(zero, shadow_rays.length_before);
   append(hn::Mul(limit, set(1 / wave.sigma_t)), shadow_rays.rays.max_medium_length);
   if (shadow_rays.rays.bounded) append(light.distance, shadow_rays.rays.distance);
   append(undimmed, shadow_rays.light);
@@ -131,12 +132,10 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
     append(hn::Add(load(paths.score_slots[s], i), score), shadow_rays.score_slots[s]);
   }
   for (size_t l = 0; l < wave.differentiated_lights.size(); ++l) {
-    const Floats part =
-        hn::IfThenElse(parts.chosen[l], light.radiance,
-                       hn::IfThenElseZero(hn::Gt(light.pdf, zero), parts.radiance[l]));
-    append(hn::Div(hn::Mul(part, value), pdf_sum), shadow_rays.parts_of_lights[l]);
+    append(hn::Div(hn::Mul(part_of_light(light, parts, l), value), pdf_sum),
+           shadow_rays.parts_of_lights[l]);
   }
-  append_uints(hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i))), shadow_rays.slot);
+  append(slots_from(i), shadow_rays.slot);
   shadow_rays.count += hn::CountTrue(d, sent);
 }
 
@@ -150,19 +149,12 @@ inline void trace_shadow_rays(Wavefront& wave) {
   for (size_t i = 0; i < shadow_rays.count; i += lanes()) {
     const Mask live = hn::FirstN(d, shadow_rays.count - i);
     const Uints end = hn::And(load(shadow_rays.rays.outcome, i), set(Rays::kEndMask));
-    // Lanes beyond the last ray add nothing, in the spare slot.
-    const Ints slot =
-        hn::BitCast(IntTag(), hn::IfThenElse(for_uints(live), load(shadow_rays.slot, i),
-                                             set(static_cast<uint32_t>(kSlots))));
-    const Mask leaked = hn::And(live, equals(end, Rays::kLeaked));
-    if (!hn::AllFalse(d, leaked)) {
-      const Uints before = hn::GatherIndex(UintTag(), paths.leaked.data(), slot);
-      hn::ScatterIndex(hn::IfThenElse(for_uints(leaked), set(uint32_t{1}), before), UintTag(),
-                       paths.leaked.data(), slot);
-    }
+    const Ints slot = slots_in(shadow_rays.slot, i, live);
+    mark_leaked(paths, hn::And(live, equals(end, Rays::kLeaked)), slot);
     const Mask arrived = hn::And(live, equals(end, Rays::kEscaped));
     if (hn::AllFalse(d, arrived)) continue;
-    const Floats length = load(shadow_rays.rays.medium_length, i);
+    Floats length = load(shadow_rays.rays.medium_length, i);
+    if (wave.refracts_shadow_rays) length = hn::Add(length, load(shadow_rays.length_before, i));
     const Floats dimming = exp(hn::Mul(length, set(-wave.sigma_t)));
     Floats survival = set(1.0F);
     if (wave.shadow_ray_threshold > 0) {

@@ -15,6 +15,7 @@
 #include "server/tracer/boundary/boundary.h"
 #include "server/tracer/film/film_writer.h"
 #include "server/tracer/geometry/lines/lines-inl.h"
+#include "server/tracer/lights/lights-inl.h"
 #include "server/tracer/phase/phase_function.h"
 #include "server/tracer/random/philox-inl.h"
 #include "server/tracer/random/sampler.h"
@@ -36,6 +37,21 @@ inline bool asks_for_boundary(const RenderRequest& request) {
                      [](const Parameter& p) { return p.kind == Parameter::kBoundary; });
 }
 
+// What refracted shadow rays are aimed by (refracted_rays-inl.h).
+struct Refraction {
+  float index;  // of the medium, relative to what is around it
+  HenyeyGreenstein lobe;
+};
+
+inline Refraction refraction_of(const Boundary& boundary) {
+  // Half of such a lobe lies within the root of 3 times 1 - g: wider than the light, as boundaries
+  // may be curved. A narrower peak is more than floats resolve.
+  constexpr double kMaxMeanCosine = 0.99;
+  const double mean_cosine = 1 - refraction_spread(boundary);
+  return {static_cast<float>(relative_index(boundary)),
+          {static_cast<float>(std::clamp(mean_cosine, 0.0, kMaxMeanCosine))}};
+}
+
 struct Wavefront {
   Wavefront(const Scene::Compiled& compiled, const RenderRequest& asked,
             const RenderOptions& options, FilmWriter& to)
@@ -50,7 +66,10 @@ struct Wavefront {
         shadow_ray_threshold(static_cast<float>(options.tuning.shadow_ray_roulette *
                                                 compiled.lights.power() / (4 * std::numbers::pi))),
         stops_at_boundary(stops_lines(compiled.boundary)),
-        boundary_is_delta(is_delta(compiled.boundary)) {
+        boundary_is_delta(is_delta(compiled.boundary)),
+        refracts_shadow_rays(!boundary_is_delta && options.switches.refracted_shadow_rays &&
+                             options.switches.techniques != Switches::Techniques::kPhaseOnly),
+        refraction(refraction_of(compiled.boundary)) {
     for (const Parameter& parameter : asked.derivatives) {
       if (parameter.kind == Parameter::kReflectance) {
         reflecting.push_back({compiled.obstacles.surfaces.triangles_of(parameter.index),
@@ -78,6 +97,18 @@ struct Wavefront {
     paths.d_light.resize(differentiated_lights.size());
     shadow_rays.parts_of_lights.resize(differentiated_lights.size());
     shadow_rays.rays.bounded = compiled.lights.has_near();
+    if (refracts_shadow_rays) {
+      paths.last_normal.resize(3);
+      paths.scattered_pdf.resize(1);
+      paths.odds.resize(1);
+      refracted_rays.score_slots.resize(slots);
+      refracted_rays.parts_of_lights.resize(differentiated_lights.size());
+    }
+  }
+
+  // Of the lights, over all directions.
+  float mean_radiance() const {
+    return static_cast<float>(scene.lights.power() / (4 * std::numbers::pi));
   }
 
   FilmWriter& film;
@@ -104,7 +135,9 @@ struct Wavefront {
   ShadowRays shadow_rays;
   // Whether lines stop at the boundary, and then where those that were followed last did.
   const bool stops_at_boundary;
-  const bool boundary_is_delta;
+  const bool boundary_is_delta, refracts_shadow_rays;
+  const Refraction refraction;
+  RefractedRays refracted_rays;
   Crossings crossings;
   Crossings* at_boundary() { return stops_at_boundary ? &crossings : nullptr; }
 };
@@ -133,6 +166,41 @@ struct LightParts {
   Floats radiance[kMaxDerivatives];
   Mask chosen[kMaxDerivatives];  // where it is a delta that is drawn
 };
+
+// What is due to the l-th light that derivatives are asked for in, of the radiance of samples.
+HWY_INLINE Floats part_of_light(const LightSamples& light, const LightParts& parts, size_t l) {
+  const Mask dense = hn::Gt(light.pdf, hn::Zero(FloatTag()));
+  return hn::IfThenElse(parts.chosen[l], light.radiance,
+                        hn::IfThenElseZero(dense, parts.radiance[l]));
+}
+
+// Of a ray that carries this importance without the medium's dimming: the optical depth through
+// which it survives its roulette (send_shadow_rays), by a uniform number in (0, 1]; else 0 or less.
+HWY_INLINE Floats depth_limit(const Wavefront& wave, Floats importance, Floats u) {
+  const Floats limit = set(kMaxOpticalDepth);
+  if (wave.shadow_ray_threshold <= 0) return limit;
+  const Floats odds = hn::Div(importance, hn::Mul(u, set(wave.shadow_ray_threshold)));
+  const Mask any = hn::Gt(importance, hn::Zero(FloatTag()));
+  return hn::IfThenElseZero(any, hn::Min(limit, log(odds)));
+}
+
+// A list's slots from number i on; for those beyond its end the spare slot, where nothing counts.
+HWY_INLINE Ints slots_in(const UintColumn& list, size_t i, Mask live) {
+  const Uints spare = set(static_cast<uint32_t>(kSlots));
+  return hn::BitCast(IntTag(), hn::IfThenElse(for_uints(live), load(list, i), spare));
+}
+
+HWY_INLINE void mark_leaked(Paths& paths, Mask leaked, Ints slots) {
+  if (hn::AllFalse(FloatTag(), leaked)) return;
+  const Uints before = hn::GatherIndex(UintTag(), paths.leaked.data(), slots);
+  hn::ScatterIndex(hn::IfThenElse(for_uints(leaked), set(uint32_t{1}), before), UintTag(),
+                   paths.leaked.data(), slots);
+}
+
+// The numbers of the slots i, i + 1 ...
+HWY_INLINE Uints slots_from(size_t i) {
+  return hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i)));
+}
 
 // The random numbers of vertices of the paths in slots i, i + 1 ...
 HWY_INLINE Words random(const Wavefront& wave, size_t i, Uints vertex, Sampler::Purpose purpose) {
