@@ -5,12 +5,14 @@
 //                     exits in one go
 //   kDelta            whether the directions that it draws have no density
 //   relative_index()  of refraction, of the medium, relative to what is around it
-//   refraction_spread()  unless it is a delta: of light that comes in on a line, how wide it is
-//                     inside, the median angle in radians, roughly
+//   refraction_spread()  where it refracts: of light that comes in on a line, how wide it is
+//   inside,
+//                     the median angle in radians, roughly
 //   compile()         itself with what it computes beforehand
 // and computes, for many paths at a time (boundary/crossing-inl.h),
 //   draw(kind, crossing, words)       how they go on
 //   evaluate(kind, crossing, to)      unless it is a delta: what light from a direction brings them
+//   transmit(kind, crossing)          of a delta that refracts: where to, without a draw
 //
 // At a boundary that stops lines, a crossing is a vertex of the path. Shadow rays end there and
 // bring nothing, as the straight line to the light is not a path of light: only from vertices
@@ -45,14 +47,18 @@ inline bool stops_lines(const Boundary& boundary) {
 inline bool is_delta(const Boundary& boundary) {
   return std::visit([](const auto& kind) { return kind.kDelta; }, boundary);
 }
-// 0 of a delta.
+template <typename Kind>
+concept Refracting = requires(const Kind& kind) {
+  kind.refraction_spread();
+};
+inline bool refracts(const Boundary& boundary) {
+  return std::visit([]<typename Kind>(const Kind&) { return Refracting<Kind>; }, boundary);
+}
 inline double refraction_spread(const Boundary& boundary) {
   return std::visit(
       []<typename Kind>(const Kind& kind) -> double {
-        if constexpr (Kind::kDelta)
-          return 0;
-        else
-          return kind.refraction_spread();
+        if constexpr (Refracting<Kind>) return kind.refraction_spread();
+        return 0;
       },
       boundary);
 }
@@ -113,6 +119,19 @@ HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& at, 
   }
   for (Floats& score : sum.scores) score = hn::Div(score, hn::Max(sum.value, set(1e-20F)));
   return sum;
+}
+
+// Of a boundary that is a delta and refracts.
+HWY_INLINE Transmission transmit(const Boundary& boundary, const Crossing& at) {
+  Transmission through{at.direction, set(1.0F)};
+  visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
+    if constexpr (Kind::kDelta && Refracting<Kind>) through = transmit(kind, at);
+  });
+  if (at.flat) return through;
+  const Mask reflects = hn::Gt(dot(through.direction, at.flat_normal), hn::Zero(FloatTag()));
+  through.direction =
+      if_then_else(reflects, mirrored(through.direction, at.flat_normal), through.direction);
+  return through;
 }
 
 // Of a boundary that stops lines.

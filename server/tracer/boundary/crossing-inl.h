@@ -47,6 +47,12 @@ HWY_INLINE Crossing crossing_of(Vectors direction, Vectors outwards, Vectors fla
   return {direction, if_then_else(through, bent, normal), flat_normal, leaving, false};
 }
 
+// Where a smooth boundary lets light through to, and the part of it that it reflects instead.
+struct Transmission {
+  Vectors direction;
+  Floats reflected;
+};
+
 // In which directions paths go on.
 struct BoundaryDraw {
   Vectors direction;

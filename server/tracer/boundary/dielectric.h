@@ -19,6 +19,7 @@ struct Dielectric {
 
   static constexpr bool kStopsLines = true, kDelta = true;
   double relative_index() const { return double{index}; }
+  double refraction_spread() const { return 0; }
 };
 
 }  // namespace itn::tracer
@@ -39,12 +40,16 @@ struct Dielectric {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE BoundaryDraw draw(const Dielectric& boundary, const Crossing& at, const Words& words) {
+HWY_INLINE Transmission transmit(const Dielectric& boundary, const Crossing& at) {
   const Floats cosine = hn::Max(hn::Zero(FloatTag()), hn::Neg(dot(at.direction, at.normal)));
   const Floats index = index_ahead(boundary.index, at.leaving);
   const auto [reflected, refracted_cosine] = fresnel(cosine, index);
+  return {refracted(at.direction, at.normal, cosine, refracted_cosine, index), reflected};
+}
+
+HWY_INLINE BoundaryDraw draw(const Dielectric& boundary, const Crossing& at, const Words& words) {
+  const auto [through, reflected] = transmit(boundary, at);
   const Mask transmitted = hn::Ge(uniform(words.w[0]), reflected);
-  const Vectors through = refracted(at.direction, at.normal, cosine, refracted_cosine, index);
   return {if_then_else(transmitted, through, mirrored(at.direction, at.normal)), transmitted,
           set(1.0F)};
 }

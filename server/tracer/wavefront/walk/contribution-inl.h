@@ -105,7 +105,9 @@ inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
       break;
     }
   }
-  mis_weight = hn::IfThenElse(delta_bounce, set(1.0F), mis_weight);
+  Floats alone = set(1.0F);
+  if (wave.refracts_shadow_rays) alone = hn::Div(alone, hn::Add(alone, load(paths.odds[0], i)));
+  mis_weight = hn::IfThenElse(delta_bounce, alone, mis_weight);
   const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));
   add_contribution(
       wave, SlotRange{i}, radiance, [&] { return load(paths.score_sigma_t, i); },

@@ -34,49 +34,92 @@ namespace itn::tracer::HWY_NAMESPACE {
 // boundary. Where the path has come far from there, or the boundary is curved, that aims badly, and
 // the others find the light.
 //
+// Behind a smooth boundary, l follows from w. The walk finds it with p(w) T (1 - R), R being what
+// the boundary reflects; a ray in the direction w into which that plane refracts a light that was
+// drawn, with q(w) = s(l') dl'/dw, where l' is what the plane makes of w. The boundary makes l of
+// it.
+//
 // After Hanika, Droske, Fascione, "Manifold next event estimation", EGSR 2015, who look for y.
 
-// The middle of the lobe q, for a light in that direction; and whether its light comes in there.
-struct Aim {
-  Vectors axis;
-  Mask possible;
+// A smooth plane between the media.
+struct Plane {
+  Vectors normal;  // outwards
+  float index;     // of the medium, relative to what is around it
 };
-HWY_INLINE Aim aim_at(const Wavefront& wave, Vectors normal, Vectors to_light) {
-  const Floats zero = hn::Zero(FloatTag()), index = set(wave.refraction.index);
-  const Vectors none{zero, zero, zero};
-  const Floats facing = dot(normal, to_light), cosine = hn::Max(facing, zero);
-  const Floats inner = fresnel(cosine, index).refracted_cosine;
-  return {none - refracted(none - to_light, normal, cosine, inner, index), hn::Gt(facing, zero)};
+
+HWY_INLINE Plane last_plane(const Wavefront& wave, size_t i) {
+  const auto& normal = wave.paths.last_normal;
+  return {{load(normal[0], i), load(normal[1], i), load(normal[2], i)}, wave.refraction.index};
 }
 
-// Where paths in slots i, i + 1 ... are at the boundary: the odds for light that is `distance` away
-// in the direction `to_light`.
-HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Vectors to_light,
-                                  Floats distance) {
-  const Paths& paths = wave.paths;
-  const Floats zero = hn::Zero(FloatTag()), walk_pdf = load(paths.scattered_pdf[0], i);
-  const Mask scattered = hn::Gt(walk_pdf, zero);
-  const Vectors direction = load(paths.rays.direction, i);
-  const Floats length = load(paths.rays.medium_length, i);
+// Directions of paths that are refracted to one another, from inside, and the densities there.
+struct Aim {
+  Vectors inner, outer;
+  Mask possible;
+  Floats inner_by_outer;  // density of `inner` over that of `outer`
+};
+HWY_INLINE Floats inner_by_outer(const Plane& plane, Floats inner_cosine, Floats outer_cosine) {
+  const Floats least = set(1e-4F);  // along the plane
+  return hn::Div(hn::Mul(set(plane.index * plane.index), inner_cosine),
+                 hn::Max(outer_cosine, least));
+}
+HWY_INLINE Aim aim_at(const Plane& plane, Vectors outer) {
+  const Floats zero = hn::Zero(FloatTag()), index = set(plane.index);
+  const Vectors none{zero, zero, zero};
+  const Floats facing = dot(plane.normal, outer), cosine = hn::Max(facing, zero);
+  const Floats inner_cosine = fresnel(cosine, index).refracted_cosine;
+  return {none - refracted(none - outer, plane.normal, cosine, inner_cosine, index), outer,
+          hn::Gt(facing, zero), inner_by_outer(plane, inner_cosine, cosine)};
+}
+HWY_INLINE Aim aim_along(const Plane& plane, Vectors inner) {
+  const Floats zero = hn::Zero(FloatTag()), index = set(1 / plane.index);
+  const Vectors none{zero, zero, zero};
+  const Floats facing = dot(plane.normal, inner), cosine = hn::Max(facing, zero);
+  const Floats outer_cosine = fresnel(cosine, index).refracted_cosine;
+  return {inner, refracted(inner, none - plane.normal, cosine, outer_cosine, index),
+          hn::And(hn::Gt(facing, zero), hn::Gt(outer_cosine, zero)),
+          inner_by_outer(plane, cosine, outer_cosine)};
+}
+
+// The density q for paths that arrive in direction w at the boundary; `to_light` and `distance` are
+// the light's as it is seen from there, unless the boundary is smooth.
+HWY_INLINE Floats aimed_pdf(const Wavefront& wave, size_t i, Vectors to_light, Floats distance) {
+  const Vectors direction = load(wave.paths.rays.direction, i);
+  const Plane plane = last_plane(wave, i);
+  if (wave.boundary_is_delta) {
+    const Aim aim = aim_along(plane, direction);
+    const Vectors outer = if_then_else(aim.possible, aim.outer, direction);
+    const Floats pdf = emission(wave.scene.lights, outer).pdf;
+    return hn::IfThenElseZero(aim.possible, hn::Mul(pdf, aim.inner_by_outer));
+  }
   if (wave.shadow_rays.rays.bounded) {  // the light is seen in another direction from x
     const Mask near = hn::Lt(distance, set(kInfinity));
-    const Floats reach = hn::IfThenElse(near, distance, set(1.0F));
-    const Vectors from_x = direction * hn::IfThenElseZero(near, length) + to_light * reach;
-    to_light = if_then_else(hn::And(scattered, near), normalize(from_x), to_light);
+    const Floats length = load(wave.paths.rays.medium_length, i);
+    const Vectors from_x = direction * length + to_light * hn::IfThenElse(near, distance, length);
+    to_light = if_then_else(near, normalize(from_x), to_light);
   }
-  const Vectors normal{load(paths.last_normal[0], i), load(paths.last_normal[1], i),
-                       load(paths.last_normal[2], i)};
-  const Aim aim = aim_at(wave, normal, to_light);
-  const Floats aimed_pdf = evaluate(wave.refraction.lobe, dot(aim.axis, direction)).value;
-  const Floats arriving = exp(hn::Mul(length, set(-wave.sigma_t)));
-  return hn::IfThenElseZero(hn::And(scattered, aim.possible),
-                            hn::Div(aimed_pdf, hn::Mul(walk_pdf, arriving)));
+  const Aim aim = aim_at(plane, to_light);
+  return hn::IfThenElseZero(aim.possible,
+                            evaluate(wave.refraction.lobe, dot(aim.inner, direction)).value);
+}
+
+// Where paths in slots i, i + 1 ... are at the boundary, which lets `passing` of what the walk
+// sends there through: the odds for light that is `distance` away in the direction `to_light`.
+HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Vectors to_light,
+                                  Floats distance, Floats passing) {
+  const Floats walk_pdf = load(wave.paths.scattered_pdf[0], i);
+  const Mask scattered = hn::Gt(hn::Mul(walk_pdf, passing), hn::Zero(FloatTag()));
+  if (hn::AllFalse(FloatTag(), scattered)) return hn::Zero(FloatTag());
+  const Floats arriving =
+      hn::Mul(passing, exp(hn::Mul(load(wave.paths.rays.medium_length, i), set(-wave.sigma_t))));
+  return hn::IfThenElseZero(
+      scattered, hn::Div(aimed_pdf(wave, i, to_light, distance), hn::Mul(walk_pdf, arriving)));
 }
 
 // From scatterings of the paths in slots i, i + 1 ..., towards lights that were drawn from there.
 // Roulette before anything is traced, as of other shadow rays (send_shadow_rays). What they will
-// carry is not known yet: where the aim was good the boundary lets through about q / index^2, and
-// it may let 1 through where it was not.
+// carry is not known yet: where the aim was good a rough boundary lets through about q / index^2,
+// and it may let 1 through where it was not.
 inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vectors position,
                                 const LightSamples& light, const LightParts& parts,
                                 Floats roulette) {
@@ -84,30 +127,31 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vecto
   const Paths& paths = wave.paths;
   RefractedRays& sent = wave.refracted_rays;
   const Floats zero = hn::Zero(d), one = set(1.0F);
-  const Vectors normal{load(paths.last_normal[0], i), load(paths.last_normal[1], i),
-                       load(paths.last_normal[2], i)};
-  const Aim aim = aim_at(wave, normal, light.direction);
+  const Mask dense = hn::Gt(light.pdf, zero);
+  const Aim aim = aim_at(last_plane(wave, i), light.direction);
   Mask where = hn::And(scattered, aim.possible);
   if (hn::AllFalse(d, where)) return;
-  const Words words = random(wave, i, load(paths.vertex, i), Sampler::kRefraction);
-  const Floats cosine = sample_cosine(wave.refraction.lobe, uniform(words.w[0]));
-  const Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
-  const SinCos phi = sin_cos_2pi(uniform(words.w[1]));
-  const Vectors direction =
-      renormalize(frame_to_world(aim.axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
-  const PhaseValue phase = evaluate(wave.phase, dot(load(paths.rays.direction, i), direction));
-
-  const Mask dense = hn::Gt(light.pdf, zero);
-  Floats radiance = hn::Div(light.radiance, hn::IfThenElse(dense, light.pdf, one));
-  if (wave.differentiated_map != nullptr) {
-    const Floats mean = set(wave.mean_radiance());
-    radiance = hn::Max(radiance, hn::IfThenElseZero(dense, hn::Div(mean, light.pdf)));
+  Vectors direction = aim.inner;
+  Floats pdf = hn::Mul(light.pdf, aim.inner_by_outer), passing = one;
+  Floats light_pdf = one;  // of q s, what is not in `pdf`
+  if (!wave.boundary_is_delta) {
+    const Words words = random(wave, i, load(paths.vertex, i), Sampler::kRefraction);
+    const Floats cosine = sample_cosine(wave.refraction.lobe, uniform(words.w[0]));
+    const Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
+    const SinCos phi = sin_cos_2pi(uniform(words.w[1]));
+    direction = renormalize(
+        frame_to_world(aim.inner, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
+    pdf = evaluate(wave.refraction.lobe, cosine).value;
+    passing = mul_add(pdf, set(1 / (wave.refraction.index * wave.refraction.index)), one);
+    light_pdf = hn::IfThenElse(dense, light.pdf, one);
   }
-  const Floats pdf = evaluate(wave.refraction.lobe, cosine).value;
-  const Floats passing =
-      mul_add(pdf, set(1 / (wave.refraction.index * wave.refraction.index)), one);
-  const Floats worth =
-      hn::Mul(radiance, hn::Div(hn::Mul(phase.value, passing), hn::Add(pdf, phase.value)));
+  const PhaseValue phase = evaluate(wave.phase, dot(load(paths.rays.direction, i), direction));
+  Floats radiance = light.radiance;
+  if (wave.differentiated_map != nullptr) {
+    radiance = hn::Max(radiance, hn::IfThenElseZero(dense, set(wave.mean_radiance())));
+  }
+  const Floats worth = hn::Div(hn::Mul(radiance, hn::Mul(phase.value, passing)),
+                               hn::Mul(light_pdf, hn::Add(pdf, phase.value)));
   const Floats importance = hn::Mul(path_importance(paths, i), worth);
   const Floats limit = depth_limit(wave, importance, roulette);
   where = hn::And(where, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
@@ -136,12 +180,78 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vecto
   sent.count += hn::CountTrue(d, where);
 }
 
+// How they go on behind the boundary.
+struct Exit {
+  Vectors to_light;
+  Floats distance, radiance;
+  Floats per_radiance;  // what comes by radiance, its part that reaches the boundary apart
+  Floats scores[kMaxBoundarySlots];
+  Floats parts_of_lights[kMaxDerivatives];  // of `radiance`
+};
+
+// Towards the light that was drawn.
+HWY_INLINE Exit exit_of_rough(const Wavefront& wave, size_t i, const Crossing& at,
+                              Floats arriving) {
+  const RefractedRays& sent = wave.refracted_rays;
+  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  Exit exit{
+      load(sent.to_light, i), load(sent.distance, i), load(sent.radiance, i), one, {zero}, {zero}};
+  Floats nearer = one;
+  if (wave.shadow_rays.rays.bounded) {  // the light is seen in another direction from y
+    const Mask near = hn::Lt(exit.distance, set(kInfinity));
+    const Floats length = load(sent.rays.medium_length, i);
+    const Floats distance = hn::IfThenElse(near, exit.distance, one);
+    const Vectors from_y =
+        exit.to_light * distance - at.direction * hn::IfThenElseZero(near, length);
+    const Floats square = dot(from_y, from_y), length_from_y = hn::Sqrt(square);
+    nearer = hn::IfThenElse(near, hn::Div(hn::Mul(distance, distance), square), one);
+    exit.to_light = if_then_else(near, from_y * hn::Div(one, length_from_y), exit.to_light);
+    exit.distance = hn::IfThenElse(near, length_from_y, exit.distance);
+  }
+  const BoundaryValue boundary = evaluate(wave.scene.boundary, at, exit.to_light);
+  const Floats phase = load(sent.phase, i), light_pdf = load(sent.light_pdf, i);
+  const Floats walk_pdf = hn::Mul(phase, arriving);
+  const Mask dense = hn::Gt(light_pdf, zero);
+  Floats pdf_sum =
+      hn::Mul(hn::IfThenElse(dense, light_pdf, one), hn::Add(load(sent.pdf, i), walk_pdf));
+  if (wave.switches.techniques == Switches::Techniques::kBoth) {
+    pdf_sum = hn::Add(pdf_sum, hn::IfThenElseZero(dense, hn::Mul(walk_pdf, boundary.pdf)));
+  }
+  exit.per_radiance = hn::Div(hn::Mul(hn::Mul(phase, boundary.value), nearer), pdf_sum);
+  for (size_t s = 0; s < kMaxBoundarySlots; ++s) exit.scores[s] = boundary.scores[s];
+  for (size_t l = 0; l < sent.parts_of_lights.size(); ++l) {
+    exit.parts_of_lights[l] = load(sent.parts_of_lights[l], i);
+  }
+  return exit;
+}
+
+// Whereto the boundary refracts them, where there are any.
+HWY_INLINE Exit exit_of_smooth(const Wavefront& wave, size_t i, const Crossing& at, Floats arriving,
+                               Mask where) {
+  const RefractedRays& sent = wave.refracted_rays;
+  const auto [direction, reflected] = transmit(wave.scene.boundary, at);
+  const Vectors to_light = if_then_else(where, direction, set(Vec3f{0, 1, 0}));
+  LightParts parts(wave.differentiated_lights);
+  const Emission light = emission(wave.scene.lights, to_light, parts);
+  const Floats passing = hn::Mul(load(sent.phase, i), hn::Sub(set(1.0F), reflected));
+  Exit exit{to_light,
+            set(kInfinity),
+            light.radiance,
+            hn::Div(passing, mul_add(passing, arriving, load(sent.pdf, i))),
+            {hn::Zero(FloatTag())},
+            {hn::Zero(FloatTag())}};
+  for (size_t l = 0; l < sent.parts_of_lights.size(); ++l) {
+    exit.parts_of_lights[l] = parts.radiance[l];
+  }
+  return exit;
+}
+
 // Follows them to the boundary, from where they go on as shadow rays.
 inline void cross_refracted_rays(Wavefront& wave) {
   RefractedRays& sent = wave.refracted_rays;
   ShadowRays& shadow_rays = wave.shadow_rays;
   const FloatTag d;
-  const Floats zero = hn::Zero(d), one = set(1.0F);
+  const Floats zero = hn::Zero(d);
   follow_lines(wave.scene.obstacles, sent.rays, sent.count, Report::kEnds, &wave.crossings);
   for (size_t i = 0; i < sent.count; i += lanes()) {
     const Mask live = hn::FirstN(d, sent.count - i);
@@ -157,55 +267,34 @@ inline void cross_refracted_rays(Wavefront& wave) {
         crossing_of(direction, load(wave.crossings.smooth_normal, i), flat_normal,
                     hn::FirstN(d, lanes()), wave.scene.obstacles.corner_normals.flat());
     const Floats length = load(sent.rays.medium_length, i);
-    Vectors to_light = load(sent.to_light, i);
-    Floats distance = load(sent.distance, i), nearer = one;
-    if (shadow_rays.rays.bounded) {  // the light is seen in another direction from y
-      const Mask near = hn::Lt(distance, set(kInfinity));
-      const Vectors from_y = to_light * hn::IfThenElse(near, distance, one) -
-                             direction * hn::IfThenElseZero(near, length);
-      const Floats from_y_2 = dot(from_y, from_y), from_y_length = hn::Sqrt(from_y_2);
-      nearer = hn::IfThenElse(near, hn::Div(hn::Mul(distance, distance), from_y_2), one);
-      to_light = if_then_else(near, from_y * hn::Div(one, from_y_length), to_light);
-      distance = hn::IfThenElse(near, from_y_length, distance);
-    }
-    const BoundaryValue boundary = evaluate(wave.scene.boundary, at, to_light);
-    where = hn::And(
-        where, hn::And(hn::Gt(dot(flat_normal, to_light), zero), hn::Gt(boundary.value, zero)));
-
-    // Light by radiance, its part that arrives at y apart.
-    const Floats phase = load(sent.phase, i), light_pdf = load(sent.light_pdf, i);
-    const Floats walk_pdf = hn::Mul(phase, exp(hn::Mul(length, set(-wave.sigma_t))));
-    const Floats boundary_pdf =
-        wave.switches.techniques == Switches::Techniques::kBoth ? boundary.pdf : zero;
-    const Mask dense = hn::Gt(light_pdf, zero);
-    const Floats drawn_pdf =
-        hn::Mul(hn::IfThenElse(dense, light_pdf, one), hn::Add(load(sent.pdf, i), walk_pdf));
-    const Floats pdf_sum =
-        hn::Add(drawn_pdf, hn::IfThenElseZero(dense, hn::Mul(walk_pdf, boundary_pdf)));
-    const Floats per_radiance = hn::Div(hn::Mul(hn::Mul(phase, boundary.value), nearer), pdf_sum);
+    const Floats arriving = exp(hn::Mul(length, set(-wave.sigma_t)));
+    const Exit exit = wave.boundary_is_delta ? exit_of_smooth(wave, i, at, arriving, where)
+                                             : exit_of_rough(wave, i, at, arriving);
+    where = hn::And(where, hn::And(hn::Gt(dot(flat_normal, exit.to_light), zero),
+                                   hn::Gt(exit.per_radiance, zero)));
 
     const Append append{where, shadow_rays.count};
     append(load(sent.rays.position, i), shadow_rays.rays.position);
-    append(to_light, shadow_rays.rays.direction);
+    append(exit.to_light, shadow_rays.rays.direction);
     append(hn::Zero(UintTag()), shadow_rays.rays.interaction);
     append(zero, shadow_rays.rays.max_medium_length);
-    if (shadow_rays.rays.bounded) append(distance, shadow_rays.rays.distance);
+    if (shadow_rays.rays.bounded) append(exit.distance, shadow_rays.rays.distance);
     append(length, shadow_rays.length_before);
     append(load(sent.slot, i), shadow_rays.slot);
     append(load(sent.importance, i), shadow_rays.importance);
-    append(hn::Mul(load(sent.radiance, i), per_radiance), shadow_rays.light);
+    append(hn::Mul(exit.radiance, exit.per_radiance), shadow_rays.light);
     if (wave.differentiated_map != nullptr) {
-      append(hn::IfThenElseZero(dense, per_radiance), shadow_rays.per_radiance[0]);
+      const Mask dense = hn::Gt(load(sent.light_pdf, i), zero);
+      append(hn::IfThenElseZero(dense, exit.per_radiance), shadow_rays.per_radiance[0]);
     }
     const size_t phase_slots = wave.paths.control_phase.size();
     for (size_t s = 0; s < sent.score_slots.size(); ++s) {
       const Floats score = load(sent.score_slots[s], i);
-      append(s < phase_slots ? score : hn::Add(score, boundary.scores[s - phase_slots]),
+      append(s < phase_slots ? score : hn::Add(score, exit.scores[s - phase_slots]),
              shadow_rays.score_slots[s]);
     }
     for (size_t l = 0; l < sent.parts_of_lights.size(); ++l) {
-      append(hn::Mul(load(sent.parts_of_lights[l], i), per_radiance),
-             shadow_rays.parts_of_lights[l]);
+      append(hn::Mul(exit.parts_of_lights[l], exit.per_radiance), shadow_rays.parts_of_lights[l]);
     }
     shadow_rays.count += hn::CountTrue(d, where);
   }

@@ -126,7 +126,11 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   }
   if (wave.refracts_shadow_rays) {
     // Who leaves the medium goes on to light far away, if to any: others than that end at none.
-    const Floats odds = refraction_odds(wave, i, direction, set(kInfinity));
+    Floats passing = set(1.0F);
+    if (wave.boundary_is_delta) {
+      passing = hn::Sub(passing, transmit(wave.scene.boundary, vertices.crossing).reflected);
+    }
+    const Floats odds = refraction_odds(wave, i, direction, set(kInfinity), passing);
     store(hn::IfThenElseZero(where, odds), paths.odds[0], i);
     const Vectors outwards =
         if_then_else(vertices.crossing.leaving, set(Vec3f{}) - vertices.crossing.normal,

@@ -98,7 +98,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   Floats pdf_sum =
       hn::IfThenElse(hn::Gt(light.pdf, zero), hn::Add(light.pdf, phase_pdf), set(1.0F));
   if (wave.refracts_shadow_rays && vertices.any_at_boundary) {
-    const Floats odds = refraction_odds(wave, i, light.direction, light.distance);
+    const Floats odds = refraction_odds(wave, i, light.direction, light.distance, set(1.0F));
     const Floats light_pdf = hn::IfThenElse(hn::Gt(light.pdf, zero), light.pdf, set(1.0F));
     pdf_sum = hn::Add(pdf_sum, hn::IfThenElseZero(vertices.at_boundary, hn::Mul(odds, light_pdf)));
   }

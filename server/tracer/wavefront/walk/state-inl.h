@@ -67,7 +67,8 @@ struct Wavefront {
                                                 compiled.lights.power() / (4 * std::numbers::pi))),
         stops_at_boundary(stops_lines(compiled.boundary)),
         boundary_is_delta(is_delta(compiled.boundary)),
-        refracts_shadow_rays(!boundary_is_delta && options.switches.refracted_shadow_rays &&
+        refracts_shadow_rays(refracts(compiled.boundary) &&
+                             options.switches.refracted_shadow_rays &&
                              options.switches.techniques != Switches::Techniques::kPhaseOnly),
         refraction(refraction_of(compiled.boundary)) {
     for (const Parameter& parameter : asked.derivatives) {
