@@ -47,8 +47,8 @@ struct RenderFlags {
   std::string film;
   std::string material;    // a measured one; then sigma_t, albedo and g follow from it
   double object_size = 0;  // 0: as in the scene
-  double sigma_t = 0, albedo = 0;
-  std::optional<double> g;
+  std::vector<double> sigma_t, albedo, g;  // one each, or those of R, G and B
+  bool color = false;
   std::string phase;
   uint32_t spp = 64;
   uint64_t seed = 0;
@@ -132,31 +132,38 @@ void set_film(const std::string& size, v1::Film& film) {
   film.set_height(height);
 }
 
-// The channel of a measured medium that a film shows. Luminance is mostly green.
+// What is rendered for a channel of the image.
+struct Channel {
+  std::string name;  // "Y", or "R", "G" and "B"
+  Material material;
+  RenderJob job;
+};
+
+// The number of a measured medium's channel that a film shows. Luminance is mostly green.
 size_t channel_of(const v1::Film& film) {
   return film.channel() == v1::Film::RED ? 0 : film.channel() == v1::Film::BLUE ? 2 : 1;
 }
 
-void set_measured(const v1::Scene& scene, RenderFlags& options) {
-  Material material = measured_medium(options.material).material(channel_of(scene.film()));
+Material material_of(const RenderFlags& options, const v1::Scene& scene, size_t channel) {
+  if (options.material.empty()) {
+    const auto of = [&](const std::vector<double>& numbers) {
+      return numbers.empty() ? 0 : numbers[std::min(channel, numbers.size() - 1)];
+    };
+    return {of(options.sigma_t), of(options.albedo), of(options.g)};
+  }
+  Material material = measured_medium(options.material).material(channel);
   if (options.object_size > 0) {
     const Bounds box = object_bounds(scene);
     const Vec3f size = box.max - box.min;
     material.sigma_t *= options.object_size / double{std::max({size.x, size.y, size.z})};
   }
-  options.sigma_t = material.sigma_t;
-  options.albedo = material.albedo;
-  options.g = material.g;
+  return material;
 }
 
-RenderJob make_job(RenderFlags& options) {
-  v1::Scene scene = load_scene(options.scene, options.mesh_unit);
-  if (!options.material.empty()) set_measured(scene, options);
-  if (!options.film.empty()) set_film(options.film, *scene.mutable_film());
+RenderJob job_of(const RenderFlags& options, const v1::Scene& scene, const Material& material) {
   RenderJob job;
   job.scene = serialize(scene);
-  *job.request.mutable_material() =
-      to_proto(Material{options.sigma_t, options.albedo, options.g.value_or(0)});
+  *job.request.mutable_material() = to_proto(material);
   if (!options.phase.empty()) {
     parse_text_proto(options.phase, "--phase", *job.request.mutable_phase());
   }
@@ -170,57 +177,91 @@ RenderJob make_job(RenderFlags& options) {
   return job;
 }
 
-v1::RenderGradReply render(const RenderFlags& options, const RenderJob& job) {
+std::vector<Channel> channels_of(const RenderFlags& options) {
+  v1::Scene scene = load_scene(options.scene, options.mesh_unit);
+  v1::Film& film = *scene.mutable_film();
+  if (!options.film.empty()) set_film(options.film, film);
+  if (!options.color) {
+    const Material material = material_of(options, scene, channel_of(film));
+    return {{"Y", material, job_of(options, scene, material)}};
+  }
+  std::vector<Channel> channels;
+  for (const auto& [name, shown] : {std::pair{"R", v1::Film::RED}, std::pair{"G", v1::Film::GREEN},
+                                    std::pair{"B", v1::Film::BLUE}}) {
+    film.set_channel(shown);
+    const Material material = material_of(options, scene, channel_of(film));
+    channels.push_back({name, material, job_of(options, scene, material)});
+  }
+  return channels;
+}
+
+std::vector<v1::RenderGradReply> render(const RenderFlags& options,
+                                        const std::vector<Channel>& channels) {
   RenderPool pool(options.workers.pool_options());
+  std::vector<RenderJob> jobs;
+  for (const Channel& channel : channels) jobs.push_back(channel.job);
   Progress progress("rendering", "samples per pixel", options.spp);
-  auto reply = pool.render_split(job, [&](double fraction) {
+  auto replies = pool.render_split(jobs, [&](double fraction) {
     throw_if_interrupted();
     progress.update(static_cast<uint64_t>(fraction * options.spp));
   });
   progress.finish();
-  return reply;
+  return replies;
+}
+
+v1::Counters sum_of(const std::vector<v1::RenderGradReply>& replies) {
+  v1::Counters sum;
+  for (const v1::RenderGradReply& reply : replies) {
+    const v1::Counters& counters = reply.counters();
+    sum.set_paths(sum.paths() + counters.paths());
+    sum.set_steps(sum.steps() + counters.steps());
+    sum.set_invalid_samples(sum.invalid_samples() + counters.invalid_samples());
+    sum.set_leaks(sum.leaks() + counters.leaks());
+    sum.set_cpu_seconds(sum.cpu_seconds() + counters.cpu_seconds());
+  }
+  return sum;
 }
 
 // ---- The file --------------------------------------------------------------------------------
 
-void add_channels(const v1::RenderGradReply& reply, const RenderFlags& options, Image& image) {
-  image.channels["Y"] = mean_radiance(reply, options.spp);
+// `channel`: its name.
+void add_channel(const std::string& channel, const v1::RenderGradReply& reply,
+                 const RenderFlags& options, Image& image) {
+  image.channels[channel] = mean_radiance(reply, options.spp);
   const std::vector<std::string>& derivatives = options.derivatives;
   for (size_t d = 0; d < derivatives.size(); ++d) {
     const auto derivative = [d](const v1::Estimate& e) -> const std::string& {
       return e.derivatives(static_cast<int>(d));
     };
-    image.channels[derivatives[d] + ".Y"] = mean_of_estimates(reply, options.spp, derivative);
+    const std::string name = derivatives[d] + "." + channel;
+    image.channels[name] = mean_of_estimates(reply, options.spp, derivative);
     if (reply.estimates_size() == 1) continue;
-    image.channels["stderr." + derivatives[d] + ".Y"] =
-        standard_error_of_estimates(reply, derivative);
+    image.channels["stderr." + name] = standard_error_of_estimates(reply, derivative);
   }
-  image.channels["mask.Y"] = from_bytes<float>(reply.mask());
-  image.channels["stderr.Y"] = from_bytes<float>(reply.standard_error());
+  image.channels["mask.Y"] = from_bytes<float>(reply.mask());  // the same in all channels
+  image.channels["stderr." + channel] = from_bytes<float>(reply.standard_error());
   if (reply.estimates_size() == 1) return;
   for (int k = 0; k < reply.estimates_size(); ++k) {
     const v1::Estimate& estimate = reply.estimates(k);
-    image.channels[fmt::format("estimate{}.Y", k)] = from_bytes<float>(estimate.radiance());
+    image.channels[fmt::format("estimate{}.{}", k, channel)] =
+        from_bytes<float>(estimate.radiance());
     for (size_t d = 0; d < derivatives.size(); ++d) {
-      image.channels[estimate_channel(k, derivatives[d])] =
+      image.channels[estimate_channel(k, derivatives[d], channel)] =
           from_bytes<float>(estimate.derivatives(static_cast<int>(d)));
     }
   }
 }
 
-Image make_image(const v1::RenderGradReply& reply, const RenderFlags& options,
-                 const RenderJob& job) {
+Image make_image(const std::vector<Channel>& channels,
+                 const std::vector<v1::RenderGradReply>& replies, const RenderFlags& options) {
   Image image;
-  image.width = static_cast<int>(reply.width());
-  image.height = static_cast<int>(reply.height());
-  add_channels(reply, options, image);
-  const v1::Counters& counters = reply.counters();
+  image.width = static_cast<int>(replies[0].width());
+  image.height = static_cast<int>(replies[0].height());
+  const v1::Counters counters = sum_of(replies);
   const auto count = [](uint64_t value) { return static_cast<double>(value); };
   image.attributes = {
       {attribute::kVersion, ITN_VERSION},
-      {attribute::kSceneSha256, to_hex(job.scene->digest)},
-      {attribute::kSigmaT, options.sigma_t},
-      {attribute::kAlbedo, options.albedo},
+      {attribute::kSceneSha256, to_hex(channels[0].job.scene->digest)},
       {attribute::kSpp, static_cast<int>(options.spp)},
       {attribute::kSeed, std::to_string(options.seed)},
       {attribute::kEstimates, static_cast<int>(options.estimates)},
@@ -232,20 +273,34 @@ Image make_image(const v1::RenderGradReply& reply, const RenderFlags& options,
       {attribute::kInvalidSamples, count(counters.invalid_samples())},
       {attribute::kLeaks, count(counters.leaks())},
   };
-  if (options.phase.empty()) {
-    image.attributes[attribute::kG] = options.g.value_or(0);
-  } else {
-    image.attributes[attribute::kPhase] = options.phase;
+  if (!options.phase.empty()) image.attributes[attribute::kPhase] = options.phase;
+  for (size_t c = 0; c < channels.size(); ++c) {
+    const auto& [name, material, job] = channels[c];
+    add_channel(name, replies[c], options, image);
+    const std::string of = options.color ? "." + name : "";
+    image.attributes[attribute::kSigmaT + of] = material.sigma_t;
+    image.attributes[attribute::kAlbedo + of] = material.albedo;
+    if (options.phase.empty()) image.attributes[attribute::kG + of] = material.g;
   }
   return image;
 }
 
 // For people to look at.
-void write_preview(const std::filesystem::path& path, const Image& image) {
-  const std::vector<float>& radiance = image.channel("Y");
-  const float white = white_level(radiance);
+void write_preview(const std::filesystem::path& path, const Image& image,
+                   const std::vector<Channel>& channels) {
+  std::vector<float> all;
+  for (const Channel& channel : channels) {
+    const std::vector<float>& radiance = image.channel(channel.name);
+    all.insert(all.end(), radiance.begin(), radiance.end());
+  }
+  const float white = white_level(all);
+  const size_t pixels = all.size() / channels.size();
   std::vector<unsigned char> rgb;
-  for (const float value : radiance) rgb.insert(rgb.end(), 3, to_srgb_byte(value / white));
+  for (size_t p = 0; p < pixels; ++p) {
+    for (size_t c = 0; c < 3; ++c) {
+      rgb.push_back(to_srgb_byte(all[std::min(c, channels.size() - 1) * pixels + p] / white));
+    }
+  }
   write_png(path, image.width, image.height, rgb);
 }
 
@@ -291,8 +346,8 @@ void warn_small_object(const Image& image) {
   spdlog::warn("{}. Is it at the camera's target, and of the size that is meant, in mm?", how);
 }
 
-double mean_over_object(const Image& image) {
-  const std::vector<float>& radiance = image.channel("Y");
+double mean_over_object(const Image& image, const std::string& channel) {
+  const std::vector<float>& radiance = image.channel(channel);
   const std::vector<float>& mask = image.channel("mask.Y");
   double sum = 0;
   double weight = 0;
@@ -303,20 +358,22 @@ double mean_over_object(const Image& image) {
   return weight > 0 ? sum / weight : 0;
 }
 
-void print_json(const v1::RenderGradReply& reply, const RenderFlags& options, const Image& image,
-                double seconds) {
-  const v1::Counters& counters = reply.counters();
+void print_json(const v1::Counters& counters, const RenderFlags& options,
+                const std::vector<Channel>& channels, const Image& image, double seconds) {
   google::protobuf::Struct result;
   auto& fields = *result.mutable_fields();
   const auto number = [&](const char* name, auto value) {
     fields[name].set_number_value(static_cast<double>(value));
   };
   fields["output"].set_string_value(options.output);
-  number("width", reply.width());
-  number("height", reply.height());
+  number("width", image.width);
+  number("height", image.height);
   number("spp", options.spp);
   number("object_coverage", coverage(image));
-  number("mean_radiance_on_object", mean_over_object(image));
+  for (const auto& [name, material, job] : channels) {
+    const std::string suffix = options.color ? "_" + lower(name) : "";
+    number(("mean_radiance_on_object" + suffix).c_str(), mean_over_object(image, name));
+  }
   number("paths", counters.paths());
   number("steps", counters.steps());
   number("invalid_samples", counters.invalid_samples());
@@ -326,21 +383,23 @@ void print_json(const v1::RenderGradReply& reply, const RenderFlags& options, co
   print_result("{}\n", to_json(result));
 }
 
-void print_text(const v1::RenderGradReply& reply, const RenderFlags& options, const RenderJob& job,
-                const Image& image, double seconds) {
-  const v1::Counters& counters = reply.counters();
+void print_text(const v1::Counters& counters, const RenderFlags& options,
+                const std::vector<Channel>& channels, const Image& image, double seconds) {
   std::string text =
       fmt::format("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n",
-                  name_of_output(options.output), reply.width(), reply.height(), options.spp,
-                  seconds) +
-      fmt::format("object: {}, {:.2g} % of the film{}\n", size_of_object(job),
-                  100 * coverage(image), leaves_film(image) ? ", cut by its edge" : "") +
-      fmt::format("mean radiance on the object: {:.6g}\n", mean_over_object(image));
+                  name_of_output(options.output), image.width, image.height, options.spp, seconds) +
+      fmt::format("object: {}, {:.2g} % of the film{}\n", size_of_object(channels[0].job),
+                  100 * coverage(image), leaves_film(image) ? ", cut by its edge" : "");
   if (!options.material.empty()) {
     const MeasuredMedium& medium = measured_medium(options.material);
-    text += fmt::format("{} ({}), index {}: here sigma_t {:.4g} / mm, albedo {:.5g}, g {:.3g}\n",
-                        medium.name, medium.source, medium.index, options.sigma_t, options.albedo,
-                        *options.g);
+    text += fmt::format("{} ({}), index {}\n", medium.name, medium.source, medium.index);
+  }
+  for (const auto& [name, material, job] : channels) {
+    text += fmt::format(
+        "{}: sigma_t {:.4g} / mm, albedo {:.5g}{}; mean radiance on the object {:.6g}\n", name,
+        material.sigma_t, material.albedo,
+        options.phase.empty() ? fmt::format(", g {:.3g}", material.g) : "",
+        mean_over_object(image, name));
   }
   if (counters.invalid_samples() > 0 || counters.leaks() > 0) {
     text += fmt::format("dropped: {} invalid samples, {} leaks of {} paths\n",
@@ -349,19 +408,19 @@ void print_text(const v1::RenderGradReply& reply, const RenderFlags& options, co
   print_result(text, is_stdout(options.output) ? stderr : stdout);
 }
 
-void run(RenderFlags options) {
+void run(const RenderFlags& options) {
   const auto start = std::chrono::steady_clock::now();
   check_combinations(options);
   check_outputs(options);
-  const RenderJob job = make_job(options);
-  const v1::RenderGradReply reply = render(options, job);
-  const Image image = make_image(reply, options, job);
+  const std::vector<Channel> channels = channels_of(options);
+  const std::vector<v1::RenderGradReply> replies = render(options, channels);
+  const Image image = make_image(channels, replies, options);
+  const v1::Counters counters = sum_of(replies);
   warn_small_object(image);
   write_exr(options.output, image);
-  if (!options.png.empty()) write_preview(options.png, image);
+  if (!options.png.empty()) write_preview(options.png, image, channels);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
-  options.json ? print_json(reply, options, image, elapsed.count())
-               : print_text(reply, options, job, image, elapsed.count());
+  (options.json ? print_json : print_text)(counters, options, channels, image, elapsed.count());
 }
 
 }  // namespace
@@ -376,13 +435,27 @@ void add_render_command(CLI::App& app) {
   add_mesh_unit_flag(*command, options->mesh_unit);
   command->add_option("-o,--output", options->output, "EXR file to write; -: standard output")
       ->required();
-  command->add_option("--sigma-t", options->sigma_t, "Extinction coefficient, in 1/mm")
+  const auto add_coefficient = [&](const char* flag, std::vector<double>& numbers,
+                                   const char* description) {
+    return command
+        ->add_option(
+            flag, numbers,
+            fmt::format("{}; or three, of R, G and B, separated by commas, for an image in "
+                        "colour",
+                        description))
+        ->delimiter(',')
+        ->allow_extra_args(false);
+  };
+  add_coefficient("--sigma-t", options->sigma_t, "Extinction coefficient, in 1/mm")
       ->check(number_in(kMinSigmaT, kMaxSigmaT));
-  command->add_option("--albedo", options->albedo, "Single-scattering albedo")
+  add_coefficient("--albedo", options->albedo, "Single-scattering albedo")
       ->check(number_in(0.0, 1.0));
-  CLI::Option* g = command->add_option("--g", options->g, "Mean cosine of scattering")
+  CLI::Option* g = add_coefficient("--g", options->g, "Mean cosine of scattering")
                        ->check(number_in(-kMaxAbsG, kMaxAbsG))
                        ->default_str("0");
+  command->add_flag("--color,--colour", options->color,
+                    "Channels R, G and B instead of Y: of coloured lights, and with --material of "
+                    "the medium. Three renders, by the same random numbers");
   command
       ->add_option("--phase", options->phase,
                    "Phase function instead of Henyey and Greenstein's with --g, text format of "
@@ -451,6 +524,16 @@ void add_render_command(CLI::App& app) {
     const bool has_coefficients = command->count("--sigma-t") > 0 && command->count("--albedo") > 0;
     require_usage(has_coefficients || !options->material.empty(),
                   "--sigma-t and --albedo are required, or --material");
+    for (const auto& [flag, numbers] :
+         {std::pair{"--sigma-t", &options->sigma_t}, std::pair{"--albedo", &options->albedo},
+          std::pair{"--g", &options->g}}) {
+      require_usage(
+          numbers->size() <= 1 || numbers->size() == 3,
+          fmt::format("{}: {} numbers; it takes one, or those of R, G and B (decimals take "
+                      "a point)",
+                      flag, numbers->size()));
+      options->color |= numbers->size() == 3;
+    }
     run(*options);
   });
 }

@@ -57,8 +57,9 @@ std::vector<float> standard_error_of_estimates(const v1::RenderGradReply& reply,
 }
 
 // The channel of estimate k of a derivative image, e.g. "estimate0.sigma_t.Y".
-inline std::string estimate_channel(int k, const std::string& derivative) {
-  return fmt::format("estimate{}.{}.Y", k, derivative);
+inline std::string estimate_channel(int k, const std::string& derivative,
+                                    const std::string& channel = "Y") {
+  return fmt::format("estimate{}.{}.{}", k, derivative, channel);
 }
 
 }  // namespace itn

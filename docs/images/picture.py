@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Makes the pictures of the README from renders, as PNG or JPEG (Debian: python3-openimageio, python3-numpy).
 
-  picture.py colour RED.exr GREEN.exr BLUE.exr OUT             three channels as one sRGB picture
-  picture.py derivatives IMAGE.exr OUT                     dY/dsigma_t, dY/dalbedo, dY/dg beside one another
+  picture.py colour IMAGE.exr OUT                          its channels R, G and B as an sRGB picture
+  picture.py derivatives IMAGE.exr OUT                     dG/dsigma_t, dG/dalbedo, dG/dg beside one another
   picture.py refinement TARGET.exr A.exr B.exr ... OUT     renders beside their target, and the difference
 """
 import sys
@@ -47,19 +47,20 @@ def half(image):
     return (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2]) / 4
 
 
-def colour(red, green, blue, out):
-    rgb = np.stack([layers(p)[0]["Y"] for p in (red, green, blue)], -1)
+def colour(path, out):
+    image, _ = layers(path)
+    rgb = np.stack([image[channel] for channel in "RGB"], -1)
     write(out, srgb(rgb / np.percentile(rgb, 99.5)))
 
 
 def derivatives(path, out):
     image, spec = layers(path)
     on = image["mask.Y"] > 0.5
-    mean = image["Y"][on].mean()
-    sigma_t, albedo = (spec.get_float_attribute(f"itn.{name}") for name in ("sigma_t", "albedo"))
+    mean = image["G"][on].mean()
+    sigma_t, albedo = (spec.get_float_attribute(f"itn.{name}.G") for name in ("sigma_t", "albedo"))
     panels = []
     for name, factor in (("sigma_t", sigma_t), ("albedo", 1 - albedo), ("g", 1.0)):
-        step = half(factor * image[f"{name}.Y"] / mean)
+        step = half(factor * image[f"{name}.G"] / mean)
         full = np.percentile(np.abs(step[half(on.astype(float)) > 0.5]), 99)
         print(f"{name}: full colour is {full:.3g} of the mean radiance of the object")
         panels.append(diverging(step / full))

@@ -2,9 +2,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <fstream>
 #include <string>
+#include <utility>
+#include <variant>
 #include <vector>
 
+#include "common/image/image.h"
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_folder.h"
@@ -39,11 +43,47 @@ TEST_F(RenderMaterial, IsScaledToTheObject) {
   EXPECT_THAT(done.output, HasSubstr("sigma_t 131.2 / mm, albedo 0.99844, g 0"));
 }
 
+// A colour image has what renders of its channels have, to the bit: lights and media in them.
+TEST_F(RenderMaterial, InColourIsThreeChannels) {
+  const auto with = [&](std::vector<std::string> flags) {
+    flags.insert(flags.end(), {"--derivatives", "sigma_t"});
+    const Finished done = render(flags);
+    EXPECT_EQ(done.exit_code, 0) << done.errors;
+    return read_exr(folder_.path("a.exr"));
+  };
+  const Image colour = with({"--material", "skin1", "--color"});
+  const Image same = with({"--sigma-t", "0.772,1.085,1.570", "--albedo", "0.9,0.8,0.7"});
+  EXPECT_TRUE(same.has("R") && same.has("B")) << same.channel_names();
+  EXPECT_FALSE(colour.has("Y"));
+  std::ifstream file(source("client/examples/cube.textproto"));
+  const std::string scene(std::istreambuf_iterator<char>(file), {});
+  for (const auto& [name, channel] :
+       {std::pair{"R", "RED"}, std::pair{"G", "GREEN"}, std::pair{"B", "BLUE"}}) {
+    const std::string path = folder_.path("scene.textproto");
+    const size_t film = scene.find("film {") + 6;
+    std::ofstream(path) << scene.substr(0, film) << " channel: " << channel << scene.substr(film);
+    const Finished done = run({kItn, "render", path, "-o", folder_.path("gray.exr"), "--film", "8",
+                               "--spp", "1", "--derivatives", "sigma_t", "--material", "skin1"});
+    ASSERT_EQ(done.exit_code, 0) << done.errors;
+    const Image gray = read_exr(folder_.path("gray.exr"));
+    const std::string dot = std::string(".") + name;
+    EXPECT_EQ(colour.channel(name), gray.channel("Y"));
+    EXPECT_EQ(colour.channel("stderr" + dot), gray.channel("stderr.Y"));
+    EXPECT_EQ(colour.channel("sigma_t" + dot), gray.channel("sigma_t.Y"));
+    EXPECT_EQ(std::get<double>(colour.attributes.at("itn.sigma_t" + dot)),
+              std::get<double>(gray.attributes.at("itn.sigma_t")));
+  }
+}
+
 TEST_F(RenderMaterial, RefusesWhatDoesNotFit) {
   EXPECT_EQ(render({}).exit_code, 2);
   EXPECT_THAT(render({"--sigma-t", "3"}).errors, HasSubstr("--sigma-t and --albedo are required"));
   EXPECT_EQ(render({"--material", "marble", "--albedo", "0.5"}).exit_code, 2);
   EXPECT_EQ(render({"--sigma-t", "1", "--albedo", "0.5", "--object-size", "5"}).exit_code, 2);
+  EXPECT_THAT(render({"--sigma-t", "1,2", "--albedo", "0.5"}).errors,
+              HasSubstr("--sigma-t: 2 numbers; it takes one, or those of R, G and B"));
+  EXPECT_THAT(render({"--sigma-t", "1", "--albedo", "0.5,2,0.5"}).errors,
+              HasSubstr("--albedo: 2 is not a number in [0, 1]"));
   EXPECT_THAT(render({"--material", "granite"}).errors, HasSubstr("granite is no measured medium"));
 }
 
