@@ -76,6 +76,18 @@ inline void add_mesh_unit_flag(CLI::App& app, std::optional<v1::LengthUnit>& uni
       ->check(one_of({"mm", "cm", "m", "inch"}));
 }
 
+// For files of renderers.
+inline void add_scene_unit_flag(CLI::App& app, double& mm_per_scene_unit) {
+  app.add_option_function<std::string>(
+         "--scene-unit",
+         [&mm_per_scene_unit](const std::string& unit) {
+           mm_per_scene_unit = unit == "m" ? 1000 : unit == "cm" ? 10 : 1;
+         },
+         "Unit of length of the renderer's scene")
+      ->check(CLI::IsMember({"mm", "cm", "m"}))
+      ->default_str("mm");
+}
+
 // How connections to workers and predictors are secured; defaults are in the environment.
 inline void add_security_flags(CLI::App& app, ClientSecurity& security) {
   CLI::Option* const authority =

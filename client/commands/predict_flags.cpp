@@ -124,15 +124,7 @@ void add_output_flags(CLI::App& command, PredictOptions& options) {
                      "default: standard output");
   command.add_option("--material-name", options.exports.name, "In a renderer's file")
       ->capture_default_str();
-  command
-      .add_option_function<std::string>(
-          "--scene-unit",
-          [&options](const std::string& unit) {
-            options.exports.mm_per_scene_unit = unit == "m" ? 1000 : unit == "cm" ? 10 : 1;
-          },
-          "Unit of length of the renderer's scene")
-      ->check(CLI::IsMember({"mm", "cm", "m"}))
-      ->default_str("mm");
+  add_scene_unit_flag(command, options.exports.mm_per_scene_unit);
 }
 
 }  // namespace

@@ -7,6 +7,16 @@
 #include "client/exports/medium_colours.h"
 
 namespace itn {
+namespace {
+
+// Arnold's roughness is the root of alpha.
+std::string specular(const std::optional<ExportBoundary>& boundary) {
+  if (!boundary) return " specular 0\n specular_IOR 1\n";
+  return fmt::format(" specular 1\n specular_IOR {}\n specular_roughness {}\n",
+                     number(boundary->index), number(boundary->perceptual_roughness()));
+}
+
+}  // namespace
 
 std::string to_arnold(const RgbMaterial& material, const ExportOptions& options) {
   const std::string name = identifier(options);
@@ -32,16 +42,15 @@ std::string to_arnold(const RgbMaterial& material, const ExportOptions& options)
                                      "{{\n"
                                      " name {}\n"
                                      " base 0\n"
-                                     " specular 0\n"
-                                     " specular_IOR 1\n"
+                                     "{}"
                                      " transmission 1\n"
                                      " transmission_color {}\n"
                                      " transmission_depth {}\n"
                                      " transmission_scatter {}\n"
                                      " transmission_scatter_anisotropy {}\n"
                                      "}}\n",
-                                     name, fractions(transmission.color, " "),
-                                     number(transmission.depth),
+                                     name, specular(options.boundary),
+                                     fractions(transmission.color, " "), number(transmission.depth),
                                      fractions(transmission.scatter, " "), number(material.g));
 }
 

@@ -44,6 +44,11 @@ def make_volume(tree, output):
     tree.links.new(scatter.outputs["Volume"], both.inputs[0])
     tree.links.new(absorption.outputs["Volume"], both.inputs[1])
     tree.links.new(both.outputs["Shader"], output.inputs["Volume"])
+    if INDEX != 1:
+        glass = new_node(tree, "ShaderNodeBsdfGlass", Color=[1, 1, 1, 1], IOR=INDEX,
+                         Roughness=math.sqrt(ALPHA))
+        glass.distribution = "MULTI_GGX"  # light that meets several microfacets is not lost
+        tree.links.new(glass.outputs["BSDF"], output.inputs["Surface"])
 
 
 def diffuse_albedo(sigma_a, sigma_s_reduced):
@@ -58,7 +63,8 @@ def make_subsurface(tree, output):
     sigma_a = per_blender_unit(SIGMA_A)
     reduced = [channel * (1 - G) for channel in per_blender_unit(SIGMA_S)]
     surface = new_node(
-        tree, "ShaderNodeBsdfPrincipled", Roughness=1, Specular_IOR_Level=0, Subsurface_Weight=1,
+        tree, "ShaderNodeBsdfPrincipled", Roughness=math.sqrt(ALPHA) if INDEX != 1 else 1,
+        IOR=INDEX, Specular_IOR_Level=0.5 if INDEX != 1 else 0, Subsurface_Weight=1,
         Base_Color=[diffuse_albedo(a, s) for a, s in zip(sigma_a, reduced)] + [1],
         Subsurface_Radius=[4 * math.pi / (a * (1 - g) + s) for a, s in zip(sigma_a, reduced)],
         Subsurface_Scale=1, Subsurface_Anisotropy=g)
@@ -101,11 +107,15 @@ std::string to_blender(const RgbMaterial& material, const ExportOptions& options
              "SIGMA_A = ({})  # absorption coefficients of R, G, B in 1/mm\n"
              "SIGMA_S = ({})  # scattering coefficients, likewise\n"
              "G = {}  # mean cosine of the phase function\n"
+             "INDEX = {}  # of refraction; 1: the surface neither reflects nor refracts\n"
+             "ALPHA = {}  # of GGX: Blender's roughness is its root\n"
              "# 1000 * bpy.context.scene.unit_settings.scale_length, if the scene is in its "
              "units.\n"
              "MM_PER_BLENDER_UNIT = {}\n",
              identifier(options), numbers(real.sigma_a, ", "), numbers(real.sigma_s, ", "),
-             number(material.g), number(options.mm_per_scene_unit)) +
+             number(material.g), number(options.boundary ? options.boundary->index : 1),
+             number(options.boundary ? options.boundary->roughness : 0),
+             number(options.mm_per_scene_unit)) +
          std::string(kScript);
 }
 

@@ -14,7 +14,7 @@ namespace itn {
 namespace {
 
 constexpr std::array<ExportFormat, 5> kFormats{{
-    {"mitsuba", ".xml", "Mitsuba 3: homogeneous medium and null BSDF; exact", to_mitsuba},
+    {"mitsuba", ".xml", "Mitsuba 3: homogeneous medium and its boundary; exact", to_mitsuba},
     {"pbrt", ".pbrt", "pbrt-v4: named homogeneous medium; exact for gray materials", to_pbrt},
     {"blender", ".py", "Blender: script that makes a material with a volume, exact in Cycles",
      to_blender},

@@ -1,6 +1,7 @@
 // Materials as files of renderers. docs/exports.md has the formulas, and how each file is used.
 #pragma once
 
+#include <cmath>
 #include <optional>
 #include <span>
 #include <string>
@@ -10,6 +11,15 @@
 #include "client/exports/rgb_material.h"
 
 namespace itn {
+
+// What bounds the object: a dielectric, whose microfacets are of the distribution GGX.
+struct ExportBoundary {
+  double index = 1.5;    // of refraction, relative to what is around it; in [1, 2.5]
+  double roughness = 0;  // alpha, in [0, 1]; 0: smooth
+
+  // What programs ask for that square it.
+  double perceptual_roughness() const { return std::sqrt(roughness); }
+};
 
 struct ExportOptions {
   // Of the material in the scene; what is no ASCII letter or digit becomes an underscore.
@@ -24,6 +34,9 @@ struct ExportOptions {
   std::string provenance{};
   // Further lines of that comment, as intervals and what limits the answer.
   std::vector<std::string> notes{};
+  // The material is in 1/mm whatever it fills: `object_size_mm` is not looked at.
+  bool any_size = false;
+  std::optional<ExportBoundary> boundary{};  // absent: index-matched
 };
 
 struct ExportFormat {
@@ -42,7 +55,7 @@ const ExportFormat& export_format(std::string_view name);
 // The text of the file. `material` is that of an object whose longest side is 1 mm, in 1/mm.
 // Numbers have 6 significant digits; those between 0 and 1 that mean what they lack of 1 (albedos,
 // colours) have 9, as many as tell single-precision numbers apart. Throws Error (invalid input) if
-// a length in the options is not positive.
+// a length in the options is not positive, or the boundary is out of range.
 std::string to_mitsuba(const RgbMaterial& material, const ExportOptions& options);
 std::string to_pbrt(const RgbMaterial& material, const ExportOptions& options);
 std::string to_blender(const RgbMaterial& material, const ExportOptions& options);

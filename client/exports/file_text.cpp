@@ -23,6 +23,15 @@ void check_length(const char* name, double millimetres) {
   }
 }
 
+void check_boundary(const ExportBoundary& boundary) {
+  const auto check = [](const char* name, double value, double low, double high) {
+    if (value >= low && value <= high) return;
+    throw invalid_input(fmt::format("{} is {}; it must be in [{}, {}]", name, value, low, high));
+  };
+  check("boundary.index", boundary.index, 1, 2.5);
+  check("boundary.roughness", boundary.roughness, 0, 1);
+}
+
 }  // namespace
 
 std::string number(double value) {
@@ -50,9 +59,10 @@ std::string identifier(const ExportOptions& options) {
 }
 
 RgbMaterial of_object(const RgbMaterial& material, const ExportOptions& options) {
-  const double size_mm = options.object_size_mm.value_or(1);
+  const double size_mm = options.any_size ? 1 : options.object_size_mm.value_or(1);
   check_length("object_size_mm", size_mm);
   check_length("mm_per_scene_unit", options.mm_per_scene_unit);
+  if (options.boundary) check_boundary(*options.boundary);
   return with_lengths_scaled(material, size_mm);
 }
 
@@ -61,8 +71,9 @@ RgbMaterial in_scene_units(const RgbMaterial& material, const ExportOptions& opt
 }
 
 std::vector<std::string> heading(const ExportOptions& options, std::string_view for_another_size) {
-  std::vector<std::string> lines{
-      fmt::format("{}: scattering material, estimated by itn", identifier(options))};
+  std::vector<std::string> lines{fmt::format("{}: scattering material, {} by itn",
+                                             identifier(options),
+                                             options.any_size ? "written" : "estimated")};
   if (!options.provenance.empty()) {
     lines.push_back("from " + printable(options.provenance, kLongestProvenance));
   }
@@ -70,6 +81,15 @@ std::vector<std::string> heading(const ExportOptions& options, std::string_view 
     lines.push_back(printable(note, kLongestProvenance));
   }
   lines.push_back(fmt::format("1 scene unit = {} mm", number(options.mm_per_scene_unit)));
+  if (options.boundary) {
+    lines.push_back(fmt::format("index of refraction {}, roughness {} (alpha of GGX)",
+                                number(options.boundary->index),
+                                number(options.boundary->roughness)));
+  }
+  if (options.any_size) {
+    lines.push_back("for objects of any size");
+    return lines;
+  }
 
   const double size_mm = options.object_size_mm.value_or(1);
   const std::string size = fmt::format("{} mm ({} scene units)", number(size_mm),

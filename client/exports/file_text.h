@@ -30,8 +30,8 @@ RgbMaterial of_object(const RgbMaterial& material, const ExportOptions& options)
 // Likewise, in the reciprocal of scene units.
 RgbMaterial in_scene_units(const RgbMaterial& material, const ExportOptions& options);
 
-// Lines of ASCII for the comment at the top: what this is, where from, in which units, of which
-// size. `for_another_size` says what to do if the longest side is S mm.
+// Lines of ASCII for the comment at the top: what this is, where from, in which units, behind which
+// boundary, of which size. `for_another_size` says what to do if the longest side is S mm.
 std::vector<std::string> heading(const ExportOptions& options, std::string_view for_another_size);
 
 // A line with the coefficients, for formats that have them in another form.

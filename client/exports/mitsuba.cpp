@@ -1,5 +1,5 @@
 // Mitsuba 3: https://mitsuba.readthedocs.io, "Homogeneous medium", "Henyey-Greenstein phase
-// function", "Null material".
+// function", "Null material", "Smooth dielectric material", "Rough dielectric material".
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -32,6 +32,21 @@ std::string medium_parameters(const RgbMaterial& material, double mm_per_scene_u
       fractions({material.albedo(0), material.albedo(1), material.albedo(2)}, ", "));
 }
 
+std::string bsdf(const std::string& name, const std::optional<ExportBoundary>& boundary) {
+  if (!boundary) return fmt::format("  <bsdf type=\"null\" id=\"{}_boundary\"/>\n", name);
+  const std::string index = fmt::format(
+      "    <float name=\"int_ior\" value=\"{}\"/>\n"
+      "    <float name=\"ext_ior\" value=\"1\"/>\n",
+      number(boundary->index));
+  const std::string roughness = fmt::format(
+      "    <string name=\"distribution\" value=\"ggx\"/>\n"
+      "    <float name=\"alpha\" value=\"{}\"/>\n",
+      number(boundary->roughness));
+  const bool rough = boundary->roughness > 0;
+  return fmt::format("  <bsdf type=\"{}\" id=\"{}_boundary\">\n{}{}  </bsdf>\n",
+                     rough ? "roughdielectric" : "dielectric", name, index, rough ? roughness : "");
+}
+
 }  // namespace
 
 std::string to_mitsuba(const RgbMaterial& material, const ExportOptions& options) {
@@ -48,7 +63,7 @@ std::string to_mitsuba(const RgbMaterial& material, const ExportOptions& options
   return "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n" + xml_comment(comment) +
          fmt::format(
              "<scene version=\"3.0.0\">\n"
-             "  <bsdf type=\"null\" id=\"{0}_boundary\"/>\n"
+             "{3}"
              "  <medium type=\"homogeneous\" id=\"{0}\">\n"
              "{1}"
              "    <phase type=\"hg\">\n"
@@ -56,7 +71,8 @@ std::string to_mitsuba(const RgbMaterial& material, const ExportOptions& options
              "    </phase>\n"
              "  </medium>\n"
              "</scene>\n",
-             name, medium_parameters(real, options.mm_per_scene_unit), number(material.g));
+             name, medium_parameters(real, options.mm_per_scene_unit), number(material.g),
+             bsdf(name, options.boundary));
 }
 
 }  // namespace itn

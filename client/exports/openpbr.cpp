@@ -13,11 +13,15 @@ std::string input(std::string_view name, std::string_view type, std::string_view
   return fmt::format("    <input name=\"{}\" type=\"{}\" value=\"{}\"/>\n", name, type, value);
 }
 
-// Index-matched and not glossy: with a specular_weight of 0 the index of refraction is that of the
-// surroundings (section "Dielectric base"); specular_ior says the same to renderers that refract by
-// it alone.
-std::string boundary() {
-  return input("specular_weight", "float", "0") + input("specular_ior", "float", "1");
+// Where it is index-matched, it is not glossy: with a specular_weight of 0 the index of refraction
+// is that of the surroundings (section "Dielectric base"); specular_ior says the same to renderers
+// that refract by it alone. specular_roughness is the root of alpha (section "Microfacet model").
+std::string dielectric_base(const ExportOptions& options) {
+  const auto& of = options.boundary;
+  if (!of) return input("specular_weight", "float", "0") + input("specular_ior", "float", "1");
+  return input("specular_weight", "float", "1") +
+         input("specular_ior", "float", number(of->index)) +
+         input("specular_roughness", "float", number(of->perceptual_roughness()));
 }
 
 std::string material_with(const std::string& name, const std::string& inputs) {
@@ -31,18 +35,18 @@ std::string material_with(const std::string& name, const std::string& inputs) {
       name, inputs);
 }
 
-std::string subsurface_inputs(const RgbMaterial& medium) {
+std::string subsurface_inputs(const RgbMaterial& medium, const ExportOptions& options) {
   const SubsurfaceColours subsurface = subsurface_colours(medium);
-  return boundary() + input("subsurface_weight", "float", "1") +
+  return dielectric_base(options) + input("subsurface_weight", "float", "1") +
          input("subsurface_color", "color3", fractions(subsurface.color, ", ")) +
          input("subsurface_radius", "float", number(subsurface.radius)) +
          input("subsurface_radius_scale", "color3", fractions(subsurface.radius_scale, ", ")) +
          input("subsurface_scatter_anisotropy", "float", number(medium.g));
 }
 
-std::string transmission_inputs(const RgbMaterial& medium) {
+std::string transmission_inputs(const RgbMaterial& medium, const ExportOptions& options) {
   const TransmissionColours transmission = transmission_colours(medium);
-  return boundary() + input("transmission_weight", "float", "1") +
+  return dielectric_base(options) + input("transmission_weight", "float", "1") +
          input("transmission_color", "color3", fractions(transmission.color, ", ")) +
          input("transmission_depth", "float", number(transmission.depth)) +
          input("transmission_scatter", "color3", fractions(transmission.scatter, ", ")) +
@@ -64,8 +68,8 @@ std::string to_openpbr(const RgbMaterial& material, const ExportOptions& options
        fmt::format("{}_volume: by transmission, which states the coefficients", name),
        "  themselves; for renderers that trace light through the medium."});
   return "<?xml version=\"1.0\"?>\n" + xml_comment(comment) + "<materialx version=\"1.39\">\n" +
-         material_with(name, subsurface_inputs(medium)) +
-         material_with(name + "_volume", transmission_inputs(medium)) + "</materialx>\n";
+         material_with(name, subsurface_inputs(medium, options)) +
+         material_with(name + "_volume", transmission_inputs(medium, options)) + "</materialx>\n";
 }
 
 }  // namespace itn

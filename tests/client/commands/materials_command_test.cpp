@@ -8,6 +8,7 @@
 #include <variant>
 #include <vector>
 
+#include "common/files/read_file.h"
 #include "common/image/image.h"
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
@@ -24,6 +25,28 @@ TEST(MaterialsCommand, ListsMedia) {
   EXPECT_EQ(done.exit_code, 0);
   EXPECT_THAT(done.output, HasSubstr("marble"));
   EXPECT_THAT(done.output, HasSubstr("Narasimhan et al. 2006"));
+}
+
+// In 1/mm, times the scene's unit; with the index of the list, or another one.
+TEST(MaterialsCommand, WritesAFileForARenderer) {
+  const TemporaryFolder folder;
+  const std::string file = folder.path("marble.pbrt");
+  const Finished done = run({kItn, "materials", "marble", "--format", "pbrt", "--roughness", "0.1",
+                             "--scene-unit", "cm", "-o", file});
+  EXPECT_EQ(done.exit_code, 0) << done.errors;
+  const std::string text = read_file(file, "file");
+  EXPECT_THAT(text, HasSubstr("from Jensen et al. 2001"));
+  EXPECT_THAT(text, HasSubstr("\"rgb sigma_s\" [ 2.19 2.62 3 ]"));
+  EXPECT_THAT(text, HasSubstr("\"float scale\" 10"));
+  EXPECT_THAT(text, HasSubstr("\"float eta\" 1.5\n"));
+  EXPECT_THAT(text, HasSubstr("\"float roughness\" 0.1\n"));
+  EXPECT_THAT(run({kItn, "materials", "marble", "--format", "mitsuba", "--index", "1"}).output,
+              HasSubstr("type=\"null\""));
+  EXPECT_EQ(run({kItn, "materials", "marble"}).exit_code, 2);
+  EXPECT_EQ(run({kItn, "materials", "--format", "pbrt"}).exit_code, 2);
+  EXPECT_EQ(run({kItn, "materials", "marble", "--format", "vray"}).exit_code, 2);
+  EXPECT_THAT(run({kItn, "materials", "granite", "--format", "pbrt"}).errors,
+              HasSubstr("granite is no measured medium"));
 }
 
 class RenderMaterial : public ::testing::Test {

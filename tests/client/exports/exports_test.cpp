@@ -97,7 +97,6 @@ Medium from_albedo(const Rgb& sigma_t, const Rgb& albedo, double g) {
 Medium read_mitsuba(const std::string& text) {
   const pugi::xml_document xml = parse_xml(text);
   const pugi::xml_node scene = xml.child("scene");
-  EXPECT_STREQ(child(scene, "type", "null").name(), "bsdf");
   const pugi::xml_node medium = child(scene, "type", "homogeneous");
   const double scale = parse_numbers(value(medium, "scale")).at(0);
   Rgb sigma_t = parse_rgb(value(medium, "sigma_t"));
@@ -118,7 +117,8 @@ Medium read_pbrt(const std::string& text) {
   const auto scalar = [&](const std::string& name) {
     return parse_numbers(only_match(code, "\"" + name + "\" ([^\\s\\[]+)\\s*\n")).at(0);
   };
-  EXPECT_EQ(only_match(code, "\"string type\" \"([^\"]*)\""), "homogeneous");
+  EXPECT_EQ(only_match(code, "MakeNamedMedium \"[^\"]*\"\\s+\"string type\" \"([^\"]*)\""),
+            "homogeneous");
   Medium medium{parse_rgb(parameter("rgb sigma_a")), parse_rgb(parameter("rgb sigma_s")),
                 scalar("float g")};
   for (size_t c = 0; c < 3; ++c) {
@@ -168,8 +168,6 @@ Medium read_arnold(const std::string& text) {
     return only_match(code, "\n " + name + " ([^\n]*)\n");
   };
   EXPECT_EQ(parameter("transmission"), "1");
-  EXPECT_EQ(parameter("specular_IOR"), "1");
-  EXPECT_EQ(parameter("specular"), "0");
   return from_transmission(parse_rgb(parameter("transmission_color")),
                            parse_numbers(parameter("transmission_depth")).at(0),
                            parse_rgb(parameter("transmission_scatter")),
@@ -198,7 +196,6 @@ Medium read_openpbr_subsurface(const std::string& text) {
   const pugi::xml_document xml = parse_xml(text);
   const pugi::xml_node shader = child(xml.document_element(), "name", "jade_shader");
   EXPECT_EQ(value(shader, "subsurface_weight"), "1");
-  EXPECT_EQ(value(shader, "specular_weight"), "0");
   const double g = parse_numbers(value(shader, "subsurface_scatter_anisotropy")).at(0);
   const double radius = parse_numbers(value(shader, "subsurface_radius")).at(0);
   Rgb sigma_t = parse_rgb(value(shader, "subsurface_radius_scale"));
@@ -211,12 +208,72 @@ Medium read_openpbr_subsurface(const std::string& text) {
   return from_albedo(sigma_t, albedo, g);
 }
 
+// ---- What bounds it: index and alpha of GGX, as the renderer's documentation says.
+
+struct Boundary {
+  double index = 1, alpha = 0;
+};
+
+Boundary mitsuba_boundary(const std::string& text) {
+  const pugi::xml_document xml = parse_xml(text);
+  const pugi::xml_node bsdf = child(xml.child("scene"), "id", "jade_boundary");
+  const std::string type = bsdf.attribute("type").value();
+  if (type == "null") return {};
+  EXPECT_EQ(value(bsdf, "ext_ior"), "1");
+  const double index = parse_numbers(value(bsdf, "int_ior")).at(0);
+  if (type == "dielectric") return {index, 0};
+  EXPECT_EQ(type, "roughdielectric");
+  EXPECT_EQ(value(bsdf, "distribution"), "ggx");
+  return {index, parse_numbers(value(bsdf, "alpha")).at(0)};
+}
+
+// Without the remapping that pbrt does unless told not to, its roughness is alpha.
+Boundary pbrt_boundary(const std::string& text) {
+  const std::string code = std::regex_replace(text, std::regex("#[^\n]*\n"), "\n");
+  if (code.find("\"jade_boundary\" \"string type\" \"interface\"") != std::string::npos) return {};
+  EXPECT_EQ(only_match(code, "MakeNamedMaterial \"jade_boundary\"\\s+\"string type\" \"(.*)\""),
+            "dielectric");
+  EXPECT_EQ(only_match(code, "\"bool remaproughness\" (.*)\n"), "false");
+  return {parse_numbers(only_match(code, "\"float eta\" (.*)\n")).at(0),
+          parse_numbers(only_match(code, "\"float roughness\" (.*)\n")).at(0)};
+}
+
+// Cycles squares a roughness.
+Boundary blender_boundary(const std::string& text) {
+  const auto said = run_blender(text);
+  if (!said.contains("index")) return {};
+  return {parse_numbers(said.at("index")).at(0),
+          std::pow(parse_numbers(said.at("roughness")).at(0), 2)};
+}
+
+// So do Arnold and OpenPBR.
+Boundary arnold_boundary(const std::string& text) {
+  const std::string code = std::regex_replace(text, std::regex("#[^\n]*\n"), "");
+  const auto parameter = [&](const std::string& name) {
+    return parse_numbers(only_match(code, "\n " + name + " ([^\n]*)\n")).at(0);
+  };
+  const double index = parameter("specular_IOR");
+  if (parameter("specular") == 0) return {index, 0};
+  return {index, std::pow(parameter("specular_roughness"), 2)};
+}
+
+template <const char* kShader>
+Boundary openpbr_boundary(const std::string& text) {
+  const pugi::xml_document xml = parse_xml(text);
+  const pugi::xml_node shader = child(xml.document_element(), "name", kShader);
+  const double index = parse_numbers(value(shader, "specular_ior")).at(0);
+  if (value(shader, "specular_weight") == "0") return {index, 0};
+  return {index, std::pow(parse_numbers(value(shader, "specular_roughness")).at(0), 2)};
+}
+constexpr char kSubsurface[] = "jade_shader", kTransmission[] = "jade_volume_shader";
+
 // ---- Every format, unit and kind of material.
 
 struct Reader {
   const char* name;
   std::string (*write)(const RgbMaterial&, const ExportOptions&);
   Medium (*read)(const std::string&);
+  Boundary (*read_boundary)(const std::string&);
 };
 
 void PrintTo(const Reader& reader, std::ostream* stream) {
@@ -224,12 +281,13 @@ void PrintTo(const Reader& reader, std::ostream* stream) {
 }
 
 const std::vector<Reader> kReaders{
-    {"mitsuba", to_mitsuba, read_mitsuba},
-    {"pbrt", to_pbrt, read_pbrt},
-    {"blender", to_blender, read_blender},
-    {"arnold", to_arnold, read_arnold},
-    {"openpbr_subsurface", to_openpbr, read_openpbr_subsurface},
-    {"openpbr_transmission", to_openpbr, read_openpbr_transmission},
+    {"mitsuba", to_mitsuba, read_mitsuba, mitsuba_boundary},
+    {"pbrt", to_pbrt, read_pbrt, pbrt_boundary},
+    {"blender", to_blender, read_blender, blender_boundary},
+    {"arnold", to_arnold, read_arnold, arnold_boundary},
+    {"openpbr_subsurface", to_openpbr, read_openpbr_subsurface, openpbr_boundary<kSubsurface>},
+    {"openpbr_transmission", to_openpbr, read_openpbr_transmission,
+     openpbr_boundary<kTransmission>},
 };
 
 const std::vector<std::vector<Material>> kMaterials{
@@ -240,6 +298,21 @@ const std::vector<std::vector<Material>> kMaterials{
 };
 
 class Export : public ::testing::TestWithParam<Reader> {};
+
+std::string all_comments(const std::string& text) {
+  std::string comments;
+  if (text.starts_with("<?xml")) {
+    const pugi::xml_document xml = parse_xml(text);
+    for (const auto& comment : xml.select_nodes("//comment()")) comments += comment.node().value();
+    EXPECT_THAT(comments, Not(HasSubstr("--")));
+    return comments;
+  }
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    if (line.starts_with("#")) comments += line + "\n";
+  }
+  return comments;
+}
 
 TEST_P(Export, ReadBackIsTheMedium) {
   for (const auto& channels : kMaterials) {
@@ -263,6 +336,38 @@ TEST_P(Export, ReadBackIsTheMedium) {
   }
 }
 
+TEST_P(Export, ReadBackHasItsBoundary) {
+  const RgbMaterial material = rgb_material(kMaterials[2]);
+  const Boundary none =
+      GetParam().read_boundary(GetParam().write(material, {.name = "jade", .boundary = {}}));
+  EXPECT_EQ(none.index, 1);
+  EXPECT_EQ(none.alpha, 0);
+  for (const double roughness : {0., 0.25}) {
+    const ExportOptions options{.name = "jade", .boundary = ExportBoundary{1.37, roughness}};
+    const std::string text = GetParam().write(material, options);
+    SCOPED_TRACE(text);
+    const Boundary boundary = GetParam().read_boundary(text);
+    EXPECT_NEAR(boundary.index, 1.37, 1e-6);
+    EXPECT_NEAR(boundary.alpha, roughness, 1e-6);
+    EXPECT_THAT(all_comments(text), HasSubstr("index of refraction 1.37, roughness "));
+    EXPECT_NEAR(GetParam().read(text).sigma_s[1], material.sigma_s[1], 1e-5 * material.sigma_s[1]);
+  }
+  for (const ExportBoundary& wrong : {ExportBoundary{0.9, 0}, ExportBoundary{1.5, 1.1}}) {
+    testing::expect_error(ErrorKind::kInvalidInput, {"boundary."},
+                          [&] { GetParam().write(material, {.boundary = wrong}); });
+  }
+}
+
+// Coefficients that are the medium's own stay, and nothing is said of a size.
+TEST_P(Export, OfAnySizeHasTheCoefficients) {
+  const RgbMaterial material = rgb_material(kMaterials[2]);
+  const std::string text =
+      GetParam().write(material, {.name = "jade", .mm_per_scene_unit = 10, .any_size = true});
+  EXPECT_NEAR(GetParam().read(text).sigma_s[0], 10 * material.sigma_s[0], 1e-2);
+  EXPECT_THAT(all_comments(text), HasSubstr("for objects of any size"));
+  EXPECT_THAT(all_comments(text), Not(HasSubstr("unknown")));
+}
+
 TEST_P(Export, TakesWhatOnlyScattersAndWhatOnlyAbsorbs) {
   for (const double albedo : {0., 1.}) {
     const RgbMaterial material = rgb_material(std::vector<Material>{{30, albedo, 0}});
@@ -270,21 +375,6 @@ TEST_P(Export, TakesWhatOnlyScattersAndWhatOnlyAbsorbs) {
     EXPECT_NEAR(medium.sigma_a[1], 30 * (1 - albedo), 3e-4);
     EXPECT_NEAR(medium.sigma_s[1], 30 * albedo, 3e-4);
   }
-}
-
-std::string all_comments(const std::string& text) {
-  std::string comments;
-  if (text.starts_with("<?xml")) {
-    const pugi::xml_document xml = parse_xml(text);
-    for (const auto& comment : xml.select_nodes("//comment()")) comments += comment.node().value();
-    EXPECT_THAT(comments, Not(HasSubstr("--")));
-    return comments;
-  }
-  std::istringstream lines(text);
-  for (std::string line; std::getline(lines, line);) {
-    if (line.starts_with("#")) comments += line + "\n";
-  }
-  return comments;
 }
 
 TEST_P(Export, SaysUnitSizeAndOrigin) {

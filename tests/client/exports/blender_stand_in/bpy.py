@@ -15,9 +15,11 @@ KINDS = {
     "ShaderNodeVolumeScatter": (
         {"Color": (.8, .8, .8, 1), "Density": 1., "Anisotropy": 0.}, ["Volume"]),
     "ShaderNodeVolumeAbsorption": ({"Color": (.8, .8, .8, 1), "Density": 1.}, ["Volume"]),
+    "ShaderNodeBsdfGlass": (
+        {"Color": (1, 1, 1, 1), "Roughness": 0., "IOR": 1.5}, ["BSDF"]),
     "ShaderNodeAddShader": ({0: None, 1: None}, ["Shader"]),
     "ShaderNodeBsdfPrincipled": (
-        {"Base Color": (.8, .8, .8, 1), "Roughness": .5, "Specular IOR Level": .5,
+        {"Base Color": (.8, .8, .8, 1), "Roughness": .5, "IOR": 1.5, "Specular IOR Level": .5,
          "Subsurface Weight": 0., "Subsurface Radius": (1., .2, .1), "Subsurface Scale": .05,
          "Subsurface Anisotropy": 0.}, ["BSDF"]),
 }
@@ -109,8 +111,14 @@ def show_material():
     output, = (node for node in material.node_tree.nodes
                if node.kind == "ShaderNodeOutputMaterial")
     show("name", [material.name])
-    if hasattr(output.inputs["Surface"], "source"):
-        return show_subsurface(output.inputs["Surface"].source)
+    surface = getattr(output.inputs["Surface"], "source", None)
+    if surface and surface.kind == "ShaderNodeBsdfPrincipled":
+        return show_subsurface(surface)
+    if surface:
+        assert surface.kind == "ShaderNodeBsdfGlass" and surface.distribution == "MULTI_GGX"
+        assert list(surface["Color"]) == [1] * 4
+        show("index", [surface["IOR"]])
+        show("roughness", [surface["Roughness"]])
     sigma_a, sigma_s, g = coefficients(output.inputs["Volume"].source)
     show("sigma_a", sigma_a)
     show("sigma_s", sigma_s)
