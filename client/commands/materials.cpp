@@ -3,6 +3,7 @@
 
 #include <array>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,8 +21,9 @@ namespace {
 
 struct MaterialsOptions {
   std::string name, format, output;
-  ExportOptions exports{.any_size = true, .boundary = ExportBoundary{}};
-  bool has_index = false;
+  std::optional<double> index;  // that of the list
+  double roughness = 0;
+  ExportOptions exports{.any_size = true};
 };
 
 RgbMaterial rgb_of(const MeasuredMedium& medium) {
@@ -61,8 +63,8 @@ void write(MaterialsOptions options) {
   const MeasuredMedium& medium = measured_medium(options.name);
   options.exports.name = medium.name;
   options.exports.provenance = medium.source;
-  if (!options.has_index) options.exports.boundary->index = medium.index;
-  if (options.exports.boundary->index == 1) options.exports.boundary.reset();
+  const double index = options.index.value_or(medium.index);
+  if (index != 1) options.exports.boundary = {index, options.roughness};
   const std::string text = export_format(options.format).write(rgb_of(medium), options.exports);
   if (options.output.empty()) {
     print_result(text);
@@ -79,8 +81,7 @@ void add_materials_command(CLI::App& app) {
       "materials",
       "List measured media, by the names that `itn render --material` takes. The colour is that of "
       "a thick piece under white light, without gloss. Jensen's sigma_s are reduced, so g is 0. "
-      "With "
-      "--format, write one for a renderer");
+      "With --format, write one for a renderer");
   CLI::Option* name = command->add_option("name", options->name, "Of a medium to write");
   std::vector<std::string> formats;
   for (const ExportFormat& format : export_formats()) formats.emplace_back(format.name);
@@ -91,25 +92,21 @@ void add_materials_command(CLI::App& app) {
   name->needs(format);
   command->add_option("-o,--output", options->output, "File to write; default: standard output")
       ->needs(format);
-  ExportBoundary& boundary = *options->exports.boundary;
   command
       ->add_option(
-          "--index", boundary.index,
+          "--index", options->index,
           "Index of refraction of the medium; default: what the list says; 1: light passes "
           "its surface as if there were none")
       ->check(number_in(1.0, 2.5))
       ->needs(format);
   command
-      ->add_option("--roughness", boundary.roughness,
+      ->add_option("--roughness", options->roughness,
                    "Of its surface, alpha of GGX; 0: it is smooth")
       ->check(number_in(0.0, 1.0))
       ->capture_default_str()
       ->needs(format);
   add_scene_unit_flag(*command, options->exports.mm_per_scene_unit);
-  command->callback([command, options] {
-    options->has_index = command->count("--index") > 0;
-    options->name.empty() ? list() : write(*options);
-  });
+  command->callback([options] { options->name.empty() ? list() : write(*options); });
 }
 
 }  // namespace itn

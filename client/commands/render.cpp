@@ -20,6 +20,7 @@
 #include "client/output.h"
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/reply_images.h"
+#include "client/render_pool/tiles.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
@@ -211,14 +212,7 @@ std::vector<v1::RenderGradReply> render(const RenderFlags& options,
 
 v1::Counters sum_of(const std::vector<v1::RenderGradReply>& replies) {
   v1::Counters sum;
-  for (const v1::RenderGradReply& reply : replies) {
-    const v1::Counters& counters = reply.counters();
-    sum.set_paths(sum.paths() + counters.paths());
-    sum.set_steps(sum.steps() + counters.steps());
-    sum.set_invalid_samples(sum.invalid_samples() + counters.invalid_samples());
-    sum.set_leaks(sum.leaks() + counters.leaks());
-    sum.set_cpu_seconds(sum.cpu_seconds() + counters.cpu_seconds());
-  }
+  for (const v1::RenderGradReply& reply : replies) add_counters(reply.counters(), sum);
   return sum;
 }
 
@@ -253,11 +247,11 @@ void add_channel(const std::string& channel, const v1::RenderGradReply& reply,
 }
 
 Image make_image(const std::vector<Channel>& channels,
-                 const std::vector<v1::RenderGradReply>& replies, const RenderFlags& options) {
+                 const std::vector<v1::RenderGradReply>& replies, const v1::Counters& counters,
+                 const RenderFlags& options) {
   Image image;
   image.width = static_cast<int>(replies[0].width());
   image.height = static_cast<int>(replies[0].height());
-  const v1::Counters counters = sum_of(replies);
   const auto count = [](uint64_t value) { return static_cast<double>(value); };
   image.attributes = {
       {attribute::kVersion, ITN_VERSION},
@@ -414,8 +408,8 @@ void run(const RenderFlags& options) {
   check_outputs(options);
   const std::vector<Channel> channels = channels_of(options);
   const std::vector<v1::RenderGradReply> replies = render(options, channels);
-  const Image image = make_image(channels, replies, options);
   const v1::Counters counters = sum_of(replies);
+  const Image image = make_image(channels, replies, counters, options);
   warn_small_object(image);
   write_exr(options.output, image);
   if (!options.png.empty()) write_preview(options.png, image, channels);

@@ -89,17 +89,22 @@ materials {
 }
 )";
 
-// What has a surface and hardly absorbs, as wax, marble and milk, on a ground that may have a
-// pattern.
-constexpr std::string_view kGlossyAndBright =
+// The defaults of a surface.
+constexpr std::string_view kRoughSurface =
+    R"(boundary {
+  probability: 1
+  index { uniform { min: 1.3 max: 1.6 } }
+  roughness { log_uniform { min: 0.05 max: 0.5 } }
+  smooth_angle_degrees: 30
+}
+)";
+
+// What hardly absorbs, as wax, marble and milk, on a ground that may have a pattern.
+constexpr std::string_view kPatternAndBrightMaterial =
     R"(ground {
   probability: 0.9
   reflectance { uniform { min: 0.05 max: 0.8 } }
   checkered: 0.3
-}
-boundary {
-  index { uniform { min: 1.3 max: 1.6 } }
-  roughness { log_uniform { min: 0.05 max: 0.5 } }
 }
 materials {
   sigma_t { log_uniform { min: 20 max: 400 } }
@@ -428,7 +433,7 @@ std::span<const DatasetPreset> dataset_presets() {
           photographs("As `any`, and by lamps nearby, of what has a surface that reflects "
                       "and refracts, and absorbs as little as milk or marble.",
                       {{2, kSunAndSkyOfOneIrradiance}, {2, kStudio}, {1, kFlash}, {1, kLamp}},
-                      kGlossyAndBright)},
+                      std::string(kRoughSurface).append(kPatternAndBrightMaterial))},
   };
   return kPresets;
 }
@@ -504,12 +509,7 @@ void set_defaults(v1::DatasetConfig& config) {
   merge_defaults(config, defaults);
   // What is absent of these stays so, as in datasets that know nothing of them.
   if (config.has_boundary()) {
-    v1::BoundaryChoice boundary;
-    boundary.set_probability(1);
-    *boundary.mutable_index() = uniform(1.3, 1.6);
-    *boundary.mutable_roughness() = log_uniform(0.05, 0.5);
-    boundary.set_smooth_angle_degrees(30);
-    merge_defaults(*config.mutable_boundary(), boundary);
+    merge_defaults(*config.mutable_boundary(), parsed(kRoughSurface, "boundary").boundary());
   }
   if (config.ground().checkered() > 0) {
     v1::GroundChoice ground;

@@ -118,10 +118,7 @@ void add_flash(v1::Scene& scene, const v1::Flash& flash, const v1::ItemCamera& c
 
 // About the middle of the object.
 void add_lamp(v1::Scene& scene, const v1::Lamp& lamp, Vec3d middle) {
-  const double azimuth = lamp.azimuth_degrees() * kRadiansPerDegree;
-  const double elevation = lamp.elevation_degrees() * kRadiansPerDegree;
-  const Vec3d direction{std::cos(elevation) * std::sin(azimuth), std::sin(elevation),
-                        -std::cos(elevation) * std::cos(azimuth)};
+  const Vec3d direction = direction_at(lamp.azimuth_degrees(), lamp.elevation_degrees());
   const double metres = lamp.distance() / 1000;
   v1::PointLight& light = *scene.add_lights()->mutable_point();
   *light.mutable_position() = vec3_of(middle + direction * lamp.distance());

@@ -61,11 +61,9 @@ class FlatEmitter {
                     : std::tan(emitter.size_degrees() * emitter.aspect() * kRadiansPerDegree / 2)),
         edge_(std::max(1e-6, emitter.edge() * half_v_)) {
     const double azimuth = emitter.azimuth_degrees() * kRadiansPerDegree;
-    const double elevation = emitter.elevation_degrees() * kRadiansPerDegree;
     const double roll = emitter.roll_degrees() * kRadiansPerDegree;
     const Vec3d right{std::cos(azimuth), 0, std::sin(azimuth)};
-    middle_ = {std::sin(azimuth) * std::cos(elevation), std::sin(elevation),
-               -std::cos(azimuth) * std::cos(elevation)};
+    middle_ = direction_at(emitter.azimuth_degrees(), emitter.elevation_degrees());
     const Vec3d up = cross(right, middle_);
     u_ = right * std::cos(roll) + up * std::sin(roll);
     v_ = up * std::cos(roll) - right * std::sin(roll);

@@ -67,8 +67,10 @@ void TiledReply::add(const v1::Tile& tile, const v1::RenderGradReply& part) {
   }
   copy(tile, part.mask(), *reply_.mutable_mask());
   copy(tile, part.standard_error(), *reply_.mutable_standard_error());
-  const v1::Counters& from = part.counters();
-  v1::Counters& to = *reply_.mutable_counters();
+  add_counters(part.counters(), *reply_.mutable_counters());
+}
+
+void add_counters(const v1::Counters& from, v1::Counters& to) {
   to.set_paths(to.paths() + from.paths());
   to.set_steps(to.steps() + from.steps());
   to.set_invalid_samples(to.invalid_samples() + from.invalid_samples());

@@ -37,4 +37,7 @@ class TiledReply {
   v1::RenderGradReply reply_;
 };
 
+// Of several replies together.
+void add_counters(const v1::Counters& from, v1::Counters& to);
+
 }  // namespace itn

@@ -5,8 +5,8 @@
 //                     exits in one go
 //   kDelta            whether the directions that it draws have no density
 //   relative_index()  of refraction, of the medium, relative to what is around it
-//   refraction_spread()  where it refracts: of light that comes in on a line, how wide it is
-//   inside,
+//   refraction_spread()
+//                     where it refracts: of light that comes in on a line, how wide it is inside,
 //                     the median angle in radians, roughly
 //   compile()         itself with what it computes beforehand
 // and computes, for many paths at a time (boundary/crossing-inl.h),
@@ -17,9 +17,9 @@
 // At a boundary that stops lines, a crossing is a vertex of the path. Shadow rays end there and
 // bring nothing, as the straight line to the light is not a path of light: only from vertices
 // outside are any sent, those at the boundary among them unless it is a delta. From scatterings
-// inside, the wavefront sends some that are refracted. Behind a delta
-// nothing competes with the walk for the light that it meets, and no weight of multiple importance
-// sampling applies. A light that is a delta is not seen through it: such a scene is refused.
+// inside, the wavefront sends some that are refracted. Only they compete with the walk for the
+// light that it meets behind a delta. A light that is a delta is not seen through it: such a scene
+// is refused.
 //
 // A path that crosses more than kMaxConsecutiveCrossings times in a row, without scattering or
 // reflection by a surface in between, counts as trapped by rounding, and is dropped as leaked.
@@ -121,16 +121,21 @@ HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& at, 
   return sum;
 }
 
+// What such a boundary makes of a direction.
+HWY_INLINE Vectors on_its_side(const Crossing& at, Vectors direction, Mask transmitted) {
+  if (at.flat) return direction;
+  const Mask reflects = hn::Gt(dot(direction, at.flat_normal), hn::Zero(FloatTag()));
+  return if_then_else(hn::Xor(reflects, transmitted), direction,
+                      mirrored(direction, at.flat_normal));
+}
+
 // Of a boundary that is a delta and refracts.
 HWY_INLINE Transmission transmit(const Boundary& boundary, const Crossing& at) {
   Transmission through{at.direction, set(1.0F)};
   visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
     if constexpr (Kind::kDelta && Refracting<Kind>) through = transmit(kind, at);
   });
-  if (at.flat) return through;
-  const Mask reflects = hn::Gt(dot(through.direction, at.flat_normal), hn::Zero(FloatTag()));
-  through.direction =
-      if_then_else(reflects, mirrored(through.direction, at.flat_normal), through.direction);
+  through.direction = on_its_side(at, through.direction, hn::FirstN(FloatTag(), lanes()));
   return through;
 }
 
@@ -141,12 +146,7 @@ HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, c
   visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
     if constexpr (Kind::kStopsLines) drawn = draw(kind, at, words);
   });
-  Vectors direction = drawn.direction;
-  if (!at.flat) {
-    const Mask reflects = hn::Gt(dot(direction, at.flat_normal), zero);
-    direction = if_then_else(hn::Xor(reflects, drawn.transmitted), direction,
-                             mirrored(direction, at.flat_normal));
-  }
+  const Vectors direction = on_its_side(at, drawn.direction, drawn.transmitted);
   if (is_delta(boundary)) return {direction, drawn.transmitted, drawn.weight, zero, {zero}};
   const BoundaryValue value = evaluate(boundary, at, direction);
   const Mask possible = hn::And(hn::Gt(drawn.weight, zero), hn::Gt(value.pdf, zero));

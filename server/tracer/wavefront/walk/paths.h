@@ -146,9 +146,8 @@ struct RefractedRays {
   // The light, as it was drawn: see LightSamples.
   VectorColumn to_light;
   FloatColumn distance{}, radiance{}, light_pdf{};
-  std::vector<FloatColumn> score_slots;  // of the path, with that of the direction
-  std::vector<FloatColumn>
-      parts_of_lights;  // of `radiance`, for the derivatives asked for in lights
+  std::vector<FloatColumn> score_slots;      // of the path, with that of the direction
+  std::vector<FloatColumn> parts_of_lights;  // of `radiance`, as those of ShadowRays
   size_t count = 0;
 };
 

@@ -52,9 +52,10 @@ HWY_INLINE Plane last_plane(const Wavefront& wave, size_t i) {
   return {{load(normal[0], i), load(normal[1], i), load(normal[2], i)}, wave.refraction.index};
 }
 
-// Directions of paths that are refracted to one another, from inside, and the densities there.
+// What the plane refracts the direction of a path to, which goes outwards: from `outer` to inside,
+// or from `inner` to outside.
 struct Aim {
-  Vectors inner, outer;
+  Vectors direction;
   Mask possible;
   Floats inner_by_outer;  // density of `inner` over that of `outer`
 };
@@ -68,7 +69,7 @@ HWY_INLINE Aim aim_at(const Plane& plane, Vectors outer) {
   const Vectors none{zero, zero, zero};
   const Floats facing = dot(plane.normal, outer), cosine = hn::Max(facing, zero);
   const Floats inner_cosine = fresnel(cosine, index).refracted_cosine;
-  return {none - refracted(none - outer, plane.normal, cosine, inner_cosine, index), outer,
+  return {none - refracted(none - outer, plane.normal, cosine, inner_cosine, index),
           hn::Gt(facing, zero), inner_by_outer(plane, inner_cosine, cosine)};
 }
 HWY_INLINE Aim aim_along(const Plane& plane, Vectors inner) {
@@ -76,7 +77,7 @@ HWY_INLINE Aim aim_along(const Plane& plane, Vectors inner) {
   const Vectors none{zero, zero, zero};
   const Floats facing = dot(plane.normal, inner), cosine = hn::Max(facing, zero);
   const Floats outer_cosine = fresnel(cosine, index).refracted_cosine;
-  return {inner, refracted(inner, none - plane.normal, cosine, outer_cosine, index),
+  return {refracted(inner, none - plane.normal, cosine, outer_cosine, index),
           hn::And(hn::Gt(facing, zero), hn::Gt(outer_cosine, zero)),
           inner_by_outer(plane, cosine, outer_cosine)};
 }
@@ -88,7 +89,7 @@ HWY_INLINE Floats aimed_pdf(const Wavefront& wave, size_t i, Vectors to_light, F
   const Plane plane = last_plane(wave, i);
   if (wave.boundary_is_delta) {
     const Aim aim = aim_along(plane, direction);
-    const Vectors outer = if_then_else(aim.possible, aim.outer, direction);
+    const Vectors outer = if_then_else(aim.possible, aim.direction, direction);
     const Floats pdf = emission(wave.scene.lights, outer).pdf;
     return hn::IfThenElseZero(aim.possible, hn::Mul(pdf, aim.inner_by_outer));
   }
@@ -100,7 +101,7 @@ HWY_INLINE Floats aimed_pdf(const Wavefront& wave, size_t i, Vectors to_light, F
   }
   const Aim aim = aim_at(plane, to_light);
   return hn::IfThenElseZero(aim.possible,
-                            evaluate(wave.refraction.lobe, dot(aim.inner, direction)).value);
+                            evaluate(wave.refraction.lobe, dot(aim.direction, direction)).value);
 }
 
 // Where paths in slots i, i + 1 ... are at the boundary, which lets `passing` of what the walk
@@ -131,7 +132,7 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vecto
   const Aim aim = aim_at(last_plane(wave, i), light.direction);
   Mask where = hn::And(scattered, aim.possible);
   if (hn::AllFalse(d, where)) return;
-  Vectors direction = aim.inner;
+  Vectors direction = aim.direction;
   Floats pdf = hn::Mul(light.pdf, aim.inner_by_outer), passing = one;
   Floats light_pdf = one;  // of q s, what is not in `pdf`
   if (!wave.boundary_is_delta) {
@@ -140,7 +141,7 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vecto
     const Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
     const SinCos phi = sin_cos_2pi(uniform(words.w[1]));
     direction = renormalize(
-        frame_to_world(aim.inner, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
+        frame_to_world(aim.direction, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
     pdf = evaluate(wave.refraction.lobe, cosine).value;
     passing = mul_add(pdf, set(1 / (wave.refraction.index * wave.refraction.index)), one);
     light_pdf = hn::IfThenElse(dense, light.pdf, one);
