@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/cancellation.h"
+
 namespace itn::tracer {
 namespace {
 
@@ -25,7 +27,8 @@ struct Fans {
 
 }  // namespace
 
-CornerNormals::CornerNormals(const Mesh& mesh, double smooth_angle) {
+CornerNormals::CornerNormals(const Mesh& mesh, double smooth_angle, const std::stop_token& stop) {
+  Cancellation cancellation(stop);
   const auto corner = [&](uint32_t triangle, size_t k) {
     return static_cast<Vec3d>(mesh.vertices[mesh.triangles[triangle][k % 3]]);
   };
@@ -33,6 +36,7 @@ CornerNormals::CornerNormals(const Mesh& mesh, double smooth_angle) {
   std::vector<Vec3d> normals(triangles);
   std::vector<std::array<double, 3>> angles(triangles);
   for (uint32_t t = 0; t < triangles; ++t) {
+    cancellation.turn();
     normals[t] = itn::normalize(cross(corner(t, 1) - corner(t, 0), corner(t, 2) - corner(t, 0)));
     for (size_t k = 0; k < 3; ++k) {
       const Vec3d a = corner(t, k + 1) - corner(t, k), b = corner(t, k + 2) - corner(t, k);
@@ -43,6 +47,7 @@ CornerNormals::CornerNormals(const Mesh& mesh, double smooth_angle) {
   const Fans fans(mesh);
   by_triangle_.resize(triangles);
   for (uint32_t t = 0; t < triangles; ++t) {
+    cancellation.turn();
     for (size_t k = 0; k < 3; ++k) {
       const uint32_t vertex = mesh.triangles[t][k];
       Vec3d sum = normals[t] * angles[t][k];

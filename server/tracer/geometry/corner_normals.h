@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <stop_token>
 #include <vector>
 
 #include "common/geometry/mesh.h"
@@ -20,7 +21,8 @@ class CornerNormals {
   // they share a vertex: there, its normal is their mean, weighted by their angles at the vertex
   // (Thuermer, Wuethrich, "Computing vertex normals from polygonal facets", JGT 1998). Vertices of
   // more than kMaxFan triangles are left out, as points of cones are.
-  CornerNormals(const Mesh& mesh, double smooth_angle);
+  // Throws Error (cancelled) soon after a stop is asked for.
+  CornerNormals(const Mesh& mesh, double smooth_angle, const std::stop_token& stop = {});
 
   static constexpr size_t kMaxFan = 256;
 

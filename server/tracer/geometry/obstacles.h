@@ -5,33 +5,44 @@
 #include <utility>
 #include <vector>
 
+#include "server/tracer/geometry/cell_normals.h"
 #include "server/tracer/geometry/corner_normals.h"
 #include "server/tracer/geometry/object.h"
 #include "server/tracer/geometry/surface_triangles.h"
 
 namespace itn::tracer {
 
+// Of the boundary; those that its kind has no use for are empty.
+struct BoundaryNormals {
+  std::shared_ptr<const CornerNormals> corners = std::make_shared<const CornerNormals>();
+  std::shared_ptr<const CellNormals> cells = std::make_shared<const CellNormals>();
+};
+
 struct Obstacles {
   // In the coordinates of the object's mesh.
   Obstacles(std::shared_ptr<const Object> object, const std::vector<DiffuseSurface>& diffuse,
-            CornerNormals normals = {})
+            BoundaryNormals normals = {})
       : grid(object->grid),
         depth_grid(object->depth_grid),
         bounds(object->bounds),
         extent(object->extent),
-        corner_normals(std::move(normals)),
+        corner_normals(*normals.corners),
+        cell_normals(*normals.cells),
         surfaces(diffuse),
-        kept_(std::move(object)) {}
+        kept_(std::move(object)),
+        kept_normals_(std::move(normals)) {}
 
   const Grid& grid;
   const DepthGrid& depth_grid;
-  const Bounds& bounds;                // of the object
-  const float extent;                  // largest absolute coordinate of the object
-  const CornerNormals corner_normals;  // of the boundary, where lines stop at it
+  const Bounds& bounds;  // of the object
+  const float extent;    // largest absolute coordinate of the object
+  const CornerNormals& corner_normals;
+  const CellNormals& cell_normals;
   const Surfaces surfaces;
 
  private:
   std::shared_ptr<const Object> kept_;
+  BoundaryNormals kept_normals_;
 };
 
 }  // namespace itn::tracer

@@ -36,9 +36,32 @@ CameraDescription to_object(const Pose& pose, const CameraDescription& camera) {
           pose.rotation.inverse()(camera.up), camera.fov};
 }
 
-CornerNormals corner_normals(const SceneDescription& scene, const Mesh& object) {
-  const bool asked = scene.smooth_angle > 0 && stops_lines(scene.boundary);
-  return asked ? CornerNormals(object, scene.smooth_angle) : CornerNormals();
+// Shared by the scenes of an object that share that.
+template <typename Normals, typename Build>
+std::shared_ptr<const Normals> shared_normals(const SceneDescription& scene, std::string key,
+                                              PartCache& parts, std::vector<std::string>& part_keys,
+                                              const std::stop_token& stop, const Build& build) {
+  const auto compute = [&] { return std::make_shared<const Normals>(build()); };
+  if (scene.object_key.empty()) return compute();
+  part_keys.push_back(std::move(key) + scene.object_key);
+  return parts.get<Normals>(part_keys.back(), stop, compute);
+}
+
+BoundaryNormals boundary_normals(const SceneDescription& scene, const Object& object,
+                                 PartCache& parts, std::vector<std::string>& part_keys,
+                                 const std::stop_token& stop) {
+  BoundaryNormals normals;
+  if (scene.smooth_angle > 0 && stops_lines(scene.boundary)) {
+    normals.corners = shared_normals<CornerNormals>(
+        scene, part_key("corner normals", scene.smooth_angle), parts, part_keys, stop,
+        [&] { return CornerNormals(object.mesh, scene.smooth_angle, stop); });
+  }
+  if (refracts(scene.boundary)) {
+    normals.cells = shared_normals<CellNormals>(scene, "cell normals", parts, part_keys, stop, [&] {
+      return CellNormals(object.mesh, object.depth_grid, stop);
+    });
+  }
+  return normals;
 }
 
 // Of what lines meet. Unlike any other if it is not said what that depends on.
@@ -53,11 +76,11 @@ std::string geometry_key(const SceneDescription& scene, bool has_surfaces) {
 
 }  // namespace
 
-Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts)
+Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std::stop_token& stop)
     : object(std::move(scene.compiled_object)),
       boundary(compile(scene.boundary)),
       surfaces(to_object(scene.pose, std::move(scene.surfaces))),
-      obstacles(object, surfaces, corner_normals(scene, object->mesh)),
+      obstacles(object, surfaces, boundary_normals(scene, *object, parts, part_keys, stop)),
       lights(scene.lights, {scene.film.channel, scene.pose, object->mesh, parts, part_keys}),
       camera(to_object(scene.pose, scene.camera), scene.film),
       film(scene.film),
@@ -107,7 +130,8 @@ const std::vector<uint32_t>& Scene::Compiled::object_pixels(int threads,
 }
 
 size_t Scene::Compiled::memory() const {
-  size_t sum = sizeof(*this) + obstacles.surfaces.memory() + obstacles.corner_normals.memory();
+  size_t sum = sizeof(*this) + obstacles.surfaces.memory() + obstacles.corner_normals.memory() +
+               obstacles.cell_normals.memory();
   if (!object_is_shared_) sum += object->memory();
   for (const std::string& key : part_keys) sum += sizeof(std::string) + key.size();
   for (const DiffuseSurface& surface : surfaces) {

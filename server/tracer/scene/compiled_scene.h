@@ -28,8 +28,8 @@ struct CameraRay {
 
 // All in the coordinates of the object's mesh.
 struct Scene::Compiled {
-  // The object is compiled. `parts` lives longer.
-  Compiled(SceneDescription&& scene, PartCache& parts);
+  // The object is compiled. `parts` lives longer. Throws Error (cancelled).
+  Compiled(SceneDescription&& scene, PartCache& parts, const std::stop_token& stop);
 
   // Through film position (x, y), in pixels.
   CameraRay camera_ray(double x, double y) const;
@@ -48,8 +48,8 @@ struct Scene::Compiled {
   std::shared_ptr<const Object> object;
   Boundary boundary;
   std::vector<DiffuseSurface> surfaces;
-  Obstacles obstacles;
   std::vector<std::string> part_keys;  // of all parts that the scene holds, or will
+  Obstacles obstacles;
   Lights lights;
   Camera camera;
   FilmDescription film;

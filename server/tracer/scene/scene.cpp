@@ -78,7 +78,7 @@ std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCac
         scene.object_key.empty() ? build() : parts.get<Object>(scene.object_key, stop, build);
   }
   check_distance(scene);
-  return std::make_unique<const Scene::Compiled>(std::move(scene), parts);
+  return std::make_unique<const Scene::Compiled>(std::move(scene), parts, stop);
 }
 
 }  // namespace
@@ -97,6 +97,7 @@ size_t estimated_memory(const SceneDescription& description) {
     const auto& compiled = description.compiled_object;
     sum += kByTriangleInNormals * (compiled ? compiled->mesh.triangles.size() : triangles);
   }
+  if (refracts(description.boundary)) sum += CellNormals::most_memory();
   for (const DiffuseSurface& surface : description.surfaces) {
     constexpr size_t kCopies = 3;  // of the compiled scene, of both tracers
     sum += kCopies * size_of(surface.mesh) +

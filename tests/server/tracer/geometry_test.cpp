@@ -395,11 +395,12 @@ TEST(DepthsTest, TellTheDistanceToTheBoundary) {
 
 // Many points at a time, of a body of three different sides, and beside it.
 TEST(DepthsTest, AreLookedUpWhereThePointsAre) {
-  const DepthGrid depth_grid(make_shape("leaf"));
+  const Mesh leaf = make_shape("leaf");
+  const DepthGrid depth_grid(leaf);
+  const CellNormals normals(leaf, depth_grid);
   const auto [nx, ny, nz] = depth_grid.cells.size;
   EXPECT_TRUE(nx != ny && ny != nz && nz != nx);
-  const auto points = std::make_unique<VectorColumn>();
-  const auto quantized = std::make_unique<FloatColumn>();
+  const auto probe = std::make_unique<CellProbe>();
   for (uint32_t batch = 0; batch < 200; ++batch) {
     std::vector<float> expected;
     for (uint32_t i = 0; i < kSlots; ++i) {
@@ -409,7 +410,7 @@ TEST(DepthsTest, AreLookedUpWhereThePointsAre) {
         return i == 0 ? size - 0.5 : (1.2 * double{v} - 0.1) * size;
       };
       const double x = place(u[0], nx), y = place(u[1], ny), z = place(u[2], nz);
-      points->set(
+      probe->points.set(
           i, static_cast<Vec3f>(depth_grid.cells.low + Vec3d{x, y, z} * depth_grid.cells.edge));
       const auto cell = [](double c, int size) {
         return std::clamp(static_cast<int>(std::floor(c)), 0, size - 1);
@@ -417,11 +418,57 @@ TEST(DepthsTest, AreLookedUpWhereThePointsAre) {
       expected.push_back(
           depth_grid.quantized[depth_grid.cells.index(cell(x, nx), cell(y, ny), cell(z, nz))]);
     }
-    look_up_quantized_depth(depth_grid, *points, *quantized, kSlots);
+    look_up_cells(depth_grid, normals, *probe);
     int different = 0;  // rounding decides at the faces of cells
-    for (uint32_t i = 0; i < kSlots; ++i) different += (*quantized)[i] != expected[i] ? 1 : 0;
+    for (uint32_t i = 0; i < kSlots; ++i) different += probe->quantized[i] != expected[i] ? 1 : 0;
     EXPECT_LE(different, 2) << "batch " << batch;
-    EXPECT_EQ((*quantized)[0], expected[0]);
+    EXPECT_EQ(probe->quantized[0], expected[0]);
+  }
+}
+
+// Of a cube, its sides' but near the edges; of a ball, those of a place that is not much farther
+// away than the nearest, as depths are not.
+TEST(CellNormalsTest, FaceAsTheBoundaryNearby) {
+  for (const char* shape : {"cube", "sphere"}) {
+    const Mesh mesh = make_shape(shape);
+    const bool round = shape == std::string("sphere");
+    const DepthGrid depth_grid(mesh);
+    const CellNormals normals(mesh, depth_grid);
+    EXPECT_LE(normals.memory(), CellNormals::most_memory());
+    const Bounds sides = bounds(mesh);
+    const Vec3f middle = (sides.min + sides.max) * 0.5F, half = (sides.max - sides.min) * 0.5F;
+    const auto edge = static_cast<float>(depth_grid.cells.edge);
+    const auto probe = std::make_unique<CellProbe>();
+    for (uint32_t i = 0; i < kSlots; ++i) {
+      const Uniforms u = Sampler(9, 0, 0).uniforms(i, 0);
+      const auto place = [](float v, float reach) { return (2 * v - 1) * reach; };
+      probe->points.set(
+          i, middle + Vec3f{place(u[0], half.x), place(u[1], half.y), place(u[2], half.z)});
+    }
+    look_up_cells(depth_grid, normals, *probe);
+    int looked_at = 0;
+    for (uint32_t i = 0; i < kSlots; ++i) {
+      const Vec3f p = probe->points.at(i) - middle, normal = probe->normals.at(i);
+      EXPECT_NEAR(length(normal), 1, 1e-5F);
+      if (round) {
+        const float radius = half.x, depth = radius - length(p);
+        if (depth < 0) continue;
+        EXPECT_LT(length(normal * radius - p), 1.1F * depth + 2 * edge) << "point " << i;
+      } else {
+        const std::array<float, 3> depths{half.x - std::abs(p.x), half.y - std::abs(p.y),
+                                          half.z - std::abs(p.z)};
+        const auto least = std::ranges::min_element(depths);
+        const auto axis = least - depths.begin();
+        if (std::ranges::count_if(depths, [&](float d) { return d < *least + 3 * edge; }) > 1) {
+          continue;
+        }
+        const float out = std::array<float, 3>{p.x, p.y, p.z}[axis] > 0 ? 1.0F : -1.0F;
+        EXPECT_NEAR((std::array<float, 3>{normal.x, normal.y, normal.z}[axis]), out, 1e-5F)
+            << "point " << i;
+      }
+      ++looked_at;
+    }
+    EXPECT_GT(looked_at, 150) << shape;
   }
 }
 

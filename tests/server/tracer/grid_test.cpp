@@ -15,6 +15,8 @@
 #include <vector>
 
 #include "common/error.h"
+#include "server/tracer/geometry/cell_normals.h"
+#include "server/tracer/geometry/corner_normals.h"
 #include "server/tracer/geometry/cubic_cells.h"
 #include "server/tracer/geometry/depth_grid.h"
 #include "server/tracer/random/sampler.h"
@@ -150,6 +152,7 @@ TEST_P(HardMeshTest, CostsWhatItsTrianglesAllow) {
   const DepthGrid depth_grid(mesh);
   EXPECT_LE(grid.memory(), Grid::most_memory(mesh.triangles.size()));
   EXPECT_LE(depth_grid.memory(), DepthGrid::most_memory());
+  EXPECT_LE(CellNormals(mesh, depth_grid).memory(), CellNormals::most_memory());
   EXPECT_GE(grid.occupied.size(), 1U);
   EXPECT_EQ(std::count_if(grid.cells.begin(), grid.cells.end(),
                           [](uint32_t word) { return (word & Grid::kOccupied) != 0; }),
@@ -285,6 +288,11 @@ TEST(GridTest, StopsAtAnyMoment) {
   for (const Mesh& mesh : {cone_fan(40'000), needles(10'000)}) {
     expect_stops([&](const std::stop_token& stop) { Grid(mesh, stop); });
     expect_stops([&](const std::stop_token& stop) { DepthGrid(mesh, stop); });
+    const DepthGrid depth_grid(mesh);
+    expect_stops([&](const std::stop_token& stop) { CellNormals(mesh, depth_grid, stop); });
+    expect_stops([&](const std::stop_token& stop) {
+      for (int i = 0; i < 30; ++i) CornerNormals(mesh, 0.5, stop);  // a few ms each
+    });
   }
 }
 

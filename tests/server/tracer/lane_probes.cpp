@@ -89,10 +89,11 @@ void follow_all(const Obstacles& obstacles, Rays& rays, Crossings& crossings, si
   follow_lines(obstacles, rays, count, Report::kEnds, &crossings);
 }
 
-void look_up_all(const DepthGrid& depth_grid, const VectorColumn& points, FloatColumn& quantized,
-                 size_t count) {
-  for (size_t i = 0; i < count; i += lanes()) {
-    store(quantized_depth(depth_grid, load(points, i)), quantized, i);
+void look_up_all(const DepthGrid& depth_grid, const CellNormals& normals, CellProbe& probe) {
+  for (size_t i = 0; i < kSlots; i += lanes()) {
+    const Ints cells = cells_at(depth_grid.cells, load(probe.points, i));
+    store(quantized_depth(depth_grid, cells), probe.quantized, i);
+    store(cell_normal(normals, cells), probe.normals, i);
   }
 }
 
@@ -140,9 +141,8 @@ void follow_to_boundary(const Obstacles& obstacles, Rays& rays, Crossings& cross
   HWY_DYNAMIC_DISPATCH(follow_all)(obstacles, rays, crossings, count);
 }
 
-void look_up_quantized_depth(const DepthGrid& depth_grid, const VectorColumn& points,
-                             FloatColumn& quantized, size_t count) {
-  HWY_DYNAMIC_DISPATCH(look_up_all)(depth_grid, points, quantized, count);
+void look_up_cells(const DepthGrid& depth_grid, const CellNormals& normals, CellProbe& probe) {
+  HWY_DYNAMIC_DISPATCH(look_up_all)(depth_grid, normals, probe);
 }
 
 }  // namespace itn::tracer

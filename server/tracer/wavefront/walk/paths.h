@@ -41,10 +41,10 @@ struct PathState {
   UintState<1> delta_bounce{};
   UintState<> crossings{};
   FloatState<> pdf{};  // per steradian, of the last direction
-  // Where shadow rays are refracted (refracted_rays-inl.h): x, y and z of the normal where the path
-  // last met the boundary; `pdf` if the last vertex was a scattering, or 0; and the odds for light
-  // ahead if it was a crossing, or 0.
-  FloatStates<> last_normal{}, scattered_pdf{}, odds{};
+  // Where shadow rays are refracted (refracted_rays-inl.h): x, y and z of the last scattering;
+  // `pdf` if that was the last vertex, or 0; and the odds for light ahead if that was a crossing,
+  // or 0.
+  FloatStates<> scattered_at{}, scattered_pdf{}, odds{};
 
   // The weight W, d W / d albedo, and the score d log f / d sigma_t in mm.
   FloatState<1> weight{};
@@ -69,7 +69,7 @@ struct PathState {
   // The list of all columns: what moves a path, and begins one, goes through it.
   auto columns() {
     return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps,
-                    delta_bounce, crossings, pdf, last_normal, scattered_pdf, odds, weight,
+                    delta_bounce, crossings, pdf, scattered_at, scattered_pdf, odds, weight,
                     dweight_dalbedo, score_sigma_t, radiance, d_sigma_t, d_albedo, control_sigma_t,
                     score_slots, d_slots, control_phase, weight_at_albedos, radiance_at_albedos,
                     dweight_dreflectance, d_reflectance, d_light);

@@ -9,6 +9,7 @@
 #include <cstddef>
 
 #include "server/tracer/boundary/fresnel-inl.h"
+#include "server/tracer/geometry/depth_grid-inl.h"
 #include "server/tracer/lights/lights-inl.h"
 #include "server/tracer/phase/henyey_greenstein.h"
 #include "server/tracer/wavefront/walk/state-inl.h"
@@ -30,9 +31,8 @@ namespace itn::tracer::HWY_NAMESPACE {
 // there. How likely it is against the walk, q / (p T), are its odds.
 //
 // q is a lobe of Henyey and Greenstein as wide as the boundary is rough, around the direction into
-// which a smooth plane refracts the light, with the normal of where the path has last met the
-// boundary. Where the path has come far from there, or the boundary is curved, that aims badly, and
-// the others find the light.
+// which a smooth plane refracts the light, with the normal of the boundary nearby (CellNormals).
+// Where the boundary is curved or far away, that aims badly, and the others find the light.
 //
 // Behind a smooth boundary, l follows from w. The walk finds it with p(w) T (1 - R), R being what
 // the boundary reflects; a ray in the direction w into which that plane refracts a light that was
@@ -47,9 +47,18 @@ struct Plane {
   float index;     // of the medium, relative to what is around it
 };
 
-HWY_INLINE Plane last_plane(const Wavefront& wave, size_t i) {
-  const auto& normal = wave.paths.last_normal;
-  return {{load(normal[0], i), load(normal[1], i), load(normal[2], i)}, wave.refraction.index};
+// As the boundary is where it is nearest to points of the medium.
+HWY_INLINE Plane plane_near(const Wavefront& wave, Vectors x) {
+  const Obstacles& obstacles = wave.scene.obstacles;
+  return {cell_normal(obstacles.cell_normals, cells_at(obstacles.depth_grid.cells, x)),
+          wave.refraction.index};
+}
+// Where it is nearest to what lies as far ahead as it is deep there.
+HWY_INLINE Plane plane_ahead(const Wavefront& wave, Vectors x, Vectors direction) {
+  const DepthGrid& depth_grid = wave.scene.obstacles.depth_grid;
+  const Floats depth = quantized_depth(depth_grid, cells_at(depth_grid.cells, x));
+  const auto third = static_cast<float>(depth_grid.cells.edge / 3);
+  return plane_near(wave, x + direction * hn::Mul(depth, set(third)));
 }
 
 // What the plane refracts the direction of a path to, which goes outwards: from `outer` to inside,
@@ -86,9 +95,10 @@ HWY_INLINE Aim aim_along(const Plane& plane, Vectors inner) {
 // the light's as it is seen from there, unless the boundary is smooth.
 HWY_INLINE Floats aimed_pdf(const Wavefront& wave, size_t i, Vectors to_light, Floats distance) {
   const Vectors direction = load(wave.paths.rays.direction, i);
-  const Plane plane = last_plane(wave, i);
+  const auto& scattered_at = wave.paths.scattered_at;
+  const Vectors x{load(scattered_at[0], i), load(scattered_at[1], i), load(scattered_at[2], i)};
   if (wave.boundary_is_delta) {
-    const Aim aim = aim_along(plane, direction);
+    const Aim aim = aim_along(plane_near(wave, x), direction);
     const Vectors outer = if_then_else(aim.possible, aim.direction, direction);
     const Floats pdf = emission(wave.scene.lights, outer).pdf;
     return hn::IfThenElseZero(aim.possible, hn::Mul(pdf, aim.inner_by_outer));
@@ -99,7 +109,7 @@ HWY_INLINE Floats aimed_pdf(const Wavefront& wave, size_t i, Vectors to_light, F
     const Vectors from_x = direction * length + to_light * hn::IfThenElse(near, distance, length);
     to_light = if_then_else(near, normalize(from_x), to_light);
   }
-  const Aim aim = aim_at(plane, to_light);
+  const Aim aim = aim_at(plane_ahead(wave, x, to_light), to_light);
   return hn::IfThenElseZero(aim.possible,
                             evaluate(wave.refraction.lobe, dot(aim.direction, direction)).value);
 }
@@ -129,7 +139,9 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vecto
   RefractedRays& sent = wave.refracted_rays;
   const Floats zero = hn::Zero(d), one = set(1.0F);
   const Mask dense = hn::Gt(light.pdf, zero);
-  const Aim aim = aim_at(last_plane(wave, i), light.direction);
+  const Aim aim = aim_at(wave.boundary_is_delta ? plane_near(wave, position)
+                                                : plane_ahead(wave, position, light.direction),
+                         light.direction);
   Mask where = hn::And(scattered, aim.possible);
   if (hn::AllFalse(d, where)) return;
   Vectors direction = aim.direction;

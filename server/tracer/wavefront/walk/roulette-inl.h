@@ -59,8 +59,9 @@ constexpr float kMinExponent = -4;
 HWY_INLINE Floats remaining_light(const Wavefront& wave, const WalkRoulette& roulette, size_t i) {
   const Paths& paths = wave.paths;
   const Mask inside = not_zero(hn::And(load(paths.rays.interaction, i), set(Rays::kInside)));
-  const Floats quantized = hn::IfThenElseZero(
-      inside, quantized_depth(wave.scene.obstacles.depth_grid, load(paths.rays.position, i)));
+  const DepthGrid& depth_grid = wave.scene.obstacles.depth_grid;
+  const Ints cells = cells_at(depth_grid.cells, load(paths.rays.position, i));
+  const Floats quantized = hn::IfThenElseZero(inside, quantized_depth(depth_grid, cells));
   const Floats exponent = hn::Mul(quantized, set(-roulette.attenuation));
   return exp(hn::Max(exponent, set(kMinExponent)));
 }

@@ -132,16 +132,6 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
     }
     const Floats odds = refraction_odds(wave, i, direction, set(kInfinity), passing);
     store(hn::IfThenElseZero(where, odds), paths.odds[0], i);
-    const Vectors outwards =
-        if_then_else(vertices.crossing.leaving, set(Vec3f{}) - vertices.crossing.normal,
-                     vertices.crossing.normal);
-    const auto keep = [&](Floats coordinate, size_t k) {
-      store(hn::IfThenElse(where, coordinate, load(paths.last_normal[k], i)), paths.last_normal[k],
-            i);
-    };
-    keep(outwards.x, 0);
-    keep(outwards.y, 1);
-    keep(outwards.z, 2);
   }
   const Uints toggled =
       hn::IfThenElseZero(for_uints(hn::And(where, next.transmitted)), set(Rays::kInside));
@@ -180,6 +170,10 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
   if (wave.stops_at_boundary) cross(wave, i, vertices, direction, pdf);
   if (wave.refracts_shadow_rays) {
     store(hn::IfThenElseZero(vertices.in_medium, phase.value), paths.scattered_pdf[0], i);
+    const Vectors position = load(paths.rays.position, i);
+    store(position.x, paths.scattered_at[0], i);
+    store(position.y, paths.scattered_at[1], i);
+    store(position.z, paths.scattered_at[2], i);
   }
   // Paths that have ended keep their direction: NaN would slow the lanes down.
   const Vectors before = load(paths.rays.direction, i);

@@ -99,7 +99,7 @@ struct Wavefront {
     shadow_rays.parts_of_lights.resize(differentiated_lights.size());
     shadow_rays.rays.bounded = compiled.lights.has_near();
     if (refracts_shadow_rays) {
-      paths.last_normal.resize(3);
+      paths.scattered_at.resize(3);
       paths.scattered_pdf.resize(1);
       paths.odds.resize(1);
       refracted_rays.score_slots.resize(slots);
