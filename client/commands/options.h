@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <charconv>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -23,8 +24,22 @@
 namespace itn {
 
 // What a worker takes at most, unless it is told to take less.
-inline const CLI::Validator kSppRange = number_in(1U, 1U << 20);
+constexpr uint32_t kMaxSpp = 1U << 20;
+inline const CLI::Validator kSppRange = number_in(1U, kMaxSpp);
 inline const CLI::Validator kAnySeed = number_in(uint64_t{0}, UINT64_MAX);
+
+// 5% as 0.05.
+inline const CLI::Validator kPercentToPart(
+    [](std::string& text) {
+      double percent = 0;
+      const char* const end = text.data() + text.size();
+      const auto [unit, error] = std::from_chars(text.data(), end, percent);
+      if (error == std::errc() && unit + 1 == end && *unit == '%') {
+        text = fmt::format("{}", percent / 100);
+      }
+      return std::string();
+    },
+    "", "");
 
 // Of an address where others are lists.
 inline const CLI::Validator kOneServer(

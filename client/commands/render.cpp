@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <charconv>
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
@@ -19,6 +20,7 @@
 #include "client/json.h"
 #include "client/output.h"
 #include "client/render_pool/render_pool.h"
+#include "client/render_pool/render_rounds.h"
 #include "client/render_pool/reply_images.h"
 #include "client/render_pool/tiles.h"
 #include "common/error.h"
@@ -52,6 +54,7 @@ struct RenderFlags {
   bool color = false;
   std::string phase;
   uint32_t spp = 64;
+  double noise = 0, seconds = 0;  // see RenderGoal
   uint64_t seed = 0;
   std::vector<std::string> derivatives;
   uint32_t estimates = 1;
@@ -67,6 +70,23 @@ std::string lower(std::string text) {
                  [](unsigned char c) { return std::tolower(c); });
   return text;
 }
+
+// 2m as 120.
+const CLI::Validator kTimeToSeconds(
+    [](std::string& text) {
+      double time = 0;
+      const char* const end = text.data() + text.size();
+      const auto [unit, error] = std::from_chars(text.data(), end, time);
+      for (const auto& [name, seconds] :
+           {std::pair{"s", 1}, std::pair{"m", 60}, std::pair{"h", 3600}, std::pair{"", 1}}) {
+        if (error == std::errc() && std::string_view(unit, end) == name) {
+          text = fmt::format("{}", time * seconds);
+          return std::string();
+        }
+      }
+      return text + " is not a time, as 10s, 2m or 1h";
+    },
+    "", "");
 
 // ---- Where results go ------------------------------------------------------------------------
 
@@ -108,6 +128,9 @@ void check_combinations(const RenderFlags& options) {
                 fmt::format("--tracer reference and --pilot-spp {}: the reference has no pilot; "
                             "leave out one of the two",
                             options.pilot_spp));
+  require_usage((options.noise == 0 && options.seconds == 0) || options.pilot_spp == 0,
+                "--noise and --time have no --pilot-spp: it spreads a number of samples that is "
+                "known; leave out one of them");
   require_usage(options.estimates <= options.spp,
                 fmt::format("--estimates {} and --spp {}: each estimate needs a sample per pixel; "
                             "take at most as many estimates",
@@ -196,18 +219,27 @@ std::vector<Channel> channels_of(const RenderFlags& options) {
   return channels;
 }
 
-std::vector<v1::RenderGradReply> render(const RenderFlags& options,
-                                        const std::vector<Channel>& channels) {
+RoundsReply render(const RenderFlags& options, const std::vector<Channel>& channels,
+                   std::chrono::steady_clock::time_point start) {
   RenderPool pool(options.workers.pool_options());
   std::vector<RenderJob> jobs;
   for (const Channel& channel : channels) jobs.push_back(channel.job);
-  Progress progress("rendering", "samples per pixel", options.spp);
-  auto replies = pool.render_split(jobs, [&](double fraction) {
-    throw_if_interrupted();
-    progress.update(static_cast<uint64_t>(fraction * options.spp));
-  });
-  progress.finish();
-  return replies;
+  std::optional<Progress> progress;
+  uint32_t begun = 0;  // samples when the round began that is shown
+  const RenderGoal goal{options.noise, options.seconds, options.spp, options.estimates};
+  RoundsReply reply = render_rounds(
+      pool, jobs, goal, start, [&](const RenderedSoFar& so_far, uint32_t round, double fraction) {
+        throw_if_interrupted();
+        if (!progress || begun != so_far.spp) {
+          if (progress) progress->finish();
+          begun = so_far.spp;
+          progress.emplace("rendering", "samples per pixel", begun + round, begun);
+        }
+        progress->update(begun + static_cast<uint64_t>(fraction * round),
+                         begun > 0 ? fmt::format("noise {:.2g} %", 100 * so_far.noise) : "");
+      });
+  progress->finish();
+  return reply;
 }
 
 v1::Counters sum_of(const std::vector<v1::RenderGradReply>& replies) {
@@ -340,6 +372,22 @@ void warn_small_object(const Image& image) {
   spdlog::warn("{}. Is it at the camera's target, and of the size that is meant, in mm?", how);
 }
 
+double noise_of(const Image& image, const std::string& channel) {
+  return noise_on_object(image.channel(channel), image.channel("stderr." + channel),
+                         image.channel("mask.Y"));
+}
+
+// Where samples or time were over before.
+void warn_noise(const Image& image, const RenderFlags& options,
+                const std::vector<Channel>& channels) {
+  double noise = 0;
+  for (const Channel& channel : channels) noise = std::max(noise, noise_of(image, channel.name));
+  if (options.noise == 0 || noise <= options.noise) return;
+  spdlog::warn("the noise is {:.2g} %, not {:.2g} %: the {} over before", 100 * noise,
+               100 * options.noise,
+               options.seconds > 0 ? "time or the samples were" : "samples were");
+}
+
 double mean_over_object(const Image& image, const std::string& channel) {
   const std::vector<float>& radiance = image.channel(channel);
   const std::vector<float>& mask = image.channel("mask.Y");
@@ -367,6 +415,7 @@ void print_json(const v1::Counters& counters, const RenderFlags& options,
   for (const auto& [name, material, job] : channels) {
     const std::string suffix = options.color ? "_" + lower(name) : "";
     number(("mean_radiance_on_object" + suffix).c_str(), mean_over_object(image, name));
+    number(("noise_on_object" + suffix).c_str(), noise_of(image, name));
   }
   number("paths", counters.paths());
   number("steps", counters.steps());
@@ -390,10 +439,11 @@ void print_text(const v1::Counters& counters, const RenderFlags& options,
   }
   for (const auto& [name, material, job] : channels) {
     text += fmt::format(
-        "{}: sigma_t {:.4g} / mm, albedo {:.5g}{}; mean radiance on the object {:.6g}\n", name,
-        material.sigma_t, material.albedo,
+        "{}: sigma_t {:.4g} / mm, albedo {:.5g}{}; mean radiance on the object {:.6g}, noise "
+        "{:.2g} %\n",
+        name, material.sigma_t, material.albedo,
         options.phase.empty() ? fmt::format(", g {:.3g}", material.g) : "",
-        mean_over_object(image, name));
+        mean_over_object(image, name), 100 * noise_of(image, name));
   }
   if (counters.invalid_samples() > 0 || counters.leaks() > 0) {
     text += fmt::format("dropped: {} invalid samples, {} leaks of {} paths\n",
@@ -402,15 +452,17 @@ void print_text(const v1::Counters& counters, const RenderFlags& options,
   print_result(text, is_stdout(options.output) ? stderr : stdout);
 }
 
-void run(const RenderFlags& options) {
+void run(RenderFlags options) {
   const auto start = std::chrono::steady_clock::now();
   check_combinations(options);
   check_outputs(options);
   const std::vector<Channel> channels = channels_of(options);
-  const std::vector<v1::RenderGradReply> replies = render(options, channels);
+  const auto [replies, spp] = render(options, channels, start);
+  options.spp = spp;
   const v1::Counters counters = sum_of(replies);
   const Image image = make_image(channels, replies, counters, options);
   warn_small_object(image);
+  warn_noise(image, options, channels);
   write_exr(options.output, image);
   if (!options.png.empty()) write_preview(options.png, image, channels);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
@@ -467,9 +519,21 @@ void add_render_command(CLI::App& app) {
                    "Default: the object's own")
       ->check(number_in(1e-6, 1e6))
       ->needs(material);
-  command->add_option("--spp", options->spp, "Samples per pixel")
-      ->check(kSppRange)
-      ->capture_default_str();
+  command
+      ->add_option("--spp", options->spp,
+                   "Samples per pixel; with --noise or --time, at most. Default: 64, or then 2^20")
+      ->check(kSppRange);
+  command
+      ->add_option("--noise", options->noise,
+                   "Render until the noise on the object is this part of its mean radiance, as 1% "
+                   "or 0.01: the root mean square of the standard errors of its pixels")
+      ->transform(kPercentToPart)
+      ->check(number_in(1e-4, 1.0));
+  command
+      ->add_option("--time", options->seconds,
+                   "Render for about so long, as 10s, 2m or 1h, compiling the scene included")
+      ->transform(kTimeToSeconds)
+      ->check(number_in(0.01, 1e6));
   command->add_option("--seed", options->seed, "Of the random numbers")
       ->check(kAnySeed)
       ->capture_default_str();
@@ -515,6 +579,9 @@ void add_render_command(CLI::App& app) {
   add_format_flags(*command, options->json, "of its size, means, counters and times");
   add_worker_flags(*command, options->workers);
   command->callback([command, options] {
+    if (options->noise + options->seconds > 0 && command->count("--spp") == 0) {
+      options->spp = kMaxSpp;
+    }
     const bool has_coefficients = command->count("--sigma-t") > 0 && command->count("--albedo") > 0;
     require_usage(has_coefficients || !options->material.empty(),
                   "--sigma-t and --albedo are required, or --material");

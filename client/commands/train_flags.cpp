@@ -1,10 +1,8 @@
 // itn train: its flags.
 #include <fmt/format.h>
 
-#include <charconv>
 #include <memory>
 #include <string>
-#include <system_error>
 
 #include "client/commands/command.h"
 #include "client/commands/options.h"
@@ -13,23 +11,6 @@
 #include "common/flags.h"
 
 namespace itn {
-namespace {
-
-// 5% as 0.05.
-const CLI::Validator kPercentToPart(
-    [](std::string& text) {
-      double percent = 0;
-      const char* const end = text.data() + text.size();
-      const auto [unit, error] = std::from_chars(text.data(), end, percent);
-      if (error == std::errc() && unit + 1 == end && *unit == '%') {
-        text = fmt::format("{}", percent / 100);
-      }
-      return std::string();
-    },
-    "", "");
-
-}  // namespace
-
 void add_train_command(CLI::App& app) {
   const auto options = std::make_shared<TrainOptions>();
   CLI::App* command = app.add_subcommand(

@@ -14,15 +14,20 @@
 
 namespace itn {
 
-// The mean over all samples, of the means of the estimates: estimate k has the samples
-// k, k + K, k + 2 K, ... below spp. `image_of`: the bytes of the image of an estimate.
+// Of so many samples, those of estimate k of K: k, k + K, k + 2 K ...
+inline uint32_t samples_of_estimate(uint32_t spp, uint32_t k, uint32_t estimates) {
+  return (spp - k + estimates - 1) / estimates;
+}
+
+// The mean over all samples, of the means of the estimates. `image_of`: the bytes of the image of
+// an estimate.
 std::vector<float> mean_of_estimates(const v1::RenderGradReply& reply, uint32_t spp,
                                      const auto& image_of) {
   if (reply.estimates_size() == 1) return from_bytes<float>(image_of(reply.estimates(0)));
   const uint32_t estimates = static_cast<uint32_t>(reply.estimates_size());
   std::vector<double> sum(size_t{reply.width()} * reply.height());
   for (uint32_t k = 0; k < estimates; ++k) {
-    const uint32_t samples = (spp - k + estimates - 1) / estimates;
+    const uint32_t samples = samples_of_estimate(spp, k, estimates);
     const std::vector<float> image =
         from_bytes<float>(image_of(reply.estimates(static_cast<int>(k))));
     for (size_t i = 0; i < sum.size(); ++i) sum[i] += static_cast<double>(samples) / spp * image[i];

@@ -126,6 +126,7 @@ BuiltRequest build_request(const v1::RenderGradRequest& request, const RenderLim
   build_phase(request, built);
   built.seed = request.seed();
   built.sample_count = request.spp();
+  built.first_sample = request.first_sample();
   if (request.has_tile()) {
     const v1::Tile& tile = request.tile();
     built.tile = tracer::Tile{tile.x(), tile.y(), tile.width(), tile.height()};

@@ -24,7 +24,7 @@ double thread_cpu_seconds() {
 FilmSums render(const Scene::Compiled& scene, const RenderRequest& request,
                 const RenderOptions& options, const Plan& plan, const std::stop_token& stop) {
   FilmSums film = empty_film(scene, request, plan);
-  WorkQueue queue(plan);
+  WorkQueue queue(plan, request.first_sample);
   constexpr uint64_t kPathsPerThread = 256;
   const uint64_t busy = 1 + plan.paths / kPathsPerThread;
   std::vector<FilmWriter> writers(std::min<uint64_t>(thread_count(options.threads), busy),

@@ -120,6 +120,7 @@ RenderRequest pilot_request(const Scene::Compiled& scene, const RenderRequest& r
   RenderRequest pilot = request;
   if (request.tile) pilot.tile = with_margin(*request.tile, scene.film);
   pilot.sample_count = request.pilot_spp;
+  pilot.first_sample = 0;
   pilot.pilot_spp = 0;
   pilot.estimates = 1;
   pilot.derivatives.clear();

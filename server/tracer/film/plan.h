@@ -56,7 +56,8 @@ struct PathSample {
 // Hands out the samples of a plan, in its order. Thread-safe.
 class WorkQueue {
  public:
-  explicit WorkQueue(const Plan& plan) : plan_(plan) {}
+  // The samples of each pixel are numbered from `first_sample` on.
+  WorkQueue(const Plan& plan, uint32_t first_sample) : plan_(plan), first_sample_(first_sample) {}
 
   // Fills some of `samples`, from the front, and returns how many; 0: there are no more.
   size_t take(std::span<PathSample> samples) {
@@ -69,13 +70,15 @@ class WorkQueue {
     auto at = std::upper_bound(plan_.pixels.begin(), plan_.pixels.end(), first, begins_after) - 1;
     for (size_t i = 0; i < count; ++i) {
       while (first + i >= at->first_path + at->sample_count) ++at;
-      samples[i] = {at->pixel, static_cast<uint32_t>(first + i - at->first_path), at->expected};
+      const auto number = static_cast<uint32_t>(first + i - at->first_path);
+      samples[i] = {at->pixel, first_sample_ + number, at->expected};
     }
     return count;
   }
 
  private:
   const Plan& plan_;
+  const uint32_t first_sample_;
   std::atomic<uint64_t> next_ = 0;
 };
 

@@ -17,6 +17,10 @@ void check_samples(const RenderRequest& request) {
     throw invalid_input(
         fmt::format("spp is {}; it must be in [1, {}]", request.sample_count, kMaxSamples));
   }
+  if (request.first_sample > kMaxSamples - request.sample_count) {
+    throw invalid_input(fmt::format("first_sample is {}; with spp, {}, it must be at most {}",
+                                    request.first_sample, request.sample_count, kMaxSamples));
+  }
 }
 
 void check_estimates(const RenderRequest& request) {
@@ -24,6 +28,10 @@ void check_estimates(const RenderRequest& request) {
   if (request.estimates < 1 || request.estimates > most) {
     throw invalid_input(
         fmt::format("estimates is {}; it must be in [1, {}]", request.estimates, most));
+  }
+  if (request.first_sample % request.estimates != 0) {
+    throw invalid_input(fmt::format("first_sample is {}; it must be a multiple of estimates, {}",
+                                    request.first_sample, request.estimates));
   }
 }
 

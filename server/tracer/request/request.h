@@ -41,6 +41,8 @@ struct RenderRequest {
   // Instead of Henyey and Greenstein's with material.g, which does not matter then.
   std::optional<PhaseFunction> phase = {};
   uint32_t sample_count = 16;  // per pixel, in [1, kMaxSamples]
+  // The number of the first: a multiple of `estimates`; all below kMaxSamples.
+  uint32_t first_sample = 0;
   // The part of the film that is rendered; nothing: all of it. Without a pilot, its pixels are
   // those of the whole, bit for bit. With one, samples are spread over the tile instead of the
   // film.

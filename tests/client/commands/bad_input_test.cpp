@@ -133,6 +133,15 @@ const BadInput kBadInputs[] = {
      },
      2,
      {"--tracer reference", "--pilot-spp 4"}},
+    {"NoiseWithAPilot",
+     [](auto& folder) {
+       return render(folder, folder.write("scene.textproto", kSceneFile),
+                     {{"--noise", "1%"}, {"--pilot-spp", "4"}});
+     },
+     2,
+     {"--noise and --time have no --pilot-spp"}},
+    {"NoiseOfNothing", flag("--noise", "0%"), 2, {"--noise: 0 is not a number in [0.0001, 1]"}},
+    {"TimeWithoutUnit", flag("--time", "5x"), 2, {"--time: 5x is not a time, as 10s, 2m or 1h"}},
     {"FlagGivenTwice",
      [](auto& folder) {
        Arguments command = render(folder, folder.write("scene.textproto", kSceneFile));

@@ -84,6 +84,39 @@ TEST(RenderCommand, WritesLayersAndHeader) {
   }
 }
 
+// Until the noise is low, or the time or the samples are over; the file says how many there were,
+// and is that of so many, to what floats round.
+TEST(RenderCommand, EndsWhenTheImageIsGoodEnough) {
+  const TemporaryFolder folder;
+  const std::string scene = folder.write("scene.textproto", kSceneFile);
+  const auto rendered = [&](const std::vector<std::string>& flags) {
+    std::vector<std::string> all = {"--film", "16x12", "--derivatives", "albedo"};
+    all.insert(all.end(), flags.begin(), flags.end());
+    const Finished finished = run(render(scene, folder.path("out.exr"), all));
+    EXPECT_EQ(finished.exit_code, 0) << finished.errors;
+    return std::pair{read_exr(folder.path("out.exr")), finished};
+  };
+  for (const std::vector<std::string>& flags :
+       {std::vector<std::string>{"--noise", "4%"}, std::vector<std::string>{"--time", "0.2s"},
+        std::vector<std::string>{"--noise", "0.1%", "--spp", "100"}}) {
+    const auto [image, finished] = rendered(flags);
+    const int spp = std::get<int>(image.attributes.at("itn.spp"));
+    EXPECT_GE(spp, 8);
+    if (flags.size() > 2) {
+      EXPECT_EQ(spp, 100);
+      EXPECT_THAT(finished.errors, HasSubstr("not 0.1 %: the samples were over before"));
+    }
+    EXPECT_THAT(finished.output, HasSubstr(std::to_string(spp) + " samples per pixel"));
+    const auto [whole, unused] = rendered({"--spp", std::to_string(spp)});
+    for (const auto& [name, values] : whole.channels) {
+      for (size_t i = 0; i < values.size(); ++i) {
+        EXPECT_NEAR(image.channel(name)[i], values[i], 1e-5F * (1 + std::abs(values[i])))
+            << name << ", pixel " << i;
+      }
+    }
+  }
+}
+
 // Radiance is linear in the lights, and smooth in the reflectance of the ground.
 TEST(RenderCommand, WritesDerivativesInTheScene) {
   const TemporaryFolder folder;

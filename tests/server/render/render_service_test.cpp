@@ -612,6 +612,18 @@ const BadRequest kBadRequests[] = {
        for (int i = 0; i < 17; ++i) r.add_albedos(0.1);
      },
      "number of albedos is 17"},
+    {"SamplesTooLate",
+     [](auto& r) {
+       r.set_spp(2);
+       r.set_first_sample((1 << 20) - 1);
+     },
+     "first_sample is 1048575; with spp, 2, it must be at most 1048576"},
+    {"FirstSampleBetweenEstimates",
+     [](auto& r) {
+       r.set_estimates(2);
+       r.set_first_sample(3);
+     },
+     "first_sample is 3; it must be a multiple of estimates, 2"},
     {"LongPilot", [](auto& r) { r.set_pilot_spp(65); }, "pilot_spp is 65"},
     {"UnknownPixels", [](auto& r) { r.set_pixels(v1::RenderedPixels(9)); },
      "pixels has the unknown"},

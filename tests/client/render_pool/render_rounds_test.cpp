@@ -1,0 +1,147 @@
+// Rendering until an image is good enough.
+#include "client/render_pool/render_rounds.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "client/render_pool/render_pool.h"
+#include "client/render_pool/reply_images.h"
+#include "common/rpc/wire_array.h"
+#include "tests/support/scenes.h"
+
+namespace itn {
+namespace {
+
+using namespace testing;
+using std::chrono::steady_clock;
+using ::testing::FloatNear;
+using ::testing::Pointwise;
+
+TEST(RenderRounds, AreOneWithoutAnEarlierEnd) {
+  const RenderGoal goal{.spp = 100, .estimates = 3};
+  EXPECT_EQ(next_round(goal, {}), 100U);
+  EXPECT_EQ(next_round(goal, {.spp = 100}), 0U);
+}
+
+TEST(RenderRounds, GoOnAsLongAsTheNoiseNeeds) {
+  const RenderGoal goal{.noise = 0.01, .spp = 1 << 20, .estimates = 3};
+  EXPECT_EQ(next_round(goal, {}), 6U);  // divided by the estimates
+  EXPECT_EQ(next_round({.noise = 0.01, .spp = 1 << 20, .estimates = 16}, {}), 16U);
+  EXPECT_EQ(next_round(goal, {.spp = 300, .noise = 0.009}), 0U);
+  // Four times the samples for half the noise, and 5 % more.
+  EXPECT_EQ(next_round(goal, {.spp = 300, .noise = 0.02}), 900U);
+  EXPECT_EQ(next_round(goal, {.spp = 300, .noise = 0.015}), 408U);
+  EXPECT_EQ(next_round(goal, {.spp = 300, .noise = 0.0101}), 36U);
+  EXPECT_EQ(next_round({.noise = 0.01, .spp = 500}, {.spp = 300, .noise = 0.02}), 200U);
+  EXPECT_EQ(next_round({.noise = 0.01, .spp = 300}, {.spp = 300, .noise = 0.02}), 0U);
+}
+
+TEST(RenderRounds, GoOnAsLongAsThereIsTime) {
+  const RenderGoal goal{.seconds = 100, .spp = 1 << 20};
+  const auto after = [&](double seconds, double seconds_per_sample) {
+    return next_round(goal,
+                      {.spp = 1000, .seconds = seconds, .seconds_per_sample = seconds_per_sample});
+  };
+  EXPECT_EQ(next_round(goal, {}), 8U);
+  EXPECT_EQ(after(10, 1e-6), 3000U);
+  EXPECT_EQ(after(10, 0.1), 250U);  // a quarter of the time
+  EXPECT_EQ(after(90, 0.1), 100U);
+  EXPECT_EQ(after(99.99, 0.1), 0U);
+  EXPECT_EQ(after(150, 0.1), 0U);
+}
+
+TEST(RenderRounds, MeasureTheNoiseOnTheObject) {
+  EXPECT_DOUBLE_EQ(noise_on_object({100, 2, 4}, {50, 0.3F, 0.5F}, {0, 1, 1}),
+                   std::sqrt((double{0.3F} * 0.3F + 0.25) / 2) / 3);
+  EXPECT_DOUBLE_EQ(noise_on_object({2, 4}, {0.5F, 0.5F}, {0, 0}), 0.5 / 3);
+  EXPECT_EQ(noise_on_object({0, 0}, {0, 0}, {1, 1}), 0);
+}
+
+RenderJob job() {
+  RenderJob job;
+  job.scene = serialize(cube_scene(16, 12));
+  job.request = small_request(50);
+  job.request.set_estimates(3);
+  job.request.clear_derivatives();
+  for (const char* name : {"sigma_t", "g"}) job.request.add_parameters(name);
+  job.request.add_albedos(0.5);
+  return job;
+}
+
+RenderPoolOptions embedded() {
+  RenderPoolOptions options;
+  options.embedded_threads = 1;
+  return options;
+}
+
+// Against the reply to all samples at once; standard errors come from floats twice.
+void expect_same(const v1::RenderGradReply& rounds, const v1::RenderGradReply& whole) {
+  const auto compare = [](const std::string& a, const std::string& b, const char* what,
+                          double part = 1e-6) {
+    const std::vector<float> x = from_bytes<float>(a), y = from_bytes<float>(b);
+    ASSERT_EQ(x.size(), y.size()) << what;
+    float largest = 0;
+    for (const float value : y) largest = std::max(largest, std::abs(value));
+    EXPECT_THAT(x, Pointwise(FloatNear(static_cast<float>(part * largest)), y)) << what;
+  };
+  ASSERT_EQ(rounds.estimates_size(), whole.estimates_size());
+  for (int k = 0; k < whole.estimates_size(); ++k) {
+    const v1::Estimate &a = rounds.estimates(k), &b = whole.estimates(k);
+    compare(a.radiance(), b.radiance(), "radiance");
+    ASSERT_EQ(a.derivatives_size(), b.derivatives_size());
+    for (int d = 0; d < a.derivatives_size(); ++d) {
+      compare(a.derivatives(d), b.derivatives(d), "a derivative");
+    }
+    compare(a.at_albedos(0), b.at_albedos(0), "another albedo");
+  }
+  compare(rounds.mask(), whole.mask(), "mask");
+  compare(rounds.standard_error(), whole.standard_error(), "standard error", 1e-5);
+  EXPECT_EQ(rounds.counters().paths(), whole.counters().paths());
+  EXPECT_EQ(rounds.counters().steps(), whole.counters().steps());
+}
+
+TEST(RenderRounds, MakeTheImageOfAllSamples) {
+  RenderPool pool(embedded());
+  RenderJob part = job();
+  const v1::RenderGradReply whole = pool.submit(part).get();
+  part.request.set_spp(21);
+  v1::RenderGradReply rounds = pool.submit(part).get();
+  part.request.set_spp(50 - 21);
+  part.request.set_first_sample(21);
+  add_samples(pool.submit(part).get(), 50 - 21, rounds, 21);
+  expect_same(rounds, whole);
+}
+
+TEST(RenderRounds, EndWhenTheNoisiestImageIsGoodEnough) {
+  RenderPool pool(embedded());
+  std::vector<RenderJob> jobs{job(), job()};
+  jobs[1].request.mutable_material()->set_albedo(0.5);
+  const auto noise = [](const v1::RenderGradReply& reply, uint32_t spp) {
+    return noise_on_object(mean_radiance(reply, spp), from_bytes<float>(reply.standard_error()),
+                           from_bytes<float>(reply.mask()));
+  };
+  const RenderGoal goal{.noise = 0.05, .spp = 1 << 20, .estimates = 3};
+  uint32_t rounds = 0, begun = 1;
+  const RoundsReply done =
+      render_rounds(pool, jobs, goal, steady_clock::now(),
+                    [&](const RenderedSoFar& so_far, uint32_t /*round*/, double /*fraction*/) {
+                      if (begun != so_far.spp) ++rounds;
+                      begun = so_far.spp;
+                    });
+  EXPECT_GT(rounds, 1U);
+  ASSERT_EQ(done.replies.size(), 2U);
+  for (size_t i = 0; i < jobs.size(); ++i) {
+    EXPECT_LE(noise(done.replies[i], done.spp), goal.noise);
+    jobs[i].request.set_spp(done.spp);
+    expect_same(done.replies[i], pool.submit(jobs[i]).get());
+  }
+  EXPECT_GT(std::max(noise(done.replies[0], done.spp), noise(done.replies[1], done.spp)),
+            0.8 * goal.noise);  // and hardly better
+}
+
+}  // namespace
+}  // namespace itn
