@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Makes the pictures of the README from renders, as PNG or JPEG (Debian: python3-openimageio, python3-numpy).
 
-  picture.py colour IMAGE.exr OUT                          its channels R, G and B as an sRGB picture
-  picture.py derivatives IMAGE.exr OUT                     dG/dsigma_t, dG/dalbedo, dG/dg beside one another
+  picture.py colour A.exr B.exr ... OUT                    their channels R, G and B as one sRGB picture, half the size
+  picture.py derivatives IMAGE.exr OUT                     those of G that it has beside one another, half the size
   picture.py refinement TARGET.exr A.exr B.exr ... OUT     renders beside their target, and the difference
 """
 import sys
@@ -47,10 +47,11 @@ def half(image):
     return (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2]) / 4
 
 
-def colour(path, out):
-    image, _ = layers(path)
-    rgb = np.stack([image[channel] for channel in "RGB"], -1)
-    write(out, srgb(rgb / np.percentile(rgb, 99.5)))
+def colour(*paths_and_out):
+    *paths, out = paths_and_out
+    images = [layers(path)[0] for path in paths]
+    rgbs = [half(np.stack([image[channel] for channel in "RGB"], -1)) for image in images]
+    write(out, np.concatenate([srgb(rgb / np.percentile(rgb, 99.5)) for rgb in rgbs], 1))
 
 
 def derivatives(path, out):
@@ -59,7 +60,9 @@ def derivatives(path, out):
     mean = image["G"][on].mean()
     sigma_t, albedo = (spec.get_float_attribute(f"itn.{name}.G") for name in ("sigma_t", "albedo"))
     panels = []
-    for name, factor in (("sigma_t", sigma_t), ("albedo", 1 - albedo), ("g", 1.0)):
+    for name, factor in (("sigma_t", sigma_t), ("albedo", 1 - albedo), ("g", 1.0), ("rough_dielectric.roughness", 1.0)):
+        if f"{name}.G" not in image:
+            continue
         step = half(factor * image[f"{name}.G"] / mean)
         full = np.percentile(np.abs(step[half(on.astype(float)) > 0.5]), 99)
         print(f"{name}: full colour is {full:.3g} of the mean radiance of the object")

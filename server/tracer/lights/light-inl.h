@@ -32,14 +32,14 @@ struct Emission {
 };
 
 // What a delta sends to places: from which direction, how far from there, in mm, infinite if it is
-// distant; and its irradiance as a multiple of power().
+// distant; and its irradiance as a multiple of power(), if all that it sends came from there.
 struct Beam {
   Vectors direction;
   Floats distance, irradiance;
 };
 
-// What a direction is drawn by: uniform numbers in [0, 1), for a cell, a coin and a place within;
-// and the words of another counter, which are there if a light is a map.
+// What a direction, or a place of a lamp, is drawn by: uniform numbers in [0, 1), for a cell, a
+// coin and a place within; and the words of another counter, which are there if a light is a map.
 struct LightUniforms {
   Floats cell, coin, u0, u1;
   Words more;

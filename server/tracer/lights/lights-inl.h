@@ -49,29 +49,45 @@ struct LightSamples {
   Floats distance, radiance, pdf;
 };
 
+// The light that is drawn is the one whose cumulative probability is the first above `choice`.
+struct LightChoice {
+  Floats choice;
+  LightUniforms uniforms;
+};
+
 // From the words of one counter, and of another one where there is a map. The lower bytes of the
-// first three words are left for a fifth uniform number. `parts` hears of the radiance in the
-// direction that is drawn, which counts where pdf > 0, and where a delta is chosen.
-template <typename Parts = NoParts>
-HWY_INLINE LightSamples sample(const Lights& lights, Vectors from_where, const Words& words,
-                               const Words& more, Parts&& parts = {}) {
-  const Floats choice = uniform(words.w[0]);
-  const LightUniforms uniforms{uniform(words.w[1]), uniform(words.w[2]),
-                               coarse_uniform(hn::ShiftRight<16>(words.w[3])),
-                               coarse_uniform(hn::And(words.w[3], set(uint32_t{0xFFFF}))), more};
-  const Floats zero = hn::Zero(FloatTag());
-  LightSamples draw{{zero, set(1.0F), zero}, set(kInfinity), zero, zero};
-  Floats delta_weight = zero;
+// first three words are left for a fifth uniform number.
+HWY_INLINE LightChoice light_choice(const Words& words, const Words& more) {
+  return {uniform(words.w[0]),
+          {uniform(words.w[1]), uniform(words.w[2]), coarse_uniform(hn::ShiftRight<16>(words.w[3])),
+           coarse_uniform(hn::And(words.w[3], set(uint32_t{0xFFFF}))), more}};
+}
+
+// Calls visit(light, chosen) for every light that some draw.
+template <typename Visit>
+HWY_INLINE void for_each_drawn(const Lights& lights, Floats choice, const Visit& visit) {
   Floats from = set(-1.0F);
   for (const Lights::Light& light : lights.all()) {
     const Floats to = set(light.cumulative);
     const Mask chosen = hn::And(hn::Ge(choice, from), hn::Lt(choice, to));
     from = to;
-    if (hn::AllFalse(FloatTag(), chosen)) continue;
+    if (!hn::AllFalse(FloatTag(), chosen)) visit(light, chosen);
+  }
+}
+
+// `parts` hears of the radiance in the
+// direction that is drawn, which counts where pdf > 0, and where a delta is chosen.
+template <typename Parts = NoParts>
+HWY_INLINE LightSamples sample(const Lights& lights, Vectors from, const LightChoice& drawn,
+                               Parts&& parts = {}) {
+  const Floats zero = hn::Zero(FloatTag());
+  LightSamples draw{{zero, set(1.0F), zero}, set(kInfinity), zero, zero};
+  Floats delta_weight = zero;
+  for_each_drawn(lights, drawn.choice, [&](const Lights::Light& light, Mask chosen) {
     Vectors direction = draw.direction;
     visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
       if constexpr (Kind::kDelta) {
-        const Beam arriving = beam(kind, from_where);
+        const Beam arriving = beam(kind, from, drawn.uniforms);
         parts.add_chosen(light.number, chosen);
         direction = arriving.direction;
         draw.distance = hn::IfThenElse(chosen, arriving.distance, draw.distance);
@@ -79,11 +95,11 @@ HWY_INLINE LightSamples sample(const Lights& lights, Vectors from_where, const W
         delta_weight =
             hn::IfThenElse(chosen, hn::Mul(set(weight), arriving.irradiance), delta_weight);
       } else {
-        direction = sample(kind, uniforms);
+        direction = sample(kind, drawn.uniforms);
       }
     });
     draw.direction = if_then_else(chosen, direction, draw.direction);
-  }
+  });
   const Mask delta = hn::Gt(delta_weight, zero);
   const Emission light = emission(lights, draw.direction, parts);
   // A direction on the very rim of the sun may fall outside it by rounding.
@@ -91,6 +107,29 @@ HWY_INLINE LightSamples sample(const Lights& lights, Vectors from_where, const W
   draw.pdf = hn::IfThenElseZero(possible, light.pdf);
   draw.radiance = hn::IfThenElse(delta, delta_weight, hn::IfThenElseZero(possible, light.radiance));
   return draw;
+}
+
+// What was drawn from one place, as it is seen from another by the same numbers. Where that is a
+// lamp that sends nothing there, the direction is 0; what is far away stays as it is.
+HWY_INLINE LightSamples seen_from(const Lights& lights, Vectors from, const LightChoice& drawn,
+                                  LightSamples light) {
+  for_each_drawn(lights, drawn.choice, [&](const Lights::Light& each, Mask chosen) {
+    visit_kind(each.kind, [&]<typename Kind>(const Kind& kind) {
+      if constexpr (Kind::kDelta) {
+        if constexpr (!Kind::kDistant) {
+          const Beam arriving = beam(kind, from, drawn.uniforms);
+          const auto weight = static_cast<float>(kind.power() / each.probability);
+          const Floats radiance = hn::Mul(set(weight), arriving.irradiance);
+          const Mask shines = hn::Gt(radiance, hn::Zero(FloatTag()));
+          light.direction = if_then_else(
+              chosen, if_then_else(shines, arriving.direction, set(Vec3f{})), light.direction);
+          light.distance = hn::IfThenElse(chosen, arriving.distance, light.distance);
+          light.radiance = hn::IfThenElse(chosen, radiance, light.radiance);
+        }
+      }
+    });
+  });
+  return light;
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

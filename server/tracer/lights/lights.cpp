@@ -104,8 +104,8 @@ float Lights::weight(const LightSample& sample, size_t number) const {
 }
 
 LightSample Lights::sample(Vec3f from, const RandomWords& words, const RandomWords& more) const {
-  const lanes::LightSamples draw =
-      lanes::sample(*this, lanes::set(from), lanes::set(words), lanes::set(more));
+  const lanes::LightSamples draw = lanes::sample(
+      *this, lanes::set(from), lanes::light_choice(lanes::set(words), lanes::set(more)));
   const float choice = hn::GetLane(lanes::uniform(lanes::set(words[0])));
   const auto chosen =
       std::ranges::find_if(lights_, [&](const Light& light) { return choice < light.cumulative; });

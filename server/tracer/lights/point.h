@@ -2,14 +2,8 @@
 #ifndef ITN_TRACER_LIGHTS_POINT_H_
 #define ITN_TRACER_LIGHTS_POINT_H_
 
-#include <fmt/format.h>
-
-#include <algorithm>
-#include <cmath>
-
-#include "common/error.h"
-#include "common/geometry/mesh.h"
 #include "common/vec.h"
+#include "server/tracer/lights/lamp.h"
 #include "server/tracer/lights/light_frame.h"
 
 namespace itn::tracer {
@@ -17,9 +11,7 @@ namespace itn::tracer {
 struct PointLight {
   Vec3d position;        // outside of the medium
   double intensity = 1;  // W/sr
-  // Once it is compiled: of what distance power() is the irradiance, squared, in mm^2. It is that
-  // of the object's middle, as what a light gives the object decides how often it is drawn.
-  double distance2 = 1;
+  double distance2 = 1;  // once it is compiled: see LampPlace
 
   static constexpr const char* kName = "point";
   template <typename Self, typename Fields>
@@ -28,23 +20,12 @@ struct PointLight {
     to.number("intensity", self.intensity, 0, 1e9);
   }
   PointLight compile(const LightFrame& frame) const {
-    const Vec3d p = frame.pose.to_object(position);
-    const Bounds box = frame.object.vertices.empty() ? Bounds() : bounds(frame.object);
-    const auto low = static_cast<Vec3d>(box.min), high = static_cast<Vec3d>(box.max);
-    const Vec3d to_middle = (low + high) * 0.5 - p, to_corner = (high - low) * 0.5;
-    const bool in_box = std::abs(to_middle.x) <= to_corner.x &&
-                        std::abs(to_middle.y) <= to_corner.y &&
-                        std::abs(to_middle.z) <= to_corner.z;
-    if (in_box && winding_number(frame.object, p) > 0.5) {
-      throw invalid_input(fmt::format(
-          "point.position is ({}, {}, {}), in the object; a lamp must stand outside of it",
-          position.x, position.y, position.z));
-    }
-    return {p, intensity, std::max(dot(to_middle, to_middle), dot(to_corner, to_corner))};
+    const LampPlace place = lamp_place(frame, "point.position", position);
+    return {place.position, intensity, place.distance2};
   }
 
   static constexpr bool kDelta = true, kDistant = false;
-  double power() const { return intensity * 1e6 / distance2; }
+  double power() const { return intensity * kSquareMmPerSquareM / distance2; }
 };
 
 }  // namespace itn::tracer
@@ -64,7 +45,7 @@ struct PointLight {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Beam beam(const PointLight& light, Vectors from) {
+HWY_INLINE Beam beam(const PointLight& light, Vectors from, const LightUniforms& /*u*/) {
   const Vectors to = set(static_cast<Vec3f>(light.position)) - from;
   const Floats d2 = hn::Max(dot(to, to), set(1e-20F)), distance = hn::Sqrt(d2);
   return {to * hn::Div(set(1.0F), distance), distance,

@@ -358,7 +358,7 @@ TEST(RoughDielectricTest, TechniquesAgree) {
 }
 
 // Shadow rays that are refracted take noise away, and nothing else: seen from outside, under a sun,
-// a sky and a lamp nearby, which nobody finds behind a smooth boundary; and from inside.
+// a sky and lamps nearby, which nobody finds behind a smooth boundary; and from inside.
 TEST(BoundaryTest, RefractedShadowRaysAreFair) {
   SceneDescription outside = rough_knot(1.5F, 0.5F);
   outside.object = make_shape("smooth_star");
@@ -369,6 +369,10 @@ TEST(BoundaryTest, RefractedShadowRaysAreFair) {
   SceneDescription smooth = outside;
   smooth.boundary = Dielectric{1.5F};
   smooth.lights = {paper_sun_sky(), ConstantLight{3}};
+  SceneDescription lamps = outside;
+  lamps.lights = {SphereLight{{0.6, 1.2, -0.9}, 0.3, 1},
+                  PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {0, 0.3, 0.2}, 1},
+                  SpotLight{{0.2, 1.5, -1}, {0, 0.4, 0}, 1e-6, 0.1, 0.3}};
   SceneDescription inside = rough_knot(1.4F, 0.2F);
   inside.object = make_shape("cube");
   inside.camera.origin = {0, 0.5, -0.4};
@@ -377,12 +381,13 @@ TEST(BoundaryTest, RefractedShadowRaysAreFair) {
     const char* name;
     const SceneDescription& description;
     Material material;
+    uint32_t samples = 4096;
   };
-  for (const auto& [name, description, material] :
-       {Case{"rough", outside, {8, 0.85, 0.4}}, Case{"smooth", smooth, {8, 0.85, 0.4}},
-        Case{"from inside", inside, {3, 0.8, 0.3}}}) {
+  for (const auto& [name, description, material, samples] :
+       {Case{"rough", outside, {8, 0.85, 0.4}}, Case{"lamps", lamps, {4, 0.7, 0.4}, 12288},
+        Case{"smooth", smooth, {8, 0.85, 0.4}}, Case{"from inside", inside, {3, 0.8, 0.3}}}) {
     const Scene scene(description);
-    RenderRequest request = request_for(Tracer::kWavefront, material, 4096);
+    RenderRequest request = request_for(Tracer::kWavefront, material, samples);
     for (const uint32_t light : {0U, 1U}) {
       request.derivatives.push_back({Parameter::kLightScale, light});
     }

@@ -78,7 +78,7 @@ void draw_all(const Lights& lights, uint64_t seed, LightProbe& probe, size_t cou
     const Uints number = hn::Iota(UintTag(), static_cast<uint32_t>(i)), zero = hn::Zero(UintTag());
     const Words words = philox(zero, zero, number, zero, seed);
     const Words more = philox(zero, set(uint32_t{1}), number, zero, seed);
-    const LightSamples light = sample(lights, set(Vec3f{}), words, more);
+    const LightSamples light = sample(lights, set(Vec3f{}), light_choice(words, more));
     store(light.direction, probe.direction, i);
     store(light.radiance, probe.radiance, i);
     store(light.pdf, probe.pdf, i);

@@ -143,9 +143,10 @@ struct RefractedRays {
   FloatColumn phase{};       // value of the phase function for the direction,
   FloatColumn pdf{};         // with which that was drawn, per steradian
   FloatColumn importance{};  // of the path
-  // The light, as it was drawn: see LightSamples.
+  // The light: see LightSamples; and, where there are lamps, how it was drawn: see LightChoice.
   VectorColumn to_light;
-  FloatColumn distance{}, radiance{}, light_pdf{};
+  FloatColumn radiance{}, light_pdf{};
+  FloatColumn choice{}, u0{}, u1{};
   std::vector<FloatColumn> score_slots;      // of the path, with that of the direction
   std::vector<FloatColumn> parts_of_lights;  // of `radiance`, as those of ShadowRays
   size_t count = 0;

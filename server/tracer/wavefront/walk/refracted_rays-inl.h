@@ -91,23 +91,21 @@ HWY_INLINE Aim aim_along(const Plane& plane, Vectors inner) {
           inner_by_outer(plane, cosine, outer_cosine)};
 }
 
-// The density q for paths that arrive in direction w at the boundary; `to_light` and `distance` are
-// the light's as it is seen from there, unless the boundary is smooth.
-HWY_INLINE Floats aimed_pdf(const Wavefront& wave, size_t i, Vectors to_light, Floats distance) {
+HWY_INLINE Vectors scattered_at(const Paths& paths, size_t i) {
+  const auto& at = paths.scattered_at;
+  return {load(at[0], i), load(at[1], i), load(at[2], i)};
+}
+
+// The density q for paths that arrive at the boundary; `to_light` is the light's direction as it is
+// seen from where they scattered, or 0, unless the boundary is smooth.
+HWY_INLINE Floats aimed_pdf(const Wavefront& wave, size_t i, Vectors to_light) {
   const Vectors direction = load(wave.paths.rays.direction, i);
-  const auto& scattered_at = wave.paths.scattered_at;
-  const Vectors x{load(scattered_at[0], i), load(scattered_at[1], i), load(scattered_at[2], i)};
+  const Vectors x = scattered_at(wave.paths, i);
   if (wave.boundary_is_delta) {
     const Aim aim = aim_along(plane_near(wave, x), direction);
     const Vectors outer = if_then_else(aim.possible, aim.direction, direction);
     const Floats pdf = emission(wave.scene.lights, outer).pdf;
     return hn::IfThenElseZero(aim.possible, hn::Mul(pdf, aim.inner_by_outer));
-  }
-  if (wave.shadow_rays.rays.bounded) {  // the light is seen in another direction from x
-    const Mask near = hn::Lt(distance, set(kInfinity));
-    const Floats length = load(wave.paths.rays.medium_length, i);
-    const Vectors from_x = direction * length + to_light * hn::IfThenElse(near, distance, length);
-    to_light = if_then_else(near, normalize(from_x), to_light);
   }
   const Aim aim = aim_at(plane_ahead(wave, x, to_light), to_light);
   return hn::IfThenElseZero(aim.possible,
@@ -115,16 +113,16 @@ HWY_INLINE Floats aimed_pdf(const Wavefront& wave, size_t i, Vectors to_light, F
 }
 
 // Where paths in slots i, i + 1 ... are at the boundary, which lets `passing` of what the walk
-// sends there through: the odds for light that is `distance` away in the direction `to_light`.
+// sends there through: the odds for light in the direction `to_light` (aimed_pdf).
 HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Vectors to_light,
-                                  Floats distance, Floats passing) {
+                                  Floats passing) {
   const Floats walk_pdf = load(wave.paths.scattered_pdf[0], i);
   const Mask scattered = hn::Gt(hn::Mul(walk_pdf, passing), hn::Zero(FloatTag()));
   if (hn::AllFalse(FloatTag(), scattered)) return hn::Zero(FloatTag());
   const Floats arriving =
       hn::Mul(passing, exp(hn::Mul(load(wave.paths.rays.medium_length, i), set(-wave.sigma_t))));
-  return hn::IfThenElseZero(
-      scattered, hn::Div(aimed_pdf(wave, i, to_light, distance), hn::Mul(walk_pdf, arriving)));
+  return hn::IfThenElseZero(scattered,
+                            hn::Div(aimed_pdf(wave, i, to_light), hn::Mul(walk_pdf, arriving)));
 }
 
 // From scatterings of the paths in slots i, i + 1 ..., towards lights that were drawn from there.
@@ -132,8 +130,8 @@ HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Vectors to_li
 // carry is not known yet: where the aim was good a rough boundary lets through about q / index^2,
 // and it may let 1 through where it was not.
 inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vectors position,
-                                const LightSamples& light, const LightParts& parts,
-                                Floats roulette) {
+                                const LightChoice& drawn, const LightSamples& light,
+                                const LightParts& parts, Floats roulette) {
   const FloatTag d;
   const Paths& paths = wave.paths;
   RefractedRays& sent = wave.refracted_rays;
@@ -179,7 +177,11 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vecto
   append(phase.value, sent.phase);
   append(pdf, sent.pdf);
   append(light.direction, sent.to_light);
-  append(light.distance, sent.distance);
+  if (wave.shadow_rays.rays.bounded) {
+    append(drawn.choice, sent.choice);
+    append(drawn.uniforms.u0, sent.u0);
+    append(drawn.uniforms.u1, sent.u1);
+  }
   append(light.radiance, sent.radiance);
   append(light.pdf, sent.light_pdf);
   const size_t phase_slots = paths.control_phase.size();
@@ -207,22 +209,19 @@ HWY_INLINE Exit exit_of_rough(const Wavefront& wave, size_t i, const Crossing& a
                               Floats arriving) {
   const RefractedRays& sent = wave.refracted_rays;
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
-  Exit exit{
-      load(sent.to_light, i), load(sent.distance, i), load(sent.radiance, i), one, {zero}, {zero}};
-  Floats nearer = one;
-  if (wave.shadow_rays.rays.bounded) {  // the light is seen in another direction from y
-    const Mask near = hn::Lt(exit.distance, set(kInfinity));
-    const Floats length = load(sent.rays.medium_length, i);
-    const Floats distance = hn::IfThenElse(near, exit.distance, one);
-    const Vectors from_y =
-        exit.to_light * distance - at.direction * hn::IfThenElseZero(near, length);
-    const Floats square = dot(from_y, from_y), length_from_y = hn::Sqrt(square);
-    nearer = hn::IfThenElse(near, hn::Div(hn::Mul(distance, distance), square), one);
-    exit.to_light = if_then_else(near, from_y * hn::Div(one, length_from_y), exit.to_light);
-    exit.distance = hn::IfThenElse(near, length_from_y, exit.distance);
+  LightSamples light{load(sent.to_light, i), set(kInfinity), load(sent.radiance, i),
+                     load(sent.light_pdf, i)};
+  Floats from_here = one;  // radiance over that from where they were sent
+  if (wave.shadow_rays.rays.bounded) {
+    const LightChoice drawn{load(sent.choice, i),
+                            {zero, zero, load(sent.u0, i), load(sent.u1, i), Words{}}};
+    const Floats before = hn::Max(light.radiance, set(1e-30F));
+    light = seen_from(wave.scene.lights, load(sent.rays.position, i), drawn, light);
+    from_here = hn::Div(light.radiance, before);
   }
+  Exit exit{light.direction, light.distance, light.radiance, one, {zero}, {zero}};
   const BoundaryValue boundary = evaluate(wave.scene.boundary, at, exit.to_light);
-  const Floats phase = load(sent.phase, i), light_pdf = load(sent.light_pdf, i);
+  const Floats phase = load(sent.phase, i), light_pdf = light.pdf;
   const Floats walk_pdf = hn::Mul(phase, arriving);
   const Mask dense = hn::Gt(light_pdf, zero);
   Floats pdf_sum =
@@ -230,10 +229,10 @@ HWY_INLINE Exit exit_of_rough(const Wavefront& wave, size_t i, const Crossing& a
   if (wave.switches.techniques == Switches::Techniques::kBoth) {
     pdf_sum = hn::Add(pdf_sum, hn::IfThenElseZero(dense, hn::Mul(walk_pdf, boundary.pdf)));
   }
-  exit.per_radiance = hn::Div(hn::Mul(hn::Mul(phase, boundary.value), nearer), pdf_sum);
+  exit.per_radiance = hn::Div(hn::Mul(phase, boundary.value), pdf_sum);
   for (size_t s = 0; s < kMaxBoundarySlots; ++s) exit.scores[s] = boundary.scores[s];
   for (size_t l = 0; l < sent.parts_of_lights.size(); ++l) {
-    exit.parts_of_lights[l] = load(sent.parts_of_lights[l], i);
+    exit.parts_of_lights[l] = hn::Mul(load(sent.parts_of_lights[l], i), from_here);
   }
   return exit;
 }

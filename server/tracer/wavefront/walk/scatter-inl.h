@@ -130,7 +130,7 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
     if (wave.boundary_is_delta) {
       passing = hn::Sub(passing, transmit(wave.scene.boundary, vertices.crossing).reflected);
     }
-    const Floats odds = refraction_odds(wave, i, direction, set(kInfinity), passing);
+    const Floats odds = refraction_odds(wave, i, direction, passing);
     store(hn::IfThenElseZero(where, odds), paths.odds[0], i);
   }
   const Uints toggled =

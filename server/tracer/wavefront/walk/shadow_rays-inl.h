@@ -64,10 +64,11 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   const Vectors position =
       if_then_else(vertices.where(), load(paths.rays.position, i), Vectors{zero, zero, zero});
   LightParts parts(wave.differentiated_lights);
-  const LightSamples light = sample(wave.scene.lights, position, words, more, parts);
+  const LightChoice drawn = light_choice(words, more);
+  const LightSamples light = sample(wave.scene.lights, position, drawn, parts);
   const Floats roulette = hn::Sub(set(1.0F), fifth_uniform(words));
   if (refracted) {
-    send_refracted_rays(wave, i, vertices.in_medium, position, light, parts, roulette);
+    send_refracted_rays(wave, i, vertices.in_medium, position, drawn, light, parts, roulette);
     if (hn::AllFalse(d, sent)) return;
   }
   const Floats cosine = dot(vertices.axis, light.direction);
@@ -98,7 +99,11 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   Floats pdf_sum =
       hn::IfThenElse(hn::Gt(light.pdf, zero), hn::Add(light.pdf, phase_pdf), set(1.0F));
   if (wave.refracts_shadow_rays && vertices.any_at_boundary) {
-    const Floats odds = refraction_odds(wave, i, light.direction, light.distance, set(1.0F));
+    LightSamples from_scattering = light;
+    if (shadow_rays.rays.bounded) {
+      from_scattering = seen_from(wave.scene.lights, scattered_at(paths, i), drawn, light);
+    }
+    const Floats odds = refraction_odds(wave, i, from_scattering.direction, set(1.0F));
     const Floats light_pdf = hn::IfThenElse(hn::Gt(light.pdf, zero), light.pdf, set(1.0F));
     pdf_sum = hn::Add(pdf_sum, hn::IfThenElseZero(vertices.at_boundary, hn::Mul(odds, light_pdf)));
   }

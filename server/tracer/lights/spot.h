@@ -1,0 +1,85 @@
+// A lamp that is a point and shines in a cone.
+#ifndef ITN_TRACER_LIGHTS_SPOT_H_
+#define ITN_TRACER_LIGHTS_SPOT_H_
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/angle.h"
+#include "common/error.h"
+#include "common/vec.h"
+#include "server/tracer/lights/lamp.h"
+#include "server/tracer/lights/light_frame.h"
+#include "server/tracer/lights/point.h"
+
+namespace itn::tracer {
+
+struct SpotLight {
+  Vec3d position;        // outside of the medium
+  Vec3d target;          // what it is turned to; once it is compiled, the direction, of unit length
+  double intensity = 1;  // W/sr, up to the inner angle; from there to the outer one it fades
+  double inner_angle = 20 * kRadiansPerDegree, outer_angle = 25 * kRadiansPerDegree;
+  double distance2 = 1;  // once it is compiled: see LampPlace
+
+  static constexpr const char* kName = "spot";
+  template <typename Self, typename Fields>
+  static void fields(Self& self, Fields& to) {
+    to.position("position", self.position);
+    to.position("target", self.target);
+    to.number("intensity", self.intensity, 0, 1e9);
+    to.angle("inner_angle_degrees", self.inner_angle, 0, 90);
+    to.angle("outer_angle_degrees", self.outer_angle, 0.1, 90);
+  }
+  SpotLight compile(const LightFrame& frame) const {
+    const LampPlace place = lamp_place(frame, "spot.position", position);
+    const Vec3d direction = frame.pose.to_object(target) - place.position;
+    if (!(dot(direction, direction) > 0)) {
+      throw invalid_input("spot.target is its position; it must be another place");
+    }
+    if (!(inner_angle <= outer_angle)) {
+      throw invalid_input("spot.inner_angle_degrees is above outer_angle_degrees");
+    }
+    return {place.position, itn::normalize(direction), intensity, inner_angle, outer_angle,
+            place.distance2};
+  }
+
+  static constexpr bool kDelta = true, kDistant = false;
+  // As if it were turned to the object.
+  double power() const { return intensity * kSquareMmPerSquareM / distance2; }
+};
+
+}  // namespace itn::tracer
+
+#endif
+
+// What it computes, once for each set of instructions.
+#if defined(ITN_KERNEL) && defined(ITN_TRACER_LIGHTS_SPOT_MATHS_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_LIGHTS_SPOT_MATHS_
+#undef ITN_TRACER_LIGHTS_SPOT_MATHS_
+#else
+#define ITN_TRACER_LIGHTS_SPOT_MATHS_
+#endif
+
+#include "server/tracer/lights/light-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+HWY_INLINE Beam beam(const SpotLight& light, Vectors from, const LightUniforms& u) {
+  Beam arriving = beam(PointLight{light.position, light.intensity, light.distance2}, from, u);
+  const double outer = std::cos(light.outer_angle);
+  const double range = std::max(std::cos(light.inner_angle) - outer, 1e-6);
+  const Floats cosine = hn::Neg(dot(arriving.direction, set(static_cast<Vec3f>(light.target))));
+  // 0 at the outer angle, 1 at the inner one, level at both.
+  const Floats t = hn::Clamp(
+      hn::Mul(hn::Sub(cosine, set(static_cast<float>(outer))), set(static_cast<float>(1 / range))),
+      hn::Zero(FloatTag()), set(1.0F));
+  const Floats fade = hn::Mul(hn::Mul(t, t), hn::Sub(set(3.0F), hn::Add(t, t)));
+  arriving.irradiance = hn::Mul(arriving.irradiance, fade);
+  return arriving;
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

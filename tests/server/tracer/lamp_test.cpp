@@ -1,0 +1,279 @@
+// Lamps: closed forms of what they send through air and medium, and the limits in which they are
+// far away, or small.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "common/error.h"
+#include "tests/server/tracer/scenes.h"
+
+namespace itn::testing {
+namespace {
+
+using namespace tracer;
+
+using std::numbers::pi;
+
+constexpr double kInverseSquareMm = 1e6;  // from W/sr and mm to W/m^2
+constexpr double kReflectance = 0.6;
+constexpr Vec3d kSeen{0.03, 0, 0.02};
+
+// Ground at y = 0, seen from above at kSeen, and an object elsewhere.
+SceneDescription seen_ground(std::vector<LightDescription> lights) {
+  SceneDescription scene;
+  scene.object = box({5, 0, 5}, {6, 1, 6});
+  scene.surfaces = {{horizontal_square(0, 20), static_cast<float>(kReflectance)}};
+  scene.lights = std::move(lights);
+  scene.camera = {.origin = kSeen + Vec3d{0, 4, 0},
+                  .target = kSeen + Vec3d{0, 3, 0},
+                  .up = {0, 0, 1},
+                  .fov = 2.5e-5};
+  scene.film = {2, 2};
+  return scene;
+}
+
+double mean_of(SceneDescription scene) {
+  return film_mean(
+      render_grad(Scene(std::move(scene)), {.material = {1e3, 0, 0}, .sample_count = 4}), -1);
+}
+
+// Radiance = reflectance E cos / pi, with E falling by the square of the distance.
+TEST(PointLightTest, LightsTheGroundByTheInverseSquare) {
+  for (const Vec3d offset :
+       {Vec3d{0, 2, 0}, Vec3d{0, 20, 0}, Vec3d{3, 2, -1}, Vec3d{-500, 900, 0}}) {
+    const double distance = length(offset);
+    const double expected =
+        kReflectance / pi * 7 * kInverseSquareMm * offset.y / std::pow(distance, 3);
+    for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
+      const Scene scene(seen_ground({PointLight{kSeen + offset, 7}}));
+      RenderRequest request{.material = {1e3, 0, 0}, .sample_count = 4};
+      request.tracer = tracer;
+      EXPECT_NEAR(film_mean(render_grad(scene, request), -1) / expected, 1, 1e-4) << offset.y;
+    }
+  }
+}
+
+// What stands between them casts a shadow; what stands behind the lamp does not.
+TEST(PointLightTest, ShadowsEndAtTheLamp) {
+  const auto lamp_at = [](double y) { return seen_ground({PointLight{{0.03, y, 3}, 1}}); };
+  const double free = mean_of(lamp_at(2));
+  EXPECT_GT(free, 0);
+  SceneDescription roof = lamp_at(2);
+  roof.surfaces.push_back({horizontal_square(2.5F, 1), 0});
+  for (Vec3f& v : roof.surfaces.back().mesh.vertices) v.z += 3;
+  EXPECT_EQ(mean_of(roof), free);
+  SceneDescription awning = std::move(roof);
+  awning.lights = {PointLight{{0.03, 3, 3}, 1}};
+  EXPECT_EQ(mean_of(std::move(awning)), 0);
+  SceneDescription wall = lamp_at(2);
+  wall.object = box({-1, 0, 1}, {1, 3, 2});
+  EXPECT_EQ(mean_of(std::move(wall)), 0);
+}
+
+// A lamp at height h over a slab of thickness D, the camera above it, to first order in the albedo
+// (see SingleScatteringTest):
+//   d T / d albedo at albedo 0 = I p(-1; g) integral of sigma_t exp(-2 sigma_t y) / (h + y)^2 dy.
+TEST(PointLightTest, IsScatteredOnceInASlab) {
+  constexpr double kSigmaT = 2, kThickness = 0.5, kHeight = 0.3, kIntensity = 4e-6;
+  SceneDescription description;
+  description.object = box({-1, 0, -1}, {1, kThickness, 1});
+  description.lights = {PointLight{{0.03, kThickness + kHeight, 0.02}, kIntensity}};
+  description.camera = {
+      .origin = {0.03, 4, 0.02}, .target = {0.03, 3, 0.02}, .up = {0, 0, 1}, .fov = 2.5e-5};
+  description.film = {4, 4};
+  const Scene scene(std::move(description));
+  double integral = 0;
+  constexpr int kSteps = 10'000;
+  for (int i = 0; i < kSteps; ++i) {
+    const double y = (i + 0.5) / kSteps * kThickness;
+    integral +=
+        kSigmaT * std::exp(-2 * kSigmaT * y) / std::pow(kHeight + y, 2) * kThickness / kSteps;
+  }
+  for (const double g : {-0.4, 0.6}) {
+    const RenderRequest request{
+        .material = {kSigmaT, 0, g}, .sample_count = 1024, .derivatives = medium_parameters()};
+    const FilmEstimate film =
+        estimate_film(scene, request, 64, 1, {.tuning = {.shadow_ray_roulette = 0}});
+    const double phase = (1 - g * g) / (4 * pi * std::pow(1 + g, 3));
+    const double expected = kIntensity * kInverseSquareMm * phase * integral;
+    const auto& seen = film.derivatives[static_cast<size_t>(Coordinate::kAlbedo)];
+    expect_equal(seen, {expected, 0}, 2, "single scattering");
+    expect_resolution(seen, expected, 0.01, "single scattering");
+  }
+}
+
+// From far away it is a distant light, and the two add up with others alike.
+TEST(PointLightTest, IsADistantLightFromFarAway) {
+  constexpr double kFar = 2e5;
+  const Vec3d toward = itn::normalize(Vec3d{0.4, 0.8, -0.5});
+  const auto film_of = [&](const LightDescription& light, uint64_t seed) {
+    const Scene scene(studio("mug", {ConstantLight{0.3}, light}, 0.5F));
+    RenderRequest request{
+        .material = {12, 0.7, 0.4}, .sample_count = 1024, .derivatives = medium_parameters()};
+    request.derivatives.push_back({Parameter::kLightScale, 1});
+    return estimate_film(scene, request, 64, seed);
+  };
+  expect_same_film(film_of(PointLight{toward * kFar, 3 * kFar * kFar / kInverseSquareMm}, 1),
+                   film_of(DirectionalLight{toward, 3}, 301), 5, "far away");
+}
+
+// Close by, as the reference sees it: over an object in a pose, with a ground and other lights.
+TEST(PointLightTest, AgreesWithTheReference) {
+  SceneDescription description =
+      studio("smooth_star", {ConstantLight{0.2}, PointLight{{0.9, 1.2, -0.6}, 2e-6}}, 0.5F);
+  description.pose = {.rotation = {Vec3d{0, 0.6, -0.8}, Vec3d{0, 0.8, 0.6}, Vec3d{1, 0, 0}},
+                      .translation = {0.1, 0.2, 0.1}};
+  const Scene scene(std::move(description));
+  const auto film_by = [&](Tracer tracer, uint64_t seed) {
+    RenderRequest request{
+        .material = {12, 0.7, 0.4}, .sample_count = 1408, .derivatives = medium_parameters()};
+    request.derivatives.push_back({Parameter::kLightScale, 1});
+    request.tracer = tracer;
+    return estimate_film(scene, request, 64, seed);
+  };
+  expect_same_film(film_by(Tracer::kWavefront, 1), film_by(Tracer::kReference, 301), 5, "close by");
+}
+
+TEST(PointLightTest, StandsOutsideOfTheMedium) {
+  SceneDescription scene = studio("cube", {PointLight{{0, 0.5, 0}, 1}});
+  EXPECT_THROW(Scene(std::move(scene)), Error);
+  EXPECT_THROW(Scene(studio("cube", {PointLight{{0, NAN, 0}, 1}})), Error);
+  EXPECT_THROW(Scene(studio("cube", {PointLight{{0, 2, 0}, -1}})), Error);
+}
+
+// The irradiance of the ground there, by both tracers, resolved to 1 %.
+void expect_irradiance(const LightDescription& lamp, double expected, const char* what) {
+  const Scene scene(seen_ground({lamp}));
+  for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
+    RenderRequest request{.material = {1e3, 0, 0}, .sample_count = 4096};
+    request.tracer = tracer;
+    const FilmEstimate film = estimate_film(scene, request, 32);
+    const double radiance = expected * kReflectance / pi;
+    expect_equal(film.radiance, {radiance, 0}, 10, what);
+    expect_resolution(film.radiance, radiance, 0.01, what);
+  }
+}
+
+// As long as it is above the horizon, a sphere is as bright as a point in its middle.
+TEST(SphereLightTest, LightsTheGround) {
+  for (const Vec3d offset : {Vec3d{0, 1.2, 0}, Vec3d{1.5, 1.1, -0.5}, Vec3d{-300, 500, 0}}) {
+    const double distance = length(offset);
+    expect_irradiance(SphereLight{.center = kSeen + offset, .radius = 1, .radiance = 3},
+                      3 * pi / std::pow(distance, 2) * offset.y / distance, "sphere");
+  }
+}
+
+// A panel over the ground, by the view factor of a rectangle from below a corner (Howell, "A
+// catalog of radiation heat transfer configuration factors", B-4).
+TEST(PanelLightTest, LightsTheGround) {
+  const double a = 0.7, b = 0.4;
+  const auto panel = [&](double height, double side) {
+    return PanelLight{.center = kSeen + Vec3d{a, height, b},
+                      .half_u = {a * side, 0, 0},
+                      .half_v = {0, 0, b},
+                      .radiance = 5};
+  };
+  for (const double h : {0.5, 3.0}) {
+    const auto term = [&](double c, double d) {
+      const double slant = std::hypot(c, h);
+      return c / slant * std::atan(d / slant);
+    };
+    const double view_factor = (term(2 * a, 2 * b) + term(2 * b, 2 * a)) / (2 * pi);
+    expect_irradiance(panel(h, 1), 5 * pi * view_factor, "panel");
+  }
+  const Scene turned_away(seen_ground({panel(0.5, -1)}));
+  EXPECT_EQ(film_mean(render_grad(turned_away, {.material = {1e3, 0, 0}, .sample_count = 4}), -1),
+            0);
+}
+
+// Turned to one side by an angle between its two, it is a point that has faded.
+TEST(SpotLightTest, ShinesInACone) {
+  constexpr double kInner = 0.3, kOuter = 0.5, kHeight = 2;
+  for (const double angle : {0.0, 0.25, 0.4, 0.45, 0.51, 1.7}) {
+    const Vec3d position = kSeen + Vec3d{0, kHeight, 0};
+    const Vec3d axis{std::sin(angle), -std::cos(angle), 0};
+    const double t = std::clamp(
+        (std::cos(angle) - std::cos(kOuter)) / (std::cos(kInner) - std::cos(kOuter)), 0.0, 1.0);
+    const double expected = 2 * 1e6 / (kHeight * kHeight) * t * t * (3 - 2 * t);
+    const Scene scene(seen_ground({SpotLight{position, position + axis * 7, 2, kInner, kOuter}}));
+    for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
+      RenderRequest request{.material = {1e3, 0, 0}, .sample_count = 4};
+      request.tracer = tracer;
+      EXPECT_NEAR(film_mean(render_grad(scene, request), -1), expected * kReflectance / pi,
+                  1e-4 * expected + 1e-9)
+          << angle;
+    }
+  }
+}
+
+constexpr double kSize = 0.02, kRadiance = 1000;
+
+FilmEstimate film_of(const LightDescription& lamp, uint64_t seed) {
+  const Scene scene(studio("smooth_star", {ConstantLight{0.02}, lamp}));
+  RenderRequest request{
+      .material = {12, 0.7, 0.4}, .sample_count = 1408, .derivatives = medium_parameters()};
+  request.derivatives.push_back({Parameter::kLightScale, 1});
+  return estimate_film(scene, request, 64, seed);
+}
+
+// Small ones are points, in all that is rendered of a medium.
+TEST(LampTest, IsAPointWhereItIsSmall) {
+  const Vec3d position{0.9, 1.2, -0.6};
+  const PointLight point{position, kRadiance * pi * kSize * kSize / 1e6};
+  const FilmEstimate sphere = film_of(SphereLight{position, kSize, kRadiance}, 1);
+  expect_same_film(sphere, film_of(point, 301), 5, "sphere", {sphere.radiance.mean / 12, 0, 0, 0});
+}
+
+// From afar, a panel that faces the object is a spot that shines on it: the cosine is 1 to half a
+// per cent.
+TEST(LampTest, IsASpotWhereItIsFarAway) {
+  const Vec3d target{0, 0.5, 0}, position{4.5, 6, -3};
+  const Vec3d u = itn::normalize(cross(target - position, Vec3d{0, 1, 0})) * kSize;
+  const Vec3d v = cross(itn::normalize(target - position), u);
+  expect_same_film(
+      film_of(PanelLight{position, u, v, kRadiance}, 1),
+      film_of(SpotLight{position, target, kRadiance * 4 * kSize * kSize / 1e6, 0.4, 0.5}, 301), 5,
+      "panel");
+}
+
+// Close by, as the reference sees them: over an object in a pose.
+TEST(LampTest, AgreesWithTheReference) {
+  SceneDescription description =
+      studio("smooth_star",
+             {SphereLight{{0.9, 1.2, -0.6}, 0.3, 2},
+              PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {0, 0.3, 0.2}, 6},
+              SpotLight{{0.2, 1.5, -1}, {0, 0.4, 0}, 2e-6, 0.1, 0.3}},
+             0.5F);
+  description.pose = {.rotation = {Vec3d{0, 0.6, -0.8}, Vec3d{0, 0.8, 0.6}, Vec3d{1, 0, 0}},
+                      .translation = {0.1, 0.2, 0.1}};
+  const Scene scene(std::move(description));
+  const auto film_by = [&](Tracer tracer, uint64_t seed) {
+    RenderRequest request{
+        .material = {8, 0.7, 0.4}, .sample_count = 1408, .derivatives = medium_parameters()};
+    for (const uint32_t light : {0U, 1U, 2U}) {
+      request.derivatives.push_back({Parameter::kLightScale, light});
+    }
+    request.tracer = tracer;
+    return estimate_film(scene, request, 64, seed);
+  };
+  const FilmEstimate film = film_by(Tracer::kWavefront, 1);
+  expect_same_film(film, film_by(Tracer::kReference, 301), 7, "close by",
+                   {film.radiance.mean / 8, 0, 0, 0, 0, 0});
+}
+
+TEST(LampTest, RefusesWhatCannotStand) {
+  const auto refuses = [](const LightDescription& light) {
+    EXPECT_THROW(Scene(studio("cube", {light})), Error);
+  };
+  refuses(SphereLight{{0, 0.5, 0}, 0.1, 1});  // in the object
+  refuses(SphereLight{{0, 1.5, 0}, 2, 1});    // around it
+  refuses(SphereLight{{0, 3, 0}, 0, 1});      // of no size
+  refuses(PanelLight{{0, 3, 0}, {1, 0, 0}, {2, 0, 0}, 1});
+  refuses(PanelLight{{0, 3, 0}, {1, 0, 0}, {0, 0, 1}, -1});
+  refuses(SpotLight{{0, 3, 0}, {0, 3, 0}, 1});  // turned to nothing
+  refuses(SpotLight{{0, 3, 0}, {0, 0, 0}, 1, 0.5, 0.4});
+}
+
+}  // namespace
+}  // namespace itn::testing
