@@ -2,7 +2,7 @@
 """Makes the pictures of the README from renders, as PNG or JPEG (Debian: python3-openimageio, python3-numpy).
 
   picture.py colour A.exr B.exr ... OUT                    their channels R, G and B as one sRGB picture, half the size
-  picture.py derivatives IMAGE.exr OUT                     those of G that it has beside one another, half the size
+  picture.py derivatives IMAGE.exr OUT                     its derivatives of Y beside one another, half the size
   picture.py refinement TARGET.exr A.exr B.exr ... OUT     renders beside their target, and the difference
 """
 import sys
@@ -57,13 +57,13 @@ def colour(*paths_and_out):
 def derivatives(path, out):
     image, spec = layers(path)
     on = image["mask.Y"] > 0.5
-    mean = image["G"][on].mean()
-    sigma_t, albedo = (spec.get_float_attribute(f"itn.{name}.G") for name in ("sigma_t", "albedo"))
+    mean = image["Y"][on].mean()
+    sigma_t, albedo = (spec.get_float_attribute(f"itn.{name}") for name in ("sigma_t", "albedo"))
     panels = []
-    for name, factor in (("sigma_t", sigma_t), ("albedo", 1 - albedo), ("g", 1.0), ("rough_dielectric.roughness", 1.0)):
-        if f"{name}.G" not in image:
+    for name, factor in (("sigma_t", sigma_t), ("albedo", 1 - albedo), ("g", 1), ("rough_dielectric.roughness", 1)):
+        if f"{name}.Y" not in image:
             continue
-        step = half(factor * image[f"{name}.G"] / mean)
+        step = half(factor * image[f"{name}.Y"] / mean)
         full = np.percentile(np.abs(step[half(on.astype(float)) > 0.5]), 99)
         print(f"{name}: full colour is {full:.3g} of the mean radiance of the object")
         panels.append(diverging(step / full))

@@ -64,6 +64,17 @@ tracer::CameraDescription build_camera(const v1::Camera& proto) {
     }
   }
   camera.fov = fov * kRadiansPerDegree;
+  constexpr double kFar = 10;
+  const FieldReader fields("scene.camera", proto);
+  fields.number("principal_x", camera.principal_x, -kFar, kFar);
+  fields.number("principal_y", camera.principal_y, -kFar, kFar);
+  fields.number("k_1", camera.k_1, -kFar, kFar);
+  fields.number("k_2", camera.k_2, -kFar, kFar);
+  const FieldReader crop("scene.camera.crop", proto.crop());
+  crop.number("left", camera.left, -kFar, kFar);
+  crop.number("top", camera.top, -kFar, kFar);
+  crop.number("right", camera.right, -kFar, kFar);
+  crop.number("bottom", camera.bottom, -kFar, kFar);
   return camera;
 }
 

@@ -1,5 +1,8 @@
-// Pinhole camera. Image x grows along cross(target - origin, up), image y downwards.
+// Pinhole camera, maybe behind a lens that distorts. Image x grows along
+// cross(target - origin, up), image y downwards.
 #pragma once
+
+#include <cmath>
 
 #include "common/vec.h"
 #include "server/tracer/scene/scene.h"
@@ -15,7 +18,9 @@ class Camera {
   // (i, j) covers [i, i+1) x [j, j+1). In double: seen from 33 mm away, a float would move the
   // point by micrometres.
   Vec3d toward(double x, double y) const {
-    return forward_ + right_ * (x * scale_ - half_width_) + down_ * (y * scale_ - half_height_);
+    const double right = x * scale_ - to_left_, down = y * scale_ - to_top_;
+    const double factor = distorts_ ? undistorted(std::hypot(right, down)) : 1;
+    return forward_ + right_ * (right * factor) + down_ * (down * factor);
   }
   Vec3d origin() const { return origin_; }
 
@@ -31,8 +36,18 @@ class Camera {
   FilmBox film_box(Vec3d low, Vec3d high) const;
 
  private:
+  // How much farther from the axis what is seen at a distance lies, both in focal lengths.
+  double undistorted(double seen_at) const;
+  double distorted(double r) const { return r * (1 + r * r * (k_1_ + k_2_ * r * r)); }
+  // Of the distance where it is seen; above 0 as long as no two distances are seen at one.
+  double slope(double r) const { return 1 + r * r * (3 * k_1_ + 5 * k_2_ * r * r); }
+  FilmBox distorted(const FilmBox& at_unit_distance) const;
+  void check_distortion(const FilmDescription& film) const;
+
   Vec3d origin_, forward_, right_, down_;
-  double half_width_, half_height_, scale_;  // of the film at unit distance
+  double k_1_, k_2_;
+  bool distorts_;
+  double scale_, to_left_, to_top_;  // of a pixel, and of the film's sides, at unit distance
 };
 
 }  // namespace itn::tracer

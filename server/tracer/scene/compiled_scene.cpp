@@ -32,8 +32,11 @@ std::vector<DiffuseSurface> to_object(const Pose& pose, std::vector<DiffuseSurfa
 }
 
 CameraDescription to_object(const Pose& pose, const CameraDescription& camera) {
-  return {pose.to_object(camera.origin), pose.to_object(camera.target),
-          pose.rotation.inverse()(camera.up), camera.fov};
+  CameraDescription turned = camera;
+  turned.origin = pose.to_object(camera.origin);
+  turned.target = pose.to_object(camera.target);
+  turned.up = pose.rotation.inverse()(camera.up);
+  return turned;
 }
 
 // Shared by the scenes of an object that share that.
