@@ -1,18 +1,26 @@
 #include "common/scene/panorama_file.h"
 
+#include <fmt/format.h>
+#include <png.h>
+
 #include <cstdint>
 #include <string>
 #include <vector>
 
+#include "common/error.h"
+#include "common/files/read_file.h"
 #include "common/image/channels.h"
 #include "common/image/image.h"
+#include "common/image/image_format.h"
+#include "common/image/srgb.h"
 #include "common/rpc/wire_array.h"
 
 namespace itn {
 
-v1::Pixels load_panorama(const std::filesystem::path& path) {
-  const Image image = read_exr(path);
-  const std::vector<std::string> channels = radiance_channels(image, path.string());
+namespace {
+
+v1::Pixels pixels_of(const Image& image, const std::string& name) {
+  const std::vector<std::string> channels = radiance_channels(image, name);
   const auto plane = [&](size_t colour) -> const std::vector<float>& {
     return image.channel(channels[channels.size() == 1 ? 0 : colour]);
   };
@@ -25,6 +33,53 @@ v1::Pixels load_panorama(const std::filesystem::path& path) {
   pixels.set_height(static_cast<uint32_t>(image.height));
   pixels.set_rgb(to_bytes(rgb));
   return pixels;
+}
+
+// By libpng's simplified interface, transparent places on black.
+v1::Pixels decode_png(const std::string& bytes, const std::string& name) {
+  png_image png{};
+  png.version = PNG_IMAGE_VERSION;
+  const auto check = [&](int done) {
+    if (done != 0) return;
+    const std::string reason = png.message;
+    png_image_free(&png);
+    throw Error(ErrorKind::kDataLoss, fmt::format("{}: cannot read it: {}", name, reason));
+  };
+  check(png_image_begin_read_from_memory(&png, bytes.data(), bytes.size()));
+  constexpr uint32_t kMaxSide = 16384;
+  if (png.width > kMaxSide || png.height > kMaxSide) {
+    const std::string size = fmt::format("{} x {}", png.width, png.height);
+    png_image_free(&png);
+    throw invalid_input(
+        fmt::format("{} has {} pixels; it must have at most {} a side", name, size, kMaxSide));
+  }
+  png.format = PNG_FORMAT_RGB;
+  std::vector<unsigned char> encoded(PNG_IMAGE_SIZE(png));
+  const png_color black{0, 0, 0};
+  check(png_image_finish_read(&png, &black, encoded.data(), 0, nullptr));
+  std::vector<float> rgb;
+  rgb.reserve(encoded.size());
+  for (const unsigned char value : encoded) {
+    rgb.push_back(static_cast<float>(linear_of_srgb(value / 255.0)));
+  }
+  v1::Pixels pixels;
+  pixels.set_width(png.width);
+  pixels.set_height(png.height);
+  pixels.set_rgb(to_bytes(rgb));
+  return pixels;
+}
+
+}  // namespace
+
+v1::Pixels load_panorama(const std::filesystem::path& path) {
+  return pixels_of(read_exr(path), path.string());
+}
+
+v1::Pixels load_reflectances(const std::filesystem::path& path) {
+  constexpr uint64_t kMaxBytes = uint64_t{1} << 30;
+  const std::string bytes = read_file(path, "image", kMaxBytes);
+  if (recognize_format(bytes).format == ImageFormat::kPng) return decode_png(bytes, path.string());
+  return pixels_of(decode_exr(bytes, path.string()), path.string());
 }
 
 }  // namespace itn

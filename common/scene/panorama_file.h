@@ -1,4 +1,4 @@
-// Files of panoramas.
+// Files of panoramas and other images in scenes.
 #pragma once
 
 #include <filesystem>
@@ -11,5 +11,9 @@ namespace itn {
 // are not negative is checked where the scene is built. Throws Error: as read_exr() and
 // radiance_channels(), with the file's name.
 v1::Pixels load_panorama(const std::filesystem::path& path);
+
+// The same of an OpenEXR or a PNG file; the numbers of the latter are taken through the sRGB curve.
+// Throws Error: kDataLoss (no such image).
+v1::Pixels load_reflectances(const std::filesystem::path& path);
 
 }  // namespace itn

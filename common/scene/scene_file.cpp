@@ -91,6 +91,10 @@ void resolve(v1::EnvironmentMap& map, const fs::path& folder) {
   if (map.has_path()) *map.mutable_pixels() = load_panorama(folder / map.path());
 }
 
+void resolve(v1::ImageReflectance& image, const fs::path& folder) {
+  if (image.has_path()) *image.mutable_pixels() = load_reflectances(folder / image.path());
+}
+
 }  // namespace
 
 v1::Scene load_scene(const fs::path& path, std::optional<v1::LengthUnit> mesh_unit) {
@@ -108,6 +112,7 @@ v1::Scene load_scene(const fs::path& path, std::optional<v1::LengthUnit> mesh_un
   }
   for (v1::Surface& surface : *scene.mutable_surfaces()) {
     if (surface.has_mesh()) resolve_mesh(*surface.mutable_mesh(), Role::kSurface);
+    if (surface.has_image()) resolve(*surface.mutable_image(), folder);
   }
   for (v1::Light& light : *scene.mutable_lights()) {
     if (light.has_environment_map()) resolve(*light.mutable_environment_map(), folder);

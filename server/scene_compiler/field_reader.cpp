@@ -59,26 +59,45 @@ void FieldReader::position(const char* name, Vec3d& value) const {
   if (const v1::Vec3* read = vec(name)) value = check_position(path(name), to_vec(*read));
 }
 
-void FieldReader::pixels(const char* name, tracer::EnvironmentMapLight& map) const {
-  const auto& proto = static_cast<const v1::EnvironmentMap&>(message_);
+std::vector<float> FieldReader::pixel_values(const std::string& field, const v1::Pixels& proto,
+                                             double scale, double most) const {
+  check_pixels(field, proto);
+  const int width = static_cast<int>(proto.width());
+  std::vector<float> rgb = array_of<float>(field + ".rgb", proto.rgb());
+  for (size_t i = 0; i < rgb.size(); ++i) {
+    if (!(scale * rgb[i] >= 0 && scale * rgb[i] <= most)) {
+      throw invalid_input(fmt::format("{}.rgb is {} at x = {}, y = {}; {}it must be in [0, {:g}]",
+                                      field, rgb[i], i / 3 % width, i / 3 / width,
+                                      scale == 1 ? "" : "times the scale ", most));
+    }
+  }
+  return rgb;
+}
+
+template <typename Message>
+const v1::Pixels& FieldReader::required_pixels() const {
+  const auto& proto = static_cast<const Message&>(message_);
   if (proto.has_path()) {
     throw invalid_input(
         fmt::format("{} is set; a worker opens no files: send the pixels", path("path")));
   }
   if (!proto.has_pixels()) throw missing(path_ + ": one of pixels and path");
-  const std::string pixels = path(name);
-  check_pixels(pixels, proto.pixels());
-  map.width = static_cast<int>(proto.pixels().width());
-  map.height = static_cast<int>(proto.pixels().height());
-  map.rgb = array_of<float>(pixels + ".rgb", proto.pixels().rgb());
-  for (size_t i = 0; i < map.rgb.size(); ++i) {
-    if (!(map.scale * map.rgb[i] >= 0 && map.scale * map.rgb[i] <= kMaxRadiance)) {
-      throw invalid_input(
-          fmt::format("{}.rgb is {} at x = {}, y = {}; times the scale it must be in [0, {:g}]",
-                      pixels, map.rgb[i], i / 3 % map.width, i / 3 / map.width, kMaxRadiance));
-    }
-  }
-  map.digest = sha256(proto.pixels().rgb());
+  return proto.pixels();
+}
+
+void FieldReader::pixels(const char* name, tracer::EnvironmentMapLight& map) const {
+  const v1::Pixels& proto = required_pixels<v1::EnvironmentMap>();
+  map.rgb = pixel_values(path(name), proto, map.scale, kMaxRadiance);
+  map.width = static_cast<int>(proto.width());
+  map.height = static_cast<int>(proto.height());
+  map.digest = sha256(proto.rgb());
+}
+
+void FieldReader::pixels(const char* name, tracer::ImageReflectance& image) const {
+  const v1::Pixels& proto = required_pixels<v1::ImageReflectance>();
+  image.values = std::make_shared<const std::vector<float>>(pixel_values(path(name), proto, 1, 1));
+  image.width = static_cast<int>(proto.width());
+  image.height = static_cast<int>(proto.height());
 }
 
 const FieldDescriptor* set_field(const Message& message, const std::string& oneof) {

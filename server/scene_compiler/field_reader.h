@@ -12,6 +12,7 @@
 #include "common/angle.h"
 #include "common/scene/field_check.h"
 #include "server/tracer/lights/environment_map.h"
+#include "server/tracer/surfaces/image_reflectance.h"
 
 namespace itn {
 
@@ -43,13 +44,20 @@ class FieldReader {
   // Required.
   void direction(const char* name, Vec3d& value) const;
   void position(const char* name, Vec3d& value) const;
-  // Environment maps with a `path` are refused.
+  // A `path` instead is refused.
   void pixels(const char* name, tracer::EnvironmentMapLight& map) const;
+  void pixels(const char* name, tracer::ImageReflectance& image) const;
 
  private:
   std::string path(const char* name) const { return path_ + "." + name; }
   // NaN where it is absent: numbers of requests are finite.
   double number_of(const char* name) const;
+  // R, G and B of each; times `scale` in [0, most].
+  std::vector<float> pixel_values(const std::string& field, const v1::Pixels& proto, double scale,
+                                  double most) const;
+  // Of a message with an oneof of `pixels` and `path`.
+  template <typename Message>
+  const v1::Pixels& required_pixels() const;
   // Null where it is absent.
   const v1::Vec3* vec(const char* name) const;
 

@@ -13,19 +13,6 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Ints to_int(Floats v) {
-  return hn::ConvertTo(IntTag(), v);
-}
-HWY_INLINE Floats to_float(Ints v) {
-  return hn::ConvertTo(FloatTag(), v);
-}
-HWY_INLINE Floats mix(Floats a, Floats b, Floats t) {
-  return mul_add(t, hn::Sub(b, a), a);
-}
-HWY_INLINE Floats gather(const float* table, Ints index) {
-  return hn::GatherIndex(FloatTag(), table, index);
-}
-
 // What arrives from directions: radiance, and the density per steradian with which they are drawn.
 struct Emission {
   Floats radiance, pdf;

@@ -8,7 +8,7 @@
 #include "common/geometry/mesh.h"
 #include "common/geometry/pose.h"
 #include "common/part_cache.h"
-#include "server/tracer/lights/channel.h"
+#include "server/tracer/colour/channel.h"
 
 namespace itn::tracer {
 

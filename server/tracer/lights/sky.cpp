@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <numbers>
 
-#include "server/tracer/lights/channel.h"
+#include "server/tracer/colour/channel.h"
 
 namespace itn::tracer {
 namespace {

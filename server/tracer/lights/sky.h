@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "common/vec.h"
-#include "server/tracer/lights/channel.h"
+#include "server/tracer/colour/channel.h"
 #include "server/tracer/lights/sky_model.h"
 #include "server/tracer/random/alias_table.h"
 

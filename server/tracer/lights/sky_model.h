@@ -5,14 +5,9 @@
 
 #include <array>
 
+#include "server/tracer/colour/channel.h"
+
 namespace itn::tracer {
-
-using Rgb = std::array<double, 3>;
-
-// Rec. 709 luminance.
-inline double luminance(const Rgb& c) {
-  return 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2];
-}
 
 // The sky-dome model of Hosek and Wilkie, "An Analytic Model for Full Spectral Sky-Dome Radiance",
 // SIGGRAPH 2012, RGB variant.

@@ -22,11 +22,13 @@ bool contains(const Bounds& box, Vec3d p) {
          p.z <= high.z;
 }
 
-std::vector<DiffuseSurface> to_object(const Pose& pose, std::vector<DiffuseSurface> surfaces) {
+std::vector<DiffuseSurface> to_object(const Pose& pose, Channel channel,
+                                      std::vector<DiffuseSurface> surfaces) {
   for (DiffuseSurface& surface : surfaces) {
     surface.mesh = to_object(pose, std::move(surface.mesh));
-    surface.reflectance = std::visit(
-        [&](const auto& kind) -> Reflectance { return kind.compile(pose); }, surface.reflectance);
+    surface.reflectance =
+        std::visit([&](const auto& kind) -> Reflectance { return kind.compile(pose, channel); },
+                   surface.reflectance);
   }
   return surfaces;
 }
@@ -82,7 +84,7 @@ std::string geometry_key(const SceneDescription& scene, bool has_surfaces) {
 Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std::stop_token& stop)
     : object(std::move(scene.compiled_object)),
       boundary(compile(scene.boundary)),
-      surfaces(to_object(scene.pose, std::move(scene.surfaces))),
+      surfaces(to_object(scene.pose, scene.film.channel, std::move(scene.surfaces))),
       obstacles(object, surfaces, boundary_normals(scene, *object, parts, part_keys, stop)),
       lights(scene.lights, {scene.film.channel, scene.pose, object->mesh, parts, part_keys}),
       camera(to_object(scene.pose, scene.camera), scene.film),
@@ -140,6 +142,8 @@ size_t Scene::Compiled::memory() const {
   for (const DiffuseSurface& surface : surfaces) {
     sum += surface.mesh.vertices.size() * sizeof(Vec3f) +
            surface.mesh.triangles.size() * sizeof(std::array<uint32_t, 3>);
+    const auto* image = std::get_if<ImageReflectance>(&surface.reflectance);
+    if (image != nullptr) sum += image->values->size() * sizeof(float);
   }
   return sum;
 }

@@ -146,6 +146,19 @@ HWY_INLINE Floats atan2_turns(Floats y, Floats x) {
   return hn::IfThenElse(hn::Lt(y, zero), hn::Sub(one, turn), turn);
 }
 
+HWY_INLINE Ints to_int(Floats v) {
+  return hn::ConvertTo(IntTag(), v);
+}
+HWY_INLINE Floats to_float(Ints v) {
+  return hn::ConvertTo(FloatTag(), v);
+}
+HWY_INLINE Floats mix(Floats a, Floats b, Floats t) {
+  return mul_add(t, hn::Sub(b, a), a);
+}
+HWY_INLINE Floats gather(const float* table, Ints index) {
+  return hn::GatherIndex(FloatTag(), table, index);
+}
+
 // Three-vectors.
 struct Vectors {
   Floats x, y, z;

@@ -2,8 +2,8 @@
 #ifndef ITN_TRACER_SURFACES_CHECKERBOARD_H_
 #define ITN_TRACER_SURFACES_CHECKERBOARD_H_
 
-#include "common/error.h"
-#include "common/geometry/pose.h"
+#include "server/tracer/colour/channel.h"
+#include "server/tracer/surfaces/plane_coordinates.h"
 
 namespace itn::tracer {
 
@@ -11,8 +11,7 @@ struct Checkerboard {
   float even = 0.8F, odd = 0.2F;  // reflectances, that of the square at the corner first
   Vec3d corner;                   // of that square, in mm
   Vec3d edge_u{10, 0, 0}, edge_v{0, 0, 10};
-  // Once it is compiled: along what the edges of squares are counted, in 1/mm.
-  Vec3d count_u{}, count_v{};
+  PlaneCoordinates plane = {};  // once it is compiled
 
   static constexpr const char* kName = "checkerboard";
   template <typename Self, typename Fields>
@@ -23,16 +22,10 @@ struct Checkerboard {
     to.position("edge_u", self.edge_u);
     to.position("edge_v", self.edge_v);
   }
-  // count_u is at right angles to edge_v, and 1 along edge_u; and the other way round.
-  Checkerboard compile(const Pose& pose) const {
-    const Rotation<double> turn = pose.rotation.inverse();
-    const Vec3d u = turn(edge_u), v = turn(edge_v), normal = cross(u, v);
-    if (!(length(normal) > 1e-6 * length(u) * length(v))) {
-      throw invalid_input("checkerboard.edge_u and edge_v are parallel; they must not be");
-    }
-    const double per = 1 / dot(normal, normal);
-    return {
-        even, odd, pose.to_object(corner), u, v, cross(v, normal) * per, cross(normal, u) * per};
+  Checkerboard compile(const Pose& pose, Channel /*channel*/) const {
+    Checkerboard compiled = *this;
+    compiled.plane = PlaneCoordinates(pose, kName, corner, edge_u, edge_v);
+    return compiled;
   }
 };
 
@@ -50,16 +43,14 @@ struct Checkerboard {
 #endif
 
 #include "server/tracer/simd/math-inl.h"
+#include "server/tracer/surfaces/plane_coordinates.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
 HWY_INLINE Mask is_even(const Checkerboard& board, Vectors p) {
-  const Vectors from_corner = p - set(static_cast<Vec3f>(board.corner));
-  const auto square = [&](Vec3d count) {
-    return hn::Floor(dot(from_corner, set(static_cast<Vec3f>(count))));
-  };
-  const Floats half = hn::Mul(hn::Add(square(board.count_u), square(board.count_v)), set(0.5F));
+  const PlanePoint at = coordinates_of(board.plane, p);
+  const Floats half = hn::Mul(hn::Add(hn::Floor(at.u), hn::Floor(at.v)), set(0.5F));
   return hn::Eq(half, hn::Floor(half));
 }
 HWY_INLINE Floats reflectance_at(const Checkerboard& board, Vectors p) {

@@ -1,12 +1,14 @@
 // The list of reflectances of surfaces. A kind is a file, as checkerboard.h, an entry here, and a
 // message in the Surface of itn/v1/scene.proto. It says its fields (common/fields.h) and
-//   compile(pose)                       itself in the coordinates of the object
+//   compile(pose, channel)              itself in the coordinates of the object, for a film's
+//   channel
 // and computes, at many points of surfaces at a time, in mm,
 //   reflectance_at(kind, p)
 //   reflectance_slope(kind, slot, p)    its derivative in one of its slots
 #include <variant>
 
 #include "server/tracer/surfaces/checkerboard.h"
+#include "server/tracer/surfaces/image_reflectance.h"
 #include "server/tracer/surfaces/uniform_reflectance.h"
 
 #ifndef ITN_TRACER_SURFACES_REFLECTANCE_H_
@@ -14,7 +16,7 @@
 
 namespace itn::tracer {
 
-using Reflectance = std::variant<UniformReflectance, Checkerboard>;
+using Reflectance = std::variant<UniformReflectance, Checkerboard, ImageReflectance>;
 
 }  // namespace itn::tracer
 

@@ -11,7 +11,7 @@ namespace itn::tracer {
 // Reflects with radiance = reflectance * irradiance / pi on both sides.
 struct DiffuseSurface {
   DiffuseSurface() = default;
-  DiffuseSurface(Mesh of, Reflectance by) : mesh(std::move(of)), reflectance(by) {}
+  DiffuseSurface(Mesh of, Reflectance by) : mesh(std::move(of)), reflectance(std::move(by)) {}
   DiffuseSurface(Mesh of, float by) : mesh(std::move(of)), reflectance(UniformReflectance{by}) {}
 
   Mesh mesh;

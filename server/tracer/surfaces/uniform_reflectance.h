@@ -3,6 +3,7 @@
 #define ITN_TRACER_SURFACES_UNIFORM_REFLECTANCE_H_
 
 #include "common/geometry/pose.h"
+#include "server/tracer/colour/channel.h"
 
 namespace itn::tracer {
 
@@ -14,7 +15,7 @@ struct UniformReflectance {
   static void fields(Self& self, Fields& to) {
     to.slot("reflectance", self.value, 0, 1);
   }
-  UniformReflectance compile(const Pose& /*pose*/) const { return *this; }
+  UniformReflectance compile(const Pose& /*pose*/, Channel /*channel*/) const { return *this; }
 };
 
 }  // namespace itn::tracer

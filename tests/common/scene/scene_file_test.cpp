@@ -11,6 +11,7 @@
 
 #include "common/error.h"
 #include "common/image/image.h"
+#include "common/image/srgb.h"
 #include "common/logging.h"
 #include "common/rpc/wire_array.h"
 #include "tests/support/expect_error.h"
@@ -137,6 +138,25 @@ TEST(SceneFile, PutsPixelsInThePlaceOfPanoramas) {
   EXPECT_EQ(scene.lights(0).environment_map().scale(), 2);
 }
 
+TEST(SceneFile, PutsPixelsInThePlaceOfImages) {
+  const TemporaryFolder folder;
+  const std::vector<unsigned char> colours{0, 128, 255, 255, 0, 0};
+  write_png(folder.path() / "board.png", 2, 1, colours);
+  write_exr(folder.path() / "gray.exr",
+            {.width = 1, .height = 1, .channels = {{"Y", {0.25F}}}, .attributes = {}});
+  const v1::Scene scene = load_scene(folder.write("scene.txt", R"(
+    surfaces { rectangle { } image { path: "board.png" } }
+    surfaces { rectangle { } image { path: "gray.exr" scale: 0.5 } }
+  )"));
+  const v1::Pixels& board = scene.surfaces(0).image().pixels();
+  EXPECT_EQ(board.width(), 2U);
+  EXPECT_EQ(board.height(), 1U);
+  const auto middle = static_cast<float>(linear_of_srgb(128 / 255.0));
+  EXPECT_EQ(from_bytes<float>(board.rgb()), (std::vector<float>{0, middle, 1, 1, 0, 0}));
+  EXPECT_EQ(from_bytes<float>(scene.surfaces(1).image().pixels().rgb()),
+            (std::vector<float>{0.25F, 0.25F, 0.25F}));
+}
+
 TEST(SceneFile, ReadsStandardInput) {
   const TemporaryFolder folder;
   const int saved = ::dup(STDIN_FILENO);
@@ -188,6 +208,10 @@ const std::vector<BadScene> kBadScenes{
      "lights { environment_map { path: \"gone.exr\" } }",
      ErrorKind::kIo,
      {"gone.exr"}},
+    {"cut_image",
+     "surfaces { rectangle { } image { path: \"cut.png\" } }",
+     ErrorKind::kDataLoss,
+     {"cut.png: cannot read it"}},
     {"panorama_without_colour",
      "lights { environment_map { path: \"depth.exr\" } }",
      ErrorKind::kInvalidInput,
@@ -207,6 +231,8 @@ TEST_P(BadSceneTest, IsRefused) {
       {.width = 1, .height = 1, .channels = {{"Z", {1}}, {"confidence", {1}}}, .attributes = {}});
   write_exr(folder.path() / "nan.exr",
             {.width = 2, .height = 1, .channels = {{"Y", {1, NAN}}}, .attributes = {}});
+  const std::vector<unsigned char> black(300, 0);
+  folder.write("cut.png", encode_png(10, 10, black).substr(0, 50));
   const auto path = folder.write("scene.txt", GetParam().text);
   expect_error(GetParam().kind, GetParam().message, [&] { load_scene(path); });
 }

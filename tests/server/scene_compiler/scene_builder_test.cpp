@@ -45,6 +45,11 @@ v1::SunSky& sun_sky(v1::Scene& scene) {
   return *scene.mutable_lights(1)->mutable_sun_sky();
 }
 
+v1::ImageReflectance& image(v1::Scene& scene) {
+  scene.mutable_surfaces(0)->clear_reflectance();
+  return *scene.mutable_surfaces(0)->mutable_image();
+}
+
 v1::Pixels& pixels(v1::Scene& scene, uint32_t width, uint32_t height, size_t floats) {
   v1::Pixels& p = *scene.mutable_lights(0)->mutable_environment_map()->mutable_pixels();
   p.set_width(width);
@@ -165,6 +170,18 @@ const BadScene kBadScenes[] = {
     {"SunRadius", [](auto& s) { sun_sky(s).set_sun_angular_radius_degrees(50); }, "[0.1, 45]"},
     {"SunScale", [](auto& s) { sun_sky(s).set_sun_scale(-1); }, "sun_scale is -1"},
     {"SkyScale", [](auto& s) { sun_sky(s).set_sky_scale(2e6F); }, "sky_scale is 2000000"},
+    {"ImagePath", [](auto& s) { image(s).set_path("a.png"); },
+     "scene.surfaces[0].image.path is set"},
+    {"ImageOfNothing", [](auto& s) { image(s); },
+     "scene.surfaces[0].image: one of pixels and path"},
+    {"ImageTooBright",
+     [](auto& s) {
+       v1::Pixels& p = *image(s).mutable_pixels();
+       p.set_width(1);
+       p.set_height(1);
+       p.set_rgb(to_bytes<float>({0.5F, 0.5F, 1.5F}));
+     },
+     "image.pixels.rgb is 1.5 at x = 0, y = 0; it must be in [0, 1]"},
     {"MapPath", [](auto& s) { s.mutable_lights(0)->mutable_environment_map()->set_path("a.exr"); },
      "scene.lights[0].environment_map.path is set"},
     {"MapEmpty", [](auto& s) { pixels(s, 0, 1, 0); },
@@ -463,7 +480,8 @@ struct FieldNames {
   void angle(const char* name, double, double = 0, double = 0) { names.emplace_back(name); }
   void direction(const char* name, const Vec3d&) { names.emplace_back(name); }
   void position(const char* name, const Vec3d&) { names.emplace_back(name); }
-  void pixels(const char* name, const tracer::EnvironmentMapLight&) {
+  template <typename Map>
+  void pixels(const char* name, const Map&) {
     names.insert(names.end(), {name, "path"});
   }
 };

@@ -19,21 +19,27 @@ const Parameter kUniform = parameter_named("surface[0].reflectance");
 
 constexpr double kIrradiance = 3, kCosine = 0.8;
 
-// A floor of parallelograms, seen from above at (x, z), with an object in a pose far below.
-Scene seen_board(double x, double z) {
+// A floor, seen from above at (x, z), with an object in a pose far below.
+Scene seen_floor(const Reflectance& reflectance, double x, double z,
+                 Channel channel = Channel::kLuminance) {
   SceneDescription scene;
   scene.object = box({-0.5F, -3, -0.5F}, {0.5F, -2, 0.5F});
   scene.pose = {.rotation = {Vec3d{0, 0, 1}, Vec3d{0.6, 0.8, 0}, Vec3d{-0.8, 0.6, 0}},
                 .translation = {3, -9, 2}};
-  scene.surfaces = {{horizontal_square(0, 20), Checkerboard{.even = 0.7F,
-                                                            .odd = 0.1F,
-                                                            .corner = {0.5, 3, -0.25},
-                                                            .edge_u = {2, 0, 0},
-                                                            .edge_v = {1, 0, 1}}}};
+  scene.surfaces = {{horizontal_square(0, 20), reflectance}};
   scene.lights = {DirectionalLight{{0.6, kCosine, 0}, kIrradiance}};
   scene.camera = {.origin = {x, 4, z}, .target = {x, 3, z}, .up = {0, 0, 1}, .fov = 2.5e-5};
-  scene.film = {2, 2};
+  scene.film = {2, 2, channel};
   return Scene(std::move(scene));
+}
+
+Scene seen_board(double x, double z) {
+  return seen_floor(Checkerboard{.even = 0.7F,
+                                 .odd = 0.1F,
+                                 .corner = {0.5, 3, -0.25},
+                                 .edge_u = {2, 0, 0},
+                                 .edge_v = {1, 0, 1}},
+                    x, z);
 }
 
 // L = rho E cos(theta) / pi, with the reflectance of the square; dL/drho is the same without rho,
@@ -108,6 +114,61 @@ TEST(CheckerboardTest, AgreesWithTheReference) {
     return estimate_film(scene, request, 64, seed);
   };
   expect_same_film(film_by(Tracer::kWavefront, 1), film_by(Tracer::kReference, 301), 3, "board");
+}
+
+// Three pixels by two, whose values are exact in their middles and linear between those, also
+// across the seam to the next image.
+ImageReflectance small_image() {
+  return {.width = 3,
+          .height = 2,
+          .values = std::make_shared<const std::vector<float>>(
+              std::vector<float>{0.1F, 0.9F, 0, 0.2F, 0.9F, 0, 0.3F, 0.9F, 0, 0.4F, 0.9F, 0, 0.6F,
+                                 0.9F, 0, 0.8F, 0.9F, 0.5F}),
+          .scale = 0.5F,
+          .corner = {0.5, 3, -0.25},
+          .edge_u = {3, 0, 0},
+          .edge_v = {1, 0, 2}};
+}
+
+TEST(ImageReflectanceTest, InterpolatesPixels) {
+  constexpr double kSlope = kIrradiance * kCosine / std::numbers::pi;
+  const Parameter scale = parameter_named("surface[0].image.scale");
+  struct Row {
+    double x, y;  // in pixels from the upper left corner of an image
+    Channel channel;
+    double value;
+  };
+  for (const Row row : {Row{0.5, 0.5, Channel::kRed, 0.1}, Row{2.5, 1.5, Channel::kRed, 0.8},
+                        Row{1.0, 0.5, Channel::kRed, 0.15}, Row{1.5, 1.25, Channel::kRed, 0.5},
+                        Row{3.0, 0.5, Channel::kRed, 0.2}, Row{-3.5, 4.5, Channel::kRed, 0.3},
+                        Row{1.5, 2.0, Channel::kRed, 0.4}, Row{1.2, 0.9, Channel::kGreen, 0.9},
+                        Row{2.5, 1.5, Channel::kBlue, 0.5},
+                        Row{0.5, 0.5, Channel::kLuminance, 0.2126 * 0.1 + 0.7152 * 0.9}}) {
+    const double u = row.x / 3, v = 1 - row.y / 2;
+    const Scene scene = seen_floor(small_image(), 0.5 + 3 * u + v, -0.25 + 2 * v, row.channel);
+    for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
+      RenderRequest request{.material = {30, 0.8, 0}, .sample_count = 4};
+      request.derivatives = {scale};
+      request.tracer = tracer;
+      const FilmSums sums = render_grad(scene, request, {.tuning = {.shadow_ray_roulette = 0}});
+      EXPECT_NEAR(film_mean(sums, -1), 0.5 * row.value * kSlope, 1e-4) << row.x << " " << row.y;
+      EXPECT_NEAR(film_mean(sums, 0), row.value * kSlope, 1e-4);
+    }
+  }
+}
+
+TEST(ImageReflectanceTest, AgreesWithTheReference) {
+  ImageReflectance image = small_image();
+  image.edge_u = {0.4, 0, 0};
+  image.edge_v = {0, 0, 0.4};
+  const Scene scene = mug_on(image);
+  const auto film_by = [&](Tracer tracer, uint64_t seed) {
+    RenderRequest request{.material = {12, 0.7, 0.4}, .sample_count = 256};
+    request.derivatives = {parameter_named("surface[0].image.scale")};
+    request.tracer = tracer;
+    return estimate_film(scene, request, 64, seed);
+  };
+  expect_same_film(film_by(Tracer::kWavefront, 1), film_by(Tracer::kReference, 301), 2, "image");
 }
 
 TEST(CheckerboardTest, RefusesWhatItIsNot) {

@@ -1,9 +1,16 @@
-// Which part of a colour is rendered.
+// Colours in linear sRGB, and which part of them is rendered.
 #pragma once
 
-#include "server/tracer/lights/sky_model.h"
+#include <array>
 
 namespace itn::tracer {
+
+using Rgb = std::array<double, 3>;
+
+// Rec. 709 luminance.
+inline double luminance(const Rgb& c) {
+  return 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2];
+}
 
 enum class Channel { kLuminance, kRed, kGreen, kBlue };
 
