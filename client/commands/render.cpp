@@ -24,6 +24,7 @@
 #include "client/render_pool/reply_images.h"
 #include "client/render_pool/tiles.h"
 #include "common/error.h"
+#include "common/fields.h"
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
 #include "common/image/attributes.h"
@@ -201,8 +202,22 @@ RenderJob job_of(const RenderFlags& options, const v1::Scene& scene, const Mater
   return job;
 }
 
-std::vector<Channel> channels_of(const RenderFlags& options) {
-  v1::Scene scene = load_scene(options.scene, options.mesh_unit);
+// The scene's medium, unless flags name one.
+void take_medium(const v1::Scene& scene, RenderFlags& options) {
+  const bool has_flags =
+      !options.sigma_t.empty() || !options.albedo.empty() || !options.material.empty();
+  if (!has_flags && scene.object().has_medium()) {
+    const v1::MeasuredMedium& medium = scene.object().medium();
+    options.material = medium.name();
+    options.object_size =
+        in_closed("object.medium.object_size", double{medium.object_size()}, 0, 1e6);
+  }
+  require_usage(
+      !options.material.empty() || (!options.sigma_t.empty() && !options.albedo.empty()),
+      "--sigma-t and --albedo are required, or --material, or a medium in the scene's object");
+}
+
+std::vector<Channel> channels_of(const RenderFlags& options, v1::Scene scene) {
   v1::Film& film = *scene.mutable_film();
   if (!options.film.empty()) set_film(options.film, film);
   if (!options.color) {
@@ -456,7 +471,9 @@ void run(RenderFlags options) {
   const auto start = std::chrono::steady_clock::now();
   check_combinations(options);
   check_outputs(options);
-  const std::vector<Channel> channels = channels_of(options);
+  const v1::Scene scene = load_scene(options.scene, options.mesh_unit);
+  take_medium(scene, options);
+  const std::vector<Channel> channels = channels_of(options, scene);
   const auto [replies, spp] = render(options, channels, start);
   options.spp = spp;
   const v1::Counters counters = sum_of(replies);
@@ -509,9 +526,11 @@ void add_render_command(CLI::App& app) {
       ->excludes(g);
   CLI::Option* material =
       command
-          ->add_option("--material", options->material,
-                       "Instead of --sigma-t, --albedo and --g, a measured medium (itn materials), "
-                       "in the film's channel; for LUMINANCE, in GREEN")
+          ->add_option(
+              "--material", options->material,
+              "Instead of --sigma-t, --albedo and --g, a measured medium (itn materials), "
+              "in the film's channel; for LUMINANCE, in GREEN. Default: that of the scene's "
+              "object, if it has one")
           ->excludes("--sigma-t", "--albedo", "--g", "--phase");
   command
       ->add_option("--object-size", options->object_size,
@@ -582,9 +601,6 @@ void add_render_command(CLI::App& app) {
     if (options->noise + options->seconds > 0 && command->count("--spp") == 0) {
       options->spp = kMaxSpp;
     }
-    const bool has_coefficients = command->count("--sigma-t") > 0 && command->count("--albedo") > 0;
-    require_usage(has_coefficients || !options->material.empty(),
-                  "--sigma-t and --albedo are required, or --material");
     for (const auto& [flag, numbers] :
          {std::pair{"--sigma-t", &options->sigma_t}, std::pair{"--albedo", &options->albedo},
           std::pair{"--g", &options->g}}) {

@@ -75,8 +75,8 @@ HWY_INLINE void for_each_drawn(const Lights& lights, Floats choice, const Visit&
   }
 }
 
-// `parts` hears of the radiance in the
-// direction that is drawn, which counts where pdf > 0, and where a delta is chosen.
+// `parts` hears of the radiance in the direction that is drawn, which counts where pdf > 0, and
+// where a delta is chosen.
 template <typename Parts = NoParts>
 HWY_INLINE LightSamples sample(const Lights& lights, Vectors from, const LightChoice& drawn,
                                Parts&& parts = {}) {

@@ -12,6 +12,7 @@
 #include "common/image/image.h"
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
+#include "tests/support/scene_files.h"
 #include "tests/support/temporary_folder.h"
 
 namespace itn {
@@ -96,6 +97,27 @@ TEST_F(RenderMaterial, InColourIsThreeChannels) {
     EXPECT_EQ(std::get<double>(colour.attributes.at("itn.sigma_t" + dot)),
               std::get<double>(gray.attributes.at("itn.sigma_t")));
   }
+}
+
+// The scene may name the medium; flags go before it.
+TEST_F(RenderMaterial, IsThatOfTheScene) {
+  const auto rendered = [&](const std::string& medium, const std::vector<std::string>& flags) {
+    const std::string scene = folder_.write(
+        "scene.textproto",
+        replaced(read_file(source("client/examples/cube.textproto"), "scene"),
+                 "builtin: \"cube\" }", "builtin: \"cube\" } medium { " + medium + " }"));
+    std::vector<std::string> command = {kItn,    "render", scene,    "-o", folder_.path("a.exr"),
+                                        "--spp", "1",      "--film", "8"};
+    command.insert(command.end(), flags.begin(), flags.end());
+    return run(command);
+  };
+  const std::string marble = "name: \"marble\" object_size: 50";
+  EXPECT_THAT(rendered(marble, {}).output, HasSubstr("sigma_t 131.2 / mm, albedo 0.99844, g 0"));
+  EXPECT_THAT(rendered(marble, {"--sigma-t", "3", "--albedo", "0.5"}).output,
+              HasSubstr("sigma_t 3 / mm, albedo 0.5, g 0"));
+  EXPECT_THAT(rendered("name: \"granite\"", {}).errors, HasSubstr("granite is no measured medium"));
+  EXPECT_THAT(rendered("name: \"marble\" object_size: -1", {}).errors,
+              HasSubstr("object.medium.object_size is -1; it must be in [0, 1e+06]"));
 }
 
 TEST_F(RenderMaterial, RefusesWhatDoesNotFit) {

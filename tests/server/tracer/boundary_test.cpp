@@ -470,9 +470,10 @@ TEST(DielectricTest, WhatItCannotDoIsRefused) {
   description.boundary = Dielectric{1.3F};
   EXPECT_EQ(refused(description), "");
   description.lights.emplace_back(DirectionalLight{});
-  EXPECT_EQ(refused(description),
-            "lights[1].directional cannot be seen through object.dielectric, which is smooth: no "
-            "path finds such a light; a light that is not, or a rough boundary, can be rendered");
+  EXPECT_EQ(
+      refused(description),
+      "lights[1].directional cannot be seen through object.dielectric, which is smooth: no "
+      "path finds such a light; skies, suns and panoramas, or a rough boundary, can be rendered");
 }
 
 }  // namespace
