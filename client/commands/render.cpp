@@ -204,8 +204,8 @@ RenderJob job_of(const RenderFlags& options, const v1::Scene& scene, const Mater
 
 // The scene's medium, unless flags name one.
 void take_medium(const v1::Scene& scene, RenderFlags& options) {
-  const bool has_flags =
-      !options.sigma_t.empty() || !options.albedo.empty() || !options.material.empty();
+  const bool has_flags = !options.sigma_t.empty() || !options.albedo.empty() ||
+                         !options.g.empty() || !options.phase.empty() || !options.material.empty();
   if (!has_flags && scene.object().has_medium()) {
     const v1::MeasuredMedium& medium = scene.object().medium();
     options.material = medium.name();
@@ -540,8 +540,9 @@ void add_render_command(CLI::App& app) {
       ->needs(material);
   command
       ->add_option("--spp", options->spp,
-                   "Samples per pixel; with --noise or --time, at most. Default: 64, or then 2^20")
-      ->check(kSppRange);
+                   "Samples per pixel; with --noise or --time, the most, and 1048576 if absent")
+      ->check(kSppRange)
+      ->capture_default_str();
   command
       ->add_option("--noise", options->noise,
                    "Render until the noise on the object is this part of its mean radiance, as 1% "

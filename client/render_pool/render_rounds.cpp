@@ -13,6 +13,7 @@ namespace itn {
 namespace {
 
 constexpr uint32_t kFirstRound = 8;
+constexpr double kLargestRound = 4096;  // workers may take no more at once
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -57,7 +58,8 @@ uint32_t next_round(const RenderGoal& goal, const RenderedSoFar& so_far) {
   if (goal.noise <= 0 && goal.seconds <= 0) return goal.spp - so_far.spp;
   if (so_far.spp >= goal.spp) return 0;
   const double left = goal.spp - so_far.spp;
-  double round = so_far.spp == 0 ? std::max(kFirstRound, goal.estimates) : 3.0 * so_far.spp;
+  double round = so_far.spp == 0 ? std::max(kFirstRound, goal.estimates)
+                                 : std::min(3.0 * so_far.spp, kLargestRound);
   if (so_far.spp > 0 && goal.noise > 0) {
     if (so_far.noise <= goal.noise) return 0;
     // As noise falls with the root of the samples; somewhat more, as it is known roughly.

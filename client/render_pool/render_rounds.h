@@ -32,7 +32,7 @@ struct RenderedSoFar {
 
 // The samples per pixel of the next round; 0: it is good enough. A round makes an image at most
 // four times as long, as noise and speed are known roughly at first, and takes a quarter of the
-// whole time at most.
+// whole time and 4096 samples at most.
 uint32_t next_round(const RenderGoal& goal, const RenderedSoFar& so_far);
 
 // The root mean square of the standard error of the pixels that see the object, over their mean

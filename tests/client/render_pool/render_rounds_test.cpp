@@ -36,6 +36,7 @@ TEST(RenderRounds, GoOnAsLongAsTheNoiseNeeds) {
   EXPECT_EQ(next_round(goal, {.spp = 300, .noise = 0.02}), 900U);
   EXPECT_EQ(next_round(goal, {.spp = 300, .noise = 0.015}), 408U);
   EXPECT_EQ(next_round(goal, {.spp = 300, .noise = 0.0101}), 36U);
+  EXPECT_EQ(next_round(goal, {.spp = 3000, .noise = 0.1}), 4095U);
   EXPECT_EQ(next_round({.noise = 0.01, .spp = 500}, {.spp = 300, .noise = 0.02}), 200U);
   EXPECT_EQ(next_round({.noise = 0.01, .spp = 300}, {.spp = 300, .noise = 0.02}), 0U);
 }
@@ -47,8 +48,8 @@ TEST(RenderRounds, GoOnAsLongAsThereIsTime) {
                       {.spp = 1000, .seconds = seconds, .seconds_per_sample = seconds_per_sample});
   };
   EXPECT_EQ(next_round(goal, {}), 8U);
-  EXPECT_EQ(after(10, 1e-6), 3000U);
-  EXPECT_EQ(after(10, 0.1), 250U);  // a quarter of the time
+  EXPECT_EQ(after(10, 1e-6), 3000U);  // as many again, three times
+  EXPECT_EQ(after(10, 0.1), 250U);    // a quarter of the time
   EXPECT_EQ(after(90, 0.1), 100U);
   EXPECT_EQ(after(99.99, 0.1), 0U);
   EXPECT_EQ(after(150, 0.1), 0U);
