@@ -78,7 +78,12 @@ v1::Pixels load_panorama(const std::filesystem::path& path) {
 v1::Pixels load_reflectances(const std::filesystem::path& path) {
   constexpr uint64_t kMaxBytes = uint64_t{1} << 30;
   const std::string bytes = read_file(path, "image", kMaxBytes);
-  if (recognize_format(bytes).format == ImageFormat::kPng) return decode_png(bytes, path.string());
+  const auto [format, kind] = recognize_format(bytes);
+  if (format == ImageFormat::kPng) return decode_png(bytes, path.string());
+  if (format != ImageFormat::kExr) {
+    throw invalid_input(fmt::format("{} is {}; images of surfaces are PNG or OpenEXR",
+                                    path.string(), *kind == '\0' ? "no image" : kind));
+  }
   return pixels_of(decode_exr(bytes, path.string()), path.string());
 }
 

@@ -13,7 +13,7 @@ namespace itn {
 v1::Pixels load_panorama(const std::filesystem::path& path);
 
 // The same of an OpenEXR or a PNG file; the numbers of the latter are taken through the sRGB curve.
-// Throws Error: kDataLoss (no such image).
+// Throws Error: kIo, kDataLoss (damaged), kInvalidInput (another kind of file).
 v1::Pixels load_reflectances(const std::filesystem::path& path);
 
 }  // namespace itn
