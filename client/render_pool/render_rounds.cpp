@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/reply_images.h"
@@ -57,14 +56,14 @@ double noise_of(const v1::RenderGradReply& reply, uint32_t spp) {
 uint32_t next_round(const RenderGoal& goal, const RenderedSoFar& so_far) {
   if (goal.noise <= 0 && goal.seconds <= 0) return goal.spp - so_far.spp;
   if (so_far.spp >= goal.spp) return 0;
-  const double left = goal.spp - so_far.spp;
+  const double left = goal.spp - so_far.spp, estimates = goal.estimates;
   double round = so_far.spp == 0 ? std::max(kFirstRound, goal.estimates)
                                  : std::min(3.0 * so_far.spp, kLargestRound);
   if (so_far.spp > 0 && goal.noise > 0) {
     if (so_far.noise <= goal.noise) return 0;
     // As noise falls with the root of the samples; somewhat more, as it is known roughly.
     const double missing = so_far.spp * (1.05 * std::pow(so_far.noise / goal.noise, 2) - 1);
-    round = std::min(round, std::max(missing, so_far.spp / 8.0));
+    round = std::min(round, std::max({missing, so_far.spp / 8.0, estimates}));
   }
   if (so_far.spp > 0 && goal.seconds > 0) {
     const double time = std::min(goal.seconds - so_far.seconds, goal.seconds / 4);
@@ -72,7 +71,6 @@ uint32_t next_round(const RenderGoal& goal, const RenderedSoFar& so_far) {
     if (round < 1) return 0;
   }
   if (round >= left) return static_cast<uint32_t>(left);
-  const auto estimates = static_cast<double>(goal.estimates);
   return static_cast<uint32_t>(std::floor(round / estimates) * estimates);
 }
 
@@ -95,8 +93,8 @@ void add_samples(const v1::RenderGradReply& further, uint32_t further_spp,
   reply.set_standard_error(to_bytes(standard_error_of_both(reply, spp, further, further_spp)));
   average(further.mask(), further_spp, *reply.mutable_mask(), spp);
   for (uint32_t k = 0; k < estimates; ++k) {
-    const double n = samples_of_estimate(spp, k, estimates);
-    const double further_n = samples_of_estimate(further_spp, k, estimates);
+    const double n = tracer::samples_of_estimate(spp, k, estimates);
+    const double further_n = tracer::samples_of_estimate(further_spp, k, estimates);
     v1::Estimate& to = *reply.mutable_estimates(static_cast<int>(k));
     const v1::Estimate& from = further.estimates(static_cast<int>(k));
     average(from.radiance(), further_n, *to.mutable_radiance(), n);
@@ -126,7 +124,6 @@ RoundsReply render_rounds(RenderPool& pool, std::span<const RenderJob> jobs, con
         pool.render_split(round, [&](double fraction) { progress(so_far, spp, fraction); });
     so_far.seconds = seconds_since(start);
     so_far.seconds_per_sample = (so_far.seconds - before) / spp;
-    so_far.noise = 0;
     if (result.replies.empty()) {
       result.replies = std::move(replies);
     } else {
@@ -135,6 +132,8 @@ RoundsReply render_rounds(RenderPool& pool, std::span<const RenderJob> jobs, con
       }
     }
     so_far.spp += spp;
+    if (so_far.spp >= goal.spp) break;
+    so_far.noise = 0;
     for (const v1::RenderGradReply& reply : result.replies) {
       so_far.noise = std::max(so_far.noise, noise_of(reply, so_far.spp));
     }

@@ -11,13 +11,9 @@
 
 #include "common/rpc/wire_array.h"
 #include "itn/v1/render.pb.h"
+#include "server/tracer/film/film.h"
 
 namespace itn {
-
-// Of so many samples, those of estimate k of K: k, k + K, k + 2 K ...
-inline uint32_t samples_of_estimate(uint32_t spp, uint32_t k, uint32_t estimates) {
-  return (spp - k + estimates - 1) / estimates;
-}
 
 // The mean over all samples, of the means of the estimates. `image_of`: the bytes of the image of
 // an estimate.
@@ -27,7 +23,7 @@ std::vector<float> mean_of_estimates(const v1::RenderGradReply& reply, uint32_t 
   const uint32_t estimates = static_cast<uint32_t>(reply.estimates_size());
   std::vector<double> sum(size_t{reply.width()} * reply.height());
   for (uint32_t k = 0; k < estimates; ++k) {
-    const uint32_t samples = samples_of_estimate(spp, k, estimates);
+    const uint32_t samples = tracer::samples_of_estimate(spp, k, estimates);
     const std::vector<float> image =
         from_bytes<float>(image_of(reply.estimates(static_cast<int>(k))));
     for (size_t i = 0; i < sum.size(); ++i) sum[i] += static_cast<double>(samples) / spp * image[i];

@@ -25,6 +25,15 @@ struct Beam {
   Floats distance, irradiance;
 };
 
+// What comes from a place, alike in all directions; multiples of that at `distance2`, a distance in
+// mm, squared.
+HWY_INLINE Beam beam_from(Vectors place, double distance2, Vectors from) {
+  const Vectors to = place - from;
+  const Floats d2 = hn::Max(dot(to, to), set(1e-20F)), distance = hn::Sqrt(d2);
+  return {to * hn::Div(set(1.0F), distance), distance,
+          hn::Div(set(static_cast<float>(distance2)), d2)};
+}
+
 // What a direction, or a place of a lamp, is drawn by: uniform numbers in [0, 1), for a cell, a
 // coin and a place within; and the words of another counter, which are there if a light is a map.
 struct LightUniforms {

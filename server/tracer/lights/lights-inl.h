@@ -75,6 +75,16 @@ HWY_INLINE void for_each_drawn(const Lights& lights, Floats choice, const Visit&
   }
 }
 
+// What one that is a delta sends there, divided by the probability of drawing it.
+template <typename Kind>
+HWY_INLINE Beam drawn_beam(const Kind& kind, const Lights::Light& light, Vectors from,
+                           const LightUniforms& uniforms) {
+  Beam arriving = beam(kind, from, uniforms);
+  const auto weight = static_cast<float>(kind.power() / light.probability);
+  arriving.irradiance = hn::Mul(set(weight), arriving.irradiance);
+  return arriving;
+}
+
 // `parts` hears of the radiance in the direction that is drawn, which counts where pdf > 0, and
 // where a delta is chosen.
 template <typename Parts = NoParts>
@@ -87,13 +97,11 @@ HWY_INLINE LightSamples sample(const Lights& lights, Vectors from, const LightCh
     Vectors direction = draw.direction;
     visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
       if constexpr (Kind::kDelta) {
-        const Beam arriving = beam(kind, from, drawn.uniforms);
+        const Beam arriving = drawn_beam(kind, light, from, drawn.uniforms);
         parts.add_chosen(light.number, chosen);
         direction = arriving.direction;
         draw.distance = hn::IfThenElse(chosen, arriving.distance, draw.distance);
-        const auto weight = static_cast<float>(kind.power() / light.probability);
-        delta_weight =
-            hn::IfThenElse(chosen, hn::Mul(set(weight), arriving.irradiance), delta_weight);
+        delta_weight = hn::IfThenElse(chosen, arriving.irradiance, delta_weight);
       } else {
         direction = sample(kind, drawn.uniforms);
       }
@@ -117,14 +125,12 @@ HWY_INLINE LightSamples seen_from(const Lights& lights, Vectors from, const Ligh
     visit_kind(each.kind, [&]<typename Kind>(const Kind& kind) {
       if constexpr (Kind::kDelta) {
         if constexpr (!Kind::kDistant) {
-          const Beam arriving = beam(kind, from, drawn.uniforms);
-          const auto weight = static_cast<float>(kind.power() / each.probability);
-          const Floats radiance = hn::Mul(set(weight), arriving.irradiance);
-          const Mask shines = hn::Gt(radiance, hn::Zero(FloatTag()));
+          const Beam arriving = drawn_beam(kind, each, from, drawn.uniforms);
+          const Mask shines = hn::Gt(arriving.irradiance, hn::Zero(FloatTag()));
           light.direction = if_then_else(
               chosen, if_then_else(shines, arriving.direction, set(Vec3f{})), light.direction);
           light.distance = hn::IfThenElse(chosen, arriving.distance, light.distance);
-          light.radiance = hn::IfThenElse(chosen, radiance, light.radiance);
+          light.radiance = hn::IfThenElse(chosen, arriving.irradiance, light.radiance);
         }
       }
     });

@@ -17,6 +17,7 @@ struct PanelLight {
   Vec3d half_u, half_v;  // edges, halved
   double radiance = 1;   // W/(m^2 sr), to the side of cross(half_u, half_v)
   double distance2 = 1;  // once it is compiled: see LampPlace
+  Vec3d normal = {};     // likewise, of the side that shines
 
   static constexpr const char* kName = "panel";
   template <typename Self, typename Fields>
@@ -29,18 +30,16 @@ struct PanelLight {
   PanelLight compile(const LightFrame& frame) const {
     const LampPlace place = lamp_place(frame, "panel.center", center);
     const auto turned = frame.pose.rotation.inverse();
-    const PanelLight compiled{place.position, turned(half_u), turned(half_v), radiance,
-                              place.distance2};
-    if (!(compiled.area() > 0)) {
+    const Vec3d u = turned(half_u), v = turned(half_v);
+    if (!(length(cross(u, v)) > 0)) {
       throw invalid_input("panel.half_u is parallel to half_v, or one of them is 0");
     }
-    return compiled;
+    return {place.position, u, v, radiance, place.distance2, itn::normalize(cross(u, v))};
   }
 
-  double area() const { return 4 * length(cross(half_u, half_v)); }
   static constexpr bool kDelta = true, kDistant = false;
   // As if it faced the object.
-  double power() const { return radiance * area() / distance2; }
+  double power() const { return radiance * 4 * length(cross(half_u, half_v)) / distance2; }
 };
 
 }  // namespace itn::tracer
@@ -66,13 +65,10 @@ HWY_INLINE Beam beam(const PanelLight& light, Vectors from, const LightUniforms&
   const Vectors place = set(static_cast<Vec3f>(light.center)) +
                         set(static_cast<Vec3f>(light.half_u)) * along(u.u0) +
                         set(static_cast<Vec3f>(light.half_v)) * along(u.u1);
-  const auto normal = static_cast<Vec3f>(itn::normalize(cross(light.half_u, light.half_v)));
-  const Vectors to = place - from;
-  const Floats d2 = hn::Max(dot(to, to), set(1e-20F)), distance = hn::Sqrt(d2);
-  const Vectors direction = to * hn::Div(set(1.0F), distance);
-  const Floats facing = hn::Max(hn::Neg(dot(direction, set(normal))), hn::Zero(FloatTag()));
-  return {direction, distance,
-          hn::Mul(facing, hn::Div(set(static_cast<float>(light.distance2)), d2))};
+  Beam arriving = beam_from(place, light.distance2, from);
+  const Floats facing = hn::Neg(dot(arriving.direction, set(static_cast<Vec3f>(light.normal))));
+  arriving.irradiance = hn::Mul(hn::Max(facing, hn::Zero(FloatTag())), arriving.irradiance);
+  return arriving;
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

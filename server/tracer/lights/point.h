@@ -46,10 +46,7 @@ HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
 HWY_INLINE Beam beam(const PointLight& light, Vectors from, const LightUniforms& /*u*/) {
-  const Vectors to = set(static_cast<Vec3f>(light.position)) - from;
-  const Floats d2 = hn::Max(dot(to, to), set(1e-20F)), distance = hn::Sqrt(d2);
-  return {to * hn::Div(set(1.0F), distance), distance,
-          hn::Div(set(static_cast<float>(light.distance2)), d2)};
+  return beam_from(set(static_cast<Vec3f>(light.position)), light.distance2, from);
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

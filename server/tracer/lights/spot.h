@@ -10,7 +10,6 @@
 #include "common/vec.h"
 #include "server/tracer/lights/lamp.h"
 #include "server/tracer/lights/light_frame.h"
-#include "server/tracer/lights/point.h"
 
 namespace itn::tracer {
 
@@ -20,6 +19,8 @@ struct SpotLight {
   double intensity = 1;  // W/sr, up to the inner angle; from there to the outer one it fades
   double inner_angle = 20 * kRadiansPerDegree, outer_angle = 25 * kRadiansPerDegree;
   double distance2 = 1;  // once it is compiled: see LampPlace
+  // Likewise: the cosine of the outer angle, and 1 over how much that of the inner one is above it.
+  float outer_cosine = 0, per_cosine = 0;
 
   static constexpr const char* kName = "spot";
   template <typename Self, typename Fields>
@@ -39,8 +40,14 @@ struct SpotLight {
     if (!(inner_angle <= outer_angle)) {
       throw invalid_input("spot.inner_angle_degrees is above outer_angle_degrees");
     }
-    return {place.position, itn::normalize(direction), intensity, inner_angle, outer_angle,
-            place.distance2};
+    SpotLight compiled = *this;
+    compiled.position = place.position;
+    compiled.target = itn::normalize(direction);
+    compiled.distance2 = place.distance2;
+    const double outer = std::cos(outer_angle);
+    compiled.outer_cosine = static_cast<float>(outer);
+    compiled.per_cosine = static_cast<float>(1 / std::max(std::cos(inner_angle) - outer, 1e-6));
+    return compiled;
   }
 
   static constexpr bool kDelta = true, kDistant = false;
@@ -65,15 +72,13 @@ struct SpotLight {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Beam beam(const SpotLight& light, Vectors from, const LightUniforms& u) {
-  Beam arriving = beam(PointLight{light.position, light.intensity, light.distance2}, from, u);
-  const double outer = std::cos(light.outer_angle);
-  const double range = std::max(std::cos(light.inner_angle) - outer, 1e-6);
+HWY_INLINE Beam beam(const SpotLight& light, Vectors from, const LightUniforms& /*u*/) {
+  Beam arriving = beam_from(set(static_cast<Vec3f>(light.position)), light.distance2, from);
   const Floats cosine = hn::Neg(dot(arriving.direction, set(static_cast<Vec3f>(light.target))));
   // 0 at the outer angle, 1 at the inner one, level at both.
-  const Floats t = hn::Clamp(
-      hn::Mul(hn::Sub(cosine, set(static_cast<float>(outer))), set(static_cast<float>(1 / range))),
-      hn::Zero(FloatTag()), set(1.0F));
+  const Floats t =
+      hn::Clamp(hn::Mul(hn::Sub(cosine, set(light.outer_cosine)), set(light.per_cosine)),
+                hn::Zero(FloatTag()), set(1.0F));
   const Floats fade = hn::Mul(hn::Mul(t, t), hn::Sub(set(3.0F), hn::Add(t, t)));
   arriving.irradiance = hn::Mul(arriving.irradiance, fade);
   return arriving;

@@ -46,7 +46,7 @@ Camera::Camera(const CameraDescription& camera, const FilmDescription& film)
 // By Newton's method, from where it is seen.
 double Camera::undistorted(double seen_at) const {
   double r = seen_at;
-  for (int step = 0; step < 8; ++step) r -= (distorted(r) - seen_at) / slope(r);
+  for (int step = 0; step < 8; ++step) r -= (r * factor(r) - seen_at) / slope(r);
   return seen_at > 0 ? r / seen_at : 1;
 }
 
@@ -58,11 +58,11 @@ void Camera::check_distortion(const FilmDescription& film) const {
   constexpr int kSteps = 1000;
   // Far enough, unless what is seen there lies at four times the distance.
   double r = 0;
-  for (int i = 0; i <= 4 * kSteps && distorted(r) < corner; ++i) {
+  for (int i = 0; i <= 4 * kSteps && r * factor(r) < corner; ++i) {
     r = corner * i / kSteps;
     if (!(slope(r) > 0.1)) break;
   }
-  if (!(distorted(r) >= corner && slope(r) > 0.1)) {
+  if (!(r * factor(r) >= corner && slope(r) > 0.1)) {
     throw invalid_input(
         fmt::format("camera: with k_1 {:g} and k_2 {:g}, no place, or more than one, is seen at "
                     "a corner of the film; the distortion is too strong for its field of view",
@@ -98,9 +98,8 @@ Camera::FilmBox Camera::distorted(const FilmBox& box) const {
   const double to = std::hypot(farthest(box.left, box.right), farthest(box.top, box.bottom));
   double least = kInfinity, most = -kInfinity;
   const auto look_at = [&](double r) {
-    const double factor = 1 + r * r * (k_1_ + k_2_ * r * r);
-    least = std::min(least, factor);
-    most = std::max(most, factor);
+    least = std::min(least, factor(r));
+    most = std::max(most, factor(r));
   };
   look_at(from);
   look_at(to);

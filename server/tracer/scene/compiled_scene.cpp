@@ -135,15 +135,15 @@ const std::vector<uint32_t>& Scene::Compiled::object_pixels(int threads,
 }
 
 size_t Scene::Compiled::memory() const {
-  size_t sum = sizeof(*this) + obstacles.surfaces.memory() + obstacles.corner_normals.memory() +
-               obstacles.cell_normals.memory();
-  if (!object_is_shared_) sum += object->memory();
+  size_t sum = sizeof(*this) + obstacles.surfaces.memory();
+  if (!object_is_shared_) {
+    sum += object->memory() + obstacles.corner_normals.memory() + obstacles.cell_normals.memory();
+  }
   for (const std::string& key : part_keys) sum += sizeof(std::string) + key.size();
   for (const DiffuseSurface& surface : surfaces) {
     sum += surface.mesh.vertices.size() * sizeof(Vec3f) +
            surface.mesh.triangles.size() * sizeof(std::array<uint32_t, 3>);
-    const auto* image = std::get_if<ImageReflectance>(&surface.reflectance);
-    if (image != nullptr) sum += image->values->size() * sizeof(float);
+    sum += memory_of(surface.reflectance);
   }
   return sum;
 }

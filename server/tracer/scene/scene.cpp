@@ -102,9 +102,7 @@ size_t estimated_memory(const SceneDescription& description) {
     constexpr size_t kCopies = 3;  // of the compiled scene, of both tracers
     sum += kCopies * size_of(surface.mesh) +
            (Surfaces::kBytesByTriangle + 2 * kByTriangleInEmbree) * surface.mesh.triangles.size();
-    // Of the description, and twice while that of a channel grows.
-    const auto* image = std::get_if<ImageReflectance>(&surface.reflectance);
-    if (image != nullptr) sum += image->values->size() * sizeof(float);
+    sum += memory_of(surface.reflectance);  // of all channels: more than what is compiled
   }
   for (const LightDescription& light : description.lights) {
     constexpr size_t kTables = size_t{4} << 20;

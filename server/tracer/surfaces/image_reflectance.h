@@ -30,10 +30,12 @@ struct ImageReflectance {
     to.position("edge_v", self.edge_v);
     to.pixels("pixels", self);
   }
+  size_t memory() const { return values->size() * sizeof(float); }
   ImageReflectance compile(const Pose& pose, Channel channel) const {
     ImageReflectance compiled = *this;
     compiled.plane = PlaneCoordinates(pose, kName, corner, edge_u, edge_v);
     std::vector<float> selected;
+    selected.reserve(values->size() / 3);
     for (size_t i = 0; i < values->size(); i += 3) {
       const Rgb rgb{(*values)[i], (*values)[i + 1], (*values)[i + 2]};
       selected.push_back(static_cast<float>(select(rgb, channel)));

@@ -1,5 +1,6 @@
 // The list of reflectances of surfaces. A kind is a file, as checkerboard.h, an entry here, and a
 // message in the Surface of itn/v1/scene.proto. It says its fields (common/fields.h) and
+//   memory()                            of what it holds elsewhere, if it does
 //   compile(pose, channel)              itself in the coordinates of the object, for a film's
 //   channel
 // and computes, at many points of surfaces at a time, in mm,
@@ -17,6 +18,15 @@
 namespace itn::tracer {
 
 using Reflectance = std::variant<UniformReflectance, Checkerboard, ImageReflectance>;
+
+inline size_t memory_of(const Reflectance& reflectance) {
+  return std::visit(
+      [](const auto& kind) -> size_t {
+        if constexpr (requires { kind.memory(); }) return kind.memory();
+        return 0;
+      },
+      reflectance);
+}
 
 }  // namespace itn::tracer
 

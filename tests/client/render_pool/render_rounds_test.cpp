@@ -37,6 +37,9 @@ TEST(RenderRounds, GoOnAsLongAsTheNoiseNeeds) {
   EXPECT_EQ(next_round(goal, {.spp = 300, .noise = 0.015}), 408U);
   EXPECT_EQ(next_round(goal, {.spp = 300, .noise = 0.0101}), 36U);
   EXPECT_EQ(next_round(goal, {.spp = 3000, .noise = 0.1}), 4095U);
+  EXPECT_EQ(
+      next_round({.noise = 0.01, .spp = 1 << 20, .estimates = 16}, {.spp = 16, .noise = 0.0101}),
+      16U);  // no less than what divides
   EXPECT_EQ(next_round({.noise = 0.01, .spp = 500}, {.spp = 300, .noise = 0.02}), 200U);
   EXPECT_EQ(next_round({.noise = 0.01, .spp = 300}, {.spp = 300, .noise = 0.02}), 0U);
 }

@@ -139,6 +139,26 @@ Rotation<double> turn(Vec3d axis, double angle) {
           {t * k.x * k.z - s * k.y, t * k.y * k.z + s * k.x, c + t * k.z * k.z}};
 }
 
+// Scenes of an object share the normals of its boundary, which none of them counts as its own.
+TEST(ScenePartsTest, NormalsAreShared) {
+  PartCache parts(std::numeric_limits<size_t>::max());
+  const auto scene_of = [&](const Boundary& boundary, float smooth_angle) {
+    SceneDescription description = studio("smooth_star", {ConstantLight{1}});
+    description.object_key = "a star";
+    description.boundary = boundary;
+    description.smooth_angle = smooth_angle;
+    return std::make_unique<Scene>(std::move(description), parts);
+  };
+  const auto matched = scene_of(IndexMatched{}, 0);
+  const size_t object = parts.memory();
+  const auto rough = scene_of(RoughDielectric{1.5F, 0.3F}, 0.5F);
+  const size_t with_normals = parts.memory();
+  EXPECT_GT(with_normals, object + 1'000'000);
+  EXPECT_LT(rough->memory(), matched->memory() + 1000);
+  const auto again = scene_of(RoughDielectric{1.3F, 0.1F}, 0.5F);
+  EXPECT_EQ(parts.memory(), with_normals);
+}
+
 EnvironmentMapLight striped_map() {
   EnvironmentMapLight map;
   map.width = 8;
@@ -164,7 +184,9 @@ TEST_P(PoseTest, IsWhereTheMeshStands) {
   SceneDescription posed =
       studio("figure",
              {paper_sun_sky(0.5), striped_map(), ConstantLight{5}, DirectionalLight{{1, 1, -1}, 30},
-              PointLight{{1, 1.5, -1}, 1e-4}},
+              PointLight{{1, 1.5, -1}, 1e-4}, SpotLight{{-1, 1.5, -1}, {0, 0.5, 0}, 1e-4},
+              SphereLight{{1, 1, 1}, 0.2, 50},
+              PanelLight{{-1, 0.8, 0.5}, {0.1, 0, 0.3}, {0.1, -0.3, 0}, 50}},
              0.5F, 16);
   posed.surfaces[0].reflectance =
       Checkerboard{.corner = {0.1, 0, 0}, .edge_u = {0.5, 0, 0}, .edge_v = {0.2, 0, 0.4}};
