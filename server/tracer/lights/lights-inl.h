@@ -93,12 +93,14 @@ HWY_INLINE LightSamples sample(const Lights& lights, Vectors from, const LightCh
   const Floats zero = hn::Zero(FloatTag());
   LightSamples draw{{zero, set(1.0F), zero}, set(kInfinity), zero, zero};
   Floats delta_weight = zero;
+  Mask delta = hn::FirstN(FloatTag(), 0);
   for_each_drawn(lights, drawn.choice, [&](const Lights::Light& light, Mask chosen) {
     Vectors direction = draw.direction;
     visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
       if constexpr (Kind::kDelta) {
         const Beam arriving = drawn_beam(kind, light, from, drawn.uniforms);
         parts.add_chosen(light.number, chosen);
+        delta = hn::Or(delta, chosen);
         direction = arriving.direction;
         draw.distance = hn::IfThenElse(chosen, arriving.distance, draw.distance);
         delta_weight = hn::IfThenElse(chosen, arriving.irradiance, delta_weight);
@@ -108,7 +110,6 @@ HWY_INLINE LightSamples sample(const Lights& lights, Vectors from, const LightCh
     });
     draw.direction = if_then_else(chosen, direction, draw.direction);
   });
-  const Mask delta = hn::Gt(delta_weight, zero);
   const Emission light = emission(lights, draw.direction, parts);
   // A direction on the very rim of the sun may fall outside it by rounding.
   const Mask possible = hn::AndNot(delta, hn::Gt(light.pdf, zero));

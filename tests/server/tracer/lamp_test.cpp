@@ -207,6 +207,18 @@ TEST(SpotLightTest, ShinesInACone) {
   }
 }
 
+// Turned away it changes nothing, and what else shines counts once.
+TEST(SpotLightTest, AddsNothingOutsideOfItsCone) {
+  const Vec3d above = kSeen + Vec3d{0, 2, 0};
+  const Scene scene(
+      seen_ground({ConstantLight{0.5}, SpotLight{above, above + Vec3d{0, 1, 0}, 4e-4, 0.3, 0.5}}));
+  for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
+    RenderRequest request{.material = {1e3, 0, 0}, .sample_count = 1024};
+    request.tracer = tracer;
+    expect_equal(estimate_film(scene, request, 32).radiance, {kReflectance * 0.5, 0}, 4, "turned");
+  }
+}
+
 constexpr double kSize = 0.02, kRadiance = 1000;
 
 FilmEstimate film_of(const LightDescription& lamp, uint64_t seed) {
