@@ -18,7 +18,7 @@ struct ConstantLight {
   }
   ConstantLight compile(const LightFrame& /*frame*/) const { return *this; }
 
-  static constexpr bool kDelta = false;
+  static constexpr bool kDelta = false, kDistant = true;
   static constexpr double kPdf = 1 / (4 * std::numbers::pi);
 
   double power() const { return radiance / kPdf; }

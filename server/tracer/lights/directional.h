@@ -43,7 +43,7 @@ struct DirectionalLight {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Beam beam(const DirectionalLight& light, Vectors /*from*/, const LightUniforms& /*u*/) {
+HWY_INLINE Beam beam(const DirectionalLight& light, Vectors /*from*/) {
   return {set(static_cast<Vec3f>(light.direction)), set(kInfinity), set(1.0F)};
 }
 

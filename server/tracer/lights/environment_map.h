@@ -70,7 +70,7 @@ class EnvironmentMapTable {
 
 class EnvironmentMap {
  public:
-  static constexpr bool kDelta = false;
+  static constexpr bool kDelta = false, kDistant = true;
 
   // `to_map`: turns directions into those of the table.
   EnvironmentMap(std::shared_ptr<const EnvironmentMapTable> table, const Rotation<double>& to_map)

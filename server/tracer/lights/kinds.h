@@ -7,15 +7,20 @@
 //   compile(frame)    what it is rendered as, in the coordinates of the object; more than one as a
 //                     tuple
 // What is rendered says
-//   kDelta             whether no path hits it by chance: what is a delta, and lamps, which no
-//                      camera sees
-//   power()            its radiance integrated over all directions; of a delta, its irradiance
-// and computes, for many places or unit directions at a time, unless it is a delta,
+//   kDelta             whether no path hits it by chance
+//   kDistant           whether it is infinitely far away, behind all that there is
+//   power()            its radiance integrated over all directions, seen from the object's middle
+//   if
+//                      it is near; of a delta, its irradiance
+// and computes, for many places or unit directions at a time, if it is a delta,
+//   beam(kind, from)   what it sends there
+// or, if it is far away,
 //   emission(kind, d)  radiance, and the density per steradian with which `sample` draws d
 //   sample(kind, u)    a direction towards it
-// and if it is one,
-//   kDistant           whether shadow rays to it leave the scene
-//   beam(kind, from, u)  what it sends there, from one of its directions: their mean is all
+// and else, of a lamp that paths meet, which is black to other light and hides what is behind it,
+//   look(kind, from, d)    how it is seen in that direction: see Appearance (light-inl.h)
+//   draw(kind, from, u)    a direction towards it
+//   redraw(kind, from, d, other)  what `draw` makes elsewhere of the numbers that make d of it here
 // Who follows one path at a time has one lane.
 #include <variant>
 
@@ -41,6 +46,9 @@ using LightDescription =
 
 using LightKind = std::variant<ConstantLight, SunDisc, SkyLight, EnvironmentMap, DirectionalLight,
                                PointLight, SpotLight, SphereLight, PanelLight>;
+
+template <typename Kind>
+concept VisibleLamp = !Kind::kDelta && !Kind::kDistant;
 
 }  // namespace itn::tracer
 

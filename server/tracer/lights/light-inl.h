@@ -18,8 +18,27 @@ struct Emission {
   Floats radiance, pdf;
 };
 
+// How a lamp is seen in directions: how far it is, in mm, or infinite; and what it sends.
+struct Appearance {
+  Floats distance;
+  Emission emission;
+};
+
+// It, where it is met; else nothing.
+HWY_INLINE Appearance where(Mask met, const Appearance& appearance) {
+  return {hn::IfThenElse(met, appearance.distance, set(kInfinity)),
+          {hn::IfThenElseZero(met, appearance.emission.radiance),
+           hn::IfThenElseZero(met, appearance.emission.pdf)}};
+}
+
+// A direction that is drawn towards a lamp, and how that is seen there.
+struct LampDraw {
+  Vectors direction;
+  Appearance appearance;
+};
+
 // What a delta sends to places: from which direction, how far from there, in mm, infinite if it is
-// distant; and its irradiance as a multiple of power(), if all that it sends came from there.
+// distant; and its irradiance as a multiple of power().
 struct Beam {
   Vectors direction;
   Floats distance, irradiance;

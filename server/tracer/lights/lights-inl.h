@@ -13,11 +13,11 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// One light, unless it is a delta.
+// One light, if it is far away and no delta.
 HWY_INLINE Emission emission(const Lights::Light& light, Vectors d) {
   Emission result{hn::Zero(FloatTag()), hn::Zero(FloatTag())};
   visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
-    if constexpr (!Kind::kDelta) result = emission(kind, d);
+    if constexpr (Kind::kDistant && !Kind::kDelta) result = emission(kind, d);
   });
   return result;
 }
@@ -28,8 +28,8 @@ struct NoParts {
   HWY_INLINE void add_chosen(size_t /*number*/, Mask /*chosen*/) {}
 };
 
-// All lights but deltas: radiance, and density of `sample`. `parts` hears of each light, by the
-// number of its description.
+// All that are: radiance, and density of `sample`. `parts` hears of each light, by the number of
+// its description.
 template <typename Parts = NoParts>
 HWY_INLINE Emission emission(const Lights& lights, Vectors d, Parts&& parts = {}) {
   Emission all{hn::Zero(FloatTag()), hn::Zero(FloatTag())};
@@ -42,12 +42,90 @@ HWY_INLINE Emission emission(const Lights& lights, Vectors d, Parts&& parts = {}
   return all;
 }
 
-// Directions towards the light, and how far it is. For deltas, `pdf` is 0 and `radiance` is
-// irradiance / probability, the weight of the draw; else the weight is radiance / pdf.
+// One light, if it is a lamp that lines meet.
+HWY_INLINE Appearance look(const Lights::Light& light, Vectors from, Vectors d) {
+  Appearance result{set(kInfinity), {hn::Zero(FloatTag()), hn::Zero(FloatTag())}};
+  visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
+    if constexpr (VisibleLamp<Kind>) result = look(kind, from, d);
+  });
+  return result;
+}
+
+// How far lines may go until a lamp ends them, in mm, or infinite; but for one lamp.
+HWY_INLINE Floats reach(const Lights& lights, Vectors from, Vectors d,
+                        const Lights::Light* except = nullptr) {
+  Floats distance = set(kInfinity);
+  if (!lights.has_lamps()) return distance;
+  for (const Lights::Light& light : lights.all()) {
+    if (&light != except) distance = hn::Min(distance, look(light, from, d).distance);
+  }
+  return distance;
+}
+
+// What is seen along lines, but for deltas: the first lamp, or else what is far away. The density
+// is that with which those lights draw the line.
+template <typename Parts = NoParts>
+HWY_INLINE Appearance look(const Lights& lights, Vectors from, Vectors d, Parts&& parts = {}) {
+  if (!lights.has_lamps()) return {set(kInfinity), emission(lights, d, parts)};
+  const Floats distance = reach(lights, from, d);
+  Emission all{hn::Zero(FloatTag()), hn::Zero(FloatTag())};
+  for (const Lights::Light& light : lights.all()) {
+    const Appearance lamp = look(light, from, d);
+    const Emission far = emission(light, d);
+    const Mask seen = hn::Eq(lamp.distance, distance);
+    const Floats radiance = hn::IfThenElseZero(seen, hn::Add(lamp.emission.radiance, far.radiance));
+    const Floats pdf = hn::IfThenElseZero(seen, hn::Add(lamp.emission.pdf, far.pdf));
+    parts.add_radiance(light.number, radiance);
+    all.radiance = hn::Add(all.radiance, radiance);
+    all.pdf = mul_add(pdf, set(static_cast<float>(light.probability)), all.pdf);
+  }
+  return {distance, all};
+}
+
+// Density with which lights draw directions, whatever is seen there.
+HWY_INLINE Floats drawn_pdf(const Lights& lights, Vectors from, Vectors d) {
+  Floats pdf = emission(lights, d).pdf;
+  if (!lights.has_lamps()) return pdf;
+  for (const Lights::Light& light : lights.all()) {
+    pdf =
+        mul_add(look(light, from, d).emission.pdf, set(static_cast<float>(light.probability)), pdf);
+  }
+  return pdf;
+}
+
+// What the numbers that draw what is seen in d make of it elsewhere.
+HWY_INLINE Vectors redraw(const Lights& lights, Vectors from, Vectors d, Vectors other) {
+  Vectors direction = d;
+  if (!lights.has_lamps()) return direction;
+  const Floats distance = reach(lights, from, d);
+  for (const Lights::Light& light : lights.all()) {
+    visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
+      if constexpr (VisibleLamp<Kind>) {
+        const Mask seen = hn::And(hn::Lt(distance, set(kInfinity)),
+                                  hn::Eq(look(kind, from, d).distance, distance));
+        direction = if_then_else(seen, redraw(kind, from, d, other), direction);
+      }
+    });
+  }
+  return direction;
+}
+
+// Directions towards the light, and how far it is, or what hides it. For deltas, `pdf` is 0 and
+// `radiance` is irradiance / probability, the weight of the draw; else the weight is
+// radiance / pdf.
 struct LightSamples {
   Vectors direction;
   Floats distance, radiance, pdf;
+
+  Mask dense() const { return hn::Gt(pdf, hn::Zero(FloatTag())); }
+  // Where all lights that are far away, but for deltas, send it.
+  Mask from_far() const { return hn::And(dense(), hn::Eq(distance, set(kInfinity))); }
 };
+HWY_INLINE LightSamples if_then_else(Mask mask, const LightSamples& a, const LightSamples& b) {
+  return {if_then_else(mask, a.direction, b.direction),
+          hn::IfThenElse(mask, a.distance, b.distance),
+          hn::IfThenElse(mask, a.radiance, b.radiance), hn::IfThenElse(mask, a.pdf, b.pdf)};
+}
 
 // The light that is drawn is the one whose cumulative probability is the first above `choice`.
 struct LightChoice {
@@ -75,67 +153,77 @@ HWY_INLINE void for_each_drawn(const Lights& lights, Floats choice, const Visit&
   }
 }
 
-// What one that is a delta sends there, divided by the probability of drawing it.
+// One that is a delta or a lamp, as it is drawn.
 template <typename Kind>
-HWY_INLINE Beam drawn_beam(const Kind& kind, const Lights::Light& light, Vectors from,
-                           const LightUniforms& uniforms) {
-  Beam arriving = beam(kind, from, uniforms);
-  const auto weight = static_cast<float>(kind.power() / light.probability);
-  arriving.irradiance = hn::Mul(set(weight), arriving.irradiance);
-  return arriving;
+HWY_INLINE LightSamples drawn_light(const Kind& kind, const Lights::Light& light, Vectors from,
+                                    const LightUniforms& uniforms) {
+  if constexpr (Kind::kDelta) {
+    const Beam arriving = beam(kind, from);
+    const auto weight = static_cast<float>(kind.power() / light.probability);
+    return {arriving.direction, arriving.distance, hn::Mul(set(weight), arriving.irradiance),
+            hn::Zero(FloatTag())};
+  } else {
+    const auto [direction, appearance] = draw(kind, from, uniforms);
+    return {direction, appearance.distance, appearance.emission.radiance,
+            hn::Mul(set(static_cast<float>(light.probability)), appearance.emission.pdf)};
+  }
 }
 
-// `parts` hears of the radiance in the direction that is drawn, which counts where pdf > 0, and
-// where a delta is chosen.
-template <typename Parts = NoParts>
-HWY_INLINE LightSamples sample(const Lights& lights, Vectors from, const LightChoice& drawn,
-                               Parts&& parts = {}) {
+// What is drawn and arrives at places; `far_direction(kind)` is that of what is far away and no
+// delta. `parts` hears of the radiance of that, which counts where it is from_far(), and where
+// another is chosen.
+template <typename FarDirection, typename Parts>
+HWY_INLINE LightSamples arriving_light(const Lights& lights, Vectors from, const LightChoice& drawn,
+                                       const FarDirection& far_direction, Parts&& parts) {
   const Floats zero = hn::Zero(FloatTag());
   LightSamples draw{{zero, set(1.0F), zero}, set(kInfinity), zero, zero};
-  Floats delta_weight = zero;
-  Mask delta = hn::FirstN(FloatTag(), 0);
+  Mask known = hn::FirstN(FloatTag(), 0);
   for_each_drawn(lights, drawn.choice, [&](const Lights::Light& light, Mask chosen) {
-    Vectors direction = draw.direction;
     visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
-      if constexpr (Kind::kDelta) {
-        const Beam arriving = drawn_beam(kind, light, from, drawn.uniforms);
-        parts.add_chosen(light.number, chosen);
-        delta = hn::Or(delta, chosen);
-        direction = arriving.direction;
-        draw.distance = hn::IfThenElse(chosen, arriving.distance, draw.distance);
-        delta_weight = hn::IfThenElse(chosen, arriving.irradiance, delta_weight);
+      if constexpr (Kind::kDistant && !Kind::kDelta) {
+        draw.direction = if_then_else(chosen, far_direction(kind), draw.direction);
       } else {
-        direction = sample(kind, drawn.uniforms);
+        LightSamples one = drawn_light(kind, light, from, drawn.uniforms);
+        if (lights.has_lamps()) {
+          const Mask hidden = hn::Lt(reach(lights, from, one.direction, &light), one.distance);
+          one.radiance = hn::IfThenZeroElse(hidden, one.radiance);
+        }
+        parts.add_chosen(light.number, chosen);
+        known = hn::Or(known, chosen);
+        draw = if_then_else(chosen, one, draw);
       }
     });
-    draw.direction = if_then_else(chosen, direction, draw.direction);
   });
-  const Emission light = emission(lights, draw.direction, parts);
+  const Emission far = emission(lights, draw.direction, parts);
   // A direction on the very rim of the sun may fall outside it by rounding.
-  const Mask possible = hn::AndNot(delta, hn::Gt(light.pdf, zero));
-  draw.pdf = hn::IfThenElseZero(possible, light.pdf);
-  draw.radiance = hn::IfThenElse(delta, delta_weight, hn::IfThenElseZero(possible, light.radiance));
+  const Mask possible = hn::AndNot(known, hn::Gt(far.pdf, zero));
+  Mask seen = possible;
+  if (lights.has_lamps()) {
+    const Floats distance = reach(lights, from, draw.direction);
+    draw.distance = hn::IfThenElse(known, draw.distance, distance);
+    seen = hn::And(seen, hn::Eq(distance, set(kInfinity)));
+  }
+  draw.pdf = hn::IfThenElse(known, draw.pdf, hn::IfThenElseZero(possible, far.pdf));
+  draw.radiance = hn::IfThenElse(known, draw.radiance, hn::IfThenElseZero(seen, far.radiance));
   return draw;
 }
 
+template <typename Parts = NoParts>
+HWY_INLINE LightSamples sample(const Lights& lights, Vectors from, const LightChoice& drawn,
+                               Parts&& parts = {}) {
+  return arriving_light(
+      lights, from, drawn, [&](const auto& kind) { return sample(kind, drawn.uniforms); }, parts);
+}
+
 // What was drawn from one place, as it is seen from another by the same numbers. Where that is a
-// lamp that sends nothing there, the direction is 0; what is far away stays as it is.
+// delta that sends nothing there, the direction is 0.
+template <typename Parts = NoParts>
 HWY_INLINE LightSamples seen_from(const Lights& lights, Vectors from, const LightChoice& drawn,
-                                  LightSamples light) {
-  for_each_drawn(lights, drawn.choice, [&](const Lights::Light& each, Mask chosen) {
-    visit_kind(each.kind, [&]<typename Kind>(const Kind& kind) {
-      if constexpr (Kind::kDelta) {
-        if constexpr (!Kind::kDistant) {
-          const Beam arriving = drawn_beam(kind, each, from, drawn.uniforms);
-          const Mask shines = hn::Gt(arriving.irradiance, hn::Zero(FloatTag()));
-          light.direction = if_then_else(
-              chosen, if_then_else(shines, arriving.direction, set(Vec3f{})), light.direction);
-          light.distance = hn::IfThenElse(chosen, arriving.distance, light.distance);
-          light.radiance = hn::IfThenElse(chosen, arriving.irradiance, light.radiance);
-        }
-      }
-    });
-  });
+                                  const LightSamples& before, Parts&& parts = {}) {
+  LightSamples light = arriving_light(
+      lights, from, drawn, [&](const auto& /*kind*/) { return before.direction; }, parts);
+  const Mask shines = hn::Or(light.dense(), hn::Gt(light.radiance, hn::Zero(FloatTag())));
+  light.direction = if_then_else(shines, light.direction, set(Vec3f{}));
   return light;
 }
 

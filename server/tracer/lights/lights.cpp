@@ -36,7 +36,9 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
   size_t number = 0;  // of the description
   const auto add = [&]<typename Kind>(Kind&& kind) {
     const double power = kind.power();
-    if (power > 0) lights_.push_back({std::forward<Kind>(kind), 0, power, number});
+    if (power > 0 || VisibleLamp<Kind>) {
+      lights_.push_back({std::forward<Kind>(kind), 0, power, number});
+    }
   };
   const auto compile = [&]<typename Description>(const Description& light) {
     std::apply([&](auto&&... kinds) { (add(std::move(kinds)), ...); },
@@ -51,7 +53,8 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
     power_ += light.probability;
     std::visit(
         [&]<typename Kind>(const Kind& /*kind*/) {
-          if constexpr (Kind::kDelta) has_near_ |= !Kind::kDistant;
+          has_near_ |= !Kind::kDistant;
+          has_lamps_ |= VisibleLamp<Kind>;
         },
         light.kind);
     has_maps_ |= std::holds_alternative<EnvironmentMap>(light.kind);
@@ -81,25 +84,34 @@ const EnvironmentMap* Lights::map_of(size_t number) const {
   return nullptr;
 }
 
-float Lights::radiance(Vec3f direction) const {
-  return hn::GetLane(lanes::emission(*this, lanes::set(direction)).radiance);
+float Lights::radiance(Vec3f direction, Vec3f from) const {
+  return hn::GetLane(lanes::look(*this, lanes::set(from), lanes::set(direction)).emission.radiance);
 }
 
-float Lights::radiance(Vec3f direction, size_t number) const {
+float Lights::radiance_of(size_t number, Vec3f direction, Vec3f from) const {
   float sum = 0;
-  for (const Light& light : lights_) {
-    if (light.number != number) continue;
-    sum += hn::GetLane(lanes::emission(light, lanes::set(direction)).radiance);
-  }
+  struct Part : lanes::NoParts {
+    size_t number;
+    float& sum;
+    void add_radiance(size_t of, lanes::Floats radiance) const {
+      if (of == number) sum += hn::GetLane(radiance);
+    }
+  };
+  lanes::look(*this, lanes::set(from), lanes::set(direction), Part{{}, number, sum});
   return sum;
 }
 
-float Lights::pdf(Vec3f direction) const {
-  return hn::GetLane(lanes::emission(*this, lanes::set(direction)).pdf);
+float Lights::pdf(Vec3f direction, Vec3f from) const {
+  return hn::GetLane(lanes::look(*this, lanes::set(from), lanes::set(direction)).emission.pdf);
 }
 
-float Lights::weight(const LightSample& sample, size_t number) const {
-  if (sample.pdf > 0) return radiance(sample.direction, number) / sample.pdf;
+float Lights::reach(Vec3f from, Vec3f direction) const {
+  return hn::GetLane(lanes::reach(*this, lanes::set(from), lanes::set(direction)));
+}
+
+float Lights::weight_of(size_t number, const LightSample& sample, Vec3f from) const {
+  const bool from_far = sample.pdf > 0 && std::isinf(sample.distance);
+  if (from_far) return radiance_of(number, sample.direction, from) / sample.pdf;
   return sample.number == number ? sample.weight : 0;
 }
 

@@ -17,7 +17,7 @@ namespace itn::tracer {
 // hit by chance: its pdf is 0, and it needs no multiple importance sampling.
 struct LightSample {
   Vec3f direction;
-  float distance = 0;  // of the light, in mm, or infinite
+  float distance = 0;  // of the light or of a lamp that hides it, in mm, or infinite
   float weight = 0;    // radiance / pdf; of a delta, irradiance / probability of choosing it
   float pdf = 0;
   size_t number = 0;  // of the description of the light that was chosen
@@ -31,21 +31,25 @@ class Lights {
   // On their own.
   Lights(const std::vector<LightDescription>& descriptions, Channel channel);
 
+  // Places `from` are in mm, in the coordinates of the object; they matter where there are lamps.
+
   // Of everything but deltas.
-  float radiance(Vec3f direction) const;
+  float radiance(Vec3f direction, Vec3f from = {}) const;
   // The parts of radiance and of a sample's weight that are due to one description.
-  float radiance(Vec3f direction, size_t number) const;
-  float weight(const LightSample& sample, size_t number) const;
+  float radiance_of(size_t number, Vec3f direction, Vec3f from = {}) const;
+  float weight_of(size_t number, const LightSample& sample, Vec3f from = {}) const;
   // Density per steradian with which `sample` draws a direction.
-  float pdf(Vec3f direction) const;
-  // From the words of one counter, and of another one where there is a map. `from`: in mm, in the
-  // coordinates of the object.
+  float pdf(Vec3f direction, Vec3f from = {}) const;
+  // How far a line may go until a lamp ends it, in mm, or infinite.
+  float reach(Vec3f from, Vec3f direction) const;
+  // From the words of one counter, and of another one where there is a map.
   LightSample sample(Vec3f from, const RandomWords& words, const RandomWords& more) const;
 
   // Radiance integrated over all directions, plus the irradiances of deltas; in W/m^2.
   double power() const { return power_; }
-  // Whether shadow rays end at lights.
+  // Whether shadow rays end at lights, and whether other lines do.
   bool has_near() const { return has_near_; }
+  bool has_lamps() const { return has_lamps_; }
   bool has_maps() const { return has_maps_; }
 
   // The panorama that a description was compiled to, or null.
@@ -54,7 +58,7 @@ class Lights {
   // As many as there are descriptions, those that do not shine too.
   size_t count() const { return count_; }
 
-  // Those that shine, each drawn with its probability.
+  // Those that shine, and lamps that hide what does, each drawn with its probability.
   struct Light {
     LightKind kind;
     float cumulative = 0;    // of the probabilities, up to and including this one
@@ -67,7 +71,7 @@ class Lights {
   size_t count_;
   std::vector<Light> lights_;
   double power_ = 0;
-  bool has_near_ = false, has_maps_ = false;
+  bool has_near_ = false, has_lamps_ = false, has_maps_ = false;
 };
 
 }  // namespace itn::tracer

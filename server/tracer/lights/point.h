@@ -45,7 +45,7 @@ struct PointLight {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Beam beam(const PointLight& light, Vectors from, const LightUniforms& /*u*/) {
+HWY_INLINE Beam beam(const PointLight& light, Vectors from) {
   return beam_from(set(static_cast<Vec3f>(light.position)), light.distance2, from);
 }
 

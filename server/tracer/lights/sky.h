@@ -51,7 +51,7 @@ class SkyTable {
 
 class SkyLight {
  public:
-  static constexpr bool kDelta = false;
+  static constexpr bool kDelta = false, kDistant = true;
 
   // `to_sky`: turns directions into those of the table.
   SkyLight(std::shared_ptr<const SkyTable> table, const Rotation<double>& to_sky, double scale)

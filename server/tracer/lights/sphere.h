@@ -33,7 +33,7 @@ struct SphereLight {
     return {place.position, radius, radiance, place.distance2};
   }
 
-  static constexpr bool kDelta = true, kDistant = false;
+  static constexpr bool kDelta = false, kDistant = false;
   double power() const { return std::numbers::pi * radiance * radius * radius / distance2; }
 };
 
@@ -54,30 +54,81 @@ struct SphereLight {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// In the cone that it is seen in, all directions alike; nothing from inside of it. With
-// z = 1 - cos_theta, as those of a sun (sun_disc.h).
-HWY_INLINE Beam beam(const SphereLight& light, Vectors from, const LightUniforms& u) {
-  const Floats one = set(1.0F), zero = hn::Zero(FloatTag());
+// The cone that it is seen in; from inside of it, half of all directions.
+struct Cone {
+  Vectors axis;  // of unit length
+  Mask outside;
+  Floats size;  // 1 - cos of its half angle
+};
+HWY_INLINE Cone cone_of(const SphereLight& light, Vectors to_center) {
+  const Floats one = set(1.0F);
   const auto radius2 = static_cast<float>(light.radius * light.radius);
-  const Vectors to = set(static_cast<Vec3f>(light.center)) - from;
-  const Floats d2 = dot(to, to);
+  const Floats d2 = dot(to_center, to_center);
   const Mask outside = hn::Gt(d2, set(radius2));
-  const Floats distance = hn::Sqrt(hn::Max(d2, set(radius2)));
   const Floats sine2 = hn::IfThenElse(outside, hn::Div(set(radius2), d2), one);
-  const Floats cap = hn::Div(sine2, hn::Add(one, hn::Sqrt(hn::Sub(one, sine2))));  // largest z
-  const Floats z = hn::Mul(u.u0, cap), cosine = hn::Sub(one, z);
+  return {to_center * hn::Div(one, hn::Max(hn::Sqrt(d2), set(1e-20F))), outside,
+          hn::Div(sine2, hn::Add(one, hn::Sqrt(hn::Sub(one, sine2))))};
+}
+
+// In a cone, z = 1 - cos_theta as part of its size, and around its axis.
+HWY_INLINE Vectors in_cone(const Cone& cone, Floats part, Floats cos_phi, Floats sin_phi) {
+  const Floats z = hn::Mul(part, cone.size);
   const Floats sine = hn::Sqrt(hn::Mul(z, hn::Sub(set(2.0F), z)));
+  return renormalize(frame_to_world(cone.axis, hn::Mul(sine, cos_phi), hn::Mul(sine, sin_phi),
+                                    hn::Sub(set(1.0F), z)));
+}
+
+// How it is seen through the cone, from where its middle and half of its chord are so far away.
+HWY_INLINE Appearance appearance_of(const SphereLight& light, const Cone& cone, Floats middle,
+                                    Floats half_chord) {
+  const Floats near_end = hn::Sub(middle, half_chord), far_end = hn::Add(middle, half_chord);
+  return {hn::Max(hn::IfThenElse(cone.outside, near_end, far_end), hn::Zero(FloatTag())),
+          {hn::IfThenElseZero(cone.outside, set(static_cast<float>(light.radiance))),
+           hn::Div(set(0.5F * std::numbers::inv_pi_v<float>), cone.size)}};
+}
+HWY_INLINE Floats half_chord2(const SphereLight& light, Floats off2) {
+  return hn::Sub(set(static_cast<float>(light.radius * light.radius)), off2);
+}
+
+// In the cone, all directions alike: z is uniform, as that of a sun (sun_disc.h).
+HWY_INLINE LampDraw draw(const SphereLight& light, Vectors from, const LightUniforms& u) {
+  const Vectors to_center = set(static_cast<Vec3f>(light.center)) - from;
+  const Cone cone = cone_of(light, to_center);
   const SinCos phi = sin_cos_2pi(u.u1);
-  const Vectors axis = to * hn::Div(one, hn::Max(hn::Sqrt(d2), set(1e-20F)));
-  const Vectors direction =
-      renormalize(frame_to_world(axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
-  const Floats half_chord2 = hn::Sub(set(radius2), hn::Mul(hn::Mul(sine, sine), d2));
-  const Floats to_surface =
-      hn::Sub(hn::Mul(distance, cosine), hn::Sqrt(hn::Max(half_chord2, zero)));
-  // 2 pi cap radiance, over power().
-  const auto by_cap = static_cast<float>(2 * light.distance2 / (light.radius * light.radius));
-  return {direction, hn::Max(to_surface, zero),
-          hn::IfThenElseZero(outside, hn::Mul(cap, set(by_cap)))};
+  const Floats z = hn::Mul(u.u0, cone.size), zero = hn::Zero(FloatTag());
+  const Floats d2 = dot(to_center, to_center);
+  const Floats off2 = hn::Mul(hn::Mul(z, hn::Sub(set(2.0F), z)), d2);
+  const Floats middle = hn::Mul(hn::Sqrt(d2), hn::Sub(set(1.0F), z));
+  return {in_cone(cone, u.u0, phi.cos, phi.sin),
+          appearance_of(light, cone, middle, hn::Sqrt(hn::Max(half_chord2(light, off2), zero)))};
+}
+
+// What is drawn from inside of it is half of what is met there; it is dark there.
+HWY_INLINE Appearance look(const SphereLight& light, Vectors from, Vectors d) {
+  const Floats zero = hn::Zero(FloatTag());
+  const Vectors to_center = set(static_cast<Vec3f>(light.center)) - from;
+  const Cone cone = cone_of(light, to_center);
+  const Floats middle = dot(to_center, d);
+  const Vectors off = to_center - d * middle;
+  const Floats chord2 = half_chord2(light, dot(off, off));
+  const Mask ahead = hn::Gt(middle, zero);
+  const Mask met = hn::Or(hn::Not(cone.outside), hn::And(ahead, hn::Ge(chord2, zero)));
+  Appearance appearance =
+      where(met, appearance_of(light, cone, middle, hn::Sqrt(hn::Max(chord2, zero))));
+  appearance.emission.pdf = hn::IfThenElseZero(ahead, appearance.emission.pdf);
+  return appearance;
+}
+
+HWY_INLINE Vectors redraw(const SphereLight& light, Vectors from, Vectors d, Vectors other) {
+  const Vectors center = set(static_cast<Vec3f>(light.center));
+  const Cone here = cone_of(light, center - from);
+  const Vectors local = world_to_frame(here.axis, d);
+  const Floats one = set(1.0F);
+  const Floats sine2 = hn::Min(mul_add(local.x, local.x, hn::Mul(local.y, local.y)), one);
+  const Floats z = hn::Div(sine2, hn::Add(one, hn::Sqrt(hn::Sub(one, sine2))));
+  const Floats to_unit = hn::Div(one, hn::Max(hn::Sqrt(sine2), set(1e-20F)));
+  return in_cone(cone_of(light, center - other), hn::Min(hn::Div(z, here.size), one),
+                 hn::Mul(local.x, to_unit), hn::Mul(local.y, to_unit));
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -72,7 +72,7 @@ struct SpotLight {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Beam beam(const SpotLight& light, Vectors from, const LightUniforms& /*u*/) {
+HWY_INLINE Beam beam(const SpotLight& light, Vectors from) {
   Beam arriving = beam_from(set(static_cast<Vec3f>(light.position)), light.distance2, from);
   const Floats cosine = hn::Neg(dot(arriving.direction, set(static_cast<Vec3f>(light.target))));
   // 0 at the outer angle, 1 at the inner one, level at both.

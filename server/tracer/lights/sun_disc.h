@@ -11,7 +11,7 @@ namespace itn::tracer {
 
 class SunDisc {
  public:
-  static constexpr bool kDelta = false;
+  static constexpr bool kDelta = false, kDistant = true;
 
   // `irradiance`: on a surface that faces it, as if all of it came from the axis.
   SunDisc(Vec3d axis, double half_angle, double irradiance)

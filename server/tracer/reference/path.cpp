@@ -123,7 +123,8 @@ class Walk {
   // line that lie inside the medium.
   RayResult sample_flight(float u) {
     const RayResult ray =
-        geometry_.follow(at_, direction_, -std::log(1 - u) / sigma_t_, stops_at_boundary_);
+        geometry_.follow(at_, direction_, -std::log(1 - u) / sigma_t_, stops_at_boundary_,
+                         scene_.lights.reach(at_.position, direction_));
     if (ray.entered) {
       ++result_.steps;
       score_sigma_t_ -= ray.medium_length;
@@ -133,20 +134,23 @@ class Walk {
     return ray;
   }
 
-  // Light that the walk meets by itself, after leaving the scene.
+  // Light that the walk meets by itself, at lamps or after leaving the scene.
   void add_escape() {
+    const Lights& lights = scene_.lights;
     float mis_weight = 1;
     if (use_mis_) {
       switch (switches_.techniques) {
         case Switches::Techniques::kLightsOnly: return;
         case Switches::Techniques::kPhaseOnly: break;
         case Switches::Techniques::kBoth:
-          mis_weight = pdf_ / (pdf_ + scene_.lights.pdf(direction_));
+          mis_weight = pdf_ / (pdf_ + lights.pdf(direction_, at_.position));
           break;
       }
     }
-    add(scene_.lights.radiance(direction_) * mis_weight, score_sigma_t_, score_slots_,
-        [&](size_t light) { return scene_.lights.radiance(direction_, light) * mis_weight; });
+    add(lights.radiance(direction_, at_.position) * mis_weight, score_sigma_t_, score_slots_,
+        [&](size_t light) {
+          return lights.radiance_of(light, direction_, at_.position) * mis_weight;
+        });
   }
 
   // A scattering in the medium: sends a shadow ray, then draws the next direction.
@@ -282,8 +286,9 @@ class Walk {
       return weight * response.value * mis_weight * dimming;
     };
     add(arriving(light.weight), score_sigma_t_ - ray.medium_length,
-        sum(score_slots_, response.scores),
-        [&](size_t number) { return arriving(scene_.lights.weight(light, number)); });
+        sum(score_slots_, response.scores), [&](size_t number) {
+          return arriving(scene_.lights.weight_of(number, light, at_.position));
+        });
   }
 
   // Adds light that arrives along the path with the given scores; part_of(k) is that of light k.

@@ -79,6 +79,19 @@ std::string geometry_key(const SceneDescription& scene, bool has_surfaces) {
          scene.surfaces_digest;
 }
 
+// Of the lamps that lines meet.
+std::string lamps_key(const Lights& lights) {
+  std::string key;
+  for (const Lights::Light& light : lights.all()) {
+    std::visit(
+        [&]<typename Kind>(const Kind& kind) {
+          if constexpr (VisibleLamp<Kind>) key += part_key(Kind::kName, kind);
+        },
+        light.kind);
+  }
+  return key;
+}
+
 }  // namespace
 
 Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std::stop_token& stop)
@@ -98,15 +111,17 @@ Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std:
       object_is_shared_(!scene.object_key.empty()),
       geometry_key_(geometry_key(scene, !surfaces.empty())),
       object_pixels_key_(part_key("pixels", scene.camera, film.width, film.height) +
-                         geometry_key_) {
+                         lamps_key(lights) + geometry_key_) {
   part_keys.insert(part_keys.end(), {scene.object_key, geometry_key_, object_pixels_key_});
 }
 
 CameraRay Scene::Compiled::camera_ray(double x, double y) const {
   const Vec3d origin = camera.origin(), toward = camera.toward(x, y);
   const auto direction = static_cast<Vec3f>(itn::normalize(toward));
-  const bool at_box = !camera_inside && film_box.depth > 0 && film_box.contains(x, y) &&
-                      !obstacles.surfaces.in_front(origin, toward, film_box.depth);
+  const bool at_box =
+      !camera_inside && film_box.depth > 0 && film_box.contains(x, y) &&
+      !obstacles.surfaces.in_front(origin, toward, film_box.depth) &&
+      !(lights.reach(static_cast<Vec3f>(origin), direction) <= film_box.depth * length(toward));
   return {static_cast<Vec3f>(at_box ? origin + toward * film_box.depth : origin), direction};
 }
 

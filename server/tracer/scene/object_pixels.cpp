@@ -37,7 +37,9 @@ struct Rectangle {
 class MaskTracer {
  public:
   MaskTracer(const Scene::Compiled& scene, std::vector<uint8_t>& sees, const std::stop_token& stop)
-      : scene_(scene), sees_(sees), stop_(stop), rays_(std::make_unique<Rays>()) {}
+      : scene_(scene), sees_(sees), stop_(stop), rays_(std::make_unique<Rays>()) {
+    rays_->bounded = scene.lights.has_lamps();
+  }
 
   void add(uint32_t pixel, int ray) {
     const auto width = static_cast<uint32_t>(scene_.film.width);
@@ -51,6 +53,7 @@ class MaskTracer {
     rays_->direction.set(count_, from.direction);
     rays_->interaction[count_] = 0;
     rays_->max_medium_length[count_] = 0;
+    rays_->distance[count_] = scene_.lights.reach(from.origin, from.direction);
     pixel_of_ray_[count_++] = pixel;
     if (count_ == kSlots) follow_all();
   }

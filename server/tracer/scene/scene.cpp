@@ -33,7 +33,7 @@ void check_lights_are_found(const SceneDescription& scene) {
     if (by_chance) continue;
     throw invalid_input(fmt::format(
         "lights[{}].{} cannot be seen through object.{}, which is smooth: no path finds such a "
-        "light; skies, suns and panoramas, or a rough boundary, can be rendered",
+        "light; what has a size, or a rough boundary, can be rendered",
         i, std::visit(name, scene.lights[i]), std::visit(name, scene.boundary)));
   }
 }

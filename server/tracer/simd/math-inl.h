@@ -196,19 +196,30 @@ HWY_INLINE Vectors if_then_else(Mask mask, Vectors a, Vectors b) {
           hn::IfThenElse(mask, a.z, b.z)};
 }
 
-// (x, y, z) in the orthonormal basis whose third vector is n (see Basis in common/vec.h).
-HWY_INLINE Vectors frame_to_world(Vectors n, Floats x, Floats y, Floats z) {
+// The other two vectors of an orthonormal basis whose third is n (see Basis in common/vec.h).
+struct Tangents {
+  Vectors s, t;
+};
+HWY_INLINE Tangents tangents_of(Vectors n) {
   const Floats sign = hn::CopySign(set(1.0F), n.z);
   const Floats a = hn::Div(set(-1.0F), hn::Add(sign, n.z));
   const Floats b = hn::Mul(hn::Mul(n.x, n.y), a);
   const Floats n_xa = hn::Mul(n.x, a), n_ya = hn::Mul(n.y, a);
-  const Vectors s{mul_add(hn::Mul(sign, n.x), n_xa, set(1.0F)), hn::Mul(sign, b),
-                  hn::Neg(hn::Mul(sign, n.x))};
-  const Vectors t{b, mul_add(n.y, n_ya, sign), hn::Neg(n.y)};
+  return {
+      {mul_add(hn::Mul(sign, n.x), n_xa, set(1.0F)), hn::Mul(sign, b), hn::Neg(hn::Mul(sign, n.x))},
+      {b, mul_add(n.y, n_ya, sign), hn::Neg(n.y)}};
+}
+// (x, y, z) in that basis, and back.
+HWY_INLINE Vectors frame_to_world(Vectors n, Floats x, Floats y, Floats z) {
+  const auto [s, t] = tangents_of(n);
   const auto sum = [&](Floats sx, Floats tx, Floats nx) {
     return mul_add(nx, z, mul_add(tx, y, hn::Mul(sx, x)));
   };
   return {sum(s.x, t.x, n.x), sum(s.y, t.y, n.y), sum(s.z, t.z, n.z)};
+}
+HWY_INLINE Vectors world_to_frame(Vectors n, Vectors v) {
+  const auto [s, t] = tangents_of(n);
+  return {dot(s, v), dot(t, v), dot(n, v)};
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -339,7 +339,8 @@ TEST(RoughDielectricTest, TracersAgree) {
 // What the walk finds by itself, and what shadow rays find, are the same.
 TEST(RoughDielectricTest, TechniquesAgree) {
   SceneDescription description = rough_knot(1.5F, 0.25F);
-  description.lights = {paper_sun_sky()};
+  description.lights = {paper_sun_sky(), SphereLight{{0.6, 1.2, -0.9}, 0.3, 30},
+                        PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {0, 0.3, 0.2}, 30}};
   description.object = make_shape("smooth_star");
   description.smooth_angle = 1;
   const Scene scene(std::move(description));
@@ -358,7 +359,7 @@ TEST(RoughDielectricTest, TechniquesAgree) {
 }
 
 // Shadow rays that are refracted take noise away, and nothing else: seen from outside, under a sun,
-// a sky and lamps nearby, which nobody finds behind a smooth boundary; and from inside.
+// a sky and lamps nearby, some of which hide others; and from inside.
 TEST(BoundaryTest, RefractedShadowRaysAreFair) {
   SceneDescription outside = rough_knot(1.5F, 0.5F);
   outside.object = make_shape("smooth_star");
@@ -368,9 +369,10 @@ TEST(BoundaryTest, RefractedShadowRaysAreFair) {
                     PointLight{.position = {0.6F, 1.2F, -0.9F}, .intensity = 1e-5F}};
   SceneDescription smooth = outside;
   smooth.boundary = Dielectric{1.5F};
-  smooth.lights = {paper_sun_sky(), ConstantLight{3}};
+  smooth.lights = {paper_sun_sky(), SphereLight{{0.6, 1.2, -0.9}, 0.3, 30},
+                   PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {0, 0.3, 0.2}, 30}};
   SceneDescription lamps = outside;
-  lamps.lights = {SphereLight{{0.6, 1.2, -0.9}, 0.3, 1},
+  lamps.lights = {SphereLight{{0.6, 1.2, -0.9}, 0.3, 1}, ConstantLight{0.3},
                   PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {0, 0.3, 0.2}, 1},
                   SpotLight{{0.2, 1.5, -1}, {0, 0.4, 0}, 1e-6, 0.1, 0.3}};
   SceneDescription inside = rough_knot(1.4F, 0.2F);
@@ -469,11 +471,12 @@ TEST(DielectricTest, WhatItCannotDoIsRefused) {
   EXPECT_EQ(refused(description), "object.dielectric.index is 0.75; it must be in [1, 2.5]");
   description.boundary = Dielectric{1.3F};
   EXPECT_EQ(refused(description), "");
-  description.lights.emplace_back(DirectionalLight{});
-  EXPECT_EQ(
-      refused(description),
-      "lights[1].directional cannot be seen through object.dielectric, which is smooth: no "
-      "path finds such a light; skies, suns and panoramas, or a rough boundary, can be rendered");
+  description.lights.emplace_back(SphereLight{{0, 9, 0}});
+  EXPECT_EQ(refused(description), "");
+  description.lights.back() = DirectionalLight{};
+  EXPECT_EQ(refused(description),
+            "lights[1].directional cannot be seen through object.dielectric, which is smooth: no "
+            "path finds such a light; what has a size, or a rough boundary, can be rendered");
 }
 
 }  // namespace

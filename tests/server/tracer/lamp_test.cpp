@@ -4,8 +4,12 @@
 
 #include <cmath>
 #include <numbers>
+#include <utility>
+#include <variant>
+#include <vector>
 
 #include "common/error.h"
+#include "server/tracer/scene/compiled_scene.h"
 #include "tests/server/tracer/scenes.h"
 
 namespace itn::testing {
@@ -19,16 +23,14 @@ constexpr double kInverseSquareMm = 1e6;  // from W/sr and mm to W/m^2
 constexpr double kReflectance = 0.6;
 constexpr Vec3d kSeen{0.03, 0, 0.02};
 
-// Ground at y = 0, seen from above at kSeen, and an object elsewhere.
+// Ground at y = 0, seen at kSeen from close above, below all lamps, and an object elsewhere.
 SceneDescription seen_ground(std::vector<LightDescription> lights) {
   SceneDescription scene;
   scene.object = box({5, 0, 5}, {6, 1, 6});
   scene.surfaces = {{horizontal_square(0, 20), static_cast<float>(kReflectance)}};
   scene.lights = std::move(lights);
-  scene.camera = {.origin = kSeen + Vec3d{0, 4, 0},
-                  .target = kSeen + Vec3d{0, 3, 0},
-                  .up = {0, 0, 1},
-                  .fov = 2.5e-5};
+  scene.camera = {
+      .origin = kSeen + Vec3d{0, 0.1, 0}, .target = kSeen, .up = {0, 0, 1}, .fov = 2.5e-5};
   scene.film = {2, 2};
   return scene;
 }
@@ -272,6 +274,91 @@ TEST(LampTest, AgreesWithTheReference) {
   const FilmEstimate film = film_by(Tracer::kWavefront, 1);
   expect_same_film(film, film_by(Tracer::kReference, 301), 7, "close by",
                    {film.radiance.mean / 8, 0, 0, 0, 0, 0});
+}
+
+// The camera sees them as bright as they are, from the side that shines, and they hide the rest.
+TEST(LampTest, IsSeen) {
+  const Vec3d position{0, 3, 0};
+  const struct {
+    LightDescription lamp;
+    double radiance;
+  } cases[] = {{SphereLight{position, 0.5, 7}, 7},
+               {SphereLight{position, 0.5, 0}, 0},
+               {PanelLight{position, {0.5, 0, 0}, {0.1, 0, 0.5}, 7}, 0},
+               {PanelLight{position, {0.5, 0, 0}, {0.1, 0, -0.5}, 7}, 7}};
+  for (const auto& [lamp, radiance] : cases) {
+    SceneDescription scene = seen_ground({ConstantLight{2}, lamp});
+    scene.camera = {.origin = {0.2, 5, 0.1}, .target = {0.2, 0, 0.1}, .up = {0, 0, 1}, .fov = 0.01};
+    for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
+      for (const double beside : {0.0, 0.9}) {
+        SceneDescription shown = scene;
+        shown.camera.origin.x += beside;
+        shown.camera.target = shown.camera.origin - Vec3d{0, 1, 0};
+        RenderRequest request{.material = {1e3, 0, 0}, .sample_count = 4};
+        request.tracer = tracer;
+        const double seen = film_mean(render_grad(Scene(std::move(shown)), request), -1);
+        if (beside == 0) {
+          EXPECT_NEAR(seen, radiance, 1e-6);
+        } else {
+          EXPECT_GT(std::abs(seen - radiance), 0.01);
+        }
+      }
+    }
+  }
+}
+
+// Light of a constant sky and from lamps behind them does not come through.
+TEST(LampTest, HidesWhatIsBehindIt) {
+  const double size = 1, height = 1.5;
+  const SphereLight ball{kSeen + Vec3d{0, height, 0}, size, 0};
+  const double hidden = std::pow(size / height, 2);  // of the irradiance of a constant sky
+  const PanelLight black{kSeen + Vec3d{0, height, 0}, {1, 0, 0}, {0, 0, -1}, 3};
+  const Vec3d above = kSeen + Vec3d{0.1, 4, 0.2};
+  const struct {
+    std::vector<LightDescription> lights;
+    double irradiance;
+  } cases[] = {{{ConstantLight{2}, ball}, 2 * pi * (1 - hidden)},
+               {{PointLight{above, 2e-4}, ball, ConstantLight{0.1}}, 0.1 * pi * (1 - hidden)},
+               {{DirectionalLight{{0, 1, 0}, 2}, black, SphereLight{above, 0.1, 1e3}}, 0},
+               {{PanelLight{above, {0.2, 0, 0}, {0, 0, 0.2}, 50}, ball, ConstantLight{1}},
+                pi * (1 - hidden)}};
+  for (const auto& [lights, irradiance] : cases) {
+    const Scene scene(seen_ground(lights));
+    for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
+      RenderRequest request{.material = {1e3, 0, 0}, .sample_count = 4096};
+      for (uint32_t i = 0; i < lights.size(); ++i) {
+        request.derivatives.push_back({Parameter::kLightScale, i});
+      }
+      request.tracer = tracer;
+      const FilmEstimate film = estimate_film(scene, request, 32);
+      const double radiance = irradiance * kReflectance / pi;
+      if (irradiance == 0) {
+        EXPECT_EQ(film.radiance.mean, 0);
+        continue;
+      }
+      expect_equal(film.radiance, {radiance, 0}, 12, "beside it");
+      expect_resolution(film.radiance, radiance, 0.01, "beside it");
+      // All that arrives is the constant's.
+      for (uint32_t i = 0; i < lights.size(); ++i) {
+        const bool constant = std::holds_alternative<ConstantLight>(lights[i]);
+        EXPECT_NEAR(film.derivatives[i].mean, constant ? film.radiance.mean : 0, 1e-5 * radiance);
+      }
+    }
+  }
+}
+
+// The pixels that see the object: none, where a lamp stands in front of it.
+TEST(LampTest, HidesTheObject) {
+  const auto pixels = [](double x) {
+    SceneDescription scene = studio("cube", {PanelLight{{x, 0.5, -2}, {1, 0, 0}, {0, 1, 0}, 3}});
+    scene.camera = {.origin = {0, 0.5, -4}, .target = {0, 0.5, 0}};
+    return Scene(std::move(scene)).compiled().object_pixels().size();
+  };
+  EXPECT_EQ(pixels(0), 0);
+  EXPECT_GT(pixels(3), 0);
+  const size_t free = pixels(3), half = pixels(-1);
+  EXPECT_GT(half, free / 3);
+  EXPECT_LT(half, free * 2 / 3);
 }
 
 TEST(LampTest, RefusesWhatCannotStand) {

@@ -87,11 +87,12 @@ inline void add_to_map(Wavefront& wave, Vectors direction, Mask arrived, Floats 
   }
 }
 
-// Light that walks meet by themselves, after leaving the scene.
+// Light that walks meet by themselves, at lamps or after leaving the scene.
 inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
   const Paths& paths = wave.paths;
   LightParts parts(wave.differentiated_lights);
-  const Emission light = emission(wave.scene.lights, load(paths.rays.direction, i), parts);
+  const auto [distance, light] =
+      look(wave.scene.lights, load(paths.flight_from, i), load(paths.rays.direction, i), parts);
   const Mask delta_bounce = not_zero(load(paths.delta_bounce, i));
   const Floats pdf = load(paths.pdf, i);
   Floats mis_weight = set(1.0F);
@@ -117,7 +118,8 @@ inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
       });
   if (wave.differentiated_map != nullptr) {
     const Ints slots = hn::Iota(IntTag(), static_cast<int32_t>(i));
-    add_to_map(wave, load(paths.rays.direction, i), escaped,
+    add_to_map(wave, load(paths.rays.direction, i),
+               hn::And(escaped, hn::Eq(distance, set(kInfinity))),
                hn::Mul(load(paths.weight, i), mis_weight), slots);
   }
 }

@@ -31,6 +31,11 @@ inline void sample_flights(Wavefront& wave) {
     store(uniform(words.w[1]), paths.u1, i);
     store(uniform(words.w[2]), paths.u2, i);
     store(uniform(words.w[3]), paths.u3, i);
+    if (paths.rays.bounded) {
+      const Vectors from = load(paths.rays.position, i);
+      store(from, paths.flight_from, i);
+      store(reach(wave.scene.lights, from, load(paths.rays.direction, i)), paths.rays.distance, i);
+    }
   }
   follow_lines(wave.scene.obstacles, paths.rays, wave.count, Report::kEnds, wave.at_boundary());
 }

@@ -105,6 +105,7 @@ static_assert(size_of_all(static_cast<decltype(PathState().columns())*>(nullptr)
 // The paths under way.
 struct Paths : PathState {
   Rays rays;                     // of the flight
+  VectorColumn flight_from;      // where it began, if lamps may end it
   FloatColumn u1{}, u2{}, u3{};  // random numbers of the vertex
   // What the boundary multiplies the path's weight by, once the vertex's shadow rays are traced.
   FloatColumn crossing_weight{};

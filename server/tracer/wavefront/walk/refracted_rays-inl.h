@@ -39,6 +39,10 @@ namespace itn::tracer::HWY_NAMESPACE {
 // drawn, with q(w) = s(l') dl'/dw, where l' is what the plane makes of w. The boundary makes l of
 // it.
 //
+// A lamp is drawn by numbers, which make another l of it at x than at y: q is that at x, and s that
+// at y, of the light that is seen in l. What lamps hide at x may be seen at y; so there is always a
+// ray, unless a delta sends nothing to x.
+//
 // After Hanika, Droske, Fascione, "Manifold next event estimation", EGSR 2015, who look for y.
 
 // A smooth plane between the media.
@@ -104,7 +108,7 @@ HWY_INLINE Floats aimed_pdf(const Wavefront& wave, size_t i, Vectors to_light) {
   if (wave.boundary_is_delta) {
     const Aim aim = aim_along(plane_near(wave, x), direction);
     const Vectors outer = if_then_else(aim.possible, aim.direction, direction);
-    const Floats pdf = emission(wave.scene.lights, outer).pdf;
+    const Floats pdf = drawn_pdf(wave.scene.lights, x, outer);
     return hn::IfThenElseZero(aim.possible, hn::Mul(pdf, aim.inner_by_outer));
   }
   const Aim aim = aim_at(plane_ahead(wave, x, to_light), to_light);
@@ -136,14 +140,18 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vecto
   const Paths& paths = wave.paths;
   RefractedRays& sent = wave.refracted_rays;
   const Floats zero = hn::Zero(d), one = set(1.0F);
-  const Mask dense = hn::Gt(light.pdf, zero);
+  const Mask dense = light.dense();
   const Aim aim = aim_at(wave.boundary_is_delta ? plane_near(wave, position)
                                                 : plane_ahead(wave, position, light.direction),
                          light.direction);
   Mask where = hn::And(scattered, aim.possible);
   if (hn::AllFalse(d, where)) return;
   Vectors direction = aim.direction;
-  Floats pdf = hn::Mul(light.pdf, aim.inner_by_outer), passing = one;
+  const bool has_lamps = wave.scene.lights.has_lamps();
+  // Whatever is seen there: behind the boundary something else may be.
+  const Floats all_pdf =
+      has_lamps ? drawn_pdf(wave.scene.lights, position, light.direction) : light.pdf;
+  Floats pdf = hn::Mul(all_pdf, aim.inner_by_outer), passing = one;
   Floats light_pdf = one;  // of q s, what is not in `pdf`
   if (!wave.boundary_is_delta) {
     const Words words = random(wave, i, load(paths.vertex, i), Sampler::kRefraction);
@@ -158,7 +166,7 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vecto
   }
   const PhaseValue phase = evaluate(wave.phase, dot(load(paths.rays.direction, i), direction));
   Floats radiance = light.radiance;
-  if (wave.differentiated_map != nullptr) {
+  if (has_lamps || wave.differentiated_map != nullptr) {
     radiance = hn::Max(radiance, hn::IfThenElseZero(dense, set(wave.mean_radiance())));
   }
   const Floats worth = hn::Div(hn::Mul(radiance, hn::Mul(phase.value, passing)),
@@ -211,19 +219,17 @@ HWY_INLINE Exit exit_of_rough(const Wavefront& wave, size_t i, const Crossing& a
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   LightSamples light{load(sent.to_light, i), set(kInfinity), load(sent.radiance, i),
                      load(sent.light_pdf, i)};
-  Floats from_here = one;  // radiance over that from where they were sent
+  LightParts parts(wave.differentiated_lights);
   if (wave.shadow_rays.rays.bounded) {
     const LightChoice drawn{load(sent.choice, i),
                             {zero, zero, load(sent.u0, i), load(sent.u1, i), Words{}}};
-    const Floats before = hn::Max(light.radiance, set(1e-30F));
-    light = seen_from(wave.scene.lights, load(sent.rays.position, i), drawn, light);
-    from_here = hn::Div(light.radiance, before);
+    light = seen_from(wave.scene.lights, load(sent.rays.position, i), drawn, light, parts);
   }
   Exit exit{light.direction, light.distance, light.radiance, one, {zero}, {zero}};
   const BoundaryValue boundary = evaluate(wave.scene.boundary, at, exit.to_light);
   const Floats phase = load(sent.phase, i), light_pdf = light.pdf;
   const Floats walk_pdf = hn::Mul(phase, arriving);
-  const Mask dense = hn::Gt(light_pdf, zero);
+  const Mask dense = light.dense();
   Floats pdf_sum =
       hn::Mul(hn::IfThenElse(dense, light_pdf, one), hn::Add(load(sent.pdf, i), walk_pdf));
   if (wave.switches.techniques == Switches::Techniques::kBoth) {
@@ -232,7 +238,8 @@ HWY_INLINE Exit exit_of_rough(const Wavefront& wave, size_t i, const Crossing& a
   exit.per_radiance = hn::Div(hn::Mul(phase, boundary.value), pdf_sum);
   for (size_t s = 0; s < kMaxBoundarySlots; ++s) exit.scores[s] = boundary.scores[s];
   for (size_t l = 0; l < sent.parts_of_lights.size(); ++l) {
-    exit.parts_of_lights[l] = hn::Mul(load(sent.parts_of_lights[l], i), from_here);
+    exit.parts_of_lights[l] = wave.shadow_rays.rays.bounded ? part_of_light(light, parts, l)
+                                                            : load(sent.parts_of_lights[l], i);
   }
   return exit;
 }
@@ -244,10 +251,11 @@ HWY_INLINE Exit exit_of_smooth(const Wavefront& wave, size_t i, const Crossing& 
   const auto [direction, reflected] = transmit(wave.scene.boundary, at);
   const Vectors to_light = if_then_else(where, direction, set(Vec3f{0, 1, 0}));
   LightParts parts(wave.differentiated_lights);
-  const Emission light = emission(wave.scene.lights, to_light, parts);
+  const auto [distance, light] =
+      look(wave.scene.lights, load(sent.rays.position, i), to_light, parts);
   const Floats passing = hn::Mul(load(sent.phase, i), hn::Sub(set(1.0F), reflected));
   Exit exit{to_light,
-            set(kInfinity),
+            distance,
             light.radiance,
             hn::Div(passing, mul_add(passing, arriving, load(sent.pdf, i))),
             {hn::Zero(FloatTag())},
@@ -296,8 +304,9 @@ inline void cross_refracted_rays(Wavefront& wave) {
     append(load(sent.importance, i), shadow_rays.importance);
     append(hn::Mul(exit.radiance, exit.per_radiance), shadow_rays.light);
     if (wave.differentiated_map != nullptr) {
-      const Mask dense = hn::Gt(load(sent.light_pdf, i), zero);
-      append(hn::IfThenElseZero(dense, exit.per_radiance), shadow_rays.per_radiance[0]);
+      const Mask from_far =
+          hn::And(hn::Gt(load(sent.light_pdf, i), zero), hn::Eq(exit.distance, set(kInfinity)));
+      append(hn::IfThenElseZero(from_far, exit.per_radiance), shadow_rays.per_radiance[0]);
     }
     const size_t phase_slots = wave.paths.control_phase.size();
     for (size_t s = 0; s < sent.score_slots.size(); ++s) {

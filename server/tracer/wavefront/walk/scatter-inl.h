@@ -125,12 +125,16 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
     store(hn::Add(load(paths.score_slots[s], i), score), paths.score_slots[s], i);
   }
   if (wave.refracts_shadow_rays) {
-    // Who leaves the medium goes on to light far away, if to any: others than that end at none.
+    // For light that the walk meets next.
     Floats passing = set(1.0F);
+    Vectors to_light = direction;
     if (wave.boundary_is_delta) {
       passing = hn::Sub(passing, transmit(wave.scene.boundary, vertices.crossing).reflected);
+    } else {
+      to_light = redraw(wave.scene.lights, load(paths.rays.position, i), direction,
+                        scattered_at(paths, i));
     }
-    const Floats odds = refraction_odds(wave, i, direction, passing);
+    const Floats odds = refraction_odds(wave, i, to_light, passing);
     store(hn::IfThenElseZero(where, odds), paths.odds[0], i);
   }
   const Uints toggled =

@@ -96,22 +96,21 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   // pdf / (pdf + walk_pdf). Deltas have no pdf: what they bring is as it is.
   const Floats phase_pdf =
       wave.switches.techniques == Switches::Techniques::kBoth ? walk_pdf : zero;
-  Floats pdf_sum =
-      hn::IfThenElse(hn::Gt(light.pdf, zero), hn::Add(light.pdf, phase_pdf), set(1.0F));
+  Floats pdf_sum = hn::IfThenElse(light.dense(), hn::Add(light.pdf, phase_pdf), set(1.0F));
   if (wave.refracts_shadow_rays && vertices.any_at_boundary) {
     LightSamples from_scattering = light;
     if (shadow_rays.rays.bounded) {
       from_scattering = seen_from(wave.scene.lights, scattered_at(paths, i), drawn, light);
     }
     const Floats odds = refraction_odds(wave, i, from_scattering.direction, set(1.0F));
-    const Floats light_pdf = hn::IfThenElse(hn::Gt(light.pdf, zero), light.pdf, set(1.0F));
+    const Floats light_pdf = hn::IfThenElse(light.dense(), light.pdf, set(1.0F));
     pdf_sum = hn::Add(pdf_sum, hn::IfThenElseZero(vertices.at_boundary, hn::Mul(odds, light_pdf)));
   }
   const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), pdf_sum);
   // What decides whether it is sent. For a gradient in a panorama, dark places count as well.
   Floats worth = undimmed, per_radiance = zero;
   if (wave.differentiated_map != nullptr) {
-    per_radiance = hn::IfThenElseZero(hn::Gt(light.pdf, zero), hn::Div(value, pdf_sum));
+    per_radiance = hn::IfThenElseZero(light.from_far(), hn::Div(value, pdf_sum));
     worth = hn::Max(worth, hn::Mul(per_radiance, set(wave.mean_radiance())));
   }
   const Floats importance = hn::Mul(path_importance(paths, i), worth);

@@ -97,6 +97,7 @@ struct Wavefront {
     paths.d_reflectance.resize(reflecting.size());
     paths.d_light.resize(differentiated_lights.size());
     shadow_rays.parts_of_lights.resize(differentiated_lights.size());
+    paths.rays.bounded = compiled.lights.has_lamps();
     shadow_rays.rays.bounded = compiled.lights.has_near();
     if (refracts_shadow_rays) {
       paths.scattered_at.resize(3);
@@ -143,8 +144,7 @@ struct Wavefront {
   Crossings* at_boundary() { return stops_at_boundary ? &crossings : nullptr; }
 };
 
-// The parts of radiance that are due to some descriptions of lights: who `sample` and `emission`
-// tell.
+// The parts of radiance that are due to some descriptions of lights: who `sample` and `look` tell.
 struct LightParts {
   explicit LightParts(const std::vector<size_t>& of) : numbers(of) {
     for (size_t l = 0; l < numbers.size(); ++l) {
@@ -165,14 +165,13 @@ struct LightParts {
 
   const std::vector<size_t>& numbers;
   Floats radiance[kMaxDerivatives];
-  Mask chosen[kMaxDerivatives];  // where it is a delta that is drawn
+  Mask chosen[kMaxDerivatives];  // where it is a delta or a lamp, and is drawn
 };
 
 // What is due to the l-th light that derivatives are asked for in, of the radiance of samples.
 HWY_INLINE Floats part_of_light(const LightSamples& light, const LightParts& parts, size_t l) {
-  const Mask dense = hn::Gt(light.pdf, hn::Zero(FloatTag()));
   return hn::IfThenElse(parts.chosen[l], light.radiance,
-                        hn::IfThenElseZero(dense, parts.radiance[l]));
+                        hn::IfThenElseZero(light.from_far(), parts.radiance[l]));
 }
 
 // Of a ray that carries this importance without the medium's dimming: the optical depth through
