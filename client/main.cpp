@@ -16,6 +16,7 @@ int main(int argc, char** argv) {
     itn::add_merge_command(app);
     itn::add_shapes_command(app);
     itn::add_materials_command(app);
+    itn::add_import_command(app);
     itn::add_probe_command(app);
     itn::add_completion_command(app);
   });

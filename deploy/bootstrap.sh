@@ -13,6 +13,8 @@ packages=(
   libembree-dev libhwy-dev libeigen3-dev
   # Random shapes
   libmeshoptimizer-dev
+  # Scenes of other programs
+  libpugixml-dev
   # Learning; without an optimised BLAS, LibTorch is some thirty times slower
   libtorch-dev libopenblas0-pthread libopencv-imgproc-dev
   # Images
@@ -20,7 +22,7 @@ packages=(
   # Command line and logs
   libcli11-dev libfmt-dev libspdlog-dev
   # Tests
-  libgtest-dev libgmock-dev libpugixml-dev clang-format clang-tidy
+  libgtest-dev libgmock-dev clang-format clang-tidy
   # Pages of the manual
   help2man
   # Certificates for tests and trials

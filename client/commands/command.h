@@ -15,6 +15,7 @@ namespace itn {
 void add_render_command(CLI::App& app);
 void add_shapes_command(CLI::App& app);
 void add_materials_command(CLI::App& app);
+void add_import_command(CLI::App& app);
 void add_probe_command(CLI::App& app);
 void add_dataset_command(CLI::App& app);
 void add_models_command(CLI::App& app);

@@ -85,6 +85,7 @@ enter_virtual_environment(ARGUMENTS.venv, "numpy")
 
 import mitsuba as mi  # noqa: E402
 import numpy as np  # noqa: E402
+from welch import z_of_difference  # noqa: E402
 
 GRAY = len(ARGUMENTS.materials) == 1
 mi.set_variant("llvm_ad_mono" if GRAY else "llvm_ad_rgb")
@@ -202,20 +203,6 @@ class Mitsuba:
 
 
 FINE, COARSE = 1000., 0.25  # units per mm: hardly any offset, and a larger one
-
-
-def z_of_difference(a, b):
-    """Of the means of independent runs (first axis), as a standard normal variable.
-
-    Welch's t-test with Satterthwaite's degrees of freedom; t to z after D. L. Wallace, "Bounds on
-    normal approximations to Student's and the chi-square distributions", 1959."""
-    parts = [values.var(axis=0, ddof=1) / len(values) for values in (a, b)]
-    variance = sum(parts)
-    freedom = variance ** 2 / sum(part ** 2 / (len(values) - 1)
-                                  for part, values in zip(parts, (a, b)))
-    t = (a.mean(axis=0) - b.mean(axis=0)) / np.sqrt(variance)
-    return (np.sign(t) * (8 * freedom + 1) / (8 * freedom + 3)
-            * np.sqrt(freedom * np.log1p(t ** 2 / freedom)))
 
 
 def render_both():

@@ -104,6 +104,7 @@ import drjit as dr  # noqa: E402
 import grpc  # noqa: E402
 import mitsuba as mi  # noqa: E402
 import numpy as np  # noqa: E402
+from welch import z_of_sum  # noqa: E402
 
 mi.set_variant("llvm_ad_mono")
 sys.path.insert(0, str(ROOT / "client/examples"))
@@ -519,21 +520,6 @@ def measure(itn, fine, coarse):
     return {key: Measurement(np.array([values for values, _ in kept]),
                              statistics.mean(seconds for _, seconds in kept))
             for key, (_, *kept) in runs.items()}
-
-
-def z_of_sum(terms):
-    """How far sum_i factor_i * mean_i is from 0, as a standard normal variable.
-
-    Welch's t-test with Satterthwaite's degrees of freedom; t to z after D. L. Wallace, "Bounds on
-    normal approximations to Student's and the chi-square distributions", 1959."""
-    total = sum(factor * values.mean(axis=0) for factor, values in terms)
-    parts = [(factor ** 2 * values.var(axis=0, ddof=1) / len(values), len(values) - 1)
-             for factor, values in terms]
-    variance = sum(v for v, _ in parts)
-    freedom = variance ** 2 / sum(v ** 2 / n for v, n in parts)
-    t = total / np.sqrt(variance)
-    return (np.sign(t) * (8 * freedom + 1) / (8 * freedom + 3)
-            * np.sqrt(freedom * np.log1p(t ** 2 / freedom)))
 
 
 def tiles(target):

@@ -1,0 +1,107 @@
+// itn import: scenes of other programs as ours.
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <string>
+
+#include "client/commands/command.h"
+#include "client/commands/options.h"
+#include "client/import/import_mitsuba.h"
+#include "client/output.h"
+#include "common/files/atomic_file.h"
+#include "common/scene/scene_file.h"
+#include "common/scene/text_proto.h"
+
+namespace itn {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ImportFlags {
+  std::string input, output;
+  ImportOptions options;
+};
+
+// What renders it.
+std::string command_of(const ImportedScene& imported, const fs::path& output) {
+  std::string text = fmt::format("itn render {} -o {}", output.string(),
+                                 fs::path(output).replace_extension("exr").string());
+  if (imported.medium) {
+    const auto& [r, g, b] = *imported.medium;
+    const auto flag = [&](const char* name, double Material::*member) {
+      text +=
+          r.*member == g.*member && g.*member == b.*member
+              ? fmt::format(" --{} {:.6g}", name, r.*member)
+              : fmt::format(" --{} {:.6g},{:.6g},{:.6g}", name, r.*member, g.*member, b.*member);
+    };
+    flag("sigma-t", &Material::sigma_t);
+    flag("albedo", &Material::albedo);
+    flag("g", &Material::g);
+  }
+  if (imported.samples > 0) text += fmt::format(" --spp {}", imported.samples);
+  return text;
+}
+
+void run_import(ImportFlags flags) {
+  check_writable(flags.output);
+  require_no_input("--output", flags.output, {flags.input});
+  flags.options.output_folder = fs::path(flags.output).parent_path();
+  const ImportedScene imported = import_mitsuba(flags.input, flags.options);
+  std::string notes;
+  for (const std::string& note : imported.not_carried_over) notes += fmt::format("  {}\n", note);
+  const std::string command = command_of(imported, flags.output);
+
+  std::string text =
+      fmt::format("From {}.\n{}\n", fs::path(flags.input).filename().string(), command);
+  if (!notes.empty()) text += "Not carried over:\n" + notes;
+  std::string comment;
+  for (size_t at = 0; at < text.size(); at = text.find('\n', at) + 1) {
+    comment += fmt::format("# {}\n", text.substr(at, text.find('\n', at) - at));
+  }
+  write_file_atomically(flags.output, comment + to_text_proto(imported.scene));
+
+  const v1::Scene& scene = imported.scene;
+  print_result("{}: {} x {} pixels, {}, {} surfaces, {} lights\n", flags.output,
+               scene.film().width(), scene.film().height(),
+               scene.has_object() ? "an object" : "no object", scene.surfaces_size(),
+               scene.lights_size());
+  if (!notes.empty()) print_result("not carried over:\n{}", notes);
+  print_result("render it: {}\n", command);
+  try {
+    load_scene(flags.output);
+  } catch (const Error& error) {
+    spdlog::warn("it cannot be rendered yet: {}", error.what());
+  }
+}
+
+}  // namespace
+
+void add_import_command(CLI::App& app) {
+  const auto flags = std::make_shared<ImportFlags>();
+  CLI::App* command = app.add_subcommand(
+      "import",
+      "Make a scene file from a scene of Mitsuba 0.6 or 3. Prints what renders it, with the medium "
+      "of the file, and what has no counterpart here");
+  command->add_option("scene", flags->input, "XML file of Mitsuba")->required();
+  command->add_option("-o,--output", flags->output, "Scene file to write")->required();
+  add_scene_unit_flag(*command, flags->options.mm_per_scene_unit);
+  const std::map<std::string, v1::Film::Channel> channels{{"luminance", v1::Film::LUMINANCE},
+                                                          {"red", v1::Film::RED},
+                                                          {"green", v1::Film::GREEN},
+                                                          {"blue", v1::Film::BLUE}};
+  command
+      ->add_option_function<std::string>(
+          "--channel",
+          [flags, channels](const std::string& name) {
+            flags->options.channel = channels.at(name);
+          },
+          "What of colours is taken: luminance, red, green or blue")
+      ->check(CLI::IsMember({"luminance", "red", "green", "blue"}))
+      ->default_str("luminance");
+  command->callback([flags] { run_import(*flags); });
+}
+
+}  // namespace itn

@@ -1,0 +1,587 @@
+#include "client/import/import_mitsuba.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <set>
+#include <utility>
+
+#include "client/import/mitsuba_xml.h"
+#include "common/angle.h"
+#include "common/error.h"
+#include "common/measured_media.h"
+
+namespace itn {
+namespace {
+
+namespace fs = std::filesystem;
+
+using Colour = std::array<double, 3>;
+using Eigen::Affine3d;
+using Eigen::Vector3d;
+
+// Indices of refraction by Mitsuba's names, at 589 nm; after its documentation.
+const std::map<std::string, double>& named_indices() {
+  static const std::map<std::string, double> indices{
+      {"vacuum", 1.0},      {"helium", 1.000036},        {"hydrogen", 1.000132},
+      {"air", 1.000277},    {"carbon dioxide", 1.00045}, {"water", 1.3330},
+      {"acetone", 1.36},    {"ethanol", 1.361},          {"carbon tetrachloride", 1.461},
+      {"glycerol", 1.4729}, {"benzene", 1.501},          {"silicone oil", 1.52045},
+      {"bromine", 1.661},   {"water ice", 1.31},         {"fused quartz", 1.458},
+      {"pyrex", 1.470},     {"acrylic glass", 1.49},     {"polypropylene", 1.49},
+      {"bk7", 1.5046},      {"sodium chloride", 1.544},  {"amber", 1.55},
+      {"pet", 1.5750},      {"diamond", 2.419}};
+  return indices;
+}
+
+// What Mitsuba has beside the scene: how to render it, which every program decides by itself.
+bool is_about_rendering(const MitsubaPlugin& plugin) {
+  static const std::set<std::string> tags{"integrator", "sampler", "rfilter"};
+  return tags.contains(plugin.tag);
+}
+
+class Importer {
+ public:
+  Importer(const fs::path& path, const ImportOptions& options)
+      : options_(options), folder_(path.parent_path()), file_(read_mitsuba(path)) {
+    world_ = Eigen::Scaling(options.mm_per_scene_unit) * upright();
+  }
+
+  ImportedScene run() {
+    const MitsubaPlugin& scene = *file_.scene;
+    scene.used = true;
+    for (const auto& child : scene.children) {
+      if (child->tag == "shape") {
+        child->used = true;
+        add_shape(*child);
+      } else if (child->tag == "emitter" || child->tag == "luminaire") {
+        child->used = true;
+        add_emitter(*child);
+      } else if (child->tag == "sensor" || child->tag == "camera") {
+        if (result_.scene.has_camera()) {
+          leave(*child, "there is a camera already");
+        } else {
+          add_camera(*child);
+        }
+      } else if (child->tag == "integrator" && child->number("max_depth", -1) >= 0) {
+        leave(*child, "max_depth: paths of all lengths are followed here");
+      }
+    }
+    if (!result_.scene.has_camera()) {
+      throw invalid_input(scene.place + ": no <sensor>; a scene here needs a camera");
+    }
+    if (!result_.scene.has_object()) {
+      leave(scene, "no shape has a medium in it; `object` of the scene file is to be written");
+    }
+    if (result_.scene.lights().empty()) {
+      leave(scene, "nothing shines; `lights` of the scene file are to be written");
+    }
+    leave_unused(scene);
+    return std::move(result_);
+  }
+
+ private:
+  void leave(const MitsubaPlugin& what, const std::string& why) {
+    const std::string note = fmt::format("{}: {}", what.place, why);
+    if (std::ranges::find(result_.not_carried_over, note) == result_.not_carried_over.end()) {
+      result_.not_carried_over.push_back(note);
+    }
+  }
+
+  // All that nobody read, of what was.
+  void leave_unused(const MitsubaPlugin& plugin) {
+    if (is_about_rendering(plugin)) return;
+    for (const auto& [name, property] : plugin.properties) {
+      if (!property.used) leave(plugin, name + " was not carried over");
+    }
+    for (const auto& child : plugin.children) {
+      if (child->used) {
+        leave_unused(*child);
+      } else if (!is_about_rendering(*child) && child->tag != "bsdf" && child->tag != "medium" &&
+                 child->tag != "texture") {
+        leave(*child, "was not carried over");
+      }
+    }
+  }
+
+  // The world turned so that skies stand over +y: Mitsuba 3's own stand over +z, others over +y, of
+  // coordinates that a transform turns.
+  Affine3d upright() const {
+    for (const auto& child : file_.scene->children) {
+      static const std::set<std::string> skies{"sky", "sun", "sunsky", "envmap"};
+      if (child->tag != "emitter" || !skies.contains(child->type)) continue;
+      const Vector3d zenith = child->transform("to_world").linear() * zenith_of(*child);
+      return Affine3d(Eigen::Quaterniond::FromTwoVectors(zenith, Vector3d::UnitY()));
+    }
+    return Affine3d::Identity();
+  }
+  Vector3d zenith_of(const MitsubaPlugin& emitter) const {
+    return file_.is_3 && emitter.type != "envmap" ? Vector3d::UnitZ() : Vector3d::UnitY();
+  }
+
+  // A number for a colour.
+  double pick(const Colour& colour, const MitsubaPlugin& of) {
+    if (options_.channel != v1::Film::LUMINANCE) {
+      return colour[static_cast<size_t>(options_.channel - v1::Film::RED)];
+    }
+    if (colour[0] != colour[1] || colour[1] != colour[2]) {
+      leave(of, "its colour: the luminance was taken; --channel takes R, G or B");
+    }
+    return 0.2126 * colour[0] + 0.7152 * colour[1] + 0.0722 * colour[2];
+  }
+
+  static void set(v1::Vec3& to, const Vector3d& v) {
+    to.set_x(static_cast<float>(v.x()));
+    to.set_y(static_cast<float>(v.y()));
+    to.set_z(static_cast<float>(v.z()));
+  }
+  Affine3d to_world(const MitsubaPlugin& plugin) const {
+    return world_ * plugin.transform("to_world");
+  }
+
+  std::string path_of(const MitsubaPlugin& plugin) {
+    const fs::path name = plugin.text("filename", "");
+    if (name.empty()) throw invalid_input(plugin.place + ": no filename");
+    const fs::path from =
+        fs::absolute(options_.output_folder.empty() ? "." : options_.output_folder);
+    return fs::absolute(folder_ / name)
+        .lexically_normal()
+        .lexically_proximate(from)
+        .generic_string();
+  }
+
+  // Shapes.
+
+  // False if the shape has no counterpart.
+  bool set_mesh(v1::Mesh& mesh, const MitsubaPlugin& shape) {
+    Affine3d transform = to_world(shape);
+    if (shape.type == "cube" || shape.type == "sphere") {
+      // Ours are 1 mm wide, and stand on y = 0.
+      mesh.set_builtin(shape.type);
+      const Vector3d middle =
+          shape.type == "sphere" ? shape.vector("center", Vector3d::Zero()) : Vector3d::Zero();
+      transform = transform * Eigen::Translation3d(middle) *
+                  Eigen::Scaling(2 * shape.number("radius", 1)) * Eigen::Translation3d(0, -0.5, 0);
+      if (shape.type == "sphere") leave(shape, "is a mesh of 20480 triangles here");
+    } else if (shape.type == "ply" || shape.type == "obj" || shape.type == "stl") {
+      mesh.set_path(path_of(shape));
+    } else {
+      return false;
+    }
+    if (!(transform.linear().determinant() > 0)) {
+      throw invalid_input(shape.place + ": its to_world is a mirror image, or flat");
+    }
+    v1::Matrix& matrix = *mesh.add_transforms()->mutable_matrix();
+    for (Eigen::Index i = 0; i < 16; ++i) {
+      matrix.add_m(static_cast<float>(transform.matrix()(i / 4, i % 4)));
+    }
+    return true;
+  }
+
+  // That which the plugins in `wrappers` stand around, if any.
+  static const MitsubaPlugin* unwrapped_bsdf(const MitsubaPlugin& shape) {
+    static const std::set<std::string> wrappers{"twosided", "mask", "bumpmap", "normalmap"};
+    const MitsubaPlugin* bsdf = shape.child("bsdf");
+    while (bsdf && wrappers.contains(bsdf->type)) bsdf = bsdf->child("bsdf");
+    return bsdf;
+  }
+
+  void add_shape(const MitsubaPlugin& shape) {
+    shape.text("face_normals", "");
+    if (const MitsubaPlugin* const medium = shape.child("medium", "interior")) {
+      if (result_.scene.has_object()) {
+        leave(shape, "there is an object already; a scene here has one of them");
+      } else {
+        add_object(shape, *medium);
+      }
+    } else if (const MitsubaPlugin* const emitter = shape.child("emitter")) {
+      add_lamp(shape, *emitter);
+    } else {
+      add_surface(shape);
+    }
+  }
+
+  void add_object(const MitsubaPlugin& shape, const MitsubaPlugin& medium) {
+    v1::Object& object = *result_.scene.mutable_object();
+    if (!set_mesh(*object.mutable_mesh(), shape)) {
+      throw invalid_input(
+          fmt::format("{}: the medium is in a shape that has no counterpart; ply, obj, stl, cube "
+                      "and sphere have",
+                      shape.place));
+    }
+    if (object.mesh().has_path()) object.mutable_mesh()->set_repair(true);
+    set_boundary(object, shape);
+    set_medium(medium);
+  }
+
+  double index_of(const MitsubaPlugin& bsdf, const std::string& property,
+                  const std::string& otherwise) const {
+    if (!bsdf.has(property)) return named_indices().at(otherwise);
+    const auto named = named_indices().find(bsdf.text(property, ""));
+    return named != named_indices().end() ? named->second : bsdf.number(property, 1);
+  }
+
+  void set_boundary(v1::Object& object, const MitsubaPlugin& shape) {
+    const MitsubaPlugin* const bsdf = unwrapped_bsdf(shape);
+    if (!bsdf || bsdf->type == "null") return;
+    const bool smooth = bsdf->type == "dielectric";
+    if (!smooth && bsdf->type != "roughdielectric") {
+      leave(*bsdf,
+            "the boundary of the medium is index-matched here; dielectric and roughdielectric have "
+            "counterparts");
+      return;
+    }
+    const auto index =
+        static_cast<float>(index_of(*bsdf, "int_ior", "bk7") / index_of(*bsdf, "ext_ior", "air"));
+    if (smooth) {
+      object.mutable_dielectric()->set_index(index);
+    } else {
+      v1::RoughDielectric& rough = *object.mutable_rough_dielectric();
+      rough.set_index(index);
+      rough.set_roughness(static_cast<float>(bsdf->number("alpha", bsdf->number("alpha_u", 0.1))));
+      rough.set_single_scattering(true);
+      if (bsdf->text("distribution", "beckmann") != "ggx") {
+        leave(*bsdf, "its microfacets are of the distribution GGX here");
+      }
+    }
+    if (object.mesh().builtin() != "cube" && shape.text("face_normals", "false") != "true") {
+      object.set_smooth_angle_degrees(40);
+      leave(shape,
+            "normals of its vertices: triangles that meet under less than 40 degrees are smooth "
+            "here");
+    }
+  }
+
+  void set_medium(const MitsubaPlugin& medium) {
+    if (medium.type != "homogeneous") {
+      leave(medium, "only a homogeneous medium has a counterpart");
+      return;
+    }
+    const double scale = medium.number("scale", 1) / options_.mm_per_scene_unit;
+    if (medium.has("material")) {
+      set_measured_medium(medium, scale);
+      return;
+    }
+    std::array<Material, 3> material;
+    const Colour albedo = medium.colour("albedo", 0.75), sigma_t = medium.colour("sigma_t", 1);
+    const Colour sigma_s = medium.colour("sigma_s", 0), sigma_a = medium.colour("sigma_a", 0);
+    const bool by_parts = medium.has("sigma_s") || medium.has("sigma_a");
+    for (size_t c = 0; c < 3; ++c) {
+      Material& of = material[c];
+      of.sigma_t = by_parts ? sigma_s[c] + sigma_a[c] : sigma_t[c];
+      of.albedo = by_parts ? sigma_s[c] / of.sigma_t : albedo[c];
+      of.g = asymmetry_of(medium);
+      of.sigma_t *= scale;
+    }
+    result_.medium = material;
+  }
+
+  // Mitsuba 0.6 has those of Jensen and Narasimhan in 1/mm, under names of which ours are the small
+  // letters.
+  void set_measured_medium(const MitsubaPlugin& medium, double scale) {
+    std::string name = medium.text("material", "");
+    std::ranges::transform(name, name.begin(), [](unsigned char c) { return std::tolower(c); });
+    const bool known = std::ranges::any_of(
+        measured_media(), [&](const MeasuredMedium& each) { return each.name == name; });
+    if (known) {
+      result_.scene.mutable_object()->mutable_medium()->set_name(name);
+      if (scale != 1)
+        leave(medium, "its scale; `medium { object_size }` says how large the object is");
+    } else {
+      leave(medium,
+            fmt::format("the material \"{}\"; `itn materials` lists those that are here", name));
+    }
+  }
+
+  double asymmetry_of(const MitsubaPlugin& medium) {
+    const MitsubaPlugin* const phase = medium.child("phase");
+    if (!phase || phase->type == "isotropic") return medium.number("g", 0);
+    if (phase->type == "hg") return phase->number("g", 0.8);
+    leave(*phase, "scatters isotropically here; hg has a counterpart");
+    return 0;
+  }
+
+  void add_surface(const MitsubaPlugin& shape) {
+    v1::Surface surface;
+    if (shape.type == "rectangle") {
+      const Affine3d transform = to_world(shape);
+      v1::Rectangle& rectangle = *surface.mutable_rectangle();
+      set(*rectangle.mutable_center(), transform.translation());
+      set(*rectangle.mutable_half_u(), transform.linear().col(0));
+      set(*rectangle.mutable_half_v(), transform.linear().col(1));
+    } else if (!set_mesh(*surface.mutable_mesh(), shape)) {
+      leave(shape, "has no counterpart, and is not there");
+      return;
+    }
+    set_reflectance(surface, shape);
+    *result_.scene.add_surfaces() = surface;
+  }
+
+  void set_reflectance(v1::Surface& surface, const MitsubaPlugin& shape) {
+    const MitsubaPlugin* const bsdf = unwrapped_bsdf(shape);
+    if (!bsdf) {
+      surface.set_reflectance(0.5F);
+      return;
+    }
+    if (bsdf->type != "diffuse") leave(*bsdf, "is diffuse here");
+    constexpr std::array kNames{"reflectance", "diffuse_reflectance", "base_color"};
+    for (const std::string name : kNames) {
+      if (const MitsubaPlugin* const texture = bsdf->child("texture", name)) {
+        if (set_texture(surface, shape, *texture)) return;
+        leave(*texture, "is a reflectance of 0.5 here");
+      } else if (bsdf->has(name)) {
+        surface.set_reflectance(static_cast<float>(pick(bsdf->colour(name, 0.5), *bsdf)));
+        return;
+      }
+    }
+    surface.set_reflectance(0.5F);
+  }
+
+  // On a rectangle, whose texture coordinates go from 0 to 1 along its x and y.
+  bool set_texture(v1::Surface& surface, const MitsubaPlugin& shape, const MitsubaPlugin& texture) {
+    if (!surface.has_rectangle()) return false;
+    const Affine3d uv = texture.transform("to_uv");
+    const Vector3d per_side(uv.linear()(0, 0) * texture.number("uscale", 1),
+                            uv.linear()(1, 1) * texture.number("vscale", 1), 1);
+    const bool scales = uv.linear().isDiagonal() && uv.translation().isZero() && per_side.x() > 0 &&
+                        per_side.y() > 0;
+    if (!scales) leave(texture, "its to_uv; a scale has a counterpart");
+    const Affine3d transform = to_world(shape);
+    const Vector3d right = transform.linear().col(0) * 2 / (scales ? per_side.x() : 1);
+    const Vector3d up = transform.linear().col(1) * 2 / (scales ? per_side.y() : 1);
+    const Vector3d start = transform * Vector3d(-1, -1, 0);
+    if (texture.type == "bitmap") {
+      // The first row of its pixels is where v is 0.
+      v1::ImageReflectance& image = *surface.mutable_image();
+      image.set_path(path_of(texture));
+      set(*image.mutable_corner(), start + up);
+      set(*image.mutable_edge_u(), right);
+      set(*image.mutable_edge_v(), -up);
+      texture.text("filter_type", "");
+      return true;
+    }
+    if (texture.type != "checkerboard") return false;
+    v1::Checkerboard& board = *surface.mutable_checkerboard();
+    board.set_even(static_cast<float>(pick(texture.colour("color0", 0.4), texture)));
+    board.set_odd(static_cast<float>(pick(texture.colour("color1", 0.2), texture)));
+    set(*board.mutable_corner(), start);
+    set(*board.mutable_edge_u(), right / 2);
+    set(*board.mutable_edge_v(), up / 2);
+    return true;
+  }
+
+  // Lights.
+
+  void add_lamp(const MitsubaPlugin& shape, const MitsubaPlugin& emitter) {
+    const auto radiance = static_cast<float>(pick(emitter.colour("radiance", 1), emitter));
+    const Affine3d transform = to_world(shape);
+    if (shape.type == "rectangle") {
+      v1::PanelLight& panel = *result_.scene.add_lights()->mutable_panel();
+      set(*panel.mutable_center(), transform.translation());
+      set(*panel.mutable_half_u(), transform.linear().col(0));
+      set(*panel.mutable_half_v(), transform.linear().col(1));
+      panel.set_radiance(radiance);
+    } else if (shape.type == "sphere") {
+      v1::SphereLight& sphere = *result_.scene.add_lights()->mutable_sphere();
+      set(*sphere.mutable_center(), transform * shape.vector("center", Vector3d::Zero()));
+      sphere.set_radius(static_cast<float>(shape.number("radius", 1) *
+                                           std::cbrt(transform.linear().determinant())));
+      sphere.set_radiance(radiance);
+    } else {
+      leave(shape, "shines, and has no counterpart; rectangles and spheres have");
+      return;
+    }
+    if (const MitsubaPlugin* const bsdf = unwrapped_bsdf(shape))
+      leave(*bsdf, "a lamp is black here");
+  }
+
+  // From W/sr over scene units^2.
+  float intensity_of(const MitsubaPlugin& emitter) {
+    const double mm2_per_m2 = 1e6;
+    return static_cast<float>(pick(emitter.colour("intensity", 1), emitter) *
+                              std::pow(options_.mm_per_scene_unit, 2) / mm2_per_m2);
+  }
+
+  void add_emitter(const MitsubaPlugin& emitter) {
+    const Affine3d transform = to_world(emitter);
+    v1::Light light;
+    if (emitter.type == "constant") {
+      light.mutable_constant()->set_radiance(
+          static_cast<float>(pick(emitter.colour("radiance", 1), emitter)));
+    } else if (emitter.type == "envmap") {
+      v1::EnvironmentMap& map = *light.mutable_environment_map();
+      map.set_path(path_of(emitter));
+      map.set_scale(static_cast<float>(emitter.number("scale", 1)));
+      map.set_rotate_y_degrees(static_cast<float>(turn_of(emitter, transform, Vector3d::UnitZ())));
+    } else if (emitter.type == "directional") {
+      v1::DirectionalLight& sun = *light.mutable_directional();
+      const Vector3d along =
+          emitter.has("direction")
+              ? Vector3d(world_.linear() * emitter.vector("direction", Vector3d::UnitZ()))
+              : Vector3d(transform.linear().col(2));
+      set(*sun.mutable_direction(), -along.normalized());
+      sun.set_irradiance(static_cast<float>(pick(emitter.colour("irradiance", 1), emitter)));
+    } else if (emitter.type == "point") {
+      set(*light.mutable_point()->mutable_position(),
+          transform * emitter.vector("position", Vector3d::Zero()));
+      light.mutable_point()->set_intensity(intensity_of(emitter));
+    } else if (emitter.type == "spot") {
+      const double cutoff = emitter.number("cutoff_angle", 20);
+      v1::SpotLight& spot = *light.mutable_spot();
+      set(*spot.mutable_position(), transform.translation());
+      set(*spot.mutable_target(), transform * Vector3d::UnitZ());
+      spot.set_intensity(intensity_of(emitter));
+      spot.set_outer_angle_degrees(static_cast<float>(cutoff));
+      spot.set_inner_angle_degrees(static_cast<float>(emitter.number("beam_width", 0.75 * cutoff)));
+      leave(emitter, "how it fades between its two angles differs");
+    } else if (emitter.type == "sunsky" || emitter.type == "sun" || emitter.type == "sky") {
+      set_sun_sky(*light.mutable_sun_sky(), emitter);
+    } else {
+      leave(emitter, "has no counterpart, and does not shine");
+      return;
+    }
+    *result_.scene.add_lights() = light;
+  }
+
+  // About +y, in degrees, of what it does to a direction that is level.
+  double turn_of(const MitsubaPlugin& emitter, const Affine3d& transform, const Vector3d& level) {
+    const Vector3d up = transform.linear() * zenith_of(emitter), to = transform.linear() * level;
+    if (!(up.normalized().y() > 1 - 1e-6))
+      leave(emitter, "stands askew beside another sky; that tilt");
+    if (transform.linear().determinant() < 0)
+      leave(emitter, "is a mirror image; that it is mirrored");
+    return std::atan2(to.x(), to.z()) / kRadiansPerDegree;
+  }
+
+  void set_sun_sky(v1::SunSky& sky, const MitsubaPlugin& emitter) {
+    sky.set_turbidity(static_cast<float>(emitter.number("turbidity", 3)));
+    sky.set_ground_albedo(
+        static_cast<float>(pick(emitter.colour("albedo", file_.is_3 ? 0.3 : 0.15), emitter)));
+    const bool by_direction = emitter.has("sun_direction");
+    if (by_direction) {  // in the world's coordinates, whatever to_world is
+      const Vector3d to =
+          (world_.linear() * emitter.vector("sun_direction", Vector3d::UnitY())).normalized();
+      sky.set_sun_elevation_degrees(
+          static_cast<float>(std::max(0.0, std::asin(to.y()) / kRadiansPerDegree)));
+      sky.set_sun_azimuth_degrees(
+          static_cast<float>(std::atan2(to.x(), -to.z()) / kRadiansPerDegree));
+    } else {
+      leave(emitter,
+            "the sun's place by time and latitude: write sun_elevation_degrees and "
+            "sun_azimuth_degrees");
+    }
+    // The model's radiance over the sum of CIE's curve y, which Mitsuba divides it by.
+    constexpr double kSumOfY = 106.856980;
+    const double scale = emitter.number("scale", 1) / kSumOfY;
+    const double sun_scale = scale * emitter.number("sun_scale", 1);
+    const double sky_scale = scale * emitter.number("sky_scale", 1);
+    sky.set_sun_scale(emitter.type == "sky" ? 0 : static_cast<float>(sun_scale));
+    sky.set_sky_scale(emitter.type == "sun" ? 0 : static_cast<float>(sky_scale));
+    if (sky.sun_scale() == 0) return;
+    const double degrees = 0.2665 * emitter.number("sun_radius_scale", 1);
+    sky.set_sun_angular_radius_degrees(
+        static_cast<float>(std::max(0.1, emitter.number("sun_aperture", 2 * degrees) / 2)));
+    leave(emitter, "its sun: of another model here, and about 0.7 times as bright");
+  }
+
+  // The camera.
+
+  void add_camera(const MitsubaPlugin& sensor) {
+    sensor.used = true;
+    if (sensor.type != "perspective" && sensor.type != "thinlens") {
+      throw invalid_input(fmt::format("{}: a camera here is a pinhole: perspective", sensor.place));
+    }
+    if (sensor.type == "thinlens") leave(sensor, "everything is in focus here");
+    const Affine3d transform = to_world(sensor);
+    const Eigen::Matrix3d axes = transform.linear();
+    if (axes.determinant() < 0) leave(sensor, "it mirrors its image; that it does");
+    v1::Camera& camera = *result_.scene.mutable_camera();
+    set(*camera.mutable_origin(), transform.translation());
+    set(*camera.mutable_target(),
+        transform.translation() + axes.col(2).normalized() * options_.mm_per_scene_unit);
+    set(*camera.mutable_up(), axes.col(1).normalized());
+    camera.set_principal_x(static_cast<float>(0.5 - sensor.number("principal_point_offset_x", 0)));
+    camera.set_principal_y(static_cast<float>(0.5 - sensor.number("principal_point_offset_y", 0)));
+    for (const char* const name : {"near_clip", "far_clip", "focus_distance"})
+      sensor.number(name, 0);
+
+    const MitsubaPlugin* film = sensor.child("film");
+    static const MitsubaPlugin kDefaults;
+    if (!film) film = &kDefaults;
+    const double width = film->number("width", 768), height = film->number("height", 576);
+    const double left = film->number("crop_offset_x", 0), top = film->number("crop_offset_y", 0);
+    const double cropped_width = film->number("crop_width", width),
+                 cropped_height = film->number("crop_height", height);
+    if (!(width >= 1 && height >= 1 && cropped_width >= 1 && cropped_height >= 1)) {
+      throw invalid_input(film->place + ": a film of no pixels");
+    }
+    for (const char* const name : {"pixel_format", "component_format", "file_format", "banner",
+                                   "gamma", "variable", "attach_log", "sample_border"}) {
+      film->text(name, "");
+    }
+    result_.scene.mutable_film()->set_width(static_cast<uint32_t>(cropped_width));
+    result_.scene.mutable_film()->set_height(static_cast<uint32_t>(cropped_height));
+    result_.scene.mutable_film()->set_channel(options_.channel);
+    if (cropped_width != width || cropped_height != height) {
+      v1::Crop& crop = *camera.mutable_crop();
+      crop.set_left(static_cast<float>(left / width));
+      crop.set_top(static_cast<float>(top / height));
+      crop.set_right(static_cast<float>((left + cropped_width) / width));
+      crop.set_bottom(static_cast<float>((top + cropped_height) / height));
+    }
+    camera.set_fov_degrees(static_cast<float>(horizontal_fov(sensor, width, height)));
+    if (const MitsubaPlugin* const sampler = sensor.child("sampler")) {
+      result_.samples =
+          static_cast<uint32_t>(std::clamp(sampler->number("sample_count", 0), 0.0, 1e6));
+    }
+  }
+
+  // In degrees.
+  static double horizontal_fov(const MitsubaPlugin& sensor, double width, double height) {
+    std::string axis = sensor.text("fov_axis", "x");
+    double half = 0;  // tangent of half of the angle
+    if (sensor.has("focal_length")) {
+      // In mm, of a film of 36 x 24 mm, whose diagonal counts.
+      std::string text = sensor.text("focal_length", "");
+      if (text.ends_with("mm")) text.resize(text.size() - 2);
+      double length = 0;
+      std::from_chars(text.data(), text.data() + text.size(), length);
+      if (!(length > 0)) {
+        throw invalid_input(
+            fmt::format("{}: focal_length is \"{}\"; it must be above 0, as \"50mm\"", sensor.place,
+                        sensor.text("focal_length", "")));
+      }
+      half = std::hypot(36, 24) / (2 * length);
+      axis = "diagonal";
+    } else {
+      half = std::tan(sensor.number("fov", 0) / 2 * kRadiansPerDegree);
+      if (!(half > 0))
+        throw invalid_input(sensor.place + ": fov must be above 0 and below 180 degrees");
+    }
+    if (axis == "smaller") axis = width < height ? "x" : "y";
+    if (axis == "larger") axis = width < height ? "y" : "x";
+    if (axis == "y") half *= width / height;
+    if (axis == "diagonal") half *= width / std::hypot(width, height);
+    return 2 * std::atan(half) / kRadiansPerDegree;
+  }
+
+  const ImportOptions& options_;
+  const fs::path folder_;
+  const MitsubaFile file_;
+  Affine3d world_;  // from the coordinates of the file to ours, in mm
+  ImportedScene result_;
+};
+
+}  // namespace
+
+ImportedScene import_mitsuba(const fs::path& path, const ImportOptions& options) {
+  return Importer(path, options).run();
+}
+
+}  // namespace itn

@@ -1,0 +1,33 @@
+// Scenes of Mitsuba 0.6 and 3 as ours.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/material.h"
+#include "itn/v1/scene.pb.h"
+
+namespace itn {
+
+struct ImportOptions {
+  double mm_per_scene_unit = 1;
+  // What of a colour becomes a number of ours: its luminance, or R, G or B.
+  v1::Film::Channel channel = v1::Film::LUMINANCE;
+  std::filesystem::path output_folder;  // what paths of the scene are relative to
+};
+
+struct ImportedScene {
+  v1::Scene scene;
+  std::optional<std::array<Material, 3>> medium;  // of R, G and B, in 1/mm
+  uint32_t samples = 0;                           // per pixel; 0: the file does not say
+  std::vector<std::string> not_carried_over;      // a sentence each
+};
+
+// Throws Error: kIo, kInvalidInput (with file and place): no XML, no camera, a value that cannot be
+// read. What has no counterpart here is said in `not_carried_over`.
+ImportedScene import_mitsuba(const std::filesystem::path& path, const ImportOptions& options);
+
+}  // namespace itn

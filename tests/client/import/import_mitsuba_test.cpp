@@ -1,0 +1,273 @@
+#include "client/import/import_mitsuba.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+
+#include "common/scene/text_proto.h"
+#include "tests/support/expect_error.h"
+#include "tests/support/temporary_folder.h"
+
+namespace itn {
+namespace {
+
+using ::testing::Contains;
+using ::testing::ElementsAre;
+using testing::expect_error;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+class ImportMitsuba : public ::testing::Test {
+ protected:
+  ImportedScene import(const std::string& body, const char* version = "3.0.0") const {
+    const auto file = folder_.write(
+        "scene.xml", "<scene version=\"" + std::string(version) + "\">" + body + "</scene>");
+    ImportOptions options = options_;
+    options.output_folder = folder_.path();
+    return import_mitsuba(file, options);
+  }
+  void refuses(const std::string& body, const std::vector<std::string>& parts) const {
+    expect_error(ErrorKind::kInvalidInput, parts, [&] { import(body + kSensor); });
+  }
+
+  static constexpr const char* kSensor =
+      "<sensor type=\"perspective\"><float name=\"fov\" value=\"30\"/></sensor>";
+  testing::TemporaryFolder folder_;
+  ImportOptions options_;
+};
+
+template <typename Message>
+Message from_text(const std::string& text) {
+  Message message;
+  parse_text_proto(text, "expected", message);
+  return message;
+}
+// As text, to six digits or so of what floats hold.
+void expect_near(const v1::Vec3& a, double x, double y, double z) {
+  EXPECT_NEAR(a.x(), x, 1e-5);
+  EXPECT_NEAR(a.y(), y, 1e-5);
+  EXPECT_NEAR(a.z(), z, 1e-5);
+}
+
+TEST_F(ImportMitsuba, ReadsTheObjectAndItsMedium) {
+  options_.mm_per_scene_unit = 10;
+  const ImportedScene imported = import(std::string(R"(
+      <default name="depth" value="4"/>
+      <medium type="homogeneous" id="wax">
+        <rgb name="albedo" value="0.9, 0.8, 0.7"/><float name="sigma_t" value="$depth"/>
+        <float name="scale" value="5"/>
+        <phase type="hg"><float name="g" value="0.3"/></phase>
+      </medium>
+      <shape type="ply">
+        <string name="filename" value="meshes/thing.ply"/>
+        <transform name="to_world"><scale value="2"/><translate x="1" y="0.5"/></transform>
+        <bsdf type="roughdielectric">
+          <string name="distribution" value="ggx"/><float name="alpha" value="0.2"/>
+          <string name="int_ior" value="water"/><float name="ext_ior" value="1"/>
+        </bsdf>
+        <boolean name="face_normals" value="true"/>
+        <ref id="wax" name="interior"/>
+      </shape>
+      <emitter type="constant"/>)") + kSensor);
+  EXPECT_EQ(to_text_proto(imported.scene.object()), to_text_proto(from_text<v1::Object>(R"(
+      mesh {
+        path: "meshes/thing.ply"
+        transforms {
+          matrix { m: 20 m: 0 m: 0 m: 10 m: 0 m: 20 m: 0 m: 5 m: 0 m: 0 m: 20 m: 0 m: 0 m: 0 m: 0 m: 1 }
+        }
+        repair: true
+      }
+      rough_dielectric { index: 1.333 roughness: 0.2 single_scattering: true })")));
+  ASSERT_TRUE(imported.medium);
+  EXPECT_NEAR((*imported.medium)[1].sigma_t, 2, 1e-12);  // 20 in a scene unit, which is 10 mm
+  EXPECT_NEAR((*imported.medium)[2].albedo, 0.7, 1e-12);
+  EXPECT_NEAR((*imported.medium)[0].g, 0.3, 1e-12);
+  EXPECT_EQ(imported.scene.lights(0).constant().radiance(), 1);
+  EXPECT_THAT(imported.not_carried_over, IsEmpty());
+}
+
+// With the names and the coefficients that 0.6 has.
+TEST_F(ImportMitsuba, ReadsOldNames) {
+  const ImportedScene imported = import(R"(
+      <shape type="cube">
+        <transform name="toWorld"><matrix value="0 0 1 0  0 1 0 1  -1 0 0 0  0 0 0 1"/></transform>
+        <medium type="homogeneous" name="interior">
+          <spectrum name="sigmaS" value="3"/><spectrum name="sigmaA" value="1"/>
+        </medium>
+      </shape>
+      <emitter type="sunsky">
+        <vector name="sunDirection" x="1" y="1" z="0"/><float name="sunRadiusScale" value="20"/>
+      </emitter>
+      <sensor type="perspective">
+        <string name="focalLength" value="60mm"/>
+        <transform name="toWorld"><lookat origin="0, 1, 5" target="0, 1, 0" up="0, 1, 0"/></transform>
+        <sampler type="ldsampler"><integer name="sampleCount" value="32"/></sampler>
+        <film type="hdrfilm">
+          <integer name="width" value="300"/><integer name="height" value="200"/>
+          <integer name="cropOffsetX" value="75"/><integer name="cropWidth" value="150"/>
+          <integer name="cropHeight" value="50"/>
+        </film>
+      </sensor>)",
+                                        "0.5.0");
+  const v1::Scene& scene = imported.scene;
+  EXPECT_EQ(scene.object().mesh().builtin(), "cube");
+  // Of 2 mm, around (0, 1, 0), turned by a quarter.
+  const auto& m = scene.object().mesh().transforms(0).matrix().m();
+  EXPECT_THAT(std::vector<float>(m.begin(), m.end()),
+              ElementsAre(0, 0, 2, 0, 0, 2, 0, 0, -2, 0, 0, 0, 0, 0, 0, 1));
+  ASSERT_TRUE(imported.medium);
+  EXPECT_EQ((*imported.medium)[0], (Material{4, 0.75, 0}));
+  const v1::SunSky& sky = scene.lights(0).sun_sky();
+  EXPECT_NEAR(sky.sun_elevation_degrees(), 45, 1e-4);
+  EXPECT_NEAR(sky.sun_azimuth_degrees(), 90, 1e-4);
+  EXPECT_NEAR(sky.sun_angular_radius_degrees(), 5.33, 1e-4);
+  EXPECT_NEAR(sky.sky_scale(), 1 / 106.85698, 1e-7);
+  const v1::Camera& camera = scene.camera();
+  expect_near(camera.origin(), 0, 1, 5);
+  expect_near(camera.target(), 0, 1, 4);
+  EXPECT_NEAR(std::tan(camera.fov_degrees() / 360 * M_PI),
+              std::hypot(36, 24) / 120 * 3 / std::sqrt(13), 1e-6);
+  EXPECT_EQ(to_text_proto(camera.crop()), "left: 0.25\ntop: 0\nright: 0.75\nbottom: 0.25\n");
+  EXPECT_EQ(scene.film().width(), 150);
+  EXPECT_EQ(scene.film().height(), 50);
+  EXPECT_EQ(imported.samples, 32);
+  EXPECT_THAT(imported.not_carried_over, ElementsAre(HasSubstr("its sun: of another model")));
+}
+
+TEST_F(ImportMitsuba, ReadsSurfacesAndLamps) {
+  options_.mm_per_scene_unit = 10;
+  const ImportedScene imported = import(std::string(R"(
+      <bsdf type="twosided" id="board"><bsdf type="diffuse">
+        <texture type="checkerboard" name="reflectance">
+          <float name="color0" value="0.1"/><float name="color1" value="0.7"/>
+          <transform name="to_uv"><scale x="4" y="2"/></transform>
+        </texture></bsdf></bsdf>
+      <shape type="rectangle"><ref id="board"/>
+        <transform name="to_world"><rotate x="1" angle="-90"/></transform></shape>
+      <shape type="rectangle">
+        <bsdf type="diffuse"><texture type="bitmap" name="reflectance"><string name="filename" value="a.png"/></texture></bsdf>
+      </shape>
+      <shape type="sphere"><point name="center" x="1" y="2" z="3"/><float name="radius" value="0.5"/>
+        <emitter type="area"><float name="radiance" value="6"/></emitter></shape>
+      <shape type="rectangle"><emitter type="area"><rgb name="radiance" value="1, 2, 3"/></emitter></shape>
+      <shape type="disk"/>
+      <emitter type="point"><point name="position" value="0, 1, 0"/><float name="intensity" value="3"/></emitter>
+      <emitter type="directional"><vector name="direction" value="0, -2, 0"/></emitter>)") +
+                                        kSensor);
+  const v1::Scene& scene = imported.scene;
+  ASSERT_EQ(scene.surfaces_size(), 2);
+  const v1::Checkerboard& board = scene.surfaces(0).checkerboard();
+  expect_near(scene.surfaces(0).rectangle().half_v(), 0, 0, -10);
+  expect_near(board.corner(), -10, 0, 10);
+  expect_near(board.edge_u(), 2.5, 0, 0);  // half a period of 20 mm / 4
+  expect_near(board.edge_v(), 0, 0, -5);
+  EXPECT_FLOAT_EQ(board.even(), 0.1F);
+  // The first row of the pixels is where v is 0: at the lower end of the rectangle.
+  const v1::ImageReflectance& image = scene.surfaces(1).image();
+  EXPECT_EQ(image.path(), "a.png");
+  expect_near(image.corner(), -10, 10, 0);
+  expect_near(image.edge_v(), 0, -20, 0);
+  ASSERT_EQ(scene.lights_size(), 4);
+  expect_near(scene.lights(0).sphere().center(), 10, 20, 30);
+  EXPECT_FLOAT_EQ(scene.lights(0).sphere().radius(), 5);
+  EXPECT_FLOAT_EQ(scene.lights(1).panel().radiance(), 0.2126F + 2 * 0.7152F + 3 * 0.0722F);
+  EXPECT_FLOAT_EQ(scene.lights(2).point().intensity(), 3e-4F);
+  expect_near(scene.lights(3).directional().direction(), 0, 1, 0);
+  EXPECT_THAT(imported.not_carried_over,
+              ElementsAre(HasSubstr("<emitter type=\"area\">: its colour"),
+                          HasSubstr("<shape type=\"disk\">: has no counterpart"),
+                          HasSubstr("no shape has a medium")));
+  options_.channel = v1::Film::BLUE;
+  EXPECT_EQ(
+      import(
+          std::string(
+              "<emitter type=\"constant\"><rgb name=\"radiance\" value=\"1, 2, 3\"/></emitter>") +
+          kSensor)
+          .scene.lights(0)
+          .constant()
+          .radiance(),
+      3);
+}
+
+// Where the zenith of a sky is +z, the world is turned.
+TEST_F(ImportMitsuba, PutsSkiesOverY) {
+  const v1::Scene scene = import(R"(
+      <emitter type="sky"><vector name="sun_direction" value="0, 1, 1"/></emitter>
+      <sensor type="perspective"><float name="fov" value="30"/>
+        <transform name="to_world"><lookat origin="0, -5, 1" target="0, 0, 1" up="0, 0, 1"/></transform>
+      </sensor>)")
+                              .scene;
+  expect_near(scene.camera().origin(), 0, 1, 5);
+  expect_near(scene.camera().up(), 0, 1, 0);
+  EXPECT_NEAR(scene.lights(0).sun_sky().sun_elevation_degrees(), 45, 1e-4);
+  EXPECT_NEAR(scene.lights(0).sun_sky().sun_azimuth_degrees(), 0, 1e-4);
+  EXPECT_EQ(scene.lights(0).sun_sky().sun_scale(), 0);
+  EXPECT_NEAR(import(std::string(R"(<emitter type="envmap"><string name="filename" value="sky.exr"/>
+      <transform name="to_world"><rotate y="1" angle="50"/></transform></emitter>)") +
+                     kSensor)
+                  .scene.lights(0)
+                  .environment_map()
+                  .rotate_y_degrees(),
+              50, 1e-4);
+}
+
+TEST_F(ImportMitsuba, IncludesFiles) {
+  folder_.write("light.xml", R"(<scene version="3.0.0"><emitter type="constant"/></scene>)");
+  EXPECT_EQ(import(std::string("<include filename=\"light.xml\"/>") + kSensor).scene.lights_size(),
+            1);
+  folder_.write("loop.xml", R"(<scene version="3.0.0"><include filename="loop.xml"/></scene>)");
+  refuses("<include filename=\"loop.xml\"/>", {"loop.xml", "in one another"});
+}
+
+// All that nobody read.
+TEST_F(ImportMitsuba, SaysWhatItLeaves) {
+  const ImportedScene imported = import(std::string(R"(
+      <integrator type="path"><integer name="max_depth" value="6"/></integrator>
+      <shape type="cube" id="mirror"><bsdf type="conductor"><string name="material" value="Au"/></bsdf></shape>
+      <shape type="sphere"><medium type="heterogeneous" name="interior"/></shape>
+      <emitter type="projector"/>
+      <emitter type="constant"><float name="sampling_weight" value="2"/></emitter>)") +
+                                        kSensor);
+  for (const char* const part :
+       {"max_depth", "<bsdf type=\"conductor\">: is diffuse", "material was not carried over",
+        "only a homogeneous medium", "<emitter type=\"projector\">: has no counterpart",
+        "sampling_weight was not carried over"}) {
+    EXPECT_THAT(imported.not_carried_over, Contains(HasSubstr(part)));
+  }
+  EXPECT_FALSE(imported.medium);
+}
+
+TEST_F(ImportMitsuba, RefusesWhatItCannotRead) {
+  expect_error(ErrorKind::kInvalidInput, {"no <sensor>"}, [&] { import(""); });
+  expect_error(ErrorKind::kIo, {"absent.xml"},
+               [&] { import_mitsuba(folder_.path("absent.xml"), {}); });
+  refuses("<shape", {"scene.xml:1:"});
+  refuses("<ref id=\"nothing\"/>", {"nothing before has this id"});
+  refuses("<emitter type=\"constant\"><float name=\"radiance\" value=\"$l\"/></emitter>",
+          {"$l has no <default>"});
+  refuses("<emitter type=\"constant\"><float name=\"radiance\" value=\"1e999\"/></emitter>",
+          {"is not a number"});
+  refuses("<emitter type=\"constant\"><rgb name=\"radiance\" value=\"1, 2\"/></emitter>",
+          {"2 numbers; 1 or 3"});
+  refuses(
+      "<emitter type=\"constant\"><spectrum name=\"radiance\" value=\"400:1, 700:2\"/></emitter>",
+      {"is not understood"});
+  refuses("<shape type=\"cube\"><transform name=\"to_world\"><scale x=\"-1\"/></transform></shape>",
+          {"mirror image"});
+  refuses("<shape type=\"cube\"><transform name=\"to_world\"><shear/></transform></shape>",
+          {"<shear> is unknown"});
+  refuses(
+      "<shape type=\"cube\"><transform name=\"to_world\"><matrix value=\"1 2 "
+      "3\"/></transform></shape>",
+      {"a matrix of 3 numbers"});
+  refuses("<shape type=\"obj\"/>", {"no filename"});
+  std::string deep;
+  for (int i = 0; i < 10'000; ++i) deep += "<a>";
+  for (int i = 0; i < 10'000; ++i) deep += "</a>";
+  refuses(deep, {"in one another"});
+}
+
+}  // namespace
+}  // namespace itn
