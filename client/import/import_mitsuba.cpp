@@ -518,8 +518,13 @@ class Importer {
     const double left = film->number("crop_offset_x", 0), top = film->number("crop_offset_y", 0);
     const double cropped_width = film->number("crop_width", width),
                  cropped_height = film->number("crop_height", height);
-    if (!(width >= 1 && height >= 1 && cropped_width >= 1 && cropped_height >= 1)) {
-      throw invalid_input(film->place + ": a film of no pixels");
+    const double smallest = std::min({width, height, cropped_width, cropped_height});
+    const double largest = std::max({width, height, cropped_width, cropped_height});
+    constexpr double kMaxPixels = 65536;
+    if (!(smallest >= 1 && largest <= kMaxPixels)) {
+      throw invalid_input(
+          fmt::format("{}: {} x {} pixels, cropped to {} x {}; each must be in [1, {}]",
+                      film->place, width, height, cropped_width, cropped_height, kMaxPixels));
     }
     for (const char* const name : {"pixel_format", "component_format", "file_format", "banner",
                                    "gamma", "variable", "attach_log", "sample_border"}) {

@@ -75,10 +75,12 @@ def print_others(rows):
     scaling = [r for r in rows if "scaling" in r]
     if scaling:
         print("\nImage and three derivatives of a bumpy ball, all threads:")
-        print(f"{'pixels':>12}{'spp':>7}{'triangles':>11}{'set-up':>9}{'wall':>9}{'CPU':>9}"
+        print(f"{'pixels':>12}{'spp':>7}{'triangles':>11}{'sigma_t':>9}{'albedo':>8}{'set-up':>9}"
+              f"{'wall':>9}{'CPU':>9}"
               f"{'peak':>9}")
     for r in scaling:
         print(f"{r['resolution']:>5} x {r['resolution']:<4}{r['spp']:>7}{r['triangles']:>11}"
+              f"{r['sigma_t']:>9}{r['albedo']:>8}"
               f"{r['set_up_seconds']:>7.2f} s{r['wall_seconds']:>7.2f} s{r['cpu_seconds']:>7.2f} s"
               f"{r['peak_mb']:>6} MB")
     datasets = [r for r in rows if "dataset" in r]

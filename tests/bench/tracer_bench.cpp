@@ -390,24 +390,27 @@ Mesh bumpy_ball(int n) {
   return mesh;
 }
 
-// How time and memory grow with pixels, samples and triangles: image and three derivatives, all
-// threads. From small to large, as the peak of memory never falls.
+// How time and memory grow with pixels, samples, triangles and albedo: image and three derivatives,
+// all threads. From small to large, as the peak of memory never falls.
 void measure_scaling(const Options&) {
-  const auto row = [](const std::string& what, int resolution, uint32_t spp, int n) {
+  const auto row = [](const std::string& what, int resolution, uint32_t spp, int n,
+                      const Material& material = {100, 0.87, 0.4}) {
     const Mesh mesh = bumpy_ball(n);
     std::unique_ptr<Scene> scene;
     const double set_up =
         wall_seconds([&] { scene = std::make_unique<Scene>(paper_scene(mesh, resolution)); });
     RenderRequest request{
-        .material = {100, 0.87, 0.4}, .sample_count = spp, .derivatives = medium_parameters()};
+        .material = material, .sample_count = spp, .derivatives = medium_parameters()};
     double cpu = 0;
     const double wall =
         wall_seconds([&] { cpu = render_grad(*scene, request).counters.cpu_seconds; });
     fmt::print(
         "{{\"scaling\": \"{}\", \"resolution\": {}, \"spp\": {}, \"triangles\": {}, "
-        "\"set_up_seconds\": {:.4g}, \"wall_seconds\": {:.4g}, \"cpu_seconds\": {:.4g}, "
+        "\"sigma_t\": {}, \"albedo\": {}, \"set_up_seconds\": {:.4g}, \"wall_seconds\": {:.4g}, "
+        "\"cpu_seconds\": {:.4g}, "
         "\"peak_mb\": {:.0f}}}\n",
-        what, resolution, spp, mesh.triangles.size(), set_up, wall, cpu, peak_memory());
+        what, resolution, spp, mesh.triangles.size(), material.sigma_t, material.albedo, set_up,
+        wall, cpu, peak_memory());
     std::fflush(stdout);
   };
   for (const uint32_t spp : {1U, 16U, 64U, 256U, 1024U}) row("spp", 128, spp, 64);
@@ -415,6 +418,10 @@ void measure_scaling(const Options&) {
     row("pixels", resolution, resolution > 512 ? 16 : 64, 64);
   }
   for (const int n : {16, 50, 158, 500}) row("triangles", 128, 64, n);
+  for (const double sigma_t : {100.0, 500.0}) {
+    for (const double albedo : {0.99, 0.999, 0.9999})
+      row("albedo", 64, 32, 64, {sigma_t, albedo, 0});
+  }
 }
 
 // ---- Where the time of a small render goes --------------------------------------------------
@@ -774,7 +781,7 @@ int main(int argc, char** argv) {
   compare->add_option("--spp", options.spp, "Samples per pixel")->capture_default_str();
   compare->add_flag("--each", options.each, "Also the wavefront without each of its techniques");
   add("paper", "The cube that the paper's renderer was timed with", itn::time_paper_scene);
-  add("scaling", "Time and memory by pixels, samples and triangles", itn::measure_scaling);
+  add("scaling", "Time and memory by pixels, samples, triangles and albedo", itn::measure_scaling);
   add("dataset", "Images of 2 % error per CPU-hour", itn::measure_dataset);
   add("setup", "Where the time of a small render goes", itn::measure_set_up);
   add("training", "Renders with a loss a second", itn::measure_training);
