@@ -250,12 +250,15 @@ class Importer {
         leave(*bsdf, "its microfacets are of the distribution GGX here");
       }
     }
-    if (object.mesh().builtin() != "cube" && shape.text("face_normals", "false") != "true") {
-      object.set_smooth_angle_degrees(40);
-      leave(shape,
-            "normals of its vertices: triangles that meet under less than 40 degrees are smooth "
-            "here");
-    }
+    object.set_smooth_angle_degrees(smooth_angle_of(shape));
+  }
+
+  // In degrees.
+  float smooth_angle_of(const MitsubaPlugin& shape) {
+    if (shape.type == "sphere") return 40;
+    if (shape.type == "cube" || shape.text("face_normals", "false") == "true") return 0;
+    leave(shape, "normals of vertices: triangles that meet under less than 40 degrees are smooth");
+    return 40;
   }
 
   void set_medium(const MitsubaPlugin& medium) {
@@ -315,7 +318,9 @@ class Importer {
       set(*rectangle.mutable_center(), transform.translation());
       set(*rectangle.mutable_half_u(), transform.linear().col(0));
       set(*rectangle.mutable_half_v(), transform.linear().col(1));
-    } else if (!set_mesh(*surface.mutable_mesh(), shape)) {
+    } else if (set_mesh(*surface.mutable_mesh(), shape)) {
+      surface.set_smooth_angle_degrees(smooth_angle_of(shape));
+    } else {
       leave(shape, "has no counterpart, and is not there");
       return;
     }

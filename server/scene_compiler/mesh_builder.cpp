@@ -191,10 +191,15 @@ tracer::Reflectance build_reflectance(const std::string& field, const v1::Surfac
   return read_kind<tracer::Reflectance>(field, proto, "pattern");
 }
 
+double build_smooth_angle(const std::string& field, double degrees) {
+  return in_closed(field + ".smooth_angle_degrees", degrees, 0, 180) * kRadiansPerDegree;
+}
+
 tracer::DiffuseSurface MeshBuilder::build_surface(const std::string& field,
                                                   const v1::Surface& proto) {
   tracer::DiffuseSurface surface;
   surface.reflectance = build_reflectance(field, proto);
+  surface.smooth_angle = build_smooth_angle(field, proto.smooth_angle_degrees());
   switch (proto.shape_case()) {
     case v1::Surface::kRectangle:
       count(2);

@@ -41,6 +41,9 @@ class MeshBuilder {
   std::map<std::string, Mesh> shapes_;  // built-in ones
 };
 
+// `smooth_angle_degrees` of a field, in radians. Throws Error (invalid input).
+double build_smooth_angle(const std::string& field, double degrees);
+
 // Of the scene's object after its transforms, in mm, however many triangles it has.
 Bounds object_bounds(const v1::Scene& scene);
 

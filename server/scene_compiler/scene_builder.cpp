@@ -122,9 +122,8 @@ tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits&
     description.boundary =
         read_kind<tracer::Boundary>("scene.object", scene.object(), "refraction");
   }
-  description.smooth_angle = in_closed("scene.object.smooth_angle_degrees",
-                                       double{scene.object().smooth_angle_degrees()}, 0, 180) *
-                             kRadiansPerDegree;
+  description.smooth_angle =
+      build_smooth_angle("scene.object", scene.object().smooth_angle_degrees());
   for (int i = 0; i < scene.surfaces_size(); ++i) {
     description.surfaces.push_back(
         meshes.build_surface(fmt::format("scene.surfaces[{}]", i), scene.surfaces(i)));

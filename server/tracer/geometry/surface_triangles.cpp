@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <limits>
 
+#include "server/tracer/geometry/corner_normals.h"
+
 namespace itn::tracer {
 
 Surfaces::Surfaces(const std::vector<DiffuseSurface>& surfaces) {
@@ -36,8 +38,26 @@ Surfaces::Surfaces(const std::vector<DiffuseSurface>& surfaces) {
     }
   }
   for (Vectors* vectors : {&corners[0], &corners[1], &corners[2], &normals}) vectors->push_back({});
+  add_corner_normals(surfaces);
   reflectances.push_back(0);
   if (triangles > kFew) many = make_embree_intersector({}, meshes);
+}
+
+void Surfaces::add_corner_normals(const std::vector<DiffuseSurface>& surfaces) {
+  const auto is_smooth = [](const DiffuseSurface& surface) { return surface.smooth_angle > 0; };
+  if (std::ranges::none_of(surfaces, is_smooth)) return;
+  size_t number = 0;
+  for (const DiffuseSurface& surface : surfaces) {
+    const CornerNormals of_mesh =
+        is_smooth(surface) ? CornerNormals(surface.mesh, surface.smooth_angle) : CornerNormals();
+    for (uint32_t t = 0; t < surface.mesh.triangles.size(); ++t) {
+      const Vec3f own = normals.at(number++);
+      corner_normals[0].push_back(of_mesh.at(t, 0, 0, own));
+      corner_normals[1].push_back(of_mesh.at(t, 1, 0, own));
+      corner_normals[2].push_back(of_mesh.at(t, 0, 1, own));
+    }
+  }
+  for (Vectors& vectors : corner_normals) vectors.push_back({});
 }
 
 bool Surfaces::in_front(Vec3d origin, Vec3d direction, double length) const {

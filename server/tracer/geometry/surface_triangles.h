@@ -34,7 +34,7 @@ struct Surfaces {
 
   size_t memory() const;
   // Without what looks for many.
-  static constexpr size_t kBytesByTriangle = 13 * sizeof(float);
+  static constexpr size_t kBytesByTriangle = 22 * sizeof(float);
   bool empty() const { return triangles == 0; }
 
   size_t triangles = 0;
@@ -50,6 +50,9 @@ struct Surfaces {
     Vec3f at(size_t i) const { return {x[i], y[i], z[i]}; }
   };
   Vectors corners[3], normals;
+  // The normals at the corners, where some surfaces are smooth; else empty.
+  Vectors corner_normals[3];
+  bool smooth() const { return !corner_normals[0].x.empty(); }
   // The reflectance of those that are uniform; the others are patterned.
   std::vector<float> reflectances;
   struct Pattern {
@@ -60,6 +63,9 @@ struct Surfaces {
   Bounds bounds{};                               // of all of them
   std::unique_ptr<Intersector> many;             // null for a few
   std::vector<uint32_t> first_triangle_of_mesh;  // the number of a mesh's triangle 0
+
+ private:
+  void add_corner_normals(const std::vector<DiffuseSurface>& surfaces);
 };
 
 }  // namespace itn::tracer

@@ -37,6 +37,7 @@
 #include "common/fields.h"
 #include "server/tracer/boundary/boundary.h"
 #include "server/tracer/geometry/rays.h"
+#include "server/tracer/geometry/surface_normals-inl.h"
 #include "server/tracer/phase/phase_function.h"
 #include "server/tracer/random/sampler.h"
 
@@ -51,6 +52,7 @@ using HWY_NAMESPACE::reflectance_at;
 using HWY_NAMESPACE::reflectance_slope;
 using HWY_NAMESPACE::sample;
 using HWY_NAMESPACE::sample_cosine;
+using HWY_NAMESPACE::smooth_normal_at;
 using HWY_NAMESPACE::hn::GetLane;
 
 constexpr float kFloatPi = std::numbers::pi_v<float>;
@@ -190,10 +192,12 @@ class Walk {
     }
     weight_ *= reflectance;
     dweight_dalbedo_ *= reflectance;
-    const Vec3f normal = geometry_.facing_normal(at.on, direction_);
+    const Vec3f flat_normal = geometry_.facing_normal(at.on, direction_);
+    const Vec3f normal = smooth_normal(at, flat_normal);
     at_ = at;
     send_shadow_ray([&](Vec3f to_light) {
-      const float pdf = std::max(0.0F, dot(normal, to_light)) / kFloatPi;
+      const bool above = dot(flat_normal, to_light) > 0;
+      const float pdf = above ? std::max(0.0F, dot(normal, to_light)) / kFloatPi : 0;
       return Response{pdf, pdf, {}};
     });
 
@@ -205,6 +209,19 @@ class Walk {
     pdf_ = cosine / kFloatPi;
     use_mis_ = true;
     crossings_ = 0;
+    if (!(dot(flat_normal, direction_) > 0)) multiply_weight(0);
+  }
+
+  // Of a surface, on the side of its triangle's.
+  Vec3f smooth_normal(const Interaction& at, Vec3f flat_normal) const {
+    const Surfaces& surfaces = scene_.obstacles.surfaces;
+    if (!surfaces.smooth()) return flat_normal;
+    const uint32_t number = surfaces.first_triangle_of_mesh[at.on.surface] + at.on.triangle;
+    const auto lane = smooth_normal_at(
+        surfaces, HWY_NAMESPACE::hn::Set(HWY_NAMESPACE::IntTag(), static_cast<int32_t>(number)),
+        HWY_NAMESPACE::set(at.position));
+    const Vec3f normal{GetLane(lane.x), GetLane(lane.y), GetLane(lane.z)};
+    return dot(surfaces.normals.at(number), flat_normal) < 0 ? -normal : normal;
   }
 
   // The boundary reflects the path or lets it through.

@@ -50,6 +50,8 @@ void check(const SceneDescription& scene) {
     const DiffuseSurface& surface = scene.surfaces[i];
     validate_triangles(surface.mesh, fmt::format("surfaces[{}]", i));
     check_fields(fmt::format("surfaces[{}]: ", i), surface.reflectance);
+    in_closed(fmt::format("surfaces[{}].smooth_angle", i), surface.smooth_angle, 0,
+              std::numbers::pi);
   }
   check_fields("object.", scene.boundary);
   in_closed("object.smooth_angle", scene.smooth_angle, 0, std::numbers::pi);

@@ -16,6 +16,8 @@ struct DiffuseSurface {
 
   Mesh mesh;
   Reflectance reflectance;
+  // In radians: triangles that meet under less bound one smooth surface (CornerNormals). 0: flat.
+  double smooth_angle = 0;
 };
 
 }  // namespace itn::tracer

@@ -156,6 +156,8 @@ const BadScene kBadScenes[] = {
      "scene.object.rough_dielectric.roughness is 0; it must be in [0.001, 1]"},
     {"SmoothAngle", [](auto& s) { s.mutable_object()->set_smooth_angle_degrees(181); },
      "scene.object.smooth_angle_degrees is 181; it must be in [0, 180]"},
+    {"SmoothAngleOfASurface", [](auto& s) { s.mutable_surfaces(0)->set_smooth_angle_degrees(-1); },
+     "scene.surfaces[0].smooth_angle_degrees is -1; it must be in [0, 180]"},
     {"FlatRectangle",
      [](auto& s) {
        auto* r = s.mutable_surfaces(0)->mutable_rectangle();
@@ -537,6 +539,10 @@ TEST(SceneBuilder, TakesABoundary) {
   EXPECT_EQ(build_scene(scene, RenderLimits()).smooth_angle, 0);
   scene.mutable_object()->set_smooth_angle_degrees(90);
   EXPECT_DOUBLE_EQ(build_scene(scene, RenderLimits()).smooth_angle, std::numbers::pi / 2);
+  scene.add_surfaces()->mutable_mesh()->set_builtin("cube");
+  scene.mutable_surfaces()->rbegin()->set_smooth_angle_degrees(90);
+  EXPECT_DOUBLE_EQ(build_scene(scene, RenderLimits()).surfaces.back().smooth_angle,
+                   std::numbers::pi / 2);
 }
 
 TEST(SceneBuilder, ZeroIsNotAbsent) {

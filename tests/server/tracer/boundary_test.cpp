@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <map>
 #include <memory>
 #include <numbers>
 #include <string>
@@ -181,30 +180,6 @@ TEST(DielectricTest, ASlabThatAbsorbsReflectsAndRefracts) {
       expect_resolution(film.derivatives[kSigmaT], slope, 0.05, what);
     }
   }
-}
-
-// A unit sphere of 2,048 triangles: an octahedron whose triangles are cut in four, four times.
-Mesh sphere_of_triangles() {
-  Mesh mesh = {
-      {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}},
-      {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4}, {2, 0, 5}, {1, 2, 5}, {3, 1, 5}, {0, 3, 5}}};
-  for (int level = 0; level < 4; ++level) {
-    std::map<std::pair<uint32_t, uint32_t>, uint32_t> middles;
-    const auto middle = [&](uint32_t a, uint32_t b) {
-      const auto number = static_cast<uint32_t>(mesh.vertices.size());
-      const auto [found, is_new] = middles.try_emplace(std::minmax(a, b), number);
-      if (is_new) mesh.vertices.push_back(itn::normalize(mesh.vertices[a] + mesh.vertices[b]));
-      return found->second;
-    };
-    const auto before = std::move(mesh.triangles);
-    mesh.triangles.clear();
-    for (const auto& [a, b, c] : before) {
-      const uint32_t ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
-      mesh.triangles.insert(mesh.triangles.end(),
-                            {{a, ab, ca}, {ab, b, bc}, {ca, bc, c}, {ab, bc, ca}});
-    }
-  }
-  return mesh;
 }
 
 // A sphere of glass, seen from far, under light that is 1 + y from direction (x, y, z). A path

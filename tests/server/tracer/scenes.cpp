@@ -1,5 +1,9 @@
 #include "tests/server/tracer/scenes.h"
 
+#include <algorithm>
+#include <map>
+#include <utility>
+
 namespace itn::testing {
 
 using namespace tracer;
@@ -30,6 +34,29 @@ Mesh box(Vec3f a, Vec3f b) {
 Mesh horizontal_square(float y, float half_size) {
   const float s = half_size;
   return {{{-s, y, -s}, {-s, y, s}, {s, y, s}, {s, y, -s}}, {{0, 1, 2}, {0, 2, 3}}};
+}
+
+Mesh sphere_of_triangles() {
+  Mesh mesh = {
+      {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}},
+      {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4}, {2, 0, 5}, {1, 2, 5}, {3, 1, 5}, {0, 3, 5}}};
+  for (int level = 0; level < 4; ++level) {
+    std::map<std::pair<uint32_t, uint32_t>, uint32_t> middles;
+    const auto middle = [&](uint32_t a, uint32_t b) {
+      const auto number = static_cast<uint32_t>(mesh.vertices.size());
+      const auto [found, is_new] = middles.try_emplace(std::minmax(a, b), number);
+      if (is_new) mesh.vertices.push_back(itn::normalize(mesh.vertices[a] + mesh.vertices[b]));
+      return found->second;
+    };
+    const auto before = std::move(mesh.triangles);
+    mesh.triangles.clear();
+    for (const auto& [a, b, c] : before) {
+      const uint32_t ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
+      mesh.triangles.insert(mesh.triangles.end(),
+                            {{a, ab, ca}, {ab, b, bc}, {ca, bc, c}, {ab, bc, ca}});
+    }
+  }
+  return mesh;
 }
 
 SceneDescription studio(const std::string& shape, std::vector<LightDescription> lights,

@@ -17,6 +17,9 @@ Mesh box(Vec3f low, Vec3f high);
 // A horizontal square, facing up.
 Mesh horizontal_square(float y, float half_size);
 
+// A unit sphere of 2,048 triangles: an octahedron whose triangles are cut in four, four times.
+Mesh sphere_of_triangles();
+
 // A shape in the middle of a small film, lit by `lights`; a view from 15 degrees above the horizon
 // that the shape fills. With a ground if `ground` is >= 0, its reflectance.
 tracer::SceneDescription studio(const std::string& shape,

@@ -11,6 +11,7 @@
 #include <numbers>
 
 #include "server/tracer/geometry/lines/surface_search-inl.h"
+#include "server/tracer/geometry/surface_normals-inl.h"
 #include "server/tracer/surfaces/reflectance.h"
 #include "server/tracer/wavefront/walk/shadow_rays-inl.h"
 
@@ -37,6 +38,7 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium,
                     .any_at_boundary = !hn::AllFalse(d, at_boundary),
                     .crossing = {},
                     .axis = before,
+                    .flat_normal = before,
                     .factor = set(wave.albedo),
                     .triangles = hn::Set(IntTag(), -1)};
   if (vertices.any_at_boundary) {
@@ -61,12 +63,17 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium,
           reflectance_at(pattern.reflectance, load(paths.rays.position, i)), reflectance);
     }
     vertices.factor = hn::IfThenElse(on_surface, reflectance, vertices.factor);
-    const Vectors normal{gather(surfaces.normals.x.data(), at),
-                         gather(surfaces.normals.y.data(), at),
-                         gather(surfaces.normals.z.data(), at)};
+    const Vectors normal = gather(surfaces.normals, at);
     const Mask flip = hn::Ge(dot(normal, before), zero);
-    const Vectors facing = if_then_else(flip, Vectors{zero, zero, zero} - normal, normal);
-    vertices.axis = if_then_else(on_surface, facing, before);
+    const auto facing = [&](Vectors n) {
+      return if_then_else(flip, Vectors{zero, zero, zero} - n, n);
+    };
+    vertices.axis = if_then_else(on_surface, facing(normal), before);
+    if (surfaces.smooth()) {
+      vertices.flat_normal = vertices.axis;
+      const Vectors smooth = smooth_normal_at(surfaces, at, load(paths.rays.position, i));
+      vertices.axis = if_then_else(on_surface, facing(smooth), before);
+    }
   }
   return vertices;
 }
@@ -162,6 +169,12 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
   const SinCos phi = sin_cos_2pi(load(paths.u2, i));
   Vectors direction = renormalize(
       frame_to_world(vertices.axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
+  if (vertices.any_on_surface && wave.scene.obstacles.surfaces.smooth()) {
+    // What a smooth normal would send through the triangle ends there.
+    const Mask above = hn::Gt(dot(vertices.flat_normal, direction), zero);
+    const auto ends = for_uints(hn::AndNot(above, vertices.on_surface));
+    store(hn::IfThenZeroElse(ends, load(paths.alive, i)), paths.alive, i);
+  }
   // A control variate, as in update_scores.
   for (size_t s = 0; s < paths.control_phase.size(); ++s) {
     const Floats score = hn::IfThenElseZero(vertices.in_medium, phase.scores[s]);

@@ -22,9 +22,10 @@ struct Vertices {
   Mask in_medium, on_surface, at_boundary;  // scatterings, diffuse reflections, crossings
   bool any_on_surface, any_at_boundary;
   Crossing crossing;  // if there is any
-  Vectors axis;    // that the next direction is drawn around: the last one, or the surface's normal
-  Floats factor;   // albedo or reflectance; at a boundary 1
-  Ints triangles;  // that reflect, or -1
+  Vectors axis;  // that the next direction is drawn around: the last one, or the surface's normal
+  Vectors flat_normal;  // of surfaces, on the side that paths arrive at, where some are smooth
+  Floats factor;        // albedo or reflectance; at a boundary 1
+  Ints triangles;       // that reflect, or -1
 
   Mask where() const { return hn::Or(hn::Or(in_medium, on_surface), at_boundary); }
 };
@@ -74,7 +75,11 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   const Floats cosine = dot(vertices.axis, light.direction);
   auto [value, scores] = evaluate(wave.phase, cosine);
   if (vertices.any_on_surface) {
-    const Floats diffuse = hn::Mul(hn::Max(zero, cosine), set(std::numbers::inv_pi_v<float>));
+    Floats diffuse = hn::Mul(hn::Max(zero, cosine), set(std::numbers::inv_pi_v<float>));
+    if (wave.scene.obstacles.surfaces.smooth()) {
+      const Mask above = hn::Gt(dot(vertices.flat_normal, light.direction), zero);
+      diffuse = hn::IfThenElseZero(above, diffuse);
+    }
     value = hn::IfThenElse(vertices.on_surface, diffuse, value);
   }
   Floats walk_pdf = value;  // with which the walk would go there by itself
