@@ -423,7 +423,8 @@ class Importer {
       v1::EnvironmentMap& map = *light.mutable_environment_map();
       map.set_path(path_of(emitter));
       map.set_scale(static_cast<float>(emitter.number("scale", 1)));
-      map.set_rotate_y_degrees(static_cast<float>(turn_of(emitter, transform, Vector3d::UnitZ())));
+      map.set_rotate_y_degrees(
+          static_cast<float>(y_rotation_of(emitter, transform, Vector3d::UnitZ())));
     } else if (emitter.type == "directional") {
       v1::DirectionalLight& sun = *light.mutable_directional();
       const Vector3d along =
@@ -455,7 +456,8 @@ class Importer {
   }
 
   // About +y, in degrees, of what it does to a direction that is level.
-  double turn_of(const MitsubaPlugin& emitter, const Affine3d& transform, const Vector3d& level) {
+  double y_rotation_of(const MitsubaPlugin& emitter, const Affine3d& transform,
+                       const Vector3d& level) {
     const Vector3d up = transform.linear() * zenith_of(emitter), to = transform.linear() * level;
     if (!(up.normalized().y() > 1 - 1e-6))
       leave(emitter, "stands askew beside another sky; that tilt");
