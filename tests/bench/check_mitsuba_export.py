@@ -27,7 +27,7 @@ import sys
 import tempfile
 import xml.etree.ElementTree
 
-from mitsuba_setup import enter_virtual_environment, find_llvm
+from renderer_setup import MITSUBA, enter_virtual_environment, find_llvm
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
@@ -81,7 +81,7 @@ def parse_arguments():
 
 ARGUMENTS = parse_arguments()
 find_llvm()
-enter_virtual_environment(ARGUMENTS.venv, "numpy")
+enter_virtual_environment(ARGUMENTS.venv, MITSUBA, "numpy")
 
 import mitsuba as mi  # noqa: E402
 import numpy as np  # noqa: E402

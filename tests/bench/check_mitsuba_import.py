@@ -21,7 +21,7 @@ import subprocess
 import sys
 import tempfile
 
-from mitsuba_setup import enter_virtual_environment
+from renderer_setup import MITSUBA, enter_virtual_environment
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
@@ -113,7 +113,7 @@ def parse_arguments():
 
 
 ARGUMENTS = parse_arguments()
-enter_virtual_environment(ARGUMENTS.venv, "numpy")
+enter_virtual_environment(ARGUMENTS.venv, MITSUBA, "numpy")
 
 import mitsuba as mi  # noqa: E402
 import numpy as np  # noqa: E402

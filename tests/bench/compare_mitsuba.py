@@ -31,7 +31,7 @@ import sys
 import tempfile
 import time
 
-from mitsuba_setup import enter_virtual_environment, find_llvm
+from renderer_setup import MITSUBA, enter_virtual_environment, find_llvm
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
@@ -98,7 +98,7 @@ def parse_arguments():
 
 ARGUMENTS = parse_arguments()
 find_llvm()
-enter_virtual_environment(ARGUMENTS.venv)
+enter_virtual_environment(ARGUMENTS.venv, MITSUBA)
 
 import drjit as dr  # noqa: E402
 import grpc  # noqa: E402

@@ -1,4 +1,4 @@
-"""What the programs beside this file need before they can import Mitsuba 3."""
+"""What the programs beside this file need before they can import other renderers."""
 import glob
 import os
 import pathlib
@@ -16,8 +16,8 @@ def skip(message):
     sys.exit(SKIPPED)
 
 
-def enter_virtual_environment(folder, *others):
-    """Continues this program in a virtual environment that has Mitsuba, and these packages."""
+def enter_virtual_environment(folder, *packages):
+    """Continues this program in a virtual environment that has these packages."""
     if pathlib.Path(sys.prefix) == folder.resolve():
         return
     python = str(folder.resolve() / "bin/python")
@@ -26,10 +26,10 @@ def enter_virtual_environment(folder, *others):
             subprocess.run([sys.executable, "-m", "venv", "--system-site-packages", folder],
                            check=True, stdout=sys.stderr)
         subprocess.run([python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check",
-                        MITSUBA, *others], check=True, stdout=sys.stderr)
+                        *packages], check=True, stdout=sys.stderr)
     except (subprocess.CalledProcessError, OSError) as error:
-        skip(f"{MITSUBA} cannot be installed into {folder} ({error}); it needs python3-venv and a "
-             "package index")
+        skip(f"{' '.join(packages)} cannot be installed into {folder} ({error}); that needs "
+             "python3-venv and a package index")
     os.execv(python, [python, *sys.argv])
 
 
