@@ -62,6 +62,10 @@ def regular_expression(text):
         raise argparse.ArgumentTypeError(f"{error}") from error
 
 
+INDEX, ROUGHNESS = 1.5, 0.25
+BOUNDARIES = ("matched", "rough", "smooth")
+
+
 def parse_arguments():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -73,6 +77,9 @@ def parse_arguments():
     parser.add_argument("--threads", type=int, default=2, help="of each renderer (default: 2)")
     parser.add_argument("--scenes", type=regular_expression, default="", metavar="REGEX",
                         help="only scenes whose name matches, e.g. 'cube' or '100,' (default: all)")
+    parser.add_argument("--boundary", choices=BOUNDARIES, default="matched",
+                        help="of the object: matched, rough (1.5, alpha 0.25) or smooth (1.5) "
+                             "(default: matched)")
     parser.add_argument("--validation-data", type=pathlib.Path, metavar="DIR",
                         default=os.environ.get("ITN_VALIDATION_DATA"),
                         help="folder with meshes/armadillo.ply and meshes/bunny.ply; otherwise "
@@ -306,6 +313,11 @@ class Itn:
         pb = scene_pb2.Scene()
         pb.object.mesh.triangles.positions = scene.vertices.tobytes()
         pb.object.mesh.triangles.indices = scene.triangles.tobytes()
+        if ARGUMENTS.boundary == "rough":
+            pb.object.rough_dielectric.index, pb.object.rough_dielectric.roughness = INDEX, ROUGHNESS
+            pb.object.rough_dielectric.single_scattering = True  # as Mitsuba's
+        elif ARGUMENTS.boundary == "smooth":
+            pb.object.dielectric.index = INDEX
         surface = pb.surfaces.add(reflectance=REFLECTANCE)
         surface.rectangle.half_u.x, surface.rectangle.half_v.z = GROUND_HALF_SIZE, -GROUND_HALF_SIZE
         pixels = pb.lights.add().environment_map.pixels
@@ -402,7 +414,11 @@ class Mitsuba:
             "type": "scene",
             "object": {
                 "type": "ply", "filename": mesh, "face_normals": True, "to_world": place,
-                "bsdf": {"type": "null"},
+                "bsdf": {"matched": {"type": "null"},
+                         "rough": {"type": "roughdielectric", "distribution": "ggx",
+                                   "alpha": ROUGHNESS, "int_ior": INDEX, "ext_ior": 1.},
+                         "smooth": {"type": "dielectric", "int_ior": INDEX, "ext_ior": 1.},
+                         }[ARGUMENTS.boundary],
                 "interior": {"type": "homogeneous", "sigma_t": sigma_t / self.scale,
                              "albedo": albedo, "has_spectral_extinction": False,
                              "phase": {"type": "hg", "g": g}}},
@@ -601,7 +617,7 @@ def geometric_mean(values):
 
 
 def print_table(result):
-    print(f"variance x CPU time, Mitsuba / itn; {ARGUMENTS.size} x {ARGUMENTS.size}, "
+    print(f"variance x CPU time, Mitsuba / itn; boundary: {ARGUMENTS.boundary}; {ARGUMENTS.size} x {ARGUMENTS.size}, "
           f"{ARGUMENTS.spp} spp, {ARGUMENTS.threads} threads; light: {result['light']}")
     print(f"{'':22}{'pixel sd / mean':>18}{'CPU s, image':>17}{'CPU s, gradient':>17}"
           f"{'variance x CPU time, Mitsuba / itn':>38}")

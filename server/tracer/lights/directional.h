@@ -1,24 +1,38 @@
-// Parallel light from one direction, which cannot be hit by chance.
+// Light from one direction, which cannot be hit by chance, or from a disc around it.
 #ifndef ITN_TRACER_LIGHTS_DIRECTIONAL_H_
 #define ITN_TRACER_LIGHTS_DIRECTIONAL_H_
 
+#include <numbers>
+#include <tuple>
+
+#include "common/error.h"
 #include "common/vec.h"
 #include "server/tracer/lights/light_frame.h"
+#include "server/tracer/lights/sun_disc.h"
 
 namespace itn::tracer {
 
 struct DirectionalLight {
   Vec3d direction{0, 1, 0};  // towards the light; of unit length once it is compiled
   double irradiance = 1;     // on a surface that faces it
+  double angular_radius = 0;
 
   static constexpr const char* kName = "directional";
   template <typename Self, typename Fields>
   static void fields(Self& self, Fields& to) {
     to.direction("direction", self.direction);
     to.number("irradiance", self.irradiance, 0, 1e9);
+    to.angle("angular_radius_degrees", self.angular_radius, 0, 45);
   }
-  DirectionalLight compile(const LightFrame& frame) const {
-    return {frame.pose.rotation.inverse()(itn::normalize(direction)), irradiance};
+  // One of them, the other of no power.
+  std::tuple<DirectionalLight, SunDisc> compile(const LightFrame& frame) const {
+    constexpr double kSmallest = 0.1 * std::numbers::pi / 180;  // that floats resolve
+    if (angular_radius > 0 && angular_radius < kSmallest) {
+      throw invalid_input("directional.angular_radius_degrees must be 0, or in [0.1, 45]");
+    }
+    const Vec3d axis = frame.pose.rotation.inverse()(itn::normalize(direction));
+    if (angular_radius > 0) return {{axis, 0}, SunDisc(axis, angular_radius, irradiance)};
+    return {{axis, irradiance}, SunDisc(axis, kSmallest, 0)};
   }
 
   static constexpr bool kDelta = true, kDistant = true;

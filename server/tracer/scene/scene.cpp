@@ -26,6 +26,7 @@ void check_lights_are_found(const SceneDescription& scene) {
   for (size_t i = 0; i < scene.lights.size(); ++i) {
     const bool by_chance = std::visit(
         [](const auto& kind) {
+          if constexpr (requires { kind.angular_radius; }) return kind.angular_radius > 0;
           if constexpr (requires { kind.kDelta; }) return !kind.kDelta;
           return true;
         },
@@ -33,7 +34,8 @@ void check_lights_are_found(const SceneDescription& scene) {
     if (by_chance) continue;
     throw invalid_input(fmt::format(
         "lights[{}].{} cannot be seen through object.{}, which is smooth: no path finds such a "
-        "light; what has a size, or a rough boundary, can be rendered",
+        "light; one of a size (angular_radius_degrees, sphere, panel), or a rough boundary, can be "
+        "rendered",
         i, std::visit(name, scene.lights[i]), std::visit(name, scene.boundary)));
   }
 }

@@ -449,9 +449,15 @@ TEST(DielectricTest, WhatItCannotDoIsRefused) {
   description.lights.emplace_back(SphereLight{{0, 9, 0}});
   EXPECT_EQ(refused(description), "");
   description.lights.back() = DirectionalLight{};
-  EXPECT_EQ(refused(description),
-            "lights[1].directional cannot be seen through object.dielectric, which is smooth: no "
-            "path finds such a light; what has a size, or a rough boundary, can be rendered");
+  EXPECT_EQ(
+      refused(description),
+      "lights[1].directional cannot be seen through object.dielectric, which is smooth: no "
+      "path finds such a light; one of a size (angular_radius_degrees, sphere, panel), or a rough "
+      "boundary, can be rendered");
+  description.lights.back() = DirectionalLight{.angular_radius = 0.01};
+  EXPECT_EQ(refused(description), "");
+  description.lights.back() = DirectionalLight{.angular_radius = 1e-4};
+  EXPECT_EQ(refused(description), "directional.angular_radius_degrees must be 0, or in [0.1, 45]");
 }
 
 }  // namespace

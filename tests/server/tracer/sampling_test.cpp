@@ -469,6 +469,16 @@ TEST(LightsTest, AWiderSunIsDimmer) {
   }
 }
 
+TEST(LightsTest, ADirectionalLightMayBeADisc) {
+  const Lights disc({DirectionalLight{{0, 2, 0}, 3, 0.2}}, Channel::kLuminance);
+  EXPECT_NEAR(disc.power(), 3, 1e-9);
+  const double expected = 3 / (2 * kPi * (1 - std::cos(0.2)));
+  EXPECT_NEAR(disc.radiance(Vec3f{0, 1, 0}), expected, 1e-4 * expected);
+  EXPECT_EQ(disc.radiance(Vec3f{std::sin(0.21F), std::cos(0.21F), 0}), 0);
+  EXPECT_EQ(Lights({DirectionalLight{{0, 2, 0}, 3}}, Channel::kLuminance).radiance(Vec3f{0, 1, 0}),
+            0);
+}
+
 // Azimuth 0 is -z and 90 degrees +x; maps have +y on top, -z at the left edge, +x at a quarter.
 TEST(LightsTest, OrientationIsMitsubas) {
   SunSkyLight east{.sun_elevation = 0.5, .sun_azimuth = kPi / 2, .sky_scale = 0};
