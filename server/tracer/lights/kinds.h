@@ -9,9 +9,8 @@
 // What is rendered says
 //   kDelta             whether no path hits it by chance
 //   kDistant           whether it is infinitely far away, behind all that there is
-//   power()            its radiance integrated over all directions, seen from the object's middle
-//   if
-//                      it is near; of a delta, its irradiance
+//   power()            its radiance integrated over all directions, of what is near as it is seen
+//                      from the object's middle; of a delta, its irradiance
 // and computes, for many places or unit directions at a time, if it is a delta,
 //   beam(kind, from)   what it sends there
 // or, if it is far away,

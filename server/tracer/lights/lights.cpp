@@ -45,8 +45,12 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
                std::tuple(light.compile(frame)));
   };
   for (const LightDescription& description : descriptions) {
-    check_fields("", description);
-    std::visit(compile, description);
+    try {
+      check_fields("", description);
+      std::visit(compile, description);
+    } catch (const Error& error) {
+      throw Error(error.kind(), fmt::format("lights[{}].{}", number, error.what()));
+    }
     ++number;
   }
   for (const Light& light : lights_) {

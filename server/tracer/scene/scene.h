@@ -1,5 +1,5 @@
 // What the tracer renders: a homogeneous medium inside a closed mesh, opaque diffuse surfaces,
-// distant lights, a pinhole camera. Plain data, and the compiled form that rays are traced against.
+// lights, a pinhole camera. Plain data, and the compiled form that rays are traced against.
 //
 // A scene is compiled in the coordinates of its object: what costs most, the object, does not
 // depend on its pose then, which moves camera, surfaces and lights instead. So parts are shared by

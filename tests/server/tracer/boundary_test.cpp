@@ -457,7 +457,8 @@ TEST(DielectricTest, WhatItCannotDoIsRefused) {
   description.lights.back() = DirectionalLight{.angular_radius = 0.01};
   EXPECT_EQ(refused(description), "");
   description.lights.back() = DirectionalLight{.angular_radius = 1e-4};
-  EXPECT_EQ(refused(description), "directional.angular_radius_degrees must be 0, or in [0.1, 45]");
+  EXPECT_EQ(refused(description),
+            "lights[1].directional.angular_radius_degrees must be 0, or in [0.1, 45]");
 }
 
 }  // namespace
