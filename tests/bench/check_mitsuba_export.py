@@ -21,7 +21,6 @@ missing.
 """
 import argparse
 import pathlib
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -85,7 +84,7 @@ enter_virtual_environment(ARGUMENTS.venv, MITSUBA, "numpy")
 
 import mitsuba as mi  # noqa: E402
 import numpy as np  # noqa: E402
-from welch import z_of_difference  # noqa: E402
+from welch import largest_by_chance, z_of_difference  # noqa: E402
 
 GRAY = len(ARGUMENTS.materials) == 1
 mi.set_variant("llvm_ad_mono" if GRAY else "llvm_ad_rgb")
@@ -239,8 +238,7 @@ def main():
               f"mean of z^2 {np.mean(of_pixels ** 2):.2f}")
         scores |= {f"{name}, pixel {i}": float(z) for i, z in enumerate(of_pixels)}
         scores[f"{name}, mean"] = of_mean
-    each = 1 - (1 - FAMILY_WISE) ** (1 / len(scores))
-    limit = statistics.NormalDist().inv_cdf(1 - each / 2)
+    limit = largest_by_chance(len(scores), FAMILY_WISE)
     worst = max(scores, key=lambda name: abs(scores[name]))
     print(f"worst of {len(scores)} comparisons: {worst}, z = {scores[worst]:+.2f}; chance alone "
           f"exceeds {limit:.2f} once in {1 / FAMILY_WISE:.0f} runs")

@@ -4,8 +4,9 @@
     check_mitsuba_import.py [SCENE.xml ...] ...
 
 They must agree in the luminance of every tile of 8 x 8 pixels and of the whole image, by z-tests
-with Sidak's correction. Without SCENE.xml, three scenes are written and checked. Mitsuba's rays start a little off surfaces, so dense media are darker
-there, up to 1 % in a scene of the size 1; its reconstruction filter must be a box.
+with Sidak's correction. Without SCENE.xml, three scenes are written and checked. Mitsuba's rays
+start a little off surfaces, so dense media are darker there, up to 1 % in a scene of the size 1;
+its reconstruction filter must be a box.
 
 Installs Mitsuba from the package index that pip is configured for into a virtual environment
 (Debian: python3-venv).
@@ -16,7 +17,6 @@ missing.
 import argparse
 import pathlib
 import shlex
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -117,7 +117,7 @@ enter_virtual_environment(ARGUMENTS.venv, MITSUBA, "numpy")
 
 import mitsuba as mi  # noqa: E402
 import numpy as np  # noqa: E402
-from welch import z_of_difference  # noqa: E402
+from welch import largest_by_chance, z_of_difference  # noqa: E402
 
 mi.set_variant("scalar_rgb")
 
@@ -164,8 +164,7 @@ def agree(scene, folder):
     noisy = (a.std(axis=0) > 0) | (b.std(axis=0) > 0)  # others show one light and nothing else
     alike = bool(np.all(np.abs(a[0] - b[0])[~noisy] <= 1e-5 * a[0, -1]))
     scores = z_of_difference(b[:, noisy], a[:, noisy])
-    limit = statistics.NormalDist().inv_cdf(
-        1 - (1 - (1 - FAMILY_WISE) ** (1 / len(scores))) / 2)
+    limit = largest_by_chance(len(scores), FAMILY_WISE)
     means = [runs[:, -1].mean() for runs in (a, b)]
     error = np.hypot(*(runs[:, -1].std(ddof=1) / np.sqrt(len(runs)) for runs in (a, b)))
     print(f"mean: itn {means[0]:.6f}, Mitsuba {means[1]:.6f}; difference "

@@ -111,7 +111,7 @@ import drjit as dr  # noqa: E402
 import grpc  # noqa: E402
 import mitsuba as mi  # noqa: E402
 import numpy as np  # noqa: E402
-from welch import z_of_sum  # noqa: E402
+from welch import largest_by_chance, z_of_sum  # noqa: E402
 
 mi.set_variant("llvm_ad_mono")
 sys.path.insert(0, str(ROOT / "client/examples"))
@@ -605,8 +605,7 @@ def judge(scenes):
     """Whether any comparison is beyond what chance explains: Sidak's correction."""
     scores = {f"{scene}: {what}": z for scene, result in scenes.items()
               for what, z in result["z"].items()}
-    each = 1 - (1 - FAMILY_WISE) ** (1 / len(scores))
-    limit = statistics.NormalDist().inv_cdf(1 - each / 2)
+    limit = largest_by_chance(len(scores), FAMILY_WISE)
     worst = max(scores, key=lambda name: abs(scores[name]))
     return {"comparisons": len(scores), "limit": limit, "worst": worst, "worst_z": scores[worst],
             "beyond": {name: z for name, z in scores.items() if not abs(z) < limit}}

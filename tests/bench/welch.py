@@ -1,4 +1,6 @@
 """Comparisons of independent runs."""
+import statistics
+
 import numpy as np
 
 
@@ -20,3 +22,9 @@ def z_of_sum(terms):
 def z_of_difference(a, b):
     """The same of the difference of two means."""
     return z_of_sum([(1, a), (-1, b)])
+
+
+def largest_by_chance(comparisons, family_wise):
+    """|z| that any of so many exceeds with this probability: Sidak's correction."""
+    each = 1 - (1 - family_wise) ** (1 / comparisons)
+    return statistics.NormalDist().inv_cdf(1 - each / 2)
