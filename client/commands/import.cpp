@@ -2,13 +2,16 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
+#include <cctype>
 #include <filesystem>
-#include <map>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "client/commands/command.h"
 #include "client/commands/options.h"
+#include "client/exports/file_text.h"
 #include "client/import/import_mitsuba.h"
 #include "client/output.h"
 #include "common/files/atomic_file.h"
@@ -50,18 +53,16 @@ void run_import(ImportFlags flags) {
   require_no_input("--output", flags.output, {flags.input});
   flags.options.output_folder = fs::path(flags.output).parent_path();
   const ImportedScene imported = import_mitsuba(flags.input, flags.options);
-  std::string notes;
-  for (const std::string& note : imported.not_carried_over) notes += fmt::format("  {}\n", note);
   const std::string command = command_of(imported, flags.output);
-
-  std::string text =
-      fmt::format("From {}.\n{}\n", fs::path(flags.input).filename().string(), command);
-  if (!notes.empty()) text += "Not carried over:\n" + notes;
-  std::string comment;
-  for (size_t at = 0; at < text.size(); at = text.find('\n', at) + 1) {
-    comment += fmt::format("# {}\n", text.substr(at, text.find('\n', at) - at));
+  std::string notes;
+  std::vector<std::string> comment{
+      fmt::format("From {}.", fs::path(flags.input).filename().string()), command};
+  if (!imported.not_carried_over.empty()) comment.emplace_back("Not carried over:");
+  for (const std::string& note : imported.not_carried_over) {
+    comment.push_back("  " + note);
+    notes += comment.back() + '\n';
   }
-  write_file_atomically(flags.output, comment + to_text_proto(imported.scene));
+  write_file_atomically(flags.output, hash_comment(comment) + to_text_proto(imported.scene));
 
   const v1::Scene& scene = imported.scene;
   print_result("{}: {} x {} pixels, {}, {} surfaces, {} lights\n", flags.output,
@@ -88,15 +89,13 @@ void add_import_command(CLI::App& app) {
   command->add_option("scene", flags->input, "XML file of Mitsuba")->required();
   command->add_option("-o,--output", flags->output, "Scene file to write")->required();
   add_scene_unit_flag(*command, flags->options.mm_per_scene_unit);
-  const std::map<std::string, v1::Film::Channel> channels{{"luminance", v1::Film::LUMINANCE},
-                                                          {"red", v1::Film::RED},
-                                                          {"green", v1::Film::GREEN},
-                                                          {"blue", v1::Film::BLUE}};
   command
       ->add_option_function<std::string>(
           "--channel",
-          [flags, channels](const std::string& name) {
-            flags->options.channel = channels.at(name);
+          [flags](std::string name) {
+            std::ranges::transform(name, name.begin(),
+                                   [](unsigned char c) { return std::toupper(c); });
+            v1::Film::Channel_Parse(name, &flags->options.channel);
           },
           "What of colours is taken: luminance, red, green or blue")
       ->check(CLI::IsMember({"luminance", "red", "green", "blue"}))

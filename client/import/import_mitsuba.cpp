@@ -8,7 +8,6 @@
 #include <charconv>
 #include <cmath>
 #include <map>
-#include <numbers>
 #include <set>
 #include <utility>
 
@@ -126,20 +125,28 @@ class Importer {
   }
 
   // A number for a colour.
-  double pick(const Colour& colour, const MitsubaPlugin& of) {
+  float number_for(const MitsubaPlugin& of, const std::string& property, double otherwise) {
+    const Colour colour = of.colour(property, otherwise);
     if (options_.channel != v1::Film::LUMINANCE) {
-      return colour[static_cast<size_t>(options_.channel - v1::Film::RED)];
+      return static_cast<float>(colour[static_cast<size_t>(options_.channel - v1::Film::RED)]);
     }
     if (colour[0] != colour[1] || colour[1] != colour[2]) {
       leave(of, "its colour: the luminance was taken; --channel takes R, G or B");
     }
-    return 0.2126 * colour[0] + 0.7152 * colour[1] + 0.0722 * colour[2];
+    return static_cast<float>(0.2126 * colour[0] + 0.7152 * colour[1] + 0.0722 * colour[2]);
   }
 
   static void set(v1::Vec3& to, const Vector3d& v) {
     to.set_x(static_cast<float>(v.x()));
     to.set_y(static_cast<float>(v.y()));
     to.set_z(static_cast<float>(v.z()));
+  }
+  // Of Mitsuba's rectangle, which is [-1, 1] x [-1, 1].
+  template <typename Rectangle>
+  static void set_sides(Rectangle& to, const Affine3d& transform) {
+    set(*to.mutable_center(), transform.translation());
+    set(*to.mutable_half_u(), transform.linear().col(0));
+    set(*to.mutable_half_v(), transform.linear().col(1));
   }
   Affine3d to_world(const MitsubaPlugin& plugin) const {
     return world_ * plugin.transform("to_world");
@@ -275,11 +282,12 @@ class Importer {
     const Colour albedo = medium.colour("albedo", 0.75), sigma_t = medium.colour("sigma_t", 1);
     const Colour sigma_s = medium.colour("sigma_s", 0), sigma_a = medium.colour("sigma_a", 0);
     const bool by_parts = medium.has("sigma_s") || medium.has("sigma_a");
+    const double g = asymmetry_of(medium);
     for (size_t c = 0; c < 3; ++c) {
       Material& of = material[c];
       of.sigma_t = by_parts ? sigma_s[c] + sigma_a[c] : sigma_t[c];
       of.albedo = by_parts ? sigma_s[c] / of.sigma_t : albedo[c];
-      of.g = asymmetry_of(medium);
+      of.g = g;
       of.sigma_t *= scale;
     }
     result_.medium = material;
@@ -313,11 +321,7 @@ class Importer {
   void add_surface(const MitsubaPlugin& shape) {
     v1::Surface surface;
     if (shape.type == "rectangle") {
-      const Affine3d transform = to_world(shape);
-      v1::Rectangle& rectangle = *surface.mutable_rectangle();
-      set(*rectangle.mutable_center(), transform.translation());
-      set(*rectangle.mutable_half_u(), transform.linear().col(0));
-      set(*rectangle.mutable_half_v(), transform.linear().col(1));
+      set_sides(*surface.mutable_rectangle(), to_world(shape));
     } else if (set_mesh(*surface.mutable_mesh(), shape)) {
       surface.set_smooth_angle_degrees(smooth_angle_of(shape));
     } else {
@@ -341,7 +345,7 @@ class Importer {
         if (set_texture(surface, shape, *texture)) return;
         leave(*texture, "is a reflectance of 0.5 here");
       } else if (bsdf->has(name)) {
-        surface.set_reflectance(static_cast<float>(pick(bsdf->colour(name, 0.5), *bsdf)));
+        surface.set_reflectance(number_for(*bsdf, name, 0.5));
         return;
       }
     }
@@ -373,8 +377,8 @@ class Importer {
     }
     if (texture.type != "checkerboard") return false;
     v1::Checkerboard& board = *surface.mutable_checkerboard();
-    board.set_even(static_cast<float>(pick(texture.colour("color0", 0.4), texture)));
-    board.set_odd(static_cast<float>(pick(texture.colour("color1", 0.2), texture)));
+    board.set_even(number_for(texture, "color0", 0.4));
+    board.set_odd(number_for(texture, "color1", 0.2));
     set(*board.mutable_corner(), start);
     set(*board.mutable_edge_u(), right / 2);
     set(*board.mutable_edge_v(), up / 2);
@@ -384,13 +388,11 @@ class Importer {
   // Lights.
 
   void add_lamp(const MitsubaPlugin& shape, const MitsubaPlugin& emitter) {
-    const auto radiance = static_cast<float>(pick(emitter.colour("radiance", 1), emitter));
+    const auto radiance = number_for(emitter, "radiance", 1);
     const Affine3d transform = to_world(shape);
     if (shape.type == "rectangle") {
       v1::PanelLight& panel = *result_.scene.add_lights()->mutable_panel();
-      set(*panel.mutable_center(), transform.translation());
-      set(*panel.mutable_half_u(), transform.linear().col(0));
-      set(*panel.mutable_half_v(), transform.linear().col(1));
+      set_sides(panel, transform);
       panel.set_radiance(radiance);
     } else if (shape.type == "sphere") {
       v1::SphereLight& sphere = *result_.scene.add_lights()->mutable_sphere();
@@ -409,7 +411,7 @@ class Importer {
   // From W/sr over scene units^2.
   float intensity_of(const MitsubaPlugin& emitter) {
     const double mm2_per_m2 = 1e6;
-    return static_cast<float>(pick(emitter.colour("intensity", 1), emitter) *
+    return static_cast<float>(number_for(emitter, "intensity", 1) *
                               std::pow(options_.mm_per_scene_unit, 2) / mm2_per_m2);
   }
 
@@ -417,14 +419,12 @@ class Importer {
     const Affine3d transform = to_world(emitter);
     v1::Light light;
     if (emitter.type == "constant") {
-      light.mutable_constant()->set_radiance(
-          static_cast<float>(pick(emitter.colour("radiance", 1), emitter)));
+      light.mutable_constant()->set_radiance(number_for(emitter, "radiance", 1));
     } else if (emitter.type == "envmap") {
       v1::EnvironmentMap& map = *light.mutable_environment_map();
       map.set_path(path_of(emitter));
       map.set_scale(static_cast<float>(emitter.number("scale", 1)));
-      map.set_rotate_y_degrees(
-          static_cast<float>(y_rotation_of(emitter, transform, Vector3d::UnitZ())));
+      map.set_rotate_y_degrees(static_cast<float>(y_rotation_of(emitter, transform)));
     } else if (emitter.type == "directional") {
       v1::DirectionalLight& sun = *light.mutable_directional();
       const Vector3d along =
@@ -432,7 +432,7 @@ class Importer {
               ? Vector3d(world_.linear() * emitter.vector("direction", Vector3d::UnitZ()))
               : Vector3d(transform.linear().col(2));
       set(*sun.mutable_direction(), -along.normalized());
-      sun.set_irradiance(static_cast<float>(pick(emitter.colour("irradiance", 1), emitter)));
+      sun.set_irradiance(number_for(emitter, "irradiance", 1));
     } else if (emitter.type == "point") {
       set(*light.mutable_point()->mutable_position(),
           transform * emitter.vector("position", Vector3d::Zero()));
@@ -455,10 +455,9 @@ class Importer {
     *result_.scene.add_lights() = light;
   }
 
-  // About +y, in degrees, of what it does to a direction that is level.
-  double y_rotation_of(const MitsubaPlugin& emitter, const Affine3d& transform,
-                       const Vector3d& level) {
-    const Vector3d up = transform.linear() * zenith_of(emitter), to = transform.linear() * level;
+  // About +y, in degrees, of what it does to +z.
+  double y_rotation_of(const MitsubaPlugin& emitter, const Affine3d& transform) {
+    const Vector3d up = transform.linear() * zenith_of(emitter), to = transform.linear().col(2);
     if (!(up.normalized().y() > 1 - 1e-6))
       leave(emitter, "stands askew beside another sky; that tilt");
     if (transform.linear().determinant() < 0)
@@ -468,10 +467,8 @@ class Importer {
 
   void set_sun_sky(v1::SunSky& sky, const MitsubaPlugin& emitter) {
     sky.set_turbidity(static_cast<float>(emitter.number("turbidity", 3)));
-    sky.set_ground_albedo(
-        static_cast<float>(pick(emitter.colour("albedo", file_.is_3 ? 0.3 : 0.15), emitter)));
-    const bool by_direction = emitter.has("sun_direction");
-    if (by_direction) {  // in the world's coordinates, whatever to_world is
+    sky.set_ground_albedo(number_for(emitter, "albedo", file_.is_3 ? 0.3 : 0.15));
+    if (emitter.has("sun_direction")) {  // in the world's coordinates, whatever to_world is
       const Vector3d to =
           (world_.linear() * emitter.vector("sun_direction", Vector3d::UnitY())).normalized();
       sky.set_sun_elevation_degrees(

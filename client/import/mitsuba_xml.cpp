@@ -12,6 +12,7 @@
 #include "common/angle.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
+#include "common/image/srgb.h"
 
 namespace itn {
 namespace {
@@ -76,10 +77,6 @@ Eigen::Vector3d vector_of(const std::map<std::string, std::string>& attributes,
     result[k] = one == attributes.end() ? otherwise : number_of(one->second, place);
   }
   return result;
-}
-
-double linear_of_srgb(double v) {
-  return v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4);
 }
 
 class Reader {

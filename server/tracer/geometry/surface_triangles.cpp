@@ -94,7 +94,9 @@ bool Surfaces::in_front(Vec3d origin, Vec3d direction, double length) const {
 }
 
 size_t Surfaces::memory() const {
-  return sizeof(*this) + reflectances.size() * kBytesByTriangle + (many ? many->memory() : 0);
+  const size_t flat_bytes = kBytesByTriangle - 9 * sizeof(float);  // without normals at corners
+  return sizeof(*this) + reflectances.size() * (smooth() ? kBytesByTriangle : flat_bytes) +
+         (many ? many->memory() : 0);
 }
 
 }  // namespace itn::tracer

@@ -33,7 +33,7 @@ struct Surfaces {
   }
 
   size_t memory() const;
-  // Without what looks for many.
+  // At most, without what looks for many.
   static constexpr size_t kBytesByTriangle = 22 * sizeof(float);
   bool empty() const { return triangles == 0; }
 

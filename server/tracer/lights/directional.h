@@ -24,6 +24,7 @@ struct DirectionalLight {
     to.number("irradiance", self.irradiance, 0, 1e9);
     to.angle("angular_radius_degrees", self.angular_radius, 0, 45);
   }
+  bool has_size() const { return angular_radius > 0; }
   // One of them, the other of no power.
   std::tuple<DirectionalLight, SunDisc> compile(const LightFrame& frame) const {
     constexpr double kSmallest = 0.1 * std::numbers::pi / 180;  // that floats resolve

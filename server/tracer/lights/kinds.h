@@ -4,6 +4,7 @@
 // A description says
 //   kName             its field in that message
 //   fields(self, to)  its own fields (common/fields.h)
+//   has_size()        where it may have none: whether paths meet it by chance
 //   compile(frame)    what it is rendered as, in the coordinates of the object; more than one as a
 //                     tuple
 // What is rendered says

@@ -19,6 +19,7 @@ struct PointLight {
     to.position("position", self.position);
     to.number("intensity", self.intensity, 0, 1e9);
   }
+  bool has_size() const { return false; }
   PointLight compile(const LightFrame& frame) const {
     const LampPlace place = lamp_place(frame, "point.position", position);
     return {place.position, intensity, place.distance2};

@@ -31,6 +31,7 @@ struct SpotLight {
     to.angle("inner_angle_degrees", self.inner_angle, 0, 90);
     to.angle("outer_angle_degrees", self.outer_angle, 0.1, 90);
   }
+  bool has_size() const { return false; }
   SpotLight compile(const LightFrame& frame) const {
     const LampPlace place = lamp_place(frame, "spot.position", position);
     const Vec3d direction = frame.pose.to_object(target) - place.position;

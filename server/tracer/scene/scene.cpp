@@ -24,14 +24,13 @@ size_t size_of(const Mesh& mesh) {
 void check_lights_are_found(const SceneDescription& scene) {
   const auto name = [](const auto& kind) { return kind.kName; };
   for (size_t i = 0; i < scene.lights.size(); ++i) {
-    const bool by_chance = std::visit(
+    const bool has_size = std::visit(
         [](const auto& kind) {
-          if constexpr (requires { kind.angular_radius; }) return kind.angular_radius > 0;
-          if constexpr (requires { kind.kDelta; }) return !kind.kDelta;
+          if constexpr (requires { kind.has_size(); }) return kind.has_size();
           return true;
         },
         scene.lights[i]);
-    if (by_chance) continue;
+    if (has_size) continue;
     throw invalid_input(fmt::format(
         "lights[{}].{} cannot be seen through object.{}, which is smooth: no path finds such a "
         "light; one of a size (angular_radius_degrees, sphere, panel), or a rough boundary, can be "

@@ -148,12 +148,13 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vecto
   if (hn::AllFalse(d, where)) return;
   Vectors direction = aim.direction;
   const bool has_lamps = wave.scene.lights.has_lamps();
-  // Whatever is seen there: behind the boundary something else may be.
-  const Floats all_pdf =
-      has_lamps ? drawn_pdf(wave.scene.lights, position, light.direction) : light.pdf;
-  Floats pdf = hn::Mul(all_pdf, aim.inner_by_outer), passing = one;
+  Floats pdf = light.pdf, passing = one;
   Floats light_pdf = one;  // of q s, what is not in `pdf`
-  if (!wave.boundary_is_delta) {
+  if (wave.boundary_is_delta) {
+    // Whatever is seen there: behind the boundary something else may be.
+    if (has_lamps) pdf = drawn_pdf(wave.scene.lights, position, light.direction);
+    pdf = hn::Mul(pdf, aim.inner_by_outer);
+  } else {
     const Words words = random(wave, i, load(paths.vertex, i), Sampler::kRefraction);
     const Floats cosine = sample_cosine(wave.refraction.lobe, uniform(words.w[0]));
     const Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
