@@ -66,6 +66,34 @@ v1::Scene full_scene() {
   return scene;
 }
 
+// A smooth boundary, lamps of a size, a mesh of smooth normals, an image, a lens and a crop.
+v1::Scene lamp_scene() {
+  auto scene = parse_text<v1::Scene>(R"(
+    object { mesh {} dielectric { index: 2.5 } medium { name: "marble" object_size: 10 } }
+    surfaces { mesh { builtin: "sphere" transforms { translate { x: 3 } } } smooth_angle_degrees: 60 }
+    surfaces { rectangle { center { y: -0.1 } half_u { x: 20 } half_v { z: -20 } }
+               image { pixels { width: 2 height: 1 } scale: 0.9 edge_u { x: 3 } edge_v { z: 2 } } }
+    lights { sphere { center { x: 2 y: 2 } radius: 0.5 radiance: 4 } }
+    lights { panel { center { x: -2 y: 1 } half_u { y: 1 } half_v { z: 1 } radiance: 3 } }
+    lights { directional { direction { y: 1 } irradiance: 2 angular_radius_degrees: 10 } }
+    camera { origin { y: 1.5 z: -4 } target { y: 0.5 } principal_x: 0.6 principal_y: 0.4
+             k_1: -0.1 k_2: 0.01 crop { left: 0.1 top: 0.2 right: 0.9 bottom: 0.8 } }
+    film { width: 6 height: 5 })");
+  *scene.mutable_object()->mutable_mesh()->mutable_triangles() = testing::cube();
+  scene.mutable_surfaces(1)->mutable_image()->mutable_pixels()->set_rgb(
+      to_bytes(std::vector<float>{0.1F, 0.2F, 0.3F, 1, 0.5F, 0}));
+  return scene;
+}
+
+v1::Scene spot_scene() {
+  v1::Scene scene = testing::cube_scene(6, 5);
+  scene.mutable_object()->mutable_rough_dielectric()->set_roughness(0.001F);
+  *scene.add_lights() = parse_text<v1::Light>(
+      "spot { position { y: 3 z: -2 } intensity: 1e-5 inner_angle_degrees: 10 "
+      "outer_angle_degrees: 20 }");
+  return scene;
+}
+
 std::string render_request(
     const v1::Scene& scene,
     const std::function<void(v1::RenderGradRequest&)>& change = [](auto&) {}) {
@@ -231,6 +259,22 @@ void make_corpus(const fs::path& folder) {
           }
           request.mutable_gradient()->set_weight(to_bytes(std::vector<float>(6 * 5, 0.5F)));
           request.mutable_gradient()->set_light(1);
+        }));
+  write("render_request/lamps", render_request(lamp_scene(), [](auto& request) {
+          request.mutable_material()->set_albedo(1);
+          request.mutable_material()->clear_g();
+          request.clear_derivatives();
+          *request.mutable_phase() = parse_text<v1::PhaseFunction>("von_mises_fisher { kappa: 3 }");
+          for (const char* name :
+               {"von_mises_fisher.kappa", "surface[1].image.scale", "light[0].scale"}) {
+            request.add_parameters(name);
+          }
+          request.set_spp(2);
+          request.set_first_sample(2);
+        }));
+  write("render_request/spot", render_request(spot_scene(), [](auto& request) {
+          request.clear_derivatives();
+          request.add_parameters("rough_dielectric.roughness");
         }));
   write("render_request/loss", loss_request());
   write("render_request/reference", render_request(full_scene(), [](auto& request) {

@@ -801,23 +801,52 @@ TEST(RenderService, RefusesAFilmThatNeverFitsBesideItsScene) {
 
 // ---- Time --------------------------------------------------------------------------------------
 
+// A cube with a cavity, behind a boundary, under a sun of some size.
+v1::Scene thick_shell(const std::string& boundary) {
+  v1::Scene scene = cube_scene();
+  *scene.mutable_object() = testing::parse_text<v1::Object>(boundary);
+  scene.mutable_lights(1)->mutable_directional()->set_angular_radius_degrees(1);
+  const v1::Triangles cube = testing::cube();
+  auto positions = from_bytes<Vec3f>(cube.positions());
+  auto indices = from_bytes<uint32_t>(cube.indices());
+  const size_t corners = positions.size(), sides = indices.size();
+  for (size_t i = 0; i < corners; ++i) {
+    const Vec3f middle = {0, 0.5F, 0};
+    positions.push_back(middle + (positions[i] - middle) * 0.9F);
+  }
+  for (size_t i = 0; i < sides; i += 3) {  // the other way round
+    for (const size_t k : {0U, 2U, 1U}) {
+      indices.push_back(indices[i + k] + static_cast<uint32_t>(corners));
+    }
+  }
+  v1::Triangles& triangles = *scene.mutable_object()->mutable_mesh()->mutable_triangles();
+  triangles.set_positions(to_bytes(positions));
+  triangles.set_indices(to_bytes(indices));
+  return scene;
+}
+
 TEST(RenderService, StopsARenderThatTakesTooLong) {
   RenderServer server(options_with([](auto& o) {
     o.max_seconds = 0.3;
     o.limits.max_spp = 1U << 20;
   }));
   Client client(server.in_process_channel());
-  // The scene is there; to make it may take as long by itself.
-  ASSERT_TRUE(
-      testing::eventually([&] { return client.call(with_scene(small_request())).status.ok(); }));
-  auto request = with_scene(endless_request());
-  request.set_spp(1000);  // by its number of paths, it might end in time
-  request.mutable_material()->set_sigma_t(1e6);
-  request.mutable_material()->set_albedo(1);
-  const Answer answer = client.call(request);
-  EXPECT_EQ(answer.status.error_code(), grpc::RESOURCE_EXHAUSTED);
-  EXPECT_THAT(answer.status.error_message(), HasSubstr("rendering 1000 samples per pixel"));
-  EXPECT_THAT(answer.status.error_message(), HasSubstr("--max-seconds"));
+  for (const char* boundary : {"boundary: INDEX_MATCHED", "dielectric { index: 2.5 }",
+                               "rough_dielectric { index: 2.5 roughness: 0.001 }"}) {
+    SCOPED_TRACE(boundary);
+    const v1::Scene scene = thick_shell(boundary);
+    // To make the scene may take as long by itself.
+    ASSERT_TRUE(testing::eventually(
+        [&] { return client.call(with_scene(small_request(), scene)).status.ok(); }));
+    auto request = with_scene(endless_request(), scene);
+    request.set_spp(1000);  // by its number of paths, it might end in time
+    request.mutable_material()->set_sigma_t(1e6);
+    request.mutable_material()->set_albedo(1);
+    const Answer answer = client.call(request);
+    EXPECT_EQ(answer.status.error_code(), grpc::RESOURCE_EXHAUSTED);
+    EXPECT_THAT(answer.status.error_message(), HasSubstr("rendering 1000 samples per pixel"));
+    EXPECT_THAT(answer.status.error_message(), HasSubstr("--max-seconds"));
+  }
   EXPECT_TRUE(
       testing::eventually([&] { return client.call(with_scene(small_request())).status.ok(); }));
 }
