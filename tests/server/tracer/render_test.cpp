@@ -362,6 +362,20 @@ TEST(RenderTest, TheSunItselfIsNotDropped) {
   EXPECT_GT(film_mean(sums, -1), 1e6);
 }
 
+// Paths that have ended are at no place, and a map is looked up in no direction from there: these
+// looked it up beyond its pixels.
+TEST(RenderTest, EndedPathsLookUpNoMap) {
+  SceneDescription description =
+      studio("cube", {small_map(), PointLight{{1, 2, 0}, 4e-6}, paper_sun_sky()}, 0.5F, 4);
+  description.boundary = RoughDielectric{};
+  const Scene scene(std::move(description));
+  for (uint64_t seed = 0; seed < 300; ++seed) {
+    const FilmSums sums =
+        render_grad(scene, {.material = {4, 0.9, 0}, .sample_count = 3, .seed = seed});
+    EXPECT_EQ(sums.counters.invalid_samples, 0U);
+  }
+}
+
 // A surface in front of the object hides it: the camera ray starts at the object's box, but what
 // stands before the box counts.
 TEST(RenderTest, ASurfaceMayStandInFront) {

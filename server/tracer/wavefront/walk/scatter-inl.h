@@ -187,7 +187,9 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
   if (wave.stops_at_boundary) cross(wave, i, vertices, direction, pdf);
   if (wave.refracts_shadow_rays) {
     store(hn::IfThenElseZero(vertices.in_medium, phase.value), paths.scattered_pdf[0], i);
-    const Vectors position = load(paths.rays.position, i);
+    // Paths that have escaped are at no place.
+    const Vectors position =
+        if_then_else(vertices.where(), load(paths.rays.position, i), set(Vec3f{}));
     store(position.x, paths.scattered_at[0], i);
     store(position.y, paths.scattered_at[1], i);
     store(position.z, paths.scattered_at[2], i);
