@@ -70,7 +70,7 @@ v1::Scene full_scene() {
 v1::Scene lamp_scene() {
   auto scene = parse_text<v1::Scene>(R"(
     object { mesh {} dielectric { index: 2.5 } medium { name: "marble" object_size: 10 } }
-    surfaces { mesh { builtin: "sphere" transforms { translate { x: 3 } } } smooth_angle_degrees: 60 }
+    surfaces { mesh { builtin: "cube" transforms { translate { x: 3 } } } smooth_angle_degrees: 100 }
     surfaces { rectangle { center { y: -0.1 } half_u { x: 20 } half_v { z: -20 } }
                image { pixels { width: 2 height: 1 } scale: 0.9 edge_u { x: 3 } edge_v { z: 2 } } }
     lights { sphere { center { x: 2 y: 2 } radius: 0.5 radiance: 4 } }
