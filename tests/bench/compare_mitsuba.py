@@ -31,7 +31,7 @@ import sys
 import tempfile
 import time
 
-from renderer_setup import MITSUBA, enter_virtual_environment, find_llvm
+from renderer_setup import MITSUBA, enter_virtual_environment, find_llvm, hold_to_avx2
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
@@ -80,6 +80,9 @@ def parse_arguments():
     parser.add_argument("--boundary", choices=BOUNDARIES, default="matched",
                         help="of the object: matched, rough (1.5, alpha 0.25) or smooth (1.5) "
                              "(default: matched)")
+    parser.add_argument("--avx2", action="store_true",
+                        help="hold Mitsuba to AVX2 where the processor has more; the worker is to be "
+                             "one that was built without AVX-512 (server/tracer/simd/targets.h)")
     parser.add_argument("--validation-data", type=pathlib.Path, metavar="DIR",
                         default=os.environ.get("ITN_VALIDATION_DATA"),
                         help="folder with meshes/armadillo.ply and meshes/bunny.ply; otherwise "
@@ -114,6 +117,8 @@ import numpy as np  # noqa: E402
 from welch import largest_by_chance, z_of_sum  # noqa: E402
 
 mi.set_variant("llvm_ad_mono")
+if ARGUMENTS.avx2:
+    hold_to_avx2()
 sys.path.insert(0, str(ROOT / "client/examples"))
 import itn_client  # noqa: E402
 

@@ -1,4 +1,5 @@
 """What the programs beside this file need before they can import other renderers."""
+import ctypes
 import glob
 import os
 import pathlib
@@ -50,3 +51,13 @@ def find_llvm():
         skip(f"no libLLVM {OLDEST_LLVM} or later below /usr/lib: install Debian's libllvm19, or "
              "set DRJIT_LIBLLVM_PATH")
     os.environ["DRJIT_LIBLLVM_PATH"] = newest
+
+
+def hold_to_avx2():
+    """Makes Dr.Jit, which is loaded, compile for AVX2 where the processor has more."""
+    import drjit
+    core = ctypes.CDLL(os.path.join(os.path.dirname(drjit.__file__), "libdrjit-core.so"))
+    # jit_llvm_set_target(cpu, features, vector width), which Python is not offered.
+    set_target = core._Z19jit_llvm_set_targetPKcS0_j
+    set_target.argtypes = [ctypes.c_char_p, ctypes.c_char_p, ctypes.c_uint32]
+    set_target(b"haswell", b"", 8)
