@@ -129,7 +129,7 @@ std::vector<Ask> asks(const Scene& scene) {
   if (scene.surface_count() > 0) derivatives.derivatives.push_back({Parameter::kReflectance, 0});
   derivatives.derivatives.push_back({Parameter::kLightScale, 0});
   if (!is_delta(scene.compiled().boundary)) {
-    derivatives.derivatives.push_back({Parameter::kBoundary});
+    derivatives.derivatives.push_back(parameter_named("rough_dielectric.roughness"));
   }
   std::vector<Ask> result = {{"image", image}, {"derivatives", derivatives}};
   const auto add = [&](const char* name, const auto& change, bool of_reference = true) {

@@ -13,6 +13,8 @@
 //   draw(kind, crossing, words)       how they go on
 //   evaluate(kind, crossing, to)      unless it is a delta: what light from a direction brings them
 //   transmit(kind, crossing)          of a delta that refracts: where to, without a draw
+//   edge(kind, crossing, u)           of one with a kIndexSlot, where a derivative in the index is
+//                                     known: a direction where value ends and is not 0
 //
 // At a boundary that stops lines, a crossing is a vertex of the path. Shadow rays end there and
 // bring nothing, as the straight line to the light is not a path of light: only from vertices
@@ -24,6 +26,7 @@
 // A path that crosses more than kMaxConsecutiveCrossings times in a row, without scattering or
 // reflection by a surface in between, counts as trapped by rounding, and is dropped as leaked.
 #include <cstdint>
+#include <optional>
 #include <variant>
 
 #include "server/tracer/boundary/dielectric.h"
@@ -64,6 +67,15 @@ inline double refraction_spread(const Boundary& boundary) {
 }
 inline Boundary compile(const Boundary& boundary) {
   return std::visit([](const auto& kind) -> Boundary { return kind.compile(); }, boundary);
+}
+// The slot of the index of refraction, if there is one.
+inline std::optional<size_t> index_slot(const Boundary& boundary) {
+  return std::visit(
+      []<typename Kind>(const Kind&) -> std::optional<size_t> {
+        if constexpr (requires { Kind::kIndexSlot; }) return Kind::kIndexSlot;
+        return std::nullopt;
+      },
+      boundary);
 }
 inline double relative_index(const Boundary& boundary) {
   return std::visit([](const auto& kind) { return kind.relative_index(); }, boundary);
@@ -139,6 +151,24 @@ HWY_INLINE Transmission transmit(const Boundary& boundary, const Crossing& at) {
   return through;
 }
 
+// How often a path follows an edge, where a derivative in the index is asked for.
+constexpr float kEdgeProbability = 0.1F;
+
+// Follows edges instead of what was drawn, with that probability.
+HWY_INLINE void follow_edges(const Boundary& boundary, const Crossing& at, const Words& words,
+                             BoundarySample& next) {
+  BoundaryEdge ending{next.direction, hn::Zero(FloatTag())};
+  visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
+    if constexpr (requires { Kind::kIndexSlot; }) ending = edge(kind, at, uniform(words.w[0]));
+  });
+  const Mask chosen = hn::Lt(fifth_uniform(words), set(kEdgeProbability));
+  const Mask all = hn::FirstN(FloatTag(), lanes());
+  next.direction = if_then_else(chosen, on_its_side(at, ending.direction, all), next.direction);
+  next.transmitted = hn::Or(next.transmitted, chosen);
+  next.weight = hn::IfThenZeroElse(chosen, hn::Mul(next.weight, set(1 / (1 - kEdgeProbability))));
+  next.edge_weight = hn::IfThenElseZero(chosen, hn::Mul(ending.weight, set(1 / kEdgeProbability)));
+}
+
 // Of a boundary that stops lines.
 HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, const Words& words) {
   const Floats zero = hn::Zero(FloatTag());
@@ -147,7 +177,7 @@ HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, c
     if constexpr (Kind::kStopsLines) drawn = draw(kind, at, words);
   });
   const Vectors direction = on_its_side(at, drawn.direction, drawn.transmitted);
-  if (is_delta(boundary)) return {direction, drawn.transmitted, drawn.weight, zero, {zero}};
+  if (is_delta(boundary)) return {direction, drawn.transmitted, drawn.weight, zero, {zero}, zero};
   const BoundaryValue value = evaluate(boundary, at, direction);
   const Mask possible = hn::And(hn::Gt(drawn.weight, zero), hn::Gt(value.pdf, zero));
   const Floats pdf = hn::Max(value.pdf, set(1e-20F));
@@ -155,8 +185,10 @@ HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, c
                       drawn.transmitted,
                       hn::IfThenElseZero(possible, hn::Div(value.value, pdf)),
                       pdf,
-                      {zero}};
+                      {zero},
+                      zero};
   for (size_t s = 0; s < kMaxBoundarySlots; ++s) next.scores[s] = value.scores[s];
+  if (at.by_index) follow_edges(boundary, at, words, next);
   return next;
 }
 

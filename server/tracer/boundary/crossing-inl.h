@@ -23,17 +23,20 @@ struct Crossing {
   Vectors normal, flat_normal;
   Mask leaving;  // whether that is the side of the medium
   bool flat;     // these are the same
+  // Whether a derivative in the index is asked for: what its score costs, and paths that follow
+  // edges (BoundaryEdge).
+  bool by_index;
 };
 
 // The normals on the outer side.
 HWY_INLINE Crossing crossing_of(Vectors direction, Vectors outwards, Vectors flat_outwards,
-                                Mask leaving, bool flat) {
+                                Mask leaving, bool flat, bool by_index) {
   const Floats zero = hn::Zero(FloatTag());
   const auto facing = [&](Vectors n) {
     return if_then_else(leaving, Vectors{zero, zero, zero} - n, n);
   };
   const Vectors flat_normal = facing(flat_outwards);
-  if (flat) return {direction, flat_normal, flat_normal, leaving, true};
+  if (flat) return {direction, flat_normal, flat_normal, leaving, true, by_index};
   // Where a mirror would send light through the triangle, the normal is bent until it does not:
   // halfway between where the path comes from, and a direction that is just outside.
   const Vectors normal = facing(outwards), back = Vectors{zero, zero, zero} - direction;
@@ -44,7 +47,7 @@ HWY_INLINE Crossing crossing_of(Vectors direction, Vectors outwards, Vectors fla
   const Vectors lifted = normalize(mirror + flat_normal * hn::Sub(least, height));
   const Vectors bent = normalize(back + lifted);
   const Mask through = hn::Or(hn::Lt(height, least), hn::Le(dot(back, normal), zero));
-  return {direction, if_then_else(through, bent, normal), flat_normal, leaving, false};
+  return {direction, if_then_else(through, bent, normal), flat_normal, leaving, false, by_index};
 }
 
 // Where a smooth boundary lets light through to, and the part of it that it reflects instead.
@@ -67,6 +70,16 @@ struct BoundarySample {
   Floats weight;                     // value / pdf; 0: the light is absorbed
   Floats pdf;                        // per steradian; of a boundary that is a delta, 0
   Floats scores[kMaxBoundarySlots];  // see BoundaryValue
+  // Where an edge is followed (BoundaryEdge), which is behind the boundary: its weight over the
+  // probability of that, `weight` being 0; else 0.
+  Floats edge_weight;
+};
+
+// A direction where value ends and is not 0, drawn, and its part of the derivative in the slot that
+// is the index by which this end turns, for light of radiance 1 from there.
+struct BoundaryEdge {
+  Vectors direction;
+  Floats weight;
 };
 
 // What light from a direction brings.

@@ -40,6 +40,27 @@ HWY_INLINE Fresnel fresnel(Floats cosine, Floats index) {
   return {hn::Mul(set(0.5F), mul_add(r_s, r_s, hn::Mul(r_p, r_p))), refracted};
 }
 
+// The derivative of `reflected` where the cosine and the index have these. With q the index times
+// the refracted cosine, r_s = (c - q) / (c + q) and r_p = (index^2 c - q) / (index^2 c + q).
+HWY_INLINE Floats reflected_slope(Floats cosine, Floats index, Floats d_cosine, Floats d_index) {
+  const Floats one = set(1.0F), index2 = hn::Mul(index, index);
+  const Floats c = hn::Max(cosine, set(1e-7F));
+  const Floats q2 = hn::Add(hn::Sub(index2, one), hn::Mul(c, c));
+  const Floats q = hn::Sqrt(hn::Max(q2, set(1e-6F)));  // what rounding leaves of it
+  const Floats d_q = hn::Div(mul_add(index, d_index, hn::Mul(c, d_cosine)), q);
+  // Of the square of (a - q) / (a + q).
+  const auto d_square = [&](Floats a, Floats d_a) {
+    const Floats sum = hn::Add(a, q);
+    const Floats turn = hn::Sub(hn::Mul(q, d_a), hn::Mul(a, d_q));
+    const Floats by = hn::Div(hn::Mul(hn::Sub(a, q), turn), hn::Mul(sum, hn::Mul(sum, sum)));
+    return hn::Mul(set(4.0F), by);
+  };
+  const Floats d_p =
+      mul_add(index2, d_cosine, hn::Mul(hn::Mul(set(2.0F), index), hn::Mul(c, d_index)));
+  const Floats slope = hn::Add(d_square(c, d_cosine), d_square(hn::Mul(index2, c), d_p));
+  return hn::IfThenElseZero(hn::Gt(q2, hn::Zero(FloatTag())), hn::Mul(set(0.5F), slope));
+}
+
 // The direction behind the boundary of light in direction d, which arrives at the side of `normal`.
 HWY_INLINE Vectors refracted(Vectors d, Vectors normal, Floats cosine, Floats refracted_cosine,
                              Floats index) {

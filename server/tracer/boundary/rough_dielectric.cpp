@@ -25,7 +25,7 @@ std::array<double, 2> going_on(const RoughDielectric& boundary, bool leaving, fl
   const float sine = std::sqrt(1 - cosine * cosine);
   const Vectors up = set(Vec3f{0, 0, 1});
   const Crossing at = crossing_of(set(Vec3f{sine, 0, leaving ? cosine : -cosine}), up, up,
-                                  hn::FirstN(d, leaving ? lanes() : 0), true);
+                                  hn::FirstN(d, leaving ? lanes() : 0), true, false);
   const Floats index = index_ahead(boundary.index, at.leaving);
   double part = 0, slope = 0;
   for (size_t k = 0; k < kMicrofacets; k += lanes()) {
@@ -45,7 +45,7 @@ std::array<double, 2> going_on(const RoughDielectric& boundary, bool leaving, fl
       const Floats weight = hn::Div(value.value, hn::Max(value.pdf, set(1e-20F)));
       const Floats added = hn::IfThenElseZero(possible, hn::Mul(probability, weight));
       sum = hn::Add(sum, added);
-      slopes = mul_add(added, value.scores[0], slopes);
+      slopes = mul_add(added, value.scores[RoughDielectric::kRoughnessSlot], slopes);
     };
     add(mirrored(at.direction, m), false);
     add(refracted(at.direction, m, i_m, refracted_cosine, index), true);
@@ -89,15 +89,35 @@ double mean(const float* table) {
   return sum;
 }
 
-void add_lost(const RoughDielectric& boundary, bool inside, LostLight& table) {
-  for (size_t k = 0; k < kCosines; ++k) {
-    const float root = static_cast<float>(k) / (kCosines - 1);
+// M and its derivative in the roughness.
+struct LostByAngle {
+  LostLight::Table part, slope;
+};
+LostByAngle lost_by_angle(const RoughDielectric& boundary) {
+  LostByAngle lost{};
+  for (size_t at = 0; at < lost.part.size(); ++at) {
+    const float root = static_cast<float>(at % kCosines) / (kCosines - 1);
     const auto [part, slope] =
-        HWY_DYNAMIC_DISPATCH(going_on)(boundary, inside, std::max(root * root, 1e-4F));
-    const size_t at = (inside ? kCosines : 0) + k;
-    table.part[at] = static_cast<float>(std::clamp(1 - part, 1e-6, 1.0));
-    table.slope[at] = static_cast<float>(-slope);
+        HWY_DYNAMIC_DISPATCH(going_on)(boundary, at >= kCosines, std::max(root * root, 1e-4F));
+    lost.part[at] = static_cast<float>(std::clamp(1 - part, 1e-6, 1.0));
+    lost.slope[at] = static_cast<float>(-slope);
   }
+  return lost;
+}
+
+// In the index, by a difference: the lattice of microfacets is the same.
+LostLight::Table slope_by_index(const RoughDielectric& boundary) {
+  constexpr float kStep = 0.01F;
+  const auto part_at = [&](float index) {
+    RoughDielectric other = boundary;
+    other.index = index;
+    return lost_by_angle(other).part;
+  };
+  const LostLight::Table above = part_at(boundary.index + kStep);
+  const LostLight::Table below = part_at(boundary.index - kStep);
+  LostLight::Table slope{};
+  for (size_t at = 0; at < slope.size(); ++at) slope[at] = (above[at] - below[at]) / (2 * kStep);
+  return slope;
 }
 
 }  // namespace
@@ -105,15 +125,22 @@ void add_lost(const RoughDielectric& boundary, bool inside, LostLight& table) {
 RoughDielectric RoughDielectric::compile() const {
   RoughDielectric result = *this;
   if (single_scattering) return result;
+  const LostByAngle lost_here = lost_by_angle(*this);
   LostLight table;
-  for (const bool inside : {false, true}) add_lost(*this, inside, table);
+  table.part = lost_here.part;
+  table.slopes[kIndexSlot] = slope_by_index(*this);
+  table.slopes[kRoughnessSlot] = lost_here.slope;
   const double index2 = double{index} * double{index};
   const double outside = mean(table.part.data()), inside = mean(table.part.data() + kCosines);
-  const double slope = mean(table.slope.data()) + index2 * mean(table.slope.data() + kCosines);
   const double norm = 1 / (outside + index2 * inside);
   table.mean = {static_cast<float>(outside), static_cast<float>(inside)};
   table.norm = static_cast<float>(norm);
-  table.norm_slope = static_cast<float>(-norm * norm * slope);
+  for (size_t s = 0; s < table.slopes.size(); ++s) {
+    const float* slopes = table.slopes[s].data();
+    double slope = mean(slopes) + index2 * mean(slopes + kCosines);
+    if (s == kIndexSlot) slope += 2 * double{index} * inside;
+    table.norm_slopes[s] = static_cast<float>(-norm * norm * slope);
+  }
   result.lost = std::make_shared<const LostLight>(table);
   return result;
 }

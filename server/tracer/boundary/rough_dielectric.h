@@ -13,20 +13,21 @@ namespace itn::tracer {
 // Which part M of the light that arrives under an angle meets more than one microfacet.
 struct LostLight {
   // By side, first that around the medium, and by the root of the angle's cosine at equal distances
-  // in [0, 1]: M, and its derivative in the roughness.
+  // in [0, 1]: M.
   static constexpr size_t kCosines = 32;
-  std::array<float, 2 * kCosines> part{}, slope{};
+  using Table = std::array<float, 2 * kCosines>;
+  Table part{};
   // By side: the mean of M over light from all directions alike.
   std::array<float, 2> mean{};
-  // 1 / (mean outside + index^2 mean inside), and its derivative in the roughness.
-  float norm = 0, norm_slope = 0;
+  // 1 / (mean outside + index^2 mean inside).
+  float norm = 0;
+  // The derivatives of M and the norm, by slot: in the index and the roughness.
+  std::array<Table, 2> slopes{};
+  std::array<float, 2> norm_slopes{};
 };
 
 struct RoughDielectric {
-  // Of refraction, of the medium, relative to what is around it. No score is known in it: the
-  // directions that level microfacets refract to, n.m = 0, are where the model ends, not at 0, and
-  // they turn with the index.
-  float index = 1.5F;
+  float index = 1.5F;       // of refraction, of the medium, relative to what is around it
   float roughness = 0.25F;  // alpha of GGX
 
   // Walter's model alone, as in other renderers: what meets more than one microfacet is lost.
@@ -37,13 +38,14 @@ struct RoughDielectric {
   static constexpr const char* kName = "rough_dielectric";
   template <typename Self, typename Fields>
   static void fields(Self& self, Fields& to) {
-    to.number("index", self.index, 1.1, 2.5);
+    to.slot("index", self.index, 1.1, 2.5);
     to.slot("roughness", self.roughness, 0.001, 1);
     to.flag("single_scattering", self.single_scattering);
   }
   RoughDielectric compile() const;
 
   static constexpr bool kStopsLines = true, kDelta = false;
+  static constexpr size_t kIndexSlot = 0, kRoughnessSlot = 1;
   double relative_index() const { return double{index}; }
   double refraction_spread() const { return double{roughness} * (1 - 1 / double{index}); }
 };
@@ -94,7 +96,8 @@ HWY_INLINE Floats cosine_of_arrival(const Crossing& at) {
 // With e the index ahead, and F the reflectance by Fresnel, m and the density of o are
 //   m ~ i + o,      pdf = F density / (4 (i.m))                       of a reflection,
 //   m ~ i + e o,    pdf = (1 - F) density e^2 |o.m| / |i + e o|^2     of a refraction,
-// and value = pdf G_1(o): what of it o sees.
+// and value = pdf G_1(o): what of it o sees. For the score in the index, o stays and m turns by
+//   dm/de = (o - (o.m) m) / (m.(i + e o)).
 HWY_INLINE BoundaryValue walter(const RoughDielectric& boundary, const Crossing& at, Vectors o) {
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const float alpha = boundary.roughness, alpha2 = alpha * alpha;
@@ -105,7 +108,8 @@ HWY_INLINE BoundaryValue walter(const RoughDielectric& boundary, const Crossing&
 
   const Vectors h = i + o * hn::IfThenElse(reflects, one, e);
   const Floats h2 = hn::Max(dot(h, h), set(1e-12F));
-  const Vectors m = h * hn::Div(hn::CopySign(one, dot(h, n)), hn::Sqrt(h2));
+  const Floats per_h = hn::Div(hn::CopySign(one, dot(h, n)), hn::Sqrt(h2));
+  const Vectors m = h * per_h;
   const Floats i_m = dot(i, m), o_m = dot(o, m), n_m = dot(n, m);
   const Mask on_their_sides = hn::Not(hn::Xor(reflects, hn::Gt(o_m, zero)));
   const Mask possible = hn::And(hn::Gt(i_m, zero), on_their_sides);
@@ -121,17 +125,64 @@ HWY_INLINE BoundaryValue walter(const RoughDielectric& boundary, const Crossing&
       hn::Mul(hn::Mul(hn::Sub(one, reflected), i_m), hn::Mul(hn::Mul(e, e), hn::Abs(o_m))), h2);
   const Floats pdf = hn::IfThenElseZero(
       possible, hn::Mul(density, hn::IfThenElse(reflects, reflection, refraction)));
-  const Floats score =
+  const Floats by_roughness =
       hn::Sub(hn::Add(by_i.score, by_o.score),
               hn::Sub(hn::Div(hn::Mul(set(4 * alpha), n_m2), spread), set(2 / alpha)));
-  return {hn::Mul(pdf, by_o.part), pdf, {hn::IfThenElseZero(possible, score)}};
+
+  Floats by_index = zero;
+  if (at.by_index) {
+    const Floats least = set(1e-6F), i_o = dot(i, o);
+    const Floats d_i_m = hn::Mul(per_h, hn::Sub(i_o, hn::Mul(i_m, o_m)));
+    const Floats d_o_m = hn::Mul(per_h, hn::Sub(one, hn::Mul(o_m, o_m)));
+    const Floats d_n_m = hn::Mul(per_h, hn::Sub(o_n, hn::Mul(n_m, o_m)));
+    const Floats d_reflected =
+        reflected_slope(hn::Max(i_m, zero), e, hn::IfThenZeroElse(reflects, d_i_m), one);
+    const Floats of_reflection = hn::Div(d_reflected, hn::Max(reflected, least));
+    const auto log_slope = [&](Floats d, Floats x) { return hn::Div(d, hn::Max(x, least)); };
+    const Floats of_power = hn::Sub(hn::Sub(log_slope(d_i_m, i_m), log_slope(d_o_m, hn::Neg(o_m))),
+                                    log_slope(d_reflected, hn::Sub(one, reflected)));
+    const Floats of_angles = hn::Sub(hn::Div(one, e), hn::Div(hn::Add(i_o, e), h2));
+    const Floats of_spread = hn::Div(hn::Mul(hn::Mul(set(2 * (1 - alpha2)), n_m), d_n_m), spread);
+    const Floats of_refraction = mul_add(set(2.0F), hn::Add(of_angles, of_spread), of_power);
+    const Floats d_e = hn::IfThenElse(at.leaving, hn::Neg(hn::Mul(e, e)), one);
+    by_index = hn::Mul(hn::IfThenElse(reflects, of_reflection, of_refraction), d_e);
+  }
+  return {hn::Mul(pdf, by_o.part),
+          pdf,
+          {hn::IfThenElseZero(possible, by_index), hn::IfThenElseZero(possible, by_roughness)}};
 }
 
-// Of light that arrives under angles on either side.
+// Where the model ends it is not 0: level microfacets, n.m = 0, refract, and whereto turns with the
+// index. So the derivative of light in the index has another part than value times score: the light
+// from there, by the density of level microfacets times n.dm/de. They are drawn by their i.m.
+HWY_INLINE BoundaryEdge edge(const RoughDielectric& boundary, const Crossing& at, Floats u) {
+  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Vectors n = at.normal, i = Vectors{zero, zero, zero} - at.direction;
+  const Floats i_n = cosine_of_arrival(at);
+  const Vectors level = i - n * i_n;
+  const Floats sine = hn::Sqrt(dot(level, level));
+  const Vectors axis = level * hn::Div(one, hn::Max(sine, set(1e-6F)));
+  const Floats across = hn::Sub(hn::Add(u, u), one);
+  const Floats along = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(across, across))));
+  const Vectors m = axis * along + cross(n, axis) * across;
+  const Floats i_m = hn::Mul(sine, along), e = index_ahead(boundary.index, at.leaving);
+  const auto [reflected, refracted_cosine] = fresnel(i_m, e);
+  const Vectors o = refracted(at.direction, m, i_m, refracted_cosine, e), h = i + o * e;
+  const float alpha = boundary.roughness;
+  const Floats o_n = hn::Max(hn::Neg(dot(o, n)), zero);
+  const Floats d_e = hn::IfThenElse(at.leaving, hn::Mul(e, e), one);
+  const Floats turn = hn::Div(hn::Mul(o_n, d_e), hn::Sqrt(hn::Max(dot(h, h), set(1e-12F))));
+  const Floats density = hn::Div(hn::Mul(seen(i_n, alpha).part, sine), i_n);
+  const Floats passing = hn::Mul(hn::Sub(one, reflected), seen(o_n, alpha).part);
+  return {o, hn::Mul(hn::Mul(set(2 * alpha * alpha * std::numbers::inv_pi_v<float>), density),
+                     hn::Mul(passing, turn))};
+}
+
+// Of light that arrives under angles on either side: M, and its derivatives by slot.
 struct Lost {
-  Floats part, slope;
+  Floats part, slopes[2];
 };
-HWY_INLINE Lost lost_at(const LostLight& table, Mask inside, Floats cosine) {
+HWY_INLINE Lost lost_at(const LostLight& table, Mask inside, Floats cosine, bool by_index) {
   constexpr auto kLast = static_cast<float>(LostLight::kCosines - 1);
   const Floats place = hn::Mul(hn::Sqrt(hn::Min(cosine, set(1.0F))), set(kLast));
   const Floats below = hn::Min(hn::Floor(place), set(kLast - 1)), t = hn::Sub(place, below);
@@ -141,7 +192,9 @@ HWY_INLINE Lost lost_at(const LostLight& table, Mask inside, Floats cosine) {
     const Floats a = hn::GatherIndex(FloatTag(), column.data(), k);
     return mul_add(t, hn::Sub(hn::GatherIndex(FloatTag(), column.data() + 1, k), a), a);
   };
-  return {mixed(table.part), mixed(table.slope)};
+  return {mixed(table.part),
+          {by_index ? mixed(table.slopes[RoughDielectric::kIndexSlot]) : hn::Zero(FloatTag()),
+           mixed(table.slopes[RoughDielectric::kRoughnessSlot])}};
 }
 
 // To Walter's value, light is added that keeps all: with M of the two angles and sides, n_o the
@@ -157,22 +210,31 @@ HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossin
   const Floats zero = hn::Zero(FloatTag());
   const Floats o_n = dot(o, at.normal), cosine = hn::Abs(o_n);
   const Mask inside = hn::Xor(at.leaving, hn::Le(o_n, zero));
-  const Lost i_lost = lost_at(table, at.leaving, cosine_of_arrival(at));
-  const Lost o_lost = lost_at(table, inside, cosine);
+  const Lost i_lost = lost_at(table, at.leaving, cosine_of_arrival(at), at.by_index);
+  const Lost o_lost = lost_at(table, inside, cosine, at.by_index);
   const Floats index2 = hn::IfThenElse(inside, set(boundary.index * boundary.index), set(1.0F));
   const Floats law = hn::Mul(hn::Mul(index2, cosine), set(std::numbers::inv_pi_v<float>));
   const Floats both = hn::Mul(i_lost.part, o_lost.part);
   const Floats more = hn::Mul(hn::Mul(both, law), set(table.norm));
-  const Floats both_slope = mul_add(i_lost.slope, o_lost.part, hn::Mul(i_lost.part, o_lost.slope));
-  const Floats more_slope =
-      hn::Mul(law, mul_add(both_slope, set(table.norm), hn::Mul(both, set(table.norm_slope))));
   const Floats mean = hn::IfThenElse(inside, set(table.mean[1]), set(table.mean[0]));
   const Floats more_pdf = hn::Mul(hn::Mul(law, mean), set(table.norm));
   const Floats value = hn::Add(once.value, more);
-  const Floats slope = mul_add(once.value, once.scores[0], more_slope);
-  return {value,
-          mul_add(i_lost.part, hn::Sub(more_pdf, once.pdf), once.pdf),
-          {hn::Div(slope, hn::Max(value, set(1e-20F)))}};
+  BoundaryValue result{
+      value, mul_add(i_lost.part, hn::Sub(more_pdf, once.pdf), once.pdf), {zero, zero}};
+  for (size_t s = 0; s < kMaxBoundarySlots; ++s) {
+    if (s == RoughDielectric::kIndexSlot && !at.by_index) continue;
+    const Floats both_slope =
+        mul_add(i_lost.slopes[s], o_lost.part, hn::Mul(i_lost.part, o_lost.slopes[s]));
+    Floats more_slope = hn::Mul(
+        law, mul_add(both_slope, set(table.norm), hn::Mul(both, set(table.norm_slopes[s]))));
+    if (s == RoughDielectric::kIndexSlot) {  // and of the law
+      const Floats by_law = hn::IfThenElseZero(inside, set(2 / boundary.index));
+      more_slope = mul_add(more, by_law, more_slope);
+    }
+    const Floats slope = mul_add(once.value, once.scores[s], more_slope);
+    result.scores[s] = hn::Div(slope, hn::Max(value, set(1e-20F)));
+  }
+  return result;
 }
 
 // The microfacet, among those that i sees (Dupuy, Benyoub, "Sampling visible GGX normals with
@@ -208,7 +270,7 @@ HWY_INLINE BoundaryDraw draw(const RoughDielectric& boundary, const Crossing& at
                            mirrored(at.direction, m));
   if (boundary.lost != nullptr) {
     const LostLight& table = *boundary.lost;
-    const Lost lost = lost_at(table, at.leaving, cosine_of_arrival(at));
+    const Lost lost = lost_at(table, at.leaving, cosine_of_arrival(at), at.by_index);
     const Mask more = hn::Lt(uniform(words.w[3]), lost.part);
     const Mask outside = hn::Lt(u2, set(table.norm * table.mean[0]));
     const Mask through = hn::Not(hn::Xor(at.leaving, outside));

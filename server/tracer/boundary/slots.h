@@ -5,6 +5,6 @@
 
 namespace itn::tracer {
 
-constexpr size_t kMaxBoundarySlots = 1;
+constexpr size_t kMaxBoundarySlots = 2;
 
 }  // namespace itn::tracer

@@ -30,7 +30,7 @@ struct Parameter {
 // accumulated in; others follow by the chain rule.
 const std::vector<Parameter>& medium_parameters();
 
-// "sigma_t", "albedo", "g", "two_term.weight", "rough_dielectric.roughness",
+// "sigma_t", "albedo", "g", "two_term.weight", "rough_dielectric.index",
 // "surface[0].reflectance", "surface[0].checkerboard.even", "light[1].scale".
 std::string name_of(const Parameter& parameter);
 

@@ -13,6 +13,8 @@
 //   albedo: W is a power of it, and dW/d albedo is carried along instead of a score, which would
 //     divide by an albedo of 0;
 //   the reflectance of a surface: likewise, dW/d reflectance;
+//   the index of a rough boundary: a score, and since directions end where f is not 0, and that end
+//     turns with the index, the light from there (BoundaryEdge), on paths that follow it;
 //   the scale of a light, which is 1: f is linear in it, and the derivative is the part of the
 //     radiance that this light sends;
 //   a shadow ray has a segment and a scattering angle of its own, which add to the scores of its
@@ -87,6 +89,7 @@ class Walk {
         phase_(phase_of(request)),
         phase_slots_(slot_count(phase_)),
         stops_at_boundary_(stops_lines(scene.boundary)),
+        index_slot_(differentiated_index(request, scene.boundary)),
         geometry_(scene.geometry()) {
     for (size_t i = 0; i < request.derivatives.size(); ++i) {
       if (request.derivatives[i].kind == Parameter::kReflectance) reflectances_.push_back(i);
@@ -119,6 +122,10 @@ class Walk {
     direction_ = ray.direction;
     at_ = {ray.origin, scene_.camera_inside, {}};
     weight_ = scene_.camera_weight;
+    if (index_slot_ && scene_.camera_inside) {  // it is the index squared
+      score_slots_[kMaxPhaseSlots + *index_slot_] =
+          2 / static_cast<float>(relative_index(scene_.boundary));
+    }
   }
 
   // One free flight. As flights are memoryless, one path length serves for all the parts of the
@@ -159,6 +166,7 @@ class Walk {
   void scatter(const Interaction& at, float u0, float u1) {
     dweight_dalbedo_ = dweight_dalbedo_ * albedo_ + weight_;
     weight_ *= albedo_;
+    edge_weight_ *= albedo_;
     for (const size_t i : reflectances_) dweight_dreflectance_[i] *= albedo_;
     at_ = at;
     send_shadow_ray([&](Vec3f to_light) {
@@ -192,6 +200,7 @@ class Walk {
     }
     weight_ *= reflectance;
     dweight_dalbedo_ *= reflectance;
+    edge_weight_ *= reflectance;
     const Vec3f flat_normal = geometry_.facing_normal(at.on, direction_);
     const Vec3f normal = smooth_normal(at, flat_normal);
     at_ = at;
@@ -232,11 +241,11 @@ class Walk {
     }
     const bool leaving = ray.at.inside;
     const CornerNormals& normals = scene_.obstacles.corner_normals;
-    const Crossing at =
-        crossing_of(HWY_NAMESPACE::set(direction_),
-                    HWY_NAMESPACE::set(normals.at(ray.triangle, ray.v, ray.w, ray.normal)),
-                    HWY_NAMESPACE::set(ray.normal),
-                    FirstN(HWY_NAMESPACE::FloatTag(), leaving ? 1 : 0), normals.flat());
+    const Crossing at = crossing_of(
+        HWY_NAMESPACE::set(direction_),
+        HWY_NAMESPACE::set(normals.at(ray.triangle, ray.v, ray.w, ray.normal)),
+        HWY_NAMESPACE::set(ray.normal), FirstN(HWY_NAMESPACE::FloatTag(), leaving ? 1 : 0),
+        normals.flat(), index_slot_.has_value());
     at_ = {ray.at.position, false, {}};
     if (!is_delta(scene_.boundary)) {
       send_shadow_ray([&](Vec3f to_light) {
@@ -247,18 +256,21 @@ class Walk {
     }
     const RandomWords words = sampler_.words(vertex_, Sampler::kBoundary);
     const BoundarySample next = sample(scene_.boundary, at, HWY_NAMESPACE::set(words));
+    const float edge = weight_ * GetLane(next.edge_weight);
     at_.inside = leaving != AllTrue(HWY_NAMESPACE::FloatTag(), next.transmitted);
     direction_ = {GetLane(next.direction.x), GetLane(next.direction.y), GetLane(next.direction.z)};
     multiply_weight(GetLane(next.weight));
+    edge_weight_ += edge;
     score_slots_ = sum(score_slots_, boundary_scores(next.scores));
     pdf_ = GetLane(next.pdf);
-    use_mis_ = !is_delta(scene_.boundary);
+    use_mis_ = !is_delta(scene_.boundary) && !(edge > 0);
   }
 
   // By a factor that no derivative is asked for in.
   void multiply_weight(float factor) {
     weight_ *= factor;
     dweight_dalbedo_ *= factor;
+    edge_weight_ *= factor;
     for (const size_t i : reflectances_) dweight_dreflectance_[i] *= factor;
   }
 
@@ -326,6 +338,7 @@ class Walk {
         case Parameter::kBoundary: {
           const size_t slot = slots_of<Boundary>()[request_.derivatives[i].slot].number;
           derivative += contribution * double{score_slots[kMaxPhaseSlots + slot]};
+          if (slot == index_slot_) derivative += double{edge_weight_} * double{light};
           break;
         }
         case Parameter::kReflectance:
@@ -342,7 +355,7 @@ class Walk {
   // Where reflectances are differentiated, a path is worth the derivative of its weight too: behind
   // a black surface that is all there is.
   bool russian_roulette(float u) {
-    float importance = weight_;
+    float importance = std::max(weight_, edge_weight_);
     for (const size_t i : reflectances_) {
       importance = std::max(importance, dweight_dreflectance_[i]);
     }
@@ -351,6 +364,7 @@ class Walk {
     if (u >= probability) return false;
     weight_ /= probability;
     dweight_dalbedo_ /= probability;
+    edge_weight_ /= probability;
     for (const size_t i : reflectances_) dweight_dreflectance_[i] /= probability;
     return true;
   }
@@ -363,6 +377,7 @@ class Walk {
   const PhaseFunction phase_;
   const size_t phase_slots_;
   const bool stops_at_boundary_;
+  const std::optional<size_t> index_slot_;  // of the boundary, for a derivative
   const Geometry& geometry_;
 
   PathEstimate result_;
@@ -376,6 +391,7 @@ class Walk {
   float pdf_ = 0;           // per steradian, with which direction_ was drawn
   float weight_ = 1;
   float dweight_dalbedo_ = 0;  // d weight / d albedo
+  float edge_weight_ = 0;      // weight times what edges weigh that were followed
   // d weight / d reflectance, for the derivatives asked for that are in reflectances.
   std::vector<size_t> reflectances_;
   std::array<float, kMaxDerivatives> dweight_dreflectance_{};

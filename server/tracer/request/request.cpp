@@ -138,10 +138,34 @@ void check_slot(const Parameter& parameter, const Kinds& kinds) {
       have.empty() ? "there is none in what the scene has instead" : "there is " + have));
 }
 
+// Paths that follow edges meet lights by chance alone.
+void check_edges_find_lights(const Lights& lights) {
+  for (const Lights::Light& light : lights.all()) {
+    const bool has_size =
+        std::visit([]<typename Kind>(const Kind&) { return !Kind::kDelta; }, light.kind);
+    if (has_size) continue;
+    throw invalid_input(
+        fmt::format("no derivative in the index of refraction under lights[{}], which has no size: "
+                    "part of it is "
+                    "on paths that do not find such a light; a directional one may have an "
+                    "angular_radius_degrees, and for a point or a spot there are sphere and panel",
+                    light.number));
+  }
+}
+
 }  // namespace
 
 PhaseFunction phase_of(const RenderRequest& request) {
   return request.phase.value_or(HenyeyGreenstein{static_cast<float>(request.material.g)});
+}
+
+std::optional<size_t> differentiated_index(const RenderRequest& request, const Boundary& boundary) {
+  for (const Parameter& parameter : request.derivatives) {
+    if (parameter.kind != Parameter::kBoundary) continue;
+    const size_t slot = slots_of<Boundary>()[parameter.slot].number;
+    if (index_slot(boundary) == slot) return slot;
+  }
+  return std::nullopt;
 }
 
 double mean_cosine(const RenderRequest& request) {
@@ -181,12 +205,14 @@ void validate(const RenderRequest& request, const Scene& scene) {
   check_weights(request, pixels);
   if (!request.gradient_weights.empty()) check_gradient(request, pixels);
   if (request.gradient_light) check_gradient_light(request, scene);
+  const Scene::Compiled& compiled = scene.compiled();
+  if (differentiated_index(request, compiled.boundary)) check_edges_find_lights(compiled.lights);
   for (const Parameter& parameter : request.derivatives) {
     if (parameter.kind == Parameter::kBoundary) {
-      check_slot(parameter, scene.compiled().boundary);
+      check_slot(parameter, compiled.boundary);
     } else if (parameter.kind == Parameter::kReflectance) {
       check_index(parameter, scene.surface_count(), "surface");
-      check_slot(parameter, scene.compiled().surfaces[parameter.index].reflectance);
+      check_slot(parameter, compiled.surfaces[parameter.index].reflectance);
     } else if (parameter.kind == Parameter::kLightScale) {
       check_index(parameter, scene.light_count(), "light");
     }

@@ -119,6 +119,8 @@ struct RenderOptions {
 };
 
 PhaseFunction phase_of(const RenderRequest& request);
+// The slot of the boundary that is its index, if a derivative in that is asked for.
+std::optional<size_t> differentiated_index(const RenderRequest& request, const Boundary& boundary);
 double mean_cosine(const RenderRequest& request);
 // How many there are in the panorama that a gradient is asked for in; 0 without. Of a valid
 // request.

@@ -2,11 +2,13 @@
 #include "server/tracer/boundary/boundary.h"
 
 #include <fmt/format.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <memory>
 #include <numbers>
 #include <string>
@@ -299,6 +301,7 @@ SceneDescription rough_knot(float index, float roughness, bool single_scattering
 }
 
 const Parameter kRoughness = parameter_named("rough_dielectric.roughness");
+const Parameter kIndex = parameter_named("rough_dielectric.index");
 
 TEST(RoughDielectricTest, TracersAgree) {
   SceneDescription description = rough_knot(1.5F, 0.25F);
@@ -309,6 +312,34 @@ TEST(RoughDielectricTest, TracersAgree) {
   request.derivatives.push_back({Parameter::kReflectance, 0});
   request.derivatives.push_back({Parameter::kLightScale, 1});
   expect_tracers_agree(scene, request, 8, "a rough knot", {1 / 5.0, 0, 1 / 0.3, 1 / 0.25});
+}
+
+TEST(RoughDielectricTest, TracersAgreeOnTheIndex) {
+  SceneDescription description = rough_knot(1.5F, 0.7F);
+  description.lights = {ConstantLight{0.3}, DirectionalLight{{0.5, 0.8, -0.3}, 2, 0.5},
+                        PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {0, 0.3, 0.2}, 3}};
+  description.smooth_angle = 1;
+  const Scene scene(std::move(description));
+  RenderRequest request{.material = {8, 0.8, 0.3}, .sample_count = 4096, .derivatives = {kIndex}};
+  expect_tracers_agree(scene, request, 2, "a rough knot", {2});
+}
+
+// A path that follows an edge does not find it.
+TEST(RoughDielectricTest, TheIndexKnowsNoLightWithoutSize) {
+  RenderRequest request;
+  request.derivatives = {kIndex};
+  const auto refused = [&](const LightDescription& light) {
+    SceneDescription description = slab();
+    description.boundary = RoughDielectric{};
+    description.lights = {ConstantLight{1}, light};
+    return message_of([&] { validate(request, Scene(std::move(description))); });
+  };
+  EXPECT_EQ(refused(DirectionalLight{{0, 1, 0}, 2, 0.1}), "");
+  for (const LightDescription& light : std::vector<LightDescription>{
+           DirectionalLight{}, PointLight{{0, 5, 0}, 1}, SpotLight{{0, 5, 0}, {0, 0, 0}, 1}}) {
+    EXPECT_THAT(refused(light),
+                ::testing::StartsWith("no derivative in the index of refraction under lights[1]"));
+  }
 }
 
 // What the walk finds by itself, and what shadow rays find, are the same.
@@ -396,30 +427,63 @@ TEST(RoughDielectricTest, WithoutRoughnessIsSmooth) {
   }
 }
 
-// Central differences with common random numbers.
+// Central differences of the film with common random numbers, and the derivative there.
+struct Slopes {
+  Estimated differences;
+  FilmEstimate film;
+};
+Slopes slopes_in(const Parameter& parameter, RenderRequest request, int batches, float step,
+                 const std::function<SceneDescription(float by)>& scene_at) {
+  const Scene above(scene_at(step)), below(scene_at(-step)), here(scene_at(0));
+  std::vector<double> slopes;
+  for (request.seed = 1000; request.seed < 1000 + static_cast<uint64_t>(batches); ++request.seed) {
+    slopes.push_back(
+        (film_mean(render_grad(above, request), -1) - film_mean(render_grad(below, request), -1)) /
+        double{2 * step});
+  }
+  request.derivatives = {parameter};
+  return {over_batches(slopes), estimate_film(here, request, batches)};
+}
+
 TEST(RoughDielectricTest, TheDerivativeInRoughnessEqualsFiniteDifferences) {
-  constexpr float kAlpha = 0.4F, kStep = 0.04F;
-  constexpr int kBatches = 32;
+  constexpr float kAlpha = 0.4F;
   for (const bool single_scattering : {false, true}) {
-    const auto scene = [&](float roughness) {
-      return std::make_unique<Scene>(rough_knot(1.4F, roughness, single_scattering));
-    };
-    const auto above = scene(kAlpha + kStep), below = scene(kAlpha - kStep);
-    RenderRequest request{.material = {5, 0.8, 0.3}, .sample_count = 4096};
-    std::vector<double> slopes;
-    for (request.seed = 1000; request.seed < 1000 + kBatches; ++request.seed) {
-      slopes.push_back((film_mean(render_grad(*above, request), -1) -
-                        film_mean(render_grad(*below, request), -1)) /
-                       double{2 * kStep});
-    }
-    const Estimated expected = over_batches(slopes);
-    request.derivatives = {kRoughness};
-    const FilmEstimate film = estimate_film(*scene(kAlpha), request, kBatches);
+    const auto [expected, film] =
+        slopes_in(kRoughness, {.material = {5, 0.8, 0.3}, .sample_count = 4096}, 32, 0.04F,
+                  [&](float by) { return rough_knot(1.4F, kAlpha + by, single_scattering); });
     expect_equal(film.derivatives[0], expected, 2, "d / d roughness");
     // Where no light is lost, hardly any is won or lost by roughness: 2 % of the image.
     const double scale = single_scattering ? expected.mean : film.radiance.mean / double{kAlpha};
     expect_resolution(film.derivatives[0], scale, 0.02, "d / d roughness");
     expect_resolution(expected, scale, 0.03, "differences");
+  }
+}
+
+// Also from inside, where the index counts twice more.
+TEST(RoughDielectricTest, TheDerivativeInTheIndexEqualsFiniteDifferences) {
+  struct Case {
+    const char* name;
+    RoughDielectric boundary;
+    bool from_inside = false;
+  };
+  for (const auto& [name, boundary, from_inside] :
+       {Case{"index", {1.5F, 0.9F, true}}, Case{"index, from inside", {1.4F, 0.5F}, true}}) {
+    const auto [expected, film] = slopes_in(
+        kIndex, {.material = {2, 0.6, 0.3}, .sample_count = 4096}, 64, 0.04F, [&](float by) {
+          SceneDescription description = rough_knot(1, 1);
+          description.lights[1] = DirectionalLight{{0.5, 0.8, -0.3}, 2, 0.5};
+          description.boundary =
+              RoughDielectric{boundary.index + by, boundary.roughness, boundary.single_scattering};
+          if (from_inside) {
+            description.object = make_shape("cube");
+            description.camera.origin = {0, 0.5, -0.4};
+            description.camera.fov = 1;
+          }
+          return description;
+        });
+    expect_equal(film.derivatives[0], expected, 2, name);
+    expect_resolution(film.derivatives[0], expected.mean, 0.02, name);
+    expect_resolution(expected, expected.mean, 0.02, "differences");
   }
 }
 

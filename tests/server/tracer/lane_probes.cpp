@@ -40,7 +40,7 @@ void probe_phase_in_lanes(const PhaseFunction& phase, PhaseProbe& probe) {
 Crossing crossing_of(const BoundaryProbe& probe) {
   const Vectors outwards = set(probe.outwards);
   return crossing_of(set(probe.direction), outwards, outwards,
-                     hn::FirstN(FloatTag(), probe.leaving ? lanes() : 0), true);
+                     hn::FirstN(FloatTag(), probe.leaving ? lanes() : 0), true, probe.by_index);
 }
 
 void evaluate_boundary_in_lanes(const Boundary& boundary, BoundaryProbe& probe) {
@@ -57,7 +57,9 @@ void sample_boundary_in_lanes(const Boundary& boundary, uint32_t pixel, Boundary
   const Crossing at = crossing_of(probe);
   for (size_t i = 0; i < kSlots; i += lanes()) {
     const Uints number = hn::Iota(UintTag(), static_cast<uint32_t>(i)), zero = hn::Zero(UintTag());
-    const BoundarySample next = sample(boundary, at, philox(zero, zero, number, set(pixel), 1));
+    const Words words = philox(zero, zero, number, set(pixel), 1);
+    const BoundarySample next = sample(boundary, at, words);
+    store(next.edge_weight, probe.edge_weight, i);
     store(next.direction, probe.to, i);
     store(next.weight, probe.weight, i);
     store(next.pdf, probe.pdf, i);

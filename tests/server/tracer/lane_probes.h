@@ -31,9 +31,9 @@ void probe_phase(const PhaseFunction& phase, PhaseProbe& probe);
 // with the random numbers of samples 0 .. kSlots - 1 of a pixel.
 struct BoundaryProbe {
   Vec3f direction, outwards;
-  bool leaving = false;
+  bool leaving = false, by_index = false;
   VectorColumn to{};
-  FloatColumn value{}, pdf{}, weight{};
+  FloatColumn value{}, pdf{}, weight{}, edge_weight{};
   FloatColumn scores[kMaxBoundarySlots];
 };
 void evaluate_boundary(const Boundary& boundary, BoundaryProbe& probe);

@@ -80,7 +80,8 @@ class PathSource {
         request_(request),
         switches_(switches),
         queue_(queue),
-        sequences_(request.seed, request.estimates) {}
+        sequences_(request.seed, request.estimates),
+        index_slot_(differentiated_index(request, scene.boundary)) {}
 
   // Puts the next path into a slot, with the camera's ray. False if there is none.
   bool begin_path(Paths& paths, size_t slot) {
@@ -90,6 +91,10 @@ class PathSource {
     paths.begin(slot);
     for_each_column(paths.weights(),
                     [&](FloatColumn& weight) { weight[slot] *= scene_.camera_weight; });
+    if (index_slot_ && scene_.camera_inside) {  // the camera's weight is the index squared
+      paths.score_slots[paths.control_phase.size() + *index_slot_][slot] =
+          2 / static_cast<float>(relative_index(scene_.boundary));
+    }
     paths.pixel[slot] = sample.pixel;
     paths.sample[slot] = sample.sample;
     paths.expected[slot] = sample.expected;
@@ -136,6 +141,7 @@ class PathSource {
   std::array<CameraRay, PixelSequences::kMaxSamples> camera_rays_;
   PixelSequences::Points film_points_;
   size_t count_ = 0, next_ = 0;
+  const std::optional<size_t> index_slot_;
 };
 
 }  // namespace itn::tracer::HWY_NAMESPACE

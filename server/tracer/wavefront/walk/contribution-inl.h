@@ -54,6 +54,10 @@ HWY_INLINE void add_contribution(Wavefront& wave, const Slots& at, Floats light,
   for (size_t s = 0; s < paths.d_slots.size(); ++s) {
     at.add(hn::Mul(contribution, score_slot(s)), paths.d_slots[s]);
   }
+  for (const FloatColumn& edge : paths.edge_weight) {
+    at.add(hn::Mul(at.get(edge), light),
+           paths.d_slots[paths.control_phase.size() + *wave.index_slot]);
+  }
   for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
     at.add(hn::Mul(at.get(paths.weight_at_albedos[a]), light), paths.radiance_at_albedos[a]);
   }

@@ -65,6 +65,9 @@ struct PathState {
   FloatStates<> dweight_dreflectance{}, d_reflectance{};
   // The same for lights.
   FloatStates<> d_light{};
+  // For a derivative in the boundary's index: W times what edges weigh that the path has followed,
+  // which make W 0 (BoundaryEdge).
+  FloatStates<> edge_weight{};
 
   // The list of all columns: what moves a path, and begins one, goes through it.
   auto columns() {
@@ -72,11 +75,11 @@ struct PathState {
                     delta_bounce, crossings, pdf, scattered_at, scattered_pdf, odds, weight,
                     dweight_dalbedo, score_sigma_t, radiance, d_sigma_t, d_albedo, control_sigma_t,
                     score_slots, d_slots, control_phase, weight_at_albedos, radiance_at_albedos,
-                    dweight_dreflectance, d_reflectance, d_light);
+                    dweight_dreflectance, d_reflectance, d_light, edge_weight);
   }
   // Those that a factor of the path's weight multiplies.
   auto weights() {
-    return std::tie(weight, dweight_dalbedo, weight_at_albedos, dweight_dreflectance);
+    return std::tie(weight, dweight_dalbedo, weight_at_albedos, dweight_dreflectance, edge_weight);
   }
 };
 
@@ -109,6 +112,7 @@ struct Paths : PathState {
   FloatColumn u1{}, u2{}, u3{};  // random numbers of the vertex
   // What the boundary multiplies the path's weight by, once the vertex's shadow rays are traced.
   FloatColumn crossing_weight{};
+  std::vector<FloatColumn> crossing_edge_weight;  // and what it adds to `edge_weight`, by W
 
   void move(size_t from, size_t to) {
     rays.position.set(to, rays.position.at(from));

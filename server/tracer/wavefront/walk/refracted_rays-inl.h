@@ -284,9 +284,9 @@ inline void cross_refracted_rays(Wavefront& wave) {
 
     const Vectors direction = load(sent.rays.direction, i);
     const Vectors flat_normal = load(wave.crossings.normal, i);
-    const Crossing at =
-        crossing_of(direction, load(wave.crossings.smooth_normal, i), flat_normal,
-                    hn::FirstN(d, lanes()), wave.scene.obstacles.corner_normals.flat());
+    const Crossing at = crossing_of(
+        direction, load(wave.crossings.smooth_normal, i), flat_normal, hn::FirstN(d, lanes()),
+        wave.scene.obstacles.corner_normals.flat(), wave.index_slot.has_value());
     const Floats length = load(sent.rays.medium_length, i);
     const Floats arriving = exp(hn::Mul(length, set(-wave.sigma_t)));
     const Exit exit = wave.boundary_is_delta ? exit_of_smooth(wave, i, at, arriving, where)

@@ -75,8 +75,19 @@ inline Floats throughput_survival(const Paths& paths, size_t i) {
   for (const FloatColumn& derivative : paths.dweight_dreflectance) {
     importance = hn::Max(importance, load(derivative, i));
   }
+  for (const FloatColumn& edge : paths.edge_weight) importance = hn::Max(importance, load(edge, i));
   return hn::IfThenElse(begun, hn::Min(set(ThroughputRoulette::kMaxSurvival), importance),
                         set(1.0F));
+}
+
+// What the boundary makes of the weights.
+HWY_INLINE void apply_crossing(Paths& paths, size_t i) {
+  const Floats weight = load(paths.weight, i);
+  multiply_weights(paths, i, load(paths.crossing_weight, i));
+  for (size_t e = 0; e < paths.edge_weight.size(); ++e) {
+    FloatColumn& edge = paths.edge_weight[e];
+    store(mul_add(weight, load(paths.crossing_edge_weight[e], i), load(edge, i)), edge, i);
+  }
 }
 
 // Russian roulette: a path that is worth little ends, or goes on for those that ended.
@@ -84,7 +95,7 @@ inline void russian_roulette(Wavefront& wave, const WalkRoulette& roulette) {
   Paths& paths = wave.paths;
   const Floats one = set(1.0F);
   for (size_t i = 0; i < wave.count; i += lanes()) {
-    if (wave.stops_at_boundary) multiply_weights(paths, i, load(paths.crossing_weight, i));
+    if (wave.stops_at_boundary) apply_crossing(paths, i);
     const Floats probability =
         wave.switches.throughput_roulette
             ? throughput_survival(paths, i)

@@ -46,7 +46,7 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium,
     const Crossings& crossings = wave.crossings;
     vertices.crossing =
         crossing_of(before, load(crossings.smooth_normal, i), load(crossings.normal, i), inside,
-                    wave.scene.obstacles.corner_normals.flat());
+                    wave.scene.obstacles.corner_normals.flat(), wave.index_slot.has_value());
     vertices.factor = hn::IfThenElse(at_boundary, set(1.0F), vertices.factor);
   }
   if (vertices.any_on_surface) {
@@ -87,6 +87,7 @@ HWY_INLINE void multiply_by_factor(Wavefront& wave, size_t i, const Vertices& ve
   store(hn::Add(hn::Mul(load(paths.dweight_dalbedo, i), factor),
                 hn::IfThenElseZero(vertices.in_medium, weight)),
         paths.dweight_dalbedo, i);
+  for (FloatColumn& edge : paths.edge_weight) store(hn::Mul(load(edge, i), factor), edge, i);
   for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
     FloatColumn& other_weight = paths.weight_at_albedos[a];
     const Floats albedo = set(static_cast<float>(wave.request.albedos[a]));
@@ -113,16 +114,20 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   const Uints count = hn::IfThenElseZero(for_uints(where), hn::Add(load(paths.crossings, i), one));
   store(count, paths.crossings, i);
   store(set(1.0F), paths.crossing_weight, i);
+  for (FloatColumn& edge : paths.crossing_edge_weight) store(hn::Zero(FloatTag()), edge, i);
   if (wave.refracts_shadow_rays) store(hn::Zero(FloatTag()), paths.odds[0], i);
   if (!vertices.any_at_boundary) return;
   store(hn::IfThenElse(hn::Gt(count, set(kMaxConsecutiveCrossings)), one, load(paths.leaked, i)),
         paths.leaked, i);
-  if (wave.boundary_is_delta) {
-    store(hn::IfThenElse(for_uints(where), one, load(paths.delta_bounce, i)), paths.delta_bounce,
-          i);
-  }
   const BoundarySample next = sample(wave.scene.boundary, vertices.crossing,
                                      random(wave, i, load(paths.vertex, i), Sampler::kBoundary));
+  // No shadow ray competes with those that follow an edge either.
+  const Mask edge = hn::And(where, hn::Gt(next.edge_weight, hn::Zero(FloatTag())));
+  const Mask delta = wave.boundary_is_delta ? where : edge;
+  store(hn::IfThenElse(for_uints(delta), one, load(paths.delta_bounce, i)), paths.delta_bounce, i);
+  for (FloatColumn& by : paths.crossing_edge_weight) {
+    store(hn::IfThenElseZero(edge, next.edge_weight), by, i);
+  }
   direction = if_then_else(where, next.direction, direction);
   pdf = hn::IfThenElse(where, next.pdf, pdf);
   store(hn::IfThenElse(where, next.weight, set(1.0F)), paths.crossing_weight, i);
@@ -142,7 +147,7 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
                         scattered_at(paths, i));
     }
     const Floats odds = refraction_odds(wave, i, to_light, passing);
-    store(hn::IfThenElseZero(where, odds), paths.odds[0], i);
+    store(hn::IfThenElseZero(hn::AndNot(edge, where), odds), paths.odds[0], i);
   }
   const Uints toggled =
       hn::IfThenElseZero(for_uints(hn::And(where, next.transmitted)), set(Rays::kInside));

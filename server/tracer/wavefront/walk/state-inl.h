@@ -70,7 +70,8 @@ struct Wavefront {
         refracts_shadow_rays(refracts(compiled.boundary) &&
                              options.switches.refracted_shadow_rays &&
                              options.switches.techniques != Switches::Techniques::kPhaseOnly),
-        refraction(refraction_of(compiled.boundary)) {
+        refraction(refraction_of(compiled.boundary)),
+        index_slot(differentiated_index(asked, compiled.boundary)) {
     for (const Parameter& parameter : asked.derivatives) {
       if (parameter.kind == Parameter::kReflectance) {
         reflecting.push_back({compiled.obstacles.surfaces.triangles_of(parameter.index),
@@ -96,6 +97,8 @@ struct Wavefront {
     paths.dweight_dreflectance.resize(reflecting.size());
     paths.d_reflectance.resize(reflecting.size());
     paths.d_light.resize(differentiated_lights.size());
+    paths.edge_weight.resize(index_slot ? 1 : 0);
+    paths.crossing_edge_weight.resize(paths.edge_weight.size());
     shadow_rays.parts_of_lights.resize(differentiated_lights.size());
     paths.rays.bounded = compiled.lights.has_lamps();
     shadow_rays.rays.bounded = compiled.lights.has_near();
@@ -139,6 +142,7 @@ struct Wavefront {
   const bool stops_at_boundary;
   const bool boundary_is_delta, refracts_shadow_rays;
   const Refraction refraction;
+  const std::optional<size_t> index_slot;  // of the boundary, for a derivative
   RefractedRays refracted_rays;
   Crossings crossings;
   Crossings* at_boundary() { return stops_at_boundary ? &crossings : nullptr; }
@@ -224,6 +228,7 @@ HWY_INLINE Floats path_importance(const Paths& paths, size_t i) {
   for (const FloatColumn& derivative : paths.dweight_dreflectance) {
     importance = hn::Max(importance, hn::Mul(set(kRouletteReflectance), load(derivative, i)));
   }
+  for (const FloatColumn& edge : paths.edge_weight) importance = hn::Max(importance, load(edge, i));
   return importance;
 }
 
