@@ -245,6 +245,25 @@ TEST(DielectricTest, ASphereOfTrianglesIsASphere) {
   }
 }
 
+// Light that it mirrors to the camera is no noise: here there is no other.
+TEST(DielectricTest, AMirroredLightIsNoNoise) {
+  constexpr double kAngle = 0.6;
+  SceneDescription description = slab(kChord, kAngle);
+  description.boundary = Dielectric{1.5F};
+  description.lights = {DirectionalLight{{-std::sin(kAngle), std::cos(kAngle), 0}, 1, 0.02}};
+  const RenderedImages images =
+      means(render_grad(Scene(std::move(description)),
+                        {.material = {1000, 0, 0}, .sample_count = 64, .estimates = 1}));
+  const double c = std::cos(kAngle), t = std::sqrt(1 - (1 - c * c) / 2.25);
+  const double r_s = (c - 1.5 * t) / (c + 1.5 * t), r_p = (1.5 * c - t) / (1.5 * c + t);
+  const double sun = 1 / (std::numbers::pi * std::pow(std::sin(0.02), 2));
+  for (size_t p = 0; p < images.mask.size(); ++p) {
+    const double radiance = double{images.estimates[0].radiance[p]};
+    EXPECT_NEAR(radiance, (r_s * r_s + r_p * r_p) / 2 * sun, 1e-3 * radiance);
+    EXPECT_LT(double{images.standard_error[p]}, 1e-3 * radiance);
+  }
+}
+
 // Slabs that scatter, under light from above and below: the sum of the total reflectance and
 // transmittance for a beam at right angles, by the adding-doubling method (iadpython 0.5, 32
 // quadrature points; the thick one 0.2600 by Giovanelli, "Reflection by semi-infinite diffusers",

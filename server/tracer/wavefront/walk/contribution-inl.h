@@ -113,6 +113,10 @@ inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
   Floats alone = set(1.0F);
   if (wave.refracts_shadow_rays) alone = hn::Div(alone, hn::Add(alone, load(paths.odds[0], i)));
   mis_weight = hn::IfThenElse(delta_bounce, alone, mis_weight);
+  if (wave.mirrors_shadow_rays) {
+    const Mask found = equals(load(paths.delta_bounce, i), PathState::kFound);
+    mis_weight = hn::IfThenZeroElse(found, mis_weight);
+  }
   const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));
   add_contribution(
       wave, SlotRange{i}, radiance, [&] { return load(paths.score_sigma_t, i); },

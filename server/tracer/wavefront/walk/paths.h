@@ -37,7 +37,9 @@ struct PathState {
   UintState<1> alive{};
   UintState<> hit{}, leaked{}, steps{};  // see PathEstimate
   // Whether no shadow ray looks for the light ahead too: on the camera's ray, and behind a boundary
-  // that is a delta. How many boundaries at which lines stop were crossed in a row.
+  // that is a delta; kFound where one has found all of it already. How many boundaries at which
+  // lines stop were crossed in a row.
+  static constexpr uint32_t kFound = 2;
   UintState<1> delta_bounce{};
   UintState<> crossings{};
   FloatState<> pdf{};  // per steradian, of the last direction

@@ -270,7 +270,6 @@ HWY_INLINE Exit exit_of_smooth(const Wavefront& wave, size_t i, const Crossing& 
 // Follows them to the boundary, from where they go on as shadow rays.
 inline void cross_refracted_rays(Wavefront& wave) {
   RefractedRays& sent = wave.refracted_rays;
-  ShadowRays& shadow_rays = wave.shadow_rays;
   const FloatTag d;
   const Floats zero = hn::Zero(d);
   follow_lines(wave.scene.obstacles, sent.rays, sent.count, Report::kEnds, &wave.crossings);
@@ -294,31 +293,26 @@ inline void cross_refracted_rays(Wavefront& wave) {
     where = hn::And(where, hn::And(hn::Gt(dot(flat_normal, exit.to_light), zero),
                                    hn::Gt(exit.per_radiance, zero)));
 
-    const Append append{where, shadow_rays.count};
-    append(load(sent.rays.position, i), shadow_rays.rays.position);
-    append(exit.to_light, shadow_rays.rays.direction);
-    append(hn::Zero(UintTag()), shadow_rays.rays.interaction);
-    append(zero, shadow_rays.rays.max_medium_length);
-    if (shadow_rays.rays.bounded) append(exit.distance, shadow_rays.rays.distance);
-    append(length, shadow_rays.length_before);
-    append(load(sent.slot, i), shadow_rays.slot);
-    append(load(sent.importance, i), shadow_rays.importance);
-    append(hn::Mul(exit.radiance, exit.per_radiance), shadow_rays.light);
-    if (wave.differentiated_map != nullptr) {
-      const Mask from_far =
-          hn::And(hn::Gt(load(sent.light_pdf, i), zero), hn::Eq(exit.distance, set(kInfinity)));
-      append(hn::IfThenElseZero(from_far, exit.per_radiance), shadow_rays.per_radiance[0]);
-    }
+    const Mask from_far =
+        hn::And(hn::Gt(load(sent.light_pdf, i), zero), hn::Eq(exit.distance, set(kInfinity)));
     const size_t phase_slots = wave.paths.control_phase.size();
-    for (size_t s = 0; s < sent.score_slots.size(); ++s) {
-      const Floats score = load(sent.score_slots[s], i);
-      append(s < phase_slots ? score : hn::Add(score, exit.scores[s - phase_slots]),
-             shadow_rays.score_slots[s]);
-    }
-    for (size_t l = 0; l < sent.parts_of_lights.size(); ++l) {
-      append(hn::Mul(exit.parts_of_lights[l], exit.per_radiance), shadow_rays.parts_of_lights[l]);
-    }
-    shadow_rays.count += hn::CountTrue(d, where);
+    add_shadow_rays(
+        wave, where,
+        {.position = load(sent.rays.position, i),
+         .direction = exit.to_light,
+         .interaction = hn::Zero(UintTag()),
+         .slot = load(sent.slot, i),
+         .light = hn::Mul(exit.radiance, exit.per_radiance),
+         .importance = load(sent.importance, i),
+         .per_radiance = hn::IfThenElseZero(from_far, exit.per_radiance),
+         .distance = exit.distance,
+         .max_medium_length = zero,
+         .length_before = length},
+        [&](size_t s) {
+          const Floats score = load(sent.score_slots[s], i);
+          return s < phase_slots ? score : hn::Add(score, exit.scores[s - phase_slots]);
+        },
+        [&](size_t l) { return hn::Mul(exit.parts_of_lights[l], exit.per_radiance); });
   }
 }
 

@@ -43,6 +43,38 @@ HWY_INLINE bool any_refracted(const Wavefront& wave, const Vertices& vertices) {
   return wave.refracts_shadow_rays && !hn::AllFalse(FloatTag(), vertices.in_medium);
 }
 
+// Light that a smooth boundary mirrors to where paths come from, outside. It is not left to the
+// walk, which is mirrored seldom, and may meet a sun then.
+inline void send_mirrored_rays(Wavefront& wave, size_t i, const Vertices& vertices) {
+  const FloatTag d;
+  const Crossing& at = vertices.crossing;
+  Mask sent = hn::AndNot(at.leaving, vertices.at_boundary);
+  if (hn::AllFalse(d, sent)) return;
+  const Vectors to_light =
+      if_then_else(sent, on_its_side(at, mirrored(at.direction, at.normal), hn::FirstN(d, 0)),
+                   set(Vec3f{0, 1, 0}));
+  const Vectors position = if_then_else(sent, load(wave.paths.rays.position, i), set(Vec3f{}));
+  LightParts parts(wave.differentiated_lights);
+  const auto [distance, light] = look(wave.scene.lights, position, to_light, parts);
+  const Floats reflected = transmit(wave.scene.boundary, at).reflected;
+  const Floats zero = hn::Zero(d), undimmed = hn::Mul(light.radiance, reflected);
+  if (wave.differentiated_map == nullptr) sent = hn::And(sent, hn::Gt(undimmed, zero));
+  add_shadow_rays(
+      wave, sent,
+      {.position = position,
+       .direction = to_light,
+       .interaction = hn::Zero(UintTag()),
+       .slot = slots_from(i),
+       .light = undimmed,
+       .importance = set(kInfinity),  // no roulette
+       .per_radiance = hn::IfThenElseZero(hn::Eq(distance, set(kInfinity)), reflected),
+       .distance = distance,
+       .max_medium_length = zero,
+       .length_before = zero},
+      [&](size_t s) { return load(wave.paths.score_slots[s], i); },
+      [&](size_t l) { return hn::Mul(parts.radiance[l], reflected); });
+}
+
 // Next-event estimation: light along one direction drawn from the lights.
 //
 // Roulette before anything is traced: a shadow ray through optical depth x carries v exp(-x). Let
@@ -51,8 +83,8 @@ HWY_INLINE bool any_refracted(const Wavefront& wave, const Vertices& vertices) {
 // beforehand.
 inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices) {
   const Paths& paths = wave.paths;
-  ShadowRays& shadow_rays = wave.shadow_rays;
   const FloatTag d;
+  if (wave.mirrors_shadow_rays && vertices.any_at_boundary) send_mirrored_rays(wave, i, vertices);
   Mask sent = sending(wave, i, vertices);
   const bool refracted = any_refracted(wave, vertices);
   if (hn::AllFalse(d, sent) && !refracted) return;
@@ -104,7 +136,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   Floats pdf_sum = hn::IfThenElse(light.dense(), hn::Add(light.pdf, phase_pdf), set(1.0F));
   if (wave.refracts_shadow_rays && vertices.any_at_boundary) {
     LightSamples from_scattering = light;
-    if (shadow_rays.rays.bounded) {
+    if (wave.shadow_rays.rays.bounded) {
       from_scattering = seen_from(wave.scene.lights, scattered_at(paths, i), drawn, light);
     }
     const Floats odds = refraction_odds(wave, i, from_scattering.direction, set(1.0F));
@@ -122,30 +154,26 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   const Floats limit = depth_limit(wave, importance, roulette);
   sent = hn::And(sent, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
 
-  const Append append{sent, shadow_rays.count};
-  append(position, shadow_rays.rays.position);
-  append(light.direction, shadow_rays.rays.direction);
   const Uints interaction = load(paths.rays.interaction, i);
-  append(hn::IfThenZeroElse(for_uints(vertices.at_boundary), interaction),
-         shadow_rays.rays.interaction);
-  if (wave.refracts_shadow_rays) append(zero, shadow_rays.length_before);
-  append(hn::Mul(limit, set(1 / wave.sigma_t)), shadow_rays.rays.max_medium_length);
-  if (shadow_rays.rays.bounded) append(light.distance, shadow_rays.rays.distance);
-  append(undimmed, shadow_rays.light);
-  if (wave.differentiated_map != nullptr) append(per_radiance, shadow_rays.per_radiance[0]);
-  append(importance, shadow_rays.importance);
   const size_t phase_slots = paths.control_phase.size();
-  for (size_t s = 0; s < shadow_rays.score_slots.size(); ++s) {
-    const Floats score = s < phase_slots ? hn::IfThenElseZero(vertices.in_medium, scores[s])
-                                         : boundary_scores[s - phase_slots];
-    append(hn::Add(load(paths.score_slots[s], i), score), shadow_rays.score_slots[s]);
-  }
-  for (size_t l = 0; l < wave.differentiated_lights.size(); ++l) {
-    append(hn::Div(hn::Mul(part_of_light(light, parts, l), value), pdf_sum),
-           shadow_rays.parts_of_lights[l]);
-  }
-  append(slots_from(i), shadow_rays.slot);
-  shadow_rays.count += hn::CountTrue(d, sent);
+  add_shadow_rays(
+      wave, sent,
+      {.position = position,
+       .direction = light.direction,
+       .interaction = hn::IfThenZeroElse(for_uints(vertices.at_boundary), interaction),
+       .slot = slots_from(i),
+       .light = undimmed,
+       .importance = importance,
+       .per_radiance = per_radiance,
+       .distance = light.distance,
+       .max_medium_length = hn::Mul(limit, set(1 / wave.sigma_t)),
+       .length_before = zero},
+      [&](size_t s) {
+        const Floats score = s < phase_slots ? hn::IfThenElseZero(vertices.in_medium, scores[s])
+                                             : boundary_scores[s - phase_slots];
+        return hn::Add(load(paths.score_slots[s], i), score);
+      },
+      [&](size_t l) { return hn::Div(hn::Mul(part_of_light(light, parts, l), value), pdf_sum); });
 }
 
 // Traces the shadow rays, and adds the light that they bring, dimmed by the medium.

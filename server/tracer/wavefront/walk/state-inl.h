@@ -70,6 +70,7 @@ struct Wavefront {
         refracts_shadow_rays(refracts(compiled.boundary) &&
                              options.switches.refracted_shadow_rays &&
                              options.switches.techniques != Switches::Techniques::kPhaseOnly),
+        mirrors_shadow_rays(boundary_is_delta && refracts_shadow_rays),
         refraction(refraction_of(compiled.boundary)),
         index_slot(differentiated_index(asked, compiled.boundary)) {
     for (const Parameter& parameter : asked.derivatives) {
@@ -140,7 +141,7 @@ struct Wavefront {
   ShadowRays shadow_rays;
   // Whether lines stop at the boundary, and then where those that were followed last did.
   const bool stops_at_boundary;
-  const bool boundary_is_delta, refracts_shadow_rays;
+  const bool boundary_is_delta, refracts_shadow_rays, mirrors_shadow_rays;
   const Refraction refraction;
   const std::optional<size_t> index_slot;  // of the boundary, for a derivative
   RefractedRays refracted_rays;
@@ -192,6 +193,38 @@ HWY_INLINE Floats depth_limit(const Wavefront& wave, Floats importance, Floats u
 HWY_INLINE Ints slots_in(const UintColumn& list, size_t i, Mask live) {
   const Uints spare = set(static_cast<uint32_t>(kSlots));
   return hn::BitCast(IntTag(), hn::IfThenElse(for_uints(live), load(list, i), spare));
+}
+
+// Shadow rays as they are sent: see ShadowRays.
+struct SentShadowRays {
+  Vectors position, direction;
+  Uints interaction, slot;
+  Floats light, importance;
+  Floats per_radiance;  // for a gradient in a panorama
+  Floats distance;      // where they are bounded
+  Floats max_medium_length, length_before;
+};
+
+// Adds them, where there are any; `score(s)` is that of their path in a slot, and `part(l)` what is
+// due to light l of Wavefront::differentiated_lights.
+template <typename Score, typename Part>
+HWY_INLINE void add_shadow_rays(Wavefront& wave, Mask where, const SentShadowRays& sent,
+                                const Score& score, const Part& part) {
+  ShadowRays& to = wave.shadow_rays;
+  const Append append{where, to.count};
+  append(sent.position, to.rays.position);
+  append(sent.direction, to.rays.direction);
+  append(sent.interaction, to.rays.interaction);
+  append(sent.max_medium_length, to.rays.max_medium_length);
+  if (wave.refracts_shadow_rays) append(sent.length_before, to.length_before);
+  if (to.rays.bounded) append(sent.distance, to.rays.distance);
+  append(sent.light, to.light);
+  append(sent.importance, to.importance);
+  if (wave.differentiated_map != nullptr) append(sent.per_radiance, to.per_radiance[0]);
+  for (size_t s = 0; s < to.score_slots.size(); ++s) append(score(s), to.score_slots[s]);
+  for (size_t l = 0; l < to.parts_of_lights.size(); ++l) append(part(l), to.parts_of_lights[l]);
+  append(sent.slot, to.slot);
+  to.count += hn::CountTrue(FloatTag(), where);
 }
 
 HWY_INLINE void mark_leaked(Paths& paths, Mask leaked, Ints slots) {
