@@ -59,6 +59,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 inline void interact(Wavefront& wave) {
   Paths& paths = wave.paths;
   wave.shadow_rays.count = wave.refracted_rays.count = 0;
+  wave.aimed_again.count = wave.odds_rays.count = 0;
   for (size_t i = 0; i < wave.count; i += lanes()) {
     const Mask live = hn::FirstN(FloatTag(), wave.count - i);
     const Uints end = hn::And(load(paths.rays.outcome, i), set(Rays::kEndMask));
@@ -93,7 +94,10 @@ class Walk {
       if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "the render was stopped");
       sample_flights(wave_);
       interact(wave_);
-      if (wave_.refracts_shadow_rays) cross_refracted_rays(wave_);
+      if (wave_.refracts_shadow_rays) {
+        cross_refracted_rays(wave_);
+        check_odds(wave_);
+      }
       trace_shadow_rays(wave_);
       russian_roulette(wave_, roulette_);
       finish();

@@ -450,6 +450,8 @@ TEST(CellNormalsTest, FaceAsTheBoundaryNearby) {
     for (uint32_t i = 0; i < kSlots; ++i) {
       const Vec3f p = probe->points.at(i) - middle, normal = probe->normals.at(i);
       EXPECT_NEAR(length(normal), 1, 1e-5F);
+      // That of a cube's side is one, and those of a ball are as wide as the square has parts.
+      EXPECT_LT(length(probe->facings.at(i) - normal), round ? 0.07F : 1e-5F) << "point " << i;
       if (round) {
         const float radius = half.x, depth = radius - length(p);
         if (depth < 0) continue;

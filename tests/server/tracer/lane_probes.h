@@ -52,9 +52,10 @@ void sample_lights(const Lights& lights, uint64_t seed, LightProbe& probe, size_
 // Follows the first `count` rays to the boundary at most.
 void follow_to_boundary(const Obstacles& obstacles, Rays& rays, Crossings& crossings, size_t count);
 
-// Looks up DepthGrid::quantized and the normals nearby at all of `points`.
+// Looks up DepthGrid::quantized and the normals nearby at all of `points`, and the mean normals of
+// their facings.
 struct CellProbe {
-  VectorColumn points{}, normals{};
+  VectorColumn points{}, normals{}, facings{};
   FloatColumn quantized{};
 };
 void look_up_cells(const DepthGrid& depth_grid, const CellNormals& normals, CellProbe& probe);

@@ -35,9 +35,11 @@ namespace itn::tracer::HWY_NAMESPACE {
 // Where the boundary is curved or far away, that aims badly, and the others find the light.
 //
 // Behind a smooth boundary, l follows from w. The walk finds it with p(w) T (1 - R), R being what
-// the boundary reflects; a ray in the direction w into which that plane refracts a light that was
-// drawn, with q(w) = s(l') dl'/dw, where l' is what the plane makes of w. The boundary makes l of
-// it.
+// the boundary reflects. A ray to a light that was drawn is aimed twice: first by the normal
+// nearby, then, where that ray meets the boundary and it faces elsewhere (CellNormals::facings), by
+// the normal there; it counts if the second meets the same facing. So q(w) = s(l') dl'/dw, where l'
+// is what the plane of the facing that w meets makes of w; or 0, if the ray to l' ends elsewhere.
+// Where a walk has left the medium, a ray is sent to know that.
 //
 // A lamp is drawn by numbers, which make another l of it at x than at y: q is that at x, and s that
 // at y, of the light that is seen in l. What lamps hide at x may be seen at y; so there is always a
@@ -56,6 +58,12 @@ HWY_INLINE Plane plane_near(const Wavefront& wave, Vectors x) {
   const Obstacles& obstacles = wave.scene.obstacles;
   return {cell_normal(obstacles.cell_normals, cells_at(obstacles.depth_grid.cells, x)),
           wave.refraction.index};
+}
+HWY_INLINE Ints facing_near(const Wavefront& wave, Vectors x) {
+  return facing_of(plane_near(wave, x).normal);
+}
+HWY_INLINE Plane plane_of(const Wavefront& wave, Ints facing) {
+  return {mean_of_facing(wave.scene.obstacles.cell_normals, facing), wave.refraction.index};
 }
 // Where it is nearest to what lies as far ahead as it is deep there.
 HWY_INLINE Plane plane_ahead(const Wavefront& wave, Vectors x, Vectors direction) {
@@ -100,33 +108,53 @@ HWY_INLINE Vectors scattered_at(const Paths& paths, size_t i) {
   return {load(at[0], i), load(at[1], i), load(at[2], i)};
 }
 
-// The density q for paths that arrive at the boundary; `to_light` is the light's direction as it is
-// seen from where they scattered, or 0, unless the boundary is smooth.
-HWY_INLINE Floats aimed_pdf(const Wavefront& wave, size_t i, Vectors to_light) {
-  const Vectors direction = load(wave.paths.rays.direction, i);
-  const Vectors x = scattered_at(wave.paths, i);
-  if (wave.boundary_is_delta) {
-    const Aim aim = aim_along(plane_near(wave, x), direction);
-    const Vectors outer = if_then_else(aim.possible, aim.direction, direction);
-    const Floats pdf = drawn_pdf(wave.scene.lights, x, outer);
-    return hn::IfThenElseZero(aim.possible, hn::Mul(pdf, aim.inner_by_outer));
-  }
-  const Aim aim = aim_at(plane_ahead(wave, x, to_light), to_light);
-  return hn::IfThenElseZero(aim.possible,
-                            evaluate(wave.refraction.lobe, dot(aim.direction, direction)).value);
+// Where paths in slots i, i + 1 ... are at a rough boundary: the odds for light in the direction
+// `to_light`, as it is seen from where they scattered, or 0.
+HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Vectors to_light) {
+  const Floats walk_pdf = load(wave.paths.scattered_pdf[0], i);
+  const Mask scattered = hn::Gt(walk_pdf, hn::Zero(FloatTag()));
+  if (hn::AllFalse(FloatTag(), scattered)) return hn::Zero(FloatTag());
+  const Floats arriving = exp(hn::Mul(load(wave.paths.rays.medium_length, i), set(-wave.sigma_t)));
+  const Aim aim = aim_at(plane_ahead(wave, scattered_at(wave.paths, i), to_light), to_light);
+  const Floats cosine = dot(aim.direction, load(wave.paths.rays.direction, i));
+  const Floats pdf = evaluate(wave.refraction.lobe, cosine).value;
+  return hn::IfThenElseZero(hn::And(scattered, aim.possible),
+                            hn::Div(pdf, hn::Mul(walk_pdf, arriving)));
 }
 
-// Where paths in slots i, i + 1 ... are at the boundary, which lets `passing` of what the walk
-// sends there through: the odds for light in the direction `to_light` (aimed_pdf).
-HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Vectors to_light,
-                                  Floats passing) {
-  const Floats walk_pdf = load(wave.paths.scattered_pdf[0], i);
-  const Mask scattered = hn::Gt(hn::Mul(walk_pdf, passing), hn::Zero(FloatTag()));
-  if (hn::AllFalse(FloatTag(), scattered)) return hn::Zero(FloatTag());
+// Where they leave the medium through a smooth one: the odds for what they meet then, unless a ray
+// finds that a refracted one would not have gone there (check_odds).
+inline void send_odds(Wavefront& wave, size_t i, Mask leaving, const Crossing& at) {
+  Paths& paths = wave.paths;
+  OddsRays& sent = wave.odds_rays;
+  const FloatTag d;
+  const Floats zero = hn::Zero(d), walk_pdf = load(paths.scattered_pdf[0], i);
+  Mask where = hn::And(leaving, hn::Gt(walk_pdf, zero));
+  if (hn::AllFalse(d, where)) return;
+  const Vectors up = set(Vec3f{0, 1, 0}), x = scattered_at(paths, i);
+  const Ints facing = facing_of(if_then_else(where, set(Vec3f{}) - at.flat_normal, up));
+  const Aim along = aim_along(plane_of(wave, facing), load(paths.rays.direction, i));
+  where = hn::And(where, along.possible);
+  const Vectors to_light = if_then_else(where, along.direction, up);
+  const Ints near = facing_near(wave, x);
+  const Aim first = aim_at(plane_of(wave, near), to_light);
+  const Mask same = hn::RebindMask(d, hn::Eq(facing, near));
+  where = hn::And(where, hn::Or(same, first.possible));
+  const Floats pdf = hn::Mul(drawn_pdf(wave.scene.lights, x, to_light), along.inner_by_outer);
+  const Floats passing = hn::Sub(set(1.0F), transmit(wave.scene.boundary, at).reflected);
   const Floats arriving =
-      hn::Mul(passing, exp(hn::Mul(load(wave.paths.rays.medium_length, i), set(-wave.sigma_t))));
-  return hn::IfThenElseZero(scattered,
-                            hn::Div(aimed_pdf(wave, i, to_light), hn::Mul(walk_pdf, arriving)));
+      hn::Mul(passing, exp(hn::Mul(load(paths.rays.medium_length, i), set(-wave.sigma_t))));
+  store(hn::IfThenElseZero(where, hn::Div(pdf, hn::Mul(walk_pdf, arriving))), paths.odds[0], i);
+
+  const Mask asked = hn::AndNot(same, hn::And(where, hn::Gt(pdf, zero)));
+  const Append append{asked, sent.count};
+  append(x, sent.rays.position);
+  append(first.direction, sent.rays.direction);
+  append(set(Rays::kInside), sent.rays.interaction);
+  append(set(kMaxOpticalDepth / wave.sigma_t), sent.rays.max_medium_length);
+  append(slots_from(i), sent.slot);
+  append(hn::BitCast(UintTag(), facing), sent.facing);
+  sent.count += hn::CountTrue(d, asked);
 }
 
 // From scatterings of the paths in slots i, i + 1 ..., towards lights that were drawn from there.
@@ -141,19 +169,21 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vecto
   RefractedRays& sent = wave.refracted_rays;
   const Floats zero = hn::Zero(d), one = set(1.0F);
   const Mask dense = light.dense();
-  const Aim aim = aim_at(wave.boundary_is_delta ? plane_near(wave, position)
-                                                : plane_ahead(wave, position, light.direction),
-                         light.direction);
+  const Ints near = wave.boundary_is_delta ? facing_near(wave, position) : hn::Zero(IntTag());
+  const Aim aim = aim_at(
+      wave.boundary_is_delta ? plane_of(wave, near) : plane_ahead(wave, position, light.direction),
+      light.direction);
   Mask where = hn::And(scattered, aim.possible);
   if (hn::AllFalse(d, where)) return;
   Vectors direction = aim.direction;
   const bool has_lamps = wave.scene.lights.has_lamps();
   Floats pdf = light.pdf, passing = one;
   Floats light_pdf = one;  // of q s, what is not in `pdf`
+  Floats seen_pdf = light.pdf;
   if (wave.boundary_is_delta) {
     // Whatever is seen there: behind the boundary something else may be.
-    if (has_lamps) pdf = drawn_pdf(wave.scene.lights, position, light.direction);
-    pdf = hn::Mul(pdf, aim.inner_by_outer);
+    if (has_lamps) seen_pdf = drawn_pdf(wave.scene.lights, position, light.direction);
+    pdf = hn::Mul(seen_pdf, aim.inner_by_outer);
   } else {
     const Words words = random(wave, i, load(paths.vertex, i), Sampler::kRefraction);
     const Floats cosine = sample_cosine(wave.refraction.lobe, uniform(words.w[0]));
@@ -192,7 +222,12 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vecto
     append(drawn.uniforms.u1, sent.u1);
   }
   append(light.radiance, sent.radiance);
-  append(light.pdf, sent.light_pdf);
+  append(seen_pdf, sent.light_pdf);
+  if (wave.boundary_is_delta) {
+    append(position, sent.origin);
+    append(load(paths.rays.direction, i), sent.before);
+    append(hn::BitCast(UintTag(), near), sent.facing);
+  }
   const size_t phase_slots = paths.control_phase.size();
   for (size_t s = 0; s < sent.score_slots.size(); ++s) {
     const Floats score = load(paths.score_slots[s], i);
@@ -246,9 +281,8 @@ HWY_INLINE Exit exit_of_rough(const Wavefront& wave, size_t i, const Crossing& a
 }
 
 // Whereto the boundary refracts them, where there are any.
-HWY_INLINE Exit exit_of_smooth(const Wavefront& wave, size_t i, const Crossing& at, Floats arriving,
-                               Mask where) {
-  const RefractedRays& sent = wave.refracted_rays;
+HWY_INLINE Exit exit_of_smooth(const Wavefront& wave, const RefractedRays& sent, size_t i,
+                               const Crossing& at, Floats arriving, Mask where) {
   const auto [direction, reflected] = transmit(wave.scene.boundary, at);
   const Vectors to_light = if_then_else(where, direction, set(Vec3f{0, 1, 0}));
   LightParts parts(wave.differentiated_lights);
@@ -267,53 +301,125 @@ HWY_INLINE Exit exit_of_smooth(const Wavefront& wave, size_t i, const Crossing& 
   return exit;
 }
 
-// Follows them to the boundary, from where they go on as shadow rays.
-inline void cross_refracted_rays(Wavefront& wave) {
-  RefractedRays& sent = wave.refracted_rays;
+// From the boundary they go on as shadow rays.
+inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Mask where) {
   const FloatTag d;
+  if (hn::AllFalse(d, where)) return;
   const Floats zero = hn::Zero(d);
+  const Vectors direction = load(sent.rays.direction, i);
+  const Vectors flat_normal = load(wave.crossings.normal, i);
+  const Crossing at = crossing_of(
+      direction, load(wave.crossings.smooth_normal, i), flat_normal, hn::FirstN(d, lanes()),
+      wave.scene.obstacles.corner_normals.flat(), wave.index_slot.has_value());
+  const Floats length = load(sent.rays.medium_length, i);
+  const Floats arriving = exp(hn::Mul(length, set(-wave.sigma_t)));
+  const Exit exit = wave.boundary_is_delta ? exit_of_smooth(wave, sent, i, at, arriving, where)
+                                           : exit_of_rough(wave, i, at, arriving);
+  where = hn::And(where, hn::And(hn::Gt(dot(flat_normal, exit.to_light), zero),
+                                 hn::Gt(exit.per_radiance, zero)));
+  Floats importance = load(sent.importance, i);
+  if (&sent == &wave.aimed_again) {  // their roulette was that of the longer of both rays
+    const Floats longer = hn::Max(hn::Sub(load(sent.first_length, i), length), zero);
+    importance = hn::Mul(importance, exp(hn::Mul(longer, set(-wave.sigma_t))));
+  }
+  const Mask from_far =
+      hn::And(hn::Gt(load(sent.light_pdf, i), zero), hn::Eq(exit.distance, set(kInfinity)));
+  const size_t phase_slots = wave.paths.control_phase.size();
+  add_shadow_rays(
+      wave, where,
+      {.position = load(sent.rays.position, i),
+       .direction = exit.to_light,
+       .interaction = hn::Zero(UintTag()),
+       .slot = load(sent.slot, i),
+       .light = hn::Mul(exit.radiance, exit.per_radiance),
+       .importance = importance,
+       .per_radiance = hn::IfThenElseZero(from_far, exit.per_radiance),
+       .distance = exit.distance,
+       .max_medium_length = zero,
+       .length_before = length},
+      [&](size_t s) {
+        const Floats score = load(sent.score_slots[s], i);
+        return s < phase_slots ? score : hn::Add(score, exit.scores[s - phase_slots]);
+      },
+      [&](size_t l) { return hn::Mul(exit.parts_of_lights[l], exit.per_radiance); });
+}
+
+// By the plane of the facing that they have met.
+inline void aim_again(Wavefront& wave, size_t i, Mask where, Ints facing) {
+  const RefractedRays& sent = wave.refracted_rays;
+  RefractedRays& again = wave.aimed_again;
+  const Aim aim = aim_at(plane_of(wave, facing), load(sent.to_light, i));
+  where = hn::And(where, aim.possible);
+  if (hn::AllFalse(FloatTag(), where)) return;
+  const Vectors before = load(sent.before, i);
+  const PhaseValue first = evaluate(wave.phase, dot(before, load(sent.rays.direction, i)));
+  const PhaseValue phase = evaluate(wave.phase, dot(before, aim.direction));
+  const Append append{where, again.count};
+  append(load(sent.origin, i), again.rays.position);
+  append(aim.direction, again.rays.direction);
+  append(set(Rays::kInside), again.rays.interaction);
+  append(load(sent.rays.max_medium_length, i), again.rays.max_medium_length);
+  append(load(sent.slot, i), again.slot);
+  append(load(sent.importance, i), again.importance);
+  append(phase.value, again.phase);
+  append(hn::Mul(load(sent.light_pdf, i), aim.inner_by_outer), again.pdf);
+  append(load(sent.light_pdf, i), again.light_pdf);
+  append(hn::BitCast(UintTag(), facing), again.facing);
+  append(load(sent.rays.medium_length, i), again.first_length);
+  for (size_t s = 0; s < sent.score_slots.size(); ++s) {
+    const bool of_phase = s < wave.paths.control_phase.size();
+    const Floats score = load(sent.score_slots[s], i);
+    append(of_phase ? hn::Add(score, hn::Sub(phase.scores[s], first.scores[s])) : score,
+           again.score_slots[s]);
+  }
+  again.count += hn::CountTrue(FloatTag(), where);
+}
+
+// Follows rays inside to the boundary, and calls visit(i, live, met, facing): which there are,
+// which of them meet it, and its facing there.
+template <typename SentRays, typename Visit>
+inline void follow_to_boundary(Wavefront& wave, SentRays& sent, const Visit& visit) {
+  const FloatTag d;
   follow_lines(wave.scene.obstacles, sent.rays, sent.count, Report::kEnds, &wave.crossings);
   for (size_t i = 0; i < sent.count; i += lanes()) {
     const Mask live = hn::FirstN(d, sent.count - i);
     const Uints end = hn::And(load(sent.rays.outcome, i), set(Rays::kEndMask));
     mark_leaked(wave.paths, hn::And(live, equals(end, Rays::kLeaked)),
                 slots_in(sent.slot, i, live));
-    Mask where = hn::And(live, equals(end, Rays::kCrossing));
-    if (hn::AllFalse(d, where)) continue;
-
-    const Vectors direction = load(sent.rays.direction, i);
-    const Vectors flat_normal = load(wave.crossings.normal, i);
-    const Crossing at = crossing_of(
-        direction, load(wave.crossings.smooth_normal, i), flat_normal, hn::FirstN(d, lanes()),
-        wave.scene.obstacles.corner_normals.flat(), wave.index_slot.has_value());
-    const Floats length = load(sent.rays.medium_length, i);
-    const Floats arriving = exp(hn::Mul(length, set(-wave.sigma_t)));
-    const Exit exit = wave.boundary_is_delta ? exit_of_smooth(wave, i, at, arriving, where)
-                                             : exit_of_rough(wave, i, at, arriving);
-    where = hn::And(where, hn::And(hn::Gt(dot(flat_normal, exit.to_light), zero),
-                                   hn::Gt(exit.per_radiance, zero)));
-
-    const Mask from_far =
-        hn::And(hn::Gt(load(sent.light_pdf, i), zero), hn::Eq(exit.distance, set(kInfinity)));
-    const size_t phase_slots = wave.paths.control_phase.size();
-    add_shadow_rays(
-        wave, where,
-        {.position = load(sent.rays.position, i),
-         .direction = exit.to_light,
-         .interaction = hn::Zero(UintTag()),
-         .slot = load(sent.slot, i),
-         .light = hn::Mul(exit.radiance, exit.per_radiance),
-         .importance = load(sent.importance, i),
-         .per_radiance = hn::IfThenElseZero(from_far, exit.per_radiance),
-         .distance = exit.distance,
-         .max_medium_length = zero,
-         .length_before = length},
-        [&](size_t s) {
-          const Floats score = load(sent.score_slots[s], i);
-          return s < phase_slots ? score : hn::Add(score, exit.scores[s - phase_slots]);
-        },
-        [&](size_t l) { return hn::Mul(exit.parts_of_lights[l], exit.per_radiance); });
+    const Mask met = hn::And(live, equals(end, Rays::kCrossing));
+    const Vectors normal = if_then_else(met, load(wave.crossings.normal, i), set(Vec3f{0, 1, 0}));
+    visit(i, live, met, hn::BitCast(UintTag(), facing_of(normal)));
   }
+}
+
+inline void cross_refracted_rays(Wavefront& wave) {
+  const FloatTag d;
+  const auto same = [&](const RefractedRays& sent, size_t i, Uints facing) {
+    return hn::RebindMask(d, hn::Eq(load(sent.facing, i), facing));
+  };
+  follow_to_boundary(wave, wave.refracted_rays, [&](size_t i, Mask, Mask met, Uints facing) {
+    if (!wave.boundary_is_delta) return leave(wave, wave.refracted_rays, i, met);
+    const Mask aimed = same(wave.refracted_rays, i, facing);
+    leave(wave, wave.refracted_rays, i, hn::And(met, aimed));
+    aim_again(wave, i, hn::AndNot(aimed, met), hn::BitCast(IntTag(), facing));
+  });
+  if (wave.aimed_again.count == 0) return;
+  follow_to_boundary(wave, wave.aimed_again, [&](size_t i, Mask, Mask met, Uints facing) {
+    leave(wave, wave.aimed_again, i, hn::And(met, same(wave.aimed_again, i, facing)));
+  });
+}
+
+// Whether the odds of walks hold (send_odds).
+inline void check_odds(Wavefront& wave) {
+  if (wave.odds_rays.count == 0) return;
+  const FloatTag d;
+  FloatColumn& odds = wave.paths.odds[0];
+  follow_to_boundary(wave, wave.odds_rays, [&](size_t i, Mask live, Mask met, Uints facing) {
+    const Mask same = hn::RebindMask(d, hn::Eq(load(wave.odds_rays.facing, i), facing));
+    const Ints slots = slots_in(wave.odds_rays.slot, i, live);
+    const Floats before = gather(odds.data(), slots);
+    hn::ScatterIndex(hn::IfThenElseZero(hn::And(met, same), before), d, odds.data(), slots);
+  });
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

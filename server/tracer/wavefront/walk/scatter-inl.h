@@ -143,16 +143,15 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   }
   if (wave.refracts_shadow_rays) {
     // For light that the walk meets next.
-    Floats passing = set(1.0F);
-    Vectors to_light = direction;
     if (wave.boundary_is_delta) {
-      passing = hn::Sub(passing, transmit(wave.scene.boundary, vertices.crossing).reflected);
+      const Mask leaves = hn::And(vertices.crossing.leaving, next.transmitted);
+      send_odds(wave, i, hn::And(where, leaves), vertices.crossing);
     } else {
-      to_light = redraw(wave.scene.lights, load(paths.rays.position, i), direction,
-                        scattered_at(paths, i));
+      const Vectors to_light = redraw(wave.scene.lights, load(paths.rays.position, i), direction,
+                                      scattered_at(paths, i));
+      const Floats odds = refraction_odds(wave, i, to_light);
+      store(hn::IfThenElseZero(hn::AndNot(edge, where), odds), paths.odds[0], i);
     }
-    const Floats odds = refraction_odds(wave, i, to_light, passing);
-    store(hn::IfThenElseZero(hn::AndNot(edge, where), odds), paths.odds[0], i);
   }
   const Uints toggled =
       hn::IfThenElseZero(for_uints(hn::And(where, next.transmitted)), set(Rays::kInside));

@@ -139,7 +139,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
     if (wave.shadow_rays.rays.bounded) {
       from_scattering = seen_from(wave.scene.lights, scattered_at(paths, i), drawn, light);
     }
-    const Floats odds = refraction_odds(wave, i, from_scattering.direction, set(1.0F));
+    const Floats odds = refraction_odds(wave, i, from_scattering.direction);
     const Floats light_pdf = hn::IfThenElse(light.dense(), light.pdf, set(1.0F));
     pdf_sum = hn::Add(pdf_sum, hn::IfThenElseZero(vertices.at_boundary, hn::Mul(odds, light_pdf)));
   }

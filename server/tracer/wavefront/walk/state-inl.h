@@ -107,8 +107,10 @@ struct Wavefront {
       paths.scattered_at.resize(3);
       paths.scattered_pdf.resize(1);
       paths.odds.resize(1);
-      refracted_rays.score_slots.resize(slots);
-      refracted_rays.parts_of_lights.resize(differentiated_lights.size());
+      for (RefractedRays* rays : {&refracted_rays, &aimed_again}) {
+        rays->score_slots.resize(slots);
+        rays->parts_of_lights.resize(differentiated_lights.size());
+      }
     }
   }
 
@@ -144,7 +146,8 @@ struct Wavefront {
   const bool boundary_is_delta, refracts_shadow_rays, mirrors_shadow_rays;
   const Refraction refraction;
   const std::optional<size_t> index_slot;  // of the boundary, for a derivative
-  RefractedRays refracted_rays;
+  RefractedRays refracted_rays, aimed_again;
+  OddsRays odds_rays;
   Crossings crossings;
   Crossings* at_boundary() { return stops_at_boundary ? &crossings : nullptr; }
 };
