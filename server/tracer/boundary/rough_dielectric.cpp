@@ -15,9 +15,9 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// Of the light that arrives, which part goes on, and the derivative of that in the roughness:
-// averaged over a lattice of microfacets.
-std::array<double, 2> going_on(const RoughDielectric& boundary, bool leaving, float cosine) {
+// Of the light that arrives, which part goes on, averaged over a lattice of microfacets; and the
+// derivatives of that in the index, a difference over the same lattice, and in the roughness.
+std::array<double, 3> going_on(const RoughDielectric& boundary, bool leaving, float cosine) {
   constexpr size_t kMicrofacets = 4096;
   constexpr float kGolden = 0.618034F;
   const FloatTag d;
@@ -27,7 +27,10 @@ std::array<double, 2> going_on(const RoughDielectric& boundary, bool leaving, fl
   const Crossing at = crossing_of(set(Vec3f{sine, 0, leaving ? cosine : -cosine}), up, up,
                                   hn::FirstN(d, leaving ? lanes() : 0), true, false);
   const Floats index = index_ahead(boundary.index, at.leaving);
-  double part = 0, slope = 0;
+  constexpr float kStep = 0.01F;
+  const Floats above = index_ahead(boundary.index + kStep, at.leaving);
+  const Floats below = index_ahead(boundary.index - kStep, at.leaving);
+  std::array<double, 3> means{};
   for (size_t k = 0; k < kMicrofacets; k += lanes()) {
     const Floats number = hn::Iota(d, static_cast<float>(k));
     const Floats u0 = hn::Mul(hn::Add(number, half), set(1.0F / kMicrofacets));
@@ -49,16 +52,27 @@ std::array<double, 2> going_on(const RoughDielectric& boundary, bool leaving, fl
     };
     add(mirrored(at.direction, m), false);
     add(refracted(at.direction, m, i_m, refracted_cosine, index), true);
+    // What o sees of it is its weight.
+    const auto sum_at = [&](Floats other_index) {
+      const Fresnel other = fresnel(i_m, other_index);
+      const Vectors through = refracted(at.direction, m, i_m, other.refracted_cosine, other_index);
+      const auto seen_at = [&](Floats off) {
+        return seen(hn::Max(off, zero), boundary.roughness).part;
+      };
+      return mul_add(
+          other.reflected, seen_at(dot(mirrored(at.direction, m), at.normal)),
+          hn::Mul(hn::Sub(one, other.reflected), seen_at(hn::Neg(dot(through, at.normal)))));
+    };
+    const Floats by_index = hn::Div(hn::Sub(sum_at(above), sum_at(below)), set(2 * kStep));
     // One after the other, so that every width of vectors adds up to the same.
-    alignas(64) float parts[kMaxLanes], part_slopes[kMaxLanes];
-    hn::Store(sum, d, parts);
-    hn::Store(slopes, d, part_slopes);
-    for (size_t lane = 0; lane < lanes(); ++lane) {
-      part += double{parts[lane]} / kMicrofacets;
-      slope += double{part_slopes[lane]} / kMicrofacets;
+    for (size_t s = 0; const Floats addend : {sum, by_index, slopes}) {
+      alignas(64) float parts[kMaxLanes];
+      hn::Store(addend, d, parts);
+      for (size_t lane = 0; lane < lanes(); ++lane) means[s] += double{parts[lane]} / kMicrofacets;
+      ++s;
     }
   }
-  return {part, slope};
+  return means;
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE
@@ -89,35 +103,18 @@ double mean(const float* table) {
   return sum;
 }
 
-// M and its derivative in the roughness.
-struct LostByAngle {
-  LostLight::Table part, slope;
-};
-LostByAngle lost_by_angle(const RoughDielectric& boundary) {
-  LostByAngle lost{};
+// M and its slopes.
+LostLight lost_by_angle(const RoughDielectric& boundary) {
+  LostLight lost;
   for (size_t at = 0; at < lost.part.size(); ++at) {
     const float root = static_cast<float>(at % kCosines) / (kCosines - 1);
-    const auto [part, slope] =
+    const auto [part, by_index, by_roughness] =
         HWY_DYNAMIC_DISPATCH(going_on)(boundary, at >= kCosines, std::max(root * root, 1e-4F));
     lost.part[at] = static_cast<float>(std::clamp(1 - part, 1e-6, 1.0));
-    lost.slope[at] = static_cast<float>(-slope);
+    lost.slopes[RoughDielectric::kIndexSlot][at] = static_cast<float>(-by_index);
+    lost.slopes[RoughDielectric::kRoughnessSlot][at] = static_cast<float>(-by_roughness);
   }
   return lost;
-}
-
-// In the index, by a difference: the lattice of microfacets is the same.
-LostLight::Table slope_by_index(const RoughDielectric& boundary) {
-  constexpr float kStep = 0.01F;
-  const auto part_at = [&](float index) {
-    RoughDielectric other = boundary;
-    other.index = index;
-    return lost_by_angle(other).part;
-  };
-  const LostLight::Table above = part_at(boundary.index + kStep);
-  const LostLight::Table below = part_at(boundary.index - kStep);
-  LostLight::Table slope{};
-  for (size_t at = 0; at < slope.size(); ++at) slope[at] = (above[at] - below[at]) / (2 * kStep);
-  return slope;
 }
 
 }  // namespace
@@ -125,11 +122,7 @@ LostLight::Table slope_by_index(const RoughDielectric& boundary) {
 RoughDielectric RoughDielectric::compile() const {
   RoughDielectric result = *this;
   if (single_scattering) return result;
-  const LostByAngle lost_here = lost_by_angle(*this);
-  LostLight table;
-  table.part = lost_here.part;
-  table.slopes[kIndexSlot] = slope_by_index(*this);
-  table.slopes[kRoughnessSlot] = lost_here.slope;
+  LostLight table = lost_by_angle(*this);
   const double index2 = double{index} * double{index};
   const double outside = mean(table.part.data()), inside = mean(table.part.data() + kCosines);
   const double norm = 1 / (outside + index2 * inside);

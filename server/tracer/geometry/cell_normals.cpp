@@ -33,6 +33,12 @@ size_t facing_of(Vec3d n) {
   return part(packed >> 16) * kParts + part(packed & 0xFFFF);
 }
 
+// Outwards.
+Vec3d twice_area(const Mesh& mesh, const std::array<uint32_t, 3>& triangle) {
+  const auto corner = [&](size_t k) { return static_cast<Vec3d>(mesh.vertices[triangle[k]]); };
+  return cross(corner(1) - corner(0), corner(2) - corner(0));
+}
+
 // Where only means of cells face, it is theirs.
 std::array<std::vector<float>, 3> mean_by_facing(const Mesh& mesh,
                                                  const std::vector<Vec3f>& of_cells,
@@ -46,9 +52,8 @@ std::array<std::vector<float>, 3> mean_by_facing(const Mesh& mesh,
   };
   for (const auto& triangle : mesh.triangles) {
     cancellation.turn();
-    const auto corner = [&](size_t k) { return static_cast<Vec3d>(mesh.vertices[triangle[k]]); };
-    const Vec3d twice_area = cross(corner(1) - corner(0), corner(2) - corner(0));
-    add(twice_area, length(twice_area));
+    const Vec3d area = twice_area(mesh, triangle);
+    add(area, length(area));
   }
   for (const Vec3f& mean : of_cells) add(static_cast<Vec3d>(mean), 1e-100);
   std::array<std::vector<float>, 3> means;
@@ -69,10 +74,9 @@ void for_each_touch(const Mesh& mesh, const CubicCells& cells, Cancellation& can
                     const Visit& visit) {
   for (const auto& triangle : mesh.triangles) {
     cancellation.turn();
-    const auto corner = [&](size_t k) { return static_cast<Vec3d>(mesh.vertices[triangle[k]]); };
-    const Vec3d twice_area = cross(corner(1) - corner(0), corner(2) - corner(0));
+    const Vec3d area = twice_area(mesh, triangle);
     const double most = 2 * cells.edge * cells.edge;
-    const auto normal = static_cast<Vec3f>(twice_area * std::min(1 / most, 1 / length(twice_area)));
+    const auto normal = static_cast<Vec3f>(area * std::min(1 / most, 1 / length(area)));
     TriangleAmongCells(cells, mesh, triangle, 1e-3 * cells.edge).for_each([&](size_t cell) {
       visit(cell, normal);
     });

@@ -122,10 +122,7 @@ class Walk {
     direction_ = ray.direction;
     at_ = {ray.origin, scene_.camera_inside, {}};
     weight_ = scene_.camera_weight;
-    if (index_slot_ && scene_.camera_inside) {  // it is the index squared
-      score_slots_[kMaxPhaseSlots + *index_slot_] =
-          2 / static_cast<float>(relative_index(scene_.boundary));
-    }
+    if (index_slot_) score_slots_[kMaxPhaseSlots + *index_slot_] = scene_.camera_score;
   }
 
   // One free flight. As flights are memoryless, one path length serves for all the parts of the

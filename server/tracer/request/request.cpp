@@ -146,9 +146,9 @@ void check_edges_find_lights(const Lights& lights) {
     if (has_size) continue;
     throw invalid_input(
         fmt::format("no derivative in the index of refraction under lights[{}], which has no size: "
-                    "part of it is "
-                    "on paths that do not find such a light; a directional one may have an "
-                    "angular_radius_degrees, and for a point or a spot there are sphere and panel",
+                    "part of it is on paths that do not find such a light; a directional one may "
+                    "have an angular_radius_degrees, and for a point or a spot there are sphere "
+                    "and panel",
                     light.number));
   }
 }

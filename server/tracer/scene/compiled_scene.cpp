@@ -105,6 +105,7 @@ Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std:
       camera_inside(contains(object->bounds, camera.origin()) &&
                     winding_number(object->mesh, camera.origin()) > 0.5),
       camera_weight(camera_inside ? static_cast<float>(std::pow(relative_index(boundary), 2)) : 1),
+      camera_score(camera_inside ? static_cast<float>(2 / relative_index(boundary)) : 0),
       box(enlarged(obstacles.bounds)),
       film_box(camera.film_box(static_cast<Vec3d>(box.min), static_cast<Vec3d>(box.max))),
       parts_(parts),

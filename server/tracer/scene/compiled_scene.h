@@ -56,6 +56,7 @@ struct Scene::Compiled {
   bool camera_inside;  // the medium
   // The radiance at the camera over that which paths count (boundary/crossing-inl.h).
   float camera_weight;
+  float camera_score;        // the derivative of its logarithm in the index of the medium
   Bounds box;                // of the object, a little enlarged
   Camera::FilmBox film_box;  // of that box
 

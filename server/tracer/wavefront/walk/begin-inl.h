@@ -91,9 +91,8 @@ class PathSource {
     paths.begin(slot);
     for_each_column(paths.weights(),
                     [&](FloatColumn& weight) { weight[slot] *= scene_.camera_weight; });
-    if (index_slot_ && scene_.camera_inside) {  // the camera's weight is the index squared
-      paths.score_slots[paths.control_phase.size() + *index_slot_][slot] =
-          2 / static_cast<float>(relative_index(scene_.boundary));
+    if (index_slot_) {
+      paths.score_slots[paths.control_phase.size() + *index_slot_][slot] = scene_.camera_score;
     }
     paths.pixel[slot] = sample.pixel;
     paths.sample[slot] = sample.sample;

@@ -375,8 +375,8 @@ inline void aim_again(Wavefront& wave, size_t i, Mask where, Ints facing) {
   again.count += hn::CountTrue(FloatTag(), where);
 }
 
-// Follows rays inside to the boundary, and calls visit(i, live, met, facing): which there are,
-// which of them meet it, and its facing there.
+// Follows rays inside to the boundary, and calls visit(i, slots, met): of which paths they are, and
+// which of them meet it.
 template <typename SentRays, typename Visit>
 inline void follow_to_boundary(Wavefront& wave, SentRays& sent, const Visit& visit) {
   const FloatTag d;
@@ -384,41 +384,44 @@ inline void follow_to_boundary(Wavefront& wave, SentRays& sent, const Visit& vis
   for (size_t i = 0; i < sent.count; i += lanes()) {
     const Mask live = hn::FirstN(d, sent.count - i);
     const Uints end = hn::And(load(sent.rays.outcome, i), set(Rays::kEndMask));
-    mark_leaked(wave.paths, hn::And(live, equals(end, Rays::kLeaked)),
-                slots_in(sent.slot, i, live));
-    const Mask met = hn::And(live, equals(end, Rays::kCrossing));
-    const Vectors normal = if_then_else(met, load(wave.crossings.normal, i), set(Vec3f{0, 1, 0}));
-    visit(i, live, met, hn::BitCast(UintTag(), facing_of(normal)));
+    const Ints slots = slots_in(sent.slot, i, live);
+    mark_leaked(wave.paths, hn::And(live, equals(end, Rays::kLeaked)), slots);
+    visit(i, slots, hn::And(live, equals(end, Rays::kCrossing)));
   }
 }
 
+// The facing of the boundary that they have met there.
+HWY_INLINE Ints facing_met(const Wavefront& wave, size_t i, Mask met) {
+  return facing_of(if_then_else(met, load(wave.crossings.normal, i), set(Vec3f{0, 1, 0})));
+}
+template <typename SentRays>
+HWY_INLINE Mask as_aimed(const SentRays& sent, size_t i, Ints facing) {
+  return hn::RebindMask(FloatTag(), hn::Eq(load(sent.facing, i), hn::BitCast(UintTag(), facing)));
+}
+
 inline void cross_refracted_rays(Wavefront& wave) {
-  const FloatTag d;
-  const auto same = [&](const RefractedRays& sent, size_t i, Uints facing) {
-    return hn::RebindMask(d, hn::Eq(load(sent.facing, i), facing));
-  };
-  follow_to_boundary(wave, wave.refracted_rays, [&](size_t i, Mask, Mask met, Uints facing) {
-    if (!wave.boundary_is_delta) return leave(wave, wave.refracted_rays, i, met);
-    const Mask aimed = same(wave.refracted_rays, i, facing);
-    leave(wave, wave.refracted_rays, i, hn::And(met, aimed));
-    aim_again(wave, i, hn::AndNot(aimed, met), hn::BitCast(IntTag(), facing));
+  const RefractedRays &first = wave.refracted_rays, &again = wave.aimed_again;
+  follow_to_boundary(wave, wave.refracted_rays, [&](size_t i, Ints, Mask met) {
+    if (!wave.boundary_is_delta) return leave(wave, first, i, met);
+    const Ints facing = facing_met(wave, i, met);
+    const Mask aimed = as_aimed(first, i, facing);
+    leave(wave, first, i, hn::And(met, aimed));
+    aim_again(wave, i, hn::AndNot(aimed, met), facing);
   });
-  if (wave.aimed_again.count == 0) return;
-  follow_to_boundary(wave, wave.aimed_again, [&](size_t i, Mask, Mask met, Uints facing) {
-    leave(wave, wave.aimed_again, i, hn::And(met, same(wave.aimed_again, i, facing)));
+  if (again.count == 0) return;
+  follow_to_boundary(wave, wave.aimed_again, [&](size_t i, Ints, Mask met) {
+    leave(wave, again, i, hn::And(met, as_aimed(again, i, facing_met(wave, i, met))));
   });
 }
 
 // Whether the odds of walks hold (send_odds).
 inline void check_odds(Wavefront& wave) {
   if (wave.odds_rays.count == 0) return;
-  const FloatTag d;
   FloatColumn& odds = wave.paths.odds[0];
-  follow_to_boundary(wave, wave.odds_rays, [&](size_t i, Mask live, Mask met, Uints facing) {
-    const Mask same = hn::RebindMask(d, hn::Eq(load(wave.odds_rays.facing, i), facing));
-    const Ints slots = slots_in(wave.odds_rays.slot, i, live);
+  follow_to_boundary(wave, wave.odds_rays, [&](size_t i, Ints slots, Mask met) {
+    const Mask holds = hn::And(met, as_aimed(wave.odds_rays, i, facing_met(wave, i, met)));
     const Floats before = gather(odds.data(), slots);
-    hn::ScatterIndex(hn::IfThenElseZero(hn::And(met, same), before), d, odds.data(), slots);
+    hn::ScatterIndex(hn::IfThenElseZero(holds, before), FloatTag(), odds.data(), slots);
   });
 }
 

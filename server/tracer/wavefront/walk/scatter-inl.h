@@ -124,12 +124,12 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   // No shadow ray competes with those that follow an edge either.
   const Mask edge = hn::And(where, hn::Gt(next.edge_weight, hn::Zero(FloatTag())));
   const Mask delta = wave.boundary_is_delta ? where : edge;
-  store(hn::IfThenElse(for_uints(delta), one, load(paths.delta_bounce, i)), paths.delta_bounce, i);
+  Uints bounce = hn::IfThenElse(for_uints(delta), one, load(paths.delta_bounce, i));
   if (wave.mirrors_shadow_rays) {
     const Mask mirrors = hn::AndNot(hn::Or(next.transmitted, vertices.crossing.leaving), where);
-    store(hn::IfThenElse(for_uints(mirrors), set(PathState::kFound), load(paths.delta_bounce, i)),
-          paths.delta_bounce, i);
+    bounce = hn::IfThenElse(for_uints(mirrors), set(PathState::kFound), bounce);
   }
+  store(bounce, paths.delta_bounce, i);
   for (FloatColumn& by : paths.crossing_edge_weight) {
     store(hn::IfThenElseZero(edge, next.edge_weight), by, i);
   }
