@@ -7,16 +7,21 @@ namespace itn::tracer {
 
 using Rgb = std::array<double, 3>;
 
+// Of kRgb all three are rendered, and luminance tells how.
+enum class Channel { kLuminance, kRed, kGreen, kBlue, kRgb };
+inline constexpr std::array kColours{Channel::kRed, Channel::kGreen, Channel::kBlue};
+inline constexpr std::array kLuminanceOfColours{0.2126, 0.7152, 0.0722};
+
 // Rec. 709 luminance.
 inline double luminance(const Rgb& c) {
-  return 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2];
+  return kLuminanceOfColours[0] * c[0] + kLuminanceOfColours[1] * c[1] +
+         kLuminanceOfColours[2] * c[2];
 }
-
-enum class Channel { kLuminance, kRed, kGreen, kBlue };
 
 inline double select(const Rgb& c, Channel channel) {
   switch (channel) {
-    case Channel::kLuminance: return luminance(c);
+    case Channel::kLuminance:
+    case Channel::kRgb: return luminance(c);
     case Channel::kRed: return c[0];
     case Channel::kGreen: return c[1];
     case Channel::kBlue: return c[2];

@@ -26,16 +26,18 @@ std::vector<uint32_t> all_counts(const FilmSums& sums) {
   return result;
 }
 
-std::vector<float> standard_errors(const FilmSums& sums, const std::vector<uint32_t>& counts) {
-  std::vector<float> result(sums.squares.size());
+// Of an image: `radiance_of(estimate)` are its sums, and `squares` those of squares.
+std::vector<float> standard_errors(const FilmSums& sums, const std::vector<uint32_t>& counts,
+                                   const std::vector<int64_t>& squares, const auto& radiance_of) {
+  std::vector<float> result(squares.size());
   for (size_t i = 0; i < result.size(); ++i) {
     if (counts[i] < 2) continue;
     double total = 0;
     for (const auto& estimate : sums.estimates) {
-      total += static_cast<double>(estimate.radiance[i]) * sums.quantum;
+      total += static_cast<double>(radiance_of(estimate)[i]) * sums.quantum;
     }
     const double n = counts[i], mean = total / n;
-    const double mean_square = static_cast<double>(sums.squares[i]) * sums.squares_quantum / n;
+    const double mean_square = static_cast<double>(squares[i]) * sums.squares_quantum / n;
     result[i] = static_cast<float>(std::sqrt(std::max(0.0, mean_square - mean * mean) / (n - 1)));
   }
   return result;
@@ -75,10 +77,19 @@ RenderedImages means(const FilmSums& sums) {
     for (const std::vector<int64_t>& radiance : estimate.at_albedos) {
       image.at_albedos.push_back(averages(radiance, sums.quantum, estimate.counts));
     }
+    for (const std::vector<int64_t>& radiance : estimate.colours) {
+      image.colours.push_back(averages(radiance, sums.quantum, estimate.counts));
+    }
   }
   const std::vector<uint32_t> counts = all_counts(sums);
   images.mask = averages(sums.hits, 1, counts);
-  images.standard_error = standard_errors(sums, counts);
+  images.standard_error = standard_errors(
+      sums, counts, sums.squares, [](const auto& e) -> const auto& { return e.radiance; });
+  for (size_t c = 0; c < sums.colour_squares.size(); ++c) {
+    images.colour_standard_errors.push_back(standard_errors(
+        sums, counts,
+        sums.colour_squares[c], [c](const auto& e) -> const auto& { return e.colours[c]; }));
+  }
   return images;
 }
 

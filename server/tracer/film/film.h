@@ -40,10 +40,12 @@ struct FilmSums {
     std::vector<std::vector<int64_t>> derivatives;  // in the order of RenderRequest::derivatives
     std::vector<int64_t> gradient, map_gradient;    // instead
     std::vector<std::vector<int64_t>> at_albedos;   // radiance for RenderRequest::albedos
+    std::vector<std::vector<int64_t>> colours;      // and for RenderRequest::colours
   };
   std::vector<EstimateSums> estimates;
   std::vector<int64_t> squares;  // of radiance, over all estimates; each at most 2^42 quanta
-  std::vector<int64_t> hits;     // camera rays that meet the object
+  std::vector<std::vector<int64_t>> colour_squares;  // the same of each colour
+  std::vector<int64_t> hits;                         // camera rays that meet the object
   Counters counters;
 
   // Where a pixel, numbered in the camera's film, is in the arrays.
@@ -62,13 +64,15 @@ uint32_t samples_of_estimate(uint32_t count, uint32_t k, uint32_t estimates);
 struct RenderedImages {
   struct Estimate {
     std::vector<float> radiance;
-    std::vector<std::vector<float>> derivatives;  // in the order of RenderRequest::derivatives
-    std::vector<std::vector<float>> at_albedos;   // for RenderRequest::albedos
-    std::vector<double> gradient = {};            // instead of derivatives, in their order
-    std::vector<float> map_gradient = {};         // by pixel of the panorama, top row first
+    std::vector<std::vector<float>> derivatives;   // in the order of RenderRequest::derivatives
+    std::vector<std::vector<float>> at_albedos;    // for RenderRequest::albedos
+    std::vector<std::vector<float>> colours = {};  // for RenderRequest::colours
+    std::vector<double> gradient = {};             // instead of derivatives, in their order
+    std::vector<float> map_gradient = {};          // by pixel of the panorama, top row first
   };
   std::vector<Estimate> estimates;
-  std::vector<float> mask;            // fraction of camera rays that meet the object
+  std::vector<float> mask;  // fraction of camera rays that meet the object
+  std::vector<std::vector<float>> colour_standard_errors;  // as the next one, of each colour
   std::vector<float> standard_error;  // of the mean radiance over all samples; 0 for less than two
 };
 

@@ -85,12 +85,15 @@ FilmSums empty_film(const Scene::Compiled& scene, const RenderRequest& request, 
   const double mean = power_of_two_near(scene.lights.power() / (4 * std::numbers::pi));
   film.quantum = std::ldexp(mean, -kQuantumBits);
   film.squares_quantum = std::ldexp(mean * mean, -kSquaresQuantumBits);
+  const size_t colours = request.colours.size();
   for (const Parameter& parameter : request.derivatives) {
-    film.derivative_quanta.push_back(film.quantum *
-                                     derivative_unit(parameter, scene, request.material));
+    film.derivative_quanta.insert(
+        film.derivative_quanta.end(), std::max<size_t>(colours, 1),
+        film.quantum * derivative_unit(parameter, scene, request.material));
   }
   const auto pixels = static_cast<size_t>(film.width) * static_cast<size_t>(film.height);
   film.squares.resize(pixels);
+  film.colour_squares.assign(colours, std::vector<int64_t>(pixels));
   film.hits.resize(pixels);
   film.estimates.resize(request.estimates);
   for (uint32_t k = 0; k < request.estimates; ++k) {
@@ -102,9 +105,10 @@ FilmSums empty_film(const Scene::Compiled& scene, const RenderRequest& request, 
     }
     estimate.radiance.resize(pixels);
     if (request.gradient_weights.empty()) {
-      estimate.derivatives.assign(request.derivatives.size(), std::vector<int64_t>(pixels));
+      estimate.derivatives.assign(derivative_count(request), std::vector<int64_t>(pixels));
     }
     estimate.at_albedos.assign(request.albedos.size(), std::vector<int64_t>(pixels));
+    estimate.colours.assign(colours, std::vector<int64_t>(pixels));
   }
   if (!request.gradient_weights.empty()) prepare_gradient(scene, request, plan, film);
   return film;
@@ -116,6 +120,7 @@ FilmWriter::FilmWriter(FilmSums& film)
       is_gradient_(!film.gradient_factors.empty()),
       derivatives_(film.derivative_quanta.size()),
       albedos_(film.estimates[0].at_albedos.size()),
+      colours_(film.estimates[0].colours.size()),
       per_radiance_(1 / film.quantum),
       per_square_(1 / film.squares_quantum) {
   for (size_t i = 0; i < derivatives_; ++i) per_derivative_[i] = 1 / film.derivative_quanta[i];
@@ -165,6 +170,8 @@ void FilmWriter::restart(PixelSums& sums, uint32_t pixel, uint32_t estimate) con
   sums.hits = sums.radiance = sums.squares = 0;
   std::fill_n(sums.derivatives.begin(), derivatives_, 0);
   std::fill_n(sums.at_albedos.begin(), albedos_, 0);
+  std::fill_n(sums.colours.begin(), colours_, 0);
+  std::fill_n(sums.colour_squares.begin(), colours_, 0);
 }
 
 // Adds a path to sums, unless it is NaN, infinite or beyond their range: the one door for these.
@@ -178,9 +185,15 @@ bool FilmWriter::collect(const PathEstimate& path, PixelSums& sums) {
   for (size_t a = 0; a < albedos_; ++a) {
     representable = representable && std::abs(path.at_albedos[a] * per_radiance_) < kMaxQuanta;
   }
+  for (size_t c = 0; c < colours_; ++c) {
+    representable = representable && std::abs(path.colours[c] * per_radiance_) < kMaxQuanta;
+  }
   if (!representable) return false;
   sums.radiance += std::llrint(radiance);
-  sums.squares += std::llrint(std::min(path.radiance * path.radiance * per_square_, kMaxQuanta));
+  const auto square = [&](double x) {
+    return std::llrint(std::min(x * x * per_square_, kMaxQuanta));
+  };
+  sums.squares += square(path.radiance);
   if (is_gradient_) {
     const double factor{film_->gradient_factors[sums.estimate][film_->index_of(sums.pixel)]};
     for (size_t i = 0; i < derivatives_; ++i) {
@@ -195,6 +208,10 @@ bool FilmWriter::collect(const PathEstimate& path, PixelSums& sums) {
   for (size_t a = 0; a < albedos_; ++a) {
     sums.at_albedos[a] += std::llrint(path.at_albedos[a] * per_radiance_);
   }
+  for (size_t c = 0; c < colours_; ++c) {
+    sums.colours[c] += std::llrint(path.colours[c] * per_radiance_);
+    sums.colour_squares[c] += square(path.colours[c]);
+  }
   return true;
 }
 
@@ -207,6 +224,10 @@ void FilmWriter::flush(const PixelSums& sums) {
     add_to(estimate.derivatives[i][pixel], sums.derivatives[i]);
   }
   for (size_t a = 0; a < albedos_; ++a) add_to(estimate.at_albedos[a][pixel], sums.at_albedos[a]);
+  for (size_t c = 0; c < colours_; ++c) {
+    add_to(estimate.colours[c][pixel], sums.colours[c]);
+    add_to(film_->colour_squares[c][pixel], sums.colour_squares[c]);
+  }
   add_to(film_->squares[pixel], sums.squares);
   add_to(film_->hits[pixel], sums.hits);
 }

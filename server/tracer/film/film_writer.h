@@ -17,6 +17,7 @@ struct PathEstimate {
   double radiance = 0;
   std::array<double, kMaxDerivatives> derivatives{};  // for RenderRequest::derivatives
   std::array<double, kMaxAlbedos> at_albedos{};       // radiance for RenderRequest::albedos
+  std::array<double, 3> colours{};                    // radiance for RenderRequest::colours
   bool hit = false;                                   // the camera ray meets the object
   bool leaked = false;                                // to be dropped
   uint32_t steps = 0;                                 // free flights inside the medium
@@ -46,6 +47,7 @@ class FilmWriter {
     int64_t hits = 0, radiance = 0, squares = 0;
     std::array<int64_t, kMaxDerivatives> derivatives{};
     std::array<int64_t, kMaxAlbedos> at_albedos{};
+    std::array<int64_t, 3> colours{}, colour_squares{};
   };
   bool collect(const PathEstimate& path, PixelSums& sums);
   // Adds them to the film.
@@ -56,7 +58,7 @@ class FilmWriter {
   FilmSums* film_;
   uint32_t estimates_;
   bool is_gradient_;
-  size_t derivatives_, albedos_;  // how many images of each
+  size_t derivatives_, albedos_, colours_;  // how many images of each
   // Of estimates, by derivative: collected here until close().
   std::vector<std::array<int64_t, kMaxDerivatives>> gradients_;
   double per_radiance_, per_square_;

@@ -18,7 +18,8 @@ Surfaces::Surfaces(const std::vector<DiffuseSurface>& surfaces) {
     if (uniform == nullptr) {
       const auto count = static_cast<uint32_t>(surface.mesh.triangles.size());
       const uint32_t first = first_triangle_of_mesh.back();
-      patterned.push_back({{first, first + count}, surface.reflectance});
+      patterned.push_back(
+          {{first, first + count}, surface.reflectance, first_triangle_of_mesh.size() - 1});
     }
     for (const auto& triangle : surface.mesh.triangles) {
       Vec3d corner[3];

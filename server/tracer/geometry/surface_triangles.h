@@ -58,6 +58,7 @@ struct Surfaces {
   struct Pattern {
     Range triangles;
     Reflectance reflectance;
+    size_t surface;  // its number
   };
   std::vector<Pattern> patterned;
   Bounds bounds{};                               // of all of them

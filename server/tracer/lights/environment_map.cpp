@@ -80,7 +80,8 @@ void EnvironmentMapTable::weigh_pixels() {
       power_ += value(column, row) * solid_angle;
     }
   }
-  if (power_ > 0) cells_.emplace(weights);
+  if (!(power_ > 0)) weights.assign(weights.size(), 1);  // any distribution will do
+  cells_.emplace(weights);
 }
 
 }  // namespace itn::tracer

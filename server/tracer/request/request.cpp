@@ -49,11 +49,48 @@ void check_albedos(const RenderRequest& request) {
   }
 }
 
+void check_colours(const RenderRequest& request) {
+  const std::vector<Material>& colours = request.colours;
+  if (colours.empty()) return;
+  if (colours.size() != kColours.size()) {
+    throw invalid_input(fmt::format("the number of colours is {}; it must be 0 or {}",
+                                    colours.size(), kColours.size()));
+  }
+  const Material& material = request.material;
+  for (size_t c = 0; c < colours.size(); ++c) {
+    itn::validate(colours[c]);
+    if (colours[c].sigma_t < material.sigma_t || colours[c].albedo > material.albedo ||
+        colours[c].g != material.g) {
+      throw invalid_input(fmt::format(
+          "colours[{}] is sigma_t {}, albedo {}, g {}; that must be at least, at most and exactly "
+          "that of the material, {}, {}, {}",
+          c, colours[c].sigma_t, colours[c].albedo, colours[c].g, material.sigma_t, material.albedo,
+          material.g));
+    }
+  }
+  if (!request.albedos.empty() || !request.gradient_weights.empty() || request.pilot_spp > 0) {
+    throw invalid_input("colours have no albedos, no gradient and no pilot");
+  }
+}
+
+// The parameters that colours have derivatives in.
+void check_colour_derivatives(const RenderRequest& request, const Scene& scene) {
+  for (const Parameter& parameter : request.derivatives) {
+    const bool of_boundary = parameter.kind == Parameter::kBoundary &&
+                             !differentiated_index(request, scene.compiled().boundary);
+    if (parameter.of_medium() || of_boundary) continue;
+    throw invalid_input(
+        fmt::format("no derivative in {} of colours that share their paths: there are those in the "
+                    "medium and in a roughness; others need a render of each colour",
+                    name_of(parameter)));
+  }
+}
+
 void check_derivatives(const RenderRequest& request) {
   const std::vector<Parameter>& derivatives = request.derivatives;
-  if (derivatives.size() > kMaxDerivatives) {
+  if (derivative_count(request) > kMaxDerivatives) {
     throw invalid_input(fmt::format("the number of derivatives is {}; it must be in [0, {}]",
-                                    derivatives.size(), kMaxDerivatives));
+                                    derivative_count(request), kMaxDerivatives));
   }
   for (size_t i = 0; i < derivatives.size(); ++i) {
     if (std::find(derivatives.begin(), derivatives.begin() + static_cast<ptrdiff_t>(i),
@@ -159,6 +196,10 @@ PhaseFunction phase_of(const RenderRequest& request) {
   return request.phase.value_or(HenyeyGreenstein{static_cast<float>(request.material.g)});
 }
 
+size_t derivative_count(const RenderRequest& request) {
+  return request.derivatives.size() * std::max<size_t>(request.colours.size(), 1);
+}
+
 std::optional<size_t> differentiated_index(const RenderRequest& request, const Boundary& boundary) {
   for (const Parameter& parameter : request.derivatives) {
     if (parameter.kind != Parameter::kBoundary) continue;
@@ -183,6 +224,7 @@ void validate(const RenderRequest& request) {
   check_samples(request);
   check_estimates(request);
   check_albedos(request);
+  check_colours(request);
   check_derivatives(request);
   const PhaseFunction phase = phase_of(request);
   check_fields("phase.", phase);
@@ -193,8 +235,9 @@ void validate(const RenderRequest& request) {
     throw invalid_input(
         fmt::format("pilot_spp is {}; it must be in [0, {}]", request.pilot_spp, kMaxPilotSpp));
   }
-  if (request.tracer == Tracer::kReference && (!request.albedos.empty() || request.pilot_spp > 0)) {
-    throw invalid_input("the reference tracer knows neither albedos nor pilot_spp");
+  if (request.tracer == Tracer::kReference &&
+      (!request.albedos.empty() || !request.colours.empty() || request.pilot_spp > 0)) {
+    throw invalid_input("the reference tracer knows neither albedos, colours nor pilot_spp");
   }
 }
 
@@ -206,6 +249,10 @@ void validate(const RenderRequest& request, const Scene& scene) {
   if (!request.gradient_weights.empty()) check_gradient(request, pixels);
   if (request.gradient_light) check_gradient_light(request, scene);
   const Scene::Compiled& compiled = scene.compiled();
+  if (request.colours.empty() != (compiled.film.channel != Channel::kRgb)) {
+    throw invalid_input("colours and a film whose channel is RGB need one another");
+  }
+  if (!request.colours.empty()) check_colour_derivatives(request, scene);
   if (differentiated_index(request, compiled.boundary)) check_edges_find_lights(compiled.lights);
   for (const Parameter& parameter : request.derivatives) {
     if (parameter.kind == Parameter::kBoundary) {

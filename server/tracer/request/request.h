@@ -48,7 +48,8 @@ struct RenderRequest {
   // film.
   std::optional<Tile> tile = {};
   uint64_t seed = 0;
-  // Which derivative images to accumulate, in this order, none twice. At most kMaxDerivatives.
+  // Which derivative images to accumulate, in this order, none twice; of colours, three of each,
+  // one after the other. At most kMaxDerivatives images.
   std::vector<Parameter> derivatives = {};
   // By pixel of the film, a weight of any sign: instead of derivative images, the gradient of the
   // sum over the pixels of weight * radiance, a number for each of `derivatives`. Empty: images.
@@ -63,6 +64,12 @@ struct RenderRequest {
   // path of albedo a has weight a^n, it has weight b^n for b. At most kMaxAlbedos; not by the
   // reference.
   std::vector<double> albedos = {};
+  // Of a scene whose film shows kRgb, and of no other, the medium in red, green and blue: sigma_t
+  // at least, albedo at most that of the material, and its g. The images of the colours, and each
+  // of the derivatives in them, are estimated from the same paths; `radiance` is their luminance.
+  // There are no derivatives in lights, reflectances and the index of refraction then, no albedos,
+  // no gradient and no pilot; not by the reference.
+  std::vector<Material> colours = {};
   // Samples per pixel of a pilot: an independent, coarse render of the same seed, whose samples are
   // not used in the image, but say where samples are needed and what control variate to subtract
   // (film/plan.h). 0: none. At most kMaxPilotSpp; not by the reference.
@@ -119,6 +126,8 @@ struct RenderOptions {
 };
 
 PhaseFunction phase_of(const RenderRequest& request);
+// How many derivative images are accumulated.
+size_t derivative_count(const RenderRequest& request);
 // The slot of the boundary that is its index, if a derivative in that is asked for.
 std::optional<size_t> differentiated_index(const RenderRequest& request, const Boundary& boundary);
 double mean_cosine(const RenderRequest& request);

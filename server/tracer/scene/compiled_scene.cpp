@@ -22,15 +22,30 @@ bool contains(const Bounds& box, Vec3d p) {
          p.z <= high.z;
 }
 
+Reflectance compile(const Reflectance& reflectance, const Pose& pose, Channel channel) {
+  return std::visit([&](const auto& kind) -> Reflectance { return kind.compile(pose, channel); },
+                    reflectance);
+}
+
 std::vector<DiffuseSurface> to_object(const Pose& pose, Channel channel,
                                       std::vector<DiffuseSurface> surfaces) {
   for (DiffuseSurface& surface : surfaces) {
     surface.mesh = to_object(pose, std::move(surface.mesh));
-    surface.reflectance =
-        std::visit([&](const auto& kind) -> Reflectance { return kind.compile(pose, channel); },
-                   surface.reflectance);
+    surface.reflectance = compile(surface.reflectance, pose, channel);
   }
   return surfaces;
+}
+
+std::vector<std::vector<Reflectance>> colour_reflectances_of(const SceneDescription& scene) {
+  std::vector<std::vector<Reflectance>> by_colour;
+  if (scene.film.channel != Channel::kRgb) return by_colour;
+  for (const Channel colour : kColours) {
+    auto& reflectances = by_colour.emplace_back();
+    for (const DiffuseSurface& surface : scene.surfaces) {
+      reflectances.push_back(compile(surface.reflectance, scene.pose, colour));
+    }
+  }
+  return by_colour;
 }
 
 CameraDescription to_object(const Pose& pose, const CameraDescription& camera) {
@@ -96,7 +111,8 @@ std::string lamps_key(const Lights& lights) {
 
 Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std::stop_token& stop)
     : object(std::move(scene.compiled_object)),
-      boundary(compile(scene.boundary)),
+      boundary(tracer::compile(scene.boundary)),
+      colour_reflectances(colour_reflectances_of(scene)),
       surfaces(to_object(scene.pose, scene.film.channel, std::move(scene.surfaces))),
       obstacles(object, surfaces, boundary_normals(scene, *object, parts, part_keys, stop)),
       lights(scene.lights, {scene.film.channel, scene.pose, object->mesh, parts, part_keys}),
@@ -113,6 +129,12 @@ Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std:
       geometry_key_(geometry_key(scene, !surfaces.empty())),
       object_pixels_key_(part_key("pixels", scene.camera, film.width, film.height) +
                          lamps_key(lights) + geometry_key_) {
+  if (film.channel == Channel::kRgb) {
+    for (const Channel colour : kColours) {
+      colour_lights.emplace_back(
+          scene.lights, LightFrame{colour, scene.pose, object->mesh, parts, part_keys}, lights);
+    }
+  }
   part_keys.insert(part_keys.end(), {scene.object_key, geometry_key_, object_pixels_key_});
 }
 
@@ -160,6 +182,9 @@ size_t Scene::Compiled::memory() const {
     sum += surface.mesh.vertices.size() * sizeof(Vec3f) +
            surface.mesh.triangles.size() * sizeof(std::array<uint32_t, 3>);
     sum += memory_of(surface.reflectance);
+  }
+  for (const auto& reflectances : colour_reflectances) {
+    for (const Reflectance& reflectance : reflectances) sum += memory_of(reflectance);
   }
   return sum;
 }

@@ -91,12 +91,38 @@ inline void add_to_map(Wavefront& wave, Vectors direction, Mask arrived, Floats 
   }
 }
 
+// The same for the colours: `light(c)` arrives in colour c after this `length` in the medium, by
+// which it is dimmed already.
+template <typename Slots, typename LightIn, typename ScoreSlot>
+HWY_INLINE void add_colours(Wavefront& wave, const Slots& at, Floats length, const LightIn& light,
+                            const ScoreSlot& score_slot) {
+  Paths& paths = wave.paths;
+  const size_t columns = 2 + paths.d_slots.size();
+  Floats luminance = hn::Zero(FloatTag());
+  for (size_t c = 0; c < wave.colours.size(); ++c) {
+    const Floats likely_light = hn::Mul(light(c), at.get(paths.likelihood[c]));
+    const Floats contribution = hn::Mul(at.get(paths.colour_weight[c]), likely_light);
+    at.add(contribution, paths.colours[c]);
+    luminance = mul_add(contribution, set(static_cast<float>(kLuminanceOfColours[c])), luminance);
+    FloatColumn* const derivatives = &paths.d_colours[c * columns];
+    if (wave.medium_derivatives) {
+      const Floats score = hn::Sub(at.get(paths.colour_score[c]), length);
+      at.add(hn::Mul(contribution, score), derivatives[0]);
+      at.add(hn::Mul(at.get(paths.colour_dweight[c]), likely_light), derivatives[1]);
+    }
+    for (size_t s = 0; s < paths.d_slots.size(); ++s) {
+      at.add(hn::Mul(contribution, score_slot(s)), derivatives[2 + s]);
+    }
+  }
+  at.add(luminance, paths.radiance);
+}
+
 // Light that walks meet by themselves, at lamps or after leaving the scene.
 inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
   const Paths& paths = wave.paths;
   LightParts parts(wave.differentiated_lights);
   const auto [distance, light] =
-      look(wave.scene.lights, load(paths.flight_from, i), load(paths.rays.direction, i), parts);
+      look(wave, load(paths.flight_from, i), load(paths.rays.direction, i), parts);
   const Mask delta_bounce = not_zero(load(paths.delta_bounce, i));
   const Floats pdf = load(paths.pdf, i);
   Floats mis_weight = set(1.0F);
@@ -118,9 +144,18 @@ inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
     mis_weight = hn::IfThenZeroElse(found, mis_weight);
   }
   const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));
+  const auto score_slot = [&](size_t s) { return load(paths.score_slots[s], i); };
+  if (!wave.colours.empty()) {
+    add_colours(
+        wave, SlotRange{i}, hn::Zero(FloatTag()),
+        [&](size_t c) {
+          return hn::IfThenElseZero(escaped, hn::Mul(parts.radiance[c], mis_weight));
+        },
+        score_slot);
+    return;
+  }
   add_contribution(
-      wave, SlotRange{i}, radiance, [&] { return load(paths.score_sigma_t, i); },
-      [&](size_t s) { return load(paths.score_slots[s], i); },
+      wave, SlotRange{i}, radiance, [&] { return load(paths.score_sigma_t, i); }, score_slot,
       [&](size_t l, Floats weight) {
         return hn::IfThenElseZero(escaped, hn::Mul(hn::Mul(weight, parts.radiance[l]), mis_weight));
       });

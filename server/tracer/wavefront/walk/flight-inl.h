@@ -27,7 +27,9 @@ inline void sample_flights(Wavefront& wave) {
     const Floats u0 =
         hn::IfThenElse(equals(vertex, first), load(paths.first_flight, i), uniform(words.w[0]));
     const Floats depth = hn::Sub(zero, log(hn::Sub(set(1.0F), u0)));
-    store(hn::Mul(depth, set(1 / wave.sigma_t)), paths.rays.max_medium_length, i);
+    store(wave.colours.empty() ? hn::Mul(depth, set(1 / wave.sigma_t))
+                               : hn::Div(depth, load(paths.flight_sigma_t[0], i)),
+          paths.rays.max_medium_length, i);
     store(uniform(words.w[1]), paths.u1, i);
     store(uniform(words.w[2]), paths.u2, i);
     store(uniform(words.w[3]), paths.u3, i);
@@ -38,6 +40,36 @@ inline void sample_flights(Wavefront& wave) {
     }
   }
   follow_lines(wave.scene.obstacles, paths.rays, wave.count, Report::kEnds, wave.at_boundary());
+}
+
+// What flights add to the likelihoods of colours, and to their scores.
+//
+// The density of a path is, in each colour, a product of the same factors, but for its flights:
+// with n scatterings and the length L in the medium, sigma_t^n exp(-sigma_t L). Of all paths, a
+// third flies by each. By the balance heuristic, light that arrives along a path counts as if it
+// had been drawn with the mean of the three densities, whichever it flew by: W times the density in
+// the colour over that mean, the likelihood, which is 3 at most.
+//
+// Wilkie, Nawaz, Droske, Weidlich, Hanika, "Hero wavelength spectral sampling", EGSR 2014.
+HWY_INLINE void update_likelihoods(Wavefront& wave, size_t i, Mask scattered) {
+  Paths& paths = wave.paths;
+  const Floats length = load(paths.rays.medium_length, i);
+  Floats sum = hn::Zero(FloatTag());
+  for (size_t c = 0; c < wave.colours.size(); ++c) {
+    // Over what it is at the least sigma_t, which is the material's: exp does not overflow.
+    const float sigma_t = wave.colours[c].sigma_t;
+    const Floats flown = exp(hn::Mul(length, set(wave.sigma_t - sigma_t)));
+    const Floats ended = hn::IfThenElse(scattered, set(sigma_t / wave.sigma_t), set(1.0F));
+    const Floats likelihood = hn::Mul(load(paths.likelihood[c], i), hn::Mul(flown, ended));
+    store(likelihood, paths.likelihood[c], i);
+    sum = hn::Add(sum, likelihood);
+    const Floats score = hn::Sub(hn::IfThenElseZero(scattered, set(1 / sigma_t)), length);
+    store(hn::Add(load(paths.colour_score[c], i), score), paths.colour_score[c], i);
+  }
+  const Floats by = hn::Div(set(static_cast<float>(wave.colours.size())), sum);
+  for (FloatColumn& likelihood : paths.likelihood) {
+    store(hn::Mul(load(likelihood, i), by), likelihood, i);
+  }
 }
 
 // What flights add to scores and counts.
@@ -57,6 +89,7 @@ HWY_INLINE void update_scores(Wavefront& wave, size_t i, Mask scattered) {
     store(mul_add(score, load(paths.weight, i), load(paths.control_sigma_t, i)),
           paths.control_sigma_t, i);
   }
+  if (!wave.colours.empty()) update_likelihoods(wave, i, scattered);
   const Uints entered =
       hn::And(hn::ShiftRight<Rays::kEnteredBit>(load(paths.rays.outcome, i)), set(uint32_t{1}));
   store(hn::Add(load(paths.steps, i), entered), paths.steps, i);

@@ -6,6 +6,10 @@ namespace itn::tracer {
 
 PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, FilmWriter& film)
     : paths_(paths), film_(film) {
+  if (!request.colours.empty()) {
+    add_colours(request);
+    return;
+  }
   size_t reflectance = 0, light = 0;
   for (const Parameter& parameter : request.derivatives) {
     switch (parameter.kind) {
@@ -31,6 +35,24 @@ PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, Fil
   }
 }
 
+void PathRecorder::add_colours(const RenderRequest& request) {
+  const size_t columns = paths_.d_colours.size() / request.colours.size();
+  for (const Parameter& parameter : request.derivatives) {
+    size_t column = 0;  // among those of a colour
+    switch (parameter.kind) {
+      case Parameter::kAlbedo: column = 1; break;
+      case Parameter::kPhase: column = 2 + slots_of<PhaseFunction>()[parameter.slot].number; break;
+      case Parameter::kBoundary:
+        column = 2 + paths_.control_phase.size() + slots_of<Boundary>()[parameter.slot].number;
+        break;
+      default: break;
+    }
+    for (size_t c = 0; c < request.colours.size(); ++c) {
+      derivatives_.push_back({&paths_.d_colours[c * columns + column]});
+    }
+  }
+}
+
 void PathRecorder::record(size_t slot) {
   estimate_.hit = paths_.hit[slot] != 0;
   estimate_.leaked = paths_.leaked[slot] != 0;
@@ -46,6 +68,7 @@ void PathRecorder::record(size_t slot) {
   for (size_t a = 0; a < paths_.radiance_at_albedos.size(); ++a) {
     estimate_.at_albedos[a] = paths_.radiance_at_albedos[a][slot];
   }
+  for (size_t c = 0; c < paths_.colours.size(); ++c) estimate_.colours[c] = paths_.colours[c][slot];
   film_.add({paths_.pixel[slot], paths_.sample[slot], expected}, estimate_);
 }
 

@@ -71,17 +71,28 @@ struct PathState {
   // which make W 0 (BoundaryEdge).
   FloatStates<> edge_weight{};
 
+  // For RenderRequest::colours, of each (colours-inl.h): W and d W / d albedo; how likely the path
+  // is in this colour; the score in sigma_t; radiance, and its derivatives in sigma_t, albedo and
+  // the slots, those of a colour one after the other. And the sigma_t by which the path flies.
+  FloatStates<1> colour_weight{};
+  FloatStates<> colour_dweight{};
+  FloatStates<1> likelihood{};
+  FloatStates<> colour_score{}, colours{}, d_colours{};
+  FloatStates<> flight_sigma_t{};
+
   // The list of all columns: what moves a path, and begins one, goes through it.
   auto columns() {
     return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps,
                     delta_bounce, crossings, pdf, scattered_at, scattered_pdf, odds, weight,
                     dweight_dalbedo, score_sigma_t, radiance, d_sigma_t, d_albedo, control_sigma_t,
                     score_slots, d_slots, control_phase, weight_at_albedos, radiance_at_albedos,
-                    dweight_dreflectance, d_reflectance, d_light, edge_weight);
+                    dweight_dreflectance, d_reflectance, d_light, edge_weight, colour_weight,
+                    colour_dweight, likelihood, colour_score, colours, d_colours, flight_sigma_t);
   }
   // Those that a factor of the path's weight multiplies.
   auto weights() {
-    return std::tie(weight, dweight_dalbedo, weight_at_albedos, dweight_dreflectance, edge_weight);
+    return std::tie(weight, dweight_dalbedo, weight_at_albedos, dweight_dreflectance, edge_weight,
+                    colour_weight, colour_dweight);
   }
 };
 
@@ -136,10 +147,11 @@ struct ShadowRays {
   // Light that would arrive undimmed, scattered and weighted: without the path's weight, and with
   // the importance of the path.
   FloatColumn light{}, importance{};
-  std::vector<FloatColumn> score_slots;      // of the path, with that of the turn to the light
-  std::vector<FloatColumn> parts_of_lights;  // of `light`, for the derivatives asked for in lights
-  std::vector<FloatColumn> per_radiance;     // `light` by radiance, for a gradient in a panorama
-  FloatColumn length_before{};  // in the medium, of those that come through the boundary
+  std::vector<FloatColumn> score_slots;  // of the path, with that of the turn to the light
+  // Of `light`, for the derivatives asked for in lights; or what `light` is in each colour.
+  std::vector<FloatColumn> parts_of_lights;
+  std::vector<FloatColumn> per_radiance;  // `light` by radiance, for a gradient in a panorama
+  FloatColumn length_before{};            // in the medium, of those that come through the boundary
   size_t count = 0;
 };
 
@@ -188,6 +200,8 @@ class PathRecorder {
     const FloatColumn* collected;
     const FloatColumn* control_variate = nullptr;
   };
+
+  void add_colours(const RenderRequest& request);
 
   const Paths& paths_;
   FilmWriter& film_;

@@ -78,6 +78,26 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium,
   return vertices;
 }
 
+// In each colour, W takes the albedo or the reflectance that is of this colour.
+HWY_INLINE void multiply_by_colours(Wavefront& wave, size_t i, const Vertices& vertices) {
+  Paths& paths = wave.paths;
+  for (size_t c = 0; c < wave.colours.size(); ++c) {
+    Floats factor =
+        hn::IfThenElse(vertices.in_medium, set(wave.colours[c].albedo), vertices.factor);
+    for (const Surfaces::Pattern& pattern : wave.scene.obstacles.surfaces.patterned) {
+      factor = hn::IfThenElse(among(pattern.triangles, vertices.triangles),
+                              reflectance_at(wave.scene.colour_reflectances[c][pattern.surface],
+                                             load(paths.rays.position, i)),
+                              factor);
+    }
+    FloatColumn &column = paths.colour_weight[c], &derivative = paths.colour_dweight[c];
+    const Floats weight = load(column, i);
+    store(hn::Mul(weight, factor), column, i);
+    store(mul_add(load(derivative, i), factor, hn::IfThenElseZero(vertices.in_medium, weight)),
+          derivative, i);
+  }
+}
+
 // W takes the factor. dW/d albedo takes it too, and W where the factor is the albedo; likewise
 // dW/d reflectance, for the reflectance of some triangles.
 HWY_INLINE void multiply_by_factor(Wavefront& wave, size_t i, const Vertices& vertices) {
@@ -213,6 +233,7 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
 inline void scatter(Wavefront& wave, size_t i, Mask in_medium, Mask on_surface, Mask at_boundary) {
   const Vertices vertices = vertices_of(wave, i, in_medium, on_surface, at_boundary);
   multiply_by_factor(wave, i, vertices);
+  multiply_by_colours(wave, i, vertices);
   if (wave.switches.techniques != Switches::Techniques::kPhaseOnly) {
     send_shadow_rays(wave, i, vertices);
   }

@@ -55,7 +55,7 @@ inline void send_mirrored_rays(Wavefront& wave, size_t i, const Vertices& vertic
                    set(Vec3f{0, 1, 0}));
   const Vectors position = if_then_else(sent, load(wave.paths.rays.position, i), set(Vec3f{}));
   LightParts parts(wave.differentiated_lights);
-  const auto [distance, light] = look(wave.scene.lights, position, to_light, parts);
+  const auto [distance, light] = look(wave, position, to_light, parts);
   const Floats reflected = transmit(wave.scene.boundary, at).reflected;
   const Floats zero = hn::Zero(d), undimmed = hn::Mul(light.radiance, reflected);
   if (wave.differentiated_map == nullptr) sent = hn::And(sent, hn::Gt(undimmed, zero));
@@ -98,7 +98,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
       if_then_else(vertices.where(), load(paths.rays.position, i), Vectors{zero, zero, zero});
   LightParts parts(wave.differentiated_lights);
   const LightChoice drawn = light_choice(words, more);
-  const LightSamples light = sample(wave.scene.lights, position, drawn, parts);
+  const LightSamples light = sample(wave, position, drawn, parts);
   const Floats roulette = hn::Sub(set(1.0F), fifth_uniform(words));
   if (refracted) {
     send_refracted_rays(wave, i, vertices.in_medium, position, drawn, light, parts, roulette);
@@ -204,10 +204,23 @@ inline void trace_shadow_rays(Wavefront& wave) {
                                 wave.shadow_ray_threshold > 0 ? hn::Div(dimmed, survival) : dimmed);
     };
     const SlotGather at{slot};
+    const auto score_slot = [&](size_t s) { return load(shadow_rays.score_slots[s], i); };
+    if (!wave.colours.empty()) {
+      const Mask thinned = wave.shadow_ray_threshold > 0 ? arrived : hn::FirstN(d, 0);
+      const Floats by = hn::Div(set(1.0F), hn::IfThenElse(thinned, survival, set(1.0F)));
+      add_colours(
+          wave, at, length,
+          [&](size_t c) {
+            const Floats in_colour = exp(hn::Mul(length, set(-wave.colours[c].sigma_t)));
+            return hn::IfThenElseZero(
+                arrived, hn::Mul(hn::Mul(load(shadow_rays.parts_of_lights[c], i), in_colour), by));
+          },
+          score_slot);
+      continue;
+    }
     add_contribution(
         wave, at, arriving(shadow_rays.light),
-        [&] { return hn::Sub(at.get(paths.score_sigma_t), length); },
-        [&](size_t s) { return load(shadow_rays.score_slots[s], i); },
+        [&] { return hn::Sub(at.get(paths.score_sigma_t), length); }, score_slot,
         [&](size_t l, Floats weight) {
           return hn::Mul(weight, arriving(shadow_rays.parts_of_lights[l]));
         });

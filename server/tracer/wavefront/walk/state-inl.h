@@ -93,6 +93,16 @@ struct Wavefront {
     paths.score_slots.resize(slots);
     paths.d_slots.resize(slots);
     shadow_rays.score_slots.resize(slots);
+    for (const Material& colour : asked.colours) {
+      colours.push_back({static_cast<float>(colour.sigma_t), static_cast<float>(colour.albedo)});
+    }
+    for (auto* columns : {&paths.colour_weight, &paths.likelihood}) columns->resize(colours.size());
+    for (auto* columns : {&paths.colour_dweight, &paths.colour_score, &paths.colours}) {
+      columns->resize(colours.size());
+    }
+    paths.d_colours.resize(colours.size() * (2 + slots));
+    paths.flight_sigma_t.resize(colours.empty() ? 0 : 1);
+    const size_t parts = std::max(colours.size(), differentiated_lights.size());
     paths.weight_at_albedos.resize(asked.albedos.size());
     paths.radiance_at_albedos.resize(asked.albedos.size());
     paths.dweight_dreflectance.resize(reflecting.size());
@@ -100,7 +110,7 @@ struct Wavefront {
     paths.d_light.resize(differentiated_lights.size());
     paths.edge_weight.resize(index_slot ? 1 : 0);
     paths.crossing_edge_weight.resize(paths.edge_weight.size());
-    shadow_rays.parts_of_lights.resize(differentiated_lights.size());
+    shadow_rays.parts_of_lights.resize(parts);
     paths.rays.bounded = compiled.lights.has_lamps();
     shadow_rays.rays.bounded = compiled.lights.has_near();
     if (refracts_shadow_rays) {
@@ -109,7 +119,7 @@ struct Wavefront {
       paths.odds.resize(1);
       for (RefractedRays* rays : {&refracted_rays, &aimed_again}) {
         rays->score_slots.resize(slots);
-        rays->parts_of_lights.resize(differentiated_lights.size());
+        rays->parts_of_lights.resize(parts);
       }
     }
   }
@@ -135,6 +145,11 @@ struct Wavefront {
   };
   std::vector<SurfaceSlot> reflecting;
   std::vector<size_t> differentiated_lights;
+  // Of RenderRequest::colours: see colours-inl.h.
+  struct Colour {
+    float sigma_t, albedo;
+  };
+  std::vector<Colour> colours;
   // The panorama in whose pixels a gradient is asked for, or null.
   const EnvironmentMap* differentiated_map = nullptr;
 
@@ -153,6 +168,7 @@ struct Wavefront {
 };
 
 // The parts of radiance that are due to some descriptions of lights: who `sample` and `look` tell.
+// Or, if colours are rendered, what the radiance is in each.
 struct LightParts {
   explicit LightParts(const std::vector<size_t>& of) : numbers(of) {
     for (size_t l = 0; l < numbers.size(); ++l) {
@@ -176,10 +192,37 @@ struct LightParts {
   Mask chosen[kMaxDerivatives];  // where it is a delta or a lamp, and is drawn
 };
 
-// What is due to the l-th light that derivatives are asked for in, of the radiance of samples.
+// What is due to the l-th light that derivatives are asked for in, of the radiance of samples; or
+// what that is in colour l.
 HWY_INLINE Floats part_of_light(const LightSamples& light, const LightParts& parts, size_t l) {
+  if (parts.numbers.empty()) return parts.radiance[l];
   return hn::IfThenElse(parts.chosen[l], light.radiance,
                         hn::IfThenElseZero(light.from_far(), parts.radiance[l]));
+}
+
+// What is seen, drawn, or seen from elsewhere (lights-inl.h), of all lights, with its parts.
+HWY_INLINE Appearance look(const Wavefront& wave, Vectors from, Vectors d, LightParts& parts) {
+  for (size_t c = 0; c < wave.colours.size(); ++c) {
+    parts.radiance[c] = look(wave.scene.colour_lights[c], from, d).emission.radiance;
+  }
+  return look(wave.scene.lights, from, d, parts);
+}
+HWY_INLINE void set_colours(const Wavefront& wave, Vectors from, const LightChoice& drawn,
+                            const LightSamples& light, LightParts& parts) {
+  for (size_t c = 0; c < wave.colours.size(); ++c) {
+    parts.radiance[c] = seen_from(wave.scene.colour_lights[c], from, drawn, light).radiance;
+  }
+}
+HWY_INLINE LightSamples sample(const Wavefront& wave, Vectors from, const LightChoice& drawn,
+                               LightParts& parts) {
+  const LightSamples light = sample(wave.scene.lights, from, drawn, parts);
+  set_colours(wave, from, drawn, light, parts);
+  return light;
+}
+HWY_INLINE LightSamples seen_from(const Wavefront& wave, Vectors from, const LightChoice& drawn,
+                                  const LightSamples& before, LightParts& parts) {
+  set_colours(wave, from, drawn, before, parts);
+  return seen_from(wave.scene.lights, from, drawn, before, parts);
 }
 
 // Of a ray that carries this importance without the medium's dimming: the optical depth through
@@ -209,7 +252,7 @@ struct SentShadowRays {
 };
 
 // Adds them, where there are any; `score(s)` is that of their path in a slot, and `part(l)` what is
-// due to light l of Wavefront::differentiated_lights.
+// due to light l of Wavefront::differentiated_lights, or is `light` in colour l.
 template <typename Score, typename Part>
 HWY_INLINE void add_shadow_rays(Wavefront& wave, Mask where, const SentShadowRays& sent,
                                 const Score& score, const Part& part) {
