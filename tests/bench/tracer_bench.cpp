@@ -6,6 +6,7 @@
 // loss sum_p w_p^2 (T_p - I_p)^2 is the sum over pixels of the variances of its terms, as pixels
 // are independent: so a few renders of thousands of pixels measure it well.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <hwy/targets.h>
 #include <time.h>
 #include <CLI/CLI.hpp>
@@ -712,6 +713,84 @@ void measure_gradient(const Options& options) {
   }
 }
 
+// What a colour image costs whose three media share their paths, over one of its channels alone, at
+// equal noise: variance times CPU time, the mean over the channels. Three renders cost 3.
+void measure_colours(const Options& options) {
+  struct Row {
+    const char* name;
+    double size;               // of the object, in free paths of the thinnest channel
+    std::array<double, 3> by;  // sigma_t, over that
+    std::array<double, 3> albedos;
+  };
+  constexpr std::array kOne{1., 1., 1.}, kApart{1., 1.3, 2.}, kNear{1., 1.1, 1.2};
+  constexpr std::array kDark{.3, .5, .7}, kGrey{.9, .9, .9}, kPale{.97, .96, .95},
+      kWhite{.995, .995, .995};
+  constexpr Row kRows[] = {{"albedos differ", 60, kOne, {.95, .8, .5}},
+                           {"pale albedos differ", 200, kOne, {.999, .995, .97}},
+                           {"dark", 60, kApart, kDark},
+                           {"grey", 60, kApart, kGrey},
+                           {"grey, thick", 300, kApart, kGrey},
+                           {"pale, thin", 10, kApart, kPale},
+                           {"pale", 60, kApart, kPale},
+                           {"pale, alike", 60, kNear, kPale},
+                           {"pale, thick", 300, kApart, kPale},
+                           {"white, thin", 10, kApart, kWhite},
+                           {"white", 60, kApart, kWhite},
+                           {"white, alike", 60, kNear, kWhite},
+                           {"white, thick, alike", 300, kNear, kWhite}};
+  SceneDescription description = paper_scene(make_shape("smooth_star"), options.resolution);
+  description.boundary = boundary_named(options.boundary);
+  const auto scene_in = [&](Channel channel) {
+    description.film.channel = channel;
+    return std::make_unique<const Scene>(description);
+  };
+  const std::unique_ptr<const Scene> all = scene_in(Channel::kRgb);
+  std::array<std::unique_ptr<const Scene>, 3> own;
+  for (size_t c = 0; c < own.size(); ++c) own[c] = scene_in(kColours[c]);
+  for (const Row& row : kRows) {
+    RenderRequest request{.material = {row.size, 0, 0.3}, .sample_count = options.spp};
+    request.pixels = Pixels::kObject;
+    for (size_t c = 0; c < own.size(); ++c) {
+      request.colours.push_back({row.size * row.by[c], row.albedos[c], 0.3});
+      request.material.albedo = std::max(request.material.albedo, row.albedos[c]);
+    }
+    std::array<Moments, 3> shared, alone;
+    std::vector<double> shared_seconds;
+    std::array<std::vector<double>, 3> alone_seconds;
+    for (int repetition = 0; repetition < options.repetitions; ++repetition) {
+      request.seed = static_cast<uint64_t>(repetition);
+      const FilmSums sums = render_grad(*all, request, {.threads = 1});
+      shared_seconds.push_back(sums.counters.cpu_seconds);
+      const RenderedImages images = means(sums);
+      for (size_t c = 0; c < own.size(); ++c) {
+        const std::vector<float>& image = images.estimates[0].colours[c];
+        shared[c].add({image.begin(), image.end()});
+        RenderRequest one = request;
+        one.material = request.colours[c];
+        one.colours.clear();
+        one.seed += 1000 * (c + 1);
+        const FilmSums own_sums = render_grad(*own[c], one, {.threads = 1});
+        alone_seconds[c].push_back(own_sums.counters.cpu_seconds);
+        alone[c].add(image_terms(means(own_sums)));
+      }
+    }
+    std::array<double, 3> noise{};
+    double noises = 0, seconds = 0;
+    for (size_t c = 0; c < own.size(); ++c) {
+      noise[c] = shared[c].total_variance() / alone[c].total_variance();
+      noises += noise[c] / 3;
+      seconds += median(alone_seconds[c]) / 3;
+    }
+    const double time = median(shared_seconds) / seconds;
+    fmt::print(
+        "{{\"colours\": \"{}\", \"size\": {}, \"sigma_t\": [{}], \"albedo\": [{}], "
+        "\"variance\": [{:.3g}], \"cpu\": {:.3g}, \"cost\": {:.3g}}}\n",
+        row.name, row.size, fmt::join(row.by, ", "), fmt::join(row.albedos, ", "),
+        fmt::join(noise, ", "), time, noises * time);
+    std::fflush(stdout);
+  }
+}
+
 // Renders until so many paths are traced, across shapes, materials and views, and counts what went
 // wrong.
 void soak(const Options& options) {
@@ -774,11 +853,15 @@ int main(int argc, char** argv) {
     return command;
   };
   CLI::App* compare = add("compare", "Wavefront against reference", itn::compare_scenes);
+  CLI::App* colours =
+      add("colours", "Colours that share their paths, over one of them", itn::measure_colours);
   compare->add_option("--only", options.only, "Scenes whose name contains this");
-  compare->add_option("--boundary", options.boundary, "Of the objects, of index 1.5")
-      ->check(CLI::IsMember({"matched", "smooth", "rough"}))
-      ->capture_default_str();
-  compare->add_option("--spp", options.spp, "Samples per pixel")->capture_default_str();
+  for (CLI::App* command : {compare, colours}) {
+    command->add_option("--boundary", options.boundary, "Of the objects, of index 1.5")
+        ->check(CLI::IsMember({"matched", "smooth", "rough"}))
+        ->capture_default_str();
+    command->add_option("--spp", options.spp, "Samples per pixel")->capture_default_str();
+  }
   compare->add_flag("--each", options.each, "Also the wavefront without each of its techniques");
   add("paper", "The cube that the paper's renderer was timed with", itn::time_paper_scene);
   add("scaling", "Time and memory by pixels, samples, triangles and albedo", itn::measure_scaling);

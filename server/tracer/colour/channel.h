@@ -2,10 +2,14 @@
 #pragma once
 
 #include <array>
+#include <vector>
 
 namespace itn::tracer {
 
 using Rgb = std::array<double, 3>;
+
+// A table of floats for each colour.
+using RgbTables = std::array<std::vector<float>, 3>;
 
 // Of kRgb all three are rendered, and luminance tells how.
 enum class Channel { kLuminance, kRed, kGreen, kBlue, kRgb };

@@ -41,19 +41,24 @@ EnvironmentMapTable::EnvironmentMapTable(const EnvironmentMapLight& light, Chann
             i % width_, i / width_, c[0], c[1], c[2]));
       }
     }
-    values_[i] = static_cast<float>(light.scale * select(c, channel));
-    if (!std::isfinite(values_[i])) {
+    const auto scaled = [&](double value) {
+      const auto result = static_cast<float>(light.scale * value);
+      if (std::isfinite(result)) return result;
       throw invalid_input(
           fmt::format("environment map: pixel ({}, {}) times scale is beyond the range of a float",
                       i % width_, i / width_));
-    }
+    };
+    values_[i] = scaled(select(c, channel));
+    if (channel != Channel::kRgb) continue;
+    for (size_t k = 0; k < c.size(); ++k) colours_[k].push_back(scaled(c[k]));
   }
   weigh_pixels();
 }
 
 size_t EnvironmentMapTable::memory() const {
-  return sizeof(*this) + (values_.size() + edges_.size() + inverse_angles_.size()) * sizeof(float) +
-         (cells_ ? cells_->memory() : 0);
+  size_t floats = values_.size() + edges_.size() + inverse_angles_.size();
+  for (const std::vector<float>& colour : colours_) floats += colour.size();
+  return sizeof(*this) + floats * sizeof(float) + (cells_ ? cells_->memory() : 0);
 }
 
 double EnvironmentMapTable::value(int column, int row) const {
@@ -80,8 +85,7 @@ void EnvironmentMapTable::weigh_pixels() {
       power_ += value(column, row) * solid_angle;
     }
   }
-  if (!(power_ > 0)) weights.assign(weights.size(), 1);  // any distribution will do
-  cells_.emplace(weights);
+  if (power_ > 0) cells_.emplace(weights);
 }
 
 }  // namespace itn::tracer

@@ -6,6 +6,7 @@
 #define ITN_TRACER_LIGHTS_LIGHT_INL_H_
 #endif
 
+#include "server/tracer/colour/channel.h"
 #include "server/tracer/random/alias_table.h"
 #include "server/tracer/random/philox-inl.h"
 #include "server/tracer/simd/kinds-inl.h"
@@ -16,6 +17,11 @@ namespace itn::tracer::HWY_NAMESPACE {
 // What arrives from directions: radiance, and the density per steradian with which they are drawn.
 struct Emission {
   Floats radiance, pdf;
+};
+
+// Radiance in red, green and blue.
+struct InColours {
+  Floats radiance[kColours.size()];
 };
 
 // How a lamp is seen in directions: how far it is, in mm, or infinite; and what it sends.

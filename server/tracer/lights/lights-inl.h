@@ -22,20 +22,36 @@ HWY_INLINE Emission emission(const Lights::Light& light, Vectors d) {
   return result;
 }
 
+// Its radiance in each colour, given that of all together.
+HWY_INLINE InColours colours(const Lights::Light& light, Vectors d, Floats radiance) {
+  InColours result{{radiance, radiance, radiance}};
+  visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
+    if constexpr (requires { colours(kind, d); }) {
+      const Mask shines = hn::Gt(radiance, hn::Zero(FloatTag()));
+      const InColours own = colours(kind, d);
+      for (size_t c = 0; c < kColours.size(); ++c) {
+        result.radiance[c] = hn::IfThenElseZero(shines, own.radiance[c]);
+      }
+    }
+  });
+  return result;
+}
+
 // Nobody wants to know which light it comes from.
 struct NoParts {
-  HWY_INLINE void add_radiance(size_t /*number*/, Floats /*radiance*/) {}
+  HWY_INLINE void add_radiance(const Lights::Light& /*light*/, Vectors /*d*/, Floats /*radiance*/) {
+  }
   HWY_INLINE void add_chosen(size_t /*number*/, Mask /*chosen*/) {}
 };
 
-// All that are: radiance, and density of `sample`. `parts` hears of each light, by the number of
-// its description.
+// All that are: radiance, and density of `sample`. `parts` hears of each light what it sends from
+// d.
 template <typename Parts = NoParts>
 HWY_INLINE Emission emission(const Lights& lights, Vectors d, Parts&& parts = {}) {
   Emission all{hn::Zero(FloatTag()), hn::Zero(FloatTag())};
   for (const Lights::Light& light : lights.all()) {
     const Emission part = emission(light, d);
-    parts.add_radiance(light.number, part.radiance);
+    parts.add_radiance(light, d, part.radiance);
     all.radiance = hn::Add(all.radiance, part.radiance);
     all.pdf = mul_add(part.pdf, set(static_cast<float>(light.probability)), all.pdf);
   }
@@ -75,7 +91,7 @@ HWY_INLINE Appearance look(const Lights& lights, Vectors from, Vectors d, Parts&
     const Mask seen = hn::Eq(lamp.distance, distance);
     const Floats radiance = hn::IfThenElseZero(seen, hn::Add(lamp.emission.radiance, far.radiance));
     const Floats pdf = hn::IfThenElseZero(seen, hn::Add(lamp.emission.pdf, far.pdf));
-    parts.add_radiance(light.number, radiance);
+    parts.add_radiance(light, d, radiance);
     all.radiance = hn::Add(all.radiance, radiance);
     all.pdf = mul_add(pdf, set(static_cast<float>(light.probability)), all.pdf);
   }

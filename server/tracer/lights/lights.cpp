@@ -31,13 +31,12 @@ Rotation<double> turned_back(double azimuth) {
   return {{c, 0, s}, {0, 1, 0}, {-s, 0, c}};
 }
 
-void Lights::compile(const std::vector<LightDescription>& descriptions, const LightFrame& frame,
-                     bool dark_too) {
-  count_ = descriptions.size();
+Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFrame& frame)
+    : count_(descriptions.size()) {
   size_t number = 0;  // of the description
   const auto add = [&]<typename Kind>(Kind&& kind) {
     const double power = kind.power();
-    if (dark_too || power > 0 || VisibleLamp<Kind>) {
+    if (power > 0 || VisibleLamp<Kind>) {
       lights_.push_back({std::forward<Kind>(kind), 0, power, number});
     }
   };
@@ -55,6 +54,7 @@ void Lights::compile(const std::vector<LightDescription>& descriptions, const Li
     ++number;
   }
   for (const Light& light : lights_) {
+    power_ += light.probability;
     std::visit(
         [&]<typename Kind>(const Kind& /*kind*/) {
           has_near_ |= !Kind::kDistant;
@@ -63,11 +63,6 @@ void Lights::compile(const std::vector<LightDescription>& descriptions, const Li
         light.kind);
     has_maps_ |= std::holds_alternative<EnvironmentMap>(light.kind);
   }
-}
-
-Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFrame& frame) {
-  compile(descriptions, frame, frame.channel == Channel::kRgb);
-  for (const Light& light : lights_) power_ += light.probability;
   if (!(power_ > 0)) {
     throw invalid_input("nothing shines: a scene needs at least one light with radiance > 0");
   }
@@ -78,16 +73,6 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
     light.cumulative = static_cast<float>(cumulative);
   }
   lights_.back().cumulative = 2;  // above every uniform number
-}
-
-Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFrame& frame,
-               const Lights& all) {
-  compile(descriptions, frame, true);
-  power_ = all.power_;
-  for (size_t i = 0; i < lights_.size(); ++i) {
-    lights_[i].probability = all.lights_[i].probability;
-    lights_[i].cumulative = all.lights_[i].cumulative;
-  }
 }
 
 Lights::Lights(const std::vector<LightDescription>& descriptions, Channel channel) {
@@ -112,8 +97,8 @@ float Lights::radiance_of(size_t number, Vec3f direction, Vec3f from) const {
   struct Part : lanes::NoParts {
     size_t number;
     float& sum;
-    void add_radiance(size_t of, lanes::Floats radiance) const {
-      if (of == number) sum += hn::GetLane(radiance);
+    void add_radiance(const Light& light, lanes::Vectors /*d*/, lanes::Floats radiance) const {
+      if (light.number == number) sum += hn::GetLane(radiance);
     }
   };
   lanes::look(*this, lanes::set(from), lanes::set(direction), Part{{}, number, sum});

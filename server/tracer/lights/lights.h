@@ -30,11 +30,6 @@ class Lights {
   Lights(const std::vector<LightDescription>& descriptions, const LightFrame& frame);
   // On their own.
   Lights(const std::vector<LightDescription>& descriptions, Channel channel);
-  // In one of the colours of `all`, whose channel is kRgb: the same lights in the same order, dark
-  // ones too, drawn with the same probabilities. What is drawn from `all` has the radiance here
-  // that it has in this colour.
-  Lights(const std::vector<LightDescription>& descriptions, const LightFrame& frame,
-         const Lights& all);
 
   // Places `from` are in mm, in the coordinates of the object; they matter where there are lamps.
 
@@ -73,11 +68,7 @@ class Lights {
   const std::vector<Light>& all() const { return lights_; }
 
  private:
-  // Their probabilities are their powers still.
-  void compile(const std::vector<LightDescription>& descriptions, const LightFrame& frame,
-               bool dark_too);
-
-  size_t count_ = 0;
+  size_t count_;
   std::vector<Light> lights_;
   double power_ = 0;
   bool has_near_ = false, has_lamps_ = false, has_maps_ = false;

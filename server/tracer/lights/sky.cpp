@@ -59,12 +59,21 @@ std::vector<float> tabulate(const Sky& sky, double sun_elevation, Channel channe
 }  // namespace
 
 SkyTable::SkyTable(double turbidity, double ground_albedo, double sun_elevation, Channel channel)
-    : sun_irradiance_(select(tracer::sun_irradiance(turbidity, sun_elevation), channel)),
+    : channel_(channel),
+      sun_irradiance_(tracer::sun_irradiance(turbidity, sun_elevation)),
       values_(tabulate(Sky(turbidity, ground_albedo, sun_elevation), sun_elevation, channel)),
-      cells_(weigh_cells()) {}
+      cells_(weigh_cells()) {
+  if (channel != Channel::kRgb) return;
+  for (size_t c = 0; c < kColours.size(); ++c) {
+    colours_[c] =
+        tabulate(Sky(turbidity, ground_albedo, sun_elevation), sun_elevation, kColours[c]);
+  }
+}
 
 size_t SkyTable::memory() const {
-  return sizeof(*this) + values_.size() * sizeof(float) + cells_.memory();
+  size_t floats = values_.size();
+  for (const std::vector<float>& colour : colours_) floats += colour.size();
+  return sizeof(*this) + floats * sizeof(float) + cells_.memory();
 }
 
 // Power of every cell; where there is no light at all, any distribution will do.

@@ -30,7 +30,8 @@ class SkyTable {
 
   double power() const { return power_; }  // radiance integrated over all directions
   // On a surface that faces the sun.
-  double sun_irradiance() const { return sun_irradiance_; }
+  double sun_irradiance() const { return select(sun_irradiance_, channel_); }
+  const Rgb& sun_colours() const { return sun_irradiance_; }
   size_t memory() const;
 
   static constexpr int kColumns = 256, kRows = 256;
@@ -38,14 +39,18 @@ class SkyTable {
   static constexpr int kMerged = 4, kCellColumns = kColumns / kMerged, kCellRows = kRows / kMerged;
   // By row and column; kRows + 1 rows.
   const float* values() const { return values_.data(); }
+  // The same of each colour, for kRgb.
+  const RgbTables& colours() const { return colours_; }
   const AliasTable& cells() const { return cells_; }
 
  private:
   std::vector<double> weigh_cells();
 
-  double sun_irradiance_;
+  Channel channel_;
+  Rgb sun_irradiance_;
   double power_ = 0;
   std::vector<float> values_;
+  RgbTables colours_;
   AliasTable cells_;
 };
 
@@ -92,9 +97,15 @@ class SkyLight {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-HWY_INLINE Emission emission(const SkyLight& sky, Vectors direction) {
-  const SkyTable& table = sky.table();
-  const float* const values = table.values();
+// Where a direction is in the table: between the corners `here` and `beside` and those a row above,
+// at the fractions fx and fy; and what else is known of it.
+struct SkyPlace {
+  Ints here, beside;
+  Floats fx, fy;
+  Floats column, row, fraction, per_below;  // `fraction` of a, and 1 / (2 - 2 s)
+  Mask up;
+};
+HWY_INLINE SkyPlace place_of(const SkyLight& sky, Vectors direction) {
   const Vectors d = sky.is_turned() ? rotated(sky.to_sky(), direction) : direction;
   constexpr int kColumns = SkyTable::kColumns, kRows = SkyTable::kRows;
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
@@ -119,25 +130,41 @@ HWY_INLINE Emission emission(const SkyLight& sky, Vectors direction) {
       hn::IfThenElseZero(hn::Lt(column, set(kColumns - 1.0F)), hn::Add(column, one));
   const Floats start = hn::Mul(row, set(static_cast<float>(kColumns)));
   const Ints here = to_int(hn::Add(start, column)), beside = to_int(hn::Add(start, next));
-  const Floats fx = hn::Sub(x, column), fy = hn::Sub(y, row);
-  const Floats radiance =
-      mix(mix(gather(values, here), gather(values, beside), fx),
-          mix(gather(values + kColumns, here), gather(values + kColumns, beside), fx), fy);
+  return {here, beside,   hn::Sub(x, column), hn::Sub(y, row),  column,
+          row,  fraction, per_below,          hn::Ge(d.y, zero)};
+}
 
+// Of the table of a channel.
+HWY_INLINE Floats radiance_at(const SkyLight& sky, const SkyPlace& at, const float* values) {
+  const float* const above = values + SkyTable::kColumns;
+  const Floats radiance = mix(mix(gather(values, at.here), gather(values, at.beside), at.fx),
+                              mix(gather(above, at.here), gather(above, at.beside), at.fx), at.fy);
+  return hn::IfThenElseZero(at.up, hn::Mul(radiance, set(static_cast<float>(sky.scale()))));
+}
+
+HWY_INLINE Emission emission(const SkyLight& sky, Vectors direction) {
+  const SkyTable& table = sky.table();
+  const SkyPlace at = place_of(sky, direction);
   // Within a cell uniform in a and s. With d omega = dy d phi, dy = 2 (1 - s) ds, and
   // d phi / da = 1 / (f^2 + (1 - f)^2) where f is the fraction of a.
-  const Floats cell = mul_add(hn::Floor(hn::Mul(row, set(1.0F / SkyTable::kMerged))),
+  const Floats cell = mul_add(hn::Floor(hn::Mul(at.row, set(1.0F / SkyTable::kMerged))),
                               set(static_cast<float>(SkyTable::kCellColumns)),
-                              hn::Floor(hn::Mul(column, set(1.0F / SkyTable::kMerged))));
+                              hn::Floor(hn::Mul(at.column, set(1.0F / SkyTable::kMerged))));
   const Floats probability = gather(table.cells().probabilities(), to_int(cell));
-  const Floats rest = hn::Sub(one, fraction);
-  const Floats stretch = mul_add(rest, rest, hn::Mul(fraction, fraction));
+  const Floats rest = hn::Sub(set(1.0F), at.fraction);
+  const Floats stretch = mul_add(rest, rest, hn::Mul(at.fraction, at.fraction));
   const Floats pdf = hn::Mul(hn::Mul(hn::Mul(probability, stretch),
                                      set((SkyTable::kCellColumns / 4.0F) * SkyTable::kCellRows)),
-                             per_below);
-  const Mask up = hn::Ge(d.y, zero);
-  return {hn::IfThenElseZero(up, hn::Mul(radiance, set(static_cast<float>(sky.scale())))),
-          hn::IfThenElseZero(up, pdf)};
+                             at.per_below);
+  return {radiance_at(sky, at, table.values()), hn::IfThenElseZero(at.up, pdf)};
+}
+HWY_INLINE InColours colours(const SkyLight& sky, Vectors direction) {
+  const SkyPlace at = place_of(sky, direction);
+  InColours result;
+  for (size_t c = 0; c < kColours.size(); ++c) {
+    result.radiance[c] = radiance_at(sky, at, sky.table().colours()[c].data());
+  }
+  return result;
 }
 
 // Draws a cell, and within it uniformly in a and s. With 1 - y^2 = (1 - s)^2 (1 + y), and f the

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "common/vec.h"
+#include "server/tracer/colour/channel.h"
 
 namespace itn::tracer {
 
@@ -13,23 +14,32 @@ class SunDisc {
  public:
   static constexpr bool kDelta = false, kDistant = true;
 
-  // `irradiance`: on a surface that faces it, as if all of it came from the axis.
-  SunDisc(Vec3d axis, double half_angle, double irradiance)
+  // `irradiance`: on a surface that faces it, as if all of it came from the axis. `colour`: of the
+  // disc, on any scale.
+  SunDisc(Vec3d axis, double half_angle, double irradiance, const Rgb& colour = {1, 1, 1})
       : basis_(static_cast<Vec3f>(axis)),
         one_minus_cos_(2 * std::pow(std::sin(half_angle / 2), 2)),
         solid_angle_(2 * std::numbers::pi * one_minus_cos_),
-        radiance_(irradiance / solid_angle_) {}
+        radiance_(irradiance / solid_angle_),
+        colours_(radiance_of(colour)) {}
 
   double power() const { return radiance_ * solid_angle_; }
 
   const Basis<float>& basis() const { return basis_; }
   double one_minus_cos() const { return one_minus_cos_; }
   double radiance() const { return radiance_; }
+  const Rgb& colours() const { return colours_; }
   double pdf() const { return 1 / solid_angle_; }
 
  private:
+  Rgb radiance_of(const Rgb& colour) const {
+    const double by = luminance(colour) > 0 ? radiance_ / luminance(colour) : 0;
+    return {colour[0] * by, colour[1] * by, colour[2] * by};
+  }
+
   Basis<float> basis_;
   double one_minus_cos_, solid_angle_, radiance_;
+  Rgb colours_;
 };
 
 }  // namespace itn::tracer
@@ -56,6 +66,14 @@ HWY_INLINE Emission emission(const SunDisc& sun, Vectors d) {
       hn::Le(hn::Mul(set(0.5F), dot(off, off)), set(static_cast<float>(sun.one_minus_cos())));
   return {hn::IfThenElseZero(inside, set(static_cast<float>(sun.radiance()))),
           hn::IfThenElseZero(inside, set(static_cast<float>(sun.pdf())))};
+}
+
+HWY_INLINE InColours colours(const SunDisc& sun, Vectors /*d*/) {
+  InColours result;
+  for (size_t c = 0; c < kColours.size(); ++c) {
+    result.radiance[c] = set(static_cast<float>(sun.colours()[c]));
+  }
+  return result;
 }
 
 // With z = 1 - cos_theta uniform in [0, 1 - cos(half_angle)]; sin_theta = sqrt(z (2 - z)) holds for

@@ -15,7 +15,7 @@ std::tuple<SkyLight, SunDisc> SunSkyLight::compile(const LightFrame& frame) cons
                   -std::cos(sun_azimuth) * cos_elevation};
   return {SkyLight(table, turned_back(sun_azimuth).after(frame.pose.rotation), sky_scale),
           SunDisc(frame.pose.rotation.inverse()(sun), sun_angular_radius,
-                  sun_scale * table->sun_irradiance())};
+                  sun_scale * table->sun_irradiance(), table->sun_colours())};
 }
 
 }  // namespace itn::tracer

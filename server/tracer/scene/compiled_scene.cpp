@@ -129,12 +129,6 @@ Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std:
       geometry_key_(geometry_key(scene, !surfaces.empty())),
       object_pixels_key_(part_key("pixels", scene.camera, film.width, film.height) +
                          lamps_key(lights) + geometry_key_) {
-  if (film.channel == Channel::kRgb) {
-    for (const Channel colour : kColours) {
-      colour_lights.emplace_back(
-          scene.lights, LightFrame{colour, scene.pose, object->mesh, parts, part_keys}, lights);
-    }
-  }
   part_keys.insert(part_keys.end(), {scene.object_key, geometry_key_, object_pixels_key_});
 }
 

@@ -47,14 +47,12 @@ struct Scene::Compiled {
 
   std::shared_ptr<const Object> object;
   Boundary boundary;
-  // The reflectances of all surfaces by colour, and further below the lights; empty unless the film
-  // shows kRgb.
+  // Those of all surfaces, by colour; empty unless the film shows kRgb.
   std::vector<std::vector<Reflectance>> colour_reflectances;
   std::vector<DiffuseSurface> surfaces;
   std::vector<std::string> part_keys;  // of all parts that the scene holds, or will
   Obstacles obstacles;
   Lights lights;
-  std::vector<Lights> colour_lights;
   Camera camera;
   FilmDescription film;
   bool camera_inside;  // the medium

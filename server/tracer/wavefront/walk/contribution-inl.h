@@ -120,9 +120,9 @@ HWY_INLINE void add_colours(Wavefront& wave, const Slots& at, Floats length, con
 // Light that walks meet by themselves, at lamps or after leaving the scene.
 inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
   const Paths& paths = wave.paths;
-  LightParts parts(wave.differentiated_lights);
+  LightParts parts(wave);
   const auto [distance, light] =
-      look(wave, load(paths.flight_from, i), load(paths.rays.direction, i), parts);
+      look(wave.scene.lights, load(paths.flight_from, i), load(paths.rays.direction, i), parts);
   const Mask delta_bounce = not_zero(load(paths.delta_bounce, i));
   const Floats pdf = load(paths.pdf, i);
   Floats mis_weight = set(1.0F);

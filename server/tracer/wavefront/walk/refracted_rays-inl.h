@@ -255,11 +255,11 @@ HWY_INLINE Exit exit_of_rough(const Wavefront& wave, size_t i, const Crossing& a
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   LightSamples light{load(sent.to_light, i), set(kInfinity), load(sent.radiance, i),
                      load(sent.light_pdf, i)};
-  LightParts parts(wave.differentiated_lights);
+  LightParts parts(wave);
   if (wave.shadow_rays.rays.bounded) {
     const LightChoice drawn{load(sent.choice, i),
                             {zero, zero, load(sent.u0, i), load(sent.u1, i), Words{}}};
-    light = seen_from(wave, load(sent.rays.position, i), drawn, light, parts);
+    light = seen_from(wave.scene.lights, load(sent.rays.position, i), drawn, light, parts);
   }
   Exit exit{light.direction, light.distance, light.radiance, one, {zero}, {zero}};
   const BoundaryValue boundary = evaluate(wave.scene.boundary, at, exit.to_light);
@@ -285,8 +285,9 @@ HWY_INLINE Exit exit_of_smooth(const Wavefront& wave, const RefractedRays& sent,
                                const Crossing& at, Floats arriving, Mask where) {
   const auto [direction, reflected] = transmit(wave.scene.boundary, at);
   const Vectors to_light = if_then_else(where, direction, set(Vec3f{0, 1, 0}));
-  LightParts parts(wave.differentiated_lights);
-  const auto [distance, light] = look(wave, load(sent.rays.position, i), to_light, parts);
+  LightParts parts(wave);
+  const auto [distance, light] =
+      look(wave.scene.lights, load(sent.rays.position, i), to_light, parts);
   const Floats passing = hn::Mul(load(sent.phase, i), hn::Sub(set(1.0F), reflected));
   Exit exit{to_light,
             distance,

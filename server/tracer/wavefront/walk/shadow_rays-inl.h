@@ -54,8 +54,8 @@ inline void send_mirrored_rays(Wavefront& wave, size_t i, const Vertices& vertic
       if_then_else(sent, on_its_side(at, mirrored(at.direction, at.normal), hn::FirstN(d, 0)),
                    set(Vec3f{0, 1, 0}));
   const Vectors position = if_then_else(sent, load(wave.paths.rays.position, i), set(Vec3f{}));
-  LightParts parts(wave.differentiated_lights);
-  const auto [distance, light] = look(wave, position, to_light, parts);
+  LightParts parts(wave);
+  const auto [distance, light] = look(wave.scene.lights, position, to_light, parts);
   const Floats reflected = transmit(wave.scene.boundary, at).reflected;
   const Floats zero = hn::Zero(d), undimmed = hn::Mul(light.radiance, reflected);
   if (wave.differentiated_map == nullptr) sent = hn::And(sent, hn::Gt(undimmed, zero));
@@ -96,9 +96,9 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   // Paths that have escaped are at no place.
   const Vectors position =
       if_then_else(vertices.where(), load(paths.rays.position, i), Vectors{zero, zero, zero});
-  LightParts parts(wave.differentiated_lights);
+  LightParts parts(wave);
   const LightChoice drawn = light_choice(words, more);
-  const LightSamples light = sample(wave, position, drawn, parts);
+  const LightSamples light = sample(wave.scene.lights, position, drawn, parts);
   const Floats roulette = hn::Sub(set(1.0F), fifth_uniform(words));
   if (refracted) {
     send_refracted_rays(wave, i, vertices.in_medium, position, drawn, light, parts, roulette);

@@ -170,24 +170,33 @@ struct Wavefront {
 // The parts of radiance that are due to some descriptions of lights: who `sample` and `look` tell.
 // Or, if colours are rendered, what the radiance is in each.
 struct LightParts {
-  explicit LightParts(const std::vector<size_t>& of) : numbers(of) {
-    for (size_t l = 0; l < numbers.size(); ++l) {
+  explicit LightParts(const Wavefront& wave)
+      : numbers(wave.differentiated_lights), in_colours(!wave.colours.empty()) {
+    for (size_t l = 0; l < (in_colours ? kColours.size() : numbers.size()); ++l) {
       radiance[l] = hn::Zero(FloatTag());
       chosen[l] = hn::FirstN(FloatTag(), 0);
     }
   }
-  HWY_INLINE void add_radiance(size_t number, Floats by) {
+  HWY_INLINE void add_radiance(const Lights::Light& light, Vectors d, Floats by) {
     for (size_t l = 0; l < numbers.size(); ++l) {
-      if (numbers[l] == number) radiance[l] = hn::Add(radiance[l], by);
+      if (numbers[l] == light.number) radiance[l] = hn::Add(radiance[l], by);
+    }
+    if (!in_colours) return;
+    const InColours part = colours(light, d, by);
+    for (size_t c = 0; c < kColours.size(); ++c) {
+      radiance[c] = hn::Add(radiance[c], part.radiance[c]);
     }
   }
   HWY_INLINE void add_chosen(size_t number, Mask where) {
     for (size_t l = 0; l < numbers.size(); ++l) {
       if (numbers[l] == number) chosen[l] = hn::Or(chosen[l], where);
     }
+    if (!in_colours) return;
+    for (size_t c = 0; c < kColours.size(); ++c) chosen[c] = hn::Or(chosen[c], where);
   }
 
   const std::vector<size_t>& numbers;
+  const bool in_colours;
   Floats radiance[kMaxDerivatives];
   Mask chosen[kMaxDerivatives];  // where it is a delta or a lamp, and is drawn
 };
@@ -195,34 +204,8 @@ struct LightParts {
 // What is due to the l-th light that derivatives are asked for in, of the radiance of samples; or
 // what that is in colour l.
 HWY_INLINE Floats part_of_light(const LightSamples& light, const LightParts& parts, size_t l) {
-  if (parts.numbers.empty()) return parts.radiance[l];
   return hn::IfThenElse(parts.chosen[l], light.radiance,
                         hn::IfThenElseZero(light.from_far(), parts.radiance[l]));
-}
-
-// What is seen, drawn, or seen from elsewhere (lights-inl.h), of all lights, with its parts.
-HWY_INLINE Appearance look(const Wavefront& wave, Vectors from, Vectors d, LightParts& parts) {
-  for (size_t c = 0; c < wave.colours.size(); ++c) {
-    parts.radiance[c] = look(wave.scene.colour_lights[c], from, d).emission.radiance;
-  }
-  return look(wave.scene.lights, from, d, parts);
-}
-HWY_INLINE void set_colours(const Wavefront& wave, Vectors from, const LightChoice& drawn,
-                            const LightSamples& light, LightParts& parts) {
-  for (size_t c = 0; c < wave.colours.size(); ++c) {
-    parts.radiance[c] = seen_from(wave.scene.colour_lights[c], from, drawn, light).radiance;
-  }
-}
-HWY_INLINE LightSamples sample(const Wavefront& wave, Vectors from, const LightChoice& drawn,
-                               LightParts& parts) {
-  const LightSamples light = sample(wave.scene.lights, from, drawn, parts);
-  set_colours(wave, from, drawn, light, parts);
-  return light;
-}
-HWY_INLINE LightSamples seen_from(const Wavefront& wave, Vectors from, const LightChoice& drawn,
-                                  const LightSamples& before, LightParts& parts) {
-  set_colours(wave, from, drawn, before, parts);
-  return seen_from(wave.scene.lights, from, drawn, before, parts);
 }
 
 // Of a ray that carries this importance without the medium's dimming: the optical depth through
