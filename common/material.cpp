@@ -6,12 +6,12 @@
 
 namespace itn {
 
-void validate(const Material& material) {
-  const auto check = [](const char* name, double value, double low, double high) {
+void validate(const Material& material, const std::string& what) {
+  const auto check = [&](const char* name, double value, double low, double high) {
     // Negated so that NaN fails too.
     if (!(value >= low && value <= high)) {
       throw invalid_input(
-          fmt::format("material.{} is {}; it must be in [{}, {}]", name, value, low, high));
+          fmt::format("{}.{} is {}; it must be in [{}, {}]", what, name, value, low, high));
     }
   };
   check("sigma_t", material.sigma_t, kMinSigmaT, kMaxSigmaT);

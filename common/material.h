@@ -1,6 +1,8 @@
 // Optical parameters of a homogeneous scattering medium.
 #pragma once
 
+#include <string>
+
 namespace itn {
 
 // The coordinates (sigma_t, albedo, g) that everything in itn computes in.
@@ -23,7 +25,7 @@ inline constexpr double kMinSigmaT = 1e-6;
 inline constexpr double kMaxSigmaT = 1e6;
 inline constexpr double kMaxAbsG = 0.99;
 
-// Throws Error (invalid input) that names the parameter and its range.
-void validate(const Material& material);
+// Throws Error (invalid input) that names the parameter, of `what`, and its range.
+void validate(const Material& material, const std::string& what = "material");
 
 }  // namespace itn

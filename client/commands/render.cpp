@@ -22,6 +22,7 @@
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/render_rounds.h"
 #include "client/render_pool/reply_images.h"
+#include "client/render_pool/shared_colours.h"
 #include "client/render_pool/tiles.h"
 #include "common/error.h"
 #include "common/fields.h"
@@ -39,6 +40,7 @@
 #include "common/scene/text_proto.h"
 #include "server/scene_compiler/derivatives.h"
 #include "server/scene_compiler/mesh_builder.h"
+#include "server/tracer/request/request.h"
 
 namespace itn {
 namespace {
@@ -160,13 +162,19 @@ void set_film(const std::string& size, v1::Film& film) {
 // What is rendered for a channel of the image.
 struct Channel {
   std::string name;  // "Y", or "R", "G" and "B"
+  v1::Film::Channel shown;
   Material material;
-  RenderJob job;
 };
 
 // The number of a measured medium's channel that a film shows. Luminance is mostly green.
-size_t channel_of(const v1::Film& film) {
-  return film.channel() == v1::Film::RED ? 0 : film.channel() == v1::Film::BLUE ? 2 : 1;
+size_t number_of(v1::Film::Channel shown) {
+  return shown == v1::Film::RED ? 0 : shown == v1::Film::BLUE ? 2 : 1;
+}
+
+double longest_side(const v1::Scene& scene) {
+  const Bounds box = object_bounds(scene);
+  const Vec3f size = box.max - box.min;
+  return double{std::max({size.x, size.y, size.z})};
 }
 
 Material material_of(const RenderFlags& options, const v1::Scene& scene, size_t channel) {
@@ -178,17 +186,16 @@ Material material_of(const RenderFlags& options, const v1::Scene& scene, size_t 
   }
   Material material = measured_medium(options.material).material(channel);
   if (options.object_size > 0) {
-    const Bounds box = object_bounds(scene);
-    const Vec3f size = box.max - box.min;
-    material.sigma_t *= options.object_size / double{std::max({size.x, size.y, size.z})};
+    material.sigma_t *= options.object_size / longest_side(scene);
   }
   return material;
 }
 
-RenderJob job_of(const RenderFlags& options, const v1::Scene& scene, const Material& material) {
+// Of what the film shows, without the material.
+RenderJob job_of(const RenderFlags& options, v1::Scene scene, v1::Film::Channel shown) {
+  scene.mutable_film()->set_channel(shown);
   RenderJob job;
   job.scene = serialize(scene);
-  *job.request.mutable_material() = to_proto(material);
   if (!options.phase.empty()) {
     parse_text_proto(options.phase, "--phase", *job.request.mutable_phase());
   }
@@ -217,28 +224,52 @@ void take_medium(const v1::Scene& scene, RenderFlags& options) {
       "--sigma-t and --albedo are required, or --material, or a medium in the scene's object");
 }
 
-std::vector<Channel> channels_of(const RenderFlags& options, v1::Scene scene) {
-  v1::Film& film = *scene.mutable_film();
-  if (!options.film.empty()) set_film(options.film, film);
-  if (!options.color) {
-    const Material material = material_of(options, scene, channel_of(film));
-    return {{"Y", material, job_of(options, scene, material)}};
-  }
-  std::vector<Channel> channels;
-  for (const auto& [name, shown] : {std::pair{"R", v1::Film::RED}, std::pair{"G", v1::Film::GREEN},
-                                    std::pair{"B", v1::Film::BLUE}}) {
-    film.set_channel(shown);
-    const Material material = material_of(options, scene, channel_of(film));
-    channels.push_back({name, material, job_of(options, scene, material)});
-  }
-  return channels;
+std::vector<Channel> channels_of(const RenderFlags& options, const v1::Scene& scene) {
+  const auto channel = [&](const char* name, v1::Film::Channel shown) {
+    return Channel{name, shown, material_of(options, scene, number_of(shown))};
+  };
+  if (!options.color) return {channel("Y", scene.film().channel())};
+  return {channel("R", v1::Film::RED), channel("G", v1::Film::GREEN), channel("B", v1::Film::BLUE)};
 }
 
-RoundsReply render(const RenderFlags& options, const std::vector<Channel>& channels,
+// Whether one render of all channels does what three do, and costs less.
+bool share_paths(const RenderFlags& options, const v1::Scene& scene,
+                 const std::vector<Channel>& channels) {
+  if (channels.size() == 1 || options.tracer == "reference" || options.pilot_spp > 0) return false;
+  for (const std::string& name : options.derivatives) {
+    const auto parameter = parameter_of(name);
+    const auto* of_scene = std::get_if<tracer::Parameter>(&parameter);
+    if (of_scene != nullptr && !tracer::shares_paths(*of_scene)) return false;
+  }
+  if (options.derivatives.size() * channels.size() > tracer::kMaxDerivatives) return false;
+  std::vector<Material> materials;
+  for (const Channel& channel : channels) materials.push_back(channel.material);
+  const auto other_g = [&](const Material& m) { return m.g != materials[0].g; };
+  return std::ranges::none_of(materials, other_g) &&
+         shared_paths_pay(materials, longest_side(scene));
+}
+
+// One for each channel, or one for all.
+std::vector<RenderJob> jobs_of(const RenderFlags& options, const v1::Scene& scene,
+                               const std::vector<Channel>& channels) {
+  std::vector<RenderJob> jobs;
+  if (share_paths(options, scene, channels)) {
+    jobs.push_back(job_of(options, scene, v1::Film::RGB));
+    for (const Channel& channel : channels) {
+      *jobs[0].request.add_colours() = to_proto(channel.material);
+    }
+    return jobs;
+  }
+  for (const Channel& channel : channels) {
+    jobs.push_back(job_of(options, scene, channel.shown));
+    *jobs.back().request.mutable_material() = to_proto(channel.material);
+  }
+  return jobs;
+}
+
+RoundsReply render(const RenderFlags& options, const std::vector<RenderJob>& jobs,
                    std::chrono::steady_clock::time_point start) {
   RenderPool pool(options.workers.pool_options());
-  std::vector<RenderJob> jobs;
-  for (const Channel& channel : channels) jobs.push_back(channel.job);
   std::optional<Progress> progress;
   uint32_t begun = 0;  // samples when the round began that is shown
   const RenderGoal goal{options.noise, options.seconds, options.spp, options.estimates};
@@ -255,6 +286,17 @@ RoundsReply render(const RenderFlags& options, const std::vector<Channel>& chann
       });
   progress->finish();
   return reply;
+}
+
+// One reply for each channel.
+std::vector<v1::RenderGradReply> replies_of(const std::vector<Channel>& channels,
+                                            std::vector<v1::RenderGradReply> replies) {
+  if (replies.size() == channels.size()) return replies;
+  std::vector<v1::RenderGradReply> in_colour;
+  for (size_t c = 0; c < channels.size(); ++c) {
+    in_colour.push_back(reply_in_colour(replies[0], static_cast<int>(c)));
+  }
+  return in_colour;
 }
 
 v1::Counters sum_of(const std::vector<v1::RenderGradReply>& replies) {
@@ -293,7 +335,7 @@ void add_channel(const std::string& channel, const v1::RenderGradReply& reply,
   }
 }
 
-Image make_image(const std::vector<Channel>& channels,
+Image make_image(const std::vector<Channel>& channels, const RenderJob& job,
                  const std::vector<v1::RenderGradReply>& replies, const v1::Counters& counters,
                  const RenderFlags& options) {
   Image image;
@@ -302,7 +344,7 @@ Image make_image(const std::vector<Channel>& channels,
   const auto count = [](uint64_t value) { return static_cast<double>(value); };
   image.attributes = {
       {attribute::kVersion, ITN_VERSION},
-      {attribute::kSceneSha256, to_hex(channels[0].job.scene->digest)},
+      {attribute::kSceneSha256, to_hex(job.scene->digest)},
       {attribute::kSpp, static_cast<int>(options.spp)},
       {attribute::kSeed, std::to_string(options.seed)},
       {attribute::kEstimates, static_cast<int>(options.estimates)},
@@ -316,7 +358,7 @@ Image make_image(const std::vector<Channel>& channels,
   };
   if (!options.phase.empty()) image.attributes[attribute::kPhase] = options.phase;
   for (size_t c = 0; c < channels.size(); ++c) {
-    const auto& [name, material, job] = channels[c];
+    const auto& [name, shown, material] = channels[c];
     add_channel(name, replies[c], options, image);
     const std::string of = options.color ? "." + name : "";
     image.attributes[attribute::kSigmaT + of] = material.sigma_t;
@@ -366,9 +408,7 @@ bool leaves_film(const Image& image) {
 }
 
 // As it lies in the scene, in mm.
-std::string size_of_object(const RenderJob& job) {
-  v1::Scene scene;
-  scene.ParseFromString(job.scene->bytes);
+std::string size_of_object(const v1::Scene& scene) {
   const Bounds box = object_bounds(scene);
   const Vec3f size = box.max - box.min;
   return fmt::format("{:.3g} x {:.3g} x {:.3g} mm", size.x, size.y, size.z);
@@ -427,7 +467,7 @@ void print_json(const v1::Counters& counters, const RenderFlags& options,
   number("height", image.height);
   number("spp", options.spp);
   number("object_coverage", coverage(image));
-  for (const auto& [name, material, job] : channels) {
+  for (const auto& [name, shown, material] : channels) {
     const std::string suffix = options.color ? "_" + lower(name) : "";
     number(("mean_radiance_on_object" + suffix).c_str(), mean_over_object(image, name));
     number(("noise_on_object" + suffix).c_str(), noise_of(image, name));
@@ -441,18 +481,18 @@ void print_json(const v1::Counters& counters, const RenderFlags& options,
   print_result("{}\n", to_json(result));
 }
 
-void print_text(const v1::Counters& counters, const RenderFlags& options,
+void print_text(const v1::Counters& counters, const RenderFlags& options, const v1::Scene& scene,
                 const std::vector<Channel>& channels, const Image& image, double seconds) {
   std::string text =
       fmt::format("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n",
                   name_of_output(options.output), image.width, image.height, options.spp, seconds) +
-      fmt::format("object: {}, {:.2g} % of the film{}\n", size_of_object(channels[0].job),
+      fmt::format("object: {}, {:.2g} % of the film{}\n", size_of_object(scene),
                   100 * coverage(image), leaves_film(image) ? ", cut by its edge" : "");
   if (!options.material.empty()) {
     const MeasuredMedium& medium = measured_medium(options.material);
     text += fmt::format("{} ({}), index {}\n", medium.name, medium.source, medium.index);
   }
-  for (const auto& [name, material, job] : channels) {
+  for (const auto& [name, shown, material] : channels) {
     text += fmt::format(
         "{}: sigma_t {:.4g} / mm, albedo {:.5g}{}; mean radiance on the object {:.6g}, noise "
         "{:.2g} %\n",
@@ -471,19 +511,27 @@ void run(RenderFlags options) {
   const auto start = std::chrono::steady_clock::now();
   check_combinations(options);
   check_outputs(options);
-  const v1::Scene scene = load_scene(options.scene, options.mesh_unit);
+  v1::Scene scene = load_scene(options.scene, options.mesh_unit);
   take_medium(scene, options);
+  if (!options.film.empty()) set_film(options.film, *scene.mutable_film());
+  options.color |= scene.film().channel() == v1::Film::RGB;
   const std::vector<Channel> channels = channels_of(options, scene);
-  const auto [replies, spp] = render(options, channels, start);
+  const std::vector<RenderJob> jobs = jobs_of(options, scene, channels);
+  auto [replies, spp] = render(options, jobs, start);
   options.spp = spp;
   const v1::Counters counters = sum_of(replies);
-  const Image image = make_image(channels, replies, counters, options);
+  const Image image =
+      make_image(channels, jobs[0], replies_of(channels, std::move(replies)), counters, options);
   warn_small_object(image);
   warn_noise(image, options, channels);
   write_exr(options.output, image);
   if (!options.png.empty()) write_preview(options.png, image, channels);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
-  (options.json ? print_json : print_text)(counters, options, channels, image, elapsed.count());
+  if (options.json) {
+    print_json(counters, options, channels, image, elapsed.count());
+  } else {
+    print_text(counters, options, scene, channels, image, elapsed.count());
+  }
 }
 
 }  // namespace
@@ -518,7 +566,8 @@ void add_render_command(CLI::App& app) {
                        ->default_str("0");
   command->add_flag("--color,--colour", options->color,
                     "Channels R, G and B instead of Y: of coloured lights, and with --material of "
-                    "the medium. Three renders, by the same random numbers");
+                    "the medium. One render, whose paths the channels share, where that costs "
+                    "less than three");
   command
       ->add_option("--phase", options->phase,
                    "Phase function instead of Henyey and Greenstein's with --g, text format of "

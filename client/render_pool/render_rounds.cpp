@@ -28,12 +28,22 @@ void average(const std::string& further, double further_n, std::string& image, d
   image = to_bytes(a);
 }
 
+using Images = google::protobuf::RepeatedPtrField<std::string>;
+
+void average(const Images& further, double further_n, Images& images, double n) {
+  for (int i = 0; i < images.size(); ++i) average(further[i], further_n, images[i], n);
+}
+
+// What is known of the mean radiance.
+struct MeanWithError {
+  std::vector<float> mean, error;
+};
+
 // By the sums of squared deviations from the mean of all.
-std::vector<float> standard_error_of_both(const v1::RenderGradReply& a, uint32_t n_a,
-                                          const v1::RenderGradReply& b, uint32_t n_b) {
-  const std::vector<float> mean_a = mean_radiance(a, n_a), mean_b = mean_radiance(b, n_b);
-  const auto error_a = from_bytes<float>(a.standard_error());
-  const auto error_b = from_bytes<float>(b.standard_error());
+std::vector<float> standard_error_of_both(const MeanWithError& a, uint32_t n_a,
+                                          const MeanWithError& b, uint32_t n_b) {
+  const auto& [mean_a, error_a] = a;
+  const auto& [mean_b, error_b] = b;
   const auto squares = [](double error, double n) { return error * error * n * (n - 1); };
   const auto n = static_cast<double>(n_a + n_b);
   std::vector<float> errors(mean_a.size());
@@ -46,9 +56,25 @@ std::vector<float> standard_error_of_both(const v1::RenderGradReply& a, uint32_t
   return errors;
 }
 
+MeanWithError of_radiance(const v1::RenderGradReply& reply, uint32_t spp) {
+  return {mean_radiance(reply, spp), from_bytes<float>(reply.standard_error())};
+}
+MeanWithError of_colour(const v1::RenderGradReply& reply, uint32_t spp, int c) {
+  return {mean_of_estimates(
+              reply, spp, [c](const auto& e) -> const auto& { return e.colours(c); }),
+          from_bytes<float>(reply.colour_standard_errors(c))};
+}
+
+// Of the noisiest colour, if there are some.
 double noise_of(const v1::RenderGradReply& reply, uint32_t spp) {
-  return noise_on_object(mean_radiance(reply, spp), from_bytes<float>(reply.standard_error()),
-                         from_bytes<float>(reply.mask()));
+  const std::vector<float> mask = from_bytes<float>(reply.mask());
+  const auto noise = [&](const MeanWithError& image) {
+    return noise_on_object(image.mean, image.error, mask);
+  };
+  const int colours = reply.colour_standard_errors_size();
+  double most = colours == 0 ? noise(of_radiance(reply, spp)) : 0;
+  for (int c = 0; c < colours; ++c) most = std::max(most, noise(of_colour(reply, spp, c)));
+  return most;
 }
 
 }  // namespace
@@ -90,7 +116,13 @@ double noise_on_object(const std::vector<float>& radiance, const std::vector<flo
 void add_samples(const v1::RenderGradReply& further, uint32_t further_spp,
                  v1::RenderGradReply& reply, uint32_t spp) {
   const auto estimates = static_cast<uint32_t>(reply.estimates_size());
-  reply.set_standard_error(to_bytes(standard_error_of_both(reply, spp, further, further_spp)));
+  reply.set_standard_error(to_bytes(standard_error_of_both(
+      of_radiance(reply, spp), spp, of_radiance(further, further_spp), further_spp)));
+  for (int c = 0; c < reply.colour_standard_errors_size(); ++c) {
+    reply.set_colour_standard_errors(
+        c, to_bytes(standard_error_of_both(of_colour(reply, spp, c), spp,
+                                           of_colour(further, further_spp, c), further_spp)));
+  }
   average(further.mask(), further_spp, *reply.mutable_mask(), spp);
   for (uint32_t k = 0; k < estimates; ++k) {
     const double n = tracer::samples_of_estimate(spp, k, estimates);
@@ -98,12 +130,9 @@ void add_samples(const v1::RenderGradReply& further, uint32_t further_spp,
     v1::Estimate& to = *reply.mutable_estimates(static_cast<int>(k));
     const v1::Estimate& from = further.estimates(static_cast<int>(k));
     average(from.radiance(), further_n, *to.mutable_radiance(), n);
-    for (int d = 0; d < to.derivatives_size(); ++d) {
-      average(from.derivatives(d), further_n, *to.mutable_derivatives(d), n);
-    }
-    for (int a = 0; a < to.at_albedos_size(); ++a) {
-      average(from.at_albedos(a), further_n, *to.mutable_at_albedos(a), n);
-    }
+    average(from.derivatives(), further_n, *to.mutable_derivatives(), n);
+    average(from.at_albedos(), further_n, *to.mutable_at_albedos(), n);
+    average(from.colours(), further_n, *to.mutable_colours(), n);
   }
   add_counters(further.counters(), *reply.mutable_counters());
 }

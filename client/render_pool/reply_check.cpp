@@ -57,9 +57,18 @@ void check_images(const v1::RenderGradReply& reply, const v1::RenderGradRequest&
     for (const std::string& image : estimate.at_albedos()) {
       check_image("radiance at an albedo", image, pixels, 0, kMaxValue);
     }
+    check_number("the number of colours", estimate.colours_size(), request.colours_size());
+    for (const std::string& image : estimate.colours()) {
+      check_image("radiance in a colour", image, pixels, 0, kMaxValue);
+    }
   }
   check_image("mask", reply.mask(), pixels, 0, 1);
   check_image("standard_error", reply.standard_error(), pixels, 0, kMaxValue);
+  check_number("the number of colour_standard_errors", reply.colour_standard_errors_size(),
+               request.colours_size());
+  for (const std::string& image : reply.colour_standard_errors()) {
+    check_image("a standard error of a colour", image, pixels, 0, kMaxValue);
+  }
 }
 
 void check_loss(const v1::RenderGradReply& reply, const v1::RenderGradRequest& request) {

@@ -56,15 +56,11 @@ void TiledReply::add(const v1::Tile& tile, const v1::RenderGradReply& part) {
     const v1::Estimate& from = part.estimates(k);
     v1::Estimate& to = *reply_.mutable_estimates(k);
     copy(tile, from.radiance(), *to.mutable_radiance());
-    for (int d = 0; d < from.derivatives_size(); ++d) {
-      if (d == to.derivatives_size()) to.add_derivatives();
-      copy(tile, from.derivatives(d), *to.mutable_derivatives(d));
-    }
-    for (int a = 0; a < from.at_albedos_size(); ++a) {
-      if (a == to.at_albedos_size()) to.add_at_albedos();
-      copy(tile, from.at_albedos(a), *to.mutable_at_albedos(a));
-    }
+    copy(tile, from.derivatives(), *to.mutable_derivatives());
+    copy(tile, from.at_albedos(), *to.mutable_at_albedos());
+    copy(tile, from.colours(), *to.mutable_colours());
   }
+  copy(tile, part.colour_standard_errors(), *reply_.mutable_colour_standard_errors());
   copy(tile, part.mask(), *reply_.mutable_mask());
   copy(tile, part.standard_error(), *reply_.mutable_standard_error());
   add_counters(part.counters(), *reply_.mutable_counters());
@@ -76,6 +72,11 @@ void add_counters(const v1::Counters& from, v1::Counters& to) {
   to.set_invalid_samples(to.invalid_samples() + from.invalid_samples());
   to.set_leaks(to.leaks() + from.leaks());
   to.set_cpu_seconds(to.cpu_seconds() + from.cpu_seconds());
+}
+
+void TiledReply::copy(const v1::Tile& tile, const Images& parts, Images& images) const {
+  while (images.size() < parts.size()) images.Add();
+  for (int i = 0; i < parts.size(); ++i) copy(tile, parts[i], images[i]);
 }
 
 // Row by row, float32.

@@ -31,6 +31,8 @@ class TiledReply {
   v1::RenderGradReply take() { return std::move(reply_); }
 
  private:
+  using Images = google::protobuf::RepeatedPtrField<std::string>;
+  void copy(const v1::Tile& tile, const Images& parts, Images& images) const;
   void copy(const v1::Tile& tile, const std::string& part, std::string& image) const;
 
   const v1::Tile whole_;

@@ -76,9 +76,15 @@ void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& requ
     for (const std::vector<float>& radiance : estimate.at_albedos) {
       proto.add_at_albedos(image_bytes(radiance));
     }
+    for (const std::vector<float>& radiance : estimate.colours) {
+      proto.add_colours(image_bytes(radiance));
+    }
   }
   reply.set_mask(image_bytes(images.mask));
   reply.set_standard_error(image_bytes(images.standard_error));
+  for (const std::vector<float>& errors : images.colour_standard_errors) {
+    reply.add_colour_standard_errors(image_bytes(errors));
+  }
 }
 
 }  // namespace

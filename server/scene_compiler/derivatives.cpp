@@ -116,35 +116,43 @@ std::variant<v1::Parameter, tracer::Parameter> parameter_of(const std::string& n
   }
 }
 
-Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material& material) {
+Derivatives derivatives_of(const v1::RenderGradRequest& request,
+                           std::span<const Material> materials) {
   const std::vector<tracer::Parameter>& medium = tracer::medium_parameters();
-  // By derivative: in all parameters of the medium, or in one that is none of these.
+  const size_t colours = materials.size();
+  // By image: in all parameters of the medium, or in one that is none of these.
   std::vector<std::array<double, 3>> rows;
   std::vector<std::optional<tracer::Parameter>> others;
   for (const std::string& name : names_in(request)) {
     const auto parameter = parameter_of(name);
     const auto* of_medium = std::get_if<v1::Parameter>(&parameter);
-    rows.push_back(of_medium != nullptr ? chain_rule(*of_medium, material)
-                                        : std::array<double, 3>{});
-    others.push_back(of_medium != nullptr ? std::nullopt
-                                          : std::optional(std::get<tracer::Parameter>(parameter)));
+    for (const Material& material : materials) {
+      rows.push_back(of_medium != nullptr ? chain_rule(*of_medium, material)
+                                          : std::array<double, 3>{});
+      others.push_back(of_medium != nullptr
+                           ? std::nullopt
+                           : std::optional(std::get<tracer::Parameter>(parameter)));
+    }
   }
   Derivatives result;
   result.weights.resize(rows.size());
-  for (size_t c = 0; c < medium.size(); ++c) {
-    bool needed = false;
-    for (const auto& row : rows) needed = needed || row[c] != 0;
-    if (!needed) continue;
-    result.parameters.push_back(medium[c]);
-    for (size_t i = 0; i < rows.size(); ++i) result.weights[i].push_back(rows[i][c]);
+  // The images of a parameter: each colour's own.
+  const auto add = [&](const tracer::Parameter& parameter, const auto& weight_of) {
+    result.parameters.push_back(parameter);
+    for (size_t i = 0; i < rows.size(); ++i) {
+      auto& weights = result.weights[i];
+      weights.resize(result.parameters.size() * colours);
+      weights[weights.size() - colours + i % colours] = weight_of(i);
+    }
+  };
+  for (size_t p = 0; p < medium.size(); ++p) {
+    const auto needs = [p](const auto& row) { return row[p] != 0; };
+    if (std::ranges::any_of(rows, needs)) add(medium[p], [&](size_t i) { return rows[i][p]; });
   }
-  for (size_t i = 0; i < others.size(); ++i) {
-    if (!others[i]) continue;
-    result.weights[i].resize(result.parameters.size());
-    result.weights[i].push_back(1);  // by this parameter alone
-    result.parameters.push_back(*others[i]);
+  for (size_t first = 0; first < others.size(); first += colours) {
+    if (!others[first]) continue;
+    add(*others[first], [&](size_t i) { return i / colours == first / colours ? 1.0 : 0.0; });
   }
-  for (auto& weights : result.weights) weights.resize(result.parameters.size());
   return result;
 }
 

@@ -1,8 +1,10 @@
 // The derivatives that a request asks for, in terms of those that the tracer accumulates.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <variant>
 #include <vector>
@@ -13,7 +15,8 @@
 
 namespace itn {
 
-// Derivative i of the reply is sum_j weights[i][j] d/d parameters[j].
+// Image i of a derivative of the reply is sum_j weights[i][j] times image j that the tracer
+// accumulates. Both have one for each derivative and parameter, or three, of the colours.
 using DerivativeWeights = std::vector<std::vector<double>>;
 struct Derivatives {
   std::vector<tracer::Parameter> parameters;  // no more than are needed
@@ -27,7 +30,8 @@ inline int derivative_count(const v1::RenderGradRequest& request) {
 
 // And how many images of them are answered.
 inline uint64_t derivative_images(const v1::RenderGradRequest& request) {
-  return request.has_loss() || request.has_gradient() ? 0 : derivative_count(request);
+  const int images = request.has_loss() || request.has_gradient() ? 0 : derivative_count(request);
+  return static_cast<uint64_t>(images) * std::max(request.colours_size(), 1);
 }
 
 // Weights (w_t, w_a, w_g) with which the derivatives in sigma_t, albedo and g add up to the
@@ -41,7 +45,9 @@ std::vector<std::string> parameter_names();
 // Error (invalid input), which says what names there are.
 std::variant<v1::Parameter, tracer::Parameter> parameter_of(const std::string& name);
 
-// Throws Error (invalid input) where a derivative is unknown, or asked for twice.
-Derivatives derivatives_of(const v1::RenderGradRequest& request, const Material& material);
+// Of a material, or of those of the colours. Throws Error (invalid input) where a derivative is
+// unknown, or asked for twice.
+Derivatives derivatives_of(const v1::RenderGradRequest& request,
+                           std::span<const Material> materials);
 
 }  // namespace itn

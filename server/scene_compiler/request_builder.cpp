@@ -26,6 +26,7 @@ void check_loss(const v1::RenderGradRequest& request) {
   }
   if (request.has_tile()) throw invalid_input("loss and tile cannot both be asked for");
   if (!request.albedos().empty()) throw invalid_input("loss and albedos cannot both be asked for");
+  if (!request.colours().empty()) throw invalid_input("loss and colours cannot both be asked for");
 }
 
 // Values of an image of the target; `positive`: none may be negative.
@@ -74,6 +75,7 @@ void build_phase(const v1::RenderGradRequest& request, tracer::RenderRequest& bu
         fmt::format("material.g is {} beside a phase; it must be absent", built.material.g));
   }
   built.material.g = tracer::mean_cosine(built);
+  for (Material& colour : built.colours) colour.g = built.material.g;
 }
 
 void build_tracer(const v1::RenderGradRequest& request, tracer::RenderRequest& built) {
@@ -103,14 +105,50 @@ void check_scene_fields(const v1::RenderGradRequest& request) {
 // Planned samples of a pixel, its place among those of the object, its sampling weight.
 constexpr uint64_t kPlanPerPixel = 64;
 
-// In bytes: estimates, mask and standard error.
-uint64_t images_per_pixel(uint64_t estimates, uint64_t derivatives, uint64_t albedos) {
-  return sizeof(float) * (estimates * (1 + derivatives + albedos) + 2);
+// How many images there are beside the derivatives: of each estimate, and of all together, which
+// are mask and standard errors.
+struct ImageCounts {
+  uint64_t estimates, of_each, of_all;
+
+  explicit ImageCounts(const v1::RenderGradRequest& request)
+      : estimates(std::max(request.estimates(), 1U)),
+        of_each(static_cast<uint64_t>(1 + request.albedos_size() + request.colours_size())),
+        of_all(static_cast<uint64_t>(2 + request.colours_size())) {}
+};
+
+// In bytes.
+uint64_t images_per_pixel(const ImageCounts& images, uint64_t derivatives) {
+  return sizeof(float) * (images.estimates * (images.of_each + derivatives) + images.of_all);
 }
 
-uint64_t sums_per_pixel(uint64_t estimates, uint64_t derivatives, uint64_t albedos) {
-  return estimates * (sizeof(uint32_t) + sizeof(int64_t) * (1 + derivatives + albedos)) +
-         2 * sizeof(int64_t);
+uint64_t sums_per_pixel(const ImageCounts& images, uint64_t derivatives) {
+  return images.estimates * (sizeof(uint32_t) + sizeof(int64_t) * (images.of_each + derivatives)) +
+         images.of_all * sizeof(int64_t);
+}
+
+// The material that the tracer judges by is the thinnest and palest that there is.
+void build_materials(const v1::RenderGradRequest& request, tracer::RenderRequest& built) {
+  if (request.colours().empty()) {
+    if (!request.has_material()) throw missing("material");
+    built.material = from_proto(request.material());
+    validate(built.material);
+    return;
+  }
+  if (request.has_material()) {
+    throw invalid_input("material is there beside colours; it must be absent");
+  }
+  for (const v1::Material& proto : request.colours()) {
+    const size_t number = built.colours.size();
+    const Material& colour = built.colours.emplace_back(from_proto(proto));
+    validate(colour, fmt::format("colours[{}]", number));
+    if (number == 0) built.material = colour;
+    if (colour.g != built.material.g) {
+      throw invalid_input(fmt::format("colours[{}].g is {}; it must be that of colours[0], {}",
+                                      number, colour.g, built.material.g));
+    }
+    built.material.sigma_t = std::min(built.material.sigma_t, colour.sigma_t);
+    built.material.albedo = std::max(built.material.albedo, colour.albedo);
+  }
 }
 
 }  // namespace
@@ -119,10 +157,8 @@ uint64_t sums_per_pixel(uint64_t estimates, uint64_t derivatives, uint64_t albed
 BuiltRequest build_request(const v1::RenderGradRequest& request, const RenderLimits& limits) {
   check_message(request, "request");
   check_scene_fields(request);
-  if (!request.has_material()) throw missing("material");
   tracer::RenderRequest built;
-  built.material = from_proto(request.material());
-  validate(built.material);
+  build_materials(request, built);
   build_phase(request, built);
   built.seed = request.seed();
   built.sample_count = request.spp();
@@ -131,7 +167,8 @@ BuiltRequest build_request(const v1::RenderGradRequest& request, const RenderLim
     const v1::Tile& tile = request.tile();
     built.tile = tracer::Tile{tile.x(), tile.y(), tile.width(), tile.height()};
   }
-  Derivatives derivatives = derivatives_of(request, built.material);
+  Derivatives derivatives = derivatives_of(
+      request, built.colours.empty() ? std::span(&built.material, 1) : std::span(built.colours));
   built.derivatives = std::move(derivatives.parameters);
   check_loss(request);
   built.albedos.assign(request.albedos().begin(), request.albedos().end());
@@ -151,13 +188,11 @@ uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request
 
 void check_reply_size(int width, int height, const v1::RenderGradRequest& request,
                       const RenderLimits& limits, uint64_t map_pixels) {
-  const uint64_t estimates = std::max(request.estimates(), 1U);
-  const uint64_t derivatives = derivative_images(request);
-  const uint64_t albedos = request.albedos_size();
+  const ImageCounts images(request);
   const uint64_t pixels = pixel_count(width, height, request);
   if (request.has_loss()) check_target(request.loss(), width, height);
-  const uint64_t bytes = images_per_pixel(estimates, derivatives, albedos) * pixels +
-                         sizeof(float) * estimates * map_pixels;
+  const uint64_t bytes = images_per_pixel(images, derivative_images(request)) * pixels +
+                         sizeof(float) * images.estimates * map_pixels;
   if (bytes > limits.max_message_bytes) {
     throw Error(ErrorKind::kLimit,
                 fmt::format("the images of the reply would take {} bytes; this worker sends at "
@@ -168,20 +203,18 @@ void check_reply_size(int width, int height, const v1::RenderGradRequest& reques
 
 uint64_t film_memory(uint64_t pixels, const v1::RenderGradRequest& request,
                      const tracer::RenderRequest& asked, uint64_t map_pixels) {
-  const uint64_t estimates = asked.estimates, albedos = asked.albedos.size();
+  const ImageCounts images(request);
   const bool is_gradient = request.has_gradient();
-  const uint64_t derivatives = is_gradient ? 0 : asked.derivatives.size();
-  const uint64_t sums = sums_per_pixel(estimates, derivatives, albedos);
-  const auto images = [&](uint64_t derivative_images) {
-    return images_per_pixel(estimates, derivative_images, albedos);
-  };
+  const uint64_t derivatives = is_gradient ? 0 : tracer::derivative_count(asked);
+  const uint64_t sums = sums_per_pixel(images, derivatives);
   uint64_t bytes = kPlanPerPixel + sums;
   if (asked.pilot_spp > 0) bytes += sums;
-  bytes += images(derivatives) + 3 * sizeof(double);  // of which those of the reply are combined
-  if (!request.has_loss()) bytes += 2 * images(derivative_images(request));
+  bytes += images_per_pixel(images, derivatives) +
+           3 * sizeof(double);  // of which those of the reply are combined
+  if (!request.has_loss()) bytes += 2 * images_per_pixel(images, derivative_images(request));
   // Its weights, and its factors.
-  if (is_gradient) bytes += sizeof(float) * (2 + estimates);
-  const uint64_t bytes_of_map_pixel = estimates * (sizeof(int64_t) + 3 * sizeof(float));
+  if (is_gradient) bytes += sizeof(float) * (2 + images.estimates);
+  const uint64_t bytes_of_map_pixel = images.estimates * (sizeof(int64_t) + 3 * sizeof(float));
   return bytes * pixels + bytes_of_map_pixel * map_pixels;
 }
 

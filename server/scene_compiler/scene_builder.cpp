@@ -37,6 +37,7 @@ tracer::Channel build_channel(v1::Film::Channel channel) {
     case v1::Film::RED: return tracer::Channel::kRed;
     case v1::Film::GREEN: return tracer::Channel::kGreen;
     case v1::Film::BLUE: return tracer::Channel::kBlue;
+    case v1::Film::RGB: return tracer::Channel::kRgb;
     default: break;
   }
   throw invalid_input(

@@ -27,6 +27,7 @@
 #include "common/geometry/mesh_file.h"
 #include "common/geometry/shapes.h"
 #include "common/learning/weight_map.h"
+#include "common/measured_media.h"
 #include "common/scene/scene_bytes.h"
 #include "server/render/render_reply.h"
 #include "server/render/scene_cache.h"
@@ -714,30 +715,29 @@ void measure_gradient(const Options& options) {
 }
 
 // What a colour image costs whose three media share their paths, over one of its channels alone, at
-// equal noise: variance times CPU time, the mean over the channels. Three renders cost 3.
+// equal noise: variance times CPU time, the mean over the channels. Three renders cost 3. Media
+// whose sigma_t differ by up to 2, and the measured ones as if the object were 3 or 30 mm large.
 void measure_colours(const Options& options) {
   struct Row {
-    const char* name;
-    double size;               // of the object, in free paths of the thinnest channel
-    std::array<double, 3> by;  // sigma_t, over that
-    std::array<double, 3> albedos;
+    std::string name;
+    std::array<double, 3> sigma_t, albedo;  // the object being 1 mm large
   };
-  constexpr std::array kOne{1., 1., 1.}, kApart{1., 1.3, 2.}, kNear{1., 1.1, 1.2};
-  constexpr std::array kDark{.3, .5, .7}, kGrey{.9, .9, .9}, kPale{.97, .96, .95},
-      kWhite{.995, .995, .995};
-  constexpr Row kRows[] = {{"albedos differ", 60, kOne, {.95, .8, .5}},
-                           {"pale albedos differ", 200, kOne, {.999, .995, .97}},
-                           {"dark", 60, kApart, kDark},
-                           {"grey", 60, kApart, kGrey},
-                           {"grey, thick", 300, kApart, kGrey},
-                           {"pale, thin", 10, kApart, kPale},
-                           {"pale", 60, kApart, kPale},
-                           {"pale, alike", 60, kNear, kPale},
-                           {"pale, thick", 300, kApart, kPale},
-                           {"white, thin", 10, kApart, kWhite},
-                           {"white", 60, kApart, kWhite},
-                           {"white, alike", 60, kNear, kWhite},
-                           {"white, thick, alike", 300, kNear, kWhite}};
+  std::vector<Row> rows{{"albedos alone", {60, 60, 60}, {.95, .8, .5}},
+                        {"albedos alone, pale", {200, 200, 200}, {.999, .995, .97}},
+                        {"dark", {60, 78, 120}, {.3, .5, .7}},
+                        {"grey", {60, 78, 120}, {.9, .9, .9}},
+                        {"pale", {60, 78, 120}, {.97, .96, .95}}};
+  for (const MeasuredMedium& medium : measured_media()) {
+    for (const double size : {3, 30}) {
+      Row row{fmt::format("{}, {} mm", medium.name, size), {}, {}};
+      for (size_t c = 0; c < row.sigma_t.size(); ++c) {
+        row.sigma_t[c] = medium.material(c).sigma_t * size;
+        row.albedo[c] = medium.material(c).albedo;
+      }
+      const auto [least, most] = std::ranges::minmax(row.sigma_t);
+      if (least >= 1 && most <= 2000) rows.push_back(row);
+    }
+  }
   SceneDescription description = paper_scene(make_shape("smooth_star"), options.resolution);
   description.boundary = boundary_named(options.boundary);
   const auto scene_in = [&](Channel channel) {
@@ -747,12 +747,14 @@ void measure_colours(const Options& options) {
   const std::unique_ptr<const Scene> all = scene_in(Channel::kRgb);
   std::array<std::unique_ptr<const Scene>, 3> own;
   for (size_t c = 0; c < own.size(); ++c) own[c] = scene_in(kColours[c]);
-  for (const Row& row : kRows) {
-    RenderRequest request{.material = {row.size, 0, 0.3}, .sample_count = options.spp};
+  for (const Row& row : rows) {
+    constexpr double kG = 0.3;
+    RenderRequest request{
+        .material = {std::ranges::min(row.sigma_t), std::ranges::max(row.albedo), kG},
+        .sample_count = options.spp};
     request.pixels = Pixels::kObject;
     for (size_t c = 0; c < own.size(); ++c) {
-      request.colours.push_back({row.size * row.by[c], row.albedos[c], 0.3});
-      request.material.albedo = std::max(request.material.albedo, row.albedos[c]);
+      request.colours.push_back({row.sigma_t[c], row.albedo[c], kG});
     }
     std::array<Moments, 3> shared, alone;
     std::vector<double> shared_seconds;
@@ -783,10 +785,10 @@ void measure_colours(const Options& options) {
     }
     const double time = median(shared_seconds) / seconds;
     fmt::print(
-        "{{\"colours\": \"{}\", \"size\": {}, \"sigma_t\": [{}], \"albedo\": [{}], "
+        "{{\"colours\": \"{}\", \"sigma_t\": [{:.4g}], \"albedo\": [{:.4g}], "
         "\"variance\": [{:.3g}], \"cpu\": {:.3g}, \"cost\": {:.3g}}}\n",
-        row.name, row.size, fmt::join(row.by, ", "), fmt::join(row.albedos, ", "),
-        fmt::join(noise, ", "), time, noises * time);
+        row.name, fmt::join(row.sigma_t, ", "), fmt::join(row.albedo, ", "), fmt::join(noise, ", "),
+        time, noises * time);
     std::fflush(stdout);
   }
 }

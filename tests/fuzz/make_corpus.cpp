@@ -85,6 +85,13 @@ v1::Scene lamp_scene() {
   return scene;
 }
 
+v1::Scene colours_scene() {
+  v1::Scene scene = full_scene();
+  scene.mutable_film()->set_channel(v1::Film::RGB);
+  scene.mutable_object()->mutable_rough_dielectric()->set_roughness(0.3F);
+  return scene;
+}
+
 v1::Scene spot_scene() {
   v1::Scene scene = testing::cube_scene(6, 5);
   scene.mutable_object()->mutable_rough_dielectric()->set_roughness(0.001F);
@@ -271,6 +278,19 @@ void make_corpus(const fs::path& folder) {
           }
           request.set_spp(2);
           request.set_first_sample(2);
+        }));
+  write("render_request/colours", render_request(colours_scene(), [](auto& request) {
+          request.clear_material();
+          request.clear_derivatives();
+          for (const double albedo : {1.0, 0.9, 0.8}) {
+            v1::Material& colour = *request.add_colours();
+            colour.set_sigma_t(4 / albedo);
+            colour.set_albedo(albedo);
+            colour.set_g(0.2);
+          }
+          for (const char* name : {"sigma_a", "g", "rough_dielectric.roughness"}) {
+            request.add_parameters(name);
+          }
         }));
   write("render_request/spot", render_request(spot_scene(), [](auto& request) {
           request.clear_derivatives();

@@ -60,11 +60,16 @@ inline grpc::Status constant_answer(const v1::RenderGradRequest& request,
   for (uint32_t k = 0; k < std::max(request.estimates(), 1U); ++k) {
     v1::Estimate& estimate = *reply.add_estimates();
     estimate.set_radiance(image);
-    for (int i = 0; i < request.derivatives_size(); ++i) estimate.add_derivatives(image);
+    const int colours = request.colours_size();
+    for (int i = 0; i < request.derivatives_size() * std::max(colours, 1); ++i) {
+      estimate.add_derivatives(image);
+    }
+    for (int c = 0; c < colours; ++c) estimate.add_colours(image);
     for (int i = 0; i < request.albedos_size(); ++i) estimate.add_at_albedos(image);
   }
   reply.set_mask(to_bytes(std::vector<float>(16 * 12, 1)));
   reply.set_standard_error(image);
+  for (int c = 0; c < request.colours_size(); ++c) reply.add_colour_standard_errors(image);
   return grpc::Status::OK;
 }
 

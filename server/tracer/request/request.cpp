@@ -58,7 +58,7 @@ void check_colours(const RenderRequest& request) {
   }
   const Material& material = request.material;
   for (size_t c = 0; c < colours.size(); ++c) {
-    itn::validate(colours[c]);
+    itn::validate(colours[c], fmt::format("colours[{}]", c));
     if (colours[c].sigma_t < material.sigma_t || colours[c].albedo > material.albedo ||
         colours[c].g != material.g) {
       throw invalid_input(fmt::format(
@@ -71,17 +71,11 @@ void check_colours(const RenderRequest& request) {
   if (!request.albedos.empty() || !request.gradient_weights.empty() || request.pilot_spp > 0) {
     throw invalid_input("colours have no albedos, no gradient and no pilot");
   }
-}
-
-// The parameters that colours have derivatives in.
-void check_colour_derivatives(const RenderRequest& request, const Scene& scene) {
   for (const Parameter& parameter : request.derivatives) {
-    const bool of_boundary = parameter.kind == Parameter::kBoundary &&
-                             !differentiated_index(request, scene.compiled().boundary);
-    if (parameter.of_medium() || of_boundary) continue;
+    if (shares_paths(parameter)) continue;
     throw invalid_input(
         fmt::format("no derivative in {} of colours that share their paths: there are those in the "
-                    "medium and in a roughness; others need a render of each colour",
+                    "medium and its boundary; others need a render of each colour",
                     name_of(parameter)));
   }
 }
@@ -196,6 +190,10 @@ PhaseFunction phase_of(const RenderRequest& request) {
   return request.phase.value_or(HenyeyGreenstein{static_cast<float>(request.material.g)});
 }
 
+bool shares_paths(const Parameter& parameter) {
+  return parameter.of_medium() || parameter.kind == Parameter::kBoundary;
+}
+
 size_t derivative_count(const RenderRequest& request) {
   return request.derivatives.size() * std::max<size_t>(request.colours.size(), 1);
 }
@@ -252,7 +250,6 @@ void validate(const RenderRequest& request, const Scene& scene) {
   if (request.colours.empty() != (compiled.film.channel != Channel::kRgb)) {
     throw invalid_input("colours and a film whose channel is RGB need one another");
   }
-  if (!request.colours.empty()) check_colour_derivatives(request, scene);
   if (differentiated_index(request, compiled.boundary)) check_edges_find_lights(compiled.lights);
   for (const Parameter& parameter : request.derivatives) {
     if (parameter.kind == Parameter::kBoundary) {

@@ -67,8 +67,8 @@ struct RenderRequest {
   // Of a scene whose film shows kRgb, and of no other, the medium in red, green and blue: sigma_t
   // at least, albedo at most that of the material, and its g. The images of the colours, and each
   // of the derivatives in them, are estimated from the same paths; `radiance` is their luminance.
-  // There are no derivatives in lights, reflectances and the index of refraction then, no albedos,
-  // no gradient and no pilot; not by the reference.
+  // There are no derivatives in lights and reflectances then (shares_paths), no albedos, no
+  // gradient and no pilot; not by the reference.
   std::vector<Material> colours = {};
   // Samples per pixel of a pilot: an independent, coarse render of the same seed, whose samples are
   // not used in the image, but say where samples are needed and what control variate to subtract
@@ -126,6 +126,8 @@ struct RenderOptions {
 };
 
 PhaseFunction phase_of(const RenderRequest& request);
+// Whether colours that share their paths have derivatives in it.
+bool shares_paths(const Parameter& parameter);
 // How many derivative images are accumulated.
 size_t derivative_count(const RenderRequest& request);
 // The slot of the boundary that is its index, if a derivative in that is asked for.

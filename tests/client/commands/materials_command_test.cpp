@@ -67,10 +67,11 @@ TEST_F(RenderMaterial, IsScaledToTheObject) {
   EXPECT_THAT(done.output, HasSubstr("sigma_t 131.2 / mm, albedo 0.99844, g 0"));
 }
 
-// A colour image has what renders of its channels have, to the bit: lights and media in them.
+// Where the channels have paths of their own, as for a derivative in a light, a colour image has
+// what renders of the channels have, to the bit: lights and media in them.
 TEST_F(RenderMaterial, InColourIsThreeChannels) {
   const auto with = [&](std::vector<std::string> flags) {
-    flags.insert(flags.end(), {"--derivatives", "sigma_t"});
+    flags.insert(flags.end(), {"--derivatives", "light[0].scale"});
     const Finished done = render(flags);
     EXPECT_EQ(done.exit_code, 0) << done.errors;
     return read_exr(folder_.path("a.exr"));
@@ -86,17 +87,39 @@ TEST_F(RenderMaterial, InColourIsThreeChannels) {
     const std::string path = folder_.path("scene.textproto");
     const size_t film = scene.find("film {") + 6;
     std::ofstream(path) << scene.substr(0, film) << " channel: " << channel << scene.substr(film);
-    const Finished done = run({kItn, "render", path, "-o", folder_.path("gray.exr"), "--film", "8",
-                               "--spp", "1", "--derivatives", "sigma_t", "--material", "skin1"});
+    const Finished done =
+        run({kItn, "render", path, "-o", folder_.path("gray.exr"), "--film", "8", "--spp", "1",
+             "--derivatives", "light[0].scale", "--material", "skin1"});
     ASSERT_EQ(done.exit_code, 0) << done.errors;
     const Image gray = read_exr(folder_.path("gray.exr"));
     const std::string dot = std::string(".") + name;
     EXPECT_EQ(colour.channel(name), gray.channel("Y"));
     EXPECT_EQ(colour.channel("stderr" + dot), gray.channel("stderr.Y"));
-    EXPECT_EQ(colour.channel("sigma_t" + dot), gray.channel("sigma_t.Y"));
+    EXPECT_EQ(colour.channel("light[0].scale" + dot), gray.channel("light[0].scale.Y"));
     EXPECT_EQ(std::get<double>(colour.attributes.at("itn.sigma_t" + dot)),
               std::get<double>(gray.attributes.at("itn.sigma_t")));
   }
+}
+
+// Where that costs less, one render has all channels; of a thick medium whose channels differ, or
+// of several g, it does not.
+TEST_F(RenderMaterial, ChannelsShareTheirPaths) {
+  const auto paths_of = [&](const std::vector<std::string>& flags) {
+    const Finished done = render(flags);
+    EXPECT_EQ(done.exit_code, 0) << done.errors;
+    const Image image = read_exr(folder_.path("a.exr"));
+    for (const char* name : {"R", "G", "B", "stderr.G", "sigma_a.B", "mask.Y"}) {
+      EXPECT_TRUE(image.has(name)) << name << " of " << image.channel_names();
+    }
+    return std::get<double>(image.attributes.at("itn.paths"));
+  };
+  const auto in_colour = [](std::vector<std::string> flags) {
+    flags.insert(flags.end(), {"--color", "--derivatives", "sigma_a"});
+    return flags;
+  };
+  EXPECT_EQ(paths_of(in_colour({"--material", "skin1"})), 64);
+  EXPECT_EQ(paths_of(in_colour({"--material", "cream", "--object-size", "100"})), 3 * 64);
+  EXPECT_EQ(paths_of(in_colour({"--material", "espresso"})), 3 * 64);
 }
 
 // The scene may name the medium; flags go before it.

@@ -82,6 +82,22 @@ RenderPoolOptions embedded() {
   return options;
 }
 
+// Instead of its material and albedo.
+RenderJob job_in_colours() {
+  RenderJob in_colours = job();
+  v1::Scene scene = cube_scene(16, 12);
+  scene.mutable_film()->set_channel(v1::Film::RGB);
+  in_colours.scene = serialize(scene);
+  in_colours.request.clear_material();
+  in_colours.request.clear_albedos();
+  for (const double sigma_t : {8, 9, 12}) {
+    v1::Material& colour = *in_colours.request.add_colours();
+    colour.set_sigma_t(sigma_t);
+    colour.set_albedo(6 / sigma_t);
+  }
+  return in_colours;
+}
+
 // Against the reply to all samples at once; standard errors come from floats twice.
 void expect_same(const v1::RenderGradReply& rounds, const v1::RenderGradReply& whole) {
   const auto compare = [](const std::string& a, const std::string& b, const char* what,
@@ -100,7 +116,17 @@ void expect_same(const v1::RenderGradReply& rounds, const v1::RenderGradReply& w
     for (int d = 0; d < a.derivatives_size(); ++d) {
       compare(a.derivatives(d), b.derivatives(d), "a derivative");
     }
-    compare(a.at_albedos(0), b.at_albedos(0), "another albedo");
+    ASSERT_EQ(a.at_albedos_size(), b.at_albedos_size());
+    for (int i = 0; i < a.at_albedos_size(); ++i) {
+      compare(a.at_albedos(i), b.at_albedos(i), "another albedo");
+    }
+    ASSERT_EQ(a.colours_size(), b.colours_size());
+    for (int c = 0; c < a.colours_size(); ++c) compare(a.colours(c), b.colours(c), "a colour");
+  }
+  ASSERT_EQ(rounds.colour_standard_errors_size(), whole.colour_standard_errors_size());
+  for (int c = 0; c < whole.colour_standard_errors_size(); ++c) {
+    compare(rounds.colour_standard_errors(c), whole.colour_standard_errors(c),
+            "standard error of a colour", 1e-5);
   }
   compare(rounds.mask(), whole.mask(), "mask");
   compare(rounds.standard_error(), whole.standard_error(), "standard error", 1e-5);
@@ -110,14 +136,15 @@ void expect_same(const v1::RenderGradReply& rounds, const v1::RenderGradReply& w
 
 TEST(RenderRounds, MakeTheImageOfAllSamples) {
   RenderPool pool(embedded());
-  RenderJob part = job();
-  const v1::RenderGradReply whole = pool.submit(part).get();
-  part.request.set_spp(21);
-  v1::RenderGradReply rounds = pool.submit(part).get();
-  part.request.set_spp(50 - 21);
-  part.request.set_first_sample(21);
-  add_samples(pool.submit(part).get(), 50 - 21, rounds, 21);
-  expect_same(rounds, whole);
+  for (RenderJob part : {job(), job_in_colours()}) {
+    const v1::RenderGradReply whole = pool.submit(part).get();
+    part.request.set_spp(21);
+    v1::RenderGradReply rounds = pool.submit(part).get();
+    part.request.set_spp(50 - 21);
+    part.request.set_first_sample(21);
+    add_samples(pool.submit(part).get(), 50 - 21, rounds, 21);
+    expect_same(rounds, whole);
+  }
 }
 
 TEST(RenderRounds, EndWhenTheNoisiestImageIsGoodEnough) {

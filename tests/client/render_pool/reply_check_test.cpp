@@ -37,6 +37,7 @@ TEST_P(DamagedReply, IsNotTaken) {
   job.scene = serialize(testing::cube_scene(16, 12));
   job.request = testing::small_request();
   job.request.add_albedos(0.5);
+  for (int c = 0; c < 3; ++c) job.request.add_colours();
   if (GetParam().loss) job.request.mutable_loss();
   v1::RenderGradReply reply;
   testing::constant_answer(job.request, reply);
@@ -55,12 +56,21 @@ const Damage kDamages[] = {
      "the size of radiance is 767 rather than 768"},
     {"NoDerivative", false,
      [](auto& r) { r.mutable_estimates(0)->mutable_derivatives()->RemoveLast(); },
-     "the number of derivatives is 5"},
+     "the number of derivatives is 17"},
     {"LongDerivative", false,
      [](auto& r) { r.mutable_estimates(0)->mutable_derivatives(3)->append("xxxx"); },
      "the size of a derivative is 772"},
     {"NoAlbedo", false, [](auto& r) { r.mutable_estimates(0)->clear_at_albedos(); },
      "the number of at_albedos is 0 rather than 1"},
+    {"TwoColours", false, [](auto& r) { r.mutable_estimates(1)->mutable_colours()->RemoveLast(); },
+     "the number of colours is 2 rather than 3"},
+    {"NegativeColour", false, [](auto& r) { set(*r.mutable_estimates(1)->mutable_colours(2), -1); },
+     "radiance in a colour of pixel 2 is -1"},
+    {"NoColourErrors", false, [](auto& r) { r.clear_colour_standard_errors(); },
+     "the number of colour_standard_errors is 0 rather than 3"},
+    {"NanColourError", false,
+     [](auto& r) { set(*r.mutable_colour_standard_errors(0), static_cast<float>(kNan)); },
+     "a standard error of a colour of pixel 2 is nan"},
     {"NanRadiance", false,
      [](auto& r) { set(*r.mutable_estimates(0)->mutable_radiance(), static_cast<float>(kNan)); },
      "radiance of pixel 2 is nan"},

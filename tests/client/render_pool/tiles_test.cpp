@@ -66,9 +66,11 @@ v1::RenderGradReply answer(const v1::Tile& tile, float first) {
     estimate.add_derivatives(image(200));
     estimate.add_derivatives(image(300));
     estimate.add_at_albedos(image(400));
+    estimate.add_colours(image(700));
   }
   reply.set_mask(image(500));
   reply.set_standard_error(image(600));
+  reply.add_colour_standard_errors(image(800));
   reply.mutable_counters()->set_paths(10);
   reply.mutable_counters()->set_leaks(1);
   return reply;
@@ -94,9 +96,13 @@ TEST(Tiles, ArePutTogether) {
     EXPECT_EQ(estimate.derivatives(1), expected(300));
     ASSERT_EQ(estimate.at_albedos_size(), 1);
     EXPECT_EQ(estimate.at_albedos(0), expected(400));
+    ASSERT_EQ(estimate.colours_size(), 1);
+    EXPECT_EQ(estimate.colours(0), expected(700));
   }
   EXPECT_EQ(reply.mask(), expected(500));
   EXPECT_EQ(reply.standard_error(), expected(600));
+  ASSERT_EQ(reply.colour_standard_errors_size(), 1);
+  EXPECT_EQ(reply.colour_standard_errors(0), expected(800));
   EXPECT_EQ(reply.counters().paths(), 20U);
   EXPECT_EQ(reply.counters().leaks(), 2U);
 }

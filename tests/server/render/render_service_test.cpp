@@ -24,6 +24,7 @@
 #include "common/error.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/wire_array.h"
+#include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"
 #include "itn/v1/render.grpc.pb.h"
 #include "server/render/render_reply.h"
@@ -445,6 +446,54 @@ TEST(RenderService, GivesSeveralAlbedosInTheOrderAsked) {
   EXPECT_NE(answer.reply.estimates(0).at_albedos(0), answer.reply.estimates(0).radiance());
 }
 
+v1::RenderGradRequest colours_request(v1::Film::Channel channel = v1::Film::RGB) {
+  v1::Scene scene = cube_scene();
+  scene.mutable_film()->set_channel(channel);
+  v1::RenderGradRequest request = small_request();
+  request.set_scene(scene.SerializeAsString());
+  request.clear_material();
+  request.clear_derivatives();
+  for (const double sigma_t : {8, 12, 10}) {
+    v1::Material& colour = *request.add_colours();
+    colour.set_sigma_t(sigma_t);
+    colour.set_albedo(1 - 2 / sigma_t);
+    colour.set_g(0.3);
+  }
+  return request;
+}
+
+// Three images of the radiance and of each derivative, by the chain rule of each colour's material.
+TEST(RenderService, GivesColoursInTheirOrder) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::RenderGradRequest request = colours_request();
+  for (const char* name : {"sigma_s", "albedo", "sigma_t"}) request.add_parameters(name);
+  const Answer answer = client.call(request);
+  ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+  EXPECT_EQ(answer.reply.colour_standard_errors_size(), 3);
+  const v1::Estimate& estimate = answer.reply.estimates(0);
+  ASSERT_EQ(estimate.colours_size(), 3);
+  ASSERT_EQ(estimate.derivatives_size(), 9);
+  std::vector<double> luminance(from_bytes<float>(estimate.radiance()).size());
+  for (int c = 0; c < 3; ++c) {
+    const auto radiance = from_bytes<float>(estimate.colours(c));
+    const auto derivative = [&](int d) {
+      return from_bytes<float>(estimate.derivatives(3 * d + c));
+    };
+    const auto by_sigma_s = derivative(0), by_albedo = derivative(1), by_sigma_t = derivative(2);
+    const auto [sigma_t, albedo, g] = from_proto(request.colours(c));
+    for (size_t p = 0; p < radiance.size(); ++p) {
+      luminance[p] += tracer::kLuminanceOfColours[static_cast<size_t>(c)] * radiance[p];
+      const double expected = by_sigma_t[p] + (1 - albedo) / sigma_t * by_albedo[p];
+      EXPECT_NEAR(by_sigma_s[p], expected, 1e-5 * (1 + std::abs(expected)));
+    }
+  }
+  const auto radiance = from_bytes<float>(estimate.radiance());
+  for (size_t p = 0; p < radiance.size(); ++p) {
+    EXPECT_NEAR(radiance[p], luminance[p], 1e-4 * (1 + luminance[p]));
+  }
+}
+
 TEST(RenderService, RendersATile) {
   RenderServer server(one_thread());
   Client client(server.in_process_channel());
@@ -612,6 +661,52 @@ const BadRequest kBadRequests[] = {
        for (int i = 0; i < 17; ++i) r.add_albedos(0.1);
      },
      "number of albedos is 17"},
+    {"MaterialBesideColours",
+     [](auto& r) {
+       r = colours_request();
+       r.mutable_material()->set_sigma_t(8);
+     },
+     "material is there beside colours"},
+    {"TwoColours",
+     [](auto& r) {
+       r = colours_request();
+       r.mutable_colours()->RemoveLast();
+     },
+     "the number of colours is 2; it must be 0 or 3"},
+    {"ColourWithoutExtinction",
+     [](auto& r) {
+       r = colours_request();
+       r.mutable_colours(1)->clear_sigma_t();
+     },
+     "colours[1].sigma_t is 0"},
+    {"ColoursOfSeveralG",
+     [](auto& r) {
+       r = colours_request();
+       r.mutable_colours(2)->set_g(0);
+     },
+     "colours[2].g is 0; it must be that of colours[0], 0.3"},
+    {"ColoursOfOneChannel", [](auto& r) { r = colours_request(v1::Film::RED); },
+     "colours and a film whose channel is RGB need one another"},
+    {"ColourlessRgb",
+     [](auto& r) {
+       r = colours_request();
+       *r.mutable_material() = r.colours(0);
+       r.clear_colours();
+     },
+     "colours and a film whose channel is RGB need one another"},
+    {"ColoursByLights",
+     [](auto& r) {
+       r = colours_request();
+       r.add_parameters("light[0].scale");
+     },
+     "no derivative in light[0].scale of colours"},
+    {"LossOfColours",
+     [](auto& r) {
+       r = colours_request();
+       add_loss(r);
+       r.set_estimates(2);
+     },
+     "loss and colours"},
     {"SamplesTooLate",
      [](auto& r) {
        r.set_spp(2);
@@ -633,7 +728,7 @@ const BadRequest kBadRequests[] = {
        r.set_tracer(v1::REFERENCE);
        r.set_pilot_spp(4);
      },
-     "neither albedos nor pilot_spp"},
+     "neither albedos, colours nor pilot_spp"},
     {"BillionPixels", [](auto& r) { film(r, 40000, 25000); }, "is 1000000000; this worker accepts",
      grpc::RESOURCE_EXHAUSTED},
     {"LargeReply", [](auto& r) { film(r, 200, 200); }, "ask for fewer pixels",

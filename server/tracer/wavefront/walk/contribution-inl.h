@@ -113,6 +113,9 @@ HWY_INLINE void add_colours(Wavefront& wave, const Slots& at, Floats length, con
     for (size_t s = 0; s < paths.d_slots.size(); ++s) {
       at.add(hn::Mul(contribution, score_slot(s)), derivatives[2 + s]);
     }
+    if (paths.colour_edge.empty()) continue;
+    at.add(hn::Mul(at.get(paths.colour_edge[c]), likely_light),
+           derivatives[2 + paths.control_phase.size() + *wave.index_slot]);
   }
   at.add(luminance, paths.radiance);
 }

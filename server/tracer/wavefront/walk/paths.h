@@ -71,11 +71,12 @@ struct PathState {
   // which make W 0 (BoundaryEdge).
   FloatStates<> edge_weight{};
 
-  // For RenderRequest::colours, of each (colours-inl.h): W and d W / d albedo; how likely the path
-  // is in this colour; the score in sigma_t; radiance, and its derivatives in sigma_t, albedo and
-  // the slots, those of a colour one after the other. And the sigma_t by which the path flies.
+  // For RenderRequest::colours, of each (flight-inl.h): W, d W / d albedo, and what `edge_weight`
+  // is to W; how likely the path is in this colour; the score in sigma_t; radiance, and its
+  // derivatives in sigma_t, albedo and the slots, those of a colour one after the other. And the
+  // sigma_t by which the path flies.
   FloatStates<1> colour_weight{};
-  FloatStates<> colour_dweight{};
+  FloatStates<> colour_dweight{}, colour_edge{};
   FloatStates<1> likelihood{};
   FloatStates<> colour_score{}, colours{}, d_colours{};
   FloatStates<> flight_sigma_t{};
@@ -87,12 +88,13 @@ struct PathState {
                     dweight_dalbedo, score_sigma_t, radiance, d_sigma_t, d_albedo, control_sigma_t,
                     score_slots, d_slots, control_phase, weight_at_albedos, radiance_at_albedos,
                     dweight_dreflectance, d_reflectance, d_light, edge_weight, colour_weight,
-                    colour_dweight, likelihood, colour_score, colours, d_colours, flight_sigma_t);
+                    colour_dweight, colour_edge, likelihood, colour_score, colours, d_colours,
+                    flight_sigma_t);
   }
   // Those that a factor of the path's weight multiplies.
   auto weights() {
     return std::tie(weight, dweight_dalbedo, weight_at_albedos, dweight_dreflectance, edge_weight,
-                    colour_weight, colour_dweight);
+                    colour_weight, colour_dweight, colour_edge);
   }
 };
 

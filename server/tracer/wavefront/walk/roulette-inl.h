@@ -83,10 +83,19 @@ inline Floats throughput_survival(const Paths& paths, size_t i) {
 // What the boundary makes of the weights.
 HWY_INLINE void apply_crossing(Paths& paths, size_t i) {
   const Floats weight = load(paths.weight, i);
+  Floats colour_weights[kColours.size()];
+  for (size_t c = 0; c < paths.colour_edge.size(); ++c) {
+    colour_weights[c] = load(paths.colour_weight[c], i);
+  }
   multiply_weights(paths, i, load(paths.crossing_weight, i));
-  for (size_t e = 0; e < paths.edge_weight.size(); ++e) {
-    FloatColumn& edge = paths.edge_weight[e];
-    store(mul_add(weight, load(paths.crossing_edge_weight[e], i), load(edge, i)), edge, i);
+  if (paths.edge_weight.empty()) return;
+  const Floats by = load(paths.crossing_edge_weight[0], i);
+  const auto add_to = [&](FloatColumn& edge, Floats before) {
+    store(mul_add(before, by, load(edge, i)), edge, i);
+  };
+  add_to(paths.edge_weight[0], weight);
+  for (size_t c = 0; c < paths.colour_edge.size(); ++c) {
+    add_to(paths.colour_edge[c], colour_weights[c]);
   }
 }
 

@@ -95,6 +95,9 @@ HWY_INLINE void multiply_by_colours(Wavefront& wave, size_t i, const Vertices& v
     store(hn::Mul(weight, factor), column, i);
     store(mul_add(load(derivative, i), factor, hn::IfThenElseZero(vertices.in_medium, weight)),
           derivative, i);
+    if (paths.colour_edge.empty()) continue;
+    FloatColumn& edge = paths.colour_edge[c];
+    store(hn::Mul(load(edge, i), factor), edge, i);
   }
 }
 

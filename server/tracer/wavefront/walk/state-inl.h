@@ -109,6 +109,7 @@ struct Wavefront {
     paths.d_reflectance.resize(reflecting.size());
     paths.d_light.resize(differentiated_lights.size());
     paths.edge_weight.resize(index_slot ? 1 : 0);
+    paths.colour_edge.resize(index_slot ? colours.size() : 0);
     paths.crossing_edge_weight.resize(paths.edge_weight.size());
     shadow_rays.parts_of_lights.resize(parts);
     paths.rays.bounded = compiled.lights.has_lamps();
@@ -145,7 +146,7 @@ struct Wavefront {
   };
   std::vector<SurfaceSlot> reflecting;
   std::vector<size_t> differentiated_lights;
-  // Of RenderRequest::colours: see colours-inl.h.
+  // Of RenderRequest::colours.
   struct Colour {
     float sigma_t, albedo;
   };
