@@ -88,6 +88,11 @@ std::vector<v1::Scene> load_scenes(const RefineOptions& options) {
   std::vector<v1::Scene> scenes;
   for (const std::string& file : options.scenes) {
     scenes.push_back(load_scene(file, options.mesh_unit));
+    if (scenes.back().film().channel() == v1::Film::RGB) {
+      throw invalid_input(fmt::format(
+          "{}: film.channel is RGB; a refinement is of one channel: LUMINANCE, RED, GREEN or BLUE",
+          file));
+    }
   }
   scenes.resize(options.images.size(), scenes.front());
   return scenes;

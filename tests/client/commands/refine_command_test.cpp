@@ -134,6 +134,11 @@ TEST_F(RefineCommand, SaysWhatIsWrong) {
   refuse({testing::kItn, "refine", shared_->path("image.exr"), "--scene",
           shared_->path("other.textproto")},
          3, {"16 x 12", "20 x 12"});
+  std::ofstream(shared_->path("rgb.textproto"))
+      << replaced(kSceneFile, "width: 16", "channel: RGB width: 16");
+  refuse({testing::kItn, "refine", shared_->path("image.exr"), "--scene",
+          shared_->path("rgb.textproto")},
+         3, {"rgb.textproto: film.channel is RGB", "of one channel"});
   refuse({testing::kItn, "refine", shared_->path("none.exr"), "--scene",
           shared_->path("scene.textproto")},
          4, {"none.exr"});
