@@ -402,6 +402,8 @@ void validate_grid(const v1::DatasetConfig& config) {
   require(one_sun && is_list(sun.azimuth_degrees()) &&
               (!sun.has_test_azimuth_degrees() || is_list(sun.test_azimuth_degrees())),
           "a grid takes one light, a sun_sky, with lists of azimuths: one_of, or fixed");
+  require(config.coloured() == 0,
+          fmt::format("coloured is {}; a grid shows luminance", config.coloured()));
   require(config.count() == 0,
           fmt::format("count is {}; a grid says itself how many images there are", config.count()));
 }
@@ -409,6 +411,11 @@ void validate_grid(const v1::DatasetConfig& config) {
 }  // namespace
 
 std::span<const DatasetPreset> dataset_presets() {
+  const auto of_things_that_shine = [](std::string_view about, std::string_view more) {
+    return photographs(about,
+                       {{2, kSunAndSkyOfOneIrradiance}, {2, kStudio}, {1, kFlash}, {1, kLamp}},
+                       std::string(kRoughSurface).append(kPatternAndBrightMaterial).append(more));
+  };
   static const std::array kPresets = {
       DatasetPreset{"paper", "the set-up of Che et al. 2020", std::string(kPaper)},
       DatasetPreset{
@@ -430,10 +437,14 @@ std::span<const DatasetPreset> dataset_presets() {
                                 {{2, kSunAndSkyOfOneIrradiance}, {2, kStudio}, {1, kFlash}})},
       DatasetPreset{
           "glossy", "any light, near lamps too, on things with a surface that shines",
-          photographs("As `any`, and by lamps nearby, of what has a surface that reflects "
-                      "and refracts, and absorbs as little as milk or marble.",
-                      {{2, kSunAndSkyOfOneIrradiance}, {2, kStudio}, {1, kFlash}, {1, kLamp}},
-                      std::string(kRoughSurface).append(kPatternAndBrightMaterial))},
+          of_things_that_shine("As `any`, and by lamps nearby, of what has a surface that reflects "
+                               "and refracts, and absorbs as little as milk or marble.",
+                               "")},
+      DatasetPreset{
+          "channels", "as glossy, in the channels of photographs, or their luminance",
+          of_things_that_shine("As `glossy`, but three of four images show a channel of a "
+                               "photograph: what sun and sky send of one colour.",
+                               "coloured: 0.75\n")},
   };
   return kPresets;
 }
@@ -552,6 +563,7 @@ void validate(const v1::DatasetConfig& config) {
           "two lights are panoramas; one can be, of a folder that holds all of them");
   validate_ground(config.ground());
   if (config.has_boundary()) validate_boundary(config.boundary());
+  require_part("coloured", config.coloured());
   validate("sigma_t", config.materials().sigma_t(), kMinSigmaT, kMaxSigmaT);
   validate("albedo", config.materials().albedo(), 0, 1);
   validate("g", config.materials().g(), -kMaxAbsG, kMaxAbsG);

@@ -8,6 +8,7 @@
 #include <limits>
 #include <numbers>
 
+#include "client/dataset/panorama.h"
 #include "client/dataset/studio.h"
 #include "common/angle.h"
 #include "common/error.h"
@@ -126,12 +127,21 @@ void add_lamp(v1::Scene& scene, const v1::Lamp& lamp, Vec3d middle) {
   add_ambient(scene, lamp.ambient(), lamp.irradiance());
 }
 
-// `pixels` are of irradiance 1.
-void add_panorama(v1::Scene& scene, const v1::Panorama& panorama, const v1::Pixels* pixels) {
+// The luminance of `pixels` is of irradiance 1; `channel` is what is shown.
+void add_panorama(v1::Scene& scene, const v1::Panorama& panorama, const v1::Pixels* pixels,
+                  v1::Film::Channel channel) {
   if (pixels == nullptr) throw Error(ErrorKind::kInternal, "the panorama of an item is missing");
   v1::EnvironmentMap& map = *scene.add_lights()->mutable_environment_map();
   *map.mutable_pixels() = *pixels;
   map.set_scale(panorama.irradiance());
+  if (channel != v1::Film::LUMINANCE) {
+    const double irradiance = irradiance_from_above(*pixels, channel);
+    if (!(irradiance > 0)) {
+      throw invalid_input(fmt::format("the panorama {} is black above the horizon in {}",
+                                      panorama.name(), v1::Film::Channel_Name(channel)));
+    }
+    map.set_scale(static_cast<float>(panorama.irradiance() / irradiance));
+  }
   map.set_rotate_y_degrees(panorama.azimuth_degrees());
 }
 
@@ -141,7 +151,8 @@ void add_lights(v1::Scene& scene, const v1::DatasetItem& item, const v1::Pixels*
   switch (light.kind_case()) {
     case v1::ItemLight::kFlash: return add_flash(scene, light.flash(), item.camera());
     case v1::ItemLight::kLamp: return add_lamp(scene, light.lamp(), middle);
-    case v1::ItemLight::kPanorama: return add_panorama(scene, light.panorama(), panorama);
+    case v1::ItemLight::kPanorama:
+      return add_panorama(scene, light.panorama(), panorama, item.channel());
     case v1::ItemLight::kStudio:
       *scene.add_lights()->mutable_environment_map()->mutable_pixels() =
           studio_panorama(light.studio());
@@ -183,6 +194,10 @@ void check_item(const v1::DatasetItem& item, const std::string& path) {
   check_message(item, path);
   if (item.has_rotation()) non_zero(path + ".rotation.axis", item.rotation().axis());
   if (item.light().has_studio()) check_studio(item.light().studio(), path + ".light.studio");
+  if (!v1::Film::Channel_IsValid(item.channel()) || item.channel() == v1::Film::RGB) {
+    throw invalid_input(fmt::format("{}.channel is {}; it must be LUMINANCE, RED, GREEN or BLUE",
+                                    path, static_cast<int>(item.channel())));
+  }
 }
 
 v1::Scene scene_of(const v1::DatasetItem& item, const v1::Triangles& triangles, uint32_t resolution,
@@ -194,6 +209,7 @@ v1::Scene scene_of(const v1::DatasetItem& item, const v1::Triangles& triangles, 
   add_camera(scene, item.camera(), middle);
   scene.mutable_film()->set_width(resolution);
   scene.mutable_film()->set_height(resolution);
+  scene.mutable_film()->set_channel(item.channel());
   return scene;
 }
 

@@ -1,16 +1,24 @@
 #include "client/dataset/panorama.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <vector>
 
 #include "common/rpc/wire_array.h"
+#include "server/tracer/colour/channel.h"
 
 namespace itn {
 namespace {
 
-constexpr double kLuminance[] = {0.2126, 0.7152, 0.0722};  // of R, G, B: Film in scene.proto
+// Of R, G and B in what a film shows.
+std::array<double, 3> weights_in(v1::Film::Channel channel) {
+  if (channel == v1::Film::LUMINANCE) return tracer::kLuminanceOfColours;
+  std::array<double, 3> weights{};
+  weights.at(static_cast<size_t>(channel - v1::Film::RED)) = 1;
+  return weights;
+}
 
 // The height on the unit sphere at which a row begins: cos(pi row / height), but 0 at the horizon.
 double top_of(uint32_t row, uint32_t height) {
@@ -61,16 +69,17 @@ v1::Pixels gray_panorama(uint32_t width, uint32_t height, std::span<const float>
   return pixels;
 }
 
-double irradiance_from_above(const v1::Pixels& panorama) {
+double irradiance_from_above(const v1::Pixels& panorama, v1::Film::Channel channel) {
+  const std::array<double, 3> weights = weights_in(channel);
   const std::vector<float> rgb = from_bytes<float>(panorama.rgb());
   double sum = 0;
   auto value = rgb.begin();
   for (uint32_t row = 0; row < panorama.height(); ++row) {
-    double luminance = 0;
+    double radiance = 0;
     for (uint32_t column = 0; column < panorama.width(); ++column) {
-      for (const double weight : kLuminance) luminance += weight * static_cast<double>(*value++);
+      for (const double weight : weights) radiance += weight * static_cast<double>(*value++);
     }
-    sum += luminance * panorama_row(row, panorama.width(), panorama.height()).from_above;
+    sum += radiance * panorama_row(row, panorama.width(), panorama.height()).from_above;
   }
   return sum;
 }

@@ -19,8 +19,9 @@ PanoramaRow panorama_row(uint32_t row, uint32_t width, uint32_t height);
 // Gray pixels, from one radiance each.
 v1::Pixels gray_panorama(uint32_t width, uint32_t height, std::span<const float> radiance);
 
-// Of a panorama's luminance on a surface that faces +y, in W/m^2.
-double irradiance_from_above(const v1::Pixels& panorama);
+// Of what a film shows of a panorama, which is not RGB, on a surface that faces +y, in W/m^2.
+double irradiance_from_above(const v1::Pixels& panorama,
+                             v1::Film::Channel channel = v1::Film::LUMINANCE);
 
 // With each pixel the mean over its solid angle, where there are more than these; else as it is.
 v1::Pixels averaged_down(const v1::Pixels& panorama, uint32_t max_width, uint32_t max_height);

@@ -44,7 +44,8 @@ enum Choice : uint64_t {
   kRenderSeed,
   kPanoramaSplit,
   kBoundary,
-  kCheckerboard
+  kCheckerboard,
+  kChannel
 };
 
 // --- Splits ---
@@ -235,19 +236,19 @@ const v1::Distribution& azimuths_of(const v1::SunSkyChoice& sun, v1::Split split
                                                                    : sun.azimuth_degrees();
 }
 
-// Makes sun and sky so bright.
-void give_irradiance(v1::SunSky& sun, float irradiance) {
+// Makes what a film shows of sun and sky so bright.
+void give_irradiance(v1::SunSky& sun, float irradiance, v1::Film::Channel channel) {
   v1::Light light;
   *light.mutable_sun_sky() = sun;
   const double unscaled = tracer::irradiance_from_above(
-      std::get<tracer::SunSkyLight>(build_light("light", light)), tracer::Channel::kLuminance);
+      std::get<tracer::SunSkyLight>(build_light("light", light)), build_channel(channel));
   sun.set_sun_scale(static_cast<float>(irradiance / unscaled));
   sun.set_sky_scale(static_cast<float>(irradiance / unscaled));
 }
 
 // Those of one light are branches of its own.
-v1::SunSky draw_sun(const v1::SunSkyChoice& choice, v1::Split split, uint64_t light,
-                    const Choices& choices) {
+v1::SunSky draw_sun(const v1::SunSkyChoice& choice, v1::Split split, v1::Film::Channel channel,
+                    uint64_t light, const Choices& choices) {
   const auto draw = [&](uint64_t number, const v1::Distribution& distribution) {
     return choices.draw(derive_seed(kLight, {light, number}), distribution);
   };
@@ -256,7 +257,7 @@ v1::SunSky draw_sun(const v1::SunSkyChoice& choice, v1::Split split, uint64_t li
   sun.set_sun_elevation_degrees(draw(1, choice.elevation_degrees()));
   sun.set_turbidity(draw(2, choice.turbidity()));
   sun.set_sun_angular_radius_degrees(draw(3, choice.sun_angular_radius_degrees()));
-  if (choice.has_irradiance()) give_irradiance(sun, draw(4, choice.irradiance()));
+  if (choice.has_irradiance()) give_irradiance(sun, draw(4, choice.irradiance()), channel);
   return sun;
 }
 
@@ -323,7 +324,8 @@ v1::Lamp draw_lamp(const v1::LampChoice& choice, uint64_t light, const Choices& 
 }
 
 v1::ItemLight draw_light(const v1::DatasetConfig& config, v1::Split split,
-                         const PanoramaSplit& panoramas, const Choices& choices) {
+                         v1::Film::Channel channel, const PanoramaSplit& panoramas,
+                         const Choices& choices) {
   std::vector<double> weights;
   for (const v1::LightChoice& light : config.lights()) weights.push_back(light.weight());
   const size_t kind = weighted(weights, choices.number(kLightKind));
@@ -343,7 +345,7 @@ v1::ItemLight draw_light(const v1::DatasetConfig& config, v1::Split split,
     case v1::LightChoice::kLamp:
       *item.mutable_lamp() = draw_lamp(light.lamp(), kind, choices);
       break;
-    default: *item.mutable_sun_sky() = draw_sun(light.sun_sky(), split, kind, choices);
+    default: *item.mutable_sun_sky() = draw_sun(light.sun_sky(), split, channel, kind, choices);
   }
   return item;
 }
@@ -382,6 +384,12 @@ void draw_boundary(const v1::BoundaryChoice& choice, const Choices& choices,
   item.set_smooth_angle_degrees(choice.smooth_angle_degrees());
 }
 
+v1::Film::Channel draw_channel(const v1::DatasetConfig& config, const Choices& choices) {
+  if (choices.number(derive_seed(kChannel, {0})) >= config.coloured()) return v1::Film::LUMINANCE;
+  constexpr std::array kColours = {v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE};
+  return kColours.at(choices.in_turn(derive_seed(kChannel, {1}), kColours.size()));
+}
+
 // All but the material; and the seed and the name, which are the item's own.
 v1::DatasetItem draw_scene(const v1::DatasetConfig& config, v1::Split split,
                            const std::string& shape, const PanoramaSplit& panoramas,
@@ -391,7 +399,8 @@ v1::DatasetItem draw_scene(const v1::DatasetConfig& config, v1::Split split,
   item.set_shape(shape);
   draw_pose(config.pose(), choices, item);
   *item.mutable_camera() = draw_camera(config.camera(), choices);
-  *item.mutable_light() = draw_light(config, split, panoramas, choices);
+  item.set_channel(draw_channel(config, choices));
+  *item.mutable_light() = draw_light(config, split, item.channel(), panoramas, choices);
   draw_ground(config.ground(), choices, item);
   if (config.has_boundary()) draw_boundary(config.boundary(), choices, item);
   return item;

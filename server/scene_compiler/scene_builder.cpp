@@ -31,19 +31,6 @@ void check_required(const v1::Scene& scene) {
   }
 }
 
-tracer::Channel build_channel(v1::Film::Channel channel) {
-  switch (channel) {
-    case v1::Film::LUMINANCE: return tracer::Channel::kLuminance;
-    case v1::Film::RED: return tracer::Channel::kRed;
-    case v1::Film::GREEN: return tracer::Channel::kGreen;
-    case v1::Film::BLUE: return tracer::Channel::kBlue;
-    case v1::Film::RGB: return tracer::Channel::kRgb;
-    default: break;
-  }
-  throw invalid_input(
-      fmt::format("scene.film.channel has the unknown value {}", static_cast<int>(channel)));
-}
-
 tracer::CameraDescription build_camera(const v1::Camera& proto) {
   tracer::CameraDescription camera;
   camera.origin = check_position("scene.camera.origin", to_vec(proto.origin()));
@@ -99,6 +86,19 @@ std::string digest_of_surfaces(const v1::Scene& scene) {
 }
 
 }  // namespace
+
+tracer::Channel build_channel(v1::Film::Channel channel) {
+  switch (channel) {
+    case v1::Film::LUMINANCE: return tracer::Channel::kLuminance;
+    case v1::Film::RED: return tracer::Channel::kRed;
+    case v1::Film::GREEN: return tracer::Channel::kGreen;
+    case v1::Film::BLUE: return tracer::Channel::kBlue;
+    case v1::Film::RGB: return tracer::Channel::kRgb;
+    default: break;
+  }
+  throw invalid_input(
+      fmt::format("scene.film.channel has the unknown value {}", static_cast<int>(channel)));
+}
 
 tracer::LightDescription build_light(const std::string& field, const v1::Light& proto) {
   return read_kind<tracer::LightDescription>(field, proto, "kind");

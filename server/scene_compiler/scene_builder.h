@@ -25,6 +25,8 @@ struct RenderLimits {
 // does not know is refused: it would change the image somewhere else and not here.
 v1::Scene parse_scene(const std::string& bytes);
 
+tracer::Channel build_channel(v1::Film::Channel channel);
+
 // Throws Error as in common/scene/field_check.h; environment maps with a `path` are refused.
 tracer::LightDescription build_light(const std::string& field, const v1::Light& proto);
 

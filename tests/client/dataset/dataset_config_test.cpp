@@ -196,6 +196,7 @@ TEST(DatasetConfig, SaysWhatIsOutOfRange) {
       {"ground { checkered: 2 }", "ground.checkered is 2"},
       {"ground { checkered: 1 square { fixed: 0 } }", "ground.square is 0"},
       {"ground { checkered: 1 other_reflectance { fixed: 2 } }", "ground.other_reflectance is 2"},
+      {"coloured: 1.5", "coloured is 1.5; it must be in [0, 1]"},
       {"pose { turned: -1 }", "weights of pose"},
       {"ground { probability: 2 }", "ground.probability is 2"},
       {"camera { pitch_degrees { fixed: 90 } }", "pitch_degrees is 90"},

@@ -118,6 +118,35 @@ TEST(ItemScene, ALampStandsAboutTheMiddle) {
   EXPECT_NEAR(scene.lights(1).constant().radiance(), 4 / std::numbers::pi, 1e-5);
 }
 
+// A panorama of luminance 1, whose green is half as bright above the horizon and blue is dark
+// there.
+TEST(ItemScene, ShowsAColourOfThePanoramaAsBrightAsAsked) {
+  v1::DatasetItem item = upright_item();
+  v1::Panorama& panorama = *item.mutable_light()->mutable_panorama();
+  panorama.set_name("dusk");
+  panorama.set_irradiance(30);
+  v1::Pixels pixels;
+  pixels.set_width(2);
+  pixels.set_height(2);
+  std::vector<float> rgb;
+  const auto above = static_cast<float>(1 / std::numbers::pi);
+  for (int i = 0; i < 2; ++i) rgb.insert(rgb.end(), {3 * above, above / 2, 0});
+  for (int i = 0; i < 2; ++i) rgb.insert(rgb.end(), {0, 0, 1});
+  pixels.set_rgb(to_bytes(rgb));
+  const auto scale_in = [&](v1::Film::Channel channel) {
+    item.set_channel(channel);
+    const v1::Scene scene = scene_of(item, triangles_of("cube"), 64, &pixels);
+    EXPECT_EQ(scene.film().channel(), channel);
+    return scene.lights(0).environment_map().scale();
+  };
+  EXPECT_EQ(scale_in(v1::Film::LUMINANCE), 30);
+  EXPECT_NEAR(scale_in(v1::Film::RED), 10, 1e-4);
+  EXPECT_NEAR(scale_in(v1::Film::GREEN), 60, 1e-3);
+  testing::expect_error(ErrorKind::kInvalidInput,
+                        {"the panorama dusk is black above the horizon in BLUE"},
+                        [&] { scale_in(v1::Film::BLUE); });
+}
+
 TEST(ItemScene, HasTheSurfaceAndTheGroundOfTheItem) {
   v1::DatasetItem item = upright_item();
   item.mutable_boundary()->set_index(1.4F);
@@ -171,6 +200,8 @@ TEST(ItemScene, ChecksWhatItsSizeFollowsFrom) {
     testing::expect_error(ErrorKind::kInvalidInput, {message}, [&] { check(change); });
   };
   EXPECT_NO_THROW(check([](auto&, auto&) {}));
+  expect_refused("items[0].channel is 4; it must be LUMINANCE, RED, GREEN or BLUE",
+                 [](auto& item, auto&) { item.set_channel(v1::Film::RGB); });
   for (const float size : {0.0F, 1e-9F, 121.0F}) {
     expect_refused("items[0].light.studio.emitters[0].size_degrees is",
                    [&](auto&, auto& emitter) { emitter.set_size_degrees(size); });

@@ -394,6 +394,37 @@ TEST(DatasetPlan, SunAndSkyAreAsBrightAsAsked) {
   EXPECT_NEAR(sum / kItems, 0, 0.01);
 }
 
+// An image of one colour is a choice of its own: it changes how bright the sun is, so that its
+// colour is as bright as asked, and nothing else.
+TEST(DatasetPlan, ColoursAreAsOftenAndAsBrightAsAsked) {
+  v1::DatasetConfig config = training_alone("outdoor");
+  *config.mutable_lights(0)->mutable_sun_sky()->mutable_irradiance() = fixed(100);
+  const ShapeSplit shapes = split_shapes(config, nameless(3));
+  v1::DatasetConfig coloured = config;
+  coloured.set_coloured(0.75);
+  std::map<v1::Film::Channel, int> counts;
+  for (uint64_t i = 0; i < 1600; ++i) {
+    v1::DatasetItem item = plan_item(coloured, shapes, i);
+    ++counts[item.channel()];
+    v1::Light light;
+    *light.mutable_sun_sky() = item.light().sun_sky();
+    const double irradiance = tracer::irradiance_from_above(
+        std::get<tracer::SunSkyLight>(build_light("light", light)), build_channel(item.channel()));
+    EXPECT_NEAR(irradiance, 100, 1e-4);
+    item.clear_channel();
+    v1::DatasetItem before = plan_item(config, shapes, i);
+    for (v1::DatasetItem* one : {&item, &before}) {
+      one->mutable_light()->mutable_sun_sky()->clear_sun_scale();
+      one->mutable_light()->mutable_sun_sky()->clear_sky_scale();
+    }
+    EXPECT_EQ(item.SerializeAsString(), before.SerializeAsString()) << i;
+  }
+  EXPECT_NEAR(counts[v1::Film::LUMINANCE], 400, 10);
+  for (const auto colour : {v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE}) {
+    EXPECT_NEAR(counts[colour], 400, 40) << colour;
+  }
+}
+
 // A light that is added changes nothing of the others.
 TEST(DatasetPlan, PanoramasAreOneMoreLight) {
   v1::DatasetConfig config = training_alone("studio");
