@@ -4,6 +4,7 @@
 #define ITN_TRACER_LIGHTS_PANEL_H_
 
 #include <cmath>
+#include <numbers>
 
 #include "common/error.h"
 #include "common/vec.h"
@@ -20,6 +21,7 @@ struct PanelLight {
   // times `across_u` are in [-1, 1] by, along half_u, and likewise.
   double distance2 = 1;
   Vec3d normal = {}, across_u = {}, across_v = {};
+  bool is_rectangle = false;  // once it is compiled, to the precision of floats
 
   static constexpr const char* kName = "panel";
   template <typename Self, typename Fields>
@@ -44,7 +46,8 @@ struct PanelLight {
             place.distance2,
             itn::normalize(n),
             cross(v, n) * (1 / dot(n, n)),
-            cross(n, u) * (1 / dot(n, n))};
+            cross(n, u) * (1 / dot(n, n)),
+            std::abs(dot(u, v)) <= 1e-6 * length(u) * length(v)};
   }
 
   static constexpr bool kDelta = false, kDistant = false;
@@ -70,43 +73,135 @@ struct PanelLight {
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
+// A rectangle as it is seen from places: its edges there along half_u and half_v, from x0 to x1 and
+// from y0 to y1, at a distance z from its plane.
+//
+// The part of it between the edge x0 and a place x on it is seen in the solid angle
+//   F(x, y1) - F(x, y0) - F(x0, y1) + F(x0, y0),   F(x, y) = atan(x y / (z sqrt(x^2 + y^2 + z^2))),
+// which for F = asin(x' y'), x' = x / sqrt(x^2 + z^2) and so on, can be solved for x. On the line
+// at x, directions are as likely as the sine of their angle with it from the middle grows evenly.
+// After Urena, Fajardo, King, "An area-preserving parametrization for spherical rectangles", EGSR
+// 2013. Where the angle is small, floats do not tell it: by area then, as all parallelograms are.
+struct SeenPanel {
+  Vectors to_center;
+  Floats x0, x1, y0, y1, z;
+  Floats begin, turns;  // F(x0, y1) - F(x0, y0), and the solid angle, over 2 pi
+  Mask by_angle;
+};
+HWY_INLINE Floats corner_turns(const SeenPanel& seen, Floats x, Floats y) {
+  const Floats xy = hn::Mul(x, y);
+  const Floats r2 = mul_add(x, x, mul_add(y, y, hn::Mul(seen.z, seen.z)));
+  return hn::CopySign(atan2_turns(hn::Abs(xy), hn::Mul(seen.z, hn::Sqrt(r2))), xy);
+}
+HWY_INLINE Floats turns_at(const SeenPanel& seen, Floats x) {
+  return hn::Sub(corner_turns(seen, x, seen.y1), corner_turns(seen, x, seen.y0));
+}
+HWY_INLINE SeenPanel seen_panel(const PanelLight& light, Vectors from) {
+  constexpr float kLeastTurns = 0.01F;
+  const Vectors to_center = set(static_cast<Vec3f>(light.center)) - from;
+  SeenPanel seen;
+  seen.to_center = to_center;
+  const auto edges = [&](Vec3d half, Floats& low, Floats& high) {
+    const Floats middle = dot(to_center, set(static_cast<Vec3f>(itn::normalize(half))));
+    const Floats reach = set(static_cast<float>(length(half)));
+    low = hn::Sub(middle, reach);
+    high = hn::Add(middle, reach);
+  };
+  edges(light.half_u, seen.x0, seen.x1);
+  edges(light.half_v, seen.y0, seen.y1);
+  seen.z = hn::Max(hn::Abs(dot(to_center, set(static_cast<Vec3f>(light.normal)))), set(1e-20F));
+  seen.begin = turns_at(seen, seen.x0);
+  seen.turns = hn::Sub(turns_at(seen, seen.x1), seen.begin);
+  seen.by_angle = hn::Gt(seen.turns, set(light.is_rectangle ? kLeastTurns : kInfinity));
+  return seen;
+}
+
+// What a place of it is drawn by, two uniform numbers, and conversely; a place as parts of the
+// edges, from 0 to 1.
+struct PanelPlace {
+  Floats u, v;
+};
+HWY_INLINE Floats line_sine(Floats y, Floats d2) {
+  return hn::Div(y, hn::Sqrt(mul_add(y, y, d2)));
+}
+HWY_INLINE PanelPlace place_of(const SeenPanel& seen, PanelPlace numbers) {
+  const Floats one = set(1.0F), zero = hn::Zero(FloatTag()), z2 = hn::Mul(seen.z, seen.z);
+  const auto part_of = [&](Floats at, Floats low, Floats high) {
+    return hn::Clamp(hn::Div(hn::Sub(at, low), hn::Sub(high, low)), zero, one);
+  };
+  // asin(x' y1') - asin(x' y0') = q.
+  const SinCos q = sin_cos_2pi(mul_add(numbers.u, seen.turns, seen.begin));
+  const Floats s0 = line_sine(seen.y0, z2), s1 = line_sine(seen.y1, z2), apart = hn::Sub(s1, s0);
+  const Floats twice = hn::Mul(hn::Add(s0, s0), s1);
+  const Floats squared = mul_add(apart, apart, hn::Mul(twice, hn::Sub(one, q.cos)));
+  const Floats sine = hn::Div(q.sin, hn::Sqrt(hn::Max(squared, set(1e-20F))));
+  const Floats cosine2 = hn::Max(hn::Sub(one, hn::Mul(sine, sine)), set(1e-12F));
+  const Floats x = hn::Clamp(hn::Div(hn::Mul(sine, seen.z), hn::Sqrt(cosine2)), seen.x0, seen.x1);
+  const Floats d2 = mul_add(x, x, z2);
+  const Floats h = mix(line_sine(seen.y0, d2), line_sine(seen.y1, d2), numbers.v);
+  const Floats rest2 = hn::Max(hn::Sub(one, hn::Mul(h, h)), set(1e-12F));
+  const Floats y = hn::Mul(h, hn::Sqrt(hn::Div(d2, rest2)));
+  return {hn::IfThenElse(seen.by_angle, part_of(x, seen.x0, seen.x1), numbers.u),
+          hn::IfThenElse(seen.by_angle, part_of(y, seen.y0, seen.y1), numbers.v)};
+}
+HWY_INLINE PanelPlace numbers_of(const SeenPanel& seen, PanelPlace place) {
+  const Floats x = mix(seen.x0, seen.x1, place.u), y = mix(seen.y0, seen.y1, place.v);
+  const Floats d2 = mul_add(x, x, hn::Mul(seen.z, seen.z));
+  const Floats h0 = line_sine(seen.y0, d2), h1 = line_sine(seen.y1, d2);
+  const Floats u = hn::Div(hn::Sub(turns_at(seen, x), seen.begin), seen.turns);
+  const Floats v = hn::Div(hn::Sub(line_sine(y, d2), h0), hn::Sub(h1, h0));
+  return {hn::IfThenElse(seen.by_angle, u, place.u), hn::IfThenElse(seen.by_angle, v, place.v)};
+}
+
 // Along a unit direction, at a distance from its front or back.
-HWY_INLINE Appearance appearance_of(const PanelLight& light, Floats facing, Floats distance) {
+HWY_INLINE Appearance appearance_of(const PanelLight& light, const SeenPanel& seen, Floats facing,
+                                    Floats distance) {
   const Floats by_area = hn::Mul(hn::Abs(facing), set(static_cast<float>(light.area())));
+  const Floats per_area = hn::Div(hn::Mul(distance, distance), hn::Max(by_area, set(1e-30F)));
+  const Floats per_angle = hn::Div(set(0.5F * std::numbers::inv_pi_v<float>), seen.turns);
   return {distance,
           {hn::IfThenElseZero(hn::Lt(facing, hn::Zero(FloatTag())),
                               set(static_cast<float>(light.radiance))),
-           hn::Div(hn::Mul(distance, distance), hn::Max(by_area, set(1e-30F)))}};
+           hn::IfThenElse(seen.by_angle, per_angle, per_area)}};
 }
 
-// All places of it alike.
-HWY_INLINE LampDraw draw(const PanelLight& light, Vectors from, const LightUniforms& u) {
+HWY_INLINE Vectors to_place(const PanelLight& light, const SeenPanel& seen, PanelPlace place) {
   const auto along = [](Floats v) { return hn::Sub(hn::Add(v, v), set(1.0F)); };
-  const Vectors place = set(static_cast<Vec3f>(light.center)) +
-                        set(static_cast<Vec3f>(light.half_u)) * along(u.u0) +
-                        set(static_cast<Vec3f>(light.half_v)) * along(u.u1);
-  const Vectors to = place - from;
+  return seen.to_center + set(static_cast<Vec3f>(light.half_u)) * along(place.u) +
+         set(static_cast<Vec3f>(light.half_v)) * along(place.v);
+}
+
+HWY_INLINE LampDraw draw(const PanelLight& light, Vectors from, const LightUniforms& u) {
+  const SeenPanel seen = seen_panel(light, from);
+  const Vectors to = to_place(light, seen, place_of(seen, {u.u0, u.u1}));
   const Floats distance = hn::Sqrt(hn::Max(dot(to, to), set(1e-20F)));
   const Vectors direction = to * hn::Div(set(1.0F), distance);
   const Floats facing = dot(direction, set(static_cast<Vec3f>(light.normal)));
-  return {direction, appearance_of(light, facing, distance)};
+  return {direction, appearance_of(light, seen, facing, distance)};
 }
 
 HWY_INLINE Appearance look(const PanelLight& light, Vectors from, Vectors d) {
   const Vectors normal = set(static_cast<Vec3f>(light.normal));
-  const Vectors to_center = set(static_cast<Vec3f>(light.center)) - from;
-  const Floats facing = dot(normal, d), t = hn::Div(dot(normal, to_center), facing);
-  const Vectors place = d * t - to_center;
+  const SeenPanel seen = seen_panel(light, from);
+  const Floats facing = dot(normal, d), t = hn::Div(dot(normal, seen.to_center), facing);
+  const Vectors place = d * t - seen.to_center;
   const auto within = [&](Vec3d across) {
     return hn::Le(hn::Abs(dot(place, set(static_cast<Vec3f>(across)))), set(1.0F));
   };
   const Mask met = hn::And(hn::Gt(t, hn::Zero(FloatTag())),
                            hn::And(within(light.across_u), within(light.across_v)));
-  return where(met, appearance_of(light, facing, t));
+  return where(met, appearance_of(light, seen, facing, t));
 }
 
 HWY_INLINE Vectors redraw(const PanelLight& light, Vectors from, Vectors d, Vectors other) {
-  return normalize(from + d * look(light, from, d).distance - other);
+  const SeenPanel here = seen_panel(light, from), there = seen_panel(light, other);
+  const Vectors place = d * look(light, from, d).distance - here.to_center;
+  const auto part = [&](Vec3d across) {
+    const Floats half = set(0.5F);
+    return mul_add(dot(place, set(static_cast<Vec3f>(across))), half, half);
+  };
+  const PanelPlace numbers = numbers_of(here, {part(light.across_u), part(light.across_v)});
+  return normalize(to_place(light, there, place_of(there, numbers)));
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -365,7 +365,7 @@ TEST(RoughDielectricTest, TheIndexKnowsNoLightWithoutSize) {
 TEST(RoughDielectricTest, TechniquesAgree) {
   SceneDescription description = rough_knot(1.5F, 0.25F);
   description.lights = {paper_sun_sky(), SphereLight{{0.6, 1.2, -0.9}, 0.3, 30},
-                        PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {0, 0.3, 0.2}, 30}};
+                        PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {-0.1, 0.1, 0.2}, 30}};
   description.object = make_shape("smooth_star");
   description.smooth_angle = 1;
   const Scene scene(std::move(description));
@@ -395,10 +395,10 @@ TEST(BoundaryTest, RefractedShadowRaysAreFair) {
   SceneDescription smooth = outside;
   smooth.boundary = Dielectric{1.5F};
   smooth.lights = {paper_sun_sky(), SphereLight{{0.6, 1.2, -0.9}, 0.3, 30},
-                   PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {0, 0.3, 0.2}, 30}};
+                   PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {-0.1, 0.1, 0.2}, 30}};
   SceneDescription lamps = outside;
   lamps.lights = {SphereLight{{0.6, 1.2, -0.9}, 0.3, 1}, ConstantLight{0.3},
-                  PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {0, 0.3, 0.2}, 1},
+                  PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {-0.1, 0.1, 0.2}, 1},
                   SpotLight{{0.2, 1.5, -1}, {0, 0.4, 0}, 1e-6, 0.1, 0.3}};
   SceneDescription inside = rough_knot(1.4F, 0.2F);
   inside.object = make_shape("cube");
