@@ -22,8 +22,9 @@ HWY_INLINE Emission emission(const Lights::Light& light, Vectors d) {
   return result;
 }
 
-// Its radiance in each colour, given that of all together.
-HWY_INLINE InColours colours(const Lights::Light& light, Vectors d, Floats radiance) {
+// Its radiance in each colour, given that of all together. Inlined, it slows down who asks for
+// none.
+HWY_NOINLINE inline InColours colours(const Lights::Light& light, Vectors d, Floats radiance) {
   InColours result{{radiance, radiance, radiance}};
   visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
     if constexpr (requires { colours(kind, d); }) {
