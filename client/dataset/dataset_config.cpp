@@ -311,6 +311,7 @@ void validate_lamp(const std::string& name, const v1::LampChoice& lamp) {
   validate(name + "azimuth_degrees", lamp.azimuth_degrees(), -kMaxAzimuth, kMaxAzimuth);
   validate(name + "elevation_degrees", lamp.elevation_degrees(), 0, 90);
   validate(name + "ambient", lamp.ambient(), 0, 10);
+  if (lamp.has_radius()) validate(name + "radius", lamp.radius(), 0, 0.3);
 }
 
 void validate_flash(const std::string& name, const v1::FlashChoice& flash) {

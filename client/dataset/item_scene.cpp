@@ -120,10 +120,19 @@ void add_flash(v1::Scene& scene, const v1::Flash& flash, const v1::ItemCamera& c
 // About the middle of the object.
 void add_lamp(v1::Scene& scene, const v1::Lamp& lamp, Vec3d middle) {
   const Vec3d direction = direction_at(lamp.azimuth_degrees(), lamp.elevation_degrees());
-  const double metres = lamp.distance() / 1000;
-  v1::PointLight& light = *scene.add_lights()->mutable_point();
-  *light.mutable_position() = vec3_of(middle + direction * lamp.distance());
-  light.set_intensity(static_cast<float>(lamp.irradiance() * metres * metres));
+  const v1::Vec3 position = vec3_of(middle + direction * lamp.distance());
+  if (lamp.radius() > 0) {
+    v1::SphereLight& light = *scene.add_lights()->mutable_sphere();
+    *light.mutable_center() = position;
+    light.set_radius(lamp.radius() * lamp.distance());
+    light.set_radiance(
+        static_cast<float>(lamp.irradiance() / (std::numbers::pi * lamp.radius() * lamp.radius())));
+  } else {
+    const double metres = lamp.distance() / 1000;
+    v1::PointLight& light = *scene.add_lights()->mutable_point();
+    *light.mutable_position() = position;
+    light.set_intensity(static_cast<float>(lamp.irradiance() * metres * metres));
+  }
   add_ambient(scene, lamp.ambient(), lamp.irradiance());
 }
 
@@ -189,6 +198,20 @@ void check_studio(const v1::Studio& studio, const std::string& path) {
 }
 
 }  // namespace
+
+bool may_be_seen(const v1::Lamp& lamp, const v1::ItemCamera& camera) {
+  const Vec3d to_lamp =
+      direction_at(lamp.azimuth_degrees(), lamp.elevation_degrees()) * lamp.distance();
+  const Vec3d to_camera = camera_direction(camera);
+  const double along = dot(to_lamp, to_camera), radius = lamp.radius() * lamp.distance();
+  const double from_axis = length(to_lamp - to_camera * along);
+  const double from_camera = camera.distance() - along;
+  // From the axis to the farthest corner of the frame, at the object.
+  const double corner =
+      (std::sqrt(0.5) + std::hypot(camera.offset_x(), camera.offset_y())) / camera.object_size();
+  const double reach = corner * std::max(0.0, from_camera + radius) / camera.distance();
+  return from_camera > -radius && from_axis < reach + radius;
+}
 
 void check_item(const v1::DatasetItem& item, const std::string& path) {
   check_message(item, path);

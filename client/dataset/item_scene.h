@@ -13,6 +13,10 @@ namespace itn {
 // where the scene is built.
 void check_item(const v1::DatasetItem& item, const std::string& path);
 
+// Whether some of a lamp may be in the picture that a camera takes, of a scene without anything
+// else.
+bool may_be_seen(const v1::Lamp& lamp, const v1::ItemCamera& camera);
+
 // Of an item that check_item() lets pass. `triangles`: its shape, as the file in a dataset has it.
 // `resolution`: pixels a side. `panorama`: likewise, where one lights the item.
 v1::Scene scene_of(const v1::DatasetItem& item, const v1::Triangles& triangles, uint32_t resolution,

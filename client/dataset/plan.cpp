@@ -13,6 +13,7 @@
 #include <fmt/ranges.h>
 
 #include "client/dataset/distribution.h"
+#include "client/dataset/item_scene.h"
 #include "client/dataset/sampler.h"
 #include "common/error.h"
 #include "common/low_discrepancy.h"
@@ -310,9 +311,12 @@ v1::Panorama draw_panorama(const v1::PanoramaChoice& choice, const std::vector<s
   return panorama;
 }
 
-v1::Lamp draw_lamp(const v1::LampChoice& choice, uint64_t light, const Choices& choices) {
+v1::Lamp draw_lamp_once(const v1::LampChoice& choice, uint64_t light, uint64_t attempt,
+                        const Choices& choices) {
   const auto draw = [&](uint64_t number, const v1::Distribution& distribution) {
-    return choices.draw(derive_seed(kLight, {light, number}), distribution);
+    return choices.draw(attempt == 0 ? derive_seed(kLight, {light, number})
+                                     : derive_seed(kLight, {light, number, attempt}),
+                        distribution);
   };
   v1::Lamp lamp;
   lamp.set_irradiance(draw(0, choice.irradiance()));
@@ -320,11 +324,24 @@ v1::Lamp draw_lamp(const v1::LampChoice& choice, uint64_t light, const Choices& 
   lamp.set_azimuth_degrees(draw(2, choice.azimuth_degrees()));
   lamp.set_elevation_degrees(draw(3, choice.elevation_degrees()));
   lamp.set_ambient(draw(4, choice.ambient()));
+  if (choice.has_radius()) lamp.set_radius(draw(5, choice.radius()));
   return lamp;
 }
 
+v1::Lamp draw_lamp(const v1::LampChoice& choice, const v1::ItemCamera& camera, uint64_t light,
+                   const Choices& choices) {
+  constexpr uint64_t kAttempts = 100;
+  for (uint64_t attempt = 0; attempt < kAttempts; ++attempt) {
+    const v1::Lamp lamp = draw_lamp_once(choice, light, attempt, choices);
+    if (lamp.radius() == 0 || !may_be_seen(lamp, camera)) return lamp;
+  }
+  throw invalid_input(fmt::format(
+      "lights[{}].lamp stands in the picture, {} times of {}: choose other directions or distances",
+      light, kAttempts, kAttempts));
+}
+
 v1::ItemLight draw_light(const v1::DatasetConfig& config, v1::Split split,
-                         v1::Film::Channel channel, const PanoramaSplit& panoramas,
+                         const v1::DatasetItem& item_so_far, const PanoramaSplit& panoramas,
                          const Choices& choices) {
   std::vector<double> weights;
   for (const v1::LightChoice& light : config.lights()) weights.push_back(light.weight());
@@ -343,9 +360,11 @@ v1::ItemLight draw_light(const v1::DatasetConfig& config, v1::Split split,
           draw_panorama(light.panoramas(), panoramas.names(split), kind, choices);
       break;
     case v1::LightChoice::kLamp:
-      *item.mutable_lamp() = draw_lamp(light.lamp(), kind, choices);
+      *item.mutable_lamp() = draw_lamp(light.lamp(), item_so_far.camera(), kind, choices);
       break;
-    default: *item.mutable_sun_sky() = draw_sun(light.sun_sky(), split, channel, kind, choices);
+    default:
+      *item.mutable_sun_sky() =
+          draw_sun(light.sun_sky(), split, item_so_far.channel(), kind, choices);
   }
   return item;
 }
@@ -400,7 +419,7 @@ v1::DatasetItem draw_scene(const v1::DatasetConfig& config, v1::Split split,
   draw_pose(config.pose(), choices, item);
   *item.mutable_camera() = draw_camera(config.camera(), choices);
   item.set_channel(draw_channel(config, choices));
-  *item.mutable_light() = draw_light(config, split, item.channel(), panoramas, choices);
+  *item.mutable_light() = draw_light(config, split, item, panoramas, choices);
   draw_ground(config.ground(), choices, item);
   if (config.has_boundary()) draw_boundary(config.boundary(), choices, item);
   return item;

@@ -187,6 +187,7 @@ TEST(DatasetConfig, SaysWhatIsOutOfRange) {
       {"shapes { random { count: 1 } }", "shapes.random.count is 1"},
       {"lights { weight: 1 }", "lights[0] says no light"},
       {"lights { lamp { distance { fixed: 0.5 } } }", "lights[0].lamp.distance is 0.5"},
+      {"lights { lamp { radius { fixed: 0.4 } } }", "lights[0].lamp.radius is 0.4"},
       {"lights { lamp { elevation_degrees { fixed: -1 } } }",
        "lights[0].lamp.elevation_degrees is -1"},
       {"boundary { probability: 1.5 }", "boundary.probability is 1.5; it must be in [0, 1]"},

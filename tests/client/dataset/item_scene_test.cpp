@@ -1,5 +1,6 @@
 #include "client/dataset/item_scene.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -116,6 +117,52 @@ TEST(ItemScene, ALampStandsAboutTheMiddle) {
   EXPECT_NEAR(light.position().z(), 0, 1e-5);
   EXPECT_NEAR(light.intensity(), 2e-4, 1e-9);
   EXPECT_NEAR(scene.lights(1).constant().radiance(), 4 / std::numbers::pi, 1e-5);
+}
+
+// A ball of the same irradiance there: pi radiance (radius / distance)^2.
+TEST(ItemScene, ALampMayHaveASize) {
+  v1::DatasetItem item = upright_item();
+  v1::Lamp& lamp = *item.mutable_light()->mutable_lamp();
+  lamp.set_irradiance(8);
+  lamp.set_distance(5);
+  lamp.set_elevation_degrees(90);
+  lamp.set_radius(0.2F);
+  const v1::Scene scene = scene_of(item, triangles_of("cube"), 64);
+  ASSERT_EQ(scene.lights_size(), 1);
+  const v1::SphereLight& light = scene.lights(0).sphere();
+  EXPECT_NEAR(light.center().y(), 5.5, 1e-5);
+  EXPECT_NEAR(light.radius(), 1, 1e-6);
+  EXPECT_NEAR(light.radiance(), 8 / (std::numbers::pi * 0.04), 1e-3);
+}
+
+// None is in a picture that may not be, and many that may be are: they are brighter than all else
+// that is there.
+TEST(ItemScene, KnowsWhichLampsStandInThePicture) {
+  RenderPool pool({});
+  v1::DatasetItem item = upright_item();
+  item.mutable_camera()->set_offset_x(0.1F);
+  v1::Lamp& lamp = *item.mutable_light()->mutable_lamp();
+  lamp.set_irradiance(8);
+  int possible = 0, seen = 0;
+  for (int i = 0; i < 300; ++i) {
+    lamp.set_azimuth_degrees(static_cast<float>(i * 37 % 360));
+    lamp.set_elevation_degrees(static_cast<float>(i % 61));
+    lamp.set_distance(1.5F + static_cast<float>(i % 17));
+    lamp.set_radius(i % 2 == 0 ? 0.1F : 0.2F);
+    RenderJob job{serialize(scene_of(item, triangles_of("cube"), 16)), {}};
+    job.request.mutable_material()->set_sigma_t(10);
+    job.request.set_spp(1);
+    const v1::RenderGradReply reply = pool.submit(job).get();
+    const bool shines = std::ranges::max(from_bytes<float>(reply.estimates(0).radiance())) > 50;
+    if (may_be_seen(lamp, item.camera())) {
+      ++possible;
+      seen += shines ? 1 : 0;
+    } else {
+      EXPECT_FALSE(shines) << i;
+    }
+  }
+  EXPECT_GT(possible, 30);
+  EXPECT_GT(seen, possible / 4);
 }
 
 // A panorama of luminance 1, whose green is half as bright above the horizon and blue is dark

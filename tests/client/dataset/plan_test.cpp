@@ -10,6 +10,7 @@
 
 #include "client/dataset/dataset.h"
 #include "client/dataset/distribution.h"
+#include "client/dataset/item_scene.h"
 #include "common/vec.h"
 #include "server/scene_compiler/scene_builder.h"
 #include "server/tracer/lights/sun_sky_irradiance.h"
@@ -392,6 +393,39 @@ TEST(DatasetPlan, SunAndSkyAreAsBrightAsAsked) {
   }
   // Two stretches with one in each 64th of the range.
   EXPECT_NEAR(sum / kItems, 0, 0.01);
+}
+
+// Where they have a size, they do not stand in the picture, and the others are where they were.
+TEST(DatasetPlan, LampsOfASizeAreDrawnOutOfThePicture) {
+  v1::DatasetConfig config = training_alone("outdoor");
+  config.clear_lights();
+  config.add_lights()->mutable_lamp();
+  set_defaults(config);
+  const ShapeSplit shapes = split_shapes(config, nameless(3));
+  v1::DatasetConfig of_a_size = config;
+  *of_a_size.mutable_lights(0)->mutable_lamp()->mutable_radius() = uniform(0.05, 0.2);
+  int moved = 0;
+  for (uint64_t i = 0; i < 1000; ++i) {
+    const v1::DatasetItem before = plan_item(config, shapes, i);
+    v1::DatasetItem item = plan_item(of_a_size, shapes, i);
+    const float radius = item.light().lamp().radius();
+    EXPECT_TRUE(radius >= 0.05F && radius <= 0.2F) << radius;
+    EXPECT_FALSE(may_be_seen(item.light().lamp(), item.camera())) << i;
+    item.mutable_light()->mutable_lamp()->clear_radius();
+    if (item.SerializeAsString() != before.SerializeAsString()) {
+      ++moved;
+      *item.mutable_light() = before.light();
+      EXPECT_EQ(item.SerializeAsString(), before.SerializeAsString()) << i;
+    }
+  }
+  EXPECT_TRUE(moved > 10 && moved < 200) << moved;
+  v1::LampChoice& lamp = *of_a_size.mutable_lights(0)->mutable_lamp();
+  *of_a_size.mutable_camera()->mutable_pitch_degrees() = fixed(20);
+  *lamp.mutable_elevation_degrees() = fixed(20);
+  *lamp.mutable_azimuth_degrees() = fixed(0);
+  *lamp.mutable_distance() = fixed(2);
+  expect_error(ErrorKind::kInvalidInput, "lights[0].lamp stands in the picture, 100 times of 100",
+               [&] { plan_item(of_a_size, shapes, 0); });
 }
 
 // An image of one colour is a choice of its own: it changes how bright the sun is, so that its
