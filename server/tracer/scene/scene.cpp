@@ -101,18 +101,18 @@ size_t estimated_memory(const SceneDescription& description) {
     sum += kByTriangleInNormals * (compiled ? compiled->mesh.triangles.size() : triangles);
   }
   if (refracts(description.boundary)) sum += CellNormals::most_memory();
-  const size_t channels = description.film.channel == Channel::kRgb ? 1 + kColours.size() : 1;
   for (const DiffuseSurface& surface : description.surfaces) {
     constexpr size_t kCopies = 3;  // of the compiled scene, of both tracers
     sum += kCopies * size_of(surface.mesh) +
            (Surfaces::kBytesByTriangle + 2 * kByTriangleInEmbree) * surface.mesh.triangles.size();
-    sum += channels * memory_of(surface.reflectance);  // of all colours: more than what is compiled
+    // Of all channels, and again one by one: more than what is compiled.
+    sum += 2 * memory_of(surface.reflectance);
   }
   for (const LightDescription& light : description.lights) {
     constexpr size_t kTables = size_t{4} << 20;
-    constexpr size_t kByPixel = 64;
+    constexpr size_t kByPixel = 64;  // of luminance, of each colour, and while it is built
     const auto* map = std::get_if<EnvironmentMapLight>(&light);
-    sum += channels * (kTables + (map ? kByPixel * map->rgb.size() / 3 : 0));
+    sum += kTables + (map ? kByPixel * map->rgb.size() / 3 : 0);
   }
   constexpr size_t kByFilmPixel = sizeof(uint32_t) + 1;  // which of them see the object
   return sum + kByFilmPixel * static_cast<size_t>(description.film.width) *

@@ -25,6 +25,8 @@
 //   weight W    what light at the end of the path counts: the product of the factors along it
 //   score       the derivative of the logarithm of the path's density by a parameter
 //   delta bounce  the last vertex draws no shadow ray: light ahead counts whole
+//   colour      one of the media of a request whose images share their paths
+//   likelihood  the density of a path in a colour, over the mean of all of them (flight-inl.h)
 //
 // It is compiled for every instruction set of simd/targets.h, and chosen at run time.
 // Multiplications and additions are fused where the code says so, not where the compiler likes
