@@ -1,12 +1,15 @@
 #include "client/render_pool/shared_colours.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <array>
 #include <string>
 #include <vector>
 
+#include "client/render_pool/render_job.h"
 #include "common/measured_media.h"
+#include "tests/support/scenes.h"
 
 namespace itn {
 namespace {
@@ -32,6 +35,19 @@ TEST(SharedPaths, PayWhereOnlyAlbedosDiffer) {
     const std::array media{Material{1e5, 1, g}, Material{1e5, 0.5, g}, Material{1e5, 0, g}};
     EXPECT_TRUE(shared_paths_pay(media, 1e3));
   }
+}
+
+TEST(SharedPaths, AreNamedByAllTheirMedia) {
+  RenderJob job{serialize(testing::cube_scene(16, 12)), testing::small_request(50)};
+  EXPECT_THAT(describe(job), ::testing::HasSubstr("sigma_t 8, albedo 0.9, g 0.3, seed 5"));
+  job.request.clear_material();
+  for (const double sigma_t : {8, 9, 12}) {
+    v1::Material& colour = *job.request.add_colours();
+    colour.set_sigma_t(sigma_t);
+    colour.set_albedo(0.5);
+    colour.set_g(0.2);
+  }
+  EXPECT_THAT(describe(job), ::testing::HasSubstr("sigma_t 8/9/12, albedo 0.5/0.5/0.5, g 0.2"));
 }
 
 TEST(SharedPaths, AreTakenApartByColour) {
