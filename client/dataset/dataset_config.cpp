@@ -412,11 +412,14 @@ void validate_grid(const v1::DatasetConfig& config) {
 }  // namespace
 
 std::span<const DatasetPreset> dataset_presets() {
-  const auto of_things_that_shine = [](std::string_view about, std::string_view more) {
+  const auto of_things_that_shine = [](std::string_view about, std::string_view lamp,
+                                       std::string_view more) {
     return photographs(about,
-                       {{2, kSunAndSkyOfOneIrradiance}, {2, kStudio}, {1, kFlash}, {1, kLamp}},
+                       {{2, kSunAndSkyOfOneIrradiance}, {2, kStudio}, {1, kFlash}, {1, lamp}},
                        std::string(kRoughSurface).append(kPatternAndBrightMaterial).append(more));
   };
+  std::string ball(kLamp);
+  ball.insert(ball.find("    ambient"), "    radius { log_uniform { min: 0.01 max: 0.2 } }\n");
   static const std::array kPresets = {
       DatasetPreset{"paper", "the set-up of Che et al. 2020", std::string(kPaper)},
       DatasetPreset{
@@ -440,12 +443,12 @@ std::span<const DatasetPreset> dataset_presets() {
           "glossy", "any light, near lamps too, on things with a surface that shines",
           of_things_that_shine("As `any`, and by lamps nearby, of what has a surface that reflects "
                                "and refracts, and absorbs as little as milk or marble.",
-                               "")},
-      DatasetPreset{
-          "channels", "as glossy, in the channels of photographs, or their luminance",
-          of_things_that_shine("As `glossy`, but three of four images show a channel of a "
-                               "photograph: what sun and sky send of one colour.",
-                               "coloured: 0.75\n")},
+                               kLamp, "")},
+      DatasetPreset{"channels", "as glossy, in the channels of photographs, or their luminance",
+                    of_things_that_shine(
+                        "As `glossy`, but three of four images show a channel of a "
+                        "photograph: what sun and sky send of one colour. Lamps have a size.",
+                        ball, "coloured: 0.75\n")},
   };
   return kPresets;
 }
