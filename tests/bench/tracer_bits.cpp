@@ -95,6 +95,9 @@ std::vector<std::pair<std::string, SceneDescription>> scenes() {
                 .translation = {0.1, 0.6, 0.2}};
   SceneDescription lamp = posed;
   lamp.lights = {PointLight{{0.5, 1.5, 1}, 2e-6}, ConstantLight{0.1}};
+  SceneDescription lamps = posed;
+  lamps.lights = {SphereLight{{0.5, 1.5, 1}, 0.3, 2}, ConstantLight{0.1},
+                  PanelLight{{-1, 1, 0.5}, {0.4, 0.4, 0}, {0, 0, 0.5}, 3}};
   result.emplace_back("gear_posed", std::move(posed));
   result.emplace_back("gear_lamp", std::move(lamp));
   SceneDescription smooth = scene_of("smooth_star");
@@ -109,6 +112,7 @@ std::vector<std::pair<std::string, SceneDescription>> scenes() {
   result.emplace_back("star_dielectric", std::move(smooth));
   result.emplace_back("star_rough_dielectric", std::move(rough));
   result.emplace_back("star_interpolated_normals", std::move(interpolated));
+  result.emplace_back("gear_lamps", std::move(lamps));
   return result;
 }
 
@@ -121,9 +125,27 @@ struct Ask {
   bool of_reference = true;  // as well
 };
 
-std::vector<Ask> asks(const Scene& scene) {
-  const RenderRequest image{
+const RenderRequest& plain_image() {
+  static const RenderRequest image{
       .material = {80, 0.85, 0.3}, .sample_count = 8, .seed = 5, .estimates = 2};
+  return image;
+}
+
+// Of a scene whose film shows kRgb.
+Ask colours_of(const Scene& scene) {
+  Ask ask{"colours", plain_image()};
+  ask.of_reference = false;
+  ask.request.colours = {{80, 0.85, 0.3}, {120, 0.7, 0.3}, {100, 0.4, 0.3}};
+  ask.request.derivatives = medium_parameters();
+  if (index_slot(scene.compiled().boundary)) {
+    ask.request.derivatives.push_back(parameter_named("rough_dielectric.roughness"));
+  }
+  return ask;
+}
+
+std::vector<Ask> asks(const Scene& scene) {
+  if (scene.compiled().film.channel == Channel::kRgb) return {colours_of(scene)};
+  const RenderRequest& image = plain_image();
   RenderRequest derivatives = image;
   derivatives.derivatives = medium_parameters();
   if (scene.surface_count() > 0) derivatives.derivatives.push_back({Parameter::kReflectance, 0});
@@ -174,7 +196,9 @@ std::string digest_of(const FilmSums& sums) {
     append(bytes, estimate.radiance);
     for (const auto& plane : estimate.derivatives) append(bytes, plane);
     for (const auto& plane : estimate.at_albedos) append(bytes, plane);
+    for (const auto& plane : estimate.colours) append(bytes, plane);
   }
+  for (const auto& plane : sums.colour_squares) append(bytes, plane);
   append(bytes, sums.squares);
   append(bytes, sums.hits);
   append(bytes, std::vector{sums.counters.paths, sums.counters.steps, sums.counters.invalid_samples,
@@ -185,7 +209,12 @@ std::string digest_of(const FilmSums& sums) {
 }  // namespace
 
 void print_bits() {
+  std::vector<std::pair<std::string, SceneDescription>> all = scenes();
   for (auto& [name, description] : scenes()) {
+    description.film.channel = Channel::kRgb;
+    all.emplace_back(name, std::move(description));
+  }
+  for (auto& [name, description] : all) {
     const Scene scene(std::move(description));
     for (Ask& ask : asks(scene)) {
       const auto print = [&](const char* tracer) {
