@@ -171,12 +171,6 @@ size_t number_of(v1::Film::Channel shown) {
   return shown == v1::Film::RED ? 0 : shown == v1::Film::BLUE ? 2 : 1;
 }
 
-double longest_side(const v1::Scene& scene) {
-  const Bounds box = object_bounds(scene);
-  const Vec3f size = box.max - box.min;
-  return double{std::max({size.x, size.y, size.z})};
-}
-
 Material material_of(const RenderFlags& options, const v1::Scene& scene, size_t channel) {
   if (options.material.empty()) {
     const auto of = [&](const std::vector<double>& numbers) {
@@ -186,7 +180,7 @@ Material material_of(const RenderFlags& options, const v1::Scene& scene, size_t 
   }
   Material material = measured_medium(options.material).material(channel);
   if (options.object_size > 0) {
-    material.sigma_t *= options.object_size / longest_side(scene);
+    material.sigma_t *= options.object_size / longest_side(object_bounds(scene));
   }
   return material;
 }
@@ -246,7 +240,7 @@ bool share_paths(const RenderFlags& options, const v1::Scene& scene,
   for (const Channel& channel : channels) materials.push_back(channel.material);
   const auto other_g = [&](const Material& m) { return m.g != materials[0].g; };
   return std::ranges::none_of(materials, other_g) &&
-         shared_paths_pay(materials, longest_side(scene));
+         shared_paths_pay(materials, longest_side(object_bounds(scene)));
 }
 
 // One for each channel, or one for all.

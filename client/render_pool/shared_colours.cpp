@@ -7,7 +7,7 @@ namespace itn {
 
 // A path that flies by sigma_t of one colour gets less likely in another, whose sigma_t is r times
 // as large, by r - 1 - log r at each scattering, in the mean of its logarithm. The light that is
-// seen has scattered some n times, by diffusion theory: n / ((1 - g) sqrt(1 - reduced albedo)), but
+// seen has scattered some 1 / ((1 - g) sqrt(1 - reduced albedo)) times, by diffusion theory, but
 // not more often than it finds free paths in the object. Measured (tracer_bench colours) over the
 // measured media at 3 and 30 mm, index-matched and behind a rough boundary, one render costs less
 // than three up to about this product.
