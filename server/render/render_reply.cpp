@@ -73,11 +73,9 @@ void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& requ
       }
     }
     proto.set_light_gradient(image_bytes(estimate.map_gradient));
-    for (const std::vector<float>& radiance : estimate.at_albedos) {
-      proto.add_at_albedos(image_bytes(radiance));
-    }
-    for (const std::vector<float>& radiance : estimate.colours) {
-      proto.add_colours(image_bytes(radiance));
+    for (const std::vector<float>& radiance : estimate.other_media) {
+      *(request.colours().empty() ? proto.add_at_albedos() : proto.add_colours()) =
+          image_bytes(radiance);
     }
   }
   reply.set_mask(image_bytes(images.mask));

@@ -658,7 +658,7 @@ void measure_dataset(const Options& options) {
         double worst = share([](const RenderedImages& r) { return r.estimates[0].radiance; });
         for (size_t a = 0; a < kind.albedos.size(); ++a) {
           worst = std::max(
-              worst, share([a](const RenderedImages& r) { return r.estimates[0].at_albedos[a]; }));
+              worst, share([a](const RenderedImages& r) { return r.estimates[0].other_media[a]; }));
         }
         cpu_for_target += cpu * worst;
         images += 1 + static_cast<double>(kind.albedos.size());
@@ -765,7 +765,7 @@ void measure_colours(const Options& options) {
       shared_seconds.push_back(sums.counters.cpu_seconds);
       const RenderedImages images = means(sums);
       for (size_t c = 0; c < own.size(); ++c) {
-        const std::vector<float>& image = images.estimates[0].colours[c];
+        const std::vector<float>& image = images.estimates[0].other_media[c];
         shared[c].add({image.begin(), image.end()});
         RenderRequest one = request;
         one.material = request.colours[c];

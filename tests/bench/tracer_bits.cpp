@@ -195,10 +195,9 @@ std::string digest_of(const FilmSums& sums) {
     append(bytes, estimate.counts);
     append(bytes, estimate.radiance);
     for (const auto& plane : estimate.derivatives) append(bytes, plane);
-    for (const auto& plane : estimate.at_albedos) append(bytes, plane);
-    for (const auto& plane : estimate.colours) append(bytes, plane);
+    for (const auto& plane : estimate.other_media) append(bytes, plane);
   }
-  for (const auto& plane : sums.colour_squares) append(bytes, plane);
+  for (const auto& plane : sums.other_squares) append(bytes, plane);
   append(bytes, sums.squares);
   append(bytes, sums.hits);
   append(bytes, std::vector{sums.counters.paths, sums.counters.steps, sums.counters.invalid_samples,

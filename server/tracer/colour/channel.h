@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <vector>
 
 namespace itn::tracer {
@@ -10,6 +11,9 @@ using Rgb = std::array<double, 3>;
 
 // A table of floats for each colour.
 using RgbTables = std::array<std::vector<float>, 3>;
+inline size_t memory_of(const RgbTables& tables) {
+  return tables.size() * tables[0].size() * sizeof(float);
+}
 
 // Of kRgb all three are rendered, and luminance tells how.
 enum class Channel { kLuminance, kRed, kGreen, kBlue, kRgb };

@@ -74,21 +74,18 @@ RenderedImages means(const FilmSums& sums) {
       image.map_gradient.push_back(
           static_cast<float>(static_cast<double>(sum) * sums.map_quantum * sums.gradient_unit));
     }
-    for (const std::vector<int64_t>& radiance : estimate.at_albedos) {
-      image.at_albedos.push_back(averages(radiance, sums.quantum, estimate.counts));
-    }
-    for (const std::vector<int64_t>& radiance : estimate.colours) {
-      image.colours.push_back(averages(radiance, sums.quantum, estimate.counts));
+    for (const std::vector<int64_t>& radiance : estimate.other_media) {
+      image.other_media.push_back(averages(radiance, sums.quantum, estimate.counts));
     }
   }
   const std::vector<uint32_t> counts = all_counts(sums);
   images.mask = averages(sums.hits, 1, counts);
   images.standard_error = standard_errors(
       sums, counts, sums.squares, [](const auto& e) -> const auto& { return e.radiance; });
-  for (size_t c = 0; c < sums.colour_squares.size(); ++c) {
+  for (size_t c = 0; c < sums.other_squares.size(); ++c) {
     images.colour_standard_errors.push_back(standard_errors(
         sums, counts,
-        sums.colour_squares[c], [c](const auto& e) -> const auto& { return e.colours[c]; }));
+        sums.other_squares[c], [c](const auto& e) -> const auto& { return e.other_media[c]; }));
   }
   return images;
 }

@@ -39,13 +39,13 @@ struct FilmSums {
     std::vector<int64_t> radiance;
     std::vector<std::vector<int64_t>> derivatives;  // in the order of RenderRequest::derivatives
     std::vector<int64_t> gradient, map_gradient;    // instead
-    std::vector<std::vector<int64_t>> at_albedos;   // radiance for RenderRequest::albedos
-    std::vector<std::vector<int64_t>> colours;      // and for RenderRequest::colours
+    std::vector<std::vector<int64_t>>
+        other_media;  // radiance for RenderRequest::albedos or colours
   };
   std::vector<EstimateSums> estimates;
   std::vector<int64_t> squares;  // of radiance, over all estimates; each at most 2^42 quanta
-  std::vector<std::vector<int64_t>> colour_squares;  // the same of each colour
-  std::vector<int64_t> hits;                         // camera rays that meet the object
+  std::vector<std::vector<int64_t>> other_squares;  // the same of each colour
+  std::vector<int64_t> hits;                        // camera rays that meet the object
   Counters counters;
 
   // Where a pixel, numbered in the camera's film, is in the arrays.
@@ -64,11 +64,10 @@ uint32_t samples_of_estimate(uint32_t count, uint32_t k, uint32_t estimates);
 struct RenderedImages {
   struct Estimate {
     std::vector<float> radiance;
-    std::vector<std::vector<float>> derivatives;   // in the order of RenderRequest::derivatives
-    std::vector<std::vector<float>> at_albedos;    // for RenderRequest::albedos
-    std::vector<std::vector<float>> colours = {};  // for RenderRequest::colours
-    std::vector<double> gradient = {};             // instead of derivatives, in their order
-    std::vector<float> map_gradient = {};          // by pixel of the panorama, top row first
+    std::vector<std::vector<float>> derivatives;  // in the order of RenderRequest::derivatives
+    std::vector<std::vector<float>> other_media;  // for RenderRequest::albedos or colours
+    std::vector<double> gradient = {};            // instead of derivatives, in their order
+    std::vector<float> map_gradient = {};         // by pixel of the panorama, top row first
   };
   std::vector<Estimate> estimates;
   std::vector<float> mask;  // fraction of camera rays that meet the object

@@ -93,7 +93,7 @@ FilmSums empty_film(const Scene::Compiled& scene, const RenderRequest& request, 
   }
   const auto pixels = static_cast<size_t>(film.width) * static_cast<size_t>(film.height);
   film.squares.resize(pixels);
-  film.colour_squares.assign(colours, std::vector<int64_t>(pixels));
+  film.other_squares.assign(colours, std::vector<int64_t>(pixels));
   film.hits.resize(pixels);
   film.estimates.resize(request.estimates);
   for (uint32_t k = 0; k < request.estimates; ++k) {
@@ -107,8 +107,7 @@ FilmSums empty_film(const Scene::Compiled& scene, const RenderRequest& request, 
     if (request.gradient_weights.empty()) {
       estimate.derivatives.assign(derivative_count(request), std::vector<int64_t>(pixels));
     }
-    estimate.at_albedos.assign(request.albedos.size(), std::vector<int64_t>(pixels));
-    estimate.colours.assign(colours, std::vector<int64_t>(pixels));
+    estimate.other_media.assign(request.albedos.size() + colours, std::vector<int64_t>(pixels));
   }
   if (!request.gradient_weights.empty()) prepare_gradient(scene, request, plan, film);
   return film;
@@ -119,8 +118,8 @@ FilmWriter::FilmWriter(FilmSums& film)
       estimates_(static_cast<uint32_t>(film.estimates.size())),
       is_gradient_(!film.gradient_factors.empty()),
       derivatives_(film.derivative_quanta.size()),
-      albedos_(film.estimates[0].at_albedos.size()),
-      colours_(film.estimates[0].colours.size()),
+      other_media_(film.estimates[0].other_media.size()),
+      other_squares_(film.other_squares.size()),
       per_radiance_(1 / film.quantum),
       per_square_(1 / film.squares_quantum) {
   for (size_t i = 0; i < derivatives_; ++i) per_derivative_[i] = 1 / film.derivative_quanta[i];
@@ -169,9 +168,8 @@ void FilmWriter::restart(PixelSums& sums, uint32_t pixel, uint32_t estimate) con
   sums.estimate = estimate;
   sums.hits = sums.radiance = sums.squares = 0;
   std::fill_n(sums.derivatives.begin(), derivatives_, 0);
-  std::fill_n(sums.at_albedos.begin(), albedos_, 0);
-  std::fill_n(sums.colours.begin(), colours_, 0);
-  std::fill_n(sums.colour_squares.begin(), colours_, 0);
+  std::fill_n(sums.other_media.begin(), other_media_, 0);
+  std::fill_n(sums.other_squares.begin(), other_squares_, 0);
 }
 
 // Adds a path to sums, unless it is NaN, infinite or beyond their range: the one door for these.
@@ -182,11 +180,8 @@ bool FilmWriter::collect(const PathEstimate& path, PixelSums& sums) {
     representable =
         representable && std::abs(path.derivatives[i] * per_derivative_[i]) < kMaxQuanta;
   }
-  for (size_t a = 0; a < albedos_; ++a) {
-    representable = representable && std::abs(path.at_albedos[a] * per_radiance_) < kMaxQuanta;
-  }
-  for (size_t c = 0; c < colours_; ++c) {
-    representable = representable && std::abs(path.colours[c] * per_radiance_) < kMaxQuanta;
+  for (size_t m = 0; m < other_media_; ++m) {
+    representable = representable && std::abs(path.other_media[m] * per_radiance_) < kMaxQuanta;
   }
   if (!representable) return false;
   sums.radiance += std::llrint(radiance);
@@ -205,13 +200,10 @@ bool FilmWriter::collect(const PathEstimate& path, PixelSums& sums) {
       sums.derivatives[i] += std::llrint(path.derivatives[i] * per_derivative_[i]);
     }
   }
-  for (size_t a = 0; a < albedos_; ++a) {
-    sums.at_albedos[a] += std::llrint(path.at_albedos[a] * per_radiance_);
+  for (size_t m = 0; m < other_media_; ++m) {
+    sums.other_media[m] += std::llrint(path.other_media[m] * per_radiance_);
   }
-  for (size_t c = 0; c < colours_; ++c) {
-    sums.colours[c] += std::llrint(path.colours[c] * per_radiance_);
-    sums.colour_squares[c] += square(path.colours[c]);
-  }
+  for (size_t m = 0; m < other_squares_; ++m) sums.other_squares[m] += square(path.other_media[m]);
   return true;
 }
 
@@ -223,10 +215,11 @@ void FilmWriter::flush(const PixelSums& sums) {
   for (size_t i = 0; i < estimate.derivatives.size(); ++i) {
     add_to(estimate.derivatives[i][pixel], sums.derivatives[i]);
   }
-  for (size_t a = 0; a < albedos_; ++a) add_to(estimate.at_albedos[a][pixel], sums.at_albedos[a]);
-  for (size_t c = 0; c < colours_; ++c) {
-    add_to(estimate.colours[c][pixel], sums.colours[c]);
-    add_to(film_->colour_squares[c][pixel], sums.colour_squares[c]);
+  for (size_t m = 0; m < other_media_; ++m) {
+    add_to(estimate.other_media[m][pixel], sums.other_media[m]);
+  }
+  for (size_t m = 0; m < other_squares_; ++m) {
+    add_to(film_->other_squares[m][pixel], sums.other_squares[m]);
   }
   add_to(film_->squares[pixel], sums.squares);
   add_to(film_->hits[pixel], sums.hits);

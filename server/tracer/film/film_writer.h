@@ -16,8 +16,7 @@ namespace itn::tracer {
 struct PathEstimate {
   double radiance = 0;
   std::array<double, kMaxDerivatives> derivatives{};  // for RenderRequest::derivatives
-  std::array<double, kMaxAlbedos> at_albedos{};       // radiance for RenderRequest::albedos
-  std::array<double, 3> colours{};                    // radiance for RenderRequest::colours
+  std::array<double, kMaxAlbedos> other_media{};      // radiance for its albedos or colours
   bool hit = false;                                   // the camera ray meets the object
   bool leaked = false;                                // to be dropped
   uint32_t steps = 0;                                 // free flights inside the medium
@@ -46,8 +45,7 @@ class FilmWriter {
     uint32_t pixel = kNone, estimate = 0;
     int64_t hits = 0, radiance = 0, squares = 0;
     std::array<int64_t, kMaxDerivatives> derivatives{};
-    std::array<int64_t, kMaxAlbedos> at_albedos{};
-    std::array<int64_t, 3> colours{}, colour_squares{};
+    std::array<int64_t, kMaxAlbedos> other_media{}, other_squares{};
   };
   bool collect(const PathEstimate& path, PixelSums& sums);
   // Adds them to the film.
@@ -58,7 +56,7 @@ class FilmWriter {
   FilmSums* film_;
   uint32_t estimates_;
   bool is_gradient_;
-  size_t derivatives_, albedos_, colours_;  // how many images of each
+  size_t derivatives_, other_media_, other_squares_;  // how many images of each
   // Of estimates, by derivative: collected here until close().
   std::vector<std::array<int64_t, kMaxDerivatives>> gradients_;
   double per_radiance_, per_square_;

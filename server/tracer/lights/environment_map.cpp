@@ -57,9 +57,8 @@ EnvironmentMapTable::EnvironmentMapTable(const EnvironmentMapLight& light, Chann
 }
 
 size_t EnvironmentMapTable::memory() const {
-  size_t floats = values_.size() + edges_.size() + inverse_angles_.size();
-  for (const std::vector<float>& colour : colours_) floats += colour.size();
-  return sizeof(*this) + floats * sizeof(float) + (cells_ ? cells_->memory() : 0);
+  return sizeof(*this) + (values_.size() + edges_.size() + inverse_angles_.size()) * sizeof(float) +
+         memory_of(colours_) + (cells_ ? cells_->memory() : 0);
 }
 
 double EnvironmentMapTable::value(int column, int row) const {

@@ -17,9 +17,8 @@
 // or, if it is far away,
 //   emission(kind, d)  radiance, and the density per steradian with which `sample` draws d
 //   sample(kind, u)    a direction towards it
-//   colours(kind, d)   where it is in `d`, its radiance in red, green and blue, if it was compiled
-//   for
-//                      kRgb and they are not alike
+//   colours(kind, d)   its radiance in red, green and blue, where it is, if that differs and it was
+//                      compiled for kRgb
 // and else, of a lamp that paths meet, which is black to other light and hides what is behind it,
 //   look(kind, from, d)    how it is seen in that direction: see Appearance (light-inl.h)
 //   draw(kind, from, u)    a direction towards it

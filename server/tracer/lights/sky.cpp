@@ -71,9 +71,7 @@ SkyTable::SkyTable(double turbidity, double ground_albedo, double sun_elevation,
 }
 
 size_t SkyTable::memory() const {
-  size_t floats = values_.size();
-  for (const std::vector<float>& colour : colours_) floats += colour.size();
-  return sizeof(*this) + floats * sizeof(float) + cells_.memory();
+  return sizeof(*this) + values_.size() * sizeof(float) + memory_of(colours_) + cells_.memory();
 }
 
 // Power of every cell; where there is no light at all, any distribution will do.

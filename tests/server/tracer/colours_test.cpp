@@ -75,7 +75,7 @@ std::vector<FilmEstimate> estimate_colours(const Scene& scene, RenderRequest req
     const FilmSums sums = render_grad(scene, request);
     for (size_t c = 0; c < kColours.size(); ++c) {
       FilmSums one = sums;
-      one.estimates[0].radiance = sums.estimates[0].colours[c];
+      one.estimates[0].radiance = sums.estimates[0].other_media[c];
       means_of[c].push_back(film_mean(one, -1));
       for (size_t d = 0; d < derivatives; ++d) {
         const size_t layer = d * kColours.size() + c;
@@ -165,12 +165,12 @@ TEST(ColoursTest, AlikeAreOne) {
   const RenderedImages images = means(render_grad(scene, request));
   const auto& estimate = images.estimates[0];
   for (size_t c = 0; c < kColours.size(); ++c) {
-    EXPECT_EQ(estimate.colours[c], estimate.colours[0]);
+    EXPECT_EQ(estimate.other_media[c], estimate.other_media[0]);
     for (size_t d = 0; d < request.derivatives.size(); ++d) {
       EXPECT_EQ(estimate.derivatives[3 * d + c], estimate.derivatives[3 * d]);
     }
     for (size_t p = 0; p < estimate.radiance.size(); ++p) {
-      EXPECT_NEAR(estimate.colours[c][p], estimate.radiance[p], 1e-4) << p;
+      EXPECT_NEAR(estimate.other_media[c][p], estimate.radiance[p], 1e-4) << p;
       EXPECT_NEAR(images.colour_standard_errors[c][p], images.standard_error[p], 1e-4) << p;
     }
   }

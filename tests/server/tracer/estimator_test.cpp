@@ -124,7 +124,7 @@ TEST(AlbedosTest, FromOneWalkAreThoseOfTheirOwn) {
     const RenderedImages images = means(render_grad(scene, together));
     for (size_t a = 0; a < means_at.size(); ++a) {
       double sum = 0;
-      for (const float v : images.estimates[0].at_albedos[a]) sum += v;
+      for (const float v : images.estimates[0].other_media[a]) sum += v;
       means_at[a].push_back(sum / static_cast<double>(images.mask.size()));
     }
   }

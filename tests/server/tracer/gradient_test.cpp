@@ -113,8 +113,7 @@ TEST(GradientTest, PixelsAddUpToTheLight) {
     request.gradient_weights = weights_of(scene);
     request.gradient_light = 0;
     const RenderedImages images = means(render_grad(scene, request));
-    const auto& [radiance, derivatives, at_albedos, colours, gradient, by_pixel] =
-        images.estimates[0];
+    const auto& [radiance, derivatives, other_media, gradient, by_pixel] = images.estimates[0];
     ASSERT_EQ(by_pixel.size(), size_t{kWidth * kHeight});
     double sum = 0;
     for (size_t i = 0; i < by_pixel.size(); ++i) {

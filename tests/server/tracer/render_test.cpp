@@ -49,7 +49,7 @@ void expect_same(const FilmSums& a, const FilmSums& b) {
   for (size_t k = 0; k < a.estimates.size(); ++k) {
     EXPECT_EQ(a.estimates[k].radiance, b.estimates[k].radiance);
     EXPECT_EQ(a.estimates[k].derivatives, b.estimates[k].derivatives);
-    EXPECT_EQ(a.estimates[k].at_albedos, b.estimates[k].at_albedos);
+    EXPECT_EQ(a.estimates[k].other_media, b.estimates[k].other_media);
     EXPECT_EQ(a.estimates[k].counts, b.estimates[k].counts);
   }
   EXPECT_EQ(a.squares, b.squares);
@@ -269,8 +269,8 @@ TEST(RenderTest, TheMaterialsOwnAlbedoIsTheImage) {
   RenderRequest s = request();
   s.albedos = {s.material.albedo, 0};
   const FilmSums sums = render_grad(mug_in_the_sun(), s);
-  EXPECT_EQ(sums.estimates[1].at_albedos[0], sums.estimates[1].radiance);
-  EXPECT_NE(sums.estimates[1].at_albedos[1], sums.estimates[1].radiance);
+  EXPECT_EQ(sums.estimates[1].other_media[0], sums.estimates[1].radiance);
+  EXPECT_NE(sums.estimates[1].other_media[1], sums.estimates[1].radiance);
 }
 
 TEST(RenderTest, DerivativesDoNotChangeTheImage) {

@@ -65,10 +65,9 @@ void PathRecorder::record(size_t slot) {
                                    ? (*collected)[slot] - expected * (*control_variate)[slot]
                                    : (*collected)[slot];
   }
-  for (size_t a = 0; a < paths_.radiance_at_albedos.size(); ++a) {
-    estimate_.at_albedos[a] = paths_.radiance_at_albedos[a][slot];
-  }
-  for (size_t c = 0; c < paths_.colours.size(); ++c) estimate_.colours[c] = paths_.colours[c][slot];
+  const FloatStates<>& others =
+      paths_.colours.empty() ? paths_.radiance_at_albedos : paths_.colours;
+  for (size_t m = 0; m < others.size(); ++m) estimate_.other_media[m] = others[m][slot];
   film_.add({paths_.pixel[slot], paths_.sample[slot], expected}, estimate_);
 }
 
