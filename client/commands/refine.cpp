@@ -30,6 +30,7 @@
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_file.h"
 #include "server/scene_compiler/mesh_builder.h"
+#include "server/tracer/colour/channel.h"
 
 namespace itn {
 namespace {
@@ -51,10 +52,10 @@ std::vector<float> radiance_of(const Image& image, v1::Film::Channel channel,
     return image.channel(names[static_cast<size_t>(channel - v1::Film::RED)]);
   }
   std::vector<float> luminance(image.channel(names[0]).size());
-  constexpr std::array<float, 3> kLuminance = {0.2126F, 0.7152F, 0.0722F};
   for (size_t c = 0; c < 3; ++c) {
     const std::vector<float>& plane = image.channel(names[c]);
-    for (size_t p = 0; p < plane.size(); ++p) luminance[p] += kLuminance[c] * plane[p];
+    const auto weight = static_cast<float>(tracer::kLuminanceOfColours[c]);
+    for (size_t p = 0; p < plane.size(); ++p) luminance[p] += weight * plane[p];
   }
   return luminance;
 }

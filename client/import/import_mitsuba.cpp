@@ -15,6 +15,7 @@
 #include "common/angle.h"
 #include "common/error.h"
 #include "common/measured_media.h"
+#include "server/tracer/colour/channel.h"
 
 namespace itn {
 namespace {
@@ -133,7 +134,7 @@ class Importer {
     if (colour[0] != colour[1] || colour[1] != colour[2]) {
       leave(of, "its colour: the luminance was taken; --channel takes R, G or B");
     }
-    return static_cast<float>(0.2126 * colour[0] + 0.7152 * colour[1] + 0.0722 * colour[2]);
+    return static_cast<float>(tracer::luminance(colour));
   }
 
   static void set(v1::Vec3& to, const Vector3d& v) {
