@@ -120,9 +120,9 @@ class EmbreeIntersector final : public Intersector {
     const float cosine = hit.Ng_x * ray.dir_x + hit.Ng_y * ray.dir_y + hit.Ng_z * ray.dir_z;
     bool accepted = false;
     if (hit.geomID == kObject) {
-      accepted = (context.wanted == Wanted::kExit && cosine > 0) ||
-                 (context.wanted == Wanted::kEntry && cosine < 0);
-    } else {
+      const bool exits = context.wanted == Wanted::kExit || context.wanted == Wanted::kExitOnly;
+      accepted = (exits && cosine > 0) || (context.wanted == Wanted::kEntry && cosine < 0);
+    } else if (context.wanted != Wanted::kExitOnly) {
       accepted =
           hit.geomID - 1 != context.excluded.surface || hit.primID != context.excluded.triangle;
     }

@@ -31,8 +31,8 @@ struct Line {
   Vec3f at(float t) const { return origin + direction * t; }
 };
 
-// Which crossings of the boundary a query looks for; surfaces always count.
-enum class Wanted { kExit, kEntry, kSurfaceOnly };
+// Which crossings of the boundary a query looks for; surfaces count, but for the last.
+enum class Wanted { kExit, kEntry, kSurfaceOnly, kExitOnly };
 
 struct Hit {
   float t = std::numeric_limits<float>::infinity();

@@ -58,7 +58,8 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
   ray.entered = inside;
   float t = line.start;
   const float reach = line.start + distance;
-  float last_exit = 0, last_entry = 0;  // distances; crossings of a kind lie beyond the last one
+  // Distances; crossings of a kind lie beyond the last one.
+  float last_exit = from.at_boundary ? t + line.slack : 0, last_entry = 0;
   const auto from_distance = [&](float last) {
     return std::max(t - line.slack, std::nextafter(last, kInfinity));
   };
@@ -77,7 +78,12 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
   for (int crossings = 0; crossings < kMaxCrossings; ++crossings) {
     if (inside) {
       const float end = std::min(reach, t + (max_medium_length - ray.medium_length));
-      const Hit hit = intersector_->closest(line, from_distance(last_exit), end, Wanted::kExit);
+      Hit hit = intersector_->closest(line, from_distance(last_exit), end, Wanted::kExit);
+      if (stops_at_boundary && hit.on_surface()) {
+        const Hit exit = intersector_->closest(line, from_distance(last_exit), hit.t + line.slack,
+                                               Wanted::kExitOnly);
+        if (exit.found) hit = exit;
+      }
       if (!hit.found && end == reach && reach < kInfinity) {
         ray.medium_length += end - t;
         return ray;
@@ -101,7 +107,12 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
       last_exit = hit.t;
       inside = false;
     } else {
-      const Hit hit = intersector_->closest(line, from_distance(last_entry), reach, Wanted::kEntry);
+      Hit hit = intersector_->closest(line, from_distance(last_entry), reach, Wanted::kEntry);
+      if (stops_at_boundary && hit.found && !hit.on_surface()) {
+        const Hit surface = intersector_->closest(line, hit.t, std::min(reach, hit.t + line.slack),
+                                                  Wanted::kSurfaceOnly);
+        if (surface.found) hit = surface;
+      }
       if (!hit.found) return ray;
       t = std::max(t, hit.t);
       if (hit.on_surface()) {

@@ -7,8 +7,14 @@
 //      than the entry before it less `slack` and after every earlier exit, an entry likewise. So
 //      coincident faces are met in order, and as both strictly grow, every line ends.
 //   3. `slack`, a few units in the last place of the coordinates, also reaches behind the origin,
-//   so
-//      that a point that rounding has put just beyond the boundary still finds its crossing there.
+//      so that a point that rounding has put just beyond the boundary still finds its crossing
+//      there.
+// A line that stops at the boundary forgets what it has crossed:
+//   4. Inside, a line from the boundary meets nothing within `slack` ahead, where parts that touch
+//      the one it is in, and surfaces that this one stands on, have faces in the same plane.
+//   5. Between a surface and a boundary within `slack` of each other there is a gap: the boundary
+//   is
+//      met first from inside, the surface from outside.
 #pragma once
 
 #include <limits>
@@ -25,8 +31,9 @@ namespace itn::tracer {
 // A point that a line starts from or ends at, and what it is at.
 struct Interaction {
   Vec3f position;
-  bool inside = false;  // the medium
-  SurfaceTriangle on;   // the triangle it lies on, which a line from it cannot meet again
+  bool inside = false;       // the medium
+  SurfaceTriangle on;        // the triangle it lies on, which a line from it cannot meet again
+  bool at_boundary = false;  // a line that stops there ended here
 };
 
 // How a straight line through the scene ended.

@@ -30,11 +30,14 @@ struct Rays {
   static constexpr int kEnteredBit = 3;
   static constexpr uint32_t kEndMask = 7, kEntered = 1 << kEnteredBit;
 
-  // An interaction: bit 0 set inside the medium; above it the number of the surface's triangle that
-  // the point lies on, plus 1, or 0.
-  static constexpr uint32_t kInside = 1;
-  static constexpr uint32_t on_surface(uint32_t triangle) { return (triangle + 1) << 1; }
-  static constexpr uint32_t surface_of(uint32_t interaction) { return (interaction >> 1) - 1; }
+  // An interaction: bit 0 set inside the medium; bit 1 if a line that stops at the boundary ended
+  // there; above them the number of the surface's triangle that the point lies on, plus 1, or 0.
+  static constexpr uint32_t kInside = 1, kAtBoundary = 2;
+  static constexpr int kSurfaceBit = 2;
+  static constexpr uint32_t on_surface(uint32_t triangle) { return (triangle + 1) << kSurfaceBit; }
+  static constexpr uint32_t surface_of(uint32_t interaction) {
+    return (interaction >> kSurfaceBit) - 1;
+  }
 };
 
 // Of rays that end in a crossing of the boundary: where it is and which way the ray goes is the

@@ -148,6 +148,31 @@ TEST(BoundaryTest, AnObjectVanishesInAFurnace) {
   }
 }
 
+// An object that stands on the ground is one that is held just above it: what leaves it below is
+// reflected once.
+TEST(BoundaryTest, AnObjectStandsOnTheGround) {
+  for (const Boundary& boundary :
+       {Boundary(Dielectric{1.3F}), Boundary(RoughDielectric{1.3F, 0.4F}),
+        Boundary(Dielectric{1})}) {
+    const auto at_height = [&](float height) {
+      SceneDescription description = studio("cube", {ConstantLight{1}}, 0.6F);
+      description.object = box({-0.4F, height, -0.4F}, {0.4F, height + 0.3F, 0.4F});
+      description.camera.origin = {0, 30, -10};
+      description.boundary = boundary;
+      return Scene(std::move(description));
+    };
+    const Scene standing = at_height(0), held = at_height(1e-4F);
+    for (const Tracer tracer : kTracers) {
+      const RenderRequest request = request_for(tracer, {3, 0.95, 0.5}, 256);
+      const FilmEstimate stands = estimate_film(standing, request, 32);
+      const FilmEstimate is_held = estimate_film(held, request, 32, 101);
+      expect_equal(stands.radiance, is_held.radiance, 6, name_of(tracer));
+      expect_resolution(difference(stands.radiance, is_held.radiance), is_held.radiance.mean, 0.02,
+                        name_of(tracer));
+    }
+  }
+}
+
 // Inside, the radiance is index^2 times that of the light outside.
 TEST(DielectricTest, RadianceInsideGrowsWithTheSquareOfTheIndex) {
   SceneDescription description = studio("sphere", {ConstantLight{1}});

@@ -102,6 +102,9 @@ class LineFollower {
     const Uints inside = hn::And(interaction, set(Rays::kInside));
     store(fresh, inside, lines_.inside, v);
     store(fresh, inside, lines_.entered, v);
+    const uint32_t just_inside = Rays::kInside | Rays::kAtBoundary;
+    const Mask ahead = equals(hn::And(interaction, set(just_inside)), just_inside);
+    store(fresh, hn::IfThenElse(ahead, hn::Add(start, slack), slack), lines_.first, v);
     store(fresh, hn::Zero(UintTag()), lines_.crossings, v);
 
     begin_in_grid(grid_, lines_, fresh, v, origin, direction);
@@ -118,6 +121,13 @@ class LineFollower {
     }
   }
 
+  // Up to where crossings come before the surface: rule 5 of geometry/line_geometry.h.
+  HWY_INLINE Floats last_before_surface(Mask inside, size_t v) const {
+    const Floats surface_t = load(lines_.surface_t, v), slack = load(lines_.slack, v);
+    if constexpr (!AtBoundary::kStops) return surface_t;
+    return hn::Add(surface_t, hn::IfThenElse(inside, slack, hn::Neg(slack)));
+  }
+
   // The next query of lines: inside for an exit within the rest of the budget, outside for an
   // entry, both up to the surface.
   void begin_queries(Mask where, size_t v) {
@@ -131,10 +141,12 @@ class LineFollower {
         hn::IfThenElse(inside, load(lines_.last_exit, v), load(lines_.last_entry, v));
     // The next larger float: these are not negative.
     const Floats beyond = hn::BitCast(d, hn::Add(hn::BitCast(UintTag(), last), set(uint32_t{1})));
-    const Floats t_min = hn::Max(hn::Sub(t, load(lines_.slack, v)), beyond);
+    const Floats t_min =
+        hn::Max(hn::Max(hn::Sub(t, load(lines_.slack, v)), beyond), load(lines_.first, v));
     const Floats rest =
         hn::Add(t, hn::Sub(load(lines_.max_medium_length, v), load(lines_.medium_length, v)));
-    Floats end = hn::Min(load(lines_.surface_t, v), hn::IfThenElse(inside, rest, set(kInfinity)));
+    Floats end =
+        hn::Min(last_before_surface(inside, v), hn::IfThenElse(inside, rest, set(kInfinity)));
     if (rays_.bounded) end = hn::Min(end, load(lines_.reach, v));
     store(where, t_min, lines_.t_min, v);
     store(where, end, lines_.end, v);
@@ -169,13 +181,15 @@ class LineFollower {
     const Mask inside = not_zero(load(lines_.inside, v));
     const Floats hit = load(lines_.hit, v), surface_t = load(lines_.surface_t, v),
                  t = load(lines_.t, v);
-    const Mask crossed = hn::And(where, hn::Lt(hit, hn::Min(surface_t, set(kInfinity))));
+    const Floats before_surface = last_before_surface(inside, v);
+    const Mask crossed = hn::And(where, hn::Lt(hit, hn::Min(before_surface, set(kInfinity))));
     const Mask missed = hn::AndNot(crossed, where);
 
     const Mask exits = hn::And(crossed, inside), entries = hn::AndNot(inside, crossed);
-    const Floats end = load(lines_.end, v);
-    const Mask at_surface =
-        hn::And(missed, hn::And(hn::Eq(end, surface_t), hn::Lt(surface_t, set(kInfinity))));
+    const Floats query_end = load(lines_.end, v);
+    const Mask at_surface = hn::And(
+        missed, hn::And(hn::Eq(query_end, before_surface), hn::Lt(surface_t, set(kInfinity))));
+    const Floats end = hn::IfThenElse(at_surface, surface_t, query_end);
     const Floats stop = hn::Max(t, hn::IfThenElse(crossed, hit, end));
     if constexpr (AtBoundary::kStops) locate(crossed, v);
     const Floats travelled = hn::IfThenElseZero(inside, hn::Sub(stop, t));
@@ -293,7 +307,7 @@ class LineFollower {
       const Vectors normal = gather(surfaces.normals);
       const Floats off = dot(end_point - gather(surfaces.corners[0]), normal);
       end_point = if_then_else(at_surface, end_point - normal * off, end_point);
-      const Uints number = hn::ShiftLeft<1>(hn::Add(triangle, set(uint32_t{1})));
+      const Uints number = hn::ShiftLeft<Rays::kSurfaceBit>(hn::Add(triangle, set(uint32_t{1})));
       what = hn::Or(what, hn::IfThenElseZero(for_uints(at_surface), number));
     }
     write(end_point.x, rays_.position.x);

@@ -19,7 +19,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 // Rays::surface_of, Surfaces::kNone where there is none.
 HWY_INLINE Uints surface_of(Uints interaction) {
-  return hn::Sub(hn::ShiftRight<1>(interaction), set(uint32_t{1}));
+  return hn::Sub(hn::ShiftRight<Rays::kSurfaceBit>(interaction), set(uint32_t{1}));
 }
 
 // As long as any line, but not infinite: it may be multiplied by 0.
@@ -50,7 +50,7 @@ inline void find_many_surfaces(const Surfaces& surfaces, Lines& lines, LineBits 
       line.excluded = {static_cast<uint32_t>(mesh - first.begin()), lines.excluded[i] - *mesh};
     }
     line.origin = lines.origin.at(i);
-    const Hit hit = surfaces.many->closest(line, lines.slack[i], kInfinity, Wanted::kSurfaceOnly);
+    const Hit hit = surfaces.many->closest(line, lines.first[i], kInfinity, Wanted::kSurfaceOnly);
     if (hit.found) {
       lines.surface_t[i] = hit.t;
       lines.surface[i] = first[hit.surface.surface] + hit.surface.triangle;
@@ -69,7 +69,7 @@ inline void find_surfaces(const Surfaces& surfaces, Lines& lines, Mask where, si
     return;
   }
   const Vectors o = lines.origin.load(v), w = lines.direction.load(v);
-  const Floats from = load(lines.slack, v), zero = hn::Zero(d);
+  const Floats from = load(lines.first, v), zero = hn::Zero(d);
   const Uints excluded = load(lines.excluded, v);
   Floats nearest = load(lines.surface_t, v);
   Uints found = load(lines.surface, v);

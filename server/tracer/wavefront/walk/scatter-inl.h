@@ -178,7 +178,9 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   }
   const Uints toggled =
       hn::IfThenElseZero(for_uints(hn::And(where, next.transmitted)), set(Rays::kInside));
-  store(hn::Xor(load(paths.rays.interaction, i), toggled), paths.rays.interaction, i);
+  const Uints interaction = hn::Xor(load(paths.rays.interaction, i), toggled);
+  const Uints at_boundary = hn::IfThenElseZero(for_uints(where), set(Rays::kAtBoundary));
+  store(hn::Or(interaction, at_boundary), paths.rays.interaction, i);
 }
 
 // Draws the next direction: by the phase function around the last one, by the cosine law around the
