@@ -27,7 +27,8 @@ struct Fans {
 
 }  // namespace
 
-CornerNormals::CornerNormals(const Mesh& mesh, double smooth_angle, const std::stop_token& stop) {
+CornerNormals::CornerNormals(const Mesh& mesh, const std::vector<Range>& ranges,
+                             const std::stop_token& stop) {
   Cancellation cancellation(stop);
   const auto corner = [&](uint32_t triangle, size_t k) {
     return static_cast<Vec3d>(mesh.vertices[mesh.triangles[triangle][k % 3]]);
@@ -43,11 +44,13 @@ CornerNormals::CornerNormals(const Mesh& mesh, double smooth_angle, const std::s
       angles[t][k] = std::atan2(length(cross(a, b)), dot(a, b));
     }
   }
-  const double least = std::cos(smooth_angle);
+  double least = 1;
+  auto next = ranges.begin();
   const Fans fans(mesh);
   by_triangle_.resize(triangles);
   for (uint32_t t = 0; t < triangles; ++t) {
     cancellation.turn();
+    for (; next != ranges.end() && next->first <= t; ++next) least = std::cos(next->smooth_angle);
     for (size_t k = 0; k < 3; ++k) {
       const uint32_t vertex = mesh.triangles[t][k];
       Vec3d sum = normals[t] * angles[t][k];

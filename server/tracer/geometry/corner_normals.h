@@ -17,12 +17,19 @@ class CornerNormals {
  public:
   // Flat triangles.
   CornerNormals() = default;
-  // Triangles whose normals are less than `smooth_angle` apart, in radians, bound one surface where
+  // Triangles from a first one on, up to where another range begins, and their smooth angle, in
+  // radians.
+  struct Range {
+    uint32_t first;
+    double smooth_angle;
+  };
+  // Triangles whose normals are less than the smooth angle apart bound one surface where
   // they share a vertex: there, its normal is their mean, weighted by their angles at the vertex
   // (Thuermer, Wuethrich, "Computing vertex normals from polygonal facets", JGT 1998). Vertices of
   // more than kMaxFan triangles are left out, as points of cones are.
   // Throws Error (cancelled) soon after a stop is asked for.
-  CornerNormals(const Mesh& mesh, double smooth_angle, const std::stop_token& stop = {});
+  CornerNormals(const Mesh& mesh, const std::vector<Range>& ranges,
+                const std::stop_token& stop = {});
 
   static constexpr size_t kMaxFan = 256;
 

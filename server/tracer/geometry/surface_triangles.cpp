@@ -49,8 +49,9 @@ void Surfaces::add_corner_normals(const std::vector<DiffuseSurface>& surfaces) {
   if (std::ranges::none_of(surfaces, is_smooth)) return;
   size_t number = 0;
   for (const DiffuseSurface& surface : surfaces) {
-    const CornerNormals of_mesh =
-        is_smooth(surface) ? CornerNormals(surface.mesh, surface.smooth_angle) : CornerNormals();
+    const CornerNormals of_mesh = is_smooth(surface)
+                                      ? CornerNormals(surface.mesh, {{0, surface.smooth_angle}})
+                                      : CornerNormals();
     for (uint32_t t = 0; t < surface.mesh.triangles.size(); ++t) {
       const Vec3f own = normals.at(number++);
       corner_normals[0].push_back(of_mesh.at(t, 0, 0, own));

@@ -65,11 +65,6 @@ constexpr uint32_t kStopInterval = 512;
 
 // By slot of the phase function, and behind them of the boundary.
 using Scores = std::array<float, kMaxPhaseSlots + kMaxBoundarySlots>;
-Scores boundary_scores(const HWY_NAMESPACE::Floats (&by_slot)[kMaxBoundarySlots]) {
-  Scores result{};
-  for (size_t s = 0; s < kMaxBoundarySlots; ++s) result[kMaxPhaseSlots + s] = GetLane(by_slot[s]);
-  return result;
-}
 Scores sum(const Scores& a, const Scores& b) {
   Scores result;
   for (size_t s = 0; s < a.size(); ++s) result[s] = a[s] + b[s];
@@ -84,13 +79,11 @@ class Walk {
         request_(request),
         switches_(switches),
         sampler_(sampler),
-        sigma_t_(static_cast<float>(request.material.sigma_t)),
-        albedo_(static_cast<float>(request.material.albedo)),
-        phase_(phase_of(request)),
-        phase_slots_(slot_count(phase_)),
+        phase_slots_(slot_count(phase_of(request))),
         stops_at_boundary_(stops_lines(scene.boundary)),
         index_slot_(differentiated_index(request, scene.boundary)),
         geometry_(scene.geometry()) {
+    enter(scene.camera_medium);
     for (size_t i = 0; i < request.derivatives.size(); ++i) {
       if (request.derivatives[i].kind == Parameter::kReflectance) reflectances_.push_back(i);
     }
@@ -116,6 +109,17 @@ class Walk {
   }
 
  private:
+  // From now on the path is in this medium, or at its boundary: see Scene::Compiled::camera_medium.
+  void enter(size_t medium) {
+    of_object_ = medium == 0;
+    const Material& material =
+        of_object_ ? request_.material : scene_.other_media[medium - 1].material;
+    sigma_t_ = static_cast<float>(material.sigma_t);
+    albedo_ = static_cast<float>(material.albedo);
+    phase_ = of_object_ ? phase_of(request_) : HenyeyGreenstein{static_cast<float>(material.g)};
+    boundary_ = &scene_.boundary_of(medium);
+  }
+
   void start_at_camera(int x, int y) {
     const Uniforms u = sampler_.uniforms(0, Sampler::kFilm);
     const CameraRay ray = scene_.camera_ray(x + double{u[0]}, y + double{u[1]});
@@ -133,9 +137,9 @@ class Walk {
                          scene_.lights.reach(at_.position, direction_));
     if (ray.entered) {
       ++result_.steps;
-      score_sigma_t_ -= ray.medium_length;
+      if (of_object_) score_sigma_t_ -= ray.medium_length;
     }
-    if (ray.end == RayResult::End::kInMedium) score_sigma_t_ += 1 / sigma_t_;
+    if (of_object_ && ray.end == RayResult::End::kInMedium) score_sigma_t_ += 1 / sigma_t_;
     if (vertex_ == 1) result_.hit = ray.entered;
     return ray;
   }
@@ -161,7 +165,7 @@ class Walk {
 
   // A scattering in the medium: sends a shadow ray, then draws the next direction.
   void scatter(const Interaction& at, float u0, float u1) {
-    dweight_dalbedo_ = dweight_dalbedo_ * albedo_ + weight_;
+    dweight_dalbedo_ = dweight_dalbedo_ * albedo_ + (of_object_ ? weight_ : 0);
     weight_ *= albedo_;
     edge_weight_ *= albedo_;
     for (const size_t i : reflectances_) dweight_dreflectance_[i] *= albedo_;
@@ -236,23 +240,24 @@ class Walk {
       result_.leaked = true;
       return;
     }
+    enter(scene_.medium_at(ray.triangle));
     const bool leaving = ray.at.inside;
     const CornerNormals& normals = scene_.obstacles.corner_normals;
     const Crossing at = crossing_of(
         HWY_NAMESPACE::set(direction_),
         HWY_NAMESPACE::set(normals.at(ray.triangle, ray.v, ray.w, ray.normal)),
         HWY_NAMESPACE::set(ray.normal), FirstN(HWY_NAMESPACE::FloatTag(), leaving ? 1 : 0),
-        normals.flat(), index_slot_.has_value());
+        normals.flat(), of_object_ && index_slot_.has_value());
     at_ = {ray.at.position, false, {}};
-    if (!is_delta(scene_.boundary)) {
+    if (!is_delta(*boundary_)) {
       send_shadow_ray([&](Vec3f to_light) {
         if (!(dot(ray.normal, to_light) > 0)) return Response{};
-        const BoundaryValue light = evaluate(scene_.boundary, at, HWY_NAMESPACE::set(to_light));
+        const BoundaryValue light = evaluate(*boundary_, at, HWY_NAMESPACE::set(to_light));
         return Response{GetLane(light.value), GetLane(light.pdf), boundary_scores(light.scores)};
       });
     }
     const RandomWords words = sampler_.words(vertex_, Sampler::kBoundary);
-    const BoundarySample next = sample(scene_.boundary, at, HWY_NAMESPACE::set(words));
+    const BoundarySample next = sample(*boundary_, at, HWY_NAMESPACE::set(words));
     const float edge = weight_ * GetLane(next.edge_weight);
     at_.inside = leaving != AllTrue(HWY_NAMESPACE::FloatTag(), next.transmitted);
     at_.at_boundary = true;
@@ -261,7 +266,7 @@ class Walk {
     edge_weight_ += edge;
     score_slots_ = sum(score_slots_, boundary_scores(next.scores));
     pdf_ = GetLane(next.pdf);
-    use_mis_ = !is_delta(scene_.boundary) && !(edge > 0);
+    use_mis_ = !is_delta(*boundary_) && !(edge > 0);
   }
 
   // By a factor that no derivative is asked for in.
@@ -279,6 +284,15 @@ class Walk {
     Scores scores;  // d log value / d slot
   };
 
+  // Those of the object alone.
+  Scores boundary_scores(const HWY_NAMESPACE::Floats (&by_slot)[kMaxBoundarySlots]) const {
+    Scores result{};
+    for (size_t s = 0; of_object_ && s < kMaxBoundarySlots; ++s) {
+      result[kMaxPhaseSlots + s] = GetLane(by_slot[s]);
+    }
+    return result;
+  }
+
   // What the phase function says of an angle.
   struct AtAngle {
     float value;
@@ -287,7 +301,9 @@ class Walk {
   AtAngle at_angle(float cosine) const {
     const auto lane = evaluate(phase_, HWY_NAMESPACE::set(cosine));
     AtAngle result{GetLane(lane.value), {}};
-    for (size_t s = 0; s < phase_slots_; ++s) result.scores[s] = GetLane(lane.scores[s]);
+    for (size_t s = 0; of_object_ && s < phase_slots_; ++s) {
+      result.scores[s] = GetLane(lane.scores[s]);
+    }
     return result;
   }
 
@@ -371,9 +387,7 @@ class Walk {
   const RenderRequest& request_;
   const Switches& switches_;
   const Sampler& sampler_;
-  const float sigma_t_, albedo_;
-  const PhaseFunction phase_;
-  const size_t phase_slots_;
+  const size_t phase_slots_;  // of the object's medium
   const bool stops_at_boundary_;
   const std::optional<size_t> index_slot_;  // of the boundary, for a derivative
   const Geometry& geometry_;
@@ -382,6 +396,12 @@ class Walk {
   uint32_t vertex_ = 0;
   Interaction at_;
   Vec3f direction_;
+  // The medium that the path is in, or whose boundary it met last, and whether that is the
+  // object's, in which alone there are scores.
+  float sigma_t_ = 1, albedo_ = 0;
+  PhaseFunction phase_;
+  const Boundary* boundary_ = nullptr;
+  bool of_object_ = true;
   // Whether shadow rays look for the light ahead too: not on the camera's ray, nor behind a
   // boundary that is a delta.
   bool use_mis_ = false;

@@ -250,6 +250,11 @@ void validate(const RenderRequest& request, const Scene& scene) {
   if (request.colours.empty() != (compiled.film.channel != Channel::kRgb)) {
     throw invalid_input("colours and a film whose channel is RGB need one another");
   }
+  if (!request.colours.empty() && !compiled.other_media.empty()) {
+    throw invalid_input(
+        "colours do not share their paths where there are other_objects: they need a render of "
+        "each colour");
+  }
   if (differentiated_index(request, compiled.boundary)) check_edges_find_lights(compiled.lights);
   for (const Parameter& parameter : request.derivatives) {
     if (parameter.kind == Parameter::kBoundary) {

@@ -67,14 +67,30 @@ std::shared_ptr<const Normals> shared_normals(const SceneDescription& scene, std
   return parts.get<Normals>(part_keys.back(), stop, compute);
 }
 
+// Of those of the object and, behind them, of the others.
+uint32_t first_other_triangle(const SceneDescription& scene, const Object& object) {
+  size_t first = object.mesh.triangles.size();
+  for (const OtherObject& other : scene.other_objects) first -= other.mesh.triangles.size();
+  return static_cast<uint32_t>(first);
+}
+
 BoundaryNormals boundary_normals(const SceneDescription& scene, const Object& object,
                                  PartCache& parts, std::vector<std::string>& part_keys,
                                  const std::stop_token& stop) {
   BoundaryNormals normals;
-  if (scene.smooth_angle > 0 && stops_lines(scene.boundary)) {
+  const auto is_smooth = [](const OtherObject& other) { return other.smooth_angle > 0; };
+  if (stops_lines(scene.boundary) &&
+      (scene.smooth_angle > 0 || std::ranges::any_of(scene.other_objects, is_smooth))) {
     normals.corners = shared_normals<CornerNormals>(
-        scene, part_key("corner normals", scene.smooth_angle), parts, part_keys, stop,
-        [&] { return CornerNormals(object.mesh, scene.smooth_angle, stop); });
+        scene, part_key("corner normals", scene.smooth_angle), parts, part_keys, stop, [&] {
+          std::vector<CornerNormals::Range> ranges{{0, scene.smooth_angle}};
+          uint32_t first = first_other_triangle(scene, object);
+          for (const OtherObject& other : scene.other_objects) {
+            ranges.push_back({first, other.smooth_angle});
+            first += static_cast<uint32_t>(other.mesh.triangles.size());
+          }
+          return CornerNormals(object.mesh, ranges, stop);
+        });
   }
   if (refracts(scene.boundary)) {
     normals.cells = shared_normals<CellNormals>(scene, "cell normals", parts, part_keys, stop, [&] {
@@ -82,6 +98,25 @@ BoundaryNormals boundary_normals(const SceneDescription& scene, const Object& ob
     });
   }
   return normals;
+}
+
+std::vector<Scene::Compiled::OtherMedium> other_media_of(const SceneDescription& scene,
+                                                         const Object& object) {
+  std::vector<Scene::Compiled::OtherMedium> media;
+  uint32_t first = first_other_triangle(scene, object);
+  for (const OtherObject& other : scene.other_objects) {
+    media.push_back({first, other.material, compile(other.boundary)});
+    first += static_cast<uint32_t>(other.mesh.triangles.size());
+  }
+  return media;
+}
+
+// The medium that a point inside of one is in.
+size_t medium_around(const SceneDescription& scene, Vec3d p) {
+  for (size_t k = 0; k < scene.other_objects.size(); ++k) {
+    if (winding_number(scene.other_objects[k].mesh, p) > 0.5) return k + 1;
+  }
+  return 0;
 }
 
 // Of what lines meet. Unlike any other if it is not said what that depends on.
@@ -112,6 +147,7 @@ std::string lamps_key(const Lights& lights) {
 Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std::stop_token& stop)
     : object(std::move(scene.compiled_object)),
       boundary(tracer::compile(scene.boundary)),
+      other_media(other_media_of(scene, *object)),
       colour_reflectances(colour_reflectances_of(scene)),
       surfaces(to_object(scene.pose, scene.film.channel, std::move(scene.surfaces))),
       obstacles(object, surfaces, boundary_normals(scene, *object, parts, part_keys, stop)),
@@ -120,8 +156,13 @@ Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std:
       film(scene.film),
       camera_inside(contains(object->bounds, camera.origin()) &&
                     winding_number(object->mesh, camera.origin()) > 0.5),
-      camera_weight(camera_inside ? static_cast<float>(std::pow(relative_index(boundary), 2)) : 1),
-      camera_score(camera_inside ? static_cast<float>(2 / relative_index(boundary)) : 0),
+      camera_medium(camera_inside ? medium_around(scene, camera.origin()) : 0),
+      camera_weight(camera_inside ? static_cast<float>(
+                                        std::pow(relative_index(boundary_of(camera_medium)), 2))
+                                  : 1),
+      camera_score(camera_inside && camera_medium == 0
+                       ? static_cast<float>(2 / relative_index(boundary))
+                       : 0),
       box(enlarged(obstacles.bounds)),
       film_box(camera.film_box(static_cast<Vec3d>(box.min), static_cast<Vec3d>(box.max))),
       parts_(parts),

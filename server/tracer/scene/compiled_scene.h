@@ -28,11 +28,24 @@ struct CameraRay {
 
 // All in the coordinates of the object's mesh.
 struct Scene::Compiled {
-  // The object is compiled. `parts` lives longer. Throws Error (cancelled).
+  // The object is compiled, the others with it (joined_mesh). `parts` lives longer. Throws Error
+  // (cancelled).
   Compiled(SceneDescription&& scene, PartCache& parts, const std::stop_token& stop);
 
   // Through film position (x, y), in pixels.
   CameraRay camera_ray(double x, double y) const;
+
+  // Of a medium: see camera_medium.
+  const Boundary& boundary_of(size_t medium) const {
+    return medium == 0 ? boundary : other_media[medium - 1].boundary;
+  }
+
+  // Of a crossing: the number of the medium that the triangle bounds.
+  size_t medium_at(uint32_t triangle) const {
+    size_t medium = 0;
+    while (medium < other_media.size() && triangle >= other_media[medium].first_triangle) ++medium;
+    return medium;
+  }
 
   // What the reference renders with; made when first asked for.
   const Geometry& geometry() const;
@@ -45,8 +58,15 @@ struct Scene::Compiled {
   // Without what is shared.
   size_t memory() const;
 
-  std::shared_ptr<const Object> object;
+  std::shared_ptr<const Object> object;  // with the other objects behind it in the mesh
   Boundary boundary;
+  // Of the other objects; their triangles are those from `first_triangle` on.
+  struct OtherMedium {
+    uint32_t first_triangle;
+    Material material;
+    Boundary boundary;
+  };
+  std::vector<OtherMedium> other_media;
   // Those of all surfaces, by colour; empty unless the film shows kRgb.
   std::vector<std::vector<Reflectance>> colour_reflectances;
   std::vector<DiffuseSurface> surfaces;
@@ -55,10 +75,11 @@ struct Scene::Compiled {
   Lights lights;
   Camera camera;
   FilmDescription film;
-  bool camera_inside;  // the medium
+  bool camera_inside;    // a medium
+  size_t camera_medium;  // 0: the object's, else that of other_media[camera_medium - 1]
   // The radiance at the camera over that which paths count (boundary/crossing-inl.h).
   float camera_weight;
-  float camera_score;        // the derivative of its logarithm in the index of the medium
+  float camera_score;        // the derivative of its logarithm in the index of the object
   Bounds box;                // of the object, a little enlarged
   Camera::FilmBox film_box;  // of that box
 

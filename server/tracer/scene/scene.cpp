@@ -20,6 +20,21 @@ size_t size_of(const Mesh& mesh) {
          mesh.triangles.size() * sizeof(std::array<uint32_t, 3>);
 }
 
+// Those that are not there or stand where a boundary is of another kind would need other paths.
+void check_other(const std::string& name, const SceneDescription& scene, const OtherObject& other) {
+  itn::validate(other.material, name + ".material");
+  check_fields(name + ".", other.boundary);
+  in_closed(name + ".smooth_angle", other.smooth_angle, 0, std::numbers::pi);
+  const auto kind = [](const Boundary& boundary) {
+    return std::visit([](const auto& of_kind) { return of_kind.kName; }, boundary);
+  };
+  if (stops_lines(scene.boundary) && other.boundary.index() == scene.boundary.index()) return;
+  throw invalid_input(fmt::format(
+      "{} is {} and the object {}; where there are several, all of them must be "
+      "{}, or all {}, with any numbers (index 1 of the first lets light pass straight)",
+      name, kind(other.boundary), kind(scene.boundary), Dielectric::kName, RoughDielectric::kName));
+}
+
 // A path behind a smooth boundary meets lights by chance alone.
 void check_lights_are_found(const SceneDescription& scene) {
   const auto name = [](const auto& kind) { return kind.kName; };
@@ -56,6 +71,13 @@ void check(const SceneDescription& scene) {
   }
   check_fields("object.", scene.boundary);
   in_closed("object.smooth_angle", scene.smooth_angle, 0, std::numbers::pi);
+  if (scene.other_objects.size() > kMaxOtherObjects) {
+    throw invalid_input(fmt::format("the number of other_objects is {}; it must be in [0, {}]",
+                                    scene.other_objects.size(), kMaxOtherObjects));
+  }
+  for (size_t k = 0; k < scene.other_objects.size(); ++k) {
+    check_other(fmt::format("other_objects[{}]", k), scene, scene.other_objects[k]);
+  }
   if (stops_lines(scene.boundary) && is_delta(scene.boundary)) check_lights_are_found(scene);
 }
 
@@ -72,10 +94,35 @@ void check_distance(const SceneDescription& scene) {
   }
 }
 
+// Puts the other objects behind the object: one mesh of several parts.
+void join_objects(SceneDescription& scene, const std::stop_token& stop) {
+  if (scene.other_objects.empty()) return;
+  if (scene.compiled_object) scene.object = scene.compiled_object->mesh;
+  scene.compiled_object = nullptr;
+  const bool has_keys = !scene.object_key.empty() && !scene.other_objects_digest.empty();
+  scene.object_key =
+      has_keys ? part_key("objects", scene.pose) + scene.object_key + scene.other_objects_digest
+               : std::string();
+  for (size_t k = 0; k < scene.other_objects.size(); ++k) {
+    const std::string name = fmt::format("other_objects[{}]", k);
+    Mesh& mesh = scene.other_objects[k].mesh;
+    validate_closed(mesh, name, stop);
+    mesh = to_object(scene.pose, std::move(mesh));
+    const auto vertices = static_cast<uint32_t>(scene.object.vertices.size());
+    scene.object.vertices.insert(scene.object.vertices.end(), mesh.vertices.begin(),
+                                 mesh.vertices.end());
+    for (const auto& [a, b, c] : mesh.triangles) {
+      scene.object.triangles.push_back({a + vertices, b + vertices, c + vertices});
+    }
+  }
+}
+
 std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCache& parts,
                                                const std::stop_token& stop) {
   check(scene);
-  const auto build = [&] { return compile_object(std::move(scene.object), "object", stop); };
+  join_objects(scene, stop);
+  const std::string what = scene.other_objects.empty() ? "object" : "object with other_objects";
+  const auto build = [&] { return compile_object(std::move(scene.object), what, stop); };
   if (!scene.compiled_object) {
     scene.compiled_object =
         scene.object_key.empty() ? build() : parts.get<Object>(scene.object_key, stop, build);
@@ -89,16 +136,22 @@ std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCac
 size_t estimated_memory(const SceneDescription& description) {
   constexpr size_t kByTriangleInEmbree = 250;  // and while its tree is built
   constexpr size_t kByTriangleInChecks = 200;  // edges, parts
-  const size_t triangles = description.object.triangles.size();
+  const auto& compiled = description.compiled_object;
+  size_t triangles = (compiled ? compiled->mesh : description.object).triangles.size();
   size_t sum = 0;
-  if (!description.compiled_object) {
+  bool smooth = description.smooth_angle > 0;
+  for (const OtherObject& other : description.other_objects) {
+    sum += size_of(other.mesh);
+    triangles += other.mesh.triangles.size();
+    smooth = smooth || other.smooth_angle > 0;
+  }
+  if (!compiled || !description.other_objects.empty()) {
     sum += Grid::most_memory(triangles) + DepthGrid::most_memory() +
            (kByTriangleInEmbree + kByTriangleInChecks) * triangles;
   }
-  if (description.smooth_angle > 0) {
+  if (smooth) {
     constexpr size_t kByTriangleInNormals = 120;  // of corners, and while they are computed
-    const auto& compiled = description.compiled_object;
-    sum += kByTriangleInNormals * (compiled ? compiled->mesh.triangles.size() : triangles);
+    sum += kByTriangleInNormals * triangles;
   }
   if (refracts(description.boundary)) sum += CellNormals::most_memory();
   for (const DiffuseSurface& surface : description.surfaces) {

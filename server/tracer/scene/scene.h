@@ -1,5 +1,6 @@
-// What the tracer renders: a homogeneous medium inside a closed mesh, opaque diffuse surfaces,
-// lights, a pinhole camera. Plain data, and the compiled form that rays are traced against.
+// What the tracer renders: a homogeneous medium inside a closed mesh, maybe others inside others,
+// opaque diffuse surfaces, lights, a pinhole camera. Plain data, and the compiled form that rays
+// are traced against.
 //
 // A scene is compiled in the coordinates of its object: what costs most, the object, does not
 // depend on its pose then, which moves camera, surfaces and lights instead. So parts are shared by
@@ -18,6 +19,7 @@
 
 #include "common/geometry/mesh.h"
 #include "common/geometry/pose.h"
+#include "common/material.h"
 #include "common/vec.h"
 #include "server/tracer/boundary/boundary.h"
 #include "server/tracer/lights/kinds.h"
@@ -51,6 +53,15 @@ struct FilmDescription {
   Channel channel = Channel::kLuminance;
 };
 
+// A translucent thing beside the object, of a medium that no derivative is asked for in.
+struct OtherObject {
+  Mesh mesh;  // closed, outward oriented; touches object and others at most
+  Material material = {};
+  Boundary boundary = {};  // of the kind that the object's is, one that stops lines
+  double smooth_angle = 0;
+};
+constexpr size_t kMaxOtherObjects = 15;
+
 struct SceneDescription {
   Mesh object;  // closed, outward oriented; in coordinates of its own
   // The same, compiled before; `object` is not looked at then.
@@ -60,13 +71,15 @@ struct SceneDescription {
   // In radians: triangles that meet under less bound one smooth surface (CornerNormals), where the
   // boundary reflects and refracts. 0: flat.
   double smooth_angle = 0;
+  std::vector<OtherObject> other_objects = {};  // at most kMaxOtherObjects
   std::vector<DiffuseSurface> surfaces;
   std::vector<LightDescription> lights;
   CameraDescription camera;
   FilmDescription film;
   // Keys, for scenes that share parts: of the compiled object, under which it is in the cache, and
-  // a digest of the surfaces. Empty: nothing that depends on them is shared.
-  std::string object_key = {}, surfaces_digest = {};
+  // digests of the other objects and of the surfaces. Empty: nothing that depends on them is
+  // shared.
+  std::string object_key = {}, other_objects_digest = {}, surfaces_digest = {};
 };
 
 // What a scene takes at most while it is checked, compiled and rendered, by its numbers of

@@ -291,7 +291,7 @@ TEST(GridTest, StopsAtAnyMoment) {
     const DepthGrid depth_grid(mesh);
     expect_stops([&](const std::stop_token& stop) { CellNormals(mesh, depth_grid, stop); });
     expect_stops([&](const std::stop_token& stop) {
-      for (int i = 0; i < 30; ++i) CornerNormals(mesh, 0.5, stop);  // a few ms each
+      for (int i = 0; i < 30; ++i) CornerNormals(mesh, {{0, 0.5}}, stop);  // a few ms each
     });
   }
 }

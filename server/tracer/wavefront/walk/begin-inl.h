@@ -92,6 +92,9 @@ class PathSource {
     paths.begin(slot);
     for_each_column(paths.weights(),
                     [&](FloatColumn& weight) { weight[slot] *= scene_.camera_weight; });
+    for (UintColumn& medium : paths.medium) {
+      medium[slot] = static_cast<uint32_t>(scene_.camera_medium);
+    }
     if (index_slot_) {
       paths.score_slots[paths.control_phase.size() + *index_slot_][slot] = scene_.camera_score;
     }

@@ -27,7 +27,7 @@ inline void sample_flights(Wavefront& wave) {
     const Floats u0 =
         hn::IfThenElse(equals(vertex, first), load(paths.first_flight, i), uniform(words.w[0]));
     const Floats depth = hn::Sub(zero, log(hn::Sub(set(1.0F), u0)));
-    store(wave.colours.empty() ? hn::Mul(depth, set(1 / wave.sigma_t))
+    store(wave.colours.empty() ? hn::Mul(depth, free_path_of(wave.media, wave.medium(i)))
                                : hn::Div(depth, load(paths.flight_sigma_t[0], i)),
           paths.rays.max_medium_length, i);
     store(uniform(words.w[1]), paths.u1, i);
@@ -84,7 +84,8 @@ HWY_INLINE void update_scores(Wavefront& wave, size_t i, Mask scattered) {
   Paths& paths = wave.paths;
   if (wave.medium_derivatives) {
     const Floats length = load(paths.rays.medium_length, i);
-    const Floats score = hn::Sub(hn::IfThenElseZero(scattered, set(1 / wave.sigma_t)), length);
+    Floats score = hn::Sub(hn::IfThenElseZero(scattered, set(1 / wave.sigma_t)), length);
+    score = of_object(wave.media, wave.medium(i), score);
     store(hn::Add(load(paths.score_sigma_t, i), score), paths.score_sigma_t, i);
     store(mul_add(score, load(paths.weight, i), load(paths.control_sigma_t, i)),
           paths.control_sigma_t, i);

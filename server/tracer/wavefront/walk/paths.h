@@ -25,6 +25,7 @@ using UintState = StateColumn<uint32_t, kStart>;
 // As many such columns as a request needs.
 template <int kStart = 0>
 struct alignas(64) FloatStates : std::vector<FloatState<kStart>> {};
+struct alignas(64) UintStates : std::vector<UintState<>> {};
 
 // What a path takes along from vertex to vertex, but for its ray.
 struct PathState {
@@ -42,7 +43,8 @@ struct PathState {
   static constexpr uint32_t kFound = 2;
   UintState<1> delta_bounce{};
   UintState<> crossings{};
-  FloatState<> pdf{};  // per steradian, of the last direction
+  FloatState<> pdf{};   // per steradian, of the last direction
+  UintStates medium{};  // where there are several: see Wavefront::medium
   // Where shadow rays are refracted (refracted_rays-inl.h): x, y and z of the last scattering;
   // `pdf` if that was the last vertex, or 0; and the odds for light ahead if that was a crossing,
   // or 0.
@@ -84,7 +86,7 @@ struct PathState {
   // The list of all columns: what moves a path, and begins one, goes through it.
   auto columns() {
     return std::tie(pixel, sample, expected, first_flight, vertex, alive, hit, leaked, steps,
-                    delta_bounce, crossings, pdf, scattered_at, scattered_pdf, odds, weight,
+                    delta_bounce, crossings, pdf, medium, scattered_at, scattered_pdf, odds, weight,
                     dweight_dalbedo, score_sigma_t, radiance, d_sigma_t, d_albedo, control_sigma_t,
                     score_slots, d_slots, control_phase, weight_at_albedos, radiance_at_albedos,
                     dweight_dreflectance, d_reflectance, d_light, edge_weight, colour_weight,

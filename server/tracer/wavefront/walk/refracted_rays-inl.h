@@ -50,27 +50,30 @@ namespace itn::tracer::HWY_NAMESPACE {
 // A smooth plane between the media.
 struct Plane {
   Vectors normal;  // outwards
-  float index;     // of the medium, relative to what is around it
+  Floats index;    // of the medium, relative to what is around it
 };
 
 // As the boundary is where it is nearest to points of the medium.
-HWY_INLINE Plane plane_near(const Wavefront& wave, Vectors x) {
+HWY_INLINE Vectors normal_near(const Wavefront& wave, Vectors x) {
   const Obstacles& obstacles = wave.scene.obstacles;
-  return {cell_normal(obstacles.cell_normals, cells_at(obstacles.depth_grid.cells, x)),
-          wave.refraction.index};
+  return cell_normal(obstacles.cell_normals, cells_at(obstacles.depth_grid.cells, x));
 }
 HWY_INLINE Ints facing_near(const Wavefront& wave, Vectors x) {
-  return facing_of(plane_near(wave, x).normal);
+  return facing_of(normal_near(wave, x));
 }
-HWY_INLINE Plane plane_of(const Wavefront& wave, Ints facing) {
-  return {mean_of_facing(wave.scene.obstacles.cell_normals, facing), wave.refraction.index};
+HWY_INLINE Floats index_of(const Media& media, Uints medium) {
+  return by_medium(media, medium, [](const Medium& of) { return set(of.refraction.index); });
+}
+HWY_INLINE Plane plane_of(const Wavefront& wave, Uints medium, Ints facing) {
+  return {mean_of_facing(wave.scene.obstacles.cell_normals, facing), index_of(wave.media, medium)};
 }
 // Where it is nearest to what lies as far ahead as it is deep there.
-HWY_INLINE Plane plane_ahead(const Wavefront& wave, Vectors x, Vectors direction) {
+HWY_INLINE Plane plane_ahead(const Wavefront& wave, Uints medium, Vectors x, Vectors direction) {
   const DepthGrid& depth_grid = wave.scene.obstacles.depth_grid;
   const Floats depth = quantized_depth(depth_grid, cells_at(depth_grid.cells, x));
   const auto third = static_cast<float>(depth_grid.cells.edge / 3);
-  return plane_near(wave, x + direction * hn::Mul(depth, set(third)));
+  return {normal_near(wave, x + direction * hn::Mul(depth, set(third))),
+          index_of(wave.media, medium)};
 }
 
 // What the plane refracts the direction of a path to, which goes outwards: from `outer` to inside,
@@ -82,11 +85,11 @@ struct Aim {
 };
 HWY_INLINE Floats inner_by_outer(const Plane& plane, Floats inner_cosine, Floats outer_cosine) {
   const Floats least = set(1e-4F);  // along the plane
-  return hn::Div(hn::Mul(set(plane.index * plane.index), inner_cosine),
+  return hn::Div(hn::Mul(hn::Mul(plane.index, plane.index), inner_cosine),
                  hn::Max(outer_cosine, least));
 }
 HWY_INLINE Aim aim_at(const Plane& plane, Vectors outer) {
-  const Floats zero = hn::Zero(FloatTag()), index = set(plane.index);
+  const Floats zero = hn::Zero(FloatTag()), index = plane.index;
   const Vectors none{zero, zero, zero};
   const Floats facing = dot(plane.normal, outer), cosine = hn::Max(facing, zero);
   const Floats inner_cosine = fresnel(cosine, index).refracted_cosine;
@@ -94,7 +97,7 @@ HWY_INLINE Aim aim_at(const Plane& plane, Vectors outer) {
           hn::Gt(facing, zero), inner_by_outer(plane, inner_cosine, cosine)};
 }
 HWY_INLINE Aim aim_along(const Plane& plane, Vectors inner) {
-  const Floats zero = hn::Zero(FloatTag()), index = set(1 / plane.index);
+  const Floats zero = hn::Zero(FloatTag()), index = hn::Div(set(1.0F), plane.index);
   const Vectors none{zero, zero, zero};
   const Floats facing = dot(plane.normal, inner), cosine = hn::Max(facing, zero);
   const Floats outer_cosine = fresnel(cosine, index).refracted_cosine;
@@ -108,23 +111,31 @@ HWY_INLINE Vectors scattered_at(const Paths& paths, size_t i) {
   return {load(at[0], i), load(at[1], i), load(at[2], i)};
 }
 
+// Of light that goes so far in a medium.
+HWY_INLINE Floats part_arriving(const Wavefront& wave, Uints medium, Floats length) {
+  return exp(hn::Neg(hn::Mul(length, sigma_t_of(wave.media, medium))));
+}
+
 // Where paths in slots i, i + 1 ... are at a rough boundary: the odds for light in the direction
 // `to_light`, as it is seen from where they scattered, or 0.
-HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Vectors to_light) {
+HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Uints medium, Vectors to_light) {
   const Floats walk_pdf = load(wave.paths.scattered_pdf[0], i);
   const Mask scattered = hn::Gt(walk_pdf, hn::Zero(FloatTag()));
   if (hn::AllFalse(FloatTag(), scattered)) return hn::Zero(FloatTag());
-  const Floats arriving = exp(hn::Mul(load(wave.paths.rays.medium_length, i), set(-wave.sigma_t)));
-  const Aim aim = aim_at(plane_ahead(wave, scattered_at(wave.paths, i), to_light), to_light);
+  const Floats arriving = part_arriving(wave, medium, load(wave.paths.rays.medium_length, i));
+  const Aim aim =
+      aim_at(plane_ahead(wave, medium, scattered_at(wave.paths, i), to_light), to_light);
   const Floats cosine = dot(aim.direction, load(wave.paths.rays.direction, i));
-  const Floats pdf = evaluate(wave.refraction.lobe, cosine).value;
+  const Floats pdf = by_medium(wave.media, medium, [&](const Medium& of) {
+    return evaluate(of.refraction.lobe, cosine).value;
+  });
   return hn::IfThenElseZero(hn::And(scattered, aim.possible),
                             hn::Div(pdf, hn::Mul(walk_pdf, arriving)));
 }
 
 // Where they leave the medium through a smooth one: the odds for what they meet then, unless a ray
 // finds that a refracted one would not have gone there (check_odds).
-inline void send_odds(Wavefront& wave, size_t i, Mask leaving, const Crossing& at) {
+inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, const Crossing& at) {
   Paths& paths = wave.paths;
   OddsRays& sent = wave.odds_rays;
   const FloatTag d;
@@ -133,17 +144,17 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, const Crossing& a
   if (hn::AllFalse(d, where)) return;
   const Vectors up = set(Vec3f{0, 1, 0}), x = scattered_at(paths, i);
   const Ints facing = facing_of(if_then_else(where, set(Vec3f{}) - at.flat_normal, up));
-  const Aim along = aim_along(plane_of(wave, facing), load(paths.rays.direction, i));
+  const Aim along = aim_along(plane_of(wave, medium, facing), load(paths.rays.direction, i));
   where = hn::And(where, along.possible);
   const Vectors to_light = if_then_else(where, along.direction, up);
   const Ints near = facing_near(wave, x);
-  const Aim first = aim_at(plane_of(wave, near), to_light);
+  const Aim first = aim_at(plane_of(wave, medium, near), to_light);
   const Mask same = hn::RebindMask(d, hn::Eq(facing, near));
   where = hn::And(where, hn::Or(same, first.possible));
   const Floats pdf = hn::Mul(drawn_pdf(wave.scene.lights, x, to_light), along.inner_by_outer);
-  const Floats passing = hn::Sub(set(1.0F), transmit(wave.scene.boundary, at).reflected);
+  const Floats passing = hn::Sub(set(1.0F), transmit_boundary(wave.media, medium, at).reflected);
   const Floats arriving =
-      hn::Mul(passing, exp(hn::Mul(load(paths.rays.medium_length, i), set(-wave.sigma_t))));
+      hn::Mul(passing, part_arriving(wave, medium, load(paths.rays.medium_length, i)));
   store(hn::IfThenElseZero(where, hn::Div(pdf, hn::Mul(walk_pdf, arriving))), paths.odds[0], i);
 
   const Mask asked = hn::AndNot(same, hn::And(where, hn::Gt(pdf, zero)));
@@ -151,7 +162,9 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, const Crossing& a
   append(x, sent.rays.position);
   append(first.direction, sent.rays.direction);
   append(set(Rays::kInside), sent.rays.interaction);
-  append(set(kMaxOpticalDepth / wave.sigma_t), sent.rays.max_medium_length);
+  append(by_medium(wave.media, medium,
+                   [](const Medium& of) { return set(kMaxOpticalDepth / of.sigma_t); }),
+         sent.rays.max_medium_length);
   append(slots_from(i), sent.slot);
   append(hn::BitCast(UintTag(), facing), sent.facing);
   sent.count += hn::CountTrue(d, asked);
@@ -161,18 +174,20 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, const Crossing& a
 // Roulette before anything is traced, as of other shadow rays (send_shadow_rays). What they will
 // carry is not known yet: where the aim was good a rough boundary lets through about q / index^2,
 // and it may let 1 through where it was not.
-inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vectors position,
-                                const LightChoice& drawn, const LightSamples& light,
-                                const LightParts& parts, Floats roulette) {
+inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints medium,
+                                Vectors position, const LightChoice& drawn,
+                                const LightSamples& light, const LightParts& parts,
+                                Floats roulette) {
   const FloatTag d;
   const Paths& paths = wave.paths;
   RefractedRays& sent = wave.refracted_rays;
   const Floats zero = hn::Zero(d), one = set(1.0F);
   const Mask dense = light.dense();
   const Ints near = wave.boundary_is_delta ? facing_near(wave, position) : hn::Zero(IntTag());
-  const Aim aim = aim_at(
-      wave.boundary_is_delta ? plane_of(wave, near) : plane_ahead(wave, position, light.direction),
-      light.direction);
+  const Aim aim =
+      aim_at(wave.boundary_is_delta ? plane_of(wave, medium, near)
+                                    : plane_ahead(wave, medium, position, light.direction),
+             light.direction);
   Mask where = hn::And(scattered, aim.possible);
   if (hn::AllFalse(d, where)) return;
   Vectors direction = aim.direction;
@@ -186,16 +201,22 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vecto
     pdf = hn::Mul(seen_pdf, aim.inner_by_outer);
   } else {
     const Words words = random(wave, i, load(paths.vertex, i), Sampler::kRefraction);
-    const Floats cosine = sample_cosine(wave.refraction.lobe, uniform(words.w[0]));
+    const Floats u = uniform(words.w[0]);
+    const Floats cosine = by_medium(
+        wave.media, medium, [&](const Medium& of) { return sample_cosine(of.refraction.lobe, u); });
     const Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
     const SinCos phi = sin_cos_2pi(uniform(words.w[1]));
     direction = renormalize(
         frame_to_world(aim.direction, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
-    pdf = evaluate(wave.refraction.lobe, cosine).value;
-    passing = mul_add(pdf, set(1 / (wave.refraction.index * wave.refraction.index)), one);
+    pdf = by_medium(wave.media, medium,
+                    [&](const Medium& of) { return evaluate(of.refraction.lobe, cosine).value; });
+    passing = by_medium(wave.media, medium, [&](const Medium& of) {
+      return mul_add(pdf, set(1 / (of.refraction.index * of.refraction.index)), one);
+    });
     light_pdf = hn::IfThenElse(dense, light.pdf, one);
   }
-  const PhaseValue phase = evaluate(wave.phase, dot(load(paths.rays.direction, i), direction));
+  const PhaseValue phase =
+      evaluate_phase(wave.media, medium, dot(load(paths.rays.direction, i), direction));
   Floats radiance = light.radiance;
   if (has_lamps || wave.differentiated_map != nullptr) {
     radiance = hn::Max(radiance, hn::IfThenElseZero(dense, set(wave.mean_radiance())));
@@ -210,7 +231,7 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Vecto
   append(position, sent.rays.position);
   append(direction, sent.rays.direction);
   append(set(Rays::kInside), sent.rays.interaction);
-  append(hn::Mul(limit, set(1 / wave.sigma_t)), sent.rays.max_medium_length);
+  append(hn::Mul(limit, free_path_of(wave.media, medium)), sent.rays.max_medium_length);
   append(slots_from(i), sent.slot);
   append(importance, sent.importance);
   append(phase.value, sent.phase);
@@ -249,7 +270,7 @@ struct Exit {
 };
 
 // Towards the light that was drawn.
-HWY_INLINE Exit exit_of_rough(const Wavefront& wave, size_t i, const Crossing& at,
+HWY_INLINE Exit exit_of_rough(const Wavefront& wave, size_t i, Uints medium, const Crossing& at,
                               Floats arriving) {
   const RefractedRays& sent = wave.refracted_rays;
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
@@ -262,7 +283,7 @@ HWY_INLINE Exit exit_of_rough(const Wavefront& wave, size_t i, const Crossing& a
     light = seen_from(wave.scene.lights, load(sent.rays.position, i), drawn, light, parts);
   }
   Exit exit{light.direction, light.distance, light.radiance, one, {zero}, {zero}};
-  const BoundaryValue boundary = evaluate(wave.scene.boundary, at, exit.to_light);
+  const BoundaryValue boundary = evaluate_boundary(wave.media, medium, at, exit.to_light);
   const Floats phase = load(sent.phase, i), light_pdf = light.pdf;
   const Floats walk_pdf = hn::Mul(phase, arriving);
   const Mask dense = light.dense();
@@ -282,8 +303,8 @@ HWY_INLINE Exit exit_of_rough(const Wavefront& wave, size_t i, const Crossing& a
 
 // Whereto the boundary refracts them, where there are any.
 HWY_INLINE Exit exit_of_smooth(const Wavefront& wave, const RefractedRays& sent, size_t i,
-                               const Crossing& at, Floats arriving, Mask where) {
-  const auto [direction, reflected] = transmit(wave.scene.boundary, at);
+                               Uints medium, const Crossing& at, Floats arriving, Mask where) {
+  const auto [direction, reflected] = transmit_boundary(wave.media, medium, at);
   const Vectors to_light = if_then_else(where, direction, set(Vec3f{0, 1, 0}));
   LightParts parts(wave);
   const auto [distance, light] =
@@ -302,7 +323,7 @@ HWY_INLINE Exit exit_of_smooth(const Wavefront& wave, const RefractedRays& sent,
 }
 
 // From the boundary they go on as shadow rays.
-inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Mask where) {
+inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints medium, Mask where) {
   const FloatTag d;
   if (hn::AllFalse(d, where)) return;
   const Floats zero = hn::Zero(d);
@@ -312,15 +333,16 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Mask whe
       direction, load(wave.crossings.smooth_normal, i), flat_normal, hn::FirstN(d, lanes()),
       wave.scene.obstacles.corner_normals.flat(), wave.index_slot.has_value());
   const Floats length = load(sent.rays.medium_length, i);
-  const Floats arriving = exp(hn::Mul(length, set(-wave.sigma_t)));
-  const Exit exit = wave.boundary_is_delta ? exit_of_smooth(wave, sent, i, at, arriving, where)
-                                           : exit_of_rough(wave, i, at, arriving);
+  const Floats arriving = part_arriving(wave, medium, length);
+  const Exit exit = wave.boundary_is_delta
+                        ? exit_of_smooth(wave, sent, i, medium, at, arriving, where)
+                        : exit_of_rough(wave, i, medium, at, arriving);
   where = hn::And(where, hn::And(hn::Gt(dot(flat_normal, exit.to_light), zero),
                                  hn::Gt(exit.per_radiance, zero)));
   Floats importance = load(sent.importance, i);
   if (&sent == &wave.aimed_again) {  // their roulette was that of the longer of both rays
     const Floats longer = hn::Max(hn::Sub(load(sent.first_length, i), length), zero);
-    importance = hn::Mul(importance, exp(hn::Mul(longer, set(-wave.sigma_t))));
+    importance = hn::Mul(importance, part_arriving(wave, medium, longer));
   }
   const Mask from_far =
       hn::And(hn::Gt(load(sent.light_pdf, i), zero), hn::Eq(exit.distance, set(kInfinity)));
@@ -345,15 +367,16 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Mask whe
 }
 
 // By the plane of the facing that they have met.
-inline void aim_again(Wavefront& wave, size_t i, Mask where, Ints facing) {
+inline void aim_again(Wavefront& wave, size_t i, Uints medium, Mask where, Ints facing) {
   const RefractedRays& sent = wave.refracted_rays;
   RefractedRays& again = wave.aimed_again;
-  const Aim aim = aim_at(plane_of(wave, facing), load(sent.to_light, i));
+  const Aim aim = aim_at(plane_of(wave, medium, facing), load(sent.to_light, i));
   where = hn::And(where, aim.possible);
   if (hn::AllFalse(FloatTag(), where)) return;
   const Vectors before = load(sent.before, i);
-  const PhaseValue first = evaluate(wave.phase, dot(before, load(sent.rays.direction, i)));
-  const PhaseValue phase = evaluate(wave.phase, dot(before, aim.direction));
+  const PhaseValue first =
+      evaluate_phase(wave.media, medium, dot(before, load(sent.rays.direction, i)));
+  const PhaseValue phase = evaluate_phase(wave.media, medium, dot(before, aim.direction));
   const Append append{where, again.count};
   append(load(sent.origin, i), again.rays.position);
   append(aim.direction, again.rays.direction);
@@ -401,16 +424,18 @@ HWY_INLINE Mask as_aimed(const SentRays& sent, size_t i, Ints facing) {
 
 inline void cross_refracted_rays(Wavefront& wave) {
   const RefractedRays &first = wave.refracted_rays, &again = wave.aimed_again;
-  follow_to_boundary(wave, wave.refracted_rays, [&](size_t i, Ints, Mask met) {
-    if (!wave.boundary_is_delta) return leave(wave, first, i, met);
+  follow_to_boundary(wave, wave.refracted_rays, [&](size_t i, Ints slots, Mask met) {
+    const Uints medium = wave.medium_in(slots);
+    if (!wave.boundary_is_delta) return leave(wave, first, i, medium, met);
     const Ints facing = facing_met(wave, i, met);
     const Mask aimed = as_aimed(first, i, facing);
-    leave(wave, first, i, hn::And(met, aimed));
-    aim_again(wave, i, hn::AndNot(aimed, met), facing);
+    leave(wave, first, i, medium, hn::And(met, aimed));
+    aim_again(wave, i, medium, hn::AndNot(aimed, met), facing);
   });
   if (again.count == 0) return;
-  follow_to_boundary(wave, wave.aimed_again, [&](size_t i, Ints, Mask met) {
-    leave(wave, again, i, hn::And(met, as_aimed(again, i, facing_met(wave, i, met))));
+  follow_to_boundary(wave, wave.aimed_again, [&](size_t i, Ints slots, Mask met) {
+    leave(wave, again, i, wave.medium_in(slots),
+          hn::And(met, as_aimed(again, i, facing_met(wave, i, met))));
   });
 }
 

@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "server/tracer/geometry/depth_grid-inl.h"
 #include "server/tracer/wavefront/walk/state-inl.h"
@@ -23,28 +24,33 @@ namespace itn::tracer::HWY_NAMESPACE {
 // and a figure.
 struct WalkRoulette {
   float per_threshold;  // 1 / that below which paths play
-  float attenuation;    // of the light with depth, in a third of a cell of the depths
+  // By medium, of the light with depth, in a third of a cell of the depths.
+  std::vector<float> attenuations;
 
   WalkRoulette(const Scene::Compiled& scene, const RenderRequest& request, const Tuning& tuning) {
     const Vec3f size = scene.obstacles.bounds.max - scene.obstacles.bounds.min;
-    const double sigma_t = request.material.sigma_t, albedo = request.material.albedo;
-    const double g = mean_cosine(request);
     const bool derivatives = asks_for_medium(request);
-    const bool thin = sigma_t * double{std::max({size.x, size.y, size.z})} < 50;
+    const bool thin = request.material.sigma_t * double{std::max({size.x, size.y, size.z})} < 50;
     const double threshold = tuning.walk_roulette >= 0 ? tuning.walk_roulette
                              : !derivatives            ? 0.35
                              : thin                    ? 0.2
                                                        : 0.25;
     per_threshold = static_cast<float>(1 / std::max(threshold, 1e-20));
-    // See remaining_light.
-    const double kappa = sigma_t * std::min(1.0, std::sqrt(3 * (1 - albedo) * (1 - albedo * g)));
     const double part = tuning.depth_roulette >= 0 ? tuning.depth_roulette
                         : !derivatives             ? 0.8
                                                    : 0.5;
     // In media so thick that light falls off within a cell, depths are too coarse to be believed.
     constexpr double kMaxByCell = 0.7;
-    const double by_cell = part * kappa * scene.obstacles.depth_grid.cells.edge;
-    attenuation = static_cast<float>(std::min(by_cell, kMaxByCell) / 3);
+    const auto add = [&](double sigma_t, double albedo, double g) {
+      // See remaining_light.
+      const double kappa = sigma_t * std::min(1.0, std::sqrt(3 * (1 - albedo) * (1 - albedo * g)));
+      const double by_cell = part * kappa * scene.obstacles.depth_grid.cells.edge;
+      attenuations.push_back(static_cast<float>(std::min(by_cell, kMaxByCell) / 3));
+    };
+    add(request.material.sigma_t, request.material.albedo, mean_cosine(request));
+    for (const auto& other : scene.other_media) {
+      add(other.material.sigma_t, other.material.albedo, other.material.g);
+    }
   }
 };
 
@@ -62,7 +68,12 @@ HWY_INLINE Floats remaining_light(const Wavefront& wave, const WalkRoulette& rou
   const DepthGrid& depth_grid = wave.scene.obstacles.depth_grid;
   const Ints cells = cells_at(depth_grid.cells, load(paths.rays.position, i));
   const Floats quantized = hn::IfThenElseZero(inside, quantized_depth(depth_grid, cells));
-  const Floats exponent = hn::Mul(quantized, set(-roulette.attenuation));
+  Floats attenuation = set(roulette.attenuations.front());
+  for (uint32_t m = 1; m < roulette.attenuations.size(); ++m) {
+    attenuation =
+        hn::IfThenElse(equals(wave.medium(i), m), set(roulette.attenuations[m]), attenuation);
+  }
+  const Floats exponent = hn::Neg(hn::Mul(quantized, attenuation));
   return exp(hn::Max(exponent, set(kMinExponent)));
 }
 

@@ -34,13 +34,16 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium,
   Vertices vertices{.in_medium = in_medium,
                     .on_surface = on_surface,
                     .at_boundary = at_boundary,
+                    .medium = wave.medium(i),
                     .any_on_surface = !hn::AllFalse(d, on_surface),
                     .any_at_boundary = !hn::AllFalse(d, at_boundary),
                     .crossing = {},
                     .axis = before,
                     .flat_normal = before,
-                    .factor = set(wave.albedo),
+                    .factor = hn::Zero(d),
                     .triangles = hn::Set(IntTag(), -1)};
+  vertices.factor =
+      by_medium(wave.media, vertices.medium, [](const Medium& of) { return set(of.albedo); });
   if (vertices.any_at_boundary) {
     const Mask inside = not_zero(hn::And(load(paths.rays.interaction, i), set(Rays::kInside)));
     const Crossings& crossings = wave.crossings;
@@ -106,16 +109,17 @@ HWY_INLINE void multiply_by_colours(Wavefront& wave, size_t i, const Vertices& v
 HWY_INLINE void multiply_by_factor(Wavefront& wave, size_t i, const Vertices& vertices) {
   Paths& paths = wave.paths;
   const Floats factor = vertices.factor, weight = load(paths.weight, i);
+  const Mask by_albedo = in_object(wave.media, vertices.medium, vertices.in_medium);
   store(hn::Mul(weight, factor), paths.weight, i);
   store(hn::Add(hn::Mul(load(paths.dweight_dalbedo, i), factor),
-                hn::IfThenElseZero(vertices.in_medium, weight)),
+                hn::IfThenElseZero(by_albedo, weight)),
         paths.dweight_dalbedo, i);
   for (FloatColumn& edge : paths.edge_weight) store(hn::Mul(load(edge, i), factor), edge, i);
   for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
     FloatColumn& other_weight = paths.weight_at_albedos[a];
     const Floats albedo = set(static_cast<float>(wave.request.albedos[a]));
-    store(hn::Mul(load(other_weight, i), hn::IfThenElse(vertices.in_medium, albedo, factor)),
-          other_weight, i);
+    store(hn::Mul(load(other_weight, i), hn::IfThenElse(by_albedo, albedo, factor)), other_weight,
+          i);
   }
   for (size_t r = 0; r < wave.reflecting.size(); ++r) {
     const auto& [triangles, reflectance, slot] = wave.reflecting[r];
@@ -142,8 +146,9 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   if (!vertices.any_at_boundary) return;
   store(hn::IfThenElse(hn::Gt(count, set(kMaxConsecutiveCrossings)), one, load(paths.leaked, i)),
         paths.leaked, i);
-  const BoundarySample next = sample(wave.scene.boundary, vertices.crossing,
-                                     random(wave, i, load(paths.vertex, i), Sampler::kBoundary));
+  const BoundarySample next =
+      sample_boundary(wave.media, vertices.medium, vertices.crossing,
+                      random(wave, i, load(paths.vertex, i), Sampler::kBoundary));
   // No shadow ray competes with those that follow an edge either.
   const Mask edge = hn::And(where, hn::Gt(next.edge_weight, hn::Zero(FloatTag())));
   const Mask delta = wave.boundary_is_delta ? where : edge;
@@ -168,11 +173,11 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
     // For light that the walk meets next.
     if (wave.boundary_is_delta) {
       const Mask leaves = hn::And(vertices.crossing.leaving, next.transmitted);
-      send_odds(wave, i, hn::And(where, leaves), vertices.crossing);
+      send_odds(wave, i, hn::And(where, leaves), vertices.medium, vertices.crossing);
     } else {
       const Vectors to_light = redraw(wave.scene.lights, load(paths.rays.position, i), direction,
                                       scattered_at(paths, i));
-      const Floats odds = refraction_odds(wave, i, to_light);
+      const Floats odds = refraction_odds(wave, i, vertices.medium, to_light);
       store(hn::IfThenElseZero(hn::AndNot(edge, where), odds), paths.odds[0], i);
     }
   }
@@ -189,9 +194,10 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
   Paths& paths = wave.paths;
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Floats u1 = load(paths.u1, i);
-  Floats cosine = sample_cosine(wave.phase, u1);
+  Floats cosine = by_medium(wave.media, vertices.medium,
+                            [&](const Medium& of) { return sample_cosine(of.phase, u1); });
   Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
-  const PhaseValue phase = evaluate(wave.phase, cosine);
+  const PhaseValue phase = evaluate_phase(wave.media, vertices.medium, cosine);
   Floats pdf = phase.value;
   if (vertices.any_on_surface) {
     const Mask on_surface = vertices.on_surface;
@@ -236,6 +242,10 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
 
 // What happens at the vertices of the paths in slots i, i + 1 ..., where there are any.
 inline void scatter(Wavefront& wave, size_t i, Mask in_medium, Mask on_surface, Mask at_boundary) {
+  for (UintColumn& medium : wave.paths.medium) {
+    const Uints met = medium_at(wave.media, load(wave.crossings.triangle, i));
+    store(hn::IfThenElse(for_uints(at_boundary), met, load(medium, i)), medium, i);
+  }
   const Vertices vertices = vertices_of(wave, i, in_medium, on_surface, at_boundary);
   multiply_by_factor(wave, i, vertices);
   multiply_by_colours(wave, i, vertices);

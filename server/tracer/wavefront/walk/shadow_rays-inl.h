@@ -20,6 +20,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 // Where paths that are sent on have arrived.
 struct Vertices {
   Mask in_medium, on_surface, at_boundary;  // scatterings, diffuse reflections, crossings
+  Uints medium;                             // that is, or the boundary is of
   bool any_on_surface, any_at_boundary;
   Crossing crossing;  // if there is any
   Vectors axis;  // that the next direction is drawn around: the last one, or the surface's normal
@@ -56,7 +57,7 @@ inline void send_mirrored_rays(Wavefront& wave, size_t i, const Vertices& vertic
   const Vectors position = if_then_else(sent, load(wave.paths.rays.position, i), set(Vec3f{}));
   LightParts parts(wave);
   const auto [distance, light] = look(wave.scene.lights, position, to_light, parts);
-  const Floats reflected = transmit(wave.scene.boundary, at).reflected;
+  const Floats reflected = transmit_boundary(wave.media, vertices.medium, at).reflected;
   const Floats zero = hn::Zero(d), undimmed = hn::Mul(light.radiance, reflected);
   if (wave.differentiated_map == nullptr) sent = hn::And(sent, hn::Gt(undimmed, zero));
   add_shadow_rays(
@@ -101,11 +102,12 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   const LightSamples light = sample(wave.scene.lights, position, drawn, parts);
   const Floats roulette = hn::Sub(set(1.0F), fifth_uniform(words));
   if (refracted) {
-    send_refracted_rays(wave, i, vertices.in_medium, position, drawn, light, parts, roulette);
+    send_refracted_rays(wave, i, vertices.in_medium, vertices.medium, position, drawn, light, parts,
+                        roulette);
     if (hn::AllFalse(d, sent)) return;
   }
   const Floats cosine = dot(vertices.axis, light.direction);
-  auto [value, scores] = evaluate(wave.phase, cosine);
+  auto [value, scores] = evaluate_phase(wave.media, vertices.medium, cosine);
   if (vertices.any_on_surface) {
     Floats diffuse = hn::Mul(hn::Max(zero, cosine), set(std::numbers::inv_pi_v<float>));
     if (wave.scene.obstacles.surfaces.smooth()) {
@@ -118,7 +120,8 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   Floats boundary_scores[kMaxBoundarySlots] = {zero};
   if (vertices.any_at_boundary) {
     const Crossing& at = vertices.crossing;
-    const BoundaryValue boundary = evaluate(wave.scene.boundary, at, light.direction);
+    const BoundaryValue boundary =
+        evaluate_boundary(wave.media, vertices.medium, at, light.direction);
     const Floats side =
         dot(at.flat_normal, light.direction);  // outside is above 0, unless it leaves
     const Mask outside = hn::Gt(hn::IfThenElse(at.leaving, hn::Neg(side), side), zero);
@@ -139,7 +142,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
     if (wave.shadow_rays.rays.bounded) {
       from_scattering = seen_from(wave.scene.lights, scattered_at(paths, i), drawn, light);
     }
-    const Floats odds = refraction_odds(wave, i, from_scattering.direction);
+    const Floats odds = refraction_odds(wave, i, vertices.medium, from_scattering.direction);
     const Floats light_pdf = hn::IfThenElse(light.dense(), light.pdf, set(1.0F));
     pdf_sum = hn::Add(pdf_sum, hn::IfThenElseZero(vertices.at_boundary, hn::Mul(odds, light_pdf)));
   }
@@ -166,7 +169,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
        .importance = importance,
        .per_radiance = per_radiance,
        .distance = light.distance,
-       .max_medium_length = hn::Mul(limit, set(1 / wave.sigma_t)),
+       .max_medium_length = hn::Mul(limit, free_path_of(wave.media, vertices.medium)),
        .length_before = zero},
       [&](size_t s) {
         const Floats score = s < phase_slots ? hn::IfThenElseZero(vertices.in_medium, scores[s])
@@ -192,7 +195,8 @@ inline void trace_shadow_rays(Wavefront& wave) {
     if (hn::AllFalse(d, arrived)) continue;
     Floats length = load(shadow_rays.rays.medium_length, i);
     if (wave.refracts_shadow_rays) length = hn::Add(length, load(shadow_rays.length_before, i));
-    const Floats dimming = exp(hn::Mul(length, set(-wave.sigma_t)));
+    const Uints medium = wave.medium_in(slot);
+    const Floats dimming = exp(hn::Neg(hn::Mul(length, sigma_t_of(wave.media, medium))));
     Floats survival = set(1.0F);
     if (wave.shadow_ray_threshold > 0) {
       survival = hn::Min(survival, hn::Mul(hn::Mul(load(shadow_rays.importance, i), dimming),
@@ -220,7 +224,8 @@ inline void trace_shadow_rays(Wavefront& wave) {
     }
     add_contribution(
         wave, at, arriving(shadow_rays.light),
-        [&] { return hn::Sub(at.get(paths.score_sigma_t), length); }, score_slot,
+        [&] { return hn::Sub(at.get(paths.score_sigma_t), of_object(wave.media, medium, length)); },
+        score_slot,
         [&](size_t l, Floats weight) {
           return hn::Mul(weight, arriving(shadow_rays.parts_of_lights[l]));
         });

@@ -12,15 +12,14 @@
 #include <vector>
 
 #include "common/fields.h"
-#include "server/tracer/boundary/boundary.h"
 #include "server/tracer/film/film_writer.h"
 #include "server/tracer/geometry/lines/lines-inl.h"
 #include "server/tracer/lights/lights-inl.h"
-#include "server/tracer/phase/phase_function.h"
 #include "server/tracer/random/philox-inl.h"
 #include "server/tracer/random/sampler.h"
 #include "server/tracer/request/request.h"
 #include "server/tracer/scene/compiled_scene.h"
+#include "server/tracer/wavefront/walk/media-inl.h"
 #include "server/tracer/wavefront/walk/paths.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -37,21 +36,6 @@ inline bool asks_for_boundary(const RenderRequest& request) {
                      [](const Parameter& p) { return p.kind == Parameter::kBoundary; });
 }
 
-// What refracted shadow rays are aimed by (refracted_rays-inl.h).
-struct Refraction {
-  float index;  // of the medium, relative to what is around it
-  HenyeyGreenstein lobe;
-};
-
-inline Refraction refraction_of(const Boundary& boundary) {
-  // Half of such a lobe lies within the root of 3 times 1 - g: wider than the light, as boundaries
-  // may be curved. A narrower peak is more than floats resolve.
-  constexpr double kMaxMeanCosine = 0.99;
-  const double mean_cosine = 1 - refraction_spread(boundary);
-  return {static_cast<float>(relative_index(boundary)),
-          {static_cast<float>(std::clamp(mean_cosine, 0.0, kMaxMeanCosine))}};
-}
-
 struct Wavefront {
   Wavefront(const Scene::Compiled& compiled, const RenderRequest& asked,
             const RenderOptions& options, FilmWriter& to)
@@ -59,9 +43,8 @@ struct Wavefront {
         scene(compiled),
         request(asked),
         switches(options.switches),
-        sigma_t(static_cast<float>(asked.material.sigma_t)),
-        albedo(static_cast<float>(asked.material.albedo)),
-        phase(phase_of(asked)),
+        media(compiled, asked),
+        sigma_t(media.object().sigma_t),
         medium_derivatives(asks_for_medium(asked)),
         shadow_ray_threshold(static_cast<float>(options.tuning.shadow_ray_roulette *
                                                 compiled.lights.power() / (4 * std::numbers::pi))),
@@ -71,7 +54,6 @@ struct Wavefront {
                              options.switches.refracted_shadow_rays &&
                              options.switches.techniques != Switches::Techniques::kPhaseOnly),
         mirrors_shadow_rays(boundary_is_delta && refracts_shadow_rays),
-        refraction(refraction_of(compiled.boundary)),
         index_slot(differentiated_index(asked, compiled.boundary)) {
     for (const Parameter& parameter : asked.derivatives) {
       if (parameter.kind == Parameter::kReflectance) {
@@ -86,7 +68,7 @@ struct Wavefront {
       differentiated_map = compiled.lights.map_of(*asked.gradient_light);
       shadow_rays.per_radiance.resize(1);
     }
-    const size_t phase_slots = medium_derivatives ? slot_count(phase) : 0;
+    const size_t phase_slots = medium_derivatives ? slot_count(media.object().phase) : 0;
     const size_t slots =
         phase_slots + (asks_for_boundary(asked) ? slot_count(compiled.boundary) : 0);
     paths.control_phase.resize(phase_slots);
@@ -103,6 +85,7 @@ struct Wavefront {
     paths.d_colours.resize(colours.size() * (2 + slots));
     paths.flight_sigma_t.resize(colours.empty() ? 0 : 1);
     const size_t parts = std::max(colours.size(), differentiated_lights.size());
+    paths.medium.resize(media.several() ? 1 : 0);
     paths.weight_at_albedos.resize(asked.albedos.size());
     paths.radiance_at_albedos.resize(asked.albedos.size());
     paths.dweight_dreflectance.resize(reflecting.size());
@@ -125,6 +108,16 @@ struct Wavefront {
     }
   }
 
+  // Of paths in slots i, i + 1 ..., and in any slots: the medium that they are in, or whose
+  // boundary they met last.
+  HWY_INLINE Uints medium(size_t i) const {
+    return media.several() ? load(paths.medium[0], i) : hn::Zero(UintTag());
+  }
+  HWY_INLINE Uints medium_in(Ints slots) const {
+    if (!media.several()) return hn::Zero(UintTag());
+    return hn::GatherIndex(UintTag(), paths.medium[0].data(), slots);
+  }
+
   // Of the lights, over all directions.
   float mean_radiance() const {
     return static_cast<float>(scene.lights.power() / (4 * std::numbers::pi));
@@ -134,8 +127,8 @@ struct Wavefront {
   const Scene::Compiled& scene;
   const RenderRequest& request;
   const Switches& switches;
-  const float sigma_t, albedo;
-  const PhaseFunction phase;
+  const Media media;
+  const float sigma_t;  // of the object
   const bool medium_derivatives;
   const float shadow_ray_threshold;  // of their roulette, as a radiance; 0: all are traced
   // The slots of surfaces, and the lights, that derivatives are asked for in.
@@ -160,7 +153,6 @@ struct Wavefront {
   // Whether lines stop at the boundary, and then where those that were followed last did.
   const bool stops_at_boundary;
   const bool boundary_is_delta, refracts_shadow_rays, mirrors_shadow_rays;
-  const Refraction refraction;
   const std::optional<size_t> index_slot;  // of the boundary, for a derivative
   RefractedRays refracted_rays, aimed_again;
   OddsRays odds_rays;

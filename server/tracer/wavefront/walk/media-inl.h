@@ -1,0 +1,176 @@
+// The media of a scene: the object's, which the request says, and those of the other objects.
+#if defined(ITN_TRACER_WAVEFRONT_WALK_MEDIA_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_WAVEFRONT_WALK_MEDIA_INL_H_
+#undef ITN_TRACER_WAVEFRONT_WALK_MEDIA_INL_H_
+#else
+#define ITN_TRACER_WAVEFRONT_WALK_MEDIA_INL_H_
+#endif
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <iterator>
+#include <vector>
+
+#include "server/tracer/boundary/boundary.h"
+#include "server/tracer/phase/phase_function.h"
+#include "server/tracer/request/request.h"
+#include "server/tracer/scene/compiled_scene.h"
+#include "server/tracer/simd/lanes-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+// What refracted shadow rays are aimed by (refracted_rays-inl.h).
+struct Refraction {
+  float index;  // of the medium, relative to what is around it
+  HenyeyGreenstein lobe;
+};
+
+inline Refraction refraction_of(const Boundary& boundary) {
+  // Half of such a lobe lies within the root of 3 times 1 - g: wider than the light, as boundaries
+  // may be curved. A narrower peak is more than floats resolve.
+  constexpr double kMaxMeanCosine = 0.99;
+  const double mean_cosine = 1 - refraction_spread(boundary);
+  return {static_cast<float>(relative_index(boundary)),
+          {static_cast<float>(std::clamp(mean_cosine, 0.0, kMaxMeanCosine))}};
+}
+
+struct Medium {
+  Material material;
+  PhaseFunction phase;
+  const Boundary& boundary;
+  Refraction refraction;
+  float sigma_t, albedo;  // of `material`
+  bool of_object;         // derivatives are in this one alone
+
+  Medium(const Material& of, const PhaseFunction& scatters, const Boundary& crossed, bool first)
+      : material(of),
+        phase(scatters),
+        boundary(crossed),
+        refraction(refraction_of(crossed)),
+        sigma_t(static_cast<float>(of.sigma_t)),
+        albedo(static_cast<float>(of.albedo)),
+        of_object(first) {}
+};
+
+// That of the object, and those of the others: at least one.
+struct Media {
+  std::vector<Medium> all;
+  std::vector<uint32_t> first_triangles;  // of the others
+
+  Media(const Scene::Compiled& scene, const RenderRequest& request) {
+    all.emplace_back(request.material, phase_of(request), scene.boundary, true);
+    for (const auto& other : scene.other_media) {
+      const HenyeyGreenstein phase{static_cast<float>(other.material.g)};
+      all.emplace_back(other.material, phase, other.boundary, false);
+      first_triangles.push_back(other.first_triangle);
+    }
+  }
+  bool several() const { return all.size() > 1; }
+  const Medium& object() const { return all.front(); }
+};
+
+// The number of the medium that triangles bound.
+HWY_INLINE Uints medium_at(const Media& media, Uints triangles) {
+  Uints medium = hn::Zero(UintTag());
+  for (const uint32_t first : media.first_triangles) {
+    const auto below = hn::Set(IntTag(), static_cast<int32_t>(first) - 1);
+    const auto behind = hn::RebindMask(UintTag(), hn::Gt(hn::BitCast(IntTag(), triangles), below));
+    medium = hn::IfThenElse(behind, hn::Add(medium, set(uint32_t{1})), medium);
+  }
+  return medium;
+}
+
+// Where the medium is the object's: these lanes; these numbers, else 0.
+HWY_INLINE Mask in_object(const Media& media, Uints medium, Mask where) {
+  return media.several() ? hn::And(where, equals(medium, 0)) : where;
+}
+HWY_INLINE Floats of_object(const Media& media, Uints medium, Floats number) {
+  return media.several() ? hn::IfThenElseZero(equals(medium, 0), number) : number;
+}
+
+HWY_INLINE Floats if_then_else(Mask where, Floats a, Floats b) {
+  return hn::IfThenElse(where, a, b);
+}
+template <typename Value>
+HWY_INLINE Value with_scores(Mask where, const Value& a, Value b) {
+  for (size_t s = 0; s < std::size(b.scores); ++s) {
+    b.scores[s] = if_then_else(where, a.scores[s], b.scores[s]);
+  }
+  return b;
+}
+HWY_INLINE PhaseValue if_then_else(Mask where, const PhaseValue& a, PhaseValue b) {
+  b.value = if_then_else(where, a.value, b.value);
+  return with_scores(where, a, b);
+}
+HWY_INLINE BoundaryValue if_then_else(Mask where, const BoundaryValue& a, BoundaryValue b) {
+  b.value = if_then_else(where, a.value, b.value);
+  b.pdf = if_then_else(where, a.pdf, b.pdf);
+  return with_scores(where, a, b);
+}
+HWY_INLINE BoundarySample if_then_else(Mask where, const BoundarySample& a, BoundarySample b) {
+  b.direction = if_then_else(where, a.direction, b.direction);
+  b.transmitted = hn::Or(hn::And(where, a.transmitted), hn::AndNot(where, b.transmitted));
+  b.weight = if_then_else(where, a.weight, b.weight);
+  b.pdf = if_then_else(where, a.pdf, b.pdf);
+  b.edge_weight = if_then_else(where, a.edge_weight, b.edge_weight);
+  return with_scores(where, a, b);
+}
+HWY_INLINE Transmission if_then_else(Mask where, const Transmission& a, const Transmission& b) {
+  return {if_then_else(where, a.direction, b.direction),
+          if_then_else(where, a.reflected, b.reflected)};
+}
+
+// of(medium) of the medium that each lane is in.
+template <typename Of>
+HWY_INLINE auto by_medium(const Media& media, Uints medium, const Of& of) {
+  auto result = of(media.object());
+  for (uint32_t m = 1; m < media.all.size(); ++m) {
+    result = if_then_else(equals(medium, m), of(media.all[m]), result);
+  }
+  return result;
+}
+
+HWY_INLINE Floats sigma_t_of(const Media& media, Uints medium) {
+  return by_medium(media, medium, [](const Medium& of) { return set(of.sigma_t); });
+}
+HWY_INLINE Floats free_path_of(const Media& media, Uints medium) {
+  return by_medium(media, medium, [](const Medium& of) { return set(1 / of.sigma_t); });
+}
+
+// What phase functions and boundaries say; those of the other objects have no scores.
+template <typename Value>
+HWY_INLINE Value scored(const Medium& of, Value value) {
+  if (of.of_object) return value;
+  for (Floats& score : value.scores) score = hn::Zero(FloatTag());
+  return value;
+}
+HWY_INLINE Crossing crossing_of(const Medium& of, Crossing at) {
+  at.by_index = at.by_index && of.of_object;
+  return at;
+}
+HWY_INLINE PhaseValue evaluate_phase(const Media& media, Uints medium, Floats cosine) {
+  return by_medium(media, medium,
+                   [&](const Medium& of) { return scored(of, evaluate(of.phase, cosine)); });
+}
+HWY_INLINE BoundaryValue evaluate_boundary(const Media& media, Uints medium, const Crossing& at,
+                                           Vectors to) {
+  return by_medium(media, medium, [&](const Medium& of) {
+    return scored(of, evaluate(of.boundary, crossing_of(of, at), to));
+  });
+}
+HWY_INLINE BoundarySample sample_boundary(const Media& media, Uints medium, const Crossing& at,
+                                          const Words& words) {
+  return by_medium(media, medium, [&](const Medium& of) {
+    return scored(of, sample(of.boundary, crossing_of(of, at), words));
+  });
+}
+HWY_INLINE Transmission transmit_boundary(const Media& media, Uints medium, const Crossing& at) {
+  return by_medium(media, medium, [&](const Medium& of) { return transmit(of.boundary, at); });
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif
