@@ -18,6 +18,7 @@
 #include "client/commands/predict.h"
 #include "client/exports/exports.h"
 #include "client/interrupt.h"
+#include "client/object_media.h"
 #include "client/predict/exported.h"
 #include "client/predict/photograph_input.h"
 #include "client/predict/picture.h"
@@ -333,7 +334,10 @@ void run_predict(const PredictOptions& options) {
   const std::vector<std::string> files = photograph_files(options.images);
   check(options, files);
   std::optional<v1::Scene> scene;
-  if (!options.scene.empty()) scene = load_scene(options.scene);
+  if (!options.scene.empty()) {
+    scene = load_scene(options.scene);
+    resolve_media(*scene);
+  }
   const bool several = files.size() > 1;
   const Predict predict = predictor_of(options);
   const auto printer = printer_of(options, several);

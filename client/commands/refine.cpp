@@ -12,6 +12,7 @@
 #include "client/commands/refine.h"
 #include "client/interrupt.h"
 #include "client/json.h"
+#include "client/object_media.h"
 #include "client/output.h"
 #include "client/predict/photograph_input.h"
 #include "client/predict/predictors.h"
@@ -94,6 +95,7 @@ std::vector<v1::Scene> load_scenes(const RefineOptions& options) {
           "{}: film.channel is RGB; a refinement is of one channel: LUMINANCE, RED, GREEN or BLUE",
           file));
     }
+    resolve_media(scenes.back());
   }
   scenes.resize(options.images.size(), scenes.front());
   return scenes;
@@ -133,7 +135,7 @@ Material network_guess(const RefineOptions& options, const std::vector<v1::Scene
   std::vector<PredictInput> inputs;
   for (size_t i = 0; i < options.images.size(); ++i) {
     PhotographOptions photograph;
-    photograph.object_size = longest_side(object_bounds(scenes[i]));
+    photograph.object_size = longest_side(object_bounds("scene.object", scenes[i].object()));
     if (!options.unknown_exposure) photograph.exposure = 1;
     inputs.push_back(load_photograph(options.images[i], photograph));
   }

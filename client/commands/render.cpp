@@ -18,6 +18,7 @@
 #include "client/commands/options.h"
 #include "client/interrupt.h"
 #include "client/json.h"
+#include "client/object_media.h"
 #include "client/output.h"
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/render_rounds.h"
@@ -166,12 +167,11 @@ struct Channel {
   Material material;
 };
 
-// The number of a measured medium's channel that a film shows. Luminance is mostly green.
-size_t number_of(v1::Film::Channel shown) {
-  return shown == v1::Film::RED ? 0 : shown == v1::Film::BLUE ? 2 : 1;
+Bounds bounds_of_object(const v1::Scene& scene) {
+  return object_bounds("scene.object", scene.object());
 }
 
-Material material_of(const RenderFlags& options, const v1::Scene& scene, size_t channel) {
+Material chosen_material(const RenderFlags& options, const v1::Scene& scene, size_t channel) {
   if (options.material.empty()) {
     const auto of = [&](const std::vector<double>& numbers) {
       return numbers.empty() ? 0 : numbers[std::min(channel, numbers.size() - 1)];
@@ -180,7 +180,7 @@ Material material_of(const RenderFlags& options, const v1::Scene& scene, size_t 
   }
   Material material = measured_medium(options.material).material(channel);
   if (options.object_size > 0) {
-    material.sigma_t *= options.object_size / longest_side(object_bounds(scene));
+    material.sigma_t *= options.object_size / longest_side(bounds_of_object(scene));
   }
   return material;
 }
@@ -188,6 +188,7 @@ Material material_of(const RenderFlags& options, const v1::Scene& scene, size_t 
 // Of what the film shows, without the material.
 RenderJob job_of(const RenderFlags& options, v1::Scene scene, v1::Film::Channel shown) {
   scene.mutable_film()->set_channel(shown);
+  resolve_media(scene);
   RenderJob job;
   job.scene = serialize(scene);
   if (!options.phase.empty()) {
@@ -207,20 +208,23 @@ RenderJob job_of(const RenderFlags& options, v1::Scene scene, v1::Film::Channel 
 void take_medium(const v1::Scene& scene, RenderFlags& options) {
   const bool has_flags = !options.sigma_t.empty() || !options.albedo.empty() ||
                          !options.g.empty() || !options.phase.empty() || !options.material.empty();
+  const auto of_scene = material_of("scene.object", scene.object(), scene.film().channel());
   if (!has_flags && scene.object().has_medium()) {
-    const v1::MeasuredMedium& medium = scene.object().medium();
-    options.material = medium.name();
-    options.object_size =
-        in_closed("object.medium.object_size", double{medium.object_size()}, 0, 1e6);
+    options.material = scene.object().medium().name();
+    options.object_size = double{scene.object().medium().object_size()};
+  } else if (!has_flags && of_scene) {
+    options.sigma_t = {of_scene->sigma_t};
+    options.albedo = {of_scene->albedo};
+    options.g = {of_scene->g};
   }
-  require_usage(
-      !options.material.empty() || (!options.sigma_t.empty() && !options.albedo.empty()),
-      "--sigma-t and --albedo are required, or --material, or a medium in the scene's object");
+  require_usage(!options.material.empty() || (!options.sigma_t.empty() && !options.albedo.empty()),
+                "--sigma-t and --albedo are required, or --material, or a medium or material in "
+                "the scene's object");
 }
 
 std::vector<Channel> channels_of(const RenderFlags& options, const v1::Scene& scene) {
   const auto channel = [&](const char* name, v1::Film::Channel shown) {
-    return Channel{name, shown, material_of(options, scene, number_of(shown))};
+    return Channel{name, shown, chosen_material(options, scene, measured_channel(shown))};
   };
   if (!options.color) return {channel("Y", scene.film().channel())};
   return {channel("R", v1::Film::RED), channel("G", v1::Film::GREEN), channel("B", v1::Film::BLUE)};
@@ -229,7 +233,10 @@ std::vector<Channel> channels_of(const RenderFlags& options, const v1::Scene& sc
 // Whether one render of all channels does what three do, and costs less.
 bool share_paths(const RenderFlags& options, const v1::Scene& scene,
                  const std::vector<Channel>& channels) {
-  if (channels.size() == 1 || options.tracer == "reference" || options.pilot_spp > 0) return false;
+  if (channels.size() == 1 || options.tracer == "reference" || options.pilot_spp > 0 ||
+      !scene.other_objects().empty()) {
+    return false;
+  }
   for (const std::string& name : options.derivatives) {
     const auto parameter = parameter_of(name);
     const auto* of_scene = std::get_if<tracer::Parameter>(&parameter);
@@ -240,7 +247,7 @@ bool share_paths(const RenderFlags& options, const v1::Scene& scene,
   for (const Channel& channel : channels) materials.push_back(channel.material);
   const auto other_g = [&](const Material& m) { return m.g != materials[0].g; };
   return std::ranges::none_of(materials, other_g) &&
-         shared_paths_pay(materials, longest_side(object_bounds(scene)));
+         shared_paths_pay(materials, longest_side(bounds_of_object(scene)));
 }
 
 // One for each channel, or one for all.
@@ -403,7 +410,7 @@ bool leaves_film(const Image& image) {
 
 // As it lies in the scene, in mm.
 std::string size_of_object(const v1::Scene& scene) {
-  const Bounds box = object_bounds(scene);
+  const Bounds box = bounds_of_object(scene);
   const Vec3f size = box.max - box.min;
   return fmt::format("{:.3g} x {:.3g} x {:.3g} mm", size.x, size.y, size.z);
 }

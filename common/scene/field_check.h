@@ -21,6 +21,7 @@ namespace itn {
 // What a scene may have.
 inline constexpr int kMaxLights = 64;
 inline constexpr int kMaxSurfaces = 1024;
+inline constexpr int kMaxOtherObjects = 15;
 inline constexpr int kMaxTransforms = 64;  // of a mesh
 
 // To be thrown.

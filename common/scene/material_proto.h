@@ -2,7 +2,7 @@
 #pragma once
 
 #include "common/material.h"
-#include "itn/v1/render.pb.h"
+#include "itn/v1/scene.pb.h"
 
 namespace itn {
 

@@ -43,6 +43,9 @@ std::shared_ptr<const SerializedScene> serialize(const v1::Scene& scene) {
   result->width = scene.film().width();
   result->height = scene.film().height();
   result->triangles = triangle_count(scene.object().mesh());
+  for (const v1::Object& object : scene.other_objects()) {
+    result->triangles += triangle_count(object.mesh());
+  }
   for (const v1::Surface& surface : scene.surfaces()) {
     result->triangles += triangle_count(surface.mesh());
   }

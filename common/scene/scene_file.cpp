@@ -102,6 +102,7 @@ v1::Scene load_scene(const fs::path& path, std::optional<v1::LengthUnit> mesh_un
   // Before files are read for each of them.
   integer_in("the number of lights", scene.lights_size(), 0, kMaxLights);
   integer_in("the number of surfaces", scene.surfaces_size(), 0, kMaxSurfaces);
+  integer_in("the number of other_objects", scene.other_objects_size(), 0, kMaxOtherObjects);
   const fs::path folder = path.parent_path();
   const auto resolve_mesh = [&](v1::Mesh& mesh, Role role) {
     if (mesh_unit && mesh.has_path()) mesh.set_unit(*mesh_unit);
@@ -109,6 +110,9 @@ v1::Scene load_scene(const fs::path& path, std::optional<v1::LengthUnit> mesh_un
   };
   if (scene.object().has_mesh()) {
     resolve_mesh(*scene.mutable_object()->mutable_mesh(), Role::kObject);
+  }
+  for (v1::Object& object : *scene.mutable_other_objects()) {
+    if (object.has_mesh()) resolve_mesh(*object.mutable_mesh(), Role::kObject);
   }
   for (v1::Surface& surface : *scene.mutable_surfaces()) {
     if (surface.has_mesh()) resolve_mesh(*surface.mutable_mesh(), Role::kSurface);

@@ -156,8 +156,8 @@ Mesh MeshBuilder::build(const std::string& field, const v1::Mesh& proto) {
   return mesh;
 }
 
-Bounds object_bounds(const v1::Scene& scene) {
-  return bounds(MeshBuilder(UINT64_MAX).build("scene.object.mesh", scene.object().mesh()));
+Bounds object_bounds(const std::string& field, const v1::Object& object) {
+  return bounds(MeshBuilder(UINT64_MAX).build(field + ".mesh", object.mesh()));
 }
 
 void MeshBuilder::build_object(const std::string& field, const v1::Mesh& proto, PartCache* parts,

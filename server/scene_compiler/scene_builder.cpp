@@ -7,6 +7,7 @@
 #include "common/part_cache.h"
 #include "common/rpc/wire_check.h"
 #include "common/scene/field_check.h"
+#include "common/scene/material_proto.h"
 #include "common/scene/scene_bytes.h"
 #include "server/scene_compiler/field_reader.h"
 #include "server/scene_compiler/mesh_builder.h"
@@ -16,19 +17,49 @@ namespace {
 
 const ElementLimits kSceneElementLimits = {{"itn.v1.Scene.surfaces", kMaxSurfaces},
                                            {"itn.v1.Scene.lights", kMaxLights},
+                                           {"itn.v1.Scene.other_objects", kMaxOtherObjects},
                                            {"itn.v1.Mesh.transforms", kMaxTransforms}};
+
+std::string other_object(int number) {
+  return fmt::format("scene.other_objects[{}]", number);
+}
+
+void check_object(const std::string& field, const v1::Object& object) {
+  if (!object.has_mesh()) throw missing(field + ".mesh");
+  if (object.boundary() != v1::Object::INDEX_MATCHED) {
+    throw invalid_input(fmt::format("{}.boundary has the unknown value {}", field,
+                                    static_cast<int>(object.boundary())));
+  }
+}
 
 void check_required(const v1::Scene& scene) {
   if (!scene.has_object()) throw missing("scene.object");
-  if (!scene.object().has_mesh()) throw missing("scene.object.mesh");
+  check_object("scene.object", scene.object());
+  integer_in("the number of scene.other_objects", scene.other_objects_size(), 0, kMaxOtherObjects);
+  for (int i = 0; i < scene.other_objects_size(); ++i) {
+    check_object(other_object(i), scene.other_objects(i));
+  }
   if (scene.lights().empty()) throw missing("scene.lights: at least one");
   if (!scene.has_camera()) throw missing("scene.camera");
   if (!scene.has_film()) throw missing("scene.film");
   integer_in("the number of scene.lights", scene.lights_size(), 1, kMaxLights);
-  if (scene.object().boundary() != v1::Object::INDEX_MATCHED) {
-    throw invalid_input(fmt::format("scene.object.boundary has the unknown value {}",
-                                    static_cast<int>(scene.object().boundary())));
+}
+
+tracer::Boundary build_boundary(const std::string& field, const v1::Object& proto) {
+  if (set_field(proto, "refraction") == nullptr) return tracer::IndexMatched{};
+  return read_kind<tracer::Boundary>(field, proto, "refraction");
+}
+
+tracer::OtherObject build_other_object(const std::string& field, const v1::Object& proto,
+                                       MeshBuilder& meshes) {
+  if (proto.has_medium()) {
+    throw invalid_input(field + " has a medium; a worker needs its material instead");
   }
+  if (!proto.has_material()) throw missing(field + ".material");
+  const Material material = from_proto(proto.material());
+  validate(material, field + ".material");
+  return {meshes.build(field + ".mesh", proto.mesh()), material, build_boundary(field, proto),
+          build_smooth_angle(field, double{proto.smooth_angle_degrees()})};
 }
 
 tracer::CameraDescription build_camera(const v1::Camera& proto) {
@@ -76,10 +107,11 @@ tracer::FilmDescription build_film(const v1::Film& proto, uint64_t max_pixels) {
   return film;
 }
 
-std::string digest_of_surfaces(const v1::Scene& scene) {
+template <typename Messages>
+std::string digest_of(const Messages& messages) {
   std::string bytes;
-  for (const v1::Surface& surface : scene.surfaces()) {
-    const std::string one = surface.SerializeAsString();
+  for (const auto& message : messages) {
+    const std::string one = message.SerializeAsString();
     bytes += part_key("", one.size()) + one;
   }
   return sha256(bytes);
@@ -119,17 +151,21 @@ tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits&
   description.camera = build_camera(scene.camera());
   MeshBuilder meshes(limits.max_triangles, stop);
   meshes.build_object("scene.object.mesh", scene.object().mesh(), parts, description);
-  if (set_field(scene.object(), "refraction") != nullptr) {
-    description.boundary =
-        read_kind<tracer::Boundary>("scene.object", scene.object(), "refraction");
-  }
+  description.boundary = build_boundary("scene.object", scene.object());
   description.smooth_angle =
       build_smooth_angle("scene.object", scene.object().smooth_angle_degrees());
+  for (int i = 0; i < scene.other_objects_size(); ++i) {
+    description.other_objects.push_back(
+        build_other_object(other_object(i), scene.other_objects(i), meshes));
+  }
   for (int i = 0; i < scene.surfaces_size(); ++i) {
     description.surfaces.push_back(
         meshes.build_surface(fmt::format("scene.surfaces[{}]", i), scene.surfaces(i)));
   }
-  if (parts != nullptr) description.surfaces_digest = digest_of_surfaces(scene);
+  if (parts != nullptr) {
+    description.other_objects_digest = digest_of(scene.other_objects());
+    description.surfaces_digest = digest_of(scene.surfaces());
+  }
   for (int i = 0; i < scene.lights_size(); ++i) {
     description.lights.push_back(build_light(fmt::format("scene.lights[{}]", i), scene.lights(i)));
   }

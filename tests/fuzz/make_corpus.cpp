@@ -78,7 +78,10 @@ v1::Scene lamp_scene() {
     lights { directional { direction { y: 1 } irradiance: 2 angular_radius_degrees: 10 } }
     camera { origin { y: 1.5 z: -4 } target { y: 0.5 } principal_x: 0.6 principal_y: 0.4
              k_1: -0.1 k_2: 0.01 crop { left: 0.1 top: 0.2 right: 0.9 bottom: 0.8 } }
-    film { width: 6 height: 5 })");
+    film { width: 6 height: 5 }
+    other_objects { mesh { builtin: "cube" transforms { translate { x: -6 } } }
+                    dielectric { index: 1.2 } smooth_angle_degrees: 40
+                    material { sigma_t: 3 albedo: 0.9 g: 0.5 } })");
   *scene.mutable_object()->mutable_mesh()->mutable_triangles() = testing::cube();
   scene.mutable_surfaces(1)->mutable_image()->mutable_pixels()->set_rgb(
       to_bytes(std::vector<float>{0.1F, 0.2F, 0.3F, 1, 0.5F, 0}));

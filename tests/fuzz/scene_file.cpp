@@ -1,6 +1,7 @@
 // Scene files, with the files that they name; what the client makes of one is built as the worker
 // does.
 #include "common/scene/scene_file.h"
+#include "client/object_media.h"
 #include "common/geometry/mesh_file.h"
 #include "common/geometry/shapes.h"
 #include "common/image/image.h"
@@ -36,7 +37,8 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace itn;
   static const SceneFolder folder;
   testing::expect_answer([&] {
-    const v1::Scene scene = load_scene(folder.write(testing::to_string(data, size)));
+    v1::Scene scene = load_scene(folder.write(testing::to_string(data, size)));
+    resolve_media(scene);
     build_scene(parse_scene(serialize(scene)->bytes), {.max_pixels = 4096, .max_triangles = 4096});
   });
   return 0;

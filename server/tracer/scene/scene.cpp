@@ -20,13 +20,15 @@ size_t size_of(const Mesh& mesh) {
          mesh.triangles.size() * sizeof(std::array<uint32_t, 3>);
 }
 
-// Those that are not there or stand where a boundary is of another kind would need other paths.
+// Where all boundaries are of one kind, all paths are.
 void check_other(const std::string& name, const SceneDescription& scene, const OtherObject& other) {
   itn::validate(other.material, name + ".material");
   check_fields(name + ".", other.boundary);
   in_closed(name + ".smooth_angle", other.smooth_angle, 0, std::numbers::pi);
   const auto kind = [](const Boundary& boundary) {
-    return std::visit([](const auto& of_kind) { return of_kind.kName; }, boundary);
+    const std::string name_of_kind =
+        std::visit([](const auto& of_kind) { return of_kind.kName; }, boundary);
+    return name_of_kind.empty() ? "index-matched" : name_of_kind;
   };
   if (stops_lines(scene.boundary) && other.boundary.index() == scene.boundary.index()) return;
   throw invalid_input(fmt::format(
@@ -71,10 +73,6 @@ void check(const SceneDescription& scene) {
   }
   check_fields("object.", scene.boundary);
   in_closed("object.smooth_angle", scene.smooth_angle, 0, std::numbers::pi);
-  if (scene.other_objects.size() > kMaxOtherObjects) {
-    throw invalid_input(fmt::format("the number of other_objects is {}; it must be in [0, {}]",
-                                    scene.other_objects.size(), kMaxOtherObjects));
-  }
   for (size_t k = 0; k < scene.other_objects.size(); ++k) {
     check_other(fmt::format("other_objects[{}]", k), scene, scene.other_objects[k]);
   }

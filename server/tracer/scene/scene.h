@@ -60,7 +60,6 @@ struct OtherObject {
   Boundary boundary = {};  // of the kind that the object's is, one that stops lines
   double smooth_angle = 0;
 };
-constexpr size_t kMaxOtherObjects = 15;
 
 struct SceneDescription {
   Mesh object;  // closed, outward oriented; in coordinates of its own
@@ -71,7 +70,7 @@ struct SceneDescription {
   // In radians: triangles that meet under less bound one smooth surface (CornerNormals), where the
   // boundary reflects and refracts. 0: flat.
   double smooth_angle = 0;
-  std::vector<OtherObject> other_objects = {};  // at most kMaxOtherObjects
+  std::vector<OtherObject> other_objects = {};
   std::vector<DiffuseSurface> surfaces;
   std::vector<LightDescription> lights;
   CameraDescription camera;

@@ -143,6 +143,56 @@ TEST_F(RenderMaterial, IsThatOfTheScene) {
               HasSubstr("object.medium.object_size is -1; it must be in [0, 1e+06]"));
 }
 
+// Or say its numbers; and other objects have media of their own, in each channel another.
+TEST_F(RenderMaterial, OtherObjectsHaveTheirOwn) {
+  const std::string example =
+      replaced(read_file(source("client/examples/three.textproto"), "scene"),
+               "width: 480 height: 270", "width: 24 height: 14");
+  const auto rendered = [&](const std::string& scene, const std::vector<std::string>& flags) {
+    std::vector<std::string> command = {
+        kItn,    "render", folder_.write("scene.textproto", scene), "-o", folder_.path("a.exr"),
+        "--spp", "4"};
+    command.insert(command.end(), flags.begin(), flags.end());
+    return run(command);
+  };
+  const auto changed = [&](const std::string& from, const std::string& to) {
+    return replaced(example, from, to);
+  };
+  // Of the thing of skim milk, which is seen to the right.
+  const auto red_over_blue = [&](const std::string& scene) {
+    const Finished done = rendered(scene, {"--color"});
+    EXPECT_EQ(done.exit_code, 0) << done.errors;
+    const Image image = read_exr(folder_.path("a.exr"));
+    double red = 0, blue = 0;
+    for (size_t pixel = 0; pixel < image.channel("R").size(); ++pixel) {
+      if (pixel % 24 < 16 || image.channel("mask.Y")[pixel] < 0.9F) continue;
+      red += double{image.channel("R")[pixel]};
+      blue += double{image.channel("B")[pixel]};
+    }
+    return red / blue;
+  };
+  const double milk = red_over_blue(example);
+  const double ketchup = red_over_blue(changed("\"skimmilk\" object_size: 40", "\"ketchup\""));
+  EXPECT_GT(ketchup, 1.5 * milk);
+
+  const Finished numbers = rendered(changed("medium { name: \"marble\" object_size: 60 }",
+                                            "material { sigma_t: 7 albedo: 0.25 }"),
+                                    {});
+  EXPECT_THAT(numbers.output, HasSubstr("sigma_t 7 / mm, albedo 0.25, g 0")) << numbers.errors;
+  EXPECT_THAT(rendered(changed("\"skimmilk\"", "\"granite\""), {}).errors,
+              HasSubstr("granite is no measured medium"));
+  EXPECT_THAT(rendered(changed("material { sigma_t: 45 albedo: 0.96 g: 0.3 }", ""), {}).errors,
+              HasSubstr("scene.other_objects[1].material is missing"));
+  EXPECT_THAT(rendered(changed("sigma_t: 45", "sigma_t: -45"), {}).errors,
+              HasSubstr("scene.other_objects[1].material.sigma_t is -45"));
+  EXPECT_THAT(rendered(changed("material {", "medium { name: \"marble\" } material {"), {}).errors,
+              HasSubstr("scene.other_objects[1] has a medium and a material"));
+  EXPECT_THAT(rendered(changed("rough_dielectric { index: 1.6 roughness: 0.3 }", ""), {}).errors,
+              HasSubstr("other_objects[1] is index-matched and the object rough_dielectric"));
+  EXPECT_THAT(rendered(changed("x: 0.85 z: -0.15", "x: 0.3"), {}).errors,
+              HasSubstr("object with other_objects"));
+}
+
 TEST_F(RenderMaterial, RefusesWhatDoesNotFit) {
   EXPECT_EQ(render({}).exit_code, 2);
   EXPECT_THAT(render({"--sigma-t", "3"}).errors, HasSubstr("--sigma-t and --albedo are required"));

@@ -58,10 +58,12 @@ TEST(SceneFile, PutsMeshesInThePlaceOfPathsBesideIt) {
   folder.write("meshes/t.obj", kObj);
   const v1::Scene scene = load_scene(folder.write("scene.txt", R"(
     object { mesh { path: "meshes/t.obj" transforms { translate { y: 1 } } } }
+    other_objects { mesh { path: "meshes/t.obj" } }
     surfaces { mesh { path: "meshes/t.obj" } }
     surfaces { rectangle { half_u { x: 1 } half_v { z: 1 } } }
   )"));
-  for (const v1::Mesh& mesh : {scene.object().mesh(), scene.surfaces(0).mesh()}) {
+  for (const v1::Mesh& mesh :
+       {scene.object().mesh(), scene.other_objects(0).mesh(), scene.surfaces(0).mesh()}) {
     ASSERT_TRUE(mesh.has_triangles());
     EXPECT_EQ(mesh.triangles().positions().size(), 4U * 12);
     EXPECT_EQ(mesh.triangles().indices().size(), 4U * 12);

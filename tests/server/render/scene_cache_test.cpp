@@ -135,13 +135,29 @@ tracer::FilmSums render(const tracer::Scene& scene, tracer::Tracer tracer) {
   return tracer::render_grad(scene, request);
 }
 
+// A cube of another medium, both behind rough boundaries.
+void add_other(v1::Scene& scene, double x) {
+  scene.mutable_object()->mutable_rough_dielectric();
+  v1::Object& other = *scene.add_other_objects();
+  other.mutable_mesh()->set_builtin("cube");
+  v1::Vec3& by = *other.mutable_mesh()->add_transforms()->mutable_translate();
+  by.set_x(static_cast<float>(x));
+  other.mutable_rough_dielectric();
+  other.mutable_material()->set_sigma_t(3);
+  other.mutable_material()->set_albedo(0.5);
+}
+
 // An answer depends on the request alone, whatever of its scene was compiled for others.
 TEST(SceneCache, RendersAreTheSameWhateverIsHeld) {
   SceneCache warm(size_t{1} << 30);
-  for (const auto& [size, turn, azimuth] :
-       {std::array{1.0, 0.0, 0.0}, std::array{1.0, 40.0, 0.0}, std::array{1.0, 40.0, 70.0},
-        std::array{2.0, 40.0, 70.0}, std::array{1.0, 0.0, 0.0}}) {
-    const v1::Scene scene = turned_cube(size, turn, azimuth);
+  // And where another object stands, 0: none.
+  for (const auto& [size, turn, azimuth, other_x] :
+       {std::array{1.0, 0.0, 0.0, 0.0}, std::array{1.0, 40.0, 0.0, 0.0},
+        std::array{1.0, 40.0, 70.0, 0.0}, std::array{2.0, 40.0, 70.0, 0.0},
+        std::array{1.0, 0.0, 0.0, 0.0}, std::array{1.0, 40.0, 0.0, 2.0},
+        std::array{1.0, 40.0, 0.0, 1.8}, std::array{1.0, 20.0, 0.0, 1.8}}) {
+    v1::Scene scene = turned_cube(size, turn, azimuth);
+    if (other_x > 0) add_other(scene, other_x);
     const auto shared = build_in(warm, scene);
     SceneCache cold(0);
     const auto alone = build_in(cold, scene);

@@ -224,6 +224,29 @@ const BadScene kBadScenes[] = {
     {"UpAlongView",
      [](auto& s) { *s.mutable_camera()->mutable_up() = parse_text<v1::Vec3>("y: -1 z: 4"); },
      "scene.camera.up is parallel"},
+    {"OtherWithoutMesh", [](auto& s) { s.add_other_objects(); },
+     "scene.other_objects[0].mesh is missing"},
+    {"OtherWithoutMaterial", [](auto& s) { *s.add_other_objects() = s.object(); },
+     "scene.other_objects[0].material is missing"},
+    {"OtherWithMedium",
+     [](auto& s) {
+       *s.add_other_objects() = s.object();
+       s.mutable_other_objects(0)->mutable_medium()->set_name("marble");
+     },
+     "scene.other_objects[0] has a medium; a worker needs its material instead"},
+    {"OtherMaterial",
+     [](auto& s) {
+       *s.add_other_objects() = s.object();
+       s.mutable_other_objects(0)->mutable_material()->set_sigma_t(-1);
+     },
+     "scene.other_objects[0].material.sigma_t is -1"},
+    {"OtherIndex",
+     [](auto& s) {
+       *s.add_other_objects() = s.object();
+       s.mutable_other_objects(0)->mutable_material()->set_sigma_t(1);
+       s.mutable_other_objects(0)->mutable_dielectric()->set_index(3);
+     },
+     "scene.other_objects[0].dielectric.index is 3; it must be in [1, 2.5]"},
     {"NoWidth", [](auto& s) { s.mutable_film()->set_width(0); }, "scene.film.width is 0"},
     {"WidthOverflow", [](auto& s) { s.mutable_film()->set_width(4'000'000'000U); }, "[1, 65536]"},
     {"BillionPixels",
@@ -543,6 +566,24 @@ TEST(SceneBuilder, TakesABoundary) {
   scene.mutable_surfaces()->rbegin()->set_smooth_angle_degrees(90);
   EXPECT_DOUBLE_EQ(build_scene(scene, RenderLimits()).surfaces.back().smooth_angle,
                    std::numbers::pi / 2);
+}
+
+TEST(SceneBuilder, TakesOtherObjects) {
+  v1::Scene scene = cube_scene();
+  scene.mutable_object()->mutable_dielectric();
+  v1::Object& other = *scene.add_other_objects();
+  other.mutable_mesh()->set_builtin("sphere");
+  *other.mutable_mesh()->add_transforms()->mutable_translate() = parse_text<v1::Vec3>("x: 3");
+  other.mutable_dielectric()->set_index(1.25F);
+  other.set_smooth_angle_degrees(90);
+  *other.mutable_material() = parse_text<v1::Material>("sigma_t: 3 albedo: 0.5 g: 0.25");
+  const auto description = build_scene(scene, RenderLimits());
+  ASSERT_EQ(description.other_objects.size(), 1U);
+  const tracer::OtherObject& built = description.other_objects[0];
+  EXPECT_EQ(built.material, (Material{3, 0.5, 0.25}));
+  EXPECT_EQ(std::get<tracer::Dielectric>(built.boundary).index, 1.25F);
+  EXPECT_DOUBLE_EQ(built.smooth_angle, std::numbers::pi / 2);
+  EXPECT_NEAR(bounds(built.mesh).min.x, 2.5F, 1e-3F);
 }
 
 TEST(SceneBuilder, ZeroIsNotAbsent) {

@@ -141,8 +141,8 @@ class LineFollower {
         hn::IfThenElse(inside, load(lines_.last_exit, v), load(lines_.last_entry, v));
     // The next larger float: these are not negative.
     const Floats beyond = hn::BitCast(d, hn::Add(hn::BitCast(UintTag(), last), set(uint32_t{1})));
-    const Floats t_min =
-        hn::Max(hn::Max(hn::Sub(t, load(lines_.slack, v)), beyond), load(lines_.first, v));
+    Floats t_min = hn::Max(hn::Sub(t, load(lines_.slack, v)), beyond);
+    if constexpr (AtBoundary::kStops) t_min = hn::Max(t_min, load(lines_.first, v));
     const Floats rest =
         hn::Add(t, hn::Sub(load(lines_.max_medium_length, v), load(lines_.medium_length, v)));
     Floats end =

@@ -58,8 +58,10 @@ struct Medium {
 struct Media {
   std::vector<Medium> all;
   std::vector<uint32_t> first_triangles;  // of the others
+  const bool several;
 
-  Media(const Scene::Compiled& scene, const RenderRequest& request) {
+  Media(const Scene::Compiled& scene, const RenderRequest& request)
+      : several(!scene.other_media.empty()) {
     all.emplace_back(request.material, phase_of(request), scene.boundary, true);
     for (const auto& other : scene.other_media) {
       const HenyeyGreenstein phase{static_cast<float>(other.material.g)};
@@ -67,7 +69,6 @@ struct Media {
       first_triangles.push_back(other.first_triangle);
     }
   }
-  bool several() const { return all.size() > 1; }
   const Medium& object() const { return all.front(); }
 };
 
@@ -84,10 +85,10 @@ HWY_INLINE Uints medium_at(const Media& media, Uints triangles) {
 
 // Where the medium is the object's: these lanes; these numbers, else 0.
 HWY_INLINE Mask in_object(const Media& media, Uints medium, Mask where) {
-  return media.several() ? hn::And(where, equals(medium, 0)) : where;
+  return media.several ? hn::And(where, equals(medium, 0)) : where;
 }
 HWY_INLINE Floats of_object(const Media& media, Uints medium, Floats number) {
-  return media.several() ? hn::IfThenElseZero(equals(medium, 0), number) : number;
+  return media.several ? hn::IfThenElseZero(equals(medium, 0), number) : number;
 }
 
 HWY_INLINE Floats if_then_else(Mask where, Floats a, Floats b) {

@@ -85,7 +85,7 @@ struct Wavefront {
     paths.d_colours.resize(colours.size() * (2 + slots));
     paths.flight_sigma_t.resize(colours.empty() ? 0 : 1);
     const size_t parts = std::max(colours.size(), differentiated_lights.size());
-    paths.medium.resize(media.several() ? 1 : 0);
+    paths.medium.resize(media.several ? 1 : 0);
     paths.weight_at_albedos.resize(asked.albedos.size());
     paths.radiance_at_albedos.resize(asked.albedos.size());
     paths.dweight_dreflectance.resize(reflecting.size());
@@ -111,10 +111,10 @@ struct Wavefront {
   // Of paths in slots i, i + 1 ..., and in any slots: the medium that they are in, or whose
   // boundary they met last.
   HWY_INLINE Uints medium(size_t i) const {
-    return media.several() ? load(paths.medium[0], i) : hn::Zero(UintTag());
+    return media.several ? load(paths.medium[0], i) : hn::Zero(UintTag());
   }
   HWY_INLINE Uints medium_in(Ints slots) const {
-    if (!media.several()) return hn::Zero(UintTag());
+    if (!media.several) return hn::Zero(UintTag());
     return hn::GatherIndex(UintTag(), paths.medium[0].data(), slots);
   }
 

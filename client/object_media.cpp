@@ -1,0 +1,47 @@
+#include "client/object_media.h"
+
+#include <fmt/format.h>
+
+#include "common/error.h"
+#include "common/fields.h"
+#include "common/measured_media.h"
+#include "common/scene/material_proto.h"
+#include "server/scene_compiler/mesh_builder.h"
+
+namespace itn {
+
+size_t measured_channel(v1::Film::Channel shown) {
+  return shown == v1::Film::RED ? 0 : shown == v1::Film::BLUE ? 2 : 1;
+}
+
+std::optional<Material> material_of(const std::string& field, const v1::Object& object,
+                                    v1::Film::Channel shown) {
+  if (object.has_medium() && object.has_material()) {
+    throw invalid_input(field + " has a medium and a material; it must have one of them");
+  }
+  if (object.has_material()) {
+    const Material material = from_proto(object.material());
+    validate(material, field + ".material");
+    return material;
+  }
+  if (!object.has_medium()) return std::nullopt;
+  const v1::MeasuredMedium& medium = object.medium();
+  Material material = measured_medium(medium.name()).material(measured_channel(shown));
+  const double size =
+      in_closed(field + ".medium.object_size", double{medium.object_size()}, 0, 1e6);
+  if (size > 0) material.sigma_t *= size / longest_side(object_bounds(field, object));
+  return material;
+}
+
+void resolve_media(v1::Scene& scene) {
+  for (int i = 0; i < scene.other_objects_size(); ++i) {
+    v1::Object& object = *scene.mutable_other_objects(i);
+    const std::string field = fmt::format("scene.other_objects[{}]", i);
+    if (const auto material = material_of(field, object, scene.film().channel())) {
+      object.clear_medium();
+      *object.mutable_material() = to_proto(*material);
+    }
+  }
+}
+
+}  // namespace itn
