@@ -65,9 +65,9 @@ void run_import(ImportFlags flags) {
   write_file_atomically(flags.output, hash_comment(comment) + to_text_proto(imported.scene));
 
   const v1::Scene& scene = imported.scene;
-  print_result("{}: {} x {} pixels, {}, {} surfaces, {} lights\n", flags.output,
-               scene.film().width(), scene.film().height(),
-               scene.has_object() ? "an object" : "no object", scene.surfaces_size(),
+  const int objects = (scene.has_object() ? 1 : 0) + scene.other_objects_size();
+  print_result("{}: {} x {} pixels, objects {}, surfaces {}, lights {}\n", flags.output,
+               scene.film().width(), scene.film().height(), objects, scene.surfaces_size(),
                scene.lights_size());
   if (!notes.empty()) print_result("not carried over:\n{}", notes);
   print_result("render it: {}\n", command);

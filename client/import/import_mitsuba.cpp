@@ -15,6 +15,7 @@
 #include "common/angle.h"
 #include "common/error.h"
 #include "common/measured_media.h"
+#include "common/scene/material_proto.h"
 #include "server/tracer/colour/channel.h"
 
 namespace itn {
@@ -203,11 +204,9 @@ class Importer {
   void add_shape(const MitsubaPlugin& shape) {
     shape.text("face_normals", "");
     if (const MitsubaPlugin* const medium = shape.child("medium", "interior")) {
-      if (result_.scene.has_object()) {
-        leave(shape, "there is an object already; a scene here has one of them");
-      } else {
-        add_object(shape, *medium);
-      }
+      const bool first = !result_.scene.has_object();
+      add_object(shape, *medium,
+                 first ? *result_.scene.mutable_object() : *result_.scene.add_other_objects());
     } else if (const MitsubaPlugin* const emitter = shape.child("emitter")) {
       add_lamp(shape, *emitter);
     } else {
@@ -215,8 +214,7 @@ class Importer {
     }
   }
 
-  void add_object(const MitsubaPlugin& shape, const MitsubaPlugin& medium) {
-    v1::Object& object = *result_.scene.mutable_object();
+  void add_object(const MitsubaPlugin& shape, const MitsubaPlugin& medium, v1::Object& object) {
     if (!set_mesh(*object.mutable_mesh(), shape)) {
       throw invalid_input(
           fmt::format("{}: the medium is in a shape that has no counterpart; ply, obj, stl, cube "
@@ -225,7 +223,23 @@ class Importer {
     }
     if (object.mesh().has_path()) object.mutable_mesh()->set_repair(true);
     set_boundary(object, shape);
-    set_medium(medium);
+    set_medium(object, medium);
+    make_of_one_kind(shape, object);
+  }
+
+  // Where there are several objects, their boundaries are of one kind.
+  void make_of_one_kind(const MitsubaPlugin& shape, v1::Object& object) {
+    v1::Object& first = *result_.scene.mutable_object();
+    if (&object == &first) return;
+    for (v1::Object* each : {&first, &object}) {
+      const bool none = each->refraction_case() == v1::Object::REFRACTION_NOT_SET;
+      if (none) each->mutable_dielectric()->set_index(1);  // lets light pass as it is
+    }
+    if (object.refraction_case() == first.refraction_case()) return;
+    leave(shape,
+          "is smooth where the first object is rough, or the other way round; the objects of a "
+          "scene here are of one kind");
+    result_.scene.mutable_other_objects()->RemoveLast();
   }
 
   double index_of(const MitsubaPlugin& bsdf, const std::string& property,
@@ -269,14 +283,14 @@ class Importer {
     return 40;
   }
 
-  void set_medium(const MitsubaPlugin& medium) {
+  void set_medium(v1::Object& object, const MitsubaPlugin& medium) {
     if (medium.type != "homogeneous") {
       leave(medium, "only a homogeneous medium has a counterpart");
       return;
     }
     const double scale = medium.number("scale", 1) / options_.mm_per_scene_unit;
     if (medium.has("material")) {
-      set_measured_medium(medium, scale);
+      set_measured_medium(object, medium, scale);
       return;
     }
     std::array<Material, 3> material;
@@ -291,18 +305,28 @@ class Importer {
       of.g = g;
       of.sigma_t *= scale;
     }
-    result_.medium = material;
+    if (&object == &result_.scene.object()) {
+      result_.medium = material;
+      return;
+    }
+    const size_t shown = options_.channel == v1::Film::RED    ? 0
+                         : options_.channel == v1::Film::BLUE ? 2
+                                                              : 1;
+    *object.mutable_material() = to_proto(material[shown]);
+    if (material[0] != material[1] || material[1] != material[2]) {
+      leave(medium, "its colours; that of the channel, or the green one, was taken");
+    }
   }
 
   // Mitsuba 0.6 has those of Jensen and Narasimhan in 1/mm, under names of which ours are the small
   // letters.
-  void set_measured_medium(const MitsubaPlugin& medium, double scale) {
+  void set_measured_medium(v1::Object& object, const MitsubaPlugin& medium, double scale) {
     std::string name = medium.text("material", "");
     std::ranges::transform(name, name.begin(), [](unsigned char c) { return std::tolower(c); });
     const bool known = std::ranges::any_of(
         measured_media(), [&](const MeasuredMedium& each) { return each.name == name; });
     if (known) {
-      result_.scene.mutable_object()->mutable_medium()->set_name(name);
+      object.mutable_medium()->set_name(name);
       if (scale != 1)
         leave(medium, "its scale; `medium { object_size }` says how large the object is");
     } else {

@@ -1,5 +1,6 @@
 #include "client/import/import_mitsuba.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -86,6 +87,30 @@ TEST_F(ImportMitsuba, ReadsTheObjectAndItsMedium) {
   EXPECT_NEAR((*imported.medium)[0].g, 0.3, 1e-12);
   EXPECT_EQ(imported.scene.lights(0).constant().radiance(), 1);
   EXPECT_THAT(imported.not_carried_over, IsEmpty());
+}
+
+// The first shape with a medium is the object; others are beside it, of one kind of boundary.
+TEST_F(ImportMitsuba, ReadsOtherObjects) {
+  const auto shape = [](const char* id, const char* bsdf, const char* medium) {
+    return fmt::format(R"(<shape type="cube" id="{}"><bsdf type="{}"/>
+        <medium type="homogeneous" name="interior">{}</medium></shape>)",
+                       id, bsdf, medium);
+  };
+  const char* const red = R"(<rgb name="albedo" value="0.9, 0.5, 0.5"/>)";
+  const ImportedScene imported =
+      import(shape("a", "null", "") + shape("b", "dielectric", red) +
+             shape("c", "roughdielectric", "") + shape("d", "null", "") + kSensor);
+  EXPECT_EQ(imported.scene.object().dielectric().index(), 1);
+  ASSERT_EQ(imported.scene.other_objects_size(), 2);
+  const v1::Object &b = imported.scene.other_objects(0), &d = imported.scene.other_objects(1);
+  EXPECT_NEAR(b.dielectric().index(), 1.5046, 1e-3);
+  EXPECT_EQ(b.material().sigma_t(), 1);
+  EXPECT_EQ(b.material().albedo(), 0.5);
+  EXPECT_EQ(d.dielectric().index(), 1);
+  EXPECT_EQ(d.material().albedo(), 0.75);
+  for (const char* const part : {"the green one, was taken", "are of one kind"}) {
+    EXPECT_THAT(imported.not_carried_over, Contains(HasSubstr(part)));
+  }
 }
 
 // With the names and the coefficients that 0.6 has.
