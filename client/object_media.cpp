@@ -7,26 +7,36 @@
 #include "common/measured_media.h"
 #include "common/scene/material_proto.h"
 #include "server/scene_compiler/mesh_builder.h"
+#include "server/tracer/colour/channel.h"
 
 namespace itn {
 
-size_t measured_channel(v1::Film::Channel shown) {
+size_t number_of_channel(v1::Film::Channel shown) {
   return shown == v1::Film::RED ? 0 : shown == v1::Film::BLUE ? 2 : 1;
 }
 
 std::optional<Material> material_of(const std::string& field, const v1::Object& object,
                                     v1::Film::Channel shown) {
-  if (object.has_medium() && object.has_material()) {
+  const int materials = object.material_size();
+  if (object.has_medium() && materials > 0) {
     throw invalid_input(field + " has a medium and a material; it must have one of them");
   }
-  if (object.has_material()) {
-    const Material material = from_proto(object.material());
+  if (materials > 0) {
+    const auto colours = static_cast<int>(tracer::kColours.size());
+    if (materials != 1 && materials != colours) {
+      throw invalid_input(
+          fmt::format("{} has {} materials; it must have one, or {}, in red, green "
+                      "and blue",
+                      field, materials, colours));
+    }
+    const int number = materials == 1 ? 0 : static_cast<int>(number_of_channel(shown));
+    const Material material = from_proto(object.material(number));
     validate(material, field + ".material");
     return material;
   }
   if (!object.has_medium()) return std::nullopt;
   const v1::MeasuredMedium& medium = object.medium();
-  Material material = measured_medium(medium.name()).material(measured_channel(shown));
+  Material material = measured_medium(medium.name()).material(number_of_channel(shown));
   const double size =
       in_closed(field + ".medium.object_size", double{medium.object_size()}, 0, 1e6);
   if (size > 0) material.sigma_t *= size / longest_side(object_bounds(field, object));
@@ -39,7 +49,8 @@ void resolve_media(v1::Scene& scene) {
     const std::string field = fmt::format("scene.other_objects[{}]", i);
     if (const auto material = material_of(field, object, scene.film().channel())) {
       object.clear_medium();
-      *object.mutable_material() = to_proto(*material);
+      object.clear_material();
+      *object.add_material() = to_proto(*material);
     }
   }
 }

@@ -10,8 +10,8 @@
 
 namespace itn {
 
-// The number of a measured medium's channel that a film shows. Luminance is mostly green.
-size_t measured_channel(v1::Film::Channel shown);
+// Of red, green and blue, the number of that by which a medium is taken. Luminance is mostly green.
+size_t number_of_channel(v1::Film::Channel shown);
 
 // By the `medium` or `material` of an object, which `field` names; nothing if there is neither.
 // Throws Error (invalid input).

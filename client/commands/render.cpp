@@ -208,14 +208,20 @@ RenderJob job_of(const RenderFlags& options, v1::Scene scene, v1::Film::Channel 
 void take_medium(const v1::Scene& scene, RenderFlags& options) {
   const bool has_flags = !options.sigma_t.empty() || !options.albedo.empty() ||
                          !options.g.empty() || !options.phase.empty() || !options.material.empty();
-  const auto of_scene = material_of("scene.object", scene.object(), scene.film().channel());
+  const auto in_channel = [&](v1::Film::Channel shown) {
+    return material_of("scene.object", scene.object(), shown);
+  };
   if (!has_flags && scene.object().has_medium()) {
+    in_channel(v1::Film::GREEN);  // is checked
     options.material = scene.object().medium().name();
     options.object_size = double{scene.object().medium().object_size()};
-  } else if (!has_flags && of_scene) {
-    options.sigma_t = {of_scene->sigma_t};
-    options.albedo = {of_scene->albedo};
-    options.g = {of_scene->g};
+  } else if (!has_flags && !scene.object().material().empty()) {
+    for (const v1::Film::Channel shown : {v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE}) {
+      const Material material = *in_channel(shown);
+      options.sigma_t.push_back(material.sigma_t);
+      options.albedo.push_back(material.albedo);
+      options.g.push_back(material.g);
+    }
   }
   require_usage(!options.material.empty() || (!options.sigma_t.empty() && !options.albedo.empty()),
                 "--sigma-t and --albedo are required, or --material, or a medium or material in "
@@ -224,7 +230,7 @@ void take_medium(const v1::Scene& scene, RenderFlags& options) {
 
 std::vector<Channel> channels_of(const RenderFlags& options, const v1::Scene& scene) {
   const auto channel = [&](const char* name, v1::Film::Channel shown) {
-    return Channel{name, shown, chosen_material(options, scene, measured_channel(shown))};
+    return Channel{name, shown, chosen_material(options, scene, number_of_channel(shown))};
   };
   if (!options.color) return {channel("Y", scene.film().channel())};
   return {channel("R", v1::Film::RED), channel("G", v1::Film::GREEN), channel("B", v1::Film::BLUE)};

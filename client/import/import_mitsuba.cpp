@@ -9,6 +9,7 @@
 #include <cmath>
 #include <map>
 #include <set>
+#include <span>
 #include <utility>
 
 #include "client/import/mitsuba_xml.h"
@@ -309,12 +310,9 @@ class Importer {
       result_.medium = material;
       return;
     }
-    const size_t shown = options_.channel == v1::Film::RED    ? 0
-                         : options_.channel == v1::Film::BLUE ? 2
-                                                              : 1;
-    *object.mutable_material() = to_proto(material[shown]);
-    if (material[0] != material[1] || material[1] != material[2]) {
-      leave(medium, "its colours; that of the channel, or the green one, was taken");
+    const bool one = material[0] == material[1] && material[1] == material[2];
+    for (const Material& of : std::span(material).first(one ? 1 : 3)) {
+      *object.add_material() = to_proto(of);
     }
   }
 

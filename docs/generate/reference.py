@@ -127,7 +127,9 @@ def cell(text):
 
 def help_of(*words):
     text = subprocess.run([PROGRAMS / words[0], *words[1:], "--help"], capture_output=True, text=True, check=True)
-    return text.stdout
+    # CLI11 lists these in the order of addresses, which is another in every build.
+    return re.sub(r"((?:Excludes|Needs):)((?: --[\w-]+)+)",
+                  lambda found: f"{found[1]} {' '.join(sorted(found[2].split()))}", text.stdout)
 
 
 def command_page():

@@ -55,8 +55,14 @@ tracer::OtherObject build_other_object(const std::string& field, const v1::Objec
   if (proto.has_medium()) {
     throw invalid_input(field + " has a medium; a worker needs its material instead");
   }
-  if (!proto.has_material()) throw missing(field + ".material");
-  const Material material = from_proto(proto.material());
+  if (proto.material().empty()) throw missing(field + ".material");
+  if (proto.material_size() > 1) {
+    throw invalid_input(
+        fmt::format("{} has {} materials; a worker needs one, of the channel that "
+                    "the film shows",
+                    field, proto.material_size()));
+  }
+  const Material material = from_proto(proto.material(0));
   validate(material, field + ".material");
   return {meshes.build(field + ".mesh", proto.mesh()), material, build_boundary(field, proto),
           build_smooth_angle(field, double{proto.smooth_angle_degrees()})};

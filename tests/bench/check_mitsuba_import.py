@@ -80,6 +80,13 @@ SCENES = {
         <transform name="to_world"><translate y="0.1"/></transform>
         <bsdf type="{name}">{microfacets}<float name="int_ior" value="1.4"/>
           <float name="ext_ior" value="1"/></bsdf>{MEDIUM}</shape>{BOARD}
+      <shape type="cube"><transform name="to_world"><scale x="0.2" y="0.3" z="0.2"/>
+        <rotate y="1" angle="25"/><translate x="-0.9" y="0.4" z="-0.3"/></transform>
+        <bsdf type="{name}">{microfacets}<float name="int_ior" value="1.2"/>
+          <float name="ext_ior" value="1"/></bsdf>
+        <medium type="homogeneous" name="interior">
+          <float name="sigma_t" value="7"/><float name="albedo" value="0.95"/>
+          <phase type="hg"><float name="g" value="0.6"/></phase></medium></shape>
       <shape type="sphere"><point name="center" x="1.2" y="2.2" z="-1"/>
         <float name="radius" value="0.8"/>
         <emitter type="area"><float name="radiance" value="3"/></emitter></shape>

@@ -179,13 +179,27 @@ TEST_F(RenderMaterial, OtherObjectsHaveTheirOwn) {
                                             "material { sigma_t: 7 albedo: 0.25 }"),
                                     {});
   EXPECT_THAT(numbers.output, HasSubstr("sigma_t 7 / mm, albedo 0.25, g 0")) << numbers.errors;
+  const std::string three =
+      "material { sigma_t: 7 albedo: 0.2 } material { sigma_t: 8 albedo: 0.3 g: 0.5 } "
+      "material { sigma_t: 9 albedo: 0.4 }";
+  const Finished in_colour =
+      rendered(changed("medium { name: \"marble\" object_size: 60 }", three), {"--color"});
+  EXPECT_THAT(in_colour.output, HasSubstr("R: sigma_t 7 / mm, albedo 0.2, g 0"))
+      << in_colour.errors;
+  EXPECT_THAT(in_colour.output, HasSubstr("G: sigma_t 8 / mm, albedo 0.3, g 0.5"));
+  EXPECT_THAT(in_colour.output, HasSubstr("B: sigma_t 9 / mm, albedo 0.4, g 0"));
   EXPECT_THAT(rendered(changed("\"skimmilk\"", "\"granite\""), {}).errors,
               HasSubstr("granite is no measured medium"));
-  EXPECT_THAT(rendered(changed("material { sigma_t: 45 albedo: 0.96 g: 0.3 }", ""), {}).errors,
-              HasSubstr("scene.other_objects[1].material is missing"));
+  EXPECT_THAT(rendered(changed("medium { name: \"skimmilk\" object_size: 40 }", ""), {}).errors,
+              HasSubstr("scene.other_objects[0].material is missing"));
   EXPECT_THAT(rendered(changed("sigma_t: 45", "sigma_t: -45"), {}).errors,
               HasSubstr("scene.other_objects[1].material.sigma_t is -45"));
-  EXPECT_THAT(rendered(changed("material {", "medium { name: \"marble\" } material {"), {}).errors,
+  EXPECT_THAT(rendered(changed("  material { sigma_t: 45 albedo: 0.98 g: 0.3 }\n", ""), {}).errors,
+              HasSubstr("scene.other_objects[1] has 2 materials; it must have one, or 3"));
+  EXPECT_THAT(rendered(changed("material { sigma_t: 55",
+                               "medium { name: \"marble\" } material { sigma_t: 55"),
+                       {})
+                  .errors,
               HasSubstr("scene.other_objects[1] has a medium and a material"));
   EXPECT_THAT(rendered(changed("rough_dielectric { index: 1.6 roughness: 0.3 }", ""), {}).errors,
               HasSubstr("other_objects[1] is index-matched and the object rough_dielectric"));

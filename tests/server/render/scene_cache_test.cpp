@@ -143,8 +143,9 @@ void add_other(v1::Scene& scene, double x) {
   v1::Vec3& by = *other.mutable_mesh()->add_transforms()->mutable_translate();
   by.set_x(static_cast<float>(x));
   other.mutable_rough_dielectric();
-  other.mutable_material()->set_sigma_t(3);
-  other.mutable_material()->set_albedo(0.5);
+  v1::Material& material = *other.add_material();
+  material.set_sigma_t(3);
+  material.set_albedo(0.5);
 }
 
 // An answer depends on the request alone, whatever of its scene was compiled for others.

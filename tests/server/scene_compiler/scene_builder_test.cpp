@@ -234,16 +234,22 @@ const BadScene kBadScenes[] = {
        s.mutable_other_objects(0)->mutable_medium()->set_name("marble");
      },
      "scene.other_objects[0] has a medium; a worker needs its material instead"},
+    {"OtherColours",
+     [](auto& s) {
+       *s.add_other_objects() = s.object();
+       for (int i = 0; i < 3; ++i) s.mutable_other_objects(0)->add_material()->set_sigma_t(1);
+     },
+     "scene.other_objects[0] has 3 materials; a worker needs one"},
     {"OtherMaterial",
      [](auto& s) {
        *s.add_other_objects() = s.object();
-       s.mutable_other_objects(0)->mutable_material()->set_sigma_t(-1);
+       s.mutable_other_objects(0)->add_material()->set_sigma_t(-1);
      },
      "scene.other_objects[0].material.sigma_t is -1"},
     {"OtherIndex",
      [](auto& s) {
        *s.add_other_objects() = s.object();
-       s.mutable_other_objects(0)->mutable_material()->set_sigma_t(1);
+       s.mutable_other_objects(0)->add_material()->set_sigma_t(1);
        s.mutable_other_objects(0)->mutable_dielectric()->set_index(3);
      },
      "scene.other_objects[0].dielectric.index is 3; it must be in [1, 2.5]"},
@@ -576,7 +582,7 @@ TEST(SceneBuilder, TakesOtherObjects) {
   *other.mutable_mesh()->add_transforms()->mutable_translate() = parse_text<v1::Vec3>("x: 3");
   other.mutable_dielectric()->set_index(1.25F);
   other.set_smooth_angle_degrees(90);
-  *other.mutable_material() = parse_text<v1::Material>("sigma_t: 3 albedo: 0.5 g: 0.25");
+  *other.add_material() = parse_text<v1::Material>("sigma_t: 3 albedo: 0.5 g: 0.25");
   const auto description = build_scene(scene, RenderLimits());
   ASSERT_EQ(description.other_objects.size(), 1U);
   const tracer::OtherObject& built = description.other_objects[0];
