@@ -105,6 +105,7 @@ constexpr std::string_view kPatternAndBrightMaterial =
   probability: 0.9
   reflectance { uniform { min: 0.05 max: 0.8 } }
   checkered: 0.3
+  mottled: 0.3
 }
 materials {
   sigma_t { log_uniform { min: 20 max: 400 } }
@@ -364,13 +365,23 @@ void validate_light(const std::string& field, const v1::LightChoice& light) {
       "{} says no light; it is a sun_sky, a flash, a studio, panoramas or a lamp", field));
 }
 
+bool has_pattern(const v1::GroundChoice& ground) {
+  return ground.checkered() > 0 || ground.mottled() > 0;
+}
+
 void validate_ground(const v1::GroundChoice& ground) {
   require_part("ground.probability", ground.probability());
   validate("reflectance", ground.reflectance(), 0, 1);
   require_part("ground.checkered", ground.checkered());
-  if (ground.checkered() == 0) return;
-  validate("ground.other_reflectance", ground.other_reflectance(), 0, 1);
-  validate("ground.square", ground.square(), 0.01, 20);
+  require_part("ground.mottled", ground.mottled());
+  require(ground.checkered() + ground.mottled() <= 1,
+          fmt::format("ground.checkered is {} and ground.mottled {}; together they are at most 1",
+                      ground.checkered(), ground.mottled()));
+  if (has_pattern(ground)) validate("ground.other_reflectance", ground.other_reflectance(), 0, 1);
+  if (ground.checkered() > 0) validate("ground.square", ground.square(), 0.01, 20);
+  if (ground.mottled() == 0) return;
+  validate("ground.image_size", ground.image_size(), 0.1, 100);
+  validate("ground.persistence", ground.persistence(), 0, 1);
 }
 
 void validate_boundary(const v1::BoundaryChoice& boundary) {
@@ -526,10 +537,14 @@ void set_defaults(v1::DatasetConfig& config) {
   if (config.has_boundary()) {
     merge_defaults(*config.mutable_boundary(), parsed(kRoughSurface, "boundary").boundary());
   }
-  if (config.ground().checkered() > 0) {
+  if (has_pattern(config.ground())) {
     v1::GroundChoice ground;
     *ground.mutable_other_reflectance() = uniform(0.05, 0.8);
-    *ground.mutable_square() = log_uniform(0.1, 1);
+    if (config.ground().checkered() > 0) *ground.mutable_square() = log_uniform(0.1, 1);
+    if (config.ground().mottled() > 0) {
+      *ground.mutable_image_size() = log_uniform(1, 10);
+      *ground.mutable_persistence() = uniform(0.3, 0.9);
+    }
     merge_defaults(*config.mutable_ground(), ground);
   }
   if (config.has_noise()) {

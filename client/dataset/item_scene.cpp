@@ -8,6 +8,7 @@
 #include <limits>
 #include <numbers>
 
+#include "client/dataset/ground_texture.h"
 #include "client/dataset/panorama.h"
 #include "client/dataset/studio.h"
 #include "common/angle.h"
@@ -82,14 +83,28 @@ Vec3d add_object(v1::Scene& scene, const v1::DatasetItem& item, const v1::Triang
   return set_down;
 }
 
+v1::ImageReflectance image_of(const v1::GroundTexture& texture) {
+  const double turn = texture.turn_degrees() * kRadiansPerDegree, side = texture.image_size();
+  v1::ImageReflectance image;
+  *image.mutable_pixels() = mottled(texture);
+  *image.mutable_edge_u() = vec3_of({side * std::cos(turn), 0, side * std::sin(turn)});
+  *image.mutable_edge_v() = vec3_of({-side * std::sin(turn), 0, side * std::cos(turn)});
+  return image;
+}
+
 void add_ground(v1::Scene& scene, const v1::DatasetItem& item) {
-  if (!item.has_ground_reflectance() && !item.has_ground_checkerboard()) return;
+  if (!item.has_ground_reflectance() && !item.has_ground_checkerboard() &&
+      !item.has_ground_texture()) {
+    return;
+  }
   v1::Surface& ground = *scene.add_surfaces();
   ground.mutable_rectangle()->mutable_center();
   ground.mutable_rectangle()->mutable_half_u()->set_x(20);
   ground.mutable_rectangle()->mutable_half_v()->set_z(-20);
   if (item.has_ground_checkerboard()) {
     *ground.mutable_checkerboard() = item.ground_checkerboard();
+  } else if (item.has_ground_texture()) {
+    *ground.mutable_image() = image_of(item.ground_texture());
   } else {
     ground.set_reflectance(item.ground_reflectance());
   }

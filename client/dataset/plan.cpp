@@ -46,7 +46,8 @@ enum Choice : uint64_t {
   kPanoramaSplit,
   kBoundary,
   kCheckerboard,
-  kChannel
+  kChannel,
+  kTexture
 };
 
 // --- Splits ---
@@ -385,10 +386,26 @@ v1::Checkerboard draw_checkerboard(const v1::GroundChoice& ground, const Choices
   return board;
 }
 
+// Likewise.
+v1::GroundTexture draw_texture(const v1::GroundChoice& ground, const Choices& choices) {
+  const auto branch = [](uint64_t number) { return derive_seed(kTexture, {number}); };
+  v1::GroundTexture texture;
+  texture.set_seed(choices.random(branch(0)).next());
+  texture.set_reflectance(choices.draw(kReflectance, ground.reflectance()));
+  texture.set_other_reflectance(choices.draw(branch(1), ground.other_reflectance()));
+  texture.set_image_size(choices.draw(branch(2), ground.image_size()));
+  texture.set_turn_degrees(static_cast<float>(360 * choices.number(branch(3))));
+  texture.set_persistence(choices.draw(branch(4), ground.persistence()));
+  return texture;
+}
+
 void draw_ground(const v1::GroundChoice& ground, const Choices& choices, v1::DatasetItem& item) {
   if (choices.number(kGround) >= ground.probability()) return;
-  if (choices.number(derive_seed(kCheckerboard, {0})) < ground.checkered()) {
+  const double pattern = choices.number(derive_seed(kCheckerboard, {0}));
+  if (pattern < ground.checkered()) {
     *item.mutable_ground_checkerboard() = draw_checkerboard(ground, choices);
+  } else if (pattern < ground.checkered() + ground.mottled()) {
+    *item.mutable_ground_texture() = draw_texture(ground, choices);
   } else {
     item.set_ground_reflectance(choices.draw(kReflectance, ground.reflectance()));
   }

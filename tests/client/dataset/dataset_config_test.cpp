@@ -103,6 +103,11 @@ TEST(DatasetConfig, WhatIsNotAskedForStaysAbsent) {
   EXPECT_EQ(config.boundary().index().uniform().max(), 1.6);
   EXPECT_EQ(config.boundary().smooth_angle_degrees(), 30);
   EXPECT_EQ(config.ground().square().log_uniform().max(), 1);
+  EXPECT_FALSE(config.ground().has_image_size());
+  const v1::DatasetConfig mottled = parsed("ground { mottled: 0.5 }");
+  EXPECT_EQ(mottled.ground().image_size().log_uniform().max(), 10);
+  EXPECT_EQ(mottled.ground().persistence().uniform().max(), 0.9);
+  EXPECT_FALSE(mottled.ground().has_square());
   EXPECT_EQ(config.ground().reflectance().fixed(), 0.5);
   EXPECT_EQ(config.lights(0).lamp().distance().log_uniform().min(), 1.5);
   EXPECT_EQ(config.lights(0).lamp().ambient().fixed(), 0);
@@ -195,6 +200,10 @@ TEST(DatasetConfig, SaysWhatIsOutOfRange) {
       {"boundary { roughness { fixed: 0 } }", "boundary.roughness is 0; it must be in [0.001, 1]"},
       {"boundary { smooth_angle_degrees: 181 }", "boundary.smooth_angle_degrees is 181"},
       {"ground { checkered: 2 }", "ground.checkered is 2"},
+      {"ground { mottled: -1 }", "ground.mottled is -1"},
+      {"ground { mottled: 0.6 checkered: 0.5 }", "together they are at most 1"},
+      {"ground { mottled: 1 image_size { fixed: 0 } }", "ground.image_size is 0"},
+      {"ground { mottled: 1 persistence { fixed: 2 } }", "ground.persistence is 2"},
       {"ground { checkered: 1 square { fixed: 0 } }", "ground.square is 0"},
       {"ground { checkered: 1 other_reflectance { fixed: 2 } }", "ground.other_reflectance is 2"},
       {"coloured: 1.5", "coloured is 1.5; it must be in [0, 1]"},

@@ -5,6 +5,7 @@
 #include <limits>
 #include <numbers>
 
+#include "client/dataset/ground_texture.h"
 #include "client/dataset/plan.h"
 #include "common/geometry/mesh.h"
 #include "common/rpc/wire_array.h"
@@ -208,6 +209,61 @@ TEST(ItemScene, HasTheSurfaceAndTheGroundOfTheItem) {
   ASSERT_EQ(scene.surfaces_size(), 1);
   EXPECT_EQ(scene.surfaces(0).checkerboard().odd(), 0.7F);
   EXPECT_FALSE(scene.surfaces(0).has_reflectance());
+}
+
+v1::GroundTexture texture_of(uint64_t seed, float persistence) {
+  v1::GroundTexture texture;
+  texture.set_seed(seed);
+  texture.set_reflectance(0.6F);
+  texture.set_other_reflectance(0.1F);
+  texture.set_image_size(3);
+  texture.set_turn_degrees(90);
+  texture.set_persistence(persistence);
+  return texture;
+}
+
+TEST(ItemScene, HasTheMottledGroundOfTheItem) {
+  v1::DatasetItem item = upright_item();
+  item.clear_ground_reflectance();
+  *item.mutable_ground_texture() = texture_of(3, 0.5F);
+  const v1::Scene scene = scene_of(item, triangles_of("cube"), 64);
+  ASSERT_EQ(scene.surfaces_size(), 1);
+  const v1::ImageReflectance& image = scene.surfaces(0).image();
+  EXPECT_NEAR(image.edge_u().z(), 3, 1e-6);
+  EXPECT_NEAR(image.edge_v().x(), -3, 1e-6);
+  EXPECT_EQ(image.pixels().SerializeAsString(), mottled(texture_of(3, 0.5F)).SerializeAsString());
+}
+
+// From one reflectance to the other, without a seam where images meet, and the rougher the more.
+TEST(GroundTexture, IsNoiseWithoutASeam) {
+  const auto side = static_cast<size_t>(kTexturePixels);
+  double before = 0;
+  for (const float persistence : {0.0F, 0.5F, 1.0F}) {
+    double inner = 0, seam = 0;
+    for (uint64_t seed = 0; seed < 16; ++seed) {
+      const auto rgb = from_bytes<float>(mottled(texture_of(seed, persistence)).rgb());
+      EXPECT_NEAR(*std::ranges::min_element(rgb), 0.1F, 1e-6F);
+      EXPECT_NEAR(*std::ranges::max_element(rgb), 0.6F, 1e-6F);
+      // Squares of the difference of neighbours, in the row; the last is beside the first.
+      for (size_t y = 0; y < side; ++y) {
+        for (size_t x = 0; x < side; ++x) {
+          const double step =
+              double{rgb[3 * (y * side + x)]} - double{rgb[3 * (y * side + (x + 1) % side)]};
+          (x + 1 == side ? seam : inner) += step * step;
+        }
+      }
+    }
+    inner /= static_cast<double>(side - 1);
+    // At the seam of the coarsest lattice it is smoother than in the middle of its cells.
+    EXPECT_LT(seam, 2 * inner) << persistence;
+    EXPECT_GT(inner, 2 * before) << persistence;
+    before = inner;
+  }
+}
+
+TEST(GroundTexture, HasTheSameBitsEverywhere) {
+  EXPECT_EQ(to_hex(sha256(mottled(texture_of(7, 0.7F)).rgb())),
+            "9e544b16a415d49548a4c37290a994ac86c5dfdb0641dec1c68af4e3db85232f");
 }
 
 // Offsets move the object in the image: to the right, and upwards.

@@ -303,15 +303,37 @@ TEST(DatasetPlan, EveryChoiceOfSurfaceLampAndCheckerboardIsIndependentOfEveryOth
   expect_independent(items, glossy_numbers());
 }
 
+TEST(DatasetPlan, EveryChoiceOfAMottledGroundIsIndependentOfEveryOther) {
+  v1::DatasetConfig config = training_alone("glossy");
+  config.mutable_ground()->set_probability(1);
+  config.mutable_ground()->set_checkered(0);
+  config.mutable_ground()->set_mottled(1);
+  set_defaults(config);
+  const ShapeSplit shapes = split_shapes(config, nameless(64));
+  std::vector<v1::DatasetItem> items;
+  for (uint64_t i = 1000; i < 7000; ++i) items.push_back(plan_item(config, shapes, i));
+  expect_independent(
+      items,
+      {{"shape", [](const auto& i) { return std::stod(i.shape().substr(5)); }},
+       {"pitch", [](const auto& i) { return i.camera().pitch_degrees(); }},
+       {"seed", [](const auto& i) { return static_cast<double>(i.ground_texture().seed()); }},
+       {"one end", [](const auto& i) { return i.ground_texture().reflectance(); }},
+       {"the other", [](const auto& i) { return i.ground_texture().other_reflectance(); }},
+       {"size", [](const auto& i) { return i.ground_texture().image_size(); }},
+       {"turn", [](const auto& i) { return i.ground_texture().turn_degrees(); }},
+       {"persistence", [](const auto& i) { return i.ground_texture().persistence(); }}});
+}
+
 // A surface that all have, or a pattern of some grounds, changes nothing else that is drawn.
 TEST(DatasetPlan, SurfacesAndPatternsAreDrawnBesideTheRest) {
   const v1::DatasetConfig plain = training_alone("outdoor");
   v1::DatasetConfig config = plain;
   config.mutable_boundary()->set_probability(0.75);
   config.mutable_ground()->set_checkered(0.25);
+  config.mutable_ground()->set_mottled(0.25);
   set_defaults(config);
   const ShapeSplit shapes = split_shapes(config, nameless(3));
-  int boundaries = 0, grounds = 0, checkered = 0;
+  int boundaries = 0, grounds = 0, checkered = 0, textured = 0;
   for (uint64_t i = 0; i < 6400; ++i) {
     v1::DatasetItem item = plan_item(config, shapes, i);
     boundaries += item.has_boundary() ? 1 : 0;
@@ -323,11 +345,17 @@ TEST(DatasetPlan, SurfacesAndPatternsAreDrawnBesideTheRest) {
       item.set_ground_reflectance(item.ground_checkerboard().even());
       item.clear_ground_checkerboard();
     }
+    if (item.has_ground_texture()) {
+      ++textured;
+      item.set_ground_reflectance(item.ground_texture().reflectance());
+      item.clear_ground_texture();
+    }
     grounds += item.has_ground_reflectance() ? 1 : 0;
     EXPECT_EQ(item.SerializeAsString(), plan_item(plain, shapes, i).SerializeAsString()) << i;
   }
   EXPECT_EQ(boundaries, 4800);
   EXPECT_NEAR(checkered, 0.25 * grounds, 4 * std::sqrt(0.1875 * grounds));
+  EXPECT_NEAR(textured, 0.25 * grounds, 4 * std::sqrt(0.1875 * grounds));
 }
 
 TEST(DatasetPlan, EveryChoiceOfAStudioIsIndependentOfEveryOther) {
