@@ -231,6 +231,26 @@ TEST(EstimatedMemoryTest, CountsInterpolatedNormals) {
   }
 }
 
+// Other objects are as large as the object, which is compiled with them.
+TEST(EstimatedMemoryTest, CountsOtherObjects) {
+  SceneDescription scene;
+  scene.object = make_shape("sphere");
+  scene.boundary = Dielectric{};
+  scene.lights = {ConstantLight{}};
+  scene.camera = {.origin = {0, 0.5, -5}, .target = {0, 0.5, 0}};
+  scene.film = {8, 8, Channel::kLuminance};
+  const size_t alone = estimated_memory(scene);
+  Mesh other = make_shape("smooth_star");
+  for (Vec3f& v : other.vertices) v.x += 2;
+  scene.other_objects = {{other, {3, 0.5, 0}, Dielectric{}, 1}};
+  const size_t both = estimated_memory(scene);
+  EXPECT_GT(both, alone);
+  EXPECT_GT(both, Grid::most_memory(scene.object.triangles.size() + other.triangles.size()));
+  EXPECT_LE(Scene(scene).memory(), both);
+  scene.compiled_object = compile_object(make_shape("sphere"), "object");
+  EXPECT_GE(estimated_memory(scene), both);
+}
+
 // ---- Stopping --------------------------------------------------------------------------------
 
 double cpu_seconds(clockid_t clock) {
