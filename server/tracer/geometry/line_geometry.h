@@ -13,8 +13,7 @@
 //   4. Inside, a line from the boundary meets nothing within `slack` ahead, where parts that touch
 //      the one it is in, and surfaces that this one stands on, have faces in the same plane.
 //   5. Between a surface and a boundary within `slack` of each other there is a gap: the boundary
-//   is
-//      met first from inside, the surface from outside.
+//      is met first from inside, the surface from outside.
 #pragma once
 
 #include <limits>

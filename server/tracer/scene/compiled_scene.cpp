@@ -10,6 +10,8 @@
 namespace itn::tracer {
 namespace {
 
+using OtherMedium = Scene::Compiled::OtherMedium;
+
 Bounds enlarged(const Bounds& box) {
   const float margin = 1e-3F * length(box.max - box.min);
   const Vec3f by{margin, margin, margin};
@@ -67,16 +69,9 @@ std::shared_ptr<const Normals> shared_normals(const SceneDescription& scene, std
   return parts.get<Normals>(part_keys.back(), stop, compute);
 }
 
-// Of those of the object and, behind them, of the others.
-uint32_t first_other_triangle(const SceneDescription& scene, const Object& object) {
-  size_t first = object.mesh.triangles.size();
-  for (const OtherObject& other : scene.other_objects) first -= other.mesh.triangles.size();
-  return static_cast<uint32_t>(first);
-}
-
 BoundaryNormals boundary_normals(const SceneDescription& scene, const Object& object,
-                                 PartCache& parts, std::vector<std::string>& part_keys,
-                                 const std::stop_token& stop) {
+                                 const std::vector<OtherMedium>& others, PartCache& parts,
+                                 std::vector<std::string>& part_keys, const std::stop_token& stop) {
   BoundaryNormals normals;
   const auto is_smooth = [](const OtherObject& other) { return other.smooth_angle > 0; };
   if (stops_lines(scene.boundary) &&
@@ -84,10 +79,8 @@ BoundaryNormals boundary_normals(const SceneDescription& scene, const Object& ob
     normals.corners = shared_normals<CornerNormals>(
         scene, part_key("corner normals", scene.smooth_angle), parts, part_keys, stop, [&] {
           std::vector<CornerNormals::Range> ranges{{0, scene.smooth_angle}};
-          uint32_t first = first_other_triangle(scene, object);
-          for (const OtherObject& other : scene.other_objects) {
-            ranges.push_back({first, other.smooth_angle});
-            first += static_cast<uint32_t>(other.mesh.triangles.size());
+          for (size_t k = 0; k < others.size(); ++k) {
+            ranges.push_back({others[k].first_triangle, scene.other_objects[k].smooth_angle});
           }
           return CornerNormals(object.mesh, ranges, stop);
         });
@@ -100,10 +93,12 @@ BoundaryNormals boundary_normals(const SceneDescription& scene, const Object& ob
   return normals;
 }
 
-std::vector<Scene::Compiled::OtherMedium> other_media_of(const SceneDescription& scene,
-                                                         const Object& object) {
-  std::vector<Scene::Compiled::OtherMedium> media;
-  uint32_t first = first_other_triangle(scene, object);
+// Their triangles are the last ones of the mesh.
+std::vector<OtherMedium> other_media_of(const SceneDescription& scene, const Object& object) {
+  size_t triangles = object.mesh.triangles.size();
+  for (const OtherObject& other : scene.other_objects) triangles -= other.mesh.triangles.size();
+  auto first = static_cast<uint32_t>(triangles);
+  std::vector<OtherMedium> media;
   for (const OtherObject& other : scene.other_objects) {
     media.push_back({first, other.material, compile(other.boundary)});
     first += static_cast<uint32_t>(other.mesh.triangles.size());
@@ -150,7 +145,8 @@ Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std:
       other_media(other_media_of(scene, *object)),
       colour_reflectances(colour_reflectances_of(scene)),
       surfaces(to_object(scene.pose, scene.film.channel, std::move(scene.surfaces))),
-      obstacles(object, surfaces, boundary_normals(scene, *object, parts, part_keys, stop)),
+      obstacles(object, surfaces,
+                boundary_normals(scene, *object, other_media, parts, part_keys, stop)),
       lights(scene.lights, {scene.film.channel, scene.pose, object->mesh, parts, part_keys}),
       camera(to_object(scene.pose, scene.camera), scene.film),
       film(scene.film),

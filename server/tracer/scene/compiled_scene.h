@@ -28,7 +28,7 @@ struct CameraRay {
 
 // All in the coordinates of the object's mesh.
 struct Scene::Compiled {
-  // The object is compiled, the others with it (joined_mesh). `parts` lives longer. Throws Error
+  // The object is compiled, with the others behind it. `parts` lives longer. Throws Error
   // (cancelled).
   Compiled(SceneDescription&& scene, PartCache& parts, const std::stop_token& stop);
 

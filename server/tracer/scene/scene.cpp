@@ -20,6 +20,10 @@ size_t size_of(const Mesh& mesh) {
          mesh.triangles.size() * sizeof(std::array<uint32_t, 3>);
 }
 
+std::string name_of_object(size_t number) {
+  return number == 0 ? "object" : fmt::format("other_objects[{}]", number - 1);
+}
+
 // Where all boundaries are of one kind, all paths are.
 void check_other(const std::string& name, const SceneDescription& scene, const OtherObject& other) {
   itn::validate(other.material, name + ".material");
@@ -74,58 +78,71 @@ void check(const SceneDescription& scene) {
   check_fields("object.", scene.boundary);
   in_closed("object.smooth_angle", scene.smooth_angle, 0, std::numbers::pi);
   for (size_t k = 0; k < scene.other_objects.size(); ++k) {
-    check_other(fmt::format("other_objects[{}]", k), scene, scene.other_objects[k]);
+    check_other(name_of_object(k + 1), scene, scene.other_objects[k]);
   }
   if (stops_lines(scene.boundary) && is_delta(scene.boundary)) check_lights_are_found(scene);
 }
 
-void check_distance(const SceneDescription& scene) {
-  const Object& object = *scene.compiled_object;
-  const Vec3d middle =
-      (static_cast<Vec3d>(object.bounds.min) + static_cast<Vec3d>(object.bounds.max)) * 0.5;
-  const double distance = length(scene.camera.origin - scene.pose.to_scene(middle));
-  if (!(object.length >= kSmallestPart * distance)) {
-    throw invalid_input(
-        fmt::format("object: its longest side is {:g} mm; it must be {:g} at least of the distance "
-                    "to the camera, which is {:g} mm",
-                    object.length, kSmallestPart, distance));
-  }
-}
-
-// Puts the other objects behind the object: one mesh of several parts.
-void join_objects(SceneDescription& scene, const std::stop_token& stop) {
-  if (scene.other_objects.empty()) return;
+// Puts the other objects behind the object: one mesh of several parts. Returns the boxes of all.
+std::vector<Bounds> join_objects(SceneDescription& scene, const std::stop_token& stop) {
   if (scene.compiled_object) scene.object = scene.compiled_object->mesh;
+  validate_closed(scene.object, name_of_object(0), stop);
   scene.compiled_object = nullptr;
   const bool has_keys = !scene.object_key.empty() && !scene.other_objects_digest.empty();
   scene.object_key =
       has_keys ? part_key("objects", scene.pose) + scene.object_key + scene.other_objects_digest
                : std::string();
-  for (size_t k = 0; k < scene.other_objects.size(); ++k) {
-    const std::string name = fmt::format("other_objects[{}]", k);
-    Mesh& mesh = scene.other_objects[k].mesh;
-    validate_closed(mesh, name, stop);
-    mesh = to_object(scene.pose, std::move(mesh));
-    const auto vertices = static_cast<uint32_t>(scene.object.vertices.size());
-    scene.object.vertices.insert(scene.object.vertices.end(), mesh.vertices.begin(),
-                                 mesh.vertices.end());
-    for (const auto& [a, b, c] : mesh.triangles) {
-      scene.object.triangles.push_back({a + vertices, b + vertices, c + vertices});
+  std::vector<Bounds> boxes{bounds(scene.object)};
+  for (OtherObject& other : scene.other_objects) {
+    validate_closed(other.mesh, name_of_object(boxes.size()), stop);
+    other.mesh = to_object(scene.pose, std::move(other.mesh));
+    boxes.push_back(bounds(other.mesh));
+    Mesh& all = scene.object;
+    const auto vertices = static_cast<uint32_t>(all.vertices.size());
+    all.vertices.insert(all.vertices.end(), other.mesh.vertices.begin(), other.mesh.vertices.end());
+    for (const auto& [a, b, c] : other.mesh.triangles) {
+      all.triangles.push_back({a + vertices, b + vertices, c + vertices});
     }
+  }
+  return boxes;
+}
+
+// Whether floats resolve each of the objects.
+void check_sizes(const SceneDescription& scene, const std::vector<Bounds>& boxes) {
+  const double extent = double{scene.compiled_object->extent};
+  for (size_t k = 0; k < boxes.size(); ++k) {
+    const double size = longest_side(boxes[k]);
+    const Vec3d middle =
+        (static_cast<Vec3d>(boxes[k].min) + static_cast<Vec3d>(boxes[k].max)) * 0.5;
+    const double distance = length(scene.camera.origin - scene.pose.to_scene(middle));
+    const auto require_part_of = [&](double reach, const char* what) {
+      if (size >= kSmallestPart * reach) return;
+      throw invalid_input(
+          fmt::format("{}: its longest side is {:g} mm; it must be {:g} at least of the {}, which "
+                      "is {:g} mm",
+                      name_of_object(k), size, kSmallestPart, what, reach));
+    };
+    require_part_of(distance, "distance to the camera");
+    require_part_of(extent, "distance of all objects from the origin of the first");
   }
 }
 
 std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCache& parts,
                                                const std::stop_token& stop) {
   check(scene);
-  join_objects(scene, stop);
-  const std::string what = scene.other_objects.empty() ? "object" : "object with other_objects";
-  const auto build = [&] { return compile_object(std::move(scene.object), what, stop); };
+  const bool alone = scene.other_objects.empty();
+  std::vector<Bounds> boxes;
+  if (!alone) boxes = join_objects(scene, stop);
+  const auto build = [&] {
+    return compile_object(std::move(scene.object), alone ? "object" : "object with other_objects",
+                          stop);
+  };
   if (!scene.compiled_object) {
     scene.compiled_object =
         scene.object_key.empty() ? build() : parts.get<Object>(scene.object_key, stop, build);
   }
-  check_distance(scene);
+  if (alone) boxes = {scene.compiled_object->bounds};
+  check_sizes(scene, boxes);
   return std::make_unique<const Scene::Compiled>(std::move(scene), parts, stop);
 }
 

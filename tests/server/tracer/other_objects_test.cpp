@@ -264,6 +264,13 @@ TEST(OtherObjectsTest, WhatTheyCannotBeIsRefused) {
   open.triangles.pop_back();
   expect_refused(with_other(two_boxes(rough), open, kMilk, rough), {"other_objects[0]"});
   expect_refused(
+      with_other(two_boxes(rough), box({3, 0, 0}, {3.00005F, 1e-5F, 1e-5F}), kMilk, rough),
+      {"other_objects[0]: its longest side is", "distance to the camera"});
+  SceneDescription tiny =
+      with_other(two_boxes(rough), box({1000, 0, 0}, {1001, 1, 1}), kMilk, rough);
+  tiny.object = box({0, 0, 0}, {0.01F, 0.01F, 0.01F});
+  expect_refused(std::move(tiny), {"object: its longest side is 0.01", "of all objects"});
+  expect_refused(
       with_other(two_boxes(rough), box({-0.1F, 0.1F, -0.1F}, {0.1F, 0.2F, 0.1F}), kMilk, rough),
       {"object with other_objects", "overlap"});
 

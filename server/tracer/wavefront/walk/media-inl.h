@@ -37,16 +37,14 @@ inline Refraction refraction_of(const Boundary& boundary) {
 }
 
 struct Medium {
-  Material material;
   PhaseFunction phase;
   const Boundary& boundary;
   Refraction refraction;
-  float sigma_t, albedo;  // of `material`
-  bool of_object;         // derivatives are in this one alone
+  float sigma_t, albedo;
+  bool of_object;  // derivatives are in this one alone
 
   Medium(const Material& of, const PhaseFunction& scatters, const Boundary& crossed, bool first)
-      : material(of),
-        phase(scatters),
+      : phase(scatters),
         boundary(crossed),
         refraction(refraction_of(crossed)),
         sigma_t(static_cast<float>(of.sigma_t)),
