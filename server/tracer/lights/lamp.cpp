@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cfloat>
 #include <cmath>
 
 #include "common/error.h"
@@ -17,12 +18,15 @@ LampPlace lamp_place(const LightFrame& frame, const std::string& field, Vec3d po
   const Vec3d to_middle = (low + high) * 0.5 - p, to_corner = (high - low) * 0.5;
   const bool in_box = std::abs(to_middle.x) <= to_corner.x &&
                       std::abs(to_middle.y) <= to_corner.y && std::abs(to_middle.z) <= to_corner.z;
-  if (in_box && winding_number(frame.object, p) > 0.5) {
+  constexpr double kInside = 0.75;  // and half on a face, which may touch
+  if (in_box && winding_number(frame.object, p) > kInside) {
     throw invalid_input(
         fmt::format("{} is ({}, {}, {}), in the object; a lamp must stand outside of it", field,
                     position.x, position.y, position.z));
   }
-  return {p, std::max(dot(to_middle, to_middle), dot(to_corner, to_corner))};
+  const double reach = std::max({length(low), length(high), length(p)});
+  return {p, std::max(dot(to_middle, to_middle), dot(to_corner, to_corner)),
+          8 * double{FLT_EPSILON} * reach};
 }
 
 }  // namespace itn::tracer

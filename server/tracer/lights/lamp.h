@@ -13,6 +13,7 @@ struct LampPlace {
   // Of the object's middle, squared, in mm^2: there, power() is the irradiance. It decides how
   // often the lamp is drawn.
   double distance2;
+  double rounding;  // of places of the object and the lamp, at most, in mm
 };
 
 // `field`: of the position, for messages. Throws Error (invalid input) if that is in the object.

@@ -21,6 +21,7 @@ struct PanelLight {
   // times `across_u` are in [-1, 1] by, along half_u, and likewise.
   double distance2 = 1;
   Vec3d normal = {}, across_u = {}, across_v = {};
+  double touch = 0;           // what is nearer to its plane touches it, in mm
   bool is_rectangle = false;  // once it is compiled, to the precision of floats
 
   static constexpr const char* kName = "panel";
@@ -47,6 +48,7 @@ struct PanelLight {
             itn::normalize(n),
             cross(v, n) * (1 / dot(n, n)),
             cross(n, u) * (1 / dot(n, n)),
+            place.rounding,
             std::abs(dot(u, v)) <= 1e-6 * length(u) * length(v)};
   }
 
@@ -96,9 +98,19 @@ HWY_INLINE Floats corner_turns(const SeenPanel& seen, Floats x, Floats y) {
 HWY_INLINE Floats turns_at(const SeenPanel& seen, Floats x) {
   return hn::Sub(corner_turns(seen, x, seen.y1), corner_turns(seen, x, seen.y0));
 }
-HWY_INLINE SeenPanel seen_panel(const PanelLight& light, Vectors from) {
+// To its middle. Of an object that stands on it, rounding puts places on either side of its plane:
+// they are a little in front of it, or `behind`.
+HWY_INLINE Vectors to_center_of(const PanelLight& light, Vectors from, Mask behind) {
+  const Vectors straight = set(static_cast<Vec3f>(light.center)) - from;
+  const Vectors normal = set(static_cast<Vec3f>(light.normal));
+  const Floats along = dot(normal, straight), touch = set(static_cast<float>(light.touch));
+  const Floats by = hn::Sub(hn::IfThenElse(behind, touch, hn::Neg(touch)), along);
+  return if_then_else(hn::Lt(hn::Abs(along), touch), straight + normal * by, straight);
+}
+HWY_INLINE SeenPanel seen_panel(const PanelLight& light, Vectors from,
+                                Mask behind = hn::FirstN(FloatTag(), 0)) {
   constexpr float kLeastTurns = 0.01F;
-  const Vectors to_center = set(static_cast<Vec3f>(light.center)) - from;
+  const Vectors to_center = to_center_of(light, from, behind);
   SeenPanel seen;
   seen.to_center = to_center;
   const auto edges = [&](Vec3d half, Floats& low, Floats& high) {
@@ -182,8 +194,9 @@ HWY_INLINE LampDraw draw(const PanelLight& light, Vectors from, const LightUnifo
 
 HWY_INLINE Appearance look(const PanelLight& light, Vectors from, Vectors d) {
   const Vectors normal = set(static_cast<Vec3f>(light.normal));
-  const SeenPanel seen = seen_panel(light, from);
-  const Floats facing = dot(normal, d), t = hn::Div(dot(normal, seen.to_center), facing);
+  const Floats facing = dot(normal, d);
+  const SeenPanel seen = seen_panel(light, from, hn::Gt(facing, hn::Zero(FloatTag())));
+  const Floats t = hn::Div(dot(normal, seen.to_center), facing);
   const Vectors place = d * t - seen.to_center;
   const auto within = [&](Vec3d across) {
     return hn::Le(hn::Abs(dot(place, set(static_cast<Vec3f>(across)))), set(1.0F));

@@ -31,6 +31,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <span>
 #include <vector>
@@ -132,9 +133,12 @@ class Walk {
   // One free flight. As flights are memoryless, one path length serves for all the parts of the
   // line that lie inside the medium.
   RayResult sample_flight(float u) {
-    const RayResult ray =
-        geometry_.follow(at_, direction_, -std::log(1 - u) / sigma_t_, stops_at_boundary_,
-                         scene_.lights.reach(at_.position, direction_));
+    // Lamps are outside.
+    const bool to_boundary = stops_at_boundary_ && at_.inside;
+    const float distance = to_boundary ? std::numeric_limits<float>::infinity()
+                                       : scene_.lights.reach(at_.position, direction_);
+    const RayResult ray = geometry_.follow(at_, direction_, -std::log(1 - u) / sigma_t_,
+                                           stops_at_boundary_, distance);
     if (ray.entered) {
       ++result_.steps;
       if (of_object_) score_sigma_t_ -= ray.medium_length;

@@ -148,14 +148,13 @@ TEST(BoundaryTest, AnObjectVanishesInAFurnace) {
   }
 }
 
-// An object that stands on the ground is one that is held just above it: what leaves it below is
-// reflected once.
-TEST(BoundaryTest, AnObjectStandsOnTheGround) {
+// An object that stands on something is one that is held just above it.
+void expect_to_stand(const SceneDescription& below, const std::string& what) {
   for (const Boundary& boundary :
-       {Boundary(Dielectric{1.3F}), Boundary(RoughDielectric{1.3F, 0.4F}),
-        Boundary(Dielectric{1})}) {
+       {Boundary(Dielectric{1.3F}), Boundary(RoughDielectric{1.3F, 0.4F}), Boundary(Dielectric{1}),
+        Boundary(IndexMatched{})}) {
     const auto at_height = [&](float height) {
-      SceneDescription description = studio("cube", {ConstantLight{1}}, 0.6F);
+      SceneDescription description = below;
       description.object = box({-0.4F, height, -0.4F}, {0.4F, height + 0.3F, 0.4F});
       description.camera.origin = {0, 30, -10};
       description.boundary = boundary;
@@ -166,11 +165,25 @@ TEST(BoundaryTest, AnObjectStandsOnTheGround) {
       const RenderRequest request = request_for(tracer, {3, 0.95, 0.5}, 256);
       const FilmEstimate stands = estimate_film(standing, request, 32);
       const FilmEstimate is_held = estimate_film(held, request, 32, 101);
-      expect_equal(stands.radiance, is_held.radiance, 6, name_of(tracer));
+      const std::string name = what + ", " + name_of(tracer);
+      expect_equal(stands.radiance, is_held.radiance, 16, name);
       expect_resolution(difference(stands.radiance, is_held.radiance), is_held.radiance.mean, 0.02,
-                        name_of(tracer));
+                        name);
     }
   }
+}
+
+// What leaves it below is reflected once.
+TEST(BoundaryTest, AnObjectStandsOnTheGround) {
+  expect_to_stand(studio("cube", {ConstantLight{1}}, 0.6F), "ground");
+}
+
+// Light from there goes through the boundary.
+TEST(BoundaryTest, AnObjectStandsOnAPanel) {
+  PanelLight panel;
+  panel.half_u = {0, 0, 1};
+  panel.half_v = {1, 0, 0};
+  expect_to_stand(studio("cube", {panel}), "panel");
 }
 
 // Inside, the radiance is index^2 times that of the light outside.

@@ -14,6 +14,12 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
+// Whether lines come to the boundary before any lamp, as these are outside.
+HWY_INLINE Mask ends_at_boundary(const Wavefront& wave, size_t i) {
+  if (!wave.stops_at_boundary) return hn::FirstN(FloatTag(), 0);
+  return not_zero(hn::And(load(wave.paths.rays.interaction, i), set(Rays::kInside)));
+}
+
 // Free flights of all paths. As flights are memoryless, one path length serves for all the parts
 // of the line that lie inside the medium.
 inline void sample_flights(Wavefront& wave) {
@@ -36,7 +42,9 @@ inline void sample_flights(Wavefront& wave) {
     if (paths.rays.bounded) {
       const Vectors from = load(paths.rays.position, i);
       store(from, paths.flight_from, i);
-      store(reach(wave.scene.lights, from, load(paths.rays.direction, i)), paths.rays.distance, i);
+      const Floats to_lamp = reach(wave.scene.lights, from, load(paths.rays.direction, i));
+      store(hn::IfThenElse(ends_at_boundary(wave, i), set(kInfinity), to_lamp), paths.rays.distance,
+            i);
     }
   }
   follow_lines(wave.scene.obstacles, paths.rays, wave.count, Report::kEnds, wave.at_boundary());
