@@ -5,9 +5,9 @@
 #include "common/error.h"
 #include "common/fields.h"
 #include "common/measured_media.h"
+#include "common/scene/field_check.h"
 #include "common/scene/material_proto.h"
 #include "server/scene_compiler/mesh_builder.h"
-#include "server/tracer/colour/channel.h"
 
 namespace itn {
 
@@ -22,12 +22,10 @@ std::optional<Material> material_of(const std::string& field, const v1::Object& 
     throw invalid_input(field + " has a medium and a material; it must have one of them");
   }
   if (materials > 0) {
-    const auto colours = static_cast<int>(tracer::kColours.size());
-    if (materials != 1 && materials != colours) {
+    if (materials != 1 && materials != kMaxMaterials) {
       throw invalid_input(
-          fmt::format("{} has {} materials; it must have one, or {}, in red, green "
-                      "and blue",
-                      field, materials, colours));
+          fmt::format("{} has {} materials; it must have one, or {}, in red, green and blue", field,
+                      materials, kMaxMaterials));
     }
     const int number = materials == 1 ? 0 : static_cast<int>(number_of_channel(shown));
     const Material material = from_proto(object.material(number));

@@ -18,6 +18,7 @@ namespace {
 const ElementLimits kSceneElementLimits = {{"itn.v1.Scene.surfaces", kMaxSurfaces},
                                            {"itn.v1.Scene.lights", kMaxLights},
                                            {"itn.v1.Scene.other_objects", kMaxOtherObjects},
+                                           {"itn.v1.Object.material", kMaxMaterials},
                                            {"itn.v1.Mesh.transforms", kMaxTransforms}};
 
 std::string other_object(int number) {

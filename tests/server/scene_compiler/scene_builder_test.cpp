@@ -18,7 +18,9 @@
 #include "common/error.h"
 #include "common/geometry/shapes.h"
 #include "common/rpc/wire_array.h"
+#include "common/scene/field_check.h"
 #include "server/tracer/render.h"
+#include "tests/support/expect_error.h"
 #include "tests/support/process.h"
 #include "tests/support/scenes.h"
 
@@ -310,6 +312,22 @@ TEST(SceneBuilder, MakesABuiltInShapeOnceHoweverOftenItIsThere) {
 
 TEST(SceneBuilder, RefusesBytesThatAreNoScene) {
   EXPECT_THROW(parse_scene("\xff\xff\xff"), Error);
+}
+
+TEST(SceneBuilder, CountsObjectsAndMaterialsBeforeTheyAreParsed) {
+  const auto expect_refused = [](const v1::Scene& scene, const char* message) {
+    testing::expect_error(ErrorKind::kInvalidInput, {message},
+                          [&] { parse_scene(scene.SerializeAsString()); });
+  };
+  v1::Scene scene = cube_scene();
+  for (int i = 0; i < kMaxOtherObjects; ++i) scene.add_other_objects();
+  for (int i = 0; i < kMaxMaterials; ++i) scene.mutable_other_objects(0)->add_material();
+  EXPECT_NO_THROW(parse_scene(scene.SerializeAsString()));
+  scene.mutable_other_objects(0)->add_material();
+  expect_refused(scene, "scene.other_objects.material has more than 3 elements");
+  scene.mutable_other_objects(0)->clear_material();
+  scene.add_other_objects();
+  expect_refused(scene, "scene.other_objects has more than 15 elements");
 }
 
 // ---- Conversions -----------------------------------------------------------------------------
