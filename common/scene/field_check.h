@@ -22,7 +22,7 @@ namespace itn {
 inline constexpr int kMaxLights = 64;
 inline constexpr int kMaxSurfaces = 1024;
 inline constexpr int kMaxOtherObjects = 15;
-inline constexpr int kMaxMaterials = 3;  // of an object: in red, green and blue
+inline constexpr int kMaxMaterials = 3;    // of an object: in red, green and blue
 inline constexpr int kMaxTransforms = 64;  // of a mesh
 
 // To be thrown.

@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <cfloat>
 #include <cmath>
+#include <limits>
+#include <map>
 #include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -87,6 +90,22 @@ uint32_t slab_of(double low, double high) {
   constexpr double kMargin = 2e-3;
   return number(low - kMargin, [](double v) { return std::floor(v); }) |
          number(high + kMargin, [](double v) { return std::ceil(v); }) << 16;
+}
+
+// Of crossings by where they are, those before `end`: the sum over the first group, of neighbours
+// less than `apart` from each other, whose sum is not 0; 0 if there is none.
+int first_side(const std::map<uint32_t, std::pair<double, int>>& crossings, double end,
+               double apart) {
+  std::vector<std::pair<double, int>> sorted;
+  for (const auto& [triangle, crossing] : crossings) sorted.push_back(crossing);
+  std::ranges::sort(sorted);
+  int sum = 0;
+  for (size_t i = 0; i < sorted.size() && sorted[i].first < end; ++i) {
+    sum += sorted[i].second;
+    const bool last = i + 1 == sorted.size() || sorted[i + 1].first - sorted[i].first >= apart;
+    if (last && sum != 0) return sum;
+  }
+  return 0;
 }
 
 }  // namespace
@@ -310,18 +329,19 @@ void Grid::measure_skips(const std::stop_token& stop) {
   });
 }
 
-// Whether the first crossing on a line from an empty cell along x leaves the medium. As the cell is
-// empty, any point of it will do: one off the middle, which no edge of a mesh with round
-// coordinates is likely to be seen through.
+// Whether a line from an empty cell along x leaves the medium where it first crosses the boundary.
+// As the cell is empty, any point of it will do: one off the middle, which no edge of a mesh with
+// round coordinates is likely to be seen through. Where parts touch, it enters one as it leaves
+// another, in whatever order rounding says: such crossings cancel each other.
 bool Grid::lies_inside(int x, int y, int z, Cancellation& cancellation) const {
   const Vec3d from{low.x + (x + 0.5) * edge, low.y + (y + 0.6371) * edge,
                    low.z + (z + 0.2823) * edge};
+  const double apart = 1e-4 * edge;                  // of faces that do not touch, at least
+  std::map<uint32_t, std::pair<double, int>> ahead;  // by triangle: where, and 1 if it is left
   for (; x < size[0]; ++x) {
     const uint32_t word = cells[(static_cast<size_t>(z) * size[1] + y) * size[0] + x];
     if (!(word & kOccupied)) continue;
     const OccupiedCell& cell = occupied[word & kPayload];
-    double nearest = low.x + (x + 1.0) * edge - from.x;  // crossings beyond belong to later cells
-    bool found = false, leaves = false;
     for (uint32_t b = cell.first_block; b < cell.first_block + cell.block_count; ++b) {
       cancellation.turn();
       for (size_t i = 0; i < TriangleBlock::kSize; ++i) {
@@ -337,16 +357,14 @@ bool Grid::lies_inside(int x, int y, int z, Cancellation& cancellation) const {
         const auto passes = [&](Vec3d p, Vec3d q) { return (p.y * q.z - p.z * q.y) * slope >= 0; };
         if (slope == 0 || !passes(a, c) || !passes(c, e) || !passes(e, a)) continue;
         const double t = dot(cross(c - a, e - a), a) / slope;
-        if (t >= 0 && t < nearest) {
-          nearest = t;
-          found = true;
-          leaves = slope > 0;
-        }
+        if (t >= 0) ahead[numbers[b][i]] = {t, slope > 0 ? 1 : -1};
       }
     }
-    if (found) return leaves;
+    // Of those in this cell and before, the first that do not cancel each other.
+    const double end = low.x + (x + 1.0) * edge - from.x;
+    if (const int left = first_side(ahead, end - apart, apart); left != 0) return left > 0;
   }
-  return false;
+  return first_side(ahead, std::numeric_limits<double>::infinity(), apart) > 0;
 }
 
 // Empty cells that hang together lie on the same side of the boundary.

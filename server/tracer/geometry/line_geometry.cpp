@@ -4,6 +4,8 @@
 #include <cfloat>
 #include <cmath>
 
+#include "server/tracer/geometry/rays.h"
+
 namespace itn::tracer {
 namespace {
 
@@ -58,8 +60,8 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
   ray.entered = inside;
   float t = line.start;
   const float reach = line.start + distance;
-  // Distances; crossings of a kind lie beyond the last one.
-  float last_exit = from.at_boundary ? t + line.slack : 0, last_entry = 0;
+  float last_exit = 0, last_entry = 0;  // distances; crossings of a kind lie beyond the last one
+  const float beside = from.at_boundary ? line.start + line.slack : 0;  // up to here rule 4 holds
   const auto from_distance = [&](float last) {
     return std::max(t - line.slack, std::nextafter(last, kInfinity));
   };
@@ -78,7 +80,16 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
   for (int crossings = 0; crossings < kMaxCrossings; ++crossings) {
     if (inside) {
       const float end = std::min(reach, t + (max_medium_length - ray.medium_length));
-      Hit hit = intersector_->closest(line, from_distance(last_exit), end, Wanted::kExit);
+      Hit hit = intersector_->closest(line, from_distance(last_exit), std::min(beside, end),
+                                      Wanted::kExitOnly);
+      if (hit.found && dot(intersector_->crossing(hit).normal, from.normal) < kOtherWay) {
+        last_exit = hit.t;
+        continue;
+      }
+      if (!hit.found) {
+        hit = intersector_->closest(line, std::max(from_distance(last_exit), beside), end,
+                                    Wanted::kExit);
+      }
       if (stops_at_boundary && hit.on_surface()) {
         const Hit exit = intersector_->closest(line, from_distance(last_exit), hit.t + line.slack,
                                                Wanted::kExitOnly);

@@ -10,8 +10,8 @@
 //      so that a point that rounding has put just beyond the boundary still finds its crossing
 //      there.
 // A line that stops at the boundary forgets what it has crossed:
-//   4. Inside, a line from the boundary meets nothing within `slack` ahead, where parts that touch
-//      the one it is in, and surfaces that this one stands on, have faces in the same plane.
+//   4. Inside, a line from the boundary meets no surface within `slack`, which this part may stand
+//      on, and no exit there that faces the other way: that is of a part which touches this one.
 //   5. Between a surface and a boundary within `slack` of each other there is a gap: the boundary
 //      is met first from inside, the surface from outside.
 #pragma once
@@ -32,7 +32,8 @@ struct Interaction {
   Vec3f position;
   bool inside = false;       // the medium
   SurfaceTriangle on;        // the triangle it lies on, which a line from it cannot meet again
-  bool at_boundary = false;  // a line that stops there ended here
+  bool at_boundary = false;  // a line that stops there ended here,
+  Vec3f normal = {};         // where its triangle has this normal, outwards
 };
 
 // How a straight line through the scene ended.

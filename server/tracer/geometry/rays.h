@@ -15,6 +15,8 @@ struct Rays {
   VectorColumn position, direction;
   // In: what the position is at, see below; out: the end.
   UintColumn interaction{};
+  // In: if that is kAtBoundary, the normal of its triangle, outwards.
+  VectorColumn normal{};
   // In: the length in the medium to travel at most, in mm.
   FloatColumn max_medium_length{};
   // In, where they are bounded: how far to go at most, in mm, maybe infinite. Who comes as far has
@@ -48,6 +50,9 @@ struct Crossings {
   // all are flat.
   VectorColumn normal{}, smooth_normal{};
 };
+
+// Of unit normals that face nearly opposite ways: their product is less.
+constexpr float kOtherWay = -0.9F;
 
 // What is asked of the rays that are followed: where each ended, or only how, and how long it was.
 enum class Report { kEnds, kLengths };

@@ -265,6 +265,7 @@ class Walk {
     const float edge = weight_ * GetLane(next.edge_weight);
     at_.inside = leaving != AllTrue(HWY_NAMESPACE::FloatTag(), next.transmitted);
     at_.at_boundary = true;
+    at_.normal = ray.normal;
     direction_ = {GetLane(next.direction.x), GetLane(next.direction.y), GetLane(next.direction.z)};
     multiply_weight(GetLane(next.weight));
     edge_weight_ += edge;

@@ -222,6 +222,34 @@ TEST(OtherObjectsTest, VanishInAFurnace) {
   }
 }
 
+// Milk in a glass, of which every face touches one of the glass: nothing is lost.
+TEST(OtherObjectsTest, OneFillsACavityOfAnother) {
+  for (const bool smooth : {true, false}) {
+    const auto of_index = [&](float index) {
+      return smooth ? Boundary{Dielectric{index}} : Boundary{RoughDielectric{index, 0.3F}};
+    };
+    Mesh cavity = box({-0.3F, 0.1F, -0.3F}, {0.3F, 0.7F, 0.3F});
+    for (auto& [a, b, c] : cavity.triangles) std::swap(b, c);
+    SceneDescription description = studio("cube", {ConstantLight{1}});
+    description.object = joined(box({-0.4F, 0, -0.4F}, {0.4F, 0.8F, 0.4F}), cavity);
+    description.boundary = of_index(1.5F);
+    description.other_objects = {
+        {box({-0.3F, 0.1F, -0.3F}, {0.3F, 0.7F, 0.3F}), {10, 1, 0.5}, of_index(1.33F)}};
+    const Scene scene(std::move(description));
+    for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
+      RenderRequest request{.material = {1, 1, 0}, .sample_count = 256};
+      request.tracer = tracer;
+      if (tracer == Tracer::kReference) request.sample_count *= 2;
+      const FilmEstimate film = estimate_film(scene, request, 32);
+      const std::string what = smooth ? "smooth" : "rough";
+      expect_equal(film.radiance, {1, 0}, 4, what);
+      expect_resolution(film.radiance, 1, 0.01, what);
+      EXPECT_LT(static_cast<double>(film.counters.leaks),
+                1e-4 * static_cast<double>(film.counters.paths));
+    }
+  }
+}
+
 // An object that lets light pass as it is, index 1, is not there but for its medium: images at
 // other albedos too know that theirs is of the object alone.
 TEST(OtherObjectsTest, OtherAlbedosAreOfTheObject) {

@@ -105,6 +105,9 @@ class LineFollower {
     const uint32_t just_inside = Rays::kInside | Rays::kAtBoundary;
     const Mask ahead = equals(hn::And(interaction, set(just_inside)), just_inside);
     store(fresh, hn::IfThenElse(ahead, hn::Add(start, slack), slack), lines_.first, v);
+    if constexpr (AtBoundary::kStops) {
+      line_crossings_.start_normal.store(fresh, gather_vectors(rays_.normal), v);
+    }
     store(fresh, hn::Zero(UintTag()), lines_.crossings, v);
 
     begin_in_grid(grid_, lines_, fresh, v, origin, direction);
@@ -141,8 +144,7 @@ class LineFollower {
         hn::IfThenElse(inside, load(lines_.last_exit, v), load(lines_.last_entry, v));
     // The next larger float: these are not negative.
     const Floats beyond = hn::BitCast(d, hn::Add(hn::BitCast(UintTag(), last), set(uint32_t{1})));
-    Floats t_min = hn::Max(hn::Sub(t, load(lines_.slack, v)), beyond);
-    if constexpr (AtBoundary::kStops) t_min = hn::Max(t_min, load(lines_.first, v));
+    const Floats t_min = hn::Max(hn::Sub(t, load(lines_.slack, v)), beyond);
     const Floats rest =
         hn::Add(t, hn::Sub(load(lines_.max_medium_length, v), load(lines_.medium_length, v)));
     Floats end =
@@ -175,6 +177,17 @@ class LineFollower {
     stepping_ = stepping;
   }
 
+  // Where lines from the boundary have met a part that touches theirs: rule 4 of
+  // geometry/line_geometry.h.
+  HWY_INLINE Mask meets_other_part(Mask crossed, size_t v) const {
+    const Floats first = load(lines_.first, v);
+    const Mask beside = hn::And(
+        crossed, hn::And(hn::Le(load(lines_.hit, v), first), hn::Gt(first, load(lines_.slack, v))));
+    const Floats same_way =
+        dot(line_crossings_.normal.load(v), line_crossings_.start_normal.load(v));
+    return hn::And(beside, hn::Lt(same_way, set(kOtherWay)));
+  }
+
   // Books what queries have found: goes on to the next query of the line, or ends it.
   void conclude(Mask where, size_t v) {
     const FloatTag d;
@@ -182,7 +195,14 @@ class LineFollower {
     const Floats hit = load(lines_.hit, v), surface_t = load(lines_.surface_t, v),
                  t = load(lines_.t, v);
     const Floats before_surface = last_before_surface(inside, v);
-    const Mask crossed = hn::And(where, hn::Lt(hit, hn::Min(before_surface, set(kInfinity))));
+    Mask crossed = hn::And(where, hn::Lt(hit, hn::Min(before_surface, set(kInfinity))));
+    if constexpr (AtBoundary::kStops) {
+      locate(crossed, v);
+      const Mask passes = meets_other_part(crossed, v);
+      store(passes, hit, lines_.last_exit, v);
+      where = hn::AndNot(passes, where);
+      crossed = hn::AndNot(passes, crossed);
+    }
     const Mask missed = hn::AndNot(crossed, where);
 
     const Mask exits = hn::And(crossed, inside), entries = hn::AndNot(inside, crossed);
@@ -191,7 +211,6 @@ class LineFollower {
         missed, hn::And(hn::Eq(query_end, before_surface), hn::Lt(surface_t, set(kInfinity))));
     const Floats end = hn::IfThenElse(at_surface, surface_t, query_end);
     const Floats stop = hn::Max(t, hn::IfThenElse(crossed, hit, end));
-    if constexpr (AtBoundary::kStops) locate(crossed, v);
     const Floats travelled = hn::IfThenElseZero(inside, hn::Sub(stop, t));
     Mask at_limit = hn::AndNot(at_surface, hn::And(missed, inside));
     if (rays_.bounded) {

@@ -75,7 +75,7 @@ struct Lines {
   PerLine<uint32_t> octant{};    // of the direction
   PerLine<uint32_t> steepest{};  // axis that the line is nearest to
   PerLine<float> slack{}, max_medium_length{};
-  PerLine<float> first{};  // from where on anything can be met
+  PerLine<float> first{};  // from where on surfaces can be met
   PerLine<float> reach{};  // where it ends, if rays are bounded
 
   // How far it has come, where it last left and entered the medium, and what it knows of surfaces.
@@ -114,6 +114,7 @@ struct StopAtBoundary {
     // Of the crossing that a line ends in.
     PerLine<uint32_t> triangle{};
     PerLineVectors point{}, normal{}, smooth_normal{};
+    PerLineVectors start_normal{};  // Rays::normal
   };
 };
 

@@ -135,6 +135,7 @@ struct Paths : PathState {
     rays.position.set(to, rays.position.at(from));
     rays.direction.set(to, rays.direction.at(from));
     rays.interaction[to] = rays.interaction[from];
+    rays.normal.set(to, rays.normal.at(from));
     for_each_column(columns(), [&](auto& column) { column[to] = column[from]; });
   }
 

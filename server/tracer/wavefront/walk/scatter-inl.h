@@ -186,6 +186,7 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   const Uints interaction = hn::Xor(load(paths.rays.interaction, i), toggled);
   const Uints at_boundary = hn::IfThenElseZero(for_uints(where), set(Rays::kAtBoundary));
   store(hn::Or(interaction, at_boundary), paths.rays.interaction, i);
+  store(load(wave.crossings.normal, i), paths.rays.normal, i);
 }
 
 // Draws the next direction: by the phase function around the last one, by the cosine law around the
