@@ -97,6 +97,7 @@ uint32_t slab_of(double low, double high) {
 int first_side(const std::map<uint32_t, std::pair<double, int>>& crossings, double end,
                double apart) {
   std::vector<std::pair<double, int>> sorted;
+  sorted.reserve(crossings.size());
   for (const auto& [triangle, crossing] : crossings) sorted.push_back(crossing);
   std::ranges::sort(sorted);
   int sum = 0;
