@@ -15,6 +15,13 @@ size_t number_of_channel(v1::Film::Channel shown) {
   return shown == v1::Film::RED ? 0 : shown == v1::Film::BLUE ? 2 : 1;
 }
 
+Material material_of(const std::string& medium, double size, const std::string& field,
+                     const v1::Object& object, v1::Film::Channel shown) {
+  Material material = measured_medium(medium).material(number_of_channel(shown));
+  if (size > 0) material.sigma_t *= size / longest_side(object_bounds(field, object));
+  return material;
+}
+
 std::optional<Material> material_of(const std::string& field, const v1::Object& object,
                                     v1::Film::Channel shown) {
   const int materials = object.material_size();
@@ -33,12 +40,9 @@ std::optional<Material> material_of(const std::string& field, const v1::Object& 
     return material;
   }
   if (!object.has_medium()) return std::nullopt;
-  const v1::MeasuredMedium& medium = object.medium();
-  Material material = measured_medium(medium.name()).material(number_of_channel(shown));
   const double size =
-      in_closed(field + ".medium.object_size", double{medium.object_size()}, 0, 1e6);
-  if (size > 0) material.sigma_t *= size / longest_side(object_bounds(field, object));
-  return material;
+      in_closed(field + ".medium.object_size", double{object.medium().object_size()}, 0, 1e6);
+  return material_of(object.medium().name(), size, field, object, shown);
 }
 
 void resolve_media(v1::Scene& scene) {

@@ -171,18 +171,15 @@ Bounds bounds_of_object(const v1::Scene& scene) {
   return object_bounds("scene.object", scene.object());
 }
 
-Material chosen_material(const RenderFlags& options, const v1::Scene& scene, size_t channel) {
+Material chosen_material(const RenderFlags& options, const v1::Scene& scene,
+                         v1::Film::Channel shown) {
   if (options.material.empty()) {
     const auto of = [&](const std::vector<double>& numbers) {
-      return numbers.empty() ? 0 : numbers[std::min(channel, numbers.size() - 1)];
+      return numbers.empty() ? 0 : numbers[std::min(number_of_channel(shown), numbers.size() - 1)];
     };
     return {of(options.sigma_t), of(options.albedo), of(options.g)};
   }
-  Material material = measured_medium(options.material).material(channel);
-  if (options.object_size > 0) {
-    material.sigma_t *= options.object_size / longest_side(bounds_of_object(scene));
-  }
-  return material;
+  return material_of(options.material, options.object_size, "scene.object", scene.object(), shown);
 }
 
 // Of what the film shows, without the material.
@@ -230,7 +227,7 @@ void take_medium(const v1::Scene& scene, RenderFlags& options) {
 
 std::vector<Channel> channels_of(const RenderFlags& options, const v1::Scene& scene) {
   const auto channel = [&](const char* name, v1::Film::Channel shown) {
-    return Channel{name, shown, chosen_material(options, scene, number_of_channel(shown))};
+    return Channel{name, shown, chosen_material(options, scene, shown)};
   };
   if (!options.color) return {channel("Y", scene.film().channel())};
   return {channel("R", v1::Film::RED), channel("G", v1::Film::GREEN), channel("B", v1::Film::BLUE)};

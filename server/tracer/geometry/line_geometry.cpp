@@ -80,8 +80,11 @@ RayResult Geometry::follow(const Interaction& from, Vec3f direction, float max_m
   for (int crossings = 0; crossings < kMaxCrossings; ++crossings) {
     if (inside) {
       const float end = std::min(reach, t + (max_medium_length - ray.medium_length));
-      Hit hit = intersector_->closest(line, from_distance(last_exit), std::min(beside, end),
-                                      Wanted::kExitOnly);
+      Hit hit;
+      if (from.at_boundary) {
+        hit = intersector_->closest(line, from_distance(last_exit), std::min(beside, end),
+                                    Wanted::kExitOnly);
+      }
       if (hit.found && dot(intersector_->crossing(hit).normal, from.normal) < kOtherWay) {
         last_exit = hit.t;
         continue;

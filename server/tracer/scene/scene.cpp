@@ -84,17 +84,22 @@ void check(const SceneDescription& scene) {
 }
 
 // Puts the other objects behind the object: one mesh of several parts. Returns the boxes of all.
-std::vector<Bounds> join_objects(SceneDescription& scene, const std::stop_token& stop) {
-  if (scene.compiled_object) scene.object = scene.compiled_object->mesh;
-  validate_closed(scene.object, name_of_object(0), stop);
+std::vector<Bounds> join_objects(SceneDescription& scene, PartCache& parts,
+                                 const std::stop_token& stop) {
+  if (scene.compiled_object) {
+    scene.object = scene.compiled_object->mesh;
+  } else {
+    validate_closed(scene.object, name_of_object(0), stop);
+  }
   scene.compiled_object = nullptr;
   const bool has_keys = !scene.object_key.empty() && !scene.other_objects_digest.empty();
   scene.object_key =
       has_keys ? part_key("objects", scene.pose) + scene.object_key + scene.other_objects_digest
                : std::string();
+  const bool known = has_keys && parts.find<Object>(scene.object_key) != nullptr;
   std::vector<Bounds> boxes{bounds(scene.object)};
   for (OtherObject& other : scene.other_objects) {
-    validate_closed(other.mesh, name_of_object(boxes.size()), stop);
+    if (!known) validate_closed(other.mesh, name_of_object(boxes.size()), stop);
     other.mesh = to_object(scene.pose, std::move(other.mesh));
     boxes.push_back(bounds(other.mesh));
     Mesh& all = scene.object;
@@ -132,7 +137,7 @@ std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCac
   check(scene);
   const bool alone = scene.other_objects.empty();
   std::vector<Bounds> boxes;
-  if (!alone) boxes = join_objects(scene, stop);
+  if (!alone) boxes = join_objects(scene, parts, stop);
   const auto build = [&] {
     return compile_object(std::move(scene.object), alone ? "object" : "object with other_objects",
                           stop);

@@ -232,6 +232,14 @@ v1::DatasetConfig training_alone(const char* preset) {
   return config;
 }
 
+// Not a power of two, not from the beginning.
+std::vector<v1::DatasetItem> items_of(const v1::DatasetConfig& config) {
+  const ShapeSplit shapes = split_shapes(config, nameless(64));
+  std::vector<v1::DatasetItem> items;
+  for (uint64_t i = 1000; i < 7000; ++i) items.push_back(plan_item(config, shapes, i));
+  return items;
+}
+
 void expect_independent(const std::vector<v1::DatasetItem>& items, const Numbers& numbers) {
   const auto bins = binned(items, 8, numbers);
   size_t pairs = 0;
@@ -281,11 +289,7 @@ TEST(DatasetPlan, EveryAzimuthComesAboutEquallyOftenWithEveryShapeAndMaterial) {
 
 TEST(DatasetPlan, EveryChoiceIsIndependentOfEveryOther) {
   const v1::DatasetConfig config = training_alone("outdoor");
-  const ShapeSplit shapes = split_shapes(config, nameless(64));
-  // Not a power of two, not from the beginning.
-  std::vector<v1::DatasetItem> items;
-  for (uint64_t i = 1000; i < 7000; ++i) items.push_back(plan_item(config, shapes, i));
-  expect_independent(items, outdoor_numbers());
+  expect_independent(items_of(config), outdoor_numbers());
 }
 
 TEST(DatasetPlan, EveryChoiceOfSurfaceLampAndCheckerboardIsIndependentOfEveryOther) {
@@ -297,10 +301,7 @@ TEST(DatasetPlan, EveryChoiceOfSurfaceLampAndCheckerboardIsIndependentOfEveryOth
   config.mutable_ground()->set_probability(1);
   config.mutable_ground()->set_checkered(1);
   set_defaults(config);
-  const ShapeSplit shapes = split_shapes(config, nameless(64));
-  std::vector<v1::DatasetItem> items;
-  for (uint64_t i = 1000; i < 7000; ++i) items.push_back(plan_item(config, shapes, i));
-  expect_independent(items, glossy_numbers());
+  expect_independent(items_of(config), glossy_numbers());
 }
 
 TEST(DatasetPlan, EveryChoiceOfAMottledGroundIsIndependentOfEveryOther) {
@@ -309,11 +310,8 @@ TEST(DatasetPlan, EveryChoiceOfAMottledGroundIsIndependentOfEveryOther) {
   config.mutable_ground()->set_checkered(0);
   config.mutable_ground()->set_mottled(1);
   set_defaults(config);
-  const ShapeSplit shapes = split_shapes(config, nameless(64));
-  std::vector<v1::DatasetItem> items;
-  for (uint64_t i = 1000; i < 7000; ++i) items.push_back(plan_item(config, shapes, i));
   expect_independent(
-      items,
+      items_of(config),
       {{"shape", [](const auto& i) { return std::stod(i.shape().substr(5)); }},
        {"pitch", [](const auto& i) { return i.camera().pitch_degrees(); }},
        {"seed", [](const auto& i) { return static_cast<double>(i.ground_texture().seed()); }},
@@ -364,10 +362,7 @@ TEST(DatasetPlan, EveryChoiceOfAStudioIsIndependentOfEveryOther) {
   *studio.mutable_emitters() = fixed(2);
   *studio.mutable_irradiance() = uniform(10, 100);
   studio.mutable_emitter()->set_lamps(0);
-  const ShapeSplit shapes = split_shapes(config, nameless(64));
-  std::vector<v1::DatasetItem> items;
-  for (uint64_t i = 1000; i < 7000; ++i) items.push_back(plan_item(config, shapes, i));
-  expect_independent(items, studio_numbers());
+  expect_independent(items_of(config), studio_numbers());
 }
 
 TEST(DatasetPlan, AStudioHasAnyNumberOfEmittersOfAnyKind) {

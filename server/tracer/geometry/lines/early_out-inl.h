@@ -102,7 +102,7 @@ HWY_INLINE size_t early_out(const Obstacles& obstacles, Rays& rays, size_t count
   size_t pending_count = 0;
   for (size_t i = 0; i < count; i += lanes()) {
     const Mask live = hn::FirstN(d, count - i);
-    const Mask inside = not_zero(hn::And(load(rays.interaction, i), set(Rays::kInside)));
+    const Mask inside = is_inside(load(rays.interaction, i));
     Mask done = hn::And(live, inside);
     if (rays.bounded) {
       done = hn::And(done, hn::Le(load(rays.max_medium_length, i), load(rays.distance, i)));

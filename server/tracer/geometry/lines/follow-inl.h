@@ -102,10 +102,11 @@ class LineFollower {
     const Uints inside = hn::And(interaction, set(Rays::kInside));
     store(fresh, inside, lines_.inside, v);
     store(fresh, inside, lines_.entered, v);
-    const uint32_t just_inside = Rays::kInside | Rays::kAtBoundary;
-    const Mask ahead = equals(hn::And(interaction, set(just_inside)), just_inside);
-    store(fresh, hn::IfThenElse(ahead, hn::Add(start, slack), slack), lines_.first, v);
+    store(fresh, slack, lines_.first, v);
     if constexpr (AtBoundary::kStops) {
+      const uint32_t just_inside = Rays::kInside | Rays::kAtBoundary;
+      const Mask ahead = equals(hn::And(interaction, set(just_inside)), just_inside);
+      store(hn::And(fresh, ahead), hn::Add(start, slack), lines_.first, v);
       line_crossings_.start_normal.store(fresh, gather_vectors(rays_.normal), v);
     }
     store(fresh, hn::Zero(UintTag()), lines_.crossings, v);

@@ -94,6 +94,11 @@ struct Lines {
   PerLine<uint32_t> word{};
 };
 
+// Of interactions (Rays): whether they are inside the medium.
+HWY_INLINE Mask is_inside(Uints interaction) {
+  return not_zero(hn::And(interaction, set(Rays::kInside)));
+}
+
 // What lines do at the boundary of the medium, known when the code is compiled: they pass, and note
 // nothing.
 struct PassBoundary {

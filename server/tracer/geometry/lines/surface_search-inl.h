@@ -99,7 +99,7 @@ inline void find_surfaces(const Surfaces& surfaces, Lines& lines, Mask where, si
 inline void begin_surfaces(const Surfaces& surfaces, Lines& lines, Mask fresh, size_t v,
                            Vectors position, Vectors direction, Floats max_medium_length,
                            Uints interaction) {
-  const Mask inside = not_zero(hn::And(interaction, set(Rays::kInside)));
+  const Mask inside = is_inside(interaction);
   store(fresh, surface_of(interaction), lines.excluded, v);
   const Floats slack = load(lines.slack, v);
 

@@ -17,7 +17,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 // Whether lines come to the boundary before any lamp, as these are outside.
 HWY_INLINE Mask ends_at_boundary(const Wavefront& wave, size_t i) {
   if (!wave.stops_at_boundary) return hn::FirstN(FloatTag(), 0);
-  return not_zero(hn::And(load(wave.paths.rays.interaction, i), set(Rays::kInside)));
+  return is_inside(load(wave.paths.rays.interaction, i));
 }
 
 // Free flights of all paths. As flights are memoryless, one path length serves for all the parts

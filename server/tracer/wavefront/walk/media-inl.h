@@ -41,15 +41,17 @@ struct Medium {
   const Boundary& boundary;
   Refraction refraction;
   float sigma_t, albedo;
-  bool of_object;  // derivatives are in this one alone
+  size_t number;  // in Media::all
 
-  Medium(const Material& of, const PhaseFunction& scatters, const Boundary& crossed, bool first)
+  Medium(const Material& of, const PhaseFunction& scatters, const Boundary& crossed, size_t place)
       : phase(scatters),
         boundary(crossed),
         refraction(refraction_of(crossed)),
         sigma_t(static_cast<float>(of.sigma_t)),
         albedo(static_cast<float>(of.albedo)),
-        of_object(first) {}
+        number(place) {}
+  // Derivatives are in this one alone.
+  bool of_object() const { return number == 0; }
 };
 
 // That of the object, and those of the others: at least one.
@@ -60,10 +62,10 @@ struct Media {
 
   Media(const Scene::Compiled& scene, const RenderRequest& request)
       : several(!scene.other_media.empty()) {
-    all.emplace_back(request.material, phase_of(request), scene.boundary, true);
+    all.emplace_back(request.material, phase_of(request), scene.boundary, 0);
     for (const auto& other : scene.other_media) {
       const HenyeyGreenstein phase{static_cast<float>(other.material.g)};
-      all.emplace_back(other.material, phase, other.boundary, false);
+      all.emplace_back(other.material, phase, other.boundary, all.size());
       first_triangles.push_back(other.first_triangle);
     }
   }
@@ -141,12 +143,12 @@ HWY_INLINE Floats free_path_of(const Media& media, Uints medium) {
 // What phase functions and boundaries say; those of the other objects have no scores.
 template <typename Value>
 HWY_INLINE Value scored(const Medium& of, Value value) {
-  if (of.of_object) return value;
+  if (of.of_object()) return value;
   for (Floats& score : value.scores) score = hn::Zero(FloatTag());
   return value;
 }
 HWY_INLINE Crossing crossing_of(const Medium& of, Crossing at) {
-  at.by_index = at.by_index && of.of_object;
+  at.by_index = at.by_index && of.of_object();
   return at;
 }
 HWY_INLINE PhaseValue evaluate_phase(const Media& media, Uints medium, Floats cosine) {

@@ -64,15 +64,13 @@ constexpr float kMinExponent = -4;
 // from, nor of paths that bring it back, only a part of it is believed.
 HWY_INLINE Floats remaining_light(const Wavefront& wave, const WalkRoulette& roulette, size_t i) {
   const Paths& paths = wave.paths;
-  const Mask inside = not_zero(hn::And(load(paths.rays.interaction, i), set(Rays::kInside)));
+  const Mask inside = is_inside(load(paths.rays.interaction, i));
   const DepthGrid& depth_grid = wave.scene.obstacles.depth_grid;
   const Ints cells = cells_at(depth_grid.cells, load(paths.rays.position, i));
   const Floats quantized = hn::IfThenElseZero(inside, quantized_depth(depth_grid, cells));
-  Floats attenuation = set(roulette.attenuations.front());
-  for (uint32_t m = 1; m < roulette.attenuations.size(); ++m) {
-    attenuation =
-        hn::IfThenElse(equals(wave.medium(i), m), set(roulette.attenuations[m]), attenuation);
-  }
+  const Floats attenuation = by_medium(wave.media, wave.medium(i), [&](const Medium& of) {
+    return set(roulette.attenuations[of.number]);
+  });
   const Floats exponent = hn::Neg(hn::Mul(quantized, attenuation));
   return exp(hn::Max(exponent, set(kMinExponent)));
 }

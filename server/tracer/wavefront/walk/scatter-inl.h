@@ -45,7 +45,7 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium,
   vertices.factor =
       by_medium(wave.media, vertices.medium, [](const Medium& of) { return set(of.albedo); });
   if (vertices.any_at_boundary) {
-    const Mask inside = not_zero(hn::And(load(paths.rays.interaction, i), set(Rays::kInside)));
+    const Mask inside = is_inside(load(paths.rays.interaction, i));
     const Crossings& crossings = wave.crossings;
     vertices.crossing =
         crossing_of(before, load(crossings.smooth_normal, i), load(crossings.normal, i), inside,

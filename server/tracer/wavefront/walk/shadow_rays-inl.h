@@ -34,7 +34,7 @@ struct Vertices {
 // Those from which shadow rays are sent that do not end at the boundary of the medium.
 HWY_INLINE Mask sending(const Wavefront& wave, size_t i, const Vertices& vertices) {
   if (!wave.stops_at_boundary) return vertices.where();
-  const Mask inside = not_zero(hn::And(load(wave.paths.rays.interaction, i), set(Rays::kInside)));
+  const Mask inside = is_inside(load(wave.paths.rays.interaction, i));
   const Mask outside = hn::AndNot(inside, vertices.on_surface);
   return wave.boundary_is_delta ? outside : hn::Or(outside, vertices.at_boundary);
 }
@@ -196,7 +196,7 @@ inline void trace_shadow_rays(Wavefront& wave) {
     Floats length = load(shadow_rays.rays.medium_length, i);
     if (wave.refracts_shadow_rays) length = hn::Add(length, load(shadow_rays.length_before, i));
     const Uints medium = wave.medium_in(slot);
-    const Floats dimming = exp(hn::Neg(hn::Mul(length, sigma_t_of(wave.media, medium))));
+    const Floats dimming = part_arriving(wave, medium, length);
     Floats survival = set(1.0F);
     if (wave.shadow_ray_threshold > 0) {
       survival = hn::Min(survival, hn::Mul(hn::Mul(load(shadow_rays.importance, i), dimming),
