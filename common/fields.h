@@ -65,13 +65,22 @@ void check_fields(const std::string& of, const std::variant<Kinds...>& kind) {
   std::visit(check, kind);
 }
 
-// The slots of a kind.
-struct SlotNames {
-  std::vector<std::string> names;
+// A slot of some kind of a list.
+struct Slot {
+  size_t kind = 0, number = 0;  // of the kind in the list, of the slot in the kind
+  std::string name;             // as "checkerboard.even", or "reflectance" of a kind without a name
+  double value = 0, low = 0, high = 0;  // by default, and its range
+};
+
+namespace fields_internal {
+// The slots of a kind, by the names of its own.
+struct SlotList {
+  std::vector<Slot> slots;
 
   template <typename Number>
-  void slot(const char* name, const Number& /*value*/, double /*low*/, double /*high*/) {
-    names.emplace_back(name);
+  void slot(const char* name, const Number& value, double low, double high) {
+    slots.push_back(
+        {.number = slots.size(), .name = name, .value = value, .low = low, .high = high});
   }
   template <typename... Any>
   void number(const Any&... /*field*/) {}
@@ -87,21 +96,16 @@ struct SlotNames {
   void pixels(const Any&... /*field*/) {}
 };
 
-// A slot of some kind of a list.
-struct Slot {
-  size_t kind, number;  // of the kind in the list, of the slot in the kind
-  std::string name;     // as "checkerboard.even", or "reflectance" of a kind without a name
-};
-
-namespace fields_internal {
 template <typename Kind>
 void append_slots(size_t kind, std::vector<Slot>& slots) {
   const Kind any{};
-  SlotNames of_kind;
+  SlotList of_kind;
   Kind::fields(any, of_kind);
   const std::string prefix = Kind::kName;
-  for (size_t i = 0; i < of_kind.names.size(); ++i) {
-    slots.push_back({kind, i, prefix.empty() ? of_kind.names[i] : prefix + "." + of_kind.names[i]});
+  for (Slot& slot : of_kind.slots) {
+    slot.kind = kind;
+    if (!prefix.empty()) slot.name = prefix + "." + slot.name;
+    slots.push_back(slot);
   }
 }
 template <typename... Kinds>

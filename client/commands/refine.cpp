@@ -191,6 +191,7 @@ v1::RefineSettings settings_of(const RefineOptions& options) {
   settings.set_tolerance(options.tolerance);
   settings.set_learning_rate(options.learning_rate);
   settings.set_seed(options.seed);
+  settings.mutable_unknowns()->Add(options.unknowns.begin(), options.unknowns.end());
   settings = with_defaults(settings);
   if (settings.spp() > settings.max_spp()) {
     throw usage(fmt::format("--spp {} must not be more than --max-spp {}", settings.spp(),
@@ -205,10 +206,7 @@ std::vector<Synthesis> render_fits(const Refinement& refinement,
   constexpr uint32_t kPictureSpp = 256;
   std::vector<SynthesisQuery> queries;
   for (const Observation& observation : observations) {
-    queries.push_back({.observation = &observation,
-                       .material = refinement.material(),
-                       .spp = kPictureSpp,
-                       .seed = queries.size()});
+    queries.push_back(refinement.query(observation, kPictureSpp, queries.size()));
   }
   return synthesize(queries);
 }
@@ -239,11 +237,13 @@ void run_refine(const RefineOptions& options) {
       .starts = [&] { return starts_around(first_start(options, scenes), options.starts); },
       .report =
           [&](const v1::RefineIteration& i) {
+            std::string unknowns;
+            for (const double value : i.unknowns()) unknowns += fmt::format(" {:.4f}", value);
             progress.update(
-                ++done, fmt::format("sigma_t {:.4g} albedo {:.4f} g {:.4f}, loss {:.2g}, "
+                ++done, fmt::format("sigma_t {:.4g} albedo {:.4f} g {:.4f}{}, loss {:.2g}, "
                                     "{} spp",
                                     i.material().sigma_t(), i.material().albedo(), i.material().g(),
-                                    i.loss(), i.spp()));
+                                    unknowns, i.loss(), i.spp()));
           }};
   const Refinement refinement = refine(settings, observations, synthesize, refine_run);
   const v1::RefineResult result = refinement.result();

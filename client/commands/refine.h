@@ -18,6 +18,7 @@ struct RefineOptions {
   uint32_t starts = 1;
   std::string method = "gauss-newton", weights = "noise";
   bool unknown_exposure = false;
+  std::vector<std::string> unknowns;  // of the scenes
   uint32_t spp = 0, max_spp = 0, max_iterations = 0;
   double time_limit = 0, tolerance = 0.002, learning_rate = 0.05;
   uint64_t seed = 0;

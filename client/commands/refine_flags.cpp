@@ -59,6 +59,13 @@ void add_flags(CLI::App& command, RefineOptions& options) {
       ->check(one_of({"known", "unknown"}));
   command.add_flag("--unknown-exposure", options.unknown_exposure,
                    "The same as --exposure unknown");
+  command
+      .add_option(
+          "--unknown", options.unknowns,
+          "Numbers of the scene that are found, too, from where the scene files have them, "
+          "separated by commas: what render --derivatives lists of boundary and surfaces, "
+          "such as rough_dielectric.index,rough_dielectric.roughness,surface[0].reflectance")
+      ->delimiter(',');
   const CLI::Validator spp_range = number_in(4U, 1U << 20);
   command
       .add_option("--spp", options.spp,

@@ -11,16 +11,27 @@ namespace {
 constexpr OpenInterval kG{-kMaxAbsG, kMaxAbsG};
 constexpr double kFarthest = 9;  // of logits: 1e-4 from the ends
 
+constexpr Eigen::Index kOfMaterial = 3;
+
 MaterialCoordinates material_part(const Vector& coordinates) {
   return {coordinates[0], coordinates[1], coordinates[2]};
 }
 
+Eigen::Index index_of(size_t unknown) {
+  return kOfMaterial + static_cast<Eigen::Index>(unknown);
+}
+
 }  // namespace
 
-Vector coordinates_of(const Material& material) {
+Vector coordinates_of(const Material& material, Unknowns unknowns) {
   const MaterialCoordinates triple = to_coordinates(v1::UNBOUNDED, material, kG);
-  Vector coordinates = Eigen::Map<const Eigen::Vector3d>(triple.data());
-  clamp_to_domain(coordinates);
+  Vector coordinates(index_of(unknowns.size()));
+  coordinates.head(kOfMaterial) = Eigen::Map<const Eigen::Vector3d>(triple.data());
+  for (size_t i = 0; i < unknowns.size(); ++i) {
+    const auto& [name, start, low, high] = unknowns[i];
+    coordinates[index_of(i)] = std::log((start - low) / (high - start));
+  }
+  clamp_to_domain(coordinates, unknowns);
   return coordinates;
 }
 
@@ -28,33 +39,54 @@ Material material_at(const Vector& coordinates) {
   return from_coordinates(v1::UNBOUNDED, material_part(coordinates), kG);
 }
 
-double exposure_at(const Vector& coordinates) {
-  return coordinates.size() > 3 ? std::exp(coordinates[3]) : 1;
+double unknown_at(const Vector& coordinates, Unknowns unknowns, size_t which) {
+  const auto& [name, start, low, high] = unknowns[which];
+  return low + (high - low) / (1 + std::exp(-coordinates[index_of(which)]));
 }
 
-Linearization linearize(const Vector& coordinates) {
+std::vector<double> unknowns_at(const Vector& coordinates, Unknowns unknowns) {
+  std::vector<double> values;
+  for (size_t i = 0; i < unknowns.size(); ++i)
+    values.push_back(unknown_at(coordinates, unknowns, i));
+  return values;
+}
+
+bool has_exposure(const Vector& coordinates, Unknowns unknowns) {
+  return coordinates.size() > index_of(unknowns.size());
+}
+
+double exposure_at(const Vector& coordinates, Unknowns unknowns) {
+  return has_exposure(coordinates, unknowns) ? std::exp(coordinates[index_of(unknowns.size())]) : 1;
+}
+
+Linearization linearize(const Vector& coordinates, Unknowns unknowns) {
   const Jacobian j = jacobian(v1::UNBOUNDED, material_part(coordinates), kG);
-  Linearization at{.jacobian = Matrix(3, 3),
-                   .exposure = exposure_at(coordinates),
-                   .exposure_is_coordinate = coordinates.size() > 3};
+  const Eigen::Index n = index_of(unknowns.size());
+  Linearization at{.jacobian = Matrix::Zero(n, n),
+                   .exposure = exposure_at(coordinates, unknowns),
+                   .exposure_is_coordinate = has_exposure(coordinates, unknowns)};
   for (size_t i = 0; i < 3; ++i) {
     for (size_t c = 0; c < 3; ++c) at.jacobian(i, c) = j[i][c];
+  }
+  for (size_t i = 0; i < unknowns.size(); ++i) {
+    const double value = unknown_at(coordinates, unknowns, i);
+    const auto& [name, start, low, high] = unknowns[i];
+    at.jacobian(index_of(i), index_of(i)) = (value - low) * (high - value) / (high - low);
   }
   return at;
 }
 
-void clamp_to_domain(Vector& x) {
+void clamp_to_domain(Vector& x, Unknowns unknowns) {
   x[0] = std::clamp(x[0], std::log(kMinRefinedSigmaT), std::log(kMaxRefinedSigmaT));
-  x[1] = std::clamp(x[1], -kFarthest, kFarthest);
-  x[2] = std::clamp(x[2], -kFarthest, kFarthest);
+  for (Eigen::Index logit = 1; logit < index_of(unknowns.size()); ++logit)
+    x[logit] = std::clamp(x[logit], -kFarthest, kFarthest);
 }
 
-Matrix physical_jacobian(const Vector& coordinates) {
-  const Linearization at = linearize(coordinates);
-  Matrix result = Matrix::Zero(coordinates.size(), coordinates.size());
-  result.topLeftCorner(3, 3) = at.jacobian;
-  result.topLeftCorner(1, 3) /= material_at(coordinates).sigma_t;
-  if (coordinates.size() > 3) result(3, 3) = 1;
+Matrix physical_jacobian(const Vector& coordinates, Unknowns unknowns) {
+  const Linearization at = linearize(coordinates, unknowns);
+  Matrix result = Matrix::Identity(coordinates.size(), coordinates.size());
+  result.topLeftCorner(at.jacobian.rows(), at.jacobian.cols()) = at.jacobian;
+  result.row(0) /= material_at(coordinates).sigma_t;
   return result;
 }
 

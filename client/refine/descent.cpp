@@ -52,11 +52,12 @@ struct Descent::Evaluation {
   double cpu_seconds = 0;
 };
 
-Descent::Descent(const v1::RefineSettings& settings, std::span<const Observation> observations,
-                 const Material& start)
+Descent::Descent(const v1::RefineSettings& settings, Unknowns unknowns,
+                 std::span<const Observation> observations, const Material& start)
     : settings_(settings),
+      unknowns_(unknowns.begin(), unknowns.end()),
       observations_(observations),
-      x_(coordinates_of(start)),
+      x_(coordinates_of(start, unknowns)),
       trust_radius_(kMaxTrust),
       spp_(settings.spp()) {
   for (const Observation& observation : observations) {
@@ -68,22 +69,25 @@ Descent::Evaluation Descent::evaluate(const Synthesize& synthesize, uint64_t see
   std::vector<SynthesisQuery> queries;
   for (size_t i = 0; i < observations_.size(); ++i) {
     queries.push_back({.observation = &observations_[i],
-                       .material = material_at(x_),
+                       .material = material(),
+                       .unknowns = unknowns_,
+                       .values = unknowns(),
                        .spp = spp_,
                        .seed = derive_seed(seed, {iterations_, i})});
   }
   const std::vector<Synthesis> syntheses = synthesize(queries);
   Evaluation evaluation;
   evaluation.x = x_;
-  if (settings_.unknown_exposure() && x_.size() == 3) {
-    evaluation.x.conservativeResize(4);
-    evaluation.x[3] = std::log(image_equations_[0].exposure(syntheses[0]));
+  if (settings_.unknown_exposure() && !has_exposure(x_, unknowns_)) {
+    evaluation.x.conservativeResize(x_.size() + 1);
+    evaluation.x[x_.size()] = std::log(image_equations_[0].exposure(syntheses[0]));
   }
   evaluation.equations = NormalEquations(evaluation.x.size());
   double squares = 0, variance = 0, energy = 0, noise = 0;
   for (size_t i = 0; i < syntheses.size(); ++i) {
-    const ImageEquations::Residuals& residuals = evaluation.per_image.emplace_back(
-        image_equations_[i].evaluate(syntheses[i], spp_, linearize(evaluation.x), is_adam()));
+    const ImageEquations::Residuals& residuals =
+        evaluation.per_image.emplace_back(image_equations_[i].evaluate(
+            syntheses[i], spp_, linearize(evaluation.x, unknowns_), is_adam()));
     add(residuals.equations, 1, evaluation.equations);
     squares += residuals.squares;
     variance += residuals.squares_variance;
@@ -144,7 +148,7 @@ ScoreTest Descent::render_test() const {
 }
 
 Region Descent::region() const {
-  return region_about(x_, linearization_point_, test());
+  return region_about(x_, linearization_point_, test(), unknowns_);
 }
 
 bool Descent::is_under_way() const {
@@ -211,7 +215,8 @@ v1::RefineIteration Descent::step(const Synthesize& synthesize, uint64_t seed) {
   iteration.mutable_material()->set_sigma_t(material.sigma_t);
   iteration.mutable_material()->set_albedo(material.albedo);
   iteration.mutable_material()->set_g(material.g);
-  iteration.set_exposure(exposure_at(evaluation.x));
+  iteration.set_exposure(exposure_at(evaluation.x, unknowns_));
+  for (const double value : unknowns_at(evaluation.x, unknowns_)) iteration.add_unknowns(value);
   iteration.set_spp(spp_);
   iteration.set_loss(evaluation.loss);
   iteration.set_loss_standard_error(evaluation.loss_standard_error);
@@ -229,11 +234,11 @@ v1::RefineIteration Descent::step(const Synthesize& synthesize, uint64_t seed) {
   }
   const Step step = is_adam() ? adam_step(evaluation.equations.gradient) : newton_step();
   x_ = linearization_point_ + step.taken;
-  clamp_to_domain(x_);
+  clamp_to_domain(x_, unknowns_);
   iteration.set_step_to_noise(step.over_noise);
   const Eigen::Vector3d deviations = physical_deviations(region());
   for (const double deviation : deviations) iteration.add_standard_deviations(deviation);
-  const double share = render_noise_fraction(physical_jacobian(linearization_point_),
+  const double share = render_noise_fraction(physical_jacobian(linearization_point_, unknowns_),
                                              test().covariance(), render_test().covariance());
   iteration.set_render_noise_fraction(share);
   plan(step, deviations.maxCoeff(), share);
@@ -282,18 +287,18 @@ v1::RefineStartState Descent::state() const {
   return state;
 }
 
-Descent::Descent(const v1::RefineSettings& settings, std::span<const Observation> observations,
-                 const v1::RefineStartState& state)
-    : Descent(settings, observations, Material{}) {
-  const int n = state.coordinates_size();
+Descent::Descent(const v1::RefineSettings& settings, Unknowns unknowns,
+                 std::span<const Observation> observations, const v1::RefineStartState& state)
+    : Descent(settings, unknowns, observations, Material{}) {
+  const int n = state.coordinates_size(), without_exposure = static_cast<int>(x_.size());
   const int seen = state.samples() > 0 ? n : 0;
-  const bool fits = (n == 3 || (n == 4 && settings.unknown_exposure())) &&
-                    state.images_size() == static_cast<int>(observations.size()) &&
-                    state.linearization_point_size() == seen && state.gradient_size() == seen &&
-                    state.curvature_size() == seen * seen &&
-                    state.render_noise_size() == seen * seen &&
-                    (state.first_moment_size() == 0 || state.first_moment_size() == n) &&
-                    state.second_moment_size() == state.first_moment_size();
+  const bool fits =
+      (n == without_exposure || (n == without_exposure + 1 && settings.unknown_exposure())) &&
+      state.images_size() == static_cast<int>(observations.size()) &&
+      state.linearization_point_size() == seen && state.gradient_size() == seen &&
+      state.curvature_size() == seen * seen && state.render_noise_size() == seen * seen &&
+      (state.first_moment_size() == 0 || state.first_moment_size() == n) &&
+      state.second_moment_size() == state.first_moment_size();
   if (!fits) throw invalid_input("the state of the refinement is damaged");
   x_ = vector_of(state.coordinates());
   linearization_point_ = vector_of(state.linearization_point());

@@ -24,11 +24,11 @@ namespace itn {
 // one, the less the farther they came from. A step within its own noise calls for more samples.
 class Descent {
  public:
-  Descent(const v1::RefineSettings& settings, std::span<const Observation> observations,
-          const Material& start);
+  Descent(const v1::RefineSettings& settings, Unknowns unknowns,
+          std::span<const Observation> observations, const Material& start);
   // Throws Error (invalid input) if the state does not fit.
-  Descent(const v1::RefineSettings& settings, std::span<const Observation> observations,
-          const v1::RefineStartState& state);
+  Descent(const v1::RefineSettings& settings, Unknowns unknowns,
+          std::span<const Observation> observations, const v1::RefineStartState& state);
 
   // Renders where it stands, and steps on. Nothing changes if that throws. `seed`: of the renders.
   v1::RefineIteration step(const Synthesize& synthesize, uint64_t seed);
@@ -42,7 +42,10 @@ class Descent {
   // Of the part of that loss that the image's own noise explains; 0 if it is not known.
   double noise_loss() const { return noise_loss_; }
 
-  const Vector& answer() const { return x_; }  // as it stands
+  // As it stands.
+  Material material() const { return material_at(x_); }
+  std::vector<double> unknowns() const { return unknowns_at(x_, unknowns_); }
+  double exposure() const { return exposure_at(x_, unknowns_); }
   // Where else it may be.
   Region region() const;
   // Whether the last iteration was still farther from where the equations lead than that is
@@ -68,6 +71,7 @@ class Descent {
   bool is_adam() const { return settings_.method() == v1::RefineSettings::ADAM; }
 
   v1::RefineSettings settings_;
+  std::vector<SceneUnknown> unknowns_;
   std::span<const Observation> observations_;
   std::vector<ImageEquations> image_equations_;
   NormalEquations normal_equations_;

@@ -23,11 +23,12 @@ Estimate estimate_of(const tracer::RenderEstimate& render, std::span<const uint3
                      const Linearization& at) {
   Estimate estimate;
   for (const uint32_t p : pixels) estimate.radiance.push_back(at.exposure * render.radiance[p]);
-  for (size_t c = 0; c < 3; ++c) {
+  for (Eigen::Index c = 0; c < at.jacobian.cols(); ++c) {
     Plane& derivative = estimate.derivatives.emplace_back();
     for (const uint32_t p : pixels) {
       double sum = 0;
-      for (size_t i = 0; i < 3; ++i) sum += render.derivatives[i][p] * at.jacobian(i, c);
+      for (Eigen::Index i = 0; i < at.jacobian.rows(); ++i)
+        sum += render.derivatives[static_cast<size_t>(i)][p] * at.jacobian(i, c);
       derivative.push_back(at.exposure * sum);
     }
   }

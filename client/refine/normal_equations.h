@@ -28,14 +28,16 @@
 
 namespace itn {
 
-// Where a render is made, in coordinates x: ln sigma_t*, logit albedo*, logit g (UNBOUNDED), and
-// the logarithm of the exposure if it is a coordinate.
+// Where a render is made, in coordinates x (client/refine/coordinates.h), the last of them the
+// logarithm of the exposure if it is one.
 struct Linearization {
-  Matrix jacobian;  // 3 x 3: d (sigma_t, albedo, g) / d x
+  Matrix jacobian;  // square: d what a render has derivatives in / d x, without the exposure
   double exposure = 1;
   bool exposure_is_coordinate = false;
 
-  size_t coordinates() const { return exposure_is_coordinate ? 4 : 3; }
+  size_t coordinates() const {
+    return static_cast<size_t>(jacobian.cols()) + (exposure_is_coordinate ? 1 : 0);
+  }
 };
 
 // Sums over the pixels.

@@ -41,6 +41,11 @@ void check_plane(const Observation& observation, const std::vector<float>& plane
 RenderJob render_job(const SynthesisQuery& query) {
   RenderJob job;
   job.scene = query.observation->scene;
+  if (!query.unknowns.empty()) {
+    v1::Scene scene = scene_of(*query.observation);
+    set_unknowns(query.unknowns, query.values, scene);
+    job.scene = serialize(scene);
+  }
   *job.request.mutable_material() = to_proto(query.material);
   job.request.set_spp(query.spp);
   job.request.set_seed(query.seed);
@@ -50,6 +55,7 @@ RenderJob render_job(const SynthesisQuery& query) {
   for (const v1::Parameter parameter : {v1::SIGMA_T, v1::ALBEDO, v1::G}) {
     job.request.add_derivatives(parameter);
   }
+  for (const SceneUnknown& unknown : query.unknowns) job.request.add_parameters(unknown.name);
   return job;
 }
 
@@ -82,6 +88,13 @@ void validate(const Observation& observation) {
   }
   if (!any) throw invalid_input(observation.name + ": the mask has no pixel on the object");
   if (!(sum > 0)) throw invalid_input(observation.name + ": the image is black");
+}
+
+v1::Scene scene_of(const Observation& observation) {
+  v1::Scene scene;
+  if (!scene.ParseFromString(observation.scene->bytes))
+    throw Error(ErrorKind::kInternal, observation.name + ": its scene cannot be parsed");
+  return scene;
 }
 
 Synthesize rendered_by(RenderPool& pool, std::stop_token stop) {

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "client/refine/scene_unknown.h"
 #include "common/material.h"
 #include "common/scene/scene_bytes.h"
 #include "server/tracer/film/weighted_image_loss.h"
@@ -34,12 +35,14 @@ void validate(const Observation& observation);
 struct SynthesisQuery {
   const Observation* observation = nullptr;
   Material material;
+  std::span<const SceneUnknown> unknowns;  // of the scene, and
+  std::vector<double> values;              // what they are
   uint32_t spp = 0;
   uint64_t seed = 0;
 };
 
 struct Synthesis {
-  // Independent of one another, at least 2; derivatives in sigma_t, albedo, g.
+  // Independent of one another, at least 2; derivatives in sigma_t, albedo, g and the unknowns.
   std::vector<tracer::RenderEstimate> estimates;
   std::vector<float> mask;  // part of each pixel that the object covers
   double cpu_seconds = 0;
@@ -47,6 +50,9 @@ struct Synthesis {
 
 // Renders each of them. May throw Error.
 using Synthesize = std::function<std::vector<Synthesis>(std::span<const SynthesisQuery>)>;
+
+// As it was serialized.
+v1::Scene scene_of(const Observation& observation);
 
 // All at the same time by a pool, which must outlive it.
 Synthesize rendered_by(RenderPool& pool, std::stop_token stop = {});

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <functional>
 #include <string>
 
 #include "client/refine/coordinates.h"
@@ -13,25 +14,21 @@ namespace {
 
 constexpr double kNormal95 = 1.959963984540054;
 
-double logit(double u) {
-  return std::log(u / (1 - u));
-}
-double logistic(double v) {
-  return 1 / (1 + std::exp(-v));
-}
-
 // A quantity on a scale on which its distribution is taken for a Gaussian.
 struct Scale {
-  double (*to)(double);
-  double (*from)(double);
-  double (*slope)(double value);  // d value / d scale
+  std::function<double(double)> to, from;
+  std::function<double(double)> slope;  // d value / d scale, of the value
 };
 const Scale kPositive{[](double v) { return std::log(v); }, [](double s) { return std::exp(s); },
                       [](double v) { return v; }};
-const Scale kFraction{logit, logistic, [](double v) { return v * (1 - v); }};
-const Scale kCosine{[](double v) { return logit((1 + v) / 2); },
-                    [](double s) { return 2 * logistic(s) - 1; },
-                    [](double v) { return (1 - v * v) / 2; }};
+
+// The logit of the place between two ends.
+Scale between(double low, double high) {
+  return {[=](double v) { return std::log((v - low) / (high - v)); },
+          [=](double s) { return low + (high - low) / (1 + std::exp(-s)); },
+          [=](double v) { return (v - low) * (high - v) / (high - low); }};
+}
+const Scale kFraction = between(0, 1), kCosine = between(-1, 1);
 
 v1::RefinedParameter parameter(const Quantity& quantity, const Scale& scale, const Region& region) {
   const Quantity on_scale = [&](const Vector& x) { return scale.to(quantity(x)); };
@@ -120,8 +117,18 @@ v1::RefineResult refine_result(const Region& region) {
       parameter([](const Material& m) { return m.sigma_a(); }, kPositive, region);
   *result.mutable_sigma_s_reduced() =
       parameter([](const Material& m) { return m.sigma_s_reduced(); }, kPositive, region);
-  if (x.size() > 3) *result.mutable_exposure() = parameter(exposure_at, kPositive, region);
-  const Matrix jacobian = physical_jacobian(x);
+  const Unknowns unknowns = region.unknowns;
+  for (size_t i = 0; i < unknowns.size(); ++i) {
+    v1::RefinedParameter& unknown = *result.add_unknowns();
+    unknown = parameter([&](const Vector& at) { return unknown_at(at, unknowns, i); },
+                        between(unknowns[i].low, unknowns[i].high), region);
+    unknown.set_name(unknowns[i].name);
+  }
+  if (has_exposure(x, unknowns)) {
+    *result.mutable_exposure() =
+        parameter([&](const Vector& at) { return exposure_at(at, unknowns); }, kPositive, region);
+  }
+  const Matrix jacobian = physical_jacobian(x, unknowns);
   const Matrix readable = jacobian * region.covariance * jacobian.transpose();
   for (const auto& [i, j] : {std::pair{0, 1}, {0, 2}, {1, 2}}) {
     result.add_correlations(readable(i, j) / std::sqrt(readable(i, i) * readable(j, j)));

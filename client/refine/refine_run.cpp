@@ -175,6 +175,8 @@ std::string to_text(const v1::RefineResult& result) {
   line("g", result.g(), "");
   line("sigma_a", result.sigma_a(), "1/mm");
   line("sigma_s (1 - g)", result.sigma_s_reduced(), "1/mm");
+  for (const v1::RefinedParameter& unknown : result.unknowns())
+    line(unknown.name().c_str(), unknown, "");
   if (result.has_exposure()) line("image / render", result.exposure(), "");
   text += fmt::format("correlations: sigma_t, albedo {:.2f}; sigma_t, g {:.2f}; albedo, g {:.2f}\n",
                       result.correlations(0), result.correlations(1), result.correlations(2));

@@ -51,6 +51,15 @@ void check_start(const Material& start) {
   }
 }
 
+std::vector<SceneUnknown> unknowns_of(const v1::RefineSettings& settings,
+                                      std::span<const Observation> observations) {
+  if (settings.unknowns().empty()) return {};
+  std::vector<v1::Scene> scenes;
+  for (const Observation& observation : observations) scenes.push_back(scene_of(observation));
+  const std::vector<std::string> names(settings.unknowns().begin(), settings.unknowns().end());
+  return scene_unknowns(names, scenes);
+}
+
 }  // namespace
 
 v1::RefineSettings with_defaults(v1::RefineSettings settings) {
@@ -99,10 +108,11 @@ Refinement::Refinement(v1::RefineSettings settings, std::span<const Observation>
       digest_(digest_of(observations)) {
   check(settings_);
   check(observations_);
+  unknowns_ = unknowns_of(settings_, observations_);
   if (starts.empty()) throw invalid_input("there is no material to start from");
   for (const Material& start : starts) {
     check_start(start);
-    descents_.emplace_back(settings_, observations_, start);
+    descents_.emplace_back(settings_, unknowns_, observations_, start);
   }
 }
 
@@ -116,9 +126,10 @@ Refinement::Refinement(std::span<const Observation> observations, const v1::Refi
   if (state.digest() != digest_) {
     throw invalid_input("the state is that of a refinement of other images or scenes");
   }
+  unknowns_ = unknowns_of(settings_, observations_);
   if (state.starts().empty()) throw invalid_input("the state of the refinement is damaged");
   for (const v1::RefineStartState& start : state.starts()) {
-    descents_.emplace_back(settings_, observations_, start);
+    descents_.emplace_back(settings_, unknowns_, observations_, start);
   }
 }
 
@@ -175,11 +186,21 @@ const v1::RefineIteration& Refinement::step(const Synthesize& synthesize) {
 }
 
 Material Refinement::material() const {
-  return material_at(descents_[best()].answer());
+  return descents_[best()].material();
 }
 
 double Refinement::exposure() const {
-  return exposure_at(descents_[best()].answer());
+  return descents_[best()].exposure();
+}
+
+SynthesisQuery Refinement::query(const Observation& observation, uint32_t spp,
+                                 uint64_t seed) const {
+  return {.observation = &observation,
+          .material = material(),
+          .unknowns = unknowns_,
+          .values = descents_[best()].unknowns(),
+          .spp = spp,
+          .seed = seed};
 }
 
 v1::RefineResult Refinement::result() const {

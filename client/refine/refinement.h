@@ -35,9 +35,9 @@ std::string digest_of(std::span<const Observation> observations);
 
 class Refinement {
  public:
-  // From each of the starts (at least one). The observations, at least one, must outlive it. Throws
-  // Error (invalid input) as validate() of observations and materials do, and if settings are out
-  // of their ranges.
+  // From each of the starts (at least one), and where the scenes have the unknowns of the settings.
+  // The observations, at least one, must outlive it. Throws Error (invalid input) as validate() of
+  // observations and materials and scene_unknowns() do, and if settings are out of their ranges.
   Refinement(v1::RefineSettings settings, std::span<const Observation> observations,
              const std::vector<Material>& starts);
   // Goes on from a state, to the same answer bit for bit. Throws Error (invalid input) if it is one
@@ -57,6 +57,8 @@ class Refinement {
   v1::RefineResult result() const;
   Material material() const;
   double exposure() const;  // the images over the renders
+  // A render of one of the observations with the material and the unknowns of the scene.
+  SynthesisQuery query(const Observation& observation, uint32_t spp, uint64_t seed) const;
 
   // All iterations, in the order in which they were made.
   const std::vector<v1::RefineIteration>& trajectory() const { return trajectory_; }
@@ -70,6 +72,7 @@ class Refinement {
   v1::RefineSettings settings_;
   std::span<const Observation> observations_;
   std::string digest_;
+  std::vector<SceneUnknown> unknowns_;
   std::vector<Descent> descents_;
   std::vector<v1::RefineIteration> trajectory_;
 };

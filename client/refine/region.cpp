@@ -4,8 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include "client/refine/coordinates.h"
-
 namespace itn {
 namespace {
 
@@ -28,8 +26,8 @@ double edge(const ScoreTest& test, double inside, double outside, double statist
 
 }  // namespace
 
-Region region_about(const Vector& answer, const Vector& linearization_point,
-                    const ScoreTest& test) {
+Region region_about(const Vector& answer, const Vector& linearization_point, const ScoreTest& test,
+                    Unknowns unknowns) {
   constexpr Eigen::Index kRidge = ScoreTest::kRidge;
   const Vector full = test.full_step();
   const double centre = std::isfinite(full[kRidge]) ? full[kRidge] : 0;
@@ -55,17 +53,20 @@ Region region_about(const Vector& answer, const Vector& linearization_point,
     }
   }
 
-  Region region{.answer = answer, .ridge_points = {}, .covariance = test.covariance()};
+  Region region{.unknowns = {unknowns.begin(), unknowns.end()},
+                .answer = answer,
+                .ridge_points = {},
+                .covariance = test.covariance()};
   for (const double a : along) {
     const ScoreTest::Profile profile = test.profile(a);
     Region::RidgePoint place{.x = linearization_point + profile.step,
                              .statistic = profile.statistic - least,
                              .covariance = profile.covariance};
-    clamp_to_domain(place.x);
+    clamp_to_domain(place.x, unknowns);
     region.ridge_points.push_back(place);
     if (std::abs(a) < kEndOfRidge) continue;
     place.x[kRidge] = std::copysign(std::numeric_limits<double>::max(), a);
-    clamp_to_domain(place.x);
+    clamp_to_domain(place.x, unknowns);
     region.ridge_points.push_back(place);
   }
   return region;

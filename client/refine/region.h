@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "client/refine/coordinates.h"
 #include "client/refine/matrix.h"
 #include "client/refine/score_test.h"
 
@@ -18,13 +19,15 @@ struct Region {
     double statistic = 0;  // above the least; chi-squared of 1 degree of freedom at the truth
     Matrix covariance;     // across the ridge
   };
+  std::vector<SceneUnknown> unknowns;  // of the coordinates
   Vector answer;
   std::vector<RidgePoint> ridge_points;
   Matrix covariance;  // of all coordinates by linear error propagation: for correlations alone
 };
 
 // `linearization_point`: where the test was made.
-Region region_about(const Vector& answer, const Vector& linearization_point, const ScoreTest& test);
+Region region_about(const Vector& answer, const Vector& linearization_point, const ScoreTest& test,
+                    Unknowns unknowns = {});
 
 using Quantity = std::function<double(const Vector& x)>;
 

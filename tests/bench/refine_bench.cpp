@@ -28,11 +28,13 @@ struct Case {
   const char* name;
   const char* scene;  // without film
   Material truth;
+  // Of the scene: what the images are of, where the refinement starts from what `scene` says.
+  std::vector<std::pair<std::string, double>> unknowns = {};
 };
 
 #define ITN_GROUND "surfaces { rectangle { half_u { x: 20 } half_v { z: -20 } } reflectance: 0.5 } "
 #define ITN_CAMERA "camera { origin { y: 9.28 z: -32.8 } target { y: 0.5 } fov_degrees: 2.5 } "
-const std::array<Case, 5> kCases = {{
+const std::array<Case, 6> kCases = {{
     {"urchin, sun at 60",
      "object { mesh { builtin: \"urchin\" normalize: true } } " ITN_GROUND
      "lights { sun_sky { sun_angular_radius_degrees: 18.75 } } " ITN_CAMERA,
@@ -56,6 +58,12 @@ const std::array<Case, 5> kCases = {{
      "object { mesh { builtin: \"goblet\" normalize: true } } " ITN_GROUND
      "lights { directional { direction { y: 0.27 z: -1 } irradiance: 3 } } " ITN_CAMERA,
      {30, 0.59, 0.0}},
+    {"figure, rough, unknown index and roughness",
+     "object { mesh { builtin: \"figure\" normalize: true } rough_dielectric { index: 1.5 "
+     "roughness: 0.3 } } " ITN_GROUND "lights { sun_sky { sun_angular_radius_degrees: 10 } "
+     "} " ITN_CAMERA,
+     {30, 0.9, 0.4},
+     {{"rough_dielectric.index", 1.4}, {"rough_dielectric.roughness", 0.2}}},
 }};
 
 struct Options {
@@ -75,19 +83,25 @@ Observation observe(RenderPool& pool, const Case& c, const Options& options, uin
   if (!options.shape.empty()) scene.mutable_object()->mutable_mesh()->set_builtin(options.shape);
   scene.mutable_film()->set_width(options.side);
   scene.mutable_film()->set_height(options.side);
+  const auto start = serialize(scene);
+  std::vector<std::string> names;
+  std::vector<double> truths;
+  for (const auto& [name, truth] : c.unknowns) {
+    names.push_back(name);
+    truths.push_back(truth);
+  }
+  set_unknowns(scene_unknowns(names, {&scene, 1}), truths, scene);
   RenderJob job{.scene = serialize(scene), .request = {}};
   *job.request.mutable_material() = to_proto(c.truth);
   job.request.set_spp(options.image_spp);
   job.request.set_seed(seed);
   job.request.set_pixels(v1::OBJECT_PIXELS);
-  const SerializedScene& film = *job.scene;
   const v1::RenderGradReply reply = pool.render_split(job);
-  (void)film;
   return {.name = c.name,
           .radiance = mean_radiance(reply, options.image_spp),
           .mask = from_bytes<float>(reply.mask()),
           .noise = from_bytes<float>(reply.standard_error()),
-          .scene = job.scene};
+          .scene = start};
 }
 
 Material start_of(const Options& options, const Material& truth, uint64_t seed) {
@@ -100,10 +114,14 @@ Material start_of(const Options& options, const Material& truth, uint64_t seed) 
           std::clamp(truth.g + 0.3 * sign(), -0.9, 0.9)};
 }
 
+// Of sigma_t, albedo, g and the unknowns of the scene.
 struct Tally {
+  struct Number {
+    int inside = 0;  // the 95 % interval
+    double squares = 0, variances = 0;
+  };
   int runs = 0, close = 0;
-  std::array<int, 3> inside{};
-  std::array<double, 3> squares{}, deviations{};
+  std::vector<Number> numbers;
   double iterations = 0, until_close = 0, cpu = 0, seconds = 0;
 };
 
@@ -118,6 +136,7 @@ void run_one(RenderPool& pool, const Case& c, const Options& options, uint32_t r
   v1::RefineSettings settings = options.settings;
   settings.set_seed(derive_seed(run + 1, {2}));
   settings.set_unknown_exposure(options.exposure);
+  for (const auto& [name, truth] : c.unknowns) settings.add_unknowns(name);
   Refinement refinement(settings, observations,
                         {start_of(options, c.truth, derive_seed(run, {3}))});
   const Synthesize synthesize = rendered_by(pool);
@@ -138,16 +157,19 @@ void run_one(RenderPool& pool, const Case& c, const Options& options, uint32_t r
     }
   }
   const v1::RefineResult r = refinement.result();
-  const std::array<std::pair<const v1::RefinedParameter*, double>, 3> parameters = {
-      {{&r.sigma_t(), c.truth.sigma_t}, {&r.albedo(), c.truth.albedo}, {&r.g(), c.truth.g}}};
+  std::vector<std::pair<const v1::RefinedParameter*, double>> parameters = {
+      {&r.sigma_t(), c.truth.sigma_t}, {&r.albedo(), c.truth.albedo}, {&r.g(), c.truth.g}};
+  for (int i = 0; i < r.unknowns_size(); ++i)
+    parameters.emplace_back(&r.unknowns(i), c.unknowns[static_cast<size_t>(i)].second);
+  tally.numbers.resize(parameters.size());
   std::string line;
-  for (size_t k = 0; k < 3; ++k) {
+  for (size_t k = 0; k < parameters.size(); ++k) {
     const auto& [p, truth] = parameters[k];
     const bool inside = p->low_95() <= truth && truth <= p->high_95();
     const double scale = k < 2 ? truth : 1;
-    tally.inside[k] += inside;
-    tally.squares[k] += std::pow((p->value() - truth) / scale, 2);
-    tally.deviations[k] += std::pow(p->standard_deviation() / scale, 2);
+    tally.numbers[k].inside += inside;
+    tally.numbers[k].squares += std::pow((p->value() - truth) / scale, 2);
+    tally.numbers[k].variances += std::pow(p->standard_deviation() / scale, 2);
     line += fmt::format(" {:.4g} [{:.4g} {:.4g}]{}", p->value(), p->low_95(), p->high_95(),
                         inside ? " " : "*");
   }
@@ -168,14 +190,16 @@ void run_one(RenderPool& pool, const Case& c, const Options& options, uint32_t r
 
 void print(const char* name, const Tally& t) {
   const double n = t.runs;
+  std::string errors, stated, inside;
+  for (const Tally::Number& number : t.numbers) {
+    errors += fmt::format(" {:.4f}", std::sqrt(number.squares / n));
+    stated += fmt::format(" {:.4f}", std::sqrt(number.variances / n));
+    inside += fmt::format(" {:.1f}", 100 * number.inside / n);
+  }
   fmt::print(
-      "{:30} {} runs: rms error {:.4f} {:.4f} {:.4f} (stated {:.4f} {:.4f} {:.4f}); in the 95 % "
-      "intervals {:.1f} {:.1f} {:.1f} %; close {}; {:.1f} iterations, {:.1f} until close, {:.1f} "
-      "CPU-s, {:.1f} s\n",
-      name, t.runs, std::sqrt(t.squares[0] / n), std::sqrt(t.squares[1] / n),
-      std::sqrt(t.squares[2] / n), std::sqrt(t.deviations[0] / n), std::sqrt(t.deviations[1] / n),
-      std::sqrt(t.deviations[2] / n), 100 * t.inside[0] / n, 100 * t.inside[1] / n,
-      100 * t.inside[2] / n, t.close, t.iterations / n, t.until_close / n, t.cpu / n,
+      "{:30} {} runs: rms error{} (stated{}); in the 95 % intervals{} %; close {}; {:.1f} "
+      "iterations, {:.1f} until close, {:.1f} CPU-s, {:.1f} s\n",
+      name, t.runs, errors, stated, inside, t.close, t.iterations / n, t.until_close / n, t.cpu / n,
       t.seconds / n);
   std::fflush(stdout);
 }

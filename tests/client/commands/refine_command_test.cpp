@@ -129,6 +129,10 @@ TEST_F(RefineCommand, SaysWhatIsWrong) {
   refuse(command({"--init", "mean", "--spp", "64", "--max-spp", "32"}), 2, {"--spp 64"});
   refuse(command({"--init", "mean", "--spp", "1"}), 2, {"--spp", "[4, "});
   refuse(command({"--init", "mean", "--method", "newton"}), 2, {"gauss-newton, adam"});
+  refuse(command({"--init", "mean", "--unknown", "surface[7].reflectance"}), 3,
+         {"surface[7].reflectance cannot be refined", "surfaces"});
+  refuse(command({"--init", "mean", "--unknown", "rough_dielectric.index"}), 3,
+         {"scene.object has no rough_dielectric"});
   refuse(command({"--scene", shared_->path("scene.textproto")}), 2, {"1 images and 2 scenes"});
   std::ofstream(shared_->path("other.textproto")) << replaced(kSceneFile, "width: 16", "width: 20");
   refuse({testing::kItn, "refine", shared_->path("image.exr"), "--scene",

@@ -13,6 +13,7 @@
 #include "client/refine/coordinates.h"
 #include "tests/client/refine/synthetic_model.h"
 #include "tests/support/expect_error.h"
+#include "tests/support/statistics.h"
 
 namespace itn {
 namespace {
@@ -96,6 +97,33 @@ TEST(Refinement, FindsAnUnknownExposureToo) {
   EXPECT_LT(r.exposure().standard_deviation(), 0.5);
 }
 
+// As IntervalsCoverTheTruth, with an index that is elsewhere than in the scene, and an exposure.
+TEST(Refinement, FindsAnUnknownOfTheSceneToo) {
+  constexpr int kImages = 100;
+  constexpr double kIndex = 1.3, kExposure = 2.5;
+  const SyntheticModel model;
+  std::array<int, 3> inside{};
+  std::vector<double> errors;
+  for (uint64_t i = 0; i < kImages; ++i) {
+    v1::RefineSettings settings;
+    settings.set_seed(i);
+    settings.set_max_spp(1024);
+    settings.set_unknown_exposure(true);
+    settings.add_unknowns("rough_dielectric.index");
+    const v1::RefineResult r = refined(
+        model, {model.observe(kTruth, 0.02, 100 + i, kExposure, kIndex)}, settings, {kStart});
+    ASSERT_EQ(r.unknowns_size(), 1);
+    EXPECT_EQ(r.unknowns(0).name(), "rough_dielectric.index");
+    inside[0] += has(r.sigma_t(), kTruth.sigma_t);
+    inside[1] += has(r.unknowns(0), kIndex);
+    inside[2] += has(r.exposure(), kExposure);
+    errors.push_back(r.unknowns(0).value() - kIndex);
+  }
+  const double sigma = std::sqrt(0.95 * 0.05 / kImages);
+  for (const int count : inside) EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
+  expect_equal(over_batches(errors), {0}, 1, "index");
+}
+
 TEST(Refinement, SeveralImagesTellMore) {
   const SyntheticModel model;
   const v1::RefineResult one = refined(model, {model.observe(kTruth, 0.1, 1)}, {}, {kStart});
@@ -167,6 +195,7 @@ TEST(Refinement, GoesOnFromItsStateBitForBit) {
     v1::RefineSettings settings;
     settings.set_method(method);
     settings.set_unknown_exposure(true);
+    settings.add_unknowns("rough_dielectric.index");
     settings.set_max_iterations(12);
     settings.set_max_spp(1024);
     const std::vector<Material> starts = starts_around(kStart, 2);
@@ -212,6 +241,8 @@ TEST(Refinement, SaysWhatIsWrong) {
   refuse({"black"}, [](Observation& o, auto&, auto&) { o.radiance.assign(400, 0); });
   refuse({"spp 2"}, [](auto&, v1::RefineSettings& s, auto&) { s.set_spp(2); });
   refuse({"tolerance"}, [](auto&, v1::RefineSettings& s, auto&) { s.set_tolerance(-1); });
+  refuse({"light[0].scale cannot be refined", "no number of a scene file"},
+         [](auto&, v1::RefineSettings& s, auto&) { s.add_unknowns("light[0].scale"); });
   refuse({"no material"}, [](auto&, auto&, std::vector<Material>& m) { m.clear(); });
   refuse({"albedo"}, [](auto&, auto&, std::vector<Material>& m) { m[0].albedo = 2; });
   refuse({"sigma_t"}, [](auto&, auto&, std::vector<Material>& m) { m[0].sigma_t = 1e5; });

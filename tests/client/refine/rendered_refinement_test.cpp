@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "client/refine/refinement.h"
+#include "client/refine/scene_unknown.h"
 #include "client/render_pool/render_pool.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
@@ -25,13 +26,18 @@ camera { origin { y: 9.28 z: -32.8 } target { y: 0.5 } fov_degrees: 2.5 }
 film { width: 40 height: 40 }
 )";
 
-Observation observe(RenderPool& pool, const Material& truth) {
+v1::Scene scene_of_text(const char* text) {
   v1::Scene scene;
-  parse_text_proto(kScene, "scene", scene);
+  parse_text_proto(text, "scene", scene);
+  return scene;
+}
+
+Observation observe(RenderPool& pool, const Material& truth, const v1::Scene& scene,
+                    uint64_t seed) {
   RenderJob job{.scene = serialize(scene), .request = {}};
   *job.request.mutable_material() = to_proto(truth);
   job.request.set_spp(256);
-  job.request.set_seed(77);
+  job.request.set_seed(seed);
   job.request.set_pixels(v1::OBJECT_PIXELS);
   const auto scene_bytes = job.scene;
   const v1::RenderGradReply reply = pool.render_split(job);
@@ -49,7 +55,7 @@ TEST(RenderedRefinement, RecoversMaterials) {
   const Synthesize synthesize = rendered_by(pool);
   int narrow = 0;
   for (const Material& truth : {Material{30, 0.6, 0.1}, Material{20, 0.8, 0.4}}) {
-    const std::vector<Observation> observations{observe(pool, truth)};
+    const std::vector<Observation> observations{observe(pool, truth, scene_of_text(kScene), 77)};
     for (int seed = 0; seed < kSeeds; ++seed) {
       v1::RefineSettings settings;
       settings.set_max_spp(1024);
@@ -72,6 +78,49 @@ TEST(RenderedRefinement, RecoversMaterials) {
     }
   }
   EXPECT_GE(narrow, 2 * kSeeds - 3);
+}
+
+// From other numbers than those that the image is of.
+TEST(RenderedRefinement, RecoversNumbersOfTheScene) {
+  constexpr int kSeeds = 3;
+  constexpr Material kTruth{30, 0.5, 0.4};
+  struct Case {
+    const char* name;
+    double truth, deviation;  // at most
+    const char* boundary;
+  };
+  RenderPool pool{RenderPoolOptions()};
+  const Synthesize synthesize = rendered_by(pool);
+  for (const Case& c :
+       {Case{"rough_dielectric.roughness", 0.25, 0.08, "rough_dielectric { roughness: 0.35 }"},
+        Case{"rough_dielectric.index", 1.35, 0.12, "rough_dielectric { }"},
+        Case{"surface[0].reflectance", 0.3, 0.015, ""}}) {
+    const v1::Scene start = scene_of_text((std::string("object { ") + c.boundary + R"(
+mesh { builtin: "figure" normalize: true } }
+surfaces { rectangle { half_u { x: 20 } half_v { z: -20 } } reflectance: 0.6 }
+lights { constant { radiance: 1 } }
+lights { sphere { center { x: 6 y: 8 z: -6 } radius: 3 radiance: 20 } }
+camera { origin { y: 9.28 z: -32.8 } target { y: 0.5 } fov_degrees: 2.5 }
+film { width: 40 height: 40 }
+)")
+                                              .c_str());
+    v1::Scene scene = start;
+    const std::vector<std::string> names = {c.name};
+    set_unknowns(scene_unknowns(names, {&scene, 1}), std::vector{c.truth}, scene);
+    for (uint64_t seed = 0; seed < kSeeds; ++seed) {
+      std::vector<Observation> observations{observe(pool, kTruth, scene, 77 + seed)};
+      observations[0].scene = serialize(start);
+      v1::RefineSettings settings;
+      settings.set_max_spp(2048);
+      settings.set_seed(seed);
+      settings.add_unknowns(c.name);
+      Refinement refinement(settings, observations, {{40, 0.55, 0.3}});
+      while (!refinement.finished()) refinement.step(synthesize);
+      const v1::RefinedParameter p = refinement.result().unknowns(0);
+      expect_equal({p.value(), p.standard_deviation()}, {c.truth}, 3 * kSeeds, c.name);
+      EXPECT_LT(p.standard_deviation(), c.deviation) << c.name;
+    }
+  }
 }
 
 }  // namespace

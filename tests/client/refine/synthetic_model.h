@@ -29,76 +29,85 @@ class Gaussian1D {
 };
 
 // Pixels of a kSide x kSide image that all see the object. Each depends on the material by
-// exponents of its own: T = sigma_t^-a albedo^b exp(c g).
+// exponents of its own: T = sigma_t^-a albedo^b exp(c g + d (index - 1.4)), the index being that of
+// the scene's rough boundary.
 class SyntheticModel {
  public:
   static constexpr uint32_t kSide = 20;
   static constexpr size_t kPixels = size_t{kSide} * kSide;
   static constexpr size_t kEstimates = 4;
+  static constexpr double kIndex = 1.4;
 
   // Relative noise of a pixel of a render with one sample; 0: none.
   explicit SyntheticModel(double noise_of_sample = 0.5) : noise_(noise_of_sample) {
-    scene_ = std::make_shared<SerializedScene>(SerializedScene{
-        .bytes = "", .digest = std::string(32, 'd'), .width = kSide, .height = kSide});
+    v1::Scene scene;
+    scene.mutable_object()->mutable_rough_dielectric();
+    scene.mutable_film()->set_width(kSide);
+    scene.mutable_film()->set_height(kSide);
+    scene_ = serialize(scene);
     for (size_t p = 0; p < kPixels; ++p) {
       const double u = static_cast<double>(p % kSide) / kSide;
       const double v = static_cast<double>(p / kSide) / kSide;
-      exponents_.push_back({0.2 + 0.8 * u, 1 + 2 * v, std::cos(5 * u) * std::sin(4 * v)});
+      exponents_.push_back({0.2 + 0.8 * u, 1 + 2 * v, std::cos(5 * u) * std::sin(4 * v),
+                            std::cos(7 * u + 3) * std::cos(6 * v)});
     }
   }
 
   // Pixels depend on sigma_s (1 - g) and sigma_a, and hardly on what else there is.
   void make_similar_materials_alike() { alike_ = true; }
 
-  double radiance(size_t p, const Material& m) const {
-    const auto& [a, b, c] = exponents_[p];
+  double radiance(size_t p, const Material& m, double index = kIndex) const {
+    const auto& [a, b, c, d] = exponents_[p];
     if (alike_) {
       return std::pow(m.sigma_a(), -a) * std::pow(m.sigma_s_reduced(), b / 3) *
              std::exp(0.02 * c * m.g);
     }
-    return 10 * std::pow(m.sigma_t, -a) * std::pow(m.albedo, b) * std::exp(c * m.g);
+    return 10 * std::pow(m.sigma_t, -a) * std::pow(m.albedo, b) *
+           std::exp(c * m.g + d * (index - kIndex));
   }
 
-  double derivative(size_t p, const Material& m, size_t parameter) const {
+  // By sigma_t, albedo, g, index.
+  double derivative(size_t p, const Material& m, size_t parameter, double index = kIndex) const {
+    if (parameter == 3) return exponents_[p].d * radiance(p, m, index);
     const double step = 1e-6 * (parameter == 0 ? m.sigma_t : 1);
     const auto moved = [&](double by) {
       Material other = m;
       (parameter == 0 ? other.sigma_t : parameter == 1 ? other.albedo : other.g) += by;
-      return radiance(p, other);
+      return radiance(p, other, index);
     };
     return (moved(step) - moved(-step)) / (2 * step);
   }
 
   // An image with this relative noise.
-  Observation observe(const Material& truth, double noise, uint64_t seed,
-                      double exposure = 1) const {
+  Observation observe(const Material& truth, double noise, uint64_t seed, double exposure = 1,
+                      double index = kIndex) const {
     Observation observation{
         .name = "synthetic", .radiance = {}, .mask = {}, .noise = {}, .scene = scene_};
     Gaussian1D gaussian(seed);
     for (size_t p = 0; p < kPixels; ++p) {
-      const double exact = exposure * radiance(p, truth);
+      const double exact = exposure * radiance(p, truth, index);
       observation.radiance.push_back(static_cast<float>(exact * (1 + noise * gaussian())));
       observation.noise.push_back(static_cast<float>(exact * noise));
     }
     return observation;
   }
 
-  Synthesis render(const Material& m, uint32_t spp, uint64_t seed) const {
+  Synthesis render(const Material& m, uint32_t spp, uint64_t seed, double index = kIndex) const {
     Synthesis synthesis;
     synthesis.mask.assign(kPixels, 1);
     Gaussian1D gaussian(seed);
     const double noise = noise_ * std::sqrt(static_cast<double>(kEstimates) / spp);
     for (size_t k = 0; k < kEstimates; ++k) {
       tracer::RenderEstimate& estimate = synthesis.estimates.emplace_back();
-      estimate.derivatives.resize(3);
+      estimate.derivatives.resize(4);
       for (size_t p = 0; p < kPixels; ++p) {
-        const double exact = radiance(p, m), off = gaussian();
+        const double exact = radiance(p, m, index), off = gaussian();
         estimate.radiance.push_back(static_cast<float>(exact * (1 + noise * off)));
-        for (size_t i = 0; i < 3; ++i) {
+        for (size_t i = 0; i < 4; ++i) {
           // As in a render, what makes a sample bright makes its derivative large.
           const double scale = i == 0 ? exact / m.sigma_t : exact;
-          estimate.derivatives[i].push_back(
-              static_cast<float>(derivative(p, m, i) + 2 * scale * noise * (off + gaussian())));
+          estimate.derivatives[i].push_back(static_cast<float>(
+              derivative(p, m, i, index) + 2 * scale * noise * (off + gaussian())));
         }
       }
     }
@@ -109,7 +118,8 @@ class SyntheticModel {
     return [this](std::span<const SynthesisQuery> queries) {
       std::vector<Synthesis> syntheses;
       for (const SynthesisQuery& query : queries) {
-        syntheses.push_back(render(query.material, query.spp, query.seed));
+        syntheses.push_back(render(query.material, query.spp, query.seed,
+                                   query.values.empty() ? kIndex : query.values[0]));
       }
       return syntheses;
     };
@@ -117,7 +127,7 @@ class SyntheticModel {
 
  private:
   struct Exponents {
-    double a, b, c;
+    double a, b, c, d;
   };
   double noise_;
   bool alike_ = false;

@@ -1,0 +1,104 @@
+#include "client/refine/scene_unknown.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <string_view>
+
+#include "common/error.h"
+#include "common/fields.h"
+#include "server/tracer/boundary/boundary.h"
+#include "server/tracer/parameters/parameter.h"
+#include "server/tracer/surfaces/reflectance.h"
+
+namespace itn {
+namespace {
+
+using google::protobuf::FieldDescriptor;
+using google::protobuf::Message;
+
+// Where a slot stands in a scene.
+struct Place {
+  const Slot* slot;
+  Message* message;
+  const FieldDescriptor* field;
+};
+
+Error none_of(const std::string& name, const std::string& why) {
+  return invalid_input(fmt::format("{} cannot be refined: {}", name, why));
+}
+
+// `of`: in words. Throws if there is nothing of that name.
+Place place_in(Message& owner, const std::string& of, const Slot& slot, const std::string& name) {
+  Message* message = &owner;
+  std::string_view path = slot.name;
+  for (size_t dot = path.find('.'); dot != std::string_view::npos; dot = path.find('.')) {
+    const std::string kind(path.substr(0, dot));
+    const FieldDescriptor* field = message->GetDescriptor()->FindFieldByName(kind);
+    if (!message->GetReflection()->HasField(*message, field))
+      throw none_of(name, fmt::format("{} has no {}", of, kind));
+    message = message->GetReflection()->MutableMessage(message, field);
+    path.remove_prefix(dot + 1);
+  }
+  return {&slot, message, message->GetDescriptor()->FindFieldByName(std::string(path))};
+}
+
+Place place_of(v1::Scene& scene, const std::string& name) {
+  const tracer::Parameter parameter = tracer::parameter_named(name);
+  switch (parameter.kind) {
+    case tracer::Parameter::kBoundary:
+      return place_in(*scene.mutable_object(), "scene.object",
+                      slots_of<tracer::Boundary>()[parameter.slot], name);
+    case tracer::Parameter::kReflectance: {
+      const int count = scene.surfaces_size();
+      if (parameter.index >= static_cast<uint32_t>(count))
+        throw none_of(name, fmt::format("the scene has {} surfaces", count));
+      const auto index = static_cast<int>(parameter.index);
+      return place_in(*scene.mutable_surfaces(index), fmt::format("scene.surfaces[{}]", index),
+                      slots_of<tracer::Reflectance>()[parameter.slot], name);
+    }
+    default:
+      throw none_of(name,
+                    "it is no number of a scene file; of its boundary and surfaces there are");
+  }
+}
+
+double value_at(const Place& place) {
+  const google::protobuf::Reflection& access = *place.message->GetReflection();
+  return access.HasField(*place.message, place.field) ? access.GetFloat(*place.message, place.field)
+                                                      : place.slot->value;
+}
+
+}  // namespace
+
+std::vector<SceneUnknown> scene_unknowns(std::span<const std::string> names,
+                                         std::span<v1::Scene> scenes) {
+  std::vector<SceneUnknown> unknowns;
+  for (const std::string& name : names) {
+    if (std::ranges::count(names, name) > 1) throw none_of(name, "it is asked for twice");
+    std::vector<double> starts;
+    for (v1::Scene& scene : scenes) {
+      const Place place = place_of(scene, name);
+      starts.push_back(value_at(place));
+      if (starts.back() != starts.front()) {
+        throw none_of(name, fmt::format("it is {} in the first scene and {} in another; it must be "
+                                        "the same in all",
+                                        starts.front(), starts.back()));
+      }
+      if (starts.size() > 1) continue;
+      unknowns.push_back({name, starts.front(), place.slot->low, place.slot->high});
+    }
+  }
+  return unknowns;
+}
+
+void set_unknowns(std::span<const SceneUnknown> unknowns, std::span<const double> values,
+                  v1::Scene& scene) {
+  for (size_t i = 0; i < unknowns.size(); ++i) {
+    const Place place = place_of(scene, unknowns[i].name);
+    place.message->GetReflection()->SetFloat(place.message, place.field,
+                                             static_cast<float>(values[i]));
+  }
+}
+
+}  // namespace itn

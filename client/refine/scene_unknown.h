@@ -1,0 +1,28 @@
+// Numbers of the scenes that are found with the material: any that a scene file has and that images
+// have a derivative in, by the name of that (server/tracer/parameters/parameter.h).
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "itn/v1/scene.pb.h"
+
+namespace itn {
+
+struct SceneUnknown {
+  std::string name;  // as "rough_dielectric.index", "surface[0].reflectance"
+  double start = 0;  // in the scene files
+  double low = 0, high = 1;
+};
+
+// Throws Error (invalid input) that says which name is none, or none of a scene's, stands twice, or
+// is of scenes that differ in it.
+std::vector<SceneUnknown> scene_unknowns(std::span<const std::string> names,
+                                         std::span<v1::Scene> scenes);
+
+// Puts other numbers in the place of these, in their order.
+void set_unknowns(std::span<const SceneUnknown> unknowns, std::span<const double> values,
+                  v1::Scene& scene);
+
+}  // namespace itn
