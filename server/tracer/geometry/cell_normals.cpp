@@ -22,49 +22,10 @@ uint32_t pack(Vec3f n) {
   return bits(u) << 16 | bits(v);
 }
 
-// The number of its facing: facing_of in depth_grid-inl.h.
-size_t facing_of(Vec3d n) {
-  const uint32_t packed = pack(static_cast<Vec3f>(n));
-  constexpr auto kParts = static_cast<uint32_t>(CellNormals::kParts);
-  const auto part = [](uint32_t bits) {
-    const uint32_t all = 2 * static_cast<uint32_t>(CellNormals::kPackedOne);
-    return std::min(bits * kParts / all, kParts - 1);
-  };
-  return part(packed >> 16) * kParts + part(packed & 0xFFFF);
-}
-
 // Outwards.
 Vec3d twice_area(const Mesh& mesh, const std::array<uint32_t, 3>& triangle) {
   const auto corner = [&](size_t k) { return static_cast<Vec3d>(mesh.vertices[triangle[k]]); };
   return cross(corner(1) - corner(0), corner(2) - corner(0));
-}
-
-// Where only means of cells face, it is theirs.
-std::array<std::vector<float>, 3> mean_by_facing(const Mesh& mesh,
-                                                 const std::vector<Vec3f>& of_cells,
-                                                 Cancellation& cancellation) {
-  std::vector<Vec3d> sums(size_t{CellNormals::kParts} * CellNormals::kParts);
-  const auto add = [&](Vec3d normal, double weight) {
-    const double size = length(normal);
-    if (!(size > 0)) return;
-    Vec3d& sum = sums[facing_of(normal)];
-    sum = sum + normal * (weight / size);
-  };
-  for (const auto& triangle : mesh.triangles) {
-    cancellation.turn();
-    const Vec3d area = twice_area(mesh, triangle);
-    add(area, length(area));
-  }
-  for (const Vec3f& mean : of_cells) add(static_cast<Vec3d>(mean), 1e-100);
-  std::array<std::vector<float>, 3> means;
-  for (const Vec3d& sum : sums) {
-    const double size = length(sum);
-    const Vec3d unit = size > 0 ? sum * (1 / size) : Vec3d{0, 1, 0};
-    means[0].push_back(static_cast<float>(unit.x));
-    means[1].push_back(static_cast<float>(unit.y));
-    means[2].push_back(static_cast<float>(unit.z));
-  }
-  return means;
 }
 
 // Calls visit(cell, normal) for every cell that a triangle touches. The length of the normal is
@@ -106,7 +67,6 @@ CellNormals::CellNormals(const Mesh& mesh, const DepthGrid& depth_grid,
   const CubicCells& cells = depth_grid.cells;
   const std::vector<uint8_t>& depths = depth_grid.quantized;
   const std::vector<Vec3f> means = mean_normals(mesh, cells, cancellation);
-  facings = mean_by_facing(mesh, means, cancellation);
   packed.resize(cells.count());
   std::array<std::vector<uint32_t>, 256> by_depth;
   for (uint32_t cell = 0; cell < packed.size(); ++cell) {

@@ -1,7 +1,6 @@
 // Which way the boundary faces where it is nearest, roughly. Internal to the tracer.
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <stop_token>
@@ -25,17 +24,10 @@ struct CellNormals {
   // efficient representations for independent unit vectors", JCGT 2014).
   std::vector<uint32_t> packed;
 
-  // Normals that are nearly the same make a facing: all in one of kParts times kParts parts of that
-  // square, numbered along it. By facing: the mean normal of the boundary there, of unit length.
-  static constexpr int kParts = 64;
-  std::array<std::vector<float>, 3> facings;
-
   static constexpr float kOneSurface = 0.7F;  // cosine
   static constexpr float kPackedOne = 32767;  // the middle of a side, and half its length
 
-  size_t memory() const {
-    return packed.size() * sizeof(packed.front()) + 3 * facings[0].size() * sizeof(float);
-  }
+  size_t memory() const { return packed.size() * sizeof(packed.front()); }
   // And while they are computed.
   static constexpr size_t most_memory() { return 32 * DepthGrid::most_memory(); }
 };

@@ -4,29 +4,9 @@
 #include <cmath>
 
 #include "common/cancellation.h"
+#include "server/tracer/geometry/fans.h"
 
 namespace itn::tracer {
-namespace {
-
-// The triangles at every vertex, one vertex after the other.
-struct Fans {
-  std::vector<uint32_t> first, triangles;
-
-  explicit Fans(const Mesh& mesh) : first(mesh.vertices.size() + 1) {
-    for (const auto& corners : mesh.triangles) {
-      for (const uint32_t vertex : corners) ++first[vertex + 1];
-    }
-    for (size_t v = 1; v < first.size(); ++v) first[v] += first[v - 1];
-    triangles.resize(first.back());
-    std::vector<uint32_t> next(first.begin(), first.end() - 1);
-    for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-      for (const uint32_t vertex : mesh.triangles[t]) triangles[next[vertex]++] = t;
-    }
-  }
-};
-
-}  // namespace
-
 CornerNormals::CornerNormals(const Mesh& mesh, const std::vector<Range>& ranges,
                              const std::stop_token& stop) {
   Cancellation cancellation(stop);

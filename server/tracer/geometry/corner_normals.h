@@ -43,6 +43,8 @@ class CornerNormals {
     const float squared = dot(sum, sum);
     return squared > 0.01F ? sum * (1 / std::sqrt(squared)) : own;
   }
+  // By triangle, at its three corners.
+  const std::vector<std::array<Vec3f, 3>>& by_triangle() const { return by_triangle_; }
   size_t memory() const { return by_triangle_.size() * sizeof(by_triangle_.front()); }
 
  private:

@@ -40,25 +40,6 @@ HWY_INLINE Floats quantized_depth(const DepthGrid& depth_grid, Ints cells) {
   return hn::ConvertTo(FloatTag(), hn::And(hn::Shr(word, shift), hn::Set(di, 255)));
 }
 
-// The facings of normals, by number.
-HWY_INLINE Ints facing_of(Vectors n) {
-  const IntTag di;
-  const Floats one = set(1.0F), sum = hn::Add(hn::Abs(n.x), hn::Add(hn::Abs(n.y), hn::Abs(n.z)));
-  const Floats per_sum = hn::Div(one, sum), u = hn::Mul(n.x, per_sum), v = hn::Mul(n.y, per_sum);
-  const Mask folded = hn::Lt(n.z, hn::Zero(FloatTag()));
-  const auto part = [&](Floats x, Floats other) {
-    x = hn::IfThenElse(folded, hn::CopySign(hn::Sub(one, hn::Abs(other)), x), x);
-    const Floats place = hn::Mul(hn::Add(x, one), set(CellNormals::kParts / 2.0F));
-    return hn::ConvertTo(di,
-                         hn::Clamp(place, hn::Zero(FloatTag()), set(CellNormals::kParts - 1.0F)));
-  };
-  return hn::Add(hn::Mul(part(u, v), hn::Set(di, CellNormals::kParts)), part(v, u));
-}
-HWY_INLINE Vectors mean_of_facing(const CellNormals& normals, Ints facing) {
-  const auto& [x, y, z] = normals.facings;
-  return {gather(x.data(), facing), gather(y.data(), facing), gather(z.data(), facing)};
-}
-
 // CellNormals::packed of cells.
 HWY_INLINE Vectors cell_normal(const CellNormals& normals, Ints cells) {
   const FloatTag d;

@@ -9,6 +9,7 @@
 #include "server/tracer/lights/kinds.h"
 #include "server/tracer/lights/light-inl.h"
 #include "server/tracer/lights/lights.h"
+#include "server/tracer/simd/lanes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
@@ -99,14 +100,49 @@ HWY_INLINE Appearance look(const Lights& lights, Vectors from, Vectors d, Parts&
   return {distance, all};
 }
 
-// Density with which lights draw directions, whatever is seen there.
-HWY_INLINE Floats drawn_pdf(const Lights& lights, Vectors from, Vectors d) {
+// Calls visit(kind, light, number) for each lamp that lines meet, with its number, from 1 on.
+template <typename Visit>
+HWY_INLINE void for_each_lamp(const Lights& lights, const Visit& visit) {
+  uint32_t number = 0;
+  for (const Lights::Light& light : lights.all()) {
+    visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
+      if constexpr (VisibleLamp<Kind>) visit(kind, light, ++number);
+    });
+  }
+}
+
+// The number of the lamp that is seen in directions, the first of them; 0: none.
+HWY_INLINE Uints lamp_seen(const Lights& lights, Vectors from, Vectors d) {
+  Uints lamp = hn::Zero(UintTag());
+  if (!lights.has_lamps()) return lamp;
+  Floats distance = set(kInfinity);
+  for_each_lamp(lights, [&](const auto& kind, const Lights::Light& /*light*/, uint32_t number) {
+    const Floats own = look(kind, from, d).distance;
+    lamp = hn::IfThenElse(for_uints(hn::Lt(own, distance)), set(number), lamp);
+    distance = hn::Min(distance, own);
+  });
+  return lamp;
+}
+
+// The middle of the lamp with this number; of 0 nothing that means anything.
+HWY_INLINE Vectors middle_of(const Lights& lights, Uints lamp) {
+  Vectors middle = set(Vec3f{});
+  for_each_lamp(lights, [&](const auto& kind, const Lights::Light& /*light*/, uint32_t number) {
+    middle = if_then_else(equals(lamp, number), set(static_cast<Vec3f>(kind.center)), middle);
+  });
+  return middle;
+}
+
+// Density with which the lamp with this number draws directions, whatever is seen there; of 0, all
+// that is far away.
+HWY_INLINE Floats drawn_pdf(const Lights& lights, Uints lamp, Vectors from, Vectors d) {
   Floats pdf = emission(lights, d).pdf;
   if (!lights.has_lamps()) return pdf;
-  for (const Lights::Light& light : lights.all()) {
-    pdf =
-        mul_add(look(light, from, d).emission.pdf, set(static_cast<float>(light.probability)), pdf);
-  }
+  for_each_lamp(lights, [&](const auto& kind, const Lights::Light& light, uint32_t number) {
+    const Floats own =
+        hn::Mul(look(kind, from, d).emission.pdf, set(static_cast<float>(light.probability)));
+    pdf = hn::IfThenElse(equals(lamp, number), own, pdf);
+  });
   return pdf;
 }
 
@@ -168,6 +204,18 @@ HWY_INLINE void for_each_drawn(const Lights& lights, Floats choice, const Visit&
     from = to;
     if (!hn::AllFalse(FloatTag(), chosen)) visit(light, chosen);
   }
+}
+
+// The number of the lamp that is drawn; 0: it is none that lines meet.
+HWY_INLINE Uints lamp_drawn(const Lights& lights, Floats choice) {
+  Uints lamp = hn::Zero(UintTag());
+  if (!lights.has_lamps()) return lamp;
+  for_each_drawn(lights, choice, [&](const Lights::Light& drawn, Mask chosen) {
+    for_each_lamp(lights, [&](const auto& /*kind*/, const Lights::Light& light, uint32_t number) {
+      if (&light == &drawn) lamp = hn::IfThenElse(for_uints(chosen), set(number), lamp);
+    });
+  });
+  return lamp;
 }
 
 // One that is a delta or a lamp, as it is drawn.

@@ -59,24 +59,24 @@ CameraDescription to_object(const Pose& pose, const CameraDescription& camera) {
 }
 
 // Shared by the scenes of an object that share that.
-template <typename Normals, typename Build>
-std::shared_ptr<const Normals> shared_normals(const SceneDescription& scene, std::string key,
-                                              PartCache& parts, std::vector<std::string>& part_keys,
-                                              const std::stop_token& stop, const Build& build) {
-  const auto compute = [&] { return std::make_shared<const Normals>(build()); };
+template <typename Detail, typename Build>
+std::shared_ptr<const Detail> shared_detail(const SceneDescription& scene, std::string key,
+                                            PartCache& parts, std::vector<std::string>& part_keys,
+                                            const std::stop_token& stop, const Build& build) {
+  const auto compute = [&] { return std::make_shared<const Detail>(build()); };
   if (scene.object_key.empty()) return compute();
   part_keys.push_back(std::move(key) + scene.object_key);
-  return parts.get<Normals>(part_keys.back(), stop, compute);
+  return parts.get<Detail>(part_keys.back(), stop, compute);
 }
 
-BoundaryNormals boundary_normals(const SceneDescription& scene, const Object& object,
+BoundaryDetails boundary_details(const SceneDescription& scene, const Object& object,
                                  const std::vector<OtherMedium>& others, PartCache& parts,
                                  std::vector<std::string>& part_keys, const std::stop_token& stop) {
-  BoundaryNormals normals;
+  BoundaryDetails details;
   const auto is_smooth = [](const OtherObject& other) { return other.smooth_angle > 0; };
   if (stops_lines(scene.boundary) &&
       (scene.smooth_angle > 0 || std::ranges::any_of(scene.other_objects, is_smooth))) {
-    normals.corners = shared_normals<CornerNormals>(
+    details.corners = shared_detail<CornerNormals>(
         scene, part_key("corner normals", scene.smooth_angle), parts, part_keys, stop, [&] {
           std::vector<CornerNormals::Range> ranges{{0, scene.smooth_angle}};
           for (size_t k = 0; k < others.size(); ++k) {
@@ -86,11 +86,15 @@ BoundaryNormals boundary_normals(const SceneDescription& scene, const Object& ob
         });
   }
   if (refracts(scene.boundary)) {
-    normals.cells = shared_normals<CellNormals>(scene, "cell normals", parts, part_keys, stop, [&] {
+    details.cells = shared_detail<CellNormals>(scene, "cell normals", parts, part_keys, stop, [&] {
       return CellNormals(object.mesh, object.depth_grid, stop);
     });
   }
-  return normals;
+  if (refracts(scene.boundary) && is_delta(scene.boundary)) {
+    details.facets = shared_detail<Facets>(scene, "facets", parts, part_keys, stop,
+                                           [&] { return Facets(object.mesh, stop); });
+  }
+  return details;
 }
 
 // Their triangles are the last ones of the mesh.
@@ -146,7 +150,7 @@ Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std:
       colour_reflectances(colour_reflectances_of(scene)),
       surfaces(to_object(scene.pose, scene.film.channel, std::move(scene.surfaces))),
       obstacles(object, surfaces,
-                boundary_normals(scene, *object, other_media, parts, part_keys, stop)),
+                boundary_details(scene, *object, other_media, parts, part_keys, stop)),
       lights(scene.lights, {scene.film.channel, scene.pose, object->mesh, parts, part_keys}),
       camera(to_object(scene.pose, scene.camera), scene.film),
       film(scene.film),
@@ -206,7 +210,8 @@ const std::vector<uint32_t>& Scene::Compiled::object_pixels(int threads,
 size_t Scene::Compiled::memory() const {
   size_t sum = sizeof(*this) + obstacles.surfaces.memory();
   if (!object_is_shared_) {
-    sum += object->memory() + obstacles.corner_normals.memory() + obstacles.cell_normals.memory();
+    sum += object->memory() + obstacles.corner_normals.memory() + obstacles.cell_normals.memory() +
+           obstacles.facets.memory();
   }
   for (const std::string& key : part_keys) sum += sizeof(std::string) + key.size();
   for (const DiffuseSurface& surface : surfaces) {

@@ -173,7 +173,10 @@ size_t estimated_memory(const SceneDescription& description) {
     constexpr size_t kByTriangleInNormals = 120;  // of corners, and while they are computed
     sum += kByTriangleInNormals * triangles;
   }
-  if (refracts(description.boundary)) sum += CellNormals::most_memory();
+  if (refracts(description.boundary)) {
+    sum += CellNormals::most_memory();
+    if (is_delta(description.boundary)) sum += Facets::most_memory(triangles);
+  }
   for (const DiffuseSurface& surface : description.surfaces) {
     constexpr size_t kCopies = 3;  // of the compiled scene, of both tracers
     sum += kCopies * size_of(surface.mesh) +

@@ -95,9 +95,7 @@ void look_up_all(const DepthGrid& depth_grid, const CellNormals& normals, CellPr
   for (size_t i = 0; i < kSlots; i += lanes()) {
     const Ints cells = cells_at(depth_grid.cells, load(probe.points, i));
     store(quantized_depth(depth_grid, cells), probe.quantized, i);
-    const Vectors normal = cell_normal(normals, cells);
-    store(normal, probe.normals, i);
-    store(mean_of_facing(normals, facing_of(normal)), probe.facings, i);
+    store(cell_normal(normals, cells), probe.normals, i);
   }
 }
 

@@ -52,10 +52,9 @@ void sample_lights(const Lights& lights, uint64_t seed, LightProbe& probe, size_
 // Follows the first `count` rays to the boundary at most.
 void follow_to_boundary(const Obstacles& obstacles, Rays& rays, Crossings& crossings, size_t count);
 
-// Looks up DepthGrid::quantized and the normals nearby at all of `points`, and the mean normals of
-// their facings.
+// Looks up DepthGrid::quantized and the normals nearby at all of `points`.
 struct CellProbe {
-  VectorColumn points{}, normals{}, facings{};
+  VectorColumn points{}, normals{};
   FloatColumn quantized{};
 };
 void look_up_cells(const DepthGrid& depth_grid, const CellNormals& normals, CellProbe& probe);

@@ -169,15 +169,15 @@ struct RefractedRays {
   FloatColumn importance{};  // of the path
   // The light: see LightSamples; and, where there are lamps, how it was drawn: see LightChoice.
   VectorColumn to_light;
-  FloatColumn radiance{}, light_pdf{};  // the latter, behind a smooth boundary, of all that is seen
+  FloatColumn radiance{}, light_pdf{};
   FloatColumn choice{}, u0{}, u1{};
   std::vector<FloatColumn> score_slots;      // of the path, with that of the direction
   std::vector<FloatColumn> parts_of_lights;  // of `radiance`, as those of ShadowRays
-  // Behind a smooth boundary: where they begin, in which direction the path came there, and the
-  // facing of the plane that they are aimed by; and of those that are aimed again, how long in the
-  // medium they were the first time.
+  // Behind a smooth boundary, where u0 chooses a facet: where they begin, in which direction the
+  // path came there, and the lamp that they are sent to (lamp_drawn); and of those that are aimed
+  // again, the facet that they are aimed at, and how long in the medium they were the first time.
   VectorColumn origin, before;
-  UintColumn facing{};
+  UintColumn lamp{}, facet{};
   FloatColumn first_length{};
   size_t count = 0;
 };
@@ -185,8 +185,10 @@ struct RefractedRays {
 // Rays that find out whether a refracted one would have gone where a walk did.
 struct OddsRays {
   Rays rays;
-  UintColumn slot{};    // of the path
-  UintColumn facing{};  // of the boundary where it left the medium
+  UintColumn slot{};  // of the path
+  // As of RefractedRays; `facet` is that where it left the medium, and `left` where.
+  VectorColumn origin, to_light, left;
+  UintColumn lamp{}, facet{};
   size_t count = 0;
 };
 

@@ -8,10 +8,10 @@
 
 #include <cstddef>
 
-#include "server/tracer/boundary/fresnel-inl.h"
 #include "server/tracer/geometry/depth_grid-inl.h"
 #include "server/tracer/lights/lights-inl.h"
 #include "server/tracer/phase/henyey_greenstein.h"
+#include "server/tracer/wavefront/walk/aim-inl.h"
 #include "server/tracer/wavefront/walk/state-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -35,37 +35,28 @@ namespace itn::tracer::HWY_NAMESPACE {
 // Where the boundary is curved or far away, that aims badly, and the others find the light.
 //
 // Behind a smooth boundary, l follows from w. The walk finds it with p(w) T (1 - R), R being what
-// the boundary reflects. A ray to a light that was drawn is aimed twice: first by the normal
-// nearby, then, where that ray meets the boundary and it faces elsewhere (CellNormals::facings), by
-// the normal there; it counts if the second meets the same facing. So q(w) = s(l') dl'/dw, where l'
-// is what the plane of the facing that w meets makes of w; or 0, if the ray to l' ends elsewhere.
-// Where a walk has left the medium, a ray is sent to know that.
+// the boundary reflects. A ray to a light that was drawn is aimed twice. First by the normal
+// nearby, to find a facet, that is a triangle of the boundary (Facets). It and those around it may
+// refract the light to x, each by its plane: one of the n that do is chosen, the ray is aimed at
+// that, and counts if it is what it meets. So q(w) = s(l') dl'/dw / n, where l' is what the plane
+// of the facet that w meets makes of w; or 0, if that is not around the one where the first ray to
+// l' ends. Where a walk has left the medium, a ray is sent to know that.
 //
 // A lamp is drawn by numbers, which make another l of it at x than at y: q is that at x, and s that
 // at y, of the light that is seen in l. What lamps hide at x may be seen at y; so there is always a
-// ray, unless a delta sends nothing to x.
+// ray, unless a delta sends nothing to x. Behind a smooth boundary, the ray is sent to a point,
+// that where l meets the plane across the middle of the lamp, and counts if that lamp is what is
+// seen.
 //
 // After Hanika, Droske, Fascione, "Manifold next event estimation", EGSR 2015, who look for y.
-
-// A smooth plane between the media.
-struct Plane {
-  Vectors normal;  // outwards
-  Floats index;    // of the medium, relative to what is around it
-};
 
 // As the boundary is where it is nearest to points of the medium.
 HWY_INLINE Vectors normal_near(const Wavefront& wave, Vectors x) {
   const Obstacles& obstacles = wave.scene.obstacles;
   return cell_normal(obstacles.cell_normals, cells_at(obstacles.depth_grid.cells, x));
 }
-HWY_INLINE Ints facing_near(const Wavefront& wave, Vectors x) {
-  return facing_of(normal_near(wave, x));
-}
 HWY_INLINE Floats index_of(const Media& media, Uints medium) {
   return by_medium(media, medium, [](const Medium& of) { return set(of.refraction.index); });
-}
-HWY_INLINE Plane plane_of(const Wavefront& wave, Uints medium, Ints facing) {
-  return {mean_of_facing(wave.scene.obstacles.cell_normals, facing), index_of(wave.media, medium)};
 }
 // Where it is nearest to what lies as far ahead as it is deep there.
 HWY_INLINE Plane plane_ahead(const Wavefront& wave, Uints medium, Vectors x, Vectors direction) {
@@ -74,36 +65,6 @@ HWY_INLINE Plane plane_ahead(const Wavefront& wave, Uints medium, Vectors x, Vec
   const auto third = static_cast<float>(depth_grid.cells.edge / 3);
   return {normal_near(wave, x + direction * hn::Mul(depth, set(third))),
           index_of(wave.media, medium)};
-}
-
-// What the plane refracts the direction of a path to, which goes outwards: from `outer` to inside,
-// or from `inner` to outside.
-struct Aim {
-  Vectors direction;
-  Mask possible;
-  Floats inner_by_outer;  // density of `inner` over that of `outer`
-};
-HWY_INLINE Floats inner_by_outer(const Plane& plane, Floats inner_cosine, Floats outer_cosine) {
-  const Floats least = set(1e-4F);  // along the plane
-  return hn::Div(hn::Mul(hn::Mul(plane.index, plane.index), inner_cosine),
-                 hn::Max(outer_cosine, least));
-}
-HWY_INLINE Aim aim_at(const Plane& plane, Vectors outer) {
-  const Floats zero = hn::Zero(FloatTag()), index = plane.index;
-  const Vectors none{zero, zero, zero};
-  const Floats facing = dot(plane.normal, outer), cosine = hn::Max(facing, zero);
-  const Floats inner_cosine = fresnel(cosine, index).refracted_cosine;
-  return {none - refracted(none - outer, plane.normal, cosine, inner_cosine, index),
-          hn::Gt(facing, zero), inner_by_outer(plane, inner_cosine, cosine)};
-}
-HWY_INLINE Aim aim_along(const Plane& plane, Vectors inner) {
-  const Floats zero = hn::Zero(FloatTag()), index = hn::Div(set(1.0F), plane.index);
-  const Vectors none{zero, zero, zero};
-  const Floats facing = dot(plane.normal, inner), cosine = hn::Max(facing, zero);
-  const Floats outer_cosine = fresnel(cosine, index).refracted_cosine;
-  return {refracted(inner, none - plane.normal, cosine, outer_cosine, index),
-          hn::And(hn::Gt(facing, zero), hn::Gt(outer_cosine, zero)),
-          inner_by_outer(plane, cosine, outer_cosine)};
 }
 
 HWY_INLINE Vectors scattered_at(const Paths& paths, size_t i) {
@@ -143,21 +104,50 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
   Mask where = hn::And(leaving, hn::Gt(walk_pdf, zero));
   if (hn::AllFalse(d, where)) return;
   const Vectors up = set(Vec3f{0, 1, 0}), x = scattered_at(paths, i);
-  const Ints facing = facing_of(if_then_else(where, set(Vec3f{}) - at.flat_normal, up));
-  const Aim along = aim_along(plane_of(wave, medium, facing), load(paths.rays.direction, i));
+  const Floats index = index_of(wave.media, medium);
+  const bool flat = wave.scene.obstacles.corner_normals.flat();
+  const VectorColumn& normals = flat ? wave.crossings.normal : wave.crossings.smooth_normal;
+  const Plane plane{if_then_else(where, load(normals, i), up), index};
+  const Vectors inner = load(paths.rays.direction, i);
+  const Aim along = aim_along(plane, inner);
+  const auto [outer, reflected] = transmit_boundary(wave.media, medium, at);
   where = hn::And(where, along.possible);
-  const Vectors to_light = if_then_else(where, along.direction, up);
-  const Ints near = facing_near(wave, x);
-  const Aim first = aim_at(plane_of(wave, medium, near), to_light);
-  const Mask same = hn::RebindMask(d, hn::Eq(facing, near));
-  where = hn::And(where, hn::Or(same, first.possible));
-  const Floats pdf = hn::Mul(drawn_pdf(wave.scene.lights, x, to_light), along.inner_by_outer);
-  const Floats passing = hn::Sub(set(1.0F), transmit_boundary(wave.media, medium, at).reflected);
-  const Floats arriving =
-      hn::Mul(passing, part_arriving(wave, medium, load(paths.rays.medium_length, i)));
+  Vectors to_light = if_then_else(where, along.direction, up);
+  Floats by_drawn = along.inner_by_outer, far = zero;
+  Uints lamp = hn::Zero(UintTag());
+  Vectors target = to_light, to_boundary = load(paths.rays.position, i) - x;
+  LampMiddle middle{};
+  Mask to_lamp = hn::FirstN(d, 0);
+  if (wave.scene.lights.has_lamps()) {
+    lamp =
+        lamp_seen(wave.scene.lights, load(paths.rays.position, i), if_then_else(where, outer, up));
+    to_lamp = not_zero(lamp);
+    middle = seen_middle(wave.scene.lights, lamp, x);
+    far = way_to_plane(middle, to_boundary, to_light);
+    const Vectors to_point = to_boundary + to_light * far;
+    where = hn::AndNot(hn::And(to_lamp, hn::Ge(far, set(kInfinity))), where);
+    const Floats near = hn::Sqrt(dot(to_boundary, to_boundary));
+    by_drawn = hn::IfThenElse(
+        to_lamp, inner_by_straight(plane, middle, to_point, inner, to_light, near, far), by_drawn);
+    target = if_then_else(to_lamp, to_point, to_light);
+  }
+  const Uints triangle = hn::IfThenElseZero(for_uints(where), load(wave.crossings.triangle, i));
+  if (!flat) {
+    const CurvedFacet facet =
+        curved_facet(wave.scene.obstacles, hn::BitCast(IntTag(), triangle), x);
+    const Bend bend = bend_at(facet, index, to_boundary, target, to_lamp);
+    by_drawn = inner_by_drawn(facet, bend, index, middle, target, to_lamp, far);
+  }
+  to_light = if_then_else(hn::And(where, to_lamp), normalize(target), to_light);
+  const Aim first = aim_at({normal_near(wave, x), index}, to_light);
+  where = hn::And(where, first.possible);
+  const Floats pdf = hn::Mul(drawn_pdf(wave.scene.lights, lamp, x, to_light), by_drawn);
+  where = hn::And(where, hn::Lt(pdf, set(kMostDensity)));
+  const Floats arriving = hn::Mul(hn::Sub(set(1.0F), reflected),
+                                  part_arriving(wave, medium, load(paths.rays.medium_length, i)));
   store(hn::IfThenElseZero(where, hn::Div(pdf, hn::Mul(walk_pdf, arriving))), paths.odds[0], i);
 
-  const Mask asked = hn::AndNot(same, hn::And(where, hn::Gt(pdf, zero)));
+  const Mask asked = hn::And(where, hn::Gt(pdf, zero));
   const Append append{asked, sent.count};
   append(x, sent.rays.position);
   append(first.direction, sent.rays.direction);
@@ -166,7 +156,11 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
                    [](const Medium& of) { return set(kMaxOpticalDepth / of.sigma_t); }),
          sent.rays.max_medium_length);
   append(slots_from(i), sent.slot);
-  append(hn::BitCast(UintTag(), facing), sent.facing);
+  append(x, sent.origin);
+  append(target, sent.to_light);
+  append(lamp, sent.lamp);
+  append(triangle, sent.facet);
+  append(to_boundary, sent.left);
   sent.count += hn::CountTrue(d, asked);
 }
 
@@ -183,22 +177,28 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   RefractedRays& sent = wave.refracted_rays;
   const Floats zero = hn::Zero(d), one = set(1.0F);
   const Mask dense = light.dense();
-  const Ints near = wave.boundary_is_delta ? facing_near(wave, position) : hn::Zero(IntTag());
-  const Aim aim =
-      aim_at(wave.boundary_is_delta ? plane_of(wave, medium, near)
-                                    : plane_ahead(wave, medium, position, light.direction),
-             light.direction);
+  const Plane plane = wave.boundary_is_delta
+                          ? Plane{normal_near(wave, position), index_of(wave.media, medium)}
+                          : plane_ahead(wave, medium, position, light.direction);
+  const Aim aim = aim_at(plane, light.direction);
   Mask where = hn::And(scattered, aim.possible);
   if (hn::AllFalse(d, where)) return;
   Vectors direction = aim.direction;
   const bool has_lamps = wave.scene.lights.has_lamps();
   Floats pdf = light.pdf, passing = one;
   Floats light_pdf = one;  // of q s, what is not in `pdf`
-  Floats seen_pdf = light.pdf;
+  Uints lamp = hn::Zero(UintTag());
+  Vectors to_light = light.direction;
   if (wave.boundary_is_delta) {
-    // Whatever is seen there: behind the boundary something else may be.
-    if (has_lamps) seen_pdf = drawn_pdf(wave.scene.lights, position, light.direction);
-    pdf = hn::Mul(seen_pdf, aim.inner_by_outer);
+    pdf = hn::Mul(light.pdf, aim.inner_by_outer);
+    if (has_lamps) {
+      lamp = lamp_drawn(wave.scene.lights, drawn.choice);
+      const Mask to_lamp = not_zero(lamp);
+      const Floats way =
+          way_to_plane(seen_middle(wave.scene.lights, lamp, position), set(Vec3f{}), to_light);
+      where = hn::AndNot(hn::And(to_lamp, hn::Ge(way, set(kInfinity))), where);
+      to_light = if_then_else(to_lamp, to_light * way, to_light);
+    }
   } else {
     const Words words = random(wave, i, load(paths.vertex, i), Sampler::kRefraction);
     const Floats u = uniform(words.w[0]);
@@ -236,18 +236,19 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   append(importance, sent.importance);
   append(phase.value, sent.phase);
   append(pdf, sent.pdf);
-  append(light.direction, sent.to_light);
+  append(to_light, sent.to_light);
   if (wave.shadow_rays.rays.bounded) {
     append(drawn.choice, sent.choice);
     append(drawn.uniforms.u0, sent.u0);
     append(drawn.uniforms.u1, sent.u1);
   }
   append(light.radiance, sent.radiance);
-  append(seen_pdf, sent.light_pdf);
+  append(light.pdf, sent.light_pdf);
   if (wave.boundary_is_delta) {
     append(position, sent.origin);
     append(load(paths.rays.direction, i), sent.before);
-    append(hn::BitCast(UintTag(), near), sent.facing);
+    append(lamp, sent.lamp);
+    append(uniform(random(wave, i, load(paths.vertex, i), Sampler::kRefraction).w[0]), sent.u0);
   }
   const size_t phase_slots = paths.control_phase.size();
   for (size_t s = 0; s < sent.score_slots.size(); ++s) {
@@ -310,12 +311,16 @@ HWY_INLINE Exit exit_of_smooth(const Wavefront& wave, const RefractedRays& sent,
   const auto [distance, light] =
       look(wave.scene.lights, load(sent.rays.position, i), to_light, parts);
   const Floats passing = hn::Mul(load(sent.phase, i), hn::Sub(set(1.0F), reflected));
-  Exit exit{to_light,
-            distance,
-            light.radiance,
-            hn::Div(passing, mul_add(passing, arriving, load(sent.pdf, i))),
-            {hn::Zero(FloatTag())},
-            {hn::Zero(FloatTag())}};
+  const Mask as_drawn = hn::RebindMask(
+      FloatTag(), hn::Eq(lamp_seen(wave.scene.lights, load(sent.rays.position, i), to_light),
+                         load(sent.lamp, i)));
+  Exit exit{
+      to_light,
+      distance,
+      hn::IfThenElseZero(as_drawn, light.radiance),
+      hn::IfThenElseZero(as_drawn, hn::Div(passing, mul_add(passing, arriving, load(sent.pdf, i)))),
+      {hn::Zero(FloatTag())},
+      {hn::Zero(FloatTag())}};
   for (size_t l = 0; l < sent.parts_of_lights.size(); ++l) {
     exit.parts_of_lights[l] = parts.radiance[l];
   }
@@ -366,28 +371,101 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
       [&](size_t l) { return hn::Mul(exit.parts_of_lights[l], exit.per_radiance); });
 }
 
-// By the plane of the facing that they have met.
-inline void aim_again(Wavefront& wave, size_t i, Uints medium, Mask where, Ints facing) {
+// Of the facets around the one that they have met, those that refract the light to where they
+// begin: how many, one of them, which u chooses, and the aim at that.
+struct FacetChoice {
+  Floats count;
+  Uints facet;
+  Aim aim;
+};
+// `known`: one that does, at `left` from there, if it is among them; `found`: whether it is.
+template <typename SentRays>
+HWY_INLINE FacetChoice choose_facet(const Wavefront& wave, const SentRays& sent, size_t i,
+                                    Uints medium, Mask met, Floats u, Uints known, Vectors left,
+                                    Mask& found) {
+  constexpr float kSame = 1e-3F;
+  const FloatTag d;
+  const IntTag di;
+  const Facets& facets = wave.scene.obstacles.facets;
+  const Lights& lights = wave.scene.lights;
+  const Floats zero = hn::Zero(d), one = set(1.0F), index = index_of(wave.media, medium);
+  const auto int_gather = [&](const std::vector<uint32_t>& from, Ints at) {
+    return hn::GatherIndex(di, reinterpret_cast<const int32_t*>(from.data()), at);
+  };
+  const auto int_mask = [&](Mask mask) { return hn::RebindMask(di, mask); };
+  const Ints triangle =
+      hn::IfThenElseZero(int_mask(met), hn::BitCast(di, load(wave.crossings.triangle, i)));
+  const Ints begin = int_gather(facets.first, triangle);
+  const Ints end = int_gather(facets.first, hn::Add(triangle, hn::Set(di, 1)));
+  const Vectors x = load(sent.origin, i), target = load(sent.to_light, i);
+  const Uints lamp = load(sent.lamp, i);
+  const Mask to_lamp = not_zero(lamp);
+  const LampMiddle middle = lights.has_lamps() ? seen_middle(lights, lamp, x) : LampMiddle{};
+  const bool flat = wave.scene.obstacles.corner_normals.flat();
+  FacetChoice choice{zero, hn::Zero(UintTag()), {set(Vec3f{0, 1, 0}), met, one}};
+  found = hn::FirstN(d, 0);
+  for (Ints at = begin;; at = hn::Add(at, hn::Set(di, 1))) {
+    const Mask live = hn::And(met, hn::RebindMask(d, hn::Lt(at, end)));
+    if (hn::AllFalse(d, live)) return choice;
+    const Ints number = int_gather(facets.around, hn::IfThenElse(int_mask(live), at, begin));
+    const Mask is_number = hn::And(live, hn::RebindMask(d, hn::Eq(number, hn::BitCast(di, known))));
+    Aim aim;
+    Mask refracts, is_known;
+    if (flat) {
+      aim = aim_at_facet(wave.scene.obstacles.facets, number, index, x, middle, target, to_lamp);
+      is_known = is_number;
+      refracts = hn::Or(is_known, hn::And(live, aim.possible));
+    } else {
+      Vectors to;
+      aim = aim_at_curved(curved_facet(wave.scene.obstacles, number, x), index, middle, target,
+                          to_lamp, to);
+      refracts = hn::And(live, aim.possible);
+      const Vectors beside = to - left;
+      is_known = hn::And(hn::And(is_number, refracts),
+                         hn::Lt(dot(beside, beside), hn::Mul(set(kSame * kSame), dot(to, to))));
+    }
+    found = hn::Or(found, is_known);
+    choice.count = hn::Add(choice.count, hn::IfThenElseZero(refracts, one));
+    // One in n is what u says of the n-th, and what is left of u says which of those before.
+    const Floats part = hn::Div(one, choice.count);
+    const Mask taken = hn::And(refracts, hn::Lt(u, part));
+    choice.facet = hn::IfThenElse(for_uints(taken), hn::BitCast(UintTag(), number), choice.facet);
+    choice.aim.direction = if_then_else(taken, aim.direction, choice.aim.direction);
+    choice.aim.inner_by_outer =
+        hn::IfThenElse(taken, aim.inner_by_outer, choice.aim.inner_by_outer);
+    const Floats other =
+        hn::Min(hn::Div(hn::Sub(u, part), hn::Sub(one, part)), set(0x1.fffffep-1F));
+    u = hn::IfThenElse(taken, hn::Mul(u, choice.count), hn::IfThenElse(refracts, other, u));
+  }
+}
+
+// At one of the facets around the one that they have met.
+inline void aim_again(Wavefront& wave, size_t i, Uints medium, Mask where) {
   const RefractedRays& sent = wave.refracted_rays;
   RefractedRays& again = wave.aimed_again;
-  const Aim aim = aim_at(plane_of(wave, medium, facing), load(sent.to_light, i));
-  where = hn::And(where, aim.possible);
+  if (hn::AllFalse(FloatTag(), where)) return;
+  const Vectors x = load(sent.origin, i);
+  Mask found;
+  const auto [count, facet, aim] =
+      choose_facet(wave, sent, i, medium, where, load(sent.u0, i), set(~uint32_t{0}), x, found);
+  where = hn::And(where, hn::Gt(count, hn::Zero(FloatTag())));
   if (hn::AllFalse(FloatTag(), where)) return;
   const Vectors before = load(sent.before, i);
   const PhaseValue first =
       evaluate_phase(wave.media, medium, dot(before, load(sent.rays.direction, i)));
   const PhaseValue phase = evaluate_phase(wave.media, medium, dot(before, aim.direction));
   const Append append{where, again.count};
-  append(load(sent.origin, i), again.rays.position);
+  append(x, again.rays.position);
   append(aim.direction, again.rays.direction);
   append(set(Rays::kInside), again.rays.interaction);
   append(load(sent.rays.max_medium_length, i), again.rays.max_medium_length);
   append(load(sent.slot, i), again.slot);
   append(load(sent.importance, i), again.importance);
   append(phase.value, again.phase);
-  append(hn::Mul(load(sent.light_pdf, i), aim.inner_by_outer), again.pdf);
+  append(hn::Div(hn::Mul(load(sent.light_pdf, i), aim.inner_by_outer), count), again.pdf);
   append(load(sent.light_pdf, i), again.light_pdf);
-  append(hn::BitCast(UintTag(), facing), again.facing);
+  append(load(sent.lamp, i), again.lamp);
+  append(facet, again.facet);
   append(load(sent.rays.medium_length, i), again.first_length);
   for (size_t s = 0; s < sent.score_slots.size(); ++s) {
     const bool of_phase = s < wave.paths.control_phase.size();
@@ -413,40 +491,34 @@ inline void follow_to_boundary(Wavefront& wave, SentRays& sent, const Visit& vis
   }
 }
 
-// The facing of the boundary that they have met there.
-HWY_INLINE Ints facing_met(const Wavefront& wave, size_t i, Mask met) {
-  return facing_of(if_then_else(met, load(wave.crossings.normal, i), set(Vec3f{0, 1, 0})));
-}
-template <typename SentRays>
-HWY_INLINE Mask as_aimed(const SentRays& sent, size_t i, Ints facing) {
-  return hn::RebindMask(FloatTag(), hn::Eq(load(sent.facing, i), hn::BitCast(UintTag(), facing)));
-}
-
 inline void cross_refracted_rays(Wavefront& wave) {
   const RefractedRays &first = wave.refracted_rays, &again = wave.aimed_again;
   follow_to_boundary(wave, wave.refracted_rays, [&](size_t i, Ints slots, Mask met) {
     const Uints medium = wave.medium_in(slots);
     if (!wave.boundary_is_delta) return leave(wave, first, i, medium, met);
-    const Ints facing = facing_met(wave, i, met);
-    const Mask aimed = as_aimed(first, i, facing);
-    leave(wave, first, i, medium, hn::And(met, aimed));
-    aim_again(wave, i, medium, hn::AndNot(aimed, met), facing);
+    aim_again(wave, i, medium, met);
   });
   if (again.count == 0) return;
   follow_to_boundary(wave, wave.aimed_again, [&](size_t i, Ints slots, Mask met) {
+    const auto as_aimed = hn::Eq(load(wave.crossings.triangle, i), load(again.facet, i));
     leave(wave, again, i, wave.medium_in(slots),
-          hn::And(met, as_aimed(again, i, facing_met(wave, i, met))));
+          hn::And(met, hn::RebindMask(FloatTag(), as_aimed)));
   });
 }
 
 // Whether the odds of walks hold (send_odds).
 inline void check_odds(Wavefront& wave) {
-  if (wave.odds_rays.count == 0) return;
+  const OddsRays& sent = wave.odds_rays;
+  if (sent.count == 0) return;
   FloatColumn& odds = wave.paths.odds[0];
   follow_to_boundary(wave, wave.odds_rays, [&](size_t i, Ints slots, Mask met) {
-    const Mask holds = hn::And(met, as_aimed(wave.odds_rays, i, facing_met(wave, i, met)));
+    Mask found;
+    const FacetChoice choice =
+        choose_facet(wave, sent, i, wave.medium_in(slots), met, hn::Zero(FloatTag()),
+                     load(sent.facet, i), load(sent.left, i), found);
     const Floats before = gather(odds.data(), slots);
-    hn::ScatterIndex(hn::IfThenElseZero(holds, before), FloatTag(), odds.data(), slots);
+    hn::ScatterIndex(hn::IfThenElseZero(found, hn::Div(before, choice.count)), FloatTag(),
+                     odds.data(), slots);
   });
 }
 

@@ -1,0 +1,298 @@
+// Where to aim from a place inside a smooth boundary, so that it refracts what goes there to a
+// light.
+#if defined(ITN_TRACER_WAVEFRONT_WALK_AIM_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_WAVEFRONT_WALK_AIM_INL_H_
+#undef ITN_TRACER_WAVEFRONT_WALK_AIM_INL_H_
+#else
+#define ITN_TRACER_WAVEFRONT_WALK_AIM_INL_H_
+#endif
+
+#include <cstddef>
+
+#include "server/tracer/boundary/fresnel-inl.h"
+#include "server/tracer/geometry/obstacles.h"
+#include "server/tracer/lights/lights-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+// Of densities; more is none.
+constexpr float kMostDensity = 1e30F;
+
+// A smooth plane between the media.
+struct Plane {
+  Vectors normal;  // outwards
+  Floats index;    // of the medium, relative to what is around it
+};
+
+// What the plane refracts the direction of a path to, which goes outwards: from `outer` to inside,
+// or from `inner` to outside.
+struct Aim {
+  Vectors direction;
+  Mask possible;
+  Floats inner_by_outer;  // density of `inner` over that of `outer`
+};
+HWY_INLINE Floats inner_by_outer(const Plane& plane, Floats inner_cosine, Floats outer_cosine) {
+  const Floats least = set(1e-4F);  // along the plane
+  return hn::Div(hn::Mul(hn::Mul(plane.index, plane.index), inner_cosine),
+                 hn::Max(outer_cosine, least));
+}
+HWY_INLINE Aim aim_at(const Plane& plane, Vectors outer) {
+  const Floats zero = hn::Zero(FloatTag()), index = plane.index;
+  const Vectors none{zero, zero, zero};
+  const Floats facing = dot(plane.normal, outer), cosine = hn::Max(facing, zero);
+  const Floats inner_cosine = fresnel(cosine, index).refracted_cosine;
+  return {none - refracted(none - outer, plane.normal, cosine, inner_cosine, index),
+          hn::Gt(facing, zero), inner_by_outer(plane, inner_cosine, cosine)};
+}
+HWY_INLINE Aim aim_along(const Plane& plane, Vectors inner) {
+  const Floats zero = hn::Zero(FloatTag()), index = hn::Div(set(1.0F), plane.index);
+  const Vectors none{zero, zero, zero};
+  const Floats facing = dot(plane.normal, inner), cosine = hn::Max(facing, zero);
+  const Floats outer_cosine = fresnel(cosine, index).refracted_cosine;
+  return {refracted(inner, none - plane.normal, cosine, outer_cosine, index),
+          hn::And(hn::Gt(facing, zero), hn::Gt(outer_cosine, zero)),
+          inner_by_outer(plane, cosine, outer_cosine)};
+}
+
+// The middle of a lamp, as it is seen from somewhere: how far, and in which direction.
+struct LampMiddle {
+  Floats distance;
+  Vectors direction;
+};
+HWY_INLINE LampMiddle seen_middle(const Lights& lights, Uints lamp, Vectors from) {
+  const Vectors to = middle_of(lights, lamp) - from;
+  const Floats distance = hn::Max(hn::Sqrt(dot(to, to)), set(1e-20F));
+  return {distance, to * hn::Div(set(1.0F), distance)};
+}
+
+// How far it is in direction d to the plane across the middle, from a place `at` beside that where
+// it is seen from; or infinite, if the plane is not ahead, or hardly.
+HWY_INLINE Floats way_to_plane(const LampMiddle& middle, Vectors at, Vectors d) {
+  const Floats cosine = dot(d, middle.direction);
+  const Floats way = hn::Div(hn::Sub(middle.distance, dot(at, middle.direction)), cosine);
+  const Mask ahead = hn::And(hn::Gt(cosine, set(0.1F)), hn::Gt(way, hn::Zero(FloatTag())));
+  return hn::IfThenElse(ahead, way, set(kInfinity));
+}
+
+// A solid angle at x over the area in the plane of a lamp, `to_point` from x, across a direction
+// `outer` that light takes there: of what goes straight.
+HWY_INLINE Floats straight_by_area(const LampMiddle& middle, Vectors to_point, Vectors outer) {
+  const Floats d2 = dot(to_point, to_point);
+  return hn::Div(dot(to_point, middle.direction),
+                 hn::Mul(hn::Mul(d2, hn::Sqrt(d2)), dot(outer, middle.direction)));
+}
+
+// How the plane refracts what goes from x to a point `to_point` from there, in that plane of a
+// lamp: `inner` and `outer` are directions, of which the first goes `near` to the plane, and the
+// second `far` from there. The density is over that of the straight direction to the point: light
+// spreads from x as if it came from two places, one across the plane of refraction and one in it.
+HWY_INLINE Floats inner_by_straight(const Plane& plane, const LampMiddle& middle, Vectors to_point,
+                                    Vectors inner, Vectors outer, Floats near, Floats far) {
+  const Floats inner_cosine = dot(plane.normal, inner), outer_cosine = dot(plane.normal, outer);
+  const Floats across = hn::Div(near, plane.index), ratio = hn::Div(outer_cosine, inner_cosine);
+  const Floats area = hn::Mul(hn::Add(far, across), mul_add(hn::Mul(ratio, ratio), across, far));
+  return hn::Mul(inner_by_outer(plane, inner_cosine, outer_cosine),
+                 hn::Mul(area, straight_by_area(middle, to_point, outer)));
+}
+
+// As aim_at, from a place so deep below the plane to a point; the density is over that of the
+// straight direction.
+HWY_INLINE Aim aim_at_point(const Plane& plane, const LampMiddle& middle, Floats depth,
+                            Vectors to_point) {
+  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Floats along = dot(to_point, plane.normal), height = hn::Sub(along, depth);
+  const Vectors beside = to_point - plane.normal * along;
+  const Floats width = hn::Sqrt(dot(beside, beside));
+  const Floats index2 = hn::Mul(plane.index, plane.index);
+  // For the tangent of the outer angle, height t + depth t / sqrt(index^2 + (index^2 - 1) t^2) is
+  // the width. The left side is concave, so Newton's method comes up from below without fail.
+  Floats t = hn::Div(width, hn::Add(height, hn::Div(depth, plane.index)));
+  constexpr int kSteps = 4;
+  for (int step = 0; step < kSteps; ++step) {
+    const Floats root = hn::Sqrt(mul_add(hn::Sub(index2, one), hn::Mul(t, t), index2));
+    const Floats inside = hn::Div(depth, root);
+    const Floats left = hn::Sub(width, hn::Mul(t, hn::Add(height, inside)));
+    const Floats slope = mul_add(inside, hn::Div(index2, hn::Mul(root, root)), height);
+    t = hn::Add(t, hn::Div(left, slope));
+  }
+  const Floats outer_cosine = hn::Div(one, hn::Sqrt(mul_add(t, t, one)));
+  const Floats outer_sine = hn::Mul(t, outer_cosine);
+  const Floats inner_sine = hn::Div(outer_sine, plane.index);
+  const Floats inner_cosine = hn::Sqrt(hn::Sub(one, hn::Mul(inner_sine, inner_sine)));
+  const Vectors sideways = beside * hn::Div(one, hn::Max(width, set(1e-20F)));
+  const Vectors inner = renormalize(plane.normal * inner_cosine + sideways * inner_sine);
+  const Vectors outer = plane.normal * outer_cosine + sideways * outer_sine;
+  const Floats near = hn::Div(depth, inner_cosine);
+  const Mask between = hn::And(hn::Gt(depth, zero), hn::Gt(height, zero));
+  const Floats far = way_to_plane(middle, inner * near, outer);
+  return {inner, hn::And(between, hn::Lt(far, set(kInfinity))),
+          inner_by_straight(plane, middle, to_point, inner, outer, near, far)};
+}
+
+// A triangle that stands for a smooth surface, as it is seen from x; the normals are of that.
+struct CurvedFacet {
+  Vectors to_corner, normal, v, w;                  // see Facets::Facet
+  Vectors corner_normal, normal_by_v, normal_by_w;  // interpolated, of any length
+};
+HWY_INLINE Vectors load_vectors(const float* from, Ints at) {
+  return {hn::GatherIndex(FloatTag(), from, at), hn::GatherIndex(FloatTag(), from + 1, at),
+          hn::GatherIndex(FloatTag(), from + 2, at)};
+}
+// In numbers: where the facet, and its normals at the corners, begin in their lists.
+HWY_INLINE Ints numbers_of(Ints facet, size_t bytes) {
+  return hn::Mul(facet, hn::Set(IntTag(), static_cast<int32_t>(bytes / sizeof(float))));
+}
+HWY_INLINE CurvedFacet curved_facet(const Obstacles& obstacles, Ints facet, Vectors x) {
+  const auto* const own = reinterpret_cast<const float*>(obstacles.facets.by_triangle.data());
+  const auto* const corners =
+      reinterpret_cast<const float*>(obstacles.corner_normals.by_triangle().data());
+  const Ints at = numbers_of(facet, sizeof(Facets::Facet));
+  const Ints normals = numbers_of(facet, 3 * sizeof(Vec3f));
+  const Vectors first = load_vectors(corners, normals);
+  return {load_vectors(own, at) - x,
+          load_vectors(own + 3, at),
+          load_vectors(own + 6, at),
+          load_vectors(own + 9, at),
+          first,
+          load_vectors(corners + 3, normals) - first,
+          load_vectors(corners + 6, normals) - first};
+}
+HWY_INLINE Mask is_within(Floats v, Floats w) {
+  const Floats zero = hn::Zero(FloatTag());
+  return hn::And(hn::And(hn::Ge(v, zero), hn::Ge(w, zero)), hn::Le(hn::Add(v, w), set(1.0F)));
+}
+
+// Light that goes from x to a place of the facet, and on: `index` times the direction inside less
+// that outside is along the normal where Snell's law holds, and it is `off` that, in the surface.
+struct Bend {
+  Vectors normal, inner, outer;
+  Floats near, along, per_length;
+  Vectors off;
+};
+// `to_point`: what it goes on to, or of what is far away the direction.
+HWY_INLINE Bend bend_at(const CurvedFacet& facet, Floats index, Vectors to, Vectors target,
+                        Mask to_lamp) {
+  const Floats one = set(1.0F);
+  const Vectors place = to - facet.to_corner;
+  const Vectors sum = facet.corner_normal + facet.normal_by_v * dot(place, facet.v) +
+                      facet.normal_by_w * dot(place, facet.w);
+  const Floats per_length = hn::Div(one, hn::Sqrt(dot(sum, sum)));
+  const Floats near = hn::Sqrt(dot(to, to));
+  const Vectors inner = to * hn::Div(one, near);
+  const Vectors outer = if_then_else(to_lamp, normalize(target - to), target);
+  const Vectors normal = sum * per_length, both = inner * index - outer;
+  const Floats along = dot(both, normal);
+  return {normal, inner, outer, near, along, per_length, both - normal * along};
+}
+// How `off` changes by the way that the place goes in the triangle, while the direction outside
+// stays what it is.
+HWY_INLINE Vectors change_of_off(const CurvedFacet& facet, const Bend& bend, Floats index,
+                                 Vectors way) {
+  const Vectors turn = (way - bend.inner * dot(way, bend.inner)) * hn::Div(index, bend.near);
+  const Vectors normal_turn =
+      (facet.normal_by_v * dot(way, facet.v) + facet.normal_by_w * dot(way, facet.w)) *
+      hn::Mul(bend.per_length, bend.along);
+  const Vectors both = turn - normal_turn;
+  return both - bend.normal * dot(both, bend.normal);
+}
+// Two directions in a triangle, of unit length and at right angles.
+struct Sides {
+  Vectors a, b;
+};
+HWY_INLINE Sides sides_of(const CurvedFacet& facet) {
+  const Vectors a = normalize(facet.v);
+  return {a, cross(facet.normal, a)};
+}
+
+// As inner_by_outer, or to a lamp as inner_by_straight, where Snell's law holds.
+HWY_INLINE Floats inner_by_drawn(const CurvedFacet& facet, const Bend& bend, Floats index,
+                                 const LampMiddle& middle, Vectors target, Mask to_lamp,
+                                 Floats far) {
+  const Sides sides = sides_of(facet);
+  const Vectors by_a = change_of_off(facet, bend, index, sides.a);
+  const Vectors by_b = change_of_off(facet, bend, index, sides.b);
+  const Floats outer_cosine = dot(bend.outer, bend.normal);
+  const Floats inner_by_place =
+      hn::Div(hn::Mul(bend.near, bend.near), dot(bend.inner, facet.normal));
+  const Floats directions = hn::Div(dot(bend.normal, cross(by_a, by_b)), outer_cosine);
+  // The light turns by what Snell's law asks for, and stays of unit length.
+  const auto moved = [&](Vectors way, Vectors turn) {
+    const Floats up = hn::Div(dot(bend.outer, turn), outer_cosine);
+    return way + (turn - bend.normal * up) * far;
+  };
+  const Floats area = dot(bend.outer, cross(moved(sides.a, by_a), moved(sides.b, by_b)));
+  const Floats density = hn::IfThenElse(
+      to_lamp, hn::Mul(area, straight_by_area(middle, target, bend.outer)), directions);
+  return hn::Mul(hn::Abs(density), inner_by_place);
+}
+
+// As aim_at and aim_at_point, at a place of the facet, by Newton's method from where its plane
+// would refract the light. `to`: that place.
+HWY_INLINE Aim aim_at_curved(const CurvedFacet& facet, Floats index, const LampMiddle& middle,
+                             Vectors target, Mask to_lamp, Vectors& to) {
+  constexpr int kSteps = 3;
+  constexpr float kConverged = 2e-5F;
+  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Sides sides = sides_of(facet);
+  const Plane plane{facet.normal, index};
+  const Floats depth = dot(facet.to_corner, facet.normal);
+  const Vectors straight = if_then_else(to_lamp, normalize(target), target);
+  const Aim start = aim_at(plane, straight);
+  to = start.direction * hn::Div(depth, dot(start.direction, facet.normal));
+  Bend bend = bend_at(facet, index, to, target, to_lamp);
+  for (int step = 0; step < kSteps; ++step) {
+    const Vectors rest = target - to;
+    const Floats per_far = hn::IfThenElseZero(to_lamp, hn::Div(one, hn::Sqrt(dot(rest, rest))));
+    const auto change = [&](Vectors way) {
+      const Vectors turn = (way - bend.outer * dot(way, bend.outer)) * per_far;
+      return change_of_off(facet, bend, index, way) + turn - bend.normal * dot(turn, bend.normal);
+    };
+    const Vectors by_a = change(sides.a), by_b = change(sides.b);
+    const Floats per = hn::Div(one, dot(bend.normal, cross(by_a, by_b)));
+    const Floats a = hn::Mul(dot(bend.normal, cross(by_b, bend.off)), per);
+    const Floats b = hn::Mul(dot(bend.normal, cross(bend.off, by_a)), per);
+    to = to + sides.a * a + sides.b * b;
+    bend = bend_at(facet, index, to, target, to_lamp);
+  }
+  const Floats far = hn::IfThenElseZero(to_lamp, way_to_plane(middle, to, bend.outer));
+  const Vectors place = to - facet.to_corner;
+  const Floats density = inner_by_drawn(facet, bend, index, middle, target, to_lamp, far);
+  Mask possible = hn::And(hn::And(start.possible, hn::Gt(depth, zero)),
+                          is_within(dot(place, facet.v), dot(place, facet.w)));
+  possible = hn::And(possible, hn::And(hn::Gt(density, zero), hn::Lt(density, set(kMostDensity))));
+  possible = hn::And(possible, hn::Lt(dot(bend.off, bend.off), set(kConverged * kConverged)));
+  for (const Vectors& normal : {bend.normal, facet.normal}) {
+    possible = hn::And(possible, hn::And(hn::Gt(dot(bend.inner, normal), zero),
+                                         hn::Gt(dot(bend.outer, normal), zero)));
+  }
+  return {bend.inner, hn::And(possible, hn::Lt(far, set(kInfinity))), density};
+}
+
+// As aim_at and aim_at_point, at a flat facet.
+HWY_INLINE Aim aim_at_facet(const Facets& facets, Ints facet, Floats index, Vectors x,
+                            const LampMiddle& middle, Vectors target, Mask to_lamp) {
+  const auto* const own = reinterpret_cast<const float*>(facets.by_triangle.data());
+  const Ints at = numbers_of(facet, sizeof(Facets::Facet));
+  const Vectors to_corner = load_vectors(own, at) - x;
+  const Plane plane{load_vectors(own + 3, at), index};
+  const Floats depth = dot(to_corner, plane.normal);
+  Aim aim = aim_at(plane, target);
+  if (!hn::AllFalse(FloatTag(), to_lamp)) {
+    const Aim point = aim_at_point(plane, middle, depth, target);
+    aim = {if_then_else(to_lamp, point.direction, aim.direction),
+           hn::Or(hn::And(to_lamp, point.possible), hn::AndNot(to_lamp, aim.possible)),
+           hn::IfThenElse(to_lamp, point.inner_by_outer, aim.inner_by_outer)};
+  }
+  const Floats way = hn::Div(depth, dot(aim.direction, plane.normal));
+  const Vectors place = aim.direction * way - to_corner;
+  const Mask within =
+      is_within(dot(place, load_vectors(own + 6, at)), dot(place, load_vectors(own + 9, at)));
+  aim.possible = hn::And(hn::And(aim.possible, within), hn::Gt(depth, hn::Zero(FloatTag())));
+  return aim;
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif
