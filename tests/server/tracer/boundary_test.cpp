@@ -423,53 +423,74 @@ TEST(RoughDielectricTest, TechniquesAgree) {
 
 // Shadow rays that are refracted take noise away, and nothing else: seen from outside, under a sun,
 // a sky and lamps nearby, some of which hide others; and from inside.
-TEST(BoundaryTest, RefractedShadowRaysAreFair) {
-  SceneDescription outside = rough_knot(1.5F, 0.5F);
-  outside.object = make_shape("smooth_star");
-  outside.smooth_angle = 1;
-  outside.surfaces.clear();
-  outside.lights = {paper_sun_sky(),
-                    PointLight{.position = {0.6F, 1.2F, -0.9F}, .intensity = 1e-5F}};
-  SceneDescription smooth = outside;
-  smooth.boundary = Dielectric{1.5F};
-  smooth.lights = {paper_sun_sky(), SphereLight{{0.6, 1.2, -0.9}, 0.3, 30},
-                   PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {-0.1, 0.1, 0.2}, 30}};
-  SceneDescription facets = smooth;
-  facets.smooth_angle = 0;
-  SceneDescription lamps = outside;
-  lamps.lights = {SphereLight{{0.6, 1.2, -0.9}, 0.3, 1}, ConstantLight{0.3},
-                  PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {-0.1, 0.1, 0.2}, 1},
-                  SpotLight{{0.2, 1.5, -1}, {0, 0.4, 0}, 1e-6, 0.1, 0.3}};
-  SceneDescription inside = rough_knot(1.4F, 0.2F);
-  inside.object = make_shape("cube");
-  inside.camera.origin = {0, 0.5, -0.4};
-  inside.camera.fov = 1;
+class RefractedShadowRays : public ::testing::TestWithParam<const char*> {
+ protected:
+  static SceneDescription star(const Boundary& boundary, std::vector<LightDescription> lights) {
+    SceneDescription scene = rough_knot(1.5F, 0.5F);
+    scene.object = make_shape("smooth_star");
+    scene.smooth_angle = 1;
+    scene.surfaces.clear();
+    scene.boundary = boundary;
+    scene.lights = std::move(lights);
+    return scene;
+  }
+  // Of such a radiance.
+  static std::vector<LightDescription> lamps(double radiance) {
+    return {SphereLight{{0.6, 1.2, -0.9}, 0.3, radiance},
+            PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {-0.1, 0.1, 0.2}, radiance}};
+  }
+
   struct Case {
-    const char* name;
-    const SceneDescription& description;
+    SceneDescription scene;
     Material material;
     uint32_t samples = 4096;
   };
-  for (const auto& [name, description, material, samples] :
-       {Case{"rough", outside, {8, 0.85, 0.4}}, Case{"lamps", lamps, {4, 0.7, 0.4}, 12288},
-        Case{"smooth", smooth, {8, 0.85, 0.4}}, Case{"facets", facets, {8, 0.85, 0.4}},
-        Case{"from inside", inside, {3, 0.8, 0.3}}}) {
-    const Scene scene(description);
-    RenderRequest request = request_for(Tracer::kWavefront, material, samples);
-    for (const uint32_t light : {0U, 1U}) {
-      request.derivatives.push_back({Parameter::kLightScale, light});
+  static Case named(const std::string& name) {
+    const Material material{8, 0.85, 0.4};
+    if (name == "rough") {
+      const PointLight point{.position = {0.6F, 1.2F, -0.9F}, .intensity = 1e-5F};
+      return {star(RoughDielectric{1.5F, 0.5F}, {paper_sun_sky(), point}), material};
     }
-    if (description.boundary.index() != smooth.boundary.index()) {
-      request.derivatives.push_back(kRoughness);
+    if (name == "lamps") {
+      std::vector<LightDescription> lights = lamps(1);
+      lights.insert(lights.begin() + 1, ConstantLight{0.3});
+      lights.emplace_back(SpotLight{{0.2, 1.5, -1}, {0, 0.4, 0}, 1e-6, 0.1, 0.3});
+      return {star(RoughDielectric{1.5F, 0.5F}, std::move(lights)), {4, 0.7, 0.4}, 12288};
     }
-    const FilmEstimate with = estimate_film(scene, request, 32);
-    const FilmEstimate without =
-        estimate_film(scene, request, 32, 1000, {.switches = {.refracted_shadow_rays = false}});
-    const double mean = with.radiance.mean;
-    expect_same_film(with, without, 23, name,
-                     {mean / material.sigma_t, 0, mean / 0.3, mean, mean, mean / 0.3});
+    if (name == "inside") {
+      SceneDescription inside = rough_knot(1.4F, 0.2F);
+      inside.object = make_shape("cube");
+      inside.camera.origin = {0, 0.5, -0.4};
+      inside.camera.fov = 1;
+      return {std::move(inside), {3, 0.8, 0.3}};
+    }
+    std::vector<LightDescription> lights = lamps(30);
+    lights.insert(lights.begin(), paper_sun_sky());
+    Case smooth{star(Dielectric{1.5F}, std::move(lights)), material};
+    if (name == "facets") smooth.scene.smooth_angle = 0;
+    return smooth;
   }
+};
+
+TEST_P(RefractedShadowRays, AreFair) {
+  const auto [description, material, samples] = named(GetParam());
+  const bool rough = std::holds_alternative<RoughDielectric>(description.boundary);
+  const Scene scene(description);
+  RenderRequest request = request_for(Tracer::kWavefront, material, samples);
+  for (const uint32_t light : {0U, 1U}) {
+    request.derivatives.push_back({Parameter::kLightScale, light});
+  }
+  if (rough) request.derivatives.push_back(kRoughness);
+  const FilmEstimate with = estimate_film(scene, request, 32);
+  const FilmEstimate without =
+      estimate_film(scene, request, 32, 1000, {.switches = {.refracted_shadow_rays = false}});
+  const double mean = with.radiance.mean;
+  expect_same_film(with, without, 23, GetParam(),
+                   {mean / material.sigma_t, 0, mean / 0.3, mean, mean, mean / 0.3});
 }
+INSTANTIATE_TEST_SUITE_P(Cases, RefractedShadowRays,
+                         ::testing::Values("rough", "lamps", "inside", "smooth", "facets"),
+                         [](const auto& of) { return of.param; });
 
 // A lamp that is a hundred times smaller, and no less bright, lights a body alike. What the
 // boundary mirrors of it does not depend on the albedo.

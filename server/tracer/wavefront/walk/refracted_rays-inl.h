@@ -36,11 +36,12 @@ namespace itn::tracer::HWY_NAMESPACE {
 //
 // Behind a smooth boundary, l follows from w. The walk finds it with p(w) T (1 - R), R being what
 // the boundary reflects. A ray to a light that was drawn is aimed twice. First by the normal
-// nearby, to find a facet, that is a triangle of the boundary (Facets). It and those around it may
-// refract the light to x, each by its plane: one of the n that do is chosen, the ray is aimed at
-// that, and counts if it is what it meets. So q(w) = s(l') dl'/dw / n, where l' is what the plane
-// of the facet that w meets makes of w; or 0, if that is not around the one where the first ray to
-// l' ends. Where a walk has left the medium, a ray is sent to know that.
+// nearby, or straight if that faces elsewhere, to find a facet, a triangle of the boundary
+// (Facets). It and those around it may refract the light to x, each by its plane or by the normals
+// that are interpolated over it: one of the n that do is chosen, the ray is aimed at that, and
+// counts if it is what it meets. So q(w) = s(l') dl'/dw / n, where l' is what the facet that w
+// meets makes of w; or 0, if that is not around the one where the first ray to l' ends. Where a
+// walk has left the medium, a ray is sent to know that.
 //
 // A lamp is drawn by numbers, which make another l of it at x than at y: q is that at x, and s that
 // at y, of the light that is seen in l. What lamps hide at x may be seen at y; so there is always a
@@ -140,7 +141,7 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
   }
   to_light = if_then_else(hn::And(where, to_lamp), normalize(target), to_light);
   const Aim first = aim_at({normal_near(wave, x), index}, to_light);
-  where = hn::And(where, first.possible);
+  const Vectors search = if_then_else(first.possible, first.direction, to_light);
   const Floats pdf = hn::Mul(drawn_pdf(wave.scene.lights, lamp, x, to_light), by_drawn);
   where = hn::And(where, hn::Lt(pdf, set(kMostDensity)));
   const Floats arriving = hn::Mul(hn::Sub(set(1.0F), reflected),
@@ -150,7 +151,7 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
   const Mask asked = hn::And(where, hn::Gt(pdf, zero));
   const Append append{asked, sent.count};
   append(x, sent.rays.position);
-  append(first.direction, sent.rays.direction);
+  append(search, sent.rays.direction);
   append(set(Rays::kInside), sent.rays.interaction);
   append(by_medium(wave.media, medium,
                    [](const Medium& of) { return set(kMaxOpticalDepth / of.sigma_t); }),
@@ -181,16 +182,16 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
                           ? Plane{normal_near(wave, position), index_of(wave.media, medium)}
                           : plane_ahead(wave, medium, position, light.direction);
   const Aim aim = aim_at(plane, light.direction);
-  Mask where = hn::And(scattered, aim.possible);
+  Mask where = wave.boundary_is_delta ? scattered : hn::And(scattered, aim.possible);
   if (hn::AllFalse(d, where)) return;
-  Vectors direction = aim.direction;
+  Vectors direction = if_then_else(aim.possible, aim.direction, light.direction);
   const bool has_lamps = wave.scene.lights.has_lamps();
   Floats pdf = light.pdf, passing = one;
   Floats light_pdf = one;  // of q s, what is not in `pdf`
   Uints lamp = hn::Zero(UintTag());
   Vectors to_light = light.direction;
   if (wave.boundary_is_delta) {
-    pdf = hn::Mul(light.pdf, aim.inner_by_outer);
+    pdf = hn::Mul(light.pdf, hn::IfThenElse(aim.possible, aim.inner_by_outer, one));
     if (has_lamps) {
       lamp = lamp_drawn(wave.scene.lights, drawn.choice);
       const Mask to_lamp = not_zero(lamp);
