@@ -104,6 +104,9 @@ std::vector<std::pair<std::string, SceneDescription>> scenes() {
   smooth.surfaces = {floor_of(1)};
   smooth.lights = {SunSkyLight{.sun_elevation = kElevation, .sun_angular_radius = 0.1}};
   smooth.boundary = Dielectric{1.5F};
+  SceneDescription smooth_lamps = smooth;
+  smooth_lamps.smooth_angle = 1;
+  smooth_lamps.lights.insert(smooth_lamps.lights.end(), lamps.lights.begin(), lamps.lights.end());
   SceneDescription rough = smooth;
   rough.lights.emplace_back(DirectionalLight{.direction = {0.4, 0.8, -0.5}, .irradiance = 3});
   rough.boundary = RoughDielectric{1.33F, 0.3F};
@@ -113,6 +116,7 @@ std::vector<std::pair<std::string, SceneDescription>> scenes() {
   result.emplace_back("star_rough_dielectric", std::move(rough));
   result.emplace_back("star_interpolated_normals", std::move(interpolated));
   result.emplace_back("gear_lamps", std::move(lamps));
+  result.emplace_back("star_dielectric_lamps", std::move(smooth_lamps));
   return result;
 }
 

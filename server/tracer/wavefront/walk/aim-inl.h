@@ -75,6 +75,17 @@ HWY_INLINE Floats way_to_plane(const LampMiddle& middle, Vectors at, Vectors d) 
   return hn::IfThenElse(ahead, way, set(kInfinity));
 }
 
+// What a ray from x is for: what is far away in a direction, or a point in the plane across the
+// middle of a lamp.
+struct Target {
+  Vectors place;  // the direction, or the way from x to the point
+  Uints lamp;     // its number; 0: what is far away
+  Mask is_point;
+  LampMiddle middle;
+
+  HWY_INLINE Vectors direction() const { return if_then_else(is_point, normalize(place), place); }
+};
+
 // A solid angle at x over the area in the plane of a lamp, `to_point` from x, across a direction
 // `outer` that light takes there: of what goes straight.
 HWY_INLINE Floats straight_by_area(const LampMiddle& middle, Vectors to_point, Vectors outer) {
@@ -170,9 +181,7 @@ struct Bend {
   Floats near, along, per_length;
   Vectors off;
 };
-// `to_point`: what it goes on to, or of what is far away the direction.
-HWY_INLINE Bend bend_at(const CurvedFacet& facet, Floats index, Vectors to, Vectors target,
-                        Mask to_lamp) {
+HWY_INLINE Bend bend_at(const CurvedFacet& facet, Floats index, Vectors to, const Target& target) {
   const Floats one = set(1.0F);
   const Vectors place = to - facet.to_corner;
   const Vectors sum = facet.corner_normal + facet.normal_by_v * dot(place, facet.v) +
@@ -180,7 +189,7 @@ HWY_INLINE Bend bend_at(const CurvedFacet& facet, Floats index, Vectors to, Vect
   const Floats per_length = hn::Div(one, hn::Sqrt(dot(sum, sum)));
   const Floats near = hn::Sqrt(dot(to, to));
   const Vectors inner = to * hn::Div(one, near);
-  const Vectors outer = if_then_else(to_lamp, normalize(target - to), target);
+  const Vectors outer = if_then_else(target.is_point, normalize(target.place - to), target.place);
   const Vectors normal = sum * per_length, both = inner * index - outer;
   const Floats along = dot(both, normal);
   return {normal, inner, outer, near, along, per_length, both - normal * along};
@@ -207,8 +216,7 @@ HWY_INLINE Sides sides_of(const CurvedFacet& facet) {
 
 // As inner_by_outer, or to a lamp as inner_by_straight, where Snell's law holds.
 HWY_INLINE Floats inner_by_drawn(const CurvedFacet& facet, const Bend& bend, Floats index,
-                                 const LampMiddle& middle, Vectors target, Mask to_lamp,
-                                 Floats far) {
+                                 const Target& target, Floats far) {
   const Sides sides = sides_of(facet);
   const Vectors by_a = change_of_off(facet, bend, index, sides.a);
   const Vectors by_b = change_of_off(facet, bend, index, sides.b);
@@ -223,27 +231,28 @@ HWY_INLINE Floats inner_by_drawn(const CurvedFacet& facet, const Bend& bend, Flo
   };
   const Floats area = dot(bend.outer, cross(moved(sides.a, by_a), moved(sides.b, by_b)));
   const Floats density = hn::IfThenElse(
-      to_lamp, hn::Mul(area, straight_by_area(middle, target, bend.outer)), directions);
+      target.is_point, hn::Mul(area, straight_by_area(target.middle, target.place, bend.outer)),
+      directions);
   return hn::Mul(hn::Abs(density), inner_by_place);
 }
 
 // As aim_at and aim_at_point, at a place of the facet, by Newton's method from where its plane
 // would refract the light. `to`: that place.
-HWY_INLINE Aim aim_at_curved(const CurvedFacet& facet, Floats index, const LampMiddle& middle,
-                             Vectors target, Mask to_lamp, Vectors& to) {
+HWY_INLINE Aim aim_at_curved(const CurvedFacet& facet, Floats index, const Target& target,
+                             Vectors& to) {
   constexpr int kSteps = 3;
   constexpr float kConverged = 2e-5F;
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Sides sides = sides_of(facet);
   const Plane plane{facet.normal, index};
   const Floats depth = dot(facet.to_corner, facet.normal);
-  const Vectors straight = if_then_else(to_lamp, normalize(target), target);
-  const Aim start = aim_at(plane, straight);
+  const Aim start = aim_at(plane, target.direction());
   to = start.direction * hn::Div(depth, dot(start.direction, facet.normal));
-  Bend bend = bend_at(facet, index, to, target, to_lamp);
+  Bend bend = bend_at(facet, index, to, target);
   for (int step = 0; step < kSteps; ++step) {
-    const Vectors rest = target - to;
-    const Floats per_far = hn::IfThenElseZero(to_lamp, hn::Div(one, hn::Sqrt(dot(rest, rest))));
+    const Vectors rest = target.place - to;
+    const Floats per_far =
+        hn::IfThenElseZero(target.is_point, hn::Div(one, hn::Sqrt(dot(rest, rest))));
     const auto change = [&](Vectors way) {
       const Vectors turn = (way - bend.outer * dot(way, bend.outer)) * per_far;
       return change_of_off(facet, bend, index, way) + turn - bend.normal * dot(turn, bend.normal);
@@ -253,11 +262,12 @@ HWY_INLINE Aim aim_at_curved(const CurvedFacet& facet, Floats index, const LampM
     const Floats a = hn::Mul(dot(bend.normal, cross(by_b, bend.off)), per);
     const Floats b = hn::Mul(dot(bend.normal, cross(bend.off, by_a)), per);
     to = to + sides.a * a + sides.b * b;
-    bend = bend_at(facet, index, to, target, to_lamp);
+    bend = bend_at(facet, index, to, target);
   }
-  const Floats far = hn::IfThenElseZero(to_lamp, way_to_plane(middle, to, bend.outer));
+  const Floats far =
+      hn::IfThenElseZero(target.is_point, way_to_plane(target.middle, to, bend.outer));
   const Vectors place = to - facet.to_corner;
-  const Floats density = inner_by_drawn(facet, bend, index, middle, target, to_lamp, far);
+  const Floats density = inner_by_drawn(facet, bend, index, target, far);
   Mask possible = hn::And(hn::And(start.possible, hn::Gt(depth, zero)),
                           is_within(dot(place, facet.v), dot(place, facet.w)));
   possible = hn::And(possible, hn::And(hn::Gt(density, zero), hn::Lt(density, set(kMostDensity))));
@@ -271,18 +281,19 @@ HWY_INLINE Aim aim_at_curved(const CurvedFacet& facet, Floats index, const LampM
 
 // As aim_at and aim_at_point, at a flat facet.
 HWY_INLINE Aim aim_at_facet(const Facets& facets, Ints facet, Floats index, Vectors x,
-                            const LampMiddle& middle, Vectors target, Mask to_lamp) {
+                            const Target& target) {
   const auto* const own = reinterpret_cast<const float*>(facets.by_triangle.data());
   const Ints at = numbers_of(facet, sizeof(Facets::Facet));
   const Vectors to_corner = load_vectors(own, at) - x;
   const Plane plane{load_vectors(own + 3, at), index};
   const Floats depth = dot(to_corner, plane.normal);
-  Aim aim = aim_at(plane, target);
-  if (!hn::AllFalse(FloatTag(), to_lamp)) {
-    const Aim point = aim_at_point(plane, middle, depth, target);
-    aim = {if_then_else(to_lamp, point.direction, aim.direction),
-           hn::Or(hn::And(to_lamp, point.possible), hn::AndNot(to_lamp, aim.possible)),
-           hn::IfThenElse(to_lamp, point.inner_by_outer, aim.inner_by_outer)};
+  Aim aim = aim_at(plane, target.place);
+  if (!hn::AllFalse(FloatTag(), target.is_point)) {
+    const Mask is_point = target.is_point;
+    const Aim point = aim_at_point(plane, target.middle, depth, target.place);
+    aim = {if_then_else(is_point, point.direction, aim.direction),
+           hn::Or(hn::And(is_point, point.possible), hn::AndNot(is_point, aim.possible)),
+           hn::IfThenElse(is_point, point.inner_by_outer, aim.inner_by_outer)};
   }
   const Floats way = hn::Div(depth, dot(aim.direction, plane.normal));
   const Vectors place = aim.direction * way - to_corner;

@@ -104,6 +104,7 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
   const Floats zero = hn::Zero(d), walk_pdf = load(paths.scattered_pdf[0], i);
   Mask where = hn::And(leaving, hn::Gt(walk_pdf, zero));
   if (hn::AllFalse(d, where)) return;
+  const Lights& lights = wave.scene.lights;
   const Vectors up = set(Vec3f{0, 1, 0}), x = scattered_at(paths, i);
   const Floats index = index_of(wave.media, medium);
   const bool flat = wave.scene.obstacles.corner_normals.flat();
@@ -115,34 +116,31 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
   where = hn::And(where, along.possible);
   Vectors to_light = if_then_else(where, along.direction, up);
   Floats by_drawn = along.inner_by_outer, far = zero;
-  Uints lamp = hn::Zero(UintTag());
-  Vectors target = to_light, to_boundary = load(paths.rays.position, i) - x;
-  LampMiddle middle{};
-  Mask to_lamp = hn::FirstN(d, 0);
-  if (wave.scene.lights.has_lamps()) {
-    lamp =
-        lamp_seen(wave.scene.lights, load(paths.rays.position, i), if_then_else(where, outer, up));
-    to_lamp = not_zero(lamp);
-    middle = seen_middle(wave.scene.lights, lamp, x);
+  Target target{to_light, hn::Zero(UintTag()), hn::FirstN(d, 0), {}};
+  const Vectors y = load(paths.rays.position, i), to_boundary = y - x;
+  if (lights.has_lamps()) {
+    const Uints lamp = lamp_seen(lights, y, if_then_else(where, outer, up));
+    const LampMiddle middle = seen_middle(lights, lamp, x);
     far = way_to_plane(middle, to_boundary, to_light);
     const Vectors to_point = to_boundary + to_light * far;
+    const Mask to_lamp = not_zero(lamp);
     where = hn::AndNot(hn::And(to_lamp, hn::Ge(far, set(kInfinity))), where);
     const Floats near = hn::Sqrt(dot(to_boundary, to_boundary));
     by_drawn = hn::IfThenElse(
         to_lamp, inner_by_straight(plane, middle, to_point, inner, to_light, near, far), by_drawn);
-    target = if_then_else(to_lamp, to_point, to_light);
+    target = {if_then_else(to_lamp, to_point, to_light), lamp, to_lamp, middle};
   }
   const Uints triangle = hn::IfThenElseZero(for_uints(where), load(wave.crossings.triangle, i));
   if (!flat) {
     const CurvedFacet facet =
         curved_facet(wave.scene.obstacles, hn::BitCast(IntTag(), triangle), x);
-    const Bend bend = bend_at(facet, index, to_boundary, target, to_lamp);
-    by_drawn = inner_by_drawn(facet, bend, index, middle, target, to_lamp, far);
+    by_drawn =
+        inner_by_drawn(facet, bend_at(facet, index, to_boundary, target), index, target, far);
   }
-  to_light = if_then_else(hn::And(where, to_lamp), normalize(target), to_light);
+  to_light = if_then_else(where, target.direction(), up);
   const Aim first = aim_at({normal_near(wave, x), index}, to_light);
   const Vectors search = if_then_else(first.possible, first.direction, to_light);
-  const Floats pdf = hn::Mul(drawn_pdf(wave.scene.lights, lamp, x, to_light), by_drawn);
+  const Floats pdf = hn::Mul(drawn_pdf(lights, target.lamp, x, to_light), by_drawn);
   where = hn::And(where, hn::Lt(pdf, set(kMostDensity)));
   const Floats arriving = hn::Mul(hn::Sub(set(1.0F), reflected),
                                   part_arriving(wave, medium, load(paths.rays.medium_length, i)));
@@ -158,8 +156,8 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
          sent.rays.max_medium_length);
   append(slots_from(i), sent.slot);
   append(x, sent.origin);
-  append(target, sent.to_light);
-  append(lamp, sent.lamp);
+  append(target.place, sent.to_light);
+  append(target.lamp, sent.lamp);
   append(triangle, sent.facet);
   append(to_boundary, sent.left);
   sent.count += hn::CountTrue(d, asked);
@@ -398,10 +396,10 @@ HWY_INLINE FacetChoice choose_facet(const Wavefront& wave, const SentRays& sent,
       hn::IfThenElseZero(int_mask(met), hn::BitCast(di, load(wave.crossings.triangle, i)));
   const Ints begin = int_gather(facets.first, triangle);
   const Ints end = int_gather(facets.first, hn::Add(triangle, hn::Set(di, 1)));
-  const Vectors x = load(sent.origin, i), target = load(sent.to_light, i);
+  const Vectors x = load(sent.origin, i);
   const Uints lamp = load(sent.lamp, i);
-  const Mask to_lamp = not_zero(lamp);
-  const LampMiddle middle = lights.has_lamps() ? seen_middle(lights, lamp, x) : LampMiddle{};
+  const Target target{load(sent.to_light, i), lamp, not_zero(lamp),
+                      lights.has_lamps() ? seen_middle(lights, lamp, x) : LampMiddle{}};
   const bool flat = wave.scene.obstacles.corner_normals.flat();
   FacetChoice choice{zero, hn::Zero(UintTag()), {set(Vec3f{0, 1, 0}), met, one}};
   found = hn::FirstN(d, 0);
@@ -413,13 +411,12 @@ HWY_INLINE FacetChoice choose_facet(const Wavefront& wave, const SentRays& sent,
     Aim aim;
     Mask refracts, is_known;
     if (flat) {
-      aim = aim_at_facet(wave.scene.obstacles.facets, number, index, x, middle, target, to_lamp);
+      aim = aim_at_facet(facets, number, index, x, target);
       is_known = is_number;
       refracts = hn::Or(is_known, hn::And(live, aim.possible));
     } else {
       Vectors to;
-      aim = aim_at_curved(curved_facet(wave.scene.obstacles, number, x), index, middle, target,
-                          to_lamp, to);
+      aim = aim_at_curved(curved_facet(wave.scene.obstacles, number, x), index, target, to);
       refracts = hn::And(live, aim.possible);
       const Vectors beside = to - left;
       is_known = hn::And(hn::And(is_number, refracts),
