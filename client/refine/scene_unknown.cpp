@@ -35,12 +35,14 @@ Place place_in(Message& owner, const std::string& of, const Slot& slot, const st
   for (size_t dot = path.find('.'); dot != std::string_view::npos; dot = path.find('.')) {
     const std::string kind(path.substr(0, dot));
     const FieldDescriptor* field = message->GetDescriptor()->FindFieldByName(kind);
-    if (!message->GetReflection()->HasField(*message, field))
+    if (field == nullptr || !message->GetReflection()->HasField(*message, field))
       throw none_of(name, fmt::format("{} has no {}", of, kind));
     message = message->GetReflection()->MutableMessage(message, field);
     path.remove_prefix(dot + 1);
   }
-  return {&slot, message, message->GetDescriptor()->FindFieldByName(std::string(path))};
+  const FieldDescriptor* field = message->GetDescriptor()->FindFieldByName(std::string(path));
+  if (field == nullptr) throw none_of(name, "scene files do not have it");
+  return {&slot, message, field};
 }
 
 Place place_of(v1::Scene& scene, const std::string& name) {
@@ -53,13 +55,15 @@ Place place_of(v1::Scene& scene, const std::string& name) {
       const int count = scene.surfaces_size();
       if (parameter.index >= static_cast<uint32_t>(count))
         throw none_of(name, fmt::format("the scene has {} surfaces", count));
-      const auto index = static_cast<int>(parameter.index);
-      return place_in(*scene.mutable_surfaces(index), fmt::format("scene.surfaces[{}]", index),
-                      slots_of<tracer::Reflectance>()[parameter.slot], name);
+      v1::Surface& surface = *scene.mutable_surfaces(static_cast<int>(parameter.index));
+      const std::string of = fmt::format("scene.surfaces[{}]", parameter.index);
+      const Slot& slot = slots_of<tracer::Reflectance>()[parameter.slot];
+      const bool is_pattern = slot.name.find('.') != std::string::npos;
+      if (!is_pattern && surface.pattern_case() != v1::Surface::PATTERN_NOT_SET)
+        throw none_of(name, of + " has a pattern instead");
+      return place_in(surface, of, slot, name);
     }
-    default:
-      throw none_of(name,
-                    "it is no number of a scene file; of its boundary and surfaces there are");
+    default: throw none_of(name, "it is no number of the boundary or the surfaces of a scene file");
   }
 }
 

@@ -54,9 +54,10 @@ TEST(SceneUnknown, SaysWhatIsWrong) {
     expect_error(ErrorKind::kInvalidInput, parts, [&] { scene_unknowns(names, scenes); });
   };
   refuse({"ior"}, {"ior is not a parameter", "rough_dielectric.index"});
-  refuse({"albedo"}, {"albedo cannot be refined", "no number of a scene file"});
+  refuse({"albedo"}, {"albedo cannot be refined", "no number of the boundary or the surfaces"});
   refuse({"surface[2].reflectance"}, {"surface[2].reflectance", "the scene has 2 surfaces"});
   refuse({"surface[0].image.scale"}, {"scene.surfaces[0] has no image"});
+  refuse({"surface[1].reflectance"}, {"scene.surfaces[1] has a pattern instead"});
   refuse({"rough_dielectric.index", "rough_dielectric.index"}, {"asked for twice"});
   refuse({"rough_dielectric.index"}, {"scene.object has no rough_dielectric"}, "");
   refuse({"rough_dielectric.index"}, {"1.5 in the first scene", "1.25 in another"},
