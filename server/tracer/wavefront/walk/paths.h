@@ -175,17 +175,18 @@ struct RefractedRays {
   std::vector<FloatColumn> parts_of_lights;  // of `radiance`, as those of ShadowRays
   // Behind a smooth boundary, where u0 chooses a facet: where they begin, in which direction the
   // path came there, and the lamp that they are sent to (lamp_drawn); and of those that are aimed
-  // again, the facet that they are aimed at, and how long in the medium they were the first time.
+  // again, the facet that they are aimed at, and the longest of the rays before.
   VectorColumn origin, before;
   UintColumn lamp{}, facet{};
-  FloatColumn first_length{};
+  FloatColumn longest{};
   size_t count = 0;
 };
 
 // Rays that find out whether a refracted one would have gone where a walk did.
 struct OddsRays {
   Rays rays;
-  UintColumn slot{};  // of the path
+  UintColumn slot{};   // of the path
+  FloatColumn odds{};  // if one would have
   // As of RefractedRays; `facet` is that where it left the medium, and `left` where.
   VectorColumn origin, to_light, left;
   UintColumn lamp{}, facet{};

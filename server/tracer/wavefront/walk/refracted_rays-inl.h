@@ -39,9 +39,10 @@ namespace itn::tracer::HWY_NAMESPACE {
 // nearby, or straight if that faces elsewhere, to find a facet, a triangle of the boundary
 // (Facets). It and those around it may refract the light to x, each by its plane or by the normals
 // that are interpolated over it: one of the n that do is chosen, the ray is aimed at that, and
-// counts if it is what it meets. So q(w) = s(l') dl'/dw / n, where l' is what the facet that w
-// meets makes of w; or 0, if that is not around the one where the first ray to l' ends. Where a
-// walk has left the medium, a ray is sent to know that.
+// counts if it is what it meets. Where none does, the search goes on by the plane of the facet that
+// was found, once. So q(w) = s(l') dl'/dw / n, where l' is what the facet that w meets makes of w;
+// or 0, if a search for l' does not find that facet. Where a walk has left the medium, a search is
+// made to know that.
 //
 // A lamp is drawn by numbers, which make another l of it at x than at y: q is that at x, and s that
 // at y, of the light that is seen in l. What lamps hide at x may be seen at y; so there is always a
@@ -95,8 +96,8 @@ HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Uints medium,
                             hn::Div(pdf, hn::Mul(walk_pdf, arriving)));
 }
 
-// Where they leave the medium through a smooth one: the odds for what they meet then, unless a ray
-// finds that a refracted one would not have gone there (check_odds).
+// Where they leave the medium through a smooth one: sends rays to find out whether a refracted one
+// would have gone there (check_odds), and then, with which odds.
 inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, const Crossing& at) {
   Paths& paths = wave.paths;
   OddsRays& sent = wave.odds_rays;
@@ -144,8 +145,6 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
   where = hn::And(where, hn::Lt(pdf, set(kMostDensity)));
   const Floats arriving = hn::Mul(hn::Sub(set(1.0F), reflected),
                                   part_arriving(wave, medium, load(paths.rays.medium_length, i)));
-  store(hn::IfThenElseZero(where, hn::Div(pdf, hn::Mul(walk_pdf, arriving))), paths.odds[0], i);
-
   const Mask asked = hn::And(where, hn::Gt(pdf, zero));
   const Append append{asked, sent.count};
   append(x, sent.rays.position);
@@ -155,6 +154,7 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
                    [](const Medium& of) { return set(kMaxOpticalDepth / of.sigma_t); }),
          sent.rays.max_medium_length);
   append(slots_from(i), sent.slot);
+  append(hn::Div(pdf, hn::Mul(walk_pdf, arriving)), sent.odds);
   append(x, sent.origin);
   append(target.place, sent.to_light);
   append(target.lamp, sent.lamp);
@@ -247,9 +247,11 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
     append(position, sent.origin);
     append(load(paths.rays.direction, i), sent.before);
     append(lamp, sent.lamp);
+    append(zero, sent.longest);
     append(uniform(random(wave, i, load(paths.vertex, i), Sampler::kRefraction).w[0]), sent.u0);
   }
-  const size_t phase_slots = paths.control_phase.size();
+  // Of a direction that may be another one later (aim_again), none is added.
+  const size_t phase_slots = wave.boundary_is_delta ? 0 : paths.control_phase.size();
   for (size_t s = 0; s < sent.score_slots.size(); ++s) {
     const Floats score = load(paths.score_slots[s], i);
     append(s < phase_slots ? hn::Add(score, phase.scores[s]) : score, sent.score_slots[s]);
@@ -344,8 +346,8 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
   where = hn::And(where, hn::And(hn::Gt(dot(flat_normal, exit.to_light), zero),
                                  hn::Gt(exit.per_radiance, zero)));
   Floats importance = load(sent.importance, i);
-  if (&sent == &wave.aimed_again) {  // their roulette was that of the longer of both rays
-    const Floats longer = hn::Max(hn::Sub(load(sent.first_length, i), length), zero);
+  if (&sent == &wave.aimed_again) {  // their roulette was that of the longest of all rays
+    const Floats longer = hn::Max(hn::Sub(load(sent.longest, i), length), zero);
     importance = hn::Mul(importance, part_arriving(wave, medium, longer));
   }
   const Mask from_far =
@@ -437,21 +439,24 @@ HWY_INLINE FacetChoice choose_facet(const Wavefront& wave, const SentRays& sent,
   }
 }
 
-// At one of the facets around the one that they have met.
-inline void aim_again(Wavefront& wave, size_t i, Uints medium, Mask where) {
+// The longest of the rays up to this one.
+HWY_INLINE Floats longest_of(const RefractedRays& sent, size_t i) {
+  return hn::Max(load(sent.longest, i), load(sent.rays.medium_length, i));
+}
+
+// At one of the facets around the one that they have met; returns where there is one.
+inline Mask aim_again(Wavefront& wave, size_t i, Uints medium, Mask where) {
   const RefractedRays& sent = wave.refracted_rays;
   RefractedRays& again = wave.aimed_again;
-  if (hn::AllFalse(FloatTag(), where)) return;
+  if (hn::AllFalse(FloatTag(), where)) return where;
   const Vectors x = load(sent.origin, i);
   Mask found;
   const auto [count, facet, aim] =
       choose_facet(wave, sent, i, medium, where, load(sent.u0, i), set(~uint32_t{0}), x, found);
   where = hn::And(where, hn::Gt(count, hn::Zero(FloatTag())));
-  if (hn::AllFalse(FloatTag(), where)) return;
-  const Vectors before = load(sent.before, i);
-  const PhaseValue first =
-      evaluate_phase(wave.media, medium, dot(before, load(sent.rays.direction, i)));
-  const PhaseValue phase = evaluate_phase(wave.media, medium, dot(before, aim.direction));
+  if (hn::AllFalse(FloatTag(), where)) return where;
+  const PhaseValue phase =
+      evaluate_phase(wave.media, medium, dot(load(sent.before, i), aim.direction));
   const Append append{where, again.count};
   append(x, again.rays.position);
   append(aim.direction, again.rays.direction);
@@ -464,14 +469,46 @@ inline void aim_again(Wavefront& wave, size_t i, Uints medium, Mask where) {
   append(load(sent.light_pdf, i), again.light_pdf);
   append(load(sent.lamp, i), again.lamp);
   append(facet, again.facet);
-  append(load(sent.rays.medium_length, i), again.first_length);
+  append(longest_of(sent, i), again.longest);
   for (size_t s = 0; s < sent.score_slots.size(); ++s) {
     const bool of_phase = s < wave.paths.control_phase.size();
     const Floats score = load(sent.score_slots[s], i);
-    append(of_phase ? hn::Add(score, hn::Sub(phase.scores[s], first.scores[s])) : score,
-           again.score_slots[s]);
+    append(of_phase ? hn::Add(score, phase.scores[s]) : score, again.score_slots[s]);
   }
   again.count += hn::CountTrue(FloatTag(), where);
+  return where;
+}
+
+// Aims rays by the plane of the facet that they have met, to search on from there, and moves them
+// to the front of their list, behind those that are there already.
+template <typename SentRays>
+inline void keep_searching(Wavefront& wave, SentRays& sent, size_t i, Uints medium, Mask where,
+                           size_t& kept) {
+  if (hn::AllFalse(FloatTag(), where)) return;
+  const Vectors x = load(sent.origin, i), place = load(sent.to_light, i);
+  const Vectors normal = if_then_else(where, load(wave.crossings.normal, i), set(Vec3f{0, 1, 0}));
+  const Target target{place, load(sent.lamp, i), not_zero(load(sent.lamp, i)), {}};
+  const Aim aim = aim_at({normal, index_of(wave.media, medium)}, target.direction());
+  where = hn::And(where, aim.possible);
+  const Append append{where, kept};
+  const auto keep = [&](auto& column) { append(load(column, i), column); };
+  if constexpr (requires { sent.longest; }) {
+    append(longest_of(sent, i), sent.longest);
+    for (auto* column : {&sent.importance, &sent.light_pdf, &sent.u0}) keep(*column);
+    keep(sent.before);
+    for (FloatColumn& score : sent.score_slots) keep(score);
+  } else {
+    keep(sent.odds);
+    keep(sent.facet);
+    keep(sent.left);
+  }
+  for (VectorColumn* column : {&sent.origin, &sent.to_light}) keep(*column);
+  for (UintColumn* column : {&sent.slot, &sent.lamp}) keep(*column);
+  keep(sent.rays.max_medium_length);
+  append(x, sent.rays.position);
+  append(aim.direction, sent.rays.direction);
+  append(set(Rays::kInside), sent.rays.interaction);
+  kept += hn::CountTrue(FloatTag(), where);
 }
 
 // Follows rays inside to the boundary, and calls visit(i, slots, met): of which paths they are, and
@@ -489,34 +526,54 @@ inline void follow_to_boundary(Wavefront& wave, SentRays& sent, const Visit& vis
   }
 }
 
+// Searches for facets: calls solve(i, slots, medium, met), which returns where there are some, for
+// rays that have met the boundary; the others are aimed by what they have met, and searched for
+// once more.
+template <typename SentRays, typename Solve>
+inline void search_facets(Wavefront& wave, SentRays& sent, const Solve& solve) {
+  constexpr int kSearches = 2;
+  for (int search = 1; sent.count > 0; ++search) {
+    size_t kept = 0;
+    follow_to_boundary(wave, sent, [&](size_t i, Ints slots, Mask met) {
+      const Uints medium = wave.medium_in(slots);
+      const Mask solved = solve(i, slots, medium, met);
+      if (search < kSearches) keep_searching(wave, sent, i, medium, hn::AndNot(solved, met), kept);
+    });
+    sent.count = kept;
+  }
+}
+
 inline void cross_refracted_rays(Wavefront& wave) {
-  const RefractedRays &first = wave.refracted_rays, &again = wave.aimed_again;
-  follow_to_boundary(wave, wave.refracted_rays, [&](size_t i, Ints slots, Mask met) {
-    const Uints medium = wave.medium_in(slots);
-    if (!wave.boundary_is_delta) return leave(wave, first, i, medium, met);
-    aim_again(wave, i, medium, met);
+  RefractedRays &first = wave.refracted_rays, &again = wave.aimed_again;
+  if (!wave.boundary_is_delta) {
+    return follow_to_boundary(wave, first, [&](size_t i, Ints slots, Mask met) {
+      leave(wave, first, i, wave.medium_in(slots), met);
+    });
+  }
+  search_facets(wave, first, [&](size_t i, Ints /*slots*/, Uints medium, Mask met) {
+    return aim_again(wave, i, medium, met);
   });
   if (again.count == 0) return;
-  follow_to_boundary(wave, wave.aimed_again, [&](size_t i, Ints slots, Mask met) {
+  follow_to_boundary(wave, again, [&](size_t i, Ints slots, Mask met) {
     const auto as_aimed = hn::Eq(load(wave.crossings.triangle, i), load(again.facet, i));
     leave(wave, again, i, wave.medium_in(slots),
           hn::And(met, hn::RebindMask(FloatTag(), as_aimed)));
   });
 }
 
-// Whether the odds of walks hold (send_odds).
+// The odds of walks (send_odds), where a search finds the facet that they left by.
 inline void check_odds(Wavefront& wave) {
-  const OddsRays& sent = wave.odds_rays;
-  if (sent.count == 0) return;
+  OddsRays& sent = wave.odds_rays;
   FloatColumn& odds = wave.paths.odds[0];
-  follow_to_boundary(wave, wave.odds_rays, [&](size_t i, Ints slots, Mask met) {
+  search_facets(wave, sent, [&](size_t i, Ints slots, Uints medium, Mask met) {
+    const Floats zero = hn::Zero(FloatTag());
     Mask found;
-    const FacetChoice choice =
-        choose_facet(wave, sent, i, wave.medium_in(slots), met, hn::Zero(FloatTag()),
-                     load(sent.facet, i), load(sent.left, i), found);
-    const Floats before = gather(odds.data(), slots);
-    hn::ScatterIndex(hn::IfThenElseZero(found, hn::Div(before, choice.count)), FloatTag(),
+    const FacetChoice choice = choose_facet(wave, sent, i, medium, met, zero, load(sent.facet, i),
+                                            load(sent.left, i), found);
+    const Floats own = hn::Div(load(sent.odds, i), choice.count);
+    hn::ScatterIndex(hn::IfThenElse(found, own, gather(odds.data(), slots)), FloatTag(),
                      odds.data(), slots);
+    return hn::And(met, hn::Gt(choice.count, zero));
   });
 }
 
