@@ -28,8 +28,7 @@ Vector coordinates_of(const Material& material, Unknowns unknowns) {
   Vector coordinates(index_of(unknowns.size()));
   coordinates.head(kOfMaterial) = Eigen::Map<const Eigen::Vector3d>(triple.data());
   for (size_t i = 0; i < unknowns.size(); ++i) {
-    const auto& [name, start, low, high] = unknowns[i];
-    coordinates[index_of(i)] = std::log((start - low) / (high - start));
+    coordinates[index_of(i)] = unknowns[i].range.to(unknowns[i].start);
   }
   clamp_to_domain(coordinates, unknowns);
   return coordinates;
@@ -40,8 +39,7 @@ Material material_at(const Vector& coordinates) {
 }
 
 double unknown_at(const Vector& coordinates, Unknowns unknowns, size_t which) {
-  const auto& [name, start, low, high] = unknowns[which];
-  return low + (high - low) / (1 + std::exp(-coordinates[index_of(which)]));
+  return unknowns[which].range.from(coordinates[index_of(which)]);
 }
 
 std::vector<double> unknowns_at(const Vector& coordinates, Unknowns unknowns) {
@@ -70,8 +68,7 @@ Linearization linearize(const Vector& coordinates, Unknowns unknowns) {
   }
   for (size_t i = 0; i < unknowns.size(); ++i) {
     const double value = unknown_at(coordinates, unknowns, i);
-    const auto& [name, start, low, high] = unknowns[i];
-    at.jacobian(index_of(i), index_of(i)) = (value - low) * (high - value) / (high - low);
+    at.jacobian(index_of(i), index_of(i)) = unknowns[i].range.slope(value);
   }
   return at;
 }

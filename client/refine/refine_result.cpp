@@ -22,13 +22,11 @@ struct Scale {
 const Scale kPositive{[](double v) { return std::log(v); }, [](double s) { return std::exp(s); },
                       [](double v) { return v; }};
 
-// The logit of the place between two ends.
-Scale between(double low, double high) {
-  return {[=](double v) { return std::log((v - low) / (high - v)); },
-          [=](double s) { return low + (high - low) / (1 + std::exp(-s)); },
-          [=](double v) { return (v - low) * (high - v) / (high - low); }};
+Scale between(const LogitScale& ends) {
+  return {[ends](double v) { return ends.to(v); }, [ends](double s) { return ends.from(s); },
+          [ends](double v) { return ends.slope(v); }};
 }
-const Scale kFraction = between(0, 1), kCosine = between(-1, 1);
+const Scale kFraction = between({0, 1}), kCosine = between({-1, 1});
 
 v1::RefinedParameter parameter(const Quantity& quantity, const Scale& scale, const Region& region) {
   const Quantity on_scale = [&](const Vector& x) { return scale.to(quantity(x)); };
@@ -121,7 +119,7 @@ v1::RefineResult refine_result(const Region& region) {
   for (size_t i = 0; i < unknowns.size(); ++i) {
     v1::RefinedParameter& unknown = *result.add_unknowns();
     unknown = parameter([&](const Vector& at) { return unknown_at(at, unknowns, i); },
-                        between(unknowns[i].low, unknowns[i].high), region);
+                        between(unknowns[i].range), region);
     unknown.set_name(unknowns[i].name);
   }
   if (has_exposure(x, unknowns)) {

@@ -90,7 +90,7 @@ std::vector<SceneUnknown> scene_unknowns(std::span<const std::string> names,
                                         starts.front(), starts.back()));
       }
       if (starts.size() > 1) continue;
-      unknowns.push_back({name, starts.front(), place.slot->low, place.slot->high});
+      unknowns.push_back({name, starts.front(), {place.slot->low, place.slot->high}});
     }
   }
   return unknowns;

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "client/refine/logit_scale.h"
 #include "itn/v1/scene.pb.h"
 
 namespace itn {
@@ -13,7 +14,7 @@ namespace itn {
 struct SceneUnknown {
   std::string name;  // as "rough_dielectric.index", "surface[0].reflectance"
   double start = 0;  // in the scene files
-  double low = 0, high = 1;
+  LogitScale range;
 };
 
 // Throws Error (invalid input) that says which name is none, or none of a scene's, stands twice, or

@@ -37,8 +37,8 @@ TEST(SceneUnknown, StartsWhereTheSceneHasItOrByDefault) {
   for (size_t i = 0; i < names.size(); ++i) {
     EXPECT_EQ(unknowns[i].name, names[i]);
     EXPECT_FLOAT_EQ(static_cast<float>(unknowns[i].start), expected[i][0]) << names[i];
-    EXPECT_FLOAT_EQ(static_cast<float>(unknowns[i].low), expected[i][1]) << names[i];
-    EXPECT_FLOAT_EQ(static_cast<float>(unknowns[i].high), expected[i][2]) << names[i];
+    EXPECT_FLOAT_EQ(static_cast<float>(unknowns[i].range.low), expected[i][1]) << names[i];
+    EXPECT_FLOAT_EQ(static_cast<float>(unknowns[i].range.high), expected[i][2]) << names[i];
   }
   set_unknowns(unknowns, std::array{0.3, 1.25, 0.75, 0.5}, scenes[0]);
   EXPECT_FLOAT_EQ(scenes[0].object().rough_dielectric().roughness(), 0.3F);
