@@ -26,13 +26,13 @@ Facets::Facet facet_of(const Mesh& mesh, uint32_t triangle) {
 Facets::Facets(const Mesh& mesh, const std::stop_token& stop) {
   Cancellation cancellation(stop);
   const Fans fans(mesh);
+  std::vector<uint32_t> near;  // as often as a vertex is shared
   for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
     cancellation.turn();
     by_triangle.push_back(facet_of(mesh, t));
     first.push_back(static_cast<uint32_t>(around.size()));
     around.push_back(t);
-    // In the fans of how many of its vertices each is.
-    std::vector<uint32_t> near;
+    near.clear();
     for (const uint32_t vertex : mesh.triangles[t]) {
       near.insert(near.end(), fans.triangles.begin() + fans.first[vertex],
                   fans.triangles.begin() + fans.first[vertex + 1]);

@@ -100,13 +100,12 @@ HWY_INLINE Appearance look(const Lights& lights, Vectors from, Vectors d, Parts&
   return {distance, all};
 }
 
-// Calls visit(kind, light, number) for each lamp that lines meet, with its number, from 1 on.
+// Calls visit(kind, light) for each lamp that lines meet.
 template <typename Visit>
 HWY_INLINE void for_each_lamp(const Lights& lights, const Visit& visit) {
-  uint32_t number = 0;
   for (const Lights::Light& light : lights.all()) {
     visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
-      if constexpr (VisibleLamp<Kind>) visit(kind, light, ++number);
+      if constexpr (VisibleLamp<Kind>) visit(kind, light);
     });
   }
 }
@@ -116,9 +115,9 @@ HWY_INLINE Uints lamp_seen(const Lights& lights, Vectors from, Vectors d) {
   Uints lamp = hn::Zero(UintTag());
   if (!lights.has_lamps()) return lamp;
   Floats distance = set(kInfinity);
-  for_each_lamp(lights, [&](const auto& kind, const Lights::Light& /*light*/, uint32_t number) {
+  for_each_lamp(lights, [&](const auto& kind, const Lights::Light& light) {
     const Floats own = look(kind, from, d).distance;
-    lamp = hn::IfThenElse(for_uints(hn::Lt(own, distance)), set(number), lamp);
+    lamp = hn::IfThenElse(for_uints(hn::Lt(own, distance)), set(light.lamp), lamp);
     distance = hn::Min(distance, own);
   });
   return lamp;
@@ -127,8 +126,8 @@ HWY_INLINE Uints lamp_seen(const Lights& lights, Vectors from, Vectors d) {
 // The middle of the lamp with this number; of 0 nothing that means anything.
 HWY_INLINE Vectors middle_of(const Lights& lights, Uints lamp) {
   Vectors middle = set(Vec3f{});
-  for_each_lamp(lights, [&](const auto& kind, const Lights::Light& /*light*/, uint32_t number) {
-    middle = if_then_else(equals(lamp, number), set(static_cast<Vec3f>(kind.center)), middle);
+  for_each_lamp(lights, [&](const auto& kind, const Lights::Light& light) {
+    middle = if_then_else(equals(lamp, light.lamp), set(static_cast<Vec3f>(kind.center)), middle);
   });
   return middle;
 }
@@ -138,10 +137,10 @@ HWY_INLINE Vectors middle_of(const Lights& lights, Uints lamp) {
 HWY_INLINE Floats drawn_pdf(const Lights& lights, Uints lamp, Vectors from, Vectors d) {
   Floats pdf = emission(lights, d).pdf;
   if (!lights.has_lamps()) return pdf;
-  for_each_lamp(lights, [&](const auto& kind, const Lights::Light& light, uint32_t number) {
+  for_each_lamp(lights, [&](const auto& kind, const Lights::Light& light) {
     const Floats own =
         hn::Mul(look(kind, from, d).emission.pdf, set(static_cast<float>(light.probability)));
-    pdf = hn::IfThenElse(equals(lamp, number), own, pdf);
+    pdf = hn::IfThenElse(equals(lamp, light.lamp), own, pdf);
   });
   return pdf;
 }
@@ -210,10 +209,8 @@ HWY_INLINE void for_each_drawn(const Lights& lights, Floats choice, const Visit&
 HWY_INLINE Uints lamp_drawn(const Lights& lights, Floats choice) {
   Uints lamp = hn::Zero(UintTag());
   if (!lights.has_lamps()) return lamp;
-  for_each_drawn(lights, choice, [&](const Lights::Light& drawn, Mask chosen) {
-    for_each_lamp(lights, [&](const auto& /*kind*/, const Lights::Light& light, uint32_t number) {
-      if (&light == &drawn) lamp = hn::IfThenElse(for_uints(chosen), set(number), lamp);
-    });
+  for_each_drawn(lights, choice, [&](const Lights::Light& light, Mask chosen) {
+    lamp = hn::IfThenElse(for_uints(chosen), set(light.lamp), lamp);
   });
   return lamp;
 }

@@ -53,14 +53,16 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
     }
     ++number;
   }
-  for (const Light& light : lights_) {
+  uint32_t lamps = 0;
+  for (Light& light : lights_) {
     power_ += light.probability;
     std::visit(
         [&]<typename Kind>(const Kind& /*kind*/) {
           has_near_ |= !Kind::kDistant;
-          has_lamps_ |= VisibleLamp<Kind>;
+          if constexpr (VisibleLamp<Kind>) light.lamp = ++lamps;
         },
         light.kind);
+    has_lamps_ = lamps > 0;
     has_maps_ |= std::holds_alternative<EnvironmentMap>(light.kind);
   }
   if (!(power_ > 0)) {

@@ -64,6 +64,7 @@ class Lights {
     float cumulative = 0;    // of the probabilities, up to and including this one
     double probability = 0;  // proportional to power
     size_t number = 0;       // of its description; a sun and its sky have the same
+    uint32_t lamp = 0;       // its number among the lamps that lines meet, from 1 on; 0: it is none
   };
   const std::vector<Light>& all() const { return lights_; }
 

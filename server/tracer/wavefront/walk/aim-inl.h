@@ -236,10 +236,14 @@ HWY_INLINE Floats inner_by_drawn(const CurvedFacet& facet, const Bend& bend, Flo
   return hn::Mul(hn::Abs(density), inner_by_place);
 }
 
-// As aim_at and aim_at_point, at a place of the facet, by Newton's method from where its plane
-// would refract the light. `to`: that place.
-HWY_INLINE Aim aim_at_curved(const CurvedFacet& facet, Floats index, const Target& target,
-                             Vectors& to) {
+// Where a facet refracts what goes there to a target.
+struct Place {
+  Vectors to;  // from x
+  Mask possible;
+};
+
+// By Newton's method from where the plane of the facet would refract it.
+HWY_INLINE Place place_on_curved(const CurvedFacet& facet, Floats index, const Target& target) {
   constexpr int kSteps = 3;
   constexpr float kConverged = 2e-5F;
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
@@ -247,7 +251,7 @@ HWY_INLINE Aim aim_at_curved(const CurvedFacet& facet, Floats index, const Targe
   const Plane plane{facet.normal, index};
   const Floats depth = dot(facet.to_corner, facet.normal);
   const Aim start = aim_at(plane, target.direction());
-  to = start.direction * hn::Div(depth, dot(start.direction, facet.normal));
+  Vectors to = start.direction * hn::Div(depth, dot(start.direction, facet.normal));
   Bend bend = bend_at(facet, index, to, target);
   for (int step = 0; step < kSteps; ++step) {
     const Vectors rest = target.place - to;
@@ -267,40 +271,67 @@ HWY_INLINE Aim aim_at_curved(const CurvedFacet& facet, Floats index, const Targe
   const Floats far =
       hn::IfThenElseZero(target.is_point, way_to_plane(target.middle, to, bend.outer));
   const Vectors place = to - facet.to_corner;
-  const Floats density = inner_by_drawn(facet, bend, index, target, far);
   Mask possible = hn::And(hn::And(start.possible, hn::Gt(depth, zero)),
                           is_within(dot(place, facet.v), dot(place, facet.w)));
-  possible = hn::And(possible, hn::And(hn::Gt(density, zero), hn::Lt(density, set(kMostDensity))));
   possible = hn::And(possible, hn::Lt(dot(bend.off, bend.off), set(kConverged * kConverged)));
   for (const Vectors& normal : {bend.normal, facet.normal}) {
     possible = hn::And(possible, hn::And(hn::Gt(dot(bend.inner, normal), zero),
                                          hn::Gt(dot(bend.outer, normal), zero)));
   }
-  return {bend.inner, hn::And(possible, hn::Lt(far, set(kInfinity))), density};
+  return {to, hn::And(possible, hn::Lt(far, set(kInfinity)))};
 }
 
-// As aim_at and aim_at_point, at a flat facet.
-HWY_INLINE Aim aim_at_facet(const Facets& facets, Ints facet, Floats index, Vectors x,
-                            const Target& target) {
+// A facet that is flat, as it is seen from x.
+struct FlatFacet {
+  Vectors to_corner, v, w;  // see Facets::Facet
+  Plane plane;
+  Floats depth;  // of x below it
+};
+HWY_INLINE FlatFacet flat_facet(const Facets& facets, Ints facet, Floats index, Vectors x) {
   const auto* const own = reinterpret_cast<const float*>(facets.by_triangle.data());
   const Ints at = numbers_of(facet, sizeof(Facets::Facet));
-  const Vectors to_corner = load_vectors(own, at) - x;
-  const Plane plane{load_vectors(own + 3, at), index};
-  const Floats depth = dot(to_corner, plane.normal);
-  Aim aim = aim_at(plane, target.place);
-  if (!hn::AllFalse(FloatTag(), target.is_point)) {
-    const Mask is_point = target.is_point;
-    const Aim point = aim_at_point(plane, target.middle, depth, target.place);
-    aim = {if_then_else(is_point, point.direction, aim.direction),
-           hn::Or(hn::And(is_point, point.possible), hn::AndNot(is_point, aim.possible)),
-           hn::IfThenElse(is_point, point.inner_by_outer, aim.inner_by_outer)};
-  }
-  const Floats way = hn::Div(depth, dot(aim.direction, plane.normal));
-  const Vectors place = aim.direction * way - to_corner;
-  const Mask within =
-      is_within(dot(place, load_vectors(own + 6, at)), dot(place, load_vectors(own + 9, at)));
-  aim.possible = hn::And(hn::And(aim.possible, within), hn::Gt(depth, hn::Zero(FloatTag())));
-  return aim;
+  const Vectors to_corner = load_vectors(own, at) - x, normal = load_vectors(own + 3, at);
+  return {to_corner,
+          load_vectors(own + 6, at),
+          load_vectors(own + 9, at),
+          {normal, index},
+          dot(to_corner, normal)};
+}
+// As aim_at and aim_at_point.
+HWY_INLINE Aim aim_at_flat(const FlatFacet& facet, const Target& target) {
+  const Aim aim = aim_at(facet.plane, target.place);
+  const Mask is_point = target.is_point;
+  if (hn::AllFalse(FloatTag(), is_point)) return aim;
+  const Aim point = aim_at_point(facet.plane, target.middle, facet.depth, target.place);
+  return {if_then_else(is_point, point.direction, aim.direction),
+          hn::Or(hn::And(is_point, point.possible), hn::AndNot(is_point, aim.possible)),
+          hn::IfThenElse(is_point, point.inner_by_outer, aim.inner_by_outer)};
+}
+HWY_INLINE Place place_on_flat(const FlatFacet& facet, const Target& target) {
+  const Aim aim = aim_at_flat(facet, target);
+  const Vectors to = aim.direction * hn::Div(facet.depth, dot(aim.direction, facet.plane.normal));
+  const Vectors place = to - facet.to_corner;
+  const Mask within = is_within(dot(place, facet.v), dot(place, facet.w));
+  return {to, hn::And(hn::And(aim.possible, within), hn::Gt(facet.depth, hn::Zero(FloatTag())))};
+}
+
+// The same of facets that are flat or curved, by number; to aim, the place is known.
+HWY_INLINE Place place_on(const Obstacles& obstacles, Ints facet, Floats index, Vectors x,
+                          const Target& target) {
+  return obstacles.corner_normals.flat()
+             ? place_on_flat(flat_facet(obstacles.facets, facet, index, x), target)
+             : place_on_curved(curved_facet(obstacles, facet, x), index, target);
+}
+HWY_INLINE Aim aim_at_place(const Obstacles& obstacles, Ints facet, Floats index, Vectors x,
+                            const Target& target, Vectors to) {
+  if (obstacles.corner_normals.flat())
+    return aim_at_flat(flat_facet(obstacles.facets, facet, index, x), target);
+  const CurvedFacet curved = curved_facet(obstacles, facet, x);
+  const Bend bend = bend_at(curved, index, to, target);
+  const Floats far =
+      hn::IfThenElseZero(target.is_point, way_to_plane(target.middle, to, bend.outer));
+  return {bend.inner, hn::FirstN(FloatTag(), lanes()),
+          inner_by_drawn(curved, bend, index, target, far)};
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -171,7 +171,8 @@ struct RefractedRays {
   VectorColumn to_light;
   FloatColumn radiance{}, light_pdf{};
   FloatColumn choice{}, u0{}, u1{};
-  std::vector<FloatColumn> score_slots;      // of the path, with that of the direction
+  // Of the path, with that of the direction, unless it is a search for a facet.
+  std::vector<FloatColumn> score_slots;
   std::vector<FloatColumn> parts_of_lights;  // of `radiance`, as those of ShadowRays
   // Behind a smooth boundary, where u0 chooses a facet: where they begin, in which direction the
   // path came there, and the lamp that they are sent to (lamp_drawn); and of those that are aimed

@@ -233,31 +233,31 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   append(hn::Mul(limit, free_path_of(wave.media, medium)), sent.rays.max_medium_length);
   append(slots_from(i), sent.slot);
   append(importance, sent.importance);
-  append(phase.value, sent.phase);
-  append(pdf, sent.pdf);
   append(to_light, sent.to_light);
-  if (wave.shadow_rays.rays.bounded) {
-    append(drawn.choice, sent.choice);
-    append(drawn.uniforms.u0, sent.u0);
-    append(drawn.uniforms.u1, sent.u1);
-  }
-  append(light.radiance, sent.radiance);
   append(light.pdf, sent.light_pdf);
-  if (wave.boundary_is_delta) {
+  if (wave.boundary_is_delta) {  // they search for a facet: what they bring is known later
     append(position, sent.origin);
     append(load(paths.rays.direction, i), sent.before);
     append(lamp, sent.lamp);
     append(zero, sent.longest);
     append(uniform(random(wave, i, load(paths.vertex, i), Sampler::kRefraction).w[0]), sent.u0);
+  } else {
+    append(phase.value, sent.phase);
+    append(pdf, sent.pdf);
+    append(light.radiance, sent.radiance);
+    if (wave.shadow_rays.rays.bounded) {
+      append(drawn.choice, sent.choice);
+      append(drawn.uniforms.u0, sent.u0);
+      append(drawn.uniforms.u1, sent.u1);
+    }
+    for (size_t l = 0; l < sent.parts_of_lights.size(); ++l) {
+      append(part_of_light(light, parts, l), sent.parts_of_lights[l]);
+    }
   }
-  // Of a direction that may be another one later (aim_again), none is added.
   const size_t phase_slots = wave.boundary_is_delta ? 0 : paths.control_phase.size();
   for (size_t s = 0; s < sent.score_slots.size(); ++s) {
     const Floats score = load(paths.score_slots[s], i);
     append(s < phase_slots ? hn::Add(score, phase.scores[s]) : score, sent.score_slots[s]);
-  }
-  for (size_t l = 0; l < sent.parts_of_lights.size(); ++l) {
-    append(part_of_light(light, parts, l), sent.parts_of_lights[l]);
   }
   sent.count += hn::CountTrue(d, where);
 }
@@ -372,12 +372,20 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
       [&](size_t l) { return hn::Mul(exit.parts_of_lights[l], exit.per_radiance); });
 }
 
+// What rays that search for a facet are for.
+template <typename SentRays>
+HWY_INLINE Target target_of(const Lights& lights, const SentRays& sent, size_t i) {
+  const Uints lamp = load(sent.lamp, i);
+  return {load(sent.to_light, i), lamp, not_zero(lamp),
+          lights.has_lamps() ? seen_middle(lights, lamp, load(sent.origin, i)) : LampMiddle{}};
+}
+
 // Of the facets around the one that they have met, those that refract the light to where they
-// begin: how many, one of them, which u chooses, and the aim at that.
+// begin: how many, and one of them, which u chooses, and where on it.
 struct FacetChoice {
   Floats count;
-  Uints facet;
-  Aim aim;
+  Ints facet;
+  Vectors to;
 };
 // `known`: one that does, at `left` from there, if it is among them; `found`: whether it is.
 template <typename SentRays>
@@ -387,8 +395,8 @@ HWY_INLINE FacetChoice choose_facet(const Wavefront& wave, const SentRays& sent,
   constexpr float kSame = 1e-3F;
   const FloatTag d;
   const IntTag di;
-  const Facets& facets = wave.scene.obstacles.facets;
-  const Lights& lights = wave.scene.lights;
+  const Obstacles& obstacles = wave.scene.obstacles;
+  const Facets& facets = obstacles.facets;
   const Floats zero = hn::Zero(d), one = set(1.0F), index = index_of(wave.media, medium);
   const auto int_gather = [&](const std::vector<uint32_t>& from, Ints at) {
     return hn::GatherIndex(di, reinterpret_cast<const int32_t*>(from.data()), at);
@@ -399,40 +407,31 @@ HWY_INLINE FacetChoice choose_facet(const Wavefront& wave, const SentRays& sent,
   const Ints begin = int_gather(facets.first, triangle);
   const Ints end = int_gather(facets.first, hn::Add(triangle, hn::Set(di, 1)));
   const Vectors x = load(sent.origin, i);
-  const Uints lamp = load(sent.lamp, i);
-  const Target target{load(sent.to_light, i), lamp, not_zero(lamp),
-                      lights.has_lamps() ? seen_middle(lights, lamp, x) : LampMiddle{}};
-  const bool flat = wave.scene.obstacles.corner_normals.flat();
-  FacetChoice choice{zero, hn::Zero(UintTag()), {set(Vec3f{0, 1, 0}), met, one}};
+  const Target target = target_of(wave.scene.lights, sent, i);
+  const bool flat = obstacles.corner_normals.flat();
+  FacetChoice choice{zero, hn::Zero(di), set(Vec3f{0, 1, 0})};
   found = hn::FirstN(d, 0);
   for (Ints at = begin;; at = hn::Add(at, hn::Set(di, 1))) {
     const Mask live = hn::And(met, hn::RebindMask(d, hn::Lt(at, end)));
     if (hn::AllFalse(d, live)) return choice;
     const Ints number = int_gather(facets.around, hn::IfThenElse(int_mask(live), at, begin));
     const Mask is_number = hn::And(live, hn::RebindMask(d, hn::Eq(number, hn::BitCast(di, known))));
-    Aim aim;
-    Mask refracts, is_known;
+    const Place place = place_on(obstacles, number, index, x, target);
+    Mask is_known = is_number, refracts = hn::And(live, place.possible);
     if (flat) {
-      aim = aim_at_facet(facets, number, index, x, target);
-      is_known = is_number;
-      refracts = hn::Or(is_known, hn::And(live, aim.possible));
+      refracts = hn::Or(is_known, refracts);
     } else {
-      Vectors to;
-      aim = aim_at_curved(curved_facet(wave.scene.obstacles, number, x), index, target, to);
-      refracts = hn::And(live, aim.possible);
-      const Vectors beside = to - left;
-      is_known = hn::And(hn::And(is_number, refracts),
-                         hn::Lt(dot(beside, beside), hn::Mul(set(kSame * kSame), dot(to, to))));
+      const Vectors beside = place.to - left;
+      const Floats most = hn::Mul(set(kSame * kSame), dot(place.to, place.to));
+      is_known = hn::And(hn::And(is_number, refracts), hn::Lt(dot(beside, beside), most));
     }
     found = hn::Or(found, is_known);
     choice.count = hn::Add(choice.count, hn::IfThenElseZero(refracts, one));
     // One in n is what u says of the n-th, and what is left of u says which of those before.
     const Floats part = hn::Div(one, choice.count);
     const Mask taken = hn::And(refracts, hn::Lt(u, part));
-    choice.facet = hn::IfThenElse(for_uints(taken), hn::BitCast(UintTag(), number), choice.facet);
-    choice.aim.direction = if_then_else(taken, aim.direction, choice.aim.direction);
-    choice.aim.inner_by_outer =
-        hn::IfThenElse(taken, aim.inner_by_outer, choice.aim.inner_by_outer);
+    choice.facet = hn::IfThenElse(int_mask(taken), number, choice.facet);
+    choice.to = if_then_else(taken, place.to, choice.to);
     const Floats other =
         hn::Min(hn::Div(hn::Sub(u, part), hn::Sub(one, part)), set(0x1.fffffep-1F));
     u = hn::IfThenElse(taken, hn::Mul(u, choice.count), hn::IfThenElse(refracts, other, u));
@@ -451,10 +450,15 @@ inline Mask aim_again(Wavefront& wave, size_t i, Uints medium, Mask where) {
   if (hn::AllFalse(FloatTag(), where)) return where;
   const Vectors x = load(sent.origin, i);
   Mask found;
-  const auto [count, facet, aim] =
+  const Floats zero = hn::Zero(FloatTag());
+  const auto [count, facet, to] =
       choose_facet(wave, sent, i, medium, where, load(sent.u0, i), set(~uint32_t{0}), x, found);
-  where = hn::And(where, hn::Gt(count, hn::Zero(FloatTag())));
-  if (hn::AllFalse(FloatTag(), where)) return where;
+  const Mask solved = hn::And(where, hn::Gt(count, zero));
+  if (hn::AllFalse(FloatTag(), solved)) return solved;
+  const Aim aim = aim_at_place(wave.scene.obstacles, facet, index_of(wave.media, medium), x,
+                               target_of(wave.scene.lights, sent, i), to);
+  const Floats pdf = hn::Div(hn::Mul(load(sent.light_pdf, i), aim.inner_by_outer), count);
+  where = hn::And(solved, hn::And(hn::Gt(pdf, zero), hn::Lt(pdf, set(kMostDensity))));
   const PhaseValue phase =
       evaluate_phase(wave.media, medium, dot(load(sent.before, i), aim.direction));
   const Append append{where, again.count};
@@ -465,10 +469,10 @@ inline Mask aim_again(Wavefront& wave, size_t i, Uints medium, Mask where) {
   append(load(sent.slot, i), again.slot);
   append(load(sent.importance, i), again.importance);
   append(phase.value, again.phase);
-  append(hn::Div(hn::Mul(load(sent.light_pdf, i), aim.inner_by_outer), count), again.pdf);
+  append(pdf, again.pdf);
   append(load(sent.light_pdf, i), again.light_pdf);
   append(load(sent.lamp, i), again.lamp);
-  append(facet, again.facet);
+  append(hn::BitCast(UintTag(), facet), again.facet);
   append(longest_of(sent, i), again.longest);
   for (size_t s = 0; s < sent.score_slots.size(); ++s) {
     const bool of_phase = s < wave.paths.control_phase.size();
@@ -476,7 +480,7 @@ inline Mask aim_again(Wavefront& wave, size_t i, Uints medium, Mask where) {
     append(of_phase ? hn::Add(score, phase.scores[s]) : score, again.score_slots[s]);
   }
   again.count += hn::CountTrue(FloatTag(), where);
-  return where;
+  return solved;
 }
 
 // Aims rays by the plane of the facet that they have met, to search on from there, and moves them
@@ -485,10 +489,10 @@ template <typename SentRays>
 inline void keep_searching(Wavefront& wave, SentRays& sent, size_t i, Uints medium, Mask where,
                            size_t& kept) {
   if (hn::AllFalse(FloatTag(), where)) return;
-  const Vectors x = load(sent.origin, i), place = load(sent.to_light, i);
+  const Vectors x = load(sent.origin, i);
   const Vectors normal = if_then_else(where, load(wave.crossings.normal, i), set(Vec3f{0, 1, 0}));
-  const Target target{place, load(sent.lamp, i), not_zero(load(sent.lamp, i)), {}};
-  const Aim aim = aim_at({normal, index_of(wave.media, medium)}, target.direction());
+  const Aim aim = aim_at({normal, index_of(wave.media, medium)},
+                         target_of(wave.scene.lights, sent, i).direction());
   where = hn::And(where, aim.possible);
   const Append append{where, kept};
   const auto keep = [&](auto& column) { append(load(column, i), column); };
