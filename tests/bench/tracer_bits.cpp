@@ -107,6 +107,8 @@ std::vector<std::pair<std::string, SceneDescription>> scenes() {
   SceneDescription smooth_lamps = smooth;
   smooth_lamps.smooth_angle = 1;
   smooth_lamps.lights.insert(smooth_lamps.lights.end(), lamps.lights.begin(), lamps.lights.end());
+  SceneDescription nearly_smooth = smooth_lamps;
+  nearly_smooth.boundary = RoughDielectric{1.33F, 0.03F};
   SceneDescription rough = smooth;
   rough.lights.emplace_back(DirectionalLight{.direction = {0.4, 0.8, -0.5}, .irradiance = 3});
   rough.boundary = RoughDielectric{1.33F, 0.3F};
@@ -117,6 +119,7 @@ std::vector<std::pair<std::string, SceneDescription>> scenes() {
   result.emplace_back("star_interpolated_normals", std::move(interpolated));
   result.emplace_back("gear_lamps", std::move(lamps));
   result.emplace_back("star_dielectric_lamps", std::move(smooth_lamps));
+  result.emplace_back("star_nearly_smooth", std::move(nearly_smooth));
   return result;
 }
 

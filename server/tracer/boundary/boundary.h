@@ -65,6 +65,12 @@ inline double refraction_spread(const Boundary& boundary) {
       },
       boundary);
 }
+// Whether it is so smooth that small lights are found through its facets alone, or that they are
+// found quicker so.
+inline bool is_nearly_smooth(const Boundary& boundary) {
+  constexpr double kMostSpread = 0.02;
+  return refracts(boundary) && refraction_spread(boundary) < kMostSpread;
+}
 inline Boundary compile(const Boundary& boundary) {
   return std::visit([](const auto& kind) -> Boundary { return kind.compile(); }, boundary);
 }

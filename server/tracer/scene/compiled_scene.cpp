@@ -90,7 +90,7 @@ BoundaryDetails boundary_details(const SceneDescription& scene, const Object& ob
       return CellNormals(object.mesh, object.depth_grid, stop);
     });
   }
-  if (refracts(scene.boundary) && is_delta(scene.boundary)) {
+  if (is_nearly_smooth(scene.boundary)) {
     details.facets = shared_detail<Facets>(scene, "facets", parts, part_keys, stop,
                                            [&] { return Facets(object.mesh, stop); });
   }

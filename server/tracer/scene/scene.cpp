@@ -175,7 +175,7 @@ size_t estimated_memory(const SceneDescription& description) {
   }
   if (refracts(description.boundary)) {
     sum += CellNormals::most_memory();
-    if (is_delta(description.boundary)) sum += Facets::most_memory(triangles);
+    if (is_nearly_smooth(description.boundary)) sum += Facets::most_memory(triangles);
   }
   for (const DiffuseSurface& surface : description.surfaces) {
     constexpr size_t kCopies = 3;  // of the compiled scene, of both tracers

@@ -6,6 +6,7 @@
 #define ITN_TRACER_SIMD_LANES_INL_H_
 #endif
 
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 
@@ -80,6 +81,15 @@ struct Append {
   }
   HWY_INLINE void operator()(Uints v, UintColumn& column) const {
     hn::CompressStore(v, for_uints(where), UintTag(), column.data() + at);
+  }
+  // The numbers that they get.
+  HWY_INLINE Uints numbers() const {
+    alignas(64) uint32_t number[kMaxLanes] = {};
+    auto next = static_cast<uint32_t>(at);
+    for (Bits bits = bits_of(where); bits != 0; bits &= bits - 1) {
+      number[std::countr_zero(bits)] = next++;
+    }
+    return hn::Load(UintTag(), number);
   }
 };
 

@@ -61,7 +61,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 inline void interact(Wavefront& wave) {
   Paths& paths = wave.paths;
   wave.shadow_rays.count = wave.refracted_rays.count = 0;
-  wave.aimed_again.count = wave.odds_rays.count = 0;
+  wave.aimed_again.count = wave.odds_rays.count = wave.shadow_odds.count = 0;
   for (size_t i = 0; i < wave.count; i += lanes()) {
     const Mask live = hn::FirstN(FloatTag(), wave.count - i);
     const Uints end = hn::And(load(paths.rays.outcome, i), set(Rays::kEndMask));

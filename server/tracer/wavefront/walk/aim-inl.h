@@ -8,6 +8,7 @@
 #endif
 
 #include <cstddef>
+#include <cstdint>
 
 #include "server/tracer/boundary/fresnel-inl.h"
 #include "server/tracer/geometry/obstacles.h"
@@ -75,16 +76,21 @@ HWY_INLINE Floats way_to_plane(const LampMiddle& middle, Vectors at, Vectors d) 
   return hn::IfThenElse(ahead, way, set(kInfinity));
 }
 
-// What a ray from x is for: what is far away in a direction, or a point in the plane across the
-// middle of a lamp.
+// What a ray from x is for: what is far away in a direction, or a point, which is in the plane
+// across the middle of a lamp.
+constexpr uint32_t kPointLight = ~0U;
 struct Target {
   Vectors place;  // the direction, or the way from x to the point
-  Uints lamp;     // its number; 0: what is far away
+  Uints lamp;     // its number, or kPointLight; 0: what is far away
   Mask is_point;
   LampMiddle middle;
 
   HWY_INLINE Vectors direction() const { return if_then_else(is_point, normalize(place), place); }
 };
+
+HWY_INLINE Target far_target(Vectors direction) {
+  return {direction, hn::Zero(UintTag()), hn::FirstN(FloatTag(), 0), LampMiddle{}};
+}
 
 // A solid angle at x over the area in the plane of a lamp, `to_point` from x, across a direction
 // `outer` that light takes there: of what goes straight.

@@ -6,10 +6,10 @@
 #define ITN_TRACER_WAVEFRONT_WALK_MEDIA_INL_H_
 #endif
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <iterator>
+#include <numbers>
 #include <vector>
 
 #include "server/tracer/boundary/boundary.h"
@@ -21,19 +21,35 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
+// A lobe of Henyey and Greenstein around an axis, with 1 - g its width: half of it lies within the
+// root of 3 times that. Directions are told by t, the square of the distance of their ends from
+// that of the axis, so that narrow lobes are resolved: 1 + g^2 - 2 g cosine = width^2 + g t.
+struct Lobe {
+  float width;
+};
+HWY_INLINE Floats density(const Lobe& lobe, Floats t) {
+  const float g = 1 - lobe.width;
+  const Floats spread = mul_add(set(g), t, set(lobe.width * lobe.width));
+  const auto norm = static_cast<float>(lobe.width * (2 - lobe.width) / (4 * std::numbers::pi));
+  return hn::Div(set(norm), hn::Mul(spread, hn::Sqrt(spread)));
+}
+// By its cumulative distribution, 1 / width - 1 / sqrt(width^2 + g t) over its value at t = 4.
+HWY_INLINE Floats sample_lobe(const Lobe& lobe, Floats u) {
+  const float g = 1 - lobe.width, width2 = lobe.width * lobe.width;
+  const Floats part = hn::Mul(u, set(2 * g / (1 + g))), left = hn::Sub(set(1.0F), part);
+  const Floats odds = hn::Div(hn::Mul(part, hn::Sub(set(2.0F), part)), hn::Mul(left, left));
+  return hn::Mul(odds, set(width2 / g));
+}
+
 // What refracted shadow rays are aimed by (refracted_rays-inl.h).
 struct Refraction {
   float index;  // of the medium, relative to what is around it
-  HenyeyGreenstein lobe;
+  Lobe lobe;
 };
 
 inline Refraction refraction_of(const Boundary& boundary) {
-  // Half of such a lobe lies within the root of 3 times 1 - g: wider than the light, as boundaries
-  // may be curved. A narrower peak is more than floats resolve.
-  constexpr double kMaxMeanCosine = 0.99;
-  const double mean_cosine = 1 - refraction_spread(boundary);
   return {static_cast<float>(relative_index(boundary)),
-          {static_cast<float>(std::clamp(mean_cosine, 0.0, kMaxMeanCosine))}};
+          {static_cast<float>(refraction_spread(boundary))}};
 }
 
 struct Medium {

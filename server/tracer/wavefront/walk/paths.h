@@ -191,6 +191,9 @@ struct OddsRays {
   // As of RefractedRays; `facet` is that where it left the medium, and `left` where.
   VectorColumn origin, to_light, left;
   UintColumn lamp{}, facet{};
+  // Or, where the boundary is nearly smooth, the direction in which that was left, and the shadow
+  // ray that is sent from there.
+  UintColumn shadow_ray{};
   size_t count = 0;
 };
 

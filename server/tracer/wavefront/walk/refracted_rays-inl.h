@@ -33,6 +33,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 // q is a lobe of Henyey and Greenstein as wide as the boundary is rough, around the direction into
 // which a smooth plane refracts the light, with the normal of the boundary nearby (CellNormals).
 // Where the boundary is curved or far away, that aims badly, and the others find the light.
+// Behind one that is nearly smooth (is_nearly_smooth) they hardly do: q aims by a search.
 //
 // Behind a smooth boundary, l follows from w. The walk finds it with p(w) T (1 - R), R being what
 // the boundary reflects. A ray to a light that was drawn is aimed twice. First by the normal
@@ -43,6 +44,10 @@ namespace itn::tracer::HWY_NAMESPACE {
 // was found, once. So q(w) = s(l') dl'/dw / n, where l' is what the facet that w meets makes of w;
 // or 0, if a search for l' does not find that facet. Where a walk has left the medium, a search is
 // made to know that.
+//
+// Behind a nearly smooth boundary, the same search finds n ways of the light to x, and q is the
+// mean of the lobes around them; where n is 0, it is the lobe from above. Walks that have left, and
+// shadow rays that are sent from y, make a search to know q.
 //
 // A lamp is drawn by numbers, which make another l of it at x than at y: q is that at x, and s that
 // at y, of the light that is seen in l. What lamps hide at x may be seen at y; so there is always a
@@ -69,6 +74,64 @@ HWY_INLINE Plane plane_ahead(const Wavefront& wave, Uints medium, Vectors x, Vec
           index_of(wave.media, medium)};
 }
 
+// Where a ray from x for light in a direction `outer` is sent first.
+HWY_INLINE Aim first_aim(const Wavefront& wave, Uints medium, Vectors x, Vectors outer) {
+  return aim_at(wave.boundary_is_delta ? Plane{normal_near(wave, x), index_of(wave.media, medium)}
+                                       : plane_ahead(wave, medium, x, outer),
+                outer);
+}
+
+// The random numbers of refracted rays from the vertices of paths in any slots.
+HWY_INLINE Words refraction_words(const Wavefront& wave, Ints slots) {
+  const auto of = [&](const UintColumn& column) {
+    return hn::GatherIndex(UintTag(), column.data(), slots);
+  };
+  const Paths& paths = wave.paths;
+  return philox(of(paths.vertex), set(uint32_t{Sampler::kRefraction}), of(paths.sample),
+                of(paths.pixel), wave.request.seed);
+}
+
+// What such rays are for, with `lamp` the one that the light is of, or 0; `distance` is that of
+// what is no lamp.
+HWY_INLINE Target target_at(const Lights& lights, Vectors x, Vectors outer, Uints lamp,
+                            Floats distance) {
+  LampMiddle middle{};
+  if (lights.has_lamps()) {
+    middle = seen_middle(lights, lamp, x);
+    distance = hn::IfThenElse(not_zero(lamp), way_to_plane(middle, set(Vec3f{}), outer), distance);
+  }
+  const Mask is_point = hn::Lt(distance, set(kInfinity));
+  const Uints number = hn::IfThenElse(hn::Eq(lamp, hn::Zero(UintTag())), set(kPointLight), lamp);
+  return {if_then_else(is_point, outer * distance, outer),
+          hn::IfThenElseZero(for_uints(is_point), number), is_point, middle};
+}
+HWY_INLINE Target target_drawn(const Lights& lights, Vectors x, const LightChoice& drawn,
+                               const LightSamples& light) {
+  return target_at(lights, x, light.direction, lamp_drawn(lights, drawn.choice),
+                   hn::IfThenElse(light.dense(), set(kInfinity), light.distance));
+}
+// From their columns. A lobe asks no density of the plane of a lamp.
+template <typename SentRays>
+HWY_INLINE Target target_of(const Wavefront& wave, const SentRays& sent, size_t i) {
+  const Uints lamp = load(sent.lamp, i);
+  const Vectors place = load(sent.to_light, i);
+  LampMiddle middle{};
+  if (!wave.boundary_is_delta) {
+    middle = {hn::Sqrt(dot(place, place)), normalize(place)};
+  } else if (wave.scene.lights.has_lamps()) {
+    middle = seen_middle(wave.scene.lights, lamp, load(sent.origin, i));
+  }
+  return {place, lamp, not_zero(lamp), middle};
+}
+
+// How rays were sent first that have searched in vain.
+template <typename SentRays>
+HWY_INLINE Aim first_aim_of(const Wavefront& wave, const SentRays& sent, size_t i, Uints medium,
+                            Mask where) {
+  const Vectors x = if_then_else(where, load(sent.origin, i), set(Vec3f{}));
+  return first_aim(wave, medium, x, target_of(wave, sent, i).direction());
+}
+
 HWY_INLINE Vectors scattered_at(const Paths& paths, size_t i) {
   const auto& at = paths.scattered_at;
   return {load(at[0], i), load(at[1], i), load(at[2], i)};
@@ -79,21 +142,41 @@ HWY_INLINE Floats part_arriving(const Wavefront& wave, Uints medium, Floats leng
   return exp(hn::Neg(hn::Mul(length, sigma_t_of(wave.media, medium))));
 }
 
-// Where paths in slots i, i + 1 ... are at a rough boundary: the odds for light in the direction
-// `to_light`, as it is seen from where they scattered, or 0.
-HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Uints medium, Vectors to_light) {
-  const Floats walk_pdf = load(wave.paths.scattered_pdf[0], i);
-  const Mask scattered = hn::Gt(walk_pdf, hn::Zero(FloatTag()));
-  if (hn::AllFalse(FloatTag(), scattered)) return hn::Zero(FloatTag());
+// Of the lobe around a direction.
+HWY_INLINE Floats lobe_pdf(const Wavefront& wave, Uints medium, Vectors axis, Vectors direction) {
+  const Vectors off = direction - axis;
+  return by_medium(wave.media, medium,
+                   [&](const Medium& of) { return density(of.refraction.lobe, dot(off, off)); });
+}
+HWY_INLINE Vectors draw_in_lobe(const Wavefront& wave, Uints medium, Vectors axis,
+                                const Words& words) {
+  const Floats one = set(1.0F), u = uniform(words.w[1]);
+  const Floats t = by_medium(wave.media, medium,
+                             [&](const Medium& of) { return sample_lobe(of.refraction.lobe, u); });
+  const Floats cosine = hn::Sub(one, hn::Mul(set(0.5F), t));
+  const Floats sine2 = hn::Mul(t, hn::Sub(one, hn::Mul(set(0.25F), t)));
+  const Floats sine = hn::Sqrt(hn::Max(hn::Zero(FloatTag()), sine2));
+  const SinCos phi = sin_cos_2pi(uniform(words.w[2]));
+  return renormalize(frame_to_world(axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
+}
+
+// Where paths in slots i, i + 1 ... are at a rough boundary: one over the density with which the
+// walk went there from where it scattered, or 0.
+HWY_INLINE Floats per_arrival(const Wavefront& wave, size_t i, Uints medium) {
+  const Floats zero = hn::Zero(FloatTag()), walk_pdf = load(wave.paths.scattered_pdf[0], i);
+  const Mask scattered = hn::Gt(walk_pdf, zero);
+  if (hn::AllFalse(FloatTag(), scattered)) return zero;
   const Floats arriving = part_arriving(wave, medium, load(wave.paths.rays.medium_length, i));
+  return hn::IfThenElseZero(scattered, hn::Div(set(1.0F), hn::Mul(walk_pdf, arriving)));
+}
+// The odds there for light in the direction `to_light`, as it is seen from where they scattered.
+HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Uints medium, Vectors to_light) {
+  const Floats per = per_arrival(wave, i, medium);
+  if (hn::AllFalse(FloatTag(), hn::Gt(per, hn::Zero(FloatTag())))) return per;
   const Aim aim =
       aim_at(plane_ahead(wave, medium, scattered_at(wave.paths, i), to_light), to_light);
-  const Floats cosine = dot(aim.direction, load(wave.paths.rays.direction, i));
-  const Floats pdf = by_medium(wave.media, medium, [&](const Medium& of) {
-    return evaluate(of.refraction.lobe, cosine).value;
-  });
-  return hn::IfThenElseZero(hn::And(scattered, aim.possible),
-                            hn::Div(pdf, hn::Mul(walk_pdf, arriving)));
+  const Floats pdf = lobe_pdf(wave, medium, aim.direction, load(wave.paths.rays.direction, i));
+  return hn::IfThenElseZero(aim.possible, hn::Mul(per, pdf));
 }
 
 // Where they leave the medium through a smooth one: sends rays to find out whether a refracted one
@@ -163,6 +246,33 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
   sent.count += hn::CountTrue(d, asked);
 }
 
+// Where they are at a nearly smooth one: sends rays to find out how a refracted one would have gone
+// there for a target (check_odds). `per` is what the odds are multiplied by, and `shadow_ray` the
+// shadow ray that they are of.
+inline void send_lobe_odds(Wavefront& wave, OddsRays& sent, size_t i, Mask where, Uints medium,
+                           const Target& target, Floats per, Uints shadow_ray) {
+  const Floats arrival = per_arrival(wave, i, medium);
+  where = hn::And(where, hn::Gt(arrival, hn::Zero(FloatTag())));
+  if (hn::AllFalse(FloatTag(), where)) return;
+  const Vectors x = scattered_at(wave.paths, i), outer = target.direction();
+  const Aim aim = first_aim(wave, medium, x, outer);
+  const Append append{where, sent.count};
+  append(x, sent.rays.position);
+  append(if_then_else(aim.possible, aim.direction, outer), sent.rays.direction);
+  append(set(Rays::kInside), sent.rays.interaction);
+  append(by_medium(wave.media, medium,
+                   [](const Medium& of) { return set(kMaxOpticalDepth / of.sigma_t); }),
+         sent.rays.max_medium_length);
+  append(slots_from(i), sent.slot);
+  append(hn::Mul(arrival, per), sent.odds);
+  append(x, sent.origin);
+  append(target.place, sent.to_light);
+  append(target.lamp, sent.lamp);
+  append(load(wave.paths.rays.direction, i), sent.left);
+  append(shadow_ray, sent.shadow_ray);
+  sent.count += hn::CountTrue(FloatTag(), where);
+}
+
 // From scatterings of the paths in slots i, i + 1 ..., towards lights that were drawn from there.
 // Roulette before anything is traced, as of other shadow rays (send_shadow_rays). What they will
 // carry is not known yet: where the aim was good a rough boundary lets through about q / index^2,
@@ -176,48 +286,34 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   RefractedRays& sent = wave.refracted_rays;
   const Floats zero = hn::Zero(d), one = set(1.0F);
   const Mask dense = light.dense();
-  const Plane plane = wave.boundary_is_delta
-                          ? Plane{normal_near(wave, position), index_of(wave.media, medium)}
-                          : plane_ahead(wave, medium, position, light.direction);
-  const Aim aim = aim_at(plane, light.direction);
-  Mask where = wave.boundary_is_delta ? scattered : hn::And(scattered, aim.possible);
+  const Floats index = index_of(wave.media, medium);
+  const Target target = wave.searches_facets
+                            ? target_drawn(wave.scene.lights, position, drawn, light)
+                            : far_target(light.direction);
+  const Aim aim = first_aim(wave, medium, position, light.direction);
+  Mask where = wave.searches_facets ? scattered : hn::And(scattered, aim.possible);
   if (hn::AllFalse(d, where)) return;
   Vectors direction = if_then_else(aim.possible, aim.direction, light.direction);
-  const bool has_lamps = wave.scene.lights.has_lamps();
   Floats pdf = light.pdf, passing = one;
   Floats light_pdf = one;  // of q s, what is not in `pdf`
-  Uints lamp = hn::Zero(UintTag());
-  Vectors to_light = light.direction;
   if (wave.boundary_is_delta) {
     pdf = hn::Mul(light.pdf, hn::IfThenElse(aim.possible, aim.inner_by_outer, one));
-    if (has_lamps) {
-      lamp = lamp_drawn(wave.scene.lights, drawn.choice);
-      const Mask to_lamp = not_zero(lamp);
-      const Floats way =
-          way_to_plane(seen_middle(wave.scene.lights, lamp, position), set(Vec3f{}), to_light);
-      where = hn::AndNot(hn::And(to_lamp, hn::Ge(way, set(kInfinity))), where);
-      to_light = if_then_else(to_lamp, to_light * way, to_light);
-    }
+    const auto hit = hn::Eq(target.lamp, lamp_drawn(wave.scene.lights, drawn.choice));
+    where = hn::And(where, hn::RebindMask(d, hit));
   } else {
-    const Words words = random(wave, i, load(paths.vertex, i), Sampler::kRefraction);
-    const Floats u = uniform(words.w[0]);
-    const Floats cosine = by_medium(
-        wave.media, medium, [&](const Medium& of) { return sample_cosine(of.refraction.lobe, u); });
-    const Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
-    const SinCos phi = sin_cos_2pi(uniform(words.w[1]));
-    direction = renormalize(
-        frame_to_world(aim.direction, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
-    pdf = by_medium(wave.media, medium,
-                    [&](const Medium& of) { return evaluate(of.refraction.lobe, cosine).value; });
-    passing = by_medium(wave.media, medium, [&](const Medium& of) {
-      return mul_add(pdf, set(1 / (of.refraction.index * of.refraction.index)), one);
-    });
+    const Vectors axis = direction;
+    if (!wave.searches_facets) {
+      direction = draw_in_lobe(wave, medium, axis,
+                               random(wave, i, load(paths.vertex, i), Sampler::kRefraction));
+    }
+    pdf = lobe_pdf(wave, medium, axis, direction);
+    passing = mul_add(pdf, hn::Div(one, hn::Mul(index, index)), one);
     light_pdf = hn::IfThenElse(dense, light.pdf, one);
   }
   const PhaseValue phase =
       evaluate_phase(wave.media, medium, dot(load(paths.rays.direction, i), direction));
   Floats radiance = light.radiance;
-  if (has_lamps || wave.differentiated_map != nullptr) {
+  if (wave.scene.lights.has_lamps() || wave.differentiated_map != nullptr) {
     radiance = hn::Max(radiance, hn::IfThenElseZero(dense, set(wave.mean_radiance())));
   }
   const Floats worth = hn::Div(hn::Mul(radiance, hn::Mul(phase.value, passing)),
@@ -233,17 +329,18 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   append(hn::Mul(limit, free_path_of(wave.media, medium)), sent.rays.max_medium_length);
   append(slots_from(i), sent.slot);
   append(importance, sent.importance);
-  append(to_light, sent.to_light);
+  append(target.place, sent.to_light);
   append(light.pdf, sent.light_pdf);
-  if (wave.boundary_is_delta) {  // they search for a facet: what they bring is known later
+  if (wave.searches_facets) {  // what they bring is known later
     append(position, sent.origin);
     append(load(paths.rays.direction, i), sent.before);
-    append(lamp, sent.lamp);
+    append(target.lamp, sent.lamp);
     append(zero, sent.longest);
-    append(uniform(random(wave, i, load(paths.vertex, i), Sampler::kRefraction).w[0]), sent.u0);
   } else {
     append(phase.value, sent.phase);
     append(pdf, sent.pdf);
+  }
+  if (!wave.boundary_is_delta) {
     append(light.radiance, sent.radiance);
     if (wave.shadow_rays.rays.bounded) {
       append(drawn.choice, sent.choice);
@@ -254,12 +351,32 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
       append(part_of_light(light, parts, l), sent.parts_of_lights[l]);
     }
   }
-  const size_t phase_slots = wave.boundary_is_delta ? 0 : paths.control_phase.size();
+  const size_t phase_slots = wave.searches_facets ? 0 : paths.control_phase.size();
   for (size_t s = 0; s < sent.score_slots.size(); ++s) {
     const Floats score = load(paths.score_slots[s], i);
     append(s < phase_slots ? hn::Add(score, phase.scores[s]) : score, sent.score_slots[s]);
   }
   sent.count += hn::CountTrue(d, where);
+}
+
+// Copies how light was drawn, of rays to a rough boundary.
+template <typename Copy>
+inline void for_each_light_column(const RefractedRays& from, RefractedRays& to, const Copy& copy) {
+  copy(from.radiance, to.radiance);
+  copy(from.choice, to.choice);
+  copy(from.u0, to.u0);
+  copy(from.u1, to.u1);
+  for (size_t l = 0; l < from.parts_of_lights.size(); ++l) {
+    copy(from.parts_of_lights[l], to.parts_of_lights[l]);
+  }
+}
+// Calls visit(column) for what shadow rays bring.
+template <typename Visit>
+inline void for_each_light_column(ShadowRays& rays, const Visit& visit) {
+  visit(rays.light);
+  for (auto* columns : {&rays.parts_of_lights, &rays.per_radiance}) {
+    for (FloatColumn& column : *columns) visit(column);
+  }
 }
 
 // How they go on behind the boundary.
@@ -272,9 +389,8 @@ struct Exit {
 };
 
 // Towards the light that was drawn.
-HWY_INLINE Exit exit_of_rough(const Wavefront& wave, size_t i, Uints medium, const Crossing& at,
-                              Floats arriving) {
-  const RefractedRays& sent = wave.refracted_rays;
+HWY_INLINE Exit exit_of_rough(const Wavefront& wave, const RefractedRays& sent, size_t i,
+                              Uints medium, const Crossing& at, Floats arriving) {
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   LightSamples light{load(sent.to_light, i), set(kInfinity), load(sent.radiance, i),
                      load(sent.light_pdf, i)};
@@ -342,7 +458,7 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
   const Floats arriving = part_arriving(wave, medium, length);
   const Exit exit = wave.boundary_is_delta
                         ? exit_of_smooth(wave, sent, i, medium, at, arriving, where)
-                        : exit_of_rough(wave, i, medium, at, arriving);
+                        : exit_of_rough(wave, sent, i, medium, at, arriving);
   where = hn::And(where, hn::And(hn::Gt(dot(flat_normal, exit.to_light), zero),
                                  hn::Gt(exit.per_radiance, zero)));
   Floats importance = load(sent.importance, i);
@@ -372,16 +488,35 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
       [&](size_t l) { return hn::Mul(exit.parts_of_lights[l], exit.per_radiance); });
 }
 
-// What rays that search for a facet are for.
-template <typename SentRays>
-HWY_INLINE Target target_of(const Lights& lights, const SentRays& sent, size_t i) {
-  const Uints lamp = load(sent.lamp, i);
-  return {load(sent.to_light, i), lamp, not_zero(lamp),
-          lights.has_lamps() ? seen_middle(lights, lamp, load(sent.origin, i)) : LampMiddle{}};
+// Calls visit(number, place, live) for the facets around the ones that rays have met, one of each.
+template <typename SentRays, typename Visit>
+HWY_INLINE void for_each_facet(const Wavefront& wave, const SentRays& sent, size_t i, Uints medium,
+                               Mask met, const Visit& visit) {
+  const FloatTag d;
+  const IntTag di;
+  const Obstacles& obstacles = wave.scene.obstacles;
+  const Facets& facets = obstacles.facets;
+  const auto int_gather = [&](const std::vector<uint32_t>& from, Ints at) {
+    return hn::GatherIndex(di, reinterpret_cast<const int32_t*>(from.data()), at);
+  };
+  const auto int_mask = [&](Mask mask) { return hn::RebindMask(di, mask); };
+  const Ints triangle =
+      hn::IfThenElseZero(int_mask(met), hn::BitCast(di, load(wave.crossings.triangle, i)));
+  const Ints begin = int_gather(facets.first, triangle);
+  const Ints end = int_gather(facets.first, hn::Add(triangle, hn::Set(di, 1)));
+  const Vectors x = load(sent.origin, i);
+  const Target target = target_of(wave, sent, i);
+  const Floats index = index_of(wave.media, medium);
+  for (Ints at = begin;; at = hn::Add(at, hn::Set(di, 1))) {
+    const Mask live = hn::And(met, hn::RebindMask(d, hn::Lt(at, end)));
+    if (hn::AllFalse(d, live)) return;
+    const Ints number = int_gather(facets.around, hn::IfThenElse(int_mask(live), at, begin));
+    visit(number, place_on(obstacles, number, index, x, target), live);
+  }
 }
 
-// Of the facets around the one that they have met, those that refract the light to where they
-// begin: how many, and one of them, which u chooses, and where on it.
+// Of these facets, those that refract the light to where the rays begin: how many, and one of them,
+// which u chooses, and where on it.
 struct FacetChoice {
   Floats count;
   Ints facet;
@@ -395,28 +530,12 @@ HWY_INLINE FacetChoice choose_facet(const Wavefront& wave, const SentRays& sent,
   constexpr float kSame = 1e-3F;
   const FloatTag d;
   const IntTag di;
-  const Obstacles& obstacles = wave.scene.obstacles;
-  const Facets& facets = obstacles.facets;
-  const Floats zero = hn::Zero(d), one = set(1.0F), index = index_of(wave.media, medium);
-  const auto int_gather = [&](const std::vector<uint32_t>& from, Ints at) {
-    return hn::GatherIndex(di, reinterpret_cast<const int32_t*>(from.data()), at);
-  };
-  const auto int_mask = [&](Mask mask) { return hn::RebindMask(di, mask); };
-  const Ints triangle =
-      hn::IfThenElseZero(int_mask(met), hn::BitCast(di, load(wave.crossings.triangle, i)));
-  const Ints begin = int_gather(facets.first, triangle);
-  const Ints end = int_gather(facets.first, hn::Add(triangle, hn::Set(di, 1)));
-  const Vectors x = load(sent.origin, i);
-  const Target target = target_of(wave.scene.lights, sent, i);
-  const bool flat = obstacles.corner_normals.flat();
+  const Floats zero = hn::Zero(d), one = set(1.0F);
+  const bool flat = wave.scene.obstacles.corner_normals.flat();
   FacetChoice choice{zero, hn::Zero(di), set(Vec3f{0, 1, 0})};
   found = hn::FirstN(d, 0);
-  for (Ints at = begin;; at = hn::Add(at, hn::Set(di, 1))) {
-    const Mask live = hn::And(met, hn::RebindMask(d, hn::Lt(at, end)));
-    if (hn::AllFalse(d, live)) return choice;
-    const Ints number = int_gather(facets.around, hn::IfThenElse(int_mask(live), at, begin));
+  for_each_facet(wave, sent, i, medium, met, [&](Ints number, const Place& place, Mask live) {
     const Mask is_number = hn::And(live, hn::RebindMask(d, hn::Eq(number, hn::BitCast(di, known))));
-    const Place place = place_on(obstacles, number, index, x, target);
     Mask is_known = is_number, refracts = hn::And(live, place.possible);
     if (flat) {
       refracts = hn::Or(is_known, refracts);
@@ -430,12 +549,32 @@ HWY_INLINE FacetChoice choose_facet(const Wavefront& wave, const SentRays& sent,
     // One in n is what u says of the n-th, and what is left of u says which of those before.
     const Floats part = hn::Div(one, choice.count);
     const Mask taken = hn::And(refracts, hn::Lt(u, part));
-    choice.facet = hn::IfThenElse(int_mask(taken), number, choice.facet);
+    choice.facet = hn::IfThenElse(hn::RebindMask(di, taken), number, choice.facet);
     choice.to = if_then_else(taken, place.to, choice.to);
     const Floats other =
         hn::Min(hn::Div(hn::Sub(u, part), hn::Sub(one, part)), set(0x1.fffffep-1F));
     u = hn::IfThenElse(taken, hn::Mul(u, choice.count), hn::IfThenElse(refracts, other, u));
-  }
+  });
+  return choice;
+}
+
+// Of these facets again, behind which the boundary is rough: how many, and the sum of the densities
+// at `direction` of the lobes around where they aim.
+struct LobeSum {
+  Floats count, pdf;
+};
+template <typename SentRays>
+HWY_INLINE LobeSum sum_lobes(const Wavefront& wave, const SentRays& sent, size_t i, Uints medium,
+                             Mask met, Vectors direction) {
+  const Floats zero = hn::Zero(FloatTag());
+  LobeSum sum{zero, zero};
+  for_each_facet(wave, sent, i, medium, met, [&](Ints /*number*/, const Place& place, Mask live) {
+    const Mask refracts = hn::And(live, place.possible);
+    const Floats pdf = lobe_pdf(wave, medium, normalize(place.to), direction);
+    sum.count = hn::Add(sum.count, hn::IfThenElseZero(refracts, set(1.0F)));
+    sum.pdf = hn::Add(sum.pdf, hn::IfThenElseZero(refracts, pdf));
+  });
+  return sum;
 }
 
 // The longest of the rays up to this one.
@@ -443,74 +582,109 @@ HWY_INLINE Floats longest_of(const RefractedRays& sent, size_t i) {
   return hn::Max(load(sent.longest, i), load(sent.rays.medium_length, i));
 }
 
-// At one of the facets around the one that they have met; returns where there is one.
-inline Mask aim_again(Wavefront& wave, size_t i, Uints medium, Mask where) {
+// Rays in these directions, from where those began that searched for a facet.
+struct AimedRays {
+  Vectors direction;
+  Floats pdf;  // with which that was drawn, per steradian, times that of the light if it is a delta
+  Ints facet;
+};
+inline void add_aimed(Wavefront& wave, size_t i, Uints medium, Mask where, const AimedRays& aimed) {
   const RefractedRays& sent = wave.refracted_rays;
   RefractedRays& again = wave.aimed_again;
-  if (hn::AllFalse(FloatTag(), where)) return where;
-  const Vectors x = load(sent.origin, i);
-  Mask found;
-  const Floats zero = hn::Zero(FloatTag());
-  const auto [count, facet, to] =
-      choose_facet(wave, sent, i, medium, where, load(sent.u0, i), set(~uint32_t{0}), x, found);
-  const Mask solved = hn::And(where, hn::Gt(count, zero));
-  if (hn::AllFalse(FloatTag(), solved)) return solved;
-  const Aim aim = aim_at_place(wave.scene.obstacles, facet, index_of(wave.media, medium), x,
-                               target_of(wave.scene.lights, sent, i), to);
-  const Floats pdf = hn::Div(hn::Mul(load(sent.light_pdf, i), aim.inner_by_outer), count);
-  where = hn::And(solved, hn::And(hn::Gt(pdf, zero), hn::Lt(pdf, set(kMostDensity))));
   const PhaseValue phase =
-      evaluate_phase(wave.media, medium, dot(load(sent.before, i), aim.direction));
+      evaluate_phase(wave.media, medium, dot(load(sent.before, i), aimed.direction));
   const Append append{where, again.count};
-  append(x, again.rays.position);
-  append(aim.direction, again.rays.direction);
+  append(load(sent.origin, i), again.rays.position);
+  append(aimed.direction, again.rays.direction);
   append(set(Rays::kInside), again.rays.interaction);
   append(load(sent.rays.max_medium_length, i), again.rays.max_medium_length);
   append(load(sent.slot, i), again.slot);
   append(load(sent.importance, i), again.importance);
   append(phase.value, again.phase);
-  append(pdf, again.pdf);
+  append(aimed.pdf, again.pdf);
   append(load(sent.light_pdf, i), again.light_pdf);
-  append(load(sent.lamp, i), again.lamp);
-  append(hn::BitCast(UintTag(), facet), again.facet);
   append(longest_of(sent, i), again.longest);
+  if (wave.boundary_is_delta) {
+    append(load(sent.lamp, i), again.lamp);
+    append(hn::BitCast(UintTag(), aimed.facet), again.facet);
+  } else {
+    append(target_of(wave, sent, i).direction(), again.to_light);
+    for_each_light_column(sent, again,
+                          [&](const auto& from, auto& to) { append(load(from, i), to); });
+  }
   for (size_t s = 0; s < sent.score_slots.size(); ++s) {
     const bool of_phase = s < wave.paths.control_phase.size();
     const Floats score = load(sent.score_slots[s], i);
     append(of_phase ? hn::Add(score, phase.scores[s]) : score, again.score_slots[s]);
   }
   again.count += hn::CountTrue(FloatTag(), where);
+}
+
+// In a lobe around one of `count` axes, or around the first aim, if there is none.
+inline void aim_lobe(Wavefront& wave, size_t i, Ints slots, Uints medium, Mask where, Vectors axis,
+                     bool of_facets) {
+  const RefractedRays& sent = wave.refracted_rays;
+  if (hn::AllFalse(FloatTag(), where)) return;
+  axis = if_then_else(where, axis, set(Vec3f{0, 1, 0}));
+  const Vectors direction = draw_in_lobe(wave, medium, axis, refraction_words(wave, slots));
+  Floats pdf = lobe_pdf(wave, medium, axis, direction);
+  if (of_facets) {
+    const LobeSum sum = sum_lobes(wave, sent, i, medium, where, direction);
+    pdf = hn::Div(sum.pdf, sum.count);
+  }
+  add_aimed(wave, i, medium, where, {direction, pdf, hn::Zero(IntTag())});
+}
+
+// At one of the facets around the one that they have met; returns where there is one.
+inline Mask aim_again(Wavefront& wave, size_t i, Ints slots, Uints medium, Mask where) {
+  const RefractedRays& sent = wave.refracted_rays;
+  if (hn::AllFalse(FloatTag(), where)) return where;
+  const Vectors x = load(sent.origin, i);
+  const Floats zero = hn::Zero(FloatTag()), u = uniform(refraction_words(wave, slots).w[0]);
+  Mask found;
+  const auto [count, facet, to] =
+      choose_facet(wave, sent, i, medium, where, u, set(~uint32_t{0}), x, found);
+  const Mask solved = hn::And(where, hn::Gt(count, zero));
+  if (hn::AllFalse(FloatTag(), solved)) return solved;
+  if (!wave.boundary_is_delta) {
+    aim_lobe(wave, i, slots, medium, solved, normalize(to), true);
+    return solved;
+  }
+  const Aim aim = aim_at_place(wave.scene.obstacles, facet, index_of(wave.media, medium), x,
+                               target_of(wave, sent, i), to);
+  const Floats pdf = hn::Div(hn::Mul(load(sent.light_pdf, i), aim.inner_by_outer), count);
+  add_aimed(wave, i, medium,
+            hn::And(solved, hn::And(hn::Gt(pdf, zero), hn::Lt(pdf, set(kMostDensity)))),
+            {aim.direction, pdf, facet});
   return solved;
 }
 
-// Aims rays by the plane of the facet that they have met, to search on from there, and moves them
-// to the front of their list, behind those that are there already.
+// Moves rays that search on to the front of their list, behind those that are there already.
 template <typename SentRays>
-inline void keep_searching(Wavefront& wave, SentRays& sent, size_t i, Uints medium, Mask where,
+inline void keep_searching(Wavefront& wave, SentRays& sent, size_t i, Mask where, Vectors direction,
                            size_t& kept) {
   if (hn::AllFalse(FloatTag(), where)) return;
-  const Vectors x = load(sent.origin, i);
-  const Vectors normal = if_then_else(where, load(wave.crossings.normal, i), set(Vec3f{0, 1, 0}));
-  const Aim aim = aim_at({normal, index_of(wave.media, medium)},
-                         target_of(wave.scene.lights, sent, i).direction());
-  where = hn::And(where, aim.possible);
   const Append append{where, kept};
   const auto keep = [&](auto& column) { append(load(column, i), column); };
   if constexpr (requires { sent.longest; }) {
     append(longest_of(sent, i), sent.longest);
-    for (auto* column : {&sent.importance, &sent.light_pdf, &sent.u0}) keep(*column);
+    for (auto* column : {&sent.importance, &sent.light_pdf}) keep(*column);
     keep(sent.before);
     for (FloatColumn& score : sent.score_slots) keep(score);
+    if (!wave.boundary_is_delta) {
+      for_each_light_column(sent, sent,
+                            [&](const auto& from, auto& to) { append(load(from, i), to); });
+    }
   } else {
     keep(sent.odds);
-    keep(sent.facet);
     keep(sent.left);
+    for (UintColumn* column : {&sent.facet, &sent.shadow_ray}) keep(*column);
   }
+  append(load(sent.origin, i), sent.rays.position);
   for (VectorColumn* column : {&sent.origin, &sent.to_light}) keep(*column);
   for (UintColumn* column : {&sent.slot, &sent.lamp}) keep(*column);
   keep(sent.rays.max_medium_length);
-  append(x, sent.rays.position);
-  append(aim.direction, sent.rays.direction);
+  append(direction, sent.rays.direction);
   append(set(Rays::kInside), sent.rays.interaction);
   kept += hn::CountTrue(FloatTag(), where);
 }
@@ -531,17 +705,26 @@ inline void follow_to_boundary(Wavefront& wave, SentRays& sent, const Visit& vis
 }
 
 // Searches for facets: calls solve(i, slots, medium, met), which returns where there are some, for
-// rays that have met the boundary; the others are aimed by what they have met, and searched for
-// once more.
-template <typename SentRays, typename Solve>
-inline void search_facets(Wavefront& wave, SentRays& sent, const Solve& solve) {
+// rays that have met the boundary. The others are aimed by the plane of what they have met, once
+// more; where that is in vain, it calls give_up(i, slots, medium, met).
+template <typename SentRays, typename Solve, typename GiveUp>
+inline void search_facets(Wavefront& wave, SentRays& sent, const Solve& solve,
+                          const GiveUp& give_up) {
   constexpr int kSearches = 2;
   for (int search = 1; sent.count > 0; ++search) {
     size_t kept = 0;
     follow_to_boundary(wave, sent, [&](size_t i, Ints slots, Mask met) {
       const Uints medium = wave.medium_in(slots);
-      const Mask solved = solve(i, slots, medium, met);
-      if (search < kSearches) keep_searching(wave, sent, i, medium, hn::AndNot(solved, met), kept);
+      const Mask left = hn::AndNot(solve(i, slots, medium, met), met);
+      if (hn::AllFalse(FloatTag(), left)) return;
+      const Vectors normal =
+          if_then_else(left, load(wave.crossings.normal, i), set(Vec3f{0, 1, 0}));
+      const Aim next =
+          aim_at({normal, index_of(wave.media, medium)}, target_of(wave, sent, i).direction());
+      const Mask goes_on =
+          search < kSearches ? hn::And(left, next.possible) : hn::FirstN(FloatTag(), 0);
+      give_up(i, slots, medium, hn::AndNot(goes_on, left));
+      keep_searching(wave, sent, i, goes_on, next.direction, kept);
     });
     sent.count = kept;
   }
@@ -549,35 +732,83 @@ inline void search_facets(Wavefront& wave, SentRays& sent, const Solve& solve) {
 
 inline void cross_refracted_rays(Wavefront& wave) {
   RefractedRays &first = wave.refracted_rays, &again = wave.aimed_again;
-  if (!wave.boundary_is_delta) {
+  if (!wave.searches_facets) {
     return follow_to_boundary(wave, first, [&](size_t i, Ints slots, Mask met) {
       leave(wave, first, i, wave.medium_in(slots), met);
     });
   }
-  search_facets(wave, first, [&](size_t i, Ints /*slots*/, Uints medium, Mask met) {
-    return aim_again(wave, i, medium, met);
-  });
+  search_facets(
+      wave, first,
+      [&](size_t i, Ints slots, Uints medium, Mask met) {
+        return aim_again(wave, i, slots, medium, met);
+      },
+      [&](size_t i, Ints slots, Uints medium, Mask met) {
+        if (wave.boundary_is_delta) return;
+        const Aim aim = first_aim_of(wave, first, i, medium, met);
+        aim_lobe(wave, i, slots, medium, hn::And(met, aim.possible), aim.direction, false);
+      });
   if (again.count == 0) return;
   follow_to_boundary(wave, again, [&](size_t i, Ints slots, Mask met) {
-    const auto as_aimed = hn::Eq(load(wave.crossings.triangle, i), load(again.facet, i));
-    leave(wave, again, i, wave.medium_in(slots),
-          hn::And(met, hn::RebindMask(FloatTag(), as_aimed)));
+    if (wave.boundary_is_delta) {
+      const auto as_aimed = hn::Eq(load(wave.crossings.triangle, i), load(again.facet, i));
+      met = hn::And(met, hn::RebindMask(FloatTag(), as_aimed));
+    }
+    leave(wave, again, i, wave.medium_in(slots), met);
   });
 }
 
 // The odds of walks (send_odds), where a search finds the facet that they left by.
-inline void check_odds(Wavefront& wave) {
+inline void check_facets(Wavefront& wave) {
   OddsRays& sent = wave.odds_rays;
   FloatColumn& odds = wave.paths.odds[0];
-  search_facets(wave, sent, [&](size_t i, Ints slots, Uints medium, Mask met) {
-    const Floats zero = hn::Zero(FloatTag());
-    Mask found;
-    const FacetChoice choice = choose_facet(wave, sent, i, medium, met, zero, load(sent.facet, i),
-                                            load(sent.left, i), found);
-    const Floats own = hn::Div(load(sent.odds, i), choice.count);
-    hn::ScatterIndex(hn::IfThenElse(found, own, gather(odds.data(), slots)), FloatTag(),
-                     odds.data(), slots);
-    return hn::And(met, hn::Gt(choice.count, zero));
+  search_facets(
+      wave, sent,
+      [&](size_t i, Ints slots, Uints medium, Mask met) {
+        const Floats zero = hn::Zero(FloatTag());
+        Mask found;
+        const FacetChoice choice = choose_facet(wave, sent, i, medium, met, zero,
+                                                load(sent.facet, i), load(sent.left, i), found);
+        const Floats own = hn::Div(load(sent.odds, i), choice.count);
+        hn::ScatterIndex(hn::IfThenElse(found, own, gather(odds.data(), slots)), FloatTag(),
+                         odds.data(), slots);
+        return hn::And(met, hn::Gt(choice.count, zero));
+      },
+      [](size_t /*i*/, Ints /*slots*/, Uints /*medium*/, Mask /*met*/) {});
+}
+
+// The odds of what leaves through a nearly smooth boundary (send_lobe_odds): calls
+// visit(i, slots, odds, where).
+template <typename Visit>
+inline void check_lobes(Wavefront& wave, OddsRays& sent, const Visit& visit) {
+  search_facets(
+      wave, sent,
+      [&](size_t i, Ints slots, Uints medium, Mask met) {
+        const LobeSum sum = sum_lobes(wave, sent, i, medium, met, load(sent.left, i));
+        const Mask solved = hn::And(met, hn::Gt(sum.count, hn::Zero(FloatTag())));
+        visit(i, slots, hn::Mul(load(sent.odds, i), hn::Div(sum.pdf, sum.count)), solved);
+        return solved;
+      },
+      [&](size_t i, Ints slots, Uints medium, Mask met) {
+        const Aim aim = first_aim_of(wave, sent, i, medium, met);
+        const Floats pdf = lobe_pdf(wave, medium, aim.direction, load(sent.left, i));
+        visit(i, slots, hn::Mul(load(sent.odds, i), pdf), hn::And(met, aim.possible));
+      });
+}
+
+inline void check_odds(Wavefront& wave) {
+  if (!wave.searches_facets) return;
+  if (wave.boundary_is_delta) return check_facets(wave);
+  const FloatTag d;
+  check_lobes(wave, wave.odds_rays, [&](size_t /*i*/, Ints slots, Floats odds, Mask where) {
+    float* const of_paths = wave.paths.odds[0].data();
+    hn::ScatterIndex(hn::IfThenElse(where, odds, gather(of_paths, slots)), d, of_paths, slots);
+  });
+  check_lobes(wave, wave.shadow_odds, [&](size_t i, Ints /*slots*/, Floats odds, Mask where) {
+    const Ints rays = slots_in(wave.shadow_odds.shadow_ray, i, where);
+    const Floats part = hn::Div(set(1.0F), hn::Add(set(1.0F), odds));
+    for_each_light_column(wave.shadow_rays, [&](FloatColumn& light) {
+      hn::ScatterIndex(hn::Mul(gather(light.data(), rays), part), d, light.data(), rays);
+    });
   });
 }
 

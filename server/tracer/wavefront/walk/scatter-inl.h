@@ -131,6 +131,21 @@ HWY_INLINE void multiply_by_factor(Wavefront& wave, size_t i, const Vertices& ve
   }
 }
 
+// The odds for light that the walk meets behind a nearly smooth boundary in a direction.
+inline void send_walk_odds(Wavefront& wave, size_t i, Mask where, const Vertices& vertices,
+                           Vectors direction) {
+  const Lights& lights = wave.scene.lights;
+  const Vectors position = load(wave.paths.rays.position, i);
+  direction = if_then_else(where, direction, set(Vec3f{0, 1, 0}));
+  const Floats zero = hn::Zero(FloatTag());
+  where = hn::And(where, hn::Gt(look(lights, position, direction).emission.pdf, zero));
+  const Target target = target_at(lights, scattered_at(wave.paths, i),
+                                  redraw(lights, position, direction, scattered_at(wave.paths, i)),
+                                  lamp_seen(lights, position, direction), set(kInfinity));
+  send_lobe_odds(wave, wave.odds_rays, i, where, vertices.medium, target, set(1.0F),
+                 hn::Zero(UintTag()));
+}
+
 // At a boundary that stops lines: draws the next direction with its pdf, and which side it is on.
 // Paths that rounding has trapped there are dropped.
 inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& direction,
@@ -174,6 +189,8 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
     if (wave.boundary_is_delta) {
       const Mask leaves = hn::And(vertices.crossing.leaving, next.transmitted);
       send_odds(wave, i, hn::And(where, leaves), vertices.medium, vertices.crossing);
+    } else if (wave.searches_facets) {
+      send_walk_odds(wave, i, hn::AndNot(edge, where), vertices, direction);
     } else {
       const Vectors to_light = redraw(wave.scene.lights, load(paths.rays.position, i), direction,
                                       scattered_at(paths, i));

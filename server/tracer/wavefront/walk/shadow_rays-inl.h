@@ -137,13 +137,14 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   const Floats phase_pdf =
       wave.switches.techniques == Switches::Techniques::kBoth ? walk_pdf : zero;
   Floats pdf_sum = hn::IfThenElse(light.dense(), hn::Add(light.pdf, phase_pdf), set(1.0F));
-  if (wave.refracts_shadow_rays && vertices.any_at_boundary) {
-    LightSamples from_scattering = light;
-    if (wave.shadow_rays.rays.bounded) {
-      from_scattering = seen_from(wave.scene.lights, scattered_at(paths, i), drawn, light);
-    }
+  const Floats light_pdf = hn::IfThenElse(light.dense(), light.pdf, set(1.0F));
+  LightSamples from_scattering = light;
+  const bool has_odds = wave.refracts_shadow_rays && vertices.any_at_boundary;
+  if (has_odds && wave.shadow_rays.rays.bounded) {
+    from_scattering = seen_from(wave.scene.lights, scattered_at(paths, i), drawn, light);
+  }
+  if (has_odds && !wave.searches_facets) {
     const Floats odds = refraction_odds(wave, i, vertices.medium, from_scattering.direction);
-    const Floats light_pdf = hn::IfThenElse(light.dense(), light.pdf, set(1.0F));
     pdf_sum = hn::Add(pdf_sum, hn::IfThenElseZero(vertices.at_boundary, hn::Mul(odds, light_pdf)));
   }
   const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), pdf_sum);
@@ -157,6 +158,13 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   const Floats limit = depth_limit(wave, importance, roulette);
   sent = hn::And(sent, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
 
+  if (has_odds && wave.searches_facets) {
+    const Target target =
+        target_drawn(wave.scene.lights, scattered_at(paths, i), drawn, from_scattering);
+    send_lobe_odds(wave, wave.shadow_odds, i, hn::And(sent, vertices.at_boundary), vertices.medium,
+                   target, hn::Div(light_pdf, pdf_sum),
+                   Append{sent, wave.shadow_rays.count}.numbers());
+  }
   const Uints interaction = load(paths.rays.interaction, i);
   const size_t phase_slots = paths.control_phase.size();
   add_shadow_rays(

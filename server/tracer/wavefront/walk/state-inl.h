@@ -53,6 +53,7 @@ struct Wavefront {
         refracts_shadow_rays(refracts(compiled.boundary) &&
                              options.switches.refracted_shadow_rays &&
                              options.switches.techniques != Switches::Techniques::kPhaseOnly),
+        searches_facets(refracts_shadow_rays && !compiled.obstacles.facets.by_triangle.empty()),
         mirrors_shadow_rays(boundary_is_delta && refracts_shadow_rays),
         index_slot(differentiated_index(asked, compiled.boundary)) {
     for (const Parameter& parameter : asked.derivatives) {
@@ -152,10 +153,11 @@ struct Wavefront {
   ShadowRays shadow_rays;
   // Whether lines stop at the boundary, and then where those that were followed last did.
   const bool stops_at_boundary;
-  const bool boundary_is_delta, refracts_shadow_rays, mirrors_shadow_rays;
-  const std::optional<size_t> index_slot;  // of the boundary, for a derivative
+  const bool boundary_is_delta, refracts_shadow_rays;
+  const bool searches_facets, mirrors_shadow_rays;  // if they are refracted
+  const std::optional<size_t> index_slot;           // of the boundary, for a derivative
   RefractedRays refracted_rays, aimed_again;
-  OddsRays odds_rays;
+  OddsRays odds_rays, shadow_odds;
   Crossings crossings;
   Crossings* at_boundary() { return stops_at_boundary ? &crossings : nullptr; }
 };
