@@ -12,12 +12,15 @@
 //   angle(name, radians, low, high)  the range in degrees
 //   direction(name, vector)          of any length but 0
 //   position(name, vector)           in mm; or the edge of something
+//   moving_direction(name, vector)   one, or a position, whose coordinates are slots: NAME.x and so
+//   moving_position(name, vector)    on
 //   pixels(name, map)                of a panorama
 // Kinds are held in a std::variant, and have a kName, that of the field of their message.
 #pragma once
 
 #include <limits>
 #include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -46,6 +49,8 @@ class FieldCheck {
              double high = std::numeric_limits<double>::infinity()) const;
   void direction(const char* name, Vec3d value) const;
   void position(const char* name, Vec3d value) const;
+  void moving_direction(const char* name, Vec3d value) const { direction(name, value); }
+  void moving_position(const char* name, Vec3d value) const { position(name, value); }
   // Looked at when they are compiled.
   template <typename Map>
   void pixels(const char* /*name*/, const Map& /*map*/) const {}
@@ -82,6 +87,14 @@ struct SlotList {
     slots.push_back(
         {.number = slots.size(), .name = name, .value = value, .low = low, .high = high});
   }
+  void moving_direction(const char* name, Vec3d value) {
+    for (const auto& [axis, number] :
+         {std::pair{".x", value.x}, {".y", value.y}, {".z", value.z}}) {
+      constexpr double kAny = std::numeric_limits<double>::infinity();
+      slot((name + std::string(axis)).c_str(), number, -kAny, kAny);
+    }
+  }
+  void moving_position(const char* name, Vec3d value) { moving_direction(name, value); }
   template <typename... Any>
   void number(const Any&... /*field*/) {}
   template <typename... Any>

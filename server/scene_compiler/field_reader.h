@@ -44,6 +44,8 @@ class FieldReader {
   // Required.
   void direction(const char* name, Vec3d& value) const;
   void position(const char* name, Vec3d& value) const;
+  void moving_direction(const char* name, Vec3d& value) const { direction(name, value); }
+  void moving_position(const char* name, Vec3d& value) const { position(name, value); }
   // A `path` instead is refused.
   void pixels(const char* name, tracer::EnvironmentMapLight& map) const;
   void pixels(const char* name, tracer::ImageReflectance& image) const;

@@ -20,7 +20,7 @@ struct DirectionalLight {
   static constexpr const char* kName = "directional";
   template <typename Self, typename Fields>
   static void fields(Self& self, Fields& to) {
-    to.direction("direction", self.direction);
+    to.moving_direction("direction", self.direction);
     to.number("irradiance", self.irradiance, 0, 1e9);
     to.angle("angular_radius_degrees", self.angular_radius, 0, 45);
   }

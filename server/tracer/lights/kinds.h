@@ -23,7 +23,11 @@
 //   look(kind, from, d)    how it is seen in that direction: see Appearance (light-inl.h)
 //   draw(kind, from, u)    a direction towards it
 //   redraw(kind, from, d, other)  what `draw` makes elsewhere of the numbers that make d of it here
+// and of any but deltas, if its description has slots,
+//   outline(kind, from, u, opposite)  a place of its outline that u draws, or the one across from
+//                          it, the other of the pair
 // Who follows one path at a time has one lane.
+#include <concepts>
 #include <variant>
 
 #include "server/tracer/lights/constant.h"
@@ -48,6 +52,20 @@ using LightDescription =
 
 using LightKind = std::variant<ConstantLight, SunDisc, SkyLight, EnvironmentMap, DirectionalLight,
                                PointLight, SpotLight, SphereLight, PanelLight>;
+
+inline bool has_size(const LightDescription& description) {
+  return std::visit(
+      [](const auto& light) {
+        if constexpr (requires { light.has_size(); }) return light.has_size();
+        return true;
+      },
+      description);
+}
+
+// Those whose place or direction images have derivatives in.
+template <typename Kind>
+concept Outlined = std::same_as<Kind, SunDisc> || std::same_as<Kind, SphereLight> ||
+    std::same_as<Kind, PanelLight>;
 
 template <typename Kind>
 concept VisibleLamp = !Kind::kDelta && !Kind::kDistant;

@@ -59,6 +59,16 @@ HWY_INLINE Beam beam_from(Vectors place, double distance2, Vectors from) {
           hn::Div(set(static_cast<float>(distance2)), d2)};
 }
 
+// A place of the outline of a light: its direction, and how far it is, in mm, or infinite. And how
+// much the solid angle that the light is seen in grows there, by each coordinate of the light's
+// place (in mm) or unit direction, over the density with which the pair was drawn.
+struct Outline {
+  Vectors direction;
+  Floats distance;
+  Vectors growth;
+  Floats radiance;  // of the light there
+};
+
 // What a direction, or a place of a lamp, is drawn by: uniform numbers in [0, 1), for a cell, a
 // coin and a place within; and the words of another counter, which are there if a light is a map.
 struct LightUniforms {

@@ -83,11 +83,13 @@ HWY_INLINE Floats reach(const Lights& lights, Vectors from, Vectors d,
 // What is seen along lines, but for deltas: the first lamp, or else what is far away. The density
 // is that with which those lights draw the line.
 template <typename Parts = NoParts>
-HWY_INLINE Appearance look(const Lights& lights, Vectors from, Vectors d, Parts&& parts = {}) {
+HWY_INLINE Appearance look(const Lights& lights, Vectors from, Vectors d, Parts&& parts = {},
+                           const Lights::Light* except = nullptr) {
   if (!lights.has_lamps()) return {set(kInfinity), emission(lights, d, parts)};
-  const Floats distance = reach(lights, from, d);
+  const Floats distance = reach(lights, from, d, except);
   Emission all{hn::Zero(FloatTag()), hn::Zero(FloatTag())};
   for (const Lights::Light& light : lights.all()) {
+    if (&light == except) continue;
     const Appearance lamp = look(light, from, d);
     const Emission far = emission(light, d);
     const Mask seen = hn::Eq(lamp.distance, distance);

@@ -24,6 +24,18 @@ namespace {
 namespace lanes = HWY_NAMESPACE;
 namespace hn = lanes::hn;
 
+// The axes of the scene; of a direction of any length, what they do to that of unit length.
+std::array<Vec3f, 3> axes_of(const LightDescription& description, const Pose& pose) {
+  double by = 1;
+  if (const auto* light = std::get_if<DirectionalLight>(&description)) {
+    by /= length(light->direction);
+  }
+  const auto turned = [&](Vec3d axis) {
+    return static_cast<Vec3f>(pose.rotation.inverse()(axis * by));
+  };
+  return {turned({1, 0, 0}), turned({0, 1, 0}), turned({0, 0, 1})};
+}
+
 }  // namespace
 
 Rotation<double> turned_back(double azimuth) {
@@ -31,8 +43,7 @@ Rotation<double> turned_back(double azimuth) {
   return {{c, 0, s}, {0, 1, 0}, {-s, 0, c}};
 }
 
-Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFrame& frame)
-    : count_(descriptions.size()) {
+Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFrame& frame) {
   size_t number = 0;  // of the description
   const auto add = [&]<typename Kind>(Kind&& kind) {
     const double power = kind.power();
@@ -47,6 +58,8 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
   for (const LightDescription& description : descriptions) {
     try {
       check_fields("", description);
+      described_.push_back(
+          {description.index(), has_size(description), axes_of(description, frame.pose)});
       std::visit(compile, description);
     } catch (const Error& error) {
       throw Error(error.kind(), fmt::format("lights[{}].{}", number, error.what()));

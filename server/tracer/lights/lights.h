@@ -2,6 +2,7 @@
 // directions at a time: lights-inl.h.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <variant>
 #include <vector>
@@ -55,8 +56,17 @@ class Lights {
   // The panorama that a description was compiled to, or null.
   const EnvironmentMap* map_of(size_t number) const;
 
+  // Of a description: its kind in LightDescription; whether it has a size; and how its slots move
+  // its place or unit direction, in the coordinates of the object.
+  struct Described {
+    size_t kind;
+    bool has_size;
+    std::array<Vec3f, 3> axes;
+  };
+  const Described& described(size_t number) const { return described_[number]; }
+
   // As many as there are descriptions, those that do not shine too.
-  size_t count() const { return count_; }
+  size_t count() const { return described_.size(); }
 
   // Those that shine, and lamps that hide what does, each drawn with its probability.
   struct Light {
@@ -69,7 +79,7 @@ class Lights {
   const std::vector<Light>& all() const { return lights_; }
 
  private:
-  size_t count_;
+  std::vector<Described> described_;
   std::vector<Light> lights_;
   double power_ = 0;
   bool has_near_ = false, has_lamps_ = false, has_maps_ = false;

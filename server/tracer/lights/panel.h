@@ -27,7 +27,7 @@ struct PanelLight {
   static constexpr const char* kName = "panel";
   template <typename Self, typename Fields>
   static void fields(Self& self, Fields& to) {
-    to.position("center", self.center);
+    to.moving_position("center", self.center);
     to.position("half_u", self.half_u);
     to.position("half_v", self.half_v);
     to.number("radiance", self.radiance, 0, 1e9);
@@ -215,6 +215,35 @@ HWY_INLINE Vectors redraw(const PanelLight& light, Vectors from, Vectors d, Vect
   };
   const PanelPlace numbers = numbers_of(here, {part(light.across_u), part(light.across_v)});
   return normalize(to_place(light, there, place_of(there, numbers)));
+}
+
+// Of an edge along t that goes by m, each piece sweeps m.(d x t) by length, over the square of its
+// distance.
+HWY_INLINE Outline outline(const PanelLight& light, Vectors from, Floats u, bool opposite) {
+  const double length_u = length(light.half_u), length_v = length(light.half_v);
+  const Floats one = set(1.0F);
+  const Floats place = hn::Mul(u, set(static_cast<float>(length_u + length_v)));
+  const Mask along_u = hn::Lt(place, set(static_cast<float>(length_u)));
+  const Vectors half_u = set(static_cast<Vec3f>(light.half_u));
+  const Vectors half_v = set(static_cast<Vec3f>(light.half_v));
+  const auto along = [&](Floats part) { return hn::Sub(hn::Add(part, part), one); };
+  const Floats on_u = along(hn::Mul(place, set(static_cast<float>(1 / length_u))));
+  const Floats on_v = along(hn::Mul(hn::Sub(place, set(static_cast<float>(length_u))),
+                                    set(static_cast<float>(1 / length_v))));
+  const Floats side = set(opposite ? -1.0F : 1.0F);
+  const Vectors outwards = if_then_else(along_u, half_v, half_u) * side;
+  const Vectors edge = if_then_else(along_u, half_u * set(static_cast<float>(1 / length_u)),
+                                    half_v * set(static_cast<float>(1 / length_v)));
+  const Vectors to = to_center_of(light, from, hn::FirstN(FloatTag(), 0)) + outwards +
+                     if_then_else(along_u, half_u * on_u, half_v * on_v) * side;
+  const Floats d2 = hn::Max(dot(to, to), set(1e-20F)), distance = hn::Sqrt(d2);
+  const Vectors direction = to * hn::Div(one, distance), swept = cross(direction, edge);
+  const auto around = static_cast<float>(2 * (length_u + length_v));
+  const Floats by = hn::CopySign(hn::Div(set(around), d2), dot(swept, outwards));
+  const Mask shines =
+      hn::Lt(dot(direction, set(static_cast<Vec3f>(light.normal))), hn::Zero(FloatTag()));
+  return {direction, distance, swept * by,
+          hn::IfThenElseZero(shines, set(static_cast<float>(light.radiance)))};
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

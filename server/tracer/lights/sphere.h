@@ -21,7 +21,7 @@ struct SphereLight {
   static constexpr const char* kName = "sphere";
   template <typename Self, typename Fields>
   static void fields(Self& self, Fields& to) {
-    to.position("center", self.center);
+    to.moving_position("center", self.center);
     to.number("radius", self.radius, 1e-6, 1e6);
     to.number("radiance", self.radiance, 0, 1e9);
   }
@@ -129,6 +129,25 @@ HWY_INLINE Vectors redraw(const SphereLight& light, Vectors from, Vectors d, Vec
   const Floats to_unit = hn::Div(one, hn::Max(hn::Sqrt(sine2), set(1e-20F)));
   return in_cone(cone_of(light, center - other), hn::Min(hn::Div(z, here.size), one),
                  hn::Mul(local.x, to_unit), hn::Mul(local.y, to_unit));
+}
+
+// Where lines touch it, it grows as fast as it goes along its normal there.
+HWY_INLINE Outline outline(const SphereLight& light, Vectors from, Floats u, bool opposite) {
+  const Vectors to_center = set(static_cast<Vec3f>(light.center)) - from;
+  const Cone cone = cone_of(light, to_center);
+  const Floats one = set(1.0F), zero = hn::Zero(FloatTag());
+  const Floats cosine = hn::Sub(one, cone.size);
+  const Floats sine = hn::Sqrt(hn::Mul(cone.size, hn::Add(one, cosine)));
+  const Floats distance = hn::Mul(hn::Sqrt(dot(to_center, to_center)), cosine);
+  const SinCos phi = sin_cos_2pi(u);
+  const Floats side = set(opposite ? -1.0F : 1.0F);
+  const Vectors outwards =
+      frame_to_world(cone.axis, hn::Mul(side, phi.cos), hn::Mul(side, phi.sin), zero);
+  const Floats by =
+      hn::Div(hn::Mul(set(std::numbers::pi_v<float>), sine), hn::Max(distance, set(1e-20F)));
+  return {renormalize(outwards * sine + cone.axis * cosine), distance,
+          (outwards * cosine - cone.axis * sine) * hn::IfThenElseZero(cone.outside, by),
+          set(static_cast<float>(light.radiance))};
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -87,6 +87,19 @@ HWY_INLINE Vectors sample(const SunDisc& sun, const LightUniforms& u) {
                      set(sun.basis().n) * hn::Sub(set(1.0F), z));
 }
 
+HWY_INLINE Outline outline(const SunDisc& sun, Vectors /*from*/, Floats u, bool opposite) {
+  const double z = sun.one_minus_cos(), sine = std::sqrt(z * (2 - z));
+  const SinCos phi = sin_cos_2pi(u);
+  const float side = opposite ? -1.0F : 1.0F;
+  const Vectors outwards =
+      (set(sun.basis().s) * phi.cos + set(sun.basis().t) * phi.sin) * set(side);
+  const Vectors direction = outwards * set(static_cast<float>(sine)) +
+                            set(sun.basis().n) * set(static_cast<float>(1 - z));
+  return {renormalize(direction), set(kInfinity),
+          outwards * set(static_cast<float>(std::numbers::pi * sine)),
+          set(static_cast<float>(sun.radiance()))};
+}
+
 }  // namespace itn::tracer::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 

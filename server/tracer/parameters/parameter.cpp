@@ -3,12 +3,14 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <charconv>
 #include <optional>
 
 #include "common/error.h"
 #include "common/fields.h"
 #include "server/tracer/boundary/boundary.h"
+#include "server/tracer/lights/kinds.h"
 #include "server/tracer/phase/phase_function.h"
 #include "server/tracer/surfaces/reflectance.h"
 
@@ -57,6 +59,9 @@ std::string name_of(const Parameter& parameter) {
     case Parameter::kReflectance:
       return fmt::format("surface[{}].{}", parameter.index,
                          slots_of<Reflectance>().at(parameter.slot).name);
+    case Parameter::kLightPlace:
+      return fmt::format("light[{}].{}", parameter.index,
+                         slots_of<LightDescription>().at(parameter.slot).name);
     case Parameter::kLightScale: return fmt::format("light[{}].scale", parameter.index);
   }
   throw Error(ErrorKind::kInternal, "a parameter of no kind");
@@ -68,6 +73,7 @@ std::vector<std::string> parameter_names() {
   for (const Slot& slot : slots_of<Boundary>()) names.push_back(slot.name);
   for (const Slot& slot : slots_of<Reflectance>()) names.push_back("surface[K]." + slot.name);
   names.emplace_back("light[K].scale");
+  for (const Slot& slot : slots_of<LightDescription>()) names.push_back("light[K]." + slot.name);
   return names;
 }
 
@@ -78,12 +84,18 @@ Parameter parameter_named(std::string_view name) {
   if (const auto slot = slot_named<PhaseFunction>(name)) return {Parameter::kPhase, 0, *slot};
   if (const auto slot = slot_named<Boundary>(name)) return {Parameter::kBoundary, 0, *slot};
   uint32_t index = 0;
-  const std::vector<Slot>& reflectances = slots_of<Reflectance>();
-  for (uint32_t slot = 0; slot < reflectances.size(); ++slot) {
-    if (read_indexed(name, "surface[", reflectances[slot].name, index)) {
-      return {Parameter::kReflectance, index, slot};
-    }
+  const auto indexed_slot = [&](const std::vector<Slot>& slots, std::string_view prefix) {
+    return std::ranges::find_if(
+               slots,
+               [&](const Slot& slot) { return read_indexed(name, prefix, slot.name, index); }) -
+           slots.begin();
+  };
+  const auto reflectance = static_cast<uint32_t>(indexed_slot(slots_of<Reflectance>(), "surface["));
+  if (reflectance < slots_of<Reflectance>().size()) {
+    return {Parameter::kReflectance, index, reflectance};
   }
+  const auto place = static_cast<uint32_t>(indexed_slot(slots_of<LightDescription>(), "light["));
+  if (place < slots_of<LightDescription>().size()) return {Parameter::kLightPlace, index, place};
   if (read_indexed(name, "light[", "scale", index)) return {Parameter::kLightScale, index};
   throw invalid_input(fmt::format("{} is not a parameter; there are {}, K counting from 0", name,
                                   fmt::join(parameter_names(), ", ")));

@@ -18,6 +18,7 @@ struct Parameter {
     // A factor on all that lights[index] sends out, which is 1 in every scene: the derivative is
     // the part of the radiance that comes from this light.
     kLightScale,
+    kLightPlace,  // a slot of lights[index]: where it is, or in which direction
   } kind = kSigmaT;
   uint32_t index = 0;  // of the surface or light; 0 for the medium
   uint32_t slot = 0;   // in slots_of<> the kinds of what the parameter is of; else 0
@@ -31,7 +32,8 @@ struct Parameter {
 const std::vector<Parameter>& medium_parameters();
 
 // "sigma_t", "albedo", "g", "two_term.weight", "rough_dielectric.index",
-// "surface[0].reflectance", "surface[0].checkerboard.even", "light[1].scale".
+// "surface[0].reflectance", "surface[0].checkerboard.even", "light[1].scale",
+// "light[1].sphere.center.x".
 std::string name_of(const Parameter& parameter);
 
 // All names, with K for any number.

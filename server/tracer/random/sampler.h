@@ -10,6 +10,7 @@
 //   n       kShadowRay  light, cell       a coin    a direction     roulette of the wavefront
 //   n       kMap        a pixel           a coin    -               -
 //   n       kBoundary   whatever the boundary makes of u0 .. u4
+//   n       kOutline    a place       -         -               -
 //
 // In the wavefront, film position and first flight are rather the three coordinates of a scrambled
 // Sobol sequence (common/low_discrepancy.h), whose scrambles are drawn by kSequence.
@@ -44,7 +45,16 @@ using RandomWords = std::array<uint32_t, 4>;
 // The random numbers of one sample of one pixel.
 class Sampler {
  public:
-  enum Purpose : uint32_t { kFilm, kWalk, kShadowRay, kMap, kSequence, kBoundary, kRefraction };
+  enum Purpose : uint32_t {
+    kFilm,
+    kWalk,
+    kShadowRay,
+    kMap,
+    kSequence,
+    kBoundary,
+    kRefraction,
+    kOutline
+  };
 
   Sampler(uint64_t seed, uint32_t pixel, uint32_t sample)
       : key_{static_cast<uint32_t>(seed), static_cast<uint32_t>(seed >> 32)},

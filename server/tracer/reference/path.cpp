@@ -363,6 +363,7 @@ class Walk {
         case Parameter::kReflectance:
           derivative += double{dweight_dreflectance_[i]} * double{light};
           break;
+        case Parameter::kLightPlace: break;  // refused
         case Parameter::kLightScale:
           derivative += double{weight_} * double{part_of(request_.derivatives[i].index)};
           break;

@@ -156,17 +156,35 @@ void check_index(const Parameter& parameter, size_t count, const char* what) {
 
 // Whether what the parameter is of has its slot.
 template <typename Kinds>
-void check_slot(const Parameter& parameter, const Kinds& kinds) {
+void check_slot(const Parameter& parameter, size_t kind) {
   const std::vector<Slot>& slots = slots_of<Kinds>();
-  if (slots[parameter.slot].kind == kinds.index()) return;
+  if (slots[parameter.slot].kind == kind) return;
   std::string have;
   for (uint32_t slot = 0; slot < slots.size(); ++slot) {
-    if (slots[slot].kind != kinds.index()) continue;
+    if (slots[slot].kind != kind) continue;
     have += (have.empty() ? "" : ", ") + name_of({parameter.kind, parameter.index, slot});
   }
   throw invalid_input(fmt::format(
       "no derivative in {}: {}", name_of(parameter),
       have.empty() ? "there is none in what the scene has instead" : "there is " + have));
+}
+
+// Shadow rays to its outline are all that find how a light moves.
+void check_place(const Parameter& parameter, const Scene::Compiled& scene, Tracer tracer) {
+  const Lights::Described& light = scene.lights.described(parameter.index);
+  check_slot<LightDescription>(parameter, light.kind);
+  const auto refuse = [&](const std::string& why) {
+    throw invalid_input(fmt::format("no derivative in {}: {}", name_of(parameter), why));
+  };
+  if (!light.has_size) {
+    refuse("the light has no size; it may have an angular_radius_degrees");
+  }
+  if (stops_lines(scene.boundary) && is_delta(scene.boundary)) {
+    refuse(
+        "the object's boundary is smooth; behind a rough one, or one that is index-matched, "
+        "there is one");
+  }
+  if (tracer == Tracer::kReference) refuse("the reference tracer knows none");
 }
 
 // Paths that follow edges meet lights by chance alone.
@@ -227,7 +245,7 @@ void validate(const RenderRequest& request) {
   const PhaseFunction phase = phase_of(request);
   check_fields("phase.", phase);
   for (const Parameter& parameter : request.derivatives) {
-    if (parameter.kind == Parameter::kPhase) check_slot(parameter, phase);
+    if (parameter.kind == Parameter::kPhase) check_slot<PhaseFunction>(parameter, phase.index());
   }
   if (request.pilot_spp > kMaxPilotSpp) {
     throw invalid_input(
@@ -258,12 +276,15 @@ void validate(const RenderRequest& request, const Scene& scene) {
   if (differentiated_index(request, compiled.boundary)) check_edges_find_lights(compiled.lights);
   for (const Parameter& parameter : request.derivatives) {
     if (parameter.kind == Parameter::kBoundary) {
-      check_slot(parameter, compiled.boundary);
+      check_slot<Boundary>(parameter, compiled.boundary.index());
     } else if (parameter.kind == Parameter::kReflectance) {
       check_index(parameter, scene.surface_count(), "surface");
-      check_slot(parameter, compiled.surfaces[parameter.index].reflectance);
+      check_slot<Reflectance>(parameter, compiled.surfaces[parameter.index].reflectance.index());
     } else if (parameter.kind == Parameter::kLightScale) {
       check_index(parameter, scene.light_count(), "light");
+    } else if (parameter.kind == Parameter::kLightPlace) {
+      check_index(parameter, scene.light_count(), "light");
+      check_place(parameter, compiled, request.tracer);
     }
   }
 }

@@ -45,13 +45,7 @@ void check_other(const std::string& name, const SceneDescription& scene, const O
 void check_lights_are_found(const SceneDescription& scene) {
   const auto name = [](const auto& kind) { return kind.kName; };
   for (size_t i = 0; i < scene.lights.size(); ++i) {
-    const bool has_size = std::visit(
-        [](const auto& kind) {
-          if constexpr (requires { kind.has_size(); }) return kind.has_size();
-          return true;
-        },
-        scene.lights[i]);
-    if (has_size) continue;
+    if (has_size(scene.lights[i])) continue;
     throw invalid_input(fmt::format(
         "lights[{}].{} cannot be seen through object.{}, which is smooth: no path finds such a "
         "light; one of a size (angular_radius_degrees, sphere, panel), or a rough boundary, can be "

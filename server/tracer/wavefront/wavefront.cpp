@@ -47,6 +47,7 @@
 #include "server/tracer/wavefront/walk/begin-inl.h"
 #include "server/tracer/wavefront/walk/contribution-inl.h"
 #include "server/tracer/wavefront/walk/flight-inl.h"
+#include "server/tracer/wavefront/walk/outline_rays-inl.h"
 #include "server/tracer/wavefront/walk/refracted_rays-inl.h"
 #include "server/tracer/wavefront/walk/roulette-inl.h"
 #include "server/tracer/wavefront/walk/scatter-inl.h"
@@ -101,6 +102,7 @@ class Walk {
         check_odds(wave_);
       }
       trace_shadow_rays(wave_);
+      trace_outline_rays(wave_);
       russian_roulette(wave_, roulette_);
       finish();
     }

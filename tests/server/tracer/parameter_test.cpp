@@ -16,6 +16,7 @@ TEST(ParameterTest, NamesAreReadAsTheyArePrinted) {
     all.push_back({Parameter::kReflectance, index});
     all.push_back({Parameter::kReflectance, index, 2});
     all.push_back({Parameter::kLightScale, index});
+    all.push_back({Parameter::kLightPlace, index, 1});
   }
   for (const Parameter& parameter : all) {
     EXPECT_EQ(parameter_named(name_of(parameter)), parameter) << name_of(parameter);
@@ -23,6 +24,8 @@ TEST(ParameterTest, NamesAreReadAsTheyArePrinted) {
   EXPECT_EQ(name_of({Parameter::kReflectance, 2}), "surface[2].reflectance");
   EXPECT_EQ(name_of({Parameter::kReflectance, 2, 1}), "surface[2].checkerboard.even");
   EXPECT_EQ(name_of({Parameter::kLightScale, 0}), "light[0].scale");
+  EXPECT_EQ(name_of({Parameter::kLightPlace, 3, 1}), "light[3].directional.direction.y");
+  EXPECT_EQ(name_of(parameter_named("light[1].panel.center.z")), "light[1].panel.center.z");
   EXPECT_EQ(parameter_named("two_term.weight"), (Parameter{Parameter::kPhase, 0, 3}));
 }
 
@@ -119,8 +122,41 @@ TEST(ParameterTest, RefusesWhatTheSceneDoesNotHave) {
             "no derivative in surface[1].reflectance: the scene has one surface, number 0");
   EXPECT_EQ(refused({{Parameter::kLightScale, 7}}),
             "no derivative in light[7].scale: the scene has one light, number 0");
+  EXPECT_EQ(
+      refused({parameter_named("light[0].sphere.center.x")}),
+      "no derivative in light[0].sphere.center.x: there is none in what the scene has instead");
   EXPECT_EQ(refused({{Parameter::kPhase}, {Parameter::kPhase}}),
             "the derivative in g is asked for twice");
+}
+
+// Where shadow rays to its outline do not find all that changes.
+TEST(ParameterTest, RefusesToMoveWhatItCannot) {
+  const auto refused = [](const LightDescription& light, const Boundary& boundary, Tracer tracer) {
+    SceneDescription description = studio("cube", {ConstantLight{1}, light}, 0.5F);
+    description.boundary = boundary;
+    RenderRequest request{.material = {30, 0.8, 0.3}};
+    request.derivatives = {parameter_named("light[1].directional.direction.x")};
+    request.tracer = tracer;
+    try {
+      validate(request, Scene(std::move(description)));
+    } catch (const Error& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  const std::string none = "no derivative in light[1].directional.direction.x: ";
+  const DirectionalLight point{{0.3, 1, -0.2}, 2}, sun{{0.3, 1, -0.2}, 2, 0.1};
+  const Tracer fast = Tracer::kWavefront;
+  EXPECT_EQ(refused(sun, IndexMatched(), fast), "");
+  EXPECT_EQ(refused(sun, RoughDielectric(), fast), "");
+  EXPECT_EQ(refused(point, IndexMatched(), fast),
+            none + "the light has no size; it may have an angular_radius_degrees");
+  EXPECT_EQ(refused(sun, Dielectric(), fast),
+            none +
+                "the object's boundary is smooth; behind a rough one, or one that is "
+                "index-matched, there is one");
+  EXPECT_EQ(refused(sun, IndexMatched(), Tracer::kReference),
+            none + "the reference tracer knows none");
 }
 
 }  // namespace

@@ -1,7 +1,11 @@
 // Derivatives in what surrounds the object: the reflectance of surfaces, the scale of lights.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+#include <functional>
 #include <numbers>
+#include <string>
 
 #include "tests/server/tracer/scenes.h"
 
@@ -138,6 +142,94 @@ TEST(SceneDerivativeTest, WavefrontEqualsReference) {
     }
   }
 }
+
+// A light that moves, and what is rendered under it.
+class LightPlace : public ::testing::TestWithParam<const char*> {
+ protected:
+  struct Case {
+    SceneDescription scene;
+    std::vector<std::string> names;
+    // The light, moved by this along a coordinate.
+    std::function<LightDescription(int axis, double by)> light;
+    uint32_t samples = 1024;
+    double step = 0.05;
+  };
+  static Vec3d moved(Vec3d place, int axis, double by) {
+    return place + Vec3d{axis == 0 ? by : 0, axis == 1 ? by : 0, axis == 2 ? by : 0};
+  }
+  static Case named(const std::string& name) {
+    SceneDescription scene = studio("knot", {ConstantLight{1}}, 0.5F);
+    if (name == "sun" || name == "rough") {
+      // Seen by an object that is turned.
+      scene.pose = {Rotation<double>{{0, 0, 1}, {0, 1, 0}, {-1, 0, 0}}, {0, 0.1, 0}};
+      const bool rough = name == "rough";
+      if (rough) scene.boundary = RoughDielectric{1.3F, 0.8F};
+      return {scene,
+              {"light[1].directional.direction.x", "light[1].directional.direction.z"},
+              [=](int axis, double by) {
+                const Vec3d direction{0.5, 0.7, -0.4};
+                return DirectionalLight{moved(direction, axis == 1 ? 2 : 0, by), 20,
+                                        rough ? 0.5 : 0.05};
+              },
+              rough ? 8192U : 1024U,
+              rough ? 0.06 : 0.05};
+    }
+    if (name == "panel") {
+      return {
+          scene,
+          {"light[1].panel.center.x", "light[1].panel.center.y", "light[1].panel.center.z"},
+          [](int axis, double by) {
+            return PanelLight{moved({-1, 1.3, -0.7}, axis, by), {0.4, 0.4, 0}, {0, 0.4, 0.5}, 1000};
+          }};
+    }
+    // A lamp that is darker than the sky which it hides.
+    const bool dark = name == "dark";
+    if (dark) scene.surfaces.clear();
+    return {
+        scene,
+        {"light[1].sphere.center.x", "light[1].sphere.center.y", "light[1].sphere.center.z"},
+        [=](int axis, double by) {
+          return SphereLight{moved({1.4, 1.3, -0.5}, axis, by), dark ? 0.8 : 0.1, dark ? 0.1 : 600};
+        },
+        dark ? 6144U : 2048U,
+        dark ? 0.1 : 0.05};
+  }
+};
+
+TEST_P(LightPlace, DerivativesEqualFiniteDifferences) {
+  constexpr int kBatches = 32;
+  const auto [description, names, light, samples, step] = named(GetParam());
+  const auto scene_at = [&](int axis, double by) {
+    SceneDescription moved = description;
+    moved.lights.push_back(light(axis, by));
+    return Scene(std::move(moved));
+  };
+  RenderRequest request{.material = {8, 0.9, 0.3}, .sample_count = samples};
+  for (const std::string& name : names) request.derivatives.push_back(parameter_named(name));
+  const FilmEstimate film = estimate_film(scene_at(0, 0), request, kBatches);
+  request.derivatives.clear();
+  double scale = 0;
+  for (const Estimated& derivative : film.derivatives) {
+    scale = std::max(scale, std::abs(derivative.mean));
+  }
+  for (int axis = 0; axis < static_cast<int>(names.size()); ++axis) {
+    const Scene above = scene_at(axis, step), below = scene_at(axis, -step);
+    std::vector<double> slopes;
+    for (request.seed = 1000; request.seed < 1000 + kBatches; ++request.seed) {
+      slopes.push_back((film_mean(render_grad(above, request), -1) -
+                        film_mean(render_grad(below, request), -1)) /
+                       (2 * step));
+    }
+    const Estimated expected = over_batches(slopes);
+    const std::string& what = names[static_cast<size_t>(axis)];
+    expect_equal(film.derivatives[static_cast<size_t>(axis)], expected, 11, what);
+    expect_resolution(film.derivatives[static_cast<size_t>(axis)], scale, 0.02, what);
+    expect_resolution(expected, scale, 0.02, what);
+  }
+}
+INSTANTIATE_TEST_SUITE_P(Cases, LightPlace,
+                         ::testing::Values("sun", "rough", "sphere", "dark", "panel"),
+                         [](const auto& of) { return of.param; });
 
 }  // namespace
 }  // namespace itn::testing

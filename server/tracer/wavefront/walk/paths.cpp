@@ -10,7 +10,7 @@ PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, Fil
     add_colours(request);
     return;
   }
-  size_t reflectance = 0, light = 0;
+  size_t reflectance = 0, light = 0, place = 0;
   for (const Parameter& parameter : request.derivatives) {
     switch (parameter.kind) {
       case Parameter::kSigmaT:
@@ -30,6 +30,7 @@ PathRecorder::PathRecorder(const RenderRequest& request, const Paths& paths, Fil
       case Parameter::kReflectance:
         derivatives_.push_back({&paths.d_reflectance[reflectance++]});
         break;
+      case Parameter::kLightPlace: derivatives_.push_back({&paths.d_place[place++]}); break;
       case Parameter::kLightScale: derivatives_.push_back({&paths.d_light[light++]}); break;
     }
   }

@@ -67,8 +67,8 @@ struct PathState {
   FloatStates<> radiance_at_albedos{};
   // For the surfaces that derivatives are asked for in: d W / d reflectance, and what is collected.
   FloatStates<> dweight_dreflectance{}, d_reflectance{};
-  // The same for lights.
-  FloatStates<> d_light{};
+  // The same for lights, and for their places.
+  FloatStates<> d_light{}, d_place{};
   // For a derivative in the boundary's index: W times what edges weigh that the path has followed,
   // which make W 0 (BoundaryEdge).
   FloatStates<> edge_weight{};
@@ -89,9 +89,9 @@ struct PathState {
                     delta_bounce, crossings, pdf, medium, scattered_at, scattered_pdf, odds, weight,
                     dweight_dalbedo, score_sigma_t, radiance, d_sigma_t, d_albedo, control_sigma_t,
                     score_slots, d_slots, control_phase, weight_at_albedos, radiance_at_albedos,
-                    dweight_dreflectance, d_reflectance, d_light, edge_weight, colour_weight,
-                    colour_dweight, colour_edge, likelihood, colour_score, colours, d_colours,
-                    flight_sigma_t);
+                    dweight_dreflectance, d_reflectance, d_light, d_place, edge_weight,
+                    colour_weight, colour_dweight, colour_edge, likelihood, colour_score, colours,
+                    d_colours, flight_sigma_t);
   }
   // Those that a factor of the path's weight multiplies.
   auto weights() {
@@ -157,6 +157,14 @@ struct ShadowRays {
   std::vector<FloatColumn> parts_of_lights;
   std::vector<FloatColumn> per_radiance;  // `light` by radiance, for a gradient in a panorama
   FloatColumn length_before{};            // in the medium, of those that come through the boundary
+  size_t count = 0;
+};
+
+// Those that are sent to the outlines of lights (outline_rays-inl.h).
+struct OutlineRays {
+  Rays rays;
+  UintColumn slot{};               // of the path
+  std::vector<FloatColumn> light;  // as that of ShadowRays, for each of some derivatives
   size_t count = 0;
 };
 

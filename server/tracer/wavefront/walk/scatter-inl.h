@@ -13,6 +13,7 @@
 #include "server/tracer/geometry/lines/surface_search-inl.h"
 #include "server/tracer/geometry/surface_normals-inl.h"
 #include "server/tracer/surfaces/reflectance.h"
+#include "server/tracer/wavefront/walk/outline_rays-inl.h"
 #include "server/tracer/wavefront/walk/shadow_rays-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -270,6 +271,7 @@ inline void scatter(Wavefront& wave, size_t i, Mask in_medium, Mask on_surface, 
   if (wave.switches.techniques != Switches::Techniques::kPhaseOnly) {
     send_shadow_rays(wave, i, vertices);
   }
+  send_outline_rays(wave, i, vertices);
   sample_direction(wave, i, vertices);
 }
 

@@ -76,6 +76,40 @@ inline void send_mirrored_rays(Wavefront& wave, size_t i, const Vertices& vertic
       [&](size_t l) { return hn::Mul(parts.radiance[l], reflected); });
 }
 
+// Light that comes from a direction: the part of its radiance, by steradian, that paths carry on.
+struct Turn {
+  Floats value, pdf;                          // with which the walk would go there by itself
+  PhaseValue phase;                           // of scatterings
+  Floats boundary_scores[kMaxBoundarySlots];  // of crossings
+};
+HWY_INLINE Turn turn_to(const Wavefront& wave, const Vertices& vertices, Vectors direction) {
+  const Floats zero = hn::Zero(FloatTag());
+  const Floats cosine = dot(vertices.axis, direction);
+  const PhaseValue phase = evaluate_phase(wave.media, vertices.medium, cosine);
+  Turn turn{phase.value, phase.value, phase, {zero}};
+  if (vertices.any_on_surface) {
+    Floats diffuse = hn::Mul(hn::Max(zero, cosine), set(std::numbers::inv_pi_v<float>));
+    if (wave.scene.obstacles.surfaces.smooth()) {
+      const Mask above = hn::Gt(dot(vertices.flat_normal, direction), zero);
+      diffuse = hn::IfThenElseZero(above, diffuse);
+    }
+    turn.value = turn.pdf = hn::IfThenElse(vertices.on_surface, diffuse, phase.value);
+  }
+  if (vertices.any_at_boundary) {
+    const Crossing& at = vertices.crossing;
+    const BoundaryValue boundary = evaluate_boundary(wave.media, vertices.medium, at, direction);
+    const Floats side = dot(at.flat_normal, direction);  // outside is above 0, unless it leaves
+    const Mask outside = hn::Gt(hn::IfThenElse(at.leaving, hn::Neg(side), side), zero);
+    turn.value = hn::IfThenElse(vertices.at_boundary, hn::IfThenElseZero(outside, boundary.value),
+                                turn.value);
+    turn.pdf = hn::IfThenElse(vertices.at_boundary, boundary.pdf, turn.pdf);
+    for (size_t s = 0; s < kMaxBoundarySlots; ++s) {
+      turn.boundary_scores[s] = hn::IfThenElseZero(vertices.at_boundary, boundary.scores[s]);
+    }
+  }
+  return turn;
+}
+
 // Next-event estimation: light along one direction drawn from the lights.
 //
 // Roulette before anything is traced: a shadow ray through optical depth x carries v exp(-x). Let
@@ -106,36 +140,11 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
                         roulette);
     if (hn::AllFalse(d, sent)) return;
   }
-  const Floats cosine = dot(vertices.axis, light.direction);
-  auto [value, scores] = evaluate_phase(wave.media, vertices.medium, cosine);
-  if (vertices.any_on_surface) {
-    Floats diffuse = hn::Mul(hn::Max(zero, cosine), set(std::numbers::inv_pi_v<float>));
-    if (wave.scene.obstacles.surfaces.smooth()) {
-      const Mask above = hn::Gt(dot(vertices.flat_normal, light.direction), zero);
-      diffuse = hn::IfThenElseZero(above, diffuse);
-    }
-    value = hn::IfThenElse(vertices.on_surface, diffuse, value);
-  }
-  Floats walk_pdf = value;  // with which the walk would go there by itself
-  Floats boundary_scores[kMaxBoundarySlots] = {zero};
-  if (vertices.any_at_boundary) {
-    const Crossing& at = vertices.crossing;
-    const BoundaryValue boundary =
-        evaluate_boundary(wave.media, vertices.medium, at, light.direction);
-    const Floats side =
-        dot(at.flat_normal, light.direction);  // outside is above 0, unless it leaves
-    const Mask outside = hn::Gt(hn::IfThenElse(at.leaving, hn::Neg(side), side), zero);
-    value =
-        hn::IfThenElse(vertices.at_boundary, hn::IfThenElseZero(outside, boundary.value), value);
-    walk_pdf = hn::IfThenElse(vertices.at_boundary, boundary.pdf, walk_pdf);
-    for (size_t s = 0; s < kMaxBoundarySlots; ++s) {
-      boundary_scores[s] = hn::IfThenElseZero(vertices.at_boundary, boundary.scores[s]);
-    }
-  }
+  const Turn turn = turn_to(wave, vertices, light.direction);
   // The weight of the draw, radiance / pdf, times that of multiple importance sampling,
   // pdf / (pdf + walk_pdf). Deltas have no pdf: what they bring is as it is.
   const Floats phase_pdf =
-      wave.switches.techniques == Switches::Techniques::kBoth ? walk_pdf : zero;
+      wave.switches.techniques == Switches::Techniques::kBoth ? turn.pdf : zero;
   Floats pdf_sum = hn::IfThenElse(light.dense(), hn::Add(light.pdf, phase_pdf), set(1.0F));
   const Floats light_pdf = hn::IfThenElse(light.dense(), light.pdf, set(1.0F));
   LightSamples from_scattering = light;
@@ -147,11 +156,11 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
     const Floats odds = refraction_odds(wave, i, vertices.medium, from_scattering.direction);
     pdf_sum = hn::Add(pdf_sum, hn::IfThenElseZero(vertices.at_boundary, hn::Mul(odds, light_pdf)));
   }
-  const Floats undimmed = hn::Div(hn::Mul(light.radiance, value), pdf_sum);
+  const Floats undimmed = hn::Div(hn::Mul(light.radiance, turn.value), pdf_sum);
   // What decides whether it is sent. For a gradient in a panorama, dark places count as well.
   Floats worth = undimmed, per_radiance = zero;
   if (wave.differentiated_map != nullptr) {
-    per_radiance = hn::IfThenElseZero(light.from_far(), hn::Div(value, pdf_sum));
+    per_radiance = hn::IfThenElseZero(light.from_far(), hn::Div(turn.value, pdf_sum));
     worth = hn::Max(worth, hn::Mul(per_radiance, set(wave.mean_radiance())));
   }
   const Floats importance = hn::Mul(path_importance(paths, i), worth);
@@ -180,11 +189,14 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
        .max_medium_length = hn::Mul(limit, free_path_of(wave.media, vertices.medium)),
        .length_before = zero},
       [&](size_t s) {
-        const Floats score = s < phase_slots ? hn::IfThenElseZero(vertices.in_medium, scores[s])
-                                             : boundary_scores[s - phase_slots];
+        const Floats score = s < phase_slots
+                                 ? hn::IfThenElseZero(vertices.in_medium, turn.phase.scores[s])
+                                 : turn.boundary_scores[s - phase_slots];
         return hn::Add(load(paths.score_slots[s], i), score);
       },
-      [&](size_t l) { return hn::Div(hn::Mul(part_of_light(light, parts, l), value), pdf_sum); });
+      [&](size_t l) {
+        return hn::Div(hn::Mul(part_of_light(light, parts, l), turn.value), pdf_sum);
+      });
 }
 
 // Traces the shadow rays, and adds the light that they bring, dimmed by the medium.

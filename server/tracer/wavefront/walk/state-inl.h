@@ -7,6 +7,7 @@
 #endif
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <numbers>
 #include <vector>
@@ -63,8 +64,12 @@ struct Wavefront {
                               slots_of<Reflectance>()[parameter.slot].number});
       } else if (parameter.kind == Parameter::kLightScale) {
         differentiated_lights.push_back(parameter.index);
+      } else if (parameter.kind == Parameter::kLightPlace) {
+        const size_t slot = slots_of<LightDescription>()[parameter.slot].number;
+        places.push_back({parameter.index, compiled.lights.described(parameter.index).axes[slot]});
       }
     }
+    for (const Lights::Light& light : compiled.lights.all()) add_outlined(light);
     if (asked.gradient_light) {
       differentiated_map = compiled.lights.map_of(*asked.gradient_light);
       shadow_rays.per_radiance.resize(1);
@@ -92,6 +97,7 @@ struct Wavefront {
     paths.dweight_dreflectance.resize(reflecting.size());
     paths.d_reflectance.resize(reflecting.size());
     paths.d_light.resize(differentiated_lights.size());
+    paths.d_place.resize(places.size());
     paths.edge_weight.resize(index_slot ? 1 : 0);
     paths.colour_edge.resize(index_slot ? colours.size() : 0);
     paths.crossing_edge_weight.resize(paths.edge_weight.size());
@@ -140,6 +146,33 @@ struct Wavefront {
   };
   std::vector<SurfaceSlot> reflecting;
   std::vector<size_t> differentiated_lights;
+  // The places of lights that derivatives are asked for in: of which light, and along what.
+  struct Place {
+    size_t number;
+    Vec3f axis;
+  };
+  std::vector<Place> places;
+  // A light that such a place is of. The rays to its outline, on either side of it, and behind
+  // these to what else is seen there, have the light for the derivatives with these numbers in
+  // `places`.
+  struct Outlined {
+    const Lights::Light& light;
+    std::vector<size_t> places;
+    std::array<OutlineRays, 4> rays;
+  };
+  std::vector<Outlined> outlined;
+  void add_outlined(const Lights::Light& light) {
+    std::vector<size_t> own;
+    for (size_t p = 0; p < places.size(); ++p) {
+      if (places[p].number == light.number) own.push_back(p);
+    }
+    if (own.empty()) return;
+    outlined.push_back({light, own, {}});
+    for (OutlineRays& rays : outlined.back().rays) {
+      rays.light.resize(own.size());
+      rays.rays.bounded = scene.lights.has_near();
+    }
+  }
   // Of RenderRequest::colours.
   struct Colour {
     float sigma_t, albedo;

@@ -1,0 +1,103 @@
+// Shadow rays to the outlines of lights, for derivatives in where these are.
+#if defined(ITN_TRACER_WAVEFRONT_WALK_OUTLINE_RAYS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ITN_TRACER_WAVEFRONT_WALK_OUTLINE_RAYS_INL_H_
+#undef ITN_TRACER_WAVEFRONT_WALK_OUTLINE_RAYS_INL_H_
+#else
+#define ITN_TRACER_WAVEFRONT_WALK_OUTLINE_RAYS_INL_H_
+#endif
+
+#include <cstddef>
+
+#include "server/tracer/wavefront/walk/shadow_rays-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace itn::tracer::HWY_NAMESPACE {
+
+// A vertex collects f L over all directions, f being what it makes of light from there and what
+// reaches it. Where a light is, only L depends on: inside its outline L is the light's radiance,
+// and outside what else is seen. So the derivative is an integral over the outline, of f times the
+// step of L, times how fast the outline goes outwards. From every vertex, a pair of rays goes to
+// places across the outline from one another, which are weighed alike: of a small light, their
+// difference is small, as the light is. So they go through no roulette, which would part them.
+//
+// Left out is what a lamp hides that is no light: reflecting surfaces and the medium; and how it is
+// seen by the camera itself. After Li, Aittala, Durand, Lehtinen, "Differentiable Monte Carlo ray
+// tracing through edge sampling", SIGGRAPH Asia 2018.
+
+// `light`: the step of radiance times what the vertex makes of it.
+inline void add_outline_rays(Wavefront& wave, OutlineRays& to, size_t i, const Vertices& vertices,
+                             Mask where, const Outline& outline, Floats distance, Floats light,
+                             const std::vector<size_t>& places) {
+  where = hn::And(where, hn::Gt(hn::Abs(light), hn::Zero(FloatTag())));
+  const Uints interaction = load(wave.paths.rays.interaction, i);
+  const Append append{where, to.count};
+  append(load(wave.paths.rays.position, i), to.rays.position);
+  append(outline.direction, to.rays.direction);
+  append(hn::IfThenZeroElse(for_uints(vertices.at_boundary), interaction), to.rays.interaction);
+  append(hn::Mul(set(kMaxOpticalDepth), free_path_of(wave.media, vertices.medium)),
+         to.rays.max_medium_length);
+  if (to.rays.bounded) append(distance, to.rays.distance);
+  for (size_t p = 0; p < places.size(); ++p) {
+    append(hn::Mul(light, dot(outline.growth, set(wave.places[places[p]].axis))), to.light[p]);
+  }
+  append(slots_from(i), to.slot);
+  to.count += hn::CountTrue(FloatTag(), where);
+}
+
+inline void send_outline_rays(Wavefront& wave, size_t i, const Vertices& vertices) {
+  const Mask sent = sending(wave, i, vertices);
+  if (wave.outlined.empty() || hn::AllFalse(FloatTag(), sent)) return;
+  const Lights& lights = wave.scene.lights;
+  const Vectors position = if_then_else(sent, load(wave.paths.rays.position, i), set(Vec3f{}));
+  const Words words = random(wave, i, load(wave.paths.vertex, i), Sampler::kOutline);
+  for (Wavefront::Outlined& of : wave.outlined) {
+    visit_kind(of.light.kind, [&]<typename Kind>(const Kind& kind) {
+      if constexpr (Outlined<Kind>) {
+        for (const bool opposite : {false, true}) {
+          const Outline place = outline(kind, position, uniform(words.w[0]), opposite);
+          const Floats value = turn_to(wave, vertices, place.direction).value;
+          const Appearance behind = look(lights, position, place.direction, NoParts(), &of.light);
+          const Mask shows = hn::And(sent, hn::Ge(behind.distance, place.distance));
+          OutlineRays* const rays = &of.rays[opposite ? 2 : 0];
+          add_outline_rays(wave, rays[0], i, vertices, shows, place, place.distance,
+                           hn::Mul(value, place.radiance), of.places);
+          if constexpr (VisibleLamp<Kind>) {
+            add_outline_rays(wave, rays[1], i, vertices, shows, place, behind.distance,
+                             hn::Neg(hn::Mul(value, behind.emission.radiance)), of.places);
+          }
+        }
+      }
+    });
+  }
+}
+
+// Traces them, and adds the light that they bring to the derivatives.
+inline void trace_outline_rays(Wavefront& wave) {
+  Paths& paths = wave.paths;
+  const FloatTag d;
+  for (Wavefront::Outlined& of : wave.outlined) {
+    for (OutlineRays& rays : of.rays) {
+      follow_lines(wave.scene.obstacles, rays.rays, rays.count, Report::kLengths,
+                   wave.at_boundary());
+      for (size_t i = 0; i < rays.count; i += lanes()) {
+        const Mask live = hn::FirstN(d, rays.count - i);
+        const Uints end = hn::And(load(rays.rays.outcome, i), set(Rays::kEndMask));
+        const SlotGather at{slots_in(rays.slot, i, live)};
+        mark_leaked(paths, hn::And(live, equals(end, Rays::kLeaked)), at.slots);
+        const Mask arrived = hn::And(live, equals(end, Rays::kEscaped));
+        const Floats part =
+            part_arriving(wave, wave.medium_in(at.slots), load(rays.rays.medium_length, i));
+        const Floats weight = hn::IfThenElseZero(arrived, hn::Mul(at.get(paths.weight), part));
+        for (size_t p = 0; p < of.places.size(); ++p) {
+          at.add(hn::Mul(weight, load(rays.light[p], i)), paths.d_place[of.places[p]]);
+        }
+      }
+      rays.count = 0;
+    }
+  }
+}
+
+}  // namespace itn::tracer::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif
