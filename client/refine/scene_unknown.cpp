@@ -3,11 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <string_view>
 
 #include "common/error.h"
 #include "common/fields.h"
 #include "server/tracer/boundary/boundary.h"
+#include "server/tracer/lights/kinds.h"
 #include "server/tracer/parameters/parameter.h"
 #include "server/tracer/surfaces/reflectance.h"
 
@@ -19,7 +21,8 @@ using google::protobuf::Message;
 
 // Where a slot stands in a scene.
 struct Place {
-  const Slot* slot;
+  double by_default;
+  LogitScale range;
   Message* message;
   const FieldDescriptor* field;
 };
@@ -42,7 +45,21 @@ Place place_in(Message& owner, const std::string& of, const Slot& slot, const st
   }
   const FieldDescriptor* field = message->GetDescriptor()->FindFieldByName(std::string(path));
   if (field == nullptr) throw none_of(name, "scene files do not have it");
-  return {&slot, message, field};
+  return {slot.value, {slot.low, slot.high}, message, field};
+}
+
+double value_at(const Place& place) {
+  const google::protobuf::Reflection& access = *place.message->GetReflection();
+  return access.HasField(*place.message, place.field) ? access.GetFloat(*place.message, place.field)
+                                                      : place.by_default;
+}
+
+// A coordinate of a vector: as far from where it is, on either side, as the vector is long.
+Place with_range(Place place) {
+  const auto& vector = static_cast<const v1::Vec3&>(*place.message);
+  const double reach = std::hypot(vector.x(), vector.y(), vector.z());
+  place.range = {value_at(place) - reach, value_at(place) + reach};
+  return place;
 }
 
 Place place_of(v1::Scene& scene, const std::string& name) {
@@ -63,14 +80,19 @@ Place place_of(v1::Scene& scene, const std::string& name) {
         throw none_of(name, of + " has a pattern instead");
       return place_in(surface, of, slot, name);
     }
-    default: throw none_of(name, "it is no number of the boundary or the surfaces of a scene file");
+    case tracer::Parameter::kLightPlace: {
+      const int count = scene.lights_size();
+      if (parameter.index >= static_cast<uint32_t>(count))
+        throw none_of(name, fmt::format("the scene has {} lights", count));
+      return with_range(place_in(*scene.mutable_lights(static_cast<int>(parameter.index)),
+                                 fmt::format("scene.lights[{}]", parameter.index),
+                                 slots_of<tracer::LightDescription>()[parameter.slot], name));
+    }
+    default:
+      throw none_of(name,
+                    "it is no number of the boundary, the surfaces or the places of lights in "
+                    "a scene file");
   }
-}
-
-double value_at(const Place& place) {
-  const google::protobuf::Reflection& access = *place.message->GetReflection();
-  return access.HasField(*place.message, place.field) ? access.GetFloat(*place.message, place.field)
-                                                      : place.slot->value;
 }
 
 }  // namespace
@@ -90,7 +112,7 @@ std::vector<SceneUnknown> scene_unknowns(std::span<const std::string> names,
                                         starts.front(), starts.back()));
       }
       if (starts.size() > 1) continue;
-      unknowns.push_back({name, starts.front(), {place.slot->low, place.slot->high}});
+      unknowns.push_back({name, starts.front(), place.range});
     }
   }
   return unknowns;

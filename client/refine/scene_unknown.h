@@ -12,7 +12,8 @@
 namespace itn {
 
 struct SceneUnknown {
-  std::string name;  // as "rough_dielectric.index", "surface[0].reflectance"
+  std::string
+      name;  // as "rough_dielectric.index", "surface[0].reflectance", "light[0].sphere.center.x"
   double start = 0;  // in the scene files
   LogitScale range;
 };
