@@ -97,7 +97,8 @@ void add_import_command(CLI::App& app) {
                                    [](unsigned char c) { return std::toupper(c); });
             v1::Film::Channel_Parse(name, &flags->options.channel);
           },
-          "What of colours is taken: luminance, red, green or blue")
+          "What of colours is taken: luminance (colours of surfaces and lights stay), red, green "
+          "or blue")
       ->check(CLI::IsMember({"luminance", "red", "green", "blue"}))
       ->default_str("luminance");
   command->callback([flags] { run_import(*flags); });

@@ -127,16 +127,37 @@ class Importer {
     return file_.is_3 && emitter.type != "envmap" ? Vector3d::UnitZ() : Vector3d::UnitY();
   }
 
-  // A number for a colour.
+  // Whether a colour stays one: where no channel was asked for, and it is not gray.
+  bool is_kept(const Colour& colour) const {
+    return options_.channel == v1::Film::LUMINANCE &&
+           (colour[0] != colour[1] || colour[1] != colour[2]);
+  }
+  float number_of(const Colour& colour) const {
+    if (options_.channel == v1::Film::LUMINANCE) {
+      return static_cast<float>(tracer::luminance(colour));
+    }
+    return static_cast<float>(colour[static_cast<size_t>(options_.channel - v1::Film::RED)]);
+  }
+  template <typename Message>
+  static void set_color(const Colour& colour, Message& color) {
+    color.set_red(static_cast<float>(colour[0]));
+    color.set_green(static_cast<float>(colour[1]));
+    color.set_blue(static_cast<float>(colour[2]));
+  }
+
+  // A number for a colour that cannot be kept.
   float number_for(const MitsubaPlugin& of, const std::string& property, double otherwise) {
     const Colour colour = of.colour(property, otherwise);
-    if (options_.channel != v1::Film::LUMINANCE) {
-      return static_cast<float>(colour[static_cast<size_t>(options_.channel - v1::Film::RED)]);
-    }
-    if (colour[0] != colour[1] || colour[1] != colour[2]) {
+    if (is_kept(colour)) {
       leave(of, "its colour: the luminance was taken; --channel takes R, G or B");
     }
-    return static_cast<float>(tracer::luminance(colour));
+    return number_of(colour);
+  }
+  // How bright a light is, which takes its colour.
+  float brightness_of(const MitsubaPlugin& of, const std::string& property, v1::Light& light) {
+    const Colour colour = of.colour(property, 1);
+    if (is_kept(colour)) set_color(colour, *light.mutable_color());
+    return number_of(colour);
   }
 
   static void set(v1::Vec3& to, const Vector3d& v) {
@@ -368,7 +389,12 @@ class Importer {
         if (set_texture(surface, shape, *texture)) return;
         leave(*texture, "is a reflectance of 0.5 here");
       } else if (bsdf->has(name)) {
-        surface.set_reflectance(number_for(*bsdf, name, 0.5));
+        const Colour colour = bsdf->colour(name, 0.5);
+        if (is_kept(colour)) {
+          set_color(colour, *surface.mutable_color());
+        } else {
+          surface.set_reflectance(number_of(colour));
+        }
         return;
       }
     }
@@ -411,14 +437,15 @@ class Importer {
   // Lights.
 
   void add_lamp(const MitsubaPlugin& shape, const MitsubaPlugin& emitter) {
-    const auto radiance = number_for(emitter, "radiance", 1);
+    v1::Light light;
+    const float radiance = brightness_of(emitter, "radiance", light);
     const Affine3d transform = to_world(shape);
     if (shape.type == "rectangle") {
-      v1::PanelLight& panel = *result_.scene.add_lights()->mutable_panel();
+      v1::PanelLight& panel = *light.mutable_panel();
       set_sides(panel, transform);
       panel.set_radiance(radiance);
     } else if (shape.type == "sphere") {
-      v1::SphereLight& sphere = *result_.scene.add_lights()->mutable_sphere();
+      v1::SphereLight& sphere = *light.mutable_sphere();
       set(*sphere.mutable_center(), transform * shape.vector("center", Vector3d::Zero()));
       sphere.set_radius(static_cast<float>(shape.number("radius", 1) *
                                            std::cbrt(transform.linear().determinant())));
@@ -427,14 +454,15 @@ class Importer {
       leave(shape, "shines, and has no counterpart; rectangles and spheres have");
       return;
     }
+    *result_.scene.add_lights() = light;
     if (const MitsubaPlugin* const bsdf = unwrapped_bsdf(shape))
       leave(*bsdf, "a lamp is black here");
   }
 
   // From W/sr over scene units^2.
-  float intensity_of(const MitsubaPlugin& emitter) {
+  float intensity_of(const MitsubaPlugin& emitter, v1::Light& light) {
     const double mm2_per_m2 = 1e6;
-    return static_cast<float>(number_for(emitter, "intensity", 1) *
+    return static_cast<float>(brightness_of(emitter, "intensity", light) *
                               std::pow(options_.mm_per_scene_unit, 2) / mm2_per_m2);
   }
 
@@ -442,7 +470,7 @@ class Importer {
     const Affine3d transform = to_world(emitter);
     v1::Light light;
     if (emitter.type == "constant") {
-      light.mutable_constant()->set_radiance(number_for(emitter, "radiance", 1));
+      light.mutable_constant()->set_radiance(brightness_of(emitter, "radiance", light));
     } else if (emitter.type == "envmap") {
       v1::EnvironmentMap& map = *light.mutable_environment_map();
       map.set_path(path_of(emitter));
@@ -455,17 +483,17 @@ class Importer {
               ? Vector3d(world_.linear() * emitter.vector("direction", Vector3d::UnitZ()))
               : Vector3d(transform.linear().col(2));
       set(*sun.mutable_direction(), -along.normalized());
-      sun.set_irradiance(number_for(emitter, "irradiance", 1));
+      sun.set_irradiance(brightness_of(emitter, "irradiance", light));
     } else if (emitter.type == "point") {
       set(*light.mutable_point()->mutable_position(),
           transform * emitter.vector("position", Vector3d::Zero()));
-      light.mutable_point()->set_intensity(intensity_of(emitter));
+      light.mutable_point()->set_intensity(intensity_of(emitter, light));
     } else if (emitter.type == "spot") {
       const double cutoff = emitter.number("cutoff_angle", 20);
       v1::SpotLight& spot = *light.mutable_spot();
       set(*spot.mutable_position(), transform.translation());
       set(*spot.mutable_target(), transform * Vector3d::UnitZ());
-      spot.set_intensity(intensity_of(emitter));
+      spot.set_intensity(intensity_of(emitter, light));
       spot.set_outer_angle_degrees(static_cast<float>(cutoff));
       spot.set_inner_angle_degrees(static_cast<float>(emitter.number("beam_width", 0.75 * cutoff)));
       leave(emitter, "how it fades between its two angles differs");

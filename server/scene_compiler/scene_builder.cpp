@@ -139,6 +139,21 @@ tracer::Channel build_channel(v1::Film::Channel channel) {
       fmt::format("scene.film.channel has the unknown value {}", static_cast<int>(channel)));
 }
 
+tracer::Rgb build_light_colour(const std::string& field, const v1::Light& proto) {
+  if (!proto.has_color()) return {1, 1, 1};
+  const v1::LightColor& color = proto.color();
+  const auto part = [&](const char* name, bool given, float value) {
+    return given ? in_closed(field + ".color." + name, double{value}, 0, 1e6) : 1;
+  };
+  const tracer::Rgb rgb{part("red", color.has_red(), color.red()),
+                        part("green", color.has_green(), color.green()),
+                        part("blue", color.has_blue(), color.blue())};
+  if (!(tracer::luminance(rgb) > 0)) {
+    throw invalid_input(field + ".color: red, green and blue are 0; one of them must shine");
+  }
+  return rgb;
+}
+
 tracer::LightDescription build_light(const std::string& field, const v1::Light& proto) {
   return read_kind<tracer::LightDescription>(field, proto, "kind");
 }
@@ -174,7 +189,9 @@ tracer::SceneDescription build_scene(const v1::Scene& scene, const RenderLimits&
     description.surfaces_digest = digest_of(scene.surfaces());
   }
   for (int i = 0; i < scene.lights_size(); ++i) {
-    description.lights.push_back(build_light(fmt::format("scene.lights[{}]", i), scene.lights(i)));
+    const std::string field = fmt::format("scene.lights[{}]", i);
+    description.lights.push_back(build_light(field, scene.lights(i)));
+    description.light_colours.push_back(build_light_colour(field, scene.lights(i)));
   }
   return description;
 }

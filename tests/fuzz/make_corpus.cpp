@@ -54,7 +54,7 @@ v1::Scene full_scene() {
     lights { sun_sky { turbidity: 3 ground_albedo: 0.2 sun_elevation_degrees: 40
                        sun_azimuth_degrees: 20 sun_angular_radius_degrees: 5 } }
     lights { environment_map { pixels { width: 4 height: 2 } scale: 2 rotate_y_degrees: 10 } }
-    lights { constant { radiance: 0.3 } }
+    lights { constant { radiance: 0.3 } color { red: 0.5 green: 2 } }
     lights { directional { direction { x: 1 y: 2 z: -1 } irradiance: 2 } }
     lights { point { position { x: 2 y: 3 z: -1 } intensity: 1e-5 } }
     camera { origin { y: 1.5 z: -4 } target { y: 0.5 } up { y: 1 } fov_degrees: 22 }
@@ -92,6 +92,17 @@ v1::Scene colours_scene() {
   v1::Scene scene = full_scene();
   scene.mutable_film()->set_channel(v1::Film::RGB);
   scene.mutable_object()->mutable_rough_dielectric()->set_roughness(0.3F);
+  return scene;
+}
+
+v1::Scene places_scene() {
+  v1::Scene scene = full_scene();
+  scene.mutable_object()->mutable_rough_dielectric()->set_roughness(0.02F);
+  *scene.mutable_surfaces(0) = parse_text<v1::Surface>(R"(
+    rectangle { center { y: -0.1 } half_u { x: 20 } half_v { z: -20 } } color { red: 0.9 blue: 0 })");
+  scene.mutable_lights(3)->mutable_directional()->set_angular_radius_degrees(5);
+  *scene.add_lights() = parse_text<v1::Light>(
+      "sphere { center { x: 2 y: 2 } radius: 0.5 radiance: 4 } color { red: 3 }");
   return scene;
 }
 
@@ -281,6 +292,13 @@ void make_corpus(const fs::path& folder) {
           }
           request.set_spp(2);
           request.set_first_sample(2);
+        }));
+  write("render_request/places", render_request(places_scene(), [](auto& request) {
+          request.clear_derivatives();
+          for (const char* name : {"light[3].directional.direction.x", "light[5].sphere.center.y",
+                                   "surface[0].color.red"}) {
+            request.add_parameters(name);
+          }
         }));
   write("render_request/colours", render_request(colours_scene(), [](auto& request) {
           request.clear_material();

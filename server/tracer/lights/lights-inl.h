@@ -26,7 +26,10 @@ HWY_INLINE Emission emission(const Lights::Light& light, Vectors d) {
 // Its radiance in each colour, given that of all together. Inlined, it slows down who asks for
 // none.
 HWY_NOINLINE inline InColours colours(const Lights::Light& light, Vectors d, Floats radiance) {
-  InColours result{{radiance, radiance, radiance}};
+  InColours result;
+  for (size_t c = 0; c < kColours.size(); ++c) {
+    result.radiance[c] = hn::Mul(radiance, set(light.colour[c]));
+  }
   visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
     if constexpr (requires { colours(kind, d); }) {
       const Mask shines = hn::Gt(radiance, hn::Zero(FloatTag()));
@@ -43,7 +46,7 @@ HWY_NOINLINE inline InColours colours(const Lights::Light& light, Vectors d, Flo
 struct NoParts {
   HWY_INLINE void add_radiance(const Lights::Light& /*light*/, Vectors /*d*/, Floats /*radiance*/) {
   }
-  HWY_INLINE void add_chosen(size_t /*number*/, Mask /*chosen*/) {}
+  HWY_INLINE void add_chosen(const Lights::Light& /*light*/, Mask /*chosen*/) {}
 };
 
 // All that are: radiance, and density of `sample`. `parts` hears of each light what it sends from
@@ -252,7 +255,7 @@ HWY_INLINE LightSamples arriving_light(const Lights& lights, Vectors from, const
           const Mask hidden = hn::Lt(reach(lights, from, one.direction, &light), one.distance);
           one.radiance = hn::IfThenZeroElse(hidden, one.radiance);
         }
-        parts.add_chosen(light.number, chosen);
+        parts.add_chosen(light, chosen);
         known = hn::Or(known, chosen);
         draw = if_then_else(chosen, one, draw);
       }

@@ -10,6 +10,7 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <string_view>
 #include <tuple>
 #include <utility>
 
@@ -23,6 +24,47 @@ namespace {
 // One lane, without any special instructions.
 namespace lanes = HWY_NAMESPACE;
 namespace hn = lanes::hn;
+
+// Multiplies how bright a light is.
+struct Brighten {
+  double by;
+  bool found = false;
+
+  template <typename Number>
+  void number(std::string_view name, Number& value, double /*low*/, double /*high*/) {
+    if (name != "radiance" && name != "irradiance" && name != "intensity") return;
+    value *= by;
+    found = true;
+  }
+  template <typename... Any>
+  void angle(const Any&... /*field*/) {}
+  template <typename... Any>
+  void direction(const Any&... /*field*/) {}
+  template <typename... Any>
+  void position(const Any&... /*field*/) {}
+  template <typename... Any>
+  void moving_direction(const Any&... /*field*/) {}
+  template <typename... Any>
+  void moving_position(const Any&... /*field*/) {}
+  template <typename... Any>
+  void pixels(const Any&... /*field*/) {}
+};
+
+// Makes a light what a film's channel sees of it; returns its colour of luminance 1.
+std::array<float, 3> set_colour(LightDescription& light, Rgb colour, Channel channel) {
+  std::visit(
+      [&](auto& kind) {
+        const double all = luminance(colour);
+        for (double& part : colour) part /= all;
+        Brighten brighten{channel == Channel::kRgb ? 1 : select(colour, channel)};
+        kind.fields(kind, brighten);
+        if (!brighten.found)
+          throw invalid_input(fmt::format("color: {} has colours of its own", kind.kName));
+      },
+      light);
+  return {static_cast<float>(colour[0]), static_cast<float>(colour[1]),
+          static_cast<float>(colour[2])};
+}
 
 // The axes of the scene; of a direction of any length, what they do to that of unit length.
 std::array<Vec3f, 3> axes_of(const LightDescription& description, const Pose& pose) {
@@ -43,12 +85,14 @@ Rotation<double> turned_back(double azimuth) {
   return {{c, 0, s}, {0, 1, 0}, {-s, 0, c}};
 }
 
-Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFrame& frame) {
+Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFrame& frame,
+               const std::vector<Rgb>& colours) {
   size_t number = 0;  // of the description
+  std::array<float, 3> colour;
   const auto add = [&]<typename Kind>(Kind&& kind) {
     const double power = kind.power();
     if (power > 0 || VisibleLamp<Kind>) {
-      lights_.push_back({std::forward<Kind>(kind), 0, power, number});
+      lights_.push_back({std::forward<Kind>(kind), 0, power, number, colour});
     }
   };
   const auto compile = [&]<typename Description>(const Description& light) {
@@ -60,7 +104,14 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
       check_fields("", description);
       described_.push_back(
           {description.index(), has_size(description), axes_of(description, frame.pose)});
-      std::visit(compile, description);
+      colour = {1, 1, 1};
+      if (number < colours.size() && colours[number] != Rgb{1, 1, 1}) {
+        LightDescription coloured = description;
+        colour = set_colour(coloured, colours[number], frame.channel);
+        std::visit(compile, coloured);
+      } else {
+        std::visit(compile, description);
+      }
     } catch (const Error& error) {
       throw Error(error.kind(), fmt::format("lights[{}].{}", number, error.what()));
     }

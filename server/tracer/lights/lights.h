@@ -27,8 +27,10 @@ struct LightSample {
 // The lights of a scene. Directions are unit vectors.
 class Lights {
  public:
-  // Throws Error (invalid input) if a number is out of range or nothing shines.
-  Lights(const std::vector<LightDescription>& descriptions, const LightFrame& frame);
+  // `colours`: of the first of them, on any scale; the others are white. Throws Error (invalid
+  // input) if a number is out of range, a light has colours of its own, or nothing shines.
+  Lights(const std::vector<LightDescription>& descriptions, const LightFrame& frame,
+         const std::vector<Rgb>& colours = {});
   // On their own.
   Lights(const std::vector<LightDescription>& descriptions, Channel channel);
 
@@ -71,10 +73,11 @@ class Lights {
   // Those that shine, and lamps that hide what does, each drawn with its probability.
   struct Light {
     LightKind kind;
-    float cumulative = 0;    // of the probabilities, up to and including this one
-    double probability = 0;  // proportional to power
-    size_t number = 0;       // of its description; a sun and its sky have the same
-    uint32_t lamp = 0;       // its number among the lamps that lines meet, from 1 on; 0: it is none
+    float cumulative = 0;                     // of the probabilities, up to and including this one
+    double probability = 0;                   // proportional to power
+    size_t number = 0;                        // of its description; a sun and its sky have the same
+    std::array<float, 3> colour = {1, 1, 1};  // of luminance 1
+    uint32_t lamp = 0;  // its number among the lamps that lines meet, from 1 on; 0: it is none
   };
   const std::vector<Light>& all() const { return lights_; }
 

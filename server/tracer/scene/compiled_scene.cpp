@@ -151,7 +151,8 @@ Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std:
       surfaces(to_object(scene.pose, scene.film.channel, std::move(scene.surfaces))),
       obstacles(object, surfaces,
                 boundary_details(scene, *object, other_media, parts, part_keys, stop)),
-      lights(scene.lights, {scene.film.channel, scene.pose, object->mesh, parts, part_keys}),
+      lights(scene.lights, {scene.film.channel, scene.pose, object->mesh, parts, part_keys},
+             scene.light_colours),
       camera(to_object(scene.pose, scene.camera), scene.film),
       film(scene.film),
       camera_inside(contains(object->bounds, camera.origin()) &&

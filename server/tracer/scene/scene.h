@@ -73,6 +73,7 @@ struct SceneDescription {
   std::vector<OtherObject> other_objects = {};
   std::vector<DiffuseSurface> surfaces;
   std::vector<LightDescription> lights;
+  std::vector<Rgb> light_colours = {};  // see Lights
   CameraDescription camera;
   FilmDescription film;
   // Keys, for scenes that share parts: of the compiled object, under which it is in the cache, and

@@ -9,6 +9,7 @@
 #include <variant>
 
 #include "server/tracer/surfaces/checkerboard.h"
+#include "server/tracer/surfaces/color_reflectance.h"
 #include "server/tracer/surfaces/image_reflectance.h"
 #include "server/tracer/surfaces/uniform_reflectance.h"
 
@@ -17,7 +18,8 @@
 
 namespace itn::tracer {
 
-using Reflectance = std::variant<UniformReflectance, Checkerboard, ImageReflectance>;
+using Reflectance =
+    std::variant<UniformReflectance, Checkerboard, ImageReflectance, ColorReflectance>;
 
 inline size_t memory_of(const Reflectance& reflectance) {
   return std::visit(

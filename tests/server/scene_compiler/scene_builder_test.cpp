@@ -529,6 +529,8 @@ struct FieldNames {
   void angle(const char* name, double, double = 0, double = 0) { names.emplace_back(name); }
   void direction(const char* name, const Vec3d&) { names.emplace_back(name); }
   void position(const char* name, const Vec3d&) { names.emplace_back(name); }
+  void moving_direction(const char* name, const Vec3d&) { names.emplace_back(name); }
+  void moving_position(const char* name, const Vec3d&) { names.emplace_back(name); }
   template <typename Map>
   void pixels(const char* name, const Map&) {
     names.insert(names.end(), {name, "path"});
@@ -566,6 +568,23 @@ TEST(SceneBuilder, EveryFieldOfEveryKindIsRead) {
   expect_all_are_read<tracer::Reflectance>(*v1::Surface::descriptor()->FindOneofByName("pattern"));
   EXPECT_EQ(std::variant_size_v<tracer::LightDescription>,
             v1::Light::descriptor()->FindOneofByName("kind")->field_count());
+}
+
+TEST(SceneBuilder, TakesColours) {
+  v1::Scene scene = cube_scene();
+  scene.mutable_surfaces(0)->clear_reflectance();
+  scene.mutable_surfaces(0)->mutable_color()->set_red(0.9F);
+  scene.mutable_lights(0)->mutable_color()->set_blue(0.25F);
+  const auto built = build_scene(scene, RenderLimits());
+  const auto& surface = std::get<tracer::ColorReflectance>(built.surfaces.at(0).reflectance);
+  EXPECT_EQ((std::array{surface.red, surface.green, surface.blue}), (std::array{0.9F, 0.5F, 0.5F}));
+  EXPECT_EQ(built.light_colours.at(0), (tracer::Rgb{1, 1, 0.25}));
+  scene.mutable_lights(0)->mutable_color()->set_blue(-1);
+  expect_error(ErrorKind::kInvalidInput, {"scene.lights[0].color.blue is -1"},
+               [&] { build_scene(scene, RenderLimits()); });
+  *scene.mutable_lights(0)->mutable_color() = parse_text<v1::LightColor>("red: 0 green: 0 blue: 0");
+  expect_error(ErrorKind::kInvalidInput, {"scene.lights[0].color", "one of them must shine"},
+               [&] { build_scene(scene, RenderLimits()); });
 }
 
 TEST(SceneBuilder, TakesABoundary) {

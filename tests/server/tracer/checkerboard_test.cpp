@@ -196,5 +196,43 @@ TEST(CheckerboardTest, RefusesWhatItIsNot) {
             "checkerboard.edge_u and edge_v are parallel; they must not be");
 }
 
+// What a film shows of a colour, and of that of the light.
+TEST(ColorReflectanceTest, AFilmShowsItsPart) {
+  constexpr double kSlope = kIrradiance * kCosine / std::numbers::pi;
+  const Rgb surface{0.9, 0.4, 0.1}, light{1, 3, 2};
+  for (const Channel channel : {Channel::kLuminance, Channel::kRed, Channel::kBlue}) {
+    SceneDescription description;
+    description.object = box({-0.5F, -3, -0.5F}, {0.5F, -2, 0.5F});
+    description.surfaces = {{horizontal_square(0, 20), ColorReflectance{0.9F, 0.4F, 0.1F}}};
+    description.lights = {DirectionalLight{{0.6, kCosine, 0}, kIrradiance}};
+    description.light_colours = {light};
+    description.camera = {.origin = {2, 4, 1}, .target = {2, 3, 1}, .up = {0, 0, 1}, .fov = 2.5e-5};
+    description.film = {2, 2, channel};
+    const Scene scene(std::move(description));
+    for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
+      RenderRequest request{.material = {30, 0.8, 0}, .sample_count = 4};
+      request.derivatives = {parameter_named("surface[0].color.red"),
+                             parameter_named("surface[0].color.blue")};
+      request.tracer = tracer;
+      const FilmSums sums = render_grad(scene, request, {.tuning = {.shadow_ray_roulette = 0}});
+      const double of_light = select(light, channel) / luminance(light) * kSlope;
+      EXPECT_NEAR(film_mean(sums, -1), select(surface, channel) * of_light, 1e-5);
+      EXPECT_NEAR(film_mean(sums, 0), select({1, 0, 0}, channel) * of_light, 1e-5);
+      EXPECT_NEAR(film_mean(sums, 1), select({0, 0, 1}, channel) * of_light, 1e-5);
+    }
+  }
+}
+
+TEST(ColorReflectanceTest, ASkyHasItsOwnColours) {
+  SceneDescription description = studio("cube", {ConstantLight{1}, paper_sun_sky()});
+  description.light_colours = {{1, 1, 1}, {1, 0.5, 0.5}};
+  try {
+    const Scene scene(std::move(description));
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_STREQ(error.what(), "lights[1].color: sun_sky has colours of its own");
+  }
+}
+
 }  // namespace
 }  // namespace itn::testing

@@ -124,6 +124,17 @@ TEST(ColoursTest, IndexMatched) {
       {"star", std::move(scene), {{24, 0.6, 0.4}, {12, 0.8, 0.4}, {18, 0.95, 0.4}}}, 512, 512);
 }
 
+// Lamps, deltas and a sky of other colours, and a coloured ground.
+TEST(ColoursTest, OfLightsAndSurfaces) {
+  SceneDescription scene =
+      studio("smooth_star", {ConstantLight{0.2}, SphereLight{{1, 2.5, -1.5}, 0.3, 20},
+                             PointLight{{-1.5, 2, -1}, 4e-6}, ConstantLight{0.1}});
+  scene.light_colours = {{1, 2, 4}, {3, 2, 1}, {0, 1, 0.2}};
+  scene.surfaces = {{horizontal_square(0, 20), ColorReflectance{0.9F, 0.4F, 0.1F}}};
+  expect_colours_of_their_own(
+      {"coloured", std::move(scene), {{24, 0.6, 0.4}, {12, 0.8, 0.4}, {18, 0.9, 0.4}}}, 512, 512);
+}
+
 TEST(ColoursTest, BehindARoughBoundary) {
   SceneDescription scene =
       studio("knot", {paper_sun_sky(), SphereLight{{1, 2.5, -1.5}, 0.4, 60}}, 0.5F);

@@ -203,6 +203,7 @@ struct LightParts {
     for (size_t l = 0; l < (in_colours ? kColours.size() : numbers.size()); ++l) {
       radiance[l] = hn::Zero(FloatTag());
       chosen[l] = hn::FirstN(FloatTag(), 0);
+      part_of_chosen[l] = set(1.0F);
     }
   }
   HWY_INLINE void add_radiance(const Lights::Light& light, Vectors d, Floats by) {
@@ -215,24 +216,28 @@ struct LightParts {
       radiance[c] = hn::Add(radiance[c], part.radiance[c]);
     }
   }
-  HWY_INLINE void add_chosen(size_t number, Mask where) {
+  HWY_INLINE void add_chosen(const Lights::Light& light, Mask where) {
     for (size_t l = 0; l < numbers.size(); ++l) {
-      if (numbers[l] == number) chosen[l] = hn::Or(chosen[l], where);
+      if (numbers[l] == light.number) chosen[l] = hn::Or(chosen[l], where);
     }
     if (!in_colours) return;
-    for (size_t c = 0; c < kColours.size(); ++c) chosen[c] = hn::Or(chosen[c], where);
+    for (size_t c = 0; c < kColours.size(); ++c) {
+      chosen[c] = hn::Or(chosen[c], where);
+      part_of_chosen[c] = hn::IfThenElse(where, set(light.colour[c]), part_of_chosen[c]);
+    }
   }
 
   const std::vector<size_t>& numbers;
   const bool in_colours;
   Floats radiance[kMaxDerivatives];
-  Mask chosen[kMaxDerivatives];  // where it is a delta or a lamp, and is drawn
+  Mask chosen[kMaxDerivatives];            // where it is a delta or a lamp, and is drawn
+  Floats part_of_chosen[kMaxDerivatives];  // of its radiance: in a colour
 };
 
 // What is due to the l-th light that derivatives are asked for in, of the radiance of samples; or
 // what that is in colour l.
 HWY_INLINE Floats part_of_light(const LightSamples& light, const LightParts& parts, size_t l) {
-  return hn::IfThenElse(parts.chosen[l], light.radiance,
+  return hn::IfThenElse(parts.chosen[l], hn::Mul(light.radiance, parts.part_of_chosen[l]),
                         hn::IfThenElseZero(light.from_far(), parts.radiance[l]));
 }
 
