@@ -70,6 +70,26 @@ void check_fields(const std::string& of, const std::variant<Kinds...>& kind) {
   std::visit(check, kind);
 }
 
+// Passes over fields, for who wants to hear of some alone and derives from it.
+struct OtherFields {
+  template <typename... Any>
+  void number(const Any&... /*field*/) {}
+  template <typename... Any>
+  void flag(const Any&... /*field*/) {}
+  template <typename... Any>
+  void angle(const Any&... /*field*/) {}
+  template <typename... Any>
+  void direction(const Any&... /*field*/) {}
+  template <typename... Any>
+  void position(const Any&... /*field*/) {}
+  template <typename... Any>
+  void moving_direction(const Any&... /*field*/) {}
+  template <typename... Any>
+  void moving_position(const Any&... /*field*/) {}
+  template <typename... Any>
+  void pixels(const Any&... /*field*/) {}
+};
+
 // A slot of some kind of a list.
 struct Slot {
   size_t kind = 0, number = 0;  // of the kind in the list, of the slot in the kind
@@ -79,7 +99,7 @@ struct Slot {
 
 namespace fields_internal {
 // The slots of a kind, by the names of its own.
-struct SlotList {
+struct SlotList : OtherFields {
   std::vector<Slot> slots;
 
   template <typename Number>
@@ -95,18 +115,6 @@ struct SlotList {
     }
   }
   void moving_position(const char* name, Vec3d value) { moving_direction(name, value); }
-  template <typename... Any>
-  void number(const Any&... /*field*/) {}
-  template <typename... Any>
-  void flag(const Any&... /*field*/) {}
-  template <typename... Any>
-  void angle(const Any&... /*field*/) {}
-  template <typename... Any>
-  void direction(const Any&... /*field*/) {}
-  template <typename... Any>
-  void position(const Any&... /*field*/) {}
-  template <typename... Any>
-  void pixels(const Any&... /*field*/) {}
 };
 
 template <typename Kind>

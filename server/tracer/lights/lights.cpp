@@ -26,28 +26,17 @@ namespace lanes = HWY_NAMESPACE;
 namespace hn = lanes::hn;
 
 // Multiplies how bright a light is.
-struct Brighten {
+struct Brighten : OtherFields {
   double by;
   bool found = false;
 
+  explicit Brighten(double factor) : by(factor) {}
   template <typename Number>
   void number(std::string_view name, Number& value, double /*low*/, double /*high*/) {
     if (name != "radiance" && name != "irradiance" && name != "intensity") return;
     value *= by;
     found = true;
   }
-  template <typename... Any>
-  void angle(const Any&... /*field*/) {}
-  template <typename... Any>
-  void direction(const Any&... /*field*/) {}
-  template <typename... Any>
-  void position(const Any&... /*field*/) {}
-  template <typename... Any>
-  void moving_direction(const Any&... /*field*/) {}
-  template <typename... Any>
-  void moving_position(const Any&... /*field*/) {}
-  template <typename... Any>
-  void pixels(const Any&... /*field*/) {}
 };
 
 // Makes a light what a film's channel sees of it; returns its colour of luminance 1.
@@ -56,7 +45,7 @@ std::array<float, 3> set_colour(LightDescription& light, Rgb colour, Channel cha
       [&](auto& kind) {
         const double all = luminance(colour);
         for (double& part : colour) part /= all;
-        Brighten brighten{channel == Channel::kRgb ? 1 : select(colour, channel)};
+        Brighten brighten(channel == Channel::kRgb ? 1 : select(colour, channel));
         kind.fields(kind, brighten);
         if (!brighten.found)
           throw invalid_input(fmt::format("color: {} has colours of its own", kind.kName));
