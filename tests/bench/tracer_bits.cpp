@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/fields.h"
 #include "common/geometry/mesh.h"
 #include "common/geometry/shapes.h"
 #include "common/scene/scene_bytes.h"
@@ -150,6 +151,21 @@ Ask colours_of(const Scene& scene) {
   return ask;
 }
 
+// The places of its lights that images have derivatives in.
+std::vector<Parameter> places_of(const Scene& scene) {
+  std::vector<Parameter> places;
+  const std::vector<Slot>& slots = slots_of<LightDescription>();
+  for (uint32_t light = 0; light < scene.light_count(); ++light) {
+    const Lights::Described& described = scene.compiled().lights.described(light);
+    for (uint32_t slot = 0; slot < slots.size(); ++slot) {
+      if (described.has_size && slots[slot].kind == described.kind) {
+        places.push_back({Parameter::kLightPlace, light, slot});
+      }
+    }
+  }
+  return places;
+}
+
 std::vector<Ask> asks(const Scene& scene) {
   if (scene.compiled().film.channel == Channel::kRgb) return {colours_of(scene)};
   const RenderRequest& image = plain_image();
@@ -184,6 +200,12 @@ std::vector<Ask> asks(const Scene& scene) {
       [](Ask& a) { a.options.switches.techniques = Switches::Techniques::kLightsOnly; });
   add("phase_only",
       [](Ask& a) { a.options.switches.techniques = Switches::Techniques::kPhaseOnly; });
+  const std::vector<Parameter> places = places_of(scene);
+  const Boundary& boundary = scene.compiled().boundary;
+  if (!places.empty() && !(stops_lines(boundary) && is_delta(boundary))) {
+    add(
+        "places", [&](Ask& a) { a.request.derivatives = places; }, false);
+  }
   return result;
 }
 
