@@ -62,6 +62,15 @@ Place with_range(Place place) {
   return place;
 }
 
+// That of a list which a parameter is of.
+template <typename Entry>
+Entry& entry(google::protobuf::RepeatedPtrField<Entry>& list, const tracer::Parameter& parameter,
+             const char* what) {
+  if (parameter.index >= static_cast<uint32_t>(list.size()))
+    throw none_of(name_of(parameter), fmt::format("the scene has {} {}", list.size(), what));
+  return list[static_cast<int>(parameter.index)];
+}
+
 Place place_of(v1::Scene& scene, const std::string& name) {
   const tracer::Parameter parameter = tracer::parameter_named(name);
   switch (parameter.kind) {
@@ -69,10 +78,7 @@ Place place_of(v1::Scene& scene, const std::string& name) {
       return place_in(*scene.mutable_object(), "scene.object",
                       slots_of<tracer::Boundary>()[parameter.slot], name);
     case tracer::Parameter::kReflectance: {
-      const int count = scene.surfaces_size();
-      if (parameter.index >= static_cast<uint32_t>(count))
-        throw none_of(name, fmt::format("the scene has {} surfaces", count));
-      v1::Surface& surface = *scene.mutable_surfaces(static_cast<int>(parameter.index));
+      v1::Surface& surface = entry(*scene.mutable_surfaces(), parameter, "surfaces");
       const std::string of = fmt::format("scene.surfaces[{}]", parameter.index);
       const Slot& slot = slots_of<tracer::Reflectance>()[parameter.slot];
       const bool is_pattern = slot.name.find('.') != std::string::npos;
@@ -80,14 +86,10 @@ Place place_of(v1::Scene& scene, const std::string& name) {
         throw none_of(name, of + " has a pattern instead");
       return place_in(surface, of, slot, name);
     }
-    case tracer::Parameter::kLightPlace: {
-      const int count = scene.lights_size();
-      if (parameter.index >= static_cast<uint32_t>(count))
-        throw none_of(name, fmt::format("the scene has {} lights", count));
-      return with_range(place_in(*scene.mutable_lights(static_cast<int>(parameter.index)),
+    case tracer::Parameter::kLightPlace:
+      return with_range(place_in(entry(*scene.mutable_lights(), parameter, "lights"),
                                  fmt::format("scene.lights[{}]", parameter.index),
                                  slots_of<tracer::LightDescription>()[parameter.slot], name));
-    }
     default:
       throw none_of(name,
                     "it is no number of the boundary, the surfaces or the places of lights in "

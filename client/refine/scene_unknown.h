@@ -12,8 +12,8 @@
 namespace itn {
 
 struct SceneUnknown {
-  std::string
-      name;  // as "rough_dielectric.index", "surface[0].reflectance", "light[0].sphere.center.x"
+  // As "rough_dielectric.index", "surface[0].reflectance", "light[0].sphere.center.x".
+  std::string name;
   double start = 0;  // in the scene files
   LogitScale range;
 };

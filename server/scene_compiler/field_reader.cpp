@@ -51,8 +51,13 @@ void FieldReader::flag(const char* name, bool& value) const {
 }
 
 void FieldReader::direction(const char* name, Vec3d& value) const {
+  moving_direction(name, value);
+  value = normalize(value);
+}
+
+void FieldReader::moving_direction(const char* name, Vec3d& value) const {
   const v1::Vec3* read = vec(name);
-  value = normalize(non_zero(path(name), read == nullptr ? v1::Vec3() : *read));
+  value = non_zero(path(name), read == nullptr ? v1::Vec3() : *read);
 }
 
 void FieldReader::position(const char* name, Vec3d& value) const {

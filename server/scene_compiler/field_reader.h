@@ -44,7 +44,7 @@ class FieldReader {
   // Required.
   void direction(const char* name, Vec3d& value) const;
   void position(const char* name, Vec3d& value) const;
-  void moving_direction(const char* name, Vec3d& value) const { direction(name, value); }
+  void moving_direction(const char* name, Vec3d& value) const;  // of the length that it has
   void moving_position(const char* name, Vec3d& value) const { position(name, value); }
   // A `path` instead is refused.
   void pixels(const char* name, tracer::EnvironmentMapLight& map) const;

@@ -140,14 +140,12 @@ tracer::Channel build_channel(v1::Film::Channel channel) {
 }
 
 tracer::Rgb build_light_colour(const std::string& field, const v1::Light& proto) {
-  if (!proto.has_color()) return {1, 1, 1};
-  const v1::LightColor& color = proto.color();
-  const auto part = [&](const char* name, bool given, float value) {
-    return given ? in_closed(field + ".color." + name, double{value}, 0, 1e6) : 1;
-  };
-  const tracer::Rgb rgb{part("red", color.has_red(), color.red()),
-                        part("green", color.has_green(), color.green()),
-                        part("blue", color.has_blue(), color.blue())};
+  tracer::Rgb rgb{1, 1, 1};
+  if (!proto.has_color()) return rgb;
+  const FieldReader reader(field + ".color", proto.color());
+  reader.number("red", rgb[0], 0, 1e6);
+  reader.number("green", rgb[1], 0, 1e6);
+  reader.number("blue", rgb[2], 0, 1e6);
   if (!(tracer::luminance(rgb) > 0)) {
     throw invalid_input(field + ".color: red, green and blue are 0; one of them must shine");
   }

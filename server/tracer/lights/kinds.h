@@ -27,7 +27,6 @@
 //   outline(kind, from, u, opposite)  a place of its outline that u draws, or the one across from
 //                          it, the other of the pair
 // Who follows one path at a time has one lane.
-#include <concepts>
 #include <variant>
 
 #include "server/tracer/lights/constant.h"
@@ -61,11 +60,6 @@ inline bool has_size(const LightDescription& description) {
       },
       description);
 }
-
-// Those whose place or direction images have derivatives in.
-template <typename Kind>
-concept Outlined = std::same_as<Kind, SunDisc> || std::same_as<Kind, SphereLight> ||
-    std::same_as<Kind, PanelLight>;
 
 template <typename Kind>
 concept VisibleLamp = !Kind::kDelta && !Kind::kDistant;

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <algorithm>
 #include <charconv>
 #include <optional>
 
@@ -32,12 +31,12 @@ bool read_indexed(std::string_view name, std::string_view prefix, std::string su
          (name.size() == 1 || name.front() != '0');
 }
 
-// The number of a slot of a list of kinds.
-template <typename Kinds>
-std::optional<uint32_t> slot_named(std::string_view name) {
+// The number of the slot of a list of kinds whose name is right.
+template <typename Kinds, typename IsRight>
+std::optional<uint32_t> find_slot(const IsRight& is_right) {
   const std::vector<Slot>& slots = slots_of<Kinds>();
   for (uint32_t slot = 0; slot < slots.size(); ++slot) {
-    if (name == slots[slot].name) return slot;
+    if (is_right(slots[slot].name)) return slot;
   }
   return std::nullopt;
 }
@@ -81,21 +80,19 @@ Parameter parameter_named(std::string_view name) {
   for (const Parameter& parameter : medium_parameters()) {
     if (name == name_of(parameter)) return parameter;
   }
-  if (const auto slot = slot_named<PhaseFunction>(name)) return {Parameter::kPhase, 0, *slot};
-  if (const auto slot = slot_named<Boundary>(name)) return {Parameter::kBoundary, 0, *slot};
   uint32_t index = 0;
-  const auto indexed_slot = [&](const std::vector<Slot>& slots, std::string_view prefix) {
-    return std::ranges::find_if(
-               slots,
-               [&](const Slot& slot) { return read_indexed(name, prefix, slot.name, index); }) -
-           slots.begin();
+  const auto is_name = [&](const std::string& slot) { return slot == name; };
+  const auto is_of = [&](std::string_view prefix) {
+    return [&, prefix](const std::string& slot) { return read_indexed(name, prefix, slot, index); };
   };
-  const auto reflectance = static_cast<uint32_t>(indexed_slot(slots_of<Reflectance>(), "surface["));
-  if (reflectance < slots_of<Reflectance>().size()) {
-    return {Parameter::kReflectance, index, reflectance};
+  if (const auto slot = find_slot<PhaseFunction>(is_name)) return {Parameter::kPhase, 0, *slot};
+  if (const auto slot = find_slot<Boundary>(is_name)) return {Parameter::kBoundary, 0, *slot};
+  if (const auto slot = find_slot<Reflectance>(is_of("surface["))) {
+    return {Parameter::kReflectance, index, *slot};
   }
-  const auto place = static_cast<uint32_t>(indexed_slot(slots_of<LightDescription>(), "light["));
-  if (place < slots_of<LightDescription>().size()) return {Parameter::kLightPlace, index, place};
+  if (const auto slot = find_slot<LightDescription>(is_of("light["))) {
+    return {Parameter::kLightPlace, index, *slot};
+  }
   if (read_indexed(name, "light[", "scale", index)) return {Parameter::kLightScale, index};
   throw invalid_input(fmt::format("{} is not a parameter; there are {}, K counting from 0", name,
                                   fmt::join(parameter_names(), ", ")));

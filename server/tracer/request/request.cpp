@@ -144,13 +144,17 @@ void check_tile(const Tile& tile, const Scene& scene) {
   }
 }
 
+Error no_derivative(const Parameter& parameter, const std::string& why) {
+  return invalid_input(fmt::format("no derivative in {}: {}", name_of(parameter), why));
+}
+
 void check_index(const Parameter& parameter, size_t count, const char* what) {
   if (parameter.index >= count) {
     const std::string have = count == 0 ? fmt::format("the scene has no {}", what)
                              : count == 1
                                  ? fmt::format("the scene has one {}, number 0", what)
                                  : fmt::format("the scene has {}s 0 to {}", what, count - 1);
-    throw invalid_input(fmt::format("no derivative in {}: {}", name_of(parameter), have));
+    throw no_derivative(parameter, have);
   }
 }
 
@@ -164,27 +168,25 @@ void check_slot(const Parameter& parameter, size_t kind) {
     if (slots[slot].kind != kind) continue;
     have += (have.empty() ? "" : ", ") + name_of({parameter.kind, parameter.index, slot});
   }
-  throw invalid_input(fmt::format(
-      "no derivative in {}: {}", name_of(parameter),
-      have.empty() ? "there is none in what the scene has instead" : "there is " + have));
+  throw no_derivative(
+      parameter, have.empty() ? "there is none in what the scene has instead" : "there is " + have);
 }
 
 // Shadow rays to its outline are all that find how a light moves.
 void check_place(const Parameter& parameter, const Scene::Compiled& scene, Tracer tracer) {
   const Lights::Described& light = scene.lights.described(parameter.index);
   check_slot<LightDescription>(parameter, light.kind);
-  const auto refuse = [&](const std::string& why) {
-    throw invalid_input(fmt::format("no derivative in {}: {}", name_of(parameter), why));
-  };
   if (!light.has_size) {
-    refuse("the light has no size; it may have an angular_radius_degrees");
+    throw no_derivative(parameter, "the light has no size; it may have an angular_radius_degrees");
   }
   if (stops_lines(scene.boundary) && is_delta(scene.boundary)) {
-    refuse(
-        "the object's boundary is smooth; behind a rough one, or one that is index-matched, "
-        "there is one");
+    throw no_derivative(parameter,
+                        "the object's boundary is smooth; behind a rough one, or one that is "
+                        "index-matched, there is one");
   }
-  if (tracer == Tracer::kReference) refuse("the reference tracer knows none");
+  if (tracer == Tracer::kReference) {
+    throw no_derivative(parameter, "the reference tracer knows none");
+  }
 }
 
 // Paths that follow edges meet lights by chance alone.

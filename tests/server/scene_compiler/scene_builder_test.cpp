@@ -570,6 +570,14 @@ TEST(SceneBuilder, EveryFieldOfEveryKindIsRead) {
             v1::Light::descriptor()->FindOneofByName("kind")->field_count());
 }
 
+// Derivatives are in its coordinates.
+TEST(SceneBuilder, TheDirectionOfALightHasAnyLength) {
+  v1::Scene scene = cube_scene();
+  *scene.add_lights() = parse_text<v1::Light>("directional { direction { x: 3 y: 4 } }");
+  const auto built = build_scene(scene, RenderLimits());
+  EXPECT_EQ(std::get<tracer::DirectionalLight>(built.lights.back()).direction, (Vec3d{3, 4, 0}));
+}
+
 TEST(SceneBuilder, TakesColours) {
   v1::Scene scene = cube_scene();
   scene.mutable_surfaces(0)->clear_reflectance();

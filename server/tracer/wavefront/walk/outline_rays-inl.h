@@ -45,14 +45,15 @@ inline void add_outline_rays(Wavefront& wave, OutlineRays& to, size_t i, const V
 }
 
 inline void send_outline_rays(Wavefront& wave, size_t i, const Vertices& vertices) {
+  if (wave.outlined.empty()) return;
   const Mask sent = sending(wave, i, vertices);
-  if (wave.outlined.empty() || hn::AllFalse(FloatTag(), sent)) return;
+  if (hn::AllFalse(FloatTag(), sent)) return;
   const Lights& lights = wave.scene.lights;
   const Vectors position = if_then_else(sent, load(wave.paths.rays.position, i), set(Vec3f{}));
   const Words words = random(wave, i, load(wave.paths.vertex, i), Sampler::kOutline);
   for (Wavefront::Outlined& of : wave.outlined) {
     visit_kind(of.light.kind, [&]<typename Kind>(const Kind& kind) {
-      if constexpr (Outlined<Kind>) {
+      if constexpr (requires { outline(kind, position, position.x, false); }) {
         for (const bool opposite : {false, true}) {
           const Outline place = outline(kind, position, uniform(words.w[0]), opposite);
           const Floats value = turn_to(wave, vertices, place.direction).value;

@@ -182,7 +182,7 @@ struct RefractedRays {
   // Of the path, with that of the direction, unless it is a search for a facet.
   std::vector<FloatColumn> score_slots;
   std::vector<FloatColumn> parts_of_lights;  // of `radiance`, as those of ShadowRays
-  // Behind a smooth boundary, where u0 chooses a facet: where they begin, in which direction the
+  // Of searches for a facet: where they begin, in which direction the
   // path came there, and the lamp that they are sent to (lamp_drawn); and of those that are aimed
   // again, the facet that they are aimed at, and the longest of the rays before.
   VectorColumn origin, before;

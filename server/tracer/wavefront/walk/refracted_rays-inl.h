@@ -105,9 +105,9 @@ HWY_INLINE Target target_at(const Lights& lights, Vectors x, Vectors outer, Uint
   return {if_then_else(is_point, outer * distance, outer),
           hn::IfThenElseZero(for_uints(is_point), number), is_point, middle};
 }
-HWY_INLINE Target target_drawn(const Lights& lights, Vectors x, const LightChoice& drawn,
+HWY_INLINE Target target_drawn(const Lights& lights, Vectors x, Uints lamp,
                                const LightSamples& light) {
-  return target_at(lights, x, light.direction, lamp_drawn(lights, drawn.choice),
+  return target_at(lights, x, light.direction, lamp,
                    hn::IfThenElse(light.dense(), set(kInfinity), light.distance));
 }
 // From their columns. A lobe asks no density of the plane of a lamp.
@@ -287,8 +287,9 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   const Floats zero = hn::Zero(d), one = set(1.0F);
   const Mask dense = light.dense();
   const Floats index = index_of(wave.media, medium);
+  const Uints lamp = lamp_drawn(wave.scene.lights, drawn.choice);
   const Target target = wave.searches_facets
-                            ? target_drawn(wave.scene.lights, position, drawn, light)
+                            ? target_drawn(wave.scene.lights, position, lamp, light)
                             : far_target(light.direction);
   const Aim aim = first_aim(wave, medium, position, light.direction);
   Mask where = wave.searches_facets ? scattered : hn::And(scattered, aim.possible);
@@ -298,8 +299,7 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   Floats light_pdf = one;  // of q s, what is not in `pdf`
   if (wave.boundary_is_delta) {
     pdf = hn::Mul(light.pdf, hn::IfThenElse(aim.possible, aim.inner_by_outer, one));
-    const auto hit = hn::Eq(target.lamp, lamp_drawn(wave.scene.lights, drawn.choice));
-    where = hn::And(where, hn::RebindMask(d, hit));
+    where = hn::And(where, hn::RebindMask(d, hn::Eq(target.lamp, lamp)));
   } else {
     const Vectors axis = direction;
     if (!wave.searches_facets) {
@@ -620,19 +620,14 @@ inline void add_aimed(Wavefront& wave, size_t i, Uints medium, Mask where, const
   again.count += hn::CountTrue(FloatTag(), where);
 }
 
-// In a lobe around one of `count` axes, or around the first aim, if there is none.
+// In a lobe around an axis; `pdf_of(direction)` is the density of all lobes that it may be of.
+template <typename PdfOf>
 inline void aim_lobe(Wavefront& wave, size_t i, Ints slots, Uints medium, Mask where, Vectors axis,
-                     bool of_facets) {
-  const RefractedRays& sent = wave.refracted_rays;
+                     const PdfOf& pdf_of) {
   if (hn::AllFalse(FloatTag(), where)) return;
   axis = if_then_else(where, axis, set(Vec3f{0, 1, 0}));
   const Vectors direction = draw_in_lobe(wave, medium, axis, refraction_words(wave, slots));
-  Floats pdf = lobe_pdf(wave, medium, axis, direction);
-  if (of_facets) {
-    const LobeSum sum = sum_lobes(wave, sent, i, medium, where, direction);
-    pdf = hn::Div(sum.pdf, sum.count);
-  }
-  add_aimed(wave, i, medium, where, {direction, pdf, hn::Zero(IntTag())});
+  add_aimed(wave, i, medium, where, {direction, pdf_of(direction), hn::Zero(IntTag())});
 }
 
 // At one of the facets around the one that they have met; returns where there is one.
@@ -647,7 +642,9 @@ inline Mask aim_again(Wavefront& wave, size_t i, Ints slots, Uints medium, Mask 
   const Mask solved = hn::And(where, hn::Gt(count, zero));
   if (hn::AllFalse(FloatTag(), solved)) return solved;
   if (!wave.boundary_is_delta) {
-    aim_lobe(wave, i, slots, medium, solved, normalize(to), true);
+    aim_lobe(wave, i, slots, medium, solved, normalize(to), [&](Vectors direction) {
+      return hn::Div(sum_lobes(wave, sent, i, medium, solved, direction).pdf, count);
+    });
     return solved;
   }
   const Aim aim = aim_at_place(wave.scene.obstacles, facet, index_of(wave.media, medium), x,
@@ -745,7 +742,9 @@ inline void cross_refracted_rays(Wavefront& wave) {
       [&](size_t i, Ints slots, Uints medium, Mask met) {
         if (wave.boundary_is_delta) return;
         const Aim aim = first_aim_of(wave, first, i, medium, met);
-        aim_lobe(wave, i, slots, medium, hn::And(met, aim.possible), aim.direction, false);
+        aim_lobe(
+            wave, i, slots, medium, hn::And(met, aim.possible), aim.direction,
+            [&](Vectors direction) { return lobe_pdf(wave, medium, aim.direction, direction); });
       });
   if (again.count == 0) return;
   follow_to_boundary(wave, again, [&](size_t i, Ints slots, Mask met) {

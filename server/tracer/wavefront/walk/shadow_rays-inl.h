@@ -169,7 +169,8 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
 
   if (has_odds && wave.searches_facets) {
     const Target target =
-        target_drawn(wave.scene.lights, scattered_at(paths, i), drawn, from_scattering);
+        target_drawn(wave.scene.lights, scattered_at(paths, i),
+                     lamp_drawn(wave.scene.lights, drawn.choice), from_scattering);
     send_lobe_odds(wave, wave.shadow_odds, i, hn::And(sent, vertices.at_boundary), vertices.medium,
                    target, hn::Div(light_pdf, pdf_sum),
                    Append{sent, wave.shadow_rays.count}.numbers());
