@@ -642,8 +642,11 @@ inline Mask aim_again(Wavefront& wave, size_t i, Ints slots, Uints medium, Mask 
   const Mask solved = hn::And(where, hn::Gt(count, zero));
   if (hn::AllFalse(FloatTag(), solved)) return solved;
   if (!wave.boundary_is_delta) {
-    aim_lobe(wave, i, slots, medium, solved, normalize(to), [&](Vectors direction) {
-      return hn::Div(sum_lobes(wave, sent, i, medium, solved, direction).pdf, count);
+    const Vectors axis = normalize(to);
+    const bool one_each = hn::AllFalse(FloatTag(), hn::And(solved, hn::Gt(count, set(1.0F))));
+    aim_lobe(wave, i, slots, medium, solved, axis, [&](Vectors direction) {
+      return one_each ? lobe_pdf(wave, medium, axis, direction)
+                      : hn::Div(sum_lobes(wave, sent, i, medium, solved, direction).pdf, count);
     });
     return solved;
   }
