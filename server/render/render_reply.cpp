@@ -73,6 +73,7 @@ void fill_images(const tracer::FilmSums& sums, const v1::RenderGradRequest& requ
       }
     }
     proto.set_light_gradient(image_bytes(estimate.map_gradient));
+    proto.set_normal_gradient(image_bytes(estimate.normal_gradient));
     for (const std::vector<float>& radiance : estimate.other_media) {
       *(request.colours().empty() ? proto.add_at_albedos() : proto.add_colours()) =
           image_bytes(radiance);

@@ -62,12 +62,12 @@ class RenderService::RenderCall final : public QueuedCall {
     const SceneCache::ScenePtr scene = find_or_build_scene(stop);
     const RenderLimits& limits = service_.options_.limits;
     tracer::validate(built_.asked, *scene);
-    const uint64_t map_pixels = tracer::map_pixels(built_.asked, *scene);
-    check_reply_size(scene->width(), scene->height(), request_, limits, map_pixels);
+    const uint64_t gradient_numbers = tracer::gradient_numbers(built_.asked, *scene);
+    check_reply_size(scene->width(), scene->height(), request_, limits, gradient_numbers);
     const uint64_t pixels = pixel_count(scene->width(), scene->height(), request_);
     check_time(pixels);
     memory().resize(request_bytes_);  // the scene counts by itself as far as its cache is too small
-    memory().resize(request_bytes_ + film_memory(pixels, request_, built_.asked, map_pixels),
+    memory().resize(request_bytes_ + film_memory(pixels, request_, built_.asked, gradient_numbers),
                     service_.cache_.excess_of(*scene));
     if (request_.has_loss() && built_.asked.pilot_spp > 0) {
       built_.asked.sampling_weights = tracer::loss_sampling_weights(

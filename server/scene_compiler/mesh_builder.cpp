@@ -36,6 +36,12 @@ double determinant(const Affine& m) {
          m[2] * (m[4] * m[9] - m[5] * m[8]);
 }
 
+// Of a surface, where the surface takes the affine map: by the cofactors of its matrix.
+Vec3d transformed_normal(const Affine& m, Vec3d n) {
+  const Vec3d x{m[0], m[1], m[2]}, y{m[4], m[5], m[6]}, z{m[8], m[9], m[10]};
+  return {dot(cross(y, z), n), dot(cross(z, x), n), dot(cross(x, y), n)};
+}
+
 // Rodrigues' formula, R = cos I + sin [k]x + (1 - cos) k k^T.
 Affine rotation(Vec3d axis, double angle) {
   const Vec3d k = normalize(axis);
@@ -152,6 +158,10 @@ Mesh build_rectangle(const std::string& field, const v1::Rectangle& proto) {
 
 Mesh MeshBuilder::build(const std::string& field, const v1::Mesh& proto) {
   Mesh mesh = own_coordinates(field, proto, proto.transforms_size());
+  if (!proto.triangles().corner_normals().empty()) {
+    throw invalid_input(field +
+                        ".triangles.corner_normals is set; only scene.object may have them");
+  }
   check_extent(field, mesh);
   return mesh;
 }
@@ -176,6 +186,39 @@ void MeshBuilder::build_object(const std::string& field, const v1::Mesh& proto, 
     description.object = own_coordinates(field, proto, first);
     check_extent(field, description.object, description.pose);
   }
+  if (!proto.triangles().corner_normals().empty()) {
+    const auto& compiled = description.compiled_object;
+    description.corner_normals = corner_normals(
+        field, proto, first, (compiled ? compiled->mesh : description.object).triangles.size());
+  }
+}
+
+std::vector<std::array<Vec3f, 3>> MeshBuilder::corner_normals(const std::string& field,
+                                                              const v1::Mesh& proto, int end,
+                                                              size_t triangles) {
+  const std::string name = field + ".triangles.corner_normals";
+  auto normals = array_of<std::array<Vec3f, 3>>(name, proto.triangles().corner_normals());
+  if (normals.size() != triangles || triangles != triangle_count(proto.triangles())) {
+    throw invalid_input(
+        fmt::format("{} is of {} triangles; the mesh has {}, of which {} repeat no vertex: all of "
+                    "these numbers must be the same",
+                    name, normals.size(), triangle_count(proto.triangles()), triangles));
+  }
+  const Affine affine = build_transforms(field, proto, 0, end);
+  for (auto& corners : normals) {
+    for (Vec3f& n : corners) {
+      const double size = length(static_cast<Vec3d>(n));
+      if (!(size > 0 && std::isfinite(size))) {
+        throw invalid_input(
+            fmt::format("{} has a normal ({}, {}, {}); each must be finite and not "
+                        "0",
+                        name, n.x, n.y, n.z));
+      }
+      n = static_cast<Vec3f>(
+          normalize(transformed_normal(affine, static_cast<Vec3d>(n) * (1 / size))));
+    }
+  }
+  return normals;
 }
 
 tracer::Reflectance build_reflectance(const std::string& field, const v1::Surface& proto) {

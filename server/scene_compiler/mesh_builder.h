@@ -34,6 +34,9 @@ class MeshBuilder {
   Mesh source(const std::string& field, const v1::Mesh& proto);
   const Mesh& shape(const std::string& name);
   Mesh from_triangles(const std::string& field, const v1::Triangles& proto);
+  // After the transforms before number `end`, for a mesh of so many triangles.
+  std::vector<std::array<Vec3f, 3>> corner_normals(const std::string& field, const v1::Mesh& proto,
+                                                   int end, size_t triangles);
 
   uint64_t max_triangles_;
   std::stop_token stop_;

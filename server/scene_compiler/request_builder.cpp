@@ -61,6 +61,7 @@ void build_gradient(const v1::RenderGradRequest& request, tracer::RenderRequest&
   if (request.has_loss()) throw invalid_input("gradient and loss cannot both be asked for");
   built.gradient_weights = array_of<float>("gradient.weight", request.gradient().weight());
   if (request.gradient().has_light()) built.gradient_light = request.gradient().light();
+  built.gradient_normals = request.gradient().normals();
   if (built.pilot_spp == 0) return;
   for (const float weight : built.gradient_weights) {
     built.sampling_weights.push_back(std::abs(weight));
@@ -187,12 +188,12 @@ uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request
 }
 
 void check_reply_size(int width, int height, const v1::RenderGradRequest& request,
-                      const RenderLimits& limits, uint64_t map_pixels) {
+                      const RenderLimits& limits, uint64_t gradient_numbers) {
   const ImageCounts images(request);
   const uint64_t pixels = pixel_count(width, height, request);
   if (request.has_loss()) check_target(request.loss(), width, height);
   const uint64_t bytes = images_per_pixel(images, derivative_images(request)) * pixels +
-                         sizeof(float) * images.estimates * map_pixels;
+                         sizeof(float) * images.estimates * gradient_numbers;
   if (bytes > limits.max_message_bytes) {
     throw Error(ErrorKind::kLimit,
                 fmt::format("the images of the reply would take {} bytes; this worker sends at "
@@ -202,7 +203,7 @@ void check_reply_size(int width, int height, const v1::RenderGradRequest& reques
 }
 
 uint64_t film_memory(uint64_t pixels, const v1::RenderGradRequest& request,
-                     const tracer::RenderRequest& asked, uint64_t map_pixels) {
+                     const tracer::RenderRequest& asked, uint64_t gradient_numbers) {
   const ImageCounts images(request);
   const bool is_gradient = request.has_gradient();
   const uint64_t derivatives = is_gradient ? 0 : tracer::derivative_count(asked);
@@ -214,8 +215,8 @@ uint64_t film_memory(uint64_t pixels, const v1::RenderGradRequest& request,
   if (!request.has_loss()) bytes += 2 * images_per_pixel(images, derivative_images(request));
   // Its weights, and its factors.
   if (is_gradient) bytes += sizeof(float) * (2 + images.estimates);
-  const uint64_t bytes_of_map_pixel = images.estimates * (sizeof(int64_t) + 3 * sizeof(float));
-  return bytes * pixels + bytes_of_map_pixel * map_pixels;
+  const uint64_t bytes_of_number = images.estimates * (sizeof(int64_t) + 3 * sizeof(float));
+  return bytes * pixels + bytes_of_number * gradient_numbers;
 }
 
 }  // namespace itn

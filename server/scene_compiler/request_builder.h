@@ -24,15 +24,15 @@ BuiltRequest build_request(const v1::RenderGradRequest& request, const RenderLim
 uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request);
 
 // Checks the request against its scene: throws kInvalidInput if the loss's image has another size,
-// kLimit if the reply to this (checked) request would not fit into a message. `map_pixels`: see
-// tracer::map_pixels.
+// kLimit if the reply to this (checked) request would not fit into a message. `gradient_numbers`:
+// see tracer::gradient_numbers.
 void check_reply_size(int width, int height, const v1::RenderGradRequest& request,
-                      const RenderLimits& limits, uint64_t map_pixels = 0);
+                      const RenderLimits& limits, uint64_t gradient_numbers = 0);
 
 // What a render takes of memory beside its scene, known before it is allocated, in bytes: the sums,
 // those of the pilot, the images that are made of them, and the reply. A little more than what is
 // taken.
 uint64_t film_memory(uint64_t pixels, const v1::RenderGradRequest& request,
-                     const tracer::RenderRequest& asked, uint64_t map_pixels = 0);
+                     const tracer::RenderRequest& asked, uint64_t gradient_numbers = 0);
 
 }  // namespace itn

@@ -13,8 +13,9 @@
 //   draw(kind, crossing, words)       how they go on
 //   evaluate(kind, crossing, to)      unless it is a delta: what light from a direction brings them
 //   transmit(kind, crossing)          of a delta that refracts: where to, without a draw
-//   edge(kind, crossing, u)           of one with a kIndexSlot, where a derivative in the index is
-//                                     known: a direction where value ends and is not 0
+//   edge(kind, crossing, u)           of one with a kIndexSlot, where derivatives in the index and
+//                                     the normal are known: a direction where value ends and is
+//                                     not 0
 //
 // At a boundary that stops lines, a crossing is a vertex of the path. Shadow rays end there and
 // bring nothing, as the straight line to the light is not a path of light: only from vertices
@@ -134,8 +135,10 @@ HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& at, 
     for (size_t s = 0; s < kMaxBoundarySlots; ++s) {
       sum.scores[s] = mul_add(value, part.scores[s], sum.scores[s]);
     }
+    if (at.asked.normal) sum.by_normal = sum.by_normal + part.by_normal * value;
   }
   for (Floats& score : sum.scores) score = hn::Div(score, hn::Max(sum.value, set(1e-20F)));
+  sum.by_normal = sum.by_normal * hn::Div(set(1.0F), hn::Max(sum.value, set(1e-20F)));
   return sum;
 }
 
@@ -157,13 +160,14 @@ HWY_INLINE Transmission transmit(const Boundary& boundary, const Crossing& at) {
   return through;
 }
 
-// How often a path follows an edge, where a derivative in the index is asked for.
+// How often a path follows an edge, where derivatives are asked for that need it.
 constexpr float kEdgeProbability = 0.1F;
 
 // Follows edges instead of what was drawn, with that probability.
 HWY_INLINE void follow_edges(const Boundary& boundary, const Crossing& at, const Words& words,
                              BoundarySample& next) {
-  BoundaryEdge ending{next.direction, hn::Zero(FloatTag())};
+  const Floats zero = hn::Zero(FloatTag());
+  BoundaryEdge ending{next.direction, zero, zero, next.by_normal};
   visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
     if constexpr (requires { Kind::kIndexSlot; }) ending = edge(kind, at, uniform(words.w[0]));
   });
@@ -172,7 +176,9 @@ HWY_INLINE void follow_edges(const Boundary& boundary, const Crossing& at, const
   next.direction = if_then_else(chosen, on_its_side(at, ending.direction, all), next.direction);
   next.transmitted = hn::Or(next.transmitted, chosen);
   next.weight = hn::IfThenZeroElse(chosen, hn::Mul(next.weight, set(1 / (1 - kEdgeProbability))));
-  next.edge_weight = hn::IfThenElseZero(chosen, hn::Mul(ending.weight, set(1 / kEdgeProbability)));
+  const Floats weight = at.asked.normal ? ending.weight : hn::Mul(ending.weight, ending.by_index);
+  next.edge_weight = hn::IfThenElseZero(chosen, hn::Mul(weight, set(1 / kEdgeProbability)));
+  next.by_normal = if_then_else(chosen, ending.by_normal, next.by_normal);
 }
 
 // Of a boundary that stops lines.
@@ -183,7 +189,9 @@ HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, c
     if constexpr (Kind::kStopsLines) drawn = draw(kind, at, words);
   });
   const Vectors direction = on_its_side(at, drawn.direction, drawn.transmitted);
-  if (is_delta(boundary)) return {direction, drawn.transmitted, drawn.weight, zero, {zero}, zero};
+  if (is_delta(boundary)) {
+    return {direction, drawn.transmitted, drawn.weight, zero, {zero}, zero, set(Vec3f{})};
+  }
   const BoundaryValue value = evaluate(boundary, at, direction);
   const Mask possible = hn::And(hn::Gt(drawn.weight, zero), hn::Gt(value.pdf, zero));
   const Floats pdf = hn::Max(value.pdf, set(1e-20F));
@@ -192,9 +200,10 @@ HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, c
                       hn::IfThenElseZero(possible, hn::Div(value.value, pdf)),
                       pdf,
                       {zero},
-                      zero};
+                      zero,
+                      value.by_normal};
   for (size_t s = 0; s < kMaxBoundarySlots; ++s) next.scores[s] = value.scores[s];
-  if (at.by_index) follow_edges(boundary, at, words, next);
+  if (at.asked.any()) follow_edges(boundary, at, words, next);
   return next;
 }
 

@@ -23,31 +23,59 @@ struct Crossing {
   Vectors normal, flat_normal;
   Mask leaving;  // whether that is the side of the medium
   bool flat;     // these are the same
-  // Whether a derivative in the index is asked for: what its score costs, and paths that follow
-  // edges (BoundaryEdge).
-  bool by_index;
+  BoundaryDerivatives asked;
+  Vectors straight_normal;  // `normal` before it was bent
 };
 
-// The normals on the outer side.
-HWY_INLINE Crossing crossing_of(Vectors direction, Vectors outwards, Vectors flat_outwards,
-                                Mask leaving, bool flat, bool by_index) {
+HWY_INLINE Vectors facing(Mask leaving, Vectors outwards) {
+  return if_then_else(leaving, set(Vec3f{}) - outwards, outwards);
+}
+
+// Where a mirror would send light through the triangle, the normal is bent until it does not:
+// halfway between where the path comes from, and a direction that is just outside.
+struct Lift {
+  Vectors back, lifted;  // these directions; the latter of any length
+  Mask needed;
+};
+HWY_INLINE Lift lift_of(Vectors direction, Vectors normal, Vectors flat_normal) {
   const Floats zero = hn::Zero(FloatTag());
-  const auto facing = [&](Vectors n) {
-    return if_then_else(leaving, Vectors{zero, zero, zero} - n, n);
-  };
-  const Vectors flat_normal = facing(flat_outwards);
-  if (flat) return {direction, flat_normal, flat_normal, leaving, true, by_index};
-  // Where a mirror would send light through the triangle, the normal is bent until it does not:
-  // halfway between where the path comes from, and a direction that is just outside.
-  const Vectors normal = facing(outwards), back = Vectors{zero, zero, zero} - direction;
+  const Vectors back = Vectors{zero, zero, zero} - direction;
   const Vectors mirror = normal * hn::Mul(set(2.0F), dot(back, normal)) - back;
   const Floats height = dot(mirror, flat_normal);
   const Floats arrival = hn::Max(dot(back, flat_normal), set(1e-6F));
   const Floats least = hn::Min(hn::Mul(set(0.9F), arrival), set(0.01F));
-  const Vectors lifted = normalize(mirror + flat_normal * hn::Sub(least, height));
-  const Vectors bent = normalize(back + lifted);
-  const Mask through = hn::Or(hn::Lt(height, least), hn::Le(dot(back, normal), zero));
-  return {direction, if_then_else(through, bent, normal), flat_normal, leaving, false, by_index};
+  return {back, mirror + flat_normal * hn::Sub(least, height),
+          hn::Or(hn::Lt(height, least), hn::Le(dot(back, normal), zero))};
+}
+
+// The normals on the outer side.
+HWY_INLINE Crossing crossing_of(Vectors direction, Vectors outwards, Vectors flat_outwards,
+                                Mask leaving, bool flat, BoundaryDerivatives asked) {
+  const Vectors flat_normal = facing(leaving, flat_outwards);
+  if (flat) return {direction, flat_normal, flat_normal, leaving, true, asked, flat_normal};
+  const Vectors normal = facing(leaving, outwards);
+  const Lift lift = lift_of(direction, normal, flat_normal);
+  const Vectors bent = normalize(lift.back + normalize(lift.lifted));
+  return {direction, if_then_else(lift.needed, bent, normal), flat_normal, leaving, false, asked,
+          normal};
+}
+
+// The derivative of something in the normal that faces outwards, from that in `normal`.
+HWY_INLINE Vectors slope_outwards(const Crossing& at, Vectors slope) {
+  if (at.flat) return facing(at.leaving, slope);
+  const auto across = [](Vectors v, Vectors unit) { return v - unit * dot(v, unit); };
+  const auto shorter = [](Vectors v, Floats by) { return v * hn::Div(set(1.0F), by); };
+  const auto length = [](Vectors v) { return hn::Sqrt(hn::Max(dot(v, v), set(1e-12F))); };
+  const Lift lift = lift_of(at.direction, at.straight_normal, at.flat_normal);
+  const Floats lifted_length = length(lift.lifted);
+  const Vectors lifted = shorter(lift.lifted, lifted_length);
+  const Vectors by_lifted = shorter(across(slope, at.normal), length(lift.back + lifted));
+  const Vectors by_mirror =
+      across(shorter(across(by_lifted, lifted), lifted_length), at.flat_normal);
+  const Vectors bent = (lift.back * dot(by_mirror, at.straight_normal) +
+                        by_mirror * dot(lift.back, at.straight_normal)) *
+                       set(2.0F);
+  return facing(at.leaving, if_then_else(lift.needed, bent, slope));
 }
 
 // Where a smooth boundary lets light through to, and the part of it that it reflects instead.
@@ -71,15 +99,18 @@ struct BoundarySample {
   Floats pdf;                        // per steradian; of a boundary that is a delta, 0
   Floats scores[kMaxBoundarySlots];  // see BoundaryValue
   // Where an edge is followed (BoundaryEdge), which is behind the boundary: its weight over the
-  // probability of that, `weight` being 0; else 0.
+  // probability of that, `weight` being 0; else 0. It is that of a derivative in the index, or,
+  // where that in the normal is asked for, what multiplies `by_normal`.
   Floats edge_weight;
+  Vectors by_normal;
 };
 
-// A direction where value ends and is not 0, drawn, and its part of the derivative in the slot that
-// is the index by which this end turns, for light of radiance 1 from there.
+// A direction where value ends and is not 0, drawn: its part of the derivatives, for light of
+// radiance 1 from there, is the weight times how much the end turns by the index, or by the normal.
 struct BoundaryEdge {
   Vectors direction;
-  Floats weight;
+  Floats weight, by_index;
+  Vectors by_normal;
 };
 
 // What light from a direction brings.
@@ -87,6 +118,7 @@ struct BoundaryValue {
   Floats value;                      // that part of its radiance by steradian, the cosine included
   Floats pdf;                        // with which that direction is drawn, per steradian
   Floats scores[kMaxBoundarySlots];  // the derivatives of log value in the slots of the kind
+  Vectors by_normal = set(Vec3f{});  // and in the normal
 };
 
 }  // namespace itn::tracer::HWY_NAMESPACE

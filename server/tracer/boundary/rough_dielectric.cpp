@@ -25,7 +25,7 @@ std::array<double, 3> going_on(const RoughDielectric& boundary, bool leaving, fl
   const float sine = std::sqrt(1 - cosine * cosine);
   const Vectors up = set(Vec3f{0, 0, 1});
   const Crossing at = crossing_of(set(Vec3f{sine, 0, leaving ? cosine : -cosine}), up, up,
-                                  hn::FirstN(d, leaving ? lanes() : 0), true, false);
+                                  hn::FirstN(d, leaving ? lanes() : 0), true, {});
   const Floats index = index_ahead(boundary.index, at.leaving);
   constexpr float kStep = 0.01F;
   const Floats above = index_ahead(boundary.index + kStep, at.leaving);

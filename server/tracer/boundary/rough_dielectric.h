@@ -71,17 +71,20 @@ HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
 // How much of the microfacets that face a direction it sees (Smith's G_1), with c the cosine of its
-// angle to the normal, and the derivative of the logarithm of that in alpha:
+// angle to the normal, and the derivatives of the logarithm of that in alpha and c:
 //   2 c / (c + r),    r^2 = c^2 + alpha^2 (1 - c^2).
 struct Seen {
-  Floats part, score;
+  Floats part, score, by_cosine;
 };
 HWY_INLINE Seen seen(Floats cosine, float alpha) {
   const Floats c2 = hn::Mul(cosine, cosine);
   const Floats sine2 = hn::Max(hn::Zero(FloatTag()), hn::Sub(set(1.0F), c2));
   const Floats r = hn::Sqrt(mul_add(set(alpha * alpha), sine2, c2)), sum = hn::Add(cosine, r);
+  const Floats d_r = hn::Div(hn::Mul(set(1 - alpha * alpha), cosine), r);
   return {hn::Div(hn::Add(cosine, cosine), sum),
-          hn::Neg(hn::Div(hn::Mul(set(alpha), sine2), hn::Mul(r, sum)))};
+          hn::Neg(hn::Div(hn::Mul(set(alpha), sine2), hn::Mul(r, sum))),
+          hn::Sub(hn::Div(set(1.0F), hn::Max(cosine, set(1e-6F))),
+                  hn::Div(hn::Add(set(1.0F), d_r), sum))};
 }
 
 // Along the boundary there is nothing to divide by.
@@ -130,7 +133,7 @@ HWY_INLINE BoundaryValue walter(const RoughDielectric& boundary, const Crossing&
               hn::Sub(hn::Div(hn::Mul(set(4 * alpha), n_m2), spread), set(2 / alpha)));
 
   Floats by_index = zero;
-  if (at.by_index) {
+  if (at.asked.index) {
     const Floats least = set(1e-6F), i_o = dot(i, o);
     const Floats d_i_m = hn::Mul(per_h, hn::Sub(i_o, hn::Mul(i_m, o_m)));
     const Floats d_o_m = hn::Mul(per_h, hn::Sub(one, hn::Mul(o_m, o_m)));
@@ -147,14 +150,23 @@ HWY_INLINE BoundaryValue walter(const RoughDielectric& boundary, const Crossing&
     const Floats d_e = hn::IfThenElse(at.leaving, hn::Neg(hn::Mul(e, e)), one);
     by_index = hn::Mul(hn::IfThenElse(reflects, of_reflection, of_refraction), d_e);
   }
-  return {hn::Mul(pdf, by_o.part),
-          pdf,
-          {hn::IfThenElseZero(possible, by_index), hn::IfThenElseZero(possible, by_roughness)}};
+  BoundaryValue result{
+      hn::Mul(pdf, by_o.part),
+      pdf,
+      {hn::IfThenElseZero(possible, by_index), hn::IfThenElseZero(possible, by_roughness)}};
+  if (at.asked.normal) {
+    const Floats by_spread = hn::Div(hn::Mul(set(4 * (1 - alpha2)), n_m), spread);
+    const Vectors slope = i * hn::Sub(by_i.by_cosine, hn::Div(one, i_n)) +
+                          o * hn::CopySign(by_o.by_cosine, o_n) + m * by_spread;
+    result.by_normal = if_then_else(possible, slope, result.by_normal);
+  }
+  return result;
 }
 
 // Where the model ends it is not 0: level microfacets, n.m = 0, refract, and whereto turns with the
-// index. So the derivative of light in the index has another part than value times score: the light
-// from there, by the density of level microfacets times n.dm/de. They are drawn by their i.m.
+// index and the normal. So the derivative of light in the index has another part than value times
+// score: the light from there, by the density of level microfacets times n.dm/de; and that in the
+// normal, by the same density times m. They are drawn by their i.m.
 HWY_INLINE BoundaryEdge edge(const RoughDielectric& boundary, const Crossing& at, Floats u) {
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Vectors n = at.normal, i = Vectors{zero, zero, zero} - at.direction;
@@ -174,27 +186,40 @@ HWY_INLINE BoundaryEdge edge(const RoughDielectric& boundary, const Crossing& at
   const Floats turn = hn::Div(hn::Mul(o_n, d_e), hn::Sqrt(hn::Max(dot(h, h), set(1e-12F))));
   const Floats density = hn::Div(hn::Mul(seen(i_n, alpha).part, sine), i_n);
   const Floats passing = hn::Mul(hn::Sub(one, reflected), seen(o_n, alpha).part);
-  return {o, hn::Mul(hn::Mul(set(2 * alpha * alpha * std::numbers::inv_pi_v<float>), density),
-                     hn::Mul(passing, turn))};
+  return {
+      o, hn::Mul(hn::Mul(set(2 * alpha * alpha * std::numbers::inv_pi_v<float>), density), passing),
+      turn, m};
 }
 
 // Of light that arrives under angles on either side: M, and its derivatives by slot.
 struct Lost {
-  Floats part, slopes[2];
+  Floats part, slopes[2], by_cosine;  // and in that
 };
-HWY_INLINE Lost lost_at(const LostLight& table, Mask inside, Floats cosine, bool by_index) {
+HWY_INLINE Lost lost_at(const LostLight& table, Mask inside, Floats cosine,
+                        BoundaryDerivatives asked) {
   constexpr auto kLast = static_cast<float>(LostLight::kCosines - 1);
   const Floats place = hn::Mul(hn::Sqrt(hn::Min(cosine, set(1.0F))), set(kLast));
   const Floats below = hn::Min(hn::Floor(place), set(kLast - 1)), t = hn::Sub(place, below);
   const Floats first = hn::IfThenElseZero(inside, set(kLast + 1));
   const Ints k = hn::ConvertTo(IntTag(), hn::Add(first, below));
+  const auto step = [&](const auto& column, Floats a) {
+    return hn::Sub(hn::GatherIndex(FloatTag(), column.data() + 1, k), a);
+  };
   const auto mixed = [&](const auto& column) {
     const Floats a = hn::GatherIndex(FloatTag(), column.data(), k);
-    return mul_add(t, hn::Sub(hn::GatherIndex(FloatTag(), column.data() + 1, k), a), a);
+    return mul_add(t, step(column, a), a);
   };
-  return {mixed(table.part),
-          {by_index ? mixed(table.slopes[RoughDielectric::kIndexSlot]) : hn::Zero(FloatTag()),
-           mixed(table.slopes[RoughDielectric::kRoughnessSlot])}};
+  const Floats none = hn::Zero(FloatTag());
+  Lost lost{mixed(table.part),
+            {asked.index ? mixed(table.slopes[RoughDielectric::kIndexSlot]) : none,
+             mixed(table.slopes[RoughDielectric::kRoughnessSlot])},
+            none};
+  if (asked.normal) {  // by the root of the cosine
+    const Floats a = hn::GatherIndex(FloatTag(), table.part.data(), k);
+    lost.by_cosine =
+        hn::Div(hn::Mul(step(table.part, a), set(kLast * kLast / 2)), hn::Max(place, set(1e-3F)));
+  }
+  return lost;
 }
 
 // To Walter's value, light is added that keeps all: with M of the two angles and sides, n_o the
@@ -210,8 +235,8 @@ HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossin
   const Floats zero = hn::Zero(FloatTag());
   const Floats o_n = dot(o, at.normal), cosine = hn::Abs(o_n);
   const Mask inside = hn::Xor(at.leaving, hn::Le(o_n, zero));
-  const Lost i_lost = lost_at(table, at.leaving, cosine_of_arrival(at), at.by_index);
-  const Lost o_lost = lost_at(table, inside, cosine, at.by_index);
+  const Lost i_lost = lost_at(table, at.leaving, cosine_of_arrival(at), at.asked);
+  const Lost o_lost = lost_at(table, inside, cosine, at.asked);
   const Floats index2 = hn::IfThenElse(inside, set(boundary.index * boundary.index), set(1.0F));
   const Floats law = hn::Mul(hn::Mul(index2, cosine), set(std::numbers::inv_pi_v<float>));
   const Floats both = hn::Mul(i_lost.part, o_lost.part);
@@ -222,7 +247,7 @@ HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossin
   BoundaryValue result{
       value, mul_add(i_lost.part, hn::Sub(more_pdf, once.pdf), once.pdf), {zero, zero}};
   for (size_t s = 0; s < kMaxBoundarySlots; ++s) {
-    if (s == RoughDielectric::kIndexSlot && !at.by_index) continue;
+    if (s == RoughDielectric::kIndexSlot && !at.asked.index) continue;
     const Floats both_slope =
         mul_add(i_lost.slopes[s], o_lost.part, hn::Mul(i_lost.part, o_lost.slopes[s]));
     Floats more_slope = hn::Mul(
@@ -233,6 +258,14 @@ HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossin
     }
     const Floats slope = mul_add(once.value, once.scores[s], more_slope);
     result.scores[s] = hn::Div(slope, hn::Max(value, set(1e-20F)));
+  }
+  if (at.asked.normal) {
+    const auto log_slope = [](const Lost& of) { return hn::Div(of.by_cosine, of.part); };
+    const Floats by_o = hn::Add(log_slope(o_lost), hn::Div(set(1.0F), hn::Max(cosine, set(1e-6F))));
+    const Vectors more_slope = o * hn::Mul(hn::Mul(more, by_o), hn::CopySign(set(1.0F), o_n)) -
+                               at.direction * hn::Mul(more, log_slope(i_lost));
+    result.by_normal = (once.by_normal * once.value + more_slope) *
+                       hn::Div(set(1.0F), hn::Max(value, set(1e-20F)));
   }
   return result;
 }
@@ -270,7 +303,7 @@ HWY_INLINE BoundaryDraw draw(const RoughDielectric& boundary, const Crossing& at
                            mirrored(at.direction, m));
   if (boundary.lost != nullptr) {
     const LostLight& table = *boundary.lost;
-    const Lost lost = lost_at(table, at.leaving, cosine_of_arrival(at), at.by_index);
+    const Lost lost = lost_at(table, at.leaving, cosine_of_arrival(at), at.asked);
     const Mask more = hn::Lt(uniform(words.w[3]), lost.part);
     const Mask outside = hn::Lt(u2, set(table.norm * table.mean[0]));
     const Mask through = hn::Not(hn::Xor(at.leaving, outside));

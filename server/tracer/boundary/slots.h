@@ -1,4 +1,4 @@
-// How many slots a boundary may have.
+// The derivatives of boundaries.
 #pragma once
 
 #include <cstddef>
@@ -6,5 +6,12 @@
 namespace itn::tracer {
 
 constexpr size_t kMaxBoundarySlots = 2;
+
+// Those that are computed only if they are asked for. With them, some paths follow edges
+// (BoundaryEdge).
+struct BoundaryDerivatives {
+  bool index = false, normal = false;
+  bool any() const { return index || normal; }
+};
 
 }  // namespace itn::tracer

@@ -74,6 +74,10 @@ RenderedImages means(const FilmSums& sums) {
       image.map_gradient.push_back(
           static_cast<float>(static_cast<double>(sum) * sums.map_quantum * sums.gradient_unit));
     }
+    for (const int64_t sum : estimate.normal_gradient) {
+      image.normal_gradient.push_back(
+          static_cast<float>(static_cast<double>(sum) * sums.quantum * sums.gradient_unit));
+    }
     for (const std::vector<int64_t>& radiance : estimate.other_media) {
       image.other_media.push_back(averages(radiance, sums.quantum, estimate.counts));
     }

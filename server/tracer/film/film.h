@@ -38,7 +38,7 @@ struct FilmSums {
     std::vector<uint32_t> counts;  // of samples
     std::vector<int64_t> radiance;
     std::vector<std::vector<int64_t>> derivatives;  // in the order of RenderRequest::derivatives
-    std::vector<int64_t> gradient, map_gradient;    // instead
+    std::vector<int64_t> gradient, map_gradient, normal_gradient;  // instead
     std::vector<std::vector<int64_t>>
         other_media;  // radiance for RenderRequest::albedos or colours
   };
@@ -68,6 +68,8 @@ struct RenderedImages {
     std::vector<std::vector<float>> other_media;  // for RenderRequest::albedos or colours
     std::vector<double> gradient = {};            // instead of derivatives, in their order
     std::vector<float> map_gradient = {};         // by pixel of the panorama, top row first
+    // By triangle of the object, corner and coordinate: see RenderRequest::gradient_normals.
+    std::vector<float> normal_gradient = {};
   };
   std::vector<Estimate> estimates;
   std::vector<float> mask;  // fraction of camera rays that meet the object

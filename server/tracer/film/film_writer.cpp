@@ -69,6 +69,7 @@ void prepare_gradient(const Scene::Compiled& scene, const RenderRequest& request
     }
     estimate.gradient.resize(request.derivatives.size());
     estimate.map_gradient.resize(map_pixels);
+    if (request.gradient_normals) estimate.normal_gradient.resize(9 * scene.object_triangles());
   }
 }
 
@@ -131,6 +132,23 @@ void FilmWriter::add_to_map(uint32_t pixel, uint32_t sample, size_t map_pixel,
   const uint32_t k = sample % estimates_;
   const double part = per_radiance * double{film_->gradient_factors[k][film_->index_of(pixel)]};
   add_to(film_->estimates[k].map_gradient[map_pixel], std::llrint(part / kMapQuantum));
+}
+
+void FilmWriter::add_to_normals(uint32_t pixel, uint32_t sample, uint32_t triangle,
+                                const std::array<Vec3d, 3>& by_corner) {
+  const uint32_t k = sample % estimates_;
+  const double factor{film_->gradient_factors[k][film_->index_of(pixel)]};
+  std::array<double, 9> quanta{};
+  for (size_t c = 0; c < 9; ++c) {
+    const Vec3d& v = by_corner[c / 3];
+    quanta[c] = (c % 3 == 0 ? v.x : c % 3 == 1 ? v.y : v.z) * factor * per_radiance_;
+    if (!(std::abs(quanta[c]) < kMaxQuanta)) {  // or NaN
+      ++counters.invalid_samples;
+      return;
+    }
+  }
+  int64_t* const sums = &film_->estimates[k].normal_gradient[size_t{9} * triangle];
+  for (size_t c = 0; c < 9; ++c) add_to(sums[c], std::llrint(quanta[c]));
 }
 
 void FilmWriter::add(const PathSample& sample, const PathEstimate& path) {

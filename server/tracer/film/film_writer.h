@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 
+#include "common/vec.h"
 #include "server/tracer/film/film.h"
 #include "server/tracer/film/plan.h"
 #include "server/tracer/request/request.h"
@@ -33,6 +34,9 @@ class FilmWriter {
   void add(const PathSample& sample, const PathEstimate& path);
   // Light that reaches the pixel of a sample from a pixel of the panorama, per radiance there.
   void add_to_map(uint32_t pixel, uint32_t sample, size_t map_pixel, double per_radiance);
+  // And of what the three corners' normals of a triangle change of it.
+  void add_to_normals(uint32_t pixel, uint32_t sample, uint32_t triangle,
+                      const std::array<Vec3d, 3>& by_corner);
   // To be called when all is added.
   void close();
 

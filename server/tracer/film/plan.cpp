@@ -128,6 +128,7 @@ RenderRequest pilot_request(const Scene::Compiled& scene, const RenderRequest& r
   pilot.sampling_weights.clear();
   pilot.gradient_weights.clear();
   pilot.gradient_light.reset();
+  pilot.gradient_normals = false;
   pilot.seed = request.seed ^ 0x9E3779B97F4A7C15;  // another stream
   return pilot;
 }

@@ -251,7 +251,7 @@ class Walk {
         HWY_NAMESPACE::set(direction_),
         HWY_NAMESPACE::set(normals.at(ray.triangle, ray.v, ray.w, ray.normal)),
         HWY_NAMESPACE::set(ray.normal), FirstN(HWY_NAMESPACE::FloatTag(), leaving ? 1 : 0),
-        normals.flat(), of_object_ && index_slot_.has_value());
+        normals.flat(), {.index = of_object_ && index_slot_.has_value()});
     at_ = {ray.at.position, false, {}};
     if (!is_delta(*boundary_)) {
       send_shadow_ray([&](Vec3f to_light) {

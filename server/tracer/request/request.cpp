@@ -133,6 +133,41 @@ void check_gradient_light(const RenderRequest& request, const Scene& scene) {
   }
 }
 
+// The derivatives of paths that follow edges: they meet lights by chance alone.
+void check_edges_find_lights(const Lights& lights, const char* what) {
+  for (const Lights::Light& light : lights.all()) {
+    const bool has_size =
+        std::visit([]<typename Kind>(const Kind&) { return !Kind::kDelta; }, light.kind);
+    if (has_size) continue;
+    throw invalid_input(
+        fmt::format("no derivative in {} under lights[{}], which has no size: "
+                    "part of it is on paths that do not find such a light; a directional one may "
+                    "have an angular_radius_degrees, and for a point or a spot there are sphere "
+                    "and panel",
+                    what, light.number));
+  }
+}
+
+void check_gradient_normals(const RenderRequest& request, const Scene::Compiled& scene) {
+  if (request.gradient_weights.empty()) {
+    throw invalid_input("a gradient in normals needs gradient weights");
+  }
+  if (request.tracer == Tracer::kReference) {
+    throw invalid_input("the reference tracer knows no gradient in normals");
+  }
+  if (!index_slot(scene.boundary)) {
+    throw invalid_input(
+        fmt::format("no gradient in normals: the object has no {}; where a boundary is smooth, its "
+                    "normals turn the paths, and no score tells what comes of that",
+                    RoughDielectric::kName));
+  }
+  if (differentiated_index(request, scene.boundary)) {
+    throw invalid_input(
+        "a gradient in normals and one in the index of refraction need a render of each");
+  }
+  check_edges_find_lights(scene.lights, "normals");
+}
+
 void check_tile(const Tile& tile, const Scene& scene) {
   const auto inside = [](uint64_t first, uint64_t count, int length) {
     return count > 0 && first + count <= static_cast<uint64_t>(length);
@@ -189,21 +224,6 @@ void check_place(const Parameter& parameter, const Scene::Compiled& scene, Trace
   }
 }
 
-// Paths that follow edges meet lights by chance alone.
-void check_edges_find_lights(const Lights& lights) {
-  for (const Lights::Light& light : lights.all()) {
-    const bool has_size =
-        std::visit([]<typename Kind>(const Kind&) { return !Kind::kDelta; }, light.kind);
-    if (has_size) continue;
-    throw invalid_input(
-        fmt::format("no derivative in the index of refraction under lights[{}], which has no size: "
-                    "part of it is on paths that do not find such a light; a directional one may "
-                    "have an angular_radius_degrees, and for a point or a spot there are sphere "
-                    "and panel",
-                    light.number));
-  }
-}
-
 }  // namespace
 
 PhaseFunction phase_of(const RenderRequest& request) {
@@ -232,9 +252,13 @@ double mean_cosine(const RenderRequest& request) {
   return std::visit([](const auto& kind) { return kind.mean_cosine(); }, *request.phase);
 }
 
-size_t map_pixels(const RenderRequest& request, const Scene& scene) {
-  if (!request.gradient_light) return 0;
-  return scene.compiled().lights.map_of(*request.gradient_light)->table().pixels();
+size_t gradient_numbers(const RenderRequest& request, const Scene& scene) {
+  const Scene::Compiled& compiled = scene.compiled();
+  size_t numbers = request.gradient_normals ? 9 * compiled.object_triangles() : 0;
+  if (request.gradient_light) {
+    numbers += compiled.lights.map_of(*request.gradient_light)->table().pixels();
+  }
+  return numbers;
 }
 
 void validate(const RenderRequest& request) {
@@ -275,7 +299,10 @@ void validate(const RenderRequest& request, const Scene& scene) {
         "colours do not share their paths where there are other_objects: they need a render of "
         "each colour");
   }
-  if (differentiated_index(request, compiled.boundary)) check_edges_find_lights(compiled.lights);
+  if (request.gradient_normals) check_gradient_normals(request, compiled);
+  if (differentiated_index(request, compiled.boundary)) {
+    check_edges_find_lights(compiled.lights, "the index of refraction");
+  }
   for (const Parameter& parameter : request.derivatives) {
     if (parameter.kind == Parameter::kBoundary) {
       check_slot<Boundary>(parameter, compiled.boundary.index());

@@ -56,6 +56,11 @@ struct RenderRequest {
   std::vector<float> gradient_weights = {};
   // And its gradient in the pixels of this light, a panorama. Not by the reference.
   std::optional<uint32_t> gradient_light = {};
+  // And its gradient in the unit normals of the object's boundary, by triangle, corner and
+  // coordinate: in its own coordinates, what is along the normal left out. Of a boundary that is
+  // rough, under lights that have a size; not together with a derivative in its index, nor by the
+  // reference.
+  bool gradient_normals = false;
   // Sample i contributes to estimate i mod `estimates`, in [1, kMaxEstimates].
   uint32_t estimates = 1;
   Tracer tracer = Tracer::kWavefront;
@@ -133,9 +138,8 @@ size_t derivative_count(const RenderRequest& request);
 // The slot of the boundary that is its index, if a derivative in that is asked for.
 std::optional<size_t> differentiated_index(const RenderRequest& request, const Boundary& boundary);
 double mean_cosine(const RenderRequest& request);
-// How many there are in the panorama that a gradient is asked for in; 0 without. Of a valid
-// request.
-size_t map_pixels(const RenderRequest& request, const Scene& scene);
+// How many the gradient has in the pixels of a panorama, and in normals. Of a valid request.
+size_t gradient_numbers(const RenderRequest& request, const Scene& scene);
 
 // Throws Error (invalid input) that names the field which is out of its range, as far as that does
 // not depend on the scene: the one place where the ranges of a request are checked.

@@ -47,6 +47,11 @@ struct Scene::Compiled {
     return medium;
   }
 
+  // Those of the object alone come first in its mesh.
+  size_t object_triangles() const {
+    return other_media.empty() ? object->mesh.triangles.size() : other_media[0].first_triangle;
+  }
+
   // What the reference renders with; made when first asked for.
   const Geometry& geometry() const;
 

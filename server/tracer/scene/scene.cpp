@@ -153,7 +153,7 @@ size_t estimated_memory(const SceneDescription& description) {
   const auto& compiled = description.compiled_object;
   size_t triangles = (compiled ? compiled->mesh : description.object).triangles.size();
   size_t sum = 0;
-  bool smooth = description.smooth_angle > 0;
+  bool smooth = description.smooth_angle > 0 || !description.corner_normals.empty();
   for (const OtherObject& other : description.other_objects) {
     sum += size_of(other.mesh);
     triangles += other.mesh.triangles.size();

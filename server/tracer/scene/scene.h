@@ -11,6 +11,7 @@
 // lights.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <memory>
 #include <stop_token>
@@ -70,6 +71,8 @@ struct SceneDescription {
   // In radians: triangles that meet under less bound one smooth surface (CornerNormals), where the
   // boundary reflects and refracts. 0: flat.
   double smooth_angle = 0;
+  // Instead, at the three corners of each triangle of the object, outwards, of unit length.
+  std::vector<std::array<Vec3f, 3>> corner_normals = {};
   std::vector<OtherObject> other_objects = {};
   std::vector<DiffuseSurface> surfaces;
   std::vector<LightDescription> lights;

@@ -103,6 +103,7 @@ class Walk {
       }
       trace_shadow_rays(wave_);
       trace_outline_rays(wave_);
+      note_radiance_at_turns(wave_);
       russian_roulette(wave_, roulette_);
       finish();
     }
@@ -119,6 +120,7 @@ class Walk {
     for (size_t slot = wave_.count; slot-- > 0;) {
       if (wave_.paths.alive[slot] != 0) continue;
       recorder_.record(slot);
+      if (wave_.normal_gradient) wave_.normal_gradient->record(wave_.paths, slot);
       if (source_.begin_path(wave_.paths, slot)) continue;
       --wave_.count;
       if (slot != wave_.count) wave_.paths.move(wave_.count, slot);

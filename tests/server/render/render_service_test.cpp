@@ -405,6 +405,44 @@ TEST(RenderService, AnswersWithAGradient) {
               HasSubstr("there are 2 gradient weights"));
   EXPECT_THAT(refusal([](auto& r) { r.mutable_gradient()->set_light(0); }),
               HasSubstr("lights[0] is no panorama"));
+  EXPECT_THAT(refusal([](auto& r) { r.mutable_gradient()->set_normals(true); }),
+              HasSubstr("no gradient in normals: the object has no rough_dielectric"));
+}
+
+TEST(RenderService, AnswersWithAGradientInNormals) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::Scene scene = cube_scene();
+  scene.mutable_object()->mutable_rough_dielectric();
+  const v1::Light of_no_size = scene.lights(1);
+  scene.mutable_lights()->RemoveLast();
+  v1::RenderGradRequest request = with_scene(small_request(), scene);
+  const Answer images = client.call(request);
+  ASSERT_TRUE(images.status.ok()) << images.status.error_message();
+  const auto radiance = from_bytes<float>(images.reply.estimates(0).radiance());
+  request.mutable_gradient()->set_weight(to_bytes(std::vector<float>(radiance.size(), 1)));
+  request.mutable_gradient()->set_normals(true);
+  const Answer answer = client.call(request);
+  ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+  const auto numbers = from_bytes<float>(answer.reply.estimates(0).normal_gradient());
+  ASSERT_EQ(numbers.size(), size_t{9} * 12);
+  EXPECT_TRUE(std::ranges::any_of(numbers, [](float n) { return n != 0; }));
+
+  const auto refusal = [&](const auto& spoil) {
+    v1::RenderGradRequest bad = request;
+    v1::Scene bad_scene = scene;
+    spoil(bad, bad_scene);
+    return client.call(with_scene(bad, bad_scene)).status.error_message();
+  };
+  using ::testing::HasSubstr;
+  EXPECT_THAT(refusal([](auto& r, auto&) { r.set_tracer(v1::REFERENCE); }),
+              HasSubstr("the reference tracer knows no gradient in normals"));
+  EXPECT_THAT(refusal([](auto& r, auto&) { r.add_parameters("rough_dielectric.index"); }),
+              HasSubstr("need a render of each"));
+  EXPECT_THAT(refusal([](auto&, auto& s) { s.mutable_object()->mutable_dielectric(); }),
+              HasSubstr("the object has no rough_dielectric"));
+  EXPECT_THAT(refusal([&](auto&, auto& s) { *s.add_lights() = of_no_size; }),
+              HasSubstr("no derivative in normals under lights[1]"));
 }
 
 // Its mean cosine is the g of the chain rule: at fixed sigma_a and phase function,

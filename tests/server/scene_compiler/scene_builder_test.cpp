@@ -98,6 +98,25 @@ const BadScene kBadScenes[] = {
      "scene.object.mesh.triangles.positions is missing"},
     {"OddPositions", [](auto& s) { mesh(s).mutable_triangles()->mutable_positions()->pop_back(); },
      "it must be a multiple of 12"},
+    {"CornerNormalsOfOtherTriangles",
+     [](auto& s) {
+       mesh(s).mutable_triangles()->set_corner_normals(to_bytes(std::vector<float>(9, 1)));
+     },
+     "scene.object.mesh.triangles.corner_normals is of 1 triangles; the mesh has 12"},
+    {"CornerNormalOfLengthZero",
+     [](auto& s) {
+       mesh(s).mutable_triangles()->set_corner_normals(to_bytes(std::vector<float>(108)));
+     },
+     "scene.object.mesh.triangles.corner_normals has a normal (0, 0, 0)"},
+    {"CornerNormalsOfASurface",
+     [](auto& s) {
+       *s.add_surfaces()->mutable_mesh() = mesh(s);
+       s.mutable_surfaces(s.surfaces_size() - 1)
+           ->mutable_mesh()
+           ->mutable_triangles()
+           ->set_corner_normals(to_bytes(std::vector<float>(108, 1)));
+     },
+     "only scene.object may have them"},
     {"OddIndices", [](auto& s) { mesh(s).mutable_triangles()->mutable_indices()->pop_back(); },
      "it must be a multiple of 12"},
     {"IndexOutOfRange",
@@ -405,6 +424,28 @@ TEST(SceneBuilder, NormalizesBeforeTheTransforms) {
   const Bounds box = bounds(placed_object(scene));
   expect_near(box.min, {0.5F, 0, -0.5F});
   expect_near(box.max, {1.5F, 1, 0.5F});
+}
+
+// They stay normals of the surface however that is scaled; turns that come last are the pose.
+TEST(SceneBuilder, CornerNormalsTakeTheTransforms) {
+  v1::Scene scene = cube_scene();
+  auto& proto = *scene.mutable_object()->mutable_mesh();
+  const size_t triangles = placed_object(scene).triangles.size();
+  std::vector<Vec3f> normals(3 * triangles, Vec3f{3, 3, 0});
+  proto.mutable_triangles()->set_corner_normals(to_bytes(normals));
+  auto& factors = *proto.add_transforms()->mutable_scale();
+  factors.set_x(2);
+  factors.set_y(1);
+  factors.set_z(1);
+  auto& turn = *proto.add_transforms()->mutable_rotate();
+  turn.mutable_axis()->set_y(1);
+  turn.set_angle_degrees(90);
+  const auto built = build_scene(scene, RenderLimits()).corner_normals;
+  ASSERT_EQ(built.size(), triangles);
+  const float unit = std::sqrt(0.2F);
+  for (const auto& corners : built) {
+    for (const Vec3f n : corners) expect_near(n, {unit, 2 * unit, 0});
+  }
 }
 
 TEST(SceneBuilder, WeldsTriangleSoup) {

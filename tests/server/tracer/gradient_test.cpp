@@ -1,10 +1,13 @@
 // The gradient of a weighted sum over the pixels, in numbers and in the pixels of a panorama.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <numeric>
+#include <string>
 
 #include "common/error.h"
+#include "server/tracer/geometry/corner_normals.h"
 #include "server/tracer/parameters/parameter.h"
 #include "tests/server/tracer/scenes.h"
 
@@ -88,6 +91,90 @@ TEST(GradientTest, IsTheWeightedSumOfTheDerivativeImages) {
   }
 }
 
+// Ways to turn normals: whereto, at a place.
+Vec3d lean(Vec3d /*place*/) {
+  return {0.8, 0, 0.6};
+}
+Vec3d ripple(Vec3d p) {
+  return {std::sin(4 * p.y), std::cos(5 * p.x), std::sin(4 * p.z + 1)};
+}
+
+using CornerVectors = std::vector<std::array<Vec3f, 3>>;
+
+SceneDescription rough_scene(const std::string& name) {
+  const std::vector<LightDescription> lights{ConstantLight{0.3},
+                                             SphereLight{{1.5, 2, -1.5}, 0.4, 20}};
+  const bool flat = name == "flat";
+  SceneDescription scene = studio(flat ? "cube" : "smooth_star", lights, flat ? 0.5F : -1.0F);
+  scene.boundary = RoughDielectric{1.4F, 0.4F, name == "single"};
+  scene.smooth_angle = flat ? 0 : 1;
+  return scene;
+}
+
+class NormalGradient : public ::testing::TestWithParam<const char*> {
+ protected:
+  // Its normals lean towards `turn` by so much.
+  SceneDescription turned(Vec3d (*turn)(Vec3d), double by) const {
+    SceneDescription scene = straight_;
+    const Mesh& mesh = scene.object;
+    scene.corner_normals = CornerNormals(mesh, {{0, scene.smooth_angle}}).by_triangle();
+    for (size_t t = 0; t < mesh.triangles.size(); ++t) {
+      for (size_t k = 0; k < 3; ++k) {
+        Vec3f& n = scene.corner_normals[t][k];
+        const auto place = static_cast<Vec3d>(mesh.vertices[mesh.triangles[t][k]]);
+        n = static_cast<Vec3f>(normalize(static_cast<Vec3d>(n) + turn(place) * by));
+      }
+    }
+    return scene;
+  }
+  // The derivative along such a turn, by the gradient of a render.
+  double along(Vec3d (*turn)(Vec3d), const std::vector<float>& gradient) const {
+    const Mesh& mesh = straight_.object;
+    double sum = 0;
+    for (size_t c = 0; c < 3 * mesh.triangles.size(); ++c) {
+      const auto place = static_cast<Vec3d>(mesh.vertices[mesh.triangles[c / 3][c % 3]]);
+      sum += dot(Vec3d{gradient[3 * c], gradient[3 * c + 1], gradient[3 * c + 2]}, turn(place));
+    }
+    return sum;
+  }
+
+  const SceneDescription straight_ = rough_scene(GetParam());
+};
+
+// By central differences, with other random numbers. The pixels are weighed by how much they change
+// in a first render, so that the derivative is large.
+TEST_P(NormalGradient, EqualsFiniteDifferences) {
+  constexpr float kStep = 0.05F;
+  for (const auto turn : {lean, ripple}) {
+    const Scene middle(turned(turn, 0)), above(turned(turn, double{kStep})),
+        below(turned(turn, double{-kStep}));
+    RenderRequest request{.material = {4, 0.6, 0.3}, .sample_count = 4096};
+    const auto difference = [&](uint64_t seed) {
+      request.seed = seed;
+      request.gradient_normals = false;
+      std::vector<float> image = means(render_grad(above, request)).estimates[0].radiance;
+      const std::vector<float> other = means(render_grad(below, request)).estimates[0].radiance;
+      for (size_t p = 0; p < image.size(); ++p) image[p] = (image[p] - other[p]) / (2 * kStep);
+      return image;
+    };
+    request.gradient_weights = difference(1);
+    std::vector<double> gradients, differences;
+    for (uint64_t seed = 2; seed < 18; ++seed) {
+      const std::vector<float> image = difference(seed);
+      differences.push_back(
+          std::inner_product(image.begin(), image.end(), request.gradient_weights.begin(), 0.0));
+      request.seed = 1000 + seed;
+      request.gradient_normals = true;
+      gradients.push_back(
+          along(turn, means(render_grad(middle, request)).estimates[0].normal_gradient));
+    }
+    expect_equal(over_batches(gradients), over_batches(differences), 6, GetParam());
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Cases, NormalGradient, ::testing::Values("flat", "smooth", "single"),
+                         [](const auto& of) { return std::string(of.param); });
+
 TEST(GradientTest, ThreadsDoNotMatter) {
   const Scene scene(lit_by(panorama()));
   RenderRequest request{.material = {30, 0.8, 0.3}, .sample_count = 32};
@@ -113,7 +200,8 @@ TEST(GradientTest, PixelsAddUpToTheLight) {
     request.gradient_weights = weights_of(scene);
     request.gradient_light = 0;
     const RenderedImages images = means(render_grad(scene, request));
-    const auto& [radiance, derivatives, other_media, gradient, by_pixel] = images.estimates[0];
+    const auto& [radiance, derivatives, other_media, gradient, by_pixel, by_normal] =
+        images.estimates[0];
     ASSERT_EQ(by_pixel.size(), size_t{kWidth * kHeight});
     double sum = 0;
     for (size_t i = 0; i < by_pixel.size(); ++i) {

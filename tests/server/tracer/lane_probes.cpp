@@ -40,7 +40,7 @@ void probe_phase_in_lanes(const PhaseFunction& phase, PhaseProbe& probe) {
 Crossing crossing_of(const BoundaryProbe& probe) {
   const Vectors outwards = set(probe.outwards);
   return crossing_of(set(probe.direction), outwards, outwards,
-                     hn::FirstN(FloatTag(), probe.leaving ? lanes() : 0), true, probe.by_index);
+                     hn::FirstN(FloatTag(), probe.leaving ? lanes() : 0), true, probe.asked);
 }
 
 void evaluate_boundary_in_lanes(const Boundary& boundary, BoundaryProbe& probe) {
@@ -50,6 +50,7 @@ void evaluate_boundary_in_lanes(const Boundary& boundary, BoundaryProbe& probe) 
     store(light.value, probe.value, i);
     store(light.pdf, probe.pdf, i);
     for (size_t s = 0; s < kMaxBoundarySlots; ++s) store(light.scores[s], probe.scores[s], i);
+    store(light.by_normal, probe.by_normal, i);
   }
 }
 
@@ -64,6 +65,7 @@ void sample_boundary_in_lanes(const Boundary& boundary, uint32_t pixel, Boundary
     store(next.weight, probe.weight, i);
     store(next.pdf, probe.pdf, i);
     for (size_t s = 0; s < kMaxBoundarySlots; ++s) store(next.scores[s], probe.scores[s], i);
+    store(next.by_normal, probe.by_normal, i);
   }
 }
 

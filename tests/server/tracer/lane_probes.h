@@ -31,10 +31,12 @@ void probe_phase(const PhaseFunction& phase, PhaseProbe& probe);
 // with the random numbers of samples 0 .. kSlots - 1 of a pixel.
 struct BoundaryProbe {
   Vec3f direction, outwards;
-  bool leaving = false, by_index = false;
+  bool leaving = false;
+  BoundaryDerivatives asked = {};
   VectorColumn to{};
   FloatColumn value{}, pdf{}, weight{}, edge_weight{};
   FloatColumn scores[kMaxBoundarySlots];
+  VectorColumn by_normal{};
 };
 void evaluate_boundary(const Boundary& boundary, BoundaryProbe& probe);
 void sample_boundary(const Boundary& boundary, uint32_t pixel, BoundaryProbe& probe);

@@ -113,7 +113,7 @@ TEST(RoughDielectricTest, IsTheModelOfWalterWithItsSlopes) {
       probe.to.set(
           k, itn::normalize(probe.to.at(k) + Vec3f{u[0] - 0.5F, u[1] - 0.5F, u[2] - 0.5F} * turn));
     }
-    probe.by_index = true;
+    probe.asked.index = true;
     evaluate_boundary(boundary_of(row), probe);
     size_t looked_at = 0;
     for (size_t k = 0; k < kSlots; ++k) {
@@ -246,7 +246,7 @@ double by_microfacets(const Case& row, const std::function<double(Vec3d)>& momen
 // edges that some follow, what these weigh.
 Estimated derivative(const RoughDielectric& boundary, size_t slot, BoundaryProbe probe,
                      const std::function<double(Vec3d)>& moment) {
-  probe.by_index = slot == RoughDielectric::kIndexSlot;
+  probe.asked.index = slot == RoughDielectric::kIndexSlot;
   std::vector<double> batches;
   for (uint32_t batch = 0; batch < 2000; ++batch) {
     sample_boundary(boundary, batch, probe);
@@ -290,6 +290,47 @@ TEST(RoughDielectricTest, PathsEstimateDerivatives) {
           expect_equal(derivative(both_of(row)[all ? 1 : 0], slot, probe_of(row), moment),
                        {expected, rounding + 0.002 * std::abs(expected)}, 72,
                        fmt::format("{}{} slot {}", name_of(row), all ? " all" : "", slot));
+        }
+      }
+    }
+  }
+}
+
+// The same in the normal, along directions that are level; at angles between places of the table
+// of what is lost, where its slope jumps.
+TEST(RoughDielectricTest, PathsEstimateDerivativesInTheNormal) {
+  constexpr double kStep = 0.02;
+  const Basis<double> basis(kOutwards);
+  const auto z = [](Vec3d o) { return dot(o, kOutwards); };
+  for (const auto& moment : std::vector<std::function<double(Vec3d)>>{
+           [](Vec3d) { return 1.0; }, z, [](Vec3d o) { return o.x; }}) {
+    for (const Case& row : {Case{1.5, 0.25, false, 0.72}, Case{1.4, 0.4, true, 0.53},
+                            Case{2.5, 0.5, true, 0.53}, Case{1.5, 0.9, false, 0.4}}) {
+      for (const Vec3d level : {basis.to_world(1, 0, 0), basis.to_world(0, 1, 0)}) {
+        for (const RoughDielectric& boundary : both_of(row)) {
+          const auto leaning = [&](double by) {
+            BoundaryProbe probe = probe_of(row);
+            probe.outwards = static_cast<Vec3f>(itn::normalize(kOutwards + level * by));
+            return integral(boundary, probe, [&](const BoundaryProbe& p, size_t k) {
+              return double{p.value[k]} * moment(static_cast<Vec3d>(p.to.at(k)));
+            });
+          };
+          const double expected = (leaning(kStep) - leaning(-kStep)) / (2 * kStep);
+          BoundaryProbe probe = probe_of(row);
+          probe.asked.normal = true;
+          std::vector<double> batches;
+          for (uint32_t batch = 0; batch < 2000; ++batch) {
+            sample_boundary(boundary, batch, probe);
+            double sum = 0;
+            for (size_t k = 0; k < kSlots; ++k) {
+              sum += (double{probe.weight[k]} + double{probe.edge_weight[k]}) *
+                     dot(static_cast<Vec3d>(probe.by_normal.at(k)), level) *
+                     moment(static_cast<Vec3d>(probe.to.at(k))) / kSlots;
+            }
+            batches.push_back(row.leaving ? -sum : sum);  // it is that of the side of arrival
+          }
+          expect_equal(over_batches(batches), {expected, 1e-3 + 0.002 * std::abs(expected)}, 48,
+                       fmt::format("{}{}", name_of(row), boundary.lost ? " all" : ""));
         }
       }
     }

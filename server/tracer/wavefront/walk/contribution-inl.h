@@ -56,7 +56,8 @@ HWY_INLINE void add_contribution(Wavefront& wave, const Slots& at, Floats light,
   }
   for (const FloatColumn& edge : paths.edge_weight) {
     at.add(hn::Mul(at.get(edge), light),
-           paths.d_slots[paths.control_phase.size() + *wave.index_slot]);
+           wave.normal_gradient ? paths.edge_radiance[0]
+                                : paths.d_slots[paths.control_phase.size() + *wave.index_slot]);
   }
   for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
     at.add(hn::Mul(at.get(paths.weight_at_albedos[a]), light), paths.radiance_at_albedos[a]);
@@ -88,6 +89,26 @@ inline void add_to_map(Wavefront& wave, Vectors direction, Mask arrived, Floats 
       wave.film.add_to_map(wave.paths.pixel[slot[lane]], wave.paths.sample[slot[lane]],
                            static_cast<size_t>(pixel[lane]), double{part[lane]});
     }
+  }
+}
+
+// The same, for the gradient in normals: `light` reaches the pixels of the paths in `slots` by the
+// boundary at the places where shadow rays i, i + 1 ... begin.
+inline void add_to_normals(Wavefront& wave, size_t i, Floats light, Ints slots) {
+  const ShadowRays& rays = wave.shadow_rays;
+  alignas(64) int32_t slot[kMaxLanes];
+  alignas(64) float part[kMaxLanes];
+  hn::Store(slots, IntTag(), slot);
+  hn::Store(light, FloatTag(), part);
+  const Vectors score = load(rays.normal_score, i);
+  const Mask some =
+      hn::And(hn::Gt(light, hn::Zero(FloatTag())), hn::Gt(dot(score, score), hn::Zero(FloatTag())));
+  for (Bits bits = bits_of(some); bits != 0; bits &= bits - 1) {
+    const auto lane = static_cast<size_t>(std::countr_zero(bits));
+    wave.normal_gradient->add(
+        wave.paths.pixel[slot[lane]], wave.paths.sample[slot[lane]],
+        {rays.triangle[i + lane], rays.rays.position.at(i + lane), rays.normal_score.at(i + lane)},
+        double{part[lane]});
   }
 }
 

@@ -124,6 +124,7 @@ HWY_INLINE PhaseValue if_then_else(Mask where, const PhaseValue& a, PhaseValue b
 HWY_INLINE BoundaryValue if_then_else(Mask where, const BoundaryValue& a, BoundaryValue b) {
   b.value = if_then_else(where, a.value, b.value);
   b.pdf = if_then_else(where, a.pdf, b.pdf);
+  b.by_normal = if_then_else(where, a.by_normal, b.by_normal);
   return with_scores(where, a, b);
 }
 HWY_INLINE BoundarySample if_then_else(Mask where, const BoundarySample& a, BoundarySample b) {
@@ -132,6 +133,7 @@ HWY_INLINE BoundarySample if_then_else(Mask where, const BoundarySample& a, Boun
   b.weight = if_then_else(where, a.weight, b.weight);
   b.pdf = if_then_else(where, a.pdf, b.pdf);
   b.edge_weight = if_then_else(where, a.edge_weight, b.edge_weight);
+  b.by_normal = if_then_else(where, a.by_normal, b.by_normal);
   return with_scores(where, a, b);
 }
 HWY_INLINE Transmission if_then_else(Mask where, const Transmission& a, const Transmission& b) {
@@ -164,7 +166,7 @@ HWY_INLINE Value scored(const Medium& of, Value value) {
   return value;
 }
 HWY_INLINE Crossing crossing_of(const Medium& of, Crossing at) {
-  at.by_index = at.by_index && of.of_object();
+  if (!of.of_object()) at.asked = {};
   return at;
 }
 HWY_INLINE PhaseValue evaluate_phase(const Media& media, Uints medium, Floats cosine) {

@@ -10,6 +10,7 @@
 #include "server/tracer/geometry/rays.h"
 #include "server/tracer/request/request.h"
 #include "server/tracer/simd/columns.h"
+#include "server/tracer/wavefront/walk/normal_gradient.h"
 
 namespace itn::tracer {
 
@@ -69,9 +70,9 @@ struct PathState {
   FloatStates<> dweight_dreflectance{}, d_reflectance{};
   // The same for lights, and for their places.
   FloatStates<> d_light{}, d_place{};
-  // For a derivative in the boundary's index: W times what edges weigh that the path has followed,
-  // which make W 0 (BoundaryEdge).
-  FloatStates<> edge_weight{};
+  // For derivatives in the boundary's index or normals: W times what edges weigh that the path has
+  // followed, which make W 0 (BoundaryEdge). And for normals, what is collected with it.
+  FloatStates<> edge_weight{}, edge_radiance{};
 
   // For RenderRequest::colours, of each (flight-inl.h): W, d W / d albedo, and what `edge_weight`
   // is to W; how likely the path is in this colour; the score in sigma_t; radiance, and its
@@ -90,8 +91,8 @@ struct PathState {
                     dweight_dalbedo, score_sigma_t, radiance, d_sigma_t, d_albedo, control_sigma_t,
                     score_slots, d_slots, control_phase, weight_at_albedos, radiance_at_albedos,
                     dweight_dreflectance, d_reflectance, d_light, d_place, edge_weight,
-                    colour_weight, colour_dweight, colour_edge, likelihood, colour_score, colours,
-                    d_colours, flight_sigma_t);
+                    edge_radiance, colour_weight, colour_dweight, colour_edge, likelihood,
+                    colour_score, colours, d_colours, flight_sigma_t);
   }
   // Those that a factor of the path's weight multiplies.
   auto weights() {
@@ -130,6 +131,8 @@ struct Paths : PathState {
   // What the boundary multiplies the path's weight by, once the vertex's shadow rays are traced.
   FloatColumn crossing_weight{};
   std::vector<FloatColumn> crossing_edge_weight;  // and what it adds to `edge_weight`, by W
+  // By slot, for a gradient in normals: where the path has crossed the boundary.
+  std::vector<std::vector<BoundaryTurn>> turns;
 
   void move(size_t from, size_t to) {
     rays.position.set(to, rays.position.at(from));
@@ -137,11 +140,13 @@ struct Paths : PathState {
     rays.interaction[to] = rays.interaction[from];
     rays.normal.set(to, rays.normal.at(from));
     for_each_column(columns(), [&](auto& column) { column[to] = column[from]; });
+    if (!turns.empty()) turns[to].swap(turns[from]);
   }
 
   // All but the ray and the sample.
   void begin(size_t slot) {
     for_each_column(columns(), [&](auto& column) { column[slot] = column.kAtStart; });
+    if (!turns.empty()) turns[slot].clear();
   }
 };
 
@@ -157,6 +162,9 @@ struct ShadowRays {
   std::vector<FloatColumn> parts_of_lights;
   std::vector<FloatColumn> per_radiance;  // `light` by radiance, for a gradient in a panorama
   FloatColumn length_before{};            // in the medium, of those that come through the boundary
+  // Of those that come from the boundary, for a gradient in normals: see NormalScore.
+  VectorColumn normal_score;
+  UintColumn triangle{};
   size_t count = 0;
 };
 

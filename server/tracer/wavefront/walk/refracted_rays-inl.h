@@ -386,6 +386,7 @@ struct Exit {
   Floats per_radiance;  // what comes by radiance, its part that reaches the boundary apart
   Floats scores[kMaxBoundarySlots];
   Floats parts_of_lights[kMaxDerivatives];  // of `radiance`
+  Vectors normal_score = set(Vec3f{});      // see NormalScore
 };
 
 // Towards the light that was drawn.
@@ -412,6 +413,7 @@ HWY_INLINE Exit exit_of_rough(const Wavefront& wave, const RefractedRays& sent, 
   }
   exit.per_radiance = hn::Div(hn::Mul(phase, boundary.value), pdf_sum);
   for (size_t s = 0; s < kMaxBoundarySlots; ++s) exit.scores[s] = boundary.scores[s];
+  if (at.asked.normal) exit.normal_score = slope_outwards(at, boundary.by_normal);
   for (size_t l = 0; l < sent.parts_of_lights.size(); ++l) {
     exit.parts_of_lights[l] = wave.shadow_rays.rays.bounded ? part_of_light(light, parts, l)
                                                             : load(sent.parts_of_lights[l], i);
@@ -453,7 +455,7 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
   const Vectors flat_normal = load(wave.crossings.normal, i);
   const Crossing at = crossing_of(
       direction, load(wave.crossings.smooth_normal, i), flat_normal, hn::FirstN(d, lanes()),
-      wave.scene.obstacles.corner_normals.flat(), wave.index_slot.has_value());
+      wave.scene.obstacles.corner_normals.flat(), wave.boundary_derivatives);
   const Floats length = load(sent.rays.medium_length, i);
   const Floats arriving = part_arriving(wave, medium, length);
   const Exit exit = wave.boundary_is_delta
@@ -480,7 +482,9 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
        .per_radiance = hn::IfThenElseZero(from_far, exit.per_radiance),
        .distance = exit.distance,
        .max_medium_length = zero,
-       .length_before = length},
+       .length_before = length,
+       .normal_score = exit.normal_score,
+       .triangle = load(wave.crossings.triangle, i)},
       [&](size_t s) {
         const Floats score = load(sent.score_slots[s], i);
         return s < phase_slots ? score : hn::Add(score, exit.scores[s - phase_slots]);

@@ -6,6 +6,7 @@
 #define ITN_TRACER_WAVEFRONT_WALK_SCATTER_INL_H_
 #endif
 
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <numbers>
@@ -50,7 +51,7 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium,
     const Crossings& crossings = wave.crossings;
     vertices.crossing =
         crossing_of(before, load(crossings.smooth_normal, i), load(crossings.normal, i), inside,
-                    wave.scene.obstacles.corner_normals.flat(), wave.index_slot.has_value());
+                    wave.scene.obstacles.corner_normals.flat(), wave.boundary_derivatives);
     vertices.factor = hn::IfThenElse(at_boundary, set(1.0F), vertices.factor);
   }
   if (vertices.any_on_surface) {
@@ -147,6 +148,34 @@ inline void send_walk_odds(Wavefront& wave, size_t i, Mask where, const Vertices
                  hn::Zero(UintTag()));
 }
 
+// Remembers how paths cross the boundary, for a gradient in its normals.
+inline void note_turns(Wavefront& wave, size_t i, Mask where, const Crossing& at,
+                       const BoundarySample& next, Mask edge) {
+  Paths& paths = wave.paths;
+  const Floats zero = hn::Zero(FloatTag());
+  const Mask goes_on = hn::Or(edge, hn::Gt(next.weight, zero));
+  const Mask scored = hn::Gt(dot(next.by_normal, next.by_normal), zero);
+  VectorColumn score;
+  store(slope_outwards(at, next.by_normal), score, 0);
+  const Bits edges = bits_of(edge);
+  for (Bits bits = bits_of(hn::And(where, hn::And(goes_on, scored))); bits != 0; bits &= bits - 1) {
+    const auto lane = static_cast<size_t>(std::countr_zero(bits));
+    const size_t slot = i + lane;
+    paths.turns[slot].push_back(
+        {{wave.crossings.triangle[slot], paths.rays.position.at(slot), score.at(lane)},
+         (edges >> lane & 1) != 0});
+    wave.turned.push_back(slot);
+  }
+}
+
+// What they have collected before, once all shadow rays are traced.
+inline void note_radiance_at_turns(Wavefront& wave) {
+  for (const size_t slot : wave.turned) {
+    wave.paths.turns[slot].back().radiance = wave.paths.radiance[slot];
+  }
+  wave.turned.clear();
+}
+
 // At a boundary that stops lines: draws the next direction with its pdf, and which side it is on.
 // Paths that rounding has trapped there are dropped.
 inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& direction,
@@ -177,6 +206,7 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   for (FloatColumn& by : paths.crossing_edge_weight) {
     store(hn::IfThenElseZero(edge, next.edge_weight), by, i);
   }
+  if (wave.normal_gradient) note_turns(wave, i, where, vertices.crossing, next, edge);
   direction = if_then_else(where, next.direction, direction);
   pdf = hn::IfThenElse(where, next.pdf, pdf);
   store(hn::IfThenElse(where, next.weight, set(1.0F)), paths.crossing_weight, i);

@@ -81,6 +81,7 @@ struct Turn {
   Floats value, pdf;                          // with which the walk would go there by itself
   PhaseValue phase;                           // of scatterings
   Floats boundary_scores[kMaxBoundarySlots];  // of crossings
+  Vectors normal_score = set(Vec3f{});        // likewise: see NormalScore
 };
 HWY_INLINE Turn turn_to(const Wavefront& wave, const Vertices& vertices, Vectors direction) {
   const Floats zero = hn::Zero(FloatTag());
@@ -105,6 +106,10 @@ HWY_INLINE Turn turn_to(const Wavefront& wave, const Vertices& vertices, Vectors
     turn.pdf = hn::IfThenElse(vertices.at_boundary, boundary.pdf, turn.pdf);
     for (size_t s = 0; s < kMaxBoundarySlots; ++s) {
       turn.boundary_scores[s] = hn::IfThenElseZero(vertices.at_boundary, boundary.scores[s]);
+    }
+    if (at.asked.normal) {
+      turn.normal_score = if_then_else(vertices.at_boundary, slope_outwards(at, boundary.by_normal),
+                                       turn.normal_score);
     }
   }
   return turn;
@@ -188,7 +193,9 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
        .per_radiance = per_radiance,
        .distance = light.distance,
        .max_medium_length = hn::Mul(limit, free_path_of(wave.media, vertices.medium)),
-       .length_before = zero},
+       .length_before = zero,
+       .normal_score = turn.normal_score,
+       .triangle = load(wave.crossings.triangle, i)},
       [&](size_t s) {
         const Floats score = s < phase_slots
                                  ? hn::IfThenElseZero(vertices.in_medium, turn.phase.scores[s])
@@ -253,6 +260,9 @@ inline void trace_shadow_rays(Wavefront& wave) {
     if (wave.differentiated_map != nullptr) {
       add_to_map(wave, load(shadow_rays.rays.direction, i), arrived,
                  hn::Mul(at.get(paths.weight), arriving(shadow_rays.per_radiance[0])), slot);
+    }
+    if (wave.normal_gradient) {
+      add_to_normals(wave, i, hn::Mul(at.get(paths.weight), arriving(shadow_rays.light)), slot);
     }
   }
 }

@@ -56,7 +56,8 @@ struct Wavefront {
                              options.switches.techniques != Switches::Techniques::kPhaseOnly),
         searches_facets(refracts_shadow_rays && !compiled.obstacles.facets.by_triangle.empty()),
         mirrors_shadow_rays(boundary_is_delta && refracts_shadow_rays),
-        index_slot(differentiated_index(asked, compiled.boundary)) {
+        index_slot(differentiated_index(asked, compiled.boundary)),
+        boundary_derivatives{index_slot.has_value(), asked.gradient_normals} {
     for (const Parameter& parameter : asked.derivatives) {
       if (parameter.kind == Parameter::kReflectance) {
         reflecting.push_back({compiled.obstacles.surfaces.triangles_of(parameter.index),
@@ -73,6 +74,11 @@ struct Wavefront {
     if (asked.gradient_light) {
       differentiated_map = compiled.lights.map_of(*asked.gradient_light);
       shadow_rays.per_radiance.resize(1);
+    }
+    if (asked.gradient_normals) {
+      normal_gradient.emplace(compiled, to);
+      paths.turns.resize(kSlots);
+      paths.edge_radiance.resize(1);
     }
     const size_t phase_slots = medium_derivatives ? slot_count(media.object().phase) : 0;
     const size_t slots =
@@ -98,7 +104,7 @@ struct Wavefront {
     paths.d_reflectance.resize(reflecting.size());
     paths.d_light.resize(differentiated_lights.size());
     paths.d_place.resize(places.size());
-    paths.edge_weight.resize(index_slot ? 1 : 0);
+    paths.edge_weight.resize(boundary_derivatives.any() ? 1 : 0);
     paths.colour_edge.resize(index_slot ? colours.size() : 0);
     paths.crossing_edge_weight.resize(paths.edge_weight.size());
     shadow_rays.parts_of_lights.resize(parts);
@@ -189,6 +195,9 @@ struct Wavefront {
   const bool boundary_is_delta, refracts_shadow_rays;
   const bool searches_facets, mirrors_shadow_rays;  // if they are refracted
   const std::optional<size_t> index_slot;           // of the boundary, for a derivative
+  const BoundaryDerivatives boundary_derivatives;
+  std::optional<NormalGradient> normal_gradient;
+  std::vector<size_t> turned;  // slots whose last turn is new
   RefractedRays refracted_rays, aimed_again;
   OddsRays odds_rays, shadow_odds;
   Crossings crossings;
@@ -265,6 +274,8 @@ struct SentShadowRays {
   Floats per_radiance;  // for a gradient in a panorama
   Floats distance;      // where they are bounded
   Floats max_medium_length, length_before;
+  Vectors normal_score = set(Vec3f{});
+  Uints triangle = hn::Zero(UintTag());
 };
 
 // Adds them, where there are any; `score(s)` is that of their path in a slot, and `part(l)` what is
@@ -283,6 +294,10 @@ HWY_INLINE void add_shadow_rays(Wavefront& wave, Mask where, const SentShadowRay
   append(sent.light, to.light);
   append(sent.importance, to.importance);
   if (wave.differentiated_map != nullptr) append(sent.per_radiance, to.per_radiance[0]);
+  if (wave.normal_gradient) {
+    append(sent.normal_score, to.normal_score);
+    append(sent.triangle, to.triangle);
+  }
   for (size_t s = 0; s < to.score_slots.size(); ++s) append(score(s), to.score_slots[s]);
   for (size_t l = 0; l < to.parts_of_lights.size(); ++l) append(part(l), to.parts_of_lights[l]);
   append(sent.slot, to.slot);

@@ -1,0 +1,50 @@
+// The gradient in the normals of the boundary (RenderRequest::gradient_normals): by triangle of the
+// object, in its three corners' normals. Normals between them are their mean by barycentric
+// coordinates, of unit length.
+//
+// What a path collects depends on the normal wherever it crosses the boundary, by the score of the
+// crossing: the derivative is that times the light that the path collects behind it. So a path
+// remembers its turns until it ends.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "common/vec.h"
+#include "server/tracer/film/film_writer.h"
+#include "server/tracer/scene/compiled_scene.h"
+
+namespace itn::tracer {
+
+// The derivative of the logarithm of a path's weight in the normal at a place of the boundary,
+// which faces outwards.
+struct NormalScore {
+  uint32_t triangle;
+  Vec3f place, score;
+};
+
+// Where a path has crossed the boundary or was reflected there.
+struct BoundaryTurn {
+  NormalScore normal;
+  bool edge;           // whether an edge was followed (BoundaryEdge): nothing counts behind it but
+                       // what that edge brings
+  float radiance = 0;  // that was collected before
+};
+
+struct Paths;
+
+class NormalGradient {
+ public:
+  NormalGradient(const Scene::Compiled& scene, FilmWriter& film) : scene_(scene), film_(film) {}
+  // Light that reaches the pixel of a sample.
+  void add(uint32_t pixel, uint32_t sample, const NormalScore& at, double light);
+  // A path that has ended.
+  void record(const Paths& paths, size_t slot);
+
+ private:
+  const Scene::Compiled& scene_;
+  FilmWriter& film_;
+};
+
+}  // namespace itn::tracer
