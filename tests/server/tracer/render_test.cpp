@@ -273,9 +273,11 @@ TEST(RenderTest, TheMaterialsOwnAlbedoIsTheImage) {
   EXPECT_NE(sums.estimates[1].other_media[1], sums.estimates[1].radiance);
 }
 
+// But for the roulette, in which they count.
 TEST(RenderTest, DerivativesDoNotChangeTheImage) {
   RenderRequest both = request(), image = request();
-  const RenderOptions same{.tuning = {.walk_roulette = 0.3, .depth_roulette = 0.5}};
+  const RenderOptions same{.tuning = {.shadow_ray_roulette = 0},
+                           .switches = {.throughput_roulette = true}};
   image.derivatives = {};
   EXPECT_EQ(render_grad(mug_in_the_sun(), image, same).estimates[1].radiance,
             render_grad(mug_in_the_sun(), both, same).estimates[1].radiance);

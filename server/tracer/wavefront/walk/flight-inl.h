@@ -71,6 +71,7 @@ HWY_INLINE void update_likelihoods(Wavefront& wave, size_t i, Mask scattered) {
     const Floats likelihood = hn::Mul(load(paths.likelihood[c], i), hn::Mul(flown, ended));
     store(likelihood, paths.likelihood[c], i);
     sum = hn::Add(sum, likelihood);
+    if (!wave.medium_derivatives) continue;
     const Floats score = hn::Sub(hn::IfThenElseZero(scattered, set(1 / sigma_t)), length);
     store(hn::Add(load(paths.colour_score[c], i), score), paths.colour_score[c], i);
   }

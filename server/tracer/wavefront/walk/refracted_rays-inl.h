@@ -318,7 +318,7 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   }
   const Floats worth = hn::Div(hn::Mul(radiance, hn::Mul(phase.value, passing)),
                                hn::Mul(light_pdf, hn::Add(pdf, phase.value)));
-  const Floats importance = hn::Mul(path_importance(paths, i), worth);
+  const Floats importance = hn::Mul(path_importance(wave, i), worth);
   const Floats limit = depth_limit(wave, importance, roulette);
   where = hn::And(where, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
 

@@ -117,9 +117,9 @@ inline void russian_roulette(Wavefront& wave, const WalkRoulette& roulette) {
     const Floats probability =
         wave.switches.throughput_roulette
             ? throughput_survival(paths, i)
-            : hn::Min(one, hn::Mul(hn::Mul(path_importance(paths, i),
-                                           remaining_light(wave, roulette, i)),
-                                   set(roulette.per_threshold)));
+            : hn::Min(one,
+                      hn::Mul(hn::Mul(path_importance(wave, i), remaining_light(wave, roulette, i)),
+                              set(roulette.per_threshold)));
     const Mask survives =
         hn::And(hn::Lt(load(paths.u3, i), probability), hn::Not(not_zero(load(paths.leaked, i))));
     const Floats factor = hn::Div(one, hn::Max(probability, set(1e-30F)));

@@ -95,11 +95,14 @@ HWY_INLINE void multiply_by_colours(Wavefront& wave, size_t i, const Vertices& v
                                              load(paths.rays.position, i)),
                               factor);
     }
-    FloatColumn &column = paths.colour_weight[c], &derivative = paths.colour_dweight[c];
+    FloatColumn& column = paths.colour_weight[c];
     const Floats weight = load(column, i);
     store(hn::Mul(weight, factor), column, i);
-    store(mul_add(load(derivative, i), factor, hn::IfThenElseZero(vertices.in_medium, weight)),
-          derivative, i);
+    if (wave.medium_derivatives) {
+      FloatColumn& derivative = paths.colour_dweight[c];
+      store(mul_add(load(derivative, i), factor, hn::IfThenElseZero(vertices.in_medium, weight)),
+            derivative, i);
+    }
     if (paths.colour_edge.empty()) continue;
     FloatColumn& edge = paths.colour_edge[c];
     store(hn::Mul(load(edge, i), factor), edge, i);

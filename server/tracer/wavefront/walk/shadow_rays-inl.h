@@ -168,7 +168,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
     per_radiance = hn::IfThenElseZero(light.from_far(), hn::Div(turn.value, pdf_sum));
     worth = hn::Max(worth, hn::Mul(per_radiance, set(wave.mean_radiance())));
   }
-  const Floats importance = hn::Mul(path_importance(paths, i), worth);
+  const Floats importance = hn::Mul(path_importance(wave, i), worth);
   const Floats limit = depth_limit(wave, importance, roulette);
   sent = hn::And(sent, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
 

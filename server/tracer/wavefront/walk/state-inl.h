@@ -328,13 +328,28 @@ HWY_INLINE void multiply_weights(Paths& paths, size_t i, Floats factor) {
                   [&](FloatColumn& weight) { store(hn::Mul(load(weight, i), factor), weight, i); });
 }
 
+// What light at the end of a path counts; of colours the mean.
+HWY_INLINE Floats mean_weight(const Paths& paths, size_t i) {
+  const size_t colours = paths.colour_weight.size();
+  if (colours == 0) return load(paths.weight, i);
+  Floats sum = hn::Zero(FloatTag());
+  for (size_t c = 0; c < colours; ++c) {
+    sum = mul_add(load(paths.colour_weight[c], i), load(paths.likelihood[c], i), sum);
+  }
+  return hn::Mul(sum, set(1 / static_cast<float>(colours)));
+}
+
 // The importance of a path, for roulette. In thick media of high albedo the derivative comes from
 // long paths, whose W is small but whose dW/d albedo is not; so does the derivative in the
 // reflectance of a dark surface, from paths of a few reflections.
-HWY_INLINE Floats path_importance(const Paths& paths, size_t i) {
+HWY_INLINE Floats path_importance(const Wavefront& wave, size_t i) {
+  const Paths& paths = wave.paths;
   constexpr float kRouletteDerivative = 0.05F, kRouletteReflectance = 0.25F;
-  Floats importance = hn::Max(load(paths.weight, i),
-                              hn::Mul(set(kRouletteDerivative), load(paths.dweight_dalbedo, i)));
+  Floats importance = mean_weight(paths, i);
+  if (wave.medium_derivatives) {
+    importance =
+        hn::Max(importance, hn::Mul(set(kRouletteDerivative), load(paths.dweight_dalbedo, i)));
+  }
   for (const FloatColumn& derivative : paths.dweight_dreflectance) {
     importance = hn::Max(importance, hn::Mul(set(kRouletteReflectance), load(derivative, i)));
   }
