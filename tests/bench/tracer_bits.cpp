@@ -166,6 +166,14 @@ std::vector<Parameter> places_of(const Scene& scene) {
   return places;
 }
 
+bool has_normal_gradient(const Scene& scene) {
+  const Scene::Compiled& compiled = scene.compiled();
+  for (uint32_t light = 0; light < scene.light_count(); ++light) {
+    if (!compiled.lights.described(light).has_size) return false;
+  }
+  return index_slot(compiled.boundary).has_value();
+}
+
 std::vector<Ask> asks(const Scene& scene) {
   if (scene.compiled().film.channel == Channel::kRgb) return {colours_of(scene)};
   const RenderRequest& image = plain_image();
@@ -206,6 +214,16 @@ std::vector<Ask> asks(const Scene& scene) {
     add(
         "places", [&](Ask& a) { a.request.derivatives = places; }, false);
   }
+  if (has_normal_gradient(scene)) {
+    add(
+        "normals",
+        [&](Ask& a) {
+          a.request.gradient_weights.assign(
+              static_cast<size_t>(scene.width()) * static_cast<size_t>(scene.height()), 1);
+          a.request.gradient_normals = true;
+        },
+        false);
+  }
   return result;
 }
 
@@ -225,6 +243,9 @@ std::string digest_of(const FilmSums& sums) {
     append(bytes, estimate.radiance);
     for (const auto& plane : estimate.derivatives) append(bytes, plane);
     for (const auto& plane : estimate.other_media) append(bytes, plane);
+    append(bytes, estimate.gradient);
+    append(bytes, estimate.map_gradient);
+    append(bytes, estimate.normal_gradient);
   }
   for (const auto& plane : sums.other_squares) append(bytes, plane);
   append(bytes, sums.squares);

@@ -115,6 +115,24 @@ v1::Scene spot_scene() {
   return scene;
 }
 
+// Normals of its own, which lean inwards at some corners.
+v1::Scene normals_scene() {
+  v1::Scene scene = testing::cube_scene(6, 5);
+  v1::Object& object = *scene.mutable_object();
+  *object.mutable_mesh()->mutable_triangles() = testing::cube();
+  std::vector<Vec3f> normals;
+  for (int k = 0; k < 3 * 12; ++k) {
+    normals.push_back({static_cast<float>(k % 5) - 2, 1, static_cast<float>(k % 3) - 1});
+  }
+  object.mutable_mesh()->mutable_triangles()->set_corner_normals(to_bytes(normals));
+  object.mutable_rough_dielectric()->set_index(2.5F);
+  scene.clear_lights();
+  *scene.add_lights() = parse_text<v1::Light>("constant { radiance: 1 }");
+  *scene.add_lights() =
+      parse_text<v1::Light>("sphere { center { x: 2 y: 3 z: -2 } radius: 0.5 radiance: 9 }");
+  return scene;
+}
+
 std::string render_request(
     const v1::Scene& scene,
     const std::function<void(v1::RenderGradRequest&)>& change = [](auto&) {}) {
@@ -316,6 +334,11 @@ void make_corpus(const fs::path& folder) {
   write("render_request/spot", render_request(spot_scene(), [](auto& request) {
           request.clear_derivatives();
           request.add_parameters("rough_dielectric.roughness");
+        }));
+  write("render_request/normals", render_request(normals_scene(), [](auto& request) {
+          request.clear_derivatives();
+          request.mutable_gradient()->set_weight(to_bytes(std::vector<float>(6 * 5, -0.5F)));
+          request.mutable_gradient()->set_normals(true);
         }));
   write("render_request/loss", loss_request());
   write("render_request/reference", render_request(full_scene(), [](auto& request) {
