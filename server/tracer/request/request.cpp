@@ -109,14 +109,14 @@ void check_weights(const RenderRequest& request, size_t pixels) {
 
 void check_gradient(const RenderRequest& request, size_t pixels) {
   const std::vector<float>& weights = request.gradient_weights;
-  const auto finite = [](float w) { return std::isfinite(w); };
+  const auto possible = [](float w) { return std::abs(double{w}) <= kMaxGradientWeight; };
   const auto zero = [](float w) { return w == 0; };
-  if (weights.size() != pixels || !std::ranges::all_of(weights, finite) ||
+  if (weights.size() != pixels || !std::ranges::all_of(weights, possible) ||
       std::ranges::all_of(weights, zero)) {
     throw invalid_input(fmt::format(
-        "there are {} gradient weights; there must be one for each of the {} pixels, finite and "
-        "not all 0",
-        weights.size(), pixels));
+        "there are {} gradient weights; there must be one for each of the {} pixels, at most {} in "
+        "size and not all 0",
+        weights.size(), pixels, kMaxGradientWeight));
   }
 }
 

@@ -33,6 +33,8 @@ constexpr uint32_t kMaxEstimates = 16;
 constexpr size_t kMaxAlbedos = 16;
 constexpr size_t kMaxDerivatives = 32;
 constexpr uint32_t kMaxPilotSpp = 64;
+// In size; so that gradients are finite as floats.
+constexpr double kMaxGradientWeight = 1e15;
 
 // What is asked for: the result depends on scene and request (and on Tuning and Switches, which are
 // the same for everybody but tests and benchmarks).
@@ -51,8 +53,9 @@ struct RenderRequest {
   // Which derivative images to accumulate, in this order, none twice; of colours, three of each,
   // one after the other. At most kMaxDerivatives images.
   std::vector<Parameter> derivatives = {};
-  // By pixel of the film, a weight of any sign: instead of derivative images, the gradient of the
-  // sum over the pixels of weight * radiance, a number for each of `derivatives`. Empty: images.
+  // By pixel of the film, a weight of any sign, at most kMaxGradientWeight in size: instead of
+  // derivative images, the gradient of the sum over the pixels of weight * radiance, a number for
+  // each of `derivatives`. Empty: images.
   std::vector<float> gradient_weights = {};
   // And its gradient in the pixels of this light, a panorama. Not by the reference.
   std::optional<uint32_t> gradient_light = {};
