@@ -9,11 +9,9 @@ namespace itn::tracer {
 
 using Rgb = std::array<double, 3>;
 
-// A table of floats for each colour.
-using RgbTables = std::array<std::vector<float>, 3>;
-inline size_t memory_of(const RgbTables& tables) {
-  return tables.size() * tables[0].size() * sizeof(float);
-}
+// A table of floats for each colour: red, green and blue of an entry lie side by side, as who looks
+// one up wants all.
+using RgbTable = std::vector<float>;
 
 // Of kRgb all three are rendered, and luminance tells how.
 enum class Channel { kLuminance, kRed, kGreen, kBlue, kRgb };

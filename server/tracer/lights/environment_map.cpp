@@ -32,7 +32,7 @@ EnvironmentMapTable::EnvironmentMapTable(const EnvironmentMapLight& light, Chann
       height_(light.height),
       scale_(light.scale),
       values_(static_cast<size_t>(width_) * static_cast<size_t>(height_)) {
-  if (channel == Channel::kRgb) colours_.fill(std::vector<float>(values_.size()));
+  if (channel == Channel::kRgb) colours_.resize(3 * values_.size());
   for (size_t i = 0; i < values_.size(); ++i) {
     const Rgb c{light.rgb[3 * i], light.rgb[3 * i + 1], light.rgb[3 * i + 2]};
     for (const double v : c) {
@@ -51,14 +51,16 @@ EnvironmentMapTable::EnvironmentMapTable(const EnvironmentMapLight& light, Chann
     };
     values_[i] = scaled(select(c, channel));
     if (channel != Channel::kRgb) continue;
-    for (size_t k = 0; k < c.size(); ++k) colours_[k][i] = scaled(c[k]);
+    for (size_t k = 0; k < c.size(); ++k) colours_[3 * i + k] = scaled(c[k]);
   }
   weigh_pixels();
 }
 
 size_t EnvironmentMapTable::memory() const {
-  return sizeof(*this) + (values_.size() + edges_.size() + inverse_angles_.size()) * sizeof(float) +
-         memory_of(colours_) + (cells_ ? cells_->memory() : 0);
+  return sizeof(*this) +
+         (values_.size() + colours_.size() + edges_.size() + inverse_angles_.size()) *
+             sizeof(float) +
+         (cells_ ? cells_->memory() : 0);
 }
 
 double EnvironmentMapTable::value(int column, int row) const {

@@ -53,7 +53,7 @@ class EnvironmentMapTable {
   size_t pixels() const { return values_.size(); }
   const float* values() const { return values_.data(); }
   // The same of each colour, for kRgb.
-  const RgbTables& colours() const { return colours_; }
+  const RgbTable& colours() const { return colours_; }
   // y at the edges of the rows, falling; and of a pixel, by row, 1 / solid angle.
   const float* edges() const { return edges_.data(); }
   const float* inverse_angles() const { return inverse_angles_.data(); }
@@ -66,7 +66,7 @@ class EnvironmentMapTable {
   int width_, height_;
   double scale_;
   std::vector<float> values_, edges_, inverse_angles_;
-  RgbTables colours_;
+  RgbTable colours_;
   double power_ = 0;
   std::optional<AliasTable> cells_;
 };
@@ -140,9 +140,11 @@ HWY_INLINE MapPlace place_of(const EnvironmentMap& light, Vectors direction) {
   return {u, v, fx, fy, {hn::Add(r0, c0), hn::Add(r0, c1)}, {hn::Add(r1, c0), hn::Add(r1, c1)}};
 }
 
-// Of the table of a channel.
-HWY_INLINE Floats radiance_at(const MapPlace& at, const float* values) {
-  const auto value = [&](Ints pixel) { return gather(values, pixel); };
+// Of the table of a channel, whose values lie so far apart.
+HWY_INLINE Floats radiance_at(const MapPlace& at, const float* values, int stride = 1) {
+  const auto value = [&](Ints pixel) {
+    return gather(values, hn::Mul(pixel, hn::Set(IntTag(), stride)));
+  };
   return mix(mix(value(at.upper[0]), value(at.upper[1]), at.fx),
              mix(value(at.lower[0]), value(at.lower[1]), at.fx), at.fy);
 }
@@ -151,7 +153,7 @@ HWY_INLINE InColours colours(const EnvironmentMap& light, Vectors direction) {
   const MapPlace at = place_of(light, direction);
   InColours result;
   for (size_t c = 0; c < kColours.size(); ++c) {
-    result.radiance[c] = radiance_at(at, light.table().colours()[c].data());
+    result.radiance[c] = radiance_at(at, light.table().colours().data() + c, 3);
   }
   return result;
 }

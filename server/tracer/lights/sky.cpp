@@ -64,14 +64,16 @@ SkyTable::SkyTable(double turbidity, double ground_albedo, double sun_elevation,
       values_(tabulate(Sky(turbidity, ground_albedo, sun_elevation), sun_elevation, channel)),
       cells_(weigh_cells()) {
   if (channel != Channel::kRgb) return;
+  colours_.resize(kColours.size() * values_.size());
   for (size_t c = 0; c < kColours.size(); ++c) {
-    colours_[c] =
+    const std::vector<float> own =
         tabulate(Sky(turbidity, ground_albedo, sun_elevation), sun_elevation, kColours[c]);
+    for (size_t i = 0; i < own.size(); ++i) colours_[kColours.size() * i + c] = own[i];
   }
 }
 
 size_t SkyTable::memory() const {
-  return sizeof(*this) + values_.size() * sizeof(float) + memory_of(colours_) + cells_.memory();
+  return sizeof(*this) + (values_.size() + colours_.size()) * sizeof(float) + cells_.memory();
 }
 
 // Power of every cell; where there is no light at all, any distribution will do.

@@ -40,7 +40,7 @@ class SkyTable {
   // By row and column; kRows + 1 rows.
   const float* values() const { return values_.data(); }
   // The same of each colour, for kRgb.
-  const RgbTables& colours() const { return colours_; }
+  const RgbTable& colours() const { return colours_; }
   const AliasTable& cells() const { return cells_; }
 
  private:
@@ -50,7 +50,7 @@ class SkyTable {
   Rgb sun_irradiance_;
   double power_ = 0;
   std::vector<float> values_;
-  RgbTables colours_;
+  RgbTable colours_;
   AliasTable cells_;
 };
 
@@ -134,11 +134,14 @@ HWY_INLINE SkyPlace place_of(const SkyLight& sky, Vectors direction) {
           row,  fraction, per_below,          hn::Ge(d.y, zero)};
 }
 
-// Of the table of a channel.
-HWY_INLINE Floats radiance_at(const SkyLight& sky, const SkyPlace& at, const float* values) {
-  const float* const above = values + SkyTable::kColumns;
-  const Floats radiance = mix(mix(gather(values, at.here), gather(values, at.beside), at.fx),
-                              mix(gather(above, at.here), gather(above, at.beside), at.fx), at.fy);
+// Of the table of a channel, whose values lie so far apart.
+HWY_INLINE Floats radiance_at(const SkyLight& sky, const SkyPlace& at, const float* values,
+                              int stride = 1) {
+  const float* const above = values + stride * SkyTable::kColumns;
+  const Ints by = hn::Set(IntTag(), stride);
+  const Ints here = hn::Mul(at.here, by), beside = hn::Mul(at.beside, by);
+  const Floats radiance = mix(mix(gather(values, here), gather(values, beside), at.fx),
+                              mix(gather(above, here), gather(above, beside), at.fx), at.fy);
   return hn::IfThenElseZero(at.up, hn::Mul(radiance, set(static_cast<float>(sky.scale()))));
 }
 
@@ -162,7 +165,7 @@ HWY_INLINE InColours colours(const SkyLight& sky, Vectors direction) {
   const SkyPlace at = place_of(sky, direction);
   InColours result;
   for (size_t c = 0; c < kColours.size(); ++c) {
-    result.radiance[c] = radiance_at(sky, at, sky.table().colours()[c].data());
+    result.radiance[c] = radiance_at(sky, at, sky.table().colours().data() + c, 3);
   }
   return result;
 }
