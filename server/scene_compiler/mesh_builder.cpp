@@ -209,10 +209,8 @@ std::vector<std::array<Vec3f, 3>> MeshBuilder::corner_normals(const std::string&
     for (Vec3f& n : corners) {
       const double size = length(static_cast<Vec3d>(n));
       if (!(size > 0 && std::isfinite(size))) {
-        throw invalid_input(
-            fmt::format("{} has a normal ({}, {}, {}); each must be finite and not "
-                        "0",
-                        name, n.x, n.y, n.z));
+        throw invalid_input(fmt::format(
+            "{} has a normal ({}, {}, {}); each must be finite and not 0", name, n.x, n.y, n.z));
       }
       n = static_cast<Vec3f>(
           normalize(transformed_normal(affine, static_cast<Vec3d>(n) * (1 / size))));

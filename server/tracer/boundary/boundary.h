@@ -138,7 +138,9 @@ HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& at, 
     if (at.asked.normal) sum.by_normal = sum.by_normal + part.by_normal * value;
   }
   for (Floats& score : sum.scores) score = hn::Div(score, hn::Max(sum.value, set(1e-20F)));
-  sum.by_normal = sum.by_normal * hn::Div(set(1.0F), hn::Max(sum.value, set(1e-20F)));
+  if (at.asked.normal) {
+    sum.by_normal = sum.by_normal * hn::Div(set(1.0F), hn::Max(sum.value, set(1e-20F)));
+  }
   return sum;
 }
 

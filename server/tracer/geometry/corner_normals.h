@@ -43,8 +43,10 @@ class CornerNormals {
     const auto& [a, b, c] = by_triangle_[triangle];
     const Vec3f sum = a * (1 - v - w) + b * v + c * w;
     const float squared = dot(sum, sum);
-    return squared > 0.01F ? sum * (1 / std::sqrt(squared)) : own;
+    return squared > kLeastSquare ? sum * (1 / std::sqrt(squared)) : own;
   }
+  // Of the length of what is interpolated, where that is a normal.
+  static constexpr float kLeastSquare = 0.01F;
   // By triangle, at its three corners.
   const std::vector<std::array<Vec3f, 3>>& by_triangle() const { return by_triangle_; }
   size_t memory() const { return by_triangle_.size() * sizeof(by_triangle_.front()); }

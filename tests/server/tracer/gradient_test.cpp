@@ -172,6 +172,21 @@ TEST_P(NormalGradient, EqualsFiniteDifferences) {
   }
 }
 
+// Those that the smooth angle makes, given instead of it.
+TEST(GradientTest, GivenNormalsAreTakenAsTheyAre) {
+  SceneDescription by_angle = rough_scene("smooth"), given = by_angle;
+  given.corner_normals = CornerNormals(given.object, {{0, given.smooth_angle}}).by_triangle();
+  given.smooth_angle = 0;
+  const RenderRequest request{.material = {4, 0.6, 0.3}, .sample_count = 8};
+  const auto image = [&](const SceneDescription& description) {
+    return means(render_grad(Scene(description), request)).estimates[0].radiance;
+  };
+  const std::vector<float> expected = image(by_angle);
+  EXPECT_EQ(image(given), expected);
+  given.corner_normals.assign(given.corner_normals.size(), {Vec3f{0, 1, 0}, {0, 1, 0}, {0, 1, 0}});
+  EXPECT_NE(image(given), expected);
+}
+
 INSTANTIATE_TEST_SUITE_P(Cases, NormalGradient, ::testing::Values("flat", "smooth", "single"),
                          [](const auto& of) { return std::string(of.param); });
 

@@ -40,6 +40,7 @@ void NormalGradient::add(uint32_t pixel, uint32_t sample, const NormalScore& at,
     }
   }
   const double size = length(sum);
+  if (size * size <= double{CornerNormals::kLeastSquare}) return;
   const Vec3d normal = sum * (1 / size), score = static_cast<Vec3d>(at.score);
   const Vec3d across = (score - normal * dot(normal, score)) * (light / size);
   film_.add_to_normals(pixel, sample, at.triangle,
