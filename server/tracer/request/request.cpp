@@ -113,10 +113,11 @@ void check_gradient(const RenderRequest& request, size_t pixels) {
   const auto zero = [](float w) { return w == 0; };
   if (weights.size() != pixels || !std::ranges::all_of(weights, possible) ||
       std::ranges::all_of(weights, zero)) {
-    throw invalid_input(fmt::format(
-        "there are {} gradient weights; there must be one for each of the {} pixels, at most {:g} in "
-        "size and not all 0",
-        weights.size(), pixels, kMaxGradientWeight));
+    throw invalid_input(
+        fmt::format("there are {} gradient weights; there must be one for each of the {} pixels, "
+                    "at most {:g} in "
+                    "size and not all 0",
+                    weights.size(), pixels, kMaxGradientWeight));
   }
 }
 
