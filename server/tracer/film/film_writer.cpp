@@ -138,17 +138,20 @@ void FilmWriter::add_to_normals(uint32_t pixel, uint32_t sample, uint32_t triang
                                 const std::array<Vec3d, 3>& by_corner) {
   const uint32_t k = sample % estimates_;
   const double factor{film_->gradient_factors[k][film_->index_of(pixel)]};
-  std::array<double, 9> quanta{};
-  for (size_t c = 0; c < 9; ++c) {
-    const Vec3d& v = by_corner[c / 3];
-    quanta[c] = (c % 3 == 0 ? v.x : c % 3 == 1 ? v.y : v.z) * factor * per_radiance_;
-    if (!(std::abs(quanta[c]) < kMaxQuanta)) {  // or NaN
-      ++counters.invalid_samples;
-      return;
+  std::array<int64_t, 9> parts{};
+  auto part = parts.begin();
+  for (const Vec3d& v : by_corner) {
+    for (const double coordinate : {v.x, v.y, v.z}) {
+      const double quanta = coordinate * factor * per_radiance_;
+      if (!(std::abs(quanta) < kMaxQuanta)) {  // or NaN
+        ++counters.invalid_samples;
+        return;
+      }
+      *part++ = std::llrint(quanta);
     }
   }
-  int64_t* const sums = &film_->estimates[k].normal_gradient[size_t{9} * triangle];
-  for (size_t c = 0; c < 9; ++c) add_to(sums[c], std::llrint(quanta[c]));
+  int64_t* sum = &film_->estimates[k].normal_gradient[parts.size() * triangle];
+  for (const int64_t by : parts) add_to(*sum++, by);
 }
 
 void FilmWriter::add(const PathSample& sample, const PathEstimate& path) {

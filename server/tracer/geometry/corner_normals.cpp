@@ -8,8 +8,7 @@
 
 namespace itn::tracer {
 CornerNormals::CornerNormals(const Mesh& mesh, const std::vector<Range>& ranges,
-                             const std::stop_token& stop,
-                             const std::vector<std::array<Vec3f, 3>>& given) {
+                             const std::stop_token& stop) {
   Cancellation cancellation(stop);
   const auto corner = [&](uint32_t triangle, size_t k) {
     return static_cast<Vec3d>(mesh.vertices[mesh.triangles[triangle][k % 3]]);
@@ -31,10 +30,6 @@ CornerNormals::CornerNormals(const Mesh& mesh, const std::vector<Range>& ranges,
   by_triangle_.resize(triangles);
   for (uint32_t t = 0; t < triangles; ++t) {
     cancellation.turn();
-    if (t < given.size()) {
-      by_triangle_[t] = given[t];
-      continue;
-    }
     for (; next != ranges.end() && next->first <= t; ++next) least = std::cos(next->smooth_angle);
     for (size_t k = 0; k < 3; ++k) {
       const uint32_t vertex = mesh.triangles[t][k];

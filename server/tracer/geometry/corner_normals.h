@@ -1,6 +1,7 @@
 // Normals that change steadily over a mesh which stands for a smooth surface.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -27,11 +28,15 @@ class CornerNormals {
   // they share a vertex: there, its normal is their mean, weighted by their angles at the vertex
   // (Thuermer, Wuethrich, "Computing vertex normals from polygonal facets", JGT 1998). Vertices of
   // more than kMaxFan triangles are left out, as points of cones are.
-  // `given`: those of the first triangles, instead.
   // Throws Error (cancelled) soon after a stop is asked for.
   CornerNormals(const Mesh& mesh, const std::vector<Range>& ranges,
-                const std::stop_token& stop = {},
-                const std::vector<std::array<Vec3f, 3>>& given = {});
+                const std::stop_token& stop = {});
+  // The same, but for those of the first triangles, which are given.
+  CornerNormals with(const std::vector<std::array<Vec3f, 3>>& given) const {
+    CornerNormals result = *this;
+    std::ranges::copy(given, result.by_triangle_.begin());
+    return result;
+  }
 
   static constexpr size_t kMaxFan = 256;
 

@@ -115,8 +115,7 @@ void check_gradient(const RenderRequest& request, size_t pixels) {
       std::ranges::all_of(weights, zero)) {
     throw invalid_input(
         fmt::format("there are {} gradient weights; there must be one for each of the {} pixels, "
-                    "at most {:g} in "
-                    "size and not all 0",
+                    "at most {:g} in size and not all 0",
                     weights.size(), pixels, kMaxGradientWeight));
   }
 }
@@ -137,15 +136,12 @@ void check_gradient_light(const RenderRequest& request, const Scene& scene) {
 // The derivatives of paths that follow edges: they meet lights by chance alone.
 void check_edges_find_lights(const Lights& lights, const char* what) {
   for (const Lights::Light& light : lights.all()) {
-    const bool has_size =
-        std::visit([]<typename Kind>(const Kind&) { return !Kind::kDelta; }, light.kind);
-    if (has_size) continue;
-    throw invalid_input(
-        fmt::format("no derivative in {} under lights[{}], which has no size: "
-                    "part of it is on paths that do not find such a light; a directional one may "
-                    "have an angular_radius_degrees, and for a point or a spot there are sphere "
-                    "and panel",
-                    what, light.number));
+    if (lights.described(light.number).has_size) continue;
+    throw invalid_input(fmt::format(
+        "no derivative in {} under lights[{}], which has no size: part of it is on paths that do "
+        "not find such a light; a directional one may have an angular_radius_degrees, and for a "
+        "point or a spot there are sphere and panel",
+        what, light.number));
   }
 }
 

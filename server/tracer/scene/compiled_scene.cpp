@@ -74,20 +74,21 @@ BoundaryDetails boundary_details(const SceneDescription& scene, const Object& ob
                                  std::vector<std::string>& part_keys, const std::stop_token& stop) {
   BoundaryDetails details;
   const auto is_smooth = [](const OtherObject& other) { return other.smooth_angle > 0; };
-  const auto corner_normals = [&] {
-    std::vector<CornerNormals::Range> ranges{{0, scene.smooth_angle}};
-    for (size_t k = 0; k < others.size(); ++k) {
-      ranges.push_back({others[k].first_triangle, scene.other_objects[k].smooth_angle});
+  const bool given = !scene.corner_normals.empty();
+  if (stops_lines(scene.boundary) &&
+      (given || scene.smooth_angle > 0 || std::ranges::any_of(scene.other_objects, is_smooth))) {
+    details.corners = shared_detail<CornerNormals>(
+        scene, part_key("corner normals", scene.smooth_angle), parts, part_keys, stop, [&] {
+          std::vector<CornerNormals::Range> ranges{{0, scene.smooth_angle}};
+          for (size_t k = 0; k < others.size(); ++k) {
+            ranges.push_back({others[k].first_triangle, scene.other_objects[k].smooth_angle});
+          }
+          return CornerNormals(object.mesh, ranges, stop);
+        });
+    if (given) {
+      details.corners =
+          std::make_shared<const CornerNormals>(details.corners->with(scene.corner_normals));
     }
-    return CornerNormals(object.mesh, ranges, stop, scene.corner_normals);
-  };
-  if (!stops_lines(scene.boundary)) return details;
-  if (!scene.corner_normals.empty()) {
-    details.corners = std::make_shared<const CornerNormals>(corner_normals());
-  } else if (scene.smooth_angle > 0 || std::ranges::any_of(scene.other_objects, is_smooth)) {
-    details.corners =
-        shared_detail<CornerNormals>(scene, part_key("corner normals", scene.smooth_angle), parts,
-                                     part_keys, stop, corner_normals);
   }
   if (refracts(scene.boundary)) {
     details.cells = shared_detail<CellNormals>(scene, "cell normals", parts, part_keys, stop, [&] {

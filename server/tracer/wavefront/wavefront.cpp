@@ -24,9 +24,8 @@
 //               line is what follows it, one of a few (lines/follow-inl.h)
 //   weight W    what light at the end of the path counts: the product of the factors along it
 //   score       the derivative of the logarithm of the path's density by a parameter
-//   boundary turn  where a path crosses the boundary or is reflected there, which it remembers for
-//   a
-//               gradient in normals (normal_gradient.h)
+//   boundary turn  where a path crosses the boundary, or is reflected there: it is remembered for
+//               a gradient in normals (normal_gradient.h)
 //   delta bounce  the last vertex draws no shadow ray: light ahead counts whole
 //   colour      one of the media of a request whose images share their paths
 //   likelihood  the density of a path in a colour, over the mean of all of them (flight-inl.h)

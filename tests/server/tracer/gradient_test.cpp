@@ -1,7 +1,6 @@
 // The gradient of a weighted sum over the pixels, in numbers and in the pixels of a panorama.
 #include <gtest/gtest.h>
 
-#include <array>
 #include <cmath>
 #include <numeric>
 #include <string>
@@ -98,8 +97,6 @@ Vec3d lean(Vec3d /*place*/) {
 Vec3d ripple(Vec3d p) {
   return {std::sin(4 * p.y), std::cos(5 * p.x), std::sin(4 * p.z + 1)};
 }
-
-using CornerVectors = std::vector<std::array<Vec3f, 3>>;
 
 SceneDescription rough_scene(const std::string& name) {
   const std::vector<LightDescription> lights{ConstantLight{0.3},

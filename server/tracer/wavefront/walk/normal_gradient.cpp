@@ -8,33 +8,20 @@
 #include "server/tracer/wavefront/walk/paths.h"
 
 namespace itn::tracer {
-namespace {
-
-// Of a point in a triangle's plane.
-std::array<double, 3> barycentric(const Mesh& mesh, uint32_t triangle, Vec3d p) {
-  const auto corner = [&](size_t k) {
-    return static_cast<Vec3d>(mesh.vertices[mesh.triangles[triangle][k]]);
-  };
-  const Vec3d a = corner(0), to_b = corner(1) - a, to_c = corner(2) - a, to_p = p - a;
-  const Vec3d n = cross(to_b, to_c);
-  const double v = std::clamp(dot(cross(to_p, to_c), n) / dot(n, n), 0.0, 1.0);
-  const double w = std::clamp(dot(cross(to_b, to_p), n) / dot(n, n), 0.0, 1.0);
-  return {1 - v - w, v, w};
-}
-
-}  // namespace
-
 void NormalGradient::add(uint32_t pixel, uint32_t sample, const NormalScore& at, double light) {
   const Mesh& mesh = scene_.object->mesh;
+  const auto corner = [&](size_t k) {
+    return static_cast<Vec3d>(mesh.vertices[mesh.triangles[at.triangle][k]]);
+  };
+  const Vec3d a = corner(0), to_b = corner(1) - a, to_c = corner(2) - a;
+  const Vec3d n = cross(to_b, to_c), to_p = static_cast<Vec3d>(at.place) - a;
+  const auto part = [&](Vec3d area) { return std::clamp(dot(area, n) / dot(n, n), 0.0, 1.0); };
+  const double v = part(cross(to_p, to_c)), w = part(cross(to_b, to_p));
+  const std::array<double, 3> parts{1 - v - w, v, w};
   const CornerNormals& normals = scene_.obstacles.corner_normals;
-  const std::array<double, 3> parts = barycentric(mesh, at.triangle, static_cast<Vec3d>(at.place));
-  Vec3d sum;
-  if (normals.flat()) {
-    const auto corner = [&](size_t k) {
-      return static_cast<Vec3d>(mesh.vertices[mesh.triangles[at.triangle][k]]);
-    };
-    sum = normalize(cross(corner(1) - corner(0), corner(2) - corner(0)));
-  } else {
+  Vec3d sum = n * (1 / length(n));
+  if (!normals.flat()) {
+    sum = {};
     for (size_t k = 0; k < 3; ++k) {
       sum = sum + static_cast<Vec3d>(normals.by_triangle()[at.triangle][k]) * parts[k];
     }

@@ -116,9 +116,11 @@ HWY_INLINE void multiply_by_factor(Wavefront& wave, size_t i, const Vertices& ve
   const Floats factor = vertices.factor, weight = load(paths.weight, i);
   const Mask by_albedo = in_object(wave.media, vertices.medium, vertices.in_medium);
   store(hn::Mul(weight, factor), paths.weight, i);
-  store(hn::Add(hn::Mul(load(paths.dweight_dalbedo, i), factor),
-                hn::IfThenElseZero(by_albedo, weight)),
-        paths.dweight_dalbedo, i);
+  if (wave.medium_derivatives) {
+    store(hn::Add(hn::Mul(load(paths.dweight_dalbedo, i), factor),
+                  hn::IfThenElseZero(by_albedo, weight)),
+          paths.dweight_dalbedo, i);
+  }
   for (FloatColumn& edge : paths.edge_weight) store(hn::Mul(load(edge, i), factor), edge, i);
   for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
     FloatColumn& other_weight = paths.weight_at_albedos[a];
