@@ -199,6 +199,57 @@ TEST(DielectricTest, RadianceInsideGrowsWithTheSquareOfTheIndex) {
   }
 }
 
+// Fresnel at right angles: what lets no light out again mirrors ((n - 1) / (n + 1))^2 of it.
+TEST(DielectricTest, ABlackBodyMirrorsByFresnel) {
+  for (const double index : {1.5, 2.5}) {
+    SceneDescription description = slab();
+    description.boundary = Dielectric{static_cast<float>(index)};
+    const Scene scene(std::move(description));
+    const double expected = std::pow((index - 1) / (index + 1), 2);
+    for (const Tracer tracer : kTracers) {
+      const std::string what = fmt::format("{} {}", name_of(tracer), index);
+      const FilmEstimate film = estimate_film(scene, request_for(tracer, {1000, 0, 0}, 4096), 32);
+      expect_equal(film.radiance, {expected, 1e-5 * expected}, 4, what);
+      expect_resolution(film.radiance, expected, 0.02, what);
+    }
+  }
+}
+
+// Snell's cone: upwards from inside a slab that absorbs, one sees index^2 times the series of what
+// comes through; beyond the critical angle (41.81 degrees) all is mirrored, and there is nothing.
+TEST(DielectricTest, NoLightComesFromBeyondSnellsCone) {
+  constexpr double kIndex = 1.5, kDepth = 0.2;
+  SceneDescription description = slab();
+  description.boundary = Dielectric{kIndex};
+  for (const double degrees : {0.0, 30.0, 41.5, 42.1, 60.0}) {
+    const double angle = degrees * kRadiansPerDegree, cosine = std::cos(angle);
+    const Vec3d origin{0.03, kChord - kDepth, 0.02};
+    description.camera = {.origin = origin,
+                          .target = origin + Vec3d{std::sin(angle), cosine, 0},
+                          .up = {0, 0, 1},
+                          .fov = 1e-4};
+    const double sine_outside = kIndex * std::sin(angle);
+    double expected = 0;
+    if (sine_outside < 1) {
+      const double mirrored =
+          reflectance(std::sqrt(1 - sine_outside * sine_outside), cosine, kIndex);
+      expected = kIndex * kIndex * (1 - mirrored) * std::exp(-kDepth / cosine) /
+                 (1 - mirrored * std::exp(-kChord / cosine));
+    }
+    const Scene scene{SceneDescription(description)};
+    for (const Tracer tracer : kTracers) {
+      const std::string what = fmt::format("{} at {}", name_of(tracer), degrees);
+      const FilmEstimate film = estimate_film(scene, request_for(tracer, {1, 0, 0}, 2048), 32);
+      if (expected == 0) {
+        EXPECT_EQ(film.radiance.mean, 0) << what;
+      } else {
+        expect_equal(film.radiance, {expected, 0}, 6, what);
+        expect_resolution(film.radiance, expected, 0.01, what);
+      }
+    }
+  }
+}
+
 // A slab that absorbs: the series of ReflectsBetweenTwoMirrors, with Fresnel's reflectances, and
 // the length of the way that Snell's law gives.
 TEST(DielectricTest, ASlabThatAbsorbsReflectsAndRefracts) {
@@ -310,8 +361,9 @@ TEST(DielectricTest, SlabsThatScatterByAddingDoubling) {
   struct Row {
     double albedo, optical_thickness, g, index, expected;
   };
-  for (const Row& row : {Row{0.9, 60, 0, 1.5, 0.25994}, Row{0.9, 1, 0, 1.5, 0.22200 + 0.50596},
-                         Row{0.95, 10, 0.5, 1.33, 0.29161 + 0.05567}}) {
+  for (const Row& row :
+       {Row{0.9, 60, 0, 1.5, 0.25994}, Row{0.9, 1, 0, 1.5, 0.22200 + 0.50596},
+        Row{0.95, 10, 0.5, 1.33, 0.29161 + 0.05567}, Row{0.8, 2, 0, 1, 0.26591 + 0.28593}}) {
     SceneDescription description = slab();
     description.boundary = Dielectric{static_cast<float>(row.index)};
     const Scene scene(std::move(description));
@@ -320,7 +372,7 @@ TEST(DielectricTest, SlabsThatScatterByAddingDoubling) {
           scene, request_for(tracer, {row.optical_thickness / kChord, row.albedo, row.g}, 2048),
           32);
       const std::string what = fmt::format("{} {}", name_of(tracer), row.expected);
-      expect_equal(film.radiance, {row.expected, 1e-4}, 6, what);
+      expect_equal(film.radiance, {row.expected, 1e-4}, 8, what);
       expect_resolution(film.radiance, row.expected, 0.01, what);
     }
   }
