@@ -9,11 +9,19 @@
 
 namespace itn {
 
+namespace {
+// As it was written: a float that became a double is 1.05, not 1.0499999523162842.
+std::string spelling(double value) {
+  const auto single = static_cast<float>(value);
+  return double{single} == value ? fmt::format("{}", single) : fmt::format("{}", value);
+}
+}  // namespace
+
 // Negated comparisons, so that NaN fails too.
 double in_closed(const std::string& field, double value, double low, double high) {
   if (!(value >= low && value <= high)) {
     throw invalid_input(
-        fmt::format("{} is {}; it must be in [{:.6g}, {:.6g}]", field, value, low, high));
+        fmt::format("{} is {}; it must be in [{:.6g}, {:.6g}]", field, spelling(value), low, high));
   }
   return value;
 }
