@@ -18,6 +18,7 @@ missing.
 import argparse
 import math
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -79,8 +80,11 @@ def run(*command):
 
 def check_materialx(folder):
     import MaterialX as mx
+    import MaterialX.PyMaterialXGenGlsl as glsl
+    import MaterialX.PyMaterialXGenShader as shading
     path = str(folder / "marble.mtlx")
-    run("materials", "marble", "--format", "openpbr", "--roughness", "0.1", "-o", path)
+    run("materials", "marble", "--format", "openpbr", "--roughness", "0.1", "--scene-unit", "cm",
+        "-o", path)
     document, library = mx.createDocument(), mx.createDocument()
     mx.readFromXmlFile(document, path)
     mx.loadLibraries(mx.getDefaultDataLibraryFolders(), mx.getDefaultDataSearchPath(), library)
@@ -93,7 +97,29 @@ def check_materialx(folder):
                if not shader.getNodeDef().getActiveInput(value.getName())]
     print(f"MaterialX {mx.getVersionString()}: valid: {valid} {message}; {len(shaders)} shaders, "
           f"{len(inputs)} inputs, not declared: {unknown}")
-    return valid and len(shaders) == 2 and not unknown
+
+    # Its generator of shaders converts lengths to the unit of a scene.
+    generator = glsl.GlslShaderGenerator.create()
+    context = shading.GenContext(generator)
+    context.registerSourceCodeSearchPath(mx.getDefaultDataSearchPath())
+    distance = document.getUnitTypeDef("distance")
+    converters = mx.UnitConverterRegistry.create()
+    converters.addUnitConverter(distance, mx.LinearUnitConverter.create(distance))
+    units = shading.UnitSystem.create(generator.getTarget())
+    units.loadLibrary(library)
+    units.setUnitConverterRegistry(converters)
+    generator.setUnitSystem(units)
+    factors = {"millimeter": 10, "meter": 0.01}
+    converted = []
+    for unit, factor in factors.items():
+        context.getOptions().targetDistanceUnit = unit
+        for material in document.getMaterialNodes():
+            code = generator.generate("shader", material, context).getSourceCode("pixel")
+            found = [float(number) for number in
+                     re.findall(r"uniform float \w+_unit_in2 = ([0-9.]+);", code)]
+            print(f"MaterialX, scene in {unit}: lengths of {material.getName()} times {found}")
+            converted.append(len(found) == 1 and abs(found[0] - factor) < 1e-3 * factor)
+    return valid and len(shaders) == 2 and not unknown and all(converted)
 
 
 def vector(values):

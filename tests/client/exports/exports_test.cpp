@@ -504,6 +504,25 @@ TEST(OpenPbr, ColourLeadsToTheAlbedoByTheSpecificationsFormula) {
   }
 }
 
+// Lengths say their unit where MaterialX has a name for it and the object's size is known.
+TEST(OpenPbr, LengthsSayTheirUnit) {
+  const RgbMaterial material = rgb_material(kMaterials[0]);
+  const auto unit_of = [&](double mm_per_scene_unit, std::optional<double> object_size_mm) {
+    const std::string text = to_openpbr(
+        material, {.mm_per_scene_unit = mm_per_scene_unit, .object_size_mm = object_size_mm});
+    const std::string depth = only_match(text, "name=\"transmission_depth\"(.*)/>");
+    EXPECT_EQ(
+        only_match(depth, " value=\"[^\"]*\"(.*)"),
+        only_match(only_match(text, "name=\"subsurface_radius\"(.*)/>"), " value=\"[^\"]*\"(.*)"));
+    return only_match(depth, " value=\"[^\"]*\"(.*)");
+  };
+  EXPECT_EQ(unit_of(1, 50), " unittype=\"distance\" unit=\"millimeter\"");
+  EXPECT_EQ(unit_of(10, 50), " unittype=\"distance\" unit=\"centimeter\"");
+  EXPECT_EQ(unit_of(1000, 50), " unittype=\"distance\" unit=\"meter\"");
+  EXPECT_EQ(unit_of(37, 50), "");
+  EXPECT_EQ(unit_of(10, {}), "");
+}
+
 // The comment of the file has parameters of the same shader for subsurface scattering.
 TEST(Arnold, OffersTheSameMediumAsSubsurface) {
   const RgbMaterial material = rgb_material(kMaterials[2]);
