@@ -166,6 +166,7 @@ std::vector<Parameter> places_of(const Scene& scene) {
   return places;
 }
 
+// And a derivative in the index.
 bool has_normal_gradient(const Scene& scene) {
   const Scene::Compiled& compiled = scene.compiled();
   for (uint32_t light = 0; light < scene.light_count(); ++light) {
@@ -215,6 +216,8 @@ std::vector<Ask> asks(const Scene& scene) {
         "places", [&](Ask& a) { a.request.derivatives = places; }, false);
   }
   if (has_normal_gradient(scene)) {
+    add("index",
+        [](Ask& a) { a.request.derivatives = {parameter_named("rough_dielectric.index")}; });
     add(
         "normals",
         [&](Ask& a) {

@@ -27,7 +27,8 @@ std::array<double, 3> going_on(const RoughDielectric& boundary, bool leaving, fl
   const Crossing at = crossing_of(set(Vec3f{sine, 0, leaving ? cosine : -cosine}), up, up,
                                   hn::FirstN(d, leaving ? lanes() : 0), true, {});
   const Floats index = index_ahead(boundary.index, at.leaving);
-  constexpr float kStep = 0.01F;
+  // With a third of it, microfacets at which total reflection sets in make 2 to 7 times the error.
+  constexpr float kStep = 0.03F;
   const Floats above = index_ahead(boundary.index + kStep, at.leaving);
   const Floats below = index_ahead(boundary.index - kStep, at.leaving);
   std::array<double, 3> means{};
