@@ -1,22 +1,13 @@
 #include "common/material.h"
 
-#include <fmt/format.h>
-
-#include "common/error.h"
+#include "common/fields.h"
 
 namespace itn {
 
 void validate(const Material& material, const std::string& what) {
-  const auto check = [&](const char* name, double value, double low, double high) {
-    // Negated so that NaN fails too.
-    if (!(value >= low && value <= high)) {
-      throw invalid_input(
-          fmt::format("{}.{} is {}; it must be in [{}, {}]", what, name, value, low, high));
-    }
-  };
-  check("sigma_t", material.sigma_t, kMinSigmaT, kMaxSigmaT);
-  check("albedo", material.albedo, 0, 1);
-  check("g", material.g, -kMaxAbsG, kMaxAbsG);
+  in_closed(what + ".sigma_t", material.sigma_t, kMinSigmaT, kMaxSigmaT);
+  in_closed(what + ".albedo", material.albedo, 0, 1);
+  in_closed(what + ".g", material.g, -kMaxAbsG, kMaxAbsG);
 }
 
 }  // namespace itn

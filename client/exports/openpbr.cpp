@@ -2,6 +2,8 @@
 // MaterialX 1.39. The formulas are those that medium_colours.h cites.
 #include <fmt/format.h>
 
+#include <utility>
+
 #include "client/exports/exports.h"
 #include "client/exports/file_text.h"
 #include "client/exports/medium_colours.h"
@@ -15,19 +17,17 @@ std::string input(std::string_view name, std::string_view type, std::string_view
                      further_attributes);
 }
 
-// A length in scene units. Where it says its unit, readers of MaterialX convert it to that of their
-// scene. For an object of unknown size it says none: then it is right for one of 1 unit.
-std::string length_input(std::string_view name, double value, const ExportOptions& options) {
+// The unit of a length, from which readers of MaterialX convert it to that of their scene. None for
+// an object of unknown size: then the length is right for one of 1 unit.
+std::string unit_attributes(const ExportOptions& options) {
+  if (!options.any_size && !options.object_size_mm) return "";
   constexpr std::pair<double, std::string_view> kUnits[] = {
       {1, "millimeter"}, {10, "centimeter"}, {1000, "meter"}};
-  std::string unit;
-  if (options.any_size || options.object_size_mm) {
-    for (const auto& [mm, of_materialx] : kUnits) {
-      if (mm != options.mm_per_scene_unit) continue;
-      unit = fmt::format(" unittype=\"distance\" unit=\"{}\"", of_materialx);
-    }
+  for (const auto& [mm, unit] : kUnits) {
+    if (mm != options.mm_per_scene_unit) continue;
+    return fmt::format(" unittype=\"distance\" unit=\"{}\"", unit);
   }
-  return input(name, "float", number(value), unit);
+  return "";
 }
 
 // Where it is index-matched, it is not glossy: with a specular_weight of 0 the index of refraction
@@ -56,7 +56,7 @@ std::string subsurface_inputs(const RgbMaterial& medium, const ExportOptions& op
   const SubsurfaceColours subsurface = subsurface_colours(medium);
   return dielectric_base(options) + input("subsurface_weight", "float", "1") +
          input("subsurface_color", "color3", fractions(subsurface.color, ", ")) +
-         length_input("subsurface_radius", subsurface.radius, options) +
+         input("subsurface_radius", "float", number(subsurface.radius), unit_attributes(options)) +
          input("subsurface_radius_scale", "color3", fractions(subsurface.radius_scale, ", ")) +
          input("subsurface_scatter_anisotropy", "float", number(medium.g));
 }
@@ -65,7 +65,8 @@ std::string transmission_inputs(const RgbMaterial& medium, const ExportOptions& 
   const TransmissionColours transmission = transmission_colours(medium);
   return dielectric_base(options) + input("transmission_weight", "float", "1") +
          input("transmission_color", "color3", fractions(transmission.color, ", ")) +
-         length_input("transmission_depth", transmission.depth, options) +
+         input("transmission_depth", "float", number(transmission.depth),
+               unit_attributes(options)) +
          input("transmission_scatter", "color3", fractions(transmission.scatter, ", ")) +
          input("transmission_scatter_anisotropy", "float", number(medium.g));
 }

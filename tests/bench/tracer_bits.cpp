@@ -166,8 +166,8 @@ std::vector<Parameter> places_of(const Scene& scene) {
   return places;
 }
 
-// And a derivative in the index.
-bool has_normal_gradient(const Scene& scene) {
+// Whether paths follow edges of a rough boundary: for derivatives in its index, and in normals.
+bool follows_edges(const Scene& scene) {
   const Scene::Compiled& compiled = scene.compiled();
   for (uint32_t light = 0; light < scene.light_count(); ++light) {
     if (!compiled.lights.described(light).has_size) return false;
@@ -215,7 +215,7 @@ std::vector<Ask> asks(const Scene& scene) {
     add(
         "places", [&](Ask& a) { a.request.derivatives = places; }, false);
   }
-  if (has_normal_gradient(scene)) {
+  if (follows_edges(scene)) {
     add("index",
         [](Ask& a) { a.request.derivatives = {parameter_named("rough_dielectric.index")}; });
     add(
