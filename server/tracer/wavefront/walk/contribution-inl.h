@@ -17,19 +17,16 @@
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
-// The paths that light arrives on: those in slots i, i + 1 ...
-struct SlotRange {
-  size_t i;
-  HWY_INLINE Floats get(const FloatColumn& column) const { return load(column, i); }
-  HWY_INLINE void add(Floats by, FloatColumn& column) const {
-    store(hn::Add(get(column), by), column, i);
-  }
-};
-
-// Those in any slots, all different but for the spare one.
+// Columns at any slots, all different but for the spare one.
 struct SlotGather {
   Ints slots;
   HWY_INLINE Floats get(const FloatColumn& column) const { return gather(column.data(), slots); }
+  HWY_INLINE Uints get(const UintColumn& column) const {
+    return hn::GatherIndex(UintTag(), column.data(), slots);
+  }
+  HWY_INLINE Vectors get(const VectorColumn& column) const {
+    return {get(column.x), get(column.y), get(column.z)};
+  }
   HWY_INLINE void add(Floats by, FloatColumn& column) const {
     hn::ScatterIndex(hn::Add(get(column), by), FloatTag(), column.data(), slots);
   }
@@ -93,21 +90,23 @@ inline void add_to_map(Wavefront& wave, Vectors direction, Mask arrived, Floats 
 }
 
 // The same, for the gradient in normals: `light` reaches the pixels of the paths in `slots` by the
-// boundary at the places where shadow rays i, i + 1 ... begin.
-inline void add_to_normals(Wavefront& wave, size_t i, Floats light, Ints slots) {
+// boundary at the places where shadow rays with these numbers begin.
+inline void add_to_normals(Wavefront& wave, Ints numbers, Floats light, Ints slots) {
   const ShadowRays& rays = wave.shadow_rays;
-  alignas(64) int32_t slot[kMaxLanes];
+  alignas(64) int32_t slot[kMaxLanes], number[kMaxLanes];
   alignas(64) float part[kMaxLanes];
   hn::Store(slots, IntTag(), slot);
+  hn::Store(numbers, IntTag(), number);
   hn::Store(light, FloatTag(), part);
-  const Vectors score = load(rays.normal_score, i);
+  const Vectors score = SlotGather{numbers}.get(rays.normal_score);
   const Mask some =
       hn::And(hn::Gt(light, hn::Zero(FloatTag())), hn::Gt(dot(score, score), hn::Zero(FloatTag())));
   for (Bits bits = bits_of(some); bits != 0; bits &= bits - 1) {
     const auto lane = static_cast<size_t>(std::countr_zero(bits));
+    const auto ray = static_cast<size_t>(number[lane]);
     wave.normal_gradient->add(
         wave.paths.pixel[slot[lane]], wave.paths.sample[slot[lane]],
-        {rays.triangle[i + lane], rays.rays.position.at(i + lane), rays.normal_score.at(i + lane)},
+        {rays.triangle[ray], rays.rays.position.at(ray), rays.normal_score.at(ray)},
         double{part[lane]});
   }
 }
@@ -141,53 +140,51 @@ HWY_INLINE void add_colours(Wavefront& wave, const Slots& at, Floats length, con
   at.add(luminance, paths.radiance);
 }
 
-// Light that walks meet by themselves, at lamps or after leaving the scene.
-inline void add_emission(Wavefront& wave, size_t i, Mask escaped) {
+// Light that the walks of paths in such slots meet by themselves, at lamps or after leaving the
+// scene.
+inline void add_emission(Wavefront& wave, Ints slots, Mask live) {
   const Paths& paths = wave.paths;
+  const SlotGather at{slots};
+  const Vectors direction = if_then_else(live, at.get(paths.rays.direction), set(Vec3f{0, 1, 0}));
   LightParts parts(wave);
   const auto [distance, light] =
-      look(wave.scene.lights, load(paths.flight_from, i), load(paths.rays.direction, i), parts);
-  const Mask delta_bounce = not_zero(load(paths.delta_bounce, i));
-  const Floats pdf = load(paths.pdf, i);
+      look(wave.scene.lights, at.get(paths.flight_from), direction, parts);
+  const Uints delta_bounce = at.get(paths.delta_bounce);
+  const Floats pdf = at.get(paths.pdf);
   Floats mis_weight = set(1.0F);
   switch (wave.switches.techniques) {
     case Switches::Techniques::kLightsOnly: mis_weight = hn::Zero(FloatTag()); break;
     case Switches::Techniques::kPhaseOnly: break;
     case Switches::Techniques::kBoth: {
       Floats others = light.pdf;
-      if (wave.refracts_shadow_rays) others = mul_add(load(paths.odds[0], i), others, others);
+      if (wave.refracts_shadow_rays) others = mul_add(at.get(paths.odds[0]), others, others);
       mis_weight = hn::Div(pdf, hn::Add(pdf, others));
       break;
     }
   }
   Floats alone = set(1.0F);
-  if (wave.refracts_shadow_rays) alone = hn::Div(alone, hn::Add(alone, load(paths.odds[0], i)));
-  mis_weight = hn::IfThenElse(delta_bounce, alone, mis_weight);
+  if (wave.refracts_shadow_rays) alone = hn::Div(alone, hn::Add(alone, at.get(paths.odds[0])));
+  mis_weight = hn::IfThenElse(not_zero(delta_bounce), alone, mis_weight);
   if (wave.mirrors_shadow_rays) {
-    const Mask found = equals(load(paths.delta_bounce, i), PathState::kFound);
-    mis_weight = hn::IfThenZeroElse(found, mis_weight);
+    mis_weight = hn::IfThenZeroElse(equals(delta_bounce, PathState::kFound), mis_weight);
   }
-  const Floats radiance = hn::IfThenElseZero(escaped, hn::Mul(light.radiance, mis_weight));
-  const auto score_slot = [&](size_t s) { return load(paths.score_slots[s], i); };
+  mis_weight = hn::IfThenElseZero(live, mis_weight);
+  const auto score_slot = [&](size_t s) { return at.get(paths.score_slots[s]); };
   if (!wave.colours.empty()) {
     add_colours(
-        wave, SlotRange{i}, hn::Zero(FloatTag()),
-        [&](size_t c) {
-          return hn::IfThenElseZero(escaped, hn::Mul(parts.radiance[c], mis_weight));
-        },
-        score_slot);
+        wave, at, hn::Zero(FloatTag()),
+        [&](size_t c) { return hn::Mul(parts.radiance[c], mis_weight); }, score_slot);
     return;
   }
   add_contribution(
-      wave, SlotRange{i}, radiance, [&] { return load(paths.score_sigma_t, i); }, score_slot,
+      wave, at, hn::Mul(light.radiance, mis_weight), [&] { return at.get(paths.score_sigma_t); },
+      score_slot,
       [&](size_t l, Floats weight) {
-        return hn::IfThenElseZero(escaped, hn::Mul(hn::Mul(weight, parts.radiance[l]), mis_weight));
+        return hn::Mul(hn::Mul(weight, parts.radiance[l]), mis_weight);
       });
   if (wave.differentiated_map != nullptr) {
-    const Ints slots = hn::Iota(IntTag(), static_cast<int32_t>(i));
-    add_to_map(wave, load(paths.rays.direction, i),
-               hn::And(escaped, hn::Eq(distance, set(kInfinity))),
-               hn::Mul(load(paths.weight, i), mis_weight), slots);
+    add_to_map(wave, direction, hn::And(live, hn::Eq(distance, set(kInfinity))),
+               hn::Mul(at.get(paths.weight), mis_weight), slots);
   }
 }
 

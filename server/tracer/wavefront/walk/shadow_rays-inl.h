@@ -207,64 +207,69 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
       });
 }
 
-// Traces the shadow rays, and adds the light that they bring, dimmed by the medium.
+// Adds the light that shadow rays with such numbers bring, dimmed by the medium.
+inline void add_arriving(Wavefront& wave, Ints numbers, Mask live) {
+  const Paths& paths = wave.paths;
+  const ShadowRays& shadow_rays = wave.shadow_rays;
+  const SlotGather ray{numbers}, at{slots_where(live, ray.get(shadow_rays.slot))};
+  Floats length = ray.get(shadow_rays.rays.medium_length);
+  if (wave.refracts_shadow_rays) length = hn::Add(length, ray.get(shadow_rays.length_before));
+  const Uints medium = wave.medium_in(at.slots);
+  const Floats dimming = part_arriving(wave, medium, length);
+  Floats survival = set(1.0F);
+  if (wave.shadow_ray_threshold > 0) {
+    survival = hn::Min(survival, hn::Mul(hn::Mul(ray.get(shadow_rays.importance), dimming),
+                                         set(1 / wave.shadow_ray_threshold)));
+  }
+  const auto arriving = [&](const FloatColumn& undimmed) {
+    const Floats dimmed = hn::Mul(ray.get(undimmed), dimming);
+    return hn::IfThenElseZero(live,
+                              wave.shadow_ray_threshold > 0 ? hn::Div(dimmed, survival) : dimmed);
+  };
+  const auto score_slot = [&](size_t s) { return ray.get(shadow_rays.score_slots[s]); };
+  if (!wave.colours.empty()) {
+    const Floats by = hn::Div(set(1.0F), survival);
+    add_colours(
+        wave, at, length,
+        [&](size_t c) {
+          const Floats in_colour = exp(hn::Mul(length, set(-wave.colours[c].sigma_t)));
+          return hn::IfThenElseZero(
+              live, hn::Mul(hn::Mul(ray.get(shadow_rays.parts_of_lights[c]), in_colour), by));
+        },
+        score_slot);
+    return;
+  }
+  add_contribution(
+      wave, at, arriving(shadow_rays.light),
+      [&] { return hn::Sub(at.get(paths.score_sigma_t), of_object(wave.media, medium, length)); },
+      score_slot,
+      [&](size_t l, Floats weight) {
+        return hn::Mul(weight, arriving(shadow_rays.parts_of_lights[l]));
+      });
+  if (wave.differentiated_map != nullptr) {
+    add_to_map(wave, ray.get(shadow_rays.rays.direction), live,
+               hn::Mul(at.get(paths.weight), arriving(shadow_rays.per_radiance[0])), at.slots);
+  }
+  if (wave.normal_gradient) {
+    add_to_normals(wave, numbers, hn::Mul(at.get(paths.weight), arriving(shadow_rays.light)),
+                   at.slots);
+  }
+}
+
+// Traces the shadow rays, and adds the light of those that arrive.
 inline void trace_shadow_rays(Wavefront& wave) {
-  Paths& paths = wave.paths;
   ShadowRays& shadow_rays = wave.shadow_rays;
   follow_lines(wave.scene.obstacles, shadow_rays.rays, shadow_rays.count, Report::kLengths,
                wave.at_boundary());
-  const FloatTag d;
+  SlotList arrived;
   for (size_t i = 0; i < shadow_rays.count; i += lanes()) {
-    const Mask live = hn::FirstN(d, shadow_rays.count - i);
+    const Mask live = hn::FirstN(FloatTag(), shadow_rays.count - i);
     const Uints end = hn::And(load(shadow_rays.rays.outcome, i), set(Rays::kEndMask));
-    const Ints slot = slots_in(shadow_rays.slot, i, live);
-    mark_leaked(paths, hn::And(live, equals(end, Rays::kLeaked)), slot);
-    const Mask arrived = hn::And(live, equals(end, Rays::kEscaped));
-    if (hn::AllFalse(d, arrived)) continue;
-    Floats length = load(shadow_rays.rays.medium_length, i);
-    if (wave.refracts_shadow_rays) length = hn::Add(length, load(shadow_rays.length_before, i));
-    const Uints medium = wave.medium_in(slot);
-    const Floats dimming = part_arriving(wave, medium, length);
-    Floats survival = set(1.0F);
-    if (wave.shadow_ray_threshold > 0) {
-      survival = hn::Min(survival, hn::Mul(hn::Mul(load(shadow_rays.importance, i), dimming),
-                                           set(1 / wave.shadow_ray_threshold)));
-    }
-    const auto arriving = [&](const FloatColumn& undimmed) {
-      const Floats dimmed = hn::Mul(load(undimmed, i), dimming);
-      return hn::IfThenElseZero(arrived,
-                                wave.shadow_ray_threshold > 0 ? hn::Div(dimmed, survival) : dimmed);
-    };
-    const SlotGather at{slot};
-    const auto score_slot = [&](size_t s) { return load(shadow_rays.score_slots[s], i); };
-    if (!wave.colours.empty()) {
-      const Mask thinned = wave.shadow_ray_threshold > 0 ? arrived : hn::FirstN(d, 0);
-      const Floats by = hn::Div(set(1.0F), hn::IfThenElse(thinned, survival, set(1.0F)));
-      add_colours(
-          wave, at, length,
-          [&](size_t c) {
-            const Floats in_colour = exp(hn::Mul(length, set(-wave.colours[c].sigma_t)));
-            return hn::IfThenElseZero(
-                arrived, hn::Mul(hn::Mul(load(shadow_rays.parts_of_lights[c], i), in_colour), by));
-          },
-          score_slot);
-      continue;
-    }
-    add_contribution(
-        wave, at, arriving(shadow_rays.light),
-        [&] { return hn::Sub(at.get(paths.score_sigma_t), of_object(wave.media, medium, length)); },
-        score_slot,
-        [&](size_t l, Floats weight) {
-          return hn::Mul(weight, arriving(shadow_rays.parts_of_lights[l]));
-        });
-    if (wave.differentiated_map != nullptr) {
-      add_to_map(wave, load(shadow_rays.rays.direction, i), arrived,
-                 hn::Mul(at.get(paths.weight), arriving(shadow_rays.per_radiance[0])), slot);
-    }
-    if (wave.normal_gradient) {
-      add_to_normals(wave, i, hn::Mul(at.get(paths.weight), arriving(shadow_rays.light)), slot);
-    }
+    mark_leaked(wave.paths, hn::And(live, equals(end, Rays::kLeaked)),
+                slots_in(shadow_rays.slot, i, live));
+    arrived.add(i, hn::And(live, equals(end, Rays::kEscaped)));
   }
+  arrived.for_each([&](Ints numbers, Mask live) { add_arriving(wave, numbers, live); });
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

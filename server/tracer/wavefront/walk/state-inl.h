@@ -260,10 +260,14 @@ HWY_INLINE Floats depth_limit(const Wavefront& wave, Floats importance, Floats u
   return hn::IfThenElseZero(any, hn::Min(limit, log(odds)));
 }
 
-// A list's slots from number i on; for those beyond its end the spare slot, where nothing counts.
-HWY_INLINE Ints slots_in(const UintColumn& list, size_t i, Mask live) {
+// Slots; where they are not `live` the spare one, where nothing counts.
+HWY_INLINE Ints slots_where(Mask live, Uints slots) {
   const Uints spare = set(static_cast<uint32_t>(kSlots));
-  return hn::BitCast(IntTag(), hn::IfThenElse(for_uints(live), load(list, i), spare));
+  return hn::BitCast(IntTag(), hn::IfThenElse(for_uints(live), slots, spare));
+}
+// A list's from number i on.
+HWY_INLINE Ints slots_in(const UintColumn& list, size_t i, Mask live) {
+  return slots_where(live, load(list, i));
 }
 
 // Shadow rays as they are sent: see ShadowRays.
@@ -315,6 +319,28 @@ HWY_INLINE void mark_leaked(Paths& paths, Mask leaked, Ints slots) {
 HWY_INLINE Uints slots_from(size_t i) {
   return hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i)));
 }
+
+// Some slots, of which few may be neighbours: what is done for them is done for full lanes.
+class SlotList {
+ public:
+  // Those of i, i + 1 ... at which `where` is.
+  HWY_INLINE void add(size_t i, Mask where) {
+    Append{where, count_}(slots_from(i), numbers_);
+    count_ += hn::CountTrue(FloatTag(), where);
+  }
+  // Calls visit(slots, live), where `slots` that are not `live` are the spare one.
+  template <typename Visit>
+  HWY_INLINE void for_each(const Visit& visit) const {
+    for (size_t i = 0; i < count_; i += lanes()) {
+      const Mask live = hn::FirstN(FloatTag(), count_ - i);
+      visit(slots_in(numbers_, i, live), live);
+    }
+  }
+
+ private:
+  UintColumn numbers_;
+  size_t count_ = 0;
+};
 
 // The random numbers of vertices of the paths in slots i, i + 1 ...
 HWY_INLINE Words random(const Wavefront& wave, size_t i, Uints vertex, Sampler::Purpose purpose) {
