@@ -44,21 +44,18 @@ HWY_NOINLINE inline InColours colours(const Lights::Light& light, Vectors d, Flo
 
 // Nobody wants to know which light it comes from.
 struct NoParts {
-  HWY_INLINE void add_radiance(const Lights::Light& /*light*/, Vectors /*d*/, Floats /*radiance*/) {
-  }
-  HWY_INLINE void add_chosen(const Lights::Light& /*light*/, Mask /*chosen*/) {}
+  HWY_INLINE void operator()(const Lights::Light& /*light*/, Floats /*radiance*/) const {}
 };
 
-// All that are: radiance, and density of `sample`. `parts` hears of each light what it sends from
-// d.
-template <typename Parts = NoParts>
-HWY_INLINE Emission emission(const Lights& lights, Vectors d, Parts&& parts = {}) {
+// All that are: radiance, and density of `sample`. Calls part(light, radiance) for each.
+template <typename Part = NoParts>
+HWY_INLINE Emission emission(const Lights& lights, Vectors d, const Part& part = {}) {
   Emission all{hn::Zero(FloatTag()), hn::Zero(FloatTag())};
   for (const Lights::Light& light : lights.all()) {
-    const Emission part = emission(light, d);
-    parts.add_radiance(light, d, part.radiance);
-    all.radiance = hn::Add(all.radiance, part.radiance);
-    all.pdf = mul_add(part.pdf, set(static_cast<float>(light.probability)), all.pdf);
+    const Emission own = emission(light, d);
+    part(light, own.radiance);
+    all.radiance = hn::Add(all.radiance, own.radiance);
+    all.pdf = mul_add(own.pdf, set(static_cast<float>(light.probability)), all.pdf);
   }
   return all;
 }
@@ -85,10 +82,10 @@ HWY_INLINE Floats reach(const Lights& lights, Vectors from, Vectors d,
 
 // What is seen along lines, but for deltas: the first lamp, or else what is far away. The density
 // is that with which those lights draw the line.
-template <typename Parts = NoParts>
-HWY_INLINE Appearance look(const Lights& lights, Vectors from, Vectors d, Parts&& parts = {},
+template <typename Part = NoParts>
+HWY_INLINE Appearance look(const Lights& lights, Vectors from, Vectors d, const Part& part = {},
                            const Lights::Light* except = nullptr) {
-  if (!lights.has_lamps()) return {set(kInfinity), emission(lights, d, parts)};
+  if (!lights.has_lamps()) return {set(kInfinity), emission(lights, d, part)};
   const Floats distance = reach(lights, from, d, except);
   Emission all{hn::Zero(FloatTag()), hn::Zero(FloatTag())};
   for (const Lights::Light& light : lights.all()) {
@@ -98,7 +95,7 @@ HWY_INLINE Appearance look(const Lights& lights, Vectors from, Vectors d, Parts&
     const Mask seen = hn::Eq(lamp.distance, distance);
     const Floats radiance = hn::IfThenElseZero(seen, hn::Add(lamp.emission.radiance, far.radiance));
     const Floats pdf = hn::IfThenElseZero(seen, hn::Add(lamp.emission.pdf, far.pdf));
-    parts.add_radiance(light, d, radiance);
+    part(light, radiance);
     all.radiance = hn::Add(all.radiance, radiance);
     all.pdf = mul_add(pdf, set(static_cast<float>(light.probability)), all.pdf);
   }
@@ -173,6 +170,7 @@ HWY_INLINE Vectors redraw(const Lights& lights, Vectors from, Vectors d, Vectors
 struct LightSamples {
   Vectors direction;
   Floats distance, radiance, pdf;
+  Uints source = hn::Zero(UintTag());  // Lights::Light::source
 
   Mask dense() const { return hn::Gt(pdf, hn::Zero(FloatTag())); }
   // Where all lights that are far away, but for deltas, send it.
@@ -181,7 +179,8 @@ struct LightSamples {
 HWY_INLINE LightSamples if_then_else(Mask mask, const LightSamples& a, const LightSamples& b) {
   return {if_then_else(mask, a.direction, b.direction),
           hn::IfThenElse(mask, a.distance, b.distance),
-          hn::IfThenElse(mask, a.radiance, b.radiance), hn::IfThenElse(mask, a.pdf, b.pdf)};
+          hn::IfThenElse(mask, a.radiance, b.radiance), hn::IfThenElse(mask, a.pdf, b.pdf),
+          hn::IfThenElse(for_uints(mask), a.source, b.source)};
 }
 
 // The light that is drawn is the one whose cumulative probability is the first above `choice`.
@@ -228,23 +227,22 @@ HWY_INLINE LightSamples drawn_light(const Kind& kind, const Lights::Light& light
     const Beam arriving = beam(kind, from);
     const auto weight = static_cast<float>(kind.power() / light.probability);
     return {arriving.direction, arriving.distance, hn::Mul(set(weight), arriving.irradiance),
-            hn::Zero(FloatTag())};
+            hn::Zero(FloatTag()), set(light.source)};
   } else {
     const auto [direction, appearance] = draw(kind, from, uniforms);
     return {direction, appearance.distance, appearance.emission.radiance,
-            hn::Mul(set(static_cast<float>(light.probability)), appearance.emission.pdf)};
+            hn::Mul(set(static_cast<float>(light.probability)), appearance.emission.pdf),
+            set(light.source)};
   }
 }
 
 // What is drawn and arrives at places; `far_direction(kind)` is that of what is far away and no
-// delta. `parts` hears of the radiance of that, which counts where it is from_far(), and where
-// another is chosen.
-template <typename FarDirection, typename Parts>
+// delta.
+template <typename FarDirection>
 HWY_INLINE LightSamples arriving_light(const Lights& lights, Vectors from, const LightChoice& drawn,
-                                       const FarDirection& far_direction, Parts&& parts) {
+                                       const FarDirection& far_direction) {
   const Floats zero = hn::Zero(FloatTag());
   LightSamples draw{{zero, set(1.0F), zero}, set(kInfinity), zero, zero};
-  Mask known = hn::FirstN(FloatTag(), 0);
   for_each_drawn(lights, drawn.choice, [&](const Lights::Light& light, Mask chosen) {
     visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
       if constexpr (Kind::kDistant && !Kind::kDelta) {
@@ -255,13 +253,12 @@ HWY_INLINE LightSamples arriving_light(const Lights& lights, Vectors from, const
           const Mask hidden = hn::Lt(reach(lights, from, one.direction, &light), one.distance);
           one.radiance = hn::IfThenZeroElse(hidden, one.radiance);
         }
-        parts.add_chosen(light, chosen);
-        known = hn::Or(known, chosen);
         draw = if_then_else(chosen, one, draw);
       }
     });
   });
-  const Emission far = emission(lights, draw.direction, parts);
+  const Mask known = not_zero(draw.source);
+  const Emission far = emission(lights, draw.direction);
   // A direction on the very rim of the sun may fall outside it by rounding.
   const Mask possible = hn::AndNot(known, hn::Gt(far.pdf, zero));
   Mask seen = possible;
@@ -275,20 +272,17 @@ HWY_INLINE LightSamples arriving_light(const Lights& lights, Vectors from, const
   return draw;
 }
 
-template <typename Parts = NoParts>
-HWY_INLINE LightSamples sample(const Lights& lights, Vectors from, const LightChoice& drawn,
-                               Parts&& parts = {}) {
-  return arriving_light(
-      lights, from, drawn, [&](const auto& kind) { return sample(kind, drawn.uniforms); }, parts);
+HWY_INLINE LightSamples sample(const Lights& lights, Vectors from, const LightChoice& drawn) {
+  return arriving_light(lights, from, drawn,
+                        [&](const auto& kind) { return sample(kind, drawn.uniforms); });
 }
 
 // What was drawn from one place, as it is seen from another by the same numbers. Where that is a
 // delta that sends nothing there, the direction is 0.
-template <typename Parts = NoParts>
 HWY_INLINE LightSamples seen_from(const Lights& lights, Vectors from, const LightChoice& drawn,
-                                  const LightSamples& before, Parts&& parts = {}) {
-  LightSamples light = arriving_light(
-      lights, from, drawn, [&](const auto& /*kind*/) { return before.direction; }, parts);
+                                  const LightSamples& before) {
+  LightSamples light =
+      arriving_light(lights, from, drawn, [&](const auto& /*kind*/) { return before.direction; });
   const Mask shines = hn::Or(light.dense(), hn::Gt(light.radiance, hn::Zero(FloatTag())));
   light.direction = if_then_else(shines, light.direction, set(Vec3f{}));
   return light;

@@ -112,7 +112,7 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
     std::visit(
         [&]<typename Kind>(const Kind& /*kind*/) {
           has_near_ |= !Kind::kDistant;
-          if constexpr (VisibleLamp<Kind>) light.lamp = ++lamps;
+          if constexpr (VisibleLamp<Kind>) light.source = light.lamp = ++lamps;
         },
         light.kind);
     has_lamps_ = lamps > 0;
@@ -122,7 +122,13 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
     throw invalid_input("nothing shines: a scene needs at least one light with radiance > 0");
   }
   double cumulative = 0;
+  uint32_t sources = lamps;
   for (Light& light : lights_) {
+    std::visit(
+        [&]<typename Kind>(const Kind& /*kind*/) {
+          if constexpr (Kind::kDelta) light.source = ++sources;
+        },
+        light.kind);
     light.probability /= power_;
     cumulative += light.probability;
     light.cumulative = static_cast<float>(cumulative);
@@ -149,14 +155,10 @@ float Lights::radiance(Vec3f direction, Vec3f from) const {
 
 float Lights::radiance_of(size_t number, Vec3f direction, Vec3f from) const {
   float sum = 0;
-  struct Part : lanes::NoParts {
-    size_t number;
-    float& sum;
-    void add_radiance(const Light& light, lanes::Vectors /*d*/, lanes::Floats radiance) const {
-      if (light.number == number) sum += hn::GetLane(radiance);
-    }
-  };
-  lanes::look(*this, lanes::set(from), lanes::set(direction), Part{{}, number, sum});
+  lanes::look(*this, lanes::set(from), lanes::set(direction),
+              [&](const Light& light, lanes::Floats radiance) {
+                if (light.number == number) sum += hn::GetLane(radiance);
+              });
   return sum;
 }
 

@@ -78,6 +78,9 @@ class Lights {
     size_t number = 0;                        // of its description; a sun and its sky have the same
     std::array<float, 3> colour = {1, 1, 1};  // of luminance 1
     uint32_t lamp = 0;  // its number among the lamps that lines meet, from 1 on; 0: it is none
+    // The number of what sends light alone: that of a lamp, or that of a delta, behind all lamps;
+    // 0: of what is far away and no delta, which is seen together.
+    uint32_t source = 0;
   };
   const std::vector<Light>& all() const { return lights_; }
 

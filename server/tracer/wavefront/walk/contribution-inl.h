@@ -32,14 +32,48 @@ struct SlotGather {
   }
 };
 
+// The parts of light that are due to Wavefront::differentiated_lights; or, if colours are rendered,
+// what it is in each. As multiples of it.
+struct LightParts {
+  Floats of[kMaxDerivatives];
+};
+
+// Those of light from `source` (Lights::Light), or from far away in these directions. Inlined, it
+// slows down who asks for none.
+HWY_NOINLINE inline void find_parts(const Wavefront& wave, Vectors direction, Uints source,
+                                    LightParts& parts) {
+  const Lights& lights = wave.scene.lights;
+  const std::vector<size_t>& numbers = wave.differentiated_lights;
+  const bool in_colours = !wave.colours.empty();
+  const Floats zero = hn::Zero(FloatTag());
+  for (size_t l = 0; l < wave.part_count; ++l) parts.of[l] = zero;
+  const auto add = [&](const Lights::Light& light, Floats radiance) {
+    const InColours own = in_colours ? colours(light, direction, radiance) : InColours();
+    for (size_t l = 0; l < wave.part_count; ++l) {
+      const Floats part = in_colours                   ? own.radiance[l]
+                          : numbers[l] == light.number ? radiance
+                                                       : zero;
+      parts.of[l] = hn::Add(parts.of[l], part);
+    }
+  };
+  const Floats far = emission(lights, direction, add).radiance;
+  const Mask shines = hn::Gt(far, zero);
+  for (size_t l = 0; l < wave.part_count; ++l) {
+    parts.of[l] = hn::IfThenElseZero(shines, hn::Div(parts.of[l], far));
+    for (const Lights::Light& light : lights.all()) {
+      if (light.source == 0) continue;
+      const float part = in_colours ? light.colour[l] : numbers[l] == light.number ? 1.0F : 0.0F;
+      parts.of[l] = hn::IfThenElse(equals(source, light.source), set(part), parts.of[l]);
+    }
+  }
+}
+
 // Light that arrives along paths, which weigh it: `score_sigma_t()`, in mm, and `score_slot(s)`
-// are those of the whole path, and `part_of(l, weight)` is the part of weight times light that is
-// due to light l of Wavefront::differentiated_lights. Of lanes where none arrives, light and parts
-// are 0.
-template <typename Slots, typename ScoreSigmaT, typename ScoreSlot, typename PartOf>
-HWY_INLINE void add_contribution(Wavefront& wave, const Slots& at, Floats light,
-                                 const ScoreSigmaT& score_sigma_t, const ScoreSlot& score_slot,
-                                 const PartOf& part_of) {
+// are those of the whole path. Of lanes where none arrives, it is 0.
+template <typename ScoreSigmaT, typename ScoreSlot>
+HWY_INLINE void add_contribution(Wavefront& wave, SlotGather at, Floats light,
+                                 const LightParts& parts, const ScoreSigmaT& score_sigma_t,
+                                 const ScoreSlot& score_slot) {
   Paths& paths = wave.paths;
   const Floats weight = at.get(paths.weight);
   const Floats contribution = hn::Mul(weight, light);
@@ -62,7 +96,9 @@ HWY_INLINE void add_contribution(Wavefront& wave, const Slots& at, Floats light,
   for (size_t r = 0; r < paths.d_reflectance.size(); ++r) {
     at.add(hn::Mul(at.get(paths.dweight_dreflectance[r]), light), paths.d_reflectance[r]);
   }
-  for (size_t l = 0; l < paths.d_light.size(); ++l) at.add(part_of(l, weight), paths.d_light[l]);
+  for (size_t l = 0; l < paths.d_light.size(); ++l) {
+    at.add(hn::Mul(contribution, parts.of[l]), paths.d_light[l]);
+  }
 }
 
 // The same, for the gradient in the panorama's pixels: light from `direction` arrives where
@@ -113,8 +149,8 @@ inline void add_to_normals(Wavefront& wave, Ints numbers, Floats light, Ints slo
 
 // The same for the colours: `light(c)` arrives in colour c after this `length` in the medium, by
 // which it is dimmed already.
-template <typename Slots, typename LightIn, typename ScoreSlot>
-HWY_INLINE void add_colours(Wavefront& wave, const Slots& at, Floats length, const LightIn& light,
+template <typename LightIn, typename ScoreSlot>
+HWY_INLINE void add_colours(Wavefront& wave, SlotGather at, Floats length, const LightIn& light,
                             const ScoreSlot& score_slot) {
   Paths& paths = wave.paths;
   const size_t columns = 2 + paths.d_slots.size();
@@ -146,9 +182,8 @@ inline void add_emission(Wavefront& wave, Ints slots, Mask live) {
   const Paths& paths = wave.paths;
   const SlotGather at{slots};
   const Vectors direction = if_then_else(live, at.get(paths.rays.direction), set(Vec3f{0, 1, 0}));
-  LightParts parts(wave);
-  const auto [distance, light] =
-      look(wave.scene.lights, at.get(paths.flight_from), direction, parts);
+  const Vectors from = at.get(paths.flight_from);
+  const auto [distance, light] = look(wave.scene.lights, from, direction);
   const Uints delta_bounce = at.get(paths.delta_bounce);
   const Floats pdf = at.get(paths.pdf);
   Floats mis_weight = set(1.0F);
@@ -169,19 +204,20 @@ inline void add_emission(Wavefront& wave, Ints slots, Mask live) {
     mis_weight = hn::IfThenZeroElse(equals(delta_bounce, PathState::kFound), mis_weight);
   }
   mis_weight = hn::IfThenElseZero(live, mis_weight);
+  const Floats arriving = hn::Mul(light.radiance, mis_weight);
+  LightParts parts;
+  if (wave.part_count > 0) {
+    find_parts(wave, direction, lamp_seen(wave.scene.lights, from, direction), parts);
+  }
   const auto score_slot = [&](size_t s) { return at.get(paths.score_slots[s]); };
   if (!wave.colours.empty()) {
     add_colours(
-        wave, at, hn::Zero(FloatTag()),
-        [&](size_t c) { return hn::Mul(parts.radiance[c], mis_weight); }, score_slot);
+        wave, at, hn::Zero(FloatTag()), [&](size_t c) { return hn::Mul(arriving, parts.of[c]); },
+        score_slot);
     return;
   }
   add_contribution(
-      wave, at, hn::Mul(light.radiance, mis_weight), [&] { return at.get(paths.score_sigma_t); },
-      score_slot,
-      [&](size_t l, Floats weight) {
-        return hn::Mul(hn::Mul(weight, parts.radiance[l]), mis_weight);
-      });
+      wave, at, arriving, parts, [&] { return at.get(paths.score_sigma_t); }, score_slot);
   if (wave.differentiated_map != nullptr) {
     add_to_map(wave, direction, hn::And(live, hn::Eq(distance, set(kInfinity))),
                hn::Mul(at.get(paths.weight), mis_weight), slots);

@@ -157,9 +157,8 @@ struct ShadowRays {
   // Light that would arrive undimmed, scattered and weighted: without the path's weight, and with
   // the importance of the path.
   FloatColumn light{}, importance{};
-  std::vector<FloatColumn> score_slots;  // of the path, with that of the turn to the light
-  // Of `light`, for the derivatives asked for in lights; or what `light` is in each colour.
-  std::vector<FloatColumn> parts_of_lights;
+  std::vector<FloatColumn> score_slots;   // of the path, with that of the turn to the light
+  UintColumn source{};                    // of `light`, if parts of it count: see LightParts
   std::vector<FloatColumn> per_radiance;  // `light` by radiance, for a gradient in a panorama
   FloatColumn length_before{};            // in the medium, of those that come through the boundary
   // Of those that come from the boundary, for a gradient in normals: see NormalScore.
@@ -189,7 +188,7 @@ struct RefractedRays {
   FloatColumn choice{}, u0{}, u1{};
   // Of the path, with that of the direction, unless it is a search for a facet.
   std::vector<FloatColumn> score_slots;
-  std::vector<FloatColumn> parts_of_lights;  // of `radiance`, as those of ShadowRays
+  UintColumn source{};  // of the light, as of ShadowRays
   // Of searches for a facet: where they begin, in which direction the
   // path came there, and the lamp that they are sent to (lamp_drawn); and of those that are aimed
   // again, the facet that they are aimed at, and the longest of the rays before.

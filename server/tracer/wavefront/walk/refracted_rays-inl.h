@@ -279,8 +279,7 @@ inline void send_lobe_odds(Wavefront& wave, OddsRays& sent, size_t i, Mask where
 // and it may let 1 through where it was not.
 inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints medium,
                                 Vectors position, const LightChoice& drawn,
-                                const LightSamples& light, const LightParts& parts,
-                                Floats roulette) {
+                                const LightSamples& light, Floats roulette) {
   const FloatTag d;
   const Paths& paths = wave.paths;
   RefractedRays& sent = wave.refracted_rays;
@@ -342,13 +341,11 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   }
   if (!wave.boundary_is_delta) {
     append(light.radiance, sent.radiance);
+    append(light.source, sent.source);
     if (wave.shadow_rays.rays.bounded) {
       append(drawn.choice, sent.choice);
       append(drawn.uniforms.u0, sent.u0);
       append(drawn.uniforms.u1, sent.u1);
-    }
-    for (size_t l = 0; l < sent.parts_of_lights.size(); ++l) {
-      append(part_of_light(light, parts, l), sent.parts_of_lights[l]);
     }
   }
   const size_t phase_slots = wave.searches_facets ? 0 : paths.control_phase.size();
@@ -366,27 +363,23 @@ inline void for_each_light_column(const RefractedRays& from, RefractedRays& to, 
   copy(from.choice, to.choice);
   copy(from.u0, to.u0);
   copy(from.u1, to.u1);
-  for (size_t l = 0; l < from.parts_of_lights.size(); ++l) {
-    copy(from.parts_of_lights[l], to.parts_of_lights[l]);
-  }
+  copy(from.source, to.source);
 }
 // Calls visit(column) for what shadow rays bring.
 template <typename Visit>
 inline void for_each_light_column(ShadowRays& rays, const Visit& visit) {
   visit(rays.light);
-  for (auto* columns : {&rays.parts_of_lights, &rays.per_radiance}) {
-    for (FloatColumn& column : *columns) visit(column);
-  }
+  for (FloatColumn& column : rays.per_radiance) visit(column);
 }
 
 // How they go on behind the boundary.
 struct Exit {
   Vectors to_light;
   Floats distance, radiance;
+  Uints source;         // as of LightSamples
   Floats per_radiance;  // what comes by radiance, its part that reaches the boundary apart
   Floats scores[kMaxBoundarySlots];
-  Floats parts_of_lights[kMaxDerivatives];  // of `radiance`
-  Vectors normal_score = set(Vec3f{});      // see NormalScore
+  Vectors normal_score = set(Vec3f{});  // see NormalScore
 };
 
 // Towards the light that was drawn.
@@ -394,14 +387,13 @@ HWY_INLINE Exit exit_of_rough(const Wavefront& wave, const RefractedRays& sent, 
                               Uints medium, const Crossing& at, Floats arriving) {
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   LightSamples light{load(sent.to_light, i), set(kInfinity), load(sent.radiance, i),
-                     load(sent.light_pdf, i)};
-  LightParts parts(wave);
+                     load(sent.light_pdf, i), load(sent.source, i)};
   if (wave.shadow_rays.rays.bounded) {
     const LightChoice drawn{load(sent.choice, i),
                             {zero, zero, load(sent.u0, i), load(sent.u1, i), Words{}}};
-    light = seen_from(wave.scene.lights, load(sent.rays.position, i), drawn, light, parts);
+    light = seen_from(wave.scene.lights, load(sent.rays.position, i), drawn, light);
   }
-  Exit exit{light.direction, light.distance, light.radiance, one, {zero}, {zero}};
+  Exit exit{light.direction, light.distance, light.radiance, light.source, one, {zero}};
   const BoundaryValue boundary = evaluate_boundary(wave.media, medium, at, exit.to_light);
   const Floats phase = load(sent.phase, i), light_pdf = light.pdf;
   const Floats walk_pdf = hn::Mul(phase, arriving);
@@ -414,10 +406,6 @@ HWY_INLINE Exit exit_of_rough(const Wavefront& wave, const RefractedRays& sent, 
   exit.per_radiance = hn::Div(hn::Mul(phase, boundary.value), pdf_sum);
   for (size_t s = 0; s < kMaxBoundarySlots; ++s) exit.scores[s] = boundary.scores[s];
   if (at.asked.normal) exit.normal_score = slope_outwards(at, boundary.by_normal);
-  for (size_t l = 0; l < sent.parts_of_lights.size(); ++l) {
-    exit.parts_of_lights[l] = wave.shadow_rays.rays.bounded ? part_of_light(light, parts, l)
-                                                            : load(sent.parts_of_lights[l], i);
-  }
   return exit;
 }
 
@@ -426,24 +414,19 @@ HWY_INLINE Exit exit_of_smooth(const Wavefront& wave, const RefractedRays& sent,
                                Uints medium, const Crossing& at, Floats arriving, Mask where) {
   const auto [direction, reflected] = transmit_boundary(wave.media, medium, at);
   const Vectors to_light = if_then_else(where, direction, set(Vec3f{0, 1, 0}));
-  LightParts parts(wave);
-  const auto [distance, light] =
-      look(wave.scene.lights, load(sent.rays.position, i), to_light, parts);
+  const Lights& lights = wave.scene.lights;
+  const Vectors position = load(sent.rays.position, i);
+  const auto [distance, light] = look(lights, position, to_light);
   const Floats passing = hn::Mul(load(sent.phase, i), hn::Sub(set(1.0F), reflected));
-  const Mask as_drawn = hn::RebindMask(
-      FloatTag(), hn::Eq(lamp_seen(wave.scene.lights, load(sent.rays.position, i), to_light),
-                         load(sent.lamp, i)));
-  Exit exit{
+  const Uints lamp = lamp_seen(lights, position, to_light);
+  const Mask as_drawn = hn::RebindMask(FloatTag(), hn::Eq(lamp, load(sent.lamp, i)));
+  return {
       to_light,
       distance,
       hn::IfThenElseZero(as_drawn, light.radiance),
+      lamp,
       hn::IfThenElseZero(as_drawn, hn::Div(passing, mul_add(passing, arriving, load(sent.pdf, i)))),
-      {hn::Zero(FloatTag())},
       {hn::Zero(FloatTag())}};
-  for (size_t l = 0; l < sent.parts_of_lights.size(); ++l) {
-    exit.parts_of_lights[l] = parts.radiance[l];
-  }
-  return exit;
 }
 
 // From the boundary they go on as shadow rays.
@@ -471,25 +454,24 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
   const Mask from_far =
       hn::And(hn::Gt(load(sent.light_pdf, i), zero), hn::Eq(exit.distance, set(kInfinity)));
   const size_t phase_slots = wave.paths.control_phase.size();
-  add_shadow_rays(
-      wave, where,
-      {.position = load(sent.rays.position, i),
-       .direction = exit.to_light,
-       .interaction = hn::Zero(UintTag()),
-       .slot = load(sent.slot, i),
-       .light = hn::Mul(exit.radiance, exit.per_radiance),
-       .importance = importance,
-       .per_radiance = hn::IfThenElseZero(from_far, exit.per_radiance),
-       .distance = exit.distance,
-       .max_medium_length = zero,
-       .length_before = length,
-       .normal_score = exit.normal_score,
-       .triangle = load(wave.crossings.triangle, i)},
-      [&](size_t s) {
-        const Floats score = load(sent.score_slots[s], i);
-        return s < phase_slots ? score : hn::Add(score, exit.scores[s - phase_slots]);
-      },
-      [&](size_t l) { return hn::Mul(exit.parts_of_lights[l], exit.per_radiance); });
+  add_shadow_rays(wave, where,
+                  {.position = load(sent.rays.position, i),
+                   .direction = exit.to_light,
+                   .interaction = hn::Zero(UintTag()),
+                   .slot = load(sent.slot, i),
+                   .light = hn::Mul(exit.radiance, exit.per_radiance),
+                   .source = exit.source,
+                   .importance = importance,
+                   .per_radiance = hn::IfThenElseZero(from_far, exit.per_radiance),
+                   .distance = exit.distance,
+                   .max_medium_length = zero,
+                   .length_before = length,
+                   .normal_score = exit.normal_score,
+                   .triangle = load(wave.crossings.triangle, i)},
+                  [&](size_t s) {
+                    const Floats score = load(sent.score_slots[s], i);
+                    return s < phase_slots ? score : hn::Add(score, exit.scores[s - phase_slots]);
+                  });
 }
 
 // Calls visit(number, place, live) for the facets around the ones that rays have met, one of each.

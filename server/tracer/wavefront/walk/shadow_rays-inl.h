@@ -55,25 +55,24 @@ inline void send_mirrored_rays(Wavefront& wave, size_t i, const Vertices& vertic
       if_then_else(sent, on_its_side(at, mirrored(at.direction, at.normal), hn::FirstN(d, 0)),
                    set(Vec3f{0, 1, 0}));
   const Vectors position = if_then_else(sent, load(wave.paths.rays.position, i), set(Vec3f{}));
-  LightParts parts(wave);
-  const auto [distance, light] = look(wave.scene.lights, position, to_light, parts);
+  const Lights& lights = wave.scene.lights;
+  const auto [distance, light] = look(lights, position, to_light);
   const Floats reflected = transmit_boundary(wave.media, vertices.medium, at).reflected;
   const Floats zero = hn::Zero(d), undimmed = hn::Mul(light.radiance, reflected);
   if (wave.differentiated_map == nullptr) sent = hn::And(sent, hn::Gt(undimmed, zero));
-  add_shadow_rays(
-      wave, sent,
-      {.position = position,
-       .direction = to_light,
-       .interaction = hn::Zero(UintTag()),
-       .slot = slots_from(i),
-       .light = undimmed,
-       .importance = set(kInfinity),  // no roulette
-       .per_radiance = hn::IfThenElseZero(hn::Eq(distance, set(kInfinity)), reflected),
-       .distance = distance,
-       .max_medium_length = zero,
-       .length_before = zero},
-      [&](size_t s) { return load(wave.paths.score_slots[s], i); },
-      [&](size_t l) { return hn::Mul(parts.radiance[l], reflected); });
+  add_shadow_rays(wave, sent,
+                  {.position = position,
+                   .direction = to_light,
+                   .interaction = hn::Zero(UintTag()),
+                   .slot = slots_from(i),
+                   .light = undimmed,
+                   .source = lamp_seen(lights, position, to_light),
+                   .importance = set(kInfinity),  // no roulette
+                   .per_radiance = hn::IfThenElseZero(hn::Eq(distance, set(kInfinity)), reflected),
+                   .distance = distance,
+                   .max_medium_length = zero,
+                   .length_before = zero},
+                  [&](size_t s) { return load(wave.paths.score_slots[s], i); });
 }
 
 // Light that comes from a direction: the part of its radiance, by steradian, that paths carry on.
@@ -136,12 +135,11 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   // Paths that have escaped are at no place.
   const Vectors position =
       if_then_else(vertices.where(), load(paths.rays.position, i), Vectors{zero, zero, zero});
-  LightParts parts(wave);
   const LightChoice drawn = light_choice(words, more);
-  const LightSamples light = sample(wave.scene.lights, position, drawn, parts);
+  const LightSamples light = sample(wave.scene.lights, position, drawn);
   const Floats roulette = hn::Sub(set(1.0F), fifth_uniform(words));
   if (refracted) {
-    send_refracted_rays(wave, i, vertices.in_medium, vertices.medium, position, drawn, light, parts,
+    send_refracted_rays(wave, i, vertices.in_medium, vertices.medium, position, drawn, light,
                         roulette);
     if (hn::AllFalse(d, sent)) return;
   }
@@ -182,29 +180,26 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   }
   const Uints interaction = load(paths.rays.interaction, i);
   const size_t phase_slots = paths.control_phase.size();
-  add_shadow_rays(
-      wave, sent,
-      {.position = position,
-       .direction = light.direction,
-       .interaction = hn::IfThenZeroElse(for_uints(vertices.at_boundary), interaction),
-       .slot = slots_from(i),
-       .light = undimmed,
-       .importance = importance,
-       .per_radiance = per_radiance,
-       .distance = light.distance,
-       .max_medium_length = hn::Mul(limit, free_path_of(wave.media, vertices.medium)),
-       .length_before = zero,
-       .normal_score = turn.normal_score,
-       .triangle = load(wave.crossings.triangle, i)},
-      [&](size_t s) {
-        const Floats score = s < phase_slots
-                                 ? hn::IfThenElseZero(vertices.in_medium, turn.phase.scores[s])
-                                 : turn.boundary_scores[s - phase_slots];
-        return hn::Add(load(paths.score_slots[s], i), score);
-      },
-      [&](size_t l) {
-        return hn::Div(hn::Mul(part_of_light(light, parts, l), turn.value), pdf_sum);
-      });
+  add_shadow_rays(wave, sent,
+                  {.position = position,
+                   .direction = light.direction,
+                   .interaction = hn::IfThenZeroElse(for_uints(vertices.at_boundary), interaction),
+                   .slot = slots_from(i),
+                   .light = undimmed,
+                   .source = light.source,
+                   .importance = importance,
+                   .per_radiance = per_radiance,
+                   .distance = light.distance,
+                   .max_medium_length = hn::Mul(limit, free_path_of(wave.media, vertices.medium)),
+                   .length_before = zero,
+                   .normal_score = turn.normal_score,
+                   .triangle = load(wave.crossings.triangle, i)},
+                  [&](size_t s) {
+                    const Floats score = s < phase_slots ? hn::IfThenElseZero(vertices.in_medium,
+                                                                              turn.phase.scores[s])
+                                                         : turn.boundary_scores[s - phase_slots];
+                    return hn::Add(load(paths.score_slots[s], i), score);
+                  });
 }
 
 // Adds the light that shadow rays with such numbers bring, dimmed by the medium.
@@ -226,33 +221,34 @@ inline void add_arriving(Wavefront& wave, Ints numbers, Mask live) {
     return hn::IfThenElseZero(live,
                               wave.shadow_ray_threshold > 0 ? hn::Div(dimmed, survival) : dimmed);
   };
+  const auto direction = [&] {
+    return if_then_else(live, ray.get(shadow_rays.rays.direction), set(Vec3f{0, 1, 0}));
+  };
+  LightParts parts;
+  if (wave.part_count > 0) find_parts(wave, direction(), ray.get(shadow_rays.source), parts);
   const auto score_slot = [&](size_t s) { return ray.get(shadow_rays.score_slots[s]); };
   if (!wave.colours.empty()) {
-    const Floats by = hn::Div(set(1.0F), survival);
+    const Floats undimmed = hn::Div(ray.get(shadow_rays.light), survival);
     add_colours(
         wave, at, length,
         [&](size_t c) {
           const Floats in_colour = exp(hn::Mul(length, set(-wave.colours[c].sigma_t)));
-          return hn::IfThenElseZero(
-              live, hn::Mul(hn::Mul(ray.get(shadow_rays.parts_of_lights[c]), in_colour), by));
+          return hn::IfThenElseZero(live, hn::Mul(hn::Mul(undimmed, parts.of[c]), in_colour));
         },
         score_slot);
     return;
   }
+  const Floats light = arriving(shadow_rays.light);
   add_contribution(
-      wave, at, arriving(shadow_rays.light),
+      wave, at, light, parts,
       [&] { return hn::Sub(at.get(paths.score_sigma_t), of_object(wave.media, medium, length)); },
-      score_slot,
-      [&](size_t l, Floats weight) {
-        return hn::Mul(weight, arriving(shadow_rays.parts_of_lights[l]));
-      });
+      score_slot);
   if (wave.differentiated_map != nullptr) {
-    add_to_map(wave, ray.get(shadow_rays.rays.direction), live,
+    add_to_map(wave, direction(), live,
                hn::Mul(at.get(paths.weight), arriving(shadow_rays.per_radiance[0])), at.slots);
   }
   if (wave.normal_gradient) {
-    add_to_normals(wave, numbers, hn::Mul(at.get(paths.weight), arriving(shadow_rays.light)),
-                   at.slots);
+    add_to_normals(wave, numbers, hn::Mul(at.get(paths.weight), light), at.slots);
   }
 }
 

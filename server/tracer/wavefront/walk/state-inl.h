@@ -96,7 +96,7 @@ struct Wavefront {
     }
     paths.d_colours.resize(colours.size() * (2 + slots));
     paths.flight_sigma_t.resize(colours.empty() ? 0 : 1);
-    const size_t parts = std::max(colours.size(), differentiated_lights.size());
+    part_count = std::max(colours.size(), differentiated_lights.size());
     paths.medium.resize(media.several ? 1 : 0);
     paths.weight_at_albedos.resize(asked.albedos.size());
     paths.radiance_at_albedos.resize(asked.albedos.size());
@@ -107,7 +107,6 @@ struct Wavefront {
     paths.edge_weight.resize(boundary_derivatives.any() ? 1 : 0);
     paths.colour_edge.resize(index_slot ? colours.size() : 0);
     paths.crossing_edge_weight.resize(paths.edge_weight.size());
-    shadow_rays.parts_of_lights.resize(parts);
     paths.rays.bounded = compiled.lights.has_lamps();
     shadow_rays.rays.bounded = compiled.lights.has_near();
     if (refracts_shadow_rays) {
@@ -116,7 +115,6 @@ struct Wavefront {
       paths.odds.resize(1);
       for (RefractedRays* rays : {&refracted_rays, &aimed_again}) {
         rays->score_slots.resize(slots);
-        rays->parts_of_lights.resize(parts);
       }
     }
   }
@@ -184,6 +182,7 @@ struct Wavefront {
     float sigma_t, albedo;
   };
   std::vector<Colour> colours;
+  size_t part_count = 0;  // of light: see LightParts (contribution-inl.h)
   // The panorama in whose pixels a gradient is asked for, or null.
   const EnvironmentMap* differentiated_map = nullptr;
 
@@ -203,52 +202,6 @@ struct Wavefront {
   Crossings crossings;
   Crossings* at_boundary() { return stops_at_boundary ? &crossings : nullptr; }
 };
-
-// The parts of radiance that are due to some descriptions of lights: who `sample` and `look` tell.
-// Or, if colours are rendered, what the radiance is in each.
-struct LightParts {
-  explicit LightParts(const Wavefront& wave)
-      : numbers(wave.differentiated_lights), in_colours(!wave.colours.empty()) {
-    for (size_t l = 0; l < (in_colours ? kColours.size() : numbers.size()); ++l) {
-      radiance[l] = hn::Zero(FloatTag());
-      chosen[l] = hn::FirstN(FloatTag(), 0);
-      part_of_chosen[l] = set(1.0F);
-    }
-  }
-  HWY_INLINE void add_radiance(const Lights::Light& light, Vectors d, Floats by) {
-    for (size_t l = 0; l < numbers.size(); ++l) {
-      if (numbers[l] == light.number) radiance[l] = hn::Add(radiance[l], by);
-    }
-    if (!in_colours) return;
-    const InColours part = colours(light, d, by);
-    for (size_t c = 0; c < kColours.size(); ++c) {
-      radiance[c] = hn::Add(radiance[c], part.radiance[c]);
-    }
-  }
-  HWY_INLINE void add_chosen(const Lights::Light& light, Mask where) {
-    for (size_t l = 0; l < numbers.size(); ++l) {
-      if (numbers[l] == light.number) chosen[l] = hn::Or(chosen[l], where);
-    }
-    if (!in_colours) return;
-    for (size_t c = 0; c < kColours.size(); ++c) {
-      chosen[c] = hn::Or(chosen[c], where);
-      part_of_chosen[c] = hn::IfThenElse(where, set(light.colour[c]), part_of_chosen[c]);
-    }
-  }
-
-  const std::vector<size_t>& numbers;
-  const bool in_colours;
-  Floats radiance[kMaxDerivatives];
-  Mask chosen[kMaxDerivatives];            // where it is a delta or a lamp, and is drawn
-  Floats part_of_chosen[kMaxDerivatives];  // of its radiance: in a colour
-};
-
-// What is due to the l-th light that derivatives are asked for in, of the radiance of samples; or
-// what that is in colour l.
-HWY_INLINE Floats part_of_light(const LightSamples& light, const LightParts& parts, size_t l) {
-  return hn::IfThenElse(parts.chosen[l], hn::Mul(light.radiance, parts.part_of_chosen[l]),
-                        hn::IfThenElseZero(light.from_far(), parts.radiance[l]));
-}
 
 // Of a ray that carries this importance without the medium's dimming: the optical depth through
 // which it survives its roulette (send_shadow_rays), by a uniform number in (0, 1]; else 0 or less.
@@ -274,7 +227,9 @@ HWY_INLINE Ints slots_in(const UintColumn& list, size_t i, Mask live) {
 struct SentShadowRays {
   Vectors position, direction;
   Uints interaction, slot;
-  Floats light, importance;
+  Floats light;
+  Uints source;  // of it: Lights::Light::source
+  Floats importance;
   Floats per_radiance;  // for a gradient in a panorama
   Floats distance;      // where they are bounded
   Floats max_medium_length, length_before;
@@ -282,11 +237,10 @@ struct SentShadowRays {
   Uints triangle = hn::Zero(UintTag());
 };
 
-// Adds them, where there are any; `score(s)` is that of their path in a slot, and `part(l)` what is
-// due to light l of Wavefront::differentiated_lights, or is `light` in colour l.
-template <typename Score, typename Part>
+// Adds them, where there are any; `score(s)` is that of their path in a slot.
+template <typename Score>
 HWY_INLINE void add_shadow_rays(Wavefront& wave, Mask where, const SentShadowRays& sent,
-                                const Score& score, const Part& part) {
+                                const Score& score) {
   ShadowRays& to = wave.shadow_rays;
   const Append append{where, to.count};
   append(sent.position, to.rays.position);
@@ -296,6 +250,7 @@ HWY_INLINE void add_shadow_rays(Wavefront& wave, Mask where, const SentShadowRay
   if (wave.refracts_shadow_rays) append(sent.length_before, to.length_before);
   if (to.rays.bounded) append(sent.distance, to.rays.distance);
   append(sent.light, to.light);
+  if (wave.part_count > 0) append(sent.source, to.source);
   append(sent.importance, to.importance);
   if (wave.differentiated_map != nullptr) append(sent.per_radiance, to.per_radiance[0]);
   if (wave.normal_gradient) {
@@ -303,7 +258,6 @@ HWY_INLINE void add_shadow_rays(Wavefront& wave, Mask where, const SentShadowRay
     append(sent.triangle, to.triangle);
   }
   for (size_t s = 0; s < to.score_slots.size(); ++s) append(score(s), to.score_slots[s]);
-  for (size_t l = 0; l < to.parts_of_lights.size(); ++l) append(part(l), to.parts_of_lights[l]);
   append(sent.slot, to.slot);
   to.count += hn::CountTrue(FloatTag(), where);
 }
