@@ -436,13 +436,21 @@ double noise_of(const Image& image, const std::string& channel) {
                          image.channel("mask.Y"));
 }
 
+// One sample of a pixel says nothing of its noise.
+bool knows_noise(const RenderFlags& options) {
+  return options.spp > 1;
+}
+std::string noise_text(double noise, const RenderFlags& options) {
+  return knows_noise(options) ? fmt::format("{:.2g} %", 100 * noise) : "unknown";
+}
+
 // Where samples or time were over before.
 void warn_noise(const Image& image, const RenderFlags& options,
                 const std::vector<Channel>& channels) {
   double noise = 0;
   for (const Channel& channel : channels) noise = std::max(noise, noise_of(image, channel.name));
-  if (options.noise == 0 || noise <= options.noise) return;
-  spdlog::warn("the noise is {:.2g} %, not {:.2g} %: the {} over before", 100 * noise,
+  if (options.noise == 0 || (knows_noise(options) && noise <= options.noise)) return;
+  spdlog::warn("the noise is {}, not {:.2g} %: the {} over before", noise_text(noise, options),
                100 * options.noise,
                options.seconds > 0 ? "time or the samples were" : "samples were");
 }
@@ -474,7 +482,7 @@ void print_json(const v1::Counters& counters, const RenderFlags& options,
   for (const auto& [name, shown, material] : channels) {
     const std::string suffix = options.color ? "_" + lower(name) : "";
     number(("mean_radiance_on_object" + suffix).c_str(), mean_over_object(image, name));
-    number(("noise_on_object" + suffix).c_str(), noise_of(image, name));
+    if (knows_noise(options)) number(("noise_on_object" + suffix).c_str(), noise_of(image, name));
   }
   number("paths", counters.paths());
   number("steps", counters.steps());
@@ -498,11 +506,10 @@ void print_text(const v1::Counters& counters, const RenderFlags& options, const 
   }
   for (const auto& [name, shown, material] : channels) {
     text += fmt::format(
-        "{}: sigma_t {:.4g} / mm, albedo {:.5g}{}; mean radiance on the object {:.6g}, noise "
-        "{:.2g} %\n",
+        "{}: sigma_t {:.4g} / mm, albedo {:.5g}{}; mean radiance on the object {:.6g}, noise {}\n",
         name, material.sigma_t, material.albedo,
         options.phase.empty() ? fmt::format(", g {:.3g}", material.g) : "",
-        mean_over_object(image, name), 100 * noise_of(image, name));
+        mean_over_object(image, name), noise_text(noise_of(image, name), options));
   }
   if (counters.invalid_samples() > 0 || counters.leaks() > 0) {
     text += fmt::format("dropped: {} invalid samples, {} leaks of {} paths\n",

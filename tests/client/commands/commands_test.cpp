@@ -117,6 +117,20 @@ TEST(RenderCommand, EndsWhenTheImageIsGoodEnough) {
   }
 }
 
+TEST(RenderCommand, SaysThatOneSampleTellsNoNoise) {
+  const TemporaryFolder folder;
+  const auto command = render(folder.write("scene.textproto", kSceneFile), folder.path("out.exr"),
+                              {"--film", "16x12", "--spp", "1", "--noise", "5%"});
+  const Finished finished = run(command);
+  EXPECT_THAT(finished.output, HasSubstr(", noise unknown"));
+  EXPECT_THAT(finished.errors, HasSubstr("the noise is unknown, not 5 %: the samples were over"));
+  std::vector<std::string> with_json = command;
+  with_json.emplace_back("--json");
+  const Finished in_json = run(with_json);
+  EXPECT_THAT(in_json.output, HasSubstr("mean_radiance_on_object"));
+  EXPECT_THAT(in_json.output, Not(HasSubstr("noise_on_object")));
+}
+
 // Radiance is linear in the lights, and smooth in the reflectance of the ground.
 TEST(RenderCommand, WritesDerivativesInTheScene) {
   const TemporaryFolder folder;
