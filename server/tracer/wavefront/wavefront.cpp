@@ -46,6 +46,7 @@
 #include <stop_token>
 
 #include "common/error.h"
+#include "server/tracer/simd/denormals.h"
 #include "server/tracer/wavefront/walk/begin-inl.h"
 #include "server/tracer/wavefront/walk/contribution-inl.h"
 #include "server/tracer/wavefront/walk/flight-inl.h"
@@ -145,6 +146,8 @@ class Walk {
 void run_wavefront(const Scene::Compiled& scene, const RenderRequest& request,
                    const RenderOptions& options, WorkQueue& queue, FilmWriter& film,
                    const std::stop_token& stop) {
+  // Colours that a path is hardly of have tiny weights.
+  const DenormalsAsZero as_zero;
   std::make_unique<Walk>(scene, request, options, queue, film)->run(stop);
 }
 

@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
 #include <memory>
+
+#include "server/tracer/simd/denormals.h"
 
 namespace itn::testing {
 namespace {
@@ -31,6 +34,19 @@ void fill(Paths& paths, size_t slot) {
     column[slot] = static_cast<typename std::decay_t<decltype(column)>::value_type>(number++);
   });
   EXPECT_EQ(number - 100, kColumns);
+}
+
+TEST(DenormalsTest, AreZeroForAWhile) {
+  volatile float least = std::numeric_limits<float>::min(), denormal = least / 2;
+  EXPECT_GT(denormal * 2, 0);
+  {
+    const DenormalsAsZero as_zero;
+    EXPECT_EQ(least / 2, 0);     // that comes out
+    EXPECT_EQ(denormal * 4, 0);  // that goes in
+    EXPECT_GT(least * 2, 0);
+  }
+  EXPECT_EQ(least / 2, denormal);
+  EXPECT_GT(denormal * 4, 0);
 }
 
 TEST(PathsTest, APathMovesWithAllItsColumns) {
