@@ -12,7 +12,7 @@ namespace itn {
 // measured media at 3 and 30 mm, index-matched and behind a rough boundary, one render costs less
 // than three up to about this product.
 bool shared_paths_pay(std::span<const Material> colours, double longest_side) {
-  constexpr double kMost = 13;
+  constexpr double kMost = 20;
   const auto [thinnest, densest] = std::ranges::minmax(colours, {}, &Material::sigma_t);
   const Material& palest = std::ranges::max(colours, {}, &Material::albedo);
   const double ratio = densest.sigma_t / thinnest.sigma_t;

@@ -24,8 +24,8 @@ bool pays(const std::string& medium, double mm) {
 TEST(SharedPaths, PayUnlessLightScattersOftenByOtherCoefficients) {
   EXPECT_TRUE(pays("marble", 30));
   EXPECT_TRUE(pays("skin1", 30));
-  EXPECT_TRUE(pays("skimmilk", 3));
-  EXPECT_FALSE(pays("skimmilk", 30));
+  EXPECT_TRUE(pays("skimmilk", 30));
+  EXPECT_FALSE(pays("spectralon", 30));
   EXPECT_TRUE(pays("cream", 3));
   EXPECT_FALSE(pays("cream", 30));
 }
