@@ -80,8 +80,6 @@ def run(*command):
 
 def check_materialx(folder):
     import MaterialX as mx
-    import MaterialX.PyMaterialXGenGlsl as glsl
-    import MaterialX.PyMaterialXGenShader as shading
     path = str(folder / "marble.mtlx")
     run("materials", "marble", "--format", "openpbr", "--roughness", "0.1", "--scene-unit", "cm",
         "-o", path)
@@ -97,8 +95,15 @@ def check_materialx(folder):
                if not shader.getNodeDef().getActiveInput(value.getName())]
     print(f"MaterialX {mx.getVersionString()}: valid: {valid} {message}; {len(shaders)} shaders, "
           f"{len(inputs)} inputs, not declared: {unknown}")
+    converted = materialx_converts(document, library)
+    return valid and len(shaders) == 2 and not unknown and converted
 
-    # Its generator of shaders converts lengths to the unit of a scene.
+
+def materialx_converts(document, library):
+    """Whether MaterialX's generator of shaders converts lengths in cm to the unit of a scene."""
+    import MaterialX as mx
+    import MaterialX.PyMaterialXGenGlsl as glsl
+    import MaterialX.PyMaterialXGenShader as shading
     generator = glsl.GlslShaderGenerator.create()
     context = shading.GenContext(generator)
     context.registerSourceCodeSearchPath(mx.getDefaultDataSearchPath())
@@ -109,17 +114,16 @@ def check_materialx(folder):
     units.loadLibrary(library)
     units.setUnitConverterRegistry(converters)
     generator.setUnitSystem(units)
-    factors = {"millimeter": 10, "meter": 0.01}
-    converted = []
-    for unit, factor in factors.items():
+    converted = True
+    for unit, factor in {"millimeter": 10, "meter": 0.01}.items():
         context.getOptions().targetDistanceUnit = unit
         for material in document.getMaterialNodes():
             code = generator.generate("shader", material, context).getSourceCode("pixel")
             found = [float(number) for number in
                      re.findall(r"uniform float \w+_unit_in2 = ([0-9.]+);", code)]
             print(f"MaterialX, scene in {unit}: lengths of {material.getName()} times {found}")
-            converted.append(len(found) == 1 and abs(found[0] - factor) < 1e-3 * factor)
-    return valid and len(shaders) == 2 and not unknown and all(converted)
+            converted &= len(found) == 1 and abs(found[0] - factor) < 1e-3 * factor
+    return converted
 
 
 def vector(values):
