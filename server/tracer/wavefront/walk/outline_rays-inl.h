@@ -56,7 +56,7 @@ inline void send_outline_rays(Wavefront& wave, size_t i, const Vertices& vertice
       if constexpr (requires { outline(kind, position, position.x, false); }) {
         for (const bool opposite : {false, true}) {
           const Outline place = outline(kind, position, uniform(words.w[0]), opposite);
-          const Floats value = turn_to(wave, vertices, place.direction).value;
+          const Floats value = evaluate_turn(wave, vertices, place.direction).value;
           const Appearance behind = look(lights, position, place.direction, NoParts(), &of.light);
           const Mask shows = hn::And(sent, hn::Ge(behind.distance, place.distance));
           OutlineRays* const rays = &of.rays[opposite ? 2 : 0];

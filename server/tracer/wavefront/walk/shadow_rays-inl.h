@@ -76,17 +76,18 @@ inline void send_mirrored_rays(Wavefront& wave, size_t i, const Vertices& vertic
 }
 
 // Light that comes from a direction: the part of its radiance, by steradian, that paths carry on.
-struct Turn {
+struct TurnValue {
   Floats value, pdf;                          // with which the walk would go there by itself
   PhaseValue phase;                           // of scatterings
   Floats boundary_scores[kMaxBoundarySlots];  // of crossings
   Vectors normal_score = set(Vec3f{});        // likewise: see NormalScore
 };
-HWY_INLINE Turn turn_to(const Wavefront& wave, const Vertices& vertices, Vectors direction) {
+HWY_INLINE TurnValue evaluate_turn(const Wavefront& wave, const Vertices& vertices,
+                                   Vectors direction) {
   const Floats zero = hn::Zero(FloatTag());
   const Floats cosine = dot(vertices.axis, direction);
   const PhaseValue phase = evaluate_phase(wave.media, vertices.medium, cosine);
-  Turn turn{phase.value, phase.value, phase, {zero}};
+  TurnValue turn{phase.value, phase.value, phase, {zero}};
   if (vertices.any_on_surface) {
     Floats diffuse = hn::Mul(hn::Max(zero, cosine), set(std::numbers::inv_pi_v<float>));
     if (wave.scene.obstacles.surfaces.smooth()) {
@@ -143,7 +144,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
                         roulette);
     if (hn::AllFalse(d, sent)) return;
   }
-  const Turn turn = turn_to(wave, vertices, light.direction);
+  const TurnValue turn = evaluate_turn(wave, vertices, light.direction);
   // The weight of the draw, radiance / pdf, times that of multiple importance sampling,
   // pdf / (pdf + walk_pdf). Deltas have no pdf: what they bring is as it is.
   const Floats phase_pdf =
