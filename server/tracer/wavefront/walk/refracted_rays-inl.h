@@ -341,7 +341,7 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   }
   if (!wave.boundary_is_delta) {
     append(light.radiance, sent.radiance);
-    append(light.source, sent.source);
+    if (wave.part_count > 0) append(light.source, sent.source);
     if (wave.shadow_rays.rays.bounded) {
       append(drawn.choice, sent.choice);
       append(drawn.uniforms.u0, sent.u0);
