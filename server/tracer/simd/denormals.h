@@ -1,4 +1,4 @@
-// The numbers below 2^-126, for which the processor takes a hundred times as long.
+// The numbers below 2^-126, which processors compute many times slower.
 #pragma once
 
 #ifdef __SSE__
