@@ -23,9 +23,8 @@ HWY_INLINE Emission emission(const Lights::Light& light, Vectors d) {
   return result;
 }
 
-// Its radiance in each colour, given that of all together. Inlined, it slows down who asks for
-// none.
-HWY_NOINLINE inline InColours colours(const Lights::Light& light, Vectors d, Floats radiance) {
+// Its radiance in each colour, given that of all together.
+inline InColours colours(const Lights::Light& light, Vectors d, Floats radiance) {
   InColours result;
   for (size_t c = 0; c < kColours.size(); ++c) {
     result.radiance[c] = hn::Mul(radiance, set(light.colour[c]));

@@ -106,13 +106,15 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
     }
     ++number;
   }
-  uint32_t lamps = 0;
+  // Of what sends light alone, lamps come first.
+  uint32_t lamps = 0, deltas = static_cast<uint32_t>(lights_.size());
   for (Light& light : lights_) {
     power_ += light.probability;
     std::visit(
         [&]<typename Kind>(const Kind& /*kind*/) {
           has_near_ |= !Kind::kDistant;
           if constexpr (VisibleLamp<Kind>) light.source = light.lamp = ++lamps;
+          if constexpr (Kind::kDelta) light.source = ++deltas;
         },
         light.kind);
     has_lamps_ = lamps > 0;
@@ -122,13 +124,7 @@ Lights::Lights(const std::vector<LightDescription>& descriptions, const LightFra
     throw invalid_input("nothing shines: a scene needs at least one light with radiance > 0");
   }
   double cumulative = 0;
-  uint32_t sources = lamps;
   for (Light& light : lights_) {
-    std::visit(
-        [&]<typename Kind>(const Kind& /*kind*/) {
-          if constexpr (Kind::kDelta) light.source = ++sources;
-        },
-        light.kind);
     light.probability /= power_;
     cumulative += light.probability;
     light.cumulative = static_cast<float>(cumulative);

@@ -66,6 +66,16 @@ HWY_INLINE void store(Vectors v, VectorColumn& column, size_t i) {
   store(v.y, column.y, i);
   store(v.z, column.z, i);
 }
+// Columns, at any numbers.
+HWY_INLINE Floats gather(const FloatColumn& column, Ints at) {
+  return hn::GatherIndex(FloatTag(), column.data(), at);
+}
+HWY_INLINE Uints gather(const UintColumn& column, Ints at) {
+  return hn::GatherIndex(UintTag(), column.data(), at);
+}
+HWY_INLINE Vectors gather(const VectorColumn& column, Ints at) {
+  return {gather(column.x, at), gather(column.y, at), gather(column.z, at)};
+}
 
 // Puts those of some lanes behind one another, from number `at` on.
 struct Append {

@@ -23,6 +23,7 @@
 #include "server/tracer/geometry/lines/surface_search-inl.h"
 #include "server/tracer/geometry/lines/triangle_test-inl.h"
 #include "server/tracer/geometry/obstacles.h"
+#include "server/tracer/geometry/surface_normals-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
@@ -78,14 +79,8 @@ class LineFollower {
   // What lines know of the rays that they were given.
   void begin_lines(Mask fresh, size_t v) {
     const Ints ray = hn::BitCast(IntTag(), load(lines_.ray, v));
-    const auto gather = [&](const FloatColumn& column) {
-      return hn::GatherIndex(FloatTag(), column.data(), ray);
-    };
-    const auto gather_vectors = [&](const VectorColumn& column) {
-      return Vectors{gather(column.x), gather(column.y), gather(column.z)};
-    };
-    const Vectors position = gather_vectors(rays_.position);
-    const Vectors direction = gather_vectors(rays_.direction);
+    const Vectors position = gather(rays_.position, ray);
+    const Vectors direction = gather(rays_.direction, ray);
     const auto [slack, start, origin] = start_of(obstacles_, position, direction);
     lines_.origin.store(fresh, origin, v);
     lines_.direction.store(fresh, direction, v);
@@ -95,10 +90,10 @@ class LineFollower {
     store(fresh, zero, lines_.medium_length, v);
     store(fresh, zero, lines_.last_exit, v);
     store(fresh, zero, lines_.last_entry, v);
-    const Floats max_medium_length = gather(rays_.max_medium_length);
+    const Floats max_medium_length = gather(rays_.max_medium_length, ray);
     store(fresh, max_medium_length, lines_.max_medium_length, v);
-    if (rays_.bounded) store(fresh, hn::Add(start, gather(rays_.distance)), lines_.reach, v);
-    const Uints interaction = hn::GatherIndex(UintTag(), rays_.interaction.data(), ray);
+    if (rays_.bounded) store(fresh, hn::Add(start, gather(rays_.distance, ray)), lines_.reach, v);
+    const Uints interaction = gather(rays_.interaction, ray);
     const Uints inside = hn::And(interaction, set(Rays::kInside));
     store(fresh, inside, lines_.inside, v);
     store(fresh, inside, lines_.entered, v);
@@ -107,7 +102,7 @@ class LineFollower {
       const uint32_t just_inside = Rays::kInside | Rays::kAtBoundary;
       const Mask ahead = equals(hn::And(interaction, set(just_inside)), just_inside);
       store(hn::And(fresh, ahead), hn::Add(start, slack), lines_.first, v);
-      line_crossings_.start_normal.store(fresh, gather_vectors(rays_.normal), v);
+      line_crossings_.start_normal.store(fresh, gather(rays_.normal, ray), v);
     }
     store(fresh, hn::Zero(UintTag()), lines_.crossings, v);
 
@@ -319,13 +314,8 @@ class LineFollower {
       const Surfaces& surfaces = obstacles_.surfaces;
       const Uints triangle = hn::IfThenElseZero(for_uints(at_surface), load(lines_.surface, v));
       const Ints index = hn::BitCast(IntTag(), triangle);
-      const auto gather = [&](const Surfaces::Vectors& from) {
-        return Vectors{hn::GatherIndex(FloatTag(), from.x.data(), index),
-                       hn::GatherIndex(FloatTag(), from.y.data(), index),
-                       hn::GatherIndex(FloatTag(), from.z.data(), index)};
-      };
-      const Vectors normal = gather(surfaces.normals);
-      const Floats off = dot(end_point - gather(surfaces.corners[0]), normal);
+      const Vectors normal = gather(surfaces.normals, index);
+      const Floats off = dot(end_point - gather(surfaces.corners[0], index), normal);
       end_point = if_then_else(at_surface, end_point - normal * off, end_point);
       const Uints number = hn::ShiftLeft<Rays::kSurfaceBit>(hn::Add(triangle, set(uint32_t{1})));
       what = hn::Or(what, hn::IfThenElseZero(for_uints(at_surface), number));

@@ -20,12 +20,9 @@ namespace itn::tracer::HWY_NAMESPACE {
 // Columns at any slots, all different but for the spare one.
 struct SlotGather {
   Ints slots;
-  HWY_INLINE Floats get(const FloatColumn& column) const { return gather(column.data(), slots); }
-  HWY_INLINE Uints get(const UintColumn& column) const {
-    return hn::GatherIndex(UintTag(), column.data(), slots);
-  }
-  HWY_INLINE Vectors get(const VectorColumn& column) const {
-    return {get(column.x), get(column.y), get(column.z)};
+  template <typename Column>
+  HWY_INLINE auto get(const Column& column) const {
+    return gather(column, slots);
   }
   HWY_INLINE void add(Floats by, FloatColumn& column) const {
     hn::ScatterIndex(hn::Add(get(column), by), FloatTag(), column.data(), slots);
@@ -57,14 +54,13 @@ HWY_NOINLINE inline void find_parts(const Wavefront& wave, Vectors direction, Ui
     }
   };
   const Floats far = emission(lights, direction, add).radiance;
-  const Mask shines = hn::Gt(far, zero);
+  const Mask shines = hn::And(equals(source, 0), hn::Gt(far, zero));
   for (size_t l = 0; l < wave.part_count; ++l) {
     parts.of[l] = hn::IfThenElseZero(shines, hn::Div(parts.of[l], far));
-    for (const Lights::Light& light : lights.all()) {
-      if (light.source == 0) continue;
-      const float part = in_colours ? light.colour[l] : numbers[l] == light.number ? 1.0F : 0.0F;
-      parts.of[l] = hn::IfThenElse(equals(source, light.source), set(part), parts.of[l]);
-    }
+  }
+  for (const Lights::Light& light : lights.all()) {
+    if (light.source == 0) continue;
+    add(light, hn::IfThenElseZero(equals(source, light.source), set(1.0F)));
   }
 }
 
@@ -134,7 +130,7 @@ inline void add_to_normals(Wavefront& wave, Ints numbers, Floats light, Ints slo
   hn::Store(slots, IntTag(), slot);
   hn::Store(numbers, IntTag(), number);
   hn::Store(light, FloatTag(), part);
-  const Vectors score = SlotGather{numbers}.get(rays.normal_score);
+  const Vectors score = gather(rays.normal_score, numbers);
   const Mask some =
       hn::And(hn::Gt(light, hn::Zero(FloatTag())), hn::Gt(dot(score, score), hn::Zero(FloatTag())));
   for (Bits bits = bits_of(some); bits != 0; bits &= bits - 1) {

@@ -83,12 +83,9 @@ HWY_INLINE Aim first_aim(const Wavefront& wave, Uints medium, Vectors x, Vectors
 
 // The random numbers of refracted rays from the vertices of paths in any slots.
 HWY_INLINE Words refraction_words(const Wavefront& wave, Ints slots) {
-  const auto of = [&](const UintColumn& column) {
-    return hn::GatherIndex(UintTag(), column.data(), slots);
-  };
   const Paths& paths = wave.paths;
-  return philox(of(paths.vertex), set(uint32_t{Sampler::kRefraction}), of(paths.sample),
-                of(paths.pixel), wave.request.seed);
+  return philox(gather(paths.vertex, slots), set(uint32_t{Sampler::kRefraction}),
+                gather(paths.sample, slots), gather(paths.pixel, slots), wave.request.seed);
 }
 
 // What such rays are for, with `lamp` the one that the light is of, or 0; `distance` is that of

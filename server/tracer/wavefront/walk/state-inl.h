@@ -126,7 +126,7 @@ struct Wavefront {
   }
   HWY_INLINE Uints medium_in(Ints slots) const {
     if (!media.several) return hn::Zero(UintTag());
-    return hn::GatherIndex(UintTag(), paths.medium[0].data(), slots);
+    return gather(paths.medium[0], slots);
   }
 
   // Of the lights, over all directions.
@@ -264,7 +264,7 @@ HWY_INLINE void add_shadow_rays(Wavefront& wave, Mask where, const SentShadowRay
 
 HWY_INLINE void mark_leaked(Paths& paths, Mask leaked, Ints slots) {
   if (hn::AllFalse(FloatTag(), leaked)) return;
-  const Uints before = hn::GatherIndex(UintTag(), paths.leaked.data(), slots);
+  const Uints before = gather(paths.leaked, slots);
   hn::ScatterIndex(hn::IfThenElse(for_uints(leaked), set(uint32_t{1}), before), UintTag(),
                    paths.leaked.data(), slots);
 }
