@@ -312,6 +312,22 @@ double signed_volume(const Mesh& mesh) {
   return sum / 6;
 }
 
+double area(const Mesh& mesh) {
+  double sum = 0;
+  for (const auto& [a, b, c] : mesh.triangles) {
+    const auto corner = static_cast<Vec3d>(mesh.vertices[a]);
+    sum += length(cross(static_cast<Vec3d>(mesh.vertices[b]) - corner,
+                        static_cast<Vec3d>(mesh.vertices[c]) - corner)) /
+           2;
+  }
+  return sum;
+}
+
+double thickness(const Mesh& mesh) {
+  const double whole = area(mesh);
+  return whole > 0 ? 2 * std::abs(signed_volume(mesh)) / whole : 0;
+}
+
 double winding_number(const Mesh& mesh, Vec3d p) {
   double angle = 0;
   for (const Triangle& t : mesh.triangles) angle += solid_angle(mesh, t, p);

@@ -55,6 +55,13 @@ void validate_closed(const Mesh& mesh, const std::string& what, const std::stop_
 // Signed volume enclosed, in mm^3; positive for an outward oriented mesh.
 double signed_volume(const Mesh& mesh);
 
+// In mm^2.
+double area(const Mesh& mesh);
+
+// Twice the volume of a closed mesh over its area, in mm: how thick a wide sheet is; of a ball two
+// thirds of its radius.
+double thickness(const Mesh& mesh);
+
 // How often a closed mesh winds around a point: 1 inside of an outward oriented one, 0 outside, a
 // fraction next to an open one. Takes time linear in the number of triangles.
 double winding_number(const Mesh& mesh, Vec3d p);

@@ -12,6 +12,7 @@
 #include "common/scene/field_check.h"
 #include "common/scene/material_proto.h"
 #include "server/scene_compiler/field_reader.h"
+#include "server/tracer/film/film.h"
 
 namespace itn {
 namespace {
@@ -123,8 +124,9 @@ uint64_t images_per_pixel(const ImageCounts& images, uint64_t derivatives) {
 }
 
 uint64_t sums_per_pixel(const ImageCounts& images, uint64_t derivatives) {
-  return images.estimates * (sizeof(uint32_t) + sizeof(int64_t) * (images.of_each + derivatives)) +
-         images.of_all * sizeof(int64_t);
+  return images.estimates *
+             (sizeof(uint32_t) + sizeof(tracer::Sum) * (images.of_each + derivatives)) +
+         images.of_all * sizeof(tracer::Sum);
 }
 
 // The material that the tracer judges by is the thinnest and palest that there is.
@@ -215,7 +217,7 @@ uint64_t film_memory(uint64_t pixels, const v1::RenderGradRequest& request,
   if (!request.has_loss()) bytes += 2 * images_per_pixel(images, derivative_images(request));
   // Its weights, and its factors.
   if (is_gradient) bytes += sizeof(float) * (2 + images.estimates);
-  const uint64_t bytes_of_number = images.estimates * (sizeof(int64_t) + 3 * sizeof(float));
+  const uint64_t bytes_of_number = images.estimates * (sizeof(tracer::Sum) + 3 * sizeof(float));
   return bytes * pixels + bytes_of_number * gradient_numbers;
 }
 

@@ -7,7 +7,7 @@ namespace itn::tracer {
 namespace {
 
 // Sums by the numbers of their samples.
-std::vector<float> averages(const std::vector<int64_t>& sums, double quantum,
+std::vector<float> averages(const std::vector<Sum>& sums, double quantum,
                             const std::vector<uint32_t>& counts) {
   std::vector<float> result(sums.size());
   for (size_t i = 0; i < sums.size(); ++i) {
@@ -28,7 +28,7 @@ std::vector<uint32_t> all_counts(const FilmSums& sums) {
 
 // Of an image: `radiance_of(estimate)` are its sums, and `squares` those of squares.
 std::vector<float> standard_errors(const FilmSums& sums, const std::vector<uint32_t>& counts,
-                                   const std::vector<int64_t>& squares, const auto& radiance_of) {
+                                   const std::vector<Sum>& squares, const auto& radiance_of) {
   std::vector<float> result(squares.size());
   for (size_t i = 0; i < result.size(); ++i) {
     if (counts[i] < 2) continue;
@@ -70,15 +70,15 @@ RenderedImages means(const FilmSums& sums) {
       image.gradient.push_back(static_cast<double>(estimate.gradient[i]) *
                                sums.derivative_quanta[i] * sums.gradient_unit);
     }
-    for (const int64_t sum : estimate.map_gradient) {
+    for (const Sum sum : estimate.map_gradient) {
       image.map_gradient.push_back(
           static_cast<float>(static_cast<double>(sum) * sums.map_quantum * sums.gradient_unit));
     }
-    for (const int64_t sum : estimate.normal_gradient) {
+    for (const Sum sum : estimate.normal_gradient) {
       image.normal_gradient.push_back(
           static_cast<float>(static_cast<double>(sum) * sums.quantum * sums.gradient_unit));
     }
-    for (const std::vector<int64_t>& radiance : estimate.other_media) {
+    for (const std::vector<Sum>& radiance : estimate.other_media) {
       image.other_media.push_back(averages(radiance, sums.quantum, estimate.counts));
     }
   }

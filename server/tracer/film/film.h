@@ -18,6 +18,10 @@ struct Counters {
 };
 void add(Counters& into, const Counters& part);
 
+// An integer sum, which is the same in every order. Its 128 bits hold the faintest light that a
+// sample may bring beside a lamp that the camera looks into.
+__extension__ using Sum = __int128;
+
 // Sums over samples in fixed point: value = integer * quantum. Integer sums have no order, so they
 // do not depend on threads. Arrays are those of the tile that is rendered, top row first.
 struct FilmSums {
@@ -36,16 +40,15 @@ struct FilmSums {
 
   struct EstimateSums {
     std::vector<uint32_t> counts;  // of samples
-    std::vector<int64_t> radiance;
-    std::vector<std::vector<int64_t>> derivatives;  // in the order of RenderRequest::derivatives
-    std::vector<int64_t> gradient, map_gradient, normal_gradient;  // instead
-    std::vector<std::vector<int64_t>>
-        other_media;  // radiance for RenderRequest::albedos or colours
+    std::vector<Sum> radiance;
+    std::vector<std::vector<Sum>> derivatives;  // in the order of RenderRequest::derivatives
+    std::vector<Sum> gradient, map_gradient, normal_gradient;  // instead
+    std::vector<std::vector<Sum>> other_media;  // radiance for RenderRequest::albedos or colours
   };
   std::vector<EstimateSums> estimates;
-  std::vector<int64_t> squares;  // of radiance, over all estimates; each at most 2^42 quanta
-  std::vector<std::vector<int64_t>> other_squares;  // the same of each colour
-  std::vector<int64_t> hits;                        // camera rays that meet the object
+  std::vector<Sum> squares;                     // of radiance, over all estimates
+  std::vector<std::vector<Sum>> other_squares;  // the same of each colour
+  std::vector<Sum> hits;                        // camera rays that meet the object
   Counters counters;
 
   // Where a pixel, numbered in the camera's film, is in the arrays.

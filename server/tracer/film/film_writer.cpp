@@ -1,26 +1,40 @@
 #include "server/tracer/film/film_writer.h"
 
 #include <algorithm>
-#include <atomic>
+#include <bit>
 #include <cmath>
 #include <numbers>
 
 namespace itn::tracer {
 namespace {
 
-// Radiance is counted in 2^-20 of a power of two near the lights' mean radiance: far below what a
-// sample is worth. A sample may be 2^22 times that mean, as when the camera looks into the smallest
-// sun, and 2^20 of them do not overflow 63 bits.
-constexpr int kQuantumBits = 20;
-constexpr double kMaxQuanta = 0x1p42;
+// Radiance is counted in 2^-60 of a power of two near the lights' mean radiance. A sample may be
+// 2^40 times that mean, as when the camera looks into the smallest lamp, and 2^20 of them do not
+// overflow 127 bits.
+constexpr int kQuantumBits = 60;
+constexpr double kMaxQuanta = 0x1p100;
 
-// Squares are counted in 2^-30 of the mean's square, so that dark pixels have a standard error too,
-// and cut off at 2^42 quanta, a radiance of 64 times the mean.
-constexpr int kSquaresQuantumBits = 30;
+// Squares are counted in 2^-64 of the mean's square, so that dark pixels have a standard error too,
+// and cut off at 2^104 quanta, a radiance of 2^20 times the mean.
+constexpr int kSquaresQuantumBits = 64;
+constexpr double kMaxSquareQuanta = 0x1p104;
 
-// Integers add up to the same in any order.
-void add_to(int64_t& sum, int64_t by) {
-  std::atomic_ref(sum).fetch_add(by, std::memory_order_relaxed);
+// The nearest integer.
+Sum rounded(double quanta) {
+  return static_cast<Sum>(std::rint(quanta));
+}
+
+// Integers add up to the same in any order. Their halves are added apart, as no processor adds more
+// than 64 bits at once: the thread that makes the low half overflow carries.
+void add_to(Sum& sum, Sum by) {
+  using Half [[gnu::may_alias]] = uint64_t;
+  static_assert(std::endian::native == std::endian::little);
+  auto* const halves = reinterpret_cast<Half*>(&sum);
+  const auto low = static_cast<uint64_t>(by);
+  const uint64_t before = __atomic_fetch_add(&halves[0], low, __ATOMIC_RELAXED);
+  const uint64_t carry = before + low < before ? 1 : 0;
+  const uint64_t high = static_cast<uint64_t>(by >> 64) + carry;
+  if (high != 0) __atomic_fetch_add(&halves[1], high, __ATOMIC_RELAXED);
 }
 
 double power_of_two_near(double x) {
@@ -39,7 +53,7 @@ double derivative_unit(const Parameter& parameter, const Scene::Compiled& scene,
 }
 
 // Radiance per radiance of the panorama, of order 1, is counted in this.
-constexpr double kMapQuantum = 0x1p-24;
+constexpr double kMapQuantum = 0x1p-60;
 
 void prepare_gradient(const Scene::Compiled& scene, const RenderRequest& request, const Plan& plan,
                       FilmSums& film) {
@@ -94,7 +108,7 @@ FilmSums empty_film(const Scene::Compiled& scene, const RenderRequest& request, 
   }
   const auto pixels = static_cast<size_t>(film.width) * static_cast<size_t>(film.height);
   film.squares.resize(pixels);
-  film.other_squares.assign(colours, std::vector<int64_t>(pixels));
+  film.other_squares.assign(colours, std::vector<Sum>(pixels));
   film.hits.resize(pixels);
   film.estimates.resize(request.estimates);
   for (uint32_t k = 0; k < request.estimates; ++k) {
@@ -106,9 +120,9 @@ FilmSums empty_film(const Scene::Compiled& scene, const RenderRequest& request, 
     }
     estimate.radiance.resize(pixels);
     if (request.gradient_weights.empty()) {
-      estimate.derivatives.assign(derivative_count(request), std::vector<int64_t>(pixels));
+      estimate.derivatives.assign(derivative_count(request), std::vector<Sum>(pixels));
     }
-    estimate.other_media.assign(request.albedos.size() + colours, std::vector<int64_t>(pixels));
+    estimate.other_media.assign(request.albedos.size() + colours, std::vector<Sum>(pixels));
   }
   if (!request.gradient_weights.empty()) prepare_gradient(scene, request, plan, film);
   return film;
@@ -131,14 +145,14 @@ void FilmWriter::add_to_map(uint32_t pixel, uint32_t sample, size_t map_pixel,
                             double per_radiance) {
   const uint32_t k = sample % estimates_;
   const double part = per_radiance * double{film_->gradient_factors[k][film_->index_of(pixel)]};
-  add_to(film_->estimates[k].map_gradient[map_pixel], std::llrint(part / kMapQuantum));
+  add_to(film_->estimates[k].map_gradient[map_pixel], rounded(part / kMapQuantum));
 }
 
 void FilmWriter::add_to_normals(uint32_t pixel, uint32_t sample, uint32_t triangle,
                                 const std::array<Vec3d, 3>& by_corner) {
   const uint32_t k = sample % estimates_;
   const double factor{film_->gradient_factors[k][film_->index_of(pixel)]};
-  std::array<int64_t, 9> parts{};
+  std::array<Sum, 9> parts{};
   auto part = parts.begin();
   for (const Vec3d& v : by_corner) {
     for (const double coordinate : {v.x, v.y, v.z}) {
@@ -147,11 +161,11 @@ void FilmWriter::add_to_normals(uint32_t pixel, uint32_t sample, uint32_t triang
         ++counters.invalid_samples;
         return;
       }
-      *part++ = std::llrint(quanta);
+      *part++ = rounded(quanta);
     }
   }
-  int64_t* sum = &film_->estimates[k].normal_gradient[parts.size() * triangle];
-  for (const int64_t by : parts) add_to(*sum++, by);
+  Sum* sum = &film_->estimates[k].normal_gradient[parts.size() * triangle];
+  for (const Sum by : parts) add_to(*sum++, by);
 }
 
 void FilmWriter::add(const PathSample& sample, const PathEstimate& path) {
@@ -205,24 +219,23 @@ bool FilmWriter::collect(const PathEstimate& path, PixelSums& sums) {
     representable = representable && std::abs(path.other_media[m] * per_radiance_) < kMaxQuanta;
   }
   if (!representable) return false;
-  sums.radiance += std::llrint(radiance);
+  sums.radiance += rounded(radiance);
   const auto square = [&](double x) {
-    return std::llrint(std::min(x * x * per_square_, kMaxQuanta));
+    return rounded(std::min(x * x * per_square_, kMaxSquareQuanta));
   };
   sums.squares += square(path.radiance);
   if (is_gradient_) {
     const double factor{film_->gradient_factors[sums.estimate][film_->index_of(sums.pixel)]};
     for (size_t i = 0; i < derivatives_; ++i) {
-      gradients_[sums.estimate][i] +=
-          std::llrint(factor * path.derivatives[i] * per_derivative_[i]);
+      gradients_[sums.estimate][i] += rounded(factor * path.derivatives[i] * per_derivative_[i]);
     }
   } else {
     for (size_t i = 0; i < derivatives_; ++i) {
-      sums.derivatives[i] += std::llrint(path.derivatives[i] * per_derivative_[i]);
+      sums.derivatives[i] += rounded(path.derivatives[i] * per_derivative_[i]);
     }
   }
   for (size_t m = 0; m < other_media_; ++m) {
-    sums.other_media[m] += std::llrint(path.other_media[m] * per_radiance_);
+    sums.other_media[m] += rounded(path.other_media[m] * per_radiance_);
   }
   for (size_t m = 0; m < other_squares_; ++m) sums.other_squares[m] += square(path.other_media[m]);
   return true;

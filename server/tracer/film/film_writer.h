@@ -47,9 +47,9 @@ class FilmWriter {
   struct PixelSums {
     static constexpr uint32_t kNone = ~0U;
     uint32_t pixel = kNone, estimate = 0;
-    int64_t hits = 0, radiance = 0, squares = 0;
-    std::array<int64_t, kMaxDerivatives> derivatives{};
-    std::array<int64_t, kMaxAlbedos> other_media{}, other_squares{};
+    Sum hits = 0, radiance = 0, squares = 0;
+    std::array<Sum, kMaxDerivatives> derivatives{};
+    std::array<Sum, kMaxAlbedos> other_media{}, other_squares{};
   };
   bool collect(const PathEstimate& path, PixelSums& sums);
   // Adds them to the film.
@@ -62,7 +62,7 @@ class FilmWriter {
   bool is_gradient_;
   size_t derivatives_, other_media_, other_squares_;  // how many images of each
   // Of estimates, by derivative: collected here until close().
-  std::vector<std::array<int64_t, kMaxDerivatives>> gradients_;
+  std::vector<std::array<Sum, kMaxDerivatives>> gradients_;
   double per_radiance_, per_square_;
   std::array<double, kMaxDerivatives> per_derivative_{};
   std::array<PixelSums, kCollected> collected_{};

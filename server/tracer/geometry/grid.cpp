@@ -24,6 +24,8 @@ constexpr double kCellEdge = 1.6;
 // Cells along the longest side, at least: in a mesh of few large triangles most flights then stay
 // among empty cells.
 constexpr double kMinCells = 24;
+// Objects whose longest side is more than so many times their thickness are thin.
+constexpr double kThin = 100;
 
 // What a grid may cost: the same of every mesh by the number of its triangles, however thin, large
 // or often repeated they are. Scans take a fifth to a half of it; where a mesh would take more, its
@@ -40,18 +42,6 @@ constexpr size_t most_references(size_t triangles) {
 }
 static_assert(most_references(Grid::kMaxTriangles) < uint64_t{1} << 32,
               "they are counted in 32 bits");
-
-double area(const Mesh& mesh, Cancellation& cancellation) {
-  double sum = 0;
-  for (const auto& [a, b, c] : mesh.triangles) {
-    cancellation.turn();
-    const auto corner = static_cast<Vec3d>(mesh.vertices[a]);
-    sum += length(cross(static_cast<Vec3d>(mesh.vertices[b]) - corner,
-                        static_cast<Vec3d>(mesh.vertices[c]) - corner)) /
-           2;
-  }
-  return sum;
-}
 
 // The length of the axes of cells, before they are rounded to integers.
 constexpr double kAxisLength = 127;
@@ -139,8 +129,8 @@ void Grid::choose_cells(const Mesh& mesh, Cancellation& cancellation) {
   const Bounds box = bounds(mesh);
   const Vec3d extent = static_cast<Vec3d>(box.max) - static_cast<Vec3d>(box.min);
   const double longest = std::max({extent.x, extent.y, extent.z});
-  double cell =
-      kCellEdge * std::sqrt(2 * area(mesh, cancellation) / static_cast<double>(triangles));
+  is_thin = longest > kThin * thickness(mesh);
+  double cell = kCellEdge * std::sqrt(2 * area(mesh) / static_cast<double>(triangles));
   cell = std::min(cell, longest / kMinCells);
   const ExpectedTouches expected(mesh, cancellation);
   cell = std::max(cell, expected.edge_for(static_cast<double>(most_references(triangles))));

@@ -59,7 +59,10 @@ class Grid {
   float edge = 1, inverse_edge = 1;
   std::array<int, 3> size{1, 1, 1};  // in cells
   float slab_scale = 1;              // above all a . (x - middle) of a cell
-  std::vector<uint32_t> cells;       // x fastest
+  // The object is thin and wide: where lines cross a triangle is computed in double precision, as
+  // the coordinates of its corners are many times what matters.
+  bool is_thin = false;
+  std::vector<uint32_t> cells;  // x fastest
   // For every cell and octant of directions, the edge in cells of the largest empty cube that has
   // the cell in its corner and reaches ahead, at most kMaxSkip; what lies outside the grid is
   // empty. Eight bytes a cell, by octant: bit 0 set if x falls, 1 if y, 2 if z. 1 for occupied

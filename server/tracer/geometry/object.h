@@ -18,6 +18,9 @@ namespace itn::tracer {
 // to the camera, so that coordinates and directions are right to a per cent of it.
 constexpr double kSmallestLength = 1e-6;
 constexpr double kSmallestPart = 2e-5;
+// Its thickness (common/geometry/mesh.h) is this part at least of its largest coordinate: twelve
+// times what a line may miss the boundary by (geometry/line_geometry.h).
+constexpr double kSmallestThickness = 6e-6;
 
 class Object {
  public:

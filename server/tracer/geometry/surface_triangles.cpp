@@ -9,6 +9,7 @@ namespace itn::tracer {
 
 Surfaces::Surfaces(const std::vector<DiffuseSurface>& surfaces) {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
   bounds = {{kInfinity, kInfinity, kInfinity}, {-kInfinity, -kInfinity, -kInfinity}};
   std::vector<Mesh> meshes;
   for (const DiffuseSurface& surface : surfaces) {
@@ -22,18 +23,21 @@ Surfaces::Surfaces(const std::vector<DiffuseSurface>& surfaces) {
           {{first, first + count}, surface.reflectance, first_triangle_of_mesh.size() - 1});
     }
     for (const auto& triangle : surface.mesh.triangles) {
-      Vec3d corner[3];
+      Vec3f corner[3];
+      for (size_t k = 0; k < 3; ++k) corner[k] = surface.mesh.vertices[triangle[k]];
+      const auto exact = [&](size_t k) { return static_cast<Vec3d>(corner[k]); };
+      const Vec3d normal = cross(exact(1) - exact(0), exact(2) - exact(0));
+      // A triangle without an area is met nowhere, as comparisons with NaN are false.
+      const bool is_empty = !(length(normal) > 0);
       for (size_t k = 0; k < 3; ++k) {
-        const Vec3f v = surface.mesh.vertices[triangle[k]];
-        corners[k].push_back(v);
-        corner[k] = static_cast<Vec3d>(v);
+        const Vec3f v = corner[k];
+        corners[k].push_back(is_empty ? Vec3f{kNan, kNan, kNan} : v);
         bounds.min = {std::min(bounds.min.x, v.x), std::min(bounds.min.y, v.y),
                       std::min(bounds.min.z, v.z)};
         bounds.max = {std::max(bounds.max.x, v.x), std::max(bounds.max.y, v.y),
                       std::max(bounds.max.z, v.z)};
       }
-      normals.push_back(
-          static_cast<Vec3f>(itn::normalize(cross(corner[1] - corner[0], corner[2] - corner[0]))));
+      normals.push_back(is_empty ? Vec3f{0, 1, 0} : static_cast<Vec3f>(itn::normalize(normal)));
       reflectances.push_back(uniform == nullptr ? 0 : uniform->value);
       ++triangles;
     }

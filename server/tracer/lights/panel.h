@@ -3,6 +3,7 @@
 #ifndef ITN_TRACER_LIGHTS_PANEL_H_
 #define ITN_TRACER_LIGHTS_PANEL_H_
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -54,8 +55,8 @@ struct PanelLight {
 
   static constexpr bool kDelta = false, kDistant = false;
   double area() const { return 4 * length(cross(half_u, half_v)); }
-  // As if it faced the object.
-  double power() const { return radiance * area() / distance2; }
+  // Irradiance at the object's middle if the panel faced it; that of a half-space of light at most.
+  double power() const { return radiance * std::min(area() / distance2, std::numbers::pi); }
 };
 
 }  // namespace itn::tracer

@@ -77,9 +77,16 @@ void check(const SceneDescription& scene) {
   if (stops_lines(scene.boundary) && is_delta(scene.boundary)) check_lights_are_found(scene);
 }
 
-// Puts the other objects behind the object: one mesh of several parts. Returns the boxes of all.
-std::vector<Bounds> join_objects(SceneDescription& scene, PartCache& parts,
-                                 const std::stop_token& stop) {
+// What of an object's size floats have to resolve.
+struct ObjectSize {
+  Bounds box;
+  double thickness;
+  explicit ObjectSize(const Mesh& mesh) : box(bounds(mesh)), thickness(itn::thickness(mesh)) {}
+};
+
+// Puts the other objects behind the object: one mesh of several parts. Returns the sizes of all.
+std::vector<ObjectSize> join_objects(SceneDescription& scene, PartCache& parts,
+                                     const std::stop_token& stop) {
   if (scene.compiled_object) {
     scene.object = scene.compiled_object->mesh;
   } else {
@@ -91,11 +98,11 @@ std::vector<Bounds> join_objects(SceneDescription& scene, PartCache& parts,
       has_keys ? part_key("objects", scene.pose) + scene.object_key + scene.other_objects_digest
                : std::string();
   const bool known = has_keys && parts.find<Object>(scene.object_key) != nullptr;
-  std::vector<Bounds> boxes{bounds(scene.object)};
+  std::vector<ObjectSize> sizes{ObjectSize(scene.object)};
   for (OtherObject& other : scene.other_objects) {
-    if (!known) validate_closed(other.mesh, name_of_object(boxes.size()), stop);
+    if (!known) validate_closed(other.mesh, name_of_object(sizes.size()), stop);
     other.mesh = to_object(scene.pose, std::move(other.mesh));
-    boxes.push_back(bounds(other.mesh));
+    sizes.emplace_back(other.mesh);
     Mesh& all = scene.object;
     const auto vertices = static_cast<uint32_t>(all.vertices.size());
     all.vertices.insert(all.vertices.end(), other.mesh.vertices.begin(), other.mesh.vertices.end());
@@ -103,16 +110,16 @@ std::vector<Bounds> join_objects(SceneDescription& scene, PartCache& parts,
       all.triangles.push_back({a + vertices, b + vertices, c + vertices});
     }
   }
-  return boxes;
+  return sizes;
 }
 
 // Whether floats resolve each of the objects.
-void check_sizes(const SceneDescription& scene, const std::vector<Bounds>& boxes) {
+void check_sizes(const SceneDescription& scene, const std::vector<ObjectSize>& sizes) {
   const double extent = double{scene.compiled_object->extent};
-  for (size_t k = 0; k < boxes.size(); ++k) {
-    const double size = longest_side(boxes[k]);
-    const Vec3d middle =
-        (static_cast<Vec3d>(boxes[k].min) + static_cast<Vec3d>(boxes[k].max)) * 0.5;
+  for (size_t k = 0; k < sizes.size(); ++k) {
+    const auto& [box, thickness] = sizes[k];
+    const double size = longest_side(box);
+    const Vec3d middle = (static_cast<Vec3d>(box.min) + static_cast<Vec3d>(box.max)) * 0.5;
     const double distance = length(scene.camera.origin - scene.pose.to_scene(middle));
     const auto require_part_of = [&](double reach, const char* what) {
       if (size >= kSmallestPart * reach) return;
@@ -123,6 +130,12 @@ void check_sizes(const SceneDescription& scene, const std::vector<Bounds>& boxes
     };
     require_part_of(distance, "distance to the camera");
     require_part_of(extent, "distance of all objects from the origin of the first");
+    if (thickness < kSmallestThickness * extent) {
+      throw invalid_input(fmt::format(
+          "{}: it is {:g} mm thick (twice its volume over its area); it must be {:g} mm at least, "
+          "{:g} of the largest coordinate, which is {:g} mm: make it less wide",
+          name_of_object(k), thickness, kSmallestThickness * extent, kSmallestThickness, extent));
+    }
   }
 }
 
@@ -130,8 +143,8 @@ std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCac
                                                const std::stop_token& stop) {
   check(scene);
   const bool alone = scene.other_objects.empty();
-  std::vector<Bounds> boxes;
-  if (!alone) boxes = join_objects(scene, parts, stop);
+  std::vector<ObjectSize> sizes;
+  if (!alone) sizes = join_objects(scene, parts, stop);
   const auto build = [&] {
     return compile_object(std::move(scene.object), alone ? "object" : "object with other_objects",
                           stop);
@@ -140,8 +153,8 @@ std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCac
     scene.compiled_object =
         scene.object_key.empty() ? build() : parts.get<Object>(scene.object_key, stop, build);
   }
-  if (alone) boxes = {scene.compiled_object->bounds};
-  check_sizes(scene, boxes);
+  if (alone) sizes = {ObjectSize(scene.compiled_object->mesh)};
+  check_sizes(scene, sizes);
   return std::make_unique<const Scene::Compiled>(std::move(scene), parts, stop);
 }
 

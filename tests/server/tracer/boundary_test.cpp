@@ -378,6 +378,24 @@ TEST(DielectricTest, SlabsThatScatterByAddingDoubling) {
   }
 }
 
+// However much wider than thick a slab is: the paths of its light are as long, and what looks for
+// the boundary knows only where a cell of it is. The truth is that of the test before.
+TEST(DielectricTest, SlabsMayBeWide) {
+  constexpr double kExpected = 0.402967 + 0.121716;
+  for (const float half : {20.0F, 200.0F, 1000.0F}) {
+    SceneDescription description = slab(1);
+    description.object = box({-half, 0, -half}, {half, 1, half});
+    description.boundary = Dielectric{1.33F};
+    const FilmEstimate film =
+        estimate_film(Scene(std::move(description)),
+                      {.material = {5, 0.95, 0}, .sample_count = 2048, .estimates = 1}, 32);
+    const std::string what = fmt::format("{} times as wide as thick", 2 * half);
+    expect_equal(film.radiance, {kExpected, 1e-4}, 3, what);
+    expect_resolution(film.radiance, kExpected, 0.005, what);
+    EXPECT_EQ(film.counters.leaks, 0U) << what;
+  }
+}
+
 // With all derivatives, each resolved by its own size, or by this part of the radiance: what the
 // image changes with the logarithm of the parameter at most.
 void expect_tracers_agree(const Scene& scene, RenderRequest request, int comparisons,

@@ -1,5 +1,6 @@
 // Lamps: closed forms of what they send through air and medium, and the limits in which they are
 // far away, or small.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -187,6 +188,25 @@ TEST(PanelLightTest, LightsTheGround) {
   const Scene turned_away(seen_ground({panel(0.5, -1)}));
   EXPECT_EQ(film_mean(render_grad(turned_away, {.material = {1e3, 0, 0}, .sample_count = 4}), -1),
             0);
+}
+
+// What it sends to the object is at most that of half of all directions, however large it is: that
+// decides what roulette thinks little of.
+TEST(PanelLightTest, MayBeMuchLargerThanTheObject) {
+  const auto over = [](double half) {
+    SceneDescription scene = studio("cube", {});
+    scene.lights = {PanelLight{{0, -0.6, 0}, {half, 0, 0}, {0, 0, -half}, 1}};
+    return Scene(std::move(scene));
+  };
+  RenderRequest request{.material = {5, 0.9, 0}, .sample_count = 256, .estimates = 1};
+  for (const double half : {1e3, 1e5}) {
+    request.tracer = Tracer::kReference;
+    const FilmEstimate expected = estimate_film(over(half), request, 16, 1000);
+    request.tracer = Tracer::kWavefront;
+    const FilmEstimate film = estimate_film(over(half), request, 16);
+    expect_equal(film.radiance, expected.radiance, 2, fmt::format("half a side of {} mm", half));
+    expect_resolution(film.radiance, expected.radiance.mean, 0.02, "panel");
+  }
 }
 
 // Turned to one side by an angle between its two, it is a point that has faded.

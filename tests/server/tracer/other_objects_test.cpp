@@ -262,7 +262,7 @@ TEST(OtherObjectsTest, OtherAlbedosAreOfTheObject) {
     request.seed = seed;
     const FilmSums sums = render_grad(scene, request);
     double sum = 0;
-    for (const int64_t pixel : sums.estimates[0].other_media[0]) sum += static_cast<double>(pixel);
+    for (const Sum pixel : sums.estimates[0].other_media[0]) sum += static_cast<double>(pixel);
     shared.push_back(sum * sums.quantum / static_cast<double>(request.sample_count) /
                      static_cast<double>(sums.estimates[0].counts.size()));
     RenderRequest alone{.material = {kJade.sigma_t, 0.8, kJade.g}, .sample_count = 256};

@@ -160,6 +160,36 @@ TEST(RenderTest, InstructionSetsDoNotMatter) {
   }
 }
 
+// Sums hold the smallest lamp that the camera looks into beside the faintest light.
+TEST(RenderTest, ALampInViewDropsNothing) {
+  SceneDescription scene = studio("cube", {SphereLight{{0, 3, 0}, 1e-4, 1e9}, ConstantLight{1e-6}});
+  scene.camera = {.origin = {0, 3, -1}, .target = {0, 3, 0}, .up = {0, 1, 0}, .fov = 1e-5};
+  scene.film = {1, 1};
+  const RenderRequest into_it{.material = {60, 0.9, 0}, .sample_count = 4, .estimates = 1};
+  SceneDescription beside = scene;
+  beside.camera.target = {0.1, 3, 0};
+  for (const auto& [seen, radiance] : {std::pair{scene, 1e9F}, std::pair{beside, 1e-6F}}) {
+    const FilmSums sums = render_grad(Scene(seen), into_it);
+    EXPECT_EQ(sums.counters.invalid_samples, 0U);
+    EXPECT_EQ(means(sums).estimates[0].radiance[0], radiance);
+  }
+}
+
+// A triangle that is next to nothing hides next to nothing; one without an area nothing.
+TEST(RenderTest, SmallTrianglesAreMetWhereTheyAre) {
+  const SceneDescription open = studio("cube", {ConstantLight{1}}, -1, 16);
+  const auto beside = [&](float size) {
+    SceneDescription scene = open;
+    scene.surfaces.push_back(
+        {{{{0, -0.5F, 0}, {size, -0.5F, 0}, {0, -0.5F, size}}, {{0, 1, 2}}}, 0.0F});
+    return means(render_grad(Scene(std::move(scene)), request()));
+  };
+  const RenderedImages expected = means(render_grad(Scene(open), request()));
+  for (const float size : {0.0F, 1e-30F, 1e-8F, 1e-5F}) {
+    EXPECT_EQ(beside(size).estimates[0].radiance, expected.estimates[0].radiance) << size;
+  }
+}
+
 // With the same roulette, walks are as long as those of the reference.
 TEST(RenderTest, TheUsualRouletteWalksAsFarAsTheReference) {
   RenderRequest s = request();

@@ -77,11 +77,16 @@ inline void find_surfaces(const Surfaces& surfaces, Lines& lines, Mask where, si
     const Vectors n = set(surfaces.normals.at(i));
     const Floats cosine = dot(n, w);
     const Floats sign = hn::CopySign(set(1.0F), cosine);
-    const Vectors a = set(surfaces.corners[0].at(i)) - o, b = set(surfaces.corners[1].at(i)) - o,
-                  c = set(surfaces.corners[2].at(i)) - o;
-    const Floats least =
-        hn::Min(hn::Mul(sign, dot(w, cross(b, c))),
-                hn::Min(hn::Mul(sign, dot(w, cross(c, a))), hn::Mul(sign, dot(w, cross(a, b)))));
+    const Vec3f p = surfaces.corners[0].at(i), q = surfaces.corners[1].at(i),
+                r = surfaces.corners[2].at(i);
+    const Vectors a = set(p) - o, b = set(q) - o, c = set(r) - o;
+    // On which side of an edge the line passes. With the edge itself, not with its two ends, the
+    // rounding is in proportion to its length, so that a small triangle is met where it is. The
+    // triangle beyond finds exactly the opposite.
+    const auto side = [&](Vectors begin, Vectors stop, Vec3f edge) {
+      return hn::Mul(sign, dot(w, cross(begin + stop, set(edge))));
+    };
+    const Floats least = hn::Min(side(b, c, r - q), hn::Min(side(c, a, p - r), side(a, b, q - p)));
     const Floats t = hn::Div(dot(n, a), cosine);
     const auto number = set(static_cast<uint32_t>(i));
     Mask hits = hn::And(hn::Ge(least, zero), hn::Ne(cosine, zero));

@@ -109,38 +109,53 @@ class TriangleTest {
           entry.c_z = shear.c_z;
           entry.per_z = shear.per_z;
           entry.to_c = shear.to_c;
-          if constexpr (AtBoundary::kStops) {
-            entry.first = b * TriangleBlock::kSize + static_cast<uint32_t>(i);
-          }
+          entry.first = b * TriangleBlock::kSize + static_cast<uint32_t>(i);
           passed += entry.hits != 0 ? 1 : 0;
           if (passed == kPassed) {
-            measure_hits(lines, crossings, passed);
+            measure_hits(grid, lines, crossings, passed);
             passed = 0;
           }
         }
       }
     }
-    measure_hits(lines, crossings, passed);
+    measure_hits(grid, lines, crossings, passed);
   }
 
  private:
+  // How far along a line the plane of a triangle is, in mm: exact but for the rounding of the line.
+  static float distance_to_plane(const Grid& grid, const Lines& lines, int line,
+                                 uint32_t triangle) {
+    const TriangleBlock& block = grid.blocks[triangle / TriangleBlock::kSize];
+    const auto corner = [&](size_t k) {
+      const auto& axes = block.corners[k];
+      const uint32_t lane = triangle % TriangleBlock::kSize;
+      return Vec3d{double{axes[0][lane]}, double{axes[1][lane]}, double{axes[2][lane]}};
+    };
+    const Vec3f middle = grid.occupied[lines.word[line] & Grid::kPayload].middle;
+    const Vec3d a = corner(0), n = itn::cross(corner(1) - a, corner(2) - a);
+    const Vec3d from = static_cast<Vec3d>(lines.origin.at(line)) - static_cast<Vec3d>(middle);
+    return static_cast<float>(itn::dot(n, a - from) /
+                              itn::dot(n, static_cast<Vec3d>(lines.direction.at(line))));
+  }
+
   // The three sides of a triangle that is hit are the barycentric coordinates of the crossing,
   // times a common factor.
-  HWY_INLINE void measure_hits(Lines& lines, [[maybe_unused]] LineCrossings& crossings,
-                               size_t count) {
+  HWY_INLINE void measure_hits(const Grid& grid, Lines& lines,
+                               [[maybe_unused]] LineCrossings& crossings, size_t count) {
     for (const Passed* entry = passed_; entry < passed_ + count; ++entry) {
       const int line = entry->line;
       for (LineBits bits = entry->hits; bits != 0; bits &= bits - 1) {
-        const int i = std::countr_zero(bits);
+        const auto i = static_cast<uint32_t>(std::countr_zero(bits));
         const float u = entry->sides[0][i], v = entry->sides[1][i], w = entry->sides[2][i];
         const float z = (u * entry->depth_grid[0][i] + v * entry->depth_grid[1][i] +
                          w * entry->depth_grid[2][i]) /
                         (u + v + w);
-        const float t = entry->to_c + (z - entry->c_z) * entry->per_z;
+        const float t = grid.is_thin ? distance_to_plane(grid, lines, line, entry->first + i)
+                                     : entry->to_c + (z - entry->c_z) * entry->per_z;
         const float end = std::min(lines.end[line], lines.hit[line]);
         if constexpr (AtBoundary::kStops) {
           if (t >= lines.t_min[line] && t <= end) {
-            crossings.hit[line] = entry->first + static_cast<uint32_t>(i);
+            crossings.hit[line] = entry->first + i;
             crossings.cell[line] = lines.word[line] & Grid::kPayload;
             crossings.sides.set(line, {u, v, w});
           }
@@ -158,7 +173,7 @@ class TriangleTest {
     alignas(64) std::array<float, kMaxLanes> sides[3];
     LineBits hits;
     int line;
-    uint32_t first;  // of its triangles, as its block * kSize + place in it; if a model asks
+    uint32_t first;                          // of its triangles, as its block * kSize + place in it
     std::array<const float*, 3> depth_grid;  // of the corners, along the axis nearest to the line
     float c_z, per_z, to_c;                  // t = to_c + (z - c_z) per_z
   };

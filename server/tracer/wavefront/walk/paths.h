@@ -189,12 +189,12 @@ struct RefractedRays {
   // Of the path, with that of the direction, unless it is a search for a facet.
   std::vector<FloatColumn> score_slots;
   UintColumn source{};  // of the light, as of ShadowRays
-  // Of searches for a facet: where they begin, in which direction the
-  // path came there, and the lamp that they are sent to (lamp_drawn); and of those that are aimed
-  // again, the facet that they are aimed at, and the longest of the rays before.
+  // Of searches for a facet: where they begin, in which direction the path came there, the lamp
+  // that they are sent to (lamp_drawn), and how far the ray may go that is aimed at what they find,
+  // in mm. Of rays that are aimed again: the facet that they are aimed at.
   VectorColumn origin, before;
   UintColumn lamp{}, facet{};
-  FloatColumn longest{};
+  FloatColumn limit{};
   size_t count = 0;
 };
 

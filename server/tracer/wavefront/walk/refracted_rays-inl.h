@@ -157,6 +157,22 @@ HWY_INLINE Vectors draw_in_lobe(const Wavefront& wave, Uints medium, Vectors axi
   return renormalize(frame_to_world(axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
 }
 
+// How far rays go that search for a facet, in mm. The roulette does not shorten them: it judges the
+// ray that is aimed at what they find, which may be much shorter.
+HWY_INLINE Floats longest_search(const Wavefront& wave, Uints medium) {
+  return by_medium(wave.media, medium,
+                   [](const Medium& of) { return set(kMaxOpticalDepth / of.sigma_t); });
+}
+// A distance from x within which there is no boundary, in mm: that of the depth grid, as short as
+// its cells and its steps may make it.
+HWY_INLINE Floats least_depth(const Wavefront& wave, Vectors x) {
+  constexpr float kLongestStep = 1.1F, kMiddles = 1.74F;  // two half diagonals of a cell
+  const DepthGrid& depth_grid = wave.scene.obstacles.depth_grid;
+  const Floats thirds = quantized_depth(depth_grid, cells_at(depth_grid.cells, x));
+  const auto edge = static_cast<float>(depth_grid.cells.edge);
+  return mul_add(thirds, set(edge / (3 * kLongestStep)), set(-kMiddles * edge));
+}
+
 // Where paths in slots i, i + 1 ... are at a rough boundary: one over the density with which the
 // walk went there from where it scattered, or 0.
 HWY_INLINE Floats per_arrival(const Wavefront& wave, size_t i, Uints medium) {
@@ -230,9 +246,7 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
   append(x, sent.rays.position);
   append(search, sent.rays.direction);
   append(set(Rays::kInside), sent.rays.interaction);
-  append(by_medium(wave.media, medium,
-                   [](const Medium& of) { return set(kMaxOpticalDepth / of.sigma_t); }),
-         sent.rays.max_medium_length);
+  append(longest_search(wave, medium), sent.rays.max_medium_length);
   append(slots_from(i), sent.slot);
   append(hn::Div(pdf, hn::Mul(walk_pdf, arriving)), sent.odds);
   append(x, sent.origin);
@@ -257,9 +271,7 @@ inline void send_lobe_odds(Wavefront& wave, OddsRays& sent, size_t i, Mask where
   append(x, sent.rays.position);
   append(if_then_else(aim.possible, aim.direction, outer), sent.rays.direction);
   append(set(Rays::kInside), sent.rays.interaction);
-  append(by_medium(wave.media, medium,
-                   [](const Medium& of) { return set(kMaxOpticalDepth / of.sigma_t); }),
-         sent.rays.max_medium_length);
+  append(longest_search(wave, medium), sent.rays.max_medium_length);
   append(slots_from(i), sent.slot);
   append(hn::Mul(arrival, per), sent.odds);
   append(x, sent.origin);
@@ -316,13 +328,17 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
                                hn::Mul(light_pdf, hn::Add(pdf, phase.value)));
   const Floats importance = hn::Mul(path_importance(wave, i), worth);
   const Floats limit = depth_limit(wave, importance, roulette);
+  const Floats limit_mm = hn::Mul(limit, free_path_of(wave.media, medium));
   where = hn::And(where, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
+  if (wave.searches_facets)
+    where = hn::AndNot(hn::Lt(limit_mm, least_depth(wave, position)), where);
 
   const Append append{where, sent.count};
   append(position, sent.rays.position);
   append(direction, sent.rays.direction);
   append(set(Rays::kInside), sent.rays.interaction);
-  append(hn::Mul(limit, free_path_of(wave.media, medium)), sent.rays.max_medium_length);
+  append(wave.searches_facets ? longest_search(wave, medium) : limit_mm,
+         sent.rays.max_medium_length);
   append(slots_from(i), sent.slot);
   append(importance, sent.importance);
   append(target.place, sent.to_light);
@@ -331,7 +347,7 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
     append(position, sent.origin);
     append(load(paths.rays.direction, i), sent.before);
     append(target.lamp, sent.lamp);
-    append(zero, sent.longest);
+    append(limit_mm, sent.limit);
   } else {
     append(phase.value, sent.phase);
     append(pdf, sent.pdf);
@@ -443,11 +459,6 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
                         : exit_of_rough(wave, sent, i, medium, at, arriving);
   where = hn::And(where, hn::And(hn::Gt(dot(flat_normal, exit.to_light), zero),
                                  hn::Gt(exit.per_radiance, zero)));
-  Floats importance = load(sent.importance, i);
-  if (&sent == &wave.aimed_again) {  // their roulette was that of the longest of all rays
-    const Floats longer = hn::Max(hn::Sub(load(sent.longest, i), length), zero);
-    importance = hn::Mul(importance, part_arriving(wave, medium, longer));
-  }
   const Mask from_far =
       hn::And(hn::Gt(load(sent.light_pdf, i), zero), hn::Eq(exit.distance, set(kInfinity)));
   const size_t phase_slots = wave.paths.control_phase.size();
@@ -458,7 +469,7 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
                    .slot = load(sent.slot, i),
                    .light = hn::Mul(exit.radiance, exit.per_radiance),
                    .source = exit.source,
-                   .importance = importance,
+                   .importance = load(sent.importance, i),
                    .per_radiance = hn::IfThenElseZero(from_far, exit.per_radiance),
                    .distance = exit.distance,
                    .max_medium_length = zero,
@@ -560,11 +571,6 @@ HWY_INLINE LobeSum sum_lobes(const Wavefront& wave, const SentRays& sent, size_t
   return sum;
 }
 
-// The longest of the rays up to this one.
-HWY_INLINE Floats longest_of(const RefractedRays& sent, size_t i) {
-  return hn::Max(load(sent.longest, i), load(sent.rays.medium_length, i));
-}
-
 // Rays in these directions, from where those began that searched for a facet.
 struct AimedRays {
   Vectors direction;
@@ -580,13 +586,12 @@ inline void add_aimed(Wavefront& wave, size_t i, Uints medium, Mask where, const
   append(load(sent.origin, i), again.rays.position);
   append(aimed.direction, again.rays.direction);
   append(set(Rays::kInside), again.rays.interaction);
-  append(load(sent.rays.max_medium_length, i), again.rays.max_medium_length);
+  append(load(sent.limit, i), again.rays.max_medium_length);
   append(load(sent.slot, i), again.slot);
   append(load(sent.importance, i), again.importance);
   append(phase.value, again.phase);
   append(aimed.pdf, again.pdf);
   append(load(sent.light_pdf, i), again.light_pdf);
-  append(longest_of(sent, i), again.longest);
   if (wave.boundary_is_delta) {
     append(load(sent.lamp, i), again.lamp);
     append(hn::BitCast(UintTag(), aimed.facet), again.facet);
@@ -649,9 +654,8 @@ inline void keep_searching(Wavefront& wave, SentRays& sent, size_t i, Mask where
   if (hn::AllFalse(FloatTag(), where)) return;
   const Append append{where, kept};
   const auto keep = [&](auto& column) { append(load(column, i), column); };
-  if constexpr (requires { sent.longest; }) {
-    append(longest_of(sent, i), sent.longest);
-    for (auto* column : {&sent.importance, &sent.light_pdf}) keep(*column);
+  if constexpr (requires { sent.limit; }) {
+    for (auto* column : {&sent.limit, &sent.importance, &sent.light_pdf}) keep(*column);
     keep(sent.before);
     for (FloatColumn& score : sent.score_slots) keep(score);
     if (!wave.boundary_is_delta) {
