@@ -8,10 +8,9 @@
 #include <string>
 #include <string_view>
 
-namespace itn {
+#include "common/printable.h"
 
-// With control characters as \xNN, line ends left as they are.
-std::string for_terminal(std::string_view text);
+namespace itn {
 
 // To stdout, or another stream; made fit for_terminal().
 void print_result(std::string_view text, std::FILE* out = stdout);

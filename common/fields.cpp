@@ -19,7 +19,11 @@ std::string spelling(double value) {
 
 // Negated comparisons, so that NaN fails too.
 double in_closed(const std::string& field, double value, double low, double high) {
-  if (!(value >= low && value <= high)) {
+  // An end of the range is in it as a float, too, which may lie a little beyond.
+  const auto is_end = [&](double end) {
+    return static_cast<float>(value) == static_cast<float>(end);
+  };
+  if (!(value >= low && value <= high) && !is_end(low) && !is_end(high)) {
     throw invalid_input(
         fmt::format("{} is {}; it must be in [{:.6g}, {:.6g}]", field, spelling(value), low, high));
   }

@@ -28,8 +28,8 @@
 
 namespace itn {
 
-// The value. Throws Error (invalid input) with the name of the field, its value and its range. NaN
-// is in no range.
+// The value. Throws Error (invalid input) with the name of the field, its value and its range,
+// which holds the floats next to its ends. NaN is in no range.
 double in_closed(const std::string& field, double value, double low, double high);
 
 // Throws Error (invalid input) unless a field is in its range.

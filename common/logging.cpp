@@ -9,6 +9,7 @@
 #include <memory>
 
 #include "common/error.h"
+#include "common/printable.h"
 
 namespace itn {
 
@@ -46,6 +47,25 @@ class EscapedMessage final : public spdlog::custom_flag_formatter {
     return std::make_unique<EscapedMessage>();
   }
 };
+
+// %* in a pattern of text: the message, which cannot steer a terminal.
+class MessageForTerminal final : public spdlog::custom_flag_formatter {
+ public:
+  void format(const spdlog::details::log_msg& message, const std::tm& /*time*/,
+              spdlog::memory_buf_t& line) override {
+    const std::string text = for_terminal({message.payload.data(), message.payload.size()});
+    line.append(text.data(), text.data() + text.size());
+  }
+  std::unique_ptr<custom_flag_formatter> clone() const override {
+    return std::make_unique<MessageForTerminal>();
+  }
+};
+
+std::unique_ptr<spdlog::formatter> text_formatter() {
+  auto formatter = std::make_unique<spdlog::pattern_formatter>();
+  formatter->add_flag<MessageForTerminal>('*').set_pattern("%Y-%m-%d %H:%M:%S.%e %^%l%$ %*");
+  return formatter;
+}
 
 std::unique_ptr<spdlog::formatter> json_formatter() {
   auto formatter = std::make_unique<spdlog::pattern_formatter>(spdlog::pattern_time_type::utc);
@@ -91,11 +111,7 @@ void set_up_logging(const std::string& level, LogFormat format) {
   auto sink = std::make_shared<spdlog::sinks::stderr_color_sink_mt>(spdlog::color_mode::automatic);
   auto logger = std::make_shared<spdlog::logger>("itn", std::move(sink));
   logger->set_level(parsed);
-  if (format == LogFormat::kJson) {
-    logger->set_formatter(json_formatter());
-  } else {
-    logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %^%l%$ %v");
-  }
+  logger->set_formatter(format == LogFormat::kJson ? json_formatter() : text_formatter());
   logger->flush_on(spdlog::level::info);
   spdlog::set_default_logger(std::move(logger));
 }

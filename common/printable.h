@@ -11,4 +11,7 @@ namespace itn {
 // "...". For names and values that come from a file or over the wire, in messages and logs.
 std::string printable(std::string_view text, size_t most = 80);
 
+// With control characters as \xNN, line ends left as they are: lines that cannot steer a terminal.
+std::string for_terminal(std::string_view text);
+
 }  // namespace itn

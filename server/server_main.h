@@ -16,6 +16,7 @@
 #include "common/error.h"
 #include "common/flags.h"
 #include "common/logging.h"
+#include "common/printable.h"
 #include "common/rpc/grpc_server.h"
 #include "common/rpc/host_port.h"
 #include "common/rpc/library_log.h"
@@ -168,10 +169,10 @@ int server_main(CLI::App& app, const std::string& program, int argc, char** argv
     spdlog::info("stopped");
     return 0;
   } catch (const Error& error) {
-    std::fprintf(stderr, "%s: %s\n", program.c_str(), error.what());
+    std::fprintf(stderr, "%s: %s\n", program.c_str(), for_terminal(error.what()).c_str());
     return exit_code(error.kind());
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "%s: %s\n", program.c_str(), error.what());
+    std::fprintf(stderr, "%s: %s\n", program.c_str(), for_terminal(error.what()).c_str());
     return exit_code(ErrorKind::kInternal);
   }
 }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cctype>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -13,10 +14,14 @@
 #include "client/commands/options.h"
 #include "client/exports/file_text.h"
 #include "client/import/import_mitsuba.h"
+#include "client/object_media.h"
 #include "client/output.h"
+#include "common/error.h"
 #include "common/files/atomic_file.h"
+#include "common/printable.h"
 #include "common/scene/scene_file.h"
 #include "common/scene/text_proto.h"
+#include "server/scene_compiler/scene_builder.h"
 
 namespace itn {
 namespace {
@@ -42,10 +47,37 @@ std::string command_of(const ImportedScene& imported, const fs::path& output) {
     };
     flag("sigma-t", &Material::sigma_t);
     flag("albedo", &Material::albedo);
-    flag("g", &Material::g);
+    if (imported.phase.empty()) flag("g", &Material::g);
   }
+  if (!imported.phase.empty()) text += fmt::format(" --phase '{}'", imported.phase);
   if (imported.samples > 0) text += fmt::format(" --spp {}", imported.samples);
   return text;
+}
+
+// What of the scene cannot be rendered, as numbers beyond their ranges: an error. What is to be
+// added to it is told: files that are not there yet, and what the scene that was imported does not
+// have.
+void check_scene(const fs::path& file, const ImportedScene& imported) {
+  const bool whole = imported.scene.has_object() && !imported.scene.lights().empty();
+  try {
+    v1::Scene scene = load_scene(file);
+    resolve_media(scene);
+    if (whole) build_scene(scene, {});
+  } catch (const Error& error) {
+    if (whole && error.kind() == ErrorKind::kInvalidInput) {
+      throw Error(error.kind(), fmt::format("{} is written, but cannot be rendered: {}",
+                                            file.string(), error.what()));
+    }
+    spdlog::warn("it cannot be rendered yet: {}", error.what());
+  }
+}
+
+// NAME=VALUE, for `definitions`.
+void define(const std::string& text, std::map<std::string, std::string>& definitions) {
+  const size_t equals = text.find('=');
+  require_usage(equals != std::string::npos && equals > 0,
+                fmt::format("-D {}: it is NAME=VALUE", printable(text)));
+  definitions[text.substr(0, equals)] = text.substr(equals + 1);
 }
 
 void run_import(ImportFlags flags) {
@@ -71,11 +103,7 @@ void run_import(ImportFlags flags) {
                scene.lights_size());
   if (!notes.empty()) print_result("not carried over:\n{}", notes);
   print_result("render it: {}\n", command);
-  try {
-    load_scene(flags.output);
-  } catch (const Error& error) {
-    spdlog::warn("it cannot be rendered yet: {}", error.what());
-  }
+  check_scene(flags.output, imported);
 }
 
 }  // namespace
@@ -89,6 +117,14 @@ void add_import_command(CLI::App& app) {
   command->add_option("scene", flags->input, "XML file of Mitsuba")->required();
   command->add_option("-o,--output", flags->output, "Scene file to write")->required();
   add_scene_unit_flag(*command, flags->options.mm_per_scene_unit);
+  command
+      ->add_option_function<std::vector<std::string>>(
+          "-D,--define",
+          [flags](const std::vector<std::string>& texts) {
+            for (const std::string& text : texts) define(text, flags->options.definitions);
+          },
+          "NAME=VALUE: what $NAME stands for in the file, instead of its default. May be repeated")
+      ->allow_extra_args(false);
   command
       ->add_option_function<std::string>(
           "--channel",

@@ -2,6 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <cctype>
+
+#include <algorithm>
+
 #include <cmath>
 
 #include "common/error.h"
@@ -111,7 +115,12 @@ std::string coefficients(const RgbMaterial& of_object) {
 
 std::string hash_comment(const std::vector<std::string>& lines) {
   std::string text;
-  for (const std::string& line : lines) text += line.empty() ? "#\n" : "# " + line + "\n";
+  // Whatever they are made of, a line stays one.
+  for (std::string line : lines) {
+    std::ranges::replace_if(
+        line, [](unsigned char c) { return std::iscntrl(c) != 0; }, ' ');
+    text += line.empty() ? "#\n" : "# " + line + "\n";
+  }
   return text;
 }
 

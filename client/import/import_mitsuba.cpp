@@ -16,6 +16,7 @@
 #include "common/angle.h"
 #include "common/error.h"
 #include "common/measured_media.h"
+#include "common/printable.h"
 #include "common/scene/material_proto.h"
 #include "server/tracer/colour/channel.h"
 
@@ -51,14 +52,16 @@ bool is_about_rendering(const MitsubaPlugin& plugin) {
 class Importer {
  public:
   Importer(const fs::path& path, const ImportOptions& options)
-      : options_(options), folder_(path.parent_path()), file_(read_mitsuba(path)) {
+      : options_(options),
+        folder_(path.parent_path()),
+        file_(read_mitsuba(path, options.definitions)) {
     world_ = Eigen::Scaling(options.mm_per_scene_unit) * upright();
   }
 
   ImportedScene run() {
     const MitsubaPlugin& scene = *file_.scene;
     scene.used = true;
-    for (const auto& child : scene.children) {
+    for (const auto& [name, child] : scene.children) {
       if (child->tag == "shape") {
         child->used = true;
         add_shape(*child);
@@ -71,8 +74,8 @@ class Importer {
         } else {
           add_camera(*child);
         }
-      } else if (child->tag == "integrator" && child->number("max_depth", -1) >= 0) {
-        leave(*child, "max_depth: paths of all lengths are followed here");
+      } else if (child->tag == "integrator") {
+        read_integrator(*child);
       }
     }
     if (!result_.scene.has_camera()) {
@@ -96,18 +99,39 @@ class Importer {
     }
   }
 
-  // All that nobody read, of what was.
-  void leave_unused(const MitsubaPlugin& plugin) {
-    if (is_about_rendering(plugin)) return;
-    for (const auto& [name, property] : plugin.properties) {
-      if (!property.used) leave(plugin, name + " was not carried over");
+  // With all that is in it.
+  void leave_out(const MitsubaPlugin& what, const std::string& why) {
+    leave(what, why);
+    visited_.insert(&what);
+  }
+
+  // What of it shows in the image.
+  void read_integrator(const MitsubaPlugin& integrator) {
+    if (integrator.number("max_depth", -1) >= 0) {
+      leave(integrator, "max_depth: paths of all lengths are followed here");
     }
-    for (const auto& child : plugin.children) {
+    if (integrator.text("hide_emitters", "false") == "true") {
+      leave(integrator, "hide_emitters: lights that the camera looks into are seen here");
+    }
+    for (const auto& [name, nested] : integrator.children) {
+      if (nested->tag == "integrator") read_integrator(*nested);
+    }
+  }
+
+  // All that nobody read, of what was. What is at the top is there to be referred to.
+  void leave_unused(const MitsubaPlugin& plugin, bool is_top = true) {
+    if (is_about_rendering(plugin) || !visited_.insert(&plugin).second) return;
+    for (const auto& [name, property] : plugin.properties) {
+      if (!property.used) leave(plugin, printable(name) + " was not carried over");
+    }
+    for (const auto& [name, child] : plugin.children) {
+      static const std::set<std::string> definitions{"bsdf", "medium", "texture", "phase"};
       if (child->used) {
-        leave_unused(*child);
-      } else if (!is_about_rendering(*child) && child->tag != "bsdf" && child->tag != "medium" &&
-                 child->tag != "texture") {
-        leave(*child, "was not carried over");
+        leave_unused(*child, false);
+      } else if (!is_about_rendering(*child) && !(is_top && definitions.contains(child->tag))) {
+        leave(*child, name.empty() ? "was not carried over"
+                                   : fmt::format("({} of {}) was not carried over", printable(name),
+                                                 plugin.place));
       }
     }
   }
@@ -115,7 +139,7 @@ class Importer {
   // The world turned so that skies stand over +y: Mitsuba 3's own stand over +z, others over +y, of
   // coordinates that a transform turns.
   Affine3d upright() const {
-    for (const auto& child : file_.scene->children) {
+    for (const auto& [name, child] : file_.scene->children) {
       static const std::set<std::string> skies{"sky", "sun", "sunsky", "envmap"};
       if (child->tag != "emitter" || !skies.contains(child->type)) continue;
       const Vector3d zenith = child->transform("to_world").linear() * zenith_of(*child);
@@ -145,9 +169,15 @@ class Importer {
     color.set_blue(static_cast<float>(colour[2]));
   }
 
+  Colour colour_of(const MitsubaPlugin& of, const std::string& property, double otherwise) {
+    if (of.has_spectrum(property)) {
+      leave(of, printable(property) + ": R, G and B of its spectrum were taken");
+    }
+    return of.colour(property, otherwise);
+  }
   // A number for a colour that cannot be kept.
   float number_for(const MitsubaPlugin& of, const std::string& property, double otherwise) {
-    const Colour colour = of.colour(property, otherwise);
+    const Colour colour = colour_of(of, property, otherwise);
     if (is_kept(colour)) {
       leave(of, "its colour: the luminance was taken; --channel takes R, G or B");
     }
@@ -155,7 +185,7 @@ class Importer {
   }
   // How bright a light is, which takes its colour.
   float brightness_of(const MitsubaPlugin& of, const std::string& property, v1::Light& light) {
-    const Colour colour = of.colour(property, 1);
+    const Colour colour = colour_of(of, property, 1);
     if (is_kept(colour)) set_color(colour, *light.mutable_color());
     return number_of(colour);
   }
@@ -166,11 +196,17 @@ class Importer {
     to.set_z(static_cast<float>(v.z()));
   }
   // Of Mitsuba's rectangle, which is [-1, 1] x [-1, 1].
+  // Its normal goes with the surface: a mirror image faces the way that its z axis points to, and
+  // not that of the cross product of its sides.
   template <typename Rectangle>
-  static void set_sides(Rectangle& to, const Affine3d& transform) {
+  static void set_sides(Rectangle& to, const Affine3d& transform, bool flip = false) {
+    const double side = (transform.linear().determinant() < 0) != flip ? -1 : 1;
     set(*to.mutable_center(), transform.translation());
     set(*to.mutable_half_u(), transform.linear().col(0));
-    set(*to.mutable_half_v(), transform.linear().col(1));
+    set(*to.mutable_half_v(), transform.linear().col(1) * side);
+  }
+  static bool flips(const MitsubaPlugin& shape) {
+    return shape.text("flip_normals", "false") == "true";
   }
   Affine3d to_world(const MitsubaPlugin& plugin) const {
     return world_ * plugin.transform("to_world");
@@ -205,8 +241,8 @@ class Importer {
     } else {
       return false;
     }
-    if (!(transform.linear().determinant() > 0)) {
-      throw invalid_input(shape.place + ": its to_world is a mirror image, or flat");
+    if (!(std::abs(transform.linear().determinant()) > 0)) {
+      throw invalid_input(shape.place + ": its to_world makes it flat");
     }
     v1::Matrix& matrix = *mesh.add_transforms()->mutable_matrix();
     for (Eigen::Index i = 0; i < 16; ++i) {
@@ -225,7 +261,16 @@ class Importer {
 
   void add_shape(const MitsubaPlugin& shape) {
     shape.text("face_normals", "");
+    if (const MitsubaPlugin* const around = shape.child("medium", "exterior")) {
+      leave_out(*around, "is around objects; there is clear air here");
+    }
     if (const MitsubaPlugin* const medium = shape.child("medium", "interior")) {
+      if (is_inside_another(shape)) {
+        leave_out(shape,
+                  "is in another solid, and not there: solids inside of solids have no "
+                  "counterpart");
+        return;
+      }
       const bool first = !result_.scene.has_object();
       add_object(shape, *medium,
                  first ? *result_.scene.mutable_object() : *result_.scene.add_other_objects());
@@ -244,6 +289,7 @@ class Importer {
                       shape.place));
     }
     if (object.mesh().has_path()) object.mutable_mesh()->set_repair(true);
+    if (flips(shape)) leave(shape, "flip_normals: the medium is inside here");
     set_boundary(object, shape);
     set_medium(object, medium);
     make_of_one_kind(shape, object);
@@ -271,9 +317,21 @@ class Importer {
     return named != named_indices().end() ? named->second : bsdf.number(property, 1);
   }
 
+  static bool is_air(double index) { return std::abs(index - 1) < 1e-3; }
+  // Whether what refracts light at its surface is not air outside, beside another object.
+  bool is_inside_another(const MitsubaPlugin& shape) const {
+    const MitsubaPlugin* const bsdf = unwrapped_bsdf(shape);
+    const bool refracts = bsdf && (bsdf->type == "dielectric" || bsdf->type == "roughdielectric");
+    return result_.scene.has_object() && refracts && !is_air(index_of(*bsdf, "ext_ior", "air"));
+  }
+
   void set_boundary(v1::Object& object, const MitsubaPlugin& shape) {
     const MitsubaPlugin* const bsdf = unwrapped_bsdf(shape);
-    if (!bsdf || bsdf->type == "null") return;
+    if (!bsdf) {
+      leave(shape, "has no bsdf, and is opaque in Mitsuba; light enters its medium as it is here");
+      return;
+    }
+    if (bsdf->type == "null") return;
     const bool smooth = bsdf->type == "dielectric";
     if (!smooth && bsdf->type != "roughdielectric") {
       leave(*bsdf,
@@ -281,8 +339,13 @@ class Importer {
             "counterparts");
       return;
     }
-    const auto index =
-        static_cast<float>(index_of(*bsdf, "int_ior", "bk7") / index_of(*bsdf, "ext_ior", "air"));
+    const double outside = index_of(*bsdf, "ext_ior", "air");
+    if (!is_air(outside)) {
+      leave(*bsdf, fmt::format("its ext_ior of {:.4g}: all is in that here, camera and lights too; "
+                               "solids inside of solids have no counterpart",
+                               outside));
+    }
+    const auto index = static_cast<float>(index_of(*bsdf, "int_ior", "bk7") / outside);
     if (smooth) {
       object.mutable_dielectric()->set_index(index);
     } else {
@@ -316,16 +379,28 @@ class Importer {
       return;
     }
     std::array<Material, 3> material;
-    const Colour albedo = medium.colour("albedo", 0.75), sigma_t = medium.colour("sigma_t", 1);
-    const Colour sigma_s = medium.colour("sigma_s", 0), sigma_a = medium.colour("sigma_a", 0);
+    const auto colour = [&](const char* name, double otherwise) {
+      return colour_of(medium, name, otherwise);
+    };
+    const Colour albedo = colour("albedo", 0.75), sigma_t = colour("sigma_t", 1);
+    const Colour sigma_s = colour("sigma_s", 0), sigma_a = colour("sigma_a", 0);
     const bool by_parts = medium.has("sigma_s") || medium.has("sigma_a");
-    const double g = asymmetry_of(medium);
+    const double g = asymmetry_of(medium, &object == &result_.scene.object());
     for (size_t c = 0; c < 3; ++c) {
       Material& of = material[c];
       of.sigma_t = by_parts ? sigma_s[c] + sigma_a[c] : sigma_t[c];
-      of.albedo = by_parts ? sigma_s[c] / of.sigma_t : albedo[c];
+      of.albedo = !by_parts ? albedo[c] : of.sigma_t > 0 ? sigma_s[c] / of.sigma_t : 0;
       of.g = g;
       of.sigma_t *= scale;
+    }
+    set_material(object, medium, material);
+  }
+
+  // Of R, G and B, in 1/mm.
+  void set_material(v1::Object& object, const MitsubaPlugin& medium,
+                    const std::array<Material, 3>& material) {
+    for (size_t c = 0; c < 3; ++c) {
+      itn::validate(material[c], fmt::format("{} ({})", medium.place, "RGB"[c]));
     }
     if (&object == &result_.scene.object()) {
       result_.medium = material;
@@ -342,24 +417,54 @@ class Importer {
   void set_measured_medium(v1::Object& object, const MitsubaPlugin& medium, double scale) {
     std::string name = medium.text("material", "");
     std::ranges::transform(name, name.begin(), [](unsigned char c) { return std::tolower(c); });
-    const bool known = std::ranges::any_of(
-        measured_media(), [&](const MeasuredMedium& each) { return each.name == name; });
-    if (known) {
-      object.mutable_medium()->set_name(name);
-      if (scale != 1)
-        leave(medium, "its scale; `medium { object_size }` says how large the object is");
-    } else {
-      leave(medium,
-            fmt::format("the material \"{}\"; `itn materials` lists those that are here", name));
+    const auto known = std::ranges::find(measured_media(), name, &MeasuredMedium::name);
+    if (known == measured_media().end()) {
+      leave(medium, fmt::format("the material \"{}\"; `itn materials` lists those that are here",
+                                printable(name)));
+      return;
     }
+    if (scale == 1) {
+      object.mutable_medium()->set_name(name);
+      return;
+    }
+    std::array<Material, 3> material;
+    for (size_t c = 0; c < 3; ++c) {
+      material[c] = known->material(c);
+      material[c].sigma_t *= scale;
+    }
+    set_material(object, medium, material);
   }
 
-  double asymmetry_of(const MitsubaPlugin& medium) {
+  double asymmetry_of(const MitsubaPlugin& medium, bool is_first) {
     const MitsubaPlugin* const phase = medium.child("phase");
     if (!phase || phase->type == "isotropic") return medium.number("g", 0);
     if (phase->type == "hg") return phase->number("g", 0.8);
-    leave(*phase, "scatters isotropically here; hg has a counterpart");
+    if (phase->type == "blendphase" && is_first && set_two_terms(*phase)) return 0;
+    leave(*phase,
+          "scatters isotropically here; hg has a counterpart, and of the first object a "
+          "blendphase of two of them");
     return 0;
+  }
+
+  // False if it is not of two terms that have counterparts.
+  bool set_two_terms(const MitsubaPlugin& blend) {
+    std::vector<double> g;
+    for (const auto& [name, part] : blend.children) {
+      if (part->tag != "phase" || (part->type != "hg" && part->type != "isotropic")) return false;
+      g.push_back(part->type == "hg" ? part->number("g", 0.8) : 0);
+      part->used = true;
+    }
+    if (g.size() != 2) return false;
+    const double weight = blend.number("weight", 0.5);  // of the second
+    const auto is_g = [](double value) { return std::abs(value) <= kMaxAbsG; };
+    if (!std::ranges::all_of(g, is_g) || !(weight >= 0 && weight <= 1)) {
+      throw invalid_input(fmt::format(
+          "{}: g {} and {}, weight {}; each g must be in [-{}, {}], the weight in [0, 1]",
+          blend.place, g[0], g[1], weight, kMaxAbsG, kMaxAbsG));
+    }
+    result_.phase =
+        fmt::format("two_term {{ g_1: {} g_2: {} weight: {} }}", g[0], g[1], 1 - weight);
+    return true;
   }
 
   void add_surface(const MitsubaPlugin& shape) {
@@ -369,7 +474,7 @@ class Importer {
     } else if (set_mesh(*surface.mutable_mesh(), shape)) {
       surface.set_smooth_angle_degrees(smooth_angle_of(shape));
     } else {
-      leave(shape, "has no counterpart, and is not there");
+      leave_out(shape, "has no counterpart, and is not there");
       return;
     }
     set_reflectance(surface, shape);
@@ -389,7 +494,7 @@ class Importer {
         if (set_texture(surface, shape, *texture)) return;
         leave(*texture, "is a reflectance of 0.5 here");
       } else if (bsdf->has(name)) {
-        const Colour colour = bsdf->colour(name, 0.5);
+        const Colour colour = colour_of(*bsdf, name, 0.5);
         if (is_kept(colour)) {
           set_color(colour, *surface.mutable_color());
         } else {
@@ -437,21 +542,26 @@ class Importer {
   // Lights.
 
   void add_lamp(const MitsubaPlugin& shape, const MitsubaPlugin& emitter) {
+    if (const MitsubaPlugin* const texture = emitter.child("texture")) {
+      leave(shape, "does not shine: a lamp here is as bright everywhere, and has no texture");
+      leave_out(*texture, "was not carried over");
+      return;
+    }
     v1::Light light;
     const float radiance = brightness_of(emitter, "radiance", light);
     const Affine3d transform = to_world(shape);
     if (shape.type == "rectangle") {
       v1::PanelLight& panel = *light.mutable_panel();
-      set_sides(panel, transform);
+      set_sides(panel, transform, flips(shape));
       panel.set_radiance(radiance);
     } else if (shape.type == "sphere") {
       v1::SphereLight& sphere = *light.mutable_sphere();
       set(*sphere.mutable_center(), transform * shape.vector("center", Vector3d::Zero()));
       sphere.set_radius(static_cast<float>(shape.number("radius", 1) *
-                                           std::cbrt(transform.linear().determinant())));
+                                           std::cbrt(std::abs(transform.linear().determinant()))));
       sphere.set_radiance(radiance);
     } else {
-      leave(shape, "shines, and has no counterpart; rectangles and spheres have");
+      leave_out(shape, "shines, and has no counterpart; rectangles and spheres have");
       return;
     }
     *result_.scene.add_lights() = light;
@@ -500,7 +610,7 @@ class Importer {
     } else if (emitter.type == "sunsky" || emitter.type == "sun" || emitter.type == "sky") {
       set_sun_sky(*light.mutable_sun_sky(), emitter);
     } else {
-      leave(emitter, "has no counterpart, and does not shine");
+      leave_out(emitter, "has no counterpart, and does not shine");
       return;
     }
     *result_.scene.add_lights() = light;
@@ -634,7 +744,8 @@ class Importer {
   const ImportOptions& options_;
   const fs::path folder_;
   const MitsubaFile file_;
-  Affine3d world_;  // from the coordinates of the file to ours, in mm
+  std::set<const MitsubaPlugin*> visited_;  // by leave_unused
+  Affine3d world_;                          // from the coordinates of the file to ours, in mm
   ImportedScene result_;
 };
 

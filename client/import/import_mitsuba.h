@@ -3,6 +3,7 @@
 
 #include <array>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -16,14 +17,16 @@ struct ImportOptions {
   double mm_per_scene_unit = 1;
   // What of a colour becomes a number of ours: its luminance, or R, G or B.
   v1::Film::Channel channel = v1::Film::LUMINANCE;
-  std::filesystem::path output_folder;  // what paths of the scene are relative to
+  std::filesystem::path output_folder;             // what paths of the scene are relative to
+  std::map<std::string, std::string> definitions;  // values for the $names of the file
 };
 
 struct ImportedScene {
   v1::Scene scene;
   std::optional<std::array<Material, 3>> medium;  // of R, G and B, in 1/mm
-  uint32_t samples = 0;                           // per pixel; 0: the file does not say
-  std::vector<std::string> not_carried_over;      // a sentence each
+  std::string phase;     // text of a v1::PhaseFunction, if it is not that with the g of `medium`
+  uint32_t samples = 0;  // per pixel; 0: the file does not say
+  std::vector<std::string> not_carried_over;  // a sentence each
 };
 
 // Throws Error: kIo, kInvalidInput (with file and place): no XML, no camera, a value that cannot be

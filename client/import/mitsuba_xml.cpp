@@ -6,21 +6,27 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
+#include <memory>
 #include <pugixml.hpp>
+#include <set>
 #include <sstream>
 
+#include "client/import/spectrum.h"
 #include "common/angle.h"
 #include "common/error.h"
 #include "common/files/read_file.h"
 #include "common/image/srgb.h"
+#include "common/printable.h"
 
 namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kMaxDepth = 64;  // of tags, and files that include others, in one another
-constexpr size_t kMaxBytes = size_t{64} << 20;
+constexpr int kMaxDepth = 64;                   // of tags, files and references, in one another
+constexpr size_t kMaxBytes = size_t{64} << 20;  // of all files together
+constexpr size_t kMaxFiles = 1000;
+constexpr size_t kMaxText = size_t{1} << 20;  // of an attribute, after its defaults
 
 // "toWorld" as "to_world", "intIOR" as "int_ior".
 std::string with_underscores(const std::string& name) {
@@ -45,17 +51,29 @@ std::vector<double> numbers_of(const std::string& text, const std::string& place
     double number = 0;
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
     if (error != std::errc() || end != word.data() + word.size() || !std::isfinite(number)) {
-      throw invalid_input(fmt::format("{}: \"{}\" is not a number", place, word));
+      throw invalid_input(fmt::format("{}: \"{}\" is not a number", place, printable(word)));
     }
     numbers.push_back(number);
   }
   return numbers;
 }
 
+// Pairs of a wavelength and a value, "400:0.1, 500:0.2".
+std::map<double, double> spectrum_of(std::string text, const std::string& place) {
+  std::ranges::replace(text, ':', ' ');
+  const std::vector<double> numbers = numbers_of(text, place);
+  std::map<double, double> spectrum;
+  for (size_t i = 0; i + 1 < numbers.size(); i += 2) spectrum[numbers[i]] = numbers[i + 1];
+  if (numbers.size() % 2 != 0 || spectrum.size() != numbers.size() / 2) {
+    throw invalid_input(place + ": a spectrum is pairs of a wavelength and a value, each once");
+  }
+  return spectrum;
+}
+
 double number_of(const std::string& text, const std::string& place) {
   const std::vector<double> numbers = numbers_of(text, place);
   if (numbers.size() != 1)
-    throw invalid_input(fmt::format("{}: \"{}\" is not a number", place, text));
+    throw invalid_input(fmt::format("{}: \"{}\" is not a number", place, printable(text)));
   return numbers[0];
 }
 
@@ -66,8 +84,8 @@ Eigen::Vector3d vector_of(const std::map<std::string, std::string>& attributes,
     const std::vector<double> numbers = numbers_of(whole->second, place);
     if (numbers.size() == 1) return Eigen::Vector3d::Constant(numbers[0]);
     if (numbers.size() != 3) {
-      throw invalid_input(
-          fmt::format("{}: {} is \"{}\"; it must be three numbers", place, name, whole->second));
+      throw invalid_input(fmt::format("{}: {} is \"{}\"; it must be three numbers", place, name,
+                                      printable(whole->second)));
     }
     return {numbers[0], numbers[1], numbers[2]};
   }
@@ -79,119 +97,204 @@ Eigen::Vector3d vector_of(const std::map<std::string, std::string>& attributes,
   return result;
 }
 
+// Text from a file, as it may stand in a message or a comment.
+std::string in_quotes(const std::string& text) {
+  return '"' + printable(text) + '"';
+}
+
+// A file that is read, and where its lines begin.
+struct Document {
+  Document(const fs::path& file, std::string_view text) : path(file) {
+    const pugi::xml_parse_result result = xml.load_buffer(text.data(), text.size());
+    for (size_t at = 0; at < text.size(); ++at) {
+      if (text[at] == '\n') line_ends.push_back(static_cast<ptrdiff_t>(at));
+    }
+    if (!result)
+      throw invalid_input(fmt::format("{}: {}", place(result.offset), result.description()));
+  }
+
+  // `scene.xml:12`
+  std::string place(ptrdiff_t offset) const {
+    const auto line = std::ranges::lower_bound(line_ends, offset) - line_ends.begin() + 1;
+    return fmt::format("{}:{}", printable(path.string(), kMaxPath), line);
+  }
+  std::string place(const pugi::xml_node& node) const { return place(node.offset_debug()); }
+
+  static constexpr size_t kMaxPath = 400;
+  fs::path path;
+  pugi::xml_document xml;
+  std::vector<ptrdiff_t> line_ends;
+};
+
 class Reader {
  public:
+  explicit Reader(const std::map<std::string, std::string>& definitions)
+      : defaults_(definitions.begin(), definitions.end()) {}
+
   MitsubaFile read(const fs::path& path) {
-    const pugi::xml_document document = parse(path);
-    const pugi::xml_node root = document.child("scene");
-    if (!root) throw invalid_input(fmt::format("{}: no <scene>", path.string()));
+    const std::set<std::string> defined = names_of(defaults_);
+    const std::unique_ptr<Document> document = parse(path);
+    const pugi::xml_node root = document->xml.child("scene");
+    if (!root) throw invalid_input(fmt::format("{}: no <scene>", document->place(ptrdiff_t{0})));
     MitsubaFile file;
     file.is_3 = !std::string(root.attribute("version").value()).starts_with("0.");
-    file.scene = plugin(root, path, 0);
+    const auto scene = plugin(root, *document, 0);
+    resolve_references();
+    check_depth(*scene);
+    for (const std::string& name : defined) {
+      if (used_.contains(name)) continue;
+      throw invalid_input(fmt::format("{}: nothing has ${}; it cannot be defined",
+                                      printable(path.string(), Document::kMaxPath),
+                                      printable(name)));
+    }
+    file.scene = scene;
     return file;
   }
 
  private:
-  static pugi::xml_document parse(const fs::path& path) {
+  using Defaults = std::map<std::string, std::string, std::greater<>>;  // longer names first
+
+  static std::set<std::string> names_of(const Defaults& defaults) {
+    std::set<std::string> names;
+    for (const auto& [name, value] : defaults) names.insert(name);
+    return names;
+  }
+
+  std::unique_ptr<Document> parse(const fs::path& path) {
     const std::string text = read_file(path, "scene", kMaxBytes);
-    pugi::xml_document document;
-    const pugi::xml_parse_result result = document.load_buffer(text.data(), text.size());
-    if (!result) {
-      const auto line = std::count(text.begin(), text.begin() + result.offset, '\n') + 1;
-      throw invalid_input(fmt::format("{}:{}: {}", path.string(), line, result.description()));
+    bytes_ += text.size();
+    if (++files_ > kMaxFiles || bytes_ > kMaxBytes) {
+      throw invalid_input(fmt::format("{}: more than {} files, or {} bytes, are included",
+                                      printable(path.string(), Document::kMaxPath), kMaxFiles,
+                                      kMaxBytes));
     }
-    return document;
+    return std::make_unique<Document>(path, text);
   }
 
   // With $names replaced by their values.
-  std::string value_of(const pugi::xml_attribute& attribute) const {
+  std::string value_of(const pugi::xml_node& node, const pugi::xml_attribute& attribute,
+                       const Document& document) {
     std::string text = attribute.value();
+    const auto wrong = [&](const std::string& what) {
+      return invalid_input(
+          fmt::format("{}: <{}>: {}", document.place(node), printable(node.name()), what));
+    };
     for (const auto& [name, value] : defaults_) {
       for (size_t at = 0; (at = text.find('$' + name, at)) != std::string::npos;) {
         text.replace(at, name.size() + 1, value);
         at += value.size();
+        used_.insert(name);
+        if (text.size() > kMaxText) {
+          throw wrong(
+              fmt::format("its {} has more than {} characters, with what its $names stand "
+                          "for",
+                          printable(attribute.name()), kMaxText));
+        }
       }
     }
     if (const size_t at = text.find('$'); at != std::string::npos) {
-      throw invalid_input(fmt::format("\"{}\": {} has no <default>", text, text.substr(at)));
+      throw wrong(fmt::format("{}: {} has no <default>; -D {}=VALUE defines it", in_quotes(text),
+                              printable(text.substr(at)), printable(text.substr(at + 1))));
     }
     return text;
   }
+  std::string value_of(const pugi::xml_node& node, const char* name, const Document& document) {
+    return value_of(node, node.attribute(name), document);
+  }
 
-  std::map<std::string, std::string> attributes_of(const pugi::xml_node& node) const {
+  std::map<std::string, std::string> attributes_of(const pugi::xml_node& node,
+                                                   const Document& document) {
     std::map<std::string, std::string> result;
-    for (const pugi::xml_attribute& each : node.attributes()) result[each.name()] = value_of(each);
+    for (const pugi::xml_attribute& each : node.attributes()) {
+      result[each.name()] = value_of(node, each, document);
+    }
     return result;
   }
 
-  std::shared_ptr<MitsubaPlugin> plugin(const pugi::xml_node& node, const fs::path& path,
+  std::shared_ptr<MitsubaPlugin> plugin(const pugi::xml_node& node, const Document& document,
                                         int depth) {
     const auto result = std::make_shared<MitsubaPlugin>();
     result->tag = node.name();
-    result->type = value_of(node.attribute("type"));
-    result->id = value_of(node.attribute("id"));
-    result->name = with_underscores(value_of(node.attribute("name")));
-    result->place = fmt::format("{}: <{}{}>", path.string(), result->tag,
-                                result->type.empty() ? "" : " type=\"" + result->type + '"');
-    fill(*result, node, path, depth + 1);
-    if (!result->id.empty()) by_id_[result->id] = result;
+    result->type = value_of(node, "type", document);
+    result->id = value_of(node, "id", document);
+    result->place = fmt::format("{}: <{}{}>", document.place(node), printable(result->tag),
+                                result->type.empty() ? "" : " type=" + in_quotes(result->type));
+    fill(*result, node, document, depth + 1);
     return result;
   }
 
-  void fill(MitsubaPlugin& to, const pugi::xml_node& node, const fs::path& path, int depth) {
+  void fill(MitsubaPlugin& to, const pugi::xml_node& node, const Document& document, int depth) {
     if (depth > kMaxDepth) {
-      throw invalid_input(
-          fmt::format("{}: more than {} tags or files in one another", path.string(), kMaxDepth));
+      throw invalid_input(fmt::format("{}: more than {} tags or files in one another",
+                                      document.place(node), kMaxDepth));
     }
     for (const pugi::xml_node& child : node.children()) {
       if (child.type() != pugi::node_element) continue;
       const std::string tag = child.name();
+      const auto value = [&](const char* name) { return value_of(child, name, document); };
       if (tag == "default") {
-        defaults_.emplace(child.attribute("name").value(), value_of(child.attribute("value")));
+        defaults_.emplace(child.attribute("name").value(), value("value"));
       } else if (tag == "include") {
-        include(to, path.parent_path() / value_of(child.attribute("filename")), depth);
+        include(to, document.path.parent_path() / value("filename"), depth);
       } else if (tag == "ref") {
-        refer(to, value_of(child.attribute("id")), value_of(child.attribute("name")));
+        references_.push_back({&to, to.children.size(), value("id"), document.place(child)});
+        to.children.push_back({with_underscores(value("name")), nullptr});
       } else if (tag == "transform") {
-        to.transforms[with_underscores(value_of(child.attribute("name")))] =
-            transform_of(child, to.place);
+        to.transforms[with_underscores(value("name"))] = transform_of(child, document);
       } else if (tag == "alias") {
-        const auto found = by_id_.find(value_of(child.attribute("id")));
-        if (found != by_id_.end()) by_id_[value_of(child.attribute("as"))] = found->second;
+        aliases_[value("as")] = value("id");
       } else if (is_property(tag)) {
-        MitsubaProperty property{tag, attributes_of(child)};
+        MitsubaProperty property{tag, attributes_of(child, document)};
         const std::string name = with_underscores(property.attributes["name"]);
         to.properties[name] = std::move(property);
       } else {
-        to.children.push_back(plugin(child, path, depth));
+        const MitsubaChild part{with_underscores(value("name")), plugin(child, document, depth)};
+        if (!part.plugin->id.empty()) by_id_[part.plugin->id] = part;
+        to.children.push_back(part);
       }
     }
   }
 
   void include(MitsubaPlugin& to, const fs::path& path, int depth) {
-    const pugi::xml_document document = parse(path);
-    const pugi::xml_node root = document.first_child();
+    const std::unique_ptr<Document> document = parse(path);
+    const pugi::xml_node root = document->xml.first_child();
     if (std::string(root.name()) == "scene") {
-      fill(to, root, path, depth + 1);
+      fill(to, root, *document, depth + 1);
     } else {
-      fill(to, document, path, depth + 1);
+      fill(to, document->xml, *document, depth + 1);
     }
   }
 
-  void refer(MitsubaPlugin& to, const std::string& id, const std::string& name) const {
-    const auto found = by_id_.find(id);
-    if (found == by_id_.end()) {
+  // What is referred to may be defined later.
+  void resolve_references() {
+    for (const auto& [in, number, id, place] : references_) {
+      std::string real = id;
+      for (int hops = 0; aliases_.contains(real) && hops < kMaxDepth; ++hops) real = aliases_[real];
+      const auto found = by_id_.find(real);
+      if (found == by_id_.end()) {
+        throw invalid_input(
+            fmt::format("{}: <ref id={}/>: nothing has this id", place, in_quotes(id)));
+      }
+      MitsubaChild& child = in->children[number];
+      if (child.name.empty()) child.name = found->second.name;
+      child.plugin = found->second.plugin;
+    }
+  }
+
+  // Depth of what a plugin refers to: each is visited once, so that few bytes take little time.
+  int check_depth(const MitsubaPlugin& of) {
+    const auto [known, is_new] = depths_.emplace(&of, kInWork);
+    if (!is_new && known->second != kInWork) return known->second;
+    if (!is_new) throw invalid_input(of.place + ": refers to itself");
+    int deepest = 0;
+    for (const MitsubaChild& child : of.children) {
+      deepest = std::max(deepest, 1 + check_depth(*child.plugin));
+    }
+    if (deepest > kMaxDepth) {
       throw invalid_input(
-          fmt::format("{}: <ref id=\"{}\"/>: nothing before has this id", to.place, id));
+          fmt::format("{}: more than {} references in one another", of.place, kMaxDepth));
     }
-    if (name.empty() || name == found->second->name) {
-      to.children.push_back(found->second);
-      return;
-    }
-    // Under another name: a copy, whose parts are shared.
-    const auto named = std::make_shared<MitsubaPlugin>(*found->second);
-    named->name = with_underscores(name);
-    to.children.push_back(named);
+    return depths_[&of] = deepest;
   }
 
   static bool is_property(const std::string& tag) {
@@ -201,19 +304,20 @@ class Reader {
   }
 
   // Its steps are done in the order that they are written in.
-  Eigen::Affine3d transform_of(const pugi::xml_node& node, const std::string& of) const {
-    const std::string place = of + ": <transform>";
+  Eigen::Affine3d transform_of(const pugi::xml_node& node, const Document& document) {
     Eigen::Affine3d result = Eigen::Affine3d::Identity();
     for (const pugi::xml_node& step : node.children()) {
       if (step.type() != pugi::node_element) continue;
-      result = step_of(step, place) * result;
+      result = step_of(step, document) * result;
     }
     return result;
   }
 
-  Eigen::Affine3d step_of(const pugi::xml_node& step, const std::string& place) const {
+  Eigen::Affine3d step_of(const pugi::xml_node& step, const Document& document) {
     const std::string tag = with_underscores(step.name());
-    const auto attributes = attributes_of(step);
+    const std::string place = document.place(step) + ": <transform>";
+    const auto attributes = attributes_of(step, document);
+    const auto value = [&](const char* name) { return value_of(step, name, document); };
     const auto vector = [&](const std::string& name, double otherwise) {
       return vector_of(attributes, name, otherwise, place);
     };
@@ -225,10 +329,10 @@ class Reader {
     } else if (tag == "rotate") {
       const Eigen::Vector3d axis = vector("value", 0);
       if (axis.norm() == 0) throw invalid_input(place + ": a rotation about an axis of length 0");
-      const double angle = number_of(value_of(step.attribute("angle")), place);
+      const double angle = number_of(value("angle"), place);
       result.rotate(Eigen::AngleAxisd(angle * kRadiansPerDegree, axis.normalized()));
     } else if (tag == "matrix") {
-      const std::vector<double> m = numbers_of(value_of(step.attribute("value")), place);
+      const std::vector<double> m = numbers_of(value("value"), place);
       const auto side = static_cast<Eigen::Index>(m.size() == 9 ? 3 : 4);
       if (m.size() != 9 && m.size() != 16) {
         throw invalid_input(
@@ -256,13 +360,25 @@ class Reader {
     } else {
       throw invalid_input(
           fmt::format("{}: <{}> is unknown; translate, rotate, scale, matrix and lookat are not",
-                      place, step.name()));
+                      place, printable(step.name())));
     }
     return result;
   }
 
-  std::map<std::string, std::string, std::greater<>> defaults_;  // longer names first
-  std::map<std::string, std::shared_ptr<const MitsubaPlugin>> by_id_;
+  struct Reference {
+    MitsubaPlugin* in;
+    size_t number;  // of the child that it is
+    std::string id, place;
+  };
+  static constexpr int kInWork = -1;
+
+  Defaults defaults_;
+  std::set<std::string> used_;  // of their names
+  std::map<std::string, MitsubaChild> by_id_;
+  std::map<std::string, std::string> aliases_;
+  std::vector<Reference> references_;
+  std::map<const MitsubaPlugin*, int> depths_;
+  size_t files_ = 0, bytes_ = 0;
 };
 
 const MitsubaProperty* find(const MitsubaPlugin& plugin, const std::string& name) {
@@ -289,6 +405,12 @@ std::string MitsubaPlugin::text(const std::string& property, const std::string& 
   return found ? attribute(*found, "value") : otherwise;
 }
 
+bool MitsubaPlugin::has_spectrum(const std::string& property) const {
+  const auto found = properties.find(property);
+  return found != properties.end() &&
+         attribute(found->second, "value").find(':') != std::string::npos;
+}
+
 std::array<double, 3> MitsubaPlugin::colour(const std::string& property, double otherwise) const {
   const MitsubaProperty* const found = find(*this, property);
   if (!found) {
@@ -302,15 +424,16 @@ std::array<double, 3> MitsubaPlugin::colour(const std::string& property, double 
     unsigned hex = 0;
     const auto [end, error] = std::from_chars(text.data() + 1, text.data() + text.size(), hex, 16);
     if (error != std::errc() || end != text.data() + text.size() || text.size() != 7) {
-      throw invalid_input(fmt::format("{}: \"{}\" is no colour as #rrggbb", where, text));
+      throw invalid_input(fmt::format("{}: {} is no colour as #rrggbb", where, in_quotes(text)));
     }
     const auto part = [&](unsigned shift) { return linear_of_srgb((hex >> shift & 0xFF) / 255.0); };
     return {part(16), part(8), part(0)};
   }
-  if (text.empty() || text.find(':') != std::string::npos) {
+  if (has_spectrum(property)) return colour_of_spectrum(spectrum_of(text, where));
+  if (text.empty()) {
     throw invalid_input(
-        fmt::format("{}: \"{}\" is not understood; one number, three of R, G and B, or #rrggbb are",
-                    where, text));
+        fmt::format("{}: {} is not understood; one number, three of R, G and B, or #rrggbb are",
+                    where, in_quotes(text)));
   }
   std::vector<double> numbers = numbers_of(text, where);
   if (numbers.size() == 1) numbers.assign(3, numbers[0]);
@@ -335,17 +458,18 @@ Eigen::Affine3d MitsubaPlugin::transform(const std::string& transform_name) cons
 
 const MitsubaPlugin* MitsubaPlugin::child(const std::string& child_tag,
                                           const std::string& child_name) const {
-  for (const auto& each : children) {
-    if (each->tag == child_tag && (child_name.empty() || each->name == child_name)) {
-      each->used = true;
-      return each.get();
+  for (const auto& [called, plugin] : children) {
+    if (plugin->tag == child_tag && (child_name.empty() || called == child_name)) {
+      plugin->used = true;
+      return plugin.get();
     }
   }
   return nullptr;
 }
 
-MitsubaFile read_mitsuba(const fs::path& path) {
-  return Reader().read(path);
+MitsubaFile read_mitsuba(const fs::path& path,
+                         const std::map<std::string, std::string>& definitions) {
+  return Reader(definitions).read(path);
 }
 
 }  // namespace itn

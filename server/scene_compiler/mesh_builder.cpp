@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include "common/angle.h"
 #include "common/error.h"
@@ -36,10 +37,12 @@ double determinant(const Affine& m) {
          m[2] * (m[4] * m[9] - m[5] * m[8]);
 }
 
-// Of a surface, where the surface takes the affine map: by the cofactors of its matrix.
+// The normal of a surface, outwards, where the surface takes the affine map: by the cofactors of
+// its matrix, which turn it inwards in a mirror image.
 Vec3d transformed_normal(const Affine& m, Vec3d n) {
   const Vec3d x{m[0], m[1], m[2]}, y{m[4], m[5], m[6]}, z{m[8], m[9], m[10]};
-  return {dot(cross(y, z), n), dot(cross(z, x), n), dot(cross(x, y), n)};
+  const double side = determinant(m) < 0 ? -1 : 1;
+  return Vec3d{dot(cross(y, z), n), dot(cross(z, x), n), dot(cross(x, y), n)} * side;
 }
 
 // Rodrigues' formula, R = cos I + sin [k]x + (1 - cos) k k^T.
@@ -55,10 +58,9 @@ Affine rotation(Vec3d axis, double angle) {
 
 Affine build_scale(const std::string& field, const v1::Vec3& proto) {
   const Vec3d s = to_vec(proto);
-  if (!(s.x * s.y * s.z > 0)) {
-    throw invalid_input(fmt::format(
-        "{} is ({}, {}, {}); the product of the factors must be positive (no mirror image)", field,
-        s.x, s.y, s.z));
+  if (!(std::abs(s.x * s.y * s.z) > 0)) {
+    throw invalid_input(
+        fmt::format("{} is ({}, {}, {}); no factor may be 0", field, s.x, s.y, s.z));
   }
   return {s.x, 0, 0, 0, 0, s.y, 0, 0, 0, 0, s.z, 0};
 }
@@ -72,9 +74,9 @@ Affine build_matrix(const std::string& field, const v1::Matrix& proto) {
   }
   Affine affine{};
   for (int i = 0; i < 12; ++i) affine[i] = proto.m(i);
-  if (!(determinant(affine) > 0)) {
-    throw invalid_input(fmt::format("the determinant of {}.m is {}; it must be positive", field,
-                                    determinant(affine)));
+  if (!(std::abs(determinant(affine)) > 0)) {
+    throw invalid_input(
+        fmt::format("the determinant of {}.m is {}; it must not be 0", field, determinant(affine)));
   }
   return affine;
 }
@@ -215,6 +217,7 @@ std::vector<std::array<Vec3f, 3>> MeshBuilder::corner_normals(const std::string&
       n = static_cast<Vec3f>(
           normalize(transformed_normal(affine, static_cast<Vec3d>(n) * (1 / size))));
     }
+    if (determinant(affine) < 0) std::swap(corners[1], corners[2]);
   }
   return normals;
 }
@@ -261,7 +264,14 @@ void MeshBuilder::count(uint64_t triangles) {
 Mesh MeshBuilder::own_coordinates(const std::string& field, const v1::Mesh& proto, int end) {
   Mesh mesh = source(field, proto);
   if (proto.normalize()) mesh = normalized(mesh);
-  return end > 0 ? transformed(mesh, build_transforms(field, proto, 0, end)) : mesh;
+  if (end == 0) return mesh;
+  const Affine affine = build_transforms(field, proto, 0, end);
+  mesh = transformed(mesh, affine);
+  // The triangles of a mirror image face outwards again.
+  if (determinant(affine) < 0) {
+    for (auto& [a, b, c] : mesh.triangles) std::swap(b, c);
+  }
+  return mesh;
 }
 
 Mesh MeshBuilder::source(const std::string& field, const v1::Mesh& proto) {

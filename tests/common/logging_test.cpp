@@ -25,6 +25,14 @@ TEST(Logging, GoesToStderrFromTheLevelOnWithoutColourOffATerminal) {
   EXPECT_EQ(logged("off"), "");
 }
 
+// Names of files may be in it.
+TEST(Logging, DoesNotSteerATerminal) {
+  ::testing::internal::CaptureStderr();
+  set_up_logging("info");
+  spdlog::warn("n\x1b[2J");
+  EXPECT_THAT(::testing::internal::GetCapturedStderr(), ::testing::EndsWith("n\\x1b[2J\n"));
+}
+
 // As a field of what a JSON reader reads.
 TEST(Logging, JsonLinesAreWholeWhateverTheMessage) {
   ::testing::internal::CaptureStderr();

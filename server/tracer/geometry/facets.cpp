@@ -4,6 +4,7 @@
 #include <array>
 
 #include "common/cancellation.h"
+#include "server/tracer/geometry/corner_normals.h"
 #include "server/tracer/geometry/fans.h"
 
 namespace itn::tracer {
@@ -34,6 +35,8 @@ Facets::Facets(const Mesh& mesh, const std::stop_token& stop) {
     around.push_back(t);
     near.clear();
     for (const uint32_t vertex : mesh.triangles[t]) {
+      // Those around the point of a cone are too many to be neighbours.
+      if (fans.first[vertex + 1] - fans.first[vertex] > CornerNormals::kMaxFan) continue;
       near.insert(near.end(), fans.triangles.begin() + fans.first[vertex],
                   fans.triangles.begin() + fans.first[vertex + 1]);
     }

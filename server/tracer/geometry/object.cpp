@@ -20,7 +20,7 @@ float largest_coordinate(const Bounds& box) {
 void check_length(const Mesh& mesh, const std::string& what) {
   const Bounds box = bounds(mesh);
   const double least = std::max(kSmallestLength, kSmallestPart * double{largest_coordinate(box)});
-  if (!(longest_side(box) >= least)) {
+  if (!(static_cast<float>(longest_side(box)) >= static_cast<float>(least))) {
     throw invalid_input(fmt::format(
         "{}: its longest side is {:g} mm; it must be {:g} mm at least, and {:g} of its "
         "largest coordinate, which is {:g} mm",

@@ -114,11 +114,101 @@ TEST_F(ImportMitsuba, ReadsOtherObjects) {
   EXPECT_THAT(imported.not_carried_over, Contains(HasSubstr("are of one kind")));
 }
 
+// A mirror image faces where its normal points, lamps as objects.
+TEST_F(ImportMitsuba, ReadsMirrorImages) {
+  const auto lamp = [&](const char* first) {
+    return import(fmt::format(R"(<shape type="rectangle"><transform name="to_world">{}
+        <rotate x="1" angle="90"/><translate y="3"/></transform>
+        <emitter type="area"><float name="radiance" value="10"/></emitter></shape>)",
+                              first) +
+                  kSensor)
+        .scene.lights(0)
+        .panel();
+  };
+  const auto down = [](const v1::PanelLight& panel) {
+    return panel.half_u().x() * panel.half_v().z() - panel.half_u().z() * panel.half_v().x();
+  };
+  EXPECT_NEAR(down(lamp("")), down(lamp("<scale x=\"-1\"/>")), 1e-6);
+  EXPECT_NEAR(down(lamp("")), down(lamp("<scale y=\"-1\"/>")), 1e-6);
+  EXPECT_NEAR(down(lamp("")), -down(lamp("<rotate x=\"1\" angle=\"180\"/>")), 1e-6);
+  const ImportedScene cube = import(std::string(R"(<shape type="cube">
+      <transform name="to_world"><scale x="-1"/></transform><bsdf type="null"/>
+      <medium type="homogeneous" name="interior"/></shape>)") +
+                                    kSensor);
+  EXPECT_EQ(cube.scene.object().mesh().transforms(0).matrix().m(0), -2);
+}
+
+// References before definitions, $names from outside, spectra, blends of two phase functions.
+TEST_F(ImportMitsuba, ReadsWhatMitsubaReads) {
+  options_.definitions = {{"t", "3"}};
+  const ImportedScene imported = import(std::string(R"(
+      <shape type="cube"><ref id="clear"/><ref name="interior" id="wax"/></shape>
+      <bsdf type="null" id="clear"/>
+      <default name="t" value="1"/>
+      <medium type="homogeneous" id="wax"><float name="sigma_t" value="$t"/>
+        <spectrum name="albedo" value="400:0.5, 700:0.9"/>
+        <phase type="blendphase"><float name="weight" value="0.25"/>
+          <phase type="hg"><float name="g" value="0.9"/></phase>
+          <phase type="isotropic"/></phase></medium>
+      <emitter type="constant"/>)") + kSensor);
+  ASSERT_TRUE(imported.medium);
+  const auto& [r, g, b] = *imported.medium;
+  EXPECT_EQ(r.sigma_t, 3);
+  // By CIE's tables (colour-science 0.4).
+  EXPECT_NEAR(r.albedo, 0.8109, 1e-3);
+  EXPECT_NEAR(g.albedo, 0.6923, 1e-3);
+  EXPECT_NEAR(b.albedo, 0.5474, 1e-3);
+  EXPECT_EQ(imported.phase, "two_term { g_1: 0.9 g_2: 0 weight: 0.75 }");
+  EXPECT_THAT(imported.not_carried_over, ElementsAre(HasSubstr("albedo: R, G and B of its")));
+  options_.definitions = {{"nothing", "3"}};
+  expect_error(ErrorKind::kInvalidInput, {"nothing has $nothing"}, [&] { import(kSensor); });
+}
+
+// Nothing is dropped in silence, however deep; nothing of a file breaks a line.
+TEST_F(ImportMitsuba, SaysWhatIsLost) {
+  const auto lost = [&](const std::string& body) {
+    return import(body + kSensor).not_carried_over;
+  };
+  EXPECT_THAT(lost(R"(<integrator type="volpath"><boolean name="hide_emitters" value="true"/>
+                      </integrator>)"),
+              Contains(HasSubstr("hide_emitters")));
+  EXPECT_THAT(lost(R"(<medium type="homogeneous" id="fog"/>
+                      <shape type="rectangle"><ref name="exterior" id="fog"/></shape>)"),
+              Contains(HasSubstr("is around objects")));
+  EXPECT_THAT(lost(R"(<shape type="rectangle"><emitter type="area">
+                      <texture name="radiance" type="checkerboard"/></emitter></shape>)"),
+              Contains(HasSubstr("does not shine")));
+  EXPECT_THAT(import(R"(<medium type="homogeneous" id="fog"/><sensor type="perspective">
+                        <float name="fov" value="9"/><ref id="fog"/></sensor>)")
+                  .not_carried_over,
+              Contains(HasSubstr("<medium type=\"homogeneous\">: was not")));
+  EXPECT_THAT(lost(R"(<shape type="cube"><medium type="homogeneous" name="interior"/></shape>)"),
+              Contains(HasSubstr("has no bsdf, and is opaque in Mitsuba")));
+  static constexpr char solid[] = R"(<shape type="sphere"><bsdf type="dielectric">{}</bsdf>
+      <medium type="homogeneous" name="interior"/></shape>)";
+  EXPECT_THAT(
+      lost(fmt::format(solid, "") + fmt::format(solid, "<float name=\"ext_ior\" value=\"1.5\"/>")),
+      Contains(HasSubstr("solids inside of solids have no counterpart")));
+  EXPECT_THAT(lost("<shape type=\"x&#10;lights { constant {} }\"/>"),
+              Contains(HasSubstr("x\\x0alights")));
+}
+
+// Parts of parts of parts, each twice, are visited once.
+TEST_F(ImportMitsuba, TakesLittleTimeForFewBytes) {
+  std::string body = "<bsdf type=\"diffuse\" id=\"b0\"/>";
+  for (int n = 1; n < 60; ++n) {
+    body += fmt::format(R"(<bsdf type="twosided" id="b{}"><ref id="b{}"/><ref id="b{}"/></bsdf>)",
+                        n, n - 1, n - 1);
+  }
+  import(body + "<shape type=\"cube\"><ref id=\"b59\"/></shape>" + kSensor);
+}
+
 // With the names and the coefficients that 0.6 has.
 TEST_F(ImportMitsuba, ReadsOldNames) {
   const ImportedScene imported = import(R"(
       <shape type="cube">
         <transform name="toWorld"><matrix value="0 0 1 0  0 1 0 1  -1 0 0 0  0 0 0 1"/></transform>
+        <bsdf type="null"/>
         <medium type="homogeneous" name="interior">
           <spectrum name="sigmaS" value="3"/><spectrum name="sigmaA" value="1"/>
         </medium>
@@ -273,18 +363,28 @@ TEST_F(ImportMitsuba, RefusesWhatItCannotRead) {
   expect_error(ErrorKind::kIo, {"absent.xml"},
                [&] { import_mitsuba(folder_.path("absent.xml"), {}); });
   refuses("<shape", {"scene.xml:1:"});
-  refuses("<ref id=\"nothing\"/>", {"nothing before has this id"});
+  refuses("<ref id=\"nothing\"/>", {"scene.xml:1: <ref", "nothing has this id"});
   refuses("<emitter type=\"constant\"><float name=\"radiance\" value=\"$l\"/></emitter>",
-          {"$l has no <default>"});
+          {"scene.xml:1: <float>", "$l has no <default>", "-D l=VALUE"});
   refuses("<emitter type=\"constant\"><float name=\"radiance\" value=\"1e999\"/></emitter>",
           {"is not a number"});
   refuses("<emitter type=\"constant\"><rgb name=\"radiance\" value=\"1, 2\"/></emitter>",
           {"2 numbers; 1 or 3"});
-  refuses(
-      "<emitter type=\"constant\"><spectrum name=\"radiance\" value=\"400:1, 700:2\"/></emitter>",
-      {"is not understood"});
-  refuses("<shape type=\"cube\"><transform name=\"to_world\"><scale x=\"-1\"/></transform></shape>",
-          {"mirror image"});
+  refuses("<emitter type=\"constant\"><spectrum name=\"radiance\" value=\"400:1, 700\"/></emitter>",
+          {"pairs of a wavelength and a value"});
+  refuses("<shape type=\"cube\"><transform name=\"to_world\"><scale x=\"0\"/></transform></shape>",
+          {"makes it flat"});
+  refuses("<bsdf type=\"twosided\" id=\"b\"><ref id=\"b\"/></bsdf>", {"refers to itself"});
+  refuses(R"(<shape type="cube"><bsdf type="null"/><medium type="homogeneous" name="interior">
+             <rgb name="sigma_t" value="1, 2, 0"/></medium></shape>)",
+          {"scene.xml:1", "(B).sigma_t is 0"});
+  std::string names = "<default name=\"n0\" value=\"1234567890\"/>";
+  for (int n = 1; n < 10; ++n) {
+    names += fmt::format("<default name=\"n{}\" value=\"", n);
+    for (int k = 0; k < 10; ++k) names += fmt::format("$n{}", n - 1);
+    names += "\"/>";
+  }
+  refuses(names, {"has more than 1048576 characters"});
   refuses("<shape type=\"cube\"><transform name=\"to_world\"><shear/></transform></shape>",
           {"<shear> is unknown"});
   refuses(

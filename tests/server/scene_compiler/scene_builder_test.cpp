@@ -136,16 +136,11 @@ const BadScene kBadScenes[] = {
      "after its transforms"},
     {"RotateAboutNothing", [](auto& s) { mesh(s).add_transforms()->mutable_rotate(); },
      "transforms[0].rotate.axis is (0, 0, 0)"},
-    {"Mirrored",
-     [](auto& s) {
-       *mesh(s).add_transforms()->mutable_scale() = parse_text<v1::Vec3>("x: -1 y: 1 z: 1");
-     },
-     "no mirror image"},
     {"ScaleZero",
      [](auto& s) {
        *mesh(s).add_transforms()->mutable_scale() = parse_text<v1::Vec3>("x: 1 y: 1");
      },
-     "must be positive"},
+     "no factor may be 0"},
     {"ShortMatrix", [](auto& s) { mesh(s).add_transforms()->mutable_matrix()->add_m(1); },
      "has 1 numbers; it must have 16"},
     {"MatrixLastRow",
@@ -451,6 +446,32 @@ TEST(SceneBuilder, CornerNormalsTakeTheTransforms) {
   }
 }
 
+// The mirror image of an object is one: its triangles face outwards.
+TEST(SceneBuilder, TakesMirrorImages) {
+  v1::Scene scene = cube_scene();
+  auto& proto = *scene.mutable_object()->mutable_mesh();
+  const Mesh mesh = placed_object(scene);
+  auto& matrix = *proto.add_transforms()->mutable_matrix();
+  for (const int m : {-2, 0, 0, 5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}) {
+    matrix.add_m(static_cast<float>(m));
+  }
+  const Mesh mirrored = placed_object(scene);
+  EXPECT_DOUBLE_EQ(signed_volume(mirrored), 2 * signed_volume(mesh));
+  for (size_t i = 0; i < mesh.vertices.size(); ++i) {
+    const Vec3f v = mesh.vertices[i];
+    expect_near(mirrored.vertices[i], {5 - 2 * v.x, v.y, v.z});
+  }
+  // Normals stay with their corners.
+  const size_t triangles = mesh.triangles.size();
+  std::vector<Vec3f> normals(3 * triangles);
+  for (size_t i = 0; i < normals.size(); ++i) normals[i] = {1, static_cast<float>(i % 3), 0};
+  proto.mutable_triangles()->set_corner_normals(to_bytes(normals));
+  const auto corners = build_scene(scene, RenderLimits()).corner_normals[0];
+  expect_near(corners[0], {-1, 0, 0});
+  EXPECT_NEAR(corners[1].y / -corners[1].x, 4, 1e-5);  // the third; x is twice as far
+  EXPECT_NEAR(corners[2].y / -corners[2].x, 2, 1e-5);
+}
+
 TEST(SceneBuilder, WeldsTriangleSoup) {
   v1::Scene scene = cube_scene();
   const Mesh mesh = placed_object(scene);
@@ -726,6 +747,27 @@ TEST(RequestBuilder, HasTheDocumentedDefaults) {
   EXPECT_EQ(built.seed, 0U);
   EXPECT_EQ(built.estimates, 1U);
   EXPECT_TRUE(built.derivatives.empty());
+}
+
+// As floats, in which they come.
+TEST(RequestBuilder, TakesRangesToTheirEnds) {
+  const auto check = [](const std::string& text) {
+    v1::RenderGradRequest request = request_of_any_scene();
+    request.clear_material();
+    request.clear_derivatives();
+    request.MergeFrom(parse_text<v1::RenderGradRequest>(text));
+    validate(build_request(request, {}).asked);
+  };
+  for (const std::string text :
+       {"material { sigma_t: 1e-6 albedo: 1 g: 0.99 } spp: 2",
+        "material { sigma_t: 1 g: -0.99 } spp: 2",
+        "material { sigma_t: 1 } spp: 2 phase { two_term { g_1: 0.99 g_2: -0.99 } }"}) {
+    EXPECT_NO_THROW(check(text)) << text;
+  }
+  EXPECT_THROW(check("material { sigma_t: 1 g: 0.9901 } spp: 2"), Error);
+  v1::Scene scene = scaled_scene(1e-6F);
+  *scene.add_lights() = parse_text<v1::Light>("sphere { center { y: 3 } radius: 1e-6 }");
+  EXPECT_NO_THROW(tracer::Scene(build_scene(scene, RenderLimits())));
 }
 
 TEST(RequestBuilder, TakesAPhaseFunction) {

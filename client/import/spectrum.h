@@ -1,0 +1,17 @@
+// Colours of spectra.
+#pragma once
+
+#include <array>
+#include <map>
+
+namespace itn {
+
+// Linear R, G, B (sRGB's primaries) of a spectrum, given by its values at wavelengths in nm, at
+// least one of them: linear between them, 0 beyond. A constant spectrum is gray, and has its value
+// in each. Not below 0.
+//
+// By CIE's curves of 1931, as Wyman, Sloan, Shirley approximate them by Gaussian lobes: "Simple
+// analytic approximations to the CIE XYZ color matching functions", JCGT 2013.
+std::array<double, 3> colour_of_spectrum(const std::map<double, double>& spectrum);
+
+}  // namespace itn
