@@ -18,7 +18,7 @@ packages=(
   # Learning; without an optimised BLAS, LibTorch is some thirty times slower
   libtorch-dev libopenblas0-pthread libopencv-imgproc-dev
   # Images
-  libopenexr-dev libpng-dev zlib1g-dev libopenimageio-dev libheif-dev libopencv-photo-dev
+  libopenexr-dev libpng-dev zlib1g-dev libopenimageio-dev libheif-dev liblcms2-dev libopencv-photo-dev
   # Command line and logs
   libcli11-dev libfmt-dev libspdlog-dev
   # Tests

@@ -74,9 +74,9 @@ void find_exposures(const MergeOptions& options, std::vector<Bracketed>& bracket
   }
 }
 
-PhotographFile read(const std::string& name) {
+PhotographFile read(const std::string& name, const MergeOptions& options) {
   throw_if_interrupted();
-  return read_photograph(name);
+  return read_photograph(name, options.is_linear);
 }
 
 // Before the work: an EXR, and none of the photographs.
@@ -127,8 +127,14 @@ void run_merge(const MergeOptions& options) {
   std::vector<Bracketed> bracket;
   std::vector<ExposureSample> samples;
   for (const std::string& name : names) {
-    PhotographFile file = read(name);
+    PhotographFile file = read(name, options);
     if (!bracket.empty()) check_alike(bracket.front(), file, name);
+    if (file.may_be_linear) {
+      spdlog::warn(
+          "{}: 16-bit integers that do not say how they are encoded were taken for sRGB; "
+          "--encoding linear if they were developed as linear",
+          name);
+    }
     if (file.encoded) samples.push_back(sample_exposure(file, 0, name));
     file.image.channels.clear();
     file.clipped = {};
@@ -148,7 +154,7 @@ void run_merge(const MergeOptions& options) {
   ExposureMerge merge(std::move(response));
   std::vector<double> exposures;
   for (const Bracketed& photograph : bracket) {
-    merge.add(read(photograph.name), photograph.exposure, photograph.name);
+    merge.add(read(photograph.name, options), photograph.exposure, photograph.name);
     exposures.push_back(photograph.exposure);
   }
   Image image = merge.merged();

@@ -1,6 +1,7 @@
 // Photographs of one scene at several exposures, as one linear image.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,7 @@ struct MergeOptions {
   std::string output;
   std::vector<double> seconds;  // of each photograph; empty: as EXIF says
   std::string response = "estimate";
+  std::optional<bool> is_linear;  // as of read_photograph()
 };
 
 void run_merge(const MergeOptions& options);

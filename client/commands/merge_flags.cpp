@@ -7,6 +7,7 @@
 
 #include "client/commands/command.h"
 #include "client/commands/merge.h"
+#include "client/commands/options.h"
 #include "common/flags.h"
 
 namespace itn {
@@ -38,7 +39,8 @@ void add_merge_command(CLI::App& app) {
   command
       ->add_option("photographs", options->photographs,
                    "Two or more, of one size: JPEG, PNG, TIFF, HEIC, WebP; or linear: OpenEXR, "
-                   "Radiance HDR, TIFF of floating-point numbers")
+                   "Radiance HDR, TIFF of floating-point numbers, and others with --encoding "
+                   "linear")
       ->required();
   command
       ->add_option(
@@ -60,6 +62,7 @@ void add_merge_command(CLI::App& app) {
                    "photographs, or sRGB's; linear files have none")
       ->check(one_of({"estimate", "srgb"}))
       ->capture_default_str();
+  add_encoding_flag(*command, options->is_linear);
   command->callback([options] { run_merge(*options); });
 }
 

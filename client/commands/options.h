@@ -91,6 +91,24 @@ inline void add_mesh_unit_flag(CLI::App& app, std::optional<v1::LengthUnit>& uni
       ->check(one_of({"mm", "cm", "m", "inch"}));
 }
 
+// For files of photographs.
+inline void add_encoding_flag(CLI::App& app, std::optional<bool>& is_linear) {
+  app.add_option_function<std::string>(
+         "--encoding",
+         [&is_linear](const std::string& name) {
+           if (name != "file") is_linear = name == "linear";
+         },
+         "What the numbers of PNG, JPEG, TIFF, HEIC and WebP stand for: linear light, sRGB, or "
+         "what the file says. Default: file; integers that say nothing are sRGB")
+      ->check(one_of({"file", "linear", "srgb"}));
+}
+inline void add_layer_flag(CLI::App& app, std::string& layer) {
+  app.add_option("--layer", layer,
+                 "Of an OpenEXR file, the layer that is meant, such as ViewLayer.DiffDir. Default: "
+                 "R, G and B, Y, or those of the only layer that has them, or of Blender's "
+                 "Combined");
+}
+
 // For files of renderers.
 inline void add_scene_unit_flag(CLI::App& app, double& mm_per_scene_unit) {
   app.add_option_function<std::string>(

@@ -50,6 +50,8 @@ void add_photograph_flags(CLI::App& command, PhotographOptions& options) {
           "auto: find the object before a plain background")
       ->check(CLI::IsMember({"auto"}))
       ->excludes(mask);
+  add_encoding_flag(command, options.reading.is_linear);
+  add_layer_flag(command, options.reading.layer);
   command
       .add_option_function<std::string>(
           "--frame",

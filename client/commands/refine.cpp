@@ -1,6 +1,8 @@
 // itn refine: the material of an object of known shape in known light, by analysis by synthesis.
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <cstdlib>
@@ -22,8 +24,7 @@
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/folder_lock.h"
-#include "common/image/channels.h"
-#include "common/image/photograph_file.h"
+#include "common/image/photograph.h"
 #include "common/learning/model_files.h"
 #include "common/progress.h"
 #include "common/random.h"
@@ -45,9 +46,8 @@ Error usage(const std::string& message) {
 // ---- Images and their scenes -----------------------------------------------------------------
 
 // What the scene's film has of an image in colour.
-std::vector<float> radiance_of(const Image& image, v1::Film::Channel channel,
-                               const std::string& name) {
-  const std::vector<std::string> names = radiance_channels(image, name);
+std::vector<float> radiance_of(const Image& image, const std::vector<std::string>& names,
+                               v1::Film::Channel channel) {
   if (names.size() == 1) return image.channel(names[0]);
   if (channel != v1::Film::LUMINANCE) {
     return image.channel(names[static_cast<size_t>(channel - v1::Film::RED)]);
@@ -61,8 +61,41 @@ std::vector<float> radiance_of(const Image& image, v1::Film::Channel channel,
   return luminance;
 }
 
-Observation load_observation(const std::string& name, const v1::Scene& scene) {
-  const Image image = read_photograph(name).image;
+// Whether a colour differs from gray by more than this part.
+bool has_colours(const Image& image, const std::vector<std::string>& channels) {
+  constexpr float kGray = 0.01F;
+  if (channels.size() != 3) return false;
+  const auto &r = image.channel(channels[0]), &g = image.channel(channels[1]),
+             &b = image.channel(channels[2]);
+  for (size_t p = 0; p < r.size(); ++p) {
+    const auto [least, most] = std::minmax({r[p], g[p], b[p]});
+    if (most - least > kGray * most) return true;
+  }
+  return false;
+}
+
+// Pixels that count, where some do not: those at the top of what the file can hold.
+void leave_out_clipped(const std::vector<unsigned char>& clipped, Observation& observation) {
+  if (std::ranges::count(clipped, 1) == 0) return;
+  if (observation.mask.empty()) observation.mask.assign(clipped.size(), 1);
+  size_t left_out = 0, all = 0;
+  for (size_t p = 0; p < clipped.size(); ++p) {
+    if (!is_on_object(observation.mask[p])) continue;
+    ++all;
+    if (clipped[p] == 0) continue;
+    ++left_out;
+    observation.mask[p] = 0;
+  }
+  if (left_out > 0) {
+    spdlog::warn("{}: {} of {} pixels are at the top of what the file can hold and do not count",
+                 observation.name, left_out, all);
+  }
+}
+
+Observation load_observation(const std::string& name, const v1::Scene& scene,
+                             const RefineOptions& options) {
+  const PhotographContent content = read_content(name, options.reading);
+  const Image& image = content.file.image;
   const v1::Film& film = scene.film();
   if (static_cast<uint32_t>(image.width) != film.width() ||
       static_cast<uint32_t>(image.height) != film.height()) {
@@ -70,12 +103,34 @@ Observation load_observation(const std::string& name, const v1::Scene& scene) {
         fmt::format("{} is {} x {} pixels, the film of its scene {} x {}; they must be the same",
                     name, image.width, image.height, film.width(), film.height()));
   }
+  if (content.file.may_be_linear) {
+    throw invalid_input(fmt::format(
+        "{} holds 16-bit integers and does not say how they are encoded; --encoding linear or "
+        "--encoding srgb says so",
+        name));
+  }
+  if (content.file.encoded && !options.unknown_exposure) {
+    spdlog::warn(
+        "{} is encoded for a screen, by an exposure that nobody knows; --exposure unknown finds it",
+        name);
+  }
+  if (film.channel() == v1::Film::LUMINANCE && has_colours(image, content.channels)) {
+    spdlog::warn(
+        "{} has colours, and the film of its scene is LUMINANCE: the answer is one material for "
+        "all of them, which may fit none; film {{ channel: RED }}, GREEN and BLUE fit each",
+        name);
+  }
   Observation observation{.name = name,
-                          .radiance = radiance_of(image, film.channel(), name),
+                          .radiance = radiance_of(image, content.channels, film.channel()),
                           .mask = {},
                           .noise = {},
                           .scene = serialize(scene)};
-  if (image.has("mask.Y")) observation.mask = image.channel("mask.Y");
+  if (!options.mask.empty()) {
+    observation.mask = read_mask_for(content, name, options.mask);
+  } else if (image.has("mask.Y")) {
+    observation.mask = image.channel("mask.Y");
+  }
+  leave_out_clipped(content.file.clipped, observation);
   if (image.has("stderr.Y")) observation.noise = image.channel("stderr.Y");
   validate(observation);
   return observation;
@@ -135,6 +190,8 @@ Material network_guess(const RefineOptions& options, const std::vector<v1::Scene
   std::vector<PredictInput> inputs;
   for (size_t i = 0; i < options.images.size(); ++i) {
     PhotographOptions photograph;
+    photograph.reading = options.reading;
+    photograph.mask = options.mask;
     photograph.object_size = longest_side(object_bounds("scene.object", scenes[i].object()));
     if (!options.unknown_exposure) photograph.exposure = 1;
     inputs.push_back(load_photograph(options.images[i], photograph));
@@ -225,7 +282,7 @@ void run_refine(const RefineOptions& options) {
   const std::vector<v1::Scene> scenes = load_scenes(options);
   std::vector<Observation> observations;
   for (size_t i = 0; i < scenes.size(); ++i) {
-    observations.push_back(load_observation(options.images[i], scenes[i]));
+    observations.push_back(load_observation(options.images[i], scenes[i], options));
   }
   RenderPool pool(options.workers.pool_options());
   const Synthesize synthesize = rendered_by(pool, interruption());

@@ -7,11 +7,14 @@
 #include <vector>
 
 #include "client/commands/options.h"
+#include "client/predict/photograph_input.h"
 
 namespace itn {
 
 struct RefineOptions {
   std::vector<std::string> images, scenes;
+  std::string mask;  // a file, or a folder; empty: the images' own
+  FileReading reading;
   std::optional<v1::LengthUnit> mesh_unit;
   std::string init = "network";
   std::string model;

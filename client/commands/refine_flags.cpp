@@ -16,8 +16,13 @@ void add_flags(CLI::App& command, RefineOptions& options) {
           "Images of one material, of linear radiance on the scale of their scenes' lights, "
           "of the size of their films: EXR, or others as for itn predict. Of an EXR, mask.Y "
           "says which pixels count (default: where the scene shows the object), and "
-          "stderr.Y how noisy they are")
+          "stderr.Y how noisy they are. Pixels at the top of what a file can hold do not count")
       ->required();
+  command.add_option("--mask", options.mask,
+                     "Image that is bright (above half) on the pixels that count, or a folder with "
+                     "one of the same name for each image. Default: an EXR's mask.Y");
+  add_encoding_flag(command, options.reading.is_linear);
+  add_layer_flag(command, options.reading.layer);
   command
       .add_option(
           "--scene", options.scenes,

@@ -33,29 +33,17 @@ bool is_photograph(const fs::path& path) {
   return std::ranges::find(kExtensions, extension) != kExtensions.end();
 }
 
-// Linear radiance, channels interleaved, and the rest of a file's content.
-struct Content {
-  PhotographFile file;
-  std::vector<std::string> channels;
+// Channels interleaved.
+std::vector<float> pixels_of(const PhotographContent& content) {
   std::vector<float> pixels;
-
-  int width() const { return file.image.width; }
-  int height() const { return file.image.height; }
-  size_t count() const { return static_cast<size_t>(width()) * static_cast<size_t>(height()); }
-};
-
-Content read_content(const std::string& name) {
-  Content content;
-  content.file = read_photograph(name);
-  const Image& image = content.file.image;
-  content.channels = radiance_channels(image, name);
-  content.pixels.reserve(content.count() * content.channels.size());
-  for (size_t p = 0; p < content.count(); ++p) {
+  const size_t count = content.file.image.channel(content.channels[0]).size();
+  pixels.reserve(count * content.channels.size());
+  for (size_t p = 0; p < count; ++p) {
     for (const std::string& channel : content.channels) {
-      content.pixels.push_back(image.channels.at(channel)[p]);
+      pixels.push_back(content.file.image.channels.at(channel)[p]);
     }
   }
-  return content;
+  return pixels;
 }
 
 // --- Where the object is ---
@@ -103,39 +91,26 @@ Coverage coverage_of(const std::vector<float>& mask, int width, int height) {
 }
 
 // A soft brush leaves gray where white is meant.
-void brighten(std::vector<float>& mask, const std::string& path) {
+void brighten(std::vector<float>& mask, const std::string& path, const std::string& name) {
   constexpr float kMinBrightness = 0.1F;
   const float most = std::ranges::max(mask);
-  if (is_on_object(most) || most < kMinBrightness) return;
+  if (is_on_object(most)) return;
+  if (most < kMinBrightness) {
+    throw invalid_input(
+        fmt::format("{}: the mask {} is black: its brightest value is {:.4g} of white ({:.0f} of "
+                    "255); white is "
+                    "the object, and a mask of labels is to be made one of black and white",
+                    name, path, most, 255 * most));
+  }
   spdlog::warn("{}: its brightest value is {:.2g} of white; that is taken for the object", path,
                most);
   for (float& value : mask) value /= most;
 }
 
-std::vector<float> mask_from_file(const Content& content, const std::string& name,
-                                  const std::string& mask) {
-  const std::string path = fs::is_directory(mask) ? mask_in_folder(mask, name) : mask;
-  MaskFile file = read_mask(path);
-  if (file.width != content.width() || file.height != content.height()) {
-    throw invalid_input(
-        fmt::format("the mask {} is {} x {} pixels, {} is {} x {}; they must be the same", path,
-                    file.width, file.height, name, content.width(), content.height()));
-  }
-  brighten(file.values, path);
-  constexpr double kMuch = 0.9;
-  const Coverage coverage = coverage_of(file.values, file.width, file.height);
-  if (coverage.all > kMuch || coverage.border > kMuch) {
-    throw invalid_input(fmt::format(
-        "the mask {} covers {:.0f} % of the photograph and {:.0f} % of its border: is it inverted? "
-        "White is the object, black what is around it",
-        path, 100 * coverage.all, 100 * coverage.border));
-  }
-  return std::move(file.values);
-}
-
-std::vector<float> mask_of_background(const Content& content, const std::string& name) {
-  std::vector<float> mask = mask_from_background(
-      content.width(), content.height(), static_cast<int>(content.channels.size()), content.pixels);
+std::vector<float> mask_of_background(const PhotographContent& content, const std::string& name) {
+  std::vector<float> mask =
+      mask_from_background(content.width(), content.height(),
+                           static_cast<int>(content.channels.size()), pixels_of(content));
   const Coverage coverage = coverage_of(mask, content.width(), content.height());
   spdlog::warn(
       "{}: what differs from the background is {:.0f} % of the photograph{}; a shadow may be taken "
@@ -150,9 +125,9 @@ bool has_mask(const std::vector<float>& alpha) {
   return std::ranges::any_of(alpha, [](float a) { return !is_on_object(a); });
 }
 
-std::vector<float> mask_of(const Content& content, const std::string& name,
+std::vector<float> mask_of(const PhotographContent& content, const std::string& name,
                            const PhotographOptions& options) {
-  if (!options.mask.empty()) return mask_from_file(content, name, options.mask);
+  if (!options.mask.empty()) return read_mask_for(content, name, options.mask);
   if (options.mask_by_background) return mask_of_background(content, name);
   const Image& image = content.file.image;
   if (image.has("mask.Y")) return image.channel("mask.Y");
@@ -166,7 +141,8 @@ std::vector<float> mask_of(const Content& content, const std::string& name,
 // --- What is known of its light ---
 
 // Of a white card, by channel.
-std::vector<double> white_of(const PixelRectangle& card, double gray, const Content& content,
+std::vector<double> white_of(const PixelRectangle& card, double gray,
+                             const PhotographContent& content, const std::vector<float>& pixels,
                              const std::vector<float>& mask, const std::string& name) {
   const auto wrong = [&](const std::string& what) {
     return invalid_input(fmt::format("the gray card {},{},{},{} of {} {}", card.x, card.y,
@@ -184,7 +160,7 @@ std::vector<double> white_of(const PixelRectangle& card, double gray, const Cont
           static_cast<size_t>(y) * static_cast<size_t>(content.width()) + static_cast<size_t>(x);
       if (is_on_object(mask[p])) throw wrong("overlaps the object");
       if (!content.file.clipped.empty()) clipped += content.file.clipped[p];
-      for (size_t c = 0; c < sums.size(); ++c) sums[c] += content.pixels[p * sums.size() + c];
+      for (size_t c = 0; c < sums.size(); ++c) sums[c] += pixels[p * sums.size() + c];
     }
   }
   const double area = static_cast<double>(card.width) * card.height;
@@ -208,7 +184,7 @@ double clipped_part(const std::vector<unsigned char>& clipped, const std::vector
   return object == 0 ? 0 : static_cast<double>(both) / static_cast<double>(object);
 }
 
-v1::Capture capture_of(const Content& content, const Photograph& photograph,
+v1::Capture capture_of(const PhotographContent& content, const Photograph& photograph,
                        const std::vector<float>& mask, const std::string& name,
                        const PhotographOptions& options) {
   v1::Capture capture;
@@ -216,7 +192,8 @@ v1::Capture capture_of(const Content& content, const Photograph& photograph,
   if (options.exposure) capture.set_exposure(*options.exposure);
   if (options.gray_card) {
     const std::vector<double> white =
-        white_of(*options.gray_card, options.gray, content, mask, name);
+        white_of(*options.gray_card, options.gray, content,
+                 {photograph.pixels.begin(), photograph.pixels.end()}, mask, name);
     capture.mutable_white()->Assign(white.begin(), white.end());
   }
   capture.set_clipped(clipped_part(content.file.clipped, mask));
@@ -232,8 +209,64 @@ Framing framing_of(const PhotographOptions& options, const Image& image) {
 
 }  // namespace
 
+PhotographContent read_content(const std::string& name, const FileReading& reading) {
+  PhotographContent content;
+  content.file = read_photograph(name, reading.is_linear);
+  Image& image = content.file.image;
+  content.channels = radiance_channels(image, name, reading.layer);
+  size_t below = 0;
+  float least = 0;
+  for (const std::string& channel : content.channels) {
+    for (float& value : image.channels.at(channel)) {
+      if (!(value < 0)) continue;
+      ++below;
+      least = std::min(least, value);
+      value = 0;
+    }
+  }
+  if (below > 0) {
+    spdlog::warn("{}: {} values are below 0, the least {:.2g}; they count as 0", name, below,
+                 least);
+  }
+  return content;
+}
+
+std::vector<float> read_mask_for(const PhotographContent& content, const std::string& name,
+                                 const std::string& mask) {
+  const std::string path = fs::is_directory(mask) ? mask_in_folder(mask, name) : mask;
+  MaskFile file = read_mask(path);
+  if (file.width != content.width() || file.height != content.height()) {
+    throw invalid_input(fmt::format(
+        "the mask {} is {} x {} pixels, {} is {} x {}; they must be the same{}", path, file.width,
+        file.height, name, content.width(), content.height(),
+        content.file.turned && !file.turned
+            ? " (the photograph was turned upright, as its EXIF says; turn the mask, too)"
+            : ""));
+  }
+  if (content.file.turned && !file.turned) {
+    spdlog::warn("{} was turned upright, as its EXIF says; the mask {} was not", name, path);
+  }
+  brighten(file.values, path, name);
+  constexpr double kMuch = 0.9;
+  const Coverage coverage = coverage_of(file.values, file.width, file.height);
+  if (coverage.all > kMuch || coverage.border > kMuch) {
+    throw invalid_input(fmt::format(
+        "the mask {} covers {:.0f} % of the photograph and {:.0f} % of its border: is it inverted? "
+        "White is the object, black what is around it",
+        path, 100 * coverage.all, 100 * coverage.border));
+  }
+  return std::move(file.values);
+}
+
 PredictInput load_photograph(const std::string& file, const PhotographOptions& options) {
-  const Content content = read_content(file);
+  const PhotographContent content = read_content(file, options.reading);
+  const std::vector<float> pixels = pixels_of(content);
+  if (content.file.may_be_linear) {
+    spdlog::warn(
+        "{}: 16-bit integers that do not say how they are encoded were taken for sRGB; --encoding "
+        "linear if they were developed as linear",
+        file);
+  }
   if (options.exposure && content.file.encoded) {
     throw invalid_input(fmt::format(
         "{}: a scale of radiance (--radiance-scale) is for linear images; this one is encoded for "
@@ -244,7 +277,7 @@ PredictInput load_photograph(const std::string& file, const PhotographOptions& o
   }
   const std::vector<float> mask = mask_of(content, file, options);
   const Photograph photograph{content.width(), content.height(),
-                              static_cast<int>(content.channels.size()), content.pixels, mask};
+                              static_cast<int>(content.channels.size()), pixels, mask};
   try {
     validate(photograph, interruption());
   } catch (const Error& error) {

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "common/image/photograph.h"
+#include "common/image/photograph_file.h"
 #include "itn/v1/predict.pb.h"
 
 namespace itn {
@@ -15,8 +16,33 @@ struct PixelRectangle {
   int x = 0, y = 0, width = 1, height = 1;
 };
 
+// What files do not say of themselves.
+struct FileReading {
+  std::optional<bool> is_linear;  // whether integers are linear, or sRGB; absent: as the file says
+  std::string layer;              // of an OpenEXR file; empty: radiance_channels()
+};
+
+// A photograph's file, of whose radiance nothing is negative: raw developments leave such pixels,
+// which become 0, with a warning. The names of its channels: Y, or R, G, B. Throws Error as
+// read_photograph() and radiance_channels() do.
+struct PhotographContent {
+  PhotographFile file;
+  std::vector<std::string> channels;
+
+  int width() const { return file.image.width; }
+  int height() const { return file.image.height; }
+};
+PhotographContent read_content(const std::string& name, const FileReading& reading);
+
+// The mask of a photograph in a file, or in a folder of such: in [0, 1], of its size. Throws Error
+// as read_mask() does, kIo if the folder has none, kInvalidInput if it does not fit, is dark, or
+// covers all.
+std::vector<float> read_mask_for(const PhotographContent& content, const std::string& name,
+                                 const std::string& mask);
+
 // What is known of photographs, besides what is in their files.
 struct PhotographOptions {
+  FileReading reading;
   std::string mask;                 // a file, or a folder of such; empty: the photograph's own
   bool mask_by_background = false;  // mask_from_background()
   std::optional<Framing>

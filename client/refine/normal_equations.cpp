@@ -88,14 +88,24 @@ void ImageEquations::choose_pixels(std::span<const float> coverage) {
   if (coverage.size() != observation_.radiance.size()) {
     throw invalid_input(observation_.name + ": the render has another size");
   }
+  size_t given_count = 0, seen = 0;
   for (uint32_t p = 0; p < coverage.size(); ++p) {
     const bool given = observation_.mask.empty() || observation_.mask[p] > kHalf;
+    given_count += given ? 1 : 0;
+    seen += coverage[p] > kHalf ? 1 : 0;
     if (given && coverage[p] > kHalf) pixels_.push_back(p);
   }
+  // A mask of the object hardly leaves it; one of all but the object hardly meets it.
+  constexpr double kLeast = 0.5;
+  if (!observation_.mask.empty() &&
+      static_cast<double>(pixels_.size()) < kLeast * static_cast<double>(given_count)) {
+    throw invalid_input(fmt::format(
+        "{}: of the {} pixels of the mask, {} see the object of the scene, which is in {}: is the "
+        "mask inverted, or do image and scene not belong together?",
+        observation_.name, given_count, pixels_.size(), seen));
+  }
   if (pixels_.empty()) {
-    throw invalid_input(observation_.name +
-                        ": no pixel of the mask sees the object of the scene; do image, mask and "
-                        "scene belong together?");
+    throw invalid_input(observation_.name + ": the camera of its scene does not see the object");
   }
   weigh_pixels();
 }

@@ -229,6 +229,12 @@ v1::RefineResult Refinement::result() const {
   // Beyond its own noise an image should not differ from its render.
   constexpr double kMisfit = 1.5;
   const double noise = descent.noise_loss();
+  if (!(noise > 0)) {
+    result.add_remarks(
+        "whether image and renders differ by more than noise was not tested, as the image does not "
+        "say how noisy it is (stderr.Y): the intervals hold if shape, light, camera, exposure and "
+        "encoding are those of the scene");
+  }
   if (noise > 0 && descent.loss() - 4 * descent.loss_standard_error() > kMisfit * noise) {
     result.add_remarks(fmt::format(
         "the renders do not come as near to the image as its noise would let them: they differ by "

@@ -28,6 +28,9 @@ inline constexpr const char* kRelativeNoise = "itn.relative_noise";  // of Y, on
 inline constexpr const char* kItem = "itn.item";  // which item of the manifest, a digest
 inline constexpr const char* kContents =
     "itn.contents_sha256";  // of all else, see contents_digest()
+// Of OpenEXR files whose colours have other primaries than sRGB's, while they are read: x and y of
+// red, green, blue and white.
+inline constexpr const char* kChromaticities = "itn.chromaticities";
 // Of photographs that were merged.
 inline constexpr const char* kExposures = "itn.exposures";  // seconds, as text: 0.0125,0.05,0.2
 inline constexpr const char* kMergeMethod = "itn.merge_method";  // debevec

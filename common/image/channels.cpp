@@ -8,6 +8,7 @@
 #include <set>
 
 #include "common/error.h"
+#include "common/printable.h"
 
 namespace itn {
 namespace {
@@ -31,10 +32,17 @@ std::vector<std::string> radiance_in(const Image& image, const std::string& laye
   const std::vector<std::string> rgb = {in_layer(layer, "R"), in_layer(layer, "G"),
                                         in_layer(layer, "B")};
   if (std::ranges::all_of(rgb, [&](const auto& name) { return image.has(name); })) return rgb;
+  // Y beside X and Z is a coordinate.
+  const bool is_vector = image.has(in_layer(layer, "X")) && image.has(in_layer(layer, "Z"));
   for (const char* gray : {"Y", "L"}) {
-    if (image.has(in_layer(layer, gray))) return {in_layer(layer, gray)};
+    if (!is_vector && image.has(in_layer(layer, gray))) return {in_layer(layer, gray)};
   }
   return {};
+}
+
+// Blender's name for the picture, beside its other passes.
+bool is_combined(const std::string& layer) {
+  return layer == "Combined" || layer.ends_with(".Combined");
 }
 
 Error unclear(const Image& image, const std::string& name, const std::string& wanted) {
@@ -44,7 +52,14 @@ Error unclear(const Image& image, const std::string& name, const std::string& wa
 
 }  // namespace
 
-std::vector<std::string> radiance_channels(const Image& image, const std::string& name) {
+std::vector<std::string> radiance_channels(const Image& image, const std::string& name,
+                                           const std::string& wanted_layer) {
+  if (!wanted_layer.empty()) {
+    if (auto found = radiance_in(image, wanted_layer); !found.empty()) return found;
+    throw unclear(
+        image, name,
+        fmt::format("there is no layer {} with R, G and B, or Y", printable(wanted_layer)));
+  }
   if (const auto found = radiance_in(image, ""); !found.empty()) return found;
   std::set<std::string> layers;
   std::vector<std::string> colours;  // neither mask nor alpha
@@ -55,15 +70,17 @@ std::vector<std::string> radiance_channels(const Image& image, const std::string
     if (!radiance_in(image, layer).empty()) layers.insert(layer);
   }
   if (layers.size() == 1) return radiance_in(image, *layers.begin());
+  if (std::ranges::count_if(layers, is_combined) == 1) {
+    return radiance_in(image, *std::ranges::find_if(layers, is_combined));
+  }
   if (layers.empty() && colours.size() == 1) {
     spdlog::warn("{}: its only channel, {}, is taken for the radiance", name, colours.front());
     return colours;
   }
   throw unclear(image, name,
-                layers.size() > 1
-                    ? fmt::format("which of the layers {} is meant? Only one may have R, G, B or Y",
-                                  fmt::join(layers, ", "))
-                    : "wanted are R, G and B, or Y, or L, or one channel alone");
+                layers.size() > 1 ? fmt::format("which of the layers {} is meant? --layer says so",
+                                                fmt::join(layers, ", "))
+                                  : "wanted are R, G and B, or Y, or L, or one channel alone");
 }
 
 std::string mask_channel(const Image& image, const std::string& name) {

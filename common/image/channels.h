@@ -9,10 +9,12 @@
 namespace itn {
 
 // The names of the channels that hold radiance: red, green and blue, or a single one. Looked for in
-// this order: R, G, B; Y or L; the same in the only layer that has them ("env.R", ...); the only
-// channel that there is, beside alpha and mask. Throws Error (invalid input) that names the
-// channels found and wanted; `name` is the file's.
-std::vector<std::string> radiance_channels(const Image& image, const std::string& name);
+// this order: R, G, B; Y or L; the same in the only layer that has them ("env.R", ...), or in the
+// one that Blender calls Combined; the only channel that there is, beside alpha and mask. Y beside
+// X and Z is a coordinate. `wanted_layer`, unless empty: that one ("ViewLayer.DiffDir"). Throws
+// Error (invalid input) that names the channels found and wanted; `name` is the file's.
+std::vector<std::string> radiance_channels(const Image& image, const std::string& name,
+                                           const std::string& wanted_layer = "");
 
 // The channel of a mask file: mask.Y, mask, Y, L, R, A, or the only one. Throws likewise.
 std::string mask_channel(const Image& image, const std::string& name);

@@ -7,6 +7,7 @@
 #include <exception>
 #include <memory>
 #include <mutex>
+#include <utility>
 
 namespace itn {
 namespace {
@@ -15,12 +16,11 @@ const char* format_of_openimageio(ImageFormat format) {
   switch (format) {
     case ImageFormat::kJpeg: return "jpeg";
     case ImageFormat::kTiff: return "tiff";
-    case ImageFormat::kHdr: return "hdr";
     default: return "webp";
   }
 }
 
-// A JPEG, TIFF, HDR or WebP file in memory that OpenImageIO has open.
+// A JPEG, TIFF or WebP file in memory that OpenImageIO has open.
 class OpenImage {
  public:
   OpenImage(std::string_view bytes, const PhotographHeader& header, const std::string& name)
@@ -75,6 +75,17 @@ std::vector<T> chosen(std::vector<T> values, int channels, const std::vector<int
   return kept;
 }
 
+ColourEncoding encoding_of(const OIIO::ImageSpec& spec, const PhotographHeader& header) {
+  ColourEncoding encoding;
+  encoding.profile = header.profile;
+  if (const auto* profile = spec.find_attribute("ICCProfile")) {
+    encoding.profile.assign(static_cast<const char*>(profile->data()), profile->type().size());
+  }
+  if (spec.format.is_floating_point()) encoding.curve = ColourEncoding::Curve::kLinear;
+  encoding.is_stated = spec.format != OIIO::TypeDesc::UINT16;
+  return encoding;
+}
+
 EncodedPixels decode(std::string_view bytes, const PhotographHeader& header,
                      const std::string& name) {
   OpenImage image(bytes, header, name);
@@ -95,7 +106,7 @@ EncodedPixels decode(std::string_view bytes, const PhotographHeader& header,
       .height = spec.height,
       .channels = static_cast<int>(wanted.size()),
       .values = {},
-      .linear = false,
+      .encoding = encoding_of(spec, header),
       .multiplied_by_alpha = alpha >= 0 && spec.get_int_attribute("oiio:UnassociatedAlpha") == 0,
       .exif = header.exif};
   if (spec.format == OIIO::TypeDesc::UINT8) {
@@ -104,7 +115,6 @@ EncodedPixels decode(std::string_view bytes, const PhotographHeader& header,
     pixels.values = chosen(image.values<uint16_t>(OIIO::TypeDesc::UINT16), spec.nchannels, wanted);
   } else if (spec.format.is_floating_point()) {
     pixels.values = chosen(image.values<float>(OIIO::TypeDesc::FLOAT), spec.nchannels, wanted);
-    pixels.linear = true;
   } else {
     throw invalid_input(fmt::format(
         "{} holds values of type {}; unsigned integers of 8 or 16 bits, or floating-point numbers, "
@@ -114,15 +124,8 @@ EncodedPixels decode(std::string_view bytes, const PhotographHeader& header,
   return pixels;
 }
 
-}  // namespace
-
-Error damaged(const std::string& name, const PhotographHeader& header, const std::string& reason) {
-  return {ErrorKind::kDataLoss, fmt::format("{} begins as {} and is not a complete one: {}", name,
-                                            header.format_name, reason)};
-}
-
-EncodedPixels decode_pixels(std::string_view bytes, const PhotographHeader& header,
-                            const std::string& name) {
+EncodedPixels decode_by_format(std::string_view bytes, const PhotographHeader& header,
+                               const std::string& name) {
   if (header.format == ImageFormat::kPng) return decode_png_pixels(bytes, header, name);
   if (header.format == ImageFormat::kHeif) return decode_heif_pixels(bytes, header, name);
   // Threads of OpenImageIO's own would be more than were asked for.
@@ -135,6 +138,21 @@ EncodedPixels decode_pixels(std::string_view bytes, const PhotographHeader& head
   } catch (const std::exception& error) {  // of OpenImageIO and what it stands on
     throw damaged(name, header, error.what());
   }
+}
+
+}  // namespace
+
+Error damaged(const std::string& name, const PhotographHeader& header, const std::string& reason) {
+  return {ErrorKind::kDataLoss, fmt::format("{} begins as {} and is not a complete one: {}", name,
+                                            header.format_name, reason)};
+}
+
+EncodedPixels decode_pixels(std::string_view bytes, const PhotographHeader& header,
+                            const std::string& name) {
+  EncodedPixels pixels = decode_by_format(bytes, header, name);
+  const int colours = pixels.channels - (pixels.has_alpha() ? 1 : 0);
+  pixels.encoding = simplified(std::move(pixels.encoding), colours, name);
+  return pixels;
 }
 
 }  // namespace itn

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "common/error.h"
+#include "common/image/colour_encoding.h"
 #include "common/image/photograph_header.h"
 
 namespace itn {
@@ -18,7 +19,7 @@ struct EncodedPixels {
   int channels = 0;  // 1: gray, 2: gray and alpha, 3: RGB, 4: RGB and alpha
   // Channels interleaved, top row first.
   std::variant<std::vector<uint8_t>, std::vector<uint16_t>, std::vector<float>> values;
-  bool linear = false;  // the file says so, or holds floating-point numbers
+  ColourEncoding encoding;  // simplified()
   bool multiplied_by_alpha = false;
   Exif exif;  // its orientation is still to be applied
 

@@ -26,6 +26,10 @@ constexpr size_t kParts = 8;
 // Encoded values that say nothing but that the light was more or less: the last ones of a JPEG.
 constexpr double kBlack = 1.5 / 255;
 constexpr double kWhite = 253.5 / 255;
+// Pixels of one value that make a plateau; and how far above its largest value a file without one
+// ends.
+constexpr size_t kPlateau = 16;
+constexpr double kHeadroom = 2;
 
 double weight_of(double encoded) {
   return encoded < kBlack || encoded > kWhite ? 0 : 1 - std::abs(2 * encoded - 1);
@@ -148,9 +152,20 @@ void ExposureMerge::add(const PhotographFile& photograph, double exposure,
                     "colours, or none",
                     name, names.size(), names_.size()));
   }
-  float top = 0;  // where the values of a linear file end
-  for (const std::string& channel : names) {
-    top = std::max(top, std::ranges::max(image.channel(channel)));
+  // Where the values of a linear file end: integers at 1; others at the plateau that clipped pixels
+  // make, or, without one, nowhere near.
+  double top = 1;
+  if (!photograph.encoded && photograph.clipped.empty()) {
+    float most = 0;
+    size_t at_most = 0;
+    for (const std::string& channel : names) {
+      const std::vector<float>& plane = image.channel(channel);
+      most = std::max(most, std::ranges::max(plane));
+    }
+    for (const std::string& channel : names) {
+      at_most += static_cast<size_t>(std::ranges::count(image.channel(channel), most));
+    }
+    top = at_most >= kPlateau ? most : kHeadroom * most;
   }
   for (size_t channel = 0; channel < names.size(); ++channel) {
     add_channel(channel, image.channel(names[channel]), photograph.encoded, top, exposure);
@@ -158,9 +173,9 @@ void ExposureMerge::add(const PhotographFile& photograph, double exposure,
 }
 
 void ExposureMerge::add_channel(size_t channel, const std::vector<float>& plane, bool encoded,
-                                float top, double exposure) {
+                                double top, double exposure) {
   Sums& sums = sums_[channel];
-  const double scale = encoded || !(top > 0) ? 1 : 1 / static_cast<double>(top);
+  const double scale = encoded || !(top > 0) ? 1 : 1 / top;
   for (size_t pixel = 0; pixel < plane.size(); ++pixel) {
     const double value = std::max(0.0F, plane[pixel]);
     const double code = srgb_of_linear(scale * value);

@@ -63,7 +63,7 @@ class ExposureMerge {
     std::vector<float> bound;  // see add()
   };
 
-  void add_channel(size_t channel, const std::vector<float>& plane, bool encoded, float top,
+  void add_channel(size_t channel, const std::vector<float>& plane, bool encoded, double top,
                    double exposure);
 
   std::optional<Response> response_;

@@ -6,9 +6,12 @@
 #include <ImfFrameBuffer.h>
 #include <ImfHeader.h>
 #include <ImfIO.h>
-#include <ImfInputFile.h>
+#include <ImfInputPart.h>
 #include <ImfIntAttribute.h>
+#include <ImfMultiPartInputFile.h>
 #include <ImfOutputFile.h>
+#include <ImfPartType.h>
+#include <ImfStandardAttributes.h>
 #include <ImfStdIO.h>
 #include <ImfStringAttribute.h>
 #include <ImfTileDescription.h>
@@ -16,15 +19,19 @@
 #include <ImfVersion.h>
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <exception>
+#include <map>
 #include <optional>
 #include <type_traits>
+#include <utility>
 
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/read_file.h"
+#include "common/image/attributes.h"
 #include "common/image/image.h"
 #include "common/image/image_format.h"
 
@@ -78,9 +85,9 @@ class MemoryStream final : public Imf::IStream {
 
 // --- What a header claims ---
 
-// The entries of a header: name, type and size of each must lie within the file, as OpenEXR
-// allocates before it reads.
-void check_entries(std::string_view bytes, const std::string& name) {
+// The entries of headers: name, type and size of each must lie within the file, as OpenEXR
+// allocates before it reads. Files of several parts have a header each, and an empty one behind.
+void check_entries(std::string_view bytes, bool several_parts, const std::string& name) {
   const auto text = [&](size_t& at) {
     const size_t end = bytes.find('\0', at);
     if (end == std::string_view::npos) throw damaged(name, "its header has no end");
@@ -89,20 +96,25 @@ void check_entries(std::string_view bytes, const std::string& name) {
     return found;
   };
   size_t at = 8;  // behind magic number and version
-  while (!text(at).empty()) {
-    text(at);  // the type
-    uint32_t size = 0;
-    if (bytes.size() - at < sizeof size) throw damaged(name, "its header has no end");
-    std::memcpy(&size, bytes.data() + at, sizeof size);  // little-endian, as all machines we run on
-    at += sizeof size;
-    if (size > bytes.size() - at) {
-      throw damaged(name, fmt::format("its header claims an entry of {} bytes", size));
+  for (bool is_last = false; !is_last;) {
+    const size_t begin = at;
+    while (!text(at).empty()) {
+      text(at);  // the type
+      uint32_t size = 0;
+      if (bytes.size() - at < sizeof size) throw damaged(name, "its header has no end");
+      std::memcpy(&size, bytes.data() + at, sizeof size);  // little-endian, as all our machines
+      at += sizeof size;
+      if (size > bytes.size() - at) {
+        throw damaged(name, fmt::format("its header claims an entry of {} bytes", size));
+      }
+      at += size;
     }
-    at += size;
+    is_last = !several_parts || at == begin + 1;
   }
 }
 
-void check_version(std::string_view bytes, const std::string& name) {
+// Returns the flags of the format that the file has.
+uint32_t check_version(std::string_view bytes, const std::string& name) {
   const auto [format, format_name] = recognize_format(bytes);
   if (format != ImageFormat::kExr && format != ImageFormat::kUnknown) {
     throw invalid_input(fmt::format(
@@ -115,11 +127,11 @@ void check_version(std::string_view bytes, const std::string& name) {
   }
   uint32_t version = 0;
   std::memcpy(&version, bytes.data() + 4, sizeof version);  // behind the magic number
-  if (version & (Imf::NON_IMAGE_FLAG | Imf::MULTI_PART_FILE_FLAG)) {
+  if (version & Imf::NON_IMAGE_FLAG) {
     throw invalid_input(
-        fmt::format("{} holds {}; only files of one part with ordinary pixels are accepted", name,
-                    version & Imf::NON_IMAGE_FLAG ? "deep data" : "several parts"));
+        fmt::format("{} holds deep data; only files with ordinary pixels are accepted", name));
   }
+  return version;
 }
 
 // Of one pixel, in the file.
@@ -161,26 +173,38 @@ int64_t least_bytes_of_chunks(const Imf::Header& header, int64_t width, int64_t 
   return 16 * chunks;
 }
 
-void check_claims(const Imf::Header& header, size_t file_bytes, const std::string& name) {
-  const Imath::Box2i window = header.dataWindow();
+void check_size(const Imath::Box2i& window, const std::string& name) {
   const int64_t width = int64_t{window.max.x} - window.min.x + 1;
   const int64_t height = int64_t{window.max.y} - window.min.y + 1;
   if (width < 1 || height < 1 || width > kMaxPixels || height > kMaxPixels / width) {
     throw invalid_input(
         fmt::format("{} has {} x {} pixels; at most 2^28 are accepted", name, width, height));
   }
+}
+
+void check_claims(const Imf::Header& header, size_t file_bytes, const std::string& name) {
+  check_size(header.dataWindow(), name);
+  if (!header.displayWindow().isEmpty()) check_size(header.displayWindow(), name);
+  const Imath::Box2i window = header.dataWindow();
+  const int64_t width = int64_t{window.max.x} - window.min.x + 1;
+  const int64_t height = int64_t{window.max.y} - window.min.y + 1;
+  const Imath::Box2i shown =
+      header.displayWindow().isEmpty() ? header.dataWindow() : header.displayWindow();
+  const int64_t shown_pixels =
+      (int64_t{shown.max.x} - shown.min.x + 1) * (int64_t{shown.max.y} - shown.min.y + 1);
   const int64_t pixel_bytes = bytes_per_pixel(header, name);
   const int64_t channels = channel_count(header);
-  if (channels > kMaxValues / (width * height)) {
-    throw invalid_input(fmt::format("{} holds {} values; at most 2^30 are accepted", name,
-                                    channels * width * height));
+  const int64_t pixels = std::max(width * height, shown_pixels);
+  if (channels > kMaxValues / pixels) {
+    throw invalid_input(
+        fmt::format("{} holds {} values; at most 2^30 are accepted", name, channels * pixels));
   }
   if (width * pixel_bytes > kMaxLineBytes) {
     throw invalid_input(fmt::format("{} has lines of {} bytes; at most {} are accepted", name,
                                     width * pixel_bytes, kMaxLineBytes));
   }
   const auto size = static_cast<int64_t>(file_bytes);
-  const int64_t claimed = width * height * pixel_bytes;
+  const int64_t claimed = pixels * pixel_bytes;
   if (least_bytes_of_chunks(header, width, height, name) > size ||
       claimed > std::max(kAlwaysAcceptedBytes, kMaxCompression * size)) {
     throw damaged(name, fmt::format("it was cut short: its header claims {} x {} pixels of {} "
@@ -225,38 +249,99 @@ void insert(Imf::Header& header, const std::string& name, const Attribute& attri
       attribute);
 }
 
-Image decode(std::string_view bytes, const std::string& name) {
-  check_version(bytes, name);
-  check_entries(bytes, name);
-  MemoryStream stream(bytes, name);
-  Imf::Header claims;
-  int version = 0;
-  stream.seekg(8);
-  std::memcpy(&version, bytes.data() + 4, sizeof version);
-  claims.readFrom(stream, version);
-  check_claims(claims, bytes.size(), name);
+// What the image has: the display window, black where the file has no pixels. Where that is none,
+// the pixels that there are.
+Imath::Box2i image_window(const Imf::Header& header) {
+  return header.displayWindow().isEmpty() ? header.dataWindow() : header.displayWindow();
+}
 
-  stream.seekg(0);
-  Imf::InputFile file(stream);
-  if (!file.isComplete()) throw damaged(name, "it was cut short");
-  const Imath::Box2i window = file.header().dataWindow();
-  Image image;
-  image.width = window.max.x - window.min.x + 1;
-  image.height = window.max.y - window.min.y + 1;
+void read_attributes(const Imf::Header& header, Image& image) {
   const Imf::Header standard;  // its entries are OpenEXR's own
-  for (auto it = file.header().begin(); it != file.header().end(); ++it) {
+  for (auto it = header.begin(); it != header.end(); ++it) {
     if (standard.find(it.name()) != standard.end()) continue;
     if (const auto attribute = from_exr(it.attribute())) image.attributes[it.name()] = *attribute;
   }
-  Imf::FrameBuffer buffer;
-  const Imf::ChannelList& channels = file.header().channels();
-  for (auto it = channels.begin(); it != channels.end(); ++it) {
-    std::vector<float>& plane = image.channels[it.name()];
-    plane.resize(static_cast<size_t>(image.width) * static_cast<size_t>(image.height));
-    buffer.insert(it.name(), slice(plane, image.width, window.min));
+  if (!Imf::hasChromaticities(header)) return;
+  const Imf::Chromaticities &c = Imf::chromaticities(header), of_srgb;
+  const auto same = [](Imath::V2f a, Imath::V2f b) { return (a - b).length() < 0.003F; };
+  if (same(c.red, of_srgb.red) && same(c.green, of_srgb.green) && same(c.blue, of_srgb.blue) &&
+      same(c.white, of_srgb.white)) {
+    return;
   }
-  file.setFrameBuffer(buffer);
-  file.readPixels(window.min.y, window.max.y);
+  image.attributes[attribute::kChromaticities] =
+      fmt::format("{} {} {} {} {} {} {} {}", c.red.x, c.red.y, c.green.x, c.green.y, c.blue.x,
+                  c.blue.y, c.white.x, c.white.y);
+}
+
+// All channels of a part, under their own names with `prefix`.
+void read_part(Imf::InputPart part, const std::string& prefix, Image& image) {
+  const Imath::Box2i data = part.header().dataWindow(), window = image_window(part.header());
+  const int width = data.max.x - data.min.x + 1, height = data.max.y - data.min.y + 1;
+  Imf::FrameBuffer buffer;
+  const Imf::ChannelList& channels = part.header().channels();
+  std::map<std::string, std::vector<float>> planes;
+  for (auto it = channels.begin(); it != channels.end(); ++it) {
+    std::vector<float>& plane = planes[it.name()];
+    plane.resize(static_cast<size_t>(width) * static_cast<size_t>(height));
+    buffer.insert(it.name(), slice(plane, width, data.min));
+  }
+  part.setFrameBuffer(buffer);
+  part.readPixels(data.min.y, data.max.y);
+  for (auto& [name, plane] : planes) {
+    std::vector<float>& whole = image.channels[prefix + name];
+    if (data == window) {
+      whole = std::move(plane);
+      continue;
+    }
+    whole.assign(static_cast<size_t>(image.width) * static_cast<size_t>(image.height), 0);
+    for (int y = std::max(data.min.y, window.min.y); y <= std::min(data.max.y, window.max.y); ++y) {
+      for (int x = std::max(data.min.x, window.min.x); x <= std::min(data.max.x, window.max.x);
+           ++x) {
+        whole[static_cast<size_t>(y - window.min.y) * static_cast<size_t>(image.width) +
+              static_cast<size_t>(x - window.min.x)] =
+            plane[static_cast<size_t>(y - data.min.y) * static_cast<size_t>(width) +
+                  static_cast<size_t>(x - data.min.x)];
+      }
+    }
+  }
+}
+
+Image decode(std::string_view bytes, const std::string& name) {
+  const uint32_t version = check_version(bytes, name);
+  const bool several_parts = (version & Imf::MULTI_PART_FILE_FLAG) != 0;
+  check_entries(bytes, several_parts, name);
+  MemoryStream stream(bytes, name);
+  stream.seekg(8);
+  std::vector<Imf::Header> headers;
+  do {
+    int flags = static_cast<int>(version);
+    headers.emplace_back().readFrom(stream, flags);
+  } while (several_parts && bytes.at(stream.tellg()) != '\0');
+  for (const Imf::Header& header : headers) check_claims(header, bytes.size(), name);
+
+  stream.seekg(0);
+  Imf::MultiPartInputFile file(stream);
+  const Imath::Box2i window = image_window(file.header(0));
+  Image image;
+  image.width = window.max.x - window.min.x + 1;
+  image.height = window.max.y - window.min.y + 1;
+  read_attributes(headers[0], image);  // OpenEXR adds some of its own to the file's
+  for (int part = 0; part < file.parts(); ++part) {
+    const Imf::Header& header = file.header(part);
+    const bool is_flat = !header.hasType() || Imf::isImage(header.type());
+    if (part > 0 && (!is_flat || image_window(header) != window)) continue;
+    if (!is_flat) {
+      throw invalid_input(
+          fmt::format("{} holds deep data; only files with ordinary pixels are accepted", name));
+    }
+    if (!file.partComplete(part)) throw damaged(name, "it was cut short");
+    const bool is_named = part > 0 && header.hasName();
+    read_part({file, part},
+              is_named   ? header.name() + "."
+              : part > 0 ? std::to_string(part) + "."
+                         : "",
+              image);
+  }
   return image;
 }
 

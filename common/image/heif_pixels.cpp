@@ -57,6 +57,34 @@ Exif exif_of(const heif_image_handle* handle) {
   return exif;
 }
 
+// A profile, or code points.
+ColourEncoding encoding_of(const heif_image_handle* handle, const Check& check,
+                           const std::string& name) {
+  ColourEncoding encoding;
+  encoding.is_stated = true;
+  const heif_color_profile_type type = heif_image_handle_get_color_profile_type(handle);
+  if (type == heif_color_profile_type_prof || type == heif_color_profile_type_rICC) {
+    encoding.profile.resize(heif_image_handle_get_raw_color_profile_size(handle));
+    check(heif_image_handle_get_raw_color_profile(handle, encoding.profile.data()));
+  } else if (type == heif_color_profile_type_nclx) {
+    heif_color_profile_nclx* found = nullptr;
+    check(heif_image_handle_get_nclx_color_profile(handle, &found));
+    const std::unique_ptr<heif_color_profile_nclx, Releaser<heif_nclx_color_profile_free>> nclx(
+        found);
+    encoding = encoding_of_code_points(static_cast<int>(nclx->color_primaries),
+                                       static_cast<int>(nclx->transfer_characteristics), name);
+  }
+  return encoding;
+}
+
+// Values of `bits` as those of 16.
+std::vector<uint16_t> widened(std::vector<uint16_t> values, int bits) {
+  for (uint16_t& value : values) {
+    value = static_cast<uint16_t>(value << (16 - bits) | value >> (2 * bits - 16));
+  }
+  return values;
+}
+
 }  // namespace
 
 EncodedPixels decode_heif_pixels(std::string_view bytes, const PhotographHeader& header,
@@ -71,10 +99,12 @@ EncodedPixels decode_heif_pixels(std::string_view bytes, const PhotographHeader&
   check(heif_context_get_primary_image_handle(context.get(), &primary));
   const Handle handle(primary);
   const bool alpha = heif_image_handle_has_alpha_channel(handle.get()) != 0;
+  const bool is_deep = heif_image_handle_get_luma_bits_per_pixel(handle.get()) > 8;
+  const heif_chroma chroma =
+      is_deep ? (alpha ? heif_chroma_interleaved_RRGGBBAA_LE : heif_chroma_interleaved_RRGGBB_LE)
+              : (alpha ? heif_chroma_interleaved_RGBA : heif_chroma_interleaved_RGB);
   heif_image* image = nullptr;
-  check(heif_decode_image(handle.get(), &image, heif_colorspace_RGB,
-                          alpha ? heif_chroma_interleaved_RGBA : heif_chroma_interleaved_RGB,
-                          nullptr));
+  check(heif_decode_image(handle.get(), &image, heif_colorspace_RGB, chroma, nullptr));
   const Decoded decoded(image);
 
   int stride = 0;
@@ -86,15 +116,24 @@ EncodedPixels decode_heif_pixels(std::string_view bytes, const PhotographHeader&
       .height = heif_image_get_height(decoded.get(), heif_channel_interleaved),
       .channels = alpha ? 4 : 3,
       .values = {},
-      .linear = false,
+      .encoding = encoding_of(handle.get(), check, name),
       .multiplied_by_alpha = heif_image_handle_is_premultiplied_alpha(handle.get()) != 0,
       .exif = exif_of(handle.get())};
   const auto row = static_cast<size_t>(pixels.width) * static_cast<size_t>(pixels.channels);
-  std::vector<uint8_t> values(row * static_cast<size_t>(pixels.height));
-  for (size_t y = 0; y < static_cast<size_t>(pixels.height); ++y) {
-    std::memcpy(&values[y * row], plane + y * static_cast<size_t>(stride), row);
+  const auto rows_of = [&]<typename T>(std::vector<T> values) {
+    values.resize(row * static_cast<size_t>(pixels.height));
+    for (size_t y = 0; y < static_cast<size_t>(pixels.height); ++y) {
+      std::memcpy(&values[y * row], plane + y * static_cast<size_t>(stride), row * sizeof(T));
+    }
+    return values;
+  };
+  if (is_deep) {
+    const int bits = heif_image_get_bits_per_pixel_range(decoded.get(), heif_channel_interleaved);
+    if (bits <= 8 || bits > 16) throw damaged(name, header, "its parts disagree about their bits");
+    pixels.values = widened(rows_of(std::vector<uint16_t>()), bits);
+  } else {
+    pixels.values = rows_of(std::vector<uint8_t>());
   }
-  pixels.values = std::move(values);
   return pixels;
 }
 

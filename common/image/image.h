@@ -33,15 +33,22 @@ struct Image {
 // and pixel; `name` is the file's.
 void check_finite(const Image& image, const std::string& name);
 
-// An OpenEXR file of one part, in scan lines or tiles (of these the full resolution). Nothing is
-// allocated that the file is too small to fill. Header entries other than text, integers and
-// floating-point numbers are left out. Throws Error: kIo (cannot be read, not a regular file),
-// kDataLoss (not an EXR, cut short, claims more than it can hold), kInvalidInput (several parts or
-// deep data; a subsampled channel; more than 2^28 pixels or 2^30 values; NaN or infinite values,
-// with channel and pixel).
+// An OpenEXR file, in scan lines or tiles (of these the full resolution): its display window, black
+// where it has no pixels. Of several parts, the first one's channels have their own names, those of
+// others of its size the name of their part and a dot before it. Nothing is allocated that the file
+// is too small to fill. Header entries other than text, integers and floating-point numbers are
+// left out, but for attribute::kChromaticities. Throws Error: kIo (cannot be read, not a regular
+// file), kDataLoss (not an EXR, cut short, claims more than it can hold), kInvalidInput (deep data;
+// a subsampled channel; more than 2^28 pixels or 2^30 values; NaN or infinite values, with channel
+// and pixel).
 Image read_exr(const std::filesystem::path& path);
 // Likewise of a file in memory; `name` is for messages.
 Image decode_exr(std::string_view bytes, const std::string& name);
+
+// A Radiance HDR file in memory: R, G and B, upright, of radiance before its exposure and
+// correction of colours. `name` is for messages. Throws Error: kDataLoss (no such file, damaged,
+// cut short, claims more than it can hold), kInvalidInput (of XYZ; more than 16384 pixels a side).
+Image decode_hdr(std::string_view bytes, const std::string& name);
 
 // 32-bit float, ZIP-compressed; the target is written as by write_file_atomically(), whose errors
 // it throws.

@@ -8,7 +8,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <map>
 #include <span>
+#include <sstream>
 #include <type_traits>
 #include <variant>
 
@@ -17,7 +19,8 @@
 #include "common/image/attributes.h"
 #include "common/image/channels.h"
 #include "common/image/encoded_pixels.h"
-#include "common/image/srgb.h"
+#include "common/image/image_format.h"
+#include "common/image/upright.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -40,60 +43,21 @@ constexpr uint8_t kClippedFrom<uint8_t> = 254;
 template <>
 constexpr uint16_t kClippedFrom<uint16_t> = 4095 * 16;
 
-// Where the pixels of an upright image are in the one that the file holds.
-class Upright {
- public:
-  // TIFF 6.0, tag 274: which side of the scene the file's first row and first column are.
-  Upright(int orientation, int width, int height)
-      : orientation_(orientation), width_(width), height_(height) {}
-
-  int width() const { return swaps() ? height_ : width_; }
-  int height() const { return swaps() ? width_ : height_; }
-
-  size_t source(int x, int y) const {
-    const int u = swaps() ? y : x, v = swaps() ? x : y;
-    // 2: from the right; 3: from the right, bottom first; 4: bottom first; 5 to 8: columns for
-    // rows.
-    const bool from_right =
-        orientation_ == 2 || orientation_ == 3 || orientation_ == 7 || orientation_ == 8;
-    const bool from_bottom =
-        orientation_ == 3 || orientation_ == 4 || orientation_ == 6 || orientation_ == 7;
-    const int column = from_right ? width_ - 1 - u : u;
-    const int row = from_bottom ? height_ - 1 - v : v;
-    return static_cast<size_t>(row) * static_cast<size_t>(width_) + static_cast<size_t>(column);
-  }
-
-  // Calls f(pixel, source pixel) for every pixel.
-  template <typename F>
-  void for_each(const F& f) const {
-    size_t pixel = 0;
-    for (int y = 0; y < height(); ++y) {
-      for (int x = 0; x < width(); ++x) f(pixel++, source(x, y));
-    }
-  }
-
- private:
-  bool swaps() const { return orientation_ >= 5; }
-
-  int orientation_;
-  int width_;
-  int height_;
-};
-
 Upright upright(const EncodedPixels& pixels) {
   return {pixels.exif.orientation, pixels.width, pixels.height};
 }
 
 // Linear light of every value that T can have; of floating-point numbers nothing.
 template <typename T>
-std::vector<float> curve(bool linear) {
+std::vector<float> curve(const ColourEncoding& encoding) {
   if constexpr (std::is_floating_point_v<T>) {
     return {};
   } else {
     std::vector<float> light(size_t{std::numeric_limits<T>::max()} + 1);
     for (size_t i = 0; i < light.size(); ++i) {
       const double encoded = static_cast<double>(i) / kTop<T>;
-      light[i] = static_cast<float>(linear ? encoded : linear_of_srgb(encoded));
+      const bool later = !encoding.profile.empty();
+      light[i] = static_cast<float>(later ? encoded : linear_of(encoding, encoded));
     }
     return light;
   }
@@ -111,17 +75,40 @@ float light_of(T value, T alpha, bool divide, const std::vector<float>& curve) {
   }
 }
 
+// Planes of colours, encoded by a profile or of other primaries than sRGB's, become linear sRGB.
+void convert_colours(const ColourEncoding& encoding, const std::vector<std::string>& names,
+                     Image& image, const std::string& name) {
+  if (encoding.profile.empty() && !(encoding.primaries && names.size() == 3)) return;
+  const size_t count = image.channels.at(names[0]).size();
+  constexpr size_t kAtATime = 65536;  // pixels
+  std::vector<float> colours;
+  for (size_t first = 0; first < count; first += kAtATime) {
+    const size_t end = std::min(count, first + kAtATime);
+    colours.clear();
+    for (size_t pixel = first; pixel < end; ++pixel) {
+      for (const std::string& channel : names) colours.push_back(image.channels[channel][pixel]);
+    }
+    to_linear_srgb(encoding, static_cast<int>(names.size()), colours, name);
+    auto colour = colours.begin();
+    for (size_t pixel = first; pixel < end; ++pixel) {
+      for (const std::string& channel : names) image.channels[channel][pixel] = *colour++;
+    }
+  }
+}
+
 template <typename T>
-Image to_linear(const EncodedPixels& pixels, const std::vector<T>& values) {
+Image to_linear(const EncodedPixels& pixels, const std::vector<T>& values,
+                const std::string& name) {
   const Upright to = upright(pixels);
   Image image{.width = to.width(), .height = to.height(), .channels = {}, .attributes = {}};
-  const std::vector<float> table = curve<T>(pixels.linear);
+  const std::vector<float> table = curve<T>(pixels.encoding);
   const auto channels = static_cast<size_t>(pixels.channels);
   const size_t colours = channels - (pixels.has_alpha() ? 1 : 0);
   const size_t count = values.size() / channels;
-  static constexpr std::array kColourNames{"R", "G", "B"};
+  const std::vector<std::string> names =
+      colours == 1 ? std::vector<std::string>{"Y"} : std::vector<std::string>{"R", "G", "B"};
   for (size_t channel = 0; channel < colours; ++channel) {
-    std::vector<float>& plane = image.channels[colours == 1 ? "Y" : kColourNames[channel]];
+    std::vector<float>& plane = image.channels[names[channel]];
     plane.resize(count);
     to.for_each([&](size_t pixel, size_t source) {
       const T* value = &values[source * channels];
@@ -129,6 +116,7 @@ Image to_linear(const EncodedPixels& pixels, const std::vector<T>& values) {
           light_of(value[channel], value[channels - 1], pixels.multiplied_by_alpha, table);
     });
   }
+  convert_colours(pixels.encoding, names, image, name);
   if (pixels.has_alpha()) {
     std::vector<float>& plane = image.channels["A"];
     plane.resize(count);
@@ -160,10 +148,6 @@ EncodedPixels pixels_of(std::string_view bytes, const std::string& name) {
   return decode_pixels(bytes, read_photograph_header(bytes, name), name);
 }
 
-bool is_exr(std::string_view bytes) {
-  return recognize_format(bytes).format == ImageFormat::kExr;
-}
-
 // What itn merge wrote of the photographs that it merged.
 void restore_unmerged_attributes(PhotographFile& file) {
   if (file.image.has("clipped.Y")) {
@@ -172,6 +156,31 @@ void restore_unmerged_attributes(PhotographFile& file) {
   }
   const auto response = file.image.attributes.find(attribute::kResponse);
   file.encoded = response != file.image.attributes.end() && response->second == Attribute("srgb");
+}
+
+// An OpenEXR or Radiance HDR image, which is linear; none if it is of another format.
+std::optional<Image> decode_linear(std::string_view bytes, const std::string& name) {
+  switch (recognize_format(bytes).format) {
+    case ImageFormat::kExr: return decode_exr(bytes, name);
+    case ImageFormat::kHdr: return decode_hdr(bytes, name);
+    default: return std::nullopt;
+  }
+}
+
+// In each of its layers that have R, G and B.
+void convert_layers(Image& image, const std::string& name) {
+  const auto found = image.attributes.find(attribute::kChromaticities);
+  if (found == image.attributes.end()) return;
+  ColourEncoding encoding{.curve = ColourEncoding::Curve::kLinear};
+  std::istringstream numbers(std::get<std::string>(found->second));
+  for (double& number : encoding.primaries.emplace()) numbers >> number;
+  for (const auto& [channel, plane] : std::map(image.channels)) {
+    if (channel != "R" && !channel.ends_with(".R")) continue;
+    const std::string layer = channel.substr(0, channel.size() - 1);
+    const std::vector<std::string> names{layer + "R", layer + "G", layer + "B"};
+    if (image.has(names[1]) && image.has(names[2])) convert_colours(encoding, names, image, name);
+  }
+  image.attributes.erase(found);
 }
 
 // --- Masks ---
@@ -192,7 +201,8 @@ MaskFile mask_of(const EncodedPixels& pixels, const std::vector<T>& values,
   const bool by_alpha = pixels.has_alpha() && alpha_varies(values, channels);
   MaskFile mask{.width = to.width(),
                 .height = to.height(),
-                .values = std::vector<float>(values.size() / channels)};
+                .values = std::vector<float>(values.size() / channels),
+                .turned = pixels.exif.orientation != 1};
   to.for_each([&](size_t pixel, size_t source) {
     const T* value = &values[source * channels];
     if (!by_alpha && channels >= 3 && !(value[0] == value[1] && value[1] == value[2])) {
@@ -209,19 +219,29 @@ MaskFile mask_of(const EncodedPixels& pixels, const std::vector<T>& values,
 
 }  // namespace
 
-PhotographFile decode_photograph(std::string_view bytes, const std::string& name) {
-  if (is_exr(bytes)) {
+PhotographFile decode_photograph(std::string_view bytes, const std::string& name,
+                                 std::optional<bool> is_linear) {
+  if (auto linear = decode_linear(bytes, name)) {
     PhotographFile file;
-    file.image = decode_exr(bytes, name);
+    file.image = std::move(*linear);
+    convert_layers(file.image, name);
     restore_unmerged_attributes(file);
     return file;
   }
-  const EncodedPixels pixels = pixels_of(bytes, name);
+  EncodedPixels pixels = pixels_of(bytes, name);
+  if (is_linear) {
+    const bool floats = std::holds_alternative<std::vector<float>>(pixels.values);
+    pixels.encoding = {.curve = *is_linear || floats ? ColourEncoding::Curve::kLinear
+                                                     : ColourEncoding::Curve::kSrgb,
+                       .is_stated = true};
+  }
   PhotographFile file = std::visit(
       [&]<typename T>(const std::vector<T>& values) {
-        return PhotographFile{.image = to_linear(pixels, values),
+        return PhotographFile{.image = to_linear(pixels, values, name),
                               .clipped = clipped_pixels(pixels, values),
-                              .encoded = !pixels.linear,
+                              .encoded = pixels.encoding.curve != ColourEncoding::Curve::kLinear,
+                              .may_be_linear = !pixels.encoding.is_stated,
+                              .turned = pixels.exif.orientation != 1,
                               .exposure_seconds = pixels.exif.exposure_seconds,
                               .f_number = pixels.exif.f_number,
                               .iso = pixels.exif.iso};
@@ -231,15 +251,16 @@ PhotographFile decode_photograph(std::string_view bytes, const std::string& name
   return file;
 }
 
-PhotographFile read_photograph(const fs::path& path) {
-  return decode_photograph(read_file_or_stdin(path, "photograph", kMaxFileBytes), path.string());
+PhotographFile read_photograph(const fs::path& path, std::optional<bool> is_linear) {
+  return decode_photograph(read_file_or_stdin(path, "photograph", kMaxFileBytes), path.string(),
+                           is_linear);
 }
 
 MaskFile decode_mask(std::string_view bytes, const std::string& name) {
   const std::string mask_name = "the mask " + name;
-  if (is_exr(bytes)) {
-    Image image = decode_exr(bytes, mask_name);
-    return {image.width, image.height, std::move(image.channels[mask_channel(image, mask_name)])};
+  if (auto image = decode_linear(bytes, mask_name)) {
+    return {image->width, image->height,
+            std::move(image->channels[mask_channel(*image, mask_name)])};
   }
   const EncodedPixels pixels = pixels_of(bytes, mask_name);
   return std::visit([&](const auto& values) { return mask_of(pixels, values, mask_name); },

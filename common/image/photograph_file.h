@@ -20,30 +20,40 @@ struct PhotographFile {
   // may have been more. Empty for files of floating-point numbers, but for what itn merge found
   // clipped in every photograph.
   std::vector<unsigned char> clipped;
-  // The file holds integers, which were taken through the sRGB curve (IEC 61966-2-1), or is merged
-  // from such.
+  // The file's values were taken through a curve, that of sRGB (IEC 61966-2-1) or of what the file
+  // says, or it is merged from such.
   bool encoded = false;
+  // It holds 16-bit integers and does not say how they are encoded: they were taken for sRGB, and
+  // may be linear.
+  bool may_be_linear = false;
+  bool turned = false;  // EXIF said how the camera was held, and the image was turned upright
   // From EXIF, if they are there and positive.
   std::optional<double> exposure_seconds, f_number, iso;
 };
 
 // OpenEXR, PNG, JPEG, TIFF (its first image), Radiance HDR, HEIC and AVIF, and WebP without alpha,
-// told by their content. 8- and 16-bit integers are taken for sRGB unless the file says that they
-// are linear (gAMA of 1); profiles and primaries of other colour spaces are not looked at.
+// told by their content. ICC profiles, code points (cICP, nclx), gamma and primaries are honoured:
+// what comes back is linear sRGB, where colours beyond it have negative parts. Without them,
+// integers are taken for sRGB, floating-point numbers for linear. `is_linear`, if there, says
+// instead of the file whether its values are linear, or sRGB; OpenEXR and HDR are linear.
 //
 // `name` is for messages. Throws Error: kDataLoss (no image, damaged, cut short, claims more than
 // it can hold; of JPEG, TIFF, HDR, HEIC and WebP, which have no checksums, damage that leaves a
 // proper file is not seen), kInvalidInput (something else than a photograph, or of a kind that is
-// not read: CMYK, camera raw, animations; more than 16384 pixels a side; NaN or infinite values,
-// with channel and pixel). Nothing is allocated that the file is too small to fill.
-PhotographFile decode_photograph(std::string_view bytes, const std::string& name);
+// not read: CMYK, camera raw, animations; colours that are not read; more than 16384 pixels a side;
+// NaN or infinite values, with channel and pixel). Nothing is allocated that the file is too small
+// to fill.
+PhotographFile decode_photograph(std::string_view bytes, const std::string& name,
+                                 std::optional<bool> is_linear = {});
 // Likewise; "-" is standard input. Throws Error of kIo, too, as read_file_or_stdin().
-PhotographFile read_photograph(const std::filesystem::path& path);
+PhotographFile read_photograph(const std::filesystem::path& path,
+                               std::optional<bool> is_linear = {});
 
 struct MaskFile {
   int width = 0;
   int height = 0;
   std::vector<float> values;  // width * height, top row first
+  bool turned = false;        // as of PhotographFile
 };
 
 // Of an OpenEXR file mask_channel() (common/image/channels.h). Of the other formats, upright too:

@@ -3,9 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cstddef>
-#include <optional>
 
 #include "common/error.h"
 
@@ -70,6 +68,10 @@ PhotographHeader png_header(const File& file) {
     const uint32_t size = file.big_endian(at, 4);
     const std::string_view type = file.part(at + 4, 4);
     if (type == "eXIf") header.exif = exif_of(file.part(at + 8, size));
+    if (type == "cICP" && size >= 2) {
+      header.code_points =
+          std::pair(static_cast<int>(file.byte(at + 8)), static_cast<int>(file.byte(at + 9)));
+    }
     if (type == "acTL") throw file.unsupported("of several frames", "save one of them");
     at += size_t{12} + size;
   }
@@ -147,44 +149,6 @@ PhotographHeader tiff_header(const File& file) {
   return header;
 }
 
-// --- Radiance HDR (Ward, "Real pixels", Graphics Gems II): lines of text, an empty one, the size
-// ---
-
-std::optional<std::string_view> line(std::string_view& rest) {
-  const size_t end = rest.find('\n');
-  if (end == std::string_view::npos) return std::nullopt;
-  const std::string_view found = rest.substr(0, end);
-  rest.remove_prefix(end + 1);
-  return found;
-}
-
-std::string_view word(std::string_view& rest) {
-  rest.remove_prefix(std::min(rest.find_first_not_of(' '), rest.size()));
-  const std::string_view found = rest.substr(0, rest.find(' '));
-  rest.remove_prefix(found.size());
-  return found;
-}
-
-PhotographHeader hdr_header(const File& file) {
-  std::string_view rest = file.bytes;
-  for (auto found = line(rest); !found || !found->empty(); found = line(rest)) {
-    if (!found) throw file.cut_short();
-    if (found->starts_with("FORMAT=") && !found->starts_with("FORMAT=32-bit_rle_rgbe")) {
-      throw file.unsupported("of another colour space than RGB", "save it as RGB");
-    }
-  }
-  auto size = line(rest);
-  if (!size) throw file.cut_short();
-  PhotographHeader header{.bytes_per_pixel = 12};
-  for (int side = 0; side < 2; ++side) {
-    const std::string_view axis = word(*size);
-    const std::string_view digits = word(*size);
-    int64_t& length = axis.ends_with('X') ? header.width : header.height;
-    std::from_chars(digits.data(), digits.data() + digits.size(), length);
-  }
-  return header;
-}
-
 // --- WebP (RFC 9649): chunks of type, length, data, of an even number of bytes ---
 
 PhotographHeader webp_header(const File& file) {
@@ -207,6 +171,8 @@ PhotographHeader webp_header(const File& file) {
       has_alpha = true;
     } else if (type == "ANIM") {
       throw file.unsupported("of several frames", "save one of them");
+    } else if (type == "ICCP") {
+      header.profile = file.part(data, size);
     } else if (type == "EXIF") {
       std::string_view exif = file.part(data, size);
       if (exif.starts_with("Exif\0\0"sv)) exif.remove_prefix(6);
@@ -239,7 +205,6 @@ PhotographHeader header_of(const File& file) {
     case ImageFormat::kPng: return png_header(file);
     case ImageFormat::kJpeg: return jpeg_header(file);
     case ImageFormat::kTiff: return tiff_header(file);
-    case ImageFormat::kHdr: return hdr_header(file);
     case ImageFormat::kWebp: return webp_header(file);
     case ImageFormat::kHeif: return heif_header(file);
     default: break;

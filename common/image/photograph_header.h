@@ -3,8 +3,10 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "common/image/image_format.h"
 #include "common/image/tiff_directory.h"
@@ -20,9 +22,12 @@ struct PhotographHeader {
   int64_t height = 0;
   int64_t bytes_per_pixel = 0;  // decoded
   Exif exif{};
+  std::string profile{};  // an ICC profile, of formats whose decoder does not tell it
+  // Code points of a PNG (chunk cICP): primaries and transfer characteristics.
+  std::optional<std::pair<int, int>> code_points{};
 };
 
-// Of a PNG, JPEG, TIFF (its first image), Radiance HDR, WebP or HEIF file. Throws Error: kDataLoss
+// Of a PNG, JPEG, TIFF (its first image), WebP or HEIF file. Throws Error: kDataLoss
 // (damaged, cut short, claims more than it can hold), kInvalidInput (another kind of file, or a
 // kind of image of these formats that is not read; a side above 16384 pixels). `name` is for
 // messages.

@@ -60,18 +60,48 @@ struct PngReader {
   std::string_view rest;
 };
 
-// Whether the values are linear. Curves that are neither sRGB's nor straight are refused.
-bool says_linear(const PngReader& reader, const std::string& name) {
-  int intent = 0;
-  double exponent = 0;  // of the curve: 1 / 2.2 is next to sRGB, and written for it
-  if (png_get_sRGB(reader.png, reader.info, &intent) != 0) return false;
-  if (png_get_gAMA(reader.png, reader.info, &exponent) == 0) return false;
-  if (exponent > 0.95 && exponent < 1.05) return true;
-  if (exponent > 0.4 && exponent < 0.5) return false;
-  throw invalid_input(
-      fmt::format("{} says that it is encoded by a gamma of {:.2f}; only sRGB and "
-                  "linear values are read. Save it as sRGB",
-                  name, 1 / exponent));
+// By the most that the file says: code points, a profile, sRGB, or gamma and primaries.
+ColourEncoding encoding_of(const PngReader& reader, const PhotographHeader& header,
+                           const std::string& name) {
+  if (header.code_points) {
+    return encoding_of_code_points(header.code_points->first, header.code_points->second, name);
+  }
+  ColourEncoding encoding;
+  encoding.is_stated = png_get_bit_depth(reader.png, reader.info) != 16;
+  png_charp profile_name = nullptr;
+  png_bytep profile = nullptr;
+  png_uint_32 length = 0;
+  int compression = 0, intent = 0;
+  if (png_get_iCCP(reader.png, reader.info, &profile_name, &compression, &profile, &length) != 0) {
+    encoding.profile.assign(reinterpret_cast<const char*>(profile), length);
+    return encoding;
+  }
+  if (png_get_sRGB(reader.png, reader.info, &intent) != 0) {
+    encoding.is_stated = true;
+    return encoding;
+  }
+  double exponent = 0;  // of the curve from light to values: 1 / 2.2 is next to sRGB's
+  if (png_get_gAMA(reader.png, reader.info, &exponent) != 0) {
+    encoding.is_stated = true;
+    if (exponent > 0.95 && exponent < 1.05) {
+      encoding.curve = ColourEncoding::Curve::kLinear;
+    } else if (!(exponent > 0.44 && exponent < 0.47)) {
+      encoding.curve = ColourEncoding::Curve::kPower;
+      encoding.exponent = 1 / exponent;
+      if (!(exponent > 0.2 && exponent < 5)) {
+        throw invalid_input(
+            fmt::format("{} says that it is encoded by a gamma of {:.2f}; from 0.2 to 5 are read",
+                        name, 1 / exponent));
+      }
+    }
+  }
+  Chromaticities c{};
+  if (png_get_cHRM(reader.png, reader.info, &c[6], &c[7], &c[0], &c[1], &c[2], &c[3], &c[4],
+                   &c[5]) != 0 &&
+      !are_same(c, kSrgbChromaticities)) {
+    encoding.primaries = c;
+  }
+  return encoding;
 }
 
 template <typename T>
@@ -96,7 +126,7 @@ EncodedPixels decode_png_pixels(std::string_view bytes, const PhotographHeader& 
                        .height = static_cast<int>(png_get_image_height(reader.png, reader.info)),
                        .channels = png_get_channels(reader.png, reader.info),
                        .values = {},
-                       .linear = says_linear(reader, name),
+                       .encoding = encoding_of(reader, header, name),
                        .exif = header.exif};
   const auto row_values = static_cast<size_t>(pixels.width) * static_cast<size_t>(pixels.channels);
   const auto height = static_cast<size_t>(pixels.height);

@@ -2,13 +2,16 @@
 
 #include <fmt/format.h>
 #include <png.h>
+#include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <string>
 #include <vector>
 
 #include "common/error.h"
 #include "common/files/read_file.h"
+#include "common/image/attributes.h"
 #include "common/image/channels.h"
 #include "common/image/image.h"
 #include "common/image/image_format.h"
@@ -18,6 +21,8 @@
 namespace itn {
 
 namespace {
+
+constexpr uint64_t kMaxBytes = (uint64_t{1} << 32) + (uint64_t{1} << 24);  // as read_exr()
 
 v1::Pixels pixels_of(const Image& image, const std::string& name) {
   const std::vector<std::string> channels = radiance_channels(image, name);
@@ -72,11 +77,37 @@ v1::Pixels decode_png(const std::string& bytes, const std::string& name) {
 }  // namespace
 
 v1::Pixels load_panorama(const std::filesystem::path& path) {
-  return pixels_of(read_exr(path), path.string());
+  const std::string name = path.string();
+  const std::string bytes = read_file(path, "image", kMaxBytes);
+  const auto [format, kind] = recognize_format(bytes);
+  if (format != ImageFormat::kExr && format != ImageFormat::kHdr && *kind != '\0') {
+    throw invalid_input(fmt::format(
+        "{} is {}; a panorama is linear radiance: OpenEXR or Radiance HDR", name, kind));
+  }
+  Image image = format == ImageFormat::kHdr ? decode_hdr(bytes, name) : decode_exr(bytes, name);
+  if (image.attributes.contains(attribute::kChromaticities)) {
+    throw invalid_input(fmt::format(
+        "{} has other primaries than sRGB (its chromaticities); save it with those of sRGB", name));
+  }
+  if (image.width != 2 * image.height) {
+    spdlog::warn(
+        "{} is {} x {} pixels: it is taken for a panorama of all directions, by longitude and "
+        "latitude, which is twice as wide as high. A light probe of a mirror ball, or a cube, is "
+        "another thing",
+        name, image.width, image.height);
+  }
+  size_t below = 0;
+  for (auto& [channel, plane] : image.channels) {
+    for (float& value : plane) {
+      below += value < 0 ? 1 : 0;
+      value = std::max(value, 0.0F);
+    }
+  }
+  if (below > 0) spdlog::warn("{}: {} values are below 0; they count as 0", name, below);
+  return pixels_of(image, name);
 }
 
 v1::Pixels load_reflectances(const std::filesystem::path& path) {
-  constexpr uint64_t kMaxBytes = uint64_t{1} << 30;
   const std::string bytes = read_file(path, "image", kMaxBytes);
   const auto [format, kind] = recognize_format(bytes);
   if (format == ImageFormat::kPng) return decode_png(bytes, path.string());

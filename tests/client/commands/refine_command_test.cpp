@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
@@ -11,6 +12,7 @@
 #include <vector>
 
 #include "common/image/image.h"
+#include "common/image/preview.h"
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/scene_files.h"
@@ -115,6 +117,51 @@ TEST_F(RefineCommand, PrintsTheAnswer) {
   const Finished machine = run(command(json));
   EXPECT_THAT(machine.output,
               AllOf(HasSubstr("\"end\":\"MAX_ITERATIONS\""), HasSubstr("\"total_iterations\":4")));
+}
+
+// What a photograph's file says of itself counts, and what it does not say is asked for.
+TEST_F(RefineCommand, ReadsPhotographsAsPredictDoes) {
+  const Image image = read_exr(shared_->path("image.exr"));
+  const std::vector<float>& radiance = image.channel("Y");
+  const float most = *std::max_element(radiance.begin(), radiance.end());
+  std::vector<unsigned char> rgb, mask, inverted;
+  for (size_t p = 0; p < radiance.size(); ++p) {
+    const bool seen = image.channel("mask.Y")[p] > 0.5F;
+    rgb.insert(rgb.end(), 3, to_srgb_byte(radiance[p] / (0.8F * most)));
+    mask.insert(mask.end(), 3, seen ? 255 : 0);
+    inverted.insert(inverted.end(), 3, seen ? 0 : 255);
+  }
+  write_png(shared_->path("photo.png"), image.width, image.height, rgb);
+  write_png(shared_->path("mask.png"), image.width, image.height, mask);
+  write_png(shared_->path("inverted.png"), image.width, image.height, inverted);
+  const auto refine = [&](const std::string& photograph, Arguments more) {
+    Arguments arguments{testing::kItn,
+                        "refine",
+                        shared_->path(photograph),
+                        "--scene",
+                        shared_->path("scene.textproto"),
+                        "--init",
+                        "8,0.8,0.3",
+                        "--max-iterations",
+                        "1",
+                        "--spp",
+                        "16"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return run(arguments);
+  };
+  const Finished encoded = refine("photo.png", {"--mask", shared_->path("mask.png")});
+  EXPECT_EQ(encoded.exit_code, 0) << encoded.errors;
+  EXPECT_THAT(encoded.errors, AllOf(HasSubstr("at the top of what the file can hold"),
+                                    HasSubstr("--exposure unknown finds it")));
+  EXPECT_THAT(encoded.output, HasSubstr("was not tested"));
+  const Finished wrong = refine("photo.png", {"--mask", shared_->path("inverted.png")});
+  EXPECT_EQ(wrong.exit_code, 3);
+  EXPECT_THAT(wrong.errors, HasSubstr("is the mask inverted"));
+  Image coloured = image;
+  coloured.channels = {{"R", radiance}, {"G", radiance}, {"B", radiance}};
+  for (float& value : coloured.channels["B"]) value *= 0.5F;
+  write_exr(shared_->path("coloured.exr"), coloured);
+  EXPECT_THAT(refine("coloured.exr", {}).errors, HasSubstr("one material for all of them"));
 }
 
 TEST_F(RefineCommand, SaysWhatIsWrong) {

@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <vector>
@@ -10,6 +11,7 @@
 #include "common/image/image.h"
 #include "common/image/photograph_file.h"
 #include "common/image/preview.h"
+#include "tests/support/captured_log.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_folder.h"
 
@@ -202,6 +204,49 @@ TEST_F(PhotographInput, SeesWhatIsLost) {
                [&] { load_photograph(folder_.path("photo.png"), options); });
   write_exr(folder_.path("linear.exr"), read_photograph(folder_.path("photo.png")).image);
   EXPECT_EQ(load_photograph(folder_.path("linear.exr"), options).capture.exposure(), 3);
+}
+
+// Raw developments leave such pixels.
+TEST_F(PhotographInput, TakesWhatIsBelowZeroForBlack) {
+  const std::string photo = exr("photo.exr", [](Image& image) {
+    image.channels["R"][3] = -1e-4F;
+    image.channels["G"][7] = -0.5F;
+  });
+  testing::CapturedLog log;
+  const PredictInput input = load_photograph(photo, with_mask());
+  EXPECT_THAT(log.text(), ::testing::HasSubstr("2 values are below 0, the least -0.5"));
+  EXPECT_GE(std::ranges::min(input.photograph.pixels), 0);
+}
+
+TEST_F(PhotographInput, TakesTheLayerAndTheEncodingThatAreSaid) {
+  const std::string photo = exr("photo.exr", [](Image& image) {
+    for (const char* channel : {"R", "G", "B"}) {
+      image.channels[std::string("half.") + channel] = image.channels[channel];
+      for (float& value : image.channels[std::string("half.") + channel]) value /= 2;
+    }
+  });
+  PhotographOptions options = with_mask();
+  const float whole = load_photograph(photo, options).photograph.pixels[0];
+  options.reading.layer = "half";
+  EXPECT_FLOAT_EQ(load_photograph(photo, options).photograph.pixels[0], whole / 2);
+  std::vector<unsigned char> gray(3 * kWidth * kHeight, 128);
+  write_png(folder_.path("gray.png"), kWidth, kHeight, gray);
+  options.reading = {.is_linear = true, .layer = ""};
+  const PredictInput linear = load_photograph(folder_.path("gray.png"), options);
+  EXPECT_FLOAT_EQ(linear.photograph.pixels[0], 128 / 255.0F);
+  EXPECT_FALSE(linear.capture.encoded());
+}
+
+TEST_F(PhotographInput, NamesMasksOfLabels) {
+  std::vector<unsigned char> rgb;
+  for (int i = 0; i < kWidth * kHeight; ++i) {
+    rgb.insert(rgb.end(), 3, on_object(i % kWidth, i / kWidth) ? 1 : 0);
+  }
+  write_png(folder_.path("labels.png"), kWidth, kHeight, rgb);
+  PhotographOptions options;
+  options.mask = folder_.path("labels.png");
+  expect_error(ErrorKind::kInvalidInput, {"labels.png is black", "(1 of 255)", "mask of labels"},
+               [&] { load_photograph(exr("photo.exr"), options); });
 }
 
 // Gray on the object, as a soft brush leaves it, and the wrong way round.

@@ -37,6 +37,10 @@ TEST(RadianceChannels, AreFoundByTheNamesThatProgramsGiveThem) {
       {{"ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B",
         "ViewLayer.Combined.A", "ViewLayer.Depth.Z"},
        {"ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B"}},
+      {{"ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B",
+        "ViewLayer.Normal.X", "ViewLayer.Normal.Y", "ViewLayer.Normal.Z", "ViewLayer.DiffDir.R",
+        "ViewLayer.DiffDir.G", "ViewLayer.DiffDir.B"},
+       {"ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B"}},
       // Ours.
       {{"Y", "sigma_t.Y", "albedo.Y", "mask.Y", "stderr.Y", "estimate0.Y"}, {"Y"}},
       {{"R", "G", "B", "Y"}, {"R", "G", "B"}},
@@ -44,6 +48,14 @@ TEST(RadianceChannels, AreFoundByTheNamesThatProgramsGiveThem) {
   for (const auto& row : rows) {
     EXPECT_EQ(radiance_channels(image_with(row.there), "a.exr"), row.wanted);
   }
+}
+
+TEST(RadianceChannels, AreThoseOfTheLayerThatIsNamed) {
+  const Image image = image_with({"a.Y", "b.R", "b.G", "b.B"});
+  EXPECT_EQ(radiance_channels(image, "a.exr", "b"), (Names{"b.R", "b.G", "b.B"}));
+  EXPECT_EQ(radiance_channels(image, "a.exr", "a"), Names{"a.Y"});
+  expect_error(ErrorKind::kInvalidInput, {"a.exr", "there is no layer c"},
+               [&] { radiance_channels(image, "a.exr", "c"); });
 }
 
 TEST(RadianceChannels, AreNotGuessed) {

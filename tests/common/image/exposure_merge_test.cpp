@@ -174,11 +174,25 @@ PhotographFile linear_file(const std::vector<float>& values) {
 
 TEST(ExposureMerge, LinearFilesNeedNoResponse) {
   ExposureMerge merge(std::nullopt);
-  merge.add(linear_file({0.01F, 0.4F, 1}), 1, "a");  // the last is clipped
-  merge.add(linear_file({0.0025F, 0.1F, 0.5F}), 0.25, "b");
+  merge.add(linear_file({0.01F, 0.4F, 1}), 1, "a");
+  merge.add(linear_file({0.0025F, 0.1F, 0.25F}), 0.25, "b");
   const Image image = merge.merged();
   EXPECT_NEAR(image.channel("Y")[0], 0.01F, 1e-6);
   EXPECT_NEAR(image.channel("Y")[1], 0.4F, 1e-5);
+  EXPECT_NEAR(image.channel("Y")[2], 1, 1e-5);
+  EXPECT_EQ(merge.clipped_count(), 0U) << "the brightest pixel of a linear file is not clipped";
+}
+
+// Where many have one value, and no other is above it, a linear file ends.
+TEST(ExposureMerge, LinearFilesEndAtAPlateau) {
+  std::vector<float> bright(40, 0.7F), dark(40, 0.5F);
+  bright[0] = dark[0] = 0.1F;
+  dark[1] = 0.6F;
+  ExposureMerge merge(std::nullopt);
+  merge.add(linear_file(bright), 1, "a");
+  merge.add(linear_file(dark), 0.25, "b");
+  EXPECT_NEAR(merge.merged().channel("Y")[1], 2.4F, 1e-4);
+  EXPECT_NEAR(merge.merged().channel("Y")[2], 2, 1e-4);
 }
 
 PhotographFile gray(const std::vector<int>& codes) {

@@ -9,6 +9,7 @@
 #include <ImfIntAttribute.h>
 #include <ImfMultiPartOutputFile.h>
 #include <ImfOutputFile.h>
+#include <ImfOutputPart.h>
 #include <ImfPartType.h>
 #include <ImfStringAttribute.h>
 #include <ImfTiledOutputFile.h>
@@ -282,8 +283,8 @@ const std::vector<BadExr> kBadExrs{
        }
        Imf::MultiPartOutputFile(path.c_str(), parts.data(), 2);
      },
-     ErrorKind::kInvalidInput,
-     {"several parts", "one part"}},
+     ErrorKind::kDataLoss,
+     {"is not a complete OpenEXR image"}},
     {"subsampled",
      [](auto&, auto& path) {
        Imf::Header header(4, 4);
@@ -293,6 +294,56 @@ const std::vector<BadExr> kBadExrs{
      ErrorKind::kInvalidInput,
      {"channel RY", "subsampled"}},
 };
+
+// The first part has its own names, others that of their part before them.
+TEST(Exr, ReadsSeveralParts) {
+  const TemporaryFolder folder;
+  const auto path = folder.path("parts.exr");
+  std::vector<Imf::Header> headers(3, Imf::Header(2, 1));
+  const std::vector<std::string> names{"picture", "second", "small"};
+  headers[2].dataWindow().max.x = 0;
+  for (size_t p = 0; p < 3; ++p) {
+    headers[p].setName(names[p]);
+    headers[p].setType(Imf::SCANLINEIMAGE);
+    headers[p].channels().insert("Y", Imf::Channel(Imf::FLOAT));
+  }
+  {
+    Imf::MultiPartOutputFile file(path.c_str(), headers.data(), 3);
+    for (int p = 0; p < 3; ++p) {
+      std::vector<float> values{static_cast<float>(p) + 0.25F, static_cast<float>(p) + 0.5F};
+      Imf::FrameBuffer buffer;
+      buffer.insert("Y", Imf::Slice(Imf::FLOAT, reinterpret_cast<char*>(values.data()), 4, 8));
+      Imf::OutputPart part(file, p);
+      part.setFrameBuffer(buffer);
+      part.writePixels(1);
+    }
+  }
+  const Image image = read_exr(path);
+  EXPECT_EQ(image.channel("small.Y"), (std::vector<float>{2.25F, 0}));
+  EXPECT_EQ(image.channel("Y"), (std::vector<float>{0.25F, 0.5F}));
+  EXPECT_EQ(image.channel("second.Y"), (std::vector<float>{1.25F, 1.5F}));
+}
+
+// What is shown is the display window, black where there are no pixels.
+TEST(Exr, ShowsTheDisplayWindow) {
+  const TemporaryFolder folder;
+  const auto path = folder.path("window.exr");
+  Imf::Header header(3, 2);
+  header.dataWindow() = Imath::Box2i({1, 1}, {3, 2});  // beyond it on two sides
+  header.channels().insert("Y", Imf::Channel(Imf::FLOAT));
+  std::vector<float> values{1, 2, 3, 4, 5, 6};
+  {
+    Imf::OutputFile file(path.c_str(), header);
+    Imf::FrameBuffer buffer;
+    char* const base = reinterpret_cast<char*>(values.data()) - 4 - 12;
+    buffer.insert("Y", Imf::Slice(Imf::FLOAT, base, 4, 12));
+    file.setFrameBuffer(buffer);
+    file.writePixels(2);
+  }
+  const Image image = read_exr(path);
+  EXPECT_EQ(image.width, 3);
+  EXPECT_EQ(image.channel("Y"), (std::vector<float>{0, 0, 0, 0, 1, 2}));
+}
 
 class BadExrTest : public ::testing::TestWithParam<BadExr> {};
 

@@ -287,9 +287,43 @@ TEST(PhotographFile, BelievesAFileThatSaysItIsLinear) {
   EXPECT_FALSE(file.encoded);
   EXPECT_FLOAT_EQ(file.image.channel("Y")[0], 0.2F);
   EXPECT_TRUE(decode(png_of(2, 1, 8, PNG_COLOR_TYPE_GRAY, {51, 102}, 1 / 2.2)).encoded);
-  expect_error(ErrorKind::kInvalidInput, {"photo", "a gamma of 1.80", "sRGB"}, [] {
-    decode(png_of(2, 1, 8, PNG_COLOR_TYPE_GRAY, {51, 102}, 1 / 1.8));
+  const PhotographFile power = decode(png_of(2, 1, 8, PNG_COLOR_TYPE_GRAY, {51, 102}, 1 / 1.8));
+  EXPECT_TRUE(power.encoded);
+  EXPECT_NEAR(power.image.channel("Y")[0], std::pow(0.2, 1.8), 1e-5);
+  expect_error(ErrorKind::kInvalidInput, {"photo", "a gamma of 10.00"}, [] {
+    decode(png_of(2, 1, 8, PNG_COLOR_TYPE_GRAY, {51, 102}, 0.1));
   });
+}
+
+// As Radiance has it: the first axis is that of the lines, values were multiplied by the exposure.
+TEST(PhotographFile, ReadsRadianceAsItIsMeant) {
+  const auto of = [](const std::string& size, const std::string& header = "") {
+    std::string bytes = "#?RADIANCE\n" + header + "FORMAT=32-bit_rle_rgbe\n\n" + size + "\n";
+    for (int value = 1; value <= 6; ++value) {
+      bytes += {static_cast<char>(40 * value), 1, 2, static_cast<char>(128)};
+    }
+    return decode(bytes).image;
+  };
+  const auto first = [](const Image& image) {
+    return std::lround(image.channel("R").front() * 256 / 40);
+  };
+  const Image upright = of("-Y 2 +X 3");
+  EXPECT_FLOAT_EQ(upright.channel("R")[5], 240.5F / 256);
+  EXPECT_EQ(upright.width, 3);
+  struct Row {
+    const char* size;
+    int width, first;
+  };
+  for (const Row& row : {Row{"-Y 2 -X 3", 3, 3}, Row{"+Y 2 +X 3", 3, 4}, Row{"+Y 2 -X 3", 3, 6},
+                         Row{"+X 2 -Y 3", 2, 1}, Row{"-X 2 -Y 3", 2, 4}, Row{"+X 2 +Y 3", 2, 3},
+                         Row{"-X 2 +Y 3", 2, 6}}) {
+    const Image image = of(row.size);
+    EXPECT_EQ(image.width, row.width) << row.size;
+    EXPECT_EQ(first(image), row.first) << row.size;
+  }
+  const Image exposed = of("-Y 2 +X 3", "EXPOSURE=0.5\nEXPOSURE= 4\nCOLORCORR=1 2 1\n");
+  EXPECT_FLOAT_EQ(exposed.channel("R")[5], 240.5F / 512);
+  EXPECT_FLOAT_EQ(exposed.channel("G")[5], 1.5F / 1024);
 }
 
 TEST(PhotographFile, MarksWhatIsAtTheTop) {

@@ -14,6 +14,7 @@
 #include "common/image/srgb.h"
 #include "common/logging.h"
 #include "common/rpc/wire_array.h"
+#include "tests/support/captured_log.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_folder.h"
 
@@ -227,6 +228,26 @@ const std::vector<BadScene> kBadScenes{
      ErrorKind::kInvalidInput,
      {"nan.exr", "channel Y", "x = 1, y = 0"}},
 };
+
+// OpenEXR and Radiance HDR; of another shape with a word, below zero with another.
+TEST(SceneFile, ReadsPanoramas) {
+  const TemporaryFolder folder;
+  std::string hdr = "#?RADIANCE\nEXPOSURE=2\n\n-Y 1 +X 2\n";
+  for (int i = 0; i < 2; ++i) hdr += {static_cast<char>(64), 0, 0, static_cast<char>(129)};
+  folder.write("a.hdr", hdr);
+  write_exr(folder.path() / "square.exr",
+            {.width = 1, .height = 1, .channels = {{"Y", {-1}}}, .attributes = {}});
+  const auto pixels = [&](const std::string& file) {
+    const v1::Scene scene = load_scene(
+        folder.write("scene.txt", "lights { environment_map { path: \"" + file + "\" } }"));
+    return from_bytes<float>(scene.lights(0).environment_map().pixels().rgb());
+  };
+  EXPECT_FLOAT_EQ(pixels("a.hdr")[0], 64.5F / 256);
+  testing::CapturedLog log;
+  EXPECT_EQ(pixels("square.exr")[0], 0);
+  EXPECT_THAT(log.text(), ::testing::AllOf(::testing::HasSubstr("mirror ball"),
+                                           ::testing::HasSubstr("1 values are below 0")));
+}
 
 class BadSceneTest : public ::testing::TestWithParam<BadScene> {};
 
