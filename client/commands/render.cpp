@@ -7,6 +7,7 @@
 #include <cctype>
 #include <charconv>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -51,6 +52,7 @@ struct RenderFlags {
   std::optional<v1::LengthUnit> mesh_unit;
   std::string output;
   std::string png;
+  double picture_exposure = 0;  // in stops
   std::string film;
   std::string material;    // a measured one; then sigma_t, albedo and g follow from it
   double object_size = 0;  // 0: as in the scene
@@ -372,15 +374,21 @@ Image make_image(const std::vector<Channel>& channels, const RenderJob& job,
   return image;
 }
 
-// For people to look at.
-void write_preview(const std::filesystem::path& path, const Image& image,
+// For people to look at. White is what is on the object, so that a lamp in view does not make all
+// else black; where there is no object, what is in the image.
+void write_preview(const RenderFlags& options, const Image& image,
                    const std::vector<Channel>& channels) {
-  std::vector<float> all;
+  std::vector<float> all, on_object;
+  const std::vector<float>& mask = image.channel("mask.Y");
   for (const Channel& channel : channels) {
     const std::vector<float>& radiance = image.channel(channel.name);
     all.insert(all.end(), radiance.begin(), radiance.end());
+    for (size_t p = 0; p < mask.size(); ++p) {
+      if (mask[p] > 0.5F) on_object.push_back(radiance[p]);
+    }
   }
-  const float white = white_level(all);
+  const float white = white_level(on_object.empty() ? all : on_object) /
+                      static_cast<float>(std::exp2(options.picture_exposure));
   const size_t pixels = all.size() / channels.size();
   std::vector<unsigned char> rgb;
   for (size_t p = 0; p < pixels; ++p) {
@@ -388,7 +396,7 @@ void write_preview(const std::filesystem::path& path, const Image& image,
       rgb.push_back(to_srgb_byte(all[std::min(c, channels.size() - 1) * pixels + p] / white));
     }
   }
-  write_png(path, image.width, image.height, rgb);
+  write_png(options.png, image.width, image.height, rgb);
 }
 
 // ---- The result on stdout --------------------------------------------------------------------
@@ -436,21 +444,60 @@ double noise_of(const Image& image, const std::string& channel) {
                          image.channel("mask.Y"));
 }
 
-// One sample of a pixel says nothing of its noise.
-bool knows_noise(const RenderFlags& options) {
-  return options.spp > 1;
+// One sample of a pixel says nothing of its noise, nor does an image without light.
+bool knows_noise(const Image& image, const std::string& channel, const RenderFlags& options) {
+  const std::vector<float>& radiance = image.channel(channel);
+  return options.spp > 1 && std::ranges::any_of(radiance, [](float v) { return v > 0; });
 }
-std::string noise_text(double noise, const RenderFlags& options) {
-  return knows_noise(options) ? fmt::format("{:.2g} %", 100 * noise) : "unknown";
+std::string noise_text(double noise, bool is_known) {
+  return is_known ? fmt::format("{:.2g} %", 100 * noise) : "unknown";
+}
+
+void warn_black(const Image& image, const std::vector<Channel>& channels) {
+  for (const Channel& channel : channels) {
+    if (std::ranges::any_of(image.channel(channel.name), [](float v) { return v != 0; })) continue;
+    spdlog::warn(
+        "{} is black: no sample found light. Do the lights reach what the camera sees? Small "
+        "lights "
+        "behind what is nearly black take more samples",
+        channel.name);
+  }
+}
+
+// Paths that were dropped count as black: where they are many, the image is too dark.
+void warn_drops(const v1::Counters& counters) {
+  constexpr double kMany = 1e-4;
+  const auto part = [&](uint64_t count) {
+    return counters.paths() == 0
+               ? 0
+               : static_cast<double>(count) / static_cast<double>(counters.paths());
+  };
+  if (part(counters.leaks()) > kMany) {
+    spdlog::warn(
+        "{:.2g} % of the paths were dropped where rounding or a hole put them on the wrong side of "
+        "the boundary: the image is darker by about as much. A mesh that is thin for its size, or "
+        "far from its origin, does that",
+        100 * part(counters.leaks()));
+  }
+  if (part(counters.invalid_samples()) > kMany) {
+    spdlog::warn(
+        "{:.2g} % of the paths were dropped as their light was no number: the image is darker by "
+        "about as much",
+        100 * part(counters.invalid_samples()));
+  }
 }
 
 // Where samples or time were over before.
 void warn_noise(const Image& image, const RenderFlags& options,
                 const std::vector<Channel>& channels) {
   double noise = 0;
-  for (const Channel& channel : channels) noise = std::max(noise, noise_of(image, channel.name));
-  if (options.noise == 0 || (knows_noise(options) && noise <= options.noise)) return;
-  spdlog::warn("the noise is {}, not {:.2g} %: the {} over before", noise_text(noise, options),
+  bool is_known = true;
+  for (const Channel& channel : channels) {
+    noise = std::max(noise, noise_of(image, channel.name));
+    is_known = is_known && knows_noise(image, channel.name, options);
+  }
+  if (options.noise == 0 || (is_known && noise <= options.noise)) return;
+  spdlog::warn("the noise is {}, not {:.2g} %: the {} over before", noise_text(noise, is_known),
                100 * options.noise,
                options.seconds > 0 ? "time or the samples were" : "samples were");
 }
@@ -482,7 +529,9 @@ void print_json(const v1::Counters& counters, const RenderFlags& options,
   for (const auto& [name, shown, material] : channels) {
     const std::string suffix = options.color ? "_" + lower(name) : "";
     number(("mean_radiance_on_object" + suffix).c_str(), mean_over_object(image, name));
-    if (knows_noise(options)) number(("noise_on_object" + suffix).c_str(), noise_of(image, name));
+    if (knows_noise(image, name, options)) {
+      number(("noise_on_object" + suffix).c_str(), noise_of(image, name));
+    }
   }
   number("paths", counters.paths());
   number("steps", counters.steps());
@@ -493,7 +542,7 @@ void print_json(const v1::Counters& counters, const RenderFlags& options,
   print_result("{}\n", to_json(result));
 }
 
-void print_text(const v1::Counters& counters, const RenderFlags& options, const v1::Scene& scene,
+void print_text(const RenderFlags& options, const v1::Scene& scene,
                 const std::vector<Channel>& channels, const Image& image, double seconds) {
   std::string text =
       fmt::format("{}: {} x {} pixels, {} samples per pixel, {:.3g} s\n",
@@ -509,11 +558,8 @@ void print_text(const v1::Counters& counters, const RenderFlags& options, const 
         "{}: sigma_t {:.4g} / mm, albedo {:.5g}{}; mean radiance on the object {:.6g}, noise {}\n",
         name, material.sigma_t, material.albedo,
         options.phase.empty() ? fmt::format(", g {:.3g}", material.g) : "",
-        mean_over_object(image, name), noise_text(noise_of(image, name), options));
-  }
-  if (counters.invalid_samples() > 0 || counters.leaks() > 0) {
-    text += fmt::format("dropped: {} invalid samples, {} leaks of {} paths\n",
-                        counters.invalid_samples(), counters.leaks(), counters.paths());
+        mean_over_object(image, name),
+        noise_text(noise_of(image, name), knows_noise(image, name, options)));
   }
   print_result(text, is_stdout(options.output) ? stderr : stdout);
 }
@@ -535,13 +581,15 @@ void run(RenderFlags options) {
       make_image(channels, jobs[0], replies_of(channels, std::move(replies)), counters, options);
   warn_small_object(image);
   warn_noise(image, options, channels);
+  warn_black(image, channels);
+  warn_drops(counters);
   write_exr(options.output, image);
-  if (!options.png.empty()) write_preview(options.png, image, channels);
+  if (!options.png.empty()) write_preview(options, image, channels);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   if (options.json) {
     print_json(counters, options, channels, image, elapsed.count());
   } else {
-    print_text(counters, options, scene, channels, image, elapsed.count());
+    print_text(options, scene, channels, image, elapsed.count());
   }
 }
 
@@ -655,7 +703,15 @@ void add_render_command(CLI::App& app) {
       ->capture_default_str();
   command->add_option("--resolution,--film", options->film,
                       "N or WIDTHxHEIGHT in pixels, instead of the scene's");
-  command->add_option("--picture,--png", options->png, "Also write a picture to look at");
+  CLI::Option* const picture = command->add_option(
+      "--picture,--png", options->png,
+      "Also write a picture to look at: sRGB, white at the 99th percentile on the object");
+  command
+      ->add_option("--picture-exposure", options->picture_exposure,
+                   "Stops by which the picture is brighter; the EXR stays as it is")
+      ->check(number_in(-20.0, 20.0))
+      ->needs(picture)
+      ->capture_default_str();
   add_format_flags(*command, options->json, "of its size, means, counters and times");
   add_worker_flags(*command, options->workers);
   command->callback([command, options] {

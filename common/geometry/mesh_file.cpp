@@ -37,7 +37,11 @@ Mesh load_mesh(const fs::path& path) {
     throw invalid_input(
         fmt::format("{}: a mesh must be a .ply, .obj or .stl file, not \"{}\"", what, extension));
   }
-  Mesh mesh = format->read(read_file(path, "mesh"), what);
+  const std::string content = read_file(path, "mesh");
+  std::string_view text = content;
+  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";  // that editors put before UTF-8
+  if (text.starts_with(kByteOrderMark)) text.remove_prefix(kByteOrderMark.size());
+  Mesh mesh = format->read(text, what);
   validate_triangles(mesh, what);
   mesh = welded(mesh);
   validate_triangles(mesh, what);

@@ -104,6 +104,7 @@ class Parts {
     std::vector<bool> spoken(mesh_.triangles.size());
     for (const Part& part : parts_) {
       std::optional<int> around;
+      Vec3d first{};
       for (const uint32_t t : part.triangles) {
         cancellation_.turn();
         const uint32_t island = islands.find(t);
@@ -111,7 +112,9 @@ class Parts {
         if (!touches_[t]) spoken[island] = true;
         const int here = others_around(t, middle(t));
         if (!around) check_orientation(part, here);
-        if (here != around.value_or(here)) throw overlap(t);
+        // The one that is in more parts is where they overlap.
+        if (here != around.value_or(here)) throw overlap(here > *around ? middle(t) : first);
+        if (!around) first = middle(t);
         around = here;
       }
     }
@@ -204,14 +207,14 @@ class Parts {
       const Vec3d a = corners[i], side = corners[(i + 1) % 3] - a;
       within = std::min(within, dot(cross(side, at - a), normal) / length(side));
     }
-    if (within > rounding_) throw overlap(t);
+    if (within > rounding_) throw overlap(at);
     if (within >= -rounding_) {
       constexpr double kBeside = 1e-3;
       const double aside = kBeside * std::min(fraction, 1 - fraction);
       for (const double along : {-aside, aside}) {
         const Vec3d beside = at + (q - p) * along;
         const Vec3d on_triangle = beside + (vertex(from[(k + 2) % 3]) - beside) * (0.1 * aside);
-        if (others_around(t, on_triangle) != expected_around(t)) throw overlap(t);
+        if (others_around(t, on_triangle) != expected_around(t)) throw overlap(at);
       }
     }
   }
@@ -300,14 +303,14 @@ class Parts {
                       "the other way round; a solid inside a solid is not accepted.",
                       what_, describe(where)));
     }
-    if (around != (part.volume > 0 ? 0 : 1)) throw overlap(part.triangles[0]);
+    if (around != (part.volume > 0 ? 0 : 1)) throw overlap(middle(part.triangles[0]));
   }
 
-  Error overlap(uint32_t triangle) const {
+  Error overlap(Vec3d where) const {
     return invalid_input(
         fmt::format("{} has parts that overlap, near {}. Parts may touch, but not overlap: unite "
                     "them into one surface, or move them apart.",
-                    what_, describe(mesh_.vertices[mesh_.triangles[triangle][0]])));
+                    what_, describe(static_cast<Vec3f>(where))));
   }
 
   // A mesh of interlaced parts could take time quadratic in its triangles.

@@ -9,6 +9,7 @@
 #include <limits>
 #include <map>
 #include <numeric>
+#include <optional>
 #include <set>
 #include <span>
 #include <unordered_map>
@@ -40,6 +41,57 @@ EdgeTriangles edges_of(const Mesh& mesh) {
     for (size_t i = 0; i < 3; ++i) edges[undirected(v[i], v[(i + 1) % 3])].push_back(t);
   }
   return edges;
+}
+
+// Facets of no area: their corners lie on a line. What is on the other side of its longest edge is
+// cut where the third corner is, so that the mesh stays as closed as it was. Returns how many are
+// gone.
+size_t drop_flat_triangles(Mesh& mesh) {
+  constexpr double kFlat = 1e-12;  // of the square of the longest edge
+  std::vector<Triangle>& triangles = mesh.triangles;
+  const auto vertex = [&](uint32_t v) { return static_cast<Vec3d>(mesh.vertices[v]); };
+  // Turned so that its longest edge is the first, if it is flat.
+  const auto flat = [&](Triangle t) -> std::optional<Triangle> {
+    if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0]) return std::nullopt;
+    const auto squared = [&](const Triangle& of) {
+      const Vec3d edge = vertex(of[1]) - vertex(of[0]);
+      return dot(edge, edge);
+    };
+    for (int turn = 0; turn < 2; ++turn) {
+      if (squared({t[1], t[2], t[0]}) > squared(t)) t = {t[1], t[2], t[0]};
+    }
+    if (squared({t[2], t[0], t[1]}) > squared(t)) t = {t[2], t[0], t[1]};
+    const double area = length(cross(vertex(t[1]) - vertex(t[0]), vertex(t[2]) - vertex(t[0])));
+    return area <= kFlat * squared(t) ? std::optional(t) : std::nullopt;
+  };
+  std::unordered_map<uint64_t, uint32_t> by_edge;
+  std::vector<uint32_t> flat_ones;
+  for (uint32_t n = 0; n < triangles.size(); ++n) {
+    const Triangle& t = triangles[n];
+    if (flat(t)) flat_ones.push_back(n);
+    for (size_t i = 0; i < 3; ++i) by_edge[directed(t[i], t[(i + 1) % 3])] = n;
+  }
+  size_t dropped = 0;
+  for (const uint32_t n : flat_ones) {
+    const auto at = flat(triangles[n]);
+    if (!at) continue;
+    const auto [a, b, c] = *at;
+    const auto beyond = by_edge.find(directed(b, a));
+    if (beyond == by_edge.end() || beyond->second == n || flat(triangles[beyond->second])) continue;
+    const uint32_t other = beyond->second;
+    const Triangle& t = triangles[other];
+    const auto place = static_cast<size_t>(std::ranges::find(t, b) - t.begin());
+    const uint32_t d = t[(place + 2) % 3];
+    // The two halves of the other one take the places of both.
+    triangles[other] = {b, c, d};
+    triangles[n] = {c, a, d};
+    for (const uint32_t changed : {other, n}) {
+      const Triangle& half = triangles[changed];
+      for (size_t i = 0; i < 3; ++i) by_edge[directed(half[i], half[(i + 1) % 3])] = changed;
+    }
+    ++dropped;
+  }
+  return dropped;
 }
 
 class Repair {
@@ -271,7 +323,9 @@ class Repair {
 }  // namespace
 
 bool MeshRepair::changed() const {
-  return welded_vertices + dropped_triangles + turned_triangles + filled_hole_edges.size() > 0;
+  return welded_vertices + dropped_triangles + flat_triangles + turned_triangles +
+             filled_hole_edges.size() >
+         0;
 }
 
 std::string MeshRepair::describe() const {
@@ -281,6 +335,7 @@ std::string MeshRepair::describe() const {
   };
   say(welded_vertices, "vertex", "vertices", "welded");
   say(dropped_triangles, "triangle", "triangles", "dropped");
+  say(flat_triangles, "facet of no area", "facets of no area", "dropped");
   say(filled_hole_edges.size(), "hole", "holes", "filled");
   if (!filled_hole_edges.empty()) {
     constexpr size_t kNamed = 8;
@@ -295,6 +350,7 @@ std::string MeshRepair::describe() const {
 MeshRepair repaired(const Mesh& mesh, const std::string& what, const MeshRepairOptions& options) {
   validate_triangles(mesh, what);
   MeshRepair unchanged{.mesh = welded(mesh), .filled_hole_edges = {}};
+  unchanged.flat_triangles = drop_flat_triangles(unchanged.mesh);
   try {
     validate_closed(unchanged.mesh, what);
     return unchanged;
@@ -302,6 +358,7 @@ MeshRepair repaired(const Mesh& mesh, const std::string& what, const MeshRepairO
     // That is what is to be repaired.
   }
   MeshRepair repair = Repair(unchanged.mesh, options).run();
+  repair.flat_triangles = unchanged.flat_triangles;
   repair.mesh = welded(repair.mesh);
   try {
     validate_closed(repair.mesh, what);

@@ -24,6 +24,7 @@ struct MeshRepair {
   Mesh mesh;
   size_t welded_vertices = 0;
   size_t dropped_triangles = 0;           // that repeat a vertex, or another triangle
+  size_t flat_triangles = 0;              // of no area, dropped
   size_t turned_triangles = 0;            // whose orientation was changed
   std::vector<size_t> filled_hole_edges;  // of each hole that was filled
 
@@ -35,7 +36,8 @@ struct MeshRepair {
 // Welds vertices along open edges, drops triangles that are there twice, turns triangles until
 // those that share an edge agree and solids are counter-clockwise seen from outside, cavities the
 // other way round; and fills holes by the triangles of least area (Barequet and Sharir, "Filling
-// gaps in the boundary of a polyhedron", 1995). A mesh that is closed stays as it is. `what` names
+// gaps in the boundary of a polyhedron", 1995). A mesh that is closed stays as it is, but for
+// facets of no area, which are dropped. `what` names
 // the mesh in messages. Throws Error (invalid input) if the mesh does not pass validate_closed
 // then, with what was tried. Time grows with the number of parts times that of triangles.
 MeshRepair repaired(const Mesh& mesh, const std::string& what,

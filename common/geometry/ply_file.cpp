@@ -64,6 +64,14 @@ class PlyReader {
   Mesh run() {
     read_header();
     for (const Element& element : elements_) read(element);
+    const auto is_strips = [](const Element& element) {
+      return element.name == "tristrips" && element.count > 0;
+    };
+    if (mesh_.sizes.empty() && std::ranges::any_of(elements_, is_strips)) {
+      throw wrong(
+          "it has its triangles as strips (element tristrips), which are not read; save it "
+          "with faces");
+    }
     return triangulated(mesh_, what_);
   }
 

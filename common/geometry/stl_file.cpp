@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <bit>
+#include <cctype>
 #include <cstring>
 
 #include "common/geometry/mesh_formats.h"
@@ -35,16 +36,28 @@ Mesh read_binary(std::string_view content, const std::string& what) {
   return mesh;
 }
 
+std::string lower_case(std::string_view text) {
+  std::string result(text);
+  for (char& c : result) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return result;
+}
+
 Mesh read_text(std::string_view content, const std::string& what) {
   Mesh mesh;
   Vec3f corners[3];
   int corner_count = 0;
+  // Keywords are of any case; some programs write the two words that they are made of apart.
+  const auto next_keyword = [](std::string_view& line) {
+    std::string word = lower_case(take_word(line));
+    if (word == "end") word += lower_case(take_word(line));
+    return word;
+  };
   for (size_t number = 1; !content.empty(); ++number) {
     const auto wrong = [&](const std::string& reason) {
       return invalid_input(fmt::format("{}: line {}: {}", what, number, reason));
     };
     std::string_view line = take_line(content);
-    const std::string_view keyword = take_word(line);
+    const std::string keyword = next_keyword(line);
     if (keyword == "vertex") {
       if (corner_count == 3) throw wrong("a facet has more than three vertices");
       for (float Vec3f::*axis : {&Vec3f::x, &Vec3f::y, &Vec3f::z}) {
@@ -70,7 +83,9 @@ Mesh read_text(std::string_view content, const std::string& what) {
 
 // A binary file may begin like a text; only a text has no zeros.
 Mesh read_stl(std::string_view content, const std::string& what) {
-  const bool is_text = content.starts_with("solid") && content.find('\0') == std::string_view::npos;
+  std::string_view begin = content;
+  const bool is_text = lower_case(take_word(begin).substr(0, 5)) == "solid" &&
+                       content.find('\0') == std::string_view::npos;
   return is_text ? read_text(content, what) : read_binary(content, what);
 }
 

@@ -139,6 +139,29 @@ void check_sizes(const SceneDescription& scene, const std::vector<ObjectSize>& s
   }
 }
 
+// Normals that are given point outwards: one that does not would make light of its own.
+void check_corner_normals(const SceneDescription& scene) {
+  constexpr double kLeastCosine = 1e-3;
+  const Mesh& mesh = scene.compiled_object->mesh;
+  for (size_t t = 0; t < scene.corner_normals.size() && t < mesh.triangles.size(); ++t) {
+    const auto corner = [&](size_t k) {
+      return static_cast<Vec3d>(mesh.vertices[mesh.triangles[t][k]]);
+    };
+    const Vec3d normal = cross(corner(1) - corner(0), corner(2) - corner(0));
+    if (!(length(normal) > 0)) continue;
+    for (const Vec3f given : scene.corner_normals[t]) {
+      const double cosine = dot(itn::normalize(normal), static_cast<Vec3d>(given));
+      if (cosine >= kLeastCosine) continue;
+      throw invalid_input(
+          fmt::format("object.mesh.triangles.corner_normals: one of triangle {} is ({}, {}, {}), "
+                      "which does not "
+                      "point outwards: its product with the triangle's own normal is {:.3g}, and "
+                      "must be above 0",
+                      t, given.x, given.y, given.z, cosine));
+    }
+  }
+}
+
 std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCache& parts,
                                                const std::stop_token& stop) {
   check(scene);
@@ -155,6 +178,7 @@ std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCac
   }
   if (alone) sizes = {ObjectSize(scene.compiled_object->mesh)};
   check_sizes(scene, sizes);
+  check_corner_normals(scene);
   return std::make_unique<const Scene::Compiled>(std::move(scene), parts, stop);
 }
 

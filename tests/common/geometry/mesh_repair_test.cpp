@@ -114,6 +114,23 @@ TEST(MeshRepairTest, KeepsCavitiesAndDropsRepeatedTriangles) {
                                    " edges), 20480 triangles turned");
 }
 
+// A corner on an edge of the facet beside it, with which it has a facet of no area.
+TEST(MeshRepairTest, DropsFacetsOfNoArea) {
+  Mesh mesh = make_shape("cube");
+  const auto [a, b, c] = mesh.triangles[0];
+  const auto middle = static_cast<uint32_t>(mesh.vertices.size());
+  mesh.vertices.push_back((mesh.vertices[a] + mesh.vertices[b]) * 0.5F);
+  mesh.triangles[0] = {a, middle, c};
+  mesh.triangles.push_back({middle, b, c});
+  mesh.triangles.push_back({b, middle, a});
+  ASSERT_NO_THROW(validate_closed(mesh, "cube"));
+  const MeshRepair repair = repaired(mesh, "cube");
+  EXPECT_EQ(repair.describe(), "1 facet of no area dropped");
+  EXPECT_EQ(repair.mesh.triangles.size(), 14U);
+  EXPECT_DOUBLE_EQ(signed_volume(repair.mesh), 1);
+  EXPECT_NO_THROW(validate_closed(repair.mesh, "cube"));
+}
+
 TEST(MeshRepairTest, SaysWhatCannotBeRepaired) {
   Mesh mesh = make_shape("sphere");
   const size_t edges = punch(mesh, 3);

@@ -160,6 +160,21 @@ TEST(ValidateClosed, PartsThatOverlapAreRefusedInAnyOrder) {
   refused("around", box({-1, -1, -1}, {2, 2, 2}));
 }
 
+// Where they do: two boxes side by side, of which each reaches into the other.
+TEST(ValidateClosed, OverlapIsNamedWhereItIs) {
+  const Mesh both = together(box({-0.5, 0, -0.5}, {0.5, 1, 0.5}), box({0, 0, -0.5}, {1, 1, 0.5}));
+  try {
+    validate_closed(both, "both");
+    FAIL() << "accepted";
+  } catch (const Error& error) {
+    const std::string message = error.what();
+    const size_t at = message.find("near (");
+    ASSERT_NE(at, std::string::npos) << message;
+    const double x = std::stod(message.substr(at + 6));
+    EXPECT_TRUE(x >= 0 && x <= 0.5) << message;
+  }
+}
+
 TEST(ValidateClosed, PartsMayTouch) {
   const Mesh unit = box({0, 0, 0}, {1, 1, 1});
   const auto accepted = [&](const char* what, const Mesh& other) {
@@ -428,6 +443,30 @@ std::string prism(const std::vector<std::array<double, 2>>& base) {
     sides += fmt::format("f {} {} {} {}\n", i + 1, j + 1, n + j + 1, n + i + 1);
   }
   return obj + bottom + "\n" + top + "\n" + sides;
+}
+
+// As editors and other programs write them.
+TEST(MeshFileTest, ReadsByteOrderMarksCapitalsAndWordsApart) {
+  const TemporaryFolder folder;
+  const Mesh obj =
+      load_mesh(folder.write("a.obj", "\xef\xbb\xbfv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"));
+  EXPECT_EQ(obj.vertices.size(), 3U);
+  const std::string facet =
+      "facet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n";
+  const std::string text =
+      "solid a\n" + facet + "end loop\nend facet\n" + facet + "endloop\nendfacet\nendsolid a\n";
+  std::string capitals = text;
+  for (char& c : capitals) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  for (const std::string& each : {text, capitals, "\xef\xbb\xbf  " + text}) {
+    EXPECT_EQ(load_mesh(folder.write("a.stl", each)).triangles.size(), 2U) << each;
+  }
+  expect_error(ErrorKind::kInvalidInput, {"strips.ply", "triangles as strips"}, [&] {
+    load_mesh(folder.write("strips.ply",
+                           "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n"
+                           "property float y\nproperty float z\nelement tristrips 1\n"
+                           "property list int int vertex_indices\nend_header\n"
+                           "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"));
+  });
 }
 
 TEST(MeshFileTest, FacesMayBeConcavePolygons) {

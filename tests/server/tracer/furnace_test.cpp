@@ -62,5 +62,29 @@ TEST(FurnaceGroundTest, AWhiteGroundChangesNothing) {
   }
 }
 
+// Normals that are given, however they lean, as long as they point outwards.
+TEST(FurnaceTest, GivenNormalsLoseNothing) {
+  for (const double cosine : {0.7, 0.1, 0.0011}) {
+    SceneDescription description = studio("cube", {ConstantLight{1}});
+    description.boundary = RoughDielectric{1.5F, 0.3F};
+    const Mesh& mesh = description.object;
+    for (const auto& triangle : mesh.triangles) {
+      const auto corner = [&](size_t k) { return static_cast<Vec3d>(mesh.vertices[triangle[k]]); };
+      const Vec3d normal = normalize(cross(corner(1) - corner(0), corner(2) - corner(0)));
+      std::array<Vec3f, 3>& normals = description.corner_normals.emplace_back();
+      for (size_t k = 0; k < 3; ++k) {
+        const Vec3d aside = normalize(corner(k) - corner((k + 1) % 3));
+        normals[k] = static_cast<Vec3f>(normal * cosine + aside * std::sqrt(1 - cosine * cosine));
+      }
+    }
+    const FilmEstimate film =
+        estimate_film(Scene(std::move(description)),
+                      {.material = {3, 1, 0.3}, .sample_count = 128, .estimates = 1}, 32);
+    std::printf("  cosine %g: %.5f +- %.2g\n", cosine, film.radiance.mean,
+                film.radiance.standard_error);
+    EXPECT_NEAR(film.radiance.mean, 1, 4 * film.radiance.standard_error + 2e-3) << cosine;
+  }
+}
+
 }  // namespace
 }  // namespace itn::testing

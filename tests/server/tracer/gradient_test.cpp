@@ -180,7 +180,7 @@ TEST(GradientTest, GivenNormalsAreTakenAsTheyAre) {
   };
   const std::vector<float> expected = image(by_angle);
   EXPECT_EQ(image(given), expected);
-  given.corner_normals.assign(given.corner_normals.size(), {Vec3f{0, 1, 0}, {0, 1, 0}, {0, 1, 0}});
+  given.corner_normals = CornerNormals(given.object, {{0, 0.0}}).by_triangle();  // flat
   EXPECT_NE(image(given), expected);
 }
 

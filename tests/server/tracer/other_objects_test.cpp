@@ -204,7 +204,7 @@ TEST(OtherObjectsTest, VanishInAFurnace) {
         {box({-0.2F, 0.5F, -0.2F}, {0.2F, 0.9F, 0.2F}), {3, 1, 0}, of_index(1.8F)}};
     SceneDescription within = description;
     within.camera = {.origin = {0.02, 0.7, 0.01}, .target = {-1, 0, 0.3}, .fov = 1.5};
-    const RenderRequest request{.material = {5, 1, 0.3}, .sample_count = 128};
+    const RenderRequest request{.material = {5, 1, 0.3}, .sample_count = 64};
     for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
       RenderRequest by = request;
       by.tracer = tracer;
@@ -237,7 +237,7 @@ TEST(OtherObjectsTest, OneFillsACavityOfAnother) {
         {box({-0.3F, 0.1F, -0.3F}, {0.3F, 0.7F, 0.3F}), {10, 1, 0.5}, of_index(1.33F)}};
     const Scene scene(std::move(description));
     for (const Tracer tracer : {Tracer::kWavefront, Tracer::kReference}) {
-      RenderRequest request{.material = {1, 1, 0}, .sample_count = 256};
+      RenderRequest request{.material = {1, 1, 0}, .sample_count = 112};
       request.tracer = tracer;
       if (tracer == Tracer::kReference) request.sample_count *= 2;
       const FilmEstimate film = estimate_film(scene, request, 32);

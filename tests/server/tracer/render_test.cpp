@@ -190,6 +190,15 @@ TEST(RenderTest, SmallTrianglesAreMetWhereTheyAre) {
   }
 }
 
+TEST(RenderTest, NormalsThatPointInwardsAreRefused) {
+  SceneDescription scene = studio("cube", {ConstantLight{1}});
+  scene.boundary = RoughDielectric{};
+  scene.corner_normals.assign(scene.object.triangles.size(),
+                              {Vec3f{0, 1, 0}, {0, 1, 0}, {0, 1, 0}});
+  expect_error(ErrorKind::kInvalidInput, {"corner_normals", "does not point outwards"},
+               [&] { Scene refused(std::move(scene)); });
+}
+
 // With the same roulette, walks are as long as those of the reference.
 TEST(RenderTest, TheUsualRouletteWalksAsFarAsTheReference) {
   RenderRequest s = request();
