@@ -13,5 +13,7 @@ for target in build/release/bin/fuzz_*; do
   # Others than the unit tests have.
   "$target" "tests/fuzz/corpus/$name" 20000 2000 10000
 done
+# Other random scenes every day, for an hour.
+build/release/bin/tracer_differential --first "$(date +%s)" --seconds 3600
 cmake --preset by-file
 cmake --build --preset by-file
