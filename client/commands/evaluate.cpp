@@ -55,6 +55,7 @@ std::vector<Contender> candidates_of(const EvaluateOptions& options, const Label
   std::vector<Contender> candidates;
   for (const std::string& checkpoint : options.checkpoints) {
     Predictor predictor = Predictor::load(find_model(checkpoint));
+    warn_of_albedos_out_of_reach(images.truth, predictor.model().bounds(), predictor.name());
     for (const double noise : noise_levels(options, predictor.model())) {
       std::vector<MaterialEstimate> estimates =
           estimate_all(predictor, images, noise, interruption());

@@ -62,7 +62,7 @@ void check_scene(const fs::path& file, const ImportedScene& imported) {
   try {
     v1::Scene scene = load_scene(file);
     resolve_media(scene);
-    if (whole) build_scene(scene, {});
+    if (whole) tracer::Scene compiled(build_scene(scene, {}));
   } catch (const Error& error) {
     if (whole && error.kind() == ErrorKind::kInvalidInput) {
       throw Error(error.kind(), fmt::format("{} is written, but cannot be rendered: {}",
@@ -102,8 +102,8 @@ void run_import(ImportFlags flags) {
                scene.film().width(), scene.film().height(), objects, scene.surfaces_size(),
                scene.lights_size());
   if (!notes.empty()) print_result("not carried over:\n{}", notes);
-  print_result("render it: {}\n", command);
   check_scene(flags.output, imported);
+  print_result("render it: {}\n", command);
 }
 
 }  // namespace

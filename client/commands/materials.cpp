@@ -40,12 +40,15 @@ std::string swatch(const MeasuredMedium& medium) {
   return text;
 }
 
-void list() {
+// All, or the one of this name.
+void list(const std::string& name) {
+  if (!name.empty()) measured_medium(name);  // is known
   const auto print_row = [](const auto&... columns) {
     print_result("{:<28} {:<8} {:<30} {:<26} {:<20} {:<6} {}\n", columns...);
   };
   print_row("name", "colour", "sigma_t in 1/mm: R, G, B", "albedo", "g", "index", "source");
   for (const MeasuredMedium& medium : measured_media()) {
+    if (!name.empty() && medium.name != name) continue;
     const auto columns = [&](const char* format, double Material::*member) {
       std::string text;
       for (size_t c = 0; c < 3; ++c) {
@@ -82,14 +85,14 @@ void add_materials_command(CLI::App& app) {
       "List measured media, by the names that `itn render --material` takes. The colour is that of "
       "a thick piece under white light, without gloss. Jensen's sigma_s are reduced, so g is 0. "
       "With --format, write one for a renderer");
-  CLI::Option* name = command->add_option("name", options->name, "Of a medium to write");
+  CLI::Option* name =
+      command->add_option("name", options->name, "Of one medium, to list or to write");
   std::vector<std::string> formats;
   for (const ExportFormat& format : export_formats()) formats.emplace_back(format.name);
   CLI::Option* format =
       command->add_option("--format", options->format, "Of the renderer (docs/exports.md)")
           ->check(CLI::IsMember(formats))
           ->needs(name);
-  name->needs(format);
   command->add_option("-o,--output", options->output, "File to write; default: standard output")
       ->needs(format);
   command
@@ -106,7 +109,7 @@ void add_materials_command(CLI::App& app) {
       ->capture_default_str()
       ->needs(format);
   add_scene_unit_flag(*command, options->exports.mm_per_scene_unit);
-  command->callback([options] { options->name.empty() ? list() : write(*options); });
+  command->callback([options] { options->format.empty() ? list(options->name) : write(*options); });
 }
 
 }  // namespace itn

@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <limits>
 #include <memory>
 #include <numeric>
 #include <string>
@@ -222,6 +223,12 @@ void take_medium(const v1::Scene& scene, RenderFlags& options) {
       options.g.push_back(material.g);
     }
   }
+  const bool has_medium = scene.object().has_medium() || !scene.object().material().empty();
+  require_usage(
+      !has_flags || !has_medium || !options.material.empty() ||
+          (!options.sigma_t.empty() && !options.albedo.empty()),
+      "--albedo, --g and --phase need --sigma-t and --albedo beside them: flags stand for the "
+      "whole of the medium that the scene's object has");
   require_usage(!options.material.empty() || (!options.sigma_t.empty() && !options.albedo.empty()),
                 "--sigma-t and --albedo are required, or --material, or a medium or material in "
                 "the scene's object");
@@ -273,6 +280,20 @@ std::vector<RenderJob> jobs_of(const RenderFlags& options, const v1::Scene& scen
   return jobs;
 }
 
+// How long until the goal is reached, as the noise falls with the root of the samples. The first
+// round is too short to tell.
+std::string what_is_left(const RenderGoal& goal, const RenderedSoFar& so_far) {
+  if (so_far.rounds < 2) return "";
+  double seconds = std::numeric_limits<double>::infinity();
+  if (goal.noise > 0) {
+    const double samples = so_far.spp * (std::pow(so_far.noise / goal.noise, 2) - 1);
+    seconds = std::max(0.0, samples) * so_far.seconds_per_sample;
+  }
+  if (goal.seconds > 0) seconds = std::min(seconds, goal.seconds - so_far.seconds);
+  seconds = std::min(seconds, (goal.spp - so_far.spp) * so_far.seconds_per_sample);
+  return fmt::format(", about {:.2g} s left in all", std::max(0.0, seconds));
+}
+
 RoundsReply render(const RenderFlags& options, const std::vector<RenderJob>& jobs,
                    std::chrono::steady_clock::time_point start) {
   RenderPool pool(options.workers.pool_options());
@@ -288,7 +309,9 @@ RoundsReply render(const RenderFlags& options, const std::vector<RenderJob>& job
           progress.emplace("rendering", "samples per pixel", begun + round, begun);
         }
         progress->update(begun + static_cast<uint64_t>(fraction * round),
-                         begun > 0 ? fmt::format("noise {:.2g} %", 100 * so_far.noise) : "");
+                         begun > 0 ? fmt::format("noise {:.2g} %{}", 100 * so_far.noise,
+                                                 what_is_left(goal, so_far))
+                                   : "");
       });
   progress->finish();
   return reply;
@@ -464,27 +487,26 @@ void warn_black(const Image& image, const std::vector<Channel>& channels) {
   }
 }
 
-// Paths that were dropped count as black: where they are many, the image is too dark.
-void warn_drops(const v1::Counters& counters) {
-  constexpr double kMany = 1e-4;
-  const auto part = [&](uint64_t count) {
-    return counters.paths() == 0
-               ? 0
-               : static_cast<double>(count) / static_cast<double>(counters.paths());
+// Paths that were dropped count as black: where they are many, the image is too dark. Beyond a
+// hundredth of those that meet the object, it is no image of the scene.
+void check_drops(const v1::Counters& counters, const Image& image) {
+  constexpr double kMany = 1e-4, kTooMany = 0.01;
+  const double paths = std::max(1.0, static_cast<double>(counters.paths()) * coverage(image));
+  const auto part = [&](uint64_t count) { return static_cast<double>(count) / paths; };
+  const auto say = [&](uint64_t count, const std::string& why) {
+    if (part(count) <= kMany) return;
+    const std::string what = fmt::format(
+        "{:.2g} % of the paths that meet the object were dropped, {}: the object is darker by "
+        "about "
+        "as much",
+        100 * std::min(1.0, part(count)), why);
+    if (part(count) > kTooMany) throw invalid_input(what + "; such an image is not written");
+    spdlog::warn(what);
   };
-  if (part(counters.leaks()) > kMany) {
-    spdlog::warn(
-        "{:.2g} % of the paths were dropped where rounding or a hole put them on the wrong side of "
-        "the boundary: the image is darker by about as much. A mesh that is thin for its size, or "
-        "far from its origin, does that",
-        100 * part(counters.leaks()));
-  }
-  if (part(counters.invalid_samples()) > kMany) {
-    spdlog::warn(
-        "{:.2g} % of the paths were dropped as their light was no number: the image is darker by "
-        "about as much",
-        100 * part(counters.invalid_samples()));
-  }
+  say(counters.leaks(),
+      "as they were on the wrong side of the boundary: a mesh that cuts through itself does that, "
+      "and one that is thin for its size, or far from its origin");
+  say(counters.invalid_samples(), "as their light was no number");
 }
 
 // Where samples or time were over before.
@@ -574,7 +596,7 @@ void run(RenderFlags options) {
   options.color |= scene.film().channel() == v1::Film::RGB;
   const std::vector<Channel> channels = channels_of(options, scene);
   const std::vector<RenderJob> jobs = jobs_of(options, scene, channels);
-  auto [replies, spp] = render(options, jobs, start);
+  auto [replies, spp, interrupted] = render(options, jobs, start);
   options.spp = spp;
   const v1::Counters counters = sum_of(replies);
   const Image image =
@@ -582,9 +604,14 @@ void run(RenderFlags options) {
   warn_small_object(image);
   warn_noise(image, options, channels);
   warn_black(image, channels);
-  warn_drops(counters);
+  check_drops(counters, image);
   write_exr(options.output, image);
   if (!options.png.empty()) write_preview(options, image, channels);
+  if (interrupted) {
+    throw Error(ErrorKind::kCancelled,
+                fmt::format("interrupted; {} has the {} samples per pixel that were done",
+                            options.output, options.spp));
+  }
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   if (options.json) {
     print_json(counters, options, channels, image, elapsed.count());

@@ -418,6 +418,7 @@ void run_train(const TrainOptions& given, const CLI::App& command) {
     return fit_model(images, inputs.mean_radiance(), material_range(dataset.manifest().config()),
                      config);
   });
+  warn_of_albedos_out_of_reach(images.truth, model.bounds(), "the network");
   // Train.
   std::optional<RenderPool> pool;
   const RerenderingEvaluator image_term = image_term_of(

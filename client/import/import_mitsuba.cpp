@@ -124,6 +124,11 @@ class Importer {
     for (const auto& [name, property] : plugin.properties) {
       if (!property.used) leave(plugin, printable(name) + " was not carried over");
     }
+    for (const auto& [name, transform] : plugin.transforms) {
+      if (!plugin.used_transforms.contains(name)) {
+        leave(plugin, fmt::format("its transform \"{}\" was not carried over", printable(name)));
+      }
+    }
     for (const auto& [name, child] : plugin.children) {
       static const std::set<std::string> definitions{"bsdf", "medium", "texture", "phase"};
       if (child->used) {
@@ -385,6 +390,17 @@ class Importer {
     const Colour albedo = colour("albedo", 0.75), sigma_t = colour("sigma_t", 1);
     const Colour sigma_s = colour("sigma_s", 0), sigma_a = colour("sigma_a", 0);
     const bool by_parts = medium.has("sigma_s") || medium.has("sigma_a");
+    const bool by_whole = medium.has("sigma_t") || medium.has("albedo") ||
+                          medium.child("volume", "albedo") || medium.child("volume", "sigma_t");
+    if (by_parts && by_whole) {
+      throw invalid_input(medium.place +
+                          ": it has sigma_t or albedo beside sigma_s or sigma_a; it must have one "
+                          "pair of them");
+    }
+    if (!by_parts && !by_whole && !file_.is_3) {
+      leave(medium, "has no coefficients: Mitsuba 0.6 takes skin1 then, and so does this");
+      return set_measured_medium(object, medium, scale);
+    }
     const double g = asymmetry_of(medium, &object == &result_.scene.object());
     for (size_t c = 0; c < 3; ++c) {
       Material& of = material[c];
@@ -415,7 +431,7 @@ class Importer {
   // Mitsuba 0.6 has those of Jensen and Narasimhan in 1/mm, under names of which ours are the small
   // letters.
   void set_measured_medium(v1::Object& object, const MitsubaPlugin& medium, double scale) {
-    std::string name = medium.text("material", "");
+    std::string name = medium.text("material", "skin1");
     std::ranges::transform(name, name.begin(), [](unsigned char c) { return std::tolower(c); });
     const auto known = std::ranges::find(measured_media(), name, &MeasuredMedium::name);
     if (known == measured_media().end()) {
@@ -665,7 +681,7 @@ class Importer {
     if (sensor.type == "thinlens") leave(sensor, "everything is in focus here");
     const Affine3d transform = to_world(sensor);
     const Eigen::Matrix3d axes = transform.linear();
-    if (axes.determinant() < 0) leave(sensor, "it mirrors its image; that it does");
+    if (axes.determinant() < 0) leave(sensor, "its image is mirrored; here it is not");
     v1::Camera& camera = *result_.scene.mutable_camera();
     set(*camera.mutable_origin(), transform.translation());
     set(*camera.mutable_target(),
@@ -716,9 +732,9 @@ class Importer {
   static double horizontal_fov(const MitsubaPlugin& sensor, double width, double height) {
     std::string axis = sensor.text("fov_axis", "x");
     double half = 0;  // tangent of half of the angle
-    if (sensor.has("focal_length")) {
+    if (sensor.has("focal_length") || !sensor.has("fov")) {
       // In mm, of a film of 36 x 24 mm, whose diagonal counts.
-      std::string text = sensor.text("focal_length", "");
+      std::string text = sensor.text("focal_length", "50mm");
       if (text.ends_with("mm")) text.resize(text.size() - 2);
       double length = 0;
       std::from_chars(text.data(), text.data() + text.size(), length);

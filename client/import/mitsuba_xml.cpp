@@ -431,9 +431,11 @@ std::array<double, 3> MitsubaPlugin::colour(const std::string& property, double 
   }
   if (has_spectrum(property)) return colour_of_spectrum(spectrum_of(text, where));
   if (text.empty()) {
+    const std::string kind = attribute(*found, "type");
     throw invalid_input(
-        fmt::format("{}: {} is not understood; one number, three of R, G and B, or #rrggbb are",
-                    where, in_quotes(text)));
+        fmt::format("{}: <{}{}> is not understood; one number, three of R, G and B, "
+                    "or #rrggbb are",
+                    where, printable(found->tag), kind.empty() ? "" : " type=" + in_quotes(kind)));
   }
   std::vector<double> numbers = numbers_of(text, where);
   if (numbers.size() == 1) numbers.assign(3, numbers[0]);
@@ -452,6 +454,7 @@ Eigen::Vector3d MitsubaPlugin::vector(const std::string& property,
 }
 
 Eigen::Affine3d MitsubaPlugin::transform(const std::string& transform_name) const {
+  used_transforms.insert(transform_name);
   const auto found = transforms.find(transform_name);
   return found == transforms.end() ? Eigen::Affine3d::Identity() : found->second;
 }

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -33,6 +34,7 @@ struct MitsubaPlugin {
   // By names as Mitsuba 3 spells them: "to_world" for "toWorld".
   std::map<std::string, MitsubaProperty> properties;
   std::map<std::string, Eigen::Affine3d> transforms;
+  mutable std::set<std::string> used_transforms;
   std::vector<MitsubaChild> children;
   mutable bool used = false;
 

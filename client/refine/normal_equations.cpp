@@ -105,7 +105,9 @@ void ImageEquations::choose_pixels(std::span<const float> coverage) {
         observation_.name, given_count, pixels_.size(), seen));
   }
   if (pixels_.empty()) {
-    throw invalid_input(observation_.name + ": the camera of its scene does not see the object");
+    throw invalid_input(observation_.name +
+                        ": the camera of its scene does not see the object; do image and "
+                        "scene belong together?");
   }
   weigh_pixels();
 }

@@ -6,6 +6,7 @@
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/reply_images.h"
 #include "client/render_pool/tiles.h"
+#include "common/error.h"
 #include "common/rpc/wire_array.h"
 
 namespace itn {
@@ -149,8 +150,14 @@ RoundsReply render_rounds(RenderPool& pool, std::span<const RenderJob> jobs, con
       job.request.set_spp(spp);
     }
     const double before = seconds_since(start);
-    std::vector<v1::RenderGradReply> replies =
-        pool.render_split(round, [&](double fraction) { progress(so_far, spp, fraction); });
+    std::vector<v1::RenderGradReply> replies;
+    try {
+      replies = pool.render_split(round, [&](double fraction) { progress(so_far, spp, fraction); });
+    } catch (const Error& error) {
+      if (error.kind() != ErrorKind::kCancelled || so_far.spp == 0) throw;
+      result.interrupted = true;
+      break;
+    }
     so_far.seconds = seconds_since(start);
     so_far.seconds_per_sample = (so_far.seconds - before) / spp;
     if (result.replies.empty()) {
@@ -161,6 +168,7 @@ RoundsReply render_rounds(RenderPool& pool, std::span<const RenderJob> jobs, con
       }
     }
     so_far.spp += spp;
+    ++so_far.rounds;
     if (so_far.spp >= goal.spp) break;
     so_far.noise = 0;
     for (const v1::RenderGradReply& reply : result.replies) {

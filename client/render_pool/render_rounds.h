@@ -28,6 +28,7 @@ struct RenderedSoFar {
   double noise = 0;
   double seconds = 0;             // that have passed
   double seconds_per_sample = 0;  // in the last round
+  int rounds = 0;                 // that are done
 };
 
 // The samples per pixel of the next round; 0: it is good enough. A round makes an image at most
@@ -49,8 +50,10 @@ void add_samples(const v1::RenderGradReply& further, uint32_t further_spp,
 struct RoundsReply {
   std::vector<v1::RenderGradReply> replies;
   uint32_t spp = 0;
+  bool interrupted = false;  // before the goal was reached
 };
 
+// Where `progress` throws an Error of kCancelled and a round is done, that is what comes back.
 // `progress(so_far, round, fraction)` is called as RenderPool::render_split does, in each round of
 // so many samples. Throws what that throws.
 using RoundProgress =

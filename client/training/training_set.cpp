@@ -1,5 +1,9 @@
 #include "client/training/training_set.h"
 
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
 #include <cmath>
 
 #include "common/error.h"
@@ -70,6 +74,19 @@ v1::Model fit_model(const LabelledImages& images, double mean_radiance,
   *model.mutable_bounds() = prediction_bounds(range);
   fit_coordinates(images.truth, model);
   return model;
+}
+
+void warn_of_albedos_out_of_reach(const std::vector<Material>& truth,
+                                  const v1::MaterialRange& bounds, const std::string& name) {
+  constexpr double kFew = 0.01;
+  const auto beyond = [&](const Material& m) { return m.albedo > bounds.albedo().max(); };
+  const double part = static_cast<double>(std::ranges::count_if(truth, beyond)) /
+                      static_cast<double>(std::max<size_t>(1, truth.size()));
+  if (part <= kFew) return;
+  spdlog::warn(
+      "{:.0f} % of the albedos are above {:.4g}, the most that {} can answer: errors of those "
+      "do not vanish",
+      100 * part, bounds.albedo().max(), name);
 }
 
 }  // namespace itn

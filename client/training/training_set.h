@@ -35,4 +35,9 @@ LabelledImages images_of(DatasetReader& dataset, v1::Split split);
 v1::Model fit_model(const LabelledImages& images, double mean_radiance,
                     const v1::MaterialRange& range, const v1::TrainingConfig& config);
 
+// Warns where more than a hundredth of the truths are albedos that a model of these bounds cannot
+// answer, which no training mends. `name` is the model's.
+void warn_of_albedos_out_of_reach(const std::vector<Material>& truth,
+                                  const v1::MaterialRange& bounds, const std::string& name);
+
 }  // namespace itn

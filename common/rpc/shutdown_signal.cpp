@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <thread>
@@ -45,8 +46,12 @@ void ShutdownSignal::wait() {
 }
 
 void ShutdownSignal::exit_on_next() {
-  std::thread([] {
-    wait_for_signal();
+  // Shells and supervisors send a signal to the process and to its group: that is one, not two.
+  static constexpr auto kOneSignal = std::chrono::milliseconds(500);
+  std::thread([begin = std::chrono::steady_clock::now()] {
+    do {
+      wait_for_signal();
+    } while (std::chrono::steady_clock::now() - begin < kOneSignal);
     std::fputs("interrupted again: ended at once\n", stderr);
     _exit(exit_code(ErrorKind::kCancelled));
   }).detach();

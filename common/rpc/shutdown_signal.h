@@ -12,8 +12,8 @@ class ShutdownSignal {
   // Blocks until a signal arrives that no earlier call has returned for.
   void wait();
 
-  // From now on a further signal ends the process at once, whatever it does, with a line on stderr
-  // and exit code 130.
+  // A further signal, half a second from now or later, ends the process at once, whatever it does,
+  // with a line on stderr and exit code 130.
   void exit_on_next();
 };
 

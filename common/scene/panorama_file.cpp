@@ -96,11 +96,15 @@ v1::Pixels load_panorama(const std::filesystem::path& path) {
         "another thing",
         name, image.width, image.height);
   }
+  // As resampling leaves them beside a sun; more is no radiance, and is refused with the scene.
+  constexpr float kRinging = 0.01F;
   size_t below = 0;
   for (auto& [channel, plane] : image.channels) {
+    const float least = -kRinging * *std::ranges::max_element(plane);
     for (float& value : plane) {
-      below += value < 0 ? 1 : 0;
-      value = std::max(value, 0.0F);
+      if (!(value < 0 && value >= least)) continue;
+      ++below;
+      value = 0;
     }
   }
   if (below > 0) spdlog::warn("{}: {} values are below 0; they count as 0", name, below);

@@ -29,7 +29,9 @@ RenderServiceOptions with_defaults(RenderServiceOptions options) {
 
 // More than the checks of the request let pass; they say it better.
 const ElementLimits kElementLimits = {{"itn.v1.RenderGradRequest.albedos", 1024},
-                                      {"itn.v1.RenderGradRequest.derivatives", 1024}};
+                                      {"itn.v1.RenderGradRequest.derivatives", 1024},
+                                      {"itn.v1.RenderGradRequest.parameters", 1024},
+                                      {"itn.v1.RenderGradRequest.scene_derivatives", 1024}};
 
 StatusError scene_not_held(const std::string& digest) {
   v1::SceneNotHeld details;

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <array>
 #include <cstdio>
 #include <filesystem>
 #include <functional>
@@ -115,14 +116,19 @@ v1::Scene spot_scene() {
   return scene;
 }
 
-// Normals of its own, which lean inwards at some corners.
+// Normals of its own, which lean.
 v1::Scene normals_scene() {
   v1::Scene scene = testing::cube_scene(6, 5);
   v1::Object& object = *scene.mutable_object();
   *object.mutable_mesh()->mutable_triangles() = testing::cube();
+  const auto positions = from_bytes<Vec3f>(object.mesh().triangles().positions());
+  const auto triangles = from_bytes<std::array<uint32_t, 3>>(object.mesh().triangles().indices());
   std::vector<Vec3f> normals;
-  for (int k = 0; k < 3 * 12; ++k) {
-    normals.push_back({static_cast<float>(k % 5) - 2, 1, static_cast<float>(k % 3) - 1});
+  for (const auto& [a, b, c] : triangles) {
+    const Vec3f own = cross(positions[b] - positions[a], positions[c] - positions[a]);
+    for (int k = 0; k < 3; ++k) {
+      normals.push_back(own + Vec3f{0.3F * static_cast<float>(k - 1), 0.2F, -0.1F});
+    }
   }
   object.mutable_mesh()->mutable_triangles()->set_corner_normals(to_bytes(normals));
   object.mutable_rough_dielectric()->set_index(2.5F);

@@ -111,13 +111,19 @@ void check_gradient(const RenderRequest& request, size_t pixels) {
   const std::vector<float>& weights = request.gradient_weights;
   const auto possible = [](float w) { return std::abs(double{w}) <= kMaxGradientWeight; };
   const auto zero = [](float w) { return w == 0; };
-  if (weights.size() != pixels || !std::ranges::all_of(weights, possible) ||
-      std::ranges::all_of(weights, zero)) {
+  if (weights.size() != pixels) {
     throw invalid_input(
-        fmt::format("there are {} gradient weights; there must be one for each of the {} pixels, "
-                    "at most {:g} in size and not all 0",
-                    weights.size(), pixels, kMaxGradientWeight));
+        fmt::format("there are {} gradient weights; there must be one for each of the {} pixels",
+                    weights.size(), pixels));
   }
+  const auto wrong = std::ranges::find_if_not(weights, possible);
+  if (wrong != weights.end()) {
+    throw invalid_input(
+        fmt::format("the gradient weight of pixel {} is {}; it must be at most {:g} "
+                    "in size",
+                    wrong - weights.begin(), *wrong, kMaxGradientWeight));
+  }
+  if (std::ranges::all_of(weights, zero)) throw invalid_input("all gradient weights are 0");
 }
 
 void check_gradient_light(const RenderRequest& request, const Scene& scene) {

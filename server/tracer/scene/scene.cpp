@@ -216,10 +216,11 @@ size_t estimated_memory(const SceneDescription& description) {
     sum += 2 * memory_of(surface.reflectance);
   }
   for (const LightDescription& light : description.lights) {
-    constexpr size_t kTables = size_t{4} << 20;
+    constexpr size_t kTables = size_t{4} << 20;  // of skies and maps
     constexpr size_t kByPixel = 64;  // of luminance, of each colour, and while it is built
     const auto* map = std::get_if<EnvironmentMapLight>(&light);
-    sum += kTables + (map ? kByPixel * map->rgb.size() / 3 : 0);
+    if (map != nullptr || std::holds_alternative<SunSkyLight>(light)) sum += kTables;
+    sum += sizeof(light) + (map ? kByPixel * map->rgb.size() / 3 : 0);
   }
   constexpr size_t kByFilmPixel = sizeof(uint32_t) + 1;  // which of them see the object
   return sum + kByFilmPixel * static_cast<size_t>(description.film.width) *

@@ -1,4 +1,5 @@
 // itn render and probe, and itn-worker, as processes.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -223,6 +224,44 @@ TEST(RenderCommand, EndsByCtrlC) {
   EXPECT_THAT(command.read_stderr(), HasSubstr("itn: interrupted"));
   EXPECT_EQ(command.wait(), 130);
   EXPECT_FALSE(std::filesystem::exists(folder.path("out.exr")));
+}
+
+// With a goal, what is done by then.
+TEST(RenderCommand, WritesWhatIsDoneByCtrlC) {
+  const TemporaryFolder folder;
+  Process command(render(folder.write("scene.textproto", kSceneFile), folder.path("out.exr"),
+                         {"--noise", "0.01%", "--threads", "1"}),
+                  true);
+  EXPECT_THAT(command.read_stderr_until("left in all"), HasSubstr("noise "));
+  command.send(SIGINT);
+  EXPECT_THAT(command.read_stderr(), HasSubstr("samples per pixel that were done"));
+  EXPECT_EQ(command.wait(), 130);
+  EXPECT_EQ(read_exr(folder.path("out.exr")).width, 16);
+}
+
+TEST(RenderCommand, TakesAsManyDerivativesAsItSays) {
+  const TemporaryFolder folder;
+  std::string scene = kSceneFile, names = "sigma_t,albedo,g";
+  for (int k = 0; k < 40; ++k) {
+    scene += "surfaces { rectangle { center { y: -1 } half_u { x: 9 } half_v { z: -9 } } }\n";
+  }
+  const auto derivatives = [&](int count) {
+    std::string list = names;
+    for (int k = 0; k < count - 3; ++k) list += fmt::format(",surface[{}].reflectance", k);
+    return run(render(folder.write("scene.textproto", scene), folder.path("out.exr"),
+                      {"--spp", "1", "--derivatives", list}));
+  };
+  EXPECT_EQ(derivatives(32).exit_code, 0);
+  EXPECT_THAT(derivatives(33).errors, HasSubstr("it must be in [0, 32]"));
+}
+
+// JSON is UTF-8, names of files need not be.
+TEST(RenderCommand, SpellsNamesThatAreNotUtf8) {
+  const TemporaryFolder folder;
+  const Finished finished = run(render(folder.write("scene.textproto", kSceneFile),
+                                       folder.path("b\xe9.exr"), {"--spp", "1", "--json"}));
+  ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  EXPECT_THAT(finished.output, HasSubstr("b\\\\xe9.exr"));
 }
 
 TEST(ProbeCommand, TellsWhetherAWorkerServes) {

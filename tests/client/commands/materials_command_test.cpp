@@ -1,6 +1,8 @@
 // Measured media: itn materials, and itn render --material, as processes.
 #include <gmock/gmock.h>
+
 #include <gtest/gtest.h>
+#include <algorithm>
 
 #include <fstream>
 #include <string>
@@ -29,6 +31,14 @@ TEST(MaterialsCommand, ListsMedia) {
 }
 
 // In 1/mm, times the scene's unit; with the index of the list, or another one.
+TEST(MaterialsCommand, ListsOneMedium) {
+  const Finished finished = run({testing::kItn, "materials", "marble"});
+  ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  EXPECT_THAT(finished.output, HasSubstr("marble "));
+  EXPECT_EQ(std::count(finished.output.begin(), finished.output.end(), '\n'), 2);
+  EXPECT_EQ(run({testing::kItn, "materials", "marbel"}).exit_code, 3);
+}
+
 TEST(MaterialsCommand, WritesAFileForARenderer) {
   const TemporaryFolder folder;
   const std::string file = folder.path("marble.pbrt");

@@ -189,6 +189,15 @@ TEST_F(ImportMitsuba, SaysWhatIsLost) {
   EXPECT_THAT(
       lost(fmt::format(solid, "") + fmt::format(solid, "<float name=\"ext_ior\" value=\"1.5\"/>")),
       Contains(HasSubstr("solids inside of solids have no counterpart")));
+  EXPECT_THAT(lost(R"(<shape type="rectangle"><transform name="to_wrld"><scale value="2"/>
+                      </transform></shape>)"),
+              Contains(HasSubstr("transform \"to_wrld\" was not carried over")));
+  EXPECT_THAT(import(std::string(R"(<shape type="cube"><bsdf type="null"/>
+                     <medium type="homogeneous" name="interior"/></shape>)") +
+                         kSensor,
+                     "0.6.0")
+                  .not_carried_over,
+              Contains(HasSubstr("takes skin1")));
   EXPECT_THAT(lost("<shape type=\"x&#10;lights { constant {} }\"/>"),
               Contains(HasSubstr("x\\x0alights")));
 }
@@ -378,6 +387,11 @@ TEST_F(ImportMitsuba, RefusesWhatItCannotRead) {
   refuses(R"(<shape type="cube"><bsdf type="null"/><medium type="homogeneous" name="interior">
              <rgb name="sigma_t" value="1, 2, 0"/></medium></shape>)",
           {"scene.xml:1", "(B).sigma_t is 0"});
+  refuses(R"(<shape type="cube"><bsdf type="null"/><medium type="homogeneous" name="interior">
+             <float name="sigma_t" value="1"/><float name="sigma_s" value="2"/></medium></shape>)",
+          {"one pair of them"});
+  refuses("<emitter type=\"constant\"><spectrum name=\"radiance\" type=\"d65\"/></emitter>",
+          {"<spectrum type=\"d65\"> is not understood"});
   std::string names = "<default name=\"n0\" value=\"1234567890\"/>";
   for (int n = 1; n < 10; ++n) {
     names += fmt::format("<default name=\"n{}\" value=\"", n);

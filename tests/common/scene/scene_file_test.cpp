@@ -236,7 +236,7 @@ TEST(SceneFile, ReadsPanoramas) {
   for (int i = 0; i < 2; ++i) hdr += {static_cast<char>(64), 0, 0, static_cast<char>(129)};
   folder.write("a.hdr", hdr);
   write_exr(folder.path() / "square.exr",
-            {.width = 1, .height = 1, .channels = {{"Y", {-1}}}, .attributes = {}});
+            {.width = 2, .height = 2, .channels = {{"Y", {-1e-3F, 1, 1, -1}}}, .attributes = {}});
   const auto pixels = [&](const std::string& file) {
     const v1::Scene scene = load_scene(
         folder.write("scene.txt", "lights { environment_map { path: \"" + file + "\" } }"));
@@ -245,6 +245,7 @@ TEST(SceneFile, ReadsPanoramas) {
   EXPECT_FLOAT_EQ(pixels("a.hdr")[0], 64.5F / 256);
   testing::CapturedLog log;
   EXPECT_EQ(pixels("square.exr")[0], 0);
+  EXPECT_EQ(pixels("square.exr")[9], -1) << "refused where the scene is built";
   EXPECT_THAT(log.text(), ::testing::AllOf(::testing::HasSubstr("mirror ball"),
                                            ::testing::HasSubstr("1 values are below 0")));
 }

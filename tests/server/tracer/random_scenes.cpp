@@ -175,7 +175,7 @@ LightDescription random_light(Dice& dice, bool needs_size, std::string& what) {
 }
 
 Boundary random_boundary(Dice& dice, int kind, std::string& what) {
-  const auto index = static_cast<float>(dice.uniform(1, 2.5));
+  const auto index = static_cast<float>(dice.uniform(kind == 2 ? 1.1 : 1, 2.5));
   if (kind == 0) return IndexMatched{};
   if (kind == 1) {
     what += fmt::format(" smooth {:.3g}", index);

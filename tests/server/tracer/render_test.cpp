@@ -199,6 +199,22 @@ TEST(RenderTest, NormalsThatPointInwardsAreRefused) {
                [&] { Scene refused(std::move(scene)); });
 }
 
+// A direction along an axis, whatever the signs of its zeros.
+TEST(RenderTest, ZerosHaveNoSign) {
+  const auto image = [](Vec3d direction) {
+    SceneDescription scene = studio("sphere", {DirectionalLight{direction, 3}});
+    return means(render_grad(Scene(std::move(scene)), request()));
+  };
+  for (const Vec3d axis :
+       {Vec3d{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}}) {
+    const auto signed_zero = [](double x) { return x == 0 ? -0.0 : x; };
+    const RenderedImages expected = image(axis);
+    const RenderedImages got =
+        image({signed_zero(axis.x), signed_zero(axis.y), signed_zero(axis.z)});
+    EXPECT_EQ(got.estimates[0].radiance, expected.estimates[0].radiance);
+  }
+}
+
 // With the same roulette, walks are as long as those of the reference.
 TEST(RenderTest, TheUsualRouletteWalksAsFarAsTheReference) {
   RenderRequest s = request();

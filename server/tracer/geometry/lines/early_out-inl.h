@@ -49,7 +49,8 @@ inline Mask end_in_first_cell(const Obstacles& obstacles, Rays& rays, Report rep
                               Mask asked) {
   const FloatTag d;
   const Grid& grid = obstacles.grid;
-  const Vectors position = load(rays.position, i), direction = load(rays.direction, i);
+  const Vectors position = load(rays.position, i);
+  const Vectors direction = with_positive_zeros(load(rays.direction, i));
   const Floats max_medium_length = load(rays.max_medium_length, i);
   const auto [slack, start, origin] = start_of(obstacles, position, direction);
   const Floats end = hn::Add(start, max_medium_length);

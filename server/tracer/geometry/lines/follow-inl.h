@@ -80,7 +80,7 @@ class LineFollower {
   void begin_lines(Mask fresh, size_t v) {
     const Ints ray = hn::BitCast(IntTag(), load(lines_.ray, v));
     const Vectors position = gather(rays_.position, ray);
-    const Vectors direction = gather(rays_.direction, ray);
+    const Vectors direction = with_positive_zeros(gather(rays_.direction, ray));
     const auto [slack, start, origin] = start_of(obstacles_, position, direction);
     lines_.origin.store(fresh, origin, v);
     lines_.direction.store(fresh, direction, v);

@@ -26,6 +26,12 @@ HWY_INLINE Floats cell_at(Floats from, Floats slope, Floats distance, int size) 
                    set(static_cast<float>(size - 1)));
 }
 
+// With 0 for -0: what does not fall is taken to rise, in octants as in steps.
+HWY_INLINE Vectors with_positive_zeros(Vectors direction) {
+  const Floats zero = hn::Zero(FloatTag());
+  return {hn::Add(direction.x, zero), hn::Add(direction.y, zero), hn::Add(direction.z, zero)};
+}
+
 HWY_INLINE Uints octant_of(Vectors direction) {
   const auto falls = [&](Floats component, uint32_t bit) {
     return hn::IfThenElseZero(for_uints(hn::Lt(component, hn::Zero(FloatTag()))), set(bit));
