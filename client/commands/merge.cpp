@@ -97,6 +97,13 @@ void check_alike(const Bracketed& first, const PhotographFile& file, const std::
                                     file.encoded ? first.name : name,
                                     file.encoded ? name : first.name));
   }
+  if (file.turned != first.taken.turned) {
+    throw invalid_input(
+        fmt::format("{} was turned upright, as its EXIF says, {} was not; all must be from one "
+                    "camera that stood "
+                    "still",
+                    file.turned ? name : first.name, file.turned ? first.name : name));
+  }
   if (file.image.width != first.taken.image.width ||
       file.image.height != first.taken.image.height) {
     throw invalid_input(
@@ -157,6 +164,7 @@ void run_merge(const MergeOptions& options) {
     merge.add(read(photograph.name, options), photograph.exposure, photograph.name);
     exposures.push_back(photograph.exposure);
   }
+  for (const std::string& doubt : merge.doubts()) spdlog::warn("{}", doubt);
   Image image = merge.merged();
   if (const size_t clipped = merge.clipped_count(); clipped > 0) {
     spdlog::warn("{} of {} pixels are clipped in every photograph: a shorter exposure is missing",

@@ -7,7 +7,9 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <cmath>
 #include <filesystem>
+#include <set>
 #include <string_view>
 #include <utility>
 
@@ -44,6 +46,28 @@ std::vector<float> pixels_of(const PhotographContent& content) {
     }
   }
   return pixels;
+}
+
+// A linear file ends where its pixels are clipped, wherever that is: many of them have its largest
+// value, while others have many. Drawings have few values in all.
+void mark_plateaus(PhotographContent& content) {
+  constexpr size_t kPlateau = 16, kFewValues = 64;
+  constexpr double kPart = 2e-3;  // of the pixels
+  for (const std::string& channel : content.channels) {
+    const std::vector<float>& plane = content.file.image.channel(channel);
+    const float most = *std::ranges::max_element(plane);
+    const auto at_most = static_cast<size_t>(std::ranges::count(plane, most));
+    const auto few = static_cast<size_t>(kPart * static_cast<double>(plane.size()));
+    if (!(most > 0) || at_most < std::max(kPlateau, few)) continue;
+    std::set<float> values;
+    for (size_t p = 0; p < plane.size() && values.size() <= kFewValues; ++p)
+      values.insert(plane[p]);
+    if (values.size() <= kFewValues) continue;
+    content.file.clipped.resize(plane.size());
+    for (size_t p = 0; p < plane.size(); ++p) {
+      if (plane[p] == most) content.file.clipped[p] = 1;
+    }
+  }
 }
 
 // --- Where the object is ---
@@ -90,11 +114,12 @@ Coverage coverage_of(const std::vector<float>& mask, int width, int height) {
           static_cast<double>(border) / std::max(1, 2 * (width + height) - 4)};
 }
 
-// A soft brush leaves gray where white is meant.
+// A soft brush, or a veil, leaves gray where white is meant.
 void brighten(std::vector<float>& mask, const std::string& path, const std::string& name) {
   constexpr float kMinBrightness = 0.1F;
+  constexpr float kWhite = 0.98F;
   const float most = std::ranges::max(mask);
-  if (is_on_object(most)) return;
+  if (most >= kWhite) return;
   if (most < kMinBrightness) {
     throw invalid_input(
         fmt::format("{}: the mask {} is black: its brightest value is {:.4g} of white ({:.0f} of "
@@ -131,7 +156,11 @@ std::vector<float> mask_of(const PhotographContent& content, const std::string& 
   if (options.mask_by_background) return mask_of_background(content, name);
   const Image& image = content.file.image;
   if (image.has("mask.Y")) return image.channel("mask.Y");
-  if (image.has("A") && has_mask(image.channel("A"))) return image.channel("A");
+  if (image.has("A") && has_mask(image.channel("A"))) {
+    std::vector<float> mask = image.channel("A");
+    brighten(mask, "the alpha of " + name, name);
+    return mask;
+  }
   throw invalid_input(fmt::format(
       "{} has neither a channel mask.Y nor a transparent background that say where the object is; "
       "give a mask with --mask, or, if the background is plain, --background auto",
@@ -152,7 +181,7 @@ std::vector<double> white_of(const PixelRectangle& card, double gray,
     throw wrong(
         fmt::format("is not inside of its {} x {} pixels", content.width(), content.height()));
   }
-  std::vector<double> sums(content.channels.size());
+  std::vector<double> sums(content.channels.size()), squares = sums;
   size_t clipped = 0;
   for (int y = card.y; y < card.y + card.height; ++y) {
     for (int x = card.x; x < card.x + card.width; ++x) {
@@ -160,16 +189,32 @@ std::vector<double> white_of(const PixelRectangle& card, double gray,
           static_cast<size_t>(y) * static_cast<size_t>(content.width()) + static_cast<size_t>(x);
       if (is_on_object(mask[p])) throw wrong("overlaps the object");
       if (!content.file.clipped.empty()) clipped += content.file.clipped[p];
-      for (size_t c = 0; c < sums.size(); ++c) sums[c] += pixels[p * sums.size() + c];
+      for (size_t c = 0; c < sums.size(); ++c) {
+        const double value{pixels[p * sums.size() + c]};
+        sums[c] += value;
+        squares[c] += value * value;
+      }
     }
   }
   const double area = static_cast<double>(card.width) * card.height;
   if (static_cast<double>(clipped) > kMuchClipped * area) {
     throw wrong("is overexposed: it is as bright as the file can hold; expose less");
   }
-  for (double& sum : sums) {
-    sum /= area * gray;
-    if (!(sum > 0)) throw wrong("is black");
+  constexpr double kFewPixels = 16, kUneven = 0.2;  // a deviation over the mean
+  double deviation = 0;
+  for (size_t c = 0; c < sums.size(); ++c) {
+    const double mean = sums[c] / area;
+    if (!(mean > 0)) throw wrong("is black");
+    deviation =
+        std::max(deviation, std::sqrt(std::max(0.0, squares[c] / area - mean * mean)) / mean);
+    sums[c] /= area * gray;
+  }
+  if (area < kFewPixels || deviation > kUneven) {
+    spdlog::warn("the gray card {},{},{},{} of {} {}: is the rectangle on the card alone?", card.x,
+                 card.y, card.width, card.height, name,
+                 area < kFewPixels
+                     ? "has few pixels"
+                     : fmt::format("is uneven, by {:.0f} % of its mean", 100 * deviation));
   }
   return sums;
 }
@@ -214,6 +259,7 @@ PhotographContent read_content(const std::string& name, const FileReading& readi
   content.file = read_photograph(name, reading.is_linear);
   Image& image = content.file.image;
   content.channels = radiance_channels(image, name, reading.layer);
+  if (!content.file.encoded) mark_plateaus(content);
   size_t below = 0;
   float least = 0;
   for (const std::string& channel : content.channels) {

@@ -3,6 +3,7 @@
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <exception>
 #include <memory>
@@ -151,6 +152,13 @@ EncodedPixels decode_pixels(std::string_view bytes, const PhotographHeader& head
                             const std::string& name) {
   EncodedPixels pixels = decode_by_format(bytes, header, name);
   const int colours = pixels.channels - (pixels.has_alpha() ? 1 : 0);
+  const bool says_nothing = pixels.encoding.profile.empty() && !pixels.encoding.primaries;
+  if (!pixels.exif.is_srgb && says_nothing && colours == 3) {
+    spdlog::warn(
+        "{}: its EXIF says that its colours are not those of sRGB, and no profile says which they "
+        "are; they are taken for sRGB",
+        name);
+  }
   pixels.encoding = simplified(std::move(pixels.encoding), colours, name);
   return pixels;
 }

@@ -167,13 +167,32 @@ void ExposureMerge::add(const PhotographFile& photograph, double exposure,
     }
     top = at_most >= kPlateau ? most : kHeadroom * most;
   }
+  std::vector<double> differences;
   for (size_t channel = 0; channel < names.size(); ++channel) {
-    add_channel(channel, image.channel(names[channel]), photograph.encoded, top, exposure);
+    add_channel(channel, image.channel(names[channel]), photograph.encoded, top, exposure,
+                differences);
   }
+  compare(std::move(differences), name);
+}
+
+// By the median over pixels that are well exposed here and before, of the logarithm.
+void ExposureMerge::compare(std::vector<double> differences, const std::string& name) {
+  constexpr size_t kFew = 100;
+  if (differences.size() < kFew) return;
+  const auto middle = differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2);
+  std::ranges::nth_element(differences, middle);
+  const double ratio = std::exp(*middle);
+  const std::string text = fmt::format(
+      "{}: its light for a second of exposure is {:.3g} times that of the photographs before: are "
+      "the "
+      "exposure times in the order of the photographs, and is the response that of the camera?",
+      name, ratio);
+  if (std::max(ratio, 1 / ratio) > kWrong) throw invalid_input(text);
+  if (std::max(ratio, 1 / ratio) > kDoubtful) doubts_.push_back(text);
 }
 
 void ExposureMerge::add_channel(size_t channel, const std::vector<float>& plane, bool encoded,
-                                double top, double exposure) {
+                                double top, double exposure, std::vector<double>& differences) {
   Sums& sums = sums_[channel];
   const double scale = encoded || !(top > 0) ? 1 : 1 / top;
   for (size_t pixel = 0; pixel < plane.size(); ++pixel) {
@@ -187,6 +206,12 @@ void ExposureMerge::add_channel(size_t channel, const std::vector<float>& plane,
       const double bound = code > 0.5 ? light / exposure : -light / exposure;
       sums.bound[pixel] = std::max(sums.bound[pixel], static_cast<float>(bound));
     } else {
+      // Where both are far from the ends of what a file can hold.
+      constexpr double kWell = 0.3;
+      if (weight > kWell && sums.weight[pixel] > static_cast<float>(kWell)) {
+        differences.push_back(std::log(light / exposure) -
+                              double{sums.value[pixel] / sums.weight[pixel]});
+      }
       sums.weight[pixel] += static_cast<float>(weight);
       sums.value[pixel] += static_cast<float>(weight * std::log(light / exposure));
     }

@@ -43,8 +43,9 @@ class ExposureMerge {
   // No response: the files are linear.
   explicit ExposureMerge(std::optional<Response> response) : response_(std::move(response)) {}
 
-  // Throws Error (invalid input) if its size or channels are not those of the ones before. `name`
-  // is for messages.
+  // Throws Error (invalid input) if its size or channels are not those of the ones before, or if
+  // its light over exposure is not theirs, by more than kWrong times in the median: then the times
+  // are wrong, or the response is. `name` is for messages.
   void add(const PhotographFile& photograph, double exposure, const std::string& name);
 
   // R, G and B, or Y: light of the files over exposure. Where every exposure is clipped, what the
@@ -52,6 +53,9 @@ class ExposureMerge {
   // if a pixel is); where every one is black, the most exposed.
   // Throws Error (invalid input) if no pixel was well exposed in any.
   Image merged() const;
+  // What was more than kDoubtful times off, a sentence each.
+  const std::vector<std::string>& doubts() const { return doubts_; }
+  static constexpr double kDoubtful = 1.15, kWrong = 1.6;
   // Pixels of which a channel is clipped in every exposure.
   size_t clipped_count() const;
 
@@ -64,13 +68,15 @@ class ExposureMerge {
   };
 
   void add_channel(size_t channel, const std::vector<float>& plane, bool encoded, double top,
-                   double exposure);
+                   double exposure, std::vector<double>& differences);
+  void compare(std::vector<double> differences, const std::string& name);
 
   std::optional<Response> response_;
   int width_ = 0;
   int height_ = 0;
   std::vector<std::string> names_;  // of the channels
   std::vector<Sums> sums_;          // likewise
+  std::vector<std::string> doubts_;
 };
 
 }  // namespace itn

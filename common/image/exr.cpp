@@ -18,6 +18,7 @@
 #include <ImfTileDescriptionAttribute.h>
 #include <ImfVersion.h>
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <cstdint>
@@ -326,6 +327,10 @@ Image decode(std::string_view bytes, const std::string& name) {
   image.width = window.max.x - window.min.x + 1;
   image.height = window.max.y - window.min.y + 1;
   read_attributes(headers[0], image);  // OpenEXR adds some of its own to the file's
+  if (file.parts() > 1) {
+    spdlog::warn("{} has {} parts; the first one is meant unless --layer names another", name,
+                 file.parts());
+  }
   for (int part = 0; part < file.parts(); ++part) {
     const Imf::Header& header = file.header(part);
     const bool is_flat = !header.hasType() || Imf::isImage(header.type());

@@ -65,9 +65,13 @@ std::vector<float> curve(const ColourEncoding& encoding) {
 
 // Linear light of a value. Files that have multiplied it by alpha did so before the curve.
 template <typename T>
-float light_of(T value, T alpha, bool divide, const std::vector<float>& curve) {
+float light_of(T value, T alpha, bool divide, const ColourEncoding& encoding,
+               const std::vector<float>& curve) {
   if constexpr (std::is_floating_point_v<T>) {
-    return divide && alpha > 0 ? static_cast<float>(value / alpha) : static_cast<float>(value);
+    const double divided = divide && alpha > 0 ? double{value} / double{alpha} : double{value};
+    const bool is_encoded =
+        encoding.profile.empty() && divided > 0 && encoding.curve != ColourEncoding::Curve::kLinear;
+    return static_cast<float>(is_encoded ? linear_of(encoding, divided) : divided);
   } else {
     if (!divide || alpha == 0) return curve[value];
     const double divided = std::min(kTop<T>, std::round(kTop<T> * value / alpha));
@@ -112,8 +116,8 @@ Image to_linear(const EncodedPixels& pixels, const std::vector<T>& values,
     plane.resize(count);
     to.for_each([&](size_t pixel, size_t source) {
       const T* value = &values[source * channels];
-      plane[pixel] =
-          light_of(value[channel], value[channels - 1], pixels.multiplied_by_alpha, table);
+      plane[pixel] = light_of(value[channel], value[channels - 1], pixels.multiplied_by_alpha,
+                              pixels.encoding, table);
     });
   }
   convert_colours(pixels.encoding, names, image, name);
@@ -222,6 +226,10 @@ MaskFile mask_of(const EncodedPixels& pixels, const std::vector<T>& values,
 PhotographFile decode_photograph(std::string_view bytes, const std::string& name,
                                  std::optional<bool> is_linear) {
   if (auto linear = decode_linear(bytes, name)) {
+    if (is_linear == false) {
+      throw invalid_input(fmt::format(
+          "{} is an OpenEXR or Radiance HDR image, which is linear and not sRGB", name));
+    }
     PhotographFile file;
     file.image = std::move(*linear);
     convert_layers(file.image, name);
@@ -230,10 +238,9 @@ PhotographFile decode_photograph(std::string_view bytes, const std::string& name
   }
   EncodedPixels pixels = pixels_of(bytes, name);
   if (is_linear) {
-    const bool floats = std::holds_alternative<std::vector<float>>(pixels.values);
-    pixels.encoding = {.curve = *is_linear || floats ? ColourEncoding::Curve::kLinear
-                                                     : ColourEncoding::Curve::kSrgb,
-                       .is_stated = true};
+    pixels.encoding = {
+        .curve = *is_linear ? ColourEncoding::Curve::kLinear : ColourEncoding::Curve::kSrgb,
+        .is_stated = true};
   }
   PhotographFile file = std::visit(
       [&]<typename T>(const std::vector<T>& values) {

@@ -37,6 +37,7 @@ class TiffDirectory {
 struct Exif {
   int orientation = 1;  // 1 to 8, as in TIFF: 1 has the first row on top
   std::optional<double> exposure_seconds{}, f_number{}, iso{};
+  bool is_srgb = true;  // false: the colours are said to be of another space
 };
 
 Exif read_exif(const TiffDirectory& first);

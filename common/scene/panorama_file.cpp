@@ -40,7 +40,7 @@ v1::Pixels pixels_of(const Image& image, const std::string& name) {
   return pixels;
 }
 
-// By libpng's simplified interface, transparent places on black.
+// By libpng's simplified interface.
 v1::Pixels decode_png(const std::string& bytes, const std::string& name) {
   png_image png{};
   png.version = PNG_IMAGE_VERSION;
@@ -58,14 +58,29 @@ v1::Pixels decode_png(const std::string& bytes, const std::string& name) {
     throw invalid_input(
         fmt::format("{} has {} pixels; it must have at most {} a side", name, size, kMaxSide));
   }
-  png.format = PNG_FORMAT_RGB;
-  std::vector<unsigned char> encoded(PNG_IMAGE_SIZE(png));
-  const png_color black{0, 0, 0};
-  check(png_image_finish_read(&png, &black, encoded.data(), 0, nullptr));
+  // 16 bits that do not say how they are encoded are sRGB, too. Colours are not multiplied by
+  // alpha.
+  png.flags |= PNG_IMAGE_FLAG_16BIT_sRGB;
+  const bool is_wide = (png.format & PNG_FORMAT_FLAG_LINEAR) != 0;
+  const bool has_alpha = (png.format & PNG_FORMAT_FLAG_ALPHA) != 0;
+  if (has_alpha) {
+    png_image_free(&png);
+    throw invalid_input(
+        fmt::format("{} has alpha, and a surface has no holes; save the image without it", name));
+  }
   std::vector<float> rgb;
-  rgb.reserve(encoded.size());
-  for (const unsigned char value : encoded) {
-    rgb.push_back(static_cast<float>(linear_of_srgb(value / 255.0)));
+  if (is_wide) {  // libpng makes 16-bit linear light of it
+    png.format = PNG_FORMAT_LINEAR_RGB;
+    std::vector<uint16_t> linear(PNG_IMAGE_SIZE(png) / sizeof(uint16_t));
+    check(png_image_finish_read(&png, nullptr, linear.data(), 0, nullptr));
+    for (const uint16_t value : linear) rgb.push_back(static_cast<float>(value / 65535.0));
+  } else {
+    png.format = PNG_FORMAT_RGB;
+    std::vector<unsigned char> encoded(PNG_IMAGE_SIZE(png));
+    check(png_image_finish_read(&png, nullptr, encoded.data(), 0, nullptr));
+    for (const unsigned char value : encoded) {
+      rgb.push_back(static_cast<float>(linear_of_srgb(value / 255.0)));
+    }
   }
   v1::Pixels pixels;
   pixels.set_width(png.width);

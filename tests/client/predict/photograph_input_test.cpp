@@ -206,6 +206,39 @@ TEST_F(PhotographInput, SeesWhatIsLost) {
   EXPECT_EQ(load_photograph(folder_.path("linear.exr"), options).capture.exposure(), 3);
 }
 
+// A linear file that ends below its format's top, and a card that is not one.
+TEST_F(PhotographInput, SeesPlateausAndUnevenCards) {
+  const std::string photo = exr("photo.exr", [](Image& image) {
+    for (auto& [channel, plane] : image.channels) {
+      for (size_t p = 0; p < plane.size(); ++p) {
+        const bool on = on_object(static_cast<int>(p) % kWidth, static_cast<int>(p) / kWidth);
+        plane[p] =
+            std::min(on ? 0.7F : 10.0F, plane[p] * (1 + 0.001F * static_cast<float>(p % 977)));
+      }
+    }
+  });
+  EXPECT_GT(load_photograph(photo, with_mask()).capture.clipped(), 0.5);
+  testing::CapturedLog log;
+  PhotographOptions options = with_mask();
+  options.gray_card = PixelRectangle{0, 26, 12, 10};
+  load_photograph(exr("plain.exr"), options);
+  EXPECT_THAT(log.text(), ::testing::HasSubstr("is uneven, by "));
+}
+
+// A veil over the mask, or a photograph that is half transparent, darkens nothing.
+TEST_F(PhotographInput, TakesTheBrightestOfAMaskForWhite) {
+  std::vector<unsigned char> rgb;
+  for (int i = 0; i < kWidth * kHeight; ++i) {
+    rgb.insert(rgb.end(), 3, on_object(i % kWidth, i / kWidth) ? 160 : 0);
+  }
+  write_png(folder_.path("veil.png"), kWidth, kHeight, rgb);
+  PhotographOptions options;
+  options.mask = folder_.path("veil.png");
+  const std::string photo = exr("photo.exr");
+  EXPECT_EQ(load_photograph(photo, options).photograph.mask,
+            load_photograph(photo, with_mask()).photograph.mask);
+}
+
 // Raw developments leave such pixels.
 TEST_F(PhotographInput, TakesWhatIsBelowZeroForBlack) {
   const std::string photo = exr("photo.exr", [](Image& image) {

@@ -98,6 +98,17 @@ TEST(ColourEncoding, ProfilesOfSrgbChangeNothing) {
             decode_photograph(without, "b").image.channels);
 }
 
+// Of floating-point numbers as of integers; what is said by hand, too.
+TEST(ColourEncoding, FloatsMayBeEncoded) {
+  const auto encoded = srgb_of(0.5, 0.25, 0.125);
+  const std::string with =
+      file_of("tif", OIIO::TypeDesc::FLOAT, encoded, profile_of(kSrgbChromaticities));
+  expect_colour(decode_photograph(with, "a"), 0.5, 0.25, 0.125, 1e-3);
+  const std::string without = file_of("tif", OIIO::TypeDesc::FLOAT, encoded);
+  expect_colour(decode_photograph(without, "b", false), 0.5, 0.25, 0.125, 1e-5);
+  EXPECT_NEAR(decode_photograph(without, "c").image.channel("R")[0], encoded[0], 1e-6);
+}
+
 TEST(ColourEncoding, LinearProfilesAreLinear) {
   const PhotographFile file = decode_photograph(
       file_of("tif", OIIO::TypeDesc::UINT16, {0.5F, 0.25F, 0.125F}, profile_of(kP3, 1)), "photo");

@@ -1,6 +1,7 @@
 #include "common/image/exposure_merge.h"
 
 #include <OpenImageIO/imageio.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -226,6 +227,22 @@ TEST(ExposureMerge, SaysWhatDoesNotFit) {
   merge.add(gray({255, 255, 0}), 2, "b.jpg");
   expect_error(ErrorKind::kInvalidInput, {"every pixel is black or white"},
                [&] { merge.merged(); });
+}
+
+// The light of one scene is the same by every exposure, if their times are right.
+TEST(ExposureMerge, ComparesThePhotographsWithTheirTimes) {
+  std::vector<float> values(400);
+  for (size_t i = 0; i < values.size(); ++i) values[i] = 0.1F + 0.001F * static_cast<float>(i);
+  const auto second = [&](double exposure) {
+    ExposureMerge merge(std::nullopt);
+    merge.add(linear_file(values), 1, "a");
+    merge.add(linear_file(values), exposure, "b");
+    return merge.doubts();
+  };
+  EXPECT_TRUE(second(1.1).empty());
+  EXPECT_THAT(second(1.3), ::testing::ElementsAre(::testing::HasSubstr("0.769 times")));
+  expect_error(ErrorKind::kInvalidInput, {"b: its light", "0.25 times", "order"},
+               [&] { second(4); });
 }
 
 TEST(ExposureMerge, SaysThatNothingTellsTheResponse) {
