@@ -380,7 +380,8 @@ class Walk {
       importance = std::max(importance, dweight_dreflectance_[i]);
     }
     if (vertex_ < ThroughputRoulette::kFirstVertex) return importance > 0 || dweight_dalbedo_ > 0;
-    const float probability = std::min(ThroughputRoulette::kMaxSurvival, importance);
+    const float most = crossings_ > 0 ? 1 : ThroughputRoulette::kMaxSurvival;
+    const float probability = std::min(most, importance);
     if (u >= probability) return false;
     weight_ /= probability;
     dweight_dalbedo_ /= probability;

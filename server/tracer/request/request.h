@@ -121,7 +121,9 @@ struct Switches {
 };
 
 // Roulette as path tracers usually play it, and the reference always: from this vertex on, paths
-// survive with the probability of their weight, at most this.
+// survive with the probability of their weight. It is at most kMaxSurvival, but at boundaries:
+// total internal reflection keeps light there for hundreds of crossings, after which a path that
+// came through would be the one in millions that brings all that its like bring.
 struct ThroughputRoulette {
   static constexpr uint32_t kFirstVertex = 20;
   static constexpr float kMaxSurvival = 0.95F;

@@ -114,7 +114,7 @@ TEST(BoundaryTest, ReflectsBetweenTwoMirrors) {
         PartialMirror{static_cast<float>(reflected), static_cast<float>(absorbed)};
     const Scene scene(std::move(description));
     for (const Tracer tracer : kTracers) {
-      const FilmEstimate film = estimate_film(scene, request_for(tracer, {1, 0, 0}, 768), 32);
+      const FilmEstimate film = estimate_film(scene, request_for(tracer, {1, 0, 0}, 1536), 32);
       const auto [expected, slope] = between_mirrors(reflected, 1 - reflected - absorbed, kChord);
       expect_equal(film.radiance, {expected, 0}, 12, name_of(tracer) + " radiance");
       expect_resolution(film.radiance, expected, 0.01, "radiance");
@@ -248,6 +248,23 @@ TEST(DielectricTest, NoLightComesFromBeyondSnellsCone) {
       }
     }
   }
+}
+
+// In a thin body, total internal reflection keeps light for hundreds of crossings between two
+// scatterings. All that is lost of a light from everywhere is absorbed there.
+TEST(DielectricTest, CaughtLightCounts) {
+  SceneDescription description = studio("cube", {ConstantLight{1}});
+  description.boundary = Dielectric{1.7F};
+  const Scene scene(std::move(description));
+  const auto film_of = [&](Tracer tracer) {
+    return estimate_film(scene, request_for(tracer, {0.15, 0.99, 0.9}, 768), 32);
+  };
+  const FilmEstimate film = film_of(Tracer::kWavefront), expected = film_of(Tracer::kReference);
+  expect_equal(film.radiance, expected.radiance, 2, "radiance");
+  expect_equal(film.derivatives[kAlbedo], expected.derivatives[kAlbedo], 2, "d / d albedo");
+  expect_resolution(film.derivatives[kAlbedo], expected.derivatives[kAlbedo].mean, 0.02, "ours");
+  expect_resolution(expected.derivatives[kAlbedo], expected.derivatives[kAlbedo].mean, 0.03,
+                    "reference");
 }
 
 // A slab that absorbs: the series of ReflectsBetweenTwoMirrors, with Fresnel's reflectances, and

@@ -85,8 +85,10 @@ inline Floats throughput_survival(const Paths& paths, size_t i) {
     importance = hn::Max(importance, load(derivative, i));
   }
   for (const FloatColumn& edge : paths.edge_weight) importance = hn::Max(importance, load(edge, i));
-  return hn::IfThenElse(begun, hn::Min(set(ThroughputRoulette::kMaxSurvival), importance),
-                        set(1.0F));
+  const Mask crosses =
+      hn::RebindMask(FloatTag(), hn::Ne(load(paths.crossings, i), hn::Zero(UintTag())));
+  const Floats most = hn::IfThenElse(crosses, set(1.0F), set(ThroughputRoulette::kMaxSurvival));
+  return hn::IfThenElse(begun, hn::Min(most, importance), set(1.0F));
 }
 
 // What the boundary makes of the weights.
