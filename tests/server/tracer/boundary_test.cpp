@@ -114,7 +114,7 @@ TEST(BoundaryTest, ReflectsBetweenTwoMirrors) {
         PartialMirror{static_cast<float>(reflected), static_cast<float>(absorbed)};
     const Scene scene(std::move(description));
     for (const Tracer tracer : kTracers) {
-      const FilmEstimate film = estimate_film(scene, request_for(tracer, {1, 0, 0}, 1536), 32);
+      const FilmEstimate film = estimate_film(scene, request_for(tracer, {1, 0, 0}, 2048), 32);
       const auto [expected, slope] = between_mirrors(reflected, 1 - reflected - absorbed, kChord);
       expect_equal(film.radiance, {expected, 0}, 12, name_of(tracer) + " radiance");
       expect_resolution(film.radiance, expected, 0.01, "radiance");
@@ -239,7 +239,7 @@ TEST(DielectricTest, NoLightComesFromBeyondSnellsCone) {
     const Scene scene{SceneDescription(description)};
     for (const Tracer tracer : kTracers) {
       const std::string what = fmt::format("{} at {}", name_of(tracer), degrees);
-      const FilmEstimate film = estimate_film(scene, request_for(tracer, {1, 0, 0}, 768), 32);
+      const FilmEstimate film = estimate_film(scene, request_for(tracer, {1, 0, 0}, 1280), 32);
       if (expected == 0) {
         EXPECT_EQ(film.radiance.mean, 0) << what;
       } else {
@@ -281,7 +281,7 @@ TEST(DielectricTest, ASlabThatAbsorbsReflectsAndRefracts) {
     const auto [expected, slope] = between_mirrors(reflected, 1 - reflected, kChord / refracted);
     for (const Tracer tracer : kTracers) {
       const std::string what = fmt::format("{} {} at {}", name_of(tracer), index, degrees);
-      const FilmEstimate film = estimate_film(scene, request_for(tracer, {1, 0, 0}, 768), 32);
+      const FilmEstimate film = estimate_film(scene, request_for(tracer, {1, 0, 0}, 1280), 32);
       expect_equal(film.radiance, {expected, 0}, 24, what);
       expect_resolution(film.radiance, expected, 0.01, what);
       expect_equal(film.derivatives[kSigmaT], {slope, 0}, 24, what + " d / d sigma_t");
@@ -386,7 +386,7 @@ TEST(DielectricTest, SlabsThatScatterByAddingDoubling) {
     const Scene scene(std::move(description));
     for (const Tracer tracer : kTracers) {
       const FilmEstimate film = estimate_film(
-          scene, request_for(tracer, {row.optical_thickness / kChord, row.albedo, row.g}, 640), 32);
+          scene, request_for(tracer, {row.optical_thickness / kChord, row.albedo, row.g}, 896), 32);
       const std::string what = fmt::format("{} {}", name_of(tracer), row.expected);
       expect_equal(film.radiance, {row.expected, 1e-4}, 8, what);
       expect_resolution(film.radiance, row.expected, 0.01, what);
@@ -450,7 +450,7 @@ TEST(RoughDielectricTest, TracersAgree) {
   SceneDescription description = rough_knot(1.5F, 0.25F);
   description.smooth_angle = 1;
   const Scene scene(std::move(description));
-  RenderRequest request = request_for(Tracer::kWavefront, {5, 0.9, 0.3}, 2048);
+  RenderRequest request = request_for(Tracer::kWavefront, {5, 0.9, 0.3}, 2816);
   request.derivatives.push_back(kRoughness);
   request.derivatives.push_back({Parameter::kReflectance, 0});
   request.derivatives.push_back({Parameter::kLightScale, 1});
@@ -463,7 +463,7 @@ TEST(RoughDielectricTest, TracersAgreeOnTheIndex) {
                         PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {0, 0.3, 0.2}, 3}};
   description.smooth_angle = 1;
   const Scene scene(std::move(description));
-  RenderRequest request{.material = {8, 0.8, 0.3}, .sample_count = 2304, .derivatives = {kIndex}};
+  RenderRequest request{.material = {8, 0.8, 0.3}, .sample_count = 3072, .derivatives = {kIndex}};
   expect_tracers_agree(scene, request, 2, "a rough knot", {2});
 }
 
