@@ -139,7 +139,7 @@ TEST_F(Panoramas, ThatCannotBeUsedAreNamed) {
   EXPECT_THAT(set.refused,
               ElementsAre(HasSubstr("1text.exr"),
                           AllOf(HasSubstr("2square.exr has 32 x 32 pixels"), HasSubstr("twice")),
-                          HasSubstr("3negative.exr: pixel (7, 3) is -1e+06"),
+                          HasSubstr("3negative.exr: pixel (7, 3) is -1000000;"),
                           HasSubstr("4black.exr is black above the horizon")));
 }
 
