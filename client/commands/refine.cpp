@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "client/commands/refine.h"
@@ -282,7 +283,15 @@ void run_refine(const RefineOptions& options) {
   const std::vector<v1::Scene> scenes = load_scenes(options);
   std::vector<Observation> observations;
   for (size_t i = 0; i < scenes.size(); ++i) {
-    observations.push_back(load_observation(options.images[i], scenes[i], options));
+    Observation observation = load_observation(options.images[i], scenes[i], options);
+    const auto same = std::ranges::find(observations, observation.radiance, &Observation::radiance);
+    if (same != observations.end()) {
+      throw invalid_input(
+          fmt::format("{} and {} are the same photograph: it says nothing new, and would make the "
+                      "standard errors too small",
+                      same->name, observation.name));
+    }
+    observations.push_back(std::move(observation));
   }
   RenderPool pool(options.workers.pool_options());
   const Synthesize synthesize = rendered_by(pool, interruption());

@@ -181,6 +181,10 @@ TEST_F(RefineCommand, SaysWhatIsWrong) {
   refuse(command({"--init", "mean", "--unknown", "rough_dielectric.index"}), 3,
          {"scene.object has no rough_dielectric"});
   refuse(command({"--scene", shared_->path("scene.textproto")}), 2, {"1 images and 2 scenes"});
+  fs::copy_file(shared_->path("image.exr"), shared_->path("copy.exr"));
+  refuse({testing::kItn, "refine", shared_->path("image.exr"), shared_->path("copy.exr"), "--scene",
+          shared_->path("scene.textproto"), "--init", "mean"},
+         3, {"image.exr", "copy.exr are the same photograph"});
   std::ofstream(shared_->path("other.textproto")) << replaced(kSceneFile, "width: 16", "width: 20");
   refuse({testing::kItn, "refine", shared_->path("image.exr"), "--scene",
           shared_->path("other.textproto")},
