@@ -22,6 +22,7 @@ namespace {
 
 using namespace testing;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 TEST(MaterialsCommand, ListsMedia) {
   const Finished done = run({kItn, "materials"});
@@ -53,7 +54,12 @@ TEST(MaterialsCommand, WritesAFileForARenderer) {
   EXPECT_THAT(text, HasSubstr("\"float roughness\" 0.1\n"));
   EXPECT_THAT(run({kItn, "materials", "marble", "--format", "mitsuba", "--index", "1"}).output,
               HasSubstr("type=\"null\""));
-  EXPECT_EQ(run({kItn, "materials", "marble"}).exit_code, 2);
+  const Finished row = run({kItn, "materials", "marble"});
+  EXPECT_THAT(row.output, HasSubstr("marble"));
+  EXPECT_THAT(row.output, Not(HasSubstr("skimmilk")));
+  const Finished unknown = run({kItn, "materials", "granite"});
+  EXPECT_EQ(unknown.exit_code, 3);
+  EXPECT_THAT(unknown.errors, HasSubstr("granite is no measured medium"));
   EXPECT_EQ(run({kItn, "materials", "--format", "pbrt"}).exit_code, 2);
   EXPECT_EQ(run({kItn, "materials", "marble", "--format", "vray"}).exit_code, 2);
   EXPECT_THAT(run({kItn, "materials", "granite", "--format", "pbrt"}).errors,
