@@ -115,6 +115,13 @@ class Process {
 
   void send(int signal) const { ::kill(pid_, signal); }
 
+  // It has ended, and waits for wait().
+  bool has_ended() const {
+    siginfo_t info{};
+    return waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+           info.si_pid == pid_;
+  }
+
   // Its exit code, or minus the signal that ended it.
   int wait() {
     int status = 0;

@@ -82,16 +82,17 @@ TEST_F(MergeCommand, TakesExposuresFromExif) {
   struct Taken {
     float seconds, f_number;
     int iso;
+    unsigned char code;  // in sRGB, of the same light
   };
   Arguments arguments{testing::kItn, "merge", "-o", folder_.path("out.exr"), "--response", "srgb"};
   for (const Taken& taken :
-       {Taken{0.0125F, 4, 100}, Taken{0.0125F, 4, 400}, Taken{0.0125F, 8, 100}}) {
+       {Taken{0.0125F, 4, 100, 128}, Taken{0.0125F, 4, 400, 238}, Taken{0.0125F, 8, 100, 64}}) {
     arguments.push_back(folder_.path("photo" + std::to_string(arguments.size()) + ".jpg"));
     OIIO::ImageSpec spec(8, 8, 3, OIIO::TypeDesc::UINT8);
     spec.attribute("ExposureTime", taken.seconds);
     spec.attribute("FNumber", taken.f_number);
     spec.attribute("Exif:PhotographicSensitivity", taken.iso);
-    const std::vector<unsigned char> gray(8 * 8 * 3, 128);
+    const std::vector<unsigned char> gray(8 * 8 * 3, taken.code);
     const auto output = OIIO::ImageOutput::create(arguments.back());
     ASSERT_TRUE(output->open(arguments.back(), spec) &&
                 output->write_image(OIIO::TypeDesc::UINT8, gray.data()) && output->close());

@@ -586,7 +586,7 @@ TEST_F(PhotographCommand, ThatCannotBeUsedAreNamed) {
   EXPECT_EQ(black.exit_code, 3);
   EXPECT_THAT(black.errors, HasSubstr(photo_ + ": the image is black"));
   write_png(mask_, 2, 1, std::vector<unsigned char>{0, 0, 0, 0, 0, 0});
-  EXPECT_THAT(predict({}).errors, HasSubstr(photo_ + ": the mask is empty"));
+  EXPECT_THAT(predict({}).errors, HasSubstr(photo_ + ": the mask " + mask_ + " is black"));
   const Finished table = predict({"--format", "csv", "-o", folder_.path("out.csv")});
   EXPECT_EQ(table.exit_code, 2);
   EXPECT_THAT(table.errors, HasSubstr("--format csv > " + folder_.path("out.csv")));
