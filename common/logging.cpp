@@ -36,11 +36,12 @@ class Fields final : public spdlog::custom_flag_formatter {
 };
 
 // %* in a pattern: the message, escaped.
+template <auto escape>
 class EscapedMessage final : public spdlog::custom_flag_formatter {
  public:
   void format(const spdlog::details::log_msg& message, const std::tm& /*time*/,
               spdlog::memory_buf_t& line) override {
-    const std::string text = json_escaped({message.payload.data(), message.payload.size()});
+    const std::string text = escape({message.payload.data(), message.payload.size()});
     line.append(text.data(), text.data() + text.size());
   }
   std::unique_ptr<custom_flag_formatter> clone() const override {
@@ -48,28 +49,16 @@ class EscapedMessage final : public spdlog::custom_flag_formatter {
   }
 };
 
-// %* in a pattern of text: the message, which cannot steer a terminal.
-class MessageForTerminal final : public spdlog::custom_flag_formatter {
- public:
-  void format(const spdlog::details::log_msg& message, const std::tm& /*time*/,
-              spdlog::memory_buf_t& line) override {
-    const std::string text = for_terminal({message.payload.data(), message.payload.size()});
-    line.append(text.data(), text.data() + text.size());
-  }
-  std::unique_ptr<custom_flag_formatter> clone() const override {
-    return std::make_unique<MessageForTerminal>();
-  }
-};
-
 std::unique_ptr<spdlog::formatter> text_formatter() {
   auto formatter = std::make_unique<spdlog::pattern_formatter>();
-  formatter->add_flag<MessageForTerminal>('*').set_pattern("%Y-%m-%d %H:%M:%S.%e %^%l%$ %*");
+  formatter->add_flag<EscapedMessage<for_terminal>>('*').set_pattern(
+      "%Y-%m-%d %H:%M:%S.%e %^%l%$ %*");
   return formatter;
 }
 
 std::unique_ptr<spdlog::formatter> json_formatter() {
   auto formatter = std::make_unique<spdlog::pattern_formatter>(spdlog::pattern_time_type::utc);
-  formatter->add_flag<EscapedMessage>('*').add_flag<Fields>('&').set_pattern(
+  formatter->add_flag<EscapedMessage<json_escaped>>('*').add_flag<Fields>('&').set_pattern(
       R"({"time":"%Y-%m-%dT%H:%M:%S.%eZ","level":"%l","message":"%*"%&})");
   return formatter;
 }

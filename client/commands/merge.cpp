@@ -136,12 +136,7 @@ void run_merge(const MergeOptions& options) {
   for (const std::string& name : names) {
     PhotographFile file = read(name, options);
     if (!bracket.empty()) check_alike(bracket.front(), file, name);
-    if (file.may_be_linear) {
-      spdlog::warn(
-          "{}: 16-bit integers that do not say how they are encoded were taken for sRGB; "
-          "--encoding linear if they were developed as linear",
-          name);
-    }
+    warn_if_taken_for_srgb(file, name);
     if (file.encoded) samples.push_back(sample_exposure(file, 0, name));
     file.image.channels.clear();
     file.clipped = {};

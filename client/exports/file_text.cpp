@@ -2,10 +2,8 @@
 
 #include <fmt/format.h>
 
-#include <cctype>
-
 #include <algorithm>
-
+#include <cctype>
 #include <cmath>
 
 #include "common/error.h"

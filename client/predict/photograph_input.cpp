@@ -307,12 +307,7 @@ std::vector<float> read_mask_for(const PhotographContent& content, const std::st
 PredictInput load_photograph(const std::string& file, const PhotographOptions& options) {
   const PhotographContent content = read_content(file, options.reading);
   const std::vector<float> pixels = pixels_of(content);
-  if (content.file.may_be_linear) {
-    spdlog::warn(
-        "{}: 16-bit integers that do not say how they are encoded were taken for sRGB; --encoding "
-        "linear if they were developed as linear",
-        file);
-  }
+  warn_if_taken_for_srgb(content.file, file);
   if (options.exposure && content.file.encoded) {
     throw invalid_input(fmt::format(
         "{}: a scale of radiance (--radiance-scale) is for linear images; this one is encoded for "

@@ -168,8 +168,9 @@ ColourEncoding simplified(ColourEncoding encoding, int channels, const std::stri
       encoded.push_back(static_cast<float>(step) / (kSteps - 1));
     }
   }
+  const ColourConversion convert = conversion_to_linear_srgb(encoding, channels, name);
   std::vector<float> light = encoded;
-  to_linear_srgb(encoding, channels, light, name);
+  convert(light);
   const auto all = [&](const auto& expected, double tolerance) {
     return std::ranges::equal(encoded, light, [&](float value, float of_value) {
       return std::abs(expected(double{value}) - double{of_value}) < tolerance;
@@ -184,18 +185,21 @@ ColourEncoding simplified(ColourEncoding encoding, int channels, const std::stri
   bool is_linear = true;
   for (const float part : {0.25F, 0.5F, 0.75F}) {
     std::vector<float> gray(static_cast<size_t>(channels), part);
-    to_linear_srgb(encoding, channels, gray, name);
+    convert(gray);
     is_linear = is_linear && std::abs(gray[0] - part) < static_cast<float>(kSame);
   }
   encoding.curve = is_linear ? Curve::kLinear : Curve::kSrgb;
   return encoding;
 }
 
-void to_linear_srgb(const ColourEncoding& encoding, int channels, std::span<float> values,
-                    const std::string& name) {
-  const Transform transform = transform_of(encoding, channels, name);
-  cmsDoTransform(transform.get(), values.data(), values.data(),
-                 static_cast<cmsUInt32Number>(values.size() / static_cast<size_t>(channels)));
+ColourConversion conversion_to_linear_srgb(const ColourEncoding& encoding, int channels,
+                                           const std::string& name) {
+  // Functions are copied.
+  const std::shared_ptr<void> transform = transform_of(encoding, channels, name);
+  return [transform, channels](std::span<float> values) {
+    cmsDoTransform(transform.get(), values.data(), values.data(),
+                   static_cast<cmsUInt32Number>(values.size() / static_cast<size_t>(channels)));
+  };
 }
 
 }  // namespace itn

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -47,10 +48,11 @@ bool are_same(const Chromaticities& a, const Chromaticities& b);
 // if it is damaged, or of something else than gray (`channels` 1) or RGB (3).
 ColourEncoding simplified(ColourEncoding encoding, int channels, const std::string& name);
 
-// Interleaved values of 1 or 3 channels: encoded by the profile, or else linear, of the primaries
-// that there are. They become linear sRGB, below 0 where its colours do not reach. Throws Error
+// Makes linear sRGB, below 0 where its colours do not reach, of interleaved values of 1 or 3
+// channels: encoded by the profile, or else linear, of the primaries that there are. Throws Error
 // (invalid input).
-void to_linear_srgb(const ColourEncoding& encoding, int channels, std::span<float> values,
-                    const std::string& name);
+using ColourConversion = std::function<void(std::span<float>)>;
+ColourConversion conversion_to_linear_srgb(const ColourEncoding& encoding, int channels,
+                                           const std::string& name);
 
 }  // namespace itn

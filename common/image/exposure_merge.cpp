@@ -159,8 +159,7 @@ void ExposureMerge::add(const PhotographFile& photograph, double exposure,
     float most = 0;
     size_t at_most = 0;
     for (const std::string& channel : names) {
-      const std::vector<float>& plane = image.channel(channel);
-      most = std::max(most, std::ranges::max(plane));
+      most = std::max(most, std::ranges::max(image.channel(channel)));
     }
     for (const std::string& channel : names) {
       at_most += static_cast<size_t>(std::ranges::count(image.channel(channel), most));

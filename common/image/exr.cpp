@@ -44,8 +44,6 @@ namespace {
 constexpr int64_t kMaxPixels = int64_t{1} << 28;
 // All channels together: 4 GiB of floats.
 constexpr int64_t kMaxValues = int64_t{1} << 30;
-// A file of so many uncompressed values, and its header.
-constexpr uint64_t kMaxFileBytes = (uint64_t{1} << 32) + (uint64_t{1} << 24);
 // OpenEXR holds up to 256 lines at a time, however many the image has.
 constexpr int64_t kMaxLineBytes = int64_t{1} << 21;
 constexpr uint32_t kMaxTileSide = 2048;
@@ -174,28 +172,30 @@ int64_t least_bytes_of_chunks(const Imf::Header& header, int64_t width, int64_t 
   return 16 * chunks;
 }
 
-void check_size(const Imath::Box2i& window, const std::string& name) {
+// What the image has: the display window, black where the file has no pixels. Where that is none,
+// the pixels that there are.
+Imath::Box2i image_window(const Imf::Header& header) {
+  return header.displayWindow().isEmpty() ? header.dataWindow() : header.displayWindow();
+}
+
+// Its number of pixels.
+int64_t pixels_in(const Imath::Box2i& window, const std::string& name) {
   const int64_t width = int64_t{window.max.x} - window.min.x + 1;
   const int64_t height = int64_t{window.max.y} - window.min.y + 1;
   if (width < 1 || height < 1 || width > kMaxPixels || height > kMaxPixels / width) {
     throw invalid_input(
         fmt::format("{} has {} x {} pixels; at most 2^28 are accepted", name, width, height));
   }
+  return width * height;
 }
 
 void check_claims(const Imf::Header& header, size_t file_bytes, const std::string& name) {
-  check_size(header.dataWindow(), name);
-  if (!header.displayWindow().isEmpty()) check_size(header.displayWindow(), name);
   const Imath::Box2i window = header.dataWindow();
+  const int64_t pixels = std::max(pixels_in(window, name), pixels_in(image_window(header), name));
   const int64_t width = int64_t{window.max.x} - window.min.x + 1;
   const int64_t height = int64_t{window.max.y} - window.min.y + 1;
-  const Imath::Box2i shown =
-      header.displayWindow().isEmpty() ? header.dataWindow() : header.displayWindow();
-  const int64_t shown_pixels =
-      (int64_t{shown.max.x} - shown.min.x + 1) * (int64_t{shown.max.y} - shown.min.y + 1);
   const int64_t pixel_bytes = bytes_per_pixel(header, name);
   const int64_t channels = channel_count(header);
-  const int64_t pixels = std::max(width * height, shown_pixels);
   if (channels > kMaxValues / pixels) {
     throw invalid_input(
         fmt::format("{} holds {} values; at most 2^30 are accepted", name, channels * pixels));
@@ -248,12 +248,6 @@ void insert(Imf::Header& header, const std::string& name, const Attribute& attri
         header.insert(name, Imf::TypedAttribute<std::decay_t<decltype(value)>>(value));
       },
       attribute);
-}
-
-// What the image has: the display window, black where the file has no pixels. Where that is none,
-// the pixels that there are.
-Imath::Box2i image_window(const Imf::Header& header) {
-  return header.displayWindow().isEmpty() ? header.dataWindow() : header.displayWindow();
 }
 
 void read_attributes(const Imf::Header& header, Image& image) {
@@ -387,7 +381,7 @@ Image decode_exr(std::string_view bytes, const std::string& name) {
 }
 
 Image read_exr(const fs::path& path) {
-  return decode_exr(read_file(path, "image", kMaxFileBytes), path.string());
+  return decode_exr(read_file(path, "image", kMaxImageFileBytes), path.string());
 }
 
 void write_exr(const fs::path& path, const Image& image) {

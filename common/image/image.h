@@ -1,6 +1,7 @@
 // Images of float channels, read and written as OpenEXR; written as PNG for people to look at.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <map>
 #include <span>
@@ -32,6 +33,9 @@ struct Image {
 // Throws Error (invalid input) that names the first value that is NaN or infinite by its channel
 // and pixel; `name` is the file's.
 void check_finite(const Image& image, const std::string& name);
+
+// Files of images have at most so many bytes: 2^30 uncompressed values, and a header.
+constexpr uint64_t kMaxImageFileBytes = (uint64_t{1} << 32) + (uint64_t{1} << 24);
 
 // An OpenEXR file, in scan lines or tiles (of these the full resolution): its display window, black
 // where it has no pixels. Of several parts, the first one's channels have their own names, those of

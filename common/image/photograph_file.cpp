@@ -1,6 +1,7 @@
 #include "common/image/photograph_file.h"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <array>
@@ -8,7 +9,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <map>
 #include <span>
 #include <sstream>
 #include <type_traits>
@@ -26,9 +26,6 @@ namespace itn {
 namespace fs = std::filesystem;
 
 namespace {
-
-// As of an OpenEXR file.
-constexpr uint64_t kMaxFileBytes = (uint64_t{1} << 32) + (uint64_t{1} << 24);
 
 template <typename T>
 constexpr double kTop = std::is_integral_v<T> ? double{std::numeric_limits<T>::max()} : 1;
@@ -84,6 +81,8 @@ void convert_colours(const ColourEncoding& encoding, const std::vector<std::stri
                      Image& image, const std::string& name) {
   if (encoding.profile.empty() && !(encoding.primaries && names.size() == 3)) return;
   const size_t count = image.channels.at(names[0]).size();
+  const ColourConversion convert =
+      conversion_to_linear_srgb(encoding, static_cast<int>(names.size()), name);
   constexpr size_t kAtATime = 65536;  // pixels
   std::vector<float> colours;
   for (size_t first = 0; first < count; first += kAtATime) {
@@ -92,7 +91,7 @@ void convert_colours(const ColourEncoding& encoding, const std::vector<std::stri
     for (size_t pixel = first; pixel < end; ++pixel) {
       for (const std::string& channel : names) colours.push_back(image.channels[channel][pixel]);
     }
-    to_linear_srgb(encoding, static_cast<int>(names.size()), colours, name);
+    convert(colours);
     auto colour = colours.begin();
     for (size_t pixel = first; pixel < end; ++pixel) {
       for (const std::string& channel : names) image.channels[channel][pixel] = *colour++;
@@ -178,7 +177,7 @@ void convert_layers(Image& image, const std::string& name) {
   ColourEncoding encoding{.curve = ColourEncoding::Curve::kLinear};
   std::istringstream numbers(std::get<std::string>(found->second));
   for (double& number : encoding.primaries.emplace()) numbers >> number;
-  for (const auto& [channel, plane] : std::map(image.channels)) {
+  for (const auto& [channel, plane] : image.channels) {
     if (channel != "R" && !channel.ends_with(".R")) continue;
     const std::string layer = channel.substr(0, channel.size() - 1);
     const std::vector<std::string> names{layer + "R", layer + "G", layer + "B"};
@@ -259,8 +258,16 @@ PhotographFile decode_photograph(std::string_view bytes, const std::string& name
 }
 
 PhotographFile read_photograph(const fs::path& path, std::optional<bool> is_linear) {
-  return decode_photograph(read_file_or_stdin(path, "photograph", kMaxFileBytes), path.string(),
-                           is_linear);
+  return decode_photograph(read_file_or_stdin(path, "photograph", kMaxImageFileBytes),
+                           path.string(), is_linear);
+}
+
+void warn_if_taken_for_srgb(const PhotographFile& file, const std::string& name) {
+  if (!file.may_be_linear) return;
+  spdlog::warn(
+      "{}: 16-bit integers that do not say how they are encoded were taken for sRGB; --encoding "
+      "linear if they were developed as linear",
+      name);
 }
 
 MaskFile decode_mask(std::string_view bytes, const std::string& name) {
@@ -275,7 +282,7 @@ MaskFile decode_mask(std::string_view bytes, const std::string& name) {
 }
 
 MaskFile read_mask(const fs::path& path) {
-  return decode_mask(read_file_or_stdin(path, "mask", kMaxFileBytes), path.string());
+  return decode_mask(read_file_or_stdin(path, "mask", kMaxImageFileBytes), path.string());
 }
 
 }  // namespace itn

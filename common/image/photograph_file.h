@@ -49,6 +49,9 @@ PhotographFile decode_photograph(std::string_view bytes, const std::string& name
 PhotographFile read_photograph(const std::filesystem::path& path,
                                std::optional<bool> is_linear = {});
 
+// Says so of a file that may_be_linear; `name` is the file's.
+void warn_if_taken_for_srgb(const PhotographFile& file, const std::string& name);
+
 struct MaskFile {
   int width = 0;
   int height = 0;

@@ -22,8 +22,6 @@ namespace itn {
 
 namespace {
 
-constexpr uint64_t kMaxBytes = (uint64_t{1} << 32) + (uint64_t{1} << 24);  // as read_exr()
-
 v1::Pixels pixels_of(const Image& image, const std::string& name) {
   const std::vector<std::string> channels = radiance_channels(image, name);
   const auto plane = [&](size_t colour) -> const std::vector<float>& {
@@ -93,7 +91,7 @@ v1::Pixels decode_png(const std::string& bytes, const std::string& name) {
 
 v1::Pixels load_panorama(const std::filesystem::path& path) {
   const std::string name = path.string();
-  const std::string bytes = read_file(path, "image", kMaxBytes);
+  const std::string bytes = read_file(path, "image", kMaxImageFileBytes);
   const auto [format, kind] = recognize_format(bytes);
   if (format != ImageFormat::kExr && format != ImageFormat::kHdr && *kind != '\0') {
     throw invalid_input(fmt::format(
@@ -127,7 +125,7 @@ v1::Pixels load_panorama(const std::filesystem::path& path) {
 }
 
 v1::Pixels load_reflectances(const std::filesystem::path& path) {
-  const std::string bytes = read_file(path, "image", kMaxBytes);
+  const std::string bytes = read_file(path, "image", kMaxImageFileBytes);
   const auto [format, kind] = recognize_format(bytes);
   if (format == ImageFormat::kPng) return decode_png(bytes, path.string());
   if (format != ImageFormat::kExr) {

@@ -57,6 +57,18 @@ class PhotographInput : public ::testing::Test {
     write_exr(folder_.path(name), image);
     return folder_.path(name);
   }
+  // With a mask that is `on` on the object and `off` around it.
+  PhotographOptions with_gray_mask(const std::string& name, unsigned char on,
+                                   unsigned char off) const {
+    std::vector<unsigned char> rgb;
+    for (int i = 0; i < kWidth * kHeight; ++i) {
+      rgb.insert(rgb.end(), 3, on_object(i % kWidth, i / kWidth) ? on : off);
+    }
+    write_png(folder_.path(name), kWidth, kHeight, rgb);
+    PhotographOptions options;
+    options.mask = folder_.path(name);
+    return options;
+  }
   std::string exr(const std::string& name) const {
     return exr(name, [](Image&) {});
   }
@@ -227,13 +239,7 @@ TEST_F(PhotographInput, SeesPlateausAndUnevenCards) {
 
 // A veil over the mask, or a photograph that is half transparent, darkens nothing.
 TEST_F(PhotographInput, TakesTheBrightestOfAMaskForWhite) {
-  std::vector<unsigned char> rgb;
-  for (int i = 0; i < kWidth * kHeight; ++i) {
-    rgb.insert(rgb.end(), 3, on_object(i % kWidth, i / kWidth) ? 160 : 0);
-  }
-  write_png(folder_.path("veil.png"), kWidth, kHeight, rgb);
-  PhotographOptions options;
-  options.mask = folder_.path("veil.png");
+  const PhotographOptions options = with_gray_mask("veil.png", 160, 0);
   const std::string photo = exr("photo.exr");
   EXPECT_EQ(load_photograph(photo, options).photograph.mask,
             load_photograph(photo, with_mask()).photograph.mask);
@@ -271,13 +277,7 @@ TEST_F(PhotographInput, TakesTheLayerAndTheEncodingThatAreSaid) {
 }
 
 TEST_F(PhotographInput, NamesMasksOfLabels) {
-  std::vector<unsigned char> rgb;
-  for (int i = 0; i < kWidth * kHeight; ++i) {
-    rgb.insert(rgb.end(), 3, on_object(i % kWidth, i / kWidth) ? 1 : 0);
-  }
-  write_png(folder_.path("labels.png"), kWidth, kHeight, rgb);
-  PhotographOptions options;
-  options.mask = folder_.path("labels.png");
+  const PhotographOptions options = with_gray_mask("labels.png", 1, 0);
   expect_error(ErrorKind::kInvalidInput, {"labels.png is black", "(1 of 255)", "mask of labels"},
                [&] { load_photograph(exr("photo.exr"), options); });
 }
@@ -286,13 +286,7 @@ TEST_F(PhotographInput, NamesMasksOfLabels) {
 TEST_F(PhotographInput, TakesSoftMasksAndRefusesInvertedOnes) {
   const std::string photo = exr("photo.exr");
   const auto with = [&](unsigned char on, unsigned char off) {
-    std::vector<unsigned char> rgb;
-    for (int i = 0; i < kWidth * kHeight; ++i) {
-      rgb.insert(rgb.end(), 3, on_object(i % kWidth, i / kWidth) ? on : off);
-    }
-    write_png(folder_.path("soft.png"), kWidth, kHeight, rgb);
-    PhotographOptions options;
-    options.mask = folder_.path("soft.png");
+    const PhotographOptions options = with_gray_mask("soft.png", on, off);
     return load_photograph(photo, options).photograph;
   };
   EXPECT_EQ(with(100, 0).mask, load_photograph(photo, with_mask()).photograph.mask);
