@@ -35,6 +35,7 @@ Object::Object(Mesh closed, const std::stop_token& stop)
       bounds(itn::bounds(mesh)),
       extent(largest_coordinate(bounds)),
       length(longest_side(bounds)),
+      thickness(itn::thickness(mesh)),
       grid(mesh, stop),
       depth_grid(mesh, stop) {}
 

@@ -32,8 +32,9 @@ class Object {
 
   Mesh mesh;
   Bounds bounds;
-  float extent;   // largest absolute coordinate
-  double length;  // of the longest side of the bounds
+  float extent;      // largest absolute coordinate
+  double length;     // of the longest side of the bounds
+  double thickness;  // common/geometry/mesh.h
   Grid grid;
   DepthGrid depth_grid;
 };

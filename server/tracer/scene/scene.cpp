@@ -82,6 +82,7 @@ struct ObjectSize {
   Bounds box;
   double thickness;
   explicit ObjectSize(const Mesh& mesh) : box(bounds(mesh)), thickness(itn::thickness(mesh)) {}
+  explicit ObjectSize(const Object& object) : box(object.bounds), thickness(object.thickness) {}
 };
 
 // Puts the other objects behind the object: one mesh of several parts. Returns the sizes of all.
@@ -147,10 +148,11 @@ void check_corner_normals(const SceneDescription& scene) {
     const auto corner = [&](size_t k) {
       return static_cast<Vec3d>(mesh.vertices[mesh.triangles[t][k]]);
     };
-    const Vec3d normal = cross(corner(1) - corner(0), corner(2) - corner(0));
-    if (!(length(normal) > 0)) continue;
+    const Vec3d across = cross(corner(1) - corner(0), corner(2) - corner(0));
+    if (!(length(across) > 0)) continue;
+    const Vec3d normal = itn::normalize(across);
     for (const Vec3f given : scene.corner_normals[t]) {
-      const double cosine = dot(itn::normalize(normal), static_cast<Vec3d>(given));
+      const double cosine = dot(normal, static_cast<Vec3d>(given));
       if (cosine >= kLeastCosine) continue;
       throw invalid_input(
           fmt::format("object.mesh.triangles.corner_normals: one of triangle {} is ({}, {}, {}), "
@@ -176,7 +178,7 @@ std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCac
     scene.compiled_object =
         scene.object_key.empty() ? build() : parts.get<Object>(scene.object_key, stop, build);
   }
-  if (alone) sizes = {ObjectSize(scene.compiled_object->mesh)};
+  if (alone) sizes = {ObjectSize(*scene.compiled_object)};
   check_sizes(scene, sizes);
   check_corner_normals(scene);
   return std::make_unique<const Scene::Compiled>(std::move(scene), parts, stop);
