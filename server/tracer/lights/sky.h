@@ -137,7 +137,7 @@ HWY_INLINE SkyPlace place_of(const SkyLight& sky, Vectors direction) {
 // Of the table of a channel, whose values lie so far apart.
 HWY_INLINE Floats radiance_at(const SkyLight& sky, const SkyPlace& at, const float* values,
                               int stride = 1) {
-  const float* const above = values + stride * SkyTable::kColumns;
+  const float* const above = values + ptrdiff_t{stride} * SkyTable::kColumns;
   const Ints by = hn::Set(IntTag(), stride);
   const Ints here = hn::Mul(at.here, by), beside = hn::Mul(at.beside, by);
   const Floats radiance = mix(mix(gather(values, here), gather(values, beside), at.fx),
