@@ -87,6 +87,7 @@ class Importer {
     if (result_.scene.lights().empty()) {
       leave(scene, "nothing shines; `lights` of the scene file are to be written");
     }
+    if (!file_.has_version) leave(scene, "has no version; it was read as one of Mitsuba 3");
     leave_unused(scene);
     return std::move(result_);
   }
@@ -230,6 +231,12 @@ class Importer {
 
   // Shapes.
 
+  static double radius_of(const MitsubaPlugin& shape) {
+    const double radius = shape.number("radius", 1);
+    if (radius > 0) return radius;
+    throw invalid_input(fmt::format("{}: radius is {}; it must be above 0", shape.place, radius));
+  }
+
   // False if the shape has no counterpart.
   bool set_mesh(v1::Mesh& mesh, const MitsubaPlugin& shape) {
     Affine3d transform = to_world(shape);
@@ -238,8 +245,8 @@ class Importer {
       mesh.set_builtin(shape.type);
       const Vector3d middle =
           shape.type == "sphere" ? shape.vector("center", Vector3d::Zero()) : Vector3d::Zero();
-      transform = transform * Eigen::Translation3d(middle) *
-                  Eigen::Scaling(2 * shape.number("radius", 1)) * Eigen::Translation3d(0, -0.5, 0);
+      transform = transform * Eigen::Translation3d(middle) * Eigen::Scaling(2 * radius_of(shape)) *
+                  Eigen::Translation3d(0, -0.5, 0);
       if (shape.type == "sphere") leave(shape, "is a mesh of 20480 triangles here");
     } else if (shape.type == "ply" || shape.type == "obj" || shape.type == "stl") {
       mesh.set_path(path_of(shape));
@@ -573,8 +580,13 @@ class Importer {
     } else if (shape.type == "sphere") {
       v1::SphereLight& sphere = *light.mutable_sphere();
       set(*sphere.mutable_center(), transform * shape.vector("center", Vector3d::Zero()));
-      sphere.set_radius(static_cast<float>(shape.number("radius", 1) *
-                                           std::cbrt(std::abs(transform.linear().determinant()))));
+      const double scale = std::cbrt(std::abs(transform.linear().determinant()));
+      sphere.set_radius(static_cast<float>(radius_of(shape) * scale));
+      // A sphere stays one where the transform is a rotation times a number.
+      const Eigen::Matrix3d scaled = transform.linear().transpose() * transform.linear();
+      if (!scaled.isApprox(Eigen::Matrix3d::Identity() * scale * scale, 1e-3)) {
+        leave(shape, "its to_world makes it an ellipsoid; it is a sphere of its volume here");
+      }
       sphere.set_radiance(radiance);
     } else {
       leave_out(shape, "shines, and has no counterpart; rectangles and spheres have");
@@ -707,6 +719,12 @@ class Importer {
           fmt::format("{}: {} x {} pixels, cropped to {} x {}; each must be in [1, {}]",
                       film->place, width, height, cropped_width, cropped_height, kMaxPixels));
     }
+    if (!(left >= 0 && top >= 0 && left + cropped_width <= width &&
+          top + cropped_height <= height)) {
+      throw invalid_input(
+          fmt::format("{}: its crop of {} x {} pixels from ({}, {}) on is not within {} x {}",
+                      film->place, cropped_width, cropped_height, left, top, width, height));
+    }
     for (const char* const name : {"pixel_format", "component_format", "file_format", "banner",
                                    "gamma", "variable", "attach_log", "sample_border"}) {
       film->text(name, "");
@@ -749,6 +767,11 @@ class Importer {
       half = std::tan(sensor.number("fov", 0) / 2 * kRadiansPerDegree);
       if (!(half > 0))
         throw invalid_input(sensor.place + ": fov must be above 0 and below 180 degrees");
+    }
+    constexpr std::array kAxes{"x", "y", "diagonal", "smaller", "larger"};
+    if (std::ranges::find(kAxes, axis) == kAxes.end()) {
+      throw invalid_input(fmt::format("{}: fov_axis is \"{}\"; it must be {}", sensor.place,
+                                      printable(axis), fmt::join(kAxes, ", ")));
     }
     if (axis == "smaller") axis = width < height ? "x" : "y";
     if (axis == "larger") axis = width < height ? "y" : "x";

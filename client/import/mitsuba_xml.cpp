@@ -137,7 +137,8 @@ class Reader {
     const pugi::xml_node root = document->xml.child("scene");
     if (!root) throw invalid_input(fmt::format("{}: no <scene>", document->place(ptrdiff_t{0})));
     MitsubaFile file;
-    file.is_3 = !std::string(root.attribute("version").value()).starts_with("0.");
+    file.is_3 = is_version_3(root, *document);
+    file.has_version = *root.attribute("version").value() != 0;
     const auto scene = plugin(root, *document, 0);
     resolve_references();
     check_depth(*scene);
@@ -158,6 +159,22 @@ class Reader {
     std::set<std::string> names;
     for (const auto& [name, value] : defaults) names.insert(name);
     return names;
+  }
+
+  // Mitsuba 2 and 3 have the same scenes. A file without a version is read as theirs.
+  static bool is_version_3(const pugi::xml_node& root, const Document& document) {
+    constexpr int kNewest = 3;
+    const std::string version = root.attribute("version").value();
+    if (version.empty()) return true;
+    int major = -1;
+    const auto [end, error] =
+        std::from_chars(version.data(), version.data() + version.size(), major);
+    const bool ends_well = end == version.data() + version.size() || *end == '.';
+    if (error != std::errc() || !ends_well || major < 0 || major > kNewest) {
+      throw invalid_input(fmt::format("{}: version {} is unknown; 0.4 to {} are not",
+                                      document.place(root), in_quotes(version), kNewest));
+    }
+    return major > 0;
   }
 
   std::unique_ptr<Document> parse(const fs::path& path) {
@@ -240,19 +257,34 @@ class Reader {
         references_.push_back({&to, to.children.size(), value("id"), document.place(child)});
         to.children.push_back({with_underscores(value("name")), nullptr});
       } else if (tag == "transform") {
-        to.transforms[with_underscores(value("name"))] = transform_of(child, document);
+        const std::string name = with_underscores(value("name"));
+        if (!to.transforms.emplace(name, transform_of(child, document)).second) {
+          throw twice(child, name, document);
+        }
       } else if (tag == "alias") {
         aliases_[value("as")] = value("id");
       } else if (is_property(tag)) {
         MitsubaProperty property{tag, attributes_of(child, document)};
         const std::string name = with_underscores(property.attributes["name"]);
-        to.properties[name] = std::move(property);
+        if (!to.properties.emplace(name, std::move(property)).second) {
+          throw twice(child, name, document);
+        }
       } else {
         const MitsubaChild part{with_underscores(value("name")), plugin(child, document, depth)};
-        if (!part.plugin->id.empty()) by_id_[part.plugin->id] = part;
+        const std::string& id = part.plugin->id;
+        if (!id.empty() && !by_id_.emplace(id, part).second) {
+          throw invalid_input(fmt::format("{}: the id {} is another one's already",
+                                          part.plugin->place, in_quotes(id)));
+        }
         to.children.push_back(part);
       }
     }
+  }
+
+  static Error twice(const pugi::xml_node& node, const std::string& name,
+                     const Document& document) {
+    return invalid_input(fmt::format("{}: <{}>: {} is said twice", document.place(node),
+                                     printable(node.name()), in_quotes(name)));
   }
 
   void include(MitsubaPlugin& to, const fs::path& path, int depth) {

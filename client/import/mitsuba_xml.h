@@ -56,6 +56,7 @@ struct MitsubaPlugin {
 struct MitsubaFile {
   std::shared_ptr<const MitsubaPlugin> scene;
   bool is_3 = true;  // 0.x else: another up axis of skies
+  bool has_version = true;
 };
 
 // With its defaults, for which `definitions` (by name) are taken instead, and its includes. Throws

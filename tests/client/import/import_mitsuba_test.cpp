@@ -198,6 +198,10 @@ TEST_F(ImportMitsuba, SaysWhatIsLost) {
                      "0.6.0")
                   .not_carried_over,
               Contains(HasSubstr("takes skin1")));
+  EXPECT_THAT(lost(R"(<shape type="sphere"><emitter type="area"/><transform name="to_world">
+                      <scale x="2"/></transform></shape>)"),
+              Contains(HasSubstr("an ellipsoid; it is a sphere of its volume")));
+  EXPECT_THAT(import(kSensor, "").not_carried_over, Contains(HasSubstr("has no version")));
   EXPECT_THAT(lost("<shape type=\"x&#10;lights { constant {} }\"/>"),
               Contains(HasSubstr("x\\x0alights")));
 }
@@ -406,6 +410,36 @@ TEST_F(ImportMitsuba, RefusesWhatItCannotRead) {
       "3\"/></transform></shape>",
       {"a matrix of 3 numbers"});
   refuses("<shape type=\"obj\"/>", {"no filename"});
+  refuses(
+      "<emitter type=\"constant\"><float name=\"radiance\" value=\"1\"/>\n"
+      "<float name=\"radiance\" value=\"2\"/></emitter>",
+      {"scene.xml:2: <float>", "\"radiance\" is said twice"});
+  refuses(R"(<shape type="cube"><transform name="to_world"/><transform name="toWorld"/></shape>)",
+          {"\"to_world\" is said twice"});
+  refuses(R"(<bsdf type="diffuse" id="b"/><bsdf type="null" id="b"/>)",
+          {"the id \"b\" is another one's"});
+  refuses(R"(<shape type="sphere"><float name="radius" value="-1"/></shape>)",
+          {"radius is -1; it must be above 0"});
+  refuses(R"(<shape type="sphere"><float name="radius" value="-1"/><emitter type="area"/></shape>)",
+          {"radius is -1; it must be above 0"});
+  for (const char* const version : {"9", "3x", "-1", "new"}) {
+    expect_error(ErrorKind::kInvalidInput, {"version \"" + std::string(version) + "\" is unknown"},
+                 [&] { import(kSensor, version); });
+  }
+  const auto refuses_camera = [&](const std::string& body, const std::vector<std::string>& parts) {
+    expect_error(ErrorKind::kInvalidInput, parts, [&] {
+      import("<sensor type=\"perspective\"><float name=\"fov\" value=\"30\"/>" + body +
+             "</sensor>");
+    });
+  };
+  refuses_camera(R"(<string name="fov_axis" value="z"/>)",
+                 {"fov_axis is \"z\"; it must be x, y, diagonal, smaller, larger"});
+  for (const char* const crop :
+       {R"(<integer name="crop_offset_x" value="-1"/><integer name="crop_width" value="9"/>)",
+        R"(<integer name="crop_offset_y" value="570"/><integer name="crop_height" value="9"/>)"}) {
+    refuses_camera("<film type=\"hdrfilm\">" + std::string(crop) + "</film>",
+                   {"is not within 768 x 576"});
+  }
   std::string deep;
   for (int i = 0; i < 10'000; ++i) deep += "<a>";
   for (int i = 0; i < 10'000; ++i) deep += "</a>";
