@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "common/geometry/mesh.h"
 #include "common/vec.h"
 #include "server/tracer/lights/light_frame.h"
 
@@ -18,6 +19,12 @@ struct LampPlace {
 
 // `field`: of the position, for messages. Throws Error (invalid input) if that is in the object.
 LampPlace lamp_place(const LightFrame& frame, const std::string& field, Vec3d position);
+
+// Whether a part of the mesh is in the ball, or some of its triangles cross the parallelogram,
+// which reaches from its center by half_u and half_v to both sides; more than what rounding does to
+// either. Places are in the coordinates of the mesh.
+bool is_in_ball(const Mesh& mesh, Vec3d center, double radius);
+bool crosses(const Mesh& mesh, Vec3d center, Vec3d half_u, Vec3d half_v);
 
 // W/m^2 from W/sr over mm^2.
 constexpr double kSquareMmPerSquareM = 1e6;

@@ -53,6 +53,9 @@ struct PanelLight {
             std::abs(dot(u, v)) <= 1e-6 * length(u) * length(v)};
   }
 
+  // Once it is compiled.
+  bool cuts(const Mesh& mesh) const { return crosses(mesh, center, half_u, half_v); }
+
   static constexpr bool kDelta = false, kDistant = false;
   double area() const { return 4 * length(cross(half_u, half_v)); }
   // Irradiance at the object's middle if the panel faced it; that of a half-space of light at most.

@@ -33,6 +33,9 @@ struct SphereLight {
     return {place.position, radius, radiance, place.distance2};
   }
 
+  // Once it is compiled.
+  bool cuts(const Mesh& mesh) const { return is_in_ball(mesh, center, radius); }
+
   static constexpr bool kDelta = false, kDistant = false;
   double power() const { return std::numbers::pi * radiance * radius * radius / distance2; }
 };
