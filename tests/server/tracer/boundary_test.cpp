@@ -450,7 +450,7 @@ TEST(RoughDielectricTest, TracersAgree) {
   SceneDescription description = rough_knot(1.5F, 0.25F);
   description.smooth_angle = 1;
   const Scene scene(std::move(description));
-  RenderRequest request = request_for(Tracer::kWavefront, {5, 0.9, 0.3}, 2816);
+  RenderRequest request = request_for(Tracer::kWavefront, {5, 0.7, 0.3}, 2048);
   request.derivatives.push_back(kRoughness);
   request.derivatives.push_back({Parameter::kReflectance, 0});
   request.derivatives.push_back({Parameter::kLightScale, 1});
@@ -463,7 +463,7 @@ TEST(RoughDielectricTest, TracersAgreeOnTheIndex) {
                         PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {0, 0.3, 0.2}, 3}};
   description.smooth_angle = 1;
   const Scene scene(std::move(description));
-  RenderRequest request{.material = {8, 0.8, 0.3}, .sample_count = 3072, .derivatives = {kIndex}};
+  RenderRequest request{.material = {8, 0.6, 0.3}, .sample_count = 1536, .derivatives = {kIndex}};
   expect_tracers_agree(scene, request, 2, "a rough knot", {2});
 }
 
@@ -597,7 +597,7 @@ TEST(DielectricTest, LampsMayBeSmall) {
     description.smooth_angle = smooth_angle;
     description.boundary = boundary;
     description.surfaces.clear();
-    RenderRequest request = request_for(Tracer::kWavefront, {200, 0.9, 0.4}, 256);
+    RenderRequest request = request_for(Tracer::kWavefront, {200, 0.9, 0.4}, 160);
     request.derivatives = {{Parameter::kAlbedo}};
     return estimate_film(Scene(std::move(description)), request, 32).derivatives[0];
   };
@@ -660,9 +660,9 @@ Slopes slopes_in(const Parameter& parameter, RenderRequest request, int batches,
 TEST(RoughDielectricTest, TheDerivativeInRoughnessEqualsFiniteDifferences) {
   constexpr float kAlpha = 0.4F;
   for (const bool single_scattering : {false, true}) {
-    const auto [expected, film] =
-        slopes_in(kRoughness, {.material = {5, 0.8, 0.3}, .sample_count = 4096}, 32, 0.04F,
-                  [&](float by) { return rough_knot(1.4F, kAlpha + by, single_scattering); });
+    const auto [expected, film] = slopes_in(
+        kRoughness, {.material = {5, 0.6, 0.3}, .sample_count = single_scattering ? 2048U : 1024U},
+        32, 0.04F, [&](float by) { return rough_knot(1.4F, kAlpha + by, single_scattering); });
     expect_equal(film.derivatives[0], expected, 2, "d / d roughness");
     // Where no light is lost, hardly any is won or lost by roughness: 2 % of the image.
     const double scale = single_scattering ? expected.mean : film.radiance.mean / double{kAlpha};
@@ -671,31 +671,36 @@ TEST(RoughDielectricTest, TheDerivativeInRoughnessEqualsFiniteDifferences) {
   }
 }
 
-// Also from inside, where the index counts twice more.
+// From inside, the radiance counts index^2 times, which is as much again as the derivative that is
+// left: 6 % show it.
 TEST(RoughDielectricTest, TheDerivativeInTheIndexEqualsFiniteDifferences) {
   struct Case {
     const char* name;
     RoughDielectric boundary;
-    bool from_inside = false;
+    bool from_inside;
+    double albedo;
+    uint32_t samples;
+    double resolution;
   };
-  for (const auto& [name, boundary, from_inside] :
-       {Case{"index", {1.5F, 0.9F, true}}, Case{"index, from inside", {1.4F, 0.5F}, true}}) {
+  for (const auto& [name, boundary, from_inside, albedo, samples, resolution] :
+       {Case{"index", {1.5F, 0.9F, true}, false, 0.9, 2304, 0.02},
+        Case{"index, from inside", {1.4F, 0.5F}, true, 0.6, 1280, 0.06}}) {
     const auto [expected, film] = slopes_in(
-        kIndex, {.material = {2, 0.6, 0.3}, .sample_count = 4096}, 64, 0.04F, [&](float by) {
+        kIndex, {.material = {2, albedo, 0.3}, .sample_count = samples}, 32, 0.04F, [&](float by) {
           SceneDescription description = rough_knot(1, 1);
+          description.object = make_shape("cube");
           description.lights[1] = DirectionalLight{{0.5, 0.8, -0.3}, 2, 0.5};
           description.boundary =
               RoughDielectric{boundary.index + by, boundary.roughness, boundary.single_scattering};
           if (from_inside) {
-            description.object = make_shape("cube");
             description.camera.origin = {0, 0.5, -0.4};
             description.camera.fov = 1;
           }
           return description;
         });
     expect_equal(film.derivatives[0], expected, 2, name);
-    expect_resolution(film.derivatives[0], expected.mean, 0.02, name);
-    expect_resolution(expected, expected.mean, 0.02, "differences");
+    expect_resolution(film.derivatives[0], expected.mean, resolution, name);
+    expect_resolution(expected, expected.mean, resolution, "differences");
   }
 }
 

@@ -142,8 +142,8 @@ TEST(ColoursTest, BehindARoughBoundary) {
   std::vector<Parameter> derivatives = medium_parameters();
   derivatives.push_back(parameter_named("rough_dielectric.roughness"));
   expect_colours_of_their_own(
-      {"rough", std::move(scene), {{10, 0.9, 0.2}, {10, 0.5, 0.2}, {20, 0.8, 0.2}}, derivatives},
-      1536, 1536);
+      {"rough", std::move(scene), {{10, 0.8, 0.2}, {10, 0.5, 0.2}, {16, 0.7, 0.2}}, derivatives},
+      768, 768);
 }
 
 // Paths that follow an edge bring the derivative in the index.
@@ -162,9 +162,9 @@ TEST(ColoursTest, BehindASmoothBoundary) {
   scene.boundary = Dielectric{1.5F};
   expect_colours_of_their_own({"smooth",
                                std::move(scene),
-                               {{8, 0.9, 0}, {12, 0.7, 0}, {16, 0.9, 0}},
+                               {{8, 0.8, 0}, {10, 0.7, 0}, {12, 0.8, 0}},
                                {parameter_named("sigma_t"), parameter_named("albedo")}},
-                              1280, 1280);
+                              512, 512);
 }
 
 // Where all are the same, so are their images, whichever medium the paths fly by.
