@@ -54,6 +54,7 @@ struct RenderFlags {
   std::string output;
   std::string png;
   double picture_exposure = 0;  // in stops
+  bool alpha = false;
   std::string film;
   std::string material;    // a measured one; then sigma_t, albedo and g follow from it
   double object_size = 0;  // 0: as in the scene
@@ -351,6 +352,7 @@ void add_channel(const std::string& channel, const v1::RenderGradReply& reply,
     image.channels["stderr." + name] = standard_error_of_estimates(reply, derivative);
   }
   image.channels["mask.Y"] = from_bytes<float>(reply.mask());  // the same in all channels
+  if (options.alpha) image.channels["A"] = image.channel("mask.Y");
   image.channels["stderr." + channel] = from_bytes<float>(reply.standard_error());
   if (reply.estimates_size() == 1) return;
   for (int k = 0; k < reply.estimates_size(); ++k) {
@@ -418,6 +420,7 @@ void write_preview(const RenderFlags& options, const Image& image,
     for (size_t c = 0; c < 3; ++c) {
       rgb.push_back(to_srgb_byte(all[std::min(c, channels.size() - 1) * pixels + p] / white));
     }
+    if (options.alpha) rgb.push_back(to_byte(mask[p]));
   }
   write_png(options.png, image.width, image.height, rgb);
 }
@@ -739,6 +742,9 @@ void add_render_command(CLI::App& app) {
       ->check(number_in(-20.0, 20.0))
       ->needs(picture)
       ->capture_default_str();
+  command->add_flag("--alpha", options->alpha,
+                    "Add how much of each pixel the objects cover: as channel A of the EXR, whose "
+                    "radiance is not multiplied by it, and as the transparency of --picture");
   add_format_flags(*command, options->json, "of its size, means, counters and times");
   add_worker_flags(*command, options->workers);
   command->callback([command, options] {

@@ -37,16 +37,17 @@ void check_finite(const Image& image, const std::string& name) {
 }
 
 std::string encode_png(int width, int height, std::span<const unsigned char> rgb) {
-  if (width < 1 || height < 1 ||
-      rgb.size() != 3 * static_cast<size_t>(width) * static_cast<size_t>(height)) {
-    throw Error(ErrorKind::kInternal, fmt::format("{} bytes are not {} x {} pixels of 3 bytes",
+  const size_t pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
+  const bool has_alpha = pixels > 0 && pixels == rgb.size() / 4;
+  if (width < 1 || height < 1 || rgb.size() != (has_alpha ? 4 : 3) * pixels) {
+    throw Error(ErrorKind::kInternal, fmt::format("{} bytes are not {} x {} pixels of 3 or 4 bytes",
                                                   rgb.size(), width, height));
   }
   png_image png{};
   png.version = PNG_IMAGE_VERSION;
   png.width = static_cast<png_uint_32>(width);
   png.height = static_cast<png_uint_32>(height);
-  png.format = PNG_FORMAT_RGB;
+  png.format = has_alpha ? PNG_FORMAT_RGBA : PNG_FORMAT_RGB;
   std::string bytes(PNG_IMAGE_PNG_SIZE_MAX(png), '\0');
   png_alloc_size_t size = bytes.size();
   if (!png_image_write_to_memory(&png, bytes.data(), &size, 0, rgb.data(), 0, nullptr)) {

@@ -58,7 +58,8 @@ Image decode_hdr(std::string_view bytes, const std::string& name);
 // it throws.
 void write_exr(const std::filesystem::path& path, const Image& image);
 
-// 8-bit RGB, 3 bytes a pixel, top row first: the bytes of a PNG file.
+// 8-bit sRGB, 3 bytes a pixel, or 4 with an alpha by which colours are not multiplied; top row
+// first: the bytes of a PNG file.
 std::string encode_png(int width, int height, std::span<const unsigned char> rgb);
 
 // Likewise, written as write_exr() does.

@@ -85,6 +85,18 @@ TEST(RenderCommand, WritesLayersAndHeader) {
   }
 }
 
+TEST(RenderCommand, WritesAlphaWhereItIsAskedFor) {
+  const TemporaryFolder folder;
+  const std::string picture = folder.path("out.png");
+  const Finished finished =
+      run(render(folder.write("scene.textproto", kSceneFile), folder.path("out.exr"),
+                 {"--spp", "2", "--resolution", "8x6", "--picture", picture, "--alpha"}));
+  ASSERT_EQ(finished.exit_code, 0) << finished.errors;
+  const Image image = read_exr(folder.path("out.exr"));
+  EXPECT_EQ(image.channel("A"), image.channel("mask.Y"));
+  EXPECT_EQ(content(picture)[25], 6);  // the header's colour type: with alpha
+}
+
 // Until the noise is low, or the time or the samples are over; the file says how many there were,
 // and is that of so many, to what floats round.
 TEST(RenderCommand, EndsWhenTheImageIsGoodEnough) {

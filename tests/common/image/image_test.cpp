@@ -378,18 +378,21 @@ TEST(Exr, SaysWhereItCannotWrite) {
 TEST(Png, ReadsBackWhatWasWritten) {
   const TemporaryFolder folder;
   const auto path = folder.path() / "a.png";
-  const std::vector<unsigned char> rgb{255, 0, 0, 0, 255, 0, 0, 0, 255, 1, 2, 3, 4, 5, 6, 7, 8, 9};
-  write_png(path, 3, 2, rgb);
-
-  png_image png{};
-  png.version = PNG_IMAGE_VERSION;
-  ASSERT_TRUE(png_image_begin_read_from_file(&png, path.c_str()));
-  EXPECT_EQ(png.width, 3U);
-  EXPECT_EQ(png.height, 2U);
-  png.format = PNG_FORMAT_RGB;
-  std::vector<unsigned char> read(PNG_IMAGE_SIZE(png));
-  ASSERT_TRUE(png_image_finish_read(&png, nullptr, read.data(), 0, nullptr));
-  EXPECT_EQ(read, rgb);
+  const std::vector<unsigned char> rgb{255, 0, 0, 0, 255, 0, 0, 0, 255, 1, 2, 3, 4, 5, 6, 7, 8, 9},
+      rgba{255, 0, 0, 0, 0, 255, 0, 100, 9, 9, 9, 255};
+  for (const auto& [pixels, width, height, format] :
+       {std::tuple{rgb, 3, 2, uint32_t{PNG_FORMAT_RGB}}, {rgba, 3, 1, PNG_FORMAT_RGBA}}) {
+    write_png(path, width, height, pixels);
+    png_image png{};
+    png.version = PNG_IMAGE_VERSION;
+    ASSERT_TRUE(png_image_begin_read_from_file(&png, path.c_str()));
+    EXPECT_EQ(static_cast<int>(png.width), width);
+    EXPECT_EQ(static_cast<int>(png.height), height);
+    EXPECT_EQ(png.format, format);
+    std::vector<unsigned char> read(PNG_IMAGE_SIZE(png));
+    ASSERT_TRUE(png_image_finish_read(&png, nullptr, read.data(), 0, nullptr));
+    EXPECT_EQ(read, pixels);
+  }
 }
 
 TEST(Png, SaysWhereItCannotWrite) {
