@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "common/error.h"
+#include "common/printable.h"
 
 namespace itn {
 
@@ -84,6 +85,14 @@ std::string to_json(const google::protobuf::Message& original) {
   const auto status = google::protobuf::util::MessageToJsonString(message, &json, options);
   if (!status.ok()) throw Error(ErrorKind::kInternal, status.ToString());
   return json;
+}
+
+void from_json(const std::string& text, const std::string& name,
+               google::protobuf::Message& message) {
+  const auto status = google::protobuf::util::JsonStringToMessage(text, &message);
+  if (status.ok()) return;
+  throw invalid_input(fmt::format("{} is no {} as JSON: {}", printable(name),
+                                  message.GetDescriptor()->name(), printable(status.ToString())));
 }
 
 }  // namespace itn

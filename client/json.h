@@ -9,4 +9,9 @@ namespace itn {
 
 std::string to_json(const google::protobuf::Message& message);
 
+// Into an empty message. Throws Error (invalid input) if the text is none of such a message; `name`
+// says where it comes from.
+void from_json(const std::string& text, const std::string& name,
+               google::protobuf::Message& message);
+
 }  // namespace itn

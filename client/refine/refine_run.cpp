@@ -154,7 +154,7 @@ Refinement refine(const v1::RefineSettings& settings, std::span<const Observatio
 void write_outcome(const fs::path& folder, const v1::RefineResult& result,
                    std::span<const Observation> observations, std::span<const Synthesis> fits,
                    double exposure) {
-  write_file_atomically(folder / "result.json", to_json(result) + "\n");
+  write_file_atomically(folder / kRefineResultFile, to_json(result) + "\n");
   std::vector<PanelRow> rows;
   for (size_t i = 0; i < observations.size(); ++i) {
     rows.push_back(panels_of(observations[i], fits[i], exposure));

@@ -31,6 +31,8 @@ struct RefineRun {
 Refinement refine(const v1::RefineSettings& settings, std::span<const Observation> observations,
                   const Synthesize& synthesize, const RefineRun& run);
 
+inline constexpr const char* kRefineResultFile = "result.json";  // in the folder of a run
+
 // Writes result.json (v1::RefineResult), and picture.png: a row for each image of target, fit and
 // difference on the object, as by compared() of client/panels.h. `fits`: renders of the
 // answer, times its exposure. Throws Error (kIo).

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <algorithm>
 
+#include <filesystem>
 #include <fstream>
 #include <string>
 #include <utility>
@@ -64,6 +65,61 @@ TEST(MaterialsCommand, WritesAFileForARenderer) {
   EXPECT_EQ(run({kItn, "materials", "marble", "--format", "vray"}).exit_code, 2);
   EXPECT_THAT(run({kItn, "materials", "granite", "--format", "pbrt"}).errors,
               HasSubstr("granite is no measured medium"));
+}
+
+TEST(MaterialsCommand, TakesNumbersOfOnesOwn) {
+  const std::vector<std::string> wax{kItn,       "materials", "--sigma-t", "12,14,18",
+                                     "--albedo", "0.9",       "--g",       "0.3"};
+  const auto with = [&](std::vector<std::string> flags) {
+    flags.insert(flags.begin(), wax.begin(), wax.end());
+    return run(flags);
+  };
+  const Finished row = with({});
+  ASSERT_EQ(row.exit_code, 0) << row.errors;
+  EXPECT_THAT(row.output, HasSubstr("12        14        18"));
+  const Finished file = with({"--format", "pbrt", "--index", "1.45", "--roughness", "0.2"});
+  ASSERT_EQ(file.exit_code, 0) << file.errors;
+  EXPECT_THAT(file.output, HasSubstr("\"rgb sigma_s\" [ 10.8 12.6 16.2 ]"));
+  EXPECT_THAT(file.output, HasSubstr("\"float eta\" 1.45\n"));
+  EXPECT_THAT(file.output, HasSubstr("\"float roughness\" 0.2\n"));
+  // Without an index there is no surface.
+  EXPECT_THAT(with({"--format", "mitsuba"}).output, HasSubstr("type=\"null\""));
+  EXPECT_EQ(with({"marble"}).exit_code, 2);
+  EXPECT_EQ(run({kItn, "materials", "--sigma-t", "12"}).exit_code, 2);
+  EXPECT_EQ(run({kItn, "materials", "--sigma-t", "12,13", "--albedo", "0.9"}).exit_code, 2);
+  EXPECT_EQ(run({kItn, "materials", "--sigma-t", "12", "--albedo", "1.1"}).exit_code, 2);
+}
+
+TEST(MaterialsCommand, TakesWhatRefineFound) {
+  const TemporaryFolder folder;
+  std::vector<std::string> folders;
+  for (const char* const sigma_t : {"10", "20", "40"}) {
+    const auto one = folder.path(std::string("refined") + sigma_t);
+    std::filesystem::create_directory(one);
+    std::ofstream(one + "/result.json")
+        << R"({"material": {"sigma_t": )" << sigma_t << R"(, "albedo": 0.9, "g": 0.3},
+               "sigma_t": {"value": 20, "low_95": 19, "high_95": 21},
+               "unknowns": [{"name": "rough_dielectric.index", "value": 1.4},
+                            {"name": "rough_dielectric.roughness", "value": 0.25}],
+               "remarks": ["g is not told"]})";
+    folders.push_back(one);
+  }
+  const Finished one = run({kItn, "materials", "--refined", folders[1], "--format", "pbrt"});
+  ASSERT_EQ(one.exit_code, 0) << one.errors;
+  EXPECT_THAT(one.output, HasSubstr("\"rgb sigma_s\" [ 18 18 18 ]"));
+  EXPECT_THAT(one.output, HasSubstr("\"float eta\" 1.4\n"));
+  EXPECT_THAT(one.output, HasSubstr("\"float roughness\" 0.25\n"));
+  EXPECT_THAT(one.output, HasSubstr("sigma_t 20 (19 to 21)"));
+  EXPECT_THAT(one.output, HasSubstr("g is not told"));
+  const Finished three =
+      run({kItn, "materials", "--refined", folders[0] + "," + folders[1] + "," + folders[2],
+           "--format", "pbrt"});
+  EXPECT_THAT(three.output, HasSubstr("\"rgb sigma_s\" [ 9 18 36 ]"));
+  std::ofstream(folders[0] + "/result.json") << "{";
+  const Finished broken = run({kItn, "materials", "--refined", folders[0]});
+  EXPECT_EQ(broken.exit_code, 3);
+  EXPECT_THAT(broken.errors, HasSubstr("result.json is no RefineResult as JSON"));
+  EXPECT_EQ(run({kItn, "materials", "--refined", folder.path("none")}).exit_code, 4);
 }
 
 class RenderMaterial : public ::testing::Test {
