@@ -79,10 +79,11 @@ inline void add_server_flags(CLI::App& app, const std::string& program, uint64_t
   app.add_option("--listen", server.listen,
                  "HOST:PORT or [IPV6]:PORT to listen on; port 0 takes any that is free; 0.0.0.0 is "
                  "all IPv4 addresses, [::] all addresses. Addresses that other machines reach want "
-                 "--tls-cert or --insecure")
+                 "--tls-cert or --insecure. unix:PATH is a socket on this machine, for those whom "
+                 "the permissions of its folder let in")
       ->check([](const std::string& address) {
         try {
-          parse_host_port(address, PortZero::kAnyFree);
+          if (!socket_path(address)) parse_host_port(address, PortZero::kAnyFree);
           return std::string();
         } catch (const Error& error) {
           return std::string(error.what());

@@ -6,6 +6,7 @@
 #include <grpcpp/security/tls_certificate_provider.h>
 #include <grpcpp/security/tls_credentials_options.h>
 
+#include <cstdlib>
 #include <map>
 #include <optional>
 #include <utility>
@@ -26,13 +27,24 @@ constexpr unsigned int kLookAtFilesEverySeconds = 5;
 // gRPC itself takes what has no port for one of port 443.
 void check_address(const std::string& address) {
   if (!has_scheme(address)) parse_host_port(address);
+  socket_path(address);
 }
 
 namespace {
 
 bool is_this_machine(const std::string& address) {
+  if (socket_path(address)) return true;
   const std::optional<HostPort> endpoint = endpoint_of_target(address);
   return endpoint && endpoint->is_loopback();
+}
+
+// The variable that names a proxy, if one does: gRPC looks at these, in this order.
+const char* proxy_variable() {
+  for (const char* const name : {"grpc_proxy", "https_proxy", "http_proxy"}) {
+    const char* const value = std::getenv(name);
+    if (value != nullptr && *value != '\0') return name;
+  }
+  return nullptr;
 }
 
 void check_flags(const ClientSecurity& security) {
@@ -76,14 +88,15 @@ std::shared_ptr<grpc::ChannelCredentials> tls_credentials(const CertificateFiles
   return grpc::experimental::TlsCredentials(options);
 }
 
-std::shared_ptr<grpc::ChannelCredentials> make_credentials(const ClientSecurity& security) {
+std::shared_ptr<grpc::ChannelCredentials> make_credentials(const ClientSecurity& security,
+                                                           grpc_local_connect_type local) {
   check_flags(security);
   read_certificates(security.files, Side::kClient);
   const bool token = !security.token_file.empty();
   if (!security.encrypts() && !token) return grpc::InsecureChannelCredentials();
-  // gRPC lets a token go over TLS, or over TCP that does not leave the machine, which it checks.
+  // gRPC lets a token go over TLS, or over what does not leave the machine, which it checks.
   auto channel = security.encrypts() ? tls_credentials(security.files)
-                                     : grpc::experimental::LocalCredentials(LOCAL_TCP);
+                                     : grpc::experimental::LocalCredentials(local);
   if (!token) return channel;
   return grpc::CompositeChannelCredentials(
       channel, grpc::experimental::MetadataCredentialsFromPlugin(
@@ -94,7 +107,9 @@ std::shared_ptr<grpc::ChannelCredentials> make_credentials(const ClientSecurity&
 }  // namespace
 
 Connector::Connector(ClientSecurity security)
-    : security_(std::move(security)), credentials_(make_credentials(security_)) {}
+    : security_(std::move(security)),
+      credentials_(make_credentials(security_, LOCAL_TCP)),
+      socket_credentials_(make_credentials(security_, UDS)) {}
 
 std::shared_ptr<grpc::Channel> Connector::connect_to(const std::string& address) const {
   check_address(address);
@@ -117,33 +132,45 @@ std::shared_ptr<grpc::Channel> Connector::connect_to(const std::string& address)
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 1000);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2000);
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
+  // No proxy leads to this machine.
+  if (is_this_machine(address)) arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
   if (!security_.server_name.empty()) arguments.SetSslTargetNameOverride(security_.server_name);
-  return grpc::CreateCustomChannel(address, credentials_, arguments);
+  return grpc::CreateCustomChannel(
+      address, socket_path(address) ? socket_credentials_ : credentials_, arguments);
 }
 
 grpc::Status Connector::with_cause(const grpc::Status& status, const std::string& address) const {
   // A server of ours that is unavailable says why, in details.
-  const bool no_connection = status.error_code() == grpc::StatusCode::UNAVAILABLE &&
-                             status.error_details().empty() &&
-                             status.error_message().find("refused") == std::string::npos;
   const std::optional<HostPort> place = endpoint_of_target(address);
-  if (!no_connection || !place) return status;
-  const auto& [files, server_name, token] = security_;
-  std::string hint = "if the server encrypts its connections, give --tls-ca";
-  if (security_.encrypts()) {
-    hint = fmt::format(
-        "its certificate must be of the authority in {} (--tls-ca), for {} (--tls-server-name), "
-        "and valid now; {}; if the server does not encrypt its connections, leave out --tls-ca and "
-        "ITN_TLS_CA",
-        files.authority, server_name.empty() ? place->host : server_name,
-        files.certificate.empty()
-            ? "if it wants one of its clients, give --tls-cert and --tls-key"
-            : fmt::format("it must accept that in {} (--tls-cert)", files.certificate));
+  if (status.error_code() != grpc::StatusCode::UNAVAILABLE || !status.error_details().empty() ||
+      !place) {
+    return status;
   }
-  return {status.error_code(),
-          fmt::format("{}. If a server is there: {}. `openssl s_client -connect "
-                      "{}` shows its side",
-                      status.error_message(), hint, place->text())};
+  std::string message = status.error_message();
+  if (const char* const proxy = proxy_variable(); proxy != nullptr && !place->is_loopback()) {
+    message += fmt::format(
+        ". The environment's {} names a proxy, through which connections go but for hosts in "
+        "no_proxy: no_proxy={} goes straight there",
+        proxy, place->host);
+  }
+  if (status.error_message().find("refused") == std::string::npos) {
+    const auto& [files, server_name, token] = security_;
+    std::string hint = "if the server encrypts its connections, give --tls-ca";
+    if (security_.encrypts()) {
+      hint = fmt::format(
+          "its certificate must be of the authority in {} (--tls-ca), for {} (--tls-server-name), "
+          "and valid now; {}; if the server does not encrypt its connections, leave out --tls-ca "
+          "and ITN_TLS_CA",
+          files.authority, server_name.empty() ? place->host : server_name,
+          files.certificate.empty()
+              ? "if it wants one of its clients, give --tls-cert and --tls-key"
+              : fmt::format("it must accept that in {} (--tls-cert)", files.certificate));
+    }
+    message +=
+        fmt::format(". If a server is there: {}. `openssl s_client -connect {}` shows its side",
+                    hint, place->text());
+  }
+  return {status.error_code(), message};
 }
 
 }  // namespace itn

@@ -37,7 +37,7 @@ class Connector {
 
  private:
   ClientSecurity security_;
-  std::shared_ptr<grpc::ChannelCredentials> credentials_;
+  std::shared_ptr<grpc::ChannelCredentials> credentials_, socket_credentials_;  // for unix:PATH
 };
 
 }  // namespace itn

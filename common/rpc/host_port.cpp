@@ -3,6 +3,7 @@
 #include <arpa/inet.h>
 #include <fmt/format.h>
 #include <netinet/in.h>
+#include <sys/un.h>
 
 #include <algorithm>
 #include <array>
@@ -16,9 +17,9 @@
 namespace itn {
 namespace {
 
-constexpr std::string_view kDns = "dns:";
-constexpr std::array<std::string_view, 5> kSchemes = {kDns,
-                                                      "ipv4:", "ipv6:", "unix:", "unix-abstract:"};
+constexpr std::string_view kDns = "dns:", kUnix = "unix:";
+constexpr std::array<std::string_view, 5> kSchemes = {kDns, kUnix,
+                                                      "ipv4:", "ipv6:", "unix-abstract:"};
 
 Error not_an_address(std::string_view text, std::string_view why) {
   return Error(ErrorKind::kUsage,
@@ -81,6 +82,21 @@ HostPort parse_host_port(std::string_view text, PortZero zero) {
   }
   std::string host = parse_host(text, text.substr(0, colon));
   return {std::move(host), parse_port(text, text.substr(colon + 1), zero)};
+}
+
+std::optional<std::string> socket_path(std::string_view text) {
+  constexpr size_t kLongest = sizeof sockaddr_un::sun_path - 1;
+  std::string_view path = text;
+  if (!path.starts_with(kUnix)) return std::nullopt;
+  path.remove_prefix(kUnix.size());
+  if (path.starts_with("///")) path.remove_prefix(2);
+  if (path.empty() || path.size() > kLongest || path.find('\0') != std::string_view::npos) {
+    throw Error(ErrorKind::kUsage,
+                fmt::format("\"{}\" is not the address of a socket: its path must "
+                            "have 1 to {} bytes, e.g. unix:/run/itn/worker",
+                            printable(text), kLongest));
+  }
+  return std::string(path);
 }
 
 bool has_scheme(std::string_view target) {

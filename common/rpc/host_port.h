@@ -30,6 +30,11 @@ enum class PortZero {
 // and what would be right.
 HostPort parse_host_port(std::string_view text, PortZero zero = PortZero::kRefused);
 
+// The path in "unix:PATH" or "unix:///PATH", of a socket in the file system of this machine;
+// nothing for what does not begin like that. Throws Error (kUsage) for a path that no socket can
+// have.
+std::optional<std::string> socket_path(std::string_view text);
+
 // Whether a client's target names the scheme by which gRPC resolves it: "dns:///workers:50051",
 // "unix:/run/worker".
 bool has_scheme(std::string_view target);

@@ -11,13 +11,16 @@
 #include <spdlog/spdlog.h>
 #include <sys/eventfd.h>
 #include <sys/socket.h>
+#include <sys/un.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <system_error>
 #include <utility>
 
@@ -104,6 +107,37 @@ int open_socket(const addrinfo& address) {
   return -1;
 }
 
+// Likewise, in the file system. A socket that a process left behind, which nobody listens on any
+// more, is replaced.
+int open_socket(const std::string& path) {
+  sockaddr_un address = {};
+  address.sun_family = AF_UNIX;
+  path.copy(address.sun_path, sizeof address.sun_path - 1);
+  const auto* const generic = reinterpret_cast<const sockaddr*>(&address);
+  const int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+  if (fd < 0) return fd;
+  const auto is_left_behind = [&] {
+    std::error_code absent;
+    if (!std::filesystem::is_socket(path, absent)) return false;
+    const int caller = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    const bool refused = connect(caller, generic, sizeof address) != 0 && errno == ECONNREFUSED;
+    ::close(caller);
+    return refused;
+  };
+  bool bound = bind(fd, generic, sizeof address) == 0;
+  int error = errno;
+  if (!bound && error == EADDRINUSE && is_left_behind()) {
+    unlink(path.c_str());
+    bound = bind(fd, generic, sizeof address) == 0;
+    error = errno;
+  }
+  if (bound && listen(fd, SOMAXCONN) == 0) return fd;
+  if (bound) error = errno;
+  ::close(fd);
+  errno = error;
+  return -1;
+}
+
 bool is_of_this_machine(const sockaddr& address) {
   if (address.sa_family == AF_INET) {
     const auto& four = reinterpret_cast<const sockaddr_in&>(address);
@@ -113,8 +147,15 @@ bool is_of_this_machine(const sockaddr& address) {
          IN6_IS_ADDR_LOOPBACK(&reinterpret_cast<const sockaddr_in6&>(address).sin6_addr);
 }
 
-// See Listener::Connection::peer. An IPv4 address in an IPv6 socket is all that its bytes say.
-std::string peer_of(const sockaddr_storage& address) {
+// See Listener::Connection::peer. An IPv4 address in an IPv6 socket is all that its bytes say; of a
+// socket in the file system, the other end is a user.
+std::string peer_of(int fd, const sockaddr_storage& address) {
+  if (address.ss_family == AF_UNIX) {
+    ucred user = {};
+    socklen_t length = sizeof user;
+    getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &user, &length);
+    return fmt::format("user {}", user.uid);
+  }
   if (address.ss_family == AF_INET) {
     const in_addr& four = reinterpret_cast<const sockaddr_in&>(address).sin_addr;
     return {reinterpret_cast<const char*>(&four), sizeof four};
@@ -140,23 +181,35 @@ uint64_t bytes_received(int fd) {
 }  // namespace
 
 Listener::Listener(const std::string& address, const ListenerOptions& options) : options_(options) {
-  HostPort parsed = parse_host_port(address, PortZero::kAnyFree);
-  const AddressList addresses(parsed);
-  if (options_.this_machine_only && !is_of_this_machine(*addresses.first->ai_addr)) {
-    throw Error(ErrorKind::kUsage,
-                fmt::format("other machines reach {}, and connections would be neither encrypted "
-                            "nor authenticated: give --tls-cert and --tls-key, or, in a network "
-                            "where everybody is trusted, --insecure",
-                            address));
+  const std::optional<std::string> path = socket_path(address);
+  std::optional<HostPort> place;
+  if (path) {
+    socket_ = open_socket(*path);
+  } else {
+    place = parse_host_port(address, PortZero::kAnyFree);
+    const AddressList addresses(*place);
+    if (options_.this_machine_only && !is_of_this_machine(*addresses.first->ai_addr)) {
+      throw Error(
+          ErrorKind::kUsage,
+          fmt::format("other machines reach {}, and connections would be neither encrypted nor "
+                      "authenticated: give --tls-cert and --tls-key, or, in a network where "
+                      "everybody is trusted, --insecure",
+                      address));
+    }
+    socket_ = open_socket(*addresses.first);
   }
-  socket_ = open_socket(*addresses.first);
   if (socket_ < 0) {
-    throw Error(ErrorKind::kIo, fmt::format("cannot listen on {}: {}", address,
+    throw Error(ErrorKind::kIo, fmt::format("cannot listen on {}: {}", printable(address),
                                             std::generic_category().message(errno)));
   }
   wake_ = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-  parsed.port = port_of(socket_);
-  address_ = parsed.text();
+  if (path) {
+    path_ = *path;
+    address_ = "unix:" + path_;
+  } else {
+    place->port = port_of(socket_);
+    address_ = place->text();
+  }
 }
 
 Listener::~Listener() {
@@ -175,7 +228,10 @@ void Listener::close() {
     eventfd_write(wake_, 1);
     thread_.join();
   }
-  if (socket_ >= 0) ::close(std::exchange(socket_, -1));
+  if (socket_ >= 0) {
+    ::close(std::exchange(socket_, -1));
+    if (!path_.empty()) unlink(path_.c_str());
+  }
   for (const Connection& connection : connections_) {
     shutdown(connection.fd, SHUT_RDWR);
     ::close(connection.fd);
@@ -218,7 +274,7 @@ bool Listener::accept_all(const std::function<void(int)>& take) {
     const int fd = accept4(socket_, reinterpret_cast<sockaddr*>(&address), &length,
                            SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (fd < 0) return errno != EMFILE && errno != ENFILE && errno != ENOMEM && errno != ENOBUFS;
-    std::string peer = peer_of(address);
+    std::string peer = peer_of(fd, address);
     const int watched = has_place_for(peer) ? fcntl(fd, F_DUPFD_CLOEXEC, 0) : -1;
     if (watched < 0) {
       spdlog::warn(

@@ -25,7 +25,10 @@ struct ListenerOptions {
 
 class Listener {
  public:
-  // Opens the first address that the host has: 0.0.0.0 is IPv4 alone, [::] both IPv4 and IPv6.
+  // HOST:PORT: opens the first address that the host has: 0.0.0.0 is IPv4 alone, [::] both IPv4 and
+  // IPv6. unix:PATH: makes a socket there, in place of one that nobody listens on; who may connect
+  // is a matter of the folder's permissions. What such connections send is not counted for
+  // `max_memory_bytes`.
   // Throws Error if that fails: kUsage for an address that is none, or not to be listened on; kIo.
   Listener(const std::string& address, const ListenerOptions& options);
   // Closes everything.
@@ -40,7 +43,7 @@ class Listener {
   // their other end, the server is then unavailable.
   void close();
 
-  // HOST:PORT, with the port that was taken.
+  // HOST:PORT, with the port that was taken; or unix:PATH.
   const std::string& address() const { return address_; }
 
   // That are open. From any thread.
@@ -68,6 +71,7 @@ class Listener {
 
   const ListenerOptions options_;
   std::string address_;
+  std::string path_;  // of the socket, if it is one of the file system: removed at the end
   int socket_ = -1;
   int wake_ = -1;  // an eventfd
   // The thread's alone while it runs:

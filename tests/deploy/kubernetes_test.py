@@ -35,7 +35,7 @@ def flag(container, name, default=None):
 def complaints_of_deployment(deployment):
     """What Kubernetes would take, and would not work or not be safe."""
     pod = deployment["spec"]["template"]["spec"]
-    (container,) = pod["containers"]
+    container, *others = pod["containers"]
     (port,) = (port["containerPort"] for port in container["ports"])
     if not flag(container, "listen").endswith(f":{port}"):
         yield "--listen is not the container's port"
@@ -50,7 +50,6 @@ def complaints_of_deployment(deployment):
         yield "--max-memory-mb leaves less than a tenth of the memory limit free"
     if container["image"].rpartition(":")[2] != version():
         yield f"the image's tag is not the version, {version()}"
-    rights = {**pod["securityContext"], **container["securityContext"]}
     wanted = {
         "runAsNonRoot": True,
         "readOnlyRootFilesystem": True,
@@ -58,10 +57,18 @@ def complaints_of_deployment(deployment):
         "capabilities": {"drop": ["ALL"]},
         "seccompProfile": {"type": "RuntimeDefault"},
     }
-    for name, value in wanted.items():
-        if rights.get(name) != value:
-            yield f"{name} is not {value}"
-    mounted = {mount["name"] for mount in container["volumeMounts"]}
+    for each in pod["containers"]:
+        rights = {**pod["securityContext"], **each["securityContext"]}
+        for name, value in wanted.items():
+            if rights.get(name) != value:
+                yield f"{name} of {each['name']} is not {value}"
+    paths = {mount["mountPath"]: mount["name"] for mount in container["volumeMounts"]}
+    folder = flag(container, "metrics-file").rpartition("/")[0]
+    for other in others:
+        (mount,) = other["volumeMounts"]
+        if mount["name"] != paths.get(folder) or flag(other, "collector.textfile.directory") != mount["mountPath"]:
+            yield f"{other['name']} does not see --metrics-file"
+    mounted = set(paths.values())
     if mounted != {volume["name"] for volume in pod["volumes"]}:
         yield "volumes and what is mounted differ"
 
@@ -84,9 +91,9 @@ def complaints_of_all(manifests):
     ports = {}
     for deployment in deployments.values():
         template = deployment["spec"]["template"]
-        (container,) = template["spec"]["containers"]
+        containers = template["spec"]["containers"]
         labels = frozenset(template["metadata"]["labels"].items())
-        ports[labels] = {port["name"] for port in container["ports"]}
+        ports[labels] = {port["name"] for each in containers for port in each["ports"]}
     for manifest in manifests:
         kind, name = manifest["kind"], manifest["metadata"]["name"]
         if kind == "Namespace":

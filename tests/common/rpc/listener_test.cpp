@@ -4,14 +4,18 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>
+#include <sys/un.h>
 #include <unistd.h>
 
+#include <filesystem>
+#include <fstream>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "common/error.h"
 #include "common/rpc/host_port.h"
+#include "tests/support/temporary_folder.h"
 
 namespace itn {
 namespace {
@@ -49,6 +53,31 @@ TEST(Listener, NamesAHostThatIsNotThere) {
     EXPECT_EQ(error.kind(), ErrorKind::kUsage);
     EXPECT_THAT(error.what(), HasSubstr("no.such.host.invalid"));
   }
+}
+
+TEST(Listener, MakesASocketInTheFileSystem) {
+  const testing::TemporaryFolder folder;
+  const std::string path = folder.path("socket"), address = "unix:" + path;
+  {
+    const Listener listener(address, {.this_machine_only = true});
+    EXPECT_EQ(listener.address(), address);
+    EXPECT_TRUE(std::filesystem::is_socket(path));
+    EXPECT_THROW(Listener(address, {}), Error);  // it is listened on
+  }
+  EXPECT_FALSE(std::filesystem::exists(path));
+  // One that a process left behind is replaced; a file is not.
+  const int left = socket(AF_UNIX, SOCK_STREAM, 0);
+  sockaddr_un name = {};
+  name.sun_family = AF_UNIX;
+  path.copy(name.sun_path, sizeof name.sun_path - 1);
+  ASSERT_EQ(bind(left, reinterpret_cast<const sockaddr*>(&name), sizeof name), 0);
+  close(left);
+  EXPECT_EQ(Listener(address, {}).address(), address);
+  std::ofstream(path) << "mine";
+  EXPECT_THROW(Listener(address, {}), Error);
+  EXPECT_TRUE(std::filesystem::is_regular_file(path));
+  EXPECT_THROW(Listener("unix:", {}), Error);
+  EXPECT_THROW(Listener("unix:" + std::string(200, 'a'), {}), Error);
 }
 
 // A connection to a listener, from an address of this machine.

@@ -289,6 +289,32 @@ TEST(Token, IsWantedOfCallsButOfHealthChecks) {
   EXPECT_TRUE(ask(without, server.address(), kHealth).ok());
 }
 
+// A socket of this machine carries calls, and tokens, too.
+TEST(Socket, IsAnAddress) {
+  const TemporaryFolder folder;
+  const std::string address = "unix:" + folder.path("socket");
+  const Server server({.files = {}, .token_file = folder.write("server", kToken)}, address);
+  EXPECT_EQ(server.address(), address);
+  EXPECT_TRUE(
+      ask(Connector({.files = {}, .server_name = "", .token_file = folder.write("client", kToken)}),
+          address)
+          .ok());
+  expect_failure(ask(Connector(), address), grpc::StatusCode::UNAUTHENTICATED, "wants a token");
+}
+
+// gRPC takes the proxy of the environment, which does not lead to this machine; where it leads
+// nowhere, the error names it.
+TEST(Proxy, IsNamedWhereItLeadsNowhere) {
+  ASSERT_EQ(setenv("http_proxy", "http://127.0.0.1:1", 1), 0);
+  const Server server({});
+  EXPECT_TRUE(ask(Connector(), server.address()).ok());
+  const grpc::Status status = ask(Connector(), "192.0.2.1:50051");
+  unsetenv("http_proxy");
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAVAILABLE);
+  EXPECT_THAT(status.error_message(), HasSubstr("http_proxy names a proxy"));
+  EXPECT_THAT(status.error_message(), HasSubstr("no_proxy=192.0.2.1"));
+}
+
 // Who runs the server sees that somebody tries, and nothing of what.
 TEST(Token, IsMissedInTheLogNowAndThen) {
   const TemporaryFolder folder;
