@@ -176,10 +176,11 @@ struct WorkerFlags {
 
 // --workers, how to connect to them, --threads and --cache-mb.
 inline void add_worker_flags(CLI::App& app, WorkerFlags& flags) {
-  app.add_option("--workers", flags.workers,
-                 "Render workers, separated by commas: HOST:PORT or unix:PATH each, dns:///NAME:PORT "
-                 "for all addresses of a name, or file:PATH for a file of HOST:PORT lines; names and files "
-                 "are looked at again during the run. None: render in this process")
+  app.add_option(
+         "--workers", flags.workers,
+         "Render workers, separated by commas: HOST:PORT or unix:PATH each, dns:///NAME:PORT "
+         "for all addresses of a name, or file:PATH for a file of HOST:PORT lines; names and files "
+         "are looked at again during the run. None: render in this process")
       ->delimiter(',')
       ->allow_extra_args(false);
   add_security_flags(app, flags.security);

@@ -16,6 +16,7 @@ FILES = [
 ]
 # What starts a command line, by its last words.
 COMMANDS = {"itn-worker": ["itn-worker"], "itn-predictor": ["itn-predictor"], "probe": ["itn", "probe"]}
+FOREIGN = ["node-exporter"]  # programs of others, whose flags are theirs to know
 
 
 def flags_of(command):
@@ -30,9 +31,9 @@ def flags_given(path):
     command = None
     text = re.sub(r"(^|\s)#.*", "", path.read_text())
     for word in re.findall(r"--[a-z][a-z-]*|[\w./@][\w./@-]*", text):
-        if word.startswith("--"):
+        if word.startswith("--") and command not in FOREIGN:
             yield command, word
-        elif word.rpartition("/")[2] in COMMANDS:
+        elif word.rpartition("/")[2] in [*COMMANDS, *FOREIGN]:
             command = word.rpartition("/")[2]
 
 
