@@ -17,6 +17,7 @@
 #include "common/error.h"
 #include "common/image/background_mask.h"
 #include "common/image/channels.h"
+#include "common/image/mask_parts.h"
 #include "common/image/photograph_file.h"
 
 namespace itn {
@@ -258,7 +259,7 @@ PhotographContent read_content(const std::string& name, const FileReading& readi
   PhotographContent content;
   content.file = read_photograph(name, reading.is_linear);
   Image& image = content.file.image;
-  content.channels = radiance_channels(image, name, reading.layer);
+  content.channels = radiance_channels(image, name, reading.layer, "--layer says so");
   if (!content.file.encoded) mark_plateaus(content);
   size_t below = 0;
   float least = 0;
@@ -300,6 +301,22 @@ std::vector<float> read_mask_for(const PhotographContent& content, const std::st
         "the mask {} covers {:.0f} % of the photograph and {:.0f} % of its border: is it inverted? "
         "White is the object, black what is around it",
         path, 100 * coverage.all, 100 * coverage.border));
+  }
+  const MaskParts parts = drop_specks(file.values, file.width, file.height);
+  if (parts.specks > 0) {
+    spdlog::warn("{}: specks beside the object were left out: {}, of {} pixels in all", path,
+                 parts.specks, parts.speck_pixels);
+  }
+  if (parts.parts > 1) {
+    spdlog::warn("{}: it is in {} parts, which are taken for one object", path, parts.parts);
+  }
+  // An object that fills the photograph, with a hole: it is rather what is around the object.
+  constexpr double kFilled = 0.85, kHole = 0.05;
+  if (parts.filled > kFilled && parts.largest_hole > kHole) {
+    throw invalid_input(fmt::format(
+        "the mask {} surrounds {:.0f} % of the photograph and leaves out {:.0f} % in its middle: "
+        "is it inverted? White is the object, black what is around it",
+        path, 100 * parts.filled, 100 * parts.largest_hole));
   }
   return std::move(file.values);
 }

@@ -79,6 +79,9 @@ void validate(const Observation& observation) {
   check_plane(observation, observation.radiance, "image", true);
   check_plane(observation, observation.mask, "mask", false);
   check_plane(observation, observation.noise, "noise", false);
+  if (std::ranges::any_of(observation.noise, [](float v) { return v < 0; })) {
+    throw invalid_input(observation.name + ": the noise (stderr.Y) is below 0 at some pixels");
+  }
   double sum = 0;
   bool any = observation.mask.empty();
   for (size_t p = 0; p < observation.radiance.size(); ++p) {

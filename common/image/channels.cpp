@@ -53,7 +53,8 @@ Error unclear(const Image& image, const std::string& name, const std::string& wa
 }  // namespace
 
 std::vector<std::string> radiance_channels(const Image& image, const std::string& name,
-                                           const std::string& wanted_layer) {
+                                           const std::string& wanted_layer,
+                                           const std::string& way_out) {
   if (!wanted_layer.empty()) {
     if (auto found = radiance_in(image, wanted_layer); !found.empty()) return found;
     throw unclear(
@@ -78,8 +79,8 @@ std::vector<std::string> radiance_channels(const Image& image, const std::string
     return colours;
   }
   throw unclear(image, name,
-                layers.size() > 1 ? fmt::format("which of the layers {} is meant? --layer says so",
-                                                fmt::join(layers, ", "))
+                layers.size() > 1 ? fmt::format("which of the layers {} is meant? {}",
+                                                fmt::join(layers, ", "), way_out)
                                   : "wanted are R, G and B, or Y, or L, or one channel alone");
 }
 

@@ -21,6 +21,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <exception>
@@ -190,6 +191,12 @@ int64_t pixels_in(const Imath::Box2i& window, const std::string& name) {
 }
 
 void check_claims(const Imf::Header& header, size_t file_bytes, const std::string& name) {
+  if (!(std::abs(header.pixelAspectRatio() - 1) <= 1e-3F)) {
+    throw invalid_input(
+        fmt::format("the pixels of {} are not square, but {:.4g} times as wide as high "
+                    "(pixelAspectRatio); resample it",
+                    name, header.pixelAspectRatio()));
+  }
   const Imath::Box2i window = header.dataWindow();
   const int64_t pixels = std::max(pixels_in(window, name), pixels_in(image_window(header), name));
   const int64_t width = int64_t{window.max.x} - window.min.x + 1;
@@ -322,7 +329,7 @@ Image decode(std::string_view bytes, const std::string& name) {
   image.height = window.max.y - window.min.y + 1;
   read_attributes(headers[0], image);  // OpenEXR adds some of its own to the file's
   if (file.parts() > 1) {
-    spdlog::warn("{} has {} parts; the first one is meant unless --layer names another", name,
+    spdlog::warn("{} has {} parts; the first one is meant where no layer is named", name,
                  file.parts());
   }
   for (int part = 0; part < file.parts(); ++part) {

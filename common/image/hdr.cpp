@@ -2,6 +2,7 @@
 // which comes with Radiance ("File formats").
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -55,7 +56,7 @@ double positive(std::string_view text, const std::string& name) {
   const std::string_view word = take_word(text);
   std::from_chars(word.data(), word.data() + word.size(), value);
   if (!(value > 0 && std::isfinite(value))) {
-    throw damaged_hdr(name, fmt::format("its exposure is \"{}\"", word));
+    throw damaged_hdr(name, fmt::format("\"{}\" in its header is not above 0", word));
   }
   return value;
 }
@@ -81,6 +82,28 @@ void read_size(std::string_view line, Header& header, const std::string& name) {
   header.orientation = static_cast<int>(found - kOrientations.begin()) + 1;
 }
 
+// Those of Radiance, by default, and of sRGB, which hardly differ: x and y of red, green, blue,
+// white.
+void check_primaries(std::string_view line, const std::string& name) {
+  constexpr std::array kRadiance{0.64, 0.33, 0.29, 0.6, 0.15, 0.06, 1.0 / 3, 1.0 / 3};
+  constexpr std::array kSrgb{0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329};
+  constexpr double kRounding = 2e-3;
+  std::array<double, 8> given{};
+  for (double& value : given) {
+    const std::string_view word = take_word(line);
+    std::from_chars(word.data(), word.data() + word.size(), value);
+  }
+  const auto are = [&](const std::array<double, 8>& known) {
+    return std::ranges::equal(given, known,
+                              [](double a, double b) { return std::abs(a - b) <= kRounding; });
+  };
+  if (are(kRadiance) || are(kSrgb)) return;
+  throw invalid_input(
+      fmt::format("{} is a Radiance HDR image of other primaries (PRIMARIES) than those of sRGB, "
+                  "which is not read; convert it to these",
+                  name));
+}
+
 // Whatever follows it is left.
 Header read_header(std::string_view& rest, const std::string& name) {
   Header header;
@@ -90,6 +113,13 @@ Header read_header(std::string_view& rest, const std::string& name) {
           "{} is a Radiance HDR image of another colour space than RGB, which is not read; save it "
           "as RGB",
           name));
+    }
+    if (line.starts_with("PRIMARIES=")) check_primaries(line.substr(10), name);
+    if (line.starts_with("PIXASPECT=") && std::abs(positive(line.substr(10), name) - 1) > 1e-3) {
+      throw invalid_input(
+          fmt::format("{} has pixels that are not square (PIXASPECT), which is not "
+                      "read; resample it",
+                      name));
     }
     if (line.starts_with("EXPOSURE=")) header.exposure *= positive(line.substr(9), name);
     if (line.starts_with("COLORCORR=")) {

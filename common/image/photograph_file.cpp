@@ -148,7 +148,9 @@ std::vector<unsigned char> clipped_pixels(const EncodedPixels& pixels,
 }
 
 EncodedPixels pixels_of(std::string_view bytes, const std::string& name) {
-  return decode_pixels(bytes, read_photograph_header(bytes, name), name);
+  const PhotographHeader header = read_photograph_header(bytes, name);
+  if (header.pages > 1) spdlog::warn("{} has {} pages; the first is read", name, header.pages);
+  return decode_pixels(bytes, header, name);
 }
 
 // What itn merge wrote of the photographs that it merged.

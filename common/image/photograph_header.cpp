@@ -68,7 +68,10 @@ PhotographHeader png_header(const File& file) {
     const uint32_t size = file.big_endian(at, 4);
     const std::string_view type = file.part(at + 4, 4);
     if (type == "eXIf") header.exif = exif_of(file.part(at + 8, size));
-    if (type == "cICP" && size >= 2) {
+    if (type == "cICP" && size >= 4) {
+      if (file.byte(at + 11) != 1) {
+        throw file.unsupported("of narrow range (cICP)", "save it with the full range of values");
+      }
       header.code_points =
           std::pair(static_cast<int>(file.byte(at + 8)), static_cast<int>(file.byte(at + 9)));
     }
@@ -116,6 +119,18 @@ PhotographHeader jpeg_header(const File& file) {
 
 // --- TIFF 6.0 ---
 
+// Without those that are the first one again, only smaller. A chain that leads back ends.
+int pages_from(const TiffDirectory& first) {
+  constexpr int kMost = 1000;
+  int pages = 1;
+  std::optional<TiffDirectory> directory = first.next();
+  for (int links = 0; directory && links < kMost; ++links, directory = directory->next()) {
+    const bool is_reduced = (static_cast<int64_t>(directory->number(254).value_or(0)) & 1) != 0;
+    if (!is_reduced) ++pages;
+  }
+  return pages;
+}
+
 PhotographHeader tiff_header(const File& file) {
   const auto directory = TiffDirectory::first(file.bytes);
   if (!directory) throw file.cut_short();
@@ -139,8 +154,10 @@ PhotographHeader tiff_header(const File& file) {
     throw file.damaged(fmt::format("its header claims {} channels", samples));
   }
   const int64_t bits = tag(258, 1);
-  PhotographHeader header{
-      .width = tag(256, 0), .height = tag(257, 0), .exif = read_exif(*directory)};
+  PhotographHeader header{.width = tag(256, 0),
+                          .height = tag(257, 0),
+                          .exif = read_exif(*directory),
+                          .pages = pages_from(*directory)};
   const int64_t value_bytes = bits > 32 ? 8 : bits > 16 ? 4 : bits > 8 ? 2 : 1;
   header.bytes_per_pixel = std::max<int64_t>(samples, photometric == 3 ? 3 : 1) * value_bytes;
   if (tag(322, 1) > kMaxPhotographSide || tag(323, 1) > kMaxPhotographSide) {

@@ -25,6 +25,7 @@ struct PhotographHeader {
   std::string profile{};  // an ICC profile, of formats whose decoder does not tell it
   // Code points of a PNG (chunk cICP): primaries and transfer characteristics.
   std::optional<std::pair<int, int>> code_points{};
+  int pages = 1;  // of a TIFF file, of which the first is read
 };
 
 // Of a PNG, JPEG, TIFF (its first image), WebP or HEIF file. Throws Error: kDataLoss

@@ -71,6 +71,13 @@ std::optional<TiffDirectory> TiffDirectory::read_at(std::string_view file, bool 
   return TiffDirectory(file, little_endian, offset + 2, count);
 }
 
+std::optional<TiffDirectory> TiffDirectory::next() const {
+  const size_t end = entries_ + count_ * kEntryBytes;
+  if (end > file_.size() || file_.size() - end < 4) return std::nullopt;
+  const uint32_t offset = integer(file_, end, 4, little_endian_);
+  return offset == 0 ? std::nullopt : read_at(file_, little_endian_, offset);
+}
+
 std::optional<double> TiffDirectory::number(uint16_t tag, size_t index) const {
   for (size_t i = 0; i < count_; ++i) {
     const size_t entry = entries_ + i * kEntryBytes;

@@ -15,6 +15,9 @@ class TiffDirectory {
   // The first directory of a file; none if it does not lie within the bytes.
   static std::optional<TiffDirectory> first(std::string_view file);
 
+  // The one that the file has behind this one; none if there is none.
+  std::optional<TiffDirectory> next() const;
+
   // Value `index` of a tag, whatever type of number it has; none if there is no such number.
   std::optional<double> number(uint16_t tag, size_t index = 0) const;
   // The directory that a tag leads to.

@@ -166,6 +166,23 @@ TEST_F(PhotographInput, SaysWhatIsWrongWithTheMask) {
                [&] { load_photograph(photo, options); });
 }
 
+// What is around the object, in a black frame, with a speck in the object: the border is no sign.
+TEST_F(PhotographInput, SeesThatAMaskIsInvertedWithinAFrame) {
+  std::vector<unsigned char> rgb;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const bool in_frame = x > 0 && y > 0 && x < kWidth - 1 && y < kHeight - 1;
+      const bool in_hole = x >= 20 && x < 40 && y >= 12 && y < 28;
+      rgb.insert(rgb.end(), 3, in_frame && (!in_hole || (x == 30 && y == 20)) ? 255 : 0);
+    }
+  }
+  PhotographOptions options;
+  options.mask = folder_.path("inverted.png");
+  write_png(options.mask, kWidth, kHeight, rgb);
+  expect_error(ErrorKind::kInvalidInput, {"inverted.png", "13 % in its middle", "is it inverted?"},
+               [&] { load_photograph(exr("photo.exr"), options); });
+}
+
 // The card has 0.09 where white would have 0.09 / 0.18.
 TEST_F(PhotographInput, MeasuresAGrayCard) {
   PhotographOptions options = with_mask();

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "common/image/mask_parts.h"
 #include "tests/support/expect_error.h"
 
 namespace itn {
@@ -253,6 +254,34 @@ TEST(BackgroundMask, RefusesWhatHasNoObject) {
       "lies along most of its border");
   refused(
       15, 150, [](int, int) { return 0.5F; }, "15 x 150 pixels");
+}
+
+// A ring of 20 x 20 with a hole of 10 x 10, a part of 6 x 1 that touches it by a corner, one of 5 x
+// 2 of its own, and two specks.
+TEST(MaskParts, AreCountedWithoutSpecks) {
+  constexpr int kWidth = 40, kHeight = 30;
+  std::vector<float> mask(size_t{kWidth} * kHeight);
+  const auto fill = [&](int left, int top, int width, int height, float value) {
+    for (int y = top; y < top + height; ++y) {
+      for (int x = left; x < left + width; ++x) mask[static_cast<size_t>(y) * kWidth + x] = value;
+    }
+  };
+  fill(4, 4, 20, 20, 1);
+  fill(9, 9, 10, 10, 0);
+  fill(24, 24, 6, 1, 0.8F);
+  fill(30, 2, 5, 2, 1);
+  const std::vector<float> clean = mask;
+  fill(0, 0, 1, 1, 1);
+  fill(12, 12, 1, 1, 1);
+  const MaskParts parts = drop_specks(mask, kWidth, kHeight);
+  EXPECT_EQ(mask, clean);
+  EXPECT_EQ(parts.specks, 2U);
+  EXPECT_EQ(parts.speck_pixels, 2U);
+  EXPECT_EQ(parts.parts, 2U);
+  EXPECT_DOUBLE_EQ(parts.filled, (400 + 6 + 10) / 1200.0);
+  EXPECT_DOUBLE_EQ(parts.largest_hole, 100 / 1200.0);
+  std::vector<float> black(12);
+  EXPECT_EQ(drop_specks(black, 4, 3).parts, 0U);
 }
 
 }  // namespace

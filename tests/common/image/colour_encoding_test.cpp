@@ -230,13 +230,14 @@ std::string with_chunk(std::string png, const std::string& type, const std::stri
 
 TEST(ColourEncoding, CodePointsOfPngCount) {
   const std::string png = file_of("png", OIIO::TypeDesc::UINT16, {0.5F, 0.5F, 0.5F});
-  const auto read = [&](int primaries, int transfer) {
-    const std::string data{static_cast<char>(primaries), static_cast<char>(transfer), 0, 1};
+  const auto read = [&](int primaries, int transfer, char is_full = 1) {
+    const std::string data{static_cast<char>(primaries), static_cast<char>(transfer), 0, is_full};
     return decode_photograph(with_chunk(png, "cICP", data), "photo").image.channel("R")[0];
   };
   EXPECT_NEAR(read(1, 8), 0.5, 1e-4);
   EXPECT_NEAR(read(9, 16), 92.2 / 203, 0.01);
   EXPECT_NEAR(read(12, 13), linear_of_srgb(0.5), 1e-3);
+  expect_error(ErrorKind::kInvalidInput, {"photo", "narrow range"}, [&] { read(1, 8, 0); });
 }
 
 }  // namespace

@@ -345,6 +345,24 @@ TEST(Exr, ShowsTheDisplayWindow) {
   EXPECT_EQ(image.channel("Y"), (std::vector<float>{0, 0, 0, 0, 1, 2}));
 }
 
+TEST(Exr, HasSquarePixels) {
+  const TemporaryFolder folder;
+  const auto path = folder.path("wide.exr");
+  Imf::Header header(2, 1);
+  header.pixelAspectRatio() = 2;
+  header.channels().insert("Y", Imf::Channel(Imf::FLOAT));
+  std::vector<float> values{1, 2};
+  {
+    Imf::OutputFile file(path.c_str(), header);
+    Imf::FrameBuffer buffer;
+    buffer.insert("Y", Imf::Slice(Imf::FLOAT, reinterpret_cast<char*>(values.data()), 4, 8));
+    file.setFrameBuffer(buffer);
+    file.writePixels(1);
+  }
+  expect_error(ErrorKind::kInvalidInput, {"wide.exr", "2 times as wide as high"},
+               [&] { read_exr(path); });
+}
+
 class BadExrTest : public ::testing::TestWithParam<BadExr> {};
 
 TEST_P(BadExrTest, IsRefused) {

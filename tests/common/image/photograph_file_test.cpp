@@ -1,6 +1,7 @@
 #include "common/image/photograph_file.h"
 
 #include <OpenImageIO/imageio.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <png.h>
 
@@ -18,6 +19,7 @@
 #include "common/image/image_format.h"
 #include "common/image/srgb.h"
 #include "tests/support/address_space.h"
+#include "tests/support/captured_log.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_folder.h"
 
@@ -272,6 +274,31 @@ TEST(PhotographFile, DividesColoursByTheirAlpha) {
   EXPECT_FLOAT_EQ(file.image.channel("A")[0], 128 / 255.0F);
 }
 
+// A smaller copy of the first page is none of its own.
+TEST(PhotographFile, ReadsTheFirstPageAndSaysSo) {
+  const TemporaryFolder folder;
+  const std::string path = folder.path("a.tif");
+  OIIO::ImageSpec spec(1, 1, 1, OIIO::TypeDesc::UINT8);
+  const auto read_pages = [&](int pages, bool is_reduced) {
+    const auto output = OIIO::ImageOutput::create(path);
+    for (int page = 0; page < pages; ++page) {
+      const auto value = static_cast<uint8_t>(10 + page);
+      spec.attribute("tiff:subfiletype", is_reduced && page > 0 ? 1 : 0);
+      EXPECT_TRUE(
+          output->open(path, spec,
+                       page == 0 ? OIIO::ImageOutput::Create : OIIO::ImageOutput::AppendSubimage) &&
+          output->write_image(OIIO::TypeDesc::UINT8, &value));
+    }
+    output->close();
+    testing::CapturedLog log;
+    EXPECT_FLOAT_EQ(read_photograph(path).image.channel("Y")[0], linear(10));
+    return log.text();
+  };
+  EXPECT_THAT(read_pages(3, false), ::testing::HasSubstr("a.tif has 3 pages; the first is read"));
+  EXPECT_EQ(read_pages(2, true), "");
+  EXPECT_EQ(read_pages(1, false), "");
+}
+
 TEST(PhotographFile, ReadsPalettesAndFewBits) {
   const PhotographFile palette = decode(png_of(4, 1, 2, PNG_COLOR_TYPE_PALETTE, {0b00'01'10'00}, 0,
                                                {{10, 20, 30}, {40, 50, 60}, {70, 80, 90}}));
@@ -324,6 +351,13 @@ TEST(PhotographFile, ReadsRadianceAsItIsMeant) {
   const Image exposed = of("-Y 2 +X 3", "EXPOSURE=0.5\nEXPOSURE= 4\nCOLORCORR=1 2 1\n");
   EXPECT_FLOAT_EQ(exposed.channel("R")[5], 240.5F / 512);
   EXPECT_FLOAT_EQ(exposed.channel("G")[5], 1.5F / 1024);
+  of("-Y 2 +X 3", "PRIMARIES=0.640 0.330 0.290 0.600 0.150 0.060 0.333 0.333\nPIXASPECT=1.0\n");
+  of("-Y 2 +X 3", "PRIMARIES= .64 .33 .3 .6 .15 .06 .3127 .329\n");
+  expect_error(ErrorKind::kInvalidInput, {"photo", "other primaries"}, [&] {
+    of("-Y 2 +X 3", "PRIMARIES=0.708 0.292 0.170 0.797 0.131 0.046 0.3127 0.3290\n");
+  });
+  expect_error(ErrorKind::kInvalidInput, {"photo", "not square"},
+               [&] { of("-Y 2 +X 3", "PIXASPECT=2\n"); });
 }
 
 TEST(PhotographFile, MarksWhatIsAtTheTop) {
