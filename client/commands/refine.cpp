@@ -159,8 +159,15 @@ std::vector<v1::Scene> load_scenes(const RefineOptions& options) {
 
 // ---- Where to start --------------------------------------------------------------------------
 
-// The middle of the materials of Che et al. 2020: sigma_t 30 to 276, albedo .39 to .95, g 0 to .8.
+// The middle of the materials of Che et al. 2020: sigma_t 30 to 276 for an object whose longest
+// side is 1 mm, albedo .39 to .95, g 0 to .8.
 constexpr Material kMean{91, 0.67, 0.4};
+
+Material mean_of_size(double longest_side) {
+  Material mean = kMean;
+  mean.sigma_t = std::clamp(mean.sigma_t / longest_side, kMinRefinedSigmaT, kMaxRefinedSigmaT);
+  return mean;
+}
 
 Material parsed_material(const std::string& text) {
   std::array<double, 3> numbers{};
@@ -215,7 +222,8 @@ Material network_guess(const RefineOptions& options, const std::vector<v1::Scene
 }
 
 Material first_start(const RefineOptions& options, const std::vector<v1::Scene>& scenes) {
-  if (options.init == "mean") return kMean;
+  if (options.init == "mean")
+    return mean_of_size(longest_side(object_bounds("scene.object", scenes[0].object())));
   if (options.init != "network") return parsed_material(options.init);
   try {
     return network_guess(options, scenes);

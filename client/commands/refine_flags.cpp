@@ -34,7 +34,8 @@ void add_flags(CLI::App& command, RefineOptions& options) {
   command
       .add_option("--init", options.init,
                   "Where to start: network (its answer to the images, which then need a mask.Y), "
-                  "mean (91,0.67,0.4), or SIGMA_T,ALBEDO,G, the first in 1/mm")
+                  "mean (sigma_t 91 over the longest side of the object in mm, 0.67, 0.4), or "
+                  "SIGMA_T,ALBEDO,G, the first in 1/mm")
       ->capture_default_str();
   command.add_option("--model", options.model,
                      "Of --init network: a checkpoint, the folder of a run, or a model that itn "

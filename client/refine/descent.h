@@ -1,6 +1,7 @@
 // One start of a refinement, on its way down.
 #pragma once
 
+#include <algorithm>
 #include <span>
 #include <vector>
 
@@ -51,6 +52,10 @@ class Descent {
   // Whether the last iteration was still farther from where the equations lead than that is
   // uncertain.
   bool is_under_way() const;
+
+  // Samples per pixel of the next iteration; and no more than so many of it.
+  uint32_t spp() const { return spp_; }
+  void limit_spp(uint32_t most) { spp_ = std::min(spp_, most); }
 
   v1::RefineStartState state() const;
 

@@ -43,14 +43,14 @@ void write_state(const fs::path& folder, const v1::RefineState& state) {
 
 // What ended it no longer does, where limits were raised.
 void raise_limits(const v1::RefineSettings& wanted, v1::RefineState& state) {
+  const double former_limit = state.settings().time_limit();
   state.mutable_settings()->set_max_iterations(wanted.max_iterations());
   state.mutable_settings()->set_time_limit(wanted.time_limit());
-  const double seconds = state.trajectory().empty() ? 0 : state.trajectory().rbegin()->seconds();
   for (v1::RefineStartState& start : *state.mutable_starts()) {
     const bool more = start.end() == v1::RefineResult::MAX_ITERATIONS
                           ? start.iterations() < wanted.max_iterations()
                       : start.end() == v1::RefineResult::TIME_LIMIT
-                          ? wanted.time_limit() == 0 || seconds < wanted.time_limit()
+                          ? wanted.time_limit() == 0 || wanted.time_limit() > former_limit
                           : false;
     if (more) start.set_end(v1::RefineResult::UNFINISHED);
   }

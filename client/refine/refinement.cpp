@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 
@@ -168,21 +167,34 @@ bool Refinement::finished() const {
 }
 
 const v1::RefineIteration& Refinement::step(const Synthesize& synthesize) {
-  const auto begin = std::chrono::steady_clock::now();
+  const double begin = clock_();
   const size_t start = next();
   Descent& descent = descents_[start];
   v1::RefineIteration iteration = descent.step(synthesize, derive_seed(settings_.seed(), {start}));
-  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
+  const double took = clock_() - begin;
   const double before = trajectory_.empty() ? 0 : trajectory_.back().seconds();
   iteration.set_start(static_cast<uint32_t>(start));
-  iteration.set_seconds(before + took.count());
+  iteration.set_seconds(before + took);
   trajectory_.push_back(iteration);
-  if (settings_.time_limit() > 0 && iteration.seconds() >= settings_.time_limit()) {
-    for (Descent& each : descents_) {
-      if (each.end() == v1::RefineResult::UNFINISHED) each.set_end(v1::RefineResult::TIME_LIMIT);
-    }
-  }
+  if (settings_.time_limit() > 0 && !finished()) keep_time_limit(took);
   return trajectory_.back();
+}
+
+// An iteration takes as long as the one before, times its samples over that one's. The next has as
+// many samples as the time allows; too few of them would tell hardly more than is known.
+void Refinement::keep_time_limit(double took) {
+  const v1::RefineIteration& last = trajectory_.back();
+  const double left = settings_.time_limit() - last.seconds();
+  const double affordable = took > 0 ? left / took * last.spp() : HUGE_VAL;
+  Descent& descent = descents_[next()];
+  if (affordable >= descent.spp()) return;
+  if (affordable >= std::max(double{kMinSpp}, 0.5 * last.spp())) {
+    descent.limit_spp(static_cast<uint32_t>(affordable));
+    return;
+  }
+  for (Descent& each : descents_) {
+    if (each.end() == v1::RefineResult::UNFINISHED) each.set_end(v1::RefineResult::TIME_LIMIT);
+  }
 }
 
 Material Refinement::material() const {

@@ -11,8 +11,11 @@
 // renders biases neither them nor the answer (client/refine/normal_equations.h).
 #pragma once
 
+#include <chrono>
+#include <functional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "client/refine/observation.h"
@@ -46,6 +49,9 @@ class Refinement {
   Refinement(Refinement&&) noexcept;
   ~Refinement();
 
+  // For tests: what tells the time, in seconds, instead of the machine's clock.
+  void use_clock(std::function<double()> clock) { clock_ = std::move(clock); }
+
   bool finished() const;
 
   // One iteration of one start: every start is brought some way, then the best goes on alone. Not
@@ -68,6 +74,7 @@ class Refinement {
  private:
   size_t best() const;
   size_t next() const;
+  void keep_time_limit(double took);
 
   v1::RefineSettings settings_;
   std::span<const Observation> observations_;
@@ -75,6 +82,10 @@ class Refinement {
   std::vector<SceneUnknown> unknowns_;
   std::vector<Descent> descents_;
   std::vector<v1::RefineIteration> trajectory_;
+  std::function<double()> clock_ = [] {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
+        .count();
+  };
 };
 
 }  // namespace itn

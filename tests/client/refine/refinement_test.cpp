@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -41,6 +42,33 @@ TEST(Refinement, FindsTheTruthInImagesWithoutNoise) {
   EXPECT_NEAR(result.material().albedo(), kTruth.albedo, 0.005);
   EXPECT_NEAR(result.material().g(), kTruth.g, 0.01);
   EXPECT_LE(result.iterations(), 15U);
+}
+
+// A render takes a millisecond for each of its samples. Without a limit 40 iterations would take
+// minutes.
+TEST(Refinement, KeepsItsTimeLimit) {
+  constexpr double kSecondsPerSample = 1e-3;
+  const SyntheticModel model;
+  const std::vector<Observation> observations{model.observe(kTruth, 1e-4, 1)};
+  for (const double limit : {0.3, 1.0, 5.0}) {
+    v1::RefineSettings settings;
+    settings.set_time_limit(limit);
+    settings.set_max_spp(1U << 16);
+    settings.set_tolerance(0);
+    Refinement refinement(settings, observations, {kStart, {50, 0.8, 0.3}});
+    double now = 0;
+    refinement.use_clock([&] { return now; });
+    while (!refinement.finished()) {
+      refinement.step([&](std::span<const SynthesisQuery> queries) {
+        for (const SynthesisQuery& query : queries) now += kSecondsPerSample * query.spp;
+        return model.synthesize()(queries);
+      });
+    }
+    EXPECT_EQ(refinement.result().end(), v1::RefineResult::TIME_LIMIT) << limit;
+    EXPECT_DOUBLE_EQ(refinement.result().seconds(), now) << limit;
+    EXPECT_LE(now, limit) << limit;
+    EXPECT_GT(now, 0.6 * limit) << limit;
+  }
 }
 
 // Of 200 images, each with noise of its own, 95 % of the intervals have the truth, give or take
