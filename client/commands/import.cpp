@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <filesystem>
 #include <map>
@@ -33,21 +34,41 @@ struct ImportFlags {
   ImportOptions options;
 };
 
-// What renders it.
+// Whether a part of the scene has a colour of its own.
+bool has_colours(const v1::Scene& scene) {
+  return std::ranges::any_of(scene.lights(), &v1::Light::has_color) ||
+         std::ranges::any_of(scene.surfaces(),
+                             [](const v1::Surface& s) { return s.has_color() || s.has_image(); }) ||
+         std::ranges::any_of(scene.other_objects(),
+                             [](const v1::Object& o) { return o.material_size() == 3; });
+}
+
+// What renders it: the medium in the film's channel, or in colour.
 std::string command_of(const ImportedScene& imported, const fs::path& output) {
   std::string text = fmt::format("itn render {} -o {}", output.string(),
                                  fs::path(output).replace_extension("exr").string());
+  const v1::Film::Channel channel = imported.scene.film().channel();
+  bool in_colour = false;
   if (imported.medium) {
-    const auto& [r, g, b] = *imported.medium;
+    const std::array<Material, 3>& medium = *imported.medium;
     const auto flag = [&](const char* name, double Material::*member) {
-      text +=
-          r.*member == g.*member && g.*member == b.*member
-              ? fmt::format(" --{} {:.6g}", name, r.*member)
-              : fmt::format(" --{} {:.6g},{:.6g},{:.6g}", name, r.*member, g.*member, b.*member);
+      const double r = medium[0].*member, g = medium[1].*member, b = medium[2].*member;
+      if (channel != v1::Film::LUMINANCE) {
+        const double one = medium[static_cast<size_t>(channel - v1::Film::RED)].*member;
+        text += fmt::format(" --{} {:.6g}", name, one);
+      } else if (r == g && g == b) {
+        text += fmt::format(" --{} {:.6g}", name, r);
+      } else {
+        text += fmt::format(" --{} {:.6g},{:.6g},{:.6g}", name, r, g, b);
+        in_colour = true;
+      }
     };
     flag("sigma-t", &Material::sigma_t);
     flag("albedo", &Material::albedo);
     if (imported.phase.empty()) flag("g", &Material::g);
+  }
+  if (channel == v1::Film::LUMINANCE && !in_colour && has_colours(imported.scene)) {
+    text += " --color";
   }
   if (!imported.phase.empty()) text += fmt::format(" --phase '{}'", imported.phase);
   if (imported.samples > 0) text += fmt::format(" --spp {}", imported.samples);
@@ -77,10 +98,13 @@ void define(const std::string& text, std::map<std::string, std::string>& definit
   const size_t equals = text.find('=');
   require_usage(equals != std::string::npos && equals > 0,
                 fmt::format("-D {}: it is NAME=VALUE", printable(text)));
-  definitions[text.substr(0, equals)] = text.substr(equals + 1);
+  const bool is_new = definitions.emplace(text.substr(0, equals), text.substr(equals + 1)).second;
+  require_usage(is_new, fmt::format("-D {}: it is defined twice", printable(text)));
 }
 
 void run_import(ImportFlags flags) {
+  require_usage(!is_stdout(flags.output),
+                "--output -: the scene file refers to others by where it is; name a file");
   check_writable(flags.output);
   require_no_input("--output", flags.output, {flags.input});
   flags.options.output_folder = fs::path(flags.output).parent_path();

@@ -1,6 +1,7 @@
 #include "client/import/import_mitsuba.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -66,6 +67,7 @@ class Importer {
         child->used = true;
         add_shape(*child);
       } else if (child->tag == "emitter" || child->tag == "luminaire") {
+        if (child->type == "area") continue;  // of shapes that refer to it
         child->used = true;
         add_emitter(*child);
       } else if (child->tag == "sensor" || child->tag == "camera") {
@@ -81,11 +83,16 @@ class Importer {
     if (!result_.scene.has_camera()) {
       throw invalid_input(scene.place + ": no <sensor>; a scene here needs a camera");
     }
+    leave_backs();
     if (!result_.scene.has_object()) {
       leave(scene, "no shape has a medium in it; `object` of the scene file is to be written");
     }
     if (result_.scene.lights().empty()) {
       leave(scene, "nothing shines; `lights` of the scene file are to be written");
+    }
+    if (!upright().isApprox(Affine3d::Identity())) {
+      leave(scene,
+            "it was turned so that its sky stands over +y: coordinates are others than there");
     }
     if (!file_.has_version) leave(scene, "has no version; it was read as one of Mitsuba 3");
     leave_unused(scene);
@@ -100,6 +107,19 @@ class Importer {
     }
   }
 
+  // Surfaces here reflect on both sides; in Mitsuba the camera may look at a black back.
+  void leave_backs() {
+    const v1::Vec3& origin = result_.scene.camera().origin();
+    const Vector3d camera(origin.x(), origin.y(), origin.z());
+    for (const auto& [bsdf, transform] : one_sided_) {
+      const Vector3d normal =
+          transform.linear().inverse().transpose() * Vector3d::UnitZ();  // of its front
+      if (normal.dot(camera - transform.translation()) < 0) {
+        leave(*bsdf, "its back, which the camera sees, reflects here; in Mitsuba it is black");
+      }
+    }
+  }
+
   // With all that is in it.
   void leave_out(const MitsubaPlugin& what, const std::string& why) {
     leave(what, why);
@@ -111,7 +131,7 @@ class Importer {
     if (integrator.number("max_depth", -1) >= 0) {
       leave(integrator, "max_depth: paths of all lengths are followed here");
     }
-    if (integrator.text("hide_emitters", "false") == "true") {
+    if (integrator.flag("hide_emitters", false)) {
       leave(integrator, "hide_emitters: lights that the camera looks into are seen here");
     }
     for (const auto& [name, nested] : integrator.children) {
@@ -211,9 +231,7 @@ class Importer {
     set(*to.mutable_half_u(), transform.linear().col(0));
     set(*to.mutable_half_v(), transform.linear().col(1) * side);
   }
-  static bool flips(const MitsubaPlugin& shape) {
-    return shape.text("flip_normals", "false") == "true";
-  }
+  static bool flips(const MitsubaPlugin& shape) { return shape.flag("flip_normals", false); }
   Affine3d to_world(const MitsubaPlugin& plugin) const {
     return world_ * plugin.transform("to_world");
   }
@@ -272,7 +290,7 @@ class Importer {
   }
 
   void add_shape(const MitsubaPlugin& shape) {
-    shape.text("face_normals", "");
+    shape.flag("face_normals", false);
     if (const MitsubaPlugin* const around = shape.child("medium", "exterior")) {
       leave_out(*around, "is around objects; there is clear air here");
     }
@@ -325,8 +343,16 @@ class Importer {
   double index_of(const MitsubaPlugin& bsdf, const std::string& property,
                   const std::string& otherwise) const {
     if (!bsdf.has(property)) return named_indices().at(otherwise);
-    const auto named = named_indices().find(bsdf.text(property, ""));
-    return named != named_indices().end() ? named->second : bsdf.number(property, 1);
+    const std::string text = bsdf.text(property, "");
+    if (const auto named = named_indices().find(text); named != named_indices().end()) {
+      return named->second;
+    }
+    const bool is_name = !text.empty() && std::isalpha(static_cast<unsigned char>(text[0])) != 0;
+    if (!is_name) return bsdf.number(property, 1);
+    std::vector<std::string> names;
+    for (const auto& [name, index] : named_indices()) names.push_back(name);
+    throw invalid_input(fmt::format("{} {}: \"{}\" is unknown; a number, or one of {}", bsdf.place,
+                                    property, printable(text), fmt::join(names, ", ")));
   }
 
   static bool is_air(double index) { return std::abs(index - 1) < 1e-3; }
@@ -511,6 +537,9 @@ class Importer {
       return;
     }
     if (bsdf->type != "diffuse") leave(*bsdf, "is diffuse here");
+    if (shape.type == "rectangle" && shape.child("bsdf")->type != "twosided") {
+      one_sided_.emplace_back(bsdf, to_world(shape));
+    }
     constexpr std::array kNames{"reflectance", "diffuse_reflectance", "base_color"};
     for (const std::string name : kNames) {
       if (const MitsubaPlugin* const texture = bsdf->child("texture", name)) {
@@ -549,7 +578,9 @@ class Importer {
       set(*image.mutable_corner(), start + up);
       set(*image.mutable_edge_u(), right);
       set(*image.mutable_edge_v(), -up);
-      texture.text("filter_type", "");
+      if (texture.text("filter_type", "bilinear") != "bilinear") {
+        leave(texture, "its filter_type: pixels are interpolated here");
+      }
       return true;
     }
     if (texture.type != "checkerboard") return false;
@@ -701,8 +732,7 @@ class Importer {
     set(*camera.mutable_up(), axes.col(1).normalized());
     camera.set_principal_x(static_cast<float>(0.5 - sensor.number("principal_point_offset_x", 0)));
     camera.set_principal_y(static_cast<float>(0.5 - sensor.number("principal_point_offset_y", 0)));
-    for (const char* const name : {"near_clip", "far_clip", "focus_distance"})
-      sensor.number(name, 0);
+    sensor.number("focus_distance", 0);
 
     const MitsubaPlugin* film = sensor.child("film");
     static const MitsubaPlugin kDefaults;
@@ -714,10 +744,13 @@ class Importer {
     const double smallest = std::min({width, height, cropped_width, cropped_height});
     const double largest = std::max({width, height, cropped_width, cropped_height});
     constexpr double kMaxPixels = 65536;
-    if (!(smallest >= 1 && largest <= kMaxPixels)) {
-      throw invalid_input(
-          fmt::format("{}: {} x {} pixels, cropped to {} x {}; each must be in [1, {}]",
-                      film->place, width, height, cropped_width, cropped_height, kMaxPixels));
+    const auto is_whole = [](double number) { return number == std::floor(number); };
+    const bool are_whole =
+        is_whole(width) && is_whole(height) && is_whole(cropped_width) && is_whole(cropped_height);
+    if (!(smallest >= 1 && largest <= kMaxPixels && are_whole)) {
+      throw invalid_input(fmt::format(
+          "{}: {} x {} pixels, cropped to {} x {}; each must be a whole number in [1, {}]",
+          film->place, width, height, cropped_width, cropped_height, kMaxPixels));
     }
     if (!(left >= 0 && top >= 0 && left + cropped_width <= width &&
           top + cropped_height <= height)) {
@@ -783,8 +816,9 @@ class Importer {
   const ImportOptions& options_;
   const fs::path folder_;
   const MitsubaFile file_;
-  std::set<const MitsubaPlugin*> visited_;  // by leave_unused
-  Affine3d world_;                          // from the coordinates of the file to ours, in mm
+  std::set<const MitsubaPlugin*> visited_;                            // by leave_unused
+  std::vector<std::pair<const MitsubaPlugin*, Affine3d>> one_sided_;  // of rectangles
+  Affine3d world_;  // from the coordinates of the file to ours, in mm
   ImportedScene result_;
 };
 

@@ -17,6 +17,7 @@
 #include "common/files/read_file.h"
 #include "common/image/srgb.h"
 #include "common/printable.h"
+#include "common/vec.h"
 
 namespace itn {
 namespace {
@@ -252,7 +253,13 @@ class Reader {
       if (tag == "default") {
         defaults_.emplace(child.attribute("name").value(), value("value"));
       } else if (tag == "include") {
-        include(to, document.path.parent_path() / value("filename"), depth);
+        try {
+          include(to, document.path.parent_path() / value("filename"), depth);
+        } catch (const Error& error) {
+          if (error.kind() != ErrorKind::kIo) throw;
+          throw Error(error.kind(),
+                      fmt::format("{}: <include>: {}", document.place(child), error.what()));
+        }
       } else if (tag == "ref") {
         references_.push_back({&to, to.children.size(), value("id"), document.place(child)});
         to.children.push_back({with_underscores(value("name")), nullptr});
@@ -345,6 +352,12 @@ class Reader {
     return result;
   }
 
+  // What Mitsuba 3 takes for `up` where a file has none: a vector at right angles to the unit one.
+  static Eigen::Vector3d tangent_of(const Eigen::Vector3d& ahead) {
+    const Vec3d s = Basis<double>(Vec3d{ahead.x(), ahead.y(), ahead.z()}).s;
+    return {s.x, s.y, s.z};
+  }
+
   Eigen::Affine3d step_of(const pugi::xml_node& step, const Document& document) {
     const std::string tag = with_underscores(step.name());
     const std::string place = document.place(step) + ": <transform>";
@@ -380,9 +393,8 @@ class Reader {
       }
     } else if (tag == "lookat" || tag == "look_at") {
       const Eigen::Vector3d origin = vector("origin", 0), target = vector("target", 0);
-      const Eigen::Vector3d up =
-          attributes.contains("up") ? vector("up", 0) : Eigen::Vector3d(0, 1, 0);
       const Eigen::Vector3d ahead = (target - origin).normalized();
+      const Eigen::Vector3d up = attributes.contains("up") ? vector("up", 0) : tangent_of(ahead);
       const Eigen::Vector3d left = up.cross(ahead).normalized();
       if (!ahead.allFinite() || !left.allFinite() || left.norm() == 0) {
         throw invalid_input(place + ": a lookat whose target is its origin, or lies along `up`");
@@ -437,6 +449,16 @@ std::string MitsubaPlugin::text(const std::string& property, const std::string& 
   return found ? attribute(*found, "value") : otherwise;
 }
 
+bool MitsubaPlugin::flag(const std::string& property, bool otherwise) const {
+  if (!has(property)) return otherwise;
+  const std::string value = text(property, "");
+  std::string lower = value;
+  std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return std::tolower(c); });
+  if (lower == "true" || lower == "false") return lower == "true";
+  throw invalid_input(fmt::format("{} {}: {} is neither true nor false", place, printable(property),
+                                  in_quotes(value)));
+}
+
 bool MitsubaPlugin::has_spectrum(const std::string& property) const {
   const auto found = properties.find(property);
   return found != properties.end() &&
@@ -448,6 +470,12 @@ std::array<double, 3> MitsubaPlugin::colour(const std::string& property, double 
   if (!found) {
     // Mitsuba 3 writes constants as plugins, too.
     const MitsubaPlugin* const constant = child("volume", property);
+    if (constant && constant->type != "constvolume") {
+      throw invalid_input(
+          fmt::format("{}: {} varies from place to place; a medium here is the same "
+                      "everywhere",
+                      constant->place, printable(property)));
+    }
     return constant ? constant->colour("value", otherwise)
                     : std::array{otherwise, otherwise, otherwise};
   }

@@ -115,6 +115,10 @@ Header read_header(std::string_view& rest, const std::string& name) {
           name));
     }
     if (line.starts_with("PRIMARIES=")) check_primaries(line.substr(10), name);
+    if (line.starts_with("GAMMA=") && positive(line.substr(6), name) != 1) {
+      throw invalid_input(fmt::format(
+          "{} is a Radiance HDR image with a GAMMA, which is not read; save it as linear", name));
+    }
     if (line.starts_with("PIXASPECT=") && std::abs(positive(line.substr(10), name) - 1) > 1e-3) {
       throw invalid_input(
           fmt::format("{} has pixels that are not square (PIXASPECT), which is not "

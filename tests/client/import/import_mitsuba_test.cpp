@@ -19,6 +19,7 @@ using ::testing::ElementsAre;
 using testing::expect_error;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 
 class ImportMitsuba : public ::testing::Test {
  protected:
@@ -29,8 +30,9 @@ class ImportMitsuba : public ::testing::Test {
     options.output_folder = folder_.path();
     return import_mitsuba(file, options);
   }
-  void refuses(const std::string& body, const std::vector<std::string>& parts) const {
-    expect_error(ErrorKind::kInvalidInput, parts, [&] { import(body + kSensor); });
+  void refuses(const std::string& body, const std::vector<std::string>& parts,
+               ErrorKind kind = ErrorKind::kInvalidInput) const {
+    expect_error(kind, parts, [&] { import(body + kSensor); });
   }
 
   static constexpr const char* kSensor =
@@ -201,9 +203,49 @@ TEST_F(ImportMitsuba, SaysWhatIsLost) {
   EXPECT_THAT(lost(R"(<shape type="sphere"><emitter type="area"/><transform name="to_world">
                       <scale x="2"/></transform></shape>)"),
               Contains(HasSubstr("an ellipsoid; it is a sphere of its volume")));
+  // The camera looks along +z from the origin.
+  EXPECT_THAT(lost(R"(<shape type="rectangle"><bsdf type="diffuse"/><transform name="to_world">
+                      <translate z="2"/></transform></shape>)"),
+              Contains(HasSubstr("its back, which the camera sees, reflects here")));
+  EXPECT_THAT(lost(R"(<shape type="rectangle"><bsdf type="diffuse"/><transform name="to_world">
+                      <translate z="-2"/></transform></shape>)"),
+              Not(Contains(HasSubstr("its back"))));
+  EXPECT_THAT(lost(R"(<shape type="rectangle"><bsdf type="twosided"><bsdf type="diffuse"/></bsdf>
+                      <transform name="to_world"><translate z="2"/></transform></shape>)"),
+              Not(Contains(HasSubstr("its back"))));
+  EXPECT_THAT(lost(R"(<integrator type="path"><boolean name="hide_emitters" value="True"/>
+                      </integrator>)"),
+              Contains(HasSubstr("hide_emitters")));
+  EXPECT_THAT(lost(R"(<shape type="rectangle"><bsdf type="twosided"><bsdf type="diffuse">
+                      <texture type="bitmap" name="reflectance"><string name="filename" value="a.png"/>
+                      <string name="filter_type" value="nearest"/></texture></bsdf></bsdf></shape>)"),
+              Contains(HasSubstr("filter_type: pixels are interpolated")));
+  EXPECT_THAT(import(R"(<sensor type="perspective"><float name="fov" value="9"/>
+                        <float name="near_clip" value="4.9"/></sensor>)")
+                  .not_carried_over,
+              Contains(HasSubstr("near_clip was not carried over")));
+  EXPECT_THAT(lost("<emitter type=\"sky\"/>"),
+              Contains(HasSubstr("it was turned so that its sky")));
   EXPECT_THAT(import(kSensor, "").not_carried_over, Contains(HasSubstr("has no version")));
   EXPECT_THAT(lost("<shape type=\"x&#10;lights { constant {} }\"/>"),
               Contains(HasSubstr("x\\x0alights")));
+}
+
+// Mitsuba 3 takes a vector at right angles to the view for it.
+TEST_F(ImportMitsuba, TakesUpOfItsOwnWhereThereIsNone) {
+  const ImportedScene imported =
+      import(R"(<sensor type="perspective"><float name="fov" value="9"/><transform name="to_world">
+                <lookat origin="0,1,-5" target="0,0,0"/></transform></sensor>)");
+  expect_near(imported.scene.camera().up(), 1, 0, 0);
+}
+
+// An area light that shapes refer to is no light by itself.
+TEST_F(ImportMitsuba, ReadsAreaLightsThatAreReferredTo) {
+  const ImportedScene imported = import(std::string(R"(<emitter type="area" id="e"/>
+      <shape type="rectangle"><ref id="e"/></shape>)") +
+                                        kSensor);
+  EXPECT_EQ(imported.scene.lights_size(), 1);
+  EXPECT_THAT(imported.not_carried_over, Not(Contains(HasSubstr("does not shine"))));
 }
 
 // Parts of parts of parts, each twice, are visited once.
@@ -422,6 +464,18 @@ TEST_F(ImportMitsuba, RefusesWhatItCannotRead) {
           {"radius is -1; it must be above 0"});
   refuses(R"(<shape type="sphere"><float name="radius" value="-1"/><emitter type="area"/></shape>)",
           {"radius is -1; it must be above 0"});
+  refuses(R"(<shape type="rectangle"><boolean name="flip_normals" value="1"/>
+             <emitter type="area"/></shape>)",
+          {"flip_normals", "\"1\" is neither true nor false"});
+  refuses("<include filename=\"absent.xml\"/>", {"scene.xml:1: <include>", "absent.xml"},
+          ErrorKind::kIo);
+  refuses(
+      R"(<shape type="cube"><bsdf type="dielectric"><string name="int_ior" value="glass"/></bsdf>
+             <medium type="homogeneous" name="interior"/></shape>)",
+      {"int_ior: \"glass\" is unknown", "bk7"});
+  refuses(R"(<shape type="cube"><bsdf type="null"/><medium type="homogeneous" name="interior">
+             <volume type="gridvolume" name="albedo"/></medium></shape>)",
+          {"albedo varies from place to place"});
   for (const char* const version : {"9", "3x", "-1", "new"}) {
     expect_error(ErrorKind::kInvalidInput, {"version \"" + std::string(version) + "\" is unknown"},
                  [&] { import(kSensor, version); });

@@ -358,6 +358,8 @@ TEST(PhotographFile, ReadsRadianceAsItIsMeant) {
   });
   expect_error(ErrorKind::kInvalidInput, {"photo", "not square"},
                [&] { of("-Y 2 +X 3", "PIXASPECT=2\n"); });
+  expect_error(ErrorKind::kInvalidInput, {"photo", "GAMMA"},
+               [&] { of("-Y 2 +X 3", "GAMMA=2.2\n"); });
 }
 
 TEST(PhotographFile, MarksWhatIsAtTheTop) {
