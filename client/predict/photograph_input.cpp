@@ -157,8 +157,11 @@ std::vector<float> mask_of(const PhotographContent& content, const std::string& 
   if (options.mask_by_background) return mask_of_background(content, name);
   const Image& image = content.file.image;
   if (image.has("mask.Y")) return image.channel("mask.Y");
-  if (image.has("A") && has_mask(image.channel("A"))) {
-    std::vector<float> mask = image.channel("A");
+  // "ViewLayer.Combined.A" beside "ViewLayer.Combined.R", "A" beside "R".
+  const std::string& radiance = content.channels.front();
+  const std::string alpha = radiance.substr(0, radiance.rfind('.') + 1) + "A";
+  if (image.has(alpha) && has_mask(image.channel(alpha))) {
+    std::vector<float> mask = image.channel(alpha);
     brighten(mask, "the alpha of " + name, name);
     return mask;
   }
@@ -310,9 +313,11 @@ std::vector<float> read_mask_for(const PhotographContent& content, const std::st
   if (parts.parts > 1) {
     spdlog::warn("{}: it is in {} parts, which are taken for one object", path, parts.parts);
   }
-  // An object that fills the photograph, with a hole: it is rather what is around the object.
-  constexpr double kFilled = 0.85, kHole = 0.05;
-  if (parts.filled > kFilled && parts.largest_hole > kHole) {
+  // An object that fills the photograph, or a rectangle of it, with a hole: it is rather what is
+  // around the object.
+  constexpr double kFilled = 0.85, kRectangle = 0.5, kHole = 0.05;
+  const bool fills = parts.filled > kFilled || (parts.filled > kRectangle && parts.is_rectangle);
+  if (fills && parts.largest_hole > kHole) {
     throw invalid_input(fmt::format(
         "the mask {} surrounds {:.0f} % of the photograph and leaves out {:.0f} % in its middle: "
         "is it inverted? White is the object, black what is around it",

@@ -54,7 +54,7 @@ Error unclear(const Image& image, const std::string& name, const std::string& wa
 
 std::vector<std::string> radiance_channels(const Image& image, const std::string& name,
                                            const std::string& wanted_layer,
-                                           const std::string& way_out) {
+                                           const std::string& recovery_hint) {
   if (!wanted_layer.empty()) {
     if (auto found = radiance_in(image, wanted_layer); !found.empty()) return found;
     throw unclear(
@@ -80,7 +80,7 @@ std::vector<std::string> radiance_channels(const Image& image, const std::string
   }
   throw unclear(image, name,
                 layers.size() > 1 ? fmt::format("which of the layers {} is meant? {}",
-                                                fmt::join(layers, ", "), way_out)
+                                                fmt::join(layers, ", "), recovery_hint)
                                   : "wanted are R, G and B, or Y, or L, or one channel alone");
 }
 

@@ -13,10 +13,10 @@ namespace itn {
 // one that Blender calls Combined; the only channel that there is, beside alpha and mask. Y beside
 // X and Z is a coordinate. `wanted_layer`, unless empty: that one ("ViewLayer.DiffDir"). Throws
 // Error (invalid input) that names the channels found and wanted, and where several layers could be
-// meant, the way out; `name` is the file's.
+// meant, the recovery hint; `name` is the file's.
 std::vector<std::string> radiance_channels(
     const Image& image, const std::string& name, const std::string& wanted_layer = "",
-    const std::string& way_out = "save that which is meant by itself");
+    const std::string& recovery_hint = "save that which is meant by itself");
 
 // The channel of a mask file: mask.Y, mask, Y, L, R, A, or the only one. Throws likewise.
 std::string mask_channel(const Image& image, const std::string& name);

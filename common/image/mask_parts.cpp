@@ -62,12 +62,17 @@ MaskParts drop_specks(std::vector<float>& mask, int width, int height) {
     ++label, ++on;
   }
   const Components around(1 - on_object, 4);
+  cv::Mat filled = on_object.clone();
   int hole = 0, holes = 0;
   for (int each = 1; each < around.count; ++each) {
     if (around.reaches_border(each)) continue;
     hole = std::max(hole, around.area(each));
     holes += around.area(each);
+    filled.setTo(1, around.labels == each);
   }
+  constexpr double kRectangle = 0.98;
+  const cv::Rect box = cv::boundingRect(filled);
+  result.is_rectangle = left > 0 && cv::countNonZero(filled) > kRectangle * box.area();
   const double pixels = static_cast<double>(mask.size());
   result.filled = (left + holes) / pixels;
   result.largest_hole = hole / pixels;

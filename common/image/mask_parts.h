@@ -7,11 +7,12 @@
 namespace itn {
 
 struct MaskParts {
-  size_t specks = 0;        // parts that were left out
-  size_t speck_pixels = 0;  // in all of them
-  size_t parts = 0;         // that are left
-  double filled = 0;        // of the image, by what is left and the holes in it
-  double largest_hole = 0;  // of the image
+  size_t specks = 0;          // parts that were left out
+  size_t speck_pixels = 0;    // in all of them
+  size_t parts = 0;           // that are left
+  double filled = 0;          // of the image, by what is left and the holes in it
+  double largest_hole = 0;    // of the image
+  bool is_rectangle = false;  // what is filled, to 2 % of its area
 };
 
 // Blackens what is on the object (is_on_object()) and smaller than 1/200 of the largest part.

@@ -183,6 +183,22 @@ TEST_F(PhotographInput, SeesThatAMaskIsInvertedWithinAFrame) {
                [&] { load_photograph(exr("photo.exr"), options); });
 }
 
+// As Blender writes them, with the object where alpha is 1.
+TEST_F(PhotographInput, TakesTheAlphaOfItsLayer) {
+  const std::string photo = exr("blender.exr", [](Image& image) {
+    std::vector<float> alpha;
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) alpha.push_back(on_object(x, y) ? 1.0F : 0.0F);
+    }
+    std::map<std::string, std::vector<float>> channels;
+    for (auto& [name, plane] : image.channels) channels["V.Combined." + name] = std::move(plane);
+    channels["V.Combined.A"] = std::move(alpha);
+    image.channels = {channels.begin(), channels.end()};
+  });
+  EXPECT_EQ(load_photograph(photo, {}).photograph.mask,
+            load_photograph(exr("photo.exr"), with_mask()).photograph.mask);
+}
+
 // The card has 0.09 where white would have 0.09 / 0.18.
 TEST_F(PhotographInput, MeasuresAGrayCard) {
   PhotographOptions options = with_mask();

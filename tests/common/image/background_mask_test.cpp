@@ -280,6 +280,11 @@ TEST(MaskParts, AreCountedWithoutSpecks) {
   EXPECT_EQ(parts.parts, 2U);
   EXPECT_DOUBLE_EQ(parts.filled, (400 + 6 + 10) / 1200.0);
   EXPECT_DOUBLE_EQ(parts.largest_hole, 100 / 1200.0);
+  EXPECT_FALSE(parts.is_rectangle);
+  fill(0, 0, kWidth, kHeight, 0);
+  fill(10, 8, 20, 15, 1);
+  fill(15, 10, 6, 6, 0);
+  EXPECT_TRUE(drop_specks(mask, kWidth, kHeight).is_rectangle);
   std::vector<float> black(12);
   EXPECT_EQ(drop_specks(black, 4, 3).parts, 0U);
 }
