@@ -71,7 +71,7 @@ NamedMaterial from_numbers(const MaterialsOptions& options) {
   return result;
 }
 
-// What `itn refine -o` found, with its intervals, and the boundary if that was found, too.
+// What `itn refine -o` found, with its intervals, behind the boundary of the scene.
 NamedMaterial from_refinement(const std::vector<std::string>& folders) {
   require_usage(folders.size() == 1 || folders.size() == 3,
                 fmt::format("--refined has {} folders; 1, or 3 of R, G and B, would be right",
@@ -92,10 +92,8 @@ NamedMaterial from_refinement(const std::vector<std::string>& folders) {
         "{}, 95 % intervals: {}, {}, {}", folder, interval("sigma_t", refined.sigma_t()),
         interval("albedo", refined.albedo()), interval("g", refined.g())));
     result.notes.insert(result.notes.end(), refined.remarks().begin(), refined.remarks().end());
-    for (const v1::RefinedParameter& found : refined.unknowns()) {
-      if (found.name() == "rough_dielectric.index") indices.push_back(found.value());
-      if (found.name() == "rough_dielectric.roughness") roughnesses.push_back(found.value());
-    }
+    if (refined.has_index()) indices.push_back(refined.index());
+    if (refined.has_roughness()) roughnesses.push_back(refined.roughness());
   }
   const auto mean = [](const std::vector<double>& of, double otherwise) {
     const double sum = std::accumulate(of.begin(), of.end(), 0.0);
@@ -140,6 +138,9 @@ void write(const NamedMaterial& material, MaterialsOptions options) {
   options.exports.provenance = material.source;
   options.exports.notes = material.notes;
   const double index = options.index.value_or(material.index);
+  require_usage(index != 1 || options.roughness.value_or(0) == 0,
+                "--roughness is that of a surface, and there is none where the index is 1: give "
+                "--index");
   if (index != 1)
     options.exports.boundary = {index, options.roughness.value_or(material.roughness)};
   const std::string text =
@@ -217,14 +218,14 @@ void add_materials_command(CLI::App& app) {
   command
       ->add_option(
           "--index", options->index,
-          "Index of refraction of the medium; default: what the list says or itn refine found, or "
+          "Index of refraction of the medium; default: what the list says or itn refine had, or "
           "1: light passes its surface as if there were none")
       ->check(number_in(1.0, 2.5))
       ->needs(format);
   command
       ->add_option(
           "--roughness", options->roughness,
-          "Of its surface, alpha of GGX; 0: it is smooth; default: what itn refine found, or 0")
+          "Of its surface, alpha of GGX; 0: it is smooth; default: what itn refine had, or 0")
       ->check(number_in(0.0, 1.0))
       ->needs(format);
   add_scene_unit_flag(*command, options->exports.mm_per_scene_unit);

@@ -33,6 +33,8 @@
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_file.h"
 #include "server/scene_compiler/mesh_builder.h"
+#include "server/tracer/boundary/dielectric.h"
+#include "server/tracer/boundary/rough_dielectric.h"
 #include "server/tracer/colour/channel.h"
 
 namespace itn {
@@ -266,6 +268,24 @@ v1::RefineSettings settings_of(const RefineOptions& options) {
   return settings;
 }
 
+// As the scene has it, or as it was found.
+void set_boundary(const v1::Object& object, v1::RefineResult& result) {
+  if (object.has_dielectric()) {
+    const v1::Dielectric& smooth = object.dielectric();
+    result.set_index(smooth.has_index() ? smooth.index() : tracer::Dielectric{}.index);
+    result.set_roughness(0);
+  }
+  if (!object.has_rough_dielectric()) return;
+  const v1::RoughDielectric& rough = object.rough_dielectric();
+  const tracer::RoughDielectric otherwise;
+  result.set_index(rough.has_index() ? rough.index() : otherwise.index);
+  result.set_roughness(rough.has_roughness() ? rough.roughness() : otherwise.roughness);
+  for (const v1::RefinedParameter& found : result.unknowns()) {
+    if (found.name() == "rough_dielectric.index") result.set_index(found.value());
+    if (found.name() == "rough_dielectric.roughness") result.set_roughness(found.value());
+  }
+}
+
 std::vector<Synthesis> render_fits(const Refinement& refinement,
                                    std::span<const Observation> observations,
                                    const Synthesize& synthesize) {
@@ -320,7 +340,8 @@ void run_refine(const RefineOptions& options) {
                                     unknowns, i.loss(), i.spp()));
           }};
   const Refinement refinement = refine(settings, observations, synthesize, refine_run);
-  const v1::RefineResult result = refinement.result();
+  v1::RefineResult result = refinement.result();
+  set_boundary(scenes[0].object(), result);
   if (!options.output.empty()) {
     write_outcome(options.output, result, observations,
                   render_fits(refinement, observations, synthesize), refinement.exposure());

@@ -49,6 +49,7 @@ struct Descent::Evaluation {
   Vector x;
   NormalEquations equations;
   double loss = 0, loss_standard_error = 0, noise_loss = 0;
+  Structure structure;
   double cpu_seconds = 0;
 };
 
@@ -93,6 +94,7 @@ Descent::Evaluation Descent::evaluate(const Synthesize& synthesize, uint64_t see
     variance += residuals.squares_variance;
     energy += residuals.energy;
     noise += residuals.noise;
+    evaluation.structure += residuals.structure;
     evaluation.cpu_seconds += syntheses[i].cpu_seconds;
   }
   evaluation.loss = squares / energy;
@@ -125,6 +127,7 @@ void Descent::accumulate(const Evaluation& evaluation) {
   loss_ = evaluation.loss;
   loss_standard_error_ = evaluation.loss_standard_error;
   noise_loss_ = evaluation.noise_loss;
+  structure_ = evaluation.structure;
 }
 
 ScoreTest Descent::test() const {
@@ -277,6 +280,11 @@ v1::RefineStartState Descent::state() const {
   state.set_loss(loss_);
   state.set_loss_standard_error(loss_standard_error_);
   state.set_noise_loss(noise_loss_);
+  state.mutable_structure()->set_of_quarters(structure_.of_quarters);
+  state.mutable_structure()->set_of_blocks(structure_.of_blocks);
+  state.mutable_structure()->set_shared(structure_.shared);
+  state.mutable_structure()->set_of_image(structure_.of_image);
+  state.mutable_structure()->set_blocks(structure_.blocks);
   for (const ImageEquations& image_equations : image_equations_)
     *state.add_images() = image_equations.state();
   set(state.mutable_curvature(), normal_equations_.curvature.reshaped<Eigen::RowMajor>());
@@ -311,6 +319,11 @@ Descent::Descent(const v1::RefineSettings& settings, Unknowns unknowns,
   loss_ = state.loss();
   loss_standard_error_ = state.loss_standard_error();
   noise_loss_ = state.noise_loss();
+  structure_ = {.of_quarters = state.structure().of_quarters(),
+                .of_blocks = state.structure().of_blocks(),
+                .shared = state.structure().shared(),
+                .of_image = state.structure().of_image(),
+                .blocks = state.structure().blocks()};
   for (size_t i = 0; i < image_equations_.size(); ++i) {
     image_equations_[i].restore(state.images(static_cast<int>(i)), static_cast<size_t>(n));
   }

@@ -42,6 +42,8 @@ class Descent {
   double loss_standard_error() const { return loss_standard_error_; }
   // Of the part of that loss that the image's own noise explains; 0 if it is not known.
   double noise_loss() const { return noise_loss_; }
+  // Of the differences there.
+  const Structure& structure() const { return structure_; }
 
   // As it stands.
   Material material() const { return material_at(x_); }
@@ -84,6 +86,7 @@ class Descent {
   double samples_ = 0;
   double trust_radius_ = 1;
   double loss_ = 0, loss_standard_error_ = 0, noise_loss_ = 0;
+  Structure structure_;
   uint32_t spp_ = 0, iterations_ = 0;
   uint32_t renders_at_max_spp_ = 0;  // with the most samples, where it does not move any more
   Vector first_moment_, second_moment_;

@@ -3,7 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <map>
+#include <utility>
 
 #include "common/error.h"
 #include "common/learning/weight_map.h"
@@ -76,6 +79,27 @@ void add(const NormalEquations& terms, double factor, NormalEquations& sum) {
   sum.curvature += counted.curvature;
   sum.gradient += counted.gradient;
   sum.render_noise += counted.render_noise;
+}
+
+Structure& Structure::operator+=(const Structure& other) {
+  of_quarters += other.of_quarters;
+  of_blocks += other.of_blocks;
+  shared += other.shared;
+  of_image += other.of_image;
+  blocks += other.blocks;
+  return *this;
+}
+
+double Structure::relative() const {
+  return std::sqrt(std::max(0.0, shared) / of_image);
+}
+
+bool Structure::is_misfit() const {
+  // Noise whose neighbours are alike over three pixels has 1.2. The ratio of independent ones has a
+  // standard error of (3 / 2 blocks)^(1/2).
+  constexpr double kAlike = 1.2, kStandardErrors = 3.5, kLeast = 0.003;
+  return is_known() && over_noise() > kAlike + kStandardErrors * std::sqrt(1.5 / blocks) &&
+         relative() > kLeast;
 }
 
 ImageEquations::ImageEquations(const Observation& observation, v1::RefineSettings::Weights weights)
@@ -305,10 +329,14 @@ ImageEquations::Residuals ImageEquations::evaluate(const Synthesis& synthesis, u
     }
   }
 
+  Plane differences;
+  for (size_t i = 0; i < count; ++i) differences.push_back(image_[i] - residuals.radiance[i]);
+  residuals.structure = structure_of(differences);
+
   // (I - T)^2 from different estimates: the squared mean less its own variance.
   for (size_t i = 0; i < count; ++i) {
     const double w = fixed_weights_[i];
-    const double difference = image_[i] - residuals.radiance[i];
+    const double difference = differences[i];
     double variance = 0;
     for (const Estimate& estimate : estimates) {
       variance +=
@@ -320,6 +348,42 @@ ImageEquations::Residuals ImageEquations::evaluate(const Synthesis& synthesis, u
     residuals.noise += w * squared_noise_[i];
   }
   return residuals;
+}
+
+Structure ImageEquations::structure_of(std::span<const double> differences) const {
+  // The largest blocks of which there are many.
+  constexpr size_t kMany = 64;
+  uint32_t side = 4;
+  while (side < 16 && pixels_.size() / (size_t{4} * side * side) >= kMany) side *= 2;
+  struct Block {
+    std::array<double, 4> quarters{};
+    double energy = 0;
+    uint32_t pixels = 0;
+  };
+  const uint32_t width = observation_.scene->width;
+  std::map<std::pair<uint32_t, uint32_t>, Block> blocks;
+  for (size_t i = 0; i < pixels_.size(); ++i) {
+    const uint32_t x = pixels_[i] % width, y = pixels_[i] / width;
+    Block& block = blocks[{y / side, x / side}];
+    const uint32_t quarter = 2 * (y % side / (side / 2)) + x % side / (side / 2);
+    block.quarters[quarter] += std::sqrt(fixed_weights_[i]) * differences[i];
+    block.energy += fixed_weights_[i] * image_[i] * image_[i];
+    ++block.pixels;
+  }
+  Structure structure;
+  for (const auto& [place, block] : blocks) {
+    if (block.pixels < side * side) continue;  // the object ends in it
+    const auto& [a, b, c, d] = block.quarters;
+    const double of_quarters = a * a + b * b + c * c + d * d;
+    const double of_block = (a + b + c + d) * (a + b + c + d);
+    // Of n pixels that share a difference, a block has n^2 of its square and its quarters n^2 / 4.
+    structure += {.of_quarters = of_quarters,
+                  .of_blocks = of_block,
+                  .shared = (of_block - of_quarters) / (0.75 * side * side),
+                  .of_image = block.energy,
+                  .blocks = 1};
+  }
+  return structure;
 }
 
 void ImageEquations::accumulate(const Residuals& residuals, const Vector& moved, double decay,

@@ -56,6 +56,27 @@ struct NormalEquations {
 NormalEquations scaled(NormalEquations equations, double factor);
 void add(const NormalEquations& terms, double factor, NormalEquations& sum);
 
+// Whether the differences of images and renders hang together over neighbouring pixels. Sums over
+// blocks are told from sums over their quarters: what is independent from quarter to quarter, as is
+// noise even where demosaicing or compression make neighbours alike, adds up by its squares; what
+// is the same all over a block, as where a shadow is missing, adds up as it is.
+struct Structure {
+  double of_quarters = 0;  // of the squared sums of differences over their standard errors
+  double of_blocks = 0;    // likewise
+  double shared = 0;       // of the squares of what is the same all over the blocks
+  double of_image = 0;     // of the squared radiance, over the same
+  uint32_t blocks = 0;
+
+  Structure& operator+=(const Structure& other);
+  // There are enough blocks to tell.
+  bool is_known() const { return blocks >= 12 && of_quarters > 0; }
+  // 1 for noise; 4 at most.
+  double over_noise() const { return of_blocks / of_quarters; }
+  // What hangs together, relative to the radiance, root mean square.
+  double relative() const;
+  bool is_misfit() const;
+};
+
 class ImageEquations {
  public:
   // The observation must outlive it.
@@ -74,6 +95,7 @@ class ImageEquations {
     double squares = 0, squares_variance = 0, energy = 0;
     // Of that sum, what the image's noise explains; 0 if it is not known.
     double noise = 0;
+    Structure structure;
   };
 
   // `plain`: the instruments are the other estimates' derivatives as they are, so that s is minus
@@ -98,6 +120,7 @@ class ImageEquations {
   void restore(const v1::RefineImageState& state, size_t coordinates);
 
  private:
+  Structure structure_of(std::span<const double> differences) const;
   void choose_pixels(std::span<const float> coverage);
   void weigh_pixels();
   double inverse_variance(double radiance) const;

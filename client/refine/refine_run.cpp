@@ -165,8 +165,11 @@ void write_outcome(const fs::path& folder, const v1::RefineResult& result,
 std::string to_text(const v1::RefineResult& result) {
   std::string text = fmt::format("{:20}{:>12}   95 % interval\n", "", "value");
   const auto line = [&](const char* name, const v1::RefinedParameter& p, const char* unit) {
-    text += fmt::format("{:20}{:>12}   {:24}{}", name, fmt::format("{:.4g}", p.value()),
-                        fmt::format("{:.4g} to {:.4g}", p.low_95(), p.high_95()), unit);
+    const std::string interval = result.misfit()
+                                     ? "unknown: a misfit"
+                                     : fmt::format("{:.4g} to {:.4g}", p.low_95(), p.high_95());
+    text += fmt::format("{:20}{:>12}   {:24}{}", name, fmt::format("{:.4g}", p.value()), interval,
+                        unit);
     text.erase(text.find_last_not_of(' ') + 1);
     text += "\n";
   };

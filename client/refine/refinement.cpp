@@ -59,6 +59,45 @@ std::vector<SceneUnknown> unknowns_of(const v1::RefineSettings& settings,
   return scene_unknowns(names, scenes);
 }
 
+// Beyond its own noise an image should not differ from its render, nor should differences hang
+// together.
+void add_misfit(const Descent& descent, v1::RefineResult& result) {
+  constexpr double kMisfit = 1.5;
+  constexpr const char* kQuestion =
+      "Are shape, light, camera, exposure and boundary those of the scene? The intervals know of "
+      "noise alone, and do not hold";
+  const double noise = descent.noise_loss();
+  const Structure& structure = descent.structure();
+  const bool is_large =
+      noise > 0 && descent.loss() - 4 * descent.loss_standard_error() > kMisfit * noise;
+  if (is_large) {
+    result.add_remarks(fmt::format(
+        "the renders do not come as near to the image as its noise would let them: they differ by "
+        "{:.2g} % where {:.2g} % is noise. {}",
+        100 * std::sqrt(descent.loss()), 100 * std::sqrt(noise), kQuestion));
+  }
+  if (structure.is_misfit()) {
+    result.add_remarks(fmt::format(
+        "the differences of image and renders hang together: over neighbouring pixels {:.2g} % of "
+        "the radiance is common to them, where noise has none. {}",
+        100 * structure.relative(), kQuestion));
+  }
+  result.set_misfit(is_large || structure.is_misfit());
+  if (noise > 0 || result.misfit()) return;
+  const std::string unsaid = "the image does not say how noisy it is (stderr.Y)";
+  if (structure.is_known()) {
+    result.add_remarks(unsaid +
+                       ": a difference to the renders would be told where it hangs together over "
+                       "pixels, and none does");
+  } else {
+    result.add_remarks(
+        unsaid +
+        ", and too few of its pixels count to see whether differences to the renders hang "
+        "together: "
+        "the intervals hold if shape, light, camera, exposure and encoding are those of the scene");
+  }
+}
+
 }  // namespace
 
 v1::RefineSettings with_defaults(v1::RefineSettings settings) {
@@ -238,22 +277,7 @@ v1::RefineResult Refinement::result() const {
         "it was still on its way when it ended, and the intervals do not hold: allow more "
         "iterations or time");
   }
-  // Beyond its own noise an image should not differ from its render.
-  constexpr double kMisfit = 1.5;
-  const double noise = descent.noise_loss();
-  if (!(noise > 0)) {
-    result.add_remarks(
-        "whether image and renders differ by more than noise was not tested, as the image does not "
-        "say how noisy it is (stderr.Y): the intervals hold if shape, light, camera, exposure and "
-        "encoding are those of the scene");
-  }
-  if (noise > 0 && descent.loss() - 4 * descent.loss_standard_error() > kMisfit * noise) {
-    result.add_remarks(fmt::format(
-        "the renders do not come as near to the image as its noise would let them: they differ by "
-        "{:.2g} % where {:.2g} % is noise. Are shape, light, camera and exposure those of the "
-        "scene? The intervals know of noise alone",
-        100 * std::sqrt(descent.loss()), 100 * std::sqrt(noise)));
-  }
+  add_misfit(descent, result);
   return result;
 }
 

@@ -85,6 +85,7 @@ TEST(MaterialsCommand, TakesNumbersOfOnesOwn) {
   // Without an index there is no surface.
   EXPECT_THAT(with({"--format", "mitsuba"}).output, HasSubstr("type=\"null\""));
   EXPECT_EQ(with({"marble"}).exit_code, 2);
+  EXPECT_THAT(with({"--format", "pbrt", "--roughness", "0.2"}).errors, HasSubstr("give --index"));
   EXPECT_EQ(run({kItn, "materials", "--sigma-t", "12"}).exit_code, 2);
   EXPECT_EQ(run({kItn, "materials", "--sigma-t", "12,13", "--albedo", "0.9"}).exit_code, 2);
   EXPECT_EQ(run({kItn, "materials", "--sigma-t", "12", "--albedo", "1.1"}).exit_code, 2);
@@ -99,8 +100,7 @@ TEST(MaterialsCommand, TakesWhatRefineFound) {
     std::ofstream(one + "/result.json")
         << R"({"material": {"sigma_t": )" << sigma_t << R"(, "albedo": 0.9, "g": 0.3},
                "sigma_t": {"value": 20, "low_95": 19, "high_95": 21},
-               "unknowns": [{"name": "rough_dielectric.index", "value": 1.4},
-                            {"name": "rough_dielectric.roughness", "value": 0.25}],
+               "index": 1.4, "roughness": 0.25,
                "remarks": ["g is not told"]})";
     folders.push_back(one);
   }

@@ -44,6 +44,54 @@ TEST(Refinement, FindsTheTruthInImagesWithoutNoise) {
   EXPECT_LE(result.iterations(), 15U);
 }
 
+// A shadow that the scene does not have is told, whether or not the image says how noisy it is.
+// Noise is not, nor what demosaicing and compression do to it: neighbours that are alike.
+TEST(Refinement, TellsDifferencesThatHangTogether) {
+  constexpr int kImages = 40;
+  constexpr double kNoise = 0.05;
+  constexpr size_t kSide = SyntheticModel::kSide;
+  const SyntheticModel model;
+  const auto told = [&](bool says_noise, bool smooth, double shadow) {
+    int count = 0;
+    for (uint64_t i = 0; i < kImages; ++i) {
+      Observation observation = model.observe(kTruth, kNoise, 100 + i);
+      std::vector<float>& radiance = observation.radiance;
+      if (smooth) {
+        std::vector<double> relative;
+        for (size_t p = 0; p < radiance.size(); ++p) {
+          relative.push_back(radiance[p] / model.radiance(p, kTruth) - 1);
+        }
+        for (size_t p = 0; p < radiance.size(); ++p) {  // with those to the right and below
+          const size_t right = p % kSide + 1 < kSide ? p + 1 : p;
+          const size_t below = p + kSide < radiance.size() ? p + kSide : p;
+          const double mean = (relative[p] + relative[right] + relative[below]) / 3;
+          radiance[p] = static_cast<float>(model.radiance(p, kTruth) * (1 + mean));
+        }
+      }
+      for (size_t p = 0; p < radiance.size(); ++p) {
+        const bool in_shadow = p % kSide > kSide / 2 && p / kSide > kSide / 3;
+        if (in_shadow) radiance[p] *= static_cast<float>(1 - shadow);
+      }
+      if (!says_noise) observation.noise.clear();
+      v1::RefineSettings settings;
+      settings.set_seed(i);
+      settings.set_max_spp(1024);
+      const v1::RefineResult result = refined(model, {observation}, settings, {kStart});
+      EXPECT_EQ(
+          result.misfit(),
+          result.remarks_size() > 0 &&
+              result.remarks(result.remarks_size() - 1).find("do not hold") != std::string::npos);
+      count += result.misfit() ? 1 : 0;
+    }
+    return count;
+  };
+  EXPECT_EQ(told(true, false, 0), 0);
+  EXPECT_EQ(told(false, false, 0), 0);
+  EXPECT_EQ(told(false, true, 0), 0);
+  EXPECT_GE(told(false, false, 0.2), kImages * 9 / 10);
+  EXPECT_GE(told(true, false, 0.2), kImages * 9 / 10);
+}
+
 // A render takes a millisecond for each of its samples. Without a limit 40 iterations would take
 // minutes.
 TEST(Refinement, KeepsItsTimeLimit) {
