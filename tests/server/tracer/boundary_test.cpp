@@ -73,6 +73,12 @@ RenderRequest request_for(Tracer tracer, Material material, uint32_t samples) {
   return request;
 }
 
+RenderRequest image_request(Tracer tracer, Material material, uint32_t samples) {
+  RenderRequest request = request_for(tracer, material, samples);
+  request.derivatives.clear();
+  return request;
+}
+
 // A boundary that lets all pass lets the image be, in expectation: flights are drawn anew at every
 // crossing, and the walk finds alone what shadow rays found.
 TEST(BoundaryTest, AMirrorOfNothingIsIndexMatchedInExpectation) {
@@ -136,7 +142,7 @@ TEST(BoundaryTest, AnObjectVanishesInAFurnace) {
       description.smooth_angle = smooth_angle;
       const Scene scene(std::move(description));
       for (const Tracer tracer : kTracers) {
-        const FilmEstimate film = estimate_film(scene, request_for(tracer, {3, 1, 0.5}, 112), 32);
+        const FilmEstimate film = estimate_film(scene, image_request(tracer, {3, 1, 0.5}, 112), 32);
         // A rough one loses or wins some 1e-4 at each of some crossings, as its tables do.
         const double rounding = is_delta(boundary) ? 1e-6 : 2e-3;
         EXPECT_NEAR(film.radiance.mean, 1, 4 * film.radiance.standard_error + rounding)
@@ -162,7 +168,7 @@ void expect_to_stand(const SceneDescription& below, const std::string& what) {
     };
     const Scene standing = at_height(0), held = at_height(1e-4F);
     for (const Tracer tracer : kTracers) {
-      const RenderRequest request = request_for(tracer, {3, 0.95, 0.5}, 64);
+      const RenderRequest request = image_request(tracer, {3, 0.95, 0.5}, 64);
       const FilmEstimate stands = estimate_film(standing, request, 32);
       const FilmEstimate is_held = estimate_film(held, request, 32, 101);
       const std::string name = what + ", " + name_of(tracer);
@@ -193,7 +199,7 @@ TEST(DielectricTest, RadianceInsideGrowsWithTheSquareOfTheIndex) {
   description.boundary = Dielectric{1.5F};
   const Scene scene(std::move(description));
   for (const Tracer tracer : kTracers) {
-    const FilmEstimate film = estimate_film(scene, request_for(tracer, {3, 1, 0.5}, 128), 32);
+    const FilmEstimate film = estimate_film(scene, image_request(tracer, {3, 1, 0.5}, 128), 32);
     EXPECT_NEAR(film.radiance.mean, 2.25, 4 * film.radiance.standard_error + 1e-6);
     expect_resolution(film.radiance, 2.25, 0.02, name_of(tracer));
   }
@@ -208,7 +214,7 @@ TEST(DielectricTest, ABlackBodyMirrorsByFresnel) {
     const double expected = std::pow((index - 1) / (index + 1), 2);
     for (const Tracer tracer : kTracers) {
       const std::string what = fmt::format("{} {}", name_of(tracer), index);
-      const FilmEstimate film = estimate_film(scene, request_for(tracer, {1000, 0, 0}, 4096), 32);
+      const FilmEstimate film = estimate_film(scene, image_request(tracer, {1000, 0, 0}, 4096), 32);
       expect_equal(film.radiance, {expected, 1e-5 * expected}, 4, what);
       expect_resolution(film.radiance, expected, 0.02, what);
     }
@@ -239,7 +245,7 @@ TEST(DielectricTest, NoLightComesFromBeyondSnellsCone) {
     const Scene scene{SceneDescription(description)};
     for (const Tracer tracer : kTracers) {
       const std::string what = fmt::format("{} at {}", name_of(tracer), degrees);
-      const FilmEstimate film = estimate_film(scene, request_for(tracer, {1, 0, 0}, 1280), 32);
+      const FilmEstimate film = estimate_film(scene, image_request(tracer, {1, 0, 0}, 1280), 32);
       if (expected == 0) {
         EXPECT_EQ(film.radiance.mean, 0) << what;
       } else {
@@ -494,7 +500,7 @@ TEST(RoughDielectricTest, TechniquesAgree) {
   description.smooth_angle = 1;
   const Scene scene(std::move(description));
   for (const Tracer tracer : kTracers) {
-    const RenderRequest request = request_for(tracer, {5, 0.9, 0.3}, 512);
+    const RenderRequest request = image_request(tracer, {5, 0.9, 0.3}, 512);
     const auto by = [&](Switches::Techniques techniques) {
       return estimate_film(scene, request, 32, 1, {.switches = {.techniques = techniques}});
     };
@@ -631,7 +637,7 @@ TEST(RoughDielectricTest, WithoutRoughnessIsSmooth) {
   description.boundary = Dielectric{1.5F};
   const Scene smooth(std::move(description));
   for (const Tracer tracer : kTracers) {
-    const RenderRequest request = request_for(tracer, {5, 0.9, 0.3}, 256);
+    const RenderRequest request = image_request(tracer, {5, 0.9, 0.3}, 256);
     const FilmEstimate a = estimate_film(rough, request, 32),
                        b = estimate_film(smooth, request, 32, 1000);
     expect_equal(a.radiance, b.radiance, 2, name_of(tracer));
