@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Makes the pictures of the README from renders, as PNG or JPEG (Debian: python3-openimageio, python3-numpy).
 
-  picture.py colour A.exr B.exr ... OUT                    their channels R, G and B as one sRGB picture, half the size
+  picture.py colour IMAGE.exr OUT                          its channels R, G and B, white where few of the object are brighter
   picture.py derivatives IMAGE.exr OUT                     its derivatives of Y beside one another, half the size
   picture.py refinement TARGET.exr A.exr B.exr ... OUT     renders beside their target, and the difference
 """
@@ -47,11 +47,10 @@ def half(image):
     return (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2]) / 4
 
 
-def colour(*paths_and_out):
-    *paths, out = paths_and_out
-    images = [layers(path)[0] for path in paths]
-    rgbs = [half(np.stack([image[channel] for channel in "RGB"], -1)) for image in images]
-    write(out, np.concatenate([srgb(rgb / np.percentile(rgb, 99.5)) for rgb in rgbs], 1))
+def colour(path, out):
+    image, _ = layers(path)
+    rgb = np.stack([image[channel] for channel in "RGB"], -1)
+    write(out, srgb(rgb / np.percentile(rgb[image["mask.Y"] > 0.5], 99.5)))
 
 
 def derivatives(path, out):
