@@ -231,7 +231,7 @@ class Reader {
 
   std::shared_ptr<MitsubaPlugin> plugin(const pugi::xml_node& node, const Document& document,
                                         int depth) {
-    const auto result = std::make_shared<MitsubaPlugin>();
+    auto result = std::make_shared<MitsubaPlugin>();
     result->tag = node.name();
     result->type = value_of(node, "type", document);
     result->id = value_of(node, "id", document);

@@ -147,7 +147,7 @@ void ImageEquations::weigh_pixels() {
       for (uint32_t u = x == 0 ? 0 : x - 1; u <= std::min(x + 1, width - 1); ++u) {
         // A binomial filter: the nearer ones are listed as often as they count.
         const int64_t place = ridge_points[size_t{v} * width + u];
-        const size_t times = (u == x ? 2U : 1U) * (v == y ? 2U : 1U);
+        const size_t times = (u == x ? size_t{2} : 1) * (v == y ? 2 : 1);
         if (place >= 0)
           neighbours_[i].insert(neighbours_[i].end(), times, static_cast<uint32_t>(place));
       }
