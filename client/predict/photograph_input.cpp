@@ -157,9 +157,7 @@ std::vector<float> mask_of(const PhotographContent& content, const std::string& 
   if (options.mask_by_background) return mask_of_background(content, name);
   const Image& image = content.file.image;
   if (image.has("mask.Y")) return image.channel("mask.Y");
-  // "ViewLayer.Combined.A" beside "ViewLayer.Combined.R", "A" beside "R".
-  const std::string& radiance = content.channels.front();
-  const std::string alpha = radiance.substr(0, radiance.rfind('.') + 1) + "A";
+  const std::string alpha = alpha_beside(content.channels.front());
   if (image.has(alpha) && has_mask(image.channel(alpha))) {
     std::vector<float> mask = image.channel(alpha);
     brighten(mask, "the alpha of " + name, name);

@@ -93,8 +93,8 @@ void add_misfit(const Descent& descent, v1::RefineResult& result) {
     result.add_remarks(
         unsaid +
         ", and too few of its pixels count to see whether differences to the renders hang "
-        "together: "
-        "the intervals hold if shape, light, camera, exposure and encoding are those of the scene");
+        "together: the intervals hold if shape, light, camera, exposure and encoding are those of "
+        "the scene");
   }
 }
 

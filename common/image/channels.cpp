@@ -66,7 +66,7 @@ std::vector<std::string> radiance_channels(const Image& image, const std::string
   std::vector<std::string> colours;  // neither mask nor alpha
   for (const auto& [channel, plane] : image.channels) {
     const std::string layer = layer_of(channel);
-    if (is_mask(channel) || channel == in_layer(layer, "A")) continue;
+    if (is_mask(channel) || channel == alpha_beside(channel)) continue;
     colours.push_back(channel);
     if (!radiance_in(image, layer).empty()) layers.insert(layer);
   }
@@ -82,6 +82,10 @@ std::vector<std::string> radiance_channels(const Image& image, const std::string
                 layers.size() > 1 ? fmt::format("which of the layers {} is meant? {}",
                                                 fmt::join(layers, ", "), recovery_hint)
                                   : "wanted are R, G and B, or Y, or L, or one channel alone");
+}
+
+std::string alpha_beside(const std::string& channel) {
+  return in_layer(layer_of(channel), "A");
 }
 
 std::string mask_channel(const Image& image, const std::string& name) {

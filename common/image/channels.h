@@ -18,6 +18,9 @@ std::vector<std::string> radiance_channels(
     const Image& image, const std::string& name, const std::string& wanted_layer = "",
     const std::string& recovery_hint = "save that which is meant by itself");
 
+// "ViewLayer.Combined.A" beside "ViewLayer.Combined.R", "A" beside "R".
+std::string alpha_beside(const std::string& channel);
+
 // The channel of a mask file: mask.Y, mask, Y, L, R, A, or the only one. Throws likewise.
 std::string mask_channel(const Image& image, const std::string& name);
 

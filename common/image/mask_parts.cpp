@@ -62,17 +62,22 @@ MaskParts drop_specks(std::vector<float>& mask, int width, int height) {
     ++label, ++on;
   }
   const Components around(1 - on_object, 4);
-  cv::Mat filled = on_object.clone();
   int hole = 0, holes = 0;
+  std::vector<bool> is_hole(static_cast<size_t>(around.count));
   for (int each = 1; each < around.count; ++each) {
     if (around.reaches_border(each)) continue;
+    is_hole[static_cast<size_t>(each)] = true;
     hole = std::max(hole, around.area(each));
     holes += around.area(each);
-    filled.setTo(1, around.labels == each);
   }
+  cv::Mat filled = on_object;
+  std::transform(filled.begin<uint8_t>(), filled.end<uint8_t>(), around.labels.begin<int>(),
+                 filled.begin<uint8_t>(), [&](uint8_t is_on, int each) {
+                   return uint8_t{is_on != 0 || is_hole[static_cast<size_t>(each)]};
+                 });
   constexpr double kRectangle = 0.98;
   const cv::Rect box = cv::boundingRect(filled);
-  result.is_rectangle = left > 0 && cv::countNonZero(filled) > kRectangle * box.area();
+  result.is_rectangle = left > 0 && left + holes > kRectangle * box.area();
   const double pixels = static_cast<double>(mask.size());
   result.filled = (left + holes) / pixels;
   result.largest_hole = hole / pixels;

@@ -109,11 +109,12 @@ std::shared_ptr<grpc::ChannelCredentials> make_credentials(const ClientSecurity&
 Connector::Connector(ClientSecurity security)
     : security_(std::move(security)),
       credentials_(make_credentials(security_, LOCAL_TCP)),
-      socket_credentials_(make_credentials(security_, UDS)) {}
+      socket_credentials_(security_.is_token_alone() ? make_credentials(security_, UDS)
+                                                     : credentials_) {}
 
 std::shared_ptr<grpc::Channel> Connector::connect_to(const std::string& address) const {
   check_address(address);
-  if (!security_.token_file.empty() && !security_.encrypts() && !is_this_machine(address)) {
+  if (security_.is_token_alone() && !is_this_machine(address)) {
     throw Error(ErrorKind::kUsage,
                 fmt::format("the token would go to {} unencrypted, for anybody to read on its way: "
                             "give --tls-ca, too",

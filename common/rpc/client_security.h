@@ -21,6 +21,8 @@ struct ClientSecurity {
   std::string token_file;
 
   bool encrypts() const { return !files.authority.empty(); }
+  // It may not leave this machine then.
+  bool is_token_alone() const { return !token_file.empty() && !encrypts(); }
 };
 
 }  // namespace itn

@@ -60,9 +60,18 @@ bool meets_square(double half, std::array<double, 2> from, std::array<double, 2>
   return begin < end;
 }
 
+// Whether a lamp is so far from the bounds that no triangle is to be looked at: all of it lies
+// within `reach` of its center along each axis.
+bool is_away(const Bounds& box, Vec3d center, Vec3d reach) {
+  const auto low = static_cast<Vec3d>(box.min), high = static_cast<Vec3d>(box.max);
+  return center.x + reach.x < low.x || center.x - reach.x > high.x || center.y + reach.y < low.y ||
+         center.y - reach.y > high.y || center.z + reach.z < low.z || center.z - reach.z > high.z;
+}
+
 }  // namespace
 
-bool is_in_ball(const Mesh& mesh, Vec3d center, double radius) {
+bool is_in_ball(const Mesh& mesh, const Bounds& box, Vec3d center, double radius) {
+  if (is_away(box, center, {radius, radius, radius})) return false;
   const double rounding = kRounding * (length(center) + radius);
   const double least = radius - rounding;
   return least > 0 && std::ranges::any_of(mesh.triangles, [&](const auto& corners) {
@@ -70,7 +79,11 @@ bool is_in_ball(const Mesh& mesh, Vec3d center, double radius) {
          });
 }
 
-bool crosses(const Mesh& mesh, Vec3d center, Vec3d half_u, Vec3d half_v) {
+bool crosses(const Mesh& mesh, const Bounds& box, Vec3d center, Vec3d half_u, Vec3d half_v) {
+  const Vec3d reach_by_axis{std::abs(half_u.x) + std::abs(half_v.x),
+                            std::abs(half_u.y) + std::abs(half_v.y),
+                            std::abs(half_u.z) + std::abs(half_v.z)};
+  if (is_away(box, center, reach_by_axis)) return false;
   const Vec3d n = cross(half_u, half_v), normal = itn::normalize(n);
   const Vec3d across_u = cross(half_v, n) * (1 / dot(n, n)),
               across_v = cross(n, half_u) * (1 / dot(n, n));

@@ -22,9 +22,9 @@ LampPlace lamp_place(const LightFrame& frame, const std::string& field, Vec3d po
 
 // Whether a part of the mesh is in the ball, or some of its triangles cross the parallelogram,
 // which reaches from its center by half_u and half_v to both sides; more than what rounding does to
-// either. Places are in the coordinates of the mesh.
-bool is_in_ball(const Mesh& mesh, Vec3d center, double radius);
-bool crosses(const Mesh& mesh, Vec3d center, Vec3d half_u, Vec3d half_v);
+// either. Places are in the coordinates of the mesh, whose bounds are `box`.
+bool is_in_ball(const Mesh& mesh, const Bounds& box, Vec3d center, double radius);
+bool crosses(const Mesh& mesh, const Bounds& box, Vec3d center, Vec3d half_u, Vec3d half_v);
 
 // W/m^2 from W/sr over mm^2.
 constexpr double kSquareMmPerSquareM = 1e6;

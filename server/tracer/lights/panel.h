@@ -54,7 +54,9 @@ struct PanelLight {
   }
 
   // Once it is compiled.
-  bool cuts(const Mesh& mesh) const { return crosses(mesh, center, half_u, half_v); }
+  bool cuts(const Mesh& mesh, const Bounds& box) const {
+    return crosses(mesh, box, center, half_u, half_v);
+  }
 
   static constexpr bool kDelta = false, kDistant = false;
   double area() const { return 4 * length(cross(half_u, half_v)); }

@@ -34,7 +34,9 @@ struct SphereLight {
   }
 
   // Once it is compiled.
-  bool cuts(const Mesh& mesh) const { return is_in_ball(mesh, center, radius); }
+  bool cuts(const Mesh& mesh, const Bounds& box) const {
+    return is_in_ball(mesh, box, center, radius);
+  }
 
   static constexpr bool kDelta = false, kDistant = false;
   double power() const { return std::numbers::pi * radiance * radius * radius / distance2; }

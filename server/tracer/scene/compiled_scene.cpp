@@ -150,7 +150,7 @@ std::string lamps_key(const Lights& lights) {
 }
 
 // A lamp sends its radiance into air: what of it is in a medium of another index has no meaning.
-void check_lamps(const Lights& lights, const Mesh& mesh, const Boundary& boundary,
+void check_lamps(const Lights& lights, const Object& object, const Boundary& boundary,
                  const std::vector<OtherMedium>& others) {
   const auto bends = [](const Boundary& at) { return relative_index(at) != 1; };
   if (!bends(boundary) && std::ranges::none_of(others, bends, &OtherMedium::boundary)) return;
@@ -158,11 +158,10 @@ void check_lamps(const Lights& lights, const Mesh& mesh, const Boundary& boundar
     std::visit(
         [&]<typename Kind>(const Kind& kind) {
           if constexpr (VisibleLamp<Kind>) {
-            if (!kind.cuts(mesh)) return;
+            if (!kind.cuts(object.mesh, object.bounds)) return;
             throw invalid_input(
                 fmt::format("lights[{}].{} is partly inside of an object that refracts light; a "
-                            "lamp must stand "
-                            "outside of it, and may touch it",
+                            "lamp must stand outside of it, and may touch it",
                             light.number, Kind::kName));
           }
         },
@@ -200,7 +199,7 @@ Scene::Compiled::Compiled(SceneDescription&& scene, PartCache& parts, const std:
       geometry_key_(geometry_key(scene, !surfaces.empty())),
       object_pixels_key_(part_key("pixels", scene.camera, film.width, film.height) +
                          lamps_key(lights) + geometry_key_) {
-  check_lamps(lights, object->mesh, boundary, other_media);
+  check_lamps(lights, *object, boundary, other_media);
   part_keys.insert(part_keys.end(), {scene.object_key, geometry_key_, object_pixels_key_});
 }
 
