@@ -143,8 +143,9 @@ void write(const NamedMaterial& material, MaterialsOptions options) {
                 "--index");
   if (index != 1)
     options.exports.boundary = {index, options.roughness.value_or(material.roughness)};
-  const std::string text =
-      export_format(options.format).write(rgb_material(material.channels), options.exports);
+  const ExportFormat& format = export_format(options.format);
+  require_own_suffix(format, options.output);
+  const std::string text = format.write(rgb_material(material.channels), options.exports);
   if (options.output.empty()) {
     print_result(text);
   } else {

@@ -163,8 +163,10 @@ void check_file(const std::string& flag, const std::string& file, const std::str
 // That each material has a file of its own, which can be written.
 void check_exports(const PredictOptions& options, const std::vector<std::string>& files) {
   if (options.one_material || files.size() == 1) {
-    if (!options.output.empty() && !fs::is_directory(options.output))
+    if (!options.output.empty() && !fs::is_directory(options.output)) {
+      require_own_suffix(export_format(options.format), options.output);
       check_writable(options.output);
+    }
     if (files.size() == 1 || !fs::is_directory(options.output)) return;
     throw Error(ErrorKind::kUsage, "-o must be a file for what several images of one material say");
   }

@@ -41,4 +41,14 @@ const ExportFormat& export_format(std::string_view name) {
   return *found;
 }
 
+void require_own_suffix(const ExportFormat& format, const std::filesystem::path& file) {
+  const std::string suffix = file.extension().string();
+  if (suffix == format.extension) return;
+  const auto* other = std::ranges::find(kFormats, suffix, &ExportFormat::extension);
+  if (other == kFormats.end()) return;
+  throw Error(ErrorKind::kUsage,
+              fmt::format("{}: files of --format {} are named {}; {} are those of {}", file.string(),
+                          format.name, format.extension, suffix, other->name));
+}
+
 }  // namespace itn

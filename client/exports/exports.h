@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cmath>
+#include <filesystem>
 #include <optional>
 #include <span>
 #include <string>
@@ -51,6 +52,9 @@ std::span<const ExportFormat> export_formats();
 
 // Throws Error (usage) that lists the names there are.
 const ExportFormat& export_format(std::string_view name);
+
+// Throws Error (usage) where the file is named as those of another format are.
+void require_own_suffix(const ExportFormat& format, const std::filesystem::path& file);
 
 // The text of the file. `material` is that of an object whose longest side is 1 mm, in 1/mm.
 // Numbers have 6 significant digits; those between 0 and 1 that mean what they lack of 1 (albedos,

@@ -128,6 +128,11 @@ class Importer {
 
   // What of it shows in the image.
   void read_integrator(const MitsubaPlugin& integrator) {
+    if (integrator.type == "direct") {
+      leave(integrator, "direct light alone: paths of all lengths are followed here");
+    } else if (integrator.type == "path") {
+      leave(integrator, "it passes by all media; paths are followed into them here");
+    }
     if (integrator.number("max_depth", -1) >= 0) {
       leave(integrator, "max_depth: paths of all lengths are followed here");
     }
@@ -725,6 +730,8 @@ class Importer {
     const Affine3d transform = to_world(sensor);
     const Eigen::Matrix3d axes = transform.linear();
     if (axes.determinant() < 0) leave(sensor, "its image is mirrored; here it is not");
+    const Eigen::RowVector3d lengths = axes.colwise().norm() / options_.mm_per_scene_unit;
+    if (!lengths.isOnes(1e-4)) leave(sensor, "its transform scales; a camera here has no size");
     v1::Camera& camera = *result_.scene.mutable_camera();
     set(*camera.mutable_origin(), transform.translation());
     set(*camera.mutable_target(),
@@ -774,8 +781,12 @@ class Importer {
     }
     camera.set_fov_degrees(static_cast<float>(horizontal_fov(sensor, width, height)));
     if (const MitsubaPlugin* const sampler = sensor.child("sampler")) {
-      result_.samples =
-          static_cast<uint32_t>(std::clamp(sampler->number("sample_count", 0), 0.0, 1e6));
+      constexpr double kMaxSamples = 1 << 20;
+      const double samples = sampler->number("sample_count", 0);
+      result_.samples = static_cast<uint32_t>(std::clamp(samples, 0.0, kMaxSamples));
+      if (samples != result_.samples) {
+        leave(*sampler, fmt::format("sample_count {}: it is {} here", samples, result_.samples));
+      }
     }
   }
 

@@ -110,6 +110,10 @@ struct Document {
     for (size_t at = 0; at < text.size(); ++at) {
       if (text[at] == '\n') line_ends.push_back(static_cast<ptrdiff_t>(at));
     }
+    if (result.status == pugi::status_no_document_element) {
+      throw invalid_input(fmt::format("{} is not in XML, as scenes of Mitsuba are",
+                                      printable(path.string(), kMaxPath)));
+    }
     if (!result)
       throw invalid_input(fmt::format("{}: {}", place(result.offset), result.description()));
   }

@@ -143,7 +143,11 @@ PhotographHeader tiff_header(const File& file) {
   };
   const bool is_thumbnail = (tag(254, 0) & 1) != 0;
   const int64_t photometric = tag(262, 1);
-  if (is_thumbnail || directory->number(50706) || photometric > 30000) {
+  if (is_thumbnail) {
+    throw file.unsupported("whose first image is a thumbnail, as in a camera's raw data",
+                           "save the image alone, or develop the raw data");
+  }
+  if (directory->number(50706) || photometric > 30000) {
     throw file.unsupported("of a camera's raw data",
                            "develop it, linear if you can, to 16-bit TIFF");
   }

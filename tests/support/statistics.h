@@ -124,6 +124,8 @@ inline void expect_resolution(const Estimated& a, double truth, double relative,
   EXPECT_LT(4 * a.standard_error, relative * std::abs(truth))
       << what << " is too noisy to show an error of " << 100 * relative << " %: it shows "
       << 100 * 4 * a.standard_error / std::abs(truth) << " %";
+  std::printf("  %-46s shows %.2g %% of %.2g %%\n", what.c_str(),
+              100 * 4 * a.standard_error / std::abs(truth), 100 * relative);
 }
 
 }  // namespace itn::testing

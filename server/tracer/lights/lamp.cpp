@@ -124,7 +124,7 @@ LampPlace lamp_place(const LightFrame& frame, const std::string& field, Vec3d po
   constexpr double kInside = 0.75;  // and half on a face, which may touch
   if (in_box && winding_number(frame.object, p) > kInside) {
     throw invalid_input(
-        fmt::format("{} is ({}, {}, {}), in the object; a lamp must stand outside of it", field,
+        fmt::format("{} is ({}, {}, {}), in an object; a lamp must stand outside of all", field,
                     position.x, position.y, position.z));
   }
   const double reach = std::max({length(low), length(high), length(p)});

@@ -17,7 +17,7 @@ struct LampPlace {
   double rounding;  // of places of the object and the lamp, at most, in mm
 };
 
-// `field`: of the position, for messages. Throws Error (invalid input) if that is in the object.
+// `field`: of the position, for messages. Throws Error (invalid input) if that is in an object.
 LampPlace lamp_place(const LightFrame& frame, const std::string& field, Vec3d position);
 
 // Whether a part of the mesh is in the ball, or some of its triangles cross the parallelogram,

@@ -61,6 +61,10 @@ TEST(MaterialsCommand, WritesAFileForARenderer) {
   const Finished unknown = run({kItn, "materials", "granite"});
   EXPECT_EQ(unknown.exit_code, 3);
   EXPECT_THAT(unknown.errors, HasSubstr("granite is no measured medium"));
+  const Finished other = run({kItn, "materials", "marble", "--format", "mitsuba", "-o", file});
+  EXPECT_EQ(other.exit_code, 2);
+  EXPECT_THAT(other.errors, HasSubstr("files of --format mitsuba are named .xml; .pbrt are those"));
+  EXPECT_EQ(read_file(file, "file"), text);
   EXPECT_EQ(run({kItn, "materials", "--format", "pbrt"}).exit_code, 2);
   EXPECT_EQ(run({kItn, "materials", "marble", "--format", "vray"}).exit_code, 2);
   EXPECT_THAT(run({kItn, "materials", "granite", "--format", "pbrt"}).errors,

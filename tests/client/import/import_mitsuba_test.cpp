@@ -224,6 +224,20 @@ TEST_F(ImportMitsuba, SaysWhatIsLost) {
                         <float name="near_clip" value="4.9"/></sensor>)")
                   .not_carried_over,
               Contains(HasSubstr("near_clip was not carried over")));
+  EXPECT_THAT(lost("<integrator type=\"direct\"/>"), Contains(HasSubstr("direct light alone")));
+  EXPECT_THAT(lost("<integrator type=\"path\"/>"), Contains(HasSubstr("passes by all media")));
+  EXPECT_THAT(lost("<integrator type=\"volpath\"/>"), Not(Contains(HasSubstr("integrator"))));
+  EXPECT_THAT(import(R"(<sensor type="perspective"><float name="fov" value="9"/>
+                        <transform name="to_world"><scale value="3"/></transform></sensor>)")
+                  .not_carried_over,
+              Contains(HasSubstr("its transform scales")));
+  const ImportedScene sampled =
+      import(R"(<sensor type="perspective"><float name="fov" value="9"/>
+                <sampler type="independent"><integer name="sample_count" value="2000000"/></sampler>
+                </sensor>)");
+  EXPECT_EQ(sampled.samples, 1048576U);
+  EXPECT_THAT(sampled.not_carried_over,
+              Contains(HasSubstr("sample_count 2000000: it is 1048576 here")));
   EXPECT_THAT(lost("<emitter type=\"sky\"/>"),
               Contains(HasSubstr("it was turned so that its sky")));
   EXPECT_THAT(import(kSensor, "").not_carried_over, Contains(HasSubstr("has no version")));
@@ -418,6 +432,9 @@ TEST_F(ImportMitsuba, RefusesWhatItCannotRead) {
   expect_error(ErrorKind::kIo, {"absent.xml"},
                [&] { import_mitsuba(folder_.path("absent.xml"), {}); });
   refuses("<shape", {"scene.xml:1:"});
+  folder_.write("pawn.textproto", "lights { constant {} }");
+  expect_error(ErrorKind::kInvalidInput, {"pawn.textproto is not in XML"},
+               [&] { import_mitsuba(folder_.path("pawn.textproto"), {}); });
   refuses("<ref id=\"nothing\"/>", {"scene.xml:1: <ref", "nothing has this id"});
   refuses("<emitter type=\"constant\"><float name=\"radiance\" value=\"$l\"/></emitter>",
           {"scene.xml:1: <float>", "$l has no <default>", "-D l=VALUE"});

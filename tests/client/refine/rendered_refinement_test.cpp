@@ -50,7 +50,7 @@ Observation observe(RenderPool& pool, const Material& truth, const v1::Scene& sc
 
 // Some run in ten strays up the similarity ridge, and says so by wide intervals.
 TEST(RenderedRefinement, RecoversMaterials) {
-  constexpr int kSeeds = 4;
+  constexpr int kSeeds = 3;
   RenderPool pool{RenderPoolOptions()};
   const Synthesize synthesize = rendered_by(pool);
   int narrow = 0;
@@ -85,7 +85,7 @@ TEST(RenderedRefinement, RecoversMaterials) {
 
 // From other numbers than those that the image is of.
 TEST(RenderedRefinement, RecoversNumbersOfTheScene) {
-  constexpr int kSeeds = 3;
+  constexpr int kSeeds = 2;
   constexpr Material kTruth{30, 0.5, 0.4};
   struct Case {
     const char* name;

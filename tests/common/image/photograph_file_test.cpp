@@ -517,7 +517,7 @@ const std::vector<BadFile> kBadFiles{
     {"raw_of_nikon",
      tiff_claim(160, 120, {{254, 4, 1, 1}}),
      ErrorKind::kInvalidInput,
-     {"camera's raw data"}},
+     {"camera's raw data", "thumbnail", "save the image alone"}},
     {"cmyk_jpeg", jpeg_claim(64, 64, 4), ErrorKind::kInvalidInput, {"CMYK", "save it as RGB"}},
     {"cmyk_tiff",
      tiff_of({{256, 4, 1, 9}, {257, 4, 1, 9}, {262, 3, 1, 5}}),

@@ -142,7 +142,7 @@ TEST(BoundaryTest, AnObjectVanishesInAFurnace) {
       description.smooth_angle = smooth_angle;
       const Scene scene(std::move(description));
       for (const Tracer tracer : kTracers) {
-        const FilmEstimate film = estimate_film(scene, image_request(tracer, {3, 1, 0.5}, 112), 32);
+        const FilmEstimate film = estimate_film(scene, image_request(tracer, {3, 1, 0.5}, 64), 32);
         // A rough one loses or wins some 1e-4 at each of some crossings, as its tables do.
         const double rounding = is_delta(boundary) ? 1e-6 : 2e-3;
         EXPECT_NEAR(film.radiance.mean, 1, 4 * film.radiance.standard_error + rounding)
@@ -392,7 +392,8 @@ TEST(DielectricTest, SlabsThatScatterByAddingDoubling) {
     const Scene scene(std::move(description));
     for (const Tracer tracer : kTracers) {
       const FilmEstimate film = estimate_film(
-          scene, request_for(tracer, {row.optical_thickness / kChord, row.albedo, row.g}, 896), 32);
+          scene, image_request(tracer, {row.optical_thickness / kChord, row.albedo, row.g}, 512),
+          32);
       const std::string what = fmt::format("{} {}", name_of(tracer), row.expected);
       expect_equal(film.radiance, {row.expected, 1e-4}, 8, what);
       expect_resolution(film.radiance, row.expected, 0.01, what);
@@ -410,7 +411,7 @@ TEST(DielectricTest, SlabsMayBeWide) {
     description.boundary = Dielectric{1.33F};
     const FilmEstimate film =
         estimate_film(Scene(std::move(description)),
-                      {.material = {5, 0.95, 0}, .sample_count = 768, .estimates = 1}, 32);
+                      {.material = {5, 0.95, 0}, .sample_count = 256, .estimates = 1}, 32);
     const std::string what = fmt::format("{} times as wide as thick", 2 * half);
     expect_equal(film.radiance, {kExpected, 1e-4}, 3, what);
     expect_resolution(film.radiance, kExpected, 0.01, what);
@@ -435,7 +436,7 @@ TEST(DielectricTest, TracersAgree) {
   SceneDescription description = knot_on_ground(paper_sun_sky());
   description.boundary = Dielectric{1.5F};
   const Scene scene(std::move(description));
-  RenderRequest request = request_for(Tracer::kWavefront, {5, 0.9, 0.3}, 2048);
+  RenderRequest request = request_for(Tracer::kWavefront, {5, 0.9, 0.3}, 1024);
   request.derivatives.push_back({Parameter::kReflectance, 0});
   request.derivatives.push_back({Parameter::kLightScale, 0});
   expect_tracers_agree(scene, request, 6, "a dielectric knot", {1 / 5.0, 0, 1 / 0.3});
@@ -456,7 +457,7 @@ TEST(RoughDielectricTest, TracersAgree) {
   SceneDescription description = rough_knot(1.5F, 0.25F);
   description.smooth_angle = 1;
   const Scene scene(std::move(description));
-  RenderRequest request = request_for(Tracer::kWavefront, {5, 0.7, 0.3}, 2048);
+  RenderRequest request = request_for(Tracer::kWavefront, {5, 0.7, 0.3}, 1280);
   request.derivatives.push_back(kRoughness);
   request.derivatives.push_back({Parameter::kReflectance, 0});
   request.derivatives.push_back({Parameter::kLightScale, 1});
@@ -469,7 +470,7 @@ TEST(RoughDielectricTest, TracersAgreeOnTheIndex) {
                         PanelLight{{-0.8, 1.1, -0.2}, {0.3, 0.3, 0}, {0, 0.3, 0.2}, 3}};
   description.smooth_angle = 1;
   const Scene scene(std::move(description));
-  RenderRequest request{.material = {8, 0.6, 0.3}, .sample_count = 1536, .derivatives = {kIndex}};
+  RenderRequest request{.material = {8, 0.6, 0.3}, .sample_count = 768, .derivatives = {kIndex}};
   expect_tracers_agree(scene, request, 2, "a rough knot", {2});
 }
 
@@ -500,7 +501,7 @@ TEST(RoughDielectricTest, TechniquesAgree) {
   description.smooth_angle = 1;
   const Scene scene(std::move(description));
   for (const Tracer tracer : kTracers) {
-    const RenderRequest request = image_request(tracer, {5, 0.9, 0.3}, 512);
+    const RenderRequest request = image_request(tracer, {5, 0.9, 0.3}, 352);
     const auto by = [&](Switches::Techniques techniques) {
       return estimate_film(scene, request, 32, 1, {.switches = {.techniques = techniques}});
     };
@@ -535,7 +536,7 @@ class RefractedShadowRays : public ::testing::TestWithParam<const char*> {
   struct Case {
     SceneDescription scene;
     Material material;
-    uint32_t samples = 4096;
+    uint32_t samples = 3584;
   };
   static Case named(const std::string& name) {
     const Material material{8, 0.85, 0.4};
@@ -603,7 +604,7 @@ TEST(DielectricTest, LampsMayBeSmall) {
     description.smooth_angle = smooth_angle;
     description.boundary = boundary;
     description.surfaces.clear();
-    RenderRequest request = request_for(Tracer::kWavefront, {200, 0.9, 0.4}, 160);
+    RenderRequest request = request_for(Tracer::kWavefront, {200, 0.9, 0.4}, 104);
     request.derivatives = {{Parameter::kAlbedo}};
     return estimate_film(Scene(std::move(description)), request, 32).derivatives[0];
   };
@@ -637,7 +638,7 @@ TEST(RoughDielectricTest, WithoutRoughnessIsSmooth) {
   description.boundary = Dielectric{1.5F};
   const Scene smooth(std::move(description));
   for (const Tracer tracer : kTracers) {
-    const RenderRequest request = image_request(tracer, {5, 0.9, 0.3}, 256);
+    const RenderRequest request = image_request(tracer, {5, 0.9, 0.3}, 48);
     const FilmEstimate a = estimate_film(rough, request, 32),
                        b = estimate_film(smooth, request, 32, 1000);
     expect_equal(a.radiance, b.radiance, 2, name_of(tracer));
@@ -689,8 +690,8 @@ TEST(RoughDielectricTest, TheDerivativeInTheIndexEqualsFiniteDifferences) {
     double resolution;
   };
   for (const auto& [name, boundary, from_inside, albedo, samples, resolution] :
-       {Case{"index", {1.5F, 0.9F, true}, false, 0.9, 2304, 0.02},
-        Case{"index, from inside", {1.4F, 0.5F}, true, 0.6, 1280, 0.06}}) {
+       {Case{"index", {1.5F, 0.9F, true}, false, 0.9, 1408, 0.02},
+        Case{"index, from inside", {1.4F, 0.5F}, true, 0.6, 896, 0.06}}) {
     const auto [expected, film] = slopes_in(
         kIndex, {.material = {2, albedo, 0.3}, .sample_count = samples}, 32, 0.04F, [&](float by) {
           SceneDescription description = rough_knot(1, 1);

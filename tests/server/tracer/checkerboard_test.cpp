@@ -108,7 +108,7 @@ TEST(CheckerboardTest, OfOneReflectanceIsUniform) {
 TEST(CheckerboardTest, AgreesWithTheReference) {
   const Scene scene = mug_on(small_board(0.8F, 0.1F));
   const auto film_by = [&](Tracer tracer, uint64_t seed) {
-    RenderRequest request{.material = {12, 0.7, 0.4}, .sample_count = 256};
+    RenderRequest request{.material = {12, 0.7, 0.4}, .sample_count = 96};
     request.derivatives = {kEven, kOdd};
     request.tracer = tracer;
     return estimate_film(scene, request, 64, seed);
@@ -163,7 +163,7 @@ TEST(ImageReflectanceTest, AgreesWithTheReference) {
   image.edge_v = {0, 0, 0.4};
   const Scene scene = mug_on(image);
   const auto film_by = [&](Tracer tracer, uint64_t seed) {
-    RenderRequest request{.material = {12, 0.7, 0.4}, .sample_count = 256};
+    RenderRequest request{.material = {12, 0.7, 0.4}, .sample_count = 32};
     request.derivatives = {parameter_named("surface[0].image.scale")};
     request.tracer = tracer;
     return estimate_film(scene, request, 64, seed);

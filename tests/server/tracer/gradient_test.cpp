@@ -145,7 +145,7 @@ TEST_P(NormalGradient, EqualsFiniteDifferences) {
   for (const auto turn : {lean, ripple}) {
     const Scene middle(turned(turn, 0)), above(turned(turn, double{kStep})),
         below(turned(turn, double{-kStep}));
-    RenderRequest request{.material = {4, 0.6, 0.3}, .sample_count = 4096};
+    RenderRequest request{.material = {4, 0.6, 0.3}, .sample_count = 1536};
     const auto difference = [&](uint64_t seed) {
       request.seed = seed;
       request.gradient_normals = false;

@@ -133,7 +133,7 @@ TEST(PointLightTest, AgreesWithTheReference) {
   const Scene scene(std::move(description));
   const auto film_by = [&](Tracer tracer, uint64_t seed) {
     RenderRequest request{
-        .material = {12, 0.7, 0.4}, .sample_count = 384, .derivatives = medium_parameters()};
+        .material = {12, 0.7, 0.4}, .sample_count = 224, .derivatives = medium_parameters()};
     request.derivatives.push_back({Parameter::kLightScale, 1});
     request.tracer = tracer;
     return estimate_film(scene, request, 64, seed);
@@ -293,7 +293,7 @@ TEST(LampTest, AgreesWithTheReference) {
   const Scene scene(std::move(description));
   const auto film_by = [&](Tracer tracer, uint64_t seed) {
     RenderRequest request{
-        .material = {8, 0.7, 0.4}, .sample_count = 512, .derivatives = medium_parameters()};
+        .material = {8, 0.7, 0.4}, .sample_count = 384, .derivatives = medium_parameters()};
     for (const uint32_t light : {0U, 1U, 2U}) {
       request.derivatives.push_back({Parameter::kLightScale, light});
     }

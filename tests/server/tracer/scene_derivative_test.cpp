@@ -151,7 +151,7 @@ class LightPlace : public ::testing::TestWithParam<const char*> {
     std::vector<std::string> names;
     // The light, moved by this along a coordinate.
     std::function<LightDescription(int axis, double by)> light;
-    uint32_t samples = 1024;
+    uint32_t samples = 416;
     double step = 0.05;
   };
   static Vec3d moved(Vec3d place, int axis, double by) {
@@ -171,7 +171,7 @@ class LightPlace : public ::testing::TestWithParam<const char*> {
                 return DirectionalLight{moved(direction, axis == 1 ? 2 : 0, by), 20,
                                         rough ? 0.5 : 0.05};
               },
-              rough ? 8192U : 1024U,
+              rough ? 8192U : 640U,
               rough ? 0.06 : 0.05};
     }
     if (name == "panel") {
@@ -191,7 +191,7 @@ class LightPlace : public ::testing::TestWithParam<const char*> {
         [=](int axis, double by) {
           return SphereLight{moved({1.4, 1.3, -0.5}, axis, by), dark ? 0.8 : 0.1, dark ? 0.1 : 600};
         },
-        dark ? 6144U : 2048U,
+        dark ? 6144U : 1152U,
         dark ? 0.1 : 0.05};
   }
 };
@@ -206,7 +206,7 @@ TEST_P(LightPlace, DerivativesEqualFiniteDifferences) {
   };
   RenderRequest request{.material = {8, 0.9, 0.3}, .sample_count = samples};
   for (const std::string& name : names) request.derivatives.push_back(parameter_named(name));
-  const FilmEstimate film = estimate_film(scene_at(0, 0), request, kBatches);
+  const FilmEstimate film = estimate_film(scene_at(0, 0), request, kBatches / 2);
   request.derivatives.clear();
   double scale = 0;
   for (const Estimated& derivative : film.derivatives) {

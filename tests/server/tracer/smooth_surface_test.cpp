@@ -78,7 +78,7 @@ TEST(SmoothSurfaceTest, TracersAgree) {
   const Scene scene(std::move(description));
   const auto film_by = [&](Tracer tracer, uint64_t seed) {
     RenderRequest request{
-        .material = {8, 0.8, 0.4}, .sample_count = 448, .derivatives = medium_parameters()};
+        .material = {8, 0.8, 0.4}, .sample_count = 288, .derivatives = medium_parameters()};
     request.derivatives.push_back({Parameter::kReflectance, 1});
     request.tracer = tracer;
     return estimate_film(scene, request, 64, seed);
