@@ -13,6 +13,7 @@
 #include "client/commands/evaluate.h"
 #include "client/commands/experiment.h"
 #include "client/commands/export.h"
+#include "client/commands/fit.h"
 #include "client/commands/merge.h"
 #include "client/commands/predict.h"
 #include "client/commands/refine.h"
@@ -51,6 +52,9 @@ namespace {
 }  // namespace
 
 void run_predict(const PredictOptions& /*options*/) {
+  become_learning_program();
+}
+void run_fit(const FitOptions& /*options*/) {
   become_learning_program();
 }
 void run_refine(const RefineOptions& /*options*/) {

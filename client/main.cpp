@@ -6,6 +6,7 @@ int main(int argc, char** argv) {
   return itn::run_command_line(argc, argv, [](CLI::App& app) {
     itn::add_render_command(app);
     itn::add_predict_command(app);
+    itn::add_fit_command(app);
     itn::add_refine_command(app);
     itn::add_dataset_command(app);
     itn::add_train_command(app);

@@ -146,6 +146,41 @@ const std::vector<Slot>& slots_of() {
   return slots;
 }
 
+namespace fields_internal {
+template <typename Use>
+struct SlotUse : OtherFields {
+  size_t left;  // slots before the one to use
+  const Use& use;
+
+  SlotUse(size_t number, const Use& use_of_it) : left(number), use(use_of_it) {}
+  template <typename Number>
+  void slot(const char* /*name*/, Number& value, double low, double high) {
+    if (left-- == 0) use(value, low, high);
+  }
+  template <typename Vector>
+  void moving_direction(const char* name, Vector& value) {
+    constexpr double kAny = std::numeric_limits<double>::infinity();
+    slot(name, value.x, -kAny, kAny);
+    slot(name, value.y, -kAny, kAny);
+    slot(name, value.z, -kAny, kAny);
+  }
+  template <typename Vector>
+  void moving_position(const char* name, Vector& value) {
+    moving_direction(name, value);
+  }
+};
+}  // namespace fields_internal
+
+// Calls use(number, low, high) with a slot's number, which it may set, and range. Returns false
+// where `kinds`, a variant, is of another kind than the slot.
+template <typename Kinds, typename Use>
+bool use_slot(Kinds& kinds, const Slot& slot, const Use& use) {
+  if (kinds.index() != slot.kind) return false;
+  fields_internal::SlotUse<Use> fields(slot.number, use);
+  std::visit([&](auto& kind) { kind.fields(kind, fields); }, kinds);
+  return true;
+}
+
 // Of the kind that it is.
 template <typename Variant>
 size_t slot_count(const Variant& kind) {

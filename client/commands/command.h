@@ -30,6 +30,7 @@ void add_experiment_command(CLI::App& app);
 void add_export_command(CLI::App& app);
 void add_merge_command(CLI::App& app);
 void add_refine_command(CLI::App& app);
+void add_fit_command(CLI::App& app);
 
 // Throws Error (kUsage) otherwise.
 inline void require_usage(bool condition, const std::string& message) {

@@ -1,5 +1,6 @@
 // itn render: an image of a scene and its derivatives, as layers of an EXR file.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <google/protobuf/struct.pb.h>
 #include <spdlog/spdlog.h>
 
@@ -36,6 +37,7 @@
 #include "common/image/preview.h"
 #include "common/material.h"
 #include "common/measured_media.h"
+#include "common/printable.h"
 #include "common/progress.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
@@ -65,6 +67,7 @@ struct RenderFlags {
   double noise = 0, seconds = 0;  // see RenderGoal
   uint64_t seed = 0;
   std::vector<std::string> derivatives;
+  std::vector<v1::NamedValue> values;  // of the scene, instead of those of its file
   uint32_t estimates = 1;
   uint32_t pilot_spp = 0;
   std::string pixels = "all";
@@ -77,6 +80,26 @@ std::string lower(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(),
                  [](unsigned char c) { return std::tolower(c); });
   return text;
+}
+
+// NAME=VALUE.
+v1::NamedValue named_value(const std::string& text) {
+  const size_t equals = text.find('=');
+  v1::NamedValue result;
+  result.set_name(text.substr(0, equals));
+  double value = 0;
+  const char* const end = text.data() + text.size();
+  const char* const begin = equals == std::string::npos ? end : text.data() + equals + 1;
+  const auto [rest, error] = std::from_chars(begin, end, value);
+  require_usage(error == std::errc() && rest == end && std::isfinite(value),
+                fmt::format("--set {}: it is NAME=VALUE, as light[0].scale=2", printable(text)));
+  result.set_value(value);
+  const auto parameter = parameter_of(result.name());
+  const auto* of_scene = std::get_if<tracer::Parameter>(&parameter);
+  require_usage(of_scene != nullptr && !of_scene->of_medium(),
+                fmt::format("--set {}: the medium is set by --sigma-t, --albedo, --g or --phase",
+                            printable(text)));
+  return result;
 }
 
 // 2m as 120.
@@ -202,6 +225,7 @@ RenderJob job_of(const RenderFlags& options, v1::Scene scene, v1::Film::Channel 
   job.request.set_pixels(options.pixels == "object" ? v1::OBJECT_PIXELS : v1::ALL_PIXELS);
   job.request.set_tracer(options.tracer == "reference" ? v1::REFERENCE : v1::WAVEFRONT);
   for (const std::string& name : options.derivatives) job.request.add_parameters(name);
+  job.request.mutable_values()->Assign(options.values.begin(), options.values.end());
   return job;
 }
 
@@ -388,6 +412,12 @@ Image make_image(const std::vector<Channel>& channels, const RenderJob& job,
       {attribute::kLeaks, count(counters.leaks())},
   };
   if (!options.phase.empty()) image.attributes[attribute::kPhase] = options.phase;
+  std::vector<std::string> values;
+  for (const v1::NamedValue& value : options.values) {
+    values.push_back(fmt::format("{}={}", value.name(), value.value()));
+  }
+  if (!values.empty())
+    image.attributes[attribute::kValues] = fmt::format("{}", fmt::join(values, " "));
   for (size_t c = 0; c < channels.size(); ++c) {
     const auto& [name, shown, material] = channels[c];
     add_channel(name, replies[c], options, image);
@@ -711,6 +741,15 @@ void add_render_command(CLI::App& app) {
           },
           ""))
       ->delimiter(',')
+      ->allow_extra_args(false);
+  command
+      ->add_option_function<std::vector<std::string>>(
+          "--set",
+          [options](const std::vector<std::string>& texts) {
+            for (const std::string& text : texts) options->values.push_back(named_value(text));
+          },
+          "NAME=VALUE: a number of the scene instead of that in its file, by the name of its "
+          "derivative, as light[0].scale=2 or rough_dielectric.index=1.4. May be repeated")
       ->allow_extra_args(false);
   command->add_option("--estimates", options->estimates, "Independent estimates, as further layers")
       ->check(number_in(1U, 16U))

@@ -47,8 +47,8 @@ void require_own_suffix(const ExportFormat& format, const std::filesystem::path&
   const auto* other = std::ranges::find(kFormats, suffix, &ExportFormat::extension);
   if (other == kFormats.end()) return;
   throw Error(ErrorKind::kUsage,
-              fmt::format("{}: files of --format {} are named {}; {} are those of {}", file.string(),
-                          format.name, format.extension, suffix, other->name));
+              fmt::format("{}: files of --format {} are named {}; {} are those of {}",
+                          file.string(), format.name, format.extension, suffix, other->name));
 }
 
 }  // namespace itn

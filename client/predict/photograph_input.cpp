@@ -324,9 +324,10 @@ std::vector<float> read_mask_for(const PhotographContent& content, const std::st
   return std::move(file.values);
 }
 
-PredictInput load_photograph(const std::string& file, const PhotographOptions& options) {
-  const PhotographContent content = read_content(file, options.reading);
-  const std::vector<float> pixels = pixels_of(content);
+MarkedPhotograph read_marked(const std::string& file, const PhotographOptions& options) {
+  MarkedPhotograph marked{.content = read_content(file, options.reading), .pixels = {}, .mask = {}};
+  const PhotographContent& content = marked.content;
+  marked.pixels = pixels_of(content);
   warn_if_taken_for_srgb(content.file, file);
   if (options.exposure && content.file.encoded) {
     throw invalid_input(fmt::format(
@@ -336,18 +337,23 @@ PredictInput load_photograph(const std::string& file, const PhotographOptions& o
         "card beside the object (--gray-card)",
         file));
   }
-  const std::vector<float> mask = mask_of(content, file, options);
-  const Photograph photograph{content.width(), content.height(),
-                              static_cast<int>(content.channels.size()), pixels, mask};
+  marked.mask = mask_of(content, file, options);
   try {
-    validate(photograph, interruption());
+    validate(marked.view(), interruption());
   } catch (const Error& error) {
     throw Error(error.kind(), fmt::format("{}: {}", file, error.what()));
   }
+  return marked;
+}
+
+PredictInput load_photograph(const std::string& file, const PhotographOptions& options) {
+  const MarkedPhotograph marked = read_marked(file, options);
+  const PhotographContent& content = marked.content;
+  const Photograph photograph = marked.view();
   return {.name = file,
           .channels = content.channels,
           .photograph = framed(photograph, interruption(), framing_of(options, content.file.image)),
-          .capture = capture_of(content, photograph, mask, file, options),
+          .capture = capture_of(content, photograph, marked.mask, file, options),
           .width = content.width(),
           .height = content.height()};
 }

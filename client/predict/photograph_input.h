@@ -62,6 +62,21 @@ struct PredictInput {
   int width = 0, height = 0;  // before it was framed, in pixels
 };
 
+// A whole photograph with the object marked.
+struct MarkedPhotograph {
+  PhotographContent content;
+  std::vector<float> pixels, mask;  // as of Photograph
+
+  Photograph view() const {
+    return {content.width(), content.height(), static_cast<int>(content.channels.size()), pixels,
+            mask};
+  }
+};
+
+// Reads the file ("-": standard input) and finds out where the object is. Throws as the next one,
+// but for gray cards.
+MarkedPhotograph read_marked(const std::string& file, const PhotographOptions& options);
+
 // Reads the file ("-": standard input), finds out where the object is, frames it, and measures what
 // limits the answer. Throws Error as read_photograph() does, and (invalid input) if there is no
 // mask, it does not fit, or the gray card cannot be used.

@@ -39,13 +39,7 @@ void check_plane(const Observation& observation, const std::vector<float>& plane
 }
 
 RenderJob render_job(const SynthesisQuery& query) {
-  RenderJob job;
-  job.scene = query.observation->scene;
-  if (!query.unknowns.empty()) {
-    v1::Scene scene = scene_of(*query.observation);
-    set_unknowns(query.unknowns, query.values, scene);
-    job.scene = serialize(scene);
-  }
+  RenderJob job{.scene = query.observation->scene, .request = {}};
   *job.request.mutable_material() = to_proto(query.material);
   job.request.set_spp(query.spp);
   job.request.set_seed(query.seed);
@@ -55,7 +49,13 @@ RenderJob render_job(const SynthesisQuery& query) {
   for (const v1::Parameter parameter : {v1::SIGMA_T, v1::ALBEDO, v1::G}) {
     job.request.add_derivatives(parameter);
   }
-  for (const SceneUnknown& unknown : query.unknowns) job.request.add_parameters(unknown.name);
+  for (size_t i = 0; i < query.unknowns.size(); ++i) {
+    const std::string& name = query.unknowns[i].name;
+    job.request.add_parameters(name);
+    v1::NamedValue& value = *job.request.add_values();
+    value.set_name(name);
+    value.set_value(query.values[i]);
+  }
   return job;
 }
 

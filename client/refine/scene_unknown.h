@@ -1,5 +1,5 @@
-// Numbers of the scenes that are found with the material: any that a scene file has and that images
-// have a derivative in, by the name of that (server/tracer/parameters/parameter.h).
+// Numbers of the scenes that are found with the material: any that images have a derivative in, by
+// the name of that (server/tracer/parameters/parameter.h).
 #pragma once
 
 #include <span>
@@ -19,12 +19,8 @@ struct SceneUnknown {
 };
 
 // Throws Error (invalid input) that says which name is none, or none of a scene's, stands twice, or
-// is of scenes that differ in it.
+// is of scenes that differ in it; or what is wrong with a scene.
 std::vector<SceneUnknown> scene_unknowns(std::span<const std::string> names,
-                                         std::span<v1::Scene> scenes);
-
-// Puts other numbers in the place of these, in their order.
-void set_unknowns(std::span<const SceneUnknown> unknowns, std::span<const double> values,
-                  v1::Scene& scene);
+                                         std::span<const v1::Scene> scenes);
 
 }  // namespace itn

@@ -252,7 +252,8 @@ PhotographFile decode_photograph(std::string_view bytes, const std::string& name
                               .turned = pixels.exif.orientation != 1,
                               .exposure_seconds = pixels.exif.exposure_seconds,
                               .f_number = pixels.exif.f_number,
-                              .iso = pixels.exif.iso};
+                              .iso = pixels.exif.iso,
+                              .focal_length_35mm = pixels.exif.focal_length_35mm};
       },
       pixels.values);
   check_finite(file.image, name);

@@ -29,6 +29,8 @@ struct PhotographFile {
   bool turned = false;  // EXIF said how the camera was held, and the image was turned upright
   // From EXIF, if they are there and positive.
   std::optional<double> exposure_seconds, f_number, iso;
+  // In mm, of a camera whose image has a diagonal of 43.27 mm and the same angles of view.
+  std::optional<double> focal_length_35mm;
 };
 
 // OpenEXR, PNG, JPEG, TIFF (its first image), Radiance HDR, HEIC and AVIF, and WebP without alpha,

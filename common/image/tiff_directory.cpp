@@ -111,6 +111,7 @@ Exif read_exif(const TiffDirectory& first) {
   const TiffDirectory taken = first.directory(34665).value_or(first);
   exif.exposure_seconds = if_positive(taken.number(33434));
   exif.f_number = if_positive(taken.number(33437));
+  exif.focal_length_35mm = if_positive(taken.number(41989));
   exif.iso = if_positive(taken.number(34855));
   if (exif.iso == 65535) exif.iso.reset();  // "see another tag"
   exif.is_srgb = taken.number(40961).value_or(1) == 1;

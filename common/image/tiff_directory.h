@@ -40,6 +40,7 @@ class TiffDirectory {
 struct Exif {
   int orientation = 1;  // 1 to 8, as in TIFF: 1 has the first row on top
   std::optional<double> exposure_seconds{}, f_number{}, iso{};
+  std::optional<double> focal_length_35mm{};
   bool is_srgb = true;  // false: the colours are said to be of another space
 };
 

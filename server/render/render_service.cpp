@@ -16,6 +16,7 @@
 #include "common/scene/scene_bytes.h"
 #include "server/render/render_reply.h"
 #include "server/tracer/film/weighted_image_loss.h"
+#include "server/tracer/scene/value.h"
 
 namespace itn {
 namespace {
@@ -31,7 +32,8 @@ RenderServiceOptions with_defaults(RenderServiceOptions options) {
 const ElementLimits kElementLimits = {{"itn.v1.RenderGradRequest.albedos", 1024},
                                       {"itn.v1.RenderGradRequest.derivatives", 1024},
                                       {"itn.v1.RenderGradRequest.parameters", 1024},
-                                      {"itn.v1.RenderGradRequest.scene_derivatives", 1024}};
+                                      {"itn.v1.RenderGradRequest.scene_derivatives", 1024},
+                                      {"itn.v1.RenderGradRequest.values", 1024}};
 
 StatusError scene_not_held(const std::string& digest) {
   v1::SceneNotHeld details;
@@ -54,8 +56,11 @@ class RenderService::RenderCall final : public QueuedCall {
     parse_checked(bytes, "request", kElementLimits, request_);
     built_ = build_request(request_, service_.options_.limits);
     if (request_.scene().empty()) {
-      scene_ = service_.cache_.find(request_.scene_digest());
-      if (!scene_) throw scene_not_held(request_.scene_digest());
+      scene_ = service_.cache_.find(key_of(request_.scene_digest()));
+      if (!scene_ && !built_.values.empty()) {
+        described_ = service_.cache_.find_described(request_.scene_digest());
+      }
+      if (!scene_ && !described_) throw scene_not_held(request_.scene_digest());
     }
     request_bytes_ = bytes.Length();
   }
@@ -100,22 +105,58 @@ class RenderService::RenderCall final : public QueuedCall {
   // read.
   SceneCache::ScenePtr find_or_build_scene(const std::stop_token& stop) {
     if (scene_) return std::exchange(scene_, nullptr);
+    if (described_) {
+      return service_.cache_.get_or_build(
+          key_of(request_.scene_digest()), [&] { return build(described_->description, stop); },
+          stop);
+    }
     const std::string digest = sha256(request_.scene());
     if (!request_.scene_digest().empty() && request_.scene_digest() != digest) {
       throw invalid_input("scene_digest is not the SHA-256 of scene; leave one of them out");
     }
     return service_.cache_.get_or_build(
-        digest, [&] { return build(stop); }, stop);
+        key_of(digest),
+        [&] {
+          SceneCache::ScenePtr scene = build(describe(stop), stop);
+          if (!built_.values.empty()) hold_description(digest, stop);
+          return scene;
+        },
+        stop);
   }
 
-  SceneCache::ScenePtr build(const std::stop_token& stop) {
+  // Of a scene with the values that are asked for.
+  std::string key_of(const std::string& digest) const {
+    std::string key = digest;
+    for (const auto& [parameter, value] : built_.values) {
+      key += part_key("", parameter.kind, parameter.index, parameter.slot, value);
+    }
+    return key;
+  }
+
+  tracer::SceneDescription describe(const std::stop_token& stop) {
     memory().resize(3 * request_bytes_);  // the request, the scene's message, its arrays
     const v1::Scene message = parse_scene(request_.scene());
-    PartCache& parts = service_.cache_.parts();
-    tracer::SceneDescription description =
-        build_scene(message, service_.options_.limits, &parts, stop);
+    return build_scene(message, service_.options_.limits, &service_.cache_.parts(), stop);
+  }
+
+  // For requests with other values. As its object was compiled just now, it is not in there twice.
+  void hold_description(const std::string& digest, const std::stop_token& stop) {
+    service_.cache_.get_or_describe(
+        digest,
+        [&] {
+          return std::make_shared<const SceneCache::Described>(describe(stop),
+                                                               request_.scene().size());
+        },
+        stop);
+  }
+
+  SceneCache::ScenePtr build(tracer::SceneDescription description, const std::stop_token& stop) {
+    for (const auto& [parameter, value] : built_.values) {
+      tracer::set_value(parameter, value, description);
+    }
     memory().resize(3 * request_bytes_ + tracer::estimated_memory(description));
-    return std::make_shared<const tracer::Scene>(std::move(description), parts, stop);
+    return std::make_shared<const tracer::Scene>(std::move(description), service_.cache_.parts(),
+                                                 stop);
   }
 
   // Nothing traces paths faster than this, whatever it traces them through.
@@ -151,7 +192,9 @@ class RenderService::RenderCall final : public QueuedCall {
   RenderService& service_;
   v1::RenderGradRequest request_;
   uint64_t request_bytes_ = 0;
-  SceneCache::ScenePtr scene_;  // of a request that waits and names one: it stays until then
+  // Of a request that waits and names one: it stays until then.
+  SceneCache::ScenePtr scene_;
+  SceneCache::DescribedPtr described_;
   BuiltRequest built_;
   uint64_t paths_ = 0;
   std::atomic<Phase> phase_ = Phase::kScene;

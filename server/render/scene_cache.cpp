@@ -37,6 +37,18 @@ SceneCache::ScenePtr SceneCache::get_or_build(const std::string& digest,
   }
 }
 
+SceneCache::DescribedPtr SceneCache::find_described(const std::string& digest) {
+  DescribedPtr described = parts_.find<Described>("described" + digest);
+  if (described) parts_.touch(std::span(&described->description.object_key, 1));
+  return described;
+}
+
+SceneCache::DescribedPtr SceneCache::get_or_describe(const std::string& digest,
+                                                     const std::function<DescribedPtr()>& describe,
+                                                     const std::stop_token& stop) {
+  return parts_.get<Described>("described" + digest, stop, describe);
+}
+
 uint64_t SceneCache::excess_of(const tracer::Scene& scene) const {
   return over_budget(scene.memory() + parts_.memory(scene.part_keys()));
 }

@@ -30,6 +30,19 @@ class SceneCache {
   ScenePtr get_or_build(const std::string& digest, const std::function<ScenePtr()>& build,
                         const std::stop_token& stop = {});
 
+  // A scene that others differ from in some numbers, before it is compiled.
+  struct Described {
+    tracer::SceneDescription description;  // its object is compiled, unless it has others beside it
+    size_t bytes;                          // of its message
+    size_t memory() const { return sizeof(*this) + bytes; }
+  };
+  using DescribedPtr = std::shared_ptr<const Described>;
+  // As the two above; by the digest of that scene.
+  DescribedPtr find_described(const std::string& digest);
+  DescribedPtr get_or_describe(const std::string& digest,
+                               const std::function<DescribedPtr()>& describe,
+                               const std::stop_token& stop = {});
+
   // For scenes to be built with.
   PartCache& parts() { return parts_; }
   size_t memory() const { return parts_.memory(); }

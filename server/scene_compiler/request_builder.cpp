@@ -76,8 +76,6 @@ void build_phase(const v1::RenderGradRequest& request, tracer::RenderRequest& bu
     throw invalid_input(
         fmt::format("material.g is {} beside a phase; it must be absent", built.material.g));
   }
-  built.material.g = tracer::mean_cosine(built);
-  for (Material& colour : built.colours) colour.g = built.material.g;
 }
 
 void build_tracer(const v1::RenderGradRequest& request, tracer::RenderRequest& built) {
@@ -129,12 +127,83 @@ uint64_t sums_per_pixel(const ImageCounts& images, uint64_t derivatives) {
          images.of_all * sizeof(tracer::Sum);
 }
 
+using Values = std::vector<std::pair<tracer::Parameter, double>>;
+
+Values values_of(const v1::RenderGradRequest& request) {
+  Values values;
+  for (const v1::NamedValue& given : request.values()) {
+    const std::string field = fmt::format("values[{}].name is {}", values.size(), given.name());
+    const auto parameter = parameter_of(given.name());
+    const auto* of_medium = std::get_if<v1::Parameter>(&parameter);
+    if (of_medium != nullptr && *of_medium > v1::G) {
+      throw invalid_input(field + "; of the medium, sigma_t, albedo and g can be set");
+    }
+    const tracer::Parameter named = of_medium != nullptr ? tracer::parameter_named(given.name())
+                                                         : std::get<tracer::Parameter>(parameter);
+    if (std::ranges::find(values, named, &Values::value_type::first) != values.end()) {
+      throw invalid_input(field + " again");
+    }
+    if (named.of_medium() && !request.colours().empty()) {
+      throw invalid_input(field + "; the medium is that of the colours");
+    }
+    values.emplace_back(named, given.value());
+  }
+  return values;
+}
+
+// Sets those of the medium and of its phase function, whose mean cosine is the material's then.
+void set_medium(const Values& values, tracer::RenderRequest& built) {
+  for (const auto& [parameter, value] : values) {
+    switch (parameter.kind) {
+      case tracer::Parameter::kSigmaT: built.material.sigma_t = value; break;
+      case tracer::Parameter::kAlbedo: built.material.albedo = value; break;
+      case tracer::Parameter::kPhase: {
+        const Slot& slot = slots_of<tracer::PhaseFunction>()[parameter.slot];
+        tracer::PhaseFunction phase = tracer::phase_of(built);
+        const bool is_set = use_slot(phase, slot, [&](auto& number, double low, double high) {
+          number = static_cast<float>(in_closed(slot.name, value, low, high));
+        });
+        if (!is_set) throw invalid_input(slot.name + " is no number of the phase function");
+        if (built.phase) {
+          built.phase = phase;
+        } else {
+          built.material.g = value;
+        }
+        break;
+      }
+      default: break;
+    }
+  }
+  if (!built.phase) return;
+  built.material.g = tracer::mean_cosine(built);
+  for (Material& colour : built.colours) colour.g = built.material.g;
+}
+
+// The derivatives in scales that were set are the parts of the radiance by them.
+void divide_by_scales(const Values& values, size_t colours, Derivatives& derivatives) {
+  for (size_t p = 0; p < derivatives.parameters.size(); ++p) {
+    const tracer::Parameter& parameter = derivatives.parameters[p];
+    if (parameter.kind != tracer::Parameter::kLightScale) continue;
+    const auto set = std::ranges::find(values, parameter, &Values::value_type::first);
+    if (set == values.end()) continue;
+    for (std::vector<double>& weights : derivatives.weights) {
+      for (size_t c = 0; c < colours; ++c) weights[p * colours + c] /= set->second;
+    }
+  }
+}
+
 // The material that the tracer judges by is the thinnest and palest that there is.
-void build_materials(const v1::RenderGradRequest& request, tracer::RenderRequest& built) {
+void build_materials(const v1::RenderGradRequest& request, const Values& values,
+                     tracer::RenderRequest& built) {
   if (request.colours().empty()) {
-    if (!request.has_material()) throw missing("material");
+    const auto is_set = [&](tracer::Parameter::Kind kind) {
+      return std::ranges::any_of(values, [=](const auto& of) { return of.first.kind == kind; });
+    };
+    if (!request.has_material() &&
+        !(is_set(tracer::Parameter::kSigmaT) && is_set(tracer::Parameter::kAlbedo))) {
+      throw missing("material");
+    }
     built.material = from_proto(request.material());
-    validate(built.material);
     return;
   }
   if (request.has_material()) {
@@ -161,8 +230,11 @@ BuiltRequest build_request(const v1::RenderGradRequest& request, const RenderLim
   check_message(request, "request");
   check_scene_fields(request);
   tracer::RenderRequest built;
-  build_materials(request, built);
+  Values values = values_of(request);
+  build_materials(request, values, built);
   build_phase(request, built);
+  set_medium(values, built);
+  validate(built.material);
   built.seed = request.seed();
   built.sample_count = request.spp();
   built.first_sample = request.first_sample();
@@ -172,6 +244,7 @@ BuiltRequest build_request(const v1::RenderGradRequest& request, const RenderLim
   }
   Derivatives derivatives = derivatives_of(
       request, built.colours.empty() ? std::span(&built.material, 1) : std::span(built.colours));
+  divide_by_scales(values, std::max<size_t>(built.colours.size(), 1), derivatives);
   built.derivatives = std::move(derivatives.parameters);
   check_loss(request);
   built.albedos.assign(request.albedos().begin(), request.albedos().end());
@@ -181,7 +254,8 @@ BuiltRequest build_request(const v1::RenderGradRequest& request, const RenderLim
   built.estimates = std::max(request.estimates(), 1U);
   tracer::validate(built);
   within_limit("spp", request.spp(), limits.max_spp);
-  return {std::move(built), std::move(derivatives.weights)};
+  std::erase_if(values, [](const auto& of) { return of.first.of_medium(); });
+  return {std::move(built), std::move(derivatives.weights), std::move(values)};
 }
 
 uint64_t pixel_count(int width, int height, const v1::RenderGradRequest& request) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "itn/v1/render.pb.h"
@@ -14,6 +15,8 @@ namespace itn {
 struct BuiltRequest {
   tracer::RenderRequest asked;
   DerivativeWeights derivative_weights;  // of asked.derivatives
+  // Of the scene, in the order of the request.
+  std::vector<std::pair<tracer::Parameter, double>> values = {};
 };
 
 // Checks the request but for its scene. Its material has the mean cosine of its phase function.

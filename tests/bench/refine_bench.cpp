@@ -83,15 +83,12 @@ Observation observe(RenderPool& pool, const Case& c, const Options& options, uin
   if (!options.shape.empty()) scene.mutable_object()->mutable_mesh()->set_builtin(options.shape);
   scene.mutable_film()->set_width(options.side);
   scene.mutable_film()->set_height(options.side);
-  const auto start = serialize(scene);
-  std::vector<std::string> names;
-  std::vector<double> truths;
-  for (const auto& [name, truth] : c.unknowns) {
-    names.push_back(name);
-    truths.push_back(truth);
-  }
-  set_unknowns(scene_unknowns(names, {&scene, 1}), truths, scene);
   RenderJob job{.scene = serialize(scene), .request = {}};
+  for (const auto& [name, truth] : c.unknowns) {
+    v1::NamedValue& value = *job.request.add_values();
+    value.set_name(name);
+    value.set_value(truth);
+  }
   *job.request.mutable_material() = to_proto(c.truth);
   job.request.set_spp(options.image_spp);
   job.request.set_seed(seed);
@@ -101,7 +98,7 @@ Observation observe(RenderPool& pool, const Case& c, const Options& options, uin
           .radiance = mean_radiance(reply, options.image_spp),
           .mask = from_bytes<float>(reply.mask()),
           .noise = from_bytes<float>(reply.standard_error()),
-          .scene = start};
+          .scene = job.scene};
 }
 
 Material start_of(const Options& options, const Material& truth, uint64_t seed) {

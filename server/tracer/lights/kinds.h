@@ -52,6 +52,9 @@ using LightDescription =
 using LightKind = std::variant<ConstantLight, SunDisc, SkyLight, EnvironmentMap, DirectionalLight,
                                PointLight, SpotLight, SphereLight, PanelLight>;
 
+// Multiplies all that a light sends out.
+void brighten(LightDescription& light, double by);
+
 inline bool has_size(const LightDescription& description) {
   return std::visit(
       [](const auto& light) {

@@ -25,17 +25,18 @@ namespace {
 namespace lanes = HWY_NAMESPACE;
 namespace hn = lanes::hn;
 
-// Multiplies how bright a light is.
-struct Brighten : OtherFields {
+// The numbers that say how bright a light is: its own, or the scales of what has colours.
+struct Brightness : OtherFields {
   double by;
-  bool found = false;
+  bool has_colours = true;
 
-  explicit Brighten(double factor) : by(factor) {}
+  explicit Brightness(double factor) : by(factor) {}
   template <typename Number>
   void number(std::string_view name, Number& value, double /*low*/, double /*high*/) {
-    if (name != "radiance" && name != "irradiance" && name != "intensity") return;
+    const bool is_own = name == "radiance" || name == "irradiance" || name == "intensity";
+    if (!is_own && !name.ends_with("scale")) return;
     value *= by;
-    found = true;
+    if (is_own) has_colours = false;
   }
 };
 
@@ -45,9 +46,9 @@ std::array<float, 3> set_colour(LightDescription& light, Rgb colour, Channel cha
       [&](auto& kind) {
         const double all = luminance(colour);
         for (double& part : colour) part /= all;
-        Brighten brighten(channel == Channel::kRgb ? 1 : select(colour, channel));
-        kind.fields(kind, brighten);
-        if (!brighten.found)
+        Brightness brightness(channel == Channel::kRgb ? 1 : select(colour, channel));
+        kind.fields(kind, brightness);
+        if (brightness.has_colours)
           throw invalid_input(fmt::format("color: {} has colours of its own", kind.kName));
       },
       light);
@@ -68,6 +69,11 @@ std::array<Vec3f, 3> axes_of(const LightDescription& description, const Pose& po
 }
 
 }  // namespace
+
+void brighten(LightDescription& light, double by) {
+  Brightness brightness(by);
+  std::visit([&](auto& kind) { kind.fields(kind, brightness); }, light);
+}
 
 Rotation<double> turned_back(double azimuth) {
   const double c = std::cos(azimuth), s = std::sin(azimuth);

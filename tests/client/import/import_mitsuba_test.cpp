@@ -231,8 +231,7 @@ TEST_F(ImportMitsuba, SaysWhatIsLost) {
                         <transform name="to_world"><scale value="3"/></transform></sensor>)")
                   .not_carried_over,
               Contains(HasSubstr("its transform scales")));
-  const ImportedScene sampled =
-      import(R"(<sensor type="perspective"><float name="fov" value="9"/>
+  const ImportedScene sampled = import(R"(<sensor type="perspective"><float name="fov" value="9"/>
                 <sampler type="independent"><integer name="sample_count" value="2000000"/></sampler>
                 </sensor>)");
   EXPECT_EQ(sampled.samples, 1048576U);

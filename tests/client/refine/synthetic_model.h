@@ -42,6 +42,10 @@ class SyntheticModel {
   explicit SyntheticModel(double noise_of_sample = 0.5) : noise_(noise_of_sample) {
     v1::Scene scene;
     scene.mutable_object()->mutable_rough_dielectric();
+    scene.mutable_object()->mutable_mesh()->set_builtin("cube");
+    scene.add_lights()->mutable_constant();
+    scene.mutable_camera()->mutable_origin()->set_z(-5);
+    scene.mutable_camera()->mutable_target();
     scene.mutable_film()->set_width(kSide);
     scene.mutable_film()->set_height(kSide);
     scene_ = serialize(scene);

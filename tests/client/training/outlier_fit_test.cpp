@@ -36,14 +36,14 @@ struct World {
   World() {
     v1::DatasetConfig config = paper_config(kSide);
     config.clear_spp();
-    config.set_count(900);
+    config.set_count(640);
     config.mutable_noise()->set_target(0.1);
     config.mutable_noise()->set_min_spp(4);
     config.mutable_noise()->set_max_spp(4096);
     config.mutable_noise()->set_pilot_spp(8);
-    config.mutable_shapes()->mutable_random()->set_count(150);
-    config.set_validation_fraction(0.3);
-    config.set_test_fraction(0.2);
+    config.mutable_shapes()->mutable_random()->set_count(100);
+    config.set_validation_fraction(0.45);
+    config.set_test_fraction(0.15);
     RenderPool pool({});
     render_dataset(plan_dataset(config, shape_set(config.shapes()).shapes), folder.path("data"),
                    pool, [](const DatasetProgress&) {});
@@ -177,7 +177,7 @@ TEST_F(OutlierFit, DoesWithoutNoisyImages) {
             measure_outlier_model(world_->model, training, {})->SerializeAsString());
 }
 
-// Of the 270 validation images, which are enough.
+// Of the 288 validation images, which are enough.
 TEST_F(OutlierFit, ACompleteModelKnowsItsWidthsToo) {
   ASSERT_TRUE(world_->model.has_calibration());
   v1::Model again = world_->model;

@@ -596,6 +596,145 @@ TEST(RenderService, SaysByDigestThatItDoesNotHoldAScene) {
   EXPECT_EQ(deterministic_bytes(sent.reply), deterministic_bytes(known.reply));
 }
 
+// ---- Values by name --------------------------------------------------------------------------
+
+v1::Scene lamp_lit_scene() {
+  v1::Scene scene = cube_scene();
+  scene.clear_surfaces();
+  scene.clear_lights();
+  scene.mutable_object()->mutable_rough_dielectric()->set_roughness(0.3F);
+  v1::Surface& ground = *scene.add_surfaces();
+  ground.mutable_rectangle()->mutable_half_u()->set_x(3);
+  ground.mutable_rectangle()->mutable_half_v()->set_z(-3);
+  ground.set_reflectance(0.5F);
+  scene.add_lights()->mutable_constant()->set_radiance(0.5F);
+  v1::SphereLight& lamp = *scene.add_lights()->mutable_sphere();
+  lamp.mutable_center()->set_x(1);
+  lamp.mutable_center()->set_y(2);
+  lamp.mutable_center()->set_z(-1);
+  lamp.set_radius(0.3F);
+  lamp.set_radiance(20);
+  return scene;
+}
+
+void set_value(v1::RenderGradRequest& request, const std::string& name, double value) {
+  v1::NamedValue& set = *request.add_values();
+  set.set_name(name);
+  set.set_value(value);
+}
+
+struct NamedNumber {
+  const char* name;
+  double value;
+  std::function<void(v1::Scene&, v1::RenderGradRequest&)> edit;  // to that value
+};
+
+const NamedNumber kNumbers[] = {
+    {"rough_dielectric.index", 1.3,
+     [](auto& s, auto&) { s.mutable_object()->mutable_rough_dielectric()->set_index(1.3F); }},
+    {"rough_dielectric.roughness", 0.45,
+     [](auto& s, auto&) { s.mutable_object()->mutable_rough_dielectric()->set_roughness(0.45F); }},
+    {"surface[0].reflectance", 0.8,
+     [](auto& s, auto&) { s.mutable_surfaces(0)->set_reflectance(0.8F); }},
+    {"light[1].sphere.center.x", -0.7,
+     [](auto& s, auto&) { s.mutable_lights(1)->mutable_sphere()->mutable_center()->set_x(-0.7F); }},
+    {"light[0].scale", 2,
+     [](auto& s, auto&) { s.mutable_lights(0)->mutable_constant()->set_radiance(1); }},
+    {"sigma_t", 31.5, [](auto&, auto& r) { r.mutable_material()->set_sigma_t(31.5); }},
+    {"albedo", 0.375, [](auto&, auto& r) { r.mutable_material()->set_albedo(0.375); }},
+    {"g", -0.125, [](auto&, auto& r) { r.mutable_material()->set_g(-0.125); }}};
+
+v1::RenderGradRequest lamp_lit_request() {
+  v1::RenderGradRequest request = small_request();
+  request.clear_derivatives();
+  for (const char* name : {"g", "rough_dielectric.roughness", "surface[0].reflectance"}) {
+    request.add_parameters(name);
+  }
+  return request;
+}
+
+// To the bit, whether the worker has the scene, another one of its values, or nothing; one value,
+// and all of them.
+TEST(RenderService, RendersTheSceneOfTheValuesThatAreSet) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  const auto scene = serialize(lamp_lit_scene());
+  const auto expect_as_edited = [&](const std::vector<NamedNumber>& numbers) {
+    for (const v1::Tracer tracer : {v1::WAVEFRONT, v1::REFERENCE}) {
+      v1::RenderGradRequest by_value = lamp_lit_request(), edited = by_value;
+      v1::Scene other = lamp_lit_scene();
+      for (const NamedNumber& number : numbers) {
+        set_value(by_value, number.name, number.value);
+        number.edit(other, edited);
+      }
+      by_value.set_tracer(tracer);
+      edited.set_tracer(tracer);
+      RenderServer fresh(one_thread());
+      const Answer expected = Client(fresh.in_process_channel()).call(with_scene(edited, other));
+      ASSERT_TRUE(expected.status.ok()) << expected.status.error_message();
+      by_value.set_scene_digest(scene->digest);
+      Answer answer = client.call(by_value);
+      if (answer.status.error_code() == grpc::FAILED_PRECONDITION) {
+        by_value.set_scene(scene->bytes);
+        answer = client.call(by_value);
+      }
+      ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+      EXPECT_EQ(deterministic_bytes(answer.reply), deterministic_bytes(expected.reply))
+          << numbers[0].name;
+    }
+  };
+  const std::vector<NamedNumber> all(std::begin(kNumbers), std::end(kNumbers));
+  for (const NamedNumber& number : all) expect_as_edited({number});
+  expect_as_edited(all);
+  // Held once, it is so for all values.
+  v1::RenderGradRequest other = lamp_lit_request();
+  other.set_scene_digest(scene->digest);
+  set_value(other, "surface[0].reflectance", 0.25);
+  EXPECT_TRUE(client.call(other).status.ok());
+}
+
+// Such a request needs no material beside it; and what a scale multiplies, a derivative in it does
+// not count.
+TEST(RenderService, TakesTheMediumAndTheScalesOfLightsByName) {
+  RenderServer server(one_thread());
+  Client client(server.in_process_channel());
+  v1::RenderGradRequest request = with_scene(lamp_lit_request(), lamp_lit_scene());
+  request.clear_parameters();
+  request.add_parameters("light[0].scale");
+  request.add_parameters("light[1].scale");
+  const Answer plain = client.call(request);
+  const v1::Material material = request.material();
+  request.clear_material();
+  set_value(request, "sigma_t", material.sigma_t());
+  set_value(request, "albedo", material.albedo());
+  set_value(request, "g", material.g());
+  const Answer by_name = client.call(request);
+  ASSERT_TRUE(by_name.status.ok()) << by_name.status.error_message();
+  EXPECT_EQ(deterministic_bytes(by_name.reply), deterministic_bytes(plain.reply));
+  set_value(request, "light[1].scale", 4);
+  const v1::RenderGradReply reply = client.call(request).reply;
+  const auto image = [&](const std::string& bytes) { return from_bytes<float>(bytes); };
+  const auto radiance = image(reply.estimates(0).radiance());
+  const auto first = image(reply.estimates(0).derivatives(0));
+  const auto second = image(reply.estimates(0).derivatives(1));
+  double sum = 0;
+  for (size_t p = 0; p < radiance.size(); ++p) {
+    EXPECT_NEAR(first[p] + 4 * second[p], radiance[p], 1e-5F * (1 + radiance[p]));
+    sum += double{second[p]};
+  }
+  EXPECT_GT(sum, 0);
+
+  v1::RenderGradRequest two_term = with_scene(lamp_lit_request(), lamp_lit_scene());
+  two_term.clear_parameters();
+  two_term.mutable_material()->clear_g();
+  two_term.mutable_phase()->mutable_two_term()->set_g_1(0.25F);
+  v1::RenderGradRequest set = two_term;
+  set.mutable_phase()->mutable_two_term()->set_g_1(0.75F);
+  set_value(set, "two_term.g_1", 0.25);
+  EXPECT_EQ(deterministic_bytes(client.call(set).reply),
+            deterministic_bytes(client.call(two_term).reply));
+}
+
 // ---- Refusals --------------------------------------------------------------------------------
 
 struct BadRequest {
@@ -779,6 +918,30 @@ const BadRequest kBadRequests[] = {
        r.set_scene(scene.SerializeAsString());
      },
      R"(no built-in shape "cu\x0a\x1b[31mbbb)"},
+    {"ValueOfNoName", [](auto& r) { r.add_values(); }, " is not a parameter; there are"},
+    {"ValueOfACoordinate", [](auto& r) { set_value(r, "sigma_a", 1); },
+     "values[0].name is sigma_a; of the medium, sigma_t, albedo and g can be set"},
+    {"ValueTwice",
+     [](auto& r) {
+       set_value(r, "g", 0);
+       set_value(r, "g", 0);
+     },
+     "values[1].name is g again"},
+    {"ValueNan", [](auto& r) { set_value(r, "g", std::nan("")); }, "nan"},
+    {"ValueOutOfItsRange", [](auto& r) { set_value(r, "light[0].scale", 0); },
+     "light[0].scale is 0; it must be in [1e-06, 1e+06]"},
+    {"ValueOfWhatIsNotThere", [](auto& r) { set_value(r, "rough_dielectric.index", 1.4); },
+     "rough_dielectric.index is not in the scene: the boundary is index-matched"},
+    {"ValueOfNoLight", [](auto& r) { set_value(r, "light[7].scale", 1); },
+     "light[7].scale is not in the scene: it has"},
+    {"ValueOfAnotherPhase", [](auto& r) { set_value(r, "two_term.weight", 0.5); },
+     "two_term.weight is no number of the phase function"},
+    {"ValueOfTheMediumBesideColours",
+     [](auto& r) {
+       r = colours_request();
+       set_value(r, "albedo", 0.5);
+     },
+     "values[0].name is albedo; the medium is that of the colours"},
     {"OpenMesh", open_mesh, "open"},
     {"InsideOut", inside_out, "inside out"},
 };

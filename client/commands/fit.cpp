@@ -1,0 +1,446 @@
+// itn fit: finds where an object stands in a photograph, writes the scene, and refines its
+// material.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <numbers>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "client/commands/fit.h"
+#include "client/fit/pose_search.h"
+#include "client/interrupt.h"
+#include "client/output.h"
+#include "client/refine/refinement.h"
+#include "client/render_pool/render_pool.h"
+#include "common/angle.h"
+#include "common/error.h"
+#include "common/files/atomic_file.h"
+#include "common/files/folder_lock.h"
+#include "common/files/read_file.h"
+#include "common/geometry/shapes.h"
+#include "common/image/image.h"
+#include "common/image/preview.h"
+#include "common/scene/scene_file.h"
+#include "common/scene/text_proto.h"
+#include "server/scene_compiler/mesh_builder.h"
+#include "server/tracer/colour/channel.h"
+
+namespace itn {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::array<const char*, 3> kColours{"R", "G", "B"};
+
+// ---- The photograph --------------------------------------------------------------------------
+
+// A square about the object, at the side of the fit and at that of the search for its pose.
+struct FitPhotograph {
+  std::string name;
+  std::vector<std::string> channels;       // Y, or R, G, B
+  std::vector<std::vector<float>> planes;  // of each, side x side
+  std::vector<float> mask, clipped;        // likewise
+  int side = 0, pose_side = 0;
+  std::vector<float> pose_mask;
+  std::vector<float> picture;  // of the first channel, for people, pose_side x pose_side
+  int width = 0, height = 0;   // of the whole photograph
+  Square square;
+  double focal = 0;  // in pixels of the whole photograph
+};
+
+double focal_of(const PhotographContent& content, const std::string& name,
+                const FitOptions& options) {
+  constexpr double kDiagonal = 43.2666;  // of 36 x 24 mm
+  const std::optional<double> in_35mm =
+      options.focal_length_35mm ? options.focal_length_35mm : content.file.focal_length_35mm;
+  if (!in_35mm) {
+    throw invalid_input(fmt::format(
+        "{} does not say with which focal length it was taken (EXIF FocalLengthIn35mmFilm); "
+        "--focal-length does, in mm of a 35 mm camera: of a phone's main camera some 26",
+        name));
+  }
+  return *in_35mm / kDiagonal * std::hypot(content.width(), content.height());
+}
+
+FitPhotograph load(const std::string& name, const FitOptions& options) {
+  PhotographOptions reading = options.photograph;
+  reading.framing = Framing::kObject;
+  const MarkedPhotograph marked = read_marked(name, reading);
+  const PhotographContent& content = marked.content;
+  const Photograph view = marked.view();
+  if (reaches_edge(view)) {
+    throw invalid_input(name + ": the object is cut off by the frame; it must be seen whole");
+  }
+  FitPhotograph photograph;
+  photograph.name = name;
+  photograph.channels = content.channels;
+  photograph.square = frame(view, Framing::kObject);
+  photograph.width = content.width();
+  photograph.height = content.height();
+  photograph.focal = focal_of(content, name, options);
+  constexpr int kLeast = 32;
+  if (photograph.square.side < kLeast) {
+    throw invalid_input(
+        fmt::format("{}: the object is {} pixels large with its margin; {} are the "
+                    "least",
+                    name, photograph.square.side, kLeast));
+  }
+  photograph.side = std::min(options.resolution, photograph.square.side);
+  photograph.pose_side = std::min(kMaxFrameSide, photograph.square.side / 4 * 4);
+  const auto at_side = [&](std::span<const float> values, int channels, int side) {
+    return averaged(values, channels, content.width(), photograph.square, side, interruption());
+  };
+  const int channels = view.channels;
+  const std::vector<float> pixels = at_side(marked.pixels, channels, photograph.side);
+  for (int c = 0; c < channels; ++c) {
+    std::vector<float>& plane = photograph.planes.emplace_back();
+    for (size_t p = static_cast<size_t>(c); p < pixels.size(); p += static_cast<size_t>(channels)) {
+      plane.push_back(pixels[p]);
+    }
+  }
+  photograph.mask = at_side(marked.mask, 1, photograph.side);
+  photograph.pose_mask = at_side(marked.mask, 1, photograph.pose_side);
+  std::vector<float> clipped(marked.mask.size());
+  for (size_t p = 0; p < content.file.clipped.size(); ++p) clipped[p] = content.file.clipped[p];
+  photograph.clipped = at_side(clipped, 1, photograph.side);
+  const std::vector<float> picture = at_side(marked.pixels, channels, photograph.pose_side);
+  for (size_t p = 0; p < picture.size(); p += static_cast<size_t>(channels)) {
+    photograph.picture.push_back(picture[p + (channels == 3 ? 1 : 0)]);
+  }
+  return photograph;
+}
+
+PinholeView view_of(const FitPhotograph& photograph, int side) {
+  const double by = static_cast<double>(side) / photograph.square.side;
+  return {photograph.focal * by, (0.5 * photograph.width - photograph.square.left) * by,
+          (0.5 * photograph.height - photograph.square.top) * by, side};
+}
+
+// ---- The scene -------------------------------------------------------------------------------
+
+void set(v1::Vec3& to, Vec3d from) {
+  to.set_x(static_cast<float>(from.x));
+  to.set_y(static_cast<float>(from.y));
+  to.set_z(static_cast<float>(from.z));
+}
+
+bool is_builtin(const std::string& shape) {
+  const auto shapes = builtin_shapes();
+  return std::ranges::find(shapes, shape, &ShapeInfo::name) != shapes.end();
+}
+
+// The camera is at the origin and looks along -z, or below the horizon.
+Rotation<double> camera_rotation(const FitOptions& options) {
+  const double angle = options.camera_down * kRadiansPerDegree;
+  const double c = std::cos(angle), s = std::sin(angle);
+  return {{1, 0, 0}, {0, c, s}, {0, -s, c}};
+}
+
+v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options) {
+  v1::Scene scene;
+  v1::Object& object = *scene.mutable_object();
+  v1::Mesh& mesh = *object.mutable_mesh();
+  if (is_builtin(options.shape)) {
+    mesh.set_builtin(options.shape);
+  } else {
+    mesh.set_path(fs::absolute(options.shape).string());
+    mesh.set_repair(options.repair);
+    mesh.set_unit(options.refine.mesh_unit.value_or(v1::MM));
+  }
+  if (options.photograph.object_size) {
+    mesh.set_normalize(true);
+    const double size = *options.photograph.object_size;
+    set(*mesh.add_transforms()->mutable_scale(), {size, size, size});
+  }
+  object.mutable_rough_dielectric()->set_index(static_cast<float>(options.index));
+  object.mutable_rough_dielectric()->set_roughness(0.25F);
+  object.set_smooth_angle_degrees(30);
+
+  v1::Camera& camera = *scene.mutable_camera();
+  set(*camera.mutable_origin(), {});
+  const Rotation<double> rotation = camera_rotation(options);
+  constexpr double kAhead = 1000;
+  set(*camera.mutable_target(), rotation(Vec3d{0, 0, -kAhead}));
+  set(*camera.mutable_up(), rotation(Vec3d{0, 1, 0}));
+  camera.set_fov_degrees(static_cast<float>(
+      2 * std::atan(0.5 * photograph.width / photograph.focal) / kRadiansPerDegree));
+  v1::Crop& crop = *camera.mutable_crop();
+  const Square& square = photograph.square;
+  crop.set_left(static_cast<float>(square.left) / static_cast<float>(photograph.width));
+  crop.set_right(static_cast<float>(square.left + square.side) /
+                 static_cast<float>(photograph.width));
+  crop.set_top(static_cast<float>(square.top) / static_cast<float>(photograph.height));
+  crop.set_bottom(static_cast<float>(square.top + square.side) /
+                  static_cast<float>(photograph.height));
+  scene.mutable_film()->set_width(static_cast<uint32_t>(photograph.side));
+  scene.mutable_film()->set_height(static_cast<uint32_t>(photograph.side));
+
+  v1::Light& light = *scene.add_lights();
+  if (options.light == "flash") {
+    const auto& offset = options.flash_offset;
+    set(*light.mutable_point()->mutable_position(),
+        rotation(Vec3d{offset[0], offset[1], offset[2]}));
+    light.mutable_point()->set_intensity(1);
+  } else {
+    light.mutable_environment_map()->set_path(fs::absolute(options.light).string());
+    light.mutable_environment_map()->set_rotate_y_degrees(
+        static_cast<float>(options.panorama_turn));
+  }
+  return scene;
+}
+
+// As an axis and an angle.
+void set_rotation(const Rotation<double>& rotation, v1::Rotation& to) {
+  const double trace = rotation.x.x + rotation.y.y + rotation.z.z;
+  const double angle = std::acos(std::clamp((trace - 1) / 2, -1.0, 1.0));
+  Vec3d axis{rotation.z.y - rotation.y.z, rotation.x.z - rotation.z.x, rotation.y.x - rotation.x.y};
+  if (length(axis) < 1e-6) {
+    // Half a turn, or none: the columns of R + 1 lie along the axis.
+    const std::array<Vec3d, 3> columns{Vec3d{rotation.x.x + 1, rotation.y.x, rotation.z.x},
+                                       Vec3d{rotation.x.y, rotation.y.y + 1, rotation.z.y},
+                                       Vec3d{rotation.x.z, rotation.y.z, rotation.z.z + 1}};
+    axis = *std::ranges::max_element(columns, {}, [](Vec3d v) { return length(v); });
+  }
+  set(*to.mutable_axis(), normalize(axis));
+  to.set_angle_degrees(static_cast<float>(angle / kRadiansPerDegree));
+}
+
+// `pose` is in front of the camera; the light at the camera is as bright as an object needs that is
+// as far away.
+void place(const Pose& pose, const FitOptions& options, v1::Scene& scene) {
+  const Rotation<double> rotation = camera_rotation(options);
+  v1::Mesh& mesh = *scene.mutable_object()->mutable_mesh();
+  set_rotation(rotation.after(pose.rotation), *mesh.add_transforms()->mutable_rotate());
+  set(*mesh.add_transforms()->mutable_translate(), rotation(pose.translation));
+  for (v1::Light& light : *scene.mutable_lights()) {
+    if (!light.has_point()) continue;
+    const double range = length(pose.translation) / 1000;
+    light.mutable_point()->set_intensity(static_cast<float>(range * range * std::numbers::pi));
+  }
+}
+
+// ---- The pixels that count -------------------------------------------------------------------
+
+// Those that show the object alone in the photograph and in the scene, and nothing that is clipped.
+std::vector<float> counted(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose) {
+  constexpr float kWhole = 0.99F, kClipped = 0.001F;
+  constexpr int kFine = 4;
+  const int side = photograph.side;
+  const Silhouette silhouette(mesh, pose, view_of(photograph, kFine * side));
+  std::vector<float> result(photograph.mask.size());
+  for (int y = 0; y < side; ++y) {
+    for (int x = 0; x < side; ++x) {
+      const auto p = static_cast<size_t>(y) * static_cast<size_t>(side) + static_cast<size_t>(x);
+      if (photograph.mask[p] < kWhole || photograph.clipped[p] > kClipped) continue;
+      bool whole = true;
+      for (int j = -1; j <= kFine && whole; ++j) {
+        for (int i = -1; i <= kFine && whole; ++i) {
+          const int fx = kFine * x + i, fy = kFine * y + j;
+          whole = fx >= 0 && fy >= 0 && fx < kFine * side && fy < kFine * side &&
+                  silhouette.covers(fx, fy);
+        }
+      }
+      result[p] = whole ? 1 : 0;
+    }
+  }
+  return result;
+}
+
+std::vector<float> luminance_of(const FitPhotograph& photograph) {
+  if (photograph.planes.size() == 1) return photograph.planes[0];
+  std::vector<float> luminance(photograph.planes[0].size());
+  for (size_t c = 0; c < 3; ++c) {
+    const auto weight = static_cast<float>(tracer::kLuminanceOfColours[c]);
+    for (size_t p = 0; p < luminance.size(); ++p) luminance[p] += weight * photograph.planes[c][p];
+  }
+  return luminance;
+}
+
+// ---- The pose --------------------------------------------------------------------------------
+
+// How far a few steps of a refinement leave the renders of a pose from the photograph.
+double shading_loss(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose,
+                    v1::Scene scene, const FitOptions& options, const Synthesize& synthesize) {
+  place(pose, options, scene);
+  const std::vector<Observation> observations{{.name = photograph.name,
+                                               .radiance = luminance_of(photograph),
+                                               .mask = counted(photograph, mesh, pose),
+                                               .noise = {},
+                                               .scene = serialize(scene)}};
+  v1::RefineSettings settings;
+  settings.set_unknown_exposure(true);
+  settings.set_spp(32);
+  settings.set_max_spp(64);
+  settings.set_max_iterations(6);
+  settings.set_seed(options.refine.seed);
+  settings = with_defaults(settings);
+  const double size = longest_side(bounds(mesh));
+  Refinement refinement(settings, observations, {{91 / size, 0.67, 0.4}});
+  while (!refinement.finished()) refinement.step(synthesize);
+  return refinement.result().loss();
+}
+
+struct ChosenPose {
+  FoundPose found;
+  std::string remark;  // empty: there is no other
+};
+
+ChosenPose choose_pose(const FitPhotograph& photograph, const Mesh& mesh, const v1::Scene& scene,
+                       const FitOptions& options, const Synthesize& synthesize) {
+  std::vector<FoundPose> poses = find_poses(
+      mesh, photograph.pose_mask, view_of(photograph, photograph.pose_side), {}, interruption());
+  constexpr double kLeastOverlap = 0.9;
+  const FoundPose& best = poses.front();
+  if (best.overlap < kLeastOverlap) {
+    throw invalid_input(fmt::format(
+        "{}: wherever the shape stands, its silhouette and the mask overlap by {:.0f} % at most. "
+        "Is "
+        "{} the shape of the object, the focal length right, and the mask of the object alone?",
+        photograph.name, 100 * best.overlap, options.shape));
+  }
+  if (poses.size() == 1) return {best, ""};
+  constexpr size_t kMostTried = 8;
+  const size_t tried = std::min(poses.size(), kMostTried);
+  std::vector<std::pair<double, size_t>> losses;
+  for (size_t i = 0; i < tried; ++i) {
+    losses.emplace_back(shading_loss(photograph, mesh, poses[i].pose, scene, options, synthesize),
+                        i);
+  }
+  std::ranges::sort(losses);
+  const auto& [least, first] = losses.front();
+  constexpr double kDoubtful = 1.3;
+  const bool is_clear = losses[1].first > kDoubtful * least;
+  return {poses[first],
+          fmt::format("the silhouette is that of {} poses; the light on the object {} (renders "
+                      "differ by {:.2g} %, of the next one by {:.2g} %)",
+                      poses.size(),
+                      is_clear ? "tells them apart"
+                               : "DOES NOT TELL THEM APART: the pose is "
+                                 "ambiguous, and the material with it",
+                      100 * std::sqrt(least), 100 * std::sqrt(losses[1].first))};
+}
+
+// The photograph with the contour of the shape.
+void write_overlay(const fs::path& file, const FitPhotograph& photograph, const Mesh& mesh,
+                   const Pose& pose) {
+  const int side = photograph.pose_side;
+  const float white = white_level(photograph.picture);
+  std::vector<unsigned char> rgb;
+  for (const float value : photograph.picture)
+    rgb.insert(rgb.end(), 3, to_srgb_byte(value / white));
+  for (const ContourPoint& point : Silhouette(mesh, pose, view_of(photograph, side)).contour()) {
+    const auto p =
+        static_cast<size_t>(point.y) * static_cast<size_t>(side) + static_cast<size_t>(point.x);
+    constexpr std::array<unsigned char, 3> kRed{255, 40, 40};
+    std::ranges::copy(kRed, rgb.begin() + static_cast<ptrdiff_t>(3 * p));
+  }
+  write_png(file, side, side, rgb);
+}
+
+// ---- All of it -------------------------------------------------------------------------------
+
+void check(const FitOptions& options) {
+  const auto usage = [](const std::string& message) { return Error(ErrorKind::kUsage, message); };
+  if (options.refine.output.empty()) {
+    throw usage("-o is required: the scene that is found, and the answer, are written there");
+  }
+  if (!options.photograph.object_size && (is_builtin(options.shape) || !options.refine.mesh_unit)) {
+    throw usage(
+        "--object-size is required, the longest side of the object in mm, or --mesh-unit where the "
+        "shape's file has its size");
+  }
+}
+
+// The scene and the photograph that a refinement is of, as files that can be corrected.
+struct FitFiles {
+  std::vector<std::string> images, scenes;
+};
+
+FitFiles prepare(const FitOptions& options, const fs::path& folder) {
+  FitFiles files;
+  RenderPool pool(options.refine.workers.pool_options());
+  const Synthesize synthesize = rendered_by(pool, interruption());
+  for (size_t i = 0; i < options.images.size(); ++i) {
+    const FitPhotograph photograph = load(options.images[i], options);
+    const std::string stem = options.images.size() == 1 ? "" : fmt::format("_{}", i);
+    const fs::path scene_file = folder / fmt::format("scene{}.textproto", stem);
+    v1::Scene scene = scene_of(photograph, options);
+    write_file_atomically(scene_file, to_text_proto(scene));
+    v1::Scene loaded = load_scene(scene_file);
+    const Mesh mesh = MeshBuilder(UINT64_MAX).build("object.mesh", loaded.object().mesh());
+    const ChosenPose chosen = choose_pose(photograph, mesh, loaded, options, synthesize);
+    const FoundPose& found = chosen.found;
+    print_result(
+        "{}: pose found: mask and silhouette overlap by {:.1f} %, contours are {:.2f} pixels of "
+        "{} x {} apart; the angle is known to {:.1f} degrees, the distance of {:.0f} mm to {:.1f} "
+        "%\n",
+        photograph.name, 100 * found.overlap, found.distance, photograph.pose_side,
+        photograph.pose_side, found.angle_error, length(found.pose.translation),
+        100 * found.range_error);
+    if (!chosen.remark.empty()) print_result("{}: {}\n", photograph.name, chosen.remark);
+    place(found.pose, options, scene);
+    const std::vector<float> mask = counted(photograph, mesh, found.pose);
+    write_overlay(folder / fmt::format("pose{}.png", stem), photograph, mesh, found.pose);
+    Image image;
+    image.width = image.height = photograph.side;
+    for (size_t c = 0; c < photograph.channels.size(); ++c) {
+      image.channels[photograph.channels[c]] = photograph.planes[c];
+    }
+    image.channels["mask.Y"] = mask;
+    const fs::path image_file = folder / fmt::format("photograph{}.exr", stem);
+    write_exr(image_file, image);
+    write_file_atomically(scene_file, to_text_proto(scene));
+    files.images.push_back(image_file.string());
+    files.scenes.push_back(scene_file.string());
+  }
+  return files;
+}
+
+}  // namespace
+
+void run_fit(const FitOptions& options) {
+  check(options);
+  const fs::path folder = options.refine.output;
+  check_folder_writable(folder);
+  const FolderLock lock(folder, "fits a material");
+  lock.remove_temporary_files();
+  const FitFiles files = prepare(options, folder);
+  RefineOptions refine = options.refine;
+  refine.images = files.images;
+  refine.mesh_unit.reset();  // the scenes say it
+  refine.unknown_exposure = true;
+  refine.unknowns = {"rough_dielectric.roughness"};
+  refine.scenes = files.scenes;
+  if (options.luminance) {
+    refine.output = (folder / "Y").string();
+    run_refine(refine);
+    return;
+  }
+  for (size_t c = 0; c < kColours.size(); ++c) {
+    refine.output = (folder / kColours[c]).string();
+    refine.scenes.clear();
+    for (const std::string& file : files.scenes) {
+      v1::Scene scene;
+      parse_text_proto(read_file(file, "scene"), file, scene);
+      scene.mutable_film()->set_channel(static_cast<v1::Film::Channel>(v1::Film::RED + c));
+      const fs::path in_channel =
+          folder / fmt::format("{}_{}.textproto", fs::path(file).stem().string(), kColours[c]);
+      write_file_atomically(in_channel, to_text_proto(scene));
+      refine.scenes.push_back(in_channel.string());
+    }
+    print_result("{}:\n", kColours[c]);
+    run_refine(refine);
+  }
+  print_result("for renderers: itn materials --refined {0}/R,{0}/G,{0}/B --format openpbr\n",
+               folder.string());
+}
+
+}  // namespace itn

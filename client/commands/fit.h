@@ -1,0 +1,31 @@
+// The material of an object of known shape from its photograph.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "client/commands/refine.h"
+#include "client/predict/photograph_input.h"
+
+namespace itn {
+
+struct FitOptions {
+  std::vector<std::string> images;
+  PhotographOptions photograph;
+  std::string shape;  // a mesh file, or a built-in one
+  bool repair = false;
+  std::string light = "flash";                 // or the file of a panorama
+  std::vector<double> flash_offset{0, 12, 0};  // from the lens, in mm: to the right, up, back
+  double panorama_turn = 0;                    // degrees
+  double camera_down = 0;                      // degrees below the horizon
+  std::optional<double> focal_length_35mm;     // absent: as EXIF says
+  double index = 1.5;
+  bool luminance = false;
+  int resolution = 96;   // pixels a side of the fit
+  RefineOptions refine;  // mesh unit, start, limits, output, workers
+};
+
+void run_fit(const FitOptions& options);
+
+}  // namespace itn

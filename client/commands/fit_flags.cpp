@@ -1,0 +1,130 @@
+// itn fit: its flags.
+#include <memory>
+
+#include "client/commands/command.h"
+#include "client/commands/fit.h"
+#include "client/commands/options.h"
+#include "common/flags.h"
+
+namespace itn {
+namespace {
+
+void add_flags(CLI::App& command, FitOptions& options) {
+  PhotographOptions& photograph = options.photograph;
+  RefineOptions& refine = options.refine;
+  command
+      .add_option("images", options.images,
+                  "Photographs of one object, as for itn predict, each seen whole. Pixels at its "
+                  "edge, and at the top of what a file can hold, do not count")
+      ->required();
+  command
+      .add_option("--shape", options.shape,
+                  "A PLY, OBJ or STL file, or a shape that itn shapes lists, as sphere")
+      ->required();
+  command
+      .add_option("--object-size", photograph.object_size,
+                  "Longest side of the object, in mm. Default: as the shape's file has it, if "
+                  "--mesh-unit says its unit")
+      ->check(number_in(1e-3, 1e6));
+  command
+      .add_option_function<std::string>(
+          "--mesh-unit",
+          [&refine](const std::string& name) {
+            v1::LengthUnit unit = v1::MM;
+            std::string upper = name;
+            for (char& c : upper) c = static_cast<char>(std::toupper(c));
+            v1::LengthUnit_Parse(upper, &unit);
+            refine.mesh_unit = unit;
+          },
+          "Unit of length of the shape's file")
+      ->check(one_of({"mm", "cm", "m", "inch"}));
+  command.add_flag("--repair", options.repair, "Close a mesh that is nearly closed");
+  command
+      .add_option(
+          "--light", options.light,
+          "flash: of the camera, in a dark room; or the file of a panorama (EXR, .hdr, PNG) "
+          "of the room, in the middle of which is what the camera looks at")
+      ->capture_default_str();
+  command
+      .add_option("--flash-offset", options.flash_offset,
+                  "Where the flash is, from the lens: X,Y,Z in mm, to the right, up and back")
+      ->delimiter(',')
+      ->expected(3)
+      ->check(number_in(-1e4, 1e4))
+      ->capture_default_str();
+  command
+      .add_option("--panorama-turn", options.panorama_turn,
+                  "Of the panorama about the vertical, in degrees")
+      ->check(number_in(-360.0, 360.0))
+      ->capture_default_str();
+  command
+      .add_option("--camera-down", options.camera_down,
+                  "How far below the horizon the camera looks, in degrees; counts with a panorama")
+      ->check(number_in(-89.0, 89.0))
+      ->capture_default_str();
+  command
+      .add_option("--focal-length", options.focal_length_35mm,
+                  "Of the lens, in mm of a 35 mm camera. Default: as EXIF says")
+      ->check(number_in(1.0, 10000.0));
+  command.add_option("--index", options.index, "Index of refraction of the object")
+      ->check(number_in(1.1, 2.5))
+      ->capture_default_str();
+  command.add_flag("--luminance", options.luminance,
+                   "One material for all colours, in a third of the time. Default: one for each of "
+                   "red, green and blue");
+  command
+      .add_option("--resolution", options.resolution,
+                  "Pixels a side of the square about the object that is fitted")
+      ->check(number_in(16, 256))
+      ->capture_default_str();
+  const auto mask = command.add_option(
+      "--mask", photograph.mask,
+      "Image that is bright (above half) on the object, or a folder with one of the same name for "
+      "each image. Default: the image's own channel mask.Y, or alpha");
+  command
+      .add_option_function<std::string>(
+          "--background",
+          [&photograph](const std::string&) { photograph.mask_by_background = true; },
+          "auto: find the object before a plain background")
+      ->check(CLI::IsMember({"auto"}))
+      ->excludes(mask);
+  add_encoding_flag(command, photograph.reading.is_linear);
+  add_layer_flag(command, photograph.reading.layer);
+  command
+      .add_option("--init", refine.init,
+                  "Where to start: mean (sigma_t 91 over the longest side of the object in mm, "
+                  "0.67, 0.4), network, or SIGMA_T,ALBEDO,G")
+      ->capture_default_str();
+  command.add_option("--starts", refine.starts, "As of itn refine")
+      ->check(number_in(1U, 64U))
+      ->capture_default_str();
+  command.add_option("--max-spp", refine.max_spp, "As of itn refine; default 1024")
+      ->check(number_in(64U, 1U << 20));
+  command.add_option("--time-limit", refine.time_limit, "Of each refinement, in seconds; 0: none")
+      ->check(number_in(0.0, 1e9))
+      ->capture_default_str();
+  command.add_option("--seed", refine.seed, "Of the random numbers")
+      ->check(kAnySeed)
+      ->capture_default_str();
+  command
+      .add_option("-o,--output", refine.output,
+                  "Folder for the scene that is found (scene.textproto), the photograph as it was "
+                  "compared (photograph.exr), the pose over it (pose.png), and the refinements")
+      ->required();
+}
+
+}  // namespace
+
+void add_fit_command(CLI::App& app) {
+  const auto options = std::make_shared<FitOptions>();
+  options->refine.init = "mean";
+  options->refine.starts = 4;
+  options->refine.max_spp = 1024;
+  CLI::App* command = app.add_subcommand(
+      "fit", "Find the material of an object of known shape from its photograph");
+  add_flags(*command, *options);
+  add_worker_flags(*command, options->refine.workers);
+  command->callback([options] { run_fit(*options); });
+}
+
+}  // namespace itn

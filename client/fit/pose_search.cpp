@@ -1,0 +1,431 @@
+#include "client/fit/pose_search.h"
+
+#include <meshoptimizer.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <numbers>
+#include <thread>
+
+#include "common/error.h"
+
+namespace itn {
+namespace {
+
+using Vector6 = Eigen::Matrix<double, 6, 1>;
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+
+Vec3d middle_of(const Mesh& mesh) {
+  const Bounds box = bounds(mesh);
+  return (static_cast<Vec3d>(box.min) + static_cast<Vec3d>(box.max)) * 0.5;
+}
+
+// About a unit axis (Rodrigues).
+Rotation<double> turn(Vec3d axis, double angle) {
+  const double c = std::cos(angle), s = std::sin(angle);
+  const auto row = [&](Vec3d unit) {
+    return unit * c - cross(axis, unit) * s + axis * (dot(axis, unit) * (1 - c));
+  };
+  return {row({1, 0, 0}), row({0, 1, 0}), row({0, 0, 1})};
+}
+
+Rotation<double> turn(Vec3d by) {
+  const double angle = length(by);
+  return angle > 0 ? turn(by * (1 / angle), angle) : Rotation<double>{};
+}
+
+// That which brings one unit vector to another one on the shortest way.
+Rotation<double> turn_from_to(Vec3d from, Vec3d to) {
+  const Vec3d axis = cross(from, to);
+  const double sine = length(axis);
+  if (sine < 1e-12) return {};
+  return turn(axis * (1 / sine), std::atan2(sine, dot(from, to)));
+}
+
+std::vector<float> halved(const std::vector<float>& mask, int side) {
+  const int half = side / 2;
+  std::vector<float> result(static_cast<size_t>(half) * static_cast<size_t>(half));
+  for (int y = 0; y < half; ++y) {
+    for (int x = 0; x < half; ++x) {
+      const auto at = [&](int dx, int dy) {
+        return mask[static_cast<size_t>(2 * y + dy) * static_cast<size_t>(side) +
+                    static_cast<size_t>(2 * x + dx)];
+      };
+      result[static_cast<size_t>(y) * static_cast<size_t>(half) + static_cast<size_t>(x)] =
+          (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)) / 4;
+    }
+  }
+  return result;
+}
+
+// With about so many triangles, for images of few pixels.
+Mesh simplified(const Mesh& mesh, size_t triangles) {
+  if (mesh.triangles.size() <= triangles) return mesh;
+  constexpr float kAnyError = 1;
+  Mesh result{mesh.vertices, mesh.triangles};
+  const size_t indices =
+      meshopt_simplify(result.triangles.data()->data(), mesh.triangles.data()->data(),
+                       3 * mesh.triangles.size(), &mesh.vertices.data()->x, mesh.vertices.size(),
+                       sizeof(Vec3f), 3 * triangles, kAnyError, 0, nullptr);
+  result.triangles.resize(indices / 3);
+  return welded(result);
+}
+
+// Evenly spread over the sphere.
+Vec3d fibonacci_direction(size_t i, size_t count) {
+  const double z = 1 - (2 * static_cast<double>(i) + 1) / static_cast<double>(count);
+  const double angle = std::numbers::pi * (3 - std::sqrt(5.0)) * static_cast<double>(i);
+  const double r = std::sqrt(1 - z * z);
+  return {r * std::cos(angle), r * std::sin(angle), z};
+}
+
+template <typename Work>
+void for_each_on_all_threads(size_t count, const Work& work) {
+  const size_t threads = std::max(1U, std::thread::hardware_concurrency());
+  std::atomic<size_t> next = 0;
+  std::vector<std::jthread> running;
+  for (size_t t = 0; t < threads; ++t) {
+    running.emplace_back([&] {
+      for (size_t i = next++; i < count; i = next++) work(i);
+    });
+  }
+}
+
+// ---- All views -------------------------------------------------------------------------------
+
+struct Candidate {
+  Pose pose;
+  double overlap = 0;
+};
+
+// Tries poses in an image of few pixels.
+class ViewSearch {
+ public:
+  ViewSearch(const Mesh& mesh, std::vector<float> mask, const PinholeView& view)
+      : mesh_(mesh),
+        mask_(std::move(mask)),
+        view_(view),
+        middle_(middle_of(mesh)),
+        size_(longest_side(bounds(mesh))),
+        seen_(moments_of(mask_, view.side)) {}
+
+  const SilhouetteMoments& seen() const { return seen_; }
+
+  // The best of those that look at the object from this direction, in its own coordinates.
+  Candidate from(Vec3d direction) const {
+    const Basis<double> basis(direction);
+    const Rotation<double> facing{basis.s, basis.t, direction};
+    Vec3d toward = normalize(view_.direction(seen_.x, seen_.y));
+    double range = 1.5 * size_ * view_.focal / std::sqrt(seen_.area);
+    const SilhouetteMoments as_it_is =
+        Silhouette(mesh_, placed(facing, toward, range), view_).moments();
+    if (as_it_is.area == 0) return {};
+    range *= std::sqrt(as_it_is.area / seen_.area);
+    constexpr double kRound = 1.2;  // more than that has an axis
+    const bool has_axis = seen_.elongation > kRound && as_it_is.elongation > kRound;
+    const int turns = has_axis ? 2 : 12;
+    Candidate best;
+    for (int i = 0; i < turns; ++i) {
+      const double angle =
+          2 * std::numbers::pi * i / turns + (has_axis ? seen_.angle - as_it_is.angle : 0);
+      const Candidate candidate = settled(turn({0, 0, 1}, angle).after(facing), toward, range);
+      if (candidate.overlap > best.overlap) best = candidate;
+    }
+    return best;
+  }
+
+ private:
+  // The middle of the mesh along a direction, and turned as if that were the axis of the view.
+  Pose placed(const Rotation<double>& rotation, Vec3d toward, double range) const {
+    const Rotation<double> all = turn_from_to({0, 0, -1}, toward).after(rotation);
+    return {all, toward * range - all(middle_)};
+  }
+
+  // Moved until it is as large as what is seen, in its middle.
+  Candidate settled(const Rotation<double>& rotation, Vec3d toward, double range) const {
+    constexpr int kSteps = 2;
+    double x = seen_.x, y = seen_.y;
+    Candidate best;
+    for (int step = 0; step <= kSteps; ++step) {
+      const Pose pose = placed(rotation, toward, range);
+      const Silhouette silhouette(mesh_, pose, view_);
+      const double overlap = silhouette.overlap(mask_);
+      if (overlap > best.overlap) best = {pose, overlap};
+      const SilhouetteMoments is = silhouette.moments();
+      if (is.area == 0) break;
+      x += seen_.x - is.x;
+      y += seen_.y - is.y;
+      toward = normalize(view_.direction(x, y));
+      range *= std::sqrt(is.area / seen_.area);
+    }
+    return best;
+  }
+
+  const Mesh& mesh_;
+  const std::vector<float> mask_;
+  const PinholeView view_;
+  const Vec3d middle_;
+  const double size_;
+  const SilhouetteMoments seen_;
+};
+
+// ---- Contours --------------------------------------------------------------------------------
+
+struct ContourTarget {
+  double x, y, normal_x, normal_y;
+};
+
+// Places on the mask's edge, to a part of a pixel, and where it rises to.
+std::vector<ContourTarget> contour_of(const std::vector<float>& mask, int side) {
+  const auto at = [&](int x, int y) {
+    return mask[static_cast<size_t>(std::clamp(y, 0, side - 1)) * static_cast<size_t>(side) +
+                static_cast<size_t>(std::clamp(x, 0, side - 1))];
+  };
+  const auto is_on = [&](int x, int y) { return at(x, y) > 0.5F; };
+  std::vector<ContourTarget> targets;
+  for (int y = 1; y + 1 < side; ++y) {
+    for (int x = 1; x + 1 < side; ++x) {
+      if (!is_on(x, y)) continue;
+      if (is_on(x - 1, y) && is_on(x + 1, y) && is_on(x, y - 1) && is_on(x, y + 1)) continue;
+      // The slope of the mask over five pixels.
+      double dx = 0, dy = 0;
+      for (int j = -2; j <= 2; ++j) {
+        for (int i = -2; i <= 2; ++i) {
+          dx += i * double{at(x + i, y + j)};
+          dy += j * double{at(x + i, y + j)};
+        }
+      }
+      const double slope = std::hypot(dx, dy);
+      if (slope > 0) targets.push_back({x + 0.5, y + 0.5, dx / slope, dy / slope});
+    }
+  }
+  return targets;
+}
+
+// Pairs of contour points, each with what is nearest to it of the other contour.
+struct Match {
+  const ContourPoint* point;
+  const ContourTarget* target;
+};
+
+std::vector<Match> matches_of(const std::vector<ContourPoint>& points,
+                              const std::vector<ContourTarget>& targets) {
+  const auto distance2 = [](const ContourPoint& p, const ContourTarget& t) {
+    return (p.x - t.x) * (p.x - t.x) + (p.y - t.y) * (p.y - t.y);
+  };
+  std::vector<Match> matches;
+  std::vector<double> nearest(targets.size(), std::numeric_limits<double>::infinity());
+  std::vector<const ContourPoint*> nearest_point(targets.size(), nullptr);
+  for (const ContourPoint& point : points) {
+    double least = std::numeric_limits<double>::infinity();
+    const ContourTarget* found = nullptr;
+    for (size_t t = 0; t < targets.size(); ++t) {
+      const double d = distance2(point, targets[t]);
+      if (d < least) {
+        least = d;
+        found = &targets[t];
+      }
+      if (d < nearest[t]) {
+        nearest[t] = d;
+        nearest_point[t] = &point;
+      }
+    }
+    if (found != nullptr) matches.push_back({&point, found});
+  }
+  for (size_t t = 0; t < targets.size(); ++t) {
+    if (nearest_point[t] != nullptr) matches.push_back({nearest_point[t], &targets[t]});
+  }
+  return matches;
+}
+
+// One step of Gauss and Newton's method: distances along the mask's normals, those of more than a
+// few pixels for less.
+struct ContourFit {
+  Matrix6 normal = Matrix6::Zero();
+  Vector6 gradient = Vector6::Zero();
+  double squares = 0, weights = 0;
+  size_t count = 0;
+
+  double distance() const { return std::sqrt(squares / std::max(weights, 1e-300)); }
+};
+
+ContourFit fit_contour(const Pose& pose, Vec3d middle, const PinholeView& view,
+                       const std::vector<Match>& matches) {
+  constexpr double kFar = 3;  // pixels
+  const Vec3d center = pose.to_scene(middle);
+  ContourFit fit;
+  for (const auto& [point, target] : matches) {
+    const Vec3d p = pose.to_scene(point->place), arm = p - center;
+    const double depth = -p.z;
+    // Of the image's x and y by the place.
+    const Vec3d dx{view.focal / depth, 0, view.focal * p.x / (depth * depth)};
+    const Vec3d dy{0, -view.focal / depth, -view.focal * p.y / (depth * depth)};
+    const Vec3d along = dx * target->normal_x + dy * target->normal_y;
+    const Vec3d by_turn = cross(arm, along);
+    const double residual =
+        (point->x - target->x) * target->normal_x + (point->y - target->y) * target->normal_y;
+    const double beside = std::hypot(point->x - target->x, point->y - target->y);
+    const double weight = beside > kFar ? kFar / beside : 1;
+    Vector6 row;
+    row << by_turn.x, by_turn.y, by_turn.z, along.x, along.y, along.z;
+    fit.normal += weight * row * row.transpose();
+    fit.gradient += weight * residual * row;
+    fit.squares += weight * beside * beside;
+    fit.weights += weight;
+    ++fit.count;
+  }
+  return fit;
+}
+
+Pose moved(const Pose& pose, Vec3d middle, const Vector6& by) {
+  const Rotation<double> rotation = turn(Vec3d{by[0], by[1], by[2]}).after(pose.rotation);
+  const Vec3d center = pose.to_scene(middle) + Vec3d{by[3], by[4], by[5]};
+  return {rotation, center - rotation(middle)};
+}
+
+// Along the directions that the contour tells nothing of, nothing moves.
+Vector6 step_of(const ContourFit& fit, double size, double range) {
+  constexpr double kDamping = 1e-4;
+  Vector6 scale;
+  scale << 1, 1, 1, size, size, range;  // of what is a large step
+  const Matrix6 scaled = scale.asDiagonal() * fit.normal * scale.asDiagonal();
+  const Matrix6 damped = scaled + kDamping * scaled.trace() / 6 * Matrix6::Identity();
+  return -(scale.asDiagonal() * damped.ldlt().solve(scale.asDiagonal() * fit.gradient));
+}
+
+class ContourMatcher {
+ public:
+  ContourMatcher(const Mesh& mesh, const std::vector<float>& mask, const PinholeView& view)
+      : mesh_(mesh),
+        mask_(mask),
+        view_(view),
+        middle_(middle_of(mesh)),
+        size_(longest_side(bounds(mesh))),
+        targets_(contour_of(mask, view.side)) {}
+
+  FoundPose match(const Pose& start, int steps) const {
+    Pose pose = start;
+    FoundPose best;
+    best.distance = std::numeric_limits<double>::infinity();
+    for (int step = 0; step <= steps; ++step) {
+      const Silhouette silhouette(mesh_, pose, view_);
+      const std::vector<ContourPoint> points = silhouette.contour();
+      const std::vector<Match> matches = matches_of(points, targets_);
+      if (matches.empty()) break;
+      const ContourFit fit = fit_contour(pose, middle_, view_, matches);
+      const double range = length(pose.to_scene(middle_));
+      if (fit.distance() < best.distance) {
+        best = {pose, silhouette.overlap(mask_), fit.distance(), 0, 0};
+        set_errors(fit, range, best);
+      }
+      pose = moved(pose, middle_, step_of(fit, size_, range));
+      if (pose.to_scene(middle_).z > -0.6 * size_) break;  // it would be around the camera
+    }
+    return best;
+  }
+
+ private:
+  // Points of a contour are not independent of their neighbours: of some five, one counts.
+  void set_errors(const ContourFit& fit, double range, FoundPose& found) const {
+    constexpr double kAlike = 5, kLeast = 1e-9;
+    Vector6 scale;
+    scale << 1, 1, 1, range, range, range;
+    const Matrix6 scaled = scale.asDiagonal() * fit.normal * scale.asDiagonal();
+    const Matrix6 covariance = (scaled + kLeast * scaled.trace() * Matrix6::Identity()).inverse() *
+                               (kAlike * found.distance * found.distance);
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> turns(covariance.topLeftCorner<3, 3>());
+    found.angle_error =
+        std::min(180.0, std::sqrt(turns.eigenvalues().maxCoeff()) * 180 / std::numbers::pi);
+    found.range_error = std::sqrt(covariance(5, 5));
+  }
+
+  const Mesh& mesh_;
+  const std::vector<float>& mask_;
+  const PinholeView view_;
+  const Vec3d middle_;
+  const double size_;
+  const std::vector<ContourTarget> targets_;
+};
+
+// The first ones of a list that differ from those before by more than an angle.
+template <typename Found>
+std::vector<Found> distinct(const std::vector<Found>& sorted, double angle, size_t most) {
+  std::vector<Found> result;
+  for (const Found& found : sorted) {
+    if (result.size() == most) break;
+    const auto is_near = [&](const Found& other) {
+      return angle_between(found.pose.rotation, other.pose.rotation) < angle;
+    };
+    if (std::ranges::none_of(result, is_near)) result.push_back(found);
+  }
+  return result;
+}
+
+}  // namespace
+
+double angle_between(const Rotation<double>& a, const Rotation<double>& b) {
+  const double trace = dot(a.x, b.x) + dot(a.y, b.y) + dot(a.z, b.z);
+  return std::acos(std::clamp((trace - 1) / 2, -1.0, 1.0));
+}
+
+FoundPose matched(const Mesh& mesh, const std::vector<float>& mask, const PinholeView& view,
+                  const Pose& start) {
+  constexpr int kSteps = 30;
+  return ContourMatcher(mesh, mask, view).match(start, kSteps);
+}
+
+std::vector<FoundPose> find_poses(const Mesh& mesh, const std::vector<float>& mask,
+                                  const PinholeView& view, const PoseSearch& search,
+                                  const std::stop_token& stop) {
+  const auto check_stop = [&] {
+    if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
+  };
+  constexpr int kCoarseSide = 48;
+  std::vector<float> coarse = mask;
+  PinholeView coarse_view = view;
+  while (coarse_view.side > 2 * kCoarseSide && coarse_view.side % 2 == 0) {
+    coarse = halved(coarse, coarse_view.side);
+    coarse_view = coarse_view.at_side(coarse_view.side / 2);
+  }
+  constexpr size_t kCoarseTriangles = 1500;
+  const Mesh coarse_mesh = simplified(mesh, kCoarseTriangles);
+  const ViewSearch views(coarse_mesh, coarse, coarse_view);
+  if (views.seen().area == 0) throw invalid_input("the mask shows nothing");
+  std::vector<Candidate> candidates(search.views);
+  for_each_on_all_threads(search.views, [&](size_t i) {
+    if (stop.stop_requested()) return;
+    candidates[i] = views.from(fibonacci_direction(i, search.views));
+  });
+  check_stop();
+  std::erase_if(candidates, [](const Candidate& one) { return one.overlap == 0; });
+  std::ranges::sort(candidates, std::greater<>(), &Candidate::overlap);
+  if (candidates.empty()) throw invalid_input("the object is nowhere in front of the camera");
+  constexpr double kDegree = std::numbers::pi / 180;
+  constexpr int kSteps = 12;
+  const ContourMatcher matcher(coarse_mesh, coarse, coarse_view);
+  candidates = distinct(candidates, 8 * kDegree, search.moved);
+  std::vector<FoundPose> found(candidates.size());
+  for_each_on_all_threads(candidates.size(),
+                          [&](size_t i) { found[i] = matcher.match(candidates[i].pose, kSteps); });
+  std::ranges::sort(found, {}, &FoundPose::distance);
+  found = distinct(found, 2 * kDegree, search.moved);
+  // As near as the nearest, in pixels of the whole mask.
+  const double near = 2 * found.front().distance + 0.3;
+  std::erase_if(found, [&](const FoundPose& one) { return one.distance > near; });
+  std::vector<FoundPose> result(found.size());
+  for_each_on_all_threads(found.size(), [&](size_t i) {
+    if (!stop.stop_requested()) result[i] = matched(mesh, mask, view, found[i].pose);
+  });
+  check_stop();
+  std::ranges::sort(result, {}, &FoundPose::distance);
+  constexpr double kAlike = 1.3, kSlack = 0.05;
+  const double as_good = kAlike * result.front().distance + kSlack;
+  std::erase_if(result, [&](const FoundPose& one) { return one.distance > as_good; });
+  return distinct(result, kDegree, result.size());
+}
+
+}  // namespace itn

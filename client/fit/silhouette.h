@@ -1,0 +1,60 @@
+// What a mesh covers of an image, quickly: the depth of what is seen, pixel by pixel.
+#pragma once
+
+#include <limits>
+#include <vector>
+
+#include "common/geometry/mesh.h"
+#include "common/geometry/pose.h"
+#include "common/vec.h"
+
+namespace itn {
+
+// A pinhole at the origin that looks along -z, with y up, and its square image. In pixels, from the
+// image's left and top: a pixel's middle is at .5.
+struct PinholeView {
+  double focal = 1;                   // what is as far to the side as ahead is so far from the axis
+  double center_x = 0, center_y = 0;  // where the axis meets the image; may lie outside of it
+  int side = 1;
+
+  Vec3d direction(double x, double y) const;  // towards a place of the image, of any length
+  // Of the same view in an image of another side.
+  PinholeView at_side(int other) const;
+};
+
+// Where a silhouette ends.
+struct ContourPoint {
+  double x = 0, y = 0;  // the middle of a pixel of the object that has a neighbour beside it
+  Vec3d place;          // what is seen there, in the coordinates of the mesh
+};
+
+// Of an image of the object: 1 where it is.
+struct SilhouetteMoments {
+  double area = 0, x = 0, y = 0;  // in pixels; the middle
+  double angle = 0;               // of the longer axis to the right, counter-clockwise, in radians
+  double elongation = 1;          // the longer axis over the shorter one
+};
+
+class Silhouette {
+ public:
+  // Triangles that reach behind the camera are left out.
+  Silhouette(const Mesh& mesh, const Pose& pose, const PinholeView& view);
+
+  bool covers(int x, int y) const {
+    return depth_[static_cast<size_t>(y) * static_cast<size_t>(view_.side) +
+                  static_cast<size_t>(x)] < std::numeric_limits<float>::infinity();
+  }
+  std::vector<ContourPoint> contour() const;
+  // In [0, 1]: pixels that are above half in the mask and covered here, over those that are either.
+  double overlap(const std::vector<float>& mask) const;
+  SilhouetteMoments moments() const;
+
+ private:
+  Pose pose_;
+  PinholeView view_;
+  std::vector<float> depth_;  // along -z; infinite where nothing is
+};
+
+SilhouetteMoments moments_of(const std::vector<float>& mask, int side);
+
+}  // namespace itn
