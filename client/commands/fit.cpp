@@ -17,6 +17,7 @@
 #include "client/commands/fit.h"
 #include "client/fit/pose_search.h"
 #include "client/interrupt.h"
+#include "client/json.h"
 #include "client/output.h"
 #include "client/refine/refinement.h"
 #include "client/render_pool/render_pool.h"
@@ -28,6 +29,7 @@
 #include "common/geometry/shapes.h"
 #include "common/image/image.h"
 #include "common/image/preview.h"
+#include "common/scene/field_check.h"
 #include "common/scene/scene_file.h"
 #include "common/scene/text_proto.h"
 #include "server/scene_compiler/mesh_builder.h"
@@ -53,7 +55,8 @@ struct FitPhotograph {
   std::vector<float> picture;  // of the first channel, for people, pose_side x pose_side
   int width = 0, height = 0;   // of the whole photograph
   Square square;
-  double focal = 0;  // in pixels of the whole photograph
+  double focal = 0;           // in pixels of the whole photograph
+  std::vector<double> white;  // by channel, of a white card beside the object; empty: not known
 };
 
 double focal_of(const PhotographContent& content, const std::string& name,
@@ -82,6 +85,10 @@ FitPhotograph load(const std::string& name, const FitOptions& options) {
   FitPhotograph photograph;
   photograph.name = name;
   photograph.channels = content.channels;
+  if (reading.gray_card) {
+    const v1::Capture capture = load_photograph(name, reading).capture;
+    photograph.white.assign(capture.white().begin(), capture.white().end());
+  }
   photograph.square = frame(view, Framing::kObject);
   photograph.width = content.width();
   photograph.height = content.height();
@@ -102,8 +109,9 @@ FitPhotograph load(const std::string& name, const FitOptions& options) {
   const std::vector<float> pixels = at_side(marked.pixels, channels, photograph.side);
   for (int c = 0; c < channels; ++c) {
     std::vector<float>& plane = photograph.planes.emplace_back();
+    const double white = photograph.white.empty() ? 1 : photograph.white[static_cast<size_t>(c)];
     for (size_t p = static_cast<size_t>(c); p < pixels.size(); p += static_cast<size_t>(channels)) {
-      plane.push_back(pixels[p]);
+      plane.push_back(static_cast<float>(double{pixels[p]} / white));
     }
   }
   photograph.mask = at_side(marked.mask, 1, photograph.side);
@@ -197,6 +205,10 @@ v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options) {
   return scene;
 }
 
+Vec3d middle_of(const Bounds& box) {
+  return (static_cast<Vec3d>(box.min) + static_cast<Vec3d>(box.max)) * 0.5;
+}
+
 // As an axis and an angle.
 void set_rotation(const Rotation<double>& rotation, v1::Rotation& to) {
   const double trace = rotation.x.x + rotation.y.y + rotation.z.z;
@@ -213,16 +225,19 @@ void set_rotation(const Rotation<double>& rotation, v1::Rotation& to) {
   to.set_angle_degrees(static_cast<float>(angle / kRadiansPerDegree));
 }
 
-// `pose` is in front of the camera; the light at the camera is as bright as an object needs that is
-// as far away.
-void place(const Pose& pose, const FitOptions& options, v1::Scene& scene) {
+// `pose` is in front of the camera. The flash is so bright that a white card has radiance 1 which
+// faces it, as far away as the object or as was said.
+void place(const Pose& pose, const Mesh& shape, const FitOptions& options, v1::Scene& scene) {
   const Rotation<double> rotation = camera_rotation(options);
   v1::Mesh& mesh = *scene.mutable_object()->mutable_mesh();
   set_rotation(rotation.after(pose.rotation), *mesh.add_transforms()->mutable_rotate());
   set(*mesh.add_transforms()->mutable_translate(), rotation(pose.translation));
   for (v1::Light& light : *scene.mutable_lights()) {
     if (!light.has_point()) continue;
-    const double range = length(pose.translation) / 1000;
+    const Vec3d flash = rotation.inverse()(to_vec(light.point().position()));
+    const double range =
+        options.card_distance.value_or(length(pose.to_scene(middle_of(bounds(shape))) - flash)) /
+        1000;
     light.mutable_point()->set_intensity(static_cast<float>(range * range * std::numbers::pi));
   }
 }
@@ -269,7 +284,7 @@ std::vector<float> luminance_of(const FitPhotograph& photograph) {
 // How far a few steps of a refinement leave the renders of a pose from the photograph.
 double shading_loss(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose,
                     v1::Scene scene, const FitOptions& options, const Synthesize& synthesize) {
-  place(pose, options, scene);
+  place(pose, mesh, options, scene);
   const std::vector<Observation> observations{{.name = photograph.name,
                                                .radiance = luminance_of(photograph),
                                                .mask = counted(photograph, mesh, pose),
@@ -290,7 +305,8 @@ double shading_loss(const FitPhotograph& photograph, const Mesh& mesh, const Pos
 
 struct ChosenPose {
   FoundPose found;
-  std::string remark;  // empty: there is no other
+  size_t alike = 1;  // that the silhouette does not tell apart
+  bool is_ambiguous = false;
 };
 
 ChosenPose choose_pose(const FitPhotograph& photograph, const Mesh& mesh, const v1::Scene& scene,
@@ -306,7 +322,7 @@ ChosenPose choose_pose(const FitPhotograph& photograph, const Mesh& mesh, const 
         "{} the shape of the object, the focal length right, and the mask of the object alone?",
         photograph.name, 100 * best.overlap, options.shape));
   }
-  if (poses.size() == 1) return {best, ""};
+  if (poses.size() == 1) return {best};
   constexpr size_t kMostTried = 8;
   const size_t tried = std::min(poses.size(), kMostTried);
   std::vector<std::pair<double, size_t>> losses;
@@ -315,17 +331,10 @@ ChosenPose choose_pose(const FitPhotograph& photograph, const Mesh& mesh, const 
                         i);
   }
   std::ranges::sort(losses);
-  const auto& [least, first] = losses.front();
+  // Poses of a symmetric shape are one.
   constexpr double kDoubtful = 1.3;
-  const bool is_clear = losses[1].first > kDoubtful * least;
-  return {poses[first],
-          fmt::format("the silhouette is that of {} poses; the light on the object {} (renders "
-                      "differ by {:.2g} %, of the next one by {:.2g} %)",
-                      poses.size(),
-                      is_clear ? "tells them apart"
-                               : "DOES NOT TELL THEM APART: the pose is "
-                                 "ambiguous, and the material with it",
-                      100 * std::sqrt(least), 100 * std::sqrt(losses[1].first))};
+  const auto& [least, first] = losses.front();
+  return {poses[first], poses.size(), losses[1].first < kDoubtful * least};
 }
 
 // The photograph with the contour of the shape.
@@ -364,7 +373,7 @@ struct FitFiles {
   std::vector<std::string> images, scenes;
 };
 
-FitFiles prepare(const FitOptions& options, const fs::path& folder) {
+FitFiles prepare(const FitOptions& options, const fs::path& folder, v1::FitResult& result) {
   FitFiles files;
   RenderPool pool(options.refine.workers.pool_options());
   const Synthesize synthesize = rendered_by(pool, interruption());
@@ -378,15 +387,18 @@ FitFiles prepare(const FitOptions& options, const fs::path& folder) {
     const Mesh mesh = MeshBuilder(UINT64_MAX).build("object.mesh", loaded.object().mesh());
     const ChosenPose chosen = choose_pose(photograph, mesh, loaded, options, synthesize);
     const FoundPose& found = chosen.found;
-    print_result(
-        "{}: pose found: mask and silhouette overlap by {:.1f} %, contours are {:.2f} pixels of "
-        "{} x {} apart; the angle is known to {:.1f} degrees, the distance of {:.0f} mm to {:.1f} "
-        "%\n",
-        photograph.name, 100 * found.overlap, found.distance, photograph.pose_side,
-        photograph.pose_side, found.angle_error, length(found.pose.translation),
-        100 * found.range_error);
-    if (!chosen.remark.empty()) print_result("{}: {}\n", photograph.name, chosen.remark);
-    place(found.pose, options, scene);
+    v1::FitPose& pose = *result.add_poses();
+    pose.set_image(photograph.name);
+    pose.set_scene(scene_file.string());
+    pose.set_overlap(found.overlap);
+    pose.set_contour_distance(found.distance);
+    pose.set_contour_side(static_cast<uint32_t>(photograph.pose_side));
+    pose.set_angle_error(found.angle_error);
+    pose.set_range_error(found.range_error);
+    pose.set_range(length(found.pose.to_scene(middle_of(bounds(mesh)))));
+    pose.set_alike(static_cast<uint32_t>(chosen.alike));
+    pose.set_ambiguous(chosen.is_ambiguous);
+    place(found.pose, mesh, options, scene);
     const std::vector<float> mask = counted(photograph, mesh, found.pose);
     write_overlay(folder / fmt::format("pose{}.png", stem), photograph, mesh, found.pose);
     Image image;
@@ -404,6 +416,93 @@ FitFiles prepare(const FitOptions& options, const fs::path& folder) {
   return files;
 }
 
+// In red, green and blue, or of the luminance.
+void find_materials(const FitOptions& options, const FitFiles& files, const fs::path& folder,
+                    v1::FitResult& result) {
+  RefineOptions refine = options.refine;
+  refine.images = files.images;
+  refine.mesh_unit.reset();  // the scenes say it
+  refine.unknown_exposure = !options.photograph.gray_card;
+  refine.unknowns = {"rough_dielectric.roughness"};
+  const std::vector<std::string> channels =
+      options.luminance ? std::vector<std::string>{"Y"}
+                        : std::vector<std::string>(kColours.begin(), kColours.end());
+  for (size_t c = 0; c < channels.size(); ++c) {
+    refine.output = (folder / channels[c]).string();
+    refine.scenes.clear();
+    for (const std::string& file : files.scenes) {
+      v1::Scene scene;
+      parse_text_proto(read_file(file, "scene"), file, scene);
+      if (!options.luminance) {
+        scene.mutable_film()->set_channel(static_cast<v1::Film::Channel>(v1::Film::RED + c));
+      }
+      const fs::path in_channel =
+          folder / fmt::format("{}_{}.textproto", fs::path(file).stem().string(), channels[c]);
+      write_file_atomically(in_channel, to_text_proto(scene));
+      refine.scenes.push_back(in_channel.string());
+    }
+    *result.add_results() = find_material(refine);
+  }
+}
+
+std::string to_text(const v1::FitResult& result, const fs::path& folder) {
+  std::string text;
+  for (const v1::FitPose& pose : result.poses()) {
+    text += fmt::format(
+        "{}: the object stands {:.0f} mm from the camera ({:.1f} %, {:.1f} degrees); its "
+        "silhouette "
+        "covers {:.1f} % of what it and the mask cover\n",
+        pose.image(), pose.range(), 100 * pose.range_error(), pose.angle_error(),
+        100 * pose.overlap());
+    if (pose.ambiguous()) {
+      text += fmt::format(
+          "{}: {} poses have that silhouette, and light and shade do not tell them apart: if the "
+          "shape is not symmetric, the material may be wrong with the pose\n",
+          pose.image(), pose.alike());
+    }
+  }
+  text += fmt::format("{:<18}", "");
+  const auto name = [&](size_t c) {
+    return result.results_size() == 3 ? kColours[c] : "luminance";
+  };
+  for (size_t c = 0; c < static_cast<size_t>(result.results_size()); ++c) {
+    text += fmt::format("{:<32}", name(c));
+  }
+  text += '\n';
+  const auto row = [&](const char* title, const auto& of) {
+    text += fmt::format("{:<18}", title);
+    for (const v1::RefineResult& one : result.results()) {
+      const v1::RefinedParameter& p = of(one);
+      text += one.misfit() ? fmt::format("{:<32.4g}", p.value())
+                           : fmt::format("{:<32}", fmt::format("{:.4g} ({:.4g} to {:.4g})",
+                                                               p.value(), p.low_95(), p.high_95()));
+    }
+    text += '\n';
+  };
+  row("sigma_s (1 - g)", [](const auto& r) { return r.sigma_s_reduced(); });
+  row("sigma_a", [](const auto& r) { return r.sigma_a(); });
+  row("sigma_t", [](const auto& r) { return r.sigma_t(); });
+  row("albedo", [](const auto& r) { return r.albedo(); });
+  row("g", [](const auto& r) { return r.g(); });
+  row("roughness", [](const auto& r) { return r.unknowns(0); });
+  text += "per mm, with 95 % intervals, which know nothing of an error of pose, shape or light\n";
+  std::vector<std::string> told;
+  for (int c = 0; c < result.results_size(); ++c) {
+    for (const std::string& remark : result.results(c).remarks()) {
+      // Remarks have numbers of their own: each once, by how it begins.
+      const std::string beginning = remark.substr(0, remark.find(':'));
+      if (std::ranges::find(told, beginning) != told.end()) continue;
+      told.push_back(beginning);
+      text += fmt::format("{}: {}\n", name(static_cast<size_t>(c)), remark);
+    }
+  }
+  const std::string refined = result.results_size() == 3
+                                  ? fmt::format("{0}/R,{0}/G,{0}/B", folder.string())
+                                  : (folder / "Y").string();
+  return text +
+         fmt::format("for renderers: itn materials --refined {} --format openpbr\n", refined);
+}
+
 }  // namespace
 
 void run_fit(const FitOptions& options) {
@@ -412,35 +511,11 @@ void run_fit(const FitOptions& options) {
   check_folder_writable(folder);
   const FolderLock lock(folder, "fits a material");
   lock.remove_temporary_files();
-  const FitFiles files = prepare(options, folder);
-  RefineOptions refine = options.refine;
-  refine.images = files.images;
-  refine.mesh_unit.reset();  // the scenes say it
-  refine.unknown_exposure = true;
-  refine.unknowns = {"rough_dielectric.roughness"};
-  refine.scenes = files.scenes;
-  if (options.luminance) {
-    refine.output = (folder / "Y").string();
-    run_refine(refine);
-    return;
-  }
-  for (size_t c = 0; c < kColours.size(); ++c) {
-    refine.output = (folder / kColours[c]).string();
-    refine.scenes.clear();
-    for (const std::string& file : files.scenes) {
-      v1::Scene scene;
-      parse_text_proto(read_file(file, "scene"), file, scene);
-      scene.mutable_film()->set_channel(static_cast<v1::Film::Channel>(v1::Film::RED + c));
-      const fs::path in_channel =
-          folder / fmt::format("{}_{}.textproto", fs::path(file).stem().string(), kColours[c]);
-      write_file_atomically(in_channel, to_text_proto(scene));
-      refine.scenes.push_back(in_channel.string());
-    }
-    print_result("{}:\n", kColours[c]);
-    run_refine(refine);
-  }
-  print_result("for renderers: itn materials --refined {0}/R,{0}/G,{0}/B --format openpbr\n",
-               folder.string());
+  v1::FitResult result;
+  const FitFiles files = prepare(options, folder, result);
+  find_materials(options, files, folder, result);
+  options.refine.json ? print_result("{}\n", to_json(result))
+                      : print_result(to_text(result, folder));
 }
 
 }  // namespace itn

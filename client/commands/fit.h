@@ -17,6 +17,7 @@ struct FitOptions {
   bool repair = false;
   std::string light = "flash";                 // or the file of a panorama
   std::vector<double> flash_offset{0, 12, 0};  // from the lens, in mm: to the right, up, back
+  std::optional<double> card_distance;         // of the gray card from the flash, in mm
   double panorama_turn = 0;                    // degrees
   double camera_down = 0;                      // degrees below the horizon
   std::optional<double> focal_length_35mm;     // absent: as EXIF says

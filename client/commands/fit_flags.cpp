@@ -4,6 +4,7 @@
 #include "client/commands/command.h"
 #include "client/commands/fit.h"
 #include "client/commands/options.h"
+#include "client/commands/photograph_flags.h"
 #include "common/flags.h"
 
 namespace itn {
@@ -88,6 +89,11 @@ void add_flags(CLI::App& command, FitOptions& options) {
           "auto: find the object before a plain background")
       ->check(CLI::IsMember({"auto"}))
       ->excludes(mask);
+  command
+      .add_option("--card-distance", options.card_distance,
+                  "Of the gray card from the flash, in mm. Default: that of the object")
+      ->check(number_in(1.0, 1e5))
+      ->needs(add_gray_card_flags(command, photograph));
   add_encoding_flag(command, photograph.reading.is_linear);
   add_layer_flag(command, photograph.reading.layer);
   command
@@ -111,6 +117,7 @@ void add_flags(CLI::App& command, FitOptions& options) {
                   "Folder for the scene that is found (scene.textproto), the photograph as it was "
                   "compared (photograph.exr), the pose over it (pose.png), and the refinements")
       ->required();
+  add_format_flags(command, refine.json, "itn.v1.FitResult");
 }
 
 }  // namespace
@@ -120,6 +127,7 @@ void add_fit_command(CLI::App& app) {
   options->refine.init = "mean";
   options->refine.starts = 4;
   options->refine.max_spp = 1024;
+  options->refine.time_limit = 100;
   CLI::App* command = app.add_subcommand(
       "fit", "Find the material of an object of known shape from its photograph");
   add_flags(*command, *options);

@@ -9,6 +9,7 @@
 
 #include "client/commands/command.h"
 #include "client/commands/options.h"
+#include "client/commands/photograph_flags.h"
 #include "client/commands/predict.h"
 #include "client/exports/exports.h"
 #include "common/flags.h"
@@ -16,27 +17,6 @@
 
 namespace itn {
 namespace {
-
-// X,Y,W,H in pixels.
-PixelRectangle parsed_rectangle(const std::string& text) {
-  std::array<int, 4> numbers{};
-  size_t count = 0;
-  const char* at = text.c_str();
-  for (; count < numbers.size(); ++count) {
-    char* end = nullptr;
-    const long number = std::strtol(at, &end, 10);
-    const bool last = count + 1 == numbers.size();
-    if (end == at || number < 0 || number > 16384 || *end != (last ? '\0' : ',')) break;
-    numbers[count] = static_cast<int>(number);
-    at = end + 1;
-  }
-  if (count < numbers.size() || numbers[2] == 0 || numbers[3] == 0) {
-    throw CLI::ValidationError("--gray-card",
-                               "it must be X,Y,W,H: left, top, width and height in pixels, such as "
-                               "120,40,32,32");
-  }
-  return {numbers[0], numbers[1], numbers[2], numbers[3]};
-}
 
 void add_photograph_flags(CLI::App& command, PhotographOptions& options) {
   const auto mask = command.add_option(
@@ -73,16 +53,8 @@ void add_photograph_flags(CLI::App& command, PhotographOptions& options) {
                       "The image times this is radiance on the scale of the model's training: for "
                       "outdoor in W/(m^2 sr) as of sun_sky in scene.proto")
           ->check(number_in(1e-12, 1e12));
-  const auto card = command.add_option_function<std::string>(
-      "--gray-card",
-      [&options](const std::string& text) { options.gray_card = parsed_rectangle(text); },
-      "X,Y,W,H: pixels of a gray card that lies flat beside the object, facing up; by flash alone "
-      "it faces the camera");
+  CLI::Option* const card = add_gray_card_flags(command, options);
   card->excludes(exposure);
-  command.add_option("--gray-reflectance,--gray", options.gray, "Reflectance of the gray card")
-      ->check(number_in(0.01, 1.0))
-      ->needs(card)
-      ->capture_default_str();
 }
 
 // Of one image or one material.

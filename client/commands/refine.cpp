@@ -299,7 +299,7 @@ std::vector<Synthesis> render_fits(const Refinement& refinement,
 
 }  // namespace
 
-void run_refine(const RefineOptions& options) {
+v1::RefineResult find_material(const RefineOptions& options) {
   const v1::RefineSettings settings = settings_of(options);
   if (options.init != "network" && options.init != "mean") parsed_material(options.init);
   std::optional<FolderLock> lock;
@@ -346,6 +346,11 @@ void run_refine(const RefineOptions& options) {
     write_outcome(options.output, result, observations,
                   render_fits(refinement, observations, synthesize), refinement.exposure());
   }
+  return result;
+}
+
+void run_refine(const RefineOptions& options) {
+  const v1::RefineResult result = find_material(options);
   options.json ? print_result("{}\n", to_json(result)) : print_result(to_text(result));
 }
 

@@ -8,6 +8,7 @@
 
 #include "client/commands/options.h"
 #include "client/predict/photograph_input.h"
+#include "itn/v1/refine.pb.h"
 
 namespace itn {
 
@@ -29,6 +30,9 @@ struct RefineOptions {
   bool json = false;
   WorkerFlags workers;
 };
+
+// What run_refine() prints.
+v1::RefineResult find_material(const RefineOptions& options);
 
 void run_refine(const RefineOptions& options);
 

@@ -125,14 +125,27 @@ class ViewSearch {
         Silhouette(mesh_, placed(facing, toward, range), view_).moments();
     if (as_it_is.area == 0) return {};
     range *= std::sqrt(as_it_is.area / seen_.area);
-    constexpr double kRound = 1.2;  // more than that has an axis
-    const bool has_axis = seen_.elongation > kRound && as_it_is.elongation > kRound;
-    const int turns = has_axis ? 2 : 12;
+    // By their longer axes; and all around where these say little.
+    constexpr double kRound = 1.5;
+    constexpr int kTurns = 12;
+    std::vector<double> turns;
+    for (int i = 0; i < 2; ++i) {
+      turns.push_back(std::numbers::pi * i + seen_.angle - as_it_is.angle);
+    }
+    if (std::min(seen_.elongation, as_it_is.elongation) < kRound) {
+      for (int i = 0; i < kTurns; ++i) turns.push_back(2 * std::numbers::pi * i / kTurns);
+    }
+    // The best two as they are are moved.
+    std::vector<std::pair<double, Rotation<double>>> turned;
+    for (const double angle : turns) {
+      const Rotation<double> rotation = turn({0, 0, 1}, angle).after(facing);
+      turned.emplace_back(Silhouette(mesh_, placed(rotation, toward, range), view_).overlap(mask_),
+                          rotation);
+    }
+    std::ranges::sort(turned, std::greater<>(), [](const auto& one) { return one.first; });
     Candidate best;
-    for (int i = 0; i < turns; ++i) {
-      const double angle =
-          2 * std::numbers::pi * i / turns + (has_axis ? seen_.angle - as_it_is.angle : 0);
-      const Candidate candidate = settled(turn({0, 0, 1}, angle).after(facing), toward, range);
+    for (size_t i = 0; i < std::min<size_t>(2, turned.size()); ++i) {
+      const Candidate candidate = settled(turned[i].second, toward, range);
       if (candidate.overlap > best.overlap) best = candidate;
     }
     return best;
@@ -365,6 +378,25 @@ std::vector<Found> distinct(const std::vector<Found>& sorted, double angle, size
   return result;
 }
 
+// Without those in which the camera sees the same, as a symmetric shape is turned into itself.
+std::vector<FoundPose> of_different_depths(const std::vector<FoundPose>& sorted, const Mesh& mesh,
+                                           const PinholeView& view) {
+  constexpr double kSame = 0.01;  // of the size
+  const double near = kSame * longest_side(bounds(mesh));
+  std::vector<FoundPose> result;
+  std::vector<Silhouette> seen;
+  for (const FoundPose& one : sorted) {
+    Silhouette silhouette(mesh, one.pose, view);
+    const auto is_same = [&](const Silhouette& other) {
+      return silhouette.depth_difference(other) < near;
+    };
+    if (std::ranges::any_of(seen, is_same)) continue;
+    result.push_back(one);
+    seen.push_back(std::move(silhouette));
+  }
+  return result;
+}
+
 }  // namespace
 
 double angle_between(const Rotation<double>& a, const Rotation<double>& b) {
@@ -374,7 +406,7 @@ double angle_between(const Rotation<double>& a, const Rotation<double>& b) {
 
 FoundPose matched(const Mesh& mesh, const std::vector<float>& mask, const PinholeView& view,
                   const Pose& start) {
-  constexpr int kSteps = 30;
+  constexpr int kSteps = 60;
   return ContourMatcher(mesh, mask, view).match(start, kSteps);
 }
 
@@ -425,7 +457,7 @@ std::vector<FoundPose> find_poses(const Mesh& mesh, const std::vector<float>& ma
   constexpr double kAlike = 1.3, kSlack = 0.05;
   const double as_good = kAlike * result.front().distance + kSlack;
   std::erase_if(result, [&](const FoundPose& one) { return one.distance > as_good; });
-  return distinct(result, kDegree, result.size());
+  return of_different_depths(distinct(result, kDegree, result.size()), coarse_mesh, coarse_view);
 }
 
 }  // namespace itn

@@ -22,12 +22,12 @@ struct FoundPose {
 
 struct PoseSearch {
   size_t views = 1500;  // directions from which the object is looked at, evenly spread
-  size_t moved = 48;    // best of them whose contours are matched
+  size_t moved = 96;    // best of them whose contours are matched
 };
 
 // The best first: those whose contours lie as near as the nearest does, within what the pixels
-// tell, of poses that differ by more than a degree. A shape that looks the same from several sides
-// has several. `mask`: side x side pixels in [0, 1] of the view, top row first. Throws Error
+// tell, of poses in which the camera sees something else: one that turns a symmetric shape into
+// itself is left out. `mask`: side x side pixels in [0, 1] of the view, top row first. Throws Error
 // (invalid input) if the mask shows nothing, or the object reaches behind the camera wherever it
 // stands; (cancelled).
 std::vector<FoundPose> find_poses(const Mesh& mesh, const std::vector<float>& mask,

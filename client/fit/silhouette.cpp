@@ -63,7 +63,7 @@ Silhouette::Silhouette(const Mesh& mesh, const Pose& pose, const PinholeView& vi
     const Projected &a = projected[i], &b = projected[j], &c = projected[k];
     if (!(a.inverse_depth > 0 && b.inverse_depth > 0 && c.inverse_depth > 0)) continue;
     const double doubled = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
-    if (doubled == 0) continue;
+    if (doubled >= 0) continue;  // seen from inside, as rows go down: others cover it
     const auto first = [](double least) { return std::max(0.0, std::ceil(least - 0.5)); };
     const double end = view.side;
     const auto x0 = static_cast<int>(std::min(end, first(std::min({a.x, b.x, c.x})))),
@@ -114,6 +114,18 @@ double Silhouette::overlap(const std::vector<float>& mask) const {
     either += here || there ? 1 : 0;
   }
   return either > 0 ? static_cast<double>(both) / static_cast<double>(either) : 0;
+}
+
+double Silhouette::depth_difference(const Silhouette& other) const {
+  double sum = 0;
+  size_t both = 0;
+  for (size_t p = 0; p < depth_.size(); ++p) {
+    const double difference = std::abs(double{depth_[p]} - double{other.depth_[p]});
+    if (!std::isfinite(difference)) continue;
+    sum += difference;
+    ++both;
+  }
+  return both > 0 ? sum / static_cast<double>(both) : std::numeric_limits<double>::infinity();
 }
 
 SilhouetteMoments Silhouette::moments() const {

@@ -37,7 +37,7 @@ struct SilhouetteMoments {
 
 class Silhouette {
  public:
-  // Triangles that reach behind the camera are left out.
+  // Of a closed mesh. Triangles that reach behind the camera are left out.
   Silhouette(const Mesh& mesh, const Pose& pose, const PinholeView& view);
 
   bool covers(int x, int y) const {
@@ -48,6 +48,8 @@ class Silhouette {
   // In [0, 1]: pixels that are above half in the mask and covered here, over those that are either.
   double overlap(const std::vector<float>& mask) const;
   SilhouetteMoments moments() const;
+  // The mean difference of the depths, in mm, where both cover a pixel.
+  double depth_difference(const Silhouette& other) const;
 
  private:
   Pose pose_;

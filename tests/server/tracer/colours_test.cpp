@@ -159,13 +159,13 @@ TEST(ColoursTest, InTheIndexOfARoughBoundary) {
 }
 
 TEST(ColoursTest, BehindASmoothBoundary) {
-  SceneDescription scene = studio("sphere", {paper_sun_sky()}, 0.5F);
+  SceneDescription scene = studio("sphere", {coloured_map(), ConstantLight{0.3}}, 0.5F);
   scene.boundary = Dielectric{1.5F};
   expect_colours_of_their_own({"smooth",
                                std::move(scene),
                                {{10, 0.8, 0}, {10, 0.7, 0}, {12, 0.8, 0}},
                                {parameter_named("sigma_t"), parameter_named("albedo")}},
-                              320, 320);
+                              160, 160);
 }
 
 // Where all are the same, so are their images, whichever medium the paths fly by.

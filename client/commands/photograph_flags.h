@@ -1,0 +1,49 @@
+// Flags of what is known of photographs, for who reads them.
+#pragma once
+
+#include <CLI/CLI.hpp>
+
+#include <array>
+#include <cstdlib>
+#include <string>
+
+#include "client/predict/photograph_input.h"
+#include "common/flags.h"
+
+namespace itn {
+
+// X,Y,W,H in pixels.
+inline PixelRectangle parsed_rectangle(const std::string& text) {
+  std::array<int, 4> numbers{};
+  size_t count = 0;
+  const char* at = text.c_str();
+  for (; count < numbers.size(); ++count) {
+    char* end = nullptr;
+    const long number = std::strtol(at, &end, 10);
+    const bool last = count + 1 == numbers.size();
+    if (end == at || number < 0 || number > 16384 || *end != (last ? '\0' : ',')) break;
+    numbers[count] = static_cast<int>(number);
+    at = end + 1;
+  }
+  if (count < numbers.size() || numbers[2] == 0 || numbers[3] == 0) {
+    throw CLI::ValidationError("--gray-card",
+                               "it must be X,Y,W,H: left, top, width and height in pixels, such as "
+                               "120,40,32,32");
+  }
+  return {numbers[0], numbers[1], numbers[2], numbers[3]};
+}
+
+inline CLI::Option* add_gray_card_flags(CLI::App& app, PhotographOptions& options) {
+  CLI::Option* const card = app.add_option_function<std::string>(
+      "--gray-card",
+      [&options](const std::string& text) { options.gray_card = parsed_rectangle(text); },
+      "X,Y,W,H: pixels of a gray card that lies flat beside the object, facing up; by flash alone "
+      "it faces the camera");
+  app.add_option("--gray-reflectance,--gray", options.gray, "Reflectance of the gray card")
+      ->check(number_in(0.01, 1.0))
+      ->needs(card)
+      ->capture_default_str();
+  return card;
+}
+
+}  // namespace itn

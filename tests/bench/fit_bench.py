@@ -1,0 +1,198 @@
+#!/usr/bin/env python3
+"""Photographs of known materials, made by rendering, and what itn fit says of them.
+
+Renders an object in a random pose by another seed, makes an 8-bit sRGB JPEG of quality 90 of it with
+the noise of a sensor, fits it with what a user would know wrongly (focal length, mask, place of the
+flash, index), and prints the errors, and how many truths lie in the 95 % intervals.
+
+  fit_bench.py --itn build/release/bin/itn --out /tmp/fit --cases 12 --setup card|plain|panorama
+
+Cases that are in --out are not fitted again. Needs python3-numpy and python3-openimageio (Debian).
+"""
+import argparse
+import json
+import math
+import pathlib
+import random
+import subprocess
+
+import numpy as np
+import OpenImageIO as oiio
+
+SHAPES = ["sphere", "mug", "figure", "knot", "random:3", "random:8"]
+# Reduced scattering and absorption of materials of Jensen et al. 2001 (green), 1/mm, and others.
+MATERIALS = [(2.62, 0.0041), (0.70, 0.0012), (1.51, 0.031), (0.88, 0.095), (0.4, 0.02), (3.0, 0.1), (1.0, 0.3), (6.0, 0.05)]
+SIDE = 384  # pixels of the photograph
+FOV = 20.0  # degrees
+SIZE = 40.0  # mm
+
+
+def run(*command):
+    return subprocess.run([str(c) for c in command], check=True, capture_output=True, text=True).stdout
+
+
+def read(path):
+    image = oiio.ImageInput.open(str(path))
+    pixels, names = image.read_image(format="float"), list(image.spec().channelnames)
+    image.close()
+    return {name: pixels[..., i] for i, name in enumerate(names)}
+
+
+def write(path, pixels, attributes=()):
+    pixels = np.ascontiguousarray(pixels if pixels.ndim == 3 else pixels[..., None])
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], "uint8")
+    for name, value in attributes:
+        spec.attribute(name, value)
+    out = oiio.ImageOutput.create(str(path))
+    out.open(str(path), spec)
+    out.write_image(pixels)
+    out.close()
+
+
+def rotation(rng):
+    while True:
+        q = np.array([rng.gauss(0, 1) for _ in range(4)])
+        if np.linalg.norm(q) > 0.1:
+            q /= np.linalg.norm(q)
+            angle = 2 * math.acos(max(-1, min(1, q[0])))
+            return q[1:] / max(1e-9, np.linalg.norm(q[1:])), math.degrees(angle)
+
+
+def shape_of(name, folder, itn):
+    """What the scene has of it, and what `--shape` takes."""
+    if not name.startswith("random:"):
+        return f'builtin: "{name}"', name
+    number = int(name[7:])
+    made = sorted((folder / "shapes").glob("*.ply"))
+    if not made:
+        run(itn, "shapes", "--random-shapes", 12, "--shape-seed", 5, "-o", folder / "shapes")
+        made = sorted((folder / "shapes").glob("*.ply"))
+    return f'path: "{made[number].resolve()}"', str(made[number].resolve())
+
+
+def scene(mesh, rng, setup, roughness, index, flash):
+    axis, angle = rotation(rng)
+    light = f"lights {{ point {{ position {{ x: {flash[0]} y: {flash[1]} z: {flash[2]} }} intensity: 0.2 }} }}"
+    card = ""
+    if setup == "card":  # as far from the flash as the object
+        card = "surfaces { rectangle { center { x: -29 y: 29 z: -257 } half_u { x: 5 } half_v { y: 5 } } reflectance: 0.18 }"
+    if setup == "panorama":
+        light = "lights { environment_map { path: \"room.exr\" } }"
+    # The mesh stands on its origin: its middle is brought to where the camera looks.
+    return f"""object {{
+  mesh {{ {mesh} normalize: true
+    transforms {{ scale {{ x: {SIZE} y: {SIZE} z: {SIZE} }} }}
+    transforms {{ translate {{ y: {-SIZE / 2.5} }} }}
+    transforms {{ rotate {{ axis {{ x: {axis[0]} y: {axis[1]} z: {axis[2]} }} angle_degrees: {angle} }} }}
+    transforms {{ translate {{ x: {rng.uniform(-3, 8)} y: {rng.uniform(-8, 3)} z: -260 }} }} }}
+  rough_dielectric {{ index: {index} roughness: {roughness} }}
+  smooth_angle_degrees: 30
+}}
+{card}
+{light}
+camera {{ origin {{}} target {{ z: -1 }} fov_degrees: {FOV} }}
+film {{ width: {SIDE} height: {SIDE} }}
+"""
+
+
+def photograph(render, folder, rng, setup):
+    """As a camera has it: sensor noise, clipped, encoded; and a mask that is a pixel off."""
+    noise = np.random.default_rng(rng.randrange(1 << 30))
+    image, mask = render["Y"], render["mask.Y"]
+    scale = 0.8 / np.percentile(image[mask > 0.5], 99.5)
+    if setup == "card":
+        scale = min(scale, 0.9 / np.percentile(image, 99.9))
+    x = image * scale
+    x = np.clip(x + noise.normal(size=x.shape) * np.sqrt(2e-4 * np.maximum(x, 0) + 1e-6), 0, 1)
+    x = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055)
+    write(folder / "photo.jpg", (255 * x + 0.5).astype("uint8"), [("Compression", "jpeg:90")])
+    off = rng.choice([-1, 0, 1])
+    if off != 0:
+        shifted = [np.roll(mask, (dy, dx), (0, 1)) for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0))]
+        mask = (np.maximum if off > 0 else np.minimum).reduce([mask] + shifted)
+    write(folder / "mask.png", (255 * np.clip(mask, 0, 1) + 0.5).astype("uint8"))
+
+
+def case(number, options):
+    rng = random.Random(1000 * options.seed + number)
+    folder = options.out / f"{options.setup}{number:03}"
+    result = folder / "result.json"
+    shape = SHAPES[number % len(SHAPES)]
+    sigma_s, sigma_a = MATERIALS[(number // len(SHAPES) + number) % len(MATERIALS)]
+    g = rng.uniform(0, 0.8)
+    truth = {"sigma_s_reduced": sigma_s, "sigma_a": sigma_a}
+    if not result.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        mesh, fitted = shape_of(shape, options.out, options.itn)
+        wrong = 0 if options.exact else 1
+        flash = [0, 12, 0]
+        index, roughness = 1.45 + wrong * rng.uniform(-0.05, 0.05), rng.uniform(0.15, 0.4)
+        true_flash = [f + wrong * rng.uniform(-6, 6) for f in flash]
+        (folder / "truth.textproto").write_text(scene(mesh, rng, options.setup, roughness, index, true_flash))
+        if options.setup == "panorama":
+            (folder / "room.exr").write_bytes(pathlib.Path(options.room).read_bytes())
+        sigma_t = sigma_a + sigma_s / (1 - g)
+        run(options.itn, "render", folder / "truth.textproto", "-o", folder / "truth.exr", "--sigma-t", sigma_t,
+            "--albedo", 1 - sigma_a / sigma_t, "--g", g, "--noise", "4%", "--spp", 2048, "--seed", 77 + number,
+            *(["--tracer", "reference"] if options.reference else []))
+        photograph(read(folder / "truth.exr"), folder, rng, options.setup)
+        focal = 43.2666 / (2 * math.tan(math.radians(FOV / 2))) / math.sqrt(2) * (1 + wrong * rng.uniform(-0.01, 0.01))
+        flags = []
+        if options.setup == "card":
+            focal_pixels = SIDE / 2 / math.tan(math.radians(FOV / 2))
+            x, y = SIDE / 2 - 29 / 257 * focal_pixels, SIDE / 2 - 29 / 257 * focal_pixels
+            half = 3.5 / 257 * focal_pixels
+            flags = ["--gray-card", f"{round(x - half)},{round(y - half)},{round(2 * half)},{round(2 * half)}"]
+        if options.setup == "panorama":
+            flags = ["--light", folder / "room.exr"]
+        try:
+            text = run(options.itn, "fit", folder / "photo.jpg", "--shape", fitted, "--object-size", SIZE, "--mask",
+                       folder / "mask.png", "--focal-length", focal, "--index", 1.45, "--luminance", "--json", "-o",
+                       folder / "fit", *flags)
+            result.write_text(text)
+        except subprocess.CalledProcessError as error:
+            result.write_text(json.dumps({"error": error.stderr.strip().splitlines()[-1]}))
+    return shape, truth, json.loads(result.read_text())
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--itn", required=True, type=pathlib.Path)
+    parser.add_argument("--out", required=True, type=pathlib.Path)
+    parser.add_argument("--cases", type=int, default=12)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--setup", choices=["card", "plain", "panorama"], default="card")
+    parser.add_argument("--room", help="of --setup panorama: the panorama's EXR file")
+    parser.add_argument("--exact", action="store_true", help="what the fit is told is true")
+    parser.add_argument("--reference", action="store_true", help="render by the reference tracer")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    errors = {"sigma_s_reduced": [], "sigma_a": []}
+    inside, total, told = 0, 0, 0
+    for number in range(options.first, options.first + options.cases):
+        shape, truth, result = case(number, options)
+        if "error" in result:
+            print(f"{number:3} {shape:10} refused: {result['error']}", flush=True)
+            continue
+        found, pose = result["results"][0], result["poses"][0]
+        text = f"{number:3} {shape:10} overlap {pose['overlap']:.3f}{' AMBIGUOUS' if pose.get('ambiguous') else ''}"
+        if found.get("misfit"):
+            told += 1
+            text += " misfit"
+        for name, value in truth.items():
+            p = found[name]
+            off = math.log(p["value"] / value)
+            errors[name].append(abs(off))
+            holds = p["low_95"] <= value <= p["high_95"]
+            inside += holds
+            total += 1
+            text += f"  {name} {p['value']:.4g} of {value:.4g} ({off:+.3f}{'' if holds else ' OUTSIDE'})"
+        print(f"{text}  {found['seconds']:.0f} s", flush=True)
+    for name, off in errors.items():
+        if off:
+            print(f"median error of ln {name}: {np.median(off):.3f} of {len(off)}")
+    print(f"truths in the 95 % intervals: {inside} of {total}; told as misfits: {told}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,132 @@
+// itn fit, as a process.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "client/json.h"
+#include "common/files/read_file.h"
+#include "common/scene/text_proto.h"
+#include "itn/v1/refine.pb.h"
+#include "tests/support/paths.h"
+#include "tests/support/process.h"
+#include "tests/support/temporary_folder.h"
+
+namespace itn {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace testing;
+using ::testing::HasSubstr;
+
+using Arguments = std::vector<std::string>;
+
+// A mug of 45 mm in a dark room, by the flash of a camera, which its image says nothing of.
+constexpr const char* kPhotographed = R"(
+object {
+  mesh { builtin: "mug" normalize: true
+    transforms { scale { x: 45 y: 45 z: 45 } }
+    transforms { rotate { axis { x: 0.3 y: 1 z: 0.2 } angle_degrees: 140 } }
+    transforms { translate { x: 3 y: -18 z: -330 } } }
+  rough_dielectric { index: 1.5 roughness: 0.3 }
+  smooth_angle_degrees: 30
+}
+lights { point { position { y: 12 } intensity: 0.35 } }
+camera { origin {} target { z: -1000 } fov_degrees: 18 }
+film { width: 160 height: 128 }
+)";
+constexpr double kSigmaT = 1.5, kAlbedo = 0.9, kG = 0.3;
+// 43.27 mm / (2 tan 9 degrees) by the part of the width in the diagonal.
+const double kFocalLength =
+    43.2666 / (2 * std::tan(9 * 3.14159265 / 180)) * 160 / std::hypot(160, 128);
+
+class FitCommand : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    std::ofstream(folder_->path("photographed.textproto")) << kPhotographed;
+    const Finished rendered =
+        run({kItn, "render", folder_->path("photographed.textproto"), "-o", folder_->path("a.exr"),
+             "--sigma-t", std::to_string(kSigmaT), "--albedo", std::to_string(kAlbedo), "--g",
+             std::to_string(kG), "--spp", "256"});
+    ASSERT_EQ(rendered.exit_code, 0) << rendered.errors;
+  }
+  static void TearDownTestSuite() { delete folder_; }
+
+  static Arguments command(const Arguments& more, const std::string& shape = "mug") {
+    Arguments arguments{kItn,
+                        "fit",
+                        folder_->path("a.exr"),
+                        "--shape",
+                        shape,
+                        "--resolution",
+                        "32",
+                        "--luminance",
+                        "--starts",
+                        "1",
+                        "--max-spp",
+                        "256",
+                        "-o",
+                        folder_->path("out")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return arguments;
+  }
+
+  static inline TemporaryFolder* folder_ = nullptr;
+};
+
+TEST_F(FitCommand, FindsPoseAndMaterial) {
+  const Finished done = run(
+      command({"--object-size", "45", "--focal-length", std::to_string(kFocalLength), "--json"}));
+  ASSERT_EQ(done.exit_code, 0) << done.errors;
+  v1::FitResult result;
+  from_json(done.output, "fit", result);
+  ASSERT_EQ(result.poses_size(), 1);
+  const v1::FitPose& pose = result.poses(0);
+  EXPECT_GT(pose.overlap(), 0.97);
+  v1::Scene scene;
+  parse_text_proto(read_file(pose.scene(), "scene"), "scene", scene);
+  const auto& transforms = scene.object().mesh().transforms();
+  EXPECT_NEAR(transforms[1].rotate().angle_degrees(), 140, 1);
+  EXPECT_NEAR(transforms[2].translate().z(), -330, 0.005 * 330);
+  EXPECT_FALSE(pose.ambiguous());
+  ASSERT_EQ(result.results_size(), 1);
+  const v1::RefineResult& material = result.results(0);
+  const auto holds = [](const v1::RefinedParameter& p, double truth) {
+    return p.low_95() <= truth && truth <= p.high_95();
+  };
+  EXPECT_TRUE(holds(material.sigma_a(), kSigmaT * (1 - kAlbedo))) << done.output;
+  EXPECT_TRUE(holds(material.sigma_s_reduced(), kSigmaT * kAlbedo * (1 - kG))) << done.output;
+  EXPECT_TRUE(holds(material.unknowns(0), 0.3)) << done.output;
+  for (const char* file : {"scene.textproto", "photograph.exr", "pose.png", "Y/result.json"}) {
+    EXPECT_TRUE(fs::exists(folder_->path("out") + "/" + file)) << file;
+  }
+  // What it wrote is what itn refine takes, corrected or not.
+  const Finished again =
+      run({kItn, "refine", folder_->path("out/photograph.exr"), "--scene", pose.scene(), "--init",
+           "1.5,0.9,0.3", "--exposure", "unknown", "--max-iterations", "1", "--spp", "16"});
+  EXPECT_EQ(again.exit_code, 0) << again.errors;
+}
+
+TEST_F(FitCommand, SaysWhatIsWrong) {
+  const auto refuse = [&](const Arguments& arguments, int exit_code, const std::string& message) {
+    const Finished done = run(arguments);
+    EXPECT_EQ(done.exit_code, exit_code) << done.errors;
+    EXPECT_THAT(done.errors, HasSubstr(message));
+  };
+  const std::string focal = std::to_string(kFocalLength);
+  refuse(command({"--object-size", "45"}), 3, "--focal-length");
+  refuse(command({"--focal-length", focal}), 2, "--object-size is required");
+  refuse(command({"--object-size", "45", "--focal-length", focal}, "knot"), 3,
+         "wherever the shape stands, its silhouette and the mask overlap by");
+  refuse(command({"--object-size", "45", "--focal-length", focal}, "absent.stl"), 4, "absent.stl");
+  refuse(command({"--object-size", "45", "--focal-length", focal, "--light", "absent.hdr"}), 4,
+         "absent.hdr");
+}
+
+}  // namespace
+}  // namespace itn
