@@ -22,7 +22,7 @@ import OpenImageIO as oiio
 SHAPES = ["sphere", "mug", "figure", "knot", "random:3", "random:8"]
 # Reduced scattering and absorption of materials of Jensen et al. 2001 (green), 1/mm, and others.
 MATERIALS = [(2.62, 0.0041), (0.70, 0.0012), (1.51, 0.031), (0.88, 0.095), (0.4, 0.02), (3.0, 0.1), (1.0, 0.3), (6.0, 0.05)]
-SIDE = 384  # pixels of the photograph
+SIDE = 320  # pixels of the photograph
 FOV = 20.0  # degrees
 SIZE = 40.0  # mm
 
@@ -133,7 +133,7 @@ def case(number, options):
             (folder / "room.exr").write_bytes(pathlib.Path(options.room).read_bytes())
         sigma_t = sigma_a + sigma_s / (1 - g)
         run(options.itn, "render", folder / "truth.textproto", "-o", folder / "truth.exr", "--sigma-t", sigma_t,
-            "--albedo", 1 - sigma_a / sigma_t, "--g", g, "--noise", "4%", "--spp", 2048, "--seed", 77 + number,
+            "--albedo", 1 - sigma_a / sigma_t, "--g", g, "--noise", "5%", "--time", "25s", "--spp", 4096, "--seed", 77 + number,
             *(["--tracer", "reference"] if options.reference else []))
         photograph(read(folder / "truth.exr"), folder, rng, options.setup)
         focal = 43.2666 / (2 * math.tan(math.radians(FOV / 2))) / math.sqrt(2) * (1 + wrong * rng.uniform(-0.01, 0.01))
