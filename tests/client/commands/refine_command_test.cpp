@@ -179,7 +179,7 @@ TEST_F(RefineCommand, SaysWhatIsWrong) {
   refuse(command({"--init", "mean", "--unknown", "surface[7].reflectance"}), 3,
          {"surface[7].reflectance cannot be refined", "surfaces"});
   refuse(command({"--init", "mean", "--unknown", "rough_dielectric.index"}), 3,
-         {"scene.object has no rough_dielectric"});
+         {"rough_dielectric.index cannot be refined", "the boundary is index-matched"});
   refuse(command({"--scene", shared_->path("scene.textproto")}), 2, {"1 images and 2 scenes"});
   fs::copy_file(shared_->path("image.exr"), shared_->path("copy.exr"));
   refuse({testing::kItn, "refine", shared_->path("image.exr"), shared_->path("copy.exr"), "--scene",
