@@ -199,8 +199,9 @@ v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options) {
     light.mutable_point()->set_intensity(1);
   } else {
     light.mutable_environment_map()->set_path(fs::absolute(options.light).string());
+    // The left edge of a panorama lies along -z, where the camera looks; its middle is to do so.
     light.mutable_environment_map()->set_rotate_y_degrees(
-        static_cast<float>(options.panorama_turn));
+        static_cast<float>(180 + options.panorama_turn));
   }
   return scene;
 }

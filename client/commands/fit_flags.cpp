@@ -54,8 +54,9 @@ void add_flags(CLI::App& command, FitOptions& options) {
       ->check(number_in(-1e4, 1e4))
       ->capture_default_str();
   command
-      .add_option("--panorama-turn", options.panorama_turn,
-                  "Of the panorama about the vertical, in degrees")
+      .add_option(
+          "--panorama-turn", options.panorama_turn,
+          "Of the panorama about the vertical, in degrees, counter-clockwise seen from above")
       ->check(number_in(-360.0, 360.0))
       ->capture_default_str();
   command

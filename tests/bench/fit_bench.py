@@ -144,7 +144,7 @@ def case(number, options):
             half = 3.5 / 257 * focal_pixels
             flags = ["--gray-card", f"{round(x - half)},{round(y - half)},{round(2 * half)},{round(2 * half)}"]
         if options.setup == "panorama":
-            flags = ["--light", folder / "room.exr"]
+            flags = ["--light", folder / "room.exr", "--panorama-turn", 180]
         try:
             text = run(options.itn, "fit", folder / "photo.jpg", "--shape", fitted, "--object-size", SIZE, "--mask",
                        folder / "mask.png", "--focal-length", focal, "--index", 1.45, "--luminance", "--json", "-o",
