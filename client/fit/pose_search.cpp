@@ -129,6 +129,7 @@ class ViewSearch {
     constexpr double kRound = 1.5;
     constexpr int kTurns = 12;
     std::vector<double> turns;
+    turns.reserve(2 + kTurns);
     for (int i = 0; i < 2; ++i) {
       turns.push_back(std::numbers::pi * i + seen_.angle - as_it_is.angle);
     }

@@ -83,8 +83,8 @@ class RenderService::RenderCall final : public QueuedCall {
     phase_ = Phase::kRender;
     spdlog::debug("rendering {} of {}x{} pixels, {} spp", pixels, scene->width(), scene->height(),
                   built_.asked.sample_count);
-    const tracer::FilmSums sums = tracer::render_grad(
-        *scene, built_.asked, {.threads = service_.options_.threads}, std::move(stop));
+    const tracer::FilmSums sums =
+        tracer::render_grad(*scene, built_.asked, {.threads = service_.options_.threads}, stop);
     log(sums);
     paths_ = sums.counters.paths;
     return serialized(make_reply(sums, request_, built_.derivative_weights));
@@ -144,8 +144,8 @@ class RenderService::RenderCall final : public QueuedCall {
     service_.cache_.get_or_describe(
         digest,
         [&] {
-          return std::make_shared<const SceneCache::Described>(describe(stop),
-                                                               request_.scene().size());
+          return std::make_shared<const SceneCache::Described>(
+              SceneCache::Described{describe(stop), request_.scene().size()});
         },
         stop);
   }

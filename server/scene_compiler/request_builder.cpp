@@ -153,7 +153,9 @@ Values values_of(const v1::RenderGradRequest& request) {
 
 // Sets those of the medium and of its phase function, whose mean cosine is the material's then.
 void set_medium(const Values& values, tracer::RenderRequest& built) {
-  for (const auto& [parameter, value] : values) {
+  for (const auto& named : values) {
+    const tracer::Parameter& parameter = named.first;
+    const double value = named.second;
     switch (parameter.kind) {
       case tracer::Parameter::kSigmaT: built.material.sigma_t = value; break;
       case tracer::Parameter::kAlbedo: built.material.albedo = value; break;
