@@ -362,6 +362,18 @@ void check(const FitOptions& options) {
   if (options.refine.output.empty()) {
     throw usage("-o is required: the scene that is found, and the answer, are written there");
   }
+  if (options.photograph.gray_card && options.light != "flash") {
+    throw usage(
+        "--gray-card is for --light flash: how bright a card is in a panorama is not computed");
+  }
+  if (options.photograph.gray_card && options.images.size() > 1) {
+    throw usage("--gray-card is of one photograph; several are fitted without, or one by one");
+  }
+  if (options.images.size() > 1 && options.light == "flash") {
+    throw usage(
+        "several photographs by flash cannot be fitted together yet: how their exposures differ is "
+        "not known; fit them one by one");
+  }
   if (!options.photograph.object_size && (is_builtin(options.shape) || !options.refine.mesh_unit)) {
     throw usage(
         "--object-size is required, the longest side of the object in mm, or --mesh-unit where the "

@@ -18,6 +18,10 @@ Error none_of(const std::string& name, const std::string& why) {
 
 tracer::ParameterValue value_in(const tracer::SceneDescription& scene, const std::string& name) {
   const tracer::Parameter parameter = tracer::parameter_named(name);
+  if (parameter.kind == tracer::Parameter::kLightScale) {
+    throw none_of(name,
+                  "a scene file has no scale of a light; --exposure unknown finds one of all");
+  }
   try {
     return value_of(scene, parameter);
   } catch (const Error& error) {

@@ -65,15 +65,16 @@ struct Share {
   double part;
 };
 
-// Both lines are as long; there are no more cells than pixels, and their number is a power of two,
-// so that their borders are exact.
+// Both lines are as long; there are no more cells than pixels. The last border is the end of both,
+// however it is rounded.
 std::vector<Share> shares(int pixels, int cells) {
   const double width = static_cast<double>(pixels) / cells;
   std::vector<Share> result;
   result.reserve(pixels);
   for (int x = 0; x < pixels; ++x) {
-    const int cell = static_cast<int>(x / width);
-    result.push_back({cell, std::min(1.0, (cell + 1) * width - x)});
+    const int cell = std::min(static_cast<int>(x / width), cells - 1);
+    const bool is_last = cell + 1 == cells;
+    result.push_back({cell, is_last ? 1 : std::clamp((cell + 1) * width - x, 0.0, 1.0)});
   }
   return result;
 }

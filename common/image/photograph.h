@@ -78,7 +78,7 @@ Square frame(const Photograph& photograph, Framing framing = Framing::kSquareWho
              const std::stop_token& stop = {});
 
 // A square of an image of `width` pixels a row (channels interleaved), averaged down to `side`
-// pixels, a power of two at most its own; black beyond the image.
+// pixels, at most its own; black beyond the image.
 std::vector<float> averaged(std::span<const float> values, int channels, int width,
                             const Square& square, int side, const std::stop_token& stop = {});
 

@@ -121,6 +121,10 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
   const std::string focal = std::to_string(kFocalLength);
   refuse(command({"--object-size", "45"}), 3, "--focal-length");
   refuse(command({"--focal-length", focal}), 2, "--object-size is required");
+  refuse(command({"--object-size", "45", "--light", "room.exr", "--gray-card", "1,1,8,8"}), 2,
+         "--gray-card is for --light flash");
+  refuse(command({"--object-size", "45", folder_->path("a.exr")}), 2,
+         "several photographs by flash cannot be fitted together yet");
   refuse(command({"--object-size", "45", "--focal-length", focal}, "knot"), 3,
          "wherever the shape stands, its silhouette and the mask overlap by");
   refuse(command({"--object-size", "45", "--focal-length", focal}, "absent.stl"), 4, "absent.stl");

@@ -317,8 +317,8 @@ TEST(Refinement, SaysWhatIsWrong) {
   refuse({"black"}, [](Observation& o, auto&, auto&) { o.radiance.assign(400, 0); });
   refuse({"spp 2"}, [](auto&, v1::RefineSettings& s, auto&) { s.set_spp(2); });
   refuse({"tolerance"}, [](auto&, v1::RefineSettings& s, auto&) { s.set_tolerance(-1); });
-  refuse({"light[7].scale cannot be refined", "is not in the scene"},
-         [](auto&, v1::RefineSettings& s, auto&) { s.add_unknowns("light[7].scale"); });
+  refuse({"light[0].scale cannot be refined", "has no scale of a light"},
+         [](auto&, v1::RefineSettings& s, auto&) { s.add_unknowns("light[0].scale"); });
   refuse({"no material"}, [](auto&, auto&, std::vector<Material>& m) { m.clear(); });
   refuse({"albedo"}, [](auto&, auto&, std::vector<Material>& m) { m[0].albedo = 2; });
   refuse({"sigma_t"}, [](auto&, auto&, std::vector<Material>& m) { m[0].sigma_t = 1e5; });

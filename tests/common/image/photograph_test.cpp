@@ -174,5 +174,17 @@ TEST(Photograph, StopsAtTheNextRow) {
                         [&] { framed(p.view(), stop.get_token()); });
 }
 
+// Whatever the sides are, as 107 and 104, whose last border is rounded.
+TEST(Averaged, KeepsTheMeanOfEverySize) {
+  for (int pixels = 32; pixels <= 260; ++pixels) {
+    const std::vector<float> ones(static_cast<size_t>(pixels) * static_cast<size_t>(pixels), 1);
+    for (const int side : {pixels / 4 * 4, pixels - 1, pixels * 2 / 3, 30, 7}) {
+      const std::vector<float> result = averaged(ones, 1, pixels, {0, 0, pixels}, side);
+      ASSERT_EQ(result.size(), static_cast<size_t>(side) * static_cast<size_t>(side));
+      for (const float value : result) ASSERT_NEAR(value, 1, 1e-5) << pixels << " to " << side;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace itn
