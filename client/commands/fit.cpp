@@ -315,15 +315,24 @@ ChosenPose choose_pose(const FitPhotograph& photograph, const Mesh& mesh, const 
   std::vector<FoundPose> poses = find_poses(
       mesh, photograph.pose_mask, view_of(photograph, photograph.pose_side), {}, interruption());
   constexpr double kLeastOverlap = 0.9;
-  const FoundPose& best = poses.front();
-  if (best.overlap < kLeastOverlap) {
+  const double best = std::ranges::max(poses, {}, &FoundPose::overlap).overlap;
+  if (best < kLeastOverlap) {
     throw invalid_input(fmt::format(
         "{}: wherever the shape stands, its silhouette and the mask overlap by {:.0f} % at most. "
         "Is "
         "{} the shape of the object, the focal length right, and the mask of the object alone?",
-        photograph.name, 100 * best.overlap, options.shape));
+        photograph.name, 100 * best, options.shape));
   }
-  if (poses.size() == 1) return {best};
+  std::erase_if(poses, [&](const FoundPose& one) {
+    const std::vector<float> mask = counted(photograph, mesh, one.pose);
+    return one.overlap < kLeastOverlap || std::ranges::none_of(mask, is_on_object);
+  });
+  if (poses.empty()) {
+    throw invalid_input(
+        fmt::format("{}: no pixel shows the object alone, unclipped: it is too small or too thin",
+                    photograph.name));
+  }
+  if (poses.size() == 1) return {poses.front()};
   constexpr size_t kMostTried = 8;
   const size_t tried = std::min(poses.size(), kMostTried);
   std::vector<std::pair<double, size_t>> losses;
@@ -332,10 +341,10 @@ ChosenPose choose_pose(const FitPhotograph& photograph, const Mesh& mesh, const 
                         i);
   }
   std::ranges::sort(losses);
-  // Poses of a symmetric shape are one.
   constexpr double kDoubtful = 1.3;
   const auto& [least, first] = losses.front();
-  return {poses[first], poses.size(), losses[1].first < kDoubtful * least};
+  const bool is_clear = poses.size() == tried && losses[1].first > kDoubtful * least;
+  return {poses[first], poses.size(), !is_clear};
 }
 
 // The photograph with the contour of the shape.
@@ -499,16 +508,24 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
   row("g", [](const auto& r) { return r.g(); });
   row("roughness", [](const auto& r) { return r.unknowns(0); });
   text += "per mm, with 95 % intervals, which know nothing of an error of pose, shape or light\n";
-  std::vector<std::string> told;
+  // Of colours that say the same, as remarks begin, once.
+  struct Told {
+    std::string beginning, channels, remark;
+  };
+  std::vector<Told> told;
   for (int c = 0; c < result.results_size(); ++c) {
     for (const std::string& remark : result.results(c).remarks()) {
-      // Remarks have numbers of their own: each once, by how it begins.
-      const std::string beginning = remark.substr(0, remark.find(':'));
-      if (std::ranges::find(told, beginning) != told.end()) continue;
-      told.push_back(beginning);
-      text += fmt::format("{}: {}\n", name(static_cast<size_t>(c)), remark);
+      const std::string beginning = remark.substr(0, remark.find_first_of(":0123456789"));
+      const auto same = std::ranges::find(told, beginning, &Told::beginning);
+      const std::string channel = name(static_cast<size_t>(c));
+      if (same == told.end()) {
+        told.push_back({beginning, channel, remark});
+      } else {
+        same->channels += ", " + channel;
+      }
     }
   }
+  for (const Told& one : told) text += fmt::format("{}: {}\n", one.channels, one.remark);
   const std::string refined = result.results_size() == 3
                                   ? fmt::format("{0}/R,{0}/G,{0}/B", folder.string())
                                   : (folder / "Y").string();

@@ -728,7 +728,7 @@ void add_render_command(CLI::App& app) {
   command
       ->add_option("--derivatives", options->derivatives,
                    fmt::format("Layers to add, separated by commas: {} (K-th of the scene file, "
-                               "from 0; the scale of a light is 1)",
+                               "from 0; the scale of a light is 1 unless --set says otherwise)",
                                fmt::join(parameter_names(), ", ")))
       ->check(CLI::Validator(
           [](std::string& name) -> std::string {

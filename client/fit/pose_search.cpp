@@ -193,7 +193,7 @@ struct ContourTarget {
   double x, y, normal_x, normal_y;
 };
 
-// Places on the mask's edge, to a part of a pixel, and where it rises to.
+// Pixels at the mask's edge, and the direction in which it rises there.
 std::vector<ContourTarget> contour_of(const std::vector<float>& mask, int side) {
   const auto at = [&](int x, int y) {
     return mask[static_cast<size_t>(std::clamp(y, 0, side - 1)) * static_cast<size_t>(side) +
@@ -446,7 +446,7 @@ std::vector<FoundPose> find_poses(const Mesh& mesh, const std::vector<float>& ma
                           [&](size_t i) { found[i] = matcher.match(candidates[i].pose, kSteps); });
   std::ranges::sort(found, {}, &FoundPose::distance);
   found = distinct(found, 2 * kDegree, search.moved);
-  // As near as the nearest, in pixels of the whole mask.
+  // Nearly as near as the nearest, in pixels of the coarse mask.
   const double near = 2 * found.front().distance + 0.3;
   std::erase_if(found, [&](const FoundPose& one) { return one.distance > near; });
   std::vector<FoundPose> result(found.size());

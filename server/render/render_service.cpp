@@ -105,10 +105,12 @@ class RenderService::RenderCall final : public QueuedCall {
   // read.
   SceneCache::ScenePtr find_or_build_scene(const std::stop_token& stop) {
     if (scene_) return std::exchange(scene_, nullptr);
-    if (described_) {
+    if (const SceneCache::DescribedPtr described = std::exchange(described_, nullptr)) {
+      const uint64_t copy = described->memory();
+      memory().resize(request_bytes_ + copy);
       return service_.cache_.get_or_build(
-          key_of(request_.scene_digest()), [&] { return build(described_->description, stop); },
-          stop);
+          key_of(request_.scene_digest()),
+          [&] { return build(described->description, request_bytes_ + copy, stop); }, stop);
     }
     const std::string digest = sha256(request_.scene());
     if (!request_.scene_digest().empty() && request_.scene_digest() != digest) {
@@ -117,7 +119,7 @@ class RenderService::RenderCall final : public QueuedCall {
     return service_.cache_.get_or_build(
         key_of(digest),
         [&] {
-          SceneCache::ScenePtr scene = build(describe(stop), stop);
+          SceneCache::ScenePtr scene = build(describe(stop), 3 * request_bytes_, stop);
           if (!built_.values.empty()) hold_description(digest, stop);
           return scene;
         },
@@ -145,16 +147,18 @@ class RenderService::RenderCall final : public QueuedCall {
         digest,
         [&] {
           return std::make_shared<const SceneCache::Described>(
-              SceneCache::Described{describe(stop), request_.scene().size()});
+              SceneCache::Described{describe(stop)});
         },
         stop);
   }
 
-  SceneCache::ScenePtr build(tracer::SceneDescription description, const std::stop_token& stop) {
+  // `held`: bytes beside what is compiled.
+  SceneCache::ScenePtr build(tracer::SceneDescription description, uint64_t held,
+                             const std::stop_token& stop) {
     for (const auto& [parameter, value] : built_.values) {
       tracer::set_value(parameter, value, description);
     }
-    memory().resize(3 * request_bytes_ + tracer::estimated_memory(description));
+    memory().resize(held + tracer::estimated_memory(description));
     return std::make_shared<const tracer::Scene>(std::move(description), service_.cache_.parts(),
                                                  stop);
   }

@@ -33,8 +33,8 @@ class SceneCache {
   // A scene that others differ from in some numbers, before it is compiled.
   struct Described {
     tracer::SceneDescription description;  // its object is compiled, unless it has others beside it
-    size_t bytes;                          // of its message
-    size_t memory() const { return sizeof(*this) + bytes; }
+    // Of all that it holds itself, be it named in the message by a word.
+    size_t memory() const { return sizeof(*this) + tracer::memory_of(description); }
   };
   using DescribedPtr = std::shared_ptr<const Described>;
   // As the two above; by the digest of that scene.

@@ -4,6 +4,7 @@
 
 #include "common/error.h"
 #include "common/scene/scene_bytes.h"
+#include "server/tracer/lights/environment_map.h"
 
 namespace itn {
 
@@ -11,9 +12,6 @@ using google::protobuf::FieldDescriptor;
 using google::protobuf::Message;
 
 namespace {
-
-// Of a panorama, where a sun may be far above all else. Its fourth power is a float's.
-constexpr double kMaxRadiance = 1e9;
 
 void check_pixels(const std::string& field, const v1::Pixels& proto) {
   integer_in(field + ".width", proto.width(), 1, 16384);
@@ -92,7 +90,7 @@ const v1::Pixels& FieldReader::required_pixels() const {
 
 void FieldReader::pixels(const char* name, tracer::EnvironmentMapLight& map) const {
   const v1::Pixels& proto = required_pixels<v1::EnvironmentMap>();
-  map.rgb = pixel_values(path(name), proto, map.scale, kMaxRadiance);
+  map.rgb = pixel_values(path(name), proto, map.scale, tracer::EnvironmentMapLight::kMaxRadiance);
   map.width = static_cast<int>(proto.width());
   map.height = static_cast<int>(proto.height());
   map.digest = sha256(proto.rgb());

@@ -27,6 +27,9 @@ struct EnvironmentMapLight {
   // Of the pixels, for scenes that share them; empty: not shared.
   std::string digest = {};
 
+  // Of pixels times scale, where a sun may be far above all else. Its fourth power is a float's.
+  static constexpr double kMaxRadiance = 1e9;
+
   static constexpr const char* kName = "environment_map";
   template <typename Self, typename Fields>
   static void fields(Self& self, Fields& to) {

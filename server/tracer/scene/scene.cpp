@@ -186,6 +186,20 @@ std::unique_ptr<const Scene::Compiled> compile(SceneDescription&& scene, PartCac
 
 }  // namespace
 
+size_t memory_of(const SceneDescription& description) {
+  size_t sum = size_of(description.object) +
+               description.corner_normals.size() * sizeof(std::array<Vec3f, 3>);
+  for (const OtherObject& other : description.other_objects) sum += size_of(other.mesh);
+  for (const DiffuseSurface& surface : description.surfaces) {
+    sum += size_of(surface.mesh) + memory_of(surface.reflectance);
+  }
+  for (const LightDescription& light : description.lights) {
+    const auto* map = std::get_if<EnvironmentMapLight>(&light);
+    sum += sizeof(light) + (map ? map->rgb.size() * sizeof(float) : 0);
+  }
+  return sum;
+}
+
 size_t estimated_memory(const SceneDescription& description) {
   constexpr size_t kByTriangleInEmbree = 250;  // and while its tree is built
   constexpr size_t kByTriangleInChecks = 200;  // edges, parts

@@ -91,6 +91,9 @@ struct SceneDescription {
 // sums of a film.
 size_t estimated_memory(const SceneDescription& description);
 
+// What the description holds itself, in bytes: meshes, normals, pixels, but no compiled object.
+size_t memory_of(const SceneDescription& description);
+
 // Compiled and immutable; may be shared by any number of renders.
 class Scene {
  public:

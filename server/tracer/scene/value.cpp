@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <string>
 #include <variant>
 
@@ -65,6 +66,11 @@ void set_value(const Parameter& parameter, double value, SceneDescription& scene
   if (parameter.kind == Parameter::kLightScale) {
     LightDescription& light = entry_of(scene.lights, parameter, "lights");
     brighten(light, in_closed(name, value, kLeastScale, kMostScale));
+    if (const auto* map = std::get_if<EnvironmentMapLight>(&light); map && !map->rgb.empty()) {
+      in_closed(name + " times the largest pixel",
+                map->scale * double{*std::ranges::max_element(map->rgb)}, 0,
+                EnvironmentMapLight::kMaxRadiance);
+    }
     return;
   }
   use_number(scene, parameter, [&](auto& number, double low, double high) {
