@@ -49,6 +49,12 @@ bool is_finite(Vec3<T> a) {
   return std::isfinite(a.x) && std::isfinite(a.y) && std::isfinite(a.z);
 }
 
+// Turned about a unit axis, counter-clockwise seen against it (Rodrigues' formula).
+inline Vec3<double> turned_about(Vec3<double> v, Vec3<double> axis, double radians) {
+  const double c = std::cos(radians), s = std::sin(radians);
+  return v * c + cross(axis, v) * s + axis * (dot(axis, v) * (1 - c));
+}
+
 // A rotation by its matrix: of orthonormal rows that make a right-handed basis.
 template <typename T>
 struct Rotation {

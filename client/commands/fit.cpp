@@ -1,8 +1,6 @@
 // itn fit: finds where an object stands in a photograph, writes the scene, and refines its
 // material.
 #include <fmt/format.h>
-#include <fmt/ranges.h>
-#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <array>
@@ -25,7 +23,6 @@
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/folder_lock.h"
-#include "common/files/read_file.h"
 #include "common/geometry/shapes.h"
 #include "common/image/image.h"
 #include "common/image/preview.h"
@@ -33,7 +30,6 @@
 #include "common/scene/scene_file.h"
 #include "common/scene/text_proto.h"
 #include "server/scene_compiler/mesh_builder.h"
-#include "server/tracer/colour/channel.h"
 
 namespace itn {
 namespace {
@@ -47,16 +43,15 @@ constexpr std::array<const char*, 3> kColours{"R", "G", "B"};
 // A square about the object, at the side of the fit and at that of the search for its pose.
 struct FitPhotograph {
   std::string name;
-  std::vector<std::string> channels;       // Y, or R, G, B
-  std::vector<std::vector<float>> planes;  // of each, side x side
-  std::vector<float> mask, clipped;        // likewise
+  std::vector<std::string> channels;  // Y, or R, G, B
+  Image image;                        // of these, side x side
+  std::vector<float> mask, clipped;   // likewise
   int side = 0, pose_side = 0;
   std::vector<float> pose_mask;
   std::vector<float> picture;  // of the first channel, for people, pose_side x pose_side
   int width = 0, height = 0;   // of the whole photograph
   Square square;
-  double focal = 0;           // in pixels of the whole photograph
-  std::vector<double> white;  // by channel, of a white card beside the object; empty: not known
+  double focal = 0;  // in pixels of the whole photograph
 };
 
 double focal_of(const PhotographContent& content, const std::string& name,
@@ -85,10 +80,6 @@ FitPhotograph load(const std::string& name, const FitOptions& options) {
   FitPhotograph photograph;
   photograph.name = name;
   photograph.channels = content.channels;
-  if (reading.gray_card) {
-    const v1::Capture capture = load_photograph(name, reading).capture;
-    photograph.white.assign(capture.white().begin(), capture.white().end());
-  }
   photograph.square = frame(view, Framing::kObject);
   photograph.width = content.width();
   photograph.height = content.height();
@@ -96,9 +87,8 @@ FitPhotograph load(const std::string& name, const FitOptions& options) {
   constexpr int kLeast = 32;
   if (photograph.square.side < kLeast) {
     throw invalid_input(
-        fmt::format("{}: the object is {} pixels large with its margin; {} are the "
-                    "least",
-                    name, photograph.square.side, kLeast));
+        fmt::format("{}: the object is {} pixels large with its margin; {} are the least", name,
+                    photograph.square.side, kLeast));
   }
   photograph.side = std::min(options.resolution, photograph.square.side);
   photograph.pose_side = std::min(kMaxFrameSide, photograph.square.side / 4 * 4);
@@ -106,12 +96,15 @@ FitPhotograph load(const std::string& name, const FitOptions& options) {
     return averaged(values, channels, content.width(), photograph.square, side, interruption());
   };
   const int channels = view.channels;
+  const std::vector<double> white = reading.gray_card
+                                        ? white_of_card(marked, name, reading)
+                                        : std::vector<double>(static_cast<size_t>(channels), 1);
   const std::vector<float> pixels = at_side(marked.pixels, channels, photograph.side);
-  for (int c = 0; c < channels; ++c) {
-    std::vector<float>& plane = photograph.planes.emplace_back();
-    const double white = photograph.white.empty() ? 1 : photograph.white[static_cast<size_t>(c)];
-    for (size_t p = static_cast<size_t>(c); p < pixels.size(); p += static_cast<size_t>(channels)) {
-      plane.push_back(static_cast<float>(double{pixels[p]} / white));
+  photograph.image.width = photograph.image.height = photograph.side;
+  for (size_t c = 0; c < white.size(); ++c) {
+    std::vector<float>& plane = photograph.image.channels[content.channels[c]];
+    for (size_t p = c; p < pixels.size(); p += white.size()) {
+      plane.push_back(static_cast<float>(double{pixels[p]} / white[c]));
     }
   }
   photograph.mask = at_side(marked.mask, 1, photograph.side);
@@ -206,10 +199,6 @@ v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options) {
   return scene;
 }
 
-Vec3d middle_of(const Bounds& box) {
-  return (static_cast<Vec3d>(box.min) + static_cast<Vec3d>(box.max)) * 0.5;
-}
-
 // As an axis and an angle.
 void set_rotation(const Rotation<double>& rotation, v1::Rotation& to) {
   const double trace = rotation.x.x + rotation.y.y + rotation.z.z;
@@ -270,27 +259,18 @@ std::vector<float> counted(const FitPhotograph& photograph, const Mesh& mesh, co
   return result;
 }
 
-std::vector<float> luminance_of(const FitPhotograph& photograph) {
-  if (photograph.planes.size() == 1) return photograph.planes[0];
-  std::vector<float> luminance(photograph.planes[0].size());
-  for (size_t c = 0; c < 3; ++c) {
-    const auto weight = static_cast<float>(tracer::kLuminanceOfColours[c]);
-    for (size_t p = 0; p < luminance.size(); ++p) luminance[p] += weight * photograph.planes[c][p];
-  }
-  return luminance;
-}
-
 // ---- The pose --------------------------------------------------------------------------------
 
 // How far a few steps of a refinement leave the renders of a pose from the photograph.
 double shading_loss(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose,
                     v1::Scene scene, const FitOptions& options, const Synthesize& synthesize) {
   place(pose, mesh, options, scene);
-  const std::vector<Observation> observations{{.name = photograph.name,
-                                               .radiance = luminance_of(photograph),
-                                               .mask = counted(photograph, mesh, pose),
-                                               .noise = {},
-                                               .scene = serialize(scene)}};
+  const std::vector<Observation> observations{
+      {.name = photograph.name,
+       .radiance = radiance_of(photograph.image, photograph.channels, v1::Film::LUMINANCE),
+       .mask = counted(photograph, mesh, pose),
+       .noise = {},
+       .scene = serialize(scene)}};
   v1::RefineSettings settings;
   settings.set_unknown_exposure(true);
   settings.set_spp(32);
@@ -298,8 +278,7 @@ double shading_loss(const FitPhotograph& photograph, const Mesh& mesh, const Pos
   settings.set_max_iterations(6);
   settings.set_seed(options.refine.seed);
   settings = with_defaults(settings);
-  const double size = longest_side(bounds(mesh));
-  Refinement refinement(settings, observations, {{91 / size, 0.67, 0.4}});
+  Refinement refinement(settings, observations, {mean_of_size(longest_side(bounds(mesh)))});
   while (!refinement.finished()) refinement.step(synthesize);
   return refinement.result().loss();
 }
@@ -319,8 +298,7 @@ ChosenPose choose_pose(const FitPhotograph& photograph, const Mesh& mesh, const 
   if (best < kLeastOverlap) {
     throw invalid_input(fmt::format(
         "{}: wherever the shape stands, its silhouette and the mask overlap by {:.0f} % at most. "
-        "Is "
-        "{} the shape of the object, the focal length right, and the mask of the object alone?",
+        "Is {} the shape of the object, the focal length right, and the mask of the object alone?",
         photograph.name, 100 * best, options.shape));
   }
   std::erase_if(poses, [&](const FoundPose& one) {
@@ -368,9 +346,6 @@ void write_overlay(const fs::path& file, const FitPhotograph& photograph, const 
 
 void check(const FitOptions& options) {
   const auto usage = [](const std::string& message) { return Error(ErrorKind::kUsage, message); };
-  if (options.refine.output.empty()) {
-    throw usage("-o is required: the scene that is found, and the answer, are written there");
-  }
   if (options.photograph.gray_card && options.light != "flash") {
     throw usage(
         "--gray-card is for --light flash: how bright a card is in a panorama is not computed");
@@ -390,22 +365,25 @@ void check(const FitOptions& options) {
   }
 }
 
-// The scene and the photograph that a refinement is of, as files that can be corrected.
-struct FitFiles {
-  std::vector<std::string> images, scenes;
+// What a refinement is of, as it was written to files that can be corrected.
+struct FitInput {
+  std::string image;
+  fs::path scene_file;
+  v1::Scene scene;
 };
 
-FitFiles prepare(const FitOptions& options, const fs::path& folder, v1::FitResult& result) {
-  FitFiles files;
+std::vector<FitInput> prepare(const FitOptions& options, const fs::path& folder,
+                              v1::FitResult& result) {
+  std::vector<FitInput> inputs;
   RenderPool pool(options.refine.workers.pool_options());
   const Synthesize synthesize = rendered_by(pool, interruption());
   for (size_t i = 0; i < options.images.size(); ++i) {
-    const FitPhotograph photograph = load(options.images[i], options);
+    FitPhotograph photograph = load(options.images[i], options);
     const std::string stem = options.images.size() == 1 ? "" : fmt::format("_{}", i);
     const fs::path scene_file = folder / fmt::format("scene{}.textproto", stem);
     v1::Scene scene = scene_of(photograph, options);
     write_file_atomically(scene_file, to_text_proto(scene));
-    v1::Scene loaded = load_scene(scene_file);
+    const v1::Scene loaded = load_scene(scene_file);
     const Mesh mesh = MeshBuilder(UINT64_MAX).build("object.mesh", loaded.object().mesh());
     const ChosenPose chosen = choose_pose(photograph, mesh, loaded, options, synthesize);
     const FoundPose& found = chosen.found;
@@ -421,28 +399,21 @@ FitFiles prepare(const FitOptions& options, const fs::path& folder, v1::FitResul
     pose.set_alike(static_cast<uint32_t>(chosen.alike));
     pose.set_ambiguous(chosen.is_ambiguous);
     place(found.pose, mesh, options, scene);
-    const std::vector<float> mask = counted(photograph, mesh, found.pose);
     write_overlay(folder / fmt::format("pose{}.png", stem), photograph, mesh, found.pose);
-    Image image;
-    image.width = image.height = photograph.side;
-    for (size_t c = 0; c < photograph.channels.size(); ++c) {
-      image.channels[photograph.channels[c]] = photograph.planes[c];
-    }
-    image.channels["mask.Y"] = mask;
+    photograph.image.channels["mask.Y"] = counted(photograph, mesh, found.pose);
     const fs::path image_file = folder / fmt::format("photograph{}.exr", stem);
-    write_exr(image_file, image);
+    write_exr(image_file, photograph.image);
     write_file_atomically(scene_file, to_text_proto(scene));
-    files.images.push_back(image_file.string());
-    files.scenes.push_back(scene_file.string());
+    inputs.push_back({image_file.string(), scene_file, std::move(scene)});
   }
-  return files;
+  return inputs;
 }
 
 // In red, green and blue, or of the luminance.
-void find_materials(const FitOptions& options, const FitFiles& files, const fs::path& folder,
-                    v1::FitResult& result) {
+void find_materials(const FitOptions& options, const std::vector<FitInput>& inputs,
+                    const fs::path& folder, v1::FitResult& result) {
   RefineOptions refine = options.refine;
-  refine.images = files.images;
+  for (const FitInput& input : inputs) refine.images.push_back(input.image);
   refine.mesh_unit.reset();  // the scenes say it
   refine.unknown_exposure = !options.photograph.gray_card;
   refine.unknowns = {"rough_dielectric.roughness"};
@@ -452,14 +423,13 @@ void find_materials(const FitOptions& options, const FitFiles& files, const fs::
   for (size_t c = 0; c < channels.size(); ++c) {
     refine.output = (folder / channels[c]).string();
     refine.scenes.clear();
-    for (const std::string& file : files.scenes) {
-      v1::Scene scene;
-      parse_text_proto(read_file(file, "scene"), file, scene);
+    for (const FitInput& input : inputs) {
+      v1::Scene scene = input.scene;
       if (!options.luminance) {
         scene.mutable_film()->set_channel(static_cast<v1::Film::Channel>(v1::Film::RED + c));
       }
       const fs::path in_channel =
-          folder / fmt::format("{}_{}.textproto", fs::path(file).stem().string(), channels[c]);
+          folder / fmt::format("{}_{}.textproto", input.scene_file.stem().string(), channels[c]);
       write_file_atomically(in_channel, to_text_proto(scene));
       refine.scenes.push_back(in_channel.string());
     }
@@ -472,8 +442,7 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
   for (const v1::FitPose& pose : result.poses()) {
     text += fmt::format(
         "{}: the object stands {:.0f} mm from the camera ({:.1f} %, {:.1f} degrees); its "
-        "silhouette "
-        "covers {:.1f} % of what it and the mask cover\n",
+        "silhouette covers {:.1f} % of what it and the mask cover\n",
         pose.image(), pose.range(), 100 * pose.range_error(), pose.angle_error(),
         100 * pose.overlap());
     if (pose.ambiguous()) {
@@ -542,8 +511,7 @@ void run_fit(const FitOptions& options) {
   const FolderLock lock(folder, "fits a material");
   lock.remove_temporary_files();
   v1::FitResult result;
-  const FitFiles files = prepare(options, folder, result);
-  find_materials(options, files, folder, result);
+  find_materials(options, prepare(options, folder, result), folder, result);
   options.refine.json ? print_result("{}\n", to_json(result))
                       : print_result(to_text(result, folder));
 }

@@ -27,24 +27,12 @@ void add_flags(CLI::App& command, FitOptions& options) {
                   "Longest side of the object, in mm. Default: as the shape's file has it, if "
                   "--mesh-unit says its unit")
       ->check(number_in(1e-3, 1e6));
-  command
-      .add_option_function<std::string>(
-          "--mesh-unit",
-          [&refine](const std::string& name) {
-            v1::LengthUnit unit = v1::MM;
-            std::string upper = name;
-            for (char& c : upper) c = static_cast<char>(std::toupper(c));
-            v1::LengthUnit_Parse(upper, &unit);
-            refine.mesh_unit = unit;
-          },
-          "Unit of length of the shape's file")
-      ->check(one_of({"mm", "cm", "m", "inch"}));
+  add_mesh_unit_flag(command, refine.mesh_unit);
   command.add_flag("--repair", options.repair, "Close a mesh that is nearly closed");
   command
-      .add_option(
-          "--light", options.light,
-          "flash: of the camera, in a dark room; or the file of a panorama (EXR, .hdr, PNG) "
-          "of the room, in the middle of which is what the camera looks at")
+      .add_option("--light", options.light,
+                  "flash: of the camera, in a dark room; or the file of a panorama (EXR or .hdr) "
+                  "of the room, in the middle of which is what the camera looks at")
       ->capture_default_str();
   command
       .add_option("--flash-offset", options.flash_offset,
@@ -79,17 +67,7 @@ void add_flags(CLI::App& command, FitOptions& options) {
                   "Pixels a side of the square about the object that is fitted")
       ->check(number_in(16, 256))
       ->capture_default_str();
-  const auto mask = command.add_option(
-      "--mask", photograph.mask,
-      "Image that is bright (above half) on the object, or a folder with one of the same name for "
-      "each image. Default: the image's own channel mask.Y, or alpha");
-  command
-      .add_option_function<std::string>(
-          "--background",
-          [&photograph](const std::string&) { photograph.mask_by_background = true; },
-          "auto: find the object before a plain background")
-      ->check(CLI::IsMember({"auto"}))
-      ->excludes(mask);
+  add_mask_flags(command, photograph);
   command
       .add_option("--card-distance", options.card_distance,
                   "Of the gray card from the flash, in mm. Default: that of the object")

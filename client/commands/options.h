@@ -87,7 +87,7 @@ inline void add_mesh_unit_flag(CLI::App& app, std::optional<v1::LengthUnit>& uni
       {"mm", v1::MM}, {"cm", v1::CM}, {"m", v1::M}, {"inch", v1::INCH}};
   app.add_option_function<std::string>(
          "--mesh-unit", [&unit, units](const std::string& name) { unit = units.at(name); },
-         "Unit of length of the scene's mesh files. Default: what the scene says of each, or mm")
+         "Unit of length of the mesh files. Default: what the scene says of each, or mm")
       ->check(one_of({"mm", "cm", "m", "inch"}));
 }
 

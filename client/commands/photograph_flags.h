@@ -33,6 +33,19 @@ inline PixelRectangle parsed_rectangle(const std::string& text) {
   return {numbers[0], numbers[1], numbers[2], numbers[3]};
 }
 
+inline void add_mask_flags(CLI::App& app, PhotographOptions& options) {
+  const auto mask = app.add_option(
+      "--mask", options.mask,
+      "Image that is bright (above half) on the object: PNG or another, of an EXR the channel "
+      "mask.Y, Y, L, R or A; or a folder with one of the same name for each image. Default: the "
+      "image's own channel mask.Y, or alpha");
+  app.add_option_function<std::string>(
+         "--background", [&options](const std::string&) { options.mask_by_background = true; },
+         "auto: find the object before a plain background")
+      ->check(CLI::IsMember({"auto"}))
+      ->excludes(mask);
+}
+
 inline CLI::Option* add_gray_card_flags(CLI::App& app, PhotographOptions& options) {
   CLI::Option* const card = app.add_option_function<std::string>(
       "--gray-card",

@@ -19,17 +19,7 @@ namespace itn {
 namespace {
 
 void add_photograph_flags(CLI::App& command, PhotographOptions& options) {
-  const auto mask = command.add_option(
-      "--mask", options.mask,
-      "Image that is bright (above half) on the object: PNG or another, of an EXR the channel "
-      "mask.Y, Y, L, R or A; or a folder with one of the same name for each image. Default: the "
-      "image's own channel mask.Y, or alpha");
-  command
-      .add_option_function<std::string>(
-          "--background", [&options](const std::string&) { options.mask_by_background = true; },
-          "auto: find the object before a plain background")
-      ->check(CLI::IsMember({"auto"}))
-      ->excludes(mask);
+  add_mask_flags(command, options);
   add_encoding_flag(command, options.reading.is_linear);
   add_layer_flag(command, options.reading.layer);
   command

@@ -48,22 +48,6 @@ Error usage(const std::string& message) {
 
 // ---- Images and their scenes -----------------------------------------------------------------
 
-// What the scene's film has of an image in colour.
-std::vector<float> radiance_of(const Image& image, const std::vector<std::string>& names,
-                               v1::Film::Channel channel) {
-  if (names.size() == 1) return image.channel(names[0]);
-  if (channel != v1::Film::LUMINANCE) {
-    return image.channel(names[static_cast<size_t>(channel - v1::Film::RED)]);
-  }
-  std::vector<float> luminance(image.channel(names[0]).size());
-  for (size_t c = 0; c < 3; ++c) {
-    const std::vector<float>& plane = image.channel(names[c]);
-    const auto weight = static_cast<float>(tracer::kLuminanceOfColours[c]);
-    for (size_t p = 0; p < plane.size(); ++p) luminance[p] += weight * plane[p];
-  }
-  return luminance;
-}
-
 // Whether a colour differs from gray by more than this part.
 bool has_colours(const Image& image, const std::vector<std::string>& channels) {
   constexpr float kGray = 0.01F;
@@ -160,16 +144,6 @@ std::vector<v1::Scene> load_scenes(const RefineOptions& options) {
 }
 
 // ---- Where to start --------------------------------------------------------------------------
-
-// The middle of the materials of Che et al. 2020: sigma_t 30 to 276 for an object whose longest
-// side is 1 mm, albedo .39 to .95, g 0 to .8.
-constexpr Material kMean{91, 0.67, 0.4};
-
-Material mean_of_size(double longest_side) {
-  Material mean = kMean;
-  mean.sigma_t = std::clamp(mean.sigma_t / longest_side, kMinRefinedSigmaT, kMaxRefinedSigmaT);
-  return mean;
-}
 
 Material parsed_material(const std::string& text) {
   std::array<double, 3> numbers{};
@@ -298,6 +272,30 @@ std::vector<Synthesis> render_fits(const Refinement& refinement,
 }
 
 }  // namespace
+
+std::vector<float> radiance_of(const Image& image, const std::vector<std::string>& names,
+                               v1::Film::Channel channel) {
+  if (names.size() == 1) return image.channel(names[0]);
+  if (channel != v1::Film::LUMINANCE) {
+    return image.channel(names[static_cast<size_t>(channel - v1::Film::RED)]);
+  }
+  std::vector<float> luminance(image.channel(names[0]).size());
+  for (size_t c = 0; c < 3; ++c) {
+    const std::vector<float>& plane = image.channel(names[c]);
+    const auto weight = static_cast<float>(tracer::kLuminanceOfColours[c]);
+    for (size_t p = 0; p < plane.size(); ++p) luminance[p] += weight * plane[p];
+  }
+  return luminance;
+}
+
+Material mean_of_size(double longest_side) {
+  // The middle of the materials of Che et al. 2020: sigma_t 30 to 276 for an object whose longest
+  // side is 1 mm, albedo .39 to .95, g 0 to .8.
+  constexpr Material kMean{91, 0.67, 0.4};
+  Material mean = kMean;
+  mean.sigma_t = std::clamp(mean.sigma_t / longest_side, kMinRefinedSigmaT, kMaxRefinedSigmaT);
+  return mean;
+}
 
 v1::RefineResult find_material(const RefineOptions& options) {
   const v1::RefineSettings settings = settings_of(options);

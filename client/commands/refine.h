@@ -8,6 +8,8 @@
 
 #include "client/commands/options.h"
 #include "client/predict/photograph_input.h"
+#include "common/image/image.h"
+#include "common/material.h"
 #include "itn/v1/refine.pb.h"
 
 namespace itn {
@@ -30,6 +32,13 @@ struct RefineOptions {
   bool json = false;
   WorkerFlags workers;
 };
+
+// What a film has of an image whose channels these are, Y or R, G and B.
+std::vector<float> radiance_of(const Image& image, const std::vector<std::string>& channels,
+                               v1::Film::Channel film);
+
+// Where --init mean starts, for an object of this longest side in mm.
+Material mean_of_size(double longest_side);
 
 // What run_refine() prints.
 v1::RefineResult find_material(const RefineOptions& options);

@@ -27,13 +27,10 @@ v1::Vec3 vec3_of(Vec3d v) {
   return proto;
 }
 
-// Rodrigues' formula.
 Vec3d rotated(Vec3d v, const v1::Rotation& rotation) {
   const Vec3d axis =
       normalize(Vec3d{rotation.axis().x(), rotation.axis().y(), rotation.axis().z()});
-  const double angle = rotation.angle_degrees() * kRadiansPerDegree;
-  const double c = std::cos(angle), s = std::sin(angle);
-  return v * c + cross(axis, v) * s + axis * (dot(axis, v) * (1 - c));
+  return turned_about(v, axis, rotation.angle_degrees() * kRadiansPerDegree);
 }
 
 struct Heights {

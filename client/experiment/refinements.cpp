@@ -5,9 +5,9 @@
 
 #include <fmt/format.h>
 
+#include "client/in_parallel.h"
 #include "client/refine/refinement.h"
 #include "client/training/evaluation.h"
-#include "client/training/in_parallel.h"
 #include "common/files/atomic_file.h"
 #include "common/files/read_file.h"
 #include "common/scene/text_proto.h"

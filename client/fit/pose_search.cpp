@@ -1,17 +1,16 @@
 #include "client/fit/pose_search.h"
 
-#include <meshoptimizer.h>
-
 #include <Eigen/Dense>
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <functional>
 #include <limits>
 #include <numbers>
-#include <thread>
 
+#include "client/in_parallel.h"
 #include "common/error.h"
+#include "common/geometry/simplified.h"
+#include "common/image/photograph.h"
 
 namespace itn {
 namespace {
@@ -19,17 +18,9 @@ namespace {
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
-Vec3d middle_of(const Mesh& mesh) {
-  const Bounds box = bounds(mesh);
-  return (static_cast<Vec3d>(box.min) + static_cast<Vec3d>(box.max)) * 0.5;
-}
-
-// About a unit axis (Rodrigues).
+// About a unit axis: its rows are the axes turned back.
 Rotation<double> turn(Vec3d axis, double angle) {
-  const double c = std::cos(angle), s = std::sin(angle);
-  const auto row = [&](Vec3d unit) {
-    return unit * c - cross(axis, unit) * s + axis * (dot(axis, unit) * (1 - c));
-  };
+  const auto row = [&](Vec3d unit) { return turned_about(unit, axis, -angle); };
   return {row({1, 0, 0}), row({0, 1, 0}), row({0, 0, 1})};
 }
 
@@ -46,53 +37,12 @@ Rotation<double> turn_from_to(Vec3d from, Vec3d to) {
   return turn(axis * (1 / sine), std::atan2(sine, dot(from, to)));
 }
 
-std::vector<float> halved(const std::vector<float>& mask, int side) {
-  const int half = side / 2;
-  std::vector<float> result(static_cast<size_t>(half) * static_cast<size_t>(half));
-  for (int y = 0; y < half; ++y) {
-    for (int x = 0; x < half; ++x) {
-      const auto at = [&](int dx, int dy) {
-        return mask[static_cast<size_t>(2 * y + dy) * static_cast<size_t>(side) +
-                    static_cast<size_t>(2 * x + dx)];
-      };
-      result[static_cast<size_t>(y) * static_cast<size_t>(half) + static_cast<size_t>(x)] =
-          (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)) / 4;
-    }
-  }
-  return result;
-}
-
-// With about so many triangles, for images of few pixels.
-Mesh simplified(const Mesh& mesh, size_t triangles) {
-  if (mesh.triangles.size() <= triangles) return mesh;
-  constexpr float kAnyError = 1;
-  Mesh result{mesh.vertices, mesh.triangles};
-  const size_t indices =
-      meshopt_simplify(result.triangles.data()->data(), mesh.triangles.data()->data(),
-                       3 * mesh.triangles.size(), &mesh.vertices.data()->x, mesh.vertices.size(),
-                       sizeof(Vec3f), 3 * triangles, kAnyError, 0, nullptr);
-  result.triangles.resize(indices / 3);
-  return welded(result);
-}
-
 // Evenly spread over the sphere.
 Vec3d fibonacci_direction(size_t i, size_t count) {
   const double z = 1 - (2 * static_cast<double>(i) + 1) / static_cast<double>(count);
   const double angle = std::numbers::pi * (3 - std::sqrt(5.0)) * static_cast<double>(i);
   const double r = std::sqrt(1 - z * z);
   return {r * std::cos(angle), r * std::sin(angle), z};
-}
-
-template <typename Work>
-void for_each_on_all_threads(size_t count, const Work& work) {
-  const size_t threads = std::max(1U, std::thread::hardware_concurrency());
-  std::atomic<size_t> next = 0;
-  std::vector<std::jthread> running;
-  for (size_t t = 0; t < threads; ++t) {
-    running.emplace_back([&] {
-      for (size_t i = next++; i < count; i = next++) work(i);
-    });
-  }
 }
 
 // ---- All views -------------------------------------------------------------------------------
@@ -109,7 +59,7 @@ class ViewSearch {
       : mesh_(mesh),
         mask_(std::move(mask)),
         view_(view),
-        middle_(middle_of(mesh)),
+        middle_(middle_of(bounds(mesh))),
         size_(longest_side(bounds(mesh))),
         seen_(moments_of(mask_, view.side)) {}
 
@@ -317,7 +267,7 @@ class ContourMatcher {
       : mesh_(mesh),
         mask_(mask),
         view_(view),
-        middle_(middle_of(mesh)),
+        middle_(middle_of(bounds(mesh))),
         size_(longest_side(bounds(mesh))),
         targets_(contour_of(mask, view.side)) {}
 
@@ -414,26 +364,21 @@ FoundPose matched(const Mesh& mesh, const std::vector<float>& mask, const Pinhol
 std::vector<FoundPose> find_poses(const Mesh& mesh, const std::vector<float>& mask,
                                   const PinholeView& view, const PoseSearch& search,
                                   const std::stop_token& stop) {
-  const auto check_stop = [&] {
-    if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
-  };
   constexpr int kCoarseSide = 48;
   std::vector<float> coarse = mask;
   PinholeView coarse_view = view;
   while (coarse_view.side > 2 * kCoarseSide && coarse_view.side % 2 == 0) {
-    coarse = halved(coarse, coarse_view.side);
-    coarse_view = coarse_view.at_side(coarse_view.side / 2);
+    const int half = coarse_view.side / 2;
+    coarse = averaged(coarse, 1, coarse_view.side, {0, 0, coarse_view.side}, half);
+    coarse_view = coarse_view.at_side(half);
   }
   constexpr size_t kCoarseTriangles = 1500;
   const Mesh coarse_mesh = simplified(mesh, kCoarseTriangles);
   const ViewSearch views(coarse_mesh, coarse, coarse_view);
   if (views.seen().area == 0) throw invalid_input("the mask shows nothing");
   std::vector<Candidate> candidates(search.views);
-  for_each_on_all_threads(search.views, [&](size_t i) {
-    if (stop.stop_requested()) return;
-    candidates[i] = views.from(fibonacci_direction(i, search.views));
-  });
-  check_stop();
+  in_parallel(search.views, stop,
+              [&](size_t i) { candidates[i] = views.from(fibonacci_direction(i, search.views)); });
   std::erase_if(candidates, [](const Candidate& one) { return one.overlap == 0; });
   std::ranges::sort(candidates, std::greater<>(), &Candidate::overlap);
   if (candidates.empty()) throw invalid_input("the object is nowhere in front of the camera");
@@ -442,18 +387,16 @@ std::vector<FoundPose> find_poses(const Mesh& mesh, const std::vector<float>& ma
   const ContourMatcher matcher(coarse_mesh, coarse, coarse_view);
   candidates = distinct(candidates, 8 * kDegree, search.moved);
   std::vector<FoundPose> found(candidates.size());
-  for_each_on_all_threads(candidates.size(),
-                          [&](size_t i) { found[i] = matcher.match(candidates[i].pose, kSteps); });
+  in_parallel(candidates.size(), stop,
+              [&](size_t i) { found[i] = matcher.match(candidates[i].pose, kSteps); });
   std::ranges::sort(found, {}, &FoundPose::distance);
   found = distinct(found, 2 * kDegree, search.moved);
   // Nearly as near as the nearest, in pixels of the coarse mask.
   const double near = 2 * found.front().distance + 0.3;
   std::erase_if(found, [&](const FoundPose& one) { return one.distance > near; });
   std::vector<FoundPose> result(found.size());
-  for_each_on_all_threads(found.size(), [&](size_t i) {
-    if (!stop.stop_requested()) result[i] = matched(mesh, mask, view, found[i].pose);
-  });
-  check_stop();
+  in_parallel(found.size(), stop,
+              [&](size_t i) { result[i] = matched(mesh, mask, view, found[i].pose); });
   std::ranges::sort(result, {}, &FoundPose::distance);
   constexpr double kAlike = 1.3, kSlack = 0.05;
   const double as_good = kAlike * result.front().distance + kSlack;

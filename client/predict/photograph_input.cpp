@@ -171,56 +171,6 @@ std::vector<float> mask_of(const PhotographContent& content, const std::string& 
 
 // --- What is known of its light ---
 
-// Of a white card, by channel.
-std::vector<double> white_of(const PixelRectangle& card, double gray,
-                             const PhotographContent& content, const std::vector<float>& pixels,
-                             const std::vector<float>& mask, const std::string& name) {
-  const auto wrong = [&](const std::string& what) {
-    return invalid_input(fmt::format("the gray card {},{},{},{} of {} {}", card.x, card.y,
-                                     card.width, card.height, name, what));
-  };
-  if (card.x + card.width > content.width() || card.y + card.height > content.height()) {
-    throw wrong(
-        fmt::format("is not inside of its {} x {} pixels", content.width(), content.height()));
-  }
-  std::vector<double> sums(content.channels.size()), squares = sums;
-  size_t clipped = 0;
-  for (int y = card.y; y < card.y + card.height; ++y) {
-    for (int x = card.x; x < card.x + card.width; ++x) {
-      const size_t p =
-          static_cast<size_t>(y) * static_cast<size_t>(content.width()) + static_cast<size_t>(x);
-      if (is_on_object(mask[p])) throw wrong("overlaps the object");
-      if (!content.file.clipped.empty()) clipped += content.file.clipped[p];
-      for (size_t c = 0; c < sums.size(); ++c) {
-        const double value{pixels[p * sums.size() + c]};
-        sums[c] += value;
-        squares[c] += value * value;
-      }
-    }
-  }
-  const double area = static_cast<double>(card.width) * card.height;
-  if (static_cast<double>(clipped) > kMuchClipped * area) {
-    throw wrong("is overexposed: it is as bright as the file can hold; expose less");
-  }
-  constexpr double kFewPixels = 16, kUneven = 0.2;  // a deviation over the mean
-  double deviation = 0;
-  for (size_t c = 0; c < sums.size(); ++c) {
-    const double mean = sums[c] / area;
-    if (!(mean > 0)) throw wrong("is black");
-    deviation =
-        std::max(deviation, std::sqrt(std::max(0.0, squares[c] / area - mean * mean)) / mean);
-    sums[c] /= area * gray;
-  }
-  if (area < kFewPixels || deviation > kUneven) {
-    spdlog::warn("the gray card {},{},{},{} of {} {}: is the rectangle on the card alone?", card.x,
-                 card.y, card.width, card.height, name,
-                 area < kFewPixels
-                     ? "has few pixels"
-                     : fmt::format("is uneven, by {:.0f} % of its mean", 100 * deviation));
-  }
-  return sums;
-}
-
 double clipped_part(const std::vector<unsigned char>& clipped, const std::vector<float>& mask) {
   size_t object = 0, both = 0;
   for (size_t p = 0; p < clipped.size(); ++p) {
@@ -231,21 +181,18 @@ double clipped_part(const std::vector<unsigned char>& clipped, const std::vector
   return object == 0 ? 0 : static_cast<double>(both) / static_cast<double>(object);
 }
 
-v1::Capture capture_of(const PhotographContent& content, const Photograph& photograph,
-                       const std::vector<float>& mask, const std::string& name,
+v1::Capture capture_of(const MarkedPhotograph& marked, const std::string& name,
                        const PhotographOptions& options) {
   v1::Capture capture;
   if (options.object_size) capture.set_object_size(*options.object_size);
   if (options.exposure) capture.set_exposure(*options.exposure);
   if (options.gray_card) {
-    const std::vector<double> white =
-        white_of(*options.gray_card, options.gray, content,
-                 {photograph.pixels.begin(), photograph.pixels.end()}, mask, name);
+    const std::vector<double> white = white_of_card(marked, name, options);
     capture.mutable_white()->Assign(white.begin(), white.end());
   }
-  capture.set_clipped(clipped_part(content.file.clipped, mask));
-  capture.set_cut_by_frame(reaches_edge(photograph));
-  capture.set_encoded(content.file.encoded);
+  capture.set_clipped(clipped_part(marked.content.file.clipped, marked.mask));
+  capture.set_cut_by_frame(reaches_edge(marked.view()));
+  capture.set_encoded(marked.content.file.encoded);
   return capture;
 }
 
@@ -324,6 +271,56 @@ std::vector<float> read_mask_for(const PhotographContent& content, const std::st
   return std::move(file.values);
 }
 
+std::vector<double> white_of_card(const MarkedPhotograph& marked, const std::string& name,
+                                  const PhotographOptions& options) {
+  const PixelRectangle& card = options.gray_card.value();
+  const auto& [content, pixels, mask] = marked;
+  const auto wrong = [&](const std::string& what) {
+    return invalid_input(fmt::format("the gray card {},{},{},{} of {} {}", card.x, card.y,
+                                     card.width, card.height, name, what));
+  };
+  if (card.x + card.width > content.width() || card.y + card.height > content.height()) {
+    throw wrong(
+        fmt::format("is not inside of its {} x {} pixels", content.width(), content.height()));
+  }
+  std::vector<double> sums(content.channels.size()), squares = sums;
+  size_t clipped = 0;
+  for (int y = card.y; y < card.y + card.height; ++y) {
+    for (int x = card.x; x < card.x + card.width; ++x) {
+      const size_t p =
+          static_cast<size_t>(y) * static_cast<size_t>(content.width()) + static_cast<size_t>(x);
+      if (is_on_object(mask[p])) throw wrong("overlaps the object");
+      if (!content.file.clipped.empty()) clipped += content.file.clipped[p];
+      for (size_t c = 0; c < sums.size(); ++c) {
+        const double value{pixels[p * sums.size() + c]};
+        sums[c] += value;
+        squares[c] += value * value;
+      }
+    }
+  }
+  const double area = static_cast<double>(card.width) * card.height;
+  if (static_cast<double>(clipped) > kMuchClipped * area) {
+    throw wrong("is overexposed: it is as bright as the file can hold; expose less");
+  }
+  constexpr double kFewPixels = 16, kUneven = 0.2;  // a deviation over the mean
+  double deviation = 0;
+  for (size_t c = 0; c < sums.size(); ++c) {
+    const double mean = sums[c] / area;
+    if (!(mean > 0)) throw wrong("is black");
+    deviation =
+        std::max(deviation, std::sqrt(std::max(0.0, squares[c] / area - mean * mean)) / mean);
+    sums[c] /= area * options.gray;
+  }
+  if (area < kFewPixels || deviation > kUneven) {
+    spdlog::warn("the gray card {},{},{},{} of {} {}: is the rectangle on the card alone?", card.x,
+                 card.y, card.width, card.height, name,
+                 area < kFewPixels
+                     ? "has few pixels"
+                     : fmt::format("is uneven, by {:.0f} % of its mean", 100 * deviation));
+  }
+  return sums;
+}
+
 MarkedPhotograph read_marked(const std::string& file, const PhotographOptions& options) {
   MarkedPhotograph marked{.content = read_content(file, options.reading), .pixels = {}, .mask = {}};
   const PhotographContent& content = marked.content;
@@ -353,7 +350,7 @@ PredictInput load_photograph(const std::string& file, const PhotographOptions& o
   return {.name = file,
           .channels = content.channels,
           .photograph = framed(photograph, interruption(), framing_of(options, content.file.image)),
-          .capture = capture_of(content, photograph, marked.mask, file, options),
+          .capture = capture_of(marked, file, options),
           .width = content.width(),
           .height = content.height()};
 }

@@ -77,6 +77,11 @@ struct MarkedPhotograph {
 // but for gray cards.
 MarkedPhotograph read_marked(const std::string& file, const PhotographOptions& options);
 
+// The radiance of a white card by channel, from the gray card that the options say. `name` is the
+// file's. Throws Error (invalid input) if it cannot be used.
+std::vector<double> white_of_card(const MarkedPhotograph& photograph, const std::string& name,
+                                  const PhotographOptions& options);
+
 // Reads the file ("-": standard input), finds out where the object is, frames it, and measures what
 // limits the answer. Throws Error as read_photograph() does, and (invalid input) if there is no
 // mask, it does not fit, or the gray card cannot be used.

@@ -50,11 +50,8 @@ RenderJob render_job(const SynthesisQuery& query) {
     job.request.add_derivatives(parameter);
   }
   for (size_t i = 0; i < query.unknowns.size(); ++i) {
-    const std::string& name = query.unknowns[i].name;
-    job.request.add_parameters(name);
-    v1::NamedValue& value = *job.request.add_values();
-    value.set_name(name);
-    value.set_value(query.values[i]);
+    job.request.add_parameters(query.unknowns[i].name);
+    set_value(job.request, query.unknowns[i].name, query.values[i]);
   }
   return job;
 }

@@ -7,6 +7,12 @@
 
 namespace itn {
 
+void set_value(v1::RenderGradRequest& request, const std::string& name, double value) {
+  v1::NamedValue& set = *request.add_values();
+  set.set_name(name);
+  set.set_value(value);
+}
+
 std::string describe(const RenderJob& job) {
   std::vector<v1::Material> materials(job.request.colours().begin(), job.request.colours().end());
   if (materials.empty()) materials.push_back(job.request.material());

@@ -16,6 +16,9 @@ struct RenderJob {
   v1::RenderGradRequest request;
 };
 
+// Sets a number of the scene or the medium (RenderGradRequest.values).
+void set_value(v1::RenderGradRequest& request, const std::string& name, double value);
+
 // What became of all renders of a pool.
 struct RenderStatistics {
   uint64_t jobs = 0;         // that succeeded

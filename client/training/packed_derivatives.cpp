@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "client/training/in_parallel.h"
+#include "client/in_parallel.h"
 #include "common/learning/network_input.h"
 
 namespace itn {

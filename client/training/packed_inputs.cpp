@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "client/training/in_parallel.h"
+#include "client/in_parallel.h"
 #include "client/training/noise_map.h"
 #include "common/error.h"
 

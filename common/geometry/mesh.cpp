@@ -214,6 +214,10 @@ Bounds bounds(const Mesh& mesh) {
   return box;
 }
 
+Vec3d middle_of(const Bounds& box) {
+  return (static_cast<Vec3d>(box.min) + static_cast<Vec3d>(box.max)) * 0.5;
+}
+
 double longest_side(const Bounds& box) {
   const Vec3d extent = Vec3d(box.max) - Vec3d(box.min);
   return std::max({extent.x, extent.y, extent.z});

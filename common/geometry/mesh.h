@@ -25,6 +25,7 @@ Bounds bounds(const Mesh& mesh);
 
 // In mm.
 double longest_side(const Bounds& box);
+Vec3d middle_of(const Bounds& box);
 
 // A 3x4 affine map, row by row: the last column is the translation.
 using Affine = std::array<double, 12>;

@@ -84,11 +84,7 @@ Observation observe(RenderPool& pool, const Case& c, const Options& options, uin
   scene.mutable_film()->set_width(options.side);
   scene.mutable_film()->set_height(options.side);
   RenderJob job{.scene = serialize(scene), .request = {}};
-  for (const auto& [name, truth] : c.unknowns) {
-    v1::NamedValue& value = *job.request.add_values();
-    value.set_name(name);
-    value.set_value(truth);
-  }
+  for (const auto& [name, truth] : c.unknowns) set_value(job.request, name, truth);
   *job.request.mutable_material() = to_proto(c.truth);
   job.request.set_spp(options.image_spp);
   job.request.set_seed(seed);

@@ -43,11 +43,11 @@ EnvironmentMapTable::EnvironmentMapTable(const EnvironmentMapLight& light, Chann
       }
     }
     const auto scaled = [&](double value) {
-      const auto result = static_cast<float>(light.scale * value);
-      if (std::isfinite(result)) return result;
-      throw invalid_input(
-          fmt::format("environment map: pixel ({}, {}) times scale is beyond the range of a float",
-                      i % width_, i / width_));
+      const double result = light.scale * value;
+      if (result <= EnvironmentMapLight::kMaxRadiance) return static_cast<float>(result);
+      throw invalid_input(fmt::format(
+          "environment map: pixel ({}, {}) times scale is {:g}; it must be at most {:g}",
+          i % width_, i / width_, result, EnvironmentMapLight::kMaxRadiance));
     };
     values_[i] = scaled(select(c, channel));
     if (channel != Channel::kRgb) continue;

@@ -43,8 +43,8 @@ struct EnvironmentMapLight {
 // Radiances of a panorama's pixels, in its own orientation, and how directions are drawn.
 class EnvironmentMapTable {
  public:
-  // Throws Error (invalid input) if the pixels are not finite and >= 0, or beyond a float when
-  // scaled.
+  // Throws Error (invalid input) if the pixels are not finite and >= 0, or above
+  // EnvironmentMapLight::kMaxRadiance when scaled.
   EnvironmentMapTable(const EnvironmentMapLight& light, Channel channel);
 
   double power() const { return power_; }

@@ -120,7 +120,7 @@ void check_sizes(const SceneDescription& scene, const std::vector<ObjectSize>& s
   for (size_t k = 0; k < sizes.size(); ++k) {
     const auto& [box, thickness] = sizes[k];
     const double size = longest_side(box);
-    const Vec3d middle = (static_cast<Vec3d>(box.min) + static_cast<Vec3d>(box.max)) * 0.5;
+    const Vec3d middle = middle_of(box);
     const double distance = length(scene.camera.origin - scene.pose.to_scene(middle));
     const auto require_part_of = [&](double reach, const char* what) {
       if (size >= kSmallestPart * reach) return;

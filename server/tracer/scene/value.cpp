@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <string>
 #include <variant>
 
@@ -64,13 +63,8 @@ ParameterValue value_of(const SceneDescription& scene, const Parameter& paramete
 void set_value(const Parameter& parameter, double value, SceneDescription& scene) {
   const std::string name = name_of(parameter);
   if (parameter.kind == Parameter::kLightScale) {
-    LightDescription& light = entry_of(scene.lights, parameter, "lights");
-    brighten(light, in_closed(name, value, kLeastScale, kMostScale));
-    if (const auto* map = std::get_if<EnvironmentMapLight>(&light); map && !map->rgb.empty()) {
-      in_closed(name + " times the largest pixel",
-                map->scale * double{*std::ranges::max_element(map->rgb)}, 0,
-                EnvironmentMapLight::kMaxRadiance);
-    }
+    brighten(entry_of(scene.lights, parameter, "lights"),
+             in_closed(name, value, kLeastScale, kMostScale));
     return;
   }
   use_number(scene, parameter, [&](auto& number, double low, double high) {

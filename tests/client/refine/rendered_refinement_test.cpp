@@ -38,11 +38,7 @@ Observation observe(RenderPool& pool, const Material& truth, const v1::Scene& sc
   job.request.set_spp(256);
   job.request.set_seed(seed);
   job.request.set_pixels(v1::OBJECT_PIXELS);
-  if (!name.empty()) {
-    v1::NamedValue& set = *job.request.add_values();
-    set.set_name(name);
-    set.set_value(value);
-  }
+  if (!name.empty()) set_value(job.request, name, value);
   const auto scene_bytes = job.scene;
   const v1::RenderGradReply reply = pool.render_split(job);
   return {.name = "render",

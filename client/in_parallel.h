@@ -1,4 +1,4 @@
-// The same work for every image of a split, by all processors.
+// The same work for each of many, by all processors.
 #pragma once
 
 #include <atomic>
