@@ -17,7 +17,7 @@
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
-#include "client/refine/refinement.h"
+#include "client/refine/refine_run.h"
 #include "client/render_pool/render_pool.h"
 #include "common/angle.h"
 #include "common/error.h"
@@ -35,8 +35,6 @@ namespace itn {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr std::array<const char*, 3> kColours{"R", "G", "B"};
 
 // ---- The photograph --------------------------------------------------------------------------
 
@@ -127,6 +125,9 @@ PinholeView view_of(const FitPhotograph& photograph, int side) {
 
 // ---- The scene -------------------------------------------------------------------------------
 
+// Of a lamp of a phone, in mm. A lamp that has a size has a derivative in its place.
+constexpr float kFlashRadius = 2;
+
 void set(v1::Vec3& to, Vec3d from) {
   to.set_x(static_cast<float>(from.x));
   to.set_y(static_cast<float>(from.y));
@@ -138,9 +139,13 @@ bool is_builtin(const std::string& shape) {
   return std::ranges::find(shapes, shape, &ShapeInfo::name) != shapes.end();
 }
 
-// The camera is at the origin and looks along -z, or below the horizon.
+bool is_by_flash(const FitOptions& options) {
+  return options.light == "flash";
+}
+
+// The camera is at the origin and looks along -z, or below the horizon of a panorama.
 Rotation<double> camera_rotation(const FitOptions& options) {
-  const double angle = options.camera_down * kRadiansPerDegree;
+  const double angle = is_by_flash(options) ? 0 : options.camera_down * kRadiansPerDegree;
   const double c = std::cos(angle), s = std::sin(angle);
   return {{1, 0, 0}, {0, c, s}, {0, -s, c}};
 }
@@ -183,13 +188,15 @@ v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options) {
                   static_cast<float>(photograph.height));
   scene.mutable_film()->set_width(static_cast<uint32_t>(photograph.side));
   scene.mutable_film()->set_height(static_cast<uint32_t>(photograph.side));
+  scene.mutable_film()->set_channel(
+      photograph.channels.size() == 3 && !options.luminance ? v1::Film::RGB : v1::Film::LUMINANCE);
 
   v1::Light& light = *scene.add_lights();
-  if (options.light == "flash") {
+  if (is_by_flash(options)) {
     const auto& offset = options.flash_offset;
-    set(*light.mutable_point()->mutable_position(),
+    set(*light.mutable_sphere()->mutable_center(),
         rotation(Vec3d{offset[0], offset[1], offset[2]}));
-    light.mutable_point()->set_intensity(1);
+    light.mutable_sphere()->set_radius(kFlashRadius);
   } else {
     light.mutable_environment_map()->set_path(fs::absolute(options.light).string());
     // The left edge of a panorama lies along -z, where the camera looks; its middle is to do so.
@@ -223,12 +230,12 @@ void place(const Pose& pose, const Mesh& shape, const FitOptions& options, v1::S
   set_rotation(rotation.after(pose.rotation), *mesh.add_transforms()->mutable_rotate());
   set(*mesh.add_transforms()->mutable_translate(), rotation(pose.translation));
   for (v1::Light& light : *scene.mutable_lights()) {
-    if (!light.has_point()) continue;
-    const Vec3d flash = rotation.inverse()(to_vec(light.point().position()));
+    if (!light.has_sphere()) continue;
+    const Vec3d flash = rotation.inverse()(to_vec(light.sphere().center()));
     const double range =
-        options.card_distance.value_or(length(pose.to_scene(middle_of(bounds(shape))) - flash)) /
-        1000;
-    light.mutable_point()->set_intensity(static_cast<float>(range * range * std::numbers::pi));
+        options.card_distance.value_or(length(pose.to_scene(middle_of(bounds(shape))) - flash));
+    const double seen = kFlashRadius / range;
+    light.mutable_sphere()->set_radiance(static_cast<float>(1 / (seen * seen)));
   }
 }
 
@@ -265,6 +272,7 @@ std::vector<float> counted(const FitPhotograph& photograph, const Mesh& mesh, co
 double shading_loss(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose,
                     v1::Scene scene, const FitOptions& options, const Synthesize& synthesize) {
   place(pose, mesh, options, scene);
+  scene.mutable_film()->set_channel(v1::Film::LUMINANCE);
   const std::vector<Observation> observations{
       {.name = photograph.name,
        .radiance = radiance_of(photograph.image, photograph.channels, v1::Film::LUMINANCE),
@@ -346,14 +354,14 @@ void write_overlay(const fs::path& file, const FitPhotograph& photograph, const 
 
 void check(const FitOptions& options) {
   const auto usage = [](const std::string& message) { return Error(ErrorKind::kUsage, message); };
-  if (options.photograph.gray_card && options.light != "flash") {
+  if (options.photograph.gray_card && !is_by_flash(options)) {
     throw usage(
         "--gray-card is for --light flash: how bright a card is in a panorama is not computed");
   }
   if (options.photograph.gray_card && options.images.size() > 1) {
     throw usage("--gray-card is of one photograph; several are fitted without, or one by one");
   }
-  if (options.images.size() > 1 && options.light == "flash") {
+  if (options.images.size() > 1 && is_by_flash(options)) {
     throw usage(
         "several photographs by flash cannot be fitted together yet: how their exposures differ is "
         "not known; fit them one by one");
@@ -365,16 +373,10 @@ void check(const FitOptions& options) {
   }
 }
 
-// What a refinement is of, as it was written to files that can be corrected.
-struct FitInput {
-  std::string image;
-  fs::path scene_file;
-  v1::Scene scene;
-};
-
-std::vector<FitInput> prepare(const FitOptions& options, const fs::path& folder,
-                              v1::FitResult& result) {
-  std::vector<FitInput> inputs;
+// Writes photographs and scenes that a refinement is of, as files that can be corrected, and says
+// which they are.
+void write_posed_scenes(const FitOptions& options, const fs::path& folder, RefineOptions& refine,
+                        v1::FitResult& result) {
   RenderPool pool(options.refine.workers.pool_options());
   const Synthesize synthesize = rendered_by(pool, interruption());
   for (size_t i = 0; i < options.images.size(); ++i) {
@@ -404,36 +406,28 @@ std::vector<FitInput> prepare(const FitOptions& options, const fs::path& folder,
     const fs::path image_file = folder / fmt::format("photograph{}.exr", stem);
     write_exr(image_file, photograph.image);
     write_file_atomically(scene_file, to_text_proto(scene));
-    inputs.push_back({image_file.string(), scene_file, std::move(scene)});
+    refine.images.push_back(image_file.string());
+    refine.scenes.push_back(scene_file.string());
   }
-  return inputs;
 }
 
-// In red, green and blue, or of the luminance.
-void find_materials(const FitOptions& options, const std::vector<FitInput>& inputs,
-                    const fs::path& folder, v1::FitResult& result) {
-  RefineOptions refine = options.refine;
-  for (const FitInput& input : inputs) refine.images.push_back(input.image);
+// What is found with the material, and how well it was known.
+void set_unknowns(const FitOptions& options, RefineOptions& refine) {
   refine.mesh_unit.reset();  // the scenes say it
-  refine.unknown_exposure = !options.photograph.gray_card;
   refine.unknowns = {"rough_dielectric.roughness"};
-  const std::vector<std::string> channels =
-      options.luminance ? std::vector<std::string>{"Y"}
-                        : std::vector<std::string>(kColours.begin(), kColours.end());
-  for (size_t c = 0; c < channels.size(); ++c) {
-    refine.output = (folder / channels[c]).string();
-    refine.scenes.clear();
-    for (const FitInput& input : inputs) {
-      v1::Scene scene = input.scene;
-      if (!options.luminance) {
-        scene.mutable_film()->set_channel(static_cast<v1::Film::Channel>(v1::Film::RED + c));
-      }
-      const fs::path in_channel =
-          folder / fmt::format("{}_{}.textproto", input.scene_file.stem().string(), channels[c]);
-      write_file_atomically(in_channel, to_text_proto(scene));
-      refine.scenes.push_back(in_channel.string());
-    }
-    *result.add_results() = find_material(refine);
+  const auto find_within = [&](const std::string& name, double deviation) {
+    if (deviation == 0) return;
+    refine.unknowns.push_back(name);
+    refine.known_within[name] = deviation;
+  };
+  find_within("rough_dielectric.index", options.index_error);
+  if (is_by_flash(options)) {
+    find_within("light[0].sphere.center.x", options.flash_error);
+    find_within("light[0].sphere.center.y", options.flash_error);
+  }
+  refine.unknown_exposure = !options.photograph.gray_card || options.card_error > 0;
+  if (options.photograph.gray_card && options.card_error > 0) {
+    refine.known_within[kExposure] = options.card_error;
   }
 }
 
@@ -452,54 +446,12 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
           pose.image(), pose.alike());
     }
   }
-  text += fmt::format("{:<18}", "");
-  const auto name = [&](size_t c) {
-    return result.results_size() == 3 ? kColours[c] : "luminance";
-  };
-  for (size_t c = 0; c < static_cast<size_t>(result.results_size()); ++c) {
-    text += fmt::format("{:<32}", name(c));
-  }
-  text += '\n';
-  const auto row = [&](const char* title, const auto& of) {
-    text += fmt::format("{:<18}", title);
-    for (const v1::RefineResult& one : result.results()) {
-      const v1::RefinedParameter& p = of(one);
-      text += one.misfit() ? fmt::format("{:<32.4g}", p.value())
-                           : fmt::format("{:<32}", fmt::format("{:.4g} ({:.4g} to {:.4g})",
-                                                               p.value(), p.low_95(), p.high_95()));
-    }
-    text += '\n';
-  };
-  row("sigma_s (1 - g)", [](const auto& r) { return r.sigma_s_reduced(); });
-  row("sigma_a", [](const auto& r) { return r.sigma_a(); });
-  row("sigma_t", [](const auto& r) { return r.sigma_t(); });
-  row("albedo", [](const auto& r) { return r.albedo(); });
-  row("g", [](const auto& r) { return r.g(); });
-  row("roughness", [](const auto& r) { return r.unknowns(0); });
-  text += "per mm, with 95 % intervals, which know nothing of an error of pose, shape or light\n";
-  // Of colours that say the same, as remarks begin, once.
-  struct Told {
-    std::string beginning, channels, remark;
-  };
-  std::vector<Told> told;
-  for (int c = 0; c < result.results_size(); ++c) {
-    for (const std::string& remark : result.results(c).remarks()) {
-      const std::string beginning = remark.substr(0, remark.find_first_of(":0123456789"));
-      const auto same = std::ranges::find(told, beginning, &Told::beginning);
-      const std::string channel = name(static_cast<size_t>(c));
-      if (same == told.end()) {
-        told.push_back({beginning, channel, remark});
-      } else {
-        same->channels += ", " + channel;
-      }
-    }
-  }
-  for (const Told& one : told) text += fmt::format("{}: {}\n", one.channels, one.remark);
-  const std::string refined = result.results_size() == 3
-                                  ? fmt::format("{0}/R,{0}/G,{0}/B", folder.string())
-                                  : (folder / "Y").string();
-  return text +
-         fmt::format("for renderers: itn materials --refined {} --format openpbr\n", refined);
+  text += to_table(std::vector(result.results().begin(), result.results().end()));
+  text +=
+      "per mm, with 95 % intervals, which know nothing of an error of pose, shape or focal "
+      "length\n";
+  return text + fmt::format("for renderers: itn materials --refined {} --format openpbr\n",
+                            folder.string());
 }
 
 }  // namespace
@@ -511,7 +463,11 @@ void run_fit(const FitOptions& options) {
   const FolderLock lock(folder, "fits a material");
   lock.remove_temporary_files();
   v1::FitResult result;
-  find_materials(options, prepare(options, folder, result), folder, result);
+  RefineOptions refine = options.refine;
+  write_posed_scenes(options, folder, refine, result);
+  set_unknowns(options, refine);
+  const std::vector<v1::RefineResult> found = find_materials(refine);
+  result.mutable_results()->Add(found.begin(), found.end());
   options.refine.json ? print_result("{}\n", to_json(result))
                       : print_result(to_text(result, folder));
 }

@@ -22,6 +22,9 @@ struct FitOptions {
   double camera_down = 0;                      // degrees below the horizon
   std::optional<double> focal_length_35mm;     // absent: as EXIF says
   double index = 1.5;
+  // Standard deviations of what is said: of the index; of the flash's place to the side and up, in
+  // mm; of the light on the card, as a part. 0: exact.
+  double index_error = 0.03, flash_error = 5, card_error = 0.03;
   bool luminance = false;
   int resolution = 96;   // pixels a side of the fit
   RefineOptions refine;  // mesh unit, start, limits, output, workers

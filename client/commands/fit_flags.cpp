@@ -59,20 +59,40 @@ void add_flags(CLI::App& command, FitOptions& options) {
   command.add_option("--index", options.index, "Index of refraction of the object")
       ->check(number_in(1.1, 2.5))
       ->capture_default_str();
+  command
+      .add_option("--index-error", options.index_error,
+                  "How well --index is known: a standard deviation. The photograph tells the rest; "
+                  "0: exactly")
+      ->check(number_in(0.0, 0.2))
+      ->capture_default_str();
+  command
+      .add_option("--flash-error", options.flash_error,
+                  "How well --flash-offset is known, in mm, likewise")
+      ->check(number_in(0.0, 50.0))
+      ->capture_default_str();
   command.add_flag("--luminance", options.luminance,
-                   "One material for all colours, in a third of the time. Default: one for each of "
-                   "red, green and blue");
+                   "One material for all colours, in a third of the time. Default: red, green and "
+                   "blue, which share g and all that is no material");
   command
       .add_option("--resolution", options.resolution,
                   "Pixels a side of the square about the object that is fitted")
       ->check(number_in(16, 256))
       ->capture_default_str();
   add_mask_flags(command, photograph);
+  CLI::Option* card = add_gray_card_flags(command, photograph);
   command
       .add_option("--card-distance", options.card_distance,
                   "Of the gray card from the flash, in mm. Default: that of the object")
       ->check(number_in(1.0, 1e5))
-      ->needs(add_gray_card_flags(command, photograph));
+      ->needs(card);
+  command
+      .add_option("--card-error", options.card_error,
+                  "How well card, its distance and its angle tell the light, as a part of it or in "
+                  "percent, likewise")
+      ->transform(kPercentToPart)
+      ->check(number_in(0.0, 0.5))
+      ->capture_default_str()
+      ->needs(card);
   add_encoding_flag(command, photograph.reading.is_linear);
   add_layer_flag(command, photograph.reading.layer);
   command
@@ -85,7 +105,7 @@ void add_flags(CLI::App& command, FitOptions& options) {
       ->capture_default_str();
   command.add_option("--max-spp", refine.max_spp, "As of itn refine; default 1024")
       ->check(number_in(64U, 1U << 20));
-  command.add_option("--time-limit", refine.time_limit, "Of each refinement, in seconds; 0: none")
+  command.add_option("--time-limit", refine.time_limit, "Of the refinement, in seconds; 0: none")
       ->check(number_in(0.0, 1e9))
       ->capture_default_str();
   command.add_option("--seed", refine.seed, "Of the random numbers")
@@ -106,7 +126,7 @@ void add_fit_command(CLI::App& app) {
   options->refine.init = "mean";
   options->refine.starts = 4;
   options->refine.max_spp = 1024;
-  options->refine.time_limit = 100;
+  options->refine.time_limit = 240;
   CLI::App* command = app.add_subcommand(
       "fit", "Find the material of an object of known shape from its photograph");
   add_flags(*command, *options);

@@ -32,7 +32,7 @@ namespace {
 struct MaterialsOptions {
   std::string name;
   std::vector<double> sigma_t, albedo, g;  // one each, or those of R, G and B
-  std::vector<std::string> refined;        // folders of itn refine: one, or those of R, G and B
+  std::vector<std::string> refined;  // folders of itn refine or fit: one, or those of R, G and B
   std::string format, output;
   std::optional<double> index, roughness;  // those of the material's own
   ExportOptions exports{.any_size = true};
@@ -72,10 +72,16 @@ NamedMaterial from_numbers(const MaterialsOptions& options) {
 }
 
 // What `itn refine -o` found, with its intervals, behind the boundary of the scene.
-NamedMaterial from_refinement(const std::vector<std::string>& folders) {
+NamedMaterial from_refinement(std::vector<std::string> folders) {
   require_usage(folders.size() == 1 || folders.size() == 3,
                 fmt::format("--refined has {} folders; 1, or 3 of R, G and B, would be right",
                             folders.size()));
+  // One refinement of three colours has a folder for each.
+  const std::filesystem::path first = folders[0];
+  if (folders.size() == 1 && std::filesystem::exists(first / kRgb[0] / kRefineResultFile)) {
+    folders.clear();
+    for (const char* colour : kRgb) folders.push_back((first / colour).string());
+  }
   NamedMaterial result{.name = "refined", .source = "itn refine"};
   std::vector<double> indices, roughnesses;
   for (const std::string& folder : folders) {
@@ -208,8 +214,10 @@ void add_materials_command(CLI::App& app) {
       ->default_str("0")
       ->needs(sigma_t);
   command
-      ->add_option("--refined", options->refined,
-                   "Folder of itn refine --output; or three, of R, G and B, separated by commas")
+      ->add_option(
+          "--refined", options->refined,
+          "Folder of itn refine or itn fit --output; or three, of R, G and B, separated by "
+          "commas")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->excludes(name)

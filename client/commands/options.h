@@ -6,18 +6,21 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <cstdint>
 #include <filesystem>
 #include <map>
 #include <optional>
 #include <string>
 #include <system_error>
+#include <utility>
 #include <vector>
 
 #include "client/render_pool/render_pool.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/flags.h"
+#include "common/printable.h"
 #include "common/rpc/client_security.h"
 #include "itn/v1/scene.pb.h"
 
@@ -40,6 +43,21 @@ inline const CLI::Validator kPercentToPart(
       return std::string();
     },
     "", "");
+
+// NAME=NUMBER, as `example`, of a flag.
+inline std::pair<std::string, double> named_number(const std::string& flag, const std::string& text,
+                                                   const std::string& example) {
+  const size_t equals = text.find('=');
+  double value = 0;
+  const char* const end = text.data() + text.size();
+  const char* const begin = equals == std::string::npos ? end : text.data() + equals + 1;
+  const auto [rest, error] = std::from_chars(begin, end, value);
+  if (error != std::errc() || rest != end || !std::isfinite(value)) {
+    throw Error(ErrorKind::kUsage,
+                fmt::format("{} {}: it is NAME=VALUE, as {}", flag, printable(text), example));
+  }
+  return {text.substr(0, equals), value};
+}
 
 // Of an address where others are lists.
 inline const CLI::Validator kOneServer(

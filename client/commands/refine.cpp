@@ -62,25 +62,33 @@ bool has_colours(const Image& image, const std::vector<std::string>& channels) {
 }
 
 // Pixels that count, where some do not: those at the top of what the file can hold.
-void leave_out_clipped(const std::vector<unsigned char>& clipped, Observation& observation) {
+void leave_out_clipped(const std::string& name, const std::vector<unsigned char>& clipped,
+                       std::vector<float>& mask) {
   if (std::ranges::count(clipped, 1) == 0) return;
-  if (observation.mask.empty()) observation.mask.assign(clipped.size(), 1);
+  if (mask.empty()) mask.assign(clipped.size(), 1);
   size_t left_out = 0, all = 0;
   for (size_t p = 0; p < clipped.size(); ++p) {
-    if (!is_on_object(observation.mask[p])) continue;
+    if (!is_on_object(mask[p])) continue;
     ++all;
     if (clipped[p] == 0) continue;
     ++left_out;
-    observation.mask[p] = 0;
+    mask[p] = 0;
   }
   if (left_out > 0) {
     spdlog::warn("{}: {} of {} pixels are at the top of what the file can hold and do not count",
-                 observation.name, left_out, all);
+                 name, left_out, all);
   }
 }
 
-Observation load_observation(const std::string& name, const v1::Scene& scene,
-                             const RefineOptions& options) {
+// The colours of a film, one by one.
+std::vector<v1::Film::Channel> channels_of(const v1::Film& film) {
+  if (film.channel() != v1::Film::RGB) return {film.channel()};
+  return {v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE};
+}
+
+// What the image shows in each colour of the film.
+std::vector<Observation> load_observations(const std::string& name, const v1::Scene& scene,
+                                           const RefineOptions& options) {
   const PhotographContent content = read_content(name, options.reading);
   const Image& image = content.file.image;
   const v1::Film& film = scene.film();
@@ -96,6 +104,12 @@ Observation load_observation(const std::string& name, const v1::Scene& scene,
         "--encoding srgb says so",
         name));
   }
+  if (film.channel() == v1::Film::RGB && content.channels.size() != 3) {
+    throw invalid_input(fmt::format(
+        "{} has no colours, and the film of its scene is RGB; film {{ channel: LUMINANCE }} is "
+        "right",
+        name));
+  }
   if (content.file.encoded && !options.unknown_exposure) {
     spdlog::warn(
         "{} is encoded for a screen, by an exposure that nobody knows; --exposure unknown finds it",
@@ -104,23 +118,33 @@ Observation load_observation(const std::string& name, const v1::Scene& scene,
   if (film.channel() == v1::Film::LUMINANCE && has_colours(image, content.channels)) {
     spdlog::warn(
         "{} has colours, and the film of its scene is LUMINANCE: the answer is one material for "
-        "all of them, which may fit none; film {{ channel: RED }}, GREEN and BLUE fit each",
+        "all of them, which may fit none; film {{ channel: RGB }} fits each",
         name);
   }
-  Observation observation{.name = name,
-                          .radiance = radiance_of(image, content.channels, film.channel()),
-                          .mask = {},
-                          .noise = {},
-                          .scene = serialize(scene)};
+  std::vector<float> mask;
   if (!options.mask.empty()) {
-    observation.mask = read_mask_for(content, name, options.mask);
+    mask = read_mask_for(content, name, options.mask);
   } else if (image.has("mask.Y")) {
-    observation.mask = image.channel("mask.Y");
+    mask = image.channel("mask.Y");
   }
-  leave_out_clipped(content.file.clipped, observation);
-  if (image.has("stderr.Y")) observation.noise = image.channel("stderr.Y");
-  validate(observation);
-  return observation;
+  leave_out_clipped(name, content.file.clipped, mask);
+  std::vector<Observation> observations;
+  for (const v1::Film::Channel channel : channels_of(film)) {
+    v1::Scene in_channel = scene;
+    in_channel.mutable_film()->set_channel(channel);
+    Observation& observation = observations.emplace_back(
+        Observation{.name = name,
+                    .radiance = radiance_of(image, content.channels, channel),
+                    .mask = mask,
+                    .noise = {},
+                    .scene = serialize(in_channel),
+                    .colour = observations.size()});
+    const std::string noise =
+        "stderr." + (film.channel() == v1::Film::RGB ? content.channels[observation.colour] : "Y");
+    if (image.has(noise)) observation.noise = image.channel(noise);
+    validate(observation);
+  }
+  return observations;
 }
 
 std::vector<v1::Scene> load_scenes(const RefineOptions& options) {
@@ -132,10 +156,10 @@ std::vector<v1::Scene> load_scenes(const RefineOptions& options) {
   std::vector<v1::Scene> scenes;
   for (const std::string& file : options.scenes) {
     scenes.push_back(load_scene(file, options.mesh_unit));
-    if (scenes.back().film().channel() == v1::Film::RGB) {
+    if (scenes.back().film().channel() != scenes.front().film().channel()) {
       throw invalid_input(fmt::format(
-          "{}: film.channel is RGB; a refinement is of one channel: LUMINANCE, RED, GREEN or BLUE",
-          file));
+          "{} and {}: film.channel must be the same in both; RGB finds a material for each colour",
+          options.scenes.front(), file));
     }
     resolve_media(scenes.back());
   }
@@ -191,9 +215,9 @@ Material network_guess(const RefineOptions& options, const std::vector<v1::Scene
   const auto& materials =
       several ? reply.combined().materials() : reply.outcomes(0).reply().materials();
   const v1::Film::Channel channel = scenes[0].film().channel();
-  const int chosen = materials.size() == 1            ? 0
-                     : channel == v1::Film::LUMINANCE ? 1
-                                                      : channel - v1::Film::RED;
+  // What all colours have in common begins in the middle of them.
+  const bool is_one = channel == v1::Film::RED || channel == v1::Film::BLUE;
+  const int chosen = materials.size() == 1 ? 0 : is_one ? channel - v1::Film::RED : 1;
   return from_proto(materials.at(chosen));
 }
 
@@ -234,6 +258,7 @@ v1::RefineSettings settings_of(const RefineOptions& options) {
   settings.set_learning_rate(options.learning_rate);
   settings.set_seed(options.seed);
   settings.mutable_unknowns()->Add(options.unknowns.begin(), options.unknowns.end());
+  settings.mutable_known_within()->insert(options.known_within.begin(), options.known_within.end());
   settings = with_defaults(settings);
   if (settings.spp() > settings.max_spp()) {
     throw usage(fmt::format("--spp {} must not be more than --max-spp {}", settings.spp(),
@@ -258,6 +283,17 @@ void set_boundary(const v1::Object& object, v1::RefineResult& result) {
     if (found.name() == "rough_dielectric.index") result.set_index(found.value());
     if (found.name() == "rough_dielectric.roughness") result.set_roughness(found.value());
   }
+}
+
+std::string in_short(const v1::RefineIteration& iteration) {
+  std::string sigma_t, albedo, unknowns;
+  for (const v1::Material& material : iteration.materials()) {
+    sigma_t += fmt::format(" {:.4g}", material.sigma_t());
+    albedo += fmt::format(" {:.4f}", material.albedo());
+  }
+  for (const double value : iteration.unknowns()) unknowns += fmt::format(" {:.4f}", value);
+  return fmt::format("sigma_t{} albedo{} g {:.4f}{}, loss {:.2g}, {} spp", sigma_t, albedo,
+                     iteration.materials(0).g(), unknowns, iteration.loss(), iteration.spp());
 }
 
 std::vector<Synthesis> render_fits(const Refinement& refinement,
@@ -297,27 +333,25 @@ Material mean_of_size(double longest_side) {
   return mean;
 }
 
-v1::RefineResult find_material(const RefineOptions& options) {
+std::vector<v1::RefineResult> find_materials(const RefineOptions& options) {
   const v1::RefineSettings settings = settings_of(options);
   if (options.init != "network" && options.init != "mean") parsed_material(options.init);
-  std::optional<FolderLock> lock;
-  if (!options.output.empty()) {
-    check_folder_writable(options.output);
-    lock.emplace(options.output, "refines a material");
-    lock->remove_temporary_files();
-  }
   const std::vector<v1::Scene> scenes = load_scenes(options);
   std::vector<Observation> observations;
   for (size_t i = 0; i < scenes.size(); ++i) {
-    Observation observation = load_observation(options.images[i], scenes[i], options);
-    const auto same = std::ranges::find(observations, observation.radiance, &Observation::radiance);
-    if (same != observations.end()) {
-      throw invalid_input(
-          fmt::format("{} and {} are the same photograph: it says nothing new, and would make the "
-                      "standard errors too small",
-                      same->name, observation.name));
+    for (Observation& observation : load_observations(options.images[i], scenes[i], options)) {
+      const auto is_same = [&](const Observation& other) {
+        return other.colour == observation.colour && other.radiance == observation.radiance;
+      };
+      const auto same = std::ranges::find_if(observations, is_same);
+      if (same != observations.end()) {
+        throw invalid_input(fmt::format(
+            "{} and {} are the same photograph: it says nothing new, and would make the "
+            "standard errors too small",
+            same->name, observation.name));
+      }
+      observations.push_back(std::move(observation));
     }
-    observations.push_back(std::move(observation));
   }
   RenderPool pool(options.workers.pool_options());
   const Synthesize synthesize = rendered_by(pool, interruption());
@@ -327,29 +361,34 @@ v1::RefineResult find_material(const RefineOptions& options) {
       .folder = options.output,
       .origin = origin_of(options),
       .starts = [&] { return starts_around(first_start(options, scenes), options.starts); },
-      .report =
-          [&](const v1::RefineIteration& i) {
-            std::string unknowns;
-            for (const double value : i.unknowns()) unknowns += fmt::format(" {:.4f}", value);
-            progress.update(
-                ++done, fmt::format("sigma_t {:.4g} albedo {:.4f} g {:.4f}{}, loss {:.2g}, "
-                                    "{} spp",
-                                    i.material().sigma_t(), i.material().albedo(), i.material().g(),
-                                    unknowns, i.loss(), i.spp()));
-          }};
+      .report = [&](const v1::RefineIteration& i) { progress.update(++done, in_short(i)); }};
   const Refinement refinement = refine(settings, observations, synthesize, refine_run);
-  v1::RefineResult result = refinement.result();
-  set_boundary(scenes[0].object(), result);
+  std::vector<v1::RefineResult> results;
+  for (size_t colour = 0; colour < refinement.colours(); ++colour) {
+    set_boundary(scenes[0].object(), results.emplace_back(refinement.result(colour)));
+  }
   if (!options.output.empty()) {
-    write_outcome(options.output, result, observations,
+    write_outcome(options.output, results, observations,
                   render_fits(refinement, observations, synthesize), refinement.exposure());
   }
-  return result;
+  return results;
 }
 
 void run_refine(const RefineOptions& options) {
-  const v1::RefineResult result = find_material(options);
-  options.json ? print_result("{}\n", to_json(result)) : print_result(to_text(result));
+  std::optional<FolderLock> lock;
+  if (!options.output.empty()) {
+    check_folder_writable(options.output);
+    lock.emplace(options.output, "refines a material");
+    lock->remove_temporary_files();
+  }
+  const std::vector<v1::RefineResult> results = find_materials(options);
+  if (results.size() == 1) {
+    options.json ? print_result("{}\n", to_json(results[0])) : print_result(to_text(results[0]));
+    return;
+  }
+  v1::FitResult of_colours;
+  of_colours.mutable_results()->Add(results.begin(), results.end());
+  options.json ? print_result("{}\n", to_json(of_colours)) : print_result(to_table(results));
 }
 
 }  // namespace itn

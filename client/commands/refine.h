@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -24,7 +25,8 @@ struct RefineOptions {
   uint32_t starts = 1;
   std::string method = "gauss-newton", weights = "noise";
   bool unknown_exposure = false;
-  std::vector<std::string> unknowns;  // of the scenes
+  std::vector<std::string> unknowns;           // of the scenes
+  std::map<std::string, double> known_within;  // RefineSettings.known_within
   uint32_t spp = 0, max_spp = 0, max_iterations = 0;
   double time_limit = 0, tolerance = 0.002, learning_rate = 0.05;
   uint64_t seed = 0;
@@ -40,8 +42,9 @@ std::vector<float> radiance_of(const Image& image, const std::vector<std::string
 // Where --init mean starts, for an object of this longest side in mm.
 Material mean_of_size(double longest_side);
 
-// What run_refine() prints.
-v1::RefineResult find_material(const RefineOptions& options);
+// What run_refine() prints: of the luminance or a colour, or of red, green and blue, as the films
+// say. Whoever calls has locked the output folder.
+std::vector<v1::RefineResult> find_materials(const RefineOptions& options);
 
 void run_refine(const RefineOptions& options);
 

@@ -72,6 +72,19 @@ void add_flags(CLI::App& command, RefineOptions& options) {
           "separated by commas: what render --derivatives lists of boundary and surfaces, "
           "such as rough_dielectric.index,rough_dielectric.roughness,surface[0].reflectance")
       ->delimiter(',');
+  command
+      .add_option_function<std::vector<std::string>>(
+          "--known-within",
+          [&options](const std::vector<std::string>& texts) {
+            for (const std::string& text : texts) {
+              options.known_within.insert(
+                  named_number("--known-within", text, "rough_dielectric.index=0.03"));
+            }
+          },
+          "NAME=DEVIATION, separated by commas: how well the scene files know what --unknown "
+          "names, "
+          "or exposure, as a standard deviation: rough_dielectric.index=0.03,exposure=0.05")
+      ->delimiter(',');
   const CLI::Validator spp_range = number_in(4U, 1U << 20);
   command
       .add_option("--spp", options.spp,

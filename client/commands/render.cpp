@@ -82,17 +82,10 @@ std::string lower(std::string text) {
   return text;
 }
 
-// NAME=VALUE.
 v1::NamedValue named_value(const std::string& text) {
-  const size_t equals = text.find('=');
+  const auto [name, value] = named_number("--set", text, "light[0].scale=2");
   v1::NamedValue result;
-  result.set_name(text.substr(0, equals));
-  double value = 0;
-  const char* const end = text.data() + text.size();
-  const char* const begin = equals == std::string::npos ? end : text.data() + equals + 1;
-  const auto [rest, error] = std::from_chars(begin, end, value);
-  require_usage(error == std::errc() && rest == end && std::isfinite(value),
-                fmt::format("--set {}: it is NAME=VALUE, as light[0].scale=2", printable(text)));
+  result.set_name(name);
   result.set_value(value);
   const auto parameter = parameter_of(result.name());
   const auto* of_scene = std::get_if<tracer::Parameter>(&parameter);

@@ -31,7 +31,7 @@ Iterates select_iterations(const std::vector<v1::RefineIteration>& trajectory,
     const size_t count = std::min<size_t>(iteration, trajectory.size());
     const v1::RefineIteration& at = trajectory[count - 1];
     v1::ExperimentRefinement::Iterate& iterate = *result.Add();
-    *iterate.mutable_material() = at.material();
+    *iterate.mutable_material() = at.materials(0);
     iterate.set_loss(at.loss());
     double cpu_seconds = 0;
     for (size_t i = 0; i < count; ++i) cpu_seconds += trajectory[i].cpu_seconds();

@@ -23,6 +23,13 @@ Eigen::Index index_of(size_t unknown) {
 
 }  // namespace
 
+std::vector<Eigen::Index> Layout::of_colour(size_t colour, Eigen::Index size) const {
+  const auto first = 2 * static_cast<Eigen::Index>(colour);
+  std::vector<Eigen::Index> result{first, first + 1};
+  for (Eigen::Index i = g(); i < size; ++i) result.push_back(i);
+  return result;
+}
+
 Vector coordinates_of(const Material& material, Unknowns unknowns) {
   const MaterialCoordinates triple = to_coordinates(v1::UNBOUNDED, material, kG);
   Vector coordinates(index_of(unknowns.size()));
@@ -30,7 +37,7 @@ Vector coordinates_of(const Material& material, Unknowns unknowns) {
   for (size_t i = 0; i < unknowns.size(); ++i) {
     coordinates[index_of(i)] = unknowns[i].range.to(unknowns[i].start);
   }
-  clamp_to_domain(coordinates, unknowns);
+  clamp_to_domain(coordinates, {.colours = 1, .unknowns = {unknowns.begin(), unknowns.end()}});
   return coordinates;
 }
 
@@ -73,10 +80,12 @@ Linearization linearize(const Vector& coordinates, Unknowns unknowns) {
   return at;
 }
 
-void clamp_to_domain(Vector& x, Unknowns unknowns) {
-  x[0] = std::clamp(x[0], std::log(kMinRefinedSigmaT), std::log(kMaxRefinedSigmaT));
-  for (Eigen::Index logit = 1; logit < index_of(unknowns.size()); ++logit)
-    x[logit] = std::clamp(x[logit], -kFarthest, kFarthest);
+void clamp_to_domain(Vector& x, const Layout& layout) {
+  for (Eigen::Index i = 0; i < layout.exposure(); ++i) {
+    const bool is_log = i < layout.g() && i % 2 == 0;
+    x[i] = is_log ? std::clamp(x[i], std::log(kMinRefinedSigmaT), std::log(kMaxRefinedSigmaT))
+                  : std::clamp(x[i], -kFarthest, kFarthest);
+  }
 }
 
 Matrix physical_jacobian(const Vector& coordinates, Unknowns unknowns) {

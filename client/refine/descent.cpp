@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "client/refine/refine_result.h"
 #include "common/error.h"
@@ -41,6 +42,14 @@ double render_noise_fraction(const Matrix& readable, const Matrix& all, const Ma
   return (variances(renders) / variances(all)).maxCoeff();
 }
 
+v1::Material to_message(const Material& material) {
+  v1::Material message;
+  message.set_sigma_t(material.sigma_t);
+  message.set_albedo(material.albedo);
+  message.set_g(material.g);
+  return message;
+}
+
 }  // namespace
 
 // One render of each image, and what they say together.
@@ -53,14 +62,17 @@ struct Descent::Evaluation {
   double cpu_seconds = 0;
 };
 
-Descent::Descent(const v1::RefineSettings& settings, Unknowns unknowns,
+Descent::Descent(const v1::RefineSettings& settings, Layout layout,
                  std::span<const Observation> observations, const Material& start)
     : settings_(settings),
-      unknowns_(unknowns.begin(), unknowns.end()),
+      layout_(std::move(layout)),
       observations_(observations),
-      x_(coordinates_of(start, unknowns)),
+      x_(Vector::Zero(layout_.exposure())),
       trust_radius_(kMaxTrust),
       spp_(settings.spp()) {
+  for (size_t colour = 0; colour < layout_.colours; ++colour) {
+    x_(layout_.of_colour(colour, x_.size())) = coordinates_of(start, layout_.unknowns);
+  }
   for (const Observation& observation : observations) {
     image_equations_.emplace_back(observation, settings.weights());
   }
@@ -70,8 +82,8 @@ Descent::Evaluation Descent::evaluate(const Synthesize& synthesize, uint64_t see
   std::vector<SynthesisQuery> queries;
   for (size_t i = 0; i < observations_.size(); ++i) {
     queries.push_back({.observation = &observations_[i],
-                       .material = material(),
-                       .unknowns = unknowns_,
+                       .material = material(observations_[i].colour),
+                       .unknowns = layout_.unknowns,
                        .values = unknowns(),
                        .spp = spp_,
                        .seed = derive_seed(seed, {iterations_, i})});
@@ -79,17 +91,25 @@ Descent::Evaluation Descent::evaluate(const Synthesize& synthesize, uint64_t see
   const std::vector<Synthesis> syntheses = synthesize(queries);
   Evaluation evaluation;
   evaluation.x = x_;
-  if (settings_.unknown_exposure() && !has_exposure(x_, unknowns_)) {
+  if (settings_.unknown_exposure() && x_.size() == layout_.exposure()) {
+    double sum = 0;
+    for (size_t i = 0; i < syntheses.size(); ++i) {
+      sum += std::log(image_equations_[i].exposure(syntheses[i]));
+    }
     evaluation.x.conservativeResize(x_.size() + 1);
-    evaluation.x[x_.size()] = std::log(image_equations_[0].exposure(syntheses[0]));
+    evaluation.x[x_.size()] = settings_.known_within().contains(kExposure)
+                                  ? 0
+                                  : sum / static_cast<double>(syntheses.size());
   }
   evaluation.equations = NormalEquations(evaluation.x.size());
   double squares = 0, variance = 0, energy = 0, noise = 0;
   for (size_t i = 0; i < syntheses.size(); ++i) {
+    const size_t colour = observations_[i].colour;
     const ImageEquations::Residuals& residuals =
         evaluation.per_image.emplace_back(image_equations_[i].evaluate(
-            syntheses[i], spp_, linearize(evaluation.x, unknowns_), is_adam()));
-    add(residuals.equations, 1, evaluation.equations);
+            syntheses[i], spp_, linearize(seen_in(evaluation.x, colour), layout_.unknowns),
+            is_adam()));
+    evaluation.equations.add(residuals.equations, layout_.of_colour(colour, evaluation.x.size()));
     squares += residuals.squares;
     variance += residuals.squares_variance;
     energy += residuals.energy;
@@ -110,7 +130,7 @@ void Descent::accumulate(const Evaluation& evaluation) {
   if (samples_ > 0) {
     moved = evaluation.x - linearization_point_;
     Vector counted = moved;
-    counted[ScoreTest::kRidge] *= kAlongRidge;
+    counted[layout_.g()] *= kAlongRidge;
     const double squared = counted.squaredNorm();
     decay = 1 / (1 + std::pow(squared / (kHalfMemory * kHalfMemory), 2));
     long_decay = 1 / (1 + squared / (kHalfInstruments * kHalfInstruments));
@@ -119,10 +139,12 @@ void Descent::accumulate(const Evaluation& evaluation) {
     normal_equations_ = NormalEquations(evaluation.x.size());
   }
   normal_equations_ = scaled(normal_equations_, decay);
-  add(evaluation.equations, spp_, normal_equations_);
+  normal_equations_ += scaled(evaluation.equations, spp_);
   samples_ = decay * samples_ + spp_;
   for (size_t i = 0; i < image_equations_.size(); ++i)
-    image_equations_[i].accumulate(evaluation.per_image[i], moved, decay, long_decay);
+    image_equations_[i].accumulate(evaluation.per_image[i], seen_in(moved, observations_[i].colour),
+                                   decay, long_decay);
+  collect_moments();
   linearization_point_ = evaluation.x;
   loss_ = evaluation.loss;
   loss_standard_error_ = evaluation.loss_standard_error;
@@ -130,28 +152,63 @@ void Descent::accumulate(const Evaluation& evaluation) {
   structure_ = evaluation.structure;
 }
 
+void Descent::collect_moments() {
+  moments_.clear();
+  for (size_t colour = 0; colour < layout_.colours; ++colour) {
+    ScoreMoments& of_colour = moments_.emplace_back();
+    of_colour.coordinates = layout_.of_colour(colour, normal_equations_.gradient.size());
+    const auto n = static_cast<Eigen::Index>(of_colour.coordinates.size());
+    of_colour.sums = Matrix::Zero(n + n * n, n + n * n);
+  }
+  for (size_t i = 0; i < image_equations_.size(); ++i) {
+    moments_[observations_[i].colour].sums += image_equations_[i].moments();
+  }
+}
+
+// Of the images alone.
+ScoreEquations Descent::score_equations() const {
+  return {.gradient = normal_equations_.gradient,
+          .curvature = normal_equations_.curvature,
+          .moments = moments_,
+          .apart = {},
+          .ridge = layout_.g()};
+}
+
+// From where the equations are.
+std::vector<KnownStep> Descent::known_steps() const {
+  std::vector<KnownStep> known;
+  const auto add = [&](Eigen::Index i, double place, double deviation) {
+    known.push_back({i, place - linearization_point_[i], deviation});
+  };
+  for (size_t i = 0; i < layout_.unknowns.size(); ++i) {
+    const auto& [name, start, range, deviation] = layout_.unknowns[i];
+    if (deviation) add(layout_.unknown(i), range.to(start), *deviation / range.slope(start));
+  }
+  const auto exposure = settings_.known_within().find(kExposure);
+  if (exposure != settings_.known_within().end()) add(layout_.exposure(), 0, exposure->second);
+  return known;
+}
+
 ScoreTest Descent::test() const {
-  const Eigen::Index n = normal_equations_.gradient.size();
-  Matrix moments = Matrix::Zero(n + n * n, n + n * n);
-  for (const ImageEquations& image_equations : image_equations_)
-    moments += image_equations.moments();
-  return {normal_equations_.curvature, normal_equations_.gradient, moments};
+  ScoreEquations equations = score_equations();
+  equations.known = known_steps();
+  return ScoreTest(equations);
 }
 
 // Of the noise of the renders alone.
 ScoreTest Descent::render_test() const {
-  const Eigen::Index n = normal_equations_.gradient.size();
-  Matrix moments = Matrix::Zero(n + n * n, n + n * n);
-  for (const ImageEquations& image_equations : image_equations_)
-    moments += image_equations.moments();
-  moments.topRows(n).setZero();
-  moments.leftCols(n).setZero();
-  moments.topLeftCorner(n, n) = normal_equations_.render_noise;
-  return {normal_equations_.curvature, normal_equations_.gradient, moments};
+  ScoreEquations equations = score_equations();
+  for (ScoreMoments& moments : equations.moments) {
+    const auto n = static_cast<Eigen::Index>(moments.coordinates.size());
+    moments.sums.topRows(n).setZero();
+    moments.sums.leftCols(n).setZero();
+  }
+  equations.apart = normal_equations_.render_noise;
+  return ScoreTest(equations);
 }
 
 Region Descent::region() const {
-  return region_about(x_, linearization_point_, test(), unknowns_);
+  return region_about(x_, linearization_point_, test(), layout_);
 }
 
 bool Descent::is_under_way() const {
@@ -214,12 +271,12 @@ v1::RefineIteration Descent::step(const Synthesize& synthesize, uint64_t seed) {
   ++iterations_;
   v1::RefineIteration iteration;
   iteration.set_iteration(iterations_);
-  const Material material = material_at(evaluation.x);
-  iteration.mutable_material()->set_sigma_t(material.sigma_t);
-  iteration.mutable_material()->set_albedo(material.albedo);
-  iteration.mutable_material()->set_g(material.g);
-  iteration.set_exposure(exposure_at(evaluation.x, unknowns_));
-  for (const double value : unknowns_at(evaluation.x, unknowns_)) iteration.add_unknowns(value);
+  for (size_t colour = 0; colour < layout_.colours; ++colour) {
+    *iteration.add_materials() = to_message(material_at(seen_in(evaluation.x, colour)));
+  }
+  const Vector first = seen_in(evaluation.x, 0);
+  iteration.set_exposure(exposure_at(first, layout_.unknowns));
+  for (const double value : unknowns_at(first, layout_.unknowns)) iteration.add_unknowns(value);
   iteration.set_spp(spp_);
   iteration.set_loss(evaluation.loss);
   iteration.set_loss_standard_error(evaluation.loss_standard_error);
@@ -237,14 +294,25 @@ v1::RefineIteration Descent::step(const Synthesize& synthesize, uint64_t seed) {
   }
   const Step step = is_adam() ? adam_step(evaluation.equations.gradient) : newton_step();
   x_ = linearization_point_ + step.taken;
-  clamp_to_domain(x_, unknowns_);
+  clamp_to_domain(x_, layout_);
   iteration.set_step_to_noise(step.over_noise);
-  const Eigen::Vector3d deviations = physical_deviations(region());
-  for (const double deviation : deviations) iteration.add_standard_deviations(deviation);
-  const double share = render_noise_fraction(physical_jacobian(linearization_point_, unknowns_),
-                                             test().covariance(), render_test().covariance());
+  double deviation = 0, share = 0;
+  const Region known = region();
+  const Matrix all = known.covariance, renders = test().covariance_of(render_test());
+  for (size_t colour = 0; colour < layout_.colours; ++colour) {
+    for (const double one : physical_deviations(known, colour)) {
+      iteration.add_standard_deviations(one);
+      deviation = std::max(deviation, one);
+    }
+    const std::vector<Eigen::Index> seen = layout_.of_colour(colour, all.rows());
+    const double of_colour = render_noise_fraction(
+        physical_jacobian(seen_in(linearization_point_, colour), layout_.unknowns), all(seen, seen),
+        renders(seen, seen));
+    // One that is not known, as H is singular, stays so.
+    if (std::isfinite(share) && !(of_colour <= share)) share = of_colour;
+  }
   iteration.set_render_noise_fraction(share);
-  plan(step, deviations.maxCoeff(), share);
+  plan(step, deviation, share);
   return iteration;
 }
 
@@ -295,9 +363,9 @@ v1::RefineStartState Descent::state() const {
   return state;
 }
 
-Descent::Descent(const v1::RefineSettings& settings, Unknowns unknowns,
+Descent::Descent(const v1::RefineSettings& settings, Layout layout,
                  std::span<const Observation> observations, const v1::RefineStartState& state)
-    : Descent(settings, unknowns, observations, Material{}) {
+    : Descent(settings, std::move(layout), observations, Material{}) {
   const int n = state.coordinates_size(), without_exposure = static_cast<int>(x_.size());
   const int seen = state.samples() > 0 ? n : 0;
   const bool fits =
@@ -325,13 +393,15 @@ Descent::Descent(const v1::RefineSettings& settings, Unknowns unknowns,
                 .of_image = state.structure().of_image(),
                 .blocks = state.structure().blocks()};
   for (size_t i = 0; i < image_equations_.size(); ++i) {
-    image_equations_[i].restore(state.images(static_cast<int>(i)), static_cast<size_t>(n));
+    image_equations_[i].restore(state.images(static_cast<int>(i)),
+                                layout_.of_colour(observations_[i].colour, n).size());
   }
   normal_equations_.curvature = square_of(state.curvature());
   normal_equations_.gradient = vector_of(state.gradient());
   normal_equations_.render_noise = square_of(state.render_noise());
   first_moment_ = vector_of(state.first_moment());
   second_moment_ = vector_of(state.second_moment());
+  if (seen > 0) collect_moments();
 }
 
 }  // namespace itn

@@ -25,10 +25,10 @@ namespace itn {
 // one, the less the farther they came from. A step within its own noise calls for more samples.
 class Descent {
  public:
-  Descent(const v1::RefineSettings& settings, Unknowns unknowns,
+  Descent(const v1::RefineSettings& settings, Layout layout,
           std::span<const Observation> observations, const Material& start);
   // Throws Error (invalid input) if the state does not fit.
-  Descent(const v1::RefineSettings& settings, Unknowns unknowns,
+  Descent(const v1::RefineSettings& settings, Layout layout,
           std::span<const Observation> observations, const v1::RefineStartState& state);
 
   // Renders where it stands, and steps on. Nothing changes if that throws. `seed`: of the renders.
@@ -46,9 +46,9 @@ class Descent {
   const Structure& structure() const { return structure_; }
 
   // As it stands.
-  Material material() const { return material_at(x_); }
-  std::vector<double> unknowns() const { return unknowns_at(x_, unknowns_); }
-  double exposure() const { return exposure_at(x_, unknowns_); }
+  Material material(size_t colour = 0) const { return material_at(seen_in(x_, colour)); }
+  std::vector<double> unknowns() const { return unknowns_at(seen_in(x_, 0), layout_.unknowns); }
+  double exposure() const { return exposure_at(seen_in(x_, 0), layout_.unknowns); }
   // Where else it may be.
   Region region() const;
   // Whether the last iteration was still farther from where the equations lead than that is
@@ -71,6 +71,13 @@ class Descent {
   void accumulate(const Evaluation& evaluation);
   Step newton_step() const;
   Step adam_step(const Vector& gradient);
+  // The coordinates of what an image of a colour shows.
+  Vector seen_in(const Vector& x, size_t colour) const {
+    return x(layout_.of_colour(colour, x.size()));
+  }
+  void collect_moments();
+  ScoreEquations score_equations() const;
+  std::vector<KnownStep> known_steps() const;
   ScoreTest test() const;
   ScoreTest render_test() const;
   void plan(const Step& step, double deviation, double share);
@@ -78,10 +85,11 @@ class Descent {
   bool is_adam() const { return settings_.method() == v1::RefineSettings::ADAM; }
 
   v1::RefineSettings settings_;
-  std::vector<SceneUnknown> unknowns_;
+  Layout layout_;
   std::span<const Observation> observations_;
   std::vector<ImageEquations> image_equations_;
   NormalEquations normal_equations_;
+  std::vector<ScoreMoments> moments_;  // by colour
   Vector x_, linearization_point_;
   double samples_ = 0;
   double trust_radius_ = 1;

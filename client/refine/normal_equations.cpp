@@ -74,11 +74,18 @@ NormalEquations scaled(NormalEquations equations, double factor) {
   return equations;
 }
 
-void add(const NormalEquations& terms, double factor, NormalEquations& sum) {
-  const NormalEquations counted = scaled(terms, factor);
-  sum.curvature += counted.curvature;
-  sum.gradient += counted.gradient;
-  sum.render_noise += counted.render_noise;
+NormalEquations& NormalEquations::operator+=(const NormalEquations& terms) {
+  curvature += terms.curvature;
+  gradient += terms.gradient;
+  render_noise += terms.render_noise;
+  return *this;
+}
+
+void NormalEquations::add(const NormalEquations& terms,
+                          const std::vector<Eigen::Index>& coordinates) {
+  curvature(coordinates, coordinates) += terms.curvature;
+  gradient(coordinates) += terms.gradient;
+  render_noise(coordinates, coordinates) += terms.render_noise;
 }
 
 Structure& Structure::operator+=(const Structure& other) {

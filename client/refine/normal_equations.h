@@ -50,11 +50,14 @@ struct NormalEquations {
       : curvature(Matrix::Zero(coordinates, coordinates)),
         gradient(Vector::Zero(coordinates)),
         render_noise(Matrix::Zero(coordinates, coordinates)) {}
+
+  NormalEquations& operator+=(const NormalEquations& terms);
+  // Those of fewer coordinates, which are these.
+  void add(const NormalEquations& terms, const std::vector<Eigen::Index>& coordinates);
 };
 
 // Of terms that count `factor` times: of a covariance its square.
 NormalEquations scaled(NormalEquations equations, double factor);
-void add(const NormalEquations& terms, double factor, NormalEquations& sum);
 
 // Whether the differences of images and renders hang together over neighbouring pixels. Sums over
 // blocks are told from sums over their quarters: what is independent from quarter to quarter, as is

@@ -25,6 +25,7 @@ struct Observation {
   std::vector<float> mask;      // pixels above 0.5 count; empty: all that see the object
   std::vector<float> noise;     // standard errors of the radiance; empty: not known
   std::shared_ptr<const SerializedScene> scene;
+  size_t colour = 0;  // which of the colours of a refinement it shows, each of its own material
 };
 
 // Throws Error (invalid input) that says what is wrong: sizes, numbers that are not finite, nothing

@@ -43,10 +43,21 @@ v1::RefinedParameter parameter(const Quantity& quantity, const Scale& scale, con
   return result;
 }
 
-v1::RefinedParameter parameter(double (*value)(const Material&), const Scale& scale,
-                               const Region& region) {
-  return parameter([value](const Vector& x) { return value(material_at(x)); }, scale, region);
-}
+// Of what an image of a colour shows.
+struct ColourRegion {
+  const Region& region;
+  std::vector<Eigen::Index> coordinates;
+
+  ColourRegion(const Region& of_all, size_t colour)
+      : region(of_all), coordinates(of_all.layout.of_colour(colour, of_all.answer.size())) {}
+  Vector answer() const { return region.answer(coordinates); }
+  v1::RefinedParameter parameter(const Quantity& quantity, const Scale& scale) const {
+    return itn::parameter([&](const Vector& x) { return quantity(x(coordinates)); }, scale, region);
+  }
+  v1::RefinedParameter parameter(double (*value)(const Material&), const Scale& scale) const {
+    return parameter([value](const Vector& x) { return value(material_at(x)); }, scale);
+  }
+};
 
 double sigma_t(const Material& m) {
   return m.sigma_t;
@@ -97,37 +108,40 @@ void add_remarks(v1::RefineResult& result) {
 
 }  // namespace
 
-Eigen::Vector3d physical_deviations(const Region& region) {
-  const v1::RefinedParameter of_sigma_t = parameter(sigma_t, kPositive, region);
+Eigen::Vector3d physical_deviations(const Region& region, size_t colour) {
+  const ColourRegion seen(region, colour);
+  const v1::RefinedParameter of_sigma_t = seen.parameter(sigma_t, kPositive);
   return {of_sigma_t.standard_deviation() / of_sigma_t.value(),
-          parameter(albedo, kFraction, region).standard_deviation(),
-          parameter(g, kCosine, region).standard_deviation()};
+          seen.parameter(albedo, kFraction).standard_deviation(),
+          seen.parameter(g, kCosine).standard_deviation()};
 }
 
-v1::RefineResult refine_result(const Region& region) {
-  const Vector& x = region.answer;
+v1::RefineResult refine_result(const Region& region, size_t colour) {
+  const ColourRegion seen(region, colour);
+  const Vector x = seen.answer();
   v1::RefineResult result;
   *result.mutable_material() = to_proto(material_at(x));
-  *result.mutable_sigma_t() = parameter(sigma_t, kPositive, region);
-  *result.mutable_albedo() = parameter(albedo, kFraction, region);
-  *result.mutable_g() = parameter(g, kCosine, region);
+  *result.mutable_sigma_t() = seen.parameter(sigma_t, kPositive);
+  *result.mutable_albedo() = seen.parameter(albedo, kFraction);
+  *result.mutable_g() = seen.parameter(g, kCosine);
   *result.mutable_sigma_a() =
-      parameter([](const Material& m) { return m.sigma_a(); }, kPositive, region);
+      seen.parameter([](const Material& m) { return m.sigma_a(); }, kPositive);
   *result.mutable_sigma_s_reduced() =
-      parameter([](const Material& m) { return m.sigma_s_reduced(); }, kPositive, region);
-  const Unknowns unknowns = region.unknowns;
+      seen.parameter([](const Material& m) { return m.sigma_s_reduced(); }, kPositive);
+  const Unknowns unknowns = region.layout.unknowns;
   for (size_t i = 0; i < unknowns.size(); ++i) {
     v1::RefinedParameter& unknown = *result.add_unknowns();
-    unknown = parameter([&](const Vector& at) { return unknown_at(at, unknowns, i); },
-                        between(unknowns[i].range), region);
+    unknown = seen.parameter([&](const Vector& at) { return unknown_at(at, unknowns, i); },
+                             between(unknowns[i].range));
     unknown.set_name(unknowns[i].name);
   }
   if (has_exposure(x, unknowns)) {
     *result.mutable_exposure() =
-        parameter([&](const Vector& at) { return exposure_at(at, unknowns); }, kPositive, region);
+        seen.parameter([&](const Vector& at) { return exposure_at(at, unknowns); }, kPositive);
   }
   const Matrix jacobian = physical_jacobian(x, unknowns);
-  const Matrix readable = jacobian * region.covariance * jacobian.transpose();
+  const Matrix readable =
+      jacobian * region.covariance(seen.coordinates, seen.coordinates) * jacobian.transpose();
   for (const auto& [i, j] : {std::pair{0, 1}, {0, 2}, {1, 2}}) {
     result.add_correlations(readable(i, j) / std::sqrt(readable(i, i) * readable(j, j)));
   }

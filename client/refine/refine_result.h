@@ -1,6 +1,8 @@
 // What is said of a refined material: intervals, and words where numbers do not do.
 #pragma once
 
+#include <cstddef>
+
 #include "client/refine/matrix.h"
 #include "client/refine/region.h"
 #include "itn/v1/refine.pb.h"
@@ -10,9 +12,9 @@ namespace itn {
 // The answer in the midst of this region: material, parameters, correlations and remarks. A
 // standard deviation is that of the Gaussian with the same 95 % interval, over the logarithms of
 // what is positive, over the logit of the albedo, and over that of (1 + g) / 2.
-v1::RefineResult refine_result(const Region& region);
+v1::RefineResult refine_result(const Region& region, size_t colour = 0);
 
 // Of ln sigma_t, albedo and g.
-Eigen::Vector3d physical_deviations(const Region& region);
+Eigen::Vector3d physical_deviations(const Region& region, size_t colour = 0);
 
 }  // namespace itn

@@ -134,6 +134,11 @@ const char* in_words(v1::RefineResult::End end) {
   }
 }
 
+std::string ending_of(const v1::RefineResult& result) {
+  return fmt::format("{} iterations, {:.1f} CPU-s, {:.1f} s: {}\n", result.total_iterations(),
+                     result.cpu_seconds(), result.seconds(), in_words(result.end()));
+}
+
 }  // namespace
 
 Refinement refine(const v1::RefineSettings& settings, std::span<const Observation> observations,
@@ -151,10 +156,14 @@ Refinement refine(const v1::RefineSettings& settings, std::span<const Observatio
   return refinement;
 }
 
-void write_outcome(const fs::path& folder, const v1::RefineResult& result,
+void write_outcome(const fs::path& folder, std::span<const v1::RefineResult> results,
                    std::span<const Observation> observations, std::span<const Synthesis> fits,
                    double exposure) {
-  write_file_atomically(folder / kRefineResultFile, to_json(result) + "\n");
+  for (size_t colour = 0; colour < results.size(); ++colour) {
+    const fs::path of_colour = results.size() == 1 ? folder : folder / kRgb.at(colour);
+    fs::create_directories(of_colour);
+    write_file_atomically(of_colour / kRefineResultFile, to_json(results[colour]) + "\n");
+  }
   std::vector<PanelRow> rows;
   for (size_t i = 0; i < observations.size(); ++i) {
     rows.push_back(panels_of(observations[i], fits[i], exposure));
@@ -188,9 +197,59 @@ std::string to_text(const v1::RefineResult& result) {
   if (result.noise_loss() > 0) {
     text += fmt::format("; noise of the image: {:.2g} %", 100 * std::sqrt(result.noise_loss()));
   }
-  text += fmt::format("\n{} iterations, {:.1f} CPU-s, {:.1f} s: {}\n", result.total_iterations(),
-                      result.cpu_seconds(), result.seconds(), in_words(result.end()));
+  text += "\n" + ending_of(result);
   for (const std::string& remark : result.remarks()) text += remark + ".\n";
+  return text;
+}
+
+std::string to_table(std::span<const v1::RefineResult> results) {
+  const auto name = [&](size_t colour) {
+    return results.size() == kRgb.size() ? kRgb.at(colour) : "luminance";
+  };
+  std::string text = fmt::format("{:<18}", "");
+  for (size_t c = 0; c < results.size(); ++c) text += fmt::format("{:<32}", name(c));
+  text += '\n';
+  const auto cell = [](const v1::RefineResult& result, const v1::RefinedParameter& p) {
+    const std::string interval =
+        result.misfit() ? "" : fmt::format(" ({:.4g} to {:.4g})", p.low_95(), p.high_95());
+    return fmt::format("{:<32}", fmt::format("{:.4g}{}", p.value(), interval));
+  };
+  const auto row = [&](const std::string& title, const auto& parameter) {
+    text += fmt::format("{:<18}", title);
+    for (const v1::RefineResult& result : results) text += cell(result, parameter(result));
+    text += '\n';
+  };
+  row("sigma_s (1 - g)", [](const auto& r) { return r.sigma_s_reduced(); });
+  row("sigma_a", [](const auto& r) { return r.sigma_a(); });
+  row("sigma_t", [](const auto& r) { return r.sigma_t(); });
+  row("albedo", [](const auto& r) { return r.albedo(); });
+  // What all colours have in common.
+  const auto common = [&](const std::string& title, const v1::RefinedParameter& p) {
+    text += fmt::format("{:<18}{}\n", title, cell(results.front(), p));
+  };
+  common("g", results.front().g());
+  for (const v1::RefinedParameter& unknown : results.front().unknowns()) {
+    common(unknown.name().substr(unknown.name().find('.') + 1), unknown);
+  }
+  if (results.front().has_exposure()) common("image / render", results.front().exposure());
+  text += ending_of(results.front());
+  // Of colours that say the same, as remarks begin, once.
+  struct Told {
+    std::string beginning, colours, remark;
+  };
+  std::vector<Told> told;
+  for (size_t c = 0; c < results.size(); ++c) {
+    for (const std::string& remark : results[c].remarks()) {
+      const std::string beginning = remark.substr(0, remark.find_first_of(":0123456789"));
+      const auto same = std::ranges::find(told, beginning, &Told::beginning);
+      if (same == told.end()) {
+        told.push_back({beginning, name(c), remark});
+      } else {
+        same->colours += fmt::format(", {}", name(c));
+      }
+    }
+  }
+  for (const Told& one : told) text += fmt::format("{}: {}.\n", one.colours, one.remark);
   return text;
 }
 

@@ -1,6 +1,7 @@
 // A refinement in a folder, or without one: how it goes on, and what it leaves behind.
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <functional>
 #include <optional>
@@ -33,14 +34,20 @@ Refinement refine(const v1::RefineSettings& settings, std::span<const Observatio
 
 inline constexpr const char* kRefineResultFile = "result.json";  // in the folder of a run
 
-// Writes result.json (v1::RefineResult), and picture.png: a row for each image of target, fit and
-// difference on the object, as by compared() of client/panels.h. `fits`: renders of the
-// answer, times its exposure. Throws Error (kIo).
-void write_outcome(const std::filesystem::path& folder, const v1::RefineResult& result,
+// Folders of what is of one colour, in that of a run of three.
+inline constexpr std::array<const char*, 3> kRgb{"R", "G", "B"};
+
+// Writes result.json (v1::RefineResult), of several colours in a folder for each (kRgb); and
+// picture.png: a row for each image and colour of target, fit and difference on the object, as by
+// compared() of client/panels.h. `fits`: renders of the answer, times its exposure. Throws Error
+// (kIo).
+void write_outcome(const std::filesystem::path& folder, std::span<const v1::RefineResult> results,
                    std::span<const Observation> observations, std::span<const Synthesis> fits,
                    double exposure);
 
 // For people: the numbers with their intervals, how it ended, and the remarks.
 std::string to_text(const v1::RefineResult& result);
+// Of red, green and blue, or of the luminance, a column each.
+std::string to_table(std::span<const v1::RefineResult> results);
 
 }  // namespace itn

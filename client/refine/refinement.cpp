@@ -34,11 +34,31 @@ void check(const v1::RefineSettings& settings) {
   require(settings.tolerance() >= 0 && settings.tolerance() <= 1, "tolerance must be in [0, 1]");
   require(settings.learning_rate() > 0 && std::isfinite(settings.learning_rate()),
           "learning_rate must be positive");
+  for (const auto& [name, deviation] : settings.known_within()) {
+    require(deviation > 0 && std::isfinite(deviation),
+            fmt::format("known_within of {} is {}; it must be positive", name, deviation));
+    const bool is_found = name == kExposure ? settings.unknown_exposure()
+                                            : std::ranges::count(settings.unknowns(), name) > 0;
+    require(is_found, fmt::format("known_within names {}, which is not found: it must be one of "
+                                  "the unknowns, or exposure where that is unknown",
+                                  name));
+  }
+  require(settings.known_within().empty() || settings.method() != v1::RefineSettings::ADAM,
+          "known_within is not for ADAM");
+}
+
+size_t colours_of(std::span<const Observation> observations) {
+  return std::ranges::max(observations, {}, &Observation::colour).colour + 1;
 }
 
 void check(std::span<const Observation> observations) {
   if (observations.empty()) throw invalid_input("there is no image to refine from");
   for (const Observation& observation : observations) validate(observation);
+  for (size_t colour = 0; colour < colours_of(observations); ++colour) {
+    if (std::ranges::count(observations, colour, &Observation::colour) == 0) {
+      throw invalid_input(fmt::format("no image shows colour {}", colour));
+    }
+  }
 }
 
 void check_start(const Material& start) {
@@ -50,13 +70,15 @@ void check_start(const Material& start) {
   }
 }
 
-std::vector<SceneUnknown> unknowns_of(const v1::RefineSettings& settings,
-                                      std::span<const Observation> observations) {
-  if (settings.unknowns().empty()) return {};
+Layout layout_of(const v1::RefineSettings& settings, std::span<const Observation> observations) {
+  Layout layout{.colours = colours_of(observations), .unknowns = {}};
+  if (settings.unknowns().empty()) return layout;
   std::vector<v1::Scene> scenes;
   for (const Observation& observation : observations) scenes.push_back(scene_of(observation));
   const std::vector<std::string> names(settings.unknowns().begin(), settings.unknowns().end());
-  return scene_unknowns(names, scenes);
+  layout.unknowns = scene_unknowns(
+      names, scenes, {settings.known_within().begin(), settings.known_within().end()});
+  return layout;
 }
 
 // Beyond its own noise an image should not differ from its render, nor should differences hang
@@ -146,11 +168,11 @@ Refinement::Refinement(v1::RefineSettings settings, std::span<const Observation>
       digest_(digest_of(observations)) {
   check(settings_);
   check(observations_);
-  unknowns_ = unknowns_of(settings_, observations_);
+  layout_ = layout_of(settings_, observations_);
   if (starts.empty()) throw invalid_input("there is no material to start from");
   for (const Material& start : starts) {
     check_start(start);
-    descents_.emplace_back(settings_, unknowns_, observations_, start);
+    descents_.emplace_back(settings_, layout_, observations_, start);
   }
 }
 
@@ -164,10 +186,10 @@ Refinement::Refinement(std::span<const Observation> observations, const v1::Refi
   if (state.digest() != digest_) {
     throw invalid_input("the state is that of a refinement of other images or scenes");
   }
-  unknowns_ = unknowns_of(settings_, observations_);
+  layout_ = layout_of(settings_, observations_);
   if (state.starts().empty()) throw invalid_input("the state of the refinement is damaged");
   for (const v1::RefineStartState& start : state.starts()) {
-    descents_.emplace_back(settings_, unknowns_, observations_, start);
+    descents_.emplace_back(settings_, layout_, observations_, start);
   }
 }
 
@@ -236,8 +258,12 @@ void Refinement::keep_time_limit(double took) {
   }
 }
 
-Material Refinement::material() const {
-  return descents_[best()].material();
+size_t Refinement::colours() const {
+  return layout_.colours;
+}
+
+Material Refinement::material(size_t colour) const {
+  return descents_[best()].material(colour);
 }
 
 double Refinement::exposure() const {
@@ -247,18 +273,18 @@ double Refinement::exposure() const {
 SynthesisQuery Refinement::query(const Observation& observation, uint32_t spp,
                                  uint64_t seed) const {
   return {.observation = &observation,
-          .material = material(),
-          .unknowns = unknowns_,
+          .material = material(observation.colour),
+          .unknowns = layout_.unknowns,
           .values = descents_[best()].unknowns(),
           .spp = spp,
           .seed = seed};
 }
 
-v1::RefineResult Refinement::result() const {
+v1::RefineResult Refinement::result(size_t colour) const {
   if (trajectory_.empty()) throw Error(ErrorKind::kInternal, "no iteration was made");
   const size_t chosen = best();
   const Descent& descent = descents_[chosen];
-  v1::RefineResult result = refine_result(descent.region());
+  v1::RefineResult result = refine_result(descent.region(), colour);
   result.set_end(descent.end());
   result.set_iterations(descent.iterations());
   result.set_total_iterations(static_cast<uint32_t>(trajectory_.size()));

@@ -9,6 +9,9 @@
 // Damped Gauss-Newton steps in UNBOUNDED coordinates (common/learning/parameterization.h), by
 // normal equations whose every product is one of independent quantities, so that the noise of the
 // renders biases neither them nor the answer (client/refine/normal_equations.h).
+//
+// Images may show several colours of an object, each with a sigma_t and an albedo of its own. They
+// share g, the numbers of the scene that are unknown, and the exposure.
 #pragma once
 
 #include <chrono>
@@ -18,6 +21,7 @@
 #include <utility>
 #include <vector>
 
+#include "client/refine/coordinates.h"
 #include "client/refine/observation.h"
 #include "common/material.h"
 #include "itn/v1/refine.pb.h"
@@ -38,7 +42,8 @@ std::string digest_of(std::span<const Observation> observations);
 
 class Refinement {
  public:
-  // From each of the starts (at least one), and where the scenes have the unknowns of the settings.
+  // From each of the starts (at least one), which all colours have in common, and where the scenes
+  // have the unknowns of the settings.
   // The observations, at least one, must outlive it. Throws Error (invalid input) as validate() of
   // observations and materials and scene_unknowns() do, and if settings are out of their ranges.
   Refinement(v1::RefineSettings settings, std::span<const Observation> observations,
@@ -59,9 +64,10 @@ class Refinement {
   // render does not fit an image; nothing has changed then.
   const v1::RefineIteration& step(const Synthesize& synthesize);
 
+  size_t colours() const;
   // As it stands, of the best start, once there was a step.
-  v1::RefineResult result() const;
-  Material material() const;
+  v1::RefineResult result(size_t colour = 0) const;
+  Material material(size_t colour = 0) const;
   double exposure() const;  // the images over the renders
   // A render of one of the observations with the material and the unknowns of the scene.
   SynthesisQuery query(const Observation& observation, uint32_t spp, uint64_t seed) const;
@@ -79,7 +85,7 @@ class Refinement {
   v1::RefineSettings settings_;
   std::span<const Observation> observations_;
   std::string digest_;
-  std::vector<SceneUnknown> unknowns_;
+  Layout layout_;
   std::vector<Descent> descents_;
   std::vector<v1::RefineIteration> trajectory_;
   std::function<double()> clock_ = [] {

@@ -27,10 +27,9 @@ double edge(const ScoreTest& test, double inside, double outside, double statist
 }  // namespace
 
 Region region_about(const Vector& answer, const Vector& linearization_point, const ScoreTest& test,
-                    Unknowns unknowns) {
-  constexpr Eigen::Index kRidge = ScoreTest::kRidge;
+                    const Layout& layout) {
   const Vector full = test.full_step();
-  const double centre = std::isfinite(full[kRidge]) ? full[kRidge] : 0;
+  const double centre = std::isfinite(full[test.ridge()]) ? full[test.ridge()] : 0;
   std::vector<double> along{std::clamp(centre, -kEndOfRidge, kEndOfRidge)};
   for (double offset = kNearest; offset < 2 * kEndOfRidge; offset *= kGrowth) {
     for (const double place : {along[0] - offset, along[0] + offset}) {
@@ -53,20 +52,18 @@ Region region_about(const Vector& answer, const Vector& linearization_point, con
     }
   }
 
-  Region region{.unknowns = {unknowns.begin(), unknowns.end()},
-                .answer = answer,
-                .ridge_points = {},
-                .covariance = test.covariance()};
+  Region region{
+      .layout = layout, .answer = answer, .ridge_points = {}, .covariance = test.covariance()};
   for (const double a : along) {
     const ScoreTest::Profile profile = test.profile(a);
     Region::RidgePoint place{.x = linearization_point + profile.step,
                              .statistic = profile.statistic - least,
                              .covariance = profile.covariance};
-    clamp_to_domain(place.x, unknowns);
+    clamp_to_domain(place.x, layout);
     region.ridge_points.push_back(place);
     if (std::abs(a) < kEndOfRidge) continue;
-    place.x[kRidge] = std::copysign(std::numeric_limits<double>::max(), a);
-    clamp_to_domain(place.x, unknowns);
+    place.x[test.ridge()] = std::copysign(std::numeric_limits<double>::max(), a);
+    clamp_to_domain(place.x, layout);
     region.ridge_points.push_back(place);
   }
   return region;

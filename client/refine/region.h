@@ -19,7 +19,7 @@ struct Region {
     double statistic = 0;  // above the least; chi-squared of 1 degree of freedom at the truth
     Matrix covariance;     // across the ridge
   };
-  std::vector<SceneUnknown> unknowns;  // of the coordinates
+  Layout layout;  // of the coordinates
   Vector answer;
   std::vector<RidgePoint> ridge_points;
   Matrix covariance;  // of all coordinates by linear error propagation: for correlations alone
@@ -27,7 +27,7 @@ struct Region {
 
 // `linearization_point`: where the test was made.
 Region region_about(const Vector& answer, const Vector& linearization_point, const ScoreTest& test,
-                    Unknowns unknowns = {});
+                    const Layout& layout = {});
 
 using Quantity = std::function<double(const Vector& x)>;
 

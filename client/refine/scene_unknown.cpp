@@ -29,9 +29,15 @@ tracer::ParameterValue value_in(const tracer::SceneDescription& scene, const std
   }
 }
 
-// That of a coordinate: as far from where it is, on either side, as its vector is long.
+// That of a coordinate: as far from where it is, on either side, as its vector is long. What is
+// known is not many standard deviations away.
 LogitScale range_of(const tracer::ParameterValue& value, const std::string& name,
-                    const tracer::SceneDescription& scene) {
+                    const tracer::SceneDescription& scene, std::optional<double> deviation) {
+  constexpr double kMany = 8;
+  if (deviation) {
+    const auto inside = [&](double place) { return std::clamp(place, value.low, value.high); };
+    return {inside(value.value - kMany * *deviation), inside(value.value + kMany * *deviation)};
+  }
   if (std::isfinite(value.low)) return {value.low, value.high};
   double reach = 0;
   std::string coordinate = name;
@@ -45,7 +51,8 @@ LogitScale range_of(const tracer::ParameterValue& value, const std::string& name
 }  // namespace
 
 std::vector<SceneUnknown> scene_unknowns(std::span<const std::string> names,
-                                         std::span<const v1::Scene> scenes) {
+                                         std::span<const v1::Scene> scenes,
+                                         const std::map<std::string, double>& deviations) {
   std::vector<tracer::SceneDescription> descriptions;
   for (const v1::Scene& scene : scenes) descriptions.push_back(build_scene(scene, {}));
   std::vector<SceneUnknown> unknowns;
@@ -59,7 +66,13 @@ std::vector<SceneUnknown> scene_unknowns(std::span<const std::string> names,
                                       "be the same in all",
                                       start.value, value));
     }
-    unknowns.push_back({name, start.value, range_of(start, name, descriptions.front())});
+    const auto known = deviations.find(name);
+    const std::optional<double> deviation =
+        known == deviations.end() ? std::nullopt : std::optional(known->second);
+    unknowns.push_back({.name = name,
+                        .start = start.value,
+                        .range = range_of(start, name, descriptions.front(), deviation),
+                        .deviation = deviation});
   }
   return unknowns;
 }

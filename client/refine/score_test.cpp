@@ -5,58 +5,94 @@
 
 namespace itn {
 
-ScoreTest::ScoreTest(Matrix curvature, Vector gradient, Matrix moments)
-    : curvature_(std::move(curvature)),
-      gradient_(std::move(gradient)),
-      moments_(std::move(moments)) {}
+ScoreTest::ScoreTest(ScoreEquations equations) : equations_(std::move(equations)) {}
 
 Matrix ScoreTest::score_covariance(const Vector& step) const {
-  const Eigen::Index n = gradient_.size();
-  // From the parts of s and H to those of s - H d.
-  Matrix after = Matrix::Zero(n, n + n * n);
-  for (Eigen::Index c = 0; c < n; ++c) {
-    after(c, c) = 1;
-    after.block(c, n + c * n, 1, n) = -step.transpose();
+  const Eigen::Index all = equations_.gradient.size();
+  Matrix sum = equations_.apart.size() > 0 ? equations_.apart : Matrix::Zero(all, all);
+  for (const auto& [coordinates, sums] : equations_.moments) {
+    const auto n = static_cast<Eigen::Index>(coordinates.size());
+    // From the parts of s and H to those of s - H d.
+    Matrix after = Matrix::Zero(n, n + n * n);
+    for (Eigen::Index c = 0; c < n; ++c) {
+      after(c, c) = 1;
+      after.block(c, n + c * n, 1, n) = -step(coordinates).transpose();
+    }
+    sum(coordinates, coordinates) += after * sums * after.transpose();
   }
-  return after * moments_ * after.transpose();
+  return sum;
+}
+
+ScoreTest::Solution ScoreTest::solved(const Matrix& score_covariance) const {
+  const auto& [gradient, curvature, moments, apart, known, ridge] = equations_;
+  if (known.empty()) {
+    const Matrix back = curvature.inverse();
+    return {back, back * score_covariance * back.transpose(), back * gradient};
+  }
+  const Matrix weighted = score_covariance.ldlt().solve(curvature).transpose();
+  Matrix information = weighted * curvature;
+  Vector sum = weighted * gradient;
+  for (const auto& [coordinate, length, deviation] : known) {
+    information(coordinate, coordinate) += 1 / (deviation * deviation);
+    sum[coordinate] += length / (deviation * deviation);
+  }
+  const Matrix covariance = information.inverse();
+  return {covariance * weighted, covariance, covariance * sum};
 }
 
 Vector ScoreTest::full_step() const {
-  return curvature_.inverse() * gradient_;
+  return solved(score_covariance(Vector::Zero(equations_.gradient.size()))).step;
 }
 
 Matrix ScoreTest::covariance() const {
-  const Matrix back = curvature_.inverse();
-  return back * score_covariance(full_step()) * back.transpose();
+  return solved(score_covariance(full_step())).covariance;
+}
+
+Matrix ScoreTest::covariance_of(const ScoreTest& part) const {
+  const Vector step = full_step();
+  const Matrix gain = solved(score_covariance(step)).gain;
+  return gain * part.score_covariance(step) * gain.transpose();
 }
 
 double ScoreTest::statistic(const Vector& step) const {
-  const Vector left = gradient_ - curvature_ * step;
-  return left.dot(score_covariance(step).inverse() * left);
+  const Vector left = equations_.gradient - equations_.curvature * step;
+  double sum = left.dot(score_covariance(step).inverse() * left);
+  for (const auto& [coordinate, length, deviation] : equations_.known) {
+    sum += std::pow((length - step[coordinate]) / deviation, 2);
+  }
+  return sum;
 }
 
 ScoreTest::Profile ScoreTest::profile(double along, double precision) const {
   // S changes little with the step: a few rounds find both.
   constexpr int kRounds = 3;
-  const Eigen::Index n = gradient_.size();
-  Matrix others = curvature_;
-  others.col(kRidge).setZero();
-  const Vector score = gradient_ - along * curvature_.col(kRidge);
+  const Eigen::Index n = equations_.gradient.size();
+  Matrix others = equations_.curvature;
+  others.col(ridge()).setZero();
+  const Vector score = equations_.gradient - along * equations_.curvature.col(ridge());
   Profile profile{.statistic = 0, .step = Vector::Zero(n), .covariance = {}};
-  profile.step[kRidge] = along;
+  profile.step[ridge()] = along;
   for (int round = 0; round < kRounds; ++round) {
     const Eigen::LDLT<Eigen::MatrixXd> spread(score_covariance(profile.step));
     const Matrix weighted = spread.solve(others).transpose();
     Matrix information = weighted * others + precision * Matrix::Identity(n, n);
-    information.row(kRidge).setZero();
-    information.col(kRidge).setZero();
-    information(kRidge, kRidge) = 1;
+    Vector sum = weighted * score;
+    for (const auto& [coordinate, length, deviation] : equations_.known) {
+      information(coordinate, coordinate) += 1 / (deviation * deviation);
+      sum[coordinate] += length / (deviation * deviation);
+    }
+    information.row(ridge()).setZero();
+    information.col(ridge()).setZero();
+    information(ridge(), ridge()) = 1;
     profile.covariance = information.inverse();
-    profile.covariance(kRidge, kRidge) = 0;
-    profile.step = profile.covariance * (weighted * score);
+    profile.covariance(ridge(), ridge()) = 0;
+    profile.step = profile.covariance * sum;
     const Vector left = score - others * profile.step;
-    profile.step[kRidge] = along;
+    profile.step[ridge()] = along;
     profile.statistic = left.dot(spread.solve(left)) + precision * profile.step.squaredNorm();
+    for (const auto& [coordinate, length, deviation] : equations_.known) {
+      profile.statistic += std::pow((length - profile.step[coordinate]) / deviation, 2);
+    }
   }
   return profile;
 }

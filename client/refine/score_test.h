@@ -13,25 +13,51 @@
 // by chance; while Q is hardly changed there, and its interval wide, however H turned out.
 #pragma once
 
+#include <vector>
+
 #include "client/refine/matrix.h"
 
 namespace itn {
 
+// What images that depend on some of the coordinates say of S.
+struct ScoreMoments {
+  std::vector<Eigen::Index> coordinates;
+  Matrix sums;  // of the products of each pixel's parts of s and, row by row, of H
+};
+
+// What is known of the step to the truth, apart from the images: how long it is in a coordinate,
+// and how well that is known. Q has the square of what a step is off, over the deviation, too.
+struct KnownStep {
+  Eigen::Index coordinate = 0;
+  double length = 0, deviation = 1;
+};
+
+// s and H, and what S is made of.
+struct ScoreEquations {
+  Vector gradient;                    // s
+  Matrix curvature;                   // H
+  std::vector<ScoreMoments> moments;  // of the images
+  Matrix apart;                       // the covariance of what s has from elsewhere; empty: none
+  std::vector<KnownStep> known = {};
+  Eigen::Index ridge = 2;  // logit g: the others are those that an image tells well, whatever it is
+};
+
 class ScoreTest {
  public:
-  // `moments`: of each pixel's part of s and of H, row by row: the sums of their products.
-  ScoreTest(Matrix curvature, Vector gradient, Matrix moments);
+  explicit ScoreTest(ScoreEquations equations);
 
   Matrix score_covariance(const Vector& step) const;  // S(d)
 
-  Vector full_step() const;   // H^-1 s
-  Matrix covariance() const;  // H^-1 S H^-T there
+  Vector full_step() const;   // H^-1 s, if nothing else is known
+  Matrix covariance() const;  // H^-1 S H^-T there, likewise
+  // The part of that which an S has that is part of this one, of a test without what is known.
+  Matrix covariance_of(const ScoreTest& part) const;
 
-  // The least Q of all steps that go `along` in coordinate kRidge, plus `precision` |d|^2.
+  // The least Q of all steps that go `along` the ridge, plus `precision` |d|^2.
   struct Profile {
     double statistic = 0;
     Vector step;        // where
-    Matrix covariance;  // of the other coordinates there; 0 in kRidge
+    Matrix covariance;  // of the other coordinates there; 0 in that of the ridge
   };
   Profile profile(double along, double precision = 0) const;
 
@@ -41,16 +67,21 @@ class ScoreTest {
   // in every coordinate: Q(d) + ln det S(d) + |d|^2 / length^2. Without the determinant, to go far
   // where H is noise would seem to explain everything.
   double height(const Vector& step, double length) const;
-  // About the step of the least height of those as far as about `length` along kRidge.
+  // About the step of the least height of those as far as about `length` along the ridge.
   Vector best_step(double length) const;
 
-  // logit g: the others are those that an image tells well, whatever it is.
-  static constexpr Eigen::Index kRidge = 2;
+  Eigen::Index ridge() const { return equations_.ridge; }
 
  private:
-  Matrix curvature_;
-  Vector gradient_;
-  Matrix moments_;
+  // By least squares, where the scores have this covariance.
+  struct Solution {
+    Matrix gain;  // d step / d s
+    Matrix covariance;
+    Vector step;
+  };
+  Solution solved(const Matrix& score_covariance) const;
+
+  ScoreEquations equations_;
 };
 
 }  // namespace itn

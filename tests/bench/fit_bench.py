@@ -22,7 +22,8 @@ import OpenImageIO as oiio
 SHAPES = ["sphere", "mug", "figure", "knot", "random:3", "random:8"]
 # Reduced scattering and absorption of materials of Jensen et al. 2001 (green), 1/mm, and others.
 MATERIALS = [(2.62, 0.0041), (0.70, 0.0012), (1.51, 0.031), (0.88, 0.095), (0.4, 0.02), (3.0, 0.1), (1.0, 0.3), (6.0, 0.05)]
-SIDE = 320  # pixels of the photograph
+DISTURBANCES = ["focal", "mask", "flash", "index"]
+SIDE = 512  # pixels of the photograph
 FOV = 20.0  # degrees
 SIZE = 40.0  # mm
 
@@ -95,8 +96,8 @@ film {{ width: {SIDE} height: {SIDE} }}
 """
 
 
-def photograph(render, folder, rng, setup):
-    """As a camera has it: sensor noise, clipped, encoded; and a mask that is a pixel off."""
+def photograph(render, folder, rng, setup, is_mask_wrong):
+    """As a camera has it: sensor noise, clipped, encoded; and a mask that may be a pixel off."""
     noise = np.random.default_rng(rng.randrange(1 << 30))
     image, mask = render["Y"], render["mask.Y"]
     scale = 0.8 / np.percentile(image[mask > 0.5], 99.5)
@@ -106,7 +107,7 @@ def photograph(render, folder, rng, setup):
     x = np.clip(x + noise.normal(size=x.shape) * np.sqrt(2e-4 * np.maximum(x, 0) + 1e-6), 0, 1)
     x = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055)
     write(folder / "photo.jpg", (255 * x + 0.5).astype("uint8"), [("Compression", "jpeg:90")])
-    off = rng.choice([-1, 0, 1])
+    off = is_mask_wrong * rng.choice([-1, 0, 1])
     if off != 0:
         shifted = [np.roll(mask, (dy, dx), (0, 1)) for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0))]
         mask = (np.maximum if off > 0 else np.minimum).reduce([mask] + shifted)
@@ -115,7 +116,7 @@ def photograph(render, folder, rng, setup):
 
 def case(number, options):
     rng = random.Random(1000 * options.seed + number)
-    folder = options.out / f"{options.setup}{number:03}"
+    folder = options.out / f"{options.setup}{number:03}{'' if options.wrong == DISTURBANCES else '-' + '-'.join(options.wrong)}"
     result = folder / "result.json"
     shape = SHAPES[number % len(SHAPES)]
     sigma_s, sigma_a = MATERIALS[(number // len(SHAPES) + number) % len(MATERIALS)]
@@ -124,19 +125,20 @@ def case(number, options):
     if not result.exists():
         folder.mkdir(parents=True, exist_ok=True)
         mesh, fitted = shape_of(shape, options.out, options.itn)
-        wrong = 0 if options.exact else 1
+        wrong = {name: 1 if name in options.wrong else 0 for name in DISTURBANCES}
         flash = [0, 12, 0]
-        index, roughness = 1.45 + wrong * rng.uniform(-0.05, 0.05), rng.uniform(0.15, 0.4)
-        true_flash = [f + wrong * rng.uniform(-6, 6) for f in flash]
+        index, roughness = 1.45 + wrong["index"] * rng.uniform(-0.05, 0.05), rng.uniform(0.15, 0.4)
+        true_flash = [f + wrong["flash"] * rng.uniform(-6, 6) for f in flash]
         (folder / "truth.textproto").write_text(scene(mesh, rng, options.setup, roughness, index, true_flash))
         if options.setup == "panorama":
             (folder / "room.exr").write_bytes(pathlib.Path(options.room).read_bytes())
         sigma_t = sigma_a + sigma_s / (1 - g)
         run(options.itn, "render", folder / "truth.textproto", "-o", folder / "truth.exr", "--sigma-t", sigma_t,
-            "--albedo", 1 - sigma_a / sigma_t, "--g", g, "--noise", "5%", "--time", "25s", "--spp", 4096, "--seed", 77 + number,
+            "--albedo", 1 - sigma_a / sigma_t, "--g", g, "--noise", "5%", "--time", "40s", "--spp", 4096, "--seed", 77 + number,
             *(["--tracer", "reference"] if options.reference else []))
-        photograph(read(folder / "truth.exr"), folder, rng, options.setup)
-        focal = 43.2666 / (2 * math.tan(math.radians(FOV / 2))) / math.sqrt(2) * (1 + wrong * rng.uniform(-0.01, 0.01))
+        photograph(read(folder / "truth.exr"), folder, rng, options.setup, wrong["mask"])
+        focal = 43.2666 / (2 * math.tan(math.radians(FOV / 2))) / math.sqrt(2)
+        focal *= 1 + wrong["focal"] * rng.uniform(-0.01, 0.01)
         flags = []
         if options.setup == "card":
             focal_pixels = SIDE / 2 / math.tan(math.radians(FOV / 2))
@@ -163,10 +165,11 @@ def main():
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--setup", choices=["card", "plain", "panorama"], default="card")
     parser.add_argument("--room", help="of --setup panorama: the panorama's EXR file")
-    parser.add_argument("--exact", action="store_true", help="what the fit is told is true")
+    parser.add_argument("--wrong", default=",".join(DISTURBANCES), help="what the fit is told wrongly; none: nothing")
     parser.add_argument("--reference", action="store_true", help="render by the reference tracer")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
+    options.wrong = options.wrong.split(",")
     errors = {"sigma_s_reduced": [], "sigma_a": []}
     inside, total, told = 0, 0, 0
     for number in range(options.first, options.first + options.cases):

@@ -142,10 +142,11 @@ void run_one(RenderPool& pool, const Case& c, const Options& options, uint32_t r
       fmt::print(
           "  {:3} spp {:5} at {:.4g} {:.4f} {:.4f} loss {:.3g} +- {:.2g}{} step/noise {:.2f} "
           "sd {:.4f} {:.4f} {:.4f} renders {:.2f} -> {:.4g} {:.4f} {:.4f} {:.1f} s\n",
-          i.iteration(), i.spp(), i.material().sigma_t(), i.material().albedo(), i.material().g(),
-          i.loss(), i.loss_standard_error(), i.rejected() ? " rejected" : "", i.step_to_noise(),
-          i.standard_deviations(0), i.standard_deviations(1), i.standard_deviations(2),
-          i.render_noise_fraction(), next.sigma_t, next.albedo, next.g, i.seconds());
+          i.iteration(), i.spp(), i.materials(0).sigma_t(), i.materials(0).albedo(),
+          i.materials(0).g(), i.loss(), i.loss_standard_error(), i.rejected() ? " rejected" : "",
+          i.step_to_noise(), i.standard_deviations(0), i.standard_deviations(1),
+          i.standard_deviations(2), i.render_noise_fraction(), next.sigma_t, next.albedo, next.g,
+          i.seconds());
       std::fflush(stdout);
     }
   }

@@ -102,7 +102,7 @@ TEST_F(FitCommand, FindsPoseAndMaterial) {
   EXPECT_TRUE(holds(material.sigma_a(), kSigmaT * (1 - kAlbedo))) << done.output;
   EXPECT_TRUE(holds(material.sigma_s_reduced(), kSigmaT * kAlbedo * (1 - kG))) << done.output;
   EXPECT_TRUE(holds(material.unknowns(0), 0.3)) << done.output;
-  for (const char* file : {"scene.textproto", "photograph.exr", "pose.png", "Y/result.json"}) {
+  for (const char* file : {"scene.textproto", "photograph.exr", "pose.png", "result.json"}) {
     EXPECT_TRUE(fs::exists(folder_->path("out") + "/" + file)) << file;
   }
   // What it wrote is what itn refine takes, corrected or not.

@@ -11,6 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "client/json.h"
+#include "client/refine/refine_run.h"
 #include "common/image/image.h"
 #include "common/image/preview.h"
 #include "tests/support/paths.h"
@@ -164,6 +166,58 @@ TEST_F(RefineCommand, ReadsPhotographsAsPredictDoes) {
   EXPECT_THAT(refine("coloured.exr", {}).errors, HasSubstr("one material for all of them"));
 }
 
+// By a film of RGB: a material for each, of one g and one exposure, in a folder for each.
+TEST_F(RefineCommand, FindsColoursTogether) {
+  Image image = read_exr(shared_->path("image.exr"));
+  const std::vector<float> radiance = image.channel("Y");
+  image.channels.erase("Y");
+  for (const char* name : {"R", "G", "B"}) image.channels[name] = radiance;
+  for (float& value : image.channels["B"]) value *= 0.7F;
+  write_exr(shared_->path("colours.exr"), image);
+  std::ofstream(shared_->path("colours.textproto"))
+      << replaced(kSceneFile, "width: 16", "channel: RGB width: 16");
+  const auto refine = [&](const Arguments& more) {
+    Arguments arguments{testing::kItn,
+                        "refine",
+                        shared_->path("colours.exr"),
+                        "--scene",
+                        shared_->path("colours.textproto"),
+                        "--init",
+                        "8,0.8,0.3",
+                        "--max-iterations",
+                        "2",
+                        "--exposure",
+                        "unknown",
+                        "--known-within",
+                        "exposure=0.05"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return run(arguments);
+  };
+  const Finished text = refine({"-o", shared_->path("in_colours")});
+  ASSERT_EQ(text.exit_code, 0) << text.errors;
+  EXPECT_THAT(text.output,
+              AllOf(HasSubstr("R "), HasSubstr("B "), HasSubstr("\ng  "), HasSubstr("sigma_a")));
+  const Finished machine = refine({"--json"});
+  ASSERT_EQ(machine.exit_code, 0) << machine.errors;
+  v1::FitResult all;
+  from_json(machine.output, "refine", all);
+  ASSERT_EQ(all.results_size(), 3);
+  EXPECT_LT(all.results(2).material().albedo(), all.results(0).material().albedo());
+  for (int c = 0; c < 3; ++c) {
+    v1::RefineResult one;
+    from_json(content(shared_->path("in_colours") + "/" + kRgb.at(c) + "/result.json"), "result",
+              one);
+    EXPECT_EQ(one.material().sigma_t(), all.results(c).material().sigma_t());
+    EXPECT_EQ(one.material().g(), all.results(0).material().g());
+    EXPECT_EQ(one.exposure().value(), all.results(0).exposure().value());
+    EXPECT_LT(one.exposure().standard_deviation(), 0.051);
+  }
+  const Finished materials = run(
+      {testing::kItn, "materials", "--refined", shared_->path("in_colours"), "--format", "pbrt"});
+  EXPECT_EQ(materials.exit_code, 0) << materials.errors;
+  EXPECT_THAT(materials.output, HasSubstr("in_colours/B"));
+}
+
 TEST_F(RefineCommand, SaysWhatIsWrong) {
   const auto refuse = [&](const Arguments& arguments, int code,
                           const std::vector<std::string>& parts) {
@@ -193,7 +247,14 @@ TEST_F(RefineCommand, SaysWhatIsWrong) {
       << replaced(kSceneFile, "width: 16", "channel: RGB width: 16");
   refuse({testing::kItn, "refine", shared_->path("image.exr"), "--scene",
           shared_->path("rgb.textproto")},
-         3, {"rgb.textproto: film.channel is RGB", "of one channel"});
+         3, {"image.exr has no colours, and the film of its scene is RGB"});
+  refuse({testing::kItn, "refine", shared_->path("image.exr"), shared_->path("image.exr"),
+          "--scene", shared_->path("scene.textproto"), "--scene", shared_->path("rgb.textproto")},
+         3, {"rgb.textproto: film.channel must be the same in both"});
+  refuse(command({"--init", "mean", "--known-within", "exposure"}), 2,
+         {"--known-within exposure: it is NAME=VALUE"});
+  refuse(command({"--init", "mean", "--known-within", "exposure=0.1"}), 3,
+         {"known_within names exposure, which is not found"});
   refuse({testing::kItn, "refine", shared_->path("none.exr"), "--scene",
           shared_->path("scene.textproto")},
          4, {"none.exr"});

@@ -200,6 +200,58 @@ TEST(Refinement, FindsAnUnknownOfTheSceneToo) {
   expect_equal(over_batches(errors), {0}, 1, "index");
 }
 
+// Three materials of one g in one exposure, by an index that is elsewhere than in the scene, but
+// about where it is said to be: all intervals hold, and each colour is told better than by itself.
+TEST(Refinement, ColoursShareWhatIsNoMaterial) {
+  constexpr int kImages = 60;
+  constexpr double kExposure = 2.5, kInScene = 1.5, kWithin = 0.02;
+  const std::array<Material, 3> truths{{{60, 0.8, 0.3}, {80, 0.7, 0.3}, {45, 0.9, 0.3}}};
+  const SyntheticModel model;
+  Gaussian1D gaussian(5);
+  std::array<int, 3> of_sigma_t{}, of_albedo{};
+  int of_g = 0, of_exposure = 0, of_index = 0;
+  double together = 0, alone = 0, index_deviation = 0;
+  for (uint64_t i = 0; i < kImages; ++i) {
+    const double index = kInScene + kWithin * gaussian();
+    std::vector<Observation> observations;
+    for (size_t c = 0; c < 3; ++c) {
+      observations.push_back(model.observe(truths[c], 0.3, 3 * i + c, kExposure, index));
+      observations.back().colour = c;
+    }
+    v1::RefineSettings settings;
+    settings.set_seed(i);
+    settings.set_max_spp(1024);
+    settings.set_unknown_exposure(true);
+    settings.add_unknowns("rough_dielectric.index");
+    (*settings.mutable_known_within())["rough_dielectric.index"] = kWithin;
+    Refinement refinement(settings, observations, {kStart});
+    while (!refinement.finished()) refinement.step(model.synthesize());
+    ASSERT_EQ(refinement.colours(), 3U);
+    for (size_t c = 0; c < 3; ++c) {
+      const v1::RefineResult r = refinement.result(c);
+      of_sigma_t[c] += has(r.sigma_t(), truths[c].sigma_t);
+      of_albedo[c] += has(r.albedo(), truths[c].albedo);
+    }
+    const v1::RefineResult first = refinement.result();
+    of_g += has(first.g(), 0.3);
+    of_exposure += has(first.exposure(), kExposure);
+    of_index += has(first.unknowns(0), index);
+    together += first.exposure().standard_deviation() / kImages;
+    index_deviation += first.unknowns(0).standard_deviation() / kImages;
+    alone += refined(model, {observations[0]}, settings, {kStart}).exposure().standard_deviation() /
+             kImages;
+  }
+  const double sigma = std::sqrt(0.95 * 0.05 / kImages);
+  for (const auto& counts : {of_sigma_t, of_albedo, {of_g, of_exposure, of_index}}) {
+    for (const int count : counts) {
+      EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
+    }
+  }
+  EXPECT_LT(together, 0.75 * alone);
+  EXPECT_LT(index_deviation, kWithin);
+  EXPECT_GT(index_deviation, 0.1 * kWithin);
+}
+
 TEST(Refinement, SeveralImagesTellMore) {
   const SyntheticModel model;
   const v1::RefineResult one = refined(model, {model.observe(kTruth, 0.1, 1)}, {}, {kStart});
@@ -319,6 +371,23 @@ TEST(Refinement, SaysWhatIsWrong) {
   refuse({"tolerance"}, [](auto&, v1::RefineSettings& s, auto&) { s.set_tolerance(-1); });
   refuse({"light[0].scale cannot be refined", "has no scale of a light"},
          [](auto&, v1::RefineSettings& s, auto&) { s.add_unknowns("light[0].scale"); });
+  const auto know = [](v1::RefineSettings& s, const char* name, double deviation) {
+    (*s.mutable_known_within())[name] = deviation;
+  };
+  refuse({"known_within names exposure, which is not found"},
+         [&](auto&, v1::RefineSettings& s, auto&) { know(s, "exposure", 0.1); });
+  refuse({"known_within names rough_dielectric.index, which is not found"},
+         [&](auto&, v1::RefineSettings& s, auto&) { know(s, "rough_dielectric.index", 0.1); });
+  refuse({"known_within of exposure is 0"}, [&](auto&, v1::RefineSettings& s, auto&) {
+    s.set_unknown_exposure(true);
+    know(s, "exposure", 0);
+  });
+  refuse({"not for ADAM"}, [&](auto&, v1::RefineSettings& s, auto&) {
+    s.set_method(v1::RefineSettings::ADAM);
+    s.set_unknown_exposure(true);
+    know(s, "exposure", 0.1);
+  });
+  refuse({"no image shows colour 0"}, [](Observation& o, auto&, auto&) { o.colour = 1; });
   refuse({"no material"}, [](auto&, auto&, std::vector<Material>& m) { m.clear(); });
   refuse({"albedo"}, [](auto&, auto&, std::vector<Material>& m) { m[0].albedo = 2; });
   refuse({"sigma_t"}, [](auto&, auto&, std::vector<Material>& m) { m[0].sigma_t = 1e5; });

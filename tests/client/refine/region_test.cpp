@@ -15,7 +15,7 @@ namespace {
 using testing::Gaussian1D;
 
 constexpr int kDraws = 400;
-constexpr size_t kRidge = ScoreTest::kRidge;
+constexpr size_t kRidge = 2;  // of one colour
 const Vector kTruth = Vector{{0.1, -0.05, 0.3}};
 
 // Sums over pixels of s = H d + noise and of H, whose noise goes along with that of s, as both are
@@ -42,7 +42,10 @@ ScoreTest drawn(double strength, uint64_t seed) {
     curvature += terms.tail(9).reshaped<Eigen::RowMajor>(3, 3);
     moments += terms * terms.transpose();
   }
-  return {curvature, gradient, moments};
+  return ScoreTest({.gradient = gradient,
+                    .curvature = curvature,
+                    .moments = {{.coordinates = {0, 1, 2}, .sums = moments}},
+                    .apart = {}});
 }
 
 struct Coverage {
