@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "client/commands/fit.h"
+#include "client/fit/disturbances.h"
 #include "client/fit/pose_search.h"
 #include "client/interrupt.h"
 #include "client/json.h"
@@ -26,7 +27,9 @@
 #include "common/geometry/shapes.h"
 #include "common/image/image.h"
 #include "common/image/preview.h"
+#include "common/rpc/wire_array.h"
 #include "common/scene/field_check.h"
+#include "common/scene/material_proto.h"
 #include "common/scene/scene_file.h"
 #include "common/scene/text_proto.h"
 #include "server/scene_compiler/mesh_builder.h"
@@ -124,6 +127,13 @@ PinholeView view_of(const FitPhotograph& photograph, int side) {
 }
 
 // ---- The scene -------------------------------------------------------------------------------
+
+// How far g may be from what it is taken for: that of nearly all that is translucent.
+constexpr double kDoubtOfG = 0.4;
+// The deviation of a g that is given.
+constexpr double kAsGiven = 1e-4;
+
+constexpr const char* kRoughness = "rough_dielectric.roughness";
 
 // Of a lamp of a phone, in mm. A lamp that has a size has a derivative in its place.
 constexpr float kFlashRadius = 2;
@@ -268,9 +278,14 @@ std::vector<float> counted(const FitPhotograph& photograph, const Mesh& mesh, co
 
 // ---- The pose --------------------------------------------------------------------------------
 
-// How far a few steps of a refinement leave the renders of a pose from the photograph.
-double shading_loss(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose,
-                    v1::Scene scene, const FitOptions& options, const Synthesize& synthesize) {
+// A few steps of a refinement of the luminance.
+struct Scouting {
+  double loss = 0;
+  Material material;
+};
+
+Scouting scout(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose, v1::Scene scene,
+               const FitOptions& options, uint32_t starts, const Synthesize& synthesize) {
   place(pose, mesh, options, scene);
   scene.mutable_film()->set_channel(v1::Film::LUMINANCE);
   const std::vector<Observation> observations{
@@ -281,14 +296,26 @@ double shading_loss(const FitPhotograph& photograph, const Mesh& mesh, const Pos
        .scene = serialize(scene)}};
   v1::RefineSettings settings;
   settings.set_unknown_exposure(true);
+  if (options.photograph.gray_card && options.card_error > 0) {
+    (*settings.mutable_known_within())[kExposure] = options.card_error;
+  }
+  settings.add_unknowns(kRoughness);
   settings.set_spp(32);
   settings.set_max_spp(64);
-  settings.set_max_iterations(6);
+  settings.set_max_iterations(8);
   settings.set_seed(options.refine.seed);
   settings = with_defaults(settings);
-  Refinement refinement(settings, observations, {mean_of_size(longest_side(bounds(mesh)))});
+  Refinement refinement(settings, observations,
+                        starts_around(mean_of_size(longest_side(bounds(mesh))), starts));
   while (!refinement.finished()) refinement.step(synthesize);
-  return refinement.result().loss();
+  return {refinement.result().loss(), refinement.material()};
+}
+
+// Of another g: the material that looks about alike.
+Material of_similar_light(const Material& material, double g) {
+  const double sigma_s = material.sigma_s_reduced() / (1 - g);
+  const double sigma_t = sigma_s + material.sigma_a();
+  return {std::clamp(sigma_t, kMinRefinedSigmaT, kMaxRefinedSigmaT), sigma_s / sigma_t, g};
 }
 
 struct ChosenPose {
@@ -323,14 +350,64 @@ ChosenPose choose_pose(const FitPhotograph& photograph, const Mesh& mesh, const 
   const size_t tried = std::min(poses.size(), kMostTried);
   std::vector<std::pair<double, size_t>> losses;
   for (size_t i = 0; i < tried; ++i) {
-    losses.emplace_back(shading_loss(photograph, mesh, poses[i].pose, scene, options, synthesize),
-                        i);
+    const Scouting found = scout(photograph, mesh, poses[i].pose, scene, options, 1, synthesize);
+    losses.emplace_back(found.loss, i);
   }
   std::ranges::sort(losses);
   constexpr double kDoubtful = 1.3;
   const auto& [least, first] = losses.front();
   const bool is_clear = poses.size() == tried && losses[1].first > kDoubtful * least;
   return {poses[first], poses.size(), !is_clear};
+}
+
+// What errors of the pose do to the photograph, and a g that is another.
+std::vector<std::vector<float>> disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
+                                                const FoundPose& found, const v1::Scene& scene,
+                                                const Material& material, const FitOptions& options,
+                                                RenderPool& pool) {
+  constexpr uint32_t kSpp = 256, kEstimates = 4;
+  // So many standard deviations from the middle, that the noise is small beside the difference.
+  constexpr double kFar = 2;
+  std::vector<RenderJob> jobs;
+  const auto add_job = [&](const Pose& pose, const Material& of_material) {
+    v1::Scene moved = scene;
+    place(pose, mesh, options, moved);
+    moved.mutable_film()->set_channel(v1::Film::LUMINANCE);
+    RenderJob& job = jobs.emplace_back(RenderJob{.scene = serialize(moved), .request = {}});
+    *job.request.mutable_material() = to_proto(of_material);
+    job.request.set_spp(kSpp);
+    job.request.set_seed(options.refine.seed);
+    job.request.set_estimates(kEstimates);
+    job.request.set_pixels(v1::OBJECT_PIXELS);
+  };
+  const Vec3d middle = middle_of(bounds(mesh));
+  std::vector<PoseMove> errors = found.errors;
+  // The mask may be half a pixel too large or too small all around.
+  errors.push_back({{}, found.pose.to_scene(middle) * (1.0 / photograph.pose_side)});
+  for (const PoseMove& error : errors) {
+    for (const double times : {kFar, -kFar}) {
+      add_job(moved(found.pose, middle, error, times), material);
+    }
+  }
+  std::vector<double> apart(errors.size(), 2 * kFar);
+  if (options.g_error == 0) {
+    for (const double g : {options.g + kDoubtOfG, options.g - kDoubtOfG}) {
+      add_job(found.pose, of_similar_light(material, std::clamp(g, -kMaxAbsG, kMaxAbsG)));
+    }
+    apart.push_back(2);
+  }
+  std::vector<RenderedChange> changes(apart.size());
+  const std::vector<v1::RenderGradReply> replies = pool.render_split(jobs, [](double /*fraction*/) {
+    if (interruption().stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
+  });
+  for (size_t i = 0; i < replies.size(); ++i) {
+    RenderedChange& change = changes[i / 2];
+    change.apart = apart[i / 2];
+    for (const v1::Estimate& estimate : replies[i].estimates()) {
+      (i % 2 == 0 ? change.more : change.less).push_back(from_bytes<float>(estimate.radiance()));
+    }
+  }
+  return disturbances_of(changes, counted(photograph, mesh, found.pose), photograph.side);
 }
 
 // The photograph with the contour of the shape.
@@ -403,6 +480,19 @@ void write_posed_scenes(const FitOptions& options, const fs::path& folder, Refin
     place(found.pose, mesh, options, scene);
     write_overlay(folder / fmt::format("pose{}.png", stem), photograph, mesh, found.pose);
     photograph.image.channels["mask.Y"] = counted(photograph, mesh, found.pose);
+    const Material scouted =
+        scout(photograph, mesh, found.pose, loaded, options, options.refine.starts, synthesize)
+            .material;
+    if (options.refine.init == "mean") {
+      const Material start = of_similar_light(scouted, options.g);
+      refine.init = fmt::format("{},{},{}", start.sigma_t, start.albedo, start.g);
+      refine.starts = 1;
+    }
+    const std::vector<std::vector<float>> disturbances =
+        disturbances_of(photograph, mesh, found, loaded, scouted, options, pool);
+    for (size_t d = 0; d < disturbances.size(); ++d) {
+      photograph.image.channels[fmt::format("{}{}", kDisturbance, d)] = disturbances[d];
+    }
     const fs::path image_file = folder / fmt::format("photograph{}.exr", stem);
     write_exr(image_file, photograph.image);
     write_file_atomically(scene_file, to_text_proto(scene));
@@ -414,7 +504,7 @@ void write_posed_scenes(const FitOptions& options, const fs::path& folder, Refin
 // What is found with the material, and how well it was known.
 void set_unknowns(const FitOptions& options, RefineOptions& refine) {
   refine.mesh_unit.reset();  // the scenes say it
-  refine.unknowns = {"rough_dielectric.roughness"};
+  refine.unknowns = {kRoughness};
   const auto find_within = [&](const std::string& name, double deviation) {
     if (deviation == 0) return;
     refine.unknowns.push_back(name);
@@ -425,6 +515,8 @@ void set_unknowns(const FitOptions& options, RefineOptions& refine) {
     find_within("light[0].sphere.center.x", options.flash_error);
     find_within("light[0].sphere.center.y", options.flash_error);
   }
+  refine.expected_g = options.g;
+  refine.known_within[kKnownG] = options.g_error > 0 ? options.g_error : kAsGiven;
   refine.unknown_exposure = !options.photograph.gray_card || options.card_error > 0;
   if (options.photograph.gray_card && options.card_error > 0) {
     refine.known_within[kExposure] = options.card_error;

@@ -25,6 +25,9 @@ struct FitOptions {
   // Standard deviations of what is said: of the index; of the flash's place to the side and up, in
   // mm; of the light on the card, as a part. 0: exact.
   double index_error = 0.03, flash_error = 5, card_error = 0.03;
+  // What g is taken for. 0: it is not found; what another one would change is a disturbance. Else
+  // it is found, and is known so well before, as a standard deviation.
+  double g = 0.4, g_error = 0;
   bool luminance = false;
   int resolution = 96;   // pixels a side of the fit
   RefineOptions refine;  // mesh unit, start, limits, output, workers

@@ -70,6 +70,20 @@ void add_flags(CLI::App& command, FitOptions& options) {
                   "How well --flash-offset is known, in mm, likewise")
       ->check(number_in(0.0, 50.0))
       ->capture_default_str();
+  command
+      .add_option(
+          "--g", options.g,
+          "What g is taken for. A photograph hardly tells it: materials of the same sigma_s "
+          "(1 - g) and sigma_a look about alike. By how much they do not, for a g that is "
+          "0.4 more or less, is in the intervals of these two")
+      ->check(number_in(-0.98, 0.98))
+      ->capture_default_str();
+  command
+      .add_option("--g-error", options.g_error,
+                  "To find g, too, in thin or clear objects: how well --g is known, as a standard "
+                  "deviation; 0: g is not found")
+      ->check(number_in(0.0, 1.0))
+      ->capture_default_str();
   command.add_flag("--luminance", options.luminance,
                    "One material for all colours, in a third of the time. Default: red, green and "
                    "blue, which share g and all that is no material");
@@ -103,7 +117,7 @@ void add_flags(CLI::App& command, FitOptions& options) {
   command.add_option("--starts", refine.starts, "As of itn refine")
       ->check(number_in(1U, 64U))
       ->capture_default_str();
-  command.add_option("--max-spp", refine.max_spp, "As of itn refine; default 1024")
+  command.add_option("--max-spp", refine.max_spp, "As of itn refine")
       ->check(number_in(64U, 1U << 20));
   command.add_option("--time-limit", refine.time_limit, "Of the refinement, in seconds; 0: none")
       ->check(number_in(0.0, 1e9))
@@ -125,8 +139,9 @@ void add_fit_command(CLI::App& app) {
   const auto options = std::make_shared<FitOptions>();
   options->refine.init = "mean";
   options->refine.starts = 4;
-  options->refine.max_spp = 1024;
-  options->refine.time_limit = 240;
+  options->refine.max_spp = 4096;
+  options->refine.time_limit = 150;
+  options->refine.block = 4;
   CLI::App* command = app.add_subcommand(
       "fit", "Find the material of an object of known shape from its photograph");
   add_flags(*command, *options);

@@ -142,9 +142,26 @@ std::vector<Observation> load_observations(const std::string& name, const v1::Sc
     const std::string noise =
         "stderr." + (film.channel() == v1::Film::RGB ? content.channels[observation.colour] : "Y");
     if (image.has(noise)) observation.noise = image.channel(noise);
+    for (size_t d = 0; image.has(fmt::format("{}{}", kDisturbance, d)); ++d) {
+      observation.disturbances.push_back(image.channel(fmt::format("{}{}", kDisturbance, d)));
+    }
     validate(observation);
   }
   return observations;
+}
+
+// Those of each image are its own.
+void tell_disturbances_apart(std::vector<Observation>& observations) {
+  size_t first = 0;
+  for (size_t i = 0; i < observations.size(); ++i) {
+    std::vector<std::vector<float>>& own = observations[i].disturbances;
+    const size_t count = own.size();
+    own.insert(own.begin(), first, {});
+    const bool is_last_of_image =
+        i + 1 == observations.size() || observations[i + 1].colour <= observations[i].colour;
+    if (is_last_of_image) first += count;
+  }
+  for (Observation& observation : observations) observation.disturbances.resize(first);
 }
 
 std::vector<v1::Scene> load_scenes(const RefineOptions& options) {
@@ -250,6 +267,8 @@ v1::RefineSettings settings_of(const RefineOptions& options) {
                        : options.weights == "none" ? v1::RefineSettings::NONE
                                                    : v1::RefineSettings::NOISE);
   settings.set_unknown_exposure(options.unknown_exposure);
+  settings.set_expected_g(options.expected_g);
+  settings.set_block(options.block);
   settings.set_spp(options.spp);
   settings.set_max_spp(options.max_spp);
   settings.set_max_iterations(options.max_iterations);
@@ -353,6 +372,7 @@ std::vector<v1::RefineResult> find_materials(const RefineOptions& options) {
       observations.push_back(std::move(observation));
     }
   }
+  tell_disturbances_apart(observations);
   RenderPool pool(options.workers.pool_options());
   const Synthesize synthesize = rendered_by(pool, interruption());
   Progress progress("refining", "iterations", settings.max_iterations());

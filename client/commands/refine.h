@@ -27,6 +27,8 @@ struct RefineOptions {
   bool unknown_exposure = false;
   std::vector<std::string> unknowns;           // of the scenes
   std::map<std::string, double> known_within;  // RefineSettings.known_within
+  double expected_g = 0;
+  uint32_t block = 1;  // RefineSettings.block
   uint32_t spp = 0, max_spp = 0, max_iterations = 0;
   double time_limit = 0, tolerance = 0.002, learning_rate = 0.05;
   uint64_t seed = 0;
@@ -38,6 +40,9 @@ struct RefineOptions {
 // What a film has of an image whose channels these are, Y or R, G and B.
 std::vector<float> radiance_of(const Image& image, const std::vector<std::string>& channels,
                                v1::Film::Channel film);
+
+// Channels of an EXR that are Observation::disturbances, with their numbers behind it.
+inline constexpr const char* kDisturbance = "disturbance.";
 
 // Where --init mean starts, for an object of this longest side in mm.
 Material mean_of_size(double longest_side);

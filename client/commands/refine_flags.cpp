@@ -85,6 +85,13 @@ void add_flags(CLI::App& command, RefineOptions& options) {
           "names, "
           "or exposure, as a standard deviation: rough_dielectric.index=0.03,exposure=0.05")
       ->delimiter(',');
+  command
+      .add_option(
+          "--block", options.block,
+          "Over squares of so many pixels a side, differences to the image may hang together "
+          "by what the scene leaves out; intervals are as much wider. 1: they are noise")
+      ->check(number_in(1U, 64U))
+      ->capture_default_str();
   const CLI::Validator spp_range = number_in(4U, 1U << 20);
   command
       .add_option("--spp", options.spp,

@@ -245,12 +245,6 @@ ContourFit fit_contour(const Pose& pose, Vec3d middle, const PinholeView& view,
   return fit;
 }
 
-Pose moved(const Pose& pose, Vec3d middle, const Vector6& by) {
-  const Rotation<double> rotation = turn(Vec3d{by[0], by[1], by[2]}).after(pose.rotation);
-  const Vec3d center = pose.to_scene(middle) + Vec3d{by[3], by[4], by[5]};
-  return {rotation, center - rotation(middle)};
-}
-
 // Along the directions that the contour tells nothing of, nothing moves.
 Vector6 step_of(const ContourFit& fit, double size, double range) {
   constexpr double kDamping = 1e-4;
@@ -283,10 +277,11 @@ class ContourMatcher {
       const ContourFit fit = fit_contour(pose, middle_, view_, matches);
       const double range = length(pose.to_scene(middle_));
       if (fit.distance() < best.distance) {
-        best = {pose, silhouette.overlap(mask_), fit.distance(), 0, 0};
+        best = {pose, silhouette.overlap(mask_), fit.distance(), 0, 0, {}};
         set_errors(fit, range, best);
       }
-      pose = moved(pose, middle_, step_of(fit, size_, range));
+      const Vector6 by = step_of(fit, size_, range);
+      pose = moved(pose, middle_, {{by[0], by[1], by[2]}, {by[3], by[4], by[5]}});
       if (pose.to_scene(middle_).z > -0.6 * size_) break;  // it would be around the camera
     }
     return best;
@@ -305,6 +300,16 @@ class ContourMatcher {
     found.angle_error =
         std::min(180.0, std::sqrt(turns.eigenvalues().maxCoeff()) * 180 / std::numbers::pi);
     found.range_error = std::sqrt(covariance(5, 5));
+    // What is not known at all, as the turn of a ball, is not gone along far.
+    constexpr double kMostTurn = 0.05, kMostShift = 0.03;  // radians; of the range
+    const Eigen::SelfAdjointEigenSolver<Matrix6> axes(covariance);
+    for (int i = 0; i < 6; ++i) {
+      Vector6 error = std::sqrt(std::max(0.0, axes.eigenvalues()[i])) * axes.eigenvectors().col(i);
+      error /=
+          std::max({1.0, error.head<3>().norm() / kMostTurn, error.tail<3>().norm() / kMostShift});
+      error.tail<3>() *= range;
+      found.errors.push_back({{error[0], error[1], error[2]}, {error[3], error[4], error[5]}});
+    }
   }
 
   const Mesh& mesh_;
@@ -349,6 +354,12 @@ std::vector<FoundPose> of_different_depths(const std::vector<FoundPose>& sorted,
 }
 
 }  // namespace
+
+Pose moved(const Pose& pose, Vec3d middle, const PoseMove& by, double times) {
+  const Rotation<double> rotation = turn(by.turn * times).after(pose.rotation);
+  const Vec3d center = pose.to_scene(middle) + by.shift * times;
+  return {rotation, center - rotation(middle)};
+}
 
 double angle_between(const Rotation<double>& a, const Rotation<double>& b) {
   const double trace = dot(a.x, b.x) + dot(a.y, b.y) + dot(a.z, b.z);

@@ -10,6 +10,12 @@
 
 namespace itn {
 
+// The object turns about its middle, by radians about an axis, and shifts, in mm of the camera's
+// coordinates.
+struct PoseMove {
+  Vec3d turn, shift;
+};
+
 struct FoundPose {
   Pose pose;            // of the mesh, in front of the camera of PinholeView
   double overlap = 0;   // of mask and silhouette, in [0, 1]: pixels of both over pixels of either
@@ -18,6 +24,7 @@ struct FoundPose {
   // angle in degrees, about the axis that is known least, and the part of the distance to the
   // camera.
   double angle_error = 0, range_error = 0;
+  std::vector<PoseMove> errors;  // a standard deviation of each of six independent ones
 };
 
 struct PoseSearch {
@@ -37,6 +44,9 @@ std::vector<FoundPose> find_poses(const Mesh& mesh, const std::vector<float>& ma
 // Moves a pose until its contour lies on that of the mask.
 FoundPose matched(const Mesh& mesh, const std::vector<float>& mask, const PinholeView& view,
                   const Pose& start);
+
+// `times` as far.
+Pose moved(const Pose& pose, Vec3d middle, const PoseMove& by, double times = 1);
 
 // Between two rotations, in radians.
 double angle_between(const Rotation<double>& a, const Rotation<double>& b);

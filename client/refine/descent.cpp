@@ -66,15 +66,16 @@ Descent::Descent(const v1::RefineSettings& settings, Layout layout,
                  std::span<const Observation> observations, const Material& start)
     : settings_(settings),
       layout_(std::move(layout)),
+      seen_(layout_.one_colour()),
       observations_(observations),
-      x_(Vector::Zero(layout_.exposure())),
+      x_(Vector::Zero(layout_.size())),
       trust_radius_(kMaxTrust),
       spp_(settings.spp()) {
   for (size_t colour = 0; colour < layout_.colours; ++colour) {
-    x_(layout_.of_colour(colour, x_.size())) = coordinates_of(start, layout_.unknowns);
+    x_(layout_.of_colour(colour)) = coordinates_of(start, seen_);
   }
   for (const Observation& observation : observations) {
-    image_equations_.emplace_back(observation, settings.weights());
+    image_equations_.emplace_back(observation, settings.weights(), settings.block());
   }
 }
 
@@ -91,15 +92,14 @@ Descent::Evaluation Descent::evaluate(const Synthesize& synthesize, uint64_t see
   const std::vector<Synthesis> syntheses = synthesize(queries);
   Evaluation evaluation;
   evaluation.x = x_;
-  if (settings_.unknown_exposure() && x_.size() == layout_.exposure()) {
-    double sum = 0;
+  const bool is_first = samples_ == 0 && iterations_ == 0;
+  if (is_first && layout_.has_exposure && !settings_.known_within().contains(kExposure)) {
+    double& exposure = evaluation.x[layout_.exposure()];
+    exposure = 0;
     for (size_t i = 0; i < syntheses.size(); ++i) {
-      sum += std::log(image_equations_[i].exposure(syntheses[i]));
+      exposure += std::log(image_equations_[i].exposure(syntheses[i])) /
+                  static_cast<double>(syntheses.size());
     }
-    evaluation.x.conservativeResize(x_.size() + 1);
-    evaluation.x[x_.size()] = settings_.known_within().contains(kExposure)
-                                  ? 0
-                                  : sum / static_cast<double>(syntheses.size());
   }
   evaluation.equations = NormalEquations(evaluation.x.size());
   double squares = 0, variance = 0, energy = 0, noise = 0;
@@ -107,9 +107,8 @@ Descent::Evaluation Descent::evaluate(const Synthesize& synthesize, uint64_t see
     const size_t colour = observations_[i].colour;
     const ImageEquations::Residuals& residuals =
         evaluation.per_image.emplace_back(image_equations_[i].evaluate(
-            syntheses[i], spp_, linearize(seen_in(evaluation.x, colour), layout_.unknowns),
-            is_adam()));
-    evaluation.equations.add(residuals.equations, layout_.of_colour(colour, evaluation.x.size()));
+            syntheses[i], spp_, linearize(seen_in(evaluation.x, colour), seen_), is_adam()));
+    evaluation.equations.add(residuals.equations, layout_.of_colour(colour));
     squares += residuals.squares;
     variance += residuals.squares_variance;
     energy += residuals.energy;
@@ -156,7 +155,7 @@ void Descent::collect_moments() {
   moments_.clear();
   for (size_t colour = 0; colour < layout_.colours; ++colour) {
     ScoreMoments& of_colour = moments_.emplace_back();
-    of_colour.coordinates = layout_.of_colour(colour, normal_equations_.gradient.size());
+    of_colour.coordinates = layout_.of_colour(colour);
     const auto n = static_cast<Eigen::Index>(of_colour.coordinates.size());
     of_colour.sums = Matrix::Zero(n + n * n, n + n * n);
   }
@@ -184,8 +183,15 @@ std::vector<KnownStep> Descent::known_steps() const {
     const auto& [name, start, range, deviation] = layout_.unknowns[i];
     if (deviation) add(layout_.unknown(i), range.to(start), *deviation / range.slope(start));
   }
-  const auto exposure = settings_.known_within().find(kExposure);
-  if (exposure != settings_.known_within().end()) add(layout_.exposure(), 0, exposure->second);
+  const auto& known_within = settings_.known_within();
+  if (known_within.contains(kExposure)) add(layout_.exposure(), 0, known_within.at(kExposure));
+  if (known_within.contains(kKnownG)) {
+    const Vector expected = coordinates_of({1, 0.5, settings_.expected_g()});
+    constexpr Eigen::Index kOfG = 2;
+    add(layout_.g(), expected[kOfG],
+        known_within.at(kKnownG) / linearize(expected).jacobian(kOfG, kOfG));
+  }
+  for (size_t i = 0; i < layout_.disturbances; ++i) add(layout_.disturbance(i), 0, 1);
   return known;
 }
 
@@ -212,7 +218,9 @@ Region Descent::region() const {
 }
 
 bool Descent::is_under_way() const {
-  return test().statistic(x_ - linearization_point_) > static_cast<double>(x_.size());
+  const ScoreTest all = test();
+  const double least = all.statistic(all.full_step());
+  return all.statistic(x_ - linearization_point_) - least > static_cast<double>(x_.size());
 }
 
 Descent::Step Descent::newton_step() const {
@@ -275,8 +283,8 @@ v1::RefineIteration Descent::step(const Synthesize& synthesize, uint64_t seed) {
     *iteration.add_materials() = to_message(material_at(seen_in(evaluation.x, colour)));
   }
   const Vector first = seen_in(evaluation.x, 0);
-  iteration.set_exposure(exposure_at(first, layout_.unknowns));
-  for (const double value : unknowns_at(first, layout_.unknowns)) iteration.add_unknowns(value);
+  iteration.set_exposure(exposure_at(first, seen_));
+  for (const double value : unknowns_at(first, seen_)) iteration.add_unknowns(value);
   iteration.set_spp(spp_);
   iteration.set_loss(evaluation.loss);
   iteration.set_loss_standard_error(evaluation.loss_standard_error);
@@ -304,10 +312,10 @@ v1::RefineIteration Descent::step(const Synthesize& synthesize, uint64_t seed) {
       iteration.add_standard_deviations(one);
       deviation = std::max(deviation, one);
     }
-    const std::vector<Eigen::Index> seen = layout_.of_colour(colour, all.rows());
-    const double of_colour = render_noise_fraction(
-        physical_jacobian(seen_in(linearization_point_, colour), layout_.unknowns), all(seen, seen),
-        renders(seen, seen));
+    const std::vector<Eigen::Index> seen = layout_.of_colour(colour);
+    const double of_colour =
+        render_noise_fraction(physical_jacobian(seen_in(linearization_point_, colour), seen_),
+                              all(seen, seen), renders(seen, seen));
     // One that is not known, as H is singular, stays so.
     if (std::isfinite(share) && !(of_colour <= share)) share = of_colour;
   }
@@ -366,15 +374,14 @@ v1::RefineStartState Descent::state() const {
 Descent::Descent(const v1::RefineSettings& settings, Layout layout,
                  std::span<const Observation> observations, const v1::RefineStartState& state)
     : Descent(settings, std::move(layout), observations, Material{}) {
-  const int n = state.coordinates_size(), without_exposure = static_cast<int>(x_.size());
-  const int seen = state.samples() > 0 ? n : 0;
-  const bool fits =
-      (n == without_exposure || (n == without_exposure + 1 && settings.unknown_exposure())) &&
-      state.images_size() == static_cast<int>(observations.size()) &&
-      state.linearization_point_size() == seen && state.gradient_size() == seen &&
-      state.curvature_size() == seen * seen && state.render_noise_size() == seen * seen &&
-      (state.first_moment_size() == 0 || state.first_moment_size() == n) &&
-      state.second_moment_size() == state.first_moment_size();
+  const int n = static_cast<int>(x_.size()), seen = state.samples() > 0 ? n : 0;
+  const bool fits = state.coordinates_size() == n &&
+                    state.images_size() == static_cast<int>(observations.size()) &&
+                    state.linearization_point_size() == seen && state.gradient_size() == seen &&
+                    state.curvature_size() == seen * seen &&
+                    state.render_noise_size() == seen * seen &&
+                    (state.first_moment_size() == 0 || state.first_moment_size() == n) &&
+                    state.second_moment_size() == state.first_moment_size();
   if (!fits) throw invalid_input("the state of the refinement is damaged");
   x_ = vector_of(state.coordinates());
   linearization_point_ = vector_of(state.linearization_point());
@@ -394,7 +401,7 @@ Descent::Descent(const v1::RefineSettings& settings, Layout layout,
                 .blocks = state.structure().blocks()};
   for (size_t i = 0; i < image_equations_.size(); ++i) {
     image_equations_[i].restore(state.images(static_cast<int>(i)),
-                                layout_.of_colour(observations_[i].colour, n).size());
+                                layout_.of_colour(observations_[i].colour).size());
   }
   normal_equations_.curvature = square_of(state.curvature());
   normal_equations_.gradient = vector_of(state.gradient());

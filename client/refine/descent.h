@@ -47,8 +47,8 @@ class Descent {
 
   // As it stands.
   Material material(size_t colour = 0) const { return material_at(seen_in(x_, colour)); }
-  std::vector<double> unknowns() const { return unknowns_at(seen_in(x_, 0), layout_.unknowns); }
-  double exposure() const { return exposure_at(seen_in(x_, 0), layout_.unknowns); }
+  std::vector<double> unknowns() const { return unknowns_at(seen_in(x_, 0), seen_); }
+  double exposure() const { return exposure_at(seen_in(x_, 0), seen_); }
   // Where else it may be.
   Region region() const;
   // Whether the last iteration was still farther from where the equations lead than that is
@@ -72,9 +72,7 @@ class Descent {
   Step newton_step() const;
   Step adam_step(const Vector& gradient);
   // The coordinates of what an image of a colour shows.
-  Vector seen_in(const Vector& x, size_t colour) const {
-    return x(layout_.of_colour(colour, x.size()));
-  }
+  Vector seen_in(const Vector& x, size_t colour) const { return x(layout_.of_colour(colour)); }
   void collect_moments();
   ScoreEquations score_equations() const;
   std::vector<KnownStep> known_steps() const;
@@ -85,7 +83,7 @@ class Descent {
   bool is_adam() const { return settings_.method() == v1::RefineSettings::ADAM; }
 
   v1::RefineSettings settings_;
-  Layout layout_;
+  Layout layout_, seen_;  // of all, and of what an image shows
   std::span<const Observation> observations_;
   std::vector<ImageEquations> image_equations_;
   NormalEquations normal_equations_;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <utility>
 
@@ -22,17 +23,21 @@ struct Estimate {
   std::vector<Plane> derivatives;
 };
 
+// `factors`: of what disturbs the image, by pixel. It has no derivatives in that.
 Estimate estimate_of(const tracer::RenderEstimate& render, std::span<const uint32_t> pixels,
-                     const Linearization& at) {
+                     const Linearization& at, const Plane& factors) {
   Estimate estimate;
-  for (const uint32_t p : pixels) estimate.radiance.push_back(at.exposure * render.radiance[p]);
+  const auto scaled = [&](size_t i, double value) { return at.exposure * factors[i] * value; };
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    estimate.radiance.push_back(scaled(i, render.radiance[pixels[i]]));
+  }
   for (Eigen::Index c = 0; c < at.jacobian.cols(); ++c) {
     Plane& derivative = estimate.derivatives.emplace_back();
-    for (const uint32_t p : pixels) {
+    for (size_t i = 0; i < pixels.size(); ++i) {
       double sum = 0;
-      for (Eigen::Index i = 0; i < at.jacobian.rows(); ++i)
-        sum += render.derivatives[static_cast<size_t>(i)][p] * at.jacobian(i, c);
-      derivative.push_back(at.exposure * sum);
+      for (Eigen::Index r = 0; r < at.jacobian.rows(); ++r)
+        sum += render.derivatives[static_cast<size_t>(r)][pixels[i]] * at.jacobian(r, c);
+      derivative.push_back(scaled(i, sum));
     }
   }
   if (at.exposure_is_coordinate) estimate.derivatives.push_back(estimate.radiance);
@@ -109,8 +114,9 @@ bool Structure::is_misfit() const {
          relative() > kLeast;
 }
 
-ImageEquations::ImageEquations(const Observation& observation, v1::RefineSettings::Weights weights)
-    : observation_(observation), weights_(weights) {}
+ImageEquations::ImageEquations(const Observation& observation, v1::RefineSettings::Weights weights,
+                               uint32_t block)
+    : observation_(observation), weights_(weights), block_(block) {}
 
 // ---- Pixels and their weights ----------------------------------------------------------------
 
@@ -160,7 +166,17 @@ void ImageEquations::weigh_pixels() {
       }
     }
   }
+  blocks_.clear();
+  std::map<std::pair<uint32_t, uint32_t>, Eigen::Index> numbers;
+  for (const uint32_t p : pixels_) {
+    const std::pair place{p / width / block_, p % width / block_};
+    blocks_.push_back(numbers.emplace(place, std::ssize(numbers)).first->second);
+  }
   image_ = at_pixels(observation_.radiance, pixels_);
+  disturbances_.clear();
+  for (const std::vector<float>& plane : observation_.disturbances) {
+    disturbances_.push_back(plane.empty() ? Plane() : at_pixels(plane, pixels_));
+  }
   mean_ = 0;
   for (const double value : image_) mean_ += value / static_cast<double>(image_.size());
   if (!(mean_ > 0)) throw invalid_input(observation_.name + ": the image is black on the object");
@@ -246,9 +262,17 @@ ImageEquations::Residuals ImageEquations::evaluate(const Synthesis& synthesis, u
   const size_t estimate_count = synthesis.estimates.size();
   const auto k_count = static_cast<double>(estimate_count);
 
+  const Plane factors = disturbed(at.disturbances);
   std::vector<Estimate> estimates;
   for (const tracer::RenderEstimate& render : synthesis.estimates) {
-    estimates.push_back(estimate_of(render, pixels_, at));
+    Estimate& estimate = estimates.emplace_back(estimate_of(render, pixels_, at, factors));
+    for (size_t d = 0; d < at.disturbances.size(); ++d) {
+      Plane& derivative = estimate.derivatives.emplace_back(count);
+      if (disturbances_[d].empty()) continue;
+      for (size_t i = 0; i < count; ++i) {
+        derivative[i] = estimate.radiance[i] * disturbances_[d][i] / factors[i];
+      }
+    }
   }
   Residuals residuals;
   residuals.samples = spp;
@@ -357,6 +381,16 @@ ImageEquations::Residuals ImageEquations::evaluate(const Synthesis& synthesis, u
   return residuals;
 }
 
+std::vector<double> ImageEquations::disturbed(std::span<const double> amounts) const {
+  constexpr double kLeast = 0.1;  // linear is what it is for less
+  Plane factors(pixels_.size(), 1);
+  for (size_t d = 0; d < amounts.size(); ++d) {
+    if (!disturbances_[d].empty()) add(disturbances_[d], amounts[d], factors);
+  }
+  for (double& factor : factors) factor = std::max(factor, kLeast);
+  return factors;
+}
+
 Structure ImageEquations::structure_of(std::span<const double> differences) const {
   // The largest blocks of which there are many.
   constexpr size_t kMany = 64;
@@ -427,13 +461,14 @@ std::vector<std::vector<double>> ImageEquations::scores_after(const Vector& step
 }
 
 Matrix ImageEquations::moments() const {
-  const auto count = static_cast<Eigen::Index>(pixels_.size());
   const auto coordinates = static_cast<Eigen::Index>(scores_.size());
-  Eigen::MatrixXd terms(count, coordinates * (1 + coordinates));
+  const Eigen::Index count = blocks_.empty() ? 0 : std::ranges::max(blocks_) + 1;
+  Eigen::MatrixXd terms = Eigen::MatrixXd::Zero(count, coordinates * (1 + coordinates));
   Eigen::Index column = 0;
   for (const std::vector<Plane>* planes : {&scores_, &slopes_}) {
     for (const Plane& plane : *planes) {
-      terms.col(column++) = Eigen::Map<const Vector>(plane.data(), count);
+      for (size_t i = 0; i < plane.size(); ++i) terms(blocks_[i], column) += plane[i];
+      ++column;
     }
   }
   return terms.transpose() * terms;

@@ -15,7 +15,9 @@
 // What is left in s has the covariance S = sum_p s_p s_p', as pixels are independent (White, "A
 // heteroskedasticity-consistent covariance matrix estimator", Econometrica 1980): noise of image
 // and renders together, of which that of the renders shows in how the estimates differ. The
-// answer has the covariance H^-1 S H^-T.
+// answer has the covariance H^-1 S H^-T. Where what a scene leaves out makes neighbours differ
+// alike, p are blocks of pixels, which are about independent (Liang and Zeger, "Longitudinal data
+// analysis using generalized linear models", Biometrika 1986).
 #pragma once
 
 #include <cstdint>
@@ -28,15 +30,16 @@
 
 namespace itn {
 
-// Where a render is made, in coordinates x (client/refine/coordinates.h), the last of them the
-// logarithm of the exposure if it is one.
+// Where a render is made, in coordinates x (client/refine/coordinates.h).
 struct Linearization {
-  Matrix jacobian;  // square: d what a render has derivatives in / d x, without the exposure
+  Matrix jacobian;  // square: d what a render has derivatives in / d those of x
   double exposure = 1;
-  bool exposure_is_coordinate = false;
+  bool exposure_is_coordinate = false;  // its logarithm, the one behind those
+  std::vector<double> disturbances;     // the last of x
 
   size_t coordinates() const {
-    return static_cast<size_t>(jacobian.cols()) + (exposure_is_coordinate ? 1 : 0);
+    return static_cast<size_t>(jacobian.cols()) + (exposure_is_coordinate ? 1 : 0) +
+           disturbances.size();
   }
 };
 
@@ -82,8 +85,10 @@ struct Structure {
 
 class ImageEquations {
  public:
-  // The observation must outlive it.
-  ImageEquations(const Observation& observation, v1::RefineSettings::Weights weights);
+  // The observation must outlive it. `block`: in squares of so many pixels a side differences may
+  // hang together.
+  ImageEquations(const Observation& observation, v1::RefineSettings::Weights weights,
+                 uint32_t block = 1);
 
   // What one render says, by pixel and all in all.
   struct Residuals {
@@ -112,7 +117,7 @@ class ImageEquations {
   void accumulate(const Residuals& residuals, const Vector& moved, double decay, double long_decay);
 
   // Of all that was taken, each render's terms times its samples: sums of the products of each
-  // pixel's terms of s and of H, row by row (client/refine/score_test.h).
+  // block's terms of s and of H, row by row (client/refine/score_test.h).
   Matrix moments() const;
 
   // Of image over render, the ratio of their sums.
@@ -124,6 +129,8 @@ class ImageEquations {
 
  private:
   Structure structure_of(std::span<const double> differences) const;
+  // 1 + the sum of the observation's disturbances, so many of each, by pixel that counts.
+  std::vector<double> disturbed(std::span<const double> amounts) const;
   void choose_pixels(std::span<const float> coverage);
   void weigh_pixels();
   double inverse_variance(double radiance) const;
@@ -132,10 +139,13 @@ class ImageEquations {
 
   const Observation& observation_;
   v1::RefineSettings::Weights weights_;
+  uint32_t block_;
   std::vector<uint32_t> pixels_;
+  std::vector<Eigen::Index> blocks_;               // which each pixel is in
   std::vector<std::vector<uint32_t>> neighbours_;  // of each pixel, itself and those around it
   std::vector<double> image_, fixed_weights_, squared_noise_;  // by pixel that counts
   std::vector<double> map_;                                    // of MAP
+  std::vector<std::vector<double>> disturbances_;              // each empty where it has none
   double mean_ = 0;                                            // of the image
   double noise_at_mean_ = 0, noise_exponent_ = 0;
   double samples_ = 0;

@@ -76,6 +76,9 @@ void validate(const Observation& observation) {
   check_plane(observation, observation.radiance, "image", true);
   check_plane(observation, observation.mask, "mask", false);
   check_plane(observation, observation.noise, "noise", false);
+  for (const std::vector<float>& plane : observation.disturbances) {
+    check_plane(observation, plane, "disturbance", false);
+  }
   if (std::ranges::any_of(observation.noise, [](float v) { return v < 0; })) {
     throw invalid_input(observation.name + ": the noise (stderr.Y) is below 0 at some pixels");
   }

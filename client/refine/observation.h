@@ -25,6 +25,10 @@ struct Observation {
   std::vector<float> mask;      // pixels above 0.5 count; empty: all that see the object
   std::vector<float> noise;     // standard errors of the radiance; empty: not known
   std::shared_ptr<const SerializedScene> scene;
+  // What is not known of the scene changes the image by parts of its radiance: planes of what a
+  // standard deviation of each does, in the order of all disturbances of a refinement; empty where
+  // this image has none of one.
+  std::vector<std::vector<float>> disturbances = {};
   size_t colour = 0;  // which of the colours of a refinement it shows, each of its own material
 };
 

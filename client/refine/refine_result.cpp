@@ -49,7 +49,7 @@ struct ColourRegion {
   std::vector<Eigen::Index> coordinates;
 
   ColourRegion(const Region& of_all, size_t colour)
-      : region(of_all), coordinates(of_all.layout.of_colour(colour, of_all.answer.size())) {}
+      : region(of_all), coordinates(of_all.layout.of_colour(colour)) {}
   Vector answer() const { return region.answer(coordinates); }
   v1::RefinedParameter parameter(const Quantity& quantity, const Scale& scale) const {
     return itn::parameter([&](const Vector& x) { return quantity(x(coordinates)); }, scale, region);
@@ -128,18 +128,18 @@ v1::RefineResult refine_result(const Region& region, size_t colour) {
       seen.parameter([](const Material& m) { return m.sigma_a(); }, kPositive);
   *result.mutable_sigma_s_reduced() =
       seen.parameter([](const Material& m) { return m.sigma_s_reduced(); }, kPositive);
-  const Unknowns unknowns = region.layout.unknowns;
-  for (size_t i = 0; i < unknowns.size(); ++i) {
+  const Layout layout = region.layout.one_colour();
+  for (size_t i = 0; i < layout.unknowns.size(); ++i) {
     v1::RefinedParameter& unknown = *result.add_unknowns();
-    unknown = seen.parameter([&](const Vector& at) { return unknown_at(at, unknowns, i); },
-                             between(unknowns[i].range));
-    unknown.set_name(unknowns[i].name);
+    unknown = seen.parameter([&](const Vector& at) { return unknown_at(at, layout, i); },
+                             between(layout.unknowns[i].range));
+    unknown.set_name(layout.unknowns[i].name);
   }
-  if (has_exposure(x, unknowns)) {
+  if (layout.has_exposure) {
     *result.mutable_exposure() =
-        seen.parameter([&](const Vector& at) { return exposure_at(at, unknowns); }, kPositive);
+        seen.parameter([&](const Vector& at) { return exposure_at(at, layout); }, kPositive);
   }
-  const Matrix jacobian = physical_jacobian(x, unknowns);
+  const Matrix jacobian = physical_jacobian(x, layout);
   const Matrix readable =
       jacobian * region.covariance(seen.coordinates, seen.coordinates) * jacobian.transpose();
   for (const auto& [i, j] : {std::pair{0, 1}, {0, 2}, {1, 2}}) {

@@ -34,15 +34,17 @@ void check(const v1::RefineSettings& settings) {
   require(settings.tolerance() >= 0 && settings.tolerance() <= 1, "tolerance must be in [0, 1]");
   require(settings.learning_rate() > 0 && std::isfinite(settings.learning_rate()),
           "learning_rate must be positive");
+  require(settings.block() >= 1 && settings.block() <= 64, "block must be in [1, 64]");
   for (const auto& [name, deviation] : settings.known_within()) {
     require(deviation > 0 && std::isfinite(deviation),
             fmt::format("known_within of {} is {}; it must be positive", name, deviation));
-    const bool is_found = name == kExposure ? settings.unknown_exposure()
-                                            : std::ranges::count(settings.unknowns(), name) > 0;
-    require(is_found, fmt::format("known_within names {}, which is not found: it must be one of "
+    const bool is_found = name == kKnownG || (name == kExposure && settings.unknown_exposure()) ||
+                          std::ranges::count(settings.unknowns(), name) > 0;
+    require(is_found, fmt::format("known_within names {}, which is not found: it must be g, one of "
                                   "the unknowns, or exposure where that is unknown",
                                   name));
   }
+  require(std::abs(settings.expected_g()) <= 0.98, "expected_g must be in [-0.98, 0.98]");
   require(settings.known_within().empty() || settings.method() != v1::RefineSettings::ADAM,
           "known_within is not for ADAM");
 }
@@ -59,6 +61,13 @@ void check(std::span<const Observation> observations) {
       throw invalid_input(fmt::format("no image shows colour {}", colour));
     }
   }
+  const size_t disturbances = observations.front().disturbances.size();
+  for (const Observation& observation : observations) {
+    if (observation.disturbances.size() == disturbances) continue;
+    throw invalid_input(fmt::format("{} has {} disturbances, and {} has {}; it must be as many",
+                                    observations.front().name, disturbances, observation.name,
+                                    observation.disturbances.size()));
+  }
 }
 
 void check_start(const Material& start) {
@@ -71,7 +80,9 @@ void check_start(const Material& start) {
 }
 
 Layout layout_of(const v1::RefineSettings& settings, std::span<const Observation> observations) {
-  Layout layout{.colours = colours_of(observations), .unknowns = {}};
+  Layout layout{.colours = colours_of(observations),
+                .has_exposure = settings.unknown_exposure(),
+                .disturbances = observations.front().disturbances.size()};
   if (settings.unknowns().empty()) return layout;
   std::vector<v1::Scene> scenes;
   for (const Observation& observation : observations) scenes.push_back(scene_of(observation));
@@ -129,6 +140,7 @@ v1::RefineSettings with_defaults(v1::RefineSettings settings) {
   if (settings.max_iterations() == 0) settings.set_max_iterations(adam ? 150 : 40);
   if (!settings.has_tolerance()) settings.set_tolerance(0.002);
   if (settings.learning_rate() == 0) settings.set_learning_rate(0.05);
+  if (settings.block() == 0) settings.set_block(1);
   return settings;
 }
 
@@ -156,6 +168,7 @@ std::string digest_of(std::span<const Observation> observations) {
     for (const std::vector<float>* plane : {&o.radiance, &o.mask, &o.noise}) {
       all += sha256(to_bytes(*plane));
     }
+    for (const std::vector<float>& plane : o.disturbances) all += sha256(to_bytes(plane));
     all += o.scene->digest;
   }
   return sha256(all);
@@ -302,6 +315,11 @@ v1::RefineResult Refinement::result(size_t colour) const {
     result.add_remarks(
         "it was still on its way when it ended, and the intervals do not hold: allow more "
         "iterations or time");
+  }
+  constexpr double kGiven = 0.01;
+  const auto known_g = settings_.known_within().find(kKnownG);
+  if (known_g != settings_.known_within().end() && known_g->second < kGiven) {
+    result.add_remarks("g was given, not found: sigma_t and albedo are those of that g");
   }
   add_misfit(descent, result);
   return result;

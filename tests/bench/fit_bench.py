@@ -133,9 +133,10 @@ def case(number, options):
         if options.setup == "panorama":
             (folder / "room.exr").write_bytes(pathlib.Path(options.room).read_bytes())
         sigma_t = sigma_a + sigma_s / (1 - g)
-        run(options.itn, "render", folder / "truth.textproto", "-o", folder / "truth.exr", "--sigma-t", sigma_t,
-            "--albedo", 1 - sigma_a / sigma_t, "--g", g, "--noise", "5%", "--time", "40s", "--spp", 4096, "--seed", 77 + number,
-            *(["--tracer", "reference"] if options.reference else []))
+        if not (folder / "truth.exr").exists():
+            run(options.itn, "render", folder / "truth.textproto", "-o", folder / "truth.exr", "--sigma-t", sigma_t,
+                "--albedo", 1 - sigma_a / sigma_t, "--g", g, "--noise", "5%", "--time", "40s", "--spp", 4096,
+                "--seed", 77 + number, *(["--tracer", "reference"] if options.reference else []))
         photograph(read(folder / "truth.exr"), folder, rng, options.setup, wrong["mask"])
         focal = 43.2666 / (2 * math.tan(math.radians(FOV / 2))) / math.sqrt(2)
         focal *= 1 + wrong["focal"] * rng.uniform(-0.01, 0.01)
@@ -147,11 +148,12 @@ def case(number, options):
             flags = ["--gray-card", f"{round(x - half)},{round(y - half)},{round(2 * half)},{round(2 * half)}"]
         if options.setup == "panorama":
             flags = ["--light", folder / "room.exr", "--panorama-turn", 180]
+        command = [options.itn, "fit", folder / "photo.jpg", "--shape", fitted, "--object-size", SIZE, "--mask",
+                   folder / "mask.png", "--focal-length", focal, "--index", 1.45, "--luminance", "--json", "-o",
+                   folder / "fit", "--time-limit", options.time_limit, *flags]
+        (folder / "command.txt").write_text(" ".join(str(word) for word in command) + "\n")
         try:
-            text = run(options.itn, "fit", folder / "photo.jpg", "--shape", fitted, "--object-size", SIZE, "--mask",
-                       folder / "mask.png", "--focal-length", focal, "--index", 1.45, "--luminance", "--json", "-o",
-                       folder / "fit", *flags)
-            result.write_text(text)
+            result.write_text(run(*command))
         except subprocess.CalledProcessError as error:
             result.write_text(json.dumps({"error": error.stderr.strip().splitlines()[-1]}))
     return shape, truth, json.loads(result.read_text())
@@ -168,6 +170,7 @@ def main():
     parser.add_argument("--wrong", default=",".join(DISTURBANCES), help="what the fit is told wrongly; none: nothing")
     parser.add_argument("--reference", action="store_true", help="render by the reference tracer")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--time-limit", type=float, default=100, help="of a refinement, in seconds")
     options = parser.parse_args()
     options.wrong = options.wrong.split(",")
     errors = {"sigma_s_reduced": [], "sigma_a": []}

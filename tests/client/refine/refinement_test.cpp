@@ -252,6 +252,44 @@ TEST(Refinement, ColoursShareWhatIsNoMaterial) {
   EXPECT_GT(index_deviation, 0.1 * kWithin);
 }
 
+// What a wrong pose does to an image is left out of the material, and its doubt is in the
+// intervals; without, they are wrong.
+TEST(Refinement, DisturbancesLeaveTheMaterialAlone) {
+  constexpr int kImages = 60;
+  const SyntheticModel model;
+  Gaussian1D gaussian(7);
+  std::vector<std::vector<float>> planes(2);
+  for (size_t p = 0; p < SyntheticModel::kPixels; ++p) {
+    const double u = static_cast<double>(p % SyntheticModel::kSide) / SyntheticModel::kSide;
+    planes[0].push_back(static_cast<float>(0.05 * std::sin(6 * u)));
+    planes[1].push_back(static_cast<float>(0.04 * u - 0.03));
+  }
+  std::array<int, 3> inside{};
+  int inside_without = 0;
+  for (uint64_t i = 0; i < kImages; ++i) {
+    Observation observation = model.observe(kTruth, 0.05, 300 + i);
+    const std::array<double, 2> amounts{gaussian(), gaussian()};
+    for (size_t p = 0; p < SyntheticModel::kPixels; ++p) {
+      observation.radiance[p] *=
+          static_cast<float>(1 + amounts[0] * planes[0][p] + amounts[1] * planes[1][p]);
+    }
+    v1::RefineSettings settings;
+    settings.set_seed(i);
+    settings.set_max_spp(1024);
+    inside_without +=
+        has(refined(model, {observation}, settings, {kStart}).sigma_t(), kTruth.sigma_t);
+    observation.disturbances = planes;
+    const v1::RefineResult r = refined(model, {observation}, settings, {kStart});
+    inside[0] += has(r.sigma_t(), kTruth.sigma_t);
+    inside[1] += has(r.albedo(), kTruth.albedo);
+    inside[2] += has(r.g(), kTruth.g);
+    EXPECT_FALSE(r.misfit());
+  }
+  const double sigma = std::sqrt(0.95 * 0.05 / kImages);
+  for (const int count : inside) EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
+  EXPECT_LT(inside_without, kImages * 3 / 4);
+}
+
 TEST(Refinement, SeveralImagesTellMore) {
   const SyntheticModel model;
   const v1::RefineResult one = refined(model, {model.observe(kTruth, 0.1, 1)}, {}, {kStart});
@@ -360,6 +398,9 @@ TEST(Refinement, SaysWhatIsWrong) {
   };
   refuse({"synthetic", "399 pixels", "20 x 20"},
          [](Observation& o, auto&, auto&) { o.radiance.pop_back(); });
+  refuse({"the disturbance has 1 pixels"}, [](Observation& o, auto&, auto&) {
+    o.disturbances = {{}, {1}};
+  });
   refuse({"the mask has 1 pixels"}, [](Observation& o, auto&, auto&) { o.mask = {1}; });
   refuse({"nan", "pixel (3, 1)"}, [](Observation& o, auto&, auto&) {
     o.radiance[23] = std::numeric_limits<float>::quiet_NaN();

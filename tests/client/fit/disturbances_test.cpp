@@ -1,0 +1,75 @@
+#include "client/fit/disturbances.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "tests/client/refine/synthetic_model.h"
+
+namespace itn {
+namespace {
+
+constexpr int kSide = 40, kEstimates = 4;
+
+double radiance(int x, int y) {
+  return 2 + std::sin(0.1 * x) + 0.02 * y;
+}
+
+// What is a part of the radiance more or less, and noise of 5 % of it.
+RenderedChange change(const std::function<double(int, int)>& per_deviation, double apart,
+                      uint64_t seed) {
+  testing::Gaussian1D gaussian(seed);
+  RenderedChange result{.more = {}, .less = {}, .apart = apart};
+  for (int e = 0; e < kEstimates; ++e) {
+    for (const double sign : {0.5, -0.5}) {
+      std::vector<float> image;
+      for (int y = 0; y < kSide; ++y) {
+        for (int x = 0; x < kSide; ++x) {
+          const double relative = 1 + sign * apart * per_deviation(x, y) + 0.05 * gaussian();
+          image.push_back(static_cast<float>(radiance(x, y) * relative));
+        }
+      }
+      (sign > 0 ? result.more : result.less).push_back(image);
+    }
+  }
+  return result;
+}
+
+// Of three errors two change the image alike, and one does not.
+TEST(Disturbances, AreWhatChangesTheImage) {
+  const auto slope = [](int x, int /*y*/) { return 0.001 * (x - 20); };
+  const auto half_of_it = [&](int x, int y) { return -0.5 * slope(x, y); };
+  const auto nothing = [](int, int) { return 0.0; };
+  std::vector<float> mask(size_t{kSide} * kSide, 1);
+  for (int x = 0; x < kSide; ++x) mask[static_cast<size_t>(x)] = 0;
+  const std::vector<RenderedChange> changes{change(slope, 4, 1), change(half_of_it, 4, 2),
+                                            change(nothing, 4, 3)};
+  const std::vector<std::vector<float>> planes = disturbances_of(changes, mask, kSide);
+  ASSERT_EQ(planes.size(), 1U);
+  const double sign = planes[0].back() > 0 ? 1 : -1;
+  double squares = 0;
+  for (int y = 1; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const double expected = std::sqrt(1.25) * slope(x, y);
+      const double plane = planes[0][static_cast<size_t>(y * kSide + x)];
+      squares += std::pow(sign * plane - expected, 2) / ((kSide - 1) * kSide);
+    }
+  }
+  // What is left of the noise, smoothed, of four estimates: 0.05 2^1/2 / 4 / 2 * 0.273 = 0.0024, a
+  // fifth of the change.
+  EXPECT_LT(std::sqrt(squares), 0.003);
+  EXPECT_EQ(planes[0][3], 0) << "outside of the mask";
+}
+
+TEST(Disturbances, AreNoneWhereNothingChanges) {
+  const auto nothing = [](int, int) { return 0.0; };
+  const std::vector<RenderedChange> changes{change(nothing, 4, 1), change(nothing, 2, 2)};
+  EXPECT_TRUE(
+      disturbances_of(changes, std::vector<float>(size_t{kSide} * kSide, 1), kSide).empty());
+}
+
+}  // namespace
+}  // namespace itn
