@@ -18,6 +18,16 @@ struct Material {
   bool operator==(const Material&) const = default;
 };
 
+// Part of diffuse light that a half-space of the material returns, after any number of scatterings;
+// the boundary is index-matched. By the fit of H. C. van de Hulst, "Multiple Light Scattering",
+// 1980, in the form of C. Kulla and A. Conty, "Revisiting Physically Based Shading at Imageworks",
+// 2017.
+double diffuse_albedo(const Material& material);
+
+// In mm: over so long a way light deep in the material falls to 1/e, in the diffusion
+// approximation, 1 / (3 sigma_a (sigma_a + sigma_s'))^(1/2). Infinite if nothing is absorbed.
+double diffusion_length(const Material& material);
+
 // What the tracer accepts. Below kMinSigmaT the derivative in sigma_t, estimated from scatterings
 // that hardly ever happen, would have an unbounded variance; beyond kMaxAbsG a float direction
 // cannot resolve the peak of the phase function (its width is about 1 - |g| radians).

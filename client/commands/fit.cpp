@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "client/commands/fit.h"
+#include "client/commands/fit_report.h"
 #include "client/fit/disturbances.h"
 #include "client/fit/pose_search.h"
 #include "client/interrupt.h"
@@ -24,6 +25,7 @@
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/folder_lock.h"
+#include "common/files/read_file.h"
 #include "common/geometry/shapes.h"
 #include "common/image/image.h"
 #include "common/image/preview.h"
@@ -546,6 +548,24 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
                             folder.string());
 }
 
+void write_report(const FitOptions& options, const fs::path& folder, const v1::FitResult& result) {
+  constexpr uint32_t kSwatchSpp = 64;
+  v1::Scene scene;
+  parse_text_proto(read_file(result.poses(0).scene(), "scene"), result.poses(0).scene(), scene);
+  const Mesh mesh = MeshBuilder(UINT64_MAX).build("object.mesh", scene.object().mesh());
+  std::vector<Material> materials;
+  for (const v1::RefineResult& one : result.results()) {
+    // Of an object of 1 mm.
+    materials.push_back(from_proto(one.material()));
+    materials.back().sigma_t *= longest_side(bounds(mesh));
+  }
+  RenderPool pool(options.refine.workers.pool_options());
+  const std::string title = fs::path(result.poses(0).image()).filename().string();
+  write_file_atomically(
+      folder / "report.html",
+      fit_report_page(title, result, folder, render_swatches(pool, materials, kSwatchSpp, [] {})));
+}
+
 }  // namespace
 
 void run_fit(const FitOptions& options) {
@@ -560,6 +580,7 @@ void run_fit(const FitOptions& options) {
   set_unknowns(options, refine);
   const std::vector<v1::RefineResult> found = find_materials(refine);
   result.mutable_results()->Add(found.begin(), found.end());
+  write_report(options, folder, result);
   options.refine.json ? print_result("{}\n", to_json(result))
                       : print_result(to_text(result, folder));
 }

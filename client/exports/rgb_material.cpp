@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <cmath>
 
 #include "common/error.h"
 
@@ -19,13 +18,6 @@ double common_g(std::span<const Material> channels) {
 }
 
 }  // namespace
-
-double RgbMaterial::diffuse_albedo(size_t channel) const {
-  // (1 - albedo) / (1 - albedo g), which similar materials have in common.
-  const double absorbed = sigma_a[channel] / (sigma_a[channel] + sigma_s_reduced(channel));
-  const double s = std::sqrt(absorbed);
-  return (1 - s) * (1 - 0.139 * s) / (1 + 1.17 * s);
-}
 
 RgbMaterial rgb_material(std::span<const Material> channels) {
   if (channels.size() != 1 && channels.size() != 3) {

@@ -21,11 +21,9 @@ struct RgbMaterial {
   double sigma_s_reduced(size_t channel) const { return sigma_s[channel] * (1 - g); }
   double mean_free_path(size_t channel) const { return 1 / sigma_t(channel); }  // in mm
 
-  // Part of diffuse light that a half-space of the material returns, after any number of
-  // scatterings; the boundary is index-matched. By the fit of H. C. van de Hulst, "Multiple Light
-  // Scattering", 1980, in the form of C. Kulla and A. Conty, "Revisiting Physically Based Shading
-  // at Imageworks", 2017.
-  double diffuse_albedo(size_t channel) const;
+  double diffuse_albedo(size_t channel) const {
+    return itn::diffuse_albedo({sigma_t(channel), albedo(channel), g});
+  }
 };
 
 // From one material (gray), or those of R, G and B. The common g is the mean of theirs weighted by

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <openssl/evp.h>
 
 #include <algorithm>
 #include <array>
@@ -11,11 +10,10 @@
 #include <string_view>
 #include <utility>
 
-#include "client/output.h"
+#include "client/page.h"
 #include "client/panels.h"
 #include "client/predict/answer_warnings.h"
 #include "client/predict/exported.h"
-#include "client/predict/page_frame.h"
 
 namespace itn {
 namespace {
@@ -23,39 +21,10 @@ namespace {
 namespace fs = std::filesystem;
 using Channel = v1::Prediction::Channel;
 
-// --- HTML ---
-
-// As the text of an element or a quoted attribute, without control characters.
-std::string escaped(std::string_view text) {
-  std::string result;
-  for (const char c : for_terminal(text)) {
-    switch (c) {
-      case '&': result += "&amp;"; break;
-      case '<': result += "&lt;"; break;
-      case '>': result += "&gt;"; break;
-      case '"': result += "&quot;"; break;
-      case '\'': result += "&#39;"; break;
-      default: result += c;
-    }
-  }
-  return result;
-}
-
-std::string base64(std::string_view bytes) {
-  std::string result(4 * ((bytes.size() + 2) / 3) + 1, '\0');
-  const int size = EVP_EncodeBlock(reinterpret_cast<unsigned char*>(result.data()),
-                                   reinterpret_cast<const unsigned char*>(bytes.data()),
-                                   static_cast<int>(bytes.size()));
-  result.resize(static_cast<size_t>(size));
-  return result;
-}
-
 // `kind`: its class in the style; `caption` is HTML.
 std::string figure(const Panel& panel, std::string_view kind, std::string_view caption) {
-  return fmt::format(
-      "<figure class=\"{}\"><img src=\"data:image/png;base64,{}\" width=\"{}\" height=\"{}\" "
-      "alt=\"{}\"><figcaption>{}</figcaption></figure>\n",
-      kind, base64(encode_png(panel)), panel.side, panel.side, caption, caption);
+  return html_figure(encode_png(panel), kind,
+                     fmt::format(" width=\"{}\" height=\"{}\"", panel.side, panel.side), caption);
 }
 
 // --- Text ---
@@ -81,7 +50,7 @@ std::string head_of(const Report& report) {
   return fmt::format(
       "<header><h1>{}</h1><p>The translucent material of the object, as seen by the model {}.</p>"
       "</header>\n",
-      escaped(title_of(report)), escaped(report.prediction.model()));
+      html_escaped(title_of(report)), html_escaped(report.prediction.model()));
 }
 
 // --- How far to trust it ---
@@ -97,8 +66,8 @@ std::string trust_of(const v1::Prediction& prediction) {
     return text + "<p>Nothing known to limit it but its intervals.</p></section>\n";
   text += "<ul>";
   for (const Limit& limit : limits) {
-    text +=
-        fmt::format("<li{}>{}</li>", limit.is_grave ? " class=\"grave\"" : "", escaped(limit.text));
+    text += fmt::format("<li{}>{}</li>", limit.is_grave ? " class=\"grave\"" : "",
+                        html_escaped(limit.text));
   }
   return text + "</ul></section>\n";
 }
@@ -126,8 +95,9 @@ std::string photographs_of(const Report& report) {
   std::string text = "<section><h2>What the network saw</h2>\n";
   for (const ReportedPhotograph& photograph : report.photographs) {
     if (report.prediction.combined()) {
-      text += fmt::format("<p class=\"name\">{}</p>",
-                          escaped(fs::path(photograph.prediction.image()).filename().string()));
+      text +=
+          fmt::format("<p class=\"name\">{}</p>",
+                      html_escaped(fs::path(photograph.prediction.image()).filename().string()));
     }
     text += "<div class=\"row\">\n";
     for (size_t i = 0; i < kNetworkView; ++i) {
@@ -137,7 +107,7 @@ std::string photographs_of(const Report& report) {
     if (!report.prediction.combined()) continue;
     text += "<ul class=\"soft\">";
     for (const Limit& limit : limits_of(photograph.prediction)) {
-      text += fmt::format("<li>{}</li>", escaped(limit.text));
+      text += fmt::format("<li>{}</li>", html_escaped(limit.text));
     }
     text += "</ul>\n";
   }
@@ -226,8 +196,8 @@ std::string row_of(const Channel& channel, const Parameter& parameter,
       "<tr class=\"values\"><th scope=\"row\"><span class=\"dot {}\"></span>{}</th><td "
       "class=\"best\">{}</td>"
       "<td>{}</td><td class=\"bar {}\">{}</td></tr>\n",
-      colour, escaped(channel.channel()), number(best, parameter.is_coefficient), interval, colour,
-      drawn);
+      colour, html_escaped(channel.channel()), number(best, parameter.is_coefficient), interval,
+      colour, drawn);
 }
 
 std::string_view unit_of(const v1::Prediction& prediction) {
@@ -299,8 +269,8 @@ std::string exports_of(const Report& report) {
     text += fmt::format(
         "<details><summary><b>{}</b> <span>{}</span></summary><div class=\"snippet\">"
         "<button type=\"button\" hidden>Copy</button><pre>{}</pre></div></details>\n",
-        escaped(format.name), escaped(format.description),
-        escaped(exported(report.prediction, format, report.exports)));
+        html_escaped(format.name), html_escaped(format.description),
+        html_escaped(exported(report.prediction, format, report.exports)));
   }
   return text + "</section>\n";
 }
@@ -314,11 +284,12 @@ std::string model_of(const v1::Prediction& prediction) {
   };
   return fmt::format(
       "<section><h2>Who answered</h2><dl>{}{}{}{}{}</dl></section>\n",
-      entry("Model", escaped(model.name())),
-      entry("Version", model.version().empty() ? "none was given" : escaped(model.version())),
+      entry("Model", html_escaped(model.name())),
+      entry("Version", model.version().empty() ? "none was given" : html_escaped(model.version())),
       entry("Training", fmt::format("{} steps", model.step())),
-      entry("Weights", fmt::format("SHA-256 <code>{}</code>", escaped(model.sha256()))),
-      entry(prediction.combined() ? "Photographs" : "Photograph", escaped(prediction.image())));
+      entry("Weights", fmt::format("SHA-256 <code>{}</code>", html_escaped(model.sha256()))),
+      entry(prediction.combined() ? "Photographs" : "Photograph",
+            html_escaped(prediction.image())));
 }
 
 }  // namespace
@@ -327,9 +298,7 @@ std::string report_page(const Report& report) {
   const std::string body = head_of(report) + trust_of(report.prediction) + rerendering_of(report) +
                            photographs_of(report) + numbers_of(report) + swatches_of(report) +
                            exports_of(report) + model_of(report.prediction);
-  return fmt::format(kReportPage, fmt::arg("title", escaped(title_of(report))),
-                     fmt::arg("style", kReportStyle), fmt::arg("body", body),
-                     fmt::arg("script", kReportScript));
+  return html_page(title_of(report), body);
 }
 
 }  // namespace itn

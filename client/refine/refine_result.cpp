@@ -128,6 +128,8 @@ v1::RefineResult refine_result(const Region& region, size_t colour) {
       seen.parameter([](const Material& m) { return m.sigma_a(); }, kPositive);
   *result.mutable_sigma_s_reduced() =
       seen.parameter([](const Material& m) { return m.sigma_s_reduced(); }, kPositive);
+  *result.mutable_diffuse_albedo() = seen.parameter(diffuse_albedo, kFraction);
+  *result.mutable_diffusion_length() = seen.parameter(diffusion_length, kPositive);
   const Layout layout = region.layout.one_colour();
   for (size_t i = 0; i < layout.unknowns.size(); ++i) {
     v1::RefinedParameter& unknown = *result.add_unknowns();

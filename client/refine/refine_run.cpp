@@ -187,6 +187,8 @@ std::string to_text(const v1::RefineResult& result) {
   line("g", result.g(), "");
   line("sigma_a", result.sigma_a(), "1/mm");
   line("sigma_s (1 - g)", result.sigma_s_reduced(), "1/mm");
+  line("diffuse albedo", result.diffuse_albedo(), "");
+  line("diffusion length", result.diffusion_length(), "mm");
   for (const v1::RefinedParameter& unknown : result.unknowns())
     line(unknown.name().c_str(), unknown, "");
   if (result.has_exposure()) line("image / render", result.exposure(), "");
@@ -206,7 +208,7 @@ std::string to_table(std::span<const v1::RefineResult> results) {
   const auto name = [&](size_t colour) {
     return results.size() == kRgb.size() ? kRgb.at(colour) : "luminance";
   };
-  std::string text = fmt::format("{:<18}", "");
+  std::string text = fmt::format("{:<26}", "");
   for (size_t c = 0; c < results.size(); ++c) text += fmt::format("{:<32}", name(c));
   text += '\n';
   const auto cell = [](const v1::RefineResult& result, const v1::RefinedParameter& p) {
@@ -215,21 +217,29 @@ std::string to_table(std::span<const v1::RefineResult> results) {
     return fmt::format("{:<32}", fmt::format("{:.4g}{}", p.value(), interval));
   };
   const auto row = [&](const std::string& title, const auto& parameter) {
-    text += fmt::format("{:<18}", title);
+    text += fmt::format("{:<26}", title);
     for (const v1::RefineResult& result : results) text += cell(result, parameter(result));
     text += '\n';
   };
   row("sigma_s (1 - g)", [](const auto& r) { return r.sigma_s_reduced(); });
   row("sigma_a", [](const auto& r) { return r.sigma_a(); });
+  row("diffuse albedo", [](const auto& r) { return r.diffuse_albedo(); });
+  row("diffusion length", [](const auto& r) { return r.diffusion_length(); });
   row("sigma_t", [](const auto& r) { return r.sigma_t(); });
   row("albedo", [](const auto& r) { return r.albedo(); });
   // What all colours have in common.
   const auto common = [&](const std::string& title, const v1::RefinedParameter& p) {
-    text += fmt::format("{:<18}{}\n", title, cell(results.front(), p));
+    text += fmt::format("{:<26}{}\n", title, cell(results.front(), p));
   };
-  common("g", results.front().g());
+  constexpr double kGiven = 1e-3;
+  const v1::RefinedParameter& g = results.front().g();
+  if (g.high_95() - g.low_95() < kGiven) {
+    text += fmt::format("{:<26}{:.4g} (as given)\n", "g", g.value());
+  } else {
+    common("g", g);
+  }
   for (const v1::RefinedParameter& unknown : results.front().unknowns()) {
-    common(unknown.name().substr(unknown.name().find('.') + 1), unknown);
+    common(unknown.name(), unknown);
   }
   if (results.front().has_exposure()) common("image / render", results.front().exposure());
   text += ending_of(results.front());

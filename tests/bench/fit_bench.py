@@ -114,6 +114,12 @@ def photograph(render, folder, rng, setup, is_mask_wrong):
     write(folder / "mask.png", (255 * np.clip(mask, 0, 1) + 0.5).astype("uint8"))
 
 
+def diffuse_albedo(sigma_s, sigma_a):
+    """Of a half-space, by van de Hulst's fit, as itn has it."""
+    s = math.sqrt(sigma_a / (sigma_a + sigma_s))
+    return (1 - s) * (1 - 0.139 * s) / (1 + 1.17 * s)
+
+
 def case(number, options):
     rng = random.Random(1000 * options.seed + number)
     folder = options.out / f"{options.setup}{number:03}{'' if options.wrong == DISTURBANCES else '-' + '-'.join(options.wrong)}"
@@ -174,6 +180,7 @@ def main():
     options = parser.parse_args()
     options.wrong = options.wrong.split(",")
     errors = {"sigma_s_reduced": [], "sigma_a": []}
+    albedos = []
     inside, total, told = 0, 0, 0
     for number in range(options.first, options.first + options.cases):
         shape, truth, result = case(number, options)
@@ -185,6 +192,8 @@ def main():
         if found.get("misfit"):
             told += 1
             text += " misfit"
+        values = [found[name]["value"] for name in truth]
+        albedos.append(abs(diffuse_albedo(*values) - diffuse_albedo(*truth.values())))
         for name, value in truth.items():
             p = found[name]
             off = math.log(p["value"] / value)
@@ -197,6 +206,8 @@ def main():
     for name, off in errors.items():
         if off:
             print(f"median error of ln {name}: {np.median(off):.3f} of {len(off)}")
+    if albedos:
+        print(f"median error of the diffuse albedo: {np.median(albedos):.4f}")
     print(f"truths in the 95 % intervals: {inside} of {total}; told as misfits: {told}")
 
 

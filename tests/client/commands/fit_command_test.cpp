@@ -10,6 +10,7 @@
 
 #include "client/json.h"
 #include "common/files/read_file.h"
+#include "common/scene/material_proto.h"
 #include "common/scene/text_proto.h"
 #include "itn/v1/refine.pb.h"
 #include "tests/support/paths.h"
@@ -21,6 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using namespace testing;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 using Arguments = std::vector<std::string>;
@@ -105,6 +107,10 @@ TEST_F(FitCommand, FindsPoseAndMaterial) {
   for (const char* file : {"scene.textproto", "photograph.exr", "pose.png", "result.json"}) {
     EXPECT_TRUE(fs::exists(folder_->path("out") + "/" + file)) << file;
   }
+  EXPECT_THAT(read_file(folder_->path("out") + "/report.html", "report"),
+              AllOf(HasSubstr("Where the object stands"), HasSubstr("For renderers"),
+                    HasSubstr("sigma_a"), HasSubstr("g was given, not found")));
+  EXPECT_EQ(material.diffuse_albedo().value(), diffuse_albedo(from_proto(material.material())));
   // What it wrote is what itn refine takes, corrected or not.
   const Finished again =
       run({kItn, "refine", folder_->path("out/photograph.exr"), "--scene", pose.scene(), "--init",
