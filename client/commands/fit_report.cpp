@@ -76,7 +76,7 @@ std::string convergence_of(const fs::path& folder) {
              .x_name = "iteration",
              .log_y = true,
              .curves = {{"loss", {}, {}}}};
-  Chart materials{.title = "sigma_s (1 - g) and sigma_a, 1/mm",
+  Chart materials{.title = "sigma_s (1 - g): s, and sigma_a: a, in 1/mm",
                   .x_name = "iteration",
                   .log_y = true,
                   .curves = {}};
@@ -90,8 +90,8 @@ std::string convergence_of(const fs::path& folder) {
     const auto colours = static_cast<size_t>(iteration.materials_size());
     for (size_t c = 0; materials.curves.size() < 2 * colours; ++c) {
       const std::string name = colours == 1 ? "Y" : kRgb.at(c);
-      materials.curves.push_back({name + " scattering", {}, {}});
-      materials.curves.push_back({name + " absorption", {}, {}});
+      materials.curves.push_back({name + " s", {}, {}});
+      materials.curves.push_back({name + " a", {}, {}});
     }
     for (size_t c = 0; c < colours; ++c) {
       const Material material = from_proto(iteration.materials(static_cast<int>(c)));

@@ -56,6 +56,8 @@ class FitCommand : public ::testing::Test {
              "--sigma-t", std::to_string(kSigmaT), "--albedo", std::to_string(kAlbedo), "--g",
              std::to_string(kG), "--spp", "256"});
     ASSERT_EQ(rendered.exit_code, 0) << rendered.errors;
+    const Finished shapes = run({kItn, "shapes", "-o", folder_->path("shapes")});
+    ASSERT_EQ(shapes.exit_code, 0) << shapes.errors;
   }
   static void TearDownTestSuite() { delete folder_; }
 
@@ -82,8 +84,9 @@ class FitCommand : public ::testing::Test {
 };
 
 TEST_F(FitCommand, FindsPoseAndMaterial) {
-  const Finished done = run(
-      command({"--object-size", "45", "--focal-length", std::to_string(kFocalLength), "--json"}));
+  const Finished done =
+      run(command({"--object-size", "45", "--focal-length", std::to_string(kFocalLength), "--json"},
+                  folder_->path("shapes/mug.ply")));
   ASSERT_EQ(done.exit_code, 0) << done.errors;
   v1::FitResult result;
   from_json(done.output, "fit", result);

@@ -1,0 +1,235 @@
+#include "client/commands/fit_photograph.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <numbers>
+#include <optional>
+#include <span>
+
+#include "client/interrupt.h"
+#include "client/predict/photograph_input.h"
+#include "common/angle.h"
+#include "common/error.h"
+#include "common/geometry/shapes.h"
+#include "common/scene/field_check.h"
+
+namespace itn {
+namespace fs = std::filesystem;
+
+namespace {
+
+double focal_of(const PhotographContent& content, const std::string& name,
+                const FitOptions& options) {
+  constexpr double kDiagonal = 43.2666;  // of 36 x 24 mm
+  const std::optional<double> in_35mm =
+      options.focal_length_35mm ? options.focal_length_35mm : content.file.focal_length_35mm;
+  if (!in_35mm) {
+    throw invalid_input(fmt::format(
+        "{} does not say with which focal length it was taken (EXIF FocalLengthIn35mmFilm); "
+        "--focal-length does, in mm of a 35 mm camera: of a phone's main camera some 26",
+        name));
+  }
+  return *in_35mm / kDiagonal * std::hypot(content.width(), content.height());
+}
+
+// Of a lamp of a phone, in mm. A lamp that has a size has a derivative in its place.
+constexpr float kFlashRadius = 2;
+
+void set(v1::Vec3& to, Vec3d from) {
+  to.set_x(static_cast<float>(from.x));
+  to.set_y(static_cast<float>(from.y));
+  to.set_z(static_cast<float>(from.z));
+}
+
+// As an axis and an angle.
+void set_rotation(const Rotation<double>& rotation, v1::Rotation& to) {
+  const double trace = rotation.x.x + rotation.y.y + rotation.z.z;
+  const double angle = std::acos(std::clamp((trace - 1) / 2, -1.0, 1.0));
+  Vec3d axis{rotation.z.y - rotation.y.z, rotation.x.z - rotation.z.x, rotation.y.x - rotation.x.y};
+  if (length(axis) < 1e-6) {
+    // Half a turn, or none: the columns of R + 1 lie along the axis.
+    const std::array<Vec3d, 3> columns{Vec3d{rotation.x.x + 1, rotation.y.x, rotation.z.x},
+                                       Vec3d{rotation.x.y, rotation.y.y + 1, rotation.z.y},
+                                       Vec3d{rotation.x.z, rotation.y.z, rotation.z.z + 1}};
+    axis = *std::ranges::max_element(columns, {}, [](Vec3d v) { return length(v); });
+  }
+  set(*to.mutable_axis(), normalize(axis));
+  to.set_angle_degrees(static_cast<float>(angle / kRadiansPerDegree));
+}
+
+// The camera is at the origin and looks along -z, or below the horizon of a panorama.
+Rotation<double> camera_rotation(const FitOptions& options) {
+  const double angle = is_by_flash(options) ? 0 : options.camera_down * kRadiansPerDegree;
+  const double c = std::cos(angle), s = std::sin(angle);
+  return {{1, 0, 0}, {0, c, s}, {0, -s, c}};
+}
+
+}  // namespace
+
+FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& options) {
+  PhotographOptions reading = options.photograph;
+  reading.framing = Framing::kObject;
+  const MarkedPhotograph marked = read_marked(name, reading);
+  const PhotographContent& content = marked.content;
+  const Photograph view = marked.view();
+  if (reaches_edge(view)) {
+    throw invalid_input(name + ": the object is cut off by the frame; it must be seen whole");
+  }
+  FitPhotograph photograph;
+  photograph.name = name;
+  photograph.channels = content.channels;
+  photograph.square = frame(view, Framing::kObject);
+  photograph.width = content.width();
+  photograph.height = content.height();
+  photograph.focal = focal_of(content, name, options);
+  constexpr int kLeast = 32;
+  if (photograph.square.side < kLeast) {
+    throw invalid_input(
+        fmt::format("{}: the object is {} pixels large with its margin; {} are the least", name,
+                    photograph.square.side, kLeast));
+  }
+  photograph.side = std::min(options.resolution, photograph.square.side);
+  photograph.pose_side = std::min(kMaxFrameSide, photograph.square.side / 4 * 4);
+  const auto at_side = [&](std::span<const float> values, int channels, int side) {
+    return averaged(values, channels, content.width(), photograph.square, side, interruption());
+  };
+  const int channels = view.channels;
+  const std::vector<double> white = reading.gray_card
+                                        ? white_of_card(marked, name, reading)
+                                        : std::vector<double>(static_cast<size_t>(channels), 1);
+  const std::vector<float> pixels = at_side(marked.pixels, channels, photograph.side);
+  photograph.image.width = photograph.image.height = photograph.side;
+  for (size_t c = 0; c < white.size(); ++c) {
+    std::vector<float>& plane = photograph.image.channels[content.channels[c]];
+    for (size_t p = c; p < pixels.size(); p += white.size()) {
+      plane.push_back(static_cast<float>(double{pixels[p]} / white[c]));
+    }
+  }
+  photograph.mask = at_side(marked.mask, 1, photograph.side);
+  photograph.pose_mask = at_side(marked.mask, 1, photograph.pose_side);
+  std::vector<float> clipped(marked.mask.size());
+  for (size_t p = 0; p < content.file.clipped.size(); ++p) clipped[p] = content.file.clipped[p];
+  photograph.clipped = at_side(clipped, 1, photograph.side);
+  const std::vector<float> picture = at_side(marked.pixels, channels, photograph.pose_side);
+  for (size_t p = 0; p < picture.size(); p += static_cast<size_t>(channels)) {
+    photograph.picture.push_back(picture[p + (channels == 3 ? 1 : 0)]);
+  }
+  return photograph;
+}
+
+PinholeView view_of(const FitPhotograph& photograph, int side) {
+  const double by = static_cast<double>(side) / photograph.square.side;
+  return {photograph.focal * by, (0.5 * photograph.width - photograph.square.left) * by,
+          (0.5 * photograph.height - photograph.square.top) * by, side};
+}
+
+bool is_builtin(const std::string& shape) {
+  const auto shapes = builtin_shapes();
+  return std::ranges::find(shapes, shape, &ShapeInfo::name) != shapes.end();
+}
+
+bool is_by_flash(const FitOptions& options) {
+  return options.light == "flash";
+}
+
+v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options) {
+  v1::Scene scene;
+  v1::Object& object = *scene.mutable_object();
+  v1::Mesh& mesh = *object.mutable_mesh();
+  if (is_builtin(options.shape)) {
+    mesh.set_builtin(options.shape);
+  } else {
+    mesh.set_path(fs::absolute(options.shape).string());
+    mesh.set_repair(options.repair);
+    mesh.set_unit(options.refine.mesh_unit.value_or(v1::MM));
+  }
+  if (options.photograph.object_size) {
+    mesh.set_normalize(true);
+    const double size = *options.photograph.object_size;
+    set(*mesh.add_transforms()->mutable_scale(), {size, size, size});
+  }
+  object.mutable_rough_dielectric()->set_index(static_cast<float>(options.index));
+  object.mutable_rough_dielectric()->set_roughness(0.25F);
+  object.set_smooth_angle_degrees(30);
+
+  v1::Camera& camera = *scene.mutable_camera();
+  set(*camera.mutable_origin(), {});
+  const Rotation<double> rotation = camera_rotation(options);
+  constexpr double kAhead = 1000;
+  set(*camera.mutable_target(), rotation(Vec3d{0, 0, -kAhead}));
+  set(*camera.mutable_up(), rotation(Vec3d{0, 1, 0}));
+  camera.set_fov_degrees(static_cast<float>(
+      2 * std::atan(0.5 * photograph.width / photograph.focal) / kRadiansPerDegree));
+  v1::Crop& crop = *camera.mutable_crop();
+  const Square& square = photograph.square;
+  crop.set_left(static_cast<float>(square.left) / static_cast<float>(photograph.width));
+  crop.set_right(static_cast<float>(square.left + square.side) /
+                 static_cast<float>(photograph.width));
+  crop.set_top(static_cast<float>(square.top) / static_cast<float>(photograph.height));
+  crop.set_bottom(static_cast<float>(square.top + square.side) /
+                  static_cast<float>(photograph.height));
+  scene.mutable_film()->set_width(static_cast<uint32_t>(photograph.side));
+  scene.mutable_film()->set_height(static_cast<uint32_t>(photograph.side));
+  scene.mutable_film()->set_channel(
+      photograph.channels.size() == 3 && !options.luminance ? v1::Film::RGB : v1::Film::LUMINANCE);
+
+  v1::Light& light = *scene.add_lights();
+  if (is_by_flash(options)) {
+    const auto& offset = options.flash_offset;
+    set(*light.mutable_sphere()->mutable_center(),
+        rotation(Vec3d{offset[0], offset[1], offset[2]}));
+    light.mutable_sphere()->set_radius(kFlashRadius);
+  } else {
+    light.mutable_environment_map()->set_path(fs::absolute(options.light).string());
+    // The left edge of a panorama lies along -z, where the camera looks; its middle is to do so.
+    light.mutable_environment_map()->set_rotate_y_degrees(
+        static_cast<float>(180 + options.panorama_turn));
+  }
+  return scene;
+}
+
+void place(const Pose& pose, const Mesh& shape, const FitOptions& options, v1::Scene& scene) {
+  const Rotation<double> rotation = camera_rotation(options);
+  v1::Mesh& mesh = *scene.mutable_object()->mutable_mesh();
+  set_rotation(rotation.after(pose.rotation), *mesh.add_transforms()->mutable_rotate());
+  set(*mesh.add_transforms()->mutable_translate(), rotation(pose.translation));
+  for (v1::Light& light : *scene.mutable_lights()) {
+    if (!light.has_sphere()) continue;
+    const Vec3d flash = rotation.inverse()(to_vec(light.sphere().center()));
+    const double range =
+        options.card_distance.value_or(length(pose.to_scene(middle_of(bounds(shape))) - flash));
+    const double seen = kFlashRadius / range;
+    light.mutable_sphere()->set_radiance(static_cast<float>(1 / (seen * seen)));
+  }
+}
+
+std::vector<float> pixels_of_object(const FitPhotograph& photograph, const Mesh& mesh,
+                                    const Pose& pose) {
+  constexpr float kWhole = 0.99F, kClipped = 0.001F;
+  constexpr int kFine = 4;
+  const int side = photograph.side;
+  const Silhouette silhouette(mesh, pose, view_of(photograph, kFine * side));
+  std::vector<float> result(photograph.mask.size());
+  for (int y = 0; y < side; ++y) {
+    for (int x = 0; x < side; ++x) {
+      const auto p = static_cast<size_t>(y) * static_cast<size_t>(side) + static_cast<size_t>(x);
+      if (photograph.mask[p] < kWhole || photograph.clipped[p] > kClipped) continue;
+      bool whole = true;
+      for (int j = -1; j <= kFine && whole; ++j) {
+        for (int i = -1; i <= kFine && whole; ++i) {
+          const int fx = kFine * x + i, fy = kFine * y + j;
+          whole = fx >= 0 && fy >= 0 && fx < kFine * side && fy < kFine * side &&
+                  silhouette.covers(fx, fy);
+        }
+      }
+      result[p] = whole ? 1 : 0;
+    }
+  }
+  return result;
+}
+
+}  // namespace itn

@@ -1,0 +1,56 @@
+// What itn fit sees: the photograph of an object, and the scene that it is one of.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "client/commands/fit.h"
+#include "client/fit/silhouette.h"
+#include "common/geometry/mesh.h"
+#include "common/geometry/pose.h"
+#include "common/image/image.h"
+#include "common/image/photograph.h"
+#include "itn/v1/scene.pb.h"
+
+namespace itn {
+
+// A square about the object, at the side of the fit and at that of the search for its pose.
+struct FitPhotograph {
+  std::string name;
+  std::vector<std::string> channels;  // Y, or R, G, B
+  Image image;                        // of these, side x side
+  std::vector<float> mask, clipped;   // likewise
+  int side = 0, pose_side = 0;
+  std::vector<float> pose_mask;
+  std::vector<float> picture;  // of the first channel, for people, pose_side x pose_side
+  int width = 0, height = 0;   // of the whole photograph
+  Square square;
+  double focal = 0;  // in pixels of the whole photograph
+};
+
+// Throws Error as read_marked() does, and (invalid input) if the object is cut off, too small, or
+// the focal length is not known.
+FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& options);
+
+// The camera of the photograph in an image of the square, of another side.
+PinholeView view_of(const FitPhotograph& photograph, int side);
+
+// A shape that is no file.
+bool is_builtin(const std::string& shape);
+bool is_by_flash(const FitOptions& options);
+
+// With the object where its mesh has it. The camera is at the origin and looks along -z, or below
+// the horizon of a panorama.
+v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options);
+
+// Moves the object of such a scene to where `pose`, in front of the camera, has the shape. The
+// flash is then so bright that a white card has radiance 1 which faces it, as far away as the
+// object or as was said.
+void place(const Pose& pose, const Mesh& shape, const FitOptions& options, v1::Scene& scene);
+
+// 1 where a pixel, of the side of the fit, shows the object alone in the photograph and in the
+// scene, and nothing that is clipped; else 0.
+std::vector<float> pixels_of_object(const FitPhotograph& photograph, const Mesh& shape,
+                                    const Pose& pose);
+
+}  // namespace itn
