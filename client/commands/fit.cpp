@@ -1,6 +1,7 @@
 // itn fit: finds where an object stands in a photograph, writes the scene, and refines its
 // material.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <array>
@@ -24,6 +25,7 @@
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/folder_lock.h"
+#include "common/files/read_file.h"
 #include "common/image/preview.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
@@ -313,6 +315,41 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
                             folder.string());
 }
 
+// What a fit is of, in words.
+std::string in_words(const FitOptions& options) {
+  const PhotographOptions& photograph = options.photograph;
+  return fmt::format(
+      "photographs: {}\nshape: {}, size {}, mesh unit {}, repair {}\nlight: {}, flash {} within "
+      "{}, panorama {}, camera {}\ncard: {} of {} at {} within {}\nfocal length: {}\nindex: {} "
+      "within {}\ng: {} within {}\nresolution: {}, luminance {}\nmask: {}\nstart: {}, {} starts, "
+      "seed {}, spp {}\n",
+      fmt::join(options.images, " "), options.shape, photograph.object_size.value_or(0),
+      static_cast<int>(options.refine.mesh_unit.value_or(v1::MM)), options.repair, options.light,
+      fmt::join(options.flash_offset, ","), options.flash_error, options.panorama_turn,
+      options.camera_down,
+      photograph.gray_card
+          ? fmt::format("{},{},{},{}", photograph.gray_card->x, photograph.gray_card->y,
+                        photograph.gray_card->width, photograph.gray_card->height)
+          : "none",
+      photograph.gray, options.card_distance.value_or(0), options.card_error,
+      options.focal_length_35mm.value_or(0), options.index, options.index_error, options.g,
+      options.g_error, options.resolution, options.luminance, photograph.mask, options.refine.init,
+      options.refine.starts, options.refine.seed, options.refine.max_spp);
+}
+
+constexpr const char* kOptionsFile = "options.txt";
+
+// None goes on in the folder of another one.
+void require_same(const FitOptions& options, const fs::path& folder) {
+  const fs::path file = folder / kOptionsFile;
+  if (!fs::exists(file)) return;
+  const std::string before = read_file(file, "options"), now = in_words(options);
+  if (before == now) return;
+  throw invalid_input(
+      fmt::format("choose another folder: {} has a fit of other options ({}):\n{}these are\n{}",
+                  folder.string(), kOptionsFile, before, now));
+}
+
 void write_report(const FitOptions& options, const fs::path& folder, const v1::FitResult& result) {
   constexpr uint32_t kSwatchSpp = 64;
   const v1::Scene scene = load_scene(result.poses(0).scene());
@@ -338,10 +375,12 @@ void run_fit(const FitOptions& options) {
   check_folder_writable(folder);
   const FolderLock lock(folder, "fits a material");
   lock.remove_temporary_files();
+  require_same(options, folder);
   v1::FitResult result;
   RefineOptions refine = options.refine;
   write_posed_scenes(options, folder, refine, result);
   set_unknowns(options, refine);
+  write_file_atomically(folder / kOptionsFile, in_words(options));
   const std::vector<v1::RefineResult> found = find_materials(refine);
   result.mutable_results()->Add(found.begin(), found.end());
   write_report(options, folder, result);

@@ -109,6 +109,14 @@ FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& opt
       plane.push_back(static_cast<float>(double{pixels[p]} / white[c]));
     }
   }
+  if (options.luminance) {
+    Image luminance;
+    luminance.width = luminance.height = photograph.side;
+    luminance.channels["Y"] =
+        radiance_of(photograph.image, photograph.channels, v1::Film::LUMINANCE);
+    photograph.image = luminance;
+    photograph.channels = {"Y"};
+  }
   photograph.mask = at_side(marked.mask, 1, photograph.side);
   photograph.pose_mask = at_side(marked.mask, 1, photograph.pose_side);
   std::vector<float> clipped(marked.mask.size());
@@ -174,8 +182,8 @@ v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options) {
                   static_cast<float>(photograph.height));
   scene.mutable_film()->set_width(static_cast<uint32_t>(photograph.side));
   scene.mutable_film()->set_height(static_cast<uint32_t>(photograph.side));
-  scene.mutable_film()->set_channel(
-      photograph.channels.size() == 3 && !options.luminance ? v1::Film::RGB : v1::Film::LUMINANCE);
+  scene.mutable_film()->set_channel(photograph.channels.size() == 3 ? v1::Film::RGB
+                                                                    : v1::Film::LUMINANCE);
 
   v1::Light& light = *scene.add_lights();
   if (is_by_flash(options)) {

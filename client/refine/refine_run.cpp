@@ -208,7 +208,7 @@ std::string to_table(std::span<const v1::RefineResult> results) {
   const auto name = [&](size_t colour) {
     return results.size() == kRgb.size() ? kRgb.at(colour) : "luminance";
   };
-  std::string text = fmt::format("{:<26}", "");
+  std::string text = fmt::format("{:<28}", "");
   for (size_t c = 0; c < results.size(); ++c) text += fmt::format("{:<32}", name(c));
   text += '\n';
   const auto cell = [](const v1::RefineResult& result, const v1::RefinedParameter& p) {
@@ -217,7 +217,7 @@ std::string to_table(std::span<const v1::RefineResult> results) {
     return fmt::format("{:<32}", fmt::format("{:.4g}{}", p.value(), interval));
   };
   const auto row = [&](const std::string& title, const auto& parameter) {
-    text += fmt::format("{:<26}", title);
+    text += fmt::format("{:<28}", title);
     for (const v1::RefineResult& result : results) text += cell(result, parameter(result));
     text += '\n';
   };
@@ -229,12 +229,12 @@ std::string to_table(std::span<const v1::RefineResult> results) {
   row("albedo", [](const auto& r) { return r.albedo(); });
   // What all colours have in common.
   const auto common = [&](const std::string& title, const v1::RefinedParameter& p) {
-    text += fmt::format("{:<26}{}\n", title, cell(results.front(), p));
+    text += fmt::format("{:<28}{}\n", title, cell(results.front(), p));
   };
   constexpr double kGiven = 1e-3;
   const v1::RefinedParameter& g = results.front().g();
   if (g.high_95() - g.low_95() < kGiven) {
-    text += fmt::format("{:<26}{:.4g} (as given)\n", "g", g.value());
+    text += fmt::format("{:<28}{:.4g} (as given)\n", "g", g.value());
   } else {
     common("g", g);
   }

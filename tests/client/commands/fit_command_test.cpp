@@ -114,6 +114,11 @@ TEST_F(FitCommand, FindsPoseAndMaterial) {
               AllOf(HasSubstr("Where the object stands"), HasSubstr("For renderers"),
                     HasSubstr("sigma_a"), HasSubstr("g was given, not found")));
   EXPECT_EQ(material.diffuse_albedo().value(), diffuse_albedo(from_proto(material.material())));
+  const Finished other =
+      run(command({"--object-size", "46", "--focal-length", std::to_string(kFocalLength)},
+                  folder_->path("shapes/mug.ply")));
+  EXPECT_EQ(other.exit_code, 3);
+  EXPECT_THAT(other.errors, HasSubstr("has a fit of other options"));
   // What it wrote is what itn refine takes, corrected or not.
   const Finished again =
       run({kItn, "refine", folder_->path("out/photograph.exr"), "--scene", pose.scene(), "--init",
@@ -128,6 +133,7 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
     EXPECT_THAT(done.errors, HasSubstr(message));
   };
   const std::string focal = std::to_string(kFocalLength);
+  fs::remove_all(folder_->path("out"));
   refuse(command({"--object-size", "45"}), 3, "--focal-length");
   refuse(command({"--focal-length", focal}), 2, "--object-size is required");
   refuse(command({"--object-size", "45", "--light", "room.exr", "--gray-card", "1,1,8,8"}), 2,
