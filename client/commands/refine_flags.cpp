@@ -83,8 +83,13 @@ void add_flags(CLI::App& command, RefineOptions& options) {
           },
           "NAME=DEVIATION, separated by commas: how well the scene files know what --unknown "
           "names, "
-          "or exposure, as a standard deviation: rough_dielectric.index=0.03,exposure=0.05")
+          "or exposure, as a standard deviation: rough_dielectric.index=0.03,exposure=0.05; or g, "
+          "about --expected-g")
       ->delimiter(',');
+  command
+      .add_option("--expected-g", options.expected_g, "What g is about, with --known-within g=...")
+      ->check(number_in(-0.98, 0.98))
+      ->capture_default_str();
   command
       .add_option(
           "--block", options.block,
