@@ -16,20 +16,22 @@ using Plane = Eigen::VectorXd;
 // Means over neighbours within the mask, the nearer ones counted more.
 Plane smoothed(const Plane& plane, const std::vector<float>& mask, int side) {
   Plane result = Plane::Zero(plane.size());
+  const auto index = [side](int x, int y) { return Eigen::Index{y} * side + x; };
+  const auto counts = [&](int x, int y) {
+    return is_on_object(mask[static_cast<size_t>(index(x, y))]);
+  };
   for (int y = 0; y < side; ++y) {
     for (int x = 0; x < side; ++x) {
       double sum = 0, weights = 0;
       for (int v = std::max(0, y - 1); v <= std::min(side - 1, y + 1); ++v) {
         for (int u = std::max(0, x - 1); u <= std::min(side - 1, x + 1); ++u) {
-          if (!is_on_object(mask[static_cast<size_t>(v * side + u)])) continue;
+          if (!counts(u, v)) continue;
           const double weight = (u == x ? 2.0 : 1.0) * (v == y ? 2.0 : 1.0);
-          sum += weight * plane[v * side + u];
+          sum += weight * plane[index(u, v)];
           weights += weight;
         }
       }
-      if (is_on_object(mask[static_cast<size_t>(y * side + x)])) {
-        result[y * side + x] = sum / weights;
-      }
+      if (counts(x, y)) result[index(x, y)] = sum / weights;
     }
   }
   return result;

@@ -140,9 +140,10 @@ void Descent::accumulate(const Evaluation& evaluation) {
   normal_equations_ = scaled(normal_equations_, decay);
   normal_equations_ += scaled(evaluation.equations, spp_);
   samples_ = decay * samples_ + spp_;
-  for (size_t i = 0; i < image_equations_.size(); ++i)
+  for (size_t i = 0; i < image_equations_.size(); ++i) {
     image_equations_[i].accumulate(evaluation.per_image[i], seen_in(moved, observations_[i].colour),
                                    decay, long_decay);
+  }
   collect_moments();
   linearization_point_ = evaluation.x;
   loss_ = evaluation.loss;
