@@ -15,8 +15,7 @@
 #include "client/commands/fit.h"
 #include "client/commands/fit_photograph.h"
 #include "client/commands/fit_report.h"
-#include "client/fit/disturbances.h"
-#include "client/fit/pose_search.h"
+#include "client/commands/fit_stand.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
@@ -38,146 +37,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// How far g may be from what it is taken for: that of nearly all that is translucent.
-constexpr double kDoubtOfG = 0.4;
 // The deviation of a g that is given.
 constexpr double kAsGiven = 1e-4;
-
-constexpr const char* kRoughness = "rough_dielectric.roughness";
-
-// ---- The pose --------------------------------------------------------------------------------
-
-// A few steps of a refinement of the luminance.
-struct Scouting {
-  double loss = 0;
-  Material material;
-};
-
-Scouting scout(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose, v1::Scene scene,
-               const FitOptions& options, uint32_t starts, const Synthesize& synthesize) {
-  place(pose, mesh, options, scene);
-  scene.mutable_film()->set_channel(v1::Film::LUMINANCE);
-  const std::vector<Observation> observations{
-      {.name = photograph.name,
-       .radiance = radiance_of(photograph.image, photograph.channels, v1::Film::LUMINANCE),
-       .mask = pixels_of_object(photograph, mesh, pose),
-       .noise = {},
-       .scene = serialize(scene)}};
-  v1::RefineSettings settings;
-  settings.set_unknown_exposure(true);
-  if (options.photograph.gray_card && options.card_error > 0) {
-    (*settings.mutable_known_within())[kExposure] = options.card_error;
-  }
-  settings.add_unknowns(kRoughness);
-  settings.set_spp(32);
-  settings.set_max_spp(64);
-  settings.set_max_iterations(8);
-  settings.set_seed(options.refine.seed);
-  settings = with_defaults(settings);
-  Refinement refinement(settings, observations,
-                        starts_around(mean_of_size(longest_side(bounds(mesh))), starts));
-  while (!refinement.finished()) refinement.step(synthesize);
-  return {refinement.result().loss(), refinement.material()};
-}
-
-// Of another g: the material that looks about alike.
-Material of_similar_light(const Material& material, double g) {
-  const double sigma_s = material.sigma_s_reduced() / (1 - g);
-  const double sigma_t = sigma_s + material.sigma_a();
-  return {std::clamp(sigma_t, kMinRefinedSigmaT, kMaxRefinedSigmaT), sigma_s / sigma_t, g};
-}
-
-struct ChosenPose {
-  FoundPose found;
-  size_t alike = 1;  // that the silhouette does not tell apart
-  bool is_ambiguous = false;
-};
-
-ChosenPose choose_pose(const FitPhotograph& photograph, const Mesh& mesh, const v1::Scene& scene,
-                       const FitOptions& options, const Synthesize& synthesize) {
-  std::vector<FoundPose> poses = find_poses(
-      mesh, photograph.pose_mask, view_of(photograph, photograph.pose_side), {}, interruption());
-  constexpr double kLeastOverlap = 0.9;
-  const double best = std::ranges::max(poses, {}, &FoundPose::overlap).overlap;
-  if (best < kLeastOverlap) {
-    throw invalid_input(fmt::format(
-        "{}: wherever the shape stands, its silhouette and the mask overlap by {:.0f} % at most. "
-        "Is {} the shape of the object, the focal length right, and the mask of the object alone?",
-        photograph.name, 100 * best, options.shape));
-  }
-  std::erase_if(poses, [&](const FoundPose& one) {
-    const std::vector<float> mask = pixels_of_object(photograph, mesh, one.pose);
-    return one.overlap < kLeastOverlap || std::ranges::none_of(mask, is_on_object);
-  });
-  if (poses.empty()) {
-    throw invalid_input(
-        fmt::format("{}: no pixel shows the object alone, unclipped: it is too small or too thin",
-                    photograph.name));
-  }
-  if (poses.size() == 1) return {poses.front()};
-  constexpr size_t kMostTried = 8;
-  const size_t tried = std::min(poses.size(), kMostTried);
-  std::vector<std::pair<double, size_t>> losses;
-  for (size_t i = 0; i < tried; ++i) {
-    const Scouting found = scout(photograph, mesh, poses[i].pose, scene, options, 1, synthesize);
-    losses.emplace_back(found.loss, i);
-  }
-  std::ranges::sort(losses);
-  constexpr double kDoubtful = 1.3;
-  const auto& [least, first] = losses.front();
-  const bool is_clear = poses.size() == tried && losses[1].first > kDoubtful * least;
-  return {poses[first], poses.size(), !is_clear};
-}
-
-// What errors of the pose do to the photograph, and a g that is another.
-std::vector<std::vector<float>> disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
-                                                const FoundPose& found, const v1::Scene& scene,
-                                                const Material& material, const FitOptions& options,
-                                                RenderPool& pool) {
-  constexpr uint32_t kSpp = 256, kEstimates = 4;
-  // So many standard deviations from the middle, that the noise is small beside the difference.
-  constexpr double kFar = 2;
-  std::vector<RenderJob> jobs;
-  const auto add_job = [&](const Pose& pose, const Material& of_material) {
-    v1::Scene moved = scene;
-    place(pose, mesh, options, moved);
-    moved.mutable_film()->set_channel(v1::Film::LUMINANCE);
-    RenderJob& job = jobs.emplace_back(RenderJob{.scene = serialize(moved), .request = {}});
-    *job.request.mutable_material() = to_proto(of_material);
-    job.request.set_spp(kSpp);
-    job.request.set_seed(options.refine.seed);
-    job.request.set_estimates(kEstimates);
-    job.request.set_pixels(v1::OBJECT_PIXELS);
-  };
-  const Vec3d middle = middle_of(bounds(mesh));
-  std::vector<PoseMove> errors = found.errors;
-  // The mask may be half a pixel too large or too small all around.
-  errors.push_back({{}, found.pose.to_scene(middle) * (1.0 / photograph.pose_side)});
-  for (const PoseMove& error : errors) {
-    for (const double times : {kFar, -kFar}) {
-      add_job(moved(found.pose, middle, error, times), material);
-    }
-  }
-  std::vector<double> apart(errors.size(), 2 * kFar);
-  if (options.g_error == 0) {
-    for (const double g : {options.g + kDoubtOfG, options.g - kDoubtOfG}) {
-      add_job(found.pose, of_similar_light(material, std::clamp(g, -kMaxAbsG, kMaxAbsG)));
-    }
-    apart.push_back(2);
-  }
-  std::vector<RenderedChange> changes(apart.size());
-  const std::vector<v1::RenderGradReply> replies = pool.render_split(jobs, [](double /*fraction*/) {
-    if (interruption().stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
-  });
-  for (size_t i = 0; i < replies.size(); ++i) {
-    RenderedChange& change = changes[i / 2];
-    change.apart = apart[i / 2];
-    for (const v1::Estimate& estimate : replies[i].estimates()) {
-      (i % 2 == 0 ? change.more : change.less).push_back(from_bytes<float>(estimate.radiance()));
-    }
-  }
-  return disturbances_of(changes, pixels_of_object(photograph, mesh, found.pose), photograph.side);
-}
 
 // The photograph with the contour of the shape.
 void write_overlay(const fs::path& file, const FitPhotograph& photograph, const Mesh& mesh,
@@ -196,14 +57,16 @@ void write_overlay(const fs::path& file, const FitPhotograph& photograph, const 
   write_png(file, side, side, rgb);
 }
 
+// Differences hang together over a 24th of the frame (RefineSettings.block).
+uint32_t block_of(int side) {
+  constexpr int kBlocksPerSide = 24;
+  return static_cast<uint32_t>(std::max(1, side / kBlocksPerSide));
+}
+
 // ---- All of it -------------------------------------------------------------------------------
 
 void check(const FitOptions& options) {
   const auto usage = [](const std::string& message) { return Error(ErrorKind::kUsage, message); };
-  if (options.photograph.gray_card && !is_by_flash(options)) {
-    throw usage(
-        "--gray-card is for --light flash: how bright a card is in a panorama is not computed");
-  }
   if (options.photograph.gray_card && options.images.size() > 1) {
     throw usage("--gray-card is of one photograph; several are fitted without, or one by one");
   }
@@ -224,7 +87,6 @@ void check(const FitOptions& options) {
 void write_posed_scenes(const FitOptions& options, const fs::path& folder, RefineOptions& refine,
                         v1::FitResult& result) {
   RenderPool pool(options.refine.workers.pool_options());
-  const Synthesize synthesize = rendered_by(pool, interruption());
   for (size_t i = 0; i < options.images.size(); ++i) {
     FitPhotograph photograph = load_fit_photograph(options.images[i], options);
     const std::string stem = options.images.size() == 1 ? "" : fmt::format("_{}", i);
@@ -233,8 +95,8 @@ void write_posed_scenes(const FitOptions& options, const fs::path& folder, Refin
     write_file_atomically(scene_file, to_text_proto(scene));
     const v1::Scene loaded = load_scene(scene_file);
     const Mesh mesh = MeshBuilder(UINT64_MAX).build("object.mesh", loaded.object().mesh());
-    const ChosenPose chosen = choose_pose(photograph, mesh, loaded, options, synthesize);
-    const FoundPose& found = chosen.found;
+    const FoundStand stand = find_stand(photograph, mesh, loaded, options, pool);
+    const FoundPose& found = stand.pose;
     v1::FitPose& pose = *result.add_poses();
     pose.set_image(photograph.name);
     pose.set_scene(scene_file.string());
@@ -244,27 +106,29 @@ void write_posed_scenes(const FitOptions& options, const fs::path& folder, Refin
     pose.set_angle_error(found.angle_error);
     pose.set_range_error(found.range_error);
     pose.set_range(length(found.pose.to_scene(middle_of(bounds(mesh)))));
-    pose.set_alike(static_cast<uint32_t>(chosen.alike));
-    pose.set_ambiguous(chosen.is_ambiguous);
-    place(found.pose, mesh, options, scene);
+    pose.set_alike(static_cast<uint32_t>(stand.alike));
+    pose.set_ambiguous(stand.ambiguous);
+    if (!is_by_flash(options)) {
+      pose.set_panorama_turn(std::remainder(stand.stand.panorama_turn, 360.0));
+      pose.set_turn_ambiguous(stand.turn_ambiguous);
+    }
+    place(stand.stand, mesh, options, scene);
     write_overlay(folder / fmt::format("pose{}.png", stem), photograph, mesh, found.pose);
     photograph.image.channels["mask.Y"] = pixels_of_object(photograph, mesh, found.pose);
-    const Material scouted =
-        scout(photograph, mesh, found.pose, loaded, options, options.refine.starts, synthesize)
-            .material;
     if (options.refine.init == "mean") {
-      const Material start = of_similar_light(scouted, options.g);
+      const Material start = of_similar_light(stand.material, options.g);
       refine.init = fmt::format("{},{},{}", start.sigma_t, start.albedo, start.g);
       refine.starts = 1;
     }
     const std::vector<std::vector<float>> disturbances =
-        disturbances_of(photograph, mesh, found, loaded, scouted, options, pool);
+        disturbances_of(photograph, mesh, stand, loaded, options, pool);
     for (size_t d = 0; d < disturbances.size(); ++d) {
       photograph.image.channels[fmt::format("{}{}", kDisturbance, d)] = disturbances[d];
     }
     const fs::path image_file = folder / fmt::format("photograph{}.exr", stem);
     write_exr(image_file, photograph.image);
     write_file_atomically(scene_file, to_text_proto(scene));
+    refine.block = block_of(photograph.side);
     refine.images.push_back(image_file.string());
     refine.scenes.push_back(scene_file.string());
   }
@@ -286,10 +150,8 @@ void set_unknowns(const FitOptions& options, RefineOptions& refine) {
   }
   refine.expected_g = options.g;
   refine.known_within[kKnownG] = options.g_error > 0 ? options.g_error : kAsGiven;
-  refine.unknown_exposure = !options.photograph.gray_card || options.card_error > 0;
-  if (options.photograph.gray_card && options.card_error > 0) {
-    refine.known_within[kExposure] = options.card_error;
-  }
+  refine.unknown_exposure = !options.photograph.gray_card || card_error_of(options) > 0;
+  if (card_error_of(options) > 0) refine.known_within[kExposure] = card_error_of(options);
 }
 
 std::string to_text(const v1::FitResult& result, const fs::path& folder) {
@@ -306,6 +168,16 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
           "shape is not symmetric, the material may be wrong with the pose\n",
           pose.image(), pose.alike());
     }
+    if (pose.has_panorama_turn()) {
+      text += fmt::format("{}: the panorama is turned by {:.0f} degrees\n", pose.image(),
+                          pose.panorama_turn());
+    }
+    if (pose.turn_ambiguous()) {
+      text += fmt::format(
+          "{}: another turn of the panorama fits about as well: if --panorama-turn is known, say "
+          "so\n",
+          pose.image());
+    }
   }
   text += to_table(std::vector(result.results().begin(), result.results().end()));
   text +=
@@ -320,18 +192,20 @@ std::string in_words(const FitOptions& options) {
   const PhotographOptions& photograph = options.photograph;
   return fmt::format(
       "photographs: {}\nshape: {}, size {}, mesh unit {}, repair {}\nlight: {}, flash {} within "
-      "{}, panorama {}, camera {}\ncard: {} of {} at {} within {}\nfocal length: {}\nindex: {} "
+      "{}, panorama {}, camera {} within {}\ncard: {} of {} at {} within {}\nfocal length: "
+      "{}\nindex: {} "
       "within {}\ng: {} within {}\nresolution: {}, luminance {}\nmask: {}\nstart: {}, {} starts, "
       "seed {}, spp {}\n",
       fmt::join(options.images, " "), options.shape, photograph.object_size.value_or(0),
       static_cast<int>(options.refine.mesh_unit.value_or(v1::MM)), options.repair, options.light,
-      fmt::join(options.flash_offset, ","), options.flash_error, options.panorama_turn,
-      options.camera_down,
+      fmt::join(options.flash_offset, ","), options.flash_error,
+      options.panorama_turn ? fmt::format("{}", *options.panorama_turn) : "found",
+      options.camera_down, options.turn_error,
       photograph.gray_card
           ? fmt::format("{},{},{},{}", photograph.gray_card->x, photograph.gray_card->y,
                         photograph.gray_card->width, photograph.gray_card->height)
           : "none",
-      photograph.gray, options.card_distance.value_or(0), options.card_error,
+      photograph.gray, options.card_distance.value_or(0), card_error_of(options),
       options.focal_length_35mm.value_or(0), options.index, options.index_error, options.g,
       options.g_error, options.resolution, options.luminance, photograph.mask, options.refine.init,
       options.refine.starts, options.refine.seed, options.refine.max_spp);

@@ -18,13 +18,15 @@ struct FitOptions {
   std::string light = "flash";                 // or the file of a panorama
   std::vector<double> flash_offset{0, 12, 0};  // from the lens, in mm: to the right, up, back
   std::optional<double> card_distance;         // of the gray card from the flash, in mm
-  double panorama_turn = 0;                    // degrees
+  std::optional<double> panorama_turn;         // degrees; absent: as light and shade say
   double camera_down = 0;                      // degrees below the horizon
   std::optional<double> focal_length_35mm;     // absent: as EXIF says
   double index = 1.5;
   // Standard deviations of what is said: of the index; of the flash's place to the side and up, in
-  // mm; of the light on the card, as a part. 0: exact.
-  double index_error = 0.03, flash_error = 5, card_error = 0.03;
+  // mm; of the turn of a panorama and of camera_down, in degrees; of the light on the card, as a
+  // part. 0: exact.
+  double index_error = 0.03, flash_error = 5, turn_error = 2;
+  std::optional<double> card_error;  // absent: card_error_of()
   // What g is taken for. 0: it is not found; what another one would change is a disturbance. Else
   // it is found, and is known so well before, as a standard deviation.
   double g = 0.4, g_error = 0;
@@ -32,6 +34,10 @@ struct FitOptions {
   int resolution = 96;   // pixels a side of the fit
   RefineOptions refine;  // mesh unit, start, limits, output, workers
 };
+
+// As said; or 0.03 by flash, and 0.06 in a panorama, where the object shades the card; without one
+// 0.
+double card_error_of(const FitOptions& options);
 
 void run_fit(const FitOptions& options);
 

@@ -32,7 +32,7 @@ void add_flags(CLI::App& command, FitOptions& options) {
   command
       .add_option("--light", options.light,
                   "flash: of the camera, in a dark room; or the file of a panorama (EXR or .hdr) "
-                  "of the room, in the middle of which is what the camera looks at")
+                  "of the room, of linear radiance")
       ->capture_default_str();
   command
       .add_option("--flash-offset", options.flash_offset,
@@ -44,13 +44,20 @@ void add_flags(CLI::App& command, FitOptions& options) {
   command
       .add_option(
           "--panorama-turn", options.panorama_turn,
-          "Of the panorama about the vertical, in degrees, counter-clockwise seen from above")
-      ->check(number_in(-360.0, 360.0))
-      ->capture_default_str();
+          "Of the panorama about the vertical, in degrees, counter-clockwise seen from above: at "
+          "0, "
+          "its middle lies where the camera looks. Default: as light and shade on the object say")
+      ->check(number_in(-360.0, 360.0));
   command
       .add_option("--camera-down", options.camera_down,
                   "How far below the horizon the camera looks, in degrees; counts with a panorama")
       ->check(number_in(-89.0, 89.0))
+      ->capture_default_str();
+  command
+      .add_option("--turn-error", options.turn_error,
+                  "How well the turn of the panorama and --camera-down are known, in degrees, as a "
+                  "standard deviation")
+      ->check(number_in(0.0, 20.0))
       ->capture_default_str();
   command
       .add_option("--focal-length", options.focal_length_35mm,
@@ -100,12 +107,13 @@ void add_flags(CLI::App& command, FitOptions& options) {
       ->check(number_in(1.0, 1e5))
       ->needs(card);
   command
-      .add_option("--card-error", options.card_error,
-                  "How well card, its distance and its angle tell the light, as a part of it or in "
-                  "percent, likewise")
+      .add_option(
+          "--card-error", options.card_error,
+          "How well card, its distance and its angle tell the light, as a part of it or in "
+          "percent, likewise. Default: 0.03, in a panorama, where the object shades the card, "
+          "0.06")
       ->transform(kPercentToPart)
       ->check(number_in(0.0, 0.5))
-      ->capture_default_str()
       ->needs(card);
   add_encoding_flag(command, photograph.reading.is_linear);
   add_layer_flag(command, photograph.reading.layer);
@@ -141,7 +149,6 @@ void add_fit_command(CLI::App& app) {
   options->refine.starts = 4;
   options->refine.max_spp = 4096;
   options->refine.time_limit = 150;
-  options->refine.block = 4;
   CLI::App* command = app.add_subcommand(
       "fit", "Find the material of an object of known shape from its photograph");
   add_flags(*command, *options);

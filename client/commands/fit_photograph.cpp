@@ -10,12 +10,14 @@
 #include <optional>
 #include <span>
 
+#include "client/dataset/panorama.h"
 #include "client/interrupt.h"
 #include "client/predict/photograph_input.h"
 #include "common/angle.h"
 #include "common/error.h"
 #include "common/geometry/shapes.h"
 #include "common/scene/field_check.h"
+#include "common/scene/panorama_file.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -35,6 +37,9 @@ double focal_of(const PhotographContent& content, const std::string& name,
   }
   return *in_35mm / kDiagonal * std::hypot(content.width(), content.height());
 }
+
+// Where the camera looks, in mm before it.
+constexpr double kAhead = 1000;
 
 // Of a lamp of a phone, in mm. A lamp that has a size has a derivative in its place.
 constexpr float kFlashRadius = 2;
@@ -61,11 +66,29 @@ void set_rotation(const Rotation<double>& rotation, v1::Rotation& to) {
   to.set_angle_degrees(static_cast<float>(angle / kRadiansPerDegree));
 }
 
-// The camera is at the origin and looks along -z, or below the horizon of a panorama.
-Rotation<double> camera_rotation(const FitOptions& options) {
-  const double angle = is_by_flash(options) ? 0 : options.camera_down * kRadiansPerDegree;
+Rotation<double> looking_down(double degrees) {
+  const double angle = degrees * kRadiansPerDegree;
   const double c = std::cos(angle), s = std::sin(angle);
   return {{1, 0, 0}, {0, c, s}, {0, -s, c}};
+}
+
+// The radiance of a white card in the light of the scene, by channel: before a flash 1 (place());
+// in a panorama that of a card that faces up.
+std::vector<double> white_in_light(const std::vector<std::string>& channels,
+                                   const FitOptions& options) {
+  std::vector<double> white(channels.size(), 1);
+  if (is_by_flash(options)) return white;
+  const v1::Pixels panorama = load_panorama(options.light);
+  constexpr std::array kColours{v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE};
+  for (size_t c = 0; c < white.size(); ++c) {
+    const v1::Film::Channel film = white.size() == 3 ? kColours[c] : v1::Film::LUMINANCE;
+    white[c] = irradiance_from_above(panorama, film) / std::numbers::pi;
+    if (white[c] > 0) continue;
+    throw invalid_input(
+        fmt::format("{} is black above the horizon: it does not light a gray card that faces up",
+                    options.light));
+  }
+  return white;
 }
 
 }  // namespace
@@ -98,15 +121,18 @@ FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& opt
     return averaged(values, channels, content.width(), photograph.square, side, interruption());
   };
   const int channels = view.channels;
-  const std::vector<double> white = reading.gray_card
-                                        ? white_of_card(marked, name, reading)
-                                        : std::vector<double>(static_cast<size_t>(channels), 1);
+  std::vector<double> factors(static_cast<size_t>(channels), 1);
+  if (reading.gray_card) {
+    factors = white_in_light(content.channels, options);
+    const std::vector<double> white = white_of_card(marked, name, reading);
+    for (size_t c = 0; c < white.size(); ++c) factors[c] /= white[c];
+  }
   const std::vector<float> pixels = at_side(marked.pixels, channels, photograph.side);
   photograph.image.width = photograph.image.height = photograph.side;
-  for (size_t c = 0; c < white.size(); ++c) {
+  for (size_t c = 0; c < factors.size(); ++c) {
     std::vector<float>& plane = photograph.image.channels[content.channels[c]];
-    for (size_t p = c; p < pixels.size(); p += white.size()) {
-      plane.push_back(static_cast<float>(double{pixels[p]} / white[c]));
+    for (size_t p = c; p < pixels.size(); p += factors.size()) {
+      plane.push_back(static_cast<float>(double{pixels[p]} * factors[c]));
     }
   }
   if (options.luminance) {
@@ -144,6 +170,11 @@ bool is_by_flash(const FitOptions& options) {
   return options.light == "flash";
 }
 
+double card_error_of(const FitOptions& options) {
+  if (!options.photograph.gray_card) return 0;
+  return options.card_error.value_or(is_by_flash(options) ? 0.03 : 0.06);
+}
+
 v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options) {
   v1::Scene scene;
   v1::Object& object = *scene.mutable_object();
@@ -166,10 +197,8 @@ v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options) {
 
   v1::Camera& camera = *scene.mutable_camera();
   set(*camera.mutable_origin(), {});
-  const Rotation<double> rotation = camera_rotation(options);
-  constexpr double kAhead = 1000;
-  set(*camera.mutable_target(), rotation(Vec3d{0, 0, -kAhead}));
-  set(*camera.mutable_up(), rotation(Vec3d{0, 1, 0}));
+  set(*camera.mutable_target(), {0, 0, -kAhead});
+  set(*camera.mutable_up(), {0, 1, 0});
   camera.set_fov_degrees(static_cast<float>(
       2 * std::atan(0.5 * photograph.width / photograph.focal) / kRadiansPerDegree));
   v1::Crop& crop = *camera.mutable_crop();
@@ -188,26 +217,30 @@ v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options) {
   v1::Light& light = *scene.add_lights();
   if (is_by_flash(options)) {
     const auto& offset = options.flash_offset;
-    set(*light.mutable_sphere()->mutable_center(),
-        rotation(Vec3d{offset[0], offset[1], offset[2]}));
+    set(*light.mutable_sphere()->mutable_center(), {offset[0], offset[1], offset[2]});
     light.mutable_sphere()->set_radius(kFlashRadius);
   } else {
     light.mutable_environment_map()->set_path(fs::absolute(options.light).string());
-    // The left edge of a panorama lies along -z, where the camera looks; its middle is to do so.
-    light.mutable_environment_map()->set_rotate_y_degrees(
-        static_cast<float>(180 + options.panorama_turn));
   }
   return scene;
 }
 
-void place(const Pose& pose, const Mesh& shape, const FitOptions& options, v1::Scene& scene) {
-  const Rotation<double> rotation = camera_rotation(options);
+void place(const Stand& stand, const Mesh& shape, const FitOptions& options, v1::Scene& scene) {
+  const Pose& pose = stand.pose;
+  const Rotation<double> rotation = looking_down(stand.camera_down);
+  set(*scene.mutable_camera()->mutable_target(), rotation(Vec3d{0, 0, -kAhead}));
+  set(*scene.mutable_camera()->mutable_up(), rotation(Vec3d{0, 1, 0}));
   v1::Mesh& mesh = *scene.mutable_object()->mutable_mesh();
   set_rotation(rotation.after(pose.rotation), *mesh.add_transforms()->mutable_rotate());
   set(*mesh.add_transforms()->mutable_translate(), rotation(pose.translation));
   for (v1::Light& light : *scene.mutable_lights()) {
+    if (light.has_environment_map()) {
+      // The left edge of a panorama lies along -z, where the camera looks; its middle is to do so.
+      light.mutable_environment_map()->set_rotate_y_degrees(
+          static_cast<float>(180 + stand.panorama_turn));
+    }
     if (!light.has_sphere()) continue;
-    const Vec3d flash = rotation.inverse()(to_vec(light.sphere().center()));
+    const Vec3d flash = to_vec(light.sphere().center());
     const double range =
         options.card_distance.value_or(length(pose.to_scene(middle_of(bounds(shape))) - flash));
     const double seen = kFlashRadius / range;

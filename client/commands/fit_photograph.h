@@ -39,14 +39,21 @@ PinholeView view_of(const FitPhotograph& photograph, int side);
 bool is_builtin(const std::string& shape);
 bool is_by_flash(const FitOptions& options);
 
-// With the object where its mesh has it. The camera is at the origin and looks along -z, or below
-// the horizon of a panorama.
+// How object and camera stand in the light.
+struct Stand {
+  Pose pose;                 // in front of the camera
+  double panorama_turn = 0;  // degrees, counter-clockwise seen from above
+  double camera_down = 0;    // degrees below the horizon
+};
+
+// Without a stand: the camera is at the origin and looks along -z, and the object is where its mesh
+// has it.
 v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options);
 
-// Moves the object of such a scene to where `pose`, in front of the camera, has the shape. The
+// Turns camera and light of such a scene, and moves its object to where the pose has the shape. A
 // flash is then so bright that a white card has radiance 1 which faces it, as far away as the
 // object or as was said.
-void place(const Pose& pose, const Mesh& shape, const FitOptions& options, v1::Scene& scene);
+void place(const Stand& stand, const Mesh& shape, const FitOptions& options, v1::Scene& scene);
 
 // 1 where a pixel, of the side of the fit, shows the object alone in the photograph and in the
 // scene, and nothing that is clipped; else 0.

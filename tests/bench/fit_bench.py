@@ -7,6 +7,8 @@ flash, index), and prints the errors, and how many truths lie in the 95 % interv
 
   fit_bench.py --itn build/release/bin/itn --out /tmp/fit --cases 12 --setup card|plain|panorama
 
+card: a flash in a dark room, and a gray card; plain: the same without one; panorama: a room whose panorama is
+given, not its turn, and a card that lies beside the object. --lie: how often is it told that an answer is wrong?
 Cases that are in --out are not fitted again. Needs python3-numpy and python3-openimageio (Debian).
 """
 import argparse
@@ -23,9 +25,12 @@ SHAPES = ["sphere", "mug", "figure", "knot", "random:3", "random:8"]
 # Reduced scattering and absorption of materials of Jensen et al. 2001 (green), 1/mm, and others.
 MATERIALS = [(2.62, 0.0041), (0.70, 0.0012), (1.51, 0.031), (0.88, 0.095), (0.4, 0.02), (3.0, 0.1), (1.0, 0.3), (6.0, 0.05)]
 DISTURBANCES = ["focal", "mask", "flash", "index"]
+# What makes any answer wrong, which is to be told.
+LIES = ["size", "light", "stretch", "two", "curve"]
 SIDE = 512  # pixels of the photograph
 FOV = 20.0  # degrees
 SIZE = 40.0  # mm
+DOWN = 35.0  # degrees below the horizon that the camera looks in a room
 
 
 def run(*command):
@@ -71,43 +76,116 @@ def shape_of(name, folder, itn):
     return f'path: "{made[number].resolve()}"', str(made[number].resolve())
 
 
-def scene(mesh, rng, setup, roughness, index, flash):
+def room(rng):
+    """A panorama of gray walls, a floor that is darker, a bright ceiling, two windows and a lamp."""
+    height, width = 64, 128
+    up = 90 - 180 * (np.arange(height) + 0.5) / height
+    around = 360 * (np.arange(width) + 0.5) / width
+    pixels = np.where(up < -20, 0.25, np.where(up > 45, 0.6, 0.4))[:, None] * np.ones(width)
+    middle = rng.uniform(0, 360)
+    for at, tall, wide, radiance in ((middle, 25, 25, 12), (middle + rng.uniform(90, 150), 20, 15, 6)):
+        turned = np.abs((around - at + 180) % 360 - 180)
+        pixels[np.outer(np.abs(up - 20) < tall, turned < wide)] = radiance
+    turned = np.abs((around - rng.uniform(0, 360) + 180) % 360 - 180)
+    pixels[np.outer(np.abs(up - 70) < 8, turned < 20)] = 30
+    return pixels
+
+
+def write_panorama(path, pixels):
+    out = oiio.ImageOutput.create(str(path))
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 1, "float")
+    spec.channelnames = ("Y",)
+    out.open(str(path), spec)
+    out.write_image(np.ascontiguousarray(pixels[..., None], dtype="float32"))
+    out.close()
+
+
+def looking_down(v, degrees):
+    """From the coordinates of a camera that looks so far down to those of the room."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return v[0], c * v[1] + s * v[2], -s * v[1] + c * v[2]
+
+
+def by_flash(setup):
+    return setup != "panorama"
+
+
+def vector(v):
+    return f"{{ x: {v[0]} y: {v[1]} z: {v[2]} }}"
+
+
+def pixel_of(point):
+    """Of a point before the camera."""
+    focal = SIDE / 2 / math.tan(math.radians(FOV / 2))
+    return SIDE / 2 + focal * point[0] / -point[2], SIDE / 2 - focal * point[1] / -point[2]
+
+
+def card_in(setup):
+    """A gray card before the camera: its middle, and half its sides. As far as the object by flash; flat in a room."""
+    if setup == "card":
+        return (-29, 29, -257), (5, 0, 0), (0, 5, 0)
+    back = looking_down((0, 0, -1), -DOWN)
+    return (-30, 26, -262), (7, 0, 0), tuple(8 * x for x in back)
+
+
+def scene(mesh, rng, setup, roughness, index, flash, turn, stretch):
     axis, angle = rotation(rng)
+    down = 0 if by_flash(setup) else DOWN
     light = f"lights {{ point {{ position {{ x: {flash[0]} y: {flash[1]} z: {flash[2]} }} intensity: 0.2 }} }}"
     card = ""
-    if setup == "card":  # as far from the flash as the object
-        card = "surfaces { rectangle { center { x: -29 y: 29 z: -257 } half_u { x: 5 } half_v { y: 5 } } reflectance: 0.18 }"
-    if setup == "panorama":
-        light = "lights { environment_map { path: \"room.exr\" } }"
+    if setup in ("card", "panorama"):
+        center, u, v = (looking_down(p, down) for p in card_in(setup))
+        card = (f"surfaces {{ rectangle {{ center {vector(center)} half_u {vector(u)} half_v {vector(v)} }} "
+                "reflectance: 0.18 }")
+    if not by_flash(setup):
+        # The middle of the panorama lies where the camera looks, at turn 0.
+        light = f'lights {{ environment_map {{ path: "room.exr" rotate_y_degrees: {180 + turn} }} }}'
+    to_place = looking_down((rng.uniform(-3, 8), rng.uniform(-8, 3), -260), down)
+    tilt = f"transforms {{ rotate {{ axis {{ x: 1 }} angle_degrees: {-down} }} }}" if down else ""
     # The mesh stands on its origin: its middle is brought to where the camera looks.
     return f"""object {{
   mesh {{ {mesh} normalize: true
-    transforms {{ scale {{ x: {SIZE} y: {SIZE} z: {SIZE} }} }}
+    transforms {{ scale {{ x: {SIZE * stretch} y: {SIZE} z: {SIZE} }} }}
     transforms {{ translate {{ y: {-SIZE / 2.5} }} }}
-    transforms {{ rotate {{ axis {{ x: {axis[0]} y: {axis[1]} z: {axis[2]} }} angle_degrees: {angle} }} }}
-    transforms {{ translate {{ x: {rng.uniform(-3, 8)} y: {rng.uniform(-8, 3)} z: -260 }} }} }}
+    transforms {{ rotate {{ axis {vector(axis)} angle_degrees: {angle} }} }}
+    {tilt}
+    transforms {{ translate {vector(to_place)} }} }}
   rough_dielectric {{ index: {index} roughness: {roughness} }}
   smooth_angle_degrees: 30
 }}
 {card}
 {light}
-camera {{ origin {{}} target {{ z: -1 }} fov_degrees: {FOV} }}
+camera {{ origin {{}} target {vector(looking_down((0, 0, -1), down))} up {vector(looking_down((0, 1, 0), down))} fov_degrees: {FOV} }}
 film {{ width: {SIDE} height: {SIDE} }}
 """
 
 
-def photograph(render, folder, rng, setup, is_mask_wrong):
+def blurred(image, mask):
+    """Means over squares of 51 pixels of the object."""
+    def sums(x):
+        for axis in (0, 1):
+            to_here = np.cumsum(np.pad(x, [(26, 25) if a == axis else (0, 0) for a in (0, 1)]), axis)
+            last = to_here.shape[axis]
+            x = to_here.take(range(51, last), axis) - to_here.take(range(last - 51), axis)
+        return x
+    return sums(image * mask) / np.maximum(sums(mask), 1e-6)
+
+
+def photograph(render, folder, rng, setup, wrong):
     """As a camera has it: sensor noise, clipped, encoded; and a mask that may be a pixel off."""
     noise = np.random.default_rng(rng.randrange(1 << 30))
     image, mask = render["Y"], render["mask.Y"]
     scale = 0.8 / np.percentile(image[mask > 0.5], 99.5)
-    if setup == "card":
+    if wrong["curve"]:  # what is dark is lifted, as phones do
+        image = np.where(mask > 0.5, image * np.maximum(blurred(image, mask), 1e-9) ** -0.3, image)
+        scale = 0.8 / np.percentile(image[mask > 0.5], 99.5)
+    if setup != "plain":
         scale = min(scale, 0.9 / np.percentile(image, 99.9))
     x = image * scale
     x = np.clip(x + noise.normal(size=x.shape) * np.sqrt(2e-4 * np.maximum(x, 0) + 1e-6), 0, 1)
     x = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055)
     write(folder / "photo.jpg", (255 * x + 0.5).astype("uint8"), [("Compression", "jpeg:90")])
-    off = is_mask_wrong * rng.choice([-1, 0, 1])
+    off = wrong["mask"] * rng.choice([-1, 0, 1])
     if off != 0:
         shifted = [np.roll(mask, (dy, dx), (0, 1)) for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0))]
         mask = (np.maximum if off > 0 else np.minimum).reduce([mask] + shifted)
@@ -122,7 +200,8 @@ def diffuse_albedo(sigma_s, sigma_a):
 
 def case(number, options):
     rng = random.Random(1000 * options.seed + number)
-    folder = options.out / f"{options.setup}{number:03}{'' if options.wrong == DISTURBANCES else '-' + '-'.join(options.wrong)}"
+    name = "" if options.wrong == DISTURBANCES else "-" + "-".join(options.wrong)
+    folder = options.out / f"{options.setup}{number:03}{name}{'-lie-' + options.lie if options.lie else ''}"
     result = folder / "result.json"
     shape = SHAPES[number % len(SHAPES)]
     sigma_s, sigma_a = MATERIALS[(number // len(SHAPES) + number) % len(MATERIALS)]
@@ -131,32 +210,44 @@ def case(number, options):
     if not result.exists():
         folder.mkdir(parents=True, exist_ok=True)
         mesh, fitted = shape_of(shape, options.out, options.itn)
-        wrong = {name: 1 if name in options.wrong else 0 for name in DISTURBANCES}
-        flash = [0, 12, 0]
+        wrong = {name: 1 if name in options.wrong or name == options.lie else 0 for name in DISTURBANCES + LIES}
         index, roughness = 1.45 + wrong["index"] * rng.uniform(-0.05, 0.05), rng.uniform(0.15, 0.4)
-        true_flash = [f + wrong["flash"] * rng.uniform(-6, 6) for f in flash]
-        (folder / "truth.textproto").write_text(scene(mesh, rng, options.setup, roughness, index, true_flash))
-        if options.setup == "panorama":
-            (folder / "room.exr").write_bytes(pathlib.Path(options.room).read_bytes())
-        sigma_t = sigma_a + sigma_s / (1 - g)
-        if not (folder / "truth.exr").exists():
-            run(options.itn, "render", folder / "truth.textproto", "-o", folder / "truth.exr", "--sigma-t", sigma_t,
-                "--albedo", 1 - sigma_a / sigma_t, "--g", g, "--noise", "5%", "--time", "40s", "--spp", 4096,
-                "--seed", 77 + number, *(["--tracer", "reference"] if options.reference else []))
-        photograph(read(folder / "truth.exr"), folder, rng, options.setup, wrong["mask"])
+        flash = [offset + wrong["flash"] * rng.uniform(-6, 6) for offset in (0, 12, 0)]
+        if wrong["light"]:
+            flash[0] += 70
+        turn = rng.uniform(-180, 180)
+        text = scene(mesh, rng, options.setup, roughness, index, flash, turn, 1 + 0.05 * wrong["stretch"])
+        (folder / "truth.textproto").write_text(text)
+        if not by_flash(options.setup):
+            write_panorama(folder / "room.exr", room(random.Random(9000 + number)))
+        renders = []
+        for thinner in ((1, 0.25) if wrong["two"] else (1,)):
+            file = folder / f"truth{'' if thinner == 1 else '_thin'}.exr"
+            sigma_t = (sigma_a + sigma_s / (1 - g)) * thinner
+            if not file.exists():
+                run(options.itn, "render", folder / "truth.textproto", "-o", file, "--sigma-t", sigma_t,
+                    "--albedo", (sigma_t - sigma_a * thinner) / sigma_t, "--g", g, "--noise", "5%", "--time", "40s",
+                    "--spp", 4096, "--seed", 77 + number, *(["--tracer", "reference"] if options.reference else []))
+            renders.append(read(file))
+        if wrong["two"]:  # the left half of the frame is thinner
+            renders[0]["Y"][:, : SIDE // 2] = renders[1]["Y"][:, : SIDE // 2]
+        photograph(renders[0], folder, rng, options.setup, wrong)
         focal = 43.2666 / (2 * math.tan(math.radians(FOV / 2))) / math.sqrt(2)
         focal *= 1 + wrong["focal"] * rng.uniform(-0.01, 0.01)
         flags = []
-        if options.setup == "card":
-            focal_pixels = SIDE / 2 / math.tan(math.radians(FOV / 2))
-            x, y = SIDE / 2 - 29 / 257 * focal_pixels, SIDE / 2 - 29 / 257 * focal_pixels
-            half = 3.5 / 257 * focal_pixels
-            flags = ["--gray-card", f"{round(x - half)},{round(y - half)},{round(2 * half)},{round(2 * half)}"]
-        if options.setup == "panorama":
-            flags = ["--light", folder / "room.exr", "--panorama-turn", 180]
-        command = [options.itn, "fit", folder / "photo.jpg", "--shape", fitted, "--object-size", SIZE, "--mask",
-                   folder / "mask.png", "--focal-length", focal, "--index", 1.45, "--luminance", "--json", "-o",
-                   folder / "fit", "--time-limit", options.time_limit, *flags]
+        if options.setup != "plain":
+            center, u, v = (np.array(x) for x in card_in(options.setup))
+            corners = [pixel_of(center + 0.7 * (x * u + y * v)) for x in (-1, 1) for y in (-1, 1)]
+            left, top = (round(max(sorted(c[i] for c in corners)[:2])) for i in (0, 1))
+            right, bottom = (round(min(sorted(c[i] for c in corners)[2:])) for i in (0, 1))
+            flags = ["--gray-card", f"{left},{top},{right - left},{bottom - top}"]
+        if not by_flash(options.setup):
+            flags += ["--light", folder / "room.exr", "--camera-down", DOWN]
+            if wrong["light"]:
+                flags += ["--panorama-turn", turn + 15]
+        command = [options.itn, "fit", folder / "photo.jpg", "--shape", fitted, "--object-size",
+                   SIZE * (1 + 0.1 * wrong["size"]), "--mask", folder / "mask.png", "--focal-length", focal, "--index",
+                   1.45, "--luminance", "--json", "-o", folder / "fit", "--time-limit", options.time_limit, *flags]
         (folder / "command.txt").write_text(" ".join(str(word) for word in command) + "\n")
         try:
             result.write_text(run(*command))
@@ -172,7 +263,8 @@ def main():
     parser.add_argument("--cases", type=int, default=12)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--setup", choices=["card", "plain", "panorama"], default="card")
-    parser.add_argument("--room", help="of --setup panorama: the panorama's EXR file")
+    parser.add_argument("--lie", choices=LIES, help="what makes any answer wrong: the size by 10 %%, the light by 15 "
+                        "degrees, the shape by 5 %% along an axis, another material in the left half, a local tone curve")
     parser.add_argument("--wrong", default=",".join(DISTURBANCES), help="what the fit is told wrongly; none: nothing")
     parser.add_argument("--reference", action="store_true", help="render by the reference tracer")
     parser.add_argument("--seed", type=int, default=1)

@@ -2,15 +2,20 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <numbers>
 #include <string>
 #include <vector>
 
+#include "client/dataset/panorama.h"
 #include "client/json.h"
 #include "common/files/read_file.h"
+#include "common/image/image.h"
 #include "common/scene/material_proto.h"
+#include "common/scene/panorama_file.h"
 #include "common/scene/text_proto.h"
 #include "itn/v1/refine.pb.h"
 #include "tests/support/paths.h"
@@ -61,6 +66,22 @@ class FitCommand : public ::testing::Test {
   }
   static void TearDownTestSuite() { delete folder_; }
 
+  // Radiance by direction: gray, with a window far to one side, and a lamp above.
+  static void write_room(const std::string& file) {
+    Image room;
+    room.width = 64;
+    room.height = 32;
+    std::vector<float>& pixels = room.channels["Y"];
+    for (int y = 0; y < room.height; ++y) {
+      for (int x = 0; x < room.width; ++x) {
+        const bool window = y > 8 && y < 16 && x > 40 && x < 50;
+        const bool lamp = y < 4 && x < 20;
+        pixels.push_back(window ? 12.0F : lamp ? 5.0F : 0.3F);
+      }
+    }
+    write_exr(file, room);
+  }
+
   static Arguments command(const Arguments& more, const std::string& shape = "mug") {
     Arguments arguments{kItn,
                         "fit",
@@ -71,9 +92,9 @@ class FitCommand : public ::testing::Test {
                         "32",
                         "--luminance",
                         "--starts",
-                        "1",
+                        "2",
                         "--max-spp",
-                        "256",
+                        "2048",
                         "-o",
                         folder_->path("out")};
     arguments.insert(arguments.end(), more.begin(), more.end());
@@ -126,6 +147,48 @@ TEST_F(FitCommand, FindsPoseAndMaterial) {
   EXPECT_EQ(again.exit_code, 0) << again.errors;
 }
 
+TEST_F(FitCommand, FindsTheTurnOfAPanorama) {
+  constexpr double kTurn = 70;
+  write_room(folder_->path("room.exr"));
+  // The mug of the others in the light of a room. A card beside it would have that of above.
+  std::string scene = kPhotographed;
+  const size_t light = scene.find("lights"), camera = scene.find("camera");
+  scene.replace(light, camera - light,
+                "lights { environment_map { path: \"room.exr\" rotate_y_degrees: " +
+                    std::to_string(180 + kTurn) + " } }\n");
+  std::ofstream(folder_->path("in_room.textproto")) << scene;
+  const Finished rendered =
+      run({kItn, "render", folder_->path("in_room.textproto"), "-o", folder_->path("in_room.exr"),
+           "--sigma-t", std::to_string(kSigmaT), "--albedo", std::to_string(kAlbedo), "--g",
+           std::to_string(kG), "--spp", "256"});
+  ASSERT_EQ(rendered.exit_code, 0) << rendered.errors;
+  Image photograph = read_exr(folder_->path("in_room.exr"));
+  constexpr double kGray = 0.18;
+  const v1::Pixels room = load_panorama(folder_->path("room.exr"));
+  std::vector<float>& pixels = photograph.channels.at("Y");
+  for (size_t y = 0; y < 16; ++y) {
+    std::fill_n(pixels.begin() + static_cast<ptrdiff_t>(y) * photograph.width, 16,
+                static_cast<float>(kGray * irradiance_from_above(room) / std::numbers::pi));
+  }
+  write_exr(folder_->path("in_room.exr"), photograph);
+  Arguments arguments =
+      command({"--object-size", "45", "--focal-length", std::to_string(kFocalLength), "--light",
+               folder_->path("room.exr"), "--gray-card", "0,0,16,16", "--json"});
+  arguments[2] = folder_->path("in_room.exr");
+  *(std::ranges::find(arguments, "-o") + 1) = folder_->path("room");
+  const Finished done = run(arguments);
+  ASSERT_EQ(done.exit_code, 0) << done.errors;
+  v1::FitResult result;
+  from_json(done.output, "fit", result);
+  EXPECT_NEAR(result.poses(0).panorama_turn(), kTurn, 3);
+  EXPECT_FALSE(result.poses(0).turn_ambiguous());
+  const v1::RefineResult& material = result.results(0);
+  EXPECT_NEAR(material.exposure().value(), 1, 0.1);
+  const double s = kSigmaT * kAlbedo * (1 - kG);
+  EXPECT_LE(material.sigma_s_reduced().low_95(), s) << done.output;
+  EXPECT_GE(material.sigma_s_reduced().high_95(), s) << done.output;
+}
+
 TEST_F(FitCommand, SaysWhatIsWrong) {
   const auto refuse = [&](const Arguments& arguments, int exit_code, const std::string& message) {
     const Finished done = run(arguments);
@@ -136,8 +199,6 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
   fs::remove_all(folder_->path("out"));
   refuse(command({"--object-size", "45"}), 3, "--focal-length");
   refuse(command({"--focal-length", focal}), 2, "--object-size is required");
-  refuse(command({"--object-size", "45", "--light", "room.exr", "--gray-card", "1,1,8,8"}), 2,
-         "--gray-card is for --light flash");
   refuse(command({"--object-size", "45", folder_->path("a.exr")}), 2,
          "several photographs by flash cannot be fitted together yet");
   refuse(command({"--object-size", "45", "--focal-length", focal}, "knot"), 3,

@@ -1,0 +1,350 @@
+#include "client/commands/fit_stand.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <span>
+
+#include "client/fit/disturbances.h"
+#include "client/interrupt.h"
+#include "client/refine/refinement.h"
+#include "common/error.h"
+#include "common/geometry/pose.h"
+#include "common/image/photograph.h"
+#include "common/rpc/wire_array.h"
+#include "common/scene/material_proto.h"
+
+namespace itn {
+namespace {
+
+// How far g may be from what it is taken for: that of nearly all that is translucent.
+constexpr double kDoubtOfG = 0.4;
+
+// Samples per pixel that make the noise of a sum over all pixels that of so many at 96 pixels a
+// side.
+uint32_t spp_for(int side, uint32_t at_96) {
+  constexpr int kUsual = 96 * 96;
+  return std::clamp(at_96 * kUsual / static_cast<uint32_t>(side * side), at_96 / 4, 16 * at_96);
+}
+
+// ---- Renders ---------------------------------------------------------------------------------
+
+// A render of the luminance of a scene with another stand, of which several estimates are wanted.
+struct Variant {
+  Stand stand;
+  Material material;
+};
+
+// Estimates of the radiance by pixel, of each.
+std::vector<std::vector<std::vector<float>>> rendered(std::span<const Variant> variants,
+                                                      uint32_t spp, uint32_t estimates,
+                                                      const Mesh& mesh, const v1::Scene& scene,
+                                                      const FitOptions& options, RenderPool& pool) {
+  std::vector<RenderJob> jobs;
+  for (const Variant& variant : variants) {
+    v1::Scene placed = scene;
+    place(variant.stand, mesh, options, placed);
+    placed.mutable_film()->set_channel(v1::Film::LUMINANCE);
+    RenderJob& job = jobs.emplace_back(RenderJob{.scene = serialize(placed), .request = {}});
+    *job.request.mutable_material() = to_proto(variant.material);
+    job.request.set_spp(spp);
+    job.request.set_seed(options.refine.seed);
+    job.request.set_estimates(estimates);
+    job.request.set_pixels(v1::OBJECT_PIXELS);
+  }
+  std::vector<std::vector<std::vector<float>>> images;
+  const auto stop_if_asked = [](double /*fraction*/) {
+    if (interruption().stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
+  };
+  for (const v1::RenderGradReply& reply : pool.render_split(jobs, stop_if_asked)) {
+    std::vector<std::vector<float>>& of_variant = images.emplace_back();
+    for (const v1::Estimate& estimate : reply.estimates()) {
+      of_variant.push_back(from_bytes<float>(estimate.radiance()));
+    }
+  }
+  return images;
+}
+
+// ---- A rough material ------------------------------------------------------------------------
+
+// A few steps of a refinement of the luminance.
+struct Scouting {
+  double loss = 0, loss_standard_error = 0;
+  Material material;
+};
+
+Scouting scout(const FitPhotograph& photograph, const Mesh& mesh, const Stand& stand,
+               v1::Scene scene, const FitOptions& options, uint32_t starts,
+               const Synthesize& synthesize) {
+  place(stand, mesh, options, scene);
+  scene.mutable_film()->set_channel(v1::Film::LUMINANCE);
+  const std::vector<Observation> observations{
+      {.name = photograph.name,
+       .radiance = radiance_of(photograph.image, photograph.channels, v1::Film::LUMINANCE),
+       .mask = pixels_of_object(photograph, mesh, stand.pose),
+       .noise = {},
+       .scene = serialize(scene)}};
+  v1::RefineSettings settings;
+  settings.set_unknown_exposure(true);
+  if (card_error_of(options) > 0) {
+    (*settings.mutable_known_within())[kExposure] = card_error_of(options);
+  }
+  settings.add_unknowns(kRoughness);
+  settings.set_spp(spp_for(photograph.side, 32));
+  settings.set_max_spp(2 * settings.spp());
+  settings.set_max_iterations(8);
+  settings.set_seed(options.refine.seed);
+  settings = with_defaults(settings);
+  Refinement refinement(settings, observations,
+                        starts_around(mean_of_size(longest_side(bounds(mesh))), starts));
+  while (!refinement.finished()) refinement.step(synthesize);
+  const v1::RefineResult result = refinement.result();
+  return {result.loss(), result.loss_standard_error(), refinement.material()};
+}
+
+struct ScoutedStand {
+  size_t pose;  // which
+  Stand stand;
+  Scouting scouting;
+};
+
+// ---- The turn of a panorama ------------------------------------------------------------------
+
+// How unlike the photograph two independent renders are, times the factor that makes them most
+// alike: 0 to 1 of the photograph's square, without bias but for the factor.
+double unlikeness(std::span<const float> photograph, std::span<const float> mask,
+                  const std::vector<std::vector<float>>& renders) {
+  double own = 0, both = 0, square = 0;
+  for (size_t p = 0; p < mask.size(); ++p) {
+    if (!is_on_object(mask[p])) continue;
+    const double y{photograph[p]}, a{renders[0][p]}, b{renders[1][p]};
+    own += y * y;
+    both += y * (a + b) / 2;
+    square += a * b;
+  }
+  return square > 0 ? 1 - both * both / (own * square) : 1;
+}
+
+class TurnSearch {
+ public:
+  TurnSearch(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose,
+             const v1::Scene& scene, const FitOptions& options, RenderPool& pool)
+      : radiance_(radiance_of(photograph.image, photograph.channels, v1::Film::LUMINANCE)),
+        mask_(pixels_of_object(photograph, mesh, pose)),
+        side_(photograph.side),
+        mesh_(mesh),
+        pose_(pose),
+        scene_(scene),
+        options_(options),
+        pool_(pool) {}
+
+  // Degrees of the turns that fit best, the best first: all the way round, with materials of all
+  // kinds.
+  std::vector<double> turns() const {
+    constexpr size_t kTurns = 24, kMost = 3;
+    constexpr double kStep = 360.0 / kTurns;
+    std::vector<double> all;
+    for (size_t i = 0; i < kTurns; ++i) all.push_back(kStep * static_cast<double>(i));
+    const double per_mm = 1 / longest_side(bounds(mesh_));
+    const std::array<Material, 3> kinds{Material{30 * per_mm, 0.9, options_.g},
+                                        Material{100 * per_mm, 0.99, options_.g},
+                                        Material{300 * per_mm, 0.7, options_.g}};
+    constexpr uint32_t kSpp = 16;
+    const std::vector<double> losses = least_losses(all, kinds, kSpp);
+    const auto smoothed = [&](size_t i) {
+      const double before = losses[(i + kTurns - 1) % kTurns], after = losses[(i + 1) % kTurns];
+      return 0.25 * before + 0.5 * losses[i % kTurns] + 0.25 * after;
+    };
+    // The least among two to each side.
+    std::vector<std::pair<double, double>> minima;
+    for (size_t i = kTurns; i < 2 * kTurns; ++i) {
+      const double before = smoothed(i - 1), here = smoothed(i), after = smoothed(i + 1);
+      if (here > std::min({smoothed(i - 2), before, after, smoothed(i + 2)})) continue;
+      minima.emplace_back(here, all[i - kTurns] + vertex(before, here, after) * kStep);
+    }
+    std::ranges::sort(minima);
+    std::vector<double> best;
+    minima.resize(std::min(minima.size(), kMost));
+    for (const auto& [loss, turn] : minima) best.push_back(turn);
+    return best;
+  }
+
+  // The best turn nearby, for one material.
+  double improved(double turn, const Material& material) const {
+    constexpr uint32_t kSpp = 64;
+    for (const double step : {8.0, 4.0}) {
+      const std::array<double, 3> tried{turn - step, turn, turn + step};
+      const std::vector<double> losses = least_losses(tried, {&material, 1}, kSpp);
+      turn += step * vertex(losses[0], losses[1], losses[2]);
+    }
+    return turn;
+  }
+
+ private:
+  // Of a parabola through three values at -1, 0 and 1, where it is least: no further than 1.
+  static double vertex(double before, double middle, double after) {
+    const double curvature = before - 2 * middle + after;
+    if (curvature <= 0) return before < after ? -1 : 1;
+    return std::clamp((before - after) / (2 * curvature), -1.0, 1.0);
+  }
+
+  // Of each turn, of the material that is best there.
+  std::vector<double> least_losses(std::span<const double> turns,
+                                   std::span<const Material> materials, uint32_t spp) const {
+    constexpr uint32_t kEstimates = 2;
+    std::vector<Variant> variants;
+    spp = spp_for(side_, spp);
+    for (const double turn : turns) {
+      for (const Material& material : materials) {
+        variants.push_back({{pose_, turn, options_.camera_down}, material});
+      }
+    }
+    const auto images = rendered(variants, spp, kEstimates, mesh_, scene_, options_, pool_);
+    std::vector<double> losses(turns.size(), std::numeric_limits<double>::infinity());
+    for (size_t i = 0; i < images.size(); ++i) {
+      double& least = losses[i / materials.size()];
+      least = std::min(least, unlikeness(radiance_, mask_, images[i]));
+    }
+    return losses;
+  }
+
+  std::vector<float> radiance_, mask_;
+  int side_;
+  const Mesh& mesh_;
+  const Pose& pose_;
+  const v1::Scene& scene_;
+  const FitOptions& options_;
+  RenderPool& pool_;
+};
+
+// ---- The pose --------------------------------------------------------------------------------
+
+std::vector<FoundPose> poses_of(const FitPhotograph& photograph, const Mesh& mesh,
+                                const FitOptions& options) {
+  std::vector<FoundPose> poses = find_poses(
+      mesh, photograph.pose_mask, view_of(photograph, photograph.pose_side), {}, interruption());
+  constexpr double kLeastOverlap = 0.9;
+  const double best = std::ranges::max(poses, {}, &FoundPose::overlap).overlap;
+  if (best < kLeastOverlap) {
+    throw invalid_input(fmt::format(
+        "{}: wherever the shape stands, its silhouette and the mask overlap by {:.0f} % at most. "
+        "Is {} the shape of the object, the focal length right, and the mask of the object alone?",
+        photograph.name, 100 * best, options.shape));
+  }
+  std::erase_if(poses, [&](const FoundPose& one) {
+    const std::vector<float> mask = pixels_of_object(photograph, mesh, one.pose);
+    return one.overlap < kLeastOverlap || std::ranges::none_of(mask, is_on_object);
+  });
+  if (poses.empty()) {
+    throw invalid_input(
+        fmt::format("{}: no pixel shows the object alone, unclipped: it is too small or too thin",
+                    photograph.name));
+  }
+  return poses;
+}
+
+}  // namespace
+
+Material of_similar_light(const Material& material, double g) {
+  const double sigma_s = material.sigma_s_reduced() / (1 - g);
+  const double sigma_t = sigma_s + material.sigma_a();
+  return {std::clamp(sigma_t, kMinRefinedSigmaT, kMaxRefinedSigmaT), sigma_s / sigma_t, g};
+}
+
+FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v1::Scene& scene,
+                      const FitOptions& options, RenderPool& pool) {
+  const Synthesize synthesize = rendered_by(pool, interruption());
+  const bool is_turned = !is_by_flash(options) && !options.panorama_turn;
+  const std::vector<FoundPose> poses = poses_of(photograph, mesh, options);
+  const size_t tried = std::min<size_t>(poses.size(), is_turned ? 3 : 8);
+
+  std::vector<ScoutedStand> candidates;
+  for (size_t i = 0; i < tried; ++i) {
+    const Pose& pose = poses[i].pose;
+    const std::vector<double> turns =
+        is_turned ? TurnSearch(photograph, mesh, pose, scene, options, pool).turns()
+                  : std::vector{options.panorama_turn.value_or(0)};
+    for (const double turn : turns) {
+      candidates.push_back({i, {pose, turn, options.camera_down}, {}});
+    }
+  }
+  const auto scouted = [&](const Stand& stand, uint32_t starts) {
+    return scout(photograph, mesh, stand, scene, options, starts, synthesize);
+  };
+  if (candidates.size() > 1) {
+    for (ScoutedStand& candidate : candidates) candidate.scouting = scouted(candidate.stand, 1);
+    std::ranges::sort(candidates, {}, [](const ScoutedStand& one) { return one.scouting.loss; });
+  }
+  const ScoutedStand& best = candidates.front();
+  FoundStand found;
+  found.pose = poses[best.pose];
+  found.stand = best.stand;
+  found.alike = poses.size();
+  found.ambiguous = poses.size() > tried;
+  for (size_t i = 1; i < candidates.size(); ++i) {
+    constexpr double kDoubtful = 1.3;
+    const Scouting &least = best.scouting, &other = candidates[i].scouting;
+    const double noise = 2 * std::hypot(least.loss_standard_error, other.loss_standard_error);
+    if (other.loss > kDoubtful * least.loss + noise) continue;
+    (candidates[i].pose == best.pose ? found.turn_ambiguous : found.ambiguous) = true;
+  }
+  found.material = scouted(found.stand, options.refine.starts).material;
+  if (is_turned) {
+    const TurnSearch search(photograph, mesh, found.stand.pose, scene, options, pool);
+    double& turn = found.stand.panorama_turn;
+    turn = search.improved(turn, found.material);
+    found.material = scouted(found.stand, 1).material;
+    turn = search.improved(turn, found.material);
+  }
+  return found;
+}
+
+std::vector<std::vector<float>> disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
+                                                const FoundStand& found, const v1::Scene& scene,
+                                                const FitOptions& options, RenderPool& pool) {
+  constexpr uint32_t kSpp = 64, kEstimates = 4;
+  // So many standard deviations from the middle, that the noise is small beside the difference.
+  constexpr double kFar = 2;
+  const Pose& pose = found.stand.pose;
+  const Vec3d middle = middle_of(bounds(mesh));
+  std::vector<Variant> variants;  // in pairs: of something more, and less
+  std::vector<double> apart;      // of each pair
+  std::vector<PoseMove> errors = found.pose.errors;
+  // The mask may be half a pixel too large or too small all around.
+  errors.push_back({{}, pose.to_scene(middle) * (1.0 / photograph.pose_side)});
+  for (const PoseMove& error : errors) {
+    for (const double times : {kFar, -kFar}) {
+      Variant& variant = variants.emplace_back(Variant{found.stand, found.material});
+      variant.stand.pose = moved(pose, middle, error, times);
+    }
+    apart.push_back(2 * kFar);
+  }
+  if (!is_by_flash(options) && options.turn_error > 0) {
+    for (double Stand::*const angle : {&Stand::panorama_turn, &Stand::camera_down}) {
+      for (const double times : {kFar, -kFar}) {
+        Variant& variant = variants.emplace_back(Variant{found.stand, found.material});
+        variant.stand.*angle += times * options.turn_error;
+      }
+      apart.push_back(2 * kFar);
+    }
+  }
+  if (options.g_error == 0) {
+    for (const double g : {options.g + kDoubtOfG, options.g - kDoubtOfG}) {
+      variants.push_back(
+          {found.stand, of_similar_light(found.material, std::clamp(g, -kMaxAbsG, kMaxAbsG))});
+    }
+    apart.push_back(2);
+  }
+  const auto images =
+      rendered(variants, spp_for(photograph.side, kSpp), kEstimates, mesh, scene, options, pool);
+  std::vector<RenderedChange> changes;
+  for (size_t i = 0; i < apart.size(); ++i) {
+    changes.push_back({.more = images[2 * i], .less = images[2 * i + 1], .apart = apart[i]});
+  }
+  return disturbances_of(changes, pixels_of_object(photograph, mesh, pose), photograph.side);
+}
+
+}  // namespace itn
