@@ -2,6 +2,7 @@
 // material.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <array>
@@ -25,6 +26,7 @@
 #include "common/files/atomic_file.h"
 #include "common/files/folder_lock.h"
 #include "common/files/read_file.h"
+#include "common/image/photograph.h"
 #include "common/image/preview.h"
 #include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
@@ -39,6 +41,12 @@ namespace fs = std::filesystem;
 
 // The deviation of a g that is given.
 constexpr double kAsGiven = 1e-4;
+
+// Differences hang together over a 24th of the frame (RefineSettings.block).
+uint32_t block_of(int side) {
+  constexpr int kBlocksPerSide = 24;
+  return static_cast<uint32_t>(std::max(1, side / kBlocksPerSide));
+}
 
 // The photograph with the contour of the shape.
 void write_overlay(const fs::path& file, const FitPhotograph& photograph, const Mesh& mesh,
@@ -57,12 +65,6 @@ void write_overlay(const fs::path& file, const FitPhotograph& photograph, const 
   write_png(file, side, side, rgb);
 }
 
-// Differences hang together over a 24th of the frame (RefineSettings.block).
-uint32_t block_of(int side) {
-  constexpr int kBlocksPerSide = 24;
-  return static_cast<uint32_t>(std::max(1, side / kBlocksPerSide));
-}
-
 // ---- All of it -------------------------------------------------------------------------------
 
 void check(const FitOptions& options) {
@@ -75,11 +77,41 @@ void check(const FitOptions& options) {
         "several photographs by flash cannot be fitted together yet: how their exposures differ is "
         "not known; fit them one by one");
   }
+  if (!is_builtin(options.shape) && fs::path(options.shape).extension().empty()) {
+    throw usage(fmt::format(
+        "--shape {}: it is neither the name of a .ply, .obj or .stl file nor a shape that itn "
+        "shapes lists",
+        options.shape));
+  }
   if (!options.photograph.object_size && (is_builtin(options.shape) || !options.refine.mesh_unit)) {
     throw usage(
         "--object-size is required, the longest side of the object in mm, or --mesh-unit where the "
         "shape's file has its size");
   }
+}
+
+// A photograph is hardly ever taken from so near.
+void warn_if_near(const v1::FitPose& pose, double size) {
+  constexpr double kNear = 70, kSmall = 15;  // mm
+  if (pose.range() >= kNear || size >= kSmall) return;
+  spdlog::warn(
+      "{}: an object of {:.3g} mm would stand {:.0f} mm before the camera: is --object-size in mm?",
+      pose.image(), size, pose.range());
+}
+
+// Intervals come from how squares of pixels scatter.
+void require_pixels(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose) {
+  constexpr double kLeast = 100;
+  const std::vector<float> mask = pixels_of_object(photograph, mesh, pose);
+  const double squares = static_cast<double>(std::ranges::count_if(mask, is_on_object)) /
+                         std::pow(block_of(photograph.side), 2);
+  if (squares >= kLeast) return;
+  throw invalid_input(fmt::format(
+      "{}: only {} pixels of {} a side show the object alone, away from its edge and unclipped, "
+      "which are {:.0f} squares of {} a side; {:.0f} are the least. Photograph it larger and "
+      "darker, or see --resolution",
+      photograph.name, std::ranges::count_if(mask, is_on_object), photograph.side, squares,
+      block_of(photograph.side), kLeast));
 }
 
 // Writes photographs and scenes that a refinement is of, as files that can be corrected, and says
@@ -92,8 +124,8 @@ void write_posed_scenes(const FitOptions& options, const fs::path& folder, Refin
     const std::string stem = options.images.size() == 1 ? "" : fmt::format("_{}", i);
     const fs::path scene_file = folder / fmt::format("scene{}.textproto", stem);
     v1::Scene scene = scene_of(photograph, options);
-    write_file_atomically(scene_file, to_text_proto(scene));
-    const v1::Scene loaded = load_scene(scene_file);
+    v1::Scene loaded = scene;
+    load_files(loaded, folder);
     const Mesh mesh = MeshBuilder(UINT64_MAX).build("object.mesh", loaded.object().mesh());
     const FoundStand stand = find_stand(photograph, mesh, loaded, options, pool);
     const FoundPose& found = stand.pose;
@@ -112,6 +144,8 @@ void write_posed_scenes(const FitOptions& options, const fs::path& folder, Refin
       pose.set_panorama_turn(std::remainder(stand.stand.panorama_turn, 360.0));
       pose.set_turn_ambiguous(stand.turn_ambiguous);
     }
+    warn_if_near(pose, longest_side(bounds(mesh)));
+    require_pixels(photograph, mesh, found.pose);
     place(stand.stand, mesh, options, scene);
     write_overlay(folder / fmt::format("pose{}.png", stem), photograph, mesh, found.pose);
     photograph.image.channels["mask.Y"] = pixels_of_object(photograph, mesh, found.pose);
@@ -180,9 +214,10 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
     }
   }
   text += to_table(std::vector(result.results().begin(), result.results().end()));
-  text +=
-      "per mm, with 95 % intervals, which know nothing of an error of pose, shape or focal "
-      "length\n";
+  const bool has_intervals = std::ranges::none_of(result.results(), &v1::RefineResult::misfit);
+  text += has_intervals ? "lengths in mm, with 95 % intervals, which know nothing of an error of "
+                          "shape, size or focal length\n"
+                        : "lengths in mm\n";
   return text + fmt::format("for renderers: itn materials --refined {} --format openpbr\n",
                             folder.string());
 }

@@ -239,9 +239,10 @@ std::vector<FoundPose> poses_of(const FitPhotograph& photograph, const Mesh& mes
     return one.overlap < kLeastOverlap || std::ranges::none_of(mask, is_on_object);
   });
   if (poses.empty()) {
-    throw invalid_input(
-        fmt::format("{}: no pixel shows the object alone, unclipped: it is too small or too thin",
-                    photograph.name));
+    const bool is_bright = std::ranges::count_if(photograph.clipped, is_on_object) > 0;
+    throw invalid_input(fmt::format(
+        "{}: no pixel shows the object alone, away from its edge and unclipped: it is {}",
+        photograph.name, is_bright ? "overexposed; expose less" : "too small or too thin"));
   }
   return poses;
 }

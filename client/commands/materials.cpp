@@ -86,6 +86,12 @@ NamedMaterial from_refinement(std::vector<std::string> folders) {
   std::vector<double> indices, roughnesses;
   for (const std::string& folder : folders) {
     const std::filesystem::path file = std::filesystem::path(folder) / kRefineResultFile;
+    if (std::filesystem::exists(std::filesystem::path(folder) / kRefineStateFile) &&
+        !std::filesystem::exists(file)) {
+      throw invalid_input(fmt::format(
+          "{} has a refinement that was stopped; the same command as before goes on with it",
+          folder));
+    }
     v1::RefineResult refined;
     from_json(read_file(file, "result"), file.string(), refined);
     result.channels.push_back(from_proto(refined.material()));
@@ -94,9 +100,12 @@ NamedMaterial from_refinement(std::vector<std::string> folders) {
       return fmt::format("{} {:.4g} ({:.4g} to {:.4g})", name, of.value(), of.low_95(),
                          of.high_95());
     };
-    result.notes.push_back(fmt::format(
-        "{}, 95 % intervals: {}, {}, {}", folder, interval("sigma_t", refined.sigma_t()),
-        interval("albedo", refined.albedo()), interval("g", refined.g())));
+    result.notes.push_back(refined.misfit()
+                               ? fmt::format("{}: a misfit, of which no interval is known", folder)
+                               : fmt::format("{}, 95 % intervals: {}, {}, {}", folder,
+                                             interval("sigma_t", refined.sigma_t()),
+                                             interval("albedo", refined.albedo()),
+                                             interval("g", refined.g())));
     result.notes.insert(result.notes.end(), refined.remarks().begin(), refined.remarks().end());
     if (refined.has_index()) indices.push_back(refined.index());
     if (refined.has_roughness()) roughnesses.push_back(refined.roughness());

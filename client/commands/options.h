@@ -54,7 +54,7 @@ inline std::pair<std::string, double> named_number(const std::string& flag, cons
   const auto [rest, error] = std::from_chars(begin, end, value);
   if (error != std::errc() || rest != end || !std::isfinite(value)) {
     throw Error(ErrorKind::kUsage,
-                fmt::format("{} {}: it is NAME=VALUE, as {}", flag, printable(text), example));
+                fmt::format("{} {}: it is NAME=NUMBER, as {}", flag, printable(text), example));
   }
   return {text.substr(0, equals), value};
 }

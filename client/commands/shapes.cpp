@@ -96,6 +96,9 @@ void run(const ShapesOptions& options) {
     require_usage(options.random == 0, "--random-shapes: say where to: -o FOLDER");
     return list();
   }
+  const std::string extension = fs::path(options.folder).extension().string();
+  require_usage(extension != ".ply" && extension != ".stl" && extension != ".obj",
+                fmt::format("-o {}: it names a folder, for files of all shapes", options.folder));
   check_folder_writable(options.folder);
   write_files(Shapes(options), options.folder);
 }

@@ -302,7 +302,7 @@ std::vector<double> white_of_card(const MarkedPhotograph& marked, const std::str
   if (static_cast<double>(clipped) > kMuchClipped * area) {
     throw wrong("is overexposed: it is as bright as the file can hold; expose less");
   }
-  constexpr double kFewPixels = 16, kUneven = 0.2;  // a deviation over the mean
+  constexpr double kFewPixels = 16, kUneven = 0.2, kNoCard = 0.5;  // deviations over the mean
   double deviation = 0;
   for (size_t c = 0; c < sums.size(); ++c) {
     const double mean = sums[c] / area;
@@ -310,6 +310,12 @@ std::vector<double> white_of_card(const MarkedPhotograph& marked, const std::str
     deviation =
         std::max(deviation, std::sqrt(std::max(0.0, squares[c] / area - mean * mean)) / mean);
     sums[c] /= area * options.gray;
+  }
+  if (deviation > kNoCard) {
+    throw wrong(fmt::format(
+        "is no card: its pixels differ by {:.0f} % of their mean; LEFT,TOP,WIDTH,HEIGHT are to lie "
+        "on the card alone",
+        100 * deviation));
   }
   if (area < kFewPixels || deviation > kUneven) {
     spdlog::warn("the gray card {},{},{},{} of {} {}: is the rectangle on the card alone?", card.x,

@@ -214,6 +214,12 @@ ScoreTest Descent::render_test() const {
   return ScoreTest(equations);
 }
 
+double Descent::squares() const {
+  double squares = 0;
+  for (const ImageEquations& equations : image_equations_) squares += equations.squares();
+  return squares;
+}
+
 Region Descent::region() const {
   return region_about(x_, linearization_point_, test(), layout_);
 }

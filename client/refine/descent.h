@@ -42,6 +42,9 @@ class Descent {
   double loss_standard_error() const { return loss_standard_error_; }
   // Of the part of that loss that the image's own noise explains; 0 if it is not known.
   double noise_loss() const { return noise_loss_; }
+  // Squares of pixels (RefineSettings.block) that count, over all images, and coordinates.
+  double squares() const;
+  double numbers() const { return static_cast<double>(x_.size()); }
   // Of the differences there.
   const Structure& structure() const { return structure_; }
 

@@ -20,6 +20,7 @@
 // analysis using generalized linear models", Biometrika 1986).
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -119,6 +120,11 @@ class ImageEquations {
   // Of all that was taken, each render's terms times its samples: sums of the products of each
   // block's terms of s and of H, row by row (client/refine/score_test.h).
   Matrix moments() const;
+
+  // How many squares of block x block pixels have some that count.
+  double squares() const {
+    return blocks_.empty() ? 0 : 1.0 + static_cast<double>(std::ranges::max(blocks_));
+  }
 
   // Of image over render, the ratio of their sums.
   double exposure(const Synthesis& synthesis);

@@ -78,34 +78,6 @@ double width(const v1::RefinedParameter& p) {
   return p.high_95() / p.low_95();
 }
 
-// Where one direction in the space of materials can hardly be told, which one, and what is known.
-void add_remarks(v1::RefineResult& result) {
-  constexpr double kWideFactor = 1.5;  // of a 95 % interval
-  constexpr double kWideG = 0.3, kWideAlbedo = 0.2;
-  const v1::RefinedParameter& g = result.g();
-  const bool sigma_t_is_wide = !(width(result.sigma_t()) < kWideFactor);
-  const bool g_is_wide = !(g.high_95() - g.low_95() < kWideG);
-  const bool reduced_is_known =
-      std::log(width(result.sigma_s_reduced())) < std::log(width(result.sigma_t())) / 2;
-  if ((sigma_t_is_wide || g_is_wide) && reduced_is_known) {
-    result.add_remarks(fmt::format(
-        "sigma_t and g cannot be told apart: materials along the similarity ridge, with the same "
-        "sigma_s (1 - g) and sigma_a, look alike here. Known are sigma_s (1 - g) = {} and sigma_a "
-        "= {} per mm; more samples in the image, a thinner part of the object or another light "
-        "would tell the rest",
-        with_interval(result.sigma_s_reduced()), with_interval(result.sigma_a())));
-  } else {
-    if (sigma_t_is_wide) result.add_remarks("sigma_t can hardly be told from this");
-    if (g_is_wide) result.add_remarks("g can hardly be told from this");
-  }
-  if (!(result.albedo().high_95() - result.albedo().low_95() < kWideAlbedo)) {
-    result.add_remarks(result.has_exposure()
-                           ? "the albedo can hardly be told, as a darker exposure of a brighter "
-                             "material looks alike: find out the exposure"
-                           : "the albedo can hardly be told from this");
-  }
-}
-
 }  // namespace
 
 Eigen::Vector3d physical_deviations(const Region& region, size_t colour) {
@@ -147,8 +119,35 @@ v1::RefineResult refine_result(const Region& region, size_t colour) {
   for (const auto& [i, j] : {std::pair{0, 1}, {0, 2}, {1, 2}}) {
     result.add_correlations(readable(i, j) / std::sqrt(readable(i, i) * readable(j, j)));
   }
-  add_remarks(result);
   return result;
+}
+
+void add_remarks(v1::RefineResult& result) {
+  if (result.misfit()) return;
+  constexpr double kWideFactor = 1.5;  // of a 95 % interval
+  constexpr double kWideG = 0.3, kWideAlbedo = 0.2;
+  const v1::RefinedParameter& g = result.g();
+  const bool sigma_t_is_wide = !(width(result.sigma_t()) < kWideFactor);
+  const bool g_is_wide = !(g.high_95() - g.low_95() < kWideG);
+  const bool reduced_is_known =
+      std::log(width(result.sigma_s_reduced())) < std::log(width(result.sigma_t())) / 2;
+  if ((sigma_t_is_wide || g_is_wide) && reduced_is_known) {
+    result.add_remarks(fmt::format(
+        "sigma_t and g cannot be told apart: materials along the similarity ridge, with the same "
+        "sigma_s (1 - g) and sigma_a, look alike here. Known are sigma_s (1 - g) = {} and sigma_a "
+        "= {} per mm; more samples in the image, a thinner part of the object or another light "
+        "would tell the rest",
+        with_interval(result.sigma_s_reduced()), with_interval(result.sigma_a())));
+  } else {
+    if (sigma_t_is_wide) result.add_remarks("sigma_t can hardly be told from this");
+    if (g_is_wide) result.add_remarks("g can hardly be told from this");
+  }
+  if (!(result.albedo().high_95() - result.albedo().low_95() < kWideAlbedo)) {
+    result.add_remarks(result.has_exposure()
+                           ? "the albedo can hardly be told, as a darker exposure of a brighter "
+                             "material looks alike: find out the exposure"
+                           : "the albedo can hardly be told from this");
+  }
 }
 
 }  // namespace itn

@@ -14,6 +14,9 @@ namespace itn {
 // what is positive, over the logit of the albedo, and over that of (1 + g) / 2.
 v1::RefineResult refine_result(const Region& region, size_t colour = 0);
 
+// Remarks on what the intervals leave open: nothing if they do not hold.
+void add_remarks(v1::RefineResult& result);
+
 // Of ln sigma_t, albedo and g.
 Eigen::Vector3d physical_deviations(const Region& region, size_t colour = 0);
 

@@ -19,11 +19,10 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr const char* kState = "state.itn";
 constexpr const char* kTrajectory = "trajectory.jsonl";
 
 std::optional<v1::RefineState> find_state(const fs::path& folder) {
-  const fs::path path = folder / kState;
+  const fs::path path = folder / kRefineStateFile;
   if (folder.empty() || !fs::exists(path)) return std::nullopt;
   v1::RefineState state;
   if (!state.ParseFromString(read_file(path, "state"))) {
@@ -38,7 +37,7 @@ void write_state(const fs::path& folder, const v1::RefineState& state) {
   for (const v1::RefineIteration& iteration : state.trajectory())
     lines += to_json(iteration) + "\n";
   write_file_atomically(folder / kTrajectory, lines);
-  write_file_atomically(folder / kState, state.SerializeAsString());
+  write_file_atomically(folder / kRefineStateFile, state.SerializeAsString());
 }
 
 // What ended it no longer does, where limits were raised.

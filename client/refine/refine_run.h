@@ -32,6 +32,7 @@ struct RefineRun {
 Refinement refine(const v1::RefineSettings& settings, std::span<const Observation> observations,
                   const Synthesize& synthesize, const RefineRun& run);
 
+inline constexpr const char* kRefineStateFile = "state.itn";
 inline constexpr const char* kRefineResultFile = "result.json";  // in the folder of a run
 
 // Folders of what is of one colour, in that of a run of three.

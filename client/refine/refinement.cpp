@@ -40,8 +40,9 @@ void check(const v1::RefineSettings& settings) {
             fmt::format("known_within of {} is {}; it must be positive", name, deviation));
     const bool is_found = name == kKnownG || (name == kExposure && settings.unknown_exposure()) ||
                           std::ranges::count(settings.unknowns(), name) > 0;
-    require(is_found, fmt::format("known_within names {}, which is not found: it must be g, one of "
-                                  "the unknowns, or exposure where that is unknown",
+    require(is_found, fmt::format("known_within names {}, which is not found: it must be g; "
+                                  "exposure, with --exposure unknown; or a number that is found, "
+                                  "with --unknown NAME",
                                   name));
   }
   require(std::abs(settings.expected_g()) <= 0.98, "expected_g must be in [-0.98, 0.98]");
@@ -90,6 +91,16 @@ Layout layout_of(const v1::RefineSettings& settings, std::span<const Observation
   layout.unknowns = scene_unknowns(
       names, scenes, {settings.known_within().begin(), settings.known_within().end()});
   return layout;
+}
+
+// Intervals come from how squares of pixels scatter, of which there must be many more than numbers.
+void add_few_squares(const Descent& descent, v1::RefineResult& result) {
+  constexpr double kSquaresPerNumber = 8;
+  if (descent.squares() >= kSquaresPerNumber * descent.numbers()) return;
+  result.add_remarks(
+      fmt::format("{:.0f} independent squares of pixels count, for {:.0f} numbers that are found: "
+                  "they are too few for the intervals to hold",
+                  descent.squares(), descent.numbers()));
 }
 
 // Beyond its own noise an image should not differ from its render, nor should differences hang
@@ -322,6 +333,8 @@ v1::RefineResult Refinement::result(size_t colour) const {
     result.add_remarks("g was given, not found: sigma_t and albedo are those of that g");
   }
   add_misfit(descent, result);
+  add_remarks(result);
+  add_few_squares(descent, result);
   return result;
 }
 

@@ -47,8 +47,10 @@ Mesh load_repaired_mesh(const fs::path& path) {
 // The worker would find out, too, but knows no files.
 Mesh load_closed_mesh(const fs::path& path) {
   Mesh mesh = load_mesh(path);
-  require_closed(mesh, path.string(),
-                 fmt::format("mesh {{ path: \"{}\" repair: true }}", path.filename().string()));
+  require_closed(
+      mesh, path.string(),
+      fmt::format("by mesh {{ path: \"{}\" repair: true }} in a scene, or --repair of itn fit",
+                  path.filename().string()));
   return mesh;
 }
 
@@ -99,11 +101,15 @@ void resolve(v1::ImageReflectance& image, const fs::path& folder) {
 
 v1::Scene load_scene(const fs::path& path, std::optional<v1::LengthUnit> mesh_unit) {
   v1::Scene scene = parse(path);
+  load_files(scene, path.parent_path(), mesh_unit);
+  return scene;
+}
+
+void load_files(v1::Scene& scene, const fs::path& folder, std::optional<v1::LengthUnit> mesh_unit) {
   // Before files are read for each of them.
   integer_in("the number of lights", scene.lights_size(), 0, kMaxLights);
   integer_in("the number of surfaces", scene.surfaces_size(), 0, kMaxSurfaces);
   integer_in("the number of other_objects", scene.other_objects_size(), 0, kMaxOtherObjects);
-  const fs::path folder = path.parent_path();
   const auto resolve_mesh = [&](v1::Mesh& mesh, Role role) {
     if (mesh_unit && mesh.has_path()) mesh.set_unit(*mesh_unit);
     resolve(mesh, role, folder);
@@ -121,7 +127,6 @@ v1::Scene load_scene(const fs::path& path, std::optional<v1::LengthUnit> mesh_un
   for (v1::Light& light : *scene.mutable_lights()) {
     if (light.has_environment_map()) resolve(*light.mutable_environment_map(), folder);
   }
-  return scene;
 }
 
 }  // namespace itn

@@ -19,4 +19,8 @@ namespace itn {
 v1::Scene load_scene(const std::filesystem::path& path,
                      std::optional<v1::LengthUnit> mesh_unit = {});
 
+// The same of a scene that is not in a file, whose paths are relative to the folder.
+void load_files(v1::Scene& scene, const std::filesystem::path& folder,
+                std::optional<v1::LengthUnit> mesh_unit = {});
+
 }  // namespace itn

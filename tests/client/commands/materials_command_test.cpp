@@ -22,6 +22,7 @@ namespace itn {
 namespace {
 
 using namespace testing;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -119,6 +120,17 @@ TEST(MaterialsCommand, TakesWhatRefineFound) {
       run({kItn, "materials", "--refined", folders[0] + "," + folders[1] + "," + folders[2],
            "--format", "pbrt"});
   EXPECT_THAT(three.output, HasSubstr("\"rgb sigma_s\" [ 9 18 36 ]"));
+  const std::string misfit = folder.path("misfit");
+  std::filesystem::create_directory(misfit);
+  std::ofstream(misfit + "/result.json")
+      << R"({"material": {"sigma_t": 9, "albedo": 0.9}, "sigma_t": {"value": 9, "low_95": 8},
+             "misfit": true})";
+  const Finished doubtful = run({kItn, "materials", "--refined", misfit, "--format", "pbrt"});
+  EXPECT_THAT(doubtful.output, AllOf(HasSubstr("a misfit"), Not(HasSubstr("95 %"))));
+  std::filesystem::create_directory(folder.path("stopped"));
+  std::ofstream(folder.path("stopped") + "/state.itn") << "";
+  EXPECT_THAT(run({kItn, "materials", "--refined", folder.path("stopped")}).errors,
+              HasSubstr("has a refinement that was stopped"));
   std::ofstream(folders[0] + "/result.json") << "{";
   const Finished broken = run({kItn, "materials", "--refined", folders[0]});
   EXPECT_EQ(broken.exit_code, 3);

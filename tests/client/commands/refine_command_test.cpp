@@ -252,7 +252,7 @@ TEST_F(RefineCommand, SaysWhatIsWrong) {
           "--scene", shared_->path("scene.textproto"), "--scene", shared_->path("rgb.textproto")},
          3, {"rgb.textproto: film.channel must be the same in both"});
   refuse(command({"--init", "mean", "--known-within", "exposure"}), 2,
-         {"--known-within exposure: it is NAME=VALUE"});
+         {"--known-within exposure: it is NAME=NUMBER"});
   refuse(command({"--init", "mean", "--known-within", "exposure=0.1"}), 3,
          {"known_within names exposure, which is not found"});
   refuse({testing::kItn, "refine", shared_->path("none.exr"), "--scene",

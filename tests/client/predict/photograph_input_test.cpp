@@ -268,6 +268,15 @@ TEST_F(PhotographInput, SeesPlateausAndUnevenCards) {
   options.gray_card = PixelRectangle{0, 26, 12, 10};
   load_photograph(exr("plain.exr"), options);
   EXPECT_THAT(log.text(), ::testing::HasSubstr("is uneven, by "));
+  // Half of it is black.
+  const std::string half = exr("half.exr", [](Image& image) {
+    for (auto& [channel, plane] : image.channels) {
+      for (size_t p = 0; p < plane.size(); ++p) {
+        if (p % kWidth < 6 && p / kWidth >= 26) plane[p] = 0;
+      }
+    }
+  });
+  expect_error(ErrorKind::kInvalidInput, {"is no card"}, [&] { load_photograph(half, options); });
 }
 
 // A veil over the mask, or a photograph that is half transparent, darkens nothing.

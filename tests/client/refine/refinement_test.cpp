@@ -314,6 +314,23 @@ TEST(Refinement, NamesTheSimilarityRidge) {
   EXPECT_LT(r.sigma_s_reduced().standard_deviation(), 0.1 * kTruth.sigma_s_reduced());
 }
 
+TEST(Refinement, SaysThatTooFewPixelsCount) {
+  const SyntheticModel model;
+  v1::RefineSettings settings;
+  settings.set_max_spp(64);
+  const auto remarks = [&](uint32_t block) {
+    settings.set_block(block);
+    std::string all;
+    const v1::RefineResult r = refined(model, {model.observe(kTruth, 0.01, 1)}, settings, {kStart});
+    for (const std::string& remark : r.remarks()) all += remark;
+    return all;
+  };
+  const char* const few = "too few for the intervals to hold";
+  EXPECT_THAT(remarks(1), Not(::testing::HasSubstr(few)));
+  // Of 20 x 20 pixels.
+  EXPECT_THAT(remarks(5), ::testing::HasSubstr("16 independent squares of pixels count, for 3"));
+}
+
 TEST(Refinement, SaysThatTheSceneIsAnother) {
   const SyntheticModel model;
   Observation observation = model.observe(kTruth, 0.01, 1);
@@ -323,6 +340,11 @@ TEST(Refinement, SaysThatTheSceneIsAnother) {
   const v1::RefineResult r = refined(model, {observation}, settings, {kStart});
   ASSERT_FALSE(r.remarks().empty());
   EXPECT_THAT(r.remarks(r.remarks_size() - 1), ::testing::HasSubstr("shape, light"));
+  EXPECT_TRUE(r.misfit());
+  // No interval in words.
+  for (const std::string& remark : r.remarks()) {
+    EXPECT_THAT(remark, Not(::testing::HasSubstr("similarity ridge")));
+  }
 }
 
 // The best of several starts goes on; one whose loss is higher by more than noise does not.
