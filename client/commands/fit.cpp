@@ -14,9 +14,11 @@
 #include <vector>
 
 #include "client/commands/fit.h"
+#include "client/commands/fit_given.h"
 #include "client/commands/fit_photograph.h"
 #include "client/commands/fit_report.h"
 #include "client/commands/fit_stand.h"
+#include "client/dataset/panorama.h"
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
@@ -42,12 +44,6 @@ namespace fs = std::filesystem;
 // The deviation of a g that is given.
 constexpr double kAsGiven = 1e-4;
 
-// Differences hang together over a 24th of the frame (RefineSettings.block).
-uint32_t block_of(int side) {
-  constexpr int kBlocksPerSide = 24;
-  return static_cast<uint32_t>(std::max(1, side / kBlocksPerSide));
-}
-
 // The photograph with the contour of the shape.
 void write_overlay(const fs::path& file, const FitPhotograph& photograph, const Mesh& mesh,
                    const Pose& pose) {
@@ -69,6 +65,15 @@ void write_overlay(const fs::path& file, const FitPhotograph& photograph, const 
 
 void check(const FitOptions& options) {
   const auto usage = [](const std::string& message) { return Error(ErrorKind::kUsage, message); };
+  if (options.shape.empty() == options.scenes.empty()) {
+    throw usage("say --shape, of an object that is to be found; or --scene, where all is known");
+  }
+  if (!options.scenes.empty()) {
+    if (options.photograph.gray_card) {
+      throw usage("--gray-card is for --shape: how bright it is in a scene is not known");
+    }
+    return;
+  }
   if (options.photograph.gray_card && options.images.size() > 1) {
     throw usage("--gray-card is of one photograph; several are fitted without, or one by one");
   }
@@ -88,6 +93,18 @@ void check(const FitOptions& options) {
         "--object-size is required, the longest side of the object in mm, or --mesh-unit where the "
         "shape's file has its size");
   }
+}
+
+// With its files loaded: panoramas as large as light and shade need them, as many copies are made.
+v1::Scene for_search(v1::Scene scene) {
+  constexpr uint32_t kWidth = 512;
+  load_files(scene, {});
+  for (v1::Light& light : *scene.mutable_lights()) {
+    if (!light.has_environment_map()) continue;
+    v1::EnvironmentMap& map = *light.mutable_environment_map();
+    *map.mutable_pixels() = averaged_down(map.pixels(), kWidth, kWidth / 2);
+  }
+  return scene;
 }
 
 // A photograph is hardly ever taken from so near.
@@ -124,8 +141,7 @@ void write_posed_scenes(const FitOptions& options, const fs::path& folder, Refin
     const std::string stem = options.images.size() == 1 ? "" : fmt::format("_{}", i);
     const fs::path scene_file = folder / fmt::format("scene{}.textproto", stem);
     v1::Scene scene = scene_of(photograph, options);
-    v1::Scene loaded = scene;
-    load_files(loaded, folder);
+    const v1::Scene loaded = for_search(scene);
     const Mesh mesh = MeshBuilder(UINT64_MAX).build("object.mesh", loaded.object().mesh());
     const FoundStand stand = find_stand(photograph, mesh, loaded, options, pool);
     const FoundPose& found = stand.pose;
@@ -177,13 +193,11 @@ void set_unknowns(const FitOptions& options, RefineOptions& refine) {
     refine.unknowns.push_back(name);
     refine.known_within[name] = deviation;
   };
-  find_within("rough_dielectric.index", options.index_error);
+  find_within(kIndex, options.index_error);
   if (is_by_flash(options)) {
     find_within("light[0].sphere.center.x", options.flash_error);
     find_within("light[0].sphere.center.y", options.flash_error);
   }
-  refine.expected_g = options.g;
-  refine.known_within[kKnownG] = options.g_error > 0 ? options.g_error : kAsGiven;
   refine.unknown_exposure = !options.photograph.gray_card || card_error_of(options) > 0;
   if (card_error_of(options) > 0) refine.known_within[kExposure] = card_error_of(options);
 }
@@ -226,12 +240,14 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
 std::string in_words(const FitOptions& options) {
   const PhotographOptions& photograph = options.photograph;
   return fmt::format(
-      "photographs: {}\nshape: {}, size {}, mesh unit {}, repair {}\nlight: {}, flash {} within "
+      "photographs: {}\nscenes: {}\nshape: {}, size {}, mesh unit {}, repair {}\nlight: {}, flash "
+      "{} within "
       "{}, panorama {}, camera {} within {}\ncard: {} of {} at {} within {}\nfocal length: "
       "{}\nindex: {} "
       "within {}\ng: {} within {}\nresolution: {}, luminance {}\nmask: {}\nstart: {}, {} starts, "
       "seed {}, spp {}\n",
-      fmt::join(options.images, " "), options.shape, photograph.object_size.value_or(0),
+      fmt::join(options.images, " "), fmt::join(options.scenes, " "), options.shape,
+      photograph.object_size.value_or(0),
       static_cast<int>(options.refine.mesh_unit.value_or(v1::MM)), options.repair, options.light,
       fmt::join(options.flash_offset, ","), options.flash_error,
       options.panorama_turn ? fmt::format("{}", *options.panorama_turn) : "found",
@@ -259,18 +275,19 @@ void require_same(const FitOptions& options, const fs::path& folder) {
                   folder.string(), kOptionsFile, before, now));
 }
 
-void write_report(const FitOptions& options, const fs::path& folder, const v1::FitResult& result) {
+// `scene`: a file that the refinement was of.
+void write_report(const FitOptions& options, const std::string& scene, const fs::path& folder,
+                  const v1::FitResult& result) {
   constexpr uint32_t kSwatchSpp = 64;
-  const v1::Scene scene = load_scene(result.poses(0).scene());
-  const Mesh mesh = MeshBuilder(UINT64_MAX).build("object.mesh", scene.object().mesh());
+  const double size = longest_side(object_bounds("scene.object", load_scene(scene).object()));
   std::vector<Material> materials;
   for (const v1::RefineResult& one : result.results()) {
     // Of an object of 1 mm.
     materials.push_back(from_proto(one.material()));
-    materials.back().sigma_t *= longest_side(bounds(mesh));
+    materials.back().sigma_t *= size;
   }
   RenderPool pool(options.refine.workers.pool_options());
-  const std::string title = fs::path(result.poses(0).image()).filename().string();
+  const std::string title = fs::path(options.images.front()).filename().string();
   write_file_atomically(
       folder / "report.html",
       fit_report_page(title, result, folder, render_swatches(pool, materials, kSwatchSpp, [] {})));
@@ -287,12 +304,18 @@ void run_fit(const FitOptions& options) {
   require_same(options, folder);
   v1::FitResult result;
   RefineOptions refine = options.refine;
-  write_posed_scenes(options, folder, refine, result);
-  set_unknowns(options, refine);
+  refine.expected_g = options.g;
+  refine.known_within[kKnownG] = options.g_error > 0 ? options.g_error : kAsGiven;
+  if (options.scenes.empty()) {
+    write_posed_scenes(options, folder, refine, result);
+    set_unknowns(options, refine);
+  } else {
+    prepare_given_scenes(options, folder, refine);
+  }
   write_file_atomically(folder / kOptionsFile, in_words(options));
   const std::vector<v1::RefineResult> found = find_materials(refine);
   result.mutable_results()->Add(found.begin(), found.end());
-  write_report(options, folder, result);
+  write_report(options, refine.scenes.front(), folder, result);
   options.refine.json ? print_result("{}\n", to_json(result))
                       : print_result(to_text(result, folder));
 }

@@ -13,6 +13,8 @@ namespace itn {
 struct FitOptions {
   std::vector<std::string> images;
   PhotographOptions photograph;
+  // One for all of the images or one for each, where all is known; of others the shape alone is.
+  std::vector<std::string> scenes;
   std::string shape;  // a mesh file, or a built-in one
   bool repair = false;
   std::string light = "flash";                 // or the file of a panorama

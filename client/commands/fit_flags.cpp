@@ -18,10 +18,19 @@ void add_flags(CLI::App& command, FitOptions& options) {
                   "Photographs of one object, as for itn predict, each seen whole. Pixels at its "
                   "edge, and at the top of what a file can hold, do not count")
       ->required();
+  CLI::Option* scene =
+      command
+          .add_option(
+              "--scene", options.scenes,
+              "Scene file in which all is known but material, roughness and exposure: one for "
+              "all images, or once for each, in order. Photographs are averaged down to its "
+              "film")
+          ->allow_extra_args(false);
   command
       .add_option("--shape", options.shape,
-                  "A PLY, OBJ or STL file, or a shape that itn shapes lists, as sphere")
-      ->required();
+                  "A PLY, OBJ or STL file, or a shape that itn shapes lists, as sphere: where it "
+                  "stands is found")
+      ->excludes(scene);
   command
       .add_option("--object-size", photograph.object_size,
                   "Longest side of the object, in mm. Default: as the shape's file has it, if "

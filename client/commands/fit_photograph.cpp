@@ -161,6 +161,11 @@ PinholeView view_of(const FitPhotograph& photograph, int side) {
           (0.5 * photograph.height - photograph.square.top) * by, side};
 }
 
+uint32_t block_of(int side) {
+  constexpr int kBlocksPerSide = 24;
+  return static_cast<uint32_t>(std::max(1, side / kBlocksPerSide));
+}
+
 bool is_builtin(const std::string& shape) {
   const auto shapes = builtin_shapes();
   return std::ranges::find(shapes, shape, &ShapeInfo::name) != shapes.end();

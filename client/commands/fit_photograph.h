@@ -1,6 +1,7 @@
 // What itn fit sees: the photograph of an object, and the scene that it is one of.
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -34,6 +35,10 @@ FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& opt
 
 // The camera of the photograph in an image of the square, of another side.
 PinholeView view_of(const FitPhotograph& photograph, int side);
+
+// The side of a square over which differences hang together: a 24th of the frame's
+// (RefineSettings.block).
+uint32_t block_of(int side);
 
 // A shape that is no file.
 bool is_builtin(const std::string& shape);

@@ -61,7 +61,9 @@ std::string pictures_of(const v1::FitResult& result, const fs::path& folder) {
                                      "photograph. {:.0f} mm from the camera",
                                      result.poses(i).range()));
   }
-  return section("Where the object stands", poses + "</div>\n") +
+  const std::string stands =
+      result.poses().empty() ? "" : section("Where the object stands", poses + "</div>\n");
+  return stands +
          section("The photograph beside renders of the answer",
                  html_figure(png_of(folder / "picture.png"), "panel", "",
                              "A row for each colour: photograph, render, and their difference, red "
@@ -147,15 +149,14 @@ std::string fit_report_page(const std::string& title, const v1::FitResult& resul
   const std::string numbers =
       to_table(std::vector(result.results().begin(), result.results().end()));
   return html_page(
-      title,
-      fmt::format(
-          "<header><h1>{}</h1><p>Its material, found by rendering its shape.</p></header>\n",
-          html_escaped(title)) +
-          trust_of(result) + pictures_of(result, folder) +
-          section("Answer",
-                  fmt::format("<p class=\"soft\">Per mm, with 95 % intervals.</p><pre>{}</pre>",
-                              html_escaped(numbers))) +
-          swatches_of(swatches) + exports_of(title, result) + convergence_of(folder));
+      title, fmt::format(
+                 "<header><h1>{}</h1><p>Its material, found by rendering its shape.</p></header>\n",
+                 html_escaped(title)) +
+                 trust_of(result) + pictures_of(result, folder) +
+                 section("Answer", fmt::format("<p class=\"soft\">Lengths in mm; where there is no "
+                                               "misfit, with 95 % intervals.</p><pre>{}</pre>",
+                                               html_escaped(numbers))) +
+                 swatches_of(swatches) + exports_of(title, result) + convergence_of(folder));
 }
 
 }  // namespace itn

@@ -25,33 +25,31 @@ constexpr double kDoubtOfG = 0.4;
 
 // Samples per pixel that make the noise of a sum over all pixels that of so many at 96 pixels a
 // side.
-uint32_t spp_for(int side, uint32_t at_96) {
-  constexpr int kUsual = 96 * 96;
-  return std::clamp(at_96 * kUsual / static_cast<uint32_t>(side * side), at_96 / 4, 16 * at_96);
+uint32_t spp_for(double pixels, uint32_t at_96) {
+  constexpr double kUsual = 96 * 96;
+  return std::clamp(static_cast<uint32_t>(at_96 * kUsual / pixels), at_96 / 4, 16 * at_96);
 }
 
 // ---- Renders ---------------------------------------------------------------------------------
 
-// A render of the luminance of a scene with another stand, of which several estimates are wanted.
+// What is rendered in luminance.
 struct Variant {
-  Stand stand;
+  v1::Scene scene;
   Material material;
 };
 
 // Estimates of the radiance by pixel, of each.
 std::vector<std::vector<std::vector<float>>> rendered(std::span<const Variant> variants,
                                                       uint32_t spp, uint32_t estimates,
-                                                      const Mesh& mesh, const v1::Scene& scene,
-                                                      const FitOptions& options, RenderPool& pool) {
+                                                      uint64_t seed, RenderPool& pool) {
   std::vector<RenderJob> jobs;
   for (const Variant& variant : variants) {
-    v1::Scene placed = scene;
-    place(variant.stand, mesh, options, placed);
-    placed.mutable_film()->set_channel(v1::Film::LUMINANCE);
-    RenderJob& job = jobs.emplace_back(RenderJob{.scene = serialize(placed), .request = {}});
+    v1::Scene scene = variant.scene;
+    scene.mutable_film()->set_channel(v1::Film::LUMINANCE);
+    RenderJob& job = jobs.emplace_back(RenderJob{.scene = serialize(scene), .request = {}});
     *job.request.mutable_material() = to_proto(variant.material);
     job.request.set_spp(spp);
-    job.request.set_seed(options.refine.seed);
+    job.request.set_seed(seed);
     job.request.set_estimates(estimates);
     job.request.set_pixels(v1::OBJECT_PIXELS);
   }
@@ -67,6 +65,46 @@ std::vector<std::vector<std::vector<float>>> rendered(std::span<const Variant> v
   }
   return images;
 }
+
+v1::Scene placed(const Stand& stand, const Mesh& mesh, const FitOptions& options, v1::Scene scene) {
+  place(stand, mesh, options, scene);
+  return scene;
+}
+
+// ---- Disturbances ----------------------------------------------------------------------------
+
+// Pairs of renders, of something more and of less.
+struct Changes {
+  std::vector<Variant> variants;
+  std::vector<double> apart;  // each pair, in standard deviations
+
+  void add(Variant more, Variant less, double deviations) {
+    variants.push_back(std::move(more));
+    variants.push_back(std::move(less));
+    apart.push_back(deviations);
+  }
+
+  void add_other_g(const v1::Scene& scene, const Material& material, const FitOptions& options) {
+    if (options.g_error > 0) return;  // it is found
+    const auto of_g = [&](double g) {
+      return Variant{scene, of_similar_light(material, std::clamp(g, -kMaxAbsG, kMaxAbsG))};
+    };
+    add(of_g(options.g + kDoubtOfG), of_g(options.g - kDoubtOfG), 2);
+  }
+
+  std::vector<std::vector<float>> planes(const std::vector<float>& mask, const v1::Film& film,
+                                         const FitOptions& options, RenderPool& pool) const {
+    if (variants.empty()) return {};
+    constexpr uint32_t kSpp = 64, kEstimates = 4;
+    const uint32_t spp = spp_for(static_cast<double>(mask.size()), kSpp);
+    const auto images = rendered(variants, spp, kEstimates, options.refine.seed, pool);
+    std::vector<RenderedChange> changes;
+    for (size_t i = 0; i < apart.size(); ++i) {
+      changes.push_back({.more = images[2 * i], .less = images[2 * i + 1], .apart = apart[i]});
+    }
+    return disturbances_of(changes, mask, static_cast<int>(film.width()));
+  }
+};
 
 // ---- A rough material ------------------------------------------------------------------------
 
@@ -93,7 +131,7 @@ Scouting scout(const FitPhotograph& photograph, const Mesh& mesh, const Stand& s
     (*settings.mutable_known_within())[kExposure] = card_error_of(options);
   }
   settings.add_unknowns(kRoughness);
-  settings.set_spp(spp_for(photograph.side, 32));
+  settings.set_spp(spp_for(static_cast<double>(photograph.mask.size()), 32));
   settings.set_max_spp(2 * settings.spp());
   settings.set_max_iterations(8);
   settings.set_seed(options.refine.seed);
@@ -134,7 +172,6 @@ class TurnSearch {
              const v1::Scene& scene, const FitOptions& options, RenderPool& pool)
       : radiance_(radiance_of(photograph.image, photograph.channels, v1::Film::LUMINANCE)),
         mask_(pixels_of_object(photograph, mesh, pose)),
-        side_(photograph.side),
         mesh_(mesh),
         pose_(pose),
         scene_(scene),
@@ -196,13 +233,14 @@ class TurnSearch {
                                    std::span<const Material> materials, uint32_t spp) const {
     constexpr uint32_t kEstimates = 2;
     std::vector<Variant> variants;
-    spp = spp_for(side_, spp);
+    spp = spp_for(static_cast<double>(mask_.size()), spp);
     for (const double turn : turns) {
       for (const Material& material : materials) {
-        variants.push_back({{pose_, turn, options_.camera_down}, material});
+        variants.push_back(
+            {placed({pose_, turn, options_.camera_down}, mesh_, options_, scene_), material});
       }
     }
-    const auto images = rendered(variants, spp, kEstimates, mesh_, scene_, options_, pool_);
+    const auto images = rendered(variants, spp, kEstimates, options_.refine.seed, pool_);
     std::vector<double> losses(turns.size(), std::numeric_limits<double>::infinity());
     for (size_t i = 0; i < images.size(); ++i) {
       double& least = losses[i / materials.size()];
@@ -212,7 +250,6 @@ class TurnSearch {
   }
 
   std::vector<float> radiance_, mask_;
-  int side_;
   const Mesh& mesh_;
   const Pose& pose_;
   const v1::Scene& scene_;
@@ -306,46 +343,41 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
 std::vector<std::vector<float>> disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
                                                 const FoundStand& found, const v1::Scene& scene,
                                                 const FitOptions& options, RenderPool& pool) {
-  constexpr uint32_t kSpp = 64, kEstimates = 4;
   // So many standard deviations from the middle, that the noise is small beside the difference.
   constexpr double kFar = 2;
   const Pose& pose = found.stand.pose;
   const Vec3d middle = middle_of(bounds(mesh));
-  std::vector<Variant> variants;  // in pairs: of something more, and less
-  std::vector<double> apart;      // of each pair
+  Changes changes;
+  // `change`: of a stand, by so many standard deviations.
+  const auto add = [&](const auto& change) {
+    const auto changed = [&](double deviations) {
+      Stand stand = found.stand;
+      change(stand, deviations);
+      return Variant{placed(stand, mesh, options, scene), found.material};
+    };
+    changes.add(changed(kFar), changed(-kFar), 2 * kFar);
+  };
   std::vector<PoseMove> errors = found.pose.errors;
   // The mask may be half a pixel too large or too small all around.
   errors.push_back({{}, pose.to_scene(middle) * (1.0 / photograph.pose_side)});
   for (const PoseMove& error : errors) {
-    for (const double times : {kFar, -kFar}) {
-      Variant& variant = variants.emplace_back(Variant{found.stand, found.material});
-      variant.stand.pose = moved(pose, middle, error, times);
-    }
-    apart.push_back(2 * kFar);
+    add([&](Stand& stand, double times) { stand.pose = moved(pose, middle, error, times); });
   }
   if (!is_by_flash(options) && options.turn_error > 0) {
     for (double Stand::*const angle : {&Stand::panorama_turn, &Stand::camera_down}) {
-      for (const double times : {kFar, -kFar}) {
-        Variant& variant = variants.emplace_back(Variant{found.stand, found.material});
-        variant.stand.*angle += times * options.turn_error;
-      }
-      apart.push_back(2 * kFar);
+      add([&](Stand& stand, double times) { stand.*angle += times * options.turn_error; });
     }
   }
-  if (options.g_error == 0) {
-    for (const double g : {options.g + kDoubtOfG, options.g - kDoubtOfG}) {
-      variants.push_back(
-          {found.stand, of_similar_light(found.material, std::clamp(g, -kMaxAbsG, kMaxAbsG))});
-    }
-    apart.push_back(2);
-  }
-  const auto images =
-      rendered(variants, spp_for(photograph.side, kSpp), kEstimates, mesh, scene, options, pool);
-  std::vector<RenderedChange> changes;
-  for (size_t i = 0; i < apart.size(); ++i) {
-    changes.push_back({.more = images[2 * i], .less = images[2 * i + 1], .apart = apart[i]});
-  }
-  return disturbances_of(changes, pixels_of_object(photograph, mesh, pose), photograph.side);
+  changes.add_other_g(placed(found.stand, mesh, options, scene), found.material, options);
+  return changes.planes(pixels_of_object(photograph, mesh, pose), scene.film(), options, pool);
+}
+
+std::vector<std::vector<float>> disturbance_of_g(const v1::Scene& scene, const Material& material,
+                                                 const std::vector<float>& mask,
+                                                 const FitOptions& options, RenderPool& pool) {
+  Changes changes;
+  changes.add_other_g(scene, material, options);
+  return changes.planes(mask, scene.film(), options, pool);
 }
 
 }  // namespace itn

@@ -34,9 +34,16 @@ std::vector<std::vector<float>> disturbances_of(const FitPhotograph& photograph,
                                                 const FoundStand& found, const v1::Scene& scene,
                                                 const FitOptions& options, RenderPool& pool);
 
+// The same of a scene that is given, with the object where it stands: of another g alone. `mask`:
+// pixels of its film.
+std::vector<std::vector<float>> disturbance_of_g(const v1::Scene& scene, const Material& material,
+                                                 const std::vector<float>& mask,
+                                                 const FitOptions& options, RenderPool& pool);
+
 // The material of another g that looks about alike.
 Material of_similar_light(const Material& material, double g);
 
 inline constexpr const char* kRoughness = "rough_dielectric.roughness";
+inline constexpr const char* kIndex = "rough_dielectric.index";
 
 }  // namespace itn

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -61,25 +62,6 @@ bool has_colours(const Image& image, const std::vector<std::string>& channels) {
   return false;
 }
 
-// Pixels that count, where some do not: those at the top of what the file can hold.
-void leave_out_clipped(const std::string& name, const std::vector<unsigned char>& clipped,
-                       std::vector<float>& mask) {
-  if (std::ranges::count(clipped, 1) == 0) return;
-  if (mask.empty()) mask.assign(clipped.size(), 1);
-  size_t left_out = 0, all = 0;
-  for (size_t p = 0; p < clipped.size(); ++p) {
-    if (!is_on_object(mask[p])) continue;
-    ++all;
-    if (clipped[p] == 0) continue;
-    ++left_out;
-    mask[p] = 0;
-  }
-  if (left_out > 0) {
-    spdlog::warn("{}: {} of {} pixels are at the top of what the file can hold and do not count",
-                 name, left_out, all);
-  }
-}
-
 // The colours of a film, one by one.
 std::vector<v1::Film::Channel> channels_of(const v1::Film& film) {
   if (film.channel() != v1::Film::RGB) return {film.channel()};
@@ -89,15 +71,16 @@ std::vector<v1::Film::Channel> channels_of(const v1::Film& film) {
 // What the image shows in each colour of the film.
 std::vector<Observation> load_observations(const std::string& name, const v1::Scene& scene,
                                            const RefineOptions& options) {
-  const PhotographContent content = read_content(name, options.reading);
+  PhotographContent content = read_content(name, options.reading);
   const Image& image = content.file.image;
   const v1::Film& film = scene.film();
-  if (static_cast<uint32_t>(image.width) != film.width() ||
-      static_cast<uint32_t>(image.height) != film.height()) {
-    throw invalid_input(
-        fmt::format("{} is {} x {} pixels, the film of its scene {} x {}; they must be the same",
-                    name, image.width, image.height, film.width(), film.height()));
+  std::vector<float> mask;
+  if (!options.mask.empty()) {
+    mask = read_mask_for(content, name, options.mask);
+  } else if (image.has("mask.Y")) {
+    mask = image.channel("mask.Y");
   }
+  average_to_film(name, film, content, mask);
   if (content.file.may_be_linear) {
     throw invalid_input(fmt::format(
         "{} holds 16-bit integers and does not say how they are encoded; --encoding linear or "
@@ -120,12 +103,6 @@ std::vector<Observation> load_observations(const std::string& name, const v1::Sc
         "{} has colours, and the film of its scene is LUMINANCE: the answer is one material for "
         "all of them, which may fit none; film {{ channel: RGB }} fits each",
         name);
-  }
-  std::vector<float> mask;
-  if (!options.mask.empty()) {
-    mask = read_mask_for(content, name, options.mask);
-  } else if (image.has("mask.Y")) {
-    mask = image.channel("mask.Y");
   }
   leave_out_clipped(name, content.file.clipped, mask);
   std::vector<Observation> observations;
@@ -173,6 +150,7 @@ std::vector<v1::Scene> load_scenes(const RefineOptions& options) {
   std::vector<v1::Scene> scenes;
   for (const std::string& file : options.scenes) {
     scenes.push_back(load_scene(file, options.mesh_unit));
+    if (options.channel) scenes.back().mutable_film()->set_channel(*options.channel);
     if (scenes.back().film().channel() != scenes.front().film().channel()) {
       throw invalid_input(fmt::format(
           "{} and {}: film.channel must be the same in both; RGB finds a material for each colour",
@@ -327,6 +305,69 @@ std::vector<Synthesis> render_fits(const Refinement& refinement,
 }
 
 }  // namespace
+
+void average_to_film(const std::string& name, const v1::Film& film, PhotographContent& content,
+                     std::vector<float>& mask) {
+  Image& image = content.file.image;
+  const auto columns = static_cast<int>(film.width()), rows = static_cast<int>(film.height());
+  if (image.width == columns && image.height == rows) return;
+  const double by = static_cast<double>(image.width) / columns;
+  constexpr double kRounded = 0.5;  // of a pixel of the film
+  if (image.width < columns || image.height < rows ||
+      std::abs(image.height - by * rows) > kRounded * by) {
+    throw invalid_input(fmt::format(
+        "{} is {} x {} pixels, the film of its scene {} x {}; it must be as large, or larger and "
+        "of the same shape",
+        name, image.width, image.height, columns, rows));
+  }
+  const int width = image.width;
+  const auto average = [&](const std::vector<float>& plane) {
+    return averaged(plane, 1, width, columns, rows, interruption());
+  };
+  const double pixels = by * image.height / rows;
+  for (auto& [channel, plane] : image.channels) {
+    // Variances add up.
+    const bool is_noise = channel.starts_with("stderr.");
+    if (is_noise) std::ranges::transform(plane, plane.begin(), [](float v) { return v * v; });
+    plane = average(plane);
+    if (!is_noise) continue;
+    std::ranges::transform(plane, plane.begin(), [&](float v) {
+      return static_cast<float>(std::sqrt(double{v} / pixels));
+    });
+  }
+  image.width = columns;
+  image.height = rows;
+  // What is clipped, or not of the object, in a part does not count.
+  constexpr float kWhole = 0.99F, kClipped = 0.001F;
+  if (!mask.empty()) {
+    mask = average(mask);
+    std::ranges::transform(mask, mask.begin(), [](float v) { return v >= kWhole ? 1.0F : 0.0F; });
+  }
+  std::vector<unsigned char>& clipped = content.file.clipped;
+  if (clipped.empty()) return;
+  const std::vector<float> parts = average({clipped.begin(), clipped.end()});
+  clipped.resize(parts.size());
+  std::ranges::transform(parts, clipped.begin(),
+                         [](float v) { return static_cast<unsigned char>(v > kClipped); });
+}
+
+void leave_out_clipped(const std::string& name, const std::vector<unsigned char>& clipped,
+                       std::vector<float>& mask) {
+  if (std::ranges::count(clipped, 1) == 0) return;
+  if (mask.empty()) mask.assign(clipped.size(), 1);
+  size_t left_out = 0, all = 0;
+  for (size_t p = 0; p < clipped.size(); ++p) {
+    if (!is_on_object(mask[p])) continue;
+    ++all;
+    if (clipped[p] == 0) continue;
+    ++left_out;
+    mask[p] = 0;
+  }
+  if (left_out > 0) {
+    spdlog::warn("{}: {} of {} pixels are at the top of what the file can hold and do not count",
+                 name, left_out, all);
+  }
+}
 
 std::vector<float> radiance_of(const Image& image, const std::vector<std::string>& names,
                                v1::Film::Channel channel) {

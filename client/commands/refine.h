@@ -20,6 +20,7 @@ struct RefineOptions {
   std::string mask;  // a file, or a folder; empty: the images' own
   FileReading reading;
   std::optional<v1::LengthUnit> mesh_unit;
+  std::optional<v1::Film::Channel> channel;  // of the films, instead of what the scenes say
   std::string init = "network";
   std::string model;
   uint32_t starts = 1;
@@ -40,6 +41,15 @@ struct RefineOptions {
 // What a film has of an image whose channels these are, Y or R, G and B.
 std::vector<float> radiance_of(const Image& image, const std::vector<std::string>& channels,
                                v1::Film::Channel film);
+
+// An image larger than the film, of the same shape, is averaged down to it; a pixel of the mask is
+// then 1 where all of it was. Throws Error (invalid input) if it is smaller or of another shape.
+void average_to_film(const std::string& name, const v1::Film& film, PhotographContent& content,
+                     std::vector<float>& mask);
+
+// Takes pixels at the top of what a file can hold out of the mask, with a warning.
+void leave_out_clipped(const std::string& name, const std::vector<unsigned char>& clipped,
+                       std::vector<float>& mask);
 
 // Channels of an EXR that are Observation::disturbances, with their numbers behind it.
 inline constexpr const char* kDisturbance = "disturbance.";

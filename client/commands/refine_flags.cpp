@@ -14,7 +14,8 @@ void add_flags(CLI::App& command, RefineOptions& options) {
       .add_option(
           "images", options.images,
           "Images of one material, of linear radiance on the scale of their scenes' lights, "
-          "of the size of their films: EXR, or others as for itn predict. Of an EXR, mask.Y "
+          "of the size of their films, or larger: EXR, or others as for itn predict. Of an EXR, "
+          "mask.Y "
           "says which pixels count (default: where the scene shows the object), and "
           "stderr.Y how noisy they are. Pixels at the top of what a file can hold do not count")
       ->required();

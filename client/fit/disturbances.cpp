@@ -14,17 +14,18 @@ namespace {
 using Plane = Eigen::VectorXd;
 
 // Means over neighbours within the mask, the nearer ones counted more.
-Plane smoothed(const Plane& plane, const std::vector<float>& mask, int side) {
+Plane smoothed(const Plane& plane, const std::vector<float>& mask, int width) {
+  const int height = static_cast<int>(mask.size()) / width;
   Plane result = Plane::Zero(plane.size());
-  const auto index = [side](int x, int y) { return Eigen::Index{y} * side + x; };
+  const auto index = [width](int x, int y) { return Eigen::Index{y} * width + x; };
   const auto counts = [&](int x, int y) {
     return is_on_object(mask[static_cast<size_t>(index(x, y))]);
   };
-  for (int y = 0; y < side; ++y) {
-    for (int x = 0; x < side; ++x) {
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
       double sum = 0, weights = 0;
-      for (int v = std::max(0, y - 1); v <= std::min(side - 1, y + 1); ++v) {
-        for (int u = std::max(0, x - 1); u <= std::min(side - 1, x + 1); ++u) {
+      for (int v = std::max(0, y - 1); v <= std::min(height - 1, y + 1); ++v) {
+        for (int u = std::max(0, x - 1); u <= std::min(width - 1, x + 1); ++u) {
           if (!counts(u, v)) continue;
           const double weight = (u == x ? 2.0 : 1.0) * (v == y ? 2.0 : 1.0);
           sum += weight * plane[index(u, v)];
@@ -40,7 +41,7 @@ Plane smoothed(const Plane& plane, const std::vector<float>& mask, int side) {
 }  // namespace
 
 std::vector<std::vector<float>> disturbances_of(std::span<const RenderedChange> changes,
-                                                const std::vector<float>& mask, int side) {
+                                                const std::vector<float>& mask, int width) {
   const auto pixels = static_cast<Eigen::Index>(mask.size());
   const size_t count = changes.front().more.size();
   const auto k = static_cast<double>(count);
@@ -52,7 +53,7 @@ std::vector<std::vector<float>> disturbances_of(std::span<const RenderedChange> 
       }
     }
   }
-  mean = smoothed(mean / (2 * k * static_cast<double>(changes.size())), mask, side);
+  mean = smoothed(mean / (2 * k * static_cast<double>(changes.size())), mask, width);
   double on_object = 0, sum_of_mean = 0;
   for (Eigen::Index p = 0; p < pixels; ++p) {
     if (!is_on_object(mask[static_cast<size_t>(p)])) continue;
@@ -73,7 +74,7 @@ std::vector<std::vector<float>> disturbances_of(std::span<const RenderedChange> 
         plane[p] =
             (double{change.more[e][i]} - double{change.less[e][i]}) / (change.apart * mean[p]);
       }
-      planes.push_back(smoothed(smoothed(plane, mask, side), mask, side));
+      planes.push_back(smoothed(smoothed(plane, mask, width), mask, width));
     }
   }
   // Products of different estimates, which are without bias.

@@ -13,11 +13,11 @@ struct RenderedChange {
   double apart = 2;  // in standard deviations of what is not known
 };
 
-// Planes of Observation::disturbances, side x side pixels: what a standard deviation of each of
-// some independent errors adds, as a part of the radiance. The errors that changed are independent,
-// too; those that are made of them change the image most. What changes it by less than two
-// thousandths, root mean square over the pixels of the mask, is left out.
+// Planes of Observation::disturbances, of images of `width` pixels a row: what a standard deviation
+// of each of some independent errors adds, as a part of the radiance. The errors that changed are
+// independent, too; those that are made of them change the image most. What changes it by less than
+// two thousandths, root mean square over the pixels of the mask, is left out.
 std::vector<std::vector<float>> disturbances_of(std::span<const RenderedChange> changes,
-                                                const std::vector<float>& mask, int side);
+                                                const std::vector<float>& mask, int width);
 
 }  // namespace itn

@@ -141,23 +141,32 @@ Square frame(const Photograph& p, Framing framing, const std::stop_token& stop) 
   return {object.left + (width - side) / 2, object.top + (height - side) / 2, side};
 }
 
-// Without ever holding the whole of the square: each row of the photograph is averaged along
+namespace {
+
+// Part of an image; it may reach beyond.
+struct Window {
+  int left = 0, top = 0, width = 0, height = 0;
+};
+
+// Without ever holding the whole of the window: each row of the photograph is averaged along
 // itself, and added to the one or two rows of the result that it is a part of.
 std::vector<float> averaged(std::span<const float> values, int channels, int width,
-                            const Square& square, int side, const std::stop_token& stop) {
+                            const Window& window, int columns, int rows,
+                            const std::stop_token& stop) {
   const int height = static_cast<int>(values.size()) / channels / width;
-  const std::vector<Share> share = shares(square.side, side);
-  const size_t row_size = static_cast<size_t>(side) * channels;
-  std::vector<double> sums(row_size * side), row_sums(row_size);
-  const int left = std::max(0, square.left), right = std::min(width, square.left + square.side);
-  const int top = std::max(0, square.top), bottom = std::min(height, square.top + square.side);
+  const std::vector<Share> across = shares(window.width, columns);
+  const std::vector<Share> down = shares(window.height, rows);
+  const size_t row_size = static_cast<size_t>(columns) * channels;
+  std::vector<double> sums(row_size * rows), row_sums(row_size);
+  const int left = std::max(0, window.left), right = std::min(width, window.left + window.width);
+  const int top = std::max(0, window.top), bottom = std::min(height, window.top + window.height);
   for (int y = top; y < bottom; ++y) {
     throw_if_stopped(stop);
     // Along the row.
     std::ranges::fill(row_sums, 0);
     const float* value = &values[(static_cast<size_t>(y) * width + left) * channels];
     for (int x = left; x < right; ++x) {
-      const auto [cell, part] = share[x - square.left];
+      const auto [cell, part] = across[x - window.left];
       double* sum = &row_sums[static_cast<size_t>(cell) * channels];
       for (int c = 0; c < channels; ++c, ++value) {
         sum[c] += part * *value;
@@ -165,18 +174,33 @@ std::vector<float> averaged(std::span<const float> values, int channels, int wid
       }
     }
     // Into the result.
-    const auto [cell, part] = share[y - square.top];
+    const auto [cell, part] = down[y - window.top];
     for (size_t i = 0; i < row_size; ++i) {
       double* sum = &sums[cell * row_size + i];
       *sum += part * row_sums[i];
       if (part < 1) sum[row_size] += (1 - part) * row_sums[i];
     }
   }
-  const double area = std::pow(static_cast<double>(square.side) / side, 2);
+  const double area =
+      static_cast<double>(window.width) / columns * static_cast<double>(window.height) / rows;
   std::vector<float> result(sums.size());
   std::ranges::transform(sums, result.begin(),
                          [area](double sum) { return static_cast<float>(sum / area); });
   return result;
+}
+
+}  // namespace
+
+std::vector<float> averaged(std::span<const float> values, int channels, int width,
+                            const Square& square, int side, const std::stop_token& stop) {
+  const Window window{square.left, square.top, square.side, square.side};
+  return averaged(values, channels, width, window, side, side, stop);
+}
+
+std::vector<float> averaged(std::span<const float> values, int channels, int width, int columns,
+                            int rows, const std::stop_token& stop) {
+  const int height = static_cast<int>(values.size()) / channels / width;
+  return averaged(values, channels, width, Window{0, 0, width, height}, columns, rows, stop);
 }
 
 FramedPhotograph framed(const Photograph& photograph, const std::stop_token& stop,

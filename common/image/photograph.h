@@ -82,4 +82,8 @@ Square frame(const Photograph& photograph, Framing framing = Framing::kSquareWho
 std::vector<float> averaged(std::span<const float> values, int channels, int width,
                             const Square& square, int side, const std::stop_token& stop = {});
 
+// The whole of it, averaged down to `columns` x `rows` pixels, at most its own.
+std::vector<float> averaged(std::span<const float> values, int channels, int width, int columns,
+                            int rows, const std::stop_token& stop = {});
+
 }  // namespace itn

@@ -189,6 +189,36 @@ TEST_F(FitCommand, FindsTheTurnOfAPanorama) {
   EXPECT_GE(material.sigma_s_reduced().high_95(), s) << done.output;
 }
 
+// A photograph of sixteen times the pixels of the film, by a scale that is not known.
+TEST_F(FitCommand, TakesASceneThatIsGiven) {
+  std::string scene = kPhotographed;
+  scene.replace(scene.find("width: 160 height: 128"), 22, "width: 40 height: 32");
+  std::ofstream(folder_->path("given.textproto")) << scene;
+  Image photograph = read_exr(folder_->path("a.exr"));
+  constexpr float kScale = 3;
+  for (float& value : photograph.channels.at("Y")) value *= kScale;
+  write_exr(folder_->path("brighter.exr"), photograph);
+  const Finished done =
+      run({kItn, "fit", folder_->path("brighter.exr"), "--scene", folder_->path("given.textproto"),
+           "--starts", "2", "--max-spp", "1024", "--json", "-o", folder_->path("given")});
+  ASSERT_EQ(done.exit_code, 0) << done.errors;
+  EXPECT_THAT(done.errors, HasSubstr("the index of refraction stays that of the scene"));
+  v1::FitResult result;
+  from_json(done.output, "fit", result);
+  EXPECT_TRUE(result.poses().empty());
+  ASSERT_EQ(result.results_size(), 1);
+  const v1::RefineResult& found = result.results(0);
+  const auto expect_near = [&](const v1::RefinedParameter& p, double truth, double most) {
+    EXPECT_NEAR(p.value(), truth, 4 * p.standard_deviation()) << done.output;
+    EXPECT_LT(p.standard_deviation(), most * truth) << done.output;
+  };
+  expect_near(found.sigma_a(), kSigmaT * (1 - kAlbedo), 0.2);
+  expect_near(found.sigma_s_reduced(), kSigmaT * kAlbedo * (1 - kG), 0.2);
+  expect_near(found.unknowns(0), 0.3, 0.1);
+  expect_near(found.exposure(), kScale, 0.15);
+  EXPECT_TRUE(fs::exists(folder_->path("given/report.html")));
+}
+
 TEST_F(FitCommand, SaysWhatIsWrong) {
   const auto refuse = [&](const Arguments& arguments, int exit_code, const std::string& message) {
     const Finished done = run(arguments);
@@ -199,6 +229,8 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
   fs::remove_all(folder_->path("out"));
   refuse(command({"--object-size", "45"}), 3, "--focal-length");
   refuse(command({"--focal-length", focal}), 2, "--object-size is required");
+  refuse({kItn, "fit", folder_->path("a.exr"), "-o", folder_->path("out")}, 2, "say --shape");
+  refuse(command({"--object-size", "45"}, "figur"), 2, "itn shapes lists");
   refuse(command({"--object-size", "45", folder_->path("a.exr")}), 2,
          "several photographs by flash cannot be fitted together yet");
   refuse(command({"--object-size", "45", "--focal-length", focal}, "knot"), 3,

@@ -1,0 +1,109 @@
+#include "client/commands/fit_given.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+#include "client/commands/fit_stand.h"
+#include "client/object_media.h"
+#include "client/refine/coordinates.h"
+#include "common/image/image.h"
+#include "common/scene/material_proto.h"
+#include "common/scene/scene_file.h"
+
+namespace itn {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Where all lights have a size, there is a derivative in the index of refraction.
+bool have_size(const v1::Scene& scene) {
+  return std::ranges::none_of(scene.lights(), [](const v1::Light& light) {
+    return light.has_point() || light.has_spot() ||
+           (light.has_directional() && light.directional().angular_radius_degrees() == 0);
+  });
+}
+
+// A few steps of the luminance from several starts, without a trace.
+Material scouted(RefineOptions refine) {
+  refine.channel = v1::Film::LUMINANCE;
+  refine.spp = 32;
+  refine.max_spp = 64;
+  refine.max_iterations = 8;
+  refine.output.clear();
+  return from_proto(find_materials(refine).front().material());
+}
+
+}  // namespace
+
+void prepare_given_scenes(const FitOptions& options, const fs::path& folder,
+                          RefineOptions& refine) {
+  refine.scenes = options.scenes;
+  refine.mask.clear();  // the images have it
+  refine.reading = {};
+  refine.unknown_exposure = true;
+  std::vector<Image> images;
+  std::vector<v1::Scene> scenes;
+  for (size_t i = 0; i < options.images.size(); ++i) {
+    const std::string& name = options.images[i];
+    v1::Scene scene =
+        load_scene(options.scenes[options.scenes.size() == 1 ? 0 : i], options.refine.mesh_unit);
+    resolve_media(scene);
+    PhotographOptions reading = options.photograph;
+    reading.framing = Framing::kObject;
+    MarkedPhotograph marked = read_marked(name, reading);
+    average_to_film(name, scene.film(), marked.content, marked.mask);
+    leave_out_clipped(name, marked.content.file.clipped, marked.mask);
+    const std::vector<std::string>& channels = marked.content.channels;
+    const bool is_gray = options.luminance || channels.size() == 1;
+    refine.channel = is_gray ? v1::Film::LUMINANCE : v1::Film::RGB;
+    Image& image = images.emplace_back();
+    image.width = marked.content.width();
+    image.height = marked.content.height();
+    if (is_gray) {
+      image.channels["Y"] = radiance_of(marked.content.file.image, channels, v1::Film::LUMINANCE);
+    } else {
+      for (const std::string& channel : channels) {
+        image.channels[channel] = marked.content.file.image.channel(channel);
+      }
+    }
+    image.channels["mask.Y"] = marked.mask;
+    const fs::path file =
+        folder /
+        fmt::format("photograph{}.exr", options.images.size() == 1 ? "" : fmt::format("_{}", i));
+    write_exr(file, image);
+    refine.images.push_back(file.string());
+    scenes.push_back(scene);
+  }
+  const v1::Object& object = scenes.front().object();
+  refine.block = block_of(static_cast<int>(scenes.front().film().width()));
+  if (object.has_rough_dielectric()) {
+    refine.unknowns = {kRoughness};
+    if (options.index_error > 0 && !std::ranges::all_of(scenes, have_size)) {
+      spdlog::warn(
+          "the index of refraction stays that of the scene, as it has a light without a size; "
+          "sphere { center { ... } radius: 2 } instead of a point lets it be found");
+    } else if (options.index_error > 0) {
+      refine.unknowns.emplace_back(kIndex);
+      refine.known_within[kIndex] = options.index_error;
+    }
+  }
+  const Material material = scouted(refine);
+  if (options.refine.init == "mean") {
+    const Material start = of_similar_light(material, options.g);
+    refine.init = fmt::format("{},{},{}", start.sigma_t, start.albedo, start.g);
+    refine.starts = 1;
+  }
+  RenderPool pool(options.refine.workers.pool_options());
+  for (size_t i = 0; i < images.size(); ++i) {
+    const auto planes =
+        disturbance_of_g(scenes[i], material, images[i].channel("mask.Y"), options, pool);
+    for (size_t d = 0; d < planes.size(); ++d) {
+      images[i].channels[fmt::format("{}{}", kDisturbance, d)] = planes[d];
+    }
+    write_exr(refine.images[i], images[i]);
+  }
+}
+
+}  // namespace itn
