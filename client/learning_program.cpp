@@ -14,6 +14,7 @@
 #include "client/commands/experiment.h"
 #include "client/commands/export.h"
 #include "client/commands/fit.h"
+#include "client/commands/light.h"
 #include "client/commands/merge.h"
 #include "client/commands/predict.h"
 #include "client/commands/refine.h"
@@ -70,6 +71,9 @@ void run_experiment(const ExperimentOptions& /*options*/) {
   become_learning_program();
 }
 void run_export(const ModelExportOptions& /*options*/) {
+  become_learning_program();
+}
+void run_light(const LightOptions& /*options*/) {
   become_learning_program();
 }
 void run_merge(const MergeOptions& /*options*/) {

@@ -15,6 +15,7 @@ int main(int argc, char** argv) {
     itn::add_models_command(app);
     itn::add_export_command(app);
     itn::add_merge_command(app);
+    itn::add_light_command(app);
     itn::add_shapes_command(app);
     itn::add_materials_command(app);
     itn::add_import_command(app);

@@ -28,6 +28,7 @@ void add_train_command(CLI::App& app);
 void add_evaluate_command(CLI::App& app);
 void add_experiment_command(CLI::App& app);
 void add_export_command(CLI::App& app);
+void add_light_command(CLI::App& app);
 void add_merge_command(CLI::App& app);
 void add_refine_command(CLI::App& app);
 void add_fit_command(CLI::App& app);

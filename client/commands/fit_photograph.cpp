@@ -24,20 +24,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-double focal_of(const PhotographContent& content, const std::string& name,
-                const FitOptions& options) {
-  constexpr double kDiagonal = 43.2666;  // of 36 x 24 mm
-  const std::optional<double> in_35mm =
-      options.focal_length_35mm ? options.focal_length_35mm : content.file.focal_length_35mm;
-  if (!in_35mm) {
-    throw invalid_input(fmt::format(
-        "{} does not say with which focal length it was taken (EXIF FocalLengthIn35mmFilm); "
-        "--focal-length does, in mm of a 35 mm camera: of a phone's main camera some 26",
-        name));
-  }
-  return *in_35mm / kDiagonal * std::hypot(content.width(), content.height());
-}
-
 // Where the camera looks, in mm before it.
 constexpr double kAhead = 1000;
 
@@ -93,6 +79,19 @@ std::vector<double> white_in_light(const std::vector<std::string>& channels,
 
 }  // namespace
 
+double focal_in_pixels(const PhotographContent& content, const std::string& name,
+                       std::optional<double> length_35mm) {
+  constexpr double kDiagonal = 43.2666;  // of 36 x 24 mm
+  const std::optional<double> in_35mm = length_35mm ? length_35mm : content.file.focal_length_35mm;
+  if (!in_35mm) {
+    throw invalid_input(fmt::format(
+        "{} does not say with which focal length it was taken (EXIF FocalLengthIn35mmFilm); "
+        "--focal-length does, in mm of a 35 mm camera: of a phone's main camera some 26",
+        name));
+  }
+  return *in_35mm / kDiagonal * std::hypot(content.width(), content.height());
+}
+
 FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& options) {
   PhotographOptions reading = options.photograph;
   reading.framing = Framing::kObject;
@@ -108,7 +107,7 @@ FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& opt
   photograph.square = frame(view, Framing::kObject);
   photograph.width = content.width();
   photograph.height = content.height();
-  photograph.focal = focal_of(content, name, options);
+  photograph.focal = focal_in_pixels(content, name, options.focal_length_35mm);
   constexpr int kLeast = 32;
   if (photograph.square.side < kLeast) {
     throw invalid_input(

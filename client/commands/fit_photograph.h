@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -32,6 +33,11 @@ struct FitPhotograph {
 // Throws Error as read_marked() does, and (invalid input) if the object is cut off, too small, or
 // the focal length is not known.
 FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& options);
+
+// Of its lens, as is said, or by EXIF: in pixels of the photograph. Throws Error (invalid input) if
+// neither says it.
+double focal_in_pixels(const PhotographContent& content, const std::string& name,
+                       std::optional<double> length_35mm);
 
 // The camera of the photograph in an image of the square, of another side.
 PinholeView view_of(const FitPhotograph& photograph, int side);

@@ -144,9 +144,10 @@ Scouting scout(const FitPhotograph& photograph, const Mesh& mesh, const Stand& s
 }
 
 struct ScoutedStand {
-  size_t pose;  // which
+  size_t pose = 0;  // which
   Stand stand;
-  Scouting scouting;
+  double unlikeness = 0;  // at first sight
+  Scouting scouting = {};
 };
 
 // ---- The turn of a panorama ------------------------------------------------------------------
@@ -178,10 +179,13 @@ class TurnSearch {
         options_(options),
         pool_(pool) {}
 
-  // Degrees of the turns that fit best, the best first: all the way round, with materials of all
-  // kinds.
-  std::vector<double> turns() const {
-    constexpr size_t kTurns = 24, kMost = 3;
+  struct Found {
+    double unlikeness = 0, degrees = 0;
+  };
+
+  // Turns that fit better than those about them, all the way round, with materials of all kinds.
+  std::vector<Found> turns() const {
+    constexpr size_t kTurns = 24;
     constexpr double kStep = 360.0 / kTurns;
     std::vector<double> all;
     for (size_t i = 0; i < kTurns; ++i) all.push_back(kStep * static_cast<double>(i));
@@ -189,24 +193,20 @@ class TurnSearch {
     const std::array<Material, 3> kinds{Material{30 * per_mm, 0.9, options_.g},
                                         Material{100 * per_mm, 0.99, options_.g},
                                         Material{300 * per_mm, 0.7, options_.g}};
-    constexpr uint32_t kSpp = 16;
+    constexpr uint32_t kSpp = 6;
     const std::vector<double> losses = least_losses(all, kinds, kSpp);
     const auto smoothed = [&](size_t i) {
       const double before = losses[(i + kTurns - 1) % kTurns], after = losses[(i + 1) % kTurns];
       return 0.25 * before + 0.5 * losses[i % kTurns] + 0.25 * after;
     };
     // The least among two to each side.
-    std::vector<std::pair<double, double>> minima;
+    std::vector<Found> minima;
     for (size_t i = kTurns; i < 2 * kTurns; ++i) {
       const double before = smoothed(i - 1), here = smoothed(i), after = smoothed(i + 1);
       if (here > std::min({smoothed(i - 2), before, after, smoothed(i + 2)})) continue;
-      minima.emplace_back(here, all[i - kTurns] + vertex(before, here, after) * kStep);
+      minima.push_back({here, all[i - kTurns] + vertex(before, here, after) * kStep});
     }
-    std::ranges::sort(minima);
-    std::vector<double> best;
-    minima.resize(std::min(minima.size(), kMost));
-    for (const auto& [loss, turn] : minima) best.push_back(turn);
-    return best;
+    return minima;
   }
 
   // The best turn nearby, for one material.
@@ -297,17 +297,24 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
   const Synthesize synthesize = rendered_by(pool, interruption());
   const bool is_turned = !is_by_flash(options) && !options.panorama_turn;
   const std::vector<FoundPose> poses = poses_of(photograph, mesh, options);
-  const size_t tried = std::min<size_t>(poses.size(), is_turned ? 3 : 8);
+  constexpr size_t kMostPoses = 8, kMostStands = 8;
+  const size_t tried = std::min(poses.size(), kMostPoses);
 
   std::vector<ScoutedStand> candidates;
   for (size_t i = 0; i < tried; ++i) {
     const Pose& pose = poses[i].pose;
-    const std::vector<double> turns =
-        is_turned ? TurnSearch(photograph, mesh, pose, scene, options, pool).turns()
-                  : std::vector{options.panorama_turn.value_or(0)};
-    for (const double turn : turns) {
-      candidates.push_back({i, {pose, turn, options.camera_down}, {}});
+    if (!is_turned) {
+      candidates.push_back({i, {pose, options.panorama_turn.value_or(0), options.camera_down}});
+      continue;
     }
+    const TurnSearch search(photograph, mesh, pose, scene, options, pool);
+    for (const TurnSearch::Found& turn : search.turns()) {
+      candidates.push_back({i, {pose, turn.degrees, options.camera_down}, turn.unlikeness});
+    }
+  }
+  if (candidates.size() > kMostStands) {
+    std::ranges::sort(candidates, {}, &ScoutedStand::unlikeness);
+    candidates.resize(kMostStands);
   }
   const auto scouted = [&](const Stand& stand, uint32_t starts) {
     return scout(photograph, mesh, stand, scene, options, starts, synthesize);

@@ -219,6 +219,44 @@ TEST_F(FitCommand, TakesASceneThatIsGiven) {
   EXPECT_TRUE(fs::exists(folder_->path("given/report.html")));
 }
 
+TEST_F(FitCommand, MakesAPanoramaOfAMirrorBall) {
+  // In a room of the same radiance all around.
+  Image ball;
+  ball.width = 100;
+  ball.height = 80;
+  std::vector<float>&pixels = ball.channels["Y"], &mask = ball.channels["mask.Y"];
+  for (int y = 0; y < ball.height; ++y) {
+    for (int x = 0; x < ball.width; ++x) {
+      const bool on = std::hypot(x + 0.5 - 45, y + 0.5 - 42) < 30;
+      pixels.push_back(on ? 2.0F : 0.1F);
+      mask.push_back(on ? 1.0F : 0.0F);
+    }
+  }
+  const std::string photograph = folder_->path("ball.exr"), room = folder_->path("light.exr");
+  write_exr(photograph, ball);
+  const Arguments light{kItn,  "light",         photograph, "--focal-length",
+                        "50",  "--camera-down", "20",       "--ball-reflectance",
+                        "0.5", "--rows",        "32",       "-o",
+                        room};
+  const Finished done = run(light);
+  ASSERT_EQ(done.exit_code, 0) << done.errors;
+  const v1::Pixels panorama = load_panorama(room);
+  EXPECT_EQ(panorama.width(), 64U);
+  EXPECT_EQ(panorama.height(), 32U);
+  EXPECT_NEAR(irradiance_from_above(panorama) / std::numbers::pi, 2 / 0.5, 0.05);
+
+  std::ranges::fill(mask, 1.0F);
+  std::fill_n(mask.begin(), 3 * ball.width, 0.0F);
+  std::fill_n(mask.end() - 3 * ball.width, 3 * ball.width, 0.0F);
+  write_exr(photograph, ball);
+  EXPECT_THAT(run(light).errors, HasSubstr("the ball is cut off by the frame"));
+  for (int y = 0; y < ball.height; ++y) {
+    for (const int x : {0, 1, 98, 99}) mask[static_cast<size_t>(100 * y + x)] = 0;
+  }
+  write_exr(photograph, ball);
+  EXPECT_THAT(run(light).errors, HasSubstr("the mask shows no ball"));
+}
+
 TEST_F(FitCommand, SaysWhatIsWrong) {
   const auto refuse = [&](const Arguments& arguments, int exit_code, const std::string& message) {
     const Finished done = run(arguments);
