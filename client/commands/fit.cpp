@@ -116,21 +116,6 @@ void warn_if_near(const v1::FitPose& pose, double size) {
       pose.image(), size, pose.range());
 }
 
-// Intervals come from how squares of pixels scatter.
-void require_pixels(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose) {
-  constexpr double kLeast = 100;
-  const std::vector<float> mask = pixels_of_object(photograph, mesh, pose);
-  const double squares = static_cast<double>(std::ranges::count_if(mask, is_on_object)) /
-                         std::pow(block_of(photograph.side), 2);
-  if (squares >= kLeast) return;
-  throw invalid_input(fmt::format(
-      "{}: only {} pixels of {} a side show the object alone, away from its edge and unclipped, "
-      "which are {:.0f} squares of {} a side; {:.0f} are the least. Photograph it larger and "
-      "darker, or see --resolution",
-      photograph.name, std::ranges::count_if(mask, is_on_object), photograph.side, squares,
-      block_of(photograph.side), kLeast));
-}
-
 // Writes photographs and scenes that a refinement is of, as files that can be corrected, and says
 // which they are.
 void write_posed_scenes(const FitOptions& options, const fs::path& folder, RefineOptions& refine,
@@ -161,10 +146,10 @@ void write_posed_scenes(const FitOptions& options, const fs::path& folder, Refin
       pose.set_turn_ambiguous(stand.turn_ambiguous);
     }
     warn_if_near(pose, longest_side(bounds(mesh)));
-    require_pixels(photograph, mesh, found.pose);
     place(stand.stand, mesh, options, scene);
     write_overlay(folder / fmt::format("pose{}.png", stem), photograph, mesh, found.pose);
     photograph.image.channels["mask.Y"] = pixels_of_object(photograph, mesh, found.pose);
+    refine.block = block_of(photograph.image.channel("mask.Y"), photograph.side, photograph.name);
     if (options.refine.init == "mean") {
       const Material start = of_similar_light(stand.material, options.g);
       refine.init = fmt::format("{},{},{}", start.sigma_t, start.albedo, start.g);
@@ -178,7 +163,6 @@ void write_posed_scenes(const FitOptions& options, const fs::path& folder, Refin
     const fs::path image_file = folder / fmt::format("photograph{}.exr", stem);
     write_exr(image_file, photograph.image);
     write_file_atomically(scene_file, to_text_proto(scene));
-    refine.block = block_of(photograph.side);
     refine.images.push_back(image_file.string());
     refine.scenes.push_back(scene_file.string());
   }

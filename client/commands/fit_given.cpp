@@ -77,7 +77,8 @@ void prepare_given_scenes(const FitOptions& options, const fs::path& folder,
     scenes.push_back(scene);
   }
   const v1::Object& object = scenes.front().object();
-  refine.block = block_of(static_cast<int>(scenes.front().film().width()));
+  refine.block =
+      block_of(images.front().channel("mask.Y"), images.front().width, options.images.front());
   if (object.has_rough_dielectric()) {
     refine.unknowns = {kRoughness};
     if (options.index_error > 0 && !std::ranges::all_of(scenes, have_size)) {

@@ -160,9 +160,18 @@ PinholeView view_of(const FitPhotograph& photograph, int side) {
           (0.5 * photograph.height - photograph.square.top) * by, side};
 }
 
-uint32_t block_of(int side) {
+uint32_t block_of(const std::vector<float>& mask, int width, const std::string& name) {
   constexpr int kBlocksPerSide = 24;
-  return static_cast<uint32_t>(std::max(1, side / kBlocksPerSide));
+  constexpr double kLeast = 60;
+  const auto pixels = static_cast<double>(std::ranges::count_if(mask, is_on_object));
+  if (pixels < kLeast) {
+    throw invalid_input(fmt::format(
+        "{}: only {} pixels, of {} a row, show the object alone, away from its edge and unclipped; "
+        "{} are the least. Photograph it larger and darker, or see --resolution",
+        name, pixels, width, kLeast));
+  }
+  const int side = std::min(width / kBlocksPerSide, static_cast<int>(std::sqrt(pixels / kLeast)));
+  return static_cast<uint32_t>(std::max(1, side));
 }
 
 bool is_builtin(const std::string& shape) {

@@ -42,9 +42,10 @@ double focal_in_pixels(const PhotographContent& content, const std::string& name
 // The camera of the photograph in an image of the square, of another side.
 PinholeView view_of(const FitPhotograph& photograph, int side);
 
-// The side of a square over which differences hang together: a 24th of the frame's
-// (RefineSettings.block).
-uint32_t block_of(int side);
+// The side of squares over which differences hang together (RefineSettings.block): a 24th of the
+// frame's, or less, so that the mask has 60 of them. Throws Error (invalid input) if it has fewer
+// pixels.
+uint32_t block_of(const std::vector<float>& mask, int width, const std::string& name);
 
 // A shape that is no file.
 bool is_builtin(const std::string& shape);

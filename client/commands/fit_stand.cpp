@@ -297,7 +297,7 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
   const Synthesize synthesize = rendered_by(pool, interruption());
   const bool is_turned = !is_by_flash(options) && !options.panorama_turn;
   const std::vector<FoundPose> poses = poses_of(photograph, mesh, options);
-  constexpr size_t kMostPoses = 8, kMostStands = 8;
+  constexpr size_t kMostPoses = 8, kMostStands = 4;
   const size_t tried = std::min(poses.size(), kMostPoses);
 
   std::vector<ScoutedStand> candidates;
@@ -312,15 +312,28 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
       candidates.push_back({i, {pose, turn.degrees, options.camera_down}, turn.unlikeness});
     }
   }
-  if (candidates.size() > kMostStands) {
+  if (is_turned) {
+    // At first sight; before the material is known, much is alike.
+    constexpr double kFactor = 4, kNoise = 0.01;
     std::ranges::sort(candidates, {}, &ScoutedStand::unlikeness);
-    candidates.resize(kMostStands);
+    const double most = kFactor * std::max(0.0, candidates.front().unlikeness) + kNoise;
+    std::erase_if(candidates, [&](const ScoutedStand& one) { return one.unlikeness > most; });
+    candidates.resize(std::min(candidates.size(), kMostStands));
   }
   const auto scouted = [&](const Stand& stand, uint32_t starts) {
     return scout(photograph, mesh, stand, scene, options, starts, synthesize);
   };
+  const auto improve_turn = [&](Stand& stand, const Material& material) {
+    const TurnSearch search(photograph, mesh, stand.pose, scene, options, pool);
+    stand.panorama_turn = search.improved(stand.panorama_turn, material);
+  };
   if (candidates.size() > 1) {
-    for (ScoutedStand& candidate : candidates) candidate.scouting = scouted(candidate.stand, 1);
+    for (ScoutedStand& candidate : candidates) {
+      candidate.scouting = scouted(candidate.stand, 1);
+      if (!is_turned) continue;
+      improve_turn(candidate.stand, candidate.scouting.material);
+      candidate.scouting = scouted(candidate.stand, 1);
+    }
     std::ranges::sort(candidates, {}, [](const ScoutedStand& one) { return one.scouting.loss; });
   }
   const ScoutedStand& best = candidates.front();
@@ -338,11 +351,9 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
   }
   found.material = scouted(found.stand, options.refine.starts).material;
   if (is_turned) {
-    const TurnSearch search(photograph, mesh, found.stand.pose, scene, options, pool);
-    double& turn = found.stand.panorama_turn;
-    turn = search.improved(turn, found.material);
+    improve_turn(found.stand, found.material);
     found.material = scouted(found.stand, 1).material;
-    turn = search.improved(turn, found.material);
+    improve_turn(found.stand, found.material);
   }
   return found;
 }

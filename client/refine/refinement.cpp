@@ -95,7 +95,7 @@ Layout layout_of(const v1::RefineSettings& settings, std::span<const Observation
 
 // Intervals come from how squares of pixels scatter, of which there must be many more than numbers.
 void add_few_squares(const Descent& descent, v1::RefineResult& result) {
-  constexpr double kSquaresPerNumber = 8;
+  constexpr double kSquaresPerNumber = 4;
   if (descent.squares() >= kSquaresPerNumber * descent.numbers()) return;
   result.add_remarks(
       fmt::format("{:.0f} independent squares of pixels count, for {:.0f} numbers that are found: "

@@ -328,7 +328,7 @@ TEST(Refinement, SaysThatTooFewPixelsCount) {
   const char* const few = "too few for the intervals to hold";
   EXPECT_THAT(remarks(1), Not(::testing::HasSubstr(few)));
   // Of 20 x 20 pixels.
-  EXPECT_THAT(remarks(5), ::testing::HasSubstr("16 independent squares of pixels count, for 3"));
+  EXPECT_THAT(remarks(7), ::testing::HasSubstr("9 independent squares of pixels count, for 3"));
 }
 
 TEST(Refinement, SaysThatTheSceneIsAnother) {
