@@ -106,12 +106,12 @@ double Structure::relative() const {
   return std::sqrt(std::max(0.0, shared) / of_image);
 }
 
-bool Structure::is_misfit() const {
+bool Structure::is_misfit(double least) const {
   // Noise whose neighbours are alike over three pixels has 1.2. The ratio of independent ones has a
   // standard error of (3 / 2 blocks)^(1/2).
-  constexpr double kAlike = 1.2, kStandardErrors = 3.5, kLeast = 0.003;
+  constexpr double kAlike = 1.2, kStandardErrors = 3.5;
   return is_known() && over_noise() > kAlike + kStandardErrors * std::sqrt(1.5 / blocks) &&
-         relative() > kLeast;
+         relative() > least;
 }
 
 ImageEquations::ImageEquations(const Observation& observation, v1::RefineSettings::Weights weights,

@@ -81,7 +81,8 @@ struct Structure {
   double over_noise() const { return of_blocks / of_quarters; }
   // What hangs together, relative to the radiance, root mean square.
   double relative() const;
-  bool is_misfit() const;
+  // By more than `least`, relative to the radiance, and more than noise would.
+  bool is_misfit(double least) const;
 };
 
 class ImageEquations {

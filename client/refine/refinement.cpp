@@ -105,13 +105,17 @@ void add_few_squares(const Descent& descent, v1::RefineResult& result) {
 
 // Beyond its own noise an image should not differ from its render, nor should differences hang
 // together.
-void add_misfit(const Descent& descent, v1::RefineResult& result) {
+void add_misfit(const Descent& descent, uint32_t block, v1::RefineResult& result) {
   constexpr double kMisfit = 1.5;
+  // What hangs together, as a part of the radiance. Intervals that come from squares of pixels know
+  // of as much as small errors of a scene make.
+  constexpr double kLeast = 0.003, kLeastOfSquares = 0.02;
   constexpr const char* kQuestion =
       "Are shape, light, camera, exposure and boundary those of the scene? The intervals know of "
       "noise alone, and do not hold";
   const double noise = descent.noise_loss();
   const Structure& structure = descent.structure();
+  const bool hangs_together = structure.is_misfit(block > 1 ? kLeastOfSquares : kLeast);
   const bool is_large =
       noise > 0 && descent.loss() - 4 * descent.loss_standard_error() > kMisfit * noise;
   if (is_large) {
@@ -120,19 +124,19 @@ void add_misfit(const Descent& descent, v1::RefineResult& result) {
         "{:.2g} % where {:.2g} % is noise. {}",
         100 * std::sqrt(descent.loss()), 100 * std::sqrt(noise), kQuestion));
   }
-  if (structure.is_misfit()) {
+  if (hangs_together) {
     result.add_remarks(fmt::format(
         "the differences of image and renders hang together: over neighbouring pixels {:.2g} % of "
         "the radiance is common to them, where noise has none. {}",
         100 * structure.relative(), kQuestion));
   }
-  result.set_misfit(is_large || structure.is_misfit());
+  result.set_misfit(is_large || hangs_together);
   if (noise > 0 || result.misfit()) return;
   const std::string unsaid = "the image does not say how noisy it is (stderr.Y)";
   if (structure.is_known()) {
     result.add_remarks(unsaid +
                        ": a difference to the renders would be told where it hangs together over "
-                       "pixels, and none does");
+                       "pixels, and none does by more than the intervals know of");
   } else {
     result.add_remarks(
         unsaid +
@@ -332,7 +336,7 @@ v1::RefineResult Refinement::result(size_t colour) const {
   if (known_g != settings_.known_within().end() && known_g->second < kGiven) {
     result.add_remarks("g was given, not found: sigma_t and albedo are those of that g");
   }
-  add_misfit(descent, result);
+  add_misfit(descent, settings_.block(), result);
   add_remarks(result);
   add_few_squares(descent, result);
   return result;

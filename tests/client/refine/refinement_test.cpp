@@ -48,13 +48,14 @@ TEST(Refinement, FindsTheTruthInImagesWithoutNoise) {
 // Noise is not, nor what demosaicing and compression do to it: neighbours that are alike.
 TEST(Refinement, TellsDifferencesThatHangTogether) {
   constexpr int kImages = 40;
-  constexpr double kNoise = 0.05;
   constexpr size_t kSide = SyntheticModel::kSide;
-  const SyntheticModel model;
-  const auto told = [&](bool says_noise, bool smooth, double shadow) {
+  // `noise`: of the image, a tenth of that of a sample of a render.
+  const auto told = [&](bool says_noise, bool smooth, double shadow, uint32_t block = 1,
+                        double noise = 0.05) {
+    const SyntheticModel model(10 * noise);
     int count = 0;
     for (uint64_t i = 0; i < kImages; ++i) {
-      Observation observation = model.observe(kTruth, kNoise, 100 + i);
+      Observation observation = model.observe(kTruth, noise, 100 + i);
       std::vector<float>& radiance = observation.radiance;
       if (smooth) {
         std::vector<double> relative;
@@ -76,6 +77,7 @@ TEST(Refinement, TellsDifferencesThatHangTogether) {
       v1::RefineSettings settings;
       settings.set_seed(i);
       settings.set_max_spp(1024);
+      settings.set_block(block);
       const v1::RefineResult result = refined(model, {observation}, settings, {kStart});
       EXPECT_EQ(
           result.misfit(),
@@ -90,6 +92,11 @@ TEST(Refinement, TellsDifferencesThatHangTogether) {
   EXPECT_EQ(told(false, true, 0), 0);
   EXPECT_GE(told(false, false, 0.2), kImages * 9 / 10);
   EXPECT_GE(told(true, false, 0.2), kImages * 9 / 10);
+  // Intervals that come from squares of pixels know of a hundredth.
+  constexpr double kLittleNoise = 0.003, kFaint = 0.03;
+  EXPECT_GE(told(false, false, kFaint, 1, kLittleNoise), kImages * 9 / 10);
+  EXPECT_EQ(told(false, false, kFaint, 2, kLittleNoise), 0);
+  EXPECT_GE(told(false, false, 0.2, 2), kImages * 9 / 10);
 }
 
 // A render takes a millisecond for each of its samples. Without a limit 40 iterations would take
