@@ -74,14 +74,6 @@ void check(const FitOptions& options) {
     }
     return;
   }
-  if (options.photograph.gray_card && options.images.size() > 1) {
-    throw usage("--gray-card is of one photograph; several are fitted without, or one by one");
-  }
-  if (options.images.size() > 1 && is_by_flash(options)) {
-    throw usage(
-        "several photographs by flash cannot be fitted together yet: how their exposures differ is "
-        "not known; fit them one by one");
-  }
   if (!is_builtin(options.shape) && fs::path(options.shape).extension().empty()) {
     throw usage(fmt::format(
         "--shape {}: it is neither the name of a .ply, .obj or .stl file nor a shape that itn "
@@ -118,11 +110,13 @@ void warn_if_near(const v1::FitPose& pose, double size) {
 
 // Writes photographs and scenes that a refinement is of, as files that can be corrected, and says
 // which they are.
-void write_posed_scenes(const FitOptions& options, const fs::path& folder, RefineOptions& refine,
+void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOptions& refine,
                         v1::FitResult& result) {
   RenderPool pool(options.refine.workers.pool_options());
+  std::optional<Exposure> exposure;  // of the first photograph, and of all
   for (size_t i = 0; i < options.images.size(); ++i) {
-    FitPhotograph photograph = load_fit_photograph(options.images[i], options);
+    FitPhotograph photograph = load_fit_photograph(options.images[i], options, exposure);
+    exposure = photograph.exposure;
     const std::string stem = options.images.size() == 1 ? "" : fmt::format("_{}", i);
     const fs::path scene_file = folder / fmt::format("scene{}.textproto", stem);
     v1::Scene scene = scene_of(photograph, options);
@@ -146,6 +140,8 @@ void write_posed_scenes(const FitOptions& options, const fs::path& folder, Refin
       pose.set_turn_ambiguous(stand.turn_ambiguous);
     }
     warn_if_near(pose, longest_side(bounds(mesh)));
+    // The flash is that of the first photograph.
+    if (!options.card_distance) options.card_distance = flash_range(stand.stand, mesh, options);
     place(stand.stand, mesh, options, scene);
     write_overlay(folder / fmt::format("pose{}.png", stem), photograph, mesh, found.pose);
     photograph.image.channels["mask.Y"] = pixels_of_object(photograph, mesh, found.pose);

@@ -14,9 +14,11 @@ void add_flags(CLI::App& command, FitOptions& options) {
   PhotographOptions& photograph = options.photograph;
   RefineOptions& refine = options.refine;
   command
-      .add_option("images", options.images,
-                  "Photographs of one object, as for itn predict, each seen whole. Pixels at its "
-                  "edge, and at the top of what a file can hold, do not count")
+      .add_option(
+          "images", options.images,
+          "Photographs of one object, as for itn predict, each seen whole, by one exposure "
+          "that is set by hand. Pixels at its edge, and at the top of what a file can hold, "
+          "do not count. A gray card is in the first one")
       ->required();
   CLI::Option* scene =
       command

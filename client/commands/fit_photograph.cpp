@@ -77,6 +77,32 @@ std::vector<double> white_in_light(const std::vector<std::string>& channels,
   return white;
 }
 
+Exposure exposure_of(const PhotographFile& file) {
+  return {
+      .seconds = file.exposure_seconds, .f_number = file.f_number, .iso = file.iso, .factors = {}};
+}
+
+void require_same(const Exposure& first, const Exposure& other, const std::string& name) {
+  if (first.factors.size() != other.factors.size()) {
+    throw invalid_input(name + " has other colours than the first photograph");
+  }
+  const auto in_words = [](const Exposure& one) {
+    return fmt::format("{:.4g} s, f/{:.3g}, ISO {:.0f}", one.seconds.value_or(0),
+                       one.f_number.value_or(0), one.iso.value_or(0));
+  };
+  constexpr double kAlike = 1.05;
+  const auto differ = [](std::optional<double> a, std::optional<double> b) {
+    return a && b && std::max(*a, *b) > kAlike * std::min(*a, *b);
+  };
+  if (differ(first.seconds, other.seconds) || differ(first.f_number, other.f_number) ||
+      differ(first.iso, other.iso)) {
+    throw invalid_input(fmt::format(
+        "{} was exposed otherwise than the first photograph ({}; {}): photographs that are fitted "
+        "together are by one exposure, set by hand",
+        name, in_words(other), in_words(first)));
+  }
+}
+
 }  // namespace
 
 double focal_in_pixels(const PhotographContent& content, const std::string& name,
@@ -92,7 +118,8 @@ double focal_in_pixels(const PhotographContent& content, const std::string& name
   return *in_35mm / kDiagonal * std::hypot(content.width(), content.height());
 }
 
-FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& options) {
+FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& options,
+                                  const std::optional<Exposure>& first) {
   PhotographOptions reading = options.photograph;
   reading.framing = Framing::kObject;
   const MarkedPhotograph marked = read_marked(name, reading);
@@ -120,8 +147,13 @@ FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& opt
     return averaged(values, channels, content.width(), photograph.square, side, interruption());
   };
   const int channels = view.channels;
-  std::vector<double> factors(static_cast<size_t>(channels), 1);
-  if (reading.gray_card) {
+  photograph.exposure = exposure_of(content.file);
+  std::vector<double>& factors = photograph.exposure.factors;
+  factors.assign(static_cast<size_t>(channels), 1);
+  if (first) {
+    require_same(*first, photograph.exposure, name);
+    factors = first->factors;
+  } else if (reading.gray_card) {
     factors = white_in_light(content.channels, options);
     const std::vector<double> white = white_of_card(marked, name, reading);
     for (size_t c = 0; c < white.size(); ++c) factors[c] /= white[c];
@@ -238,6 +270,12 @@ v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options) {
   return scene;
 }
 
+double flash_range(const Stand& stand, const Mesh& shape, const FitOptions& options) {
+  const auto& offset = options.flash_offset;
+  return length(stand.pose.to_scene(middle_of(bounds(shape))) -
+                Vec3d{offset[0], offset[1], offset[2]});
+}
+
 void place(const Stand& stand, const Mesh& shape, const FitOptions& options, v1::Scene& scene) {
   const Pose& pose = stand.pose;
   const Rotation<double> rotation = looking_down(stand.camera_down);
@@ -253,9 +291,7 @@ void place(const Stand& stand, const Mesh& shape, const FitOptions& options, v1:
           static_cast<float>(180 + stand.panorama_turn));
     }
     if (!light.has_sphere()) continue;
-    const Vec3d flash = to_vec(light.sphere().center());
-    const double range =
-        options.card_distance.value_or(length(pose.to_scene(middle_of(bounds(shape))) - flash));
+    const double range = options.card_distance.value_or(flash_range(stand, shape, options));
     const double seen = kFlashRadius / range;
     light.mutable_sphere()->set_radiance(static_cast<float>(1 / (seen * seen)));
   }

@@ -16,6 +16,13 @@
 
 namespace itn {
 
+// What relates the numbers of a photograph's file to the light of its scene.
+struct Exposure {
+  // As EXIF says them.
+  std::optional<double> seconds, f_number, iso;
+  std::vector<double> factors;  // by channel, as the gray card says; else 1
+};
+
 // A square about the object, at the side of the fit and at that of the search for its pose.
 struct FitPhotograph {
   std::string name;
@@ -27,12 +34,15 @@ struct FitPhotograph {
   std::vector<float> picture;  // of the first channel, for people, pose_side x pose_side
   int width = 0, height = 0;   // of the whole photograph
   Square square;
-  double focal = 0;  // in pixels of the whole photograph
+  double focal = 0;   // in pixels of the whole photograph
+  Exposure exposure;  // by which the image is scaled
 };
 
-// Throws Error as read_marked() does, and (invalid input) if the object is cut off, too small, or
-// the focal length is not known.
-FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& options);
+// `first`: the exposure of the first photograph, which has the card if there is one; absent for
+// that itself. Throws Error as read_marked() does, and (invalid input) if the object is cut off,
+// too small, the focal length is not known, or it was exposed otherwise than the first.
+FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& options,
+                                  const std::optional<Exposure>& first = {});
 
 // Of its lens, as is said, or by EXIF: in pixels of the photograph. Throws Error (invalid input) if
 // neither says it.
@@ -57,6 +67,9 @@ struct Stand {
   double panorama_turn = 0;  // degrees, counter-clockwise seen from above
   double camera_down = 0;    // degrees below the horizon
 };
+
+// How far the object's middle is from the flash, in mm.
+double flash_range(const Stand& stand, const Mesh& shape, const FitOptions& options);
 
 // Without a stand: the camera is at the origin and looks along -z, and the object is where its mesh
 // has it.

@@ -189,6 +189,42 @@ TEST_F(FitCommand, FindsTheTurnOfAPanorama) {
   EXPECT_GE(material.sigma_s_reduced().high_95(), s) << done.output;
 }
 
+// One from nearer, of another side: by the same flash, which is brighter there.
+TEST_F(FitCommand, SeveralPhotographsTellMore) {
+  std::string scene = kPhotographed;
+  scene.replace(scene.find("angle_degrees: 140"), 18, "angle_degrees: 60");
+  scene.replace(scene.find("z: -330"), 7, "z: -290");
+  std::ofstream(folder_->path("nearer.textproto")) << scene;
+  const Finished rendered =
+      run({kItn, "render", folder_->path("nearer.textproto"), "-o", folder_->path("b.exr"),
+           "--sigma-t", std::to_string(kSigmaT), "--albedo", std::to_string(kAlbedo), "--g",
+           std::to_string(kG), "--spp", "256"});
+  ASSERT_EQ(rendered.exit_code, 0) << rendered.errors;
+  Arguments arguments = command({folder_->path("b.exr"), "--object-size", "45", "--focal-length",
+                                 std::to_string(kFocalLength), "--json"});
+  *(std::ranges::find(arguments, "-o") + 1) = folder_->path("both");
+  const Finished done = run(arguments);
+  ASSERT_EQ(done.exit_code, 0) << done.errors;
+  v1::FitResult result;
+  from_json(done.output, "fit", result);
+  ASSERT_EQ(result.poses_size(), 2);
+  for (const int i : {0, 1}) {
+    v1::Scene found;
+    parse_text_proto(read_file(result.poses(i).scene(), "scene"), "scene", found);
+    EXPECT_NEAR(found.object().mesh().transforms(2).translate().z(), i == 0 ? -330 : -290, 2);
+    // The flash is the same.
+    EXPECT_NEAR(found.lights(0).sphere().radiance(), 1 / std::pow(2 / result.poses(0).range(), 2),
+                0.05 * 330 * 330 / 4);
+  }
+  const v1::RefineResult& found = result.results(0);
+  const auto expect_near = [&](const v1::RefinedParameter& p, double truth, double most) {
+    EXPECT_NEAR(p.value(), truth, 4 * p.standard_deviation()) << done.output;
+    EXPECT_LT(p.standard_deviation(), most * truth) << done.output;
+  };
+  expect_near(found.sigma_a(), kSigmaT * (1 - kAlbedo), 0.2);
+  expect_near(found.sigma_s_reduced(), kSigmaT * kAlbedo * (1 - kG), 0.2);
+}
+
 // A photograph of sixteen times the pixels of the film, by a scale that is not known.
 TEST_F(FitCommand, TakesASceneThatIsGiven) {
   std::string scene = kPhotographed;
@@ -269,8 +305,6 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
   refuse(command({"--focal-length", focal}), 2, "--object-size is required");
   refuse({kItn, "fit", folder_->path("a.exr"), "-o", folder_->path("out")}, 2, "say --shape");
   refuse(command({"--object-size", "45"}, "figur"), 2, "itn shapes lists");
-  refuse(command({"--object-size", "45", folder_->path("a.exr")}), 2,
-         "several photographs by flash cannot be fitted together yet");
   refuse(command({"--object-size", "45", "--focal-length", focal}, "knot"), 3,
          "wherever the shape stands, its silhouette and the mask overlap by");
   refuse(command({"--object-size", "45", "--focal-length", focal}, "absent.stl"), 4, "absent.stl");
