@@ -215,7 +215,7 @@ def case(number, options):
         flash = [offset + wrong["flash"] * rng.uniform(-6, 6) for offset in (0, 12, 0)]
         if wrong["light"]:
             flash[0] += 70
-        turn = rng.uniform(-180, 180)
+        turn = 0 if by_flash(options.setup) else rng.uniform(-180, 180)
         text = scene(mesh, rng, options.setup, roughness, index, flash, turn, 1 + 0.05 * wrong["stretch"])
         (folder / "truth.textproto").write_text(text)
         if not by_flash(options.setup):
