@@ -376,7 +376,7 @@ void require_closed(const Mesh& mesh, const std::string& what, const std::string
   } catch (const Error& error) {
     const std::string message = error.what();
     throw Error(error.kind(),
-                fmt::format("{}{} A mesh that is nearly closed can be repaired, {}", message,
+                fmt::format("{}{} A mesh that is nearly closed can be repaired: {}", message,
                             message.ends_with('.') ? "" : ".", how_to_repair));
   }
 }

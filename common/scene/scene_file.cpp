@@ -49,7 +49,7 @@ Mesh load_closed_mesh(const fs::path& path) {
   Mesh mesh = load_mesh(path);
   require_closed(
       mesh, path.string(),
-      fmt::format("by mesh {{ path: \"{}\" repair: true }} in a scene, or --repair of itn fit",
+      fmt::format("mesh {{ path: \"{}\" repair: true }} in a scene, or --repair of itn fit",
                   path.filename().string()));
   return mesh;
 }
