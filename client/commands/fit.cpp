@@ -30,7 +30,6 @@
 #include "common/files/read_file.h"
 #include "common/image/photograph.h"
 #include "common/image/preview.h"
-#include "common/rpc/wire_array.h"
 #include "common/scene/material_proto.h"
 #include "common/scene/scene_file.h"
 #include "common/scene/text_proto.h"

@@ -6,11 +6,9 @@
 #include <algorithm>
 
 #include "client/commands/fit_stand.h"
-#include "client/object_media.h"
 #include "client/refine/coordinates.h"
 #include "common/image/image.h"
 #include "common/scene/material_proto.h"
-#include "common/scene/scene_file.h"
 
 namespace itn {
 namespace {
@@ -44,16 +42,16 @@ void prepare_given_scenes(const FitOptions& options, const fs::path& folder,
   refine.reading = {};
   refine.unknown_exposure = true;
   std::vector<Image> images;
-  std::vector<v1::Scene> scenes;
+  RefineOptions given = options.refine;
+  given.images = options.images;
+  given.scenes = options.scenes;
+  const std::vector<v1::Scene> scenes = load_scenes(given);
   for (size_t i = 0; i < options.images.size(); ++i) {
     const std::string& name = options.images[i];
-    v1::Scene scene =
-        load_scene(options.scenes[options.scenes.size() == 1 ? 0 : i], options.refine.mesh_unit);
-    resolve_media(scene);
     PhotographOptions reading = options.photograph;
     reading.framing = Framing::kObject;
     MarkedPhotograph marked = read_marked(name, reading);
-    average_to_film(name, scene.film(), marked.content, marked.mask);
+    average_to_film(name, scenes[i].film(), marked.content, marked.mask);
     leave_out_clipped(name, marked.content.file.clipped, marked.mask);
     const std::vector<std::string>& channels = marked.content.channels;
     const bool is_gray = options.luminance || channels.size() == 1;
@@ -74,7 +72,6 @@ void prepare_given_scenes(const FitOptions& options, const fs::path& folder,
         fmt::format("photograph{}.exr", options.images.size() == 1 ? "" : fmt::format("_{}", i));
     write_exr(file, image);
     refine.images.push_back(file.string());
-    scenes.push_back(scene);
   }
   const v1::Object& object = scenes.front().object();
   refine.block =

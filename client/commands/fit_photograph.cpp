@@ -82,7 +82,7 @@ Exposure exposure_of(const PhotographFile& file) {
       .seconds = file.exposure_seconds, .f_number = file.f_number, .iso = file.iso, .factors = {}};
 }
 
-void require_same(const Exposure& first, const Exposure& other, const std::string& name) {
+void require_same_exposure(const Exposure& first, const Exposure& other, const std::string& name) {
   if (first.factors.size() != other.factors.size()) {
     throw invalid_input(name + " has other colours than the first photograph");
   }
@@ -151,7 +151,7 @@ FitPhotograph load_fit_photograph(const std::string& name, const FitOptions& opt
   std::vector<double>& factors = photograph.exposure.factors;
   factors.assign(static_cast<size_t>(channels), 1);
   if (first) {
-    require_same(*first, photograph.exposure, name);
+    require_same_exposure(*first, photograph.exposure, name);
     factors = first->factors;
   } else if (reading.gray_card) {
     factors = white_in_light(content.channels, options);
@@ -299,7 +299,6 @@ void place(const Stand& stand, const Mesh& shape, const FitOptions& options, v1:
 
 std::vector<float> pixels_of_object(const FitPhotograph& photograph, const Mesh& mesh,
                                     const Pose& pose) {
-  constexpr float kWhole = 0.99F, kClipped = 0.001F;
   constexpr int kFine = 4;
   const int side = photograph.side;
   const Silhouette silhouette(mesh, pose, view_of(photograph, kFine * side));
@@ -307,7 +306,7 @@ std::vector<float> pixels_of_object(const FitPhotograph& photograph, const Mesh&
   for (int y = 0; y < side; ++y) {
     for (int x = 0; x < side; ++x) {
       const auto p = static_cast<size_t>(y) * static_cast<size_t>(side) + static_cast<size_t>(x);
-      if (photograph.mask[p] < kWhole || photograph.clipped[p] > kClipped) continue;
+      if (photograph.mask[p] < kWholePixel || photograph.clipped[p] > kClippedPixel) continue;
       bool whole = true;
       for (int j = -1; j <= kFine && whole; ++j) {
         for (int i = -1; i <= kFine && whole; ++i) {

@@ -25,9 +25,10 @@ constexpr double kDoubtOfG = 0.4;
 
 // Samples per pixel that make the noise of a sum over all pixels that of so many at 96 pixels a
 // side.
-uint32_t spp_for(double pixels, uint32_t at_96) {
+uint32_t spp_for(size_t pixels, uint32_t at_96) {
   constexpr double kUsual = 96 * 96;
-  return std::clamp(static_cast<uint32_t>(at_96 * kUsual / pixels), at_96 / 4, 16 * at_96);
+  return std::clamp(static_cast<uint32_t>(at_96 * kUsual / static_cast<double>(pixels)), at_96 / 4,
+                    16 * at_96);
 }
 
 // ---- Renders ---------------------------------------------------------------------------------
@@ -54,9 +55,7 @@ std::vector<std::vector<std::vector<float>>> rendered(std::span<const Variant> v
     job.request.set_pixels(v1::OBJECT_PIXELS);
   }
   std::vector<std::vector<std::vector<float>>> images;
-  const auto stop_if_asked = [](double /*fraction*/) {
-    if (interruption().stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
-  };
+  const auto stop_if_asked = [](double /*fraction*/) { throw_if_interrupted(); };
   for (const v1::RenderGradReply& reply : pool.render_split(jobs, stop_if_asked)) {
     std::vector<std::vector<float>>& of_variant = images.emplace_back();
     for (const v1::Estimate& estimate : reply.estimates()) {
@@ -96,7 +95,7 @@ struct Changes {
                                          const FitOptions& options, RenderPool& pool) const {
     if (variants.empty()) return {};
     constexpr uint32_t kSpp = 64, kEstimates = 4;
-    const uint32_t spp = spp_for(static_cast<double>(mask.size()), kSpp);
+    const uint32_t spp = spp_for(mask.size(), kSpp);
     const auto images = rendered(variants, spp, kEstimates, options.refine.seed, pool);
     std::vector<RenderedChange> changes;
     for (size_t i = 0; i < apart.size(); ++i) {
@@ -131,7 +130,7 @@ Scouting scout(const FitPhotograph& photograph, const Mesh& mesh, const Stand& s
     (*settings.mutable_known_within())[kExposure] = card_error_of(options);
   }
   settings.add_unknowns(kRoughness);
-  settings.set_spp(spp_for(static_cast<double>(photograph.mask.size()), 32));
+  settings.set_spp(spp_for(photograph.mask.size(), 32));
   settings.set_max_spp(2 * settings.spp());
   settings.set_max_iterations(8);
   settings.set_seed(options.refine.seed);
@@ -233,7 +232,7 @@ class TurnSearch {
                                    std::span<const Material> materials, uint32_t spp) const {
     constexpr uint32_t kEstimates = 2;
     std::vector<Variant> variants;
-    spp = spp_for(static_cast<double>(mask_.size()), spp);
+    spp = spp_for(mask_.size(), spp);
     for (const double turn : turns) {
       for (const Material& material : materials) {
         variants.push_back(

@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
-#include <algorithm>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -12,7 +11,6 @@
 #include "client/commands/fit_photograph.h"
 #include "client/commands/options.h"
 #include "client/fit/mirror_ball.h"
-#include "client/interrupt.h"
 #include "client/output.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
@@ -31,17 +29,12 @@ void check_output(const LightOptions& options) {
 }
 
 void warn_if_clipped(const MarkedPhotograph& marked, const std::string& name) {
-  double clipped = 0, all = 0;
-  for (size_t p = 0; p < marked.mask.size(); ++p) {
-    if (!is_on_object(marked.mask[p])) continue;
-    ++all;
-    if (!marked.content.file.clipped.empty()) clipped += marked.content.file.clipped[p];
-  }
+  const double clipped = clipped_part(marked.content.file.clipped, marked.mask);
   if (clipped == 0) return;
   spdlog::warn(
       "{}: {:.1f} % of the ball is as bright as the file can hold; what shines there is brighter "
       "than the panorama says, and an answer by it wrong. itn merge makes one of several exposures",
-      name, 100 * clipped / all);
+      name, 100 * clipped);
 }
 
 }  // namespace
@@ -69,13 +62,12 @@ void run_light(const LightOptions& options) {
   Image panorama;
   panorama.width = 2 * options.rows;
   panorama.height = options.rows;
-  for (const std::string& channel : content.channels) {
-    throw_if_interrupted();
-    std::vector<float> plane =
-        panorama_of_ball(content.file.image.channel(channel), camera, ball, options.rows);
-    const auto mirrored = static_cast<float>(options.reflectance);
-    std::ranges::transform(plane, plane.begin(), [&](float v) { return v / mirrored; });
-    panorama.channels[channel] = std::move(plane);
+  const std::vector<float> pixels =
+      panorama_of_ball(marked.pixels, marked.view().channels, camera, ball, options.rows);
+  const auto mirrored = static_cast<float>(options.reflectance);
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const std::string& channel = content.channels[i % content.channels.size()];
+    panorama.channels[channel].push_back(pixels[i] / mirrored);
   }
   write_exr(options.output, panorama);
   print_result(

@@ -141,27 +141,6 @@ void tell_disturbances_apart(std::vector<Observation>& observations) {
   for (Observation& observation : observations) observation.disturbances.resize(first);
 }
 
-std::vector<v1::Scene> load_scenes(const RefineOptions& options) {
-  if (options.scenes.size() != 1 && options.scenes.size() != options.images.size()) {
-    throw usage(fmt::format(
-        "{} images and {} scenes: give --scene once for all of them, or once for each, in order",
-        options.images.size(), options.scenes.size()));
-  }
-  std::vector<v1::Scene> scenes;
-  for (const std::string& file : options.scenes) {
-    scenes.push_back(load_scene(file, options.mesh_unit));
-    if (options.channel) scenes.back().mutable_film()->set_channel(*options.channel);
-    if (scenes.back().film().channel() != scenes.front().film().channel()) {
-      throw invalid_input(fmt::format(
-          "{} and {}: film.channel must be the same in both; RGB finds a material for each colour",
-          options.scenes.front(), file));
-    }
-    resolve_media(scenes.back());
-  }
-  scenes.resize(options.images.size(), scenes.front());
-  return scenes;
-}
-
 // ---- Where to start --------------------------------------------------------------------------
 
 Material parsed_material(const std::string& text) {
@@ -306,6 +285,27 @@ std::vector<Synthesis> render_fits(const Refinement& refinement,
 
 }  // namespace
 
+std::vector<v1::Scene> load_scenes(const RefineOptions& options) {
+  if (options.scenes.size() != 1 && options.scenes.size() != options.images.size()) {
+    throw usage(fmt::format(
+        "{} images and {} scenes: give --scene once for all of them, or once for each, in order",
+        options.images.size(), options.scenes.size()));
+  }
+  std::vector<v1::Scene> scenes;
+  for (const std::string& file : options.scenes) {
+    scenes.push_back(load_scene(file, options.mesh_unit));
+    if (options.channel) scenes.back().mutable_film()->set_channel(*options.channel);
+    if (scenes.back().film().channel() != scenes.front().film().channel()) {
+      throw invalid_input(fmt::format(
+          "{} and {}: film.channel must be the same in both; RGB finds a material for each colour",
+          options.scenes.front(), file));
+    }
+    resolve_media(scenes.back());
+  }
+  scenes.resize(options.images.size(), scenes.front());
+  return scenes;
+}
+
 void average_to_film(const std::string& name, const v1::Film& film, PhotographContent& content,
                      std::vector<float>& mask) {
   Image& image = content.file.image;
@@ -313,7 +313,7 @@ void average_to_film(const std::string& name, const v1::Film& film, PhotographCo
   if (image.width == columns && image.height == rows) return;
   const double by = static_cast<double>(image.width) / columns;
   constexpr double kRounded = 0.5;  // of a pixel of the film
-  if (image.width < columns || image.height < rows ||
+  if (columns < 1 || rows < 1 || image.width < columns || image.height < rows ||
       std::abs(image.height - by * rows) > kRounded * by) {
     throw invalid_input(fmt::format(
         "{} is {} x {} pixels, the film of its scene {} x {}; it must be as large, or larger and "
@@ -338,17 +338,17 @@ void average_to_film(const std::string& name, const v1::Film& film, PhotographCo
   image.width = columns;
   image.height = rows;
   // What is clipped, or not of the object, in a part does not count.
-  constexpr float kWhole = 0.99F, kClipped = 0.001F;
   if (!mask.empty()) {
     mask = average(mask);
-    std::ranges::transform(mask, mask.begin(), [](float v) { return v >= kWhole ? 1.0F : 0.0F; });
+    std::ranges::transform(mask, mask.begin(),
+                           [](float v) { return v >= kWholePixel ? 1.0F : 0.0F; });
   }
   std::vector<unsigned char>& clipped = content.file.clipped;
   if (clipped.empty()) return;
   const std::vector<float> parts = average({clipped.begin(), clipped.end()});
   clipped.resize(parts.size());
   std::ranges::transform(parts, clipped.begin(),
-                         [](float v) { return static_cast<unsigned char>(v > kClipped); });
+                         [](float v) { return static_cast<unsigned char>(v > kClippedPixel); });
 }
 
 void leave_out_clipped(const std::string& name, const std::vector<unsigned char>& clipped,

@@ -12,6 +12,7 @@
 #include "common/image/image.h"
 #include "common/material.h"
 #include "itn/v1/refine.pb.h"
+#include "itn/v1/scene.pb.h"
 
 namespace itn {
 
@@ -41,6 +42,13 @@ struct RefineOptions {
 // What a film has of an image whose channels these are, Y or R, G and B.
 std::vector<float> radiance_of(const Image& image, const std::vector<std::string>& channels,
                                v1::Film::Channel film);
+
+// The scenes of the images, one for each, with their files. Throws Error as load_scene() does,
+// kUsage if they are not as many, and (invalid input) if their films are of different channels.
+std::vector<v1::Scene> load_scenes(const RefineOptions& options);
+
+// Of a pixel that was averaged: it is on the object if so much of it was, and clipped if more was.
+inline constexpr float kWholePixel = 0.99F, kClippedPixel = 0.001F;
 
 // An image larger than the film, of the same shape, is averaged down to it; a pixel of the mask is
 // then 1 where all of it was. Throws Error (invalid input) if it is smaller or of another shape.

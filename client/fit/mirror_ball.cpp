@@ -64,20 +64,25 @@ class Ball {
   double radius_ = 0;  // over the distance
 };
 
-double interpolated(std::span<const float> plane, const BallCamera& camera, double x, double y) {
+// Adds what is seen there to a sum for each channel.
+void add_interpolated(std::span<const float> pixels, const BallCamera& camera, double x, double y,
+                      std::vector<double>& sums) {
   const double u = std::clamp(x - 0.5, 0.0, camera.width - 1.0);
   const double v = std::clamp(y - 0.5, 0.0, camera.height - 1.0);
   const int left = std::min(static_cast<int>(u), std::max(0, camera.width - 2));
   const int top = std::min(static_cast<int>(v), std::max(0, camera.height - 2));
   const int right = std::min(left + 1, camera.width - 1);
   const int bottom = std::min(top + 1, camera.height - 1);
-  const auto at = [&](int column, int row) {
-    return double{plane[static_cast<size_t>(row) * static_cast<size_t>(camera.width) +
-                        static_cast<size_t>(column)]};
-  };
   const double a = u - left, b = v - top;
-  return (1 - b) * ((1 - a) * at(left, top) + a * at(right, top)) +
-         b * ((1 - a) * at(left, bottom) + a * at(right, bottom));
+  for (size_t channel = 0; channel < sums.size(); ++channel) {
+    const auto at = [&](int column, int row) {
+      const auto p = static_cast<size_t>(row) * static_cast<size_t>(camera.width) +
+                     static_cast<size_t>(column);
+      return double{pixels[p * sums.size() + channel]};
+    };
+    sums[channel] += (1 - b) * ((1 - a) * at(left, top) + a * at(right, top)) +
+                     b * ((1 - a) * at(left, bottom) + a * at(right, bottom));
+  }
 }
 
 }  // namespace
@@ -112,17 +117,18 @@ MirrorBall ball_of_mask(std::span<const float> mask, int width) {
   return {x / area, y / area, std::sqrt(area / std::numbers::pi)};
 }
 
-std::vector<float> panorama_of_ball(std::span<const float> radiance, const BallCamera& camera,
-                                    const MirrorBall& ball, int rows) {
+std::vector<float> panorama_of_ball(std::span<const float> radiance, int channels,
+                                    const BallCamera& camera, const MirrorBall& ball, int rows) {
   constexpr int kSamples = 4;  // along each side of a pixel
   const Ball in_camera(camera, ball);
   const double down = camera.degrees_down * kRadiansPerDegree;
   const double c = std::cos(down), s = std::sin(down);
   const int columns = 2 * rows;
   std::vector<float> panorama;
+  std::vector<double> sums(static_cast<size_t>(channels));
   for (int row = 0; row < rows; ++row) {
     for (int column = 0; column < columns; ++column) {
-      double sum = 0;
+      std::ranges::fill(sums, 0);
       for (int j = 0; j < kSamples; ++j) {
         for (int i = 0; i < kSamples; ++i) {
           const double u = (column + (i + 0.5) / kSamples) / columns;
@@ -131,10 +137,12 @@ std::vector<float> panorama_of_ball(std::span<const float> radiance, const BallC
           const Vec3d w{std::sin(around) * std::sin(polar), std::cos(polar),
                         -std::cos(around) * std::sin(polar)};
           const auto [x, y] = in_camera.place_of({w.x, c * w.y - s * w.z, s * w.y + c * w.z});
-          sum += interpolated(radiance, camera, x, y);
+          add_interpolated(radiance, camera, x, y, sums);
         }
       }
-      panorama.push_back(static_cast<float>(sum / (kSamples * kSamples)));
+      for (const double sum : sums) {
+        panorama.push_back(static_cast<float>(sum / (kSamples * kSamples)));
+      }
     }
   }
   return panorama;

@@ -23,16 +23,17 @@ struct BallCamera {
   double degrees_down = 0;    // below the horizon
 };
 
-// One channel of a panorama in latitude-longitude format, `rows` x 2 `rows` pixels, top row first,
+// A panorama in latitude-longitude format, `rows` x 2 `rows` pixels, top row first,
 // whose middle lies where the camera looks, on the horizon: itn fit takes it with --panorama-turn 0
 // for photographs of the same camera. The ball is small beside what lights it, so that it mirrors
-// what comes from a direction to where it stands. `radiance`: that channel of the photograph.
+// what comes from a direction to where it stands. `radiance`: the photograph, channels interleaved,
+// as those of the panorama are.
 //
 // What is mirrored in the outermost hundredth of the radius is squeezed together there: the 16
 // degrees about the direction behind the ball are filled from around them. Derivation: a ray of
 // direction d that meets the ball where its normal is n goes on to w = d - 2 (d n) n, so that n is
 // w - d, normalized; d, which depends on where the ball is met, is found by a few iterations.
-std::vector<float> panorama_of_ball(std::span<const float> radiance, const BallCamera& camera,
-                                    const MirrorBall& ball, int rows);
+std::vector<float> panorama_of_ball(std::span<const float> radiance, int channels,
+                                    const BallCamera& camera, const MirrorBall& ball, int rows);
 
 }  // namespace itn

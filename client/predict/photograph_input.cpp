@@ -171,16 +171,6 @@ std::vector<float> mask_of(const PhotographContent& content, const std::string& 
 
 // --- What is known of its light ---
 
-double clipped_part(const std::vector<unsigned char>& clipped, const std::vector<float>& mask) {
-  size_t object = 0, both = 0;
-  for (size_t p = 0; p < clipped.size(); ++p) {
-    if (!is_on_object(mask[p])) continue;
-    ++object;
-    both += clipped[p];
-  }
-  return object == 0 ? 0 : static_cast<double>(both) / static_cast<double>(object);
-}
-
 v1::Capture capture_of(const MarkedPhotograph& marked, const std::string& name,
                        const PhotographOptions& options) {
   v1::Capture capture;
@@ -202,6 +192,16 @@ Framing framing_of(const PhotographOptions& options, const Image& image) {
 }
 
 }  // namespace
+
+double clipped_part(const std::vector<unsigned char>& clipped, const std::vector<float>& mask) {
+  size_t object = 0, both = 0;
+  for (size_t p = 0; p < clipped.size(); ++p) {
+    if (!is_on_object(mask[p])) continue;
+    ++object;
+    both += clipped[p];
+  }
+  return object == 0 ? 0 : static_cast<double>(both) / static_cast<double>(object);
+}
 
 PhotographContent read_content(const std::string& name, const FileReading& reading) {
   PhotographContent content;

@@ -77,6 +77,10 @@ struct MarkedPhotograph {
 // but for gray cards.
 MarkedPhotograph read_marked(const std::string& file, const PhotographOptions& options);
 
+// Part of the object that is at the top of what the file can hold; `clipped`: 1 where it is, of
+// PhotographFile.
+double clipped_part(const std::vector<unsigned char>& clipped, const std::vector<float>& mask);
+
 // The radiance of a white card by channel, from the gray card that the options say. `name` is the
 // file's. Throws Error (invalid input) if it cannot be used.
 std::vector<double> white_of_card(const MarkedPhotograph& photograph, const std::string& name,

@@ -182,7 +182,7 @@ std::vector<float> averaged(std::span<const float> values, int channels, int wid
     }
   }
   const double area =
-      static_cast<double>(window.width) / columns * static_cast<double>(window.height) / rows;
+      (static_cast<double>(window.width) / columns) * (static_cast<double>(window.height) / rows);
   std::vector<float> result(sums.size());
   std::ranges::transform(sums, result.begin(),
                          [area](double sum) { return static_cast<float>(sum / area); });

@@ -55,16 +55,28 @@ class FitCommand : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     folder_ = new TemporaryFolder;
-    std::ofstream(folder_->path("photographed.textproto")) << kPhotographed;
-    const Finished rendered =
-        run({kItn, "render", folder_->path("photographed.textproto"), "-o", folder_->path("a.exr"),
-             "--sigma-t", std::to_string(kSigmaT), "--albedo", std::to_string(kAlbedo), "--g",
-             std::to_string(kG), "--spp", "256"});
-    ASSERT_EQ(rendered.exit_code, 0) << rendered.errors;
+    photograph("photographed.textproto", kPhotographed, "a.exr");
     const Finished shapes = run({kItn, "shapes", "-o", folder_->path("shapes")});
     ASSERT_EQ(shapes.exit_code, 0) << shapes.errors;
   }
   static void TearDownTestSuite() { delete folder_; }
+
+  // Writes a scene, and a render of the material in it.
+  static void photograph(const std::string& file, const std::string& scene,
+                         const std::string& image) {
+    std::ofstream(folder_->path(file)) << scene;
+    const Finished rendered =
+        run({kItn, "render", folder_->path(file), "-o", folder_->path(image), "--sigma-t",
+             std::to_string(kSigmaT), "--albedo", std::to_string(kAlbedo), "--g",
+             std::to_string(kG), "--spp", "256"});
+    ASSERT_EQ(rendered.exit_code, 0) << rendered.errors;
+  }
+
+  // Within four standard deviations, which are no more than `most` of the truth.
+  static void expect_near(const v1::RefinedParameter& p, double truth, double most) {
+    EXPECT_NEAR(p.value(), truth, 4 * p.standard_deviation());
+    EXPECT_LT(p.standard_deviation(), most * truth);
+  }
 
   // Radiance by direction: gray, with a window far to one side, and a lamp above.
   static void write_room(const std::string& file) {
@@ -156,21 +168,16 @@ TEST_F(FitCommand, FindsTheTurnOfAPanorama) {
   scene.replace(light, camera - light,
                 "lights { environment_map { path: \"room.exr\" rotate_y_degrees: " +
                     std::to_string(180 + kTurn) + " } }\n");
-  std::ofstream(folder_->path("in_room.textproto")) << scene;
-  const Finished rendered =
-      run({kItn, "render", folder_->path("in_room.textproto"), "-o", folder_->path("in_room.exr"),
-           "--sigma-t", std::to_string(kSigmaT), "--albedo", std::to_string(kAlbedo), "--g",
-           std::to_string(kG), "--spp", "256"});
-  ASSERT_EQ(rendered.exit_code, 0) << rendered.errors;
-  Image photograph = read_exr(folder_->path("in_room.exr"));
+  photograph("in_room.textproto", scene, "in_room.exr");
+  Image in_room = read_exr(folder_->path("in_room.exr"));
   constexpr double kGray = 0.18;
   const v1::Pixels room = load_panorama(folder_->path("room.exr"));
-  std::vector<float>& pixels = photograph.channels.at("Y");
+  std::vector<float>& pixels = in_room.channels.at("Y");
   for (size_t y = 0; y < 16; ++y) {
-    std::fill_n(pixels.begin() + static_cast<ptrdiff_t>(y) * photograph.width, 16,
+    std::fill_n(pixels.begin() + static_cast<ptrdiff_t>(y) * in_room.width, 16,
                 static_cast<float>(kGray * irradiance_from_above(room) / std::numbers::pi));
   }
-  write_exr(folder_->path("in_room.exr"), photograph);
+  write_exr(folder_->path("in_room.exr"), in_room);
   Arguments arguments =
       command({"--object-size", "45", "--focal-length", std::to_string(kFocalLength), "--light",
                folder_->path("room.exr"), "--gray-card", "0,0,16,16", "--json"});
@@ -194,12 +201,7 @@ TEST_F(FitCommand, SeveralPhotographsTellMore) {
   std::string scene = kPhotographed;
   scene.replace(scene.find("angle_degrees: 140"), 18, "angle_degrees: 60");
   scene.replace(scene.find("z: -330"), 7, "z: -290");
-  std::ofstream(folder_->path("nearer.textproto")) << scene;
-  const Finished rendered =
-      run({kItn, "render", folder_->path("nearer.textproto"), "-o", folder_->path("b.exr"),
-           "--sigma-t", std::to_string(kSigmaT), "--albedo", std::to_string(kAlbedo), "--g",
-           std::to_string(kG), "--spp", "256"});
-  ASSERT_EQ(rendered.exit_code, 0) << rendered.errors;
+  photograph("nearer.textproto", scene, "b.exr");
   Arguments arguments = command({folder_->path("b.exr"), "--object-size", "45", "--focal-length",
                                  std::to_string(kFocalLength), "--json"});
   *(std::ranges::find(arguments, "-o") + 1) = folder_->path("both");
@@ -217,10 +219,6 @@ TEST_F(FitCommand, SeveralPhotographsTellMore) {
                 0.05 * 330 * 330 / 4);
   }
   const v1::RefineResult& found = result.results(0);
-  const auto expect_near = [&](const v1::RefinedParameter& p, double truth, double most) {
-    EXPECT_NEAR(p.value(), truth, 4 * p.standard_deviation()) << done.output;
-    EXPECT_LT(p.standard_deviation(), most * truth) << done.output;
-  };
   expect_near(found.sigma_a(), kSigmaT * (1 - kAlbedo), 0.2);
   expect_near(found.sigma_s_reduced(), kSigmaT * kAlbedo * (1 - kG), 0.2);
 }
@@ -230,10 +228,10 @@ TEST_F(FitCommand, TakesASceneThatIsGiven) {
   std::string scene = kPhotographed;
   scene.replace(scene.find("width: 160 height: 128"), 22, "width: 40 height: 32");
   std::ofstream(folder_->path("given.textproto")) << scene;
-  Image photograph = read_exr(folder_->path("a.exr"));
+  Image brighter = read_exr(folder_->path("a.exr"));
   constexpr float kScale = 3;
-  for (float& value : photograph.channels.at("Y")) value *= kScale;
-  write_exr(folder_->path("brighter.exr"), photograph);
+  for (float& value : brighter.channels.at("Y")) value *= kScale;
+  write_exr(folder_->path("brighter.exr"), brighter);
   const Finished done =
       run({kItn, "fit", folder_->path("brighter.exr"), "--scene", folder_->path("given.textproto"),
            "--starts", "2", "--max-spp", "1024", "--json", "-o", folder_->path("given")});
@@ -244,10 +242,6 @@ TEST_F(FitCommand, TakesASceneThatIsGiven) {
   EXPECT_TRUE(result.poses().empty());
   ASSERT_EQ(result.results_size(), 1);
   const v1::RefineResult& found = result.results(0);
-  const auto expect_near = [&](const v1::RefinedParameter& p, double truth, double most) {
-    EXPECT_NEAR(p.value(), truth, 4 * p.standard_deviation()) << done.output;
-    EXPECT_LT(p.standard_deviation(), most * truth) << done.output;
-  };
   expect_near(found.sigma_a(), kSigmaT * (1 - kAlbedo), 0.2);
   expect_near(found.sigma_s_reduced(), kSigmaT * kAlbedo * (1 - kG), 0.2);
   expect_near(found.unknowns(0), 0.3, 0.1);
@@ -268,11 +262,11 @@ TEST_F(FitCommand, MakesAPanoramaOfAMirrorBall) {
       mask.push_back(on ? 1.0F : 0.0F);
     }
   }
-  const std::string photograph = folder_->path("ball.exr"), room = folder_->path("light.exr");
-  write_exr(photograph, ball);
-  const Arguments light{kItn,  "light",         photograph, "--focal-length",
-                        "50",  "--camera-down", "20",       "--ball-reflectance",
-                        "0.5", "--rows",        "32",       "-o",
+  const std::string image = folder_->path("ball.exr"), room = folder_->path("light.exr");
+  write_exr(image, ball);
+  const Arguments light{kItn,  "light",         image, "--focal-length",
+                        "50",  "--camera-down", "20",  "--ball-reflectance",
+                        "0.5", "--rows",        "32",  "-o",
                         room};
   const Finished done = run(light);
   ASSERT_EQ(done.exit_code, 0) << done.errors;
@@ -284,12 +278,12 @@ TEST_F(FitCommand, MakesAPanoramaOfAMirrorBall) {
   std::ranges::fill(mask, 1.0F);
   std::fill_n(mask.begin(), 3 * ball.width, 0.0F);
   std::fill_n(mask.end() - 3 * ball.width, 3 * ball.width, 0.0F);
-  write_exr(photograph, ball);
+  write_exr(image, ball);
   EXPECT_THAT(run(light).errors, HasSubstr("the ball is cut off by the frame"));
   for (int y = 0; y < ball.height; ++y) {
     for (const int x : {0, 1, 98, 99}) mask[static_cast<size_t>(100 * y + x)] = 0;
   }
-  write_exr(photograph, ball);
+  write_exr(image, ball);
   EXPECT_THAT(run(light).errors, HasSubstr("the mask shows no ball"));
 }
 
@@ -304,6 +298,16 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
   refuse(command({"--object-size", "45"}), 3, "--focal-length");
   refuse(command({"--focal-length", focal}), 2, "--object-size is required");
   refuse({kItn, "fit", folder_->path("a.exr"), "-o", folder_->path("out")}, 2, "say --shape");
+  const std::string scene = folder_->path("photographed.textproto");
+  refuse({kItn, "fit", folder_->path("a.exr"), folder_->path("a.exr"), folder_->path("a.exr"),
+          "--scene", scene, "--scene", scene, "-o", folder_->path("out")},
+         2, "3 images and 2 scenes");
+  std::string no_film = kPhotographed;
+  no_film.erase(no_film.find("film"));
+  std::ofstream(folder_->path("no_film.textproto")) << no_film;
+  refuse({kItn, "fit", folder_->path("a.exr"), "--scene", folder_->path("no_film.textproto"), "-o",
+          folder_->path("out")},
+         3, "the film of its scene 0 x 0");
   refuse(command({"--object-size", "45"}, "figur"), 2, "itn shapes lists");
   refuse(command({"--object-size", "45", "--focal-length", focal}, "knot"), 3,
          "wherever the shape stands, its silhouette and the mask overlap by");

@@ -64,7 +64,7 @@ TEST(MirrorBall, ShowsTheRoom) {
   EXPECT_NEAR(ball.y, 0.5 * kHeight - kFocal * middle.y / -middle.z, 2);
   constexpr int kRows = 32;
   const std::vector<float> panorama = panorama_of_ball(
-      photograph.radiance,
+      photograph.radiance, 1,
       {.width = kWidth, .height = kHeight, .focal = kFocal, .degrees_down = kDown}, ball, kRows);
   ASSERT_EQ(panorama.size(), size_t{2 * kRows * kRows});
   const Vec3d behind = to_room(normalize(middle));
