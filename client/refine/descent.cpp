@@ -160,8 +160,18 @@ void Descent::collect_moments() {
     const auto n = static_cast<Eigen::Index>(of_colour.coordinates.size());
     of_colour.sums = Matrix::Zero(n + n * n, n + n * n);
   }
+  std::vector<double> squares(layout_.colours);
   for (size_t i = 0; i < image_equations_.size(); ++i) {
     moments_[observations_[i].colour].sums += image_equations_[i].moments();
+    squares[observations_[i].colour] += image_equations_[i].squares();
+  }
+  // Scores at the answer scatter less than at the truth, by as many squares as there are numbers
+  // (MacKinnon and White, "Some heteroskedasticity-consistent covariance matrix estimators with
+  // improved finite sample properties", Journal of Econometrics 1985, HC1).
+  for (size_t colour = 0; colour < layout_.colours; ++colour) {
+    const double numbers = static_cast<double>(moments_[colour].coordinates.size());
+    const double left = std::max(squares[colour] - numbers, 1.0);
+    moments_[colour].sums *= std::max(squares[colour] / left, 1.0);
   }
 }
 

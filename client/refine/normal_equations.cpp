@@ -396,31 +396,40 @@ Structure ImageEquations::structure_of(std::span<const double> differences) cons
   constexpr size_t kMany = 64;
   uint32_t side = 4;
   while (side < 16 && pixels_.size() / (size_t{4} * side * side) >= kMany) side *= 2;
+  struct Quarter {
+    double difference = 0, pixels = 0;
+  };
   struct Block {
-    std::array<double, 4> quarters{};
+    std::array<Quarter, 4> quarters{};
     double energy = 0;
-    uint32_t pixels = 0;
   };
   const uint32_t width = observation_.scene->width;
   std::map<std::pair<uint32_t, uint32_t>, Block> blocks;
   for (size_t i = 0; i < pixels_.size(); ++i) {
     const uint32_t x = pixels_[i] % width, y = pixels_[i] / width;
     Block& block = blocks[{y / side, x / side}];
-    const uint32_t quarter = 2 * (y % side / (side / 2)) + x % side / (side / 2);
-    block.quarters[quarter] += std::sqrt(fixed_weights_[i]) * differences[i];
+    Quarter& quarter = block.quarters[2 * (y % side / (side / 2)) + x % side / (side / 2)];
+    quarter.difference += std::sqrt(fixed_weights_[i]) * differences[i];
+    ++quarter.pixels;
     block.energy += fixed_weights_[i] * image_[i] * image_[i];
-    ++block.pixels;
   }
   Structure structure;
   for (const auto& [place, block] : blocks) {
-    if (block.pixels < side * side) continue;  // the object ends in it
-    const auto& [a, b, c, d] = block.quarters;
-    const double of_quarters = a * a + b * b + c * c + d * d;
-    const double of_block = (a + b + c + d) * (a + b + c + d);
-    // Of n pixels that share a difference, a block has n^2 of its square and its quarters n^2 / 4.
+    // Of n pixels that share a difference, a block has n^2 of its square, and a quarter likewise.
+    const double n = block.quarters[0].pixels + block.quarters[1].pixels +
+                     block.quarters[2].pixels + block.quarters[3].pixels;
+    double pairs = n * n, sum = 0, of_quarters = 0;
+    for (const Quarter& quarter : block.quarters) {
+      pairs -= quarter.pixels * quarter.pixels;
+      sum += quarter.difference;
+      of_quarters += quarter.difference * quarter.difference;
+    }
+    // Where the object ends, little of a block may be left, or of all quarters but one.
+    constexpr double kLeast = 0.25;
+    if (n < kLeast * side * side || pairs < kLeast * n * n) continue;
     structure += {.of_quarters = of_quarters,
-                  .of_blocks = of_block,
-                  .shared = (of_block - of_quarters) / (0.75 * side * side),
+                  .of_blocks = sum * sum,
+                  .shared = (sum * sum - of_quarters) * n / pairs,
                   .of_image = block.energy,
                   .blocks = 1};
   }

@@ -131,6 +131,7 @@ void add_misfit(const Descent& descent, uint32_t block, v1::RefineResult& result
         100 * structure.relative(), kQuestion));
   }
   result.set_misfit(is_large || hangs_together);
+  if (structure.is_known()) result.set_shared_difference(structure.relative());
   if (noise > 0 || result.misfit()) return;
   const std::string unsaid = "the image does not say how noisy it is (stderr.Y)";
   if (structure.is_known()) {

@@ -51,7 +51,7 @@ TEST(Refinement, TellsDifferencesThatHangTogether) {
   constexpr size_t kSide = SyntheticModel::kSide;
   // `noise`: of the image, a tenth of that of a sample of a render.
   const auto told = [&](bool says_noise, bool smooth, double shadow, uint32_t block = 1,
-                        double noise = 0.05) {
+                        double noise = 0.05, bool is_thin = false) {
     const SyntheticModel model(10 * noise);
     int count = 0;
     for (uint64_t i = 0; i < kImages; ++i) {
@@ -74,6 +74,10 @@ TEST(Refinement, TellsDifferencesThatHangTogether) {
         if (in_shadow) radiance[p] *= static_cast<float>(1 - shadow);
       }
       if (!says_noise) observation.noise.clear();
+      if (is_thin) {  // limbs of three pixels
+        observation.mask.resize(radiance.size());
+        for (size_t p = 0; p < radiance.size(); ++p) observation.mask[p] = p % kSide % 5 < 3 ? 1 : 0;
+      }
       v1::RefineSettings settings;
       settings.set_seed(i);
       settings.set_max_spp(1024);
@@ -97,6 +101,8 @@ TEST(Refinement, TellsDifferencesThatHangTogether) {
   EXPECT_GE(told(false, false, kFaint, 1, kLittleNoise), kImages * 9 / 10);
   EXPECT_EQ(told(false, false, kFaint, 2, kLittleNoise), 0);
   EXPECT_GE(told(false, false, 0.2, 2), kImages * 9 / 10);
+  EXPECT_EQ(told(false, false, 0, 1, 0.02, true), 0);
+  EXPECT_GE(told(false, false, 0.2, 1, 0.02, true), kImages * 9 / 10);
 }
 
 // A render takes a millisecond for each of its samples. Without a limit 40 iterations would take
