@@ -2,9 +2,12 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "client/refine/coordinates.h"
 #include "common/scene/material_proto.h"
@@ -14,32 +17,55 @@ namespace {
 
 constexpr double kNormal95 = 1.959963984540054;
 
-// A quantity on a scale on which its distribution is taken for a Gaussian.
+// A rising scale on which images are about linear in a quantity, so that an interval that reaches
+// beyond an end of what there is holds up to that. On a logarithm or a logit, which have no ends,
+// it would reach far to the other side.
 struct Scale {
   std::function<double(double)> to, from;
-  std::function<double(double)> slope;  // d value / d scale, of the value
+  double low = -HUGE_VAL, high = HUGE_VAL;  // the ends, on the scale
 };
-const Scale kPositive{[](double v) { return std::log(v); }, [](double s) { return std::exp(s); },
-                      [](double v) { return v; }};
+// Where images may be linear on one scale or another, an interval holds on each of them.
+using Scales = std::vector<Scale>;
 
-Scale between(const LogitScale& ends) {
-  return {[ends](double v) { return ends.to(v); }, [ends](double s) { return ends.from(s); },
-          [ends](double v) { return ends.slope(v); }};
+Scale linear_between(double low, double high) {
+  return {std::identity(), std::identity(), low, high};
 }
-const Scale kFraction = between({0, 1}), kCosine = between({-1, 1});
 
-v1::RefinedParameter parameter(const Quantity& quantity, const Scale& scale, const Region& region) {
-  const Quantity on_scale = [&](const Vector& x) { return scale.to(quantity(x)); };
-  const auto [low_90, high_90] = range(region, on_scale, kQuantile90);
-  const auto [low_95, high_95] = range(region, on_scale, kQuantile95);
-  const double value = quantity(region.answer);
+const Scales kPositive{
+    {[](double v) { return std::log(v); }, [](double s) { return std::exp(s); }}};
+const Scales kCosine{
+    {[](double v) { return std::atanh(v); }, [](double s) { return std::tanh(s); }}};
+// Light that has been in a medium for long falls with the root of what is absorbed; light that has
+// not, with what is absorbed.
+const Scales kAlbedo{
+    {[](double v) { return -std::sqrt(1 - v); }, [](double s) { return 1 - s * s; }, -1, 0},
+    linear_between(0, 1)};
+const Scales kAbsorption{{[](double v) { return std::sqrt(v); }, [](double s) { return s * s; }, 0},
+                         linear_between(0, HUGE_VAL)};
+const Scales kDiffusionLength{
+    {[](double v) { return -1 / v; }, [](double s) { return -1 / s; }, -HUGE_VAL, 0}};
+
+v1::RefinedParameter parameter(const Quantity& quantity, const Scales& scales,
+                               const Region& region) {
+  const auto ends = [&](double quantile) {
+    std::pair result{HUGE_VAL, -HUGE_VAL};
+    for (const Scale& scale : scales) {
+      const auto [low, high] = range(
+          region, [&](const Vector& x) { return scale.to(quantity(x)); }, quantile);
+      result.first = std::min(result.first, scale.from(std::max(low, scale.low)));
+      result.second = std::max(result.second, scale.from(std::min(high, scale.high)));
+    }
+    return result;
+  };
+  const auto [low_90, high_90] = ends(kQuantile90);
+  const auto [low_95, high_95] = ends(kQuantile95);
   v1::RefinedParameter result;
-  result.set_value(value);
-  result.set_standard_deviation((high_95 - low_95) / (2 * kNormal95) * scale.slope(value));
-  result.set_low_90(scale.from(low_90));
-  result.set_high_90(scale.from(high_90));
-  result.set_low_95(scale.from(low_95));
-  result.set_high_95(scale.from(high_95));
+  result.set_value(quantity(region.answer));
+  result.set_standard_deviation((high_95 - low_95) / (2 * kNormal95));
+  result.set_low_90(low_90);
+  result.set_high_90(high_90);
+  result.set_low_95(low_95);
+  result.set_high_95(high_95);
   return result;
 }
 
@@ -51,11 +77,12 @@ struct ColourRegion {
   ColourRegion(const Region& of_all, size_t colour)
       : region(of_all), coordinates(of_all.layout.of_colour(colour)) {}
   Vector answer() const { return region.answer(coordinates); }
-  v1::RefinedParameter parameter(const Quantity& quantity, const Scale& scale) const {
-    return itn::parameter([&](const Vector& x) { return quantity(x(coordinates)); }, scale, region);
+  v1::RefinedParameter parameter(const Quantity& quantity, const Scales& scales) const {
+    return itn::parameter([&](const Vector& x) { return quantity(x(coordinates)); }, scales,
+                          region);
   }
-  v1::RefinedParameter parameter(double (*value)(const Material&), const Scale& scale) const {
-    return parameter([value](const Vector& x) { return value(material_at(x)); }, scale);
+  v1::RefinedParameter parameter(double (*value)(const Material&), const Scales& scales) const {
+    return parameter([value](const Vector& x) { return value(material_at(x)); }, scales);
   }
 };
 
@@ -84,7 +111,7 @@ Eigen::Vector3d physical_deviations(const Region& region, size_t colour) {
   const ColourRegion seen(region, colour);
   const v1::RefinedParameter of_sigma_t = seen.parameter(sigma_t, kPositive);
   return {of_sigma_t.standard_deviation() / of_sigma_t.value(),
-          seen.parameter(albedo, kFraction).standard_deviation(),
+          seen.parameter(albedo, kAlbedo).standard_deviation(),
           seen.parameter(g, kCosine).standard_deviation()};
 }
 
@@ -94,19 +121,20 @@ v1::RefineResult refine_result(const Region& region, size_t colour) {
   v1::RefineResult result;
   *result.mutable_material() = to_proto(material_at(x));
   *result.mutable_sigma_t() = seen.parameter(sigma_t, kPositive);
-  *result.mutable_albedo() = seen.parameter(albedo, kFraction);
+  *result.mutable_albedo() = seen.parameter(albedo, kAlbedo);
   *result.mutable_g() = seen.parameter(g, kCosine);
   *result.mutable_sigma_a() =
-      seen.parameter([](const Material& m) { return m.sigma_a(); }, kPositive);
+      seen.parameter([](const Material& m) { return m.sigma_a(); }, kAbsorption);
   *result.mutable_sigma_s_reduced() =
       seen.parameter([](const Material& m) { return m.sigma_s_reduced(); }, kPositive);
-  *result.mutable_diffuse_albedo() = seen.parameter(diffuse_albedo, kFraction);
-  *result.mutable_diffusion_length() = seen.parameter(diffusion_length, kPositive);
+  *result.mutable_diffuse_albedo() = seen.parameter(diffuse_albedo, {linear_between(0, 1)});
+  *result.mutable_diffusion_length() = seen.parameter(diffusion_length, kDiffusionLength);
   const Layout layout = region.layout.one_colour();
   for (size_t i = 0; i < layout.unknowns.size(); ++i) {
     v1::RefinedParameter& unknown = *result.add_unknowns();
-    unknown = seen.parameter([&](const Vector& at) { return unknown_at(at, layout, i); },
-                             between(layout.unknowns[i].range));
+    unknown = seen.parameter(
+        [&](const Vector& at) { return unknown_at(at, layout, i); },
+        {linear_between(layout.unknowns[i].range.low, layout.unknowns[i].range.high)});
     unknown.set_name(layout.unknowns[i].name);
   }
   if (layout.has_exposure) {

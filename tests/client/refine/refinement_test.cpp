@@ -76,7 +76,8 @@ TEST(Refinement, TellsDifferencesThatHangTogether) {
       if (!says_noise) observation.noise.clear();
       if (is_thin) {  // limbs of three pixels
         observation.mask.resize(radiance.size());
-        for (size_t p = 0; p < radiance.size(); ++p) observation.mask[p] = p % kSide % 5 < 3 ? 1 : 0;
+        for (size_t p = 0; p < radiance.size(); ++p)
+          observation.mask[p] = p % kSide % 5 < 3 ? 1 : 0;
       }
       v1::RefineSettings settings;
       settings.set_seed(i);
@@ -301,6 +302,31 @@ TEST(Refinement, DisturbancesLeaveTheMaterialAlone) {
   const double sigma = std::sqrt(0.95 * 0.05 / kImages);
   for (const int count : inside) EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
   EXPECT_LT(inside_without, kImages * 3 / 4);
+}
+
+// Half of the images ask for less absorption than none, and for an index below the least. What an
+// image cannot tell from none, must not look as if much of it were possible.
+TEST(Refinement, IntervalsCoverTheTruthAtTheEndsOfRanges) {
+  constexpr int kImages = 200;
+  constexpr double kLeastIndex = 1.1;
+  constexpr Material kWhite{60, 0.9999, 0.3};
+  const SyntheticModel model;
+  std::array<int, 4> inside{};
+  for (uint64_t i = 0; i < kImages; ++i) {
+    v1::RefineSettings settings;
+    settings.set_seed(i);
+    settings.set_max_spp(1024);
+    settings.add_unknowns("rough_dielectric.index");
+    const v1::RefineResult r =
+        refined(model, {model.observe(kWhite, 0.05, 100 + i, 1, kLeastIndex)}, settings, {kStart});
+    inside[0] += has(r.sigma_t(), kWhite.sigma_t);
+    inside[1] += has(r.g(), kWhite.g);
+    inside[2] += has(r.albedo(), kWhite.albedo);
+    inside[3] += has(r.unknowns(0), kLeastIndex);
+    EXPECT_GT(r.albedo().low_95(), 0.8);
+  }
+  const double sigma = std::sqrt(0.95 * 0.05 / kImages);
+  for (const int count : inside) EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
 }
 
 TEST(Refinement, SeveralImagesTellMore) {
