@@ -73,6 +73,14 @@ void check(const FitOptions& options) {
     }
     return;
   }
+  const auto require_one_or_each = [&](const char* flag, const std::vector<double>& values) {
+    if (values.size() <= 1 || values.size() == options.images.size()) return;
+    throw usage(
+        fmt::format("{} has {} numbers for {} photographs; say one for all, or one for each", flag,
+                    values.size(), options.images.size()));
+  };
+  require_one_or_each("--panorama-turn", options.panorama_turn);
+  require_one_or_each("--camera-down", options.camera_down);
   if (!is_builtin(options.shape) && fs::path(options.shape).extension().empty()) {
     throw usage(fmt::format(
         "--shape {}: it is neither the name of a .ply, .obj or .stl file nor a shape that itn "
@@ -98,6 +106,12 @@ v1::Scene for_search(v1::Scene scene) {
   return scene;
 }
 
+// Of one for all or one for each.
+std::optional<double> of_photograph(const std::vector<double>& all, size_t i) {
+  if (all.empty()) return {};
+  return all[std::min(i, all.size() - 1)];
+}
+
 // A photograph is hardly ever taken from so near.
 void warn_if_near(const v1::FitPose& pose, double size) {
   constexpr double kNear = 70, kSmall = 15;  // mm
@@ -116,6 +130,8 @@ void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOption
   for (size_t i = 0; i < options.images.size(); ++i) {
     FitPhotograph photograph = load_fit_photograph(options.images[i], options, exposure);
     exposure = photograph.exposure;
+    photograph.panorama_turn = of_photograph(options.panorama_turn, i);
+    photograph.camera_down = of_photograph(options.camera_down, i).value();
     const std::string stem = options.images.size() == 1 ? "" : fmt::format("_{}", i);
     const fs::path scene_file = folder / fmt::format("scene{}.textproto", stem);
     v1::Scene scene = scene_of(photograph, options);
@@ -229,8 +245,9 @@ std::string in_words(const FitOptions& options) {
       photograph.object_size.value_or(0),
       static_cast<int>(options.refine.mesh_unit.value_or(v1::MM)), options.repair, options.light,
       fmt::join(options.flash_offset, ","), options.flash_error,
-      options.panorama_turn ? fmt::format("{}", *options.panorama_turn) : "found",
-      options.camera_down, options.turn_error,
+      options.panorama_turn.empty() ? "found"
+                                    : fmt::format("{}", fmt::join(options.panorama_turn, ",")),
+      fmt::join(options.camera_down, ","), options.turn_error,
       photograph.gray_card
           ? fmt::format("{},{},{},{}", photograph.gray_card->x, photograph.gray_card->y,
                         photograph.gray_card->width, photograph.gray_card->height)

@@ -56,12 +56,15 @@ void add_flags(CLI::App& command, FitOptions& options) {
       .add_option(
           "--panorama-turn", options.panorama_turn,
           "Of the panorama about the vertical, in degrees, counter-clockwise seen from above: at "
-          "0, "
-          "its middle lies where the camera looks. Default: as light and shade on the object say")
+          "0, its middle lies where the camera looks. Of several photographs one for all, or one "
+          "for each, separated by commas. Default: as light and shade on the object say")
+      ->delimiter(',')
       ->check(number_in(-360.0, 360.0));
   command
       .add_option("--camera-down", options.camera_down,
-                  "How far below the horizon the camera looks, in degrees; counts with a panorama")
+                  "How far below the horizon the camera looks, in degrees, likewise; counts with a "
+                  "panorama")
+      ->delimiter(',')
       ->check(number_in(-89.0, 89.0))
       ->capture_default_str();
   command

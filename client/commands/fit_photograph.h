@@ -36,6 +36,9 @@ struct FitPhotograph {
   Square square;
   double focal = 0;   // in pixels of the whole photograph
   Exposure exposure;  // by which the image is scaled
+  // What is said of it, in degrees.
+  std::optional<double> panorama_turn;  // absent: as light and shade say
+  double camera_down = 0;
 };
 
 // `first`: the exposure of the first photograph, which has the card if there is one; absent for

@@ -174,6 +174,7 @@ class TurnSearch {
         mask_(pixels_of_object(photograph, mesh, pose)),
         mesh_(mesh),
         pose_(pose),
+        camera_down_(photograph.camera_down),
         scene_(scene),
         options_(options),
         pool_(pool) {}
@@ -236,7 +237,7 @@ class TurnSearch {
     for (const double turn : turns) {
       for (const Material& material : materials) {
         variants.push_back(
-            {placed({pose_, turn, options_.camera_down}, mesh_, options_, scene_), material});
+            {placed({pose_, turn, camera_down_}, mesh_, options_, scene_), material});
       }
     }
     const auto images = rendered(variants, spp, kEstimates, options_.refine.seed, pool_);
@@ -251,6 +252,7 @@ class TurnSearch {
   std::vector<float> radiance_, mask_;
   const Mesh& mesh_;
   const Pose& pose_;
+  double camera_down_;
   const v1::Scene& scene_;
   const FitOptions& options_;
   RenderPool& pool_;
@@ -294,7 +296,7 @@ Material of_similar_light(const Material& material, double g) {
 FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v1::Scene& scene,
                       const FitOptions& options, RenderPool& pool) {
   const Synthesize synthesize = rendered_by(pool, interruption());
-  const bool is_turned = !is_by_flash(options) && !options.panorama_turn;
+  const bool is_turned = !is_by_flash(options) && !photograph.panorama_turn;
   const std::vector<FoundPose> poses = poses_of(photograph, mesh, options);
   constexpr size_t kMostPoses = 8, kMostStands = 4;
   const size_t tried = std::min(poses.size(), kMostPoses);
@@ -303,12 +305,13 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
   for (size_t i = 0; i < tried; ++i) {
     const Pose& pose = poses[i].pose;
     if (!is_turned) {
-      candidates.push_back({i, {pose, options.panorama_turn.value_or(0), options.camera_down}});
+      candidates.push_back(
+          {i, {pose, photograph.panorama_turn.value_or(0), photograph.camera_down}});
       continue;
     }
     const TurnSearch search(photograph, mesh, pose, scene, options, pool);
     for (const TurnSearch::Found& turn : search.turns()) {
-      candidates.push_back({i, {pose, turn.degrees, options.camera_down}, turn.unlikeness});
+      candidates.push_back({i, {pose, turn.degrees, photograph.camera_down}, turn.unlikeness});
     }
   }
   if (is_turned) {
