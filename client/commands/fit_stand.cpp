@@ -377,10 +377,7 @@ std::vector<std::vector<float>> disturbances_of(const FitPhotograph& photograph,
     };
     changes.add(changed(kFar), changed(-kFar), 2 * kFar);
   };
-  std::vector<PoseMove> errors = found.pose.errors;
-  // The mask may be half a pixel too large or too small all around.
-  errors.push_back({{}, pose.to_scene(middle) * (1.0 / photograph.pose_side)});
-  for (const PoseMove& error : errors) {
+  for (const PoseMove& error : found.pose.errors) {
     add([&](Stand& stand, double times) { stand.pose = moved(pose, middle, error, times); });
   }
   if (!is_by_flash(options) && options.turn_error > 0) {

@@ -15,8 +15,10 @@
 namespace itn {
 namespace {
 
-using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
+// A turn, a shift, and the margin by which a mask is too large all around.
+using Vector7 = Eigen::Matrix<double, 7, 1>;
+using Matrix7 = Eigen::Matrix<double, 7, 7>;
 
 // About a unit axis: its rows are the axes turned back.
 Rotation<double> turn(Vec3d axis, double angle) {
@@ -209,16 +211,20 @@ std::vector<Match> matches_of(const std::vector<ContourPoint>& points,
 // One step of Gauss and Newton's method: distances along the mask's normals, those of more than a
 // few pixels for less.
 struct ContourFit {
-  Matrix6 normal = Matrix6::Zero();
-  Vector6 gradient = Vector6::Zero();
+  Matrix7 normal = Matrix7::Zero();
+  Vector7 gradient = Vector7::Zero();
   double squares = 0, weights = 0;
   size_t count = 0;
 
   double distance() const { return std::sqrt(squares / std::max(weights, 1e-300)); }
 };
 
-ContourFit fit_contour(const Pose& pose, Vec3d middle, const PinholeView& view,
-                       const std::vector<Match>& matches) {
+// Points of a contour are not independent of their neighbours: of so many, one counts.
+constexpr double kAlikePoints = 5;
+
+// `margin`: of the mask, in pixels, which is 0 within `margin_error`.
+ContourFit fit_contour(const Pose& pose, double margin, double margin_error, Vec3d middle,
+                       const PinholeView& view, const std::vector<Match>& matches) {
   constexpr double kFar = 3;  // pixels
   const Vec3d center = pose.to_scene(middle);
   ContourFit fit;
@@ -230,43 +236,52 @@ ContourFit fit_contour(const Pose& pose, Vec3d middle, const PinholeView& view,
     const Vec3d dy{0, -view.focal / depth, -view.focal * p.y / (depth * depth)};
     const Vec3d along = dx * target->normal_x + dy * target->normal_y;
     const Vec3d by_turn = cross(arm, along);
-    const double residual =
-        (point->x - target->x) * target->normal_x + (point->y - target->y) * target->normal_y;
-    const double beside = std::hypot(point->x - target->x, point->y - target->y);
+    const double x = point->x - target->x - margin * target->normal_x;
+    const double y = point->y - target->y - margin * target->normal_y;
+    const double residual = x * target->normal_x + y * target->normal_y;
+    const double beside = std::hypot(x, y);
     const double weight = beside > kFar ? kFar / beside : 1;
-    Vector6 row;
-    row << by_turn.x, by_turn.y, by_turn.z, along.x, along.y, along.z;
+    Vector7 row;
+    row << by_turn.x, by_turn.y, by_turn.z, along.x, along.y, along.z, -1;
     fit.normal += weight * row * row.transpose();
     fit.gradient += weight * residual * row;
     fit.squares += weight * beside * beside;
     fit.weights += weight;
     ++fit.count;
   }
+  const double known = kAlikePoints * fit.squares / fit.weights / (margin_error * margin_error);
+  fit.normal(6, 6) += known;
+  fit.gradient[6] += known * margin;
   return fit;
 }
 
 // Along the directions that the contour tells nothing of, nothing moves.
-Vector6 step_of(const ContourFit& fit, double size, double range) {
-  constexpr double kDamping = 1e-4;
-  Vector6 scale;
-  scale << 1, 1, 1, size, size, range;  // of what is a large step
-  const Matrix6 scaled = scale.asDiagonal() * fit.normal * scale.asDiagonal();
-  const Matrix6 damped = scaled + kDamping * scaled.trace() / 6 * Matrix6::Identity();
+Vector7 step_of(const ContourFit& fit, double size, double range) {
+  constexpr double kDamping = 1e-4, kLargeMargin = 100;
+  Vector7 scale;
+  scale << 1, 1, 1, size, size, range, kLargeMargin;  // of what is a large step
+  const Matrix7 scaled = scale.asDiagonal() * fit.normal * scale.asDiagonal();
+  const Matrix7 damped = scaled + kDamping * scaled.trace() / 7 * Matrix7::Identity();
   return -(scale.asDiagonal() * damped.ldlt().solve(scale.asDiagonal() * fit.gradient));
 }
 
 class ContourMatcher {
  public:
-  ContourMatcher(const Mesh& mesh, const std::vector<float>& mask, const PinholeView& view)
+  // `margin_error`: how far, in pixels, a mask may be too large or too small all around, as a
+  // standard deviation. Without it a thin object would stand too near or too far.
+  ContourMatcher(const Mesh& mesh, const std::vector<float>& mask, const PinholeView& view,
+                 double margin_error)
       : mesh_(mesh),
         mask_(mask),
         view_(view),
+        margin_error_(margin_error),
         middle_(middle_of(bounds(mesh))),
         size_(longest_side(bounds(mesh))),
         targets_(contour_of(mask, view.side)) {}
 
   FoundPose match(const Pose& start, int steps) const {
     Pose pose = start;
+    double margin = 0;
     FoundPose best;
     best.distance = std::numeric_limits<double>::infinity();
     for (int step = 0; step <= steps; ++step) {
@@ -274,13 +289,14 @@ class ContourMatcher {
       const std::vector<ContourPoint> points = silhouette.contour();
       const std::vector<Match> matches = matches_of(points, targets_);
       if (matches.empty()) break;
-      const ContourFit fit = fit_contour(pose, middle_, view_, matches);
+      const ContourFit fit = fit_contour(pose, margin, margin_error_, middle_, view_, matches);
       const double range = length(pose.to_scene(middle_));
       if (fit.distance() < best.distance) {
         best = {pose, silhouette.overlap(mask_), fit.distance(), 0, 0, {}};
         set_errors(fit, range, best);
       }
-      const Vector6 by = step_of(fit, size_, range);
+      const Vector7 by = step_of(fit, size_, range);
+      margin += by[6];
       pose = moved(pose, middle_, {{by[0], by[1], by[2]}, {by[3], by[4], by[5]}});
       if (pose.to_scene(middle_).z > -0.6 * size_) break;  // it would be around the camera
     }
@@ -288,14 +304,14 @@ class ContourMatcher {
   }
 
  private:
-  // Points of a contour are not independent of their neighbours: of some five, one counts.
   void set_errors(const ContourFit& fit, double range, FoundPose& found) const {
-    constexpr double kAlike = 5, kLeast = 1e-9;
-    Vector6 scale;
-    scale << 1, 1, 1, range, range, range;
-    const Matrix6 scaled = scale.asDiagonal() * fit.normal * scale.asDiagonal();
-    const Matrix6 covariance = (scaled + kLeast * scaled.trace() * Matrix6::Identity()).inverse() *
-                               (kAlike * found.distance * found.distance);
+    constexpr double kLeast = 1e-12;
+    Vector7 scale;
+    scale << 1, 1, 1, range, range, range, 1;
+    const Matrix7 scaled = scale.asDiagonal() * fit.normal * scale.asDiagonal();
+    const Matrix7 inverse = (scaled + kLeast * scaled.trace() * Matrix7::Identity()).inverse();
+    const Matrix6 covariance =
+        inverse.topLeftCorner<6, 6>() * (kAlikePoints * found.distance * found.distance);
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> turns(covariance.topLeftCorner<3, 3>());
     found.angle_error =
         std::min(180.0, std::sqrt(turns.eigenvalues().maxCoeff()) * 180 / std::numbers::pi);
@@ -304,7 +320,8 @@ class ContourMatcher {
     constexpr double kMostTurn = 0.05, kMostShift = 0.03;  // radians; of the range
     const Eigen::SelfAdjointEigenSolver<Matrix6> axes(covariance);
     for (int i = 0; i < 6; ++i) {
-      Vector6 error = std::sqrt(std::max(0.0, axes.eigenvalues()[i])) * axes.eigenvectors().col(i);
+      Eigen::Vector<double, 6> error =
+          std::sqrt(std::max(0.0, axes.eigenvalues()[i])) * axes.eigenvectors().col(i);
       error /=
           std::max({1.0, error.head<3>().norm() / kMostTurn, error.tail<3>().norm() / kMostShift});
       error.tail<3>() *= range;
@@ -315,6 +332,7 @@ class ContourMatcher {
   const Mesh& mesh_;
   const std::vector<float>& mask_;
   const PinholeView view_;
+  const double margin_error_;
   const Vec3d middle_;
   const double size_;
   const std::vector<ContourTarget> targets_;
@@ -369,7 +387,8 @@ double angle_between(const Rotation<double>& a, const Rotation<double>& b) {
 FoundPose matched(const Mesh& mesh, const std::vector<float>& mask, const PinholeView& view,
                   const Pose& start) {
   constexpr int kSteps = 60;
-  return ContourMatcher(mesh, mask, view).match(start, kSteps);
+  constexpr double kMarginError = 1;
+  return ContourMatcher(mesh, mask, view, kMarginError).match(start, kSteps);
 }
 
 std::vector<FoundPose> find_poses(const Mesh& mesh, const std::vector<float>& mask,
@@ -395,7 +414,8 @@ std::vector<FoundPose> find_poses(const Mesh& mesh, const std::vector<float>& ma
   if (candidates.empty()) throw invalid_input("the object is nowhere in front of the camera");
   constexpr double kDegree = std::numbers::pi / 180;
   constexpr int kSteps = 12;
-  const ContourMatcher matcher(coarse_mesh, coarse, coarse_view);
+  constexpr double kMarginError = 0.5;
+  const ContourMatcher matcher(coarse_mesh, coarse, coarse_view, kMarginError);
   candidates = distinct(candidates, 8 * kDegree, search.moved);
   std::vector<FoundPose> found(candidates.size());
   in_parallel(candidates.size(), stop,

@@ -73,6 +73,51 @@ TEST(PoseSearch, FindsWhereAnObjectStands) {
   EXPECT_TRUE(is_found("mug", of_80_mm(make_shape("mug")), 2));
 }
 
+// The largest or the least of each pixel and its four neighbours.
+std::vector<float> resized(const std::vector<float>& mask, int side, bool is_larger) {
+  std::vector<float> result;
+  for (int y = 0; y < side; ++y) {
+    for (int x = 0; x < side; ++x) {
+      float value = mask[static_cast<size_t>(y * side + x)];
+      for (const auto& [u, v] : {std::pair{x - 1, y}, {x + 1, y}, {x, y - 1}, {x, y + 1}}) {
+        if (std::min(u, v) < 0 || std::max(u, v) >= side) continue;
+        const float other = mask[static_cast<size_t>(v * side + u)];
+        value = is_larger ? std::max(value, other) : std::min(value, other);
+      }
+      result.push_back(value);
+    }
+  }
+  return result;
+}
+
+// Masks of a thin object that are a pixel too large or too small all around must not bring it
+// nearer or farther away.
+TEST(PoseSearch, KnowsThatMasksMayBeTooLargeOrTooSmall) {
+  const PinholeView view{.focal = 800, .center_x = 128, .center_y = 128, .side = 256};
+  const double pixel = 480 / view.focal;  // mm
+  for (const char* shape : {"figure", "knot"}) {
+    const Mesh mesh = of_80_mm(make_shape(shape));
+    SplitMix random(4);
+    const Pose truth = any_pose(random);
+    const std::vector<float> mask = mask_of(mesh, truth, view);
+    for (const bool is_larger : {false, true}) {
+      const auto poses = find_poses(mesh, resized(mask, view.side, is_larger), view);
+      // A knot may be turned into itself.
+      const Silhouette seen(mesh, truth, view);
+      double nearest = HUGE_VAL;
+      for (const FoundPose& one : poses) {
+        nearest = std::min(nearest, Silhouette(mesh, one.pose, view).depth_difference(seen));
+      }
+      EXPECT_LT(nearest, 0.002 * 480) << shape << is_larger;
+    }
+  }
+  // A ball may as well be larger by a pixel.
+  const Mesh ball = of_80_mm(make_shape("sphere"));
+  const Pose truth{.rotation = {}, .translation = {0, -40, -480}};
+  const FoundPose found = matched(ball, mask_of(ball, truth, view), view, truth);
+  EXPECT_NEAR(found.range_error, pixel / 40, 0.3 * pixel / 40);
+}
+
 // Shapes that nobody made, too: 19 of 20 at least.
 TEST(PoseSearch, FindsWhereManyObjectsStand) {
   int found = 0, all = 0;
