@@ -14,8 +14,6 @@
 #include "common/error.h"
 #include "common/geometry/pose.h"
 #include "common/image/photograph.h"
-#include "common/rpc/wire_array.h"
-#include "common/scene/material_proto.h"
 
 namespace itn {
 namespace {
@@ -43,23 +41,21 @@ struct Variant {
 std::vector<std::vector<std::vector<float>>> rendered(std::span<const Variant> variants,
                                                       uint32_t spp, uint32_t estimates,
                                                       uint64_t seed, RenderPool& pool) {
-  std::vector<RenderJob> jobs;
+  std::vector<RenderQuery> queries;
   for (const Variant& variant : variants) {
     v1::Scene scene = variant.scene;
     scene.mutable_film()->set_channel(v1::Film::LUMINANCE);
-    RenderJob& job = jobs.emplace_back(RenderJob{.scene = serialize(scene), .request = {}});
-    *job.request.mutable_material() = to_proto(variant.material);
-    job.request.set_spp(spp);
-    job.request.set_seed(seed);
-    job.request.set_estimates(estimates);
-    job.request.set_pixels(v1::OBJECT_PIXELS);
+    queries.push_back({.scene = serialize(scene),
+                       .material = variant.material,
+                       .spp = spp,
+                       .seed = seed,
+                       .estimates = estimates});
   }
   std::vector<std::vector<std::vector<float>>> images;
-  const auto stop_if_asked = [](double /*fraction*/) { throw_if_interrupted(); };
-  for (const v1::RenderGradReply& reply : pool.render_split(jobs, stop_if_asked)) {
+  for (const Render& render : rendered_by(pool, interruption())(queries)) {
     std::vector<std::vector<float>>& of_variant = images.emplace_back();
-    for (const v1::Estimate& estimate : reply.estimates()) {
-      of_variant.push_back(from_bytes<float>(estimate.radiance()));
+    for (const tracer::RenderEstimate& estimate : render.estimates) {
+      of_variant.push_back(estimate.radiance);
     }
   }
   return images;
@@ -115,7 +111,7 @@ struct Scouting {
 
 Scouting scout(const FitPhotograph& photograph, const Mesh& mesh, const Stand& stand,
                v1::Scene scene, const FitOptions& options, uint32_t starts,
-               const Synthesize& synthesize) {
+               const Renderer& renderer) {
   place(stand, mesh, options, scene);
   scene.mutable_film()->set_channel(v1::Film::LUMINANCE);
   const std::vector<Observation> observations{
@@ -137,7 +133,7 @@ Scouting scout(const FitPhotograph& photograph, const Mesh& mesh, const Stand& s
   settings = with_defaults(settings);
   Refinement refinement(settings, observations,
                         starts_around(mean_of_size(longest_side(bounds(mesh))), starts));
-  while (!refinement.finished()) refinement.step(synthesize);
+  while (!refinement.finished()) refinement.step(renderer);
   const v1::RefineResult result = refinement.result();
   return {result.loss(), result.loss_standard_error(), refinement.material()};
 }
@@ -295,7 +291,7 @@ Material of_similar_light(const Material& material, double g) {
 
 FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v1::Scene& scene,
                       const FitOptions& options, RenderPool& pool) {
-  const Synthesize synthesize = rendered_by(pool, interruption());
+  const Renderer renderer = rendered_by(pool, interruption());
   const bool is_turned = !is_by_flash(options) && !photograph.panorama_turn;
   const std::vector<FoundPose> poses = poses_of(photograph, mesh, options);
   constexpr size_t kMostPoses = 8, kMostStands = 4;
@@ -323,7 +319,7 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
     candidates.resize(std::min(candidates.size(), kMostStands));
   }
   const auto scouted = [&](const Stand& stand, uint32_t starts) {
-    return scout(photograph, mesh, stand, scene, options, starts, synthesize);
+    return scout(photograph, mesh, stand, scene, options, starts, renderer);
   };
   const auto improve_turn = [&](Stand& stand, const Material& material) {
     const TurnSearch search(photograph, mesh, stand.pose, scene, options, pool);

@@ -272,15 +272,15 @@ std::string in_short(const v1::RefineIteration& iteration) {
                      iteration.materials(0).g(), unknowns, iteration.loss(), iteration.spp());
 }
 
-std::vector<Synthesis> render_fits(const Refinement& refinement,
-                                   std::span<const Observation> observations,
-                                   const Synthesize& synthesize) {
+std::vector<Render> render_fits(const Refinement& refinement,
+                                std::span<const Observation> observations,
+                                const Renderer& renderer) {
   constexpr uint32_t kPictureSpp = 256;
-  std::vector<SynthesisQuery> queries;
+  std::vector<RenderQuery> queries;
   for (const Observation& observation : observations) {
     queries.push_back(refinement.query(observation, kPictureSpp, queries.size()));
   }
-  return synthesize(queries);
+  return renderer(queries);
 }
 
 }  // namespace
@@ -415,7 +415,7 @@ std::vector<v1::RefineResult> find_materials(const RefineOptions& options) {
   }
   tell_disturbances_apart(observations);
   RenderPool pool(options.workers.pool_options());
-  const Synthesize synthesize = rendered_by(pool, interruption());
+  const Renderer renderer = rendered_by(pool, interruption());
   Progress progress("refining", "iterations", settings.max_iterations());
   uint64_t done = 0;
   const RefineRun refine_run{
@@ -423,14 +423,14 @@ std::vector<v1::RefineResult> find_materials(const RefineOptions& options) {
       .origin = origin_of(options),
       .starts = [&] { return starts_around(first_start(options, scenes), options.starts); },
       .report = [&](const v1::RefineIteration& i) { progress.update(++done, in_short(i)); }};
-  const Refinement refinement = refine(settings, observations, synthesize, refine_run);
+  const Refinement refinement = refine(settings, observations, renderer, refine_run);
   std::vector<v1::RefineResult> results;
   for (size_t colour = 0; colour < refinement.colours(); ++colour) {
     set_boundary(scenes[0].object(), results.emplace_back(refinement.result(colour)));
   }
   if (!options.output.empty()) {
     write_outcome(options.output, results, observations,
-                  render_fits(refinement, observations, synthesize), refinement.exposure());
+                  render_fits(refinement, observations, renderer), refinement.exposure());
   }
   return results;
 }

@@ -19,6 +19,7 @@
 #include "client/dataset/noise.h"
 #include "client/render_pool/render_pool.h"
 #include "client/render_pool/reply_images.h"
+#include "client/render_pool/render_query.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/folder_lock.h"
@@ -26,6 +27,7 @@
 #include "common/image/image.h"
 #include "common/random.h"
 #include "common/rpc/wire_array.h"
+#include "common/scene/material_proto.h"
 #include "server/tracer/render.h"
 
 namespace itn {
@@ -343,12 +345,10 @@ void require_same_config(const v1::Dataset& existing, const v1::DatasetConfig& w
 
 RenderJob render_job(std::shared_ptr<const SerializedScene> scene, const v1::DatasetItem& item,
                      uint32_t spp) {
-  RenderJob job{std::move(scene), {}};
-  *job.request.mutable_material() = item.material();
-  job.request.set_spp(spp);
-  job.request.set_seed(item.seed());
-  job.request.set_pixels(v1::OBJECT_PIXELS);
-  return job;
+  return job_of({.scene = std::move(scene),
+                 .material = from_proto(item.material()),
+                 .spp = spp,
+                 .seed = item.seed()});
 }
 
 void ask_for_derivatives(RenderJob& job) {

@@ -42,9 +42,9 @@ Iterates select_iterations(const std::vector<v1::RefineIteration>& trajectory,
 
 Iterates refined(const v1::RefineSettings& settings, const Observation& observation,
                  const Material& start, const google::protobuf::RepeatedField<uint32_t>& iterations,
-                 const Synthesize& synthesize) {
+                 const Renderer& renderer) {
   Refinement refinement(settings, std::span(&observation, 1), {start});
-  while (!refinement.finished()) refinement.step(synthesize);
+  while (!refinement.finished()) refinement.step(renderer);
   return select_iterations(refinement.trajectory(), iterations);
 }
 
@@ -68,7 +68,7 @@ std::vector<v1::ExperimentRefinement> refine_images(
   gauss_newton.set_spp(settings.spp());
   gauss_newton.set_max_spp(std::max(settings.max_spp(), settings.spp()));
   gauss_newton.set_max_iterations(*settings.gauss_newton_iterations().rbegin());
-  const Synthesize synthesize = rendered_by(pool, stop);
+  const Renderer renderer = rendered_by(pool, stop);
   const std::vector<uint32_t> images = refined_images(settings, test.items.size());
   std::mutex mutex;
   size_t done = 0;
@@ -88,10 +88,10 @@ std::vector<v1::ExperimentRefinement> refine_images(
       observation.noise = image.standard_error;
       v1::ExperimentRefinement refinement;
       *refinement.mutable_adam() =
-          refined(with_defaults(adam), observation, starts[i], settings.iterations(), synthesize);
+          refined(with_defaults(adam), observation, starts[i], settings.iterations(), renderer);
       *refinement.mutable_gauss_newton() =
           refined(with_defaults(gauss_newton), observation, starts[i],
-                  settings.gauss_newton_iterations(), synthesize);
+                  settings.gauss_newton_iterations(), renderer);
       write_file_atomically(file, to_text_proto(refinement));
     }
     const std::lock_guard lock(mutex);

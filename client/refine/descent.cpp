@@ -79,42 +79,39 @@ Descent::Descent(const v1::RefineSettings& settings, Layout layout,
   }
 }
 
-Descent::Evaluation Descent::evaluate(const Synthesize& synthesize, uint64_t seed) {
-  std::vector<SynthesisQuery> queries;
+Descent::Evaluation Descent::evaluate(const Renderer& renderer, uint64_t seed) {
+  std::vector<RenderQuery> queries;
   for (size_t i = 0; i < observations_.size(); ++i) {
-    queries.push_back({.observation = &observations_[i],
-                       .material = material(observations_[i].colour),
-                       .unknowns = layout_.unknowns,
-                       .values = unknowns(),
-                       .spp = spp_,
-                       .seed = derive_seed(seed, {iterations_, i})});
+    queries.push_back(query_of(observations_[i], material(observations_[i].colour),
+                               layout_.unknowns, unknowns(), spp_,
+                               derive_seed(seed, {iterations_, i})));
   }
-  const std::vector<Synthesis> syntheses = synthesize(queries);
+  const std::vector<Render> renders = renderer(queries);
   Evaluation evaluation;
   evaluation.x = x_;
   const bool is_first = samples_ == 0 && iterations_ == 0;
   if (is_first && layout_.has_exposure && !settings_.known_within().contains(kExposure)) {
     double& exposure = evaluation.x[layout_.exposure()];
     exposure = 0;
-    for (size_t i = 0; i < syntheses.size(); ++i) {
-      exposure += std::log(image_equations_[i].exposure(syntheses[i])) /
-                  static_cast<double>(syntheses.size());
+    for (size_t i = 0; i < renders.size(); ++i) {
+      exposure +=
+          std::log(image_equations_[i].exposure(renders[i])) / static_cast<double>(renders.size());
     }
   }
   evaluation.equations = NormalEquations(evaluation.x.size());
   double squares = 0, variance = 0, energy = 0, noise = 0;
-  for (size_t i = 0; i < syntheses.size(); ++i) {
+  for (size_t i = 0; i < renders.size(); ++i) {
     const size_t colour = observations_[i].colour;
     const ImageEquations::Residuals& residuals =
         evaluation.per_image.emplace_back(image_equations_[i].evaluate(
-            syntheses[i], spp_, linearize(seen_in(evaluation.x, colour), seen_), is_adam()));
+            renders[i], spp_, linearize(seen_in(evaluation.x, colour), seen_), is_adam()));
     evaluation.equations.add(residuals.equations, layout_.of_colour(colour));
     squares += residuals.squares;
     variance += residuals.squares_variance;
     energy += residuals.energy;
     noise += residuals.noise;
     evaluation.structure += residuals.structure;
-    evaluation.cpu_seconds += syntheses[i].cpu_seconds;
+    evaluation.cpu_seconds += renders[i].cpu_seconds;
   }
   evaluation.loss = squares / energy;
   evaluation.loss_standard_error = std::sqrt(variance) / energy;
@@ -291,8 +288,8 @@ void Descent::plan(const Step& step, double deviation, double share) {
   spp_ = static_cast<uint32_t>(std::min<double>(growth * spp_, settings_.max_spp()));
 }
 
-v1::RefineIteration Descent::step(const Synthesize& synthesize, uint64_t seed) {
-  const Evaluation evaluation = evaluate(synthesize, seed);
+v1::RefineIteration Descent::step(const Renderer& renderer, uint64_t seed) {
+  const Evaluation evaluation = evaluate(renderer, seed);
   ++iterations_;
   v1::RefineIteration iteration;
   iteration.set_iteration(iterations_);

@@ -32,7 +32,7 @@ class Descent {
           std::span<const Observation> observations, const v1::RefineStartState& state);
 
   // Renders where it stands, and steps on. Nothing changes if that throws. `seed`: of the renders.
-  v1::RefineIteration step(const Synthesize& synthesize, uint64_t seed);
+  v1::RefineIteration step(const Renderer& renderer, uint64_t seed);
 
   v1::RefineResult::End end() const { return end_; }
   void set_end(v1::RefineResult::End end) { end_ = end; }
@@ -70,7 +70,7 @@ class Descent {
     double over_noise = 0, over_uncertainty = 0;
   };
   struct Evaluation;
-  Evaluation evaluate(const Synthesize& synthesize, uint64_t seed);
+  Evaluation evaluate(const Renderer& renderer, uint64_t seed);
   void accumulate(const Evaluation& evaluation);
   Step newton_step() const;
   Step adam_step(const Vector& gradient);

@@ -243,29 +243,29 @@ std::vector<double> ImageEquations::smoothed(const std::vector<double>& values) 
 
 // ---- Looking ---------------------------------------------------------------------------------
 
-double ImageEquations::exposure(const Synthesis& synthesis) {
-  if (pixels_.empty()) choose_pixels(synthesis.mask);
-  double image = 0, render = 0;
-  for (const tracer::RenderEstimate& estimate : synthesis.estimates) {
+double ImageEquations::exposure(const Render& render) {
+  if (pixels_.empty()) choose_pixels(render.mask);
+  double of_image = 0, of_render = 0;
+  for (const tracer::RenderEstimate& estimate : render.estimates) {
     for (size_t i = 0; i < pixels_.size(); ++i) {
-      image += image_[i];
-      render += estimate.radiance[pixels_[i]];
+      of_image += image_[i];
+      of_render += estimate.radiance[pixels_[i]];
     }
   }
-  return render > 0 ? image / render : 1;
+  return of_render > 0 ? of_image / of_render : 1;
 }
 
-ImageEquations::Residuals ImageEquations::evaluate(const Synthesis& synthesis, uint32_t spp,
+ImageEquations::Residuals ImageEquations::evaluate(const Render& render, uint32_t spp,
                                                    const Linearization& at, bool plain) {
-  if (pixels_.empty()) choose_pixels(synthesis.mask);
+  if (pixels_.empty()) choose_pixels(render.mask);
   const size_t coordinates = at.coordinates(), count = pixels_.size();
-  const size_t estimate_count = synthesis.estimates.size();
+  const size_t estimate_count = render.estimates.size();
   const auto k_count = static_cast<double>(estimate_count);
 
   const Plane factors = disturbed(at.disturbances);
   std::vector<Estimate> estimates;
-  for (const tracer::RenderEstimate& render : synthesis.estimates) {
-    Estimate& estimate = estimates.emplace_back(estimate_of(render, pixels_, at, factors));
+  for (const tracer::RenderEstimate& raw : render.estimates) {
+    Estimate& estimate = estimates.emplace_back(estimate_of(raw, pixels_, at, factors));
     for (size_t d = 0; d < at.disturbances.size(); ++d) {
       Plane& derivative = estimate.derivatives.emplace_back(count);
       if (disturbances_[d].empty()) continue;

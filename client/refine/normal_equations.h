@@ -111,7 +111,7 @@ class ImageEquations {
   // `plain`: the instruments are the other estimates' derivatives as they are, so that s is minus
   // the gradient of the weighted squared difference over 2. The first render decides which pixels
   // count. Throws Error (invalid input) if the render does not fit, or no pixel sees the object.
-  Residuals evaluate(const Synthesis& synthesis, uint32_t spp, const Linearization& at, bool plain);
+  Residuals evaluate(const Render& render, uint32_t spp, const Linearization& at, bool plain);
 
   // Adds it to what was seen before, `moved` in coordinates from here: the scores of that, as they
   // are here, count `decay` times as much as they did, and what instruments are made of, which
@@ -128,7 +128,7 @@ class ImageEquations {
   }
 
   // Of image over render, the ratio of their sums.
-  double exposure(const Synthesis& synthesis);
+  double exposure(const Render& render);
 
   v1::RefineImageState state() const;
   // Throws Error (invalid input) if it does not fit.

@@ -4,21 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <future>
 
-#include "client/render_pool/render_pool.h"
 #include "common/error.h"
-#include "common/rpc/wire_array.h"
-#include "common/scene/material_proto.h"
 
 namespace itn {
 namespace {
-
-// Independent estimates of each render. More of them waste less of the samples, as only products
-// across them count, but their images all travel.
-constexpr uint32_t kEstimates = 4;
-// Of a pilot, which quietens the derivatives in sigma_t and g.
-constexpr uint32_t kPilotSpp = 4;
 
 void check_plane(const Observation& observation, const std::vector<float>& plane, const char* what,
                  bool required) {
@@ -36,38 +26,6 @@ void check_plane(const Observation& observation, const std::vector<float>& plane
                                     observation.name, what, *wrong, pixel % scene.width,
                                     pixel / scene.width));
   }
-}
-
-RenderJob render_job(const SynthesisQuery& query) {
-  RenderJob job{.scene = query.observation->scene, .request = {}};
-  *job.request.mutable_material() = to_proto(query.material);
-  job.request.set_spp(query.spp);
-  job.request.set_seed(query.seed);
-  job.request.set_estimates(kEstimates);
-  job.request.set_pilot_spp(kPilotSpp);
-  job.request.set_pixels(v1::OBJECT_PIXELS);
-  for (const v1::Parameter parameter : {v1::SIGMA_T, v1::ALBEDO, v1::G}) {
-    job.request.add_derivatives(parameter);
-  }
-  for (size_t i = 0; i < query.unknowns.size(); ++i) {
-    job.request.add_parameters(query.unknowns[i].name);
-    set_value(job.request, query.unknowns[i].name, query.values[i]);
-  }
-  return job;
-}
-
-Synthesis to_synthesis(const v1::RenderGradReply& reply) {
-  Synthesis synthesis;
-  for (const v1::Estimate& estimate : reply.estimates()) {
-    tracer::RenderEstimate& to = synthesis.estimates.emplace_back();
-    to.radiance = from_bytes<float>(estimate.radiance());
-    for (const std::string& derivative : estimate.derivatives()) {
-      to.derivatives.push_back(from_bytes<float>(derivative));
-    }
-  }
-  synthesis.mask = from_bytes<float>(reply.mask());
-  synthesis.cpu_seconds = reply.counters().cpu_seconds();
-  return synthesis;
 }
 
 }  // namespace
@@ -100,18 +58,23 @@ v1::Scene scene_of(const Observation& observation) {
   return scene;
 }
 
-Synthesize rendered_by(RenderPool& pool, std::stop_token stop) {
-  return [&pool, stop](std::span<const SynthesisQuery> queries) {
-    std::vector<RenderJob> jobs;
-    for (const SynthesisQuery& query : queries) jobs.push_back(render_job(query));
-    std::vector<Synthesis> syntheses;
-    for (const v1::RenderGradReply& reply : pool.render_split(jobs, [&](double /*fraction*/) {
-           if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
-         })) {
-      syntheses.push_back(to_synthesis(reply));
-    }
-    return syntheses;
-  };
+RenderQuery query_of(const Observation& observation, const Material& material,
+                     std::span<const SceneUnknown> unknowns, std::span<const double> values,
+                     uint32_t spp, uint64_t seed) {
+  // More estimates waste less of the samples, as only products across them count, but their images
+  // all travel.
+  constexpr uint32_t kEstimates = 4, kPilotSpp = 4;
+  RenderQuery query{.scene = observation.scene,
+                    .material = material,
+                    .spp = spp,
+                    .seed = seed,
+                    .estimates = kEstimates,
+                    .pilot_spp = kPilotSpp,
+                    .derivatives = true};
+  for (size_t i = 0; i < unknowns.size(); ++i) {
+    query.values.push_back({unknowns[i].name, values[i]});
+  }
+  return query;
 }
 
 }  // namespace itn

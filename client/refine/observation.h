@@ -2,21 +2,17 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <span>
-#include <stop_token>
 #include <string>
 #include <vector>
 
 #include "client/refine/scene_unknown.h"
+#include "client/render_pool/render_query.h"
 #include "common/material.h"
 #include "common/scene/scene_bytes.h"
-#include "server/tracer/film/weighted_image_loss.h"
 
 namespace itn {
-
-class RenderPool;
 
 // Planes have the size of the scene's film, top row first.
 struct Observation {
@@ -36,30 +32,13 @@ struct Observation {
 // but black on the object.
 void validate(const Observation& observation);
 
-// A render of an observation's scene that is asked for.
-struct SynthesisQuery {
-  const Observation* observation = nullptr;
-  Material material;
-  std::span<const SceneUnknown> unknowns;  // of the scene, and
-  std::vector<double> values;              // what they are
-  uint32_t spp = 0;
-  uint64_t seed = 0;
-};
-
-struct Synthesis {
-  // Independent of one another, at least 2; derivatives in sigma_t, albedo, g and the unknowns.
-  std::vector<tracer::RenderEstimate> estimates;
-  std::vector<float> mask;  // part of each pixel that the object covers
-  double cpu_seconds = 0;
-};
-
-// Renders each of them. May throw Error.
-using Synthesize = std::function<std::vector<Synthesis>(std::span<const SynthesisQuery>)>;
+// Of the observation's scene with this material, and these values of its unknowns; with derivatives
+// in all of them.
+RenderQuery query_of(const Observation& observation, const Material& material,
+                     std::span<const SceneUnknown> unknowns, std::span<const double> values,
+                     uint32_t spp, uint64_t seed);
 
 // As it was serialized.
 v1::Scene scene_of(const Observation& observation);
-
-// All at the same time by a pool, which must outlive it.
-Synthesize rendered_by(RenderPool& pool, std::stop_token stop = {});
 
 }  // namespace itn

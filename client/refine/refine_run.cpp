@@ -89,10 +89,10 @@ Refinement begin_or_continue(const v1::RefineSettings& settings,
 }
 
 // An error says how far it has come.
-const v1::RefineIteration& step(Refinement& refinement, const Synthesize& synthesize,
+const v1::RefineIteration& step(Refinement& refinement, const Renderer& renderer,
                                 const RefineRun& run) {
   try {
-    return refinement.step(synthesize);
+    return refinement.step(renderer);
   } catch (const Error& error) {
     const v1::RefineState state = refinement.state();
     if (run.folder.empty() || state.trajectory().empty()) throw;
@@ -101,7 +101,7 @@ const v1::RefineIteration& step(Refinement& refinement, const Synthesize& synthe
   }
 }
 
-PanelRow panels_of(const Observation& observation, const Synthesis& fit, double exposure) {
+PanelRow panels_of(const Observation& observation, const Render& fit, double exposure) {
   std::vector<float> image, rendered;
   std::vector<float> on_object;
   for (size_t p = 0; p < observation.radiance.size(); ++p) {
@@ -141,10 +141,10 @@ std::string ending_of(const v1::RefineResult& result) {
 }  // namespace
 
 Refinement refine(const v1::RefineSettings& settings, std::span<const Observation> observations,
-                  const Synthesize& synthesize, const RefineRun& run) {
+                  const Renderer& renderer, const RefineRun& run) {
   Refinement refinement = begin_or_continue(with_defaults(settings), observations, run);
   while (!refinement.finished()) {
-    const v1::RefineIteration& iteration = step(refinement, synthesize, run);
+    const v1::RefineIteration& iteration = step(refinement, renderer, run);
     if (!run.folder.empty()) {
       v1::RefineState state = refinement.state();
       state.set_origin(run.origin);
@@ -156,7 +156,7 @@ Refinement refine(const v1::RefineSettings& settings, std::span<const Observatio
 }
 
 void write_outcome(const fs::path& folder, std::span<const v1::RefineResult> results,
-                   std::span<const Observation> observations, std::span<const Synthesis> fits,
+                   std::span<const Observation> observations, std::span<const Render> fits,
                    double exposure) {
   for (size_t colour = 0; colour < results.size(); ++colour) {
     const fs::path of_colour = results.size() == 1 ? folder : folder / kRgb.at(colour);

@@ -28,9 +28,9 @@ struct RefineRun {
 // Until it is finished, from where the run in the folder was stopped if there is one. A run that
 // ended by a limit (iterations, time) goes on if that is raised. Throws Error (invalid input) if
 // the folder's run is one of other images, scenes or settings, and says what differs; what
-// `synthesize` throws, the state then being that after the last iteration.
+// `renderer` throws, the state then being that after the last iteration.
 Refinement refine(const v1::RefineSettings& settings, std::span<const Observation> observations,
-                  const Synthesize& synthesize, const RefineRun& run);
+                  const Renderer& renderer, const RefineRun& run);
 
 inline constexpr const char* kRefineStateFile = "state.itn";
 inline constexpr const char* kRefineResultFile = "result.json";  // in the folder of a run
@@ -43,7 +43,7 @@ inline constexpr std::array<const char*, 3> kRgb{"R", "G", "B"};
 // compared() of client/panels.h. `fits`: renders of the answer, times its exposure. Throws Error
 // (kIo).
 void write_outcome(const std::filesystem::path& folder, std::span<const v1::RefineResult> results,
-                   std::span<const Observation> observations, std::span<const Synthesis> fits,
+                   std::span<const Observation> observations, std::span<const Render> fits,
                    double exposure);
 
 // For people: the numbers with their intervals, how it ended, and the remarks.

@@ -256,11 +256,11 @@ bool Refinement::finished() const {
   return descents_[next()].end() != v1::RefineResult::UNFINISHED;
 }
 
-const v1::RefineIteration& Refinement::step(const Synthesize& synthesize) {
+const v1::RefineIteration& Refinement::step(const Renderer& renderer) {
   const double begin = clock_();
   const size_t start = next();
   Descent& descent = descents_[start];
-  v1::RefineIteration iteration = descent.step(synthesize, derive_seed(settings_.seed(), {start}));
+  v1::RefineIteration iteration = descent.step(renderer, derive_seed(settings_.seed(), {start}));
   const double took = clock_() - begin;
   const double before = trajectory_.empty() ? 0 : trajectory_.back().seconds();
   iteration.set_start(static_cast<uint32_t>(start));
@@ -299,14 +299,9 @@ double Refinement::exposure() const {
   return descents_[best()].exposure();
 }
 
-SynthesisQuery Refinement::query(const Observation& observation, uint32_t spp,
-                                 uint64_t seed) const {
-  return {.observation = &observation,
-          .material = material(observation.colour),
-          .unknowns = layout_.unknowns,
-          .values = descents_[best()].unknowns(),
-          .spp = spp,
-          .seed = seed};
+RenderQuery Refinement::query(const Observation& observation, uint32_t spp, uint64_t seed) const {
+  return query_of(observation, material(observation.colour), layout_.unknowns,
+                  descents_[best()].unknowns(), spp, seed);
 }
 
 v1::RefineResult Refinement::result(size_t colour) const {

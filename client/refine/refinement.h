@@ -2,8 +2,8 @@
 // several, as the one whose renders are like them.
 //
 //   Refinement refinement(settings, observations, {start});
-//   const Synthesize synthesize = rendered_by(pool);
-//   while (!refinement.finished()) refinement.step(synthesize);
+//   const Renderer renderer = rendered_by(pool);
+//   while (!refinement.finished()) refinement.step(renderer);
 //   const v1::RefineResult result = refinement.result();
 //
 // Damped Gauss-Newton steps in UNBOUNDED coordinates (common/learning/parameterization.h), by
@@ -60,9 +60,9 @@ class Refinement {
   bool finished() const;
 
   // One iteration of one start: every start is brought some way, then the best goes on alone. Not
-  // to be called once finished. Throws what `synthesize` throws, and Error (invalid input) if a
+  // to be called once finished. Throws what `renderer` throws, and Error (invalid input) if a
   // render does not fit an image; nothing has changed then.
-  const v1::RefineIteration& step(const Synthesize& synthesize);
+  const v1::RefineIteration& step(const Renderer& renderer);
 
   size_t colours() const;
   // As it stands, of the best start, once there was a step.
@@ -70,7 +70,7 @@ class Refinement {
   Material material(size_t colour = 0) const;
   double exposure() const;  // the images over the renders
   // A render of one of the observations with the material and the unknowns of the scene.
-  SynthesisQuery query(const Observation& observation, uint32_t spp, uint64_t seed) const;
+  RenderQuery query(const Observation& observation, uint32_t spp, uint64_t seed) const;
 
   // All iterations, in the order in which they were made.
   const std::vector<v1::RefineIteration>& trajectory() const { return trajectory_; }

@@ -7,14 +7,13 @@
 
 #include "client/dataset/sampler.h"
 #include "client/render_pool/render_pool.h"
+#include "client/render_pool/render_query.h"
 #include "client/training/augmentation.h"
 #include "client/training/noise_map.h"
 #include "client/training/shape_bootstrap.h"
 #include "common/error.h"
 #include "common/image/ms_ssim.h"
 #include "common/random.h"
-#include "common/rpc/wire_array.h"
-#include "common/scene/material_proto.h"
 
 namespace itn {
 
@@ -281,16 +280,13 @@ std::vector<uint32_t> spread(size_t count, size_t total) {
 
 std::vector<float> rerender(DatasetReader& dataset, RenderPool& pool, const v1::DatasetItem& item,
                             const Material& material, uint32_t spp, std::stop_token stop) {
-  RenderJob job;
-  job.scene = dataset.scene(item);
-  *job.request.mutable_material() = to_proto(material);
-  job.request.set_spp(spp);
-  job.request.set_pixels(v1::OBJECT_PIXELS);  // as the images of a dataset
-  // Not the random numbers of the image that it is compared with.
-  job.request.set_seed(derive_seed(item.seed(), {1}));
-  std::future<v1::RenderGradReply> future = pool.submit(std::move(job));
-  const v1::RenderGradReply reply = wait_for_render(future, stop);
-  return from_bytes<float>(reply.estimates(0).radiance());
+  std::future<v1::RenderGradReply> future =
+      pool.submit(job_of({.scene = dataset.scene(item),
+                          .material = material,
+                          .spp = spp,
+                          // Not the random numbers of the image that it is compared with.
+                          .seed = derive_seed(item.seed(), {1})}));
+  return render_of(wait_for_render(future, stop)).estimates.front().radiance;
 }
 
 ImageErrors image_errors(DatasetReader& dataset, RenderPool& pool, const LabelledImages& images,

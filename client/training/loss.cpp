@@ -55,16 +55,16 @@ LossTerm RerenderingLoss::evaluate(const Batch& batch, const torch::Tensor& outp
   const torch::Tensor predictions = outputs.to(torch::kFloat64);
   // Render every prediction, and compare it with its input.
   std::vector<std::vector<float>> images, weights;
-  std::vector<RerenderingQuery> queries;
+  std::vector<RenderQuery> queries;
   for (size_t i = 0; i < count; ++i) {
     DatasetImage image = images_.read(batch.items[i]);
     weights.push_back(image_weights(image, images_.resolution, weights_));
     images.push_back(std::move(image.radiance));
-    queries.push_back({.image = images.back(),
-                       .weight = weights.back(),
-                       .scene = images_.scene(batch.items[i]),
+    queries.push_back({.scene = images_.scene(batch.items[i]),
                        .material = space_.material(row(predictions, i)),
-                       .seed = derive_seed(seed_, {batch.step, i})});
+                       .seed = derive_seed(seed_, {batch.step, i}),
+                       .image = images.back(),
+                       .weight = weights.back()});
   }
   const std::vector<tracer::LossWithGradient> losses = rerendering_(queries);
   // Carry the gradients back to the outputs.

@@ -4,30 +4,18 @@
 #pragma once
 
 #include <functional>
-#include <memory>
 #include <span>
 #include <stop_token>
 #include <vector>
 
-#include "common/material.h"
-#include "common/scene/scene_bytes.h"
-#include "server/tracer/film/weighted_image_loss.h"
+#include "client/render_pool/render_query.h"
 
 namespace itn {
 
-class RenderPool;
-
-struct RerenderingQuery {
-  std::span<const float> image, weight;          // by pixel; weights >= 0
-  std::shared_ptr<const SerializedScene> scene;  // what the image is compared with a render of
-  Material material;                             // of that render
-  uint64_t seed = 0;
-};
-
-// For each query an unbiased estimate of the loss and of its gradient in (sigma_t, albedo, g). May
-// throw Error.
+// For each query, which has an image and weights, an unbiased estimate of the loss and of its
+// gradient in (sigma_t, albedo, g). May throw Error.
 using RerenderingEvaluator =
-    std::function<std::vector<tracer::LossWithGradient>(std::span<const RerenderingQuery>)>;
+    std::function<std::vector<tracer::LossWithGradient>(std::span<const RenderQuery>)>;
 
 struct RerenderingSettings {
   uint32_t spp = 256;      // samples per pixel, over all estimates
@@ -35,7 +23,7 @@ struct RerenderingSettings {
   uint32_t pilot_spp = 4;
 };
 
-// Renders all queries at the same time by a pool, which must outlive it.
+// Renders all queries at the same time by a pool, which must outlive it, with these samples.
 RerenderingEvaluator pool_rerendering(RenderPool& pool, const RerenderingSettings& settings,
                                       std::stop_token stop = {});
 

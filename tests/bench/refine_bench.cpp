@@ -132,10 +132,10 @@ void run_one(RenderPool& pool, const Case& c, const Options& options, uint32_t r
   for (const auto& [name, truth] : c.unknowns) settings.add_unknowns(name);
   Refinement refinement(settings, observations,
                         {start_of(options, c.truth, derive_seed(run, {3}))});
-  const Synthesize synthesize = rendered_by(pool);
+  const Renderer renderer = rendered_by(pool);
   uint32_t last_far = 0;
   while (!refinement.finished()) {
-    const v1::RefineIteration& i = refinement.step(synthesize);
+    const v1::RefineIteration& i = refinement.step(renderer);
     if (!is_close(refinement.material(), c.truth)) last_far = i.iteration();
     if (options.verbose) {
       const Material next = refinement.material();

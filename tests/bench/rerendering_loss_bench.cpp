@@ -147,7 +147,7 @@ class Bench {
     const DatasetImage image = images_.read(i);
     const std::vector<float> weight =
         image_weights(image, images_.resolution, v1::TrainingConfig::WEIGHT_MAP);
-    std::vector<RerenderingQuery> queries;
+    std::vector<RenderQuery> queries;
     for (int r = 0; r < options_.repeats; ++r) {
       queries.push_back({.image = image.radiance,
                          .weight = weight,

@@ -102,7 +102,7 @@ TEST(ImageEquations, SaysWhatDoesNotFit) {
   const SyntheticModel model;
   Observation observation = model.observe(kTruth, 0.1, 1);
   const Linearization at = linearize(coordinates_of(kTruth));
-  Synthesis nothing = model.render(kTruth, 4, 1);
+  Render nothing = model.render(kTruth, 4, 1);
   nothing.mask.assign(nothing.mask.size(), 0);
   expect_error(ErrorKind::kInvalidInput, {"synthetic", "belong together"}, [&] {
     ImageEquations(observation, v1::RefineSettings::NOISE).evaluate(nothing, 4, at, false);

@@ -26,7 +26,7 @@ constexpr Material kTruth{60, 0.8, 0.3}, kStart{90, 0.6, 0};
 v1::RefineResult refined(const SyntheticModel& model, const std::vector<Observation>& observations,
                          v1::RefineSettings settings, const std::vector<Material>& starts) {
   Refinement refinement(std::move(settings), observations, starts);
-  while (!refinement.finished()) refinement.step(model.synthesize());
+  while (!refinement.finished()) refinement.step(model.renderer());
   return refinement.result();
 }
 
@@ -121,9 +121,9 @@ TEST(Refinement, KeepsItsTimeLimit) {
     double now = 0;
     refinement.use_clock([&] { return now; });
     while (!refinement.finished()) {
-      refinement.step([&](std::span<const SynthesisQuery> queries) {
-        for (const SynthesisQuery& query : queries) now += kSecondsPerSample * query.spp;
-        return model.synthesize()(queries);
+      refinement.step([&](std::span<const RenderQuery> queries) {
+        for (const RenderQuery& query : queries) now += kSecondsPerSample * query.spp;
+        return model.renderer()(queries);
       });
     }
     EXPECT_EQ(refinement.result().end(), v1::RefineResult::TIME_LIMIT) << limit;
@@ -239,7 +239,7 @@ TEST(Refinement, ColoursShareWhatIsNoMaterial) {
     settings.add_unknowns("rough_dielectric.index");
     (*settings.mutable_known_within())["rough_dielectric.index"] = kWithin;
     Refinement refinement(settings, observations, {kStart});
-    while (!refinement.finished()) refinement.step(model.synthesize());
+    while (!refinement.finished()) refinement.step(model.renderer());
     ASSERT_EQ(refinement.colours(), 3U);
     for (size_t c = 0; c < 3; ++c) {
       const v1::RefineResult r = refinement.result(c);
@@ -433,7 +433,7 @@ TEST(Refinement, GoesOnFromItsStateBitForBit) {
       ASSERT_TRUE(read.ParseFromString(state));
       Refinement refinement(observations, read);
       finished = refinement.finished();
-      if (!finished) refinement.step(model.synthesize());
+      if (!finished) refinement.step(model.renderer());
       state = refinement.state().SerializeAsString();
     }
     v1::RefineState last;
@@ -500,7 +500,7 @@ TEST(Refinement, RefusesAStateOfOthers) {
   const std::vector<Observation> ours{model.observe(kTruth, 0.05, 1)};
   const std::vector<Observation> other{model.observe(kTruth, 0.05, 2)};
   Refinement refinement({}, ours, {kStart});
-  refinement.step(model.synthesize());
+  refinement.step(model.renderer());
   expect_error(ErrorKind::kInvalidInput, {"other images"},
                [&] { Refinement(other, refinement.state()); });
   v1::RefineState damaged = refinement.state();

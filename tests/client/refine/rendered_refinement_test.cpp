@@ -52,7 +52,7 @@ Observation observe(RenderPool& pool, const Material& truth, const v1::Scene& sc
 TEST(RenderedRefinement, RecoversMaterials) {
   constexpr int kSeeds = 3;
   RenderPool pool{RenderPoolOptions()};
-  const Synthesize synthesize = rendered_by(pool);
+  const Renderer renderer = rendered_by(pool);
   int narrow = 0;
   for (const Material& truth : {Material{30, 0.6, 0.1}, Material{20, 0.8, 0.4}}) {
     const std::vector<Observation> observations{observe(pool, truth, scene_of_text(kScene), 77)};
@@ -61,7 +61,7 @@ TEST(RenderedRefinement, RecoversMaterials) {
       settings.set_max_spp(1024);
       settings.set_seed(static_cast<uint64_t>(seed));
       Refinement refinement(settings, observations, {{91, 0.67, 0.4}});
-      while (!refinement.finished()) refinement.step(synthesize);
+      while (!refinement.finished()) refinement.step(renderer);
       const v1::RefineResult r = refinement.result();
       const auto expect = [&](const char* name, const v1::RefinedParameter& p, double value) {
         // Wide intervals are lopsided: what is told of this side counts.
@@ -93,7 +93,7 @@ TEST(RenderedRefinement, RecoversNumbersOfTheScene) {
     const char* boundary;
   };
   RenderPool pool{RenderPoolOptions()};
-  const Synthesize synthesize = rendered_by(pool);
+  const Renderer renderer = rendered_by(pool);
   for (const Case& c :
        {Case{"rough_dielectric.roughness", 0.25, 0.08, "rough_dielectric { roughness: 0.35 }"},
         Case{"rough_dielectric.index", 1.35, 0.12, "rough_dielectric { }"},
@@ -116,7 +116,7 @@ film { width: 40 height: 40 }
       settings.set_seed(seed);
       settings.add_unknowns(c.name);
       Refinement refinement(settings, observations, {{40, 0.55, 0.3}});
-      while (!refinement.finished()) refinement.step(synthesize);
+      while (!refinement.finished()) refinement.step(renderer);
       const v1::RefinedParameter p = refinement.result().unknowns(0);
       expect_equal({p.value(), p.standard_deviation()}, {c.truth}, 4 * kSeeds, c.name);
       EXPECT_LT(p.standard_deviation(), c.deviation) << c.name;

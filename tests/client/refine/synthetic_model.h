@@ -96,13 +96,13 @@ class SyntheticModel {
     return observation;
   }
 
-  Synthesis render(const Material& m, uint32_t spp, uint64_t seed, double index = kIndex) const {
-    Synthesis synthesis;
-    synthesis.mask.assign(kPixels, 1);
+  Render render(const Material& m, uint32_t spp, uint64_t seed, double index = kIndex) const {
+    Render render;
+    render.mask.assign(kPixels, 1);
     Gaussian1D gaussian(seed);
     const double noise = noise_ * std::sqrt(static_cast<double>(kEstimates) / spp);
     for (size_t k = 0; k < kEstimates; ++k) {
-      tracer::RenderEstimate& estimate = synthesis.estimates.emplace_back();
+      tracer::RenderEstimate& estimate = render.estimates.emplace_back();
       estimate.derivatives.resize(4);
       for (size_t p = 0; p < kPixels; ++p) {
         const double exact = radiance(p, m, index), off = gaussian();
@@ -115,17 +115,17 @@ class SyntheticModel {
         }
       }
     }
-    return synthesis;
+    return render;
   }
 
-  Synthesize synthesize() const {
-    return [this](std::span<const SynthesisQuery> queries) {
-      std::vector<Synthesis> syntheses;
-      for (const SynthesisQuery& query : queries) {
-        syntheses.push_back(render(query.material, query.spp, query.seed,
-                                   query.values.empty() ? kIndex : query.values[0]));
+  Renderer renderer() const {
+    return [this](std::span<const RenderQuery> queries) {
+      std::vector<Render> renders;
+      for (const RenderQuery& query : queries) {
+        renders.push_back(render(query.material, query.spp, query.seed,
+                                 query.values.empty() ? kIndex : query.values[0].value));
       }
-      return syntheses;
+      return renders;
     };
   }
 

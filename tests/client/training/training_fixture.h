@@ -50,10 +50,9 @@ inline tracer::RenderEstimate render(const Material& m, double noise, uint64_t s
   return estimate;
 }
 
-inline std::vector<tracer::LossWithGradient> render_batch(
-    std::span<const RerenderingQuery> queries) {
+inline std::vector<tracer::LossWithGradient> render_batch(std::span<const RenderQuery> queries) {
   std::vector<tracer::LossWithGradient> result;
-  for (const RerenderingQuery& q : queries) {
+  for (const RenderQuery& q : queries) {
     const std::vector<tracer::RenderEstimate> estimates{
         render(q.material, 0.2, derive_seed(q.seed, {0})),
         render(q.material, 0.2, derive_seed(q.seed, {1}))};

@@ -183,7 +183,7 @@ INSTANTIATE_TEST_SUITE_P(Losses, ResumeTest,
 TEST_F(TrainingTest, AFailedStepChangesNothing) {
   const v1::TrainingConfig c = config(v1::TrainingConfig::ITN);
   bool fail = false;
-  Trainer trainer(c, images_, *inputs_, start(), [&](std::span<const RerenderingQuery> queries) {
+  Trainer trainer(c, images_, *inputs_, start(), [&](std::span<const RenderQuery> queries) {
     if (fail) throw Error(ErrorKind::kUnavailable, "no worker answers");
     return render_batch(queries);
   });
@@ -370,7 +370,7 @@ TEST_F(ResidualTrainingTest, ImageTermAloneLowersTheImageLoss) {
 TEST_F(ResidualTrainingTest, AFailedStepLeavesTheRunningStatistics) {
   bool fail = false;
   Trainer trainer(residual(v1::TrainingConfig::ITN), images_, *inputs_, residual_start(),
-                  [&](std::span<const RerenderingQuery> queries) {
+                  [&](std::span<const RenderQuery> queries) {
                     if (fail) throw Error(ErrorKind::kUnavailable, "no worker answers");
                     return render_batch(queries);
                   });
@@ -399,7 +399,7 @@ TEST_F(TrainingTest, ThatDivergesEndsWithAnErrorAndNoCheckpoint) {
 TEST_F(TrainingTest, ThatDivergesKeepsTheLastGoodCheckpoint) {
   for (const double bad : {static_cast<double>(NAN), HUGE_VAL}) {
     uint64_t calls = 0;
-    const auto spoiled = [&](std::span<const RerenderingQuery> queries) {
+    const auto spoiled = [&](std::span<const RenderQuery> queries) {
       std::vector<tracer::LossWithGradient> losses = render_batch(queries);
       if (++calls == 7) losses[2].gradient[1] = bad;
       return losses;

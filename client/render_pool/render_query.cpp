@@ -1,0 +1,62 @@
+#include "client/render_pool/render_query.h"
+
+#include "client/render_pool/render_pool.h"
+#include "common/error.h"
+#include "common/rpc/wire_array.h"
+#include "common/scene/material_proto.h"
+
+namespace itn {
+
+RenderJob job_of(const RenderQuery& query) {
+  RenderJob job{.scene = query.scene, .request = {}};
+  v1::RenderGradRequest& request = job.request;
+  *request.mutable_material() = to_proto(query.material);
+  request.set_spp(query.spp);
+  request.set_seed(query.seed);
+  request.set_estimates(query.estimates);
+  request.set_pilot_spp(query.pilot_spp);
+  request.set_pixels(v1::OBJECT_PIXELS);
+  for (const auto& [name, value] : query.values) set_value(request, name, value);
+  if (query.derivatives) {
+    for (const v1::Parameter parameter : {v1::SIGMA_T, v1::ALBEDO, v1::G}) {
+      request.add_derivatives(parameter);
+    }
+    for (const SceneValue& value : query.values) request.add_parameters(value.name);
+  }
+  if (!query.image.empty()) {
+    request.mutable_loss()->set_image(to_bytes(query.image));
+    request.mutable_loss()->set_weight(to_bytes(query.weight));
+  }
+  return job;
+}
+
+Render render_of(const v1::RenderGradReply& reply) {
+  Render render;
+  for (const v1::Estimate& estimate : reply.estimates()) {
+    tracer::RenderEstimate& to = render.estimates.emplace_back();
+    to.radiance = from_bytes<float>(estimate.radiance());
+    for (const std::string& derivative : estimate.derivatives()) {
+      to.derivatives.push_back(from_bytes<float>(derivative));
+    }
+  }
+  render.mask = from_bytes<float>(reply.mask());
+  render.loss = {reply.loss(), {reply.loss_gradient().begin(), reply.loss_gradient().end()}};
+  render.cpu_seconds = reply.counters().cpu_seconds();
+  return render;
+}
+
+Renderer rendered_by(RenderPool& pool, std::stop_token stop) {
+  return [&pool, stop](std::span<const RenderQuery> queries) {
+    std::vector<RenderJob> jobs;
+    for (const RenderQuery& query : queries) jobs.push_back(job_of(query));
+    std::vector<Render> renders;
+    for (const v1::RenderGradReply& reply : pool.render_split(jobs, [&](double /*fraction*/) {
+           if (stop.stop_requested()) throw Error(ErrorKind::kCancelled, "interrupted");
+         })) {
+      renders.push_back(render_of(reply));
+    }
+    return renders;
+  };
+}
+
+}  // namespace itn

@@ -1,0 +1,62 @@
+// A render of an object as it is asked for and as it comes back, in plain values: what refinements,
+// trainings, datasets and commands have in common.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "client/render_pool/render_job.h"
+#include "common/material.h"
+#include "common/scene/scene_bytes.h"
+#include "itn/v1/render.pb.h"
+#include "server/tracer/film/weighted_image_loss.h"
+
+namespace itn {
+
+class RenderPool;
+
+// A number of the scene, by the name of its derivative (RenderGradRequest.values).
+struct SceneValue {
+  std::string name;
+  double value = 0;
+};
+
+struct RenderQuery {
+  std::shared_ptr<const SerializedScene> scene;
+  Material material;
+  std::vector<SceneValue> values = {};  // instead of those that the scene has
+  uint32_t spp = 0;                     // samples per pixel, over all estimates
+  uint64_t seed = 0;
+  uint32_t estimates = 1;    // independent ones
+  uint32_t pilot_spp = 0;    // of a pilot, which quietens the derivatives in sigma_t and g
+  bool derivatives = false;  // by sigma_t, albedo, g and the values
+  // Where they are given, the loss against the image and its gradient come back, and no images: by
+  // pixel, weights >= 0.
+  std::span<const float> image = {}, weight = {};
+};
+
+// Of the pixels that see the object.
+RenderJob job_of(const RenderQuery& query);
+
+struct Render {
+  std::vector<tracer::RenderEstimate> estimates;
+  std::vector<float> mask;  // part of each pixel that the object covers
+  tracer::LossWithGradient loss;
+  double cpu_seconds = 0;
+};
+
+Render render_of(const v1::RenderGradReply& reply);
+
+// Renders each of them. May throw Error.
+using Renderer = std::function<std::vector<Render>(std::span<const RenderQuery>)>;
+
+// All at the same time by a pool, which must outlive it; each of them by several workers, if there
+// are.
+Renderer rendered_by(RenderPool& pool, std::stop_token stop = {});
+
+}  // namespace itn
