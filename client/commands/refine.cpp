@@ -280,7 +280,11 @@ std::vector<Render> render_fits(const Refinement& refinement,
   for (const Observation& observation : observations) {
     queries.push_back(refinement.query(observation, kPictureSpp, queries.size()));
   }
-  return renderer(queries);
+  std::vector<Render> fits = renderer(queries);
+  for (size_t i = 0; i < fits.size(); ++i) {
+    for (const uint32_t pixel : refinement.unexplained_pixels(i)) fits[i].mask[pixel] = 0;
+  }
+  return fits;
 }
 
 }  // namespace

@@ -31,6 +31,8 @@ constexpr double kSmallStep = 0.2;
 constexpr double kRise = 4;
 // So often is the answer looked at with the most samples once it does not move any more.
 constexpr uint32_t kMaxLooks = 3;
+// As many times the first iteration's samples are about one place when it is near the answer.
+constexpr double kSettled = 8;
 // Samples grow at most by this factor from one iteration to the next.
 constexpr double kMaxGrowth = 16;
 
@@ -141,7 +143,7 @@ void Descent::accumulate(const Evaluation& evaluation) {
     image_equations_[i].accumulate(evaluation.per_image[i], seen_in(moved, observations_[i].colour),
                                    decay, long_decay);
   }
-  collect_moments();
+  collect_sums();
   linearization_point_ = evaluation.x;
   loss_ = evaluation.loss;
   loss_standard_error_ = evaluation.loss_standard_error;
@@ -149,7 +151,15 @@ void Descent::accumulate(const Evaluation& evaluation) {
   structure_ = evaluation.structure;
 }
 
-void Descent::collect_moments() {
+void Descent::collect_sums() {
+  unexplained_ = NormalEquations(layout_.size());
+  // Before, a material that is far off would make what tells most of it look unexplained.
+  const bool is_near = !is_adam() && samples_ >= kSettled * settings_.spp();
+  for (size_t i = 0; i < image_equations_.size() && is_near; ++i) {
+    image_equations_[i].find_unexplained();
+    unexplained_.add(image_equations_[i].unexplained_terms(),
+                     layout_.of_colour(observations_[i].colour));
+  }
   moments_.clear();
   for (size_t colour = 0; colour < layout_.colours; ++colour) {
     ScoreMoments& of_colour = moments_.emplace_back();
@@ -174,8 +184,8 @@ void Descent::collect_moments() {
 
 // Of the images alone.
 ScoreEquations Descent::score_equations() const {
-  return {.gradient = normal_equations_.gradient,
-          .curvature = normal_equations_.curvature,
+  return {.gradient = normal_equations_.gradient - unexplained_.gradient,
+          .curvature = normal_equations_.curvature - unexplained_.curvature,
           .moments = moments_,
           .apart = {},
           .ridge = layout_.g()};
@@ -225,6 +235,15 @@ double Descent::squares() const {
   double squares = 0;
   for (const ImageEquations& equations : image_equations_) squares += equations.squares();
   return squares;
+}
+
+double Descent::unexplained_part() const {
+  double unexplained = 0, pixels = 0;
+  for (const ImageEquations& equations : image_equations_) {
+    unexplained += static_cast<double>(equations.unexplained_pixels().size());
+    pixels += static_cast<double>(equations.pixels());
+  }
+  return pixels > 0 ? unexplained / pixels : 0;
 }
 
 Region Descent::region() const {
@@ -422,7 +441,7 @@ Descent::Descent(const v1::RefineSettings& settings, Layout layout,
   normal_equations_.render_noise = square_of(state.render_noise());
   first_moment_ = vector_of(state.first_moment());
   second_moment_ = vector_of(state.second_moment());
-  if (seen > 0) collect_moments();
+  if (seen > 0) collect_sums();
 }
 
 }  // namespace itn

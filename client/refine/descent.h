@@ -45,6 +45,11 @@ class Descent {
   // Squares of pixels (RefineSettings.block) that count, over all images, and coordinates.
   double squares() const;
   double numbers() const { return static_cast<double>(x_.size()); }
+  // Of an image's, those that no material explains; and which part of all that is.
+  std::vector<uint32_t> unexplained_pixels(size_t image) const {
+    return image_equations_[image].unexplained_pixels();
+  }
+  double unexplained_part() const;
   // Of the differences there.
   const Structure& structure() const { return structure_; }
 
@@ -76,7 +81,7 @@ class Descent {
   Step adam_step(const Vector& gradient);
   // The coordinates of what an image of a colour shows.
   Vector seen_in(const Vector& x, size_t colour) const { return x(layout_.of_colour(colour)); }
-  void collect_moments();
+  void collect_sums();
   ScoreEquations score_equations() const;
   std::vector<KnownStep> known_steps() const;
   ScoreTest test() const;
@@ -90,6 +95,7 @@ class Descent {
   std::span<const Observation> observations_;
   std::vector<ImageEquations> image_equations_;
   NormalEquations normal_equations_;
+  NormalEquations unexplained_;        // part of these, of pixels that no material explains
   std::vector<ScoreMoments> moments_;  // by colour
   Vector x_, linearization_point_;
   double samples_ = 0;

@@ -409,7 +409,7 @@ Structure ImageEquations::structure_of(std::span<const double> differences) cons
     const uint32_t x = pixels_[i] % width, y = pixels_[i] / width;
     Block& block = blocks[{y / side, x / side}];
     Quarter& quarter = block.quarters[2 * (y % side / (side / 2)) + x % side / (side / 2)];
-    quarter.difference += std::sqrt(fixed_weights_[i]) * differences[i];
+    quarter.difference += robust_weight(i) * std::sqrt(fixed_weights_[i]) * differences[i];
     ++quarter.pixels;
     block.energy += fixed_weights_[i] * image_[i] * image_[i];
   }
@@ -469,6 +469,62 @@ std::vector<std::vector<double>> ImageEquations::scores_after(const Vector& step
   return scores;
 }
 
+void ImageEquations::find_unexplained() {
+  constexpr double kFar = 5;            // standard deviations of the others
+  constexpr double kVisible = 0.05;     // of the radiance
+  constexpr double kMost = 0.05;        // of the pixels
+  constexpr double kOfMedian = 1.4826;  // the standard deviation of a Gaussian
+  Plane differences, weighted, render;
+  for (size_t i = 0; i < pixels_.size(); ++i) {
+    render.push_back(radiance_[i] / samples_);
+    differences.push_back(image_[i] - render[i]);
+    weighted.push_back(std::sqrt(fixed_weights_[i]) * differences[i]);
+  }
+  weighted = smoothed(weighted);
+  render = smoothed(render);
+  Plane sizes;
+  for (const double value : weighted) sizes.push_back(std::abs(value));
+  const auto middle = sizes.begin() + std::ssize(sizes) / 2;
+  std::ranges::nth_element(sizes, middle);
+  const double far = kFar * kOfMedian * *middle;
+  robust_weights_.assign(pixels_.size(), 1);
+  size_t count = 0;
+  for (size_t i = 0; i < pixels_.size(); ++i) {
+    // By itself, too, as beside dust there may be none.
+    const double own = std::copysign(1, weighted[i]) * differences[i];
+    if (std::abs(weighted[i]) <= far || own <= kVisible * render[i]) continue;
+    robust_weights_[i] = far * far / (weighted[i] * weighted[i]);
+    ++count;
+  }
+  if (count == 0 || static_cast<double>(count) > kMost * static_cast<double>(pixels_.size())) {
+    robust_weights_.clear();
+  }
+}
+
+std::vector<uint32_t> ImageEquations::unexplained_pixels() const {
+  std::vector<uint32_t> result;
+  for (size_t i = 0; i < robust_weights_.size(); ++i) {
+    if (robust_weights_[i] < 1) result.push_back(pixels_[i]);
+  }
+  return result;
+}
+
+NormalEquations ImageEquations::unexplained_terms() const {
+  const size_t coordinates = scores_.size();
+  NormalEquations terms(static_cast<Eigen::Index>(coordinates));
+  for (size_t i = 0; i < robust_weights_.size(); ++i) {
+    const double missing = 1 - robust_weights_[i];
+    if (missing == 0) continue;
+    for (size_t c = 0; c < coordinates; ++c) {
+      terms.gradient[c] += missing * scores_[c][i];
+      for (size_t d = 0; d < coordinates; ++d) {
+        terms.curvature(c, d) += missing * slopes_[c * coordinates + d][i];
+      }
+    }
+  }
+  return terms;
+}
+
 Matrix ImageEquations::moments() const {
   const auto coordinates = static_cast<Eigen::Index>(scores_.size());
   const Eigen::Index count = blocks_.empty() ? 0 : std::ranges::max(blocks_) + 1;
@@ -476,7 +532,9 @@ Matrix ImageEquations::moments() const {
   Eigen::Index column = 0;
   for (const std::vector<Plane>* planes : {&scores_, &slopes_}) {
     for (const Plane& plane : *planes) {
-      for (size_t i = 0; i < plane.size(); ++i) terms(blocks_[i], column) += plane[i];
+      for (size_t i = 0; i < plane.size(); ++i) {
+        terms(blocks_[i], column) += robust_weight(i) * plane[i];
+      }
       ++column;
     }
   }

@@ -118,9 +118,21 @@ class ImageEquations {
   // need not be exact, `long_decay` times.
   void accumulate(const Residuals& residuals, const Vector& moved, double decay, double long_decay);
 
+  // Finds the pixels that no material explains, as those of dust, text or a seam: patches whose
+  // difference to the renders so far is far beyond what that of others is. From now on they count
+  // the less the farther they are off (Huber, "Robust estimation of a location parameter", Annals
+  // of Mathematical Statistics 1964). None do if that were more than a twentieth: it is the scene
+  // that is another one.
+  void find_unexplained();
+  std::vector<uint32_t> unexplained_pixels() const;  // of the image
+  // What the sums of all that was taken have of these pixels, and should not.
+  NormalEquations unexplained_terms() const;
+
   // Of all that was taken, each render's terms times its samples: sums of the products of each
   // block's terms of s and of H, row by row (client/refine/score_test.h).
   Matrix moments() const;
+
+  size_t pixels() const { return pixels_.size(); }  // that count
 
   // How many squares of block x block pixels have some that count.
   double squares() const {
@@ -141,6 +153,7 @@ class ImageEquations {
   void choose_pixels(std::span<const float> coverage);
   void weigh_pixels();
   double inverse_variance(double radiance) const;
+  double robust_weight(size_t i) const { return robust_weights_.empty() ? 1 : robust_weights_[i]; }
   std::vector<std::vector<double>> scores_after(const Vector& step) const;
   std::vector<double> smoothed(const std::vector<double>& values) const;
 
@@ -155,6 +168,7 @@ class ImageEquations {
   std::vector<std::vector<double>> disturbances_;              // each empty where it has none
   double mean_ = 0;                                            // of the image
   double noise_at_mean_ = 0, noise_exponent_ = 0;
+  std::vector<double> robust_weights_;  // by pixel that counts; empty: all 1
   double samples_ = 0;
   std::vector<double> radiance_;
   std::vector<std::vector<double>> derivatives_, scores_, slopes_;

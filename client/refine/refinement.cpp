@@ -103,6 +103,16 @@ void add_few_squares(const Descent& descent, v1::RefineResult& result) {
                   descent.squares(), descent.numbers()));
 }
 
+void add_unexplained(const Descent& descent, v1::RefineResult& result) {
+  const double part = descent.unexplained_part();
+  result.set_unexplained(part);
+  if (part == 0) return;
+  result.add_remarks(
+      fmt::format("{:.2g} % of the pixels hardly count, as no material explains them: is there "
+                  "dust, text or a seam? They are left out of picture.png",
+                  100 * part));
+}
+
 // Beyond its own noise an image should not differ from its render, nor should differences hang
 // together.
 void add_misfit(const Descent& descent, uint32_t block, v1::RefineResult& result) {
@@ -299,6 +309,10 @@ double Refinement::exposure() const {
   return descents_[best()].exposure();
 }
 
+std::vector<uint32_t> Refinement::unexplained_pixels(size_t observation) const {
+  return descents_[best()].unexplained_pixels(observation);
+}
+
 RenderQuery Refinement::query(const Observation& observation, uint32_t spp, uint64_t seed) const {
   return query_of(observation, material(observation.colour), layout_.unknowns,
                   descents_[best()].unknowns(), spp, seed);
@@ -335,6 +349,7 @@ v1::RefineResult Refinement::result(size_t colour) const {
   add_misfit(descent, settings_.block(), result);
   add_remarks(result);
   add_few_squares(descent, result);
+  add_unexplained(descent, result);
   return result;
 }
 

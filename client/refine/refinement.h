@@ -69,6 +69,8 @@ class Refinement {
   v1::RefineResult result(size_t colour = 0) const;
   Material material(size_t colour = 0) const;
   double exposure() const;  // the images over the renders
+  // Of an observation, those that no material explains, and that count for less.
+  std::vector<uint32_t> unexplained_pixels(size_t observation) const;
   // A render of one of the observations with the material and the unknowns of the scene.
   RenderQuery query(const Observation& observation, uint32_t spp, uint64_t seed) const;
 

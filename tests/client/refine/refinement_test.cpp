@@ -304,6 +304,42 @@ TEST(Refinement, DisturbancesLeaveTheMaterialAlone) {
   EXPECT_LT(inside_without, kImages * 3 / 4);
 }
 
+// Dust that hides 2 % of the pixels does not change the answer, and is told.
+TEST(Refinement, LeavesOutWhatNoMaterialExplains) {
+  constexpr int kImages = 100;
+  constexpr size_t kSide = SyntheticModel::kSide;
+  const SyntheticModel model;
+  std::array<int, 3> inside{};
+  for (uint64_t i = 0; i < kImages; ++i) {
+    Observation observation = model.observe(kTruth, 0.05, 100 + i);
+    std::vector<uint32_t> dust;
+    for (const size_t corner : {4 * kSide + 5, 13 * kSide + 12}) {
+      for (const size_t p : {corner, corner + 1, corner + kSide, corner + kSide + 1}) {
+        observation.radiance[p] *= 0.3F;
+        dust.push_back(static_cast<uint32_t>(p));
+      }
+    }
+    v1::RefineSettings settings;
+    settings.set_seed(i);
+    settings.set_max_spp(1024);
+    const std::vector<Observation> observations{observation};
+    Refinement refinement(settings, observations, {kStart});
+    while (!refinement.finished()) refinement.step(model.renderer());
+    const v1::RefineResult r = refinement.result();
+    inside[0] += has(r.sigma_t(), kTruth.sigma_t);
+    inside[1] += has(r.albedo(), kTruth.albedo);
+    inside[2] += has(r.g(), kTruth.g);
+    EXPECT_THAT(refinement.unexplained_pixels(0), ::testing::IsSupersetOf(dust));
+    EXPECT_LE(refinement.unexplained_pixels(0).size(), 5 * dust.size());
+    EXPECT_GT(r.unexplained(), 0.019);
+    EXPECT_THAT(r.remarks(), ::testing::Contains(::testing::HasSubstr("dust")));
+  }
+  const double sigma = std::sqrt(0.95 * 0.05 / kImages);
+  for (const int count : inside) EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
+  const v1::RefineResult clean = refined(model, {model.observe(kTruth, 0.05, 1)}, {}, {kStart});
+  EXPECT_EQ(clean.unexplained(), 0);
+}
+
 // Half of the images ask for less absorption than none, and for an index below the least. What an
 // image cannot tell from none, must not look as if much of it were possible.
 TEST(Refinement, IntervalsCoverTheTruthAtTheEndsOfRanges) {
