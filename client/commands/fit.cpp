@@ -166,11 +166,8 @@ void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOption
       refine.init = fmt::format("{},{},{}", start.sigma_t, start.albedo, start.g);
       refine.starts = 1;
     }
-    const std::vector<std::vector<float>> disturbances =
-        disturbances_of(photograph, mesh, stand, loaded, options, pool);
-    for (size_t d = 0; d < disturbances.size(); ++d) {
-      photograph.image.channels[fmt::format("{}{}", kDisturbance, d)] = disturbances[d];
-    }
+    add_disturbances(disturbances_of(photograph, mesh, stand, loaded, options, pool),
+                     photograph.image);
     const fs::path image_file = folder / fmt::format("photograph{}.exr", stem);
     write_exr(image_file, photograph.image);
     write_file_atomically(scene_file, to_text_proto(scene));

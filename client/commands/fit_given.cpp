@@ -23,9 +23,9 @@ bool have_size(const v1::Scene& scene) {
   });
 }
 
-// A few steps of the luminance from several starts, without a trace.
-Material scouted(RefineOptions refine) {
-  refine.channel = v1::Film::LUMINANCE;
+// A few steps from several starts, or from the one that is said, without a trace.
+Material scouted(RefineOptions refine, v1::Film::Channel channel) {
+  refine.channel = channel;
   refine.spp = 32;
   refine.max_spp = 64;
   refine.max_iterations = 8;
@@ -87,19 +87,27 @@ void prepare_given_scenes(const FitOptions& options, const fs::path& folder,
       refine.known_within[kIndex] = options.index_error;
     }
   }
-  const Material material = scouted(refine);
+  std::vector<Material> materials{scouted(refine, v1::Film::LUMINANCE)};
+  const auto start_from = [](const Material& start, RefineOptions& refined) {
+    refined.init = fmt::format("{},{},{}", start.sigma_t, start.albedo, start.g);
+    refined.starts = 1;
+  };
   if (options.refine.init == "mean") {
-    const Material start = of_similar_light(material, options.g);
-    refine.init = fmt::format("{},{},{}", start.sigma_t, start.albedo, start.g);
-    refine.starts = 1;
+    start_from(of_similar_light(materials.front(), options.g), refine);
+  }
+  if (refine.channel == v1::Film::RGB) {
+    RefineOptions of_colour = refine;
+    start_from(materials.front(), of_colour);
+    materials.clear();
+    for (const v1::Film::Channel colour : kColours) {
+      materials.push_back(scouted(of_colour, colour));
+    }
   }
   RenderPool pool(options.refine.workers.pool_options());
   for (size_t i = 0; i < images.size(); ++i) {
-    const auto planes =
-        disturbance_of_g(scenes[i], material, images[i].channel("mask.Y"), options, pool);
-    for (size_t d = 0; d < planes.size(); ++d) {
-      images[i].channels[fmt::format("{}{}", kDisturbance, d)] = planes[d];
-    }
+    add_disturbances(
+        disturbances_of_g(scenes[i], materials, images[i].channel("mask.Y"), options, pool),
+        images[i]);
     write_exr(refine.images[i], images[i]);
   }
 }

@@ -10,6 +10,7 @@
 
 #include "client/fit/disturbances.h"
 #include "client/interrupt.h"
+#include "client/refine/refine_run.h"
 #include "client/refine/refinement.h"
 #include "common/error.h"
 #include "common/geometry/pose.h"
@@ -31,31 +32,40 @@ uint32_t spp_for(size_t pixels, uint32_t at_96) {
 
 // ---- Renders ---------------------------------------------------------------------------------
 
-// What is rendered in luminance.
+// What is rendered: in luminance, or in red, green and blue, each of its material.
 struct Variant {
   v1::Scene scene;
-  Material material;
+  std::vector<Material> materials;
 };
 
-// Estimates of the radiance by pixel, of each.
+// Estimates of the radiance by pixel, of each; of colours one below the other.
 std::vector<std::vector<std::vector<float>>> rendered(std::span<const Variant> variants,
                                                       uint32_t spp, uint32_t estimates,
                                                       uint64_t seed, RenderPool& pool) {
   std::vector<RenderQuery> queries;
-  for (const Variant& variant : variants) {
-    v1::Scene scene = variant.scene;
-    scene.mutable_film()->set_channel(v1::Film::LUMINANCE);
-    queries.push_back({.scene = serialize(scene),
-                       .material = variant.material,
-                       .spp = spp,
-                       .seed = seed,
-                       .estimates = estimates});
+  std::vector<size_t> variant_of;
+  for (size_t i = 0; i < variants.size(); ++i) {
+    const std::vector<Material>& materials = variants[i].materials;
+    v1::Scene scene = variants[i].scene;
+    for (size_t c = 0; c < materials.size(); ++c) {
+      scene.mutable_film()->set_channel(materials.size() == 1 ? v1::Film::LUMINANCE
+                                                              : kColours.at(c));
+      queries.push_back({.scene = serialize(scene),
+                         .material = materials[c],
+                         .spp = spp,
+                         .seed = seed,
+                         .estimates = estimates});
+      variant_of.push_back(i);
+    }
   }
-  std::vector<std::vector<std::vector<float>>> images;
-  for (const Render& render : rendered_by(pool, interruption())(queries)) {
-    std::vector<std::vector<float>>& of_variant = images.emplace_back();
-    for (const tracer::RenderEstimate& estimate : render.estimates) {
-      of_variant.push_back(estimate.radiance);
+  std::vector<std::vector<std::vector<float>>> images(variants.size(),
+                                                      std::vector<std::vector<float>>(estimates));
+  const std::vector<Render> renders = rendered_by(pool, interruption())(queries);
+  for (size_t q = 0; q < renders.size(); ++q) {
+    for (size_t e = 0; e < estimates; ++e) {
+      const std::vector<float>& radiance = renders[q].estimates[e].radiance;
+      std::vector<float>& image = images[variant_of[q]][e];
+      image.insert(image.end(), radiance.begin(), radiance.end());
     }
   }
   return images;
@@ -79,44 +89,64 @@ struct Changes {
     apart.push_back(deviations);
   }
 
-  void add_other_g(const v1::Scene& scene, const Material& material, const FitOptions& options) {
+  void add_other_g(const v1::Scene& scene, const std::vector<Material>& materials,
+                   const FitOptions& options) {
     if (options.g_error > 0) return;  // it is found
     const auto of_g = [&](double g) {
-      return Variant{scene, of_similar_light(material, std::clamp(g, -kMaxAbsG, kMaxAbsG))};
+      Variant variant{scene, {}};
+      for (const Material& material : materials) {
+        variant.materials.push_back(of_similar_light(material, std::clamp(g, -kMaxAbsG, kMaxAbsG)));
+      }
+      return variant;
     };
     add(of_g(options.g + kDoubtOfG), of_g(options.g - kDoubtOfG), 2);
   }
 
-  std::vector<std::vector<float>> planes(const std::vector<float>& mask, const v1::Film& film,
-                                         const FitOptions& options, RenderPool& pool) const {
+  Disturbances planes(const std::vector<float>& mask_of_one, const v1::Film& film,
+                      const FitOptions& options, RenderPool& pool) const {
     if (variants.empty()) return {};
     constexpr uint32_t kSpp = 64, kEstimates = 4;
-    const uint32_t spp = spp_for(mask.size(), kSpp);
+    const size_t colours = variants.front().materials.size();
+    const auto spp = std::max<uint32_t>(
+        kEstimates, spp_for(mask_of_one.size(), kSpp) / static_cast<uint32_t>(colours));
     const auto images = rendered(variants, spp, kEstimates, options.refine.seed, pool);
+    std::vector<float> mask;
+    for (size_t c = 0; c < colours; ++c) {
+      mask.insert(mask.end(), mask_of_one.begin(), mask_of_one.end());
+    }
     std::vector<RenderedChange> changes;
     for (size_t i = 0; i < apart.size(); ++i) {
       changes.push_back({.more = images[2 * i], .less = images[2 * i + 1], .apart = apart[i]});
     }
-    return disturbances_of(changes, mask, static_cast<int>(film.width()));
+    Disturbances disturbances;
+    const auto pixels = std::ssize(mask_of_one);
+    for (const std::vector<float>& plane :
+         disturbances_of(changes, mask, static_cast<int>(film.width()))) {
+      std::vector<std::vector<float>>& of_colours = disturbances.emplace_back();
+      for (auto first = plane.begin(); first != plane.end(); first += pixels) {
+        of_colours.emplace_back(first, first + pixels);
+      }
+    }
+    return disturbances;
   }
 };
 
 // ---- A rough material ------------------------------------------------------------------------
 
-// A few steps of a refinement of the luminance.
+// A few steps of a refinement.
 struct Scouting {
   double loss = 0, loss_standard_error = 0;
   Material material;
 };
 
 Scouting scout(const FitPhotograph& photograph, const Mesh& mesh, const Stand& stand,
-               v1::Scene scene, const FitOptions& options, uint32_t starts,
-               const Renderer& renderer) {
+               v1::Scene scene, const FitOptions& options, v1::Film::Channel channel,
+               const std::vector<Material>& starts, const Renderer& renderer) {
   place(stand, mesh, options, scene);
-  scene.mutable_film()->set_channel(v1::Film::LUMINANCE);
+  scene.mutable_film()->set_channel(channel);
   const std::vector<Observation> observations{
       {.name = photograph.name,
-       .radiance = radiance_of(photograph.image, photograph.channels, v1::Film::LUMINANCE),
+       .radiance = radiance_of(photograph.image, photograph.channels, channel),
        .mask = pixels_of_object(photograph, mesh, stand.pose),
        .noise = {},
        .scene = serialize(scene)}};
@@ -131,8 +161,7 @@ Scouting scout(const FitPhotograph& photograph, const Mesh& mesh, const Stand& s
   settings.set_max_iterations(8);
   settings.set_seed(options.refine.seed);
   settings = with_defaults(settings);
-  Refinement refinement(settings, observations,
-                        starts_around(mean_of_size(longest_side(bounds(mesh))), starts));
+  Refinement refinement(settings, observations, starts);
   while (!refinement.finished()) refinement.step(renderer);
   const v1::RefineResult result = refinement.result();
   return {result.loss(), result.loss_standard_error(), refinement.material()};
@@ -233,7 +262,7 @@ class TurnSearch {
     for (const double turn : turns) {
       for (const Material& material : materials) {
         variants.push_back(
-            {placed({pose_, turn, camera_down_}, mesh_, options_, scene_), material});
+            {placed({pose_, turn, camera_down_}, mesh_, options_, scene_), {material}});
       }
     }
     const auto images = rendered(variants, spp, kEstimates, options_.refine.seed, pool_);
@@ -283,6 +312,15 @@ std::vector<FoundPose> poses_of(const FitPhotograph& photograph, const Mesh& mes
 
 }  // namespace
 
+void add_disturbances(const Disturbances& disturbances, Image& image) {
+  for (size_t d = 0; d < disturbances.size(); ++d) {
+    for (size_t c = 0; c < disturbances[d].size(); ++c) {
+      const std::string colour = disturbances[d].size() == 1 ? "" : kRgb.at(c);
+      image.channels[disturbance_name(d, colour)] = disturbances[d][c];
+    }
+  }
+}
+
 Material of_similar_light(const Material& material, double g) {
   const double sigma_s = material.sigma_s_reduced() / (1 - g);
   const double sigma_t = sigma_s + material.sigma_a();
@@ -319,7 +357,8 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
     candidates.resize(std::min(candidates.size(), kMostStands));
   }
   const auto scouted = [&](const Stand& stand, uint32_t starts) {
-    return scout(photograph, mesh, stand, scene, options, starts, renderer);
+    return scout(photograph, mesh, stand, scene, options, v1::Film::LUMINANCE,
+                 starts_around(mean_of_size(longest_side(bounds(mesh))), starts), renderer);
   };
   const auto improve_turn = [&](Stand& stand, const Material& material) {
     const TurnSearch search(photograph, mesh, stand.pose, scene, options, pool);
@@ -353,12 +392,21 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
     found.material = scouted(found.stand, 1).material;
     improve_turn(found.stand, found.material);
   }
+  if (photograph.channels.size() == 1) {
+    found.materials = {found.material};
+  } else {
+    for (const v1::Film::Channel colour : kColours) {
+      found.materials.push_back(
+          scout(photograph, mesh, found.stand, scene, options, colour, {found.material}, renderer)
+              .material);
+    }
+  }
   return found;
 }
 
-std::vector<std::vector<float>> disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
-                                                const FoundStand& found, const v1::Scene& scene,
-                                                const FitOptions& options, RenderPool& pool) {
+Disturbances disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
+                             const FoundStand& found, const v1::Scene& scene,
+                             const FitOptions& options, RenderPool& pool) {
   // So many standard deviations from the middle, that the noise is small beside the difference.
   constexpr double kFar = 2;
   const Pose& pose = found.stand.pose;
@@ -369,7 +417,7 @@ std::vector<std::vector<float>> disturbances_of(const FitPhotograph& photograph,
     const auto changed = [&](double deviations) {
       Stand stand = found.stand;
       change(stand, deviations);
-      return Variant{placed(stand, mesh, options, scene), found.material};
+      return Variant{placed(stand, mesh, options, scene), found.materials};
     };
     changes.add(changed(kFar), changed(-kFar), 2 * kFar);
   };
@@ -381,15 +429,15 @@ std::vector<std::vector<float>> disturbances_of(const FitPhotograph& photograph,
       add([&](Stand& stand, double times) { stand.*angle += times * options.turn_error; });
     }
   }
-  changes.add_other_g(placed(found.stand, mesh, options, scene), found.material, options);
+  changes.add_other_g(placed(found.stand, mesh, options, scene), found.materials, options);
   return changes.planes(pixels_of_object(photograph, mesh, pose), scene.film(), options, pool);
 }
 
-std::vector<std::vector<float>> disturbance_of_g(const v1::Scene& scene, const Material& material,
-                                                 const std::vector<float>& mask,
-                                                 const FitOptions& options, RenderPool& pool) {
+Disturbances disturbances_of_g(const v1::Scene& scene, const std::vector<Material>& materials,
+                               const std::vector<float>& mask, const FitOptions& options,
+                               RenderPool& pool) {
   Changes changes;
-  changes.add_other_g(scene, material, options);
+  changes.add_other_g(scene, materials, options);
   return changes.planes(mask, scene.film(), options, pool);
 }
 

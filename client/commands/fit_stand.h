@@ -20,25 +20,32 @@ struct FoundStand {
   size_t alike = 1;             // poses that the silhouette does not tell apart
   bool ambiguous = false;       // light and shade do not tell them apart, either
   bool turn_ambiguous = false;  // another turn of the panorama fits about as well
-  Material material;            // the luminance's, roughly
+  // Roughly: the luminance's, and that of each channel of the photograph.
+  Material material;
+  std::vector<Material> materials;
 };
+
+// Planes of Observation::disturbances: by disturbance, and by channel of the photograph.
+using Disturbances = std::vector<std::vector<std::vector<float>>>;
 
 // `scene`: as scene_of() has it, with its files loaded. Throws Error (invalid input) if the shape
 // fits the mask nowhere, or no pixel shows the object alone; (cancelled); what the pool throws.
 FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v1::Scene& scene,
                       const FitOptions& options, RenderPool& pool);
 
-// Planes of Observation::disturbances: what errors of the stand do to the photograph, and a g that
-// is another. Throws as find_stand().
-std::vector<std::vector<float>> disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
-                                                const FoundStand& found, const v1::Scene& scene,
-                                                const FitOptions& options, RenderPool& pool);
+// What errors of the stand do to the photograph, and a g that is another. Throws as find_stand().
+Disturbances disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
+                             const FoundStand& found, const v1::Scene& scene,
+                             const FitOptions& options, RenderPool& pool);
 
 // The same of a scene that is given, with the object where it stands: of another g alone. `mask`:
 // pixels of its film.
-std::vector<std::vector<float>> disturbance_of_g(const v1::Scene& scene, const Material& material,
-                                                 const std::vector<float>& mask,
-                                                 const FitOptions& options, RenderPool& pool);
+Disturbances disturbances_of_g(const v1::Scene& scene, const std::vector<Material>& materials,
+                               const std::vector<float>& mask, const FitOptions& options,
+                               RenderPool& pool);
+
+// As itn refine reads them.
+void add_disturbances(const Disturbances& disturbances, Image& image);
 
 // The material of another g that looks about alike.
 Material of_similar_light(const Material& material, double g);

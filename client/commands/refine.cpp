@@ -65,7 +65,7 @@ bool has_colours(const Image& image, const std::vector<std::string>& channels) {
 // The colours of a film, one by one.
 std::vector<v1::Film::Channel> channels_of(const v1::Film& film) {
   if (film.channel() != v1::Film::RGB) return {film.channel()};
-  return {v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE};
+  return {kColours.begin(), kColours.end()};
 }
 
 // What the image shows in each colour of the film.
@@ -119,8 +119,9 @@ std::vector<Observation> load_observations(const std::string& name, const v1::Sc
     const std::string noise =
         "stderr." + (film.channel() == v1::Film::RGB ? content.channels[observation.colour] : "Y");
     if (image.has(noise)) observation.noise = image.channel(noise);
-    for (size_t d = 0; image.has(fmt::format("{}{}", kDisturbance, d)); ++d) {
-      observation.disturbances.push_back(image.channel(fmt::format("{}{}", kDisturbance, d)));
+    const std::string colour = film.channel() == v1::Film::RGB ? kRgb.at(observation.colour) : "";
+    for (size_t d = 0; image.has(disturbance_name(d, colour)); ++d) {
+      observation.disturbances.push_back(image.channel(disturbance_name(d, colour)));
     }
     validate(observation);
   }
@@ -371,6 +372,10 @@ void leave_out_clipped(const std::string& name, const std::vector<unsigned char>
     spdlog::warn("{}: {} of {} pixels are at the top of what the file can hold and do not count",
                  name, left_out, all);
   }
+}
+
+std::string disturbance_name(size_t which, const std::string& colour) {
+  return fmt::format("disturbance.{}{}", colour, which);
 }
 
 std::vector<float> radiance_of(const Image& image, const std::vector<std::string>& names,

@@ -1,6 +1,7 @@
 // The material of an object of known shape in known light, by analysis by synthesis.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <map>
 #include <optional>
@@ -59,8 +60,11 @@ void average_to_film(const std::string& name, const v1::Film& film, PhotographCo
 void leave_out_clipped(const std::string& name, const std::vector<unsigned char>& clipped,
                        std::vector<float>& mask);
 
-// Channels of an EXR that are Observation::disturbances, with their numbers behind it.
-inline constexpr const char* kDisturbance = "disturbance.";
+inline constexpr std::array kColours{v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE};
+
+// The channel of an EXR that is one of Observation::disturbances, of a colour (R, G, B) or, where
+// that is empty, of the only channel.
+std::string disturbance_name(size_t which, const std::string& colour);
 
 // Where --init mean starts, for an object of this longest side in mm.
 Material mean_of_size(double longest_side);

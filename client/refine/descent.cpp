@@ -36,10 +36,16 @@ constexpr double kSettled = 8;
 // Samples grow at most by this factor from one iteration to the next.
 constexpr double kMaxGrowth = 16;
 
-// The largest part, over ln sigma_t, albedo and g, of the variance that is noise of the renders.
-double render_noise_fraction(const Matrix& readable, const Matrix& all, const Matrix& renders) {
+// The largest part, over ln sigma_t, albedo and, if that is found, g, of the variance that is noise
+// of the renders.
+double render_noise_fraction(const Matrix& readable, const Matrix& all, const Matrix& renders,
+                             bool finds_g) {
   const auto variances = [&](const Matrix& covariance) {
-    return (readable * covariance * readable.transpose()).diagonal().head(3).array().eval();
+    return (readable * covariance * readable.transpose())
+        .diagonal()
+        .head(finds_g ? 3 : 2)
+        .array()
+        .eval();
   };
   return (variances(renders) / variances(all)).maxCoeff();
 }
@@ -53,6 +59,12 @@ v1::Material to_message(const Material& material) {
 }
 
 }  // namespace
+
+bool is_g_given(const v1::RefineSettings& settings) {
+  constexpr double kGiven = 0.01;
+  const auto known = settings.known_within().find(kKnownG);
+  return known != settings.known_within().end() && known->second < kGiven;
+}
 
 // One render of each image, and what they say together.
 struct Descent::Evaluation {
@@ -169,7 +181,9 @@ void Descent::collect_sums() {
   }
   std::vector<double> squares(layout_.colours);
   for (size_t i = 0; i < image_equations_.size(); ++i) {
-    moments_[observations_[i].colour].sums += image_equations_[i].moments();
+    // What hangs together over more than a square counts as so many squares that are alike.
+    moments_[observations_[i].colour].sums +=
+        image_equations_[i].dependence() * image_equations_[i].moments();
     squares[observations_[i].colour] += image_equations_[i].squares();
   }
   // Scores at the answer scatter less than at the truth, by as many squares as there are numbers
@@ -251,6 +265,12 @@ Region Descent::region() const {
 }
 
 bool Descent::is_under_way() const {
+  // The equations are linear: from farther away they lead about there.
+  constexpr double kNear = 0.2;
+  Vector beside = x_ - linearization_point_;
+  beside[layout_.g()] *= kAlongRidge;
+  if (beside.head(2 * static_cast<Eigen::Index>(layout_.colours)).lpNorm<Eigen::Infinity>() > kNear)
+    return true;
   const ScoreTest all = test();
   const double least = all.statistic(all.full_step());
   return all.statistic(x_ - linearization_point_) - least > static_cast<double>(x_.size());
@@ -348,7 +368,7 @@ v1::RefineIteration Descent::step(const Renderer& renderer, uint64_t seed) {
     const std::vector<Eigen::Index> seen = layout_.of_colour(colour);
     const double of_colour =
         render_noise_fraction(physical_jacobian(seen_in(linearization_point_, colour), seen_),
-                              all(seen, seen), renders(seen, seen));
+                              all(seen, seen), renders(seen, seen), !is_g_given(settings_));
     // One that is not known, as H is singular, stays so.
     if (std::isfinite(share) && !(of_colour <= share)) share = of_colour;
   }

@@ -16,6 +16,9 @@
 
 namespace itn {
 
+// Whether g is known so well that it is not found.
+bool is_g_given(const v1::RefineSettings& settings);
+
 // Gauss-Newton, whose steps are as long as their noise lets them be trusted: each goes to the best
 // guess of where the answer lies for one who expects it about `trust_radius` away in every
 // coordinate (client/refine/score_test.h), and is no longer than that. So a direction that the

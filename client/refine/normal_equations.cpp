@@ -469,15 +469,51 @@ std::vector<std::vector<double>> ImageEquations::scores_after(const Vector& step
   return scores;
 }
 
+std::vector<double> ImageEquations::differences_so_far() const {
+  Plane differences;
+  for (size_t i = 0; i < pixels_.size(); ++i) {
+    differences.push_back(image_[i] - radiance_[i] / samples_);
+  }
+  return differences;
+}
+
+double ImageEquations::dependence() const {
+  constexpr uint32_t kLarger = 4;
+  constexpr size_t kEnough = 12;
+  if (block_ == 1 || samples_ == 0) return 1;
+  const Plane differences = differences_so_far();
+  const auto sums_over = [&](uint32_t side) {
+    const uint32_t width = observation_.scene->width;
+    std::map<std::pair<uint32_t, uint32_t>, double> sums;
+    for (size_t i = 0; i < pixels_.size(); ++i) {
+      sums[{pixels_[i] / width / side, pixels_[i] % width / side}] +=
+          robust_weight(i) * std::sqrt(fixed_weights_[i]) * differences[i];
+    }
+    return sums;
+  };
+  const auto squared = [](const auto& sums) {
+    double result = 0;
+    for (const auto& [place, sum] : sums) result += sum * sum;
+    return result;
+  };
+  const double of_squares = squared(sums_over(block_));
+  for (uint32_t factor = kLarger; factor > 1; factor /= 2) {
+    const auto larger = sums_over(factor * block_);
+    if (larger.size() < kEnough) continue;
+    return std::max(1.0, squared(larger) / of_squares);
+  }
+  return 1;
+}
+
 void ImageEquations::find_unexplained() {
   constexpr double kFar = 5;            // standard deviations of the others
   constexpr double kVisible = 0.05;     // of the radiance
   constexpr double kMost = 0.05;        // of the pixels
   constexpr double kOfMedian = 1.4826;  // the standard deviation of a Gaussian
-  Plane differences, weighted, render;
+  const Plane differences = differences_so_far();
+  Plane weighted, render;
   for (size_t i = 0; i < pixels_.size(); ++i) {
     render.push_back(radiance_[i] / samples_);
-    differences.push_back(image_[i] - render[i]);
     weighted.push_back(std::sqrt(fixed_weights_[i]) * differences[i]);
   }
   weighted = smoothed(weighted);

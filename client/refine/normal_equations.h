@@ -132,6 +132,10 @@ class ImageEquations {
   // block's terms of s and of H, row by row (client/refine/score_test.h).
   Matrix moments() const;
 
+  // By how much more differences to the renders so far scatter over large blocks than they would if
+  // squares of block x block pixels were independent; at least 1. 1 where a square is a pixel.
+  double dependence() const;
+
   size_t pixels() const { return pixels_.size(); }  // that count
 
   // How many squares of block x block pixels have some that count.
@@ -148,6 +152,8 @@ class ImageEquations {
 
  private:
   Structure structure_of(std::span<const double> differences) const;
+  // Image less render, on the average of what was taken.
+  std::vector<double> differences_so_far() const;
   // 1 + the sum of the observation's disturbances, so many of each, by pixel that counts.
   std::vector<double> disturbed(std::span<const double> amounts) const;
   void choose_pixels(std::span<const float> coverage);

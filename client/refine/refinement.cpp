@@ -341,9 +341,7 @@ v1::RefineResult Refinement::result(size_t colour) const {
         "it was still on its way when it ended, and the intervals do not hold: allow more "
         "iterations or time");
   }
-  constexpr double kGiven = 0.01;
-  const auto known_g = settings_.known_within().find(kKnownG);
-  if (known_g != settings_.known_within().end() && known_g->second < kGiven) {
+  if (is_g_given(settings_)) {
     result.add_remarks("g was given, not found: sigma_t and albedo are those of that g");
   }
   add_misfit(descent, settings_.block(), result);

@@ -304,6 +304,37 @@ TEST(Refinement, DisturbancesLeaveTheMaterialAlone) {
   EXPECT_LT(inside_without, kImages * 3 / 4);
 }
 
+// Where differences hang together over more than the squares that count as one, of half that side,
+// intervals know it.
+TEST(Refinement, IntervalsKnowWhatHangsTogetherOverSquares) {
+  constexpr int kImages = 100;
+  constexpr size_t kSide = SyntheticModel::kSide, kAlike = 4;
+  constexpr double kOff = 0.02, kNoise = 0.003;
+  const SyntheticModel model(0.03);
+  std::array<int, 2> inside{};
+  for (uint64_t i = 0; i < kImages; ++i) {
+    Observation observation = model.observe(kTruth, kNoise, 100 + i);
+    observation.noise.clear();
+    Gaussian1D gaussian(500 + i);
+    std::vector<double> factors;
+    for (size_t b = 0; b < (kSide / kAlike) * (kSide / kAlike); ++b) {
+      factors.push_back(1 + kOff * gaussian());
+    }
+    for (size_t p = 0; p < observation.radiance.size(); ++p) {
+      const size_t block = p / kSide / kAlike * (kSide / kAlike) + p % kSide / kAlike;
+      observation.radiance[p] *= static_cast<float>(factors[block]);
+    }
+    v1::RefineSettings settings;
+    settings.set_seed(i);
+    settings.set_max_spp(1024);
+    settings.set_block(kAlike / 2);
+    const v1::RefineResult r = refined(model, {observation}, settings, {kStart});
+    inside[0] += has(r.sigma_t(), kTruth.sigma_t);
+    inside[1] += has(r.albedo(), kTruth.albedo);
+  }
+  for (const int count : inside) EXPECT_GE(count, 0.85 * kImages);
+}
+
 // Dust that hides 2 % of the pixels does not change the answer, and is told.
 TEST(Refinement, LeavesOutWhatNoMaterialExplains) {
   constexpr int kImages = 100;
