@@ -81,6 +81,15 @@ void check(const FitOptions& options) {
   };
   require_one_or_each("--panorama-turn", options.panorama_turn);
   require_one_or_each("--camera-down", options.camera_down);
+  if (is_in_sun(options) && options.photograph.gray_card) {
+    throw usage(
+        "--gray-card is for a flash or a panorama: how bright the sun is, is not known; the "
+        "exposure "
+        "is found without");
+  }
+  if (options.sun_elevation && !is_in_sun(options)) {
+    throw usage("--sun-elevation is for --light sun");
+  }
   if (!is_builtin(options.shape) && fs::path(options.shape).extension().empty()) {
     throw usage(fmt::format(
         "--shape {}: it is neither the name of a .ply, .obj or .stl file nor a shape that itn "
@@ -153,6 +162,7 @@ void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOption
     if (!is_by_flash(options)) {
       pose.set_panorama_turn(std::remainder(stand.stand.panorama_turn, 360.0));
       pose.set_turn_ambiguous(stand.turn_ambiguous);
+      if (is_in_sun(options)) pose.set_sun_elevation(stand.stand.sun_elevation);
     }
     warn_if_near(pose, longest_side(bounds(mesh)));
     // The flash is that of the first photograph.
@@ -208,14 +218,19 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
           "shape is not symmetric, the material may be wrong with the pose\n",
           pose.image(), pose.alike());
     }
-    if (pose.has_panorama_turn()) {
+    if (pose.has_sun_elevation()) {
+      text += fmt::format(
+          "{}: the sun stands {:.0f} degrees above the horizon, {:.0f} degrees to the left of "
+          "where "
+          "the camera looks\n",
+          pose.image(), pose.sun_elevation(), pose.panorama_turn());
+    } else if (pose.has_panorama_turn()) {
       text += fmt::format("{}: the panorama is turned by {:.0f} degrees\n", pose.image(),
                           pose.panorama_turn());
     }
     if (pose.turn_ambiguous()) {
       text += fmt::format(
-          "{}: another turn of the panorama fits about as well: if --panorama-turn is known, say "
-          "so\n",
+          "{}: another turn of the light fits about as well: if --panorama-turn is known, say so\n",
           pose.image());
     }
   }
@@ -234,7 +249,7 @@ std::string in_words(const FitOptions& options) {
   return fmt::format(
       "photographs: {}\nscenes: {}\nshape: {}, size {}, mesh unit {}, repair {}\nlight: {}, flash "
       "{} within "
-      "{}, panorama {}, camera {} within {}\ncard: {} of {} at {} within {}\nfocal length: "
+      "{}, panorama {}, sun {}, camera {} within {}\ncard: {} of {} at {} within {}\nfocal length: "
       "{}\nindex: {} "
       "within {}\ng: {} within {}\nresolution: {}, luminance {}\nmask: {}\nstart: {}, {} starts, "
       "seed {}, spp {}\n",
@@ -244,7 +259,7 @@ std::string in_words(const FitOptions& options) {
       fmt::join(options.flash_offset, ","), options.flash_error,
       options.panorama_turn.empty() ? "found"
                                     : fmt::format("{}", fmt::join(options.panorama_turn, ",")),
-      fmt::join(options.camera_down, ","), options.turn_error,
+      options.sun_elevation.value_or(0), fmt::join(options.camera_down, ","), options.turn_error,
       photograph.gray_card
           ? fmt::format("{},{},{},{}", photograph.gray_card->x, photograph.gray_card->y,
                         photograph.gray_card->width, photograph.gray_card->height)

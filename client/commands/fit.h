@@ -17,12 +17,13 @@ struct FitOptions {
   std::vector<std::string> scenes;
   std::string shape;  // a mesh file, or a built-in one
   bool repair = false;
-  std::string light = "flash";                 // or the file of a panorama
+  std::string light = "flash";                 // or sun, or the file of a panorama
   std::vector<double> flash_offset{0, 12, 0};  // from the lens, in mm: to the right, up, back
   std::optional<double> card_distance;         // of the gray card from the flash, in mm
   // One for all photographs or one for each, in degrees.
   std::vector<double> panorama_turn;        // empty: as light and shade say
   std::vector<double> camera_down{0};       // below the horizon
+  std::optional<double> sun_elevation;      // degrees; absent: as light and shade say
   std::optional<double> focal_length_35mm;  // absent: as EXIF says
   double index = 1.5;
   // Standard deviations of what is said: of the index; of the flash's place to the side and up, in

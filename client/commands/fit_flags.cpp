@@ -42,8 +42,8 @@ void add_flags(CLI::App& command, FitOptions& options) {
   command.add_flag("--repair", options.repair, "Close a mesh that is nearly closed");
   command
       .add_option("--light", options.light,
-                  "flash: of the camera, in a dark room; or the file of a panorama (EXR or .hdr) "
-                  "of the room, of linear radiance")
+                  "flash: of the camera, in a dark room; sun: of a clear sky; or the file of a "
+                  "panorama (EXR or .hdr) of the room, of linear radiance")
       ->capture_default_str();
   command
       .add_option("--flash-offset", options.flash_offset,
@@ -55,22 +55,29 @@ void add_flags(CLI::App& command, FitOptions& options) {
   command
       .add_option(
           "--panorama-turn", options.panorama_turn,
-          "Of the panorama about the vertical, in degrees, counter-clockwise seen from above: at "
-          "0, its middle lies where the camera looks. Of several photographs one for all, or one "
-          "for each, separated by commas. Default: as light and shade on the object say")
+          "Of the panorama, or the sun, about the vertical, in degrees, counter-clockwise seen "
+          "from above: at 0, the panorama's middle, or the sun, lies where the camera looks. Of "
+          "several photographs one for all, or one for each, separated by commas. Default: as "
+          "light and shade on the object say")
       ->delimiter(',')
       ->check(number_in(-360.0, 360.0));
   command
       .add_option("--camera-down", options.camera_down,
                   "How far below the horizon the camera looks, in degrees, likewise; counts with a "
-                  "panorama")
+                  "panorama or the sun")
       ->delimiter(',')
       ->check(number_in(-89.0, 89.0))
       ->capture_default_str();
   command
+      .add_option(
+          "--sun-elevation", options.sun_elevation,
+          "How far above the horizon the sun stands, in degrees, with --light sun. Default: "
+          "as light and shade on the object say")
+      ->check(number_in(0.0, 90.0));
+  command
       .add_option("--turn-error", options.turn_error,
-                  "How well the turn of the panorama and --camera-down are known, in degrees, as a "
-                  "standard deviation")
+                  "How well the turn of the panorama, --camera-down and --sun-elevation are known, "
+                  "in degrees, as a standard deviation")
       ->check(number_in(0.0, 20.0))
       ->capture_default_str();
   command

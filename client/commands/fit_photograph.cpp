@@ -215,6 +215,10 @@ bool is_by_flash(const FitOptions& options) {
   return options.light == "flash";
 }
 
+bool is_in_sun(const FitOptions& options) {
+  return options.light == "sun";
+}
+
 double card_error_of(const FitOptions& options) {
   if (!options.photograph.gray_card) return 0;
   return options.card_error.value_or(is_by_flash(options) ? 0.03 : 0.06);
@@ -264,6 +268,8 @@ v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options) {
     const auto& offset = options.flash_offset;
     set(*light.mutable_sphere()->mutable_center(), {offset[0], offset[1], offset[2]});
     light.mutable_sphere()->set_radius(kFlashRadius);
+  } else if (is_in_sun(options)) {
+    light.mutable_sun_sky();
   } else {
     light.mutable_environment_map()->set_path(fs::absolute(options.light).string());
   }
@@ -289,6 +295,11 @@ void place(const Stand& stand, const Mesh& shape, const FitOptions& options, v1:
       // The left edge of a panorama lies along -z, where the camera looks; its middle is to do so.
       light.mutable_environment_map()->set_rotate_y_degrees(
           static_cast<float>(180 + stand.panorama_turn));
+    }
+    if (light.has_sun_sky()) {
+      light.mutable_sun_sky()->set_sun_azimuth_degrees(static_cast<float>(-stand.panorama_turn));
+      light.mutable_sun_sky()->set_sun_elevation_degrees(
+          static_cast<float>(std::clamp(stand.sun_elevation, 0.0, 90.0)));
     }
     if (!light.has_sphere()) continue;
     const double range = options.card_distance.value_or(flash_range(stand, shape, options));

@@ -63,12 +63,14 @@ uint32_t block_of(const std::vector<float>& mask, int width, const std::string& 
 // A shape that is no file.
 bool is_builtin(const std::string& shape);
 bool is_by_flash(const FitOptions& options);
+bool is_in_sun(const FitOptions& options);
 
 // How object and camera stand in the light.
 struct Stand {
-  Pose pose;                 // in front of the camera
-  double panorama_turn = 0;  // degrees, counter-clockwise seen from above
-  double camera_down = 0;    // degrees below the horizon
+  Pose pose;  // in front of the camera
+  // In degrees: of panorama or sun counter-clockwise seen from above, 0 where the camera looks; of
+  // the camera below the horizon, and of the sun above it.
+  double panorama_turn = 0, camera_down = 0, sun_elevation = 0;
 };
 
 // How far the object's middle is from the flash, in mm.

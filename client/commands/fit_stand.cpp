@@ -174,7 +174,7 @@ struct ScoutedStand {
   Scouting scouting = {};
 };
 
-// ---- The turn of a panorama ------------------------------------------------------------------
+// ---- The turn of a panorama, and where the sun stands ----------------------------------------
 
 // How unlike the photograph two independent renders are, times the factor that makes them most
 // alike: 0 to 1 of the photograph's square, without bias but for the factor.
@@ -191,35 +191,80 @@ double unlikeness(std::span<const float> photograph, std::span<const float> mask
   return square > 0 ? 1 - both * both / (own * square) : 1;
 }
 
-class TurnSearch {
+class LightSearch {
  public:
-  TurnSearch(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose,
-             const v1::Scene& scene, const FitOptions& options, RenderPool& pool)
+  LightSearch(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose,
+              const v1::Scene& scene, const FitOptions& options, RenderPool& pool)
       : radiance_(radiance_of(photograph.image, photograph.channels, v1::Film::LUMINANCE)),
         mask_(pixels_of_object(photograph, mesh, pose)),
         mesh_(mesh),
-        pose_(pose),
-        camera_down_(photograph.camera_down),
+        said_{pose, photograph.panorama_turn.value_or(0), photograph.camera_down,
+              options.sun_elevation.value_or(0)},
+        is_turn_said_(photograph.panorama_turn.has_value()),
         scene_(scene),
         options_(options),
         pool_(pool) {}
 
   struct Found {
-    double unlikeness = 0, degrees = 0;
+    double unlikeness = 0;
+    Stand stand;
   };
 
-  // Turns that fit better than those about them, all the way round, with materials of all kinds.
-  std::vector<Found> turns() const {
+  // Where light from there fits better than from places about it, all the way round, with materials
+  // of all kinds; at each of some heights of the sun, where that is not known.
+  std::vector<Found> stands() const {
+    if (!finds_elevation()) return stands_at(said_.sun_elevation);
+    std::vector<Found> all;
+    for (const double elevation : {20.0, 45.0, 70.0}) {
+      const std::vector<Found> found = stands_at(elevation);
+      all.insert(all.end(), found.begin(), found.end());
+    }
+    return all;
+  }
+
+  // The best place of the light nearby, for one material.
+  Stand improved(Stand stand, const Material& material) const {
+    constexpr uint32_t kSpp = 64;
+    const auto improve = [&](double Stand::*angle, double step) {
+      const auto moved_by = [&](double by) {
+        Stand result = stand;
+        result.*angle += by;
+        return result;
+      };
+      const std::array<Stand, 3> tried{moved_by(-step), stand, moved_by(step)};
+      const std::vector<double> losses = least_losses(tried, {&material, 1}, kSpp);
+      stand.*angle += step * vertex(losses[0], losses[1], losses[2]);
+    };
+    for (const double step : {8.0, 4.0}) {
+      if (!is_turn_said_) improve(&Stand::panorama_turn, step);
+      if (finds_elevation()) improve(&Stand::sun_elevation, step);
+    }
+    stand.sun_elevation = std::clamp(stand.sun_elevation, 0.0, 90.0);
+    return stand;
+  }
+
+ private:
+  bool finds_elevation() const { return is_in_sun(options_) && !options_.sun_elevation; }
+
+  std::vector<Found> stands_at(double elevation) const {
     constexpr size_t kTurns = 24;
     constexpr double kStep = 360.0 / kTurns;
-    std::vector<double> all;
-    for (size_t i = 0; i < kTurns; ++i) all.push_back(kStep * static_cast<double>(i));
+    const auto at = [&](double turn) {
+      Stand stand = said_;
+      if (!is_turn_said_) stand.panorama_turn = turn;
+      stand.sun_elevation = elevation;
+      return stand;
+    };
+    std::vector<Stand> all;
+    for (size_t i = 0; i < kTurns; ++i) all.push_back(at(kStep * static_cast<double>(i)));
+    if (is_turn_said_) all.resize(1);
     const double per_mm = 1 / longest_side(bounds(mesh_));
     const std::array<Material, 3> kinds{Material{30 * per_mm, 0.9, options_.g},
                                         Material{100 * per_mm, 0.99, options_.g},
                                         Material{300 * per_mm, 0.7, options_.g}};
     constexpr uint32_t kSpp = 6;
     const std::vector<double> losses = least_losses(all, kinds, kSpp);
+    if (is_turn_said_) return {{losses.front(), all.front()}};
     const auto smoothed = [&](size_t i) {
       const double before = losses[(i + kTurns - 1) % kTurns], after = losses[(i + 1) % kTurns];
       return 0.25 * before + 0.5 * losses[i % kTurns] + 0.25 * after;
@@ -229,23 +274,12 @@ class TurnSearch {
     for (size_t i = kTurns; i < 2 * kTurns; ++i) {
       const double before = smoothed(i - 1), here = smoothed(i), after = smoothed(i + 1);
       if (here > std::min({smoothed(i - 2), before, after, smoothed(i + 2)})) continue;
-      minima.push_back({here, all[i - kTurns] + vertex(before, here, after) * kStep});
+      minima.push_back(
+          {here, at((static_cast<double>(i - kTurns) + vertex(before, here, after)) * kStep)});
     }
     return minima;
   }
 
-  // The best turn nearby, for one material.
-  double improved(double turn, const Material& material) const {
-    constexpr uint32_t kSpp = 64;
-    for (const double step : {8.0, 4.0}) {
-      const std::array<double, 3> tried{turn - step, turn, turn + step};
-      const std::vector<double> losses = least_losses(tried, {&material, 1}, kSpp);
-      turn += step * vertex(losses[0], losses[1], losses[2]);
-    }
-    return turn;
-  }
-
- private:
   // Of a parabola through three values at -1, 0 and 1, where it is least: no further than 1.
   static double vertex(double before, double middle, double after) {
     const double curvature = before - 2 * middle + after;
@@ -253,20 +287,19 @@ class TurnSearch {
     return std::clamp((before - after) / (2 * curvature), -1.0, 1.0);
   }
 
-  // Of each turn, of the material that is best there.
-  std::vector<double> least_losses(std::span<const double> turns,
+  // Of each stand, of the material that is best there.
+  std::vector<double> least_losses(std::span<const Stand> stands,
                                    std::span<const Material> materials, uint32_t spp) const {
     constexpr uint32_t kEstimates = 2;
     std::vector<Variant> variants;
     spp = spp_for(mask_.size(), spp);
-    for (const double turn : turns) {
+    for (const Stand& stand : stands) {
       for (const Material& material : materials) {
-        variants.push_back(
-            {placed({pose_, turn, camera_down_}, mesh_, options_, scene_), {material}});
+        variants.push_back({placed(stand, mesh_, options_, scene_), {material}});
       }
     }
     const auto images = rendered(variants, spp, kEstimates, options_.refine.seed, pool_);
-    std::vector<double> losses(turns.size(), std::numeric_limits<double>::infinity());
+    std::vector<double> losses(stands.size(), std::numeric_limits<double>::infinity());
     for (size_t i = 0; i < images.size(); ++i) {
       double& least = losses[i / materials.size()];
       least = std::min(least, unlikeness(radiance_, mask_, images[i]));
@@ -276,8 +309,8 @@ class TurnSearch {
 
   std::vector<float> radiance_, mask_;
   const Mesh& mesh_;
-  const Pose& pose_;
-  double camera_down_;
+  const Stand said_;
+  const bool is_turn_said_;
   const v1::Scene& scene_;
   const FitOptions& options_;
   RenderPool& pool_;
@@ -330,7 +363,8 @@ Material of_similar_light(const Material& material, double g) {
 FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v1::Scene& scene,
                       const FitOptions& options, RenderPool& pool) {
   const Renderer renderer = rendered_by(pool, interruption());
-  const bool is_turned = !is_by_flash(options) && !photograph.panorama_turn;
+  const bool is_turned = !is_by_flash(options) && (!photograph.panorama_turn ||
+                                                   (is_in_sun(options) && !options.sun_elevation));
   const std::vector<FoundPose> poses = poses_of(photograph, mesh, options);
   constexpr size_t kMostPoses = 8, kMostStands = 4;
   const size_t tried = std::min(poses.size(), kMostPoses);
@@ -339,13 +373,14 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
   for (size_t i = 0; i < tried; ++i) {
     const Pose& pose = poses[i].pose;
     if (!is_turned) {
-      candidates.push_back(
-          {i, {pose, photograph.panorama_turn.value_or(0), photograph.camera_down}});
+      candidates.push_back({i,
+                            {pose, photograph.panorama_turn.value_or(0), photograph.camera_down,
+                             options.sun_elevation.value_or(0)}});
       continue;
     }
-    const TurnSearch search(photograph, mesh, pose, scene, options, pool);
-    for (const TurnSearch::Found& turn : search.turns()) {
-      candidates.push_back({i, {pose, turn.degrees, photograph.camera_down}, turn.unlikeness});
+    const LightSearch search(photograph, mesh, pose, scene, options, pool);
+    for (const LightSearch::Found& one : search.stands()) {
+      candidates.push_back({i, one.stand, one.unlikeness});
     }
   }
   if (is_turned) {
@@ -361,8 +396,8 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
                  starts_around(mean_of_size(longest_side(bounds(mesh))), starts), renderer);
   };
   const auto improve_turn = [&](Stand& stand, const Material& material) {
-    const TurnSearch search(photograph, mesh, stand.pose, scene, options, pool);
-    stand.panorama_turn = search.improved(stand.panorama_turn, material);
+    const LightSearch search(photograph, mesh, stand.pose, scene, options, pool);
+    stand = search.improved(stand, material);
   };
   if (candidates.size() > 1) {
     for (ScoutedStand& candidate : candidates) {
@@ -425,7 +460,9 @@ Disturbances disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
     add([&](Stand& stand, double times) { stand.pose = moved(pose, middle, error, times); });
   }
   if (!is_by_flash(options) && options.turn_error > 0) {
-    for (double Stand::*const angle : {&Stand::panorama_turn, &Stand::camera_down}) {
+    std::vector<double Stand::*> angles{&Stand::panorama_turn, &Stand::camera_down};
+    if (is_in_sun(options)) angles.push_back(&Stand::sun_elevation);
+    for (double Stand::*const angle : angles) {
       add([&](Stand& stand, double times) { stand.*angle += times * options.turn_error; });
     }
   }

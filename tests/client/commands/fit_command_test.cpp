@@ -196,6 +196,32 @@ TEST_F(FitCommand, FindsTheTurnOfAPanorama) {
   EXPECT_GE(material.sigma_s_reduced().high_95(), s) << done.output;
 }
 
+// The mug of the others under a clear sky, with the sun to the left and behind the camera.
+TEST_F(FitCommand, FindsTheSun) {
+  constexpr double kTurn = 120, kElevation = 35;
+  std::string scene = kPhotographed;
+  const size_t light = scene.find("lights"), camera = scene.find("camera");
+  scene.replace(light, camera - light,
+                "lights { sun_sky { sun_azimuth_degrees: " + std::to_string(-kTurn) +
+                    " sun_elevation_degrees: " + std::to_string(kElevation) + " } }\n");
+  photograph("in_sun.textproto", scene, "in_sun.exr");
+  Arguments arguments = command({"--object-size", "45", "--focal-length",
+                                 std::to_string(kFocalLength), "--light", "sun", "--json"});
+  arguments[2] = folder_->path("in_sun.exr");
+  *(std::ranges::find(arguments, "-o") + 1) = folder_->path("sun");
+  const Finished done = run(arguments);
+  ASSERT_EQ(done.exit_code, 0) << done.errors;
+  v1::FitResult result;
+  from_json(done.output, "fit", result);
+  EXPECT_NEAR(result.poses(0).panorama_turn(), kTurn, 4);
+  EXPECT_NEAR(result.poses(0).sun_elevation(), kElevation, 4);
+  const v1::RefineResult& material = result.results(0);
+  EXPECT_FALSE(material.misfit());
+  const double s = kSigmaT * kAlbedo * (1 - kG);
+  EXPECT_LE(material.sigma_s_reduced().low_95(), s) << done.output;
+  EXPECT_GE(material.sigma_s_reduced().high_95(), s) << done.output;
+}
+
 // One from nearer, of another side: by the same flash, which is brighter there.
 TEST_F(FitCommand, SeveralPhotographsTellMore) {
   std::string scene = kPhotographed;
