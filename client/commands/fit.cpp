@@ -121,6 +121,14 @@ std::optional<double> of_photograph(const std::vector<double>& all, size_t i) {
   return all[std::min(i, all.size() - 1)];
 }
 
+void refuse_if_huge(const FitOptions& options, double size) {
+  constexpr double kHuge = 5000;  // mm
+  if (size <= kHuge) return;
+  throw invalid_input(
+      fmt::format("{} is {:.4g} mm large; it must be {} mm at most: is {} right?", options.shape,
+                  size, kHuge, options.photograph.object_size ? "--object-size" : "--mesh-unit"));
+}
+
 // A photograph is hardly ever taken from so near.
 void warn_if_near(const v1::FitPose& pose, double size) {
   constexpr double kNear = 70, kSmall = 15;  // mm
@@ -135,10 +143,15 @@ void warn_if_near(const v1::FitPose& pose, double size) {
 void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOptions& refine,
                         v1::FitResult& result) {
   RenderPool pool(options.refine.workers.pool_options());
-  std::optional<Exposure> exposure;  // of the first photograph, and of all
-  for (size_t i = 0; i < options.images.size(); ++i) {
-    FitPhotograph photograph = load_fit_photograph(options.images[i], options, exposure);
-    exposure = photograph.exposure;
+  // All of them, before any work: what is wrong with one is said at once.
+  std::vector<FitPhotograph> photographs;
+  for (const std::string& image : options.images) {
+    std::optional<Exposure> of_first;
+    if (!photographs.empty()) of_first = photographs.front().exposure;
+    photographs.push_back(load_fit_photograph(image, options, of_first));
+  }
+  for (size_t i = 0; i < photographs.size(); ++i) {
+    FitPhotograph& photograph = photographs[i];
     photograph.panorama_turn = of_photograph(options.panorama_turn, i);
     photograph.camera_down = of_photograph(options.camera_down, i).value();
     const std::string stem = options.images.size() == 1 ? "" : fmt::format("_{}", i);
@@ -146,6 +159,7 @@ void write_posed_scenes(FitOptions options, const fs::path& folder, RefineOption
     v1::Scene scene = scene_of(photograph, options);
     const v1::Scene loaded = for_search(scene);
     const Mesh mesh = MeshBuilder(UINT64_MAX).build("object.mesh", loaded.object().mesh());
+    refuse_if_huge(options, longest_side(bounds(mesh)));
     const FoundStand stand = find_stand(photograph, mesh, loaded, options, pool);
     const FoundPose& found = stand.pose;
     v1::FitPose& pose = *result.add_poses();

@@ -18,8 +18,8 @@
 
 #include "client/dataset/noise.h"
 #include "client/render_pool/render_pool.h"
-#include "client/render_pool/reply_images.h"
 #include "client/render_pool/render_query.h"
+#include "client/render_pool/reply_images.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/folder_lock.h"

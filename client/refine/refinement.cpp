@@ -119,7 +119,7 @@ void add_misfit(const Descent& descent, uint32_t block, v1::RefineResult& result
   constexpr double kMisfit = 1.5;
   // What hangs together, as a part of the radiance. Intervals that come from squares of pixels know
   // of as much as small errors of a scene make.
-  constexpr double kLeast = 0.003, kLeastOfSquares = 0.02;
+  constexpr double kLeast = 0.003, kLeastOfSquares = 0.025;
   constexpr const char* kQuestion =
       "Are shape, light, camera, exposure and boundary those of the scene? The intervals know of "
       "noise alone, and do not hold";

@@ -340,6 +340,17 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
   refuse(command({"--object-size", "45", "--focal-length", focal}, "absent.stl"), 4, "absent.stl");
   refuse(command({"--object-size", "45", "--focal-length", focal, "--light", "absent.hdr"}), 4,
          "absent.hdr");
+  refuse(command({"--object-size", "45000", "--focal-length", focal}), 3, "is --object-size right");
+  Arguments two = command({"--object-size", "45", "--focal-length", focal});
+  two.insert(two.begin() + 3, folder_->path("absent.jpg"));
+  refuse(two, 4, "absent.jpg");
+  refuse(command({"--object-size", "45", "--focal-length", focal, "--light", "sun", "--gray-card",
+                  "0,0,16,16"}),
+         2, "--gray-card is for a flash or a panorama");
+  refuse(command({"--object-size", "45", "--focal-length", focal, "--sun-elevation", "30"}), 2,
+         "--light sun");
+  refuse(command({"--object-size", "45", "--focal-length", focal, "--camera-down", "1,2"}), 2,
+         "2 numbers for 1 photographs");
 }
 
 }  // namespace
