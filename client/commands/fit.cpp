@@ -9,6 +9,7 @@
 #include <cmath>
 #include <filesystem>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -71,7 +72,26 @@ void check(const FitOptions& options) {
     if (options.photograph.gray_card) {
       throw usage("--gray-card is for --shape: how bright it is in a scene is not known");
     }
+    const bool is_said_twice = options.light != "flash" || options.focal_length_35mm ||
+                               options.photograph.object_size ||
+                               options.index != FitOptions().index;
+    if (is_said_twice) {
+      throw usage(
+          "--light, --focal-length, --object-size and --index are for --shape: the scene of "
+          "--scene "
+          "says them");
+    }
     return;
+  }
+  const bool is_turned =
+      !options.panorama_turn.empty() || options.camera_down != FitOptions().camera_down;
+  if (is_by_flash(options) && is_turned) {
+    throw usage("--panorama-turn and --camera-down are for a panorama or the sun: say --light");
+  }
+  if (options.images.size() > 1 && fs::is_regular_file(options.photograph.mask)) {
+    throw usage(
+        "--mask is one file for several photographs; it must be a folder with one of the name of "
+        "each");
   }
   const auto require_one_or_each = [&](const char* flag, const std::vector<double>& values) {
     if (values.size() <= 1 || values.size() == options.images.size()) return;
@@ -292,9 +312,16 @@ void require_same(const FitOptions& options, const fs::path& folder) {
   if (!fs::exists(file)) return;
   const std::string before = read_file(file, "options"), now = in_words(options);
   if (before == now) return;
-  throw invalid_input(
-      fmt::format("choose another folder: {} has a fit of other options ({}):\n{}these are\n{}",
-                  folder.string(), kOptionsFile, before, now));
+  // The lines that differ.
+  std::string differences;
+  std::istringstream then_lines(before), now_lines(now);
+  for (std::string then_line, now_line; std::getline(now_lines, now_line);) {
+    std::getline(then_lines, then_line);
+    if (then_line != now_line)
+      differences += fmt::format("  there {}\n  now   {}\n", then_line, now_line);
+  }
+  throw invalid_input(fmt::format("choose another folder: {} has a fit of other options ({}):\n{}",
+                                  folder.string(), kOptionsFile, differences));
 }
 
 // `scene`: a file that the refinement was of.

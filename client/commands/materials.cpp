@@ -1,6 +1,7 @@
 // itn materials: the media that `itn render --material` knows, and files for renderers of them and
 // of other materials.
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <filesystem>
@@ -94,6 +95,9 @@ NamedMaterial from_refinement(std::vector<std::string> folders) {
     }
     v1::RefineResult refined;
     from_json(read_file(file, "result"), file.string(), refined);
+    if (refined.misfit()) {
+      spdlog::warn("{} is a misfit: shape, light or exposure were not those of its scene", folder);
+    }
     result.channels.push_back(from_proto(refined.material()));
     itn::validate(result.channels.back(), file.string());
     const auto interval = [](const char* name, const v1::RefinedParameter& of) {

@@ -345,6 +345,9 @@ v1::RefineResult Refinement::result(size_t colour) const {
     result.add_remarks("g was given, not found: sigma_t and albedo are those of that g");
   }
   add_misfit(descent, settings_.block(), result);
+  if (result.misfit() && was_cut_short) {
+    result.add_remarks("it ended by its limit: with more iterations or time it may be no misfit");
+  }
   add_remarks(result);
   add_few_squares(descent, result);
   add_unexplained(descent, result);

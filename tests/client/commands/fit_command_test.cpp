@@ -349,8 +349,14 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
          2, "--gray-card is for a flash or a panorama");
   refuse(command({"--object-size", "45", "--focal-length", focal, "--sun-elevation", "30"}), 2,
          "--light sun");
-  refuse(command({"--object-size", "45", "--focal-length", focal, "--camera-down", "1,2"}), 2,
-         "2 numbers for 1 photographs");
+  refuse(command({"--object-size", "45", "--focal-length", focal, "--camera-down", "1,2", "--light",
+                  "sun"}),
+         2, "2 numbers for 1 photographs");
+  refuse(command({"--object-size", "45", "--focal-length", focal, "--camera-down", "10"}), 2,
+         "say --light");
+  refuse({kItn, "fit", folder_->path("a.exr"), "--scene", scene, "--index", "1.3", "-o",
+          folder_->path("out")},
+         2, "the scene of --scene says them");
 }
 
 }  // namespace
