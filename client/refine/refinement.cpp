@@ -336,7 +336,9 @@ v1::RefineResult Refinement::result(size_t colour) const {
   result.set_seconds(trajectory_.back().seconds());
   const bool was_cut_short = descent.end() == v1::RefineResult::MAX_ITERATIONS ||
                              descent.end() == v1::RefineResult::TIME_LIMIT;
-  if (was_cut_short && descent.is_under_way()) {
+  // An answer of fewer is that of equations from far away.
+  constexpr uint32_t kFewIterations = 4;
+  if (was_cut_short && (descent.is_under_way() || descent.iterations() < kFewIterations)) {
     result.add_remarks(
         "it was still on its way when it ended, and the intervals do not hold: allow more "
         "iterations or time");

@@ -272,6 +272,7 @@ def main():
     options = parser.parse_args()
     options.wrong = options.wrong.split(",")
     errors = {"sigma_s_reduced": [], "sigma_a": []}
+    deviations = {name: [] for name in errors}  # errors over what the answer says of them
     albedos = []
     inside, total, told = 0, 0, 0
     for number in range(options.first, options.first + options.cases):
@@ -290,6 +291,7 @@ def main():
             p = found[name]
             off = math.log(p["value"] / value)
             errors[name].append(abs(off))
+            deviations[name].append(abs(p["value"] - value) / p["standard_deviation"])
             holds = p["low_95"] <= value <= p["high_95"]
             inside += holds
             total += 1
@@ -297,7 +299,8 @@ def main():
         print(f"{text}  {found['seconds']:.0f} s", flush=True)
     for name, off in errors.items():
         if off:
-            print(f"median error of ln {name}: {np.median(off):.3f} of {len(off)}")
+            print(f"median error of ln {name}: {np.median(off):.3f} of {len(off)}, "
+                  f"{np.median(deviations[name]):.2f} standard deviations (.67 of a Gaussian)")
     if albedos:
         print(f"median error of the diffuse albedo: {np.median(albedos):.4f}")
     print(f"truths in the 95 % intervals: {inside} of {total}; told as misfits: {told}")
