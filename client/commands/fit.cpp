@@ -78,8 +78,7 @@ void check(const FitOptions& options) {
     if (is_said_twice) {
       throw usage(
           "--light, --focal-length, --object-size and --index are for --shape: the scene of "
-          "--scene "
-          "says them");
+          "--scene says them");
     }
     return;
   }
@@ -104,8 +103,7 @@ void check(const FitOptions& options) {
   if (is_in_sun(options) && options.photograph.gray_card) {
     throw usage(
         "--gray-card is for a flash or a panorama: how bright the sun is, is not known; the "
-        "exposure "
-        "is found without");
+        "exposure is found without");
   }
   if (options.sun_elevation && !is_in_sun(options)) {
     throw usage("--sun-elevation is for --light sun");
@@ -255,8 +253,7 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
     if (pose.has_sun_elevation()) {
       text += fmt::format(
           "{}: the sun stands {:.0f} degrees above the horizon, {:.0f} degrees to the left of "
-          "where "
-          "the camera looks\n",
+          "where the camera looks\n",
           pose.image(), pose.sun_elevation(), pose.panorama_turn());
     } else if (pose.has_panorama_turn()) {
       text += fmt::format("{}: the panorama is turned by {:.0f} degrees\n", pose.image(),

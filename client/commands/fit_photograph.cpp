@@ -65,7 +65,6 @@ std::vector<double> white_in_light(const std::vector<std::string>& channels,
   std::vector<double> white(channels.size(), 1);
   if (is_by_flash(options)) return white;
   const v1::Pixels panorama = load_panorama(options.light);
-  constexpr std::array kColours{v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE};
   for (size_t c = 0; c < white.size(); ++c) {
     const v1::Film::Channel film = white.size() == 3 ? kColours[c] : v1::Film::LUMINANCE;
     white[c] = irradiance_from_above(panorama, film) / std::numbers::pi;

@@ -191,6 +191,16 @@ double unlikeness(std::span<const float> photograph, std::span<const float> mask
   return square > 0 ? 1 - both * both / (own * square) : 1;
 }
 
+// What is said of how the photograph was taken, and 0 where nothing is.
+Stand said_stand(const FitPhotograph& photograph, const Pose& pose, const FitOptions& options) {
+  return {pose, photograph.panorama_turn.value_or(0), photograph.camera_down,
+          options.sun_elevation.value_or(0)};
+}
+
+bool finds_elevation(const FitOptions& options) {
+  return is_in_sun(options) && !options.sun_elevation;
+}
+
 class LightSearch {
  public:
   LightSearch(const FitPhotograph& photograph, const Mesh& mesh, const Pose& pose,
@@ -198,8 +208,7 @@ class LightSearch {
       : radiance_(radiance_of(photograph.image, photograph.channels, v1::Film::LUMINANCE)),
         mask_(pixels_of_object(photograph, mesh, pose)),
         mesh_(mesh),
-        said_{pose, photograph.panorama_turn.value_or(0), photograph.camera_down,
-              options.sun_elevation.value_or(0)},
+        said_(said_stand(photograph, pose, options)),
         is_turn_said_(photograph.panorama_turn.has_value()),
         scene_(scene),
         options_(options),
@@ -213,7 +222,7 @@ class LightSearch {
   // Where light from there fits better than from places about it, all the way round, with materials
   // of all kinds; at each of some heights of the sun, where that is not known.
   std::vector<Found> stands() const {
-    if (!finds_elevation()) return stands_at(said_.sun_elevation);
+    if (!finds_elevation(options_)) return stands_at(said_.sun_elevation);
     std::vector<Found> all;
     for (const double elevation : {20.0, 45.0, 70.0}) {
       const std::vector<Found> found = stands_at(elevation);
@@ -237,15 +246,13 @@ class LightSearch {
     };
     for (const double step : {8.0, 4.0}) {
       if (!is_turn_said_) improve(&Stand::panorama_turn, step);
-      if (finds_elevation()) improve(&Stand::sun_elevation, step);
+      if (finds_elevation(options_)) improve(&Stand::sun_elevation, step);
     }
     stand.sun_elevation = std::clamp(stand.sun_elevation, 0.0, 90.0);
     return stand;
   }
 
  private:
-  bool finds_elevation() const { return is_in_sun(options_) && !options_.sun_elevation; }
-
   std::vector<Found> stands_at(double elevation) const {
     constexpr size_t kTurns = 24;
     constexpr double kStep = 360.0 / kTurns;
@@ -256,8 +263,9 @@ class LightSearch {
       return stand;
     };
     std::vector<Stand> all;
-    for (size_t i = 0; i < kTurns; ++i) all.push_back(at(kStep * static_cast<double>(i)));
-    if (is_turn_said_) all.resize(1);
+    for (size_t i = 0; i < (is_turn_said_ ? 1 : kTurns); ++i) {
+      all.push_back(at(kStep * static_cast<double>(i)));
+    }
     const double per_mm = 1 / longest_side(bounds(mesh_));
     const std::array<Material, 3> kinds{Material{30 * per_mm, 0.9, options_.g},
                                         Material{100 * per_mm, 0.99, options_.g},
@@ -363,8 +371,8 @@ Material of_similar_light(const Material& material, double g) {
 FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v1::Scene& scene,
                       const FitOptions& options, RenderPool& pool) {
   const Renderer renderer = rendered_by(pool, interruption());
-  const bool is_turned = !is_by_flash(options) && (!photograph.panorama_turn ||
-                                                   (is_in_sun(options) && !options.sun_elevation));
+  const bool is_turned =
+      !is_by_flash(options) && (!photograph.panorama_turn || finds_elevation(options));
   const std::vector<FoundPose> poses = poses_of(photograph, mesh, options);
   constexpr size_t kMostPoses = 8, kMostStands = 4;
   const size_t tried = std::min(poses.size(), kMostPoses);
@@ -373,9 +381,7 @@ FoundStand find_stand(const FitPhotograph& photograph, const Mesh& mesh, const v
   for (size_t i = 0; i < tried; ++i) {
     const Pose& pose = poses[i].pose;
     if (!is_turned) {
-      candidates.push_back({i,
-                            {pose, photograph.panorama_turn.value_or(0), photograph.camera_down,
-                             options.sun_elevation.value_or(0)}});
+      candidates.push_back({i, said_stand(photograph, pose, options)});
       continue;
     }
     const LightSearch search(photograph, mesh, pose, scene, options, pool);

@@ -404,12 +404,13 @@ Structure ImageEquations::structure_of(std::span<const double> differences) cons
     double energy = 0;
   };
   const uint32_t width = observation_.scene->width;
+  const Plane scaled_differences = in_deviations({differences.begin(), differences.end()});
   std::map<std::pair<uint32_t, uint32_t>, Block> blocks;
   for (size_t i = 0; i < pixels_.size(); ++i) {
     const uint32_t x = pixels_[i] % width, y = pixels_[i] / width;
     Block& block = blocks[{y / side, x / side}];
     Quarter& quarter = block.quarters[2 * (y % side / (side / 2)) + x % side / (side / 2)];
-    quarter.difference += robust_weight(i) * std::sqrt(fixed_weights_[i]) * differences[i];
+    quarter.difference += robust_weight(i) * scaled_differences[i];
     ++quarter.pixels;
     block.energy += fixed_weights_[i] * image_[i] * image_[i];
   }
@@ -477,17 +478,22 @@ std::vector<double> ImageEquations::differences_so_far() const {
   return differences;
 }
 
+std::vector<double> ImageEquations::in_deviations(std::vector<double> differences) const {
+  for (size_t i = 0; i < differences.size(); ++i) differences[i] *= std::sqrt(fixed_weights_[i]);
+  return differences;
+}
+
 double ImageEquations::dependence() const {
   constexpr uint32_t kLarger = 4;
   constexpr size_t kEnough = 12;
   if (block_ == 1 || samples_ == 0) return 1;
-  const Plane differences = differences_so_far();
+  const Plane differences = in_deviations(differences_so_far());
   const auto sums_over = [&](uint32_t side) {
     const uint32_t width = observation_.scene->width;
     std::map<std::pair<uint32_t, uint32_t>, double> sums;
     for (size_t i = 0; i < pixels_.size(); ++i) {
       sums[{pixels_[i] / width / side, pixels_[i] % width / side}] +=
-          robust_weight(i) * std::sqrt(fixed_weights_[i]) * differences[i];
+          robust_weight(i) * differences[i];
     }
     return sums;
   };
@@ -511,12 +517,9 @@ void ImageEquations::find_unexplained() {
   constexpr double kMost = 0.05;        // of the pixels
   constexpr double kOfMedian = 1.4826;  // the standard deviation of a Gaussian
   const Plane differences = differences_so_far();
-  Plane weighted, render;
-  for (size_t i = 0; i < pixels_.size(); ++i) {
-    render.push_back(radiance_[i] / samples_);
-    weighted.push_back(std::sqrt(fixed_weights_[i]) * differences[i]);
-  }
-  weighted = smoothed(weighted);
+  const Plane weighted = smoothed(in_deviations(differences));
+  Plane render;
+  for (const double sum : radiance_) render.push_back(sum / samples_);
   render = smoothed(render);
   Plane sizes;
   for (const double value : weighted) sizes.push_back(std::abs(value));

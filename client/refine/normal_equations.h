@@ -154,6 +154,8 @@ class ImageEquations {
   Structure structure_of(std::span<const double> differences) const;
   // Image less render, on the average of what was taken.
   std::vector<double> differences_so_far() const;
+  // In standard deviations of noise, as the fixed weights have it.
+  std::vector<double> in_deviations(std::vector<double> differences) const;
   // 1 + the sum of the observation's disturbances, so many of each, by pixel that counts.
   std::vector<double> disturbed(std::span<const double> amounts) const;
   void choose_pixels(std::span<const float> coverage);

@@ -149,11 +149,11 @@ class Bench {
         image_weights(image, images_.resolution, v1::TrainingConfig::WEIGHT_MAP);
     std::vector<RenderQuery> queries;
     for (int r = 0; r < options_.repeats; ++r) {
-      queries.push_back({.image = image.radiance,
-                         .weight = weight,
-                         .scene = images_.scene(i),
+      queries.push_back({.scene = images_.scene(i),
                          .material = space_.material(answers_[i].output),
-                         .seed = derive_seed(1, {i, static_cast<uint64_t>(r)})});
+                         .seed = derive_seed(1, {i, static_cast<uint64_t>(r)}),
+                         .image = image.radiance,
+                         .weight = weight});
     }
     std::vector<MaterialCoordinates> result;
     for (const tracer::LossWithGradient& loss : term(queries)) {

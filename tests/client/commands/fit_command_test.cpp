@@ -113,6 +113,34 @@ class FitCommand : public ::testing::Test {
     return arguments;
   }
 
+  // The mug in other light.
+  static std::string lit_by(const std::string& lights) {
+    std::string scene = kPhotographed;
+    const size_t light = scene.find("lights"), camera = scene.find("camera");
+    return scene.replace(light, camera - light, lights);
+  }
+
+  // Of a photograph of the mug, in a folder of its own.
+  static v1::FitResult fitted(const std::string& image, const std::string& output,
+                              const Arguments& more) {
+    Arguments arguments =
+        command({"--object-size", "45", "--focal-length", std::to_string(kFocalLength), "--json"});
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    arguments[2] = folder_->path(image);
+    *(std::ranges::find(arguments, "-o") + 1) = folder_->path(output);
+    const Finished done = run(arguments);
+    EXPECT_EQ(done.exit_code, 0) << done.errors;
+    v1::FitResult result;
+    if (done.exit_code == 0) from_json(done.output, "fit", result);
+    return result;
+  }
+
+  static void expect_has_reduced_scattering(const v1::RefineResult& material) {
+    const double s = kSigmaT * kAlbedo * (1 - kG);
+    EXPECT_LE(material.sigma_s_reduced().low_95(), s);
+    EXPECT_GE(material.sigma_s_reduced().high_95(), s);
+  }
+
   static inline TemporaryFolder* folder_ = nullptr;
 };
 
@@ -163,12 +191,10 @@ TEST_F(FitCommand, FindsTheTurnOfAPanorama) {
   constexpr double kTurn = 70;
   write_room(folder_->path("room.exr"));
   // The mug of the others in the light of a room. A card beside it would have that of above.
-  std::string scene = kPhotographed;
-  const size_t light = scene.find("lights"), camera = scene.find("camera");
-  scene.replace(light, camera - light,
-                "lights { environment_map { path: \"room.exr\" rotate_y_degrees: " +
-                    std::to_string(180 + kTurn) + " } }\n");
-  photograph("in_room.textproto", scene, "in_room.exr");
+  photograph("in_room.textproto",
+             lit_by("lights { environment_map { path: \"room.exr\" rotate_y_degrees: " +
+                    std::to_string(180 + kTurn) + " } }\n"),
+             "in_room.exr");
   Image in_room = read_exr(folder_->path("in_room.exr"));
   constexpr double kGray = 0.18;
   const v1::Pixels room = load_panorama(folder_->path("room.exr"));
@@ -178,48 +204,30 @@ TEST_F(FitCommand, FindsTheTurnOfAPanorama) {
                 static_cast<float>(kGray * irradiance_from_above(room) / std::numbers::pi));
   }
   write_exr(folder_->path("in_room.exr"), in_room);
-  Arguments arguments =
-      command({"--object-size", "45", "--focal-length", std::to_string(kFocalLength), "--light",
-               folder_->path("room.exr"), "--gray-card", "0,0,16,16", "--json"});
-  arguments[2] = folder_->path("in_room.exr");
-  *(std::ranges::find(arguments, "-o") + 1) = folder_->path("room");
-  const Finished done = run(arguments);
-  ASSERT_EQ(done.exit_code, 0) << done.errors;
-  v1::FitResult result;
-  from_json(done.output, "fit", result);
+  const v1::FitResult result = fitted(
+      "in_room.exr", "room", {"--light", folder_->path("room.exr"), "--gray-card", "0,0,16,16"});
+  ASSERT_EQ(result.results_size(), 1);
   EXPECT_NEAR(result.poses(0).panorama_turn(), kTurn, 3);
   EXPECT_FALSE(result.poses(0).turn_ambiguous());
   const v1::RefineResult& material = result.results(0);
   EXPECT_NEAR(material.exposure().value(), 1, 0.1);
-  const double s = kSigmaT * kAlbedo * (1 - kG);
-  EXPECT_LE(material.sigma_s_reduced().low_95(), s) << done.output;
-  EXPECT_GE(material.sigma_s_reduced().high_95(), s) << done.output;
+  expect_has_reduced_scattering(material);
 }
 
 // The mug of the others under a clear sky, with the sun to the left and behind the camera.
 TEST_F(FitCommand, FindsTheSun) {
   constexpr double kTurn = 120, kElevation = 35;
-  std::string scene = kPhotographed;
-  const size_t light = scene.find("lights"), camera = scene.find("camera");
-  scene.replace(light, camera - light,
-                "lights { sun_sky { sun_azimuth_degrees: " + std::to_string(-kTurn) +
-                    " sun_elevation_degrees: " + std::to_string(kElevation) + " } }\n");
-  photograph("in_sun.textproto", scene, "in_sun.exr");
-  Arguments arguments = command({"--object-size", "45", "--focal-length",
-                                 std::to_string(kFocalLength), "--light", "sun", "--json"});
-  arguments[2] = folder_->path("in_sun.exr");
-  *(std::ranges::find(arguments, "-o") + 1) = folder_->path("sun");
-  const Finished done = run(arguments);
-  ASSERT_EQ(done.exit_code, 0) << done.errors;
-  v1::FitResult result;
-  from_json(done.output, "fit", result);
+  photograph("in_sun.textproto",
+             lit_by("lights { sun_sky { sun_azimuth_degrees: " + std::to_string(-kTurn) +
+                    " sun_elevation_degrees: " + std::to_string(kElevation) + " } }\n"),
+             "in_sun.exr");
+  const v1::FitResult result = fitted("in_sun.exr", "sun", {"--light", "sun"});
+  ASSERT_EQ(result.results_size(), 1);
   EXPECT_NEAR(result.poses(0).panorama_turn(), kTurn, 4);
   EXPECT_NEAR(result.poses(0).sun_elevation(), kElevation, 4);
   const v1::RefineResult& material = result.results(0);
   EXPECT_FALSE(material.misfit());
-  const double s = kSigmaT * kAlbedo * (1 - kG);
-  EXPECT_LE(material.sigma_s_reduced().low_95(), s) << done.output;
-  EXPECT_GE(material.sigma_s_reduced().high_95(), s) << done.output;
+  expect_has_reduced_scattering(material);
 }
 
 // One from nearer, of another side: by the same flash, which is brighter there.
@@ -228,13 +236,7 @@ TEST_F(FitCommand, SeveralPhotographsTellMore) {
   scene.replace(scene.find("angle_degrees: 140"), 18, "angle_degrees: 60");
   scene.replace(scene.find("z: -330"), 7, "z: -290");
   photograph("nearer.textproto", scene, "b.exr");
-  Arguments arguments = command({folder_->path("b.exr"), "--object-size", "45", "--focal-length",
-                                 std::to_string(kFocalLength), "--json"});
-  *(std::ranges::find(arguments, "-o") + 1) = folder_->path("both");
-  const Finished done = run(arguments);
-  ASSERT_EQ(done.exit_code, 0) << done.errors;
-  v1::FitResult result;
-  from_json(done.output, "fit", result);
+  const v1::FitResult result = fitted("a.exr", "both", {folder_->path("b.exr")});
   ASSERT_EQ(result.poses_size(), 2);
   for (const int i : {0, 1}) {
     v1::Scene found;

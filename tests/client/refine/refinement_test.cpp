@@ -34,6 +34,12 @@ bool has(const v1::RefinedParameter& p, double truth) {
   return p.low_95() <= truth && truth <= p.high_95();
 }
 
+// Of so many draws 95 %, give or take four standard deviations of the binomial distribution.
+void expect_covered(std::span<const int> inside, int draws) {
+  const double sigma = std::sqrt(0.95 * 0.05 / draws);
+  for (const int count : inside) EXPECT_NEAR(static_cast<double>(count) / draws, 0.95, 4 * sigma);
+}
+
 TEST(Refinement, FindsTheTruthInImagesWithoutNoise) {
   const SyntheticModel quiet(0.01);
   const v1::RefineResult result = refined(quiet, {quiet.observe(kTruth, 0, 1)}, {}, {kStart});
@@ -149,8 +155,7 @@ TEST(Refinement, IntervalsCoverTheTruth) {
     inside[1] += has(r.albedo(), kTruth.albedo);
     inside[2] += has(r.g(), kTruth.g);
   }
-  const double sigma = std::sqrt(0.95 * 0.05 / kImages);
-  for (const int count : inside) EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
+  expect_covered(inside, kImages);
 }
 
 // Where the renders that are allowed hardly tell g, chance must not make it look as if they did,
@@ -209,8 +214,7 @@ TEST(Refinement, FindsAnUnknownOfTheSceneToo) {
     inside[2] += has(r.exposure(), kExposure);
     errors.push_back(r.unknowns(0).value() - kIndex);
   }
-  const double sigma = std::sqrt(0.95 * 0.05 / kImages);
-  for (const int count : inside) EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
+  expect_covered(inside, kImages);
   expect_equal(over_batches(errors), {0}, 1, "index");
 }
 
@@ -255,11 +259,8 @@ TEST(Refinement, ColoursShareWhatIsNoMaterial) {
     alone += refined(model, {observations[0]}, settings, {kStart}).exposure().standard_deviation() /
              kImages;
   }
-  const double sigma = std::sqrt(0.95 * 0.05 / kImages);
   for (const auto& counts : {of_sigma_t, of_albedo, {of_g, of_exposure, of_index}}) {
-    for (const int count : counts) {
-      EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
-    }
+    expect_covered(counts, kImages);
   }
   EXPECT_LT(together, 0.75 * alone);
   EXPECT_LT(index_deviation, kWithin);
@@ -299,8 +300,7 @@ TEST(Refinement, DisturbancesLeaveTheMaterialAlone) {
     inside[2] += has(r.g(), kTruth.g);
     EXPECT_FALSE(r.misfit());
   }
-  const double sigma = std::sqrt(0.95 * 0.05 / kImages);
-  for (const int count : inside) EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
+  expect_covered(inside, kImages);
   EXPECT_LT(inside_without, kImages * 3 / 4);
 }
 
@@ -365,8 +365,7 @@ TEST(Refinement, LeavesOutWhatNoMaterialExplains) {
     EXPECT_GT(r.unexplained(), 0.019);
     EXPECT_THAT(r.remarks(), ::testing::Contains(::testing::HasSubstr("dust")));
   }
-  const double sigma = std::sqrt(0.95 * 0.05 / kImages);
-  for (const int count : inside) EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
+  expect_covered(inside, kImages);
   const v1::RefineResult clean = refined(model, {model.observe(kTruth, 0.05, 1)}, {}, {kStart});
   EXPECT_EQ(clean.unexplained(), 0);
 }
@@ -392,8 +391,7 @@ TEST(Refinement, IntervalsCoverTheTruthAtTheEndsOfRanges) {
     inside[3] += has(r.unknowns(0), kLeastIndex);
     EXPECT_GT(r.albedo().low_95(), 0.8);
   }
-  const double sigma = std::sqrt(0.95 * 0.05 / kImages);
-  for (const int count : inside) EXPECT_NEAR(static_cast<double>(count) / kImages, 0.95, 4 * sigma);
+  expect_covered(inside, kImages);
 }
 
 TEST(Refinement, SeveralImagesTellMore) {
