@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <optional>
@@ -72,13 +73,16 @@ void check(const FitOptions& options) {
     if (options.photograph.gray_card) {
       throw usage("--gray-card is for --shape: how bright it is in a scene is not known");
     }
-    const bool is_said_twice = options.light != "flash" || options.focal_length_35mm ||
-                               options.photograph.object_size ||
-                               options.index != FitOptions().index;
+    const FitOptions unsaid;
+    const bool is_said_twice =
+        options.light != unsaid.light || options.flash_offset != unsaid.flash_offset ||
+        options.panorama_turn != unsaid.panorama_turn ||
+        options.camera_down != unsaid.camera_down || options.sun_elevation ||
+        options.focal_length_35mm || !options.object_size.empty() || options.index != unsaid.index;
     if (is_said_twice) {
       throw usage(
-          "--light, --focal-length, --object-size and --index are for --shape: the scene of "
-          "--scene says them");
+          "--object-size, --index, --focal-length, --light and where the light stands are for "
+          "--shape: the scene of --scene says them");
     }
     return;
   }
@@ -114,7 +118,13 @@ void check(const FitOptions& options) {
         "shapes lists",
         options.shape));
   }
-  if (!options.photograph.object_size && (is_builtin(options.shape) || !options.refine.mesh_unit)) {
+  if (options.object_size.size() == 2 || options.object_size.size() > 3) {
+    throw usage(
+        fmt::format("--object-size has {} numbers; it takes the longest side, or the sides along "
+                    "x, y and z of the shape",
+                    options.object_size.size()));
+  }
+  if (options.object_size.empty() && (is_builtin(options.shape) || !options.refine.mesh_unit)) {
     throw usage(
         "--object-size is required, the longest side of the object in mm, or --mesh-unit where the "
         "shape's file has its size");
@@ -142,9 +152,9 @@ std::optional<double> of_photograph(const std::vector<double>& all, size_t i) {
 void refuse_if_huge(const FitOptions& options, double size) {
   constexpr double kHuge = 5000;  // mm
   if (size <= kHuge) return;
-  throw invalid_input(
-      fmt::format("{} is {:.4g} mm large; it must be {} mm at most: is {} right?", options.shape,
-                  size, kHuge, options.photograph.object_size ? "--object-size" : "--mesh-unit"));
+  throw invalid_input(fmt::format("{} is {:.4g} mm large; it must be {} mm at most: is {} right?",
+                                  options.shape, size, kHuge,
+                                  options.object_size.empty() ? "--mesh-unit" : "--object-size"));
 }
 
 // A photograph is hardly ever taken from so near.
@@ -285,7 +295,8 @@ std::string in_words(const FitOptions& options) {
       "within {}\ng: {} within {}\nresolution: {}, luminance {}\nmask: {}\nstart: {}, {} starts, "
       "seed {}, spp {}\n",
       fmt::join(options.images, " "), fmt::join(options.scenes, " "), options.shape,
-      photograph.object_size.value_or(0),
+      options.object_size.empty() ? "of its file"
+                                  : fmt::format("{}", fmt::join(options.object_size, ",")),
       static_cast<int>(options.refine.mesh_unit.value_or(v1::MM)), options.repair, options.light,
       fmt::join(options.flash_offset, ","), options.flash_error,
       options.panorama_turn.empty() ? "found"
@@ -345,6 +356,7 @@ void run_fit(const FitOptions& options) {
   check(options);
   const fs::path folder = options.refine.output;
   check_folder_writable(folder);
+  const auto begin = std::chrono::steady_clock::now();
   const FolderLock lock(folder, "fits a material");
   lock.remove_temporary_files();
   require_same(options, folder);
@@ -359,6 +371,8 @@ void run_fit(const FitOptions& options) {
     prepare_given_scenes(options, folder, refine);
   }
   write_file_atomically(folder / kOptionsFile, in_words(options));
+  refine.seconds_before =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   const std::vector<v1::RefineResult> found = find_materials(refine);
   result.mutable_results()->Add(found.begin(), found.end());
   write_report(options, refine.scenes.front(), folder, result);

@@ -16,6 +16,8 @@ struct FitOptions {
   // One for all of the images or one for each, where all is known; of others the shape alone is.
   std::vector<std::string> scenes;
   std::string shape;  // a mesh file, or a built-in one
+  // In mm: of the longest side, or of those along x, y and z; empty: as refine.mesh_unit says.
+  std::vector<double> object_size;
   bool repair = false;
   std::string light = "flash";                 // or sun, or the file of a panorama
   std::vector<double> flash_offset{0, 12, 0};  // from the lens, in mm: to the right, up, back

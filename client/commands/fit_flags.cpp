@@ -34,9 +34,11 @@ void add_flags(CLI::App& command, FitOptions& options) {
                   "stands is found")
       ->excludes(scene);
   command
-      .add_option("--object-size", photograph.object_size,
-                  "Longest side of the object, in mm. Default: as the shape's file has it, if "
-                  "--mesh-unit says its unit")
+      .add_option("--object-size", options.object_size,
+                  "Longest side of the object, in mm; or its sides along x, y and z of the shape, "
+                  "y being up, separated by commas: a slab is a cube of 60,5,40. Default: as the "
+                  "shape's file has it, if --mesh-unit says its unit")
+      ->delimiter(',')
       ->check(number_in(1e-3, 1e6));
   add_mesh_unit_flag(command, refine.mesh_unit);
   command.add_flag("--repair", options.repair, "Close a mesh that is nearly closed");
@@ -148,7 +150,10 @@ void add_flags(CLI::App& command, FitOptions& options) {
       ->capture_default_str();
   command.add_option("--max-spp", refine.max_spp, "As of itn refine")
       ->check(number_in(64U, 1U << 20));
-  command.add_option("--time-limit", refine.time_limit, "Of the refinement, in seconds; 0: none")
+  command
+      .add_option("--time-limit", refine.time_limit,
+                  "In seconds, from the beginning: the refinement has what the search for the "
+                  "object leaves, one iteration at least; 0: none")
       ->check(number_in(0.0, 1e9))
       ->capture_default_str();
   command.add_option("--seed", refine.seed, "Of the random numbers")
@@ -169,7 +174,7 @@ void add_fit_command(CLI::App& app) {
   options->refine.init = "mean";
   options->refine.starts = 4;
   options->refine.max_spp = 4096;
-  options->refine.time_limit = 150;
+  options->refine.time_limit = 180;
   CLI::App* command = app.add_subcommand(
       "fit", "Find the material of an object of known shape from its photograph");
   add_flags(*command, *options);

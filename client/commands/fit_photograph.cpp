@@ -18,6 +18,8 @@
 #include "common/geometry/shapes.h"
 #include "common/scene/field_check.h"
 #include "common/scene/panorama_file.h"
+#include "common/scene/scene_file.h"
+#include "server/scene_compiler/mesh_builder.h"
 
 namespace itn {
 namespace fs = std::filesystem;
@@ -56,6 +58,21 @@ Rotation<double> looking_down(double degrees) {
   const double angle = degrees * kRadiansPerDegree;
   const double c = std::cos(angle), s = std::sin(angle);
   return {{1, 0, 0}, {0, c, s}, {0, -s, c}};
+}
+
+// Scales it to its longest side, or to its sides along x, y and z.
+void set_size(const std::vector<double>& size, v1::Mesh& mesh) {
+  mesh.set_normalize(true);
+  Vec3d scale{size[0], size[0], size[0]};
+  if (size.size() == 3) {
+    v1::Scene of_one_mm;
+    *of_one_mm.mutable_object()->mutable_mesh() = mesh;
+    load_files(of_one_mm, {});
+    const Bounds box = object_bounds("object", of_one_mm.object());
+    const Vec3d sides = Vec3d(box.max) - Vec3d(box.min);
+    scale = {size[0] / sides.x, size[1] / sides.y, size[2] / sides.z};
+  }
+  set(*mesh.add_transforms()->mutable_scale(), scale);
 }
 
 // The radiance of a white card in the light of the scene, by channel: before a flash 1 (place());
@@ -234,11 +251,7 @@ v1::Scene scene_of(const FitPhotograph& photograph, const FitOptions& options) {
     mesh.set_repair(options.repair);
     mesh.set_unit(options.refine.mesh_unit.value_or(v1::MM));
   }
-  if (options.photograph.object_size) {
-    mesh.set_normalize(true);
-    const double size = *options.photograph.object_size;
-    set(*mesh.add_transforms()->mutable_scale(), {size, size, size});
-  }
+  if (!options.object_size.empty()) set_size(options.object_size, mesh);
   object.mutable_rough_dielectric()->set_index(static_cast<float>(options.index));
   object.mutable_rough_dielectric()->set_roughness(0.25F);
   object.set_smooth_angle_degrees(30);

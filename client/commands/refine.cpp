@@ -430,6 +430,7 @@ std::vector<v1::RefineResult> find_materials(const RefineOptions& options) {
   const RefineRun refine_run{
       .folder = options.output,
       .origin = origin_of(options),
+      .seconds_before = options.seconds_before,
       .starts = [&] { return starts_around(first_start(options, scenes), options.starts); },
       .report = [&](const v1::RefineIteration& i) { progress.update(++done, in_short(i)); }};
   const Refinement refinement = refine(settings, observations, renderer, refine_run);

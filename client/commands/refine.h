@@ -33,7 +33,8 @@ struct RefineOptions {
   double expected_g = 0;
   uint32_t block = 1;  // RefineSettings.block
   uint32_t spp = 0, max_spp = 0, max_iterations = 0;
-  double time_limit = 0, tolerance = 0.002, learning_rate = 0.05;
+  double time_limit = 0, seconds_before = 0;  // RefineRun
+  double tolerance = 0.002, learning_rate = 0.05;
   uint64_t seed = 0;
   std::string output;
   bool json = false;

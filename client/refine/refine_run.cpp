@@ -81,7 +81,7 @@ std::string how_far(const v1::RefineState& state) {
 Refinement begin_or_continue(const v1::RefineSettings& settings,
                              std::span<const Observation> observations, const RefineRun& run) {
   std::optional<v1::RefineState> state = find_state(run.folder);
-  if (!state) return Refinement(settings, observations, run.starts());
+  if (!state) return Refinement(settings, observations, run.starts(), run.seconds_before);
   raise_limits(settings, *state);
   require_same(*state, settings, observations, run);
   spdlog::info("{}: {}", run.folder.string(), how_far(*state));

@@ -201,10 +201,11 @@ std::string digest_of(std::span<const Observation> observations) {
 }
 
 Refinement::Refinement(v1::RefineSettings settings, std::span<const Observation> observations,
-                       const std::vector<Material>& starts)
+                       const std::vector<Material>& starts, double seconds_before)
     : settings_(with_defaults(std::move(settings))),
       observations_(observations),
-      digest_(digest_of(observations)) {
+      digest_(digest_of(observations)),
+      seconds_before_(seconds_before) {
   check(settings_);
   check(observations_);
   layout_ = layout_of(settings_, observations_);
@@ -272,7 +273,7 @@ const v1::RefineIteration& Refinement::step(const Renderer& renderer) {
   Descent& descent = descents_[start];
   v1::RefineIteration iteration = descent.step(renderer, derive_seed(settings_.seed(), {start}));
   const double took = clock_() - begin;
-  const double before = trajectory_.empty() ? 0 : trajectory_.back().seconds();
+  const double before = trajectory_.empty() ? seconds_before_ : trajectory_.back().seconds();
   iteration.set_start(static_cast<uint32_t>(start));
   iteration.set_seconds(before + took);
   trajectory_.push_back(iteration);

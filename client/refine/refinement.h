@@ -43,11 +43,12 @@ std::string digest_of(std::span<const Observation> observations);
 class Refinement {
  public:
   // From each of the starts (at least one), which all colours have in common, and where the scenes
-  // have the unknowns of the settings.
+  // have the unknowns of the settings. `seconds_before`, which went by before, are part of the time
+  // limit.
   // The observations, at least one, must outlive it. Throws Error (invalid input) as validate() of
   // observations and materials and scene_unknowns() do, and if settings are out of their ranges.
   Refinement(v1::RefineSettings settings, std::span<const Observation> observations,
-             const std::vector<Material>& starts);
+             const std::vector<Material>& starts, double seconds_before = 0);
   // Goes on from a state, to the same answer bit for bit. Throws Error (invalid input) if it is one
   // of other observations, or damaged.
   Refinement(std::span<const Observation> observations, const v1::RefineState& state);
@@ -90,6 +91,7 @@ class Refinement {
   Layout layout_;
   std::vector<Descent> descents_;
   std::vector<v1::RefineIteration> trajectory_;
+  double seconds_before_ = 0;
   std::function<double()> clock_ = [] {
     return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
         .count();

@@ -9,6 +9,7 @@ flash, index), and prints the errors, and how many truths lie in the 95 % interv
 
 card: a flash in a dark room, and a gray card; plain: the same without one; panorama: a room whose panorama is
 given, not its turn, and a card that lies beside the object. --lie: how often is it told that an answer is wrong?
+--colour: of red, green and blue together; --shape: another shape than the case's, and its sides.
 Cases that are in --out are not fitted again. Needs python3-numpy and python3-openimageio (Debian).
 """
 import argparse
@@ -26,7 +27,11 @@ SHAPES = ["sphere", "mug", "figure", "knot", "random:3", "random:8"]
 MATERIALS = [(2.62, 0.0041), (0.70, 0.0012), (1.51, 0.031), (0.88, 0.095), (0.4, 0.02), (3.0, 0.1), (1.0, 0.3), (6.0, 0.05)]
 DISTURBANCES = ["focal", "mask", "flash", "index"]
 # What makes any answer wrong, which is to be told.
-LIES = ["size", "light", "stretch", "two", "curve"]
+LIES = ["size", "light", "stretch", "two", "curve", "opaque"]
+# Of red, green and blue: reduced scattering and absorption over those of a case's material.
+COLOURS = [(0.85, 0.4), (1, 1), (1.2, 2.5)]
+# The sides of built-in shapes whose longest side is 1 mm.
+SIDES = {"cube": (1, 1, 1), "cylinder": (0.5, 1, 0.5)}
 SIDE = 512  # pixels of the photograph
 FOV = 20.0  # degrees
 SIZE = 40.0  # mm
@@ -42,6 +47,10 @@ def read(path):
     pixels, names = image.read_image(format="float"), list(image.spec().channelnames)
     image.close()
     return {name: pixels[..., i] for i, name in enumerate(names)}
+
+
+def channels_of(render):
+    return "RGB" if "R" in render else "Y"
 
 
 def write(path, pixels, attributes=()):
@@ -128,7 +137,7 @@ def card_in(setup):
     return (-30, 26, -262), (7, 0, 0), tuple(8 * x for x in back)
 
 
-def scene(mesh, rng, setup, roughness, index, flash, turn, stretch):
+def scene(mesh, scale, rng, setup, roughness, index, flash, turn):
     axis, angle = rotation(rng)
     down = 0 if by_flash(setup) else DOWN
     light = f"lights {{ point {{ position {{ x: {flash[0]} y: {flash[1]} z: {flash[2]} }} intensity: 0.2 }} }}"
@@ -145,8 +154,8 @@ def scene(mesh, rng, setup, roughness, index, flash, turn, stretch):
     # The mesh stands on its origin: its middle is brought to where the camera looks.
     return f"""object {{
   mesh {{ {mesh} normalize: true
-    transforms {{ scale {{ x: {SIZE * stretch} y: {SIZE} z: {SIZE} }} }}
-    transforms {{ translate {{ y: {-SIZE / 2.5} }} }}
+    transforms {{ scale {vector(scale)} }}
+    transforms {{ translate {{ y: {-scale[1] / 2.5} }} }}
     transforms {{ rotate {{ axis {vector(axis)} angle_degrees: {angle} }} }}
     {tilt}
     transforms {{ translate {vector(to_place)} }} }}
@@ -158,6 +167,15 @@ def scene(mesh, rng, setup, roughness, index, flash, turn, stretch):
 camera {{ origin {{}} target {vector(looking_down((0, 0, -1), down))} up {vector(looking_down((0, 1, 0), down))} fov_degrees: {FOV} }}
 film {{ width: {SIDE} height: {SIDE} }}
 """
+
+
+def size_of(shape):
+    """By what the shape of 1 mm is scaled, and what `--object-size` says."""
+    if ":" not in shape or shape.startswith("random:"):
+        return [SIZE] * 3, [SIZE]
+    name, sides = shape.split(":")
+    sides = [float(side) for side in sides.split(",")]
+    return [side / of_one for side, of_one in zip(sides, SIDES[name])], sides
 
 
 def blurred(image, mask):
@@ -174,11 +192,17 @@ def blurred(image, mask):
 def photograph(render, folder, rng, setup, wrong):
     """As a camera has it: sensor noise, clipped, encoded; and a mask that may be a pixel off."""
     noise = np.random.default_rng(rng.randrange(1 << 30))
-    image, mask = render["Y"], render["mask.Y"]
-    scale = 0.8 / np.percentile(image[mask > 0.5], 99.5)
+    mask = render["mask.Y"]
+    image = np.stack([render[channel] for channel in channels_of(render)], axis=-1)
+
+    def brightness():
+        return 0.8 / np.percentile(image[mask > 0.5], 99.5)
+
+    scale = brightness()
     if wrong["curve"]:  # what is dark is lifted, as phones do
-        image = np.where(mask > 0.5, image * np.maximum(blurred(image, mask), 1e-9) ** -0.3, image)
-        scale = 0.8 / np.percentile(image[mask > 0.5], 99.5)
+        lifted = np.maximum(blurred(image.mean(axis=-1), mask), 1e-9) ** -0.3
+        image = np.where(mask > 0.5, lifted, 1)[..., None] * image
+        scale = brightness()
     if setup != "plain":
         scale = min(scale, 0.9 / np.percentile(image, 99.9))
     x = image * scale
@@ -199,61 +223,72 @@ def diffuse_albedo(sigma_s, sigma_a):
 
 
 def case(number, options):
+    """Shape, truths by colour, and what itn fit says."""
     rng = random.Random(1000 * options.seed + number)
-    name = "" if options.wrong == DISTURBANCES else "-" + "-".join(options.wrong)
-    folder = options.out / f"{options.setup}{number:03}{name}{'-lie-' + options.lie if options.lie else ''}"
+    shape = options.shape or SHAPES[number % len(SHAPES)]
+    kinds = ["" if options.wrong == DISTURBANCES else "-".join(options.wrong),
+             f"lie-{options.lie}" if options.lie else "", "colour" if options.colour else "",
+             "reference" if options.reference else "", shape.split(":")[0] if options.shape else ""]
+    folder = options.out / "-".join([f"{options.setup}{number:03}"] + [kind for kind in kinds if kind])
     result = folder / "result.json"
-    shape = SHAPES[number % len(SHAPES)]
     sigma_s, sigma_a = MATERIALS[(number // len(SHAPES) + number) % len(MATERIALS)]
+    dense = 100 if options.lie == "opaque" else 1
+    truths = [{"sigma_s_reduced": dense * s * sigma_s, "sigma_a": dense * a * sigma_a}
+              for s, a in (COLOURS if options.colour else [(1, 1)])]
     g = rng.uniform(0, 0.8)
-    truth = {"sigma_s_reduced": sigma_s, "sigma_a": sigma_a}
     if not result.exists():
         folder.mkdir(parents=True, exist_ok=True)
         mesh, fitted = shape_of(shape, options.out, options.itn)
+        scale, size = size_of(shape)
         wrong = {name: 1 if name in options.wrong or name == options.lie else 0 for name in DISTURBANCES + LIES}
         index, roughness = 1.45 + wrong["index"] * rng.uniform(-0.05, 0.05), rng.uniform(0.15, 0.4)
         flash = [offset + wrong["flash"] * rng.uniform(-6, 6) for offset in (0, 12, 0)]
         if wrong["light"]:
             flash[0] += 70
+        scale[0] *= 1 + 0.05 * wrong["stretch"]
         turn = 0 if by_flash(options.setup) else rng.uniform(-180, 180)
-        text = scene(mesh, rng, options.setup, roughness, index, flash, turn, 1 + 0.05 * wrong["stretch"])
-        (folder / "truth.textproto").write_text(text)
+        (folder / "truth.textproto").write_text(
+            scene(mesh, scale, rng, options.setup, roughness, index, flash, turn))
         if not by_flash(options.setup):
             write_panorama(folder / "room.exr", room(random.Random(9000 + number)))
         renders = []
         for thinner in ((1, 0.25) if wrong["two"] else (1,)):
             file = folder / f"truth{'' if thinner == 1 else '_thin'}.exr"
-            sigma_t = (sigma_a + sigma_s / (1 - g)) * thinner
+            sigma_t = [t["sigma_a"] + t["sigma_s_reduced"] / (1 - g) for t in truths]
+            albedo = [1 - t["sigma_a"] / total for t, total in zip(truths, sigma_t)]
             if not file.exists():
-                run(options.itn, "render", folder / "truth.textproto", "-o", file, "--sigma-t", sigma_t,
-                    "--albedo", (sigma_t - sigma_a * thinner) / sigma_t, "--g", g, "--noise", "5%", "--time", "40s",
+                run(options.itn, "render", folder / "truth.textproto", "-o", file,
+                    "--sigma-t", ",".join(str(thinner * total) for total in sigma_t),
+                    "--albedo", ",".join(str(one) for one in albedo), "--g", g, "--noise", "5%", "--time", "400s" if options.reference else "40s",
                     "--spp", 4096, "--seed", 77 + number, *(["--tracer", "reference"] if options.reference else []))
             renders.append(read(file))
         if wrong["two"]:  # the left half of the frame is thinner
-            renders[0]["Y"][:, : SIDE // 2] = renders[1]["Y"][:, : SIDE // 2]
+            for channel in channels_of(renders[0]):
+                renders[0][channel][:, : SIDE // 2] = renders[1][channel][:, : SIDE // 2]
         photograph(renders[0], folder, rng, options.setup, wrong)
         focal = 43.2666 / (2 * math.tan(math.radians(FOV / 2))) / math.sqrt(2)
         focal *= 1 + wrong["focal"] * rng.uniform(-0.01, 0.01)
-        flags = []
+        flags = [] if options.colour else ["--luminance"]
         if options.setup != "plain":
             center, u, v = (np.array(x) for x in card_in(options.setup))
             corners = [pixel_of(center + 0.7 * (x * u + y * v)) for x in (-1, 1) for y in (-1, 1)]
             left, top = (round(max(sorted(c[i] for c in corners)[:2])) for i in (0, 1))
             right, bottom = (round(min(sorted(c[i] for c in corners)[2:])) for i in (0, 1))
-            flags = ["--gray-card", f"{left},{top},{right - left},{bottom - top}"]
+            flags += ["--gray-card", f"{left},{top},{right - left},{bottom - top}"]
         if not by_flash(options.setup):
             flags += ["--light", folder / "room.exr", "--camera-down", DOWN]
             if wrong["light"]:
                 flags += ["--panorama-turn", turn + 15]
         command = [options.itn, "fit", folder / "photo.jpg", "--shape", fitted, "--object-size",
-                   SIZE * (1 + 0.1 * wrong["size"]), "--mask", folder / "mask.png", "--focal-length", focal, "--index",
-                   1.45, "--luminance", "--json", "-o", folder / "fit", "--time-limit", options.time_limit, *flags]
+                   ",".join(str(side * (1 + 0.1 * wrong["size"])) for side in size), "--mask", folder / "mask.png",
+                   "--focal-length", focal, "--index", 1.45, "--json", "-o", folder / "fit", "--time-limit",
+                   options.time_limit, *flags]
         (folder / "command.txt").write_text(" ".join(str(word) for word in command) + "\n")
         try:
             result.write_text(run(*command))
         except subprocess.CalledProcessError as error:
             result.write_text(json.dumps({"error": error.stderr.strip().splitlines()[-1]}))
-    return shape, truth, json.loads(result.read_text())
+    return shape, truths, json.loads(result.read_text())
 
 
 def main():
@@ -264,11 +299,14 @@ def main():
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--setup", choices=["card", "plain", "panorama"], default="card")
     parser.add_argument("--lie", choices=LIES, help="what makes any answer wrong: the size by 10 %%, the light by 15 "
-                        "degrees, the shape by 5 %% along an axis, another material in the left half, a local tone curve")
+                        "degrees, the shape by 5 %% along an axis, another material in the left half, a local tone curve, a "
+                        "material that is a hundred times as dense")
+    parser.add_argument("--shape", help="of all cases: a built-in one and its sides in mm, as cube:40,12,28")
+    parser.add_argument("--colour", action="store_true", help="three materials instead of one")
     parser.add_argument("--wrong", default=",".join(DISTURBANCES), help="what the fit is told wrongly; none: nothing")
     parser.add_argument("--reference", action="store_true", help="render by the reference tracer")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--time-limit", type=float, default=100, help="of a refinement, in seconds")
+    parser.add_argument("--time-limit", type=float, default=180, help="of a fit, in seconds")
     options = parser.parse_args()
     options.wrong = options.wrong.split(",")
     errors = {"sigma_s_reduced": [], "sigma_a": []}
@@ -276,27 +314,28 @@ def main():
     albedos = []
     inside, total, told = 0, 0, 0
     for number in range(options.first, options.first + options.cases):
-        shape, truth, result = case(number, options)
+        shape, truths, result = case(number, options)
         if "error" in result:
             print(f"{number:3} {shape:10} refused: {result['error']}", flush=True)
             continue
-        found, pose = result["results"][0], result["poses"][0]
+        pose = result["poses"][0]
         text = f"{number:3} {shape:10} overlap {pose['overlap']:.3f}{' AMBIGUOUS' if pose.get('ambiguous') else ''}"
-        if found.get("misfit"):
-            told += 1
-            text += " misfit"
-        values = [found[name]["value"] for name in truth]
-        albedos.append(abs(diffuse_albedo(*values) - diffuse_albedo(*truth.values())))
-        for name, value in truth.items():
-            p = found[name]
-            off = math.log(p["value"] / value)
-            errors[name].append(abs(off))
-            deviations[name].append(abs(p["value"] - value) / p["standard_deviation"])
-            holds = p["low_95"] <= value <= p["high_95"]
-            inside += holds
-            total += 1
-            text += f"  {name} {p['value']:.4g} of {value:.4g} ({off:+.3f}{'' if holds else ' OUTSIDE'})"
-        print(f"{text}  {found['seconds']:.0f} s", flush=True)
+        told += any(found.get("misfit", False) for found in result["results"])
+        for truth, found in zip(truths, result["results"]):
+            if found.get("misfit"):
+                text += " misfit"
+            values = [found[name]["value"] for name in truth]
+            albedos.append(abs(diffuse_albedo(*values) - diffuse_albedo(*truth.values())))
+            for name, value in truth.items():
+                p = found[name]
+                off = math.log(p["value"] / value)
+                errors[name].append(abs(off))
+                deviations[name].append(abs(p["value"] - value) / p["standard_deviation"])
+                holds = p["low_95"] <= value <= p["high_95"]
+                inside += holds
+                total += 1
+                text += f"  {name} {p['value']:.4g} of {value:.4g} ({off:+.3f}{'' if holds else ' OUTSIDE'})"
+        print(f"{text}  {result['results'][0]['seconds']:.0f} s", flush=True)
     for name, off in errors.items():
         if off:
             print(f"median error of ln {name}: {np.median(off):.3f} of {len(off)}, "

@@ -187,6 +187,27 @@ TEST_F(FitCommand, FindsPoseAndMaterial) {
   EXPECT_EQ(again.exit_code, 0) << again.errors;
 }
 
+// A slab, which is a cube of three sides.
+TEST_F(FitCommand, TakesSidesOfABox) {
+  std::string scene = kPhotographed;
+  scene.replace(scene.find("mug"), 3, "cube");
+  scene.replace(scene.find("x: 45 y: 45 z: 45"), 17, "x: 45 y: 10 z: 30");
+  photograph("slab.textproto", scene, "slab.exr");
+  Arguments arguments = command(
+      {"--object-size", "45,10,30", "--focal-length", std::to_string(kFocalLength), "--json"},
+      "cube");
+  arguments[2] = folder_->path("slab.exr");
+  *(std::ranges::find(arguments, "-o") + 1) = folder_->path("slab");
+  const Finished done = run(arguments);
+  ASSERT_EQ(done.exit_code, 0) << done.errors;
+  v1::FitResult result;
+  from_json(done.output, "fit", result);
+  EXPECT_GT(result.poses(0).overlap(), 0.97);
+  EXPECT_FALSE(result.poses(0).ambiguous());
+  // Of flat faces without a card, shading tells little of absorption.
+  expect_near(result.results(0).sigma_s_reduced(), kSigmaT * kAlbedo * (1 - kG), 0.3);
+}
+
 TEST_F(FitCommand, FindsTheTurnOfAPanorama) {
   constexpr double kTurn = 70;
   write_room(folder_->path("room.exr"));
@@ -342,6 +363,8 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
   refuse(command({"--object-size", "45", "--focal-length", focal}, "absent.stl"), 4, "absent.stl");
   refuse(command({"--object-size", "45", "--focal-length", focal, "--light", "absent.hdr"}), 4,
          "absent.hdr");
+  refuse(command({"--object-size", "45,20", "--focal-length", focal}), 2,
+         "--object-size has 2 numbers");
   refuse(command({"--object-size", "45000", "--focal-length", focal}), 3, "is --object-size right");
   Arguments two = command({"--object-size", "45", "--focal-length", focal});
   two.insert(two.begin() + 3, folder_->path("absent.jpg"));
@@ -356,9 +379,11 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
          2, "2 numbers for 1 photographs");
   refuse(command({"--object-size", "45", "--focal-length", focal, "--camera-down", "10"}), 2,
          "say --light");
-  refuse({kItn, "fit", folder_->path("a.exr"), "--scene", scene, "--index", "1.3", "-o",
-          folder_->path("out")},
-         2, "the scene of --scene says them");
+  for (const auto& [flag, value] : {std::pair{"--index", "1.3"}, {"--camera-down", "10"}}) {
+    refuse({kItn, "fit", folder_->path("a.exr"), "--scene", scene, flag, value, "-o",
+            folder_->path("out")},
+           2, "the scene of --scene says them");
+  }
 }
 
 }  // namespace

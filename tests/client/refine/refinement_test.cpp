@@ -118,13 +118,13 @@ TEST(Refinement, KeepsItsTimeLimit) {
   constexpr double kSecondsPerSample = 1e-3;
   const SyntheticModel model;
   const std::vector<Observation> observations{model.observe(kTruth, 1e-4, 1)};
-  for (const double limit : {0.3, 1.0, 5.0}) {
+  for (const auto& [limit, before] : {std::pair{0.3, 0.0}, {1.0, 0.0}, {5.0, 0.0}, {5.0, 4.0}}) {
     v1::RefineSettings settings;
     settings.set_time_limit(limit);
     settings.set_max_spp(1U << 16);
     settings.set_tolerance(0);
-    Refinement refinement(settings, observations, {kStart, {50, 0.8, 0.3}});
-    double now = 0;
+    Refinement refinement(settings, observations, {kStart, {50, 0.8, 0.3}}, before);
+    double now = before;
     refinement.use_clock([&] { return now; });
     while (!refinement.finished()) {
       refinement.step([&](std::span<const RenderQuery> queries) {
