@@ -24,6 +24,7 @@
 #include "client/object_media.h"
 #include "client/output.h"
 #include "client/render_pool/render_pool.h"
+#include "client/render_pool/render_query.h"
 #include "client/render_pool/render_rounds.h"
 #include "client/render_pool/reply_images.h"
 #include "client/render_pool/shared_colours.h"
@@ -67,7 +68,7 @@ struct RenderFlags {
   double noise = 0, seconds = 0;  // see RenderGoal
   uint64_t seed = 0;
   std::vector<std::string> derivatives;
-  std::vector<v1::NamedValue> values;  // of the scene, instead of those of its file
+  std::vector<SceneValue> values;  // of the scene, instead of those of its file
   uint32_t estimates = 1;
   uint32_t pilot_spp = 0;
   std::string pixels = "all";
@@ -82,17 +83,14 @@ std::string lower(std::string text) {
   return text;
 }
 
-v1::NamedValue named_value(const std::string& text) {
+SceneValue named_value(const std::string& text) {
   const auto [name, value] = named_number("--set", text, "light[0].scale=2");
-  v1::NamedValue result;
-  result.set_name(name);
-  result.set_value(value);
-  const auto parameter = parameter_of(result.name());
+  const auto parameter = parameter_of(name);
   const auto* of_scene = std::get_if<tracer::Parameter>(&parameter);
   require_usage(of_scene != nullptr && !of_scene->of_medium(),
                 fmt::format("--set {}: the medium is set by --sigma-t, --albedo, --g or --phase",
                             printable(text)));
-  return result;
+  return {name, value};
 }
 
 // 2m as 120.
@@ -203,23 +201,23 @@ Material chosen_material(const RenderFlags& options, const v1::Scene& scene,
 }
 
 // Of what the film shows, without the material.
-RenderJob job_of(const RenderFlags& options, v1::Scene scene, v1::Film::Channel shown) {
+RenderQuery query_of(const RenderFlags& options, v1::Scene scene, v1::Film::Channel shown) {
   scene.mutable_film()->set_channel(shown);
   resolve_media(scene);
-  RenderJob job;
-  job.scene = serialize(scene);
-  if (!options.phase.empty()) {
-    parse_text_proto(options.phase, "--phase", *job.request.mutable_phase());
-  }
-  job.request.set_spp(options.spp);
-  job.request.set_seed(options.seed);
-  job.request.set_estimates(options.estimates);
-  job.request.set_pilot_spp(options.pilot_spp);
-  job.request.set_pixels(options.pixels == "object" ? v1::OBJECT_PIXELS : v1::ALL_PIXELS);
-  job.request.set_tracer(options.tracer == "reference" ? v1::REFERENCE : v1::WAVEFRONT);
-  for (const std::string& name : options.derivatives) job.request.add_parameters(name);
-  job.request.mutable_values()->Assign(options.values.begin(), options.values.end());
-  return job;
+  RenderQuery query{
+      .scene = serialize(scene),
+      .material = {},
+      .values = options.values,
+      .spp = options.spp,
+      .seed = options.seed,
+      .estimates = options.estimates,
+      .pilot_spp = options.pilot_spp,
+      .derivatives = options.derivatives,
+      .pixels = options.pixels == "object" ? v1::OBJECT_PIXELS : v1::ALL_PIXELS,
+      .tracer = options.tracer == "reference" ? v1::REFERENCE : v1::WAVEFRONT,
+  };
+  if (!options.phase.empty()) parse_text_proto(options.phase, "--phase", query.phase.emplace());
+  return query;
 }
 
 // The scene's medium, unless flags name one.
@@ -283,17 +281,16 @@ bool share_paths(const RenderFlags& options, const v1::Scene& scene,
 // One for each channel, or one for all.
 std::vector<RenderJob> jobs_of(const RenderFlags& options, const v1::Scene& scene,
                                const std::vector<Channel>& channels) {
-  std::vector<RenderJob> jobs;
   if (share_paths(options, scene, channels)) {
-    jobs.push_back(job_of(options, scene, v1::Film::RGB));
-    for (const Channel& channel : channels) {
-      *jobs[0].request.add_colours() = to_proto(channel.material);
-    }
-    return jobs;
+    RenderQuery query = query_of(options, scene, v1::Film::RGB);
+    for (const Channel& channel : channels) query.colours.push_back(channel.material);
+    return {job_of(query)};
   }
+  std::vector<RenderJob> jobs;
   for (const Channel& channel : channels) {
-    jobs.push_back(job_of(options, scene, channel.shown));
-    *jobs.back().request.mutable_material() = to_proto(channel.material);
+    RenderQuery query = query_of(options, scene, channel.shown);
+    query.material = channel.material;
+    jobs.push_back(job_of(query));
   }
   return jobs;
 }
@@ -406,8 +403,8 @@ Image make_image(const std::vector<Channel>& channels, const RenderJob& job,
   };
   if (!options.phase.empty()) image.attributes[attribute::kPhase] = options.phase;
   std::vector<std::string> values;
-  for (const v1::NamedValue& value : options.values) {
-    values.push_back(fmt::format("{}={}", value.name(), value.value()));
+  for (const auto& [name, value] : options.values) {
+    values.push_back(fmt::format("{}={}", name, value));
   }
   if (!values.empty())
     image.attributes[attribute::kValues] = fmt::format("{}", fmt::join(values, " "));

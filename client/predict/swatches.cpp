@@ -11,6 +11,7 @@
 #include "client/dataset/studio.h"
 #include "client/interrupt.h"
 #include "client/render_pool/render_pool.h"
+#include "client/render_pool/render_query.h"
 #include "common/error.h"
 #include "common/geometry/mesh.h"
 #include "common/image/preview.h"
@@ -38,13 +39,11 @@ Channels submit(RenderPool& pool, v1::Scene scene, std::span<const Material> mat
       scene.mutable_film()->set_channel(
           std::array{v1::Film::RED, v1::Film::GREEN, v1::Film::BLUE}[c]);
     }
-    RenderJob job;
-    job.scene = serialize(scene);
-    *job.request.mutable_material() = to_proto(materials[c]);
-    job.request.set_spp(spp);
-    job.request.set_seed(kSeed);
-    job.request.set_pixels(pixels);
-    channels.push_back(pool.submit(std::move(job)));
+    channels.push_back(pool.submit(job_of({.scene = serialize(scene),
+                                           .material = materials[c],
+                                           .spp = spp,
+                                           .seed = kSeed,
+                                           .pixels = pixels})));
   }
   return channels;
 }
@@ -52,8 +51,8 @@ Channels submit(RenderPool& pool, v1::Scene scene, std::span<const Material> mat
 std::vector<float> interleaved(Channels channels) {
   std::vector<float> result;
   for (size_t c = 0; c < channels.size(); ++c) {
-    const v1::RenderGradReply reply = wait_for_render(channels[c], interruption());
-    const auto plane = from_bytes<float>(reply.estimates(0).radiance());
+    const Render render = render_of(wait_for_render(channels[c], interruption()));
+    const std::vector<float>& plane = render.estimates.front().radiance;
     result.resize(plane.size() * channels.size());
     for (size_t p = 0; p < plane.size(); ++p) result[p * channels.size() + c] = plane[p];
   }

@@ -70,9 +70,10 @@ RenderQuery query_of(const Observation& observation, const Material& material,
                     .seed = seed,
                     .estimates = kEstimates,
                     .pilot_spp = kPilotSpp,
-                    .derivatives = true};
+                    .derivatives = {kByMaterial.begin(), kByMaterial.end()}};
   for (size_t i = 0; i < unknowns.size(); ++i) {
     query.values.push_back({unknowns[i].name, values[i]});
+    query.derivatives.push_back(unknowns[i].name);
   }
   return query;
 }

@@ -10,19 +10,17 @@ namespace itn {
 RenderJob job_of(const RenderQuery& query) {
   RenderJob job{.scene = query.scene, .request = {}};
   v1::RenderGradRequest& request = job.request;
-  *request.mutable_material() = to_proto(query.material);
+  for (const Material& material : query.colours) *request.add_colours() = to_proto(material);
+  if (query.colours.empty()) *request.mutable_material() = to_proto(query.material);
+  if (query.phase) *request.mutable_phase() = *query.phase;
   request.set_spp(query.spp);
   request.set_seed(query.seed);
   request.set_estimates(query.estimates);
   request.set_pilot_spp(query.pilot_spp);
-  request.set_pixels(v1::OBJECT_PIXELS);
+  request.set_pixels(query.pixels);
+  request.set_tracer(query.tracer);
   for (const auto& [name, value] : query.values) set_value(request, name, value);
-  if (query.derivatives) {
-    for (const v1::Parameter parameter : {v1::SIGMA_T, v1::ALBEDO, v1::G}) {
-      request.add_derivatives(parameter);
-    }
-    for (const SceneValue& value : query.values) request.add_parameters(value.name);
-  }
+  for (const std::string& name : query.derivatives) request.add_parameters(name);
   if (!query.image.empty()) {
     request.mutable_loss()->set_image(to_bytes(query.image));
     request.mutable_loss()->set_weight(to_bytes(query.weight));

@@ -1,10 +1,12 @@
-// A render of an object as it is asked for and as it comes back, in plain values: what refinements,
-// trainings, datasets and commands have in common.
+// A render as it is asked for and as it comes back, in plain values: what refinements, trainings,
+// datasets and commands have in common.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <stop_token>
 #include <string>
@@ -26,21 +28,28 @@ struct SceneValue {
   double value = 0;
 };
 
+// Derivatives by the material, by name.
+inline constexpr std::array kByMaterial{"sigma_t", "albedo", "g"};
+
 struct RenderQuery {
   std::shared_ptr<const SerializedScene> scene;
   Material material;
-  std::vector<SceneValue> values = {};  // instead of those that the scene has
-  uint32_t spp = 0;                     // samples per pixel, over all estimates
+  // Of red, green and blue, which then share the paths of one render, instead of `material`.
+  std::vector<Material> colours = {};
+  std::optional<v1::PhaseFunction> phase = {};  // instead of Henyey and Greenstein's
+  std::vector<SceneValue> values = {};          // instead of those that the scene has
+  uint32_t spp = 0;                             // samples per pixel, over all estimates
   uint64_t seed = 0;
-  uint32_t estimates = 1;    // independent ones
-  uint32_t pilot_spp = 0;    // of a pilot, which quietens the derivatives in sigma_t and g
-  bool derivatives = false;  // by sigma_t, albedo, g and the values
+  uint32_t estimates = 1;  // independent ones
+  uint32_t pilot_spp = 0;  // of a pilot, which quietens the derivatives in sigma_t and g
+  std::vector<std::string> derivatives = {};  // by name
+  v1::RenderedPixels pixels = v1::OBJECT_PIXELS;
+  v1::Tracer tracer = v1::WAVEFRONT;
   // Where they are given, the loss against the image and its gradient come back, and no images: by
   // pixel, weights >= 0.
   std::span<const float> image = {}, weight = {};
 };
 
-// Of the pixels that see the object.
 RenderJob job_of(const RenderQuery& query);
 
 struct Render {
