@@ -24,6 +24,7 @@
 #include "client/interrupt.h"
 #include "client/json.h"
 #include "client/output.h"
+#include "client/refine/refine_result.h"
 #include "client/refine/refine_run.h"
 #include "client/render_pool/render_pool.h"
 #include "common/error.h"
@@ -276,10 +277,10 @@ std::string to_text(const v1::FitResult& result, const fs::path& folder) {
     }
   }
   text += to_table(std::vector(result.results().begin(), result.results().end()));
-  const bool has_intervals = std::ranges::none_of(result.results(), &v1::RefineResult::misfit);
-  text += has_intervals ? "lengths in mm, with 95 % intervals, which know nothing of an error of "
-                          "shape, size or focal length\n"
-                        : "lengths in mm\n";
+  text += std::ranges::all_of(result.results(), has_intervals)
+              ? "lengths in mm, with 95 % intervals, which know nothing of an error of "
+                "shape, size or focal length\n"
+              : "lengths in mm\n";
   return text + fmt::format("for renderers: itn materials --refined {} --format openpbr\n",
                             folder.string());
 }

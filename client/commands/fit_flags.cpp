@@ -174,7 +174,7 @@ void add_fit_command(CLI::App& app) {
   options->refine.init = "mean";
   options->refine.starts = 4;
   options->refine.max_spp = 4096;
-  options->refine.time_limit = 180;
+  options->refine.time_limit = 240;
   CLI::App* command = app.add_subcommand(
       "fit", "Find the material of an object of known shape from its photograph");
   add_flags(*command, *options);

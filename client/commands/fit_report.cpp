@@ -11,6 +11,7 @@
 #include "client/exports/exports.h"
 #include "client/json.h"
 #include "client/page.h"
+#include "client/refine/refine_result.h"
 #include "client/refine/refine_run.h"
 #include "common/files/read_file.h"
 #include "common/scene/material_proto.h"
@@ -41,7 +42,7 @@ std::string trust_of(const v1::FitResult& result) {
                     pose.alike()));
   }
   for (const v1::RefineResult& one : result.results()) {
-    is_grave = is_grave || one.misfit();
+    is_grave = is_grave || !has_intervals(one);
     for (const std::string& remark : one.remarks()) {
       if (std::ranges::find(limits, remark) == limits.end()) limits.push_back(remark);
     }
@@ -127,7 +128,11 @@ std::string exports_of(const std::string& title, const v1::FitResult& result) {
     materials.push_back(from_proto(one.material()));
   }
   const v1::RefineResult& first = result.results(0);
-  ExportOptions options{.name = "fitted", .provenance = "itn fit, " + title, .any_size = true};
+  const bool holds = std::ranges::all_of(result.results(), has_intervals);
+  ExportOptions options{
+      .name = "fitted",
+      .provenance = "itn fit, " + title + (holds ? "" : ", of which no interval is known"),
+      .any_size = true};
   if (first.has_index() && first.index() > 1) {
     options.boundary = {.index = first.index(), .roughness = first.roughness()};
   }
@@ -153,8 +158,8 @@ std::string fit_report_page(const std::string& title, const v1::FitResult& resul
                  "<header><h1>{}</h1><p>Its material, found by rendering its shape.</p></header>\n",
                  html_escaped(title)) +
                  trust_of(result) + pictures_of(result, folder) +
-                 section("Answer", fmt::format("<p class=\"soft\">Lengths in mm; where there is no "
-                                               "misfit, with 95 % intervals.</p><pre>{}</pre>",
+                 section("Answer", fmt::format("<p class=\"soft\">Lengths in mm; where they "
+                                               "are known, with 95 % intervals.</p><pre>{}</pre>",
                                                html_escaped(numbers))) +
                  swatches_of(swatches) + exports_of(title, result) + convergence_of(folder));
 }

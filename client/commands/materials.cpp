@@ -17,6 +17,7 @@
 #include "client/exports/rgb_material.h"
 #include "client/json.h"
 #include "client/output.h"
+#include "client/refine/refine_result.h"
 #include "client/refine/refine_run.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
@@ -104,12 +105,15 @@ NamedMaterial from_refinement(std::vector<std::string> folders) {
       return fmt::format("{} {:.4g} ({:.4g} to {:.4g})", name, of.value(), of.low_95(),
                          of.high_95());
     };
-    result.notes.push_back(refined.misfit()
-                               ? fmt::format("{}: a misfit, of which no interval is known", folder)
-                               : fmt::format("{}, 95 % intervals: {}, {}, {}", folder,
-                                             interval("sigma_t", refined.sigma_t()),
-                                             interval("albedo", refined.albedo()),
-                                             interval("g", refined.g())));
+    if (refined.unfinished()) {
+      spdlog::warn("{} ended on its way: more iterations or time bring it nearer", folder);
+    }
+    result.notes.push_back(
+        !has_intervals(refined)
+            ? fmt::format("{}: a misfit, or unfinished; no interval is known", folder)
+            : fmt::format("{}, 95 % intervals: {}, {}, {}", folder,
+                          interval("sigma_t", refined.sigma_t()),
+                          interval("albedo", refined.albedo()), interval("g", refined.g())));
     result.notes.insert(result.notes.end(), refined.remarks().begin(), refined.remarks().end());
     if (refined.has_index()) indices.push_back(refined.index());
     if (refined.has_roughness()) roughnesses.push_back(refined.roughness());

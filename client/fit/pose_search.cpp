@@ -352,7 +352,8 @@ std::vector<Found> distinct(const std::vector<Found>& sorted, double angle, size
   return result;
 }
 
-// Without those in which the camera sees the same, as a symmetric shape is turned into itself.
+// Without those in which the camera sees the same, as a symmetric shape is turned into itself, or
+// only farther away, as the contours say within their errors.
 std::vector<FoundPose> of_different_depths(const std::vector<FoundPose>& sorted, const Mesh& mesh,
                                            const PinholeView& view) {
   constexpr double kSame = 0.01;  // of the size
@@ -362,7 +363,7 @@ std::vector<FoundPose> of_different_depths(const std::vector<FoundPose>& sorted,
   for (const FoundPose& one : sorted) {
     Silhouette silhouette(mesh, one.pose, view);
     const auto is_same = [&](const Silhouette& other) {
-      return silhouette.depth_difference(other) < near;
+      return silhouette.relief_difference(other) < near;
     };
     if (std::ranges::any_of(seen, is_same)) continue;
     result.push_back(one);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <span>
 
 namespace itn {
 namespace {
@@ -30,6 +31,13 @@ SilhouetteMoments moments_where(int side, const Covers& covers) {
                xy = -(sxy / n - x * y);
   const double middle = (xx + yy) / 2, half = std::hypot((xx - yy) / 2, xy);
   return {n, x, y, std::atan2(2 * xy, xx - yy) / 2, std::sqrt((middle + half) / (middle - half))};
+}
+
+double mean_distance(std::span<const double> values, double from) {
+  if (values.empty()) return std::numeric_limits<double>::infinity();
+  double sum = 0;
+  for (const double value : values) sum += std::abs(value - from);
+  return sum / static_cast<double>(values.size());
 }
 
 }  // namespace
@@ -116,16 +124,25 @@ double Silhouette::overlap(const std::vector<float>& mask) const {
   return either > 0 ? static_cast<double>(both) / static_cast<double>(either) : 0;
 }
 
-double Silhouette::depth_difference(const Silhouette& other) const {
-  double sum = 0;
-  size_t both = 0;
+std::vector<double> Silhouette::differences(const Silhouette& other) const {
+  std::vector<double> differences;
   for (size_t p = 0; p < depth_.size(); ++p) {
-    const double difference = std::abs(double{depth_[p]} - double{other.depth_[p]});
-    if (!std::isfinite(difference)) continue;
-    sum += difference;
-    ++both;
+    const double difference = double{depth_[p]} - double{other.depth_[p]};
+    if (std::isfinite(difference)) differences.push_back(difference);
   }
-  return both > 0 ? sum / static_cast<double>(both) : std::numeric_limits<double>::infinity();
+  return differences;
+}
+
+double Silhouette::depth_difference(const Silhouette& other) const {
+  return mean_distance(differences(other), 0);
+}
+
+double Silhouette::relief_difference(const Silhouette& other) const {
+  std::vector<double> differences = this->differences(other);
+  if (differences.empty()) return std::numeric_limits<double>::infinity();
+  const auto middle = differences.begin() + static_cast<ptrdiff_t>(differences.size() / 2);
+  std::ranges::nth_element(differences, middle);
+  return mean_distance(differences, *middle);
 }
 
 SilhouetteMoments Silhouette::moments() const {

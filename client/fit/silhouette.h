@@ -50,8 +50,12 @@ class Silhouette {
   SilhouetteMoments moments() const;
   // The mean difference of the depths, in mm, where both cover a pixel.
   double depth_difference(const Silhouette& other) const;
+  // Likewise of what differs, when one of them is moved along the view until the depths agree best.
+  double relief_difference(const Silhouette& other) const;
 
  private:
+  std::vector<double> differences(const Silhouette& other) const;
+
   Pose pose_;
   PinholeView view_;
   std::vector<float> depth_;  // along -z; infinite where nothing is

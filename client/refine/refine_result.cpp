@@ -151,7 +151,7 @@ v1::RefineResult refine_result(const Region& region, size_t colour) {
 }
 
 void add_remarks(v1::RefineResult& result) {
-  if (result.misfit()) return;
+  if (!has_intervals(result)) return;
   constexpr double kWideFactor = 1.5;  // of a 95 % interval
   constexpr double kWideG = 0.3, kWideAlbedo = 0.2;
   const v1::RefinedParameter& g = result.g();

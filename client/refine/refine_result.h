@@ -14,6 +14,11 @@ namespace itn {
 // what is positive, over the logit of the albedo, and over that of (1 + g) / 2.
 v1::RefineResult refine_result(const Region& region, size_t colour = 0);
 
+// Whether its intervals hold: it is no misfit, and did not end on its way.
+inline bool has_intervals(const v1::RefineResult& result) {
+  return !result.misfit() && !result.unfinished();
+}
+
 // Remarks on what the intervals leave open: nothing if they do not hold.
 void add_remarks(v1::RefineResult& result);
 

@@ -1,4 +1,5 @@
 #include "client/refine/refine_run.h"
+#include "client/refine/refine_result.h"
 
 #include <fmt/format.h>
 #include <google/protobuf/util/message_differencer.h>
@@ -173,7 +174,8 @@ void write_outcome(const fs::path& folder, std::span<const v1::RefineResult> res
 std::string to_text(const v1::RefineResult& result) {
   std::string text = fmt::format("{:20}{:>12}   95 % interval\n", "", "value");
   const auto line = [&](const char* name, const v1::RefinedParameter& p, const char* unit) {
-    const std::string interval = result.misfit()
+    const std::string interval = result.unfinished() ? "unknown: unfinished"
+                                 : result.misfit()
                                      ? "unknown: a misfit"
                                      : fmt::format("{:.4g} to {:.4g}", p.low_95(), p.high_95());
     text += fmt::format("{:20}{:>12}   {:24}{}", name, fmt::format("{:.4g}", p.value()), interval,
@@ -212,7 +214,7 @@ std::string to_table(std::span<const v1::RefineResult> results) {
   text += '\n';
   const auto cell = [](const v1::RefineResult& result, const v1::RefinedParameter& p) {
     const std::string interval =
-        result.misfit() ? "" : fmt::format(" ({:.4g} to {:.4g})", p.low_95(), p.high_95());
+        has_intervals(result) ? fmt::format(" ({:.4g} to {:.4g})", p.low_95(), p.high_95()) : "";
     return fmt::format("{:<32}", fmt::format("{:.4g}{}", p.value(), interval));
   };
   const auto row = [&](const std::string& title, const auto& parameter) {

@@ -340,8 +340,9 @@ v1::RefineResult Refinement::result(size_t colour) const {
   // An answer of fewer is that of equations from far away.
   constexpr uint32_t kFewIterations = 4;
   if (was_cut_short && (descent.is_under_way() || descent.iterations() < kFewIterations)) {
+    result.set_unfinished(true);
     result.add_remarks(
-        "it was still on its way when it ended, and the intervals do not hold: allow more "
+        "it was still on its way when it ended, and no interval holds: allow more "
         "iterations or time");
   }
   if (is_g_given(settings_)) {

@@ -17,6 +17,7 @@ import json
 import math
 import pathlib
 import random
+import re
 import subprocess
 
 import numpy as np
@@ -76,6 +77,7 @@ def rotation(rng):
 def shape_of(name, folder, itn):
     """What the scene has of it, and what `--shape` takes."""
     if not name.startswith("random:"):
+        name = name.split(":")[0]
         return f'builtin: "{name}"', name
     number = int(name[7:])
     made = sorted((folder / "shapes").glob("*.ply"))
@@ -222,8 +224,63 @@ def diffuse_albedo(sigma_s, sigma_a):
     return (1 - s) * (1 - 0.139 * s) / (1 + 1.17 * s)
 
 
+# Turns of shapes into themselves: axis, and degrees. A ball has all.
+TURNS = {
+    "random:3": [((0, 1, 0), 60 * sixth, (0, 0, 1), 0) for sixth in range(6)],
+    "knot": [((0, 1, 0), half, (0, 0, 1), 120 * third) for half in (0, 180) for third in range(3)],
+    "cube": [((0, 1, 0), half, (0, 0, 1), other) for half in (0, 180) for other in (0, 180)],
+    "cylinder": [((0, 1, 0), 2 * turn, (0, 0, 1), half) for half in (0, 180) for turn in range(180)],
+}
+
+
+def turned(axis, degrees):
+    x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = math.radians(degrees)
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+
+
+def placed(scene):
+    """The object's rotation and the whole of its affine transform, and the view's angle."""
+    text = scene.read_text()
+    linear, shift, rotation = np.eye(3), np.zeros(3), np.eye(3)
+    for kind, body in re.findall(r"transforms\s*{\s*(scale|rotate|translate)\s*({(?:[^{}]|{[^{}]*})*})", text):
+        v = np.array([float((re.search(rf"\b{c}: (\S+)", body) or [0, 0])[1]) for c in "xyz"])
+        if kind == "translate":
+            shift = shift + v
+            continue
+        degrees = re.search(r"angle_degrees: (\S+)", body)
+        by = np.diag(v) if kind == "scale" else turned(v, float(degrees[1])) if degrees else np.eye(3)
+        linear, shift = by @ linear, by @ shift
+        rotation = by @ rotation if kind == "rotate" else rotation
+    return rotation, linear, shift, float(re.search(r"fov_degrees: (\S+)", text)[1])
+
+
+def pose_error(folder, shape, middle):
+    """Degrees, and a part of the distance in focal lengths: from far away those two are one number."""
+    rotation, linear, shift, fov = placed(folder / "truth.textproto")
+    found_rotation, found_linear, found_shift, found_fov = placed(folder / "fit" / "scene.textproto")
+    kind = shape if shape.startswith("random:") else shape.split(":")[0]
+    turns = [turned(a, m) @ turned(b, n) for a, m, b, n in TURNS.get(kind, [((0, 1, 0), 0) * 2])]
+    trace = max(np.trace(rotation.T @ found_rotation @ turn) for turn in turns)
+    degrees = 0 if shape == "sphere" else math.degrees(math.acos(max(-1, min(1, (trace - 1) / 2))))
+    ranges = [np.linalg.norm(a @ middle + b) * math.tan(math.radians(f / 2))
+              for a, b, f in ((linear, shift, fov), (found_linear, found_shift, found_fov))]
+    return degrees, ranges[1] / ranges[0] - 1
+
+
+def middle_of(mesh):
+    """The mean of the vertices of a PLY file, once its longest side is 1 and it stands at the origin."""
+    header, _, data = mesh.read_bytes().partition(b"end_header\n")
+    count = int(re.search(rb"element vertex (\d+)", header)[1])
+    vertices = np.frombuffer(data, "<f4", 3 * count).reshape(count, 3).astype(float)
+    least, most = vertices.min(0), vertices.max(0)
+    origin = np.array([(least[0] + most[0]) / 2, least[1], (least[2] + most[2]) / 2])
+    return (vertices.mean(0) - origin) / (most - least).max()
+
+
 def case(number, options):
-    """Shape, truths by colour, and what itn fit says."""
+    """Folder, shape, truths by colour, and what itn fit says."""
     rng = random.Random(1000 * options.seed + number)
     shape = options.shape or SHAPES[number % len(SHAPES)]
     kinds = ["" if options.wrong == DISTURBANCES else "-".join(options.wrong),
@@ -288,7 +345,7 @@ def case(number, options):
             result.write_text(run(*command))
         except subprocess.CalledProcessError as error:
             result.write_text(json.dumps({"error": error.stderr.strip().splitlines()[-1]}))
-    return shape, truths, json.loads(result.read_text())
+    return folder, shape, truths, json.loads(result.read_text())
 
 
 def main():
@@ -306,24 +363,30 @@ def main():
     parser.add_argument("--wrong", default=",".join(DISTURBANCES), help="what the fit is told wrongly; none: nothing")
     parser.add_argument("--reference", action="store_true", help="render by the reference tracer")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--time-limit", type=float, default=180, help="of a fit, in seconds")
+    parser.add_argument("--time-limit", type=float, default=240, help="of a fit, in seconds")
     options = parser.parse_args()
     options.wrong = options.wrong.split(",")
     errors = {"sigma_s_reduced": [], "sigma_a": []}
     deviations = {name: [] for name in errors}  # errors over what the answer says of them
-    albedos = []
-    inside, total, told = 0, 0, 0
+    albedos, right_poses = [], 0
+    run(options.itn, "shapes", "-o", options.out / "builtin")
+    inside, total, told, unfinished = 0, 0, 0, 0
     for number in range(options.first, options.first + options.cases):
-        shape, truths, result = case(number, options)
+        folder, shape, truths, result = case(number, options)
         if "error" in result:
             print(f"{number:3} {shape:10} refused: {result['error']}", flush=True)
             continue
         pose = result["poses"][0]
         text = f"{number:3} {shape:10} overlap {pose['overlap']:.3f}{' AMBIGUOUS' if pose.get('ambiguous') else ''}"
+        mesh = shape_of(shape, options.out, options.itn)[1]
+        mesh = pathlib.Path(mesh) if "/" in mesh else options.out / "builtin" / f"{mesh.split(':')[0]}.ply"
+        degrees, off = pose_error(folder, shape, middle_of(mesh))
+        right_poses += (degrees <= 1 and abs(off) <= 0.005) or pose.get("ambiguous", False)
+        text += f" {degrees:.2f} degrees {100 * off:+.2f} %"
         told += any(found.get("misfit", False) for found in result["results"])
+        unfinished += result["results"][0].get("unfinished", False)
         for truth, found in zip(truths, result["results"]):
-            if found.get("misfit"):
-                text += " misfit"
+            text += "".join(f" {word}" for word in ("misfit", "unfinished") if found.get(word))
             values = [found[name]["value"] for name in truth]
             albedos.append(abs(diffuse_albedo(*values) - diffuse_albedo(*truth.values())))
             for name, value in truth.items():
@@ -332,8 +395,9 @@ def main():
                 errors[name].append(abs(off))
                 deviations[name].append(abs(p["value"] - value) / p["standard_deviation"])
                 holds = p["low_95"] <= value <= p["high_95"]
-                inside += holds
-                total += 1
+                if not found.get("misfit") and not found.get("unfinished"):
+                    inside += holds
+                    total += 1
                 text += f"  {name} {p['value']:.4g} of {value:.4g} ({off:+.3f}{'' if holds else ' OUTSIDE'})"
         print(f"{text}  {result['results'][0]['seconds']:.0f} s", flush=True)
     for name, off in errors.items():
@@ -342,7 +406,8 @@ def main():
                   f"{np.median(deviations[name]):.2f} standard deviations (.67 of a Gaussian)")
     if albedos:
         print(f"median error of the diffuse albedo: {np.median(albedos):.4f}")
-    print(f"truths in the 95 % intervals: {inside} of {total}; told as misfits: {told}")
+    print(f"poses within 1 degree and .5 %, or told to be ambiguous: {right_poses}")
+    print(f"truths in the 95 % intervals: {inside} of {total}; told as misfits: {told}, as unfinished: {unfinished}")
 
 
 if __name__ == "__main__":

@@ -118,6 +118,16 @@ TEST(PoseSearch, KnowsThatMasksMayBeTooLargeOrTooSmall) {
   EXPECT_NEAR(found.range_error, pixel / 40, 0.3 * pixel / 40);
 }
 
+// A ball looks the same however it is turned, and its distance is known within an error: that is
+// one pose.
+TEST(PoseSearch, FindsABallOnce) {
+  const PinholeView view{.focal = 800, .center_x = 128, .center_y = 128, .side = 256};
+  const Mesh ball = of_80_mm(make_shape("sphere"));
+  SplitMix random(3);
+  const std::vector<float> mask = mask_of(ball, any_pose(random), view);
+  EXPECT_EQ(find_poses(ball, resized(mask, view.side, false), view).size(), 1U);
+}
+
 // Shapes that nobody made, too: 19 of 20 at least.
 TEST(PoseSearch, FindsWhereManyObjectsStand) {
   int found = 0, all = 0;

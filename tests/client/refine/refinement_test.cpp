@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "client/refine/coordinates.h"
+#include "client/refine/refine_run.h"
 #include "tests/client/refine/synthetic_model.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/statistics.h"
@@ -136,6 +137,20 @@ TEST(Refinement, KeepsItsTimeLimit) {
     EXPECT_DOUBLE_EQ(refinement.result().seconds(), now) << limit;
     EXPECT_LE(now, limit) << limit;
     EXPECT_GT(now, 0.6 * limit) << limit;
+  }
+}
+
+TEST(Refinement, SaysThatItWasOnItsWay) {
+  const SyntheticModel model;
+  const std::vector<Observation> observations{model.observe(kTruth, 1e-4, 1)};
+  for (const uint32_t iterations : {2U, 40U}) {
+    v1::RefineSettings settings;
+    settings.set_max_iterations(iterations);
+    Refinement refinement(settings, observations, {kStart});
+    while (!refinement.finished()) refinement.step(model.renderer());
+    const v1::RefineResult result = refinement.result();
+    EXPECT_EQ(result.unfinished(), iterations == 2);
+    EXPECT_EQ(to_text(result).find("unknown: unfinished") != std::string::npos, iterations == 2);
   }
 }
 
