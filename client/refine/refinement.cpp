@@ -231,6 +231,7 @@ Refinement::Refinement(std::span<const Observation> observations, const v1::Refi
   for (const v1::RefineStartState& start : state.starts()) {
     descents_.emplace_back(settings_, layout_, observations_, start);
   }
+  keep_time_limit();
 }
 
 Refinement::~Refinement() = default;
@@ -277,14 +278,18 @@ const v1::RefineIteration& Refinement::step(const Renderer& renderer) {
   iteration.set_start(static_cast<uint32_t>(start));
   iteration.set_seconds(before + took);
   trajectory_.push_back(iteration);
-  if (settings_.time_limit() > 0 && !finished()) keep_time_limit(took);
+  keep_time_limit();
   return trajectory_.back();
 }
 
 // An iteration takes as long as the one before, times its samples over that one's. The next has as
 // many samples as the time allows; too few of them would tell hardly more than is known.
-void Refinement::keep_time_limit(double took) {
+void Refinement::keep_time_limit() {
+  if (settings_.time_limit() == 0 || trajectory_.empty() || finished()) return;
   const v1::RefineIteration& last = trajectory_.back();
+  const size_t count = trajectory_.size();
+  const double took =
+      last.seconds() - (count > 1 ? trajectory_[count - 2].seconds() : seconds_before_);
   const double left = settings_.time_limit() - last.seconds();
   const double affordable = took > 0 ? left / took * last.spp() : HUGE_VAL;
   Descent& descent = descents_[next()];

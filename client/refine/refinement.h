@@ -83,7 +83,7 @@ class Refinement {
  private:
   size_t best() const;
   size_t next() const;
-  void keep_time_limit(double took);
+  void keep_time_limit();
 
   v1::RefineSettings settings_;
   std::span<const Observation> observations_;

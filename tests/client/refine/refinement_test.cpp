@@ -126,17 +126,29 @@ TEST(Refinement, KeepsItsTimeLimit) {
     settings.set_tolerance(0);
     Refinement refinement(settings, observations, {kStart, {50, 0.8, 0.3}}, before);
     double now = before;
-    refinement.use_clock([&] { return now; });
-    while (!refinement.finished()) {
-      refinement.step([&](std::span<const RenderQuery> queries) {
-        for (const RenderQuery& query : queries) now += kSecondsPerSample * query.spp;
-        return model.renderer()(queries);
-      });
-    }
+    const auto run = [&](Refinement& one) {
+      one.use_clock([&] { return now; });
+      while (!one.finished()) {
+        one.step([&](std::span<const RenderQuery> queries) {
+          for (const RenderQuery& query : queries) now += kSecondsPerSample * query.spp;
+          return model.renderer()(queries);
+        });
+      }
+    };
+    run(refinement);
     EXPECT_EQ(refinement.result().end(), v1::RefineResult::TIME_LIMIT) << limit;
     EXPECT_DOUBLE_EQ(refinement.result().seconds(), now) << limit;
     EXPECT_LE(now, limit) << limit;
     EXPECT_GT(now, 0.6 * limit) << limit;
+    // Another fifth of the time.
+    v1::RefineState state = refinement.state();
+    state.mutable_settings()->set_time_limit(1.2 * limit);
+    for (v1::RefineStartState& start : *state.mutable_starts()) {
+      start.set_end(v1::RefineResult::UNFINISHED);
+    }
+    Refinement longer(observations, state);
+    run(longer);
+    EXPECT_LE(now, 1.2 * limit) << limit;
   }
 }
 
