@@ -31,6 +31,7 @@ struct Layout {
   bool has_exposure = false;
   size_t disturbances = 0;
 
+  Eigen::Index sigma_t(size_t colour) const { return 2 * static_cast<Eigen::Index>(colour); }
   Eigen::Index g() const { return 2 * static_cast<Eigen::Index>(colours); }
   Eigen::Index unknown(size_t which) const { return g() + 1 + static_cast<Eigen::Index>(which); }
   Eigen::Index exposure() const { return unknown(unknowns.size()); }  // if it has one

@@ -197,12 +197,12 @@ void Descent::collect_sums() {
 }
 
 // Of the images alone.
-ScoreEquations Descent::score_equations() const {
+ScoreEquations Descent::score_equations(size_t colour) const {
   return {.gradient = normal_equations_.gradient - unexplained_.gradient,
           .curvature = normal_equations_.curvature - unexplained_.curvature,
           .moments = moments_,
           .apart = {},
-          .ridge = layout_.g()};
+          .ridge = is_g_given(settings_) ? layout_.sigma_t(colour) : layout_.g()};
 }
 
 // From where the equations are.
@@ -227,15 +227,15 @@ std::vector<KnownStep> Descent::known_steps() const {
   return known;
 }
 
-ScoreTest Descent::test() const {
-  ScoreEquations equations = score_equations();
+ScoreTest Descent::test(size_t colour) const {
+  ScoreEquations equations = score_equations(colour);
   equations.known = known_steps();
   return ScoreTest(equations);
 }
 
 // Of the noise of the renders alone.
 ScoreTest Descent::render_test() const {
-  ScoreEquations equations = score_equations();
+  ScoreEquations equations = score_equations(0);
   for (ScoreMoments& moments : equations.moments) {
     const auto n = static_cast<Eigen::Index>(moments.coordinates.size());
     moments.sums.topRows(n).setZero();
@@ -260,8 +260,8 @@ double Descent::unexplained_part() const {
   return pixels > 0 ? unexplained / pixels : 0;
 }
 
-Region Descent::region() const {
-  return region_about(x_, linearization_point_, test(), layout_);
+Region Descent::region(size_t colour) const {
+  return region_about(x_, linearization_point_, test(colour), layout_);
 }
 
 bool Descent::is_under_way() const {

@@ -60,8 +60,9 @@ class Descent {
   Material material(size_t colour = 0) const { return material_at(seen_in(x_, colour)); }
   std::vector<double> unknowns() const { return unknowns_at(seen_in(x_, 0), seen_); }
   double exposure() const { return exposure_at(seen_in(x_, 0), seen_); }
-  // Where else it may be.
-  Region region() const;
+  // Where else it may be. Along the similarity ridge; where g is given, along ln sigma_t of a
+  // colour, which then is what an image may hardly tell.
+  Region region(size_t colour = 0) const;
   // Whether the last iteration was still farther from where the equations lead than that is
   // uncertain.
   bool is_under_way() const;
@@ -85,9 +86,9 @@ class Descent {
   // The coordinates of what an image of a colour shows.
   Vector seen_in(const Vector& x, size_t colour) const { return x(layout_.of_colour(colour)); }
   void collect_sums();
-  ScoreEquations score_equations() const;
+  ScoreEquations score_equations(size_t colour) const;
   std::vector<KnownStep> known_steps() const;
-  ScoreTest test() const;
+  ScoreTest test(size_t colour = 0) const;
   ScoreTest render_test() const;
   void plan(const Step& step, double deviation, double share);
 

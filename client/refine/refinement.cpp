@@ -328,7 +328,7 @@ v1::RefineResult Refinement::result(size_t colour) const {
   if (trajectory_.empty()) throw Error(ErrorKind::kInternal, "no iteration was made");
   const size_t chosen = best();
   const Descent& descent = descents_[chosen];
-  v1::RefineResult result = refine_result(descent.region(), colour);
+  v1::RefineResult result = refine_result(descent.region(colour), colour);
   result.set_end(descent.end());
   result.set_iterations(descent.iterations());
   result.set_total_iterations(static_cast<uint32_t>(trajectory_.size()));
