@@ -421,6 +421,29 @@ TEST(Refinement, IntervalsCoverTheTruthAtTheEndsOfRanges) {
   expect_covered(inside, kImages);
 }
 
+// Renders whose derivatives are hardly more than noise, as of a thick ball by flash, tell hardly
+// what sigma_t is, and must not tell it wrongly, where g is given.
+TEST(Refinement, IntervalsCoverTheTruthThoughDerivativesAreNoise) {
+  constexpr int kImages = 200;
+  constexpr double kNoiseOfSample = 20;
+  const SyntheticModel model(kNoiseOfSample);
+  std::array<int, 2> inside{};
+  for (uint64_t i = 0; i < kImages; ++i) {
+    v1::RefineSettings settings;
+    settings.set_seed(i);
+    settings.set_max_spp(256);
+    settings.set_max_iterations(6);
+    settings.set_unknown_exposure(true);
+    settings.set_expected_g(kTruth.g);
+    (*settings.mutable_known_within())["g"] = 1e-4;
+    const v1::RefineResult r = refined(model, {model.observe(kTruth, 0.05, 100 + i)}, settings,
+                                       {{20, kTruth.albedo, kTruth.g}});
+    inside[0] += has(r.sigma_t(), kTruth.sigma_t);
+    inside[1] += has(r.sigma_s_reduced(), kTruth.sigma_s_reduced());
+  }
+  expect_covered(inside, kImages);
+}
+
 TEST(Refinement, SeveralImagesTellMore) {
   const SyntheticModel model;
   const v1::RefineResult one = refined(model, {model.observe(kTruth, 0.1, 1)}, {}, {kStart});
