@@ -39,6 +39,7 @@ void add_flags(CLI::App& command, FitOptions& options) {
                   "y being up, separated by commas: a slab is a cube of 60,5,40. Default: as the "
                   "shape's file has it, if --mesh-unit says its unit")
       ->delimiter(',')
+      ->allow_extra_args(false)
       ->check(number_in(1e-3, 1e6));
   add_mesh_unit_flag(command, refine.mesh_unit);
   command.add_flag("--repair", options.repair, "Close a mesh that is nearly closed");
@@ -62,12 +63,14 @@ void add_flags(CLI::App& command, FitOptions& options) {
           "several photographs one for all, or one for each, separated by commas. Default: as "
           "light and shade on the object say")
       ->delimiter(',')
+      ->allow_extra_args(false)
       ->check(number_in(-360.0, 360.0));
   command
       .add_option("--camera-down", options.camera_down,
                   "How far below the horizon the camera looks, in degrees, likewise; counts with a "
                   "panorama or the sun")
       ->delimiter(',')
+      ->allow_extra_args(false)
       ->check(number_in(-89.0, 89.0))
       ->capture_default_str();
   command

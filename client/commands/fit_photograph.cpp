@@ -60,7 +60,8 @@ Rotation<double> looking_down(double degrees) {
   return {{1, 0, 0}, {0, c, s}, {0, -s, c}};
 }
 
-// Scales it to its longest side, or to its sides along x, y and z.
+// Scales a mesh so that its longest side is `size[0]`, or its sides along x, y and z are `size`, in
+// mm.
 void set_size(const std::vector<double>& size, v1::Mesh& mesh) {
   mesh.set_normalize(true);
   Vec3d scale{size[0], size[0], size[0]};

@@ -158,8 +158,8 @@ std::string fit_report_page(const std::string& title, const v1::FitResult& resul
                  "<header><h1>{}</h1><p>Its material, found by rendering its shape.</p></header>\n",
                  html_escaped(title)) +
                  trust_of(result) + pictures_of(result, folder) +
-                 section("Answer", fmt::format("<p class=\"soft\">Lengths in mm; where they "
-                                               "are known, with 95 % intervals.</p><pre>{}</pre>",
+                 section("Answer", fmt::format("<p class=\"soft\">Lengths in mm, with 95 % "
+                                               "intervals where those hold.</p><pre>{}</pre>",
                                                html_escaped(numbers))) +
                  swatches_of(swatches) + exports_of(title, result) + convergence_of(folder));
 }

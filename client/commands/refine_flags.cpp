@@ -112,8 +112,10 @@ void add_flags(CLI::App& command, RefineOptions& options) {
       .add_option("--max-iterations", options.max_iterations, "Of a start; default 40, of adam 150")
       ->check(number_in(1U, 100000U));
   command
-      .add_option("--time-limit", options.time_limit,
-                  "In seconds; ends after the iteration in which they are over; 0: none")
+      .add_option(
+          "--time-limit", options.time_limit,
+          "In seconds: the last iteration has as many samples as they leave time for, and one is "
+          "made at least; 0: none")
       ->check(number_in(0.0, 1e9))
       ->capture_default_str();
   command

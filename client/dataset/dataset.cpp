@@ -9,6 +9,7 @@
 
 #include "client/dataset/dataset_config.h"
 #include "client/dataset/item_scene.h"
+#include "client/render_pool/render_query.h"
 #include "client/render_pool/reply_images.h"
 #include "common/error.h"
 #include "common/files/read_file.h"

@@ -74,7 +74,6 @@ class RecentParts {
 // Independent estimates of d radiance / d (sigma_t, albedo, g), in this order: resolution x
 // resolution each.
 inline constexpr int kDerivativeEstimates = 2;
-inline constexpr std::array<const char*, 3> kMaterialParameters = {"sigma_t", "albedo", "g"};
 using DerivativeImages = std::array<std::array<std::vector<float>, 3>, kDerivativeEstimates>;
 
 // A dataset on disk. What it has in memory is the manifest and some shapes and

@@ -352,10 +352,10 @@ std::vector<Found> distinct(const std::vector<Found>& sorted, double angle, size
   return result;
 }
 
-// Without those in which the camera sees the same, as a symmetric shape is turned into itself, or
-// only farther away, as the contours say within their errors.
-std::vector<FoundPose> of_different_depths(const std::vector<FoundPose>& sorted, const Mesh& mesh,
-                                           const PinholeView& view) {
+// Keeps the first of poses in which the camera sees the same relief: turns of a symmetric shape
+// into itself, and poses that differ in their distance alone.
+std::vector<FoundPose> of_different_reliefs(const std::vector<FoundPose>& sorted, const Mesh& mesh,
+                                            const PinholeView& view) {
   constexpr double kSame = 0.01;  // of the size
   const double near = kSame * longest_side(bounds(mesh));
   std::vector<FoundPose> result;
@@ -433,7 +433,7 @@ std::vector<FoundPose> find_poses(const Mesh& mesh, const std::vector<float>& ma
   constexpr double kAlike = 1.3, kSlack = 0.05;
   const double as_good = kAlike * result.front().distance + kSlack;
   std::erase_if(result, [&](const FoundPose& one) { return one.distance > as_good; });
-  return of_different_depths(distinct(result, kDegree, result.size()), coarse_mesh, coarse_view);
+  return of_different_reliefs(distinct(result, kDegree, result.size()), coarse_mesh, coarse_view);
 }
 
 }  // namespace itn

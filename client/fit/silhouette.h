@@ -50,7 +50,7 @@ class Silhouette {
   SilhouetteMoments moments() const;
   // The mean difference of the depths, in mm, where both cover a pixel.
   double depth_difference(const Silhouette& other) const;
-  // Likewise of what differs, when one of them is moved along the view until the depths agree best.
+  // The same after one of them is moved along the view until the median difference is 0.
   double relief_difference(const Silhouette& other) const;
 
  private:

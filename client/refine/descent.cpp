@@ -271,13 +271,14 @@ bool Descent::is_under_way() const {
   beside[layout_.g()] *= kAlongRidge;
   if (beside.head(2 * static_cast<Eigen::Index>(layout_.colours)).lpNorm<Eigen::Infinity>() > kNear)
     return true;
-  const ScoreTest all = test();
+  const ScoreTest all = test(0);
   const double least = all.statistic(all.full_step());
   return all.statistic(x_ - linearization_point_) - least > static_cast<double>(x_.size());
 }
 
 Descent::Step Descent::newton_step() const {
-  const ScoreTest all = test(), renders = render_test();
+  // Of several colours the first has the search along sigma_t, as steps are damped in all of them.
+  const ScoreTest all = test(0), renders = render_test();
   const Vector best = all.best_step(trust_radius_);
   const Vector nowhere = Vector::Zero(linearization_point_.size());
   const double length = best.norm();
@@ -358,10 +359,9 @@ v1::RefineIteration Descent::step(const Renderer& renderer, uint64_t seed) {
   clamp_to_domain(x_, layout_);
   iteration.set_step_to_noise(step.over_noise);
   double deviation = 0, share = 0;
-  const Region known = region();
-  const Matrix all = known.covariance, renders = test().covariance_of(render_test());
+  const Matrix all = test(0).covariance(), renders = test(0).covariance_of(render_test());
   for (size_t colour = 0; colour < layout_.colours; ++colour) {
-    for (const double one : physical_deviations(known, colour)) {
+    for (const double one : physical_deviations(region(colour), colour)) {
       iteration.add_standard_deviations(one);
       deviation = std::max(deviation, one);
     }

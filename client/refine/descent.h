@@ -60,9 +60,9 @@ class Descent {
   Material material(size_t colour = 0) const { return material_at(seen_in(x_, colour)); }
   std::vector<double> unknowns() const { return unknowns_at(seen_in(x_, 0), seen_); }
   double exposure() const { return exposure_at(seen_in(x_, 0), seen_); }
-  // Where else it may be. Along the similarity ridge; where g is given, along ln sigma_t of a
-  // colour, which then is what an image may hardly tell.
-  Region region(size_t colour = 0) const;
+  // The materials that the images do not contradict, as points along the coordinate that they may
+  // hardly tell: logit g or, where g is given, ln sigma_t of this colour.
+  Region region(size_t colour) const;
   // Whether the last iteration was still farther from where the equations lead than that is
   // uncertain.
   bool is_under_way() const;
@@ -88,7 +88,7 @@ class Descent {
   void collect_sums();
   ScoreEquations score_equations(size_t colour) const;
   std::vector<KnownStep> known_steps() const;
-  ScoreTest test(size_t colour = 0) const;
+  ScoreTest test(size_t colour) const;
   ScoreTest render_test() const;
   void plan(const Step& step, double deviation, double share);
 

@@ -70,7 +70,7 @@ RenderQuery query_of(const Observation& observation, const Material& material,
                     .seed = seed,
                     .estimates = kEstimates,
                     .pilot_spp = kPilotSpp,
-                    .derivatives = {kByMaterial.begin(), kByMaterial.end()}};
+                    .derivatives = {kMaterialParameters.begin(), kMaterialParameters.end()}};
   for (size_t i = 0; i < unknowns.size(); ++i) {
     query.values.push_back({unknowns[i].name, values[i]});
     query.derivatives.push_back(unknowns[i].name);

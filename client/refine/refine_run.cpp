@@ -1,5 +1,4 @@
 #include "client/refine/refine_run.h"
-#include "client/refine/refine_result.h"
 
 #include <fmt/format.h>
 #include <google/protobuf/util/message_differencer.h>
@@ -10,6 +9,7 @@
 
 #include "client/json.h"
 #include "client/panels.h"
+#include "client/refine/refine_result.h"
 #include "common/error.h"
 #include "common/files/atomic_file.h"
 #include "common/files/read_file.h"

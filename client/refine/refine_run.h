@@ -20,7 +20,8 @@ struct RefineRun {
   std::filesystem::path folder;
   // What the starts come from, in words: part of what makes a run the same.
   std::string origin;
-  // Seconds that went by before a new run, which are part of its time limit.
+  // Seconds that went by before a new run, which are part of its time limit. A run that goes on has
+  // counted them.
   double seconds_before = 0;
   // Starts of a new run.
   std::function<std::vector<Material>()> starts;

@@ -147,13 +147,13 @@ void add_misfit(const Descent& descent, uint32_t block, v1::RefineResult& result
   if (structure.is_known()) {
     result.add_remarks(unsaid +
                        ": a difference to the renders would be told where it hangs together over "
-                       "pixels, and none does by more than the intervals know of");
+                       "pixels, and none does by enough");
   } else {
     result.add_remarks(
         unsaid +
         ", and too few of its pixels count to see whether differences to the renders hang "
-        "together: the intervals hold if shape, light, camera, exposure and encoding are those of "
-        "the scene");
+        "together: it was not tested whether shape, light, camera, exposure and encoding are those "
+        "of the scene");
   }
 }
 
@@ -220,7 +220,8 @@ Refinement::Refinement(std::span<const Observation> observations, const v1::Refi
     : settings_(state.settings()),
       observations_(observations),
       digest_(digest_of(observations)),
-      trajectory_(state.trajectory().begin(), state.trajectory().end()) {
+      trajectory_(state.trajectory().begin(), state.trajectory().end()),
+      seconds_before_(state.seconds_before()) {
   check(settings_);
   check(observations_);
   if (state.digest() != digest_) {
@@ -354,7 +355,7 @@ v1::RefineResult Refinement::result(size_t colour) const {
     result.add_remarks("g was given, not found: sigma_t and albedo are those of that g");
   }
   add_misfit(descent, settings_.block(), result);
-  if (result.misfit() && was_cut_short) {
+  if (result.misfit() && was_cut_short && !result.unfinished()) {
     result.add_remarks("it ended by its limit: with more iterations or time it may be no misfit");
   }
   add_remarks(result);
@@ -367,6 +368,7 @@ v1::RefineState Refinement::state() const {
   v1::RefineState state;
   *state.mutable_settings() = settings_;
   state.set_digest(digest_);
+  state.set_seconds_before(seconds_before_);
   for (const Descent& descent : descents_) *state.add_starts() = descent.state();
   state.mutable_trajectory()->Add(trajectory_.begin(), trajectory_.end());
   return state;

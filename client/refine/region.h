@@ -11,8 +11,8 @@
 
 namespace itn {
 
-// By coordinates (client/refine/coordinates.h): points along the similarity ridge, at
-// each the best of those across it.
+// By coordinates (client/refine/coordinates.h): points along that of ScoreEquations::ridge, at each
+// the best of those across it.
 struct Region {
   struct RidgePoint {
     Vector x;

@@ -39,7 +39,9 @@ struct ScoreEquations {
   std::vector<ScoreMoments> moments;  // of the images
   Matrix apart;                       // the covariance of what s has from elsewhere; empty: none
   std::vector<KnownStep> known = {};
-  Eigen::Index ridge = 2;  // logit g: the others are those that an image tells well, whatever it is
+  // The coordinate that images may hardly tell, whatever the others are: logit g of one colour or,
+  // where g is given, ln sigma_t.
+  Eigen::Index ridge = 2;
 };
 
 class ScoreTest {

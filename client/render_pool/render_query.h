@@ -28,8 +28,8 @@ struct SceneValue {
   double value = 0;
 };
 
-// Derivatives by the material, by name.
-inline constexpr std::array kByMaterial{"sigma_t", "albedo", "g"};
+// The names of the derivatives by the material.
+inline constexpr std::array<const char*, 3> kMaterialParameters{"sigma_t", "albedo", "g"};
 
 struct RenderQuery {
   std::shared_ptr<const SerializedScene> scene;
@@ -42,7 +42,7 @@ struct RenderQuery {
   uint64_t seed = 0;
   uint32_t estimates = 1;  // independent ones
   uint32_t pilot_spp = 0;  // of a pilot, which quietens the derivatives in sigma_t and g
-  std::vector<std::string> derivatives = {};  // by name
+  std::vector<std::string> derivatives = {};  // names (RenderGradRequest.parameters)
   v1::RenderedPixels pixels = v1::OBJECT_PIXELS;
   v1::Tracer tracer = v1::WAVEFRONT;
   // Where they are given, the loss against the image and its gradient come back, and no images: by

@@ -14,7 +14,7 @@ RerenderingEvaluator pool_rerendering(RenderPool& pool, const RerenderingSetting
       query.spp = settings.spp;
       query.estimates = settings.estimates;
       query.pilot_spp = settings.pilot_spp;
-      query.derivatives.assign(kByMaterial.begin(), kByMaterial.end());
+      query.derivatives.assign(kMaterialParameters.begin(), kMaterialParameters.end());
       replies.push_back(pool.submit(job_of(query)));
     }
     std::vector<tracer::LossWithGradient> losses;

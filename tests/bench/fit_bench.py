@@ -10,7 +10,8 @@ flash, index), and prints the errors, and how many truths lie in the 95 % interv
 card: a flash in a dark room, and a gray card; plain: the same without one; panorama: a room whose panorama is
 given, not its turn, and a card that lies beside the object. --lie: how often is it told that an answer is wrong?
 --colour: of red, green and blue together; --shape: another shape than the case's, and its sides.
-Cases that are in --out are not fitted again. Needs python3-numpy and python3-openimageio (Debian).
+Intervals count where they hold, in what is no misfit and not unfinished. Cases that are in --out are
+not fitted again. Needs python3-numpy and python3-openimageio (Debian).
 """
 import argparse
 import json
@@ -285,7 +286,7 @@ def case(number, options):
     shape = options.shape or SHAPES[number % len(SHAPES)]
     kinds = ["" if options.wrong == DISTURBANCES else "-".join(options.wrong),
              f"lie-{options.lie}" if options.lie else "", "colour" if options.colour else "",
-             "reference" if options.reference else "", shape.split(":")[0] if options.shape else ""]
+             "reference" if options.reference else "", re.sub("[:,]", "_", options.shape or "")]
     folder = options.out / "-".join([f"{options.setup}{number:03}"] + [kind for kind in kinds if kind])
     result = folder / "result.json"
     sigma_s, sigma_a = MATERIALS[(number // len(SHAPES) + number) % len(MATERIALS)]
@@ -358,7 +359,7 @@ def main():
     parser.add_argument("--lie", choices=LIES, help="what makes any answer wrong: the size by 10 %%, the light by 15 "
                         "degrees, the shape by 5 %% along an axis, another material in the left half, a local tone curve, a "
                         "material that is a hundred times as dense")
-    parser.add_argument("--shape", help="of all cases: a built-in one and its sides in mm, as cube:40,12,28")
+    parser.add_argument("--shape", help="of all cases: a built-in one, or cube or cylinder and its sides in mm, as cube:40,12,28")
     parser.add_argument("--colour", action="store_true", help="three materials instead of one")
     parser.add_argument("--wrong", default=",".join(DISTURBANCES), help="what the fit is told wrongly; none: nothing")
     parser.add_argument("--reference", action="store_true", help="render by the reference tracer")

@@ -277,7 +277,7 @@ TEST_F(FitCommand, TakesASceneThatIsGiven) {
   write_exr(folder_->path("brighter.exr"), brighter);
   const Finished done =
       run({kItn, "fit", folder_->path("brighter.exr"), "--scene", folder_->path("given.textproto"),
-           "--starts", "2", "--max-spp", "1024", "--json", "-o", folder_->path("given")});
+           "--starts", "2", "--max-spp", "2048", "--json", "-o", folder_->path("given")});
   ASSERT_EQ(done.exit_code, 0) << done.errors;
   EXPECT_THAT(done.errors, HasSubstr("the index of refraction stays that of the scene"));
   v1::FitResult result;
@@ -357,6 +357,9 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
   refuse(command({"--object-size", "45", "--focal-length", focal}, "absent.stl"), 4, "absent.stl");
   refuse(command({"--object-size", "45", "--focal-length", focal, "--light", "absent.hdr"}), 4,
          "absent.hdr");
+  refuse({kItn, "fit", "--object-size", "45", folder_->path("a.exr"), "--shape", "mug", "-o",
+          folder_->path("out")},
+         3, "--focal-length");
   refuse(command({"--object-size", "45,20", "--focal-length", focal}), 2,
          "--object-size has 2 numbers");
   refuse(command({"--object-size", "45000", "--focal-length", focal}), 3, "is --object-size right");

@@ -152,6 +152,25 @@ TEST(Refinement, KeepsItsTimeLimit) {
   }
 }
 
+// What went by before the first iteration is no time that this took, for a run that goes on
+// neither.
+TEST(Refinement, KnowsHowLongItsFirstIterationTook) {
+  const SyntheticModel model;
+  const std::vector<Observation> observations{model.observe(kTruth, 1e-4, 1)};
+  constexpr double kBefore = 9, kTook = 0.1;
+  v1::RefineSettings settings;
+  settings.set_time_limit(10);
+  Refinement refinement(settings, observations, {kStart}, kBefore);
+  double now = kBefore;
+  refinement.use_clock([&] { return now; });
+  refinement.step([&](std::span<const RenderQuery> queries) {
+    now += kTook;
+    return model.renderer()(queries);
+  });
+  EXPECT_FALSE(refinement.finished());
+  EXPECT_FALSE(Refinement(observations, refinement.state()).finished());
+}
+
 TEST(Refinement, SaysThatItWasOnItsWay) {
   const SyntheticModel model;
   const std::vector<Observation> observations{model.observe(kTruth, 1e-4, 1)};
