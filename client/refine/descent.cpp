@@ -359,7 +359,8 @@ v1::RefineIteration Descent::step(const Renderer& renderer, uint64_t seed) {
   clamp_to_domain(x_, layout_);
   iteration.set_step_to_noise(step.over_noise);
   double deviation = 0, share = 0;
-  const Matrix all = test(0).covariance(), renders = test(0).covariance_of(render_test());
+  const ScoreTest found = test(0);
+  const Matrix all = found.covariance(), renders = found.covariance_of(render_test());
   for (size_t colour = 0; colour < layout_.colours; ++colour) {
     for (const double one : physical_deviations(region(colour), colour)) {
       iteration.add_standard_deviations(one);

@@ -120,11 +120,12 @@ class FitCommand : public ::testing::Test {
     return scene.replace(light, camera - light, lights);
   }
 
-  // Of a photograph of the mug, in a folder of its own.
+  // Of a photograph of the mug, or of another shape of this size, in a folder of its own.
   static v1::FitResult fitted(const std::string& image, const std::string& output,
-                              const Arguments& more) {
-    Arguments arguments =
-        command({"--object-size", "45", "--focal-length", std::to_string(kFocalLength), "--json"});
+                              const Arguments& more, const std::string& shape = "mug",
+                              const std::string& size = "45") {
+    Arguments arguments = command(
+        {"--object-size", size, "--focal-length", std::to_string(kFocalLength), "--json"}, shape);
     arguments.insert(arguments.end(), more.begin(), more.end());
     arguments[2] = folder_->path(image);
     *(std::ranges::find(arguments, "-o") + 1) = folder_->path(output);
@@ -187,15 +188,8 @@ TEST_F(FitCommand, TakesSidesOfABox) {
   scene.replace(scene.find("mug"), 3, "cube");
   scene.replace(scene.find("x: 45 y: 45 z: 45"), 17, "x: 45 y: 10 z: 30");
   photograph("slab.textproto", scene, "slab.exr");
-  Arguments arguments = command(
-      {"--object-size", "45,10,30", "--focal-length", std::to_string(kFocalLength), "--json"},
-      "cube");
-  arguments[2] = folder_->path("slab.exr");
-  *(std::ranges::find(arguments, "-o") + 1) = folder_->path("slab");
-  const Finished done = run(arguments);
-  ASSERT_EQ(done.exit_code, 0) << done.errors;
-  v1::FitResult result;
-  from_json(done.output, "fit", result);
+  const v1::FitResult result = fitted("slab.exr", "slab", {}, "cube", "45,10,30");
+  ASSERT_EQ(result.results_size(), 1);
   EXPECT_GT(result.poses(0).overlap(), 0.97);
   EXPECT_FALSE(result.poses(0).ambiguous());
   // Of flat faces without a card, shading tells little of absorption.
