@@ -70,6 +70,9 @@ void check(const FitOptions& options) {
   if (options.shape.empty() == options.scenes.empty()) {
     throw usage("say --shape, of an object that is to be found; or --scene, where all is known");
   }
+  if (options.refine.g_of_each_colour && options.g_error == 0) {
+    throw usage("--g-of-each-colour is for a g that is found: say --g-error, such as 0.4");
+  }
   if (!options.scenes.empty()) {
     if (options.photograph.gray_card) {
       throw usage("--gray-card is for --shape: how bright it is in a scene is not known");
@@ -293,7 +296,8 @@ std::string in_words(const FitOptions& options) {
       "{} within "
       "{}, panorama {}, sun {}, camera {} within {}\ncard: {} of {} at {} within {}\nfocal length: "
       "{}\nindex: {} "
-      "within {}\ng: {} within {}\nresolution: {}, luminance {}\nmask: {}\nstart: {}, {} starts, "
+      "within {}\ng: {} within {}, of each colour {}\nresolution: {}, luminance {}\nmask: "
+      "{}\nstart: {}, {} starts, "
       "seed {}, spp {}\n",
       fmt::join(options.images, " "), fmt::join(options.scenes, " "), options.shape,
       options.object_size.empty() ? "of its file"
@@ -309,8 +313,9 @@ std::string in_words(const FitOptions& options) {
           : "none",
       photograph.gray, options.card_distance.value_or(0), card_error_of(options),
       options.focal_length_35mm.value_or(0), options.index, options.index_error, options.g,
-      options.g_error, options.resolution, options.luminance, photograph.mask, options.refine.init,
-      options.refine.starts, options.refine.seed, options.refine.max_spp);
+      options.g_error, options.refine.g_of_each_colour, options.resolution, options.luminance,
+      photograph.mask, options.refine.init, options.refine.starts, options.refine.seed,
+      options.refine.max_spp);
 }
 
 constexpr const char* kOptionsFile = "options.txt";

@@ -117,9 +117,14 @@ void add_flags(CLI::App& command, FitOptions& options) {
                   "deviation; 0: g is not found")
       ->check(number_in(0.0, 1.0))
       ->capture_default_str();
-  command.add_flag("--luminance", options.luminance,
-                   "One material for all colours, in a third of the time. Default: red, green and "
-                   "blue, which share g and all that is no material");
+  CLI::Option* luminance = command.add_flag(
+      "--luminance", options.luminance,
+      "One material for all colours, in a third of the time. Default: red, green and "
+      "blue, which share g and all that is no material");
+  command
+      .add_flag("--g-of-each-colour", options.refine.g_of_each_colour,
+                "Of red, green and blue each has a g of its own, known as --g and --g-error say")
+      ->excludes(luminance);
   command
       .add_option("--resolution", options.resolution,
                   "Pixels a side of the square about the object that is fitted")

@@ -226,6 +226,7 @@ v1::RefineSettings settings_of(const RefineOptions& options) {
                                                    : v1::RefineSettings::NOISE);
   settings.set_unknown_exposure(options.unknown_exposure);
   settings.set_expected_g(options.expected_g);
+  settings.set_g_of_each_colour(options.g_of_each_colour);
   settings.set_block(options.block);
   settings.set_spp(options.spp);
   settings.set_max_spp(options.max_spp);

@@ -31,6 +31,7 @@ struct RefineOptions {
   std::vector<std::string> unknowns;           // of the scenes
   std::map<std::string, double> known_within;  // RefineSettings.known_within
   double expected_g = 0;
+  bool g_of_each_colour = false;
   uint32_t block = 1;  // RefineSettings.block
   uint32_t spp = 0, max_spp = 0, max_iterations = 0;
   double time_limit = 0, seconds_before = 0;  // RefineRun

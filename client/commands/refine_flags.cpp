@@ -91,6 +91,8 @@ void add_flags(CLI::App& command, RefineOptions& options) {
       .add_option("--expected-g", options.expected_g, "What g is about, with --known-within g=...")
       ->check(number_in(-0.98, 0.98))
       ->capture_default_str();
+  command.add_flag("--g-of-each-colour", options.g_of_each_colour,
+                   "Find a g of red, of green and of blue, with films of RGB. Default: one of all");
   command
       .add_option(
           "--block", options.block,

@@ -145,7 +145,7 @@ struct ContourTarget {
   double x, y, normal_x, normal_y;
 };
 
-// Pixels at the mask's edge, and the direction in which it rises there.
+// Where the mask falls through a half, between two pixels, and the direction in which it rises.
 std::vector<ContourTarget> contour_of(const std::vector<float>& mask, int side) {
   const auto at = [&](int x, int y) {
     return mask[static_cast<size_t>(std::clamp(y, 0, side - 1)) * static_cast<size_t>(side) +
@@ -166,7 +166,13 @@ std::vector<ContourTarget> contour_of(const std::vector<float>& mask, int side) 
         }
       }
       const double slope = std::hypot(dx, dy);
-      if (slope > 0) targets.push_back({x + 0.5, y + 0.5, dx / slope, dy / slope});
+      if (slope == 0) continue;
+      for (const auto& [u, v] : kBeside) {
+        if (is_on(x + u, y + v)) continue;
+        const double here = double{at(x, y)}, there = double{at(x + u, y + v)};
+        const double part = (here - 0.5) / (here - there);
+        targets.push_back({x + 0.5 + part * u, y + 0.5 + part * v, dx / slope, dy / slope});
+      }
     }
   }
   return targets;
@@ -176,10 +182,12 @@ std::vector<ContourTarget> contour_of(const std::vector<float>& mask, int side) 
 struct Match {
   const ContourPoint* point;
   const ContourTarget* target;
+  double weight;
 };
 
+// `weight`: of a point; a target's is 1.
 std::vector<Match> matches_of(const std::vector<ContourPoint>& points,
-                              const std::vector<ContourTarget>& targets) {
+                              const std::vector<ContourTarget>& targets, double weight) {
   const auto distance2 = [](const ContourPoint& p, const ContourTarget& t) {
     return (p.x - t.x) * (p.x - t.x) + (p.y - t.y) * (p.y - t.y);
   };
@@ -200,10 +208,10 @@ std::vector<Match> matches_of(const std::vector<ContourPoint>& points,
         nearest_point[t] = &point;
       }
     }
-    if (found != nullptr) matches.push_back({&point, found});
+    if (found != nullptr) matches.push_back({&point, found, weight});
   }
   for (size_t t = 0; t < targets.size(); ++t) {
-    if (nearest_point[t] != nullptr) matches.push_back({nearest_point[t], &targets[t]});
+    if (nearest_point[t] != nullptr) matches.push_back({nearest_point[t], &targets[t], 1});
   }
   return matches;
 }
@@ -214,21 +222,25 @@ struct ContourFit {
   Matrix7 normal = Matrix7::Zero();
   Vector7 gradient = Vector7::Zero();
   double squares = 0, weights = 0;
-  size_t count = 0;
 
   double distance() const { return std::sqrt(squares / std::max(weights, 1e-300)); }
+  // How far a point is off, in square pixels. Neighbours are off alike, so of so many one counts.
+  // Along an edge a mask may be off by a part of a pixel that a pose takes up, and that no distance
+  // shows.
+  double variance() const {
+    constexpr double kAlikePoints = 5, kUnseen = 0.25;
+    return kAlikePoints * (distance() * distance() + kUnseen * kUnseen);
+  }
 };
-
-// Points of a contour are not independent of their neighbours: of so many, one counts.
-constexpr double kAlikePoints = 5;
 
 // `margin`: of the mask, in pixels, which is 0 within `margin_error`.
 ContourFit fit_contour(const Pose& pose, double margin, double margin_error, Vec3d middle,
                        const PinholeView& view, const std::vector<Match>& matches) {
-  constexpr double kFar = 3;  // pixels
+  constexpr double kFar = 3;      // pixels
+  constexpr double kBetween = 1;  // from a point to the next one of the same contour
   const Vec3d center = pose.to_scene(middle);
   ContourFit fit;
-  for (const auto& [point, target] : matches) {
+  for (const auto& [point, target, share] : matches) {
     const Vec3d p = pose.to_scene(point->place), arm = p - center;
     const double depth = -p.z;
     // Of the image's x and y by the place.
@@ -239,17 +251,17 @@ ContourFit fit_contour(const Pose& pose, double margin, double margin_error, Vec
     const double x = point->x - target->x - margin * target->normal_x;
     const double y = point->y - target->y - margin * target->normal_y;
     const double residual = x * target->normal_x + y * target->normal_y;
-    const double beside = std::hypot(x, y);
-    const double weight = beside > kFar ? kFar / beside : 1;
+    const double along_contour = std::abs(x * target->normal_y - y * target->normal_x);
+    const double off = std::hypot(residual, std::max(0.0, along_contour - kBetween));
+    const double weight = share * (off > kFar ? kFar / off : 1);
     Vector7 row;
     row << by_turn.x, by_turn.y, by_turn.z, along.x, along.y, along.z, -1;
     fit.normal += weight * row * row.transpose();
     fit.gradient += weight * residual * row;
-    fit.squares += weight * beside * beside;
+    fit.squares += weight * off * off;
     fit.weights += weight;
-    ++fit.count;
   }
-  const double known = kAlikePoints * fit.squares / fit.weights / (margin_error * margin_error);
+  const double known = fit.variance() / (margin_error * margin_error);
   fit.normal(6, 6) += known;
   fit.gradient[6] += known * margin;
   return fit;
@@ -268,13 +280,15 @@ Vector7 step_of(const ContourFit& fit, double size, double range) {
 class ContourMatcher {
  public:
   // `margin_error`: how far, in pixels, a mask may be too large or too small all around, as a
-  // standard deviation. Without it a thin object would stand too near or too far.
+  // standard deviation. Without it a thin object would stand too near or too far. `finer`: pixels
+  // of the silhouettes in a pixel of the mask, along a side.
   ContourMatcher(const Mesh& mesh, const std::vector<float>& mask, const PinholeView& view,
-                 double margin_error)
+                 double margin_error, int finer)
       : mesh_(mesh),
         mask_(mask),
         view_(view),
         margin_error_(margin_error),
+        finer_(finer),
         middle_(middle_of(bounds(mesh))),
         size_(longest_side(bounds(mesh))),
         targets_(contour_of(mask, view.side)) {}
@@ -284,15 +298,22 @@ class ContourMatcher {
     double margin = 0;
     FoundPose best;
     best.distance = std::numeric_limits<double>::infinity();
-    for (int step = 0; step <= steps; ++step) {
-      const Silhouette silhouette(mesh_, pose, view_);
-      const std::vector<ContourPoint> points = silhouette.contour();
-      const std::vector<Match> matches = matches_of(points, targets_);
+    constexpr double kNearer = 0.99;
+    constexpr int kPatience = 4;
+    for (int step = 0, last_nearer = 0; step <= steps && step <= last_nearer + kPatience; ++step) {
+      std::vector<ContourPoint> points =
+          Silhouette(mesh_, pose, view_.at_side(finer_ * view_.side)).contour();
+      for (ContourPoint& point : points) {
+        point.x /= finer_;
+        point.y /= finer_;
+      }
+      const std::vector<Match> matches = matches_of(points, targets_, 1.0 / finer_);
       if (matches.empty()) break;
       const ContourFit fit = fit_contour(pose, margin, margin_error_, middle_, view_, matches);
       const double range = length(pose.to_scene(middle_));
+      if (fit.distance() < kNearer * best.distance) last_nearer = step;
       if (fit.distance() < best.distance) {
-        best = {pose, silhouette.overlap(mask_), fit.distance(), 0, 0, {}};
+        best = {pose, 0, fit.distance(), 0, 0, {}};
         set_errors(fit, range, best);
       }
       const Vector7 by = step_of(fit, size_, range);
@@ -300,6 +321,8 @@ class ContourMatcher {
       pose = moved(pose, middle_, {{by[0], by[1], by[2]}, {by[3], by[4], by[5]}});
       if (pose.to_scene(middle_).z > -0.6 * size_) break;  // it would be around the camera
     }
+    if (std::isfinite(best.distance))
+      best.overlap = Silhouette(mesh_, best.pose, view_).overlap(mask_);
     return best;
   }
 
@@ -310,8 +333,7 @@ class ContourMatcher {
     scale << 1, 1, 1, range, range, range, 1;
     const Matrix7 scaled = scale.asDiagonal() * fit.normal * scale.asDiagonal();
     const Matrix7 inverse = (scaled + kLeast * scaled.trace() * Matrix7::Identity()).inverse();
-    const Matrix6 covariance =
-        inverse.topLeftCorner<6, 6>() * (kAlikePoints * found.distance * found.distance);
+    const Matrix6 covariance = inverse.topLeftCorner<6, 6>() * fit.variance();
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> turns(covariance.topLeftCorner<3, 3>());
     found.angle_error =
         std::min(180.0, std::sqrt(turns.eigenvalues().maxCoeff()) * 180 / std::numbers::pi);
@@ -333,6 +355,7 @@ class ContourMatcher {
   const std::vector<float>& mask_;
   const PinholeView view_;
   const double margin_error_;
+  const int finer_;
   const Vec3d middle_;
   const double size_;
   const std::vector<ContourTarget> targets_;
@@ -389,7 +412,8 @@ FoundPose matched(const Mesh& mesh, const std::vector<float>& mask, const Pinhol
                   const Pose& start) {
   constexpr int kSteps = 60;
   constexpr double kMarginError = 1;
-  return ContourMatcher(mesh, mask, view, kMarginError).match(start, kSteps);
+  constexpr int kFiner = 4;
+  return ContourMatcher(mesh, mask, view, kMarginError, kFiner).match(start, kSteps);
 }
 
 std::vector<FoundPose> find_poses(const Mesh& mesh, const std::vector<float>& mask,
@@ -416,7 +440,8 @@ std::vector<FoundPose> find_poses(const Mesh& mesh, const std::vector<float>& ma
   constexpr double kDegree = std::numbers::pi / 180;
   constexpr int kSteps = 12;
   constexpr double kMarginError = 0.5;
-  const ContourMatcher matcher(coarse_mesh, coarse, coarse_view, kMarginError);
+  constexpr int kFiner = 1;
+  const ContourMatcher matcher(coarse_mesh, coarse, coarse_view, kMarginError, kFiner);
   candidates = distinct(candidates, 8 * kDegree, search.moved);
   std::vector<FoundPose> found(candidates.size());
   in_parallel(candidates.size(), stop,

@@ -101,14 +101,16 @@ std::vector<ContourPoint> Silhouette::contour() const {
   for (int y = 0; y < side; ++y) {
     for (int x = 0; x < side; ++x) {
       if (!covers(x, y)) continue;
-      // What the image's edge cuts off is no contour.
-      const bool ends = (x > 0 && !covers(x - 1, y)) || (x + 1 < side && !covers(x + 1, y)) ||
-                        (y > 0 && !covers(x, y - 1)) || (y + 1 < side && !covers(x, y + 1));
-      if (!ends) continue;
       const double depth = double{
           depth_[static_cast<size_t>(y) * static_cast<size_t>(side) + static_cast<size_t>(x)]};
-      points.push_back(
-          {x + 0.5, y + 0.5, pose_.to_object(view_.direction(x + 0.5, y + 0.5) * depth)});
+      for (const auto& [dx, dy] : kBeside) {
+        // What the image's edge cuts off is no contour.
+        if (std::min(x + dx, y + dy) < 0 || std::max(x + dx, y + dy) >= side) continue;
+        if (covers(x + dx, y + dy)) continue;
+        const double between_x = x + 0.5 + 0.5 * dx, between_y = y + 0.5 + 0.5 * dy;
+        points.push_back(
+            {between_x, between_y, pose_.to_object(view_.direction(between_x, between_y) * depth)});
+      }
     }
   }
   return points;

@@ -1,7 +1,9 @@
 // What a mesh covers of an image, quickly: the depth of what is seen, pixel by pixel.
 #pragma once
 
+#include <array>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "common/geometry/mesh.h"
@@ -22,9 +24,12 @@ struct PinholeView {
   PinholeView at_side(int other) const;
 };
 
+// From a pixel to those that share an edge with it.
+inline constexpr std::array<std::pair<int, int>, 4> kBeside{{{-1, 0}, {1, 0}, {0, -1}, {0, 1}}};
+
 // Where a silhouette ends.
 struct ContourPoint {
-  double x = 0, y = 0;  // the middle of a pixel of the object that has a neighbour beside it
+  double x = 0, y = 0;  // between a pixel of the object and a neighbour beside it
   Vec3d place;          // what is seen there, in the coordinates of the mesh
 };
 

@@ -22,8 +22,8 @@ MaterialCoordinates material_part(const Vector& coordinates) {
 
 std::vector<Eigen::Index> Layout::of_colour(size_t colour) const {
   const auto first = 2 * static_cast<Eigen::Index>(colour);
-  std::vector<Eigen::Index> result{first, first + 1};
-  for (Eigen::Index i = g(); i < size(); ++i) result.push_back(i);
+  std::vector<Eigen::Index> result{first, first + 1, g(colour)};
+  for (Eigen::Index i = unknown(0); i < size(); ++i) result.push_back(i);
   return result;
 }
 
@@ -93,7 +93,7 @@ Matrix physical_jacobian(const Vector& coordinates, const Layout& layout) {
 
 void clamp_to_domain(Vector& x, const Layout& layout) {
   for (Eigen::Index i = 0; i < layout.exposure(); ++i) {
-    const bool is_log = i < layout.g() && i % 2 == 0;
+    const bool is_log = i < layout.g(0) && i % 2 == 0;
     x[i] = is_log ? std::clamp(x[i], std::log(kMinRefinedSigmaT), std::log(kMaxRefinedSigmaT))
                   : std::clamp(x[i], -kFarthest, kFarthest);
   }

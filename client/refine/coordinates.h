@@ -4,11 +4,12 @@
 // range; the logarithm of the exposure if that is unknown; and how far the image is disturbed
 // (Observation::disturbances).
 //
-// A refinement of several colours has ln sigma_t* and logit albedo* of each, and then the rest,
-// which is the same in all of them (Layout).
+// A refinement of several colours has ln sigma_t* and logit albedo* of each, then logit g of all or
+// of each, and then the rest, which is the same in all of them (Layout).
 #pragma once
 
 #include <cstddef>
+#include <ranges>
 #include <vector>
 
 #include "client/refine/matrix.h"
@@ -27,13 +28,21 @@ inline constexpr const char *kExposure = "exposure", *kKnownG = "g";
 // Which coordinates of a refinement are which.
 struct Layout {
   size_t colours = 1;
+  bool g_of_each_colour = false;
   std::vector<SceneUnknown> unknowns = {};
   bool has_exposure = false;
   size_t disturbances = 0;
 
   Eigen::Index sigma_t(size_t colour) const { return 2 * static_cast<Eigen::Index>(colour); }
-  Eigen::Index g() const { return 2 * static_cast<Eigen::Index>(colours); }
-  Eigen::Index unknown(size_t which) const { return g() + 1 + static_cast<Eigen::Index>(which); }
+  Eigen::Index g(size_t colour) const {
+    return 2 * static_cast<Eigen::Index>(colours) +
+           (g_of_each_colour ? static_cast<Eigen::Index>(colour) : 0);
+  }
+  // All logit g: one, or one of each colour.
+  auto all_g() const { return std::views::iota(g(0), g(colours - 1) + 1); }
+  Eigen::Index unknown(size_t which) const {
+    return g(colours - 1) + 1 + static_cast<Eigen::Index>(which);
+  }
   Eigen::Index exposure() const { return unknown(unknowns.size()); }  // if it has one
   Eigen::Index disturbance(size_t which) const {
     return exposure() + (has_exposure ? 1 : 0) + static_cast<Eigen::Index>(which);

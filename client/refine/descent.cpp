@@ -140,7 +140,7 @@ void Descent::accumulate(const Evaluation& evaluation) {
   if (samples_ > 0) {
     moved = evaluation.x - linearization_point_;
     Vector counted = moved;
-    counted[layout_.g()] *= kAlongRidge;
+    for (const Eigen::Index g : layout_.all_g()) counted[g] *= kAlongRidge;
     const double squared = counted.squaredNorm();
     decay = 1 / (1 + std::pow(squared / (kHalfMemory * kHalfMemory), 2));
     long_decay = 1 / (1 + squared / (kHalfInstruments * kHalfInstruments));
@@ -202,7 +202,7 @@ ScoreEquations Descent::score_equations(size_t colour) const {
           .curvature = normal_equations_.curvature - unexplained_.curvature,
           .moments = moments_,
           .apart = {},
-          .ridge = is_g_given(settings_) ? layout_.sigma_t(colour) : layout_.g()};
+          .ridge = is_g_given(settings_) ? layout_.sigma_t(colour) : layout_.g(colour)};
 }
 
 // From where the equations are.
@@ -220,8 +220,9 @@ std::vector<KnownStep> Descent::known_steps() const {
   if (known_within.contains(kKnownG)) {
     const Vector expected = coordinates_of({1, 0.5, settings_.expected_g()});
     constexpr Eigen::Index kOfG = 2;
-    add(layout_.g(), expected[kOfG],
-        known_within.at(kKnownG) / linearize(expected).jacobian(kOfG, kOfG));
+    for (const Eigen::Index g : layout_.all_g()) {
+      add(g, expected[kOfG], known_within.at(kKnownG) / linearize(expected).jacobian(kOfG, kOfG));
+    }
   }
   for (size_t i = 0; i < layout_.disturbances; ++i) add(layout_.disturbance(i), 0, 1);
   return known;
@@ -268,7 +269,7 @@ bool Descent::is_under_way() const {
   // The equations are linear: from farther away they lead about there.
   constexpr double kNear = 0.2;
   Vector beside = x_ - linearization_point_;
-  beside[layout_.g()] *= kAlongRidge;
+  for (const Eigen::Index g : layout_.all_g()) beside[g] *= kAlongRidge;
   if (beside.head(2 * static_cast<Eigen::Index>(layout_.colours)).lpNorm<Eigen::Infinity>() > kNear)
     return true;
   const ScoreTest all = test(0);
@@ -277,7 +278,8 @@ bool Descent::is_under_way() const {
 }
 
 Descent::Step Descent::newton_step() const {
-  // Of several colours the first has the search along sigma_t, as steps are damped in all of them.
+  // Of several colours the first has the search along the ridge, as steps are damped in all of
+  // them.
   const ScoreTest all = test(0), renders = render_test();
   const Vector best = all.best_step(trust_radius_);
   const Vector nowhere = Vector::Zero(linearization_point_.size());

@@ -82,8 +82,11 @@ void check_start(const Material& start) {
 
 Layout layout_of(const v1::RefineSettings& settings, std::span<const Observation> observations) {
   Layout layout{.colours = colours_of(observations),
+                .g_of_each_colour = settings.g_of_each_colour(),
                 .has_exposure = settings.unknown_exposure(),
                 .disturbances = observations.front().disturbances.size()};
+  if (layout.g_of_each_colour && layout.colours == 1)
+    throw invalid_input("a g of each colour is for images of several colours, and these have one");
   if (settings.unknowns().empty()) return layout;
   std::vector<v1::Scene> scenes;
   for (const Observation& observation : observations) scenes.push_back(scene_of(observation));

@@ -11,7 +11,8 @@
 // renders biases neither them nor the answer (client/refine/normal_equations.h).
 //
 // Images may show several colours of an object, each with a sigma_t and an albedo of its own. They
-// share g, the numbers of the scene that are unknown, and the exposure.
+// share the numbers of the scene that are unknown, the exposure, and g unless the settings say
+// that each has its own.
 #pragma once
 
 #include <chrono>

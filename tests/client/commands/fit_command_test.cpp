@@ -370,6 +370,8 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
          2, "2 numbers for 1 photographs");
   refuse(command({"--object-size", "45", "--focal-length", focal, "--camera-down", "10"}), 2,
          "say --light");
+  refuse(command({"--object-size", "45", "--focal-length", focal, "--g-of-each-colour"}), 2,
+         "say --g-error");
   for (const auto& [flag, value] : {std::pair{"--index", "1.3"}, {"--camera-down", "10"}}) {
     refuse({kItn, "fit", folder_->path("a.exr"), "--scene", scene, flag, value, "-o",
             folder_->path("out")},

@@ -313,6 +313,38 @@ TEST(Refinement, ColoursShareWhatIsNoMaterial) {
   EXPECT_GT(index_deviation, 0.1 * kWithin);
 }
 
+// Three materials, each with a g of its own, in one exposure: all intervals hold.
+TEST(Refinement, ColoursMayHaveEachItsOwnG) {
+  constexpr int kImages = 60;
+  constexpr double kExposure = 2.5;
+  const std::array<Material, 3> truths{{{60, 0.8, 0.1}, {80, 0.7, 0.3}, {45, 0.9, 0.6}}};
+  const SyntheticModel model;
+  std::array<int, 3> of_sigma_t{}, of_g{};
+  for (uint64_t i = 0; i < kImages; ++i) {
+    std::vector<Observation> observations;
+    for (size_t c = 0; c < 3; ++c) {
+      observations.push_back(model.observe(truths[c], 0.02, 3 * i + c, kExposure));
+      observations.back().colour = c;
+    }
+    v1::RefineSettings settings;
+    settings.set_seed(i);
+    settings.set_max_spp(1024);
+    settings.set_unknown_exposure(true);
+    settings.set_g_of_each_colour(true);
+    Refinement refinement(settings, observations, {kStart});
+    while (!refinement.finished()) refinement.step(model.renderer());
+    for (size_t c = 0; c < 3; ++c) {
+      const v1::RefineResult r = refinement.result(c);
+      of_sigma_t[c] += has(r.sigma_t(), truths[c].sigma_t);
+      of_g[c] += has(r.g(), truths[c].g);
+    }
+    const double apart = refinement.result(2).g().value() - refinement.result(0).g().value();
+    EXPECT_GT(apart, 0.2);
+  }
+  expect_covered(of_sigma_t, kImages);
+  expect_covered(of_g, kImages);
+}
+
 // What a wrong pose does to an image is left out of the material, and its doubt is in the
 // intervals; without, they are wrong.
 TEST(Refinement, DisturbancesLeaveTheMaterialAlone) {
