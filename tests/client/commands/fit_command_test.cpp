@@ -188,7 +188,8 @@ TEST_F(FitCommand, TakesSidesOfABox) {
   scene.replace(scene.find("mug"), 3, "cube");
   scene.replace(scene.find("x: 45 y: 45 z: 45"), 17, "x: 45 y: 10 z: 30");
   photograph("slab.textproto", scene, "slab.exr");
-  const v1::FitResult result = fitted("slab.exr", "slab", {}, "cube", "45,10,30");
+  const v1::FitResult result =
+      fitted("slab.exr", "slab", {"--index-error", "0", "--flash-error", "0"}, "cube", "45,10,30");
   ASSERT_EQ(result.results_size(), 1);
   EXPECT_GT(result.poses(0).overlap(), 0.97);
   EXPECT_FALSE(result.poses(0).ambiguous());
@@ -370,8 +371,9 @@ TEST_F(FitCommand, SaysWhatIsWrong) {
          2, "2 numbers for 1 photographs");
   refuse(command({"--object-size", "45", "--focal-length", focal, "--camera-down", "10"}), 2,
          "say --light");
-  refuse(command({"--object-size", "45", "--focal-length", focal, "--g-of-each-colour"}), 2,
-         "say --g-error");
+  refuse({kItn, "fit", folder_->path("a.exr"), "--shape", "mug", "--object-size", "45",
+          "--g-of-each-colour", "-o", folder_->path("out")},
+         2, "say --g-error");
   for (const auto& [flag, value] : {std::pair{"--index", "1.3"}, {"--camera-down", "10"}}) {
     refuse({kItn, "fit", folder_->path("a.exr"), "--scene", scene, flag, value, "-o",
             folder_->path("out")},
