@@ -90,7 +90,7 @@ Eigen::MatrixXd slopes(const SeenPixels& seen, size_t pixels, int width) {
     const auto seen_at = [&](int dx, int dy) {
       const int x = pixel % width + dx, y = pixel / width + dy;
       if (x < 0 || x >= width || y < 0 || y >= height) return Eigen::Index{-1};
-      return place[static_cast<size_t>(y * width + x)];
+      return place[static_cast<size_t>(y) * static_cast<size_t>(width) + static_cast<size_t>(x)];
     };
     for (int beside = -1; beside <= 1; ++beside) {
       const double weight = (beside == 0 ? 2 : 1) / (8 * seen.mean[i]);
@@ -157,6 +157,7 @@ class Polynomials {
       }
     }
     std::vector<Plane> result;
+    result.reserve(estimates.size());
     for (const Plane& estimate : estimates) {
       result.emplace_back((*basis * (basis->transpose() * root_weights_.cwiseProduct(estimate)))
                               .cwiseQuotient(root_weights_));
@@ -169,14 +170,23 @@ class Polynomials {
   std::vector<Eigen::MatrixXd> bases_;
 };
 
-}  // namespace
+// What a change that moves the image does to it, of a standard deviation.
+Plane changed_by_motion(const RenderedChange& change, const SeenPixels& seen, size_t pixels,
+                        const Eigen::MatrixXd& slope) {
+  Plane result = Plane::Zero(seen.mean.size());
+  if (change.motion.empty()) return result;
+  for (Eigen::Index p = 0; p < result.size(); ++p) {
+    const auto& [x, y] = change.motion[seen.pixels[static_cast<size_t>(p)] % pixels];
+    result[p] = -(slope(p, 0) * double{x} + slope(p, 1) * double{y});
+  }
+  return result;
+}
 
-std::vector<std::vector<float>> disturbances_of(std::span<const RenderedChange> changes,
-                                                const std::vector<float>& mask, int width,
-                                                std::span<const std::vector<float>> surface) {
+// What a standard deviation adds, as a part of the radiance, by change and estimate.
+std::vector<std::vector<Plane>> relative_changes(std::span<const RenderedChange> changes,
+                                                 const std::vector<float>& mask, int width,
+                                                 std::span<const std::vector<float>> surface) {
   const size_t count = changes.front().more.size(), size = changes.front().more.front().size();
-  const auto k = static_cast<double>(count);
-  // Relative changes by change and estimate.
   std::vector<std::vector<Plane>> relative(
       changes.size(), std::vector<Plane>(count, Plane::Zero(static_cast<Eigen::Index>(size))));
   for (size_t colour = 0; colour < size / mask.size(); ++colour) {
@@ -185,37 +195,44 @@ std::vector<std::vector<float>> disturbances_of(std::span<const RenderedChange> 
     const Polynomials polynomials(seen, mask.size(), surface);
     const Eigen::MatrixXd slope = slopes(seen, mask.size(), width);
     for (size_t c = 0; c < changes.size(); ++c) {
-      Plane by_motion = Plane::Zero(seen.mean.size());
-      for (Eigen::Index p = 0; p < seen.mean.size() && !changes[c].motion.empty(); ++p) {
-        const auto& [x, y] = changes[c].motion[seen.pixels[static_cast<size_t>(p)] % mask.size()];
-        by_motion[p] = -(slope(p, 0) * double{x} + slope(p, 1) * double{y});
-      }
-      std::vector<Plane> estimates(count, Plane(seen.mean.size()));
+      const Plane by_motion = changed_by_motion(changes[c], seen, mask.size(), slope);
+      std::vector<Plane> besides(count, -by_motion);
       for (size_t e = 0; e < count; ++e) {
         for (Eigen::Index p = 0; p < seen.mean.size(); ++p) {
           const size_t i = seen.pixels[static_cast<size_t>(p)];
-          estimates[e][p] = (double{changes[c].more[e][i]} - double{changes[c].less[e][i]}) /
-                            (changes[c].apart * seen.mean[p]);
+          besides[e][p] += (double{changes[c].more[e][i]} - double{changes[c].less[e][i]}) /
+                           (changes[c].apart * seen.mean[p]);
         }
       }
-      for (Plane& estimate : estimates) estimate -= by_motion;
-      estimates = polynomials.smoothed(estimates);
+      besides = polynomials.smoothed(besides);
       for (size_t e = 0; e < count; ++e) {
         for (Eigen::Index p = 0; p < seen.mean.size(); ++p) {
           relative[c][e][static_cast<Eigen::Index>(seen.pixels[static_cast<size_t>(p)])] =
-              estimates[e][p] + by_motion[p];
+              besides[e][p] + by_motion[p];
         }
       }
     }
   }
+  return relative;
+}
+
+}  // namespace
+
+std::vector<std::vector<float>> disturbances_of(std::span<const RenderedChange> changes,
+                                                const std::vector<float>& mask, int width,
+                                                std::span<const std::vector<float>> surface) {
+  const std::vector<std::vector<Plane>> relative = relative_changes(changes, mask, width, surface);
+  const size_t count = relative.front().size();
+  const auto k = static_cast<double>(count);
+  const Eigen::Index size = relative.front().front().size();
   // Products of different estimates, which are without bias.
   const auto n = static_cast<Eigen::Index>(changes.size());
   const auto on_object = static_cast<double>(std::ranges::count_if(mask, is_on_object)) *
-                         static_cast<double>(size / mask.size());
+                         static_cast<double>(size) / static_cast<double>(mask.size());
   Eigen::MatrixXd products = Eigen::MatrixXd::Zero(n, n);
   std::vector<Plane> means;
   for (const std::vector<Plane>& planes : relative) {
-    Plane& sum = means.emplace_back(Plane::Zero(static_cast<Eigen::Index>(size)));
+    Plane& sum = means.emplace_back(Plane::Zero(size));
     for (const Plane& plane : planes) sum += plane / k;
   }
   for (size_t a = 0; a < changes.size(); ++a) {
@@ -234,7 +251,7 @@ std::vector<std::vector<float>> disturbances_of(std::span<const RenderedChange> 
   std::vector<std::vector<float>> planes;
   for (Eigen::Index i = n - 1; i >= std::max<Eigen::Index>(0, n - kMost); --i) {
     if (turned.eigenvalues()[i] < kLeast * kLeast) break;
-    Plane sum = Plane::Zero(static_cast<Eigen::Index>(size));
+    Plane sum = Plane::Zero(size);
     for (size_t e = 0; e < changes.size(); ++e) {
       sum += turned.eigenvectors()(static_cast<Eigen::Index>(e), i) * means[e];
     }

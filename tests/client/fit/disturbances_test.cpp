@@ -99,6 +99,40 @@ TEST(Disturbances, AreToldThroughNoise) {
   EXPECT_LT(std::sqrt(squares), 0.005);
 }
 
+// A step in the radiance that moves by a fifth of a pixel changes the pixels beside it.
+TEST(Disturbances, MoveWhatTheRadianceRises) {
+  constexpr double kMoved = 0.2, kEdge = 20;
+  const auto step = [](double x) { return 2 + std::tanh((x - kEdge) / 2); };
+  testing::Gaussian1D gaussian(7);
+  RenderedChange moved{.more = {}, .less = {}, .apart = 4};
+  moved.motion.assign(size_t{kSide} * kSide, {static_cast<float>(kMoved), 0.0F});
+  for (int e = 0; e < kEstimates; ++e) {
+    for (const double sign : {0.5, -0.5}) {
+      std::vector<float> image;
+      for (int y = 0; y < kSide; ++y) {
+        for (int x = 0; x < kSide; ++x) {
+          const double radiance = step(x - sign * moved.apart * kMoved);
+          image.push_back(static_cast<float>(radiance * (1 + 0.05 * gaussian())));
+        }
+      }
+      (sign > 0 ? moved.more : moved.less).push_back(image);
+    }
+  }
+  const std::vector<std::vector<float>> found = disturbances_of(
+      std::vector{moved}, std::vector<float>(size_t{kSide} * kSide, 1), kSide, surface());
+  ASSERT_EQ(found.size(), 1U);
+  const double sign = found[0][kSide * 5 + 20] < 0 ? 1 : -1;
+  double squares = 0, of_truth = 0;
+  for (int y = 1; y + 1 < kSide; ++y) {
+    for (int x = 1; x + 1 < kSide; ++x) {
+      const double truth = (step(x - kMoved) - step(x)) / step(x);
+      squares += std::pow(sign * double{found[0][static_cast<size_t>(y * kSide + x)]} - truth, 2);
+      of_truth += truth * truth;
+    }
+  }
+  EXPECT_LT(std::sqrt(squares / of_truth), 0.3);
+}
+
 TEST(Disturbances, AreNoneWhereNothingChanges) {
   const auto nothing = [](int, int) { return 0.0; };
   const std::vector<RenderedChange> changes{change(nothing, 4, 1), change(nothing, 2, 2)};
