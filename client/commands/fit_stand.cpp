@@ -138,8 +138,9 @@ struct Changes {
 std::vector<std::vector<float>> places(size_t pixels, size_t width) {
   std::vector<std::vector<float>> planes(2);
   for (size_t p = 0; p < pixels; ++p) {
+    const size_t row = p / width;
     planes[0].push_back(static_cast<float>(p % width));
-    planes[1].push_back(static_cast<float>(p / width));
+    planes[1].push_back(static_cast<float>(row));
   }
   return planes;
 }
@@ -183,14 +184,14 @@ std::vector<std::array<float, 2>> motion_of(const FitPhotograph& photograph, con
   const PinholeView view = view_of(photograph, photograph.side);
   const Silhouette silhouette(mesh, from, view);
   std::vector<std::array<float, 2>> motion(photograph.mask.size());
+  size_t pixel = 0;
   for (int y = 0; y < view.side; ++y) {
-    for (int x = 0; x < view.side; ++x) {
+    for (int x = 0; x < view.side; ++x, ++pixel) {
       if (!silhouette.covers(x, y)) continue;
       const Vec3d seen = view.direction(x + 0.5, y + 0.5) * silhouette.depth(x, y);
       const Vec3d moved = to.to_scene(from.to_object(seen));
-      motion[static_cast<size_t>(y * view.side + x)] = {
-          static_cast<float>(view.focal * (moved.x / -moved.z - seen.x / -seen.z)),
-          static_cast<float>(-view.focal * (moved.y / -moved.z - seen.y / -seen.z))};
+      motion[pixel] = {static_cast<float>(view.focal * (moved.x / -moved.z - seen.x / -seen.z)),
+                       static_cast<float>(-view.focal * (moved.y / -moved.z - seen.y / -seen.z))};
     }
   }
   return motion;
@@ -519,13 +520,13 @@ Disturbances disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
   const Vec3d middle = middle_of(bounds(mesh));
   Changes changes;
   // `change`: of a stand, by so many standard deviations.
-  const auto add = [&](const auto& change, std::vector<std::array<float, 2>> motion) {
+  const auto add = [&](const auto& change, const std::vector<std::array<float, 2>>& motion) {
     const auto changed = [&](double deviations) {
       Stand stand = found.stand;
       change(stand, deviations);
       return Variant{placed(stand, mesh, options, scene), found.materials};
     };
-    changes.add(changed(kFar), changed(-kFar), 2 * kFar, std::move(motion));
+    changes.add(changed(kFar), changed(-kFar), 2 * kFar, motion);
   };
   for (const PoseMove& error : found.pose.errors) {
     add([&](Stand& stand, double times) { stand.pose = moved(pose, middle, error, times); },

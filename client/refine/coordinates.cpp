@@ -27,6 +27,12 @@ std::vector<Eigen::Index> Layout::of_colour(size_t colour) const {
   return result;
 }
 
+std::vector<Eigen::Index> Layout::all_g() const {
+  std::vector<Eigen::Index> result;
+  for (Eigen::Index i = g(0); i < unknown(0); ++i) result.push_back(i);
+  return result;
+}
+
 Layout Layout::one_colour() const {
   Layout one = *this;
   one.colours = 1;

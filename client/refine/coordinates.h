@@ -9,7 +9,6 @@
 #pragma once
 
 #include <cstddef>
-#include <ranges>
 #include <vector>
 
 #include "client/refine/matrix.h"
@@ -39,7 +38,7 @@ struct Layout {
            (g_of_each_colour ? static_cast<Eigen::Index>(colour) : 0);
   }
   // All logit g: one, or one of each colour.
-  auto all_g() const { return std::views::iota(g(0), g(colours - 1) + 1); }
+  std::vector<Eigen::Index> all_g() const;
   Eigen::Index unknown(size_t which) const {
     return g(colours - 1) + 1 + static_cast<Eigen::Index>(which);
   }
