@@ -161,7 +161,8 @@ void add_flags(CLI::App& command, FitOptions& options) {
   command
       .add_option("--time-limit", refine.time_limit,
                   "In seconds, from the beginning: the refinement has what the search for the "
-                  "object leaves, one iteration at least; 0: none")
+                  "object leaves, one iteration at least, and the report takes up to half a minute "
+                  "more; 0: none")
       ->check(number_in(0.0, 1e9))
       ->capture_default_str();
   command.add_option("--seed", refine.seed, "Of the random numbers")

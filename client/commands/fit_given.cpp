@@ -51,7 +51,7 @@ void prepare_given_scenes(const FitOptions& options, const fs::path& folder,
     PhotographOptions reading = options.photograph;
     reading.framing = Framing::kObject;
     MarkedPhotograph marked = read_marked(name, reading);
-    average_to_film(name, scenes[i].film(), marked.content, marked.mask);
+    average_to_film(name, scenes[i], marked.content, marked.mask);
     leave_out_clipped(name, marked.content.file.clipped, marked.mask);
     const std::vector<std::string>& channels = marked.content.channels;
     const bool is_gray = options.luminance || channels.size() == 1;

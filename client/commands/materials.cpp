@@ -111,9 +111,13 @@ NamedMaterial from_refinement(std::vector<std::string> folders) {
     result.notes.push_back(
         !has_intervals(refined)
             ? fmt::format("{}: a misfit, or unfinished; no interval is known", folder)
-            : fmt::format("{}, 95 % intervals: {}, {}, {}", folder,
-                          interval("sigma_t", refined.sigma_t()),
-                          interval("albedo", refined.albedo()), interval("g", refined.g())));
+            : fmt::format(
+                  "{}, 95 % intervals: {}, {}, {}, {}, {}", folder,
+                  interval("sigma_s (1 - g)", refined.sigma_s_reduced()),
+                  interval("sigma_a", refined.sigma_a()), interval("sigma_t", refined.sigma_t()),
+                  interval("albedo", refined.albedo()),
+                  is_as_given(refined.g()) ? fmt::format("g {:.4g} as given", refined.g().value())
+                                           : interval("g", refined.g())));
     result.notes.insert(result.notes.end(), refined.remarks().begin(), refined.remarks().end());
     if (refined.has_index()) indices.push_back(refined.index());
     if (refined.has_roughness()) roughnesses.push_back(refined.roughness());

@@ -80,7 +80,7 @@ std::vector<Observation> load_observations(const std::string& name, const v1::Sc
   } else if (image.has("mask.Y")) {
     mask = image.channel("mask.Y");
   }
-  average_to_film(name, film, content, mask);
+  average_to_film(name, scene, content, mask);
   if (content.file.may_be_linear) {
     throw invalid_input(fmt::format(
         "{} holds 16-bit integers and does not say how they are encoded; --encoding linear or "
@@ -312,11 +312,19 @@ std::vector<v1::Scene> load_scenes(const RefineOptions& options) {
   return scenes;
 }
 
-void average_to_film(const std::string& name, const v1::Film& film, PhotographContent& content,
+void average_to_film(const std::string& name, const v1::Scene& scene, PhotographContent& content,
                      std::vector<float>& mask) {
   Image& image = content.file.image;
+  const v1::Film& film = scene.film();
   const auto columns = static_cast<int>(film.width()), rows = static_cast<int>(film.height());
   if (image.width == columns && image.height == rows) return;
+  if (scene.camera().has_crop()) {
+    throw invalid_input(fmt::format(
+        "{} is {} x {} pixels, and its scene shows a part of the frame (camera.crop): an image of "
+        "that part, of {} x {} pixels, would be right, such as the photograph.exr that itn fit "
+        "writes beside its scene",
+        name, image.width, image.height, columns, rows));
+  }
   const double by = static_cast<double>(image.width) / columns;
   constexpr double kRounded = 0.5;  // of a pixel of the film
   if (columns < 1 || rows < 1 || image.width < columns || image.height < rows ||

@@ -54,8 +54,9 @@ std::vector<v1::Scene> load_scenes(const RefineOptions& options);
 inline constexpr float kWholePixel = 0.99F, kClippedPixel = 0.001F;
 
 // An image larger than the film, of the same shape, is averaged down to it; a pixel of the mask is
-// then 1 where all of it was. Throws Error (invalid input) if it is smaller or of another shape.
-void average_to_film(const std::string& name, const v1::Film& film, PhotographContent& content,
+// then 1 where all of it was. Throws Error (invalid input) if it is smaller or of another shape; or
+// larger where the scene's camera shows a part of its frame, as nothing says that the image does.
+void average_to_film(const std::string& name, const v1::Scene& scene, PhotographContent& content,
                      std::vector<float>& mask);
 
 // Takes pixels at the top of what a file can hold out of the mask, with a warning.

@@ -313,8 +313,8 @@ std::vector<double> white_of_card(const MarkedPhotograph& marked, const std::str
   }
   if (deviation > kNoCard) {
     throw wrong(fmt::format(
-        "is no card: its pixels differ by {:.0f} % of their mean; LEFT,TOP,WIDTH,HEIGHT are to lie "
-        "on the card alone",
+        "is no card: its pixels differ by {:.0f} % of their mean; X,Y,W,H are to lie on the card "
+        "alone, and it must be lit",
         100 * deviation));
   }
   if (area < kFewPixels || deviation > kUneven) {

@@ -19,6 +19,12 @@ inline bool has_intervals(const v1::RefineResult& result) {
   return !result.misfit() && !result.unfinished();
 }
 
+// Whether a number was so well known before that it was not found.
+inline bool is_as_given(const v1::RefinedParameter& parameter) {
+  constexpr double kGiven = 1e-3;
+  return parameter.high_95() - parameter.low_95() < kGiven;
+}
+
 // Remarks on what the intervals leave open: nothing if they do not hold.
 void add_remarks(v1::RefineResult& result);
 

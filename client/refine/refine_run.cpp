@@ -232,10 +232,9 @@ std::string to_table(std::span<const v1::RefineResult> results) {
   const auto common = [&](const std::string& title, const v1::RefinedParameter& p) {
     text += fmt::format("{:<28}{}\n", title, cell(results.front(), p));
   };
-  constexpr double kGiven = 1e-3;
   const v1::RefinedParameter& g = results.front().g();
   const auto has_this_g = [&](const auto& r) { return r.g().value() == g.value(); };
-  if (g.high_95() - g.low_95() < kGiven) {
+  if (is_as_given(g)) {
     text += fmt::format("{:<28}{:.4g} (as given)\n", "g", g.value());
   } else if (!std::ranges::all_of(results, has_this_g)) {
     row("g", [](const auto& r) { return r.g(); });

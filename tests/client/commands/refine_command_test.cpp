@@ -246,6 +246,13 @@ TEST_F(RefineCommand, SaysWhatIsWrong) {
   refuse({testing::kItn, "refine", shared_->path("image.exr"), "--scene",
           shared_->path("other.textproto")},
          3, {"16 x 12", "20 x 12"});
+  // The whole frame, in the scene of a part of it.
+  std::ofstream(shared_->path("cropped.textproto")) << replaced(
+      replaced(kSceneFile, "width: 16 height: 12", "width: 8 height: 6"), "fov_degrees: 22",
+      "fov_degrees: 22 crop { left: 0.25 top: 0.25 right: 0.75 bottom: 0.75 }");
+  refuse({testing::kItn, "refine", shared_->path("image.exr"), "--scene",
+          shared_->path("cropped.textproto")},
+         3, {"its scene shows a part of the frame", "8 x 6 pixels"});
   std::ofstream(shared_->path("rgb.textproto"))
       << replaced(kSceneFile, "width: 16", "channel: RGB width: 16");
   refuse({testing::kItn, "refine", shared_->path("image.exr"), "--scene",
