@@ -81,15 +81,13 @@ v1::Scene placed(const Stand& stand, const Mesh& mesh, const FitOptions& options
 // Pairs of renders, of something more and of less.
 struct Changes {
   std::vector<Variant> variants;
-  std::vector<double> apart;                               // each pair, in standard deviations
-  std::vector<std::vector<std::array<float, 2>>> motions;  // RenderedChange::motion
+  std::vector<RenderedChange> pairs;  // of variants, without their renders
 
   void add(Variant more, Variant less, double deviations,
            std::vector<std::array<float, 2>> motion = {}) {
     variants.push_back(std::move(more));
     variants.push_back(std::move(less));
-    apart.push_back(deviations);
-    motions.push_back(std::move(motion));
+    pairs.push_back({.more = {}, .less = {}, .apart = deviations, .motion = std::move(motion)});
   }
 
   void add_other_g(const v1::Scene& scene, const std::vector<Material>& materials,
@@ -115,12 +113,10 @@ struct Changes {
     const auto spp =
         std::max<uint32_t>(kEstimates, spp_for(mask.size(), kSpp) / static_cast<uint32_t>(colours));
     const auto images = rendered(variants, spp, kEstimates, options.refine.seed, pool);
-    std::vector<RenderedChange> changes;
-    for (size_t i = 0; i < apart.size(); ++i) {
-      changes.push_back({.more = images[2 * i],
-                         .less = images[2 * i + 1],
-                         .apart = apart[i],
-                         .motion = motions[i]});
+    std::vector<RenderedChange> changes = pairs;
+    for (size_t i = 0; i < changes.size(); ++i) {
+      changes[i].more = images[2 * i];
+      changes[i].less = images[2 * i + 1];
     }
     Disturbances disturbances;
     const auto pixels = std::ssize(mask);
@@ -178,12 +174,11 @@ std::vector<std::vector<float>> surface_of(const FitPhotograph& photograph, cons
   return planes;
 }
 
-// How far what is seen moves in the image, from one pose to another one.
-std::vector<std::array<float, 2>> motion_of(const FitPhotograph& photograph, const Mesh& mesh,
+// How far what is seen moves in the image, from one pose, whose silhouette this is, to another one.
+std::vector<std::array<float, 2>> motion_of(const Silhouette& silhouette, const PinholeView& view,
                                             const Pose& from, const Pose& to) {
-  const PinholeView view = view_of(photograph, photograph.side);
-  const Silhouette silhouette(mesh, from, view);
-  std::vector<std::array<float, 2>> motion(photograph.mask.size());
+  std::vector<std::array<float, 2>> motion(static_cast<size_t>(view.side) *
+                                           static_cast<size_t>(view.side));
   size_t pixel = 0;
   for (int y = 0; y < view.side; ++y) {
     for (int x = 0; x < view.side; ++x, ++pixel) {
@@ -528,9 +523,11 @@ Disturbances disturbances_of(const FitPhotograph& photograph, const Mesh& mesh,
     };
     changes.add(changed(kFar), changed(-kFar), 2 * kFar, motion);
   };
+  const PinholeView view = view_of(photograph, photograph.side);
+  const Silhouette silhouette(mesh, pose, view);
   for (const PoseMove& error : found.pose.errors) {
     add([&](Stand& stand, double times) { stand.pose = moved(pose, middle, error, times); },
-        motion_of(photograph, mesh, pose, moved(pose, middle, error)));
+        motion_of(silhouette, view, pose, moved(pose, middle, error)));
   }
   if (!is_by_flash(options) && options.turn_error > 0) {
     std::vector<double Stand::*> angles{&Stand::panorama_turn, &Stand::camera_down};
