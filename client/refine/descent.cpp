@@ -266,13 +266,15 @@ Region Descent::region(size_t colour) const {
 }
 
 bool Descent::is_under_way() const {
-  // The equations are linear: from farther away they lead about there.
-  constexpr double kNear = 0.2;
-  Vector beside = x_ - linearization_point_;
-  for (const Eigen::Index g : layout_.all_g()) beside[g] *= kAlongRidge;
-  if (beside.head(2 * static_cast<Eigen::Index>(layout_.colours)).lpNorm<Eigen::Infinity>() > kNear)
-    return true;
+  // The equations are linear: from farther away they lead about there. What is uncertain by more
+  // than that moves as far by noise of the renders, and its interval is as wide.
+  constexpr double kNear = 0.2, kFar = 1;
   const ScoreTest all = test(0);
+  const Vector deviations = all.covariance().diagonal().cwiseMax(0).cwiseSqrt();
+  const Vector moved = (x_ - linearization_point_).cwiseAbs();
+  for (Eigen::Index i = 0; i < layout_.g(0); ++i) {
+    if (!(moved[i] <= std::clamp(deviations[i], kNear, kFar))) return true;
+  }
   const double least = all.statistic(all.full_step());
   return all.statistic(x_ - linearization_point_) - least > static_cast<double>(x_.size());
 }

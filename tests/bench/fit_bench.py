@@ -3,7 +3,8 @@
 
 Renders an object in a random pose by another seed, makes an 8-bit sRGB JPEG of quality 90 of it with
 the noise of a sensor, fits it with what a user would know wrongly (focal length, mask, place of the
-flash, index), and prints the errors, and how many truths lie in the 95 % intervals.
+flash, index, a coarser mesh, a shape that is .2 % of its size off), and prints the errors, and how
+many truths lie in the 95 % intervals.
 
   fit_bench.py --itn build/release/bin/itn --out /tmp/fit --cases 12 --setup card|plain|panorama
 
@@ -27,7 +28,7 @@ import OpenImageIO as oiio
 SHAPES = ["sphere", "mug", "figure", "knot", "random:3", "random:8"]
 # Reduced scattering and absorption of materials of Jensen et al. 2001 (green), 1/mm, and others.
 MATERIALS = [(2.62, 0.0041), (0.70, 0.0012), (1.51, 0.031), (0.88, 0.095), (0.4, 0.02), (3.0, 0.1), (1.0, 0.3), (6.0, 0.05)]
-DISTURBANCES = ["focal", "mask", "flash", "index"]
+DISTURBANCES = ["focal", "mask", "flash", "index", "mesh", "shape"]
 # What makes any answer wrong, which is to be told.
 LIES = ["size", "light", "stretch", "two", "curve", "opaque"]
 # Of red, green and blue: reduced scattering and absorption over those of a case's material.
@@ -86,6 +87,69 @@ def shape_of(name, folder, itn):
         run(itn, "shapes", "--random-shapes", 12, "--shape-seed", 5, "-o", folder / "shapes")
         made = sorted((folder / "shapes").glob("*.ply"))
     return f'path: "{made[number].resolve()}"', str(made[number].resolve())
+
+
+def read_mesh(path):
+    """Vertices and triangles of a PLY file that itn wrote."""
+    header, _, data = path.read_bytes().partition(b"end_header\n")
+    vertices, faces = (int(re.search(rb"element %s (\d+)" % kind, header)[1]) for kind in (b"vertex", b"face"))
+    triangles = np.frombuffer(data, [("corners", "u1"), ("indices", "<i4", 3)], faces, 12 * vertices)["indices"]
+    return np.frombuffer(data, "<f4", 3 * vertices).reshape(vertices, 3).astype(float), triangles
+
+
+def write_mesh(path, vertices, triangles):
+    faces = np.zeros(len(triangles), [("corners", "u1"), ("indices", "<i4", 3)])
+    faces["corners"], faces["indices"] = 3, triangles
+    header = (f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\nproperty float x\nproperty float y\n"
+              f"property float z\nelement face {len(faces)}\nproperty list uchar uint vertex_indices\nend_header\n")
+    path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + faces.tobytes())
+
+
+def finer(vertices, triangles):
+    """Four triangles for each of a closed mesh, by Loop's rules (1987)."""
+    count = len(vertices)
+    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges, edge = np.unique(sides, axis=0, return_inverse=True)
+    edge = edge.reshape(-1)
+    opposite = np.zeros_like(vertices, shape=(len(edges), 3))
+    np.add.at(opposite, edge, vertices[triangles[:, [2, 0, 1]].reshape(-1)])
+    between = 0.375 * vertices[edges].sum(1) + 0.125 * opposite
+    neighbours, sums = np.bincount(edges.reshape(-1), minlength=count), np.zeros_like(vertices)
+    for here, there in ((0, 1), (1, 0)):
+        np.add.at(sums, edges[:, here], vertices[edges[:, there]])
+    part = np.where(neighbours == 3, 3 / 16, 3 / (8 * neighbours))[:, None]
+    moved = (1 - neighbours[:, None] * part) * vertices + part * sums
+    a, b, c = triangles.T
+    ab, bc, ca = count + edge.reshape(-1, 3).T
+    return np.concatenate([moved, between]), np.concatenate(
+        [np.stack(corners, axis=1) for corners in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
+
+
+def uneven(vertices, triangles, rng):
+    """Moved along the normals by a random field of .2 % of the size, of waves of a tenth to a third of the size."""
+    normals = np.zeros_like(vertices)
+    corners = vertices[triangles]
+    for corner in range(3):
+        np.add.at(normals, triangles[:, corner], np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    waves = rng.normal(size=(100, 3))
+    waves *= (2 * np.pi / rng.uniform(0.1, 0.33, 100) / np.linalg.norm(waves, axis=1))[:, None]
+    field = np.cos(vertices @ waves.T + rng.uniform(0, 2 * np.pi, 100)).sum(1)
+    return vertices + normals * (0.002 * field / field.std())[:, None]
+
+
+def mesh_of_the_photograph(ideal, folder, wrong, number):
+    """What the scene has of a shape whose mesh, for the fit, is this one."""
+    vertices, triangles = read_mesh(ideal)
+    least, most = vertices.min(0), vertices.max(0)
+    origin = np.array([(least[0] + most[0]) / 2, least[1], (least[2] + most[2]) / 2])
+    vertices = (vertices - origin) / (most - least).max()
+    if wrong["mesh"]:
+        vertices, triangles = finer(vertices, triangles)
+    if wrong["shape"]:
+        vertices = uneven(vertices, triangles, np.random.default_rng(number))
+    write_mesh(folder / "truth.ply", vertices, triangles)
+    return f'path: "{(folder / "truth.ply").resolve()}"'
 
 
 def room(rng):
@@ -156,7 +220,7 @@ def scene(mesh, scale, rng, setup, roughness, index, flash, turn):
     tilt = f"transforms {{ rotate {{ axis {{ x: 1 }} angle_degrees: {-down} }} }}" if down else ""
     # The mesh stands on its origin: its middle is brought to where the camera looks.
     return f"""object {{
-  mesh {{ {mesh} normalize: true
+  mesh {{ {mesh}
     transforms {{ scale {vector(scale)} }}
     transforms {{ translate {{ y: {-scale[1] / 2.5} }} }}
     transforms {{ rotate {{ axis {vector(axis)} angle_degrees: {angle} }} }}
@@ -272,12 +336,15 @@ def pose_error(folder, shape, middle):
 
 def middle_of(mesh):
     """The mean of the vertices of a PLY file, once its longest side is 1 and it stands at the origin."""
-    header, _, data = mesh.read_bytes().partition(b"end_header\n")
-    count = int(re.search(rb"element vertex (\d+)", header)[1])
-    vertices = np.frombuffer(data, "<f4", 3 * count).reshape(count, 3).astype(float)
+    vertices, _ = read_mesh(mesh)
     least, most = vertices.min(0), vertices.max(0)
     origin = np.array([(least[0] + most[0]) / 2, least[1], (least[2] + most[2]) / 2])
     return (vertices.mean(0) - origin) / (most - least).max()
+
+
+def file_of(shape, options):
+    mesh = shape_of(shape, options.out, options.itn)[1]
+    return pathlib.Path(mesh) if "/" in mesh else options.out / "builtin" / f"{mesh.split(':')[0]}.ply"
 
 
 def case(number, options):
@@ -305,6 +372,10 @@ def case(number, options):
             flash[0] += 70
         scale[0] *= 1 + 0.05 * wrong["stretch"]
         turn = 0 if by_flash(options.setup) else rng.uniform(-180, 180)
+        mesh += " normalize: true"
+        has_corners = shape.split(":")[0] in SIDES
+        if (wrong["mesh"] or wrong["shape"]) and not has_corners:
+            mesh = mesh_of_the_photograph(file_of(shape, options), folder, wrong, number)
         (folder / "truth.textproto").write_text(
             scene(mesh, scale, rng, options.setup, roughness, index, flash, turn))
         if not by_flash(options.setup):
@@ -379,9 +450,7 @@ def main():
             continue
         pose = result["poses"][0]
         text = f"{number:3} {shape:10} overlap {pose['overlap']:.3f}{' AMBIGUOUS' if pose.get('ambiguous') else ''}"
-        mesh = shape_of(shape, options.out, options.itn)[1]
-        mesh = pathlib.Path(mesh) if "/" in mesh else options.out / "builtin" / f"{mesh.split(':')[0]}.ply"
-        degrees, off = pose_error(folder, shape, middle_of(mesh))
+        degrees, off = pose_error(folder, shape, middle_of(file_of(shape, options)))
         right_poses += (degrees <= 1 and abs(off) <= 0.005) or pose.get("ambiguous", False)
         text += f" {degrees:.2f} degrees {100 * off:+.2f} %"
         told += any(found.get("misfit", False) for found in result["results"])

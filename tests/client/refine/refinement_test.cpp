@@ -185,6 +185,27 @@ TEST(Refinement, SaysThatItWasOnItsWay) {
   }
 }
 
+// Where hardly anything is absorbed, noise of the renders moves the albedo as far as it is
+// uncertain: iterations go nowhere then, and the intervals hold the truth.
+TEST(Refinement, IsNotOnItsWayWhereNoiseMovesIt) {
+  constexpr int kImages = 100;
+  constexpr Material kBright{60, 0.998, 0.3};
+  const SyntheticModel model;
+  int unfinished = 0, inside = 0;
+  for (uint64_t i = 0; i < kImages; ++i) {
+    v1::RefineSettings settings;
+    settings.set_seed(i);
+    settings.set_max_iterations(5);
+    settings.set_max_spp(64);
+    const v1::RefineResult r =
+        refined(model, {model.observe(kBright, 0.02, 100 + i)}, settings, {{70, 0.99, 0.2}});
+    unfinished += r.unfinished() ? 1 : 0;
+    inside += has(r.albedo(), kBright.albedo) ? 1 : 0;
+  }
+  EXPECT_LE(unfinished, kImages / 7);
+  expect_covered({&inside, 1}, kImages);
+}
+
 // Of 200 images, each with noise of its own, 95 % of the intervals have the truth, give or take
 // four standard deviations of the binomial distribution: 1.54 % each.
 TEST(Refinement, IntervalsCoverTheTruth) {
