@@ -30,7 +30,7 @@ SHAPES = ["sphere", "mug", "figure", "knot", "random:3", "random:8"]
 MATERIALS = [(2.62, 0.0041), (0.70, 0.0012), (1.51, 0.031), (0.88, 0.095), (0.4, 0.02), (3.0, 0.1), (1.0, 0.3), (6.0, 0.05)]
 DISTURBANCES = ["focal", "mask", "flash", "index", "mesh", "shape"]
 # What makes any answer wrong, which is to be told.
-LIES = ["size", "light", "stretch", "two", "curve", "opaque"]
+LIES = ["size", "light", "stretch", "two", "curve", "opaque", "waves"]
 # Of red, green and blue: reduced scattering and absorption over those of a case's material.
 COLOURS = [(0.85, 0.4), (1, 1), (1.2, 2.5)]
 # The sides of built-in shapes whose longest side is 1 mm.
@@ -125,17 +125,13 @@ def finer(vertices, triangles):
         [np.stack(corners, axis=1) for corners in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
 
 
-def uneven(vertices, triangles, rng):
-    """Moved along the normals by a random field of .2 % of the size, of waves of a tenth to a third of the size."""
-    normals = np.zeros_like(vertices)
-    corners = vertices[triangles]
-    for corner in range(3):
-        np.add.at(normals, triangles[:, corner], np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    waves = rng.normal(size=(100, 3))
-    waves *= (2 * np.pi / rng.uniform(0.1, 0.33, 100) / np.linalg.norm(waves, axis=1))[:, None]
-    field = np.cos(vertices @ waves.T + rng.uniform(0, 2 * np.pi, 100)).sum(1)
-    return vertices + normals * (0.002 * field / field.std())[:, None]
+def uneven(vertices, shortest, longest, rng):
+    """Moved along each axis by .2 % of the size (RMS), in random waves of such lengths in sizes."""
+    def field():
+        waves = rng.normal(size=(100, 3))
+        waves *= (2 * np.pi / rng.uniform(shortest, longest, 100) / np.linalg.norm(waves, axis=1))[:, None]
+        return np.cos(vertices @ waves.T + rng.uniform(0, 2 * np.pi, 100)).sum(1) / math.sqrt(50)
+    return vertices + 0.002 * np.stack([field() for _ in range(3)], axis=1)
 
 
 def mesh_of_the_photograph(ideal, folder, wrong, number):
@@ -146,8 +142,9 @@ def mesh_of_the_photograph(ideal, folder, wrong, number):
     vertices = (vertices - origin) / (most - least).max()
     if wrong["mesh"]:
         vertices, triangles = finer(vertices, triangles)
-    if wrong["shape"]:
-        vertices = uneven(vertices, triangles, np.random.default_rng(number))
+    for name, shortest, longest in (("shape", 0.25, 1), ("waves", 0.1, 0.25)):
+        if wrong[name]:
+            vertices = uneven(vertices, shortest, longest, np.random.default_rng(number))
     write_mesh(folder / "truth.ply", vertices, triangles)
     return f'path: "{(folder / "truth.ply").resolve()}"'
 
@@ -374,7 +371,7 @@ def case(number, options):
         turn = 0 if by_flash(options.setup) else rng.uniform(-180, 180)
         mesh += " normalize: true"
         has_corners = shape.split(":")[0] in SIDES
-        if (wrong["mesh"] or wrong["shape"]) and not has_corners:
+        if (wrong["mesh"] or wrong["shape"] or wrong["waves"]) and not has_corners:
             mesh = mesh_of_the_photograph(file_of(shape, options), folder, wrong, number)
         (folder / "truth.textproto").write_text(
             scene(mesh, scale, rng, options.setup, roughness, index, flash, turn))
@@ -429,7 +426,7 @@ def main():
     parser.add_argument("--setup", choices=["card", "plain", "panorama"], default="card")
     parser.add_argument("--lie", choices=LIES, help="what makes any answer wrong: the size by 10 %%, the light by 15 "
                         "degrees, the shape by 5 %% along an axis, another material in the left half, a local tone curve, a "
-                        "material that is a hundred times as dense")
+                        "material that is a hundred times as dense, waves of .2 %% on the surface that lean it by 4 degrees")
     parser.add_argument("--shape", help="of all cases: a built-in one, or cube or cylinder and its sides in mm, as cube:40,12,28")
     parser.add_argument("--colour", action="store_true", help="three materials instead of one")
     parser.add_argument("--wrong", default=",".join(DISTURBANCES), help="what the fit is told wrongly; none: nothing")

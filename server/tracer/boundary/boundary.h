@@ -124,22 +124,22 @@ HWY_INLINE BoundaryValue evaluate_flat(const Boundary& boundary, const Crossing&
 HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& at, Vectors to) {
   if (at.flat) return evaluate_flat(boundary, at, to);
   const Floats zero = hn::Zero(FloatTag());
-  const Mask reflects = hn::Gt(dot(to, at.flat_normal), zero);
+  const Mask reflects = dot(to, at.flat_normal) > 0;
   BoundaryValue sum{zero, zero, {zero}};
   for (const Vectors from : {to, mirrored(to, at.flat_normal)}) {
-    const Mask same = hn::Not(hn::Xor(reflects, hn::Gt(dot(from, at.normal), zero)));
+    const Mask same = !(reflects ^ (dot(from, at.normal) > 0));
     const BoundaryValue part = evaluate_flat(boundary, at, from);
     const Floats value = hn::IfThenElseZero(same, part.value);
-    sum.value = hn::Add(sum.value, value);
-    sum.pdf = hn::Add(sum.pdf, hn::IfThenElseZero(same, part.pdf));
+    sum.value += value;
+    sum.pdf += hn::IfThenElseZero(same, part.pdf);
     for (size_t s = 0; s < kMaxBoundarySlots; ++s) {
       sum.scores[s] = mul_add(value, part.scores[s], sum.scores[s]);
     }
     if (at.asked.normal) sum.by_normal = sum.by_normal + part.by_normal * value;
   }
-  for (Floats& score : sum.scores) score = hn::Div(score, hn::Max(sum.value, set(1e-20F)));
+  for (Floats& score : sum.scores) score /= hn::Max(sum.value, set(1e-20F));
   if (at.asked.normal) {
-    sum.by_normal = sum.by_normal * hn::Div(set(1.0F), hn::Max(sum.value, set(1e-20F)));
+    sum.by_normal = sum.by_normal * (1 / hn::Max(sum.value, set(1e-20F)));
   }
   return sum;
 }
@@ -147,9 +147,8 @@ HWY_INLINE BoundaryValue evaluate(const Boundary& boundary, const Crossing& at, 
 // What such a boundary makes of a direction.
 HWY_INLINE Vectors on_its_side(const Crossing& at, Vectors direction, Mask transmitted) {
   if (at.flat) return direction;
-  const Mask reflects = hn::Gt(dot(direction, at.flat_normal), hn::Zero(FloatTag()));
-  return if_then_else(hn::Xor(reflects, transmitted), direction,
-                      mirrored(direction, at.flat_normal));
+  const Mask reflects = dot(direction, at.flat_normal) > 0;
+  return if_then_else(reflects ^ transmitted, direction, mirrored(direction, at.flat_normal));
 }
 
 // Of a boundary that is a delta and refracts.
@@ -173,13 +172,13 @@ HWY_INLINE void follow_edges(const Boundary& boundary, const Crossing& at, const
   visit_kind(boundary, [&]<typename Kind>(const Kind& kind) {
     if constexpr (requires { Kind::kIndexSlot; }) ending = edge(kind, at, uniform(words.w[0]));
   });
-  const Mask chosen = hn::Lt(fifth_uniform(words), set(kEdgeProbability));
+  const Mask chosen = fifth_uniform(words) < kEdgeProbability;
   const Mask all = hn::FirstN(FloatTag(), lanes());
   next.direction = if_then_else(chosen, on_its_side(at, ending.direction, all), next.direction);
-  next.transmitted = hn::Or(next.transmitted, chosen);
-  next.weight = hn::IfThenZeroElse(chosen, hn::Mul(next.weight, set(1 / (1 - kEdgeProbability))));
-  const Floats weight = at.asked.normal ? ending.weight : hn::Mul(ending.weight, ending.by_index);
-  next.edge_weight = hn::IfThenElseZero(chosen, hn::Mul(weight, set(1 / kEdgeProbability)));
+  next.transmitted |= chosen;
+  next.weight = hn::IfThenZeroElse(chosen, next.weight * (1 / (1 - kEdgeProbability)));
+  const Floats weight = at.asked.normal ? ending.weight : ending.weight * ending.by_index;
+  next.edge_weight = hn::IfThenElseZero(chosen, weight * (1 / kEdgeProbability));
   next.by_normal = if_then_else(chosen, ending.by_normal, next.by_normal);
 }
 
@@ -195,15 +194,11 @@ HWY_INLINE BoundarySample sample(const Boundary& boundary, const Crossing& at, c
     return {direction, drawn.transmitted, drawn.weight, zero, {zero}, zero, set(Vec3f{})};
   }
   const BoundaryValue value = evaluate(boundary, at, direction);
-  const Mask possible = hn::And(hn::Gt(drawn.weight, zero), hn::Gt(value.pdf, zero));
+  const Mask possible = (drawn.weight > 0) & (value.pdf > 0);
   const Floats pdf = hn::Max(value.pdf, set(1e-20F));
-  BoundarySample next{direction,
-                      drawn.transmitted,
-                      hn::IfThenElseZero(possible, hn::Div(value.value, pdf)),
-                      pdf,
-                      {zero},
-                      zero,
-                      value.by_normal};
+  BoundarySample next{
+      direction, drawn.transmitted, hn::IfThenElseZero(possible, value.value / pdf), pdf, {zero},
+      zero,      value.by_normal};
   for (size_t s = 0; s < kMaxBoundarySlots; ++s) next.scores[s] = value.scores[s];
   if (at.asked.any()) follow_edges(boundary, at, words, next);
   return next;

@@ -40,12 +40,12 @@ struct Lift {
 HWY_INLINE Lift lift_of(Vectors direction, Vectors normal, Vectors flat_normal) {
   const Floats zero = hn::Zero(FloatTag());
   const Vectors back = Vectors{zero, zero, zero} - direction;
-  const Vectors mirror = normal * hn::Mul(set(2.0F), dot(back, normal)) - back;
+  const Vectors mirror = normal * (2 * dot(back, normal)) - back;
   const Floats height = dot(mirror, flat_normal);
   const Floats arrival = hn::Max(dot(back, flat_normal), set(1e-6F));
-  const Floats least = hn::Min(hn::Mul(set(0.9F), arrival), set(0.01F));
-  return {back, mirror + flat_normal * hn::Sub(least, height),
-          hn::Or(hn::Lt(height, least), hn::Le(dot(back, normal), zero))};
+  const Floats least = hn::Min(0.9F * arrival, set(0.01F));
+  return {back, mirror + flat_normal * (least - height),
+          (height < least) | (dot(back, normal) <= 0)};
 }
 
 // The normals on the outer side.
@@ -64,7 +64,7 @@ HWY_INLINE Crossing crossing_of(Vectors direction, Vectors outwards, Vectors fla
 HWY_INLINE Vectors slope_outwards(const Crossing& at, Vectors slope) {
   if (at.flat) return facing(at.leaving, slope);
   const auto across = [](Vectors v, Vectors unit) { return v - unit * dot(v, unit); };
-  const auto shorter = [](Vectors v, Floats by) { return v * hn::Div(set(1.0F), by); };
+  const auto shorter = [](Vectors v, Floats by) { return v * (1 / by); };
   const auto length = [](Vectors v) { return hn::Sqrt(hn::Max(dot(v, v), set(1e-12F))); };
   const Lift lift = lift_of(at.direction, at.straight_normal, at.flat_normal);
   const Floats lifted_length = length(lift.lifted);

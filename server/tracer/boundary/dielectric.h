@@ -41,7 +41,7 @@ HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
 HWY_INLINE Transmission transmit(const Dielectric& boundary, const Crossing& at) {
-  const Floats cosine = hn::Max(hn::Zero(FloatTag()), hn::Neg(dot(at.direction, at.normal)));
+  const Floats cosine = hn::Max(hn::Zero(FloatTag()), -dot(at.direction, at.normal));
   const Floats index = index_ahead(boundary.index, at.leaving);
   const auto [reflected, refracted_cosine] = fresnel(cosine, index);
   return {refracted(at.direction, at.normal, cosine, refracted_cosine, index), reflected};
@@ -49,7 +49,7 @@ HWY_INLINE Transmission transmit(const Dielectric& boundary, const Crossing& at)
 
 HWY_INLINE BoundaryDraw draw(const Dielectric& boundary, const Crossing& at, const Words& words) {
   const auto [through, reflected] = transmit(boundary, at);
-  const Mask transmitted = hn::Ge(uniform(words.w[0]), reflected);
+  const Mask transmitted = uniform(words.w[0]) >= reflected;
   return {if_then_else(transmitted, through, mirrored(at.direction, at.normal)), transmitted,
           set(1.0F)};
 }

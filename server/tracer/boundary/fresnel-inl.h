@@ -12,7 +12,7 @@ HWY_BEFORE_NAMESPACE();
 namespace itn::tracer::HWY_NAMESPACE {
 
 HWY_INLINE Vectors mirrored(Vectors d, Vectors normal) {
-  return renormalize(d - normal * hn::Mul(set(2.0F), dot(d, normal)));
+  return renormalize(d - normal * (2 * dot(d, normal)));
 }
 
 // Of two indices of refraction, that beyond the boundary over that before it.
@@ -29,44 +29,41 @@ struct Fresnel {
 // `cosine`: in [0, 1], of the angle before the boundary; `index`: see index_ahead. With r_s and r_p
 // the amplitudes of the two polarisations.
 HWY_INLINE Fresnel fresnel(Floats cosine, Floats index) {
-  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Floats zero = hn::Zero(FloatTag());
   const Floats c = hn::Max(cosine, set(1e-7F));  // along the boundary both quotients would be 0 / 0
-  const Floats sine2 = hn::Max(zero, hn::Sub(one, hn::Mul(c, c)));
-  const Floats refracted =
-      hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Div(sine2, hn::Mul(index, index)))));
-  const auto amplitude = [](Floats a, Floats b) { return hn::Div(hn::Sub(a, b), hn::Add(a, b)); };
-  const Floats r_s = amplitude(c, hn::Mul(index, refracted));
-  const Floats r_p = amplitude(hn::Mul(index, c), refracted);
-  return {hn::Mul(set(0.5F), mul_add(r_s, r_s, hn::Mul(r_p, r_p))), refracted};
+  const Floats sine2 = hn::Max(zero, 1 - c * c);
+  const Floats refracted = hn::Sqrt(hn::Max(zero, 1 - sine2 / (index * index)));
+  const auto amplitude = [](Floats a, Floats b) { return (a - b) / (a + b); };
+  const Floats r_s = amplitude(c, index * refracted);
+  const Floats r_p = amplitude(index * c, refracted);
+  return {0.5F * mul_add(r_s, r_s, r_p * r_p), refracted};
 }
 
 // The derivative of `reflected` where the cosine and the index have these. With q the index times
 // the refracted cosine, r_s = (c - q) / (c + q) and r_p = (index^2 c - q) / (index^2 c + q).
 HWY_INLINE Floats reflected_slope(Floats cosine, Floats index, Floats d_cosine, Floats d_index) {
-  const Floats one = set(1.0F), index2 = hn::Mul(index, index);
+  const Floats index2 = index * index;
   const Floats c = hn::Max(cosine, set(1e-7F));
-  const Floats q2 = hn::Add(hn::Sub(index2, one), hn::Mul(c, c));
+  const Floats q2 = index2 - 1 + c * c;
   const Floats q = hn::Sqrt(hn::Max(q2, set(1e-6F)));  // what rounding leaves of it
-  const Floats d_q = hn::Div(mul_add(index, d_index, hn::Mul(c, d_cosine)), q);
+  const Floats d_q = mul_add(index, d_index, c * d_cosine) / q;
   // Of the square of (a - q) / (a + q).
   const auto d_square = [&](Floats a, Floats d_a) {
-    const Floats sum = hn::Add(a, q);
-    const Floats turn = hn::Sub(hn::Mul(q, d_a), hn::Mul(a, d_q));
-    const Floats by = hn::Div(hn::Mul(hn::Sub(a, q), turn), hn::Mul(sum, hn::Mul(sum, sum)));
-    return hn::Mul(set(4.0F), by);
+    const Floats sum = a + q;
+    const Floats turn = q * d_a - a * d_q;
+    const Floats by = (a - q) * turn / (sum * (sum * sum));
+    return 4 * by;
   };
-  const Floats d_p =
-      mul_add(index2, d_cosine, hn::Mul(hn::Mul(set(2.0F), index), hn::Mul(c, d_index)));
-  const Floats slope = hn::Add(d_square(c, d_cosine), d_square(hn::Mul(index2, c), d_p));
-  return hn::IfThenElseZero(hn::Gt(q2, hn::Zero(FloatTag())), hn::Mul(set(0.5F), slope));
+  const Floats d_p = mul_add(index2, d_cosine, 2 * index * (c * d_index));
+  const Floats slope = d_square(c, d_cosine) + d_square(index2 * c, d_p);
+  return hn::IfThenElseZero(q2 > 0, 0.5F * slope);
 }
 
 // The direction behind the boundary of light in direction d, which arrives at the side of `normal`.
 HWY_INLINE Vectors refracted(Vectors d, Vectors normal, Floats cosine, Floats refracted_cosine,
                              Floats index) {
-  const Floats per_index = hn::Div(set(1.0F), index);
-  return renormalize(d * per_index +
-                     normal * hn::Sub(hn::Mul(cosine, per_index), refracted_cosine));
+  const Floats per_index = 1 / index;
+  return renormalize(d * per_index + normal * (cosine * per_index - refracted_cosine));
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

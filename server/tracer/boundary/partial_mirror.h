@@ -42,8 +42,8 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 HWY_INLINE BoundaryDraw draw(const PartialMirror& film, const Crossing& at, const Words& words) {
   const Floats u = uniform(words.w[0]);
-  const Mask absorbed = hn::Lt(u, set(film.absorbed));
-  const Mask transmitted = hn::Ge(u, set(film.absorbed + film.reflected));
+  const Mask absorbed = u < film.absorbed;
+  const Mask transmitted = u >= film.absorbed + film.reflected;
   return {if_then_else(transmitted, at.direction, mirrored(at.direction, at.normal)), transmitted,
           hn::IfThenElse(absorbed, hn::Zero(FloatTag()), set(1.0F))};
 }

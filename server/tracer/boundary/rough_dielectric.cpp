@@ -21,7 +21,7 @@ std::array<double, 3> going_on(const RoughDielectric& boundary, bool leaving, fl
   constexpr size_t kMicrofacets = 4096;
   constexpr float kGolden = 0.618034F;
   const FloatTag d;
-  const Floats zero = hn::Zero(d), one = set(1.0F), half = set(0.5F);
+  const Floats zero = hn::Zero(d), half = set(0.5F);
   const float sine = std::sqrt(1 - cosine * cosine);
   const Vectors up = set(Vec3f{0, 0, 1});
   const Crossing at = crossing_of(set(Vec3f{sine, 0, leaving ? cosine : -cosine}), up, up,
@@ -34,21 +34,21 @@ std::array<double, 3> going_on(const RoughDielectric& boundary, bool leaving, fl
   std::array<double, 3> means{};
   for (size_t k = 0; k < kMicrofacets; k += lanes()) {
     const Floats number = hn::Iota(d, static_cast<float>(k));
-    const Floats u0 = hn::Mul(hn::Add(number, half), set(1.0F / kMicrofacets));
-    const Floats turns = hn::Mul(number, set(kGolden)), u1 = hn::Sub(turns, hn::Floor(turns));
+    const Floats u0 = (number + half) * (1.0F / kMicrofacets);
+    const Floats turns = number * kGolden, u1 = turns - hn::Floor(turns);
     const Vectors m = sample_microfacet(boundary, at, u0, u1);
-    const Floats i_m = hn::Max(zero, hn::Neg(dot(at.direction, m)));
+    const Floats i_m = hn::Max(zero, -dot(at.direction, m));
     const auto [reflected, refracted_cosine] = fresnel(i_m, index);
     Floats sum = zero, slopes = zero;
     const auto add = [&, reflected = reflected](Vectors to, bool transmitted) {
       const BoundaryValue value = walter(boundary, at, to);
       const Floats off = dot(to, at.normal);
-      const Mask on_its_side = hn::Gt(transmitted ? hn::Neg(off) : off, zero);
-      const Mask possible = hn::And(on_its_side, hn::Gt(value.pdf, zero));
-      const Floats probability = transmitted ? hn::Sub(one, reflected) : reflected;
-      const Floats weight = hn::Div(value.value, hn::Max(value.pdf, set(1e-20F)));
-      const Floats added = hn::IfThenElseZero(possible, hn::Mul(probability, weight));
-      sum = hn::Add(sum, added);
+      const Mask on_its_side = (transmitted ? -off : off) > 0;
+      const Mask possible = on_its_side & (value.pdf > 0);
+      const Floats probability = transmitted ? 1 - reflected : reflected;
+      const Floats weight = value.value / hn::Max(value.pdf, set(1e-20F));
+      const Floats added = hn::IfThenElseZero(possible, probability * weight);
+      sum += added;
       slopes = mul_add(added, value.scores[RoughDielectric::kRoughnessSlot], slopes);
     };
     add(mirrored(at.direction, m), false);
@@ -60,11 +60,10 @@ std::array<double, 3> going_on(const RoughDielectric& boundary, bool leaving, fl
       const auto seen_at = [&](Floats off) {
         return seen(hn::Max(off, zero), boundary.roughness).part;
       };
-      return mul_add(
-          other.reflected, seen_at(dot(mirrored(at.direction, m), at.normal)),
-          hn::Mul(hn::Sub(one, other.reflected), seen_at(hn::Neg(dot(through, at.normal)))));
+      return mul_add(other.reflected, seen_at(dot(mirrored(at.direction, m), at.normal)),
+                     (1 - other.reflected) * seen_at(-dot(through, at.normal)));
     };
-    const Floats by_index = hn::Div(hn::Sub(sum_at(above), sum_at(below)), set(2 * kStep));
+    const Floats by_index = (sum_at(above) - sum_at(below)) / (2 * kStep);
     // One after the other, so that every width of vectors adds up to the same.
     for (size_t s = 0; const Floats addend : {sum, by_index, slopes}) {
       alignas(64) float parts[kMaxLanes];

@@ -77,19 +77,17 @@ struct Seen {
   Floats part, score, by_cosine;
 };
 HWY_INLINE Seen seen(Floats cosine, float alpha) {
-  const Floats c2 = hn::Mul(cosine, cosine);
-  const Floats sine2 = hn::Max(hn::Zero(FloatTag()), hn::Sub(set(1.0F), c2));
-  const Floats r = hn::Sqrt(mul_add(set(alpha * alpha), sine2, c2)), sum = hn::Add(cosine, r);
-  const Floats d_r = hn::Div(hn::Mul(set(1 - alpha * alpha), cosine), r);
-  return {hn::Div(hn::Add(cosine, cosine), sum),
-          hn::Neg(hn::Div(hn::Mul(set(alpha), sine2), hn::Mul(r, sum))),
-          hn::Sub(hn::Div(set(1.0F), hn::Max(cosine, set(1e-6F))),
-                  hn::Div(hn::Add(set(1.0F), d_r), sum))};
+  const Floats c2 = cosine * cosine;
+  const Floats sine2 = hn::Max(hn::Zero(FloatTag()), 1 - c2);
+  const Floats r = hn::Sqrt(mul_add(set(alpha * alpha), sine2, c2)), sum = cosine + r;
+  const Floats d_r = (1 - alpha * alpha) * cosine / r;
+  return {(cosine + cosine) / sum, -(alpha * sine2 / (r * sum)),
+          1 / hn::Max(cosine, set(1e-6F)) - (1 + d_r) / sum};
 }
 
 // Along the boundary there is nothing to divide by.
 HWY_INLINE Floats cosine_of_arrival(const Crossing& at) {
-  return hn::Max(hn::Neg(dot(at.direction, at.normal)), set(1e-6F));
+  return hn::Max(-dot(at.direction, at.normal), set(1e-6F));
 }
 
 // With i the direction back to where the path came from, o where it goes, m the normal of the
@@ -106,58 +104,55 @@ HWY_INLINE BoundaryValue walter(const RoughDielectric& boundary, const Crossing&
   const float alpha = boundary.roughness, alpha2 = alpha * alpha;
   const Vectors n = at.normal, i = Vectors{zero, zero, zero} - at.direction;
   const Floats i_n = cosine_of_arrival(at), o_n = dot(o, n);
-  const Mask reflects = hn::Gt(o_n, zero);
+  const Mask reflects = o_n > 0;
   const Floats e = index_ahead(boundary.index, at.leaving);
 
   const Vectors h = i + o * hn::IfThenElse(reflects, one, e);
   const Floats h2 = hn::Max(dot(h, h), set(1e-12F));
-  const Floats per_h = hn::Div(hn::CopySign(one, dot(h, n)), hn::Sqrt(h2));
+  const Floats per_h = hn::CopySign(one, dot(h, n)) / hn::Sqrt(h2);
   const Vectors m = h * per_h;
   const Floats i_m = dot(i, m), o_m = dot(o, m), n_m = dot(n, m);
-  const Mask on_their_sides = hn::Not(hn::Xor(reflects, hn::Gt(o_m, zero)));
-  const Mask possible = hn::And(hn::Gt(i_m, zero), on_their_sides);
+  const Mask on_their_sides = !(reflects ^ (o_m > 0));
+  const Mask possible = (i_m > 0) & on_their_sides;
 
   const Vectors off = cross(m, n);
-  const Floats n_m2 = hn::Mul(n_m, n_m), spread = mul_add(set(alpha2), n_m2, dot(off, off));
+  const Floats n_m2 = n_m * n_m, spread = mul_add(set(alpha2), n_m2, dot(off, off));
   const Seen by_i = seen(i_n, alpha), by_o = seen(hn::Abs(o_n), alpha);
-  const Floats density = hn::Div(hn::Mul(set(alpha2 * std::numbers::inv_pi_v<float>), by_i.part),
-                                 hn::Mul(i_n, hn::Mul(spread, spread)));  // without i.m
+  const Floats density = alpha2 * std::numbers::inv_pi_v<float> * by_i.part /
+                         (i_n * (spread * spread));  // without i.m
   const Floats reflected = fresnel(hn::Max(i_m, zero), e).reflected;
-  const Floats reflection = hn::Mul(set(0.25F), reflected);
-  const Floats refraction = hn::Div(
-      hn::Mul(hn::Mul(hn::Sub(one, reflected), i_m), hn::Mul(hn::Mul(e, e), hn::Abs(o_m))), h2);
-  const Floats pdf = hn::IfThenElseZero(
-      possible, hn::Mul(density, hn::IfThenElse(reflects, reflection, refraction)));
-  const Floats by_roughness =
-      hn::Sub(hn::Add(by_i.score, by_o.score),
-              hn::Sub(hn::Div(hn::Mul(set(4 * alpha), n_m2), spread), set(2 / alpha)));
+  const Floats reflection = 0.25F * reflected;
+  const Floats refraction = (1 - reflected) * i_m * (e * e * hn::Abs(o_m)) / h2;
+  const Floats pdf =
+      hn::IfThenElseZero(possible, density * hn::IfThenElse(reflects, reflection, refraction));
+  const Floats by_roughness = by_i.score + by_o.score - (4 * alpha * n_m2 / spread - 2 / alpha);
 
   Floats by_index = zero;
   if (at.asked.index) {
     const Floats least = set(1e-6F), i_o = dot(i, o);
-    const Floats d_i_m = hn::Mul(per_h, hn::Sub(i_o, hn::Mul(i_m, o_m)));
-    const Floats d_o_m = hn::Mul(per_h, hn::Sub(one, hn::Mul(o_m, o_m)));
-    const Floats d_n_m = hn::Mul(per_h, hn::Sub(o_n, hn::Mul(n_m, o_m)));
+    const Floats d_i_m = per_h * (i_o - i_m * o_m);
+    const Floats d_o_m = per_h * (1 - o_m * o_m);
+    const Floats d_n_m = per_h * (o_n - n_m * o_m);
     const Floats d_reflected =
         reflected_slope(hn::Max(i_m, zero), e, hn::IfThenZeroElse(reflects, d_i_m), one);
-    const Floats of_reflection = hn::Div(d_reflected, hn::Max(reflected, least));
-    const auto log_slope = [&](Floats d, Floats x) { return hn::Div(d, hn::Max(x, least)); };
-    const Floats of_power = hn::Sub(hn::Sub(log_slope(d_i_m, i_m), log_slope(d_o_m, hn::Neg(o_m))),
-                                    log_slope(d_reflected, hn::Sub(one, reflected)));
-    const Floats of_angles = hn::Sub(hn::Div(one, e), hn::Div(hn::Add(i_o, e), h2));
-    const Floats of_spread = hn::Div(hn::Mul(hn::Mul(set(2 * (1 - alpha2)), n_m), d_n_m), spread);
-    const Floats of_refraction = mul_add(set(2.0F), hn::Add(of_angles, of_spread), of_power);
-    const Floats d_e = hn::IfThenElse(at.leaving, hn::Neg(hn::Mul(e, e)), one);
-    by_index = hn::Mul(hn::IfThenElse(reflects, of_reflection, of_refraction), d_e);
+    const Floats of_reflection = d_reflected / hn::Max(reflected, least);
+    const auto log_slope = [&](Floats d, Floats x) { return d / hn::Max(x, least); };
+    const Floats of_power =
+        log_slope(d_i_m, i_m) - log_slope(d_o_m, -o_m) - log_slope(d_reflected, 1 - reflected);
+    const Floats of_angles = 1 / e - (i_o + e) / h2;
+    const Floats of_spread = 2 * (1 - alpha2) * n_m * d_n_m / spread;
+    const Floats of_refraction = mul_add(set(2.0F), of_angles + of_spread, of_power);
+    const Floats d_e = hn::IfThenElse(at.leaving, -(e * e), one);
+    by_index = hn::IfThenElse(reflects, of_reflection, of_refraction) * d_e;
   }
   BoundaryValue result{
-      hn::Mul(pdf, by_o.part),
+      pdf * by_o.part,
       pdf,
       {hn::IfThenElseZero(possible, by_index), hn::IfThenElseZero(possible, by_roughness)}};
   if (at.asked.normal) {
-    const Floats by_spread = hn::Div(hn::Mul(set(4 * (1 - alpha2)), n_m), spread);
-    const Vectors slope = i * hn::Sub(by_i.by_cosine, hn::Div(one, i_n)) +
-                          o * hn::CopySign(by_o.by_cosine, o_n) + m * by_spread;
+    const Floats by_spread = 4 * (1 - alpha2) * n_m / spread;
+    const Vectors slope =
+        i * (by_i.by_cosine - 1 / i_n) + o * hn::CopySign(by_o.by_cosine, o_n) + m * by_spread;
     result.by_normal = if_then_else(possible, slope, result.by_normal);
   }
   return result;
@@ -173,22 +168,20 @@ HWY_INLINE BoundaryEdge edge(const RoughDielectric& boundary, const Crossing& at
   const Floats i_n = cosine_of_arrival(at);
   const Vectors level = i - n * i_n;
   const Floats sine = hn::Sqrt(dot(level, level));
-  const Vectors axis = level * hn::Div(one, hn::Max(sine, set(1e-6F)));
-  const Floats across = hn::Sub(hn::Add(u, u), one);
-  const Floats along = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(across, across))));
+  const Vectors axis = level * (1 / hn::Max(sine, set(1e-6F)));
+  const Floats across = u + u - 1;
+  const Floats along = hn::Sqrt(hn::Max(zero, 1 - across * across));
   const Vectors m = axis * along + cross(n, axis) * across;
-  const Floats i_m = hn::Mul(sine, along), e = index_ahead(boundary.index, at.leaving);
+  const Floats i_m = sine * along, e = index_ahead(boundary.index, at.leaving);
   const auto [reflected, refracted_cosine] = fresnel(i_m, e);
   const Vectors o = refracted(at.direction, m, i_m, refracted_cosine, e), h = i + o * e;
   const float alpha = boundary.roughness;
-  const Floats o_n = hn::Max(hn::Neg(dot(o, n)), zero);
-  const Floats d_e = hn::IfThenElse(at.leaving, hn::Mul(e, e), one);
-  const Floats turn = hn::Div(hn::Mul(o_n, d_e), hn::Sqrt(hn::Max(dot(h, h), set(1e-12F))));
-  const Floats density = hn::Div(hn::Mul(seen(i_n, alpha).part, sine), i_n);
-  const Floats passing = hn::Mul(hn::Sub(one, reflected), seen(o_n, alpha).part);
-  return {
-      o, hn::Mul(hn::Mul(set(2 * alpha * alpha * std::numbers::inv_pi_v<float>), density), passing),
-      turn, m};
+  const Floats o_n = hn::Max(-dot(o, n), zero);
+  const Floats d_e = hn::IfThenElse(at.leaving, e * e, one);
+  const Floats turn = o_n * d_e / hn::Sqrt(hn::Max(dot(h, h), set(1e-12F)));
+  const Floats density = seen(i_n, alpha).part * sine / i_n;
+  const Floats passing = (1 - reflected) * seen(o_n, alpha).part;
+  return {o, 2 * alpha * alpha * std::numbers::inv_pi_v<float> * density * passing, turn, m};
 }
 
 // Of light that arrives under angles on either side: M, and its derivatives by slot.
@@ -198,12 +191,12 @@ struct Lost {
 HWY_INLINE Lost lost_at(const LostLight& table, Mask inside, Floats cosine,
                         BoundaryDerivatives asked) {
   constexpr auto kLast = static_cast<float>(LostLight::kCosines - 1);
-  const Floats place = hn::Mul(hn::Sqrt(hn::Min(cosine, set(1.0F))), set(kLast));
-  const Floats below = hn::Min(hn::Floor(place), set(kLast - 1)), t = hn::Sub(place, below);
+  const Floats place = hn::Sqrt(hn::Min(cosine, set(1.0F))) * kLast;
+  const Floats below = hn::Min(hn::Floor(place), set(kLast - 1)), t = place - below;
   const Floats first = hn::IfThenElseZero(inside, set(kLast + 1));
-  const Ints k = hn::ConvertTo(IntTag(), hn::Add(first, below));
+  const Ints k = hn::ConvertTo(IntTag(), first + below);
   const auto step = [&](const auto& column, Floats a) {
-    return hn::Sub(hn::GatherIndex(FloatTag(), column.data() + 1, k), a);
+    return hn::GatherIndex(FloatTag(), column.data() + 1, k) - a;
   };
   const auto mixed = [&](const auto& column) {
     const Floats a = hn::GatherIndex(FloatTag(), column.data(), k);
@@ -216,8 +209,7 @@ HWY_INLINE Lost lost_at(const LostLight& table, Mask inside, Floats cosine,
             none};
   if (asked.normal) {  // by the root of the cosine
     const Floats a = hn::GatherIndex(FloatTag(), table.part.data(), k);
-    lost.by_cosine =
-        hn::Div(hn::Mul(step(table.part, a), set(kLast * kLast / 2)), hn::Max(place, set(1e-3F)));
+    lost.by_cosine = step(table.part, a) * (kLast * kLast / 2) / hn::Max(place, set(1e-3F));
   }
   return lost;
 }
@@ -234,38 +226,36 @@ HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossin
   const LostLight& table = *boundary.lost;
   const Floats zero = hn::Zero(FloatTag());
   const Floats o_n = dot(o, at.normal), cosine = hn::Abs(o_n);
-  const Mask inside = hn::Xor(at.leaving, hn::Le(o_n, zero));
+  const Mask inside = at.leaving ^ (o_n <= 0);
   const Lost i_lost = lost_at(table, at.leaving, cosine_of_arrival(at), at.asked);
   const Lost o_lost = lost_at(table, inside, cosine, at.asked);
   const Floats index2 = hn::IfThenElse(inside, set(boundary.index * boundary.index), set(1.0F));
-  const Floats law = hn::Mul(hn::Mul(index2, cosine), set(std::numbers::inv_pi_v<float>));
-  const Floats both = hn::Mul(i_lost.part, o_lost.part);
-  const Floats more = hn::Mul(hn::Mul(both, law), set(table.norm));
+  const Floats law = index2 * cosine * std::numbers::inv_pi_v<float>;
+  const Floats both = i_lost.part * o_lost.part;
+  const Floats more = both * law * table.norm;
   const Floats mean = hn::IfThenElse(inside, set(table.mean[1]), set(table.mean[0]));
-  const Floats more_pdf = hn::Mul(hn::Mul(law, mean), set(table.norm));
-  const Floats value = hn::Add(once.value, more);
-  BoundaryValue result{
-      value, mul_add(i_lost.part, hn::Sub(more_pdf, once.pdf), once.pdf), {zero, zero}};
+  const Floats more_pdf = law * mean * table.norm;
+  const Floats value = once.value + more;
+  BoundaryValue result{value, mul_add(i_lost.part, more_pdf - once.pdf, once.pdf), {zero, zero}};
   for (size_t s = 0; s < kMaxBoundarySlots; ++s) {
     if (s == RoughDielectric::kIndexSlot && !at.asked.index) continue;
     const Floats both_slope =
-        mul_add(i_lost.slopes[s], o_lost.part, hn::Mul(i_lost.part, o_lost.slopes[s]));
-    Floats more_slope = hn::Mul(
-        law, mul_add(both_slope, set(table.norm), hn::Mul(both, set(table.norm_slopes[s]))));
+        mul_add(i_lost.slopes[s], o_lost.part, i_lost.part * o_lost.slopes[s]);
+    Floats more_slope = law * mul_add(both_slope, set(table.norm), both * table.norm_slopes[s]);
     if (s == RoughDielectric::kIndexSlot) {  // and of the law
       const Floats by_law = hn::IfThenElseZero(inside, set(2 / boundary.index));
       more_slope = mul_add(more, by_law, more_slope);
     }
     const Floats slope = mul_add(once.value, once.scores[s], more_slope);
-    result.scores[s] = hn::Div(slope, hn::Max(value, set(1e-20F)));
+    result.scores[s] = slope / hn::Max(value, set(1e-20F));
   }
   if (at.asked.normal) {
-    const auto log_slope = [](const Lost& of) { return hn::Div(of.by_cosine, of.part); };
-    const Floats by_o = hn::Add(log_slope(o_lost), hn::Div(set(1.0F), hn::Max(cosine, set(1e-6F))));
-    const Vectors more_slope = o * hn::Mul(hn::Mul(more, by_o), hn::CopySign(set(1.0F), o_n)) -
-                               at.direction * hn::Mul(more, log_slope(i_lost));
-    result.by_normal = (once.by_normal * once.value + more_slope) *
-                       hn::Div(set(1.0F), hn::Max(value, set(1e-20F)));
+    const auto log_slope = [](const Lost& of) { return of.by_cosine / of.part; };
+    const Floats by_o = log_slope(o_lost) + 1 / hn::Max(cosine, set(1e-6F));
+    const Vectors more_slope = o * (more * by_o * hn::CopySign(set(1.0F), o_n)) -
+                               at.direction * (more * log_slope(i_lost));
+    result.by_normal =
+        (once.by_normal * once.value + more_slope) * (1 / hn::Max(value, set(1e-20F)));
   }
   return result;
 }
@@ -274,7 +264,7 @@ HWY_INLINE BoundaryValue evaluate(const RoughDielectric& boundary, const Crossin
 // spherical caps", HPG 2023).
 HWY_INLINE Vectors sample_microfacet(const RoughDielectric& boundary, const Crossing& at, Floats u0,
                                      Floats u1) {
-  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Floats zero = hn::Zero(FloatTag());
   const Vectors n = at.normal;
   const Floats alpha = set(boundary.roughness), i_n = cosine_of_arrival(at);
   // With all stretched along the boundary so that the microfacets make a hemisphere.
@@ -283,10 +273,10 @@ HWY_INLINE Vectors sample_microfacet(const RoughDielectric& boundary, const Cros
   };
   const Vectors w = stretched(Vectors{zero, zero, zero} - at.direction, i_n);
   const Floats w_n = dot(w, n);
-  const Floats z = hn::Sub(hn::Mul(hn::Sub(one, u0), hn::Add(one, w_n)), w_n);
-  const Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(z, z))));
+  const Floats z = (1 - u0) * (1 + w_n) - w_n;
+  const Floats sine = hn::Sqrt(hn::Max(zero, 1 - z * z));
   const SinCos phi = sin_cos_2pi(u1);
-  const Vectors h = w + frame_to_world(n, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), z);
+  const Vectors h = w + frame_to_world(n, sine * phi.cos, sine * phi.sin, z);
   return stretched(h, hn::Max(dot(h, n), set(1e-7F)));
 }
 
@@ -295,26 +285,26 @@ HWY_INLINE BoundaryDraw draw(const RoughDielectric& boundary, const Crossing& at
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Floats u0 = uniform(words.w[0]), u1 = uniform(words.w[1]), u2 = uniform(words.w[2]);
   const Vectors m = sample_microfacet(boundary, at, u0, u1);
-  const Floats i_m = hn::Max(zero, hn::Neg(dot(at.direction, m)));
+  const Floats i_m = hn::Max(zero, -dot(at.direction, m));
   const Floats index = index_ahead(boundary.index, at.leaving);
   const auto [reflected, refracted_cosine] = fresnel(i_m, index);
-  Mask transmitted = hn::Ge(u2, reflected);
+  Mask transmitted = u2 >= reflected;
   Vectors o = if_then_else(transmitted, refracted(at.direction, m, i_m, refracted_cosine, index),
                            mirrored(at.direction, m));
   if (boundary.lost != nullptr) {
     const LostLight& table = *boundary.lost;
     const Lost lost = lost_at(table, at.leaving, cosine_of_arrival(at), at.asked);
-    const Mask more = hn::Lt(uniform(words.w[3]), lost.part);
-    const Mask outside = hn::Lt(u2, set(table.norm * table.mean[0]));
-    const Mask through = hn::Not(hn::Xor(at.leaving, outside));
+    const Mask more = uniform(words.w[3]) < lost.part;
+    const Mask outside = u2 < table.norm * table.mean[0];
+    const Mask through = !(at.leaving ^ outside);
     const SinCos phi = sin_cos_2pi(u1);
-    const Floats sine = hn::Sqrt(u0), cosine = hn::Sqrt(hn::Sub(one, u0));
-    const Vectors spread = frame_to_world(at.normal, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin),
-                                          hn::IfThenElse(through, hn::Neg(cosine), cosine));
+    const Floats sine = hn::Sqrt(u0), cosine = hn::Sqrt(1 - u0);
+    const Vectors spread = frame_to_world(at.normal, sine * phi.cos, sine * phi.sin,
+                                          hn::IfThenElse(through, -cosine, cosine));
     o = if_then_else(more, spread, o);
-    transmitted = hn::Or(hn::And(more, through), hn::AndNot(more, transmitted));
+    transmitted = (more & through) | hn::AndNot(more, transmitted);
   }
-  const Mask on_its_side = hn::Xor(transmitted, hn::Gt(dot(o, at.normal), zero));
+  const Mask on_its_side = transmitted ^ (dot(o, at.normal) > 0);
   return {o, transmitted, hn::IfThenElseZero(on_its_side, one)};
 }
 

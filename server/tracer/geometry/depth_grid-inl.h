@@ -21,14 +21,14 @@ HWY_INLINE Ints cells_at(const CubicCells& cells, Vectors x) {
   const IntTag di;
   const auto per_edge = static_cast<float>(1 / cells.edge);
   const auto cell = [&](Floats position, double low, int size) {
-    const Floats place = hn::Mul(hn::Sub(position, set(static_cast<float>(low))), set(per_edge));
+    const Floats place = (position - static_cast<float>(low)) * per_edge;
     return hn::ConvertTo(di,
                          hn::Clamp(place, hn::Zero(FloatTag()), set(static_cast<float>(size - 1))));
   };
   const auto [nx, ny, nz] = cells.size;
   const Vec3d& low = cells.low;
-  const Ints row = hn::Add(hn::Mul(cell(x.z, low.z, nz), hn::Set(di, ny)), cell(x.y, low.y, ny));
-  return hn::Add(hn::Mul(row, hn::Set(di, nx)), cell(x.x, low.x, nx));
+  const Ints row = cell(x.z, low.z, nz) * hn::Set(di, ny) + cell(x.y, low.y, ny);
+  return row * hn::Set(di, nx) + cell(x.x, low.x, nx);
 }
 
 // DepthGrid::quantized of cells.
@@ -36,8 +36,8 @@ HWY_INLINE Floats quantized_depth(const DepthGrid& depth_grid, Ints cells) {
   const IntTag di;
   const auto* const words = reinterpret_cast<const int32_t*>(depth_grid.quantized.data());
   const Ints word = hn::GatherIndex(di, words, hn::ShiftRight<2>(cells));
-  const Ints shift = hn::ShiftLeft<3>(hn::And(cells, hn::Set(di, 3)));
-  return hn::ConvertTo(FloatTag(), hn::And(hn::Shr(word, shift), hn::Set(di, 255)));
+  const Ints shift = hn::ShiftLeft<3>(cells & hn::Set(di, 3));
+  return hn::ConvertTo(FloatTag(), hn::Shr(word, shift) & hn::Set(di, 255));
 }
 
 // CellNormals::packed of cells.
@@ -47,15 +47,14 @@ HWY_INLINE Vectors cell_normal(const CellNormals& normals, Ints cells) {
   const Ints packed =
       hn::GatherIndex(di, reinterpret_cast<const int32_t*>(normals.packed.data()), cells);
   const auto coordinate = [&](Ints bits) {
-    return hn::Sub(hn::Mul(hn::ConvertTo(d, bits), set(1 / CellNormals::kPackedOne)), set(1.0F));
+    return hn::ConvertTo(d, bits) * (1 / CellNormals::kPackedOne) - 1;
   };
   const Ints low = hn::Set(di, 0xFFFF);
-  Vectors n{coordinate(hn::And(hn::ShiftRight<16>(packed), low)), coordinate(hn::And(packed, low)),
-            hn::Zero(d)};
-  n.z = hn::Sub(set(1.0F), hn::Add(hn::Abs(n.x), hn::Abs(n.y)));
-  const Floats folded = hn::Max(hn::Neg(n.z), hn::Zero(d));
-  n.x = hn::Sub(n.x, hn::CopySign(folded, n.x));
-  n.y = hn::Sub(n.y, hn::CopySign(folded, n.y));
+  Vectors n{coordinate(hn::ShiftRight<16>(packed) & low), coordinate(packed & low), hn::Zero(d)};
+  n.z = 1 - (hn::Abs(n.x) + hn::Abs(n.y));
+  const Floats folded = hn::Max(-n.z, hn::Zero(d));
+  n.x -= hn::CopySign(folded, n.x);
+  n.y -= hn::CopySign(folded, n.y);
   return normalize(n);
 }
 

@@ -23,12 +23,12 @@ HWY_INLINE Vectors smooth_normal_at(const Surfaces& surfaces, Ints triangle, Vec
   const Vectors to_b = gather(surfaces.corners[1], triangle) - a;
   const Vectors to_c = gather(surfaces.corners[2], triangle) - a, to_p = p - a;
   const Vectors n = cross(to_b, to_c);
-  const Floats by_area = hn::Div(set(1.0F), hn::Max(dot(n, n), set(1e-30F)));
+  const Floats by_area = 1 / hn::Max(dot(n, n), set(1e-30F));
   const auto part = [&](Vectors area) {
-    return hn::Clamp(hn::Mul(dot(area, n), by_area), hn::Zero(FloatTag()), set(1.0F));
+    return hn::Clamp(dot(area, n) * by_area, hn::Zero(FloatTag()), set(1.0F));
   };
   const Floats v = part(cross(to_p, to_c)), w = part(cross(to_b, to_p));
-  const Floats u = hn::Sub(hn::Sub(set(1.0F), v), w);
+  const Floats u = 1 - v - w;
   return normalize(gather(surfaces.corner_normals[0], triangle) * u +
                    gather(surfaces.corner_normals[1], triangle) * v +
                    gather(surfaces.corner_normals[2], triangle) * w);

@@ -47,10 +47,10 @@ HWY_INLINE Emission emission(const ConstantLight& light, Vectors) {
 }
 
 HWY_INLINE Vectors sample(const ConstantLight&, const LightUniforms& u) {
-  const Floats y = hn::Sub(set(1.0F), hn::Add(u.u0, u.u0));
-  const Floats r = hn::Sqrt(hn::Max(hn::Zero(FloatTag()), hn::Sub(set(1.0F), hn::Mul(y, y))));
+  const Floats y = 1 - (u.u0 + u.u0);
+  const Floats r = hn::Sqrt(hn::Max(hn::Zero(FloatTag()), 1 - y * y));
   const SinCos phi = sin_cos_2pi(u.u1);
-  return {hn::Mul(r, phi.cos), y, hn::Mul(r, phi.sin)};
+  return {r * phi.cos, y, r * phi.sin};
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

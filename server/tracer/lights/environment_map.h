@@ -119,35 +119,31 @@ struct MapPlace {
 HWY_INLINE MapPlace place_of(const EnvironmentMap& light, Vectors direction) {
   const EnvironmentMapTable& map = light.table();
   const Vectors d = rotated(light.to_map(), direction);
-  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Floats zero = hn::Zero(FloatTag());
   const Floats width = set(static_cast<float>(map.width()));
   const Floats height = set(static_cast<float>(map.height()));
-  const Floats u = atan2_turns(d.x, hn::Neg(d.z));
-  const Floats across = hn::Sqrt(mul_add(d.z, d.z, hn::Mul(d.x, d.x)));
-  const Floats v = hn::Mul(set(2.0F), atan2_turns(across, d.y));
+  const Floats u = atan2_turns(d.x, -d.z);
+  const Floats across = hn::Sqrt(mul_add(d.z, d.z, d.x * d.x));
+  const Floats v = 2 * atan2_turns(across, d.y);
 
-  const Floats x = hn::Sub(hn::Mul(u, width), set(0.5F)),
-               y = hn::Sub(hn::Mul(v, height), set(0.5F));
+  const Floats x = u * width - 0.5F, y = v * height - 0.5F;
   const Floats column = hn::Floor(x), row = hn::Floor(y);
-  const Floats fx = hn::Sub(x, column), fy = hn::Sub(y, row);
+  const Floats fx = x - column, fy = y - row;
   const auto wrapped = [&](Floats c) {
-    c = hn::IfThenElse(hn::Lt(c, zero), hn::Add(c, width), c);
-    return to_int(hn::IfThenElse(hn::Ge(c, width), hn::Sub(c, width), c));
+    c = hn::IfThenElse(c < 0, c + width, c);
+    return to_int(hn::IfThenElse(c >= width, c - width, c));
   };
   const auto start = [&](Floats r) {
-    return hn::Mul(to_int(hn::Clamp(r, zero, hn::Sub(height, one))),
-                   hn::Set(IntTag(), map.width()));
+    return to_int(hn::Clamp(r, zero, height - 1)) * hn::Set(IntTag(), map.width());
   };
-  const Ints c0 = wrapped(column), c1 = wrapped(hn::Add(column, one));
-  const Ints r0 = start(row), r1 = start(hn::Add(row, one));
-  return {u, v, fx, fy, {hn::Add(r0, c0), hn::Add(r0, c1)}, {hn::Add(r1, c0), hn::Add(r1, c1)}};
+  const Ints c0 = wrapped(column), c1 = wrapped(column + 1);
+  const Ints r0 = start(row), r1 = start(row + 1);
+  return {u, v, fx, fy, {r0 + c0, r0 + c1}, {r1 + c0, r1 + c1}};
 }
 
 // Of the table of a channel, whose values lie so far apart.
 HWY_INLINE Floats radiance_at(const MapPlace& at, const float* values, int stride = 1) {
-  const auto value = [&](Ints pixel) {
-    return gather(values, hn::Mul(pixel, hn::Set(IntTag(), stride)));
-  };
+  const auto value = [&](Ints pixel) { return gather(values, pixel * hn::Set(IntTag(), stride)); };
   return mix(mix(value(at.upper[0]), value(at.upper[1]), at.fx),
              mix(value(at.lower[0]), value(at.lower[1]), at.fx), at.fy);
 }
@@ -166,15 +162,15 @@ HWY_INLINE Emission emission(const EnvironmentMap& light, Vectors direction) {
   const MapPlace at = place_of(light, direction);
   const Floats radiance = radiance_at(at, map.values());
 
-  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Floats zero = hn::Zero(FloatTag());
   const Floats width = set(static_cast<float>(map.width()));
   const Floats height = set(static_cast<float>(map.height()));
-  const Floats pixel_row = hn::Clamp(hn::Floor(hn::Mul(at.v, height)), zero, hn::Sub(height, one));
-  const Ints pixel_column = to_int(hn::Min(hn::Floor(hn::Mul(at.u, width)), hn::Sub(width, one)));
+  const Floats pixel_row = hn::Clamp(hn::Floor(at.v * height), zero, height - 1);
+  const Ints pixel_column = to_int(hn::Min(hn::Floor(at.u * width), width - 1));
   const Floats probability =
       gather(map.cells().probabilities(),
-             hn::Add(hn::Mul(to_int(pixel_row), hn::Set(IntTag(), map.width())), pixel_column));
-  const Floats pdf = hn::Mul(probability, gather(map.inverse_angles(), to_int(pixel_row)));
+             to_int(pixel_row) * hn::Set(IntTag(), map.width()) + pixel_column);
+  const Floats pdf = probability * gather(map.inverse_angles(), to_int(pixel_row));
   return {radiance, pdf};
 }
 
@@ -185,29 +181,26 @@ HWY_INLINE Vectors sample(const EnvironmentMap& light, const LightUniforms& u) {
   // A pixel of n from 64 bits: the upper half of their product with n.
   const auto n = static_cast<uint32_t>(map.width()) * static_cast<uint32_t>(map.height());
   const WideProduct high = multiply(words.w[0], n), low = multiply(words.w[1], n);
-  const Uints sum = hn::Add(high.low, low.high);
-  const Uints carry = hn::IfThenElseZero(hn::Lt(sum, high.low), set(uint32_t{1}));
-  const Ints first = hn::BitCast(IntTag(), hn::Add(high.high, carry));
+  const Uints sum = high.low + low.high;
+  const Uints carry = hn::IfThenElseZero(sum < high.low, set(uint32_t{1}));
+  const Ints first = hn::BitCast(IntTag(), high.high + carry);
   const Ints pixel = draw(map.cells().entries(), first, uniform(words.w[2]));
   // Row and column by a division that rounding may have put off by one.
   const Ints width = hn::Set(IntTag(), map.width()), one = hn::Set(IntTag(), 1);
-  Ints row = to_int(hn::Mul(to_float(pixel), set(1.0F / static_cast<float>(map.width()))));
-  Ints column = hn::Sub(pixel, hn::Mul(row, width));
-  const auto under = hn::Lt(column, hn::Zero(IntTag()));
-  row = hn::IfThenElse(under, hn::Sub(row, one), row);
-  column = hn::IfThenElse(under, hn::Add(column, width), column);
-  const auto over = hn::Not(hn::Lt(column, width));
-  row = hn::IfThenElse(over, hn::Add(row, one), row);
-  column = hn::IfThenElse(over, hn::Sub(column, width), column);
+  Ints row = to_int(to_float(pixel) * (1.0F / static_cast<float>(map.width())));
+  Ints column = pixel - row * width;
+  const auto under = column < hn::Zero(IntTag());
+  row = hn::IfThenElse(under, row - one, row);
+  column = hn::IfThenElse(under, column + width, column);
+  const auto over = hn::Not(column < width);
+  row = hn::IfThenElse(over, row + one, row);
+  column = hn::IfThenElse(over, column - width, column);
 
-  const Floats turn =
-      hn::Mul(hn::Add(to_float(column), u0), set(1.0F / static_cast<float>(map.width())));
+  const Floats turn = (to_float(column) + u0) * (1.0F / static_cast<float>(map.width()));
   const Floats y = mix(gather(map.edges(), row), gather(map.edges() + 1, row), u1);
-  const Floats r = hn::Sqrt(
-      hn::Max(hn::Zero(FloatTag()), hn::Mul(hn::Sub(set(1.0F), y), hn::Add(set(1.0F), y))));
+  const Floats r = hn::Sqrt(hn::Max(hn::Zero(FloatTag()), (1 - y) * (1 + y)));
   const SinCos azimuth = sin_cos_2pi(turn);
-  return renormalize(
-      rotated_back(light.to_map(), {hn::Mul(r, azimuth.sin), y, hn::Neg(hn::Mul(r, azimuth.cos))}));
+  return renormalize(rotated_back(light.to_map(), {r * azimuth.sin, y, -(r * azimuth.cos)}));
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

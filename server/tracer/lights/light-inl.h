@@ -55,8 +55,7 @@ struct Beam {
 HWY_INLINE Beam beam_from(Vectors place, double distance2, Vectors from) {
   const Vectors to = place - from;
   const Floats d2 = hn::Max(dot(to, to), set(1e-20F)), distance = hn::Sqrt(d2);
-  return {to * hn::Div(set(1.0F), distance), distance,
-          hn::Div(set(static_cast<float>(distance2)), d2)};
+  return {to * (1 / distance), distance, static_cast<float>(distance2) / d2};
 }
 
 // A place of the outline of a light: its direction, and how far it is, in mm, or infinite. And how
@@ -88,10 +87,10 @@ HWY_INLINE Vectors rotated_back(const Rotation<float>& r, Vectors d) {
 HWY_INLINE Ints draw(const AliasTable::Entry* entries, Ints i, Floats coin) {
   static_assert(sizeof(AliasTable::Entry) == 2 * sizeof(float));
   const auto* words = reinterpret_cast<const int32_t*>(entries);
-  const Ints at = hn::Add(i, i);
+  const Ints at = i + i;
   const Floats own = hn::BitCast(FloatTag(), hn::GatherIndex(IntTag(), words, at));
   const Ints other = hn::GatherIndex(IntTag(), words + 1, at);
-  return hn::IfThenElse(hn::RebindMask(IntTag(), hn::Lt(coin, own)), i, other);
+  return hn::IfThenElse(hn::RebindMask(IntTag(), coin < own), i, other);
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -27,11 +27,11 @@ HWY_INLINE Emission emission(const Lights::Light& light, Vectors d) {
 inline InColours colours(const Lights::Light& light, Vectors d, Floats radiance) {
   InColours result;
   for (size_t c = 0; c < kColours.size(); ++c) {
-    result.radiance[c] = hn::Mul(radiance, set(light.colour[c]));
+    result.radiance[c] = radiance * light.colour[c];
   }
   visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
     if constexpr (requires { colours(kind, d); }) {
-      const Mask shines = hn::Gt(radiance, hn::Zero(FloatTag()));
+      const Mask shines = radiance > 0;
       const InColours own = colours(kind, d);
       for (size_t c = 0; c < kColours.size(); ++c) {
         result.radiance[c] = hn::IfThenElseZero(shines, own.radiance[c]);
@@ -53,7 +53,7 @@ HWY_INLINE Emission emission(const Lights& lights, Vectors d, const Part& part =
   for (const Lights::Light& light : lights.all()) {
     const Emission own = emission(light, d);
     part(light, own.radiance);
-    all.radiance = hn::Add(all.radiance, own.radiance);
+    all.radiance += own.radiance;
     all.pdf = mul_add(own.pdf, set(static_cast<float>(light.probability)), all.pdf);
   }
   return all;
@@ -92,10 +92,10 @@ HWY_INLINE Appearance look(const Lights& lights, Vectors from, Vectors d, const 
     const Appearance lamp = look(light, from, d);
     const Emission far = emission(light, d);
     const Mask seen = hn::Eq(lamp.distance, distance);
-    const Floats radiance = hn::IfThenElseZero(seen, hn::Add(lamp.emission.radiance, far.radiance));
-    const Floats pdf = hn::IfThenElseZero(seen, hn::Add(lamp.emission.pdf, far.pdf));
+    const Floats radiance = hn::IfThenElseZero(seen, lamp.emission.radiance + far.radiance);
+    const Floats pdf = hn::IfThenElseZero(seen, lamp.emission.pdf + far.pdf);
     part(light, radiance);
-    all.radiance = hn::Add(all.radiance, radiance);
+    all.radiance += radiance;
     all.pdf = mul_add(pdf, set(static_cast<float>(light.probability)), all.pdf);
   }
   return {distance, all};
@@ -118,7 +118,7 @@ HWY_INLINE Uints lamp_seen(const Lights& lights, Vectors from, Vectors d) {
   Floats distance = set(kInfinity);
   for_each_lamp(lights, [&](const auto& kind, const Lights::Light& light) {
     const Floats own = look(kind, from, d).distance;
-    lamp = hn::IfThenElse(for_uints(hn::Lt(own, distance)), set(light.lamp), lamp);
+    lamp = hn::IfThenElse(for_uints(own < distance), set(light.lamp), lamp);
     distance = hn::Min(distance, own);
   });
   return lamp;
@@ -139,8 +139,7 @@ HWY_INLINE Floats drawn_pdf(const Lights& lights, Uints lamp, Vectors from, Vect
   Floats pdf = emission(lights, d).pdf;
   if (!lights.has_lamps()) return pdf;
   for_each_lamp(lights, [&](const auto& kind, const Lights::Light& light) {
-    const Floats own =
-        hn::Mul(look(kind, from, d).emission.pdf, set(static_cast<float>(light.probability)));
+    const Floats own = look(kind, from, d).emission.pdf * static_cast<float>(light.probability);
     pdf = hn::IfThenElse(equals(lamp, light.lamp), own, pdf);
   });
   return pdf;
@@ -154,8 +153,7 @@ HWY_INLINE Vectors redraw(const Lights& lights, Vectors from, Vectors d, Vectors
   for (const Lights::Light& light : lights.all()) {
     visit_kind(light.kind, [&]<typename Kind>(const Kind& kind) {
       if constexpr (VisibleLamp<Kind>) {
-        const Mask seen = hn::And(hn::Lt(distance, set(kInfinity)),
-                                  hn::Eq(look(kind, from, d).distance, distance));
+        const Mask seen = (distance < kInfinity) & hn::Eq(look(kind, from, d).distance, distance);
         direction = if_then_else(seen, redraw(kind, from, d, other), direction);
       }
     });
@@ -171,9 +169,9 @@ struct LightSamples {
   Floats distance, radiance, pdf;
   Uints source = hn::Zero(UintTag());  // Lights::Light::source
 
-  Mask dense() const { return hn::Gt(pdf, hn::Zero(FloatTag())); }
+  Mask dense() const { return pdf > 0; }
   // Where all lights that are far away, but for deltas, send it.
-  Mask from_far() const { return hn::And(dense(), hn::Eq(distance, set(kInfinity))); }
+  Mask from_far() const { return dense() & hn::Eq(distance, set(kInfinity)); }
 };
 HWY_INLINE LightSamples if_then_else(Mask mask, const LightSamples& a, const LightSamples& b) {
   return {if_then_else(mask, a.direction, b.direction),
@@ -193,7 +191,7 @@ struct LightChoice {
 HWY_INLINE LightChoice light_choice(const Words& words, const Words& more) {
   return {uniform(words.w[0]),
           {uniform(words.w[1]), uniform(words.w[2]), coarse_uniform(hn::ShiftRight<16>(words.w[3])),
-           coarse_uniform(hn::And(words.w[3], set(uint32_t{0xFFFF}))), more}};
+           coarse_uniform(words.w[3] & set(uint32_t{0xFFFF})), more}};
 }
 
 // Calls visit(light, chosen) for every light that some draw.
@@ -202,7 +200,7 @@ HWY_INLINE void for_each_drawn(const Lights& lights, Floats choice, const Visit&
   Floats from = set(-1.0F);
   for (const Lights::Light& light : lights.all()) {
     const Floats to = set(light.cumulative);
-    const Mask chosen = hn::And(hn::Ge(choice, from), hn::Lt(choice, to));
+    const Mask chosen = (choice >= from) & (choice < to);
     from = to;
     if (!hn::AllFalse(FloatTag(), chosen)) visit(light, chosen);
   }
@@ -225,13 +223,12 @@ HWY_INLINE LightSamples drawn_light(const Kind& kind, const Lights::Light& light
   if constexpr (Kind::kDelta) {
     const Beam arriving = beam(kind, from);
     const auto weight = static_cast<float>(kind.power() / light.probability);
-    return {arriving.direction, arriving.distance, hn::Mul(set(weight), arriving.irradiance),
+    return {arriving.direction, arriving.distance, weight * arriving.irradiance,
             hn::Zero(FloatTag()), set(light.source)};
   } else {
     const auto [direction, appearance] = draw(kind, from, uniforms);
     return {direction, appearance.distance, appearance.emission.radiance,
-            hn::Mul(set(static_cast<float>(light.probability)), appearance.emission.pdf),
-            set(light.source)};
+            static_cast<float>(light.probability) * appearance.emission.pdf, set(light.source)};
   }
 }
 
@@ -249,7 +246,7 @@ HWY_INLINE LightSamples arriving_light(const Lights& lights, Vectors from, const
       } else {
         LightSamples one = drawn_light(kind, light, from, drawn.uniforms);
         if (lights.has_lamps()) {
-          const Mask hidden = hn::Lt(reach(lights, from, one.direction, &light), one.distance);
+          const Mask hidden = reach(lights, from, one.direction, &light) < one.distance;
           one.radiance = hn::IfThenZeroElse(hidden, one.radiance);
         }
         draw = if_then_else(chosen, one, draw);
@@ -259,12 +256,12 @@ HWY_INLINE LightSamples arriving_light(const Lights& lights, Vectors from, const
   const Mask known = not_zero(draw.source);
   const Emission far = emission(lights, draw.direction);
   // A direction on the very rim of the sun may fall outside it by rounding.
-  const Mask possible = hn::AndNot(known, hn::Gt(far.pdf, zero));
+  const Mask possible = hn::AndNot(known, far.pdf > 0);
   Mask seen = possible;
   if (lights.has_lamps()) {
     const Floats distance = reach(lights, from, draw.direction);
     draw.distance = hn::IfThenElse(known, draw.distance, distance);
-    seen = hn::And(seen, hn::Eq(distance, set(kInfinity)));
+    seen &= hn::Eq(distance, set(kInfinity));
   }
   draw.pdf = hn::IfThenElse(known, draw.pdf, hn::IfThenElseZero(possible, far.pdf));
   draw.radiance = hn::IfThenElse(known, draw.radiance, hn::IfThenElseZero(seen, far.radiance));
@@ -282,7 +279,7 @@ HWY_INLINE LightSamples seen_from(const Lights& lights, Vectors from, const Ligh
                                   const LightSamples& before) {
   LightSamples light =
       arriving_light(lights, from, drawn, [&](const auto& /*kind*/) { return before.direction; });
-  const Mask shines = hn::Or(light.dense(), hn::Gt(light.radiance, hn::Zero(FloatTag())));
+  const Mask shines = light.dense() | (light.radiance > 0);
   light.direction = if_then_else(shines, light.direction, set(Vec3f{}));
   return light;
 }

@@ -97,12 +97,12 @@ struct SeenPanel {
   Mask by_angle;
 };
 HWY_INLINE Floats corner_turns(const SeenPanel& seen, Floats x, Floats y) {
-  const Floats xy = hn::Mul(x, y);
-  const Floats r2 = mul_add(x, x, mul_add(y, y, hn::Mul(seen.z, seen.z)));
-  return hn::CopySign(atan2_turns(hn::Abs(xy), hn::Mul(seen.z, hn::Sqrt(r2))), xy);
+  const Floats xy = x * y;
+  const Floats r2 = mul_add(x, x, mul_add(y, y, seen.z * seen.z));
+  return hn::CopySign(atan2_turns(hn::Abs(xy), seen.z * hn::Sqrt(r2)), xy);
 }
 HWY_INLINE Floats turns_at(const SeenPanel& seen, Floats x) {
-  return hn::Sub(corner_turns(seen, x, seen.y1), corner_turns(seen, x, seen.y0));
+  return corner_turns(seen, x, seen.y1) - corner_turns(seen, x, seen.y0);
 }
 // To its middle. Of an object that stands on it, rounding puts places on either side of its plane:
 // they are a little in front of it, or `behind`.
@@ -110,8 +110,8 @@ HWY_INLINE Vectors to_center_of(const PanelLight& light, Vectors from, Mask behi
   const Vectors straight = set(static_cast<Vec3f>(light.center)) - from;
   const Vectors normal = set(static_cast<Vec3f>(light.normal));
   const Floats along = dot(normal, straight), touch = set(static_cast<float>(light.touch));
-  const Floats by = hn::Sub(hn::IfThenElse(behind, touch, hn::Neg(touch)), along);
-  return if_then_else(hn::Lt(hn::Abs(along), touch), straight + normal * by, straight);
+  const Floats by = hn::IfThenElse(behind, touch, -touch) - along;
+  return if_then_else(hn::Abs(along) < touch, straight + normal * by, straight);
 }
 HWY_INLINE SeenPanel seen_panel(const PanelLight& light, Vectors from,
                                 Mask behind = hn::FirstN(FloatTag(), 0)) {
@@ -122,15 +122,15 @@ HWY_INLINE SeenPanel seen_panel(const PanelLight& light, Vectors from,
   const auto edges = [&](Vec3d half, Floats& low, Floats& high) {
     const Floats middle = dot(to_center, set(static_cast<Vec3f>(itn::normalize(half))));
     const Floats reach = set(static_cast<float>(length(half)));
-    low = hn::Sub(middle, reach);
-    high = hn::Add(middle, reach);
+    low = middle - reach;
+    high = middle + reach;
   };
   edges(light.half_u, seen.x0, seen.x1);
   edges(light.half_v, seen.y0, seen.y1);
   seen.z = hn::Max(hn::Abs(dot(to_center, set(static_cast<Vec3f>(light.normal)))), set(1e-20F));
   seen.begin = turns_at(seen, seen.x0);
-  seen.turns = hn::Sub(turns_at(seen, seen.x1), seen.begin);
-  seen.by_angle = hn::Gt(seen.turns, set(light.is_rectangle ? kLeastTurns : kInfinity));
+  seen.turns = turns_at(seen, seen.x1) - seen.begin;
+  seen.by_angle = seen.turns > (light.is_rectangle ? kLeastTurns : kInfinity);
   return seen;
 }
 
@@ -140,51 +140,50 @@ struct PanelPlace {
   Floats u, v;
 };
 HWY_INLINE Floats line_sine(Floats y, Floats d2) {
-  return hn::Div(y, hn::Sqrt(mul_add(y, y, d2)));
+  return y / hn::Sqrt(mul_add(y, y, d2));
 }
 HWY_INLINE PanelPlace place_of(const SeenPanel& seen, PanelPlace numbers) {
-  const Floats one = set(1.0F), zero = hn::Zero(FloatTag()), z2 = hn::Mul(seen.z, seen.z);
+  const Floats one = set(1.0F), zero = hn::Zero(FloatTag()), z2 = seen.z * seen.z;
   const auto part_of = [&](Floats at, Floats low, Floats high) {
-    return hn::Clamp(hn::Div(hn::Sub(at, low), hn::Sub(high, low)), zero, one);
+    return hn::Clamp((at - low) / (high - low), zero, one);
   };
   // asin(x' y1') - asin(x' y0') = q.
   const SinCos q = sin_cos_2pi(mul_add(numbers.u, seen.turns, seen.begin));
-  const Floats s0 = line_sine(seen.y0, z2), s1 = line_sine(seen.y1, z2), apart = hn::Sub(s1, s0);
-  const Floats twice = hn::Mul(hn::Add(s0, s0), s1);
-  const Floats squared = mul_add(apart, apart, hn::Mul(twice, hn::Sub(one, q.cos)));
-  const Floats sine = hn::Div(q.sin, hn::Sqrt(hn::Max(squared, set(1e-20F))));
-  const Floats cosine2 = hn::Max(hn::Sub(one, hn::Mul(sine, sine)), set(1e-12F));
-  const Floats x = hn::Clamp(hn::Div(hn::Mul(sine, seen.z), hn::Sqrt(cosine2)), seen.x0, seen.x1);
+  const Floats s0 = line_sine(seen.y0, z2), s1 = line_sine(seen.y1, z2), apart = s1 - s0;
+  const Floats twice = (s0 + s0) * s1;
+  const Floats squared = mul_add(apart, apart, twice * (1 - q.cos));
+  const Floats sine = q.sin / hn::Sqrt(hn::Max(squared, set(1e-20F)));
+  const Floats cosine2 = hn::Max(1 - sine * sine, set(1e-12F));
+  const Floats x = hn::Clamp(sine * seen.z / hn::Sqrt(cosine2), seen.x0, seen.x1);
   const Floats d2 = mul_add(x, x, z2);
   const Floats h = mix(line_sine(seen.y0, d2), line_sine(seen.y1, d2), numbers.v);
-  const Floats rest2 = hn::Max(hn::Sub(one, hn::Mul(h, h)), set(1e-12F));
-  const Floats y = hn::Mul(h, hn::Sqrt(hn::Div(d2, rest2)));
+  const Floats rest2 = hn::Max(1 - h * h, set(1e-12F));
+  const Floats y = h * hn::Sqrt(d2 / rest2);
   return {hn::IfThenElse(seen.by_angle, part_of(x, seen.x0, seen.x1), numbers.u),
           hn::IfThenElse(seen.by_angle, part_of(y, seen.y0, seen.y1), numbers.v)};
 }
 HWY_INLINE PanelPlace numbers_of(const SeenPanel& seen, PanelPlace place) {
   const Floats x = mix(seen.x0, seen.x1, place.u), y = mix(seen.y0, seen.y1, place.v);
-  const Floats d2 = mul_add(x, x, hn::Mul(seen.z, seen.z));
+  const Floats d2 = mul_add(x, x, seen.z * seen.z);
   const Floats h0 = line_sine(seen.y0, d2), h1 = line_sine(seen.y1, d2);
-  const Floats u = hn::Div(hn::Sub(turns_at(seen, x), seen.begin), seen.turns);
-  const Floats v = hn::Div(hn::Sub(line_sine(y, d2), h0), hn::Sub(h1, h0));
+  const Floats u = (turns_at(seen, x) - seen.begin) / seen.turns;
+  const Floats v = (line_sine(y, d2) - h0) / (h1 - h0);
   return {hn::IfThenElse(seen.by_angle, u, place.u), hn::IfThenElse(seen.by_angle, v, place.v)};
 }
 
 // Along a unit direction, at a distance from its front or back.
 HWY_INLINE Appearance appearance_of(const PanelLight& light, const SeenPanel& seen, Floats facing,
                                     Floats distance) {
-  const Floats by_area = hn::Mul(hn::Abs(facing), set(static_cast<float>(light.area())));
-  const Floats per_area = hn::Div(hn::Mul(distance, distance), hn::Max(by_area, set(1e-30F)));
-  const Floats per_angle = hn::Div(set(0.5F * std::numbers::inv_pi_v<float>), seen.turns);
+  const Floats by_area = hn::Abs(facing) * static_cast<float>(light.area());
+  const Floats per_area = distance * distance / hn::Max(by_area, set(1e-30F));
+  const Floats per_angle = 0.5F * std::numbers::inv_pi_v<float> / seen.turns;
   return {distance,
-          {hn::IfThenElseZero(hn::Lt(facing, hn::Zero(FloatTag())),
-                              set(static_cast<float>(light.radiance))),
+          {hn::IfThenElseZero(facing < 0, set(static_cast<float>(light.radiance))),
            hn::IfThenElse(seen.by_angle, per_angle, per_area)}};
 }
 
 HWY_INLINE Vectors to_place(const PanelLight& light, const SeenPanel& seen, PanelPlace place) {
-  const auto along = [](Floats v) { return hn::Sub(hn::Add(v, v), set(1.0F)); };
+  const auto along = [](Floats v) { return v + v - 1; };
   return seen.to_center + set(static_cast<Vec3f>(light.half_u)) * along(place.u) +
          set(static_cast<Vec3f>(light.half_v)) * along(place.v);
 }
@@ -193,7 +192,7 @@ HWY_INLINE LampDraw draw(const PanelLight& light, Vectors from, const LightUnifo
   const SeenPanel seen = seen_panel(light, from);
   const Vectors to = to_place(light, seen, place_of(seen, {u.u0, u.u1}));
   const Floats distance = hn::Sqrt(hn::Max(dot(to, to), set(1e-20F)));
-  const Vectors direction = to * hn::Div(set(1.0F), distance);
+  const Vectors direction = to * (1 / distance);
   const Floats facing = dot(direction, set(static_cast<Vec3f>(light.normal)));
   return {direction, appearance_of(light, seen, facing, distance)};
 }
@@ -201,14 +200,13 @@ HWY_INLINE LampDraw draw(const PanelLight& light, Vectors from, const LightUnifo
 HWY_INLINE Appearance look(const PanelLight& light, Vectors from, Vectors d) {
   const Vectors normal = set(static_cast<Vec3f>(light.normal));
   const Floats facing = dot(normal, d);
-  const SeenPanel seen = seen_panel(light, from, hn::Gt(facing, hn::Zero(FloatTag())));
-  const Floats t = hn::Div(dot(normal, seen.to_center), facing);
+  const SeenPanel seen = seen_panel(light, from, facing > 0);
+  const Floats t = dot(normal, seen.to_center) / facing;
   const Vectors place = d * t - seen.to_center;
   const auto within = [&](Vec3d across) {
-    return hn::Le(hn::Abs(dot(place, set(static_cast<Vec3f>(across)))), set(1.0F));
+    return hn::Abs(dot(place, set(static_cast<Vec3f>(across)))) <= 1;
   };
-  const Mask met = hn::And(hn::Gt(t, hn::Zero(FloatTag())),
-                           hn::And(within(light.across_u), within(light.across_v)));
+  const Mask met = (t > 0) & within(light.across_u) & within(light.across_v);
   return where(met, appearance_of(light, seen, facing, t));
 }
 
@@ -227,15 +225,14 @@ HWY_INLINE Vectors redraw(const PanelLight& light, Vectors from, Vectors d, Vect
 // distance.
 HWY_INLINE Outline outline(const PanelLight& light, Vectors from, Floats u, bool opposite) {
   const double length_u = length(light.half_u), length_v = length(light.half_v);
-  const Floats one = set(1.0F);
-  const Floats place = hn::Mul(u, set(static_cast<float>(length_u + length_v)));
-  const Mask along_u = hn::Lt(place, set(static_cast<float>(length_u)));
+  const Floats place = u * static_cast<float>(length_u + length_v);
+  const Mask along_u = place < static_cast<float>(length_u);
   const Vectors half_u = set(static_cast<Vec3f>(light.half_u));
   const Vectors half_v = set(static_cast<Vec3f>(light.half_v));
-  const auto along = [&](Floats part) { return hn::Sub(hn::Add(part, part), one); };
-  const Floats on_u = along(hn::Mul(place, set(static_cast<float>(1 / length_u))));
-  const Floats on_v = along(hn::Mul(hn::Sub(place, set(static_cast<float>(length_u))),
-                                    set(static_cast<float>(1 / length_v))));
+  const auto along = [&](Floats part) { return part + part - 1; };
+  const Floats on_u = along(place * static_cast<float>(1 / length_u));
+  const Floats on_v =
+      along((place - static_cast<float>(length_u)) * static_cast<float>(1 / length_v));
   const Floats side = set(opposite ? -1.0F : 1.0F);
   const Vectors outwards = if_then_else(along_u, half_v, half_u) * side;
   const Vectors edge = if_then_else(along_u, half_u * set(static_cast<float>(1 / length_u)),
@@ -243,11 +240,10 @@ HWY_INLINE Outline outline(const PanelLight& light, Vectors from, Floats u, bool
   const Vectors to = to_center_of(light, from, hn::FirstN(FloatTag(), 0)) + outwards +
                      if_then_else(along_u, half_u * on_u, half_v * on_v) * side;
   const Floats d2 = hn::Max(dot(to, to), set(1e-20F)), distance = hn::Sqrt(d2);
-  const Vectors direction = to * hn::Div(one, distance), swept = cross(direction, edge);
+  const Vectors direction = to * (1 / distance), swept = cross(direction, edge);
   const auto around = static_cast<float>(2 * (length_u + length_v));
-  const Floats by = hn::CopySign(hn::Div(set(around), d2), dot(swept, outwards));
-  const Mask shines =
-      hn::Lt(dot(direction, set(static_cast<Vec3f>(light.normal))), hn::Zero(FloatTag()));
+  const Floats by = hn::CopySign(around / d2, dot(swept, outwards));
+  const Mask shines = dot(direction, set(static_cast<Vec3f>(light.normal))) < 0;
   return {direction, distance, swept * by,
           hn::IfThenElseZero(shines, set(static_cast<float>(light.radiance)))};
 }

@@ -111,27 +111,25 @@ HWY_INLINE SkyPlace place_of(const SkyLight& sky, Vectors direction) {
   const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   // Sides 0..3 begin at -z, +x, +z, -x.
   const Floats ax = hn::Abs(d.x), az = hn::Abs(d.z);
-  const Floats sum = hn::Max(hn::Add(ax, az), set(1e-12F));
-  const Mask right = hn::Ge(d.x, zero), front = hn::Lt(d.z, zero);
-  const Mask even = hn::Not(hn::Xor(right, front));  // sides 0 and 2
+  const Floats sum = hn::Max(ax + az, set(1e-12F));
+  const Mask right = d.x >= 0, front = d.z < 0;
+  const Mask even = !(right ^ front);  // sides 0 and 2
   const Floats side = hn::IfThenElse(right, hn::IfThenElse(front, zero, one),
                                      hn::IfThenElse(front, set(3.0F), set(2.0F)));
-  const Floats below = hn::Sqrt(hn::Sub(one, hn::Clamp(d.y, zero, one)));
-  const Floats twice_below = hn::Max(hn::Add(below, below), set(1e-12F));
+  const Floats below = hn::Sqrt(1 - hn::Clamp(d.y, zero, one));
+  const Floats twice_below = hn::Max(below + below, set(1e-12F));
   // Of both by one division, which is slow.
-  const Floats per_both = hn::Div(one, hn::Mul(sum, twice_below));
-  const Floats per_sum = hn::Mul(twice_below, per_both), per_below = hn::Mul(sum, per_both);
-  const Floats fraction = hn::Min(one, hn::Mul(hn::IfThenElse(even, ax, az), per_sum));
-  const Floats x = hn::Mul(hn::Add(side, fraction), set(kColumns / 4.0F));
-  const Floats y = hn::Mul(hn::Sub(one, below), set(static_cast<float>(kRows)));
+  const Floats per_both = 1 / (sum * twice_below);
+  const Floats per_sum = twice_below * per_both, per_below = sum * per_both;
+  const Floats fraction = hn::Min(one, hn::IfThenElse(even, ax, az) * per_sum);
+  const Floats x = (side + fraction) * (kColumns / 4.0F);
+  const Floats y = (1 - below) * static_cast<float>(kRows);
   const Floats column = hn::Min(hn::Floor(x), set(kColumns - 1.0F));
   const Floats row = hn::Min(hn::Floor(y), set(kRows - 1.0F));
-  const Floats next =
-      hn::IfThenElseZero(hn::Lt(column, set(kColumns - 1.0F)), hn::Add(column, one));
-  const Floats start = hn::Mul(row, set(static_cast<float>(kColumns)));
-  const Ints here = to_int(hn::Add(start, column)), beside = to_int(hn::Add(start, next));
-  return {here, beside,   hn::Sub(x, column), hn::Sub(y, row),  column,
-          row,  fraction, per_below,          hn::Ge(d.y, zero)};
+  const Floats next = hn::IfThenElseZero(column < kColumns - 1.0F, column + 1);
+  const Floats start = row * static_cast<float>(kColumns);
+  const Ints here = to_int(start + column), beside = to_int(start + next);
+  return {here, beside, x - column, y - row, column, row, fraction, per_below, d.y >= 0};
 }
 
 // Of the table of a channel, whose values lie so far apart.
@@ -139,10 +137,10 @@ HWY_INLINE Floats radiance_at(const SkyLight& sky, const SkyPlace& at, const flo
                               int stride = 1) {
   const float* const above = values + ptrdiff_t{stride} * SkyTable::kColumns;
   const Ints by = hn::Set(IntTag(), stride);
-  const Ints here = hn::Mul(at.here, by), beside = hn::Mul(at.beside, by);
+  const Ints here = at.here * by, beside = at.beside * by;
   const Floats radiance = mix(mix(gather(values, here), gather(values, beside), at.fx),
                               mix(gather(above, here), gather(above, beside), at.fx), at.fy);
-  return hn::IfThenElseZero(at.up, hn::Mul(radiance, set(static_cast<float>(sky.scale()))));
+  return hn::IfThenElseZero(at.up, radiance * static_cast<float>(sky.scale()));
 }
 
 HWY_INLINE Emission emission(const SkyLight& sky, Vectors direction) {
@@ -150,15 +148,14 @@ HWY_INLINE Emission emission(const SkyLight& sky, Vectors direction) {
   const SkyPlace at = place_of(sky, direction);
   // Within a cell uniform in a and s. With d omega = dy d phi, dy = 2 (1 - s) ds, and
   // d phi / da = 1 / (f^2 + (1 - f)^2) where f is the fraction of a.
-  const Floats cell = mul_add(hn::Floor(hn::Mul(at.row, set(1.0F / SkyTable::kMerged))),
+  const Floats cell = mul_add(hn::Floor(at.row * (1.0F / SkyTable::kMerged)),
                               set(static_cast<float>(SkyTable::kCellColumns)),
-                              hn::Floor(hn::Mul(at.column, set(1.0F / SkyTable::kMerged))));
+                              hn::Floor(at.column * (1.0F / SkyTable::kMerged)));
   const Floats probability = gather(table.cells().probabilities(), to_int(cell));
-  const Floats rest = hn::Sub(set(1.0F), at.fraction);
-  const Floats stretch = mul_add(rest, rest, hn::Mul(at.fraction, at.fraction));
-  const Floats pdf = hn::Mul(hn::Mul(hn::Mul(probability, stretch),
-                                     set((SkyTable::kCellColumns / 4.0F) * SkyTable::kCellRows)),
-                             at.per_below);
+  const Floats rest = 1 - at.fraction;
+  const Floats stretch = mul_add(rest, rest, at.fraction * at.fraction);
+  const Floats pdf = probability * stretch *
+                     ((SkyTable::kCellColumns / 4.0F) * SkyTable::kCellRows) * at.per_below;
   return {radiance_at(sky, at, table.values()), hn::IfThenElseZero(at.up, pdf)};
 }
 HWY_INLINE InColours colours(const SkyLight& sky, Vectors direction) {
@@ -176,25 +173,23 @@ HWY_INLINE Vectors sample(const SkyLight& sky, const LightUniforms& u) {
   const auto& [cell01, coin, u0, u1, more] = u;
   constexpr float kColumns = SkyTable::kCellColumns, kRows = SkyTable::kCellRows;
   const Floats one = set(1.0F), zero = hn::Zero(FloatTag());
-  const Floats cell = to_float(
-      draw(sky.table().cells().entries(), to_int(hn::Mul(cell01, set(kColumns * kRows))), coin));
-  const Floats row = hn::Floor(hn::Mul(cell, set(1 / kColumns)));
-  const Floats column = hn::Sub(cell, hn::Mul(row, set(kColumns)));
-  const Floats a = hn::Mul(hn::Add(column, u0), set(4 / kColumns));
-  const Floats s = hn::Mul(hn::Add(row, u1), set(1 / kRows));
+  const Floats cell =
+      to_float(draw(sky.table().cells().entries(), to_int(cell01 * (kColumns * kRows)), coin));
+  const Floats row = hn::Floor(cell * (1 / kColumns));
+  const Floats column = cell - row * kColumns;
+  const Floats a = (column + u0) * (4 / kColumns);
+  const Floats s = (row + u1) * (1 / kRows);
   const Floats side = hn::Min(hn::Floor(a), set(3.0F));
-  const Floats f = hn::Sub(a, side), rest = hn::Sub(one, f);
-  const Floats y = hn::Min(one, hn::Mul(s, hn::Sub(set(2.0F), s)));
-  const Floats r = hn::Mul(hn::Sub(one, s),
-                           hn::Sqrt(hn::Div(hn::Add(one, y), mul_add(rest, rest, hn::Mul(f, f)))));
-  const Floats rf = hn::Mul(r, f), rr = hn::Mul(r, rest);
+  const Floats f = a - side, rest = 1 - f;
+  const Floats y = hn::Min(one, s * (2 - s));
+  const Floats r = (1 - s) * hn::Sqrt((1 + y) / mul_add(rest, rest, f * f));
+  const Floats rf = r * f, rr = r * rest;
   // Quarter turns of (r f, -r (1 - f)).
-  const Mask odd = hn::Or(hn::Eq(side, one), hn::Eq(side, set(3.0F)));
-  const Mask left = hn::Ge(side, set(2.0F));
-  const Mask back = hn::And(hn::Ge(side, one), hn::Lt(side, set(3.0F)));  // z >= 0
+  const Mask odd = hn::Eq(side, one) | hn::Eq(side, set(3.0F));
+  const Mask left = side >= 2;
+  const Mask back = (side >= 1) & (side < 3);  // z >= 0
   const Floats x = hn::IfThenElse(odd, rr, rf), z = hn::IfThenElse(odd, rf, rr);
-  const Vectors d{hn::IfThenElse(left, hn::Sub(zero, x), x), y,
-                  hn::IfThenElse(back, z, hn::Sub(zero, z))};
+  const Vectors d{hn::IfThenElse(left, zero - x, x), y, hn::IfThenElse(back, z, zero - z)};
   return sky.is_turned() ? rotated_back(sky.to_sky(), d) : d;
 }
 

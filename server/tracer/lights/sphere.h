@@ -69,30 +69,29 @@ HWY_INLINE Cone cone_of(const SphereLight& light, Vectors to_center) {
   const Floats one = set(1.0F);
   const auto radius2 = static_cast<float>(light.radius * light.radius);
   const Floats d2 = dot(to_center, to_center);
-  const Mask outside = hn::Gt(d2, set(radius2));
-  const Floats sine2 = hn::IfThenElse(outside, hn::Div(set(radius2), d2), one);
-  return {to_center * hn::Div(one, hn::Max(hn::Sqrt(d2), set(1e-20F))), outside,
-          hn::Div(sine2, hn::Add(one, hn::Sqrt(hn::Sub(one, sine2))))};
+  const Mask outside = d2 > radius2;
+  const Floats sine2 = hn::IfThenElse(outside, radius2 / d2, one);
+  return {to_center * (1 / hn::Max(hn::Sqrt(d2), set(1e-20F))), outside,
+          sine2 / (1 + hn::Sqrt(1 - sine2))};
 }
 
 // In a cone, z = 1 - cos_theta as part of its size, and around its axis.
 HWY_INLINE Vectors in_cone(const Cone& cone, Floats part, Floats cos_phi, Floats sin_phi) {
-  const Floats z = hn::Mul(part, cone.size);
-  const Floats sine = hn::Sqrt(hn::Mul(z, hn::Sub(set(2.0F), z)));
-  return renormalize(frame_to_world(cone.axis, hn::Mul(sine, cos_phi), hn::Mul(sine, sin_phi),
-                                    hn::Sub(set(1.0F), z)));
+  const Floats z = part * cone.size;
+  const Floats sine = hn::Sqrt(z * (2 - z));
+  return renormalize(frame_to_world(cone.axis, sine * cos_phi, sine * sin_phi, 1 - z));
 }
 
 // How it is seen through the cone, from where its middle and half of its chord are so far away.
 HWY_INLINE Appearance appearance_of(const SphereLight& light, const Cone& cone, Floats middle,
                                     Floats half_chord) {
-  const Floats near_end = hn::Sub(middle, half_chord), far_end = hn::Add(middle, half_chord);
+  const Floats near_end = middle - half_chord, far_end = middle + half_chord;
   return {hn::Max(hn::IfThenElse(cone.outside, near_end, far_end), hn::Zero(FloatTag())),
           {hn::IfThenElseZero(cone.outside, set(static_cast<float>(light.radiance))),
-           hn::Div(set(0.5F * std::numbers::inv_pi_v<float>), cone.size)}};
+           0.5F * std::numbers::inv_pi_v<float> / cone.size}};
 }
 HWY_INLINE Floats half_chord2(const SphereLight& light, Floats off2) {
-  return hn::Sub(set(static_cast<float>(light.radius * light.radius)), off2);
+  return static_cast<float>(light.radius * light.radius) - off2;
 }
 
 // In the cone, all directions alike: z is uniform, as that of a sun (sun_disc.h).
@@ -100,10 +99,10 @@ HWY_INLINE LampDraw draw(const SphereLight& light, Vectors from, const LightUnif
   const Vectors to_center = set(static_cast<Vec3f>(light.center)) - from;
   const Cone cone = cone_of(light, to_center);
   const SinCos phi = sin_cos_2pi(u.u1);
-  const Floats z = hn::Mul(u.u0, cone.size), zero = hn::Zero(FloatTag());
+  const Floats z = u.u0 * cone.size, zero = hn::Zero(FloatTag());
   const Floats d2 = dot(to_center, to_center);
-  const Floats off2 = hn::Mul(hn::Mul(z, hn::Sub(set(2.0F), z)), d2);
-  const Floats middle = hn::Mul(hn::Sqrt(d2), hn::Sub(set(1.0F), z));
+  const Floats off2 = z * (2 - z) * d2;
+  const Floats middle = hn::Sqrt(d2) * (1 - z);
   return {in_cone(cone, u.u0, phi.cos, phi.sin),
           appearance_of(light, cone, middle, hn::Sqrt(hn::Max(half_chord2(light, off2), zero)))};
 }
@@ -116,8 +115,8 @@ HWY_INLINE Appearance look(const SphereLight& light, Vectors from, Vectors d) {
   const Floats middle = dot(to_center, d);
   const Vectors off = to_center - d * middle;
   const Floats chord2 = half_chord2(light, dot(off, off));
-  const Mask ahead = hn::Gt(middle, zero);
-  const Mask met = hn::Or(hn::Not(cone.outside), hn::And(ahead, hn::Ge(chord2, zero)));
+  const Mask ahead = middle > 0;
+  const Mask met = (ahead & (chord2 >= 0)) | !cone.outside;
   Appearance appearance =
       where(met, appearance_of(light, cone, middle, hn::Sqrt(hn::Max(chord2, zero))));
   appearance.emission.pdf = hn::IfThenElseZero(ahead, appearance.emission.pdf);
@@ -129,27 +128,25 @@ HWY_INLINE Vectors redraw(const SphereLight& light, Vectors from, Vectors d, Vec
   const Cone here = cone_of(light, center - from);
   const Vectors local = world_to_frame(here.axis, d);
   const Floats one = set(1.0F);
-  const Floats sine2 = hn::Min(mul_add(local.x, local.x, hn::Mul(local.y, local.y)), one);
-  const Floats z = hn::Div(sine2, hn::Add(one, hn::Sqrt(hn::Sub(one, sine2))));
-  const Floats to_unit = hn::Div(one, hn::Max(hn::Sqrt(sine2), set(1e-20F)));
-  return in_cone(cone_of(light, center - other), hn::Min(hn::Div(z, here.size), one),
-                 hn::Mul(local.x, to_unit), hn::Mul(local.y, to_unit));
+  const Floats sine2 = hn::Min(mul_add(local.x, local.x, local.y * local.y), one);
+  const Floats z = sine2 / (1 + hn::Sqrt(1 - sine2));
+  const Floats to_unit = 1 / hn::Max(hn::Sqrt(sine2), set(1e-20F));
+  return in_cone(cone_of(light, center - other), hn::Min(z / here.size, one), local.x * to_unit,
+                 local.y * to_unit);
 }
 
 // Where lines touch it, it grows as fast as it goes along its normal there.
 HWY_INLINE Outline outline(const SphereLight& light, Vectors from, Floats u, bool opposite) {
   const Vectors to_center = set(static_cast<Vec3f>(light.center)) - from;
   const Cone cone = cone_of(light, to_center);
-  const Floats one = set(1.0F), zero = hn::Zero(FloatTag());
-  const Floats cosine = hn::Sub(one, cone.size);
-  const Floats sine = hn::Sqrt(hn::Mul(cone.size, hn::Add(one, cosine)));
-  const Floats distance = hn::Mul(hn::Sqrt(dot(to_center, to_center)), cosine);
+  const Floats zero = hn::Zero(FloatTag());
+  const Floats cosine = 1 - cone.size;
+  const Floats sine = hn::Sqrt(cone.size * (1 + cosine));
+  const Floats distance = hn::Sqrt(dot(to_center, to_center)) * cosine;
   const SinCos phi = sin_cos_2pi(u);
   const Floats side = set(opposite ? -1.0F : 1.0F);
-  const Vectors outwards =
-      frame_to_world(cone.axis, hn::Mul(side, phi.cos), hn::Mul(side, phi.sin), zero);
-  const Floats by =
-      hn::Div(hn::Mul(set(std::numbers::pi_v<float>), sine), hn::Max(distance, set(1e-20F)));
+  const Vectors outwards = frame_to_world(cone.axis, side * phi.cos, side * phi.sin, zero);
+  const Floats by = std::numbers::pi_v<float> * sine / hn::Max(distance, set(1e-20F));
   return {renormalize(outwards * sine + cone.axis * cosine), distance,
           (outwards * cosine - cone.axis * sine) * hn::IfThenElseZero(cone.outside, by),
           set(static_cast<float>(light.radiance))};

@@ -75,13 +75,12 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 HWY_INLINE Beam beam(const SpotLight& light, Vectors from) {
   Beam arriving = beam_from(set(static_cast<Vec3f>(light.position)), light.distance2, from);
-  const Floats cosine = hn::Neg(dot(arriving.direction, set(static_cast<Vec3f>(light.target))));
+  const Floats cosine = -dot(arriving.direction, set(static_cast<Vec3f>(light.target)));
   // 0 at the outer angle, 1 at the inner one, level at both.
   const Floats t =
-      hn::Clamp(hn::Mul(hn::Sub(cosine, set(light.outer_cosine)), set(light.per_cosine)),
-                hn::Zero(FloatTag()), set(1.0F));
-  const Floats fade = hn::Mul(hn::Mul(t, t), hn::Sub(set(3.0F), hn::Add(t, t)));
-  arriving.irradiance = hn::Mul(arriving.irradiance, fade);
+      hn::Clamp((cosine - light.outer_cosine) * light.per_cosine, hn::Zero(FloatTag()), set(1.0F));
+  const Floats fade = t * t * (3 - (t + t));
+  arriving.irradiance *= fade;
   return arriving;
 }
 

@@ -62,8 +62,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 HWY_INLINE Emission emission(const SunDisc& sun, Vectors d) {
   const Vectors off = d - set(sun.basis().n);
   // |d - axis|^2 = 2 (1 - cos_theta): no cancellation for a narrow sun.
-  const Mask inside =
-      hn::Le(hn::Mul(set(0.5F), dot(off, off)), set(static_cast<float>(sun.one_minus_cos())));
+  const Mask inside = 0.5F * dot(off, off) <= static_cast<float>(sun.one_minus_cos());
   return {hn::IfThenElseZero(inside, set(static_cast<float>(sun.radiance()))),
           hn::IfThenElseZero(inside, set(static_cast<float>(sun.pdf())))};
 }
@@ -79,12 +78,12 @@ HWY_INLINE InColours colours(const SunDisc& sun, Vectors /*d*/) {
 // With z = 1 - cos_theta uniform in [0, 1 - cos(half_angle)]; sin_theta = sqrt(z (2 - z)) holds for
 // a narrow sun too, where 1 - cos_theta^2 would cancel.
 HWY_INLINE Vectors sample(const SunDisc& sun, const LightUniforms& u) {
-  const Floats z = hn::Mul(u.u0, set(static_cast<float>(sun.one_minus_cos())));
-  const Floats sin_theta = hn::Sqrt(hn::Mul(z, hn::Sub(set(2.0F), z)));
+  const Floats z = u.u0 * static_cast<float>(sun.one_minus_cos());
+  const Floats sin_theta = hn::Sqrt(z * (2 - z));
   const SinCos phi = sin_cos_2pi(u.u1);
-  const Floats x = hn::Mul(sin_theta, phi.cos), y = hn::Mul(sin_theta, phi.sin);
+  const Floats x = sin_theta * phi.cos, y = sin_theta * phi.sin;
   return renormalize(set(sun.basis().s) * x + set(sun.basis().t) * y +
-                     set(sun.basis().n) * hn::Sub(set(1.0F), z));
+                     set(sun.basis().n) * (1 - z));
 }
 
 HWY_INLINE Outline outline(const SunDisc& sun, Vectors /*from*/, Floats u, bool opposite) {

@@ -44,11 +44,10 @@ namespace itn::tracer::HWY_NAMESPACE {
 //   -2 g / (1 - g^2) - 3 (g - cos_theta) / (1 + g^2 - 2 g cos_theta).
 HWY_INLINE PhaseValue evaluate(const HenyeyGreenstein& phase, Floats cosine) {
   const float g = phase.g;
-  const Floats per_q = hn::Div(set(1.0F), hn::Sub(set(1 + g * g), hn::Mul(set(2 * g), cosine)));
+  const Floats per_q = 1 / (1 + g * g - 2 * g * cosine);
   const Floats norm = set((1 - g * g) * (0.25F * std::numbers::inv_pi_v<float>));
-  const Floats score = hn::Sub(set(-2 * g / (1 - g * g)),
-                               hn::Mul(hn::Mul(set(3.0F), hn::Sub(set(g), cosine)), per_q));
-  return {hn::Mul(hn::Mul(norm, per_q), hn::Sqrt(per_q)), {score}};
+  const Floats score = -2 * g / (1 - g * g) - 3 * (g - cosine) * per_q;
+  return {norm * per_q * hn::Sqrt(per_q), {score}};
 }
 
 // Draws cos_theta with density 2 pi p. The distribution function inverts to
@@ -58,12 +57,12 @@ HWY_INLINE PhaseValue evaluate(const HenyeyGreenstein& phase, Floats cosine) {
 //   cos_theta = [x + g (x^2 + 3) / 2 + g^2 x + g^3 (x^2 - 1) / 2] / (1 + g x)^2.
 HWY_INLINE Floats sample_cosine(const HenyeyGreenstein& phase, Floats u) {
   const float g = phase.g;
-  const Floats x = hn::Sub(hn::Add(u, u), set(1.0F)), x2 = hn::Mul(x, x);
+  const Floats x = u + u - 1, x2 = x * x;
   const Floats denominator = mul_add(set(g), x, set(1.0F));
-  const Floats linear = hn::Mul(set(0.5F), hn::Add(x2, set(3.0F)));
-  const Floats square = hn::Mul(set(g), hn::Add(x, hn::Mul(set(g * 0.5F), hn::Sub(x2, set(1.0F)))));
-  const Floats numerator = mul_add(set(g), hn::Add(linear, square), x);
-  return hn::Clamp(hn::Div(numerator, hn::Mul(denominator, denominator)), set(-1.0F), set(1.0F));
+  const Floats linear = 0.5F * (x2 + 3);
+  const Floats square = g * (x + g * 0.5F * (x2 - 1));
+  const Floats numerator = mul_add(set(g), linear + square, x);
+  return hn::Clamp(numerator / (denominator * denominator), set(-1.0F), set(1.0F));
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

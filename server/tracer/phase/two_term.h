@@ -49,23 +49,21 @@ namespace itn::tracer::HWY_NAMESPACE {
 HWY_INLINE PhaseValue evaluate(const TwoTerm& phase, Floats cosine) {
   const PhaseValue first = evaluate(HenyeyGreenstein{phase.g_1}, cosine);
   const PhaseValue second = evaluate(HenyeyGreenstein{phase.g_2}, cosine);
-  const Floats by_first = hn::Mul(set(phase.weight), first.value);
-  const Floats by_second = hn::Mul(set(1 - phase.weight), second.value);
-  const Floats value = hn::Add(by_first, by_second), per_value = hn::Div(set(1.0F), value);
+  const Floats by_first = phase.weight * first.value;
+  const Floats by_second = (1 - phase.weight) * second.value;
+  const Floats value = by_first + by_second, per_value = 1 / value;
   return {value,
-          {hn::Mul(hn::Mul(by_first, per_value), first.scores[0]),
-           hn::Mul(hn::Mul(by_second, per_value), second.scores[0]),
-           hn::Mul(hn::Sub(first.value, second.value), per_value)}};
+          {by_first * per_value * first.scores[0], by_second * per_value * second.scores[0],
+           (first.value - second.value) * per_value}};
 }
 
 // What is left of u, once the term is chosen, is uniform again.
 HWY_INLINE Floats sample_cosine(const TwoTerm& phase, Floats u) {
   const Floats weight = set(phase.weight), largest = set(1 - 0x1p-24F);
   const float tiny = 1e-30F;
-  const Floats of_first = hn::Min(largest, hn::Div(u, set(std::max(phase.weight, tiny))));
-  const Floats of_second =
-      hn::Min(largest, hn::Div(hn::Sub(u, weight), set(std::max(1 - phase.weight, tiny))));
-  return hn::IfThenElse(hn::Lt(u, weight), sample_cosine(HenyeyGreenstein{phase.g_1}, of_first),
+  const Floats of_first = hn::Min(largest, u / std::max(phase.weight, tiny));
+  const Floats of_second = hn::Min(largest, (u - weight) / std::max(1 - phase.weight, tiny));
+  return hn::IfThenElse(u < weight, sample_cosine(HenyeyGreenstein{phase.g_1}, of_first),
                         sample_cosine(HenyeyGreenstein{phase.g_2}, of_second));
 }
 

@@ -43,18 +43,17 @@ namespace itn::tracer::HWY_NAMESPACE {
 // With q = exp(-2 kappa), p = kappa exp(kappa (cos_theta - 1)) / (2 pi (1 - q)), in which nothing
 // overflows. The score is cos_theta - coth kappa + 1 / kappa, coth kappa = (1 + q) / (1 - q).
 HWY_INLINE PhaseValue evaluate(const VonMisesFisher& phase, Floats cosine) {
-  const Floats kappa = set(phase.kappa), one = set(1.0F), q = exp(set(-2 * phase.kappa));
-  const Floats per_rest = hn::Div(one, hn::Sub(one, q));
-  const Floats norm = hn::Mul(set(phase.kappa * 0.5F * std::numbers::inv_pi_v<float>), per_rest);
-  const Floats mean = hn::Sub(hn::Mul(hn::Add(one, q), per_rest), hn::Div(one, kappa));
-  return {hn::Mul(norm, exp(hn::Mul(kappa, hn::Sub(cosine, one)))), {hn::Sub(cosine, mean)}};
+  const Floats kappa = set(phase.kappa), q = exp(set(-2 * phase.kappa));
+  const Floats per_rest = 1 / (1 - q);
+  const Floats norm = phase.kappa * 0.5F * std::numbers::inv_pi_v<float> * per_rest;
+  const Floats mean = (1 + q) * per_rest - 1 / kappa;
+  return {norm * exp(kappa * (cosine - 1)), {cosine - mean}};
 }
 
 // The distribution function inverts to cos_theta = 1 + ln(q + u (1 - q)) / kappa.
 HWY_INLINE Floats sample_cosine(const VonMisesFisher& phase, Floats u) {
   const Floats one = set(1.0F), q = exp(set(-2 * phase.kappa));
-  const Floats cosine =
-      hn::Add(one, hn::Div(log(mul_add(u, hn::Sub(one, q), q)), set(phase.kappa)));
+  const Floats cosine = 1 + log(mul_add(u, 1 - q, q)) / phase.kappa;
   return hn::Clamp(cosine, set(-1.0F), one);
 }
 

@@ -45,8 +45,8 @@ HWY_INLINE Words philox(Uints c0, Uints c1, Uints c2, Uints c3, uint64_t seed) {
   auto k0 = static_cast<uint32_t>(seed), k1 = static_cast<uint32_t>(seed >> 32);
   for (int round = 0; round < kPhiloxRounds; ++round) {
     const WideProduct a = multiply(c0, 0xD2511F53), b = multiply(c2, 0xCD9E8D57);
-    c0 = hn::Xor(hn::Xor(b.high, c1), set(k0));
-    c2 = hn::Xor(hn::Xor(a.high, c3), set(k1));
+    c0 = b.high ^ c1 ^ set(k0);
+    c2 = a.high ^ c3 ^ set(k1);
     c1 = b.low;
     c3 = a.low;
     k0 += 0x9E3779B9;
@@ -58,23 +58,21 @@ HWY_INLINE Words philox(Uints c0, Uints c1, Uints c2, Uints c3, uint64_t seed) {
 // In [0, 1), multiples of 2^-24.
 HWY_INLINE Floats uniform(Uints word) {
   const IntTag di;
-  return hn::Mul(hn::ConvertTo(FloatTag(), hn::BitCast(di, hn::ShiftRight<8>(word))),
-                 set(0x1p-24F));
+  return hn::ConvertTo(FloatTag(), hn::BitCast(di, hn::ShiftRight<8>(word))) * 0x1p-24F;
 }
 
 // A fifth number, of the lower 8 bits of three words.
 HWY_INLINE Floats fifth_uniform(const Words& words) {
   const Uints byte = set(uint32_t{255});
-  const Uints bits = hn::Or(hn::Or(hn::ShiftLeft<16>(hn::And(words.w[0], byte)),
-                                   hn::ShiftLeft<8>(hn::And(words.w[1], byte))),
-                            hn::And(words.w[2], byte));
-  return hn::Mul(hn::ConvertTo(FloatTag(), hn::BitCast(IntTag(), bits)), set(0x1p-24F));
+  const Uints bits = hn::ShiftLeft<16>(words.w[0] & byte) | hn::ShiftLeft<8>(words.w[1] & byte) |
+                     (words.w[2] & byte);
+  return hn::ConvertTo(FloatTag(), hn::BitCast(IntTag(), bits)) * 0x1p-24F;
 }
 
 // The upper or lower half of a word: the middles of 2^16 equal parts of [0, 1).
 HWY_INLINE Floats coarse_uniform(Uints half) {
   const Floats k = hn::ConvertTo(FloatTag(), hn::BitCast(IntTag(), half));
-  return hn::Mul(hn::Add(k, set(0.5F)), set(0x1p-16F));
+  return (k + 0.5F) * 0x1p-16F;
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

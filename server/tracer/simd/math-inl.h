@@ -42,6 +42,66 @@ HWY_INLINE Uints set(uint32_t v) {
   return hn::Set(UintTag(), v);
 }
 
+// Formulas are infix. Highway's vectors have operators; here a number beside a vector stands for a
+// vector of it, and masks are sets.
+HWY_INLINE Floats operator-(Floats v) {
+  return hn::Neg(v);
+}
+HWY_INLINE Floats operator+(Floats a, float b) {
+  return a + set(b);
+}
+HWY_INLINE Floats operator+(float a, Floats b) {
+  return set(a) + b;
+}
+HWY_INLINE Floats operator-(Floats a, float b) {
+  return a - set(b);
+}
+HWY_INLINE Floats operator-(float a, Floats b) {
+  return set(a) - b;
+}
+HWY_INLINE Floats operator*(Floats a, float b) {
+  return a * set(b);
+}
+HWY_INLINE Floats operator*(float a, Floats b) {
+  return set(a) * b;
+}
+HWY_INLINE Floats operator/(Floats a, float b) {
+  return a / set(b);
+}
+HWY_INLINE Floats operator/(float a, Floats b) {
+  return set(a) / b;
+}
+HWY_INLINE Mask operator<(Floats a, float b) {
+  return a < set(b);
+}
+HWY_INLINE Mask operator>(Floats a, float b) {
+  return a > set(b);
+}
+HWY_INLINE Mask operator<=(Floats a, float b) {
+  return a <= set(b);
+}
+HWY_INLINE Mask operator>=(Floats a, float b) {
+  return a >= set(b);
+}
+HWY_INLINE Mask operator&(Mask a, Mask b) {
+  return hn::And(a, b);
+}
+HWY_INLINE Mask& operator&=(Mask& a, Mask b) {
+  return a = a & b;
+}
+HWY_INLINE Mask operator|(Mask a, Mask b) {
+  return hn::Or(a, b);
+}
+HWY_INLINE Mask& operator|=(Mask& a, Mask b) {
+  return a = a | b;
+}
+HWY_INLINE Mask operator^(Mask a, Mask b) {
+  return hn::Xor(a, b);
+}
+HWY_INLINE Mask operator!(Mask a) {
+  return hn::Not(a);
+}
+
 // a b + c, rounded once.
 HWY_INLINE Floats mul_add(Floats a, Floats b, Floats c) {
 #if HWY_NATIVE_FMA
@@ -59,20 +119,19 @@ HWY_INLINE Floats log(Floats x) {
   const IntTag di;
   const FloatTag d;
   constexpr int32_t kSqrtHalf = 0x3F3504F3, kMantissa = 0x007FFFFF;
-  const Ints bits = hn::Sub(hn::BitCast(di, x), hn::Set(di, kSqrtHalf));
+  const Ints bits = hn::BitCast(di, x) - hn::Set(di, kSqrtHalf);
   const Floats exponent = hn::ConvertTo(d, hn::ShiftRight<23>(bits));
-  const Floats m =
-      hn::BitCast(d, hn::Add(hn::And(bits, hn::Set(di, kMantissa)), hn::Set(di, kSqrtHalf)));
+  const Floats m = hn::BitCast(d, (bits & hn::Set(di, kMantissa)) + hn::Set(di, kSqrtHalf));
   const Floats one = set(1.0F);
-  const Floats s = hn::Div(hn::Sub(m, one), hn::Add(m, one));
-  const Floats s2 = hn::Mul(s, s);
+  const Floats s = (m - 1) / (m + 1);
+  const Floats s2 = s * s;
   Floats series = mul_add(s2, set(1.0F / 9), set(1.0F / 7));
   series = mul_add(s2, series, set(1.0F / 5));
   series = mul_add(s2, series, set(1.0F / 3));
   series = mul_add(s2, series, one);
   // ln 2 in two parts, of which the first has few digits, so that its product is exact.
   constexpr float kLn2High = 0.693359375F, kLn2Low = -2.12194440e-4F;
-  const Floats low = mul_add(hn::Add(s, s), series, hn::Mul(exponent, set(kLn2Low)));
+  const Floats low = mul_add(s + s, series, exponent * kLn2Low);
   return mul_add(exponent, set(kLn2High), low);
 }
 
@@ -82,9 +141,9 @@ HWY_INLINE Floats exp(Floats x) {
   const IntTag di;
   const FloatTag d;
   x = hn::Max(x, set(-87.0F));
-  const Floats k = hn::Round(hn::Mul(x, set(std::numbers::log2e_v<float>)));
-  Floats r = hn::Sub(x, hn::Mul(k, set(0.693359375F)));
-  r = hn::Sub(r, hn::Mul(k, set(-2.12194440e-4F)));
+  const Floats k = hn::Round(x * std::numbers::log2e_v<float>);
+  Floats r = x - k * 0.693359375F;
+  r -= k * (-2.12194440e-4F);
   Floats series = mul_add(r, set(1.0F / 5040), set(1.0F / 720));
   series = mul_add(r, series, set(1.0F / 120));
   series = mul_add(r, series, set(1.0F / 24));
@@ -92,8 +151,8 @@ HWY_INLINE Floats exp(Floats x) {
   series = mul_add(r, series, set(0.5F));
   series = mul_add(r, series, set(1.0F));
   series = mul_add(r, series, set(1.0F));
-  const Ints scale = hn::ShiftLeft<23>(hn::Add(hn::ConvertTo(di, k), hn::Set(di, 127)));
-  return hn::Mul(series, hn::BitCast(d, scale));
+  const Ints scale = hn::ShiftLeft<23>(hn::ConvertTo(di, k) + hn::Set(di, 127));
+  return series * hn::BitCast(d, scale);
 }
 
 struct SinCos {
@@ -105,45 +164,44 @@ struct SinCos {
 HWY_INLINE SinCos sin_cos_2pi(Floats u) {
   const IntTag di;
   const FloatTag d;
-  const Floats quarter = hn::Round(hn::Mul(u, set(4.0F)));
-  const Floats r =
-      hn::Mul(hn::Sub(hn::Mul(u, set(4.0F)), quarter), set(std::numbers::pi_v<float> / 2));
-  const Floats r2 = hn::Mul(r, r);
+  const Floats quarter = hn::Round(u * 4);
+  const Floats r = (u * 4 - quarter) * (std::numbers::pi_v<float> / 2);
+  const Floats r2 = r * r;
   Floats sine = mul_add(r2, set(1.0F / 362880), set(-1.0F / 5040));
   sine = mul_add(r2, sine, set(1.0F / 120));
   sine = mul_add(r2, sine, set(-1.0F / 6));
-  sine = hn::Mul(r, mul_add(r2, sine, set(1.0F)));
+  sine = r * mul_add(r2, sine, set(1.0F));
   Floats cosine = mul_add(r2, set(1.0F / 40320), set(-1.0F / 720));
   cosine = mul_add(r2, cosine, set(1.0F / 24));
   cosine = mul_add(r2, cosine, set(-0.5F));
   cosine = mul_add(r2, cosine, set(1.0F));
   // Quarter q turns (cos, sin) by q right angles.
   const Ints q = hn::ConvertTo(di, quarter);
-  const auto swap = hn::RebindMask(d, hn::Ne(hn::And(q, hn::Set(di, 1)), hn::Zero(di)));
+  const auto swap = hn::RebindMask(d, hn::Ne(q & hn::Set(di, 1), hn::Zero(di)));
   const Floats s = hn::IfThenElse(swap, cosine, sine);
   const Floats c = hn::IfThenElse(swap, sine, cosine);
-  const Ints sign_of_s = hn::ShiftLeft<30>(hn::And(q, hn::Set(di, 2)));
-  const Ints sign_of_c = hn::ShiftLeft<30>(hn::And(hn::Add(q, hn::Set(di, 1)), hn::Set(di, 2)));
-  return {hn::Xor(s, hn::BitCast(d, sign_of_s)), hn::Xor(c, hn::BitCast(d, sign_of_c))};
+  const Ints sign_of_s = hn::ShiftLeft<30>(q & hn::Set(di, 2));
+  const Ints sign_of_c = hn::ShiftLeft<30>((q + hn::Set(di, 1)) & hn::Set(di, 2));
+  return {s ^ hn::BitCast(d, sign_of_s), c ^ hn::BitCast(d, sign_of_c)};
 }
 
 // atan2(y, x) / 2 pi, wrapped to [0, 1), to 1e-7; 0 where both are 0. The quotient t of the smaller
 // and the larger is brought below tan(pi/8) by atan t = pi/4 + atan((t - 1) / (t + 1)).
 HWY_INLINE Floats atan2_turns(Floats y, Floats x) {
-  const Floats ax = hn::Abs(x), ay = hn::Abs(y), zero = hn::Zero(FloatTag()), one = set(1.0F);
-  const Floats t = hn::Div(hn::Min(ax, ay), hn::Max(hn::Max(ax, ay), set(1e-30F)));
-  const Mask far = hn::Gt(t, set(0.41421356F));
-  const Floats r = hn::IfThenElse(far, hn::Div(hn::Sub(t, one), hn::Add(t, one)), t);
-  const Floats r2 = hn::Mul(r, r);
+  const Floats ax = hn::Abs(x), ay = hn::Abs(y);
+  const Floats t = hn::Min(ax, ay) / hn::Max(hn::Max(ax, ay), set(1e-30F));
+  const Mask far = t > 0.41421356F;
+  const Floats r = hn::IfThenElse(far, (t - 1) / (t + 1), t);
+  const Floats r2 = r * r;
   Floats series = mul_add(r2, set(1.0F / 17), set(-1.0F / 15));
   for (const float term : {1.0F / 13, -1.0F / 11, 1.0F / 9, -1.0F / 7, 1.0F / 5, -1.0F / 3, 1.0F}) {
     series = mul_add(r2, series, set(term));
   }
-  Floats turn = hn::Mul(hn::Mul(r, series), set(0.5F * std::numbers::inv_pi_v<float>));
-  turn = hn::Add(turn, hn::IfThenElseZero(far, set(0.125F)));
-  turn = hn::IfThenElse(hn::Gt(ay, ax), hn::Sub(set(0.25F), turn), turn);
-  turn = hn::IfThenElse(hn::Lt(x, zero), hn::Sub(set(0.5F), turn), turn);
-  return hn::IfThenElse(hn::Lt(y, zero), hn::Sub(one, turn), turn);
+  Floats turn = r * series * (0.5F * std::numbers::inv_pi_v<float>);
+  turn += hn::IfThenElseZero(far, set(0.125F));
+  turn = hn::IfThenElse(ay > ax, 0.25F - turn, turn);
+  turn = hn::IfThenElse(x < 0, 0.5F - turn, turn);
+  return hn::IfThenElse(y < 0, 1 - turn, turn);
 }
 
 HWY_INLINE Ints to_int(Floats v) {
@@ -153,7 +211,7 @@ HWY_INLINE Floats to_float(Ints v) {
   return hn::ConvertTo(FloatTag(), v);
 }
 HWY_INLINE Floats mix(Floats a, Floats b, Floats t) {
-  return mul_add(t, hn::Sub(b, a), a);
+  return mul_add(t, b - a, a);
 }
 HWY_INLINE Floats gather(const float* table, Ints index) {
   return hn::GatherIndex(FloatTag(), table, index);
@@ -168,28 +226,26 @@ HWY_INLINE Vectors set(Vec3f v) {
   return {set(v.x), set(v.y), set(v.z)};
 }
 HWY_INLINE Vectors operator+(Vectors a, Vectors b) {
-  return {hn::Add(a.x, b.x), hn::Add(a.y, b.y), hn::Add(a.z, b.z)};
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
 }
 HWY_INLINE Vectors operator-(Vectors a, Vectors b) {
-  return {hn::Sub(a.x, b.x), hn::Sub(a.y, b.y), hn::Sub(a.z, b.z)};
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
 }
 HWY_INLINE Vectors operator*(Vectors a, Floats s) {
-  return {hn::Mul(a.x, s), hn::Mul(a.y, s), hn::Mul(a.z, s)};
+  return {a.x * s, a.y * s, a.z * s};
 }
 HWY_INLINE Floats dot(Vectors a, Vectors b) {
-  return mul_add(a.z, b.z, mul_add(a.y, b.y, hn::Mul(a.x, b.x)));
+  return mul_add(a.z, b.z, mul_add(a.y, b.y, a.x * b.x));
 }
 HWY_INLINE Vectors cross(Vectors a, Vectors b) {
-  return {hn::Sub(hn::Mul(a.y, b.z), hn::Mul(a.z, b.y)),
-          hn::Sub(hn::Mul(a.z, b.x), hn::Mul(a.x, b.z)),
-          hn::Sub(hn::Mul(a.x, b.y), hn::Mul(a.y, b.x))};
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 // Of vectors whose length is 1 but for rounding: a step of Newton's method for 1 / length.
 HWY_INLINE Vectors renormalize(Vectors a) {
   return a * mul_add(set(-0.5F), dot(a, a), set(1.5F));
 }
 HWY_INLINE Vectors normalize(Vectors a) {
-  return a * hn::Div(set(1.0F), hn::Sqrt(dot(a, a)));
+  return a * (1 / hn::Sqrt(dot(a, a)));
 }
 HWY_INLINE Vectors if_then_else(Mask mask, Vectors a, Vectors b) {
   return {hn::IfThenElse(mask, a.x, b.x), hn::IfThenElse(mask, a.y, b.y),
@@ -202,18 +258,17 @@ struct Tangents {
 };
 HWY_INLINE Tangents tangents_of(Vectors n) {
   const Floats sign = hn::CopySign(set(1.0F), n.z);
-  const Floats a = hn::Div(set(-1.0F), hn::Add(sign, n.z));
-  const Floats b = hn::Mul(hn::Mul(n.x, n.y), a);
-  const Floats n_xa = hn::Mul(n.x, a), n_ya = hn::Mul(n.y, a);
-  return {
-      {mul_add(hn::Mul(sign, n.x), n_xa, set(1.0F)), hn::Mul(sign, b), hn::Neg(hn::Mul(sign, n.x))},
-      {b, mul_add(n.y, n_ya, sign), hn::Neg(n.y)}};
+  const Floats a = -1 / (sign + n.z);
+  const Floats b = n.x * n.y * a;
+  const Floats n_xa = n.x * a, n_ya = n.y * a;
+  return {{mul_add(sign * n.x, n_xa, set(1.0F)), sign * b, -(sign * n.x)},
+          {b, mul_add(n.y, n_ya, sign), -n.y}};
 }
 // (x, y, z) in that basis, and back.
 HWY_INLINE Vectors frame_to_world(Vectors n, Floats x, Floats y, Floats z) {
   const auto [s, t] = tangents_of(n);
   const auto sum = [&](Floats sx, Floats tx, Floats nx) {
-    return mul_add(nx, z, mul_add(tx, y, hn::Mul(sx, x)));
+    return mul_add(nx, z, mul_add(tx, y, sx * x));
   };
   return {sum(s.x, t.x, n.x), sum(s.y, t.y, n.y), sum(s.z, t.z, n.z)};
 }

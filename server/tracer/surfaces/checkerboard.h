@@ -50,7 +50,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 HWY_INLINE Mask is_even(const Checkerboard& board, Vectors p) {
   const PlanePoint at = coordinates_of(board.plane, p);
-  const Floats half = hn::Mul(hn::Add(hn::Floor(at.u), hn::Floor(at.v)), set(0.5F));
+  const Floats half = (hn::Floor(at.u) + hn::Floor(at.v)) * 0.5F;
   return hn::Eq(half, hn::Floor(half));
 }
 HWY_INLINE Floats reflectance_at(const Checkerboard& board, Vectors p) {

@@ -73,31 +73,28 @@ struct Between {
 };
 HWY_INLINE Between between(Floats coordinate, int size) {
   const IntTag di;
-  const Floats place =
-      hn::Sub(hn::Mul(hn::Sub(coordinate, hn::Floor(coordinate)), set(static_cast<float>(size))),
-              set(0.5F));
+  const Floats place = (coordinate - hn::Floor(coordinate)) * static_cast<float>(size) - 0.5F;
   const Floats below = hn::Floor(place);
   const Ints i = to_int(below), last = hn::Set(di, size - 1), zero = hn::Zero(di);
-  const Ints next = hn::Add(i, hn::Set(di, 1));
-  return {hn::IfThenElse(hn::Lt(i, zero), last, hn::Min(i, last)),
-          hn::IfThenElse(hn::Gt(next, last), zero, hn::Max(next, zero)), hn::Sub(place, below)};
+  const Ints next = i + hn::Set(di, 1);
+  return {hn::IfThenElse(i < zero, last, hn::Min(i, last)),
+          hn::IfThenElse(next > last, zero, hn::Max(next, zero)), place - below};
 }
 
 // Bilinear between the middles of pixels.
 HWY_INLINE Floats reflectance_slope(const ImageReflectance& image, size_t /*slot*/, Vectors p) {
   const PlanePoint at = coordinates_of(image.plane, p);
-  const Between x = between(at.u, image.width), y = between(hn::Neg(at.v), image.height);
+  const Between x = between(at.u, image.width), y = between(-at.v, image.height);
   const float* const values = image.values->data();
   const Ints width = hn::Set(IntTag(), image.width);
   const auto row = [&](Ints number) {
-    const Ints begin = hn::Mul(number, width);
-    return mix(gather(values, hn::Add(begin, x.first)), gather(values, hn::Add(begin, x.second)),
-               x.part);
+    const Ints begin = number * width;
+    return mix(gather(values, begin + x.first), gather(values, begin + x.second), x.part);
   };
   return mix(row(y.first), row(y.second), y.part);
 }
 HWY_INLINE Floats reflectance_at(const ImageReflectance& image, Vectors p) {
-  return hn::Mul(reflectance_slope(image, 0, p), set(image.scale));
+  return reflectance_slope(image, 0, p) * image.scale;
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

@@ -66,15 +66,13 @@ inline void interact(Wavefront& wave) {
   Paths& paths = wave.paths;
   wave.shadow_rays.count = wave.refracted_rays.count = 0;
   wave.aimed_again.count = wave.odds_rays.count = wave.shadow_odds.count = 0;
-  const auto end_of = [&](size_t i) {
-    return hn::And(load(paths.rays.outcome, i), set(Rays::kEndMask));
-  };
+  const auto end_of = [&](size_t i) { return load(paths.rays.outcome, i) & set(Rays::kEndMask); };
   SlotList escaped;
   for (size_t i = 0; i < wave.count; i += lanes()) {
     const Mask live = hn::FirstN(FloatTag(), wave.count - i);
     const Uints end = end_of(i);
     update_scores(wave, i, equals(end, Rays::kInMedium));
-    escaped.add(i, hn::And(live, equals(end, Rays::kEscaped)));
+    escaped.add(i, live & equals(end, Rays::kEscaped));
   }
   escaped.for_each([&](Ints slots, Mask live) { add_emission(wave, slots, live); });
   for (size_t i = 0; i < wave.count; i += lanes()) {
@@ -82,11 +80,11 @@ inline void interact(Wavefront& wave) {
     const Uints end = end_of(i), one = set(uint32_t{1}), none = hn::Zero(UintTag());
     const Mask scattered = equals(end, Rays::kInMedium), surface = equals(end, Rays::kSurface);
     const Mask crossed = equals(end, Rays::kCrossing);
-    const Mask goes_on = hn::Or(hn::Or(scattered, surface), crossed);
+    const Mask goes_on = scattered | surface | crossed;
     store(hn::IfThenElse(for_uints(equals(end, Rays::kLeaked)), one, none), paths.leaked, i);
     store(hn::IfThenElse(for_uints(goes_on), one, none), paths.alive, i);
-    if (!hn::AllFalse(FloatTag(), hn::And(live, goes_on))) {
-      scatter(wave, i, hn::And(live, scattered), hn::And(live, surface), hn::And(live, crossed));
+    if (!hn::AllFalse(FloatTag(), live & goes_on)) {
+      scatter(wave, i, live & scattered, live & surface, live & crossed);
     }
   }
 }

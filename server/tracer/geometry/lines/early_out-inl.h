@@ -25,22 +25,21 @@ struct Start {
 HWY_INLINE Start start_of(const Obstacles& obstacles, Vectors position, Vectors direction) {
   const Floats reach =
       hn::Max(hn::Abs(position.x), hn::Max(hn::Abs(position.y), hn::Abs(position.z)));
-  const Floats slack = hn::Mul(set(4 * FLT_EPSILON), hn::Max(set(obstacles.extent), reach));
-  const Floats distance = hn::Add(slack, slack);
+  const Floats slack = 4 * FLT_EPSILON * hn::Max(set(obstacles.extent), reach);
+  const Floats distance = slack + slack;
   return {slack, distance, position - direction * distance};
 }
 
 // Whether what the grid knows allows that points lie in the medium, given the cell's word.
 HWY_INLINE Mask may_be_inside(const Obstacles& obstacles, Vectors p, Uints word) {
-  const Mask allowed = not_zero(hn::And(word, set(Grid::kOccupied | Grid::kInside)));
+  const Mask allowed = not_zero(word & set(Grid::kOccupied | Grid::kInside));
   const float margin = 16 * FLT_EPSILON * obstacles.extent;
   const auto within = [&](Floats x, float low, float high) {
-    return hn::And(hn::Ge(x, set(low - margin)), hn::Le(x, set(high + margin)));
+    return (x >= low - margin) & (x <= high + margin);
   };
   const Bounds& box = obstacles.bounds;
-  return hn::And(allowed, hn::And(within(p.x, box.min.x, box.max.x),
-                                  hn::And(within(p.y, box.min.y, box.max.y),
-                                          within(p.z, box.min.z, box.max.z))));
+  return allowed & within(p.x, box.min.x, box.max.x) & within(p.y, box.min.y, box.max.y) &
+         within(p.z, box.min.z, box.max.z);
 }
 
 // Of the rays i, i + 1 ... that are asked for and start inside: those that end in the medium
@@ -53,7 +52,7 @@ inline Mask end_in_first_cell(const Obstacles& obstacles, Rays& rays, Report rep
   const Vectors direction = with_positive_zeros(load(rays.direction, i));
   const Floats max_medium_length = load(rays.max_medium_length, i);
   const auto [slack, start, origin] = start_of(obstacles, position, direction);
-  const Floats end = hn::Add(start, max_medium_length);
+  const Floats end = start + max_medium_length;
   const Vectors stop = origin + direction * end;
 
   const Vectors x0 = in_cells(grid, origin), dx = direction * set(grid.inverse_edge);
@@ -63,20 +62,19 @@ inline Mask end_in_first_cell(const Obstacles& obstacles, Rays& rays, Report rep
   const auto [word, reach] = read_cell(grid, cell, octant_of(direction));
   // The end lies in the cube ahead.
   const auto within = [&, reach = reach](Floats c, Floats from, Floats slope) {
-    const Floats to = hn::Sub(mul_add(slope, end, from), c);
-    const Mask falls = hn::Lt(slope, hn::Zero(d));
-    const Floats ahead = hn::IfThenElse(falls, hn::Sub(set(1.0F), to), to);
-    return hn::And(hn::Ge(ahead, hn::Zero(d)), hn::Le(ahead, reach));
+    const Floats to = mul_add(slope, end, from) - c;
+    const Mask falls = slope < 0;
+    const Floats ahead = hn::IfThenElse(falls, 1 - to, to);
+    return (ahead >= 0) & (ahead <= reach);
   };
   Mask done =
-      hn::And(asked, hn::And(within(cell.x, x0.x, dx.x),
-                             hn::And(within(cell.y, x0.y, dx.y), within(cell.z, x0.z, dx.z))));
-  const Mask occupied = hn::And(done, not_zero(hn::And(word, set(Grid::kOccupied))));
+      asked & within(cell.x, x0.x, dx.x) & within(cell.y, x0.y, dx.y) & within(cell.z, x0.z, dx.z);
+  const Mask occupied = done & not_zero(word & set(Grid::kOccupied));
   if (!hn::AllFalse(d, occupied)) {
     const Passage passage{origin, direction, set(1.0F), slack, end};
     done = hn::AndNot(may_cross(grid, word, occupied, cell, passage), done);
   }
-  done = hn::And(done, may_be_inside(obstacles, stop, word));
+  done &= may_be_inside(obstacles, stop, word);
   if (!obstacles.surfaces.empty()) {
     done = hn::AndNot(
         may_hit_surfaces(obstacles.surfaces, position, direction, max_medium_length, slack), done);
@@ -104,12 +102,12 @@ HWY_INLINE size_t early_out(const Obstacles& obstacles, Rays& rays, size_t count
   for (size_t i = 0; i < count; i += lanes()) {
     const Mask live = hn::FirstN(d, count - i);
     const Mask inside = is_inside(load(rays.interaction, i));
-    Mask done = hn::And(live, inside);
+    Mask done = live & inside;
     if (rays.bounded) {
-      done = hn::And(done, hn::Le(load(rays.max_medium_length, i), load(rays.distance, i)));
+      done &= load(rays.max_medium_length, i) <= load(rays.distance, i);
     }
     if (!hn::AllFalse(d, done)) done = end_in_first_cell(obstacles, rays, report, i, done);
-    const Uints number = hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i)));
+    const Uints number = hn::Iota(UintTag(), 0) + set(static_cast<uint32_t>(i));
     hn::CompressStore(number, for_uints(hn::AndNot(done, live)), UintTag(),
                       pending.data() + pending_count);
     pending_count += hn::CountTrue(d, hn::AndNot(done, live));

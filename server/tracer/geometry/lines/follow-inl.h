@@ -92,24 +92,24 @@ class LineFollower {
     store(fresh, zero, lines_.last_entry, v);
     const Floats max_medium_length = gather(rays_.max_medium_length, ray);
     store(fresh, max_medium_length, lines_.max_medium_length, v);
-    if (rays_.bounded) store(fresh, hn::Add(start, gather(rays_.distance, ray)), lines_.reach, v);
+    if (rays_.bounded) store(fresh, start + gather(rays_.distance, ray), lines_.reach, v);
     const Uints interaction = gather(rays_.interaction, ray);
-    const Uints inside = hn::And(interaction, set(Rays::kInside));
+    const Uints inside = interaction & set(Rays::kInside);
     store(fresh, inside, lines_.inside, v);
     store(fresh, inside, lines_.entered, v);
     store(fresh, slack, lines_.first, v);
     if constexpr (AtBoundary::kStops) {
       const uint32_t just_inside = Rays::kInside | Rays::kAtBoundary;
-      const Mask ahead = equals(hn::And(interaction, set(just_inside)), just_inside);
-      store(hn::And(fresh, ahead), hn::Add(start, slack), lines_.first, v);
+      const Mask ahead = equals(interaction & set(just_inside), just_inside);
+      store(fresh & ahead, start + slack, lines_.first, v);
       line_crossings_.start_normal.store(fresh, gather(rays_.normal, ray), v);
     }
     store(fresh, hn::Zero(UintTag()), lines_.crossings, v);
 
     begin_in_grid(grid_, lines_, fresh, v, origin, direction);
     const Floats x = hn::Abs(direction.x), y = hn::Abs(direction.y), z = hn::Abs(direction.z);
-    const Uints zero_or_one = hn::IfThenElseZero(for_uints(hn::Gt(y, x)), set(uint32_t{1}));
-    store(fresh, hn::IfThenElse(for_uints(hn::Gt(z, hn::Max(x, y))), set(uint32_t{2}), zero_or_one),
+    const Uints zero_or_one = hn::IfThenElseZero(for_uints(y > x), set(uint32_t{1}));
+    store(fresh, hn::IfThenElse(for_uints(z > hn::Max(x, y)), set(uint32_t{2}), zero_or_one),
           lines_.steepest, v);
 
     store(fresh, set(kInfinity), lines_.surface_t, v);
@@ -124,7 +124,7 @@ class LineFollower {
   HWY_INLINE Floats last_before_surface(Mask inside, size_t v) const {
     const Floats surface_t = load(lines_.surface_t, v), slack = load(lines_.slack, v);
     if constexpr (!AtBoundary::kStops) return surface_t;
-    return hn::Add(surface_t, hn::IfThenElse(inside, slack, hn::Neg(slack)));
+    return surface_t + hn::IfThenElse(inside, slack, -slack);
   }
 
   // The next query of lines: inside for an exit within the rest of the budget, outside for an
@@ -139,10 +139,9 @@ class LineFollower {
     const Floats last =
         hn::IfThenElse(inside, load(lines_.last_exit, v), load(lines_.last_entry, v));
     // The next larger float: these are not negative.
-    const Floats beyond = hn::BitCast(d, hn::Add(hn::BitCast(UintTag(), last), set(uint32_t{1})));
-    const Floats t_min = hn::Max(hn::Sub(t, load(lines_.slack, v)), beyond);
-    const Floats rest =
-        hn::Add(t, hn::Sub(load(lines_.max_medium_length, v), load(lines_.medium_length, v)));
+    const Floats beyond = hn::BitCast(d, hn::BitCast(UintTag(), last) + set(uint32_t{1}));
+    const Floats t_min = hn::Max(t - load(lines_.slack, v), beyond);
+    const Floats rest = t + (load(lines_.max_medium_length, v) - load(lines_.medium_length, v));
     Floats end =
         hn::Min(last_before_surface(inside, v), hn::IfThenElse(inside, rest, set(kInfinity)));
     if (rays_.bounded) end = hn::Min(end, load(lines_.reach, v));
@@ -177,11 +176,10 @@ class LineFollower {
   // geometry/line_geometry.h.
   HWY_INLINE Mask meets_other_part(Mask crossed, size_t v) const {
     const Floats first = load(lines_.first, v);
-    const Mask beside = hn::And(
-        crossed, hn::And(hn::Le(load(lines_.hit, v), first), hn::Gt(first, load(lines_.slack, v))));
+    const Mask beside = crossed & (load(lines_.hit, v) <= first) & (first > load(lines_.slack, v));
     const Floats same_way =
         dot(line_crossings_.normal.load(v), line_crossings_.start_normal.load(v));
-    return hn::And(beside, hn::Lt(same_way, set(kOtherWay)));
+    return beside & (same_way < kOtherWay);
   }
 
   // Books what queries have found: goes on to the next query of the line, or ends it.
@@ -191,7 +189,7 @@ class LineFollower {
     const Floats hit = load(lines_.hit, v), surface_t = load(lines_.surface_t, v),
                  t = load(lines_.t, v);
     const Floats before_surface = last_before_surface(inside, v);
-    Mask crossed = hn::And(where, hn::Lt(hit, hn::Min(before_surface, set(kInfinity))));
+    Mask crossed = where & (hit < hn::Min(before_surface, set(kInfinity)));
     if constexpr (AtBoundary::kStops) {
       locate(crossed, v);
       const Mask passes = meets_other_part(crossed, v);
@@ -201,20 +199,18 @@ class LineFollower {
     }
     const Mask missed = hn::AndNot(crossed, where);
 
-    const Mask exits = hn::And(crossed, inside), entries = hn::AndNot(inside, crossed);
+    const Mask exits = crossed & inside, entries = hn::AndNot(inside, crossed);
     const Floats query_end = load(lines_.end, v);
-    const Mask at_surface = hn::And(
-        missed, hn::And(hn::Eq(query_end, before_surface), hn::Lt(surface_t, set(kInfinity))));
+    const Mask at_surface = missed & hn::Eq(query_end, before_surface) & (surface_t < kInfinity);
     const Floats end = hn::IfThenElse(at_surface, surface_t, query_end);
     const Floats stop = hn::Max(t, hn::IfThenElse(crossed, hit, end));
-    const Floats travelled = hn::IfThenElseZero(inside, hn::Sub(stop, t));
-    Mask at_limit = hn::AndNot(at_surface, hn::And(missed, inside));
+    const Floats travelled = hn::IfThenElseZero(inside, stop - t);
+    Mask at_limit = hn::AndNot(at_surface, missed & inside);
     if (rays_.bounded) {
-      at_limit = hn::And(at_limit,
-                         hn::Or(hn::Lt(end, load(lines_.reach, v)), hn::Ge(end, set(kInfinity))));
+      at_limit &= (end < load(lines_.reach, v)) | (end >= kInfinity);
     }
     const Floats medium_length = hn::IfThenElse(at_limit, load(lines_.max_medium_length, v),
-                                                hn::Add(load(lines_.medium_length, v), travelled));
+                                                load(lines_.medium_length, v) + travelled);
     store(where, medium_length, lines_.medium_length, v);
     store(crossed, stop, lines_.t, v);
     const Uints one = set(uint32_t{1});
@@ -225,7 +221,7 @@ class LineFollower {
       store(exits, hn::Zero(UintTag()), lines_.inside, v);
       store(entries, one, lines_.inside, v);
     }
-    const Uints crossings = hn::Add(load(lines_.crossings, v), one);
+    const Uints crossings = load(lines_.crossings, v) + one;
     store(crossed, crossings, lines_.crossings, v);
 
     Vectors end_point = lines_.origin.load(v) + lines_.direction.load(v) * end;
@@ -233,12 +229,12 @@ class LineFollower {
       end_point = if_then_else(crossed, line_crossings_.point.load(v), end_point);
     }
     const Mask lost =
-        hn::Or(hn::AndNot(may_be_inside(obstacles_, end_point, load(lines_.word, v)), at_limit),
-               hn::And(crossed, hn::RebindMask(d, hn::Gt(crossings, set(kMaxCrossings)))));
+        hn::AndNot(may_be_inside(obstacles_, end_point, load(lines_.word, v)), at_limit) |
+        (crossed & hn::RebindMask(d, crossings > set(kMaxCrossings)));
     Uints how = set(uint32_t{Rays::kEscaped});
     how = hn::IfThenElse(for_uints(at_surface), set(uint32_t{Rays::kSurface}), how);
     how = hn::IfThenElse(for_uints(at_limit), set(uint32_t{Rays::kInMedium}), how);
-    Mask ended = hn::Or(missed, lost);
+    Mask ended = missed | lost;
     if constexpr (AtBoundary::kStops) {
       how = hn::IfThenElse(for_uints(crossed), set(uint32_t{Rays::kCrossing}), how);
       ended = where;
@@ -292,7 +288,7 @@ class LineFollower {
     };
     write(load(lines_.medium_length, v), rays_.medium_length);
     const Uints entered = hn::ShiftLeft<Rays::kEnteredBit>(load(lines_.entered, v));
-    hn::ScatterIndex(hn::Or(how, entered), UintTag(), rays_.outcome.data(), ray);
+    hn::ScatterIndex(how | entered, UintTag(), rays_.outcome.data(), ray);
     if constexpr (AtBoundary::kStops) {
       Crossings& crossings = *at_boundary_;
       const auto write_vectors = [&](const PerLineVectors& from, VectorColumn& to) {
@@ -317,8 +313,8 @@ class LineFollower {
       const Vectors normal = gather(surfaces.normals, index);
       const Floats off = dot(end_point - gather(surfaces.corners[0], index), normal);
       end_point = if_then_else(at_surface, end_point - normal * off, end_point);
-      const Uints number = hn::ShiftLeft<Rays::kSurfaceBit>(hn::Add(triangle, set(uint32_t{1})));
-      what = hn::Or(what, hn::IfThenElseZero(for_uints(at_surface), number));
+      const Uints number = hn::ShiftLeft<Rays::kSurfaceBit>(triangle + set(uint32_t{1}));
+      what |= hn::IfThenElseZero(for_uints(at_surface), number);
     }
     write(end_point.x, rays_.position.x);
     write(end_point.y, rays_.position.y);

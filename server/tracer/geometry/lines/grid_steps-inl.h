@@ -29,14 +29,14 @@ HWY_INLINE Floats cell_at(Floats from, Floats slope, Floats distance, int size) 
 // With 0 for -0: what does not fall is taken to rise, in octants as in steps.
 HWY_INLINE Vectors with_positive_zeros(Vectors direction) {
   const Floats zero = hn::Zero(FloatTag());
-  return {hn::Add(direction.x, zero), hn::Add(direction.y, zero), hn::Add(direction.z, zero)};
+  return {direction.x + zero, direction.y + zero, direction.z + zero};
 }
 
 HWY_INLINE Uints octant_of(Vectors direction) {
   const auto falls = [&](Floats component, uint32_t bit) {
-    return hn::IfThenElseZero(for_uints(hn::Lt(component, hn::Zero(FloatTag()))), set(bit));
+    return hn::IfThenElseZero(for_uints(component < 0), set(bit));
   };
-  return hn::Or(falls(direction.x, 1), hn::Or(falls(direction.y, 2), falls(direction.z, 4)));
+  return falls(direction.x, 1) | falls(direction.y, 2) | falls(direction.z, 4);
 }
 
 // What lines know of themselves in the grid's coordinates, in cells. A component of 0 is taken as
@@ -48,8 +48,8 @@ HWY_INLINE void begin_in_grid(const Grid& grid, Lines& lines, Mask fresh, size_t
   lines.cells_direction.store(fresh, direction * set(grid.inverse_edge), v);
   const auto mm_per_cell = [&](Floats component) {
     const Floats safe =
-        hn::IfThenElse(hn::Lt(hn::Abs(component), tiny), hn::CopySign(tiny, component), component);
-    return hn::Div(edge, safe);
+        hn::IfThenElse(hn::Abs(component) < tiny, hn::CopySign(tiny, component), component);
+    return edge / safe;
   };
   lines.mm_per_cell.store(
       fresh, {mm_per_cell(direction.x), mm_per_cell(direction.y), mm_per_cell(direction.z)}, v);
@@ -69,8 +69,8 @@ HWY_INLINE CellWords read_cell(const Grid& grid, Vectors cell, Uints octant) {
   const Ints index = hn::ConvertTo(di, mul_add(cell.z, layer, mul_add(cell.y, row, cell.x)));
   const auto* const cells = reinterpret_cast<const int32_t*>(grid.cells.data());
   const auto* const skips = reinterpret_cast<const int32_t*>(grid.skips.data());
-  const Ints byte = hn::Add(hn::ShiftLeft<3>(index), hn::BitCast(di, octant));
-  const Ints skip = hn::And(hn::GatherOffset(di, skips, byte), hn::Set(di, Grid::kMaxSkip));
+  const Ints byte = hn::ShiftLeft<3>(index) + hn::BitCast(di, octant);
+  const Ints skip = hn::GatherOffset(di, skips, byte) & hn::Set(di, Grid::kMaxSkip);
   return {hn::BitCast(UintTag(), hn::GatherIndex(di, cells, index)),
           hn::ConvertTo(FloatTag(), skip)};
 }
@@ -94,8 +94,8 @@ HWY_INLINE Mask may_cross(const Grid& grid, Uints words, Mask where, Vectors cel
   constexpr size_t kSlab = offsetof(OccupiedCell, slab) / sizeof(int32_t);
   const auto* const occupied = reinterpret_cast<const int32_t*>(grid.occupied.data());
   const Ints number =
-      hn::BitCast(di, hn::IfThenElseZero(for_uints(where), hn::And(words, set(Grid::kPayload))));
-  const Ints at = hn::Mul(number, hn::Set(di, kStride));
+      hn::BitCast(di, hn::IfThenElseZero(for_uints(where), words & set(Grid::kPayload)));
+  const Ints at = number * hn::Set(di, kStride);
   const Ints cone = hn::GatherIndex(di, occupied + kNormals, at);
   const auto component = [&](Ints shifted) {
     return hn::ConvertTo(d, hn::ShiftRight<24>(shifted));
@@ -107,27 +107,24 @@ HWY_INLINE Mask may_cross(const Grid& grid, Uints words, Mask where, Vectors cel
   };
   const Floats threshold = upper(cone, [](Uints bits) { return hn::ShiftRight<24>(bits); });
   const Floats slope = dot(line.direction, axis);
-  const Mask faces = hn::And(where, hn::Lt(hn::Neg(hn::Mul(slope, line.side)), threshold));
+  const Mask faces = where & (-(slope * line.side) < threshold);
 
   // a . (x - middle) at both ends.
   const Floats half = set(0.5F), edge = set(grid.edge);
-  const Vectors middle{mul_add(hn::Add(cell.x, half), edge, set(grid.low.x)),
-                       mul_add(hn::Add(cell.y, half), edge, set(grid.low.y)),
-                       mul_add(hn::Add(cell.z, half), edge, set(grid.low.z))};
+  const Vectors middle{mul_add(cell.x + half, edge, set(grid.low.x)),
+                       mul_add(cell.y + half, edge, set(grid.low.y)),
+                       mul_add(cell.z + half, edge, set(grid.low.z))};
   const Floats at_origin = dot(line.origin - middle, axis);
   const Floats first = mul_add(slope, line.from, at_origin);
   const Floats last = mul_add(slope, line.to, at_origin);
   const Ints slab = hn::GatherIndex(di, occupied + kSlab, at);
   const Floats scale = set(grid.slab_scale), per_unit = set(2.0F / 65535 * grid.slab_scale);
-  const Floats high = hn::Sub(
-      hn::Mul(upper(slab, [](Uints bits) { return hn::ShiftRight<16>(bits); }), per_unit), scale);
+  const Floats high =
+      upper(slab, [](Uints bits) { return hn::ShiftRight<16>(bits); }) * per_unit - scale;
   const Floats low =
-      hn::Sub(hn::Mul(upper(slab, [](Uints bits) { return hn::And(bits, set(uint32_t{0xFFFF})); }),
-                      per_unit),
-              scale);
-  const Mask reaches =
-      hn::And(hn::Ge(hn::Max(first, last), low), hn::Le(hn::Min(first, last), high));
-  return hn::And(faces, reaches);
+      upper(slab, [](Uints bits) { return bits & set(uint32_t{0xFFFF}); }) * per_unit - scale;
+  const Mask reaches = (hn::Max(first, last) >= low) & (hn::Min(first, last) <= high);
+  return faces & reaches;
 }
 
 // Puts lines into the cell where their query begins, between t_min and end; returns those that meet
@@ -139,8 +136,8 @@ HWY_INLINE Mask enter_grid(const Grid& grid, Lines& lines, Mask where, size_t v,
   const Vectors mm = lines.mm_per_cell.load(v);
   Floats near = t_min, far = end;
   const auto clip = [&](Floats from, Floats scale, int size) {
-    const Floats a = hn::Mul(hn::Neg(from), scale);
-    const Floats b = hn::Mul(hn::Sub(set(static_cast<float>(size)), from), scale);
+    const Floats a = -from * scale;
+    const Floats b = (static_cast<float>(size) - from) * scale;
     near = hn::Max(near, hn::Min(a, b));
     far = hn::Min(far, hn::Max(a, b));
   };
@@ -154,7 +151,7 @@ HWY_INLINE Mask enter_grid(const Grid& grid, Lines& lines, Mask where, size_t v,
       v);
   store(where, near, lines.entered_cell, v);
   store(where, far, lines.grid_end, v);
-  return hn::And(where, hn::Le(near, far));
+  return where & (near <= far);
 }
 
 // Of the lines that are stepping, reads the words of their cells; returns those that have triangles
@@ -164,14 +161,14 @@ HWY_INLINE Mask read_cells(const Grid& grid, Lines& lines, Mask stepping, size_t
   const auto [word, skip] = read_cell(grid, cell, load(lines.octant, v));
   store(stepping, word, lines.word, v);
   store(skip, lines.skip, v);
-  const Mask occupied = hn::And(stepping, not_zero(hn::And(word, set(Grid::kOccupied))));
+  const Mask occupied = stepping & not_zero(word & set(Grid::kOccupied));
   if (hn::AllFalse(FloatTag(), occupied)) return occupied;
   // Where the lines leave the cell, or end.
   const Vectors x0 = lines.cells_origin.load(v), dx = lines.cells_direction.load(v);
   const Vectors mm = lines.mm_per_cell.load(v);
   const auto leave = [&](Floats c, Floats from, Floats rate, Floats scale) {
-    const Floats face = hn::IfThenElseZero(hn::Ge(rate, hn::Zero(FloatTag())), set(1.0F));
-    return hn::Mul(hn::Add(hn::Sub(c, from), face), scale);
+    const Floats face = hn::IfThenElseZero(rate >= 0, set(1.0F));
+    return (c - from + face) * scale;
   };
   const Floats out =
       hn::Min(hn::Min(leave(cell.x, x0.x, dx.x, mm.x), load(lines.grid_end, v)),
@@ -189,41 +186,37 @@ HWY_INLINE Mask advance(const Grid& grid, Lines& lines, Mask stepping, size_t v)
   const FloatTag d;
   const Vectors x0 = lines.cells_origin.load(v), dx = lines.cells_direction.load(v);
   const Vectors mm = lines.mm_per_cell.load(v), cell = lines.cell.load(v);
-  const Floats one = set(1.0F), zero = hn::Zero(d), skip = load(lines.skip, v);
+  const Floats zero = hn::Zero(d), skip = load(lines.skip, v);
   // Cells from here to the face that the line leaves through.
-  const auto to_face = [&](Floats slope) {
-    return hn::IfThenElse(hn::Lt(slope, zero), hn::Sub(one, skip), skip);
-  };
+  const auto to_face = [&](Floats slope) { return hn::IfThenElse(slope < 0, 1 - skip, skip); };
   const auto leave = [&](Floats c, Floats from, Floats slope, Floats scale) {
-    return hn::Mul(hn::Add(hn::Sub(c, from), to_face(slope)), scale);
+    return (c - from + to_face(slope)) * scale;
   };
   const Floats leave_x = leave(cell.x, x0.x, dx.x, mm.x);
   const Floats leave_y = leave(cell.y, x0.y, dx.y, mm.y);
   const Floats leave_z = leave(cell.z, x0.z, dx.z, mm.z);
   const Floats t = hn::Min(leave_x, hn::Min(leave_y, leave_z));
-  const Mask ended = hn::Ge(t, hn::Min(load(lines.hit, v), load(lines.grid_end, v)));
+  const Mask ended = t >= hn::Min(load(lines.hit, v), load(lines.grid_end, v));
 
   const Mask along_x = hn::Eq(t, leave_x);
   const Mask along_y = hn::AndNot(along_x, hn::Eq(t, leave_y));
-  const Mask along_z = hn::Not(hn::Or(along_x, along_y));
-  const Floats before = hn::Sub(skip, one);
+  const Mask along_z = !(along_x | along_y);
+  const Floats before = skip - 1;
   const auto move = [&](Mask along, Floats c, Floats from, Floats slope, int size) {
     // The cells of the cube ahead, within the grid.
     const Floats far =
-        hn::Clamp(hn::Add(c, hn::CopySign(before, slope)), zero, set(static_cast<float>(size - 1)));
+        hn::Clamp(c + hn::CopySign(before, slope), zero, set(static_cast<float>(size - 1)));
     const Floats low = hn::Min(c, far), high = hn::Max(c, far);
     const Floats follow = hn::Clamp(hn::Floor(mul_add(slope, t, from)), low, high);
-    return hn::IfThenElse(along, hn::Add(c, hn::CopySign(skip, slope)), follow);
+    return hn::IfThenElse(along, c + hn::CopySign(skip, slope), follow);
   };
   const Vectors next{move(along_x, cell.x, x0.x, dx.x, grid.size[0]),
                      move(along_y, cell.y, x0.y, dx.y, grid.size[1]),
                      move(along_z, cell.z, x0.z, dx.z, grid.size[2])};
-  const auto within = [&](Floats c, int size) {
-    return hn::And(hn::Ge(c, zero), hn::Lt(c, set(static_cast<float>(size))));
-  };
-  const Mask in_grid = hn::And(within(next.x, grid.size[0]),
-                               hn::And(within(next.y, grid.size[1]), within(next.z, grid.size[2])));
-  const Mask goes_on = hn::And(stepping, hn::AndNot(ended, in_grid));
+  const auto within = [&](Floats c, int size) { return (c >= 0) & (c < static_cast<float>(size)); };
+  const Mask in_grid =
+      within(next.x, grid.size[0]) & within(next.y, grid.size[1]) & within(next.z, grid.size[2]);
+  const Mask goes_on = stepping & hn::AndNot(ended, in_grid);
   lines.cell.store(goes_on, next, v);
   store(t, lines.entered_cell, v);
   return goes_on;

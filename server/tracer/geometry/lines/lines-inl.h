@@ -96,7 +96,7 @@ struct Lines {
 
 // Of interactions (Rays): whether they are inside the medium.
 HWY_INLINE Mask is_inside(Uints interaction) {
-  return not_zero(hn::And(interaction, set(Rays::kInside)));
+  return not_zero(interaction & set(Rays::kInside));
 }
 
 // What lines do at the boundary of the medium, known when the code is compiled: they pass, and note

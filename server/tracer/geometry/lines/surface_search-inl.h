@@ -19,7 +19,7 @@ namespace itn::tracer::HWY_NAMESPACE {
 
 // Rays::surface_of, Surfaces::kNone where there is none.
 HWY_INLINE Uints surface_of(Uints interaction) {
-  return hn::Sub(hn::ShiftRight<Rays::kSurfaceBit>(interaction), set(uint32_t{1}));
+  return hn::ShiftRight<Rays::kSurfaceBit>(interaction) - set(uint32_t{1});
 }
 
 // As long as any line, but not infinite: it may be multiplied by 0.
@@ -30,13 +30,12 @@ HWY_INLINE Mask may_hit_surfaces(const Surfaces& surfaces, Vectors position, Vec
                                  Floats length, Floats slack) {
   const Bounds& box = surfaces.bounds;
   const auto overlaps = [&](Floats p, Floats q, float low, float high) {
-    return hn::And(hn::Ge(hn::Add(hn::Max(p, q), slack), set(low)),
-                   hn::Le(hn::Sub(hn::Min(p, q), slack), set(high)));
+    return (hn::Max(p, q) + slack >= low) & (hn::Min(p, q) - slack <= high);
   };
   const Vectors to = position + direction * hn::Min(length, set(kFar));
-  return hn::And(overlaps(position.x, to.x, box.min.x, box.max.x),
-                 hn::And(overlaps(position.y, to.y, box.min.y, box.max.y),
-                         overlaps(position.z, to.z, box.min.z, box.max.z)));
+  return overlaps(position.x, to.x, box.min.x, box.max.x) &
+         overlaps(position.y, to.y, box.min.y, box.max.y) &
+         overlaps(position.z, to.z, box.min.z, box.max.z);
 }
 
 // The first surface on lines, by an intersector: for surfaces of many triangles.
@@ -60,7 +59,7 @@ inline void find_many_surfaces(const Surfaces& surfaces, Lines& lines, LineBits 
 
 // The first surface on lines that have not looked for it yet.
 inline void find_surfaces(const Surfaces& surfaces, Lines& lines, Mask where, size_t v) {
-  where = hn::And(where, not_zero(load(lines.surface_unknown, v)));
+  where &= not_zero(load(lines.surface_unknown, v));
   const FloatTag d;
   if (hn::AllFalse(d, where)) return;
   store(where, hn::Zero(UintTag()), lines.surface_unknown, v);
@@ -84,14 +83,14 @@ inline void find_surfaces(const Surfaces& surfaces, Lines& lines, Mask where, si
     // rounding is in proportion to its length, so that a small triangle is met where it is. The
     // triangle beyond finds exactly the opposite.
     const auto side = [&](Vectors begin, Vectors stop, Vec3f edge) {
-      return hn::Mul(sign, dot(w, cross(begin + stop, set(edge))));
+      return sign * dot(w, cross(begin + stop, set(edge)));
     };
     const Floats least = hn::Min(side(b, c, r - q), hn::Min(side(c, a, p - r), side(a, b, q - p)));
-    const Floats t = hn::Div(dot(n, a), cosine);
+    const Floats t = dot(n, a) / cosine;
     const auto number = set(static_cast<uint32_t>(i));
-    Mask hits = hn::And(hn::Ge(least, zero), hn::Ne(cosine, zero));
-    hits = hn::And(hits, hn::And(hn::Ge(t, from), hn::Lt(t, nearest)));
-    hits = hn::And(hits, hn::RebindMask(d, hn::Ne(excluded, number)));
+    Mask hits = (least >= 0) & hn::Ne(cosine, zero);
+    hits &= (t >= from) & (t < nearest);
+    hits &= hn::RebindMask(d, hn::Ne(excluded, number));
     nearest = hn::IfThenElse(hits, t, nearest);
     found = hn::IfThenElse(for_uints(hits), number, found);
   }
@@ -109,10 +108,10 @@ inline void begin_surfaces(const Surfaces& surfaces, Lines& lines, Mask fresh, s
   const Floats slack = load(lines.slack, v);
 
   const Mask ever = may_hit_surfaces(surfaces, position, direction, set(kFar), slack);
-  const Mask soon = hn::Or(
-      may_hit_surfaces(surfaces, position, direction, max_medium_length, slack), hn::Not(inside));
+  const Mask soon =
+      may_hit_surfaces(surfaces, position, direction, max_medium_length, slack) | !inside;
   store(fresh, hn::IfThenElseZero(for_uints(ever), set(uint32_t{1})), lines.surface_unknown, v);
-  find_surfaces(surfaces, lines, hn::And(fresh, soon), v);
+  find_surfaces(surfaces, lines, fresh & soon, v);
 }
 
 }  // namespace itn::tracer::HWY_NAMESPACE

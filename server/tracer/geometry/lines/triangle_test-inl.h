@@ -66,12 +66,10 @@ HWY_INLINE Sides sides(const TriangleBlock& block, size_t i, const Shear& shear)
       return hn::Load(FloatTag(), block.corners[k][axis].data() + i);
     };
     const Floats z = along(shear.z);
-    return Point{hn::Sub(mul_add(set(-shear.by_x), z, along(shear.x)), set(shear.c_x)),
-                 hn::Sub(mul_add(set(-shear.by_y), z, along(shear.y)), set(shear.c_y))};
+    return Point{mul_add(set(-shear.by_x), z, along(shear.x)) - shear.c_x,
+                 mul_add(set(-shear.by_y), z, along(shear.y)) - shear.c_y};
   };
-  const auto side = [](Point from, Point to) {
-    return hn::Sub(hn::Mul(from.x, to.y), hn::Mul(from.y, to.x));
-  };
+  const auto side = [](Point from, Point to) { return from.x * to.y - from.y * to.x; };
   const Point p = corner(0), q = corner(1), r = corner(2);
   return {side(q, r), side(r, p), side(p, q)};
 }
@@ -96,9 +94,7 @@ class TriangleTest {
         const TriangleBlock& block = grid.blocks[b];
         for (size_t i = 0; i < TriangleBlock::kSize; i += lanes()) {
           const auto [u, v, w] = sides(block, i, shear);
-          const Floats zero = hn::Zero(tag);
-          const Mask within = hn::And(hn::Ge(hn::Min(u, hn::Min(v, w)), zero),
-                                      hn::Gt(hn::Max(u, hn::Max(v, w)), zero));
+          const Mask within = (hn::Min(u, hn::Min(v, w)) >= 0) & (hn::Max(u, hn::Max(v, w)) > 0);
           Passed& entry = passed_[passed];
           entry.line = line;
           entry.hits = bits_of(within);

@@ -35,25 +35,23 @@ struct Aim {
 };
 HWY_INLINE Floats inner_by_outer(const Plane& plane, Floats inner_cosine, Floats outer_cosine) {
   const Floats least = set(1e-4F);  // along the plane
-  return hn::Div(hn::Mul(hn::Mul(plane.index, plane.index), inner_cosine),
-                 hn::Max(outer_cosine, least));
+  return plane.index * plane.index * inner_cosine / hn::Max(outer_cosine, least);
 }
 HWY_INLINE Aim aim_at(const Plane& plane, Vectors outer) {
   const Floats zero = hn::Zero(FloatTag()), index = plane.index;
   const Vectors none{zero, zero, zero};
   const Floats facing = dot(plane.normal, outer), cosine = hn::Max(facing, zero);
   const Floats inner_cosine = fresnel(cosine, index).refracted_cosine;
-  return {none - refracted(none - outer, plane.normal, cosine, inner_cosine, index),
-          hn::Gt(facing, zero), inner_by_outer(plane, inner_cosine, cosine)};
+  return {none - refracted(none - outer, plane.normal, cosine, inner_cosine, index), facing > 0,
+          inner_by_outer(plane, inner_cosine, cosine)};
 }
 HWY_INLINE Aim aim_along(const Plane& plane, Vectors inner) {
-  const Floats zero = hn::Zero(FloatTag()), index = hn::Div(set(1.0F), plane.index);
+  const Floats zero = hn::Zero(FloatTag()), index = 1 / plane.index;
   const Vectors none{zero, zero, zero};
   const Floats facing = dot(plane.normal, inner), cosine = hn::Max(facing, zero);
   const Floats outer_cosine = fresnel(cosine, index).refracted_cosine;
   return {refracted(inner, none - plane.normal, cosine, outer_cosine, index),
-          hn::And(hn::Gt(facing, zero), hn::Gt(outer_cosine, zero)),
-          inner_by_outer(plane, cosine, outer_cosine)};
+          (facing > 0) & (outer_cosine > 0), inner_by_outer(plane, cosine, outer_cosine)};
 }
 
 // The middle of a lamp, as it is seen from somewhere: how far, and in which direction.
@@ -64,15 +62,15 @@ struct LampMiddle {
 HWY_INLINE LampMiddle seen_middle(const Lights& lights, Uints lamp, Vectors from) {
   const Vectors to = middle_of(lights, lamp) - from;
   const Floats distance = hn::Max(hn::Sqrt(dot(to, to)), set(1e-20F));
-  return {distance, to * hn::Div(set(1.0F), distance)};
+  return {distance, to * (1 / distance)};
 }
 
 // How far it is in direction d to the plane across the middle, from a place `at` beside that where
 // it is seen from; or infinite, if the plane is not ahead, or hardly.
 HWY_INLINE Floats way_to_plane(const LampMiddle& middle, Vectors at, Vectors d) {
   const Floats cosine = dot(d, middle.direction);
-  const Floats way = hn::Div(hn::Sub(middle.distance, dot(at, middle.direction)), cosine);
-  const Mask ahead = hn::And(hn::Gt(cosine, set(0.1F)), hn::Gt(way, hn::Zero(FloatTag())));
+  const Floats way = (middle.distance - dot(at, middle.direction)) / cosine;
+  const Mask ahead = (cosine > 0.1F) & (way > 0);
   return hn::IfThenElse(ahead, way, set(kInfinity));
 }
 
@@ -96,8 +94,7 @@ HWY_INLINE Target far_target(Vectors direction) {
 // `outer` that light takes there: of what goes straight.
 HWY_INLINE Floats straight_by_area(const LampMiddle& middle, Vectors to_point, Vectors outer) {
   const Floats d2 = dot(to_point, to_point);
-  return hn::Div(dot(to_point, middle.direction),
-                 hn::Mul(hn::Mul(d2, hn::Sqrt(d2)), dot(outer, middle.direction)));
+  return dot(to_point, middle.direction) / (d2 * hn::Sqrt(d2) * dot(outer, middle.direction));
 }
 
 // How the plane refracts what goes from x to a point `to_point` from there, in that plane of a
@@ -107,43 +104,43 @@ HWY_INLINE Floats straight_by_area(const LampMiddle& middle, Vectors to_point, V
 HWY_INLINE Floats inner_by_straight(const Plane& plane, const LampMiddle& middle, Vectors to_point,
                                     Vectors inner, Vectors outer, Floats near, Floats far) {
   const Floats inner_cosine = dot(plane.normal, inner), outer_cosine = dot(plane.normal, outer);
-  const Floats across = hn::Div(near, plane.index), ratio = hn::Div(outer_cosine, inner_cosine);
-  const Floats area = hn::Mul(hn::Add(far, across), mul_add(hn::Mul(ratio, ratio), across, far));
-  return hn::Mul(inner_by_outer(plane, inner_cosine, outer_cosine),
-                 hn::Mul(area, straight_by_area(middle, to_point, outer)));
+  const Floats across = near / plane.index, ratio = outer_cosine / inner_cosine;
+  const Floats area = (far + across) * mul_add(ratio * ratio, across, far);
+  return inner_by_outer(plane, inner_cosine, outer_cosine) *
+         (area * straight_by_area(middle, to_point, outer));
 }
 
 // As aim_at, from a place so deep below the plane to a point; the density is over that of the
 // straight direction.
 HWY_INLINE Aim aim_at_point(const Plane& plane, const LampMiddle& middle, Floats depth,
                             Vectors to_point) {
-  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
-  const Floats along = dot(to_point, plane.normal), height = hn::Sub(along, depth);
+  const Floats one = set(1.0F);
+  const Floats along = dot(to_point, plane.normal), height = along - depth;
   const Vectors beside = to_point - plane.normal * along;
   const Floats width = hn::Sqrt(dot(beside, beside));
-  const Floats index2 = hn::Mul(plane.index, plane.index);
+  const Floats index2 = plane.index * plane.index;
   // For the tangent of the outer angle, height t + depth t / sqrt(index^2 + (index^2 - 1) t^2) is
   // the width. The left side is concave, so Newton's method comes up from below without fail.
-  Floats t = hn::Div(width, hn::Add(height, hn::Div(depth, plane.index)));
+  Floats t = width / (height + depth / plane.index);
   constexpr int kSteps = 4;
   for (int step = 0; step < kSteps; ++step) {
-    const Floats root = hn::Sqrt(mul_add(hn::Sub(index2, one), hn::Mul(t, t), index2));
-    const Floats inside = hn::Div(depth, root);
-    const Floats left = hn::Sub(width, hn::Mul(t, hn::Add(height, inside)));
-    const Floats slope = mul_add(inside, hn::Div(index2, hn::Mul(root, root)), height);
-    t = hn::Add(t, hn::Div(left, slope));
+    const Floats root = hn::Sqrt(mul_add(index2 - 1, t * t, index2));
+    const Floats inside = depth / root;
+    const Floats left = width - t * (height + inside);
+    const Floats slope = mul_add(inside, index2 / (root * root), height);
+    t += left / slope;
   }
-  const Floats outer_cosine = hn::Div(one, hn::Sqrt(mul_add(t, t, one)));
-  const Floats outer_sine = hn::Mul(t, outer_cosine);
-  const Floats inner_sine = hn::Div(outer_sine, plane.index);
-  const Floats inner_cosine = hn::Sqrt(hn::Sub(one, hn::Mul(inner_sine, inner_sine)));
-  const Vectors sideways = beside * hn::Div(one, hn::Max(width, set(1e-20F)));
+  const Floats outer_cosine = 1 / hn::Sqrt(mul_add(t, t, one));
+  const Floats outer_sine = t * outer_cosine;
+  const Floats inner_sine = outer_sine / plane.index;
+  const Floats inner_cosine = hn::Sqrt(1 - inner_sine * inner_sine);
+  const Vectors sideways = beside * (1 / hn::Max(width, set(1e-20F)));
   const Vectors inner = renormalize(plane.normal * inner_cosine + sideways * inner_sine);
   const Vectors outer = plane.normal * outer_cosine + sideways * outer_sine;
-  const Floats near = hn::Div(depth, inner_cosine);
-  const Mask between = hn::And(hn::Gt(depth, zero), hn::Gt(height, zero));
+  const Floats near = depth / inner_cosine;
+  const Mask between = (depth > 0) & (height > 0);
   const Floats far = way_to_plane(middle, inner * near, outer);
-  return {inner, hn::And(between, hn::Lt(far, set(kInfinity))),
+  return {inner, between & (far < kInfinity),
           inner_by_straight(plane, middle, to_point, inner, outer, near, far)};
 }
 
@@ -158,7 +155,7 @@ HWY_INLINE Vectors load_vectors(const float* from, Ints at) {
 }
 // In numbers: where the facet, and its normals at the corners, begin in their lists.
 HWY_INLINE Ints numbers_of(Ints facet, size_t bytes) {
-  return hn::Mul(facet, hn::Set(IntTag(), static_cast<int32_t>(bytes / sizeof(float))));
+  return facet * hn::Set(IntTag(), static_cast<int32_t>(bytes / sizeof(float)));
 }
 HWY_INLINE CurvedFacet curved_facet(const Obstacles& obstacles, Ints facet, Vectors x) {
   const auto* const own = reinterpret_cast<const float*>(obstacles.facets.by_triangle.data());
@@ -176,8 +173,7 @@ HWY_INLINE CurvedFacet curved_facet(const Obstacles& obstacles, Ints facet, Vect
           load_vectors(corners + 6, normals) - first};
 }
 HWY_INLINE Mask is_within(Floats v, Floats w) {
-  const Floats zero = hn::Zero(FloatTag());
-  return hn::And(hn::And(hn::Ge(v, zero), hn::Ge(w, zero)), hn::Le(hn::Add(v, w), set(1.0F)));
+  return (v >= 0) & (w >= 0) & (v + w <= 1);
 }
 
 // Light that goes from x to a place of the facet, and on: `index` times the direction inside less
@@ -188,13 +184,12 @@ struct Bend {
   Vectors off;
 };
 HWY_INLINE Bend bend_at(const CurvedFacet& facet, Floats index, Vectors to, const Target& target) {
-  const Floats one = set(1.0F);
   const Vectors place = to - facet.to_corner;
   const Vectors sum = facet.corner_normal + facet.normal_by_v * dot(place, facet.v) +
                       facet.normal_by_w * dot(place, facet.w);
-  const Floats per_length = hn::Div(one, hn::Sqrt(dot(sum, sum)));
+  const Floats per_length = 1 / hn::Sqrt(dot(sum, sum));
   const Floats near = hn::Sqrt(dot(to, to));
-  const Vectors inner = to * hn::Div(one, near);
+  const Vectors inner = to * (1 / near);
   const Vectors outer = if_then_else(target.is_point, normalize(target.place - to), target.place);
   const Vectors normal = sum * per_length, both = inner * index - outer;
   const Floats along = dot(both, normal);
@@ -204,10 +199,10 @@ HWY_INLINE Bend bend_at(const CurvedFacet& facet, Floats index, Vectors to, cons
 // stays what it is.
 HWY_INLINE Vectors change_of_off(const CurvedFacet& facet, const Bend& bend, Floats index,
                                  Vectors way) {
-  const Vectors turn = (way - bend.inner * dot(way, bend.inner)) * hn::Div(index, bend.near);
+  const Vectors turn = (way - bend.inner * dot(way, bend.inner)) * (index / bend.near);
   const Vectors normal_turn =
       (facet.normal_by_v * dot(way, facet.v) + facet.normal_by_w * dot(way, facet.w)) *
-      hn::Mul(bend.per_length, bend.along);
+      (bend.per_length * bend.along);
   const Vectors both = turn - normal_turn;
   return both - bend.normal * dot(both, bend.normal);
 }
@@ -227,19 +222,18 @@ HWY_INLINE Floats inner_by_drawn(const CurvedFacet& facet, const Bend& bend, Flo
   const Vectors by_a = change_of_off(facet, bend, index, sides.a);
   const Vectors by_b = change_of_off(facet, bend, index, sides.b);
   const Floats outer_cosine = dot(bend.outer, bend.normal);
-  const Floats inner_by_place =
-      hn::Div(hn::Mul(bend.near, bend.near), dot(bend.inner, facet.normal));
-  const Floats directions = hn::Div(dot(bend.normal, cross(by_a, by_b)), outer_cosine);
+  const Floats inner_by_place = bend.near * bend.near / dot(bend.inner, facet.normal);
+  const Floats directions = dot(bend.normal, cross(by_a, by_b)) / outer_cosine;
   // The light turns by what Snell's law asks for, and stays of unit length.
   const auto moved = [&](Vectors way, Vectors turn) {
-    const Floats up = hn::Div(dot(bend.outer, turn), outer_cosine);
+    const Floats up = dot(bend.outer, turn) / outer_cosine;
     return way + (turn - bend.normal * up) * far;
   };
   const Floats area = dot(bend.outer, cross(moved(sides.a, by_a), moved(sides.b, by_b)));
-  const Floats density = hn::IfThenElse(
-      target.is_point, hn::Mul(area, straight_by_area(target.middle, target.place, bend.outer)),
-      directions);
-  return hn::Mul(hn::Abs(density), inner_by_place);
+  const Floats density =
+      hn::IfThenElse(target.is_point,
+                     area * straight_by_area(target.middle, target.place, bend.outer), directions);
+  return hn::Abs(density) * inner_by_place;
 }
 
 // Where a facet refracts what goes there to a target.
@@ -252,39 +246,36 @@ struct Place {
 HWY_INLINE Place place_on_curved(const CurvedFacet& facet, Floats index, const Target& target) {
   constexpr int kSteps = 3;
   constexpr float kConverged = 2e-5F;
-  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
   const Sides sides = sides_of(facet);
   const Plane plane{facet.normal, index};
   const Floats depth = dot(facet.to_corner, facet.normal);
   const Aim start = aim_at(plane, target.direction());
-  Vectors to = start.direction * hn::Div(depth, dot(start.direction, facet.normal));
+  Vectors to = start.direction * (depth / dot(start.direction, facet.normal));
   Bend bend = bend_at(facet, index, to, target);
   for (int step = 0; step < kSteps; ++step) {
     const Vectors rest = target.place - to;
-    const Floats per_far =
-        hn::IfThenElseZero(target.is_point, hn::Div(one, hn::Sqrt(dot(rest, rest))));
+    const Floats per_far = hn::IfThenElseZero(target.is_point, 1 / hn::Sqrt(dot(rest, rest)));
     const auto change = [&](Vectors way) {
       const Vectors turn = (way - bend.outer * dot(way, bend.outer)) * per_far;
       return change_of_off(facet, bend, index, way) + turn - bend.normal * dot(turn, bend.normal);
     };
     const Vectors by_a = change(sides.a), by_b = change(sides.b);
-    const Floats per = hn::Div(one, dot(bend.normal, cross(by_a, by_b)));
-    const Floats a = hn::Mul(dot(bend.normal, cross(by_b, bend.off)), per);
-    const Floats b = hn::Mul(dot(bend.normal, cross(bend.off, by_a)), per);
+    const Floats per = 1 / dot(bend.normal, cross(by_a, by_b));
+    const Floats a = dot(bend.normal, cross(by_b, bend.off)) * per;
+    const Floats b = dot(bend.normal, cross(bend.off, by_a)) * per;
     to = to + sides.a * a + sides.b * b;
     bend = bend_at(facet, index, to, target);
   }
   const Floats far =
       hn::IfThenElseZero(target.is_point, way_to_plane(target.middle, to, bend.outer));
   const Vectors place = to - facet.to_corner;
-  Mask possible = hn::And(hn::And(start.possible, hn::Gt(depth, zero)),
-                          is_within(dot(place, facet.v), dot(place, facet.w)));
-  possible = hn::And(possible, hn::Lt(dot(bend.off, bend.off), set(kConverged * kConverged)));
+  Mask possible =
+      start.possible & (depth > 0) & is_within(dot(place, facet.v), dot(place, facet.w));
+  possible &= dot(bend.off, bend.off) < kConverged * kConverged;
   for (const Vectors& normal : {bend.normal, facet.normal}) {
-    possible = hn::And(possible, hn::And(hn::Gt(dot(bend.inner, normal), zero),
-                                         hn::Gt(dot(bend.outer, normal), zero)));
+    possible &= (dot(bend.inner, normal) > 0) & (dot(bend.outer, normal) > 0);
   }
-  return {to, hn::And(possible, hn::Lt(far, set(kInfinity)))};
+  return {to, possible & (far < kInfinity)};
 }
 
 // A facet that is flat, as it is seen from x.
@@ -310,15 +301,15 @@ HWY_INLINE Aim aim_at_flat(const FlatFacet& facet, const Target& target) {
   if (hn::AllFalse(FloatTag(), is_point)) return aim;
   const Aim point = aim_at_point(facet.plane, target.middle, facet.depth, target.place);
   return {if_then_else(is_point, point.direction, aim.direction),
-          hn::Or(hn::And(is_point, point.possible), hn::AndNot(is_point, aim.possible)),
+          (is_point & point.possible) | hn::AndNot(is_point, aim.possible),
           hn::IfThenElse(is_point, point.inner_by_outer, aim.inner_by_outer)};
 }
 HWY_INLINE Place place_on_flat(const FlatFacet& facet, const Target& target) {
   const Aim aim = aim_at_flat(facet, target);
-  const Vectors to = aim.direction * hn::Div(facet.depth, dot(aim.direction, facet.plane.normal));
+  const Vectors to = aim.direction * (facet.depth / dot(aim.direction, facet.plane.normal));
   const Vectors place = to - facet.to_corner;
   const Mask within = is_within(dot(place, facet.v), dot(place, facet.w));
-  return {to, hn::And(hn::And(aim.possible, within), hn::Gt(facet.depth, hn::Zero(FloatTag())))};
+  return {to, aim.possible & within & (facet.depth > 0)};
 }
 
 // The same of facets that are flat or curved, by number; to aim, the place is known.

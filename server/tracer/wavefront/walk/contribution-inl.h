@@ -25,7 +25,7 @@ struct SlotGather {
     return gather(column, slots);
   }
   HWY_INLINE void add(Floats by, FloatColumn& column) const {
-    hn::ScatterIndex(hn::Add(get(column), by), FloatTag(), column.data(), slots);
+    hn::ScatterIndex(get(column) + by, FloatTag(), column.data(), slots);
   }
 };
 
@@ -50,13 +50,13 @@ HWY_NOINLINE inline void find_parts(const Wavefront& wave, Vectors direction, Ui
       const Floats part = in_colours                   ? own.radiance[l]
                           : numbers[l] == light.number ? radiance
                                                        : zero;
-      parts.of[l] = hn::Add(parts.of[l], part);
+      parts.of[l] += part;
     }
   };
   const Floats far = emission(lights, direction, add).radiance;
-  const Mask shines = hn::And(equals(source, 0), hn::Gt(far, zero));
+  const Mask shines = equals(source, 0) & (far > 0);
   for (size_t l = 0; l < wave.part_count; ++l) {
-    parts.of[l] = hn::IfThenElseZero(shines, hn::Div(parts.of[l], far));
+    parts.of[l] = hn::IfThenElseZero(shines, parts.of[l] / far);
   }
   for (const Lights::Light& light : lights.all()) {
     if (light.source == 0) continue;
@@ -72,28 +72,28 @@ HWY_INLINE void add_contribution(Wavefront& wave, SlotGather at, Floats light,
                                  const ScoreSlot& score_slot) {
   Paths& paths = wave.paths;
   const Floats weight = at.get(paths.weight);
-  const Floats contribution = hn::Mul(weight, light);
+  const Floats contribution = weight * light;
   at.add(contribution, paths.radiance);
   if (wave.medium_derivatives) {
-    at.add(hn::Mul(contribution, score_sigma_t()), paths.d_sigma_t);
-    at.add(hn::Mul(at.get(paths.dweight_dalbedo), light), paths.d_albedo);
+    at.add(contribution * score_sigma_t(), paths.d_sigma_t);
+    at.add(at.get(paths.dweight_dalbedo) * light, paths.d_albedo);
   }
   for (size_t s = 0; s < paths.d_slots.size(); ++s) {
-    at.add(hn::Mul(contribution, score_slot(s)), paths.d_slots[s]);
+    at.add(contribution * score_slot(s), paths.d_slots[s]);
   }
   for (const FloatColumn& edge : paths.edge_weight) {
-    at.add(hn::Mul(at.get(edge), light),
+    at.add(at.get(edge) * light,
            wave.normal_gradient ? paths.edge_radiance[0]
                                 : paths.d_slots[paths.control_phase.size() + *wave.index_slot]);
   }
   for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
-    at.add(hn::Mul(at.get(paths.weight_at_albedos[a]), light), paths.radiance_at_albedos[a]);
+    at.add(at.get(paths.weight_at_albedos[a]) * light, paths.radiance_at_albedos[a]);
   }
   for (size_t r = 0; r < paths.d_reflectance.size(); ++r) {
-    at.add(hn::Mul(at.get(paths.dweight_dreflectance[r]), light), paths.d_reflectance[r]);
+    at.add(at.get(paths.dweight_dreflectance[r]) * light, paths.d_reflectance[r]);
   }
   for (size_t l = 0; l < paths.d_light.size(); ++l) {
-    at.add(hn::Mul(contribution, parts.of[l]), paths.d_light[l]);
+    at.add(contribution * parts.of[l], paths.d_light[l]);
   }
 }
 
@@ -103,16 +103,15 @@ HWY_INLINE void add_contribution(Wavefront& wave, SlotGather at, Floats light,
 inline void add_to_map(Wavefront& wave, Vectors direction, Mask arrived, Floats per_radiance,
                        Ints slots) {
   const MapPlace at = place_of(*wave.differentiated_map, direction);
-  const Floats one = set(1.0F), left = hn::Sub(one, at.fx), top = hn::Sub(one, at.fy);
+  const Floats left = 1 - at.fx, top = 1 - at.fy;
   const Ints pixels[] = {at.upper[0], at.upper[1], at.lower[0], at.lower[1]};
-  const Floats shares[] = {hn::Mul(left, top), hn::Mul(at.fx, top), hn::Mul(left, at.fy),
-                           hn::Mul(at.fx, at.fy)};
+  const Floats shares[] = {left * top, at.fx * top, left * at.fy, at.fx * at.fy};
   alignas(64) int32_t slot[kMaxLanes], pixel[kMaxLanes];
   alignas(64) float part[kMaxLanes];
   hn::Store(slots, IntTag(), slot);
   for (size_t k = 0; k < 4; ++k) {
     hn::Store(pixels[k], IntTag(), pixel);
-    hn::Store(hn::Mul(per_radiance, shares[k]), FloatTag(), part);
+    hn::Store(per_radiance * shares[k], FloatTag(), part);
     for (Bits bits = bits_of(arrived); bits != 0; bits &= bits - 1) {
       const auto lane = static_cast<size_t>(std::countr_zero(bits));
       wave.film.add_to_map(wave.paths.pixel[slot[lane]], wave.paths.sample[slot[lane]],
@@ -131,8 +130,7 @@ inline void add_to_normals(Wavefront& wave, Ints numbers, Floats light, Ints slo
   hn::Store(numbers, IntTag(), number);
   hn::Store(light, FloatTag(), part);
   const Vectors score = gather(rays.normal_score, numbers);
-  const Mask some =
-      hn::And(hn::Gt(light, hn::Zero(FloatTag())), hn::Gt(dot(score, score), hn::Zero(FloatTag())));
+  const Mask some = (light > 0) & (dot(score, score) > 0);
   for (Bits bits = bits_of(some); bits != 0; bits &= bits - 1) {
     const auto lane = static_cast<size_t>(std::countr_zero(bits));
     const auto ray = static_cast<size_t>(number[lane]);
@@ -152,21 +150,21 @@ HWY_INLINE void add_colours(Wavefront& wave, SlotGather at, Floats length, const
   const size_t columns = 2 + paths.d_slots.size();
   Floats luminance = hn::Zero(FloatTag());
   for (size_t c = 0; c < wave.colours.size(); ++c) {
-    const Floats likely_light = hn::Mul(light(c), at.get(paths.likelihood[c]));
-    const Floats contribution = hn::Mul(at.get(paths.colour_weight[c]), likely_light);
+    const Floats likely_light = light(c) * at.get(paths.likelihood[c]);
+    const Floats contribution = at.get(paths.colour_weight[c]) * likely_light;
     at.add(contribution, paths.colours[c]);
     luminance = mul_add(contribution, set(static_cast<float>(kLuminanceOfColours[c])), luminance);
     FloatColumn* const derivatives = &paths.d_colours[c * columns];
     if (wave.medium_derivatives) {
-      const Floats score = hn::Sub(at.get(paths.colour_score[c]), length);
-      at.add(hn::Mul(contribution, score), derivatives[0]);
-      at.add(hn::Mul(at.get(paths.colour_dweight[c]), likely_light), derivatives[1]);
+      const Floats score = at.get(paths.colour_score[c]) - length;
+      at.add(contribution * score, derivatives[0]);
+      at.add(at.get(paths.colour_dweight[c]) * likely_light, derivatives[1]);
     }
     for (size_t s = 0; s < paths.d_slots.size(); ++s) {
-      at.add(hn::Mul(contribution, score_slot(s)), derivatives[2 + s]);
+      at.add(contribution * score_slot(s), derivatives[2 + s]);
     }
     if (paths.colour_edge.empty()) continue;
-    at.add(hn::Mul(at.get(paths.colour_edge[c]), likely_light),
+    at.add(at.get(paths.colour_edge[c]) * likely_light,
            derivatives[2 + paths.control_phase.size() + *wave.index_slot]);
   }
   at.add(luminance, paths.radiance);
@@ -189,18 +187,18 @@ inline void add_emission(Wavefront& wave, Ints slots, Mask live) {
     case Switches::Techniques::kBoth: {
       Floats others = light.pdf;
       if (wave.refracts_shadow_rays) others = mul_add(at.get(paths.odds[0]), others, others);
-      mis_weight = hn::Div(pdf, hn::Add(pdf, others));
+      mis_weight = pdf / (pdf + others);
       break;
     }
   }
   Floats alone = set(1.0F);
-  if (wave.refracts_shadow_rays) alone = hn::Div(alone, hn::Add(alone, at.get(paths.odds[0])));
+  if (wave.refracts_shadow_rays) alone /= alone + at.get(paths.odds[0]);
   mis_weight = hn::IfThenElse(not_zero(delta_bounce), alone, mis_weight);
   if (wave.mirrors_shadow_rays) {
     mis_weight = hn::IfThenZeroElse(equals(delta_bounce, PathState::kFound), mis_weight);
   }
   mis_weight = hn::IfThenElseZero(live, mis_weight);
-  const Floats arriving = hn::Mul(light.radiance, mis_weight);
+  const Floats arriving = light.radiance * mis_weight;
   LightParts parts;
   if (wave.part_count > 0) {
     find_parts(wave, direction, lamp_seen(wave.scene.lights, from, direction), parts);
@@ -208,15 +206,15 @@ inline void add_emission(Wavefront& wave, Ints slots, Mask live) {
   const auto score_slot = [&](size_t s) { return at.get(paths.score_slots[s]); };
   if (!wave.colours.empty()) {
     add_colours(
-        wave, at, hn::Zero(FloatTag()), [&](size_t c) { return hn::Mul(arriving, parts.of[c]); },
+        wave, at, hn::Zero(FloatTag()), [&](size_t c) { return arriving * parts.of[c]; },
         score_slot);
     return;
   }
   add_contribution(
       wave, at, arriving, parts, [&] { return at.get(paths.score_sigma_t); }, score_slot);
   if (wave.differentiated_map != nullptr) {
-    add_to_map(wave, direction, hn::And(live, hn::Eq(distance, set(kInfinity))),
-               hn::Mul(at.get(paths.weight), mis_weight), slots);
+    add_to_map(wave, direction, live & hn::Eq(distance, set(kInfinity)),
+               at.get(paths.weight) * mis_weight, slots);
   }
 }
 

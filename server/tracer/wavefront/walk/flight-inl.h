@@ -32,9 +32,9 @@ inline void sample_flights(Wavefront& wave) {
     const Words words = random(wave, i, vertex, Sampler::kWalk);
     const Floats u0 =
         hn::IfThenElse(equals(vertex, first), load(paths.first_flight, i), uniform(words.w[0]));
-    const Floats depth = hn::Sub(zero, log(hn::Sub(set(1.0F), u0)));
-    store(wave.colours.empty() ? hn::Mul(depth, free_path_of(wave.media, wave.medium(i)))
-                               : hn::Div(depth, load(paths.flight_sigma_t[0], i)),
+    const Floats depth = zero - log(1 - u0);
+    store(wave.colours.empty() ? depth * free_path_of(wave.media, wave.medium(i))
+                               : depth / load(paths.flight_sigma_t[0], i),
           paths.rays.max_medium_length, i);
     store(uniform(words.w[1]), paths.u1, i);
     store(uniform(words.w[2]), paths.u2, i);
@@ -66,18 +66,18 @@ HWY_INLINE void update_likelihoods(Wavefront& wave, size_t i, Mask scattered) {
   for (size_t c = 0; c < wave.colours.size(); ++c) {
     // Over what it is at the least sigma_t, which is the material's: exp does not overflow.
     const float sigma_t = wave.colours[c].sigma_t;
-    const Floats flown = exp(hn::Mul(length, set(wave.sigma_t - sigma_t)));
+    const Floats flown = exp(length * (wave.sigma_t - sigma_t));
     const Floats ended = hn::IfThenElse(scattered, set(sigma_t / wave.sigma_t), set(1.0F));
-    const Floats likelihood = hn::Mul(load(paths.likelihood[c], i), hn::Mul(flown, ended));
+    const Floats likelihood = load(paths.likelihood[c], i) * (flown * ended);
     store(likelihood, paths.likelihood[c], i);
-    sum = hn::Add(sum, likelihood);
+    sum += likelihood;
     if (!wave.medium_derivatives) continue;
-    const Floats score = hn::Sub(hn::IfThenElseZero(scattered, set(1 / sigma_t)), length);
-    store(hn::Add(load(paths.colour_score[c], i), score), paths.colour_score[c], i);
+    const Floats score = hn::IfThenElseZero(scattered, set(1 / sigma_t)) - length;
+    store(load(paths.colour_score[c], i) + score, paths.colour_score[c], i);
   }
-  const Floats by = hn::Div(set(static_cast<float>(wave.colours.size())), sum);
+  const Floats by = static_cast<float>(wave.colours.size()) / sum;
   for (FloatColumn& likelihood : paths.likelihood) {
-    store(hn::Mul(load(likelihood, i), by), likelihood, i);
+    store(load(likelihood, i) * by, likelihood, i);
   }
 }
 
@@ -93,16 +93,16 @@ HWY_INLINE void update_scores(Wavefront& wave, size_t i, Mask scattered) {
   Paths& paths = wave.paths;
   if (wave.medium_derivatives) {
     const Floats length = load(paths.rays.medium_length, i);
-    Floats score = hn::Sub(hn::IfThenElseZero(scattered, set(1 / wave.sigma_t)), length);
+    Floats score = hn::IfThenElseZero(scattered, set(1 / wave.sigma_t)) - length;
     score = of_object(wave.media, wave.medium(i), score);
-    store(hn::Add(load(paths.score_sigma_t, i), score), paths.score_sigma_t, i);
+    store(load(paths.score_sigma_t, i) + score, paths.score_sigma_t, i);
     store(mul_add(score, load(paths.weight, i), load(paths.control_sigma_t, i)),
           paths.control_sigma_t, i);
   }
   if (!wave.colours.empty()) update_likelihoods(wave, i, scattered);
   const Uints entered =
-      hn::And(hn::ShiftRight<Rays::kEnteredBit>(load(paths.rays.outcome, i)), set(uint32_t{1}));
-  store(hn::Add(load(paths.steps, i), entered), paths.steps, i);
+      hn::ShiftRight<Rays::kEnteredBit>(load(paths.rays.outcome, i)) & set(uint32_t{1});
+  store(load(paths.steps, i) + entered, paths.steps, i);
   const auto first = for_uints(equals(load(paths.vertex, i), 1));
   store(hn::IfThenElse(first, entered, load(paths.hit, i)), paths.hit, i);
 }

@@ -31,14 +31,14 @@ HWY_INLINE Floats density(const Lobe& lobe, Floats t) {
   const float g = 1 - lobe.width;
   const Floats spread = mul_add(set(g), t, set(lobe.width * lobe.width));
   const auto norm = static_cast<float>(lobe.width * (2 - lobe.width) / (4 * std::numbers::pi));
-  return hn::Div(set(norm), hn::Mul(spread, hn::Sqrt(spread)));
+  return norm / (spread * hn::Sqrt(spread));
 }
 // By its cumulative distribution, 1 / width - 1 / sqrt(width^2 + g t) over its value at t = 4.
 HWY_INLINE Floats sample_lobe(const Lobe& lobe, Floats u) {
   const float g = 1 - lobe.width, width2 = lobe.width * lobe.width;
-  const Floats part = hn::Mul(u, set(2 * g / (1 + g))), left = hn::Sub(set(1.0F), part);
-  const Floats odds = hn::Div(hn::Mul(part, hn::Sub(set(2.0F), part)), hn::Mul(left, left));
-  return hn::Mul(odds, set(width2 / g));
+  const Floats part = u * (2 * g / (1 + g)), left = 1 - part;
+  const Floats odds = part * (2 - part) / (left * left);
+  return odds * (width2 / g);
 }
 
 // What refracted shadow rays are aimed by (refracted_rays-inl.h).
@@ -93,15 +93,15 @@ HWY_INLINE Uints medium_at(const Media& media, Uints triangles) {
   Uints medium = hn::Zero(UintTag());
   for (const uint32_t first : media.first_triangles) {
     const auto below = hn::Set(IntTag(), static_cast<int32_t>(first) - 1);
-    const auto behind = hn::RebindMask(UintTag(), hn::Gt(hn::BitCast(IntTag(), triangles), below));
-    medium = hn::IfThenElse(behind, hn::Add(medium, set(uint32_t{1})), medium);
+    const auto behind = hn::RebindMask(UintTag(), hn::BitCast(IntTag(), triangles) > below);
+    medium = hn::IfThenElse(behind, medium + set(uint32_t{1}), medium);
   }
   return medium;
 }
 
 // Where the medium is the object's: these lanes; these numbers, else 0.
 HWY_INLINE Mask in_object(const Media& media, Uints medium, Mask where) {
-  return media.several ? hn::And(where, equals(medium, 0)) : where;
+  return media.several ? where & equals(medium, 0) : where;
 }
 HWY_INLINE Floats of_object(const Media& media, Uints medium, Floats number) {
   return media.several ? hn::IfThenElseZero(equals(medium, 0), number) : number;
@@ -129,7 +129,7 @@ HWY_INLINE BoundaryValue if_then_else(Mask where, const BoundaryValue& a, Bounda
 }
 HWY_INLINE BoundarySample if_then_else(Mask where, const BoundarySample& a, BoundarySample b) {
   b.direction = if_then_else(where, a.direction, b.direction);
-  b.transmitted = hn::Or(hn::And(where, a.transmitted), hn::AndNot(where, b.transmitted));
+  b.transmitted = (where & a.transmitted) | hn::AndNot(where, b.transmitted);
   b.weight = if_then_else(where, a.weight, b.weight);
   b.pdf = if_then_else(where, a.pdf, b.pdf);
   b.edge_weight = if_then_else(where, a.edge_weight, b.edge_weight);

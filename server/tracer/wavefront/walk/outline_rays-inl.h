@@ -28,17 +28,16 @@ namespace itn::tracer::HWY_NAMESPACE {
 inline void add_outline_rays(Wavefront& wave, OutlineRays& to, size_t i, const Vertices& vertices,
                              Mask where, const Outline& outline, Floats distance, Floats light,
                              const std::vector<size_t>& places) {
-  where = hn::And(where, hn::Gt(hn::Abs(light), hn::Zero(FloatTag())));
+  where &= hn::Abs(light) > 0;
   const Uints interaction = load(wave.paths.rays.interaction, i);
   const Append append{where, to.count};
   append(load(wave.paths.rays.position, i), to.rays.position);
   append(outline.direction, to.rays.direction);
   append(hn::IfThenZeroElse(for_uints(vertices.at_boundary), interaction), to.rays.interaction);
-  append(hn::Mul(set(kMaxOpticalDepth), free_path_of(wave.media, vertices.medium)),
-         to.rays.max_medium_length);
+  append(kMaxOpticalDepth * free_path_of(wave.media, vertices.medium), to.rays.max_medium_length);
   if (to.rays.bounded) append(distance, to.rays.distance);
   for (size_t p = 0; p < places.size(); ++p) {
-    append(hn::Mul(light, dot(outline.growth, set(wave.places[places[p]].axis))), to.light[p]);
+    append(light * dot(outline.growth, set(wave.places[places[p]].axis)), to.light[p]);
   }
   append(slots_from(i), to.slot);
   to.count += hn::CountTrue(FloatTag(), where);
@@ -58,13 +57,13 @@ inline void send_outline_rays(Wavefront& wave, size_t i, const Vertices& vertice
           const Outline place = outline(kind, position, uniform(words.w[0]), opposite);
           const Floats value = evaluate_turn(wave, vertices, place.direction).value;
           const Appearance behind = look(lights, position, place.direction, NoParts(), &of.light);
-          const Mask shows = hn::And(sent, hn::Ge(behind.distance, place.distance));
+          const Mask shows = sent & (behind.distance >= place.distance);
           OutlineRays* const rays = &of.rays[opposite ? 2 : 0];
           add_outline_rays(wave, rays[0], i, vertices, shows, place, place.distance,
-                           hn::Mul(value, place.radiance), of.places);
+                           value * place.radiance, of.places);
           if constexpr (VisibleLamp<Kind>) {
             add_outline_rays(wave, rays[1], i, vertices, shows, place, behind.distance,
-                             hn::Neg(hn::Mul(value, behind.emission.radiance)), of.places);
+                             -(value * behind.emission.radiance), of.places);
           }
         }
       }
@@ -82,15 +81,15 @@ inline void trace_outline_rays(Wavefront& wave) {
                    wave.at_boundary());
       for (size_t i = 0; i < rays.count; i += lanes()) {
         const Mask live = hn::FirstN(d, rays.count - i);
-        const Uints end = hn::And(load(rays.rays.outcome, i), set(Rays::kEndMask));
+        const Uints end = load(rays.rays.outcome, i) & set(Rays::kEndMask);
         const SlotGather at{slots_in(rays.slot, i, live)};
-        mark_leaked(paths, hn::And(live, equals(end, Rays::kLeaked)), at.slots);
-        const Mask arrived = hn::And(live, equals(end, Rays::kEscaped));
+        mark_leaked(paths, live & equals(end, Rays::kLeaked), at.slots);
+        const Mask arrived = live & equals(end, Rays::kEscaped);
         const Floats part =
             part_arriving(wave, wave.medium_in(at.slots), load(rays.rays.medium_length, i));
-        const Floats weight = hn::IfThenElseZero(arrived, hn::Mul(at.get(paths.weight), part));
+        const Floats weight = hn::IfThenElseZero(arrived, at.get(paths.weight) * part);
         for (size_t p = 0; p < of.places.size(); ++p) {
-          at.add(hn::Mul(weight, load(rays.light[p], i)), paths.d_place[of.places[p]]);
+          at.add(weight * load(rays.light[p], i), paths.d_place[of.places[p]]);
         }
       }
       rays.count = 0;

@@ -70,8 +70,7 @@ HWY_INLINE Plane plane_ahead(const Wavefront& wave, Uints medium, Vectors x, Vec
   const DepthGrid& depth_grid = wave.scene.obstacles.depth_grid;
   const Floats depth = quantized_depth(depth_grid, cells_at(depth_grid.cells, x));
   const auto third = static_cast<float>(depth_grid.cells.edge / 3);
-  return {normal_near(wave, x + direction * hn::Mul(depth, set(third))),
-          index_of(wave.media, medium)};
+  return {normal_near(wave, x + direction * (depth * third)), index_of(wave.media, medium)};
 }
 
 // Where a ray from x for light in a direction `outer` is sent first.
@@ -97,7 +96,7 @@ HWY_INLINE Target target_at(const Lights& lights, Vectors x, Vectors outer, Uint
     middle = seen_middle(lights, lamp, x);
     distance = hn::IfThenElse(not_zero(lamp), way_to_plane(middle, set(Vec3f{}), outer), distance);
   }
-  const Mask is_point = hn::Lt(distance, set(kInfinity));
+  const Mask is_point = distance < kInfinity;
   const Uints number = hn::IfThenElse(hn::Eq(lamp, hn::Zero(UintTag())), set(kPointLight), lamp);
   return {if_then_else(is_point, outer * distance, outer),
           hn::IfThenElseZero(for_uints(is_point), number), is_point, middle};
@@ -136,7 +135,7 @@ HWY_INLINE Vectors scattered_at(const Paths& paths, size_t i) {
 
 // Of light that goes so far in a medium.
 HWY_INLINE Floats part_arriving(const Wavefront& wave, Uints medium, Floats length) {
-  return exp(hn::Neg(hn::Mul(length, sigma_t_of(wave.media, medium))));
+  return exp(-(length * sigma_t_of(wave.media, medium)));
 }
 
 // Of the lobe around a direction.
@@ -147,14 +146,14 @@ HWY_INLINE Floats lobe_pdf(const Wavefront& wave, Uints medium, Vectors axis, Ve
 }
 HWY_INLINE Vectors draw_in_lobe(const Wavefront& wave, Uints medium, Vectors axis,
                                 const Words& words) {
-  const Floats one = set(1.0F), u = uniform(words.w[1]);
+  const Floats u = uniform(words.w[1]);
   const Floats t = by_medium(wave.media, medium,
                              [&](const Medium& of) { return sample_lobe(of.refraction.lobe, u); });
-  const Floats cosine = hn::Sub(one, hn::Mul(set(0.5F), t));
-  const Floats sine2 = hn::Mul(t, hn::Sub(one, hn::Mul(set(0.25F), t)));
+  const Floats cosine = 1 - 0.5F * t;
+  const Floats sine2 = t * (1 - 0.25F * t);
   const Floats sine = hn::Sqrt(hn::Max(hn::Zero(FloatTag()), sine2));
   const SinCos phi = sin_cos_2pi(uniform(words.w[2]));
-  return renormalize(frame_to_world(axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
+  return renormalize(frame_to_world(axis, sine * phi.cos, sine * phi.sin, cosine));
 }
 
 // How far rays go that search for a facet, in mm. The roulette does not shorten them: it judges the
@@ -177,19 +176,19 @@ HWY_INLINE Floats least_depth(const Wavefront& wave, Vectors x) {
 // walk went there from where it scattered, or 0.
 HWY_INLINE Floats per_arrival(const Wavefront& wave, size_t i, Uints medium) {
   const Floats zero = hn::Zero(FloatTag()), walk_pdf = load(wave.paths.scattered_pdf[0], i);
-  const Mask scattered = hn::Gt(walk_pdf, zero);
+  const Mask scattered = walk_pdf > 0;
   if (hn::AllFalse(FloatTag(), scattered)) return zero;
   const Floats arriving = part_arriving(wave, medium, load(wave.paths.rays.medium_length, i));
-  return hn::IfThenElseZero(scattered, hn::Div(set(1.0F), hn::Mul(walk_pdf, arriving)));
+  return hn::IfThenElseZero(scattered, 1 / (walk_pdf * arriving));
 }
 // The odds there for light in the direction `to_light`, as it is seen from where they scattered.
 HWY_INLINE Floats refraction_odds(const Wavefront& wave, size_t i, Uints medium, Vectors to_light) {
   const Floats per = per_arrival(wave, i, medium);
-  if (hn::AllFalse(FloatTag(), hn::Gt(per, hn::Zero(FloatTag())))) return per;
+  if (hn::AllFalse(FloatTag(), per > 0)) return per;
   const Aim aim =
       aim_at(plane_ahead(wave, medium, scattered_at(wave.paths, i), to_light), to_light);
   const Floats pdf = lobe_pdf(wave, medium, aim.direction, load(wave.paths.rays.direction, i));
-  return hn::IfThenElseZero(aim.possible, hn::Mul(per, pdf));
+  return hn::IfThenElseZero(aim.possible, per * pdf);
 }
 
 // Where they leave the medium through a smooth one: sends rays to find out whether a refracted one
@@ -199,7 +198,7 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
   OddsRays& sent = wave.odds_rays;
   const FloatTag d;
   const Floats zero = hn::Zero(d), walk_pdf = load(paths.scattered_pdf[0], i);
-  Mask where = hn::And(leaving, hn::Gt(walk_pdf, zero));
+  Mask where = leaving & (walk_pdf > 0);
   if (hn::AllFalse(d, where)) return;
   const Lights& lights = wave.scene.lights;
   const Vectors up = set(Vec3f{0, 1, 0}), x = scattered_at(paths, i);
@@ -210,7 +209,7 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
   const Vectors inner = load(paths.rays.direction, i);
   const Aim along = aim_along(plane, inner);
   const auto [outer, reflected] = transmit_boundary(wave.media, medium, at);
-  where = hn::And(where, along.possible);
+  where &= along.possible;
   Vectors to_light = if_then_else(where, along.direction, up);
   Floats by_drawn = along.inner_by_outer, far = zero;
   Target target{to_light, hn::Zero(UintTag()), hn::FirstN(d, 0), {}};
@@ -221,7 +220,7 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
     far = way_to_plane(middle, to_boundary, to_light);
     const Vectors to_point = to_boundary + to_light * far;
     const Mask to_lamp = not_zero(lamp);
-    where = hn::AndNot(hn::And(to_lamp, hn::Ge(far, set(kInfinity))), where);
+    where = hn::AndNot(to_lamp & (far >= kInfinity), where);
     const Floats near = hn::Sqrt(dot(to_boundary, to_boundary));
     by_drawn = hn::IfThenElse(
         to_lamp, inner_by_straight(plane, middle, to_point, inner, to_light, near, far), by_drawn);
@@ -237,18 +236,18 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
   to_light = if_then_else(where, target.direction(), up);
   const Aim first = aim_at({normal_near(wave, x), index}, to_light);
   const Vectors search = if_then_else(first.possible, first.direction, to_light);
-  const Floats pdf = hn::Mul(drawn_pdf(lights, target.lamp, x, to_light), by_drawn);
-  where = hn::And(where, hn::Lt(pdf, set(kMostDensity)));
-  const Floats arriving = hn::Mul(hn::Sub(set(1.0F), reflected),
-                                  part_arriving(wave, medium, load(paths.rays.medium_length, i)));
-  const Mask asked = hn::And(where, hn::Gt(pdf, zero));
+  const Floats pdf = drawn_pdf(lights, target.lamp, x, to_light) * by_drawn;
+  where &= pdf < kMostDensity;
+  const Floats arriving =
+      (1 - reflected) * part_arriving(wave, medium, load(paths.rays.medium_length, i));
+  const Mask asked = where & (pdf > 0);
   const Append append{asked, sent.count};
   append(x, sent.rays.position);
   append(search, sent.rays.direction);
   append(set(Rays::kInside), sent.rays.interaction);
   append(longest_search(wave, medium), sent.rays.max_medium_length);
   append(slots_from(i), sent.slot);
-  append(hn::Div(pdf, hn::Mul(walk_pdf, arriving)), sent.odds);
+  append(pdf / (walk_pdf * arriving), sent.odds);
   append(x, sent.origin);
   append(target.place, sent.to_light);
   append(target.lamp, sent.lamp);
@@ -263,7 +262,7 @@ inline void send_odds(Wavefront& wave, size_t i, Mask leaving, Uints medium, con
 inline void send_lobe_odds(Wavefront& wave, OddsRays& sent, size_t i, Mask where, Uints medium,
                            const Target& target, Floats per, Uints shadow_ray) {
   const Floats arrival = per_arrival(wave, i, medium);
-  where = hn::And(where, hn::Gt(arrival, hn::Zero(FloatTag())));
+  where &= arrival > 0;
   if (hn::AllFalse(FloatTag(), where)) return;
   const Vectors x = scattered_at(wave.paths, i), outer = target.direction();
   const Aim aim = first_aim(wave, medium, x, outer);
@@ -273,7 +272,7 @@ inline void send_lobe_odds(Wavefront& wave, OddsRays& sent, size_t i, Mask where
   append(set(Rays::kInside), sent.rays.interaction);
   append(longest_search(wave, medium), sent.rays.max_medium_length);
   append(slots_from(i), sent.slot);
-  append(hn::Mul(arrival, per), sent.odds);
+  append(arrival * per, sent.odds);
   append(x, sent.origin);
   append(target.place, sent.to_light);
   append(target.lamp, sent.lamp);
@@ -292,7 +291,7 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   const FloatTag d;
   const Paths& paths = wave.paths;
   RefractedRays& sent = wave.refracted_rays;
-  const Floats zero = hn::Zero(d), one = set(1.0F);
+  const Floats one = set(1.0F);
   const Mask dense = light.dense();
   const Floats index = index_of(wave.media, medium);
   const Uints lamp = lamp_drawn(wave.scene.lights, drawn.choice);
@@ -300,14 +299,14 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
                             ? target_drawn(wave.scene.lights, position, lamp, light)
                             : far_target(light.direction);
   const Aim aim = first_aim(wave, medium, position, light.direction);
-  Mask where = wave.searches_facets ? scattered : hn::And(scattered, aim.possible);
+  Mask where = wave.searches_facets ? scattered : scattered & aim.possible;
   if (hn::AllFalse(d, where)) return;
   Vectors direction = if_then_else(aim.possible, aim.direction, light.direction);
   Floats pdf = light.pdf, passing = one;
   Floats light_pdf = one;  // of q s, what is not in `pdf`
   if (wave.boundary_is_delta) {
-    pdf = hn::Mul(light.pdf, hn::IfThenElse(aim.possible, aim.inner_by_outer, one));
-    where = hn::And(where, hn::RebindMask(d, hn::Eq(target.lamp, lamp)));
+    pdf = light.pdf * hn::IfThenElse(aim.possible, aim.inner_by_outer, one);
+    where &= hn::RebindMask(d, hn::Eq(target.lamp, lamp));
   } else {
     const Vectors axis = direction;
     if (!wave.searches_facets) {
@@ -315,7 +314,7 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
                                random(wave, i, load(paths.vertex, i), Sampler::kRefraction));
     }
     pdf = lobe_pdf(wave, medium, axis, direction);
-    passing = mul_add(pdf, hn::Div(one, hn::Mul(index, index)), one);
+    passing = mul_add(pdf, 1 / (index * index), one);
     light_pdf = hn::IfThenElse(dense, light.pdf, one);
   }
   const PhaseValue phase =
@@ -324,14 +323,12 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   if (wave.scene.lights.has_lamps() || wave.differentiated_map != nullptr) {
     radiance = hn::Max(radiance, hn::IfThenElseZero(dense, set(wave.mean_radiance())));
   }
-  const Floats worth = hn::Div(hn::Mul(radiance, hn::Mul(phase.value, passing)),
-                               hn::Mul(light_pdf, hn::Add(pdf, phase.value)));
-  const Floats importance = hn::Mul(path_importance(wave, i), worth);
+  const Floats worth = radiance * (phase.value * passing) / (light_pdf * (pdf + phase.value));
+  const Floats importance = path_importance(wave, i) * worth;
   const Floats limit = depth_limit(wave, importance, roulette);
-  const Floats limit_mm = hn::Mul(limit, free_path_of(wave.media, medium));
-  where = hn::And(where, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
-  if (wave.searches_facets)
-    where = hn::AndNot(hn::Lt(limit_mm, least_depth(wave, position)), where);
+  const Floats limit_mm = limit * free_path_of(wave.media, medium);
+  where &= (worth > 0) & (limit > 0);
+  if (wave.searches_facets) where = hn::AndNot(limit_mm < least_depth(wave, position), where);
 
   const Append append{where, sent.count};
   append(position, sent.rays.position);
@@ -364,7 +361,7 @@ inline void send_refracted_rays(Wavefront& wave, size_t i, Mask scattered, Uints
   const size_t phase_slots = wave.searches_facets ? 0 : paths.control_phase.size();
   for (size_t s = 0; s < sent.score_slots.size(); ++s) {
     const Floats score = load(paths.score_slots[s], i);
-    append(s < phase_slots ? hn::Add(score, phase.scores[s]) : score, sent.score_slots[s]);
+    append(s < phase_slots ? score + phase.scores[s] : score, sent.score_slots[s]);
   }
   sent.count += hn::CountTrue(d, where);
 }
@@ -409,14 +406,13 @@ HWY_INLINE Exit exit_of_rough(const Wavefront& wave, const RefractedRays& sent, 
   Exit exit{light.direction, light.distance, light.radiance, light.source, one, {zero}};
   const BoundaryValue boundary = evaluate_boundary(wave.media, medium, at, exit.to_light);
   const Floats phase = load(sent.phase, i), light_pdf = light.pdf;
-  const Floats walk_pdf = hn::Mul(phase, arriving);
+  const Floats walk_pdf = phase * arriving;
   const Mask dense = light.dense();
-  Floats pdf_sum =
-      hn::Mul(hn::IfThenElse(dense, light_pdf, one), hn::Add(load(sent.pdf, i), walk_pdf));
+  Floats pdf_sum = hn::IfThenElse(dense, light_pdf, one) * (load(sent.pdf, i) + walk_pdf);
   if (wave.switches.techniques == Switches::Techniques::kBoth) {
-    pdf_sum = hn::Add(pdf_sum, hn::IfThenElseZero(dense, hn::Mul(walk_pdf, boundary.pdf)));
+    pdf_sum += hn::IfThenElseZero(dense, walk_pdf * boundary.pdf);
   }
-  exit.per_radiance = hn::Div(hn::Mul(phase, boundary.value), pdf_sum);
+  exit.per_radiance = phase * boundary.value / pdf_sum;
   for (size_t s = 0; s < kMaxBoundarySlots; ++s) exit.scores[s] = boundary.scores[s];
   if (at.asked.normal) exit.normal_score = slope_outwards(at, boundary.by_normal);
   return exit;
@@ -430,16 +426,15 @@ HWY_INLINE Exit exit_of_smooth(const Wavefront& wave, const RefractedRays& sent,
   const Lights& lights = wave.scene.lights;
   const Vectors position = load(sent.rays.position, i);
   const auto [distance, light] = look(lights, position, to_light);
-  const Floats passing = hn::Mul(load(sent.phase, i), hn::Sub(set(1.0F), reflected));
+  const Floats passing = load(sent.phase, i) * (1 - reflected);
   const Uints lamp = lamp_seen(lights, position, to_light);
   const Mask as_drawn = hn::RebindMask(FloatTag(), hn::Eq(lamp, load(sent.lamp, i)));
-  return {
-      to_light,
-      distance,
-      hn::IfThenElseZero(as_drawn, light.radiance),
-      lamp,
-      hn::IfThenElseZero(as_drawn, hn::Div(passing, mul_add(passing, arriving, load(sent.pdf, i)))),
-      {hn::Zero(FloatTag())}};
+  return {to_light,
+          distance,
+          hn::IfThenElseZero(as_drawn, light.radiance),
+          lamp,
+          hn::IfThenElseZero(as_drawn, passing / mul_add(passing, arriving, load(sent.pdf, i))),
+          {hn::Zero(FloatTag())}};
 }
 
 // From the boundary they go on as shadow rays.
@@ -457,17 +452,15 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
   const Exit exit = wave.boundary_is_delta
                         ? exit_of_smooth(wave, sent, i, medium, at, arriving, where)
                         : exit_of_rough(wave, sent, i, medium, at, arriving);
-  where = hn::And(where, hn::And(hn::Gt(dot(flat_normal, exit.to_light), zero),
-                                 hn::Gt(exit.per_radiance, zero)));
-  const Mask from_far =
-      hn::And(hn::Gt(load(sent.light_pdf, i), zero), hn::Eq(exit.distance, set(kInfinity)));
+  where &= (dot(flat_normal, exit.to_light) > 0) & (exit.per_radiance > 0);
+  const Mask from_far = (load(sent.light_pdf, i) > 0) & hn::Eq(exit.distance, set(kInfinity));
   const size_t phase_slots = wave.paths.control_phase.size();
   add_shadow_rays(wave, where,
                   {.position = load(sent.rays.position, i),
                    .direction = exit.to_light,
                    .interaction = hn::Zero(UintTag()),
                    .slot = load(sent.slot, i),
-                   .light = hn::Mul(exit.radiance, exit.per_radiance),
+                   .light = exit.radiance * exit.per_radiance,
                    .source = exit.source,
                    .importance = load(sent.importance, i),
                    .per_radiance = hn::IfThenElseZero(from_far, exit.per_radiance),
@@ -478,7 +471,7 @@ inline void leave(Wavefront& wave, const RefractedRays& sent, size_t i, Uints me
                    .triangle = load(wave.crossings.triangle, i)},
                   [&](size_t s) {
                     const Floats score = load(sent.score_slots[s], i);
-                    return s < phase_slots ? score : hn::Add(score, exit.scores[s - phase_slots]);
+                    return s < phase_slots ? score : score + exit.scores[s - phase_slots];
                   });
 }
 
@@ -497,12 +490,12 @@ HWY_INLINE void for_each_facet(const Wavefront& wave, const SentRays& sent, size
   const Ints triangle =
       hn::IfThenElseZero(int_mask(met), hn::BitCast(di, load(wave.crossings.triangle, i)));
   const Ints begin = int_gather(facets.first, triangle);
-  const Ints end = int_gather(facets.first, hn::Add(triangle, hn::Set(di, 1)));
+  const Ints end = int_gather(facets.first, triangle + hn::Set(di, 1));
   const Vectors x = load(sent.origin, i);
   const Target target = target_of(wave, sent, i);
   const Floats index = index_of(wave.media, medium);
-  for (Ints at = begin;; at = hn::Add(at, hn::Set(di, 1))) {
-    const Mask live = hn::And(met, hn::RebindMask(d, hn::Lt(at, end)));
+  for (Ints at = begin;; at = at + hn::Set(di, 1)) {
+    const Mask live = met & hn::RebindMask(d, at < end);
     if (hn::AllFalse(d, live)) return;
     const Ints number = int_gather(facets.around, hn::IfThenElse(int_mask(live), at, begin));
     visit(number, place_on(obstacles, number, index, x, target), live);
@@ -529,25 +522,24 @@ HWY_INLINE FacetChoice choose_facet(const Wavefront& wave, const SentRays& sent,
   FacetChoice choice{zero, hn::Zero(di), set(Vec3f{0, 1, 0})};
   found = hn::FirstN(d, 0);
   for_each_facet(wave, sent, i, medium, met, [&](Ints number, const Place& place, Mask live) {
-    const Mask is_number = hn::And(live, hn::RebindMask(d, hn::Eq(number, hn::BitCast(di, known))));
-    Mask is_known = is_number, refracts = hn::And(live, place.possible);
+    const Mask is_number = live & hn::RebindMask(d, hn::Eq(number, hn::BitCast(di, known)));
+    Mask is_known = is_number, refracts = live & place.possible;
     if (flat) {
-      refracts = hn::Or(is_known, refracts);
+      refracts = is_known | refracts;
     } else {
       const Vectors beside = place.to - left;
-      const Floats most = hn::Mul(set(kSame * kSame), dot(place.to, place.to));
-      is_known = hn::And(hn::And(is_number, refracts), hn::Lt(dot(beside, beside), most));
+      const Floats most = kSame * kSame * dot(place.to, place.to);
+      is_known = is_number & refracts & (dot(beside, beside) < most);
     }
-    found = hn::Or(found, is_known);
-    choice.count = hn::Add(choice.count, hn::IfThenElseZero(refracts, one));
+    found |= is_known;
+    choice.count += hn::IfThenElseZero(refracts, one);
     // One in n is what u says of the n-th, and what is left of u says which of those before.
-    const Floats part = hn::Div(one, choice.count);
-    const Mask taken = hn::And(refracts, hn::Lt(u, part));
+    const Floats part = 1 / choice.count;
+    const Mask taken = refracts & (u < part);
     choice.facet = hn::IfThenElse(hn::RebindMask(di, taken), number, choice.facet);
     choice.to = if_then_else(taken, place.to, choice.to);
-    const Floats other =
-        hn::Min(hn::Div(hn::Sub(u, part), hn::Sub(one, part)), set(0x1.fffffep-1F));
-    u = hn::IfThenElse(taken, hn::Mul(u, choice.count), hn::IfThenElse(refracts, other, u));
+    const Floats other = hn::Min((u - part) / (1 - part), set(0x1.fffffep-1F));
+    u = hn::IfThenElse(taken, u * choice.count, hn::IfThenElse(refracts, other, u));
   });
   return choice;
 }
@@ -563,10 +555,10 @@ HWY_INLINE LobeSum sum_lobes(const Wavefront& wave, const SentRays& sent, size_t
   const Floats zero = hn::Zero(FloatTag());
   LobeSum sum{zero, zero};
   for_each_facet(wave, sent, i, medium, met, [&](Ints /*number*/, const Place& place, Mask live) {
-    const Mask refracts = hn::And(live, place.possible);
+    const Mask refracts = live & place.possible;
     const Floats pdf = lobe_pdf(wave, medium, normalize(place.to), direction);
-    sum.count = hn::Add(sum.count, hn::IfThenElseZero(refracts, set(1.0F)));
-    sum.pdf = hn::Add(sum.pdf, hn::IfThenElseZero(refracts, pdf));
+    sum.count += hn::IfThenElseZero(refracts, set(1.0F));
+    sum.pdf += hn::IfThenElseZero(refracts, pdf);
   });
   return sum;
 }
@@ -603,7 +595,7 @@ inline void add_aimed(Wavefront& wave, size_t i, Uints medium, Mask where, const
   for (size_t s = 0; s < sent.score_slots.size(); ++s) {
     const bool of_phase = s < wave.paths.control_phase.size();
     const Floats score = load(sent.score_slots[s], i);
-    append(of_phase ? hn::Add(score, phase.scores[s]) : score, again.score_slots[s]);
+    append(of_phase ? score + phase.scores[s] : score, again.score_slots[s]);
   }
   again.count += hn::CountTrue(FloatTag(), where);
 }
@@ -623,26 +615,25 @@ inline Mask aim_again(Wavefront& wave, size_t i, Ints slots, Uints medium, Mask 
   const RefractedRays& sent = wave.refracted_rays;
   if (hn::AllFalse(FloatTag(), where)) return where;
   const Vectors x = load(sent.origin, i);
-  const Floats zero = hn::Zero(FloatTag()), u = uniform(refraction_words(wave, slots).w[0]);
+  const Floats u = uniform(refraction_words(wave, slots).w[0]);
   Mask found;
   const auto [count, facet, to] =
       choose_facet(wave, sent, i, medium, where, u, set(~uint32_t{0}), x, found);
-  const Mask solved = hn::And(where, hn::Gt(count, zero));
+  const Mask solved = where & (count > 0);
   if (hn::AllFalse(FloatTag(), solved)) return solved;
   if (!wave.boundary_is_delta) {
     const Vectors axis = normalize(to);
-    const bool one_each = hn::AllFalse(FloatTag(), hn::And(solved, hn::Gt(count, set(1.0F))));
+    const bool one_each = hn::AllFalse(FloatTag(), solved & (count > 1));
     aim_lobe(wave, i, slots, medium, solved, axis, [&](Vectors direction) {
       return one_each ? lobe_pdf(wave, medium, axis, direction)
-                      : hn::Div(sum_lobes(wave, sent, i, medium, solved, direction).pdf, count);
+                      : sum_lobes(wave, sent, i, medium, solved, direction).pdf / count;
     });
     return solved;
   }
   const Aim aim = aim_at_place(wave.scene.obstacles, facet, index_of(wave.media, medium), x,
                                target_of(wave, sent, i), to);
-  const Floats pdf = hn::Div(hn::Mul(load(sent.light_pdf, i), aim.inner_by_outer), count);
-  add_aimed(wave, i, medium,
-            hn::And(solved, hn::And(hn::Gt(pdf, zero), hn::Lt(pdf, set(kMostDensity)))),
+  const Floats pdf = load(sent.light_pdf, i) * aim.inner_by_outer / count;
+  add_aimed(wave, i, medium, solved & (pdf > 0) & (pdf < kMostDensity),
             {aim.direction, pdf, facet});
   return solved;
 }
@@ -684,10 +675,10 @@ inline void follow_to_boundary(Wavefront& wave, SentRays& sent, const Visit& vis
   follow_lines(wave.scene.obstacles, sent.rays, sent.count, Report::kEnds, &wave.crossings);
   for (size_t i = 0; i < sent.count; i += lanes()) {
     const Mask live = hn::FirstN(d, sent.count - i);
-    const Uints end = hn::And(load(sent.rays.outcome, i), set(Rays::kEndMask));
+    const Uints end = load(sent.rays.outcome, i) & set(Rays::kEndMask);
     const Ints slots = slots_in(sent.slot, i, live);
-    mark_leaked(wave.paths, hn::And(live, equals(end, Rays::kLeaked)), slots);
-    visit(i, slots, hn::And(live, equals(end, Rays::kCrossing)));
+    mark_leaked(wave.paths, live & equals(end, Rays::kLeaked), slots);
+    visit(i, slots, live & equals(end, Rays::kCrossing));
   }
 }
 
@@ -708,8 +699,7 @@ inline void search_facets(Wavefront& wave, SentRays& sent, const Solve& solve,
           if_then_else(left, load(wave.crossings.normal, i), set(Vec3f{0, 1, 0}));
       const Aim next =
           aim_at({normal, index_of(wave.media, medium)}, target_of(wave, sent, i).direction());
-      const Mask goes_on =
-          search < kSearches ? hn::And(left, next.possible) : hn::FirstN(FloatTag(), 0);
+      const Mask goes_on = search < kSearches ? left & next.possible : hn::FirstN(FloatTag(), 0);
       give_up(i, slots, medium, hn::AndNot(goes_on, left));
       keep_searching(wave, sent, i, goes_on, next.direction, kept);
     });
@@ -732,15 +722,15 @@ inline void cross_refracted_rays(Wavefront& wave) {
       [&](size_t i, Ints slots, Uints medium, Mask met) {
         if (wave.boundary_is_delta) return;
         const Aim aim = first_aim_of(wave, first, i, medium, met);
-        aim_lobe(
-            wave, i, slots, medium, hn::And(met, aim.possible), aim.direction,
-            [&](Vectors direction) { return lobe_pdf(wave, medium, aim.direction, direction); });
+        aim_lobe(wave, i, slots, medium, met & aim.possible, aim.direction, [&](Vectors direction) {
+          return lobe_pdf(wave, medium, aim.direction, direction);
+        });
       });
   if (again.count == 0) return;
   follow_to_boundary(wave, again, [&](size_t i, Ints slots, Mask met) {
     if (wave.boundary_is_delta) {
       const auto as_aimed = hn::Eq(load(wave.crossings.triangle, i), load(again.facet, i));
-      met = hn::And(met, hn::RebindMask(FloatTag(), as_aimed));
+      met &= hn::RebindMask(FloatTag(), as_aimed);
     }
     leave(wave, again, i, wave.medium_in(slots), met);
   });
@@ -757,10 +747,10 @@ inline void check_facets(Wavefront& wave) {
         Mask found;
         const FacetChoice choice = choose_facet(wave, sent, i, medium, met, zero,
                                                 load(sent.facet, i), load(sent.left, i), found);
-        const Floats own = hn::Div(load(sent.odds, i), choice.count);
+        const Floats own = load(sent.odds, i) / choice.count;
         hn::ScatterIndex(hn::IfThenElse(found, own, gather(odds.data(), slots)), FloatTag(),
                          odds.data(), slots);
-        return hn::And(met, hn::Gt(choice.count, zero));
+        return met & (choice.count > 0);
       },
       [](size_t /*i*/, Ints /*slots*/, Uints /*medium*/, Mask /*met*/) {});
 }
@@ -773,14 +763,14 @@ inline void check_lobes(Wavefront& wave, OddsRays& sent, const Visit& visit) {
       wave, sent,
       [&](size_t i, Ints slots, Uints medium, Mask met) {
         const LobeSum sum = sum_lobes(wave, sent, i, medium, met, load(sent.left, i));
-        const Mask solved = hn::And(met, hn::Gt(sum.count, hn::Zero(FloatTag())));
-        visit(i, slots, hn::Mul(load(sent.odds, i), hn::Div(sum.pdf, sum.count)), solved);
+        const Mask solved = met & (sum.count > 0);
+        visit(i, slots, load(sent.odds, i) * (sum.pdf / sum.count), solved);
         return solved;
       },
       [&](size_t i, Ints slots, Uints medium, Mask met) {
         const Aim aim = first_aim_of(wave, sent, i, medium, met);
         const Floats pdf = lobe_pdf(wave, medium, aim.direction, load(sent.left, i));
-        visit(i, slots, hn::Mul(load(sent.odds, i), pdf), hn::And(met, aim.possible));
+        visit(i, slots, load(sent.odds, i) * pdf, met & aim.possible);
       });
 }
 
@@ -794,9 +784,9 @@ inline void check_odds(Wavefront& wave) {
   });
   check_lobes(wave, wave.shadow_odds, [&](size_t i, Ints /*slots*/, Floats odds, Mask where) {
     const Ints rays = slots_in(wave.shadow_odds.shadow_ray, i, where);
-    const Floats part = hn::Div(set(1.0F), hn::Add(set(1.0F), odds));
+    const Floats part = 1 / (1 + odds);
     for_each_light_column(wave.shadow_rays, [&](FloatColumn& light) {
-      hn::ScatterIndex(hn::Mul(gather(light.data(), rays), part), d, light.data(), rays);
+      hn::ScatterIndex(gather(light.data(), rays) * part, d, light.data(), rays);
     });
   });
 }

@@ -71,15 +71,15 @@ HWY_INLINE Floats remaining_light(const Wavefront& wave, const WalkRoulette& rou
   const Floats attenuation = by_medium(wave.media, wave.medium(i), [&](const Medium& of) {
     return set(roulette.attenuations[of.number]);
   });
-  const Floats exponent = hn::Neg(hn::Mul(quantized, attenuation));
+  const Floats exponent = -(quantized * attenuation);
   return exp(hn::Max(exponent, set(kMinExponent)));
 }
 
 // As path tracers usually play it.
 inline Floats throughput_survival(const Paths& paths, size_t i) {
-  const Mask begun = hn::RebindMask(
-      FloatTag(), hn::Gt(hn::BitCast(IntTag(), load(paths.vertex, i)),
-                         hn::Set(IntTag(), int{ThroughputRoulette::kFirstVertex} - 1)));
+  const Mask begun =
+      hn::RebindMask(FloatTag(), hn::BitCast(IntTag(), load(paths.vertex, i)) >
+                                     hn::Set(IntTag(), int{ThroughputRoulette::kFirstVertex} - 1));
   Floats importance = load(paths.weight, i);
   for (const FloatColumn& derivative : paths.dweight_dreflectance) {
     importance = hn::Max(importance, load(derivative, i));
@@ -119,15 +119,13 @@ inline void russian_roulette(Wavefront& wave, const WalkRoulette& roulette) {
     const Floats probability =
         wave.switches.throughput_roulette
             ? throughput_survival(paths, i)
-            : hn::Min(one,
-                      hn::Mul(hn::Mul(path_importance(wave, i), remaining_light(wave, roulette, i)),
-                              set(roulette.per_threshold)));
-    const Mask survives =
-        hn::And(hn::Lt(load(paths.u3, i), probability), hn::Not(not_zero(load(paths.leaked, i))));
-    const Floats factor = hn::Div(one, hn::Max(probability, set(1e-30F)));
+            : hn::Min(one, path_importance(wave, i) * remaining_light(wave, roulette, i) *
+                               roulette.per_threshold);
+    const Mask survives = (load(paths.u3, i) < probability) & !not_zero(load(paths.leaked, i));
+    const Floats factor = 1 / hn::Max(probability, set(1e-30F));
     multiply_weights(paths, i, factor);
     store(hn::IfThenElseZero(for_uints(survives), load(paths.alive, i)), paths.alive, i);
-    store(hn::Add(load(paths.vertex, i), set(uint32_t{1})), paths.vertex, i);
+    store(load(paths.vertex, i) + set(uint32_t{1}), paths.vertex, i);
   }
 }
 

@@ -23,8 +23,8 @@ namespace itn::tracer::HWY_NAMESPACE {
 // Whether triangles are of a range: from `first` on, and before `end`.
 HWY_INLINE Mask among(Surfaces::Range range, Ints triangles) {
   const auto below = [](uint32_t n) { return hn::Set(IntTag(), static_cast<int32_t>(n) - 1); };
-  return hn::RebindMask(FloatTag(), hn::AndNot(hn::Gt(triangles, below(range.end)),
-                                               hn::Gt(triangles, below(range.first))));
+  return hn::RebindMask(FloatTag(),
+                        hn::AndNot(triangles > below(range.end), triangles > below(range.first)));
 }
 
 HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium, Mask on_surface,
@@ -69,7 +69,7 @@ HWY_INLINE Vertices vertices_of(const Wavefront& wave, size_t i, Mask in_medium,
     }
     vertices.factor = hn::IfThenElse(on_surface, reflectance, vertices.factor);
     const Vectors normal = gather(surfaces.normals, at);
-    const Mask flip = hn::Ge(dot(normal, before), zero);
+    const Mask flip = dot(normal, before) >= 0;
     const auto facing = [&](Vectors n) {
       return if_then_else(flip, Vectors{zero, zero, zero} - n, n);
     };
@@ -97,7 +97,7 @@ HWY_INLINE void multiply_by_colours(Wavefront& wave, size_t i, const Vertices& v
     }
     FloatColumn& column = paths.colour_weight[c];
     const Floats weight = load(column, i);
-    store(hn::Mul(weight, factor), column, i);
+    store(weight * factor, column, i);
     if (wave.medium_derivatives) {
       FloatColumn& derivative = paths.colour_dweight[c];
       store(mul_add(load(derivative, i), factor, hn::IfThenElseZero(vertices.in_medium, weight)),
@@ -105,7 +105,7 @@ HWY_INLINE void multiply_by_colours(Wavefront& wave, size_t i, const Vertices& v
     }
     if (paths.colour_edge.empty()) continue;
     FloatColumn& edge = paths.colour_edge[c];
-    store(hn::Mul(load(edge, i), factor), edge, i);
+    store(load(edge, i) * factor, edge, i);
   }
 }
 
@@ -115,25 +115,22 @@ HWY_INLINE void multiply_by_factor(Wavefront& wave, size_t i, const Vertices& ve
   Paths& paths = wave.paths;
   const Floats factor = vertices.factor, weight = load(paths.weight, i);
   const Mask by_albedo = in_object(wave.media, vertices.medium, vertices.in_medium);
-  store(hn::Mul(weight, factor), paths.weight, i);
+  store(weight * factor, paths.weight, i);
   if (wave.medium_derivatives) {
-    store(hn::Add(hn::Mul(load(paths.dweight_dalbedo, i), factor),
-                  hn::IfThenElseZero(by_albedo, weight)),
+    store(load(paths.dweight_dalbedo, i) * factor + hn::IfThenElseZero(by_albedo, weight),
           paths.dweight_dalbedo, i);
   }
-  for (FloatColumn& edge : paths.edge_weight) store(hn::Mul(load(edge, i), factor), edge, i);
+  for (FloatColumn& edge : paths.edge_weight) store(load(edge, i) * factor, edge, i);
   for (size_t a = 0; a < paths.weight_at_albedos.size(); ++a) {
     FloatColumn& other_weight = paths.weight_at_albedos[a];
     const Floats albedo = set(static_cast<float>(wave.request.albedos[a]));
-    store(hn::Mul(load(other_weight, i), hn::IfThenElse(by_albedo, albedo, factor)), other_weight,
-          i);
+    store(load(other_weight, i) * hn::IfThenElse(by_albedo, albedo, factor), other_weight, i);
   }
   for (size_t r = 0; r < wave.reflecting.size(); ++r) {
     const auto& [triangles, reflectance, slot] = wave.reflecting[r];
     const Floats slope = reflectance_slope(reflectance, slot, load(paths.rays.position, i));
     FloatColumn& derivative = paths.dweight_dreflectance[r];
-    const Floats gain =
-        hn::IfThenElseZero(among(triangles, vertices.triangles), hn::Mul(weight, slope));
+    const Floats gain = hn::IfThenElseZero(among(triangles, vertices.triangles), weight * slope);
     store(mul_add(load(derivative, i), factor, gain), derivative, i);
   }
 }
@@ -144,8 +141,7 @@ inline void send_walk_odds(Wavefront& wave, size_t i, Mask where, const Vertices
   const Lights& lights = wave.scene.lights;
   const Vectors position = load(wave.paths.rays.position, i);
   direction = if_then_else(where, direction, set(Vec3f{0, 1, 0}));
-  const Floats zero = hn::Zero(FloatTag());
-  where = hn::And(where, hn::Gt(look(lights, position, direction).emission.pdf, zero));
+  where &= look(lights, position, direction).emission.pdf > 0;
   const Target target = target_at(lights, scattered_at(wave.paths, i),
                                   redraw(lights, position, direction, scattered_at(wave.paths, i)),
                                   lamp_seen(lights, position, direction), set(kInfinity));
@@ -157,13 +153,12 @@ inline void send_walk_odds(Wavefront& wave, size_t i, Mask where, const Vertices
 inline void note_turns(Wavefront& wave, size_t i, Mask where, const Crossing& at,
                        const BoundarySample& next, Mask edge) {
   Paths& paths = wave.paths;
-  const Floats zero = hn::Zero(FloatTag());
-  const Mask goes_on = hn::Or(edge, hn::Gt(next.weight, zero));
-  const Mask scored = hn::Gt(dot(next.by_normal, next.by_normal), zero);
+  const Mask goes_on = edge | (next.weight > 0);
+  const Mask scored = dot(next.by_normal, next.by_normal) > 0;
   VectorColumn score;
   store(slope_outwards(at, next.by_normal), score, 0);
   const Bits edges = bits_of(edge);
-  for (Bits bits = bits_of(hn::And(where, hn::And(goes_on, scored))); bits != 0; bits &= bits - 1) {
+  for (Bits bits = bits_of(where & goes_on & scored); bits != 0; bits &= bits - 1) {
     const auto lane = static_cast<size_t>(std::countr_zero(bits));
     const size_t slot = i + lane;
     paths.turns[slot].push_back(
@@ -188,23 +183,23 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   Paths& paths = wave.paths;
   const Mask where = vertices.at_boundary;
   const Uints one = set(uint32_t{1});
-  const Uints count = hn::IfThenElseZero(for_uints(where), hn::Add(load(paths.crossings, i), one));
+  const Uints count = hn::IfThenElseZero(for_uints(where), load(paths.crossings, i) + one);
   store(count, paths.crossings, i);
   store(set(1.0F), paths.crossing_weight, i);
   for (FloatColumn& edge : paths.crossing_edge_weight) store(hn::Zero(FloatTag()), edge, i);
   if (wave.refracts_shadow_rays) store(hn::Zero(FloatTag()), paths.odds[0], i);
   if (!vertices.any_at_boundary) return;
-  store(hn::IfThenElse(hn::Gt(count, set(kMaxConsecutiveCrossings)), one, load(paths.leaked, i)),
+  store(hn::IfThenElse(count > set(kMaxConsecutiveCrossings), one, load(paths.leaked, i)),
         paths.leaked, i);
   const BoundarySample next =
       sample_boundary(wave.media, vertices.medium, vertices.crossing,
                       random(wave, i, load(paths.vertex, i), Sampler::kBoundary));
   // No shadow ray competes with those that follow an edge either.
-  const Mask edge = hn::And(where, hn::Gt(next.edge_weight, hn::Zero(FloatTag())));
+  const Mask edge = where & (next.edge_weight > 0);
   const Mask delta = wave.boundary_is_delta ? where : edge;
   Uints bounce = hn::IfThenElse(for_uints(delta), one, load(paths.delta_bounce, i));
   if (wave.mirrors_shadow_rays) {
-    const Mask mirrors = hn::AndNot(hn::Or(next.transmitted, vertices.crossing.leaving), where);
+    const Mask mirrors = hn::AndNot(next.transmitted | vertices.crossing.leaving, where);
     bounce = hn::IfThenElse(for_uints(mirrors), set(PathState::kFound), bounce);
   }
   store(bounce, paths.delta_bounce, i);
@@ -218,13 +213,13 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
   const size_t phase_slots = paths.control_phase.size();
   for (size_t s = phase_slots; s < paths.score_slots.size(); ++s) {
     const Floats score = hn::IfThenElseZero(where, next.scores[s - phase_slots]);
-    store(hn::Add(load(paths.score_slots[s], i), score), paths.score_slots[s], i);
+    store(load(paths.score_slots[s], i) + score, paths.score_slots[s], i);
   }
   if (wave.refracts_shadow_rays) {
     // For light that the walk meets next.
     if (wave.boundary_is_delta) {
-      const Mask leaves = hn::And(vertices.crossing.leaving, next.transmitted);
-      send_odds(wave, i, hn::And(where, leaves), vertices.medium, vertices.crossing);
+      const Mask leaves = vertices.crossing.leaving & next.transmitted;
+      send_odds(wave, i, where & leaves, vertices.medium, vertices.crossing);
     } else if (wave.searches_facets) {
       send_walk_odds(wave, i, hn::AndNot(edge, where), vertices, direction);
     } else {
@@ -234,11 +229,10 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
       store(hn::IfThenElseZero(hn::AndNot(edge, where), odds), paths.odds[0], i);
     }
   }
-  const Uints toggled =
-      hn::IfThenElseZero(for_uints(hn::And(where, next.transmitted)), set(Rays::kInside));
-  const Uints interaction = hn::Xor(load(paths.rays.interaction, i), toggled);
+  const Uints toggled = hn::IfThenElseZero(for_uints(where & next.transmitted), set(Rays::kInside));
+  const Uints interaction = load(paths.rays.interaction, i) ^ toggled;
   const Uints at_boundary = hn::IfThenElseZero(for_uints(where), set(Rays::kAtBoundary));
-  store(hn::Or(interaction, at_boundary), paths.rays.interaction, i);
+  store(interaction | at_boundary, paths.rays.interaction, i);
   store(load(wave.crossings.normal, i), paths.rays.normal, i);
 }
 
@@ -246,26 +240,26 @@ inline void cross(Wavefront& wave, size_t i, const Vertices& vertices, Vectors& 
 // normal (its pdf is cosine / pi: cosine^2 is uniform), or as the boundary says.
 HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vertices) {
   Paths& paths = wave.paths;
-  const Floats zero = hn::Zero(FloatTag()), one = set(1.0F);
+  const Floats zero = hn::Zero(FloatTag());
   const Floats u1 = load(paths.u1, i);
   Floats cosine = by_medium(wave.media, vertices.medium,
                             [&](const Medium& of) { return sample_cosine(of.phase, u1); });
-  Floats sine = hn::Sqrt(hn::Max(zero, hn::Sub(one, hn::Mul(cosine, cosine))));
+  Floats sine = hn::Sqrt(hn::Max(zero, 1 - cosine * cosine));
   const PhaseValue phase = evaluate_phase(wave.media, vertices.medium, cosine);
   Floats pdf = phase.value;
   if (vertices.any_on_surface) {
     const Mask on_surface = vertices.on_surface;
-    const Floats diffuse = hn::Sqrt(hn::Sub(one, u1));
+    const Floats diffuse = hn::Sqrt(1 - u1);
     cosine = hn::IfThenElse(on_surface, diffuse, cosine);
     sine = hn::IfThenElse(on_surface, hn::Sqrt(u1), sine);
-    pdf = hn::IfThenElse(on_surface, hn::Mul(diffuse, set(std::numbers::inv_pi_v<float>)), pdf);
+    pdf = hn::IfThenElse(on_surface, diffuse * std::numbers::inv_pi_v<float>, pdf);
   }
   const SinCos phi = sin_cos_2pi(load(paths.u2, i));
-  Vectors direction = renormalize(
-      frame_to_world(vertices.axis, hn::Mul(sine, phi.cos), hn::Mul(sine, phi.sin), cosine));
+  Vectors direction =
+      renormalize(frame_to_world(vertices.axis, sine * phi.cos, sine * phi.sin, cosine));
   if (vertices.any_on_surface && wave.scene.obstacles.surfaces.smooth()) {
     // What a smooth normal would send through the triangle ends there.
-    const Mask above = hn::Gt(dot(vertices.flat_normal, direction), zero);
+    const Mask above = dot(vertices.flat_normal, direction) > 0;
     const auto ends = for_uints(hn::AndNot(above, vertices.on_surface));
     store(hn::IfThenZeroElse(ends, load(paths.alive, i)), paths.alive, i);
   }
@@ -273,7 +267,7 @@ HWY_INLINE void sample_direction(Wavefront& wave, size_t i, const Vertices& vert
   for (size_t s = 0; s < paths.control_phase.size(); ++s) {
     const Floats score = hn::IfThenElseZero(vertices.in_medium, phase.scores[s]);
     FloatColumn &sum = paths.score_slots[s], &control = paths.control_phase[s];
-    store(hn::Add(load(sum, i), score), sum, i);
+    store(load(sum, i) + score, sum, i);
     store(mul_add(score, load(paths.weight, i), load(control, i)), control, i);
   }
   const auto where = for_uints(vertices.where());

@@ -28,7 +28,7 @@ struct Vertices {
   Floats factor;        // albedo or reflectance; at a boundary 1
   Ints triangles;       // that reflect, or -1
 
-  Mask where() const { return hn::Or(hn::Or(in_medium, on_surface), at_boundary); }
+  Mask where() const { return in_medium | on_surface | at_boundary; }
 };
 
 // Those from which shadow rays are sent that do not end at the boundary of the medium.
@@ -36,7 +36,7 @@ HWY_INLINE Mask sending(const Wavefront& wave, size_t i, const Vertices& vertice
   if (!wave.stops_at_boundary) return vertices.where();
   const Mask inside = is_inside(load(wave.paths.rays.interaction, i));
   const Mask outside = hn::AndNot(inside, vertices.on_surface);
-  return wave.boundary_is_delta ? outside : hn::Or(outside, vertices.at_boundary);
+  return wave.boundary_is_delta ? outside : outside | vertices.at_boundary;
 }
 
 // Whether some send refracted ones.
@@ -58,8 +58,8 @@ inline void send_mirrored_rays(Wavefront& wave, size_t i, const Vertices& vertic
   const Lights& lights = wave.scene.lights;
   const auto [distance, light] = look(lights, position, to_light);
   const Floats reflected = transmit_boundary(wave.media, vertices.medium, at).reflected;
-  const Floats zero = hn::Zero(d), undimmed = hn::Mul(light.radiance, reflected);
-  if (wave.differentiated_map == nullptr) sent = hn::And(sent, hn::Gt(undimmed, zero));
+  const Floats zero = hn::Zero(d), undimmed = light.radiance * reflected;
+  if (wave.differentiated_map == nullptr) sent &= undimmed > 0;
   add_shadow_rays(wave, sent,
                   {.position = position,
                    .direction = to_light,
@@ -89,9 +89,9 @@ HWY_INLINE TurnValue evaluate_turn(const Wavefront& wave, const Vertices& vertic
   const PhaseValue phase = evaluate_phase(wave.media, vertices.medium, cosine);
   TurnValue turn{phase.value, phase.value, phase, {zero}};
   if (vertices.any_on_surface) {
-    Floats diffuse = hn::Mul(hn::Max(zero, cosine), set(std::numbers::inv_pi_v<float>));
+    Floats diffuse = hn::Max(zero, cosine) * std::numbers::inv_pi_v<float>;
     if (wave.scene.obstacles.surfaces.smooth()) {
-      const Mask above = hn::Gt(dot(vertices.flat_normal, direction), zero);
+      const Mask above = dot(vertices.flat_normal, direction) > 0;
       diffuse = hn::IfThenElseZero(above, diffuse);
     }
     turn.value = turn.pdf = hn::IfThenElse(vertices.on_surface, diffuse, phase.value);
@@ -100,7 +100,7 @@ HWY_INLINE TurnValue evaluate_turn(const Wavefront& wave, const Vertices& vertic
     const Crossing& at = vertices.crossing;
     const BoundaryValue boundary = evaluate_boundary(wave.media, vertices.medium, at, direction);
     const Floats side = dot(at.flat_normal, direction);  // outside is above 0, unless it leaves
-    const Mask outside = hn::Gt(hn::IfThenElse(at.leaving, hn::Neg(side), side), zero);
+    const Mask outside = hn::IfThenElse(at.leaving, -side, side) > 0;
     turn.value = hn::IfThenElse(vertices.at_boundary, hn::IfThenElseZero(outside, boundary.value),
                                 turn.value);
     turn.pdf = hn::IfThenElse(vertices.at_boundary, boundary.pdf, turn.pdf);
@@ -138,7 +138,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
       if_then_else(vertices.where(), load(paths.rays.position, i), Vectors{zero, zero, zero});
   const LightChoice drawn = light_choice(words, more);
   const LightSamples light = sample(wave.scene.lights, position, drawn);
-  const Floats roulette = hn::Sub(set(1.0F), fifth_uniform(words));
+  const Floats roulette = 1 - fifth_uniform(words);
   if (refracted) {
     send_refracted_rays(wave, i, vertices.in_medium, vertices.medium, position, drawn, light,
                         roulette);
@@ -149,7 +149,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   // pdf / (pdf + walk_pdf). Deltas have no pdf: what they bring is as it is.
   const Floats phase_pdf =
       wave.switches.techniques == Switches::Techniques::kBoth ? turn.pdf : zero;
-  Floats pdf_sum = hn::IfThenElse(light.dense(), hn::Add(light.pdf, phase_pdf), set(1.0F));
+  Floats pdf_sum = hn::IfThenElse(light.dense(), light.pdf + phase_pdf, set(1.0F));
   const Floats light_pdf = hn::IfThenElse(light.dense(), light.pdf, set(1.0F));
   LightSamples from_scattering = light;
   const bool has_odds = wave.refracts_shadow_rays && vertices.any_at_boundary;
@@ -158,26 +158,25 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
   }
   if (has_odds && !wave.searches_facets) {
     const Floats odds = refraction_odds(wave, i, vertices.medium, from_scattering.direction);
-    pdf_sum = hn::Add(pdf_sum, hn::IfThenElseZero(vertices.at_boundary, hn::Mul(odds, light_pdf)));
+    pdf_sum += hn::IfThenElseZero(vertices.at_boundary, odds * light_pdf);
   }
-  const Floats undimmed = hn::Div(hn::Mul(light.radiance, turn.value), pdf_sum);
+  const Floats undimmed = light.radiance * turn.value / pdf_sum;
   // What decides whether it is sent. For a gradient in a panorama, dark places count as well.
   Floats worth = undimmed, per_radiance = zero;
   if (wave.differentiated_map != nullptr) {
-    per_radiance = hn::IfThenElseZero(light.from_far(), hn::Div(turn.value, pdf_sum));
-    worth = hn::Max(worth, hn::Mul(per_radiance, set(wave.mean_radiance())));
+    per_radiance = hn::IfThenElseZero(light.from_far(), turn.value / pdf_sum);
+    worth = hn::Max(worth, per_radiance * wave.mean_radiance());
   }
-  const Floats importance = hn::Mul(path_importance(wave, i), worth);
+  const Floats importance = path_importance(wave, i) * worth;
   const Floats limit = depth_limit(wave, importance, roulette);
-  sent = hn::And(sent, hn::And(hn::Gt(worth, zero), hn::Gt(limit, zero)));
+  sent &= (worth > 0) & (limit > 0);
 
   if (has_odds && wave.searches_facets) {
     const Target target =
         target_drawn(wave.scene.lights, scattered_at(paths, i),
                      lamp_drawn(wave.scene.lights, drawn.choice), from_scattering);
-    send_lobe_odds(wave, wave.shadow_odds, i, hn::And(sent, vertices.at_boundary), vertices.medium,
-                   target, hn::Div(light_pdf, pdf_sum),
-                   Append{sent, wave.shadow_rays.count}.numbers());
+    send_lobe_odds(wave, wave.shadow_odds, i, sent & vertices.at_boundary, vertices.medium, target,
+                   light_pdf / pdf_sum, Append{sent, wave.shadow_rays.count}.numbers());
   }
   const Uints interaction = load(paths.rays.interaction, i);
   const size_t phase_slots = paths.control_phase.size();
@@ -191,7 +190,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
                    .importance = importance,
                    .per_radiance = per_radiance,
                    .distance = light.distance,
-                   .max_medium_length = hn::Mul(limit, free_path_of(wave.media, vertices.medium)),
+                   .max_medium_length = limit * free_path_of(wave.media, vertices.medium),
                    .length_before = zero,
                    .normal_score = turn.normal_score,
                    .triangle = load(wave.crossings.triangle, i)},
@@ -199,7 +198,7 @@ inline void send_shadow_rays(Wavefront& wave, size_t i, const Vertices& vertices
                     const Floats score = s < phase_slots ? hn::IfThenElseZero(vertices.in_medium,
                                                                               turn.phase.scores[s])
                                                          : turn.boundary_scores[s - phase_slots];
-                    return hn::Add(load(paths.score_slots[s], i), score);
+                    return load(paths.score_slots[s], i) + score;
                   });
 }
 
@@ -209,18 +208,17 @@ inline void add_arriving(Wavefront& wave, Ints numbers, Mask live) {
   const ShadowRays& shadow_rays = wave.shadow_rays;
   const SlotGather ray{numbers}, at{slots_where(live, ray.get(shadow_rays.slot))};
   Floats length = ray.get(shadow_rays.rays.medium_length);
-  if (wave.refracts_shadow_rays) length = hn::Add(length, ray.get(shadow_rays.length_before));
+  if (wave.refracts_shadow_rays) length += ray.get(shadow_rays.length_before);
   const Uints medium = wave.medium_in(at.slots);
   const Floats dimming = part_arriving(wave, medium, length);
   Floats survival = set(1.0F);
   if (wave.shadow_ray_threshold > 0) {
-    survival = hn::Min(survival, hn::Mul(hn::Mul(ray.get(shadow_rays.importance), dimming),
-                                         set(1 / wave.shadow_ray_threshold)));
+    survival = hn::Min(survival,
+                       ray.get(shadow_rays.importance) * dimming * (1 / wave.shadow_ray_threshold));
   }
   const auto arriving = [&](const FloatColumn& undimmed) {
-    const Floats dimmed = hn::Mul(ray.get(undimmed), dimming);
-    return hn::IfThenElseZero(live,
-                              wave.shadow_ray_threshold > 0 ? hn::Div(dimmed, survival) : dimmed);
+    const Floats dimmed = ray.get(undimmed) * dimming;
+    return hn::IfThenElseZero(live, wave.shadow_ray_threshold > 0 ? dimmed / survival : dimmed);
   };
   const auto direction = [&] {
     return if_then_else(live, ray.get(shadow_rays.rays.direction), set(Vec3f{0, 1, 0}));
@@ -229,12 +227,12 @@ inline void add_arriving(Wavefront& wave, Ints numbers, Mask live) {
   if (wave.part_count > 0) find_parts(wave, direction(), ray.get(shadow_rays.source), parts);
   const auto score_slot = [&](size_t s) { return ray.get(shadow_rays.score_slots[s]); };
   if (!wave.colours.empty()) {
-    const Floats undimmed = hn::Div(ray.get(shadow_rays.light), survival);
+    const Floats undimmed = ray.get(shadow_rays.light) / survival;
     add_colours(
         wave, at, length,
         [&](size_t c) {
-          const Floats in_colour = exp(hn::Mul(length, set(-wave.colours[c].sigma_t)));
-          return hn::IfThenElseZero(live, hn::Mul(hn::Mul(undimmed, parts.of[c]), in_colour));
+          const Floats in_colour = exp(length * (-wave.colours[c].sigma_t));
+          return hn::IfThenElseZero(live, undimmed * parts.of[c] * in_colour);
         },
         score_slot);
     return;
@@ -242,14 +240,14 @@ inline void add_arriving(Wavefront& wave, Ints numbers, Mask live) {
   const Floats light = arriving(shadow_rays.light);
   add_contribution(
       wave, at, light, parts,
-      [&] { return hn::Sub(at.get(paths.score_sigma_t), of_object(wave.media, medium, length)); },
+      [&] { return at.get(paths.score_sigma_t) - of_object(wave.media, medium, length); },
       score_slot);
   if (wave.differentiated_map != nullptr) {
     add_to_map(wave, direction(), live,
-               hn::Mul(at.get(paths.weight), arriving(shadow_rays.per_radiance[0])), at.slots);
+               at.get(paths.weight) * arriving(shadow_rays.per_radiance[0]), at.slots);
   }
   if (wave.normal_gradient) {
-    add_to_normals(wave, numbers, hn::Mul(at.get(paths.weight), light), at.slots);
+    add_to_normals(wave, numbers, at.get(paths.weight) * light, at.slots);
   }
 }
 
@@ -261,10 +259,9 @@ inline void trace_shadow_rays(Wavefront& wave) {
   SlotList arrived;
   for (size_t i = 0; i < shadow_rays.count; i += lanes()) {
     const Mask live = hn::FirstN(FloatTag(), shadow_rays.count - i);
-    const Uints end = hn::And(load(shadow_rays.rays.outcome, i), set(Rays::kEndMask));
-    mark_leaked(wave.paths, hn::And(live, equals(end, Rays::kLeaked)),
-                slots_in(shadow_rays.slot, i, live));
-    arrived.add(i, hn::And(live, equals(end, Rays::kEscaped)));
+    const Uints end = load(shadow_rays.rays.outcome, i) & set(Rays::kEndMask);
+    mark_leaked(wave.paths, live & equals(end, Rays::kLeaked), slots_in(shadow_rays.slot, i, live));
+    arrived.add(i, live & equals(end, Rays::kEscaped));
   }
   arrived.for_each([&](Ints numbers, Mask live) { add_arriving(wave, numbers, live); });
 }

@@ -208,8 +208,8 @@ struct Wavefront {
 HWY_INLINE Floats depth_limit(const Wavefront& wave, Floats importance, Floats u) {
   const Floats limit = set(kMaxOpticalDepth);
   if (wave.shadow_ray_threshold <= 0) return limit;
-  const Floats odds = hn::Div(importance, hn::Mul(u, set(wave.shadow_ray_threshold)));
-  const Mask any = hn::Gt(importance, hn::Zero(FloatTag()));
+  const Floats odds = importance / (u * wave.shadow_ray_threshold);
+  const Mask any = importance > 0;
   return hn::IfThenElseZero(any, hn::Min(limit, log(odds)));
 }
 
@@ -271,7 +271,7 @@ HWY_INLINE void mark_leaked(Paths& paths, Mask leaked, Ints slots) {
 
 // The numbers of the slots i, i + 1 ...
 HWY_INLINE Uints slots_from(size_t i) {
-  return hn::Add(hn::Iota(UintTag(), 0), set(static_cast<uint32_t>(i)));
+  return hn::Iota(UintTag(), 0) + set(static_cast<uint32_t>(i));
 }
 
 // Some slots, of which few may be neighbours: what is done for them is done for full lanes.
@@ -305,7 +305,7 @@ HWY_INLINE Words random(const Wavefront& wave, size_t i, Uints vertex, Sampler::
 // Multiplies weights by a factor that no derivative is asked for in.
 HWY_INLINE void multiply_weights(Paths& paths, size_t i, Floats factor) {
   for_each_column(paths.weights(),
-                  [&](FloatColumn& weight) { store(hn::Mul(load(weight, i), factor), weight, i); });
+                  [&](FloatColumn& weight) { store(load(weight, i) * factor, weight, i); });
 }
 
 // What light at the end of a path counts; of colours the mean.
@@ -316,7 +316,7 @@ HWY_INLINE Floats mean_weight(const Paths& paths, size_t i) {
   for (size_t c = 0; c < colours; ++c) {
     sum = mul_add(load(paths.colour_weight[c], i), load(paths.likelihood[c], i), sum);
   }
-  return hn::Mul(sum, set(1 / static_cast<float>(colours)));
+  return sum * (1 / static_cast<float>(colours));
 }
 
 // The importance of a path, for roulette. In thick media of high albedo the derivative comes from
@@ -327,11 +327,10 @@ HWY_INLINE Floats path_importance(const Wavefront& wave, size_t i) {
   constexpr float kRouletteDerivative = 0.05F, kRouletteReflectance = 0.25F;
   Floats importance = mean_weight(paths, i);
   if (wave.medium_derivatives) {
-    importance =
-        hn::Max(importance, hn::Mul(set(kRouletteDerivative), load(paths.dweight_dalbedo, i)));
+    importance = hn::Max(importance, kRouletteDerivative * load(paths.dweight_dalbedo, i));
   }
   for (const FloatColumn& derivative : paths.dweight_dreflectance) {
-    importance = hn::Max(importance, hn::Mul(set(kRouletteReflectance), load(derivative, i)));
+    importance = hn::Max(importance, kRouletteReflectance * load(derivative, i));
   }
   for (const FloatColumn& edge : paths.edge_weight) importance = hn::Max(importance, load(edge, i));
   return importance;
