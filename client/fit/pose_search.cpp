@@ -183,6 +183,7 @@ struct Match {
   const ContourPoint* point;
   const ContourTarget* target;
   double weight;
+  bool is_of_target;  // one for each target
 };
 
 // `weight`: of a point; a target's is 1.
@@ -208,10 +209,10 @@ std::vector<Match> matches_of(const std::vector<ContourPoint>& points,
         nearest_point[t] = &point;
       }
     }
-    if (found != nullptr) matches.push_back({&point, found, weight});
+    if (found != nullptr) matches.push_back({&point, found, weight, false});
   }
   for (size_t t = 0; t < targets.size(); ++t) {
-    if (nearest_point[t] != nullptr) matches.push_back({nearest_point[t], &targets[t], 1});
+    if (nearest_point[t] != nullptr) matches.push_back({nearest_point[t], &targets[t], 1, true});
   }
   return matches;
 }
@@ -219,9 +220,16 @@ std::vector<Match> matches_of(const std::vector<ContourPoint>& points,
 // One step of Gauss and Newton's method: distances along the mask's normals, those of more than a
 // few pixels for less.
 struct ContourFit {
+  // A place on the mesh whose image is on the contour, and what its distance changes by.
+  struct Row {
+    Vec3d place;
+    double normal_x, normal_y;
+    Vector7 weighted;
+  };
   Matrix7 normal = Matrix7::Zero();
   Vector7 gradient = Vector7::Zero();
   double squares = 0, weights = 0;
+  std::vector<Row> rows;  // by target
 
   double distance() const { return std::sqrt(squares / std::max(weights, 1e-300)); }
   // How far a point is off, in square pixels. Neighbours are off alike, so of so many one counts.
@@ -231,7 +239,38 @@ struct ContourFit {
     constexpr double kAlikePoints = 5, kUnseen = 0.25;
     return kAlikePoints * (distance() * distance() + kUnseen * kUnseen);
   }
+  Matrix7 covariance(double size, double range) const;
 };
+
+// Of a step, shifts over the range, where points are off by themselves; and where the object has
+// another shape than the mesh, of this size: places are off as a Gaussian process is, alike over a
+// sixth of the size, and by as much as explains the distances that are left where the pose has
+// taken up what it can.
+Matrix7 ContourFit::covariance(double size, double range) const {
+  constexpr double kLeast = 1e-12;
+  const double alike = size / 6;
+  Vector7 scale;
+  scale << 1, 1, 1, range, range, range, 1;
+  const Matrix7 scaled = scale.asDiagonal() * normal * scale.asDiagonal();
+  const Matrix7 inverse = (scaled + kLeast * scaled.trace() * Matrix7::Identity()).inverse();
+  Matrix7 sum = Matrix7::Zero();
+  for (const Row& a : rows) {
+    Vector7 with = Vector7::Zero();
+    for (const Row& b : rows) {
+      const Vec3d apart = a.place - b.place;
+      const double parallel = a.normal_x * b.normal_x + a.normal_y * b.normal_y;
+      with += parallel * std::exp(-dot(apart, apart) / (2 * alike * alike)) * b.weighted;
+    }
+    sum += a.weighted * with.transpose();
+  }
+  // Targets stand for the points of both contours.
+  const double part = weights / std::max(1.0, static_cast<double>(rows.size()));
+  sum = scale.asDiagonal() * sum * scale.asDiagonal();
+  sum *= part * part;
+  const double left = weights - (inverse * sum).trace();
+  const double shape_variance = squares / std::max(left, 0.1 * weights);
+  return inverse * variance() + shape_variance * inverse * sum * inverse;
+}
 
 // `margin`: of the mask, in pixels, which is 0 within `margin_error`.
 ContourFit fit_contour(const Pose& pose, double margin, double margin_error, Vec3d middle,
@@ -240,7 +279,7 @@ ContourFit fit_contour(const Pose& pose, double margin, double margin_error, Vec
   constexpr double kBetween = 1;  // from a point to the next one of the same contour
   const Vec3d center = pose.to_scene(middle);
   ContourFit fit;
-  for (const auto& [point, target, share] : matches) {
+  for (const auto& [point, target, share, is_of_target] : matches) {
     const Vec3d p = pose.to_scene(point->place), arm = p - center;
     const double depth = -p.z;
     // Of the image's x and y by the place.
@@ -260,6 +299,8 @@ ContourFit fit_contour(const Pose& pose, double margin, double margin_error, Vec
     fit.gradient += weight * residual * row;
     fit.squares += weight * off * off;
     fit.weights += weight;
+    if (is_of_target)
+      fit.rows.push_back({point->place, target->normal_x, target->normal_y, weight * row});
   }
   const double known = fit.variance() / (margin_error * margin_error);
   fit.normal(6, 6) += known;
@@ -297,6 +338,7 @@ class ContourMatcher {
     Pose pose = start;
     double margin = 0;
     FoundPose best;
+    ContourFit best_fit;
     best.distance = std::numeric_limits<double>::infinity();
     constexpr double kNearer = 0.99;
     constexpr int kPatience = 4;
@@ -314,26 +356,25 @@ class ContourMatcher {
       if (fit.distance() < kNearer * best.distance) last_nearer = step;
       if (fit.distance() < best.distance) {
         best = {pose, 0, fit.distance(), 0, 0, {}};
-        set_errors(fit, range, best);
+        best_fit = fit;
       }
       const Vector7 by = step_of(fit, size_, range);
       margin += by[6];
       pose = moved(pose, middle_, {{by[0], by[1], by[2]}, {by[3], by[4], by[5]}});
       if (pose.to_scene(middle_).z > -0.6 * size_) break;  // it would be around the camera
     }
-    if (std::isfinite(best.distance))
+    if (std::isfinite(best.distance)) {
       best.overlap = Silhouette(mesh_, best.pose, view_).overlap(mask_);
+      set_errors(best_fit, best);
+    }
     return best;
   }
 
  private:
-  void set_errors(const ContourFit& fit, double range, FoundPose& found) const {
-    constexpr double kLeast = 1e-12;
-    Vector7 scale;
-    scale << 1, 1, 1, range, range, range, 1;
-    const Matrix7 scaled = scale.asDiagonal() * fit.normal * scale.asDiagonal();
-    const Matrix7 inverse = (scaled + kLeast * scaled.trace() * Matrix7::Identity()).inverse();
-    const Matrix6 covariance = inverse.topLeftCorner<6, 6>() * fit.variance();
+  void set_errors(const ContourFit& fit, FoundPose& found) const {
+    const double range = length(found.pose.to_scene(middle_));
+    const Matrix7 all = fit.covariance(size_, range);
+    const Matrix6 covariance = all.topLeftCorner<6, 6>();
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> turns(covariance.topLeftCorner<3, 3>());
     found.angle_error =
         std::min(180.0, std::sqrt(turns.eigenvalues().maxCoeff()) * 180 / std::numbers::pi);

@@ -126,12 +126,18 @@ def finer(vertices, triangles):
 
 
 def uneven(vertices, shortest, longest, rng):
-    """Moved along each axis by .2 % of the size (RMS), in random waves of such lengths in sizes."""
+    """Moved along each axis by .2 % of the size (RMS), in random waves of such lengths in sizes, but not as a whole."""
     def field():
         waves = rng.normal(size=(100, 3))
         waves *= (2 * np.pi / rng.uniform(shortest, longest, 100) / np.linalg.norm(waves, axis=1))[:, None]
         return np.cos(vertices @ waves.T + rng.uniform(0, 2 * np.pi, 100)).sum(1) / math.sqrt(50)
-    return vertices + 0.002 * np.stack([field() for _ in range(3)], axis=1)
+    moved = 0.002 * np.stack([field() for _ in range(3)], axis=1)
+    # Shifts, turns and the size are what the pose and --object-size say.
+    arm = vertices - vertices.mean(0)
+    whole = [np.broadcast_to(axis, arm.shape) for axis in np.eye(3)] + [np.cross(axis, arm) for axis in np.eye(3)] + [arm]
+    whole = np.stack([way.reshape(-1) for way in whole], axis=1)
+    moved = moved.reshape(-1)
+    return vertices + (moved - whole @ np.linalg.lstsq(whole, moved, rcond=None)[0]).reshape(-1, 3)
 
 
 def mesh_of_the_photograph(ideal, folder, wrong, number):
